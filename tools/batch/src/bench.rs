@@ -1,4 +1,5 @@
-//! Poses a second, of made-up motion: no files are read but the robot's, and none is written.
+//! Measures poses per second on synthetic motion. Reads no files except the robot's and its weights, and writes
+//! none.
 
 use crate::cli::Cli;
 use crate::error::BatchError;
@@ -11,48 +12,50 @@ use rustix::time::{ClockId, clock_gettime};
 use std::hint::black_box;
 use std::time::Instant;
 
-/// Rounds of one core and of all in turn, so that whatever else the machine does weighs on both; medians count.
+/// Rounds on one core and on all cores, in turns. So other load of the machine affects both alike. The medians
+/// are reported.
 const ROUNDS: usize = 5;
-/// Poses of the pool that is retargeted again and again: 15 minutes of motion, more than any cache near a core holds.
+/// Number of poses of the pool, which is retargeted repeatedly. They are 15 minutes of motion, more than the
+/// caches close to a core hold.
 const POOL: usize = 1 << 16;
-/// Poses that a thread takes at once.
+/// Number of poses that a thread takes at once.
 const CHUNK: usize = 1024;
 
-/// What a run of the bench found.
+/// Results of the bench.
 #[derive(Clone, Copy, Debug)]
 pub struct BenchReport {
-    /// Poses (of both arms) retargeted in all.
+    /// Total number of retargeted poses of both arms.
     pub poses: u64,
     /// Threads of the second figure.
     pub threads: usize,
-    /// Median poses a second on one core.
+    /// Median poses per second on one core.
     pub one_core_hz: f64,
-    /// Median poses a second on all.
+    /// Median poses per second on all cores.
     pub all_cores_hz: f64,
-    /// Median processor time of a pose on one core, us: without what other processes take.
+    /// Median processor time of a pose on one core, us. It excludes the time of other processes.
     pub one_core_cpu_us: f64,
-    /// Median processor time of a pose on all, us.
+    /// Median processor time of a pose on all cores, us.
     pub all_cores_cpu_us: f64,
 }
 
 impl BenchReport {
-    /// Minutes for so many poses on all cores.
+    /// Returns the minutes for this number of poses on all cores.
     #[must_use]
     pub fn minutes(&self, poses: f64) -> f64 {
         poses / self.all_cores_hz / 60.0
     }
 }
 
-/// Retargets `poses` poses of [`synthetic`] in rounds of one thread and of all threads.
+/// Retargets `poses` poses of [`synthetic`], in rounds of one thread and of all threads.
 ///
 /// # Errors
-/// If the robot or its weights are refused.
+/// Returns an error if the robot or its weights are invalid.
 pub fn bench(cli: &Cli, poses: u64) -> Result<BenchReport, BatchError> {
     let (_, postures) = load(cli)?;
     let pool: Vec<[Limbs; BOTH_ARMS]> = (0..POOL).map(synthetic).collect();
     let threads = cli.threads();
     let each = (poses as usize).div_ceil(2 * ROUNDS);
-    // Caches, frequency and pages first, outside of the figures.
+    // Warm up caches, frequency and pages outside of the figures.
     time(&postures, &pool, threads, each.min(20_000));
     let (mut one, mut all) = (Vec::new(), Vec::new());
     for _ in 0..ROUNDS {
@@ -71,13 +74,13 @@ pub fn bench(cli: &Cli, poses: u64) -> Result<BenchReport, BatchError> {
     })
 }
 
-/// Poses a second, and processor time of each, us.
+/// Poses per second, and processor time of each, us.
 struct Figures {
     hz: f64,
     cpu_us: f64,
 }
 
-/// Processor time of this process so far, s.
+/// Returns the processor time of this process so far, s.
 fn cpu_s() -> f64 {
     let time = clock_gettime(ClockId::ProcessCPUTime);
     time.tv_sec as f64 + time.tv_nsec as f64 * 1e-9
@@ -109,12 +112,13 @@ fn median(mut values: Vec<f64>) -> f64 {
     values.get(values.len() / 2).copied().unwrap_or(0.0)
 }
 
-/// Pose `i` of a made-up motion of both arms at 60 Hz: every angle of a human arm swings through most of its range, with
-/// periods that have no common multiple.
+/// Returns pose `i` of a synthetic motion of both arms at 60 Hz. Every angle of a human arm covers most of its
+/// range. The periods have no common multiple.
 #[must_use]
 pub fn synthetic(i: usize) -> [Limbs; BOTH_ARMS] {
     let time_s = i as f64 / 60.0;
-    // Middle, half range (degrees) and period (s): swing and lowering of the upper arm, its roll, flexion, pronation.
+    // Middle, half range (degrees) and period (s) of five angles: swing and lowering of the upper arm, its
+    // roll, flexion, pronation.
     const ANGLES: [[f64; 3]; 5] =
         [[25.0, 60.0, 3.1], [20.0, 60.0, 4.3], [-10.0, 70.0, 5.9], [70.0, 65.0, 2.3], [0.0, 60.0, 7.1]];
     std::array::from_fn(|arm| {

@@ -1,14 +1,14 @@
-//! Options.
+//! The command line.
 
 use crate::output::Format;
 use clap::{Parser, ValueEnum};
 use motion::{CalibrationMode, LoadOptions};
 use std::path::PathBuf;
 
-/// Output rates that are taken, Hz: down to one posture a second, up to ten times the control rate.
+/// Bounds of the output rate, Hz: from one posture per second to ten times the control rate.
 const RATE_HZ: [f64; 2] = [1.0, 15_000.0];
 
-/// Where a posture comes from before it is refined.
+/// Source of a posture before refinement.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
 pub enum Method {
     /// Through the shared latent space.
@@ -18,80 +18,80 @@ pub enum Method {
     ClosedForm,
 }
 
-/// How many postures a second.
+/// Number of postures per second.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Rate {
     /// One for each frame of the file.
     Source,
-    /// This many, between the frames of the file on straight lines of the latent space.
+    /// This many. Between the frames of the file they lie on straight lines of the latent space.
     Hz(f64),
 }
 
 /// Retargets a folder of motion files to joint trajectories.
 ///
-/// Finished files are skipped: a manifest in the output folder says from which input and with which options each was made.
+/// Finished files are skipped. A manifest in the output folder records the input and the options of each file.
 #[derive(Clone, Debug, Parser)]
 #[command(name = "batch", version)]
 pub struct Cli {
     /// Folder of motion files: .bvh, HumanML3D .npy, AMASS .npz.
     #[arg(long, value_name = "DIR", required_unless_present = "bench")]
     pub input: Option<PathBuf>,
-    /// Folder for the trajectories.
+    /// Output folder of the trajectories.
     #[arg(long, value_name = "DIR", required_unless_present = "bench")]
     pub out: Option<PathBuf>,
-    /// The robot.
+    /// Robot file.
     #[arg(long, value_name = "FILE", default_value = "config/robots/tiago_dual.toml")]
     pub robot: PathBuf,
-    /// The weights, without extension; not read with --method closed-form.
+    /// Weights, without extension. Not read with --method closed-form.
     #[arg(long, value_name = "FILE", default_value = "weights/tiago_dual")]
     pub weights: PathBuf,
-    /// csv: time_s and a column for each joint; npz: q (N, joints), joints, time_s, frame_rate_hz.
+    /// csv: time_s and a column for each joint. npz: q (N, joints), joints, time_s, frame_rate_hz.
     #[arg(long, value_enum, default_value_t)]
     pub format: Format,
-    /// Postures a second: source (one for each frame), or Hz, such as 1500 for the control rate.
+    /// Postures per second: source (one for each frame), or a number in Hz, such as 1500 for the control rate.
     #[arg(long, default_value = "source", value_name = "source|HZ", value_parser = rate)]
     pub rate: Rate,
-    /// Where a posture comes from before it is refined.
+    /// Source of a posture before refinement.
     #[arg(long, value_enum, default_value_t)]
     pub method: Method,
-    /// Levenberg-Marquardt steps after it.
+    /// Levenberg-Marquardt steps of the refinement.
     #[arg(long, default_value_t = 2, value_parser = clap::value_parser!(u32).range(0..=i64::from(retarget::REFINE_STEPS_MAX)))]
     pub refine_steps: u32,
-    /// Where the elbow hinges come from; nothing for motions without rotations.
+    /// Source of the elbow hinges. Use none for motions without rotations.
     #[arg(long, value_name = "clip|first-10s|none", default_value = "clip", value_parser = calibration)]
     pub calibration: CalibrationMode,
-    /// Files at once [default: all cores].
+    /// Number of files processed at once [default: all cores].
     #[arg(long, value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub jobs: Option<u16>,
-    /// Folders inside too; the output has the same folders.
+    /// Also read folders inside the input. The output has the same folders.
     #[arg(long)]
     pub recursive: bool,
-    /// Skip what is finished (this is the default).
+    /// Skip finished files (this is the default).
     #[arg(long, conflicts_with = "overwrite")]
     pub resume: bool,
-    /// Make every file again, and replace files that are not this tool's.
+    /// Make every file again, and replace files that this tool did not write.
     #[arg(long)]
     pub overwrite: bool,
-    /// The data are a mirror image: turn them back.
+    /// The data are a mirror image: mirror them back.
     #[arg(long)]
     pub mirror: bool,
-    /// Frame rate of the input, Hz, whatever the files say.
+    /// Frame rate of the input, Hz, regardless of the files.
     #[arg(long, value_name = "HZ")]
     pub frame_rate: Option<f64>,
-    /// Mean of normalised HumanML3D features [default: Mean.npy beside the file or above].
+    /// Mean of normalised HumanML3D features [default: Mean.npy in the file's folder or above].
     #[arg(long, value_name = "FILE", requires = "std")]
     pub mean: Option<PathBuf>,
     /// Standard deviation of normalised HumanML3D features.
     #[arg(long, value_name = "FILE", requires = "mean")]
     pub std: Option<PathBuf>,
-    /// Instead: time so many made-up poses of both arms on one core and on all.
+    /// Instead: time this many synthetic poses of both arms on one core and on all.
     #[arg(long, value_name = "POSES", num_args = 0..=1, default_missing_value = "1000000",
         value_parser = clap::value_parser!(u64).range(1000..=1_000_000_000))]
     pub bench: Option<u64>,
 }
 
 impl Cli {
-    /// How motion files are read.
+    /// Returns the options for reading motion files.
     #[must_use]
     pub fn load_options(&self) -> LoadOptions {
         LoadOptions {
@@ -102,7 +102,7 @@ impl Cli {
         }
     }
 
-    /// Threads.
+    /// Returns the number of threads.
     #[must_use]
     pub fn threads(&self) -> usize {
         self.jobs.map_or_else(|| std::thread::available_parallelism().map_or(1, usize::from), usize::from)

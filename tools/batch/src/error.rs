@@ -1,31 +1,31 @@
-//! What can go wrong with one file, or with all.
+//! Errors of one file, or of all.
 
 use std::path::PathBuf;
 use thiserror::Error;
 
-/// Why a run or a file of it failed.
+/// An error of a run, or of one file in it.
 #[derive(Debug, Error)]
 pub enum BatchError {
-    /// The robot or its weights are refused.
+    /// The robot or its weights are invalid.
     #[error(transparent)]
     Config(#[from] pipeline::ConfigError),
-    /// The retargeting refuses its options.
+    /// Retargeting rejects its options.
     #[error(transparent)]
     Options(#[from] retarget::ConfigError),
-    /// A motion file is refused.
+    /// A motion file is invalid.
     #[error(transparent)]
     Motion(#[from] motion::MotionError),
-    /// The operating system refused.
+    /// A system call failed.
     #[error("{file}: cannot {action}: {source}", file = .path.display())]
     File {
         /// The file or folder.
         path: PathBuf,
-        /// What was tried.
+        /// The attempted action.
         action: &'static str,
         /// Cause.
         source: std::io::Error,
     },
-    /// The output would be read as input next time.
+    /// The next run would read the output as input.
     #[error("--out {out} lies in --input {input}: its files would be taken for motions", out = .out.display(), input = .input.display())]
     OutInInput {
         /// --out.
@@ -33,15 +33,15 @@ pub enum BatchError {
         /// --input.
         input: PathBuf,
     },
-    /// No motion file at all.
+    /// There is no motion file.
     #[error("--input {input}: no .bvh, .npy or .npz in it{hint}", input = .input.display())]
     NoFiles {
         /// --input.
         input: PathBuf,
-        /// What may help.
+        /// A hint.
         hint: &'static str,
     },
-    /// Two inputs differ by their extension alone.
+    /// Two inputs differ only in their extension.
     #[error("{file}: its output {out} is already that of {other}", file = .file.display(), out = .out.display(), other = .other.display())]
     SameOutput {
         /// This input.
@@ -51,7 +51,7 @@ pub enum BatchError {
         /// The input that comes first.
         other: PathBuf,
     },
-    /// A file stands where an output belongs, and this tool did not write it.
+    /// A file is in the place of an output, and this tool did not write it.
     #[error("{path}: was not written by this tool, or was changed since: --overwrite replaces it", path = .path.display())]
     Foreign {
         /// The file.
@@ -63,35 +63,35 @@ pub enum BatchError {
         /// --out.
         folder: PathBuf,
     },
-    /// More rows than a file may have.
+    /// A file would have too many rows.
     #[error("{file}: {rows} rows at {rate_hz} Hz, at most {max} are written", file = .file.display())]
     Rows {
         /// The motion file.
         file: PathBuf,
-        /// Rows that it would take.
+        /// Number of rows that it would have.
         rows: usize,
         /// Their rate.
         rate_hz: f64,
         /// The bound.
         max: usize,
     },
-    /// Something in a frame that cannot be retargeted.
+    /// A frame cannot be retargeted.
     #[error("{file}: frame {frame}: {cause}", file = .file.display())]
     Frame {
         /// The motion file.
         file: PathBuf,
         /// The frame, from 0.
         frame: usize,
-        /// What is wrong with it.
+        /// The problem.
         cause: &'static str,
     },
-    /// Ctrl-C.
+    /// Ctrl-C was pressed.
     #[error("interrupted")]
     Interrupted,
 }
 
 impl BatchError {
-    /// For `map_err`.
+    /// Returns a function for `map_err`.
     pub(crate) fn file(path: &std::path::Path, action: &'static str) -> impl FnOnce(std::io::Error) -> Self {
         let path = path.to_path_buf();
         move |source| Self::File { path, action, source }

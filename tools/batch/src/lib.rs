@@ -1,6 +1,6 @@
-//! Retargets a folder of motion files to joint trajectories, on all cores: the retargeting's own functions frame by frame,
-//! with results that do not depend on the number of jobs. What is written are targets: before whole-body control and
-//! before the safety gate.
+//! Retargets a folder of motion files to joint trajectories, on all cores. It applies the retargeting's own
+//! functions frame by frame. The results do not depend on the number of jobs. The outputs are targets, before
+//! whole-body control and before the safety gate.
 mod bench;
 mod cli;
 mod error;

@@ -1,4 +1,4 @@
-//! See the library.
+//! The command line program of the library.
 
 use batch::{BatchError, Cli, Summary, bench, run};
 use clap::Parser;
@@ -17,7 +17,7 @@ const BY_SIGNAL: u8 = 128;
 fn main() -> ExitCode {
     rt::abort_on_panic();
     let cli = Cli::parse();
-    // As the daemon does, before any other thread starts.
+    // The daemon does the same, before any other thread starts.
     let _ = rt::flush_denormals();
     if let Some(poses) = cli.bench {
         return report_bench(&cli, poses);
@@ -65,7 +65,7 @@ fn exit_code(error: &BatchError) -> u8 {
     }
 }
 
-/// A line for people. Nobody may be listening: what was made is made, and the exit code says how it went.
+/// Prints a line. The output may be closed. The files are written anyway, and the exit code reports the result.
 fn say(line: &str) {
     let _ = writeln!(std::io::stdout(), "{line}");
 }

@@ -1,5 +1,6 @@
-//! What was made from what: one line of JSON for each finished file, appended before it is put in its place, so that a place
-//! that is taken always has its line. Whoever holds the manifest holds the folder.
+//! Records which output was made from which input: one line of JSON for each finished file. The line is
+//! appended before the file is moved to its place, so every file in place has its line. A run that holds the
+//! manifest's lock owns the folder.
 
 use crate::error::BatchError;
 use serde::{Deserialize, Serialize};
@@ -12,7 +13,7 @@ use std::sync::Mutex;
 
 /// Name of the manifest in the output folder.
 pub(crate) const FILE: &str = "manifest.jsonl";
-/// Largest manifest that is read: a million files.
+/// Size of the largest manifest that is read, bytes: a million files.
 const BYTES_MAX: u64 = 1 << 29;
 
 /// A finished file.
@@ -22,11 +23,11 @@ pub(crate) struct Entry {
     pub(crate) output: String,
     /// SHA-256 of the motion file.
     pub(crate) input_sha256: String,
-    /// SHA-256 of everything else that the result depends on.
+    /// SHA-256 of everything else that affects the result.
     pub(crate) options_sha256: String,
     /// SHA-256 of the output.
     pub(crate) output_sha256: String,
-    /// Postures in it.
+    /// Number of postures in it.
     pub(crate) postures: u64,
 }
 
@@ -38,11 +39,11 @@ pub(crate) struct Manifest {
 }
 
 impl Manifest {
-    /// Locks the folder and reads what is there; a line that an interruption cut short says nothing.
+    /// Locks the folder and reads the manifest. A line that an interruption cut short is ignored.
     pub(crate) fn open(folder: &Path) -> Result<Self, BatchError> {
         std::fs::create_dir_all(folder).map_err(BatchError::file(folder, "create the folder"))?;
         let path = folder.join(FILE);
-        // Opening a pipe would wait for whoever writes into it.
+        // Opening a pipe would wait for its writer.
         if std::fs::symlink_metadata(&path).is_ok_and(|found| !found.is_file()) {
             return Err(BatchError::file(&path, "open")(std::io::Error::other("is not a regular file")));
         }
@@ -67,12 +68,12 @@ impl Manifest {
         Ok(Self { path, entries, file: Mutex::new(file) })
     }
 
-    /// How the output of these contents was made, if this tool made it.
+    /// Returns the entry of an output with this content, if this tool made it.
     pub(crate) fn get(&self, output: &str, output_sha256: &str) -> Option<&Entry> {
         self.entries.get(output)?.iter().rev().find(|entry| entry.output_sha256 == output_sha256)
     }
 
-    /// Appends a line in one piece.
+    /// Appends a line in one write.
     pub(crate) fn add(&self, entry: &Entry) -> Result<(), BatchError> {
         let line = serde_json::to_string(entry).map_err(std::io::Error::other);
         let write = |line: String| {
@@ -86,7 +87,7 @@ impl Manifest {
 /// SHA-256 of a file, in hexadecimal.
 pub(crate) fn sha256_file(path: &Path) -> Result<String, BatchError> {
     let read = || {
-        // Opening a pipe would wait for whoever writes into it.
+        // Opening a pipe would wait for its writer.
         if !std::fs::metadata(path)?.is_file() {
             return Err(std::io::Error::new(std::io::ErrorKind::InvalidInput, "is not a regular file"));
         }

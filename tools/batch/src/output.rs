@@ -1,4 +1,5 @@
-//! Trajectory files: written beside their place and renamed into it, so that no half of one is ever found.
+//! Trajectory files. They are written next to their place and then renamed, so that a partial file never
+//! appears.
 
 use crate::error::BatchError;
 use crate::manifest::sha256_file;
@@ -13,7 +14,7 @@ use zip::write::SimpleFileOptions;
 /// File formats.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
 pub enum Format {
-    /// `time_s` and a column for each joint, numbers that read back to the same bits.
+    /// `time_s` and a column for each joint. The numbers read back to the same bits.
     #[default]
     Csv,
     /// NumPy: `q` (N, joints) and `time_s` (N,) as f64, `joints` (names), `frame_rate_hz`.
@@ -21,7 +22,7 @@ pub enum Format {
 }
 
 impl Format {
-    /// Extension of its files.
+    /// Returns the extension of its files.
     #[must_use]
     pub fn extension(self) -> &'static str {
         match self {
@@ -36,7 +37,7 @@ enum Kind {
     Npz(Box<zip::ZipWriter<BufWriter<File>>>, Vec<f64>),
 }
 
-/// A file in the making; removed again unless [`Writer::put`] is reached.
+/// A file that is being written. It is removed again unless [`Writer::put`] is reached.
 pub(crate) struct Writer {
     place: PathBuf,
     part: PathBuf,
@@ -58,7 +59,8 @@ impl Writer {
         std::fs::create_dir_all(folder).map_err(BatchError::file(folder, "create the folder"))?;
         let name = place.file_name().unwrap_or_default().to_string_lossy();
         let part = folder.join(format!(".{name}.part"));
-        // The folder is locked, so a part of this name is what a killed run left; it is not opened, lest it be a link or a pipe.
+        // The folder is locked, so a part of this name is the remainder of a killed run. It is not opened,
+        // because it may be a link or a pipe.
         match std::fs::remove_file(&part) {
             Err(error) if error.kind() != ErrorKind::NotFound => return Err(BatchError::file(&part, "remove")(error)),
             _ => {}
@@ -112,7 +114,7 @@ impl Writer {
         written.map_err(BatchError::file(&self.part, "write"))
     }
 
-    /// Ends the file, still beside its place; returns its SHA-256.
+    /// Ends the file, still next to its place. Returns its SHA-256.
     pub(crate) fn seal(&mut self) -> Result<String, BatchError> {
         let ended = match self.kind.take() {
             Some(Kind::Csv(out, _)) => out.into_inner().map_err(|error| error.into_error()),
@@ -120,12 +122,12 @@ impl Writer {
             None => Err(std::io::Error::other("was ended before")),
         };
         let file = ended.map_err(BatchError::file(&self.part, "write"))?;
-        // A name must never stand for data that a power cut takes away.
+        // A name must never refer to data that a power cut destroys.
         file.sync_data().map_err(BatchError::file(&self.part, "write"))?;
         sha256_file(&self.part)
     }
 
-    /// Moves what was sealed into its place.
+    /// Moves the sealed file into its place.
     pub(crate) fn put(self) -> Result<(), BatchError> {
         std::fs::rename(&self.part, &self.place).map_err(BatchError::file(&self.place, "put in place"))
     }
@@ -133,12 +135,12 @@ impl Writer {
 
 impl Drop for Writer {
     fn drop(&mut self) {
-        // After a rename there is nothing left of this name.
+        // After a rename there is no file of this name.
         let _ = std::fs::remove_file(&self.part);
     }
 }
 
-/// As `numpy.savez` stores them: not compressed, and without a date, so that equal results are equal files.
+/// Options of `numpy.savez`: not compressed, and without a date. So equal results give equal files.
 fn plain() -> SimpleFileOptions {
     let options = SimpleFileOptions::default().compression_method(zip::CompressionMethod::Stored).large_file(true);
     options.last_modified_time(zip::DateTime::default())

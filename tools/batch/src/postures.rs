@@ -1,4 +1,4 @@
-//! One pose of both arms to joint positions: the retargeting's own steps, without its clock.
+//! Converts one pose of both arms to joint positions, with the retargeting's own steps, without its clock.
 
 use messages::{JOINTS, LEFT_ARM, LIMBS, RIGHT_ARM};
 use retarget::{
@@ -10,7 +10,7 @@ use robot::Model;
 /// Left and right.
 pub const BOTH_ARMS: usize = 2;
 
-/// What does not change from pose to pose.
+/// Data that all poses share.
 #[derive(Clone, Debug)]
 pub struct Postures {
     arm: ArmModel,
@@ -20,14 +20,15 @@ pub struct Postures {
 }
 
 impl Postures {
-    /// For `model`; by geometry where there are no weights.
+    /// Creates it for `model`. Without weights it uses the closed form.
     #[must_use]
     pub fn new(model: &Model, weights: Option<Weights>, refine_steps: u32) -> Self {
         let network = weights.map(|weights| weights.network);
         Self { arm: ArmModel::of(model), network, refine_steps, home: model.home }
     }
 
-    /// Both arms as left arms, from limb rotations by `messages::Limb`; none if one of them is no rotation.
+    /// Returns both arms as left arms, from limb rotations indexed by `messages::Limb`. None if one of them is
+    /// not a rotation.
     #[must_use]
     pub fn arms(limbs: &[[f32; 4]; LIMBS]) -> Option<[Limbs; BOTH_ARMS]> {
         let arm = |side: usize| {
@@ -40,7 +41,7 @@ impl Postures {
         Some([arm(0)?, arm(1)?])
     }
 
-    /// Points of the latent space; zero where no network is used.
+    /// Returns points of the latent space. They are zero without a network.
     #[must_use]
     pub fn encode(&self, arms: &[Limbs; BOTH_ARMS]) -> [Sample; BOTH_ARMS] {
         let latents = match &self.network {
@@ -50,8 +51,8 @@ impl Postures {
         std::array::from_fn(|arm| Sample { latent: latents[arm], limbs: arms[arm] })
     }
 
-    /// Joint positions of both arms, rad: decoded (or closed-form, continuing from `previous`), then refined. None if the
-    /// network's are not finite.
+    /// Returns the joint positions of both arms, rad: decoded (or closed-form, continuing from `previous`),
+    /// then refined. None if the network's positions are not finite.
     #[must_use]
     pub fn posture(
         &self,
@@ -74,7 +75,7 @@ impl Postures {
         }))
     }
 
-    /// All joints, rad (lift in m): those that no limb means are at home.
+    /// Returns all joints, rad (lift in m). Joints that no limb determines are at home.
     #[must_use]
     pub fn joints(&self, arms: &[ArmQ; BOTH_ARMS]) -> [f64; JOINTS] {
         let mut q = self.home;

@@ -1,4 +1,4 @@
-//! The whole folder: which files, in which order, on how many threads, and what became of each.
+//! Processes the whole folder: the files, their order, the threads, and the outcome of each file.
 
 use crate::cli::{Cli, Method, Rate};
 use crate::error::BatchError;
@@ -14,35 +14,35 @@ use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-/// Rows between two looks at Ctrl-C: some 20 ms.
+/// Rows between two checks for Ctrl-C: some 20 ms.
 const ROWS_PER_LOOK: usize = 512;
 
-/// Most rows of a file: ten hours at 1500 Hz.
+/// Largest number of rows of a file: ten hours at 1500 Hz.
 const ROWS_MAX: usize = 54_000_000;
 
-/// What became of a file.
+/// Outcome of a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Outcome {
-    /// Made, with so many postures of both arms.
+    /// Made, with this number of postures of both arms.
     Made(u64),
-    /// Was there, from the same input and options.
+    /// It was already there, from the same input and options.
     Finished,
 }
 
-/// What became of all.
+/// Outcome of all files.
 #[derive(Debug, Default)]
 pub struct Summary {
-    /// Files made.
+    /// Number of files made.
     pub made: usize,
-    /// Postures of both arms in them.
+    /// Number of postures of both arms in them.
     pub postures: u64,
-    /// Files that were finished before.
+    /// Number of files that were finished before.
     pub finished: usize,
-    /// Files that gave nothing, and why, sorted by path.
+    /// Files without a result, and the reasons, sorted by path.
     pub failed: Vec<(PathBuf, BatchError)>,
-    /// Files of a readable extension that hold no motion, and why.
+    /// Files of a readable extension without motion, and the reasons.
     pub no_motion: Vec<(PathBuf, &'static str)>,
-    /// Whether Ctrl-C ended it; what is not finished is made by the next run.
+    /// True if Ctrl-C ended it. The next run makes the unfinished files.
     pub interrupted: bool,
 }
 
@@ -53,7 +53,7 @@ struct Job {
     bytes: u64,
 }
 
-/// What all jobs share.
+/// Data that all jobs share.
 struct Shared<'a> {
     cli: &'a Cli,
     model: &'a Model,
@@ -63,10 +63,11 @@ struct Shared<'a> {
     shutdown: &'a Shutdown,
 }
 
-/// Retargets every motion file of `input` into `out`. A file that fails is listed and the others are done.
+/// Retargets every motion file of `input` into `out`. A file that fails is listed, and the others are still
+/// processed.
 ///
 /// # Errors
-/// If nothing can be done at all: a refused robot or folder, or no motion files.
+/// Returns an error if nothing can be done at all: an invalid robot or folder, or no motion files.
 pub fn run(
     cli: &Cli,
     input: &Path,
@@ -108,7 +109,7 @@ pub fn run(
     Ok(summary)
 }
 
-/// The robot, and its retargeting as the options say.
+/// Loads the robot, and its retargeting with the options.
 pub(crate) fn load(cli: &Cli) -> Result<(Model, Postures), BatchError> {
     let (model, _) = pipeline::load_model(&cli.robot)?;
     let weights = match cli.method {
@@ -119,7 +120,7 @@ pub(crate) fn load(cli: &Cli) -> Result<(Model, Postures), BatchError> {
     Ok((model, postures))
 }
 
-/// Refuses outputs that the next run would take for inputs.
+/// Rejects outputs that the next run would read as inputs.
 fn apart(cli: &Cli, input: &Path, out: &Path) -> Result<(), BatchError> {
     let real = |path: &Path| path.canonicalize().map_err(BatchError::file(path, "resolve"));
     let (real_input, real_out) = (real(input)?, real(out)?);
@@ -129,7 +130,7 @@ fn apart(cli: &Cli, input: &Path, out: &Path) -> Result<(), BatchError> {
     Ok(())
 }
 
-/// Inputs with their outputs, the largest first, so that no core waits for it at the end.
+/// Returns inputs with their outputs. The largest comes first, so that no core waits for it at the end.
 fn plan(cli: &Cli, input: &Path, out: &Path, files: Vec<PathBuf>, summary: &mut Summary) -> Vec<Job> {
     let mut taken: HashMap<PathBuf, PathBuf> = HashMap::new();
     let mut jobs = Vec::new();
@@ -149,7 +150,7 @@ fn plan(cli: &Cli, input: &Path, out: &Path, files: Vec<PathBuf>, summary: &mut 
     jobs
 }
 
-/// One hash of everything but the motion file that a result depends on.
+/// Returns one hash of everything except the motion file that affects a result.
 fn options_sha256(cli: &Cli, model: &Model) -> Result<String, BatchError> {
     let rate = match cli.rate {
         Rate::Source => "source".to_owned(),
@@ -178,7 +179,7 @@ fn options_sha256(cli: &Cli, model: &Model) -> Result<String, BatchError> {
     Ok(Sha256::digest(text.as_bytes()).iter().map(|byte| format!("{byte:02x}")).collect())
 }
 
-/// Runs `count` jobs on `threads` threads, each taking the next; none for those that were not begun.
+/// Runs `count` jobs on `threads` threads. Each thread takes the next job. Jobs that did not begin have None.
 pub(crate) fn in_parallel<T: Send>(threads: usize, count: usize, job: impl Fn(usize) -> T + Sync) -> Vec<Option<T>> {
     let next = AtomicUsize::new(0);
     let work = || {
@@ -195,7 +196,7 @@ pub(crate) fn in_parallel<T: Send>(threads: usize, count: usize, job: impl Fn(us
     std::thread::scope(|scope| {
         let workers: Vec<_> = (0..threads.max(1)).map(|_| scope.spawn(work)).collect();
         for worker in workers {
-            // A worker that panics ends the process (`rt::abort_on_panic`).
+            // A panic of a worker ends the process (`rt::abort_on_panic`).
             for (i, result) in worker.join().unwrap_or_default() {
                 all[i] = Some(result);
             }
@@ -237,7 +238,8 @@ fn make(shared: &Shared<'_>, job: &Job) -> Result<Outcome, BatchError> {
     let output_sha256 = writer.seal()?;
     let (output, options_sha256) = (job.key.clone(), shared.options_sha256.clone());
     let postures = count as u64;
-    // First the line: a run that is killed between the two leaves a line too many, never a file that is not known.
+    // The line comes first. A run that is killed between the two leaves a line too many, but never an unknown
+    // file.
     shared.manifest.add(&Entry { output, input_sha256, options_sha256, output_sha256, postures })?;
     writer.put()?;
     Ok(Outcome::Made(postures))

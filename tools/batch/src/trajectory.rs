@@ -1,4 +1,4 @@
-//! A motion to joint positions over time.
+//! Converts a motion to joint positions over time.
 
 use crate::cli::Rate;
 use crate::postures::{BOTH_ARMS, Postures};
@@ -6,28 +6,29 @@ use messages::{JOINTS, LIMBS};
 use motion::{CalibrationMode, Motion};
 use retarget::{ArmQ, Sample, interpolate_latent};
 
-/// Walks over a motion; an iterator of time (s, from the first frame) and all joints (rad, lift in m), or of the frame that
-/// cannot be retargeted and why.
+/// Steps through a motion. It is an iterator of time (s, from the first frame) and all joints (rad, lift in m).
+/// Its error is the frame that cannot be retargeted, and the reason.
 pub struct Trajectory<'a> {
     postures: &'a Postures,
     limbs: Vec<[[f32; 4]; LIMBS]>,
     source_hz: f64,
     rate: Rate,
     next: usize,
-    /// The frames around the playhead, encoded: index and samples.
+    /// The encoded frames around the playhead: index and samples.
     window: [Option<(usize, [Sample; BOTH_ARMS])>; 2],
     previous: Option<[ArmQ; BOTH_ARMS]>,
 }
 
 impl<'a> Trajectory<'a> {
-    /// Limb rotations of `motion` by the live stage's code, with its elbow hinges found as `calibration` says.
+    /// Creates the trajectory of `motion`. The live stage's code computes the limb rotations, and `calibration`
+    /// determines the elbow hinges.
     #[must_use]
     pub fn new(postures: &'a Postures, motion: &Motion, calibration: CalibrationMode, rate: Rate) -> Self {
         let limbs = motion::limbs(motion, &motion::calibrate(motion, calibration));
         Self { postures, limbs, source_hz: motion.frame_rate_hz, rate, next: 0, window: [None; 2], previous: None }
     }
 
-    /// Postures in all.
+    /// Returns the total number of postures.
     #[must_use]
     pub fn rows(&self) -> usize {
         match self.rate {
@@ -35,13 +36,13 @@ impl<'a> Trajectory<'a> {
             Rate::Hz(_) if self.limbs.is_empty() => 0,
             Rate::Hz(hz) => {
                 let duration_s = (self.limbs.len() - 1) as f64 / self.source_hz;
-                // The last frame belongs to it, whatever the rounding of the product.
+                // The last frame belongs to the trajectory, regardless of the rounding of the product.
                 (duration_s * hz + 1e-6).floor() as usize + 1
             }
         }
     }
 
-    /// Postures a second.
+    /// Returns the postures per second.
     #[must_use]
     pub fn rate_hz(&self) -> f64 {
         match self.rate {
@@ -63,13 +64,15 @@ impl<'a> Trajectory<'a> {
         Ok(samples)
     }
 
-    /// Both arms at a place between frames: straight in the latent space, the shorter arc for the limbs.
+    /// Returns both arms at a position between frames. It is straight in the latent space, and on the shorter
+    /// arc for the limbs.
     fn at(&mut self, place: f64) -> Result<(usize, [Sample; BOTH_ARMS]), (usize, &'static str)> {
         let last = self.limbs.len().saturating_sub(1);
         let before = (place.floor() as usize).min(last);
         let s = place - before as f64;
         let from = self.encoded(before)?;
-        // So near to a frame it is that frame: the product of rate and time is off by rounding.
+        // A position this near to a frame counts as that frame, because the product of rate and time has
+        // rounding errors.
         if s < 2e-9 || before == last {
             return Ok((before, from));
         }

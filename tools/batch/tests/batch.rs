@@ -1,4 +1,4 @@
-//! Whole runs over folders of made-up files.
+//! Whole runs over folders of generated files.
 
 use batch::{BOTH_ARMS, BatchError, Cli, Postures, Summary, run, synthetic};
 use clap::Parser;
@@ -29,7 +29,7 @@ fn clip(from: usize, count: usize) -> Motion {
     motion
 }
 
-/// A folder with two motions and a place for outputs.
+/// Creates a folder with two motions and an output folder.
 fn folders() -> (tempfile::TempDir, PathBuf, PathBuf) {
     let folder = tempfile::tempdir().expect("a folder");
     let (input, out) = (folder.path().join("in"), folder.path().join("out"));
@@ -52,14 +52,14 @@ fn go(input: &Path, out: &Path, more: &[&str]) -> Summary {
     run(&cli(input, out, more), input, out, &Shutdown::new(), &quiet).unwrap_or_else(|error| panic!("{error}"))
 }
 
-/// Rows of a CSV: time and joints.
+/// Returns the rows of a CSV: time and joints.
 fn rows(path: &Path) -> Vec<Vec<f64>> {
     let text = std::fs::read_to_string(path).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
     let row = |line: &str| line.split(',').map(|x| x.parse().expect("a number")).collect();
     text.lines().skip(1).map(row).collect()
 }
 
-/// What the live stage makes of a motion, skeleton by skeleton.
+/// Returns the live stage's result for a motion, skeleton by skeleton.
 fn by_the_stage(motion: &Motion, options: Options) -> Vec<[f64; JOINTS]> {
     let (model, _) = pipeline::load_model(&robot()).expect("the robot");
     let weights = pipeline::load_weights(&weights(), &model).expect("the weights");
@@ -121,7 +121,8 @@ fn the_control_rate_passes_through_every_frame() {
     for (i, frame) in frames.iter().enumerate() {
         let row = &rows[25 * i];
         assert!((row[0] - frame[0]).abs() < 1e-4, "the file's own rate is rounded to a nanosecond");
-        // The rate in the file is 1 / 0.016666667 Hz, so that rows pass its frames by up to a part in 10^6 of their step.
+        // The rate in the file is 1 / 0.016666667 Hz, so rows differ from its frames by up to 10^-6 of their
+        // step.
         let off = (1..=JOINTS).map(|j| (row[j] - frame[j]).abs()).fold(0.0, f64::max);
         assert!(off < 1e-5, "frame {i} is off by {off} rad");
     }
@@ -147,7 +148,7 @@ fn npz_holds_the_same_numbers() {
     assert_eq!(times.values, frames.iter().map(|row| row[0]).collect::<Vec<_>>());
     let rate = npz.read("frame_rate_hz").expect("read").expect("a rate");
     assert!(rate.shape.is_empty() && (rate.values[0] - 60.0).abs() < 1e-3);
-    // Names are no numbers: that they are there is enough here.
+    // The names are text, not numbers. It is enough here that they exist.
     assert!(npz.keys().contains(&"joints".to_owned()));
     assert!(npz.read("joints").expect_err("text").to_string().contains("<U"));
 }
@@ -171,7 +172,7 @@ fn finished_files_are_skipped_and_what_changed_is_made_again() {
     std::fs::remove_file(out.join("a.csv")).expect("removed");
     assert_eq!(counts(go(&input, &out, &["--recursive", "--refine-steps", "0"])), (1, 1));
     assert_eq!(counts(go(&input, &out, &["--recursive", "--refine-steps", "0", "--overwrite"])), (2, 0));
-    // A manifest that was cut short in its last line still tells of the others.
+    // A manifest whose last line was cut short still has the other entries.
     let manifest = out.join("manifest.jsonl");
     let text = std::fs::read(&manifest).expect("read");
     std::fs::write(&manifest, &text[..text.len() - 20]).expect("written");
@@ -233,7 +234,7 @@ fn an_interrupted_run_leaves_no_half_file_and_goes_on_later() {
         });
         run(&cli, &input, &out, &shutdown, &ProgressBar::hidden()).expect("a summary")
     });
-    // However far it came: what has its name is whole, and nothing else is left.
+    // At any point of interruption, every file with its final name is complete, and nothing else remains.
     for (folder, names) in [(out.clone(), ["a.csv", "manifest.jsonl", "more"]), (out.join("more"), ["b.csv", "", ""])] {
         for entry in std::fs::read_dir(&folder).into_iter().flatten().flatten() {
             let name = entry.file_name().to_string_lossy().into_owned();
@@ -283,7 +284,7 @@ fn joints_that_no_limb_means_are_at_home() {
         assert_eq!(q[joint], model.home[joint]);
     }
     assert_eq!(meant.len(), BOTH_ARMS * 5);
-    // A rotation that is none is refused.
+    // A value that is not a rotation is rejected.
     assert!(Postures::arms(&[[0.0; 4]; 4]).is_none());
 }
 
@@ -309,11 +310,12 @@ fn what_a_killed_run_left_is_replaced_and_never_followed() {
     std::os::unix::fs::symlink(&precious, out.join(".a.csv.part")).expect("linked");
     assert_eq!(go(&input, &out, &[]).made, 1);
     assert_eq!(std::fs::read_to_string(&precious).expect("is there"), "keep");
-    // Killed after the line and before the rename: the line is there, the file is not.
+    // Killed after the line and before the rename: the line exists, but the file does not.
     std::fs::remove_file(out.join("a.csv")).expect("removed");
     let again = go(&input, &out, &[]);
     assert_eq!((again.made, again.failed.len()), (1, 0), "{again:?}");
-    // Killed so while replacing: the line of the new file stands behind that of the file that is still there.
+    // Killed in the same way while replacing a file. The line of the new file follows the line of the file that
+    // still exists.
     let manifest = out.join("manifest.jsonl");
     let text = std::fs::read_to_string(&manifest).expect("readable");
     let last = text.lines().last().expect("a line");

@@ -1,8 +1,8 @@
-//! Motion capture programs send persons over UDP; this is the client that listens to them and publishes what they send. It is a
-//! process of its own: what a network brings is parsed here, and nowhere in the daemon.
+//! Client for motion capture programs that send persons over UDP. It receives their packets and publishes the
+//! persons. It is a process of its own. Network data is parsed here, and nowhere in the daemon.
 //!
-//! A packet is never trusted: its length is checked before it is read, what is not of the protocol is refused and counted, and
-//! whether a person is believable is judged behind the door of `ingest`, as with every other client.
+//! A packet is never trusted. Its length is checked before it is read. A packet of another protocol is rejected
+//! and counted. `ingest` judges whether a person is plausible, as for every other client.
 
 pub mod cli;
 mod mvn;
@@ -20,37 +20,37 @@ use messages::{Layout, RawSkeleton, SkeletonLayout};
 /// Longest packet that is read, bytes. A person of MVN takes 760, one of VMC with all fingers some 4,000.
 pub const PACKET_MAX: usize = 16 << 10;
 
-/// Why nothing was made of a packet.
+/// The reason why a packet was rejected.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum Refused {
-    /// It is not of this protocol.
+    /// It does not belong to this protocol.
     #[error("not of this protocol")]
     Protocol,
-    /// Its length is not what it says.
+    /// Its length differs from its header.
     #[error("not as long as it says")]
     Length,
-    /// It is older than one before.
+    /// It is older than a previous packet.
     #[error("older than the one before")]
     Late,
     /// It has a segment twice.
     #[error("a segment twice")]
     Twice,
-    /// A number is none.
+    /// It has NaN or infinity.
     #[error("a number that is none")]
     NotANumber,
-    /// Somebody else sends, and only one is listened to at a time.
+    /// Another sender holds the turn. Only one is accepted at a time.
     #[error("of another sender")]
     Stranger,
-    /// Of a character that is not listened to.
+    /// It belongs to a character that is not selected.
     #[error("of another character")]
     Character,
-    /// A sender on this machine that is not of a user who may send.
+    /// The sender is on this machine and belongs to a user who may not send.
     #[error("of another user of this machine, or of a sender that is gone")]
     User,
 }
 
 impl Refused {
-    /// All of them; the index is the value.
+    /// All reasons. The index is the value.
     pub const ALL: [Self; 8] = [
         Self::Protocol,
         Self::Length,
@@ -63,33 +63,34 @@ impl Refused {
     ];
 }
 
-/// What was made of a packet that was not refused.
+/// Result of an accepted packet.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Taken {
-    /// It says something of the person that is listened to: whoever sent it keeps the turn.
+    /// It has data of the selected person. Its sender keeps the turn.
     Person,
-    /// It says nothing of that.
+    /// It has no such data.
     Aside,
 }
 
-/// What listens to one protocol.
+/// Receiver of one protocol.
 pub trait Protocol {
-    /// Takes a packet, and hands every person that it completes to `publish`.
+    /// Takes a packet, and passes every person that it completes to `publish`.
     ///
     /// # Errors
-    /// Nothing was made of it; what was pending stays.
+    /// Returns an error if the packet was rejected. Pending data stays.
     fn take(&mut self, packet: &[u8], publish: &mut dyn FnMut(&RawSkeleton)) -> Result<Taken, Refused>;
 
-    /// As this one was before its first packet, with the restarts that it counted: for another sender.
+    /// Returns a receiver for another sender. It is in its initial state, except for the count of restarts.
     fn anew(&self) -> Self
     where
         Self: Sized;
 
-    /// How often the sender was started anew, as far as its packets tell; the packet that tells it is refused.
+    /// Returns the number of restarts of the sender, as far as its packets show them. A packet that shows a
+    /// restart is rejected.
     fn restarts(&self) -> u64;
 }
 
-/// A frame without anybody in it.
+/// Returns a frame without a person.
 fn empty(layout: SkeletonLayout, joints: usize, flags: u32) -> RawSkeleton {
     RawSkeleton { layout: layout as u32, joint_count: joints as u32, flags, ..RawSkeleton::ZERO }
 }

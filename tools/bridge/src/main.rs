@@ -1,4 +1,4 @@
-//! See the library.
+//! The command line program of the library.
 
 use bridge::cli::{Cli, Program, To};
 use bridge::{Mvn, PACKET_MAX, Protocol, Refused, SenderChange, Senders, Taken, Users, Vmc, canonical};
@@ -17,9 +17,9 @@ use std::time::Duration;
 const EX_UNAVAILABLE: u8 = 69;
 const EX_SOFTWARE: u8 = 70;
 
-/// How long silence is waited for before the signals are looked at.
+/// Time to wait for a packet before signals are checked.
 const LOOK: Duration = Duration::from_millis(100);
-/// How often it is told what was refused, ns, as long as more is.
+/// Time between two reports of rejected packets, ns, while the number grows.
 const TELL_EVERY_NS: u64 = 60_000_000_000;
 
 fn main() -> ExitCode {
@@ -73,7 +73,7 @@ fn run<P: Protocol>(bind: SocketAddr, to: &To, protocol: P) -> Result<(), (u8, S
     Ok(())
 }
 
-/// The user that runs this, as the kernel has it; none where every user may send.
+/// Returns the user that runs this program, as the kernel reports it. None if every user may send.
 fn users(to: &To) -> std::io::Result<Option<u32>> {
     if to.any_user {
         return Ok(None);
@@ -82,20 +82,20 @@ fn users(to: &To) -> std::io::Result<Option<u32>> {
     Ok(Some(Peer::of(own.as_fd())?.uid))
 }
 
-/// What comes in, and what became of it.
+/// State of the receiver.
 struct Listener<P> {
     port: Port,
     protocol: P,
     senders: Senders,
     users: Users,
     incarnation: u32,
-    /// Counts the sessions: every sender, and every start of one, is another.
+    /// Number of the session. Every sender, and every restart of one, begins a new session.
     session: u32,
     restarts: u64,
     published: u64,
     failed: u64,
     refused: [u64; Refused::ALL.len()],
-    /// When it was told how many were refused, and how many there were.
+    /// Time of the last report of rejected packets, and their number in it.
     told: (Stamp, u64),
 }
 
@@ -144,7 +144,8 @@ impl<P: Protocol> Listener<P> {
             return Err(Refused::User);
         }
         if turn == SenderChange::New {
-            // Nobody has the turn for a packet that is none; nor does it change what is known of the sender before.
+            // A rejected packet gives no sender the turn. It also does not change the state of the previous
+            // sender.
             if self.protocol.anew().take(packet, &mut |_| {})? == Taken::Aside {
                 return Ok(());
             }
@@ -161,7 +162,7 @@ impl<P: Protocol> Listener<P> {
         Ok(())
     }
 
-    /// The program's clock is not ours: a person was seen when the packet came.
+    /// The program's clock is not ours. So the origin of a person is the arrival of the packet.
     fn publish(&mut self, frame: &RawSkeleton, now: Stamp) {
         self.published += 1;
         let header =
@@ -175,7 +176,7 @@ impl<P: Protocol> Listener<P> {
         }
     }
 
-    /// Says how many packets were refused if more were since it was said.
+    /// Reports the number of rejected packets if it grew since the last report.
     fn tell(&mut self, now: Stamp) {
         let refused = self.refused.iter().sum();
         if now.since(self.told.0) >= TELL_EVERY_NS {

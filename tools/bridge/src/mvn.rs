@@ -1,55 +1,57 @@
 //! Xsens MVN's real-time stream, message 02: position and rotation of every segment, global, z up.
 //!
-//! A packet is a header of 24 bytes and items of 32, all big-endian: `MXTP02`, u32 sample, u8 number of the packet in its sample
-//! (bit 7: the last), u8 items, u32 time code, u8 character, u8 body segments, u8 props, u8 finger segments, u16 reserved, u16
-//! length of the items; an item is u32 segment id, 3 f32 position (m), 4 f32 quaternion w x y z. (Xsens, MVN Real-time Network
-//! Streaming Protocol Specification.)
+//! A packet is a header of 24 bytes and items of 32, all big-endian. The header begins with `MXTP02`, u32
+//! sample, u8 number of the packet in its sample (bit 7: the last), u8 items. Then it has u32 time code, u8
+//! character, u8 body segments, u8 props, u8 finger segments, u16 reserved, u16 length of the items. An item is
+//! u32 segment id, 3 f32 position (m), 4 f32 quaternion w x y z. (Xsens, MVN Real-time Network Streaming
+//! Protocol Specification.)
 
 use crate::{Protocol, Refused, Taken, empty};
 use messages::{RawSkeleton, SkeletonLayout, raw_flag};
 
 const HEADER: usize = 24;
 const ITEM: usize = 32;
-/// Segments of the body; ids begin at 1, and what follows are props and fingers.
+/// Number of segments of the body. Their ids begin at 1. Props and fingers have higher ids.
 const SEGMENTS: usize = 23;
 const ALL: u32 = (1 << SEGMENTS) - 1;
 
-/// A sample that is so much older than the last is of a recording that began anew, not of a packet that came late: 2 s at 240 Hz.
+/// Smallest age of a sample, relative to the last, that indicates a restarted recording instead of a late
+/// packet: 2 s at 240 Hz.
 const BEGAN_ANEW: u32 = 480;
 
-/// Listens to one character.
+/// Receiver of one character.
 #[derive(Clone, Debug)]
 pub struct Mvn {
-    /// The character that was asked for, if one was.
+    /// The character that the user selected, if any.
     asked: Option<u8>,
-    /// The one that is listened to.
+    /// The character that is received.
     character: Option<u8>,
-    /// The sample that is being put together, or was last.
+    /// The present or last sample.
     sample: Option<u32>,
-    /// Bit i: segment i + 1 has come.
+    /// Bit i: segment i + 1 has arrived.
     seen: u32,
     frame: RawSkeleton,
     restarts: u64,
 }
 
 impl Mvn {
-    /// Of this character, or of the first of which a segment of the body is seen.
+    /// Creates a receiver of this character, or of the first one with a segment of the body.
     pub fn new(asked: Option<u8>) -> Self {
         let mut frame = empty(SkeletonLayout::XsensMvn23, SEGMENTS, raw_flag::ROTATIONS);
         frame.confidence[..SEGMENTS].fill(1.0);
         Self { asked, character: asked, sample: None, seen: 0, frame, restarts: 0 }
     }
 
-    /// Whether the packet's sample is to be listened to; a new one begins with nothing seen.
+    /// Returns an error if the packet's sample is old. A new sample begins without any segments.
     fn begin(&mut self, sample: u32) -> Result<(), Refused> {
         let Some(last) = self.sample.filter(|&last| last != sample) else {
             self.sample = Some(sample);
             return Ok(());
         };
-        // Serial numbers (RFC 1982): they may wrap.
+        // Serial numbers (RFC 1982) may wrap.
         if sample.wrapping_sub(last) > u32::MAX / 2 {
             if last.wrapping_sub(sample) >= BEGAN_ANEW {
-                // Whoever comes after it is of another session.
+                // Later samples belong to another session.
                 (self.sample, self.seen, self.character) = (None, 0, self.asked);
                 self.restarts += 1;
             }
@@ -64,7 +66,7 @@ impl Protocol for Mvn {
     fn take(&mut self, packet: &[u8], publish: &mut dyn FnMut(&RawSkeleton)) -> Result<Taken, Refused> {
         match packet {
             [b'M', b'X', b'T', b'P', b'0', b'2', ..] => {}
-            // Joint angles, scaling, metadata and the like, of the same stream.
+            // Joint angles, scaling, metadata and other messages of the same stream.
             [b'M', b'X', b'T', b'P', b'0'..=b'9', b'0'..=b'9', ..] => return Ok(Taken::Aside),
             _ => return Err(Refused::Protocol),
         }
@@ -77,7 +79,7 @@ impl Protocol for Mvn {
         if self.character.is_some_and(|ours| ours != character) {
             return Err(Refused::Character);
         }
-        // Nothing is taken of a packet of which something is wrong.
+        // If any part of a packet is wrong, nothing of it is used.
         let mut seen = 0_u32;
         for item in items.chunks_exact(ITEM) {
             let bit = segment(item).map_or(0, |i| 1 << i);
@@ -90,7 +92,7 @@ impl Protocol for Mvn {
             seen |= bit;
         }
         if seen == 0 {
-            // Props and fingers alone are of nobody.
+            // Props and fingers alone do not belong to a person.
             return Ok(Taken::Aside);
         }
         self.begin(u32::from_be_bytes([header[6], header[7], header[8], header[9]]))?;
@@ -119,7 +121,7 @@ impl Protocol for Mvn {
     }
 }
 
-/// The index of an item's segment, if it is one of the body.
+/// Returns the index of an item's segment, if it belongs to the body.
 fn segment(item: &[u8]) -> Option<usize> {
     let id = u32::from_be_bytes([item[0], item[1], item[2], item[3]]);
     (id as usize).checked_sub(1).filter(|&i| i < SEGMENTS)
@@ -152,7 +154,7 @@ mod tests {
         bytes
     }
 
-    /// Segment i + 1 at (i, 2 i, 3 i), turned about z by i degrees.
+    /// Segment i + 1 is at (i, 2 i, 3 i), turned about z by i degrees.
     fn items() -> Vec<Item> {
         let turned = |i: u32| (i as f32).to_radians() / 2.0;
         (0..23)
@@ -180,7 +182,7 @@ mod tests {
             assert_eq!(frame.rotations[i], expected[3..]);
             assert_eq!(frame.confidence[i], 1.0);
         }
-        // In two packets, in either order, with fingers and props behind the body.
+        // Two packets, in either order, with fingers and props after the body.
         let mut more = items.clone();
         more.extend([(24, [0.5; 7]), (40, [0.25; 7])]);
         for order in [[0, 1], [1, 0]] {
@@ -259,7 +261,7 @@ mod tests {
         assert_eq!(take(&mut mvn, &packet(1, 0x80, 2, &items)).1.len(), 1, "the first that has a body");
         assert_eq!(take(&mut mvn, &packet(2, 0x80, 5, &items)), (Err(Refused::Character), vec![]));
         assert_eq!(take(&mut mvn.anew(), &packet(1, 0x80, 5, &items)).1.len(), 1, "another sender's");
-        // The program was started anew, with another character.
+        // The program restarted, with another character.
         assert_eq!(take(&mut mvn, &packet(9000, 0x80, 2, &items)).1.len(), 1);
         assert_eq!(take(&mut mvn, &packet(1, 0x80, 2, &items)).0, Err(Refused::Late));
         assert_eq!(take(&mut mvn, &packet(2, 0x80, 5, &items)).1.len(), 1);

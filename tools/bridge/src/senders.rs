@@ -1,39 +1,40 @@
-//! Who is listened to: one sender at a time.
+//! Selects the sender: one at a time.
 
 use crate::Refused;
 use messages::Stamp;
 use std::net::{IpAddr, SocketAddr};
 
-/// Silence after which another sender is listened to, ns: as long as `ingest` keeps a silent client's authority.
+/// Silence after which another sender is accepted, ns. It equals the time for which `ingest` keeps a silent
+/// client's lease.
 const SILENT_NS: u64 = 1_000_000_000;
 
-/// Whose turn it is.
+/// Relation of a sender to the previous one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SenderChange {
-    /// The sender of before.
+    /// The previous sender.
     Same,
-    /// Another one, or the first.
+    /// Another sender, or the first.
     New,
 }
 
-/// The sender that is listened to.
+/// The sender that holds the turn.
 #[derive(Clone, Debug)]
 pub struct Senders {
-    /// The only address that may send, if one is named.
+    /// The only address that may send, if one is configured.
     only: Option<IpAddr>,
     present: Option<(SocketAddr, Stamp)>,
 }
 
 impl Senders {
-    /// Nobody has been heard yet.
+    /// Creates the state without a sender.
     pub fn new(only: Option<IpAddr>) -> Self {
         Self { only: only.map(|only| only.to_canonical()), present: None }
     }
 
-    /// Whose turn it would be if the packet that comes from `sender` at `now` is a good one.
+    /// Returns whether the sender changes if the packet that comes from `sender` at `now` is accepted.
     ///
     /// # Errors
-    /// It is not the address that may send, or another sender was heard within the last second.
+    /// Returns an error if the address may not send, or another sender sent within the last second.
     pub fn whose(&self, sender: SocketAddr, now: Stamp) -> Result<SenderChange, Refused> {
         if self.only.is_some_and(|only| only != sender.ip()) {
             return Err(Refused::Stranger);
@@ -45,13 +46,14 @@ impl Senders {
         }
     }
 
-    /// The packet was a good one: `sender` has the turn.
+    /// Notes that the packet was accepted. `sender` then holds the turn.
     pub fn heard(&mut self, sender: SocketAddr, now: Stamp) {
         self.present = Some((sender, now));
     }
 }
 
-/// An address of IPv4 as that, not as one of IPv6: a socket that listens to both sees the latter.
+/// Returns an IPv4 address in its own form, not in that of IPv6. A socket that listens to both sees the IPv6
+/// form.
 pub fn canonical(sender: SocketAddr) -> SocketAddr {
     match sender.ip().to_canonical() {
         IpAddr::V4(ip) => SocketAddr::new(ip.into(), sender.port()),

@@ -1,5 +1,5 @@
-//! Whose the sockets are that packets of this machine come from: whoever may send to the port moves the person, and a loopback
-//! address keeps out other machines only.
+//! Finds the users of the sockets that send from this machine. Any program that can send to the port moves the
+//! person, and a loopback address keeps out only other machines.
 
 use messages::Stamp;
 use std::collections::VecDeque;
@@ -7,31 +7,32 @@ use std::fs::File;
 use std::io::Read;
 use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, UdpSocket};
 
-/// How long an answer holds, ns: nothing is looked up for each packet.
+/// Time for which an answer is cached, ns. So not every packet needs a lookup.
 const HOLDS_NS: u64 = 1_000_000_000;
-/// Answers that are kept.
+/// Number of cached answers.
 const KEPT_MAX: usize = 64;
 /// The kernel's tables of UDP sockets.
 const TABLES: [&str; 2] = ["/proc/net/udp", "/proc/net/udp6"];
-/// Longest table that is read, bytes: a socket takes 128, so many as there are ports.
+/// Size of the longest table that is read, bytes. A socket takes 128 bytes, and there are at most as many
+/// sockets as ports.
 const TABLE_BYTES_MAX: u64 = 16 << 20;
 
-/// Which users of this machine may send.
+/// The users of this machine who may send.
 #[derive(Clone, Debug)]
 pub struct Users {
-    /// This one and root; every one where there is none.
+    /// This user and root may send. Without a value every user may.
     own: Option<u32>,
     kept: VecDeque<(SocketAddr, Stamp, bool)>,
 }
 
 impl Users {
-    /// `own` and root may send, or everybody.
+    /// Creates the state. `own` and root may send, or every user.
     pub fn new(own: Option<u32>) -> Self {
         Self { own, kept: VecDeque::new() }
     }
 
-    /// Whether the packet that came from `sender` at `now` is of a user who may send. Other machines' are: their users are not
-    /// known here.
+    /// Returns true if the packet that came from `sender` at `now` belongs to a user who may send. Packets of
+    /// other machines are allowed, because their users are not known here.
     pub fn may(&mut self, sender: SocketAddr, now: Stamp) -> bool {
         let Some(own) = self.own else { return true };
         self.answer(sender, now, || !is_here(sender) || owned(&TABLES.map(table), sender, own))
@@ -51,22 +52,23 @@ impl Users {
     }
 }
 
-/// Whether an address is one of this machine's: others cannot be bound. (Where net.ipv4.ip_nonlocal_bind is set they can; then
-/// other machines are refused as senders that are gone.)
+/// Returns true if an address belongs to this machine. Other addresses cannot be bound. With
+/// net.ipv4.ip_nonlocal_bind they can, and other machines are then rejected like senders whose socket is gone.
 fn is_here(mut sender: SocketAddr) -> bool {
     sender.set_port(0);
     sender.ip().is_loopback() || UdpSocket::bind(sender).is_ok()
 }
 
-/// A table that cannot be read has no sockets.
+/// Reads a table. A table that cannot be read has no sockets.
 fn table(path: &str) -> String {
     let mut text = String::new();
     let read = File::open(path).and_then(|file| file.take(TABLE_BYTES_MAX).read_to_string(&mut text));
     read.map_or_else(|_| String::new(), |_| text)
 }
 
-/// Whether the sender's socket is in a table and every socket of its port is of `own` or root: one that is bound to another
-/// address of this machine can send as if it were bound to this one (IP_PKTINFO, ip(7)).
+/// Returns true if the sender's socket is in a table and every socket of its port belongs to `own` or root. A
+/// socket that is bound to another address of this machine can send as if it were bound to this one
+/// (IP_PKTINFO, ip(7)).
 fn owned(tables: &[String], sender: SocketAddr, own: u32) -> bool {
     let mut found = false;
     for (ip, port, uid) in tables.iter().flat_map(|table| table.lines()).filter_map(socket) {
@@ -76,7 +78,8 @@ fn owned(tables: &[String], sender: SocketAddr, own: u32) -> bool {
         if uid != own && uid != 0 {
             return false;
         }
-        // A socket that is bound to no address sends from any, and one of IPv6 from those of IPv4 as well.
+        // A socket that is bound to no address sends from any address. An IPv6 socket also sends from IPv4
+        // addresses.
         found |= ip == sender.ip() || ip == IpAddr::V6(Ipv6Addr::UNSPECIFIED) || ip == unspecified(sender.ip());
     }
     found
@@ -86,8 +89,8 @@ fn unspecified(like: IpAddr) -> IpAddr {
     if like.is_ipv4() { Ipv4Addr::UNSPECIFIED.into() } else { Ipv6Addr::UNSPECIFIED.into() }
 }
 
-/// Local address, port and user of a line: `sl local rem st queues timer retransmits uid ...`, addresses as 32-bit numbers in
-/// the order of the machine that hold bytes in the order of the network (proc(5)).
+/// Parses local address, port and user of a line: `sl local rem st queues timer retransmits uid ...`. Addresses
+/// are 32-bit numbers in machine byte order that hold bytes in network order (proc(5)).
 fn socket(line: &str) -> Option<(IpAddr, u16, u32)> {
     let mut words = line.split_whitespace();
     let (address, port) = words.nth(1)?.split_once(':')?;

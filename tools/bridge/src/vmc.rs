@@ -1,14 +1,14 @@
 //! VMC (Virtual Motion Capture): local transforms of Unity's bones as OSC messages.
 //!
-//! `/VMC/Ext/Root/Pos` and `/VMC/Ext/Bone/Pos` carry a name, a position (m) and a quaternion x y z w; `/VMC/Ext/T` ends a frame,
-//! and where a sender leaves it out, the next hips do. `/VMC/Ext/OK 0` says that nobody is seen. (Virtual Motion Capture
-//! Protocol 2.7.)
+//! `/VMC/Ext/Root/Pos` and `/VMC/Ext/Bone/Pos` have a name, a position (m) and a quaternion x y z w.
+//! `/VMC/Ext/T` ends a frame. If a sender omits it, the next hips end the frame. `/VMC/Ext/OK 0` means that no
+//! person is tracked. (Virtual Motion Capture Protocol 2.7.)
 
 use crate::{Protocol, Refused, Taken, empty};
 use messages::{RawSkeleton, SkeletonLayout, raw_flag};
 use rosc::{OscMessage, OscPacket, OscType};
 
-/// Bones of the body and their places in `HumanBodyBones`; fingers, eyes and jaw move nothing here.
+/// Bones of the body and their indices in `HumanBodyBones`. Fingers, eyes and jaw have no effect here.
 const BONES: [(&str, usize); 22] = [
     ("Hips", HIPS),
     ("LeftUpperLeg", 1),
@@ -34,31 +34,31 @@ const BONES: [(&str, usize); 22] = [
     ("UpperChest", 54),
 ];
 const HIPS: usize = 0;
-/// Bones of `HumanBodyBones`.
+/// Number of bones of `HumanBodyBones`.
 const COUNT: usize = 55;
-/// Bits of both upper and both lower arms: a frame without them moves nobody's arms.
+/// Bits of both upper and both lower arms. A frame without them moves no arms.
 const ARMS: u64 = 0b1111 << 13;
 
-/// A rotation, x y z w, and a position before it.
+/// A position, then a rotation, x y z w.
 type Transform = ([f32; 3], [f32; 4]);
 const IDENTITY: Transform = ([0.0; 3], [0.0, 0.0, 0.0, 1.0]);
 
-/// Listens to one performer.
+/// Receiver of one performer.
 #[derive(Clone, Debug)]
 pub struct Vmc {
     root: Transform,
     hips: Transform,
-    /// Bit i: bone i came since the last frame.
+    /// Bit i: bone i arrived since the last frame.
     seen: u64,
     frame: RawSkeleton,
-    /// Nobody is seen, says the sender.
+    /// True if the sender reports that no person is tracked.
     absent: bool,
     time: Option<f32>,
     restarts: u64,
 }
 
 impl Vmc {
-    /// Nothing heard yet.
+    /// Creates a receiver without any data.
     pub fn new() -> Self {
         let mut frame = empty(SkeletonLayout::UnityHumanoid, COUNT, raw_flag::ROTATIONS | raw_flag::LOCAL);
         frame.rotations[..COUNT].fill(IDENTITY.1);
@@ -74,7 +74,7 @@ impl Vmc {
                 let (name, transform) = named(&message.args)?;
                 let Some(&(_, bone)) = BONES.iter().find(|(known, _)| *known == name) else { return Ok(()) };
                 if self.seen & 1 << bone != 0 {
-                    // Another round has begun.
+                    // A new round has begun.
                     self.complete(publish);
                 }
                 if bone == HIPS {
@@ -86,9 +86,9 @@ impl Vmc {
             }
             "/VMC/Ext/T" => {
                 let Some(&OscType::Float(time)) = message.args.first() else { return Err(Refused::Protocol) };
-                // Time since the sender's start: a smaller one is of another start.
+                // Time since the sender's start. A smaller value indicates a restart.
                 if self.time.replace(time).is_some_and(|before| time < before) {
-                    // Whoever comes after it is of another session.
+                    // Later frames belong to another session.
                     self.restarts += 1;
                     self.seen = 0;
                     return Err(Refused::Late);
@@ -99,13 +99,14 @@ impl Vmc {
                 let Some(&OscType::Int(loaded)) = message.args.first() else { return Err(Refused::Protocol) };
                 self.absent = loaded == 0;
             }
-            // Blend shapes, cameras, controllers and whatever else there is.
+            // Blend shapes, cameras, controllers and other messages.
             _ => {}
         }
         Ok(())
     }
 
-    /// Ends a frame. Bones that did not come keep the rotation that they had, but arms that did not come are not vouched for.
+    /// Ends a frame. Bones that did not arrive keep their rotation, but arms that did not arrive are not
+    /// reported as valid.
     fn complete(&mut self, publish: &mut dyn FnMut(&RawSkeleton)) {
         let seen = std::mem::take(&mut self.seen);
         if self.absent || seen & 1 << HIPS == 0 || seen & ARMS == 0 {
@@ -136,7 +137,7 @@ impl Default for Vmc {
 
 impl Protocol for Vmc {
     fn take(&mut self, packet: &[u8], publish: &mut dyn FnMut(&RawSkeleton)) -> Result<Taken, Refused> {
-        // Bundles in bundles are none of this protocol, and would be read by recursion.
+        // Nested bundles are not part of this protocol, and the decoder would read them by recursion.
         if packet.windows(8).filter(|bytes| bytes == b"#bundle\0").count() > 1 {
             return Err(Refused::Protocol);
         }
@@ -144,7 +145,7 @@ impl Protocol for Vmc {
         if !rest.is_empty() {
             return Err(Refused::Length);
         }
-        // Nothing is taken of a packet of which something is wrong.
+        // If any part of a packet is wrong, nothing of it is used.
         let taken = check(&packet)?;
         self.packet(&packet, publish)?;
         Ok(taken)
@@ -159,7 +160,8 @@ impl Protocol for Vmc {
     }
 }
 
-/// Whether every message that moves somebody can be read, and whether one is of this protocol at all.
+/// Checks that every message of this protocol can be read. Returns `Person` if there is at least one, otherwise
+/// `Aside`.
 fn check(packet: &OscPacket) -> Result<Taken, Refused> {
     let message = match packet {
         OscPacket::Message(message) => message,
@@ -180,7 +182,8 @@ fn check(packet: &OscPacket) -> Result<Taken, Refused> {
     if good { Ok(Taken::Person) } else { Err(Refused::Protocol) }
 }
 
-/// A name and a transform; what follows (scale and offset of the root) says nothing of the person.
+/// Parses a name and a transform. The remaining values (scale and offset of the root) do not concern the
+/// person.
 fn named(args: &[OscType]) -> Result<(&str, Transform), Refused> {
     let Some((OscType::String(name), numbers)) = args.split_first() else { return Err(Refused::Protocol) };
     let mut all = [0.0; 7];
@@ -195,7 +198,7 @@ fn named(args: &[OscType]) -> Result<(&str, Transform), Refused> {
     Ok((name, ([x, y, z], q)))
 }
 
-/// The transform `child` under `parent`; the algebra of left-handed axes is that of right-handed ones.
+/// Returns the transform `child` under `parent`. The algebra is the same for left-handed and right-handed axes.
 fn after(parent: &Transform, child: &Transform) -> Transform {
     let ([px, py, pz, pw], [cx, cy, cz, cw]) = (parent.1, child.1);
     let rotation = [

@@ -1,4 +1,4 @@
-//! The program: packets in, frames on the bus out, as any reader of the input domain sees them.
+//! The program: packets go in, and frames come out on the bus, as any reader of the input domain sees them.
 
 use bus::Domain;
 use messages::{RawSkeleton, Service, Smpl};
@@ -8,7 +8,7 @@ use std::net::UdpSocket;
 use std::process::{Child, ChildStdout, Command, Stdio};
 use std::time::{Duration, Instant};
 
-/// Where the segments of somebody in a T-pose are who looks along x: m, z up.
+/// Positions of the segments of a person in a T-pose who faces x: m, z up.
 const T_POSE: [[f32; 3]; 23] = [
     [0.0, 0.0, 0.95],
     [0.0, 0.0, 1.03],
@@ -49,7 +49,7 @@ fn mvn(sample: u32) -> Vec<u8> {
     bytes
 }
 
-/// A bridge, the address at which it listens, and the rest of what it says.
+/// Starts a bridge. Returns it, the address on which it listens, and the rest of its output.
 fn start(folder: &std::path::Path, arguments: &[&str]) -> (Child, String, std::io::Lines<BufReader<ChildStdout>>) {
     let mut bridge = Command::new(env!("CARGO_BIN_EXE_bridge"))
         .args(arguments)
@@ -110,7 +110,7 @@ fn a_socket_of_both_protocols_listens_to_an_address_of_ipv4_and_garbage_has_no_t
     let (garbage, good) = (socket(), socket());
     garbage.send_to(b"nobody", &address).expect("sent");
     assert!(line().contains("not of this protocol"));
-    // At once: whoever sends what cannot be read is not waited for.
+    // At once: a sender of unreadable packets does not hold the turn.
     good.send_to(&mvn(1), &address).expect("sent");
     assert_eq!(line(), format!("bridge: listening to {}", good.local_addr().expect("an address")));
     rt::terminate(bridge.id());
@@ -119,13 +119,13 @@ fn a_socket_of_both_protocols_listens_to_an_address_of_ipv4_and_garbage_has_no_t
     assert!(told.contains("1 frames, 0 not taken; 1 packets not of this protocol"), "{told}");
 }
 
-/// Another user of this machine sends a person; what the bridge says of it at last.
+/// Another user of this machine sends a person. Returns the bridge's last message about it.
 fn told_of_nobody(arguments: &[&str]) -> Option<String> {
     let folder = tempfile::tempdir().expect("a folder");
     let instance = Instance::new(folder.path()).expect("an instance");
     let (mut bridge, address, mut lines) = start(instance.run_dir(), arguments);
     let (host, port) = address.rsplit_once(':').expect("a port");
-    // It stays open until the packet was looked at: a socket that is gone is nobody's.
+    // The socket stays open until the packet was examined. A closed socket belongs to no user.
     let send = format!("exec 3>/dev/udp/{host}/{port} && head -c 760 >&3 && echo sent && read line");
     let nobody = Command::new("setpriv")
         .args(["--reuid=65534", "--clear-groups", "bash", "-c", &send])

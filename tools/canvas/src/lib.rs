@@ -1,5 +1,5 @@
-//! A picture with smooth lines and letters of its own: drawn at twice its size, brought down by averaging, and lettered
-//! after that from a font that is built in, so that no font of the system is needed.
+//! A picture with smooth lines and its own letters. It is drawn at twice its size and reduced by averaging.
+//! Then the letters are drawn from a built-in font, so that no font of the system is needed.
 
 use noto_sans_mono_bitmap::{FontWeight, RasterHeight, get_raster, get_raster_width};
 use plotters::coord::Shift;
@@ -12,38 +12,39 @@ use std::cell::RefCell;
 use std::path::Path;
 use std::rc::Rc;
 
-/// Pixels drawn for each pixel of the picture, in both directions; coordinates and letter sizes count these.
+/// Fine pixels for each pixel of the picture, in both directions. Coordinates and letter sizes are in fine
+/// pixels.
 pub const FINE: u32 = 2;
 
-/// What the bitmap's backend fails with.
+/// Error type of the bitmap's backend.
 type Fault = <BitMapBackend<'static> as DrawingBackend>::ErrorType;
 /// The whole picture, or a part of it.
 pub type Area<'a> = DrawingArea<Canvas<'a>, Shift>;
-/// What drawing answers.
+/// Result of drawing.
 pub type Drawn = Result<(), DrawingAreaErrorKind<Fault>>;
 
-/// A line of letters, to be set at the end.
+/// A line of letters, to be drawn at the end.
 struct Letters {
     text: String,
     weight: FontWeight,
     height: RasterHeight,
     colour: BackendColor,
     transform: FontTransform,
-    // Of the anchor, in pixels of the picture.
+    // Position of the anchor, in pixels of the picture.
     at: (i32, i32),
     anchor: (HPos, VPos),
 }
 
-/// A backend that keeps its letters for later.
+/// A backend that stores its letters until the end.
 pub struct Canvas<'a> {
     bitmap: BitMapBackend<'a>,
     letters: Rc<RefCell<Vec<Letters>>>,
 }
 
-/// Draws a picture of `size` pixels, white at first, into a PNG.
+/// Draws a picture of `size` pixels, initially white, into a PNG.
 ///
 /// # Errors
-/// If it cannot be drawn, or the file cannot be written.
+/// Returns an error if it cannot be drawn, or the file cannot be written.
 pub fn save(path: &Path, size: (u32, u32), draw: impl FnOnce(&Area<'_>) -> Drawn) -> Result<(), String> {
     let fine = (size.0 * FINE, size.1 * FINE);
     let mut pixels = vec![255_u8; fine.0 as usize * fine.1 as usize * 3];
@@ -60,7 +61,7 @@ pub fn save(path: &Path, size: (u32, u32), draw: impl FnOnce(&Area<'_>) -> Drawn
     file.blit_bitmap((0, 0), size, &picture).and_then(|()| file.present()).map_err(|error| error.to_string())
 }
 
-/// The mean of each square of fine pixels.
+/// Returns the mean of each square of fine pixels.
 fn brought_down(fine: &[u8], (width, height): (u32, u32)) -> Vec<u8> {
     let (w, h, n) = (width as usize, height as usize, FINE as usize);
     let mut picture = Vec::with_capacity(w * h * 3);
@@ -207,7 +208,7 @@ mod tests {
         let colour = BackendColor { alpha: 1.0, rgb: (200, 0, 0) };
         let (weight, height) = (FontWeight::Regular, RasterHeight::Size16);
         let (transform, anchor) = (FontTransform::None, (HPos::Left, VPos::Top));
-        // Over the edge on purpose: what lies outside is left out.
+        // The text deliberately crosses the edge. The part outside is left out.
         Letters { text: "XXXXXXXX".into(), weight, height, colour, transform, at: (-3, 2), anchor }
             .set(&mut picture, (40, 20));
         let inked = picture.chunks(3).filter(|pixel| pixel[0] > pixel[1]).count();

@@ -1,11 +1,11 @@
-//! Why chaos cannot begin, or go on.
+//! Errors that keep chaos from beginning or going on.
 
 use std::path::{Path, PathBuf};
 
-/// Why chaos cannot begin, or go on. The text names file, option, value and bound.
+/// An error that keeps chaos from beginning or going on. The text names file, option, value and bound.
 #[derive(Debug, thiserror::Error)]
 pub enum ChaosError {
-    /// An option out of its bounds.
+    /// An option is out of its bounds.
     #[error("{option} {value} is outside [{low}, {high}]")]
     Option {
         /// The option.
@@ -17,7 +17,7 @@ pub enum ChaosError {
         /// Highest value allowed.
         high: u64,
     },
-    /// A share out of its bounds.
+    /// A share is out of its bounds.
     #[error("{option} {value} is outside [0, 1]")]
     Share {
         /// The option.
@@ -25,10 +25,10 @@ pub enum ChaosError {
         /// Its value.
         value: f64,
     },
-    /// Nobody of that name is struck.
+    /// No target has this name.
     #[error("--only {0}: must be ingest, retarget, control, sim, client or operator")]
     Target(String),
-    /// Settings, robot or weights are refused.
+    /// Settings, robot or weights are invalid.
     #[error(transparent)]
     Config(#[from] pipeline::ConfigError),
     /// A process of teleopd does not start, or its operator socket does not answer.
@@ -40,15 +40,15 @@ pub enum ChaosError {
     /// The client cannot publish.
     #[error(transparent)]
     Client(#[from] pipeline::ClientError),
-    /// A process cannot be started or struck, or a file cannot be written.
+    /// A process cannot be started or signalled, or a file cannot be written.
     #[error("{what}: {cause}")]
     Os {
-        /// What was tried.
+        /// The attempted action.
         what: String,
-        /// What the system says.
+        /// The system's error text.
         cause: String,
     },
-    /// The robot does not come to a state from which the next trial can begin.
+    /// The robot does not reach a state from which the next trial can begin.
     #[error("{0}")]
     Stuck(String),
     /// A signal ended the run.
@@ -57,17 +57,17 @@ pub enum ChaosError {
 }
 
 impl ChaosError {
-    /// A system call that failed.
+    /// Creates the error of a failed system call.
     pub fn os(what: impl Into<String>, cause: impl std::fmt::Display) -> Self {
         Self::Os { what: what.into(), cause: cause.to_string() }
     }
 
-    /// A file that cannot be written.
+    /// Creates the error of a file that cannot be written.
     pub fn write(file: &Path, cause: impl std::fmt::Display) -> Self {
         Self::os(PathBuf::from(file).display().to_string(), cause)
     }
 
-    /// Exit code, of sysexits(3) where it has one.
+    /// Exit code. It is from sysexits(3) where that has one.
     pub fn exit(&self) -> u8 {
         match self {
             Self::Option { .. } | Self::Share { .. } | Self::Target(_) => 64,

@@ -1,4 +1,4 @@
-//! What the trials amount to.
+//! Sums up the results of the trials.
 
 use crate::injection::{Kind, Target};
 use crate::monitor::Seen;
@@ -8,7 +8,7 @@ use sim::ViolationKind;
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
-/// Figures of one victim.
+/// Figures of one target.
 #[derive(Clone, Debug, Default)]
 struct OfTarget {
     kills: u64,
@@ -24,26 +24,26 @@ struct OfTarget {
 #[derive(Clone, Debug, Default)]
 pub struct Figures {
     victims: BTreeMap<Target, OfTarget>,
-    /// What the witness saw: violations by kind.
+    /// Violations that the monitor saw, by kind.
     witnessed: [u64; ViolationKind::ALL.len()],
     states: u64,
     not_finite: u64,
     moved_without_enable: u64,
-    /// What the driver wrote of itself: violations by kind.
+    /// Violations that the driver recorded itself, by kind.
     recorded: [u64; ViolationKind::ALL.len()],
     records: u64,
-    /// What the judge of the joints' true motion wrote: violations by kind, and the first of each robot.
+    /// Violations that the judge of the joints' true motion recorded, by kind, and the first of each robot.
     judged: [u64; plant::ViolationKind::ALL.len()],
     judged_first: Vec<Value>,
     robots: u64,
     oldest_command_us: f64,
     clients_begun_anew: u64,
-    /// What else went wrong.
+    /// Any other problems.
     trouble: Vec<String>,
 }
 
 impl Figures {
-    /// Adds a trial; the robot should have been at rest after `bound_ticks`.
+    /// Adds a trial, in which the robot had to be at rest after `bound_ticks`.
     pub fn add(&mut self, outcome: &Outcome, bound_ticks: u64) {
         let of = self.victims.entry(outcome.blow.victim).or_default();
         match outcome.blow.kind {
@@ -57,7 +57,7 @@ impl Figures {
         of.rest_after_ticks.extend(outcome.rest_after_ticks);
     }
 
-    /// Adds what the witness of an instance saw.
+    /// Adds the observations of an instance's monitor.
     pub fn add_seen(&mut self, seen: &Seen) {
         self.states += seen.states;
         self.not_finite += seen.not_finite;
@@ -94,12 +94,12 @@ impl Figures {
         }
     }
 
-    /// Adds how often a client gave up by itself and was started again.
+    /// Adds the number of times that a client gave up by itself and was restarted.
     pub fn add_clients_begun_anew(&mut self, count: u64) {
         self.clients_begun_anew += count;
     }
 
-    /// Adds what went wrong.
+    /// Adds problems.
     pub fn add_trouble(&mut self, trouble: impl IntoIterator<Item = String>) {
         self.trouble.extend(trouble);
     }
@@ -114,7 +114,8 @@ impl Figures {
         self.victims.values().map(|of| of.suspends).sum()
     }
 
-    /// What must not have happened. Rests that came late are told, not judged: they are times of this machine.
+    /// Returns everything that must not have happened. A late rest is reported but not judged, because it
+    /// depends on this machine's timing.
     pub fn complaints(&self) -> Vec<String> {
         let mut complaints = self.trouble.clone();
         let mut zero = |what: String, count: u64| {
@@ -137,7 +138,7 @@ impl Figures {
         complaints
     }
 
-    /// As JSON.
+    /// Returns the figures as JSON.
     pub fn to_json(&self) -> Value {
         let victims = self.victims.iter().map(|(victim, of)| {
             let mut ticks = of.rest_after_ticks.clone();
@@ -178,7 +179,7 @@ impl Figures {
         named.map(|(kind, count)| (kind.name().to_owned(), json!(count))).collect()
     }
 
-    /// For people.
+    /// Returns the figures as text.
     pub fn words(&self) -> String {
         let value = self.to_json();
         let mut out = String::new();
@@ -222,7 +223,7 @@ impl Figures {
     }
 }
 
-/// A number of ticks, if there is one: whoever never moved had nothing to rest from.
+/// Formats a number of ticks. It is absent if the robot never moved and so had nothing to stop.
 fn ticks(count: &Value) -> String {
     count.as_u64().map_or("-".to_owned(), |count| format!("{count} ticks"))
 }

@@ -1,4 +1,4 @@
-//! Who is struck, how and when: drawn from a seed.
+//! Draws each fault from a seed: its target, its kind and its moment.
 
 use messages::TICK_HZ;
 use pipeline::SafetySettings;
@@ -6,16 +6,16 @@ use rand::RngExt;
 use rand_pcg::Pcg64Mcg;
 use std::time::Duration;
 
-/// Shortest and longest suspension: a tick and a half, and more than the longest detection and stop together.
+/// Shortest and longest suspension: 1.5 ticks, and more than the longest detection and stop together.
 const SUSPENDED_MS: [f64; 2] = [1.0, 2000.0];
-/// Latest moment of a blow after Engaging began, or after Engaged, s.
+/// Latest moment of a fault after Engaging began, or after Engaged, s.
 const PHASE_MAX_S: [f64; 2] = [1.5, 1.0];
-/// Longest time that the enable is held on after a death, ms: the process is back by then.
+/// Longest time that the enable stays held after a process died, ms. The process is back by then.
 const HELD_ON_MAX_MS: f64 = 300.0;
-/// Longest stop, ms: `limits.stop_time_max_ms` of every robot file may be no more.
+/// Longest stop, ms. `limits.stop_time_max_ms` of every robot file may not exceed it.
 const STOP_MS: f64 = 500.0;
 
-/// Who is struck.
+/// The process that the fault hits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Target {
     /// `ingest`.
@@ -28,16 +28,16 @@ pub enum Target {
     Driver,
     /// The client that publishes skeletons.
     Client,
-    /// The operator's program that holds the enable.
+    /// The operator's program, which holds the enable.
     Operator,
 }
 
 impl Target {
-    /// Everybody, the driver last.
+    /// All targets, the driver last.
     pub const ALL: [Self; 6] =
         [Self::Ingest, Self::Retarget, Self::Control, Self::Client, Self::Operator, Self::Driver];
 
-    /// Name in reports; of a process of teleopd, its subcommand.
+    /// Name in reports. For a process of teleopd it is the subcommand.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Ingest => "ingest",
@@ -49,12 +49,12 @@ impl Target {
         }
     }
 
-    /// Ticks from the blow until the robot must be at rest: the time in which the silence is noticed (of the 1500 Hz
-    /// streams `factor` times longer where the machine is not real-time), the longest stop, and two ticks for what is
-    /// under way.
+    /// Ticks from the fault until the robot must be at rest. It is the sum of the detection time, the longest
+    /// stop, and two ticks for messages under way. On a machine that is not real-time, the detection time of
+    /// the 1500 Hz streams is `factor` times longer.
     pub fn rest_within_ticks(self, safety: &SafetySettings, factor: f64) -> u64 {
         let noticed_ms = match self {
-            // A looped clip of 60 Hz or faster; resampling adds nothing to the age.
+            // The clip loops at 60 Hz or faster, and resampling adds nothing to the age.
             Self::Ingest | Self::Client => safety.input_stale_ms,
             Self::Retarget => safety.target_stale_ms * factor,
             Self::Control => 0.0,
@@ -65,36 +65,36 @@ impl Target {
     }
 }
 
-/// How.
+/// Kind of a fault.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Kind {
-    /// SIGKILL; the process is started again while the enable is held on for so long.
+    /// SIGKILL. The process restarts while the enable stays held for `held_on`.
     Kill {
-        /// How long.
+        /// Time for which the enable stays held.
         held_on: Duration,
     },
-    /// SIGSTOP, and SIGCONT so much later.
+    /// SIGSTOP, and SIGCONT after `length`.
     Suspend {
-        /// How much.
+        /// Length of the suspension.
         length: Duration,
     },
 }
 
-/// One blow.
+/// One fault.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Injection {
-    /// Who.
+    /// Target of the fault.
     pub victim: Target,
-    /// How.
+    /// Kind of the fault.
     pub kind: Kind,
-    /// Whether it waits until the robot is engaged.
+    /// True if the fault waits until the robot is engaged.
     pub engaged: bool,
-    /// Time from Engaging, or from Engaged, to the blow.
+    /// Time from Engaging, or from Engaged, to the fault.
     pub phase: Duration,
 }
 
 impl Injection {
-    /// Draws a blow against `victim`, which waits until the robot is engaged in `engaged_share` of all draws.
+    /// Draws a fault for `victim`. A share `engaged_share` of all draws waits until the robot is engaged.
     pub fn draw(victim: Target, kill: bool, engaged_share: f64, dice: &mut Pcg64Mcg) -> Self {
         let mut uniform = || dice.random::<f64>();
         let engaged = uniform() < engaged_share;
@@ -102,7 +102,7 @@ impl Injection {
         let kind = if kill {
             Kind::Kill { held_on: Duration::from_secs_f64(uniform() * HELD_ON_MAX_MS * 1e-3) }
         } else {
-            // Uniform in the logarithm: half of them below 45 ms.
+            // The distribution is uniform in the logarithm: half of them are below 45 ms.
             let [low, high] = SUSPENDED_MS;
             Kind::Suspend { length: Duration::from_secs_f64(low * (high / low).powf(uniform()) * 1e-3) }
         };

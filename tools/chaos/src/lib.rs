@@ -1,13 +1,13 @@
-//! Kills (SIGKILL) and suspends (SIGSTOP, SIGCONT) the real processes, a client and an operator at random moments of a
-//! moving robot, and watches from outside that it comes to rest, breaks no limit on the way, and moves no more before
-//! somebody engages it anew.
+//! Kills (SIGKILL) and suspends (SIGSTOP, SIGCONT) the real processes, a client and an operator at random
+//! moments while the robot moves. Watches from outside that the robot comes to rest and breaks no limit on the
+//! way. Also checks that it does not move again before the operator engages it again.
 //!
-//! - [`cli`]: what is asked for.
-//! - [`blow`]: who is struck, how and when.
+//! - [`cli`]: the options.
+//! - [`injection`]: target, kind and moment of a fault.
 //! - [`rig`]: the processes, a client, an operator.
-//! - [`witness`]: what the driver executes, seen over shared memory and held against the limits.
-//! - [`trial`]: one blow and what came of it.
-//! - [`figures`]: what the trials amount to, as JSON and in words.
+//! - [`monitor`]: reads what the driver executes over shared memory, and checks it against the limits.
+//! - [`trial`]: one fault and its outcome.
+//! - [`figures`]: sums up the trials, as JSON and as text.
 
 pub mod cli;
 pub mod error;

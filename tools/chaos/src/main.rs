@@ -1,4 +1,5 @@
-//! See the library. The same program is every process that is struck, the client and the operator too.
+//! The command line program of the library. The same program runs as every process that a fault hits, including
+//! the client and the operator.
 
 use chaos::cli::Cli;
 use chaos::error::ChaosError;
@@ -20,7 +21,7 @@ static ALLOCATOR: rt::CountingAllocator = rt::CountingAllocator;
 
 /// EX_USAGE of sysexits(3).
 const EX_USAGE: u8 = 64;
-/// Blows that one instance takes before it is ended in order and its driver's record is read.
+/// Number of faults per instance. After that, the instance ends in order and its driver's record is read.
 const BLOWS_OF_AN_INSTANCE: usize = 20;
 
 fn main() -> ExitCode {
@@ -34,7 +35,7 @@ fn main() -> ExitCode {
     let options = match Cli::try_parse() {
         Ok(options) => options,
         Err(error) => {
-            // Help and version come this way too, and are no error.
+            // Help and version also come this way. They are not errors.
             let _ = error.print();
             return if error.use_stderr() { EX_USAGE.into() } else { ExitCode::SUCCESS };
         }
@@ -49,11 +50,11 @@ fn main() -> ExitCode {
     }
 }
 
-/// All blows, in instances of some each; whether every promise was kept.
+/// Runs all trials, several per instance. Returns true if every promise was kept.
 fn strike(options: &Cli) -> Result<bool, ChaosError> {
     options.check()?;
     if let Some(path) = &options.json {
-        // Before the run, not after it: a file that cannot be written is known now.
+        // Open the file before the run, so that an unwritable file is reported now.
         let opened = std::fs::OpenOptions::new().append(true).create(true).open(path);
         opened.map_err(|error| ChaosError::write(path, error))?;
     }
@@ -76,8 +77,8 @@ fn strike(options: &Cli) -> Result<bool, ChaosError> {
     Ok(figures.complaints().is_empty())
 }
 
-/// Every victim as often as every other, in random order; but the driver's deaths come last, because each takes the
-/// driver's record of everything before with it. The robot's record outlives them.
+/// Draws every target equally often, in random order. The driver's deaths come last, because each destroys the
+/// driver's record of everything before. The robot's record survives them.
 fn drawn(options: &Cli) -> Result<Vec<Injection>, ChaosError> {
     let victims = options.victims()?;
     let mut dice = Pcg64Mcg::seed_from_u64(options.seed);
@@ -103,7 +104,7 @@ fn instance(options: &Cli, blows: &[Injection], shutdown: &Shutdown, figures: &m
     for &blow in blows.iter().take_while(|_| !shutdown.requested()) {
         let outcome = match trial::run(&mut rig, &witness, &loaded.settings, blow) {
             Err(ChaosError::Stuck(what)) => {
-                // The next instance goes on; what this one shows is kept.
+                // The next instance continues. The results of this one are kept.
                 figures.add_trouble([format!("{what}, before or after {blow:?}")]);
                 break;
             }
@@ -112,7 +113,7 @@ fn instance(options: &Cli, blows: &[Injection], shutdown: &Shutdown, figures: &m
         if !outcome.rested {
             figures.add_trouble([format!("no rest after {blow:?}")]);
         }
-        // What moves until the next enable is this blow's.
+        // Motion until the next enable is attributed to this fault.
         let moved_before = std::mem::replace(&mut moved, witness.seen().moved_without_enable);
         if moved > moved_before {
             figures.add_trouble([format!("motion without an enable after {outcome:?}")]);

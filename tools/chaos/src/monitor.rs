@@ -1,6 +1,6 @@
-//! What the driver executes, seen over shared memory by a reader of its own and held against the limits by the simulated
-//! robot's checker: whatever is seen of it, the steps in between are bounded too. A driver that dies takes its own record
-//! with it; this one stays.
+//! Reads what the driver executes over shared memory with a reader of its own. The simulated robot's checker
+//! compares it with the limits. The checker also bounds the steps between two states that were read. A driver
+//! that dies loses its own record, but this record remains.
 
 use bus::{Domain, DomainConfig};
 use driver::Setpoint;
@@ -11,28 +11,28 @@ use std::sync::{Arc, Mutex, MutexGuard};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-/// Time between two looks: half a tick, so that few states are missed.
+/// Time between two reads: half a tick, so that few states are missed.
 const LOOK: Duration = Duration::from_micros(333);
 
-/// Largest noise of a measured speed, rad/s or m/s: eight standard deviations of the simulated drives'.
+/// Largest noise of a measured speed, rad/s or m/s: eight standard deviations of the simulated drives' noise.
 const NOISE_SPEED: f64 = 0.036;
 
-/// What was seen so far.
+/// Observations so far.
 #[derive(Clone, Debug, Default)]
 pub struct Seen {
     /// The newest state.
     pub latest: Option<RobotState>,
-    /// What the robot measured last.
+    /// The last measurement of the robot.
     pub robot: Option<RobotMeasured>,
-    /// States looked at.
+    /// Number of states that were read.
     pub states: u64,
     /// Violations by kind.
     pub violations: [u64; ViolationKind::ALL.len()],
-    /// States with a number that is none.
+    /// Number of states with NaN or infinity.
     pub not_finite: u64,
-    /// States in motion while nobody had the right to move the robot.
+    /// Number of states in motion while the robot was not allowed to move.
     pub moved_without_enable: u64,
-    /// Whether nobody has that right now.
+    /// True if the robot may not move now.
     pub(crate) must_rest: bool,
 }
 
@@ -42,18 +42,18 @@ impl Seen {
         self.latest.map_or(0, |state| index(&state))
     }
 
-    /// Whether the robot was last measured standing: no joint faster than noise.
+    /// Returns true if the robot was at rest in the last measurement: no joint was faster than noise.
     pub fn robot_stands(&self) -> bool {
         self.robot.is_some_and(|robot| robot.dq.iter().all(|v| v.abs() <= NOISE_SPEED))
     }
 
-    /// Whether the newest state is one of rest.
+    /// Returns true if the newest state is at rest.
     pub fn at_rest(&self) -> bool {
         self.latest.is_some_and(|state| stands(&state))
     }
 }
 
-/// A thread that looks.
+/// A thread that watches the driver.
 pub struct Monitor {
     seen: Arc<Mutex<Seen>>,
     end: Arc<AtomicBool>,
@@ -61,16 +61,17 @@ pub struct Monitor {
 }
 
 impl Monitor {
-    /// Begins to look at the driver of `domain`; `config` has the limits, `prismatic` are the joints that slide.
+    /// Begins to watch the driver of `domain`. `config` has the limits, and `prismatic` marks the prismatic
+    /// joints.
     ///
     /// # Errors
-    /// If the shared memory cannot be opened.
+    /// Returns an error if the shared memory cannot be opened.
     pub fn start(domain: DomainConfig, config: Config, prismatic: [bool; JOINTS]) -> Result<Self, bus::BusError> {
         let (seen, end) = (Arc::new(Mutex::new(Seen::default())), Arc::new(AtomicBool::new(false)));
         let (shared, ended) = (Arc::clone(&seen), Arc::clone(&end));
         let (opened, outcome) = std::sync::mpsc::channel();
         let thread = std::thread::spawn(move || {
-            // The port is made here because it cannot change its thread.
+            // The ports are opened here because they cannot change their thread.
             let ports = Domain::open(domain, "witness").and_then(|domain| {
                 let states = domain.reader::<RobotState>(Service::RobotState)?;
                 Ok((states, domain.reader::<RobotMeasured>(Service::RobotMeasured)?, domain))
@@ -96,12 +97,13 @@ impl Monitor {
         Ok(Self { seen, end, thread: Some(thread) })
     }
 
-    /// What was seen so far.
+    /// Returns the observations so far.
     pub fn seen(&self) -> Seen {
         lock(&self.seen).clone()
     }
 
-    /// From now on every motion is one without right (`true`), or motion is allowed again.
+    /// Sets whether the robot must rest. From now on every motion counts as forbidden (`true`), or motion is
+    /// allowed again.
     pub fn must_rest(&self, must_rest: bool) {
         lock(&self.seen).must_rest = must_rest;
     }
@@ -120,7 +122,7 @@ fn lock(seen: &Mutex<Seen>) -> MutexGuard<'_, Seen> {
     seen.lock().unwrap_or_else(|poisoned| poisoned.into_inner())
 }
 
-/// The checker of the driver that was seen last, and what it counted of all drivers.
+/// The checker of the last driver that was seen, and its counts over all drivers.
 struct Judge {
     config: Config,
     checker: Option<(u32, Checker)>,
@@ -133,15 +135,15 @@ impl Judge {
         let writer = state.header.incarnation;
         let gap = seen.latest.is_some_and(|last| setpoint.k.saturating_sub(index(&last)) > driver::GAP_MAX_TICKS);
         match &mut self.checker {
-            // It executes no command, or was suspended: it begins where the robot is measured. The robot's judge looks at that.
-            // Modes are control's; here every motion is held against the same limits.
+            // The driver executes no command, or was suspended. So it begins at the measured posture, which the
+            // robot's judge checks. The modes belong to control. Here the same limits apply to every motion.
             Some((checked, checker)) if *checked == writer && (state.command_incarnation == 0 || gap) => {
                 checker.hold(&self.config, &setpoint);
             }
             Some((checked, checker)) if *checked == writer => {
                 checker.step(&self.config, &mut self.report, &setpoint, Mode::Disengaged as u32);
             }
-            // A driver that starts begins where it stands.
+            // A driver that starts begins at the posture where the robot stands.
             checker => *checker = Some((writer, Checker::new(&self.config, setpoint))),
         }
         seen.states += 1;

@@ -1,4 +1,5 @@
-//! The processes of an instance, a client and an operator, each in a process of its own that can be struck.
+//! The processes of an instance, a client and an operator. Each runs in a process of its own that a fault can
+//! hit.
 
 use crate::error::ChaosError;
 use crate::injection::Target;
@@ -11,70 +12,70 @@ use std::process::{Child, Command, ExitCode, Stdio};
 use std::time::Duration;
 use teleopd::{Children, InstanceArgs, Operator, Output, PROCESSES};
 
-/// First argument with which this program is the client that publishes.
+/// First argument that makes this program the publishing client.
 const CLIENT: &str = "client";
-/// First argument with which this program is the operator that holds the enable.
+/// First argument that makes this program the operator that holds the enable.
 const OPERATOR: &str = "operator";
 
-/// Longest time for a mode that must come; only a hang comes near.
+/// Longest wait for a mode that must come. Only a hang takes nearly as long.
 const SOON: Duration = Duration::from_secs(20);
-/// Ticks of control before the enable: it must be seen released for `safety.enable_released_ms`.
+/// Ticks of control before the enable. The enable must have been up for `safety.enable_released_ms`.
 const TICKS_BEFORE_ENABLE: u64 = 600;
 /// Ticks in which an operator's thread has sent all its orders: five heartbeats.
 const TICKS_TO_SEND: u64 = 150;
 
-/// What an instance leaves.
+/// Remains of an instance.
 pub struct Ended {
-    /// Processes that had to be killed, or ended badly.
+    /// Processes that had to be killed, or that failed.
     pub trouble: Vec<String>,
-    /// What each process wrote of itself.
+    /// The report that each process wrote about itself.
     pub reports: Map<String, Value>,
 }
 
 impl Ended {
-    /// What the driver wrote of itself.
+    /// Returns the driver's own report.
     pub fn record(&self) -> Option<&Value> {
         self.reports.get(Target::Driver.name())
     }
 
-    /// What the judge says of the joints' true motion.
+    /// Returns the judge's report on the joints' true motion.
     pub fn robot(&self) -> Option<&Value> {
         self.reports.get("robot")
     }
 
-    /// Whether control had real-time scheduling, and no stale time was relaxed.
+    /// Returns true if control had real-time scheduling, and no stale time was relaxed.
     pub fn realtime(&self) -> bool {
         self.reports.get(Target::Control.name()).is_some_and(|control| control["realtime"] == true)
     }
 }
 
-/// A running instance with everybody around it.
+/// A running instance, with its client and operator.
 pub struct Rig {
     place: InstanceArgs,
     instance: Instance,
     children: Children,
     client: Child,
     clients_begun_anew: u64,
-    /// Holds the enable where the operator is the victim.
+    /// Holds the enable if the operator is the target.
     hand: Option<Child>,
     operator: Operator,
     _folder: tempfile::TempDir,
 }
 
 impl Rig {
-    /// Starts everything.
+    /// Starts all processes.
     ///
     /// # Errors
-    /// If a process does not start.
+    /// Returns an error if a process does not start.
     pub fn start(config: &Path) -> Result<Self, ChaosError> {
-        // Short: the path of the operator's socket has a limit of 107 bytes.
+        // The prefix is short because the path of the operator's socket is limited to 107 bytes.
         let folder = tempfile::Builder::new().prefix("chaos-").tempdir();
         let folder = folder.map_err(|error| ChaosError::write(&std::env::temp_dir(), error))?;
         let instance = Instance::new(folder.path()).map_err(|error| ChaosError::write(folder.path(), error))?;
         let place = InstanceArgs {
             config: config.to_path_buf(),
             run_dir: folder.path().to_path_buf(),
-            // The driver is simulated; a kernel without PREEMPT_RT serves as well.
+            // The driver is simulated, so a kernel without PREEMPT_RT is enough.
             engage_without_realtime: true,
             interface: None,
         };
@@ -84,25 +85,25 @@ impl Rig {
         Ok(Self { place, instance, children, client, clients_begun_anew: 0, hand: None, operator, _folder: folder })
     }
 
-    /// Where the instance lives.
+    /// Returns the instance.
     pub fn instance(&self) -> &Instance {
         &self.instance
     }
 
-    /// What the processes were started with.
+    /// Returns the arguments that the processes were started with.
     pub fn place(&self) -> &InstanceArgs {
         &self.place
     }
 
-    /// The operator who watches.
+    /// Returns the operator who watches.
     pub fn operator(&mut self) -> &mut Operator {
         &mut self.operator
     }
 
-    /// Brings the instance to where it can be engaged: nothing latched, nothing in the way.
+    /// Brings the instance to a state in which it can be engaged: nothing is latched and nothing blocks it.
     ///
     /// # Errors
-    /// If it does not come there.
+    /// Returns an error if it does not reach that state.
     pub fn clear(&mut self) -> Result<(), ChaosError> {
         if self.operator.is_cut_off() {
             self.operator = Operator::connect(&self.instance.operator_socket())?;
@@ -111,11 +112,11 @@ impl Rig {
         self.operator.release();
         let moving =
             |status: &Status| !matches!(Mode::from_u32(status.mode), Some(Mode::Disengaged | Mode::Faulted) | None);
-        // Not before every order was sent: a release that comes late would meet the next enable.
+        // Wait until every order was sent, because a late release would hit the next enable.
         if !self.operator.wait(SOON, |status| !moving(status) && status.ticks > then + TICKS_TO_SEND) {
             return Err(self.stuck("does not end its motion"));
         }
-        // A reset counts at rest and with the cause gone: asked for until it is taken.
+        // A reset takes effect at rest, after the cause is gone. So it is repeated until it is accepted.
         for _ in 0..SOON.as_millis() / 100 {
             self.mind_client()?;
             if self.operator.mode() == Some(Mode::Faulted) {
@@ -134,12 +135,12 @@ impl Rig {
         Err(self.stuck("cannot be engaged"))
     }
 
-    /// How often a client gave up by itself and was started again.
+    /// Returns the number of times that a client gave up by itself and was restarted.
     pub fn clients_begun_anew(&self) -> u64 {
         self.clients_begun_anew
     }
 
-    /// Starts the client again if it has given up, as whoever runs one would.
+    /// Restarts the client if it has given up, as a user would.
     fn mind_client(&mut self) -> Result<(), ChaosError> {
         let ended = self.client.try_wait().map_err(|error| ChaosError::os(CLIENT, error))?;
         if ended.is_some() {
@@ -149,10 +150,11 @@ impl Rig {
         Ok(())
     }
 
-    /// Holds the enable, by a program of its own if that is what will be struck, and waits for `mode`.
+    /// Holds the enable, and waits for `mode`. If the operator is the target, a separate program holds the
+    /// enable.
     ///
     /// # Errors
-    /// If the mode does not come.
+    /// Returns an error if the mode does not come.
     pub fn engage(&mut self, victim: Target, mode: Mode) -> Result<(), ChaosError> {
         if victim == Target::Operator {
             self.hand = Some(role(OPERATOR, &self.instance)?);
@@ -170,15 +172,15 @@ impl Rig {
         Err(self.stuck(&format!("never was {}", mode.name())))
     }
 
-    /// The process number of one of teleopd's processes, if it runs.
+    /// Returns the process id of one of teleopd's processes, if it runs.
     pub fn process(&self, name: &str) -> Option<u32> {
         self.children.id(name)
     }
 
-    /// The process number of `victim`.
+    /// Returns the process id of `victim`.
     ///
     /// # Errors
-    /// If it does not run.
+    /// Returns an error if it does not run.
     pub fn id(&self, victim: Target) -> Result<u32, ChaosError> {
         let id = match victim {
             Target::Client => Some(self.client.id()),
@@ -188,7 +190,7 @@ impl Rig {
         id.ok_or_else(|| ChaosError::Stuck(format!("{} does not run", victim.name())))
     }
 
-    /// kill -9.
+    /// Kills `victim` with SIGKILL.
     pub fn kill(&mut self, victim: Target) {
         match victim {
             Target::Client => end(&mut self.client),
@@ -197,10 +199,10 @@ impl Rig {
         }
     }
 
-    /// Starts again what was killed; who held the enable does not come back by itself.
+    /// Restarts the killed process. An operator that held the enable does not come back by itself.
     ///
     /// # Errors
-    /// If it does not start.
+    /// Returns an error if it does not start.
     pub fn revive(&mut self, victim: Target) -> Result<(), ChaosError> {
         match victim {
             Target::Client => self.client = role(CLIENT, &self.instance)?,
@@ -210,7 +212,7 @@ impl Rig {
         Ok(())
     }
 
-    /// Nobody holds the enable any more.
+    /// Releases the enable everywhere.
     pub fn release(&mut self) {
         self.let_go();
         self.operator.release();
@@ -222,7 +224,7 @@ impl Rig {
         }
     }
 
-    /// Ends everything in order.
+    /// Ends all processes in order.
     pub fn end(mut self) -> Ended {
         self.release();
         end(&mut self.client);
@@ -253,7 +255,7 @@ fn end(child: &mut Child) {
     let _ = child.wait();
 }
 
-/// This program again, as client or operator.
+/// Starts this program again as client or operator.
 fn role(name: &str, instance: &Instance) -> Result<Child, ChaosError> {
     let program = std::env::current_exe().map_err(|error| ChaosError::os("/proc/self/exe", error))?;
     let mut command = Command::new(program);
@@ -261,7 +263,8 @@ fn role(name: &str, instance: &Instance) -> Result<Child, ChaosError> {
     command.spawn().map_err(|error| ChaosError::os(name, error))
 }
 
-/// Becomes the client or the operator if that is what `arguments` (without the program's name) ask for; how it ended.
+/// Runs as client or operator if `arguments` (without the program's name) require it. Returns the exit code
+/// then.
 pub fn role_main(arguments: impl Iterator<Item = String>) -> Option<ExitCode> {
     let arguments: Vec<_> = arguments.take(2).collect();
     let [role, folder] = arguments.as_slice() else { return None };
@@ -279,7 +282,7 @@ pub fn role_main(arguments: impl Iterator<Item = String>) -> Option<ExitCode> {
     ))
 }
 
-/// The client: publishes the built-in motion in a loop until it is killed.
+/// Runs the client: publishes the built-in motion in a loop until it is killed.
 fn client_main(run_dir: &Path) -> Result<(), ChaosError> {
     rt::die_with_parent();
     let instance = Instance::unmade(run_dir);
@@ -293,11 +296,11 @@ fn client_main(run_dir: &Path) -> Result<(), ChaosError> {
     }
 }
 
-/// The operator: holds the enable until it is killed.
+/// Runs the operator: holds the enable until it is killed.
 fn operator_main(run_dir: &Path) -> Result<(), ChaosError> {
     rt::die_with_parent();
     let mut operator = Operator::connect(&Instance::unmade(run_dir).operator_socket())?;
-    // A handle that is held when it is first seen is no wish to move: released first.
+    // An enable that is held when control first sees it does not count. So wait until it was seen released.
     operator.wait(SOON, |_| true);
     operator.enable();
     loop {

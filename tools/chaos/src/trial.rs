@@ -1,4 +1,4 @@
-//! One blow and what came of it.
+//! One fault and its outcome.
 
 use crate::error::ChaosError;
 use crate::injection::{Injection, Kind, Target};
@@ -8,33 +8,34 @@ use messages::{Mode, TICK_HZ, state_flag, tick_at};
 use pipeline::{SafetySettings, Settings};
 use std::time::{Duration, Instant};
 
-/// Longest wait for a rest that must come; only a robot that does not stop comes near.
+/// Longest wait for a rest that must come. Only a robot that does not stop takes nearly as long.
 const REST_WITHIN: Duration = Duration::from_secs(5);
-/// How often engaging is tried again: a busy machine starves heartbeats, and then authority is withdrawn, as it must be.
+/// Number of attempts to engage. A busy machine starves heartbeats, and then control rightly revokes the
+/// enable.
 const TRIES_MAX: u32 = 5;
-/// Time between two looks at the witness.
+/// Time between two looks at the monitor.
 const LOOK: Duration = Duration::from_millis(1);
-/// How long a revived process and a resumed one are watched: longer than any stale time of a real-time stream.
+/// Time for which a restarted or resumed process is watched: longer than any stale time of a real-time stream.
 const WATCHED: Duration = Duration::from_millis(250);
 
-/// What came of a blow.
+/// Outcome of a fault.
 #[derive(Clone, Copy, Debug)]
 pub struct Outcome {
-    /// The blow.
+    /// The fault.
     pub blow: Injection,
-    /// Whether the robot moved in the tick of the blow.
+    /// True if the robot moved in the tick of the fault.
     pub moving: bool,
-    /// Ticks from the blow to rest, by the driver's own count; nothing where it was the driver that died, or where nothing
-    /// had to stop.
+    /// Ticks from the fault to rest, by the driver's own count. None if the driver died, or if nothing had to
+    /// stop.
     pub rest_after_ticks: Option<u64>,
-    /// Whether the robot came to rest at all where it must.
+    /// True if the robot came to rest, or did not have to.
     pub rested: bool,
 }
 
-/// Brings the instance to `mode`, from whatever was before.
+/// Brings the instance to `mode`, from any earlier state.
 ///
 /// # Errors
-/// If it does not come there, tried again and again.
+/// Returns an error if several attempts do not reach the mode.
 pub fn engage(rig: &mut Rig, witness: &Monitor, victim: Target, mode: Mode) -> Result<(), ChaosError> {
     let mut tries = 0;
     loop {
@@ -48,10 +49,10 @@ pub fn engage(rig: &mut Rig, witness: &Monitor, victim: Target, mode: Mode) -> R
     }
 }
 
-/// Engages, strikes, and watches.
+/// Engages, injects the fault, and watches.
 ///
 /// # Errors
-/// If the instance does not come to where it can be struck, or does not come back.
+/// Returns an error if the instance does not reach the state for the fault, or does not come back.
 pub fn run(rig: &mut Rig, witness: &Monitor, settings: &Settings, blow: Injection) -> Result<Outcome, ChaosError> {
     engage(rig, witness, blow.victim, if blow.engaged { Mode::Engaged } else { Mode::Engaging })?;
     std::thread::sleep(blow.phase);
@@ -75,17 +76,17 @@ fn kill(
     let struck = tick_at(rt::now());
     rig.kill(victim);
     if victim == Target::Driver {
-        // The robot stops by itself, and control notices.
+        // The robot stops by itself, and control detects the fault.
         outcome.rested =
             rig.operator().wait(REST_WITHIN, |status| status.mode == Mode::Faulted as u32) && robot_stands(witness);
     } else {
         wait_rest(rig, witness, outcome, struck);
     }
-    // Rest is rest: neither the return of the process nor the enable that is still held may end it.
+    // The robot must stay at rest when the process returns, even though the enable is still held.
     witness.must_rest(outcome.rested);
     std::thread::sleep(held_on);
     if victim == Target::Client {
-        // A session that begins while another still holds authority is refused for good.
+        // `ingest` refuses for good a session that begins while another one still holds the lease.
         std::thread::sleep(Duration::from_secs_f64(settings.ingest.authority_timeout_ms * 1e-3));
     }
     rig.revive(victim)?;
@@ -105,7 +106,8 @@ fn suspend(
     let id = rig.id(victim)?;
     let struck = tick_at(rt::now());
     rt::suspend(id);
-    // A suspended driver executes nothing; any other is a silence like that of a death, if it lasts.
+    // A suspended driver executes nothing. For any other target, a long suspension is a silence like that of a
+    // death.
     let must_rest = victim != Target::Driver && length.as_secs_f64() * TICK_HZ as f64 > bound_ticks as f64;
     let resume_at = Instant::now() + length;
     if must_rest {
@@ -117,7 +119,7 @@ fn suspend(
     Ok(())
 }
 
-/// Waits until the robot is measured standing.
+/// Waits until the measured robot is at rest.
 fn robot_stands(witness: &Monitor) -> bool {
     let give_up = Instant::now() + REST_WITHIN;
     while Instant::now() < give_up {
@@ -129,8 +131,9 @@ fn robot_stands(witness: &Monitor) -> bool {
     false
 }
 
-/// Waits until the driver says rest at a tick in which the blow was noticed: a person who stands still lets a robot rest
-/// that is still engaged, and what control commanded before it noticed is still to be executed.
+/// Waits until the driver reports rest at a tick after the fault was detected. Earlier rest does not count. A
+/// person who stands still lets an engaged robot rest, and commands from before the detection are still to be
+/// executed.
 fn wait_rest(rig: &mut Rig, witness: &Monitor, outcome: &mut Outcome, struck: u64) {
     let give_up = Instant::now() + REST_WITHIN;
     let mut noticed = None;

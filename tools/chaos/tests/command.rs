@@ -1,4 +1,4 @@
-//! The command, over real processes and real shared memory; the longer count is the command's own default.
+//! Runs the command over real processes and real shared memory. The command's own default has more trials.
 
 use serde_json::Value;
 use std::process::{Command, Output};
@@ -8,7 +8,8 @@ fn chaos(arguments: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_chaos")).args(arguments).args(["--config", config]).output().expect("chaos runs")
 }
 
-/// Half of the blows; the other half falls on another instance at the same time, because most of it is waiting.
+/// Runs half of the faults. The other half runs on another instance at the same time, because most of the time
+/// is waiting.
 fn half(seed: u64) -> (Value, String) {
     let folder = tempfile::tempdir().expect("a folder");
     let (file, seed) = (folder.path().join("chaos.json"), seed.to_string());
@@ -41,8 +42,9 @@ fn half(seed: u64) -> (Value, String) {
     (figures, told)
 }
 
-/// Every process, a client and an operator are killed four times each and suspended some more, at random moments of a
-/// moving robot: it comes to rest by certified motion alone, and stays there until it is engaged anew.
+/// Kills every process, a client and an operator four times each, and suspends some more, at random moments
+/// while the robot moves. It comes to rest by certified motion alone, and stays there until it is engaged
+/// again.
 #[test]
 fn f036_f058_f067_f069_f070_f073_f074_whoever_dies_or_hangs_the_robot_rests_and_stays() {
     let other = std::thread::spawn(|| half(4));
@@ -51,7 +53,7 @@ fn f036_f058_f067_f069_f070_f073_f074_whoever_dies_or_hangs_the_robot_rests_and_
     for victim in ["ingest", "retarget", "control", "sim", "client", "operator"] {
         let sum = |what: &str| halves.iter().filter_map(|half| half.0["victims"][victim][what].as_u64()).sum::<u64>();
         assert_eq!(sum("kills"), 4, "{victim}: {}", told());
-        // Most blows must have met a moving robot, or they show nothing.
+        // Most faults must hit a moving robot, or they show nothing.
         assert!(sum("moving") >= 3, "{victim}: {}", told());
         assert!(victim == "sim" || sum("rests") >= 4, "{victim}: {}", told());
     }

@@ -1,4 +1,5 @@
-//! Containment of meshes and primitives in capsules, and the reasons of all pairs that are not checked.
+//! Checks that capsules contain meshes and primitives, and checks the reasons of all pairs that are not checked
+//! at run time.
 
 use crate::fit::Shape;
 use crate::mesh::Points;
@@ -8,15 +9,16 @@ use nalgebra::Vector3;
 use rand::{RngExt, SeedableRng};
 use robot::{AllowedReason, Frames, Model};
 
-/// Edges are halved down to this length before a surface counts as not contained, m.
+/// Edge length down to which a surface is halved before it counts as not contained, m.
 const EDGE_MIN_M: f64 = 5e-4;
-/// A vertex may stick out by rounding of the file's decimals, m.
+/// Distance that a vertex may stick out because of rounding of the file's decimals, m.
 const ROUNDING_M: f64 = 1e-9;
 
-/// How far the worst point of the matter sticks out of all capsules, m; negative or zero: all is contained.
+/// Returns how far the worst point of the matter sticks out of all capsules, m. Zero or negative means that all
+/// is contained.
 ///
-/// Not only vertices: a polygon is contained when its corners lie in one capsule (capsules are convex); else it is
-/// halved until that is so, or until it is too small.
+/// The test covers more than vertices. A polygon is contained if its corners lie in one capsule, because
+/// capsules are convex. Otherwise it is halved until that is true, or until it is too small.
 pub fn sticks_out_m(matter: &Matter, capsules: &[Shape]) -> f64 {
     let mut worst = f64::NEG_INFINITY;
     for piece in &matter.pieces {
@@ -54,7 +56,7 @@ pub fn sticks_out_m(matter: &Matter, capsules: &[Shape]) -> f64 {
     worst
 }
 
-/// The capsules of a model that lie on the body of `link`, in the frame of that link.
+/// Returns the capsules of a model that lie on the body of `link`, in the frame of that link.
 pub fn capsules_in_frame(model: &Model, link: &str, names: impl Fn(&str) -> bool) -> Vec<Shape> {
     let Some((body, body_from_link)) = model.link_body(link) else {
         return Vec::new();
@@ -69,8 +71,9 @@ pub fn capsules_in_frame(model: &Model, link: &str, names: impl Fn(&str) -> bool
     .collect()
 }
 
-/// How far each fitted capsule lies from the model's of the same name, m: the larger of the distances of its ends and of
-/// the difference of the radii; infinite where the model has none, or on another body.
+/// Returns the distance of each fitted capsule from the model's capsule of the same name, m. It is the larger
+/// of the distances of its ends and of the difference of the radii. It is infinite if the model has no such
+/// capsule, or has it on another body.
 pub fn deviations_m(model: &Model, fitted: &[Named]) -> Vec<(String, f64)> {
     let of = |named: &Named| {
         let same = |capsule: &&robot::Capsule| capsule.name == named.name;
@@ -88,19 +91,19 @@ pub fn deviations_m(model: &Model, fitted: &[Named]) -> Vec<(String, f64)> {
     fitted.iter().map(|named| (named.name.clone(), of(named))).collect()
 }
 
-/// One allowed pair, with what holds it up.
+/// One allowed pair, with its proof.
 #[derive(Clone, Debug)]
 pub struct Reason {
     /// Names of the capsules.
     pub names: (String, String),
-    /// What the robot file says.
+    /// Reason in the robot file.
     pub reason: AllowedReason,
-    /// The bound that was proved, m, and whether convex hulls were needed; absent where nothing is or can be proved.
+    /// The proved bound, m, and true if the proof needed convex hulls. Absent if nothing is or can be proved.
     pub proof: Option<(f64, bool)>,
 }
 
 impl Reason {
-    /// Whether the reason holds.
+    /// Returns true if the reason holds.
     pub fn holds(&self) -> bool {
         match self.reason {
             AllowedReason::SameBody | AllowedReason::Adjacent => true,
@@ -109,7 +112,7 @@ impl Reason {
     }
 }
 
-/// Proves every pair again that the robot file calls clear.
+/// Proves again every pair that the robot file calls clear.
 pub fn reasons(model: &Model, judge: &mut Judge<'_>, names: &[String]) -> Vec<Reason> {
     let index = |name: &String| names.iter().position(|known| known == name);
     let reason = |pair: &robot::AllowedPair| {
@@ -123,7 +126,7 @@ pub fn reasons(model: &Model, judge: &mut Judge<'_>, names: &[String]) -> Vec<Re
     model.allowed.iter().map(reason).collect()
 }
 
-/// The share of configurations uniform in the URDF's limits in which a checked pair overlaps.
+/// Returns the share of configurations, uniform in the URDF's limits, in which a checked pair overlaps.
 pub fn collision_share(model: &Model, samples: usize) -> f64 {
     let mut rng = rand_pcg::Pcg64::seed_from_u64(2);
     let mut frames = Frames::default();

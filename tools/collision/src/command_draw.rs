@@ -1,4 +1,4 @@
-//! `collision draw`.
+//! The command `collision draw`.
 
 use crate::{parse_all, robot_texts};
 use clap::ValueEnum;
@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 enum Pose {
     /// The robot file's home.
     Home,
-    /// Both arms straight out to the sides: the robot file's reference, the rest at home.
+    /// Both arms straight out to the sides: the robot file's reference, with the other joints at home.
     Reference,
 }
 
@@ -22,13 +22,13 @@ enum Pose {
 pub(crate) struct Draw {
     /// Robot file.
     robot: PathBuf,
-    /// URDF with meshes or primitives [default: the robot file's own].
+    /// URDF with meshes or primitives [default: the URDF of the robot file].
     #[arg(long)]
     urdf: Vec<PathBuf>,
     /// Folder of the meshes.
     #[arg(long)]
     meshes: Option<PathBuf>,
-    /// The picture, .png or .svg.
+    /// The picture to write, .png or .svg.
     #[arg(long)]
     out: PathBuf,
     /// The posture.
@@ -36,7 +36,7 @@ pub(crate) struct Draw {
     pose: Pose,
 }
 
-/// Draws; always true.
+/// Draws the robot. Always returns true.
 pub(crate) fn draw(options: &Draw) -> Result<bool, CollisionError> {
     let (toml, urdf) = robot_texts(&options.robot)?;
     let model = Model::from_text(&toml.0, &toml.1, &urdf.0, &urdf.1)?;
@@ -44,7 +44,7 @@ pub(crate) fn draw(options: &Draw) -> Result<bool, CollisionError> {
     let shapes = parse_all(if options.urdf.is_empty() { std::slice::from_ref(&own) } else { &options.urdf })?;
     let scene = Scene::new(&shapes, options.meshes.as_deref(), &[]);
     let mut clouds = Vec::new();
-    // A link that the model does not have (a finger, a wheel) is not drawn.
+    // Links that the model does not have (a finger, a wheel) are not drawn.
     for link in shapes.links.iter().filter(|link| model.link_body(&link.name).is_some()) {
         let points = scene.points(&link.name)?;
         clouds.push(Cloud { link: link.name.clone(), points });

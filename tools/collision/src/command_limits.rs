@@ -1,4 +1,4 @@
-//! `collision limits`.
+//! The command `collision limits`.
 
 use crate::robot_texts;
 use collision::dynamics::{Dynamics, Payload};
@@ -17,16 +17,16 @@ pub(crate) struct Limits {
     /// Point mass in each hand, kg.
     #[arg(long, default_value_t = 0.0)]
     payload_kg: f64,
-    /// Links at whose origins the payload sits [default: all whose names end in `_grasping_frame`].
+    /// Links whose origins carry the payload [default: all whose names end in `_grasping_frame`].
     #[arg(long)]
     payload_at: Vec<String>,
-    /// Random states.
+    /// Number of random states.
     #[arg(long, default_value_t = 1_000_000, value_parser = clap::value_parser!(u64).range(1..=1_000_000_000))]
     states: u64,
     /// Seed of the random states.
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// Share of the URDF's effort limit that may be used.
+    /// Allowed share of the URDF's effort limit.
     #[arg(long, default_value_t = 0.85)]
     share: f64,
 }
@@ -48,8 +48,9 @@ impl Limits {
     }
 }
 
-/// Prints what motions at the limits in force may ask of the motors, and what postures do. False where a posture, sampled or
-/// climbed to, needs more than the share to be held: of motions whole-body control proves that they do not.
+/// Prints the torques that motions at the limits in force may require, and those that postures require. Returns
+/// false if holding a posture, sampled or climbed to, needs more than the share. For motions, whole-body
+/// control proves that they do not.
 pub(crate) fn limits(options: &Limits) -> Result<bool, CollisionError> {
     options.check()?;
     let (toml, urdf) = robot_texts(&options.robot)?;
@@ -66,7 +67,7 @@ pub(crate) fn limits(options: &Limits) -> Result<bool, CollisionError> {
     Ok((0..JOINTS).all(|j| holds(&survey, j, &found[j], climbed[j].as_ref())))
 }
 
-/// What sampling and climbing find, printed.
+/// Prints and returns the results of sampling and climbing.
 fn surveyed(survey: &Survey<'_>, motion: &Motion) -> (Vec<Found>, Vec<Option<State>>) {
     let found = survey.pass(motion);
     let climbed = survey.climb_all(&found, motion);
@@ -75,7 +76,7 @@ fn surveyed(survey: &Survey<'_>, motion: &Motion) -> (Vec<Found>, Vec<Option<Sta
     (found, climbed)
 }
 
-/// Whether every posture keeps the share of joint `j`; says so if one does not.
+/// Returns true if every posture keeps the share of joint `j`. Prints a message otherwise.
 fn holds(survey: &Survey<'_>, j: usize, found: &Found, climbed: Option<&State>) -> bool {
     let (name, share, states) = (&survey.model.joint_names[j], survey.sampling.share, survey.sampling.states as f64);
     let top = climbed.map_or(0.0, |state| state.bias / survey.effort(j));

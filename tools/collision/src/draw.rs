@@ -1,4 +1,4 @@
-//! Front and side view of a robot: capsules over the corners of what they contain.
+//! Draws front and side view of a robot: capsules over the corners of their contents.
 
 use crate::error::CollisionError;
 use crate::fit::Shape;
@@ -10,11 +10,11 @@ use std::path::Path;
 
 /// Size of the picture, pixels.
 const SIZE: (u32, u32) = (1_600, 900);
-/// What is left free around the robot, m.
+/// Free margin around the robot, m.
 const FREE_M: f64 = 0.1;
-/// Corners of a half circle.
+/// Number of corners of a half circle.
 const CORNERS: usize = 16;
-/// More points than this are thinned out.
+/// Largest number of points. More points are thinned out.
 const POINTS_MAX: usize = 40_000;
 
 /// Points of a link, in the frame of the link.
@@ -25,7 +25,7 @@ pub struct Cloud {
     pub points: Points,
 }
 
-/// The outline of a capsule, seen along an axis: a stadium, or a circle where it is seen from its end.
+/// Returns the outline of a capsule, seen along an axis: a stadium, or a circle if it is seen from its end.
 fn outline(ends: [(f64, f64); 2], radius: f64) -> Vec<(f64, f64)> {
     let [(ax, ay), (bx, by)] = ends;
     let heading = if ax == bx && ay == by { 0.0 } else { (by - ay).atan2(bx - ax) };
@@ -39,13 +39,13 @@ fn outline(ends: [(f64, f64); 2], radius: f64) -> Vec<(f64, f64)> {
     half((bx, by), heading - quarter).chain(half((ax, ay), heading + quarter)).collect()
 }
 
-/// The two views: from the front (y to the left of the robot, which is the right of the picture's viewer, and z) and from
-/// its right side (x and z).
+/// The two views: from the front (y and z, with the robot's left on the viewer's right), and from its right
+/// side (x and z).
 type View = fn(&Vector3<f64>) -> (f64, f64);
 
 const VIEWS: [View; 2] = [|p| (p.y, p.z), |p| (p.x, p.z)];
 
-/// Draws the robot in the posture `q` into a file, by its ending a PNG or an SVG.
+/// Draws the robot in the posture `q` into a file. The file's extension decides between PNG and SVG.
 pub fn draw(model: &Model, q: &[f64; 17], clouds: &[Cloud], out: &Path) -> Result<(), CollisionError> {
     let mut frames = Frames::default();
     model.forward(q, &mut frames);
@@ -85,7 +85,7 @@ fn views<B: DrawingBackend>(
         for (x, y) in all {
             (low, high) = ((low.0.min(*x), low.1.min(*y)), (high.0.max(*x), high.1.max(*y)));
         }
-        // One scale for both directions, and the robot in the middle.
+        // Both directions have the same scale, and the robot is in the middle.
         let (w, h) = panel.dim_in_pixel();
         let scale =
             ((high.0 - low.0 + 2.0 * FREE_M) / f64::from(w)).max((high.1 - low.1 + 2.0 * FREE_M) / f64::from(h));

@@ -1,8 +1,8 @@
 //! Inverse dynamics of the 17 joints by the recursive Newton-Euler algorithm, with the inertials of a URDF.
 //!
-//! Spatial vectors (Featherstone 2008, chapter 5) in the fixed base frame about its origin, so nothing is transformed on
-//! the way along the tree. With S_i the motion vector of joint i, v_i and a_i spatial velocity and acceleration of body
-//! i, and I_i its spatial inertia:
+//! It uses spatial vectors (Featherstone 2008, chapter 5) in the fixed base frame about its origin. So nothing
+//! is transformed along the tree. Let S_i be the motion vector of joint i, v_i and a_i spatial velocity and
+//! acceleration of body i, and I_i its spatial inertia:
 //!
 //! v_i = v_parent + S_i qd_i, a_i = a_parent + S_i qdd_i + v_i x S_i qd_i, a_base = (0, -g),
 //! f_i = I_i a_i + v_i x* I_i v_i + sum of f of the bodies that hang on i, tau_i = S_i . f_i.
@@ -14,15 +14,15 @@ use robot::{Frames, Model, Pose};
 
 /// Standard gravity, m/s^2 (3rd General Conference on Weights and Measures, 1901).
 pub const GRAVITY_M_PER_S2: f64 = 9.806_65;
-/// No link of a robot that carries people's arms' motions is heavier, kg.
+/// Upper bound on the mass of a link, kg. No link of a suitable robot is heavier.
 const MASS_MAX_KG: f64 = 500.0;
 
-/// One number for each joint: rad or m, or N m or N, in the fixed joint order.
+/// One value for each joint: rad or m, or N m or N, in the fixed joint order.
 pub type PerJoint = [f64; JOINTS];
-/// The joint space's mass matrix, kg m^2, kg m or kg.
+/// Mass matrix of the joint space, kg m^2, kg m or kg.
 pub type MassMatrix = [[f64; JOINTS]; JOINTS];
 
-/// What moves with one joint.
+/// Mass that moves with one joint.
 #[derive(Clone, Copy, Debug, Default)]
 struct Lump {
     mass_kg: f64,
@@ -33,7 +33,7 @@ struct Lump {
 }
 
 impl Lump {
-    /// Both as one rigid body: centres by mass, inertias by the parallel axis theorem.
+    /// Joins both into one rigid body: centres by mass, inertias by the parallel axis theorem.
     fn join(&self, other: &Self) -> Self {
         let mass_kg = self.mass_kg + other.mass_kg;
         if mass_kg <= 0.0 {
@@ -45,7 +45,7 @@ impl Lump {
     }
 }
 
-/// m (r.r 1 - r r'): inertia of a point mass about the origin, kg m^2.
+/// Returns m (r.r 1 - r r'): the inertia of a point mass about the origin, kg m^2.
 fn point_inertia(mass_kg: f64, r: &Vector3<f64>) -> Matrix3<f64> {
     (Matrix3::identity() * r.norm_squared() - r * r.transpose()) * mass_kg
 }
@@ -66,13 +66,13 @@ impl Spatial {
         self.angular.dot(&other.angular) + self.linear.dot(&other.linear)
     }
 
-    /// Rate of a motion vector that is carried along by this one.
+    /// Returns the rate of a motion vector that moves along with this motion.
     fn cross_motion(&self, m: &Self) -> Self {
         let linear = self.angular.cross(&m.linear) + self.linear.cross(&m.angular);
         Self { angular: self.angular.cross(&m.angular), linear }
     }
 
-    /// Rate of a force vector that is carried along by this motion.
+    /// Returns the rate of a force vector that moves along with this motion.
     fn cross_force(&self, f: &Self) -> Self {
         let angular = self.angular.cross(&f.angular) + self.linear.cross(&f.linear);
         Self { angular, linear: self.angular.cross(&f.linear) }
@@ -114,14 +114,15 @@ pub struct Dynamics<'a> {
 /// A point mass on a link.
 #[derive(Clone, Debug)]
 pub struct Payload {
-    /// The link at whose origin it sits.
+    /// The link whose origin carries the mass.
     pub link: String,
     /// Its mass, kg.
     pub mass_kg: f64,
 }
 
 impl<'a> Dynamics<'a> {
-    /// Lumps the inertials of all links of `urdf` onto the model's bodies; joints that nothing commands are at zero.
+    /// Lumps the inertials of all links of `urdf` onto the model's bodies. Joints that are never commanded are
+    /// at zero.
     pub fn new(model: &'a Model, urdf: &urdf_rs::Robot, payloads: &[Payload]) -> Result<Self, CollisionError> {
         let wrong = |cause: String| CollisionError::content(&urdf.name, cause);
         let mut lumps = [Lump::default(); JOINTS + 1];
@@ -153,12 +154,12 @@ impl<'a> Dynamics<'a> {
         Ok(Self { model, lumps, joints })
     }
 
-    /// Mass of what moves with joint `j` alone, kg.
+    /// Mass that moves with joint `j` alone, kg.
     pub fn mass_kg(&self, j: usize) -> f64 {
         self.lumps[j + 1].mass_kg
     }
 
-    /// A posture in which torques can be asked for.
+    /// Returns a posture for which torques can be computed.
     pub fn at(&self, q: &PerJoint) -> Posture<'_> {
         let mut frames = Frames::default();
         self.model.forward(q, &mut frames);
@@ -185,11 +186,12 @@ pub struct Posture<'a> {
 }
 
 impl Posture<'_> {
-    /// Torques (N m) and forces (N) for the joint velocities `v` and accelerations `a`; gravity in m/s^2, down.
+    /// Returns the torques (N m) and forces (N) for the joint velocities `v` and accelerations `a`. Gravity is
+    /// in m/s^2, down.
     pub fn torques(&self, v: &PerJoint, a: &PerJoint, gravity: f64) -> PerJoint {
         let mut velocity = [Spatial::default(); JOINTS + 1];
         let mut acceleration = [Spatial::default(); JOINTS + 1];
-        // A base that accelerates upwards is a base at rest under gravity.
+        // A base that accelerates upwards is equivalent to a base at rest under gravity.
         acceleration[0].linear.z = gravity;
         let mut force = [Spatial::default(); JOINTS + 1];
         for j in 0..JOINTS {
@@ -210,7 +212,8 @@ impl Posture<'_> {
         torques
     }
 
-    /// The mass matrix by composite bodies: M_jk = S_k . (inertia of all that j carries) S_j for k at or above j.
+    /// Returns the mass matrix by composite bodies: M_jk = S_k . (inertia of all that j carries) S_j for k at
+    /// or above j.
     pub fn mass_matrix(&self) -> MassMatrix {
         let mut composite = self.inertias;
         let mut matrix = [[0.0; JOINTS]; JOINTS];
@@ -231,12 +234,12 @@ impl Posture<'_> {
         matrix
     }
 
-    /// Potential energy, J: gravity times mass times height of all moving bodies.
+    /// Returns the potential energy, J: gravity times mass times height of all moving bodies.
     pub fn potential_j(&self, gravity: f64) -> f64 {
         self.inertias[1..].iter().map(|inertia| inertia.first.z * gravity).sum()
     }
 
-    /// Kinetic energy at the joint velocities `v`, J: the sum over bodies of v . I v / 2.
+    /// Returns the kinetic energy at the joint velocities `v`, J: the sum over bodies of v . I v / 2.
     pub fn kinetic_j(&self, v: &PerJoint) -> f64 {
         let mut velocity = [Spatial::default(); JOINTS + 1];
         let mut energy = 0.0;

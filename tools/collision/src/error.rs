@@ -1,6 +1,6 @@
-//! What can go wrong with the input.
+//! Errors of the input.
 
-/// Why nothing was fitted or checked.
+/// An error that prevents fitting or checking.
 #[derive(Debug, thiserror::Error)]
 pub enum CollisionError {
     /// A file could not be read or written.
@@ -8,24 +8,24 @@ pub enum CollisionError {
     File {
         /// Its path.
         file: String,
-        /// The system's words.
+        /// The system's error text.
         cause: std::io::Error,
     },
-    /// A file's content makes no sense.
+    /// A file's content is invalid.
     #[error("{file}: {cause}")]
     Content {
         /// Its path.
         file: String,
-        /// What is wrong, with key, value and bound.
+        /// The problem, with key, value and bound.
         cause: String,
     },
-    /// The robot's files were refused.
+    /// The robot's files are invalid.
     #[error(transparent)]
     Robot(#[from] robot::RobotError),
 }
 
 impl CollisionError {
-    /// A complaint about a file's content.
+    /// Creates the error of a file's content.
     pub fn content(file: impl Into<String>, cause: impl Into<String>) -> Self {
         Self::Content { file: file.into(), cause: cause.into() }
     }

@@ -15,25 +15,26 @@ pub struct Shape {
 }
 
 impl Shape {
-    /// pi r^2 l + 4/3 pi r^3, m^3.
+    /// Returns the volume, pi r^2 l + 4/3 pi r^3, m^3.
     pub fn volume_m3(&self) -> f64 {
         let r = self.radius_m;
         std::f64::consts::PI * r * r * ((self.b - self.a).norm() + 4.0 / 3.0 * r)
     }
 
-    /// How far a point lies outside, m; negative inside.
+    /// Returns how far a point lies outside, m. It is negative inside.
     pub fn outside_m(&self, point: &Vector3<f64>) -> f64 {
         segment_distance(&self.a, &self.b, point, point).distance_m - self.radius_m
     }
 }
 
-/// Points that decide about a capsule: the extreme ones in this many directions.
+/// Number of directions. The extreme points in these directions determine the capsule.
 const DIRECTIONS: usize = 192;
-/// Iterations of one simplex search; it stalls well before.
+/// Iterations of one simplex search. It stalls well before.
 const ITERATIONS: usize = 400;
 
-/// A capsule that contains all points, with locally smallest volume times radius^slimness; the best of several starts.
-/// `None` without points. Slimness 0 is the smallest volume; 2 is a capsule that is longer, where length does no harm.
+/// Returns a capsule that contains all points, with locally smallest volume times radius^slimness. It is the
+/// best of several starts. `None` without points. Slimness 0 gives the smallest volume. Slimness 2 gives a
+/// longer capsule, for places where length does no harm.
 pub fn smallest_capsule(points: &[Vector3<f64>], slimness: f64) -> Option<Shape> {
     if points.is_empty() {
         return None;
@@ -44,7 +45,7 @@ pub fn smallest_capsule(points: &[Vector3<f64>], slimness: f64) -> Option<Shape>
     let coordinate = [Vector3::x(), Vector3::y(), Vector3::z()];
     for axis in axes.iter().chain(&coordinate) {
         let mut start = along(&extreme, &center, axis);
-        // A simplex that has collapsed too early recovers from a fresh one.
+        // A simplex that collapsed too early recovers from a new one.
         for _ in 0..3 {
             start = simplex(&|x| cost(&extreme, x, slimness), start, 0.02).1;
         }
@@ -56,7 +57,7 @@ pub fn smallest_capsule(points: &[Vector3<f64>], slimness: f64) -> Option<Shape>
     best.map(|(_, x)| around(points, &x))
 }
 
-/// The capsule about the axis `x` = (a, b) that contains all points.
+/// Returns the capsule about the axis `x` = (a, b) that contains all points.
 fn around(points: &[Vector3<f64>], x: &[f64; 6]) -> Shape {
     let (a, b) = (Vector3::from_row_slice(&x[..3]), Vector3::from_row_slice(&x[3..]));
     let mut shape = Shape { a, b, radius_m: 0.0 };
@@ -69,7 +70,7 @@ fn cost(points: &[Vector3<f64>], x: &[f64; 6], slimness: f64) -> f64 {
     shape.volume_m3() * shape.radius_m.powf(slimness)
 }
 
-/// The extreme points in evenly spread directions (a Fibonacci spiral).
+/// Returns the extreme points in evenly spread directions (a Fibonacci spiral).
 fn extremes(points: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
     if points.len() <= DIRECTIONS {
         return points.to_vec();
@@ -90,7 +91,7 @@ fn extremes(points: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
     chosen.into_iter().map(|at| points[at]).collect()
 }
 
-/// Mean and principal axes of points.
+/// Returns mean and principal axes of points.
 pub fn principal_axes(points: &[Vector3<f64>]) -> (Vector3<f64>, [Vector3<f64>; 3]) {
     let center = points.iter().sum::<Vector3<f64>>() / points.len() as f64;
     let spread = points.iter().map(|point| (point - center) * (point - center).transpose()).sum();
@@ -98,7 +99,7 @@ pub fn principal_axes(points: &[Vector3<f64>]) -> (Vector3<f64>, [Vector3<f64>; 
     (center, [0, 1, 2].map(|i| axes.column(i).into_owned()))
 }
 
-/// A first axis through the middle of the points along `axis`, shortened by their thickness.
+/// Returns a first axis through the middle of the points along `axis`, shortened by their thickness.
 fn along(points: &[Vector3<f64>], center: &Vector3<f64>, axis: &Vector3<f64>) -> [f64; 6] {
     let places = points.iter().map(|point| (point - center).dot(axis));
     let (low, high) = places.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), x| (l.min(x), h.max(x)));
@@ -109,7 +110,8 @@ fn along(points: &[Vector3<f64>], center: &Vector3<f64>, axis: &Vector3<f64>) ->
     [a.x, a.y, a.z, b.x, b.y, b.z]
 }
 
-/// Minimum of `f` near `start` by the simplex method of Nelder and Mead (1965), first simplex of size `scale`.
+/// Returns a minimum of `f` near `start` by the simplex method of Nelder and Mead (1965). The first simplex has
+/// size `scale`.
 fn simplex(f: &dyn Fn(&[f64; 6]) -> f64, start: [f64; 6], scale: f64) -> (f64, [f64; 6]) {
     let mut vertices: Vec<(f64, [f64; 6])> = (0..7)
         .map(|i| {

@@ -1,14 +1,16 @@
-//! What a robot file says beyond its URDF: capsules fitted around meshes and primitives, pairs that are proved never to
-//! meet, accelerations that the motors can give everywhere; and a picture of it.
+//! The content of a robot file beyond its URDF. It consists of capsules fitted around meshes and primitives,
+//! pairs that are proved never to meet, and accelerations that the motors can always give. The tool also draws
+//! the robot.
 //!
-//! - `fit`, `split`, `mesh`, `scene`, `plan`: capsules that contain every point of a surface, few and small.
-//! - `prove`, `write`: an allowed pair is on one body, adjacent, or proved clear by branch and bound over the whole box of
-//!   the limits in force; samples only refute.
-//! - `check`: containment and every reason again, from a robot file and the meshes.
-//! - `dynamics`, `limits`, `report`: torques by inverse dynamics over random states, and limits that respect the motors.
-//! - `draw`: front and side view, capsules over the points they contain.
+//! - `fit`, `split`, `mesh`, `scene`, `plan`: few and small capsules that contain every point of a surface.
+//! - `prove`, `write`: an allowed pair is on one body, adjacent, or proved clear. The proof is branch and bound
+//!   over the whole box of the limits in force. Samples can only refute.
+//! - `check`: checks containment and every reason again, from a robot file and the meshes.
+//! - `dynamics`, `limits`, `report`: torques by inverse dynamics over random states, and limits that respect
+//!   the motors.
+//! - `draw`: front and side view, with capsules over their contents.
 
-// Bounds are written as `!(value <= bound)` so that NaN is refused.
+// Bounds are written as `!(value <= bound)` so that NaN is rejected.
 #![allow(clippy::neg_cmp_op_on_partial_ord)]
 
 pub mod check;

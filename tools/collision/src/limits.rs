@@ -1,9 +1,10 @@
-//! What the limits in force may ask of the motors: torques by inverse dynamics over random states.
+//! Computes the torques that the limits in force may require, by inverse dynamics over random states.
 //!
-//! tau = M(q) a + h(q, v) is affine in the accelerations a, so over the box |a_k| <= A_k the largest torque of joint j in
-//! a state is exactly |h_j| + sum_k |M_jk| A_k: no signs need to be tried. States: q uniform in the limits in force; v in
-//! half of the states a random corner of the box of the speeds, else uniform in it. What sampling finds is then climbed:
-//! from the worst states of each joint, coordinate by coordinate, to a local maximum over q and v.
+//! tau = M(q) a + h(q, v) is affine in the accelerations a. So over the box |a_k| <= A_k the largest torque of
+//! joint j in a state is exactly |h_j| + sum_k |M_jk| A_k, and no signs need to be tried. In the sampled
+//! states, q is uniform in the limits in force. In half of the states v is a random corner of the box of the
+//! speeds, otherwise it is uniform in the box. Then the results of sampling are climbed. From the worst states
+//! of each joint, the search goes coordinate by coordinate to a local maximum over q and v.
 
 use crate::dynamics::{Dynamics, GRAVITY_M_PER_S2, PerJoint};
 use messages::JOINTS;
@@ -11,14 +12,14 @@ use rand::{RngExt, SeedableRng};
 use rayon::prelude::*;
 use robot::Model;
 
-/// States of one random stream; results do not depend on the number of threads.
+/// Number of states of one random stream. Results do not depend on the number of threads.
 const CHUNK: u64 = 1_000;
-/// States of a joint that are remembered: the worst ones.
+/// Number of worst states that are kept for each joint.
 const KEPT: usize = 100;
-/// States of a joint that are climbed from.
+/// Number of states of a joint from which the search climbs.
 const CLIMBED: usize = 12;
 
-/// Speeds and accelerations that are asked about.
+/// Speeds and accelerations to examine.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Motion {
     /// Highest speeds, rad/s or m/s.
@@ -28,27 +29,27 @@ pub struct Motion {
 }
 
 impl Motion {
-    /// The limits in force.
+    /// Returns the limits in force.
     pub fn in_force(model: &Model) -> Self {
         Self { v: model.limits.map(|limits| limits.v_max), a: model.limits.map(|limits| limits.a_max) }
     }
 
-    /// None: gravity alone.
+    /// No motion: gravity alone.
     pub const AT_REST: Self = Self { v: [0.0; JOINTS], a: [0.0; JOINTS] };
 }
 
-/// How states are drawn.
+/// Distribution of the sampled states.
 #[derive(Clone, Copy, Debug)]
 pub struct Sampling {
     /// Number of states.
     pub states: u64,
     /// Seed of the random streams.
     pub seed: u64,
-    /// Torque above this share of the effort limit counts as too much.
+    /// Torque above this share of the effort limit counts as too large.
     pub share: f64,
 }
 
-/// A state and what it asks of one joint.
+/// A state and its load on one joint.
 #[derive(Clone, Copy, Debug)]
 pub struct State {
     /// Positions, rad or m.
@@ -62,40 +63,40 @@ pub struct State {
 }
 
 impl State {
-    /// The largest torque over the box of accelerations, N m or N.
+    /// Returns the largest torque over the box of accelerations, N m or N.
     pub fn torque(&self, a: &PerJoint) -> f64 {
         self.bias + self.row.iter().zip(a).map(|(m, a)| m * a).sum::<f64>()
     }
 }
 
-/// What is known of one joint.
+/// Results of one joint.
 #[derive(Clone, Debug, Default)]
 pub struct Found {
-    /// The worst states, the worst first.
+    /// The worst states, in descending order.
     pub worst: Vec<State>,
-    /// States in which the torque exceeds the share.
+    /// Number of states in which the torque exceeds the share.
     pub exceeding: u64,
-    /// States in which it does so without any acceleration.
+    /// Number of states in which it exceeds the share without any acceleration.
     pub exceeding_coasting: u64,
 }
 
-/// Positions, speeds and weights of the robot, and its motors.
+/// The robot with its masses, and the sampling.
 pub struct Survey<'a> {
     /// The robot.
     pub model: &'a Model,
     /// Its masses.
     pub dynamics: &'a Dynamics<'a>,
-    /// How states are drawn.
+    /// Distribution of the sampled states.
     pub sampling: Sampling,
 }
 
 impl Survey<'_> {
-    /// Effort limit of a joint, N m or N.
+    /// Returns the effort limit of a joint, N m or N.
     pub fn effort(&self, j: usize) -> f64 {
         self.model.limits[j].effort_max
     }
 
-    /// What a state asks of each joint.
+    /// Returns the load of a state on each joint.
     fn states(&self, q: &PerJoint, v: &PerJoint) -> [State; JOINTS] {
         let posture = self.dynamics.at(q);
         let bias = posture.torques(v, &[0.0; JOINTS], GRAVITY_M_PER_S2);
@@ -103,7 +104,7 @@ impl Survey<'_> {
         std::array::from_fn(|j| State { q: *q, v: *v, bias: bias[j].abs(), row: matrix[j].map(f64::abs) })
     }
 
-    /// All states at these speeds and accelerations.
+    /// Samples all states at these speeds and accelerations.
     pub fn pass(&self, motion: &Motion) -> Vec<Found> {
         let chunks = self.sampling.states.div_ceil(CHUNK);
         let empty = || vec![Found::default(); JOINTS];
@@ -155,8 +156,8 @@ impl Survey<'_> {
         found
     }
 
-    /// Climbs from a state to a local maximum of the torque of joint `j`: steps of positions and of speeds, each tried in
-    /// both directions, halved when none helps.
+    /// Climbs from a state to a local maximum of the torque of joint `j`. It tries steps of positions and of
+    /// speeds in both directions, and halves the step if none helps.
     pub fn climb(&self, j: usize, from: &State, motion: &Motion) -> State {
         let mut best = *from;
         let mut step = 0.1;
@@ -187,7 +188,7 @@ impl Survey<'_> {
         best
     }
 
-    /// The highest maximum reached from the worst states of each joint.
+    /// Returns the highest maximum that is reached from the worst states of each joint.
     pub fn climb_all(&self, found: &[Found], motion: &Motion) -> Vec<Option<State>> {
         let climb = |(j, found): (usize, &Found)| {
             let starts = found.worst.iter().take(CLIMBED);
@@ -198,7 +199,7 @@ impl Survey<'_> {
     }
 }
 
-/// Leaves the worst states, the worst first.
+/// Keeps the worst states, in descending order.
 fn keep(motion: &Motion, worst: &mut Vec<State>) {
     worst.sort_by(|a, b| b.torque(&motion.a).total_cmp(&a.torque(&motion.a)));
     worst.truncate(KEPT);

@@ -1,4 +1,5 @@
-//! Makes and checks what a robot file says beyond its URDF. For the shipped robots, where the manufacturer's meshes are:
+//! Makes and checks the content of a robot file beyond its URDF. For the shipped robots, with the
+//! manufacturer's meshes:
 //!
 //! ```text
 //! collision fit --urdf tiago_dual.urdf --meshes meshes --plan tools/collision/plans/tiago_dual.toml \
@@ -21,7 +22,8 @@ use robot::{AllowedReason, Frames, Model};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-/// Fits and checks the capsules of a robot file, finds the accelerations that its motors can give, draws it.
+/// Fits and checks the capsules of a robot file, finds the accelerations that its motors can give, and draws
+/// it.
 #[derive(Parser)]
 #[command(version, about)]
 struct Arguments {
@@ -31,7 +33,7 @@ struct Arguments {
 
 #[derive(Subcommand)]
 enum Command {
-    /// Fits capsules around the meshes and primitives of a URDF and decides which pairs need no check.
+    /// Fit capsules around the meshes and primitives of a URDF, and decide which pairs need no check.
     Fit {
         #[command(flatten)]
         source: Source,
@@ -39,38 +41,41 @@ enum Command {
         #[arg(long)]
         out: Option<PathBuf>,
     },
-    /// Verifies containment and the reason of every pair that is not checked, and that a fit gives the same again.
+    /// Verify containment and the reason of every pair that is not checked, and that a new fit gives the same
+    /// result.
     Check {
         #[command(flatten)]
         source: Source,
     },
-    /// Torques by inverse dynamics at the limits in force, or the accelerations that the motors can give everywhere.
+    /// Print torques by inverse dynamics at the limits in force, or the accelerations that the motors can
+    /// always give.
     Limits(command_limits::Limits),
-    /// Draws front and side view, capsules over the points of meshes or primitives, as PNG or SVG.
+    /// Draw front and side view, with capsules over the points of meshes or primitives, as PNG or SVG.
     Draw(command_draw::Draw),
 }
 
 #[derive(clap::Args)]
 struct Source {
-    /// URDF whose links have the meshes or primitives; may be the manufacturer's, if links and joints agree. Another one
-    /// adds the links that those before it do not have.
+    /// URDF whose links have the meshes or primitives. It may be the manufacturer's, if links and joints agree.
+    /// Each further URDF adds the links that the previous ones do not have.
     #[arg(long, required = true)]
     urdf: Vec<PathBuf>,
-    /// Folder of the meshes: what follows `/meshes/` in the URDF's file names is looked up in it.
+    /// Folder of the meshes. The part after `/meshes/` in the URDF's file names is looked up in it.
     #[arg(long)]
     meshes: Option<PathBuf>,
-    /// Robot file; names the URDF whose limits and kinematics count.
+    /// Robot file. It names the URDF that defines limits and kinematics.
     #[arg(long, default_value = "config/robots/tiago_dual.toml")]
     robot: PathBuf,
-    /// Which links share capsules, and how many; without it each link with shapes gets one capsule, whatever the side.
+    /// Plan: which links share capsules, and how many. Without it each link with shapes gets one capsule, on
+    /// both sides.
     #[arg(long)]
     plan: Option<PathBuf>,
 }
 
-/// sysexits: the input's data is wrong; and the exit code of a check that failed.
+/// Exit codes: invalid input data (sysexits), and a check that failed.
 const EX_DATAERR: u8 = 65;
 const FAILED: u8 = 1;
-/// A fit on another machine may differ by what rounding does to a search, m.
+/// Difference by which a fit on another machine may differ, because rounding affects the search, m.
 const SAME_FIT_M: f64 = 5e-4;
 
 fn main() -> ExitCode {
@@ -112,7 +117,7 @@ fn read_all(source: &Source) -> Result<Texts, CollisionError> {
     Ok(Texts { plan, shapes, toml, urdf })
 }
 
-/// The first URDF, with the links and joints of the others that it lacks.
+/// Returns the first URDF, with the links and joints of the others that it lacks.
 fn parse_all(paths: &[PathBuf]) -> Result<urdf_rs::Robot, CollisionError> {
     let mut merged: Option<urdf_rs::Robot> = None;
     for path in paths {
@@ -133,7 +138,7 @@ fn parse_all(paths: &[PathBuf]) -> Result<urdf_rs::Robot, CollisionError> {
     merged.ok_or_else(|| CollisionError::content("arguments", "--urdf is missing"))
 }
 
-/// Name and text of a robot file and of the URDF that it asks for.
+/// Returns name and text of a robot file and of the URDF that it names.
 fn robot_texts(path: &Path) -> Result<(NamedText, NamedText), CollisionError> {
     let name = |path: &Path| path.display().to_string();
     let toml = (name(path), read_text(path)?);
@@ -179,12 +184,12 @@ fn fit(source: &Source, out: Option<&Path>) -> Result<bool, CollisionError> {
             .map_err(|cause| CollisionError::File { file: path.display().to_string(), cause })?,
         None => println!("{text}"),
     }
-    // Last, so that a refused file can be looked at.
+    // This comes last, so that an invalid file can be inspected.
     summary(&Model::from_text(&toml.0, &text, &urdf.0, &urdf.1)?);
     Ok(true)
 }
 
-/// The links that carry capsules, then `None` for all of them.
+/// Returns the links that carry capsules, then `None` for all of them.
 fn links(capsules: &[Named]) -> Vec<Option<&str>> {
     let mut links: Vec<Option<&str>> = capsules.iter().map(|capsule| Some(capsule.link.as_str())).collect();
     links.dedup();
@@ -198,7 +203,7 @@ fn check(source: &Source) -> Result<bool, CollisionError> {
     let scene = Scene::new(&texts.shapes, source.meshes.as_deref(), &texts.plan.fingers);
     let mut good = true;
     for group in &texts.plan.groups {
-        // The right side of a pair of groups is mirrored into the left one, matter and capsules alike.
+        // The right side of a pair of groups is mirrored into the left one, both contents and capsules.
         let side = if group.frame.contains(SIDE) { "left" } else { "" };
         let stem = group.name.replace(SIDE, side);
         let shapes = capsules_in_frame(&model, &group.frame.replace(SIDE, side), |name| belongs(name, &stem));
@@ -206,7 +211,7 @@ fn check(source: &Source) -> Result<bool, CollisionError> {
         println!("{:20} {} capsules, worst point {:+.2} mm from the surface", group.name, shapes.len(), out * 1e3);
         good &= out <= 0.0;
     }
-    // The fit is deterministic: it tells again what each capsule was made to contain.
+    // The fit is deterministic. It shows again which points each capsule must contain.
     let capsules = fit_all(&texts.plan, &scene)?;
     let deviations = deviations_m(&model, &capsules);
     let worst = deviations.iter().max_by(|a, b| a.1.total_cmp(&b.1));
@@ -232,7 +237,7 @@ fn check(source: &Source) -> Result<bool, CollisionError> {
     Ok(good)
 }
 
-/// Whether a capsule's name is the stem, or the stem and a number.
+/// Returns true if a capsule's name is the stem, or the stem and a number.
 fn belongs(name: &str, stem: &str) -> bool {
     let rest = name.strip_prefix(stem);
     rest.is_some_and(|rest| {

@@ -1,4 +1,4 @@
-//! Reads what is needed of collision meshes: triangles of STL (binary and text), of Wavefront OBJ and of COLLADA.
+//! Reads the triangles of collision meshes: STL (binary and text), Wavefront OBJ and COLLADA.
 
 use crate::error::{CollisionError, read};
 use nalgebra::Vector3;
@@ -7,13 +7,13 @@ use quick_xml::events::{BytesStart, Event};
 use std::collections::HashMap;
 use std::path::Path;
 
-/// A triangle, or any small set of points whose convex hull is meant.
+/// A triangle, or any small set of points that stands for its convex hull.
 pub type Points = Vec<Vector3<f64>>;
 
-/// Triangles of a mesh file, in the file's frame and unit (a URDF's `scale` makes metres of them).
+/// Reads the triangles of a mesh file, in the file's frame and unit. A URDF's `scale` converts them to metres.
 ///
-/// COLLADA: geometries are taken as they stand, as the ROS tools do, without the document's up axis; node transforms and
-/// units other than the metre are refused rather than guessed.
+/// COLLADA: geometries are taken as they are, as the ROS tools do, without the document's up axis. Node
+/// transforms and units other than the metre are rejected, not guessed.
 pub fn read_mesh(path: &Path) -> Result<Vec<Points>, CollisionError> {
     let name = path.display().to_string();
     let bytes = read(path)?;
@@ -30,13 +30,13 @@ fn text(name: &str, bytes: &[u8]) -> Result<String, CollisionError> {
     String::from_utf8(bytes.to_vec()).map_err(|_| CollisionError::content(name, "is not UTF-8 text"))
 }
 
-/// Both kinds of STL may start with `solid`; only text has facets, and its length fits no count.
+/// Both kinds of STL may start with `solid`. Only text has facets, and its length matches no triangle count.
 fn is_text_stl(bytes: &[u8]) -> bool {
     let head = &bytes[..bytes.len().min(1_000)];
     head.starts_with(b"solid") && head.windows(5).any(|word| word == b"facet")
 }
 
-/// Text STL: three lines `vertex x y z` for each facet.
+/// Reads text STL: three lines `vertex x y z` for each facet.
 fn text_stl(name: &str, text: &str) -> Result<Vec<Points>, CollisionError> {
     let mut corners = Points::new();
     for line in text.lines() {
@@ -63,8 +63,8 @@ fn triple(text: &str) -> Result<Vector3<f64>, String> {
     }
 }
 
-/// Wavefront OBJ: `v x y z`, and `f` with indices of corners from 1, or from the end if negative; whatever follows a `/`
-/// is texture and normal. Faces are cut into fans; lines and points are left out.
+/// Reads Wavefront OBJ: `v x y z`, and `f` with indices of corners from 1, or from the end if negative. The
+/// part after a `/` is texture and normal. Faces are cut into fans. Lines and points are left out.
 fn obj(name: &str, text: &str) -> Result<Vec<Points>, CollisionError> {
     let wrong = |cause: String| CollisionError::content(name, cause);
     let (mut vertices, mut triangles) = (Points::new(), Vec::new());
@@ -91,7 +91,7 @@ fn obj(name: &str, text: &str) -> Result<Vec<Points>, CollisionError> {
     finite(name, triangles)
 }
 
-/// Binary STL: 80 bytes, a count, then 50 bytes per triangle (normal, three corners as f32, two bytes).
+/// Reads binary STL: 80 bytes, a count, then 50 bytes per triangle (normal, three corners as f32, two bytes).
 fn stl(name: &str, bytes: &[u8]) -> Result<Vec<Points>, CollisionError> {
     let count = bytes.get(80..84).map(|count| u32::from_le_bytes([count[0], count[1], count[2], count[3]]) as usize);
     let body = bytes.get(84..).unwrap_or_default();
@@ -114,22 +114,22 @@ fn finite(name: &str, triangles: Vec<Points>) -> Result<Vec<Points>, CollisionEr
     Ok(triangles)
 }
 
-/// What one `<triangles>` or `<polylist>` says.
+/// Content of one `<triangles>` or `<polylist>`.
 #[derive(Default)]
 struct Primitive {
     stride: usize,
     vertex_offset: usize,
     source: String,
-    /// Corners of each polygon; empty for triangles.
+    /// Number of corners of each polygon. Empty for triangles.
     counts: Vec<usize>,
     indices: Vec<usize>,
 }
 
-/// The elements that matter, whatever their order.
+/// The relevant elements, in any order.
 #[derive(Default)]
 struct Collada {
     arrays: HashMap<String, Vec<f64>>,
-    /// From a `<vertices>` id to the source of its positions.
+    /// Maps a `<vertices>` id to the source of its positions.
     positions: HashMap<String, String>,
     primitives: Vec<Primitive>,
 }

@@ -1,20 +1,21 @@
-//! The plan of a fit: which links share capsules, how many, with what margin.
+//! The plan of a fit: which links share capsules, how many, and with what margin.
 
 use crate::error::CollisionError;
 use serde::Deserialize;
 
-/// What stands for `left` and `right` in names of a plan.
+/// Placeholder for `left` and `right` in names of a plan.
 pub const SIDE: &str = "{side}";
 
 /// A whole plan.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Plan {
-    /// Added to every fitted radius, mm.
+    /// Margin that is added to every fitted radius, mm.
     pub margin_mm: f64,
     /// A pair is proved clear if it stays farther apart than this, mm.
     pub clear_mm: f64,
-    /// Failing that, it is proved clear if the convex hulls of what both capsules contain stay farther apart than this, mm.
+    /// Without that proof, a pair is proved clear if the convex hulls of both capsules' contents stay farther
+    /// apart than this, mm.
     pub clear_hull_mm: f64,
     /// The same bound for the pairs named in `close`, mm.
     pub clear_close_mm: f64,
@@ -27,23 +28,23 @@ pub struct Plan {
     pub fingers: Vec<Finger>,
 }
 
-/// Links that move as one body and share capsules. `{side}` in its names makes it a pair of groups, left and right, with
-/// mirrored capsules.
+/// Links that move as one body and share capsules. `{side}` in its names makes it a pair of groups, left and
+/// right, with mirrored capsules.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Group {
-    /// Its capsules are called `name_0`, `name_1`, ..., or `name` if there is one.
+    /// Name of its capsules: `name_0`, `name_1`, ..., or `name` if there is one.
     pub name: String,
     /// The link in whose frame the capsules are given.
     pub frame: String,
-    /// What is contained.
+    /// Contents of the capsules.
     pub parts: Vec<Part>,
     /// Number of capsules.
     pub capsules: usize,
     /// Exponent that makes capsules slim, see `fit::smallest_capsule`.
     #[serde(default)]
     pub slimness: f64,
-    /// Cuts that are given; those still missing for the number of capsules are searched.
+    /// Given cuts. Further cuts that the number of capsules needs are searched.
     #[serde(default)]
     pub cuts: Vec<Cut>,
 }
@@ -52,7 +53,7 @@ pub struct Group {
 #[derive(Clone, Copy, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Cut {
-    /// The part that is cut: 0 is the whole; what lies above the plane becomes a new part with the next number.
+    /// The part to cut: 0 is the whole. The portion above the plane becomes a new part with the next number.
     pub part: usize,
     /// Normal of unit length.
     pub normal: [f64; 3],
@@ -66,9 +67,9 @@ pub struct Cut {
 pub struct Part {
     /// The link.
     pub link: String,
-    /// Indices of its collision elements; all if absent.
+    /// Indices of its collision elements. Absent means all.
     pub elements: Option<Vec<usize>>,
-    /// Whether everything below the link belongs to it, swept over its fingers' joints.
+    /// True if everything below the link belongs to it, swept over its fingers' joints.
     #[serde(default)]
     pub below: bool,
 }
@@ -79,16 +80,17 @@ pub struct Part {
 pub struct Finger {
     /// The free joint.
     pub free: String,
-    /// Positions tried of it, both limits included.
+    /// Number of its positions that are tried, both limits included.
     pub free_steps: usize,
     /// The coupled joints.
     pub coupled: Vec<String>,
-    /// Positions tried of them, both limits included.
+    /// Number of their positions that are tried, both limits included.
     pub coupled_steps: usize,
 }
 
 impl Plan {
-    /// One capsule for each link that has shapes, with the margins of the shipped plans.
+    /// Creates a plan with one capsule for each link that has shapes, and with the margins of the shipped
+    /// plans.
     pub fn of_links(urdf: &urdf_rs::Robot) -> Self {
         let group = |link: &urdf_rs::Link| Group {
             name: link.name.clone(),
@@ -110,7 +112,7 @@ impl Plan {
         }
     }
 
-    /// How far apart the hulls of two capsules' contents must be proved to stay, mm.
+    /// Returns the distance that the hulls of two capsules' contents must provably keep, mm.
     pub fn hull_bound_mm(&self, a: &str, b: &str) -> f64 {
         let named = |[x, y]: &[String; 2], side: &str| {
             let (x, y) = (x.replace(SIDE, side), y.replace(SIDE, side));
@@ -120,7 +122,7 @@ impl Plan {
         if close { self.clear_close_mm } else { self.clear_hull_mm }
     }
 
-    /// Reads a plan; `file` names it in errors.
+    /// Reads a plan. `file` names it in errors.
     pub fn parse(file: &str, text: &str) -> Result<Self, CollisionError> {
         let plan: Self = toml::from_str(text).map_err(|error| CollisionError::content(file, error.to_string()))?;
         let bounds = [

@@ -4,10 +4,10 @@ use nalgebra::Vector3;
 use rand::{RngExt, SeedableRng};
 use robot::{Capsule, Frames, Model, segment_distance};
 
-/// What is known of a pair over all joint positions within the limits in force, which no command leaves.
+/// Result for a pair over all joint positions within the limits in force. No command leaves these limits.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Verdict {
-    /// Never closer than this, m: proved for every configuration.
+    /// Never closer than this, m. It is proved for every configuration.
     Clear {
         /// The bound, m.
         at_least_m: f64,
@@ -17,16 +17,17 @@ pub enum Verdict {
         /// The clearance there, m.
         clearance_m: f64,
     },
-    /// Neither proved nor refuted within the effort allowed.
+    /// Neither proved nor refuted within the allowed effort.
     Open,
 }
 
-/// Random configurations tried per deciding joint before a proof is tried: cheap where many joints make proofs dear.
+/// Random configurations per deciding joint before a proof is tried. They are cheap where many joints make
+/// proofs expensive.
 const SAMPLES_PER_JOINT: usize = 20;
-/// Cells of the joint box that a proof may visit.
+/// Largest number of cells of the joint box that a proof may visit.
 const CELLS_MAX: usize = 200_000;
 
-/// Joints that move `body` against the base, from the base outward.
+/// Returns the joints that move `body` relative to the base, from the base outward.
 fn chain(model: &Model, body: usize) -> Vec<usize> {
     let mut joints = Vec::new();
     let mut at = body;
@@ -38,14 +39,14 @@ fn chain(model: &Model, body: usize) -> Vec<usize> {
     joints
 }
 
-/// Joints whose positions decide how two bodies lie to each other.
+/// Returns the joints that determine the relative pose of two bodies.
 pub fn deciding_joints(model: &Model, a: usize, b: usize) -> (Vec<usize>, Vec<usize>) {
     let (mut a, mut b) = (chain(model, a), chain(model, b));
     let common = a.iter().zip(&b).take_while(|(x, y)| x == y).count();
     (a.split_off(common), b.split_off(common))
 }
 
-/// The clearance of two capsules in a configuration, m.
+/// Returns the clearance of two capsules in a configuration, m.
 pub fn clearance(frames: &Frames, a: &Capsule, b: &Capsule) -> f64 {
     let ends = |capsule: &Capsule| {
         let pose = &frames.base_from_body[capsule.body];
@@ -55,12 +56,12 @@ pub fn clearance(frames: &Frames, a: &Capsule, b: &Capsule) -> f64 {
     segment_distance(&a0, &a1, &b0, &b1).distance_m - a.radius_m - b.radius_m
 }
 
-/// How far points of a body can move against the common ancestor when its joints leave the middle of a cell by at most
-/// their half widths, m.
+/// Returns how far points of a body can move relative to the common ancestor, m. Its joints leave the middle of
+/// a cell by at most their half widths.
 ///
-/// From the far end inward: turning joint j by h moves a point at distance p from its axis by at most h p; the joints
-/// beyond j may have moved it by D before, so p grows by D. A sliding joint adds h. The distance from an axis is convex,
-/// so what holds for the points holds for their convex hull.
+/// It goes from the far end inward. Turning joint j by h moves a point at distance p from its axis by at most h
+/// p. The joints beyond j may have moved it by D before, so p grows by D. A prismatic joint adds h. The
+/// distance from an axis is convex, so the bound for the points holds for their convex hull.
 fn drift(model: &Model, frames: &Frames, joints: &[usize], half: &[f64], part: &Part<'_>) -> f64 {
     let pose = &frames.base_from_body[part.body];
     let points: Vec<Vector3<f64>> = part.points.iter().map(|point| pose.transform_point(point)).collect();
@@ -74,7 +75,7 @@ fn drift(model: &Model, frames: &Frames, joints: &[usize], half: &[f64], part: &
     moved
 }
 
-/// What moves: the convex hull of points of a body.
+/// A moving part: the convex hull of points of a body.
 #[derive(Clone, Copy)]
 pub struct Part<'a> {
     /// The body.
@@ -83,17 +84,19 @@ pub struct Part<'a> {
     pub points: &'a [Vector3<f64>],
 }
 
-/// Decides about two capsules: are they always farther apart than `clear_m`?
+/// Decides whether two capsules are always farther apart than `clear_m`.
 pub fn prove(model: &Model, a: &Capsule, b: &Capsule, clear_m: f64) -> Verdict {
     let (of_a, of_b) = ([a.a, a.b], [b.a, b.b]);
     let (a_part, b_part) = (Part { body: a.body, points: &of_a }, Part { body: b.body, points: &of_b });
     prove_parts(model, &a_part, &b_part, clear_m, &|frames| clearance(frames, a, b))
 }
 
-/// Decides about two parts whose clearance (m) in a configuration is `distance`: is it always above `clear_m`?
+/// Decides whether the clearance of two parts is always above `clear_m`. `distance` returns the clearance (m)
+/// in a configuration.
 ///
-/// Branch and bound over the box of the limits in force: a cell is done when the clearance in its middle, less all that
-/// both parts can move inside the cell, is still enough; else it is halved across the joint that moves them most.
+/// Branch and bound over the box of the limits in force. A cell is done if the clearance in its middle is
+/// enough, less all that both parts can move inside the cell. Otherwise the cell is halved across the joint
+/// that moves them most.
 pub fn prove_parts(
     model: &Model,
     a: &Part<'_>,

@@ -1,11 +1,12 @@
-//! What `collision limits` prints.
+//! Formats the output of `collision limits`.
 
 use crate::dynamics::PerJoint;
 use crate::limits::{Found, Motion, State, Survey};
 use robot::Model;
 use std::fmt::Write;
 
-/// A table of all joints: limits, the worst torque that sampling and climbing found, and how many states exceed.
+/// Formats a table of all joints: limits, the worst torque that sampling and climbing found, and the number of
+/// states that exceed.
 pub fn table(survey: &Survey<'_>, motion: &Motion, found: &[Found], climbed: &[Option<State>]) -> String {
     let mut text = format!(
         "{:18} {:>8} {:>8} {:>8} {:>9} {:>9} {:>9} {:>10} {:>12}\n",
@@ -41,7 +42,7 @@ fn stop_time_s(model: &Model, j: usize, motion: &Motion) -> f64 {
     robot::JointLimits { v_max: motion.v[j], a_max: motion.a[j], ..model.limits[j] }.stop_time_s()
 }
 
-/// The worst sampled state of every joint, with torque and share.
+/// Formats the worst sampled state of every joint, with torque and share.
 pub fn worst_cases(survey: &Survey<'_>, motion: &Motion, found: &[Found]) -> String {
     let mut text = String::new();
     for (j, found) in found.iter().enumerate() {

@@ -1,4 +1,4 @@
-//! A URDF with its meshes: what the links of a group look like in the frame of the group.
+//! A URDF with its meshes: the shapes of a group's links in the frame of the group.
 
 use crate::error::CollisionError;
 use crate::mesh::{Points, read_mesh};
@@ -10,13 +10,13 @@ use std::collections::HashMap;
 use std::path::Path;
 use urdf_rs::{Geometry, JointType};
 
-/// Corners of the polygon around a circle; it is drawn outside the circle.
+/// Number of corners of the polygon around a circle. It lies outside the circle.
 const CIRCLE_CORNERS: usize = 24;
 
 /// Links, joints and shapes.
 pub struct Scene<'a> {
     robot: &'a urdf_rs::Robot,
-    /// Folder that holds what follows `meshes/` in the URDF's file names; `None`: a mesh is an error.
+    /// Folder of the files that follow `meshes/` in the URDF's file names. With `None`, a mesh is an error.
     meshes: Option<&'a Path>,
     fingers: &'a [Finger],
 }
@@ -25,13 +25,13 @@ pub struct Scene<'a> {
 type Posture = HashMap<String, f64>;
 
 impl<'a> Scene<'a> {
-    /// A scene of a parsed URDF.
+    /// Creates the scene of a parsed URDF.
     pub fn new(robot: &'a urdf_rs::Robot, meshes: Option<&'a Path>, fingers: &'a [Finger]) -> Self {
         Self { robot, meshes, fingers }
     }
 
-    /// All that the capsules of a group must contain, in the frame of the group's link. A group of two sides is the left
-    /// one, with the right one mirrored into it.
+    /// Returns all that the capsules of a group must contain, in the frame of the group's link. For a group of
+    /// two sides it is the left one, with the right one mirrored into it.
     pub fn matter(&self, group: &Group) -> Result<Matter, CollisionError> {
         if !group.frame.contains(SIDE) {
             return self.side(group, "");
@@ -47,8 +47,8 @@ impl<'a> Scene<'a> {
         Ok(left)
     }
 
-    /// The map from a point in the frame of one side's link to its mirror image (at the plane y = 0 of the root, all
-    /// joints at zero) in the frame of the other side's link.
+    /// Returns the map from a point in the frame of one side's link to its mirror image in the frame of the
+    /// other side's link. The mirror is the plane y = 0 of the root, with all joints at zero.
     pub fn mirror(
         &self,
         frame: &str,
@@ -88,7 +88,7 @@ impl<'a> Scene<'a> {
         Ok(matter)
     }
 
-    /// Everything below the part's link, in all postures of its fingers.
+    /// Adds everything below the part's link, in all postures of its fingers.
     fn sweep(&self, frame: &str, part: &Part, side: &str, matter: &mut Matter) -> Result<(), CollisionError> {
         let top = part.link.replace(SIDE, side);
         for link in &self.robot.links {
@@ -99,7 +99,7 @@ impl<'a> Scene<'a> {
             if shapes.is_empty() {
                 continue;
             }
-            // A convex piece needs each corner once.
+            // A convex piece needs each corner only once.
             let mut corners: Points = shapes.into_iter().flatten().collect();
             corners.sort_by(|a, b| a.x.total_cmp(&b.x).then(a.y.total_cmp(&b.y)).then(a.z.total_cmp(&b.z)));
             corners.dedup();
@@ -111,7 +111,8 @@ impl<'a> Scene<'a> {
         Ok(())
     }
 
-    /// The postures of the movable joints of one chain: a grid over the free joint and the common flexion.
+    /// Returns the postures of the movable joints of one chain: a grid over the free joint and the common
+    /// flexion.
     fn postures(&self, joints: &[&urdf_rs::Joint], side: &str) -> Result<Vec<Posture>, CollisionError> {
         let mut movable = joints.iter().filter(|joint| joint.joint_type != JointType::Fixed).peekable();
         if movable.peek().is_none() {
@@ -149,7 +150,7 @@ impl<'a> Scene<'a> {
         Ok(postures)
     }
 
-    /// The joints from `top` down to `link`; `None` where it is not below.
+    /// Returns the joints from `top` down to `link`. `None` if it is not below.
     fn chain(&self, top: &str, link: &str) -> Option<Vec<&urdf_rs::Joint>> {
         let mut joints = Vec::new();
         let mut here = link;
@@ -165,7 +166,8 @@ impl<'a> Scene<'a> {
         Some(joints)
     }
 
-    /// Pose of `link` in the frame of `top`, joints at the posture, zero where it says nothing.
+    /// Returns the pose of `link` in the frame of `top`. Joints are at the posture, or at zero if it does not
+    /// have them.
     fn pose(&self, top: &str, link: &str, posture: &Posture) -> Result<Pose, CollisionError> {
         let joints = self.chain(top, link);
         let joints = joints.ok_or_else(|| self.wrong(format!("link `{link}` is not `{top}` and not below it")))?;
@@ -182,12 +184,12 @@ impl<'a> Scene<'a> {
         }))
     }
 
-    /// All corners of a link's shapes in the link's frame.
+    /// Returns all corners of a link's shapes in the link's frame.
     pub fn points(&self, link: &str) -> Result<Points, CollisionError> {
         Ok(self.shapes(link, None)?.into_iter().flatten().collect())
     }
 
-    /// Polygons of a link's collision elements in the link's frame.
+    /// Returns the polygons of a link's collision elements in the link's frame.
     fn shapes(&self, link: &str, elements: Option<&[usize]>) -> Result<Vec<Points>, CollisionError> {
         let found = self.robot.links.iter().find(|known| known.name == link);
         let found = found.ok_or_else(|| self.wrong(format!("has no link `{link}`")))?;
@@ -215,7 +217,7 @@ impl<'a> Scene<'a> {
                 let scale = scale.map_or(Vector3::repeat(1.0), |scale| Vector3::from(*scale));
                 let mut triangles = read_mesh(&folder.join(below))?;
                 triangles.iter_mut().flatten().for_each(|point| point.component_mul_assign(&scale));
-                // 10 m from its link is no part of a robot, but a mesh in millimetres.
+                // A point 10 m from its link does not belong to a robot. The mesh is probably in millimetres.
                 if triangles.iter().flatten().any(|point| !(point.amax() <= 10.0)) {
                     return Err(CollisionError::content(filename, "reaches farther than 10 m: is a scale missing?"));
                 }
@@ -233,14 +235,14 @@ fn rectangle(x: f64, y: f64) -> Vec<[f64; 2]> {
     vec![[0.5 * x, 0.5 * y], [-0.5 * x, 0.5 * y], [-0.5 * x, -0.5 * y], [0.5 * x, -0.5 * y]]
 }
 
-/// A regular polygon around the circle.
+/// Returns a regular polygon around the circle.
 fn circle(radius: f64) -> Vec<[f64; 2]> {
     let step = std::f64::consts::TAU / CIRCLE_CORNERS as f64;
     let outer = radius / (0.5 * step).cos();
     (0..CIRCLE_CORNERS).map(|i| (step * i as f64).sin_cos()).map(|(sin, cos)| [outer * cos, outer * sin]).collect()
 }
 
-/// The surface of a prism of height `z` on a base around the origin: bottom, top and sides.
+/// Returns the surface of a prism of height `z` on a base around the origin: bottom, top and sides.
 fn prism(base: &[[f64; 2]], z: f64) -> Vec<Points> {
     let at = |corner: &[f64; 2], z: f64| Vector3::new(corner[0], corner[1], z);
     let (low, high) = (-0.5 * z, 0.5 * z);

@@ -5,28 +5,29 @@ use crate::mesh::Points;
 use crate::plan::Cut;
 use nalgebra::Vector3;
 
-/// What must be contained: surface that may be cut, and pieces that may not.
+/// Contents of capsules: surface that may be cut, and pieces that may not.
 #[derive(Clone, Debug, Default)]
 pub struct Matter {
     /// Flat convex polygons.
     pub surface: Vec<Points>,
-    /// Convex pieces; each lies in one capsule as a whole.
+    /// Convex pieces. Each lies in one capsule as a whole.
     pub pieces: Vec<Points>,
 }
 
 impl Matter {
-    /// The same matter elsewhere.
+    /// Returns the same matter at another place.
     pub fn map(&self, place: impl Fn(&Vector3<f64>) -> Vector3<f64>) -> Self {
         let map = |sets: &[Points]| sets.iter().map(|points| points.iter().map(&place).collect()).collect();
         Self { surface: map(&self.surface), pieces: map(&self.pieces) }
     }
 
-    /// All points.
+    /// Returns all points.
     pub fn points(&self) -> Points {
         self.surface.iter().chain(&self.pieces).flatten().copied().collect()
     }
 
-    /// The parts below and above the plane {x : normal . x = offset}; polygons are cut, pieces go where their middle is.
+    /// Returns the parts below and above the plane {x : normal . x = offset}. Polygons are cut, and pieces go
+    /// to the side of their middle.
     fn cut(&self, normal: &Vector3<f64>, offset: f64) -> [Self; 2] {
         let mut halves = [Self::default(), Self::default()];
         for polygon in &self.surface {
@@ -45,7 +46,7 @@ impl Matter {
     }
 }
 
-/// What remains of a convex polygon where normal . x >= offset (Sutherland and Hodgman, 1974).
+/// Returns the rest of a convex polygon where normal . x >= offset (Sutherland and Hodgman, 1974).
 fn clip(polygon: &Points, normal: &Vector3<f64>, offset: f64) -> Points {
     let mut kept = Points::with_capacity(polygon.len() + 1);
     for (i, here) in polygon.iter().enumerate() {
@@ -64,7 +65,7 @@ fn clip(polygon: &Points, normal: &Vector3<f64>, offset: f64) -> Points {
 /// A cell and its capsule.
 #[derive(Clone, Debug)]
 pub struct Cell {
-    /// What the capsule contains.
+    /// Contents of the capsule.
     pub matter: Matter,
     /// The capsule, without margin.
     pub shape: Shape,
@@ -74,10 +75,11 @@ fn slim_cell(matter: Matter, slimness: f64) -> Option<Cell> {
     smallest_capsule(&matter.points(), slimness).map(|shape| Cell { matter, shape })
 }
 
-/// Places of the cuts that are tried, as a share of a cell's extent.
+/// Positions of the cuts that are tried, as a share of a cell's extent.
 const CUTS: [f64; 5] = [0.3, 0.4, 0.5, 0.6, 0.7];
 
-/// At most `count` cells of little volume: first by the given cuts, then always by the cut that saves the most.
+/// Returns at most `count` cells of small volume. First come the given cuts, then always the cut that saves the
+/// most.
 pub fn split(matter: Matter, count: usize, cuts: &[Cut], slimness: f64) -> Vec<Cell> {
     let mut parts = vec![matter];
     for cut in cuts {
@@ -103,7 +105,7 @@ pub fn split(matter: Matter, count: usize, cuts: &[Cut], slimness: f64) -> Vec<C
     cells
 }
 
-/// The cut of a cell in two that saves the most volume, m^3.
+/// Returns the cut of a cell in two that saves the most volume, m^3.
 fn best_cut(whole: &Cell) -> Option<(f64, [Cell; 2])> {
     let points = whole.matter.points();
     let (_, axes) = principal_axes(&points);

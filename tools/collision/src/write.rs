@@ -13,23 +13,23 @@ use std::fmt::Write;
 
 /// Everything from this line on is written by this tool.
 pub const MARK: &str = "# Below this line: written by `collision fit`.";
-/// Coordinates are written to this many decimals, m: 10 um. Radii are rounded up.
+/// Number of decimals of coordinates, m: 10 um. Radii are rounded up.
 const DECIMALS: usize = 5;
 
-/// One capsule as the robot file has it.
+/// One capsule as it is in the robot file.
 #[derive(Clone, Debug)]
 pub struct Named {
     /// Its name.
     pub name: String,
-    /// The link in whose frame it is.
+    /// The link whose frame is used.
     pub link: String,
     /// Ends and radius, margin included.
     pub shape: Shape,
-    /// Volume of the capsule without margin over the volume of the convex hull inside.
+    /// Ratio of the volumes: the capsule without margin to the convex hull inside.
     pub volume_ratio: f64,
     /// Volume of the capsule without margin, m^3.
     pub volume_m3: f64,
-    /// What it contains, in the frame of the link.
+    /// Contents, in the frame of the link.
     pub matter: Matter,
 }
 
@@ -46,7 +46,7 @@ pub fn fit_all(plan: &Plan, scene: &Scene<'_>) -> Result<Vec<Named>, CollisionEr
                 let name = if cells.len() == 1 { stem } else { format!("{stem}_{index}") };
                 let place = |point| mirror.as_ref().map_or(point, |mirror| mirror(&point));
                 let (a, b) = (rounded(place(cell.shape.a)), rounded(place(cell.shape.b)));
-                // Rounding moves an end by half a unit per coordinate; the radius takes that up.
+                // Rounding moves an end by half a unit per coordinate. The radius compensates for this.
                 let unit = 10_f64.powi(-(DECIMALS as i32));
                 let radius_m = ((cell.shape.radius_m + plan.margin_mm * 1e-3 + unit) / unit).ceil() * unit;
                 let shape = Shape { a, b, radius_m };
@@ -69,12 +69,12 @@ fn ratio(points: &Points, shape: &Shape) -> f64 {
     robot::hull_volume_oracle(points).map_or(f64::NAN, |volume| shape.volume_m3() / volume)
 }
 
-/// The hand-written part of a robot file.
+/// Returns the hand-written part of a robot file.
 pub fn head(text: &str) -> &str {
     text.find(MARK).map_or(text, |at| &text[..at])
 }
 
-/// The capsules' part of a robot file.
+/// Returns the capsules' part of a robot file.
 pub fn capsules_text(capsules: &[Named]) -> String {
     let mut text = String::new();
     let triple = |v: &nalgebra::Vector3<f64>| {
@@ -99,7 +99,7 @@ pub fn capsules_text(capsules: &[Named]) -> String {
     text
 }
 
-/// Decides about pairs; remembers convex hulls.
+/// Decides about pairs, and caches convex hulls.
 pub struct Judge<'a> {
     model: &'a Model,
     plan: &'a Plan,
@@ -107,16 +107,17 @@ pub struct Judge<'a> {
     hulls: HashMap<usize, Option<Hull>>,
 }
 
-/// A proof by hulls is tried where at most this many joints decide: parts of one shoulder or wrist, or a neck.
+/// Largest number of deciding joints for which a proof by hulls is tried: parts of one shoulder or wrist, or a
+/// neck.
 const HULL_JOINTS_MAX: usize = 3;
 
 impl<'a> Judge<'a> {
-    /// A judge of these capsules on this robot.
+    /// Creates a judge of these capsules on this robot.
     pub fn new(model: &'a Model, plan: &'a Plan, capsules: &'a [Named]) -> Self {
         Self { model, plan, capsules, hulls: HashMap::new() }
     }
 
-    /// A shape of capsule `index` as a capsule on its body.
+    /// Returns a shape of capsule `index` as a capsule on its body.
     fn on_body(&self, index: usize, shape: &Shape) -> Option<Capsule> {
         let named = &self.capsules[index];
         let (body, pose) = self.model.link_body(&named.link)?;
@@ -124,7 +125,7 @@ impl<'a> Judge<'a> {
         Some(Capsule { name: named.name.clone(), body, a, b, radius_m: shape.radius_m })
     }
 
-    /// The convex hull, in the body's frame, of what a capsule contains.
+    /// Returns the convex hull, in the body's frame, of a capsule's contents.
     fn hull(&mut self, index: usize) -> Option<Hull> {
         if !self.hulls.contains_key(&index) {
             let named = &self.capsules[index];
@@ -137,8 +138,8 @@ impl<'a> Judge<'a> {
         self.hulls[&index].clone()
     }
 
-    /// Proves, by the capsules or by the convex hulls of what they contain, that two capsules' contents stay apart; the
-    /// bound that holds, m, and whether the hulls were needed.
+    /// Proves that two capsules' contents stay apart, by the capsules or by the convex hulls of their contents.
+    /// Returns the bound, m, and true if the hulls were needed.
     pub fn prove(&mut self, first: usize, second: usize) -> Option<(f64, bool)> {
         let a = self.on_body(first, &self.capsules[first].shape)?;
         let b = self.on_body(second, &self.capsules[second].shape)?;
@@ -163,7 +164,7 @@ impl<'a> Judge<'a> {
         }
     }
 
-    /// Why a pair needs no check, if it needs none.
+    /// Returns the reason why a pair needs no check. None if it needs one.
     pub fn decide(&mut self, first: usize, second: usize) -> Option<AllowedReason> {
         let body = |index: usize| self.model.link_body(&self.capsules[index].link).map(|(body, _)| body);
         let (a, b) = (body(first)?, body(second)?);
@@ -180,13 +181,13 @@ impl<'a> Judge<'a> {
 /// A robot file with all pairs decided.
 #[derive(Clone, Debug)]
 pub struct Decided {
-    /// Its whole text.
+    /// Whole text of the file.
     pub text: String,
     /// Checked pairs that are closer than 5 cm at home, with their clearance, m.
     pub near_home: Vec<(String, String, f64)>,
 }
 
-/// The whole text of the robot file with these capsules, all pairs decided.
+/// Returns the whole text of the robot file with these capsules, with all pairs decided.
 pub fn robot_file(
     plan: &Plan,
     capsules: &[Named],
@@ -196,7 +197,8 @@ pub fn robot_file(
     let mut frames = Frames::default();
     let mut near_home = Vec::new();
     let head = head(toml.1).trim_end();
-    // Bodies and limits do not depend on capsules, but a model needs one: a stand-in of one capsule without pairs.
+    // Bodies and limits do not depend on capsules, but a model needs one. So a placeholder with one capsule and
+    // no pairs is used.
     let stand_in = capsules_text(&capsules[..1.min(capsules.len())]);
     let empty = "\n[collision.allowed.adjacent]\n\n[collision.allowed.proved_clear]\n";
     let skeleton = format!("{head}\n{stand_in}{empty}");
@@ -252,7 +254,7 @@ pub fn robot_file(
     Ok(Decided { text, near_home })
 }
 
-/// Names in lines of at most 120 columns.
+/// Formats names in lines of at most 120 columns.
 fn wrapped(names: &[String]) -> String {
     let mut text = String::new();
     let mut line = String::from("   ");

@@ -1,4 +1,5 @@
-//! All integration tests of `collision` but those that count allocations: one program, so that it is linked once.
+//! All integration tests of `collision` except those that count allocations. They are one program, so that it
+//! is linked once.
 
 mod command;
 mod containment;

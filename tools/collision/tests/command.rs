@@ -1,4 +1,4 @@
-//! `collision limits` as a user runs it: what it finds, it says, and ends with.
+//! Runs `collision limits` as a user does: its results, its output and its exit code.
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
@@ -12,17 +12,18 @@ fn limits(robot: &Path, arguments: &[&str]) -> Output {
     command.arg("limits").arg(robot).args(arguments).output().expect("collision runs")
 }
 
-/// What it said, on both streams.
+/// Returns the output of both streams.
 fn said(output: &Output) -> String {
     [&output.stdout, &output.stderr].map(|stream| String::from_utf8_lossy(stream).into_owned()).join("\n")
 }
 
-/// So few states miss the worst: climbing finds it, and that counts.
+/// With so few states, sampling misses the worst one. Climbing finds it, and that counts.
 #[test]
 fn a_torque_that_only_climbing_finds_counts() {
     let robot = robots().join("tiago_dual.toml");
     let few = ["--states", "1000", "--seed", "3"];
-    // What the file is for holds, and the worst posture is found for each joint, the second of an arm's among them.
+    // The purpose of the file is met, and the worst posture is found for each joint, including the second of an
+    // arm.
     let output = limits(&robot, &[&few[..], &["--share", "0.85"]].concat());
     assert_eq!(output.status.code(), Some(0), "{}", said(&output));
     let words = said(&output);
@@ -36,7 +37,7 @@ fn a_torque_that_only_climbing_finds_counts() {
     assert!(said(&output).contains("arm_left_2_joint: no posture that was sampled needs more"), "{}", said(&output));
 }
 
-/// A load in the hands that cannot be held out is said.
+/// A load in the hands that cannot be held is reported.
 #[test]
 fn a_load_that_cannot_be_held_is_said() {
     let robot = robots().join("tiago_dual.toml");

@@ -1,4 +1,4 @@
-//! Fitted capsules contain what they were fitted to; the check notices when they do not; proofs are right.
+//! Fitted capsules contain their points, the check detects when they do not, and proofs are right.
 
 use collision::check::{capsules_in_frame, deviations_m, sticks_out_m};
 use collision::fit::{Shape, smallest_capsule};
@@ -16,7 +16,7 @@ const PLAN: &str = include_str!("../plans/tiago_dual.toml");
 const TOML: &str = include_str!("../../../config/robots/tiago_dual.toml");
 const URDF: &str = include_str!("../../../config/robots/tiago_dual.urdf");
 
-/// A box, a cylinder and a sphere on two sides of a base, one finger below.
+/// A box, a cylinder and a sphere on two sides of a base, with one finger below.
 const TOY: &str = r#"<robot name="toy">
   <link name="base"><collision><origin xyz="0 0 0.1"/><geometry><box size="0.4 0.3 0.2"/></geometry></collision></link>
   <link name="arm_left"><collision><geometry><cylinder radius="0.05" length="0.3"/></geometry></collision></link>
@@ -102,11 +102,11 @@ fn a_cut_leaves_no_hole_between_its_capsules() {
     let matter = scene.matter(&plan.groups[0]).unwrap();
     let cut = Cut { part: 0, normal: [1.0, 0.0, 0.0], offset_m: 0.05 };
     let cells = split(matter.clone(), 2, &[cut], 0.0);
-    // A hair of margin, as always: exactly at the cut both capsules only touch.
+    // A small margin, as always. Exactly at the cut both capsules only touch.
     let shapes: Vec<Shape> =
         cells.iter().map(|cell| Shape { radius_m: cell.shape.radius_m + 1e-3, ..cell.shape }).collect();
     assert!(sticks_out_m(&matter, &shapes) <= 0.0);
-    // Corners alone are not enough: two capsules at the ends contain all corners and leave the middle bare.
+    // Corners alone are not enough. Two capsules at the ends contain all corners, but not the middle.
     let ends: Vec<Shape> = [-0.2, 0.2]
         .map(|x| Shape { a: Vector3::new(x, -0.15, 0.1), b: Vector3::new(x, 0.15, 0.1), radius_m: 0.11 })
         .to_vec();
@@ -175,7 +175,7 @@ fn shipped_capsules_contain_the_manufacturers_meshes() {
         let out = sticks_out_m(&scene.matter(group).unwrap(), &shapes);
         assert!(out <= 0.0, "{stem} sticks out by {out} m");
     }
-    // What is shipped is what the tool makes of the meshes, margin included.
+    // The shipped capsules are those that the tool makes of the meshes, including the margin.
     let fitted = fit_all(&plan, &scene).unwrap();
     assert_eq!(fitted.len(), model.capsules.len());
     for (name, deviation_m) in deviations_m(&model, &fitted) {

@@ -1,4 +1,5 @@
-//! Torques are right: against a closed form, energy, the mass matrix by two ways, and another implementation.
+//! Torques are right: compared with a closed form, with energy, with the mass matrix by two algorithms, and
+//! with another implementation.
 
 use collision::dynamics::{Dynamics, GRAVITY_M_PER_S2, Payload, PerJoint};
 use messages::JOINTS;
@@ -45,7 +46,7 @@ fn torques_agree_with_pinocchio() {
     }
 }
 
-/// The column of a unit acceleration without velocity and gravity is that of the mass matrix.
+/// The torques of a unit acceleration without velocity and gravity are a column of the mass matrix.
 #[test]
 fn the_mass_matrix_is_symmetric_positive_and_the_same_by_two_algorithms() {
     let (model, urdf) = shipped();
@@ -72,7 +73,8 @@ fn the_mass_matrix_is_symmetric_positive_and_the_same_by_two_algorithms() {
     }
 }
 
-/// The work of the joints is what the robot gains: d/dt (kinetic + potential) = torque . velocity.
+/// The work of the joints equals the energy that the robot gains: d/dt (kinetic + potential) = torque .
+/// velocity.
 #[test]
 fn power_is_the_rate_of_energy() {
     let (model, urdf) = shipped();
@@ -94,7 +96,8 @@ fn power_is_the_rate_of_energy() {
     }
 }
 
-/// All mass but one point removed: the joint above it is a pendulum, tau = m l^2 qdd + m g l sin(q) from hanging.
+/// All mass except one point is removed. The joint above it is a pendulum, tau = m l^2 qdd + m g l sin(q) from
+/// hanging.
 #[test]
 fn a_point_mass_on_the_elbow_is_a_pendulum() {
     let (model, mut urdf) = shipped();
@@ -103,7 +106,8 @@ fn a_point_mass_on_the_elbow_is_a_pendulum() {
     }
     let mass_kg = 1.3;
     let dynamics = Dynamics::new(&model, &urdf, &[Payload { link: "arm_left_5_link".into(), mass_kg }]).unwrap();
-    // Joint 4 with the upper arm level sideways: its axis and the mass decide, whatever the frames of the URDF are.
+    // Joint 4 with the upper arm level sideways. Its axis and the mass determine the torque, for any frames of
+    // the URDF.
     let mut frames = robot::Frames::default();
     for turn in [-0.3, 0.4, 1.1, 2.0] {
         let mut q = model.home;
@@ -117,7 +121,7 @@ fn a_point_mass_on_the_elbow_is_a_pendulum() {
         let mut a = [0.0; JOINTS];
         a[6] = 5.0;
         let mut v = [0.0; JOINTS];
-        // Turning at any steady speed takes no torque about the axis.
+        // Turning at any steady speed needs no torque about the axis.
         v[6] = 2.0;
         let torque = dynamics.at(&q).torques(&v, &a, GRAVITY_M_PER_S2)[6];
         let closed = mass_kg * lever.norm_squared() * 5.0 + gravity;

@@ -1,4 +1,4 @@
-//! Each mesh format and each primitive: what it means, and that fitted capsules contain it.
+//! Each mesh format and each primitive: its meaning, and that fitted capsules contain it.
 
 use collision::check::sticks_out_m;
 use collision::fit::Shape;
@@ -13,7 +13,7 @@ use std::path::PathBuf;
 const CORNERS: [[f64; 3]; 4] = [[0.0, 0.0, 0.0], [0.3, 0.0, 0.0], [0.0, 0.2, 0.0], [0.05, 0.05, 0.1]];
 const FACES: [[usize; 3]; 4] = [[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]];
 
-/// A folder of its own that is gone afterwards.
+/// A temporary folder of its own.
 struct Folder(PathBuf);
 
 impl Folder {
@@ -47,7 +47,8 @@ fn assert_is_the_wedge(triangles: &[Points]) {
     }
 }
 
-/// Fits one capsule around a link with that mesh, and finds that it holds all of it and that a thinner one does not.
+/// Fits one capsule around a link with that mesh. Checks that it contains all of it, and that a thinner one
+/// does not.
 fn assert_contained(folder: &Folder, geometry: &str, least_m3: f64) {
     let urdf = format!(
         "<robot name=\"r\"><link name=\"l\"><collision><geometry>{geometry}</geometry></collision></link></robot>"
@@ -61,7 +62,8 @@ fn assert_contained(folder: &Folder, geometry: &str, least_m3: f64) {
     assert!(sticks_out_m(&capsule.matter, &[capsule.shape]) <= 0.0, "{geometry}");
     let thin = Shape { radius_m: capsule.shape.radius_m - 4e-3, ..capsule.shape };
     assert!(sticks_out_m(&capsule.matter, &[thin]) > 1e-4, "{geometry}");
-    // The ratio is that of the bare capsule to the convex hull: the hull is no smaller than the shape it surrounds.
+    // The ratio compares the bare capsule with the convex hull. The hull is no smaller than the shape inside
+    // it.
     let hull_m3 = capsule.volume_m3 / capsule.volume_ratio;
     assert!(capsule.volume_ratio >= 1.0 && hull_m3 >= least_m3 * (1.0 - 1e-6), "{geometry}: {hull_m3} {least_m3}");
     assert!(hull_m3 < 2.0 * least_m3, "{geometry}: {hull_m3} {least_m3}");
@@ -106,7 +108,7 @@ fn stl_as_text_and_binary() {
         binary.extend([0; 2]);
     }
     text += "endsolid wedge\n";
-    // Some exporters start a binary file with the word of a text file.
+    // Some exporters start a binary file with the first word of a text file.
     let mut solid = binary.clone();
     solid[..5].copy_from_slice(b"solid");
     for (name, bytes) in [("text.stl", text.as_bytes()), ("binary.stl", &binary), ("solid.stl", &solid)] {

@@ -1,4 +1,5 @@
-//! Limits by torque: the bound over accelerations is exact, sampling is repeatable, and the shipped robots keep theirs.
+//! Limits by torque: the bound over accelerations is exact, sampling is repeatable, and the shipped robots keep
+//! their limits.
 
 use collision::dynamics::{Dynamics, GRAVITY_M_PER_S2};
 use collision::limits::{Motion, Sampling, Survey};
@@ -20,7 +21,7 @@ fn load((toml, urdf): (&str, &str)) -> (Model, urdf_rs::Robot) {
 
 const SAMPLING: Sampling = Sampling { states: 20_000, seed: 99, share: 0.85 };
 
-/// Every posture can be held, and not every motion that the limits allow can be made.
+/// Every posture can be held, but not every motion within the limits can be executed.
 #[test]
 fn every_posture_of_the_shipped_robots_can_be_held() {
     for texts in ROBOTS {
@@ -41,7 +42,7 @@ fn every_posture_of_the_shipped_robots_can_be_held() {
     }
 }
 
-/// The bound is reached by some signs of the accelerations, and by none exceeded.
+/// Some signs of the accelerations reach the bound, and none exceeds it.
 #[test]
 fn the_bound_over_accelerations_is_exact() {
     let (model, urdf) = load(ROBOTS[0]);
@@ -68,7 +69,7 @@ fn the_bound_over_accelerations_is_exact() {
     }
 }
 
-/// Weights are bound to the arms and the name of the robot: both files take the same.
+/// Weights belong to the arms and to the name of the robot. Both files take the same weights.
 #[test]
 fn both_shipped_robots_have_the_same_arms() {
     let [(hands, _), (grippers, _)] = ROBOTS.map(load);

@@ -1,4 +1,4 @@
-//! Man pages and completions, from the very definitions that the programs parse their arguments with.
+//! Man pages and completions, from the definitions with which the programs parse their arguments.
 
 use clap::{Command, CommandFactory};
 use clap_complete::{Shell, generate_to};
@@ -17,7 +17,8 @@ mod teleopctl;
 #[allow(dead_code)]
 mod teleopd;
 
-/// Every program of the package under its name there: a bare `replay` or `latency` would say too little in /usr/bin.
+/// Returns every program of the package under its installed name. In /usr/bin the names `replay` and `latency`
+/// alone would be too general.
 pub fn programs() -> [Command; 6] {
     [
         teleopd::Cli::command(),

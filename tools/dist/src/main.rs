@@ -1,5 +1,5 @@
-//! Writes what a package needs beside the binaries: man pages and completions from the definitions of the command lines,
-//! the settings with the package's paths, and the notices of the libraries that are linked in.
+//! Writes the additional files of a package. Man pages and completions come from the definitions of the command
+//! lines. It also writes the settings with the package's paths, and the notices of the linked libraries.
 
 mod commands;
 mod notices;
@@ -16,10 +16,10 @@ const EX_CANTCREAT: u8 = 73;
 #[derive(Debug, Parser)]
 #[command(name = "dist", version, about)]
 struct Cli {
-    /// Folder to write to; the package's table of files names this one.
+    /// Output folder. The package's table of files names this one.
     #[arg(long, value_name = "DIR", default_value = "target/dist")]
     out: PathBuf,
-    /// Writes an archive of the programs too, which is unpacked anywhere. They must run with glibc 2.31.
+    /// Also write an archive of the programs, which can be unpacked anywhere. They must run with glibc 2.31.
     #[arg(long)]
     tarball: bool,
     /// Folder of the programs in the archive.
@@ -60,7 +60,7 @@ fn save(path: &Path, text: &str) -> Result<(), String> {
         .map_err(|error| format!("{}: {error}", path.display()))
 }
 
-/// The paths of config/teleop.toml that point into the repository, and where they lie below the folder of what is shared.
+/// Paths of config/teleop.toml that point into the repository, and their places below the shared folder.
 const PATHS: [(&str, &str); 4] = [
     ("\"robots/", "robots/"),
     ("\"../weights/tiago_dual\"", "weights/tiago_dual\""),
@@ -69,8 +69,8 @@ const PATHS: [(&str, &str); 4] = [
     ("\"skeletons/", "skeletons/"),
 ];
 
-/// The settings with paths below `folder`; each path must stand in the text exactly once. With an absolute folder settings may be
-/// copied anywhere.
+/// Returns the settings with paths below `folder`. Each path must occur in the text exactly once. With an
+/// absolute folder the settings may be copied anywhere.
 fn settings_with(text: &str, folder: &str) -> Result<String, String> {
     let mut packaged = text.replace("  # relative to this file", "  # or relative to this file");
     for (here, below) in PATHS {

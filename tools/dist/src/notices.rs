@@ -1,4 +1,4 @@
-//! The notices of the libraries that are linked into the packaged programs: their licences ask for it.
+//! Notices of the libraries that are linked into the packaged programs. The licences require them.
 
 use serde_json::Value;
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
@@ -9,11 +9,11 @@ use std::process::Command;
 /// The packages whose programs are packaged.
 const PACKAGED: [&str; 5] = ["teleopd", "replay", "latency", "record", "say"];
 
-/// How the files that hold a licence begin.
+/// Beginnings of the names of licence files.
 const BEGINNINGS: [&str; 5] = ["licen", "copying", "copyright", "notice", "unlicense"];
 
-/// Every library by name and version, with its licence, its source, and the texts that come with it; a text that several
-/// bring stands there once.
+/// Returns every library by name and version, with its licence, its source, and its texts. A text that several
+/// libraries share occurs only once.
 pub fn collect(root: &Path) -> Result<String, String> {
     let metadata = metadata(root)?;
     let linked = linked(&metadata);
@@ -56,7 +56,7 @@ fn metadata(root: &Path) -> Result<Value, String> {
     serde_json::from_slice(&output.stdout).map_err(|error| format!("cargo metadata: {error}"))
 }
 
-/// The ids of everything that the packaged programs are built from, by normal dependencies.
+/// Returns the ids of everything from which the packaged programs are built, by normal dependencies.
 fn linked(metadata: &Value) -> BTreeSet<&str> {
     let nodes = metadata["resolve"]["nodes"].as_array().map_or(&[][..], Vec::as_slice);
     let by_id: BTreeMap<&str, &Value> = nodes.iter().map(|node| (text(node, "id"), node)).collect();
@@ -78,7 +78,7 @@ fn linked(metadata: &Value) -> BTreeSet<&str> {
     seen
 }
 
-/// The texts of the licence files in a library's folder, in the order of their names.
+/// Returns the texts of the licence files in a library's folder, in the order of their names.
 fn notices(folder: &Path) -> Result<Vec<String>, String> {
     let entries = std::fs::read_dir(folder).map_err(|error| format!("{}: {error}", folder.display()))?;
     let mut files: Vec<_> = entries.flatten().map(|entry| entry.path()).filter(|path| path.is_file()).collect();

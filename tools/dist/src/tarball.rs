@@ -1,5 +1,5 @@
-//! The programs with all that they read, as an archive that is unpacked anywhere: `bin/teleopd` finds `share/teleopd` beside
-//! itself.
+//! The programs with all files that they read, as an archive that can be unpacked anywhere. `bin/teleopd` finds
+//! `share/teleopd` by its own path.
 
 use flate2::{Compression, write::GzEncoder};
 use std::collections::BTreeMap;
@@ -16,7 +16,7 @@ const PROGRAMS: [(&str, &str); 6] = [
     ("say", "teleop-say"),
 ];
 
-/// Folders of the repository, the endings of their files that are taken, and where they go.
+/// Folders of the repository, the extensions of the files that are taken, and their destinations.
 const FOLDERS: [(&str, &[&str], &str); 5] = [
     ("config/robots", &["toml", "urdf"], "share/teleopd/robots"),
     ("config/skeletons", &["toml"], "share/teleopd/skeletons"),
@@ -29,17 +29,17 @@ const FOLDERS: [(&str, &[&str], &str); 5] = [
 const DOCUMENTS: [&str; 6] =
     ["README.md", "SAFETY.md", "ARCHITECTURE.md", "CHANGELOG.md", "LICENSE-APACHE", "LICENSE-MIT"];
 
-/// The oldest glibc that the archive has to run with: that of Debian 11 and Ubuntu 20.04.
+/// The oldest glibc with which the archive must run: that of Debian 11 and Ubuntu 20.04.
 pub const GLIBC_MAX: Version = [2, 31];
 
 /// A version of glibc: major, minor.
 pub type Version = [u32; 2];
 
-/// Writes `teleopd-VERSION-ARCH-linux.tar.gz` into `out`. The programs lie in `programs`; `out` holds man pages, completions and
-/// notices already.
+/// Writes `teleopd-VERSION-ARCH-linux.tar.gz` into `out`. `programs` is the folder of the programs. `out`
+/// already has man pages, completions and notices.
 ///
 /// # Errors
-/// In words: what cannot be read or written, or that a program needs a glibc that is too new.
+/// Returns a text as error: a file cannot be read or written, or a program needs a glibc that is too new.
 pub fn write(root: &Path, programs: &Path, out: &Path, settings: &str) -> Result<PathBuf, String> {
     let name = format!("teleopd-{}-{}-linux", env!("CARGO_PKG_VERSION"), std::env::consts::ARCH);
     let mut files: BTreeMap<String, Content> = BTreeMap::new();
@@ -75,7 +75,8 @@ enum Content {
     Text(String),
 }
 
-/// The same files make the same archive: they come in the order of their names, and have no time and no owner.
+/// Packs the files. The same files make the same archive, because they are in the order of their names and have
+/// no time and no owner.
 fn pack(path: &Path, name: &str, files: &BTreeMap<String, Content>) -> std::io::Result<()> {
     let mut archive = tar::Builder::new(GzEncoder::new(File::create(path)?, Compression::default()));
     for (place, content) in files {
@@ -126,7 +127,7 @@ fn refuse_new_glibc(program: &Path) -> Result<(), String> {
     }
 }
 
-/// The newest version of glibc that stands in a program's table of needed versions, as `GLIBC_2.31`.
+/// Returns the newest version of glibc in a program's table of needed versions, such as `GLIBC_2.31`.
 pub fn newest_glibc(program: &[u8]) -> Option<Version> {
     const MARK: &[u8] = b"GLIBC_";
     let found = program.windows(MARK.len()).enumerate().filter(|(_, window)| *window == MARK);

@@ -1,4 +1,5 @@
-//! The program itself: it writes every file that the package's table expects of it, and says where it cannot.
+//! The program itself: it writes every file that the package's table expects from it, and reports a folder that
+//! it cannot write to.
 
 use std::path::Path;
 use std::process::Command;

@@ -1,4 +1,5 @@
-//! Recorded motion as the methods see it: which clips of a folder are measured, and what both arms do in them.
+//! Recorded motion as input of the methods: the selected clips of a folder, and the motion of both arms in
+//! them.
 
 use crate::error::EvalError;
 use messages::{LIMBS, Limb, SMPL_JOINTS};
@@ -17,32 +18,32 @@ pub type Human = [Limbs; 2];
 pub struct Clip {
     /// File name without extension.
     pub name: String,
-    /// Frames per second of what is measured (the file's rate divided by the stride).
+    /// Measured frames per second: the file's rate divided by the stride.
     pub rate_hz: f64,
-    /// Limb rotations in the torso frame: what every method is given.
+    /// Limb rotations in the torso frame. Every method receives them.
     pub human: Vec<Human>,
-    /// Rotation of the torso, in a frame that is upright and faces where the person faces in the clip's first frame.
+    /// Rotation of the torso. The frame is upright and faces the person's heading in the clip's first frame.
     pub torso: Vec<UnitQuaternion<f64>>,
     /// Joint positions, m, x forward, y left, z up.
     pub positions: Vec<[[f32; 3]; SMPL_JOINTS]>,
 }
 
-/// A file that was not used, and why.
+/// A file that was not used, and the reason.
 pub type Skipped = (String, String);
 
-/// Which clips of a folder are measured.
+/// Selection of the measured clips of a folder.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Selection {
-    /// Every fifth starting with the third; all of them if there are fewer than five.
+    /// Every fifth starting with the third, or all of them if there are fewer than five.
     Validation,
     /// All.
     All,
-    /// Those of these names.
+    /// The clips with these names.
     Named(Vec<String>),
 }
 
 impl Selection {
-    /// `all`, or names separated by commas; validation clips if nothing is said.
+    /// Parses `all`, or names separated by commas. Without text it selects the validation clips.
     #[must_use]
     pub fn parse(text: Option<&str>) -> Self {
         match text {
@@ -53,10 +54,11 @@ impl Selection {
     }
 }
 
-/// The clips of `folder`, sorted by name, thinned to every `stride`-th frame; and (file, reason) of those skipped.
+/// Reads the clips of `folder`, sorted by name, reduced to every `stride`-th frame. Also returns (file, reason)
+/// of those skipped.
 ///
 /// # Errors
-/// If the folder cannot be listed, nothing in it can be used, or a named clip cannot.
+/// Returns an error if the folder cannot be listed, nothing in it can be used, or a named clip cannot be used.
 pub fn read(
     folder: &Path,
     selection: &Selection,
@@ -101,16 +103,18 @@ pub fn read(
     Ok((clips, skipped))
 }
 
-/// Whether the folder is one that training can leave clips out of, and is: else what is measured may be all there is.
+/// Returns true if training leaves the measured clips of this folder out. Otherwise the measured clips may be
+/// all that exist.
 #[must_use]
 pub fn has_training_clips(folder: &Path, selection: &Selection) -> bool {
     *selection == Selection::Validation && motion_files(folder).is_ok_and(|files| files.len() >= VALIDATION_EVERY)
 }
 
-/// What a motion shows of the arms, every `stride`-th frame.
+/// Extracts the arms of a motion, every `stride`-th frame.
 ///
 /// # Errors
-/// A sentence, if the motion has no rotations (unless `calibration` is none), no frames, or rotations that are not finite.
+/// Returns a sentence as error if the motion has no rotations (unless `calibration` is none), no frames, or
+/// rotations that are not finite.
 pub fn clip_of(motion: &Motion, calibration: CalibrationMode, stride: usize) -> Result<Clip, String> {
     if !motion.has_rotations && calibration != CalibrationMode::None {
         return Err("has no rotations, so the twist of its limbs is unknown; --calibration none guesses it from the \
@@ -141,7 +145,8 @@ pub(crate) fn both_arms(limbs: &[[f32; 4]; LIMBS]) -> Human {
     ]
 }
 
-/// Torso rotations without the heading of the first frame; held where shoulders and hips coincide.
+/// Returns torso rotations without the heading of the first frame. Where shoulders and hips coincide, the
+/// previous rotation is kept.
 fn torso(positions: &[[[f32; 3]; SMPL_JOINTS]]) -> Vec<UnitQuaternion<f64>> {
     let mut heading = None;
     let mut held = UnitQuaternion::identity();
@@ -155,15 +160,15 @@ fn torso(positions: &[[[f32; 3]; SMPL_JOINTS]]) -> Vec<UnitQuaternion<f64>> {
     positions.iter().map(rotation).collect()
 }
 
-/// The mirror image of a rotation at the plane between left and right.
+/// Returns the mirror image of a rotation at the plane between left and right.
 fn mirrored(rotation: &UnitQuaternion<f64>) -> UnitQuaternion<f64> {
     let q = rotation.quaternion();
     UnitQuaternion::new_unchecked(Quaternion::new(q.w, -q.i, q.j, -q.k))
 }
 
 impl Clip {
-    /// Limb rotations as they are in space, the torso's own rotation included (again both arms as left arms). The
-    /// robot's torso is upright and faces forward, so its limb rotations are the same in both frames.
+    /// Returns the limb rotations in space, including the torso's own rotation, again with both arms as left
+    /// arms. The robot's torso is upright and faces forward, so its limb rotations are the same in both frames.
     #[must_use]
     pub fn global(&self) -> Vec<Human> {
         let turned = |turn: &UnitQuaternion<f64>, arm: &Limbs| Limbs { upper: turn * arm.upper, fore: turn * arm.fore };

@@ -1,8 +1,8 @@
-//! What can make a measurement impossible.
+//! Errors that make a measurement impossible.
 
 use std::path::PathBuf;
 
-/// Why there is no table.
+/// An error that prevents the table.
 #[derive(Debug, thiserror::Error)]
 pub enum EvalError {
     /// A file or folder cannot be read or written.
@@ -10,7 +10,7 @@ pub enum EvalError {
     File {
         /// The file.
         path: PathBuf,
-        /// What was tried: "read", "write", "list".
+        /// The attempted action: "read", "write", "list".
         action: &'static str,
         /// The system's reason.
         source: std::io::Error,
@@ -20,27 +20,27 @@ pub enum EvalError {
     NoClips {
         /// The folder.
         folder: PathBuf,
-        /// Files of a readable extension.
+        /// Number of files with a readable extension.
         found: usize,
         /// A line for each unusable file.
         reasons: String,
     },
-    /// A clip that was asked for is not there, or cannot be used.
+    /// A requested clip does not exist, or cannot be used.
     #[error("--clips names {name}: {reason}")]
     Clip {
         /// The clip.
         name: String,
-        /// Why not.
+        /// The reason.
         reason: String,
     },
-    /// A method that was asked for has no weights.
+    /// A requested method has no weights.
     #[error("--methods names {name}, but {reason}; make it with: {command}")]
     Missing {
         /// The method.
         name: String,
-        /// What is missing.
+        /// The missing part.
         reason: String,
-        /// What makes it.
+        /// The command that makes it.
         command: String,
     },
     /// A value of the command line cannot be used.
@@ -53,26 +53,26 @@ pub enum EvalError {
         /// The bound.
         expected: String,
     },
-    /// A weights file was refused.
+    /// A weights file is invalid.
     #[error("{path}: {source}")]
     Weights {
         /// The tensors' file.
         path: PathBuf,
-        /// Why.
+        /// The reason.
         source: retarget::WeightsError,
     },
-    /// The robot file or learned weights were refused.
+    /// The robot file or learned weights are invalid.
     #[error("{0}")]
     Train(#[from] train::error::TrainError),
-    /// The daemon's settings, or a file that they name, were refused.
+    /// The daemon's settings, or a file that they name, are invalid.
     #[error("{0}")]
     Config(#[from] pipeline::ConfigError),
-    /// A URDF has no masses that torques could be computed with.
+    /// A URDF has no masses, which the torques need.
     #[error("{path}: {reason}")]
     Masses {
         /// The file.
         path: PathBuf,
-        /// Why.
+        /// The reason.
         reason: String,
     },
     /// A plot could not be drawn.
@@ -80,13 +80,13 @@ pub enum EvalError {
     Plot {
         /// The file.
         path: PathBuf,
-        /// Why.
+        /// The reason.
         reason: String,
     },
 }
 
 impl EvalError {
-    /// The exit code of sysexits.h.
+    /// Returns the exit code of sysexits.h.
     #[must_use]
     pub fn exit_code(&self) -> u8 {
         match self {

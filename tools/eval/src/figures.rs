@@ -8,32 +8,32 @@ use plotters::prelude::*;
 use retarget::{ArmModel, Limbs};
 use skeleton::torso_rotation;
 
-/// Upper bodies are seen from the front, 30 degrees to their left and 12 degrees from above.
+/// View of the upper bodies: from the front, 30 degrees to their left and 12 degrees from above.
 const AZIMUTH_RAD: f64 = 0.52;
 const ELEVATION_RAD: f64 = 0.21;
-/// Colours of the left and of the right arm, of the rest, and of a robot's rest.
+/// Colours of the left arm, of the right arm, of the rest, and of a robot's rest.
 const LEFT: RGBColor = RGBColor(200, 40, 60);
 const RIGHT: RGBColor = RGBColor(40, 90, 200);
 const BODY: RGBColor = RGBColor(90, 90, 90);
 const ROBOT: RGBColor = RGBColor(190, 130, 40);
 
-/// Who is drawn.
+/// Kind of the drawn figure.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FigureKind {
-    /// Round head.
+    /// A human, with a round head.
     Human,
-    /// Square head.
+    /// A robot, with a square head.
     Robot,
 }
 
-/// The limbs that a posture gives, both arms as left arms.
+/// Returns the limbs of a posture, both arms as left arms.
 #[must_use]
 pub fn limbs_of(arm: &ArmModel, posture: &Posture) -> Human {
     posture.each_ref().map(|q| arm.forward(q))
 }
 
-/// A person's joints (m) with elbows and wrists where these limbs put them; bones keep their lengths. Unchanged where
-/// the torso has no direction.
+/// Returns a person's joints (m) with elbows and wrists moved to these limbs. Bones keep their lengths. The
+/// joints are unchanged if the torso has no direction.
 #[must_use]
 pub fn with_limbs(positions: &[[f32; 3]; SMPL_JOINTS], limbs: &Human) -> [[f32; 3]; SMPL_JOINTS] {
     let mut out = *positions;
@@ -66,13 +66,13 @@ fn point(positions: &[[f32; 3]; SMPL_JOINTS], joint: usize) -> Vector3<f64> {
 
 /// A drawing area of a file.
 pub type Area<'a> = DrawingArea<SVGBackend<'a>, plotters::coord::Shift>;
-/// What drawing may answer.
+/// Result of drawing.
 pub type Drawn = Result<(), DrawingAreaErrorKind<std::io::Error>>;
 
-/// Draws the upper body into the middle of `area`, facing the viewer whichever way the torso faces.
+/// Draws the upper body into the middle of `area`. It faces the viewer for any heading of the torso.
 ///
 /// # Errors
-/// If the file cannot be written.
+/// Returns an error if the file cannot be written.
 pub fn draw(area: &Area<'_>, positions: &[[f32; 3]; SMPL_JOINTS], who: FigureKind) -> Drawn {
     let torso = torso_rotation(positions).unwrap_or_else(Matrix3::identity);
     let (width, height) = area.dim_in_pixel();
@@ -107,10 +107,10 @@ pub fn draw(area: &Area<'_>, positions: &[[f32; 3]; SMPL_JOINTS], who: FigureKin
     Ok(())
 }
 
-/// Pixels of a point in the torso frame, m from the middle between the shoulders.
+/// Returns the pixels of a point in the torso frame, m from the middle between the shoulders.
 fn screen(p: &Vector3<f64>, scale: f64, width: u32, height: u32) -> (i32, i32) {
     let (sin, cos) = AZIMUTH_RAD.sin_cos();
-    // The viewer faces the person, whose left is therefore on the right.
+    // The viewer faces the person, so the person's left is on the right.
     let (across, toward) = (p.y * cos - p.x * sin, p.x * cos + p.y * sin);
     let (sin, cos) = ELEVATION_RAD.sin_cos();
     let up = p.z * cos - toward * sin;

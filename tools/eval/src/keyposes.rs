@@ -1,18 +1,19 @@
-//! From one key pose to another: through the latent space, and straight through joint space.
+//! Interpolates from one key pose to another: through the latent space, and straight through joint space.
 //!
-//! Pairs of poses are drawn from all frames of the clips: two of one clip, as the key poses of a motion are, or any two, as far
-//! apart as poses get. Along s from 0 to 1:
+//! Pairs of poses are drawn from all frames of the clips. They are two poses of one clip, as the key poses of a
+//! motion are, or any two, as far apart as poses get. Along s from 0 to 1:
 //!
-//! - the *yardstick* is the slerp of the human's limb rotations;
-//! - the *latent path* decodes z(s) = (1 - s) z(0) + s z(1), alone (K = 0) or with two refinement steps toward the
-//!   yardstick (K = 2), as the product does between two skeletons;
-//! - the *joint path* is (1 - s) q(0) + s q(1) between the postures of the two key poses, decoded (K = 0) or refined
-//!   (K = 2).
+//! - The *yardstick* is the slerp of the human's limb rotations.
+//! - The *latent path* decodes z(s) = (1 - s) z(0) + s z(1). It does so alone (K = 0), or with two refinement
+//!   steps toward the yardstick (K = 2), as the product does between two skeletons.
+//! - The *joint path* is (1 - s) q(0) + s q(1) between the postures of the two key poses. They are decoded (K =
+//!   0) or refined (K = 2).
 //!
-//! The limb error is the rotation angle to the yardstick, mean over both arms' limbs and the steps between the key poses.
-//! A path is monotone if none of its steps goes back: the projection of the ten joint positions on the chord
-//! q(1) - q(0) never falls by more than 1e-3 of the chord. Its length is the sum of the steps' Euclidean lengths in the
-//! space of the ten joints, relative to the chord's. Pairs whose chord is shorter than 0.1 rad count for neither.
+//! The limb error is the rotation angle to the yardstick. It is the mean over both arms' limbs and the steps
+//! between the key poses. A path is monotone if none of its steps goes back. That means that the projection of
+//! the ten joint positions on the chord q(1) - q(0) never falls by more than 1e-3 of the chord. Its length is
+//! the sum of the steps' Euclidean lengths in the space of the ten joints, relative to the chord's. Pairs whose
+//! chord is shorter than 0.1 rad count for neither figure.
 
 use crate::clips::Human;
 use crate::methods::Posture;
@@ -24,19 +25,19 @@ use retarget::{ArmModel, Latent, Network, PRIOR_WEIGHT, features, interpolate_la
 use serde_json::{Value, json};
 use std::fmt;
 
-/// Pairs of key poses.
+/// Number of pairs of key poses.
 pub const PAIRS: usize = 300;
 const SEED: u64 = 3;
-/// Steps of a path: at a path of 3 rad, 0.06 rad each.
+/// Steps of a path. On a path of 3 rad, each step is 0.06 rad.
 const STEPS: usize = 50;
 /// Refinement steps of the refined latent path.
 const REFINE_STEPS: u32 = 2;
-/// Rounding of f32 networks is below this share of a chord.
+/// Share of a chord that counts as going back. Rounding of f32 networks is below it.
 const BACKWARDS_SHARE: f64 = 1e-3;
-/// A chord shorter than this has no direction to speak of.
+/// A chord shorter than this has no useful direction.
 const CHORD_MIN_RAD: f64 = 0.1;
 
-/// Figures of one way to interpolate.
+/// Figures of one way of interpolation.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Path {
     /// Mean limb error against the yardstick, degrees.
@@ -45,7 +46,7 @@ pub struct Path {
     pub monotone_share: f64,
     /// Mean length relative to the chord.
     pub length_mean: f64,
-    /// Longest of all pairs, relative to the chord.
+    /// Longest path of all pairs, relative to the chord.
     pub length_max: f64,
 }
 
@@ -58,22 +59,22 @@ pub struct Interpolations {
     pub of_all: Interpolation,
 }
 
-/// The ways side by side.
+/// All ways of interpolation.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Interpolation {
     /// Number of pairs.
     pub pairs: usize,
-    /// Through the latent space, the decoder alone.
+    /// Path through the latent space, with the decoder alone.
     pub latent_k0: Path,
-    /// The same with two refinement steps.
+    /// Path through the latent space, with two refinement steps.
     pub latent_k2: Path,
-    /// Straight through joint space, between the decoder's postures.
+    /// Path straight through joint space, between the decoder's postures.
     pub joint_k0: Path,
-    /// The same between refined postures.
+    /// Path straight through joint space, between refined postures.
     pub joint_k2: Path,
 }
 
-/// Measures [`PAIRS`] pairs of each kind from the tasks' frames; nothing if there is no frame.
+/// Measures [`PAIRS`] pairs of each kind from the tasks' frames. Measures nothing if there is no frame.
 #[must_use]
 pub fn measure(arm: &ArmModel, network: &Network, tasks: &[Task]) -> Interpolations {
     let humans: Vec<(usize, &Human)> = tasks
@@ -103,10 +104,10 @@ pub fn measure(arm: &ArmModel, network: &Network, tasks: &[Task]) -> Interpolati
     Interpolations { of_a_clip: kind(true), of_all: kind(false) }
 }
 
-/// One pair by one way.
+/// Result of one pair and one way.
 struct One {
     limb_deg: f64,
-    /// Whether it never goes back, and its relative length; none of a chord too short.
+    /// True if the path never goes back, and its relative length. None if the chord is too short.
     shape: Option<(bool, f64)>,
 }
 
@@ -136,7 +137,8 @@ fn pair(arm: &ArmModel, network: &Network, from: &Human, to: &Human) -> [One; 4]
     [one(&decode), one(&refined), one(&|s| straight(&decoded_ends, s)), one(&|s| straight(&refined_ends, s))]
 }
 
-/// Whether a path of joint positions never goes back along its chord, and its length relative to it.
+/// Returns true if a path of joint positions never goes back along its chord, and its length relative to the
+/// chord.
 #[must_use]
 pub fn shape(path: &[Posture]) -> Option<(bool, f64)> {
     let (first, last) = (path.first()?, path.last()?);
@@ -205,7 +207,7 @@ impl Interpolation {
 }
 
 impl Interpolations {
-    /// As JSON.
+    /// Returns the figures as JSON.
     #[must_use]
     pub fn json(&self) -> Value {
         json!({"of_a_clip": self.of_a_clip.json(), "of_all": self.of_all.json()})

@@ -6,7 +6,7 @@ use retarget::{ArmIdentity, ArmQ};
 use std::path::Path;
 use train::baseline::Baseline;
 
-/// Their names in the table; the files are named alike, with dashes.
+/// Names in the table. The files have the same names, with dashes.
 pub const NAMES: [&str; 9] = [
     "paper",
     "paper_no_ltc",
@@ -24,10 +24,10 @@ pub const NAMES: [&str; 9] = [
 pub struct Learned(Baseline);
 
 impl Learned {
-    /// Reads `folder`/`name` (dashes for underscores) for the robot `identity`; none if it was never trained.
+    /// Reads `folder`/`name` (dashes for underscores) for the robot `identity`. None if it was never trained.
     ///
     /// # Errors
-    /// If the files are there and are refused.
+    /// Returns an error if the files exist but are invalid.
     pub fn read(folder: &Path, name: &str, identity: &ArmIdentity) -> Result<Option<Self>, EvalError> {
         let base = folder.join(name.replace('_', "-"));
         if !base.with_extension("toml").exists() {
@@ -36,13 +36,13 @@ impl Learned {
         Ok(Some(Self(Baseline::read(&base, identity)?)))
     }
 
-    /// What it was trained on, and for how many steps.
+    /// Returns a description of the training data, and the number of steps.
     #[must_use]
     pub fn trained_on(&self) -> String {
         format!("{} steps on {}", self.0.manifest.steps, self.0.manifest.trained_on)
     }
 
-    /// Postures of both arms for a human pose, rad.
+    /// Returns the postures of both arms for a human pose, rad.
     #[must_use]
     pub fn retarget(&self, human: &Human) -> [ArmQ; 2] {
         self.0.retarget(human)

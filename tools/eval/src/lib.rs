@@ -1,9 +1,9 @@
-//! Retargeting methods side by side on recorded motion: error, smoothness, time; and how closely the robot then follows
-//! ([`following`]).
+//! Compares retargeting methods on recorded motion: error, smoothness, time. Also measures how closely the
+//! robot then follows ([`following`]).
 //!
-//! Glossary: a *limb* is an upper arm or a forearm; a *pose* is the limbs of both arms of a human, a *posture* the joint
-//! positions of both arms of the robot; *K* is the number of refinement steps after the network; the *oracle* is S_GR
-//! minimised from many starts. What each column means is defined in [`metrics`].
+//! Glossary: a *limb* is an upper arm or a forearm. A *pose* is the limbs of both arms of a human, and a
+//! *posture* the joint positions of both arms of the robot. *K* is the number of refinement steps after the
+//! network. The *oracle* is S_GR minimised from many starts. [`metrics`] defines each column.
 
 pub mod cli;
 pub mod clips;

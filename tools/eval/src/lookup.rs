@@ -1,4 +1,4 @@
-//! The nearest of many random postures by exact S_GR: what a lookup table can do at best.
+//! Finds the nearest of many random postures by exact S_GR: the best that a lookup table can do.
 
 use crate::clips::Human;
 use rand::RngExt;
@@ -6,7 +6,7 @@ use rand_pcg::Pcg64;
 use retarget::{ArmModel, ArmQ, Limbs};
 use train::pairs::Index;
 
-/// Postures of the table.
+/// Number of postures of the table.
 pub const POSTURES: usize = 200_000;
 /// Seed of the table.
 pub const SEED: u64 = 20_260_101;
@@ -18,7 +18,7 @@ pub struct PostureTable {
 }
 
 impl PostureTable {
-    /// `count` postures drawn from `seed`.
+    /// Draws `count` postures from `seed`.
     #[must_use]
     pub fn draw(arm: &ArmModel, count: usize, seed: u64) -> Self {
         let mut rng = Pcg64::new(u128::from(seed), 1);
@@ -28,13 +28,13 @@ impl PostureTable {
         Self { postures, index }
     }
 
-    /// The postures.
+    /// Returns the postures.
     #[must_use]
     pub fn postures(&self) -> &[[ArmQ; 2]] {
         &self.postures
     }
 
-    /// For each human pose the posture with the least S_GR over both arms.
+    /// Returns for each human pose the posture with the least S_GR over both arms.
     #[must_use]
     pub fn nearest(&self, humans: &[Human]) -> Vec<[ArmQ; 2]> {
         let humans: Vec<_> = humans.iter().map(single).collect();
@@ -42,7 +42,7 @@ impl PostureTable {
     }
 }
 
-/// Limb rotations as the search takes them.
+/// Converts limb rotations for the search.
 fn single(arms: &[Limbs; 2]) -> [train::kinematics::Limbs; 2] {
     arms.each_ref().map(train::baseline::single)
 }

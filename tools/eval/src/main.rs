@@ -1,4 +1,4 @@
-//! `eval`: retargeting methods side by side, and how closely the robot follows. See `eval --help`.
+//! `eval`: compares retargeting methods, and measures how closely the robot follows. See `eval --help`.
 
 use clap::Parser;
 use std::process::ExitCode;

@@ -1,4 +1,4 @@
-//! The methods that are compared, by name, and how each turns limbs into joint positions.
+//! The compared methods by name, and their conversion of limbs to joint positions.
 
 use crate::clips::Human;
 use crate::error::EvalError;
@@ -13,84 +13,86 @@ use retarget::{
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// Random starts of the oracle beside the four that are not random: more do not move its mean error by 0.01 degrees.
+/// Random starts of the oracle, in addition to the four that are not random. More starts change its mean error
+/// by less than 0.01 degrees.
 pub const ORACLE_STARTS: u32 = 6;
 /// Seed of those starts.
 pub const ORACLE_SEED: u64 = 7;
 /// Refinement steps of the two baselines without a network.
 const BASELINE_STEPS: u32 = 3;
-/// They take them without the pull toward the start that ours have: it would cost them error on the validation clips
-/// (1.83 instead of 1.75 degrees, and 1.67 instead of 1.61) and save some of their flips (11 instead of 17, 1 instead of 2).
+/// These baselines have no pull toward the start, unlike ours. The pull would increase their error on the
+/// validation clips (1.83 instead of 1.75 degrees, and 1.67 instead of 1.61). It would avoid some of their
+/// flips (11 instead of 17, 1 instead of 2).
 const BASELINE_PRIOR_WEIGHT: f64 = 0.0;
-/// Starts and seed of the second oracle.
+/// Number of starts of the second oracle, and their seed.
 pub const SECOND_STARTS: u32 = 20;
 const SECOND_SEED: u128 = 1_234;
-/// Steps per start of the second oracle, as of the first.
+/// Steps per start of the second oracle, equal to the first.
 const SECOND_ORACLE_STEPS: u32 = 40;
-/// S_GR of optima that count as equal, as for the first.
+/// Difference of S_GR below which optima count as equal, as for the first oracle.
 const EQUAL_S_GR: f64 = 1e-9;
-/// Most refinement steps of ours.
+/// Largest number of refinement steps of ours.
 const OURS_STEPS_MAX: u32 = 3;
 
 /// Joint positions of both arms, rad.
 pub type Posture = [ArmQ; 2];
 
-/// A method ready to run.
+/// A method that is ready to run.
 #[derive(Debug)]
 pub enum Solver {
     /// The shared latent space, then Levenberg-Marquardt steps, with the network's output as prior, as in the product.
     Ours {
         /// The networks.
         network: Arc<Network>,
-        /// Steps K.
+        /// Number of steps K.
         steps: u32,
     },
-    /// [`sew`].
+    /// The closed form of [`sew`].
     Sew,
     /// The closed form of the product, then three Levenberg-Marquardt steps.
     ClosedForm,
-    /// Three steps from the previous frame's output; the first frame starts in the middle of the limits.
+    /// Three steps from the previous frame's output. The first frame starts in the middle of the limits.
     PreviousFrame,
-    /// [`PostureTable::nearest`].
+    /// The lookup of [`PostureTable::nearest`].
     Lookup(Arc<PostureTable>),
     /// A learned baseline.
     Learned(Box<Learned>),
-    /// S_GR minimised from many starts: the best that the arm can do.
+    /// S_GR minimised from many starts. This is the best that the arm can do.
     Oracle,
 }
 
-/// A method's place in the table.
+/// A method of the table.
 #[derive(Debug)]
 pub struct Method {
     /// Name in table and JSON.
     pub name: String,
-    /// How it works; what is missing if it cannot.
+    /// The solver, or the missing part.
     pub solver: Result<Solver, Missing>,
 }
 
-/// Why a method cannot be measured.
+/// The reason why a method cannot be measured.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Missing {
-    /// What is not there.
+    /// The missing part.
     pub reason: String,
-    /// What makes it.
+    /// The command that makes it.
     pub command: String,
 }
 
-/// Where weights are.
+/// Locations of weights.
 #[derive(Clone, Debug)]
 pub struct Sources<'a> {
-    /// Motion files, for the commands that are proposed.
+    /// Motion files, for the proposed commands.
     pub human: &'a Path,
-    /// Robot file, likewise.
+    /// Robot file, for the proposed commands.
     pub robot: &'a Path,
-    /// Our weights, .safetensors with a .toml beside it.
+    /// Our weights, a .safetensors file with a .toml file in the same folder.
     pub weights: &'a Path,
     /// Folder of the learned baselines.
     pub baselines: &'a Path,
 }
 
-/// All names, in the order of the table.
+/// Returns all names, in the order of the table.
 #[must_use]
 pub fn names() -> Vec<String> {
     let ours = (0..=OURS_STEPS_MAX).map(|steps| format!("ours_k{steps}"));
@@ -98,10 +100,10 @@ pub fn names() -> Vec<String> {
     ours.chain(analytic.iter().chain(&learned::NAMES).chain(&["oracle"]).map(|name| (*name).to_owned())).collect()
 }
 
-/// Prepares the methods `wanted` (of [`names`]); those without weights say so.
+/// Prepares the methods `wanted` (of [`names`]). Those without weights report it.
 ///
 /// # Errors
-/// If weights are there and are refused, or a name is not known.
+/// Returns an error if weights exist but are invalid, or a name is not known.
 pub fn prepare(
     wanted: &[String],
     sources: &Sources<'_>,
@@ -160,7 +162,7 @@ fn missing(preset: &str, base: PathBuf, sources: &Sources<'_>) -> Missing {
 }
 
 impl Solver {
-    /// Both arms of one instant; `previous` is the method's own output before it.
+    /// Returns both arms of one instant. `previous` is the method's own previous output.
     #[must_use]
     pub fn pose(&self, arm: &ArmModel, human: &Human, previous: &Posture) -> Posture {
         let each = |solve: &dyn Fn(usize) -> ArmQ| [solve(0), solve(1)];
@@ -183,7 +185,7 @@ impl Solver {
         }
     }
 
-    /// What a learned baseline was trained on.
+    /// Returns a description of a learned baseline's training data.
     #[must_use]
     pub fn trained_on(&self) -> Option<String> {
         match self {
@@ -194,7 +196,7 @@ impl Solver {
         }
     }
 
-    /// A whole clip.
+    /// Returns the postures of a whole clip.
     #[must_use]
     pub fn clip(&self, arm: &ArmModel, humans: &[Human]) -> Vec<Posture> {
         match self {
@@ -207,7 +209,7 @@ impl Solver {
     }
 }
 
-/// Frame after frame, each given the output before it; the first is given the middle of the limits.
+/// Solves frame after frame, each with the previous output. The first frame gets the middle of the limits.
 fn sequence(arm: &ArmModel, humans: &[Human], solve: impl Fn(&Human, &Posture) -> Posture) -> Vec<Posture> {
     let mut previous = [arm.mid(); 2];
     let next = |human| {
@@ -217,8 +219,9 @@ fn sequence(arm: &ArmModel, humans: &[Human], solve: impl Fn(&Human, &Posture) -
     humans.iter().map(next).collect()
 }
 
-/// S_GR minimised over a clip from [`SECOND_STARTS`] random postures alone, of equally good optima the one nearest to the previous:
-/// it shares no start with the oracle, so how far the two differ is the floor of the joint error.
+/// Minimises S_GR over a clip from [`SECOND_STARTS`] random postures alone. Of equally good optima it takes the
+/// one nearest to the previous. It shares no start with the oracle. So the difference between the two is the
+/// floor of the joint error.
 #[must_use]
 pub fn second_oracle(arm: &ArmModel, humans: &[Human]) -> Vec<Posture> {
     let mut rng = Pcg64::new(SECOND_SEED, 1);

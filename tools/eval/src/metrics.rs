@@ -1,33 +1,36 @@
-//! What is measured, and how it is defined.
+//! Definitions of the measured figures.
 //!
 //! - *S_GR*: the paper's metric, sum over the four limbs of 1 - <q_h, q_r>^2, mean over frames.
 //! - *Limb degrees*: rotation angle between a human limb and the robot's, over all limbs and frames.
-//! - *Direction degrees*: angle between the bones alone; no calibration of hinges can alter it.
-//! - *Joint MSE*: mean squared difference to the oracle's joint positions, rad^2, joints 1 to 5 of both arms. An arm's
-//!   frame is masked where the oracle's upper arm lies within 5 degrees of the first joint's axis (on this robot: joint
-//!   2 within 5 degrees of 90): joints 1 and 3 then turn the same way and only their sum is determined.
-//! - *Jerk ratio*: RMS third difference of the joint positions divided by the oracle's over the same windows of four
-//!   contiguous frames of one arm. The oracle solves frame by frame, given its previous posture, so it is as smooth as
-//!   the optimum itself is; where it is not, it is no yardstick: windows with a masked frame, or in which the oracle
-//!   jumps (a joint moves more than [`FLIP_JOINT_RAD`] between frames), count for neither. Nor do windows in which the
-//!   method jumps: seven of 11,659 would make up 85 % of the sum of squares, and they are flips, counted on their own.
-//!   The ratio with the method's jumps left in is `jerk_ratio_with_jumps` of the JSON.
-//! - *Flips*: frames of an arm in which a joint moves more than [`FLIP_JOINT_RAD`] since the frame before while neither
-//!   limb of the human turned more than [`FLIP_HUMAN_RAD`], per 1000 frames of an arm.
+//! - *Direction degrees*: angle between the bones alone. No calibration of hinges can change it.
+//! - *Joint MSE*: mean squared difference to the oracle's joint positions, rad^2, joints 1 to 5 of both arms.
+//!   An arm's frame is masked if the oracle's upper arm lies within 5 degrees of the first joint's axis. On
+//!   this robot that is joint 2 within 5 degrees of 90. Joints 1 and 3 then turn the same way, and only their
+//!   sum is determined.
+//! - *Jerk ratio*: RMS third difference of the joint positions divided by the oracle's over the same windows of
+//!   four contiguous frames of one arm. The oracle solves frame by frame, given its previous posture, so it is
+//!   as smooth as the optimum itself. Where the optimum is not smooth, it is no yardstick. So windows with a
+//!   masked frame, or in which the oracle jumps, count for neither. A jump is a joint that moves more than
+//!   [`FLIP_JOINT_RAD`] between frames. Windows in which the method jumps do not count either. Seven of 11,659
+//!   would make up 85 % of the sum of squares, and they are flips, which are counted separately. The ratio
+//!   including the method's jumps is `jerk_ratio_with_jumps` of the JSON.
+//! - *Flips*: frames of an arm in which a joint moves more than [`FLIP_JOINT_RAD`] since the previous frame.
+//!   Neither limb of the human turned more than [`FLIP_HUMAN_RAD`] meanwhile. They are counted per 1000 frames
+//!   of an arm.
 //! - *Reachable*: limb degrees over the frames of an arm that the oracle solves to less than 2 degrees in both limbs.
 //!
-//! Jerk and flips need contiguous frames and are left out where frames are skipped.
+//! Jerk and flips need contiguous frames. They are left out if frames are skipped.
 
 use crate::clips::{Clip, Human};
 use crate::methods::Posture;
 use nalgebra::{UnitQuaternion, Vector3};
 use retarget::{ARM_Q, ArmModel, ArmQ, Limbs, limb_error_deg};
 
-/// 30 degrees: at 60 frames/s 31 rad/s, which no arm does.
+/// 30 degrees. At 60 frames/s this is 31 rad/s, which no arm reaches.
 pub const FLIP_JOINT_RAD: f64 = 30.0 * std::f64::consts::PI / 180.0;
-/// 5 degrees: at 60 frames/s 5.2 rad/s, a fast human arm.
+/// 5 degrees. At 60 frames/s this is 5.2 rad/s, a fast human arm.
 pub const FLIP_HUMAN_RAD: f64 = 5.0 * std::f64::consts::PI / 180.0;
-/// Distance from the gimbal below which joints 1 and 3 are not told apart.
+/// Distance from the gimbal below which joints 1 and 3 are not distinguished.
 pub const GIMBAL_RAD: f64 = 5.0 * std::f64::consts::PI / 180.0;
 /// Error of the oracle below which a pose counts as reachable.
 pub const REACHABLE_DEG: f64 = 2.0;
@@ -35,17 +38,17 @@ pub const REACHABLE_DEG: f64 = 2.0;
 /// One clip as one method retargeted it. All slices have one entry per frame.
 #[derive(Clone, Copy, Debug)]
 pub struct Run<'a> {
-    /// Limbs as the method got them.
+    /// Limbs that the method received.
     pub human: &'a [Human],
-    /// Limbs that it is compared with: the same, or the global ones.
+    /// Limbs for the comparison: the same, or the global ones.
     pub target: &'a [Human],
     /// The oracle's postures.
     pub oracle: &'a [Posture],
-    /// The method's.
+    /// The method's postures.
     pub postures: &'a [Posture],
     /// Frames per second.
     pub rate_hz: f64,
-    /// Whether frames follow one another as recorded.
+    /// True if the frames are consecutive, as recorded.
     pub contiguous: bool,
 }
 
@@ -56,23 +59,23 @@ pub struct Figures {
     pub s_gr: f64,
     /// Mean limb error, degrees.
     pub limb_deg_mean: f64,
-    /// Its 95th percentile, degrees.
+    /// 95th percentile of the limb error, degrees.
     pub limb_deg_p95: f64,
     /// Mean angle between bones, degrees.
     pub direction_deg: f64,
-    /// Joint MSE against the oracle, rad^2; none if every frame is masked.
+    /// Joint MSE against the oracle, rad^2. None if every frame is masked.
     pub joint_mse_rad2: Option<f64>,
-    /// The same with the masked frames, rad^2; none if there is no frame.
+    /// Joint MSE including the masked frames, rad^2. None if there is no frame.
     pub joint_mse_all_rad2: Option<f64>,
-    /// Jerk ratio between jumps; none where it is not defined.
+    /// Jerk ratio between jumps. None where it is not defined.
     pub jerk_ratio: Option<f64>,
-    /// The same with the method's own jumps.
+    /// Jerk ratio including the method's own jumps.
     pub jerk_ratio_with_jumps: Option<f64>,
-    /// Flips per 1000 frames of an arm; none where frames are skipped.
+    /// Flips per 1000 frames of an arm. None if frames are skipped.
     pub flips_per_1000: Option<f64>,
-    /// Mean limb error where reachable, degrees; none if nothing is.
+    /// Mean limb error of reachable frames, degrees. None if no frame is reachable.
     pub reachable_deg_mean: Option<f64>,
-    /// Its 99th percentile, degrees.
+    /// 99th percentile of the limb error of reachable frames, degrees.
     pub reachable_deg_p99: Option<f64>,
     /// Share of the frames of an arm that are reachable.
     pub reachable_share: f64,
@@ -91,7 +94,7 @@ struct Tally {
     by_limb: [f64; 4],
     joint: Mean,
     joint_all: Mean,
-    /// Sums of squares, rad^2/s^6: between jumps, and with the method's jumps.
+    /// Sums of squares, rad^2/s^6: between jumps, and including the method's jumps.
     jerk: [Jerk; 2],
     flips: usize,
     transitions: usize,
@@ -116,7 +119,7 @@ struct Mean {
 }
 
 impl Mean {
-    /// The squares of an arm's joints, summed.
+    /// Adds the sum of the squares of an arm's joints.
     fn add(&mut self, squares: f64) {
         self.sum += squares;
         self.count += ARM_Q;
@@ -127,7 +130,7 @@ impl Mean {
     }
 }
 
-/// The figures of one method over its runs.
+/// Returns the figures of one method over its runs.
 #[must_use]
 pub fn measure(arm: &ArmModel, runs: &[Run<'_>]) -> Figures {
     let mut tally = Tally::default();
@@ -214,12 +217,12 @@ impl Tally {
     }
 }
 
-/// The value that `percent` of the sorted values lie below; 0 of none.
+/// Returns the value below which `percent` of the sorted values lie. 0 if there are no values.
 fn percentile(sorted: &[f64], percent: usize) -> f64 {
     sorted.get(sorted.len() * percent / 100).copied().unwrap_or(0.0)
 }
 
-/// Angles between the bones of robot and human, degrees: upper arm, forearm.
+/// Returns the angles between the bones of robot and human, degrees: upper arm, forearm.
 #[must_use]
 pub fn direction_deg(robot: &Limbs, human: &Limbs) -> [f64; 2] {
     let y = Vector3::y();
@@ -230,7 +233,7 @@ pub fn direction_deg(robot: &Limbs, human: &Limbs) -> [f64; 2] {
     [angle(&robot.upper, &human.upper), angle(&robot.fore, &human.fore)]
 }
 
-/// Whether the upper arm lies within [`GIMBAL_RAD`] of the first joint's axis, in either direction.
+/// Returns true if the upper arm lies within [`GIMBAL_RAD`] of the first joint's axis, in either direction.
 #[must_use]
 pub fn near_gimbal(arm: &ArmModel, q: &ArmQ) -> bool {
     let turn = UnitQuaternion::new(arm.axes[1] * (q[1] - arm.reference[1]));
@@ -242,7 +245,7 @@ fn jumps(before: &ArmQ, after: &ArmQ) -> bool {
     before.iter().zip(after).any(|(a, b)| (a - b).abs() > FLIP_JOINT_RAD)
 }
 
-/// Rotation angle between two rotations, rad; q and -q are the same.
+/// Returns the rotation angle between two rotations, rad. q and -q are the same rotation.
 fn turn_rad(a: &UnitQuaternion<f64>, b: &UnitQuaternion<f64>) -> f64 {
     let turn = a.inverse() * b;
     2.0 * turn.imag().norm().atan2(turn.w.abs())
@@ -253,23 +256,23 @@ fn third_difference_squared(q: &[ArmQ]) -> f64 {
     (0..ARM_Q).map(|j| (d[j] - 3.0 * c[j] + 3.0 * b[j] - a[j]).powi(2)).sum()
 }
 
-/// A clip with what it is compared with.
+/// A clip with its references.
 #[derive(Clone, Debug)]
 pub struct Task {
     /// The clip.
     pub clip: Clip,
-    /// What its postures are compared with.
+    /// Limbs with which its postures are compared.
     pub target: Vec<Human>,
     /// The oracle's postures for `target`.
     pub oracle: Vec<Posture>,
-    /// Those of an oracle with other starts.
+    /// The postures of an oracle with other starts.
     pub second_oracle: Vec<Posture>,
-    /// Whether frames follow one another as recorded.
+    /// True if the frames are consecutive, as recorded.
     pub contiguous: bool,
 }
 
 impl Task {
-    /// This clip as retargeted to `postures`.
+    /// Returns this clip as retargeted to `postures`.
     #[must_use]
     pub fn run<'a>(&'a self, postures: &'a [Posture]) -> Run<'a> {
         Run {

@@ -1,4 +1,5 @@
-//! The eleven named motions: joint error and control frequency beside what the paper reports, and its third figure.
+//! The eleven named motions: joint error and control frequency, with the figures of the paper beside them, and
+//! the paper's third figure.
 
 use crate::clips::{Clip, clip_of};
 use crate::error::EvalError;
@@ -16,19 +17,19 @@ use serde_json::{Value, json};
 use std::fmt;
 use std::path::Path;
 
-/// What the paper reports on its own data and its own, hand-made, ground truth: joint MSE, rad^2.
+/// Joint MSE that the paper reports, rad^2, on its own data and its own hand-made ground truth.
 const REPORTED_MSE: [(&str, f64); 4] =
     [("s3le", 0.44), ("paper", 0.21), ("paper_no_ltc", 0.24), ("paper_no_triplet", 0.57)];
-/// Control frequencies that it reports, kHz.
+/// Control frequencies that the paper reports, kHz.
 const REPORTED_KHZ: [(&str, f64); 2] = [("s3le", 0.4), ("paper", 1.5)];
 /// The motion whose hands touch the head.
 const TOUCH: &str = "hands-on-head";
-/// A hand is at its nearest while it is this close to its least distance, m.
+/// A hand counts as nearest while it is this close to its least distance, m.
 const NEAREST_M: f64 = 0.005;
 /// Poses of the figure.
 const POSES: [&str; 7] =
     ["hands-up", "hands-to-chest", "hands-on-head", "wave-right", "point-forward", "cross-arms", "stretch-sideways"];
-/// Its rows, where measured.
+/// Rows of the figure, if measured.
 const ROWS: [&str; 3] = ["paper", "s3le", "ours_k2"];
 
 /// One method on the named motions.
@@ -36,20 +37,20 @@ const ROWS: [&str; 3] = ["paper", "s3le", "ours_k2"];
 pub struct PaperRow {
     /// Name.
     pub name: String,
-    /// Figures, the joints against the ground truth.
+    /// Figures, with the joints compared with the ground truth.
     pub figures: Figures,
-    /// Poses a second, kHz.
+    /// Poses per second, kHz.
     pub control_khz: Option<f64>,
     /// Distance from the middle of the hand to the middle of the head while the human touches it, m.
     pub hand_to_head_m: Option<f64>,
 }
 
-/// The table.
+/// The table of the named motions.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PaperTable {
     /// Methods.
     pub rows: Vec<PaperRow>,
-    /// Names of those without weights.
+    /// Names of the methods without weights.
     pub missing: Vec<String>,
     /// Frames of all motions.
     pub frames: usize,
@@ -57,7 +58,7 @@ pub struct PaperTable {
     pub human_hand_to_head_m: Option<f64>,
 }
 
-/// The named motions with their ground truth in the place of the oracle's postures.
+/// Returns the named motions. Their ground truth replaces the oracle's postures.
 #[must_use]
 pub fn named_tasks(model: &Model) -> Vec<Task> {
     let tasks = paper_motions().into_iter().filter_map(|motion| {
@@ -107,7 +108,8 @@ pub fn table(model: &Model, methods: &[Method], tasks: &[Task]) -> PaperTable {
 
 type Positions = [[f32; 3]; messages::SMPL_JOINTS];
 
-/// Mean distance from hand to head over both hands and the frames in which the human's hands are at their nearest.
+/// Returns the mean distance from hand to head over both hands and the frames in which the human's hands are
+/// nearest.
 fn touch(tasks: &[Task], shown: impl Fn(usize, (usize, Positions)) -> Option<Positions>) -> Option<f64> {
     let (index, task) = tasks.iter().enumerate().find(|(_, task)| task.clip.name == TOUCH)?;
     let human: Vec<f64> = task.clip.positions.iter().map(hand_to_head).collect();
@@ -126,10 +128,10 @@ fn hand_to_head(positions: &Positions) -> f64 {
     0.5 * (left + right)
 }
 
-/// Human, paper, S3LE and ours under one another in named poses, as an SVG file.
+/// Draws human, paper, S3LE and ours under one another in named poses, as an SVG file.
 ///
 /// # Errors
-/// If it cannot be written.
+/// Returns an error if it cannot be written.
 pub fn figure(path: &Path, model: &Model, methods: &[Method], tasks: &[Task]) -> Result<(), EvalError> {
     let arm = retarget::ArmModel::of(model);
     let instants: Vec<(usize, usize)> = POSES
@@ -216,7 +218,7 @@ impl fmt::Display for PaperTable {
 }
 
 impl PaperTable {
-    /// As JSON.
+    /// Returns the table as JSON.
     #[must_use]
     pub fn json(&self) -> Value {
         let row = |row: &PaperRow| {

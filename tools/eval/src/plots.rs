@@ -1,4 +1,4 @@
-//! The figures as pictures.
+//! Draws the figures.
 
 use crate::error::EvalError;
 use crate::figures::{Area, Drawn, FigureKind, draw, limbs_of, with_limbs};
@@ -10,9 +10,9 @@ use plotters::prelude::*;
 use retarget::ArmModel;
 use std::path::{Path, PathBuf};
 
-/// Instants shown as stick figures.
+/// Number of instants shown as stick figures.
 const INSTANTS: usize = 6;
-/// Methods whose error is shown by limb, where measured.
+/// Methods whose error is shown by limb, if measured.
 const BY_LIMB: [&str; 5] = ["oracle", "ours_k2", "sew", "ours_k0", "closed_form_3lm"];
 const COLOURS: [RGBColor; 5] = [
     RGBColor(120, 120, 120),
@@ -26,7 +26,7 @@ const LIMB_NAMES: [&str; 4] = ["left upper arm", "left forearm", "right upper ar
 /// Draws into `folder`: `error-against-k.svg`, `error-by-limb.svg`, and `poses.svg` with the postures of `shown`.
 ///
 /// # Errors
-/// If a file cannot be written.
+/// Returns an error if a file cannot be written.
 pub fn draw_all(
     folder: &Path,
     report: &Report,
@@ -55,7 +55,7 @@ pub fn draw_all(
 /// Draws one SVG file on white.
 ///
 /// # Errors
-/// If it cannot be written.
+/// Returns an error if it cannot be written.
 pub fn paint_file(
     path: &Path,
     size: (u32, u32),
@@ -68,7 +68,7 @@ pub fn paint_file(
     area.present().map_err(|error| failed(text_of(error)))
 }
 
-/// The words of an error.
+/// Returns the text of an error.
 pub fn text_of(error: impl std::fmt::Display) -> String {
     error.to_string()
 }
@@ -146,7 +146,7 @@ fn error_by_limb(area: &Area<'_>, report: &Report) -> Drawn {
         .x_label_area_size(32)
         .y_label_area_size(52)
         .build_cartesian_2d(0.0..4.0, 0.0..highest * 1.4)?;
-    // Labels of x stand between the ticks, under the groups.
+    // The labels of x stand under the groups, between the ticks.
     chart.configure_mesh().disable_x_mesh().max_light_lines(0).disable_x_axis().y_desc("mean error, degrees").draw()?;
     let width = 0.8 / rows.len().max(1) as f64;
     for (row, (name, figures)) in rows.iter().enumerate() {
@@ -164,14 +164,14 @@ fn error_by_limb(area: &Area<'_>, report: &Report) -> Drawn {
     let (x, y) = chart.plotting_area().get_pixel_range();
     for (limb, name) in LIMB_NAMES.iter().enumerate() {
         let centre = x.start + ((x.end - x.start) as f64 * (limb as f64 + 0.5) / 4.0) as i32;
-        // The naive width of a text of this size: half its height per letter.
+        // Simple estimate of the text's width: half its height per letter.
         let at = (centre - (name.len() as f64 * 3.4) as i32, y.end + 10);
         area.draw(&Text::new(*name, at, ("sans-serif", 14)))?;
     }
     Ok(())
 }
 
-/// Human above, robot below, at instants spread over all clips.
+/// Draws the human above and the robot below, at instants spread over all clips.
 fn poses(area: &Area<'_>, arm: &ArmModel, tasks: &[Task], name: &str, postures: &[Vec<Posture>]) -> Drawn {
     let all: Vec<(&Task, usize, &Posture)> = tasks
         .iter()
@@ -191,22 +191,22 @@ fn poses(area: &Area<'_>, arm: &ArmModel, tasks: &[Task], name: &str, postures: 
     Ok(())
 }
 
-/// A line of text at the bottom of a cell.
+/// Draws a line of text at the bottom of a cell.
 ///
 /// # Errors
-/// If the file cannot be written.
+/// Returns an error if the file cannot be written.
 pub fn label(area: &Area<'_>, text: &str) -> Drawn {
     let (_, height) = area.dim_in_pixel();
     area.draw(&Text::new(text.to_owned(), (8, height as i32 - 18), ("sans-serif", 13)))
 }
 
-/// Rows of stick figures under one another: a name, and one set of joints per column.
+/// A row of stick figures: a name, and one set of joints per column.
 pub type FigureRow = (String, FigureKind, Vec<[[f32; 3]; SMPL_JOINTS]>);
 
 /// Draws rows of figures with the columns' names at the bottom.
 ///
 /// # Errors
-/// If the file cannot be written.
+/// Returns an error if the file cannot be written.
 pub fn figure_rows(path: &Path, columns: &[String], rows: &[FigureRow]) -> Result<(), EvalError> {
     let size = (170 * columns.len() as u32, 200 * rows.len() as u32);
     paint_file(path, size, &|area| {

@@ -1,5 +1,5 @@
-//! How often `ingest` would refuse a person who did nothing wrong: every motion of a folder, resampled to several rates, goes
-//! through the input stage alone.
+//! Counts how often `ingest` would reject a person who did nothing wrong. Every motion of a folder, resampled
+//! to several rates, goes through the input stage alone.
 
 use crate::cli::Cli;
 use crate::error::EvalError;
@@ -14,12 +14,12 @@ use skeleton::DropReason;
 use std::fmt;
 use std::path::Path;
 
-/// Rates that can be asked for, Hz: those that clients may send at, and 20.
+/// Allowed rates, Hz: those at which clients may send, and 20.
 const RATES_HZ: [f64; 2] = [20.0, 240.0];
-/// The first frame's time: any but zero, which stands for never.
+/// Time of the first frame. It is not zero, because zero means never.
 const BEGIN_NS: u64 = 1_000_000_000;
 
-/// What became of a motion's frames.
+/// Counts of a motion's frames.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Refusals {
     /// Frames.
@@ -28,9 +28,9 @@ pub struct Refusals {
     pub dropped: u64,
     /// Frames of which one arm was not used.
     pub arm_left_out: u64,
-    /// Times that the person counted as another one.
+    /// Number of times that the person counted as another one.
     pub strangers: u64,
-    /// By reason, frames or arms.
+    /// Number of frames or arms by reason.
     pub reasons: Vec<(&'static str, u64)>,
 }
 
@@ -61,7 +61,7 @@ impl Refusals {
     }
 }
 
-/// Shows a motion to `ingest` at so many frames a second, each frame at once.
+/// Passes a motion to `ingest` at this frame rate, each frame at once.
 #[must_use]
 pub fn count(config: &InputConfig, motion: &Motion, calibration: CalibrationMode, rate_hz: f64) -> Refusals {
     let hinges = motion::calibrate(motion, calibration);
@@ -92,7 +92,7 @@ struct Report {
     folder: String,
     motions: usize,
     rates: Vec<(f64, Refusals)>,
-    /// Motion, rate, and what was refused of it.
+    /// Motion, rate, and its refusals.
     worst: Vec<(String, f64, Refusals)>,
 }
 
@@ -114,7 +114,7 @@ impl fmt::Display for Report {
 /// Counts over a folder, prints the table, writes JSON.
 ///
 /// # Errors
-/// The first thing that made it impossible, with the file or option at fault.
+/// Returns the first error, with its file or option.
 pub fn run(cli: &Cli, folder: &Path) -> Result<(), EvalError> {
     let [low, high] = RATES_HZ;
     if let Some(rate) = cli.rates.iter().find(|rate| !(low..=high).contains(*rate)) {

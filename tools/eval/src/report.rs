@@ -1,4 +1,4 @@
-//! The table for people and its twin in JSON.
+//! The table as text, and the same as JSON.
 
 use crate::cli::Cli;
 use crate::methods::{Missing, SECOND_STARTS};
@@ -8,14 +8,14 @@ use serde_json::{Map, Value, json};
 use std::fmt;
 use std::path::Path;
 
-/// What was measured of a method.
+/// Measurements of a method.
 #[derive(Clone, Debug)]
 pub struct Measured {
     /// Error and smoothness.
     pub figures: Figures,
     /// Microseconds per pose.
     pub us_per_pose: Option<f64>,
-    /// What a learned baseline was trained on.
+    /// Training data of a learned baseline.
     pub trained_on: Option<String>,
 }
 
@@ -24,11 +24,11 @@ pub struct Measured {
 pub struct Row {
     /// Name.
     pub name: String,
-    /// Figures, or why there are none.
+    /// Figures, or the reason why there are none.
     pub result: Result<Measured, Missing>,
 }
 
-/// What it was measured on.
+/// Conditions of the measurement.
 #[derive(Clone, Debug)]
 pub struct Setting {
     /// Folder of the clips.
@@ -37,42 +37,42 @@ pub struct Setting {
     pub clips: Vec<String>,
     /// Frames, both arms each.
     pub frames: usize,
-    /// Every how many-th frame was taken.
+    /// Stride of the measured frames.
     pub stride: usize,
-    /// How hinges were calibrated.
+    /// Calibration of the hinges.
     pub calibration: &'static str,
-    /// Where rotations were compared.
+    /// Frame in which rotations were compared.
     pub frame: &'static str,
     /// Our weights.
     pub weights: Option<WeightsFacts>,
 }
 
-/// What is known of our weights.
+/// Facts about our weights.
 #[derive(Clone, Debug)]
 pub struct WeightsFacts {
-    /// Their file.
+    /// File of the weights.
     pub path: String,
     /// SHA-256.
     pub sha256: String,
     /// Steps of the training.
     pub steps: u64,
-    /// What they were trained on.
+    /// Training data of the weights.
     pub trained_on: String,
 }
 
-/// All that was measured.
+/// All measurements.
 #[derive(Clone, Debug)]
 pub struct Report {
     /// Methods in the order of the table.
     pub rows: Vec<Row>,
     /// The second oracle, measured against the first.
     pub floor: Figures,
-    /// What it was measured on.
+    /// Conditions of the measurement.
     pub setting: Setting,
 }
 
 impl Setting {
-    /// The setting of a run.
+    /// Creates the conditions of a run.
     #[must_use]
     pub fn of(cli: &Cli, human: &Path, weights: Option<&Weights>, tasks: &[Task]) -> Self {
         Self {
@@ -92,7 +92,7 @@ impl Setting {
     }
 }
 
-/// A figure in `width` columns, or a dash.
+/// Formats a figure in `width` columns, or a dash.
 pub(crate) fn cell(value: Option<f64>, width: usize, digits: usize) -> String {
     match value {
         Some(value) if value.is_finite() => format!("{value:>width$.digits$}"),
@@ -100,7 +100,7 @@ pub(crate) fn cell(value: Option<f64>, width: usize, digits: usize) -> String {
     }
 }
 
-/// Microseconds: three digits are all that a repetition gives.
+/// Formats microseconds. A repetition gives no more than three digits.
 fn time_cell(value: Option<f64>) -> String {
     cell(value, 8, if value.is_some_and(|value| value >= 100.0) { 0 } else { 2 })
 }
@@ -135,7 +135,7 @@ impl fmt::Display for Report {
 }
 
 impl Report {
-    /// The figures of a method, where measured.
+    /// Returns the figures of a method, if measured.
     #[must_use]
     pub fn figures(&self, name: &str) -> Option<&Figures> {
         let row = self.rows.iter().find(|row| row.name == name)?;
@@ -202,7 +202,7 @@ impl Report {
         )
     }
 
-    /// The same as JSON.
+    /// Returns the table as JSON.
     #[must_use]
     pub fn json(&self) -> Value {
         let mut methods = Map::new();

@@ -1,4 +1,4 @@
-//! What the command does: read, retarget every clip by every method, measure, time, print, write.
+//! Runs the command: reads, retargets every clip by every method, measures, times, prints, writes.
 
 use crate::cli::{Cli, DEFAULT_WEIGHTS, Frame};
 use crate::clips::{self, Clip, Selection};
@@ -17,15 +17,15 @@ use std::io::Write;
 use std::path::Path;
 use train::robot_file::{arm_of, read_model};
 
-/// Poses that are timed, spread over all clips.
+/// Number of timed poses, spread over all clips.
 const TIMED_POSES: usize = 256;
 
-/// Measures as asked, prints the table, writes JSON and plots.
+/// Runs the requested measurement, prints the table, writes JSON and plots.
 ///
 /// # Errors
-/// The first thing that made it impossible, with the file or option at fault.
+/// Returns the first error, with its file or option.
 pub fn run(cli: &Cli) -> Result<(), EvalError> {
-    // The command line has exactly one of them.
+    // The command line has exactly one of the three folders.
     if let Some(folder) = &cli.following {
         return following::run(cli, folder);
     }
@@ -35,7 +35,7 @@ pub fn run(cli: &Cli) -> Result<(), EvalError> {
     cli.human.as_deref().map_or(Ok(()), |folder| retargeting(cli, folder))
 }
 
-/// Methods side by side on the clips of `human`.
+/// Compares methods on the clips of `human`.
 fn retargeting(cli: &Cli, human: &Path) -> Result<(), EvalError> {
     if cli.stride == 0 {
         let expected = "1 or more".to_owned();
@@ -49,7 +49,7 @@ fn retargeting(cli: &Cli, human: &Path) -> Result<(), EvalError> {
     for (file, reason) in &skipped {
         eprintln!("skipped {file}: {reason}");
     }
-    // Nothing should be trained on what it is then measured on.
+    // A method should not be trained on the clips of its measurement.
     let training = clips::has_training_clips(human, &selection).then_some(human);
     let sources = Sources {
         human: training.unwrap_or(Path::new("MOTIONS")),
@@ -84,7 +84,7 @@ fn retargeting(cli: &Cli, human: &Path) -> Result<(), EvalError> {
     write_json(cli, &json)
 }
 
-/// Writes the figures where `--json` says.
+/// Writes the figures to the file of `--json`.
 pub(crate) fn write_json(cli: &Cli, json: &Value) -> Result<(), EvalError> {
     let Some(path) = &cli.json else { return Ok(()) };
     let failed = |source| EvalError::File { path: path.clone(), action: "write", source };
@@ -93,12 +93,12 @@ pub(crate) fn write_json(cli: &Cli, json: &Value) -> Result<(), EvalError> {
     Ok(())
 }
 
-/// Prints; whoever stopped reading has seen enough.
+/// Prints a text. A closed output is not an error.
 pub(crate) fn show(what: &dyn Display) {
     let _ = std::io::stdout().write_all(what.to_string().as_bytes());
 }
 
-/// The table of the named motions and the figure, as asked.
+/// Computes the table of the named motions and the figure, if requested.
 fn named_motions(cli: &Cli, model: &Model, methods: &[Method], json: &mut Value) -> Result<(), EvalError> {
     if !cli.paper_table && cli.figure3.is_none() {
         return Ok(());
@@ -116,7 +116,7 @@ fn named_motions(cli: &Cli, model: &Model, methods: &[Method], json: &mut Value)
     Ok(())
 }
 
-/// Our weights; none if nobody named them and they are not there.
+/// Reads our weights. None if they are the default and do not exist.
 fn read_weights(path: &Path, identity: &ArmIdentity) -> Result<Option<Weights>, EvalError> {
     if path == Path::new(DEFAULT_WEIGHTS) && !path.exists() {
         return Ok(None);
@@ -140,7 +140,7 @@ fn refuse_missing(methods: &[Method]) -> Result<(), EvalError> {
     Ok(())
 }
 
-/// Clips with what they are compared with, and the oracle's postures.
+/// Prepares clips with their references and the oracle's postures.
 #[must_use]
 pub fn tasks(arm: &ArmModel, clips: Vec<Clip>, frame: Frame, stride: usize) -> Vec<Task> {
     let task = |clip: Clip| {
@@ -190,7 +190,7 @@ pub fn report(
     Report { rows, floor, setting: Setting::of(cli, human, weights, tasks) }
 }
 
-/// Every clip by one method; what the oracle gave is not computed again.
+/// Retargets every clip by one method. The oracle's postures are not computed again.
 #[must_use]
 pub fn postures(solver: &Solver, arm: &ArmModel, tasks: &[Task]) -> Vec<Vec<Posture>> {
     match solver {
@@ -199,7 +199,7 @@ pub fn postures(solver: &Solver, arm: &ArmModel, tasks: &[Task]) -> Vec<Vec<Post
     }
 }
 
-/// Poses to time, evenly from all clips, each with the oracle's posture of the frame before.
+/// Returns poses to time, evenly from all clips, each with the oracle's posture of the previous frame.
 #[must_use]
 pub fn moments(tasks: &[Task]) -> Vec<Moment> {
     let all = tasks.iter().flat_map(|task| {

@@ -1,29 +1,30 @@
-//! The arm solved from shoulder, elbow and wrist by geometry alone, every branch tried: the analytic baseline.
+//! Solves the arm from shoulder, elbow and wrist by geometry alone, and tries every branch. This is the
+//! analytic baseline.
 //!
-//! With Rot(a, t) the rotation by t about a, U = R0 R1 R2 and F = U R3 R4, y the bone axis of both limbs in the T-pose,
-//! u and f the directions shoulder-elbow and elbow-wrist of the human:
+//! Let Rot(a, t) be the rotation by t about a. Let U = R0 R1 R2 and F = U R3 R4. Let y be the bone axis of both
+//! limbs in the T-pose. Let u and f be the directions shoulder-elbow and elbow-wrist of the human:
 //!
-//! 1. R0 R1 y = u puts the elbow: a0.u = a0.Rot(a1, t1) y has two solutions t1; t0 then turns Rot(a1, t1) y into u.
-//!    Where t0 meets its limit, t1 is solved again for that t0.
-//! 2. R2 R3 y = f' = (R0 R1)^-1 f puts the wrist, in the same way: two solutions t3 (elbow bent one way or the other), and
-//!    t2 turns the elbow's plane into that of shoulder, elbow and wrist; a third candidate takes t2 from the human's
-//!    own rotation about the upper arm, which counts where the elbow is straight and has no plane. Where t2 meets its
-//!    limit, t3 is solved again.
-//! 3. t4 is the twist that is left.
+//! 1. R0 R1 y = u places the elbow. a0.u = a0.Rot(a1, t1) y has two solutions t1. Then t0 turns Rot(a1, t1) y
+//!    into u. Where t0 meets its limit, t1 is solved again for that t0.
+//! 2. R2 R3 y = f' = (R0 R1)^-1 f places the wrist in the same way. There are two solutions t3, with the elbow
+//!    bent one way or the other. t2 turns the elbow's plane into that of shoulder, elbow and wrist. A third
+//!    candidate takes t2 from the human's own rotation about the upper arm. It matters where the elbow is
+//!    straight and has no plane. Where t2 meets its limit, t3 is solved again.
+//! 3. t4 is the remaining twist.
 //!
-//! Of the 2 x 3 postures, all within the limits, the one with the least S_GR is taken, of equal ones the one nearest to
-//! the previous posture.
+//! The result is the one of the 2 x 3 postures, all within the limits, that has the least S_GR. If several are
+//! equal, it is the one nearest to the previous posture.
 
 use nalgebra::{UnitQuaternion, Vector3};
 use retarget::{ARM_Q, ArmModel, ArmQ, Limbs};
 use std::f64::consts::{PI, TAU};
 
-/// Directions nearer to an axis than this (sine of the angle) have no angle about it, rad.
+/// Directions closer to an axis than this (sine of the angle) have no angle about it, rad.
 const SINGULAR_SINE: f64 = 1e-4;
 /// Postures whose S_GR differs by less are equally good: 0.1 degrees in one limb, sin^2(0.05 deg).
 const EQUAL_S_GR: f64 = 7.6e-7;
 
-/// Joint positions of one arm, rad, within the limits; `previous` decides ties and singularities.
+/// Returns the joint positions of one arm, rad, within the limits. `previous` decides ties and singularities.
 #[must_use]
 pub fn sew(arm: &ArmModel, human: &Limbs, previous: &ArmQ) -> ArmQ {
     let mut best: Option<(f64, f64, ArmQ)> = None;
@@ -44,12 +45,12 @@ pub fn sew(arm: &ArmModel, human: &Limbs, previous: &ArmQ) -> ArmQ {
     best.map_or_else(|| arm.mid(), |(_, _, q)| q)
 }
 
-/// How joint 3 is found.
+/// Source of joint 3.
 #[derive(Clone, Copy)]
 enum Bend {
-    /// From the plane of shoulder, elbow and wrist, the elbow bent to one side or the other.
+    /// The plane of shoulder, elbow and wrist, with the elbow bent to one side or the other.
     Plane(f64),
-    /// From the human's rotation about the upper arm.
+    /// The human's rotation about the upper arm.
     Twist,
 }
 
@@ -91,8 +92,8 @@ fn branch(arm: &ArmModel, human: &Limbs, previous: &ArmQ, elbow_side: f64, bend:
     std::array::from_fn::<f64, ARM_Q, _>(|joint| arm.reference[joint] + t[joint])
 }
 
-/// The angle t about `turn` with pole.Rot(turn, t) from = pole.to, one of the two; the nearest if there is none. `pole` is
-/// orthogonal to `turn`.
+/// Returns one of the two angles t about `turn` with pole.Rot(turn, t) from = pole.to. Without a solution it
+/// returns the nearest angle. `pole` is orthogonal to `turn`.
 fn polar(pole: &Vector3<f64>, turn: &Vector3<f64>, from: &Vector3<f64>, to: &Vector3<f64>, side: f64) -> f64 {
     let (cosine, sine) = (pole.dot(from), pole.dot(&turn.cross(from)));
     let reach = (pole.dot(to) / cosine.hypot(sine)).clamp(-1.0, 1.0);
@@ -103,7 +104,8 @@ fn about(axis: &Vector3<f64>, angle: f64) -> UnitQuaternion<f64> {
     UnitQuaternion::new(axis * angle)
 }
 
-/// Angle about the unit `axis` that turns `from` as near to `to` as it can; none if one of them lies along the axis.
+/// Returns the angle about the unit `axis` that turns `from` as near to `to` as possible. None if one of them
+/// lies along the axis.
 fn angle_about(axis: &Vector3<f64>, from: &Vector3<f64>, to: &Vector3<f64>) -> Option<f64> {
     if axis.cross(from).norm() < SINGULAR_SINE || axis.cross(to).norm() < SINGULAR_SINE {
         return None;
@@ -112,12 +114,13 @@ fn angle_about(axis: &Vector3<f64>, from: &Vector3<f64>, to: &Vector3<f64>) -> O
     Some(axis.dot(&from.cross(to)).atan2(cosine))
 }
 
-/// Angle of the twist of `r` about the unit `axis` (swing-twist decomposition), rad.
+/// Returns the angle of the twist of `r` about the unit `axis` (swing-twist decomposition), rad.
 fn twist_about(axis: &Vector3<f64>, r: &UnitQuaternion<f64>) -> f64 {
     2.0 * r.imag().dot(axis).atan2(r.w)
 }
 
-/// The offset `t` from the reference, shifted by whole turns to the middle of the limits and clamped; and whether it was.
+/// Returns the offset `t` from the reference, shifted by whole turns to the middle of the limits and clamped.
+/// Also returns true if it was clamped.
 fn within_limits(arm: &ArmModel, joint: usize, t: f64) -> (f64, bool) {
     let mid = 0.5 * (arm.q_min[joint] + arm.q_max[joint]);
     let q = mid + (t + arm.reference[joint] - mid + PI).rem_euclid(TAU) - PI;

@@ -1,4 +1,4 @@
-//! How long a method takes for one pose of both arms, on this machine, now.
+//! Measures how long a method takes for one pose of both arms, on this machine, now.
 
 use crate::clips::Human;
 use crate::methods::{Posture, Solver};
@@ -6,23 +6,23 @@ use retarget::ArmModel;
 use std::hint::black_box;
 use std::time::Instant;
 
-/// One repetition takes about this long, so that the clock's own cost does not count, us.
+/// Length of one repetition, us. It is long enough that the clock's own cost does not count.
 const REPETITION_US: f64 = 4_000.0;
-/// Repetitions; their median is given, so that other work on the machine hardly counts.
+/// Number of repetitions. Their median is reported, so that other work on the machine hardly counts.
 const REPETITIONS: usize = 25;
-/// No method gets longer than about this, us.
+/// Approximate time limit of each method, us.
 const BUDGET_US: f64 = 400_000.0;
 
-/// A pose and the posture before it.
+/// A pose and the previous posture.
 pub type Moment = (Human, Posture);
 
-/// Microseconds per pose, batch 1: median over repetitions, each over moments in a row.
+/// Returns microseconds per pose with batch 1: the median over repetitions, each over consecutive moments.
 #[must_use]
 pub fn us_per_pose(solver: &Solver, arm: &ArmModel, moments: &[Moment]) -> Option<f64> {
     if moments.is_empty() {
         return None;
     }
-    // Warm up, and see how long it takes.
+    // Warm up, and measure the duration.
     let once = time_us(solver, arm, moments.iter().take(3)) / moments.len().min(3) as f64;
     let poses = ((REPETITION_US / once.max(0.1)) as usize).clamp(1, 20_000);
     let repetitions = ((BUDGET_US / (once.max(0.1) * poses as f64)) as usize).clamp(3, REPETITIONS);

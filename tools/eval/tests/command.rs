@@ -1,4 +1,4 @@
-//! The command on a small motion: clips, frames, keys of the JSON, errors.
+//! Runs the command on a small motion: clips, frames, keys of the JSON, errors.
 
 use clap::Parser;
 use eval::cli::Cli;
@@ -15,7 +15,7 @@ fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")
 }
 
-/// Part of the built-in motion in which both arms move.
+/// Returns a part of the built-in motion in which both arms move.
 fn short(name: &str, frames: usize) -> Motion {
     let mut motion = builtin();
     motion.name = name.to_owned();
@@ -161,8 +161,8 @@ fn a_person_who_turns_moves_in_space_and_not_against_the_chest() {
     for (before, after) in global[0].iter().zip(&global[1]) {
         assert!((before.fore.angle_to(&after.fore) - 0.5).abs() < 1e-3);
     }
-    // Facing forward in the first frame, the left arm that points left points left and back after a turn to the left;
-    // the right one, seen as a left arm, points left and forward.
+    // In the first frame the person faces forward. After a turn to the left, the left arm that pointed left
+    // points left and back. The right one, seen as a left arm, points left and forward.
     let before = [0, 1].map(|arm: usize| global[0][arm].upper * Vector3::y());
     let after = [0, 1].map(|arm: usize| global[1][arm].upper * Vector3::y());
     let expected = [turn * before[0], turn.inverse() * before[1]];

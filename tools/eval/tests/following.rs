@@ -1,4 +1,5 @@
-//! `eval --following`: the sign of the delay, the optimum against motions that are known, and the command on a short motion.
+//! `eval --following`: the sign of the delay, the optimum against known motions, and the command on a short
+//! motion.
 
 use clap::Parser;
 use eval::cli::Cli;
@@ -20,7 +21,8 @@ fn model() -> Model {
     read_model(&root().join("config/robots/tiago_dual.toml")).expect("the robot of the repository")
 }
 
-/// Every joint swings about the middle of its range at `speed` rad/s at most, each at another time.
+/// Every joint oscillates about the middle of its range, with a speed of at most `speed` rad/s and its own
+/// phase.
 fn swing(arm: &ArmModel, t_s: f64, speed: f64) -> ArmQ {
     let pace = 2.0;
     std::array::from_fn(|j| arm.mid()[j] + speed / pace * (pace * t_s + j as f64).sin())
@@ -28,7 +30,7 @@ fn swing(arm: &ArmModel, t_s: f64, speed: f64) -> ArmQ {
 
 const BEGIN_NS: u64 = 5_000_000_000;
 
-/// A person with the limbs of that swing, seen at 60 Hz for `seconds`.
+/// A person with the limbs of that oscillation, seen at 60 Hz for `seconds`.
 fn person(arm: &ArmModel, seconds: f64, speed: f64) -> Person {
     let mut person = Person::default();
     for i in 0..(seconds * 60.0) as u64 {
@@ -60,7 +62,7 @@ fn a_robot_that_does_what_the_person_did_120_ms_before_is_right_at_that_delay_al
         assert_eq!(right(figures.now_deg), sign == 0.0, "{late_s} s: {figures:?}");
         assert!(figures.at_deg.iter().chain([&figures.now_deg]).filter(|deg| right(**deg)).count() <= 1);
         assert_eq!(figures.best_ms, if sign > 0.0 { 120.0 } else { 0.0 }, "{figures:?}");
-        // What is further away in time is further off.
+        // A larger distance in time gives a larger error.
         assert!(figures.at_deg[2] > figures.at_deg[1] || sign > 0.0);
     }
 }
@@ -74,11 +76,11 @@ fn the_error_is_the_mean_angle_of_four_limbs() {
     let spans = vec![vec![Sample { at: Stamp(BEGIN_NS), q: [bent, rest], v: [[0.0; ARM_Q]; 2] }]];
     let played = Played { person: person(&arm, 1.0, 0.0), spans, ticks: 1, ..Played::default() };
     let figures = judge(&arm, &played, &[0.0], None).expect("figures");
-    // Of four limbs one forearm is off by 0.2 rad.
+    // One forearm of four limbs is off by 0.2 rad.
     assert!((figures.now_deg - 0.2_f64.to_degrees() / 4.0).abs() < 1e-3, "{figures:?}");
 }
 
-/// Mean angle of both limbs over the nodes after the start, degrees.
+/// Returns the mean angle of both limbs over the nodes after the start, degrees.
 fn error(arm: &ArmModel, motion: &Motion, path: &[Limbs]) -> f64 {
     assert_eq!(motion.states.len() + 1, path.len());
     let nodes = motion.states.iter().zip(&path[1..]);
@@ -86,7 +88,7 @@ fn error(arm: &ArmModel, motion: &Motion, path: &[Limbs]) -> f64 {
     sum / (2.0 * motion.states.len() as f64)
 }
 
-/// Whether a motion keeps within limits, and is one.
+/// Checks that a motion is consistent and keeps the limits.
 fn assert_feasible(motion: &Motion, start: State, bounds: &Bounds) {
     let mut at = start;
     for (k, (a, state)) in motion.a.iter().zip(&motion.states).enumerate() {
@@ -130,14 +132,14 @@ fn the_optimum_of_a_path_that_is_too_fast_is_no_worse_than_a_motion_that_is_know
     for speed in [1.0, 1.5, 2.0] {
         let path = path(&arm, speed);
         let start = State { v: Joints::zeros(), ..starting(&arm, speed) };
-        // Known: to stand still.
+        // Known motion: standing still.
         let still = Motion::from(start, vec![Joints::zeros(); path.len() - 1]);
         let [squares, best] = [least_squares, optimum].map(|find| find(&arm, &bounds, &path, start));
         assert_feasible(&best, start, &bounds);
         assert_feasible(&squares, start, &bounds);
         let [still, squares, best] = [&still, &squares, &best].map(|motion| error(&arm, motion, &path));
         assert!(best <= squares && squares < 0.7 * still, "{speed} rad/s: {best}, {squares}, still {still}");
-        // Twice the acceleration and speed can do no harm.
+        // Twice the acceleration and speed cannot make the result worse.
         let wide = Bounds { v_max: bounds.v_max.map(|v| 2.0 * v), a_max: bounds.a_max.map(|a| 2.0 * a), ..bounds };
         let freer = error(&arm, &optimum(&arm, &wide, &path, start), &path);
         assert!(freer < best, "{speed} rad/s: {freer} with more room, {best}");
@@ -166,7 +168,7 @@ fn the_command_judges_a_motion_and_writes_every_figure() {
     assert_eq!(clip["at_ms_deg"]["100"], clip["at_delay_deg"]);
     assert!(number("best_deg") <= number("now_deg") && number("now_deg") < 90.0, "{clip:#}");
     assert!(number("optimum_deg") <= number("optimum_least_squares_deg") + 1e-9, "{clip:#}");
-    // At its best delay the robot may be nearer: the optimum has none.
+    // At its best delay the robot may be nearer, because the optimum has no delay.
     assert!(number("optimum_deg") < number("now_deg"), "{clip:#}");
     assert!((number("ratio") - number("at_delay_deg") / number("optimum_deg")).abs() < 1e-9);
     assert!((0.01..1.0).contains(&number("torque_share_max")) && (0.0..=1.0).contains(&number("on_plan_share")));

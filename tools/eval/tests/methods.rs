@@ -19,7 +19,8 @@ fn posture(arm: &ArmModel, rng: &mut Pcg64) -> ArmQ {
     std::array::from_fn(|j| rng.random_range(arm.q_min[j]..arm.q_max[j]))
 }
 
-/// A rotation from a cube of quaternions: any rotation, not quite uniform.
+/// Draws a rotation from a cube of quaternions. Any rotation is possible, but the distribution is not quite
+/// uniform.
 fn rotation(rng: &mut Pcg64) -> UnitQuaternion<f64> {
     let mut next = || rng.random_range(-1.0..1.0);
     UnitQuaternion::new_normalize(Quaternion::new(next(), next(), next(), next()))
@@ -38,7 +39,7 @@ fn sew_is_exact_where_the_arm_can_follow() {
         let human = arm.forward(&posture(&arm, &mut rng));
         let q = sew(&arm, &human, &arm.mid());
         let s = arm.s_gr(&q, &human);
-        // A branch that is worse by less than 0.1 degrees, sin^2(0.05 deg), may win for being nearer.
+        // A branch that is worse by less than 0.1 degrees, sin^2(0.05 deg), may win because it is nearer.
         assert!(s < 7.7e-7, "{s} at {q:?}");
         exact += i32::from(s < 1e-12);
     }
@@ -51,7 +52,7 @@ fn sew_stays_within_the_limits_and_beats_the_simple_closed_form_on_average() {
     let mut rng = Pcg64::new(2, 1);
     let (mut ours, mut simple) = (0.0, 0.0);
     for _ in 0..2_000 {
-        // Beyond the limits, but not beyond what a human does: a reachable pose, turned.
+        // Beyond the limits, but within human motion: a reachable pose, turned.
         let near = arm.forward(&posture(&arm, &mut rng));
         let turn = UnitQuaternion::identity().slerp(&rotation(&mut rng), 0.3);
         let human = Limbs { upper: turn * near.upper, fore: turn * near.fore };

@@ -1,4 +1,4 @@
-//! The definitions of the columns, on sequences whose figures are known.
+//! Definitions of the columns, on sequences with known figures.
 
 use eval::clips::Human;
 use eval::keyposes::shape;
@@ -83,7 +83,7 @@ fn twice_the_motion_has_twice_the_jerk_and_jumps_are_counted_apart() {
     let between = some(with_jump.jerk_ratio);
     assert!((between - 2.0).abs() < 0.1, "{between}");
     assert!(some(with_jump.jerk_ratio_with_jumps) > 10.0, "{:?}", with_jump.jerk_ratio_with_jumps);
-    // There and back, of one arm.
+    // One arm jumps there and back.
     let flips = 2.0 * 1000.0 / (2.0 * (FRAMES - 1) as f64);
     assert!((some(with_jump.flips_per_1000) - flips).abs() < 1e-9);
 }

@@ -1,4 +1,4 @@
-//! `eval --refusals`: who moves as people do is refused at no rate.
+//! `eval --refusals`: normal human motion is rejected at no rate.
 
 use eval::refusals::count;
 use motion::{CalibrationMode, Motion, builtin};
@@ -11,7 +11,7 @@ fn config() -> InputConfig {
     InputConfig::new(&loaded.settings.ingest, loaded.layouts, loaded.operators)
 }
 
-/// The built-in motion so many times as fast.
+/// Returns the built-in motion, `times` as fast.
 fn faster(times: f64) -> Motion {
     let mut motion = builtin();
     motion.frame_rate_hz *= times;
@@ -29,7 +29,7 @@ fn the_built_in_motion_is_refused_at_no_rate() {
             assert_eq!((found.dropped, found.arm_left_out, found.strangers), (0, 0, 0), "{rate_hz} Hz: {found:?}");
         }
     }
-    // What nobody can do is, where frames are so near to each other that it shows.
+    // Impossible motion is rejected, if the frames are close enough to show it.
     for rate_hz in [60.0, 120.0] {
         let found = count(&config, &faster(20.0), CalibrationMode::First10s, rate_hz);
         assert!(found.dropped + found.arm_left_out > 0, "{rate_hz} Hz: {found:?}");

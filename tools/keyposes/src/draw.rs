@@ -6,14 +6,15 @@ use motion::{Frame, Motion};
 use nalgebra::Vector3;
 use std::fmt::Write;
 
-/// Size of one figure, in pixels, and pixels per metre.
+/// Size of one figure, pixels, and pixels per metre.
 const CELL_PX: f64 = 220.0;
 const PX_PER_M: f64 = 100.0;
 
-/// Right and down in the picture, m, of a point.
+/// Maps a point to right and down in the picture, m.
 type View = fn(Vector3<f64>) -> [f64; 2];
 
-/// `count` instants, evenly spread from the first to the last frame, one column each; front, left and top view, one row each.
+/// Draws `count` instants, evenly spread from the first to the last frame, one per column. Front, left and top
+/// view are one row each.
 pub fn svg(motion: &Motion, count: usize) -> String {
     let last = motion.frames.len().saturating_sub(1);
     let indices: Vec<usize> = (0..count).map(|i| i * last / count.saturating_sub(1).max(1)).collect();
@@ -22,7 +23,8 @@ pub fn svg(motion: &Motion, count: usize) -> String {
         "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width}\" height=\"{height}\" font-family=\"sans-serif\" \
          font-size=\"11\">\n<rect width=\"100%\" height=\"100%\" fill=\"white\"/>\n"
     );
-    // The viewer faces the person, so that the person's left is on the right; from the left, front is on the left.
+    // The viewer faces the person, so the person's left is on the right. In the view from the left, front is on
+    // the left.
     let views: [(&str, View); 3] =
         [("front", |p| [p.y, 0.95 - p.z]), ("left", |p| [-p.x, 0.95 - p.z]), ("top", |p| [p.y, p.x])];
     for (column, &index) in indices.iter().enumerate() {

@@ -1,8 +1,8 @@
-//! What can go wrong, in words that name file, place, value and bound.
+//! Errors. The texts name file, place, value and bound.
 
 use std::path::{Path, PathBuf};
 
-/// Why a command ends without its result.
+/// An error that ends a command without its result.
 #[derive(Debug, thiserror::Error)]
 pub enum KeyposesError {
     /// A file or folder cannot be read or written.
@@ -10,7 +10,7 @@ pub enum KeyposesError {
     File {
         /// The file or folder.
         path: PathBuf,
-        /// What the system says.
+        /// The system's error.
         source: std::io::Error,
     },
     /// A file or folder cannot be written.
@@ -18,27 +18,27 @@ pub enum KeyposesError {
     Write {
         /// The file or folder.
         path: PathBuf,
-        /// What the system says.
+        /// The system's error.
         source: std::io::Error,
     },
-    /// What would be written is what is read.
+    /// The output would overwrite an input.
     #[error("{}: is one of the inputs; give another --out", .path.display())]
     OverInput {
         /// The file.
         path: PathBuf,
     },
-    /// A motion file is refused.
+    /// A motion file is invalid.
     #[error(transparent)]
     Motion(#[from] motion::MotionError),
-    /// Settings, robot or weights are refused.
+    /// Settings, robot or weights are invalid.
     #[error(transparent)]
     Config(#[from] pipeline::ConfigError),
-    /// A pose of the command line names nothing.
+    /// A pose of the command line does not exist.
     #[error("pose {text}: {reason}")]
     Pose {
-        /// As given.
+        /// The text of the pose.
         text: String,
-        /// What is wrong with it, and what is allowed.
+        /// The problem, and the allowed values.
         reason: String,
     },
     /// An option is out of its bounds.
@@ -53,20 +53,20 @@ pub enum KeyposesError {
         /// Highest value allowed.
         high: f64,
     },
-    /// A trajectory is refused.
+    /// A trajectory is invalid.
     #[error("{}:{line}: {reason}", .path.display())]
     Trajectory {
         /// The file.
         path: PathBuf,
         /// Line, from 1.
         line: usize,
-        /// What is wrong, with value and bound.
+        /// The problem, with value and bound.
         reason: String,
     },
 }
 
 impl KeyposesError {
-    /// The exit code of sysexits(3).
+    /// Returns the exit code of sysexits(3).
     #[must_use]
     pub fn exit_code(&self) -> u8 {
         match self {
@@ -78,13 +78,13 @@ impl KeyposesError {
         }
     }
 
-    /// For `map_err`: the error of a file.
+    /// Returns a function for `map_err` that makes the error of a file.
     pub(crate) fn file(path: &Path) -> impl FnOnce(std::io::Error) -> Self + '_ {
         |source| Self::File { path: path.to_path_buf(), source }
     }
 }
 
-/// `value` if it is within the bounds (NaN is not).
+/// Returns `value` if it is within the bounds. NaN is not.
 pub(crate) fn within(option: &'static str, value: f64, low: f64, high: f64) -> Result<f64, KeyposesError> {
     if (low..=high).contains(&value) { Ok(value) } else { Err(KeyposesError::Range { option, value, low, high }) }
 }

@@ -1,4 +1,4 @@
-//! From pose to pose through the latent space, or through joint space for comparison.
+//! Interpolates from pose to pose through the latent space, or through joint space for comparison.
 
 use crate::error::{KeyposesError, within};
 use crate::keys::Keys;
@@ -7,33 +7,34 @@ use crate::trajectory::{Trajectory, joint_names};
 use retarget::{ARMS, Limbs, Network, REFINE_STEPS_MAX};
 use robot::Model;
 
-/// Where the straight line between two poses is drawn.
+/// Space in which the line between two poses is straight.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Space {
-    /// Between the points of the shared latent space that the human encoder gives.
+    /// Between the points of the shared latent space that the human encoder returns.
     Latent,
     /// Between the joint positions of the poses.
     Joint,
 }
 
-/// How to interpolate.
+/// Options of the interpolation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Options {
-    /// From each pose to the next, s: 0.05 to 60.
+    /// Time from each pose to the next, s: 0.05 to 60.
     pub seconds: f64,
     /// Rows per second: 1 to 1500.
     pub rate_hz: f64,
-    /// Where the line is straight.
+    /// Space in which the line is straight.
     pub space: Space,
-    /// Levenberg-Marquardt steps of the poses toward the human's limbs.
+    /// Levenberg-Marquardt steps that move the poses toward the human's limbs.
     pub refine_steps: u32,
 }
 
-/// From the first pose to the last, stopping at each, with minimum-jerk timing s(t) on straight lines: monotone in between.
-/// Between a and b the shares are 1 - s and s, of [`Keys::mix_latent`] or of [`Keys::mix_joints`].
+/// Interpolates from the first pose to the last and stops at each. The timing s(t) on straight lines has
+/// minimum jerk, and is monotone in between. Between a and b the shares are 1 - s and s, of
+/// [`Keys::mix_latent`] or of [`Keys::mix_joints`].
 ///
 /// # Errors
-/// Fewer than two poses, or an option out of its bounds.
+/// Returns an error if there are fewer than two poses, or an option is out of its bounds.
 pub fn interpolate(
     model: &Model,
     network: &Network,

@@ -1,4 +1,4 @@
-//! Key poses as points of the shared latent space, and every mix of them.
+//! Key poses as points of the shared latent space, and their mixtures.
 
 use retarget::{ARM_Q, ARMS, ArmModel, ArmQ, LATENT, Latent, Limbs, Network, PRIOR_WEIGHT, features, refine};
 use robot::Model;
@@ -15,13 +15,13 @@ pub struct Keys {
 struct Key {
     latents: [Latent; ARMS],
     q: [ArmQ; ARMS],
-    /// What refinement added to the decoded posture.
+    /// Change of the decoded posture by refinement.
     added: [ArmQ; ARMS],
 }
 
 impl Keys {
-    /// Each of `poses` through the human encoder, the decoder, and `refine_steps` Levenberg-Marquardt steps toward the
-    /// human's limbs.
+    /// Passes each of `poses` through the human encoder, the decoder, and `refine_steps` Levenberg-Marquardt
+    /// steps toward the human's limbs.
     pub fn new(model: &Model, network: &Network, poses: &[[Limbs; ARMS]], refine_steps: u32) -> Self {
         let arm = ArmModel::of(model);
         let refined = |human: &Limbs, start: &ArmQ| refine(&arm, human, start, start, PRIOR_WEIGHT, refine_steps).q;
@@ -36,14 +36,15 @@ impl Keys {
         Self { arm, network: network.clone(), keys }
     }
 
-    /// The arm that the joint positions are of.
+    /// Returns the arm to which the joint positions belong.
     pub fn arm(&self) -> &ArmModel {
         &self.arm
     }
 
-    /// q = D_r(sum_i w_i z_i) + sum_i w_i (q_i - D_r(z_i)), rad, within the limits, with the shares w_i of the keys, whose
-    /// sum is 1: what refinement adds to a pose fades with its share, because refining every mix by itself may leap from one
-    /// end of a joint to the other. A key whose share is 1 is met exactly.
+    /// Returns q = D_r(sum_i w_i z_i) + sum_i w_i (q_i - D_r(z_i)), rad, within the limits. The w_i are the
+    /// shares of the keys, and their sum is 1. The refinement of a pose fades with its share. Refining every
+    /// mixture by itself could jump from one end of a joint to the other. A key whose share is 1 is reached
+    /// exactly.
     pub fn mix_latent(&self, shares: &[f64]) -> [ArmQ; ARMS] {
         let latents: [Latent; ARMS] = std::array::from_fn(|arm| {
             let z: [f64; LATENT] = self.sum(shares, |key| key.latents[arm].map(f64::from));
@@ -56,13 +57,13 @@ impl Keys {
         })
     }
 
-    /// q = sum_i w_i q_i, rad: the same mix in the space of the joints, for comparison.
+    /// Returns q = sum_i w_i q_i, rad: the same mixture in the space of the joints, for comparison.
     pub fn mix_joints(&self, shares: &[f64]) -> [ArmQ; ARMS] {
         std::array::from_fn(|arm| -> [f64; ARM_Q] { self.sum(shares, |key| key.q[arm]) })
     }
 
-    /// sum_i w_i x_i as x_f + sum_i w_i (x_i - x_f) with the first key f that has a share: between two keys that is monotone
-    /// to the last bit.
+    /// Returns sum_i w_i x_i as x_f + sum_i w_i (x_i - x_f), with the first key f whose share is not zero.
+    /// Between two keys this is monotone to the last bit.
     fn sum<const N: usize>(&self, shares: &[f64], of: impl Fn(&Key) -> [f64; N]) -> [f64; N] {
         let mut with_share = shares.iter().zip(&self.keys).filter(|(share, _)| **share != 0.0);
         let first = with_share.next().map_or([0.0; N], |(_, key)| of(key));

@@ -1,5 +1,5 @@
-//! Named key poses, the motions between them with the robot's best joint trajectories, and interpolation between poses in
-//! the latent space. All poses are our own.
+//! Named key poses, the motions between them with the robot's best joint trajectories, and interpolation
+//! between poses in the latent space. All poses are our own.
 
 pub mod draw;
 pub mod error;

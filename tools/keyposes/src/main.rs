@@ -1,5 +1,5 @@
-//! `keyposes motions` writes the named motions, `keyposes interpolate` a joint trajectory between poses, `keyposes draw`
-//! stick figures.
+//! `keyposes motions` writes the named motions. `keyposes interpolate` writes a joint trajectory between poses.
+//! `keyposes draw` writes stick figures.
 
 use clap::{Parser, Subcommand};
 use keyposes::error::KeyposesError;
@@ -20,36 +20,39 @@ struct Arguments {
 
 #[derive(Subcommand)]
 enum Command {
-    /// Writes each named motion as .bvh, and beside it the best joint trajectory as .csv.
+    /// Write each named motion as .bvh, and the best joint trajectory as .csv in the same folder.
     Motions {
-        /// The folder; made if it is missing.
+        /// The folder. It is created if it is missing.
         #[arg(long, value_name = "DIR", default_value = "tools/keyposes/motions")]
         out: PathBuf,
         /// Robot file.
         #[arg(long, value_name = "FILE", default_value = "config/robots/tiago_dual.toml")]
         robot: PathBuf,
     },
-    /// Writes the joint trajectory from pose to pose through the latent space: CSV, and a .bvh beside it; `replay` plays both.
+    /// Write the joint trajectory from pose to pose through the latent space: CSV, and a .bvh with the same
+    /// name. `replay` plays both.
     Interpolate {
-        /// FILE.bvh:FRAME, FILE.bvh@TIME_S, or a name: rest, t-pose, hands-up, ... (see `keyposes motions`).
+        /// Poses: FILE.bvh:FRAME, FILE.bvh@TIME_S, or a name: rest, t-pose, hands-up, ... (see `keyposes
+        /// motions`).
         #[arg(required = true, num_args = 2..)]
         poses: Vec<String>,
-        /// From each pose to the next, s, 0.05 to 60.
+        /// Time from each pose to the next, s, 0.05 to 60.
         #[arg(long, default_value_t = 2.0)]
         seconds: f64,
         /// Rows per second, 1 to 1500.
         #[arg(long, default_value_t = 60.0)]
         rate: f64,
-        /// The trajectory; the motion goes to the same name with .bvh.
+        /// Output file of the trajectory. The motion gets the same name with .bvh.
         #[arg(long, value_name = "FILE.csv", default_value = "interpolation.csv")]
         out: PathBuf,
-        /// Where the line between two poses is straight.
+        /// Space in which the line between two poses is straight.
         #[arg(long, value_name = "latent|joint", default_value = "latent", value_parser = space)]
         space: Space,
         /// Levenberg-Marquardt steps after the network, 0 to 16.
         #[arg(long, default_value_t = 2)]
         refine_steps: u32,
-        /// Where the elbow hinges of files come from: their first 10 s, all of them, the momentary elbow plane, the rig.
+        /// Source of the elbow hinges of files: their first 10 s, all of them, the momentary elbow plane, the
+        /// rig.
         #[arg(long, value_name = "first-10s|clip|none|rig", default_value = "first-10s", value_parser = calibration)]
         calibration: CalibrationMode,
         /// Robot file.
@@ -59,11 +62,11 @@ enum Command {
         #[arg(long, value_name = "FILE", default_value = "weights/tiago_dual")]
         weights: PathBuf,
     },
-    /// Draws stick figures of a motion, as SVG.
+    /// Draw stick figures of a motion, as SVG.
     Draw {
         /// The motion file (.bvh).
         file: PathBuf,
-        /// The picture.
+        /// The picture to write.
         #[arg(long, value_name = "FILE.svg")]
         out: PathBuf,
         /// Number of instants, 1 to 40.
@@ -102,7 +105,7 @@ fn main() -> ExitCode {
     }
 }
 
-/// Writes a file so that it is either the old one or the new one, never a part.
+/// Writes a file. It is either the old one or the new one, never a part.
 fn save(path: &Path, text: &str) -> Result<(), KeyposesError> {
     let mut part = path.as_os_str().to_owned();
     part.push(".part");
@@ -112,7 +115,7 @@ fn save(path: &Path, text: &str) -> Result<(), KeyposesError> {
         .map_err(|source| KeyposesError::Write { path: path.to_path_buf(), source })
 }
 
-/// Refuses to write over what is read.
+/// Rejects an output that would overwrite an input.
 fn apart(out: &Path, inputs: &[&Path]) -> Result<(), KeyposesError> {
     let Ok(real) = out.canonicalize() else {
         return Ok(());
@@ -123,7 +126,7 @@ fn apart(out: &Path, inputs: &[&Path]) -> Result<(), KeyposesError> {
     }
 }
 
-/// A line for people; nobody may be listening.
+/// Prints a line. A closed output is not an error.
 fn say(line: &str) {
     let _ = writeln!(std::io::stdout(), "{line}");
 }

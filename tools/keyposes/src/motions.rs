@@ -1,4 +1,4 @@
-//! Eleven named motions, one for each pose or gesture, from hanging arms and back.
+//! Eleven named motions, one for each pose or gesture. Each begins and ends with hanging arms.
 
 use crate::person::{ArmPose, reach, standing, with_arms};
 use motion::{Frame, Guesses, Motion};
@@ -7,7 +7,7 @@ use std::f64::consts::TAU;
 /// Frames per second.
 pub const RATE_HZ: f64 = 60.0;
 
-/// Arms that hang, elbows a little bent.
+/// Hanging arms, with slightly bent elbows.
 const REST: ArmPose = [0.0, 78.0, 0.0, 15.0, 0.0];
 const T_POSE: ArmPose = [0.0; 5];
 /// Upper arm out, forearm up, and the two ends of a wave.
@@ -30,7 +30,7 @@ fn both(seconds: f64, arm: ArmPose) -> Key {
     key(seconds, arm, arm)
 }
 
-/// Name, key poses between the hanging arms, and the index of the key that the name means.
+/// Name, key poses between the hanging arms, and the index of the key that the name denotes.
 struct Recipe {
     name: &'static str,
     keys: Vec<Key>,
@@ -41,13 +41,14 @@ fn recipe(name: &'static str, named: usize, keys: Vec<Key>) -> Recipe {
     Recipe { name, keys, named }
 }
 
-/// To a pose, a pause, and back.
+/// Moves to a pose, pauses, and moves back.
 fn held(name: &'static str, seconds: f64, left: ArmPose, right: ArmPose) -> Recipe {
     recipe(name, 0, vec![key(seconds, left, right), key(0.8, left, right), key(seconds, REST, REST)])
 }
 
-/// Hands as positions of the middle of the hand from the middle between the shoulders, m: see [`reach`]. The chest's
-/// surface is 0.1 m in front of that point, the head's middle 0.2 m above and 0.05 m in front of it.
+/// The hands are given as positions of the middle of the hand from the middle between the shoulders, m: see
+/// [`reach`]. The chest's surface is 0.1 m in front of that point. The head's middle is 0.2 m above and 0.05 m
+/// in front of it.
 fn recipes() -> Vec<Recipe> {
     let up = reach([0.03, 0.24, 0.62], 20.0, 0.0);
     let chest = reach([0.14, 0.07, -0.16], 40.0, 0.0);
@@ -112,23 +113,23 @@ fn recipes() -> Vec<Recipe> {
     ]
 }
 
-/// A pause with hanging arms at either end, s.
+/// Pause with hanging arms at the beginning and at the end, s.
 const PAUSE_S: f64 = 0.3;
 
-/// The names, in the order of [`paper_motions`].
+/// Returns the names, in the order of [`paper_motions`].
 pub fn names() -> Vec<&'static str> {
     recipes().iter().map(|recipe| recipe.name).collect()
 }
 
-/// The eleven motions: 60 Hz, a person of 1.75 m who stands and faces x, 3 to 6 s each, from hanging arms and back, joined
-/// with minimum-jerk blends of the arms' angles. Calibrate them with `CalibrationMode::Rig` for the limb rotations they
-/// are made of.
+/// Returns the eleven motions at 60 Hz, 3 to 6 s each. A person of 1.75 m stands and faces x. Each motion
+/// begins and ends with hanging arms, and minimum-jerk blends of the arms' angles join its poses. Calibrate
+/// them with `CalibrationMode::Rig` to get the original limb rotations.
 pub fn paper_motions() -> Vec<Motion> {
     let standing = standing();
     recipes().iter().map(|recipe| play(recipe, &standing)).collect()
 }
 
-/// The pose that a motion's name means, or `rest` for hanging arms; none for any other name.
+/// Returns the pose that a motion's name denotes, or hanging arms for `rest`. None for any other name.
 pub fn named_pose(name: &str) -> Option<Frame> {
     let standing = standing();
     if name == "rest" {
@@ -138,7 +139,7 @@ pub fn named_pose(name: &str) -> Option<Frame> {
     recipe.keys.get(recipe.named).map(|key| with_arms(&standing, &key.arms))
 }
 
-/// The minimum-jerk blend 10 t^3 - 15 t^4 + 6 t^5 of t in 0 to 1 (Flash and Hogan 1985).
+/// Returns the minimum-jerk blend 10 t^3 - 15 t^4 + 6 t^5 of t in 0 to 1 (Flash and Hogan 1985).
 pub fn minimum_jerk(t: f64) -> f64 {
     let t = t.clamp(0.0, 1.0);
     t * t * t * (10.0 + t * (6.0 * t - 15.0))
@@ -166,12 +167,13 @@ fn play(recipe: &Recipe, standing: &Frame) -> Motion {
     Motion { name: recipe.name.to_owned(), frame_rate_hz: RATE_HZ, frames, first: None, has_rotations: true, guesses }
 }
 
-/// Nothing is guessed of a person that we make.
+/// Returns exact values, because nothing must be guessed for a generated person.
 pub(crate) fn guesses() -> Guesses {
     Guesses { scale_m_per_unit: 1.0, unit: "m", stature_m: crate::person::STATURE_M, up: "+Z", warnings: Vec::new() }
 }
 
-/// Nobody stands as still as a number: a sway of 3 mm, once a second, so that a pause is told from a stuck tracker.
+/// Adds a sway of 3 mm, once a second. A real person never stands perfectly still, and this distinguishes a
+/// pause from a stuck tracker.
 pub(crate) fn sway(frame: &mut Frame, at_s: f64) {
     let (sin, cos) = (at_s * TAU).sin_cos();
     for position in &mut frame.positions {
@@ -180,7 +182,7 @@ pub(crate) fn sway(frame: &mut Frame, at_s: f64) {
     }
 }
 
-/// [`sway`] of all frames of a motion at [`RATE_HZ`].
+/// Applies [`sway`] to all frames of a motion at [`RATE_HZ`].
 pub(crate) fn sway_all(frames: &mut [Frame]) {
     for (i, frame) in frames.iter_mut().enumerate() {
         sway(frame, i as f64 / RATE_HZ);

@@ -1,23 +1,25 @@
-//! A standing person with given arms: key poses by angles or by where the hand is.
+//! A standing person with given arms. Key poses are given by angles or by the position of the hand.
 
 use messages::{SMPL_JOINTS, SMPL_PARENT, Smpl};
 use motion::Frame;
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
-/// Stature of the person, m: that of the built-in motion, whose trunk and legs it has.
+/// Stature of the person, m. The person has the trunk and legs, and so the stature, of the built-in motion.
 pub const STATURE_M: f64 = 1.75;
 /// Shoulder to elbow and elbow to wrist, m (Winter, Biomechanics, 4th ed., fig. 4.1).
 pub const UPPER_ARM_M: f64 = 0.186 * STATURE_M;
 /// See [`UPPER_ARM_M`].
 pub const FOREARM_M: f64 = 0.146 * STATURE_M;
-/// Wrist to the middle of the hand, m: half of a hand's length (Winter: 0.108 of the stature), held in line with the forearm.
+/// Distance from the wrist to the middle of the hand, m: half of a hand's length (Winter: 0.108 of the
+/// stature). The hand is in line with the forearm.
 pub const HAND_M: f64 = 0.054 * STATURE_M;
 
-/// An arm's pose, degrees: forward swing and lowering of the upper arm out of the T-pose, its roll about itself (positive
-/// turns the forearm inwards when the arm hangs), flexion of the elbow, pronation. The right arm mirrors the left.
+/// An arm's pose, degrees: forward swing and lowering of the upper arm from the T-pose, its roll about itself,
+/// flexion of the elbow, pronation. A positive roll turns the forearm inwards when the arm hangs. The right arm
+/// mirrors the left.
 pub type ArmPose = [f64; 5];
 
-/// Rotations of a left arm's upper arm, forearm and hand, as differences from the T-pose:
+/// Returns the rotations of a left arm's upper arm, forearm and hand, as differences from the T-pose. They are
 /// U = Rz(-swing) Rx(-lower) Ry(roll), F = U Rz(-flexion), hand = F Ry(-pronation).
 fn rotations(pose: &ArmPose) -> [UnitQuaternion<f64>; 3] {
     let [swing, lower, roll, flexion, pronation] = pose.map(f64::to_radians);
@@ -28,10 +30,11 @@ fn rotations(pose: &ArmPose) -> [UnitQuaternion<f64>; 3] {
     [upper, fore, fore * about(y, -pronation)]
 }
 
-/// The pose of a left arm that brings the middle of the hand to `hand_m`, given from the middle between the shoulders: x
-/// forward, y away from the middle of the body to the arm's own side, z up. `swivel_deg` turns the elbow about the line
-/// from shoulder to hand, from below it (0) outwards (90, if that line points forward). A hand out of reach is brought as near as a flexion of
-/// 2 degrees allows.
+/// Returns the pose of a left arm that brings the middle of the hand to `hand_m`. The position is relative to
+/// the middle between the shoulders. x points forward, y away from the middle of the body to the arm's own
+/// side, z up. `swivel_deg` turns the elbow about the line from shoulder to hand. It turns from below (0)
+/// outwards (90, if that line points forward). A hand out of reach is brought as near as a flexion of 2 degrees
+/// allows.
 pub fn reach(hand_m: [f64; 3], swivel_deg: f64, pronation_deg: f64) -> ArmPose {
     let shoulder = Vector3::new(0.0, SHOULDER_M, 0.0);
     let (upper_length, fore_length) = (UPPER_ARM_M, FOREARM_M + HAND_M);
@@ -41,7 +44,7 @@ pub fn reach(hand_m: [f64; 3], swivel_deg: f64, pronation_deg: f64) -> ArmPose {
         (upper_length.powi(2) + fore_length.powi(2) + 2.0 * upper_length * fore_length * 2_f64.to_radians().cos())
             .sqrt();
     let distance = to_hand.norm().clamp((upper_length - fore_length).abs() + 1e-3, straight);
-    // Where the line from shoulder to hand is vertical, "below" has no direction on it: in front is as good.
+    // If the line from shoulder to hand is vertical, "below" has no direction on it. Then the front is used.
     let below = -Vector3::z() + Vector3::x() * 1e-3;
     let below = (below - along * along.dot(&below)).normalize();
     let outwards = along.cross(&below);
@@ -51,7 +54,7 @@ pub fn reach(hand_m: [f64; 3], swivel_deg: f64, pronation_deg: f64) -> ArmPose {
     let elbow = along * foot + (below * cos + outwards * sin) * height;
     let upper = elbow.normalize();
     let fore = (along * distance - elbow).normalize();
-    // Bone along y, hinge against z: flexion is a positive turn about the hinge.
+    // The bone is along y and the hinge against z. So flexion is a positive turn about the hinge.
     let z = -upper.cross(&fore).normalize();
     let rotation = Matrix3::from_columns(&[upper.cross(&z), upper, z]);
     let (swing, lower) = (upper.x.atan2(upper.y), (-upper.z).asin());
@@ -62,16 +65,17 @@ pub fn reach(hand_m: [f64; 3], swivel_deg: f64, pronation_deg: f64) -> ArmPose {
     [swing.to_degrees(), lower.to_degrees(), roll.to_degrees(), flexion.to_degrees(), pronation_deg]
 }
 
-/// Half of the distance between the shoulders, m: that of the built-in motion's person.
+/// Half of the distance between the shoulders of the built-in motion's person, m.
 const SHOULDER_M: f64 = 0.105 * STATURE_M;
 
-/// `frame` with its arms replaced by these, left and right.
+/// Returns `frame` with its arms replaced by these, left and right.
 pub fn with_arms(frame: &Frame, arms: &[ArmPose; 2]) -> Frame {
     with_limbs(frame, &arms.each_ref().map(rotations))
 }
 
-/// `frame`, of an upright person who faces x, with its arms replaced by these rotations of upper arm, forearm and hand,
-/// each that of a left arm or of a right one mirrored to the left. Bones keep their lengths.
+/// Returns `frame`, of an upright person who faces x, with its arms replaced by these rotations of upper arm,
+/// forearm and hand. Each is that of a left arm, or of a right one mirrored to the left. Bones keep their
+/// lengths.
 pub fn with_limbs(frame: &Frame, arms: &[[UnitQuaternion<f64>; 3]; 2]) -> Frame {
     let mut out = *frame;
     let joints = [
@@ -98,7 +102,7 @@ pub fn with_limbs(frame: &Frame, arms: &[[UnitQuaternion<f64>; 3]; 2]) -> Frame 
     out
 }
 
-/// The middle of the left and of the right hand, m, in the frame of the positions.
+/// Returns the middle of the left and of the right hand, m, in the frame of the positions.
 pub fn hands(frame: &Frame) -> [Vector3<f64>; 2] {
     let at = |joint: Smpl| Vector3::from(frame.positions[joint as usize]).cast::<f64>();
     [[Smpl::LeftElbow, Smpl::LeftWrist], [Smpl::RightElbow, Smpl::RightWrist]].map(|[elbow, wrist]| {
@@ -107,13 +111,14 @@ pub fn hands(frame: &Frame) -> [Vector3<f64>; 2] {
     })
 }
 
-/// The middle of the head, m: 0.935 of the stature above the ground, half way from chin to crown (Winter: 0.870 and 1).
+/// Returns the middle of the head, m: 0.935 of the stature above the ground, half way from chin to crown
+/// (Winter: 0.870 and 1).
 pub fn head(frame: &Frame) -> Vector3<f64> {
     let neck = Vector3::from(frame.positions[Smpl::Head as usize]).cast::<f64>();
     neck + Vector3::z() * ((0.935 - 0.91) * STATURE_M)
 }
 
-/// A person in T-pose: trunk and legs of the built-in motion.
+/// Returns a person in T-pose with the trunk and legs of the built-in motion.
 pub fn standing() -> Frame {
     let zero = Frame { positions: [[0.0; 3]; SMPL_JOINTS], rotations: [[0.0, 0.0, 0.0, 1.0]; SMPL_JOINTS] };
     let trunk = motion::builtin().frames.first().copied().unwrap_or(zero);

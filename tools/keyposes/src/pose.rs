@@ -7,12 +7,13 @@ use motion::{CalibrationMode, Motion};
 use retarget::{ARMS, Limbs};
 use std::path::Path;
 
-/// The limbs of both arms, each as those of a left arm, of `file.bvh:frame` (0 is the first frame of motion),
-/// `file.bvh@time_s` (the nearest frame) or a name (`t-pose`, `hands-up`, ..., `rest`). Hinges of files are calibrated
-/// by `calibration`.
+/// Reads a pose, and returns the limbs of both arms, each as those of a left arm. The text is `file.bvh:frame`
+/// (0 is the first frame of motion), `file.bvh@time_s` (the nearest frame) or a name (`t-pose`, `hands-up`,
+/// ..., `rest`). Hinges of files are calibrated by `calibration`.
 ///
 /// # Errors
-/// What is not a pose, and what is allowed; a file that is refused; a frame or time outside of the motion.
+/// Returns an error if the text is not a pose, and names the allowed forms. Also if a file is invalid, or a
+/// frame or time is outside of the motion.
 pub fn read_pose(text: &str, calibration: CalibrationMode) -> Result<[Limbs; ARMS], KeyposesError> {
     let refuse = |reason: String| KeyposesError::Pose { text: text.to_owned(), reason };
     if let Some(frame) = named_pose(text) {
@@ -48,7 +49,7 @@ pub fn read_pose(text: &str, calibration: CalibrationMode) -> Result<[Limbs; ARM
     limbs_of(&motion, index, calibration).ok_or_else(|| refuse("has no limb rotations in that frame".into()))
 }
 
-/// The file that a pose is taken from, if it is.
+/// Returns the file of a pose, if it comes from a file.
 #[must_use]
 pub fn file_of(text: &str) -> Option<&Path> {
     named_pose(text).is_none().then(|| file_end(text).map(|end| Path::new(&text[..end]))).flatten()
@@ -58,7 +59,7 @@ fn file_end(text: &str) -> Option<usize> {
     text.to_ascii_lowercase().rfind(".bvh").map(|at| at + ".bvh".len())
 }
 
-/// All frames up to the one asked for: a hinge that is held over straight elbows depends on those before.
+/// Computes all frames up to `index`. A hinge that is kept over straight elbows depends on the earlier frames.
 fn limbs_of(motion: &Motion, index: usize, calibration: CalibrationMode) -> Option<[Limbs; ARMS]> {
     let hinges = motion::calibrate(motion, calibration);
     motion::limbs(motion, &hinges).get(index).and_then(arms_of)

@@ -1,4 +1,4 @@
-//! Joint trajectories of both arms: the oracle's of a motion, from and to CSV, and as the motion of a person.
+//! Joint trajectories of both arms: the oracle's for a motion, from and to CSV, and as the motion of a person.
 
 use crate::error::KeyposesError;
 use crate::motions::{guesses, sway_all};
@@ -25,7 +25,7 @@ pub fn joint_names(model: &Model) -> [[String; ARM_Q]; ARMS] {
     std::array::from_fn(|arm| std::array::from_fn(|j| model.joint_names[model.arms[arm].joints[j]].clone()))
 }
 
-/// The limbs of both arms, each as those of a left arm; none if a rotation is not one.
+/// Returns the limbs of both arms, each as those of a left arm. None if a value is not a rotation.
 pub fn arms_of(limbs: &[[f32; 4]; LIMBS]) -> Option<[Limbs; ARMS]> {
     let limb = |i: usize| limbs[i].map(f64::from);
     let arm = |upper: [f64; 4], fore: [f64; 4]| {
@@ -34,16 +34,17 @@ pub fn arms_of(limbs: &[[f32; 4]; LIMBS]) -> Option<[Limbs; ARMS]> {
     Some([arm(limb(0), limb(1))?, arm(mirror(limb(2)), mirror(limb(3)))?])
 }
 
-/// Random starts of the oracle, beside the four that are not random.
+/// Random starts of the oracle, in addition to the four that are not random.
 const RANDOM_STARTS: u32 = 6;
 const ORACLE_SEED: u64 = 7;
-/// Weight of |q - previous|^2 in the continuation, 1/rad^2, and how much S_GR it may cost: 1e-6 is 0.1 degrees.
+/// Weight of |q - previous|^2 in the continuation, 1/rad^2, and the S_GR that it may cost: 1e-6 is 0.1 degrees.
 const CONTINUE_WEIGHT: f64 = 1e-5;
 const CONTINUE_COST: f64 = 1e-6;
 const CONTINUE_STEPS: u32 = 40;
 
-/// The reachable optimum of every frame, from the multi-start oracle. Where joints are degenerate (arm hanging) or two
-/// optima are equally good, the one that continues the frame before is taken, if it costs at most 1e-6 of S_GR.
+/// Returns the reachable optimum of every frame, from the multi-start oracle. If joints are degenerate (arm
+/// hanging) or two optima are equally good, it takes the one that continues the previous frame. This may cost
+/// at most 1e-6 of S_GR.
 pub fn ground_truth(model: &Model, motion: &Motion) -> Trajectory {
     let arm = ArmModel::of(model);
     let calibration = motion::calibrate(motion, CalibrationMode::Rig);
@@ -64,25 +65,27 @@ fn best(arm: &ArmModel, human: &Limbs, previous: &ArmQ) -> ArmQ {
     if near.s_gr <= optimum.s_gr + CONTINUE_COST { near.q } else { optimum.q }
 }
 
-/// Most rows, as read or at 60 Hz: 11 minutes at 1500 Hz, hours at 60. A person of each takes 0.6 kB.
+/// Largest number of rows, as read or at 60 Hz: 11 minutes at 1500 Hz, hours at 60. The person of each row
+/// takes 0.6 kB.
 const ROWS_MAX: usize = 1_000_000;
 /// Largest file that is read, bytes.
 const FILE_BYTES_MAX: u64 = 1 << 30;
-/// Rates that are played as they are, Hz; others are interpolated to 60 Hz.
+/// Rates that are played as they are, Hz. Others are interpolated to 60 Hz.
 const RATE_HZ: (f64, f64) = (30.0, 240.0);
 const RATE_RESAMPLED_HZ: f64 = 60.0;
-/// A rate counts as constant if no step of time differs from the mean by more than this share: five decimals of a second
-/// at 240 Hz are 0.2 %.
+/// A rate counts as constant if no step of time differs from the mean by more than this share. Five decimals of
+/// a second at 240 Hz are 0.2 %.
 const STEP_TOLERANCE: f64 = 0.01;
-/// Beyond the joint limits by less than this is rounding, rad.
+/// An excess over the joint limits below this is rounding, rad.
 const LIMIT_TOLERANCE_RAD: f64 = 1e-3;
 
-/// Reads a CSV file with a column `time_s` (or `t_s`) and one per arm joint 1 to 5, by name and in any order; other
-/// columns are left out. A rate outside 30 to 240 Hz, or one that is not constant, is interpolated to 60 Hz.
+/// Reads a CSV file with a column `time_s` (or `t_s`) and one column per arm joint 1 to 5, by name and in any
+/// order. Other columns are left out. A rate outside 30 to 240 Hz, or one that is not constant, is interpolated
+/// to 60 Hz.
 ///
 /// # Errors
-/// File, line and cause: a column that is missing, a number that is none, times that do not rise, a joint beyond its
-/// limit.
+/// Returns an error with file, line and cause. Causes are a missing column, a value that is not a number, times
+/// that do not rise, and a joint beyond its limit.
 pub fn read_csv(path: &Path, model: &Model) -> Result<Trajectory, KeyposesError> {
     let bytes = std::fs::metadata(path).map_err(KeyposesError::file(path))?;
     if !bytes.is_file() || bytes.len() > FILE_BYTES_MAX {
@@ -124,7 +127,7 @@ fn parse_csv(text: &str, model: &Model) -> Result<Trajectory, (usize, String)> {
     };
     let mean_s = (last.0 - first.0) / (rows.len() - 1) as f64;
     let constant = rows.windows(2).all(|w| ((w[1].0 - w[0].0) / mean_s - 1.0).abs() <= STEP_TOLERANCE);
-    // Rounded times give a rate that is nearly, but not quite, 60 Hz.
+    // Rounded times give a rate that is nearly, but not exactly, 60 Hz.
     let rate_hz = (1.0 / mean_s * 100.0).round() / 100.0;
     if constant && (RATE_HZ.0..=RATE_HZ.1).contains(&rate_hz) {
         let q = rows.into_iter().map(|(_, q)| q).collect();
@@ -170,7 +173,7 @@ fn check_row((time_s, q): &Row, before: Option<&Row>, model: &Model) -> Result<(
     Ok(())
 }
 
-/// Linear between the rows around `time_s`.
+/// Interpolates linearly between the rows around `time_s`.
 fn at(rows: &[Row], time_s: f64) -> [ArmQ; ARMS] {
     let after = rows.partition_point(|(t, _)| *t <= time_s).clamp(1, rows.len() - 1);
     let ((t0, a), (t1, b)) = (&rows[after - 1], &rows[after]);
@@ -178,7 +181,8 @@ fn at(rows: &[Row], time_s: f64) -> [ArmQ; ARMS] {
     std::array::from_fn(|arm| std::array::from_fn(|j| a[arm][j] + s * (b[arm][j] - a[arm][j])))
 }
 
-/// `standing` with the limb rotations U(q) and F(q) of the robot's forward kinematics; hands in line with the forearms.
+/// Returns `standing` with the limb rotations U(q) and F(q) of the robot's forward kinematics. Hands are in
+/// line with the forearms.
 pub(crate) fn person(arm: &ArmModel, standing: &Frame, q: &[ArmQ; ARMS]) -> Frame {
     let arms = q.each_ref().map(|q| {
         let limbs = arm.forward(q);
@@ -187,9 +191,9 @@ pub(crate) fn person(arm: &ArmModel, standing: &Frame, q: &[ArmQ; ARMS]) -> Fram
     with_limbs(standing, &arms)
 }
 
-/// The person whose limbs turn as the robot's: a standing one whose upper arms and forearms have the rotations U(q) and
-/// F(q) of the robot's forward kinematics. Retargeting it gives the trajectory back, through every check of a live person.
-/// Calibrate it with `CalibrationMode::Rig`.
+/// Returns a standing person whose limbs turn like the robot's. The upper arms and forearms have the rotations
+/// U(q) and F(q) of the robot's forward kinematics. Retargeting the person gives the trajectory back, through
+/// every check of a live person. Calibrate it with `CalibrationMode::Rig`.
 pub fn to_motion(trajectory: &Trajectory, model: &Model, name: &str) -> Motion {
     let arm = ArmModel::of(model);
     let standing = standing();

@@ -1,4 +1,5 @@
-//! Three key poses as the corners of a triangle: for every point of it the person whose limbs turn as the robot's would.
+//! Three key poses as the corners of a triangle. Every point of it gives a person whose limbs turn like the
+//! robot's.
 
 use crate::error::KeyposesError;
 use crate::keys::Keys;
@@ -11,13 +12,14 @@ use motion::{CalibrationMode, Frame, Motion};
 use retarget::{ARMS, ArmQ, Network};
 use robot::Model;
 
-/// Levenberg-Marquardt steps of the corners toward the human's limbs: as many as `keyposes interpolate` takes.
+/// Levenberg-Marquardt steps that move the corners toward the human's limbs: as many as in `keyposes
+/// interpolate`.
 const REFINE_STEPS: u32 = 2;
 
-/// Three key poses of ours that are well apart, and of which every mix keeps the robot clear of itself.
+/// Three key poses of ours that are well apart. Every mixture of them keeps the robot free of self-collision.
 pub const POSES: [&str; 3] = ["t-pose", "hands-up", "box"];
 
-/// Three key poses and what lies between them.
+/// Three key poses and the space between them.
 #[derive(Clone, Debug)]
 pub struct Triangle {
     names: [String; 3],
@@ -29,11 +31,12 @@ pub struct Triangle {
 }
 
 impl Triangle {
-    /// The triangle of exactly three poses, as [`read_pose`] takes them; hinges of files are calibrated over their first
-    /// 10 s.
+    /// Creates the triangle of exactly three poses, as [`read_pose`] takes them. Hinges of files are calibrated
+    /// over their first 10 s.
     ///
     /// # Errors
-    /// Not three poses; a pose that is none, and what is allowed; a file that is refused.
+    /// Returns an error if there are not three poses, or a file is invalid. Also if a text is not a pose, and
+    /// names the allowed forms.
     pub fn of(model: &Model, network: &Network, poses: &[String]) -> Result<Self, KeyposesError> {
         let names: &[String; 3] = poses.try_into().map_err(|_| {
             let reason = format!("{} poses, not the 3 that are the corners of a triangle", poses.len());
@@ -55,18 +58,19 @@ impl Triangle {
         Ok(Self { names: names.clone(), keys, standing, motion, calibration })
     }
 
-    /// The poses as they were named.
+    /// Returns the names of the poses.
     pub fn names(&self) -> &[String; 3] {
         &self.names
     }
 
-    /// Joint positions 1 to 5 of the left and of the right arm, rad, that the mix decodes to: see [`Keys::mix_latent`].
+    /// Returns the decoded joint positions 1 to 5 of the left and of the right arm, rad: see
+    /// [`Keys::mix_latent`].
     pub fn q(&self, shares: &[f64; 3]) -> [ArmQ; ARMS] {
         self.keys.mix_latent(shares)
     }
 
-    /// The standing person of [`Self::q`] as a client publishes it `at_s` into its life, with its own hinges; header, session
-    /// and operator are left zero for the caller.
+    /// Returns the standing person of [`Self::q`] as a client publishes it, `at_s` after its start, with its
+    /// own hinges. Header, session and operator are zero, and the caller sets them.
     pub fn raw(&self, shares: &[f64; 3], at_s: f64) -> RawSkeleton {
         let mut frame = person(self.keys.arm(), &self.standing, &self.q(shares));
         sway(&mut frame, at_s);

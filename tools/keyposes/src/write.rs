@@ -1,11 +1,11 @@
-//! Small files: BVH without what never changes, and joint trajectories as CSV.
+//! Small files: BVH without the constant values, and joint trajectories as CSV.
 
 use crate::trajectory::Trajectory;
 use motion::Motion;
 use std::fmt::Write;
 
-/// The motion as BVH text like `motion::write_bvh`'s, but only the root has positions (bones are rigid in our motions) and
-/// numbers have three decimals: 0.001 degrees, 0.01 mm.
+/// Returns the motion as BVH text like `motion::write_bvh`, with two differences. Only the root has positions,
+/// because bones are rigid in our motions. Numbers have three decimals: 0.001 degrees, 0.01 mm.
 pub fn compact_bvh(motion: &Motion) -> String {
     let full = motion::write_bvh(motion);
     let mut out = String::with_capacity(full.len() / 4);
@@ -15,7 +15,7 @@ pub fn compact_bvh(motion: &Motion) -> String {
         let head = line.trim_start();
         if in_frames {
             let numbers = line.split_whitespace().filter_map(|word| word.parse::<f64>().ok());
-            // Six per joint: position and rotation.
+            // Each joint has six numbers: position and rotation.
             let kept = numbers.enumerate().filter(|(i, _)| *i < 6 || i % 6 >= 3).map(|(_, x)| decimals(x, 3));
             push_line(&mut out, &kept.collect::<Vec<_>>().join(" "));
         } else if head.starts_with("CHANNELS") && joints > 0 {
@@ -35,7 +35,7 @@ pub fn compact_bvh(motion: &Motion) -> String {
     out
 }
 
-/// `time_s` and one column per joint, rad, with four decimals: 0.006 degrees.
+/// Returns `time_s` and one column per joint, rad, with four decimals: 0.006 degrees.
 pub fn trajectory_csv(trajectory: &Trajectory) -> String {
     let mut out = String::from("time_s");
     for name in trajectory.joint_names.iter().flatten() {
@@ -58,7 +58,7 @@ fn push_line(out: &mut String, line: &str) {
     out.push('\n');
 }
 
-/// With at most `count` decimals, no zeros at the end, and no negative zero.
+/// Formats a number with at most `count` decimals, without trailing zeros, and without negative zero.
 fn decimals(x: f64, count: usize) -> String {
     let text = format!("{x:.count$}");
     let text = text.trim_end_matches('0').trim_end_matches('.');

@@ -1,4 +1,4 @@
-//! From pose to pose: through the poses, monotone between them, playable, and bad input is named.
+//! Interpolation: it goes through the poses, is monotone between them and playable, and errors name bad input.
 #![expect(clippy::needless_range_loop, reason = "sides, joints and rows are clearer by their indices")]
 
 use keyposes::interpolate::{Options, Space, interpolate};
@@ -153,7 +153,7 @@ fn the_command_writes_both_files_and_names_what_is_wrong() {
         let code = if text.contains("missing.bvh") { 66 } else { 64 };
         assert!(refused.status.code() == Some(code) && text.contains(expected), "{text}");
     }
-    // A motion beside the trajectory that is one of the poses' files stays what it is.
+    // The motion next to the trajectory is one of the input files. It must stay unchanged.
     let before = std::fs::read(out.with_extension("bvh")).expect("the motion");
     let own = format!("{}:3", out.with_extension("bvh").display());
     let refused = run(&["t-pose", &own]);
@@ -163,7 +163,8 @@ fn the_command_writes_both_files_and_names_what_is_wrong() {
     assert!(String::from_utf8_lossy(&refused.stderr).contains("--seconds 0 is outside [0.05, 60]"));
 }
 
-/// Poses anywhere in and somewhat beyond the arm's reach, where refinement finds other branches than the network.
+/// Poses anywhere in the arm's reach and slightly beyond, where refinement finds other branches than the
+/// network.
 #[test]
 fn no_row_leaps() {
     let (model, network) = robot();
@@ -185,8 +186,8 @@ fn no_row_leaps() {
         let found = interpolate(&model, &network, &poses, &options).expect("poses are in range");
         for (i, pair) in found.q.windows(2).enumerate() {
             for (a, b) in pair[0].as_flattened().iter().zip(pair[1].as_flattened()) {
-                // 1.875 / 2 s is the peak of minimum jerk: 0.07 rad a row over the longest joint range, and the network is
-                // steeper in places.
+                // 1.875 / 2 s is the peak of minimum jerk: 0.07 rad per row over the longest joint range. The
+                // network is steeper in places.
                 assert!((a - b).abs() < 0.5, "row {i}: {a} to {b}");
             }
         }

@@ -1,4 +1,4 @@
-//! The named motions are what their names say, stay what the files on disk hold, and can be read back.
+//! The named motions match their names and the files on disk, and can be read back.
 
 use keyposes::motions::{named_pose, names, paper_motions};
 use keyposes::person::{hands, head};
@@ -26,7 +26,7 @@ fn at(frame: &Frame, joint: Smpl) -> Vector3<f64> {
     Vector3::from(frame.positions[joint as usize]).cast()
 }
 
-/// Equal but for the last digit of a number: sines differ by a bit between machines.
+/// Compares texts, except for the last digit of a number. Sines differ by a bit between machines.
 fn same_text(a: &str, b: &str, grain: f64) -> Result<(), String> {
     let split = |text: &str| text.split([',', ' ', '\n']).map(str::to_owned).collect::<Vec<_>>();
     let (a, b) = (split(a), split(b));
@@ -170,7 +170,7 @@ fn no_elbow_bends_backwards_and_no_hand_enters_the_trunk() {
                 assert!(!inside, "{} frame {i}: a hand is in the trunk at {p:?}", motion.name);
             }
         }
-        // The hinge of the rig is the axis of flexion: a bend against it would be an elbow turned inside out.
+        // The hinge of the rig is the axis of flexion. A bend against it would be an inverted elbow.
         for (i, frame) in motion.frames.iter().enumerate() {
             for (side, [shoulder, elbow, wrist]) in [
                 [Smpl::LeftShoulder, Smpl::LeftElbow, Smpl::LeftWrist],

@@ -1,4 +1,5 @@
-//! The triangle of three key poses: through its corners, monotone between them, and a person whom nobody refuses.
+//! The triangle of three key poses: it goes through its corners, is monotone between them, and gives a person
+//! that `ingest` accepts.
 #![expect(clippy::needless_range_loop, reason = "corners are clearer by their indices")]
 
 use keyposes::pose::read_pose;
@@ -29,7 +30,7 @@ fn limbs(pose: &str) -> [Limbs; ARMS] {
     read_pose(pose, CalibrationMode::First10s).expect("a pose")
 }
 
-/// The robot at home but for the arms' joints 1 to 5.
+/// Returns the robot at home, except for the arms' joints 1 to 5.
 fn posture(model: &Model, q: &[ArmQ; ARMS]) -> [f64; messages::JOINTS] {
     let mut all = model.home;
     for (q, arm) in q.iter().zip(&model.arms) {
@@ -58,7 +59,8 @@ fn a_corner_decodes_to_its_own_pose() {
                 let want = refine(&arm, human, &start, &start, PRIOR_WEIGHT, 2).q;
                 assert!(q.iter().zip(want).all(|(q, want)| (q - want).abs() < 1e-6), "{pose}: {q:?}, not {want:?}");
                 let error = limb_error_deg(&arm.forward(q), human);
-                // Two steps of refinement leave 2.3 degrees of the worst of the named poses, and 1.1 of the worst of these.
+                // Two steps of refinement leave 2.3 degrees for the worst of the named poses, and 1.1 for the
+                // worst of these.
                 assert!(error.iter().all(|degrees| *degrees < 1.5), "{pose}: {error:?} degrees from the human's limbs");
             }
         }
@@ -86,7 +88,7 @@ fn ours_are_apart_and_the_robot_is_clear_of_itself_at_every_mix_of_them() {
     }
 }
 
-/// Degrees by which the limbs of an arm differ at most.
+/// Returns the mean angle between the limbs of two postures, degrees.
 fn apart_deg(arm: &ArmModel, a: &[ArmQ; ARMS], b: &[ArmQ; ARMS]) -> f64 {
     let error = |side: usize| limb_error_deg(&arm.forward(&a[side]), &arm.forward(&b[side]));
     (0..ARMS).flat_map(error).sum::<f64>() / 4.0
@@ -115,7 +117,7 @@ fn between_two_corners_the_arms_come_ever_nearer() {
     }
 }
 
-/// A handle that is dragged about without sense, four times as fast as pages may: a share changes by a sixtieth a frame.
+/// Drags a handle at random, four times as fast as pages may. A share changes by a sixtieth per frame.
 #[test]
 fn ingest_refuses_no_frame_of_the_person() {
     let loaded = loaded();

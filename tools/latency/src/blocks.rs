@@ -1,13 +1,13 @@
-//! The blocks of a run: who is measured when, and for how long.
+//! The blocks of a run: the order of the measurements, and the length of each.
 
-/// What a block measures.
+/// Kind of measurement of a block.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kind {
     /// The processes, each woken by its input.
     Events,
-    /// The processes, each looking at its input once a tick.
+    /// The processes, each polling its input once a tick.
     Polled,
-    /// As `Events`, beside a page and a recorder.
+    /// Like `Events`, with a page and a recorder running at the same time.
     ObserverCost,
     /// cyclictest, alone.
     Cyclictest,
@@ -18,29 +18,30 @@ pub enum Kind {
 /// A block of a run.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Block {
-    /// What it measures.
+    /// Kind of measurement.
     pub kind: Kind,
-    /// For how long, s.
+    /// Length, s.
     pub seconds: f64,
 }
 
-/// A round takes so long if nothing else bounds their number: short enough for a machine whose load drifts by the minute.
+/// Length of a round if nothing else bounds the number of rounds. It is short enough for a machine whose load
+/// drifts by the minute.
 const ROUND_S: f64 = 30.0;
-/// Rounds at least: with one, drift and variant could not be told apart.
+/// Smallest number of rounds. A single round could not separate drift from the difference between variants.
 const ROUNDS_MIN: f64 = 2.0;
-/// Rounds at most: starting and engaging costs some seconds a block.
+/// Largest number of rounds. Starting and engaging costs some seconds per block.
 const ROUNDS_MAX: f64 = 6.0;
-/// Share of the measured time that goes to each kind; without cyclictest the probe has its share too.
+/// Share of the measured time of each kind. If cyclictest is missing, the probe also gets its share.
 const SHARES: [(Kind, f64); 4] =
     [(Kind::Events, 0.6), (Kind::Cyclictest, 0.1), (Kind::Polled, 0.2), (Kind::Probe, 0.1)];
-/// No block is shorter than this, s ...
+/// Shortest block, s. In a short run `BLOCK_MIN_SHARE` applies instead.
 const BLOCK_MIN_S: f64 = 2.0;
-/// ... nor of those with onlookers than that, s, so that they see something ...
+/// Shortest block of a comparison with observers, s, so that they see something.
 const SECONDS_MIN: f64 = 2.0;
-/// ... or, in a short run, than this share of the run.
+/// Shortest block of a short run, as a share of the run.
 const BLOCK_MIN_SHARE: f64 = 0.125;
 
-/// The blocks of a run of `seconds`, in order: every kind once a round.
+/// Returns the blocks of a run of `seconds`, in order. Each kind occurs once per round.
 pub fn plan(seconds: f64, cyclictest: bool) -> Vec<Block> {
     let rounds = (seconds / ROUND_S).clamp(ROUNDS_MIN, ROUNDS_MAX).floor();
     let shortest = BLOCK_MIN_S.min(seconds * BLOCK_MIN_SHARE);
@@ -58,14 +59,14 @@ pub fn plan(seconds: f64, cyclictest: bool) -> Vec<Block> {
     blocks
 }
 
-/// The blocks that compare with and without onlookers, in order: both once a round.
+/// Returns the blocks that compare runs with and without observers, in order. Both kinds occur once per round.
 pub fn plan_watched(seconds: f64) -> Vec<Block> {
     let rounds = (seconds / ROUND_S).clamp(ROUNDS_MIN, ROUNDS_MAX).floor();
     let block = |kind| Block { kind, seconds: (seconds / rounds / 2.0).max(SECONDS_MIN) };
     [block(Kind::Events), block(Kind::ObserverCost)].repeat(rounds as usize)
 }
 
-/// Seconds of all blocks of one kind.
+/// Returns the total length of all blocks of one kind, s.
 pub fn seconds_of(blocks: &[Block], kind: Kind) -> f64 {
     blocks.iter().filter(|block| block.kind == kind).map(|block| block.seconds).sum()
 }

@@ -5,65 +5,68 @@ use clap::{Parser, ValueEnum};
 use std::path::PathBuf;
 use std::str::FromStr;
 
-/// Shortest run: each variant needs some skeletons of a moving person.
+/// Shortest run. Each variant needs some skeletons of a moving person.
 const SECONDS_MIN: f64 = 2.0;
-/// Longest run, a day: the per-second record of a process holds about an hour, everything else any time.
+/// Longest run: a day. The per-second record of a process holds about an hour, and everything else any time.
 const SECONDS_MAX: f64 = 86_400.0;
-/// A soak: 18 s for a test, a month at most.
+/// Bounds of a soak: 18 s for a test, and a month.
 const SOAK_HOURS: [f64; 2] = [0.005, 744.0];
-/// Blows: engaging alone takes some seconds; one a day at least.
+/// Bounds of the time between two faults. Engaging alone takes some seconds, and at least one fault a day must
+/// occur.
 const STRIKE_EVERY_S: [f64; 2] = [8.0, 86_400.0];
-/// Rates at which `ingest` takes live frames.
+/// Frame rates that `ingest` accepts from live clients.
 const RATE_HZ: [f64; 2] = [30.0, 240.0];
-/// More busy threads than that are a mistake.
+/// Upper bound on the busy threads. A larger value is a typing error.
 const LOAD_MAX: usize = 1024;
 /// Highest core that the settings can name.
 const CORE_MAX: usize = 1023;
 
-/// Measures the latency of every hop from a skeleton to the command at the driver, with the real processes: woken by
-/// events and polled, in turns, beside the bare timer (cyclictest, and a probe of equal method) on the same core, with
-/// the same priority and load. Exits with 1 if a run was not valid.
+/// Measures the latency of every hop from a skeleton to the command at the driver, with the real processes.
+/// Event-driven and polled runs alternate. The bare timer runs for comparison on the same core, with the same
+/// priority and load: cyclictest, and a probe with the same method. Exits with 1 if a run was not valid.
 #[derive(Clone, Debug, Parser)]
 #[command(name = "latency", version)]
 pub struct Cli {
-    /// Measured time of all blocks together; starting and engaging come on top, some seconds a block.
+    /// Measured time of all blocks together. Starting and engaging come on top, some seconds per block.
     #[arg(long, value_name = "S", default_value_t = 60.0)]
     pub seconds: f64,
-    /// Busy threads, SCHED_OTHER, that walk through memory during all blocks alike.
+    /// Number of busy threads (SCHED_OTHER) that walk through memory during all blocks.
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub load: usize,
-    /// Scheduling of the real-time processes and of the references, in place of realtime.policy.
+    /// Scheduling of the real-time processes and of the references, instead of realtime.policy.
     #[arg(long, value_enum)]
     pub policy: Option<Policy>,
-    /// Cores of the real-time processes and of the references, such as 1 or 2,3; free leaves it to the kernel. In place
-    /// of realtime.cores.
+    /// Cores of the real-time processes and of the references, such as 1 or 2,3. The value free leaves the
+    /// choice to the kernel. Used instead of realtime.cores.
     #[arg(long, value_name = "CORES")]
     pub pin: Option<Pin>,
-    /// Write the figures here as JSON.
+    /// Write the figures to this file as JSON.
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
-    /// Draw distributions and jitter over time here, a PNG of 1600 x 1200.
+    /// Draw distributions and jitter over time to this file, a PNG of 1600 x 1200.
     #[arg(long, value_name = "FILE.png")]
     pub plot: Option<PathBuf>,
-    /// Insist on this reference (69 if it is not installed); without, cyclictest is used if it is there.
+    /// Require this reference (exit code 69 if it is not installed). By default cyclictest is used if it is
+    /// present.
     #[arg(long, value_enum)]
     pub compare: Option<Compare>,
-    /// Settings; the blocks use a copy with what the options change. A program installed in /usr/bin defaults to
-    /// /etc/teleop/teleop.toml if that exists.
+    /// Settings file. The blocks use a copy with the changes of the options. A program installed in /usr/bin
+    /// defaults to /etc/teleop/teleop.toml if that exists.
     #[arg(long, value_name = "FILE", default_value_os_t = pipeline::default_config())]
     pub config: PathBuf,
-    /// Skeletons per second; their phase walks through the whole tick, so that the wait for the deadline is sampled evenly.
+    /// Skeletons per second. Their phase moves through the whole tick, so that the wait for the deadline is
+    /// sampled evenly.
     #[arg(long, value_name = "HZ", default_value_t = 120.0)]
     pub rate_hz: f64,
-    /// Instead of measuring: run so many hours, strike somebody once a minute, and watch memory, file descriptors,
-    /// threads, segments, and stops that no blow explains.
+    /// Run this many hours instead of measuring, and hit one process with a fault once a minute. Watches
+    /// memory, file descriptors, threads, segments, and stops that no fault explains.
     #[arg(long, value_name = "HOURS", conflicts_with_all = ["seconds", "load", "policy", "pin", "plot", "compare", "rate_hz"])]
     pub soak: Option<f64>,
-    /// Instead of comparing with polling and the bare timer: with and without a page (`teleopd view`) and a recorder (`record
-    /// --full`, to be built before) beside the instance, in turns.
+    /// Compare runs with and without a page (`teleopd view`) and a recorder (`record --full`, which must be
+    /// built before), alternately. Replaces the comparison with polling and the bare timer.
     #[arg(long, conflicts_with_all = ["soak", "plot", "compare"])]
     pub watched: bool,
-    /// Time between two blows of a soak, s.
+    /// Time between two faults of a soak, s.
     #[arg(long, value_name = "S", default_value_t = 60.0, requires = "soak", conflicts_with = "watched")]
     pub strike_every: f64,
 }
@@ -77,19 +80,19 @@ pub enum Policy {
     Other,
 }
 
-/// A reference that is insisted on.
+/// A reference that must be present.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Compare {
-    /// Of rt-tests.
+    /// The program cyclictest of rt-tests.
     Cyclictest,
 }
 
-/// Where the real-time processes run.
+/// Placement of the real-time processes.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Pin {
-    /// Wherever the kernel likes.
+    /// The kernel chooses the cores.
     Free,
-    /// On these cores.
+    /// These cores.
     Cores(Vec<usize>),
 }
 
@@ -109,10 +112,10 @@ impl FromStr for Pin {
 }
 
 impl Cli {
-    /// Refuses what cannot be done.
+    /// Checks the options.
     ///
     /// # Errors
-    /// Names the option, its value and the bound.
+    /// Returns an error that names the option, its value and the bound.
     pub fn check(&self) -> Result<(), LatencyError> {
         let bounds = [
             ("--seconds", self.seconds, SECONDS_MIN, SECONDS_MAX),
@@ -122,7 +125,7 @@ impl Cli {
             ("--strike-every", self.strike_every, STRIKE_EVERY_S[0], STRIKE_EVERY_S[1]),
         ];
         for (option, value, low, high) in bounds {
-            // Written so that NaN is refused too.
+            // This form rejects NaN too.
             if !(value >= low && value <= high) {
                 let bound = format!("must be from {low} to {high}");
                 return Err(LatencyError::Option { option, value: value.to_string(), bound });

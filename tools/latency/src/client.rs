@@ -1,4 +1,4 @@
-//! The client: publishes a moving person as any other client would, at a rate of its own, with a phase that drifts.
+//! The client: publishes a moving person as any other client does, at its own rate, with a drifting phase.
 
 use bus::{BusError, Domain, DomainConfig, Writer};
 use messages::{HingeCalibration, RawSkeleton, Service, Stamp, TICK_HZ};
@@ -10,7 +10,7 @@ use std::thread::JoinHandle;
 
 /// Length of the blend over the seam of the looped motion, s.
 const SEAM_S: f64 = 0.5;
-/// The golden ratio's fraction: its multiples fill the tick evenly, whatever the number of frames (Weyl).
+/// Fractional part of the golden ratio. Its multiples fill the tick evenly for any number of frames (Weyl).
 const GOLDEN: f64 = 0.618_033_988_749_894_9;
 
 #[derive(Debug, Default)]
@@ -21,7 +21,7 @@ struct Shared {
     failures: AtomicU64,
 }
 
-/// A person that is being published.
+/// A client that publishes a person.
 #[derive(Debug)]
 pub struct Client {
     shared: Arc<Shared>,
@@ -29,16 +29,16 @@ pub struct Client {
 }
 
 impl Client {
-    /// Publishes the first frame of the built-in motion into `domain`, `rate_hz` times a second, and the motion, looped,
-    /// one frame after the other, once the person may move.
+    /// Publishes the first frame of the built-in motion into `domain`, `rate_hz` times a second. Once the
+    /// person may move, it publishes the frames of the looped motion in sequence.
     ///
     /// # Errors
-    /// If the bus gives no port, or the system no thread.
+    /// Returns an error if the bus gives no port, or the system no thread.
     pub fn start(domain: DomainConfig, rate_hz: f64) -> Result<Self, BusError> {
         let shared = Arc::new(Shared::default());
         let (twin, (opened, outcome)) = (Arc::clone(&shared), channel());
         let thread = std::thread::spawn(move || {
-            // The port is made here because it cannot change its thread.
+            // The port is opened here because it cannot change its thread.
             let ports = Domain::open(domain, "latency")
                 .and_then(|domain| Ok((domain.writer::<RawSkeleton>(Service::RawSkeleton)?, domain)));
             match ports {
@@ -49,7 +49,7 @@ impl Client {
                 Err(error) => _ = opened.send(Err(error)),
             }
         });
-        // The thread always answers: opening a domain ends within seconds, in success or not.
+        // The thread always answers: opening a domain ends within seconds, with or without success.
         outcome.recv().expect("the client's thread answers before it ends")?;
         Ok(Self { shared, thread: Some(thread) })
     }
@@ -59,7 +59,7 @@ impl Client {
         self.shared.moving.store(true, Ordering::Relaxed);
     }
 
-    /// Ends it; frames published, and frames that the bus did not take.
+    /// Ends the client. Returns the number of published frames, and of frames that the bus did not take.
     pub fn stop(mut self) -> (u64, u64) {
         self.end();
         (self.shared.published.load(Ordering::Relaxed), self.shared.failures.load(Ordering::Relaxed))
@@ -104,7 +104,7 @@ impl Person {
     }
 }
 
-/// When frame `n` is due after the start, ns: at the rate, shifted by an even share of a tick.
+/// Due time of frame `n` after the start, ns: by the rate, shifted by an evenly distributed share of a tick.
 fn due_ns(n: u64, rate_hz: f64) -> u64 {
     let shift = (n as f64 * GOLDEN).fract() / TICK_HZ as f64;
     ((n as f64 / rate_hz + shift) * 1e9) as u64
@@ -128,7 +128,8 @@ fn publish(mut writer: Writer<RawSkeleton>, person: &Person, rate_hz: f64, share
     }
 }
 
-/// The frame after `n`; late by more than a frame, those between are skipped, as a camera would.
+/// Returns the frame after `n`. If that is late by more than a frame, the frames between are skipped, as a
+/// camera would do.
 fn next(n: u64, now: Stamp, start: Stamp, rate_hz: f64) -> u64 {
     let passed = (now.since(start) as f64 * 1e-9 * rate_hz) as u64;
     (n + 1).max(passed)

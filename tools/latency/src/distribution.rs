@@ -1,4 +1,4 @@
-//! Durations of one kind, merged from blocks, and what is told of them.
+//! Durations of one kind, merged from blocks, and their statistics.
 
 use rt::Histogram;
 use serde_json::{Value, json};
@@ -6,9 +6,9 @@ use serde_json::{Value, json};
 /// One second of a record.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Second {
-    /// When it began, CLOCK_MONOTONIC, s.
+    /// Start of the second, CLOCK_MONOTONIC, s.
     pub at_s: f64,
-    /// Durations in it.
+    /// Number of durations in it.
     pub count: u64,
     /// Median, us.
     pub p50_us: f64,
@@ -22,21 +22,21 @@ pub struct Second {
 #[derive(Clone, Debug, Default)]
 pub struct Distribution {
     all: Histogram,
-    /// Second by second, in order of time within each block.
+    /// The seconds, in order of time within each block.
     pub seconds: Vec<Second>,
 }
 
 impl Distribution {
-    /// From the record of a process, as `telemetry::Series` leaves it: `buckets`, `max_us` and `seconds`.
+    /// Reads the record of a process, as `telemetry::Series` writes it: `buckets`, `max_us` and `seconds`.
     ///
     /// # Errors
-    /// Names what is missing or malformed.
+    /// Returns an error that names the missing or malformed part.
     pub fn from_json(value: &Value) -> Result<Self, String> {
         let list = |key: &str| value[key].as_array().ok_or(format!("{key} is no list"));
         let mut all = Self::default();
         let buckets = list("buckets")?;
         let max_us = value["max_us"].as_f64().ok_or("max_us is no number")?;
-        // The upper bound of the last bucket is no duration; the maximum is, and lies in it.
+        // The upper bound of the last bucket was not measured. The maximum was, and it lies in that bucket.
         let max_ns = (max_us * 1e3).round() as u64;
         for pair in buckets {
             match (pair[0].as_u64(), pair[1].as_u64()) {
@@ -58,28 +58,30 @@ impl Distribution {
         self.all.record_n_ns(ns, count);
     }
 
-    /// Adds all of `other`.
+    /// Adds all durations of `other`.
     pub fn merge(&mut self, other: &Self) {
         self.all.merge(&other.all);
         self.seconds.extend_from_slice(&other.seconds);
     }
 
-    /// Durations counted.
+    /// Returns the number of durations.
     pub fn count(&self) -> u64 {
         self.all.count()
     }
 
-    /// The duration, us, that `quantile` (0 to 1) of all do not exceed; nothing while empty.
+    /// Returns the duration, us, that a share `quantile` (0 to 1) of all durations does not exceed. None while
+    /// empty.
     pub fn quantile_us(&self, quantile: f64) -> Option<f64> {
         (self.count() > 0).then(|| self.all.quantile_us(quantile))
     }
 
-    /// Longest duration, us.
+    /// Returns the longest duration, us.
     pub fn max_us(&self) -> f64 {
         self.all.max_us()
     }
 
-    /// Durations, us, and the fraction of all that exceed each: the complement of the cumulative distribution.
+    /// Returns durations, us, and the fraction of all durations that exceed each: the complement of the
+    /// cumulative distribution.
     pub fn tail(&self) -> Vec<(f64, f64)> {
         let (all, mut left) = (self.count(), self.count());
         let mut steps = Vec::new();
@@ -92,7 +94,7 @@ impl Distribution {
         steps
     }
 
-    /// `{"p50", "p99", "p99_9", "p99_99", "max", "count"}` in us; nothing while empty.
+    /// Returns `{"p50", "p99", "p99_9", "p99_99", "max", "count"}` in us. None while empty.
     pub fn to_json(&self) -> Option<Value> {
         let [p50, p99, p99_9, p99_99] = QUANTILES.map(|quantile| self.quantile_us(quantile));
         p50?;

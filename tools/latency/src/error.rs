@@ -1,26 +1,27 @@
-//! Why a measurement cannot begin, or is not valid.
+//! Errors that keep a measurement from beginning, or make it invalid.
 
 use std::path::{Path, PathBuf};
 
-/// Why a measurement cannot begin, or is not valid. The text names file, option, value and bound.
+/// An error that keeps a measurement from beginning, or makes it invalid. The text names file, option, value
+/// and bound.
 #[derive(Debug, thiserror::Error)]
 pub enum LatencyError {
-    /// An option out of its bounds.
+    /// An option is out of its bounds.
     #[error("{option} {value}: {bound}")]
     Option {
         /// The option.
         option: &'static str,
         /// Its value.
         value: String,
-        /// What it must be.
+        /// The allowed value.
         bound: String,
     },
-    /// `--compare cyclictest`, and there is none.
+    /// `--compare cyclictest` is given, but cyclictest cannot be used.
     #[error(
         "cyclictest is not on the PATH, or the policy is not fifo; install the package rt-tests, or leave --compare away"
     )]
     NoCyclictest,
-    /// Settings, robot or weights are refused.
+    /// Settings, robot or weights are invalid.
     #[error(transparent)]
     Config(#[from] pipeline::ConfigError),
     /// The settings cannot be changed to what a block needs.
@@ -28,7 +29,7 @@ pub enum LatencyError {
     Settings {
         /// The file.
         file: PathBuf,
-        /// Why.
+        /// The reason.
         cause: String,
     },
     /// A process of teleopd cannot start.
@@ -42,13 +43,13 @@ pub enum LatencyError {
     Reference {
         /// The program.
         program: String,
-        /// Why.
+        /// The reason.
         cause: String,
     },
-    /// The run ended, and something in it was not as it must be.
+    /// The run ended, but one of its conditions was violated.
     #[error("{0}")]
     Invalid(String),
-    /// A soak's processes, or whom it strikes.
+    /// A process of a soak cannot start or run, or a fault cannot be injected.
     #[error(transparent)]
     Chaos(#[from] chaos::error::ChaosError),
     /// A signal ended the run.
@@ -59,7 +60,7 @@ pub enum LatencyError {
     Write {
         /// The file.
         file: PathBuf,
-        /// Why.
+        /// The reason.
         cause: String,
     },
 }
@@ -73,7 +74,7 @@ impl LatencyError {
         Self::Reference { program: program.into(), cause: cause.to_string() }
     }
 
-    /// Exit code, of sysexits(3) where it has one.
+    /// Exit code. It is from sysexits(3) where that has one.
     pub fn exit(&self) -> u8 {
         match self {
             Self::Option { .. } => 64,

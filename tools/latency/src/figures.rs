@@ -1,11 +1,11 @@
-//! What all blocks of one variant measured together.
+//! Figures that all blocks of one variant measured together.
 
 use crate::distribution::Distribution;
 use crate::error::LatencyError;
 use crate::processes::Outcome;
 use serde_json::{Map, Value, json};
 
-/// Hops in the order of the path, end to end last: the metric, and the process that tells it.
+/// Hops in the order of the path, end to end last: the metric, and the process that reports it.
 pub const HOPS: [(&str, &str); 9] = [
     ("published_to_ingest", "ingest"),
     ("ingest_work", "ingest"),
@@ -17,10 +17,10 @@ pub const HOPS: [(&str, &str); 9] = [
     ("skeleton_to_command", "sim"),
     ("target_to_command", "sim"),
 ];
-/// The loops whose wake-ups are told, with the process that is each.
+/// Loops whose wake-ups are reported, with their process.
 pub const LOOPS: [(&str, &str); 3] = [("retarget", "retarget"), ("control", "control"), ("driver", "sim")];
 
-/// What a process told of itself, over all blocks.
+/// Report of a process about itself, over all blocks.
 #[derive(Clone, Debug, Default)]
 pub struct Process {
     /// Allocations of the loop's thread after READY, without those of the transport.
@@ -33,15 +33,15 @@ pub struct Process {
     pub minor_faults: u64,
     /// Processor time since READY, s.
     pub cpu_s: f64,
-    /// Slowest cold start to READY, ms.
+    /// Slowest cold start until READY, ms.
     pub ready_after_ms: f64,
-    /// Samples that found no room on their way out of the loop.
+    /// Samples that were dropped on their way out of the loop because the ring was full.
     pub ring_dropped: u64,
-    /// What the system granted in the last block.
+    /// Real-time properties that the system granted in the last block.
     pub realtime: Vec<String>,
 }
 
-/// All blocks of one variant.
+/// Figures of all blocks of one variant.
 #[derive(Clone, Debug)]
 pub struct Figures {
     hops: Vec<Distribution>,
@@ -57,7 +57,7 @@ pub struct Figures {
     pub accepted: u64,
     /// Time between READY and release, s.
     pub wall_s: f64,
-    /// Blocks merged.
+    /// Number of merged blocks.
     pub blocks: u64,
 }
 
@@ -65,7 +65,7 @@ impl Figures {
     /// Merges the blocks of one variant.
     ///
     /// # Errors
-    /// Names the process and the figure that is missing, or the hop in which nothing was counted.
+    /// Returns an error that names the process and the missing figure, or the hop without any count.
     pub fn merge(outcomes: &[Outcome]) -> Result<Self, LatencyError> {
         let mut all = Self {
             hops: vec![Distribution::default(); HOPS.len()],
@@ -119,38 +119,38 @@ impl Figures {
         Ok(())
     }
 
-    /// A hop by its name.
+    /// Returns a hop by its name.
     pub fn hop(&self, name: &str) -> &Distribution {
         let index = HOPS.iter().position(|(hop, _)| *hop == name).expect("one of the hops");
         &self.hops[index]
     }
 
-    /// Hops with their names, in the order of the path.
+    /// Returns the hops with their names, in the order of the path.
     pub fn hops(&self) -> impl Iterator<Item = (&'static str, &Distribution)> {
         HOPS.iter().map(|(name, _)| *name).zip(&self.hops)
     }
 
-    /// Wake-ups of the loops with their names.
+    /// Returns the wake-ups of the loops with their names.
     pub fn wake_ups(&self) -> impl Iterator<Item = (&'static str, &Distribution)> {
         LOOPS.iter().map(|(name, _)| *name).zip(&self.wake_ups)
     }
 
-    /// Wake-ups of retarget, whose deadline is the tick itself.
+    /// Returns the wake-ups of retarget, whose deadline is the tick itself.
     pub fn wake_up(&self) -> &Distribution {
         &self.wake_ups[0]
     }
 
-    /// The processes with their names.
+    /// Returns the processes with their names.
     pub fn processes(&self) -> &[(&'static str, Process)] {
         &self.processes
     }
 
-    /// Total of a count of all processes.
+    /// Returns the total of a count over all processes.
     pub fn total(&self, of: impl Fn(&Process) -> u64) -> u64 {
         self.processes.iter().map(|(_, process)| of(process)).sum()
     }
 
-    /// What is not part of the headline, as JSON.
+    /// Returns the figures below the headline as JSON.
     pub fn to_json(&self) -> Value {
         let table = |rows: Vec<(&'static str, &Distribution)>| {
             let rows = rows.into_iter().filter_map(|(name, all)| Some((name.to_owned(), all.to_json()?)));

@@ -1,4 +1,4 @@
-//! What the figures were measured on.
+//! Description of the machine that measured the figures.
 
 use serde_json::{Value, json};
 use std::path::Path;
@@ -11,7 +11,7 @@ pub struct Host {
 }
 
 impl Host {
-    /// This machine, now.
+    /// Describes this machine now.
     pub fn now() -> Self {
         let cpuinfo = text("/proc/cpuinfo").unwrap_or_default();
         let field = |name: &str| {
@@ -35,7 +35,7 @@ impl Host {
         Self { facts, load_before: load() }
     }
 
-    /// Name and value of every fact, the load before and now among them.
+    /// Returns name and value of every fact, including the load before the run and now.
     pub fn rows(&self) -> Vec<(&'static str, String)> {
         let mut rows = self.facts.clone();
         rows.push(("load_average_before", self.load_before.clone()));
@@ -43,7 +43,7 @@ impl Host {
         rows
     }
 
-    /// As JSON.
+    /// Returns the facts as JSON.
     pub fn to_json(&self) -> Value {
         Value::Object(self.rows().into_iter().map(|(name, value)| (name.to_owned(), json!(value))).collect())
     }
@@ -53,7 +53,7 @@ fn unknown() -> String {
     "unknown".into()
 }
 
-/// What a file of the kernel says; nothing if it is missing, unreadable or empty.
+/// Reads a file of the kernel. None if it is missing, unreadable or empty.
 fn text(path: impl AsRef<Path>) -> Option<String> {
     let text = std::fs::read_to_string(path).ok()?;
     let text = text.trim();
@@ -66,7 +66,7 @@ fn preemption() -> String {
     }
     let version = text("/proc/sys/kernel/version").unwrap_or_default();
     let built = version.split(' ').find(|word| word.starts_with("PREEMPT")).unwrap_or("no preemption").to_owned();
-    // Of the modes the one in brackets is in force: none voluntary (full) lazy.
+    // The mode in parentheses is in force, for example: none voluntary (full) lazy.
     let modes = text("/sys/kernel/debug/sched/preempt").unwrap_or_default();
     match modes.split(' ').find_map(|mode| mode.strip_prefix('(')?.strip_suffix(')')) {
         Some(mode) => format!("{built}, {mode}; no PREEMPT_RT"),

@@ -1,13 +1,13 @@
-//! Measures how long a skeleton takes to become a command, hop by hop, with the real processes and in one run beside
-//! what it is compared with.
+//! Measures how long a skeleton takes to become a command, hop by hop, with the real processes. The references
+//! for comparison run in the same run.
 //!
-//! - [`cli`], [`settings`], [`load`], [`host`]: what is asked for, and on what machine.
-//! - [`blocks`], [`run`](mod@run): who is measured when.
+//! - [`cli`], [`settings`], [`load`], [`host`]: the options, and the machine.
+//! - [`blocks`], [`run`](mod@run): the order of the measurements.
 //! - [`processes`], [`client`]: a block of the real processes.
 //! - [`reference`](mod@reference): a block of the bare timer.
-//! - [`distribution`], [`figures`], [`measured`]: what comes of it.
-//! - [`report`], [`plot`]: how it is told.
-//! - [`soak`]: hours of it, with somebody struck every minute.
+//! - [`distribution`], [`figures`], [`measured`]: the results.
+//! - [`report`], [`plot`]: text and picture of the results.
+//! - [`soak`]: hours of running, with a fault every minute.
 
 pub mod blocks;
 pub mod cli;

@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
 
-/// Memory that each thread walks through: larger than a core's share of the caches.
+/// Memory that each thread walks through. It is larger than a core's share of the caches.
 const WALK_BYTES: usize = 16 << 20;
 
 /// Threads that compute and touch memory until they are dropped.
@@ -14,10 +14,10 @@ pub struct Load {
 }
 
 impl Load {
-    /// Starts `count` threads of the default policy.
+    /// Starts `count` threads with the default policy.
     ///
     /// # Errors
-    /// If the system gives no more threads.
+    /// Returns an error if the system gives no more threads.
     pub fn start(count: usize) -> std::io::Result<Self> {
         let mut load = Self { stop: Arc::default(), threads: Vec::new() };
         for index in 0..count {

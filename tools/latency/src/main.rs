@@ -1,4 +1,5 @@
-//! See the library. The same program is every process that it measures, and the probe beside them.
+//! The command line program of the library. The same program runs as every process that it measures, and as the
+//! probe.
 
 use clap::Parser;
 use latency::cli::Cli;
@@ -34,7 +35,7 @@ fn main() -> ExitCode {
     let options = match Cli::try_parse() {
         Ok(options) => options,
         Err(error) => {
-            // Help and version come this way too, and are no error.
+            // Help and version also come this way. They are not errors.
             let _ = error.print();
             return if error.use_stderr() { EX_USAGE.into() } else { ExitCode::SUCCESS };
         }
@@ -50,7 +51,7 @@ fn main() -> ExitCode {
 
 fn measure(options: &Cli) -> Result<(), LatencyError> {
     options.check()?;
-    // Before the run, not after it: a file that cannot be written is known now.
+    // Open the files before the run, so that an unwritable file is reported now.
     for path in [&options.json, &options.plot].into_iter().flatten() {
         std::fs::OpenOptions::new().append(true).create(true).open(path).map_err(|error| unwritten(path, error))?;
     }
@@ -74,7 +75,7 @@ fn measure(options: &Cli) -> Result<(), LatencyError> {
     if let Some(path) = &options.plot {
         plot::draw(path, &measured).map_err(|cause| unwritten(path, cause))?;
     }
-    // Whoever reads may have had enough: no error.
+    // The reader may have closed the output. This is not an error.
     let _ = std::io::stdout().write_all(report::words(&measured).as_bytes());
     Ok(())
 }

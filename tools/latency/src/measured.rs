@@ -1,4 +1,4 @@
-//! Everything that a run measured, and the figures that come of it.
+//! Everything that a run measured, and the figures computed from it.
 
 use crate::blocks::{Block, Kind};
 use crate::cli::{Cli, Pin, Policy};
@@ -9,23 +9,23 @@ use crate::reference::Spec;
 use messages::Stamp;
 use serde_json::{Value, json};
 
-/// Of the commands' path, p50 and p99, us.
+/// Quantiles of the commands' path, p50 and p99, us.
 const BEYOND: [(&str, f64); 2] = [("p50", 0.5), ("p99", 0.99)];
 
 /// Everything that a run measured.
 #[derive(Clone, Debug)]
 pub struct Measured {
-    /// The processes, woken by events.
+    /// Figures of the processes that events wake.
     pub events: Figures,
-    /// The processes, polled.
+    /// Figures of the polled processes.
     pub polled: Figures,
-    /// cyclictest, where it is installed.
+    /// Wake-ups of cyclictest, if it is installed.
     pub cyclictest: Option<Distribution>,
-    /// Our own probe.
+    /// Wake-ups of our own probe.
     pub probe: Distribution,
-    /// What the system granted to the probe.
+    /// Real-time properties that the system granted to the probe.
     pub probe_realtime: Vec<String>,
-    /// How the references ran.
+    /// Specification with which the references ran.
     pub spec: Spec,
     /// The machine.
     pub host: Host,
@@ -41,23 +41,23 @@ impl Measured {
         self.cyclictest.as_ref().map_or(("own probe", &self.probe), |cyclictest| ("cyclictest", cyclictest))
     }
 
-    /// Retarget's wake-up over `reference`'s at a quantile.
+    /// Returns the ratio of retarget's wake-up to `reference`'s at a quantile.
     pub fn wake_up_ratio(&self, reference: &Distribution, quantile: f64) -> Option<f64> {
         ratio(self.events.wake_up().quantile_us(quantile), reference.quantile_us(quantile))
     }
 
-    /// How many times the median of a hop is below the polled one.
+    /// Returns the factor by which the median of a hop is below the polled one.
     pub fn times_below_polled(&self, hop: &str) -> Option<f64> {
         ratio(self.polled.hop(hop).quantile_us(0.5), self.events.hop(hop).quantile_us(0.5))
     }
 
-    /// From target to command, less control's work at the same quantile, us.
+    /// Returns the time from target to command, less control's work at the same quantile, us.
     pub fn beyond_work_us(&self, quantile: f64) -> Option<f64> {
         let (whole, work) = (self.events.hop("target_to_command"), self.events.hop("control_work"));
         Some(whole.quantile_us(quantile)? - work.quantile_us(quantile)?)
     }
 
-    /// As JSON.
+    /// Returns the measurements as JSON.
     pub fn to_json(&self, options: &Cli) -> Value {
         let (name, reference) = self.reference();
         let mut events = self.events.to_json();
@@ -103,7 +103,7 @@ impl Measured {
         value
     }
 
-    /// What the system granted to retarget under this heading.
+    /// Returns the real-time property that the system granted to retarget under this heading.
     pub fn granted(&self, heading: &str) -> String {
         let found = self.events.processes().iter().find(|(name, _)| *name == "retarget");
         let lines = found.map(|(_, process)| process.realtime.as_slice()).unwrap_or_default();
@@ -112,7 +112,7 @@ impl Measured {
     }
 }
 
-/// The quotient of two durations; nothing where either is missing or the lower one is zero.
+/// Returns the quotient of two durations. None if either is missing or the divisor is zero.
 fn ratio(over: Option<f64>, under: Option<f64>) -> Option<f64> {
     let (over, under) = (over?, under?);
     (under > 0.0).then(|| over / under)

@@ -1,5 +1,5 @@
-//! A page and a recorder beside a running instance, as `demo --view --record` has them. The page is read as a browser reads
-//! it, and drawn by nobody.
+//! Runs a page and a recorder beside a running instance, as `demo --view --record` does. The page is read as a
+//! browser reads it, but never drawn.
 
 use crate::error::LatencyError;
 use pipeline::Instance;
@@ -15,14 +15,14 @@ use tungstenite::client::IntoClientRequest;
 use tungstenite::stream::MaybeTlsStream;
 use tungstenite::{Message, WebSocket};
 
-/// How often the page says that it is there: twice as often as a browser's.
+/// Time between two heartbeats of the page: half of a browser's.
 const HERE: Duration = Duration::from_secs(1);
-/// Longest wait for a frame, of which there are 60 a second.
+/// Longest wait for a frame. There are 60 frames a second.
 const FRAME_WITHIN: Duration = Duration::from_millis(500);
-/// Of these frames a second, a page that keeps up has seen most.
+/// Smallest number of frames per second that a page which keeps up has received.
 const FRAMES_PER_S_MIN: f64 = 30.0;
 
-/// What runs beside the processes.
+/// Programs that run beside the processes.
 pub struct Observers {
     view: Child,
     _told: BufReader<ChildStdout>,
@@ -33,10 +33,10 @@ pub struct Observers {
 }
 
 impl Observers {
-    /// Starts both, and waits until they see the instance.
+    /// Starts both, and waits until both receive data of the instance.
     ///
     /// # Errors
-    /// A program that is not built, or one that does not start.
+    /// Returns an error if a program is not built or does not start.
     pub fn start(instance: &Instance, place: &InstanceArgs) -> Result<Self, LatencyError> {
         let failed = |cause: String| LatencyError::Invalid(format!("onlookers: {cause}"));
         let file = instance.run_dir().join("watched.mcap");
@@ -47,7 +47,7 @@ impl Observers {
             .arg(&place.config)
             .arg("--run-dir")
             .arg(instance.run_dir())
-            // Should this process be killed, nobody goes on who may operate a robot.
+            // If this process is killed, the view must end too, because it could operate a robot.
             .arg("--child-of")
             .arg(std::process::id().to_string())
             .stdin(Stdio::null())
@@ -67,7 +67,7 @@ impl Observers {
         Ok(Self { view, _told: told, page, end, recorder, begun: Instant::now() })
     }
 
-    /// Ends both; what was not as it must be.
+    /// Ends both. Returns the problems.
     pub fn stop(mut self) -> Vec<String> {
         let seconds = self.begun.elapsed().as_secs_f64();
         self.end.store(true, Ordering::Relaxed);
@@ -86,7 +86,7 @@ impl Observers {
 
 type Page = WebSocket<MaybeTlsStream<TcpStream>>;
 
-/// Opens the page whose address `told` says.
+/// Opens the page at the address that the view printed.
 fn open(told: &mut BufReader<ChildStdout>) -> Result<Page, String> {
     let mut line = String::new();
     told.read_line(&mut line).map_err(|error| error.to_string())?;
@@ -103,7 +103,7 @@ fn open(told: &mut BufReader<ChildStdout>) -> Result<Page, String> {
     Ok(socket)
 }
 
-/// Reads frames until `end`; how many there were.
+/// Reads frames until `end`. Returns their number.
 fn look(mut socket: Page, end: &AtomicBool) -> u64 {
     let (mut frames, mut said) = (0, Instant::now());
     while !end.load(Ordering::Relaxed) {

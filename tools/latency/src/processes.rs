@@ -1,4 +1,4 @@
-//! One block of the real processes: started, engaged, measured, released and ended in order.
+//! Runs one block of the real processes: starts, engages, measures, releases and ends them in order.
 
 use crate::blocks::{Block, Kind};
 use crate::client::Client;
@@ -15,43 +15,43 @@ use teleopd::{Children, InstanceArgs, Operator, Output, PROCESSES, Report};
 
 /// Time between two looks at the processes.
 const LOOK: Duration = Duration::from_millis(50);
-/// Longest time until nothing inhibits engaging: the processes are ready, so a few hundred ms are enough.
+/// Longest time until nothing inhibits engaging. The processes are ready, so a few hundred ms are enough.
 const CLEAR_WITHIN: Duration = Duration::from_secs(10);
-/// Longest time from the enable to Engaged: 3 s of blending, and the torso's whole stroke takes 5 s.
+/// Longest time from the enable to Engaged: 3 s of blending, and 5 s for the torso's whole stroke.
 const ENGAGED_WITHIN: Duration = Duration::from_secs(20);
 /// Longest time from release to rest: four times the longest stop.
 const REST_WITHIN: Duration = Duration::from_secs(2);
-/// Ticks of control before the enable, as a hand would wait.
+/// Ticks of control before the enable, as an operator would wait.
 const TICKS_BEFORE_ENABLE: u64 = 600;
 
-/// What every block of processes is run with.
+/// Inputs of every block of processes.
 #[derive(Clone, Debug)]
 pub struct Setup {
-    /// Settings.
+    /// Settings file.
     pub config: PathBuf,
-    /// What is changed of them.
+    /// Changes to the settings.
     pub changes: Changes,
     /// Skeletons per second.
     pub rate_hz: f64,
 }
 
-/// What a block left.
+/// Results of a block.
 #[derive(Clone, Debug)]
 pub struct Outcome {
-    /// What was measured.
+    /// Kind of the block.
     pub kind: Kind,
     /// The report of each process, in the order of `PROCESSES`.
     pub processes: Vec<(&'static str, Value)>,
     /// The report of the run, as `teleopd demo` writes it.
     pub run: Value,
-    /// From READY of the last process to the end of the first, s.
+    /// Time from READY of the last process to the end of the first, s.
     pub wall_s: f64,
     /// Skeletons that the client published.
     pub published: u64,
 }
 
 impl Outcome {
-    /// The cores on which retarget ran; nothing where they were left to the kernel.
+    /// Returns the cores on which retarget ran. None if the kernel chose them.
     pub fn cores(&self) -> Option<Vec<usize>> {
         let (_, report) = self.processes.iter().find(|(name, _)| *name == "retarget")?;
         let lines = report["telemetry"]["realtime"].as_array()?.iter().filter_map(Value::as_str);
@@ -59,7 +59,7 @@ impl Outcome {
     }
 }
 
-/// From the lines in which a process tells what the system granted: `cores: cores [1, 2]`.
+/// Parses the lines in which a process reports the granted properties: `cores: cores [1, 2]`.
 fn cores_of<'a>(mut lines: impl Iterator<Item = &'a str>) -> Option<Vec<usize>> {
     let told = lines.find_map(|line| line.strip_prefix("cores: "))?;
     if told.contains("REFUSED") {
@@ -70,7 +70,7 @@ fn cores_of<'a>(mut lines: impl Iterator<Item = &'a str>) -> Option<Vec<usize>> 
     list.split(',').map(|core| core.trim().parse().ok()).collect()
 }
 
-/// The instance of one block, of whose shared memory nothing is left at the end.
+/// The instance of one block. Its drop removes all of its shared memory.
 struct Retired(Instance);
 
 impl Drop for Retired {
@@ -82,25 +82,26 @@ impl Drop for Retired {
 /// Runs one block.
 ///
 /// # Errors
-/// If a process does not start, ends by itself, does not engage, or if a promise was broken.
+/// Returns an error if a process does not start, ends by itself or does not engage, or if a promise was broken.
 pub fn run(setup: &Setup, block: Block, shutdown: &Shutdown) -> Result<Outcome, LatencyError> {
     let folder = Folder::new()?;
     let config = folder.path().join("teleop.toml");
     settings::write(&setup.config, &setup.changes, block.kind, &config)?;
     let instance = Instance::new(folder.path()).map_err(|error| LatencyError::write(folder.path(), error))?;
-    // Before the processes, so that it ends after them: also if one of them does not start.
+    // Created before the processes, so that it is dropped after them, even if one of them does not start.
     let instance = Retired(instance);
     let place = InstanceArgs {
         config,
         run_dir: folder.path().to_path_buf(),
-        // The driver is simulated, and a kernel without PREEMPT_RT is to be measured too.
+        // The driver is simulated, and the measurement must also work on a kernel without PREEMPT_RT.
         engage_without_realtime: true,
         interface: None,
     };
     let mut children = Children::start(&instance.0, &place, Output::Files)?;
     let onlookers = (block.kind == Kind::ObserverCost).then(|| Observers::start(&instance.0, &place)).transpose()?;
     let settings = pipeline::load(&place.config, place.overrides())?.settings.realtime;
-    // Client and operator are programs of others: they stay where `ingest` is, off the core that is measured.
+    // Client and operator represent other programs. They stay on the cores of `ingest`, away from the measured
+    // core.
     let others = teleopd::placement(&settings).others;
     let driven = std::thread::scope(|scope| {
         let drive = || {
@@ -140,7 +141,7 @@ pub fn run(setup: &Setup, block: Block, shutdown: &Shutdown) -> Result<Outcome, 
     Ok(Outcome { kind: block.kind, processes, run: report.to_json().clone(), wall_s, published })
 }
 
-/// What client and operator saw.
+/// Observations of client and operator.
 struct Driven {
     wall_s: f64,
     published: u64,
@@ -169,7 +170,7 @@ fn drive(
     Ok(Driven { wall_s, published, failures, ended })
 }
 
-/// Engages, lets the person move, and looks after the run for `seconds`; what went wrong.
+/// Engages, lets the person move, and watches the run for `seconds`. Returns the problem, if any.
 fn engage_and_hold(
     children: &mut Children,
     operator: &mut Operator,
@@ -213,11 +214,11 @@ fn read(path: &Path) -> Result<Value, LatencyError> {
     serde_json::from_str(&text).map_err(|error| LatencyError::Invalid(format!("{}: {error}", path.display())))
 }
 
-/// The block's folder, removed at its end.
+/// The block's folder. It is removed when the block ends.
 struct Folder(tempfile::TempDir);
 
 impl Folder {
-    // Short: the path of the operator's socket has a limit of 107 bytes.
+    // The prefix is short because the path of the operator's socket is limited to 107 bytes.
     fn new() -> Result<Self, LatencyError> {
         let made = tempfile::Builder::new().prefix("latency-").tempdir();
         made.map(Self).map_err(|error| LatencyError::write(&std::env::temp_dir(), error))

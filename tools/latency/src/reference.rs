@@ -1,5 +1,6 @@
-//! The bare timer that the pipeline's wake-up is compared with: cyclictest, and a loop of our own of equal method. Both
-//! sleep to absolute deadlines of CLOCK_MONOTONIC in a process of their own with locked memory, each alone.
+//! The bare timer for comparison with the pipeline's wake-up: cyclictest, and our own loop with the same
+//! method. Both sleep to absolute deadlines of CLOCK_MONOTONIC, alone, each in a process of its own with locked
+//! memory.
 
 use crate::cli::Policy;
 use crate::distribution::Distribution;
@@ -12,25 +13,25 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use telemetry::Series;
 
-/// cyclictest's histogram has one bucket a us up to here, 100 ms.
+/// Number of buckets of cyclictest's histogram. Each is 1 us wide, so the last is at 100 ms.
 const CYCLICTEST_BUCKETS: u32 = 100_000;
-/// cyclictest tells whole us, rounded down; half of one is the mean of what that cuts off.
+/// cyclictest reports whole us, rounded down. Half a us is the mean of the lost part.
 const CUT_OFF_NS: u64 = 500;
-/// First argument with which this program is the probe.
+/// First argument that makes this program the probe.
 pub const PROBE: &str = "probe";
 
-/// How a reference is to run: as `retarget` does.
+/// Specification of a reference. It runs as `retarget` does.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Spec {
     /// Scheduling.
     pub policy: Policy,
-    /// Of SCHED_FIFO.
+    /// Priority for SCHED_FIFO.
     pub priority: u8,
-    /// Nothing leaves it to the kernel.
+    /// Cores. None leaves the choice to the kernel.
     pub cores: Option<Vec<usize>>,
-    /// Whether memory is locked.
+    /// True if memory is locked.
     pub lock_memory: bool,
-    /// Whether cores are kept from sleeping.
+    /// True if the cores must not enter sleep states.
     pub cpu_dma_latency: bool,
 }
 
@@ -41,16 +42,16 @@ impl Spec {
     }
 }
 
-/// Where cyclictest is, if it is on the PATH.
+/// Returns the path of cyclictest, if it is on the PATH.
 pub fn cyclictest() -> Option<PathBuf> {
     let path = std::env::var_os("PATH")?;
     std::env::split_paths(&path).map(|folder| folder.join("cyclictest")).find(|file| file.is_file())
 }
 
-/// Runs cyclictest for `seconds`, at least one.
+/// Runs cyclictest for `seconds`, at least for one second.
 ///
 /// # Errors
-/// If it cannot run, or answers in an unknown way.
+/// Returns an error if it cannot run, or if its output has an unknown form.
 pub fn run_cyclictest(program: &Path, spec: &Spec, seconds: f64) -> Result<Distribution, LatencyError> {
     let interval_us = (1e6 / TICK_HZ as f64).round();
     let mut command = Command::new(program);
@@ -64,7 +65,7 @@ pub fn run_cyclictest(program: &Path, spec: &Spec, seconds: f64) -> Result<Distr
         command.arg("-m");
     }
     if !spec.cpu_dma_latency {
-        // It keeps cores from sleeping unless it is told to leave the system as it is.
+        // It keeps cores from sleeping, unless this option leaves the system as it is.
         command.arg("--default-system");
     }
     if let Some(cores) = spec.core_list() {
@@ -83,7 +84,8 @@ fn output(mut command: Command, name: &str) -> Result<String, LatencyError> {
     Ok(String::from_utf8_lossy(&output.stdout).into_owned())
 }
 
-/// Reads cyclictest's histogram: lines of `us count`, and comments with what lies beyond the last bucket.
+/// Reads cyclictest's histogram. It has lines of `us count`, and comments with the counts beyond the last
+/// bucket.
 fn parse_cyclictest(text: &str) -> Result<Distribution, String> {
     let mut all = Distribution::default();
     let comment = |name: &str| {
@@ -103,10 +105,10 @@ fn parse_cyclictest(text: &str) -> Result<Distribution, String> {
     if all.count() == 0 { Err("it counted nothing".into()) } else { Ok(all) }
 }
 
-/// Runs our own probe for `seconds` in a process of its own; its record, and what the system granted.
+/// Runs our own probe for `seconds` in a process of its own. Returns its record, and the granted properties.
 ///
 /// # Errors
-/// If it cannot run.
+/// Returns an error if it cannot run.
 pub fn run_probe(spec: &Spec, seconds: f64) -> Result<(Distribution, Vec<String>), LatencyError> {
     let program = std::env::current_exe().map_err(|error| LatencyError::reference(PROBE, error))?;
     let mut command = Command::new(program);
@@ -146,7 +148,7 @@ struct Probe {
     cpu_dma_latency: bool,
 }
 
-/// The probe's process: sleeps from deadline to deadline of the tick grid and prints how late it woke.
+/// Runs the probe's process: sleeps from deadline to deadline of the tick grid, and prints how late it woke.
 pub fn probe_main(arguments: impl Iterator<Item = String>) {
     let probe = Probe::parse_from(arguments);
     rt::die_with_parent();

@@ -1,11 +1,11 @@
-//! The report in words: ratios first, then the machine they hold for, then every figure.
+//! Formats the report as text: ratios first, then the machine of the measurement, then every figure.
 
 use crate::distribution::{Distribution, QUANTILES};
 use crate::figures::{Figures, LOOPS};
 use crate::measured::Measured;
 use std::fmt::Write;
 
-/// The report.
+/// Formats the report.
 pub fn words(all: &Measured) -> String {
     let mut out = String::new();
     // Writing to a String cannot fail.
@@ -42,7 +42,7 @@ fn machine(out: &mut String, all: &Measured) -> std::fmt::Result {
     for (name, value) in all.host.rows() {
         writeln!(out, "  {:<20} {value}", name.replace('_', " "))?;
     }
-    // What each process has of its own, and then what retarget and all like it have in common.
+    // First the properties that differ between processes, then those that retarget shares with all others.
     let own = |line: &&String| ["scheduling", "cores"].iter().any(|heading| line.starts_with(heading));
     for (name, process) in all.events.processes() {
         let lines: Vec<_> = process.realtime.iter().filter(own).cloned().collect();

@@ -1,4 +1,4 @@
-//! A run: its blocks in turn, merged.
+//! Runs the blocks in order, and merges their results.
 
 use crate::blocks::{self, Kind};
 use crate::cli::{Cli, Compare, Pin, Policy};
@@ -14,14 +14,15 @@ use crate::settings::Changes;
 use pipeline::Overrides;
 use rt::Shutdown;
 
-/// Runs every block and merges what they left.
+/// Runs every block and merges the results.
 ///
 /// # Errors
-/// If the options or settings are refused, a reference cannot run, or a block is not valid.
+/// Returns an error if the options or settings are invalid, a reference cannot run, or a block is not valid.
 pub fn run(options: &Cli, shutdown: &Shutdown) -> Result<Measured, LatencyError> {
     options.check()?;
     let mut spec = spec(options)?;
-    // Under SCHED_OTHER cyclictest keeps the default timer slack of 50 us, and the loops do not: no peer of theirs.
+    // Under SCHED_OTHER cyclictest keeps the default timer slack of 50 us, but the loops do not. So the two are
+    // not comparable.
     let cyclictest = reference::cyclictest().filter(|_| spec.policy == Policy::Fifo);
     if options.compare == Some(Compare::Cyclictest) && cyclictest.is_none() {
         return Err(LatencyError::NoCyclictest);
@@ -49,7 +50,7 @@ pub fn run(options: &Cli, shutdown: &Shutdown) -> Result<Measured, LatencyError>
                 if matches!(options.pin, Some(Pin::Cores(_))) && outcome.cores().is_none() {
                     return Err(LatencyError::Invalid("--pin: the system refused these cores (teleopd doctor)".into()));
                 }
-                // The references run where the processes were put.
+                // The references run on the cores of the processes.
                 spec.cores = outcome.cores();
                 outcomes.push(outcome);
             }
@@ -77,12 +78,14 @@ pub fn run(options: &Cli, shutdown: &Shutdown) -> Result<Measured, LatencyError>
     })
 }
 
-/// Ctrl-C reaches a reference too: what it then says is no error of its own.
+/// Maps errors to an interruption if shutdown was requested. Ctrl-C reaches a reference too, so its error then
+/// is not its own.
 fn unless_ended<T>(result: Result<T, LatencyError>, shutdown: &Shutdown) -> Result<T, LatencyError> {
     if shutdown.requested() { Err(LatencyError::Interrupted) } else { result }
 }
 
-/// The references ask for what retarget asks for; the cores are known after the first block.
+/// Specification of the references. It requests the same properties as retarget. The cores are known after the
+/// first block.
 fn spec(options: &Cli) -> Result<Spec, LatencyError> {
     let settings = pipeline::load(&options.config, Overrides::default())?.settings.realtime;
     let of_file = if settings.policy == pipeline::Policy::Fifo { Policy::Fifo } else { Policy::Other };

@@ -7,10 +7,11 @@ use messages::TICK_HZ;
 use std::path::{Path, PathBuf};
 use toml::{Table, Value};
 
-/// Two halves of a tick would be 667 us; this is the longest that the settings allow, 7 us in favour of polling.
+/// Driver grace of the polled variant. Two half ticks would be 667 us. This is the longest value that the
+/// settings allow, and favours polling by 7 us.
 const POLLED_DRIVER_GRACE_US: f64 = 660.0;
 
-/// What the command line changes of the settings.
+/// Changes that the command line makes to the settings.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Changes {
     /// `realtime.policy`.
@@ -19,11 +20,12 @@ pub struct Changes {
     pub pin: Option<Pin>,
 }
 
-/// Writes the settings `config` with `changes` to `copy`, as a block of `kind` needs them. Polled, every process runs
-/// half a tick after the one before it: the mean wait of timers that are not synchronised.
+/// Writes the settings `config` with `changes` to `copy`, as a block of `kind` needs them. In the polled
+/// variant every process runs half a tick after its predecessor. That is the mean wait of timers that are not
+/// synchronised.
 ///
 /// # Errors
-/// If the file cannot be read, is no settings file, or the copy cannot be written.
+/// Returns an error if the file cannot be read, is no settings file, or the copy cannot be written.
 pub fn write(config: &Path, changes: &Changes, kind: Kind, copy: &Path) -> Result<(), LatencyError> {
     let refuse = |cause: String| LatencyError::Settings { file: config.to_path_buf(), cause };
     let text = std::fs::read_to_string(config).map_err(|error| refuse(error.to_string()))?;
@@ -34,7 +36,7 @@ pub fn write(config: &Path, changes: &Changes, kind: Kind, copy: &Path) -> Resul
         let path = absolute(&folder, &table, name, "file").ok_or_else(|| refuse(format!("{name}.file is missing")))?;
         set(&mut table, name, "file", Value::String(path)).map_err(&refuse)?;
     }
-    // An empty name is none.
+    // An empty name means no file.
     if let Some(path) = absolute(&folder, &table, "retarget", "prediction") {
         set(&mut table, "retarget", "prediction", Value::String(path)).map_err(&refuse)?;
     }

@@ -1,5 +1,5 @@
-//! Hours of the real processes: engaged and following, struck once a minute, and watched for whatever grows: memory, file
-//! descriptors, threads, segments. A stop that no blow explains is a false one.
+//! Runs the real processes for hours, engaged and following, with a fault once a minute. Watches everything
+//! that may grow: memory, file descriptors, threads, segments. A stop that no fault explains is a false stop.
 
 use crate::error::LatencyError;
 use chaos::error::ChaosError;
@@ -21,13 +21,13 @@ use teleopd::PROCESSES;
 
 /// Time between two looks at the processes.
 const LOOK: Duration = Duration::from_secs(1);
-/// A process's resident memory may grow by so much from its tenth of a minute to the end, KiB: its pages are locked and
-/// touched before READY; what is left are pages of the allocator that the thread beside the loop fills once.
+/// Largest growth of a process's resident memory from `WARM_AFTER` to the end, KiB. Its pages are locked and
+/// touched before READY. Only pages of the allocator remain, which the thread beside the loop fills once.
 const GROWTH_MAX_KIB: u64 = 512;
-/// After so long a process is warm.
+/// Time after which a process counts as warm: a tenth of a minute.
 const WARM_AFTER: Duration = Duration::from_secs(6);
-/// Who is struck in turn, and whether by death. Control and driver live through the whole soak, so that a slow leak has
-/// its time: they are suspended.
+/// Targets in sequence, and true if the target is killed. Control and driver live through the whole soak, so
+/// that a slow leak shows. They are suspended instead.
 const TURNS: [(Target, bool); 6] = [
     (Target::Ingest, true),
     (Target::Control, false),
@@ -37,16 +37,16 @@ const TURNS: [(Target, bool); 6] = [
     (Target::Operator, true),
 ];
 
-/// How long, and how often somebody is struck.
+/// Length of the soak, and the time between faults.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Soak {
-    /// How long.
+    /// Length of the soak.
     pub length: Duration,
-    /// Time engaged before each blow.
+    /// Time engaged before each fault.
     pub every: Duration,
 }
 
-/// What a process holds.
+/// Resources that a process holds.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 struct Holding {
     resident_kib: u64,
@@ -74,7 +74,7 @@ impl Holding {
     }
 }
 
-/// What one life of a process held when it was warm, and at most since.
+/// Resources of one life of a process: those when it was warm, and the largest since.
 #[derive(Clone, Copy, Debug)]
 struct Life {
     id: u32,
@@ -83,7 +83,7 @@ struct Life {
     most: Holding,
 }
 
-/// What a soak showed.
+/// Results of a soak.
 #[derive(Debug, Default)]
 pub struct Soaked {
     seconds: f64,
@@ -105,7 +105,7 @@ pub struct Soaked {
 /// Runs a soak with the settings `config`.
 ///
 /// # Errors
-/// If a process does not start, or the robot does not come back after a blow.
+/// Returns an error if a process does not start, or the robot does not come back after a fault.
 pub fn run(config: &Path, soak: Soak, shutdown: &Shutdown) -> Result<Soaked, LatencyError> {
     let mut rig = Rig::start(config)?;
     let loaded = pipeline::load(&rig.place().config, rig.place().overrides())?;
@@ -124,7 +124,7 @@ pub fn run(config: &Path, soak: Soak, shutdown: &Shutdown) -> Result<Soaked, Lat
         let blow = Injection::draw(victim, kill, 1.0, &mut dice);
         soaked.blows += 1;
         if let Err(error) = strike(&mut rig, &witness, &loaded.settings, blow, &mut soaked.trouble) {
-            // What was seen until then is worth its report.
+            // The results until then are still reported.
             soaked.trouble.push(format!("after {blow:?}: {error}"));
             break;
         }
@@ -144,7 +144,7 @@ pub fn run(config: &Path, soak: Soak, shutdown: &Shutdown) -> Result<Soaked, Lat
     Ok(soaked)
 }
 
-/// Strikes, and follows the person again.
+/// Injects a fault, and follows the person again.
 fn strike(
     rig: &mut Rig,
     witness: &Monitor,
@@ -159,7 +159,8 @@ fn strike(
     trial::engage(rig, witness, Target::Ingest, Mode::Engaged)
 }
 
-/// Follows the person, engaged as it is, until the next blow is due or the end; every stop in it is a false one.
+/// Follows the person, engaged, until the next fault is due or the soak ends. Every stop in this time is a
+/// false one.
 fn clean(rig: &mut Rig, soaked: &mut Soaked, begun: Instant, soak: Soak, shutdown: &Shutdown) {
     let first = segments(rig);
     soaked.segments_first = if soaked.segments_first == 0 { first } else { soaked.segments_first };
@@ -177,7 +178,7 @@ fn clean(rig: &mut Rig, soaked: &mut Soaked, begun: Instant, soak: Soak, shutdow
     rig.release();
 }
 
-/// Files of the instance in /dev/shm.
+/// Counts the files of the instance in /dev/shm.
 fn segments(rig: &Rig) -> u64 {
     let prefixes = [rig.instance().core_domain().prefix, rig.instance().input_domain().prefix];
     let names = std::fs::read_dir("/dev/shm").into_iter().flatten().flatten().map(|entry| entry.file_name());
@@ -185,7 +186,8 @@ fn segments(rig: &Rig) -> u64 {
 }
 
 impl Soaked {
-    /// Adds the transitions after number `told` that left Engaged; one that went on by itself was a stop all the same.
+    /// Adds the transitions after number `told` that left Engaged. A stop counts even if the robot continued by
+    /// itself.
     fn note_stops(&mut self, at: Duration, status: Option<Status>, told: &mut u32) {
         let Some(status) = status else {
             return self.false_stops.push(format!("{:.0} s: no answer", at.as_secs_f64()));
@@ -214,7 +216,7 @@ impl Soaked {
         *most = most.each_with(life.most.each_with(warm, |most, warm| most - warm), u64::max);
     }
 
-    /// What must not have happened.
+    /// Returns everything that must not have happened.
     pub fn complaints(&self) -> Vec<String> {
         let mut complaints = self.trouble.clone();
         complaints.extend(self.false_stops.iter().map(|stop| format!("a stop that no blow explains, {stop}")));
@@ -241,7 +243,7 @@ impl Soaked {
         complaints
     }
 
-    /// As JSON.
+    /// Returns the results as JSON.
     pub fn to_json(&self) -> Value {
         let growth = self.growth.iter().map(|(&name, grown)| {
             let value = json!({
@@ -264,7 +266,7 @@ impl Soaked {
         })
     }
 
-    /// For people.
+    /// Returns the results as text.
     pub fn words(&self) -> String {
         let mut out = String::new();
         // Writing to a String cannot fail.

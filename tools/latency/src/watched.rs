@@ -1,4 +1,4 @@
-//! What a page and a recorder cost the loops: blocks with and without them in turns.
+//! Measures the cost of a page and a recorder for the loops. Blocks with and without them alternate.
 
 use crate::blocks::{self, Kind};
 use crate::cli::Cli;
@@ -12,10 +12,11 @@ use rt::Shutdown;
 use serde_json::{Value, json};
 use std::fmt::Write;
 
-/// Quantiles that are compared.
+/// Quantiles to compare.
 const QUANTILES: [(&str, f64); 4] = [("p50", 0.5), ("p90", 0.9), ("p99", 0.99), ("p99.9", 0.999)];
 
-/// Both variants, and what chance alone does: every second block without page and recorder, and those between.
+/// Both variants, and the effect of chance alone: the blocks without page and recorder, split into every second
+/// one and the others.
 #[derive(Clone, Debug)]
 pub struct ObserverCost {
     alone: Figures,
@@ -23,24 +24,25 @@ pub struct ObserverCost {
     halves: [Figures; 2],
 }
 
-/// What is compared, by both variants and by both halves of the blocks alone.
+/// One compared figure: both variants, and both halves of the blocks alone.
 struct Row<'a> {
     name: String,
     of: [&'a Distribution; 4],
 }
 
 impl Row<'_> {
-    /// Without, with, µs, with by without, and one half of the blocks without by the other.
+    /// Returns four values: without, with (both in µs), the ratio of with to without, and the ratio of both
+    /// halves of the blocks without.
     fn at(&self, q: f64) -> [Option<f64>; 4] {
         let [alone, watched, one, other] = self.of.map(|distribution| distribution.quantile_us(q));
         [alone, watched, ratio(watched, alone), ratio(other, one)]
     }
 }
 
-/// Runs blocks of both kinds in turns.
+/// Runs alternating blocks of both kinds.
 ///
 /// # Errors
-/// If the options or settings are refused, or a block is not valid.
+/// Returns an error if the options or settings are invalid, or a block is not valid.
 pub fn run(options: &Cli, shutdown: &Shutdown) -> Result<ObserverCost, LatencyError> {
     let changes = Changes { policy: options.policy, pin: options.pin.clone() };
     let setup = Setup { config: options.config.clone(), changes, rate_hz: options.rate_hz };
@@ -62,7 +64,8 @@ pub fn run(options: &Cli, shutdown: &Shutdown) -> Result<ObserverCost, LatencyEr
 }
 
 impl ObserverCost {
-    /// What is compared: work and wake-ups of control first, then of the others, and the path.
+    /// Returns the compared figures: work and wake-ups of control first, then those of the others, and the
+    /// path.
     fn rows(&self) -> Vec<Row<'_>> {
         let all = [&self.alone, &self.watched, &self.halves[0], &self.halves[1]];
         let hops = ["control_work", "retarget_work", "target_to_command", "skeleton_to_command"];
@@ -74,7 +77,8 @@ impl ObserverCost {
         hops.into_iter().chain(loops).collect()
     }
 
-    /// As JSON: for each row and quantile alone, watched, both us, their ratio, and that of both halves of the blocks alone.
+    /// Returns JSON. Each row and quantile has alone and watched, both in us, their ratio, and the ratio of
+    /// both halves of the blocks alone.
     pub fn to_json(&self) -> Value {
         let rows = self.rows().into_iter().map(|row| {
             let quantiles = QUANTILES.map(|(label, q)| {
@@ -91,7 +95,7 @@ impl ObserverCost {
         })
     }
 
-    /// As a table.
+    /// Returns a table.
     pub fn words(&self) -> String {
         let mut out = format!(
             "{} blocks alone, {} beside a page and a recorder, in turns; us alone, us watched, ratio,\n\

@@ -1,11 +1,11 @@
-//! The command as a user runs it: figures of a short run, whatever the machine does, and its exit codes.
+//! Runs the command as a user does: figures of a short run on any machine, and its exit codes.
 
 use serde_json::Value;
 use std::process::{Command, Output};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use teleopd::PROCESSES;
 
-/// One instance at a time: four real-time processes are enough for a small machine.
+/// Runs one instance at a time. Four real-time processes are enough for a small machine.
 static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
 
 fn turn() -> MutexGuard<'static, ()> {
@@ -47,7 +47,7 @@ fn count(value: &Value, path: &str) -> u64 {
     value.pointer(path).and_then(Value::as_u64).unwrap_or_else(|| panic!("{path} is no count: {value:#}"))
 }
 
-/// Quantiles in order, and something counted.
+/// Checks that the quantiles are in order, and that something was counted.
 fn assert_ordered(row: &Value, name: &str) {
     let figures = ["/p50", "/p99", "/p99_9", "/p99_99", "/max"].map(|path| number(row, path));
     assert!(figures[0] >= 0.0 && figures.windows(2).all(|pair| pair[0] <= pair[1]), "{name}: {row}");
@@ -93,7 +93,7 @@ fn a_short_run_has_every_figure_and_they_agree() {
     assert_agreement(&report["polled"], &report["polled"], "polled");
 }
 
-/// What holds of counts and durations on every machine.
+/// Checks relations of counts and durations that hold on every machine.
 fn assert_agreement(figures: &Value, rest: &Value, variant: &str) {
     for hop in HOPS {
         assert_ordered(&figures["hops_us"][hop], &format!("{variant}: {hop}"));
@@ -118,7 +118,7 @@ fn assert_agreement(figures: &Value, rest: &Value, variant: &str) {
     assert!(of("target_to_command") <= ticks("driver"), "{variant}: more commands than ticks");
     assert!(of("target_to_command") <= of("control_work"), "{variant}: a command comes of a tick of control");
     assert!(of("target_to_control") <= of("retarget_work"), "{variant}: a target comes of a tick of retarget");
-    // No path is shorter than a hop of it can be.
+    // A path is never shorter than one of its hops.
     let median = |hop: &str| number(&figures["hops_us"], &format!("/{hop}/p50"));
     let longest = |hop: &str| number(&figures["hops_us"], &format!("/{hop}/max"));
     assert!(longest("skeleton_to_command") >= median("retarget_work") + median("control_work"), "{variant}");
@@ -158,7 +158,8 @@ fn what_cannot_be_read_or_written_is_named_before_anything_runs() {
     assert!(String::from_utf8_lossy(&output.stderr).contains("/nowhere/teleop.toml"));
 }
 
-/// A short soak: what it watches is there, and nothing grows. Stops that no blow explains are a matter of the machine.
+/// A short soak: all watched figures are present, and nothing grows. Stops that no fault explains depend on the
+/// machine.
 #[test]
 fn f079_f090_a_soak_watches_what_grows() {
     let _turn = turn();

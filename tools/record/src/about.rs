@@ -1,24 +1,24 @@
-//! What a recording says of itself: the settings, robot and weights that it was made with.
+//! Metadata of a recording: the settings, robot and weights that it was made with.
 
 use pipeline::{Loaded, Overrides};
 use sha2::{Digest, Sha256};
 use std::collections::BTreeMap;
 use std::path::Path;
 
-/// The largest file that is attached, bytes; of larger ones only the hash is kept.
+/// Size of the largest file that is attached, bytes. For larger ones only the hash is kept.
 const ATTACHED_BYTES_MAX: u64 = 1 << 20;
 
-/// How the messages came into the file.
+/// Origin of the messages in the file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Origin {
-    /// Read from a running instance.
+    /// The recorder read them from a running instance.
     Live,
-    /// Made by the stages in virtual time: every message of every tick.
+    /// The stages ran in virtual time. The file has every message of every tick.
     Offline,
 }
 
 impl Origin {
-    /// Its name in the file.
+    /// Name in the file.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Live => "live",
@@ -30,8 +30,8 @@ impl Origin {
 /// Attachments: name and bytes.
 pub type Files = Vec<(String, Vec<u8>)>;
 
-/// The table of metadata, and the files to attach: settings, robot, manifest of the weights. Files that cannot be read any more
-/// are left out.
+/// Returns the table of metadata, and the files to attach: settings, robot, manifest of the weights. Files that
+/// can no longer be read are left out.
 pub fn about(loaded: &Loaded, overrides: Overrides, origin: Origin) -> (BTreeMap<String, String>, Files) {
     let mut about = BTreeMap::from([
         ("version".to_owned(), env!("CARGO_PKG_VERSION").to_owned()),

@@ -1,5 +1,5 @@
-//! Reads a running instance's messages. Only by polling: a reader that waits would have to be woken, which costs the writer a
-//! system call; polling costs this process alone.
+//! Reads a running instance's messages. It only polls. A waiting reader would have to be woken, which costs the
+//! writer a system call. Polling costs only this process.
 
 use crate::encoder::{RecordingEncoder, Sample};
 use crate::{Entry, Rates, Topic};
@@ -8,27 +8,28 @@ use messages::Stamp;
 use robot::Model;
 use view::Readers;
 
-/// Time between two looks, ns: well below a tick (667 us) for every message, else below the period of the fastest client.
+/// Time between two polls, ns. With `--full` it is well below a tick (667 us). Otherwise it is below the period
+/// of the fastest client.
 const LOOK_FULL_NS: u64 = 250_000;
 const LOOK_NS: u64 = 2_000_000;
 
-/// Hears a running instance.
+/// Reads the messages of a running instance.
 pub struct Attached {
     readers: Readers,
     scribe: RecordingEncoder,
     look_ns: u64,
-    /// Hash of the settings that messages carry, where it is not ours.
+    /// Hash of the settings in the messages, if it differs from ours.
     other_settings: Option<u64>,
     own_hash: u64,
     any: bool,
 }
 
 impl Attached {
-    /// Attaches to the domain of an instance. `hash` is that of the settings whose robot is drawn; `offset_ns` leads from the
-    /// monotonic clock to that of the file.
+    /// Attaches to the domain of an instance. `hash` is that of the settings whose robot is drawn. `offset_ns`
+    /// converts the monotonic clock to that of the file.
     ///
     /// # Errors
-    /// The domain or a service cannot be opened.
+    /// Returns an error if the domain or a service cannot be opened.
     pub fn open(
         domain: DomainConfig,
         (model, hash): (&Model, u64),
@@ -45,12 +46,12 @@ impl Attached {
         })
     }
 
-    /// When to look again after a look at `now`.
+    /// Returns the time of the next poll after a poll at `now`.
     pub fn next_look(&self, now: Stamp) -> Stamp {
         now.plus_ns(self.look_ns)
     }
 
-    /// Takes what is new, in the order in which it flows.
+    /// Takes new messages, in the order in which they flow.
     pub fn look(&mut self, write: &mut dyn FnMut(Entry)) {
         let mut hash = None;
         if let Some(skeleton) = self.readers.skeletons.latest() {
@@ -74,12 +75,12 @@ impl Attached {
         self.other_settings = self.other_settings.or(hash.filter(|&hash| hash != self.own_hash));
     }
 
-    /// The instance's hash of its settings, if it runs with others than ours.
+    /// Returns the instance's hash of its settings, if it differs from ours.
     pub fn other_settings(&self) -> Option<u64> {
         self.other_settings
     }
 
-    /// Whether a driver or `control` was heard.
+    /// Returns true if a message of a driver or of `control` was read.
     pub fn heard_any(&self) -> bool {
         self.any
     }

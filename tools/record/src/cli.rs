@@ -4,58 +4,58 @@ use clap::Parser;
 use pipeline::{Overrides, RobotInterface};
 use std::path::PathBuf;
 
-/// Records a running instance as an MCAP file, or says what a recording holds.
+/// Records a running instance as an MCAP file, or summarises a recording.
 #[derive(Debug, Parser)]
 #[command(name = "record", version)]
 pub struct Cli {
-    /// The file to write; refused if it exists.
+    /// The file to write. It must not exist.
     #[arg(value_name = "OUT.mcap", required_unless_present_any = ["summary", "view"])]
     pub out: Option<PathBuf>,
     /// Folder of the running instance. A program installed in /usr/bin defaults to /run/teleop if that exists.
     #[arg(long, value_name = "DIR", default_value_os_t = pipeline::default_run_dir())]
     pub run_dir: PathBuf,
-    /// Settings of the instance: its robot is drawn, and attached to the file. A program installed in /usr/bin defaults to
-    /// /etc/teleop/teleop.toml if that exists.
+    /// Settings of the instance. Its robot is drawn, and attached to the file. A program installed in /usr/bin
+    /// defaults to /etc/teleop/teleop.toml if that exists.
     #[arg(long, value_name = "FILE", default_value_os_t = pipeline::default_config())]
     pub config: PathBuf,
-    /// Pictures, targets, commands and states a second; every skeleton and status is recorded whatever it is.
+    /// Pictures, targets, commands and states per second. Every skeleton and status is recorded at any rate.
     #[arg(long, value_name = "HZ", default_value_t = 60.0, conflicts_with = "summary")]
     pub rate: f64,
-    /// Every target, command and state that can be seen; the pictures stay at --rate.
+    /// Record every target, command and state that can be seen. Pictures stay at --rate.
     #[arg(long, conflicts_with = "summary")]
     pub full: bool,
-    /// End after so many seconds (default: at SIGINT or SIGTERM).
+    /// End after this many seconds (default: at SIGINT or SIGTERM).
     #[arg(long, value_name = "N", conflicts_with = "summary")]
     pub seconds: Option<f64>,
-    /// The instance was started with this flag; it is part of what the file says of the settings.
+    /// Set this if the instance was started with this flag. It is part of the settings in the file.
     #[arg(long, conflicts_with = "summary")]
     pub engage_without_realtime: bool,
-    /// The instance was started with this interface: direct or jtc100.
+    /// Interface with which the instance was started: direct or jtc100.
     #[arg(long, value_name = "NAME", value_parser = interface, conflicts_with = "summary")]
     pub interface: Option<RobotInterface>,
-    /// End, as at a signal, once this process is not its parent any more.
+    /// End, as at a signal, when this process is no longer the parent.
     #[arg(long, value_name = "PID", conflicts_with = "summary")]
     pub child_of: Option<u32>,
-    /// Say what this recording holds: duration, topics, counts, modes, faults in words.
+    /// Print a summary of this recording: duration, topics, counts, modes, and faults as text.
     #[arg(long, value_name = "FILE.mcap", conflicts_with = "out")]
     pub summary: Option<PathBuf>,
-    /// Show this recording in a browser on this machine, with a slider: the address is printed.
+    /// Show this recording in a browser on this machine, with a slider. Prints the address.
     #[arg(long, value_name = "FILE.mcap", conflicts_with_all = ["out", "summary", "plot"])]
     pub view: Option<PathBuf>,
-    /// Port of 127.0.0.1 for --view; 0 is any free one.
+    /// Port of 127.0.0.1 for --view. 0 means any free port.
     #[arg(long, value_name = "PORT", default_value_t = view::PORT, requires = "view")]
     pub port: u16,
-    /// With --view: draw the robot with your own mesh files (DAE, STL, GLB, OBJ), those that the robot's URDF or look file
-    /// names, found below this folder by the end of their paths.
+    /// With --view: draw the robot with your own mesh files (DAE, STL, GLB, OBJ). They are the files that the
+    /// robot's URDF or look file names, found below this folder by the end of their paths.
     #[arg(long, value_name = "DIR", requires = "view")]
     pub meshes: Option<PathBuf>,
-    /// Draw it too: joints against their limits, clearance, latency, modes.
+    /// Also draw the recording: joints against their limits, clearance, latency, modes.
     #[arg(long, value_name = "OUT.png", requires = "summary")]
     pub plot: Option<PathBuf>,
 }
 
 impl Cli {
-    /// What the instance's command line changed of the settings.
+    /// Returns the changes that the instance's command line made to the settings.
     pub fn overrides(&self) -> Overrides {
         Overrides { engage_without_realtime: self.engage_without_realtime, interface: self.interface }
     }

@@ -1,5 +1,6 @@
-//! Runs the pure stages again over the inputs of a recording, and compares what they make of them with what was recorded, bit
-//! for bit: `retarget` from skeletons to targets, `control` from targets, states and the operator to commands.
+//! Runs the pure stages again over the inputs of a recording, and compares their outputs with the recorded
+//! ones, bit for bit. `retarget` maps skeletons to targets. `control` maps targets, states and the operator to
+//! commands.
 
 use crate::error::RecordError;
 use crate::inputs::Inputs;
@@ -9,34 +10,35 @@ use motion::mcap::Ending;
 use pipeline::{ControlConfig, ControlInput, ControlState, Loaded, STATUS_EVERY};
 use std::path::Path;
 
-/// Messages of one kind.
+/// Counts of messages of one kind.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counts {
-    /// In the recording, and compared.
+    /// Messages in the recording that were compared.
     pub compared: u64,
-    /// Made by the stages, and not in the recording.
+    /// Messages that the stages made and the recording lacks.
     pub missing: u64,
-    /// Not what the stages made.
+    /// Messages that differ from those of the stages.
     pub different: u64,
 }
 
-/// What a comparison found.
+/// Result of a comparison.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Compared {
-    /// Of the targets. (One that is missing ends the comparison: the stages cannot be given what is not there.)
+    /// Counts of the targets. A missing target ends the comparison, because the stages then lack an input.
     pub targets: Counts,
-    /// Of the commands.
+    /// Counts of the commands.
     pub commands: Counts,
-    /// Of the statuses.
+    /// Counts of the statuses.
     pub statuses: Counts,
-    /// The first difference, in words.
+    /// Text of the first difference.
     pub first: Option<String>,
-    /// Why the recording is not whole, in words: what was missing first, where it breaks off, what its writer lost.
+    /// Reasons why the recording is incomplete: the first missing message, where it breaks off, and what its
+    /// writer lost.
     pub flaws: Vec<String>,
 }
 
 impl Compared {
-    /// Whether everything that the stages made is in a whole recording, and nothing differs.
+    /// Returns true if the recording is complete, has everything that the stages made, and nothing differs.
     pub fn equal(&self) -> bool {
         let all = [self.targets, self.commands, self.statuses];
         all.iter().all(|counts| counts.different == 0 && counts.missing == 0)
@@ -49,7 +51,8 @@ impl Compared {
 /// Compares the recording at `path`.
 ///
 /// # Errors
-/// The file cannot be read, was recorded with other settings, or lacks what the stages were given.
+/// Returns an error if the file cannot be read, was recorded with other settings, or lacks inputs of the
+/// stages.
 pub fn compare(path: &Path, loaded: &Loaded) -> Result<Compared, RecordError> {
     let mut recorded = Recorded::open(path)?;
     let lacks = |cause: String| RecordError::Lacks { file: path.display().to_string(), cause };
@@ -100,7 +103,7 @@ pub fn compare(path: &Path, loaded: &Loaded) -> Result<Compared, RecordError> {
     Ok(found)
 }
 
-/// Why a recording that was read to its end is not whole.
+/// Returns the reasons why a recording that was read to its end is incomplete.
 fn flaws(recorded: &Recorded, found: &Compared) -> Vec<String> {
     let mut flaws = Vec::new();
     match recorded.ending() {
@@ -127,14 +130,14 @@ struct Stages {
     control: ControlConfig,
     retarget_state: retarget::State,
     control_state: Option<ControlState>,
-    /// Newest of each that its stage has not taken yet.
+    /// Newest message of each kind that its stage has not taken yet.
     skeleton: Option<Skeleton>,
     target: Option<JointTarget>,
     state: Option<RobotState>,
-    /// What the last tick made that is to be in the recording, and was not met yet.
+    /// Outputs of the last tick that belong in the recording and were not found yet.
     command: Option<JointCommand>,
     status: Option<Status>,
-    /// The last tick.
+    /// Index of the last tick.
     last: Option<u64>,
     found: Compared,
 }
@@ -172,7 +175,7 @@ impl Stages {
         let input = retarget::Input { k: recorded.k, skeleton: skeleton.as_ref() };
         let now = recorded.header.stamp;
         let mut made = retarget::tick(&self.retarget, &mut self.retarget_state, now, input).target;
-        // The rest of the header is the shell's, not the stage's.
+        // The shell fills in the rest of the header, not the stage.
         made.header = Header { origin: made.header.origin, ..recorded.header };
         self.found.targets.compared += 1;
         if !same(&made, &recorded) {
@@ -183,7 +186,7 @@ impl Stages {
         self.target = Some(recorded);
     }
 
-    /// Counts what the last tick made and the recording does not have.
+    /// Counts outputs of the last tick that the recording lacks.
     fn missing(&mut self) {
         if let Some(command) = self.command.take() {
             self.found.commands.missing += 1;
@@ -224,7 +227,7 @@ impl Stages {
         };
         let made = pipeline::control_tick(config, control, inputs.now, input);
         self.command = made.command;
-        // As a recording is made: one status in so many, and every transition.
+        // A recording has every `STATUS_EVERY`th status, and every transition.
         let told = made.status.k.is_multiple_of(STATUS_EVERY) || made.transition.is_some();
         self.status = told.then_some(made.status);
     }
@@ -234,7 +237,7 @@ impl Stages {
     }
 }
 
-/// Whether all bytes are equal: -0 is not 0, and no number equals itself only if its bits do.
+/// Returns true if all bytes are equal. So -0 differs from 0, and a NaN equals itself only if its bits do.
 fn same<M: Layout>(a: &M, b: &M) -> bool {
     let bytes = |message: &M| {
         let mut bytes = vec![0; size_of::<M>()];

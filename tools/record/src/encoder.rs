@@ -1,4 +1,4 @@
-//! Turns messages into entries of the file: our own bit for bit, and pictures at a rate.
+//! Turns messages into entries of the file: our own bit for bit, and pictures at a limited rate.
 
 use crate::file::Entry;
 use crate::inputs::Inputs;
@@ -10,12 +10,12 @@ use messages::{ALL_JOINTS, JointCommand, JointTarget, Message, RobotState, Skele
 use pipeline::{Names, Severity};
 use robot::{Frames, Model};
 
-/// What is written.
+/// Rates of recording.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Rates {
-    /// Pictures a second, and, unless `full`, targets, commands and states.
+    /// Pictures per second. Unless `full` is set, also targets, commands and states per second.
     pub pictures_hz: f64,
-    /// Every message of our own.
+    /// Record every message of our own.
     pub full: bool,
 }
 
@@ -32,11 +32,11 @@ pub enum Sample<'a> {
     State(&'a RobotState),
     /// From `control`.
     Status(&'a Status),
-    /// What a control tick was given beside messages.
+    /// Inputs of a control tick that are not messages.
     Inputs(&'a Inputs),
 }
 
-/// Sequence numbers of one service.
+/// Counts by the sequence numbers of one service.
 #[derive(Clone, Copy, Debug, Default)]
 struct Counted {
     last: Option<(u32, u64)>,
@@ -57,7 +57,7 @@ impl Counted {
     }
 }
 
-/// The next due time of what is written at a rate.
+/// Next due time of entries that are written at a limited rate.
 #[derive(Clone, Copy, Debug, Default)]
 struct Paced(u64);
 
@@ -66,7 +66,7 @@ impl Paced {
         if at_ns < self.0 {
             return false;
         }
-        // On the grid, so that the rate does not drift; after a pause the grid begins anew.
+        // The due time stays on the grid, so that the rate does not drift. After a pause a new grid begins.
         self.0 = if at_ns - self.0 < period_ns { self.0 + period_ns } else { at_ns + period_ns };
         true
     }
@@ -78,7 +78,7 @@ pub struct RecordingEncoder {
     names: Names,
     frames: Frames,
     rates: Rates,
-    /// Added to every stamp: from the monotonic clock to that of the file.
+    /// Offset that is added to every stamp. It converts the monotonic clock to that of the file.
     offset_ns: u64,
     counted: [Counted; 5],
     pictures: [Paced; 4],
@@ -88,7 +88,7 @@ pub struct RecordingEncoder {
 }
 
 impl RecordingEncoder {
-    /// Nothing seen yet. `offset_ns` is added to every stamp.
+    /// Creates an encoder that has seen nothing. `offset_ns` is added to every stamp.
     pub fn new(model: &Model, rates: Rates, offset_ns: u64) -> Self {
         Self {
             names: Names::of(model),
@@ -104,14 +104,14 @@ impl RecordingEncoder {
         }
     }
 
-    /// Messages that were published and never seen, by service, as far as sequence numbers tell: skeletons, targets,
-    /// commands, states.
+    /// Returns the published messages that were never read, by service: skeletons, targets, commands, states.
+    /// The counts come from gaps in the sequence numbers.
     pub fn missed(&self) -> [(Topic, u64); 4] {
         [Topic::Skeleton, Topic::Target, Topic::Command, Topic::State]
             .map(|topic| (topic, self.counted[topic as usize].missed))
     }
 
-    /// Hands the entries of `sample` to `write`.
+    /// Passes the entries of `sample` to `write`.
     pub fn take(&mut self, sample: Sample<'_>, write: &mut dyn FnMut(Entry)) {
         match sample {
             Sample::Skeleton(skeleton) => self.skeleton(skeleton, write),
@@ -153,7 +153,7 @@ impl RecordingEncoder {
         (1e9 / self.rates.pictures_hz) as u64
     }
 
-    /// Counts a message, writes it if it is to be written, and answers its time in the file.
+    /// Counts a message, writes it if it is due, and returns its time in the file.
     fn ours<M: Message>(
         &mut self,
         topic: Topic,
@@ -188,7 +188,7 @@ impl RecordingEncoder {
         let sequence = state.header.sequence;
         let shown = picture::joint_states(&self.model, at_ns, &state.q_measured, &state.dq_measured, ALL_JOINTS);
         put(Topic::Measured, sequence, at_ns, &shown, write);
-        // Kinematics of numbers that are none would be drawn nowhere.
+        // Positions with NaN or infinity cannot be drawn.
         if state.q_measured.iter().all(|q| q.is_finite()) {
             let shown = picture::transforms(&self.model, &mut self.frames, at_ns, &state.q_measured);
             put(Topic::Transforms, sequence, at_ns, &shown, write);
@@ -197,7 +197,7 @@ impl RecordingEncoder {
     }
 
     fn status(&mut self, status: &Status, write: &mut dyn FnMut(Entry)) {
-        // Its sequence counts ticks, of which one in thirty is published: gaps mean nothing.
+        // Its sequence counts ticks, and one in thirty is published. So gaps mean nothing.
         let at_ns = self.ours(Topic::StatusRaw, status, &status.header, write);
         let data = pipeline::status_json(status, &self.names).to_string().into_bytes();
         let sequence = status.header.sequence as u32;

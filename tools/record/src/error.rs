@@ -1,34 +1,34 @@
-//! Why a recording cannot be made or read.
+//! Errors of making or reading a recording.
 
-/// What is wrong, in one sentence.
+/// An error, in one sentence.
 #[derive(Debug, thiserror::Error)]
 pub enum RecordError {
     /// The file cannot be written.
     #[error("the recording cannot be written: {cause}")]
     Write {
-        /// What the system says.
+        /// The system's error text.
         cause: String,
     },
     /// The file cannot be opened.
     #[error("{cause}")]
     Open {
-        /// The file, what the system says, and what to do.
+        /// The file, the system's error text, and what to do.
         cause: String,
     },
-    /// The file is no recording, or one that is not read.
+    /// The file is not a recording, or of a kind that is not supported.
     #[error("{file}: {source}")]
     Read {
         /// The file.
         file: String,
-        /// Why.
+        /// The reason.
         source: motion::McapError,
     },
-    /// The file lacks what is asked of it.
+    /// The file lacks required data.
     #[error("{file}: {cause}")]
     Lacks {
         /// The file.
         file: String,
-        /// What is missing, and what to do.
+        /// The missing data, and what to do.
         cause: String,
     },
     /// A picture cannot be drawn.
@@ -36,14 +36,14 @@ pub enum RecordError {
     Plot {
         /// The picture.
         file: String,
-        /// Why.
+        /// The reason.
         cause: String,
     },
 }
 
 impl RecordError {
     pub(crate) fn write(error: mcap::McapError) -> Self {
-        // The system's own words, if it has any.
+        // Use the system's own error text, if there is one.
         let cause = match &error {
             mcap::McapError::Io(cause) => cause.to_string(),
             error => error.to_string(),

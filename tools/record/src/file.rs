@@ -1,5 +1,5 @@
-//! The file that is written: chunks of at most a second, each flushed as a whole, so that what ends the writer costs at most
-//! the last one.
+//! The file that is written. It consists of chunks of at most a second, each flushed as a whole. So an end of
+//! the writer costs at most the last chunk.
 
 use crate::error::RecordError;
 use crate::topic::Topic;
@@ -10,17 +10,17 @@ use std::collections::BTreeMap;
 use std::io::{Seek, Write};
 use std::path::Path;
 
-/// A chunk is closed after so many bytes before compression.
+/// Size at which a chunk is closed, bytes before compression.
 const CHUNK_BYTES: u64 = 1 << 20;
 
-/// A message on its way into the file.
+/// A message to be written.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Entry {
     /// Its channel.
     pub topic: Topic,
-    /// As its writer counted, modulo 2^32.
+    /// Sequence number of its writer, modulo 2^32.
     pub sequence: u32,
-    /// When it was published, ns of the file's clock.
+    /// Time of publication, ns of the file's clock.
     pub log_time: u64,
     /// Its bytes.
     pub data: Vec<u8>,
@@ -33,12 +33,12 @@ pub struct Recording<W: Write + Seek> {
 }
 
 impl<W: Write + Seek> Recording<W> {
-    /// Begins a file with every channel described, `about` as its metadata, and `files` as attachments.
+    /// Begins a file that describes every channel, with `about` as its metadata and `files` as attachments.
     ///
     /// # Errors
-    /// The file cannot be written.
+    /// Returns an error if the file cannot be written.
     pub fn begin(sink: W, about: &BTreeMap<String, String>, files: &[(String, Vec<u8>)]) -> Result<Self, RecordError> {
-        // Nothing is patched after it was written: a chunk is on the disk as a whole, or not at all.
+        // Nothing is changed after it was written. So a chunk is on the disk as a whole, or not at all.
         let options = WriteOptions::new()
             .compression(Some(Compression::Zstd))
             .compression_level(1)
@@ -72,10 +72,10 @@ impl<W: Write + Seek> Recording<W> {
         Ok(Self { writer, channels })
     }
 
-    /// Adds a message to the present chunk.
+    /// Adds a message to the current chunk.
     ///
     /// # Errors
-    /// The chunk before was full and cannot be written.
+    /// Returns an error if the previous chunk was full and cannot be written.
     pub fn add(&mut self, entry: &Entry) -> Result<(), RecordError> {
         let header = MessageHeader {
             channel_id: self.channels[entry.topic as usize],
@@ -86,10 +86,10 @@ impl<W: Write + Seek> Recording<W> {
         self.writer.write_to_known_channel(&header, &entry.data).map_err(RecordError::write)
     }
 
-    /// Closes the present chunk and writes it.
+    /// Closes the current chunk and writes it.
     ///
     /// # Errors
-    /// It cannot be written.
+    /// Returns an error if it cannot be written.
     pub fn flush(&mut self) -> Result<(), RecordError> {
         self.writer.flush().map_err(RecordError::write)
     }
@@ -97,14 +97,14 @@ impl<W: Write + Seek> Recording<W> {
     /// Closes the file, with `last` as a second table of metadata.
     ///
     /// # Errors
-    /// Its end cannot be written; what was flushed before can be read.
+    /// Returns an error if its end cannot be written. The chunks that were flushed before remain readable.
     pub fn finish(&mut self, last: &BTreeMap<String, String>) -> Result<(), RecordError> {
         let metadata = mcap::records::Metadata { name: crate::OUTCOME.to_owned(), metadata: last.clone() };
         self.writer.write_metadata(&metadata).map_err(RecordError::write)?;
         self.writer.finish().map(drop).map_err(RecordError::write)
     }
 
-    /// Gives up the file as it is: nothing more is written.
+    /// Ends writing without closing the file.
     pub fn into_sink(self) -> W {
         self.writer.into_inner()
     }

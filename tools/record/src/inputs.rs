@@ -1,31 +1,31 @@
-//! What a control tick was given beside messages, as JSON.
+//! Inputs of a control tick that are not messages, as JSON.
 
 use messages::{Layout, PayloadOrder, Stamp, Status};
 use pipeline::Names;
 use safety::engage::OperatorView;
 use serde_json::{Value, json};
 
-/// One control tick's inputs: the sequence numbers name the messages that it took.
+/// Inputs of one control tick. The sequence numbers identify the messages that it took.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Inputs {
     /// Tick index.
     pub k: u64,
-    /// The time that the tick was given.
+    /// Time that the tick received.
     pub now: Stamp,
     /// Incarnation of `control`.
     pub incarnation: u32,
-    /// The operator, with the edges since the tick before.
+    /// The operator, with the edges since the previous tick.
     pub operator: OperatorView,
-    /// Whether scheduling counted as real-time.
+    /// True if scheduling counted as real-time.
     pub realtime_ok: bool,
-    /// Sequence of the target that was taken; zero for none.
+    /// Sequence of the target that was taken. Zero means none.
     pub target: u64,
-    /// Sequence of the robot state that was taken; zero for none.
+    /// Sequence of the robot state that was taken. Zero means none.
     pub state: u64,
 }
 
 impl Inputs {
-    /// As JSON.
+    /// Returns the inputs as JSON.
     pub fn to_json(&self) -> Value {
         let operator = &self.operator;
         json!({
@@ -51,7 +51,7 @@ impl Inputs {
         })
     }
 
-    /// From JSON; none if a key is missing or of another type.
+    /// Parses JSON. None if a key is missing or has another type.
     pub fn from_json(bytes: &[u8]) -> Option<Self> {
         let value: Value = serde_json::from_slice(bytes).ok()?;
         let number = |key: &str| value.get(key)?.as_u64();
@@ -81,13 +81,14 @@ impl Inputs {
     }
 }
 
-/// What was said of a hand, as a list without or with one item, so that its type shows where nothing was said.
+/// Formats the payload order of one hand, as a list with one item or none. So its type is visible even without
+/// an order.
 fn payload_json(order: Option<&PayloadOrder>) -> Value {
     let item = |order: &PayloadOrder| json!({ "mass_kg": order.mass_kg, "centre_m": order.centre_m.unwrap_or_default(), "centre_said": order.centre_m.is_some() });
     Value::Array(order.map(item).into_iter().collect())
 }
 
-/// Its inverse; none if it is no such list.
+/// Inverse of `payload_json`. None if the value is not such a list.
 fn payload_of(value: &Value) -> Option<Option<PayloadOrder>> {
     let Some(item) = value.as_array()?.first() else { return Some(None) };
     let mut centre_m = [0.0; 3];
@@ -105,7 +106,7 @@ pub(crate) fn example() -> Value {
 
 pub(crate) fn status_example() -> Value {
     let mut status = Status::ZERO;
-    // One of each list, so that its items have a type.
+    // One item in each list, so that its items have a type.
     (status.faults, status.latched, status.transition_count) = (1, 1, 1);
     pipeline::status_json(&status, &Names::default())
 }

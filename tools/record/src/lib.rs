@@ -1,8 +1,10 @@
-//! Recordings of an instance as MCAP files. The library writes and reads them; the binary `record` attaches to a running
-//! instance as a reader, in a process of its own: what it does, and whatever happens to its disk, costs the daemon nothing.
+//! Recordings of an instance as MCAP files. The library writes and reads them. The binary `record` attaches to
+//! a running instance as a reader, in a process of its own. So neither its work nor a problem of its disk
+//! affects the daemon.
 //!
-//! Our own messages stand in a recording bit for bit, under schemas whose names carry the layout's hash; joint states,
-//! transforms, scenes and sentences stand beside them in the schemas of Foxglove, which several viewers read.
+//! A recording holds our own messages bit for bit, under schemas whose names carry the layout's hash. It also
+//! holds joint states, transforms, scenes and log sentences in the schemas of Foxglove, which several viewers
+//! read.
 
 mod about;
 mod attach;
@@ -38,7 +40,7 @@ pub use summary::Summary;
 pub use topic::{Described, Topic};
 pub use trace::{Row, Trace};
 
-/// Name of the metadata that a recording begins with.
+/// Name of the metadata at the beginning of a recording.
 pub const ABOUT: &str = "teleopd";
-/// Name of the metadata that a recording ends with.
+/// Name of the metadata at the end of a recording.
 pub const OUTCOME: &str = "teleopd.outcome";

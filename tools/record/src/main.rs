@@ -1,4 +1,4 @@
-//! Records a running instance, in a process of its own; or says what a recording holds.
+//! Records a running instance, in a process of its own. Or summarises or shows a recording.
 
 use clap::Parser;
 use pipeline::{Instance, Loaded, Names};
@@ -12,17 +12,18 @@ use std::process::ExitCode;
 use std::time::{Duration, Instant, SystemTime};
 use view::ViewError;
 
-/// Pictures a second that are drawn: none faster than a tick, none slower than one in ten seconds.
+/// Bounds of the picture rate: at most one per tick, at least one in ten seconds.
 const RATE_HZ: (f64, f64) = (0.1, 1500.0);
-/// Longest recording that --seconds may ask for: a week.
+/// Upper bound of --seconds: a week.
 const SECONDS_MAX: f64 = 604_800.0;
-/// How long the search for a living instance may take. Assumption: a thousand processes took 0.1 s.
+/// Time limit of the search for a running instance. Assumption: a thousand processes took 0.1 s.
 const LOOK_WITHIN: Duration = Duration::from_secs(5);
 
 /// A text for the user and the exit code of sysexits(3).
 struct Failure(u8, String);
 
-/// EX_USAGE, EX_NOINPUT, EX_UNAVAILABLE, EX_SOFTWARE, EX_CANTCREAT, EX_CONFIG of sysexits(3); and a run in which samples were lost.
+/// EX_USAGE, EX_NOINPUT, EX_UNAVAILABLE, EX_SOFTWARE, EX_CANTCREAT, EX_CONFIG of sysexits(3), and the code of a
+/// run that lost samples.
 const USAGE: u8 = 64;
 const NO_INPUT: u8 = 66;
 const UNAVAILABLE: u8 = 69;
@@ -55,7 +56,7 @@ fn main() -> ExitCode {
     }
 }
 
-/// Shows a recording until a signal.
+/// Shows a recording until a signal arrives.
 fn view(cli: &Cli, file: &Path) -> Result<(), Failure> {
     let shutdown = Shutdown::on_signals().map_err(|error| Failure::of(SOFTWARE)(&error))?;
     let loaded = pipeline::load(&cli.config, cli.overrides()).map_err(|error| Failure::of(CONFIG)(&error))?;
@@ -84,7 +85,8 @@ fn view(cli: &Cli, file: &Path) -> Result<(), Failure> {
 }
 
 fn summary(cli: &Cli, file: &Path) -> Result<(), Failure> {
-    // The names of the parts, and the limits in the picture, are those of --config; without it, indices stand in for names.
+    // The names of the parts, and the limits in the picture, come from --config. Without it, indices replace
+    // the names.
     let loaded = pipeline::load(&cli.config, cli.overrides());
     let names = loaded.as_ref().map_or_else(|_| Names::default(), |loaded| Names::of(&loaded.model));
     let summary = Summary::read(file, &names).map_err(|error| Failure(NO_INPUT, error.to_string()))?;
@@ -105,7 +107,7 @@ fn check(cli: &Cli) -> Result<(), Failure> {
     if let Some(seconds) = cli.seconds.filter(|&seconds| !(seconds > 0.0 && seconds <= SECONDS_MAX)) {
         return Err(Failure(USAGE, format!("--seconds {seconds} is outside (0, {SECONDS_MAX}]")));
     }
-    // `up` and `demo` start their recorder before the instance, so that it hears the first message.
+    // `up` and `demo` start their recorder before the instance, so that it reads the first message.
     let prefix = Instance::unmade(&cli.run_dir).core_domain().prefix;
     if cli.child_of.is_none() && !bus::is_inhabited(&prefix, Instant::now() + LOOK_WITHIN) {
         let folder = cli.run_dir.display();
@@ -148,7 +150,7 @@ fn record(cli: &Cli, out: &Path) -> Result<(), Failure> {
         }
         shutdown.sleep_until(attached.next_look(rt::now()));
     }
-    // What was published last.
+    // Read the last published messages.
     attached.look(&mut |entry| queue.add(entry));
     finish(out, &attached, queue)
 }
@@ -156,7 +158,7 @@ fn record(cli: &Cli, out: &Path) -> Result<(), Failure> {
 fn attach(cli: &Cli, loaded: &Loaded) -> Result<Attached, Failure> {
     let instance = Instance::unmade(&cli.run_dir);
     let wall = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or(Duration::ZERO);
-    // Viewers show the time of day; the stamps inside our own messages stay those of the monotonic clock.
+    // Viewers show the time of day. The stamps inside our own messages stay those of the monotonic clock.
     let offset_ns = u64::try_from(wall.as_nanos()).unwrap_or(0).saturating_sub(rt::now().0);
     let rates = Rates { pictures_hz: cli.rate, full: cli.full };
     Attached::open(instance.core_domain(), (&loaded.model, loaded.hash), rates, offset_ns)
@@ -170,7 +172,7 @@ fn begin(cli: &Cli, out: &Path, loaded: &Loaded) -> Result<Queue, Failure> {
     let file = OpenOptions::new().write(true).create_new(true).open(out);
     let file = file.map_err(|error| Failure(CANT_CREATE, rt::unwritable(out, &error)))?;
     Queue::start(file, &about, &files).map_err(|error| {
-        // What has no beginning is no recording, and the name is free for another attempt.
+        // A file without a beginning is not a recording. Removing it frees the name for another attempt.
         let _ = std::fs::remove_file(out);
         Failure(CANT_CREATE, format!("{}: {error}", out.display()))
     })

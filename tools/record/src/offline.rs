@@ -1,4 +1,4 @@
-//! Records a run in virtual time: every message of every tick, and what each control tick was given.
+//! Records a run in virtual time: every message of every tick, and the inputs of each control tick.
 
 use crate::about::{Origin, about};
 use crate::encoder::{Rates, RecordingEncoder, Sample};
@@ -12,7 +12,7 @@ use std::collections::BTreeMap;
 use std::fs::File;
 use std::path::Path;
 
-/// Pictures a second.
+/// Pictures per second.
 const PICTURES_HZ: f64 = 60.0;
 
 /// A recording of a run in virtual time.
@@ -24,10 +24,10 @@ pub struct OfflineRecording {
 }
 
 impl OfflineRecording {
-    /// Begins the file, in place of one that is there.
+    /// Begins the file. Replaces an existing one.
     ///
     /// # Errors
-    /// It cannot be written.
+    /// Returns an error if it cannot be written.
     pub fn create(path: &Path, loaded: &Loaded) -> Result<Self, RecordError> {
         let file = File::create(path).map_err(|error| RecordError::Open { cause: rt::unwritable(path, &error) })?;
         let (table, files) = about(loaded, Overrides::default(), Origin::Offline);
@@ -72,7 +72,7 @@ impl OfflineRecording {
         if let Some(robot) = &moment.robot {
             scribe.take(Sample::State(robot), &mut write);
         }
-        // A chunk of at most half a second.
+        // A chunk holds at most half a second.
         if moment.k >= self.flushed + TICK_HZ / 2 && self.failure.is_none() {
             self.flushed = moment.k;
             self.failure = self.recording.flush().err();
@@ -82,7 +82,7 @@ impl OfflineRecording {
     /// Closes the file.
     ///
     /// # Errors
-    /// Something could not be written.
+    /// Returns an error if something could not be written.
     pub fn finish(mut self) -> Result<(), RecordError> {
         match self.failure {
             Some(failure) => Err(failure),

@@ -1,4 +1,4 @@
-//! What viewers draw: joint states, transforms of the links, the person as lines, the robot's capsules.
+//! Content for viewers: joint states, transforms of the links, the person as lines, the robot's capsules.
 
 use foxglove::messages::{
     Color, CylinderPrimitive, Duration, FrameTransform, FrameTransforms, JointState, JointStates, LinePrimitive,
@@ -8,19 +8,19 @@ use messages::{JOINTS, SMPL_JOINTS, SMPL_PARENT};
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion};
 use robot::{Frames, Model};
 
-/// The frame in which the person is drawn, and where it stands beside the robot, m.
+/// The frame in which the person is drawn, and its position beside the robot, m.
 const PERSON_FRAME: &str = "person";
 const PERSON_AT_M: [f64; 3] = [0.0, 1.5, 0.0];
 /// Thickness of the person's lines, m.
 const BONE_M: f64 = 0.03;
 
-/// ns as a time of the schemas.
+/// Converts ns to a time of the schemas.
 pub fn timestamp(ns: u64) -> Timestamp {
     let seconds = u32::try_from(ns / 1_000_000_000).unwrap_or(u32::MAX);
     Timestamp::new(seconds, (ns % 1_000_000_000) as u32)
 }
 
-/// Joint states; joints whose bit in `mask` is clear have no position.
+/// Returns joint states. Joints whose bit in `mask` is clear have no position.
 pub fn joint_states(model: &Model, at_ns: u64, q: &[f64; JOINTS], v: &[f64; JOINTS], mask: u32) -> JointStates {
     let joint = |j: usize| {
         let meant = mask & 1 << j != 0;
@@ -34,13 +34,13 @@ pub fn joint_states(model: &Model, at_ns: u64, q: &[f64; JOINTS], v: &[f64; JOIN
     JointStates { timestamp: Some(timestamp(at_ns)), joints: (0..JOINTS).map(joint).collect() }
 }
 
-/// The link that does not move and has the base's own frame.
+/// Returns the fixed link whose frame is that of the base.
 fn root(model: &Model) -> &str {
     let is_root = |(_, body, pose): &(&str, usize, &robot::Pose)| *body == 0 && **pose == robot::Pose::identity();
     model.links().find(is_root).map_or("base", |(name, ..)| name)
 }
 
-/// Every link of the robot at `q`, and the person's frame beside it.
+/// Returns the transforms of every link of the robot at `q`, and of the person's frame beside it.
 pub fn transforms(model: &Model, frames: &mut Frames, at_ns: u64, q: &[f64; JOINTS]) -> FrameTransforms {
     model.forward(q, frames);
     let root = root(model);
@@ -63,7 +63,7 @@ fn quaternion(q: &UnitQuaternion<f64>) -> Quaternion {
     Quaternion { x: q.i, y: q.j, z: q.k, w: q.w }
 }
 
-/// The robot's capsules at the frames given.
+/// Returns the robot's capsules at the given frames.
 pub fn capsules(model: &Model, frames: &Frames, at_ns: u64) -> SceneUpdate {
     let colour = Some(Color { r: 0.2, g: 0.5, b: 0.9, a: 0.5 });
     let (mut cylinders, mut spheres) = (Vec::new(), Vec::new());
@@ -88,7 +88,7 @@ pub fn capsules(model: &Model, frames: &Frames, at_ns: u64) -> SceneUpdate {
     scene(SceneEntity { cylinders, spheres, ..entity(root(model), "capsules", at_ns) })
 }
 
-/// The person.
+/// Returns the person as lines.
 pub fn person(positions: &[[f32; 3]; SMPL_JOINTS], at_ns: u64) -> SceneUpdate {
     let point = |joint: usize| {
         let [x, y, z] = positions[joint].map(f64::from);

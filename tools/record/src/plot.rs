@@ -1,4 +1,4 @@
-//! A picture of a run: every joint against its limits, clearance, latency, and the mode as a ribbon behind them.
+//! Draws a run: every joint against its limits, clearance, latency, and the mode as a ribbon behind them.
 
 use crate::error::RecordError;
 use crate::trace::{Row, Trace};
@@ -8,12 +8,12 @@ use plotters::prelude::*;
 use robot::Model;
 use std::path::Path;
 
-/// Panels across and down: 17 joints, clearance, latency, and the legend.
+/// Number of panels across and down: 17 joints, clearance, latency, and the legend.
 const ACROSS: usize = 4;
 const DOWN: usize = 5;
-/// The picture, pixels.
+/// Size of the picture, pixels.
 const SIZE: (u32, u32) = (1680, 1400);
-/// Letters, in fine pixels.
+/// Font height, in fine pixels.
 const LETTERS: u32 = 16 * FINE;
 
 const INK: RGBColor = RGBColor(40, 44, 52);
@@ -22,7 +22,7 @@ const COMMAND: RGBColor = RGBColor(40, 110, 200);
 const MEASURED: RGBColor = RGBColor(60, 60, 60);
 const LIMIT: RGBColor = RGBColor(200, 40, 40);
 
-/// The mode's colour behind the lines.
+/// Returns the mode's colour behind the lines.
 fn colour(mode: u32) -> RGBColor {
     match Mode::from_u32(mode) {
         Some(Mode::Disengaged) => RGBColor(240, 240, 240),
@@ -37,7 +37,7 @@ fn colour(mode: u32) -> RGBColor {
 /// One line of a panel.
 struct Line<'a> {
     colour: RGBColor,
-    /// Fine pixels; 0 draws a dot for each instant.
+    /// Line width, fine pixels. 0 draws a dot for each instant.
     width: u32,
     value: &'a dyn Fn(&Row) -> Option<f64>,
 }
@@ -45,7 +45,7 @@ struct Line<'a> {
 /// Draws `trace` into a PNG.
 ///
 /// # Errors
-/// There is nothing to draw, or the file cannot be written.
+/// Returns an error if there is nothing to draw, or the file cannot be written.
 pub fn plot(path: &Path, trace: &Trace, model: &Model, title: &str) -> Result<(), RecordError> {
     let refuse = |cause: String| RecordError::Plot { file: path.display().to_string(), cause };
     if trace.rows().len() < 2 {
@@ -122,7 +122,7 @@ fn chart(
         chart.draw_series(LineSeries::new([(0.0, limit), (end_s, limit)], LIMIT.stroke_width(2)))?;
     }
     for line in lines {
-        // A pause in the values is a pause in the line.
+        // A gap in the values is a gap in the line.
         let has = |row: &Row| (line.value)(row).is_some();
         for run in rows.chunk_by(|a, b| has(a) == has(b)).filter(|run| has(&run[0])) {
             let points = run.iter().filter_map(|row| Some((row.at_s, (line.value)(row)?.clamp(low, high))));

@@ -1,4 +1,5 @@
-//! A bounded queue and the thread that writes: a slow or full disk costs samples, which are counted, and holds up nobody.
+//! A bounded queue and the thread that writes. A slow or full disk loses samples, which are counted. It never
+//! blocks the caller.
 
 use crate::error::RecordError;
 use crate::file::{Entry, Recording};
@@ -10,12 +11,12 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-/// Entries that may wait: two thirds of a second of every message, about 10 MB.
+/// Number of entries that may wait: two thirds of a second of every message, about 10 MB.
 const WAITING_MAX: usize = 4096;
-/// A chunk is at most this old when it is written: less than the second that a kill may cost.
+/// Largest age of a chunk when it is written. It is less than the second that a kill may cost.
 const FLUSH_EVERY: Duration = Duration::from_millis(500);
 
-/// The end that is never blocked.
+/// The caller's end of the queue. It never blocks.
 pub struct Queue {
     sender: Option<SyncSender<Entry>>,
     writer: Option<JoinHandle<Box<dyn Written>>>,
@@ -23,20 +24,20 @@ pub struct Queue {
     failed: Arc<AtomicBool>,
 }
 
-/// How the writing went.
+/// Result of the writing.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Outcome {
-    /// Entries in the file.
+    /// Number of entries in the file.
     pub written: u64,
-    /// Entries lost: the queue was full, or the disk.
+    /// Number of entries that were lost, because the queue or the disk was full.
     pub lost: u64,
-    /// Why nothing could be written any more.
+    /// The reason if writing stopped.
     pub failure: Option<String>,
 }
 
-/// Somewhere to write that can be cut where a write was left unfinished.
+/// A file that can be truncated after an incomplete write.
 pub trait Sink: Write + Seek + Send + 'static {
-    /// Cuts what follows after `bytes`.
+    /// Truncates the file after `bytes`.
     fn shorten(&mut self, bytes: u64);
 }
 
@@ -46,7 +47,7 @@ impl Sink for std::fs::File {
     }
 }
 
-/// A sink that remembers how long it was after the last flush.
+/// A sink that stores its length after the last flush.
 struct Whole<S> {
     sink: S,
     length: u64,
@@ -74,10 +75,10 @@ impl<S: Sink> Seek for Whole<S> {
 }
 
 impl Queue {
-    /// Begins the file and the thread. The channels, `about` and `files` are written before this returns.
+    /// Begins the file and the thread. Writes the channels, `about` and `files` before it returns.
     ///
     /// # Errors
-    /// The file's beginning cannot be written.
+    /// Returns an error if the file's beginning cannot be written.
     pub fn start(
         sink: impl Sink,
         about: &BTreeMap<String, String>,
@@ -94,18 +95,19 @@ impl Queue {
         Ok(Self { sender: Some(sender), writer: Some(writer), lost: 0, failed })
     }
 
-    /// Adds an entry, or counts it as lost. Never waits.
+    /// Adds an entry, or counts it as lost. It never waits.
     pub fn add(&mut self, entry: Entry) {
         let taken = self.sender.as_ref().is_some_and(|sender| sender.try_send(entry).is_ok());
         self.lost += u64::from(!taken);
     }
 
-    /// Whether nothing can be written any more.
+    /// Returns true if nothing can be written any more.
     pub fn failed(&self) -> bool {
         self.failed.load(Ordering::Relaxed)
     }
 
-    /// Writes what waits, closes the file with `last` and the number of entries lost, and answers how it went.
+    /// Writes the waiting entries, and closes the file with `last` and the number of lost entries. Returns the
+    /// result.
     pub fn finish(mut self, mut last: BTreeMap<String, String>) -> Outcome {
         last.insert("samples_lost".to_owned(), self.lost.to_string());
         self.sender = None;
@@ -116,7 +118,7 @@ impl Queue {
     }
 }
 
-/// What the thread leaves: the file, still open, unless it failed.
+/// Result of the thread: the file, still open unless writing failed.
 trait Written: Send {
     fn close(self: Box<Self>, last: &BTreeMap<String, String>) -> Outcome;
 }
@@ -124,7 +126,7 @@ trait Written: Send {
 struct Open<S: Sink> {
     recording: Option<Recording<Whole<S>>>,
     outcome: Outcome,
-    /// Entries since the last flush: lost if it fails.
+    /// Number of entries since the last flush. They are lost if the flush fails.
     pending: u64,
 }
 

@@ -26,7 +26,7 @@ pub enum Content {
     Status(Box<Status>),
     /// See [`Topic::Inputs`].
     Inputs(Inputs),
-    /// A message for viewers, or of another program.
+    /// A message for viewers, or from another program.
     Other {
         /// Its topic.
         topic: String,
@@ -48,7 +48,7 @@ impl Recorded {
     /// Opens a file and reads up to its first message.
     ///
     /// # Errors
-    /// The file cannot be opened, or is no recording.
+    /// Returns an error if the file cannot be opened, or is not a recording.
     pub fn open(path: &Path) -> Result<Self, RecordError> {
         let open = |error: std::io::Error| RecordError::Open { cause: rt::unreadable(path, &error) };
         if !std::fs::metadata(path).map_err(open)?.is_file() {
@@ -62,25 +62,25 @@ impl Recorded {
         Ok(recorded)
     }
 
-    /// What the file says of itself.
+    /// Returns the metadata at the beginning of the file.
     pub fn about(&self) -> &BTreeMap<String, String> {
         &self.about
     }
 
-    /// What its writer said at its end; empty if it had none.
+    /// Returns the metadata at the end of the file. It is empty if there is none.
     pub fn outcome(&self) -> &BTreeMap<String, String> {
         &self.outcome
     }
 
-    /// How the reading ended.
+    /// Returns the way in which the reading ended.
     pub fn ending(&self) -> &Ending {
         self.reader.ending()
     }
 
-    /// The next message and its time in the file, ns.
+    /// Returns the next message and its time in the file, ns.
     ///
     /// # Errors
-    /// The file cannot be read, or one of our channels has another layout than ours.
+    /// Returns an error if the file cannot be read, or one of our channels has another layout than ours.
     pub fn next_message(&mut self) -> Result<Option<(u64, Content)>, RecordError> {
         match self.waiting.take() {
             Some(message) => Ok(Some(message)),

@@ -1,4 +1,4 @@
-//! A recording as the page of `view` shows it.
+//! Prepares a recording for the page of `view`.
 
 use crate::error::RecordError;
 use crate::read::{Content, Recorded};
@@ -7,10 +7,11 @@ use robot::Model;
 use std::path::Path;
 use view::{GONE_AFTER_NS, LatestMessages, RecordingView, RecordingViewBuilder};
 
-/// Reads a recording of the robot `model`; and why it breaks off, if it does.
+/// Reads a recording of the robot `model`. Also returns the reason if the file breaks off.
 ///
 /// # Errors
-/// The file cannot be read, there is nothing of an instance in it, or one of our channels has another layout than ours.
+/// Returns an error if the file cannot be read or has nothing of an instance. Also if one of our channels has
+/// another layout than ours.
 pub fn recording_view(path: &Path, model: &Model) -> Result<(RecordingView, Option<String>), RecordError> {
     let mut recorded = Recorded::open(path)?;
     let (mut heard, mut at, mut begin_ns) = (LatestMessages::default(), [f64::NEG_INFINITY; 5], None);

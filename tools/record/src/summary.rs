@@ -1,4 +1,4 @@
-//! A recording in words: how long, which topics, which modes, what went wrong.
+//! Summarises a recording: length, topics, modes, and problems.
 
 use crate::error::RecordError;
 use crate::read::{Content, Recorded};
@@ -11,10 +11,10 @@ use std::collections::BTreeMap;
 use std::fmt::Write;
 use std::path::Path;
 
-/// Sentences shown; the file has them all under `/log`.
+/// Number of log sentences in the summary. The file has all of them under `/log`.
 const SENTENCES_MAX: usize = 200;
 
-/// What a recording holds.
+/// Summary of a recording.
 #[derive(Debug, Default)]
 pub struct Summary {
     /// The course of the run.
@@ -25,7 +25,7 @@ pub struct Summary {
     pub span_ns: Option<(u64, u64)>,
     /// Seconds in each mode, by the mode's number.
     pub modes_s: BTreeMap<u32, f64>,
-    /// Time, s, and what happened.
+    /// Log: time, s, and event.
     pub said: Vec<(f64, String)>,
     unsaid: usize,
     about: BTreeMap<String, String>,
@@ -37,7 +37,7 @@ impl Summary {
     /// Reads a recording.
     ///
     /// # Errors
-    /// The file cannot be read, or one of our channels has another layout than ours.
+    /// Returns an error if the file cannot be read, or one of our channels has another layout than ours.
     pub fn read(path: &Path, names: &Names) -> Result<Self, RecordError> {
         let mut recorded = Recorded::open(path)?;
         let mut summary = Self::default();
@@ -93,12 +93,12 @@ impl Summary {
         }
     }
 
-    /// How long the recording is, s.
+    /// Returns the length of the recording, s.
     pub fn duration_s(&self) -> f64 {
         self.span_ns.map_or(0.0, |(begin, end)| (end - begin) as f64 * 1e-9)
     }
 
-    /// As text.
+    /// Returns the summary as text.
     pub fn text(&self) -> String {
         let mut out = String::new();
         let about = |key: &str| self.about.get(key).map_or("unknown", String::as_str);

@@ -3,11 +3,12 @@
 use messages::{JointCommand, JointTarget, Message, RobotState, Skeleton, Status};
 use serde_json::{Map, Value, json};
 
-/// A channel. The first six hold messages bit for bit and are read back by `replay`; the others are for viewers.
+/// A channel. The first six hold messages bit for bit, and `replay` reads them back. The others are for
+/// viewers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 #[repr(usize)]
 pub enum Topic {
-    /// `Skeleton` as `ingest` passed it.
+    /// `Skeleton` as `ingest` passed it on.
     Skeleton,
     /// `JointTarget`.
     Target,
@@ -17,15 +18,15 @@ pub enum Topic {
     State,
     /// `Status`, every byte.
     StatusRaw,
-    /// What a control tick was given beside messages; offline recordings only.
+    /// Inputs of a control tick that are not messages. Only in offline recordings.
     Inputs,
     /// `Status` as JSON.
     Status,
-    /// foxglove.JointStates: what the robot measures.
+    /// foxglove.JointStates: the robot's measurements.
     Measured,
-    /// foxglove.JointStates: where the arms should be.
+    /// foxglove.JointStates: the targets.
     Wanted,
-    /// foxglove.JointStates: what is commanded.
+    /// foxglove.JointStates: the commands.
     Commanded,
     /// foxglove.FrameTransforms: every link of the robot.
     Transforms,
@@ -33,11 +34,11 @@ pub enum Topic {
     Person,
     /// foxglove.SceneUpdate: the robot's capsules.
     Capsules,
-    /// foxglove.Log: what happened, a sentence each.
+    /// foxglove.Log: events, one sentence each.
     Log,
 }
 
-/// How the messages of a channel are encoded, and what describes them.
+/// Encoding of a channel's messages, with its schema.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Described {
     /// The channel's topic.
@@ -53,7 +54,7 @@ pub struct Described {
 }
 
 impl Topic {
-    /// All of them; the index is the value.
+    /// All topics. The index is the value.
     pub const ALL: [Self; 14] = [
         Self::Skeleton,
         Self::Target,
@@ -71,7 +72,7 @@ impl Topic {
         Self::Log,
     ];
 
-    /// Its name in the file.
+    /// Name in the file.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Skeleton => "/teleop/skeleton",
@@ -91,17 +92,17 @@ impl Topic {
         }
     }
 
-    /// The channel of this name.
+    /// Returns the channel of this name.
     pub fn named(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|topic| topic.name() == name)
     }
 
-    /// The name of its schema.
+    /// Returns the name of its schema.
     pub fn schema_name(self) -> String {
         self.described().name
     }
 
-    /// Everything a reader needs.
+    /// Returns everything that a reader needs.
     pub fn described(self) -> Described {
         match self {
             Self::Skeleton => ours::<Skeleton>(self),
@@ -119,7 +120,7 @@ impl Topic {
     }
 }
 
-/// Our own layout: the schema's name carries the hash, its text lists the fields.
+/// Describes our own layout. The schema's name carries the hash, and its text lists the fields.
 fn ours<M: Message>(topic: Topic) -> Described {
     let fields: Vec<_> = M::FIELDS
         .iter()
@@ -143,7 +144,7 @@ fn viewed<M: foxglove::Encode>(topic: Topic) -> Described {
     Described { topic: topic.name(), encoding: "protobuf", name, schema_encoding: encoding, schema: data }
 }
 
-/// A JSON schema from an example of the message.
+/// Derives a JSON schema from an example of the message.
 fn json_schema(topic: Topic, title: &str, example: &Value) -> Described {
     let mut schema = schema_of(example);
     schema["title"] = json!(title);
@@ -159,7 +160,7 @@ fn json_schema(topic: Topic, title: &str, example: &Value) -> Described {
 
 fn schema_of(value: &Value) -> Value {
     match value {
-        // Anything may stand in a place that is null in the example: the number or text comes and goes.
+        // A value that is null in the example may have any type, because the number or text is optional.
         Value::Null => json!({}),
         Value::Bool(_) => json!({ "type": "boolean" }),
         Value::Number(number) if number.is_f64() => json!({ "type": "number" }),

@@ -1,11 +1,12 @@
-//! The course of a run at a few hundred instants a minute: what a picture and a summary are made of, in bounded memory.
+//! Samples a run at a few hundred instants a minute, in bounded memory. Pictures and summaries are made from
+//! it.
 
 use messages::{JOINTS, JointCommand, JointTarget, RobotState, Status};
 use pipeline::Moment;
 
-/// Instants kept at most; when there are more, every second one is dropped.
+/// Largest number of instants. If there are more, every second one is dropped.
 const ROWS_MAX: usize = 12_000;
-/// Time between two instants at first, ns: 60 a second.
+/// Initial time between two instants, ns: 60 per second.
 const PERIOD_NS: u64 = 16_666_666;
 
 /// One instant.
@@ -15,15 +16,15 @@ pub struct Row {
     pub at_s: f64,
     /// Measured joint positions.
     pub measured: [f64; JOINTS],
-    /// Newest command.
+    /// Positions of the newest command.
     pub command: Option<[f64; JOINTS]>,
-    /// Newest target; joints that are not meant are left out.
+    /// Positions of the newest target, and the mask of its joints. Joints without a target are left out.
     pub target: Option<([f64; JOINTS], u32)>,
     /// Smallest clearance at the command, mm.
     pub clearance_mm: Option<f64>,
-    /// From the person seen to the first command of it executed, ms; none without a person.
+    /// Time from seeing the person to executing the first command for that frame, ms. None without a person.
     pub latency_ms: Option<f64>,
-    /// A `Mode`.
+    /// Value of a `Mode`.
     pub mode: u32,
 }
 
@@ -37,13 +38,13 @@ pub struct Trace {
     command: Option<[f64; JOINTS]>,
     target: Option<([f64; JOINTS], u32)>,
     status: Option<(f64, u32)>,
-    /// The origin that was executed last, and how old it was when it was executed first, ms.
+    /// Origin that was executed last, and its age when it was first executed, ms.
     origin: u64,
     latency_ms: Option<f64>,
 }
 
 impl Trace {
-    /// What is kept.
+    /// Returns the instants.
     pub fn rows(&self) -> &[Row] {
         &self.rows
     }
@@ -63,7 +64,7 @@ impl Trace {
         self.status = Some((status.clearance_command_m * 1e3, status.mode));
     }
 
-    /// Notes a state, and keeps an instant if one is due.
+    /// Notes a state, and stores an instant if one is due.
     pub fn state(&mut self, state: &RobotState) {
         let at_ns = state.header.stamp.0;
         let origin = state.header.origin;
@@ -90,7 +91,7 @@ impl Trace {
             measured: state.q_measured,
             command: self.command,
             target: self.target,
-            // Zero, to the bit, before there was a command.
+            // The value is exactly zero before the first command.
             clearance_mm: self.status.map(|(clearance_mm, _)| clearance_mm).filter(|mm| mm.is_finite() && *mm != 0.0),
             latency_ms: self.latency_ms,
             mode: self.status.map_or(0, |(_, mode)| mode),

@@ -1,4 +1,4 @@
-//! One program for the integration tests: it is linked once.
+//! All integration tests are one program, so that it is linked once.
 
 mod live;
 mod offline;

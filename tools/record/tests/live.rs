@@ -1,4 +1,5 @@
-//! The program beside writers of a test's own: what it sees, how it ends, and what a killed one or a full disk leaves.
+//! Runs the program beside writers of the test: what it reads, how it ends, and what remains after a kill or on
+//! a full disk.
 
 use crate::support::{config, contents};
 use bus::{Domain, Writer};
@@ -40,7 +41,7 @@ impl Writers {
         }
     }
 
-    /// One message of each, every number another one.
+    /// Publishes one message of each, with all numbers different.
     fn publish(&mut self) {
         self.sequence += 1;
         let (k, stamp) = (self.sequence, rt::now());
@@ -55,7 +56,7 @@ impl Writers {
         self.sent.push(command);
     }
 
-    /// Publishes for so long, slowly enough for a loaded machine to see nearly all.
+    /// Publishes for `duration`, slowly enough that a loaded machine reads nearly all.
     fn publish_for(&mut self, duration: Duration) {
         let end = Instant::now() + duration;
         while Instant::now() < end {
@@ -78,7 +79,7 @@ fn start(run_dir: &Path, out: &Path) -> Child {
     child
 }
 
-/// The file begins with the channels; then the recorder reads.
+/// Waits for the beginning of the file. The file begins with the channels, and then the recorder reads.
 fn wait_begun(out: &Path) {
     let begun = Instant::now();
     while std::fs::metadata(out).map_or(0, |file| file.len()) < 10_000 && begun.elapsed() < Duration::from_secs(20) {
@@ -86,7 +87,7 @@ fn wait_begun(out: &Path) {
     }
 }
 
-/// The commands of a recording, each checked to be one that was sent, and in order.
+/// Returns the commands of a recording. Checks that each one was sent, and that they are in order.
 fn commands(path: &Path, sent: &[JointCommand]) -> (Vec<JointCommand>, Ending) {
     let (all, recorded) = contents(path);
     let read: Vec<JointCommand> = all
@@ -128,7 +129,7 @@ fn what_is_published_is_recorded_and_sigterm_ends_the_file() {
     let (_, recorded) = contents(&out);
     let missed: usize = recorded.outcome()["missed /teleop/joint_command"].parse().unwrap();
     assert!(read.len() > writers.sent.len() / 2, "{} of {}", read.len(), writers.sent.len());
-    // What lies between the first and the last that were seen was either read or counted as missed.
+    // Every command between the first and the last that were read was either read or counted as missed.
     let span = (read[read.len() - 1].k - read[0].k + 1) as usize;
     assert_eq!(read.len() + missed, span);
 
@@ -185,7 +186,7 @@ fn a_killed_recorder_leaves_a_file_that_is_good_to_its_last_chunk() {
     instance.retire();
 }
 
-/// As `up` starts it: killed with -9, it can end nothing itself.
+/// Starts the recorder as `up` does. The parent is killed with -9, so it can end nothing itself.
 #[test]
 fn the_recorder_ends_with_whoever_started_it() {
     let folder = tempfile::tempdir().unwrap();
@@ -208,7 +209,7 @@ fn the_recorder_ends_with_whoever_started_it() {
     instance.retire();
 }
 
-/// A disk with so many bytes of room.
+/// A disk with limited room.
 #[derive(Clone, Default)]
 struct Small {
     bytes: Arc<Mutex<Cursor<Vec<u8>>>>,
@@ -249,7 +250,7 @@ fn f102_on_a_full_disk_samples_are_lost_and_counted_and_the_file_stays_good() {
     let mut sent = 0;
     let begun = Instant::now();
     while !queue.failed() && begun.elapsed() < Duration::from_secs(20) {
-        // Not compressible, so that the room is soon used.
+        // The data is not compressible, so that the room is soon used.
         let mut hash = sent ^ 0x9e37_79b9_7f4a_7c15;
         let data = std::iter::repeat_with(|| {
             hash = u64::wrapping_mul(hash ^ hash >> 29, 0xbf58_476d_1ce4_e5b9);
@@ -270,7 +271,7 @@ fn f102_on_a_full_disk_samples_are_lost_and_counted_and_the_file_stays_good() {
     assert_eq!(all.len() as u64, outcome.written, "{:?}", recorded.ending());
 }
 
-/// A disk that hangs in a write, once told to, until it is let go.
+/// A disk that, on request, hangs in a write until it is released.
 #[derive(Clone, Default)]
 struct Hanging {
     disk: Small,
@@ -312,7 +313,7 @@ fn f103_a_disk_that_hangs_holds_up_nobody_and_what_is_lost_is_counted() {
     let disk = Hanging { disk: Small { room: usize::MAX, ..Small::default() }, ..Hanging::default() };
     let mut queue = Queue::start(disk.clone(), &BTreeMap::new(), &[]).expect("the beginning");
     disk.hang(true);
-    // The queue, what the thread holds, and some more: each is taken or lost at once, while nothing is written.
+    // More entries than the queue and the thread hold. Each is taken or lost at once, while nothing is written.
     let sent = 40_000;
     for n in 0..sent {
         let data = vec![0; size_of::<JointCommand>()];
@@ -342,7 +343,7 @@ fn f102_a_full_file_system_ends_the_recording_and_nothing_else() {
     }
     let instance = Instance::new(&folder.path().join("run")).unwrap();
     let mut writers = Writers::new(&instance);
-    // With no room at all it does not start, and leaves nothing.
+    // Without any room it does not start, and leaves nothing.
     let _ = std::fs::write(small.join("other"), vec![0; 9 << 20]);
     let none = small.join("none.mcap");
     let refused = program(instance.run_dir(), &none).output().unwrap();
@@ -353,7 +354,7 @@ fn f102_a_full_file_system_ends_the_recording_and_nothing_else() {
     let out = small.join("out.mcap");
     let child = start(instance.run_dir(), &out);
     writers.publish_for(Duration::from_millis(1500));
-    // Somebody else takes all the room that is left.
+    // Another program takes all the remaining room.
     let _ = std::fs::write(small.join("other"), vec![0; 8 << 20]);
     writers.publish_for(Duration::from_millis(2500));
     rt::terminate(child.id());

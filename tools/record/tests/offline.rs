@@ -1,4 +1,4 @@
-//! Recordings of runs in virtual time: what stands in them, and that the stages make the same of it again.
+//! Recordings of runs in virtual time: their content, and that the stages reproduce it.
 
 use crate::support::{contents, loaded, recorded_offline};
 use messages::{JointCommand, Layout, Mode, PayloadOrder, Skeleton, TICK_HZ};
@@ -16,13 +16,13 @@ fn bytes<M: Layout>(message: &M) -> Vec<u8> {
     bytes
 }
 
-/// The same recording with its commands changed by `change`, which answers whether they stay, and `lost` as the samples that
-/// its writer lost.
+/// Rewrites the recording. `change` alters its commands and returns true if they stay. `lost` is the number of
+/// samples that its writer lost.
 fn rewritten(from: &Path, to: &Path, lost: u64, change: impl Fn(&mut JointCommand) -> bool) {
     rewritten_with(from, to, lost, change, |_| {});
 }
 
-/// As [`rewritten`], with the inputs changed too.
+/// Same as [`rewritten`], and changes the inputs too.
 fn rewritten_with(
     from: &Path,
     to: &Path,
@@ -84,7 +84,7 @@ fn the_stages_make_the_same_of_a_recording_and_one_bit_less_is_seen() {
     assert!(refused.contains("recorded with the settings"), "{refused}");
 }
 
-/// A payload that is told at run time is in the recording, and makes the same commands again.
+/// A payload that is set at run time is in the recording, and replay makes the same commands.
 #[test]
 fn a_recording_with_a_payload_is_replayed_bit_by_bit() {
     let folder = tempfile::tempdir().unwrap();
@@ -120,7 +120,7 @@ fn a_recording_with_a_payload_is_replayed_bit_by_bit() {
     assert!(engaged > TICK_HZ, "it follows with the payload");
     let found = record::compare(&path, &loaded).expect("a comparison");
     assert!(found.equal() && found.commands.compared > 5 * TICK_HZ, "{found:?}");
-    // One bit of the mass less, and the statuses are others.
+    // If the mass differs in one bit, the statuses differ.
     let changed = folder.path().join("changed.mcap");
     rewritten_with(
         &path,
@@ -171,7 +171,8 @@ fn a_recording_that_is_not_whole_is_not_equal() {
     let cut = record::compare(&part, &loaded).expect("a comparison");
     assert!(!cut.equal() && cut.commands.compared > all / 4, "{cut:?}");
     assert!(cut.flaws.iter().any(|flaw| flaw.starts_with("the file breaks off")), "{cut:?}");
-    // A file with a second one behind it: all that is read is the same, and more stands there.
+    // A second file follows the first in the same file. The messages are equal, but the recording does not end
+    // there.
     let long = folder.path().join("long.mcap");
     std::fs::write(&long, [&whole[..], &whole[..]].concat()).unwrap();
     let long = record::compare(&long, &loaded).expect("a comparison");
@@ -197,7 +198,7 @@ fn values_are_those_published_and_times_rise() {
     assert!(read.iter().all(|(at, command)| *at == command.header.stamp.0));
     assert_eq!(read.iter().map(|(_, command)| *command).collect::<Vec<_>>(), commands);
 
-    // Any other reader of MCAP finds an index, the counts, and the files that the run was made with.
+    // Any other reader of MCAP finds an index, the counts, and the files of the run.
     let file = std::fs::read(&path).unwrap();
     let summary = mcap::Summary::read(&file).unwrap().expect("a summary");
     let stats = summary.stats.as_ref().expect("statistics");
@@ -247,7 +248,7 @@ fn a_recording_is_a_motion_with_the_limbs_that_were_seen() {
             _ => None,
         })
         .collect();
-    // Of the first frame, which the client held until the robot was engaged, a tenth of a second is left.
+    // The client held the first frame until the robot was engaged. Only a tenth of a second of it is left.
     let held =
         |skeleton: &&Skeleton| skeleton.positions == skeletons[0].positions && skeleton.limbs == skeletons[0].limbs;
     let held = skeletons.iter().take_while(held).count();
@@ -255,7 +256,7 @@ fn a_recording_is_a_motion_with_the_limbs_that_were_seen() {
     assert!(held > 200 && cut < held && held - cut <= 8, "{cut} of {whole} cut, {held} held");
     assert!((motion.frame_rate_hz - 60.0).abs() < 0.1, "{} Hz", motion.frame_rate_hz);
     let limbs = motion::limbs(&motion, &motion::calibrate(&motion, motion::CalibrationMode::Rig));
-    // A frame may lie a tick beside its skeleton: 0.7 ms of a motion of less than 10 rad/s.
+    // A frame may be one tick away from its skeleton: 0.7 ms of a motion below 10 rad/s.
     for (limbs, skeleton) in limbs.iter().zip(&skeletons[cut..]) {
         for (limb, seen) in limbs.iter().zip(&skeleton.limbs) {
             let dot: f64 = limb.iter().zip(seen).map(|(a, b)| f64::from(*a) * f64::from(*b)).sum();

@@ -1,4 +1,4 @@
-//! What several tests need.
+//! Helpers of several tests.
 
 use motion::{CalibrationMode, Motion};
 use pipeline::{Loaded, Offline, Overrides, PlayOptions};
@@ -15,14 +15,14 @@ pub fn loaded() -> Loaded {
     pipeline::load(&config(), Overrides::default()).expect("the shipped settings")
 }
 
-/// A second of the built-in motion.
+/// One second of the built-in motion.
 fn short() -> Motion {
     let mut motion = motion::builtin();
     motion.frames = motion.frames.into_iter().skip(300).take(60).collect();
     motion
 }
 
-/// A run in virtual time, recorded to `path`; the commands that it gave.
+/// Records a run in virtual time to `path`. Returns its commands.
 pub fn recorded_offline(path: &Path, loaded: &Loaded) -> Vec<messages::JointCommand> {
     let mut recording = OfflineRecording::create(path, loaded).expect("a file");
     let mut commands = Vec::new();
@@ -37,7 +37,7 @@ pub fn recorded_offline(path: &Path, loaded: &Loaded) -> Vec<messages::JointComm
     commands
 }
 
-/// Everything in a recording.
+/// Returns everything in a recording.
 pub fn contents(path: &Path) -> (Vec<(u64, Content)>, Recorded) {
     let mut recorded = Recorded::open(path).expect("a recording");
     let mut all = Vec::new();

@@ -1,4 +1,4 @@
-//! Other programs read the file: the MCAP and protobuf readers of PyPI, where there is Python and a registry.
+//! Other programs read the file: the MCAP and protobuf readers of PyPI, if Python and a registry are available.
 
 use crate::support::{loaded, recorded_offline};
 use std::path::Path;
@@ -73,7 +73,7 @@ fn a_recording_is_a_reel_of_sixty_frames_a_second_with_every_sentence() {
     let engaged = recording.events().iter().filter(|event| event.contains("Engaged after Engaging")).count();
     assert_eq!(engaged, 1, "{:?}", recording.events());
     assert!(record::recording_view(&folder.path().join("none.mcap"), &loaded.model).is_err());
-    // What breaks off is told; where nothing stands before, it is refused.
+    // A file that breaks off is reported. Without any message before the break, it is rejected.
     let whole = std::fs::read(&path).unwrap();
     let part = |name: &str, bytes: &[u8]| {
         let path = folder.path().join(name);
@@ -86,7 +86,7 @@ fn a_recording_is_a_reel_of_sixty_frames_a_second_with_every_sentence() {
     assert!(told.contains("head.mcap") && told.contains("before the first message"), "{told}");
 }
 
-/// By the program, as `teleopd view FILE` starts it.
+/// Runs the program, as `teleopd view FILE` starts it.
 #[test]
 fn a_recording_is_served_and_a_file_that_is_none_is_refused() {
     use std::io::{BufRead, BufReader, Read, Write};

@@ -1,4 +1,4 @@
-//! A client in some 30 lines: publishes the frames of a motion, as your own would publish what it sees.
+//! A client in some 30 lines. It publishes the frames of a motion, as your own client would publish a camera's.
 
 use messages::{Header, Layout, RawSkeleton, SMPL_JOINTS, SkeletonLayout};
 use pipeline::{ClientError, Instance, Port, Transport};
@@ -14,7 +14,8 @@ fn main() -> Result<(), ClientError> {
     }
     let mut port = Port::open(Transport::Domain(instance.input_domain()), "example")?;
     let motion = motion::builtin();
-    // Another number at each start: a client that comes back is another one, to be enabled anew.
+    // The number differs at each start. A client that restarts counts as a new one, and the operator must
+    // enable again.
     let incarnation = rt::incarnation();
     let session_nonce = u64::from(incarnation) << 32 | 1;
     for (sequence, person) in (1..).zip(motion.frames.iter().cycle()) {

@@ -8,32 +8,35 @@ use std::path::PathBuf;
 #[derive(Debug, Parser)]
 #[command(name = "replay", version)]
 pub struct Cli {
-    /// The motion file (.bvh, .npy, .npz), a recording (.mcap), a joint trajectory of both arms (.csv, as
-    /// `keyposes interpolate` writes), `builtin`, or `builtin:calibration`: what `teleopctl calibrate` asks for, again and again,
-    /// whether the robot is engaged or not.
+    /// The motion: a motion file (.bvh, .npy, .npz), a recording (.mcap), a joint trajectory of both arms
+    /// (.csv, as `keyposes interpolate` writes), `builtin`, or `builtin:calibration`. The last one performs the
+    /// motions of `teleopctl calibrate`, again and again, even while the robot is not engaged.
     #[arg(required_unless_present = "compare")]
     pub file: Option<PathBuf>,
-    /// 1 is the recorded speed, 0.1 to 10. A slow motion is filled with frames between its own.
+    /// 1 is the recorded speed, and 0.1 to 10 are allowed. A slow motion gets additional frames between its
+    /// own.
     #[arg(long, value_name = "FACTOR", default_value_t = 1.0)]
     pub speed: f64,
-    /// Begin again at the end, with the seam blended.
+    /// Begin again at the end, with a blended seam.
     #[arg(long = "loop")]
     pub looped: bool,
-    /// Run all stages here, and write the commands at 1500 Hz to this CSV file (and a JSON file beside it).
+    /// Run all stages here, and write the commands at 1500 Hz to this CSV file, with a JSON file beside it.
     #[arg(long, value_name = "OUT.csv")]
     pub offline: Option<PathBuf>,
-    /// Also write every message of the run, and what every control tick was given, to this recording (.mcap).
+    /// Also write every message of the run, and the inputs of every control tick, to this recording (.mcap).
     #[arg(long, value_name = "OUT.mcap", requires = "offline")]
     pub record: Option<PathBuf>,
     /// Also draw the run: joints against their limits, clearance, latency, modes.
     #[arg(long, value_name = "OUT.png", requires = "offline")]
     pub plot: Option<PathBuf>,
-    /// Run the stages again over the inputs of a recording of --record, and compare targets, commands and statuses with the
-    /// recorded ones, bit for bit; exit code 1 if one differs or is missing, or if the recording is not whole.
+    /// Run the stages again over the inputs of a recording of --record. Compare targets, commands and statuses
+    /// with the recorded ones, bit for bit. Exits with 1 if one differs or is missing, or if the recording is
+    /// incomplete.
     #[arg(long, value_name = "FILE.mcap", conflicts_with_all = ["file", "looped", "offline", "run_dir", "socket"])]
     pub compare: Option<PathBuf>,
-    /// Where the elbow hinges come from: the first 10 s of the motion, or all of it (which looks ahead), or the rig, if its
-    /// joints have no rotation in the T-pose. The person of a joint trajectory or a recording has such a rig.
+    /// Source of the elbow hinges: the first 10 s of the motion, or all of it (which looks ahead), or the rig.
+    /// The rig requires joints without rotation in the T-pose. The person of a joint trajectory or a recording
+    /// has such a rig.
     #[arg(long, value_name = "first-10s|clip|none|rig", default_value = "first-10s", value_parser = calibration)]
     pub calibration: CalibrationMode,
     /// Settings for --offline, and the robot of a joint trajectory. A program installed in /usr/bin defaults to
@@ -43,8 +46,8 @@ pub struct Cli {
     /// Folder of the running instance. A program installed in /usr/bin defaults to /run/teleop if that exists.
     #[arg(long, value_name = "DIR", default_value_os_t = pipeline::default_run_dir())]
     pub run_dir: PathBuf,
-    /// Publish by this socket of ingest (skeleton.sock in the folder of the instance) in place of shared memory: as any user
-    /// in the socket's group. The operator's socket is looked for beside it.
+    /// Publish through this socket of ingest (skeleton.sock in the folder of the instance) instead of shared
+    /// memory. Any user in the socket's group may do so. The operator's socket must be in the same folder.
     #[arg(long, value_name = "PATH", conflicts_with_all = ["offline", "run_dir"])]
     pub socket: Option<PathBuf>,
 }

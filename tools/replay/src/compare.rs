@@ -1,11 +1,11 @@
-//! Shows that the stages make of a recording's inputs what was recorded, bit for bit.
+//! Shows that the stages reproduce a recording from its inputs, bit for bit.
 
 use crate::{Cli, EX_NOINPUT, Failure};
 use pipeline::Overrides;
 use rt::out;
 use std::path::Path;
 
-/// Compares, and says what was compared.
+/// Compares, and prints the counts.
 pub fn run(cli: &Cli, recording: &Path) -> Result<(), Failure> {
     let loaded = pipeline::load(&cli.config, Overrides::default()).map_err(Failure::config)?;
     let found = record::compare(recording, &loaded).map_err(|error| Failure(EX_NOINPUT, error.to_string()))?;

@@ -1,4 +1,4 @@
-//! Publishes through the input domain or the skeleton socket; the first frame is held until the robot follows.
+//! Publishes through the input domain or the skeleton socket. The first frame is held until the robot follows.
 
 use crate::{Cli, Failure};
 use doors::DoorError;
@@ -11,11 +11,12 @@ use rt::{Shutdown, out};
 use std::path::Path;
 use std::time::Duration;
 
-/// How often the mode is asked for and the progress is drawn.
+/// Time between two requests of the mode, and between two updates of the progress.
 const LOOK: Duration = Duration::from_millis(50);
 
-/// The operator's end of the instance; none where it is for others, or where only the skeleton socket is given. Who shares
-/// memory with an instance finds its operator socket too: without one there is no instance.
+/// Connects to the operator's socket of the instance. None if it belongs to others, or if only the skeleton
+/// socket is given. A client that shares memory with an instance also finds its operator socket. Without that
+/// socket there is no instance.
 fn operator_of(cli: &Cli, instance: &Instance) -> Result<Option<Client>, Failure> {
     match Client::connect(instance.operator_socket()) {
         Ok(client) => Ok(Some(client)),
@@ -36,7 +37,7 @@ fn bar_of(frames: u64) -> ProgressBar {
     bar
 }
 
-/// The instance, and the way in.
+/// Returns the instance, and the transport.
 fn place(cli: &Cli) -> Result<(Instance, Transport), Failure> {
     let instance = match &cli.socket {
         Some(socket) => Instance::unmade(socket.parent().unwrap_or(Path::new("."))),
@@ -57,7 +58,7 @@ fn place(cli: &Cli) -> Result<(Instance, Transport), Failure> {
 pub fn run(cli: &Cli, motion: &Motion) -> Result<(), Failure> {
     let shutdown = Shutdown::on_signals().map_err(Failure::failed)?;
     let (instance, way) = place(cli)?;
-    // Nobody is engaged while a person is measured, who moves all the same.
+    // The person moves during calibration, although the robot is not engaged.
     let at_once = motion.name == motion::CALIBRATION;
     let looped = cli.looped || at_once;
     let options = PlayOptions { speed: cli.speed, looped, calibration: cli.calibration };
@@ -66,7 +67,7 @@ pub fn run(cli: &Cli, motion: &Motion) -> Result<(), Failure> {
     let publisher = Publisher::start_on(way, player, rt::now).map_err(Failure::unavailable)?;
 
     let mut control = operator_of(cli, &instance)?;
-    // Without an operator socket nobody can say when the robot follows: the motion then begins at once.
+    // Without an operator socket the start of following is unknown. So the motion begins at once.
     if at_once {
         out!("playing again and again; `teleopctl calibrate NAME` measures this person, Ctrl-C ends");
         publisher.set_engaged(true);
@@ -79,7 +80,7 @@ pub fn run(cli: &Cli, motion: &Motion) -> Result<(), Failure> {
     let bar = bar_of(publisher.progress().1);
     let (mut mode, mut told) = (None, None);
     let names = Names::read(instance.run_dir());
-    // Since the robot follows no longer, why.
+    // `followed` is true once the robot has followed. `ended` is the reason why it stopped following.
     let (mut followed, mut ended) = (false, None);
     while !shutdown.requested() && !publisher.finished() {
         if let Some(client) = &mut control {

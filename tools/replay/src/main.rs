@@ -1,4 +1,5 @@
-//! Plays a recorded motion: live, as any client would, or offline through the same stages as fast as the machine can.
+//! Plays a recorded motion: live, as any client would, or offline through the same stages, as fast as the
+//! machine can.
 
 mod cli;
 mod compare;
@@ -15,9 +16,9 @@ use std::process::ExitCode;
 
 /// EX_NOINPUT of sysexits(3): a file to read is missing or malformed.
 const EX_NOINPUT: u8 = 66;
-/// EX_USAGE: an argument that makes no sense.
+/// EX_USAGE: an invalid argument.
 const EX_USAGE: u8 = 64;
-/// Speeds: slow enough to watch each joint, and faster than any arm follows.
+/// Bounds of the speed: slow enough to watch each joint, and faster than any arm follows.
 const SPEED: (f64, f64) = (0.1, 10.0);
 
 /// A text for the user and the exit code of sysexits(3).
@@ -29,12 +30,12 @@ impl Failure {
         Self(69, text.to_string())
     }
 
-    /// EX_CANTCREAT: a file to write cannot be made.
+    /// EX_CANTCREAT: an output file cannot be created.
     fn cannot_create(text: impl std::fmt::Display) -> Self {
         Self(73, text.to_string())
     }
 
-    /// EX_CONFIG: the settings, robot or weights are refused.
+    /// EX_CONFIG: the settings, robot or weights are invalid.
     fn config(text: impl std::fmt::Display) -> Self {
         Self(78, text.to_string())
     }
@@ -48,7 +49,7 @@ impl Failure {
 fn main() -> ExitCode {
     rt::abort_on_panic();
     let mut cli = Cli::parse();
-    // As the daemon does: the same numbers offline and live, to the bit.
+    // The daemon does the same, so that offline and live give the same numbers to the bit.
     let _ = rt::flush_denormals();
     let (low, high) = SPEED;
     if !(low..=high).contains(&cli.speed) {
@@ -80,21 +81,21 @@ fn ended(outcome: Result<(), Failure>) -> ExitCode {
     }
 }
 
-/// The motion to play. A joint trajectory becomes the person who has the limb rotations of the robot's forward kinematics,
-/// so that it takes the way of every live person, through retargeting and every check.
+/// Returns the motion to play. A joint trajectory becomes a person with the limb rotations of the robot's
+/// forward kinematics. So it passes through retargeting and every check, as any live person does.
 fn read(cli: &mut Cli) -> Result<motion::Motion, Failure> {
     let no_input = |error: &dyn std::fmt::Display| Failure(EX_NOINPUT, error.to_string());
     let file = cli.file.clone().unwrap_or_default();
     if let Some(motion) = file.to_str().and_then(motion::builtin_named) {
         if motion.name == motion::CALIBRATION {
-            // Whoever is to be measured has no hinges yet.
+            // A person to calibrate has no hinges yet.
             cli.calibration = CalibrationMode::None;
         }
         return Ok(motion);
     }
     let is = |wanted: &str| file.extension().is_some_and(|extension| extension.eq_ignore_ascii_case(wanted));
     if is("mcap") {
-        // The skeletons' limbs are those that `ingest` found, whatever the hinges were.
+        // The skeletons have the limbs that `ingest` found, with any hinges.
         cli.calibration = CalibrationMode::Rig;
     }
     if !is("csv") {

@@ -14,7 +14,7 @@ use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::Path;
 
-/// Refuses what would write over a file that is read or written, or would never end.
+/// Rejects options that would overwrite an input or output file, or would never end.
 fn refuse(cli: &Cli, out: &Path) -> Result<(), Failure> {
     if out.extension().is_some_and(|extension| extension == "json") {
         return Err(Failure(
@@ -94,7 +94,7 @@ pub fn run(cli: &Cli, motion: &Motion, out: &Path) -> Result<(), Failure> {
     }
 }
 
-/// Closes the recording and draws the picture, where they were asked for.
+/// Closes the recording and draws the picture, if the options request them.
 fn written(cli: &Cli, recording: Option<OfflineRecording>, trace: &Trace, model: &Model) -> Result<(), Failure> {
     if let (Some(recording), Some(path)) = (recording, &cli.record) {
         let failed = |error| Failure::cannot_create(format!("{}: {error}", path.display()));
@@ -109,7 +109,7 @@ fn written(cli: &Cli, recording: Option<OfflineRecording>, trace: &Trace, model:
     Ok(())
 }
 
-/// Writes the JSON file beside the CSV, and says what was measured.
+/// Writes the JSON file beside the CSV, and prints the measurements.
 fn write_summary(out: &Path, motion: &Motion, report: &OfflineReport) -> Result<(), Failure> {
     let beside = out.with_extension("json");
     let summary = json!({
@@ -140,7 +140,7 @@ fn write_summary(out: &Path, motion: &Motion, report: &OfflineReport) -> Result<
     Ok(())
 }
 
-/// `t_s`, one column per joint of the command, then one per joint of the target.
+/// Header of the CSV: `t_s`, one column per joint of the command, then one per joint of the target.
 fn header(joint_names: &[String; JOINTS]) -> String {
     let mut header = String::from("t_s");
     for prefix in ["", "target."] {

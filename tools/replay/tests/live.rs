@@ -1,4 +1,4 @@
-//! `replay` beside a `control` of the test's own, that never engages.
+//! Runs `replay` beside a `control` of the test that never engages.
 
 use bus::Domain;
 use messages::{Layout, RawSkeleton, Service, Smpl, Status};
@@ -9,7 +9,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-/// How far the left wrist of what `replay` publishes goes, m, while the robot stays Disengaged.
+/// Distance that the left wrist travels in what `replay` publishes, m, while the robot stays Disengaged.
 fn wrist_goes(motion: &str, enough_m: f32) -> f32 {
     let folder = tempfile::Builder::new().prefix("tr").tempdir().expect("a folder");
     let instance = Instance::new(folder.path()).expect("an instance");

@@ -1,4 +1,4 @@
-//! `replay --offline` as a user runs it: the files it writes, and what they promise.
+//! Runs `replay --offline` as a user does: the files that it writes, and their promised properties.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -98,7 +98,7 @@ fn a_run_is_compared_with_its_recording_and_half_a_recording_is_no_success() {
     let said = String::from_utf8_lossy(&compared.stdout);
     assert!(compared.status.success() && said.contains("equal, bit for bit"), "{said}");
     assert_eq!(said.matches("compared, 0 missing, 0 different").count(), 3, "{said}");
-    // A recording is a motion, though its first frame was held until the robot was engaged.
+    // A recording is a motion too, although its first frame was held until the robot was engaged.
     let again = run(&[whole.as_ref(), "--offline".as_ref(), path("again.csv").as_ref()]);
     assert!(again.status.success(), "{again:?}");
     let said = String::from_utf8_lossy(&again.stdout);

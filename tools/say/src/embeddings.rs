@@ -1,11 +1,13 @@
-//! The motions that are nearest to a sentence in a space that a text encoder of the user spans.
+//! Finds the motions that are nearest to a sentence in the embedding space of a text encoder that the user
+//! provides.
 //!
 //! A folder holds `model.onnx`, `tokenizer.json` (as exporters of Hugging Face models name them) and `motions.npy`:
-//! - the encoder takes `input_ids` and `attention_mask`, and `token_type_ids` if it has such an input: int64, [1, n];
-//! - its output is `sentence_embedding` if one is called that, or else the first: float32, [1, d], or [1, n, d], of which the mean
-//!   over the tokens that the mask shows is taken;
-//! - the matrix is [N, d], floats, with a row for each of the N captions in the order of captions.tsv: of the motion or of
-//!   its caption, whatever the encoder was trained to come near to.
+//! - The encoder takes `input_ids` and `attention_mask`, and `token_type_ids` if it has such an input: int64,
+//!   [1, n].
+//! - Its output is the one named `sentence_embedding`, or else the first: float32, [1, d] or [1, n, d]. For [1,
+//!   n, d] the mean over the tokens that the mask shows is taken.
+//! - The matrix is [N, d], floats, with a row for each of the N captions in the order of captions.tsv. A row is
+//!   the embedding of the motion or of its caption, depending on the training of the encoder.
 //!
 //! score = e . m / (|e| |m|), the cosine of sentence and row.
 
@@ -24,32 +26,32 @@ use tokenizers::{Encoding, Tokenizer};
 const ENCODER: &str = "model.onnx";
 const TOKENIZER: &str = "tokenizer.json";
 const MOTIONS: &str = "motions.npy";
-/// The output that is taken if there is one of this name.
+/// Name of the preferred output.
 const OUTPUT: &str = "sentence_embedding";
 
-/// Embeddings that cannot be used.
+/// An error of the embeddings.
 #[derive(Debug, Error)]
 pub enum EmbeddingError {
-    /// No text, or no file at all.
+    /// A file cannot be read, or is missing.
     #[error(transparent)]
     File(#[from] LibraryError),
-    /// The library is none, or too old.
+    /// The library is not onnxruntime, or is too old.
     #[error("{file}: is no onnxruntime (1.17 or later): {cause}")]
     Runtime {
         /// The shared library.
         file: String,
-        /// Why.
+        /// The reason.
         cause: String,
     },
-    /// onnxruntime refuses the encoder, or fails to run it.
+    /// onnxruntime rejects the encoder, or fails to run it.
     #[error("{file}: onnxruntime says: {cause}")]
     Encoder {
         /// The encoder.
         file: String,
-        /// Why.
+        /// The reason.
         cause: String,
     },
-    /// An input that nobody can fill.
+    /// The encoder has an unknown input.
     #[error("{file}: input `{name}` is none of input_ids, attention_mask, token_type_ids")]
     Input {
         /// The encoder.
@@ -57,7 +59,7 @@ pub enum EmbeddingError {
         /// The input's name.
         name: String,
     },
-    /// An output that is no embedding.
+    /// The output is not an embedding.
     #[error(
         "{file}: output `{name}` has the shape {shape:?} for {tokens} tokens; it must be [1, d] or [1, {tokens}, d]"
     )]
@@ -66,38 +68,38 @@ pub enum EmbeddingError {
         file: String,
         /// The output's name.
         name: String,
-        /// What came.
+        /// Its shape.
         shape: Vec<i64>,
-        /// Tokens of the sentence.
+        /// Number of tokens of the sentence.
         tokens: usize,
     },
-    /// No tokenizer, or one that finds nothing in the sentence.
+    /// The tokenizer is missing or invalid, or finds nothing in the sentence.
     #[error("{file}: {cause}")]
     Tokenizer {
         /// The tokenizer.
         file: String,
-        /// Why.
+        /// The reason.
         cause: String,
     },
-    /// No array.
+    /// The matrix is not an array.
     #[error("{file}: {cause}")]
     Array {
         /// The matrix.
         file: String,
-        /// Why.
+        /// The reason.
         cause: motion::ArrayError,
     },
-    /// Not one row for each caption.
+    /// The matrix does not have one row for each caption.
     #[error("{file}: has the shape {shape:?}; it must be [{captions}, d], a row for each caption of captions.tsv")]
     Rows {
         /// The matrix.
         file: String,
         /// Its shape.
         shape: Vec<usize>,
-        /// How many captions there are.
+        /// Number of captions.
         captions: usize,
     },
-    /// Rows that are no neighbours of what the encoder says.
+    /// The rows and the encoder's embedding differ in length.
     #[error("{file}: rows of {columns} numbers; the encoder's embedding has {width}")]
     Width {
         /// The matrix.
@@ -107,12 +109,12 @@ pub enum EmbeddingError {
         /// Length of the embedding.
         width: usize,
     },
-    /// No direction: NaN, infinite, or zero.
+    /// A vector has no direction: it is NaN, infinite, or zero.
     #[error("{file}: {what} has no direction: a number is not finite, or all are 0")]
     Direction {
         /// The matrix or the encoder.
         file: String,
-        /// Which row.
+        /// The row.
         what: String,
     },
 }
@@ -128,11 +130,11 @@ pub struct Embeddings {
 }
 
 impl Embeddings {
-    /// Reads the `folder` for a library of so many captions; `runtime` is onnxruntime's shared library, which runs code of its
-    /// own.
+    /// Reads the `folder` for a library of this many captions. `runtime` is onnxruntime's shared library, which
+    /// runs its own code.
     ///
     /// # Errors
-    /// A file is missing or not what it should be.
+    /// Returns an error if a file is missing or invalid.
     pub fn open(folder: &Path, runtime: &Path, captions: usize) -> Result<Self, EmbeddingError> {
         let paths = [ENCODER, TOKENIZER, MOTIONS].map(|name| folder.join(name));
         let files = paths.each_ref().map(|path| path.display().to_string());
@@ -148,10 +150,12 @@ impl Embeddings {
         Ok(Self { session, tokenizer, motions, columns, files })
     }
 
-    /// All captions, the nearest first; where two are as near, the earlier in the library.
+    /// Returns all captions, the nearest first. Of two equally near ones, the earlier in the library comes
+    /// first.
     ///
     /// # Errors
-    /// The encoder does not take the sentence, or what it says is no embedding of the matrix's width.
+    /// Returns an error if the encoder rejects the sentence, or its output is not an embedding of the matrix's
+    /// width.
     pub fn find(&mut self, sentence: &str) -> Result<Vec<Match>, EmbeddingError> {
         let mut embedding = self.embed(sentence)?;
         let [encoder, _, motions] = &self.files;
@@ -206,7 +210,7 @@ impl Embeddings {
     }
 }
 
-/// What an input of this name is given.
+/// Returns the values for an input of this name.
 fn values(tokens: &Encoding, name: &str) -> Option<Vec<i64>> {
     let numbers = match name {
         "input_ids" => tokens.get_ids(),
@@ -217,21 +221,21 @@ fn values(tokens: &Encoding, name: &str) -> Option<Vec<i64>> {
     Some(numbers.iter().copied().map(i64::from).collect())
 }
 
-/// Mean of the rows that the mask shows, of which there is one.
+/// Returns the mean of the rows that the mask shows. There is at least one.
 fn mean(rows: &[f32], width: usize, mask: &[u32]) -> Vec<f64> {
     let shown = || rows.chunks_exact(width).zip(mask).filter(|(_, mask)| **mask > 0).map(|(row, _)| row);
     let count = shown().count() as f64;
     (0..width).map(|i| shown().map(|row| f64::from(row[i])).sum::<f64>() / count).collect()
 }
 
-/// Makes a unit vector of it, if it has a direction.
+/// Scales the vector to unit length. Returns false if it has no direction.
 fn normalise(vector: &mut [f64]) -> bool {
     let norm = vector.iter().map(|x| x * x).sum::<f64>().sqrt();
     vector.iter_mut().for_each(|x| *x /= norm);
     norm.is_finite() && norm > 0.0
 }
 
-/// The rows as unit vectors, and how long each is.
+/// Returns the rows as unit vectors, and the length of a row.
 fn read_motions(path: &Path, captions: usize) -> Result<(Vec<f64>, usize), EmbeddingError> {
     let file = || path.display().to_string();
     let opened = File::open(path).map_err(|cause| LibraryError::Read { file: file(), cause })?;
@@ -250,14 +254,14 @@ fn read_motions(path: &Path, captions: usize) -> Result<(Vec<f64>, usize), Embed
     Ok((motions, columns))
 }
 
-/// onnxruntime, from this library.
+/// Starts onnxruntime from this library.
 fn start(runtime: &Path) -> Result<Environment, EmbeddingError> {
     let refused = |cause: String| EmbeddingError::Runtime { file: runtime.display().to_string(), cause };
-    // A path without a folder would be looked for in the system's folders.
+    // A path without a folder would be searched in the system's folders.
     let absolute = std::path::absolute(runtime).map_err(|error| refused(error.to_string()))?;
     regular(&absolute)?;
     let builder = ort::init_from(absolute).map_err(|error| refused(error.to_string()))?;
-    // What it has to say comes back as an error; nothing of it goes to the terminal or to its makers.
+    // Its messages come back as errors. Nothing goes to the terminal or to its makers.
     let builder = builder.with_telemetry(false).with_logger(std::sync::Arc::new(|_, _, _, _, _| ()));
     builder.build().map_err(|error| refused(error.to_string()))
 }

@@ -1,37 +1,38 @@
 //! Okapi BM25 over the captions of a library.
 //!
-//! score(query, d) = sum over the query's words w of idf(w) f (k1 + 1) / (f + k1 (1 - b + b |d| / mean |d|)), where f is how often
-//! w is in caption d, and idf(w) = ln(1 + (N - n + 0.5) / (n + 0.5)) of N captions of which n have w. (S. Robertson and
-//! H. Zaragoza, The Probabilistic Relevance Framework: BM25 and Beyond, 2009, with the idf that is never negative.)
+//! score(query, d) = sum over the query's words w of idf(w) f (k1 + 1) / (f + k1 (1 - b + b |d| / mean |d|)).
+//! Here f is the frequency of w in caption d, and idf(w) = ln(1 + (N - n + 0.5) / (n + 0.5)), with w in n of N
+//! captions. (S. Robertson and H. Zaragoza, The Probabilistic Relevance Framework: BM25 and Beyond, 2009, with
+//! the idf that is never negative.)
 
 use crate::{Library, Words};
 use std::collections::HashMap;
 
-/// How soon a word that is repeated counts no more, and how much long captions are discounted: the usual values.
+/// Saturation k1 of repeated words. Like `B` it has the usual value.
 const K1: f64 = 1.2;
-/// See above.
+/// Discount b of long captions.
 const B: f64 = 0.75;
 
-/// A caption, and how well it fits.
+/// A caption and its score.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Match {
-    /// Its place in the library.
+    /// Its index in the library.
     pub caption: usize,
-    /// Larger is better: more than zero by words, -1 to 1 by embeddings.
+    /// Score. Larger is better: more than zero by words, -1 to 1 by embeddings.
     pub score: f64,
 }
 
 /// The words of a library.
 pub struct Index {
-    /// Which captions have a word, and how often.
+    /// Captions that have a word, and its frequency in each.
     postings: HashMap<String, Vec<(usize, f64)>>,
-    /// Words of each caption.
+    /// Number of words of each caption.
     lengths: Vec<f64>,
     mean_length: f64,
 }
 
 impl Index {
-    /// Of all captions.
+    /// Creates the index of all captions.
     pub fn new(library: &Library, words: &Words) -> Self {
         let mut postings: HashMap<String, Vec<(usize, f64)>> = HashMap::new();
         let mut lengths = Vec::new();
@@ -50,7 +51,8 @@ impl Index {
         Self { postings, lengths, mean_length }
     }
 
-    /// The captions that have a word of `query`, the best first; where two are as good, the earlier in the library.
+    /// Returns the captions that have a word of `query`, the best first. Of two equally good ones, the earlier
+    /// in the library comes first.
     pub fn find(&self, query: &[String]) -> Vec<Match> {
         let mut scores: HashMap<usize, f64> = HashMap::new();
         for word in query {
@@ -68,7 +70,7 @@ impl Index {
         found
     }
 
-    /// Whether a caption has this word.
+    /// Returns true if a caption has this word.
     pub fn knows(&self, word: &str) -> bool {
         self.postings.contains_key(word)
     }
@@ -84,7 +86,7 @@ mod tests {
         let words = Words::new("");
         let index = Index::new(&library, &words);
         let found = index.find(&words.of("waving hands"));
-        // Mean length 5 / 3. wave: in one of three; hand: in two.
+        // The mean length is 5 / 3. "wave" is in one of three captions, "hand" in two.
         let (idf_wave, idf_hand) = ((1.0_f64 + 2.5 / 1.5).ln(), (1.0_f64 + 1.5 / 2.5).ln());
         let at = |f: f64, length: f64| f * 2.2 / (f + 1.2 * (0.25 + 0.75 * length / (5.0 / 3.0)));
         let expected = [(0, idf_wave * at(2.0, 3.0) + idf_hand * at(1.0, 3.0)), (1, idf_hand * at(1.0, 1.0))];

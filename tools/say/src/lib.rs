@@ -1,4 +1,5 @@
-//! Words to motion, in the simplest whole form: the clip of a library whose caption is nearest to a sentence.
+//! Words to motion, in the simplest complete form: finds the clip of a library whose caption is nearest to a
+//! sentence.
 
 pub mod cli;
 mod embeddings;

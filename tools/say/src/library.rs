@@ -1,47 +1,47 @@
-//! A folder of motions and what they show.
+//! A folder of motions and their captions.
 
 use crate::text::{BYTES_MAX, read};
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 
-/// The file of captions in the folder.
+/// Name of the file of captions in the folder.
 const CAPTIONS: &str = "captions.tsv";
 
-/// What a motion shows; a motion may have several.
+/// Caption of a motion. A motion may have several.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Caption {
     /// The motion's file, in the folder.
     pub file: String,
-    /// In words.
+    /// Text of the caption.
     pub text: String,
 }
 
-/// A library that cannot be used.
+/// An error of a library.
 #[derive(Debug, Error)]
 pub enum LibraryError {
-    /// No text.
+    /// A file cannot be read.
     #[error("{file}: {cause}")]
     Read {
         /// The file of captions or synonyms.
         file: String,
-        /// Why.
+        /// The reason.
         cause: std::io::Error,
     },
-    /// Too much of it.
+    /// A file is too large.
     #[error("{file}: longer than {BYTES_MAX} bytes")]
     Large {
         /// The file of captions or synonyms.
         file: String,
     },
-    /// A line that is none.
+    /// A line is not a caption.
     #[error("{file}, line {line}: must be FILE<tab>CAPTION; the file lies in the folder of the captions")]
     Line {
         /// The file of captions.
         file: String,
-        /// Counted from 1.
+        /// Line number, from 1.
         line: usize,
     },
-    /// Nothing in it.
+    /// The file has no captions.
     #[error("{file}: no caption")]
     Empty {
         /// The file of captions.
@@ -60,7 +60,8 @@ impl Library {
     /// Reads `captions.tsv` in `folder`.
     ///
     /// # Errors
-    /// It cannot be read, is no regular file, too long, empty, or has a line that is no caption.
+    /// Returns an error if it cannot be read, is not a regular file, or is too long or empty. Also if a line is
+    /// not a caption.
     pub fn open(folder: &Path) -> Result<Self, LibraryError> {
         let path = folder.join(CAPTIONS);
         let file = path.display().to_string();
@@ -68,10 +69,11 @@ impl Library {
         Ok(Self { folder: folder.to_owned(), ..Self::from_text(&file, &text)? })
     }
 
-    /// Of the text of a `file` of captions, in the present folder. Empty lines and those that begin with `#` are remarks.
+    /// Reads the text of a `file` of captions, for motions in the current folder. Empty lines and lines that
+    /// begin with `#` are ignored.
     ///
     /// # Errors
-    /// It is empty, or has a line that is no caption.
+    /// Returns an error if it is empty, or has a line that is not a caption.
     pub fn from_text(file: &str, text: &str) -> Result<Self, LibraryError> {
         let mut captions = Vec::new();
         for (n, line) in text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty() && !line.starts_with('#'))
@@ -93,12 +95,12 @@ impl Library {
         Ok(Self { folder: PathBuf::new(), captions })
     }
 
-    /// All captions, as they stand in the file.
+    /// Returns all captions, in the order of the file.
     pub fn captions(&self) -> &[Caption] {
         &self.captions
     }
 
-    /// Where the motion of a caption lies.
+    /// Returns the path of a caption's motion.
     pub fn motion(&self, caption: usize) -> PathBuf {
         self.folder.join(&self.captions[caption].file)
     }

@@ -1,4 +1,4 @@
-//! See the library.
+//! The command line program of the library.
 
 use clap::Parser;
 use say::cli::Cli;
@@ -8,14 +8,14 @@ use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::{Command, ExitCode};
 
-/// No motion was found.
+/// Exit code if no motion was found.
 const EX_FAILED: u8 = 1;
 /// Exit codes of sysexits(3).
 const EX_DATAERR: u8 = 65;
 const EX_NOINPUT: u8 = 66;
 const EX_UNAVAILABLE: u8 = 69;
 
-/// Names of the program that plays: in a build folder, and as it is installed.
+/// Names of the player: in a build folder, and as installed.
 const PLAYERS: [&str; 2] = ["replay", "teleop-replay"];
 
 fn main() -> ExitCode {
@@ -33,7 +33,7 @@ fn fail(code: u8, text: &str) -> ExitCode {
     ExitCode::from(code)
 }
 
-/// The best motion, if there is one; shows it and those after it.
+/// Returns the best motion, if there is one. Prints it and the following ones.
 fn find(cli: &Cli) -> Result<Option<PathBuf>, (u8, String)> {
     let library = Library::open(&cli.library).map_err(refused)?;
     let (found, unknown) = match (&cli.embeddings, &cli.onnxruntime) {
@@ -60,7 +60,7 @@ fn find(cli: &Cli) -> Result<Option<PathBuf>, (u8, String)> {
     Ok(found.first().map(|best| library.motion(best.caption)))
 }
 
-/// The captions that have words of the sentence, and the words that none has.
+/// Returns the captions that have words of the sentence, and the words that no caption has.
 fn by_words(cli: &Cli, library: &Library) -> Result<(Vec<Match>, Vec<String>), (u8, String)> {
     let words = Words::new(&synonyms(cli)?);
     let index = Index::new(library, &words);
@@ -69,7 +69,7 @@ fn by_words(cli: &Cli, library: &Library) -> Result<(Vec<Match>, Vec<String>), (
     Ok((found, query.into_iter().filter(|word| !index.knows(word)).collect()))
 }
 
-/// All captions, by the space of an encoder.
+/// Returns all captions, by the space of an encoder.
 fn by_embeddings(cli: &Cli, library: &Library, folder: &Path, runtime: &Path) -> Result<Vec<Match>, (u8, String)> {
     let embeddings = Embeddings::open(folder, runtime, library.captions().len());
     embeddings.and_then(|mut embeddings| embeddings.find(&cli.sentence)).map_err(|error| match error {
@@ -93,7 +93,7 @@ fn refused(error: LibraryError) -> (u8, String) {
     (if matches!(error, LibraryError::Read { .. }) { EX_NOINPUT } else { EX_DATAERR }, error.to_string())
 }
 
-/// Of every motion its best caption.
+/// Keeps the best caption of every motion.
 fn best(library: &Library, found: Vec<Match>) -> Vec<Match> {
     let mut seen = HashSet::new();
     found.into_iter().filter(|found| seen.insert(library.captions()[found.caption].file.as_str())).collect()
@@ -120,7 +120,8 @@ fn show(library: &Library, found: &[Match], top: usize, unknown: &[String]) {
     }
 }
 
-/// Becomes `replay`, so that no player goes on whose `say` was ended. Returns why it could not.
+/// Replaces this process by `replay`, so that ending `say` also ends the player. Returns the error if that
+/// fails.
 fn play(motion: &Path, arguments: &[String]) -> String {
     match player() {
         Ok(player) => format!("{}: {}", player.display(), Command::new(&player).arg(motion).args(arguments).exec()),

@@ -1,17 +1,17 @@
-//! Texts from files that others may have written.
+//! Texts from files that other users may have written.
 
 use crate::LibraryError;
 use std::fs::File;
 use std::io::{Error, ErrorKind, Read};
 use std::path::Path;
 
-/// Longest text that is read, bytes: HumanML3D's 45,000 captions take 3 MB.
+/// Size of the largest text that is read, bytes. HumanML3D's 45,000 captions take 3 MB.
 pub(crate) const BYTES_MAX: u64 = 64 << 20;
 
-/// A regular file's text.
+/// Reads the text of a regular file.
 ///
 /// # Errors
-/// It is a folder, a pipe or a device, longer than 64 MiB, or cannot be read.
+/// Returns an error if it is a folder, a pipe or a device, is longer than 64 MiB, or cannot be read.
 pub fn read(path: &Path) -> Result<String, LibraryError> {
     let file = || path.display().to_string();
     let failed = |cause| LibraryError::Read { file: file(), cause };
@@ -25,7 +25,7 @@ pub fn read(path: &Path) -> Result<String, LibraryError> {
     String::from_utf8(text).map_err(|error| failed(Error::new(ErrorKind::InvalidData, error.utf8_error())))
 }
 
-/// Refuses what is no regular file, before it is opened: opening a pipe would wait for whoever writes into it.
+/// Rejects a file that is not regular, before it is opened. Opening a pipe would wait for its writer.
 pub(crate) fn regular(path: &Path) -> Result<(), LibraryError> {
     let failed = |cause| LibraryError::Read { file: path.display().to_string(), cause };
     if std::fs::metadata(path).map_err(failed)?.is_file() {
@@ -34,12 +34,13 @@ pub(crate) fn regular(path: &Path) -> Result<(), LibraryError> {
     Err(failed(Error::new(ErrorKind::InvalidInput, "is not a regular file")))
 }
 
-/// For a terminal: a control character is shown as U+FFFD, and sent to none.
+/// Makes text safe for a terminal: every control character becomes U+FFFD.
 pub fn shown(text: &str) -> String {
     text.chars().map(|c| if c.is_control() { char::REPLACEMENT_CHARACTER } else { c }).collect()
 }
 
-/// JSON without control characters but the ends of its lines; serde_json leaves some as they are.
+/// Returns JSON without control characters except line ends. serde_json leaves some control characters
+/// unescaped.
 pub fn escaped(json: &str) -> String {
     let mut out = String::with_capacity(json.len());
     for c in json.chars() {

@@ -1,24 +1,25 @@
-//! Words of a text: small letters, stems, and one word for those that mean the same. Stop words are left out: they stand in
-//! captions of every motion and name none.
+//! Splits text into words: lower case, stems, and one word for all synonyms. Stop words are left out, because
+//! they occur in captions of every motion and distinguish none.
 
 use rust_stemmers::{Algorithm, Stemmer};
 use std::collections::{HashMap, HashSet};
 
-/// Words that name no movement. Those of direction (up, down, out, over, left, both) stay: captions differ by them.
+/// Words that name no movement. Words of direction (up, down, out, over, left, both) stay, because captions
+/// differ by them.
 const STOP_WORDS: &str = "a about an and any are as at be been being but by can do does for from get gets had has have he her \
     him his how i if in into is it its let lets me my no not of on one or our people person please s she should so some somebody \
     someone t than that the their them then there they this to us was we were what when which while who will with would you your";
 
-/// What makes words of a text.
+/// Converts text to words.
 pub struct Words {
     stemmer: Stemmer,
-    /// The first of a line of synonyms stands for all of them.
+    /// Maps each synonym to the first word of its line.
     same: HashMap<String, String>,
     stop: HashSet<&'static str>,
 }
 
 impl Words {
-    /// `synonyms`: a line for each meaning, its words divided by commas; what follows a `#` is a remark.
+    /// Reads `synonyms`: a line for each meaning, with words separated by commas. Text after a `#` is ignored.
     pub fn new(synonyms: &str) -> Self {
         let stop = STOP_WORDS.split_whitespace().collect();
         let mut words = Self { stemmer: Stemmer::create(Algorithm::English), same: HashMap::new(), stop };
@@ -35,7 +36,7 @@ impl Words {
         words
     }
 
-    /// The words of `text` that name something, in order.
+    /// Returns the words of `text` without stop words, in order.
     pub fn of(&self, text: &str) -> Vec<String> {
         self.stems(text).map(|stem| self.same.get(&stem).cloned().unwrap_or(stem)).collect()
     }

@@ -1,4 +1,4 @@
-//! Embeddings of the user: a tiny text encoder, written here byte by byte, that a real onnxruntime runs.
+//! The user's embeddings: a tiny text encoder, written here byte by byte, which a real onnxruntime runs.
 
 #[path = "../../../crates/retarget/benches/inference/protobuf.rs"]
 mod protobuf;
@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 use std::sync::LazyLock;
 
-/// onnxruntime's shared library, or why there is none.
+/// onnxruntime's shared library, or the reason why it is missing.
 static RUNTIME: LazyLock<Result<PathBuf, String>> = LazyLock::new(|| {
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("onnxruntime");
     let python = folder.join("bin/python");
@@ -32,7 +32,7 @@ static RUNTIME: LazyLock<Result<PathBuf, String>> = LazyLock::new(|| {
     names.find(library).ok_or_else(|| format!("{}: no libonnxruntime.so", capi.display()))
 });
 
-/// As [`RUNTIME`]; says why there is none.
+/// Returns [`RUNTIME`]. Prints the reason if it is missing.
 fn runtime_or_skip() -> Option<&'static Path> {
     RUNTIME.as_ref().map_err(|why| println!("skipped: no onnxruntime: {why}")).map(PathBuf::as_path).ok()
 }
@@ -45,7 +45,7 @@ fn say(arguments: &[&str]) -> Output {
 const FLOAT: u64 = 1;
 const INT64: u64 = 7;
 
-/// A ValueInfoProto; a dimension of 0 is of any length.
+/// A ValueInfoProto. A dimension of 0 has any length.
 fn value(name: &str, kind: u64, shape: &[u64]) -> Message {
     let dimension = |&size: &u64| match size {
         0 => Message::default().text(2, "n"),
@@ -68,18 +68,18 @@ fn node(operator: &str, inputs: &[&str], output: &str) -> Message {
     node.text(2, output).text(4, operator)
 }
 
-/// What an encoder of these tests ends with.
+/// Last layer of an encoder in these tests.
 #[derive(Clone, Copy, PartialEq)]
 enum Ends {
     /// A row for each token, [1, n, 2].
     Rows,
-    /// Their sum, [1, 2], called sentence_embedding, after an output that says nothing of the words.
+    /// Their sum, [1, 2], named sentence_embedding, after an output that does not depend on the words.
     Sentence,
     /// A row for each token, and no batch: [n, 2].
     Flat,
-    /// One row for all tokens, that no name says is a sentence: [1, 1, 2].
+    /// One row for all tokens, whose name does not mark it as a sentence: [1, 1, 2].
     One,
-    /// Asks for something that nobody knows.
+    /// Requires an unknown input.
     Pixels,
 }
 
@@ -115,7 +115,7 @@ fn encoder(words: &[[f32; 2]], ends: Ends) -> Vec<u8> {
     Message::default().number(1, 8).message(7, graph).message(8, Message::default().number(2, 17)).0
 }
 
-/// Splits at spaces; every sentence is padded to four tokens, with [PAD], which the mask hides.
+/// Splits at spaces. Every sentence is padded to four tokens with [PAD], which the mask hides.
 const TOKENIZER: &str = r#"{
     "version": "1.0", "truncation": null, "added_tokens": [], "normalizer": {"type": "Lowercase"},
     "padding": {"strategy": {"Fixed": 4}, "direction": "Right", "pad_to_multiple_of": null, "pad_id": 0,
@@ -125,7 +125,7 @@ const TOKENIZER: &str = r#"{
         "vocab": {"[PAD]": 0, "[UNK]": 1, "wave": 2, "clap": 3, "nothing": 4, "broken": 5, "far": 99}}
 }"#;
 
-/// Rows of the vocabulary: the padding would turn everything to one side if it were counted.
+/// Rows of the vocabulary. If the padding counted, it would turn every sentence to one side.
 const WORDS: [[f32; 2]; 6] = [[0.0, -100.0], [0.1, 0.1], [1.0, 0.0], [0.0, 1.0], [0.0, 0.0], [f32::NAN, 0.0]];
 
 /// A .npy of float32, version 1.
@@ -154,7 +154,7 @@ impl Scene {
         );
         scene.write("model.onnx", &encoder(&WORDS, ends));
         scene.write("tokenizer.json", TOKENIZER.as_bytes());
-        // Of different lengths, which do not count.
+        // The rows have different lengths, which do not matter.
         scene.write("motions.npy", &npy("(3, 2)", &[0.1, 0.1, 7.0, 0.0, 0.0, 0.5]));
         scene
     }
@@ -169,7 +169,7 @@ impl Scene {
         say(&[&given[..], more].concat())
     }
 
-    /// File and score of each that is found.
+    /// Returns file and score of each match.
     fn found(&self, sentence: &str, runtime: &Path) -> Vec<(String, f64)> {
         let output = self.say(sentence, runtime, &["--json"]);
         assert!(output.status.success(), "{sentence}: {output:?}");
@@ -199,7 +199,7 @@ fn the_nearest_in_the_encoder_s_space_comes_first() {
     let Some(runtime) = runtime_or_skip() else { return };
     let half = 0.5_f64.sqrt();
     for ends in [Ends::Rows, Ends::Sentence] {
-        // The sum counts the padding too: an encoder that ends with a sentence does so itself, and is believed.
+        // The sum includes the padding. An encoder with a sentence output is responsible for that itself.
         let scene = Scene::new(ends);
         if ends == Ends::Sentence {
             scene.write("tokenizer.json", TOKENIZER.replace("\"Fixed\": 4", "\"Fixed\": 1").as_bytes());
@@ -257,7 +257,7 @@ fn what_is_no_encoder_or_no_embedding_is_refused_by_name() {
     scene.refused("wave", runtime, 65, &["motions.npy: rows of 1 numbers; the encoder's embedding has 2"]);
 }
 
-/// Needs no onnxruntime: what the folder holds is looked at first.
+/// Needs no onnxruntime, because the folder is checked first.
 #[test]
 fn a_folder_that_does_not_fit_the_library_is_refused_by_name() {
     let nowhere = Path::new("/nowhere/libonnxruntime.so");

@@ -1,4 +1,4 @@
-//! The program, on the library that is shipped.
+//! The program, on the shipped library.
 
 use std::path::Path;
 use std::process::{Command, Output};
@@ -65,7 +65,7 @@ fn sentence_of_stop_words_is_refused_with_an_example() {
         assert!(output.status.code() == Some(1) && output.stdout.is_empty(), "{sentence:?}: {output:?}");
         assert!(said.contains("names no movement") && said.contains("a person boxes"), "{said}");
     }
-    // Words that are known decide, whatever else is said.
+    // Known words decide, and other words do not matter.
     let text = String::from_utf8_lossy(&say(&["dance with the wolves"]).stdout).into_owned();
     assert!(text.contains("no motion of this library") && text.contains("danc, wolv"), "{text}");
     assert_eq!(first("the person is to wave with the left"), "wave-left.bvh");
@@ -130,7 +130,7 @@ fn so_many_are_shown_as_can_be() {
     assert_eq!((lines("1"), lines("2")), (1, 2));
 }
 
-/// The whole way: words, the motion, the stages, the commands.
+/// The whole path: words, the motion, the stages, the commands.
 #[test]
 fn words_move_the_robot() {
     let folder = tempfile::tempdir().expect("a folder");

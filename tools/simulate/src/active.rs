@@ -10,51 +10,52 @@ use rand_pcg::Pcg64Mcg;
 pub struct Active {
     /// The episode.
     pub episode: Episode,
-    /// What it does.
+    /// The fault.
     pub fault: Fault,
-    /// Its own dice.
+    /// Random number generator of this episode alone.
     pub rng: Pcg64Mcg,
     /// Ticks since it began.
     pub age: u64,
-    /// 0 to 1: how bad it is.
+    /// Severity, 0 to 1.
     pub strength: f64,
-    /// Of use to its stage.
+    /// Scratch value for the stage that applies the fault.
     pub note: u64,
 }
 
 impl Active {
-    /// Whether it acts this time: a share of the occasions between a fifth and all, by its strength.
+    /// Returns true if the fault acts this time. It acts on a share of the occasions, between 0.2 and 1, that
+    /// grows with its strength.
     pub fn acts(&mut self) -> bool {
         let share = 0.2 + 0.8 * self.strength;
         self.rng.random::<f64>() < share
     }
 
-    /// How much of it is over, 0 to 1.
+    /// Elapsed share of the episode, 0 to 1.
     pub fn progress(&self) -> f64 {
         self.age as f64 / self.episode.ticks.max(1) as f64
     }
 }
 
-/// All of them.
+/// The faults of a run.
 #[derive(Clone, Debug)]
 pub struct Faults {
     episodes: Vec<Episode>,
     next: usize,
-    /// In force.
+    /// Episodes in force.
     pub active: Vec<Active>,
     /// Occasions on which a fault reached its stage, by kind.
     pub fired: [u64; KIND_COUNT],
 }
 
 impl Faults {
-    /// Of a schedule, sorted by start.
+    /// Creates the faults of a schedule, sorted by start.
     pub fn new(episodes: &[Episode]) -> Self {
         let mut episodes = episodes.to_vec();
         episodes.sort_by_key(|episode| (episode.start, episode.kind, episode.param));
         Self { episodes, next: 0, active: Vec::new(), fired: [0; KIND_COUNT] }
     }
 
-    /// Moves on to tick `k`; answers whether any began or ended.
+    /// Advances to tick `k`. Returns true if any episode began or ended.
     pub fn advance(&mut self, k: u64) -> bool {
         let before = self.active.len();
         self.active.retain_mut(|active| {
@@ -78,7 +79,8 @@ impl Faults {
         self.fired[kind] += count;
     }
 
-    /// Lets every active fault that `wanted` turns into something act; each time `act` answers true it has fired.
+    /// Calls `act` on every active fault that `wanted` maps to `Some`. The fault counts as fired each time
+    /// `act` returns true.
     pub fn each<T>(&mut self, wanted: impl Fn(Fault) -> Option<T>, mut act: impl FnMut(&mut Active, T) -> bool) {
         for active in &mut self.active {
             if let Some(of) = wanted(active.fault)

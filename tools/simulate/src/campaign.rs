@@ -11,30 +11,30 @@ use rayon::ThreadPoolBuilder;
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 
-/// Failures that are made small; of the others the whole schedule is told.
+/// Number of failures whose schedules are shrunk. The others report the whole schedule.
 const SHRUNK_MAX: usize = 8;
 
 /// Ticks of all runs together for which every kind must fire `FIRINGS` times: 2,000 runs of 60,000 ticks.
 const FULL: u64 = 2000 * 60_000;
-/// See `FULL`.
+/// Firings of every kind that `FULL` ticks require.
 const FIRINGS: u64 = 1000;
-/// From here on in proportion.
+/// From this many ticks on, the required firings are in proportion.
 const PROPORTIONAL: u64 = FULL / 10;
-/// Ticks of all runs together from which on every kind must fire at least once: 50 runs of 11,000 ticks.
+/// Total ticks of all runs from which on every kind must fire at least once: 50 runs of 11,000 ticks.
 const LEAST: u64 = SEEDS_LEAST * 11_000;
-/// Runs that deal every kind at least once: three each.
+/// Number of runs that together deal every kind at least once. Each run deals three kinds.
 const SEEDS_LEAST: u64 = 50;
 
-/// What to run.
+/// The runs of a campaign.
 #[derive(Clone, Debug)]
 pub struct Plan {
     /// The first seed.
     pub first_seed: u64,
-    /// How many.
+    /// Number of seeds.
     pub seeds: u64,
-    /// Ticks of each.
+    /// Ticks of each run.
     pub ticks: u64,
-    /// Threads.
+    /// Number of threads.
     pub jobs: usize,
     /// Stop at the first seed that breaks a promise.
     pub until_found: bool,
@@ -49,32 +49,32 @@ pub struct Plan {
 pub struct Failure {
     /// Its seed.
     pub seed: u64,
-    /// What was broken first.
+    /// The first promise that the run broke.
     pub violation: Violation,
-    /// The smallest schedule that was found to break a promise, or the whole one.
+    /// The smallest schedule that was found to break a promise, or the whole schedule.
     pub schedule: Vec<Episode>,
-    /// Whether a smaller one was looked for.
+    /// True if a smaller schedule was searched for.
     pub shrunk: bool,
-    /// What that schedule breaks, and when.
+    /// The promise that `schedule` breaks, and when.
     pub smallest: Violation,
-    /// Episodes of the schedule as it was drawn.
+    /// Number of episodes of the schedule as it was drawn.
     pub episodes: usize,
 }
 
-/// What all runs came to.
+/// Results of all runs.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Summary {
-    /// Runs.
+    /// Number of runs.
     pub seeds: u64,
-    /// Ticks of all of them.
+    /// Ticks of all runs.
     pub ticks: u64,
-    /// Those that broke a promise.
+    /// Runs that broke a promise.
     pub failures: Vec<Failure>,
     /// Firings by kind.
     pub fired: [u64; KIND_COUNT],
-    /// Kinds that were allowed and fired less than `demanded`.
+    /// Allowed kinds that fired less often than `demanded`.
     pub missing: Vec<usize>,
-    /// Firings demanded of every allowed kind.
+    /// Firings that every allowed kind must reach.
     pub demanded: u64,
     /// Ticks of control in each mode.
     pub ticks_in: [u64; Mode::ALL.len()],
@@ -82,14 +82,14 @@ pub struct Summary {
     pub episodes: u64,
     /// Mode transitions.
     pub transitions: u64,
-    /// Longest time from the end of the faults to following again, ticks.
+    /// Longest time from the end of the faults until the robot follows again, ticks.
     pub back_after_max: u64,
-    /// Over the hashes of all runs.
+    /// Hash over the hashes of all runs.
     pub hash: u64,
 }
 
 impl Summary {
-    /// Firings by identity, and by name of the kinds without one.
+    /// Firings by hazard identity. A kind without an identity counts under its own name.
     pub fn by_id(&self) -> BTreeMap<&'static str, u64> {
         let mut out = BTreeMap::new();
         for (kind, count) in KINDS.iter().zip(self.fired) {
@@ -101,14 +101,15 @@ impl Summary {
         out
     }
 
-    /// Whether nothing was broken and everything demanded was met.
+    /// Returns true if no promise was broken and every kind fired often enough.
     pub fn holds(&self) -> bool {
         self.failures.is_empty() && self.missing.is_empty()
     }
 }
 
-/// How often every kind must fire in so many runs of so many ticks together: 1,000 times in 1.2e8 ticks and more, in
-/// proportion down to 1.2e7, where chance still averages out, once from 50 runs and 5.5e5 ticks on, and below that not at all.
+/// Firings that every kind must reach in `seeds` runs of `ticks` ticks together. From 1.2e8 ticks on, it is
+/// 1,000. Down to 1.2e7 ticks it is in proportion, because chance still averages out there. From 50 runs and
+/// 5.5e5 ticks on, it is 1. Below that it is 0.
 pub fn demanded(seeds: u64, ticks: u64) -> u64 {
     match ticks {
         _ if seeds < SEEDS_LEAST => 0,
@@ -119,7 +120,7 @@ pub fn demanded(seeds: u64, ticks: u64) -> u64 {
     }
 }
 
-/// The run of a seed with a schedule: every other one begins engaged, as a branch of one run.
+/// Runs a seed with a schedule. Every other seed begins engaged, as a branch of one run.
 pub fn single(engaged: &Run<'_>, subject: &Subject, seed: u64, plan: &Plan, episodes: &[Episode]) -> Outcome {
     let run = if seed.is_multiple_of(2) { engaged.branch(seed) } else { Run::cold(subject, seed) };
     run.run(episodes, plan.ticks, plan.bug)
@@ -130,8 +131,8 @@ pub fn drawn(seed: u64, plan: &Plan) -> Vec<Episode> {
     schedule::draw(seed, plan.ticks, &plan.kinds, &schedule::dealt(seed, &plan.kinds))
 }
 
-/// Runs all seeds, or those up to the first that breaks a promise; the summary does not depend on the number of threads.
-/// `done` is told of every run.
+/// Runs all seeds, or those up to the first that breaks a promise. The summary does not depend on the number of
+/// threads. Calls `done` after every run.
 pub fn run(subject: &Subject, plan: &Plan, done: impl Fn() + Sync) -> Result<Summary, String> {
     let engaged = subject.engaged()?;
     let pool = ThreadPoolBuilder::new().num_threads(plan.jobs).build().map_err(|error| error.to_string())?;
@@ -177,7 +178,7 @@ pub fn run(subject: &Subject, plan: &Plan, done: impl Fn() + Sync) -> Result<Sum
     Ok(summed(plan, &outcomes, failures))
 }
 
-/// What one run came to, as a campaign of nothing else.
+/// Returns the result of one run as a campaign of that run alone.
 pub fn alone(plan: &Plan, seed: u64, episodes: &[Episode], outcome: Outcome) -> (Plan, Summary) {
     let plan = Plan { first_seed: seed, seeds: 1, jobs: 1, ..plan.clone() };
     let failure = |violation: Violation| Failure {

@@ -6,43 +6,43 @@ use crate::schedule::TICKS_MIN;
 use clap::Parser;
 use std::path::PathBuf;
 
-/// Longest run: 19 hours of robot time; more is a slip of the finger.
+/// Longest run: 19 hours of robot time. A larger value is a typing error.
 const TICKS_MAX: u64 = 100_000_000;
-/// The settings that are used where no others are given.
+/// Default settings file.
 pub const CONFIG: &str = "config/teleop.toml";
-/// More threads than that are a mistake.
+/// Upper bound on the threads. A larger value is a typing error.
 const JOBS_MAX: usize = 1024;
 
-/// Runs all stages in virtual time under faults that a seed decides, and judges every tick by an oracle of its own. Exits
-/// with 1 if a promise was broken or a fault that had to occur did not.
+/// Runs all stages in virtual time under faults that a seed decides. An independent oracle judges every tick.
+/// Exits with 1 if a promise was broken or a fault that had to occur did not.
 #[derive(Clone, Debug, Parser)]
 #[command(version)]
 pub struct Cli {
-    /// Runs, one per seed.
+    /// Number of runs, one per seed.
     #[arg(long, default_value_t = 100)]
     pub seeds: u64,
-    /// Ticks of each run, 8,250 or more; the last 7,500 (5 s) are without faults.
+    /// Ticks of each run, at least 8,250. The last 7,500 (5 s) have no faults.
     #[arg(long, default_value_t = 60_000)]
     pub ticks: u64,
     /// The first seed.
     #[arg(long, default_value_t = 1)]
     pub first_seed: u64,
-    /// Threads; the results do not depend on them.
+    /// Number of threads. The results do not depend on it.
     #[arg(long, default_value_t = cores())]
     pub jobs: usize,
-    /// Stop at the first seed that breaks a promise; its schedule is told as it was drawn.
+    /// Stop at the first seed that breaks a promise, and print its schedule as it was drawn.
     #[arg(long, conflicts_with = "replay")]
     pub until_found: bool,
-    /// Write the figures here as JSON; of --replay, those of the one run.
+    /// Write the figures to this file as JSON. With --replay: those of the one run.
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
-    /// Only faults with these names or identities.
+    /// Use only faults with these names or identities.
     #[arg(long, value_name = "ID", num_args = 1..)]
     pub fault: Vec<String>,
-    /// Run this seed alone, and tell what happens.
+    /// Run this seed alone, and print what happens.
     #[arg(long, value_name = "SEED")]
     pub replay: Option<u64>,
-    /// With this schedule instead of the one that the seed draws, as a failure prints it.
+    /// Use this schedule instead of the one that the seed draws. The format is the one that a failure prints.
     #[arg(long, value_name = "LIST", requires = "replay")]
     pub faults: Option<String>,
     /// Settings file.
@@ -53,13 +53,12 @@ pub struct Cli {
     pub list: bool,
 }
 
-/// Cores that this process may use.
 fn cores() -> usize {
     std::thread::available_parallelism().map_or(1, std::num::NonZero::get)
 }
 
 impl Cli {
-    /// What to run; the error names option, value and bound.
+    /// Returns the runs to do. The error names option, value and bound.
     pub fn plan(&self) -> Result<Plan, String> {
         let within = |option, value: u64, low: u64, high: u64| {
             let inside = (low..=high).contains(&value);
@@ -85,7 +84,7 @@ impl Cli {
         Ok(Plan { first_seed, seeds, ticks, jobs, until_found: self.until_found, kinds, bug: None })
     }
 
-    /// All faults.
+    /// Lists all faults.
     pub fn listing() -> String {
         let row = |kind: &crate::kinds::Kind| format!("{:20} {}\n", kind.name, kind.ids.join(" "));
         KINDS.iter().map(row).collect()

@@ -1,4 +1,5 @@
-//! The person before the camera and the client that publishes him, with all that can be wrong with its delivery.
+//! The person in front of the camera, and the client that publishes the person. Simulates all that can go wrong
+//! with the delivery.
 
 use crate::active::Faults;
 use crate::frames;
@@ -7,20 +8,20 @@ use messages::{RawSkeleton, Stamp, TICK_HZ};
 use pipeline::Player;
 use rand::RngExt;
 
-/// Without an accepted frame for so long (ticks) the person starts his client anew: 1.5 s.
+/// After this long (ticks) without an accepted frame, the person restarts the client: 1.5 s.
 const PATIENCE: u64 = TICK_HZ * 3 / 2;
 
-/// Ticks from one start of a client that keeps starting anew to the next: every second one comes before the person of the
-/// one before has been forgotten (1 s).
+/// Ticks between two starts of a client that keeps restarting. Every second start comes before the previous
+/// person is forgotten (1 s).
 const RECONNECT: u64 = TICK_HZ / 2;
 
-/// A client that publishes without authority, or takes it.
+/// Session nonce of a client that publishes without the lease, or takes it.
 const STRANGER: u64 = 0x5712_a26e;
 
-/// Frames of the past that are kept.
+/// Number of past frames that are kept.
 const PAST: usize = 12;
 
-/// Everything remembered.
+/// State of the client.
 #[derive(Clone)]
 pub struct Client {
     player: Player,
@@ -53,7 +54,7 @@ impl Client {
         }
     }
 
-    /// Another session.
+    /// Starts a new session.
     fn restart(&mut self, k: u64) {
         self.session += 1;
         (self.sequence, self.sequence_offset, self.heard) = (0, 0, k);
@@ -61,7 +62,7 @@ impl Client {
         self.held_back.clear();
     }
 
-    /// A frame was accepted, or none was for too long.
+    /// Notes whether a frame was accepted in tick `k`. Restarts the client if none was for too long.
     pub fn listen(&mut self, k: u64, accepted: bool) {
         if accepted {
             self.heard = k;
@@ -70,12 +71,12 @@ impl Client {
         }
     }
 
-    /// Time is counted anew from here.
+    /// Restarts the time count at zero.
     pub fn rebase(&mut self) {
         self.heard = 0;
     }
 
-    /// The frames that arrive in tick `k` of the run, whose deadline is `now`.
+    /// Returns in `out` the frames that arrive in tick `k` of the run, whose deadline is `now`.
     pub fn tick(&mut self, k: u64, now: Stamp, engaged: bool, faults: &mut Faults, out: &mut Vec<RawSkeleton>) {
         out.clear();
         let reconnects = |fault| (fault == Fault::Delivery(Delivery::Reconnect)).then_some(());
@@ -113,7 +114,7 @@ impl Client {
         self.past.push(*raw);
     }
 
-    /// Sequence and stamps, as the client believes them to be.
+    /// Sets the sequence and the stamps as the client believes them to be.
     fn stamp(&mut self, raw: &mut RawSkeleton, now: Stamp, faults: &mut Faults) {
         let (sequence, last) = (self.sequence, self.last.map(|last| last.header));
         let offset = &mut self.sequence_offset;
@@ -163,7 +164,7 @@ impl Client {
         }
     }
 
-    /// Whether the frame of this moment leaves the client.
+    /// Returns true if the frame of this tick leaves the client.
     fn deliver(&mut self, k: u64, faults: &mut Faults) -> bool {
         let starved = k < self.let_through + TICK_HZ / 5;
         let mut through = true;
@@ -194,7 +195,7 @@ impl Client {
         }
     }
 
-    /// Frames that come besides those of the person.
+    /// Adds the frames that arrive in addition to the person's own.
     fn besides(&mut self, now: Stamp, faults: &mut Faults, out: &mut Vec<RawSkeleton>) {
         let Some(last) = self.last else { return };
         let (past, strangers) = (&self.past, &mut self.stranger_sequence);
@@ -204,7 +205,7 @@ impl Client {
             let before = out.len();
             match delivery {
                 Delivery::Flood => {
-                    // 10 kHz are 6 or 7 frames a tick.
+                    // 10 kHz is 6 or 7 frames per tick.
                     for n in 0..6 {
                         *sequence += 1;
                         let mut raw = last;
@@ -225,7 +226,8 @@ impl Client {
                     out.push(old);
                 }
                 Delivery::OldSession if active.age % 10 == 3 => {
-                    // A recording with its own nonce, sequence and stamps, or with the stamps made new.
+                    // An old frame of another session with its own sequence and stamps, or with a fresh origin
+                    // stamp.
                     let mut old = past[active.rng.random_range(0..past.len())];
                     old.session_nonce = session.wrapping_sub(1);
                     if active.rng.random() {

@@ -1,4 +1,5 @@
-//! Judges whether a robot that does not do, or does not measure, what it is told is stopped.
+//! Judges feedback: if the robot does not follow its setpoints, or its measurements are wrong, it must be
+//! stopped.
 
 use crate::modes::{Broken, moves};
 use crate::movement::SLIDES;
@@ -6,27 +7,30 @@ use crate::oracle::Seen;
 use messages::{Fault, Faults, JOINTS, Mode, RobotState, TICK_HZ, TICK_S};
 use robot::{JointLimits, Model};
 
-/// How far a joint that turns may be from where it is told to be, rad, besides the known lag of its servo, and for how many
-/// ticks. The bounds of the simulated robot are 0.049 at once and 0.035 for 100 ms. A message and a stop take time.
+/// Largest distance of a revolute joint from its setpoint, rad, and for how many ticks. The known lag of its
+/// servo comes on top. The bounds of the simulated robot are 0.049 at once and 0.035 for 100 ms. A message and
+/// a stop take time.
 const AWAY_RAD: [(f64, u64); 2] = [(0.056, 30), (0.042, TICK_HZ / 10 + 60)];
-/// The same of a joint that slides, m: 0.028 at once and 0.0105 for 100 ms.
+/// The same for a prismatic joint, m: 0.028 at once and 0.0105 for 100 ms.
 const AWAY_M: [(f64, u64); 2] = [(0.032, 30), (0.0125, TICK_HZ / 10 + 60)];
-/// A measurement that moves by more than this, rad or m, besides three times what its joint can do, jumped.
+/// A measurement jumped if it moves by more than this, rad or m, beyond three times its joint's ability.
 const JUMP: f64 = 0.03;
-/// Samples in a row after which a jump must have stopped the robot.
+/// Consecutive samples after which a jump must have stopped the robot.
 const JUMPED: u32 = 6;
-/// A measurement that stays the very same for so long, ticks, while its joint is sent on and goes on by so much, rad.
+/// A measurement froze if it stays identical for `STILL` ticks while its joint's setpoint moves and the joint
+/// itself moves by `WENT` rad.
 const STILL: u64 = TICK_HZ / 20 + 30;
 const WENT: f64 = 0.024;
-/// What a driver without power tells to hold may lie from where the joint is, rad or m, and for how many ticks.
+/// Without power, the driver's hold setpoint may lie this far from the joint, rad or m, for at most
+/// `SAGGED_TICKS` ticks.
 const SAGGED: f64 = 2e-3;
 const SAGGED_TICKS: u32 = 20;
-/// A joint that is no farther outside its limits than this, rad or m, may be told to hold at the limit.
+/// A joint that is at most this far outside its limits, rad or m, may have its hold setpoint at the limit.
 const NUDGED: f64 = 5e-3;
-/// How much faster than its limit a joint without power is believed to move.
+/// Factor on the speed limit that bounds a joint without power.
 const FALLS: f64 = 3.0;
 
-/// A joint when its measurement changed last.
+/// State of a joint when its measurement last changed.
 #[derive(Clone, Copy, Default)]
 struct Still {
     measured: f64,
@@ -35,7 +39,7 @@ struct Still {
     k: u64,
 }
 
-/// What is remembered.
+/// State of the judge.
 #[derive(Clone)]
 pub struct Feedback {
     limits: [JointLimits; JOINTS],
@@ -44,12 +48,12 @@ pub struct Feedback {
     away: [[u64; 2]; JOINTS],
     good: Option<([f64; JOINTS], u64)>,
     jumped: u32,
-    /// The mode of the tick before permitted motion.
+    /// True if the mode of the previous tick permitted motion.
     moved: bool,
-    /// Of the last change of each measurement.
+    /// State of each joint at the last change of its measurement.
     still: [Still; JOINTS],
     sagged: u32,
-    /// An encoder has lied since the robot has been without power.
+    /// True if an encoder was wrong since the robot lost power.
     lied: bool,
 }
 
@@ -58,7 +62,7 @@ fn index(state: &RobotState) -> u64 {
 }
 
 impl Feedback {
-    /// Of a robot, and the known lag of its servos.
+    /// Creates the state for a robot whose servos lag by `servo_lag_s`.
     pub fn new(model: &Model, servo_lag_s: f64) -> Self {
         Self {
             limits: model.limits,
@@ -95,7 +99,7 @@ impl Feedback {
         if self.slides[j] { SLIDES } else { 1.0 }
     }
 
-    /// The joints are where they are told to be, or nothing moves.
+    /// The joints are near their setpoints, or nothing moves.
     fn follows(&mut self, seen: &Seen<'_>, mode: Mode) -> Result<(), Broken> {
         let Some(robot) = &seen.moment.robot else { return Ok(()) };
         let judged = moves(mode) && !seen.encoders_lie && !seen.undriven && seen.moment.control.is_some();
@@ -116,11 +120,12 @@ impl Feedback {
         Ok(())
     }
 
-    /// What sinks without power is held where it sinks to, as soon as an encoder says where that is. A lie that lasted for as
-    /// long as the joint would have taken to come there has been believed, and the truth then has the same way back.
+    /// Joints that sink without power are held where they sink to, as soon as an encoder reports the place. If
+    /// a wrong measurement lasted long enough for the joint to get there, it was accepted. The true measurement
+    /// then needs the same time to be accepted.
     fn sags(&mut self, seen: &Seen<'_>) -> Result<(), Broken> {
         let Some(robot) = &seen.moment.robot else { return Ok(()) };
-        // A joint a little outside its limits is told to hold at them.
+        // A joint slightly outside its limits may be held at the limit.
         let off = |j: usize| {
             let (truth, limits) = (seen.truth[j], &self.limits[j]);
             let nearest = truth.clamp(limits.q_min, limits.q_max);
@@ -131,7 +136,7 @@ impl Feedback {
         let judged = seen.unpowered && !seen.encoders_lie;
         self.lied = seen.unpowered && (self.lied || seen.encoders_lie);
         self.sagged = if judged && off(worst) > SAGGED { self.sagged + 1 } else { 0 };
-        // A posture is believed as a whole: the slowest joint decides.
+        // A posture is accepted as a whole, so the slowest joint decides.
         let back_ticks = (0..JOINTS).map(|j| off(j) / (FALLS * self.limits[j].v_max * TICK_S)).fold(0.0, f64::max);
         let allowed = SAGGED_TICKS + if self.lied { back_ticks.ceil() as u32 } else { 0 };
         if self.sagged > allowed {
@@ -140,7 +145,7 @@ impl Feedback {
         Ok(())
     }
 
-    /// A measurement that jumped, and stays there, stops, and the status says so.
+    /// A measurement that jumps and stays there stops the robot, and the status reports it.
     fn jumps(&mut self, seen: &Seen<'_>, state: &RobotState) -> Result<(), Broken> {
         let (q, k) = (state.q_measured, index(state));
         let Some((good, good_k)) = self.good.filter(|_| self.moved || self.jumped > 0) else {
@@ -162,7 +167,7 @@ impl Feedback {
         Ok(())
     }
 
-    /// A measurement that stands still while its joint is sent on, and goes, stops.
+    /// A measurement that freezes while its joint is sent on and moves stops the robot.
     fn stands(&mut self, seen: &Seen<'_>, state: &RobotState, mode: Mode) -> Result<(), Broken> {
         let k = index(state);
         for j in 0..JOINTS {

@@ -1,19 +1,19 @@
-//! What can be wrong with the content of a client's frame.
+//! Faults of the content of a client's frame.
 
 use crate::active::Active;
 use crate::kinds::Frame;
 use messages::{RawSkeleton, SMPL_JOINTS, Smpl, raw_flag};
 use rand::{Rng, RngExt};
 
-/// Shoulder, elbow, wrist of both arms.
+/// Shoulder, elbow and wrist of both arms.
 const ARMS: [[usize; 3]; 2] = [
     [Smpl::LeftShoulder as usize, Smpl::LeftElbow as usize, Smpl::LeftWrist as usize],
     [Smpl::RightShoulder as usize, Smpl::RightElbow as usize, Smpl::RightWrist as usize],
 ];
 
-/// Alters `raw`, given the frame that was sent before it; false if this one is left alone.
+/// Alters `raw`, given the frame that was sent before it. Returns false if this frame is left alone.
 pub fn alter(frame: Frame, active: &mut Active, raw: &mut RawSkeleton, last: Option<&RawSkeleton>) -> bool {
-    // A tracker that is stuck repeats every frame; whatever else happens now and then.
+    // A stuck tracker repeats every frame. All other faults act on some frames only.
     if frame != Frame::Frozen && !active.acts() {
         return false;
     }
@@ -115,7 +115,7 @@ fn joint(active: &mut Active) -> usize {
     active.rng.random_range(0..SMPL_JOINTS)
 }
 
-/// Puts `value` somewhere.
+/// Writes `value` into one field.
 fn number(active: &mut Active, raw: &mut RawSkeleton, value: f32) {
     let (joint, axis) = (joint(active), active.rng.random_range(0..3));
     match active.rng.random_range(0..5) {
@@ -139,14 +139,15 @@ fn stretch(raw: &mut RawSkeleton, side: usize, factor: f32) {
 }
 
 fn repeat(frame: Frame, raw: &mut RawSkeleton, last: &RawSkeleton) -> bool {
-    // Torn: the first half of the joints is of the frame before.
+    // Torn: the first half of the joints comes from the previous frame.
     let joints = if frame == Frame::Frozen { SMPL_JOINTS } else { SMPL_JOINTS / 2 };
     raw.positions[..joints].copy_from_slice(&last.positions[..joints]);
     raw.rotations[..joints].copy_from_slice(&last.rotations[..joints]);
     true
 }
 
-/// 3 cm on every joint: ten times the noise of a tracker.
+/// Adds up to 6 cm of noise to every joint, scaled by the strength. The mean strength gives 3 cm, ten times the
+/// noise of a tracker.
 fn noise(active: &mut Active, raw: &mut RawSkeleton) {
     let size = (0.06 * active.strength) as f32 + 0.001;
     for p in &mut raw.positions[..SMPL_JOINTS] {

@@ -1,27 +1,27 @@
-//! Judges what `ingest` passes on by what clients sent.
+//! Judges the frames that `ingest` passes on by the frames that clients sent.
 
 use crate::modes::{Broken, follows};
 use crate::oracle::Seen;
 use messages::{LIMBS, Mode, RawSkeleton, SMPL_JOINTS, Skeleton, Smpl, Stamp, TICK_HZ, raw_flag, skeleton_flag};
 
-/// Frames that are remembered: 0.1 s of a flood of 6 frames a tick, longer than any link keeps one.
+/// Number of frames kept: 0.1 s of a flood of 6 frames per tick. No link delays a frame for longer.
 const KEPT: usize = 1024;
-/// What a frame's stamp may lie ahead of its arrival and behind it, ns: the promise of `ingest`, and the drift of a client's
-/// clock that is followed in the longest run of a test.
+/// Bounds on how far a frame's stamp may lie ahead of its arrival and behind it, ns. They are the bounds that
+/// `ingest` promises, plus the clock drift that `ingest` follows in the longest run of a test.
 const AHEAD_NS: u64 = 2_000_000 + DRIFT_NS;
 const BEHIND_NS: u64 = 100_000_000 + DRIFT_NS;
 const DRIFT_NS: u64 = 40_000_000;
 /// A joint below this confidence is not used.
 const CONFIDENCE: f32 = 0.5;
-/// Frames this close to each other, ns, between which no joint of an arm moves farther than this, m: faster than the
-/// fastest hand (10 m/s), with a margin.
+/// Two frames at most `NEXT_NS` apart: no joint of an arm moves farther than `STEP_M` metres between them. That
+/// is faster than the fastest hand (10 m/s), with a margin.
 const NEXT_NS: u64 = 40_000_000;
 const STEP_M: f32 = 0.5;
-/// After a payload has repeated bit for bit for so long (ticks) the robot that followed it must have stopped: 200 ms, the
-/// 100 ms after which inputs are stale, and what the links take.
+/// After a payload has repeated bit for bit for this long (ticks), a robot that followed it must have stopped.
+/// It is 200 ms, the 100 ms after which inputs are stale, and the time that the links take.
 const FROZEN: u64 = TICK_HZ / 5 + TICK_HZ / 10 + 100;
 
-/// Shoulder, elbow, wrist of the four limbs' ends.
+/// Start and end joint of the four limbs: upper arm and forearm of both sides.
 const ENDS: [[usize; 2]; LIMBS] = [
     [Smpl::LeftShoulder as usize, Smpl::LeftElbow as usize],
     [Smpl::LeftElbow as usize, Smpl::LeftWrist as usize],
@@ -29,16 +29,16 @@ const ENDS: [[usize; 2]; LIMBS] = [
     [Smpl::RightElbow as usize, Smpl::RightWrist as usize],
 ];
 
-/// What is remembered of a frame that was sent.
+/// Record of a frame that was sent.
 #[derive(Clone, Copy)]
 struct Sent {
     session: u64,
     origin: Stamp,
-    /// Bits of elbows and wrists: what a frame is known again by.
+    /// Bits of the positions of elbows and wrists. They identify a frame.
     pose: [[u32; 3]; LIMBS],
-    /// Why nobody may use it.
+    /// The reason why no process may use the frame.
     unusable: Option<&'static str>,
-    /// Bit per limb of which an end is only guessed.
+    /// One bit per limb. A set bit says that one end of the limb is only guessed.
     guessed: u32,
 }
 
@@ -62,22 +62,23 @@ impl Sent {
     }
 }
 
-/// Elbows and wrists.
+/// Bits of the positions of elbows and wrists.
 fn pose(positions: &[[f32; 3]]) -> [[u32; 3]; LIMBS] {
     ENDS.map(|[_, joint]| positions[joint].map(f32::to_bits))
 }
 
-/// What is remembered.
+/// State of the judge.
 #[derive(Clone, Default)]
 pub struct Inputs {
     sent: Vec<Sent>,
     next: usize,
     last: Option<Skeleton>,
-    /// Where each joint of the person was seen last.
+    /// Position at which each joint of the person was last seen.
     shown: [[f32; 3]; SMPL_JOINTS],
-    /// Ticks of control: who sleeps follows nobody.
+    /// Ticks in which control ran. A suspended control follows nobody.
     awake: u64,
-    /// The one since which the payload repeats, and the one since which the robot has followed without a break.
+    /// The awake tick since which the payload repeats, and the one since which the robot has followed without a
+    /// break.
     same_since: u64,
     following_since: Option<u64>,
 }
@@ -145,7 +146,7 @@ impl Inputs {
             self.same_since = self.awake;
             return Ok(());
         };
-        // An arm that `ingest` refuses does not show whether the person moves.
+        // An arm that `ingest` rejects does not show whether the person moves.
         let mut shown = skeleton.positions;
         for (limb, [_, end]) in ENDS.into_iter().enumerate() {
             if skeleton.flags & skeleton_flag::LIMB[limb] == 0 {

@@ -1,17 +1,17 @@
 //! Every kind of fault that a schedule can hold, and the identities of the hazards that each one stands for.
 
-/// What is wrong with the content of a client's frame.
+/// Faults of the content of a client's frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Frame {
     /// NaN in a position, rotation or confidence.
     Nan,
-    /// An infinity there.
+    /// An infinity in a position, rotation or confidence.
     Infinite,
-    /// A denormal number or a negative zero there.
+    /// A denormal number or a negative zero in one of these fields.
     Denormal,
-    /// The largest number there.
+    /// The largest finite number in one of these fields.
     Huge,
-    /// A rotation that is no unit quaternion.
+    /// A rotation that is not a unit quaternion.
     NotUnit,
     /// A rotation with its sign flipped: the same rotation.
     SignFlip,
@@ -25,13 +25,13 @@ pub enum Frame {
     WalkAway,
     /// The arms change sides.
     SidesSwapped,
-    /// A mirror image, told or not.
+    /// A mirror image, flagged as such or not.
     Mirrored,
     /// Another unit of length.
     Unit,
     /// Other axes.
     Axes,
-    /// Confidence below what is used.
+    /// Confidence below the threshold of use.
     LowConfidence,
     /// The same payload with fresh stamps.
     Frozen,
@@ -49,16 +49,16 @@ pub enum Frame {
     BitFlips,
 }
 
-/// What is wrong with the delivery of a client's frames.
+/// Faults of the delivery of a client's frames.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Delivery {
-    /// Silence.
+    /// No frames arrive.
     Loss,
-    /// 10 kHz by the holder of authority.
+    /// 10 kHz by the lease holder.
     Flood,
-    /// 10 kHz by somebody else.
+    /// 10 kHz by another client.
     StrangerFloods,
-    /// 5 Hz.
+    /// Only 5 Hz.
     Starve,
     /// All frames of 200 ms at once.
     Burst,
@@ -70,23 +70,23 @@ pub enum Delivery {
     StampDouble,
     /// A clock that runs 500 ppm fast or slow.
     Drift,
-    /// A clock that was set.
+    /// A clock that steps.
     ClockStep,
     /// The sequence wraps around.
     SequenceWrap,
     /// Frames of the past, as they were.
     Replayed,
-    /// Frames of another session of the past.
+    /// Frames of a past session.
     OldSession,
     /// Another client publishes too.
     Stranger,
-    /// The holder pauses for longer than the authority timeout, and another client comes.
+    /// The holder pauses for longer than the lease timeout, and another client comes.
     HolderPauses,
-    /// The client is started anew.
+    /// The client restarts.
     Reconnect,
 }
 
-/// What is wrong with what a stage publishes.
+/// Faults of the content that a stage publishes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Content {
     /// Retargeting gives NaN.
@@ -99,21 +99,21 @@ pub enum Content {
     TargetLate,
     /// Targets beyond the limits.
     TargetBeyond,
-    /// Targets that ask for more speed than there is.
+    /// Targets that require more speed than the robot has.
     TargetFast,
     /// Random postures, colliding ones among them.
     TargetPosture,
     /// The torso is sent up and down.
     TargetTorso,
-    /// Any bits for a target.
+    /// Random bits in a target.
     TargetBits,
-    /// Well-formed lies of `ingest`.
+    /// Well-formed but false skeletons from `ingest`.
     SkeletonLies,
     /// The robot's state is not sent.
     StateSilent,
-    /// Measurements are NaN or infinite.
+    /// Measurements that are NaN or infinite.
     StateNan,
-    /// Two joints of the measurement change places.
+    /// Two joints of the measurement swap places.
     StateSwapped,
     /// Commands of the past are sent again.
     CommandOld,
@@ -145,14 +145,14 @@ pub enum ProcessId {
     Driver = 3,
 }
 
-/// What befalls processes.
+/// Faults of processes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Process {
-    /// Dies, and is started again.
+    /// The process dies and is restarted.
     Kill(ProcessId),
-    /// Is stopped, and goes on.
+    /// The process is suspended and resumes.
     Stop(ProcessId),
-    /// All of them are stopped, and go on.
+    /// All processes are suspended and resume.
     PauseAll,
     /// `control` misses 1 to 3 deadlines now and then.
     ControlLate,
@@ -162,7 +162,7 @@ pub enum Process {
     FoundClose,
 }
 
-/// What is wrong with a link, by its place in [`pipeline::Links`].
+/// Faults of a link. [`pipeline::Links`] defines the order of the links.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LinkFault {
     /// Messages are lost.
@@ -175,59 +175,59 @@ pub enum LinkFault {
     Reorder,
 }
 
-/// What is wrong with the robot.
+/// Faults of the robot.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Robot {
     /// An encoder jumps.
     EncoderJump,
-    /// An encoder is wrong for a sample.
+    /// An encoder is wrong for one sample.
     EncoderSpike,
-    /// Measurements stand still.
+    /// Measurements freeze.
     Frozen,
-    /// The measurement of a joint is not a number.
+    /// The measurement of a joint is NaN.
     Nan,
-    /// The measurement of a joint goes the other way.
+    /// The measurement of a joint has the wrong sign.
     Inverted,
-    /// The measurements of two joints have changed places.
+    /// The measurements of two joints are swapped.
     Swapped,
-    /// A joint does not follow.
+    /// A joint does not follow its setpoint.
     NotFollowed,
-    /// A joint moves the other way.
+    /// A joint moves in the wrong direction.
     SignInverted,
-    /// A joint swings about where it is sent.
+    /// A joint oscillates about its setpoint.
     Swing,
     /// Setpoints are rejected.
     Rejected,
     /// A drive reports a fault.
     DriveFault,
-    /// The robot's own emergency stop is pressed, and released.
+    /// The robot's own emergency stop is pressed and released.
     Stopped,
-    /// No motor has power, then all have.
+    /// No motor has power, then all motors have it again.
     PowerReturns,
 }
 
-/// What the operator, or his device, does.
+/// Faults of the operator or the operator's device.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum OperatorFault {
-    /// Lets go.
+    /// The operator releases the hold.
     Release,
-    /// His device falls silent with the enable held.
+    /// The device falls silent with the enable held.
     Silent,
-    /// His device goes away.
+    /// The device disconnects.
     Disconnect,
-    /// Presses the emergency stop in motion.
+    /// The operator presses the emergency stop during motion.
     Stop,
-    /// Presses it while engaging.
+    /// The operator presses the emergency stop while engaging.
     StopEngaging,
-    /// The button chatters.
+    /// The emergency stop button chatters.
     StopChatter,
-    /// Lets go, waits while the person moves on, and engages elsewhere.
+    /// The operator releases, waits while the person moves on, and engages at another posture.
     Elsewhere,
-    /// The enable is stuck when `control` starts.
+    /// The enable is already held when `control` starts.
     Stuck,
-    /// Everything at once.
+    /// All inputs at once.
     Conflict,
-    /// Reset without end.
+    /// The reset is held for the whole episode.
     ResetHeld,
 }
 
@@ -242,7 +242,7 @@ pub enum Fault {
     Content(Content),
     /// See [`Process`].
     Process(Process),
-    /// Of the link with this index.
+    /// A fault of the link with this index.
     Link(usize, LinkFault),
     /// See [`Robot`].
     Robot(Robot),
@@ -250,14 +250,14 @@ pub enum Fault {
     Operator(OperatorFault),
 }
 
-/// A row of the table.
+/// A row of the table of faults.
 #[derive(Clone, Copy, Debug)]
 pub struct Kind {
     /// Name in schedules.
     pub name: &'static str,
-    /// Identities of the hazards.
+    /// Identities of the hazards that the kind stands for.
     pub ids: &'static [&'static str],
-    /// What it does.
+    /// The fault.
     pub fault: Fault,
     /// Shortest and longest episode, ticks.
     pub ticks: (u32, u32),
@@ -265,7 +265,7 @@ pub struct Kind {
 
 macro_rules! kinds {
     ($($name:literal [$($id:literal)*] $fault:expr, $low:literal..$high:literal;)*) => {
-        /// The table.
+        /// The table of faults.
         pub const KINDS: [Kind; [$($name),*].len()] = [$(Kind {
             name: $name,
             ids: &[$($id),*],

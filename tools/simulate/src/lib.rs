@@ -1,8 +1,9 @@
-//! Deterministic simulation: all stages with their real ticks in virtual time, under faults that a seed decides, before an
-//! oracle that knows nothing of their arithmetic.
+//! Deterministic simulation: all stages run their real ticks in virtual time, under faults that a seed decides.
+//! The oracle that judges them knows nothing of their arithmetic.
 //!
-//! A run is a function of its seed, its schedule and its length. A schedule is a list of episodes, each a function of its
-//! own parameter, so that one can be left out without changing the others: that is how a failing schedule is made small.
+//! A run is a function of its seed, its schedule and its length. A schedule is a list of episodes, each a
+//! function of its own parameter. So an episode can be left out without changing the others, and a failing
+//! schedule can be shrunk.
 
 pub mod active;
 pub mod campaign;

@@ -1,4 +1,4 @@
-//! See the library.
+//! The command line program of the library.
 
 use clap::Parser;
 use indicatif::{ProgressBar, ProgressStyle};
@@ -22,7 +22,7 @@ const EX_CONFIG: u8 = 78;
 fn main() -> ExitCode {
     rt::abort_on_panic();
     let cli = Cli::parse();
-    // As the daemon does, before any other thread starts.
+    // The daemon does the same, before any other thread starts.
     let _ = rt::flush_denormals();
     if cli.list {
         print!("{}", Cli::listing());
@@ -48,7 +48,8 @@ fn begin(cli: &Cli) -> Result<bool, (u8, String)> {
     }
 }
 
-/// Where the figures are written: opened before the run, so that none is made for nothing. What was there stays until then.
+/// The file that receives the figures. It is opened before the run, so that no run is wasted on an unwritable
+/// file. Its old content stays until the figures are written.
 struct Figures(PathBuf, File);
 
 impl Figures {

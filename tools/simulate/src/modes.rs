@@ -1,22 +1,22 @@
-//! Judges the modes that control announces by what it was given, not by what it makes of it.
+//! Judges the modes that control announces by the inputs of control, not by its own conclusions.
 
 use crate::oracle::{Person, RESTING, Seen};
 use messages::{Fault, Faults, Mode, Response, Stamp, TICK_HZ, Transition};
 use safety::engage::OperatorView;
 
-/// Thresholds of the shipped settings, in ticks of which control was awake, and what a message may take on its way.
+/// Thresholds of the shipped settings, in ticks in which control ran, plus the time that a message may take.
 const INPUT_STALE: u64 = TICK_HZ / 10 + 15 + 35;
 const TARGET_STALE: u64 = TICK_HZ / 100 + 4;
 const STATE_LATE: u64 = 8 + 4;
 const OPERATOR_SILENT_NS: u64 = 200_000_000 + 3 * 1_000_000_000 / TICK_HZ;
-/// Ticks for which the enable must have been released since control started: 200 ms.
+/// Ticks for which the enable must have been up since control started: 200 ms.
 const RELEASED: u64 = TICK_HZ / 5;
-/// Silence after which a client has left: one second, less the frame's own time.
+/// Silence after which a client counts as gone: one second, less the frame's own time.
 const AUTHORITY: u64 = TICK_HZ - 2;
-/// How long a reset may be pending, ticks: 100 ms and some.
+/// How long a reset may stay pending, ticks: 100 ms and a margin.
 const RESET_PENDING: u64 = TICK_HZ / 10 + 5;
 
-/// Who stands behind what control is given.
+/// Sources of control's inputs.
 #[derive(Clone, Copy, Default)]
 struct Upstream {
     retarget: Option<u32>,
@@ -24,13 +24,13 @@ struct Upstream {
     driver: Option<u32>,
 }
 
-/// What is remembered.
+/// State of the judge.
 #[derive(Clone)]
 pub struct Modes {
     mode: Mode,
     transitions: u32,
     behind: Upstream,
-    /// A process or a client is another one since this tick, and nobody has enabled since.
+    /// The tick since which a process or client is a new one and the operator has not enabled again.
     stranger_k: Option<u64>,
     since_target: u64,
     since_state: u64,
@@ -41,29 +41,30 @@ pub struct Modes {
     last_k: u64,
     holder: Option<(u64, u64)>,
     person: Option<Person>,
-    /// A recovery moves the robot, or the stop that ended it does.
+    /// True while a recovery, or the stop that ends it, moves the robot.
     recovered: bool,
-    /// What there was since the robot began to hold, and before that at this tick alone: faults, and whether the enable was up.
+    /// Faults, and whether the enable was up. During a hold they accumulate from its beginning. Outside a hold
+    /// they are those of this tick alone.
     since_hold: (Faults, bool),
-    /// Ticks since another person was passed on, of which control was awake; none once somebody has enabled.
+    /// Awake ticks of control since another person was passed on. None once the operator has enabled.
     since_person: Option<u64>,
 }
 
-/// Whether a mode permits motion.
+/// Returns true if a mode permits motion.
 pub fn moves(mode: Mode) -> bool {
     follows(mode) || mode == Mode::Recovering
 }
 
-/// Whether a mode follows targets.
+/// Returns true if a mode follows targets.
 pub fn follows(mode: Mode) -> bool {
     matches!(mode, Mode::Engaging | Mode::Engaged)
 }
 
-/// A promise that was broken, and what was seen.
+/// A broken promise, and what was seen.
 pub type Broken = (&'static str, String);
 
 impl Modes {
-    /// Nothing seen yet.
+    /// Creates a judge that has seen nothing.
     pub fn new() -> Self {
         Self {
             mode: Mode::Disengaged,
@@ -122,8 +123,9 @@ impl Modes {
         Ok(())
     }
 
-    /// One client at a time, and none in place of another before that has been silent for long enough and the robot is at
-    /// rest. Who recovers it, or forges targets, moves it without a client, and so does the stop that ends a recovery.
+    /// Only one client holds the lease. Another one gets it only after enough silence of the first, with the
+    /// robot at rest. A recovery, the stop that ends it, and forged targets move the robot without a client. So
+    /// the rest condition does not apply to them.
     fn authority(&mut self, seen: &Seen<'_>) -> Result<(), Broken> {
         if seen.ingest_restarted {
             (self.holder, self.person) = (None, None);
@@ -153,12 +155,12 @@ impl Modes {
         Ok(())
     }
 
-    /// Notes who is another one than before. Returns whether `retarget` or the driver is.
+    /// Notes which sources changed. Returns true if `retarget` or the driver changed.
     fn strangers(&mut self, seen: &Seen<'_>, operator: &OperatorView) -> bool {
         fn other<T: PartialEq + Copy>(known: &mut Option<T>, is: T) -> bool {
             known.replace(is).is_some_and(|was| was != is)
         }
-        // Whoever enables sees whom.
+        // An operator who enables sees which person is in front of the robot.
         self.since_person = self.since_person.filter(|_| !operator.enable_edge).map(|ticks| ticks + 1);
         if self.stranger_k.is_some_and(|k| k < seen.k) && (operator.enable_edge || operator.recover_edge) {
             self.stranger_k = None;
@@ -177,7 +179,7 @@ impl Modes {
         restarted
     }
 
-    /// Ages, counted while control is awake.
+    /// Counts ages in ticks in which control ran.
     fn note(&mut self, seen: &Seen<'_>, operator: &OperatorView) {
         self.since_frame += 1;
         self.since_target = if seen.moment.target_seen.is_some() { 0 } else { self.since_target + 1 };
@@ -191,7 +193,7 @@ impl Modes {
         }
     }
 
-    /// No change of mode without a logged reason that was there.
+    /// The mode changes only for a logged reason that was present.
     fn transition(&mut self, seen: &Seen<'_>, operator: &OperatorView, mode: Mode) -> Result<(), Broken> {
         let Some(control) = &seen.moment.control else { return Ok(()) };
         let now = (Faults(control.status.faults), operator.release_edge || !operator.enable_level);
@@ -205,7 +207,8 @@ impl Modes {
         };
         let logged = made.from == self.mode as u32 && made.to == mode as u32 && count == self.transitions + 1;
         self.transitions = count;
-        // What ended a hold is told at its end; of everything else there is this tick.
+        // The reason that ended a hold is reported at the end of the hold. Any other reason must be present in
+        // this tick.
         let (faults, released) = if self.mode == Mode::Holding { self.since_hold } else { now };
         let there = match made.why {
             Transition::ENABLED => operator.enable_edge && operator.enable_level && now.0.is_empty(),
@@ -221,7 +224,7 @@ impl Modes {
         Err(("logged reason", format!("{from} to {to} for {why}, which was not there")))
     }
 
-    /// What must not move.
+    /// Checks that nothing moves that must not move.
     fn stops(&self, seen: &Seen<'_>, operator: &OperatorView, mode: Mode) -> Result<(), Broken> {
         let Some(control) = &seen.moment.control else { return Ok(()) };
         if operator.estop_edge && mode != Mode::Faulted {

@@ -1,5 +1,5 @@
-//! Judges by what the joints truly do whether a robot that moves otherwise than it is sent is stopped, and whether it is left
-//! alone until it stands.
+//! Judges the true motion of the joints. A robot that does not move as commanded must be stopped, and must be
+//! left alone until it is at rest.
 
 use crate::modes::{Broken, moves};
 use crate::oracle::Seen;
@@ -7,61 +7,69 @@ use messages::{Fault, Faults, JOINTS, Mode, TICK_HZ, TICK_S, Transition};
 use robot::{JointLimits, Model};
 use std::collections::VecDeque;
 
-/// Ticks over which a speed is taken: 20 ms, as SAFETY.md has it.
+/// Ticks over which a speed is measured: 20 ms, as in SAFETY.md.
 const SPEED_TICKS: usize = TICK_HZ as usize / 50;
-/// Ticks of a mean: 0.3 s.
+/// Ticks over which a mean is taken: 0.3 s.
 const MEAN_TICKS: usize = 3 * TICK_HZ as usize / 10;
-/// True less sent speed that must have stopped the robot, as a root mean square over these ticks and a share of the largest
-/// speed. The promise is 0.25 of it in a mean that forgets within 0.25 s. However the square M is spread over 0.3 s, that mean
-/// ends at no less than M (0.3 / 0.25) exp(-0.3 / 0.25) = 0.36 M, so 0.42 is enough. The rest is what a servo lags.
+/// Difference of true and commanded speed that must have stopped the robot. It is a root mean square over
+/// `MEAN_TICKS`, as a share of the largest speed. The robot promises 0.25 of the largest speed in a mean with a
+/// time constant of 0.25 s. If the square has the mean M over 0.3 s, that mean ends at no less than M (0.3 /
+/// 0.25) exp(-0.3 / 0.25) = 0.36 M. This holds for any distribution of the square over time. So a share of 0.42
+/// is enough. The rest covers the lag of a servo.
 const SPEED_SHARE: f64 = 0.5;
-/// Ticks that a sample, and the decision about it, may take on their way.
+/// Ticks that a sample, and the decision about it, may take to arrive.
 const LATE: u64 = 15;
-/// How far from where it stood a joint must have been noticed, rad: the promise is 20 mrad from where it came to rest, which
-/// is no farther from where it stood later.
+/// A joint that moves this far from its place, rad, must have been noticed. The promise is 20 mrad from where
+/// it came to rest. The judge takes a later place as reference, and the joint came to rest no farther than
+/// that.
 const FAR_RAD: f64 = 0.045;
-/// For so many ticks in a row: 10 ms.
+/// Consecutive ticks for which it must be far: 10 ms.
 const FAR_TICKS: u64 = TICK_HZ / 100 + LATE;
-/// It stands within this range, rad, for so many ticks: less motion, and for longer, than rest asks for.
+/// A joint stands if it stays within this range, rad, for `STANDS_TICKS` ticks. This requires less motion, for
+/// longer, than the robot's definition of rest.
 const STANDS_RAD: f64 = 0.001;
 const STANDS_TICKS: usize = TICK_HZ as usize * 11 / 100;
-/// Rest is a band of 5 mrad to both sides for 100 ms: the range, rad, with the noise of encoders, and the ticks, less what a
-/// sample takes on its way.
+/// The robot's rest is a band of 5 mrad to both sides for 100 ms. These are the range, rad, with the noise of
+/// encoders, and the ticks, less the delay of a sample.
 const REST_RAD: f64 = 0.011;
 const REST_TICKS: usize = TICK_HZ as usize / 10 - LATE as usize;
-/// Ticks of a command at rest, with no rest of the robot, after which that must have been noticed: 2 s.
+/// If a command is at rest for this many ticks and the robot is not, that must have been noticed: 2 s.
 const SETTLE_TICKS: u64 = 2 * TICK_HZ + LATE;
-/// Ticks for which a robot that lost its standstill has stood before a reset, less those in which it may have begun to move.
+/// Ticks for which a robot that lost its standstill must have stood before a reset, less those in which it may
+/// have begun to move.
 const STAND_AGAIN_TICKS: usize = TICK_HZ as usize - 2 * LATE as usize;
-/// The same bounds for a joint that slides, as a share.
+/// Factor on the same bounds for a prismatic joint.
 pub const SLIDES: f64 = 0.2;
 /// The largest speed of a command at rest, rad/s or m/s.
 const COMMAND_REST: f64 = 1e-7;
 
-/// What is remembered.
+/// State of the judge.
 #[derive(Clone)]
 pub struct Movement {
     limits: [JointLimits; JOINTS],
     scale: [f64; JOINTS],
-    /// Where the joints were in truth, newest last.
+    /// True positions of the joints, newest last.
     truths: VecDeque<[f64; JOINTS]>,
-    /// True less sent positions of successive ticks that control saw, and the squares of their speeds with their sum.
+    /// True less commanded positions of successive ticks that control saw. Then the squares of their speeds,
+    /// and the sum of these.
     off: VecDeque<[f64; JOINTS]>,
     squares: VecDeque<[f64; JOINTS]>,
     sum: [f64; JOINTS],
-    /// Ticks for which the mean has been too large, the command at rest without the robot, and a joint far from its place.
+    /// Ticks of three conditions. `fast`: the mean is too large. `restless`: the command is at rest and the
+    /// robot is not. `far`: a joint is far from its place.
     fast: u64,
     restless: u64,
     far: u64,
     place: Option<[f64; JOINTS]>,
-    /// Ticks since an encoder lied, a process was another one, and standstill was told to be lost.
+    /// Ticks since an encoder was wrong, since a process restarted, and since the loss of standstill was
+    /// reported.
     honest: u64,
     known: u64,
     lost: Option<u64>,
 }
 
 impl Movement {
-    /// Of a robot.
+    /// Creates the state for a robot.
     pub fn new(model: &Model) -> Self {
         Self {
             limits: model.limits,
@@ -120,7 +128,7 @@ impl Movement {
         (self.fast, self.restless, self.far) = (0, 0, 0);
     }
 
-    /// The joint that left this range, rad, within the last ticks, and the range that it had.
+    /// Returns the joint that moved more than this range, rad, within the last ticks, and its range.
     fn moved(&self, ticks: usize, range_rad: f64) -> Option<(usize, f64)> {
         let ranges = (0..JOINTS).map(|j| {
             let last = self.truths.iter().rev().take(ticks).map(|truth| truth[j]);
@@ -130,7 +138,7 @@ impl Movement {
         ranges.enumerate().find(|(j, range)| *range > self.scale[*j] * range_rad)
     }
 
-    /// Nothing begins on a robot that moves in truth, whatever its command does.
+    /// Nothing begins on a robot that truly moves, whatever its command does.
     fn begins(&self, seen: &Seen<'_>) -> Result<(), Broken> {
         let made = seen.moment.control.as_ref().and_then(|control| control.transition).map(|made| made.why);
         let Some(why) = made.filter(|_| self.honest > REST_TICKS as u64) else { return Ok(()) };
@@ -140,7 +148,7 @@ impl Movement {
         if let Some((j, by)) = self.moved(REST_TICKS, REST_RAD) {
             return Err(("at rest", format!("joint {j} moved by {by} within {REST_TICKS} ticks")));
         }
-        // A standstill that was told to be lost a moment ago, by processes that have been there for as long as it takes.
+        // The loss of standstill was reported just now, and all processes have run for long enough.
         let again = why == Transition::RESET
             && self.lost.is_some_and(|ticks| ticks <= LATE)
             && self.honest.min(self.known) > STAND_AGAIN_TICKS as u64;
@@ -150,7 +158,7 @@ impl Movement {
         }
     }
 
-    /// A joint that truly moves otherwise than it is sent, for long enough, is not moved on.
+    /// A joint that truly moves unlike its command for long enough is not moved on.
     fn speed(&mut self, seen: &Seen<'_>, sent: &[f64; JOINTS], mode: Mode) -> Result<(), Broken> {
         self.off.push_back(std::array::from_fn(|j| seen.truth[j] - sent[j]));
         if self.off.len() <= SPEED_TICKS {
@@ -185,7 +193,7 @@ impl Movement {
         let far = (0..JOINTS).find(|&j| (seen.truth[j] - place[j]).abs() > self.scale[j] * FAR_RAD);
         self.far = if far.is_some() { self.far + 1 } else { 0 };
         if mode == Mode::Faulted {
-            // Told. Its place is where it stands after the reset.
+            // The fault is reported. The new place is where the joint stands after the reset.
             (self.place, self.far) = (None, 0);
             return Ok(());
         }

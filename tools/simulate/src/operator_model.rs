@@ -1,4 +1,4 @@
-//! The operator's hand: engages, holds, lets go, resets and engages again, as a sensible person would.
+//! The operator: engages, holds, releases, resets and engages again, as a sensible person would.
 
 use crate::active::{Active, Faults};
 use crate::kinds::{Fault, OperatorFault as Of};
@@ -7,15 +7,15 @@ use pipeline::OperatorEdges;
 use rand::RngExt;
 use safety::engage::OperatorView;
 
-/// Ticks between two looks at the status: control sends it 50 times a second.
+/// Ticks between two looks of the operator at the status. Control sends it 50 times a second.
 const LOOK: u64 = TICK_HZ / 50;
-/// How long a hand rests between two acts, ticks: 0.3 s, more than the time for which the enable must be released.
+/// Pause of the operator between two actions, ticks: 0.3 s. This is longer than the enable must be released.
 const REST: u64 = TICK_HZ * 3 / 10;
-/// How long a hand waits for what it asked for, ticks: 0.2 s.
+/// How long the operator waits for a requested change, ticks: 0.2 s.
 const WAIT: u64 = TICK_HZ / 5;
-/// How long it waits for a robot that holds, ticks: 0.8 s.
+/// How long the operator waits for a robot that holds, ticks: 0.8 s.
 const HOLD: u64 = TICK_HZ * 4 / 5;
-/// Age at which the operator server takes the enable from a silent client, ticks: `operator::LEASE_NS`.
+/// Age at which the operator server revokes the enable of a silent client, ticks: `operator::LEASE_NS`.
 const LEASE: u64 = operator::LEASE_NS * TICK_HZ / 1_000_000_000;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -25,12 +25,12 @@ enum Act {
     Recovering,
 }
 
-/// Everything remembered.
+/// State of the operator.
 #[derive(Clone)]
 pub struct OperatorModel {
     view: operator::OperatorView,
     edges: OperatorEdges,
-    /// What control was told of last.
+    /// The view that control received last.
     told: operator::OperatorView,
     act: Act,
     since: u64,
@@ -41,7 +41,7 @@ pub struct OperatorModel {
 }
 
 impl OperatorModel {
-    /// Of an operator who has just connected.
+    /// Creates an operator who has just connected.
     pub fn new() -> Self {
         Self {
             view: operator::OperatorView { connections: 1, ..Default::default() },
@@ -55,12 +55,12 @@ impl OperatorModel {
         }
     }
 
-    /// `control` was started anew: nobody is connected, then he is.
+    /// `control` restarted: the operator connects again.
     pub fn reconnect(&mut self) {
         *self = Self::new();
     }
 
-    /// What the operator reads.
+    /// The operator reads the status.
     pub fn read(&mut self, k: u64, status: &Status) {
         if k.is_multiple_of(LOOK) {
             self.mode = Mode::from_u32(status.mode).unwrap_or(Mode::Faulted);
@@ -68,7 +68,7 @@ impl OperatorModel {
         }
     }
 
-    /// Whether neither enable nor recover is held.
+    /// Returns true if neither enable nor recover is held.
     pub fn has_let_go(&self) -> bool {
         !self.view.enable_level && !self.view.recover_level
     }
@@ -93,7 +93,7 @@ impl OperatorModel {
         (self.act, self.since) = (Act::Recovering, 0);
     }
 
-    /// What a sensible person does next.
+    /// Decides what a sensible person does next.
     fn decide(&mut self) {
         let start = Reasons::NONE.with(Reason::StartOutsideLimits).with(Reason::StartInCollision);
         match self.act {
@@ -128,8 +128,8 @@ impl OperatorModel {
         }
     }
 
-    /// The next tick at `now`: what `control` is told, if it runs (edges wait until then), and what the hand really did,
-    /// which is what the oracle judges by.
+    /// Advances to the next tick, at `now`. Returns two views if `control` runs: the one that `control`
+    /// receives, and the true one that the oracle uses. Edges wait until `control` runs.
     pub fn tick(&mut self, k: u64, now: Stamp, runs: bool, faults: &mut Faults) -> Option<[OperatorView; 2]> {
         self.since += 1;
         self.silent += 1;
@@ -173,7 +173,8 @@ impl OperatorModel {
             Of::Release if self.view.enable_level && active.rng.random_range(0..20) == 0 => self.let_go(),
             Of::Silent => {
                 *speaks = false;
-                // Half of the time it is the server that notices, half of the time control's own age.
+                // In half of the episodes the server notices the silence. In the others, control notices it by
+                // the age of the view.
                 if active.episode.param.is_multiple_of(2) && self.silent == LEASE {
                     self.lose();
                 }
@@ -231,7 +232,7 @@ impl OperatorModel {
         true
     }
 
-    /// The server takes the enable from a client that it has lost.
+    /// The server revokes the enable of a client that it lost.
     fn lose(&mut self) {
         if !self.has_let_go() {
             self.view.holders_lost += 1;

@@ -1,9 +1,10 @@
-//! Judges what the robot executes, by differences of positions alone, and hashes it. Knows nothing of the gate's, the
-//! certificate's or the follower's arithmetic.
+//! Judges what the robot executes, by differences of positions alone, and hashes it. Knows nothing of the
+//! arithmetic of the gate, the certificate or the follower.
 //!
-//! With the executed positions q0, q1, q2, q3 of four successive ticks of T seconds, (q1 - q0) / T is a mean of the velocity,
-//! (q2 - 2 q1 + q0) / T^2 one of the acceleration and (q3 - 3 q2 + 3 q1 - q0) / T^3 one of the jerk, with weights that are
-//! nowhere negative and sum to one (B-splines): each is within the limit of every motion that keeps it.
+//! The executed positions q0, q1, q2, q3 belong to four successive ticks of T seconds. Then (q1 - q0) / T is a
+//! mean of the velocity. Likewise (q2 - 2 q1 + q0) / T^2 is a mean of the acceleration, and (q3 - 3 q2 + 3 q1 -
+//! q0) / T^3 one of the jerk. The weights of these means are nowhere negative and sum to one (B-splines). So
+//! each mean is within the limit for every motion that keeps the limit.
 
 use crate::feedback::Feedback;
 use crate::inputs::Inputs;
@@ -17,93 +18,94 @@ use robot::JointLimits;
 use safety::engage::OperatorView;
 use sim::{Report, ViolationKind};
 
-/// Longest stop, ticks: 500 ms, the promise of the robots.
+/// Longest stop, ticks: 500 ms, as the robots promise.
 pub const STOP_TICKS: u64 = TICK_HZ / 2;
-/// A command is applied at most two ticks late, and its stop begins with it.
+/// A command is applied at most this many ticks late, and its stop begins with it.
 pub const LATE_TICKS: u64 = 2;
-/// Ticks from the decision to the driver's output: the command of the tick after, and one more.
+/// Ticks from the decision to the driver's output: the command of the next tick, and one more.
 const REACTION_TICKS: u64 = 2;
 /// Share of the velocity limits in the first second of engaging.
 const FIRST_SHARE: f64 = 0.05;
-/// Rounding of a position, rad or m: positions reach 3, and a plan is advanced by at most 7500 additions.
+/// Rounding of a position, rad or m. Positions reach 3, and a plan is advanced by at most 7500 additions.
 const ROUNDING_Q: f64 = 1e-9;
-/// Rounding of the differences: positions of rounding 1e-14 over T, T^2 and T^3, with a margin.
+/// Rounding of the differences: positions with a rounding of 1e-14, over T, T^2 and T^3, with a margin.
 const ROUNDING_V: f64 = 1e-9;
 const ROUNDING_A: f64 = 1e-6;
 const ROUNDING_J: f64 = 1e-3;
-/// A robot at rest moves no faster than a plan may leave, rad/s or m/s.
+/// Largest speed of a robot at rest, rad/s or m/s. A plan may leave that much.
 pub const RESTING: f64 = 1e-6;
 
-/// A promise that was broken.
+/// A broken promise.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Violation {
     /// Tick of the run.
     pub tick: u64,
-    /// Which promise.
+    /// The promise.
     pub invariant: &'static str,
-    /// What was seen.
+    /// The evidence.
     pub detail: String,
 }
 
-/// Whom a frame shows.
+/// The person that a frame shows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Person {
     /// The client's session.
     pub session: u64,
-    /// Who stands before it.
+    /// Number of the person, as `ingest` counts them.
     pub operator: u32,
 }
 
 impl Person {
-    /// Of a frame that was passed on.
+    /// Returns the person of a frame that `ingest` passed on.
     pub fn of(skeleton: &Skeleton) -> Self {
         Self { session: skeleton.session_nonce, operator: skeleton.operator_id }
     }
 }
 
-/// What the oracle sees of a tick.
+/// The view that the oracle has of a tick.
 pub struct Seen<'a> {
     /// Tick of the run.
     pub tick: u64,
     /// Index of the tick on the grid.
     pub k: u64,
-    /// What happened.
+    /// The messages of the tick.
     pub moment: &'a Moment,
-    /// What control was told of the operator, if it ran.
+    /// The view of the operator that control received, if it ran.
     pub operator: Option<OperatorView>,
-    /// Whose frames `ingest` passed on, in order.
+    /// Persons of the frames that `ingest` passed on, in order.
     pub accepted: &'a [Person],
-    /// Control was started anew before this tick.
+    /// True if control restarted before this tick.
     pub control_restarted: bool,
-    /// `ingest` was started anew before this tick.
+    /// True if `ingest` restarted before this tick.
     pub ingest_restarted: bool,
-    /// The driver was started anew before this tick.
+    /// True if the driver restarted before this tick.
     pub driver_restarted: bool,
-    /// The drives do not follow, or did not a moment ago: then what is measured is held.
+    /// True if the drives do not follow, or did not a moment ago. The driver then holds the measured posture.
     pub undriven: bool,
-    /// Targets are being forged: their stamps say nothing.
+    /// True if targets are being forged. Their stamps then mean nothing.
     pub forged: bool,
     /// The checker of the commands that were executed.
     pub report: &'a Report,
     /// The judge of the joints' true motion.
     pub judged: &'a plant::Report,
-    /// A fault of the robot is in force, or was a moment ago: its joints move as the fault says.
+    /// True if a fault of the robot is in force, or was a moment ago. Its joints then move as the fault
+    /// dictates.
     pub robot_faulty: bool,
-    /// Commands that the driver refused since it started, by the reason.
+    /// Commands that the driver refused since it started, by reason.
     pub refused: [u64; driver::Refusal::COUNT],
-    /// Where the joints are in truth.
+    /// True positions of the joints.
     pub truth: [f64; JOINTS],
     /// Frames that clients sent in this tick.
     pub sent: &'a [RawSkeleton],
-    /// Frames that `ingest` passed on besides the last.
+    /// Frames that `ingest` passed on, except the last.
     pub drained: &'a [Skeleton],
-    /// No motor has power.
+    /// True if no motor has power.
     pub unpowered: bool,
-    /// A fault makes what is measured, or what control is told of it, wrong.
+    /// True if a fault falsifies the measurements, or the copy of them that control receives.
     pub encoders_lie: bool,
-    /// No fault is in force any more.
+    /// True if no fault is in force any more.
     pub quiet: bool,
-    /// None ever was.
+    /// True if no fault was ever in force.
     pub calm: bool,
 }
 
@@ -116,10 +118,10 @@ pub struct Oracle {
     filled: usize,
     index: Option<u64>,
     executed_k: u64,
-    /// How far outside its limits the robot was found.
+    /// How far outside its limits the robot was at the start.
     beyond: [[f64; 2]; JOINTS],
     checked: u64,
-    /// Violations of the joints' true motion so far, those of faulty robots included.
+    /// Violations of the joints' true motion so far, including those of faulty robots.
     judged: u64,
     engaging_k: Option<u64>,
     was: Mode,
@@ -132,14 +134,14 @@ pub struct Oracle {
     feedback: Feedback,
     movement: Movement,
     likeness: PersonJudge,
-    /// Over everything that was executed.
+    /// Hash over everything that was executed.
     pub hash: u64,
     /// Ticks in each mode.
     pub ticks_in: [u64; Mode::ALL.len()],
 }
 
 impl Oracle {
-    /// Of a robot, at index `k`.
+    /// Creates the oracle for a robot, at index `k`.
     pub fn new(control: &ControlConfig, k: u64) -> Self {
         let model = &control.model;
         let limits = &model.limits;
@@ -189,7 +191,7 @@ impl Oracle {
             .map_err(|(invariant, detail)| Violation { tick: seen.tick, invariant, detail })
     }
 
-    /// The mode that control was in last.
+    /// The last mode of control.
     pub fn mode(&self) -> Mode {
         self.was
     }
@@ -239,7 +241,7 @@ impl Oracle {
         self.simulated(seen.report)
     }
 
-    /// A driver that starts holds what it finds: nothing continues.
+    /// A driver that starts holds the posture that it finds, so the positions do not continue.
     fn begin(&mut self, robot: &RobotState) {
         self.index = None;
         (self.filled, self.checked, self.rest) = (0, 0, None);
@@ -256,7 +258,7 @@ impl Oracle {
             if !inside {
                 return Err(("position", format!("joint {j} at {}, allowed {low} to {high}", q[j])));
             }
-            // What was found outside may only come in.
+            // A joint that was found outside its limits may only move inwards.
             (*low, *high) = ((*low).max(limits.q_min.min(q[j])), (*high).min(limits.q_max.max(q[j])));
         }
         Ok(())
@@ -310,7 +312,7 @@ impl Oracle {
         Ok(())
     }
 
-    /// After the longest stop the robot rests, and stays where it is.
+    /// After the longest stop the robot rests, and stays there.
     fn resting(&mut self, index: u64, robot: &RobotState) -> Result<(), (&'static str, String)> {
         if index <= self.moving_k + LATE_TICKS + STOP_TICKS + REACTION_TICKS {
             return Ok(());
@@ -328,8 +330,8 @@ impl Oracle {
         }
     }
 
-    /// What the joints truly do keeps the limits, whoever slept, unless the robot itself is at fault. A simulation that begins
-    /// with another robot counts from zero.
+    /// The true motion of the joints keeps the limits even if processes were suspended, unless the robot itself
+    /// is faulty. A simulation that begins with another robot counts from zero.
     fn true_motion(&mut self, seen: &Seen<'_>) -> Result<(), (&'static str, String)> {
         let total = seen.judged.total();
         let before = std::mem::replace(&mut self.judged, total);

@@ -1,5 +1,6 @@
-//! Judges, once all faults are over, whether the robot does what the person does. Knows nothing of retargeting: it compares
-//! directions of bones, the person's from the positions that the client sent, the target's from the robot's kinematics.
+//! Judges, once all faults are over, whether the robot does what the person does. Knows nothing of retargeting.
+//! It compares directions of bones: the person's from the positions that the client sent, the target's from the
+//! robot's kinematics.
 
 use crate::modes::Broken;
 use crate::oracle::Seen;
@@ -7,16 +8,18 @@ use messages::{JOINTS, Mode, Smpl, TICK_HZ};
 use nalgebra::{Matrix3, Vector3};
 use robot::{Arm, JointLimits, Model};
 
-/// Ticks of following after which it is judged for the first time: the robot has caught up, and what a pose adds is averaged.
+/// Ticks of following before the first judgement (`SETTLED`) and between judgements (`JUDGED`). By then the
+/// robot has caught up, and the error that a single pose adds is averaged.
 const SETTLED: u64 = TICK_HZ;
 const JUDGED: u64 = TICK_HZ;
-/// Largest mean angle between a bone of the person and that of its target, rad: three times what was seen.
+/// Largest mean angle between a bone of the person and that of its target, rad: three times the largest seen.
 const ANGLE: f64 = 0.3;
-/// Largest mean distance of a joint from its target, as far as limits let it be reached, rad: where nothing was ever wrong, so
-/// that no posture is far away; 0.28 was seen, of a shoulder that gives way to the robot's own body.
+/// Largest mean distance of a joint from its target, as far as limits let the joint reach it, rad. It applies
+/// to runs without any fault, in which no posture is far away. The largest seen was 0.28, at a shoulder that
+/// gives way to the robot's own body.
 const BEHIND: f64 = 0.4;
 
-/// What is remembered.
+/// State of the judge.
 #[derive(Clone)]
 pub struct PersonJudge {
     limits: [JointLimits; JOINTS],
@@ -29,7 +32,7 @@ pub struct PersonJudge {
 }
 
 impl PersonJudge {
-    /// Of a robot.
+    /// Creates the state for a robot.
     pub fn new(model: &Model) -> Self {
         Self {
             limits: model.limits,

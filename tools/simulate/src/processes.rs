@@ -1,46 +1,46 @@
-//! Which processes are dead or stopped.
+//! Tracks which processes are dead or suspended.
 
 use crate::kinds::ProcessId;
 use messages::JOINTS;
 use pipeline::Running;
 
-/// One process.
+/// State of one process.
 #[derive(Clone, Copy, Debug, Default)]
 struct One {
-    /// Runs again from this tick on.
+    /// The first tick in which it runs again.
     down_until: u64,
-    /// It is dead: then a new one is started.
+    /// True if it is dead. Then a new one is started.
     dead: bool,
-    /// Ticks for which a new one has waited for the robot to stand.
+    /// Ticks for which a new one has waited until the robot is at rest.
     awaited: u64,
 }
 
-/// All four.
+/// The four processes.
 #[derive(Clone, Debug, Default)]
 pub struct Processes {
     all: [One; 4],
-    /// Where somebody puts the robot while its driver is dead.
+    /// Posture into which a person moves the robot while its driver is dead.
     pub moved_to: Option<[f64; JOINTS]>,
 }
 
-/// Who is started anew in a tick, in the order of [`ProcessId`].
+/// Processes that are restarted in a tick, in the order of [`ProcessId`].
 pub type Started = [bool; 4];
 
 impl Processes {
-    /// Stops a process for so many ticks from `k` on.
+    /// Suspends a process for `ticks` ticks from `k` on.
     pub fn stop(&mut self, who: ProcessId, k: u64, ticks: u64) {
         let one = &mut self.all[who as usize];
         one.down_until = one.down_until.max(k + ticks);
     }
 
-    /// Kills it; it is started anew after so many ticks.
+    /// Kills a process. It restarts after `ticks` ticks.
     pub fn kill(&mut self, who: ProcessId, k: u64, ticks: u64) {
         self.stop(who, k, ticks);
         self.all[who as usize].dead = true;
         self.all[who as usize].awaited = 0;
     }
 
-    /// The robot moves: a driver that would start does not yet, for a second at most.
+    /// The robot moves, so a driver that is about to start waits, for one second at most.
     pub fn await_rest(&mut self, k: u64) {
         let driver = &mut self.all[ProcessId::Driver as usize];
         if driver.dead
@@ -53,7 +53,7 @@ impl Processes {
         }
     }
 
-    /// Who runs in tick `k`, and who is started anew in it.
+    /// Returns the processes that run in tick `k`, and those that restart in it.
     pub fn at(&mut self, k: u64) -> (Running, Started) {
         let runs = self.all.map(|one| k >= one.down_until);
         let mut started = [false; 4];

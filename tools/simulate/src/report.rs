@@ -1,4 +1,4 @@
-//! Figures in words and as JSON.
+//! Formats the figures as text and as JSON.
 
 use crate::campaign::{Failure, Plan, Summary};
 use crate::cli::CONFIG;
@@ -33,7 +33,7 @@ fn failure_json(failure: &Failure) -> Value {
     })
 }
 
-/// A campaign, or one run, as JSON; `settings` is the hash of the settings.
+/// Formats a campaign, or one run, as JSON. `settings` is the hash of the settings.
 pub fn json(plan: &Plan, sum: &Summary, settings: u64, wall_s: f64) -> Value {
     let by_kind: Map<String, Value> =
         KINDS.iter().zip(sum.fired).map(|(kind, count)| (kind.name.to_owned(), json!(count))).collect();
@@ -61,7 +61,7 @@ pub fn json(plan: &Plan, sum: &Summary, settings: u64, wall_s: f64) -> Value {
     })
 }
 
-/// A campaign in words; `config` is the settings file, as it was given.
+/// Formats a campaign as text. `config` is the settings file, as the user gave it.
 pub fn words(plan: &Plan, sum: &Summary, config: &Path, wall_s: f64) -> String {
     let mut out = String::new();
     for failure in &sum.failures {
@@ -101,7 +101,7 @@ pub fn words(plan: &Plan, sum: &Summary, config: &Path, wall_s: f64) -> String {
 fn failure_words(failure: &Failure, plan: &Plan, config: &Path) -> String {
     let v = &failure.violation;
     let schedule = if failure.shrunk { "smallest schedule" } else { "schedule" };
-    // A seed is a run of these settings and of no others.
+    // A seed reproduces a run only with the same settings.
     let settings = match config {
         config if config == Path::new(CONFIG) => String::new(),
         config => format!(" --config {}", quoted(&config.display().to_string())),
@@ -123,13 +123,13 @@ fn failure_words(failure: &Failure, plan: &Plan, config: &Path) -> String {
     )
 }
 
-/// As a shell reads it back.
+/// Quotes text so that a shell reads it back.
 fn quoted(text: &str) -> String {
     let plain = |c: char| c.is_ascii_alphanumeric() || "/._-+@:".contains(c);
     if text.chars().all(plain) { text.to_owned() } else { format!("'{}'", text.replace('\'', "'\\''")) }
 }
 
-/// A single run in words.
+/// Formats a single run as text.
 pub fn replay_words(seed: u64, outcome: &Outcome) -> String {
     let mut out = String::new();
     for (tick, made) in &outcome.transitions {

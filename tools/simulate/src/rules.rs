@@ -8,19 +8,20 @@ use robot::{JointLimits, Model};
 
 /// Rounding of a target's step, rad.
 const ROUNDING: f64 = 1e-6;
-/// How far outside its limits a robot may be measured at a start, rad or m: encoder noise and the sag of a servo.
+/// How far outside its limits a measured robot may start, rad or m: encoder noise and the sag of a servo.
 const OUTSIDE: f64 = 0.006;
-/// Targets in a row that are no numbers, after which the robot must have stopped following.
+/// Consecutive targets with NaN or infinity after which the robot must have stopped following.
 const NO_NUMBERS: u32 = 3 + 1;
-/// Ticks after which frames of another `ingest` must have been noticed, or have become too old: as for any silence.
+/// Ticks after which frames of another `ingest` must have been noticed, or be too old. It is the same as for
+/// any silence.
 const STRANGE: u64 = TICK_HZ / 10 + 100;
-/// Ticks without a command after which a driver must say that it has latched: 10 ms, and as much again.
+/// Ticks without a command after which a driver must report that it has latched: 10 ms, and as much again.
 const SILENCE: u64 = 30;
 
-/// Refusals that are about the motion that a command asks for, not about when it comes.
+/// Refusals that concern the motion of a command, not the time of its arrival.
 const ASKED: [Refusal; 4] = [Refusal::NotFinite, Refusal::NotAStop, Refusal::Jump, Refusal::OutsideLimits];
 
-/// What is remembered.
+/// State of the rules.
 #[derive(Clone)]
 pub struct Rules {
     refused: [u64; Refusal::COUNT],
@@ -31,18 +32,19 @@ pub struct Rules {
     denials: u32,
     no_numbers: u32,
     mode: Mode,
-    /// `ingest` was started anew, and passed a frame on at this tick, and nobody has enabled since.
+    /// The tick at which a restarted `ingest` passed a frame on, if the operator has not enabled since.
     strange_k: Option<u64>,
     restarted: bool,
-    /// Ticks in which the driver ran without a new command, and the reset count that it had seen.
+    /// Ticks in which the driver ran without a new command. `executed` also holds the reset count that it had
+    /// seen.
     silent: u64,
-    /// It has taken a command since it last said so.
+    /// True if the driver has taken a command since it last reported a latched fault.
     hears: bool,
     executed: (u64, u32),
 }
 
 impl Rules {
-    /// Of a robot.
+    /// Creates the state for a robot.
     pub fn new(model: &Model) -> Self {
         Self {
             refused: [0; Refusal::COUNT],
@@ -96,7 +98,7 @@ impl Rules {
         Ok(())
     }
 
-    /// A start and a reset find the robot as they must.
+    /// A start and a reset require the robot to be in a permitted state.
     fn begins(&self, why: u32, held: bool) -> Result<(), Broken> {
         if why == Transition::RESET {
             if held {
@@ -118,7 +120,7 @@ impl Rules {
         Ok(())
     }
 
-    /// A target's velocity is that of its positions, and no faster.
+    /// A target's velocity equals that of its positions, and is no faster.
     fn velocity(&mut self, seen: &Seen<'_>) -> Result<(), Broken> {
         let Some(target) = &seen.moment.target else { return Ok(()) };
         let before = self.target.replace(*target);
@@ -139,7 +141,7 @@ impl Rules {
         Ok(())
     }
 
-    /// `control` sends nothing that the driver has to refuse for what it asks of the robot.
+    /// `control` sends nothing that the driver has to refuse because of the motion.
     fn refusals(&mut self, seen: &Seen<'_>) -> Result<(), Broken> {
         let [before, now] = [self.refused, seen.refused];
         self.refused = now;
@@ -149,13 +151,13 @@ impl Rules {
         }
     }
 
-    /// A driver without commands says so.
+    /// A driver without commands reports it.
     fn silence(&mut self, seen: &Seen<'_>) -> Result<(), Broken> {
         let Some(robot) = &seen.moment.robot else { return Ok(()) };
         let executed = (robot.executed_k, robot.reset_count);
         let commanded = robot.flags & state_flag::COMMANDED != 0;
         let latched = robot.flags & state_flag::DRIVER_FAULT != 0;
-        // After a reset it waits for the first command, however long.
+        // After a reset it waits for the first command without a time limit.
         self.hears = !latched && !seen.driver_restarted && (self.hears || executed.0 != self.executed.0);
         let silent = commanded && self.hears && executed == self.executed;
         (self.silent, self.executed) = (if silent { self.silent + 1 } else { 0 }, executed);

@@ -17,34 +17,37 @@ use rand_pcg::Pcg64Mcg;
 use robot::JointLimits;
 use sim::Injection;
 
-/// A joint's distance from its target that makes an engagement one from elsewhere, rad: ten times what counts as aligned.
+/// An engagement is "from elsewhere" if a joint is farther than this from its target, rad. That is ten times
+/// the bound for aligned.
 const ELSEWHERE_RAD: f64 = 0.2;
 
-/// A robot whose joints are slower than this, rad/s or m/s, stands as far as a driver that starts can tell.
+/// A robot whose joints are slower than this, rad/s or m/s, is at rest as far as a starting driver can see.
 const STANDS: f64 = 0.02;
 
-/// Ticks after the last one in which the drives do not follow for which what is measured may still be held.
+/// Ticks for which the measured posture may still be held after the drives follow again.
 const UNDRIVEN: u64 = 3 + driver::SETTLE_TICKS;
-/// Ticks for which a joint may still move as a fault made it, once that is gone: 2 s, twice the longest stop and settling.
+/// Ticks for which a joint may still move because of a fault that has ended: 2 s, twice the longest stop and
+/// settling.
 const FAULTY: u64 = 3000;
 
-/// Least and greatest frequency of a joint that swings, Hz, and its greatest speed as a share of the joint's limit.
+/// Lowest and highest frequency of a joint that oscillates, Hz, and its range of speeds as a share of the
+/// joint's limit.
 const SWING_HZ: [f64; 2] = [0.1, 20.0];
 const SWING_SPEED: [f64; 2] = [0.08, 2.0];
 
-/// A bug that is planted on purpose, so that a test sees it found.
+/// A bug that a test plants on purpose, to see that the oracle finds it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Bug {
-    /// Control does not hear the emergency stop while the link of targets is bad.
+    /// Control misses the emergency stop while the link of targets is bad.
     DeafWhileTargetsAreLost,
 }
 
-/// What a run came to.
+/// Result of a run.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Outcome {
-    /// The first broken promise, with which the run ended.
+    /// The first broken promise. It ends the run.
     pub violation: Option<Violation>,
-    /// Over everything that was executed.
+    /// Hash over everything that was executed.
     pub hash: u64,
     /// How often each kind fired.
     pub fired: [u64; KIND_COUNT],
@@ -52,9 +55,9 @@ pub struct Outcome {
     pub ticks_in: [u64; Mode::ALL.len()],
     /// Ticks that were run.
     pub ticks: u64,
-    /// Ticks from the end of the faults to following again; none if it was followed throughout.
+    /// Ticks from the end of the faults until the robot follows again. None if it followed throughout.
     pub back_after: Option<u64>,
-    /// Mode transitions, and their ticks of the run.
+    /// Mode transitions with their ticks of the run.
     pub transitions: Vec<(u64, Transition)>,
 }
 
@@ -73,7 +76,7 @@ pub struct Run<'a> {
     links_before: [bus::FaultCounts; 5],
     frames: Vec<RawSkeleton>,
     accepted: Vec<Person>,
-    /// Of these the frames that came besides the last.
+    /// Frames in `accepted`, except the last.
     drained: Vec<Skeleton>,
     /// Robot faults in force, as they were injected.
     injected: Vec<Episode>,
@@ -86,12 +89,12 @@ pub struct Run<'a> {
     k: u64,
     transitions: Vec<(u64, Transition)>,
     followed_since: Option<u64>,
-    /// The kind that counts engagements far from the person's posture.
+    /// Index of the kind that counts engagements far from the person's posture.
     elsewhere: usize,
 }
 
 impl<'a> Run<'a> {
-    /// A robot at rest at home, an operator about to engage.
+    /// Creates a run with a robot at rest at home, and an operator about to engage.
     pub fn cold(subject: &'a Subject, seed: u64) -> Self {
         let world = World::new(&subject.config, seed, Links::default());
         Self {
@@ -121,12 +124,12 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// The same without any fault ever.
+    /// Returns the same run without any faults.
     pub fn quiet(self) -> Self {
         Self { quiet_from: 0, ..self }
     }
 
-    /// A copy with its own future, whose ticks are counted from zero.
+    /// Returns a copy with its own future, whose ticks are counted from zero.
     pub fn branch(&self, seed: u64) -> Self {
         let mut run = self.clone();
         run.world.reseed_links(seed);
@@ -157,7 +160,7 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// Once the faults are over the robot is back in time, and stays.
+    /// Once the faults are over, the robot follows again in time, and stays engaged.
     fn alive(&mut self, ticks: u64) -> Option<Violation> {
         let (tick, mode) = (self.k - 1, self.oracle.mode());
         if tick < self.quiet_from {
@@ -171,8 +174,8 @@ impl<'a> Run<'a> {
             None if tick + 1 == ticks => {
                 return broken("liveness", format!("still {} {QUIET_TICKS} ticks after the last fault", mode.name()));
             }
-            // A fault of before may still have to be seen for the tenth of a second in which inputs go stale; and who lets go
-            // of a robot that held a moment ago stops it himself.
+            // The effect of an earlier fault may still appear during the tenth of a second in which inputs go
+            // stale. An operator who releases a robot that held a moment ago stops it on purpose.
             Some(_) if !follows && (tick < self.quiet_from + TICK_HZ / 2 || self.hand.has_let_go()) => {
                 self.followed_since = None;
             }
@@ -224,7 +227,7 @@ impl<'a> Run<'a> {
         }
         let robot = self.world.sim_mut();
         if robot.refused() {
-            // After a pause of its driver a robot may go on by itself, whatever it is sent.
+            // After a pause of its driver a robot may carry on by itself, whatever its setpoint.
             self.undriven_until = self.undriven_until.max(k + UNDRIVEN);
         }
         let truth = *robot.q();
@@ -255,18 +258,18 @@ impl<'a> Run<'a> {
         self.oracle.check(&seen)
     }
 
-    /// Whether the person stands elsewhere than the robot.
+    /// Returns true if the person's posture is far from the robot's.
     fn is_elsewhere(&self, moment: &Moment) -> bool {
         let (Some(target), Some(robot)) = (&moment.target, &moment.robot) else { return false };
         (0..JOINTS).any(|j| target.valid_mask & 1 << j != 0 && (target.q[j] - robot.q[j]).abs() > ELSEWHERE_RAD)
     }
 
-    /// Whether a fault of the robot is in force that `is` names.
+    /// Returns true if a fault of the robot that `is` accepts is in force.
     fn has(&self, is: impl Fn(Robot) -> bool) -> bool {
         self.faults.active.iter().any(|active| matches!(active.fault, Fault::Robot(robot) if is(robot)))
     }
 
-    /// Whether what is measured, or what is told of it, is wrong.
+    /// Returns true if the measurements, or the reported copy of them, are wrong.
     fn encoders_lie(&self) -> bool {
         let measured = |robot| {
             use Robot::{EncoderJump, EncoderSpike, Frozen, Inverted, Nan, Swapped};
@@ -287,7 +290,7 @@ impl<'a> Run<'a> {
         self.bug == Some(Bug::DeafWhileTargetsAreLost) && self.faults.active.iter().any(|active| lost(active.fault))
     }
 
-    /// The person's frames of this tick reach the door. What comes besides the first finds `ingest` draining.
+    /// Delivers the person's frames of this tick. `ingest` is draining when frames after the first arrive.
     fn receive(&mut self, ingest_runs: bool) {
         let engaged = self.oracle.mode() == Mode::Engaged;
         let now = self.world.now();
@@ -323,7 +326,7 @@ impl<'a> Run<'a> {
             }
             self.injected.clear();
             self.change_robot();
-            // It holds what it measures until the joints stand.
+            // The driver holds the measured posture until the joints are at rest.
             self.undriven_until = self.undriven_until.max(self.k + UNDRIVEN);
         }
     }
@@ -363,7 +366,7 @@ impl<'a> Run<'a> {
         });
     }
 
-    /// What is wrong with the links now: the worst of each kind.
+    /// Applies the faults of the links that are in force. The worst of each kind counts.
     fn change_links(&mut self) {
         let mut plans = [FaultPlan::default(); 5];
         for active in &self.faults.active {
@@ -402,7 +405,7 @@ impl<'a> Run<'a> {
         self.links_before = counts;
     }
 
-    /// Robot faults that ended are repaired, those in force are injected.
+    /// Repairs robot faults that ended, and injects those in force.
     fn change_robot(&mut self) {
         let wanted: Vec<Episode> =
             self.faults.active.iter().filter(|a| matches!(a.fault, Fault::Robot(_))).map(|a| a.episode).collect();
@@ -418,7 +421,7 @@ impl<'a> Run<'a> {
         self.injected = wanted;
     }
 
-    /// The mode that control was in last.
+    /// The last mode of control.
     pub fn mode(&self) -> Mode {
         self.oracle.mode()
     }
@@ -448,24 +451,25 @@ fn inject(sim: &mut sim::State, limits: &[JointLimits; JOINTS], fault: Fault, pa
     });
 }
 
-/// Of any frequency that a drive may have, from what is borne to twice the speed of the joint. Slow ones come more often: the
-/// tracking error alone sees those.
+/// Creates an oscillation of any frequency that a drive may have. Its speed ranges from a tolerated one to
+/// twice the limit of the joint. Slow oscillations are drawn more often, because only the tracking error
+/// detects them.
 fn swing(joint: usize, v_max: f64, strength: f64, rng: &mut Pcg64Mcg) -> Injection {
     let frequency = SWING_HZ[0] * (SWING_HZ[1] / SWING_HZ[0]).powf(rng.random());
     let speed = SWING_SPEED[0] * (SWING_SPEED[1] / SWING_SPEED[0]).powf(strength * strength) * v_max;
     Injection::Swing { joint, amplitude: speed / (std::f64::consts::TAU * frequency), frequency }
 }
 
-/// Kills and stops; answers whether something happened in this tick.
+/// Applies a fault of a process. Returns true if the fault acted in this tick.
 fn befall(processes: &mut Processes, subject: &Subject, k: u64, active: &mut Active, process: Process) -> bool {
     let first = active.age == 0;
     match process {
         Process::Kill(who) => {
-            // Once at the beginning, and now and then for as long as it lasts.
+            // Once at the beginning, and at random times during the episode.
             if !first && active.rng.random_range(0..100) != 0 {
                 return false;
             }
-            // A driver that starts waits before it looks.
+            // A driver that starts waits before it reads the robot.
             let least = if who == ProcessId::Driver { driver::START_AFTER_TICKS } else { 4 };
             let dead = active.rng.random_range(least..120);
             processes.kill(who, k, dead);

@@ -1,25 +1,25 @@
-//! Which faults, when and for how long: drawn from a seed, printed and read as text.
+//! Draws from a seed which faults occur, when and for how long. Prints them and reads them as text.
 
 use crate::kinds::{KIND_COUNT, KINDS, by_name};
 use messages::TICK_HZ;
 use rand::{RngExt, SeedableRng, seq::SliceRandom};
 use rand_pcg::Pcg64Mcg;
 
-/// The last ticks of every run are without faults: in 5 s the operator must have the robot back.
+/// The last ticks of every run have no faults. Within these 5 s the operator must engage the robot again.
 pub const QUIET_TICKS: u64 = 5 * TICK_HZ;
 
-/// The shortest run: some ticks of faults before the quiet ones.
+/// The shortest run: some ticks with faults before the quiet ones.
 pub const TICKS_MIN: u64 = QUIET_TICKS + TICK_HZ / 2;
 
-/// Ticks from one storm to the next on average, where the run is long enough: the operator needs 2 s to come back, and
+/// Mean number of ticks between two storms, if the run is long enough. The operator needs 2 s to come back, and
 /// engaging takes 1 to 3 s.
 const BETWEEN_STORMS: u64 = 4500;
 
-/// Episodes of one storm at most.
+/// Largest number of episodes in a storm.
 const STORM_MAX: usize = 8;
 
-/// Kinds that act once an episode, or only if the robot happens to do what they wait for, and how many times more they are
-/// drawn than others.
+/// Rare kinds, and the factor by which they are drawn more often. They act once per episode, or only if the
+/// robot happens to do what they wait for.
 const RARE: [(&str, usize); 19] = [
     ("found-outside", 9),
     ("found-close", 9),
@@ -42,13 +42,13 @@ const RARE: [(&str, usize); 19] = [
     ("target-posture", 5),
 ];
 
-/// What an operator does while the robot engages, undisturbed at first: every second seed begins with one of these alone.
+/// Operator faults during an undisturbed engagement. Every second seed begins with one of these alone.
 const ALONE: [&str; 3] = ["estop-engaging", "estop", "release"];
-/// Ticks of it, after the operator of a run that begins at rest has enabled, which is refused at first: the input has to be
-/// steady for 0.5 s.
+/// First and last tick of that fault. In a run that begins at rest, the first enable is refused, because the
+/// input must be steady for 0.5 s. The fault comes after the operator has enabled.
 const ALONE_TICKS: (u64, u64) = (1250, 1850);
 
-/// One fault for a while.
+/// One fault for some time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Episode {
     /// Index in [`KINDS`].
@@ -57,18 +57,20 @@ pub struct Episode {
     pub start: u64,
     /// Length, ticks.
     pub ticks: u64,
-    /// Decides everything else about it, so that an episode is the same whatever stands beside it.
+    /// Parameter that decides everything else about the episode, so that an episode does not depend on the
+    /// others.
     pub param: u64,
 }
 
-/// The faults of a run of `ticks` ticks, of these kinds. Storms of 1 to 8 episodes with time to recover between them. `deal`
-/// names kinds that come first, so that a campaign meets all kinds; a third of the seeds draw no others, and a third only
-/// one of them again.
+/// Draws the faults of a run of `ticks` ticks from these kinds. They come in storms of 1 to 8 episodes, with
+/// time to recover between storms. The kinds in `deal` come first, so that a campaign meets all kinds. After
+/// them, a third of the seeds draws only kinds of `deal`, and a third only one of these.
 pub fn draw(seed: u64, ticks: u64, kinds: &[usize], deal: &[usize]) -> Vec<Episode> {
     let mut rng = Pcg64Mcg::seed_from_u64(seed ^ 0x5eed);
     let end = ticks.saturating_sub(QUIET_TICKS);
     let between = (end / 5).clamp(400, BETWEEN_STORMS);
-    // Two of three seeds draw few kinds and those often: among all the others, one hides what another would show.
+    // Two of three seeds draw few kinds, and draw those often. Among many kinds, one can hide the effect of
+    // another.
     let drawn = match rng.random_range(0..3) {
         0 if !deal.is_empty() => std::slice::from_ref(&deal[rng.random_range(0..deal.len())]),
         1 if !deal.is_empty() => deal,
@@ -88,19 +90,19 @@ pub fn draw(seed: u64, ticks: u64, kinds: &[usize], deal: &[usize]) -> Vec<Episo
         at += ALONE_TICKS.1;
     }
     while at < end && !kinds.is_empty() {
-        // Half of the storms are one fault alone.
+        // Half of the storms consist of one fault alone.
         let size = if rng.random::<bool>() { 1 } else { rng.random_range(2..=STORM_MAX) };
-        // What is dealt comes in the first storm: later ones may lie beyond the end.
+        // Dealt kinds come in the first storm, because later storms may lie beyond the end.
         let due = std::mem::take(&mut deals);
         let size = size.max(due);
         for n in 0..size {
             let Some(kind) = next.next() else { break };
             let start = at + rng.random_range(0..between / 4);
             let (low, high) = KINDS[kind].ticks;
-            // Short ones as often as long ones.
+            // Short episodes are as frequent as long ones.
             let (low, high) = (f64::from(low), f64::from(high));
             let share = rng.random::<f64>();
-            // One that is dealt lasts as long as its kind may: it has its chance to act.
+            // A dealt episode has the longest duration of its kind, so that it has a chance to act.
             let ticks = (low * (high / low).powf(if n < due { 1.0 } else { share })) as u64;
             let ticks = ticks.min(end.saturating_sub(start));
             let param = rng.random::<u64>() >> 32;
@@ -120,13 +122,13 @@ pub fn dealt(seed: u64, kinds: &[usize]) -> Vec<usize> {
     if count == 0 { vec![] } else { (0..3).map(|i| kinds[((seed.wrapping_mul(3) + i) % count) as usize]).collect() }
 }
 
-/// As `--faults` takes it.
+/// Formats a schedule as `--faults` takes it.
 pub fn to_text(episodes: &[Episode]) -> String {
     let one = |e: &Episode| format!("{}@{}+{}:{:x}", KINDS[e.kind].name, e.start, e.ticks, e.param);
     if episodes.is_empty() { "none".into() } else { episodes.iter().map(one).collect::<Vec<_>>().join(",") }
 }
 
-/// Reads what [`to_text`] wrote; the error says which part is wrong.
+/// Reads the text of [`to_text`]. The error says which part is wrong.
 pub fn from_text(text: &str) -> Result<Vec<Episode>, String> {
     if text == "none" {
         return Ok(vec![]);

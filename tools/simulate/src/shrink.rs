@@ -1,13 +1,14 @@
-//! Makes a failing schedule small.
+//! Shrinks a failing schedule.
 
 use crate::oracle::Violation;
 use crate::schedule::Episode;
 
-/// Runs at most, of the length of the failing one or shorter.
+/// Largest number of runs. Each is at most as long as the failing one.
 const TRIES_MAX: usize = 300;
 
-/// Leaves out halves, then quarters, down to single episodes, and shortens what remains, as long as a promise is still
-/// broken (any: a smaller schedule that breaks another one is as good a finding). `fails` runs a schedule.
+/// Leaves out halves, then quarters, down to single episodes, and shortens the rest, as long as a promise is
+/// still broken. Any promise counts: a smaller schedule that breaks another one is as good a finding. `fails`
+/// runs a schedule.
 pub fn smallest(
     episodes: &[Episode],
     violation: &Violation,
@@ -24,7 +25,7 @@ pub fn smallest(
         }
         smaller
     };
-    // What begins after the failure has no part in it.
+    // Episodes that begin after the failure have no part in it.
     let before: Vec<_> = best.0.iter().copied().filter(|episode| episode.start <= violation.tick).collect();
     attempt(&mut best, before);
     let mut size = best.0.len().div_ceil(2);

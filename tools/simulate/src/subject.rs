@@ -1,4 +1,4 @@
-//! What is put to the test: the settings and robot of a file, and a run that has engaged, from which others branch.
+//! The test subject: settings and robot from a file, and a run that has engaged, from which others branch.
 
 use crate::run::Run;
 use messages::{JOINTS, Mode, TICK_HZ};
@@ -10,38 +10,39 @@ use robot::{Frames, JointLimits, Model};
 use safety::monitor;
 use std::path::Path;
 
-/// Postures in which a robot is found.
+/// Number of postures in which a robot is found.
 const POSTURES: usize = 16;
-/// How far outside its limits one is found, rad; of the torso a tenth of it, m: recovered in less than a second.
+/// How far outside its limits a robot is found, rad. The torso uses a tenth of it, m. Recovery takes less than
+/// a second.
 const OUTSIDE: f64 = 0.02;
-/// How much closer to itself than it may be at a start, m.
+/// How much closer to itself a robot is found than a start permits, m.
 const CLOSER_M: f64 = 0.002;
-/// Ticks of the run from which others branch after it has engaged: three seconds of motion, of which the oracle judges whether
-/// the robot does what the person does.
+/// Ticks of motion of the run from which others branch, after it has engaged: three seconds. The oracle judges
+/// in them whether the robot does what the person does.
 const MOVED: u64 = 3 * TICK_HZ + 10;
-/// Ticks within which it must have engaged: 20 s.
+/// Ticks within which that run must have engaged: 20 s.
 const ENGAGED_WITHIN: u64 = 20 * TICK_HZ;
 
-/// Everything that runs share.
+/// Data that all runs share.
 pub struct Subject {
-    /// Of every stage.
+    /// Settings of every stage.
     pub config: WorldConfig,
-    /// Hash of the settings, as the daemon and recordings name it.
+    /// Hash of the settings. The daemon and the recordings use the same one.
     pub hash: u64,
-    /// Of the robot.
+    /// Limits of the robot's joints.
     pub limits: [JointLimits; JOINTS],
     /// Home posture.
     pub home: [f64; JOINTS],
     /// The person's motion.
     pub player: Player,
-    /// Postures a little outside the limits.
+    /// Postures slightly outside the limits.
     pub outside: Vec<[f64; JOINTS]>,
-    /// Postures a little too close to itself.
+    /// Postures slightly too close to self-collision.
     pub close: Vec<[f64; JOINTS]>,
 }
 
 impl Subject {
-    /// Of a settings file.
+    /// Loads a settings file.
     pub fn load(config: &Path) -> Result<Self, ConfigError> {
         let loaded = pipeline::load(config, Overrides::default())?;
         let model = &loaded.model;
@@ -57,7 +58,7 @@ impl Subject {
         })
     }
 
-    /// A run that has engaged and moved for three seconds.
+    /// Returns a run that has engaged and moved for three seconds.
     pub fn engaged(&self) -> Result<Run<'_>, String> {
         let mut run = Run::cold(self, 1).quiet();
         let mut left = ENGAGED_WITHIN;
@@ -89,7 +90,7 @@ fn outside(model: &Model) -> Vec<[f64; JOINTS]> {
         .collect()
 }
 
-/// From home towards random postures, until the measured clearance is a little less than a start needs.
+/// Moves from home towards random postures until the measured clearance is slightly less than a start needs.
 fn close(model: &Model) -> Vec<[f64; JOINTS]> {
     let mut rng = Pcg64Mcg::seed_from_u64(44);
     let mut frames = Frames::default();

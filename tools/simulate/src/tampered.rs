@@ -1,4 +1,4 @@
-//! What can be wrong with what a stage publishes.
+//! Faults of the content that a stage publishes.
 
 use crate::active::{Active, Faults};
 use crate::kinds::{Content, Fault};
@@ -9,10 +9,10 @@ use pipeline::Tamper;
 use rand::{Rng, RngExt};
 use robot::JointLimits;
 
-/// Commands of the past that are kept: 20 ms.
+/// Number of past commands that are kept: 20 ms.
 const PAST: usize = 30;
 
-/// What is remembered of the messages.
+/// Messages that are kept.
 #[derive(Clone, Default)]
 pub struct Memory {
     skeleton: Option<Skeleton>,
@@ -21,22 +21,22 @@ pub struct Memory {
     commands: Vec<JointCommand>,
 }
 
-/// The faults in force, at the places where messages are published.
+/// Applies the faults in force at the places where messages are published.
 pub struct Tampering<'a> {
-    /// In force.
+    /// The faults in force.
     pub faults: &'a mut Faults,
-    /// Of before.
+    /// Earlier messages.
     pub memory: &'a mut Memory,
-    /// What it needs to know of the robot.
+    /// Data of the robot that the faults need.
     pub robot: Robot<'a>,
 }
 
-/// Limits, and postures that are too close to itself.
+/// Limits, and postures that are too close to self-collision.
 #[derive(Clone, Copy)]
 pub struct Robot<'a> {
-    /// Of the joints.
+    /// Limits of the joints.
     pub limits: &'a [JointLimits; JOINTS],
-    /// At least one.
+    /// At least one such posture.
     pub close: &'a [[f64; JOINTS]],
 }
 
@@ -82,7 +82,7 @@ impl Tamper for Tampering<'_> {
                 before.is_some()
             }
             Content::TargetLate => {
-                // 1, 3 or 15 ticks, then on time for as long.
+                // Late for 1, 3 or 15 ticks, then on time for as long.
                 let late = [1, 3, 15][(active.episode.param % 3) as usize];
                 let now = (active.age / late).is_multiple_of(2);
                 sent &= !now;
@@ -109,7 +109,7 @@ impl Tamper for Tampering<'_> {
                 true
             }
             Content::CommandFrozen => {
-                // The command of the beginning of the episode, as long as it is remembered.
+                // The command from the beginning of the episode, as long as it is kept.
                 let back = (active.age as usize).min(past.len() - 1);
                 *command = past[past.len() - 1 - back];
                 back > 0
@@ -158,7 +158,7 @@ fn unit(active: &mut Active) -> [f32; 4] {
     q.map(|x| x / norm)
 }
 
-/// Alters a target; false if this kind has nothing to do with targets, or leaves this one alone.
+/// Alters a target. Returns false if this kind does not concern targets, or leaves this one alone.
 fn alter(active: &mut Active, content: Content, target: &mut JointTarget, robot: &Robot<'_>) -> bool {
     let limits = robot.limits;
     let joint = active.rng.random_range(0..JOINTS);
@@ -166,7 +166,7 @@ fn alter(active: &mut Active, content: Content, target: &mut JointTarget, robot:
         Content::TargetNan => target.q[joint] = f64::NAN,
         Content::TargetInfinite => target.dq[joint] = f64::INFINITY,
         Content::TargetJump => {
-            // A jump of all joints at a share of the ticks, or once for all.
+            // All joints jump for a share of the ticks, or once for all.
             let size = 3.0 * active.strength;
             let away = active.episode.param.is_multiple_of(2) || (active.age / 40).is_multiple_of(2);
             if !away {
@@ -200,12 +200,13 @@ fn alter(active: &mut Active, content: Content, target: &mut JointTarget, robot:
     true
 }
 
-/// The same random posture for 0.3 s, then the next; or gradually one that is too close to the robot itself.
+/// Sends the same random posture for 0.3 s, then the next one. Half of the episodes instead move gradually to
+/// one that is too close to self-collision.
 fn posture(active: &mut Active, target: &mut JointTarget, robot: &Robot<'_>) {
     let (limits, param) = (robot.limits, active.episode.param);
     target.dq = [0.0; JOINTS];
     if !param.is_multiple_of(2) {
-        // In a second, so that it is no jump, after which the robot would be slow.
+        // The move takes one second, so that it is not a jump. A jump would make the robot slow.
         let share = (active.age as f64 / TICK_HZ as f64).min(1.0);
         let close = &robot.close[(param / 2) as usize % robot.close.len()];
         target.q.iter_mut().zip(close).for_each(|(q, close)| *q += share * (close - *q));
@@ -217,7 +218,7 @@ fn posture(active: &mut Active, target: &mut JointTarget, robot: &Robot<'_>) {
     target.q = limits.map(|limits| rng.random_range(limits.q_min..=limits.q_max));
 }
 
-/// One to three bits anywhere in what control reads.
+/// Flips one to three bits anywhere in the fields that control reads.
 fn flip(active: &mut Active, target: &mut JointTarget, joint: usize) {
     for _ in 0..active.rng.random_range(1..4) {
         let bit = active.rng.random_range(0..64);

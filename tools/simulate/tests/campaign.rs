@@ -1,4 +1,5 @@
-//! Campaigns: the same whatever the threads, clean on the product as it is, and able to find and shrink a planted bug.
+//! Campaigns give the same result for any number of threads, pass on the product as it is, and find and shrink
+//! a planted bug.
 
 use messages::Mode;
 use simulate::campaign::{self, Plan, Summary};
@@ -8,7 +9,7 @@ use simulate::schedule::{self, Episode};
 use simulate::subject::Subject;
 use std::path::Path;
 
-/// The hazards that a deterministic simulation has to show.
+/// Hazards that the deterministic simulation must cover.
 const SHOWN: [u32; 57] = [
     1, 2, 6, 7, 8, 9, 11, 12, 13, 14, 15, 16, 17, 20, 21, 22, 23, 24, 25, 26, 27, 29, 31, 33, 34, 35, 43, 44, 45, 46,
     47, 48, 49, 50, 51, 52, 53, 54, 55, 56, 57, 58, 59, 60, 61, 62, 63, 64, 65, 66, 67, 68, 69, 70, 74, 78, 109,
@@ -97,7 +98,7 @@ fn nothing_that_is_scheduled_breaks_a_promise() {
     assert!(2 * moving > sum.ticks, "the robot moved in {moving} of {} ticks only", sum.ticks);
 }
 
-/// The first seed that breaks a promise ends the campaign, and is the same whatever the threads.
+/// The first seed that breaks a promise ends the campaign, and is the same for any number of threads.
 #[test]
 fn a_campaign_until_found_ends_at_the_first_seed_that_breaks_a_promise() {
     let subject = subject();
@@ -126,7 +127,7 @@ fn a_schedule_names_what_is_wrong_with_it() {
     assert!(named("f109").len() > 1 && named("no such fault").is_empty());
 }
 
-/// A new motion that the gate took for the plan it stood on, and of which 7 ps were left over at the end of a phase.
+/// The gate once took a new motion for the plan it stood on, and 7 ps were left over at the end of a phase.
 #[test]
 fn a_schedule_that_once_broke_a_promise_breaks_none() {
     let subject = subject();

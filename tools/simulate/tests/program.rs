@@ -1,4 +1,4 @@
-//! The program: what it writes, and what it refuses before it runs.
+//! The program: its output, and the arguments that it rejects before it runs.
 
 use serde_json::Value;
 use std::collections::BTreeSet;
@@ -18,7 +18,7 @@ fn figures(path: &Path) -> Value {
 fn a_replay_writes_what_a_campaign_of_that_seed_writes() {
     let folder = tempfile::tempdir().expect("a folder");
     let (one, all) = (folder.path().join("one.json"), folder.path().join("all.json"));
-    // What was there is longer.
+    // The old content is longer.
     std::fs::write(&one, vec![b' '; 100_000]).expect("a file");
     let json = |path: &Path| path.to_str().expect("a path").to_owned();
     let common = ["--ticks", "8500", "--fault", "frame-nan", "estop"];

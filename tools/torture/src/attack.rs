@@ -7,13 +7,13 @@ use rand_pcg::Pcg64;
 use robot::{Frames, Model};
 use safety::engage::Permit;
 
-/// What the attacker does for a while.
+/// The attacker's behaviour for some time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(usize)]
 pub enum Attack {
     /// A random posture, most of them in collision, some joints far beyond their limits.
     Jump = 0,
-    /// Joints at their limits to within rounding, or far beyond, with velocities that point out.
+    /// Joints at their limits to within rounding, or far beyond, with outward velocities.
     Limits = 1,
     /// Both arms into each other: mirrored postures that meet.
     Mirrored = 2,
@@ -21,18 +21,18 @@ pub enum Attack {
     Noise = 3,
     /// A new posture in every tick.
     Teleport = 4,
-    /// Downhill in the distance of a near pair.
+    /// Postures that descend the distance of a near pair.
     Gradient = 5,
-    /// Along the collision boundary, with velocities that claim to go straight through it.
+    /// Postures along the collision boundary, with stated velocities that go straight through it.
     Hug = 6,
-    /// Sines that ask for more than the limits allow, with velocities that lie.
+    /// Sines that require more than the limits allow, with false velocities.
     Wave = 7,
-    /// Not numbers, and numbers without sense.
+    /// NaN, infinities and absurd numbers.
     Nonsense = 8,
 }
 
 impl Attack {
-    /// All of them.
+    /// All attacks.
     pub const ALL: [Self; 9] = [
         Self::Jump,
         Self::Limits,
@@ -61,7 +61,7 @@ impl Attack {
     }
 }
 
-/// Ticks between two looks at the nearest pair: 3 ms, in which no joint moves more than 10 mrad.
+/// Ticks between two updates of the nearest pair: 3 ms, in which no joint moves more than 10 mrad.
 const LOOK_EVERY: u64 = 5;
 
 /// A source of targets and permits.
@@ -69,7 +69,7 @@ pub struct Attacker<'a> {
     model: &'a Model,
     frames: Frames,
     rng: Pcg64,
-    /// What is being done.
+    /// The current attack.
     pub attack: Attack,
     until: u64,
     permit_until: u64,
@@ -80,14 +80,14 @@ pub struct Attacker<'a> {
     pub q: [f64; JOINTS],
     /// Target velocities, rad/s or m/s.
     pub dq: [f64; JOINTS],
-    /// Joints that are meant; none: there is no target at all.
+    /// Joints that have a target. None means no target at all.
     pub valid_mask: Option<u32>,
-    /// What the attacker has engagement permit.
+    /// The permit of engagement that the attacker chooses.
     pub permit: Permit,
 }
 
 impl<'a> Attacker<'a> {
-    /// An attacker of `model` whose every choice is decided by `rng`.
+    /// Creates an attacker of `model`. `rng` decides its every choice.
     pub fn new(model: &'a Model, rng: Pcg64) -> Self {
         Self {
             model,
@@ -106,12 +106,12 @@ impl<'a> Attacker<'a> {
         }
     }
 
-    /// The target as whole-body control takes it.
+    /// Returns the target as whole-body control takes it.
     pub fn target(&self) -> Option<wbc::Target<'_>> {
         self.valid_mask.map(|valid_mask| wbc::Target { q: &self.q, dq: &self.dq, ddq: &[0.0; JOINTS], valid_mask })
     }
 
-    /// Decides target and permit of tick `k`, knowing the last command `seen`.
+    /// Decides target and permit of tick `k`, given the last command `seen`.
     pub fn next(&mut self, k: u64, seen: &[f64; JOINTS]) {
         if k >= self.until {
             self.begin(k);
@@ -166,7 +166,8 @@ impl<'a> Attacker<'a> {
         }
     }
 
-    /// Mostly full speed; some stops, some slow permits, and some that change in every tick.
+    /// Permits full speed most of the time, with some stops, some slow permits, and some that change in every
+    /// tick.
     fn change_permit(&mut self, k: u64) {
         let flutter = self.rng.random_range(0..12) == 0;
         let ticks = if flutter { 1..3 } else { 10..1500 };
@@ -178,12 +179,12 @@ impl<'a> Attacker<'a> {
             _ => Permit::Follow { speed_scale: 1.0 },
         };
         if flutter {
-            // Again soon, and something else.
+            // Change again soon.
             self.permit_until = self.permit_until.min(k + 2);
         }
     }
 
-    /// One in five joints is sent far beyond a limit.
+    /// Sends one in five joints far beyond a limit.
     fn beyond_some_limits(&mut self) {
         for j in 0..JOINTS {
             let limits = &self.model.limits[j];
@@ -206,7 +207,7 @@ impl<'a> Attacker<'a> {
         }
     }
 
-    /// Mirror images of one another, forward and inward, where the hands meet.
+    /// Sets mirrored postures, forward and inward, in which the hands meet.
     fn mirrored(&mut self) {
         let (left, right) = (LEFT_ARM.start, RIGHT_ARM.start);
         for i in 0..LEFT_ARM.len() {
@@ -227,7 +228,7 @@ impl<'a> Attacker<'a> {
 
     fn wave(&mut self, k: u64) {
         let t = k as f64 * messages::TICK_S;
-        // Every other wave lies about its velocity.
+        // Every second wave states a false velocity.
         let honest = if self.rank.is_multiple_of(2) { 1.0 } else { -4.0 };
         for j in 0..JOINTS {
             let w = 2.0 + j as f64;
@@ -243,16 +244,16 @@ impl<'a> Attacker<'a> {
         for j in 0..JOINTS {
             self.q[j] = VALUES[self.rng.random_range(0..VALUES.len())];
             self.dq[j] = VALUES[self.rng.random_range(0..VALUES.len())];
-            // Some joints with sense, so that what is moving is not simply held.
+            // Some joints have valid targets, so that the motion is not simply held.
             if self.rng.random_bool(0.3) {
                 (self.q[j], self.dq[j]) = (self.base[j], 0.0);
             }
         }
     }
 
-    /// The direction in which a near pair's distance falls, as shares of each joint's largest speed.
+    /// Direction in which a near pair's distance falls, as shares of each joint's largest speed.
     fn downward(&mut self, seen: &[f64; JOINTS]) -> Option<[f64; JOINTS]> {
-        // Every so often not itself, but what stands about it.
+        // Sometimes the nearest obstacle instead of the robot itself.
         let outside = (self.rank == RANKS - 1).then(|| nearest_obstacle(self.model, &mut self.frames, seen)).flatten();
         let found = outside.or_else(|| nearest(self.model, &mut self.frames, seen, self.rank))?;
         let weighted: [f64; JOINTS] = std::array::from_fn(|j| -found.gradient[j] * self.model.limits[j].v_max);
@@ -274,7 +275,7 @@ impl<'a> Attacker<'a> {
         let Some(down) = self.downward(seen) else { return };
         let lie = [1.0, 3.0, 100.0][self.rng.random_range(0..3)];
         let length: f64 = down.iter().map(|x| x * x).sum();
-        // Some way along the boundary, from where the base is drawn to, and a little into it.
+        // Go some way along the boundary, towards the base posture, and a little into the boundary.
         let mut along: [f64; JOINTS] = std::array::from_fn(|j| self.base[j] - seen[j]);
         for j in HEAD {
             along[j] = 0.0;

@@ -1,4 +1,4 @@
-//! The duration of the control tick (whole-body control and the gate) under two kinds of targets.
+//! Duration of the control tick (whole-body control and the gate) under two kinds of targets.
 
 use crate::figures::Durations;
 use crate::stages::{Stages, Subject};
@@ -7,17 +7,17 @@ use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use safety::engage::Permit;
 
-/// Size of the smooth motion, rad; the lift moves a hundredth of it, m.
+/// Amplitude of the smooth motion, rad. The lift moves a hundredth of it, m.
 const WAVE_RAD: f64 = 0.2;
 /// Ticks between two random postures.
 const JUMP_EVERY: u64 = TICK_HZ;
-/// Ticks that are not counted: caches and branch predictors learn.
+/// Ticks that are not counted, because caches and branch predictors warm up.
 const WARM: u64 = 2000;
 
 /// Durations of the control tick.
 #[derive(Clone, Debug)]
 pub struct Bench {
-    /// Sines about the home posture, in the open: what most of a session is.
+    /// Sines about the home posture, far from collisions. Most of a session is like this.
     pub smooth: Durations,
     /// A random posture every second, most of them in collision.
     pub jumps: Durations,
@@ -37,7 +37,7 @@ pub fn run(subject: &Subject, ticks: u64, seed: u64) -> Bench {
     Bench { smooth, jumps }
 }
 
-/// q = home + s sin(w t) and its derivative, w = 1 + j / 10 rad/s; slow enough for the lift.
+/// q = home + s sin(w t) and its derivative, with w = 1 + j / 10 rad/s. This is slow enough for the lift.
 fn wave(home: &[f64; JOINTS], t: f64) -> ([f64; JOINTS], [f64; JOINTS]) {
     let w = |j: usize| 1.0 + 0.1 * j as f64;
     let size = |j: usize| if j == 0 { 0.01 * WAVE_RAD } else { WAVE_RAD };

@@ -1,4 +1,5 @@
-//! One part of an attack: the stages, the driver's follower and the checker of the simulated robot over some ticks.
+//! One part of an attack: runs the stages, the driver's follower and the simulated robot's checker for some
+//! ticks.
 
 use crate::attack::Attacker;
 use crate::figures::{Figures, KINDS, Place};
@@ -20,19 +21,19 @@ use sim::{TOLERANCE_CLEARANCE_M, ViolationKind};
 /// Ticks of one part. Parts are independent, so the figures do not depend on how many threads run them.
 pub const PART_TICKS: u64 = 100_000;
 
-/// The first tick: not zero, because a stamp of zero means "never".
+/// The first tick. It is not zero, because a stamp of zero means "never".
 const FIRST_K: u64 = 1500;
 
-/// One tick in so many begins a disturbance.
+/// Mean number of ticks per disturbance.
 const DISTURBED_EVERY: u32 = 400;
-/// One disturbance in so many is a silence that latches the driver's fault.
+/// Mean number of disturbances per silence that latches the driver's fault.
 const LATCHED_EVERY: u32 = 100;
-/// One command in so many has its plan rolled out to rest.
+/// Mean number of commands per plan that is rolled out to rest.
 const ROLLED_EVERY: u32 = 1000;
-/// A command is near the boundary within this of d_min, m.
+/// A command is near the boundary if its clearance is within this of d_min, m.
 const NEAR_M: f64 = 1e-3;
 
-/// A denial without the joint or the pair.
+/// Formats a denial without the joint or the pair.
 fn reason(denial: &Denial) -> String {
     match denial {
         Denial::Joint { check, .. } => format!("{check:?}"),
@@ -44,14 +45,14 @@ fn reason(denial: &Denial) -> String {
     }
 }
 
-/// What does not run.
+/// An interruption of control or of the driver.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct Disturbance {
     /// Ticks in which control does not run.
     control_ticks: u64,
-    /// Ticks in which the driver does not run; it catches up with all of them at once.
+    /// Ticks in which the driver does not run. It catches up with all of them at once.
     driver_ticks: u64,
-    /// The command of this tick never arrives.
+    /// True if the command of this tick never arrives.
     lost: bool,
 }
 
@@ -75,12 +76,12 @@ impl Disturbance {
     }
 }
 
-/// A stop being watched from the tick in which the permit ended.
+/// A stop that is timed from the tick in which the permit ended.
 #[derive(Clone, Copy, Debug)]
 struct Watched {
     began_k: u64,
     bound_s: f64,
-    /// At rest: nothing is timed until the next permit.
+    /// True at rest. Nothing is timed then until the next permit.
     done: bool,
 }
 
@@ -98,7 +99,7 @@ struct Part<'a> {
     reset_count: u32,
     disturbance: Disturbance,
     watched: Option<Watched>,
-    /// The robot stopped by itself and rests closer than a start allows: the operator recovers it.
+    /// True if the robot stopped by itself and rests closer than a start allows. The operator then recovers it.
     recovers: bool,
     frames: Frames,
     last_q: [f64; JOINTS],
@@ -188,7 +189,8 @@ impl<'a> Part<'a> {
         self.echo.flags & state_flag::DRIVER_FAULT != 0
     }
 
-    /// What engagement permits: nothing while the driver's fault is latched, and recovery alone where a start is refused.
+    /// The permit of engagement: a stop while the driver's fault is latched, and recovery alone where a start
+    /// is refused.
     fn permit(&self) -> Permit {
         match (self.latched(), self.recovers) {
             (true, _) => Permit::Stop,
@@ -197,7 +199,8 @@ impl<'a> Part<'a> {
         }
     }
 
-    /// A robot that stopped by itself, on a way that nobody proved, may rest too close to start. Recovery takes it apart.
+    /// A robot that stopped by itself, on an unproved path, may rest too close to start. Recovery moves it
+    /// apart.
     fn watch_start(&mut self) {
         let model = &self.subject.model;
         if self.recovers {
@@ -209,12 +212,12 @@ impl<'a> Part<'a> {
         }
     }
 
-    /// The driver executes a motion of its own, which no command began.
+    /// Returns true if the driver executes a motion of its own, which no command began.
     fn is_own_motion(&self) -> bool {
         self.echo.command_incarnation == 0
     }
 
-    /// The control tick, as the daemon composes it.
+    /// Runs the control tick as the daemon composes it.
     fn control(&mut self, k: u64) -> Option<JointCommand> {
         let from = Stream::prepare(&mut self.stream, Some(&self.echo), k, 1);
         match from {
@@ -287,7 +290,7 @@ impl<'a> Part<'a> {
         }
     }
 
-    /// The driver executes what is due, and the simulated robot's checker judges every step of it.
+    /// The driver executes the due command, and the simulated robot's checker judges every step of it.
     fn drive(&mut self, k: u64, command: Option<&JointCommand>) {
         let was_latched = self.latched();
         let input = sim::Input { due_k: k, command };
@@ -308,8 +311,8 @@ impl<'a> Part<'a> {
         self.last_q = out.state.q;
     }
 
-    /// Times the stop that begins with the end of a permit, from the last executed state before it to exact rest. A driver
-    /// that does not run shows no rest: what it sleeps through is not timed.
+    /// Times the stop that begins with the end of a permit, from the last executed state before it to exact
+    /// rest. A suspended driver shows no rest, so that time is not counted.
     fn watch(&mut self, k: u64, asleep: bool, v_before: &[f64; JOINTS]) {
         if asleep || !matches!(self.permit(), Permit::Stop) {
             self.watched = None;
@@ -322,7 +325,8 @@ impl<'a> Part<'a> {
             let took_s = (k - watched.began_k) as f64 * TICK_S;
             self.figures.stops += 1;
             self.figures.worst_watched_stop_s = self.figures.worst_watched_stop_s.max(took_s);
-            // Where the motors have little to spare a stop is gentler, and may take as long as the robot file says.
+            // If the motors have little reserve, a stop is gentler. It may then take as long as the robot file
+            // says.
             let latest_s = stop_times::reaction_s() + self.subject.model.stop_time_max_s;
             self.figures.late_stops += u64::from(took_s > watched.bound_s.max(latest_s));
             self.figures.gentle_stops += u64::from(took_s > watched.bound_s);

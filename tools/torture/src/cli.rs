@@ -7,17 +7,18 @@ use clap::{Args, Parser, Subcommand};
 use messages::TICK_HZ;
 use std::path::PathBuf;
 
-/// Longest run: 21 years of robot time; more is a slip of the finger.
+/// Longest run: 21 years of robot time. A larger value is a typing error.
 const TICKS_MAX: u64 = 1_000_000_000_000;
-/// More threads than that are a mistake.
+/// Upper bound on the threads. A larger value is a typing error.
 const THREADS_MAX: usize = 1024;
 
-/// Attacks whole-body control and the gate, and judges every executed step by the simulated robot's checker and every
-/// thousandth stop plan, rolled out to rest, by other distances. Exits with 1 if a promise was broken.
+/// Attacks whole-body control and the gate. The simulated robot's checker judges every executed step. Every
+/// thousandth stop plan is rolled out to rest and judged by an independent distance computation. Exits with 1
+/// if a promise was broken.
 #[derive(Clone, Debug, Parser)]
 #[command(version, args_conflicts_with_subcommands = true)]
 pub struct Cli {
-    /// Another way of torture.
+    /// Another kind of torture.
     #[command(subcommand)]
     pub command: Option<Command>,
     /// The attack.
@@ -25,70 +26,77 @@ pub struct Cli {
     pub attack: AttackArgs,
 }
 
-/// Other ways of torture.
+/// Other kinds of torture.
 #[derive(Clone, Debug, Subcommand)]
 pub enum Command {
-    /// The longest stop of random and corner states against its bound in closed form; exits with 1 if it is exceeded.
+    /// Compare the longest stop of random and corner states with its closed-form bound. Exits with 1 if it
+    /// exceeds the bound.
     StopTimes(StopTimesArgs),
-    /// Plays every motion file of a folder through all stages, offline; exits with 1 on a violation or a failed run.
+    /// Play every motion file of a folder through all stages, offline. Exits with 1 on a violation or a failed
+    /// run.
     Motions(MotionsArgs),
-    /// The duration of the control tick, smooth in the open and under jumping targets.
+    /// Measure the duration of the control tick: smooth motion far from collisions, and jumping targets.
     Bench(BenchArgs),
 }
 
 /// Options of the attack.
 #[derive(Clone, Debug, Args)]
 pub struct AttackArgs {
-    /// Ticks of control under attack, all parts together; 1500 are a second of the robot. The goals come on top.
+    /// Ticks of control under attack, all parts together. 1500 are one second of the robot. The goals are
+    /// additional.
     #[arg(long, default_value_t = 1_000_000)]
     pub ticks: u64,
     /// Ticks per second. The rate is built in (`messages::TICK_HZ`): only 1500 is accepted.
     #[arg(long, default_value_t = TICK_HZ)]
     pub rate: u64,
-    /// Decides every choice of the attackers; the same seed gives the same figures on any number of threads, but for
-    /// durations.
+    /// Seed of every choice of the attackers. The same seed gives the same figures on any number of threads,
+    /// except durations.
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
-    /// Attack in this part alone, as a failure names it: 0 for the first 100,000 ticks. Goals are left out.
+    /// Run only this part of the attack, as a failure names it: 0 for the first 100,000 ticks. Skips the goals.
     #[arg(long, value_name = "N")]
     pub part: Option<u64>,
-    /// Random safe postures, each to be reached within 8 s of the robot's time, and home again; each counts as one, whatever
-    /// --ticks says. 0 leaves them out.
+    /// Number of random safe postures, each to be reached within 8 s of the robot's time, and home again. Each
+    /// counts as one, regardless of --ticks. 0 skips them.
     #[arg(long, default_value_t = 168)]
     pub goals: u64,
-    /// Leave certificate and gate out: then the same attacks must find collisions, and not finding one is the failure.
+    /// Leave certificate and gate out. The same attacks must then find collisions. Finding none is the failure.
     #[arg(long)]
     pub no_certificate: bool,
-    /// With --no-certificate, leave the gate in: what it catches by itself. Not denying anything is then the failure.
+    /// With --no-certificate, keep the gate, to see what it catches by itself. Denying nothing is then the
+    /// failure.
     #[arg(long, requires = "no_certificate")]
     pub keep_gate: bool,
-    /// Leave the proof of torques out: then the same attacks must overload motors, and not finding one is the failure.
+    /// Leave the proof of torques out. The same attacks must then overload motors. Finding no overload is the
+    /// failure.
     #[arg(long, conflicts_with = "no_certificate")]
     pub no_torque: bool,
-    /// So much in both hands, kg.
+    /// Payload in each of both hands, kg.
     #[arg(long, value_name = "KG", default_value_t = 0.0, conflicts_with_all = ["no_certificate", "no_torque"])]
     pub payload_kg: f64,
-    /// Do not tell whole-body control of it: then motors must be overloaded, and not finding one is the failure.
+    /// Do not tell whole-body control of the payload. Motors must then be overloaded. Finding no overload is
+    /// the failure.
     #[arg(long, requires = "payload_kg")]
     pub untold: bool,
-    /// What every command has.
+    /// Options of every command.
     #[command(flatten)]
     pub common: Common,
-    /// Threads; more of them than idle cores makes the durations meaningless.
+    /// Number of threads. More threads than idle cores make the durations meaningless.
     #[arg(long, default_value_t = cores())]
     pub threads: usize,
 }
 
-/// What every command has.
+/// Options of every command.
 #[derive(Clone, Debug, Args)]
 pub struct Common {
-    /// Settings file: its robot among its obstacles.
+    /// Settings file, which names the robot and its obstacles.
     #[arg(long, default_value = "config/teleop.toml")]
     pub config: PathBuf,
-    /// This robot file instead, without obstacles.
+    /// Use this robot file instead, without obstacles.
     #[arg(long)]
     pub robot: Option<PathBuf>,
-    /// Write the figures here as JSON too; `-` is standard output, with the words on standard error.
+    /// Also write the figures to this file as JSON. `-` is standard output, and the text then goes to standard
+    /// error.
     #[arg(long)]
     pub json: Option<PathBuf>,
 }
@@ -96,16 +104,16 @@ pub struct Common {
 /// Options of `stop-times`.
 #[derive(Clone, Debug, Args)]
 pub struct StopTimesArgs {
-    /// Random states of all joints.
+    /// Number of random states of all joints.
     #[arg(long, default_value_t = 1_000_000)]
     pub states: u64,
-    /// Of the random states.
+    /// Seed of the random states.
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
-    /// What every command has.
+    /// Options of every command.
     #[command(flatten)]
     pub common: Common,
-    /// Threads.
+    /// Number of threads.
     #[arg(long, default_value_t = cores())]
     pub threads: usize,
 }
@@ -118,10 +126,11 @@ pub struct MotionsArgs {
     /// Settings file.
     #[arg(long, default_value = "config/teleop.toml")]
     pub config: PathBuf,
-    /// Write the figures here as JSON too; `-` is standard output, with the words on standard error.
+    /// Also write the figures to this file as JSON. `-` is standard output, and the text then goes to standard
+    /// error.
     #[arg(long)]
     pub json: Option<PathBuf>,
-    /// Threads.
+    /// Number of threads.
     #[arg(long, default_value_t = cores())]
     pub threads: usize,
 }
@@ -132,15 +141,15 @@ pub struct BenchArgs {
     /// Ticks of each kind of motion.
     #[arg(long, default_value_t = 100_000)]
     pub ticks: u64,
-    /// Of the jumping targets.
+    /// Seed of the jumping targets.
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
-    /// What every command has.
+    /// Options of every command.
     #[command(flatten)]
     pub common: Common,
 }
 
-/// Refuses numbers out of their bounds.
+/// Checks that the numbers are within their bounds.
 pub fn check_counts(counts: &[(&'static str, u64)], threads: usize) -> Result<(), TortureError> {
     for &(option, value) in counts {
         if value > TICKS_MAX {
@@ -159,10 +168,10 @@ pub fn check_counts(counts: &[(&'static str, u64)], threads: usize) -> Result<()
 }
 
 impl AttackArgs {
-    /// Refuses what cannot be done.
+    /// Checks the options.
     ///
     /// # Errors
-    /// Names the option, its value and the bound.
+    /// Returns an error that names the option, its value and the bound.
     pub fn check(&self) -> Result<(), TortureError> {
         if self.rate != TICK_HZ {
             let bound =

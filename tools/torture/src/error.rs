@@ -1,24 +1,24 @@
-//! Why a run cannot begin or end.
+//! Errors that keep a run from beginning or ending.
 
 use std::path::{Path, PathBuf};
 
-/// Why a run cannot begin or end. The text names file, option, value and bound.
+/// An error that keeps a run from beginning or ending. The text names file, option, value and bound.
 #[derive(Debug, thiserror::Error)]
 pub enum TortureError {
-    /// An option out of its bounds.
+    /// An option is out of its bounds.
     #[error("{option} = {value}: {bound}")]
     Option {
         /// The option.
         option: &'static str,
         /// Its value.
         value: String,
-        /// What it must be.
+        /// The allowed value.
         bound: String,
     },
-    /// Settings, robot or weights are refused.
+    /// Settings, robot or weights are invalid.
     #[error(transparent)]
     Config(#[from] pipeline::ConfigError),
-    /// Settings with an interface that is not attacked.
+    /// The settings name an interface that torture does not attack.
     #[error("{file}: sim.interface = \"{value}\", must be \"direct\": no other is attacked here")]
     Interface {
         /// The settings file.
@@ -26,20 +26,20 @@ pub enum TortureError {
         /// The interface.
         value: &'static str,
     },
-    /// A stage refuses the robot.
+    /// A stage rejects the robot.
     #[error("{file}: {stage}: {cause}")]
     Stage {
         /// The robot file.
         file: PathBuf,
         /// The stage.
         stage: &'static str,
-        /// Why.
+        /// The reason.
         cause: String,
     },
     /// A folder of motions cannot be listed.
     #[error(transparent)]
     Motion(#[from] motion::MotionError),
-    /// A folder without motion files.
+    /// The folder has no motion files.
     #[error("{0}: no motion files (.bvh, .npy, .npz) in it")]
     NoMotions(PathBuf),
     /// A file cannot be written.
@@ -47,7 +47,7 @@ pub enum TortureError {
     Write {
         /// The file.
         file: PathBuf,
-        /// Why.
+        /// The reason.
         cause: std::io::Error,
     },
 }

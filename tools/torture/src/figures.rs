@@ -1,24 +1,25 @@
-//! What runs amount to, and how several are merged.
+//! Figures of runs, and their merge.
 
 use crate::attack::Attack;
 use hdrhistogram::Histogram;
 use sim::{Violation, ViolationKind};
 use std::collections::BTreeMap;
 
-/// Longest duration that keeps its place, ns: 1 s; longer ones count there, and the maximum stays exact.
+/// Longest duration with a bucket of its own, ns: 1 s. Longer ones count in that bucket, and the maximum stays
+/// exact.
 const LONGEST_NS: u64 = 1_000_000_000;
-/// Significant digits of durations over all.
+/// Significant digits of the durations of the whole run.
 const DIGITS: u8 = 3;
-/// Significant digits of the durations of one kind of attack, of which there are many.
+/// Significant digits of the durations of one kind of attack. There are many such kinds.
 const DIGITS_OF_ATTACK: u8 = 2;
 
-/// Kinds of violations of true motion.
+/// Number of kinds of violations of true motion.
 pub const TRUE_KINDS: usize = plant::ViolationKind::ALL.len();
 
-/// Kinds of violations.
+/// Number of kinds of violations.
 pub const KINDS: usize = ViolationKind::ALL.len();
 
-/// Durations.
+/// Distribution of durations.
 #[derive(Clone, Debug)]
 pub struct Durations {
     buckets: Histogram<u64>,
@@ -37,25 +38,25 @@ impl Durations {
         Self { buckets, max_ns: 0 }
     }
 
-    /// Counts one.
+    /// Counts a duration.
     pub fn record_ns(&mut self, ns: u64) {
         self.max_ns = self.max_ns.max(ns);
         self.buckets.saturating_record(ns);
     }
 
-    /// Counts all of `other` too.
+    /// Adds all durations of `other`.
     pub fn merge(&mut self, other: &Self) {
         self.max_ns = self.max_ns.max(other.max_ns);
-        // The same bounds everywhere: nothing can be out of range.
+        // All histograms have the same bounds, so no value can be out of range.
         let _ = self.buckets.add(&other.buckets);
     }
 
-    /// The duration that this share of all does not exceed, us.
+    /// Returns the duration that this share of all durations does not exceed, us.
     pub fn quantile_us(&self, share: f64) -> f64 {
         self.buckets.value_at_quantile(share).min(self.max_ns) as f64 * 1e-3
     }
 
-    /// The longest, us, exact.
+    /// Returns the longest duration, us, exact.
     pub fn max_us(&self) -> f64 {
         self.max_ns as f64 * 1e-3
     }
@@ -68,11 +69,11 @@ pub struct AttackFigures {
     pub ticks: u64,
     /// Violations in executed steps and rolled-out plans.
     pub violations: u64,
-    /// Motions that were wanted but not certified.
+    /// Motions that were requested but not certified.
     pub fallbacks: u64,
     /// Commands denied by the gate.
     pub denials: u64,
-    /// Ticks in which the command was within a millimetre of d_min, as whole-body control tells it.
+    /// Ticks in which whole-body control reported a command within a millimetre of d_min.
     pub near: u64,
     /// Durations of both stages.
     pub tick: Durations,
@@ -85,10 +86,10 @@ impl Default for AttackFigures {
     }
 }
 
-/// Where a violation was.
+/// Location of a violation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Place {
-    /// What was violated; `k` is the tick within the part.
+    /// The violation. Its `k` is the tick within the part.
     pub violation: Violation,
     /// The part of the run.
     pub part: u64,
@@ -103,27 +104,27 @@ pub struct Figures {
     pub ticks: u64,
     /// Violations by kind: executed steps and rolled-out plans.
     pub violations: [u64; KINDS],
-    /// Those of them that were found in rolled-out plans.
+    /// Violations among them that were found in rolled-out plans.
     pub rollout_violations: [u64; KINDS],
     /// The first violation of an executed step.
     pub first: Option<Place>,
     /// Violations of the joints' true motion, by kind.
     pub true_violations: [u64; TRUE_KINDS],
-    /// The first of all, with its part.
+    /// The first violation of true motion, with its part.
     pub first_true: Option<(plant::Violation, u64)>,
-    /// Greatest true speed over its limit.
+    /// Largest ratio of true speed to its limit.
     pub true_speed_ratio_max: f64,
     /// Least true clearance, m.
     pub true_clearance_min_m: f64,
     /// Least clearance over executed steps and rolled-out plans, m.
     pub min_clearance_m: f64,
-    /// The same of everything executed, with stops of the driver's own, which are not proved, m.
+    /// Least clearance over everything executed, m. This includes the driver's own stops, which are not proved.
     pub min_unproved_clearance_m: f64,
     /// Durations of both stages.
     pub tick: Durations,
-    /// Motions that were wanted but not certified.
+    /// Motions that were requested but not certified.
     pub fallbacks: u64,
-    /// Those of them whose torques could not be certified.
+    /// Motions among them whose torques could not be certified.
     pub overloads: u64,
     /// Largest torque over its effort limit, in executed steps and in rolled-out plans.
     pub torque_share_max: f64,
@@ -131,11 +132,11 @@ pub struct Figures {
     pub rollout_torque_share: f64,
     /// Commands denied by the gate.
     pub denials: u64,
-    /// Those by reason, each with the first one in words.
+    /// Denied commands by reason, each with the text of the first one.
     pub denied_for: BTreeMap<String, (u64, String)>,
     /// Commands that the driver refused though its fault was not latched and it was not suspended.
     pub refusals: u64,
-    /// Those by reason, each with the first one in words.
+    /// Refused commands by reason, each with the text of the first one.
     pub refused_for: BTreeMap<String, (u64, String)>,
     /// Ticks in which control did not run.
     pub missed: u64,
@@ -155,15 +156,15 @@ pub struct Figures {
     pub worst_stop_s: f64,
     /// Stops that were watched from the permit's end to rest.
     pub stops: u64,
-    /// Longest of them, s.
+    /// Longest of these stops, s.
     pub worst_watched_stop_s: f64,
-    /// Those that took longer than their bound.
+    /// Stops among them that took longer than their bound.
     pub late_stops: u64,
-    /// Those that took longer than B(v), because the motors had little to spare.
+    /// Stops among them that took longer than B(v), because the motors had little reserve.
     pub gentle_stops: u64,
-    /// Sum of all revolute joints' ways, rad.
+    /// Sum of the distances of all revolute joints, rad.
     pub travelled_rad: f64,
-    /// By kind of attack.
+    /// Figures by kind of attack.
     pub attacks: [AttackFigures; Attack::ALL.len()],
 }
 
@@ -208,22 +209,23 @@ impl Default for Figures {
 }
 
 impl Figures {
-    /// Violations of the joints' true motion, of all kinds.
+    /// Returns the number of violations of the joints' true motion, of all kinds.
     pub fn true_violations_total(&self) -> u64 {
         self.true_violations.iter().sum()
     }
 
-    /// Violations of all kinds.
+    /// Returns the number of violations of all kinds.
     pub fn violations_total(&self) -> u64 {
         self.violations.iter().sum()
     }
 
-    /// How many violations there were of one kind.
+    /// Returns the number of violations of one kind.
     pub fn violations_of(&self, kind: ViolationKind) -> u64 {
         self.violations[kind as usize]
     }
 
-    /// Whether the run passed. No command and no true motion broke a limit, no stop took too long, and the driver refused nothing.
+    /// Returns true if the run passed. No command and no true motion broke a limit, no stop took too long, and
+    /// the driver refused nothing.
     pub fn kept(&self) -> bool {
         let violations = self.violations_total() + self.true_violations_total();
         violations == 0 && self.late_stops == 0 && self.refusals == 0

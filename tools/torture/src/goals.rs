@@ -1,4 +1,4 @@
-//! How many random postures that are clear of everything are reached, through both stages.
+//! Counts how many collision-free random postures the robot reaches through both stages.
 
 use crate::parallel::derived_seed;
 use crate::stages::{Stages, Subject};
@@ -8,38 +8,38 @@ use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use safety::engage::Permit;
 
-/// Goals that one job visits in turn, from home.
+/// Goals that one job visits in sequence, from home.
 pub const PART_GOALS: u64 = 12;
 
-/// Longest way to a goal, ticks: 8 s.
+/// Longest time to reach a goal, ticks: 8 s.
 const PATIENCE: u64 = 8 * TICK_HZ;
 
-/// What became of the goals.
+/// Results of the goals.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Goals {
-    /// Goals that were tried.
+    /// Number of goals that were tried.
     pub goals: u64,
-    /// Those that were reached and stood on within 8 s.
+    /// Goals that the robot reached, and stood on, within 8 s.
     pub reached: u64,
-    /// Times the home posture was reached again within 8 s, from wherever the goal before left the robot.
+    /// Number of returns to the home posture within 8 s, from wherever the previous goal left the robot.
     pub returned: u64,
 }
 
 impl Goals {
-    /// Adds those of another job.
+    /// Adds the results of another job.
     pub fn merge(&mut self, other: Self) {
         self.goals += other.goals;
         self.reached += other.reached;
         self.returned += other.returned;
     }
 
-    /// Share of the goals that were reached; 1 without any.
+    /// Share of the goals that were reached. It is 1 without any goals.
     pub fn share(&self) -> f64 {
         if self.goals == 0 { 1.0 } else { self.reached as f64 / self.goals as f64 }
     }
 }
 
-/// Sends the robot to `goals` goals of part `part`, home again after each.
+/// Sends the robot to `goals` goals of part `part`, and home again after each.
 pub fn run(subject: &Subject, seed: u64, part: u64, goals: u64) -> Goals {
     let mut rng = Pcg64::seed_from_u64(derived_seed(seed, part));
     let model = &subject.model;
@@ -47,7 +47,7 @@ pub fn run(subject: &Subject, seed: u64, part: u64, goals: u64) -> Goals {
     let (mut k, mut out) = (TICK_HZ, Goals::default());
     while out.goals < goals {
         let mut q = std::array::from_fn(|j| rng.random_range(model.limits[j].q_min..=model.limits[j].q_max));
-        // The lift is too slow for 8 s over its whole range; the head is not what this is about.
+        // The lift is too slow to cross its whole range in 8 s. The head does not matter here.
         q[TORSO..3].copy_from_slice(&model.home[TORSO..3]);
         if !wbc::certify_rest(&subject.wbc, &q).0 {
             continue;

@@ -1,10 +1,10 @@
-//! Attacks whole-body control and the gate for many ticks and judges what the driver executes by arithmetic that is
-//! neither of theirs: the simulated robot's checker on every executed step, and parry's distances on stop plans that are
-//! rolled out to rest.
+//! Attacks whole-body control and the gate for many ticks, and judges what the driver executes. The judges
+//! share no arithmetic with these stages. The simulated robot's checker judges every executed step. Stop plans
+//! are rolled out to rest and judged by parry's distances.
 //!
 //! - [`stages`]: the two stages as the daemon runs them, timed.
-//! - [`attack`], [`nearest`]: what they are attacked with.
-//! - [`chunk`]: one run of an attack, with missed ticks, lost commands and a driver that oversleeps.
+//! - [`attack`], [`nearest`]: the attacks.
+//! - [`chunk`]: one run of an attack, with missed ticks, lost commands and a driver that is suspended.
 //! - [`rollout`]: a command's stop plan, played to rest and judged densely.
 //! - [`goals`]: how many random safe postures are reached.
 //! - [`stop_times`]: the longest stop of any state, against its bound.

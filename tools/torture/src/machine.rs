@@ -1,11 +1,11 @@
-//! What the figures were measured on.
+//! Description of the machine that measured the figures.
 
 use serde_json::{Value, json};
 
 /// Processor, cores and load.
 #[derive(Clone, Debug)]
 pub struct Machine {
-    /// The processor's name as the system has it.
+    /// The processor's name as the system reports it.
     pub processor: String,
     /// Cores that this process may use.
     pub cores: usize,
@@ -14,7 +14,7 @@ pub struct Machine {
 }
 
 impl Machine {
-    /// This machine, now.
+    /// Describes this machine now.
     pub fn now() -> Self {
         let text = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
         let line = text.lines().find(|line| line.starts_with("model name") || line.starts_with("Model"));
@@ -22,7 +22,7 @@ impl Machine {
         Self { processor: name.to_owned(), cores: cores(), load_before: load() }
     }
 
-    /// As JSON, with the load now.
+    /// Returns the description as JSON, with the present load.
     pub fn to_json(&self) -> Value {
         json!({
             "processor": self.processor,
@@ -40,7 +40,7 @@ impl std::fmt::Display for Machine {
     }
 }
 
-/// Cores that this process may use.
+/// Number of cores that this process may use.
 pub fn cores() -> usize {
     std::thread::available_parallelism().map_or(1, std::num::NonZero::get)
 }

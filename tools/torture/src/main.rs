@@ -1,4 +1,4 @@
-//! See the library.
+//! The command line program of the library.
 
 use clap::Parser;
 use indicatif::{ProgressBar, ProgressStyle};
@@ -27,7 +27,7 @@ const EX_CONFIG: u8 = 78;
 fn main() -> ExitCode {
     rt::abort_on_panic();
     let cli = Cli::parse();
-    // As the daemon does, before any other thread starts.
+    // The daemon does the same, before any other thread starts.
     let _ = rt::flush_denormals();
     let done = match &cli.command {
         None => attack(&cli.attack),
@@ -50,7 +50,7 @@ fn main() -> ExitCode {
     }
 }
 
-/// How often the progress on a terminal is drawn, whatever comes of it.
+/// Time between two redraws of the progress on a terminal, even without progress.
 const REDRAWN_EVERY: Duration = Duration::from_secs(10);
 
 fn progress(length: u64, unit: &str) -> ProgressBar {
@@ -59,19 +59,20 @@ fn progress(length: u64, unit: &str) -> ProgressBar {
     if let Ok(style) = ProgressStyle::with_template(&template) {
         bar.set_style(style);
     }
-    // A part takes long: the line is there at once, and shows the time that passed. Nothing is drawn off a terminal.
+    // A part takes long. So the line appears at once, and shows the elapsed time. Without a terminal nothing is
+    // drawn.
     bar.tick();
     bar.enable_steady_tick(REDRAWN_EVERY);
     bar
 }
 
-/// A part of the run: so many ticks, or so many goals.
+/// Result of a job: a part of the attack, or some goals.
 enum Outcome {
     Attacked(Box<Figures>),
     Visited(Goals),
 }
 
-/// What is attacked, without the parts that the options leave out.
+/// Loads the stages to attack, without those that the options leave out.
 fn subject(args: &AttackArgs) -> Result<Subject, TortureError> {
     let mut subject = Subject::load(&args.common.config, args.common.robot.as_deref(), !args.no_certificate)?;
     if args.keep_gate {
@@ -90,7 +91,7 @@ fn attack(args: &AttackArgs) -> Result<bool, TortureError> {
     args.check()?;
     let machine = Machine::now();
     let subject = subject(args)?;
-    // Not every posture can be held with a load.
+    // With a load, some postures cannot be held.
     let without_goals = args.no_certificate || args.no_torque || args.payload_kg > 0.0 || args.part.is_some();
     let goals = if without_goals { 0 } else { args.goals };
     let parts = args.ticks.div_ceil(chunk::PART_TICKS);

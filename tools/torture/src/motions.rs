@@ -1,4 +1,4 @@
-//! Recorded motions through every stage, from the first frame to rest, in virtual time.
+//! Plays recorded motions through every stage, from the first frame to rest, in virtual time.
 
 use crate::error::TortureError;
 use crate::parallel::in_parallel;
@@ -8,7 +8,7 @@ use pipeline::{Loaded, Offline, OfflineEnd, PlayOptions};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-/// What became of a file.
+/// Result of a file.
 #[derive(Clone, Debug, Default)]
 pub struct Played {
     /// The file.
@@ -29,21 +29,21 @@ pub struct Played {
     pub limb_error_deg: f64,
     /// Times the robot stopped following before the end.
     pub holds: u64,
-    /// Why the run did not end at rest after the last frame.
+    /// The reason if the run did not end at rest after the last frame.
     pub failed: Option<String>,
 }
 
 impl Played {
-    /// Violations of all kinds.
+    /// Returns the number of violations of all kinds.
     pub fn violations_total(&self) -> u64 {
         self.violations.values().sum()
     }
 }
 
-/// The motion files of `folder`, and what became of each; `progress` is told of every file that is done.
+/// Plays the motion files of `folder` and returns the result of each. Calls `progress` after every file.
 ///
 /// # Errors
-/// If the folder cannot be listed or holds no motion.
+/// Returns an error if the folder cannot be listed or holds no motion.
 pub fn run(
     loaded: &Loaded,
     folder: &Path,
@@ -79,7 +79,7 @@ pub fn play(loaded: &Loaded, file: &Path) -> Played {
         }
     };
     let report = offline.report();
-    // Engaged ends once, with the last frame; every other time is a hold.
+    // Engaged ends once because of the last frame. Every other end is a hold.
     let engaged = report.modes.iter().filter(|(_, mode)| *mode == Mode::Engaged).count() as u64;
     Played {
         duration_s: report.rows as f64 / TICK_HZ as f64,

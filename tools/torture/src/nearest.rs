@@ -1,13 +1,13 @@
-//! Which way leads into the nearest collision.
+//! Finds the direction into the nearest collision.
 
 use messages::JOINTS;
 use nalgebra::Vector3;
 use robot::{CAPSULES_MAX, Frames, Model, segment_distance};
 
-/// How many of the nearest pairs are told apart.
+/// Number of nearest pairs that are kept apart by rank.
 pub const RANKS: usize = 4;
 
-/// A pair and how its distance changes with the joints.
+/// A pair, and the derivative of its distance by the joints.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Nearest {
     /// Clearance of the pair, m.
@@ -16,10 +16,11 @@ pub struct Nearest {
     pub gradient: [f64; JOINTS],
 }
 
-/// The `rank`-th nearest (0: the nearest) of the checked pairs at posture `q`, rad or m. `frames` is working memory.
+/// Returns the `rank`-th nearest (0: the nearest) of the checked pairs at posture `q`, rad or m. `frames` is
+/// working memory.
 ///
-/// d = |p_b - p_a| - r_a - r_b, dd/dq = n . (J_b - J_a) with n the unit vector from a to b and J the Jacobians of the
-/// nearest points.
+/// d = |p_b - p_a| - r_a - r_b and dd/dq = n . (J_b - J_a). Here n is the unit vector from a to b, and J are
+/// the Jacobians of the nearest points.
 pub fn nearest(model: &Model, frames: &mut Frames, q: &[f64; JOINTS], rank: usize) -> Option<Nearest> {
     model.forward(q, frames);
     let mut ends = [[Vector3::zeros(); 2]; CAPSULES_MAX];
@@ -54,7 +55,8 @@ pub fn nearest(model: &Model, frames: &mut Frames, q: &[f64; JOINTS], rank: usiz
 /// Step of the difference quotient, rad or m.
 const STEP: f64 = 1e-6;
 
-/// What is nearest to an obstacle at posture `q`, with the derivative as a difference quotient; none without obstacles.
+/// Returns the body that is nearest to an obstacle at posture `q`, with the derivative as a difference
+/// quotient. None without obstacles.
 pub fn nearest_obstacle(model: &Model, frames: &mut Frames, q: &[f64; JOINTS]) -> Option<Nearest> {
     if model.obstacles.is_empty() {
         return None;

@@ -1,4 +1,4 @@
-//! Figures in words and as JSON.
+//! Formats the figures as text and as JSON.
 
 use crate::attack::Attack;
 use crate::bench::Bench;
@@ -56,7 +56,7 @@ fn in_words(of: &Durations) -> String {
     format!("p50 {p50:.1}, p99 {p99:.1}, p99.99 {p99_99:.1}, max {:.1} us", of.max_us())
 }
 
-/// An attack as JSON.
+/// Formats an attack as JSON.
 pub fn attack_json(args: &AttackArgs, figures: &Figures, goals: &Goals, model: &Model, machine: &Machine) -> Value {
     let attacks: Map<String, Value> = Attack::ALL
         .iter()
@@ -127,7 +127,7 @@ pub fn attack_json(args: &AttackArgs, figures: &Figures, goals: &Goals, model: &
     })
 }
 
-/// An attack in words.
+/// Formats an attack as text.
 pub fn attack_words(args: &AttackArgs, figures: &Figures, goals: &Goals, model: &Model, machine: &Machine) -> String {
     let f = figures;
     let mut out = attacked(args, f, model);
@@ -191,7 +191,7 @@ pub fn attack_words(args: &AttackArgs, figures: &Figures, goals: &Goals, model: 
     out
 }
 
-/// What was attacked, and how.
+/// Describes the attack.
 fn attacked(args: &AttackArgs, f: &Figures, model: &Model) -> String {
     let mut out = String::new();
     // Writing to a String cannot fail.
@@ -233,7 +233,7 @@ fn by_attack(f: &Figures) -> String {
     out
 }
 
-/// Stop times as JSON.
+/// Formats stop times as JSON.
 pub fn stop_times_json(times: &StopTimes, bounds: &[Bounds; JOINTS], model: &Model, seed: u64) -> Value {
     let joints: Map<String, Value> = (0..JOINTS)
         .map(|j| {
@@ -261,7 +261,7 @@ pub fn stop_times_json(times: &StopTimes, bounds: &[Bounds; JOINTS], model: &Mod
     })
 }
 
-/// Stop times in words.
+/// Formats stop times as text.
 pub fn stop_times_words(times: &StopTimes, bounds: &[Bounds; JOINTS], model: &Model) -> String {
     let mut out = format!("{:22} {:>9} {:>9}   at v, a\n", "joint", "worst ms", "bound ms");
     for j in 0..JOINTS {
@@ -281,7 +281,7 @@ pub fn stop_times_words(times: &StopTimes, bounds: &[Bounds; JOINTS], model: &Mo
     out
 }
 
-/// Motions as JSON.
+/// Formats motions as JSON.
 pub fn motions_json(played: &[Played], machine: &Machine) -> Value {
     let files: Vec<Value> = played
         .iter()
@@ -309,7 +309,7 @@ pub fn motions_json(played: &[Played], machine: &Machine) -> Value {
     })
 }
 
-/// Motions as a table.
+/// Formats motions as a table.
 pub fn motions_words(played: &[Played]) -> String {
     let mut out = format!(
         "{:24} {:>8} {:>11} {:>13} {:>9} {:>9} {:>7} {:>10} {:>5}\n",
@@ -343,7 +343,7 @@ pub fn motions_words(played: &[Played]) -> String {
     out
 }
 
-/// A bench as JSON.
+/// Formats a bench as JSON.
 pub fn bench_json(bench: &Bench, ticks: u64, model: &Model, machine: &Machine) -> Value {
     json!({
         "robot": model.name,
@@ -355,7 +355,7 @@ pub fn bench_json(bench: &Bench, ticks: u64, model: &Model, machine: &Machine) -
     })
 }
 
-/// A bench in words.
+/// Formats a bench as text.
 pub fn bench_words(bench: &Bench, ticks: u64, model: &Model, machine: &Machine) -> String {
     format!(
         "control tick (whole-body control and gate), {} checked pairs, {ticks} ticks each\nsmooth, in the open   {}\njumping targets       {}\n{machine}\n",
@@ -365,13 +365,13 @@ pub fn bench_words(bench: &Bench, ticks: u64, model: &Model, machine: &Machine) 
     )
 }
 
-/// Puts the words out, and the JSON where it was asked for.
+/// Prints the text, and writes the JSON if a path is given.
 ///
 /// # Errors
-/// Names the file that cannot be written.
+/// Returns an error that names the file that cannot be written.
 pub fn put(words: &str, value: &Value, json: Option<&Path>) -> Result<(), TortureError> {
     use std::io::Write;
-    // Nobody may be listening: the exit code says how it went.
+    // The output may be closed. The exit code still reports the result.
     match json {
         Some(path) if path.as_os_str() == "-" => {
             let _ = std::io::stderr().write_all(words.as_bytes());

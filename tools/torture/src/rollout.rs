@@ -1,6 +1,6 @@
-//! A command's stop plan, played to rest and judged at many instants by formulas and distances that neither
-//! whole-body control nor the gate uses: closed-form polynomials per phase, parry's segment distance, and the dynamics of
-//! the simulated robot.
+//! Plays a command's stop plan to rest and judges it at many instants. It uses closed-form polynomials per
+//! phase, parry's segment distance, and the dynamics of the simulated robot. Neither whole-body control nor the
+//! gate uses these formulas and distances.
 
 use driver::Motion;
 use messages::JOINTS;
@@ -8,19 +8,20 @@ use nalgebra::Vector3;
 use robot::{Frames, Model, segment_distance_oracle};
 use sim::{TOLERANCE_A, TOLERANCE_CLEARANCE_M, TOLERANCE_J, TOLERANCE_Q, TOLERANCE_V, ViolationKind};
 
-/// Time between two judged instants, s: in a millisecond no point of the robot moves more than a few millimetres, and
-/// the first instant is drawn anew for every plan.
+/// Time between two judged instants, s. In a millisecond no point of the robot moves more than a few
+/// millimetres. The first instant is drawn at random for every plan.
 const STEP_S: f64 = 1e-3;
 
-/// Rounding of a torque over its limit: values of rounding 1e-11 rad/s^2 at 2 kg m^2, of limits of 2 N m and more.
+/// Rounding of a torque over its limit. Accelerations have rounding errors of 1e-11 rad/s^2 at 2 kg m^2, and
+/// limits are at least 2 N m.
 const TOLERANCE_TORQUE: f64 = 1e-9;
 
-/// What a plan amounts to.
+/// Result of a plan.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Rolled {
-    /// Joints or instants that violate, by kind.
+    /// Number of joints or instants that violate, by kind.
     pub violations: [u64; ViolationKind::ALL.len()],
-    /// Least clearance of the checked pairs and from the obstacles, m.
+    /// Least clearance, m: of the checked pairs, and to the obstacles.
     pub min_clearance_m: f64,
     /// Largest torque over its effort limit.
     pub torque_share: f64,
@@ -36,10 +37,10 @@ pub struct Judge<'a> {
     half_lengths_m: Vec<f64>,
 }
 
-/// One joint on its plan: state and jerk at the beginning of each phase, and when that is.
+/// One joint on its plan: start time, state and jerk of each phase.
 #[derive(Clone, Copy, Debug)]
 struct Joint {
-    /// Begin (s), q, v, a, jerk of the three phases and of the rest after them.
+    /// Start (s), q, v, a and jerk of the three phases and of the rest after them.
     phases: [[f64; 5]; 4],
 }
 
@@ -58,7 +59,7 @@ impl Joint {
         Self { phases }
     }
 
-    /// Position, velocity and acceleration at `t`; after the last phase, where it ended.
+    /// Position, velocity and acceleration at `t`. After the last phase, they are those of its end.
     fn at(&self, t: f64) -> [f64; 3] {
         let i = (0..4).rev().find(|&i| t >= self.phases[i][0]).unwrap_or(0);
         let phase = &self.phases[i];
@@ -70,13 +71,13 @@ impl Joint {
     }
 }
 
-/// q + v t + a t^2 / 2 + j t^3 / 6 and its derivatives.
+/// Returns q + v t + a t^2 / 2 + j t^3 / 6 and its derivatives.
 fn polynomial(&[_, q, v, a, jerk]: &[f64; 5], t: f64) -> [f64; 3] {
     [q + v * t + a * t * t / 2.0 + jerk * t * t * t / 6.0, v + a * t + jerk * t * t / 2.0, a + jerk * t]
 }
 
 impl<'a> Judge<'a> {
-    /// A judge for `model`, of which `sim` is the simulated robot.
+    /// Creates a judge for `model`. `sim` is its simulated robot.
     pub fn new(model: &'a Model, sim: &'a sim::Config) -> Self {
         Self {
             model,
@@ -87,7 +88,8 @@ impl<'a> Judge<'a> {
         }
     }
 
-    /// Judges the plan of `motion` from now to rest; the first instant after now is `offset` (0 to 1) of a step later.
+    /// Judges the plan of `motion` from now to rest. The first instant after now is `offset` (0 to 1) of a step
+    /// later.
     pub fn roll(&mut self, motion: &Motion, offset: f64) -> Rolled {
         let joints: [Joint; JOINTS] = std::array::from_fn(|j| Joint::new(motion, j));
         let violations = [0; ViolationKind::ALL.len()];
@@ -116,7 +118,8 @@ impl<'a> Judge<'a> {
         }
     }
 
-    /// Largest torque over its effort limit with each joint at its position, speed and acceleration.
+    /// Returns the largest torque over its effort limit, with each joint at its position, speed and
+    /// acceleration.
     fn torque_share(&self, states: &[[f64; 3]; JOINTS]) -> f64 {
         let torques = self.sim.torques(&states.map(|x| x[0]), &states.map(|x| x[1]), &states.map(|x| x[2]));
         let limits = self.model.limits.iter();
@@ -138,7 +141,7 @@ impl<'a> Judge<'a> {
         }
         let [q, v, a] = joint.at(end_s);
         inside &= q >= limits.q_min - TOLERANCE_Q && q <= limits.q_max + TOLERANCE_Q;
-        // A plan that does not end at rest breaks the promise of its end, whatever its jerks are.
+        // A plan that does not end at rest is a violation, even if its jerks are allowed.
         let rests = v.abs() <= driver::REST_TOLERANCE && a.abs() <= driver::REST_TOLERANCE;
         let (jerks, durations) = (&motion.plan.jerk[j], &motion.plan.duration_s[j]);
         let smooth = (0..3).all(|i| durations[i] >= 0.0 && jerks[i].abs() <= limits.j_max + TOLERANCE_J);
@@ -152,8 +155,8 @@ impl<'a> Judge<'a> {
         }
     }
 
-    /// Least clearance at `q`, m: of the checked pairs by parry's distance of the capsules' axes, and from the obstacles by
-    /// the robot model's own.
+    /// Least clearance at `q`, m. For the checked pairs it is parry's distance of the capsules' axes. For the
+    /// obstacles it is the robot model's own distance.
     pub fn clearance(&mut self, q: &[f64; JOINTS]) -> f64 {
         self.model.forward(q, &mut self.frames);
         for (axis, capsule) in self.axes.iter_mut().zip(&self.model.capsules) {
@@ -164,7 +167,7 @@ impl<'a> Judge<'a> {
         for pair in &self.model.pairs {
             let ([a0, a1], [b0, b1]) = (&self.axes[pair.a], &self.axes[pair.b]);
             let radii = self.model.capsules[pair.a].radius_m + self.model.capsules[pair.b].radius_m;
-            // Balls around both: no nearer than their centres less what is around them.
+            // Balls around both capsules: the distance is at least that of the centres less both radii.
             let around = self.half_lengths_m[pair.a] + self.half_lengths_m[pair.b] + radii;
             let apart = ((a0 + a1) - (b0 + b1)).norm() / 2.0 - around;
             if apart < least {
@@ -189,7 +192,7 @@ mod tests {
         sim::Config::new(model, &sim::Options::default()).unwrap()
     }
 
-    /// A stop of joint `j` from `v` by `jerk`, `-jerk`: each phase sqrt(v / jerk) long.
+    /// A stop of joint `j` from `v` with `jerk`, then `-jerk`. Each phase lasts sqrt(v / jerk).
     fn stop(model: &Model, j: usize, v: f64, jerk: f64) -> Motion {
         let mut motion = Motion::rest(model.home);
         let t = (v / jerk).sqrt();
@@ -217,7 +220,7 @@ mod tests {
         let mut judge = Judge::new(&model, &sim);
         let mut kinds = |motion: &Motion| judge.roll(motion, 0.3).violations.map(|n| n > 0);
         let limits = &model.limits[4];
-        // The peak of the acceleration is sqrt(v jerk): A where v is A^2 / jerk.
+        // The peak of the acceleration is sqrt(v jerk). It is A if v is A^2 / jerk.
         let (gentle, full) = (0.9 * limits.j_max, limits.a_max * limits.a_max / limits.j_max);
         assert_eq!(kinds(&stop(&model, 4, 0.5 * full, gentle)), [false; ViolationKind::ALL.len()]);
         assert!(kinds(&stop(&model, 4, 0.5 * full, 1.1 * limits.j_max))[ViolationKind::Jerk as usize]);
@@ -229,14 +232,14 @@ mod tests {
         let mut outside = stop(&model, 4, 0.5 * full, gentle);
         outside.q[4] = limits.q_max;
         assert!(kinds(&outside)[ViolationKind::Position as usize]);
-        // An arm that is stretched out and falls at half its speed cannot be braked at the full rate.
+        // A stretched arm that falls at half its speed cannot brake at the full rate.
         let mut falling = stop(&model, 4, 0.98, 0.0);
         falling.q[3..10].fill(0.0);
         let rise = limits.a_max / limits.j_max;
         falling.plan.jerk[4] = [-limits.j_max, 0.0, limits.j_max];
         falling.plan.duration_s[4] = [rise, 0.98 / limits.a_max - rise, rise];
         assert!(kinds(&falling)[ViolationKind::Torque as usize]);
-        // A slow way from home with the left arm across the body meets something.
+        // Slow motion from home with the left arm across the body leads into a collision.
         let mut through = Motion::rest(model.home);
         (through.v[3], through.plan.duration_s[3]) = (1.5, [3.0, 0.0, 0.0]);
         (through.v[10], through.plan.duration_s[10]) = (1.5, [3.0, 0.0, 0.0]);

@@ -1,4 +1,4 @@
-//! Whole-body control proposes, the gate disposes: both stages as the daemon's control tick runs them.
+//! Runs both stages as the daemon's control tick does: whole-body control proposes, and the gate decides.
 
 use crate::error::TortureError;
 use driver::Motion;
@@ -10,32 +10,33 @@ use safety::gate;
 use std::path::Path;
 use std::time::Instant;
 
-/// A robot with the configuration of every stage.
+/// A robot, with the configuration of every stage.
 #[derive(Clone, Debug)]
 pub struct Subject {
     /// The robot.
     pub model: Model,
-    /// Of whole-body control.
+    /// Configuration of whole-body control.
     pub wbc: wbc::Config,
-    /// Of the gate; without one the proposals are what is sent.
+    /// Configuration of the gate. Without a gate the proposals are sent.
     pub gate: Option<gate::Config>,
-    /// Of the simulated robot, whose encoders are exact: what is judged are commands.
+    /// Configuration of the simulated robot. Its encoders are exact, because the commands are judged.
     pub sim: sim::Config,
-    /// Bound on elbows and hands, m/s.
+    /// Bound on the speed of elbows and hands, m/s.
     pub hand_speed_m_per_s: f64,
-    /// The driver also pauses for longer than one motion lasts.
+    /// True if the driver also pauses for longer than one motion lasts.
     pub pauses: bool,
 }
 
-/// The bound of a robot without settings: their default.
+/// Bound of a robot without settings. It is the default of the settings.
 const HAND_SPEED_MAX_M_PER_S: f64 = 3.0;
 
 impl Subject {
-    /// The robot of a settings file among the obstacles that it names, or of a robot file without any; `certified`: see
-    /// [`Subject::of`]. What is attacked takes every command at its index: settings with another interface are refused.
+    /// Loads the robot of a settings file with its obstacles, or of a robot file without any. For `certified`,
+    /// see [`Subject::of`]. The attack assumes that every command is executed at its index, so settings with
+    /// another interface are rejected.
     ///
     /// # Errors
-    /// Names the file, the key, the value and the bound.
+    /// Returns an error that names the file, the key, the value and the bound.
     pub fn load(config: &Path, robot: Option<&Path>, certified: bool) -> Result<Self, TortureError> {
         match robot {
             Some(file) => Self::of(pipeline::load_model(file)?.0, file, certified, HAND_SPEED_MAX_M_PER_S),
@@ -51,11 +52,12 @@ impl Subject {
         }
     }
 
-    /// This robot, from `file`, with hands no faster than `hand_speed` (m/s); with `certified` as the daemon runs it, else without certificate and gate, which shows that
-    /// the attacks are attacks.
+    /// Creates the subject for this robot, from `file`, with hands no faster than `hand_speed` (m/s). If
+    /// `certified` is true, the stages run as in the daemon. Otherwise they run without certificate and gate,
+    /// which shows that the attacks are effective.
     ///
     /// # Errors
-    /// Names the file and the stage that refuses the robot.
+    /// Returns an error that names the file and the stage that rejects the robot.
     pub fn of(model: Model, file: &Path, certified: bool, hand_speed: f64) -> Result<Self, TortureError> {
         let options = if certified { wbc::Options::default() } else { wbc::Options::without_certificate_for_tests() };
         let options = options.hand_speed_m_per_s(hand_speed);
@@ -73,21 +75,22 @@ impl Subject {
         })
     }
 
-    /// The same without the proof of torques.
+    /// Returns the subject without the proof of torques.
     ///
     /// # Errors
-    /// Names the file, and what whole-body control refuses.
+    /// Returns an error that names the file, and the reason of whole-body control.
     pub fn without_torque(self, file: &Path) -> Result<Self, TortureError> {
         let options = wbc::Options::without_torque_for_tests().hand_speed_m_per_s(self.hand_speed_m_per_s);
         let wbc = wbc::Config::new(&self.model, options);
         Ok(Self { wbc: wbc.map_err(|error| TortureError::stage(file, "whole-body control", error))?, ..self })
     }
 
-    /// The same with so much in both hands, kg, where the robot file says that they grasp; with `told`, whole-body control knows.
-    /// Without, arms give way, and a driver that pauses finds the robot off its way: it does not pause.
+    /// Returns the subject with `mass_kg` in both hands, where the robot file says that they grasp. If `told`
+    /// is true, whole-body control knows the payload. Otherwise arms give way, and a driver that pauses would
+    /// find the robot off its path. So that driver does not pause.
     ///
     /// # Errors
-    /// Names the file, and what a stage refuses.
+    /// Returns an error that names the file, and the reason of the stage that rejects it.
     pub fn with_payload(mut self, file: &Path, mass_kg: f64, told: bool) -> Result<Self, TortureError> {
         let exact = sim::Options { payload_kg: [Some(mass_kg); 2], ..exact_robot(self.hand_speed_m_per_s) };
         self.sim = sim::Config::new(&self.model, &exact)
@@ -102,17 +105,17 @@ impl Subject {
         Ok(self)
     }
 
-    /// The same with the gate, whatever whole-body control leaves out.
+    /// Returns the subject with the gate, regardless of what whole-body control leaves out.
     ///
     /// # Errors
-    /// Names the file, and what the gate refuses.
+    /// Returns an error that names the file, and the reason of the gate.
     pub fn with_gate(self, file: &Path) -> Result<Self, TortureError> {
         let gate = gate_of(&self.model, file, self.hand_speed_m_per_s)?;
         Ok(Self { gate: Some(gate), ..self })
     }
 }
 
-/// A simulated robot whose encoders are exact.
+/// Options of a simulated robot with exact encoders.
 fn exact_robot(hand_speed_max_m_per_s: f64) -> sim::Options {
     sim::Options { encoder_noise_rad: 0.0, encoder_step_rad: 0.0, hand_speed_max_m_per_s, ..sim::Options::default() }
 }
@@ -130,17 +133,17 @@ pub struct Stages<'a> {
 }
 
 impl<'a> Stages<'a> {
-    /// Both at rest at `q` (rad, m).
+    /// Creates both stages at rest at `q` (rad, m).
     pub fn at_rest(subject: &'a Subject, q: [f64; JOINTS]) -> Self {
         Self { subject, commander: Commander::at_rest(&subject.wbc, q) }
     }
 
-    /// Continues from what the driver executes.
+    /// Continues from the state that the driver executes.
     pub fn reseed(&mut self, motion: &Motion) {
         self.commander.reseed(motion);
     }
 
-    /// One tick of both, and how long it took, ns. Without a gate the proposal is what is sent.
+    /// Runs one tick of both stages, and returns its duration, ns. Without a gate the proposal is sent.
     pub fn tick(&mut self, k: u64, now: Stamp, target: Option<wbc::Target<'_>>, permit: Permit) -> (Commanded, u64) {
         let Self { subject, commander } = self;
         let begun = Instant::now();

@@ -1,24 +1,24 @@
-//! The longest stop of any state that a certified plan may be in, against a bound in closed form.
+//! Compares the longest stop of any state that a certified plan may have with a closed-form bound.
 //!
-//! A joint at velocity v and acceleration a with limits A and J stops in three phases (`wbc::plan`). With s the sign of
-//! the velocity c = v + a |a| / 2J that is left when the acceleration has been brought to zero, and v, a seen in the
-//! direction of s:
+//! A joint at velocity v and acceleration a, with limits A and J, stops in three phases (`wbc::plan`). Bringing
+//! the acceleration to zero leaves the velocity c = v + a |a| / 2J. In the direction of its sign s, with v and
+//! a measured in that direction:
 //!
 //! ```text
 //! A is reached:   T = (a + A) / J + (v / A + a^2 / 2JA - A / J) + A / J = v / A + a^2 / 2JA + (a + A) / J
 //! A is not:       T = (a + 2 p) / J, p = sqrt(J v + a^2 / 2) <= A, which is no more: 2 p <= p^2 / A + A
 //! ```
 //!
-//! For a >= 0 that is c / A + (a + A) / J, and for a < 0 it is convex in a, so no more than at its ends, c / A + A / J.
-//! Planning admits |c| <= V and |a| <= A, so no stop of a joint takes longer than
+//! For a >= 0 the time is c / A + (a + A) / J. For a < 0 it is convex in a, so it is at most the value at the
+//! ends, c / A + A / J. Planning admits |c| <= V and |a| <= A, so no stop of a joint takes longer than
 //!
 //! ```text
 //! D = V / A + 2 A / J                        reached at c = V, a = A (where V >= A^2 / J)
 //! D(v) = |v| / A + 5 A / 2J                  of a joint whose speed is |v|, whatever its acceleration
 //! ```
 //!
-//! From the end of a permit to exact rest: control sees it at the next tick and its command is executed a tick later, the
-//! stop plays, and its last part of a tick counts as one:
+//! From the end of a permit to exact rest, three times add up. Control sees the end at the next tick, and its
+//! command is executed a tick later. The stop plays. Its last part of a tick counts as a whole tick:
 //!
 //! ```text
 //! B(v) = 2 h + max_j D_j(v_j) + h
@@ -39,7 +39,8 @@ const ENDING_TICKS: f64 = 1.0;
 pub const TOLERANCE_S: f64 = 1e-9;
 /// States of one job.
 const PART_STATES: u64 = 20_000;
-/// Draws of a joint's state until one is admissible; a joint near its limit has few.
+/// Largest number of draws of a joint's state until one is admissible. A joint near its limit has few
+/// admissible states.
 const DRAWS_MAX: u32 = 10_000;
 
 /// Longest stop of any admitted state of a joint, s: V / A + 2 A / J.
@@ -58,44 +59,44 @@ pub fn stop_bound_s(bounds: &[Bounds; JOINTS], v: &[f64; JOINTS]) -> f64 {
     longest + reaction_s()
 }
 
-/// What is added to the length of a stop until exact rest, s.
+/// Time that is added to the length of a stop until exact rest, s.
 pub fn reaction_s() -> f64 {
     (REACTION_TICKS + ENDING_TICKS) * TICK_S
 }
 
-/// What was measured of one joint.
+/// Measurements of one joint.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct JointWorst {
     /// Longest stop, s.
     pub stop_s: f64,
-    /// Velocity and acceleration that it begins with.
+    /// Velocity at the beginning of the longest stop.
     pub v: f64,
-    /// See `v`.
+    /// Acceleration at the beginning of the longest stop.
     pub a: f64,
-    /// Largest share of the bound of its own speed that a stop takes.
+    /// Largest ratio of a stop's length to the bound for its own speed.
     pub share_of_bound_at: f64,
-    /// States whose stop is longer than a bound.
+    /// Number of states whose stop is longer than a bound.
     pub exceeded: u64,
 }
 
-/// What was measured of all.
+/// Measurements of all joints.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct StopTimes {
-    /// States of all 17 joints, corners not counted.
+    /// Number of states of all 17 joints, without the corners.
     pub states: u64,
-    /// By joint.
+    /// Measurements by joint.
     pub joints: [JointWorst; JOINTS],
-    /// Largest share of max_j D_j(v_j) that the longest stop of a state's 17 takes.
+    /// Largest ratio of the longest of a state's 17 stops to max_j D_j(v_j).
     pub share_of_bound: f64,
 }
 
 impl StopTimes {
-    /// States whose stop is longer than a bound.
+    /// Returns the number of states whose stop is longer than a bound.
     pub fn exceeded(&self) -> u64 {
         self.joints.iter().map(|joint| joint.exceeded).sum()
     }
 
-    /// The longest stop, s.
+    /// Returns the longest stop, s.
     pub fn worst_s(&self) -> f64 {
         self.joints.iter().map(|joint| joint.stop_s).fold(0.0, f64::max)
     }
@@ -154,10 +155,10 @@ fn random(bounds: &[Bounds; JOINTS], states: u64, seed: u64) -> StopTimes {
     out
 }
 
-/// A state that planning admits: one tick of an admissible jerk after a random one.
+/// Draws a state that planning admits: a random one after one tick of an admissible jerk.
 fn admitted(b: &Bounds, rng: &mut Pcg64) -> Option<JointState> {
     (0..DRAWS_MAX).find_map(|_| {
-        // One in two near the limits of speed and acceleration, where stops are long.
+        // Every second state is near the limits of speed and acceleration, where stops are long.
         let near = if rng.random_bool(0.5) { 0.9 } else { -1.0 };
         let sign = if rng.random_bool(0.5) { 1.0 } else { -1.0 };
         let mut share = || sign * rng.random_range(near..=1.0);
@@ -168,10 +169,10 @@ fn admitted(b: &Bounds, rng: &mut Pcg64) -> Option<JointState> {
     })
 }
 
-/// The corners of velocity and acceleration, of which the one at full acceleration that just does not exceed the largest
-/// speed stops last; only those that planning admits somewhere in the range.
+/// Measures the corners of velocity and acceleration that planning admits somewhere in the range. The longest
+/// stop begins at full acceleration, just without exceeding the largest speed.
 fn corners(bounds: &[Bounds; JOINTS]) -> StopTimes {
-    // A rounding below the bounds, which are compared exactly.
+    // Slightly inside the bounds, because planning compares exactly.
     const INSIDE: f64 = 1.0 - 1e-12;
     let mut out = StopTimes::default();
     for (j, b) in bounds.iter().enumerate() {

@@ -1,4 +1,4 @@
-//! The shipped robot under a million ticks of attack; and that the attacks are attacks.
+//! The shipped robot withstands a million ticks of attack, and the attacks are shown to be effective.
 
 use messages::JOINTS;
 use robot::{BoxEntry, Environment};
@@ -57,7 +57,8 @@ fn a_million_hostile_ticks_break_nothing() {
     );
     assert_eq!(figures.ticks, TICKS);
     assert!(figures.kept(), "{:?}, {} refused, {} stops late", figures.first, figures.refusals, figures.late_stops);
-    // The attack was one: every kind had its turn, the boundary was reached, everything that can fail did.
+    // The attack was effective: every kind occurred, the boundary was reached, and everything that can fail
+    // did.
     assert!(
         figures.attacks.iter().all(|of| of.ticks > TICKS / 100),
         "{:?}",
@@ -67,10 +68,10 @@ fn a_million_hostile_ticks_break_nothing() {
     assert!(figures.min_clearance_m < subject.model.d_min_m + 1e-4, "{}", figures.min_clearance_m);
     assert!(figures.travelled_rad > 1000.0, "the attack hardly moved the robot: {} rad", figures.travelled_rad);
     assert!(figures.rollouts > 500 && figures.stops > 50 && figures.latches > 3 && figures.reseeds > 1000);
-    // No motor was asked for more than its share, and some for nearly that.
+    // No motor exceeded its allowed share, and some came close to it.
     let share = figures.torque_share_max.max(figures.rollout_torque_share);
     assert!(share <= wbc::torque::SHARE + 1e-9 && share > 0.8, "{share}");
-    // No plan of a command lasts longer than the robot file promises of its limits.
+    // No plan of a command lasts longer than the robot file promises for its limits.
     assert!(figures.worst_stop_s < 0.5 && figures.worst_stop_s > 0.1, "{}", figures.worst_stop_s);
 }
 
@@ -88,7 +89,7 @@ fn without_certificate_and_gate_the_same_attack_collides() {
     let figures = run(&subject, 7, 20_000, 1);
     assert!(figures.violations_of(ViolationKind::Clearance) > 0);
     assert!(figures.min_clearance_m < subject.model.d_min_m - 5e-3);
-    // The limits of the joints do not rest on the certificate.
+    // The limits of the joints do not depend on the certificate.
     let others = figures.violations_total() - figures.violations_of(ViolationKind::Clearance);
     assert_eq!(others, 0, "{:?}", figures.violations);
 }
@@ -118,7 +119,8 @@ fn most_goals_are_reached() {
     let mut all = Goals::default();
     parts.into_iter().for_each(|part| all.merge(part));
     println!("{} of {} goals, {} times back home", all.reached, all.goals, all.returned);
-    // Far below what is measured over 168: this is whether goals are reached at all.
+    // The bound is far below the measurement over 168 goals. The test only checks that goals are reached at
+    // all.
     assert!(all.goals == 24 && all.share() > 0.7, "{all:?}");
 }
 
@@ -134,7 +136,7 @@ fn a_violation_of_true_motion_breaks_the_promise() {
 
 #[test]
 fn a_joint_that_breaks_a_limit_is_counted() {
-    // The checker that judges the attack, shown a step that no driver would take.
+    // The checker that judges the attack gets a step that no driver would take.
     let subject = subject(true);
     let held = sim::State::new(&subject.sim, 1500, 1).follower().setpoint();
     let mut checker = sim::Checker::new(&subject.sim, held);
@@ -156,7 +158,7 @@ fn a_payload_that_is_told_overloads_no_motor() {
     assert!(share <= wbc::torque::SHARE + 1e-9 && share > 0.8, "{share}");
 }
 
-/// The same attack with 2 kg of which nobody told. Nothing else breaks: it is the torques alone that need to know.
+/// The same attack with 2 kg that whole-body control does not know. Only the torques depend on that knowledge.
 #[test]
 fn a_payload_that_is_not_told_overloads_motors() {
     let laden = subject(true).with_payload(&root().join("config/teleop.toml"), 2.0, false).unwrap();

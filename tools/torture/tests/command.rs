@@ -1,4 +1,4 @@
-//! The command as a user runs it.
+//! Runs the command as a user does.
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
@@ -50,7 +50,7 @@ fn a_run_prints_and_writes_its_figures() {
 fn without_the_certificate_collisions_are_what_is_wanted() {
     let output = torture(&["--ticks", "20000", "--no-certificate"]);
     assert_eq!(output.status.code(), Some(0), "{}", said(&output));
-    // Too few ticks to collide in: the command says that it showed nothing.
+    // These ticks are too few for a collision. The command says that it showed nothing.
     let output = torture(&["--ticks", "2", "--no-certificate"]);
     assert_eq!(output.status.code(), Some(1), "{}", said(&output));
     assert!(said(&output).contains("no collision"), "{}", said(&output));
@@ -82,7 +82,7 @@ fn what_cannot_be_done_is_refused_with_its_bound() {
     }
 }
 
-/// Whoever runs the robot behind trajectory controllers must not take the figures of another interface for theirs.
+/// Users of trajectory controllers must not take the figures of another interface for theirs.
 #[test]
 fn an_interface_that_is_not_attacked_is_refused() {
     let folder = tempfile::tempdir().unwrap();

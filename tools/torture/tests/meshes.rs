@@ -1,5 +1,5 @@
-//! What the capsules stand for: convex hulls of the manufacturer's collision meshes, placed by kinematics of this test's
-//! own, stay apart while the robot is attacked. Only where the meshes are there.
+//! Checks what the capsules represent. Convex hulls of the manufacturer's collision meshes stay apart while the
+//! robot is attacked. The test places them with its own kinematics. It runs only if the meshes are present.
 
 use collision::mesh::read_mesh;
 use driver::Motion;
@@ -15,10 +15,10 @@ use torture::stages::{Stages, Subject};
 use urdf_rs::{Geometry, JointType};
 
 const TICKS: u64 = 30_000;
-/// A posture and the end of its plan are judged every so many ticks: 30 ms.
+/// Ticks between two judgements of a posture and of the end of its plan: 30 ms.
 const EVERY: u64 = 45;
 
-/// What moves within a shoulder.
+/// Links that move within a shoulder.
 const SHOULDERS: [&str; 2] = ["arm_left_2_link", "arm_right_2_link"];
 
 /// The convex hull of one collision mesh, in the frame of the link that carries it.
@@ -27,7 +27,7 @@ struct Piece {
     hull: Hull,
     /// A ball around it: centre in the link's frame, radius, m.
     ball: (Vector3<f64>, f64),
-    /// The movable joint above it; none: it stands on the base.
+    /// The movable joint above it. None if it stands on the base.
     moved_by: Option<String>,
 }
 
@@ -38,7 +38,7 @@ struct Meshes {
     pairs: Vec<(usize, usize)>,
 }
 
-/// The joint above a link that one of the 17 is, going up over fixed joints and fingers.
+/// Returns the nearest joint above a link that is one of the 17. The search skips fixed joints and fingers.
 fn moved_by<'a>(robot: &'a urdf_rs::Robot, link: &str, names: &[String]) -> Option<&'a urdf_rs::Joint> {
     let mut link = link.to_owned();
     loop {
@@ -70,7 +70,7 @@ impl Meshes {
                 pieces.push(Piece { link: link.name.clone(), hull, ball: (centre, radius), moved_by });
             }
         }
-        // The movable joint above the parent of the joint above: what is adjacent.
+        // The movable joint above the parent of the joint above. It defines which links are adjacent.
         let above = |name: &Option<String>| {
             let joint = robot.joints.iter().find(|joint| Some(&joint.name) == name.as_ref())?;
             Some(moved_by(&robot, &joint.parent.link, names).map(|joint| joint.name.clone()))
@@ -80,8 +80,9 @@ impl Meshes {
             for a in 0..b {
                 let (first, second) = (&pieces[a].moved_by, &pieces[b].moved_by);
                 let adjacent = above(first).as_ref() == Some(second) || above(second).as_ref() == Some(first);
-                // The torso is not convex: with joint 1 at its upper limit the second link of an arm is inside its hull and
-                // outside itself, whatever joint 2 does. That pair is proved with the torso cut into parts (`collision check`).
+                // The torso is not convex. With joint 1 at its upper limit, an arm's second link is inside the
+                // torso's hull but outside the torso itself. This holds for every position of joint 2. That
+                // pair is proved with the torso cut into parts (`collision check`).
                 let links = [pieces[a].link.as_str(), pieces[b].link.as_str()];
                 let shoulder = links.contains(&"torso_lift_link") && links.iter().any(|link| SHOULDERS.contains(link));
                 if first != second && !adjacent && !shoulder {
@@ -92,7 +93,7 @@ impl Meshes {
         Self { robot, pieces, pairs }
     }
 
-    /// Poses of the links in the root's frame; joints that are not among `q` at zero.
+    /// Poses of the links in the root's frame, with joints that are not among `q` at zero.
     fn poses(&self, q: &HashMap<&str, f64>) -> HashMap<&str, Pose> {
         let mut poses: HashMap<&str, Pose> = HashMap::new();
         let child = |name: &str| self.robot.joints.iter().any(|joint| joint.child.link == name);
@@ -115,7 +116,8 @@ impl Meshes {
         poses
     }
 
-    /// The least distance of two hulls and their links, m; pairs farther apart than `least_m` are passed over.
+    /// Returns the least distance of two hulls and their links, m. Skips pairs that are farther apart than
+    /// `least_m`.
     fn nearest(&self, names: &[String; JOINTS], q: &[f64; JOINTS]) -> (f64, String) {
         let poses = self.poses(&names.iter().map(String::as_str).zip(*q).collect());
         let mut least = (f64::INFINITY, String::new());
@@ -134,14 +136,14 @@ impl Meshes {
     }
 }
 
-/// Where the plan of a command rests.
+/// Returns the posture at which the plan of a command rests.
 fn rest(motion: &Motion) -> [f64; JOINTS] {
     let mut motion = *motion;
     motion.play(u64::MAX);
     motion.q
 }
 
-/// The least distance over an attack.
+/// Returns the least distance over an attack.
 fn attack(subject: &Subject, meshes: &Meshes, seed: u64, ticks: u64) -> (f64, String) {
     let model = &subject.model;
     let mut stages = Stages::at_rest(subject, model.home);

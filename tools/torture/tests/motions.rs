@@ -1,4 +1,4 @@
-//! Recorded motions through every stage, where they are there.
+//! Plays recorded motions through every stage, if the files are present.
 
 use pipeline::Overrides;
 use std::path::Path;
@@ -6,7 +6,7 @@ use torture::machine::cores;
 use torture::motions::play;
 use torture::parallel::in_parallel;
 
-/// Of every so many files one is played here; the command plays all.
+/// One file of this many is played here. The command plays all.
 const EVERY: usize = 12;
 
 #[test]

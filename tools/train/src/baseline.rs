@@ -1,4 +1,5 @@
-//! Networks that the product does not run, to compare with: one flat f16 tensor and a manifest that says what it is.
+//! Networks for comparison, which the product does not run. Each is one flat f16 tensor, and a manifest that
+//! describes it.
 
 use crate::checkpoint::write_at_once;
 use crate::error::TrainError;
@@ -18,12 +19,13 @@ use std::path::Path;
 /// The only format so far.
 const FORMAT: u32 = 1;
 const TENSOR: &str = "parameters";
-/// Postures that S3LE is trained on and looks up in, and as many pairs (Choi et al. 2021).
+/// Number of postures on which S3LE is trained and in which it looks up, and number of pairs (Choi et al.
+/// 2021).
 pub const S3LE_POSTURES: usize = 200_000;
-/// Their seed: training and lookup must have the same ones.
+/// Seed of these postures. Training and lookup must use the same postures.
 pub const S3LE_SEED: u64 = 1;
 
-/// What a baseline is and what it was made from.
+/// Description of a baseline and of its training.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct BaselineManifest {
@@ -31,28 +33,29 @@ pub struct BaselineManifest {
     pub format: u32,
     /// Name of its preset.
     pub name: String,
-    /// Of the safetensors file, lower-case hex.
+    /// SHA-256 of the safetensors file, lower-case hex.
     pub sha256: String,
     /// Hash of the arm, as in the product's weights.
     pub robot_hash: String,
     /// Sizes of the hidden layers.
     pub size: Size,
-    /// What the networks map between.
+    /// Input and output of the networks.
     pub pose: Pose,
-    /// Whether the posture is the nearest known one in the latent space (S3LE) instead of the decoder's.
+    /// True if the posture is the nearest known one in the latent space (S3LE). Otherwise it is the decoder's
+    /// output.
     pub lookup: bool,
     /// Seed of the training.
     pub seed: u64,
     /// Steps of the training.
     pub steps: u64,
-    /// What it was trained on.
+    /// Data of the training.
     pub trained_on: String,
 }
 
 /// Networks of a baseline, ready to run.
 #[derive(Clone, Debug)]
 pub struct Baseline {
-    /// What it is.
+    /// Description of the baseline.
     pub manifest: BaselineManifest,
     human: Perceptron,
     decoder: Perceptron,
@@ -68,10 +71,11 @@ struct Known {
 }
 
 impl Baseline {
-    /// Writes `<base>.safetensors` and `<base>.toml`; the manifest last, because it holds the hash of the other.
+    /// Writes `<base>.safetensors` and `<base>.toml`. The manifest comes last, because it holds the hash of the
+    /// other file.
     ///
     /// # Errors
-    /// If one of them cannot be written.
+    /// Returns an error if one of them cannot be written.
     pub fn write(base: &Path, manifest: &BaselineManifest, parameters: &[f32]) -> Result<(), TrainError> {
         let failed = |error: &dyn std::fmt::Display| damaged(base, error.to_string());
         let data: Vec<u8> = parameters.iter().flat_map(|value| f16::from_f32(*value).to_le_bytes()).collect();
@@ -86,7 +90,7 @@ impl Baseline {
     /// Reads `<base>.safetensors` and `<base>.toml` for the arm `identity`.
     ///
     /// # Errors
-    /// If one of them is missing, damaged, or made for another arm.
+    /// Returns an error if one of them is missing, damaged, or made for another arm.
     pub fn read(base: &Path, identity: &ArmIdentity) -> Result<Self, TrainError> {
         let text = read_text(&with_suffix(base, ".toml"))?;
         let manifest: BaselineManifest = toml::from_str(&text).map_err(|error| damaged(base, error.to_string()))?;
@@ -118,13 +122,13 @@ impl Baseline {
         Ok(Self { manifest, human, decoder, arm, known })
     }
 
-    /// Its preset's name.
+    /// Returns the name of its preset.
     #[must_use]
     pub fn name(&self) -> &str {
         &self.manifest.name
     }
 
-    /// Joint positions, rad, within the limits: left arm and mirrored right arm of a frame.
+    /// Returns joint positions, rad, within the limits: left arm and mirrored right arm of a frame.
     #[must_use]
     pub fn retarget(&self, frame: &[retarget::Limbs; 2]) -> [ArmQ; 2] {
         let pose = self.manifest.pose;
@@ -150,7 +154,7 @@ impl Baseline {
         normalised.map(|n| self.arm.denormalised(&n).map(f64::from))
     }
 
-    /// Latents of both arms, or the one of the whole pose and a zero.
+    /// Returns the latents of both arms, or the one of the whole pose and a zero.
     fn encode<const I: usize, const N: usize>(&self, features: &[f32]) -> [[f32; LATENT]; 2] {
         let mut rows = [[0.0; I]; N];
         rows.as_flattened_mut().copy_from_slice(&features[..I * N]);
@@ -160,7 +164,7 @@ impl Baseline {
     }
 }
 
-/// The decoder's output as joint positions normalised to -1..1.
+/// Maps the decoder's output to joint positions normalised to -1..1.
 fn normalised(y: [f32; ARM]) -> [f32; ARM] {
     y.map(|y| (REACH * y.tanh()).clamp(-1.0, 1.0))
 }
@@ -179,7 +183,7 @@ impl Known {
     }
 }
 
-/// Limb rotations in f32, x, y, z, w.
+/// Converts limb rotations to f32, in the order x, y, z, w.
 #[must_use]
 pub fn single(limbs: &retarget::Limbs) -> Limbs {
     [limbs.upper, limbs.fore].map(|limb| xyzw_from_rotation(&limb).map(|v| v as f32))

@@ -1,7 +1,8 @@
-//! Checkpoints: everything that a run remembers, in one safetensors file that appears at once or not at all.
+//! Checkpoints: the whole state of a run in one safetensors file. The file appears completely or not at all.
 //!
-//! Parameters, average and both moments are tensors; options and step are JSON in the header. The generators need
-//! nothing: they are made from seed and step. A resumed run therefore equals an uninterrupted one bit for bit.
+//! Parameters, average and both moments are tensors. Options and step are JSON in the header. The generators
+//! need no state, because they are created from seed and step. So a resumed run equals an uninterrupted one bit
+//! for bit.
 
 use crate::error::TrainError;
 use crate::session::{Options, Session};
@@ -15,7 +16,7 @@ use std::path::Path;
 const FORMAT: u32 = 1;
 const KEY: &str = "teleopd.train";
 
-/// What a run must share with the checkpoint that it resumes.
+/// Properties in which a run must agree with the checkpoint that it resumes.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Origin {
     /// Hash of the arm's kinematics and limits, as in the weights' manifest.
@@ -32,10 +33,10 @@ struct Header {
     origin: Origin,
 }
 
-/// Writes `bytes` to `path` so that the file is either the old one or the new one, never a part.
+/// Writes `bytes` to `path`. The file is either the old one or the new one, never a part.
 ///
 /// # Errors
-/// If the folder cannot be written.
+/// Returns an error if the folder cannot be written.
 pub fn write_at_once(path: &Path, bytes: &[u8]) -> Result<(), TrainError> {
     let failed = |source| TrainError::File { path: path.to_path_buf(), action: "write", source };
     if let Some(folder) = path.parent().filter(|folder| !folder.as_os_str().is_empty()) {
@@ -46,7 +47,8 @@ pub fn write_at_once(path: &Path, bytes: &[u8]) -> Result<(), TrainError> {
     let write = || {
         let mut file = std::fs::File::create(&partial)?;
         std::io::Write::write_all(&mut file, bytes)?;
-        // Renamed before its contents are on disk, a power cut could leave an empty file under the final name.
+        // If the rename came before the contents are on disk, a power cut could leave an empty file under the
+        // final name.
         file.sync_all()?;
         std::fs::rename(&partial, path)
     };
@@ -56,7 +58,7 @@ pub fn write_at_once(path: &Path, bytes: &[u8]) -> Result<(), TrainError> {
 /// Saves the run.
 ///
 /// # Errors
-/// If the file cannot be written.
+/// Returns an error if the file cannot be written.
 pub fn save(path: &Path, session: &Session, origin: &Origin) -> Result<(), TrainError> {
     let damaged = |reason: String| TrainError::Checkpoint { path: path.to_path_buf(), reason };
     let header = Header { format: FORMAT, step: session.step, options: session.options, origin: origin.clone() };
@@ -83,7 +85,7 @@ pub fn save(path: &Path, session: &Session, origin: &Origin) -> Result<(), Train
 /// Continues a saved run for the same arm and poses.
 ///
 /// # Errors
-/// If the file cannot be read, is damaged, or belongs to another arm or other poses.
+/// Returns an error if the file cannot be read, is damaged, or belongs to another arm or other poses.
 pub fn resume(path: &Path, arm: crate::kinematics::Arm, origin: &Origin) -> Result<Session, TrainError> {
     let damaged = |reason: String| TrainError::Checkpoint { path: path.to_path_buf(), reason };
     let bytes =

@@ -14,31 +14,31 @@ use std::path::PathBuf;
 #[derive(Clone, Debug, Parser)]
 #[command(name = "train", version)]
 pub struct Cli {
-    /// Folder of motion files with rotations; every fifth, starting with the third, is kept for validation
+    /// Folder of motion files with rotations. Every fifth file, starting with the third, is kept for validation
     #[arg(long, value_name = "DIR")]
     pub human: PathBuf,
-    /// Robot file; --prediction knows no robot
+    /// Robot file. --prediction does not use it
     #[arg(long, value_name = "FILE", default_value = "config/robots/tiago_dual.toml")]
     pub robot: PathBuf,
-    /// Where the weights go: OUT.safetensors and OUT.toml; checkpoints go to OUT.checkpoint
+    /// Output path of the weights: OUT.safetensors and OUT.toml. Checkpoints go to OUT.checkpoint
     #[arg(long, value_name = "OUT")]
     pub out: PathBuf,
-    /// Learn how a person's arms go on instead, from the same clips: a minute
+    /// Train the prediction of a person's arm motion instead, from the same clips. Takes a minute
     #[arg(long, conflicts_with_all = ["preset", "steps", "batch", "rate", "resume"])]
     pub prediction: bool,
-    /// What to train, and how long
+    /// Networks to train, and length of the training
     #[arg(long, value_enum, default_value = "full")]
     pub preset: Preset,
-    /// Steps instead of the preset's
+    /// Number of steps, instead of the preset's
     #[arg(long)]
     pub steps: Option<u64>,
-    /// Seed of weights and poses, and of what --prediction draws
+    /// Seed of weights and poses, and of the draws of --prediction
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
-    /// Poses per step, even, instead of the preset's
+    /// Poses per step, an even number, instead of the preset's
     #[arg(long)]
     pub batch: Option<usize>,
-    /// Peak learning rate of Adam instead of the preset's
+    /// Peak learning rate of Adam, instead of the preset's
     #[arg(long)]
     pub rate: Option<f64>,
     /// Share of procedural human poses, 0 to 1
@@ -50,10 +50,10 @@ pub struct Cli {
     /// Largest random turn of each limb by itself about each torso axis, degrees
     #[arg(long, default_value_t = 3.0)]
     pub limb_jitter_deg: f32,
-    /// Continue a checkpoint with the options it was made with
+    /// Continue a checkpoint with its own options
     #[arg(long, value_name = "FILE")]
     pub resume: Option<PathBuf>,
-    /// Where each clip's elbow hinges are estimated
+    /// Part of each clip in which the elbow hinges are estimated
     #[arg(long, value_name = "clip|first-10s", default_value = "first-10s", value_parser = calibration)]
     pub calibration: CalibrationMode,
 }
@@ -63,10 +63,10 @@ fn calibration(text: &str) -> Result<CalibrationMode, String> {
 }
 
 impl Cli {
-    /// The options of a new run.
+    /// Returns the options of a new run.
     ///
     /// # Errors
-    /// If one of the numbers is out of bounds.
+    /// Returns an error if one of the numbers is out of bounds.
     pub fn options(&self) -> Result<Options, TrainError> {
         let recipe = self.preset.recipe();
         let steps = self.steps.unwrap_or(recipe.steps);

@@ -1,4 +1,4 @@
-//! Recorded motion from a folder: which clips train, which are kept for validation, and what each arm does in them.
+//! Recorded motion from a folder: training clips, validation clips, and the motion of each arm in them.
 
 use crate::error::TrainError;
 use crate::kinematics::Limbs;
@@ -8,12 +8,12 @@ use motion::{CalibrationMode, Motion};
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
-/// Of the files sorted by name, every fifth starting with the third is kept for validation (so that figures of different
-/// versions compare).
+/// Distance between validation files. Of the files sorted by name, every fifth starting with the third is kept
+/// for validation. So figures of different versions are comparable.
 pub const VALIDATION_EVERY: usize = 5;
 const VALIDATION_FIRST: usize = 2;
 
-/// Whether the file of this place, sorted by name, is kept for validation.
+/// Returns true if the file at this index, sorted by name, is kept for validation.
 #[must_use]
 pub const fn is_validation(index: usize) -> bool {
     index % VALIDATION_EVERY == VALIDATION_FIRST
@@ -24,35 +24,36 @@ pub const fn is_validation(index: usize) -> bool {
 pub struct Clip {
     /// File name without extension.
     pub name: String,
-    /// Frames a second.
+    /// Frames per second.
     pub frame_rate_hz: f64,
     /// Frames of the left arm, then of the mirrored right arm, x y z w.
     pub arms: [Vec<Limbs>; 2],
 }
 
 impl Clip {
-    /// Both arms, frame by frame.
+    /// Returns both arms, frame by frame.
     pub fn frames(&self) -> impl Iterator<Item = [Limbs; 2]> {
         self.arms[0].iter().zip(&self.arms[1]).map(|(left, right)| [*left, *right])
     }
 }
 
-/// What a folder holds.
+/// The clips of a folder.
 #[derive(Clone, Debug)]
 pub struct Clips {
     /// Clips to train on.
     pub training: Vec<Clip>,
-    /// Clips kept out.
+    /// Clips for validation.
     pub validation: Vec<Clip>,
-    /// File and reason of those that could not be used.
+    /// Files that could not be used: name and reason.
     pub skipped: Vec<(String, String)>,
 }
 
 impl Clips {
-    /// Reads all motion files of `folder`. A file that cannot be read, or has no rotations, is skipped and listed.
+    /// Reads all motion files of `folder`. A file that cannot be read, or has no rotations, is skipped and
+    /// listed.
     ///
     /// # Errors
-    /// If the folder cannot be listed, or has no clip to train on or none to validate with.
+    /// Returns an error if the folder cannot be listed, or has no training clip or no validation clip.
     pub fn read(folder: &Path, calibration: CalibrationMode) -> Result<Self, TrainError> {
         let files = motion_files(folder)?;
         let mut clips = Self { training: Vec::new(), validation: Vec::new(), skipped: Vec::new() };
@@ -80,13 +81,13 @@ impl Clips {
         Ok(clips)
     }
 
-    /// The training clips' frames in one list.
+    /// Returns the frames of the training clips in one list.
     #[must_use]
     pub fn recorded(&self) -> Recorded {
         Recorded { frames: self.training.iter().flat_map(Clip::frames).collect() }
     }
 
-    /// At most `count` frames spread evenly over the validation clips.
+    /// Returns at most `count` frames, spread evenly over the validation clips.
     #[must_use]
     pub fn validation_sample(&self, count: usize) -> Vec<[Limbs; 2]> {
         let all: Vec<[Limbs; 2]> = self.validation.iter().flat_map(Clip::frames).collect();
@@ -95,10 +96,10 @@ impl Clips {
     }
 }
 
-/// The motion files of a folder, sorted by name.
+/// Returns the motion files of a folder, sorted by name.
 ///
 /// # Errors
-/// If it cannot be listed.
+/// Returns an error if it cannot be listed.
 pub fn motion_files(folder: &Path) -> Result<Vec<PathBuf>, TrainError> {
     motion::motion_files(folder).map_err(|error| {
         let source = match error {
@@ -118,10 +119,10 @@ fn read_clip(file: &Path, calibration: CalibrationMode) -> Result<Clip, String> 
     Ok(Clip { name: motion.name, frame_rate_hz: motion.frame_rate_hz, arms: arms(&frames) })
 }
 
-/// The limb rotations of every frame, x y z w, by `messages::Limb`.
+/// Returns the limb rotations of every frame, x y z w, indexed by `messages::Limb`.
 ///
 /// # Errors
-/// A sentence, if there is no frame, or a rotation is not finite.
+/// Returns a sentence as error if there is no frame, or a rotation is not finite.
 pub fn limb_frames(motion: &Motion, calibration: CalibrationMode) -> Result<Vec<[[f32; 4]; LIMBS]>, String> {
     let frames = motion::limbs(motion, &motion::calibrate(motion, calibration));
     if frames.is_empty() {
@@ -133,7 +134,7 @@ pub fn limb_frames(motion: &Motion, calibration: CalibrationMode) -> Result<Vec<
     Ok(frames)
 }
 
-/// Both arms as left arms: the right one mirrored at the plane between left and right.
+/// Returns both arms as left arms. The right one is mirrored at the plane between left and right.
 fn arms(frames: &[[[f32; 4]; LIMBS]]) -> [Vec<Limbs>; 2] {
     let mirror = |[x, y, z, w]: [f32; 4]| [-x, y, -z, w];
     let left = frames.iter().map(|limbs| [limbs[Limb::LeftUpper as usize], limbs[Limb::LeftFore as usize]]);

@@ -1,8 +1,8 @@
-//! What can go wrong before, between and after the steps.
+//! Errors before, between and after the steps.
 
 use std::path::PathBuf;
 
-/// Why training or evaluation cannot start or go on.
+/// An error that keeps training or evaluation from starting or going on.
 #[derive(Debug, thiserror::Error)]
 pub enum TrainError {
     /// A file cannot be read or written.
@@ -10,7 +10,7 @@ pub enum TrainError {
     File {
         /// The file.
         path: PathBuf,
-        /// What was tried: "read", "write", "list".
+        /// The attempted action: "read", "write", "list".
         action: &'static str,
         /// The system's reason.
         source: std::io::Error,
@@ -22,14 +22,14 @@ pub enum TrainError {
         folder: PathBuf,
         /// Files with the extension .bvh.
         found: usize,
-        /// Of these, how many have arm poses.
+        /// Number of these files that have arm poses.
         usable: usize,
-        /// Enough for one validation clip.
+        /// Number that is enough for one validation clip.
         needed: usize,
         /// A line for each unusable file.
         reasons: String,
     },
-    /// The robot file or its URDF was refused.
+    /// The robot file or its URDF is invalid.
     #[error("{0}")]
     Robot(#[from] robot::RobotError),
     /// A baseline's file is damaged, or made for another arm.
@@ -37,7 +37,7 @@ pub enum TrainError {
     Baseline {
         /// Its path without extension.
         path: PathBuf,
-        /// What does not fit.
+        /// The mismatch.
         reason: String,
     },
     /// A weights file could not be composed.
@@ -48,7 +48,7 @@ pub enum TrainError {
     Checkpoint {
         /// The file.
         path: PathBuf,
-        /// What does not fit.
+        /// The mismatch.
         reason: String,
     },
     /// A value of the command line is out of bounds.
@@ -61,16 +61,16 @@ pub enum TrainError {
         /// The bound.
         expected: String,
     },
-    /// The loss left the numbers.
+    /// The loss became NaN or infinite.
     #[error("the loss is not finite at step {step}; a lower learning rate or another seed may help")]
     Diverged {
-        /// Steps done.
+        /// Number of steps done.
         step: u64,
     },
 }
 
 impl TrainError {
-    /// The exit code of sysexits.h.
+    /// Returns the exit code of sysexits.h.
     #[must_use]
     pub fn exit_code(&self) -> u8 {
         match self {

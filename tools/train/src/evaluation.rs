@@ -1,5 +1,5 @@
-//! How far the retargeted arm is from the human on clips that training never saw: the network alone (K = 0), with two
-//! refinement steps (K = 2), and the best that the arm can do.
+//! Measures how far the retargeted arm is from the human on clips that training never saw. The methods are the
+//! network alone (K = 0), the network with two refinement steps (K = 2), and the best that the arm can do.
 
 use crate::clips::Clip;
 use crate::kinematics;
@@ -9,7 +9,8 @@ use std::fmt;
 
 /// Refinement steps of the second row.
 const STEPS: u32 = 2;
-/// Random starts of the optimum, beside the four that are not random: more do not move its mean by 0.01 degrees.
+/// Number of random starts of the optimum, in addition to the four that are not random. More starts change its
+/// mean by less than 0.01 degrees.
 const RANDOM_STARTS: u32 = 6;
 const ORACLE_SEED: u64 = 7;
 
@@ -18,20 +19,20 @@ const ORACLE_SEED: u64 = 7;
 pub struct Figures {
     /// Mean rotation error over limbs and frames, degrees.
     pub mean_deg: f64,
-    /// Its 95th percentile, degrees.
+    /// 95th percentile of the rotation error, degrees.
     pub p95_deg: f64,
-    /// S_GR summed over the four limbs, mean over frames.
+    /// S_GR, summed over the four limbs, mean over frames.
     pub s_gr: f64,
 }
 
 /// The table.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Evaluation {
-    /// The network alone.
+    /// Figures of the network alone.
     pub k0: Figures,
-    /// With two Levenberg-Marquardt steps.
+    /// Figures with two Levenberg-Marquardt steps.
     pub k2: Figures,
-    /// S_GR minimised from many starts.
+    /// Figures of S_GR minimised from many starts.
     pub optimum: Figures,
     /// Number of clips.
     pub clips: usize,
@@ -59,13 +60,13 @@ impl Errors {
         Figures {
             mean_deg: self.degrees.iter().sum::<f64>() / count as f64,
             p95_deg: self.degrees.get(count * 95 / 100).copied().unwrap_or(0.0),
-            // Two limbs per arm frame, four limbs per frame.
+            // There are two limbs per arm frame, and four limbs per frame.
             s_gr: 4.0 * self.s_gr / count as f64,
         }
     }
 }
 
-/// A limb rotation of training as one of the retargeting.
+/// Converts limb rotations of training to those of retargeting.
 #[must_use]
 pub fn limbs(pose: &kinematics::Limbs) -> Limbs {
     let rotation = |[x, y, z, w]: [f32; 4]| {
@@ -74,7 +75,8 @@ pub fn limbs(pose: &kinematics::Limbs) -> Limbs {
     Limbs { upper: rotation(pose[0]), fore: rotation(pose[1]) }
 }
 
-/// Evaluates `network` on every frame of `clips`; the optimum only on every `stride`-th, because it takes its time.
+/// Evaluates `network` on every frame of `clips`. The optimum is evaluated only on every `stride`-th frame,
+/// because it is slow.
 #[must_use]
 pub fn evaluate(arm: &ArmModel, network: &Network, clips: &[Clip], stride: usize) -> Evaluation {
     let (mut k0, mut k2, mut optimum) = (Errors::default(), Errors::default(), Errors::default());
@@ -98,7 +100,7 @@ pub fn evaluate(arm: &ArmModel, network: &Network, clips: &[Clip], stride: usize
 }
 
 impl Evaluation {
-    /// As the manifest's `[validation]` table.
+    /// Returns the manifest's `[validation]` table.
     #[must_use]
     pub fn table(&self) -> toml::Table {
         let mut table = toml::Table::new();
@@ -109,7 +111,7 @@ impl Evaluation {
         count("arm_frames", self.arm_frames);
         for (name, figures) in [("k0", &self.k0), ("k2", &self.k2), ("optimum", &self.optimum)] {
             for (key, value) in [("mean_deg", figures.mean_deg), ("p95_deg", figures.p95_deg), ("s_gr", figures.s_gr)] {
-                // Five digits say all that a mean over this many frames can.
+                // Five digits are enough for a mean over this many frames.
                 let value = (value * 1e5).round() / 1e5;
                 table.insert(format!("{name}_{key}"), toml::Value::Float(value));
             }

@@ -1,7 +1,7 @@
-//! Dense products and wide vectors: the one file of the trainer that needs `unsafe`.
+//! Dense products and wide vectors. This is the only file of the trainer that needs `unsafe`.
 //!
-//! Two things cannot be said in safe Rust: the pointer interface of the `gemm` crate, and entering a function that is
-//! compiled for AVX-512. Both are wrapped here behind slices and checks.
+//! Two things need `unsafe`: the pointer interface of the `gemm` crate, and calling a function that is compiled
+//! for AVX-512. Both are wrapped here behind slices and checks.
 #![allow(unsafe_code)]
 
 use gemm::Parallelism;
@@ -23,7 +23,7 @@ impl<'a> Mat<'a> {
         Self { data, rows, cols, transposed: false }
     }
 
-    /// The same storage, read as its transpose.
+    /// Returns the same storage, read as its transpose.
     #[must_use]
     pub fn t(self) -> Self {
         Self { transposed: !self.transposed, ..self }
@@ -33,15 +33,15 @@ impl<'a> Mat<'a> {
         if self.transposed { (self.cols, self.rows) } else { (self.rows, self.cols) }
     }
 
-    /// (column stride, row stride) in elements, as `gemm` wants them.
+    /// (column stride, row stride) in elements, as `gemm` requires them.
     fn strides(self) -> (isize, isize) {
         let step = self.cols as isize;
         if self.transposed { (step, 1) } else { (1, step) }
     }
 }
 
-/// `dst = a b`, or `dst += a b` when `accumulate`; `dst` is row-major and exactly rows(a) x cols(b).
-/// Panics if the shapes do not agree.
+/// Computes `dst = a b`, or `dst += a b` if `accumulate` is true. `dst` is row-major and exactly rows(a) x
+/// cols(b). Panics if the shapes do not agree.
 pub fn multiply(dst: &mut [f32], a: Mat<'_>, b: Mat<'_>, accumulate: bool) {
     let (m, inner) = a.shape();
     let (b_rows, n) = b.shape();
@@ -52,10 +52,11 @@ pub fn multiply(dst: &mut [f32], a: Mat<'_>, b: Mat<'_>, accumulate: bool) {
     }
     let (a_cs, a_rs) = a.strides();
     let (b_cs, b_rs) = b.strides();
-    // SAFETY: `gemm` reads a[i * rs + j * cs] for i < m, j < inner: `Mat::new` checked that the storage holds rows * cols
-    // values, and with these strides the largest index is rows * cols - 1 in either reading; the same for b. It writes
-    // dst[i * n + j] for i < m, j < n, and the length was asserted to be m * n. `dst` is an exclusive borrow, so it
-    // overlaps neither input. No parallelism is asked for, so no pointer leaves this thread.
+    // SAFETY: `gemm` reads a[i * rs + j * cs] for i < m, j < inner. `Mat::new` checked that the storage holds
+    // rows * cols values. With these strides the largest index is rows * cols - 1 in either reading. The same
+    // holds for b. It writes dst[i * n + j] for i < m, j < n, and the length was asserted to be m * n. `dst` is
+    // an exclusive borrow, so it overlaps neither input. No parallelism is requested, so no pointer leaves this
+    // thread.
     unsafe {
         gemm::gemm(
             m,
@@ -81,8 +82,8 @@ pub fn multiply(dst: &mut [f32], a: Mat<'_>, b: Mat<'_>, accumulate: bool) {
     }
 }
 
-/// Runs `work` compiled for the widest vectors of this machine. What it calls must be `#[inline(always)]`, or it stays
-/// at the baseline instruction set.
+/// Runs `work` compiled for the widest vectors of this machine. Functions that it calls must be
+/// `#[inline(always)]`, or they stay at the baseline instruction set.
 #[inline]
 pub fn widest<R>(work: impl FnOnce() -> R) -> R {
     #[cfg(target_arch = "x86_64")]

@@ -1,11 +1,11 @@
-//! The arm as two limb rotations and their metric, in f32 and with an analytic gradient.
+//! The arm as two limb rotations, and their metric, in f32 with an analytic gradient.
 //!
-//! U(q) = R(a1, q1 - r1) R(a2, q2 - r2) R(a3, q3 - r3), F(q) = U R(a4, q4 - r4) R(a5, q5 - r5), all axes in the torso
-//! frame at the reference posture; quaternions are x, y, z, w.
+//! U(q) = R(a1, q1 - r1) R(a2, q2 - r2) R(a3, q3 - r3), F(q) = U R(a4, q4 - r4) R(a5, q5 - r5). All axes are in
+//! the torso frame at the reference posture. Quaternions are x, y, z, w.
 
-/// Joints of an arm that the limb rotations depend on.
+/// Number of joints of an arm that the limb rotations depend on.
 pub const ARM: usize = 5;
-/// Inputs of the human encoder: bone and hinge axes of upper arm and forearm.
+/// Number of inputs of the human encoder: bone and hinge axes of upper arm and forearm.
 pub const FEATURES: usize = 12;
 
 /// A unit quaternion, x, y, z, w.
@@ -26,7 +26,7 @@ pub struct Arm {
     pub half: [f32; ARM],
 }
 
-/// Hamilton product.
+/// Returns the Hamilton product.
 #[must_use]
 #[inline]
 pub fn product(a: Quaternion, b: Quaternion) -> Quaternion {
@@ -39,7 +39,7 @@ pub fn product(a: Quaternion, b: Quaternion) -> Quaternion {
     ]
 }
 
-/// The rotation by `angle_rad` about a unit axis.
+/// Returns the rotation by `angle_rad` about a unit axis.
 #[must_use]
 #[inline]
 pub fn about(axis: [f32; 3], angle_rad: f32) -> Quaternion {
@@ -47,7 +47,7 @@ pub fn about(axis: [f32; 3], angle_rad: f32) -> Quaternion {
     [axis[0] * s, axis[1] * s, axis[2] * s, c]
 }
 
-/// `v` rotated by `q`: v + 2 u x (u x v + w v).
+/// Returns `v` rotated by `q`: v + 2 u x (u x v + w v).
 #[must_use]
 #[inline]
 pub fn rotate(q: Quaternion, v: [f32; 3]) -> [f32; 3] {
@@ -63,21 +63,21 @@ fn cross(a: [f32; 3], b: [f32; 3]) -> [f32; 3] {
     [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 }
 
-/// (imag, real) of a b^-1: the error rotation between two limb rotations.
+/// Returns (imag, real) of a b^-1: the error rotation between two limb rotations.
 #[inline]
 fn error(a: Quaternion, b: Quaternion) -> ([f32; 3], f32) {
     let [x, y, z, w] = product(a, [-b[0], -b[1], -b[2], b[3]]);
     ([x, y, z], w)
 }
 
-/// S_GR of an arm: the sum over both limbs of 1 - <q_a, q_b>^2 (ImitationNet, equation 1), computed as |imag(q_a q_b^-1)|^2,
-/// which keeps its digits near zero.
+/// Returns S_GR of an arm: the sum over both limbs of 1 - <q_a, q_b>^2 (ImitationNet, equation 1). It is
+/// computed as |imag(q_a q_b^-1)|^2, which keeps its digits near zero.
 #[must_use]
 pub fn s_gr(a: &Limbs, b: &Limbs) -> f32 {
     (0..2).map(|limb| error(a[limb], b[limb]).0.iter().map(|v| v * v).sum::<f32>()).sum()
 }
 
-/// Rotation angle between two limb rotations, in degrees, 0..=180.
+/// Returns the rotation angle between two limb rotations, in degrees, 0..=180.
 #[must_use]
 pub fn limb_degrees(a: Quaternion, b: Quaternion) -> f32 {
     let (imag, real) = error(a, b);
@@ -85,7 +85,8 @@ pub fn limb_degrees(a: Quaternion, b: Quaternion) -> f32 {
     2.0 * sine.atan2(real.abs()).to_degrees()
 }
 
-/// Bone axis R (0, 1, 0) and hinge axis R (0, 0, -1) of the upper arm, then of the forearm: the human encoder's input.
+/// Returns the human encoder's input for the upper arm, then for the forearm: bone axis R (0, 1, 0) and hinge
+/// axis R (0, 0, -1).
 #[must_use]
 pub fn features(limbs: &Limbs) -> [f32; FEATURES] {
     let mut out = [0.0; FEATURES];
@@ -96,33 +97,34 @@ pub fn features(limbs: &Limbs) -> [f32; FEATURES] {
     out
 }
 
-/// eps of the smoothed angle: S_GR of half a degree. Within that of 0 and 180 degrees the angle turns quadratic.
+/// eps of the smoothed angle: S_GR of half a degree. Closer than that to 0 and 180 degrees the angle becomes
+/// quadratic.
 pub const ANGLE_SMOOTHING: f32 = 2e-5;
 
-/// How far an arm is from the human's limbs, and where that falls.
+/// Distance of an arm from the human's limbs, and its gradient.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Fit {
     /// S_GR of both limbs, 0..=2.
     pub s_gr: f32,
     /// Smoothed angles of both limbs, rad, 0..pi each.
     pub angle: f32,
-    /// Of the weighted sum, over the joint positions, 1/rad.
+    /// Gradient of the weighted sum over the joint positions, 1/rad.
     pub gradient: [f32; ARM],
 }
 
-/// What a human encoder is given of an arm.
+/// Input of a human encoder for one arm.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum HumanInput {
-    /// Bone and hinge axes of both limbs in the torso frame, see `features`.
+    /// Bone and hinge axes of both limbs in the torso frame. See `features`.
     Axes,
-    /// Rotation of the upper arm in the torso frame and of the forearm in the upper arm's, x, y, z, w with w >= 0 (the
-    /// paper's input: rotations relative to the parent).
+    /// Rotation of the upper arm in the torso frame, and of the forearm in the upper arm's frame, x, y, z, w
+    /// with w >= 0. This is the paper's input: rotations relative to the parent.
     LocalQuaternions,
 }
 
 impl HumanInput {
-    /// Numbers per arm.
+    /// Number of values per arm.
     #[must_use]
     pub const fn width(self) -> usize {
         match self {
@@ -131,7 +133,7 @@ impl HumanInput {
         }
     }
 
-    /// Writes the `width` numbers of an arm.
+    /// Writes the `width` values of an arm.
     pub fn write(self, limbs: &Limbs, out: &mut [f32]) {
         match self {
             Self::Axes => out.copy_from_slice(&features(limbs)),
@@ -147,13 +149,13 @@ impl HumanInput {
 }
 
 impl Arm {
-    /// Limb rotations at joint positions `q` (rad).
+    /// Returns the limb rotations at joint positions `q` (rad).
     #[must_use]
     pub fn forward(&self, q: &[f32; ARM]) -> Limbs {
         self.forward_with_axes(q).0
     }
 
-    /// Limb rotations and the joint axes where they are now, torso frame.
+    /// Returns the limb rotations and the present joint axes, torso frame.
     #[inline]
     fn forward_with_axes(&self, q: &[f32; ARM]) -> (Limbs, [[f32; 3]; ARM]) {
         let mut rotation = [0.0, 0.0, 0.0, 1.0];
@@ -170,12 +172,12 @@ impl Arm {
         (limbs, axes)
     }
 
-    /// S_GR and smoothed angle between the human limbs and the arm at `q`, each summed over both limbs, and the gradient over
-    /// `q` (1/rad) of `square` S_GR + `angle` times the angle.
+    /// Returns S_GR and the smoothed angle between the human limbs and the arm at `q`, each summed over both
+    /// limbs. Also returns the gradient over `q` (1/rad) of `square` S_GR + `angle` times the angle.
     ///
-    /// With e = q_h q_r^-1 = (v, s) and w_i the axis of joint i as it stands: dq_r/dq_i = (w_i/2) q_r, so
-    /// d<q_h, q_r>/dq_i = v . w_i / 2 and dS/dq_i = -s v . w_i. The angle of a limb is
-    /// a = 2 atan(sqrt(S + eps) / sqrt(1 - S + eps)), rad, with da/dS = 1 / sqrt((S + eps) (1 - S + eps)).
+    /// Let e = q_h q_r^-1 = (v, s), and w_i the present axis of joint i. Then dq_r/dq_i = (w_i/2) q_r, so
+    /// d<q_h, q_r>/dq_i = v . w_i / 2 and dS/dq_i = -s v . w_i. The angle of a limb is a = 2 atan(sqrt(S + eps)
+    /// / sqrt(1 - S + eps)), rad, with da/dS = 1 / sqrt((S + eps) (1 - S + eps)).
     #[must_use]
     pub fn fit_with_gradient(&self, human: &Limbs, q: &[f32; ARM], square: f32, angle: f32) -> Fit {
         let (limbs, axes) = self.forward_with_axes(q);
@@ -194,7 +196,7 @@ impl Arm {
         fit
     }
 
-    /// Joint positions (rad) of positions normalised to -1..1 over the limits.
+    /// Converts positions normalised to -1..1 over the limits to joint positions (rad).
     #[must_use]
     pub fn denormalised(&self, n: &[f32; ARM]) -> [f32; ARM] {
         std::array::from_fn(|j| self.mid[j] + self.half[j] * n[j])
@@ -206,7 +208,7 @@ pub(crate) mod tests {
     use super::*;
     use std::f32::consts::{FRAC_PI_2, PI};
 
-    /// A TiaGo-like left arm (axes and reference of the T-pose reach, limits of the same order).
+    /// Returns a left arm similar to TiaGo's: axes and reference of the T-pose reach, limits of the same order.
     pub(crate) fn example_arm() -> Arm {
         Arm {
             axes: [[0.0, 0.0, -1.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, -1.0], [0.0, -1.0, 0.0]],

@@ -1,9 +1,9 @@
-//! The trainer of the shared latent space: data, networks, losses, optimiser, checkpoints and weights files. And of how a
-//! person goes on: see [`prediction`].
+//! The trainer of the shared latent space: data, networks, losses, optimiser, checkpoints and weights files. It
+//! also trains the prediction of a person's motion: see [`prediction`].
 //!
-//! One arm is trained, unsupervised and unpaired; a mirrored right arm uses the same networks. Glossary: a *pose* is the
-//! rotations of an arm's two limbs, a *posture* its joint positions; a *shard* is one thread's half of a batch; *K* is the
-//! number of refinement steps after the network.
+//! One arm is trained, unsupervised and unpaired. A mirrored right arm uses the same networks. Glossary: a
+//! *pose* is the rotations of an arm's two limbs, and a *posture* its joint positions. A *shard* is one
+//! thread's half of a batch. *K* is the number of refinement steps after the network.
 
 pub mod baseline;
 pub mod checkpoint;

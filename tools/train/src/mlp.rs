@@ -1,7 +1,7 @@
 //! A multilayer perceptron with SiLU between its layers: forward and analytic backward over whole batches.
 //!
-//! h_0 = x, h_l = silu(W_l h_{l-1} + b_l), output = W_L h_{L-1} + b_L. Weights are `[out, in]`, row by row, followed by
-//! the biases, layer after layer in one slice, so that the optimiser sees one vector.
+//! h_0 = x, h_l = silu(W_l h_{l-1} + b_l), output = W_L h_{L-1} + b_L. Weights are `[out, in]`, row by row,
+//! followed by the biases. All layers are in one slice, so that the optimiser sees one vector.
 
 use crate::gemm::{Mat, multiply, widest};
 use std::ops::Range;
@@ -19,7 +19,7 @@ pub struct Shape {
     pub output: usize,
 }
 
-/// Where one layer lives in the parameter slice.
+/// Position of one layer in the parameter slice.
 #[derive(Clone, Debug)]
 pub struct Layer {
     /// Number of inputs.
@@ -35,13 +35,13 @@ pub struct Layer {
 /// The layout of a perceptron in a parameter slice.
 #[derive(Clone, Debug)]
 pub struct Mlp {
-    /// Its sizes.
+    /// Sizes.
     pub shape: Shape,
-    /// Its layers, from the input to the output.
+    /// Layers, from the input to the output.
     pub layers: Vec<Layer>,
 }
 
-/// What a forward pass leaves for the backward pass, for a fixed number of rows.
+/// Results of a forward pass that the backward pass needs, for a fixed number of rows.
 #[derive(Clone, Debug)]
 pub struct Trace {
     rows: usize,
@@ -76,13 +76,13 @@ impl Mlp {
         Self { shape, layers }
     }
 
-    /// One past its last parameter.
+    /// Returns the index after its last parameter.
     #[must_use]
     pub fn end(&self) -> usize {
         self.layers.last().map_or(0, |layer| layer.bias.end)
     }
 
-    /// Buffers for `rows` rows.
+    /// Creates buffers for `rows` rows.
     #[must_use]
     pub fn trace(&self, rows: usize) -> Trace {
         let width = self.shape.hidden_width;
@@ -97,7 +97,7 @@ impl Mlp {
         }
     }
 
-    /// `trace.output` from `trace.input`.
+    /// Computes `trace.output` from `trace.input`.
     pub fn forward(&self, parameters: &[f32], trace: &mut Trace) {
         let rows = trace.rows;
         for (index, layer) in self.layers.iter().enumerate() {
@@ -121,8 +121,8 @@ impl Mlp {
         }
     }
 
-    /// Adds dL/dparameters to `gradient` and, if asked, writes dL/dinput, from `grad_output` = dL/doutput `[rows, output]`.
-    /// `gradient` has the layout of `parameters`.
+    /// Adds dL/dparameters to `gradient` and, on request, writes dL/dinput. `grad_output` is dL/doutput,
+    /// `[rows, output]`. `gradient` has the layout of `parameters`.
     pub fn backward(
         &self,
         parameters: &[f32],
@@ -152,7 +152,7 @@ impl Mlp {
     }
 }
 
-/// dW += delta^T h, db += column sums of delta.
+/// Computes dW += delta^T h and db += column sums of delta.
 fn accumulate_layer(layer: &Layer, delta: &[f32], below: &[f32], rows: usize, gradient: &mut [f32]) {
     let delta_t = Mat::new(delta, rows, layer.output).t();
     multiply(&mut gradient[layer.weight.clone()], delta_t, Mat::new(below, rows, layer.input), true);
@@ -172,7 +172,8 @@ fn times(values: &mut [f32], factors: &[f32]) {
     values.iter_mut().zip(factors).for_each(|(v, f)| *v *= f);
 }
 
-/// In place: a = value + bias; value = a s(a), slope = s (1 + a (1 - s)), s the logistic function.
+/// Computes in place: a = value + bias, value = a s(a), slope = s (1 + a (1 - s)), with s the logistic
+/// function.
 #[inline(always)]
 fn silu_with_slope(values: &mut [f32], slopes: &mut [f32], bias: &[f32]) {
     let width = bias.len();
@@ -186,13 +187,14 @@ fn silu_with_slope(values: &mut [f32], slopes: &mut [f32], bias: &[f32]) {
     }
 }
 
-/// e^x to 2 ulp, without a branch or a call, so that it vectorises: x = n ln 2 + r, a polynomial in r (Cephes `expf`
-/// coefficients), and 2^n by its bits. The argument is clamped to +-87, where f32 ends.
+/// Returns e^x to 2 ulp, without a branch or a call, so that it vectorises. It uses x = n ln 2 + r, a
+/// polynomial in r (Cephes `expf` coefficients), and 2^n by its bits. The argument is clamped to +-87, where
+/// the range of f32 ends.
 #[inline(always)]
 fn exp(x: f32) -> f32 {
-    // 1.5 * 2^23: adding it rounds to an integer that then stands in the low bits of the mantissa.
+    // 1.5 * 2^23: adding it rounds to an integer in the low bits of the mantissa.
     const ROUND: f32 = 12_582_912.0;
-    // ln 2 in two parts (Cephes), so that n * LN2_HIGH is exact.
+    // ln 2 in two parts (Cephes). So n * LN2_HIGH is exact.
     const LN2_HIGH: f32 = 0.693_359_4;
     const LN2_LOW: f32 = -2.121_944_4e-4;
     let x = x.clamp(-87.0, 87.0);

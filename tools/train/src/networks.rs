@@ -1,5 +1,5 @@
-//! The three perceptrons in one parameter vector. Of one arm: Q_h 12 -> 8, Q_r 5 -> 8, D_r 8 -> 5; of both arms with one
-//! latent, as baselines: Q_h 24 or 16 -> 8, Q_r 10 -> 8, D_r 8 -> 10.
+//! The three perceptrons in one parameter vector. For one arm they are Q_h 12 -> 8, Q_r 5 -> 8, D_r 8 -> 5. For
+//! both arms with one latent, as baselines, they are Q_h 24 or 16 -> 8, Q_r 10 -> 8, D_r 8 -> 10.
 
 use crate::kinematics::{ARM, HumanInput};
 use crate::mlp::{Mlp, Shape};
@@ -8,25 +8,25 @@ use rand_pcg::Pcg64;
 
 /// Dimension of the shared latent space (ImitationNet, section IV).
 pub const LATENT: usize = 8;
-/// Reach of the decoder beyond the limits, as a factor of half the range: tanh only tends to 1, so without it the
-/// limits themselves would be out of reach.
+/// Reach of the decoder beyond the limits, as a factor of half the range. tanh only tends to 1, so without this
+/// factor the limits themselves would be out of reach.
 pub const REACH: f32 = 1.02;
 
 /// Hidden layers of each perceptron.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct Size {
-    /// Number of hidden layers; 6 in the paper.
+    /// Number of hidden layers. The paper has 6.
     pub hidden_layers: usize,
-    /// Units of each; 128 in the paper.
+    /// Units of each layer. The paper has 128.
     pub hidden_width: usize,
 }
 
-/// What one latent stands for, and what the human encoder is given.
+/// Content of one latent, and input of the human encoder.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct Pose {
-    /// Arms per latent: 1 (what the product runs), or 2, the whole pose.
+    /// Arms per latent: 1 (the product), or 2, the whole pose.
     pub arms: usize,
-    /// Of each arm.
+    /// Input for each arm.
     pub input: HumanInput,
 }
 
@@ -37,13 +37,13 @@ impl Default for Pose {
 }
 
 impl Pose {
-    /// Inputs of the human encoder.
+    /// Number of inputs of the human encoder.
     #[must_use]
     pub const fn features(self) -> usize {
         self.arms * self.input.width()
     }
 
-    /// Joints of a posture.
+    /// Number of joints of a posture.
     #[must_use]
     pub const fn joints(self) -> usize {
         self.arms * ARM
@@ -55,7 +55,7 @@ impl Pose {
 pub struct Networks {
     /// Hidden layers of each.
     pub size: Size,
-    /// What they map between.
+    /// Input and output of the networks.
     pub pose: Pose,
     /// Q_h: human features to latent.
     pub human: Mlp,
@@ -66,7 +66,7 @@ pub struct Networks {
 }
 
 impl Networks {
-    /// Lays the three out one after another.
+    /// Lays the three perceptrons out one after another.
     #[must_use]
     pub fn new(size: Size, pose: Pose) -> Self {
         let Size { hidden_layers, hidden_width } = size;
@@ -77,19 +77,20 @@ impl Networks {
         Self { size, pose, human, robot, decoder }
     }
 
-    /// Number of parameters of all three.
+    /// Returns the number of parameters of all three.
     #[must_use]
     pub fn parameters(&self) -> usize {
         self.decoder.end()
     }
 
-    /// The perceptrons by the names they have in a weights file.
+    /// Returns the perceptrons with their names in a weights file.
     #[must_use]
     pub fn named(&self) -> [(&'static str, &Mlp); 3] {
         [("human", &self.human), ("robot", &self.robot), ("decoder", &self.decoder)]
     }
 
-    /// Random weights: uniform with variance 2/inputs before a SiLU (He et al. 2015), 1/inputs before an output; no bias.
+    /// Returns random weights. They are uniform with variance 2/inputs before a SiLU (He et al. 2015), and
+    /// 1/inputs before an output. Biases are zero.
     #[must_use]
     pub fn initial(&self, seed: u64) -> Vec<f32> {
         let mut rng = Pcg64::new(u128::from(seed), 0x1417);

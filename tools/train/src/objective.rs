@@ -1,9 +1,11 @@
 //! The loss terms and their gradient over one batch, without labels and without pairs.
 //!
 //! `L = 10 S_GR(x_h, FK(D(Q_h(x_h)))) + 3 angle + 5 overrun + 20 |q - q'|^2 + 1 triplet + 1 |x_r - D(Q_r(x_r))|`
-//! `+ 0.2 |Q_h(x_h) - Q_r(D(Q_h(x_h)))|` with q' what the same pose gives under a tracker's noise, and the overrun of the joint
-//! limits by the unclamped output; every term a mean. The kinematics see the clamped output, and only what lies inside the
-//! limits is moved by them; what lies outside is brought back by the overrun alone.
+//! `+ 0.2 |Q_h(x_h) - Q_r(D(Q_h(x_h)))|`
+//!
+//! Here q' is the posture for the same pose under a tracker's noise, and overrun is that of the joint limits by
+//! the unclamped output. Every term is a mean. The kinematics see the clamped output and move only outputs
+//! inside the limits. Outputs outside are brought back by the overrun alone.
 
 use crate::kinematics::{ARM, Arm, Limbs, s_gr};
 use crate::mlp::Trace;
@@ -15,13 +17,13 @@ use crate::sampling::Batch;
 pub struct Weighting {
     /// S_GR of the retargeted pose, summed over the arm's two limbs.
     pub kinematics: f32,
-    /// Smoothed angle of the retargeted pose, rad, summed over the limbs. S_GR is flat near 0 and near 180 degrees, where it
-    /// lets small errors stand and large ones trapped; the angle is not.
+    /// Smoothed angle of the retargeted pose, rad, summed over the limbs. S_GR is flat near 0 and near 180
+    /// degrees: small errors remain, and large ones are trapped. The angle is not flat there.
     pub angle: f32,
     /// Overrun of the joint limits by the unclamped output, rad, mean over joints.
     pub limits: f32,
-    /// |q - q'|^2 of two poses that differ by a tracker's noise, rad^2, summed over the joints: near the shoulder's gimbal an
-    /// exact answer would turn noise into large turns of joints 1 and 3.
+    /// |q - q'|^2 of two poses that differ by a tracker's noise, rad^2, summed over the joints. Near the
+    /// shoulder's gimbal an exact answer would turn noise into large turns of joints 1 and 3.
     pub steadiness: f32,
     /// Triplet hinge in the latent space.
     pub triplet: f32,
@@ -29,12 +31,12 @@ pub struct Weighting {
     pub reconstruction: f32,
     /// |z - Q_r(D(z))| of human latents, mean over the latent's components.
     pub cycle: f32,
-    /// |Q_h(x_h) - Q_r(x_r)|^2 of given pairs, mean over the latent's components: what S3LE learns from.
+    /// |Q_h(x_h) - Q_r(x_r)|^2 of given pairs, mean over the latent's components. S3LE learns from this term.
     pub pairing: f32,
 }
 
 impl Weighting {
-    /// No term at all.
+    /// All weights zero.
     pub const NONE: Self = Self {
         kinematics: 0.0,
         angle: 0.0,
@@ -48,7 +50,8 @@ impl Weighting {
 }
 
 impl Default for Weighting {
-    /// The measured best (`weights/EXPERIMENTS.md`); the paper has 10 triplet + 5 reconstruction + 1 cycle and no kinematics.
+    /// The best weights in measurements (`weights/EXPERIMENTS.md`). The paper has 10 triplet + 5 reconstruction
+    /// + 1 cycle and no kinematics.
     fn default() -> Self {
         Self {
             kinematics: 10.0,
@@ -66,29 +69,29 @@ impl Default for Weighting {
 /// Margin of the triplet loss, latent units (ImitationNet, section III).
 pub const MARGIN: f32 = 0.05;
 
-/// The unweighted value of every term, means over the batch.
+/// The unweighted value of every term, as means over the batch.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Terms {
     /// S_GR, summed over the limbs.
     pub kinematics: f64,
     /// Smoothed angle, rad, summed over the limbs.
     pub angle: f64,
-    /// rad.
+    /// Overrun of the joint limits, rad.
     pub limits: f64,
-    /// rad^2, summed over the joints.
+    /// Squared difference of twins, rad^2, summed over the joints.
     pub steadiness: f64,
-    /// Latent units.
+    /// Triplet hinge, latent units.
     pub triplet: f64,
-    /// rad.
+    /// Reconstruction error, rad.
     pub reconstruction: f64,
-    /// Latent units.
+    /// Cycle error, latent units.
     pub cycle: f64,
-    /// Latent units squared.
+    /// Squared distance of pairs, latent units squared.
     pub pairing: f64,
 }
 
 impl Terms {
-    /// The loss: the weighted sum.
+    /// Returns the loss: the weighted sum.
     #[must_use]
     pub fn total(&self, weighting: &Weighting) -> f64 {
         self.kinematics * f64::from(weighting.kinematics)
@@ -101,7 +104,7 @@ impl Terms {
             + self.pairing * f64::from(weighting.pairing)
     }
 
-    /// The mean of two batches of the same size.
+    /// Returns the mean of two batches of the same size.
     #[must_use]
     pub fn mean(a: &Self, b: &Self) -> Self {
         Self {
@@ -117,7 +120,7 @@ impl Terms {
     }
 }
 
-/// Everything one thread needs for one batch: the batch, the passes' buffers and the gradient.
+/// Data of one thread for one batch: the batch, the buffers of the passes, and the gradient.
 #[derive(Clone, Debug)]
 pub struct Shard {
     /// The poses.
@@ -137,7 +140,7 @@ pub struct Shard {
 }
 
 impl Shard {
-    /// Buffers for batches of `rows`.
+    /// Creates buffers for batches of `rows`.
     #[must_use]
     pub fn new(networks: &Networks, rows: usize) -> Self {
         Self {
@@ -156,7 +159,7 @@ impl Shard {
         }
     }
 
-    /// All terms of the shard's batch, and `gradient` = dL/dparameters.
+    /// Returns all terms of the shard's batch, and sets `gradient` = dL/dparameters.
     pub fn evaluate(&mut self, networks: &Networks, arm: &Arm, parameters: &[f32], weighting: &Weighting) -> Terms {
         let rows = self.batch.rows();
         self.gradient.fill(0.0);
@@ -181,8 +184,8 @@ impl Shard {
         Terms { kinematics, angle, limits, steadiness, triplet, reconstruction, cycle, pairing }
     }
 
-    /// Both encoders, the decoder on both latents (its output becomes 1.02 tanh, the normalised joint positions), and the
-    /// robot encoder on what the decoder made of the human latents.
+    /// Runs both encoders, and the decoder on both latents. The decoder's output becomes 1.02 tanh, the
+    /// normalised joint positions. Then runs the robot encoder on the decoder's output for the human latents.
     fn forward(&mut self, networks: &Networks, parameters: &[f32]) {
         let latents = self.batch.rows() * LATENT;
         self.human.input.copy_from_slice(&self.batch.features);
@@ -198,7 +201,8 @@ impl Shard {
         networks.robot.forward(parameters, &mut self.cycle);
     }
 
-    /// mean |z - Q_r(D(z))|; its gradient goes to `grad_human` (through z) and `grad_cycle` (through Q_r).
+    /// Returns mean |z - Q_r(D(z))|. Its gradient goes to `grad_human` (through z) and `grad_cycle` (through
+    /// Q_r).
     fn cycle_term(&mut self, weight: f32) -> f64 {
         let scale = weight / self.grad_cycle.len() as f32;
         let mut sum = 0.0;
@@ -211,7 +215,7 @@ impl Shard {
         sum / self.grad_cycle.len() as f64
     }
 
-    /// mean |z_h - z_r|^2 over the rows taken as pairs; adds to `grad_human` and `grad_robot`.
+    /// Returns mean |z_h - z_r|^2 over the rows taken as pairs. Adds to `grad_human` and `grad_robot`.
     fn pairing_term(&mut self, weight: f32) -> f64 {
         if weight == 0.0 {
             return 0.0;
@@ -228,7 +232,7 @@ impl Shard {
         sum / count as f64
     }
 
-    /// S_GR, angle and overrun of the retargeted poses; fills the human half of `grad_output`.
+    /// Returns S_GR, angle and overrun of the retargeted poses. Fills the human half of `grad_output`.
     fn human_outputs(&mut self, arm: &Arm, weighting: &Weighting) -> (f64, f64, f64) {
         let (rows, joints) = (self.batch.rows(), self.batch.posture.len());
         let (mut kinematics, mut angle, mut limits) = (0.0, 0.0, 0.0);
@@ -254,7 +258,8 @@ impl Shard {
         (kinematics / rows as f64, angle / rows as f64, limits / joints as f64)
     }
 
-    /// mean |q - q'|^2 over the twins of the batch, within the limits; adds to the human half of `grad_output`.
+    /// Returns mean |q - q'|^2 over the twins of the batch, within the limits. Adds to the human half of
+    /// `grad_output`.
     fn steadiness_term(&mut self, arm: &Arm, weight: f32) -> f64 {
         if weight == 0.0 {
             return 0.0;
@@ -278,7 +283,7 @@ impl Shard {
         sum * f64::from(scale / weight)
     }
 
-    /// mean |x_r - D(Q_r(x_r))| in rad; fills the robot half of `grad_output`.
+    /// Returns mean |x_r - D(Q_r(x_r))| in rad. Fills the robot half of `grad_output`.
     fn robot_outputs(&mut self, arm: &Arm, weight: f32) -> f64 {
         let count = self.batch.posture.len();
         let mut sum = 0.0;
@@ -291,8 +296,8 @@ impl Shard {
         sum / count as f64
     }
 
-    /// mean max(|z_a - z_+| - |z_a - z_-| + margin, 0) over triplets of two humans and one robot, ordered by S_GR to the
-    /// anchor; adds to `grad_human` and `grad_robot`.
+    /// Returns mean max(|z_a - z_+| - |z_a - z_-| + margin, 0) over triplets of two humans and one robot,
+    /// ordered by S_GR to the anchor. Adds to `grad_human` and `grad_robot`.
     fn triplet_term(&mut self, weight: f32) -> f64 {
         if weight == 0.0 {
             return 0.0;
@@ -303,10 +308,10 @@ impl Shard {
         for row in 0..rows {
             let other = (row + self.batch.shift) % rows;
             let of = |limbs: &'_ [Limbs], row: usize| -> [Limbs; 2] {
-                // A single arm stands twice: the order of distances is the same.
+                // A single arm counts twice. The order of distances is the same.
                 [limbs[row * arms], limbs[row * arms + arms - 1]]
             };
-            // The three members: which latent they have, and their limbs.
+            // The three members, with their latents and limbs.
             let members = [
                 (true, row, of(&self.batch.human, row)),
                 (true, other, of(&self.batch.human, other)),
@@ -346,19 +351,19 @@ impl Shard {
     }
 }
 
-/// d(1.02 tanh y)/dy where n = 1.02 tanh y.
+/// Returns d(1.02 tanh y)/dy for n = 1.02 tanh y.
 #[inline]
 fn tanh_slope(n: f32) -> f32 {
     REACH * (1.0 - (n / REACH).powi(2))
 }
 
-/// -1, 0 or 1: the subgradient of |x| that is 0 at 0.
+/// Returns -1, 0 or 1: the subgradient of |x| that is 0 at 0.
 #[inline]
 fn sign(x: f32) -> f32 {
     if x == 0.0 { 0.0 } else { x.signum() }
 }
 
-/// (a - b) / |a - b| and |a - b|; the root is kept off zero, where it has no slope.
+/// Returns (a - b) / |a - b| and |a - b|. The root is kept away from zero, where it has no slope.
 #[inline]
 fn direction(a: &[f32; LATENT], b: &[f32; LATENT]) -> ([f32; LATENT], f32) {
     let difference: [f32; LATENT] = std::array::from_fn(|i| a[i] - b[i]);

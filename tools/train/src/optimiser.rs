@@ -11,12 +11,12 @@ pub struct Schedule {
     pub warm_up: u64,
     /// Decay of Adam's second moment, 0..1.
     pub second_decay: f32,
-    /// Steps of the whole run; the rate falls to zero there along a cosine.
+    /// Steps of the whole run. The rate falls to zero there along a cosine.
     pub steps: u64,
 }
 
 impl Schedule {
-    /// Learning rate of `step`, counted from 0.
+    /// Returns the learning rate of `step`, counted from 0.
     #[must_use]
     pub fn rate(&self, step: u64) -> f64 {
         if step < self.warm_up {
@@ -27,12 +27,12 @@ impl Schedule {
     }
 }
 
-/// Parameters with their moments and average: all that a run remembers besides its step.
+/// Parameters with their moments and average. Besides the step, this is the whole state of a run.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Adam {
     /// The parameters being trained.
     pub parameters: Vec<f32>,
-    /// Their moving average, which is what ships.
+    /// Moving average of the parameters. The weights file contains this average.
     pub average: Vec<f32>,
     /// First moment.
     pub first: Vec<f32>,
@@ -40,11 +40,11 @@ pub struct Adam {
     pub second: Vec<f32>,
 }
 
-/// Decay of the moving average (measured best of the prototype).
+/// Decay of the moving average (best in measurements of the prototype).
 const AVERAGE_DECAY: f32 = 0.998;
 /// Decay of the first moment (Kingma and Ba 2015, the default).
 const FIRST_DECAY: f32 = 0.9;
-/// The denominator's floor (Kingma and Ba 2015).
+/// Floor of the denominator (Kingma and Ba 2015).
 const EPSILON: f32 = 1e-8;
 
 impl Adam {
@@ -55,14 +55,14 @@ impl Adam {
         Self { average: parameters.clone(), parameters, first: zeros.clone(), second: zeros }
     }
 
-    /// One step along the mean of two gradients; `step` counts from 0.
+    /// Takes one step along the mean of two gradients. `step` counts from 0.
     pub fn step(&mut self, gradients: [&[f32]; 2], step: u64, schedule: &Schedule) {
         let (rate, second_decay) = (schedule.rate(step), schedule.second_decay);
         let power = (step + 1) as f64;
         // Bias corrections 1 - beta^t, folded into the rate and the denominator.
         let first = 1.0 / (1.0 - f64::from(FIRST_DECAY).powf(power));
         let second = (1.0 / (1.0 - f64::from(second_decay).powf(power))).sqrt();
-        // The average must not remember the random start: it begins as a plain mean.
+        // The average must not contain the random start, so it begins as a plain mean.
         let decay = AVERAGE_DECAY.min(1.0 - 1.0 / (power as f32 + 1.0));
         widest(|| update(self, gradients, (rate * first) as f32, [second as f32, second_decay], decay));
     }

@@ -1,7 +1,9 @@
-//! Pairs by exhaustive search, as S3LE's training wants them: for every human pose the robot posture of least S_GR among many.
+//! Finds pairs by exhaustive search, as S3LE's training requires: for every human pose, the robot posture with
+//! the least S_GR among many.
 //!
-//! sum_j (1 - <a_j, b_j>^2) is least where sum_j <a_j a_j^T, b_j b_j^T> is greatest; a symmetric 4 x 4 matrix has ten
-//! numbers (off-diagonal ones times sqrt 2), so a pose of four limbs is a vector of 40 and the search a matrix product.
+//! sum_j (1 - <a_j, b_j>^2) is least where sum_j <a_j a_j^T, b_j b_j^T> is greatest. A symmetric 4 x 4 matrix
+//! has ten numbers (off-diagonal ones times sqrt 2). So a pose of four limbs is a vector of 40, and the search
+//! is a matrix product.
 
 use crate::gemm::{Mat, multiply, widest};
 use crate::kinematics::{ARM, Arm, Limbs};
@@ -10,13 +12,13 @@ use rand::RngExt;
 use rand_pcg::Pcg64;
 use rayon::prelude::*;
 
-/// Numbers of four limbs' outer products.
+/// Number of values in four limbs' outer products.
 const PRODUCTS: usize = 40;
-/// Human poses and postures per block: their products fit into the second-level cache.
+/// Number of human poses and postures per block. Their products fit into the second-level cache.
 const HUMANS: usize = 64;
 const POSTURES: usize = 2048;
 
-/// Poses of four limbs, ready to be searched for the one of least S_GR.
+/// Poses of four limbs, prepared for the search of the least S_GR.
 #[derive(Clone, Debug)]
 pub struct Index {
     /// `[poses, PRODUCTS]`.
@@ -24,12 +26,12 @@ pub struct Index {
 }
 
 impl Index {
-    /// Of these poses, in their order.
+    /// Creates the index of these poses, in their order.
     pub fn new(poses: impl Iterator<Item = [Limbs; 2]>) -> Self {
         Self { products: poses.flat_map(|pose| products(&pose)).collect() }
     }
 
-    /// For each human pose the place of the nearest, the first of equals.
+    /// Returns for each human pose the index of the nearest pose, or the first of equals.
     #[must_use]
     pub fn nearest(&self, humans: &[[Limbs; 2]]) -> Vec<usize> {
         let mut out = Vec::with_capacity(humans.len());
@@ -43,7 +45,7 @@ impl Index {
                 let poses = Mat::new(poses, count, PRODUCTS).t();
                 multiply(&mut block, Mat::new(&queries, part.len(), PRODUCTS), poses, false);
                 for (row, best) in block.chunks_exact(count).zip(&mut best) {
-                    // The greatest value first, in lanes; its place only if it is a new record.
+                    // Find the greatest value first, in lanes. Search its position only if it is a new maximum.
                     let greatest = widest(|| greatest(row));
                     if greatest > best.0 {
                         let place = row.iter().position(|value| *value == greatest).unwrap_or(0);
@@ -57,7 +59,7 @@ impl Index {
     }
 }
 
-/// The greatest of a row, in lanes that the compiler makes one vector of.
+/// Returns the greatest value of a row, in lanes that the compiler turns into one vector.
 #[inline(always)]
 fn greatest(row: &[f32]) -> f32 {
     let mut lanes = [f32::MIN; 16];
@@ -84,7 +86,8 @@ fn products(arms: &[Limbs; 2]) -> [f32; PRODUCTS] {
     out
 }
 
-/// `count` robot postures of both arms, uniform within the limits, normalised to -1..1 over them; the same seed gives the same.
+/// Returns `count` robot postures of both arms, uniform within the limits, normalised to -1..1 over them. The
+/// same seed gives the same postures.
 #[must_use]
 pub fn random_postures(count: usize, seed: u64) -> Vec<[[f32; ARM]; 2]> {
     let mut rng = Pcg64::new(u128::from(seed), 0x5e1e);
@@ -92,7 +95,7 @@ pub fn random_postures(count: usize, seed: u64) -> Vec<[[f32; ARM]; 2]> {
     (0..count).map(|_| std::array::from_fn(|_| std::array::from_fn(|_| joint()))).collect()
 }
 
-/// `count` human poses, drawn as training draws them, each with its nearest of `postures`.
+/// Draws `count` human poses as training does, and matches each with its nearest of `postures`.
 #[must_use]
 pub fn matched(
     arm: &Arm,

@@ -1,11 +1,11 @@
-//! What can be trained by name: the product's networks, the paper's recipe, S3LE, and ours with one thing left out.
+//! Named recipes: the product's networks, the paper's recipe, S3LE, and ours with one part left out.
 
 use crate::kinematics::{ARM, HumanInput};
 use crate::networks::{LATENT, Pose};
 use crate::objective::Weighting;
 use clap::ValueEnum;
 
-/// A named recipe. `quick` and `full` are what the product runs; the rest are baselines for `eval`.
+/// A named recipe. The product runs `quick` and `full`. The others are baselines for `eval`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Preset {
     /// The product's networks in minutes, for a first look
@@ -14,9 +14,9 @@ pub enum Preset {
     Full,
     /// ImitationNet: one latent for both arms, rotations relative to the parent, triplet + rec + ltc
     Paper,
-    /// The same without the latent cycle
+    /// The paper's recipe without the latent cycle
     PaperNoLtc,
-    /// The same without the triplet term
+    /// The paper's recipe without the triplet term
     PaperNoTriplet,
     /// Ours with one latent for both arms
     OursPose,
@@ -26,20 +26,20 @@ pub enum Preset {
     OursNoLtc,
     /// Ours without the reconstruction of robot postures
     OursNoRec,
-    /// Ours with the steps of the three above, to compare them with
+    /// Ours with the number of steps of the three above, for comparison
     OursSameSteps,
-    /// S3LE: latents regressed on pairs of least S_GR, the nearest of known postures looked up
+    /// S3LE: latents regressed on pairs of least S_GR, with a lookup of the nearest known posture
     S3le,
 }
 
-/// What a preset stands for.
+/// Contents of a preset.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Recipe {
-    /// What the networks map between.
+    /// Input and output of the networks.
     pub pose: Pose,
     /// Weights of the loss terms.
     pub weighting: Weighting,
-    /// Steps.
+    /// Number of steps.
     pub steps: u64,
     /// Poses per step.
     pub batch: usize,
@@ -49,11 +49,12 @@ pub struct Recipe {
     pub second_decay: f32,
 }
 
-/// Steps of every baseline: what the table of baselines was measured with, and 2 to 3 minutes each on two idle cores.
+/// Steps of every baseline. The table of baselines was measured with them. Each baseline takes 2 to 3 minutes
+/// on two idle cores.
 const BASELINE_STEPS: u64 = 12_000;
 
 impl Preset {
-    /// Its recipe.
+    /// Returns the recipe of the preset.
     #[must_use]
     pub fn recipe(self) -> Recipe {
         let ours = Weighting::default();
@@ -66,8 +67,8 @@ impl Preset {
             rate: 4e-3,
             second_decay: 0.99,
         };
-        // ImitationNet, section III: L = 10 triplet + 5 |x_r - D(Q_r(x_r))|_1 + |z - Q_r(D(z))|_1 in batches of 256,
-        // Adam at 1e-3. Its norms are sums, our terms are means over 10 joints and 8 latent components.
+        // ImitationNet, section III: L = 10 triplet + 5 |x_r - D(Q_r(x_r))|_1 + |z - Q_r(D(z))|_1 in batches of
+        // 256, Adam at 1e-3. Its norms are sums. Our terms are means over 10 joints and 8 latent components.
         let both = Pose { arms: 2, input: HumanInput::LocalQuaternions };
         let paper = Weighting {
             triplet: 10.0,
@@ -88,7 +89,8 @@ impl Preset {
             Self::OursNoLtc => with(Weighting { cycle: 0.0, ..ours }),
             Self::OursNoRec => with(Weighting { reconstruction: 0.0, ..ours }),
             Self::OursSameSteps => baseline,
-            // The robot's autoencoder keeps the latent from collapsing; the regression is weighted like the paper's triplet.
+            // The robot's autoencoder keeps the latent from collapsing. The regression has the weight of the
+            // paper's triplet.
             Self::S3le => {
                 let weighting = Weighting { pairing: 10.0, reconstruction: 5.0, ..Weighting::NONE };
                 Recipe { weighting, ..of_paper }
@@ -96,7 +98,7 @@ impl Preset {
         }
     }
 
-    /// The name of a baseline, as on the command line; none for what the product runs.
+    /// Returns the name of a baseline, as on the command line. None for the product's networks.
     #[must_use]
     pub fn baseline(self) -> Option<String> {
         let is_product = matches!(self, Self::Quick | Self::Full);

@@ -1,4 +1,4 @@
-//! The arm to train for, from a robot file.
+//! Reads the arm to train for from a robot file.
 
 use crate::error::TrainError;
 use crate::kinematics::Arm;
@@ -6,10 +6,10 @@ use retarget::{ArmIdentity, ArmModel};
 use robot::Model;
 use std::path::Path;
 
-/// Reads a robot file and the URDF beside it.
+/// Reads a robot file and the URDF that it names.
 ///
 /// # Errors
-/// If one of them is missing or refused.
+/// Returns an error if one of them is missing or invalid.
 pub fn read_model(path: &Path) -> Result<Model, TrainError> {
     let name = path.display().to_string();
     let text = read_text(path)?;
@@ -17,7 +17,7 @@ pub fn read_model(path: &Path) -> Result<Model, TrainError> {
     Ok(Model::from_text(&name, &text, &urdf.display().to_string(), &read_text(&urdf)?)?)
 }
 
-/// The text of a file.
+/// Returns the text of a file.
 pub(crate) fn read_text(path: &Path) -> Result<String, TrainError> {
     std::fs::read_to_string(path).map_err(|source| TrainError::File {
         path: path.to_path_buf(),
@@ -38,7 +38,7 @@ impl From<&ArmModel> for Arm {
     }
 }
 
-/// What weights for `model` have to fit, and the same arm in f32.
+/// Returns the identity that weights for `model` must match, and the same arm in f32.
 #[must_use]
 pub fn arm_of(model: &Model) -> (ArmIdentity, Arm) {
     let identity = ArmIdentity::of(model);

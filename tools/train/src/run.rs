@@ -1,4 +1,4 @@
-//! What the command does: read, train with a progress bar and checkpoints, evaluate, write.
+//! Runs the command: reads, trains with a progress bar and checkpoints, evaluates, writes.
 
 use crate::baseline::{Baseline, BaselineManifest, S3LE_POSTURES, S3LE_SEED};
 use crate::checkpoint::{self, Origin};
@@ -20,20 +20,20 @@ use retarget::{ArmIdentity, Manifest, Network};
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-/// Steps between validations: the figure moves slowly, and 2000 frames cost as much as 5 steps.
+/// Steps between validations. The figure changes slowly, and 2000 frames cost as much as 5 steps.
 const VALIDATION_STEPS: u64 = 1_000;
 const VALIDATION_POSES: usize = 2_000;
-/// Steps between checkpoints: half a minute of work at most is lost.
+/// Steps between checkpoints. At most half a minute of work is lost.
 const CHECKPOINT_STEPS: u64 = 2_000;
-/// Steps that the loss shown is averaged over.
+/// Number of steps over which the displayed loss is averaged.
 const SHOWN_STEPS: u64 = 20;
-/// Every how many frames the optimum is sought: at 60 frames/s neighbours hardly differ.
+/// Frames between two evaluations of the optimum. At 60 frames/s neighbouring frames hardly differ.
 const OPTIMUM_STRIDE: usize = 3;
 
-/// Trains what was asked for.
+/// Runs the requested training.
 ///
 /// # Errors
-/// The first thing that made it impossible, with the file or option at fault.
+/// Returns the first error, with its file or option.
 pub fn run(cli: &Cli) -> Result<(), TrainError> {
     let clips = Clips::read(&cli.human, cli.calibration)?;
     report(&clips);
@@ -61,13 +61,13 @@ pub fn run(cli: &Cli) -> Result<(), TrainError> {
         Some(name) => write_baseline(out, name, &session, &origin, trained_on)?,
         None => write_product(out, &session, &identity, &clips, trained_on, cli.calibration.name())?,
     }
-    // The run is complete and its schedule has ended: there is nothing to resume.
+    // The run is complete and its schedule has ended. So there is nothing to resume.
     let _ = std::fs::remove_file(with_suffix(out, ".checkpoint"));
     println!("wrote {}.safetensors and .toml", out.display());
     Ok(())
 }
 
-/// Human poses and the nearest of the known postures, as many as there are of these.
+/// Returns human poses with the nearest of the known postures. There are as many pairs as known postures.
 fn pairs(arm: &Arm, recorded: &Recorded, options: &Options) -> Vec<Pair> {
     println!("matching {S3LE_POSTURES} human poses with {S3LE_POSTURES} robot postures");
     let postures = random_postures(S3LE_POSTURES, S3LE_SEED);
@@ -182,7 +182,7 @@ fn train(
     Ok(())
 }
 
-/// A running mean of the terms: a single batch is too noisy to read.
+/// Returns a running mean of the terms. A single batch is too noisy to read.
 fn blended(mean: &Terms, new: &Terms) -> Terms {
     let blend = |a: f64, b: f64| a + (b - a) / SHOWN_STEPS as f64;
     Terms {

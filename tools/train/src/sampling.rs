@@ -1,7 +1,7 @@
 //! Training poses: recorded human arms, procedural human arms, and robot postures, all from one seed.
 //!
-//! Every batch has its own generator, made from (seed, step, shard): a resumed run therefore draws what an uninterrupted
-//! one would have drawn, and the step is the whole state of the generator.
+//! Every batch has its own generator, created from (seed, step, shard). So a resumed run draws the same as an
+//! uninterrupted one, and the step is the whole state of the generator.
 
 use crate::kinematics::{ARM, Arm, Limbs, about, product};
 use crate::networks::Pose;
@@ -15,7 +15,7 @@ pub struct Recorded {
     pub frames: Vec<[Limbs; 2]>,
 }
 
-/// A human pose and the robot posture that it was matched with (S3LE), both arms.
+/// A human pose and the robot posture that it was matched with (S3LE), for both arms.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pair {
     /// Limb rotations.
@@ -24,28 +24,29 @@ pub struct Pair {
     pub posture: [[f32; ARM]; 2],
 }
 
-/// How human poses are drawn.
+/// Distribution of the drawn human poses.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Mixture {
-    /// Share of procedural poses, 0..=1; the rest is recorded. One half cut the error on unseen data from 2.80 to 1.73
-    /// degrees at equal steps.
+    /// Share of procedural poses, 0..=1. The others are recorded. A share of one half cut the error on unseen
+    /// data from 2.80 to 1.73 degrees at equal steps.
     pub procedural: f64,
-    /// Largest common rotation of both limbs about each torso axis, rad: people's torso frames differ by as much.
+    /// Largest common rotation of both limbs about each torso axis, rad. People's torso frames differ by as
+    /// much.
     pub torso_jitter_rad: f32,
     /// Largest rotation of each limb by itself about each torso axis, rad.
     pub limb_jitter_rad: f32,
-    /// Whether some rows repeat the one before them with a tracker's noise.
+    /// True if some rows repeat the previous row with a tracker's noise.
     pub twins: bool,
 }
 
 impl Recorded {
-    /// SHA-256 of all poses, in order, lower-case hex.
+    /// Returns the SHA-256 of all poses, in order, lower-case hex.
     #[must_use]
     pub fn digest(&self) -> String {
         retarget::sha256_hex(bytemuck::cast_slice(&self.frames))
     }
 
-    /// A recorded or procedural pose of `arms` arms, jittered. A single arm is either arm of a frame.
+    /// Draws a recorded or procedural pose of `arms` arms, with jitter. A single arm is either arm of a frame.
     pub fn draw(&self, rng: &mut Pcg64, from_recording: bool, mixture: &Mixture, arms: &mut [Limbs]) {
         let both = arms.len() == 2;
         if from_recording && !self.frames.is_empty() {
@@ -62,8 +63,8 @@ impl Recorded {
 }
 
 impl Default for Mixture {
-    /// Degrees on the validation clips after 4,000 steps with torso / limb jitter of 0 / 0, 5 / 1.5 and 10 / 3 degrees: 3.20,
-    /// 3.15, 3.03 (2026-11-21).
+    /// Errors on the validation clips after 4,000 steps were 3.20, 3.15 and 3.03 degrees (2026-11-21). The
+    /// torso / limb jitter was 0 / 0, 5 / 1.5 and 10 / 3 degrees.
     fn default() -> Self {
         Self {
             procedural: 0.5,
@@ -74,10 +75,10 @@ impl Default for Mixture {
     }
 }
 
-/// One batch: human poses, robot postures and how they form triplets. All vectors have `rows` rows.
+/// One batch: human poses, robot postures, and the triplets that they form. All vectors have `rows` rows.
 #[derive(Clone, Debug)]
 pub struct Batch {
-    /// What a row holds.
+    /// Content of a row.
     pub pose: Pose,
     /// `[rows, inputs of the human encoder]`.
     pub features: Vec<f32>,
@@ -89,12 +90,12 @@ pub struct Batch {
     pub robot: Vec<Limbs>,
     /// Row i forms a triplet of human i, human (i + shift) mod rows and robot i.
     pub shift: usize,
-    /// Which of the three is the anchor: 0 and 1 the humans, 2 the robot.
+    /// Index of the anchor: 0 and 1 are the humans, 2 is the robot.
     pub anchor: Vec<u8>,
 }
 
 impl Batch {
-    /// A batch of `rows` identity poses, to be filled by `draw`.
+    /// Creates a batch of `rows` identity poses, to be filled by `draw`.
     #[must_use]
     pub fn new(rows: usize, pose: Pose) -> Self {
         assert!(rows >= 2, "a triplet needs two human poses");
@@ -110,20 +111,20 @@ impl Batch {
         }
     }
 
-    /// Number of rows.
+    /// Returns the number of rows.
     #[must_use]
     pub fn rows(&self) -> usize {
         self.anchor.len()
     }
 
-    /// Whether this row may be the one before it, seen through a tracker's noise: one row in eight, what is left being enough to learn
-    /// from.
+    /// Returns true if this row may repeat the previous one with a tracker's noise. This is one row in eight.
+    /// The other rows are enough to learn from.
     #[must_use]
     pub const fn is_twin(row: usize) -> bool {
         row % 8 == 1
     }
 
-    /// Draws the batch of `shard` at `step`; the same arguments give the same batch.
+    /// Draws the batch of `shard` at `step`. The same arguments give the same batch.
     pub fn draw(&mut self, seed: u64, step: u64, shard: u64, arm: &Arm, recorded: &Recorded, mixture: &Mixture) {
         let mut rng = generator(seed, step, shard);
         let rows = self.rows();
@@ -145,7 +146,7 @@ impl Batch {
         self.derive(arm);
     }
 
-    /// Draws pairs of a human pose and a robot posture, both arms; the same arguments give the same batch.
+    /// Draws pairs of a human pose and a robot posture, for both arms. The same arguments give the same batch.
     pub fn draw_pairs(&mut self, seed: u64, step: u64, shard: u64, arm: &Arm, pairs: &[Pair]) {
         let mut rng = generator(seed, step, shard);
         let width = self.pose.joints();
@@ -157,7 +158,7 @@ impl Batch {
         self.derive(arm);
     }
 
-    /// Features of the human poses and limbs of the robot's.
+    /// Computes the features of the human poses and the limbs of the robot's.
     fn derive(&mut self, arm: &Arm) {
         let input = self.pose.input;
         for (limbs, features) in self.human.iter().zip(self.features.chunks_exact_mut(input.width())) {
@@ -169,13 +170,14 @@ impl Batch {
     }
 }
 
-/// The generator of a batch.
+/// Creates the generator of a batch.
 fn generator(seed: u64, step: u64, shard: u64) -> Pcg64 {
     Pcg64::new(u128::from(seed) << 64 | u128::from(step), u128::from(shard) + 1)
 }
 
-/// A procedural human left arm: the bone's azimuth -50..130 degrees (0 is straight to the side, 90 to the front), the sine
-/// of its elevation -1..0.95, humeral twist +-100, elbow -3..145, pronation +-85 degrees.
+/// Draws a procedural human left arm. The bone's azimuth is -50..130 degrees (0 is straight to the side, 90 to
+/// the front). The sine of its elevation is -1..0.95. Humeral twist is +-100, elbow -3..145 and pronation +-85
+/// degrees.
 #[must_use]
 pub fn procedural(rng: &mut Pcg64) -> Limbs {
     let mut degrees = |low: f32, high: f32| rng.random_range(low..high).to_radians();
@@ -192,7 +194,8 @@ pub fn procedural(rng: &mut Pcg64) -> Limbs {
     [upper, fore]
 }
 
-/// Noise of a tracker, each limb about each axis: uniform to 0.87 degrees, a standard deviation of half a degree.
+/// Noise of a tracker, for each limb about each axis. It is uniform up to 0.87 degrees, which is a standard
+/// deviation of half a degree.
 const NOISE_RAD: f32 = 0.0151;
 
 fn noisy(rng: &mut Pcg64, limbs: &Limbs) -> Limbs {
@@ -204,7 +207,7 @@ fn jittered(rng: &mut Pcg64, limbs: &Limbs, mixture: &Mixture) -> Limbs {
     limbs.map(|q| product(product(common, small(rng, mixture.limb_jitter_rad)), q))
 }
 
-/// A rotation of up to `bound` rad about each axis.
+/// Returns a random rotation of up to `bound` rad about each axis.
 fn small(rng: &mut Pcg64, bound: f32) -> [f32; 4] {
     let mut half = || if bound > 0.0 { 0.5 * rng.random_range(-bound..bound) } else { 0.0 };
     let v = [half(), half(), half()];

@@ -6,14 +6,14 @@ use crate::objective::{Shard, Terms, Weighting};
 use crate::optimiser::{Adam, Schedule};
 use crate::sampling::{Mixture, Pair, Recorded};
 
-/// What defines a run, besides its data.
+/// Definition of a run, besides its data.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Options {
     /// Hidden layers of the perceptrons.
     pub size: Size,
-    /// What they map between.
+    /// Input and output of the networks.
     pub pose: Pose,
-    /// Poses per step; even, half of it per thread.
+    /// Poses per step. The number is even, and each thread takes half of it.
     pub batch: usize,
     /// Learning rate over the steps.
     pub schedule: Schedule,
@@ -21,23 +21,23 @@ pub struct Options {
     pub seed: u64,
     /// Weights of the loss terms.
     pub weighting: Weighting,
-    /// How human poses are drawn.
+    /// Distribution of the drawn human poses.
     pub mixture: Mixture,
 }
 
-/// What batches are drawn from.
+/// Source of the batches.
 #[derive(Clone, Copy, Debug)]
 pub enum Data<'a> {
-    /// Human poses, and robot postures by chance.
+    /// Human poses, and random robot postures.
     Unpaired(&'a Recorded),
-    /// Human poses with the posture that each was matched with.
+    /// Human poses, each with its matched posture.
     Pairs(&'a [Pair]),
 }
 
-/// A run. Bit-reproducible: the shards are fixed, and their gradients are added in one order.
+/// A run. It is bit-reproducible: the shards are fixed, and their gradients are added in one order.
 #[derive(Clone, Debug)]
 pub struct Session {
-    /// What it was made from.
+    /// Options of the run.
     pub options: Options,
     /// Layout of the parameters.
     pub networks: Networks,
@@ -50,7 +50,7 @@ pub struct Session {
 }
 
 impl Session {
-    /// A fresh run for `arm`.
+    /// Creates a new run for `arm`.
     #[must_use]
     pub fn new(options: Options, arm: Arm) -> Self {
         let networks = Networks::new(options.size, options.pose);
@@ -59,7 +59,7 @@ impl Session {
         Self { options, networks, adam, step: 0, arm, shards: [shard.clone(), shard] }
     }
 
-    /// One step of Adam on poses drawn from `data`; the loss terms of its batch.
+    /// Takes one step of Adam on poses drawn from `data`. Returns the loss terms of its batch.
     pub fn advance(&mut self, data: Data<'_>) -> Terms {
         let Self { options, networks, adam, step, arm, shards: [left, right] } = self;
         let parameters = adam.parameters.as_slice();
@@ -75,7 +75,8 @@ impl Session {
         let (of_left, of_right) = std::thread::scope(|scope| {
             let other = scope.spawn(|| work(right, 1));
             let mine = work(left, 0);
-            // A panic of the other thread is a bug: it aborts the process (profile), or is passed on under `cargo test`.
+            // A panic of the other thread is a bug. It aborts the process (profile), or is passed on under
+            // `cargo test`.
             (mine, other.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)))
         });
         adam.step([&left.gradient, &right.gradient], *step, &options.schedule);
@@ -83,7 +84,8 @@ impl Session {
         Terms::mean(&of_left, &of_right)
     }
 
-    /// Mean rotation error in degrees of the averaged networks, without refinement, over the four limbs of `frames`.
+    /// Returns the mean rotation error in degrees of the averaged networks, without refinement, over the four
+    /// limbs of `frames`.
     #[must_use]
     pub fn mean_limb_degrees(&self, frames: &[[Limbs; 2]]) -> f64 {
         let postures = retarget(&self.networks, &self.adam.average, &self.arm, frames);
@@ -101,10 +103,10 @@ impl Session {
     }
 }
 
-// Rows per pass: small enough for the second-level cache.
+// Rows per pass. The number is small enough for the second-level cache.
 const ROWS: usize = 256;
 
-/// D_r(Q_h(x_h)), clamped to the limits, rad: both arms of every frame, both as left arms.
+/// Returns D_r(Q_h(x_h)), clamped to the limits, rad: both arms of every frame, both as left arms.
 #[must_use]
 pub fn retarget(networks: &Networks, parameters: &[f32], arm: &Arm, frames: &[[Limbs; 2]]) -> Vec<[[f32; ARM]; 2]> {
     let (arms, input, joints) = (networks.pose.arms, networks.pose.input, networks.pose.joints());
@@ -126,7 +128,7 @@ pub fn retarget(networks: &Networks, parameters: &[f32], arm: &Arm, frames: &[[L
     out
 }
 
-/// Q_r of postures normalised to -1..1, `[rows, joints]`.
+/// Returns Q_r of postures normalised to -1..1, `[rows, joints]`.
 #[must_use]
 pub fn encode_robot(networks: &Networks, parameters: &[f32], postures: &[f32]) -> Vec<[f32; LATENT]> {
     let joints = networks.pose.joints();

@@ -1,4 +1,4 @@
-//! The trained networks as the weights file that the retargeting reads.
+//! Writes the trained networks as the weights file that retargeting reads.
 
 use crate::checkpoint::write_at_once;
 use crate::error::TrainError;
@@ -6,7 +6,7 @@ use crate::networks::Networks;
 use retarget::{Dense, Layers, Manifest};
 use std::path::{Path, PathBuf};
 
-/// The layers of all three networks out of the parameter vector.
+/// Extracts the layers of all three networks from the parameter vector.
 #[must_use]
 pub fn layers(networks: &Networks, parameters: &[f32]) -> Layers {
     let [human, robot, decoder] = networks.named().map(|(_, mlp)| {
@@ -23,7 +23,7 @@ pub fn layers(networks: &Networks, parameters: &[f32]) -> Layers {
     Layers { human, robot, decoder }
 }
 
-/// `base` with an extension appended: a name may have a dot of its own.
+/// Returns `base` with an extension appended. The name itself may contain a dot.
 #[must_use]
 pub fn with_suffix(base: &Path, suffix: &str) -> PathBuf {
     let mut name = base.as_os_str().to_owned();
@@ -31,10 +31,11 @@ pub fn with_suffix(base: &Path, suffix: &str) -> PathBuf {
     PathBuf::from(name)
 }
 
-/// Writes `<base>.safetensors` and `<base>.toml`; the manifest last, because it holds the hash of the other.
+/// Writes `<base>.safetensors` and `<base>.toml`. The manifest comes last, because it holds the hash of the
+/// other file.
 ///
 /// # Errors
-/// If one of them cannot be written.
+/// Returns an error if one of them cannot be written.
 pub fn write(base: &Path, layers: &Layers, manifest: &Manifest) -> Result<(), TrainError> {
     let (bytes, text) = retarget::write_weights(layers, manifest)?;
     write_at_once(&with_suffix(base, ".safetensors"), &bytes)?;

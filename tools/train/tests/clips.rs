@@ -1,4 +1,4 @@
-//! What a folder of motion files is read as.
+//! Checks how a folder of motion files is read.
 
 use motion::CalibrationMode;
 use std::path::Path;
@@ -43,7 +43,7 @@ fn recorded_clips_are_split_as_in_the_published_figures() {
     ];
     assert_eq!(names, published);
     assert_eq!((clips.training.len(), clips.skipped.len()), (49, 0));
-    // People mostly let both arms hang: as left arms, both bones then point down, and alike.
+    // People mostly let both arms hang. As left arms, both bones then point down in the same way.
     let walk = clips.training.iter().find(|clip| clip.name == "002_01").expect("a walk is among them");
     for arm in &walk.arms {
         let down = arm.iter().filter(|pose| rotate(pose[0], [0.0, 1.0, 0.0])[2] < -0.7).count();

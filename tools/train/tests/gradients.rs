@@ -1,4 +1,4 @@
-//! The analytic gradients against those of a general library's automatic differentiation, in f64.
+//! Compares the analytic gradients with those of a general library's automatic differentiation, in f64.
 
 use candle_core::{DType, Device, Result, Tensor, Var};
 use train::kinematics::{ANGLE_SMOOTHING, ARM, Arm, HumanInput, Limbs, s_gr};
@@ -57,8 +57,9 @@ fn product(a: &Columns, b: &Columns) -> Result<Columns> {
     ])
 }
 
-/// The smoothed angle of S_GR. candle has no inverse of a trigonometric function, so its value is put in as a constant and its
-/// slope by a term that is zero: (S - S0) da/dS. Finite differences elsewhere hold the slope to the value.
+/// Returns the smoothed angle of S_GR. candle has no inverse trigonometric function. So the value enters as a
+/// constant, and the slope by a term that is zero: (S - S0) da/dS. Finite differences in another test tie the
+/// slope to the value.
 fn smoothed_angle(s_gr: &Tensor) -> Result<Tensor> {
     let eps = f64::from(ANGLE_SMOOTHING);
     let fixed = s_gr.detach();
@@ -69,7 +70,7 @@ fn smoothed_angle(s_gr: &Tensor) -> Result<Tensor> {
     ((s_gr - fixed)? * of(slopes)?)? + of(angles)?
 }
 
-/// 1 - <human, robot>^2 and the smoothed angle, summed over both limbs, per arm.
+/// Returns 1 - <human, robot>^2 and the smoothed angle, summed over both limbs, per arm.
 fn metric(arm: &Arm, q: &Tensor, human: &[Limbs]) -> Result<[Tensor; 2]> {
     let mut rotation: Option<Columns> = None;
     let mut total = Tensor::zeros(human.len(), DType::F64, &Device::Cpu)?;
@@ -98,13 +99,14 @@ fn metric(arm: &Arm, q: &Tensor, human: &[Limbs]) -> Result<[Tensor; 2]> {
     Ok([total, angle])
 }
 
-/// n inside -1..1, the bound outside; candle's own rule for the slope at the bounds never matters here.
+/// Returns n inside -1..1, and the bound outside. candle's own rule for the slope at the bounds never matters
+/// here.
 fn clamped(n: &Tensor) -> Result<Tensor> {
     let excess = ((n - 1.0)?.relu()? - (n.neg()? - 1.0)?.relu()?)?;
     n - excess
 }
 
-/// All terms as the module's documentation states them, on the shard's batch.
+/// Returns all terms as the module's documentation states them, on the shard's batch.
 fn reference(networks: &Networks, arm: &Arm, parameters: &Tensor, shard: &Shard) -> Result<[Tensor; 8]> {
     let batch = &shard.batch;
     let (arms, joints) = (batch.pose.arms, batch.pose.joints());
@@ -180,7 +182,8 @@ fn gradients_agree(pose: Pose) -> Result<()> {
     let networks = Networks::new(Size { hidden_layers: 3, hidden_width: 20 }, pose);
     let arm = arm();
     let mut parameters = networks.initial(11);
-    // A steep last layer of the decoder drives some outputs over the limits; biases away from zero test their gradient.
+    // A steep last layer of the decoder drives some outputs over the limits. Biases away from zero test their
+    // gradient.
     let last = networks.decoder.layers.last().expect("the decoder has layers");
     parameters[last.weight.clone()].iter_mut().for_each(|w| *w *= 60.0);
     for layer in networks.named().iter().flat_map(|(_, mlp)| &mlp.layers) {
@@ -193,7 +196,8 @@ fn gradients_agree(pose: Pose) -> Result<()> {
         let of_norm = if name == "steadiness" { 2e-4 } else { 2e-5 };
         let terms = shard.evaluate(&networks, &arm, &parameters, &weighting);
         let values = reference(&networks, &arm, variable.as_tensor(), &shard)?;
-        // Value, weight and reference of every term; twins are nearly equal, so f32 keeps fewer digits of their difference.
+        // Value, weight and reference of every term. Twins are nearly equal, so f32 keeps fewer digits of their
+        // difference.
         const STEADINESS: usize = 3;
         let of = [
             (terms.kinematics, weighting.kinematics),
@@ -209,7 +213,7 @@ fn gradients_agree(pose: Pose) -> Result<()> {
         for (index, ((ours, weight), value)) in of.iter().zip(&values).enumerate() {
             loss = (loss + (value * f64::from(*weight))?)?;
             let theirs = value.to_scalar::<f64>()?;
-            // Triplets and pairs are only looked at where they count.
+            // Triplets and pairs are checked only if they have a weight.
             let of_value = if index == STEADINESS { 1e-4 } else { 1e-5 };
             if *weight != 0.0 {
                 assert!(*ours > 0.0, "{name}: a term is idle: {of:?}");

@@ -1,5 +1,5 @@
-//! Short runs on procedural poses: they learn, repeat bit for bit, resume bit for bit, and write what the retargeting
-//! reads.
+//! Short runs on procedural poses: they learn, repeat bit for bit, resume bit for bit, and write a file that
+//! retargeting reads.
 
 use nalgebra::Vector3;
 use rand_pcg::Pcg64;
@@ -139,7 +139,7 @@ fn written_weights_give_the_retargeting_the_outputs_of_the_trainer() {
     assert_eq!(parts.len(), 2, "no partial file is left behind");
 }
 
-/// A short run of a preset's networks and losses at a small size.
+/// Creates a short run of a preset's networks and losses at a small size.
 fn baseline(preset: Preset, steps: u64) -> Session {
     let recipe = preset.recipe();
     let options = Options { pose: recipe.pose, weighting: recipe.weighting, ..session(steps, 1).options };

@@ -1,25 +1,26 @@
-//! How far the person is from what was expected of it: the way in each target that brings a new skeleton, beyond that
-//! skeleton, against what the person then did.
+//! Measures the error of the expectation of the person. The expectation is the way in each target that brings a
+//! new skeleton, beyond that skeleton. It is compared with the person's later motion.
 
 use super::judge::{limbs_deg, mean};
 use super::person::Person;
 use crate::clips::{Human, both_arms};
 use messages::{JointTarget, Stamp, WAY_NODE_TICKS, deadline};
 
-/// Times beyond the newest skeleton that are judged, ms.
+/// Judged times beyond the newest skeleton, ms.
 pub const AHEAD_MS: [u64; 3] = [50, 100, 200];
 
-/// What was expected when a skeleton was the newest one.
+/// Expectation at the time when a skeleton was the newest one.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Expectation {
-    /// When that skeleton was captured.
+    /// Capture time of that skeleton.
     pub origin: Stamp,
-    /// The limbs at each of `AHEAD_MS` after it; none where the way does not reach.
+    /// The limbs at each of `AHEAD_MS` after it. None where the way does not reach.
     pub limbs: [Option<Human>; AHEAD_MS.len()],
 }
 
 impl Expectation {
-    /// Of a target; node n of its way is for the person `delay_ns` before the node's tick.
+    /// Extracts the expectation of a target. Node n of its way is for the person `delay_ns` before the node's
+    /// tick.
     #[must_use]
     pub fn of(target: &JointTarget, delay_ns: u64) -> Self {
         let origin = target.header.origin;
@@ -36,14 +37,14 @@ impl Expectation {
     }
 }
 
-/// Both arms of a node; none if one of them has no way.
+/// Returns both arms of a node. None if one of them has no way.
 fn node(target: &JointTarget, i: usize) -> Option<Human> {
     let limbs = target.way.get(i)?;
     limbs.iter().all(|limb| *limb != [0.0; 4]).then(|| both_arms(limbs))
 }
 
-/// The mean angle of four limbs between what was expected and what the person then did, degrees, at each of `AHEAD_MS`; none
-/// where nothing was expected of what was seen later.
+/// Returns the mean angle of four limbs between the expectation and the person's later motion, degrees, at each
+/// of `AHEAD_MS`. None if no expectation has a later skeleton.
 #[must_use]
 pub fn errors_deg(expected: &[Expectation], person: &Person) -> [Option<f64>; AHEAD_MS.len()] {
     std::array::from_fn(|i| {
@@ -61,7 +62,7 @@ mod tests {
     use super::*;
     use messages::{LIMBS, Layout, Skeleton, WAY_NODES, skeleton_flag};
 
-    /// All limbs turned by so much about one axis.
+    /// Returns limbs that are all turned by `angle` about one axis.
     fn limbs(angle: f64) -> [[f32; 4]; LIMBS] {
         let (sin, cos) = (0.5 * angle).sin_cos();
         [[0.0, 0.0, sin as f32, cos as f32]; LIMBS]
@@ -69,7 +70,8 @@ mod tests {
 
     #[test]
     fn a_way_is_compared_at_its_own_times() {
-        // The person turns at 1 rad/s; the way says 2 rad/s from the newest skeleton on, 3 s after the beginning.
+        // The person turns at 1 rad/s. From the newest skeleton on, 3 s after the beginning, the way has 2
+        // rad/s.
         let (delay_ns, newest_ns) = (120_000_000, 3_000_000_000);
         let mut person = Person::default();
         for i in 0..200_u64 {
@@ -92,7 +94,7 @@ mod tests {
             let want = (ahead_ms as f64 * 1e-3).to_degrees();
             assert!(found.is_some_and(|deg| (deg - want).abs() < 0.05), "{ahead_ms} ms: {found:?}, want {want}");
         }
-        // An arm without a way, and a person who leaves before, say nothing.
+        // An arm without a way, and a person who leaves before, give no figure.
         target.way.iter_mut().for_each(|limbs| limbs[3] = [0.0; 4]);
         assert_eq!(errors_deg(&[Expectation::of(&target, delay_ns)], &person), [None; 3]);
         target.header.origin = Stamp(4_400_000_000);

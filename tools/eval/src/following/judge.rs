@@ -1,4 +1,4 @@
-//! How far the robot is from the person, and from the best that it could have done.
+//! Measures the robot's distance from the person, and from the best possible motion.
 
 use super::ahead::{self, AHEAD_MS};
 use super::optimum::{improved, least_squares};
@@ -11,11 +11,11 @@ use retarget::{ArmModel, Limbs, limb_error_deg};
 use robot::Model;
 use std::collections::BTreeMap;
 
-/// Delays among which the best one is sought, ms: every 20 up to this.
+/// Delays among which the best one is searched, ms: every 20 up to this.
 const BEST_MAX_MS: u64 = 600;
 const BEST_STEP_MS: usize = 20;
 
-/// What was measured of one clip.
+/// Measurements of one clip.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Figures {
     /// The clip.
@@ -24,37 +24,37 @@ pub struct Figures {
     pub seconds: f64,
     /// Error against the person of the same instant, degrees.
     pub now_deg: f64,
-    /// Against the person so many ms before, in the order asked for.
+    /// Error against the person so many ms before, in the order of the requested delays.
     pub at_deg: Vec<f64>,
-    /// The least of all delays, and that delay.
+    /// Least error over all delays, degrees.
     pub best_deg: f64,
-    /// See `best_deg`.
+    /// Delay of the least error, ms.
     pub best_ms: f64,
-    /// The least of any motion within the limits, against the person of the same instant.
+    /// Least error of any motion within the limits, against the person of the same instant.
     pub optimum_deg: Option<f64>,
-    /// The same by least squares alone.
+    /// The same, found by least squares alone.
     pub least_squares_deg: Option<f64>,
-    /// How far the person was from what was expected, at each of `AHEAD_MS` beyond the newest skeleton.
+    /// Mean error of the expectation, at each of `AHEAD_MS` beyond the newest skeleton.
     pub expected_deg: [Option<f64>; AHEAD_MS.len()],
     /// Largest share of an effort limit.
     pub torque_share_max: f64,
-    /// Share of ticks whose command was the next point of the plan before.
+    /// Share of ticks whose command was the next point of the previous plan.
     pub on_plan_share: f64,
-    /// By kind.
+    /// Violations by kind.
     pub violations: BTreeMap<String, u64>,
-    /// Why the run ended before the clip did.
+    /// The reason if the run ended before the clip did.
     pub stopped: Option<String>,
 }
 
 impl Figures {
-    /// Violations of all kinds.
+    /// Returns the number of violations of all kinds.
     #[must_use]
     pub fn violations_total(&self) -> u64 {
         self.violations.values().sum()
     }
 }
 
-/// What the arms may do, left and right.
+/// Returns the bounds of the arms, left and right.
 #[must_use]
 pub fn bounds_of(model: &Model) -> [Bounds; 2] {
     [LEFT_ARM, RIGHT_ARM].map(|joints| {
@@ -68,15 +68,15 @@ pub fn bounds_of(model: &Model) -> [Bounds; 2] {
     })
 }
 
-/// Mean angle between four limbs and four others, degrees.
+/// Returns the mean angle between four limbs and four others, degrees.
 #[must_use]
 pub fn limbs_deg(robot: &Human, person: &Human) -> f64 {
     let both = robot.iter().zip(person).flat_map(|(robot, person)| limb_error_deg(robot, person));
     both.sum::<f64>() / LIMBS as f64
 }
 
-/// The error of each sample of a span against the person `delay_ms` before, from the first sample on whose person belongs to
-/// the span too; with the time of each.
+/// Returns the error of each sample of a span against the person `delay_ms` before, with the time of each. It
+/// begins with the first sample whose person belongs to the span too.
 #[must_use]
 pub fn errors_deg(arm: &ArmModel, played: &Played, span: &[Sample], delay_ms: f64) -> Vec<(Stamp, f64)> {
     let delay_ns = (delay_ms * 1e6).round() as u64;
@@ -89,29 +89,29 @@ pub fn errors_deg(arm: &ArmModel, played: &Played, span: &[Sample], delay_ms: f6
     span.iter().filter_map(error).collect()
 }
 
-/// Over all spans.
+/// Returns the mean error over all spans.
 fn mean_deg(arm: &ArmModel, played: &Played, delay_ms: f64) -> Option<f64> {
     let all: Vec<f64> =
         played.spans.iter().flat_map(|span| errors_deg(arm, played, span, delay_ms)).map(|(_, deg)| deg).collect();
     mean(&all)
 }
 
-/// None of nothing.
+/// Returns the mean. None if there are no values.
 pub(crate) fn mean(values: &[f64]) -> Option<f64> {
     (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
 }
 
-/// What the best motions would have been off at each sample, degrees, span by span.
+/// Errors of the best motions at each sample, degrees, span by span.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Best {
-    /// The least found.
+    /// Errors of the best motion found.
     pub optimum_deg: Vec<Vec<f64>>,
-    /// The best by least squares alone, which other implementations look for.
+    /// Errors of the best motion by least squares alone, which other implementations use.
     pub least_squares_deg: Vec<Vec<f64>>,
 }
 
 impl Best {
-    /// Of both arms over all spans.
+    /// Computes the best motions of both arms over all spans.
     #[must_use]
     pub fn of(arm: &ArmModel, bounds: &[Bounds; 2], played: &Played) -> Self {
         let mut best = Self::default();
@@ -142,7 +142,8 @@ fn add_deg(sums: &mut [f64], arm: &ArmModel, start: State, motion: &Motion, path
     }
 }
 
-/// The figures of a clip; none if the robot was never Engaged for long enough to compare at every delay asked for.
+/// Returns the figures of a clip. None if the robot was never Engaged for long enough to compare at every
+/// requested delay.
 #[must_use]
 pub fn judge(arm: &ArmModel, played: &Played, delays_ms: &[f64], best: Option<&Best>) -> Option<Figures> {
     let now_deg = mean_deg(arm, played, 0.0)?;

@@ -1,13 +1,15 @@
-//! What the robot does beside what the person does: each clip is played through all stages in virtual time, as `replay
+//! Compares the robot with the person. Each clip is played through all stages in virtual time, as `replay
 //! --offline` does, and the commands while Engaged are judged.
 //!
-//! - The *person* at an instant are the four limb rotations of the skeletons that `ingest` passed on, interpolated to that
-//!   instant; the *robot* is the forward kinematics of the command for it.
+//! - The *person* at an instant are the four limb rotations of the skeletons that `ingest` passed on,
+//!   interpolated to that instant. The *robot* is the forward kinematics of the command for it.
 //! - The *error* is the mean rotation angle of the four limbs.
-//! - The *expectation* is the way of a target beyond the newest skeleton; its error is against what the person then did.
+//! - The *expectation* is the way of a target beyond the newest skeleton. Its error is against the person's
+//!   later motion.
 //! - *At D ms* compares a command with the person D ms before.
-//! - The *optimum* is the least error of any motion within positions, speeds and accelerations in force, looking ahead, with
-//!   no delay and no collisions: see [`optimum`]. It starts where the robot is, anew wherever it is Engaged anew.
+//! - The *optimum* is the least error of any motion within the positions, speeds and accelerations in force. It
+//!   looks ahead, without delay and without collisions: see [`optimum`]. It starts at the robot's posture
+//!   whenever the robot becomes Engaged.
 
 mod ahead;
 mod judge;
@@ -39,19 +41,19 @@ use train::clips::motion_files;
 
 /// Delays that are always judged, ms.
 const DELAYS_MS: [f64; 2] = [60.0, 200.0];
-/// Longest delay that is judged, ms.
+/// Longest judged delay, ms.
 const DELAY_MAX_MS: f64 = 2000.0;
 
 /// Plays and judges every clip of `folder`, prints the table, writes JSON and pictures.
 ///
 /// # Errors
-/// The first thing that made it impossible, with the file or option at fault.
+/// Returns the first error, with its file or option.
 pub fn run(cli: &Cli, folder: &Path) -> Result<(), EvalError> {
     if !(0.0..=DELAY_MAX_MS).contains(&cli.delay_ms) {
         let (value, expected) = (cli.delay_ms.to_string(), format!("0 to {DELAY_MAX_MS}"));
         return Err(EvalError::Option { option: "delay-ms", value, expected });
     }
-    // As the daemon does: the same commands, to the bit.
+    // The daemon does the same, so the commands are equal to the bit.
     let _ = rt::flush_denormals();
     let loaded = pipeline::load(&cli.config, Overrides::default())?;
     let stage = Stage::new(&loaded)?;
@@ -103,7 +105,7 @@ fn stem(file: &Path) -> String {
     file.file_stem().map(|stem| stem.to_string_lossy().into_owned()).unwrap_or_default()
 }
 
-/// The motion files of the folder, or those of the names asked for.
+/// Returns the motion files of the folder, or those with the requested names.
 pub(crate) fn chosen(folder: &Path, clips: Option<&str>) -> Result<Vec<PathBuf>, EvalError> {
     let files = motion_files(folder)?;
     let Selection::Named(names) = Selection::parse(clips) else { return Ok(files) };

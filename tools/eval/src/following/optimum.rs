@@ -1,18 +1,22 @@
-//! How well any motion of an arm could have followed: the smallest mean limb error that is found, looking ahead, within
-//! given positions, speeds and accelerations. Collisions, torques and jerk are not asked for.
+//! Finds how well any motion of an arm could have followed. The result is the smallest mean limb error that is
+//! found, looking ahead, within given positions, speeds and accelerations. Collisions, torques and jerk are not
+//! considered.
 //!
-//! Three searches by least squares go through the path in windows, each begun with what the window before left over, and keep
-//! the part of which the rest looks ahead: [`least_squares`] is the best of the three. [`optimum`] improves it over its whole
-//! length, by the angles themselves. What is found can be executed; the true optimum is that or less.
+//! Three searches by least squares go through the path in windows. Each window begins with the remainder of the
+//! previous one, and keeps its first part. The rest of the window serves to look ahead. [`least_squares`] is
+//! the best of the three. [`optimum`] improves it over its whole length, by the angles themselves. The
+//! resulting motion can be executed. The true optimum has the same error or less.
 
 use super::riccati::Joints;
 use super::tracking::{Bounds, Loss, Motion, State, Task};
 use retarget::{ArmModel, Limbs, limb_error_deg};
 
-/// Nodes of a window, and how many of them are kept: 2 s and 1 s, 1 s and 0.5 s, 0.5 s and 0.1 s.
+/// Nodes of a window, and the number of nodes that are kept. The times are 2 s and 1 s, 1 s and 0.5 s, 0.5 s
+/// and 0.1 s.
 const WINDOWS: [(usize, usize); 3] = [(100, 50), (50, 25), (25, 5)];
 
-/// A motion of one arm from the start, which belongs to the first of the path; its states belong to the others.
+/// Returns a motion of one arm from the start. The start belongs to the first limbs of the path, and the
+/// motion's states to the others.
 #[must_use]
 pub fn least_squares(arm: &ArmModel, bounds: &Bounds, path: &[Limbs], start: State) -> Motion {
     let Some(goal) = path.get(1..) else { return Motion::from(start, Vec::new()) };
@@ -22,13 +26,13 @@ pub fn least_squares(arm: &ArmModel, bounds: &Bounds, path: &[Limbs], start: Sta
     best.reduce(|a, b| if b.0 < a.0 { b } else { a }).map_or(Motion::from(start, Vec::new()), |(_, best)| best)
 }
 
-/// As [`least_squares`], and better.
+/// Returns the motion of [`least_squares`], improved by the angles themselves.
 #[must_use]
 pub fn optimum(arm: &ArmModel, bounds: &Bounds, path: &[Limbs], start: State) -> Motion {
     improved(arm, bounds, path, start, least_squares(arm, bounds, path, start))
 }
 
-/// A motion from `start`, with less of the angles themselves if that can be.
+/// Returns a motion from `start` with a smaller sum of the angles themselves, if one is found.
 #[must_use]
 pub fn improved(arm: &ArmModel, bounds: &Bounds, path: &[Limbs], start: State, best: Motion) -> Motion {
     let goal = path.get(1..).unwrap_or_default();
@@ -38,7 +42,7 @@ pub fn improved(arm: &ArmModel, bounds: &Bounds, path: &[Limbs], start: State, b
     if error_deg(arm, &polished, goal) < error_deg(arm, &best, goal) { polished } else { best }
 }
 
-/// Sum of both limbs' angles over all nodes, degrees.
+/// Returns the sum of both limbs' angles over all nodes, degrees.
 #[must_use]
 pub fn error_deg(arm: &ArmModel, motion: &Motion, goal: &[Limbs]) -> f64 {
     let nodes = motion.states.iter().zip(goal);
@@ -63,7 +67,7 @@ fn search(whole: &Task<'_>, nodes: usize, kept: usize) -> Motion {
     Motion::from(whole.start, all)
 }
 
-/// These accelerations from `at`, and after them a stop.
+/// Returns these accelerations from `at`, followed by a stop.
 fn extended(at: State, mut a: Vec<Joints>, nodes: usize, bounds: &Bounds) -> Vec<Joints> {
     let mut at = a.iter().fold(at, |at, a| at.after(a));
     while a.len() < nodes {

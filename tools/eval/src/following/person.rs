@@ -1,4 +1,5 @@
-//! The person over time: the limb rotations of the skeletons that `ingest` passes on, each at its origin, and slerp between.
+//! The person over time: the limb rotations of the skeletons that `ingest` passes on, each at its origin, with
+//! slerp between them.
 
 use crate::clips::{Human, both_arms};
 use messages::{SMPL_JOINTS, Skeleton, Stamp, skeleton_flag};
@@ -12,7 +13,7 @@ pub struct Person {
 }
 
 impl Person {
-    /// Takes a skeleton; one that lacks a limb, or is no newer than the last, says nothing.
+    /// Adds a skeleton. One that lacks a limb, or is not newer than the last, is ignored.
     pub fn add(&mut self, skeleton: &Skeleton) {
         let whole = skeleton.flags & skeleton_flag::ALL == skeleton_flag::ALL;
         let origin = skeleton.header.origin;
@@ -23,7 +24,8 @@ impl Person {
         }
     }
 
-    /// The limbs at `at`, both arms as left arms; those of the first or last skeleton before or after all of them.
+    /// Returns the limbs at `at`, both arms as left arms. Before or after all skeletons, those of the first or
+    /// last one.
     #[must_use]
     pub fn at(&self, at: Stamp) -> Option<Human> {
         let after = self.origins.partition_point(|origin| *origin <= at);
@@ -36,13 +38,13 @@ impl Person {
         Some([0, 1].map(|arm| self.limbs[before][arm].slerp(&next[arm], share)))
     }
 
-    /// When the last skeleton was captured.
+    /// Returns the capture time of the last skeleton.
     #[must_use]
     pub fn last(&self) -> Option<Stamp> {
         self.origins.last().copied()
     }
 
-    /// The joints of the newest skeleton at `at`.
+    /// Returns the joints of the newest skeleton at `at`.
     #[must_use]
     pub fn positions(&self, at: Stamp) -> Option<&[[f32; 3]; SMPL_JOINTS]> {
         let after = self.origins.partition_point(|origin| *origin <= at);

@@ -1,4 +1,4 @@
-//! One clip through every stage in virtual time, and what the robot was told meanwhile.
+//! Plays one clip through every stage in virtual time, and records the commands.
 
 use super::ahead::Expectation;
 use super::person::Person;
@@ -12,9 +12,10 @@ use pipeline::{Loaded, Moment, Offline, OfflineEnd, PlayOptions};
 use robot::Model;
 use std::collections::BTreeMap;
 
-/// Ticks from one judged command to the next: 50 Hz.
+/// Ticks between two judged commands: 50 Hz.
 const SAMPLE_TICKS: u64 = 30;
-/// Ticks from one judged torque to the next: 150 Hz, many times the bandwidth of an arm that takes 5 ms to full acceleration.
+/// Ticks between two judged torques: 150 Hz. This is many times the bandwidth of an arm, which takes 5 ms to
+/// full acceleration.
 const TORQUE_TICKS: u64 = 10;
 
 /// The robot's posture and speed at an instant, as commanded.
@@ -28,30 +29,30 @@ pub struct Sample {
     pub v: Posture,
 }
 
-/// What was played and commanded.
+/// Data of a played clip and its commands.
 #[derive(Clone, Debug, Default)]
 pub struct Played {
     /// The clip.
     pub name: String,
-    /// Whom `ingest` saw.
+    /// The person that `ingest` saw.
     pub person: Person,
-    /// Commands at 50 Hz, for each time without a break in which the robot was Engaged.
+    /// Commands at 50 Hz, in one list for each uninterrupted time in which the robot was Engaged.
     pub spans: Vec<Vec<Sample>>,
-    /// What was expected of the person at each new skeleton while Engaged.
+    /// Expectations of the person at each new skeleton while Engaged.
     pub expected: Vec<Expectation>,
     /// Ticks while Engaged.
     pub ticks: u64,
-    /// Those of them whose command was the next point of the plan before.
+    /// Ticks among them whose command was the next point of the previous plan.
     pub on_plan: u64,
-    /// Largest share of an arm joint's effort limit that a command asks for, stops included.
+    /// Largest share of an arm joint's effort limit that a command requires, stops included.
     pub torque_share_max: f64,
-    /// Violations by kind: of the commands, and of the joints' true motion.
+    /// Violations by kind, of the commands and of the joints' true motion.
     pub violations: BTreeMap<String, u64>,
-    /// Why the run ended before the clip did.
+    /// The reason if the run ended before the clip did.
     pub stopped: Option<String>,
 }
 
-/// What does not change from clip to clip.
+/// Data that all clips share.
 #[derive(Debug)]
 pub struct Stage<'a> {
     loaded: &'a Loaded,
@@ -59,12 +60,12 @@ pub struct Stage<'a> {
 }
 
 impl<'a> Stage<'a> {
-    /// The stages of these settings.
+    /// Creates the stages of these settings.
     ///
     /// # Errors
-    /// If the robot's URDF cannot be read for its masses.
+    /// Returns an error if the masses cannot be read from the robot's URDF.
     pub fn new(loaded: &'a Loaded) -> Result<Self, EvalError> {
-        // Settings, robot file, URDF: the order in which `pipeline` reads them.
+        // Settings, robot file, URDF: `pipeline` reads them in this order.
         let urdf = loaded.files.iter().find(|file| file.extension().is_some_and(|extension| extension == "urdf"));
         let path = urdf.cloned().unwrap_or_default();
         let masses = |reason: String| EvalError::Masses { path: path.clone(), reason };
@@ -76,7 +77,7 @@ impl<'a> Stage<'a> {
     /// Plays a motion at recorded speed.
     ///
     /// # Errors
-    /// A sentence, if the stages refuse their settings.
+    /// Returns a sentence as error if the stages reject their settings.
     pub fn play(&self, motion: &Motion, calibration: CalibrationMode) -> Result<Played, String> {
         let options = PlayOptions { speed: 1.0, looped: false, calibration };
         let mut watch = Watch { stage: self, played: Played::default(), engaged_at: None };
@@ -153,7 +154,7 @@ impl Watch<'_> {
 }
 
 impl Watch<'_> {
-    /// Keeps what a target expects that is the first one of a new skeleton.
+    /// Keeps the expectation of a target if it is the first one of a new skeleton.
     fn expect(&mut self, target: &JointTarget) {
         let delay_ns = (self.stage.loaded.settings.retarget.following_delay_ms * 1e6) as u64;
         let expected = &mut self.played.expected;
@@ -164,7 +165,7 @@ impl Watch<'_> {
 }
 
 impl Sample {
-    /// Position and speed of one arm.
+    /// Returns position and speed of one arm.
     #[must_use]
     pub fn arm(&self, arm: usize) -> (Joints, Joints) {
         (Joints::from(self.q[arm]), Joints::from(self.v[arm]))

@@ -1,4 +1,4 @@
-//! A clip as a picture: the error over time, and person and robot at six instants.
+//! Draws a clip: the error over time, and person and robot at six instants.
 
 use super::judge::{Best, errors_deg};
 use super::play::{Played, Sample};
@@ -10,16 +10,16 @@ use plotters::prelude::*;
 use retarget::ArmModel;
 use std::path::Path;
 
-/// Instants shown as stick figures.
+/// Number of instants shown as stick figures.
 const INSTANTS: usize = 6;
 const NOW: RGBColor = RGBColor(210, 120, 40);
 const DELAYED: RGBColor = RGBColor(30, 110, 190);
 const BEST: RGBColor = RGBColor(120, 120, 120);
 
-/// Draws `<clip>.svg` into `folder`; nothing of a clip in which the robot was never Engaged.
+/// Draws `<clip>.svg` into `folder`. Draws nothing if the robot was never Engaged in the clip.
 ///
 /// # Errors
-/// If the file cannot be written.
+/// Returns an error if the file cannot be written.
 pub fn draw_clip(
     folder: &Path,
     arm: &ArmModel,
@@ -71,7 +71,7 @@ fn error_over_time(area: &Area<'_>, name: &str, lines: &[Line]) -> Drawn {
     chart.configure_series_labels().position(SeriesLabelPosition::UpperRight).background_style(WHITE.mix(0.8)).draw()
 }
 
-/// The person `delay_ms` before above, the robot below.
+/// Draws the person `delay_ms` before above, and the robot below.
 fn instants(area: &Area<'_>, arm: &ArmModel, played: &Played, delay_ms: f64, start: Stamp) -> Drawn {
     let all: Vec<&Sample> = played.spans.iter().flatten().collect();
     let cells = area.split_evenly((2, INSTANTS));

@@ -1,4 +1,4 @@
-//! The table for people and its twin in JSON.
+//! The table as text, and the same as JSON.
 
 use super::ahead::AHEAD_MS;
 use super::judge::{Figures, mean};
@@ -6,20 +6,20 @@ use crate::report::cell;
 use serde_json::{Map, Value, json};
 use std::fmt;
 
-/// All that was measured.
+/// All measurements.
 #[derive(Clone, Debug)]
 pub struct Report {
     /// The folder.
     pub folder: String,
     /// The settings file.
     pub config: String,
-    /// The delay that ratios are made with, ms.
+    /// Delay of the ratios, ms.
     pub delay_ms: f64,
     /// All delays, ms.
     pub delays_ms: Vec<f64>,
     /// The clips that were judged.
     pub clips: Vec<Figures>,
-    /// The others, and why not.
+    /// Clips that were not judged, and the reasons.
     pub skipped: Vec<(String, String)>,
 }
 
@@ -56,7 +56,7 @@ impl Report {
         }
     }
 
-    /// Each number of all clips made one by `of`.
+    /// Combines each number of all clips by `of`.
     fn summary(&self, of: fn(&[f64]) -> Option<f64>) -> Numbers {
         let rows: Vec<Numbers> = self.clips.iter().map(|clip| self.numbers(clip)).collect();
         let known = |get: &dyn Fn(&Numbers) -> Option<f64>| of(&rows.iter().filter_map(get).collect::<Vec<_>>());
@@ -80,7 +80,7 @@ impl Report {
         [("mean", self.summary(mean)), ("median", self.summary(median))]
     }
 
-    /// The same as JSON.
+    /// Returns the table as JSON.
     #[must_use]
     pub fn json(&self) -> Value {
         let numbers = |row: &Numbers| {
@@ -122,7 +122,7 @@ impl Report {
     }
 }
 
-/// The middle value, or the mean of both; none of nothing.
+/// Returns the middle value, or the mean of both middle values. None if there are no values.
 fn median(values: &[f64]) -> Option<f64> {
     let mut sorted = values.to_vec();
     sorted.sort_by(f64::total_cmp);

@@ -1,15 +1,16 @@
-//! The linear-quadratic step: which change of the accelerations lowers a quadratic model of the cost most, along a chain of
-//! nodes of which each is the double integrator of the one before. A backward recursion over blocks of five joints.
+//! The linear-quadratic step: the change of the accelerations that lowers a quadratic model of the cost most.
+//! It works along a chain of nodes, each the double integrator of the previous one. It is a backward recursion
+//! over blocks of five joints.
 
 use nalgebra::{Cholesky, SMatrix, SVector};
 use retarget::ARM_Q;
 
-/// One number for each joint of an arm.
+/// One value for each joint of an arm.
 pub type Joints = SVector<f64, ARM_Q>;
-/// One number for each pair of joints.
+/// One value for each pair of joints.
 pub type Block = SMatrix<f64, ARM_Q, ARM_Q>;
 
-/// The quadratic model of one node: the state that an acceleration leads to, and that acceleration.
+/// The quadratic model of one node: the state to which an acceleration leads, and that acceleration.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Node {
     /// Second derivatives by positions.
@@ -18,13 +19,13 @@ pub struct Node {
     pub qv: Joints,
     /// Second derivatives by speeds, each joint's own.
     pub vv: Joints,
-    /// Second derivatives by accelerations, each joint's own; above zero.
+    /// Second derivatives by accelerations, each joint's own. They are above zero.
     pub aa: Joints,
-    /// Slope by positions, speeds and accelerations.
+    /// Slope by positions.
     pub q: Joints,
-    /// See `q`.
+    /// Slope by speeds.
     pub v: Joints,
-    /// See `q`.
+    /// Slope by accelerations.
     pub a: Joints,
 }
 
@@ -39,7 +40,7 @@ pub struct Change {
     pub a: Joints,
 }
 
-/// What the acceleration answers to a change of the state before it.
+/// Response of the acceleration to a change of the previous state.
 #[derive(Clone, Copy, Debug)]
 struct Answer {
     by_q: Block,
@@ -47,7 +48,7 @@ struct Answer {
     alone: Joints,
 }
 
-/// The cost that is still to come, as a quadratic in the state.
+/// Cost of the remaining nodes, as a quadratic in the state.
 #[derive(Clone, Copy, Debug, Default)]
 struct Ahead {
     qq: Block,
@@ -66,7 +67,7 @@ impl Ahead {
         self.v += node.v;
     }
 
-    /// One node back, through q' = q + dt v + dt^2/2 a and v' = v + dt a.
+    /// Goes one node back, through q' = q + dt v + dt^2/2 a and v' = v + dt a.
     fn back(&self, node: &Node, dt: f64) -> Option<(Self, Answer)> {
         let half = 0.5 * dt * dt;
         let by_q = self.qq * half + self.qv.transpose() * dt;
@@ -89,8 +90,8 @@ impl Ahead {
     }
 }
 
-/// The change of every node that minimises the sum of the models, with the state before the first node as it is; none if
-/// the sum has no minimum.
+/// Returns the change of every node that minimises the sum of the models. The state before the first node is
+/// fixed. None if the sum has no minimum.
 pub fn step(nodes: &[Node], dt: f64) -> Option<Vec<Change>> {
     let mut answers = Vec::with_capacity(nodes.len());
     let mut ahead = Ahead::default();

@@ -1,28 +1,29 @@
-//! One arm's motion against one path of a person's limbs, and how it gets better: Gauss-Newton on the angles of both limbs,
-//! with logarithmic barriers at the limits of position, speed and acceleration, so that every iterate is a motion that the
-//! limits allow.
+//! Improves one arm's motion along one path of a person's limbs. The method is Gauss-Newton on the angles of
+//! both limbs, with logarithmic barriers at the limits of position, speed and acceleration. So every iterate is
+//! a motion within the limits.
 
 use super::riccati::{Change, Joints, Node, step};
 use retarget::{ARM_Q, ArmModel, ArmQ, Limbs};
 
 /// Time between nodes, s.
 pub const NODE_S: f64 = 0.02;
-/// Weights of the barriers, one solve after the other: from a wide berth to a thousandth of the cost of a degree.
+/// Weights of the barriers, one solve after the other. The first keeps a large distance to the limits. The last
+/// is a thousandth of the cost of a degree.
 const BARRIERS: [f64; 6] = [1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7];
-/// Iterations with each barrier but the last, and with the last.
+/// Number of iterations with each barrier except the last, and with the last.
 const ITERATIONS: [usize; 2] = [6, 40];
-/// A step that lowers the cost by less than this share of it is the last one.
+/// The iterations end with a step that lowers the cost by less than this share of it.
 const SETTLED_SHARE: f64 = 1e-5;
-/// Share of the way to the nearest limit that a step may take.
+/// Largest share of the distance to the nearest limit that a step may take.
 const WAY_SHARE: f64 = 0.99;
-/// Share of the acceleration that a motion must be able to stop with inside its range after the last node.
+/// Share of the acceleration with which a motion must be able to stop inside its range after the last node.
 const BRAKE_SHARE: f64 = 0.8;
-/// Speed below which stopping is taken as if at this speed, rad/s: keeps the way to stop smooth at rest.
+/// Smallest speed in the stopping distance, rad/s. It keeps the stopping distance smooth at rest.
 const SLOW: f64 = 0.01;
 /// An angle below this counts by its square, rad: 0.6 degrees.
 const SMALL_RAD: f64 = 0.01;
 
-/// What one arm may do: rad, rad/s, rad/s^2.
+/// Bounds of one arm: rad, rad/s, rad/s^2.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Bounds {
     /// Least positions.
@@ -35,7 +36,7 @@ pub struct Bounds {
     pub a_max: ArmQ,
 }
 
-/// Where a motion is at a node.
+/// State of a motion at a node.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct State {
     /// Positions, rad.
@@ -45,25 +46,25 @@ pub struct State {
 }
 
 impl State {
-    /// A node later under the accelerations `a`.
+    /// Returns the state one node later under the accelerations `a`.
     #[must_use]
     pub fn after(&self, a: &Joints) -> Self {
         Self { q: self.q + self.v * NODE_S + a * (0.5 * NODE_S * NODE_S), v: self.v + a * NODE_S }
     }
 
-    /// The accelerations over the next node that lead to rest within the limits, at 0.9 of them.
+    /// Returns the accelerations over the next node that lead to rest within the limits, at 0.9 of them.
     #[must_use]
     pub fn brake(&self, bounds: &Bounds) -> Joints {
         Joints::from_fn(|j, _| (-self.v[j] / NODE_S).clamp(-0.9 * bounds.a_max[j], 0.9 * bounds.a_max[j]))
     }
 }
 
-/// What a limb's angle costs.
+/// Cost of a limb's angle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Loss {
-    /// Half its square: smooth, and finds its way from afar.
+    /// Half the square of the angle. It is smooth, and converges from far away.
     Square,
-    /// Itself: what the mean angle is made of.
+    /// The angle itself, of which the mean error consists.
     Angle,
 }
 
@@ -75,7 +76,7 @@ impl Loss {
         }
     }
 
-    /// Slope over the angle: the weight of the square that touches the loss from above.
+    /// Returns the slope over the angle: the weight of the square that touches the loss from above.
     fn weight(self, angle: f64) -> f64 {
         match self {
             Self::Square => 1.0,
@@ -84,7 +85,7 @@ impl Loss {
     }
 }
 
-/// A path to follow from a state; node k of the motion belongs to `goal[k]`.
+/// A path to follow from a state. Node k of the motion belongs to `goal[k]`.
 #[derive(Clone, Copy, Debug)]
 pub struct Task<'a> {
     /// The arm.
@@ -93,11 +94,11 @@ pub struct Task<'a> {
     pub bounds: &'a Bounds,
     /// The person's limbs at the nodes after the start.
     pub goal: &'a [Limbs],
-    /// Where the motion starts.
+    /// State at the start of the motion.
     pub start: State,
 }
 
-/// Accelerations from node to node, and the states that they lead to.
+/// Accelerations between nodes, and the resulting states.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Motion {
     /// `a[k]` leads to `states[k]`.
@@ -107,7 +108,7 @@ pub struct Motion {
 }
 
 impl Motion {
-    /// What the accelerations do from `start`.
+    /// Returns the motion of these accelerations from `start`.
     #[must_use]
     pub fn from(start: State, a: Vec<Joints>) -> Self {
         let mut at = start;
@@ -118,7 +119,7 @@ impl Motion {
         Self { states: states.collect(), a }
     }
 
-    /// A share of a change on the way.
+    /// Returns the motion after a share of a change.
     fn moved(&self, changes: &[Change], share: f64) -> Self {
         let states = self.states.iter().zip(changes);
         Self {
@@ -128,7 +129,8 @@ impl Motion {
     }
 }
 
-/// Cost, slope and curvature of a value that must stay between two limits; infinite outside.
+/// Returns cost, slope and curvature of a value that must stay between two limits. The cost is infinite
+/// outside.
 fn between(low: f64, high: f64, x: f64) -> (f64, f64, f64) {
     let (below, above) = ((x - low) / (high - low), (high - x) / (high - low));
     if !(below > 0.0 && above > 0.0) {
@@ -146,10 +148,11 @@ struct Room {
     by_vv: f64,
 }
 
-/// `gap` to the end, speed `v` towards it: what is left after braking, over a whole node more than need be.
+/// Returns the room after braking, for `gap` to the end and speed `v` towards it. It subtracts one whole node
+/// more than necessary.
 fn room(gap: f64, v: f64, a_max: f64) -> Room {
     let root = v.hypot(SLOW);
-    // The speed towards the end, smoothly none if it leads away.
+    // Speed towards the end. It goes smoothly to zero if the joint moves away.
     let (w, by_v, by_vv) = (0.5 * (v + root), 0.5 * (1.0 + v / root), 0.5 * SLOW * SLOW / root.powi(3));
     let brake = BRAKE_SHARE * a_max;
     let by_w = w / brake + NODE_S;
@@ -161,7 +164,7 @@ fn room(gap: f64, v: f64, a_max: f64) -> Room {
 }
 
 impl Task<'_> {
-    /// The task with the range widened to hold `motion` and its stop, by what rounding and a start on the limit ask for.
+    /// Returns the bounds, widened to hold `motion` and its stop. Rounding and a start on the limit need this.
     #[must_use]
     pub fn bounds_around(&self, motion: &Motion) -> Bounds {
         const MARGIN_RAD: f64 = 1e-3;
@@ -212,7 +215,7 @@ impl Task<'_> {
         if inside.is_finite() { self.loss(motion, loss) + barrier * inside } else { f64::INFINITY }
     }
 
-    /// The quadratic model about a motion; `damping` is added to the curvature by positions.
+    /// Returns the quadratic model about a motion. `damping` is added to the curvature by positions.
     fn model(&self, motion: &Motion, loss: Loss, barrier: f64, damping: f64) -> Vec<Node> {
         let Bounds { q_min, q_max, v_max, a_max } = self.bounds;
         let model = |((state, a), goal): ((&State, &Joints), &Limbs)| {
@@ -235,7 +238,7 @@ impl Task<'_> {
                 let ends = [(1.0, q_max[j] - last.q[j]), (-1.0, last.q[j] - q_min[j])];
                 for (sign, gap) in ends {
                     let Room { left, by_v, by_vv } = room(gap, sign * last.v[j], a_max[j]);
-                    // The gap falls by one where the position goes towards the end.
+                    // The gap falls by one where the position moves towards the end.
                     node.q[j] += barrier * sign / left;
                     node.v[j] -= barrier * sign * by_v / left;
                     node.qq[(j, j)] += barrier / (left * left);
@@ -247,7 +250,8 @@ impl Task<'_> {
         nodes
     }
 
-    /// The longest share of a change after which every position, speed and acceleration still lies inside.
+    /// Returns the largest share of a change after which every position, speed and acceleration is still
+    /// inside.
     fn way(&self, motion: &Motion, changes: &[Change]) -> f64 {
         let Bounds { q_min, q_max, v_max, a_max } = self.bounds;
         let mut way: f64 = 1.0;
@@ -267,7 +271,7 @@ impl Task<'_> {
         way
     }
 
-    /// Improves a motion that lies inside all limits until it hardly gets better.
+    /// Improves a motion that lies inside all limits until it hardly improves any more.
     #[must_use]
     pub fn improve(&self, mut motion: Motion, loss: Loss) -> Motion {
         let mut damping = 1e-6;
@@ -286,7 +290,7 @@ impl Task<'_> {
         motion
     }
 
-    /// One step that lowers the cost, and the cost then; none if there is none.
+    /// Returns one step that lowers the cost, and the new cost. None if there is none.
     fn descend(
         &self,
         motion: &Motion,
@@ -315,14 +319,14 @@ impl Task<'_> {
     }
 }
 
-/// Rotation angles of both limbs, rad, from the vector parts of their quaternions' differences.
+/// Returns the rotation angles of both limbs, rad, from the vector parts of their quaternions' differences.
 fn angles(residual: &[f64; 6]) -> [f64; 2] {
     let angle = |x: f64, y: f64, z: f64| 2.0 * (x * x + y * y + z * z).sqrt().min(1.0).asin();
     [angle(residual[0], residual[1], residual[2]), angle(residual[3], residual[4], residual[5])]
 }
 
-/// Adds what both limbs ask for. With the vector part p = sin(angle / 2) axis of a difference, the rotation vector is
-/// e = g p with g = 2 asin(s) / s and s = |p|, and de = g dp + (dg/ds) / s p (p . dp).
+/// Adds the terms of both limbs. Let p = sin(angle / 2) axis be the vector part of a difference. The rotation
+/// vector is e = g p with g = 2 asin(s) / s and s = |p|. Its derivative is de = g dp + (dg/ds) / s p (p . dp).
 fn add_limbs(node: &mut Node, arm: &ArmModel, q: &ArmQ, goal: &Limbs, loss: Loss) {
     let linear = arm.linearize(q, goal);
     for limb in 0..2 {
@@ -332,7 +336,7 @@ fn add_limbs(node: &mut Node, arm: &ArmModel, q: &ArmQ, goal: &Limbs, loss: Loss
             (2.0, 2.0 / 3.0)
         } else {
             let g = 2.0 * s.asin() / s;
-            // Opposite to the goal there is no direction; a thousandth before it there is.
+            // Opposite to the goal there is no direction. A thousandth before it there is one.
             (g, (2.0 / (1.0 - s * s).max(1e-6).sqrt() - g) / (s * s))
         };
         let e = p.map(|x| g * x);

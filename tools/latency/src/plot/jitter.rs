@@ -6,14 +6,14 @@ use crate::measured::Measured;
 use canvas::{Area, Drawn, FINE};
 use plotters::prelude::*;
 
-/// Room about the axes, pixels.
+/// Margins around the axes, pixels.
 const MARGIN: u32 = 16;
 const TITLE: u32 = 34;
 const AXIS_LEFT: u32 = 70;
 const AXIS_BELOW: u32 = 46;
-/// A record that is silent for so long, s, belongs to the next block.
+/// A gap of this length in a record, s, starts the next block.
 const PAUSE_S: f64 = 2.5;
-/// Shortest and longest wake-up that are ever shown, us.
+/// Shortest and longest wake-up in the picture, us.
 const SHORTEST_US: f64 = 0.1;
 const LONGEST_US: f64 = 1e6;
 
@@ -61,7 +61,7 @@ pub fn draw(area: &Area<'_>, measured: &Measured) -> Drawn {
     for (_, distribution, colour) in &series {
         for block in blocks(&distribution.seconds) {
             let points = |of: fn(&Second) -> f64| block.iter().map(move |one| (one.at_s - start_s, inside(of(one))));
-            // The last second is drawn as long as it was, so that a block of one second is seen too.
+            // The last second is drawn with its full length, so that a block of one second is visible too.
             let line = |of| points(of).chain(points(of).next_back().map(|(at_s, us)| (at_s + 1.0, us)));
             chart.draw_series(LineSeries::new(line(|one| one.p50_us), colour.stroke_width(5)))?;
             chart.draw_series(LineSeries::new(line(|one| one.p99_us), colour.mix(0.75).stroke_width(2)))?;
@@ -74,7 +74,7 @@ pub fn draw(area: &Area<'_>, measured: &Measured) -> Drawn {
     legend(area, &rows, ((width / FINE) as i32 - 230, TITLE as i32 + 12))
 }
 
-/// Runs of seconds without a pause.
+/// Splits the seconds at pauses.
 fn blocks(seconds: &[Second]) -> impl Iterator<Item = &[Second]> {
     seconds.chunk_by(|before, after| (0.0..PAUSE_S).contains(&(after.at_s - before.at_s)))
 }

@@ -1,4 +1,4 @@
-//! The picture of a run: how often each duration is exceeded, and the wake-ups second by second.
+//! Draws the picture of a run: how often each duration is exceeded, and the wake-ups second by second.
 
 mod jitter;
 mod tails;
@@ -9,13 +9,14 @@ use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 use std::path::Path;
 
-/// Pixels.
+/// Size of the picture, pixels.
 const SIZE: (u32, u32) = (1600, 1200);
 /// Heights of headline, distributions and jitter, pixels.
 const HEADLINE: u32 = 92;
 const TAILS: u32 = 660;
 
-/// Okabe and Ito's colours, which the colour-blind tell apart, darkened where they would vanish on white.
+/// Colours of Okabe and Ito, which colour-blind people can distinguish. They are darkened where they would be
+/// too pale on white.
 const INK: RGBColor = RGBColor(34, 40, 49);
 const GREY: RGBColor = RGBColor(120, 126, 134);
 const BLUE: RGBColor = RGBColor(0, 100, 170);
@@ -26,7 +27,7 @@ const SKY: RGBColor = RGBColor(60, 160, 215);
 const AMBER: RGBColor = RGBColor(205, 140, 0);
 const BLACK_: RGBColor = RGBColor(20, 20, 20);
 
-/// Letters: small for axes and legends, large for titles; heights in pixels.
+/// Font heights in pixels: small for axes and legends, large for titles.
 const SMALL: u32 = 16;
 const LARGE: u32 = 20;
 const HUGE: u32 = 24;
@@ -34,7 +35,7 @@ const HUGE: u32 = 24;
 /// Draws the picture of `measured` into the PNG `path`.
 ///
 /// # Errors
-/// If it cannot be written.
+/// Returns an error if the file cannot be written.
 pub fn draw(path: &Path, measured: &Measured) -> Result<(), String> {
     canvas::save(path, SIZE, |area| picture(area, measured))
 }
@@ -78,13 +79,13 @@ fn font(height: u32) -> FontDesc<'static> {
     ("monospace", f64::from(height * FINE)).into_font()
 }
 
-/// Writes at a place in pixels of the picture.
+/// Writes text at a position in pixels of the picture.
 fn write(area: &Area<'_>, text: &str, (x, y): (i32, i32), height: u32, colour: &RGBColor) -> Drawn {
     let style = font(height).color(colour).pos(Pos::new(HPos::Left, VPos::Top));
     area.draw(&Text::new(text.to_owned(), (x * FINE as i32, y * FINE as i32), style))
 }
 
-/// How a line looks.
+/// Style of a line.
 #[derive(Clone, Copy)]
 struct Look {
     colour: RGBColor,
@@ -106,11 +107,11 @@ impl Look {
     }
 }
 
-/// Dashes and gaps of a dashed line, fine pixels.
+/// Lengths of dashes and gaps of a dashed line, fine pixels.
 const DASH: i32 = 16;
 const GAP: i32 = 10;
 
-/// A legend in a box, each row with its line; `at` is its upper left corner in pixels of the picture.
+/// Draws a legend in a box, each row with its line. `at` is its upper left corner in pixels of the picture.
 fn legend(area: &Area<'_>, rows: &[(String, Look)], at: (i32, i32)) -> Drawn {
     let fine = FINE as i32;
     let longest = rows.iter().map(|(text, _)| text.chars().count()).max().unwrap_or(0) as i32;
@@ -133,7 +134,7 @@ fn legend(area: &Area<'_>, rows: &[(String, Look)], at: (i32, i32)) -> Drawn {
     Ok(())
 }
 
-/// Powers of ten without a fraction, us.
+/// Formats powers of ten without a fraction, us.
 fn duration_label(us: &f64) -> String {
     if *us >= 1.0 { format!("{us:.0}") } else { format!("{us}") }
 }

@@ -1,4 +1,5 @@
-//! How often each duration is exceeded: the complement of the cumulative distribution, both axes logarithmic.
+//! Draws how often each duration is exceeded: the complement of the cumulative distribution, with both axes
+//! logarithmic.
 
 use super::{
     AMBER, BLACK_, BLUE, DASH, GAP, GREEN, GREY, INK, LARGE, Look, ORANGE, PURPLE, SKY, SMALL, duration_label, font,
@@ -11,10 +12,10 @@ use plotters::prelude::*;
 
 /// Lowest fraction shown: one wake-up in 11 minutes.
 const RAREST: f64 = 1e-6;
-/// Shortest and longest duration that are ever shown, us.
+/// Shortest and longest duration in the picture, us.
 const SHORTEST_US: f64 = 0.1;
 const LONGEST_US: f64 = 1e6;
-/// Room about the axes, pixels.
+/// Margins around the axes, pixels.
 const MARGIN: u32 = 16;
 const TITLE: i32 = 34;
 const AXIS_LEFT: u32 = 70;
@@ -26,7 +27,7 @@ struct Line<'a> {
     look: Look,
 }
 
-/// The hops of the path, woken by events.
+/// Draws the hops of the path, woken by events.
 pub fn hops(area: &Area<'_>, measured: &Measured) -> Drawn {
     let looks = [
         Look::line(SKY, 3),
@@ -48,7 +49,7 @@ pub fn hops(area: &Area<'_>, measured: &Measured) -> Drawn {
     panel(area, "every hop, woken by events", &lines)
 }
 
-/// End to end and wake-ups, beside what they are compared with.
+/// Draws end to end latency and wake-ups with their references.
 pub fn compared(area: &Area<'_>, measured: &Measured) -> Drawn {
     let line = |label: &str, distribution, look| Line { label: label.to_owned(), distribution, look };
     let (events, polled) = (&measured.events, &measured.polled);
@@ -105,7 +106,8 @@ fn panel(area: &Area<'_>, title: &str, lines: &[Line<'_>]) -> Drawn {
     legend(area, &rows, (low_left.0 as i32, low_left.1 as i32))
 }
 
-/// From the decade below what all but a hundredth exceed to the longest maximum and some room.
+/// Returns the range of the axis. It begins at the decade below the 1% quantile and ends a little above the
+/// longest maximum.
 fn span(lines: &[Line<'_>]) -> (f64, f64) {
     let lows = lines.iter().filter_map(|line| line.distribution.quantile_us(0.01));
     let low = lows.fold(LONGEST_US, f64::min).max(SHORTEST_US);
@@ -113,7 +115,7 @@ fn span(lines: &[Line<'_>]) -> (f64, f64) {
     (10_f64.powf(low.log10().floor()), 1.5 * high)
 }
 
-/// The steps of a tail that lie in the picture; what falls below the floor ends on it.
+/// Returns the steps of a tail that lie in the picture. Fractions below the floor end on the floor.
 fn steps(distribution: &Distribution, low: f64, high: f64, floor: f64) -> Vec<(f64, f64)> {
     let mut points: Vec<(f64, f64)> = vec![(low, 1.0)];
     for (us, fraction) in distribution.tail() {

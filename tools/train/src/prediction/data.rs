@@ -1,4 +1,4 @@
-//! What a person did before and after an instant, drawn from recordings.
+//! Draws from recordings what a person did before and after an instant.
 
 use crate::clips::Clip;
 use crate::evaluation::limbs;
@@ -8,14 +8,14 @@ use rand_pcg::Pcg64;
 use retarget::{AGES_S, HORIZONS_S, History, Limbs, PREDICTION_INPUTS, PREDICTION_OUTPUTS, prediction_inputs, turn};
 use std::f64::consts::TAU;
 
-/// A clip that is drawn plays faster or slower by up to this.
+/// Largest factor by which a drawn clip plays faster or slower.
 const SPEED: f64 = 1.3;
-/// Random turn of the torso about the vertical, and about each of the other axes, rad.
+/// Largest random turn of the torso about the vertical, and about each of the other axes, rad.
 const YAW_RAD: f64 = 0.35;
 const TILT_RAD: f64 = 0.17;
-/// Frame rates, Hz: those that a source may have.
+/// Range of frame rates that a source may have, Hz.
 const RATES_HZ: [f64; 2] = [20.0, 240.0];
-/// White noise on each limb and axis, rad (half a degree), in this share of the draws.
+/// White noise on each limb and axis, rad (half a degree), and the share of the draws that have it.
 const NOISE_RAD: f64 = 0.5 * std::f64::consts::PI / 180.0;
 const NOISY_SHARE: f64 = 0.4;
 
@@ -27,19 +27,19 @@ pub struct Recording {
 }
 
 impl Recording {
-    /// Of a clip.
+    /// Creates the recording of a clip.
     #[must_use]
     pub fn new(clip: &Clip) -> Self {
         Self { frames: clip.frames().map(|arms| arms.map(|arm| limbs(&arm))).collect(), rate_hz: clip.frame_rate_hz }
     }
 
-    /// When the last frame is, s after the first.
+    /// Time of the last frame, s after the first.
     #[must_use]
     pub fn end_s(&self) -> f64 {
         self.frames.len().saturating_sub(1) as f64 / self.rate_hz
     }
 
-    /// Between the frames; the first or last one before or after all of them.
+    /// Interpolates between the frames. Returns the first or last one before or after all of them.
     #[must_use]
     pub fn at(&self, t_s: f64) -> [Limbs; 2] {
         let frame = (t_s * self.rate_hz).clamp(0.0, self.frames.len().saturating_sub(1) as f64);
@@ -49,23 +49,23 @@ impl Recording {
     }
 }
 
-/// How a recording is seen: the newest frame at `at_s`, `rate_hz` frames a second before it.
+/// View of a recording: the newest frame at `at_s`, and `rate_hz` frames a second before it.
 #[derive(Clone, Copy, Debug)]
 pub struct Seen {
-    /// When, s of the recording.
+    /// Time of the newest frame, s of the recording.
     pub at_s: f64,
-    /// Frames a second.
+    /// Frames per second.
     pub rate_hz: f64,
-    /// Seconds of the recording in one that is seen.
+    /// Seconds of the recording per second of the view.
     pub speed: f64,
-    /// How the torso is turned.
+    /// Turn of the torso.
     pub turn: UnitQuaternion<f64>,
     /// Noise of each limb and axis, rad.
     pub noise_rad: f64,
 }
 
 impl Seen {
-    /// The frames, newest first, until half a second back or the beginning of the recording.
+    /// Returns the frames, newest first, back to half a second or to the beginning of the recording.
     #[must_use]
     pub fn frames(&self, recording: &Recording, rng: &mut Pcg64) -> Vec<[Limbs; 2]> {
         let count = (AGES_S[AGES_S.len() - 1] * self.rate_hz).ceil() as usize + 1;
@@ -77,14 +77,14 @@ impl Seen {
         times.take_while(|t_s| *t_s >= 0.0).map(frame).collect()
     }
 
-    /// The person, `ahead_s` after the newest frame.
+    /// Returns the person `ahead_s` after the newest frame.
     #[must_use]
     pub fn after(&self, recording: &Recording, ahead_s: f64) -> [Limbs; 2] {
         self.turned(recording.at(self.at_s + ahead_s * self.speed))
     }
 
     fn turned(&self, arms: [Limbs; 2]) -> [Limbs; 2] {
-        // Both are left arms, one of them behind the mirror.
+        // Both are left arms, and one of them is mirrored.
         let axis = self.turn.scaled_axis();
         let mirrored = UnitQuaternion::from_scaled_axis(Vector3::new(-axis.x, axis.y, -axis.z));
         let by = |turn: &UnitQuaternion<f64>, arm: &Limbs| Limbs { upper: turn * arm.upper, fore: turn * arm.fore };
@@ -92,7 +92,8 @@ impl Seen {
     }
 }
 
-/// What the arm `own` of `frames` is predicted from; what is older than all frames stands as in the oldest.
+/// Returns the history from which the arm `own` of `frames` is predicted. Before the oldest frame, the oldest
+/// frame counts.
 #[must_use]
 pub fn history(frames: &[[Limbs; 2]], rate_hz: f64, own: usize) -> History {
     let first = |arms: &[Limbs; 2]| [arms[own], arms[1 - own]];
@@ -108,13 +109,13 @@ pub fn history(frames: &[[Limbs; 2]], rate_hz: f64, own: usize) -> History {
 /// Inputs and outputs, column by column.
 #[derive(Clone, Debug, Default)]
 pub struct Draw {
-    /// Per input the values of all rows.
+    /// Values of all rows, per input.
     pub inputs: Vec<Vec<f64>>,
-    /// Per output the values of all rows.
+    /// Values of all rows, per output.
     pub outputs: Vec<Vec<f64>>,
 }
 
-/// Draws `count` instants, two rows each: one for either arm. The same seed gives the same.
+/// Draws `count` instants, with two rows each: one per arm. The same seed gives the same draw.
 #[must_use]
 pub fn draw(recordings: &[Recording], count: usize, seed: u64) -> Draw {
     let mut rng = Pcg64::new(u128::from(seed), 0x9ed1);
@@ -162,7 +163,7 @@ fn seen(rng: &mut Pcg64, at_s: f64) -> Seen {
     Seen { at_s, rate_hz, speed, turn, noise_rad }
 }
 
-/// A small random rotation: normally distributed about each axis (Box and Muller).
+/// Returns a small random rotation, normally distributed about each axis (Box and Muller).
 fn noise(rng: &mut Pcg64, sigma_rad: f64) -> UnitQuaternion<f64> {
     if sigma_rad == 0.0 {
         return UnitQuaternion::identity();

@@ -1,27 +1,27 @@
-//! Ridge regression, weighted so that the mean of the errors becomes small and not that of their squares.
+//! Ridge regression, weighted so that the mean of the errors becomes small, not that of their squares.
 //!
 //! ```text
 //! minimise  sum over rows  w |W x - y|^2  +  lambda sum over inputs  g |W_i|^2
 //! w = 1 / sqrt(|W' x - y|^2 + eps^2),   g the mean square of the input times the sum of w
 //! ```
 //!
-//! W' is the W of the round before: iteratively reweighted least squares. A person's fast moves would count alone by their
-//! squares.
+//! W' is the W of the previous round: iteratively reweighted least squares. With unweighted squares, only a
+//! person's fast moves would count.
 
 use super::data::Draw;
 use nalgebra::{DMatrix, Dyn, linalg::Cholesky};
 use rayon::prelude::*;
 use retarget::{HORIZONS_S, PREDICTION_OUTPUTS, Prediction};
 
-/// Rounds of solving, each but the first with the weights that the one before left (assumption).
+/// Number of rounds. Each round except the first uses the weights of the previous one (assumption).
 const ROUNDS: usize = 4;
 /// Errors below this count by their squares, rad.
 const EPS_RAD: f64 = 0.01;
-/// Share of an input's own mean square that is added to it. Between 0.02 and 0.1, which differed by 0.05 degrees on the
-/// validation clips.
+/// Share of an input's own mean square that is added to it. Values from 0.02 to 0.1 differed by 0.05 degrees on
+/// the validation clips.
 const LAMBDA: f64 = 0.05;
 
-/// The map that fits the rows best; none if there are too few of them to tell.
+/// Returns the map that fits the rows best. None if there are too few rows to determine it.
 #[must_use]
 pub fn fit(draw: &Draw) -> Option<Prediction> {
     let rows = draw.outputs.first()?.len();
@@ -33,12 +33,13 @@ pub fn fit(draw: &Draw) -> Option<Prediction> {
         found = Some(map);
     }
     let map = found?;
-    // Inputs in rows, outputs in columns; the file has them input by input.
+    // Rows are inputs and columns are outputs. The file has them input by input.
     let values: Vec<f32> = map.row_iter().flat_map(|row| row.iter().map(|x| *x as f32).collect::<Vec<_>>()).collect();
     Prediction::new(&values).ok()
 }
 
-/// W, an input a row. Each number is the sum of one thread, so that any number of threads finds the same bits.
+/// Solves for W, with one row per input. One thread computes each number, so that any number of threads gives
+/// the same bits.
 fn solve(draw: &Draw, weight: &[f64]) -> Option<DMatrix<f64>> {
     let inputs = draw.inputs.len();
     let columns: Vec<(Vec<f64>, Vec<f64>)> = (draw.inputs.par_iter().enumerate())
@@ -57,7 +58,7 @@ fn solve(draw: &Draw, weight: &[f64]) -> Option<DMatrix<f64>> {
     Some(factor.solve(&right))
 }
 
-/// One over the error of each row: its root mean square over horizons and limbs.
+/// Returns one over the error of each row: its root mean square over horizons and limbs.
 fn weights(draw: &Draw, map: &DMatrix<f64>) -> Vec<f64> {
     let rows = draw.outputs[0].len();
     let squares = (0..PREDICTION_OUTPUTS).into_par_iter().map(|output| {
@@ -77,7 +78,7 @@ fn weights(draw: &Draw, map: &DMatrix<f64>) -> Vec<f64> {
         .collect()
 }
 
-/// Eight partial sums, so that the processor need not wait for each addition.
+/// Sums in eight partial sums, so that the processor need not wait for each addition.
 fn dot(a: &[f64], b: &[f64]) -> f64 {
     let (a, a_rest) = a.as_chunks::<8>();
     let (b, b_rest) = b.as_chunks::<8>();
@@ -98,7 +99,7 @@ mod tests {
     use nalgebra::{UnitQuaternion, Vector3};
     use std::f64::consts::TAU;
 
-    /// Both arms swing at `hz`, with other phases of upper arm and forearm.
+    /// Both arms swing at `hz`, with different phases of upper arm and forearm.
     fn swinging(hz: f64, seconds: f64) -> Recording {
         let rate_hz = 60.0;
         let arm = |phase: f64| {

@@ -1,4 +1,4 @@
-//! How far predictions are from what the person then did, on clips that were not learnt from.
+//! Measures how far predictions are from the person's later motion, on clips that were not used for training.
 
 use super::data::{Recording, Seen, history};
 use nalgebra::UnitQuaternion;
@@ -7,26 +7,26 @@ use rayon::prelude::*;
 use retarget::{AGES_S, Expected, Limbs, Prediction, limb_error_deg};
 use std::fmt;
 
-/// Times after the newest frame, s.
+/// Judged times after the newest frame, s.
 pub const JUDGED_S: [f64; 6] = [0.06, 0.1, 0.16, 0.2, 0.3, 0.4];
-/// A rate of turning is measured over at least this, s: as the stage does.
+/// Shortest time over which a rate of turning is measured, s. The stage uses the same.
 const RATE_OVER_S: f64 = 0.03;
 /// Time between two judged instants, s.
 const STEP_S: f64 = 1.0 / 30.0;
 const SEED: u64 = 5;
 
-/// How the clips are seen.
+/// Conditions under which the clips are seen.
 #[derive(Clone, Copy, Debug)]
 pub struct Condition {
-    /// Its name.
+    /// Name in the manifest.
     pub name: &'static str,
-    /// Frames a second.
+    /// Frames per second.
     pub rate_hz: f64,
     /// Noise of each limb and axis, degrees.
     pub noise_deg: f64,
 }
 
-/// What is judged.
+/// Judged conditions.
 pub const CONDITIONS: [Condition; 4] = [
     Condition { name: "60_hz", rate_hz: 60.0, noise_deg: 0.0 },
     Condition { name: "60_hz_half_a_degree_of_noise", rate_hz: 60.0, noise_deg: 0.5 },
@@ -37,17 +37,17 @@ pub const CONDITIONS: [Condition; 4] = [
 /// Mean angles between prediction and person over limbs and instants, degrees, at each of `JUDGED_S`.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Means {
-    /// How they were seen.
+    /// Name of the condition.
     pub name: &'static str,
-    /// If every limb stayed.
+    /// Errors if every limb stays where it is.
     pub stays_deg: [f64; JUDGED_S.len()],
-    /// If it went on as it turned last, ever less.
+    /// Errors if every limb continues its last turning, with a decaying rate.
     pub fades_deg: [f64; JUDGED_S.len()],
-    /// As was learnt.
+    /// Errors of the learnt prediction.
     pub learnt_deg: [f64; JUDGED_S.len()],
 }
 
-/// Judges every instant that has half a second before it and what is asked for after it.
+/// Judges every instant that has half a second before it and all of `JUDGED_S` after it.
 #[must_use]
 pub fn judge(recordings: &[Recording], prediction: &Prediction, condition: &Condition) -> Means {
     let of = |recording: &Recording| of_one(recording, prediction, condition);
@@ -57,7 +57,7 @@ pub fn judge(recordings: &[Recording], prediction: &Prediction, condition: &Cond
     Means { name: condition.name, stays_deg: mean(0), fades_deg: mean(1), learnt_deg: mean(2) }
 }
 
-/// The sums of the errors of each kind, and how many there are.
+/// Returns the sums of the errors of each kind, and their number.
 fn of_one(recording: &Recording, prediction: &Prediction, condition: &Condition) -> ([[f64; JUDGED_S.len()]; 3], f64) {
     let mut rng = Pcg64::new(u128::from(SEED), 0x10d6e);
     let (mut sums, mut count) = ([[0.0; JUDGED_S.len()]; 3], 0.0);
@@ -93,7 +93,7 @@ impl Means {
         [("stays_deg", &self.stays_deg), ("fades_deg", &self.fades_deg), ("learnt_deg", &self.learnt_deg)]
     }
 
-    /// As a table of the manifest.
+    /// Returns a table of the manifest.
     #[must_use]
     pub fn table(&self) -> toml::Table {
         let rounded = |deg: &f64| toml::Value::Float((deg * 1e3).round() / 1e3);

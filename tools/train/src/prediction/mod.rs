@@ -1,5 +1,6 @@
-//! How a person goes on, learnt from recorded motion: weighted ridge regression, in closed form, of the turns of an arm's
-//! limbs over the next half second on those of the last one. See `retarget::Prediction` for inputs and outputs.
+//! Predicts a person's motion, learnt from recorded motion. Weighted ridge regression, in closed form, maps the
+//! turns of an arm's limbs over the last half second to those over the next one. See `retarget::Prediction` for
+//! inputs and outputs.
 
 mod data;
 mod fit;
@@ -17,13 +18,14 @@ use retarget::{Prediction, PredictionManifest};
 use std::fmt::Write;
 use std::path::Path;
 
-/// Draws, of both arms each (assumption: one and a half times the frames of the clips that it was made for).
+/// Number of draws, each of both arms (assumption: one and a half times the frames of the clips that it was
+/// made for).
 const DRAWS: usize = 30_000;
 
 /// Learns from the training clips, writes `<out>.safetensors` and `<out>.toml`, and prints the validation.
 ///
 /// # Errors
-/// If a file cannot be written.
+/// Returns an error if a file cannot be written.
 pub fn learn(out: &Path, clips: &Clips, seed: u64, calibration: &str) -> Result<(), TrainError> {
     let recordings: Vec<Recording> = clips.training.iter().map(Recording::new).collect();
     let unknown: Vec<Recording> = clips.validation.iter().map(Recording::new).collect();
@@ -45,7 +47,7 @@ pub fn learn(out: &Path, clips: &Clips, seed: u64, calibration: &str) -> Result<
     Ok(())
 }
 
-/// The manifest last, because it holds the hash of the other.
+/// Writes both files. The manifest comes last, because it holds the hash of the other file.
 fn write_files(out: &Path, prediction: &Prediction, manifest: &PredictionManifest) -> Result<(), TrainError> {
     let (bytes, text) = prediction.write(manifest)?;
     write_at_once(&with_suffix(out, ".safetensors"), &bytes)?;
