@@ -6,7 +6,7 @@ use crate::cli::InstanceArgs;
 use crate::exit::{Exit, Failure};
 use crate::timeline::Timeline;
 use bus::Domain;
-use driver::{Driver, Measured};
+use driver::Driver;
 use messages::{JointCommand, Mode, RobotState, Service, Stamp, TICK_HZ, deadline, tick_at};
 use pipeline::HandOff;
 use serde_json::{Map, Value, json};
@@ -47,15 +47,23 @@ fn wait_until_it_stands(robot: &mut impl Driver) -> Result<(), Failure> {
     Err(Failure::new(Exit::Unavailable, text))
 }
 
-/// Takes two measurements, [`CONFIRM_NS`] apart.
-fn measure_twice(robot: &mut impl Driver) -> (Measured, Measured) {
+/// Waits until the robot stands, and begins to hold it there.
+fn begin(
+    config: &sim::Config,
+    robot: &mut impl Driver,
+    due: impl Fn(Stamp) -> u64,
+    seed: u64,
+) -> Result<sim::DriverState, Failure> {
+    wait_until_it_stands(robot)?;
     let earlier = robot.read(rt::now());
     rt::sleep_until(rt::now().plus_ns(CONFIRM_NS));
-    (earlier, robot.read(rt::now()))
+    let measured = robot.read(rt::now());
+    sim::DriverState::new(config, due(rt::now()) + 3, &earlier, &measured, seed)
+        .ok_or_else(|| Failure::new(Exit::Unavailable, "the robot measures NaN or infinite positions"))
 }
 
-/// A driver that was suspended while the robot moved waits until a measurement is there that was made after now, but no
-/// longer than [`NEWS_WITHIN_NS`], nor until its pause would latch. The robot may have been kept from its core too.
+/// If the driver was suspended while the robot moved, waits for a measurement made after now. Waits no longer than
+/// [`NEWS_WITHIN_NS`], and not beyond the time at which its pause latches. The robot may have been kept from its core too.
 fn wait_if_suspended(robot: &mut impl Driver, state: &sim::DriverState, due_k: u64) {
     if due_k.saturating_sub(state.follower().index()) <= driver::GAP_MAX_TICKS || state.at_rest() {
         return;
@@ -91,10 +99,7 @@ pub fn run<D: Driver>(
     let (mut sequence, mut oldest_command_ns) = (0, 0);
     // A starting driver holds the robot where it stands.
     let mut robot = open(&process, &core)?;
-    wait_until_it_stands(&mut robot)?;
-    let (earlier, measured) = measure_twice(&mut robot);
-    let mut state = sim::DriverState::new(&config, due(rt::now()) + 3, &earlier, &measured, seed)
-        .ok_or_else(|| Failure::new(Exit::Unavailable, "the robot measures NaN or infinite positions"))?;
+    let mut state = begin(&config, &mut robot, due, seed)?;
     process.ready()?;
     let mut ending: Option<Stamp> = None;
     loop {
