@@ -1,4 +1,4 @@
-//! Whatever the two processes' timing, the executed motion is continuous. It follows once both are on time again.
+//! The executed motion is continuous for every timing of the two processes. It follows once both are on time again.
 
 mod world;
 

@@ -82,7 +82,7 @@ proptest! {
         }
     }
 
-    /// Whatever comes and goes, the scale stays within [0, 1], falls as required, and rises at its fixed
+    /// For every sequence of inputs the scale stays within [0, 1], falls as required, and rises at its fixed
     /// rate.
     #[test]
     fn f020_f034_f035_f078_the_scale_never_rises_faster_than_its_pace(
