@@ -26,3 +26,4 @@ pub mod schedule;
 pub mod shrink;
 pub mod subject;
 pub mod tampered;
+pub mod true_motion;

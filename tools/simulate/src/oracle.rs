@@ -12,6 +12,7 @@ use crate::modes::{Modes, moves};
 use crate::movement::Movement;
 use crate::person_judge::PersonJudge;
 use crate::rules::Rules;
+use crate::true_motion::TrueMotion;
 use messages::{JOINTS, Mode, RawSkeleton, RobotState, Skeleton, TICK_HZ, TICK_S};
 use pipeline::{ControlConfig, Moment};
 use robot::JointLimits;
@@ -122,7 +123,7 @@ pub struct Oracle {
     beyond: [[f64; 2]; JOINTS],
     checked: u64,
     /// Violations of the joints' true motion so far, including those of faulty robots.
-    judged: u64,
+    judged: TrueMotion,
     engaging_k: Option<u64>,
     was: Mode,
     /// The last tick for which a motion was permitted.
@@ -153,7 +154,7 @@ impl Oracle {
             executed_k: 0,
             beyond: limits.map(|limits| [limits.q_min, limits.q_max]),
             checked: 0,
-            judged: 0,
+            judged: TrueMotion::default(),
             engaging_k: None,
             was: Mode::Disengaged,
             moving_k: k,
@@ -333,14 +334,15 @@ impl Oracle {
     /// The true motion of the joints keeps the limits even if processes were suspended, unless the robot itself
     /// is faulty. A simulation that begins with another robot counts from zero.
     fn true_motion(&mut self, seen: &Seen<'_>) -> Result<(), (&'static str, String)> {
-        let total = seen.judged.total();
-        let before = std::mem::replace(&mut self.judged, total);
-        if total <= before || seen.robot_faulty {
-            return Ok(());
+        match self.judged.new_violations(seen) {
+            0 => Ok(()),
+            new => {
+                let Some(first) = seen.judged.first else { return Ok(()) };
+                let detail =
+                    format!("{}, which {}: {} beyond {}", first.kind.name(), first.which, first.value, first.bound);
+                Err(("true motion", format!("{new} new; the first of all: {detail}")))
+            }
         }
-        let Some(first) = seen.judged.first else { return Ok(()) };
-        let detail = format!("{}, which {}: {} beyond {}", first.kind.name(), first.which, first.value, first.bound);
-        Err(("true motion", format!("{} new; the first of all: {detail}", total - before)))
     }
 
     fn simulated(&mut self, report: &Report) -> Result<(), (&'static str, String)> {

@@ -1,0 +1,45 @@
+//! Counts the judge's violations of true motion that no fault of the robot explains.
+
+use crate::oracle::Seen;
+use plant::ViolationKind;
+
+/// Ticks between two looks of the judge, 2 ms, and one more.
+const LOOK_TICKS: u64 = 3 + 1;
+
+/// State of the count.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct TrueMotion {
+    total: u64,
+    clearances: u64,
+    /// The least clearance, m, and the tick of the last violation, of a robot that its own fault brought too close to
+    /// itself. Until it is clear again, the judge counts every look.
+    close: Option<(f64, u64)>,
+}
+
+impl TrueMotion {
+    /// Returns the number of new violations that no fault explains. A robot that its fault brought too close may stay
+    /// so until a recovery has moved it apart, but comes no closer.
+    pub fn new_violations(&mut self, seen: &Seen<'_>) -> u64 {
+        let (total, clearances) = (seen.judged.total(), seen.judged.count(ViolationKind::Clearance));
+        // A simulation that begins with another robot counts from zero.
+        let new = total.saturating_sub(self.total);
+        let are_clearances = clearances.saturating_sub(self.clearances) == new;
+        (self.total, self.clearances) = (total, clearances);
+        let least = seen.judged.clearance_min_m;
+        if new == 0 {
+            self.close = self.close.filter(|(_, tick)| seen.tick <= tick + LOOK_TICKS);
+            return 0;
+        }
+        if seen.robot_faulty {
+            self.close = Some((least, seen.tick));
+            return 0;
+        }
+        match &mut self.close {
+            Some((at_most, tick)) if are_clearances && least >= *at_most => {
+                *tick = seen.tick;
+                0
+            }
+            _ => new,
+        }
+    }
+}
