@@ -73,12 +73,15 @@ const MAY_DEPEND_ON: &[(&str, &[&str])] = &[
     ("say", &["motion", "pipeline"]),
     ("bridge", &["messages", "pipeline", "rt", "bus", "layouts"]),
     ("record", &["messages", "motion", "pipeline", "retarget", "robot", "safety", "bus", "rt", "canvas", "view"]),
-    ("latency", &["canvas", "messages", "motion", "pipeline", "bus", "rt", "telemetry", "teleopd", "chaos"]),
+    (
+        "latency",
+        &["canvas", "messages", "motion", "operator", "pipeline", "bus", "rt", "telemetry", "teleopd", "chaos"],
+    ),
     (
         "simulate",
         &["messages", "robot", "driver", "plant", "safety", "sim", "motion", "bus", "operator", "pipeline", "rt"],
     ),
-    ("chaos", &["messages", "driver", "plant", "sim", "motion", "pipeline", "bus", "rt", "teleopd"]),
+    ("chaos", &["messages", "driver", "plant", "sim", "motion", "operator", "pipeline", "bus", "rt", "teleopd"]),
     ("torture", &["messages", "robot", "driver", "wbc", "safety", "plant", "sim", "motion", "pipeline", "rt"]),
 ];
 

@@ -5,7 +5,6 @@ use crate::children::{Children, Output, instance_in, refuse_second};
 use crate::cli;
 use crate::exit::{Exit, Failure};
 use crate::live_display::LiveDisplay;
-use crate::operate::Operator;
 use crate::process::bus_failure;
 use crate::processes::PROCESSES;
 use crate::programs::TELEOPD;
@@ -13,6 +12,7 @@ use crate::recorder::Recorder;
 use crate::report::Report;
 use messages::{Faults, Mode, Status};
 use motion::CalibrationMode;
+use operator::OperatorSession;
 use pipeline::{ClientError, Instance, Loaded, Overrides, PlayOptions, Player, Publisher, RealtimeSettings};
 use rt::{Shutdown, out};
 use std::path::{Path, PathBuf};
@@ -60,14 +60,14 @@ pub fn run(options: &cli::Demo) -> Result<Exit, Failure> {
     let nonce = u64::from(rt::incarnation()) << 32 | u64::from(std::process::id());
     let player = Player::new(&motion, play, nonce, rt::incarnation());
     let publisher = Publisher::start(instance.input_domain(), player, rt::now).map_err(client_failure)?;
-    let mut operator = Operator::connect(&instance.operator_socket())?;
+    let operator = OperatorSession::connect(&instance.operator_socket())?;
     let missing = missing(&loaded.settings.realtime);
     let mut show = LiveDisplay::new(&instance, loaded.model, options.quiet)?;
     let page = cli::Page { port: options.view_port, meshes: options.meshes.clone() };
     let server = if options.view { Some(shown(&instance, &place, &page, &shutdown)?) } else { None };
     let mut run = Run {
         children: &mut children,
-        operator: &mut operator,
+        operator: &operator,
         publisher: &publisher,
         shutdown: &shutdown,
         missing: &missing,
@@ -198,7 +198,7 @@ fn mode_of(status: &Status) -> Mode {
 /// Parts of a run that it supervises.
 struct Run<'a> {
     children: &'a mut Children,
-    operator: &'a mut Operator,
+    operator: &'a OperatorSession,
     publisher: &'a Publisher,
     shutdown: &'a Shutdown,
     /// Reasons why the run is not real-time.

@@ -63,3 +63,9 @@ impl Failure {
         Self { exit, text: text.to_string() }
     }
 }
+
+impl From<operator::OperatorError> for Failure {
+    fn from(error: operator::OperatorError) -> Self {
+        Self::new(Exit::Unavailable, error)
+    }
+}

@@ -4,12 +4,12 @@ use crate::children::{Children, Output, instance_in, refuse_second};
 use crate::cli;
 use crate::demo::missing;
 use crate::exit::{Exit, Failure};
-use crate::operate::Operator;
 use crate::process::may_lack_realtime;
 use crate::processes::PROCESSES;
 use crate::programs::{REPLAY, TELEOPCTL, run_dir_option};
 use crate::recorder::Recorder;
 use messages::Mode;
+use operator::OperatorSession;
 use pipeline::{DriverKind, Instance, Loaded};
 use rt::{Shutdown, out};
 use std::time::Duration;
@@ -89,7 +89,7 @@ fn introduce(loaded: &Loaded, place: &cli::InstanceArgs) {
 /// again when it receives its request to end. Returns true if the robot came to rest, or if control no longer
 /// answers.
 fn release(instance: &Instance) -> bool {
-    let Ok(mut operator) = Operator::connect(&instance.operator_socket()) else { return true };
+    let Ok(operator) = OperatorSession::connect(&instance.operator_socket()) else { return true };
     operator.release();
     let without_authority = |mode| mode == Mode::Disengaged as u32 || mode == Mode::Faulted as u32;
     let rested = operator.wait(REST_WITHIN, |status| without_authority(status.mode) && status.moving == 0);

@@ -11,9 +11,7 @@ use operator::Client;
 use pipeline::{ClientError, Instance, PlayOptions, Player, Publisher, Transport};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
-use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
-use std::sync::{Arc, Condvar, Mutex, PoisonError};
-use std::thread::JoinHandle;
+use std::sync::{Condvar, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 /// The driver's process and its robot's process.
@@ -328,83 +326,20 @@ impl StateObserver {
     }
 }
 
-const HOLD: u32 = 1;
-const RELEASE: u32 = 2;
-const RESET: u32 = 4;
-const ESTOP: u32 = 8;
+/// An operator with heartbeats at 50 Hz, and waits that fail the test.
+pub struct OperatorSession(operator::OperatorSession);
 
-/// An operator: heartbeats at 50 Hz in its own thread.
-pub struct OperatorSession {
-    orders: Arc<AtomicU32>,
-    silent: Arc<AtomicBool>,
-    status: Arc<Mutex<Option<Status>>>,
-    end: Arc<AtomicBool>,
-    thread: Option<JoinHandle<()>>,
+impl std::ops::Deref for OperatorSession {
+    type Target = operator::OperatorSession;
+
+    fn deref(&self) -> &Self::Target {
+        &self.0
+    }
 }
 
 impl OperatorSession {
     fn connect(socket: &Path) -> Self {
-        let mut client = Client::connect(socket).expect("the operator socket answers");
-        let (orders, silent) = (Arc::new(AtomicU32::new(0)), Arc::new(AtomicBool::new(false)));
-        let (status, end) = (Arc::new(Mutex::new(None)), Arc::new(AtomicBool::new(false)));
-        let (o, s, st, e) = (orders.clone(), silent.clone(), status.clone(), end.clone());
-        let thread = std::thread::spawn(move || {
-            while !e.load(Ordering::Relaxed) {
-                let order = o.swap(0, Ordering::Relaxed);
-                if order & HOLD != 0 {
-                    client.enable();
-                }
-                if order & RELEASE != 0 {
-                    client.release();
-                }
-                if order & RESET != 0 {
-                    client.reset();
-                }
-                if order & ESTOP != 0 {
-                    client.estop();
-                }
-                if !s.load(Ordering::Relaxed)
-                    && let Ok(status) = client.heartbeat()
-                {
-                    *st.lock().unwrap() = Some(status);
-                }
-                std::thread::sleep(Duration::from_millis(20));
-            }
-        });
-        Self { orders, silent, status, end, thread: Some(thread) }
-    }
-
-    fn order(&self, order: u32) {
-        self.orders.fetch_or(order, Ordering::Relaxed);
-    }
-
-    pub fn enable(&self) {
-        self.order(HOLD);
-    }
-
-    pub fn release(&self) {
-        self.order(RELEASE);
-    }
-
-    pub fn reset(&self) {
-        self.order(RESET);
-    }
-
-    pub fn estop(&self) {
-        self.order(ESTOP);
-    }
-
-    /// Stops the heartbeats, like a hung client.
-    pub fn fall_silent(&self) {
-        self.silent.store(true, Ordering::Relaxed);
-    }
-
-    pub fn status(&self) -> Option<Status> {
-        *self.status.lock().unwrap()
-    }
-
-    pub fn mode(&self) -> Option<Mode> {
-        self.status().and_then(|status| Mode::from_u32(status.mode))
+        Self(operator::OperatorSession::connect(socket).expect("the operator socket answers"))
     }
 
     pub fn wait(&self, what: &str, done: impl Fn(&Status) -> bool) -> Status {
@@ -452,15 +387,6 @@ impl OperatorSession {
 
     pub fn raised(&self, fault: Fault) -> u32 {
         self.status().map_or(0, |status| status.fault_counts[fault.index()])
-    }
-}
-
-impl Drop for OperatorSession {
-    fn drop(&mut self) {
-        self.end.store(true, Ordering::Relaxed);
-        if let Some(thread) = self.thread.take() {
-            let _ = thread.join();
-        }
     }
 }
 

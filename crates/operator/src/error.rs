@@ -36,6 +36,12 @@ pub enum OperatorError {
         /// Length of a `Status`.
         expected: usize,
     },
+    /// The session's thread cannot be started.
+    #[error("cannot start the operator's thread: {cause}")]
+    Thread {
+        /// The kernel's reason.
+        cause: String,
+    },
     /// Any other error of the kernel.
     #[error("{}: cannot {action}: {source}", path.display())]
     Os {

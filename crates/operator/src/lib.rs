@@ -4,17 +4,13 @@
 //! one. Every client sends an `OperatorRequest` (its heartbeat) and gets a `Status` back. Requests carry a level,
 //! and counters, so that an edge is neither lost nor doubled.
 //!
-//! - One connection holds the enable, or in its place the recovery: the first whose enable edge arrives while
-//!   nobody holds it.
-//!   It loses it by a release, by lowering its level, by disconnecting, or by a heartbeat that is late by the
-//!   lease.
-//!   To get it back it needs a new edge.
+//! - One connection holds the enable, or in its place the recovery: the first whose enable edge arrives while no
+//!   other holds it. It loses it by a release, by lowering its level, by disconnecting, or by a heartbeat that is
+//!   late by the lease. To get it back it needs a new edge.
 //! - Every connection may release and press the emergency stop. Every connection may reset too, unless the
-//!   settings leave the reset
-//!   to the user who pressed the emergency stop (`ResetRule`).
-//! - When all places are taken, the process with the most places loses its idlest one. Every process has one
-//!   place before any
-//!   has a second. A connection that gets no place can still press the emergency stop.
+//!   settings leave the reset to the user who pressed the emergency stop (`ResetRule`).
+//! - When all connections are in use, the process with the most connections loses its idlest one. Every process
+//!   has one connection before any has a second. A client without a connection can still press the emergency stop.
 //!
 //! The socket is a `doors::Listener`: mode 0660 and a group of its own.
 
@@ -24,6 +20,7 @@ mod error;
 mod locks;
 mod merge;
 mod server;
+mod session;
 
 pub use client::{Client, reset_refusal};
 pub use codec::{REQUEST_BYTES, STATUS_BYTES, decode_request, decode_status, encode_request, encode_status};
@@ -31,3 +28,4 @@ pub use error::OperatorError;
 pub use locks::ResetRule;
 pub use merge::{CLIENTS_MAX, LEASE_NS, OperatorView};
 pub use server::{AuditEvent, AuditRecord, Server};
+pub use session::OperatorSession;

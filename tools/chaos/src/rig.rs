@@ -5,12 +5,13 @@ use crate::error::ChaosError;
 use crate::injection::Target;
 use messages::{Mode, Status, Transition};
 use motion::CalibrationMode;
+use operator::OperatorSession;
 use pipeline::{Instance, PlayOptions, Player, Publisher};
 use serde_json::{Map, Value};
 use std::path::Path;
 use std::process::{Child, Command, ExitCode, Stdio};
 use std::time::Duration;
-use teleopd::{Children, InstanceArgs, Operator, Output, PROCESSES};
+use teleopd::{Children, Failure, InstanceArgs, Output, PROCESSES};
 
 /// First argument that makes this program the publishing client.
 const CLIENT: &str = "client";
@@ -58,7 +59,7 @@ pub struct Rig {
     clients_begun_anew: u64,
     /// Holds the enable if the operator is the target.
     hand: Option<Child>,
-    operator: Operator,
+    operator: OperatorSession,
     _folder: tempfile::TempDir,
 }
 
@@ -81,7 +82,7 @@ impl Rig {
         };
         let children = Children::start(&instance, &place, Output::Files)?;
         let client = role(CLIENT, &instance)?;
-        let operator = Operator::connect(&instance.operator_socket())?;
+        let operator = OperatorSession::connect(&instance.operator_socket()).map_err(Failure::from)?;
         Ok(Self { place, instance, children, client, clients_begun_anew: 0, hand: None, operator, _folder: folder })
     }
 
@@ -96,8 +97,8 @@ impl Rig {
     }
 
     /// Returns the operator who watches.
-    pub fn operator(&mut self) -> &mut Operator {
-        &mut self.operator
+    pub fn operator(&mut self) -> &OperatorSession {
+        &self.operator
     }
 
     /// Brings the instance to a state in which it can be engaged: nothing is latched and nothing blocks it.
@@ -106,7 +107,7 @@ impl Rig {
     /// Returns an error if it does not reach that state.
     pub fn clear(&mut self) -> Result<(), ChaosError> {
         if self.operator.is_cut_off() {
-            self.operator = Operator::connect(&self.instance.operator_socket())?;
+            self.operator = OperatorSession::connect(&self.instance.operator_socket()).map_err(Failure::from)?;
         }
         let then = self.operator.status().map_or(0, |status| status.ticks);
         self.operator.release();
@@ -299,7 +300,7 @@ fn client_main(run_dir: &Path) -> Result<(), ChaosError> {
 /// Runs the operator: holds the enable until it is killed.
 fn operator_main(run_dir: &Path) -> Result<(), ChaosError> {
     rt::die_with_parent();
-    let mut operator = Operator::connect(&Instance::unmade(run_dir).operator_socket())?;
+    let operator = OperatorSession::connect(&Instance::unmade(run_dir).operator_socket()).map_err(Failure::from)?;
     // An enable that is held when control first sees it does not count. So wait until it was seen released.
     operator.wait(SOON, |_| true);
     operator.enable();

@@ -6,12 +6,13 @@ use crate::error::LatencyError;
 use crate::observers::Observers;
 use crate::settings::{self, Changes};
 use messages::{Faults, Mode};
+use operator::OperatorSession;
 use pipeline::Instance;
 use rt::{Realtime, Shutdown};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
-use teleopd::{Children, InstanceArgs, Operator, Output, PROCESSES, Report};
+use teleopd::{Children, Failure, InstanceArgs, Output, PROCESSES, Report};
 
 /// Time between two looks at the processes.
 const LOOK: Duration = Duration::from_millis(50);
@@ -159,8 +160,8 @@ fn drive(
 ) -> Result<Driven, LatencyError> {
     let started = Instant::now();
     let client = Client::start(instance.input_domain(), rate_hz)?;
-    let mut operator = Operator::connect(&instance.operator_socket())?;
-    let ended = engage_and_hold(children, &mut operator, &client, seconds, shutdown);
+    let operator = OperatorSession::connect(&instance.operator_socket()).map_err(Failure::from)?;
+    let ended = engage_and_hold(children, &operator, &client, seconds, shutdown);
     operator.release();
     operator.wait(REST_WITHIN, |status| {
         !matches!(Mode::from_u32(status.mode), Some(Mode::Engaging | Mode::Engaged | Mode::Holding))
@@ -173,7 +174,7 @@ fn drive(
 /// Engages, lets the person move, and watches the run for `seconds`. Returns the problem, if any.
 fn engage_and_hold(
     children: &mut Children,
-    operator: &mut Operator,
+    operator: &OperatorSession,
     client: &Client,
     seconds: f64,
     shutdown: &Shutdown,

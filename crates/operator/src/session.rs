@@ -1,0 +1,152 @@
+//! An operator in a thread. Sends heartbeats at 50 Hz, holds or releases the enable, and keeps the newest status.
+
+use crate::{Client, OperatorError};
+use messages::{Mode, Status};
+use std::path::Path;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, Sender, TryRecvError, channel};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+/// Time between two heartbeats: 50 Hz.
+const HEARTBEAT: Duration = Duration::from_millis(20);
+
+/// Next request of the operator.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Request {
+    Enable,
+    Release,
+    Reset,
+    Estop,
+}
+
+/// Shared by the session and its thread.
+#[derive(Default)]
+struct Shared {
+    status: Mutex<Option<Status>>,
+    silent: AtomicBool,
+}
+
+/// An operator's connection with its heartbeat. Dropping it releases the enable that it holds, and ends the thread.
+pub struct OperatorSession {
+    requests: Sender<Request>,
+    shared: Arc<Shared>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl OperatorSession {
+    /// Connects to the operator socket of an instance. Then sends heartbeats without the enable.
+    ///
+    /// # Errors
+    /// Returns an error if the socket does not answer, or if no thread can be started.
+    pub fn connect(socket: &Path) -> Result<Self, OperatorError> {
+        let client = Client::connect(socket)?;
+        let (requests, received) = channel();
+        let shared = Arc::new(Shared::default());
+        let of_thread = Arc::clone(&shared);
+        let thread = std::thread::Builder::new()
+            .name("operator".into())
+            .spawn(move || heartbeats(client, &received, &of_thread))
+            .map_err(|cause| OperatorError::Thread { cause: cause.to_string() })?;
+        Ok(Self { requests, shared, thread: Some(thread) })
+    }
+
+    fn request(&self, request: Request) {
+        // An ended thread shows in `is_cut_off`.
+        let _ = self.requests.send(request);
+    }
+
+    /// Presses the enable and holds it.
+    pub fn enable(&self) {
+        self.request(Request::Enable);
+    }
+
+    /// Releases the enable.
+    pub fn release(&self) {
+        self.request(Request::Release);
+    }
+
+    /// Requests a reset of the latched faults.
+    pub fn reset(&self) {
+        self.request(Request::Reset);
+    }
+
+    /// Presses the emergency stop.
+    pub fn estop(&self) {
+        self.request(Request::Estop);
+    }
+
+    /// Stops the heartbeats, as a client that hangs would.
+    pub fn fall_silent(&self) {
+        self.shared.silent.store(true, Ordering::Relaxed);
+    }
+
+    /// Returns the newest status. `None` before the first reply.
+    pub fn status(&self) -> Option<Status> {
+        *self.shared.status.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Returns the mode of the newest status.
+    pub fn mode(&self) -> Option<Mode> {
+        self.status().and_then(|status| Mode::from_u32(status.mode))
+    }
+
+    /// Returns true once control no longer answers.
+    pub fn is_cut_off(&self) -> bool {
+        self.thread.as_ref().is_none_or(JoinHandle::is_finished)
+    }
+
+    /// Waits until `done` returns true. Returns false if `within` passes first, or if control no longer answers.
+    pub fn wait(&self, within: Duration, done: impl Fn(&Status) -> bool) -> bool {
+        let give_up = Instant::now() + within;
+        while Instant::now() < give_up && !self.is_cut_off() {
+            if self.status().is_some_and(|status| done(&status)) {
+                return true;
+            }
+            std::thread::sleep(HEARTBEAT / 4);
+        }
+        false
+    }
+}
+
+impl Drop for OperatorSession {
+    fn drop(&mut self) {
+        let (closed, _) = channel();
+        self.requests = closed;
+        if let Some(thread) = self.thread.take() {
+            let _ = thread.join();
+        }
+    }
+}
+
+fn heartbeats(mut client: Client, requests: &Receiver<Request>, shared: &Shared) {
+    let (mut beat, mut holds) = (Instant::now(), false);
+    loop {
+        match requests.try_recv() {
+            Ok(Request::Enable) => (_, holds) = (client.enable(), true),
+            Ok(Request::Release) => (_, holds) = (client.release(), false),
+            Ok(Request::Reset) => _ = client.reset(),
+            Ok(Request::Estop) => _ = client.estop(),
+            Err(TryRecvError::Empty) => {}
+            Err(TryRecvError::Disconnected) => {
+                // A release withdraws the enable of every connection, so only the holder sends it.
+                if holds && !shared.silent.load(Ordering::Relaxed) {
+                    let _ = client.release().heartbeat();
+                }
+                return;
+            }
+        }
+        if !shared.silent.load(Ordering::Relaxed) {
+            match client.heartbeat() {
+                Ok(status) => *shared.status.lock().unwrap_or_else(PoisonError::into_inner) = Some(status),
+                // One late reply does not end the thread. The socket keeps the connection, and control judges the
+                // silence.
+                Err(OperatorError::Timeout { .. }) => {}
+                Err(_) => return,
+            }
+        }
+        beat += HEARTBEAT;
+        std::thread::sleep(beat.saturating_duration_since(Instant::now()));
+    }
+}
