@@ -120,7 +120,7 @@ mod tests {
     use messages::Layout;
 
     #[test]
-    fn every_change_is_said_in_plain_words() {
+    fn mode_changes_are_reported_in_plain_words() {
         let (status, names) = (Status::ZERO, Names::default());
         let said = |from: Mode, to: Mode, why: u32| {
             change(&Transition { k: 1, from: from as u32, to: to as u32, why, about: 0 }, &status, &names)

@@ -333,7 +333,7 @@ mod tests {
     use messages::Layout;
 
     #[test]
-    fn a_faulted_robot_is_refused_with_its_fault_and_the_way_out() {
+    fn refusal_of_faulted_robot_names_fault_and_reset() {
         let latched = Faults::NONE.with(Fault::EmergencyStop).0;
         let status = Status { mode: Mode::Faulted as u32, latched, ..Status::ZERO };
         let said = only_disengaged(&status, "engaged", &Names::default());
@@ -350,7 +350,7 @@ mod tests {
     }
 
     #[test]
-    fn a_reset_in_vain_says_what_persists_and_never_undoes_a_stop_that_was_pressed_meanwhile() {
+    fn failed_reset_names_persisting_fault_or_new_stop() {
         let latched = Faults::NONE.with(Fault::EmergencyStop).0;
         let first = Status { mode: Mode::Faulted as u32, latched, ..Status::ZERO };
         let said = not_reset(&first, &Names::default());

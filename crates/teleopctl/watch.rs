@@ -278,7 +278,7 @@ mod tests {
     }
 
     #[test]
-    fn a_picture_names_mode_rate_age_joints_and_what_happened() {
+    fn watch_screen_shows_mode_rate_age_joints_and_events() {
         let (mut watch, now) = (Shown::new(names()), Instant::now());
         let mut q = [0.1; JOINTS];
         q[0] = 0.2;
@@ -300,7 +300,7 @@ mod tests {
     }
 
     #[test]
-    fn any_size_of_a_terminal_is_drawn_in_and_without_joints_too() {
+    fn watch_screen_draws_in_any_terminal_size_without_panic() {
         let mut watch = Shown::new(Names::default());
         for (width, height) in [(1, 1), (10, 3), (40, 10), (300, 100)] {
             shown(width, height, &watch);

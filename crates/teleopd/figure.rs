@@ -213,7 +213,7 @@ mod tests {
     }
 
     #[test]
-    fn both_figures_stand_on_the_floor_and_have_hands() {
+    fn figures_stand_on_floor_and_have_hands() {
         let [person, robot] = drawn(0);
         let last = ROWS * 4 - 1;
         for (canvas, name) in [(&person, "person"), (&robot, "robot")] {
@@ -228,7 +228,7 @@ mod tests {
     }
 
     #[test]
-    fn legs_are_two_lines_between_hips_and_feet() {
+    fn legs_are_two_lines_below_hips() {
         let [person, _] = drawn(0);
         let knees = ROWS * 4 - (0.5 * DOTS_PER_M) as usize;
         assert!(any(&person, COLUMNS - 8..COLUMNS, knees..knees + 1), "right");
@@ -237,7 +237,7 @@ mod tests {
     }
 
     #[test]
-    fn picture_fits_eighty_columns_and_is_coloured_on_request() {
+    fn picture_fits_80_columns_and_is_coloured_on_request() {
         let [person, robot] = drawn(700);
         let plain = picture(&person, &robot, false);
         assert_eq!(plain.lines().count() + 2, SIZE.1);
@@ -252,7 +252,7 @@ mod tests {
     }
 
     #[test]
-    fn person_whose_feet_are_elsewhere_is_drawn_by_the_hips() {
+    fn person_with_implausible_feet_is_drawn_by_hips() {
         let mut positions = motion::builtin().frames[0].positions;
         for joint in [Smpl::LeftAnkle, Smpl::RightAnkle, Smpl::LeftFoot, Smpl::RightFoot] {
             positions[joint as usize][2] = -7.0;

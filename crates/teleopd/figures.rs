@@ -152,7 +152,7 @@ mod tests {
     use messages::Layout;
 
     #[test]
-    fn a_robot_is_meant_to_follow_through_its_holds_until_it_is_let_go() {
+    fn robot_is_meant_to_follow_through_holds_until_release() {
         let mut meant = false;
         let mut after = |to: Mode, why: u32| {
             meant = is_meant(meant, &Transition { to: to as u32, why, ..Transition::ZERO });

@@ -136,7 +136,7 @@ mod tests {
     use messages::Layout;
 
     #[test]
-    fn live_line_is_shorter_than_eighty_columns() {
+    fn live_line_is_shorter_than_80_columns() {
         let mut status = Status { mode: Mode::Disengaged as u32, ..Status::ZERO };
         assert!(line(&status, (3, 1314), 1500.0).starts_with("Disengaged        3/1314 1500 Hz, input 0 ms"));
         (status.input_age_ns, status.clearance_command_m) = (u64::MAX, 123.0);

@@ -86,14 +86,14 @@ mod tests {
     }
 
     #[test]
-    fn whoever_is_waited_for_stands_before_in_the_table() {
+    fn process_starts_after_its_predecessor_in_table() {
         for (index, row) in TABLE.iter().enumerate() {
             assert_eq!(row.after, index.checked_sub(1).map(|before| TABLE[before].name), "{}", row.name);
         }
     }
 
     #[test]
-    fn the_units_name_the_processes_of_the_table_in_its_order() {
+    fn units_name_processes_in_table_order() {
         for manager in MANAGERS {
             let all: BTreeSet<String> = PROCESSES.map(unit).into();
             assert_eq!(words(&values(manager, "teleop.target", "Wants")), all, "{manager}");
@@ -110,7 +110,7 @@ mod tests {
     }
 
     #[test]
-    fn the_units_run_the_subcommand_and_give_it_as_long_as_up_does() {
+    fn units_run_subcommand_with_same_timeouts_as_up() {
         for manager in MANAGERS {
             for row in &TABLE {
                 let one = |key: &str| {
@@ -127,7 +127,7 @@ mod tests {
     }
 
     #[test]
-    fn only_what_moves_nothing_is_started_again_and_not_for_ever() {
+    fn only_restartable_processes_restart_and_with_a_limit() {
         for manager in MANAGERS {
             for row in &TABLE {
                 let last = |key: &str| values(manager, &unit(row.name), key).pop();
@@ -142,7 +142,7 @@ mod tests {
     }
 
     #[test]
-    fn the_units_grant_what_the_settings_ask_for() {
+    fn units_grant_priorities_and_limits_of_settings() {
         let config = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/teleop.toml");
         let settings = pipeline::load(&config, pipeline::Overrides::default()).expect("settings").settings.realtime;
         let highest = settings.priority_retarget.max(settings.priority_control).max(settings.priority_driver);

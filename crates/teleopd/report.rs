@@ -284,7 +284,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn faults_before_engaging_stand_apart() {
+    fn faults_before_engaging_are_listed_apart() {
         let all = json!({ "NoTarget": 1, "InputStale": 3 });
         let names = |one: &[&str]| one.iter().map(|&name| name.to_owned()).collect::<Vec<_>>();
         let before = json!({ "NoTarget": 1, "InputStale": 1 });
@@ -294,7 +294,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_not_followed_counts() {
+    fn time_not_followed_lowers_followed_share() {
         let at = |t_s: f64, to: &str, why: &str| {
             let meant = (3.0..13.0).contains(&t_s);
             json!({ "t_s": t_s, "to": to, "why": why, "meant_to_follow": meant })

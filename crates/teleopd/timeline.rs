@@ -69,7 +69,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn ticks_and_gaps_add_up_in_any_window() {
+    fn ticks_are_counted_in_any_window_with_gaps() {
         let mut timeline = Timeline::new();
         for k in (10..20).chain(25..30).chain(31..40) {
             timeline.note(k);

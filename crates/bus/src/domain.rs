@@ -400,7 +400,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_work_is_refused_in_words_before_anything_is_created() {
+    fn domain_with_invalid_root_or_prefix_is_refused() {
         assert!(refused("relative", "p_").contains("bus root path \"relative\": not an absolute path"));
         assert!(refused("/tmp/x", "").contains("bus prefix \"\": empty"));
         assert!(refused("/tmp/x", "a/b").contains("bus prefix \"a/b\": only lower-case"));
@@ -413,7 +413,7 @@ mod tests {
     }
 
     #[test]
-    fn work_that_hangs_is_left_behind() {
+    fn call_that_hangs_is_abandoned_after_its_timeout() {
         assert_eq!(within(Duration::from_secs(60), || 7), Some(7));
         let (_keep, never) = mpsc::channel::<()>();
         assert_eq!(within(Duration::from_millis(20), move || never.recv().is_ok()), None);

@@ -40,7 +40,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_newest_message_is_read_once() {
+    fn channel_read_gives_newest_message_once_per_copy() {
         let mut channel = Channel::new();
         assert_eq!(channel.latest(), None);
         channel.publish(&1).expect("it takes everything");

@@ -269,7 +269,7 @@ mod tests {
     use messages::{JointTarget, Layout, Service};
 
     #[test]
-    fn f090_a_sample_that_is_held_for_ever_holds_up_nobody() {
+    fn f090_sample_held_by_one_reader_blocks_no_writer_or_reader() {
         let folder = tempfile::tempdir().expect("a folder");
         let prefix = format!("t{}_held_", std::process::id());
         let config = DomainConfig { root: folder.path().join("root"), prefix: prefix.clone() };

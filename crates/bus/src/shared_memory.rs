@@ -145,7 +145,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_full_or_missing_filesystem_is_named() {
+    fn check_room_error_names_full_or_missing_filesystem() {
         check_room().expect("the test machine has room");
         let error = check_room_in(Path::new(SHARED_MEMORY), u64::MAX).expect_err("no machine has that much");
         let text = error.to_string();

@@ -27,7 +27,7 @@ fn files(prefix: &str) -> Vec<(std::path::PathBuf, u32)> {
 }
 
 #[test]
-fn f106_f107_no_file_of_a_domain_is_open_to_another_user() {
+fn f106_f107_domain_files_are_closed_to_other_users() {
     let place = Place::new("modes");
     let domain = place.open();
     let mut reader: Reader<RawSkeleton> = domain.reader(Service::RawSkeleton).expect("a reader");
@@ -44,7 +44,7 @@ fn f106_f107_no_file_of_a_domain_is_open_to_another_user() {
 }
 
 #[test]
-fn f019_what_is_validated_is_a_copy_that_the_writer_cannot_change() {
+fn f019_drained_message_is_a_copy_writer_cannot_change() {
     let place = Place::new("copy");
     let domain = place.open();
     let mut reader: Reader<RawSkeleton> = domain.reader(Service::RawSkeleton).expect("a reader");
@@ -71,7 +71,7 @@ fn f019_what_is_validated_is_a_copy_that_the_writer_cannot_change() {
 }
 
 #[test]
-fn f088_a_client_that_takes_every_place_leaves_the_first_one_its_own() {
+fn f088_first_client_keeps_its_slot_when_another_takes_the_rest() {
     let place = Place::new("places");
     let (ours, theirs) = (place.open(), place.open());
     let mut reader: Reader<RawSkeleton> = ours.reader(Service::RawSkeleton).expect("a reader");
@@ -98,7 +98,7 @@ fn f088_a_client_that_takes_every_place_leaves_the_first_one_its_own() {
 }
 
 #[test]
-fn f090_readers_that_never_read_cost_a_fixed_amount_of_memory() {
+fn f090_idle_readers_use_constant_memory_while_writer_publishes() {
     let place = Place::new("unread");
     let domain = place.open();
     let mut writer = client(&domain);
@@ -113,7 +113,7 @@ fn f090_readers_that_never_read_cost_a_fixed_amount_of_memory() {
 }
 
 #[test]
-fn f018_another_message_under_the_same_name_is_refused() {
+fn f018_writer_of_wrong_message_or_file_as_root_is_refused() {
     let place = Place::new("type");
     let domain = place.open();
     let error = domain.writer::<Skeleton>(Service::RawSkeleton).expect_err("another layout");

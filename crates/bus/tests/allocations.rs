@@ -20,7 +20,7 @@ fn message(k: u64) -> JointTarget {
 }
 
 #[test]
-fn reading_and_waiting_do_not_allocate_and_writing_does_once() {
+fn read_wait_and_notify_allocate_nothing_and_publish_once() {
     let place = Place::new("alloc");
     let domain = place.open();
     let mut writer: Writer<JointTarget> = domain.writer(Service::JointTarget).expect("a writer");

@@ -27,14 +27,14 @@ const BAD: FaultPlan = FaultPlan {
 };
 
 #[test]
-fn a_perfect_link_delivers_everything_at_once() {
+fn link_without_faults_delivers_every_message_at_once() {
     let (seen, counts) = run(FaultPlan::default(), 1, 100);
     assert_eq!(seen, (1..=100).map(|k| (k, k)).collect::<Vec<_>>());
     assert_eq!(counts, FaultCounts { published: 100, arrived: 100, ..FaultCounts::default() });
 }
 
 #[test]
-fn the_seed_decides_everything() {
+fn faults_repeat_with_same_seed_and_differ_with_another() {
     assert_eq!(run(BAD, 7, 5_000), run(BAD, 7, 5_000));
     assert_ne!(run(BAD, 7, 5_000).0, run(BAD, 8, 5_000).0);
     let mut link = Faulty::new(BAD, 7);
@@ -53,7 +53,7 @@ fn the_seed_decides_everything() {
 }
 
 #[test]
-fn dropping_leaves_gaps_at_the_asked_rate() {
+fn drop_rate_leaves_gaps_at_configured_share() {
     let (seen, counts) = run(FaultPlan { drop: 0.25, ..FaultPlan::default() }, 3, 10_000);
     // 10,000 draws at 0.25 have a standard deviation of 43. The range is five of them.
     assert!((2_283..=2_717).contains(&counts.dropped), "{counts:?}");
@@ -62,7 +62,7 @@ fn dropping_leaves_gaps_at_the_asked_rate() {
 }
 
 #[test]
-fn delay_makes_messages_late_but_keeps_their_order() {
+fn delayed_messages_arrive_late_and_in_order() {
     let plan = FaultPlan { delay_min_ns: 2_000_000, delay_max_ns: 9_000_000, ..FaultPlan::default() };
     let (seen, counts) = run(plan, 3, 10_000);
     assert!(seen.windows(2).all(|pair| pair[0].1 < pair[1].1), "never backwards, never twice");
@@ -74,7 +74,7 @@ fn delay_makes_messages_late_but_keeps_their_order() {
 }
 
 #[test]
-fn a_duplicate_is_read_twice() {
+fn duplicated_message_is_read_twice() {
     let plan = FaultPlan { duplicate: 0.2, delay_max_ns: 2_000_000, ..FaultPlan::default() };
     let mut link = Faulty::new(plan, 5);
     let mut seen = Vec::new();
@@ -92,7 +92,7 @@ fn a_duplicate_is_read_twice() {
 }
 
 #[test]
-fn a_held_message_arrives_after_its_successor() {
+fn reordered_message_arrives_after_its_successor() {
     let plan = FaultPlan { reorder: 0.1, reorder_ns: 1_000_000, ..FaultPlan::default() };
     let (seen, counts) = run(plan, 11, 10_000);
     let backwards = seen.windows(2).filter(|pair| pair[1].1 < pair[0].1).count() as u64;
@@ -100,7 +100,7 @@ fn a_held_message_arrives_after_its_successor() {
 }
 
 #[test]
-fn a_burst_is_bounded() {
+fn burst_beyond_64_queued_messages_is_dropped() {
     let plan = FaultPlan { delay_min_ns: 1_000_000, delay_max_ns: 1_000_000, ..FaultPlan::default() };
     let mut link = Faulty::new(plan, 1);
     for k in 0..1_000 {

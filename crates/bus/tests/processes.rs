@@ -94,7 +94,7 @@ fn incarnation_heard(reader: &mut Reader<JointTarget>) -> u32 {
 }
 
 #[test]
-fn f086_a_killed_writer_is_silence_and_its_successor_a_stranger() {
+fn f086_killed_writer_is_silent_and_successor_is_a_new_writer() {
     let place = Place::new("kill");
     let (domain, successor) = (place.open(), place.open());
     let mut reader = reader(&domain);
@@ -121,7 +121,7 @@ fn f086_a_killed_writer_is_silence_and_its_successor_a_stranger() {
 }
 
 #[test]
-fn a_living_writer_keeps_its_place_against_another_process() {
+fn live_writer_keeps_its_slot_against_another_process() {
     let place = Place::new("living");
     let domain = place.open();
     let (mut writer, mut reader) = (writer(&domain).expect("a writer's place"), reader(&domain));
@@ -134,7 +134,7 @@ fn a_living_writer_keeps_its_place_against_another_process() {
 }
 
 #[test]
-fn a_stopped_writer_keeps_its_place() {
+fn stopped_writer_keeps_its_slot_and_continues() {
     let place = Place::new("stop");
     let domain = place.open();
     let mut reader = reader(&domain);
@@ -149,7 +149,7 @@ fn a_stopped_writer_keeps_its_place() {
 }
 
 #[test]
-fn readers_that_are_stopped_or_killed_do_not_hinder_the_writer() {
+fn stopped_or_killed_readers_never_block_writer() {
     let place = Place::new("readers");
     let domain = place.open();
     let mut writer = writer(&domain).expect("a writer's place");
@@ -169,7 +169,7 @@ fn readers_that_are_stopped_or_killed_do_not_hinder_the_writer() {
 }
 
 #[test]
-fn processes_may_start_all_at_once() {
+fn processes_started_at_once_all_connect() {
     let place = Place::new("crowd");
     let processes: Vec<Process> = (0..6).map(|_| Process::start(&place, "reader")).collect();
     let domain = place.open();
@@ -192,7 +192,7 @@ fn names(place: &Place) -> Vec<String> {
 }
 
 #[test]
-fn killed_processes_leave_nothing_to_the_next_who_enters() {
+fn segments_of_killed_processes_are_removed_by_next_open() {
     for folder_is_gone in [false, true] {
         let place = Place::new("left");
         let mut processes = [Process::start(&place, "writer"), Process::start(&place, "reader")];
@@ -217,7 +217,7 @@ fn killed_processes_leave_nothing_to_the_next_who_enters() {
 }
 
 #[test]
-fn segments_of_a_live_process_are_never_removed() {
+fn segments_of_live_process_are_never_removed() {
     let place = Place::new("alive");
     let process = Process::start(&place, "writer");
     eventually("its segments", || (names(&place).len() > 3).then_some(()));
@@ -246,7 +246,7 @@ fn segments_of_a_live_process_are_never_removed() {
 }
 
 #[test]
-fn a_port_that_outlives_its_domain_keeps_its_segments() {
+fn port_that_outlives_its_domain_keeps_its_segments() {
     let place = Place::new("outlives");
     let (mut writer, mut reader) = (writer(&place.open()).expect("a writer's place"), reader(&place.open()));
     drop(place.open());

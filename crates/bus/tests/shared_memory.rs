@@ -30,7 +30,7 @@ fn reader(domain: &Domain) -> Reader<JointTarget> {
 }
 
 #[test]
-fn a_reader_sees_the_newest_message_once() {
+fn reader_gets_newest_message_once() {
     let place = Place::new("newest");
     let (ours, theirs) = (place.open(), place.open());
     let (mut writer, mut first, mut second) = (writer(&ours), reader(&theirs), reader(&theirs));
@@ -46,7 +46,7 @@ fn a_reader_sees_the_newest_message_once() {
 }
 
 #[test]
-fn a_second_writer_is_refused_by_name_and_a_reader_may_come_first() {
+fn second_writer_is_refused_by_name_until_first_one_leaves() {
     let place = Place::new("second");
     let domain = place.open();
     let mut early = reader(&domain);
@@ -66,7 +66,7 @@ fn a_second_writer_is_refused_by_name_and_a_reader_may_come_first() {
 }
 
 #[test]
-fn the_newest_message_is_that_of_the_newest_writer() {
+fn newest_message_comes_from_newest_writer_after_restart() {
     let place = Place::new("restart");
     let (domain, first, second) = (place.open(), place.open(), place.open());
     let (mut reader, mut stepping) = (reader(&domain), reader(&domain));
@@ -88,7 +88,7 @@ fn the_newest_message_is_that_of_the_newest_writer() {
 }
 
 #[test]
-fn every_client_is_seen_and_told_apart() {
+fn drain_gives_newest_message_of_each_of_eight_clients() {
     let place = Place::new("clients");
     let domain = place.open();
     let mut reader = domain.reader::<RawSkeleton>(Service::RawSkeleton).expect("a reader");
@@ -124,7 +124,7 @@ fn every_client_is_seen_and_told_apart() {
 }
 
 #[test]
-fn domains_with_another_prefix_do_not_see_each_other() {
+fn domains_with_different_prefixes_do_not_see_each_other() {
     let (here, there) = (Place::new("here"), Place::new("there"));
     let mut same_root = here.config();
     same_root.prefix = there.config().prefix;
@@ -161,7 +161,7 @@ impl Message for Exchanged {
 }
 
 #[test]
-fn another_layout_of_the_same_size_and_name_is_refused() {
+fn reader_with_other_layout_of_same_size_is_refused() {
     assert_eq!(std::mem::size_of::<Exchanged>(), std::mem::size_of::<JointTarget>());
     let place = Place::new("layout");
     let domain = place.open();
@@ -172,14 +172,14 @@ fn another_layout_of_the_same_size_and_name_is_refused() {
 }
 
 #[test]
-fn a_message_of_another_service_is_refused() {
+fn reader_of_another_services_message_is_refused() {
     let place = Place::new("wrong");
     let error = place.open().reader::<JointTarget>(Service::Status).expect_err("it carries Status");
     assert_eq!(error.to_string(), "service teleop/status/8 carries Status, not JointTarget");
 }
 
 #[test]
-fn a_wake_up_arrives_and_without_one_the_wait_ends() {
+fn wait_ends_on_wake_up_or_at_its_timeout() {
     let place = Place::new("wake");
     let domain = place.open();
     let mut writer = writer(&domain);
@@ -200,7 +200,7 @@ fn a_wake_up_arrives_and_without_one_the_wait_ends() {
 }
 
 #[test]
-fn no_wake_up_is_lost_while_two_threads_race() {
+fn wake_up_is_never_lost_while_two_threads_race() {
     const LAST: u64 = 200_000;
     let place = Place::new("race");
     let domain = place.open();
@@ -229,7 +229,7 @@ fn no_wake_up_is_lost_while_two_threads_race() {
 }
 
 #[test]
-fn the_traits_work_over_shared_memory() {
+fn traits_pass_message_through_channel_and_shared_memory() {
     fn pass_on(from: &mut impl Latest<JointTarget>, to: &mut impl Publish<JointTarget>) {
         if let Some(message) = from.latest() {
             to.publish(&message).expect("it goes out");
@@ -247,7 +247,7 @@ fn the_traits_work_over_shared_memory() {
 }
 
 #[test]
-fn a_stack_of_all_services_fits_the_room_that_is_asked_for() {
+fn shared_memory_of_all_ports_stays_below_16_mib() {
     let place = Place::new("room");
     let domain = place.open();
     let _raw: Vec<_> = (0..8).map(|_| domain.writer::<RawSkeleton>(Service::RawSkeleton).expect("a writer")).collect();
@@ -261,7 +261,7 @@ fn a_stack_of_all_services_fits_the_room_that_is_asked_for() {
 }
 
 #[test]
-fn stamps_survive() {
+fn stamps_arrive_unchanged_over_shared_memory() {
     let place = Place::new("stamps");
     let domain = place.open();
     let (mut writer, mut reader) = (writer(&domain), reader(&domain));
@@ -274,7 +274,7 @@ fn stamps_survive() {
 }
 
 #[test]
-fn a_damaged_domain_is_an_error_that_names_it_and_never_a_hang() {
+fn damaged_domain_gives_error_that_names_it_and_never_hangs() {
     let place = Place::new("damaged");
     let healthy = place.open();
     // Any local user can do this to the file that counts nodes: it is 0666.

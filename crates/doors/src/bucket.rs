@@ -38,7 +38,7 @@ mod tests {
     use proptest::prelude::*;
 
     #[test]
-    fn f023_a_burst_passes_and_then_250_a_second() {
+    fn f023_bucket_passes_one_burst_and_then_250_frames_per_second() {
         let (mut bucket, start) = (Bucket::default(), Stamp(5_000_000_000));
         let at_once = (0..1000).filter(|_| bucket.take(start)).count();
         assert_eq!(at_once as u64, BURST);
@@ -51,7 +51,7 @@ mod tests {
     }
 
     #[test]
-    fn a_240_hz_tracker_loses_nothing() {
+    fn tracker_at_240_hz_loses_no_frame() {
         let mut bucket = Bucket::default();
         let period_ns = 1_000_000_000 / 240;
         assert!((0..100_000_u64).all(|i| bucket.take(Stamp(1 + i * period_ns))));
@@ -60,7 +60,7 @@ mod tests {
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(200))]
         #[test]
-        fn f023_no_window_ever_holds_more_than_the_burst_and_the_rate(steps in prop::collection::vec(0_u64..20_000_000, 1..400)) {
+        fn f023_bucket_passes_at_most_burst_plus_rate_in_any_window(steps in prop::collection::vec(0_u64..20_000_000, 1..400)) {
             let (mut bucket, mut now, mut taken) = (Bucket::default(), Stamp(1), Vec::new());
             for step in steps {
                 now = now.plus_ns(step);

@@ -50,7 +50,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_byte_of_a_frame_survives() {
+    fn frame_bytes_survive_decode_and_encode() {
         let bytes: Vec<u8> = (0..FRAME_BYTES).map(|i| (i * 7 + i / 251) as u8).collect();
         let frame = decode_frame(&bytes).unwrap();
         assert_eq!(encode_frame(&frame)[..], bytes[..]);
@@ -58,7 +58,7 @@ mod tests {
     }
 
     #[test]
-    fn f018_any_other_length_is_no_frame() {
+    fn f018_frame_of_other_length_is_refused() {
         for length in [0, 1, FRAME_BYTES - 1, FRAME_BYTES + 1] {
             assert!(decode_frame(&vec![0; length]).is_none(), "{length}");
         }

@@ -20,13 +20,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_user_has_a_name_or_at_least_a_number() {
+    fn user_without_name_is_shown_by_number() {
         assert_eq!(user_name(0), "root (0)");
         assert_eq!(user_name(4_242_424), "4242424");
     }
 
     #[test]
-    fn root_is_everywhere_and_nonsense_nowhere() {
+    fn group_lookup_finds_root_and_no_invalid_name() {
         assert_eq!(group_id("root"), Some(0));
         assert_eq!(group_id("no-such-group-here"), None);
         assert_eq!(group_id("nul\0inside"), None);

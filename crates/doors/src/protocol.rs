@@ -217,7 +217,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_answer_survives_and_nothing_else_is_one() {
+    fn reply_survives_round_trip_and_other_bytes_are_refused() {
         for word in Reply::ALL {
             let answer = ReplyPacket::new(word, 77);
             assert_eq!(ReplyPacket::decode(&answer.encode()), Some(answer));
@@ -227,7 +227,7 @@ mod tests {
     }
 
     #[test]
-    fn f018_a_hello_of_another_version_layout_or_size_is_refused() {
+    fn f018_hello_with_other_version_layout_or_size_is_refused() {
         assert_eq!(Hello::refusal(&Hello::OURS.encode()), None);
         let changes: [fn(&mut Hello); 5] = [
             |hello| hello.protocol += 1,

@@ -8,7 +8,7 @@ use rustix::net::{AddressFamily, RecvFlags, SendFlags, SocketAddrUnix, SocketTyp
 static ALLOCATOR: rt::CountingAllocator = rt::CountingAllocator;
 
 #[test]
-fn f023_connecting_publishing_flooding_and_leaving_allocate_nothing() {
+fn f023_server_allocates_nothing_during_floods_and_reconnects() {
     let folder = tempfile::TempDir::new().unwrap();
     let path = folder.path().join("skeleton.sock");
     let mut server = Server::bind(&path, None).unwrap();

@@ -118,7 +118,7 @@ impl Raw {
 }
 
 #[test]
-fn f070_every_connection_has_a_session_number_of_its_own_that_the_daemon_draws() {
+fn f070_every_connection_gets_its_own_nonzero_session_number() {
     let mut house = House::new();
     let mut seen: Vec<u64> = (0..100).map(|_| house.guest().nonce).collect();
     assert!(seen.iter().all(|&nonce| nonce != 0));
@@ -128,7 +128,7 @@ fn f070_every_connection_has_a_session_number_of_its_own_that_the_daemon_draws()
 }
 
 #[test]
-fn f068_the_first_is_told_that_it_holds_and_the_others_twice_a_second_that_they_do_not() {
+fn f068_second_client_gets_not_holder_reply_twice_a_second() {
     let mut house = House::new();
     let (mut first, mut second) = (house.guest(), house.guest());
     let mut told = Vec::new();
@@ -150,7 +150,7 @@ fn f068_the_first_is_told_that_it_holds_and_the_others_twice_a_second_that_they_
 }
 
 #[test]
-fn f068_a_forged_session_number_ends_the_connection() {
+fn f068_client_with_forged_session_number_is_disconnected() {
     let mut house = House::new();
     let (mut holder, mut forger) = (house.guest(), house.guest());
     holder.frame().unwrap();
@@ -164,7 +164,7 @@ fn f068_a_forged_session_number_ends_the_connection() {
 }
 
 #[test]
-fn f018_f111_what_is_no_hello_or_no_frame_is_told_and_closed() {
+fn f018_f111_client_with_invalid_hello_or_frame_is_disconnected() {
     let mut house = House::new();
     // The bytes of an engage request of the operator's socket: a version, a level, counters.
     let mut engage = [0; 32];
@@ -197,7 +197,7 @@ fn f018_f111_what_is_no_hello_or_no_frame_is_told_and_closed() {
 }
 
 #[test]
-fn f088_the_ninth_is_told_and_half_open_connections_lose_their_places() {
+fn f088_ninth_client_is_refused_until_half_open_ones_time_out() {
     let mut house = House::new();
     let silent: Vec<_> = (0..CONNECTIONS_MAX).map(|_| (house.raw(), house.poll()).0).collect();
     let ninth = house.raw();
@@ -209,7 +209,7 @@ fn f088_the_ninth_is_told_and_half_open_connections_lose_their_places() {
 }
 
 #[test]
-fn f088_forgotten_guests_make_room_and_busy_ones_do_not() {
+fn f088_idle_client_is_dropped_for_new_one_and_busy_ones_stay() {
     let mut house = House::new();
     let mut guests: Vec<_> = (0..CONNECTIONS_MAX).map(|_| house.guest()).collect();
     for _ in 0..60 {
@@ -231,7 +231,7 @@ fn f088_forgotten_guests_make_room_and_busy_ones_do_not() {
 }
 
 #[test]
-fn f088_a_thousand_connects_leave_the_holder_alone() {
+fn f088_holder_loses_no_frame_during_a_thousand_connects() {
     let mut house = House::new();
     let mut holder = house.guest();
     for round in 0..1000 {
@@ -251,7 +251,7 @@ fn f088_a_thousand_connects_leave_the_holder_alone() {
 }
 
 #[test]
-fn f090_a_client_that_never_reads_loses_answers_and_nothing_else() {
+fn f090_client_that_never_reads_replies_loses_no_frame() {
     let mut house = House::new();
     let (mut holder, mut deaf) = (house.guest(), house.guest());
     for _ in 0..3000 {
@@ -264,7 +264,7 @@ fn f090_a_client_that_never_reads_loses_answers_and_nothing_else() {
 }
 
 #[test]
-fn f023_of_a_flood_the_newest_frame_is_used_250_times_a_second_and_the_other_client_is_served_each_time() {
+fn f023_flood_is_limited_to_250_hz_and_other_client_is_served() {
     let mut house = House::new();
     let (mut holder, mut flood) = (house.guest(), house.guest());
     holder.frame().unwrap();
@@ -300,7 +300,7 @@ fn f023_of_a_flood_the_newest_frame_is_used_250_times_a_second_and_the_other_cli
 }
 
 #[test]
-fn f025_a_burst_of_held_back_frames_comes_through_in_its_order() {
+fn f025_burst_of_delayed_frames_passes_in_order() {
     let mut house = House::new();
     let mut guest = house.guest();
     for _ in 0..8 {
@@ -313,7 +313,7 @@ fn f025_a_burst_of_held_back_frames_comes_through_in_its_order() {
 }
 
 #[test]
-fn a_client_attaches_publishes_and_hears_why_it_is_put_out() {
+fn client_attaches_publishes_and_gets_error_when_server_leaves() {
     let mut house = House::new();
     let path = house.path();
     let attaching = std::thread::spawn(move || Client::attach(path));

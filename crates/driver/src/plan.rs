@@ -147,7 +147,7 @@ mod tests {
     }
 
     #[test]
-    fn a_plan_ends_at_rest_at_its_closed_form_end() {
+    fn plan_ends_at_rest_at_its_closed_form_end() {
         let mut motion = moving();
         assert!(motion.residue_at_end() < 1e-12);
         motion.play(299);
@@ -161,7 +161,7 @@ mod tests {
     }
 
     #[test]
-    fn a_plan_that_does_not_stop_shows_its_residue() {
+    fn plan_that_does_not_stop_has_a_residue_at_its_end() {
         let mut motion = moving();
         motion.plan.duration_s[3][1] = 0.09;
         assert!(motion.residue_at_end() > 0.5);

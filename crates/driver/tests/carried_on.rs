@@ -145,13 +145,13 @@ fn judge(delay_ms: std::ops::Range<f64>, off_m: f64, seed: u64) {
 }
 
 #[test]
-fn the_next_setpoint_is_one_that_the_limits_allow_in_the_time_that_passed() {
+fn next_setpoint_after_pause_stays_within_limits() {
     judge(0.0..9.0, 0.0, 1);
     judge(9.0..12.0, 0.0, 2);
 }
 
 #[test]
-fn so_it_is_for_a_driver_that_does_not_find_the_robot_on_its_plan() {
+fn next_setpoint_for_robot_off_its_plan_stays_within_limits() {
     judge(0.0..9.0, 12e-3, 3);
     judge(9.0..12.0, 12e-3, 4);
 }

@@ -41,7 +41,7 @@ fn stopping(command: &mut JointCommand, v: f64, a: f64) {
 }
 
 #[test]
-fn f057_f059_every_reason_to_refuse_is_met_and_counted() {
+fn f057_f059_bad_command_is_refused_with_its_reason_and_counted() {
     let far = deadline(K + 6);
     type Break = fn(&mut JointCommand);
     let cases: [(Refusal, Break); 19] = [
@@ -83,7 +83,7 @@ fn f057_f059_every_reason_to_refuse_is_met_and_counted() {
 }
 
 #[test]
-fn a_chain_that_was_left_or_whose_seed_has_passed_is_refused() {
+fn command_with_left_chain_or_passed_seed_is_refused() {
     let mut bench = Bench::new();
     bench.follow(K + 5);
     bench.tick(K + 6, None);
@@ -95,7 +95,7 @@ fn a_chain_that_was_left_or_whose_seed_has_passed_is_refused() {
 }
 
 #[test]
-fn f059_an_early_command_is_executed_at_once_and_only_once() {
+fn f059_early_command_is_executed_at_once_and_only_once() {
     let mut bench = Bench::new();
     bench.follow(K + 5);
     let early = bench.command(K + 6);
@@ -107,7 +107,7 @@ fn f059_an_early_command_is_executed_at_once_and_only_once() {
 }
 
 #[test]
-fn f058_silence_latches_after_ten_milliseconds_and_not_before() {
+fn f058_driver_without_commands_latches_after_10_ms() {
     let mut bench = Bench::new();
     for k in K + 1..K + 100 {
         assert_eq!(bench.tick(k, None).faults, Faults::NONE, "silence counts from the first command");
@@ -123,7 +123,7 @@ fn f058_silence_latches_after_ten_milliseconds_and_not_before() {
 }
 
 #[test]
-fn a_driver_that_is_late_by_a_few_ticks_goes_on() {
+fn driver_late_by_few_ticks_continues_without_fault() {
     let mut bench = Bench::new();
     bench.follow(K + 5);
     let newest = bench.command(K + 5 + GAP_MAX_TICKS);
@@ -137,7 +137,7 @@ fn a_driver_that_is_late_by_a_few_ticks_goes_on() {
 }
 
 #[test]
-fn only_a_reset_edge_at_rest_clears_the_latch() {
+fn latch_clears_only_on_reset_edge_at_rest() {
     let mut bench = Bench::new();
     let k = bench.latch();
     let held = bench.fresh(k + 1, 0);
@@ -149,7 +149,7 @@ fn only_a_reset_edge_at_rest_clears_the_latch() {
 }
 
 #[test]
-fn a_reset_edge_in_motion_is_spent() {
+fn reset_edge_in_motion_clears_nothing_later() {
     let mut bench = Bench::new();
     bench.follow(K + 5);
     for k in K + 6..K + 25 {
@@ -169,7 +169,7 @@ fn a_reset_edge_in_motion_is_spent() {
 }
 
 #[test]
-fn a_reset_is_taken_once_the_joints_have_been_measured_standing() {
+fn reset_is_accepted_only_after_joints_measured_at_rest() {
     // The command stands. Joint 3 swings by 0.05 rad at 8 or 20 Hz, drifts, or is away from its setpoint.
     let swings = |n: f64, hz: f64| 0.05 * (core::f64::consts::TAU * hz * n * TICK_S).sin();
     let moves: [fn(f64) -> f64; 2] = [|n| 0.35 * n * TICK_S - 0.04, |_| 0.2];
@@ -200,7 +200,7 @@ fn a_reset_is_taken_once_the_joints_have_been_measured_standing() {
 }
 
 #[test]
-fn a_restarted_control_resets_nothing() {
+fn restarted_control_first_reset_count_is_no_edge() {
     let mut bench = Bench::new();
     let k = bench.latch();
     bench.chain.incarnation = 2;
@@ -213,7 +213,7 @@ fn a_restarted_control_resets_nothing() {
 }
 
 #[test]
-fn f057_a_robot_that_takes_no_setpoints_latches_at_once() {
+fn f057_driver_whose_robot_takes_no_setpoints_latches_at_once() {
     let mut bench = Bench::new();
     bench.follow(K + 5);
     let next = bench.command(K + 6);
@@ -225,7 +225,7 @@ fn f057_a_robot_that_takes_no_setpoints_latches_at_once() {
 /// A robot with power that refuses setpoints stops by itself. It takes the next setpoint that is near it, and
 /// reports that late. Until then the driver must not begin another motion, which would be a jump.
 #[test]
-fn f057_a_robot_that_refuses_setpoints_is_sent_the_plan_while_it_is_near() {
+fn f057_robot_refusing_setpoints_gets_plan_only_while_near_it() {
     let mut bench = Bench::new();
     bench.follow(K + 5);
     let mut planned = bench.state.motion;
@@ -252,7 +252,7 @@ fn f057_a_robot_that_refuses_setpoints_is_sent_the_plan_while_it_is_near() {
 /// The robot may have taken the last setpoint, and then the held posture would be a jump. So it must answer
 /// first.
 #[test]
-fn f057_a_robot_that_is_not_near_any_more_answers_before_it_is_held() {
+fn f057_robot_off_its_plan_is_held_only_after_it_answers() {
     for (answers_after, takes) in [(3, false), (3, true), (u64::MAX, false)] {
         let mut bench = Bench::new();
         bench.follow(K + 5);
@@ -279,7 +279,7 @@ fn f057_a_robot_that_is_not_near_any_more_answers_before_it_is_held() {
 }
 
 #[test]
-fn f064_power_that_returns_while_a_joint_moves_holds_it_where_it_is_until_it_stands() {
+fn f064_moving_joint_is_held_where_measured_when_power_returns() {
     // Joint 3 goes on at 0.5 rad/s, for a while or forever.
     for (moves_for, held_for) in [(200, 200), (u64::MAX, SETTLE_TICKS - 1)] {
         let mut bench = Bench::new();
@@ -311,7 +311,7 @@ fn f064_power_that_returns_while_a_joint_moves_holds_it_where_it_is_until_it_sta
 
 /// A torso that sinks at 0.03 m/s is slow compared with an arm, but moves at half of its own largest speed.
 #[test]
-fn f064_whether_a_joint_stands_is_measured_by_its_own_largest_speed() {
+fn f064_standstill_threshold_scales_with_joint_speed_limit() {
     for (speed, largest, holds) in [(0.03, 0.07, true), (0.010, 0.07, false), (0.03, 0.7, false), (0.11, 0.7, true)] {
         let mut config = CONFIG;
         config.limits[0].v_max = largest;
@@ -338,7 +338,7 @@ fn is_held(held: &[f64; JOINTS], measured: &[f64; JOINTS]) -> bool {
 
 /// The noise of the torso's encoder is two ticks of its way at full speed.
 #[test]
-fn f064_noise_does_not_move_what_is_held() {
+fn f064_held_joint_does_not_follow_encoder_noise() {
     let mut bench = Bench::new();
     bench.follow(K + 5);
     let (mut now, mut held) = (measured(), None);
@@ -358,7 +358,7 @@ fn f064_noise_does_not_move_what_is_held() {
 }
 
 #[test]
-fn latencies_are_of_new_origins_and_of_every_target() {
+fn origin_age_is_given_once_and_target_age_on_every_command() {
     let mut bench = Bench::new();
     let mut ages = Vec::new();
     for (k, origin) in [(K + 1, 0), (K + 2, 5_000), (K + 3, 5_000), (K + 4, 7_000)] {
@@ -375,7 +375,7 @@ fn latencies_are_of_new_origins_and_of_every_target() {
 }
 
 #[test]
-fn a_posture_that_is_no_number_is_not_held() {
+fn hold_of_nan_posture_is_refused() {
     let mut q = [0.0; JOINTS];
     q[7] = f64::NAN;
     assert_eq!(State::hold(K, &q), None);

@@ -28,7 +28,7 @@ fn expect_following(world: &mut World, within: u64, story: &dyn std::fmt::Debug)
 }
 
 #[test]
-fn every_short_interleaving_is_continuous_and_follows_again() {
+fn motion_after_short_interleaving_is_continuous_and_resumes() {
     let controls = [Some(0), Some(3), None];
     let drivers = [0b1111, 0b0100, 0b0000];
     let delays = [(0, 0), (0, 4), (3, 0)];
@@ -107,7 +107,7 @@ impl Weather {
 }
 
 #[test]
-fn f059_random_weather_is_continuous_and_follows_again() {
+fn f059_motion_under_random_faults_is_continuous_and_resumes() {
     let runs = if cfg!(debug_assertions) { 60 } else { 2000 };
     let (mut commands, mut plan_ticks, mut refused, mut latched, mut restarts, mut suspensions) = (0, 0, 0, 0, 0, 0);
     for seed in 0..runs {
@@ -158,7 +158,7 @@ fn f059_random_weather_is_continuous_and_follows_again() {
 }
 
 #[test]
-fn a_run_begins_by_holding() {
+fn driver_without_commands_begins_by_holding() {
     let mut world = World::new(1);
     world.run(&Moment { control: None, ..Moment::CALM });
     assert_eq!(world.follower.executed_k, FIRST_K);

@@ -14,7 +14,7 @@ fn measured_at(k: u64, q: f64, v: f64) -> driver::Measured {
 }
 
 #[test]
-fn a_suspended_driver_begins_where_the_robot_is_measured() {
+fn suspended_driver_resumes_from_measured_posture_and_stops() {
     for gap in [GAP_MAX_TICKS + 1, SILENCE_TICKS, SILENCE_TICKS + 1, 600, 2250] {
         let mut bench = Bench::new();
         bench.follow(K + 5);
@@ -50,7 +50,7 @@ fn a_suspended_driver_begins_where_the_robot_is_measured() {
 }
 
 #[test]
-fn a_suspended_driver_whose_robot_carried_on_goes_on_with_the_certified_stop() {
+fn suspended_driver_continues_certified_stop_if_robot_played_it() {
     for gap in [GAP_MAX_TICKS + 1, SILENCE_TICKS, SILENCE_TICKS + 1, 40, 600] {
         let mut bench = Bench::new();
         bench.follow(K + 5);
@@ -96,7 +96,7 @@ fn both() -> Motion {
 /// The robot braked by itself and fell behind its certified stop. The driver goes on along the path of that stop
 /// at the robot's speed, and ends where that stop ends.
 #[test]
-fn a_suspended_driver_goes_on_along_the_certified_stop_as_slowly_as_the_robot() {
+fn suspended_driver_follows_stop_path_at_speed_of_slower_robot() {
     // The last robot is measured faster than the stop. The driver is no faster than the stop.
     for (gap, behind, share) in
         [(30, 0, 0.5), (60, 40, 0.6), (90, 50, 0.8), (40, 35, 0.9), (120, 60, 0.5), (90, 50, 1.05)]
@@ -140,7 +140,7 @@ fn a_suspended_driver_goes_on_along_the_certified_stop_as_slowly_as_the_robot() 
 /// The robot's process was kept from its core as well, so its last measurement is older than the driver's return.
 /// The driver compares it with the plan's state at that time.
 #[test]
-fn a_suspended_driver_compares_an_old_measurement_with_the_plan_of_then() {
+fn suspended_driver_compares_old_measurement_with_plan_then() {
     for (gap, age) in [(16, 14), (40, 14), (16, 2)] {
         let mut bench = Bench::new();
         bench.follow(K + 5);
@@ -164,7 +164,7 @@ fn a_suspended_driver_compares_an_old_measurement_with_the_plan_of_then() {
 /// A joint that already brakes when its driver returns goes on braking. Its stop keeps the limits, and is no
 /// longer than the stop of a joint that has to begin braking.
 #[test]
-fn a_suspended_driver_goes_on_braking() {
+fn suspended_driver_whose_plan_brakes_continues_braking() {
     let (gap, v) = (30, 1.0);
     let mut bench = Bench::new();
     bench.follow(K + 5);
@@ -188,7 +188,7 @@ fn a_suspended_driver_goes_on_braking() {
 }
 
 #[test]
-fn a_suspended_driver_believes_no_measurement_that_cannot_be() {
+fn suspended_driver_ignores_stale_or_implausible_measurement() {
     let k = K + 605;
     let old = driver::Measured { stamp: deadline(K + 5), ..measured_at(k, 0.01, 0.0) };
     let stale = driver::Measured { stamp: deadline(k - 16), ..measured_at(k, 0.01, 0.0) };
@@ -214,7 +214,7 @@ fn a_suspended_driver_believes_no_measurement_that_cannot_be() {
 
 /// A robot that stopped by itself long ago stands before the end of the certified stop. Nothing moves it there.
 #[test]
-fn a_suspended_driver_leads_no_robot_to_the_end_of_a_stop_that_it_did_not_play() {
+fn suspended_driver_holds_robot_that_stopped_before_plan_end() {
     for gap in [200, 600, 2250] {
         for short in [0.001, 0.005, 0.01] {
             let mut bench = Bench::new();
@@ -231,7 +231,7 @@ fn a_suspended_driver_leads_no_robot_to_the_end_of_a_stop_that_it_did_not_play()
 }
 
 #[test]
-fn a_driver_that_starts_believes_a_speed_that_positions_confirm() {
+fn starting_driver_uses_speed_only_if_positions_confirm_it() {
     let elapsed_s = 9.0 * TICK_S;
     let begun = |moved: f64, v: f64| {
         let (earlier, now) = (measured_at(K, 0.5, v), measured_at(K + 9, 0.5 + moved, v));
@@ -253,7 +253,7 @@ fn a_driver_that_starts_believes_a_speed_that_positions_confirm() {
 }
 
 #[test]
-fn a_robot_stands_once_no_joint_moved_by_more_than_noise_for_a_tenth_of_a_second() {
+fn robot_stands_after_100_ms_without_motion_above_noise() {
     // `moved` says how far the joint has moved after `n` ticks. Returns the first tick at which it stands, if within
     // a second.
     let stands_after = |moved: &dyn Fn(u64) -> f64| {
@@ -273,7 +273,7 @@ fn a_robot_stands_once_no_joint_moved_by_more_than_noise_for_a_tenth_of_a_second
 }
 
 #[test]
-fn a_driver_that_starts_takes_noise_for_no_speed() {
+fn starting_driver_limits_speed_of_standing_joint_to_noise() {
     for v in (0..2000).map(|v| f64::from(v) * 1e-3) {
         let begun = State::begin(&CONFIG, K + 9, &measured_at(K, 0.5, v), &measured_at(K + 9, 0.5, v)).unwrap().motion;
         assert!(begun.v[3] <= 0.11, "it stands, and {v} rad/s are reported: {} rad/s", begun.v[3]);
@@ -281,7 +281,7 @@ fn a_driver_that_starts_takes_noise_for_no_speed() {
 }
 
 #[test]
-fn f064_power_that_returns_during_a_pause_finds_the_robot_where_it_is() {
+fn f064_power_returning_in_pause_starts_at_measured_posture() {
     let mut bench = Bench::at_rest();
     let mut told = |k: u64, q: f64, powered: bool| {
         let mut now = measured_at(k, q, 0.0);
@@ -300,7 +300,7 @@ fn f064_power_that_returns_during_a_pause_finds_the_robot_where_it_is() {
 /// Without power a servo may stand a little beyond a limit. The setpoint that returning power finds is no farther
 /// than the limit. A robot that stands well beyond the limit is left where it is.
 #[test]
-fn a_setpoint_that_power_finds_is_not_a_little_beyond_a_limit() {
+fn setpoint_without_power_slightly_beyond_limit_is_clamped() {
     for (beyond, held) in [(0.001, LIMITS.q_max), (0.02, LIMITS.q_max + 0.02)] {
         let begun = State::hold(K, &measured_at(K, LIMITS.q_max + beyond, 0.0).q).unwrap();
         let mut bench = Bench { state: begun, ..Bench::at_rest() };
@@ -316,7 +316,7 @@ fn a_setpoint_that_power_finds_is_not_a_little_beyond_a_limit() {
 
 /// The certified stop of a joint ends just before its limit, and another joint is off its plan.
 #[test]
-fn a_suspended_driver_begins_near_a_limit_without_a_step_of_the_speed() {
+fn suspended_driver_near_limit_resumes_without_speed_step() {
     let limits = driver::JointLimits { a_max: 10.0, j_max: 400.0, ..LIMITS };
     let config = driver::Config::new([limits; JOINTS]);
     for played in [0, 20, 40, 80, 120, 160] {
@@ -355,7 +355,7 @@ fn a_suspended_driver_begins_near_a_limit_without_a_step_of_the_speed() {
 }
 
 #[test]
-fn a_robot_at_rest_bears_any_pause_of_its_driver() {
+fn robot_at_rest_stays_through_driver_pause_without_fault() {
     let mut bench = Bench::at_rest();
     for gap in [1, 9, 15, 600, 100_000] {
         let k = bench.state.index() + gap;
@@ -370,7 +370,7 @@ fn a_robot_at_rest_bears_any_pause_of_its_driver() {
 }
 
 #[test]
-fn a_suspended_machine_resumes_at_rest_in_bounded_work() {
+fn suspended_machine_resumes_at_rest_in_bounded_steps() {
     let mut bench = Bench::new();
     bench.follow(K + 5);
     let mut steps = 0;

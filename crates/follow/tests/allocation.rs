@@ -17,7 +17,7 @@ fn allocated() -> u64 {
 }
 
 #[test]
-fn ten_thousand_ticks_allocate_nothing() {
+fn tick_with_random_inputs_allocates_nothing() {
     rt::watch_allocations();
     let mut rng = Pcg64::seed_from_u64(77);
     let mut robot = Robot::at(&FREE, Weights::default());

@@ -10,7 +10,7 @@ use rand_pcg::Pcg64;
 use std::f64::consts::PI;
 
 #[test]
-fn limbs_are_those_of_the_robots_own_kinematics() {
+fn limb_rotations_match_robot_kinematics() {
     let (model, mut rng) = (model(), Pcg64::seed_from_u64(1));
     let of_model = Arm::of(&model);
     for _ in 0..1000 {
@@ -53,7 +53,7 @@ fn posture(rng: &mut Pcg64, case: u32) -> ArmVector {
 }
 
 #[test]
-fn the_jacobian_is_that_of_central_differences() {
+fn jacobian_matches_central_differences() {
     let (arm, mut rng) = (arm(), Pcg64::seed_from_u64(2));
     for case in 0..3000 {
         let q = posture(&mut rng, case);
@@ -68,7 +68,7 @@ fn the_jacobian_is_that_of_central_differences() {
 }
 
 #[test]
-fn the_jacobian_holds_where_nothing_and_where_half_a_turn_is_missing() {
+fn jacobian_matches_differences_at_errors_near_zero_and_pi() {
     let (arm, mut rng) = (arm(), Pcg64::seed_from_u64(3));
     // At 1e-6 the logarithm changes its formula: steps lie on both sides of it.
     for angle in [0.0, 1e-9, 9.9e-7, 1e-6, 2e-6, 2.1e-6, 1e-4, PI - 1e-2, PI - 1e-3, PI - 1e-4] {
@@ -88,7 +88,7 @@ fn the_jacobian_holds_where_nothing_and_where_half_a_turn_is_missing() {
 }
 
 #[test]
-fn nothing_is_missing_where_the_robot_is_the_person_and_signs_do_not_count() {
+fn limb_error_is_zero_at_own_posture_and_ignores_sign() {
     let (arm, mut rng) = (arm(), Pcg64::seed_from_u64(4));
     for _ in 0..500 {
         let (q, other) = (random_q(&mut rng), random_q(&mut rng));

@@ -16,7 +16,7 @@ fn off_deg(robot: &Robot, side: usize, person: &Limbs) -> f64 {
 }
 
 #[test]
-fn a_person_who_stands_is_reached_and_then_the_robot_stands() {
+fn robot_reaches_standing_person_and_then_stands() {
     let goals = [[0.9, -0.4, 2.2, 1.6, -0.7], [-0.5, 0.9, 0.9, 0.4, 0.9], [0.3, 0.3, 1.5, 0.0, 0.2]];
     for (n, goal) in goals.iter().enumerate() {
         let mut robot = Robot::at(&FREE, Weights::default());
@@ -42,7 +42,7 @@ fn a_person_who_stands_is_reached_and_then_the_robot_stands() {
 }
 
 #[test]
-fn the_proposed_posture_decides_nothing_that_limbs_decide() {
+fn proposed_posture_does_not_change_reached_limbs() {
     let goal = [0.9, -0.4, 2.2, 1.6, -0.7];
     let person = arm().limbs(&ArmVector::from(goal));
     for by in [-0.6, 0.6] {
@@ -57,7 +57,7 @@ fn the_proposed_posture_decides_nothing_that_limbs_decide() {
 }
 
 #[test]
-fn a_person_who_is_slow_enough_is_followed_without_delay() {
+fn slow_person_is_followed_within_one_degree() {
     // At most 0.3 x 0.41 Hz x 2 pi = 0.8 rad/s and 2 rad/s^2. Allowed are 2 rad/s and 10 rad/s^2.
     let at =
         |t_s: f64| ArmVector::from_fn(|j, _| FREE[j] + 0.3 * (TAU * t_s * (0.24 + 0.042 * j as f64) + j as f64).sin());
@@ -88,7 +88,7 @@ fn rises(hangs: &[f64; LIMB_JOINTS], raised: &[f64; LIMB_JOINTS], weights: Weigh
 }
 
 #[test]
-fn an_arm_that_hangs_rises_on_the_other_side() {
+fn hanging_arm_on_wrong_side_reaches_raised_posture_with_pull() {
     // Joint 2 is at its limit, where joints 1 and 3 turn about one line. Those two are on the wrong side. So the
     // arm must turn about itself before it can rise.
     let ways = [
@@ -106,7 +106,7 @@ fn an_arm_that_hangs_rises_on_the_other_side() {
 }
 
 #[test]
-fn an_arm_reaches_a_raised_posture_from_wherever_it_hangs() {
+fn arm_reaches_raised_posture_from_any_hanging_posture() {
     let mut rng = Pcg64::seed_from_u64(77);
     let (mut off, mut impatient_off) = (0, 0);
     for _ in 0..80 {
@@ -152,7 +152,7 @@ fn noisy(stands: [f64; LIMB_JOINTS], noise_deg: f64) -> [f64; 2] {
 }
 
 #[test]
-fn at_the_gimbal_joints_do_not_spin_for_noise() {
+fn joints_near_gimbal_lock_move_less_than_input_noise() {
     const NOISE_DEG: f64 = 0.5;
     // The upper arm hangs, where joints 1 and 3 turn about one line. One elbow is straight in addition.
     for elbow in [0.0, 0.3, 1.2] {
@@ -166,7 +166,7 @@ fn at_the_gimbal_joints_do_not_spin_for_noise() {
 }
 
 #[test]
-fn aims_are_one_continuous_motion() {
+fn aims_stay_continuous_when_person_jumps() {
     // The person jumps with both arms at any tick. The aims' positions and velocities do not jump.
     let mut robot = Robot::at(&FREE, Weights::default());
     let postures = [[0.9, -0.4, 2.2, 1.6, -0.7], [-0.5, 0.9, 0.9, 0.4, 0.9], [1.3, 1.2, 3.0, 0.1, 1.9]];
@@ -187,7 +187,7 @@ fn aims_are_one_continuous_motion() {
 }
 
 #[test]
-fn a_wish_that_did_not_come_true_begins_anew_at_the_command() {
+fn aim_restarts_at_command_that_stands_still() {
     // Something is in the way: the command stands still, whatever the aim is.
     let mut robot = Robot::at(&FREE, Weights::default());
     let goal = [0.9, -0.4, 2.2, 1.6, -0.7];

@@ -57,7 +57,7 @@ fn remembered(robot: &Robot) -> Robot {
 }
 
 #[test]
-fn the_same_inputs_give_the_same_bits() {
+fn same_inputs_give_same_bits() {
     let (mut robot, person) = moving(31);
     let mut again = remembered(&robot);
     let (mut late, _) = moving(31);
@@ -70,7 +70,7 @@ fn the_same_inputs_give_the_same_bits() {
 }
 
 #[test]
-fn missed_ticks_continue_the_same_motion() {
+fn missed_ticks_continue_same_motion() {
     for seed in 0..30 {
         let mut rng = Pcg64::seed_from_u64(100 + seed);
         let (mut robot, person) = moving(seed);
@@ -91,7 +91,7 @@ fn missed_ticks_continue_the_same_motion() {
 }
 
 #[test]
-fn a_tick_that_is_repeated_or_runs_back_moves_nothing_on() {
+fn tick_that_repeats_or_runs_back_hardly_moves_aims() {
     let (mut robot, person) = moving(3);
     let first = robot.next_first();
     let there = robot.q;
@@ -106,7 +106,7 @@ fn a_tick_that_is_repeated_or_runs_back_moves_nothing_on() {
 }
 
 #[test]
-fn a_way_that_begins_earlier_or_later_is_read_where_it_lies() {
+fn target_path_with_shifted_start_gives_same_motion() {
     // A person who stands before node 20 of the run and elsewhere after it. A shifted start of the target changes
     // nothing.
     let mut rng = Pcg64::seed_from_u64(41);
@@ -160,7 +160,7 @@ fn hurt(rng: &mut Pcg64, way: &mut Way) {
 }
 
 #[test]
-fn a_way_that_is_none_moves_no_joint_beyond_its_bounds() {
+fn invalid_target_path_keeps_aims_within_bounds() {
     for seed in 0..40 {
         let mut rng = Pcg64::seed_from_u64(200 + seed);
         let (mut robot, person) = moving(seed);
@@ -189,7 +189,7 @@ fn a_way_that_is_none_moves_no_joint_beyond_its_bounds() {
 }
 
 #[test]
-fn an_arm_without_any_way_stays_where_it_is() {
+fn arm_without_valid_target_path_stays() {
     for nothing in [0.0, f32::NAN] {
         let mut robot = Robot::at(&FREE, Weights::default());
         for _ in 0..TICK_HZ {
@@ -202,7 +202,7 @@ fn an_arm_without_any_way_stays_where_it_is() {
 }
 
 #[test]
-fn arms_that_come_and_go_begin_at_the_command() {
+fn arm_that_becomes_valid_again_begins_at_command() {
     for seed in 0..40 {
         let mut rng = Pcg64::seed_from_u64(300 + seed);
         let (mut robot, person) = moving(seed);
@@ -227,7 +227,7 @@ fn arms_that_come_and_go_begin_at_the_command() {
 }
 
 #[test]
-fn speeds_follow_the_scale() {
+fn aim_speed_stays_within_speed_scale() {
     let (mut robot, _) = moving(6);
     let far = standing(&ArmVector::from([-1.1, -1.1, 3.8, 2.2, -2.0]));
     robot.speed_scale = 0.05;

@@ -62,7 +62,7 @@ fn assert_within(problem: &Problem, sweep: &Sweep, context: &str) {
 }
 
 #[test]
-fn accelerations_and_speeds_are_within_bounds_at_every_node() {
+fn every_node_keeps_acceleration_and_speed_bounds() {
     let mut rng = Pcg64::seed_from_u64(11);
     let mut at_bounds = 0;
     for case in 0..400 {
@@ -82,7 +82,7 @@ fn accelerations_and_speeds_are_within_bounds_at_every_node() {
 }
 
 #[test]
-fn no_iteration_raises_the_cost() {
+fn iteration_never_raises_cost() {
     let mut rng = Pcg64::seed_from_u64(12);
     let mut gained = 0;
     for case in 0..400 {
@@ -103,7 +103,7 @@ fn no_iteration_raises_the_cost() {
 }
 
 #[test]
-fn iterations_find_the_minimum() {
+fn solution_after_60_iterations_is_within_1_percent_of_minimum() {
     // No single change of an input within its bounds gains more than a hundredth.
     let mut rng = Pcg64::seed_from_u64(13);
     let (arm, weights) = (arm(), Weights::default());
@@ -132,7 +132,7 @@ fn iterations_find_the_minimum() {
 }
 
 #[test]
-fn ranges_are_kept_but_for_what_weights_let_through() {
+fn joint_with_target_beyond_range_ends_at_range_end() {
     // A person whom the robot can only reach beyond its range, at each end of every joint.
     let (arm, bounds) = (arm(), bounds());
     for j in 0..LIMB_JOINTS {

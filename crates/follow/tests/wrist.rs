@@ -47,7 +47,7 @@ fn person(q: [f64; LIMB_JOINTS]) -> [Limbs; 2] {
 }
 
 #[test]
-fn hanging_hands_turn_away_and_raised_hands_come_home() {
+fn wrist_turns_hanging_hand_away_and_returns_home_when_raised() {
     let model = model();
     let mut robot = Robot::at(&FREE, Weights::default());
     robot.propose(&HANGING);
@@ -75,7 +75,7 @@ fn hanging_hands_turn_away_and_raised_hands_come_home() {
 }
 
 #[test]
-fn wrists_that_a_target_leads_are_left_alone() {
+fn wrist_with_target_is_not_moved_by_avoidance() {
     let mut robot = Robot::at(&FREE, Weights::default());
     robot.valid_mask = ALL_JOINTS;
     let output = robot.step(|_| person(HANGING));

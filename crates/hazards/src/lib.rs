@@ -73,7 +73,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn ids_count_up_from_one_without_a_gap() {
+    fn hazard_ids_count_up_from_one_without_gap() {
         for (index, hazard) in all().enumerate() {
             assert_eq!(hazard.id, format!("f{:03}", index + 1), "{}", hazard.what);
         }
@@ -81,7 +81,7 @@ mod tests {
     }
 
     #[test]
-    fn every_row_says_something() {
+    fn hazard_rows_have_no_empty_text() {
         for hazard in all() {
             let texts = match hazard.answer {
                 Answer::Does { does, within } => vec![hazard.what, does, within],

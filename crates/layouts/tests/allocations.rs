@@ -8,7 +8,7 @@ use rt::{CountingAllocator, count_allocations};
 static ALLOCATOR: CountingAllocator = CountingAllocator;
 
 #[test]
-fn f076_no_conversion_and_no_filter_allocates() {
+fn f076_conversion_and_filter_allocate_nothing() {
     let layouts = Layouts::default();
     let mut converted = 0;
     for (number, joints) in [(1, 22), (2, 24), (3, 24), (4, 33), (5, 32), (6, 23), (7, 55), (8, 22)] {

@@ -30,7 +30,7 @@ fn with(file: &str, text: &str) -> Layouts {
 }
 
 #[test]
-fn all_48_axes_in_three_units_are_right_or_refused() {
+fn axes_in_every_unit_convert_right_or_are_refused() {
     let truth = judge(&as_smpl(&bent(), true)).expect("a person");
     let (mut right, mut refused) = (0, 0);
     for directions in all_axes() {
@@ -64,7 +64,7 @@ fn all_48_axes_in_three_units_are_right_or_refused() {
 }
 
 #[test]
-fn axes_that_lie_on_one_line_are_refused() {
+fn axes_on_one_line_are_refused() {
     let mut refused = 0;
     for x in Direction::ALL {
         for y in Direction::ALL {
@@ -84,7 +84,7 @@ fn axes_that_lie_on_one_line_are_refused() {
 
 /// The change of the file, and the words that the error must contain.
 #[test]
-fn f097_every_wrong_value_is_refused_by_file_key_value_and_bound() {
+fn f097_wrong_value_error_names_file_key_value_and_bound() {
     Map::parse("mine.toml", &good()).expect("good");
     for (from, to, named) in [
         ("format = 1", "format = 2", "format = 2 must be 1"),
@@ -128,7 +128,7 @@ fn f097_every_wrong_value_is_refused_by_file_key_value_and_bound() {
 }
 
 #[test]
-fn parents_that_run_in_a_circle_or_lead_nowhere_are_refused() {
+fn parents_in_circle_or_unknown_are_refused() {
     let text = include_str!("../../../config/skeletons/smpl_y_up.toml");
     let child = "is = \"left_elbow\", parent = \"left_shoulder\"";
     assert!(text.contains(child));
@@ -140,7 +140,7 @@ fn parents_that_run_in_a_circle_or_lead_nowhere_are_refused() {
 }
 
 #[test]
-fn a_number_belongs_to_one_layout() {
+fn second_layout_with_same_number_is_refused() {
     let mut layouts = with("mine.toml", &good());
     let said = layouts.add("yours.toml", Map::parse("yours.toml", &good()).expect("good")).expect_err("taken");
     assert_eq!(said.to_string(), "yours.toml: number = 1234 must be a number of its own: mine has it");
@@ -158,7 +158,7 @@ fn shipped(number: u32, joints: usize, places: &[(&'static str, usize)], directi
 const ARMS: [&str; 6] = ["left_shoulder", "right_shoulder", "left_elbow", "right_elbow", "left_wrist", "right_wrist"];
 
 #[test]
-fn the_shipped_file_for_zed_gives_the_limbs_that_smpl_22_gives() {
+fn zed_file_gives_same_limbs_as_smpl_22() {
     let layouts = with("zed_body_38.toml", include_str!("../../../config/skeletons/zed_body_38.toml"));
     let mut places: Vec<_> = ARMS.into_iter().zip(12..).collect();
     places.extend(
@@ -177,7 +177,7 @@ fn the_shipped_file_for_zed_gives_the_limbs_that_smpl_22_gives() {
 
 /// It has no hips, so the trunk ends at the pelvis. The limbs are those of a person whose hips are beside it.
 #[test]
-fn the_shipped_file_for_quest_needs_no_legs() {
+fn quest_file_without_legs_gives_same_limbs_as_smpl_22() {
     let layouts = with("openxr_fb_70.toml", include_str!("../../../config/skeletons/openxr_fb_70.toml"));
     let mut places: Vec<_> = ARMS.into_iter().zip([10, 15, 11, 16, 19, 45]).collect();
     places.extend([("pelvis", 1), ("spine1", 2), ("spine2", 3), ("spine3", 5), ("neck", 6), ("head", 7)]);

@@ -21,7 +21,7 @@ pub(crate) fn all_axes() -> Vec<[Direction; 3]> {
 /// A turn about the vertical changes nothing, because limbs are relative to the chest. In all other frames the
 /// person lies, stands on the head, or is a mirror image.
 #[test]
-fn f010_a_person_in_another_frame_is_refused_or_only_turned() {
+fn f010_person_in_other_axes_is_refused_unless_turned_about_up() {
     let layouts = Layouts::default();
     for client in &mut clients() {
         let truth = judge(&as_smpl(&bent(), client.rotations)).expect("a person");
@@ -50,7 +50,7 @@ fn f010_a_person_in_another_frame_is_refused_or_only_turned() {
 }
 
 #[test]
-fn f010_a_person_in_another_unit_is_refused() {
+fn f010_person_in_other_unit_is_refused() {
     for client in &mut clients() {
         let right = client.units_per_m;
         for factor in [1e-3, 1e-2, 1e-1, 10.0, 100.0, 1000.0] {

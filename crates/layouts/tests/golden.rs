@@ -144,7 +144,7 @@ fn check(client: &Client, person: &Person, rest: Turn) {
 }
 
 #[test]
-fn every_layout_gives_the_limbs_that_smpl_22_gives() {
+fn every_layout_gives_same_limbs_as_smpl_22() {
     for client in clients() {
         for person in [t_pose(), bent()] {
             check(&client, &person, Turn::identity());
@@ -153,7 +153,7 @@ fn every_layout_gives_the_limbs_that_smpl_22_gives() {
 }
 
 #[test]
-fn frames_of_joints_that_are_turned_in_the_t_pose_change_nothing() {
+fn joint_frames_turned_in_t_pose_give_same_limbs() {
     let rest = about([1.0, -2.0, 0.5], 2.0);
     for client in clients().iter().filter(|client| client.rotations) {
         check(client, &bent(), rest);
@@ -163,7 +163,7 @@ fn frames_of_joints_that_are_turned_in_the_t_pose_change_nothing() {
 /// Raw numbers, written by hand. Xsens has its right side first and w before x. Kinect has millimetres with y
 /// down.
 #[test]
-fn a_hand_written_wrist_lands_on_its_side() {
+fn hand_written_wrist_converts_to_its_side() {
     let layouts = Layouts::default();
     let clients = clients();
     let mut xsens = clients[5].send(&t_pose(), Turn::identity());
@@ -185,7 +185,7 @@ fn a_hand_written_wrist_lands_on_its_side() {
 }
 
 #[test]
-fn f010_a_mirrored_image_is_turned_back() {
+fn f010_mirrored_image_with_flag_is_turned_back() {
     let media_pipe = &clients()[3];
     // A camera's view in a mirror: x changes its sign, and each hand looks like the other.
     let mut person = bent();
@@ -207,7 +207,7 @@ fn f010_a_mirrored_image_is_turned_back() {
 }
 
 #[test]
-fn joints_that_nobody_sends_stand_where_the_documented_shares_say() {
+fn joints_missing_in_layout_are_placed_by_documented_shares() {
     let media_pipe = &clients()[3];
     let mut sent = media_pipe.send(&t_pose(), Turn::identity());
     sent.positions[7] = [0.07, -1.62, 0.0]; // left ear: left, down, back

@@ -136,7 +136,7 @@ fn y_up() -> (Layouts, Client) {
 }
 
 #[test]
-fn arms_turned_joint_by_joint_are_the_arms_that_smpl_22_sends() {
+fn local_rotations_give_same_arms_as_smpl_22() {
     let (layouts, y_up) = y_up();
     let ours = [Forward, Left, Up];
     let (smpl22, smpl24) = (SkeletonLayout::Smpl22 as u32, SkeletonLayout::Smpl24 as u32);
@@ -155,7 +155,7 @@ fn arms_turned_joint_by_joint_are_the_arms_that_smpl_22_sends() {
 }
 
 #[test]
-fn a_turned_shoulder_blade_takes_the_arm_with_it() {
+fn turned_shoulder_blade_moves_its_arm_alone() {
     let unity = unity();
     let mut raw = send(&unity, &t_pose(), Turn::identity());
     // LeftShoulder turns about the forward axis, so the arm rises. In Unity that is z, with the opposite sense.
@@ -170,7 +170,7 @@ fn a_turned_shoulder_blade_takes_the_arm_with_it() {
 }
 
 #[test]
-fn a_bone_that_is_not_seen_takes_what_hangs_on_it_with_it() {
+fn bone_with_low_confidence_lowers_confidence_of_its_children() {
     let unity = unity();
     let mut raw = send(&unity, &bent(), Turn::identity());
     raw.confidence[15] = 0.2; // LeftLowerArm

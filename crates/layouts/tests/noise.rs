@@ -29,7 +29,7 @@ impl Tremble {
 }
 
 #[test]
-fn f017_what_trembles_at_rest_trembles_less() {
+fn f017_filter_at_rest_reduces_noise() {
     let (mut state, mut tremble) = (NoiseState::default(), Tremble(1));
     let (mut before, mut after) = (0.0, 0.0);
     for i in 0..600 {
@@ -44,7 +44,7 @@ fn f017_what_trembles_at_rest_trembles_less() {
 }
 
 #[test]
-fn what_moves_is_as_late_as_the_formula_says() {
+fn filter_delay_of_moving_joint_matches_formula() {
     for speed in [0.25_f32, 1.0, 3.0] {
         let mut state = NoiseState::default();
         let mut behind = 0.0;
@@ -62,7 +62,7 @@ fn what_moves_is_as_late_as_the_formula_says() {
 }
 
 #[test]
-fn f013_a_tracker_that_stands_still_is_seen_to_stand_still_at_the_same_frame() {
+fn f013_frozen_tracker_is_dropped_at_same_frame_with_filter() {
     let (mut filtered, mut plain, mut noise) = (State::new(), State::new(), NoiseState::default());
     let mut drops = 0;
     for i in 0..40 {
@@ -82,7 +82,7 @@ fn f013_a_tracker_that_stands_still_is_seen_to_stand_still_at_the_same_frame() {
 }
 
 #[test]
-fn f007_a_joint_that_jumps_is_where_it_jumped_to() {
+fn f007_joint_that_jumps_passes_filter_at_its_new_position() {
     let mut state = NoiseState::default();
     for i in 0..60 {
         let mut raw = frame(i);
@@ -95,7 +95,7 @@ fn f007_a_joint_that_jumps_is_where_it_jumped_to() {
 }
 
 #[test]
-fn what_is_no_number_or_not_seen_passes_and_leaves_no_trace() {
+fn nan_or_unseen_joint_passes_filter_and_leaves_no_trace() {
     let (mut state, mut clean) = (NoiseState::default(), NoiseState::default());
     for i in 0..30 {
         let (mut raw, mut reference) = (frame(i), frame(i));
@@ -122,7 +122,7 @@ fn what_is_no_number_or_not_seen_passes_and_leaves_no_trace() {
 }
 
 #[test]
-fn another_session_another_person_and_a_pause_begin_anew() {
+fn filter_restarts_on_new_session_new_person_or_pause() {
     let changes: [&dyn Fn(&mut RawSkeleton); 3] = [&|raw| raw.session_nonce = 8, &|raw| raw.operator_id = 2, &|raw| {
         raw.header.origin = raw.header.origin.plus_ns(300_000_000)
     }];

@@ -62,7 +62,7 @@ fn near(a: [f32; 3], b: [f32; 3], by_m: f64) -> bool {
 const WILD: [f32; 3] = [0.0, 0.08, 0.0];
 
 #[test]
-fn f017_a_wrist_that_is_8_cm_off_for_one_frame_stays_on_its_way() {
+fn f017_wrist_outlier_of_one_frame_is_replaced() {
     // To the side and ahead, and to the side as far as is not yet a jump.
     let (aside, far) = ([-0.05_f32, 0.06, 0.0], [0.0, 0.125, 0.0]);
     for (speed_m_per_s, wild) in [(0.0_f32, aside), (0.5, aside), (2.5, aside), (1.9, far)] {
@@ -79,7 +79,7 @@ fn f017_a_wrist_that_is_8_cm_off_for_one_frame_stays_on_its_way() {
 }
 
 #[test]
-fn a_place_that_comes_twice_is_motion_and_one_frame_late() {
+fn position_that_repeats_after_outlier_passes_one_frame_late() {
     let mut camera = Camera::after(BARE, 30);
     assert!(near(camera.see(WILD), [0.0; 3], 1e-6), "held");
     for i in 1..20 {
@@ -89,7 +89,7 @@ fn a_place_that_comes_twice_is_motion_and_one_frame_late() {
 }
 
 #[test]
-fn no_joint_is_held_twice_in_a_row_whatever_comes() {
+fn joint_is_never_held_in_two_frames_in_a_row() {
     let mut camera = Camera::after(Noise { outliers_mad: 1e-3, ..BARE }, 30);
     let (mut held, mut random) = (false, 1_u32);
     for i in 0..2000 {
@@ -106,7 +106,7 @@ fn no_joint_is_held_twice_in_a_row_whatever_comes() {
 }
 
 #[test]
-fn what_trembles_has_to_go_further() {
+fn outlier_threshold_rises_for_noisy_joint() {
     // The wrist becomes noisy, the elbow does not.
     let mut camera = Camera::after(BARE, 30);
     let tremble = |i: usize| [[0.02, 0.0, 0.0], [0.0, 0.02, 0.0], [-0.02, 0.0, 0.02], [0.0, -0.02, -0.02]][i % 4];
@@ -118,7 +118,7 @@ fn what_trembles_has_to_go_further() {
 }
 
 #[test]
-fn after_two_wild_places_the_way_goes_on() {
+fn second_outlier_in_a_row_passes_and_motion_goes_on() {
     let mut camera = Camera::new(BARE);
     for i in 0..40 {
         let mut place = [0.5 * i as f32 * PERIOD_S, 0.0, 0.0];
@@ -130,7 +130,7 @@ fn after_two_wild_places_the_way_goes_on() {
 }
 
 #[test]
-fn stamps_that_come_bunched_make_no_outlier() {
+fn bunched_stamps_make_no_outlier() {
     let mut camera = Camera::new(ON);
     for i in 0..60_u32 {
         let after_ns = if i % 10 == 9 { 3_000_000 } else { PERIOD_NS };
@@ -140,7 +140,7 @@ fn stamps_that_come_bunched_make_no_outlier() {
 }
 
 #[test]
-fn f013_a_repetition_of_a_wild_frame_is_a_repetition() {
+fn f013_repeated_outlier_frame_gives_same_held_position() {
     let mut camera = Camera::after(ON, 30);
     let still = |raw: &mut RawSkeleton| raw.positions[15][2] = 1.6;
     let held = camera.see_changed(WILD, PERIOD_NS, &still);
@@ -151,7 +151,7 @@ fn f013_a_repetition_of_a_wild_frame_is_a_repetition() {
 }
 
 #[test]
-fn f007_a_jump_beyond_the_step_is_no_outlier() {
+fn f007_jump_beyond_step_is_no_outlier() {
     let mut camera = Camera::after(ON, 30);
     let far = [0.0, 0.2, 0.0];
     assert!(near(camera.see(far), far, 1e-6));
@@ -161,7 +161,7 @@ fn f007_a_jump_beyond_the_step_is_no_outlier() {
 }
 
 #[test]
-fn a_held_joint_that_comes_back_did_not_jump() {
+fn held_joint_that_returns_does_not_restart_filter() {
     // 12 cm to one side, and back while it moves on by 4 cm. That is more than the step from its last input
     // position.
     let (mut camera, mut calm) = (Camera::new(ON), Camera::new(ON));
@@ -178,7 +178,7 @@ fn a_held_joint_that_comes_back_did_not_jump() {
 }
 
 #[test]
-fn what_is_not_seen_or_no_number_passes_and_begins_anew() {
+fn unseen_or_nan_joint_passes_and_restarts_outlier_history() {
     let changes: [&dyn Fn(&mut RawSkeleton); 2] =
         [&|raw| raw.confidence[WRIST] = 0.2, &|raw| raw.positions[WRIST][0] = f32::NAN];
     for change in changes {
@@ -192,14 +192,14 @@ fn what_is_not_seen_or_no_number_passes_and_begins_anew() {
 }
 
 #[test]
-fn nothing_is_an_outlier_of_what_is_not_known_yet() {
+fn outlier_is_found_only_after_eleven_frames() {
     let first = (0..30).find(|&n| !near(Camera::after(BARE, n).see(WILD), WILD, 1e-6));
     // Four positions, and seven residuals.
     assert_eq!(first, Some(11));
 }
 
 #[test]
-fn another_session_another_person_a_pause_and_lost_frames_begin_anew() {
+fn outlier_history_restarts_on_new_session_person_or_pause() {
     type Change<'a> = (u64, f32, &'a dyn Fn(&mut RawSkeleton));
     let changes: [Change<'_>; 4] = [
         (PERIOD_NS, 0.08, &|raw| raw.session_nonce = 8),
@@ -222,14 +222,14 @@ fn another_session_another_person_a_pause_and_lost_frames_begin_anew() {
 }
 
 #[test]
-fn with_0_nothing_is_an_outlier() {
+fn zero_threshold_finds_no_outlier() {
     let mut camera = Camera::after(Noise { outliers_mad: 0.0, ..BARE }, 30);
     assert!(near(camera.see(WILD), WILD, 1e-6));
     assert_eq!(camera.state.rejected(), 0);
 }
 
 #[test]
-fn a_fast_arm_is_no_outlier() {
+fn fast_arm_is_no_outlier() {
     // A circle of 0.25 m twice a second, 3.1 m/s and 39 m/s^2, that starts and ends within 0.1 s. The stamps are
     // uneven.
     let mut camera = Camera::after(ON, 30);
@@ -256,7 +256,7 @@ fn errors(noise: &Noise, clean: &[Vec<[[f32; 3]; SMPL_JOINTS]>], noise_m: f32, p
 }
 
 #[test]
-fn salt_is_taken_out_and_noise_is_not_made_worse() {
+fn filter_reduces_outlier_error_and_keeps_noise_level() {
     let clean = motions(None, 30.0);
     for (noise_m, share) in [(0.0, 0.65), (0.005, 0.9), (0.01, 1.0)] {
         let (off, on) = (errors(&OFF, &clean, noise_m, 0.01), errors(&ON, &clean, noise_m, 0.01));
@@ -272,7 +272,7 @@ fn salt_is_taken_out_and_noise_is_not_made_worse() {
 }
 
 #[test]
-fn clean_recorded_motion_is_left_alone() {
+fn clean_recorded_motion_is_hardly_changed() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/motions/cmu");
     if !folder.is_dir() || cfg!(debug_assertions) {
         println!("skipped: no recorded clips in ../shared/motions/cmu, or not a release build");

@@ -8,7 +8,7 @@ use proptest::prelude::*;
 use skeleton::DropReason;
 
 #[test]
-fn an_unknown_number_a_wrong_count_and_wrong_flags_are_refused() {
+fn frame_with_wrong_layout_count_or_flags_is_refused() {
     let layouts = Layouts::default();
     for client in clients() {
         let good = client.send(&bent(), Turn::identity());
@@ -41,7 +41,7 @@ fn an_unknown_number_a_wrong_count_and_wrong_flags_are_refused() {
 }
 
 #[test]
-fn f001_a_number_that_is_none_is_refused_wherever_it_counts() {
+fn f001_nan_infinite_or_huge_value_is_refused_in_every_layout() {
     let layouts = Layouts::default();
     for client in clients() {
         let good = client.send(&bent(), Turn::identity());
@@ -75,7 +75,7 @@ fn f001_a_number_that_is_none_is_refused_wherever_it_counts() {
 }
 
 #[test]
-fn a_local_rotation_that_is_no_unit_cannot_be_made_good_by_the_next_one() {
+fn local_rotation_that_is_not_unit_is_refused() {
     let mut raw = messages::RawSkeleton { joint_count: 24, layout: SkeletonLayout::Smpl24 as u32, ..bare() };
     take(&Layouts::default(), &raw).expect("a T-pose");
     raw.rotations[18] = [0.0, 0.0, 0.0, 2.0];
@@ -98,7 +98,7 @@ fn bare() -> messages::RawSkeleton {
 proptest! {
     /// For any bits, a converted frame is one of SMPL-22, and header and person are the client's.
     #[test]
-    fn f001_any_bits_are_refused_or_a_frame_of_smpl_22(
+    fn f001_random_bits_are_refused_or_convert_to_smpl_22(
         layout in 0u32..9,
         flags in 0u32..16,
         bits in prop::collection::vec(any::<u32>(), 8 * RAW_JOINTS_MAX),

@@ -158,7 +158,7 @@ fn path(relative: &str) -> String {
 }
 
 #[test]
-fn what_other_languages_include_is_the_layout() {
+fn python_and_c_files_match_layout() {
     for (file, text) in [(PYTHON, python()), (C, c())] {
         let stored = std::fs::read_to_string(path(file)).unwrap_or_default();
         assert!(stored == text, "{file}: write it anew: cargo test -p messages --test clients -- --ignored");
@@ -168,7 +168,7 @@ fn what_other_languages_include_is_the_layout() {
 
 /// A C compiler and a C++ compiler check the header.
 #[test]
-fn compilers_agree_with_the_header() {
+fn c_and_cpp_compilers_accept_header() {
     let folder = std::path::Path::new(env!("CARGO_TARGET_TMPDIR"));
     for (compiler, file) in [("cc", "client.c"), ("c++", "client.cpp")] {
         let source = folder.join(file);
@@ -192,7 +192,7 @@ fn compilers_agree_with_the_header() {
 
 #[test]
 #[ignore = "writes the files: cargo test -p messages --test clients -- --ignored"]
-fn write_what_other_languages_include() {
+fn write_python_and_c_files() {
     std::fs::write(path(PYTHON), python()).unwrap();
     std::fs::write(path(C), c()).unwrap();
     assert_ne!(RawSkeleton::HASH, 0);

@@ -34,7 +34,7 @@ fn snapshot() -> String {
 }
 
 #[test]
-fn layouts_match_the_snapshot() {
+fn layouts_match_snapshot() {
     let stored = include_str!("layout.txt");
     let actual = snapshot();
     assert!(actual == stored, "layouts changed; if that is meant, raise the versions and store this:\n{actual}");
@@ -77,7 +77,7 @@ fn type_names_carry_version_and_hash() {
 }
 
 #[test]
-fn service_names_carry_the_version_of_their_message() {
+fn service_names_carry_version_of_their_message() {
     let versions = [
         RawSkeleton::VERSION,
         Skeleton::VERSION,
@@ -96,7 +96,7 @@ fn service_names_carry_the_version_of_their_message() {
 }
 
 #[test]
-fn the_tick_grid_has_no_drift() {
+fn tick_grid_has_no_drift() {
     // Three ticks are exactly two milliseconds, also a thousand days after the origin.
     for base in [0_u64, 1, 2, 1_499, 129_600_000_000] {
         assert_eq!(deadline(base + 3).0 - deadline(base).0, 2_000_000);

@@ -122,7 +122,7 @@ mod tests {
     }
 
     #[test]
-    fn chunks_are_measured_whatever_the_pieces_in_which_the_file_comes() {
+    fn oversized_chunk_is_refused_for_any_read_size() {
         let before = [vec![0x89; 8], record(op::HEADER, &[1; 100]), record(0x7f, &[])].concat();
         let at = before.len() as u64;
         let largest = [before.clone(), chunk(CHUNK_BYTES_MAX, 1000)].concat();
@@ -146,7 +146,7 @@ mod tests {
     }
 
     #[test]
-    fn more_than_the_headers_say_is_refused() {
+    fn data_beyond_header_size_is_refused() {
         let mut meter = Meter::default();
         let file = [vec![0x89; 8], chunk(50, 100)].concat();
         meter.see(&file).expect("a small chunk");

@@ -64,7 +64,7 @@ fn positions_are_read_in_every_layout() {
 }
 
 #[test]
-fn both_formats_give_the_same_limbs_as_the_motion_they_were_made_of() {
+fn positions_and_features_give_limbs_of_their_source_motion() {
     let folder = folder();
     let motion = positions_only(short());
     write_npy(&folder.path().join("joints.npy"), &[motion.frames.len(), 22, 3], &positions_y_up(&motion), Kind::F32);
@@ -84,7 +84,7 @@ fn both_formats_give_the_same_limbs_as_the_motion_they_were_made_of() {
 }
 
 #[test]
-fn limbs_without_rotations_have_bone_and_hinge_and_a_neutral_forearm() {
+fn limbs_from_positions_have_right_bone_hinge_and_no_twist() {
     // Compare the full motion with its positions alone.
     let made = short();
     let whole = limbs(&made, &calibrate(&made, CalibrationMode::Clip));
@@ -109,7 +109,7 @@ fn limbs_without_rotations_have_bone_and_hinge_and_a_neutral_forearm() {
 }
 
 #[test]
-fn a_straight_elbow_keeps_its_hinge_and_defines_every_limb() {
+fn straight_elbow_keeps_its_hinge_without_jump() {
     let mut motion = positions_only(short());
     for frame in &mut motion.frames {
         for (shoulder, elbow, wrist) in [(16, 18, 20), (17, 19, 21)] {
@@ -135,7 +135,7 @@ fn a_straight_elbow_keeps_its_hinge_and_defines_every_limb() {
 }
 
 #[test]
-fn normalised_features_need_their_statistics_and_find_them() {
+fn normalised_features_need_their_statistics_files() {
     let folder = folder();
     let motion = positions_only(short());
     let n = motion.frames.len();
@@ -181,7 +181,7 @@ fn normalised_features_need_their_statistics_and_find_them() {
 }
 
 #[test]
-fn statistics_are_not_motion() {
+fn statistics_files_are_refused_as_motion() {
     let folder = folder();
     for name in ["Mean.npy", "Std.npy"] {
         write_npy(&folder.path().join(name), &[263], &[1.0; 263], Kind::F32);
@@ -209,7 +209,7 @@ fn statistics_are_not_motion() {
 }
 
 #[test]
-fn mirrored_positions_are_refused_and_the_option_turns_them_back() {
+fn mirrored_motion_is_refused_without_mirror_option() {
     let folder = folder();
     let motion = positions_only(short());
     let mut values = positions_y_up(&motion);
@@ -249,7 +249,7 @@ fn mirrored_positions_are_refused_and_the_option_turns_them_back() {
 }
 
 #[test]
-fn amass_gives_back_the_rotations_it_was_made_of() {
+fn amass_file_gives_rotations_of_its_source_motion() {
     let folder = folder();
     let made = short();
     let hinges = calibrate(&made, CalibrationMode::Clip);
@@ -272,7 +272,7 @@ fn amass_gives_back_the_rotations_it_was_made_of() {
 }
 
 #[test]
-fn the_frame_rate_can_be_given() {
+fn frame_rate_option_is_used_within_its_bounds() {
     let folder = folder();
     let motion = short();
     let path = folder.path().join("clip.npy");
@@ -286,7 +286,7 @@ fn the_frame_rate_can_be_given() {
 }
 
 #[test]
-fn f104_damage_is_named_with_file_and_shape() {
+fn f104_damaged_array_error_names_file_and_cause() {
     let folder = folder();
     let good = npy_bytes("<f4", false, "(2, 22, 3)", &[0; 528]);
     let cases: Vec<(&str, Vec<u8>, &str)> = vec![
@@ -319,7 +319,7 @@ fn f104_damage_is_named_with_file_and_shape() {
 }
 
 #[test]
-fn f096_f104_damaged_archives_are_named() {
+fn f096_f104_damaged_archive_error_names_file_and_cause() {
     let folder = folder();
     let zeros = |shape: &str, bytes: usize| npy_bytes("<f8", false, shape, &vec![0; bytes]);
     let rate = npy_bytes("<f8", false, "()", &60f64.to_le_bytes());
@@ -358,7 +358,7 @@ fn f096_f104_damaged_archives_are_named() {
 }
 
 #[test]
-fn what_is_written_as_npy_is_read_back() {
+fn npy_header_survives_write_and_read() {
     let mut bytes = Vec::new();
     npy::write_npy_header(&mut bytes, "<f8", &[2, 3]).expect("written");
     assert_eq!(bytes.len() % 64, 0);
@@ -374,7 +374,7 @@ fn what_is_written_as_npy_is_read_back() {
 }
 
 #[test]
-fn the_sample_of_humanml3d_agrees_in_both_formats() {
+fn humanml3d_sample_gives_same_limbs_in_both_formats() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/motions/humanml3d");
     if !folder.is_dir() {
         println!("skipped: {} is missing", folder.display());

@@ -44,7 +44,7 @@ fn repeated(path: &Path, head: &[u8], part: &[u8], count: usize) {
 }
 
 #[test]
-fn f096_f104_no_motion_file_takes_more_than_512_mb() {
+fn f096_f104_motion_file_uses_at_most_512_mb() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = |name: &str| folder.path().join(name);
     let n = FRAMES_MAX;

@@ -35,7 +35,7 @@ fn fastest(motion: &Motion) -> f64 {
 }
 
 #[test]
-fn it_is_a_person_in_human_and_robot_tempo() {
+fn builtin_motion_is_accepted_and_within_speed_of_robot() {
     let motion = builtin();
     assert!((20.0..=25.0).contains(&motion.duration_s()), "{} s", motion.duration_s());
     // Played twice: the seam is as plausible as the rest.
@@ -46,7 +46,7 @@ fn it_is_a_person_in_human_and_robot_tempo() {
 }
 
 #[test]
-fn calibrated_limbs_are_the_rotations_it_was_made_of() {
+fn calibrated_limbs_match_rotations_of_builtin_motion() {
     let motion = builtin();
     let limbs = limbs(&motion, &calibrate(&motion, CalibrationMode::First10s));
     for (frame, limbs) in motion.frames.iter().zip(&limbs) {
@@ -64,7 +64,7 @@ fn calibrated_limbs_are_the_rotations_it_was_made_of() {
 }
 
 #[test]
-fn without_a_calibration_the_elbow_plane_gives_nearly_the_same_upper_arms() {
+fn upper_arms_without_calibration_are_5_degrees_off_at_most() {
     let motion = builtin();
     let with = limbs(&motion, &calibrate(&motion, CalibrationMode::Clip));
     let without = limbs(&motion, &HingeCalibration::ZERO);
@@ -77,7 +77,7 @@ fn without_a_calibration_the_elbow_plane_gives_nearly_the_same_upper_arms() {
 }
 
 #[test]
-fn a_loop_has_no_seam() {
+fn looped_motion_has_no_jump_at_seam() {
     let mut motion = builtin();
     // Cut in the middle of a movement, with a person who walks away. The ends differ in pose, place and heading.
     motion.frames = motion.frames[100..700].to_vec();
@@ -99,7 +99,7 @@ fn a_loop_has_no_seam() {
 }
 
 #[test]
-fn slow_sources_become_60_hz_without_losing_limb_lengths() {
+fn upsampled_motion_keeps_limb_lengths_at_60_hz() {
     let full = builtin();
     let mut slow = full.clone();
     slow.frames = full.frames.iter().step_by(3).copied().collect();

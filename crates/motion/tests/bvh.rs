@@ -52,7 +52,7 @@ fn renamed(text: &str, names: &str) -> String {
 }
 
 #[test]
-fn what_is_written_is_read_back() {
+fn bvh_survives_write_and_read() {
     let motion = short();
     let read = parse_bvh("short", write_bvh(&motion).as_bytes()).expect("our own file");
     assert_same(&motion, &read);
@@ -63,7 +63,7 @@ fn what_is_written_is_read_back() {
 }
 
 #[test]
-fn names_of_every_exporter_map_to_the_same_joints() {
+fn joint_names_of_every_exporter_map_to_same_joints() {
     let motion = short();
     let text = write_bvh(&motion);
     let mixamo = NAMES.split_whitespace().map(|n| format!("mixamorig:{n} ")).collect::<String>();
@@ -90,7 +90,7 @@ fn names_of_every_exporter_map_to_the_same_joints() {
 }
 
 #[test]
-fn where_names_do_not_decide_the_tree_does() {
+fn joints_without_known_names_are_found_by_tree() {
     // No clavicle and no toe has its name. "LeftShoulder" is the shoulder, "LeftFoot" the ankle, and their
     // neighbours replace the missing joints.
     let bare = "Hips LeftHip LeftKnee LeftFoot LeftTip RightHip RightKnee RightFoot RightTip Chest Chest2 Chest3 Neck \
@@ -102,7 +102,7 @@ fn where_names_do_not_decide_the_tree_does() {
 }
 
 #[test]
-fn a_root_that_moves_relative_to_its_offset_stands_on_the_floor_too() {
+fn root_relative_to_its_offset_stands_on_floor() {
     let motion = short();
     let text = write_bvh(&motion);
     let (hierarchy, frames) = text.split_once("Frame Time: ").expect("two parts");
@@ -121,7 +121,7 @@ fn a_root_that_moves_relative_to_its_offset_stands_on_the_floor_too() {
 }
 
 #[test]
-fn other_units_are_guessed_and_a_person_of_no_unit_is_scaled() {
+fn bvh_unit_is_guessed_and_unknown_unit_is_scaled() {
     let motion = short();
     for (factor, unit) in [(0.01, "m"), (10.0, "mm"), (1.0 / 2.54, "inch"), (1.0 / 5.6444, "CMU unit")] {
         let mut scaled = motion.clone();
@@ -156,7 +156,7 @@ fn under_a_root(text: &str, degrees: f64) -> String {
 }
 
 #[test]
-fn every_up_axis_is_found() {
+fn up_axis_is_found_in_every_direction() {
     let motion = short();
     for (degrees, up) in [(0.0, "+Y"), (90.0, "+Z"), (180.0, "-Y"), (-90.0, "-Z")] {
         let text = under_a_root(&write_bvh(&motion), degrees);
@@ -167,7 +167,7 @@ fn every_up_axis_is_found() {
 }
 
 #[test]
-fn channels_count_in_file_order() {
+fn channels_apply_in_file_order() {
     let motion = short();
     let text = write_bvh(&motion);
     let (hierarchy, frames) = text.split_once("Frame Time: ").expect("two parts");
@@ -194,7 +194,7 @@ fn channels_count_in_file_order() {
 }
 
 #[test]
-fn a_mirrored_body_and_swapped_names_are_refused() {
+fn mirrored_body_or_swapped_names_are_refused() {
     let mut mirrored = short();
     for frame in mirrored.frames.iter_mut().chain(mirrored.first.as_mut()) {
         frame.positions = frame.positions.map(|[x, y, z]| [x, -y, z]);
@@ -207,7 +207,7 @@ fn a_mirrored_body_and_swapped_names_are_refused() {
 }
 
 #[test]
-fn missing_joints_are_named() {
+fn missing_joints_are_named_in_error() {
     let text = write_bvh(&short()).replace("LeftForeArm", "Tentacle").replace("RightUpLeg", "Wheel");
     let error = parse_bvh("rig", text.as_bytes()).expect_err("joints are missing");
     let BvhError::MissingJoints { missing, found } = &error else { panic!("{error}") };
@@ -216,7 +216,7 @@ fn missing_joints_are_named() {
 }
 
 #[test]
-fn f104_damage_is_named_with_its_line() {
+fn f104_damaged_bvh_error_names_cause() {
     let good = write_bvh(&short());
     let frame_line = good.lines().count();
     let nested = format!("HIERARCHY\nROOT a\n{{\n{}", "JOINT b\n{\n".repeat(100_000));
@@ -260,7 +260,7 @@ fn f104_damage_is_named_with_its_line() {
 }
 
 #[test]
-fn a_frame_time_out_of_range_is_refused_with_its_bounds() {
+fn frame_time_out_of_range_is_refused_with_its_bounds() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("clip.bvh");
     let good = write_bvh(&short());
@@ -280,7 +280,7 @@ fn a_frame_time_out_of_range_is_refused_with_its_bounds() {
 }
 
 #[test]
-fn a_rig_without_size_gives_no_scale() {
+fn rig_without_size_is_refused() {
     let mut flat = short();
     for frame in flat.frames.iter_mut().chain(flat.first.as_mut()) {
         frame.positions = [[0.0; 3]; 22];
@@ -290,7 +290,7 @@ fn a_rig_without_size_gives_no_scale() {
 }
 
 #[test]
-fn f104_files_are_dispatched_by_extension_and_bounded_before_reading() {
+fn f104_files_are_loaded_by_extension_and_bounded_in_size() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("clip.BVH");
     save_bvh(&short(), &path).expect("saved");
@@ -308,7 +308,7 @@ fn f104_files_are_dispatched_by_extension_and_bounded_before_reading() {
 }
 
 #[test]
-fn global_rotations_are_those_of_the_bones() {
+fn global_rotations_match_bone_directions() {
     let motion = short();
     let read = parse_bvh("short", write_bvh(&motion).as_bytes()).expect("our own file");
     for frame in &read.frames {

@@ -21,7 +21,7 @@ fn read(path: &Path) -> Motion {
 }
 
 #[test]
-fn all_load_without_a_warning_and_stand_on_the_floor() {
+fn clips_load_without_warning_and_stand_on_floor() {
     let Some(paths) = clips() else { return };
     assert_eq!(paths.len(), 61);
     for path in paths {
@@ -35,7 +35,7 @@ fn all_load_without_a_warning_and_stand_on_the_floor() {
 }
 
 #[test]
-fn the_stage_accepts_all_but_the_one_glitch() {
+fn skeleton_stage_accepts_clips_except_one_known_jump() {
     let Some(paths) = clips() else { return };
     for path in paths {
         let motion = read(&path);
@@ -55,7 +55,7 @@ fn the_stage_accepts_all_but_the_one_glitch() {
 }
 
 #[test]
-fn hinges_of_ten_seconds_agree_with_those_of_the_clip() {
+fn hinges_of_first_10_s_match_hinges_of_clip() {
     let Some(paths) = clips() else { return };
     for path in paths {
         let motion = read(&path);
@@ -70,7 +70,7 @@ fn hinges_of_ten_seconds_agree_with_those_of_the_clip() {
 }
 
 #[test]
-fn an_elbow_only_flexes() {
+fn elbow_with_calibration_only_flexes() {
     // With the right hinge and sign, the forearm relative to the upper arm is a flexion about -z of the upper
     // arm's frame. A twist about the bone follows. The forearm's bone lies in the upper arm's x-y plane, on the
     // positive side of x.
@@ -96,7 +96,7 @@ fn an_elbow_only_flexes() {
 }
 
 #[test]
-fn without_a_calibration_hinges_are_learnt_within_ten_seconds_of_motion() {
+fn hinges_without_calibration_are_learnt_within_10_s() {
     let Some(paths) = clips() else { return };
     let (mut learnt_s, mut off_deg) = (Vec::new(), Vec::new());
     for path in paths {

@@ -215,7 +215,7 @@ fn expected(smpl: usize) -> Vector3<f64> {
 }
 
 #[test]
-fn every_rig_maps_without_configuration() {
+fn rigs_map_to_joints_without_configuration() {
     let mut failures = Vec::new();
     for rig in &RIGS {
         for channels in [Channels::Rotations, Channels::Translations, Channels::ZeroTranslations] {
@@ -242,7 +242,7 @@ fn every_rig_maps_without_configuration() {
 }
 
 #[test]
-fn a_rig_without_an_elbow_says_so() {
+fn rig_without_elbow_is_refused_by_joint_name() {
     let text = bvh(&joints(&RIGS[2]), Channels::Rotations).replace("LeftForeArm", "LeftTentacle");
     let error = parse_bvh("rig", text.as_bytes()).expect_err("no elbow");
     assert!(matches!(&error, BvhError::MissingJoints { missing, .. } if missing == &["left_elbow"]), "{error}");

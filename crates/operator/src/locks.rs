@@ -71,7 +71,7 @@ mod tests {
     const BERT: u32 = 1002;
 
     #[test]
-    fn each_user_takes_away_their_own_lock_alone() {
+    fn user_reset_removes_only_own_lock() {
         let mut locks = Locks::default();
         assert!(locks.are_gone() && locks.first_by() == 0);
         [ANNA, BERT, ANNA].into_iter().for_each(|uid| locks.add(uid));
@@ -84,7 +84,7 @@ mod tests {
     }
 
     #[test]
-    fn root_takes_all_locks_away() {
+    fn root_reset_removes_all_locks() {
         let mut locks = Locks::default();
         [ANNA, BERT].into_iter().for_each(|uid| locks.add(uid));
         locks.remove(ROOT);
@@ -92,7 +92,7 @@ mod tests {
     }
 
     #[test]
-    fn of_more_users_than_locks_root_alone_resets() {
+    fn only_root_resets_when_users_exceed_lock_slots() {
         let mut locks = Locks::default();
         let users = || 1000..=1000 + LOCKS_MAX as u32;
         users().for_each(|uid| locks.add(uid));

@@ -13,7 +13,7 @@ fn allocated() -> u64 {
 }
 
 #[test]
-fn connecting_talking_and_leaving_allocate_nothing() {
+fn server_allocates_nothing_for_client_lifecycle() {
     rt::watch_allocations();
     let folder = tempfile::TempDir::new().unwrap();
     let path = folder.path().join("control.sock");

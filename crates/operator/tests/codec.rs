@@ -21,7 +21,7 @@ impl Bits {
 }
 
 #[test]
-fn random_requests_survive_the_round_trip() {
+fn random_requests_survive_round_trip() {
     let mut bits = Bits(1);
     for _ in 0..10_000 {
         let request = OperatorRequest {
@@ -42,7 +42,7 @@ fn random_requests_survive_the_round_trip() {
 }
 
 #[test]
-fn random_bytes_survive_the_round_trip_through_a_status() {
+fn random_bytes_survive_round_trip_through_status() {
     let mut bits = Bits(2);
     let mut bytes = [0; STATUS_BYTES];
     for _ in 0..10_000 {
@@ -54,7 +54,7 @@ fn random_bytes_survive_the_round_trip_through_a_status() {
 }
 
 #[test]
-fn every_field_lies_where_the_layout_has_it() {
+fn encoded_fields_lie_at_layout_offsets() {
     let at = |fields: &[messages::Field], name: &str| fields.iter().find(|f| f.name == name).unwrap().offset;
     let read = |bytes: &[u8], offset: usize| u32::from_le_bytes(bytes[offset..offset + 4].try_into().unwrap());
 
@@ -94,7 +94,7 @@ fn every_field_lies_where_the_layout_has_it() {
 }
 
 #[test]
-fn other_lengths_versions_and_levels_are_no_requests() {
+fn request_with_wrong_length_version_or_level_is_refused() {
     let good = OperatorRequest { version: OPERATOR_VERSION, ..OperatorRequest::ZERO };
     let bytes = encode_request(&good);
     assert_eq!(decode_request(&bytes), Some(good));

@@ -104,7 +104,7 @@ struct ConnectionFlood {
 impl ConnectionFlood {
     fn at(path: &Path) -> Self {
         let mut command = Command::new(std::env::current_exe().unwrap());
-        command.args(["--exact", "a_crowd_in_a_process_of_its_own", "--nocapture", "--test-threads=1"]);
+        command.args(["--exact", "child_process_that_floods_connections", "--nocapture", "--test-threads=1"]);
         command.env(CROWD_AT, path).stdin(Stdio::piped()).stdout(Stdio::piped());
         let mut process = command.spawn().unwrap();
         let (orders, answers) = (process.stdin.take().unwrap(), process.stdout.take().unwrap());
@@ -127,7 +127,7 @@ impl Drop for ConnectionFlood {
 }
 
 #[test]
-fn a_crowd_in_a_process_of_its_own() {
+fn child_process_that_floods_connections() {
     let Some(path) = std::env::var_os(CROWD_AT) else { return };
     let mut all: Vec<Raw> = Vec::new();
     for line in std::io::stdin().lines() {
@@ -140,7 +140,7 @@ fn a_crowd_in_a_process_of_its_own() {
 }
 
 #[test]
-fn a_process_with_all_places_gives_one_to_each_other() {
+fn process_with_all_connections_yields_one_to_each_other() {
     let mut house = House::new();
     let mut crowd = ConnectionFlood::at(&house.path);
     crowd.come(CLIENTS_MAX);
@@ -172,7 +172,7 @@ fn a_process_with_all_places_gives_one_to_each_other() {
 }
 
 #[test]
-fn the_first_edge_holds_and_others_are_refused() {
+fn first_enable_edge_holds_and_second_client_is_refused() {
     let mut house = House::new();
     let (mut first, mut second) = (house.raw(), house.raw());
     first.press();
@@ -194,7 +194,7 @@ fn the_first_edge_holds_and_others_are_refused() {
 }
 
 #[test]
-fn the_recovery_is_held_in_place_of_the_enable() {
+fn client_holds_either_recovery_or_enable() {
     let mut house = House::new();
     let (mut first, mut second) = (house.raw(), house.raw());
     first.say(|r| (r.enable_level, r.enable_count) = (HOLDS_RECOVERY, 1));
@@ -220,7 +220,7 @@ fn the_recovery_is_held_in_place_of_the_enable() {
 }
 
 #[test]
-fn everybody_may_stop_reset_and_release() {
+fn any_client_may_stop_reset_and_release() {
     let mut house = House::new();
     let (mut holder, mut other) = (house.raw(), house.raw());
     holder.press();
@@ -235,7 +235,7 @@ fn everybody_may_stop_reset_and_release() {
 }
 
 #[test]
-fn a_release_beats_an_enable_of_the_same_round_in_any_order() {
+fn release_wins_over_enable_of_same_round_in_any_order() {
     for releaser_first in [true, false] {
         let mut house = House::new();
         let (mut a, mut b) = (house.raw(), house.raw());
@@ -250,7 +250,7 @@ fn a_release_beats_an_enable_of_the_same_round_in_any_order() {
 }
 
 #[test]
-fn a_press_that_was_let_go_before_its_heartbeat_grants_nothing() {
+fn enable_released_before_its_heartbeat_grants_nothing() {
     let mut house = House::new();
     let mut client = house.raw();
     client.say(|r| (r.enable_count, r.release_count) = (1, 1));
@@ -263,7 +263,7 @@ fn a_press_that_was_let_go_before_its_heartbeat_grants_nothing() {
 }
 
 #[test]
-fn a_holder_that_goes_away_or_falls_silent_loses_the_enable() {
+fn holder_that_disconnects_or_falls_silent_loses_enable() {
     let mut house = House::new();
     let mut client = house.raw();
     client.press();
@@ -288,7 +288,7 @@ fn a_holder_that_goes_away_or_falls_silent_loses_the_enable() {
 }
 
 #[test]
-fn the_last_words_of_a_client_that_left_replies_unread_count() {
+fn last_request_of_client_that_left_replies_unread_counts() {
     let mut house = House::new();
     let mut client = house.raw();
     client.say(|_| {});
@@ -300,7 +300,7 @@ fn the_last_words_of_a_client_that_left_replies_unread_count() {
 }
 
 #[test]
-fn nonsense_is_refused_counted_and_disconnected() {
+fn invalid_request_is_refused_counted_and_disconnected() {
     let house = &mut House::new();
     let good = OperatorRequest { version: OPERATOR_VERSION, sequence: 1, ..OperatorRequest::ZERO };
     let bytes = operator::encode_request(&good);
@@ -320,7 +320,7 @@ fn nonsense_is_refused_counted_and_disconnected() {
 }
 
 #[test]
-fn a_full_house_gives_the_place_of_the_most_silent_and_never_that_of_the_holder() {
+fn full_server_drops_idlest_client_and_never_holder() {
     let mut house = House::new();
     let mut clients: Vec<Raw> = (0..CLIENTS_MAX).map(|_| house.raw()).collect();
     clients.iter_mut().for_each(|client| client.say(|_| {}));
@@ -355,7 +355,7 @@ fn a_full_house_gives_the_place_of_the_most_silent_and_never_that_of_the_holder(
 /// A stop counts from a client that loses its place in the same round. An enable that it pressed there passes to
 /// nobody.
 #[test]
-fn the_last_word_of_who_is_displaced_counts_and_his_place_holds_nothing() {
+fn displaced_client_loses_enable_but_its_stop_counts() {
     let (mut house, mut clients) = House::with_forgotten(CLIENTS_MAX - 1, 2);
     // One place is free, so no client is served before the server accepts.
     clients[0].say(|r| r.estop_count += 1);
@@ -367,7 +367,7 @@ fn the_last_word_of_who_is_displaced_counts_and_his_place_holds_nothing() {
 }
 
 #[test]
-fn the_forgotten_go_first_and_as_many_as_there_are() {
+fn idle_clients_are_dropped_for_as_many_new_clients() {
     let (mut house, _clients) = House::with_forgotten(CLIENTS_MAX, 3);
     let mut crowd: Vec<Raw> = (0..3).map(|_| house.raw()).collect();
     crowd.iter_mut().for_each(|client| client.say(|r| r.estop_count += 1));
@@ -376,7 +376,7 @@ fn the_forgotten_go_first_and_as_many_as_there_are() {
 }
 
 #[test]
-fn a_client_gets_the_status_for_each_heartbeat() {
+fn client_gets_status_for_each_heartbeat() {
     let mut house = House::new();
     let mut client = Client::connect(&house.path).unwrap();
     let asking = std::thread::spawn(move || {
@@ -396,7 +396,7 @@ fn a_client_gets_the_status_for_each_heartbeat() {
 }
 
 #[test]
-fn a_late_reply_answers_no_later_request() {
+fn late_reply_is_dropped_by_next_request() {
     let mut house = House::new();
     let mut client = Client::connect_within(&house.path, 20).unwrap();
     assert!(matches!(client.heartbeat(), Err(OperatorError::Timeout { timeout_ms: 20, .. })));
@@ -408,7 +408,7 @@ fn a_late_reply_answers_no_later_request() {
 }
 
 #[test]
-fn a_socket_of_mode_0660_that_goes_with_its_server() {
+fn socket_has_mode_0660_and_is_removed_with_its_server() {
     let house = House::new();
     let metadata = std::fs::metadata(&house.path).unwrap();
     assert!(metadata.file_type().is_socket());
@@ -422,7 +422,7 @@ fn a_socket_of_mode_0660_that_goes_with_its_server() {
 }
 
 #[test]
-fn only_a_socket_without_anybody_behind_it_is_replaced() {
+fn socket_file_is_replaced_only_if_no_process_listens() {
     let folder = TempDir::new().unwrap();
     let path = folder.path().join("control.sock");
     let server = Server::bind(&path).unwrap();
@@ -451,7 +451,7 @@ fn only_a_socket_without_anybody_behind_it_is_replaced() {
 }
 
 #[test]
-fn a_missing_folder_and_a_long_path_are_named() {
+fn bind_error_names_missing_folder_or_long_path() {
     let folder = TempDir::new().unwrap();
     let error = Server::bind(folder.path().join("absent/control.sock")).err().unwrap();
     assert!(
@@ -464,7 +464,7 @@ fn a_missing_folder_and_a_long_path_are_named() {
 }
 
 #[test]
-fn a_forbidden_socket_is_named() {
+fn connect_error_names_forbidden_socket() {
     if rustix::process::geteuid().is_root() {
         println!("skipped: nothing is forbidden to root");
         return;
@@ -477,7 +477,7 @@ fn a_forbidden_socket_is_named() {
 }
 
 #[test]
-fn payload_of_each_hand_is_the_newest_word_of_any_client() {
+fn payload_of_each_hand_is_newest_report_of_any_client() {
     let mut house = House::new();
     let mut clients = [house.raw(), house.raw()];
     let say = |client: &mut Raw, flags: u32, kg: f64| {

@@ -140,7 +140,7 @@ mod tests {
     }
 
     #[test]
-    fn the_first_live_client_keeps_authority() {
+    fn first_client_keeps_lease_while_it_publishes() {
         let mut authority = Authority::default();
         assert!(authority.admits(at(0), &frame(7), TIMEOUT_NS));
         assert!(!authority.admits(at(1), &frame(8), TIMEOUT_NS));
@@ -150,7 +150,7 @@ mod tests {
     }
 
     #[test]
-    fn a_pause_of_ingest_is_no_silence_of_the_holder() {
+    fn lease_does_not_time_out_during_pause_of_ingest() {
         let mut authority = Authority::default();
         authority.look(at(0));
         assert!(authority.admits(at(0), &frame(7), TIMEOUT_NS));
@@ -165,7 +165,7 @@ mod tests {
     }
 
     #[test]
-    fn a_pause_before_a_frame_is_taken_is_not_counted_twice() {
+    fn ingest_pause_before_frame_does_not_extend_lease() {
         let mut authority = Authority::default();
         authority.look(at(0));
         assert!(authority.admits(at(10_000), &frame(7), TIMEOUT_NS), "ingest paused after its look");
@@ -176,7 +176,7 @@ mod tests {
     }
 
     #[test]
-    fn a_refused_client_never_takes_over_by_itself() {
+    fn refused_client_gets_lease_only_with_new_session() {
         let mut authority = Authority::default();
         assert!(authority.admits(at(0), &frame(7), TIMEOUT_NS));
         assert!(!authority.admits(at(1), &frame(8), TIMEOUT_NS));
@@ -186,7 +186,7 @@ mod tests {
     }
 
     #[test]
-    fn a_session_without_nonce_gets_nothing() {
+    fn session_without_nonce_gets_no_lease() {
         assert!(!Authority::default().admits(at(0), &frame(0), TIMEOUT_NS));
     }
 
@@ -195,7 +195,7 @@ mod tests {
     }
 
     #[test]
-    fn f068_one_session_number_from_two_ports_or_two_doors_is_two_clients() {
+    fn f068_same_session_number_on_other_port_or_door_is_refused() {
         let mut authority = Authority::default();
         assert!(authority.admits_claim(at(0), claim(Door::Socket, 1, 7), TIMEOUT_NS));
         for other in [claim(Door::SharedMemory, 1, 7), claim(Door::Socket, 2, 7), claim(Door::Socket, 1, 8)] {
@@ -206,7 +206,7 @@ mod tests {
     }
 
     #[test]
-    fn f069_the_lease_ends_by_silence_alone_and_a_holder_that_returns_finds_it() {
+    fn f069_lease_passes_to_new_session_only_after_timeout() {
         let mut authority = Authority::default();
         assert!(authority.admits(at(0), &frame(7), TIMEOUT_NS));
         assert!(authority.is_held(at(1000), TIMEOUT_NS));
@@ -219,7 +219,7 @@ mod tests {
     }
 
     #[test]
-    fn f068_there_is_one_holder_at_every_moment_whoever_publishes() {
+    fn f068_lease_has_one_holder_until_timeout_with_random_clients() {
         let mut authority = Authority::default();
         let mut last: Option<(ClientIdentity, Stamp)> = None;
         // A linear congruential generator (Knuth, MMIX) draws the publisher and the time.

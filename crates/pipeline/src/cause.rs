@@ -80,7 +80,7 @@ mod tests {
     }
 
     #[test]
-    fn gravest_fault_comes_first_and_history_is_left_out() {
+    fn cause_gives_gravest_fault_first_without_history() {
         let stopped = [(Mode::Engaged, Mode::Faulted, Fault::EmergencyStop as u32)];
         let mut status = status(Mode::Faulted, &stopped);
         status.faults = Faults::NONE.with(Fault::InputStale).0;
@@ -91,7 +91,7 @@ mod tests {
     }
 
     #[test]
-    fn fault_that_is_over_is_still_the_cause() {
+    fn cause_names_ended_fault_until_reset() {
         let mut made = vec![
             (Mode::Engaged, Mode::Holding, Fault::CollisionNear as u32),
             (Mode::Holding, Mode::Disengaged, Fault::HoldTimeout as u32),
@@ -106,7 +106,7 @@ mod tests {
     }
 
     #[test]
-    fn released_robot_waits_without_a_reproach() {
+    fn cause_after_release_names_no_fault() {
         let made = [
             (Mode::Engaged, Mode::Holding, Transition::RELEASED),
             (Mode::Holding, Mode::Disengaged, Transition::AT_REST),
@@ -115,7 +115,7 @@ mod tests {
         assert_eq!(cause(&status(Mode::Engaged, &made), &Names::default()), "The robot follows.");
     }
     #[test]
-    fn robot_that_is_behind_says_how_far_and_why() {
+    fn cause_of_robot_behind_gives_angle_and_limit() {
         let mut status = status(Mode::Engaged, &[]);
         status.limb_error_measured_rad = 24.0_f64.to_radians();
         status.limited_why = FollowingLimit::Speed as u32;

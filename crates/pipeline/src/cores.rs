@@ -79,7 +79,7 @@ mod tests {
     }
 
     #[test]
-    fn cores_are_read_and_written_as_they_are() {
+    fn cores_setting_survives_read_and_write() {
         for cores in ["\"auto\"", "\"free\"", "[2, 3]"] {
             let settings = with(cores).expect(cores);
             let table = toml::Table::try_from(&settings).expect("a table");
@@ -88,7 +88,7 @@ mod tests {
     }
 
     #[test]
-    fn what_names_no_core_is_refused_with_its_key_and_bound() {
+    fn invalid_cores_setting_is_refused_with_key_and_bound() {
         let refused = |cores: &str| with(cores).expect_err(cores);
         assert!(refused("[]").contains("realtime.cores (how many) = 0 is outside [1, 1024]"), "{}", refused("[]"));
         assert!(refused("[1, 5000]").contains("realtime.cores (each) = 5000 is outside [0, 1023]"));

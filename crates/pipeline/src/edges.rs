@@ -71,7 +71,7 @@ mod tests {
     use messages::PayloadOrder;
 
     #[test]
-    fn an_edge_is_taken_once_and_never_lost() {
+    fn operator_edge_is_taken_exactly_once() {
         let mut edges = OperatorEdges::default();
         let mut view = operator::OperatorView { connections: 1, ..Default::default() };
         edges.note(&view);
@@ -92,7 +92,7 @@ mod tests {
     }
 
     #[test]
-    fn a_lost_holder_is_silence_and_a_release_is_not() {
+    fn lost_holder_counts_as_disconnected_and_release_does_not() {
         let mut edges = OperatorEdges::default();
         let mut view =
             operator::OperatorView { connections: 2, enable_level: true, enable_edges: 1, ..Default::default() };

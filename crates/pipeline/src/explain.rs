@@ -348,7 +348,7 @@ mod tests {
     }
 
     #[test]
-    fn every_transition_fault_and_denial_is_told_once() {
+    fn each_transition_fault_and_denial_is_reported_once() {
         let names = Names::default();
         let mut status = Status::ZERO;
         let first = sentences(None, &status, &names);
@@ -383,7 +383,7 @@ mod tests {
     }
 
     #[test]
-    fn the_cause_of_a_stop_is_said_as_long_as_it_lasts_and_only_what_is_there_is_measured() {
+    fn cause_of_stop_is_reported_until_reset() {
         let names = Names::default();
         let mut status = Status::ZERO;
         assert_eq!(why_stopped(&status, &names), None, "nothing has happened");
@@ -447,7 +447,7 @@ mod tests {
     }
 
     #[test]
-    fn a_refusal_names_the_joint_or_the_pair() {
+    fn fault_meaning_names_joint_or_pair() {
         let both = Faults::NONE.with(Fault::StartOutsideLimits).with(Fault::StartInCollision);
         let status = Status {
             faults: both.0,

@@ -124,7 +124,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_bounds_that_are_said_are_those_that_hold() {
+    fn drop_reason_texts_give_bounds_in_force() {
         let bounds = skeleton::Config::default();
         let [low, high] = bounds.trunk_m;
         let [arm_low, arm_high] = bounds.arm_per_trunk;

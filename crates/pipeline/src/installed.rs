@@ -71,7 +71,7 @@ mod tests {
     }
 
     #[test]
-    fn programs_in_a_bin_folder_read_what_lies_beside_it() {
+    fn program_in_bin_folder_uses_share_folder_beside_it() {
         assert_eq!(share_of(Path::new("/usr/bin/teleopd")), Some("/usr/share/teleopd".into()));
         assert_eq!(
             share_of(Path::new("/home/anna/teleopd/bin/teleop-say")),
@@ -85,7 +85,7 @@ mod tests {
     }
 
     #[test]
-    fn program_of_a_source_tree_uses_the_present_folder() {
+    fn program_of_source_tree_uses_current_folder() {
         assert_eq!(default_config(), Path::new("config/teleop.toml"));
         assert_eq!(default_run_dir(), Path::new("/tmp/teleopd"));
         assert_eq!(default_motions(), Path::new("tools/keyposes/motions"));

@@ -147,7 +147,7 @@ mod tests {
     use std::os::unix::fs::{chown, symlink};
 
     #[test]
-    fn f110_a_folder_or_link_of_another_user_is_refused() {
+    fn f110_folder_or_link_of_another_user_is_refused() {
         let folder = tempfile::tempdir().unwrap();
         let place = folder.path().join("run");
         let instance = Instance::new(&place).unwrap();
@@ -171,7 +171,7 @@ mod tests {
     }
 
     #[test]
-    fn f110_a_link_in_place_of_a_file_is_replaced_and_not_followed() {
+    fn f110_link_in_place_of_file_is_replaced_and_not_followed() {
         let folder = tempfile::tempdir().unwrap();
         let (precious, file) = (folder.path().join("precious"), folder.path().join("names.json"));
         std::fs::write(&precious, "mine").unwrap();
@@ -188,7 +188,7 @@ mod tests {
     }
 
     #[test]
-    fn f110_a_folder_in_which_another_group_may_write_is_refused() {
+    fn f110_folder_writable_by_another_group_is_refused() {
         let folder = tempfile::tempdir().unwrap();
         let mode = |mode| std::fs::set_permissions(folder.path(), std::fs::Permissions::from_mode(mode)).unwrap();
         mode(0o770);

@@ -81,7 +81,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn names_are_found_again_and_indices_stand_in_for_them() {
+    fn names_file_is_read_back_and_indices_replace_a_missing_one() {
         let folder = tempfile::tempdir().unwrap();
         let nobody = Names::read(folder.path());
         assert_eq!((nobody.joint(3), nobody.pair([1, 9])), ("joint 3".into(), "part 1 and part 9".into()));

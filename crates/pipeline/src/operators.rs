@@ -244,7 +244,7 @@ mod tests {
     }
 
     #[test]
-    fn an_operator_is_read_as_written_and_found_by_person_and_layout() {
+    fn operator_is_read_as_written_and_found_by_person_and_layout() {
         let folder = tempfile::tempdir().unwrap();
         let place = folder.path().join("operators");
         assert_eq!(Operators::read(&place).unwrap(), Operators::default(), "no folder, nobody");
@@ -295,7 +295,7 @@ mod tests {
     }
 
     #[test]
-    fn what_no_person_has_is_refused_by_file_key_value_and_bound() {
+    fn invalid_operator_file_is_refused_with_key_value_and_bound() {
         let good = anna().to_toml();
         parse("a.toml", &good).unwrap();
         for (from, to, said) in [

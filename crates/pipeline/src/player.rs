@@ -160,7 +160,7 @@ mod tests {
     }
 
     #[test]
-    fn slow_motion_comes_at_thirty_hertz_and_passes_through_every_frame() {
+    fn slow_playback_keeps_30_hz_and_every_recorded_frame() {
         let recorded = motion::builtin().frames;
         for (speed, steps) in [(0.1, 5), (0.3, 2), (0.5, 1), (1.0, 1)] {
             let all = played(speed);
@@ -177,7 +177,7 @@ mod tests {
     }
 
     #[test]
-    fn frames_between_two_lie_between_them() {
+    fn interpolated_frames_lie_between_recorded_frames() {
         let all = played(0.1);
         let wrist = |i: usize| all[i].2.positions[20];
         let distance = |a: [f32; 3], b: [f32; 3]| (0..3).map(|axis| (a[axis] - b[axis]).powi(2)).sum::<f32>().sqrt();

@@ -63,7 +63,7 @@ fn first_second(bench: &mut Bench, context: &str, mut next: impl FnMut() -> [f64
 }
 
 #[test]
-fn f065_from_any_clear_posture_engaging_begins_without_a_jump() {
+fn f065_engaging_begins_without_jump_from_any_clear_posture() {
     let loaded = loaded();
     let mut rng = Pcg64Mcg::seed_from_u64(1);
     let mut travelled = 0.0;
@@ -94,7 +94,7 @@ fn f065_from_any_clear_posture_engaging_begins_without_a_jump() {
 }
 
 #[test]
-fn a_short_gap_resumes_at_once_within_the_limits_and_a_long_one_as_slowly_as_it_began() {
+fn robot_resumes_fast_after_short_gap_and_slowly_after_long_gap() {
     let loaded = loaded();
     let mut rng = Pcg64Mcg::seed_from_u64(2);
     for n in 0..6 {
@@ -157,7 +157,7 @@ fn a_short_gap_resumes_at_once_within_the_limits_and_a_long_one_as_slowly_as_it_
 }
 
 #[test]
-fn a_torso_that_is_far_from_its_target_is_said_while_engaging() {
+fn status_reports_raising_torso_while_engaging() {
     let loaded = loaded();
     let mut start = loaded.model.home;
     start[messages::TORSO] -= 0.05;

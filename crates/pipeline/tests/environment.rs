@@ -103,7 +103,7 @@ fn attack(model: &Model, ticks: u64, seed: u64, certified: bool) -> Outcome {
 }
 
 #[test]
-fn f045_f049_the_arms_keep_clear_of_a_table_while_the_torso_moves() {
+fn f045_f049_arms_keep_clear_of_table_while_torso_moves() {
     let outcome = attack(&at_a_table(), TICKS, 11, true);
     println!("{} denials, {} ticks within a millimetre of the bound", outcome.denials, outcome.at_the_table);
     assert_eq!((outcome.violations, outcome.denials), (0, 0));
@@ -111,7 +111,7 @@ fn f045_f049_the_arms_keep_clear_of_a_table_while_the_torso_moves() {
 }
 
 #[test]
-fn without_the_certificate_they_hit_it() {
+fn arms_without_certificate_hit_table() {
     let mut model = at_a_table();
     // Then only the table can be hit.
     model.pairs.clear();
@@ -119,7 +119,7 @@ fn without_the_certificate_they_hit_it() {
 }
 
 #[test]
-fn the_gate_denies_what_leads_into_the_table() {
+fn gate_denies_command_that_leads_into_table() {
     let mut model = at_a_table();
     model.pairs.clear();
     let mut blind = model.clone();
@@ -161,7 +161,7 @@ fn the_gate_denies_what_leads_into_the_table() {
 }
 
 #[test]
-fn the_shipped_settings_have_a_floor_and_every_obstacle_is_part_of_the_hash() {
+fn obstacles_of_shipped_settings_change_hash() {
     let overrides = Overrides::default();
     let loaded = pipeline::load(&shipped("teleop.toml"), overrides).expect("the shipped settings");
     assert_eq!(loaded.model.obstacles.iter().map(|o| &*o.name).collect::<Vec<_>>(), ["floor"]);

@@ -49,7 +49,7 @@ fn changed(table: &str, key: &str, value: Option<toml::Value>) -> toml::Table {
 }
 
 #[test]
-fn f097_every_missing_and_every_unknown_key_is_refused_by_name() {
+fn f097_missing_or_unknown_key_is_refused_by_name() {
     assert_eq!(refusal(&shipped()), "accepted");
     assert!(keys().len() > 40, "{:?}", keys());
     for (table, key) in keys() {
@@ -69,7 +69,7 @@ fn f097_every_missing_and_every_unknown_key_is_refused_by_name() {
 }
 
 #[test]
-fn f097_f098_no_number_may_be_nan_infinite_negative_or_beyond_its_ceiling() {
+fn f097_f098_nan_infinite_negative_or_huge_number_is_refused() {
     let mut numbers = 0;
     for (table, key) in keys() {
         let shipped = &shipped()[&table][&key];
@@ -89,7 +89,7 @@ fn f097_f098_no_number_may_be_nan_infinite_negative_or_beyond_its_ceiling() {
 }
 
 #[test]
-fn f097_limits_in_the_wrong_order_are_refused_and_not_swapped() {
+fn f097_limits_in_wrong_order_are_refused() {
     for (key, value) in [("state_late_ms", 30.0), ("tracking_error_rad", 0.2), ("tracking_error_m", 0.04)] {
         let said = refusal(&changed("safety", key, Some(value.into())));
         assert!(said.contains(key) && said.contains("must be below"), "{key}: {said}");
@@ -97,7 +97,7 @@ fn f097_limits_in_the_wrong_order_are_refused_and_not_swapped() {
 }
 
 #[test]
-fn a_robot_that_plays_its_stop_late_is_refused() {
+fn robot_with_late_watchdog_is_refused_if_it_plays_its_stop() {
     let late = changed("sim", "watchdog_ms", Some(20.1.into()));
     let said = refusal(&late);
     assert!(said.contains("sim.watchdog_ms") && said.contains("20"), "{said}");
@@ -107,7 +107,7 @@ fn a_robot_that_plays_its_stop_late_is_refused() {
 }
 
 #[test]
-fn f095_weights_are_copied_once_and_what_becomes_of_the_file_changes_nothing() {
+fn f095_loaded_weights_stay_unchanged_when_file_changes() {
     let folder = tempfile::tempdir().expect("a folder");
     let base = folder.path().join("weights");
     for extension in ["safetensors", "toml"] {
@@ -131,7 +131,7 @@ fn f095_weights_are_copied_once_and_what_becomes_of_the_file_changes_nothing() {
 }
 
 #[test]
-fn a_prediction_that_is_missing_or_broken_is_refused_by_name() {
+fn missing_or_broken_prediction_is_refused_by_name() {
     let folder = tempfile::tempdir().expect("a folder");
     let (path, base) = (folder.path().join("teleop.toml"), folder.path().join("mine"));
     let loaded = |name: &str| {

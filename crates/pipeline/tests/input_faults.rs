@@ -128,7 +128,7 @@ impl Bench {
 }
 
 #[test]
-fn f021_silence_stops_within_100_ms_and_two_ticks() {
+fn f021_input_silence_holds_within_100_ms_and_two_ticks() {
     for n in 0..3 {
         let mut bench = ENGAGED.clone();
         bench.run(97 * n, &mut |_| true);
@@ -149,7 +149,7 @@ fn f021_silence_stops_within_100_ms_and_two_ticks() {
 /// 120 ms are known ahead. During a loss of 80 ms the followed person continues, on the straight way to where they
 /// appear next. That costs speed (late input), and nothing else.
 #[test]
-fn f022_a_loss_of_80_ms_is_bridged_by_what_was_seen_ahead() {
+fn f022_frame_loss_of_80_ms_is_bridged_while_engaged() {
     let mut benches = [ENGAGED.clone(), ENGAGED.clone()];
     let (mut apart_deg, mut before) = (0.0_f64, None);
     for n in 0..4 * TICK_HZ {
@@ -254,7 +254,7 @@ fn stretch(f: &mut RawSkeleton, factor: f32) -> bool {
 }
 
 #[test]
-fn f001_f002_f003_f004_f006_f007_f009_f010_f012_f013_f016_f017_f018_a_lie_of_400_ms_needs_a_new_enable() {
+fn f001_f002_f003_f004_f006_f007_f009_f010_f012_f013_f016_f017_f018_bad_input_of_400_ms_needs_new_enable() {
     for (name, mut lie) in lies() {
         let mut bench = ENGAGED.clone();
         // A stuck tracker counts as stuck after 100 ms. Of two jumps there and back the first is accepted, and the
@@ -280,7 +280,7 @@ fn f001_f002_f003_f004_f006_f007_f009_f010_f012_f013_f016_f017_f018_a_lie_of_400
 }
 
 #[test]
-fn f007_a_wrist_that_is_wild_for_two_frames_stops_nobody_and_moves_nothing_far() {
+fn f007_wrist_outlier_of_two_frames_hardly_moves_target() {
     let (mut calm, mut wild) = (ENGAGED.clone(), ENGAGED.clone());
     let mut frames = 0;
     let mut most = 0.0_f64;
@@ -309,7 +309,7 @@ fn f007_a_wrist_that_is_wild_for_two_frames_stops_nobody_and_moves_nothing_far()
 }
 
 #[test]
-fn f011_f015_an_arm_that_is_not_seen_stops_both_within_100_ms() {
+fn f011_f015_unseen_arm_stops_both_arms_within_100_ms() {
     type Loss = fn(&mut RawSkeleton) -> bool;
     let losses: [Loss; 3] =
         [|f| set(&mut f.confidence[20], 0.49), |f| set(&mut f.confidence[19], 0.0), |f| set(&mut f.confidence[1], 0.0)];
@@ -325,7 +325,7 @@ fn f011_f015_an_arm_that_is_not_seen_stops_both_within_100_ms() {
 }
 
 #[test]
-fn f017_a_burst_of_noise_that_passes_breaks_no_limit() {
+fn f017_noise_of_1_mm_breaks_no_limit() {
     let mut rng = Pcg64Mcg::seed_from_u64(17);
     let mut bench = ENGAGED.clone();
     // 1 mm to each side: the limbs keep their lengths to within 2 %, so most frames pass.
@@ -338,7 +338,7 @@ fn f017_a_burst_of_noise_that_passes_breaks_no_limit() {
 }
 
 #[test]
-fn f024_at_5_hz_no_press_of_the_enable_engages_and_at_20_hz_one_does() {
+fn f024_enable_engages_at_20_hz_input_and_not_below() {
     for (every_ms, engages) in [(200, false), (100, false), (70, false), (50, true), (33, true)] {
         let mut bench = Bench::new(6);
         let mut newest = None;
@@ -364,7 +364,7 @@ fn f024_at_5_hz_no_press_of_the_enable_engages_and_at_20_hz_one_does() {
 }
 
 #[test]
-fn f025_ten_frames_every_200_ms_are_silence() {
+fn f025_bursts_every_200_ms_keep_robot_holding() {
     let mut bench = ENGAGED.clone();
     let mut kept: Vec<RawSkeleton> = Vec::new();
     for n in 0..2 * TICK_HZ {
@@ -382,7 +382,7 @@ fn f025_ten_frames_every_200_ms_are_silence() {
 }
 
 #[test]
-fn f029_a_client_whose_clock_gains_is_followed_by_stamps_of_this_machine() {
+fn f029_client_with_fast_clock_is_followed_by_local_stamps() {
     let mut bench = ENGAGED.clone();
     let start = bench.world.now();
     for _ in 0..5 * TICK_HZ {

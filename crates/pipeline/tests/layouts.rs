@@ -32,7 +32,7 @@ fn shipped(name: &str) -> String {
 }
 
 #[test]
-fn every_shipped_layout_is_read_and_part_of_the_hash() {
+fn shipped_layouts_are_read_and_change_hash() {
     let folder = tempfile::tempdir().expect("a folder");
     let none = with(&[], folder.path()).expect("none");
     assert!(none.layouts.find(1038).is_none());
@@ -53,7 +53,7 @@ fn every_shipped_layout_is_read_and_part_of_the_hash() {
 }
 
 #[test]
-fn f097_a_layout_that_is_missing_wrong_twice_or_too_many_is_refused_by_name() {
+fn f097_missing_wrong_or_duplicate_layout_is_refused_by_name() {
     let folder = tempfile::tempdir().expect("a folder");
     let zed = shipped("zed_body_38.toml");
     let refused = |layouts: &[&str]| with(layouts, folder.path()).expect_err("refused");
@@ -70,7 +70,7 @@ fn f097_a_layout_that_is_missing_wrong_twice_or_too_many_is_refused_by_name() {
 }
 
 #[test]
-fn f018_frames_of_no_layout_are_counted_by_their_reason() {
+fn f018_frames_of_wrong_layout_are_dropped_and_counted() {
     let loaded = support::loaded();
     let config = InputConfig::new(&loaded.settings.ingest, loaded.layouts.clone(), loaded.operators.clone());
     let mut state = InputState::default();
@@ -107,7 +107,7 @@ fn f018_frames_of_no_layout_are_counted_by_their_reason() {
 }
 
 #[test]
-fn f017_single_outliers_are_held_and_counted_where_the_settings_say_so() {
+fn f017_outliers_are_counted_only_where_settings_enable_filter() {
     let motion = motion::builtin();
     let calibration = motion::calibrate(&motion, motion::CalibrationMode::First10s);
     let play = |filter: Filter, outliers_mad: f64| {

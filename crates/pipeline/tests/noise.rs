@@ -81,7 +81,7 @@ fn commands(config: &WorldConfig, arm: &ArmModel, q: &[f64; 5], noise_deg: f64) 
 /// Hanging arms, where joints 1 and 3 turn about one line. Before the arms followed the limbs, half a degree of
 /// noise moved the joints of the target by 1.9 degrees RMS, 6.9 at most.
 #[test]
-fn half_a_degree_of_noise_at_a_hanging_arm_stays_small() {
+fn noise_at_hanging_arm_moves_joints_by_two_degrees_at_most() {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/teleop.toml");
     let loaded = pipeline::load(&path, Overrides::default()).expect("the settings of the repository");
     let (config, arm) = (WorldConfig::new(&loaded).expect("a world"), ArmModel::of(&loaded.model));

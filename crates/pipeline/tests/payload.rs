@@ -37,7 +37,7 @@ fn say(bench: &mut Bench, hand: usize, order: PayloadOrder) -> Option<PayloadRef
 }
 
 #[test]
-fn payload_is_taken_at_rest_and_shown() {
+fn payload_is_accepted_at_rest_and_shown() {
     let loaded = loaded();
     let mut bench = Bench::new(&loaded, loaded.model.home, 1);
     bench.settle();
@@ -108,7 +108,7 @@ fn payload_is_refused_unless_disengaged_and_at_rest() {
 }
 
 #[test]
-fn payload_that_a_joint_cannot_hold_counts_and_nothing_starts() {
+fn payload_too_heavy_for_joint_blocks_start() {
     let loaded = loaded();
     let mut bench = Bench::new(&loaded, stretched(&loaded.model), 1);
     bench.settle();
@@ -137,7 +137,7 @@ fn payload_that_a_joint_cannot_hold_counts_and_nothing_starts() {
 /// The robot file gives the hand a payload that is too heavy for the posture. The robot does not start until the
 /// operator sets the hand empty.
 #[test]
-fn start_with_too_much_in_the_hand_is_refused_until_it_is_put_down() {
+fn start_with_overloaded_hand_is_refused_until_hand_is_empty() {
     let mut loaded = loaded();
     loaded.model.payload[0] = loaded.model.payload[0].map(|hand| Payload { mass_kg: 1.0, ..hand });
     let mut bench = Bench::new(&loaded, stretched(&loaded.model), 1);

@@ -141,7 +141,7 @@ fn recover(loaded: &pipeline::Loaded, start: [f64; JOINTS], reason: Fault, conte
 }
 
 #[test]
-fn f043_a_joint_found_outside_by_less_than_the_measurement_may_stray_is_recovered_too() {
+fn f043_joint_outside_by_measurement_noise_is_recovered() {
     let loaded = loaded();
     for (joint, by) in [(4, 0.004), (12, 0.001)] {
         let limits = &loaded.model.limits[joint];
@@ -153,7 +153,7 @@ fn f043_a_joint_found_outside_by_less_than_the_measurement_may_stray_is_recovere
 }
 
 #[test]
-fn f043_joints_outside_their_limits_are_brought_inside() {
+fn f043_joints_outside_limits_are_recovered() {
     let loaded = loaded();
     let mut rng = Pcg64Mcg::seed_from_u64(1);
     for n in 0..6 {
@@ -163,7 +163,7 @@ fn f043_joints_outside_their_limits_are_brought_inside() {
 }
 
 #[test]
-fn f044_postures_too_close_to_themselves_are_opened() {
+fn f044_postures_in_self_collision_are_recovered() {
     let loaded = loaded();
     let mut rng = Pcg64Mcg::seed_from_u64(2);
     let mut back = 0;
@@ -177,7 +177,7 @@ fn f044_postures_too_close_to_themselves_are_opened() {
 }
 
 #[test]
-fn the_status_names_the_joint_and_the_pair() {
+fn status_names_joint_outside_and_nearest_pair() {
     let loaded = loaded();
     let mut start = loaded.model.home;
     start[5] = loaded.model.limits[5].q_max + 0.015;
@@ -199,7 +199,7 @@ fn the_status_names_the_joint_and_the_pair() {
 }
 
 #[test]
-fn letting_go_on_the_way_stops_at_once_and_for_good() {
+fn recovery_stops_at_once_on_release_and_does_not_resume() {
     let loaded = loaded();
     let mut rng = Pcg64Mcg::seed_from_u64(4);
     for n in 0..8 {

@@ -54,7 +54,7 @@ fn clean(frame_rate_hz: f64) -> u64 {
 }
 
 #[test]
-fn f020_f034_f035_clean_motions_at_30_60_and_120_hz_are_never_slowed() {
+fn f020_f034_f035_clean_motion_at_30_to_120_hz_is_never_slowed() {
     for frame_rate_hz in [30.0, 60.0, 120.0] {
         assert!(clean(frame_rate_hz) > 8 * TICK_HZ);
     }
@@ -84,7 +84,7 @@ fn posture(bench: &Bench, rng: &mut Pcg64Mcg) -> [f64; JOINTS] {
 }
 
 #[test]
-fn f022_f034_f048_targets_that_jump_are_followed_within_the_limits_and_never_overshot() {
+fn f022_f034_f048_jumping_target_is_reached_without_overshoot() {
     let mut rng = Pcg64Mcg::seed_from_u64(22);
     let mut slowed = 0;
     for seed in 0..8 {
@@ -129,7 +129,7 @@ fn f022_f034_f048_targets_that_jump_are_followed_within_the_limits_and_never_ove
 }
 
 #[test]
-fn f034_a_target_that_jumps_every_tick_holds_within_a_second() {
+fn f034_target_that_jumps_every_tick_holds_after_a_second() {
     let mut rng = Pcg64Mcg::seed_from_u64(34);
     let mut bench = engaged(1);
     let held = (1..2 * TICK_HZ).find(|_| {
@@ -142,7 +142,7 @@ fn f034_a_target_that_jumps_every_tick_holds_within_a_second() {
 }
 
 #[test]
-fn f033_targets_that_are_no_numbers_hold_within_three_ticks() {
+fn f033_nan_infinite_or_huge_target_holds_after_three_ticks() {
     for value in [f64::NAN, f64::INFINITY, 1e9] {
         let mut bench = engaged(1);
         let mut bad = bench.model().home;

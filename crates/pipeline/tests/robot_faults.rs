@@ -79,7 +79,7 @@ fn stops(mut bench: Bench, within: u64, fault: Fault) -> Bench {
 }
 
 #[test]
-fn f052_f053_f054_measurements_that_cannot_be_stop_the_robot() {
+fn f052_f053_f054_implausible_measurement_stops_robot() {
     let cases = [
         (Injection::FrozenFeedback, 90),
         (Injection::FrozenEncoder { joint: ELBOW }, 90),
@@ -95,7 +95,7 @@ fn f052_f053_f054_measurements_that_cannot_be_stop_the_robot() {
 }
 
 #[test]
-fn f053_a_single_wrong_sample_is_passed_over() {
+fn f053_single_encoder_spike_is_tolerated() {
     let mut bench = moving();
     for k in 0..50 {
         bench.robot.inject(Injection::EncoderSpike { joint: ELBOW, by: 1.0 });
@@ -107,7 +107,7 @@ fn f053_a_single_wrong_sample_is_passed_over() {
 }
 
 #[test]
-fn f055_a_joint_that_does_not_follow_stops_all() {
+fn f055_joint_that_does_not_follow_stops_robot() {
     for injection in [Injection::NotFollowed { joint: ELBOW }, Injection::SignSwapped { joint: ELBOW }] {
         let mut bench = moving();
         bench.robot.inject(injection);
@@ -117,7 +117,7 @@ fn f055_a_joint_that_does_not_follow_stops_all() {
 }
 
 #[test]
-fn f056_inverted_and_swapped_feedback_stop_within_a_fiftieth_of_a_radian() {
+fn f056_inverted_or_swapped_feedback_stops_within_0_02_rad() {
     for injection in [
         Injection::FeedbackInverted { joint: ELBOW },
         Injection::FeedbackSwapped { joint: ELBOW, with: OTHER },
@@ -169,7 +169,7 @@ fn recovers(mut bench: Bench) {
 }
 
 #[test]
-fn f057_a_robot_that_takes_no_commands_stops_and_gets_no_old_ones() {
+fn f057_robot_that_rejects_setpoints_stops_and_can_recover() {
     let mut bench = moving();
     bench.robot.inject(Injection::SetpointsRejected);
     let mut bench = stops(bench, 4, Fault::DriverFault);
@@ -178,7 +178,7 @@ fn f057_a_robot_that_takes_no_commands_stops_and_gets_no_old_ones() {
 }
 
 #[test]
-fn f060_the_robots_own_emergency_stop_stops_and_is_never_undone() {
+fn f060_emergency_stop_of_robot_blocks_reset_while_pressed() {
     let mut bench = moving();
     bench.robot.inject(Injection::EmergencyStopPressed);
     let mut bench = stops(bench, 3, Fault::EmergencyStop);
@@ -194,7 +194,7 @@ fn f060_the_robots_own_emergency_stop_stops_and_is_never_undone() {
 }
 
 #[test]
-fn f063_a_fault_of_one_drive_stops_both_arms_in_the_same_tick() {
+fn f063_drive_fault_of_one_joint_stops_all_joints_at_once() {
     let mut bench = moving();
     bench.robot.inject(Injection::DriveFault { joint: ELBOW });
     // The state of this tick shows it, and from the next tick the driver plays the plan of all joints.
@@ -217,7 +217,7 @@ fn f063_a_fault_of_one_drive_stops_both_arms_in_the_same_tick() {
 }
 
 #[test]
-fn f064_power_that_returns_with_a_command_present_moves_nothing() {
+fn f064_returning_power_moves_no_joint_despite_commands() {
     // Upward the torso would reach its stop, beyond the limit in force.
     for (sag, seconds) in [(0.0, 1.0), (0.3, 0.01), (-0.3, 0.2), (-0.2, 1.0)] {
         let mut bench = moving();
@@ -247,7 +247,7 @@ fn f064_power_that_returns_with_a_command_present_moves_nothing() {
 
 /// When power returns, the robot is at the last plausible posture, not at the encoders' wrong one.
 #[test]
-fn f064_encoders_that_lie_without_power_move_nothing_when_it_returns() {
+fn f064_wrong_encoders_without_power_move_no_joint_afterwards() {
     for wrong in [
         Injection::FeedbackSwapped { joint: ELBOW, with: ELBOW + 1 },
         Injection::EncoderJump { joint: ELBOW, by: 0.5 },
@@ -277,7 +277,7 @@ fn f064_encoders_that_lie_without_power_move_nothing_when_it_returns() {
 }
 
 #[test]
-fn f050_a_stop_goes_on_from_the_last_command_and_nowhere_else() {
+fn f050_stop_continues_plan_of_last_command() {
     // An encoder with a small offset, which would show a stop towards the measurement.
     for (off, stop) in [(0.0, 0), (0.004, 0), (0.004, 1), (0.0, 2)] {
         let mut bench = engaged();
@@ -353,7 +353,7 @@ fn modes_of_a_pause(pause: u64, ticks: u64) -> Vec<Mode> {
 
 /// F051: the robot's state is late, and arrives again before it is stale and before the driver latches.
 #[test]
-fn f051_a_short_pause_of_the_driver_holds_and_goes_on() {
+fn f051_short_driver_pause_holds_and_resumes() {
     // 8 ms and 9.3 ms: StateLate is 5 ms, the driver's own silence 10 ms, StateStale 20 ms.
     for pause in [12, 13, 14] {
         let modes = modes_of_a_pause(pause, 6 * TICK_HZ);
@@ -363,7 +363,7 @@ fn f051_a_short_pause_of_the_driver_holds_and_goes_on() {
 
 /// F051: the robot's state is stale. Nothing engages again, even if the enable is held.
 #[test]
-fn f051_a_long_pause_of_the_driver_is_latched() {
+fn f051_long_driver_pause_latches_fault() {
     // More than 30 ms, and a second.
     for pause in [46, 60, TICK_HZ] {
         let modes = modes_of_a_pause(pause, 6 * TICK_HZ);
@@ -373,7 +373,7 @@ fn f051_a_long_pause_of_the_driver_is_latched() {
 }
 
 #[test]
-fn f055_a_tracking_error_of_one_joint_stays_within_the_clearance() {
+fn f055_tracking_error_of_one_joint_stays_within_clearance() {
     let loaded = loaded();
     let (model, safety) = (&loaded.model, &loaded.settings.safety);
     // The largest distance of a capsule from the axis of one joint of an arm, over postures on a grid of joints 2

@@ -35,7 +35,7 @@ fn assert_clean(report: &OfflineReport) {
 }
 
 #[test]
-fn trajectory_controllers_follow_the_builtin_motion_without_a_fault() {
+fn trajectory_controllers_follow_builtin_motion_without_fault() {
     let config = shipped("teleop.toml");
     let [direct, points] = [None, Some(RobotInterface::Jtc100)].map(|interface| load(&config, interface));
     assert_ne!(direct.hash, points.hash, "processes started for different interfaces cannot engage");
@@ -44,7 +44,7 @@ fn trajectory_controllers_follow_the_builtin_motion_without_a_fault() {
 
 /// The person's hands are faster than the bound. The robot's hands stay below it, and follow as fast as they may.
 #[test]
-fn hands_at_reduced_speed_follow_without_a_violation() {
+fn hands_at_reduced_speed_follow_without_violation() {
     let mut loaded = load(&shipped("teleop.toml"), None);
     loaded.settings.safety.hand_speed_reduced = true;
     assert_eq!(loaded.settings.safety.hand_speed_m_per_s(), 0.25);
@@ -55,7 +55,7 @@ fn hands_at_reduced_speed_follow_without_a_violation() {
 }
 
 #[test]
-fn the_robot_with_grippers_follows_the_builtin_motion() {
+fn robot_with_grippers_follows_builtin_motion() {
     let text = std::fs::read_to_string(shipped("teleop.toml")).expect("is there");
     let absolute = |name: &str| shipped(name).display().to_string();
     let text = text.replace("robots/tiago_dual.toml", &absolute("robots/tiago_dual_pal_gripper.toml"));

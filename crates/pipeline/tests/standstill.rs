@@ -41,7 +41,7 @@ fn swinging(amplitude: f64, hz: f64, n: u64) -> impl Fn(&mut RobotState) {
 }
 
 #[test]
-fn f055_an_arm_that_swings_under_a_sound_command_is_stopped() {
+fn f055_arm_swinging_about_steady_command_is_stopped() {
     for hz in [0.5, 1.0, 2.0, 4.0, 6.0, 8.0, 12.0, 16.0, 20.0] {
         for amplitude in [0.145, 0.08] {
             let mut bench = engaged();
@@ -60,7 +60,7 @@ fn f055_an_arm_that_swings_under_a_sound_command_is_stopped() {
 }
 
 #[test]
-fn f055_an_arm_that_swings_is_neither_enabled_nor_reset() {
+fn f055_swinging_arm_is_neither_enabled_nor_reset() {
     // 0.67 rad/s: below every speed that stops in one swing.
     for hz in [1.0, 2.0, 4.0] {
         let amplitude = 0.67 / (TAU * hz);
@@ -92,7 +92,7 @@ fn f055_an_arm_that_swings_is_neither_enabled_nor_reset() {
 }
 
 #[test]
-fn f055_an_arm_that_leaves_its_place_while_nothing_moves_it_faults() {
+fn f055_arm_pushed_at_standstill_faults() {
     for by in [0.03, -0.03] {
         let mut bench = disengaged();
         // Pushed within 0.3 s: slower than every speed that stops, and not as far as a tracking error.
@@ -108,7 +108,7 @@ fn f055_an_arm_that_leaves_its_place_while_nothing_moves_it_faults() {
 }
 
 #[test]
-fn f064_an_arm_that_sinks_without_power_is_named_and_not_reset() {
+fn f064_arm_sinking_without_power_faults_and_is_not_reset() {
     for sag in [0.01, 0.05, 0.2] {
         let mut bench = disengaged();
         bench.robot.inject(Injection::PowerLost { sag });
@@ -150,7 +150,7 @@ fn f064_an_arm_that_sinks_without_power_is_named_and_not_reset() {
 
 /// Stops from full speed in every phase of a motion. The end of a stop never counts as a lost standstill.
 #[test]
-fn a_stop_is_no_standstill_lost_and_ends_at_rest() {
+fn stop_ends_at_rest_without_standstill_fault() {
     for stopped_at in (0..3).map(|n| TICK_HZ * (4 + n) / 4) {
         let mut bench = engaged();
         for k in 0..stopped_at {

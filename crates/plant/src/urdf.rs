@@ -282,7 +282,7 @@ mod tests {
     }
 
     #[test]
-    fn malformed_texts_are_refused_with_file_and_key() {
+    fn malformed_urdf_is_refused_with_file_and_key() {
         let rows = [
             ("<link/>", "<link> name"),
             ("<link name=\"a\"><inertial><mass value=\"x\"/></inertial></link>", "<mass> value = \"x\""),

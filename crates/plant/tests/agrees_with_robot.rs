@@ -12,7 +12,7 @@ fn both(texts: [&str; 4]) -> (Body, Model) {
 }
 
 #[test]
-fn random_postures_have_the_same_frames() {
+fn frames_of_random_postures_match_robot_crate() {
     for texts in [HANDS, GRIPPERS] {
         let (body, model) = both(texts);
         let mut rng = rand_pcg::Pcg64::seed_from_u64(1);
@@ -30,7 +30,7 @@ fn random_postures_have_the_same_frames() {
 }
 
 #[test]
-fn limits_home_and_names_are_the_same() {
+fn limits_home_and_names_match_robot_crate() {
     for texts in [HANDS, GRIPPERS] {
         let (body, model) = both(texts);
         assert_eq!(body.home, model.home);
@@ -48,7 +48,7 @@ fn limits_home_and_names_are_the_same() {
 }
 
 #[test]
-fn payloads_are_the_same() {
+fn payloads_match_robot_crate() {
     for texts in [HANDS, GRIPPERS] {
         let laden = texts[1].replace("mass_kg = 0.0", "mass_kg = 0.7");
         let (body, model) = both([texts[0], &laden, texts[2], texts[3]]);
@@ -72,7 +72,7 @@ fn payloads_are_the_same() {
 }
 
 #[test]
-fn capsules_pairs_and_clearance_are_the_same() {
+fn capsules_pairs_and_minimum_clearance_match_robot_crate() {
     for texts in [HANDS, GRIPPERS] {
         let (body, model) = both(texts);
         assert_eq!(body.d_min_m, model.d_min_m);
@@ -89,7 +89,7 @@ fn capsules_pairs_and_clearance_are_the_same() {
 }
 
 #[test]
-fn random_postures_have_the_same_clearance() {
+fn clearance_of_random_postures_matches_robot_crate() {
     for texts in [HANDS, GRIPPERS] {
         let (body, model) = both(texts);
         let config = plant::Config::new(body, &plant::Options::default()).unwrap();
@@ -107,7 +107,7 @@ fn random_postures_have_the_same_clearance() {
 
 /// v x t of a point equals the difference of its places over a short time.
 #[test]
-fn point_velocity_is_the_rate_of_its_place() {
+fn point_velocity_matches_finite_difference() {
     let body = body(HANDS);
     let mut rng = rand_pcg::Pcg64::seed_from_u64(3);
     for n in 0..200 {

@@ -16,7 +16,7 @@ fn allocated() -> u64 {
 }
 
 #[test]
-fn motion_silence_and_faults_allocate_nothing() {
+fn plant_allocates_nothing_in_motion_silence_and_faults() {
     rt::watch_allocations();
     for reaction in [Reaction::Hold, Reaction::Damp, Reaction::Play] {
         let half_m = nalgebra::Vector3::new(0.3, 0.5, 0.02);

@@ -30,7 +30,7 @@ fn farthest(a: &PerJoint, b: &PerJoint) -> f64 {
 }
 
 #[test]
-fn pinocchios_torques_give_pinocchios_accelerations() {
+fn accelerations_from_pinocchio_torques_match_pinocchio() {
     let mut body = body(HANDS);
     for link in ["hand_left_grasping_frame", "hand_right_grasping_frame"] {
         assert!(body.add_payload(link, 0.7));
@@ -45,7 +45,7 @@ fn pinocchios_torques_give_pinocchios_accelerations() {
 }
 
 #[test]
-fn torques_are_pinocchios() {
+fn torques_match_pinocchio() {
     let mut body = body(HANDS);
     for link in ["hand_left_grasping_frame", "hand_right_grasping_frame"] {
         assert!(body.add_payload(link, 0.7));
@@ -60,7 +60,7 @@ fn torques_are_pinocchios() {
 }
 
 #[test]
-fn accelerations_with_rotors_are_pinocchios() {
+fn accelerations_with_rotors_match_pinocchio() {
     for (texts, text) in FORWARD {
         let body = body(texts);
         let dynamics = Dynamics::new(&body, std::array::from_fn(|j| 0.01 * (j + 1) as f64));
@@ -76,7 +76,7 @@ fn accelerations_with_rotors_are_pinocchios() {
 
 /// A joint with a prescribed acceleration has it. The others move as if the joint had the torque that this needs.
 #[test]
-fn prescribed_acceleration_is_that_of_its_torque() {
+fn prescribed_acceleration_acts_like_its_torque() {
     let body = body(HANDS);
     let dynamics = Dynamics::new(&body, [0.02; JOINTS]);
     let mut rng = rand_pcg::Pcg64::seed_from_u64(5);

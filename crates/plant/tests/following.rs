@@ -64,7 +64,7 @@ impl Bench {
 }
 
 #[test]
-fn motions_at_half_of_all_limits_are_followed_within_margins() {
+fn motions_at_half_of_limits_are_followed_within_3_mrad() {
     for texts in [HANDS, GRIPPERS] {
         let config = config(texts, &Options::default());
         let mut rng = rand_pcg::Pcg64::seed_from_u64(11);
@@ -105,7 +105,7 @@ fn robot_without_setpoints_stands_still() {
 }
 
 #[test]
-fn unknown_load_lowers_the_arm_a_little() {
+fn unknown_load_lowers_arm_slightly() {
     let load = plant::Payload { link: "hand_left_grasping_frame".into(), mass_kg: 0.3 };
     let mut bench = Bench::new(Options { payloads: vec![load], ..Options::default() });
     bench.hold(1500);
@@ -113,7 +113,7 @@ fn unknown_load_lowers_the_arm_a_little() {
 }
 
 #[test]
-fn steps_do_not_depend_on_the_calls() {
+fn simulation_steps_do_not_depend_on_call_times() {
     let config = config(HANDS, &Options::default());
     let (one, mut two) = (Plant::new(&config, START, config.home(), 1), Plant::new(&config, START, config.home(), 1));
     let mut one = one;
@@ -132,7 +132,7 @@ fn steps_do_not_depend_on_the_calls() {
 }
 
 #[test]
-fn time_beyond_the_bound_of_a_call_is_not_lost() {
+fn time_beyond_bound_of_one_call_is_simulated_by_next_calls() {
     let mut bench = Bench::new(Options::default());
     let now = START.plus_ns(2 * CATCH_UP_NS + CATCH_UP_NS / 2);
     for left in [3, 1, 0] {
@@ -144,7 +144,7 @@ fn time_beyond_the_bound_of_a_call_is_not_lost() {
 }
 
 #[test]
-fn setpoint_acts_after_the_transport_delay() {
+fn setpoint_acts_after_transport_delay() {
     let mut bench = Bench::new(Options { delay_ns: 5_000_000, ..Options::default() });
     let mut q = *bench.config.home();
     q[ELBOW] += 0.01;
@@ -188,7 +188,7 @@ fn encoder_has_steps_and_noise() {
 }
 
 #[test]
-fn feedback_faults_distort_what_is_measured_alone() {
+fn feedback_faults_distort_only_measurement() {
     use Injection::{EncoderJump, EncoderSpike, FeedbackInverted, FeedbackSwapped, FrozenEncoder, NanFeedback};
     let (j, with) = (ELBOW, ELBOW + 1);
     let faults = [
@@ -248,7 +248,7 @@ fn braked_joint_stands_while_others_follow() {
 }
 
 #[test]
-fn swapped_sign_moves_the_joint_the_other_way() {
+fn joint_with_swapped_sign_moves_in_opposite_direction() {
     let mut bench = Bench::new(Options::default());
     bench.plant.inject(Injection::SignSwapped { joint: ELBOW });
     bench.swing_elbow(900);
@@ -257,7 +257,7 @@ fn swapped_sign_moves_the_joint_the_other_way() {
 }
 
 #[test]
-fn swinging_joint_truly_swings_about_its_setpoint() {
+fn joint_with_swing_fault_swings_about_its_setpoint() {
     let mut bench = Bench::new(Options::default());
     bench.plant.inject(Injection::Swing { joint: ELBOW, amplitude: 0.02, frequency: 4.0 });
     let (mut least, mut most) = (0.0_f64, 0.0_f64);
@@ -286,7 +286,7 @@ fn emergency_stop_brakes_and_refuses_setpoints() {
 }
 
 #[test]
-fn joints_without_power_give_way_at_the_sag() {
+fn joints_without_power_sink_at_configured_rate() {
     let mut bench = Bench::new(Options::default());
     bench.hold(30);
     bench.plant.inject(Injection::PowerLost { sag: 0.05 });
@@ -301,7 +301,7 @@ fn joints_without_power_give_way_at_the_sag() {
 }
 
 #[test]
-fn numbers_that_are_not_finite_are_refused() {
+fn setpoint_with_non_finite_number_is_refused() {
     let mut bench = Bench::new(Options::default());
     let home = *bench.config.home();
     for n in 0..6 {

@@ -31,7 +31,7 @@ fn robot_at_home_violates_nothing() {
 }
 
 #[test]
-fn each_limit_that_a_joint_breaks_is_counted() {
+fn joint_beyond_limit_is_counted_by_kind() {
     let config = config(HANDS, &Options::default());
     let joint = &config.body().joints[ELBOW];
     type Set = fn(&mut Truth, f64);
@@ -64,7 +64,7 @@ fn each_limit_that_a_joint_breaks_is_counted() {
 }
 
 #[test]
-fn pair_that_comes_too_close_is_counted_with_its_index() {
+fn pair_too_close_is_counted_with_its_index() {
     let config = config(HANDS, &Options::default());
     let mut rng = rand_pcg::Pcg64::seed_from_u64(4);
     let (mut close, mut clear) = (0, 0);
@@ -84,7 +84,7 @@ fn pair_that_comes_too_close_is_counted_with_its_index() {
 }
 
 #[test]
-fn obstacles_are_kept_clear_of() {
+fn obstacle_too_close_is_counted() {
     let floor = |offset_m| Obstacle::Plane { normal: Vector3::z(), offset_m };
     let table = |x: f64| Obstacle::Box {
         center: Vector3::new(x, 0.0, 0.7),
@@ -102,7 +102,7 @@ fn obstacles_are_kept_clear_of() {
 }
 
 #[test]
-fn robot_that_starts_outside_may_come_in_but_not_go_out() {
+fn robot_starting_outside_may_move_inward_only() {
     let config = config(HANDS, &Options { initial_outside: true, ..Options::default() });
     let limit = config.body().joints[ELBOW].limits.q_max;
     let mut truth = standing(&config);
@@ -132,7 +132,7 @@ fn sent(speed: f64, ticks: u64, every_ns: u64) -> (u64, u64) {
 }
 
 #[test]
-fn setpoints_faster_than_the_limit_in_wall_time_are_counted() {
+fn setpoints_faster_than_limit_in_wall_time_are_counted() {
     let v_max = config(HANDS, &Options::default()).body().joints[ELBOW].limits.v_max;
     assert_eq!(sent(v_max, 3000, TICK_NS), (0, 0));
     assert!(sent(1.1 * v_max, 3000, TICK_NS).0 > 1000, "a tenth too fast for two seconds");
@@ -197,7 +197,7 @@ fn jump_of_position_or_velocity_is_counted() {
 }
 
 #[test]
-fn first_setpoint_after_a_reaction_is_compared_with_nothing() {
+fn first_setpoint_after_reaction_is_not_checked_for_a_step() {
     let config = config(HANDS, &Options::default());
     let mut judge = Judge::new(&config, config.home());
     judge.received(&config, START, &rest(0, *config.home()), true);
@@ -210,7 +210,7 @@ fn first_setpoint_after_a_reaction_is_compared_with_nothing() {
 }
 
 #[test]
-fn distances_are_those_of_the_robot_model() {
+fn distances_match_robot_model() {
     let mut rng = rand_pcg::Pcg64::seed_from_u64(6);
     let mut point = |size: f64| Vector3::from_fn(|_, _| rng.random_range(-size..=size));
     for n in 0..100_000 {

@@ -21,7 +21,7 @@ fn changed(from: &str, to: &str) -> Result<Body, PlantError> {
 }
 
 #[test]
-fn wrong_files_are_refused_with_file_and_key() {
+fn wrong_robot_files_are_refused_with_file_and_key() {
     let rows = [
         ("left_4 = \"arm_left_4_joint\"", "", "tiago_dual.toml: joints.left_4: missing"),
         ("head_1 = \"head_1_joint\"", "head_1 = \"neck\"", "tiago_dual.urdf: joint `neck`: missing"),
@@ -68,13 +68,13 @@ fn wrong_files_are_refused_with_file_and_key() {
 }
 
 #[test]
-fn overrides_never_loosen_the_urdf() {
+fn override_never_loosens_urdf_limit() {
     let speed = |speed| changed(TIGHTENED, &faster(speed)).unwrap().joints[2].limits.v_max;
     assert_eq!((speed("9.0"), speed("2.5")), (3.0, 2.5));
 }
 
 #[test]
-fn friction_of_the_urdf_is_read() {
+fn friction_of_urdf_is_read() {
     let text = "<limit lower=\"0\" upper=\"0.35\" velocity=\"0.07\" effort=\"2000\"/>";
     let rough = changed(text, &format!("{text}<dynamics damping=\"7.5\" friction=\"3\"/>")).unwrap();
     assert_eq!((rough.joints[0].damping, rough.joints[0].friction), (Some(7.5), Some(3.0)));
@@ -84,7 +84,7 @@ fn friction_of_the_urdf_is_read() {
 /// An antenna on a hinge that is not commanded stands at zero. One that mimics another hinge stands at its
 /// offset.
 #[test]
-fn held_and_mimic_joints_keep_their_places() {
+fn held_and_mimic_joints_keep_their_positions() {
     let [_, toml, _, urdf] = HANDS;
     let hinge = |extra: &str| {
         let fixed = "<joint name=\"base_antenna_left_joint\" type=\"fixed\">";
@@ -111,7 +111,7 @@ fn held_and_mimic_joints_keep_their_places() {
 }
 
 #[test]
-fn no_mass_is_lost_when_links_are_lumped() {
+fn total_mass_is_kept_when_links_are_lumped() {
     let urdf = HANDS[3];
     let masses =
         urdf.split("<mass value=\"").skip(1).map(|rest| rest.split('"').next().unwrap().parse::<f64>().unwrap());

@@ -39,7 +39,7 @@ fn moving_with(urdf: &str, reaction: Reaction) -> (Config, Plant, Setpoint, Stam
 }
 
 #[test]
-fn silence_shorter_than_the_watchdog_is_extrapolated() {
+fn silence_shorter_than_watchdog_is_extrapolated() {
     let (config, mut plant, last, now) = moving(Reaction::Hold);
     plant.advance(&config, now.plus_ns(WATCHDOG_NS));
     assert!(!plant.reacting());
@@ -54,7 +54,7 @@ fn silence_shorter_than_the_watchdog_is_extrapolated() {
 
 /// A driver was suspended between making a setpoint and sending it.
 #[test]
-fn a_setpoint_that_was_made_before_the_robot_went_on_by_itself_is_refused() {
+fn setpoint_older_than_watchdog_reaction_is_refused() {
     let (config, mut plant, last, now) = moving(Reaction::Hold);
     plant.advance(&config, now.plus_ns(600_000_000));
     let old = Setpoint { q: plant.truth().q, v: [0.0; JOINTS], k: last.k + 1, ..last };
@@ -65,7 +65,7 @@ fn a_setpoint_that_was_made_before_the_robot_went_on_by_itself_is_refused() {
 }
 
 #[test]
-fn a_setpoint_without_a_stop_is_braked_from_not_stopped_at_once() {
+fn setpoint_without_plan_is_braked_and_not_stopped_at_once() {
     let after = |plan: bool| {
         let (config, mut plant, mut last, now) = moving(Reaction::Play);
         if !plan {
@@ -88,7 +88,7 @@ fn a_setpoint_without_a_stop_is_braked_from_not_stopped_at_once() {
 }
 
 #[test]
-fn hold_stops_within_the_braking_distance() {
+fn hold_stops_within_braking_distance() {
     let (config, mut plant, last, now) = moving(Reaction::Hold);
     plant.advance(&config, now.plus_ns(WATCHDOG_NS + 1_000_000));
     assert!(plant.reacting() && plant.measure(&config, now.plus_ns(WATCHDOG_NS + 1_000_000)).reacting);
@@ -101,7 +101,7 @@ fn hold_stops_within_the_braking_distance() {
 }
 
 #[test]
-fn damped_motors_stop_it_later_than_held_ones() {
+fn damped_motors_stop_robot_later_than_held_ones() {
     let (config, mut plant, last, now) = moving(Reaction::Damp);
     plant.advance(&config, now.plus_ns(999_000_000));
     plant.advance(&config, now.plus_ns(1_900_000_000));
@@ -121,7 +121,7 @@ fn damped_motors_stop_it_later_than_held_ones() {
 }
 
 #[test]
-fn played_plan_ends_where_the_plan_ends() {
+fn play_reaction_follows_plan_to_its_end() {
     let (config, mut plant, last, now) = moving(Reaction::Play);
     // Within the first phase, J t^3 / 6 short of the way at full speed, with J = v / T^2.
     let (at_s, braked) = (0.15, last.v[ELBOW] / (0.25 * 0.25) * 0.15_f64.powi(3) / 6.0);
@@ -141,7 +141,7 @@ fn played_plan_ends_where_the_plan_ends() {
 }
 
 #[test]
-fn setpoints_return_only_near_the_robot_and_its_speed() {
+fn setpoint_after_reaction_is_accepted_only_near_robot_state() {
     for reaction in [Reaction::Hold, Reaction::Damp, Reaction::Play] {
         let (config, mut plant, last, now) = moving(reaction);
         plant.advance(&config, now.plus_ns(30_000_000));
@@ -166,7 +166,7 @@ fn setpoints_return_only_near_the_robot_and_its_speed() {
 }
 
 #[test]
-fn first_setpoint_must_begin_where_the_robot_stands() {
+fn first_setpoint_away_from_robot_is_refused() {
     let config = config(HANDS, &Options::default());
     let mut plant = Plant::new(&config, START, config.home(), 1);
     let mut far = *config.home();
@@ -190,7 +190,7 @@ fn setpoint_that_is_not_newer_is_ignored() {
 
 /// The setpoint that ends a silence may still be under way when the watchdog would fire.
 #[test]
-fn setpoint_under_way_is_no_silence() {
+fn setpoint_in_transport_delays_watchdog() {
     let options = Options { delay_ns: 5_000_000, watchdog_ns: WATCHDOG_NS, ..Options::default() };
     let config = config(HANDS, &options);
     for (gap_ns, reacts) in [(14_000_000, false), (16_000_000, true)] {
@@ -205,7 +205,7 @@ fn setpoint_under_way_is_no_silence() {
 
 /// A delay longer than the watchdog is no silence, because setpoints are under way.
 #[test]
-fn long_delay_does_not_fire_the_watchdog() {
+fn transport_delay_longer_than_watchdog_fires_no_watchdog() {
     let options = Options { delay_ns: 20_000_000, watchdog_ns: 5_000_000, ..Options::default() };
     let config = config(HANDS, &options);
     let mut plant = Plant::new(&config, START, config.home(), 1);

@@ -142,7 +142,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_exponential_is_exact_to_three_units_in_the_last_place() {
+    fn exp_is_within_3_ulp_of_exact_value() {
         for i in -86_000..=86_000 {
             let x = i as f32 * 1e-3;
             let want = f64::from(x).exp();

@@ -22,7 +22,7 @@ fn config(method: Method, delay_ms: f64) -> Config {
 }
 
 #[test]
-fn ten_thousand_ticks_allocate_nothing() {
+fn tick_with_every_method_and_delay_allocates_nothing() {
     rt::watch_allocations();
     let mut rng = Pcg64::seed_from_u64(31);
     for method in [Method::Network, Method::ClosedForm] {
@@ -47,7 +47,7 @@ fn ten_thousand_ticks_allocate_nothing() {
 }
 
 #[test]
-fn the_counter_counts() {
+fn allocation_counter_counts_one_allocation() {
     rt::watch_allocations();
     let before = allocated();
     std::hint::black_box(Box::new(1));
@@ -67,7 +67,7 @@ fn hostile(rng: &mut Pcg64) -> u64 {
 }
 
 #[test]
-fn random_skeletons_never_panic_and_never_leave_the_limits() {
+fn random_skeletons_never_panic_or_leave_joint_limits() {
     let mut rng = Pcg64::seed_from_u64(32);
     for method in [Method::Network, Method::ClosedForm] {
         let config = config(method, 120.0);

@@ -17,7 +17,7 @@ fn worst(arm: &ArmModel, q: &ArmQ, human: &Limbs) -> f64 {
 }
 
 #[test]
-fn forward_is_the_product_of_axis_rotations() {
+fn forward_kinematics_match_product_of_axis_rotations() {
     let arm = arm();
     let q = [0.3, -0.4, 1.9, 0.7, -1.1];
     let about =
@@ -35,7 +35,7 @@ fn forward_is_the_product_of_axis_rotations() {
 }
 
 #[test]
-fn the_squared_residual_is_s_gr() {
+fn squared_residual_equals_s_gr() {
     let (arm, mut rng) = (arm(), Pcg64::seed_from_u64(3));
     for _ in 0..1000 {
         let (q, human) = (random_q(&mut rng, &arm), random_limbs(&mut rng));
@@ -49,7 +49,7 @@ fn the_squared_residual_is_s_gr() {
 }
 
 #[test]
-fn the_jacobian_is_the_derivative_of_the_residual() {
+fn jacobian_matches_finite_differences_of_residual() {
     let (arm, mut rng) = (arm(), Pcg64::seed_from_u64(4));
     const STEP: f64 = 1e-6;
     for _ in 0..1000 {
@@ -73,7 +73,7 @@ fn the_jacobian_is_the_derivative_of_the_residual() {
 }
 
 #[test]
-fn the_closed_form_reaches_every_reachable_posture() {
+fn closed_form_reaches_every_reachable_posture() {
     let (arm, mut rng) = (arm(), Pcg64::seed_from_u64(5));
     for _ in 0..20_000 {
         let q = random_q(&mut rng, &arm);
@@ -87,7 +87,7 @@ fn the_closed_form_reaches_every_reachable_posture() {
 }
 
 #[test]
-fn the_closed_form_keeps_the_split_of_a_hanging_arm() {
+fn closed_form_keeps_joint_1_of_hanging_arm() {
     let arm = arm();
     for q1 in [-1.0, -0.2, 0.0, 0.9] {
         let q = [q1, FRAC_PI_2, 1.2, 0.6, 0.3];
@@ -98,7 +98,7 @@ fn the_closed_form_keeps_the_split_of_a_hanging_arm() {
 }
 
 #[test]
-fn the_refinement_never_rises_and_stays_within_limits() {
+fn refinement_never_raises_objective_and_stays_within_limits() {
     let (arm, mut rng) = (arm(), Pcg64::seed_from_u64(6));
     for _ in 0..3000 {
         let (start, prior, human) = (random_q(&mut rng, &arm), random_q(&mut rng, &arm), random_limbs(&mut rng));
@@ -113,7 +113,7 @@ fn the_refinement_never_rises_and_stays_within_limits() {
 }
 
 #[test]
-fn the_refinement_passes_garbage_without_a_panic() {
+fn refinement_of_nan_input_gives_finite_posture() {
     let arm = arm();
     let nan =
         Limbs { upper: UnitQuaternion::new_unchecked(nalgebra::Quaternion::from([f64::NAN; 4])), ..Limbs::identity() };
@@ -124,7 +124,7 @@ fn the_refinement_passes_garbage_without_a_panic() {
 }
 
 #[test]
-fn two_steps_from_nearby_find_the_posture_again() {
+fn refinement_from_nearby_finds_posture_in_two_steps() {
     let (arm, mut rng) = (arm(), Pcg64::seed_from_u64(7));
     let mut errors = Vec::new();
     for _ in 0..2000 {
@@ -139,7 +139,7 @@ fn two_steps_from_nearby_find_the_posture_again() {
 }
 
 #[test]
-fn the_oracle_is_never_worse_than_closed_form_and_refinement() {
+fn oracle_is_never_worse_than_closed_form_and_refinement() {
     let (arm, mut rng) = (arm(), Pcg64::seed_from_u64(8));
     let (mut oracle_sum, mut closed_sum, mut refined_sum) = (0.0, 0.0, 0.0);
     for seed in 0..500 {
@@ -158,7 +158,7 @@ fn the_oracle_is_never_worse_than_closed_form_and_refinement() {
 }
 
 #[test]
-fn the_oracle_finds_reachable_postures_exactly() {
+fn oracle_finds_reachable_postures_exactly() {
     let (arm, mut rng) = (arm(), Pcg64::seed_from_u64(9));
     for seed in 0..300 {
         let human = arm.forward(&random_q(&mut rng, &arm));
@@ -167,7 +167,7 @@ fn the_oracle_finds_reachable_postures_exactly() {
 }
 
 #[test]
-fn slerp_takes_the_shorter_arc_whatever_the_signs() {
+fn slerp_takes_shorter_arc_for_either_sign() {
     let mut rng = Pcg64::seed_from_u64(10);
     for _ in 0..1000 {
         let (a, b) = (random_limbs(&mut rng).upper, random_limbs(&mut rng).upper);
@@ -193,7 +193,7 @@ fn features_are_bone_and_hinge_axes() {
 }
 
 #[test]
-fn the_sign_of_a_quaternion_means_nothing() {
+fn quaternion_sign_changes_no_result() {
     let (arm, mut rng) = (arm(), Pcg64::seed_from_u64(11));
     for _ in 0..200 {
         let (q, human) = (random_q(&mut rng, &arm), random_limbs(&mut rng));

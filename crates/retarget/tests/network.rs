@@ -30,7 +30,7 @@ fn close(got: &[f32], want: &[f64], what: &str) {
 }
 
 #[test]
-fn the_networks_equal_a_plain_reference() {
+fn networks_match_plain_reference() {
     let arm = arm();
     for (hidden, width) in [(6, 128), (3, 128), (1, 1), (2, 17), (4, 100), (1, 512), (16, 40)] {
         let layers = layers(hidden as u64, hidden, width);
@@ -63,7 +63,7 @@ fn the_networks_equal_a_plain_reference() {
 }
 
 #[test]
-fn large_activations_saturate_and_nan_passes() {
+fn large_activations_saturate_and_nan_gives_nan() {
     let arm = arm();
     let network = Network::new(&layers(1, 2, 32), &arm);
     for scale in [1e3_f32, 1e10, 1e30] {
@@ -175,7 +175,7 @@ const CASES: &[Case] = &[
 ];
 
 #[test]
-fn f093_f094_f096_a_weights_file_with_any_flaw_is_refused_by_name() {
+fn f093_f094_f096_flawed_weights_file_is_refused_with_reason() {
     for (what, words, spoil) in CASES {
         let layers = layers(2, 3, 24);
         let (mut bytes, mut text) = write_weights(&layers, &Manifest::new(&identity(), &layers)).unwrap();
@@ -186,7 +186,7 @@ fn f093_f094_f096_a_weights_file_with_any_flaw_is_refused_by_name() {
 }
 
 #[test]
-fn f093_a_hundred_thousand_flipped_bits_are_all_refused() {
+fn f093_weights_with_one_flipped_bit_are_refused() {
     let layers = layers(2, 1, 8);
     let (mut bytes, text) = write_weights(&layers, &Manifest::new(&identity(), &layers)).unwrap();
     let mut rng = Pcg64::seed_from_u64(93);
@@ -201,7 +201,7 @@ fn f093_a_hundred_thousand_flipped_bits_are_all_refused() {
 }
 
 #[test]
-fn f093_a_flipped_bit_of_the_manifest_is_refused_or_changes_no_network() {
+fn f093_flipped_manifest_bit_is_refused_or_changes_no_network() {
     let layers = layers(2, 1, 8);
     let (bytes, text) = write_weights(&layers, &Manifest::new(&identity(), &layers)).unwrap();
     let latent = [[0.25; 8]];
@@ -222,7 +222,7 @@ fn f093_a_flipped_bit_of_the_manifest_is_refused_or_changes_no_network() {
 }
 
 #[test]
-fn f094_networks_that_do_not_compute_what_their_weights_say_are_refused() {
+fn f094_network_with_infinite_sums_is_refused() {
     // Finite weights with infinite sums: the fixed inputs show it.
     let mut layers = layers(2, 1, 8);
     for network in [&mut layers.human, &mut layers.decoder] {
@@ -234,7 +234,7 @@ fn f094_networks_that_do_not_compute_what_their_weights_say_are_refused() {
 }
 
 #[test]
-fn f096_a_tensor_that_no_layer_uses_is_refused() {
+fn f096_tensor_without_layer_is_refused() {
     let mut layers = layers(2, 3, 24);
     let manifest = Manifest::new(&identity(), &layers);
     layers.decoder.push(Dense { inputs: 5, outputs: 1, weight: vec![0.0; 5], bias: vec![0.0] });
@@ -244,7 +244,7 @@ fn f096_a_tensor_that_no_layer_uses_is_refused() {
 }
 
 #[test]
-fn f093_random_bytes_never_panic_the_reader() {
+fn f093_random_bytes_never_panic_weights_reader() {
     let mut rng = Pcg64::seed_from_u64(12);
     let layers = layers(2, 1, 8);
     let (good, text) = write_weights(&layers, &Manifest::new(&identity(), &layers)).unwrap();

@@ -78,7 +78,7 @@ fn check<const I: usize, const O: usize>(hidden: &[usize]) {
 }
 
 #[test]
-fn networks_of_all_sizes_agree_at_every_level_with_sums_in_f64() {
+fn networks_of_all_sizes_match_f64_sums_at_every_level() {
     check::<12, 8>(&[128; 6]);
     check::<5, 8>(&[128; 6]);
     check::<8, 5>(&[128; 6]);
@@ -119,7 +119,7 @@ fn bf16_is_within_one_percent_of_f32() {
 }
 
 #[test]
-fn the_arm_networks_run_at_every_level_and_precision() {
+fn arm_networks_match_at_every_level_and_precision() {
     let (arm, layers) = (arm(), layers(3, 6, 128));
     let mut rng = Pcg64::seed_from_u64(5);
     for _ in 0..20 {
@@ -138,7 +138,7 @@ fn the_arm_networks_run_at_every_level_and_precision() {
 }
 
 #[test]
-fn silu_is_exact_in_every_range_and_passes_what_is_not_finite() {
+fn silu_matches_formula_and_passes_nan_and_infinity() {
     // y = silu(x), by a layer and an output of weight one.
     let one = || Dense { inputs: 1, outputs: 1, weight: vec![1.0], bias: vec![0.0] };
     for level in Level::available() {
@@ -159,7 +159,7 @@ fn silu_is_exact_in_every_range_and_passes_what_is_not_finite() {
 }
 
 #[test]
-fn sizes_that_are_not_the_networks_give_no_number() {
+fn forward_with_wrong_sizes_gives_nan() {
     let network = Perceptron::new(&random_layers(1, &[4, 20, 3]), Precision::F32);
     assert!(network.forward::<4, 3, 1>(&[[0.5; 4]])[0].iter().all(|x| x.is_finite()));
     assert!(network.forward::<5, 3, 1>(&[[0.5; 5]])[0].iter().all(|x| x.is_nan()));
@@ -167,7 +167,7 @@ fn sizes_that_are_not_the_networks_give_no_number() {
 }
 
 #[test]
-fn layers_that_do_not_fit_are_refused_when_packed() {
+fn layers_with_wrong_sizes_panic_when_packed() {
     let good = || random_layers(1, &[4, 20, 3]);
     type Spoil = fn(&mut Vec<Dense>);
     let cases: [(&str, Spoil); 7] = [

@@ -60,7 +60,7 @@ fn both_deg(skeletons: &[Skeleton], person: Person, arms: &[usize]) -> [f64; 2] 
 }
 
 #[test]
-fn a_swing_is_predicted_better_than_by_its_last_turn() {
+fn arm_swing_is_predicted_better_than_by_fading_turn() {
     for rate_hz in [20.0, 60.0, 240.0] {
         let [fading, learnt] = both_deg(&source_at(walks, 4.0, rate_hz), walks, &[0, 1]);
         assert!(learnt < 0.9 * fading, "{rate_hz} Hz: learnt {learnt}, fading {fading} degrees");
@@ -68,7 +68,7 @@ fn a_swing_is_predicted_better_than_by_its_last_turn() {
 }
 
 #[test]
-fn half_a_degree_of_noise_costs_no_more_than_it_costs_the_last_turn() {
+fn noisy_swing_is_predicted_better_than_by_fading_turn() {
     let mut rng = Pcg64::seed_from_u64(3);
     let mut noise = || Vector3::from_fn(|_, _| (0..12).map(|_| rng.random_range(-0.5..0.5)).sum::<f64>());
     let skeletons: Vec<Skeleton> = source_at(walks, 4.0, 60.0)
@@ -85,7 +85,7 @@ fn half_a_degree_of_noise_costs_no_more_than_it_costs_the_last_turn() {
 }
 
 #[test]
-fn one_arm_alone_is_predicted_better_than_by_its_last_turn() {
+fn single_arm_swing_is_predicted_better_than_by_fading_turn() {
     let mut skeletons = source_at(walks, 4.0, 60.0);
     for skeleton in &mut skeletons {
         skeleton.flags &= !(skeleton_flag::LIMB[2] | skeleton_flag::LIMB[3]);
@@ -108,7 +108,7 @@ fn expected(prediction: &Prediction, person: Person, t_s: f64, ahead_s: f64) -> 
 }
 
 #[test]
-fn nodes_are_what_the_map_says_of_the_last_half_second_at_any_rate() {
+fn nodes_match_learnt_map_at_any_rate() {
     let prediction = prediction();
     // Error of the interpolation between frames, and of single precision.
     for (rate_hz, tolerance_rad) in [(60.0, 0.02), (240.0, 0.004)] {
@@ -136,7 +136,7 @@ fn differ(a: &JointTarget, b: &JointTarget) -> bool {
 }
 
 #[test]
-fn until_an_arm_was_seen_for_200_ms_it_goes_on_as_it_turned_last() {
+fn arm_seen_for_less_than_200_ms_continues_by_fading_turn() {
     // Another writer after a second: the history starts again.
     let mut skeletons = source_at(swings, 2.0, 60.0);
     for (i, skeleton) in skeletons.iter_mut().enumerate().skip(60) {
@@ -158,7 +158,7 @@ fn until_an_arm_was_seen_for_200_ms_it_goes_on_as_it_turned_last() {
 }
 
 #[test]
-fn a_person_who_stands_is_expected_to_stand_as_was_learnt() {
+fn standing_person_is_predicted_to_stand_by_learnt_map() {
     for (_, target) in &run(&learnt(), &source_at(stands, 1.0, 60.0), 0.9)[600..] {
         for i in 0..WAY_NODES {
             for (limbs, want) in node(target, i).into_iter().zip(stands(0.0)) {
@@ -176,7 +176,7 @@ fn one_weight(value: f32) -> Prediction {
 }
 
 #[test]
-fn what_the_map_says_is_bounded_and_no_number_is_not_believed() {
+fn prediction_is_bounded_and_falls_back_on_infinite_sums() {
     let skeletons = source_at(swings, 1.0, 60.0);
     let fading = run(&config(DELAY_MS), &skeletons, 0.9);
     // Far more than any person turns: it is limited to 2 rad, as a fading turn at 20 rad/s.
@@ -202,7 +202,7 @@ fn wide(t_s: f64) -> [Limbs; 2] {
 }
 
 #[test]
-fn files_that_do_not_fit_are_refused_with_the_reason() {
+fn flawed_prediction_files_are_refused_with_reason() {
     let [manifest, tensors] = prediction_files();
     let text = String::from_utf8(manifest).expect("text");
     let refused = |text: &str, tensors: &[u8]| match Prediction::read(text, tensors) {

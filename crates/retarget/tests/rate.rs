@@ -62,7 +62,7 @@ fn follows(output: &Output) -> bool {
 }
 
 #[test]
-fn f024_below_20_hz_nobody_is_followed_and_from_it_on_after_half_a_second() {
+fn f024_person_is_followed_after_500_ms_at_20_hz_and_not_below() {
     let config = config();
     for (rate_hz, enough) in
         [(5.0, false), (10.0, false), (15.0, false), (19.0, false), (20.0, true), (30.0, true), (240.0, true)]
@@ -81,7 +81,7 @@ fn f024_below_20_hz_nobody_is_followed_and_from_it_on_after_half_a_second() {
 }
 
 #[test]
-fn f021_f025_bursts_count_by_their_arrival() {
+fn f021_f025_bursts_after_silence_never_become_fresh() {
     let config = config();
     // 60 Hz at first, then 12 frames at once every 200 ms: as many frames, but each time 100 ms of silence.
     let bursts = steady(60.0, 0.0, 1000.0).chain((0..10).map(|i| (1000.0 + 200.0 * f64::from(i), 12)));
@@ -91,7 +91,7 @@ fn f021_f025_bursts_count_by_their_arrival() {
 }
 
 #[test]
-fn f016_another_person_has_to_be_steady_too() {
+fn f016_new_person_is_followed_only_after_500_ms() {
     let mut skeletons = arrivals(steady(60.0, 0.0, 3000.0));
     for skeleton in skeletons.iter_mut().filter(|skeleton| skeleton.received > Stamp(START_NS + 1500 * MS)) {
         skeleton.operator_id += 1;
@@ -104,7 +104,7 @@ fn f016_another_person_has_to_be_steady_too() {
 }
 
 #[test]
-fn f015_whoever_was_steady_not_long_ago_is_watched_for_less_long() {
+fn f015_person_back_within_2_s_is_followed_after_200_ms() {
     for (gap_ms, watched_ms) in [(300, 200), (1800, 200), (2300, 500)] {
         let again = 1000 + gap_ms;
         let skeletons = arrivals(steady(60.0, 0.0, 1000.0).chain(steady(60.0, again as f64, 4500.0)));
@@ -115,7 +115,7 @@ fn f015_whoever_was_steady_not_long_ago_is_watched_for_less_long() {
 }
 
 #[test]
-fn f011_f015_an_arm_that_is_lost_holds_both_and_one_that_was_never_seen_does_not() {
+fn f011_f015_lost_arm_holds_both_and_never_seen_arm_does_not() {
     let config = config();
     let mut skeletons = arrivals(steady(60.0, 0.0, 3000.0));
     for skeleton in &mut skeletons {
@@ -144,7 +144,7 @@ fn f011_f015_an_arm_that_is_lost_holds_both_and_one_that_was_never_seen_does_not
 }
 
 #[test]
-fn f015_an_arm_that_is_gone_for_good_is_forgotten_and_has_to_be_enabled_without() {
+fn f015_arm_lost_for_10_s_is_dropped_in_new_session() {
     let config = config();
     let mut skeletons = arrivals(steady(60.0, 0.0, 13_000.0));
     for skeleton in skeletons.iter_mut().filter(|skeleton| skeleton.received > Stamp(START_NS + 1000 * MS)) {
@@ -162,7 +162,7 @@ fn f015_an_arm_that_is_gone_for_good_is_forgotten_and_has_to_be_enabled_without(
 }
 
 #[test]
-fn f017_noise_ten_times_the_usual_is_not_amplified() {
+fn f017_limb_noise_of_0_05_rad_is_not_amplified() {
     let config = config();
     let mut rng = Pcg64::seed_from_u64(17);
     let (clean, noise_rad) = (arrivals(steady(60.0, 0.0, 3000.0)), 0.05);
@@ -193,7 +193,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(20))]
 
     #[test]
-    fn f032_a_sequence_may_wrap(before in 0u64..60) {
+    fn f032_wrapping_sequence_gives_same_targets(before in 0u64..60) {
         let config = config();
         let usual = arrivals(steady(60.0, 0.0, 1500.0));
         let mut wrapping = usual.clone();
@@ -209,7 +209,7 @@ proptest! {
     }
 
     #[test]
-    fn f028_skeletons_without_time_between_them_give_numbers(
+    fn f028_skeletons_at_same_time_give_finite_targets(
         seen in prop::collection::vec((0u64..3, 0u64..40, 0u64..3), 1..60),
     ) {
         let config = config();

@@ -104,7 +104,7 @@ const DELIVERIES: [Delivery; 5] = [
 ];
 
 #[test]
-fn motion_is_continuous_at_every_rate_and_delivery() {
+fn target_motion_is_continuous_at_every_rate_and_delivery() {
     let mut worst: f64 = 0.0;
     for rate_hz in [30.0, 60.0, 120.0, 240.0] {
         let person = fastest_human(rate_hz, 4.0);
@@ -135,7 +135,7 @@ fn motion_is_continuous_at_every_rate_and_delivery() {
 }
 
 #[test]
-fn the_target_is_the_person_of_the_stated_delay_ago() {
+fn target_shows_person_of_configured_delay_ago() {
     for (rate_hz, delay_ms) in
         [(30.0, 120.0), (60.0, 120.0), (120.0, 120.0), (240.0, 120.0), (60.0, 40.0), (60.0, 250.0)]
     {
@@ -153,7 +153,7 @@ fn the_target_is_the_person_of_the_stated_delay_ago() {
 }
 
 #[test]
-fn velocity_is_the_difference_of_positions_and_bounded() {
+fn target_velocity_is_difference_of_positions_within_limits() {
     let outputs = run(&config(Method::ClosedForm, 40.0), &source(60.0, 3.0, true, |_| 0), 3.0);
     let velocity_max = [1.95, 1.95, 2.35, 2.35, 1.95];
     for pair in outputs[300..].windows(2) {
@@ -182,7 +182,7 @@ fn velocity_is_the_difference_of_positions_and_bounded() {
 }
 
 #[test]
-fn a_gap_clears_fresh_holds_and_then_fades_in() {
+fn target_holds_during_gap_and_fades_in_after_it() {
     let mut arrivals = source(60.0, 1.0, true, |_| 0);
     let after = source(60.0, 3.0, true, |_| 0);
     arrivals.extend(after.into_iter().filter(|(at, _)| *at >= START_NS + 2_000 * MS));
@@ -204,7 +204,7 @@ fn a_gap_clears_fresh_holds_and_then_fades_in() {
 }
 
 #[test]
-fn a_new_writer_fades_in_even_without_a_gap() {
+fn target_of_new_writer_fades_in_without_gap() {
     let mut arrivals = source(60.0, 2.0, true, |_| 0);
     for (at, skeleton) in &mut arrivals {
         if *at >= START_NS + 1_000 * MS {
@@ -221,7 +221,7 @@ fn a_new_writer_fades_in_even_without_a_gap() {
 }
 
 #[test]
-fn an_arm_that_is_not_seen_is_not_meant_and_one_that_is_lost_holds() {
+fn unseen_arm_is_not_valid_and_lost_arm_holds() {
     let mut arrivals = source(60.0, 2.0, true, |_| 0);
     for (at, skeleton) in &mut arrivals {
         skeleton.flags &= !skeleton_flag::LIMB[3];
@@ -242,7 +242,7 @@ fn an_arm_that_is_not_seen_is_not_meant_and_one_that_is_lost_holds() {
 }
 
 #[test]
-fn an_arm_that_flickers_moves_continuously() {
+fn flickering_arm_moves_continuously() {
     let allowed = HURRY * fastest_human(30.0, 3.0);
     let mut arrivals = source(30.0, 3.0, true, |_| 0);
     for (i, (_, skeleton)) in arrivals.iter_mut().enumerate() {
@@ -258,7 +258,7 @@ fn an_arm_that_flickers_moves_continuously() {
 }
 
 #[test]
-fn the_playhead_waits_at_the_newest_skeleton() {
+fn playhead_waits_at_newest_skeleton() {
     let arrivals = source(30.0, 2.0, true, |_| 0);
     let outputs = run(&config(Method::ClosedForm, 0.0), &arrivals, 2.0);
     let mut waited = 0;
@@ -276,7 +276,7 @@ fn the_playhead_waits_at_the_newest_skeleton() {
 }
 
 #[test]
-fn origin_and_sequence_are_those_of_the_newest_skeleton() {
+fn target_carries_origin_and_sequence_of_newest_skeleton() {
     let arrivals = source(60.0, 1.0, true, |_| 5 * MS);
     let outputs = run(&config(Method::ClosedForm, 40.0), &arrivals, 1.0);
     for (now, output) in &outputs {
@@ -292,7 +292,7 @@ fn origin_and_sequence_are_those_of_the_newest_skeleton() {
 }
 
 #[test]
-fn both_arms_mirror() {
+fn same_posture_of_both_arms_gives_mirrored_targets() {
     let config = config(Method::Network, 0.0);
     let q = [0.3, 0.4, 1.2, 1.0, -0.4];
     let out = tick(
@@ -307,7 +307,7 @@ fn both_arms_mirror() {
 }
 
 #[test]
-fn f005_a_quaternion_may_change_its_sign_between_frames() {
+fn f005_quaternion_sign_flips_between_frames_change_no_target() {
     let config = config(Method::Network, 40.0);
     let steady = source(60.0, 1.0, true, |_| 0);
     let mut flipping = steady.clone();
@@ -321,7 +321,7 @@ fn f005_a_quaternion_may_change_its_sign_between_frames() {
 }
 
 #[test]
-fn f029_a_client_whose_clock_runs_wrong_is_still_followed() {
+fn f029_client_with_wrong_clock_is_followed() {
     let arm = support::arm();
     for speed in [0.0, 0.3, 0.9, 1.5, 4.0] {
         let mut arrivals = source(60.0, 5.0, true, |_| 0);
@@ -344,7 +344,7 @@ fn f029_a_client_whose_clock_runs_wrong_is_still_followed() {
 }
 
 #[test]
-fn f027_a_stamp_of_the_future_is_not_fresh_for_ever() {
+fn f027_skeleton_from_future_is_fresh_for_100_ms_only() {
     let config = config(Method::ClosedForm, 40.0);
     let mut state = State::default();
     let early = skeleton(1, u64::MAX, 0, &human(0.0));
@@ -358,7 +358,7 @@ fn f027_a_stamp_of_the_future_is_not_fresh_for_ever() {
 }
 
 #[test]
-fn f016_another_client_another_ingest_or_another_person_is_another_session() {
+fn f016_new_client_ingest_or_person_starts_new_session() {
     let config = config(Method::ClosedForm, 40.0);
     let mut state = State::default();
     let mut sequence = 0;

@@ -13,7 +13,7 @@ fn shipped(edit: impl Fn(String) -> String) -> Model {
 }
 
 #[test]
-fn the_arm_of_the_shipped_robot_is_the_one_that_was_worked_out_by_hand() {
+fn shipped_robot_arm_matches_hand_computed_model() {
     let (arm, design) = (ArmModel::of(&shipped(|text| text)), support::arm());
     for (axis, want) in arm.axes.iter().zip(&design.axes) {
         assert!((axis - want).norm() < 1e-6, "{axis} instead of {want}");
@@ -23,7 +23,7 @@ fn the_arm_of_the_shipped_robot_is_the_one_that_was_worked_out_by_hand() {
 }
 
 #[test]
-fn f094_f101_weights_belong_to_an_arm_and_not_to_a_comment() {
+fn f094_f101_weights_fit_only_their_arm_regardless_of_comments() {
     let model = shipped(|text| text);
     let layers = support::layers(1, 2, 16);
     let (bytes, text) = write_weights(&layers, &Manifest::new(&ArmIdentity::of(&model), &layers)).unwrap();
@@ -39,7 +39,7 @@ fn f094_f101_weights_belong_to_an_arm_and_not_to_a_comment() {
 }
 
 #[test]
-fn f094_the_shipped_weights_compute_here_what_they_say() {
+fn f094_shipped_weights_are_accepted_on_this_machine() {
     let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/../../weights/");
     let text = std::fs::read_to_string(format!("{folder}tiago_dual.toml")).expect("shipped");
     let bytes = std::fs::read(format!("{folder}tiago_dual.safetensors")).expect("shipped");
@@ -48,7 +48,7 @@ fn f094_the_shipped_weights_compute_here_what_they_say() {
 }
 
 #[test]
-fn the_network_without_weights_and_options_out_of_range_are_refused() {
+fn missing_weights_or_options_out_of_range_are_refused() {
     let model = shipped(|text| text);
     let refuse = |options: Options| Config::new(&model, None, &options).map(|_| ()).unwrap_err().to_string();
     let network = Options { method: Some(retarget::Method::Network), ..Options::default() };

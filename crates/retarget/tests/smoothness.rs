@@ -51,7 +51,7 @@ fn largest_deg(a: &ArmQ, b: &ArmQ) -> f64 {
 /// Hanging arms (q2 near 90 degrees, where joints 1 and 3 turn about one line) with half a degree of noise on each
 /// limb.
 #[test]
-fn noise_at_the_gimbal_stays_noise() {
+fn noise_near_gimbal_lock_moves_joints_within_bounds() {
     let model = model();
     let (arm, network) = (ArmModel::of(&model), shipped(&model).network);
     let mut rng = Pcg64::seed_from_u64(41);
@@ -84,7 +84,7 @@ fn noise_at_the_gimbal_stays_noise() {
 /// A person turns one joint of the robot across its limit, 0.1 degrees per skeleton, with the other joints
 /// anywhere. The test runs the stage itself.
 #[test]
-fn across_a_limit_the_output_is_continuous() {
+fn output_is_continuous_when_joint_crosses_its_limit() {
     const STEP_DEG: f64 = 0.1;
     let model = model();
     let arm = ArmModel::of(&model);

@@ -108,7 +108,7 @@ pub(crate) fn shown_s(now: Stamp, target: &JointTarget, i: usize) -> f64 {
 }
 
 #[test]
-fn nodes_stand_at_whole_multiples_after_the_tick() {
+fn nodes_lie_at_whole_multiples_after_tick() {
     for (_, target) in run(&config(DELAY_MS), &source(stands, 1.0), 0.5) {
         assert_eq!(target.way_nodes as usize, WAY_NODES);
         let first = target.way_first * WAY_NODE_TICKS;
@@ -117,7 +117,7 @@ fn nodes_stand_at_whole_multiples_after_the_tick() {
 }
 
 #[test]
-fn what_was_seen_is_the_slerp_between_its_skeletons() {
+fn seen_nodes_match_slerp_between_skeletons() {
     let skeletons = source(swings, 3.0);
     let mut looked = 0;
     for (now, target) in &run(&config(DELAY_MS), &skeletons, 2.9)[1500..] {
@@ -147,7 +147,7 @@ fn what_was_seen_is_the_slerp_between_its_skeletons() {
 }
 
 #[test]
-fn beyond_the_newest_a_limb_turns_on_ever_less() {
+fn nodes_beyond_newest_skeleton_continue_with_fading_turn() {
     let skeletons = source(turns, 3.0);
     for (now, target) in &run(&config(DELAY_MS), &skeletons, 2.9)[1500..] {
         let newest = skeletons.iter().rev().find(|skeleton| skeleton.received <= *now).expect("one");
@@ -168,7 +168,7 @@ fn beyond_the_newest_a_limb_turns_on_ever_less() {
 }
 
 #[test]
-fn a_person_who_stands_is_expected_to_stand() {
+fn standing_person_is_predicted_to_stand() {
     for (_, target) in &run(&config(DELAY_MS), &source(stands, 1.0), 0.9)[600..] {
         for i in 0..WAY_NODES {
             for (limbs, want) in node(target, i).into_iter().zip(stands(0.0)) {
@@ -179,7 +179,7 @@ fn a_person_who_stands_is_expected_to_stand() {
 }
 
 #[test]
-fn a_limb_is_carried_on_no_faster_than_a_throw() {
+fn limb_prediction_is_limited_to_2_rad_after_a_glitch() {
     // 60 rad/s, a glitch: a third of it is continued, 2 rad in all.
     fn glitches(t_s: f64) -> [Limbs; 2] {
         let upper = turn(Vector3::y(), 60.0 * (t_s - 0.5).clamp(0.0, 0.034));
@@ -197,7 +197,7 @@ fn a_limb_is_carried_on_no_faster_than_a_throw() {
 }
 
 #[test]
-fn the_right_arm_is_the_mirror_of_the_left() {
+fn right_arm_nodes_mirror_left_arm_nodes() {
     fn same(t_s: f64) -> [Limbs; 2] {
         [swings(t_s)[0]; 2]
     }
@@ -212,7 +212,7 @@ fn the_right_arm_is_the_mirror_of_the_left() {
 }
 
 #[test]
-fn without_a_delay_hardly_anything_is_seen_ahead_and_with_the_longest_half_the_way_is() {
+fn longer_delay_gives_more_seen_nodes() {
     let skeletons = source(swings, 2.0);
     for (_, target) in &run(&config(0), &skeletons, 1.9)[1500..] {
         // The shown sample is on its way to the newest skeleton, less than a period behind.
@@ -225,7 +225,7 @@ fn without_a_delay_hardly_anything_is_seen_ahead_and_with_the_longest_half_the_w
 }
 
 #[test]
-fn an_arm_that_is_not_meant_has_no_way() {
+fn arm_that_is_not_valid_has_zero_nodes() {
     let mut skeletons = source(swings, 1.0);
     for skeleton in &mut skeletons {
         skeleton.flags &= !skeleton_flag::LIMB[3];
@@ -237,7 +237,7 @@ fn an_arm_that_is_not_meant_has_no_way() {
 }
 
 #[test]
-fn after_a_restart_the_way_fades_like_what_is_shown() {
+fn nodes_after_restart_fade_like_target() {
     // Another writer, elsewhere, after a second: 0.25 s of crossfade.
     let mut skeletons = source(swings, 2.0);
     for (i, seen) in skeletons.iter_mut().enumerate().filter(|(i, _)| *i as f64 >= RATE_HZ) {

@@ -25,7 +25,7 @@ fn refused(environment: &Environment, words: &[&str]) {
 }
 
 #[test]
-fn what_is_out_of_bounds_is_refused_with_key_value_and_bound() {
+fn obstacle_out_of_bounds_is_refused_with_key_value_and_bound() {
     let planes = |plane: PlaneEntry| Environment { planes: vec![plane], boxes: vec![] };
     let boxes = |block: BoxEntry| Environment { planes: vec![], boxes: vec![block] };
     for (normal, value) in [([0.0, 0.0, 0.9], "0.9"), ([0.0; 3], "0.0"), ([f64::NAN, 0.0, 1.0], "NaN")] {
@@ -66,7 +66,7 @@ fn what_is_out_of_bounds_is_refused_with_key_value_and_bound() {
 }
 
 #[test]
-fn obstacles_are_named_behind_the_capsules_and_leave_the_robot_as_it_is() {
+fn obstacles_follow_capsules_in_names_and_keep_robot_hash() {
     let environment = Environment { planes: vec![floor()], boxes: vec![table()] };
     let (plain, model) = (shipped(), shipped().with_environment("teleop.toml", &environment).expect("clear"));
     assert_eq!((plain.hash, plain.obstacles.len(), model.obstacles.len()), (model.hash, 0, 2), "weights stay valid");
@@ -88,7 +88,7 @@ fn obstacles_are_named_behind_the_capsules_and_leave_the_robot_as_it_is() {
 }
 
 #[test]
-fn a_lifting_torso_moves_the_arms_against_the_table() {
+fn torso_lift_changes_clearance_of_arms_from_table() {
     let model = shipped().with_environment("teleop.toml", &Environment { planes: vec![], boxes: vec![table()] });
     let model = model.expect("clear");
     let mut frames = Frames::default();
@@ -106,7 +106,7 @@ fn a_lifting_torso_moves_the_arms_against_the_table() {
 }
 
 #[test]
-fn distances_are_those_of_samples() {
+fn box_distances_match_samples() {
     let mut rng = rand_pcg::Pcg64::seed_from_u64(1);
     for n in 0..2000 {
         let mut point = |size: f64| Vector3::from_fn(|_, _| rng.random_range(-size..size));

@@ -16,7 +16,7 @@ fn joint_links(model: &Model) -> [String; JOINTS] {
 }
 
 #[test]
-fn forward_kinematics_agree_with_an_independent_implementation() {
+fn forward_kinematics_match_independent_implementation() {
     let model = shipped();
     let links = joint_links(&model);
     let mut frames = Frames::default();
@@ -41,7 +41,7 @@ fn forward_kinematics_agree_with_an_independent_implementation() {
 }
 
 #[test]
-fn jacobian_columns_are_the_derivatives_of_the_pose() {
+fn jacobian_columns_match_finite_differences_of_pose() {
     let model = shipped();
     let mut rng = rand_pcg::Pcg64::seed_from_u64(3);
     let (mut plus, mut minus, mut frames) = (Frames::default(), Frames::default(), Frames::default());
@@ -86,7 +86,7 @@ fn formula(q: &[f64]) -> (Matrix3<f64>, Matrix3<f64>) {
 }
 
 #[test]
-fn limb_rotations_follow_the_closed_formula_and_the_chain() {
+fn limb_rotations_match_closed_formula_and_chain() {
     let model = shipped();
     let mut rng = rand_pcg::Pcg64::seed_from_u64(5);
     let mirror = Matrix3::from_diagonal(&Vector3::new(1.0, -1.0, 1.0));
@@ -117,7 +117,7 @@ fn limb_rotations_follow_the_closed_formula_and_the_chain() {
 }
 
 #[test]
-fn arms_point_outward_in_the_t_pose() {
+fn arms_point_outward_in_t_pose() {
     let model = shipped();
     let mut q = model.home;
     for arm in &model.arms {
@@ -133,7 +133,7 @@ fn arms_point_outward_in_the_t_pose() {
 }
 
 #[test]
-fn every_link_has_a_pose_and_unknown_links_have_none() {
+fn known_link_has_a_pose_and_unknown_link_has_none() {
     let model = shipped();
     let mut frames = Frames::default();
     model.forward(&model.home, &mut frames);

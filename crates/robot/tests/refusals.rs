@@ -23,7 +23,7 @@ const LEFT_1: &str = "<joint name=\"arm_left_1_joint\"";
 const LEFT_1_LIMIT: &str = "lower=\"-1.1780972450961724\" upper=\"1.5707963267948966\" velocity=\"1.95\" effort=\"43\"";
 
 #[test]
-fn f100_absurd_limits_are_refused_with_joint_value_and_bound() {
+fn f100_invalid_limits_are_refused_with_joint_value_and_bound() {
     let cases = [
         ("lower=\"2\" upper=\"1.5\" velocity=\"1.95\" effort=\"43\"", ["lower = 2", "below limit upper = 1.5"]),
         ("lower=\"1\" upper=\"1\" velocity=\"1.95\" effort=\"43\"", ["lower = 1", "below limit upper = 1"]),
@@ -45,13 +45,13 @@ fn f100_absurd_limits_are_refused_with_joint_value_and_bound() {
 }
 
 #[test]
-fn f100_a_joint_without_limit_is_refused() {
+fn f100_joint_without_limit_is_refused() {
     let urdf = edit(URDF, LEFT_1, &format!("<limit {LEFT_1_LIMIT}/>"), "");
     refused(TOML, &urdf, &["tiago_dual.urdf", "arm_left_1_joint", "limit lower = 0"]);
 }
 
 #[test]
-fn f100_joints_of_the_wrong_kind_are_refused() {
+fn f100_joints_of_wrong_kind_are_refused() {
     let urdf = edit(URDF, LEFT_1, "type=\"revolute\"", "type=\"continuous\"");
     refused(TOML, &urdf, &["arm_left_1_joint", "continuous", "must be revolute"]);
     let urdf = edit(URDF, "<joint name=\"torso_lift_joint\"", "type=\"prismatic\"", "type=\"fixed\"");
@@ -67,7 +67,7 @@ fn f100_joints_of_the_wrong_kind_are_refused() {
 }
 
 #[test]
-fn f099_what_is_no_tree_is_refused() {
+fn f099_urdf_that_is_not_a_tree_is_refused() {
     let urdf = edit(
         URDF,
         "<joint name=\"base_footprint_joint\"",
@@ -91,7 +91,7 @@ fn f099_what_is_no_tree_is_refused() {
 }
 
 #[test]
-fn f099_hostile_texts_are_refused_before_they_are_parsed() {
+fn f099_hostile_urdf_is_refused_with_reason() {
     let bomb = "<?xml version=\"1.0\"?><!DOCTYPE r [<!ENTITY a \"aaaa\"><!ENTITY b \"&a;&a;\">]><robot name=\"&b;\"/>";
     refused(TOML, bomb, &["tiago_dual.urdf", "DTD"]);
     refused(TOML, "<robot name=\"r\">&a;</robot>", &["entity"]);
@@ -107,7 +107,7 @@ fn f099_hostile_texts_are_refused_before_they_are_parsed() {
 }
 
 #[test]
-fn arms_that_do_not_mirror_are_refused() {
+fn arms_that_do_not_mirror_each_other_are_refused() {
     let limit = "lower=\"-1.1780972450961724\"";
     let urdf = edit(URDF, "<joint name=\"arm_right_1_joint\"", limit, "lower=\"-1.1\"");
     refused(TOML, &urdf, &["arm_right_1_joint", "position min", "left arm"]);
@@ -116,7 +116,7 @@ fn arms_that_do_not_mirror_are_refused() {
 }
 
 #[test]
-fn f097_typing_errors_in_the_robot_file_are_refused_with_their_key() {
+fn f097_error_in_robot_file_is_refused_with_its_key() {
     let cases = [
         ("[limits.torso]", "soft_margin_m", "soft_margin", "soft_margin"),
         ("[limits.head]", "jerk_max_rad_per_s3 = 400.0", "", "jerk_max_rad_per_s3"),
@@ -145,7 +145,7 @@ fn f097_typing_errors_in_the_robot_file_are_refused_with_their_key() {
 }
 
 #[test]
-fn f098_an_override_may_only_tighten() {
+fn f098_override_that_loosens_limit_is_refused() {
     let with =
         |line: &str| edit(TOML, "[home_m]", "[home_m]", &format!("[tighten.torso_lift_joint]\n{line}\n\n[home_m]"));
     refused(&with("velocity_max_m_per_s = 0.08"), URDF, &["torso_lift_joint", "0.08", "at most 0.07"]);

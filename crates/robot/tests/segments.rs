@@ -9,7 +9,7 @@ fn random(rng: &mut rand_pcg::Pcg64) -> Vector3<f64> {
 }
 
 #[test]
-fn agrees_with_parry_on_random_segments() {
+fn segment_distance_matches_parry_on_random_segments() {
     let mut rng = rand_pcg::Pcg64::seed_from_u64(11);
     for _ in 0..20_000 {
         let [a0, a1, b0, b1] = [(); 4].map(|()| random(&mut rng));
@@ -20,7 +20,7 @@ fn agrees_with_parry_on_random_segments() {
 }
 
 #[test]
-fn is_never_above_any_pair_of_points_nor_below_the_best_of_a_grid() {
+fn segment_distance_is_never_above_distance_of_grid_points() {
     let mut rng = rand_pcg::Pcg64::seed_from_u64(12);
     for case in 0..2_000 {
         let [a0, a1, b0, mut b1] = [(); 4].map(|()| random(&mut rng));

@@ -9,7 +9,7 @@ use std::f64::consts::FRAC_PI_2;
 use support::{GRIPPER_TOML, GRIPPER_URDF, TOML, URDF, load, shipped};
 
 #[test]
-fn home_is_five_centimetres_clear_of_itself_and_away_from_the_limits() {
+fn home_posture_has_5_cm_clearance_and_room_to_limits() {
     let model = shipped();
     let mut frames = Frames::default();
     model.forward(&model.home, &mut frames);
@@ -27,7 +27,7 @@ fn home_is_five_centimetres_clear_of_itself_and_away_from_the_limits() {
 /// Tests the most common pose of a person. When the arms hang straight down, the hands pass close to the
 /// base. This must be admissible. Five degrees away from it there must be room.
 #[test]
-fn hanging_arms_are_not_blocked() {
+fn hanging_arms_keep_minimum_clearance() {
     let model = shipped();
     let mut frames = Frames::default();
     for lift in [0.2, 0.25, 0.3] {
@@ -50,7 +50,7 @@ fn hanging_arms_are_not_blocked() {
 }
 
 #[test]
-fn arms_are_checked_against_the_torso() {
+fn arms_are_checked_against_torso() {
     let model = shipped();
     let named = |a: &str, b: &str| {
         let name = |index: usize| model.capsules[index].name.as_str();
@@ -77,7 +77,7 @@ fn arms_are_checked_against_the_torso() {
 }
 
 #[test]
-fn every_pair_is_checked_or_has_a_reason() {
+fn capsule_pair_is_checked_or_has_a_reason() {
     let model = shipped();
     let n = model.capsules.len();
     assert_eq!(model.pairs.len() + model.allowed.len(), n * (n - 1) / 2);
@@ -90,7 +90,7 @@ fn every_pair_is_checked_or_has_a_reason() {
 }
 
 #[test]
-fn limits_in_force_are_inside_the_urdf_and_stop_in_time() {
+fn limits_in_force_are_within_urdf_and_allow_stop_in_500_ms() {
     let model = shipped();
     for j in 0..JOINTS {
         let (limits, urdf) = (&model.limits[j], &model.urdf_limits[j]);
@@ -109,7 +109,7 @@ fn limits_in_force_are_inside_the_urdf_and_stop_in_time() {
 
 /// All links are on some body. The bodies together weigh as much as the URDF's links.
 #[test]
-fn masses_are_those_of_the_urdf() {
+fn masses_match_urdf() {
     let inertias = shipped().inertias();
     let urdf = urdf_rs::read_from_string(URDF).unwrap();
     let links: f64 = urdf.links.iter().map(|link| link.inertial.mass.value).sum();
@@ -128,7 +128,7 @@ fn masses_are_those_of_the_urdf() {
 }
 
 #[test]
-fn the_hash_tells_texts_apart_and_nothing_else() {
+fn hash_changes_with_either_file() {
     let model = shipped();
     assert_eq!(model.hash, load(TOML, URDF).unwrap().hash);
     assert_ne!(model.hash, load(&format!("{TOML}# another\n"), URDF).unwrap().hash);
@@ -137,7 +137,7 @@ fn the_hash_tells_texts_apart_and_nothing_else() {
 
 /// If this machine has the manufacturer's URDF, it must describe the same robot.
 #[test]
-fn the_manufacturers_urdf_has_the_same_kinematics() {
+fn manufacturer_urdf_has_same_kinematics() {
     let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/robots/tiago_dual/tiago_dual.urdf");
     let Ok(theirs) = std::fs::read_to_string(path) else {
         println!("skipped: {path} is not there");
@@ -170,7 +170,7 @@ fn the_manufacturers_urdf_has_the_same_kinematics() {
 /// There are as many shapes as visuals in the URDF, since none of them is a mesh. The base's box of the
 /// wheels is where the file puts it.
 #[test]
-fn every_shape_is_drawn_in_its_body() {
+fn shapes_are_drawn_in_their_body() {
     let model = shipped();
     let shapes: Vec<_> = model.visuals().collect();
     assert_eq!(shapes.len(), URDF.matches("<visual>").count());
@@ -182,7 +182,7 @@ fn every_shape_is_drawn_in_its_body() {
 }
 
 #[test]
-fn shapes_that_cannot_be_drawn_are_left_out() {
+fn shapes_of_invalid_size_are_left_out() {
     let count = |box_size: &str| {
         let text = URDF.replace("<box size=\"0.5 0.4996 0.275\"/>", box_size);
         load(TOML, &text).expect("a robot").visuals().count()
@@ -196,7 +196,7 @@ fn shapes_that_cannot_be_drawn_are_left_out() {
 
 /// The centres of the shipped files are where the hands grasp, in the frame of the arm's last body.
 #[test]
-fn empty_hands_have_their_centre_where_they_grasp() {
+fn empty_hands_have_payload_centre_at_grasping_frame() {
     for (toml, urdf, link) in
         [(TOML, URDF, "hand_SIDE_grasping_frame"), (GRIPPER_TOML, GRIPPER_URDF, "gripper_SIDE_grasping_frame")]
     {

@@ -80,7 +80,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_clock_never_runs_backwards_and_agrees_with_the_standard_library() {
+    fn clock_never_runs_backwards_and_agrees_with_std() {
         let mut last = now();
         assert!(last.0 > 0);
         for _ in 0..10_000 {
@@ -95,7 +95,7 @@ mod tests {
     }
 
     #[test]
-    fn f031_a_machine_that_slept_is_told_from_a_process_that_stood_still() {
+    fn f031_machine_sleep_is_reported_once_and_process_stop_never() {
         let mut watch = SleepWatch { ahead_ns: 1_000 };
         assert_eq!(watch.judge(Stamp(5_000), 6_100, Stamp(5_200)), 0);
         // The process was stopped for a second: between two calls, before the other clock was read, and after.
@@ -112,7 +112,7 @@ mod tests {
     }
 
     #[test]
-    fn a_sleep_never_ends_before_its_deadline_and_a_past_deadline_returns() {
+    fn sleep_until_never_ends_before_its_deadline() {
         for ahead_ns in [0, 1, 50_000, 2_000_000] {
             let deadline = now().plus_ns(ahead_ns);
             sleep_until(deadline);

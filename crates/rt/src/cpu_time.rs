@@ -15,7 +15,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn work_costs_time() {
+    fn cpu_time_rises_with_work() {
         let before = cpu_time_ns();
         let mut sum = 0_u64;
         for i in 0..20_000_000_u64 {

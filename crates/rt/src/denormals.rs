@@ -99,7 +99,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_denormal_number_becomes_zero_on_this_thread_and_its_children_only() {
+    fn flush_denormals_affects_own_thread_and_children_only() {
         assert!(!is_flushed(), "the default keeps them");
         let (before, outcome, after, child) = std::thread::spawn(|| {
             let before = is_flushed();

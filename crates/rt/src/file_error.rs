@@ -73,7 +73,7 @@ mod tests {
     }
 
     #[test]
-    fn taken_port_is_told_with_the_option_that_chooses_another() {
+    fn taken_port_error_names_option_for_another_port() {
         let taken = std::net::TcpListener::bind("127.0.0.1:0").expect("a port");
         let address = taken.local_addr().expect("its address");
         let error = std::net::TcpListener::bind(address).expect_err("it is taken");
@@ -83,7 +83,7 @@ mod tests {
     }
 
     #[test]
-    fn refused_file_is_told_with_advice_and_no_number() {
+    fn file_error_gives_advice_without_error_number() {
         let folder = tempfile::tempdir().expect("a folder");
         let file = folder.path().join("there.mcap");
         File::create(&file).expect("a file");

@@ -133,7 +133,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn every_index_is_ticked_once_or_missed(
+        fn tick_index_is_ticked_once_or_counted_as_missed(
             first in 0u64..1u64 << 40,
             steps in prop::collection::vec(0u64..5_000_000, 1..200),
         ) {
@@ -158,7 +158,7 @@ mod tests {
     }
 
     #[test]
-    fn an_index_is_taken_once() {
+    fn tick_index_is_taken_only_once() {
         let mut grid = TickGrid::starting_at(10);
         assert_eq!(grid.take(9), None);
         assert_eq!(grid.take(10), Some(0));
@@ -169,7 +169,7 @@ mod tests {
     }
 
     #[test]
-    fn lateness_is_measured_from_the_deadline_that_was_waited_for() {
+    fn lateness_is_measured_from_awaited_deadline() {
         let mut grid = TickGrid::starting_at(3);
         let tick = grid.wake(deadline(7).plus_ns(11)).expect("index 7 is due");
         assert_eq!((tick.k, tick.missed), (7, 4));
@@ -177,7 +177,7 @@ mod tests {
     }
 
     #[test]
-    fn the_loop_follows_the_clock_and_ends_at_shutdown_whether_it_spins_or_not() {
+    fn loop_follows_clock_until_shutdown_with_and_without_spin() {
         for spin_us in [0.0, 100.0, f64::MAX] {
             let (shutdown, mut periodic) = (Shutdown::new(), PeriodicLoop::start().spinning_us(spin_us));
             for _ in 0..20 {
@@ -191,7 +191,7 @@ mod tests {
     }
 
     #[test]
-    fn a_spin_is_bounded() {
+    fn spin_time_is_bounded() {
         let spins = |spin_us| PeriodicLoop::start().spinning_us(spin_us).spin_ns;
         assert_eq!([0.0, 100.0, 1e9, -1.0, f64::NAN].map(spins), [0, 100_000, SPIN_MAX_NS, 0, 0]);
     }

@@ -105,7 +105,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn quantiles_are_those_of_the_sorted_list_within_a_thousandth() {
+    fn quantiles_match_sorted_values_within_0_1_percent() {
         let mut histogram = Histogram::new();
         let values: Vec<u64> = (1..=10_000).map(|i| i * 137).collect();
         values.iter().for_each(|&ns| histogram.record_ns(ns));
@@ -121,7 +121,7 @@ mod tests {
     }
 
     #[test]
-    fn what_exceeds_the_range_is_counted_and_its_maximum_exact() {
+    fn value_beyond_range_is_counted_with_exact_maximum() {
         let mut histogram = Histogram::new();
         histogram.record_ns(0);
         histogram.record_ns(u64::MAX);

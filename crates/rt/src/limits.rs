@@ -63,7 +63,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn limits_are_those_that_the_kernel_shows() {
+    fn process_limits_match_proc_self_limits() {
         let shown = std::fs::read_to_string("/proc/self/limits").expect("Linux shows them");
         let soft = |name: &str| {
             let row = shown.lines().find_map(|line| line.strip_prefix(name)).expect("a row");

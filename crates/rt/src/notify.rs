@@ -115,7 +115,7 @@ mod tests {
     }
 
     #[test]
-    fn states_reach_a_socket_file_and_an_abstract_socket() {
+    fn states_reach_socket_file_and_abstract_socket() {
         let folder = tempfile::tempdir().expect("a folder");
         let path = folder.path().join("notify");
         let socket = UnixDatagram::bind(&path).expect("a socket");
@@ -128,7 +128,7 @@ mod tests {
     }
 
     #[test]
-    fn without_a_manager_nothing_happens_and_a_bad_name_is_an_error() {
+    fn notify_without_manager_does_nothing_and_bad_name_is_an_error() {
         let manager = ServiceManager::connect(None, None).expect("none is fine");
         assert!(!manager.is_present());
         manager.ready().expect("nothing to do");
@@ -140,7 +140,7 @@ mod tests {
     }
 
     #[test]
-    fn the_watchdog_of_another_process_is_ignored() {
+    fn watchdog_of_another_process_is_ignored() {
         assert_eq!(watchdog(Some("2000000"), Some("7"), 7), Some(Duration::from_secs(2)));
         assert_eq!(watchdog(Some("2000000"), None, 7), Some(Duration::from_secs(2)));
         assert_eq!(watchdog(Some("2000000"), Some("8"), 7), None);

@@ -43,7 +43,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn touching_new_pages_is_counted() {
+    fn new_pages_are_counted_as_page_faults() {
         let before = PageFaults::of_thread();
         // 64 MiB is far more than one allocation can find already mapped. Even 2 MiB pages need 32 faults.
         let pages = vec![1u8; 64 << 20];

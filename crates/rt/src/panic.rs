@@ -21,7 +21,7 @@ mod tests {
 
     /// Not a test by itself: it is the process that panics in a thread other than its first.
     #[test]
-    fn a_process_that_panics() {
+    fn child_process_that_panics() {
         if std::env::var_os(ROLE).is_some() {
             abort_on_panic();
             let _ = std::thread::spawn(|| panic!("a bug")).join();
@@ -29,9 +29,9 @@ mod tests {
     }
 
     #[test]
-    fn a_panic_of_any_thread_ends_the_process_and_says_why() {
+    fn panic_of_any_thread_aborts_process_with_its_message() {
         let this = std::env::current_exe().expect("a test program");
-        let test = "panic::tests::a_process_that_panics";
+        let test = "panic::tests::child_process_that_panics";
         let output =
             Command::new(this).args(["--exact", test, "--nocapture"]).env(ROLE, "1").output().expect("it runs");
         assert_eq!(output.status.signal(), Some(6), "SIGABRT: {output:?}");

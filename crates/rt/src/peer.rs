@@ -63,7 +63,7 @@ mod tests {
     use std::os::unix::net::UnixStream;
 
     #[test]
-    fn the_peer_of_a_pair_is_this_process() {
+    fn peer_of_socket_pair_is_this_process() {
         let (one, _other) = UnixStream::pair().unwrap();
         let peer = Peer::of(one.as_fd()).unwrap();
         assert_eq!(peer.pid, std::process::id());
@@ -72,7 +72,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_socket_has_no_peer() {
+    fn file_that_is_no_socket_has_no_peer() {
         let file = std::fs::File::open("/dev/null").unwrap();
         assert!(Peer::of(file.as_fd()).is_err());
     }

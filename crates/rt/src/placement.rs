@@ -106,7 +106,7 @@ mod tests {
     }
 
     #[test]
-    fn lists_of_the_kernel_are_read() {
+    fn kernel_core_list_is_parsed_or_refused() {
         assert_eq!(core_list("\n"), Some(vec![]));
         assert_eq!(core_list("0-3,8,10-11\n"), Some(vec![0, 1, 2, 3, 8, 10, 11]));
         assert_eq!(core_list("5"), Some(vec![5]));
@@ -116,7 +116,7 @@ mod tests {
     }
 
     #[test]
-    fn few_cores_share_the_last_and_one_or_many_are_left_alone() {
+    fn auto_placement_takes_last_core_of_two_to_four() {
         assert_eq!(auto("0", "", "0"), (None, None));
         assert_eq!(auto("0-1", "", "0-1"), (Some(vec![1]), Some(vec![0])));
         assert_eq!(auto("1,3,6", "", "0-7"), (Some(vec![6]), Some(vec![1, 3])));
@@ -126,7 +126,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_listed_is_left_to_the_others() {
+    fn cores_not_listed_are_left_to_other_threads() {
         let map = CoreMap { allowed: vec![0, 1, 2, 3], isolated: vec![], online: vec![0, 1, 2, 3] };
         let listed = |list: &[usize]| Placement::listed(&map, list).others;
         assert_eq!(listed(&[2, 3]), Some(vec![0, 1]));
@@ -135,7 +135,7 @@ mod tests {
     }
 
     #[test]
-    fn an_isolated_core_comes_first_but_never_against_a_narrower_mask() {
+    fn auto_placement_prefers_isolated_core_within_mask() {
         // After a boot with isolcpus=2,3 the mask leaves them out.
         assert_eq!(auto("0-1", "2-3", "0-3"), (Some(vec![2]), None));
         // The mask names the isolated cores, so the other threads must keep off them.
@@ -149,7 +149,7 @@ mod tests {
     }
 
     #[test]
-    fn the_machine_has_a_core_for_this_thread() {
+    fn core_map_of_machine_has_an_allowed_core() {
         let map = CoreMap::of_machine();
         assert!(!map.allowed.is_empty() && map.allowed.is_sorted(), "{map:?}");
     }

@@ -36,7 +36,7 @@ fn detect() -> (&'static str, Vec<&'static str>) {
 #[cfg(test)]
 mod tests {
     #[test]
-    fn features_are_those_that_the_kernel_shows() {
+    fn cpu_features_match_proc_cpuinfo() {
         let said = super::cpu_features();
         let shown = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
         let flags = shown.lines().find(|line| line.starts_with("flags")).unwrap_or_default();

@@ -37,7 +37,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn colour_goes_to_terminals_whose_user_wants_it() {
+    fn colour_is_used_only_on_terminals_without_no_color() {
         let colours = |terminal: bool, no_color: &str, term: &str| colours(terminal, no_color.as_ref(), term.as_ref());
         assert!(colours(true, "", "xterm-256color") && colours(true, "", ""));
         assert!(!colours(false, "", "xterm"), "a file");

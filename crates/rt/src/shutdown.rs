@@ -83,7 +83,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_request_ends_a_long_sleep() {
+    fn shutdown_request_ends_long_sleep() {
         let shutdown = Shutdown::new();
         let other = shutdown.clone();
         let sleeper = std::thread::spawn(move || other.sleep_until(now().plus_ns(3_600_000_000_000)));
@@ -94,7 +94,7 @@ mod tests {
     }
 
     #[test]
-    fn a_spin_never_ends_before_its_deadline_and_a_signal_ends_it() {
+    fn spin_ends_at_its_deadline_or_on_shutdown_request() {
         let shutdown = Shutdown::new();
         for ahead_ns in [0, 1_000, 100_000] {
             let deadline = now().plus_ns(ahead_ns);
@@ -108,14 +108,14 @@ mod tests {
     }
 
     #[test]
-    fn an_undisturbed_sleep_reaches_its_deadline() {
+    fn undisturbed_sleep_reaches_its_deadline() {
         let deadline = now().plus_ns(SLICE_NS + SLICE_NS / 2);
         assert!(Shutdown::new().sleep_until(deadline));
         assert!(now() >= deadline);
     }
 
     #[test]
-    fn a_signal_raises_the_flag_and_is_remembered() {
+    fn signal_requests_shutdown_and_is_remembered() {
         let shutdown = Shutdown::on_signals().expect("handlers can be installed");
         assert!(!shutdown.requested());
         signal_hook::low_level::raise(libc::SIGTERM).expect("a process may signal itself");

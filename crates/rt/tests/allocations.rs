@@ -6,7 +6,7 @@ use rt::{Histogram, PeriodicLoop, Shutdown, TickGrid, count_allocations};
 static ALLOCATOR: rt::CountingAllocator = rt::CountingAllocator;
 
 #[test]
-fn the_counter_sees_a_deliberate_allocation_of_its_own_thread_only() {
+fn counter_counts_allocations_of_own_thread_only() {
     let ((), count) = count_allocations(|| {
         let mut list: Vec<u8> = Vec::with_capacity(100);
         list.push(1);
@@ -20,7 +20,7 @@ fn the_counter_sees_a_deliberate_allocation_of_its_own_thread_only() {
 }
 
 #[test]
-fn the_periodic_path_does_not_allocate() {
+fn periodic_path_allocates_nothing() {
     let (shutdown, mut periodic) = (Shutdown::new(), PeriodicLoop::start());
     let mut histogram = Histogram::new();
     let mut grid = TickGrid::after(rt::now());
@@ -38,7 +38,7 @@ fn the_periodic_path_does_not_allocate() {
 }
 
 #[test]
-fn what_others_allocate_is_counted_aside_and_what_they_call_back_is_ours() {
+fn allocations_of_libraries_are_counted_aside_except_callbacks() {
     let block = |bytes: usize| drop(std::hint::black_box(vec![0u8; bytes]));
     std::thread::spawn(move || {
         block(1);

@@ -9,7 +9,7 @@ const BLOCK_BYTES: usize = 4 << 20;
 const HEAP_BYTES: usize = 2 << 20;
 
 #[test]
-fn locked_memory_is_resident_where_the_lock_is_reported() {
+fn memory_is_resident_when_lock_is_reported_applied() {
     let config = RealtimeConfig { policy: Policy::Other, cores: None, lock_memory: true, cpu_dma_latency: false };
     let report = Realtime::apply(&config);
     if report.prefault.is_applied() {

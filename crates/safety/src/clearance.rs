@@ -208,7 +208,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn distances_are_those_of_the_other_implementation() {
+    fn segment_distances_match_robot_model() {
         let mut rng = rand_pcg::Pcg64::seed_from_u64(3);
         for n in 0..1_000_000 {
             let first = [point(&mut rng, 1.0), point(&mut rng, 1.0)];
@@ -227,7 +227,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn distances_from_solids_are_those_of_the_other_implementation() {
+    fn distances_from_solids_match_robot_model() {
         let mut rng = rand_pcg::Pcg64::seed_from_u64(4);
         let mut meeting = 0;
         for n in 0..100_000 {
@@ -308,7 +308,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn nothing_that_is_passed_over_is_nearer() {
+    fn clearance_is_least_distance_of_all_pairs() {
         let mut model = shipped();
         let mut rng = rand_pcg::Pcg64::seed_from_u64(5);
         let mut frames = Frames { base_from_body: [Pose::identity(); JOINTS + 1] };
@@ -332,7 +332,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn known_distances() {
+    fn segment_distances_match_known_geometry() {
         let segment = |a: [f64; 3], b: [f64; 3]| [Vector3::from(a), Vector3::from(b)];
         let x = segment([-1.0, 0.0, 0.0], [1.0, 0.0, 0.0]);
         assert_eq!(between_segments(&x, &segment([0.0, -1.0, 0.5], [0.0, 1.0, 0.5])), 0.5, "crossing");

@@ -148,7 +148,7 @@ mod tests {
     }
 
     #[test]
-    fn joints_outside_their_limits_are_seen_beyond_noise() {
+    fn joint_outside_limits_beyond_noise_is_named() {
         let model = model();
         assert_eq!(outside_limits(&model, &model.home), None);
         for (past, outside) in [(0.0, false), (0.0049, false), (0.0051, true), (f64::NAN, true)] {
@@ -168,7 +168,7 @@ mod tests {
     }
 
     #[test]
-    fn a_command_is_outside_beyond_rounding() {
+    fn command_outside_limits_beyond_rounding_is_named() {
         let model = model();
         assert_eq!(commanded_outside(&model, &model.home), None);
         for j in 0..JOINTS {
@@ -185,7 +185,7 @@ mod tests {
     }
 
     #[test]
-    fn a_motion_may_begin_within_limits_and_with_room_around() {
+    fn motion_may_begin_only_within_limits_and_with_clearance() {
         let model = model();
         let mut frames = Frames { base_from_body: [robot::Pose::identity(); JOINTS + 1] };
         assert!(clear_to_start(&model, &mut frames, &model.home));
@@ -214,7 +214,7 @@ mod tests {
     }
 
     #[test]
-    fn nearness_has_hysteresis() {
+    fn collision_near_has_hysteresis() {
         let model = model();
         let mut near = Near::new();
         let least = model.d_measured_min_m;
@@ -233,7 +233,7 @@ mod tests {
     }
 
     #[test]
-    fn the_greatest_tracking_error_counts_by_kind_and_nan_stays() {
+    fn tracking_error_is_greatest_by_kind_and_nan_stays() {
         let model = model();
         let (q, still) = (model.home, [0.0; JOINTS]);
         let (lift, turn) = (messages::TORSO, messages::LEFT_ARM.start);
@@ -255,7 +255,7 @@ mod tests {
     }
 
     #[test]
-    fn the_measured_clearance_is_that_of_the_other_implementation() {
+    fn measured_clearance_matches_robot_model() {
         let model = model();
         let mut frames = Frames { base_from_body: [robot::Pose::identity(); JOINTS + 1] };
         let own = measured_clearance(&model, &mut frames, &model.home);

@@ -19,7 +19,7 @@ fn allocated() -> u64 {
 }
 
 #[test]
-fn the_counter_counts() {
+fn allocation_counter_counts_one_allocation() {
     rt::watch_allocations();
     let before = allocated();
     drop(std::hint::black_box(Box::new(1)));
@@ -27,7 +27,7 @@ fn the_counter_counts() {
 }
 
 #[test]
-fn ten_thousand_ticks_allocate_nothing() {
+fn engage_and_gate_ticks_allocate_nothing() {
     rt::watch_allocations();
     let model = model();
     let config = Config::new(&model).unwrap();

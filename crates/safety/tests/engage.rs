@@ -7,7 +7,7 @@ use safety::engage::{Config, ConfigError, Permit, Settings, speed_scale};
 use support::{Bench, settings, ticks};
 
 #[test]
-fn f066_an_enable_stuck_at_boot_never_engages() {
+fn f066_enable_stuck_at_boot_never_engages() {
     let mut bench = Bench::new();
     for _ in 0..ticks(10_000) {
         // Edges without end come from a chattering contact on a handle that was never seen released.
@@ -25,7 +25,7 @@ fn f066_an_enable_stuck_at_boot_never_engages() {
 }
 
 #[test]
-fn no_restart_engages() {
+fn restarted_control_never_engages_by_itself() {
     let mut bench = Bench::engaged();
     bench.state = safety::engage::State::new();
     for _ in 0..ticks(3000) {
@@ -34,7 +34,7 @@ fn no_restart_engages() {
 }
 
 #[test]
-fn the_first_second_is_slow_and_the_ramp_is_smooth() {
+fn engaging_is_slow_for_first_second_and_ramp_is_smooth() {
     const NS_PER_TICK: u64 = 666_667;
     let mut before = 0.0;
     for n in 0..6000 {
@@ -60,7 +60,7 @@ fn the_first_second_is_slow_and_the_ramp_is_smooth() {
 }
 
 #[test]
-fn a_blocked_robot_engages_once_it_has_settled_for_half_a_second_at_full_scale() {
+fn blocked_robot_engages_after_settling_for_500_ms() {
     let mut bench = Bench::engaging();
     bench.input.motion.settled = true;
     let taken = bench.until(Mode::Engaged, ticks(4000));
@@ -78,7 +78,7 @@ fn silence(stream: fn(&mut Bench) -> &mut bool, mode: Mode) -> u64 {
 }
 
 #[test]
-fn f021_f036_f051_silence_acts_in_time_and_not_before() {
+fn f021_f036_f051_silence_acts_exactly_at_its_timeout() {
     // The age exceeds n ms at the first tick that lies after it. The stamps differ by the rounding of a tick.
     let cases: [(&str, u64, u64); 5] = [
         ("target", 10, silence(|b| &mut b.alive.target, Mode::Holding)),
@@ -94,7 +94,7 @@ fn f021_f036_f051_silence_acts_in_time_and_not_before() {
 }
 
 #[test]
-fn own_sleep_is_charged_to_nobody() {
+fn own_sleep_causes_no_fault() {
     let mut bench = Bench::engaged();
     // For 80 ms neither this process nor any other ran.
     bench.alive.target = false;
@@ -110,7 +110,7 @@ fn own_sleep_is_charged_to_nobody() {
 }
 
 #[test]
-fn a_writer_that_stamps_the_future_is_silent() {
+fn writer_with_future_stamps_counts_as_silent() {
     let mut bench = Bench::engaged();
     bench.alive.target = false;
     bench.input.target.received = messages::Stamp(u64::MAX);
@@ -122,7 +122,7 @@ fn a_writer_that_stamps_the_future_is_silent() {
 }
 
 #[test]
-fn f055_tracking_errors_stop() {
+fn f055_tracking_error_stops_after_100_ms_or_at_once_if_huge() {
     type Set = fn(&mut Bench, f64);
     let rad: Set = |bench, x| bench.input.robot.tracking_error_rad = x;
     let m: Set = |bench, x| bench.input.robot.tracking_error_m = x;
@@ -150,7 +150,7 @@ fn f055_tracking_errors_stop() {
 
 /// A joint that swings through its setpoint has a small error there, twice in each swing.
 #[test]
-fn f055_a_tracking_error_that_swings_stops() {
+fn f055_swinging_tracking_error_stops() {
     for hz in [0.5, 1.0, 2.0, 4.0, 6.0, 8.0, 12.0, 16.0, 20.0_f64] {
         // These are amplitudes from the one on at which the error is large for a third of the time.
         for (amplitude, stops_ms) in [(0.145, Some(250)), (0.1, Some(300)), (0.065, Some(1200)), (0.055, None)] {
@@ -180,7 +180,7 @@ fn f055_a_tracking_error_that_swings_stops() {
 
 /// The rest of a long tracking error does not prevent a reset.
 #[test]
-fn a_tracking_error_is_over_soon_after_it_is_small() {
+fn tracking_error_clears_within_41_ms_once_small() {
     let mut bench = Bench::engaged();
     bench.input.robot.tracking_error_rad = 0.1;
     bench.steps(ticks(10_000));
@@ -191,7 +191,7 @@ fn a_tracking_error_is_over_soon_after_it_is_small() {
 
 /// The command rests, but the arms swing. Then nothing begins, and nothing ends.
 #[test]
-fn f055_a_robot_that_swings_is_not_at_rest() {
+fn f055_swinging_robot_is_not_at_rest() {
     let swings = |mut bench: Bench| {
         bench.input.motion.at_rest = true;
         bench.input.robot.at_rest = false;
@@ -229,7 +229,7 @@ fn f055_a_robot_that_swings_is_not_at_rest() {
 
 /// The cause of the hold says nothing against the person. So the robot goes on from where it rests.
 #[test]
-fn a_gap_of_two_seconds_at_most_resumes_at_once() {
+fn gap_of_two_seconds_at_most_resumes_at_once() {
     let gaps: [fn(&mut Bench, bool); 3] = [
         |bench, there| bench.input.target.input_fresh = there,
         |bench, there| bench.alive.target = there,
@@ -265,7 +265,7 @@ fn a_gap_of_two_seconds_at_most_resumes_at_once() {
 }
 
 #[test]
-fn a_hold_resumes_slowly_or_ends() {
+fn hold_resumes_slowly_or_ends_after_timeout() {
     let mut bench = Bench::holding_near();
     assert_eq!(bench.steps(100).mode, Mode::Holding, "still moving");
     bench.input.motion.at_rest = true;
@@ -284,7 +284,7 @@ fn a_hold_resumes_slowly_or_ends() {
 }
 
 #[test]
-fn a_release_while_holding_is_not_forgotten() {
+fn release_while_holding_ends_hold_despite_new_enable() {
     let mut bench = Bench::holding(true);
     bench.let_go();
     bench.step();
@@ -295,7 +295,7 @@ fn a_release_while_holding_is_not_forgotten() {
 }
 
 #[test]
-fn f061_an_emergency_stop_at_every_tick_of_engaging_stops_for_good() {
+fn f061_emergency_stop_at_any_tick_of_engaging_latches() {
     let events: [fn(&mut Bench); 5] = [
         |_| {},
         |b| b.press(),
@@ -319,7 +319,7 @@ fn f061_an_emergency_stop_at_every_tick_of_engaging_stops_for_good() {
 }
 
 #[test]
-fn f072_a_reset_is_an_edge_and_engages_nothing() {
+fn f072_reset_needs_an_edge_at_rest_and_engages_nothing() {
     let mut bench = Bench::faulted();
     bench.input.operator.reset_edge = true;
     assert_eq!(bench.step().mode, Mode::Faulted, "moving, enable held");
@@ -338,7 +338,7 @@ fn f072_a_reset_is_an_edge_and_engages_nothing() {
 }
 
 #[test]
-fn a_drivers_latch_is_reset_through_the_driver() {
+fn driver_latch_is_reset_only_after_driver_clears_it() {
     let mut bench = Bench::engaged();
     bench.input.robot.driver_fault = true;
     assert_eq!(bench.step().mode, Mode::Faulted);
@@ -364,7 +364,7 @@ fn a_drivers_latch_is_reset_through_the_driver() {
 }
 
 #[test]
-fn faults_are_counted_once_each_time_they_begin() {
+fn fault_is_counted_once_each_time_it_begins() {
     let mut bench = Bench::disengaged(true);
     let index = Fault::InputStale.index();
     for n in 1..=3 {
@@ -377,7 +377,7 @@ fn faults_are_counted_once_each_time_they_begin() {
 }
 
 #[test]
-fn a_recovery_is_held_to_run_and_engages_nothing() {
+fn recovery_runs_only_while_held_and_engages_nothing() {
     // A recovery begins from its reasons alone, whatever data of the person is missing, because it follows no
     // target.
     let mut bench = Bench::outside();
@@ -416,7 +416,7 @@ fn a_recovery_is_held_to_run_and_engages_nothing() {
 }
 
 #[test]
-fn a_recovery_needs_its_reason_and_no_other() {
+fn recovery_is_refused_without_its_reason_or_with_other_faults() {
     let refused = |prepare: fn(&mut Bench)| {
         let mut bench = Bench::outside();
         prepare(&mut bench);
@@ -446,7 +446,7 @@ fn a_recovery_needs_its_reason_and_no_other() {
 }
 
 #[test]
-fn a_recovery_that_finds_no_way_says_so() {
+fn recovery_that_stands_still_ends_as_blocked() {
     let mut bench = Bench::recovering();
     bench.steps(ticks(1000));
     bench.input.motion.at_rest = true;
@@ -457,7 +457,7 @@ fn a_recovery_that_finds_no_way_says_so() {
 }
 
 #[test]
-fn thresholds_that_monitor_nothing_are_refused() {
+fn thresholds_out_of_range_or_order_are_refused() {
     type Change = (&'static str, fn(&mut Settings));
     let changes: [Change; 8] = [
         ("target_stale_ms", |s| s.target_stale_ms = f64::NAN),

@@ -16,7 +16,7 @@ fn patience(factor: f64, mode: Mode, fail: impl Fn(&mut Bench)) -> u64 {
 }
 
 #[test]
-fn patience_grows_with_the_factor_where_it_may() {
+fn timeouts_grow_with_factor_except_tracking_error() {
     type Fail = fn(&mut Bench);
     let relaxed: [(f64, Mode, Fail); 3] = [
         (settings().target_stale_ms, Mode::Holding, |bench| bench.alive.target = false),
@@ -34,7 +34,7 @@ fn patience_grows_with_the_factor_where_it_may() {
 }
 
 #[test]
-fn missed_deadlines_are_counted_with_the_factor() {
+fn missed_deadline_limit_grows_with_factor() {
     for (factor, missed, stops) in [(1.0, 9, false), (1.0, 10, true), (10.0, 99, false), (10.0, 100, true)] {
         let mut bench = Bench::engaged();
         bench.config = Config::relaxed(&settings(), factor).expect("allowed");
@@ -44,13 +44,13 @@ fn missed_deadlines_are_counted_with_the_factor() {
 }
 
 #[test]
-fn a_permit_tells_its_share_of_speed() {
+fn permit_gives_its_speed_scale() {
     assert_eq!(Permit::Follow { speed_scale: 0.25 }.speed_scale(), 0.25);
     assert_eq!(Permit::Stop.speed_scale(), 0.0);
 }
 
 #[test]
-fn who_was_never_seen_is_not_late_and_tells_nothing() {
+fn writer_never_seen_gives_only_its_missing_fault() {
     let mut bench = Bench::new();
     (bench.alive.target, bench.alive.input, bench.alive.state) = (false, false, false);
     (bench.input.target.config_matches, bench.input.robot.config_matches) = (false, false);
@@ -87,7 +87,7 @@ fn always_as_old(bench: &mut Bench, n: usize, age_ns: u64, count: u64) -> Output
 /// Ages are exact. A message that arrives exactly as old as allowed is not stale, and one nanosecond more is
 /// stale.
 #[test]
-fn every_age_is_allowed_to_the_nanosecond() {
+fn stream_age_limits_are_exact_to_the_nanosecond() {
     let ns = |ms: f64| (ms * 1e6) as u64;
     let streams = [
         (0, ns(settings().target_stale_ms), Fault::TargetStale),
@@ -112,7 +112,7 @@ fn every_age_is_allowed_to_the_nanosecond() {
 
 /// A tick that is late by its whole length is charged in full, and a longer sleep is not.
 #[test]
-fn two_ticks_are_charged_and_no_more() {
+fn own_gap_is_charged_up_to_two_ticks() {
     for (gap_ns, most) in [(666_667, 16), (1_333_333, 9), (50_000_000, 9)] {
         let mut bench = Bench::engaged();
         bench.alive.target = false;
@@ -126,7 +126,7 @@ fn two_ticks_are_charged_and_no_more() {
 
 /// A lesser tracking error is tolerated for exactly the configured time, and not a tick longer.
 #[test]
-fn a_tracking_error_is_borne_to_the_nanosecond() {
+fn tracking_error_is_tolerated_exactly_for_its_time() {
     let mut bench = Bench::engaged();
     bench.input.robot.tracking_error_rad = 0.1;
     let most = settings().tracking_error_ms as u64;
@@ -137,7 +137,7 @@ fn a_tracking_error_is_borne_to_the_nanosecond() {
 
 /// Each writer has an identity of its own. A client that has left does not count as a new one.
 #[test]
-fn every_writer_is_known_by_itself() {
+fn change_of_each_writer_gives_its_own_fault() {
     type Change = fn(&mut Bench);
     let changes: [(Change, Option<Fault>); 5] = [
         (|_| (), None),
@@ -163,7 +163,7 @@ fn step_of_1_ms(bench: &mut Bench) -> Output {
 
 /// A recovery that stands still finds no way after half a second, and not a millisecond sooner.
 #[test]
-fn a_recovery_is_blocked_to_the_nanosecond() {
+fn recovery_at_standstill_is_blocked_after_exactly_500_ms() {
     let mut bench = Bench::recovering();
     bench.input.motion.at_rest = true;
     for n in 1..=501 {
@@ -174,7 +174,7 @@ fn a_recovery_is_blocked_to_the_nanosecond() {
 
 /// After a jump the robot catches up at full speed for exactly the configured time.
 #[test]
-fn f034_a_jump_slows_to_the_nanosecond() {
+fn f034_jumped_target_slows_after_exactly_its_time() {
     let mut bench = Bench::engaged();
     bench.input.target.jumped = true;
     let most = settings().target_jump_slow_ms as u64;
@@ -188,7 +188,7 @@ fn f034_a_jump_slows_to_the_nanosecond() {
 /// Jumps are tolerated for exactly the configured time from the first one on, also just after the process has
 /// started.
 #[test]
-fn f034_jumps_are_borne_to_the_nanosecond() {
+fn f034_jumps_are_tolerated_exactly_for_their_time() {
     let debounce = u64::from(FAULTS[Fault::InputImplausible.index()].debounce_ticks);
     let most = settings().target_jump_hold_ms as u64 + debounce - 1;
     for young_ms in [0, 50] {
@@ -206,7 +206,7 @@ fn f034_jumps_are_borne_to_the_nanosecond() {
 
 /// A speed that returns to full within the tick is no longer reduced.
 #[test]
-fn full_speed_has_no_reason_to_be_slow() {
+fn full_speed_clears_the_reduced_reason() {
     let mut bench = Bench::engaged();
     let late_ns = (settings().input_late_ms * 1e6) as u64 + 1000;
     // No message arrives for 50 ms, so that the next one is both new and old.
@@ -223,7 +223,7 @@ fn full_speed_has_no_reason_to_be_slow() {
 
 /// If speed falls again while it returns, the reason stays the same.
 #[test]
-fn a_reason_that_comes_again_is_told() {
+fn reduced_reason_stays_when_speed_falls_again() {
     let mut bench = Bench::engaged();
     bench.alive.input = false;
     bench.steps(100);

@@ -116,7 +116,7 @@ fn legal(hand: Hand, set: u32, from: Mode, out: &Output, pending: bool) -> bool 
 }
 
 #[test]
-fn f071_a_stop_beats_everything_in_every_combination() {
+fn f071_stop_wins_in_every_combination_of_events() {
     let mut blocked = Bench::engaging();
     blocked.steps(ticks(3000));
     let mut at_rest = Bench::holding(true);

@@ -340,7 +340,7 @@ fn document() -> [String; 3] {
 }
 
 #[test]
-fn the_diagram_in_the_document_shows_every_transition_and_no_other() {
+fn diagram_in_document_matches_state_machine() {
     let [_, stored, _] = document();
     assert_eq!(stored, diagram(), "write it anew: cargo test -p safety --test all engage_snapshot -- --ignored");
 }
@@ -353,7 +353,7 @@ fn write_the_diagram() {
 }
 
 #[test]
-fn every_state_and_event_is_a_line_of_the_snapshot() {
+fn every_state_and_event_matches_snapshot() {
     let stored = include_str!("engage.txt");
     let actual = snapshot();
     for (number, (actual, stored)) in actual.lines().zip(stored.lines()).enumerate() {

@@ -51,7 +51,7 @@ proptest! {
     #![proptest_config(ProptestConfig { cases: 256, failure_persistence: None, ..ProptestConfig::default() })]
 
     #[test]
-    fn f053_one_sample_that_jumps_is_passed_over_and_the_second_is_invalid(
+    fn f053_first_jumped_sample_is_skipped_and_second_is_invalid(
         joint in 0..JOINTS, share in -1.0..1.0_f64, by in 0.02..3.0_f64, up in any::<bool>(), before in 1..50_u32,
     ) {
         let by = if up { by } else { -by };
@@ -95,7 +95,7 @@ proptest! {
 }
 
 #[test]
-fn f052_a_measurement_that_stands_while_its_joint_is_sent_on_is_invalid() {
+fn f052_frozen_measurement_of_moving_joint_is_invalid() {
     for joint in 0..JOINTS {
         for share in [0.25, 1.0] {
             let speed = share * MODEL.limits[joint].v_max;
@@ -116,7 +116,7 @@ fn f052_a_measurement_that_stands_while_its_joint_is_sent_on_is_invalid() {
 }
 
 #[test]
-fn f054_what_is_no_number_is_invalid_at_once() {
+fn f054_nan_or_infinite_measurement_is_invalid_at_once() {
     for joint in 0..JOINTS {
         for value in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
             let mut bench = Bench::new();
@@ -128,7 +128,7 @@ fn f054_what_is_no_number_is_invalid_at_once() {
 }
 
 #[test]
-fn f056_wrong_signs_and_swapped_joints_are_seen_before_a_fiftieth_of_a_radian() {
+fn f056_wrong_sign_or_swapped_joint_is_invalid_within_0_02_rad() {
     for joint in 0..JOINTS {
         for sign in [-1.0, 1.0] {
             let speed = sign * 0.05 * MODEL.limits[joint].v_max;
@@ -164,7 +164,7 @@ fn f056_wrong_signs_and_swapped_joints_are_seen_before_a_fiftieth_of_a_radian() 
 /// A joint that still swings when a motion begins may come back against the motion's direction. It is
 /// accepted. A wrong sign may look like this only once.
 #[test]
-fn f056_a_joint_that_comes_back_is_believed_and_a_wrong_sign_for_one_way_at_most() {
+fn f056_joint_swinging_back_is_valid_and_wrong_sign_is_not() {
     const ELBOW: usize = 10;
     let start = MODEL.home[ELBOW];
     for sign in [-1.0, 1.0] {
@@ -201,7 +201,7 @@ fn judged(begins: bool, servo_lag_s: f64, samples: &[(u64, f64, f64, f64)]) -> V
 }
 
 #[test]
-fn f052_a_joint_stands_to_the_tick_and_to_the_bit() {
+fn f052_frozen_bounds_are_exact_to_tick_and_bit() {
     let last_of = |samples: &[(u64, f64, f64, f64)]| judged(false, 0.0, samples).pop().expect("samples");
     assert!(!last_of(&[(1000, 0.0, 0.0, 0.1), (1074, 0.03, 0.0, 0.1)]));
     assert!(last_of(&[(1000, 0.0, 0.0, 0.1), (1075, 0.03, 0.0, 0.1)]));
@@ -214,7 +214,7 @@ fn f052_a_joint_stands_to_the_tick_and_to_the_bit() {
 }
 
 #[test]
-fn f056_a_sense_is_judged_to_the_bit() {
+fn f056_direction_bounds_are_exact_to_the_bit() {
     let way = 1.0 / 64.0;
     let ways = |samples: &[(f64, f64)]| {
         let samples: Vec<_> = (1000..).zip(samples).map(|(k, &(q, measured))| (k, q, 0.0, measured)).collect();
@@ -228,7 +228,7 @@ fn f056_a_sense_is_judged_to_the_bit() {
 }
 
 #[test]
-fn f056_what_a_sound_servo_lags_behind_is_no_wrong_sense() {
+fn f056_lag_of_sound_servo_is_no_wrong_direction() {
     let lag_s = 0.03;
     let mut samples = vec![(1000, 0.0, 0.0, 0.0)];
     for n in 1..200 {
@@ -239,7 +239,7 @@ fn f056_what_a_sound_servo_lags_behind_is_no_wrong_sense() {
 }
 
 #[test]
-fn f053_a_joint_may_move_as_fast_as_its_bound_to_the_bit() {
+fn f053_jump_bound_is_exact_to_the_bit() {
     let bound = 3.0 * MODEL.limits[10].v_max * TICK_S + 0.005;
     for (to, off) in [(bound, false), (bound + 1e-12, true)] {
         // The second of two outliers in a row is invalid.

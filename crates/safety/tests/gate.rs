@@ -87,7 +87,7 @@ fn near_a_limit(rng: &mut Pcg64, l: &JointLimits) -> Joint {
 
 /// The gate accepts all that the judge accepts. It refuses what the judge refuses with twice the gate's slack.
 #[test]
-fn f040_f041_the_gate_accepts_exactly_the_largest_admissible_step() {
+fn f040_f041_gate_accepts_steps_up_to_largest_admissible() {
     const TWICE_THE_SLACK: f64 = 128.0 / (1_u64 << 40) as f64;
     let model = without_pairs();
     let config = Config::new(&model).unwrap();
@@ -151,7 +151,7 @@ fn f040_f041_the_gate_accepts_exactly_the_largest_admissible_step() {
 }
 
 #[test]
-fn a_step_is_constant_jerk_to_within_the_slack() {
+fn step_off_constant_jerk_beyond_slack_is_denied() {
     let model = without_pairs();
     let config = Config::new(&model).unwrap();
     let x = Joint { q: 0.1, v: 0.2, a: 1.0 };
@@ -171,7 +171,7 @@ fn a_step_is_constant_jerk_to_within_the_slack() {
 }
 
 #[test]
-fn a_plan_ends_at_rest_and_in_time() {
+fn plan_that_ends_moving_or_late_is_denied() {
     let model = without_pairs();
     let config = Config::new(&model).unwrap();
     let (j, x) = (1, Joint { q: 0.0, v: 0.3, a: 0.0 });
@@ -202,7 +202,7 @@ fn a_plan_ends_at_rest_and_in_time() {
 }
 
 #[test]
-fn a_denial_makes_all_joints_play_the_stored_plan_together() {
+fn denial_makes_all_joints_play_stored_plan_together() {
     let model = without_pairs();
     let config = Config::new(&model).unwrap();
     let mut state = State::at_rest(model.home);
@@ -254,7 +254,7 @@ fn a_denial_makes_all_joints_play_the_stored_plan_together() {
 }
 
 #[test]
-fn no_motion_begins_without_a_permit() {
+fn new_motion_without_permit_is_denied() {
     let model = without_pairs();
     let config = Config::new(&model).unwrap();
     let x = Joint { q: 0.1, v: 0.2, a: 0.0 };
@@ -269,7 +269,7 @@ fn no_motion_begins_without_a_permit() {
 }
 
 #[test]
-fn nothing_gets_faster_than_the_permitted_share() {
+fn motion_faster_than_permitted_share_is_denied() {
     let model = without_pairs();
     let config = Config::new(&model).unwrap();
     let l = &model.limits[1];
@@ -295,7 +295,7 @@ fn nothing_gets_faster_than_the_permitted_share() {
 }
 
 #[test]
-fn every_index_is_judged_once() {
+fn repeated_skipped_or_old_index_is_denied() {
     let model = without_pairs();
     let config = Config::new(&model).unwrap();
     let mut state = State::at_rest(model.home);
@@ -309,7 +309,7 @@ fn every_index_is_judged_once() {
 }
 
 #[test]
-fn a_seed_that_is_none_denies_until_a_good_one_comes() {
+fn invalid_seed_denies_until_a_valid_one_comes() {
     let model = without_pairs();
     let config = Config::new(&model).unwrap();
     let still = [0.0; JOINTS];
@@ -365,7 +365,7 @@ fn towards_collision(model: &Model) -> ([f64; JOINTS], usize, f64, f64) {
 }
 
 #[test]
-fn f045_self_collision_is_denied_at_the_command_and_where_the_plan_rests() {
+fn f045_self_collision_is_denied_at_command_and_at_rest() {
     let model = model();
     let config = Config::new(&model).unwrap();
     let (q, j, to_contact, slope) = towards_collision(&model);
@@ -396,7 +396,7 @@ fn f045_self_collision_is_denied_at_the_command_and_where_the_plan_rests() {
 }
 
 #[test]
-fn a_robot_too_close_to_itself_may_rest_but_not_move() {
+fn robot_in_self_collision_may_rest_but_not_move() {
     let model = model();
     let config = Config::new(&model).unwrap();
     let (mut q, j, to_contact, _) = towards_collision(&model);
@@ -412,7 +412,7 @@ fn a_robot_too_close_to_itself_may_rest_but_not_move() {
 }
 
 #[test]
-fn f041_adversarial_steps_break_nothing() {
+fn f041_adversarial_steps_break_no_limit() {
     // There are 17 joints each: 1.02e6 joint steps without pairs, 1.7e5 with them.
     for (model, ticks, seed) in [(without_pairs(), 60_000, 1), (model(), 10_000, 2)] {
         let mut adversary = Adversary::new(&model, seed);
@@ -438,7 +438,7 @@ fn f041_adversarial_steps_break_nothing() {
 }
 
 #[test]
-fn any_bits_leave_a_sound_command() {
+fn random_bits_are_denied_and_robot_rests_at_home() {
     let model = model();
     let config = Config::new(&model).unwrap();
     let mut rng = Pcg64::seed_from_u64(21);
@@ -472,7 +472,7 @@ fn any_bits_leave_a_sound_command() {
 }
 
 #[test]
-fn limits_that_bound_nothing_are_refused() {
+fn invalid_limits_or_clearance_are_refused() {
     type Damage = fn(&mut Model);
     let cases: [Damage; 9] = [
         |m| m.limits[2].q_max = f64::NAN,

@@ -30,7 +30,7 @@ fn advance(p: &mut Proposed) {
 }
 
 #[test]
-fn books_in_f64_stay_on_the_plan_from_any_state_to_rest() {
+fn f64_motion_stays_on_plan_from_any_state_to_rest() {
     let model = model();
     let config = Config::new(&model).unwrap();
     let mut rng = Pcg64::seed_from_u64(9);

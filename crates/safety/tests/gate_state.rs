@@ -41,7 +41,7 @@ fn going_on(model: &robot::Model, p: &Proposed) -> Proposed {
 }
 
 #[test]
-fn the_state_is_what_was_sent_last() {
+fn gate_state_matches_last_sent_command() {
     let model = model();
     let config = Config::new(&model).unwrap();
     let seed = moving(&model, 5);
@@ -80,7 +80,7 @@ fn the_state_is_what_was_sent_last() {
 
 /// The plan is played for all ticks that have passed since the last one.
 #[test]
-fn what_comes_late_finds_the_plan_played_on() {
+fn late_command_is_denied_and_plan_is_played_on() {
     let model = model();
     let config = Config::new(&model).unwrap();
     let first = moving(&model, 5);
@@ -103,7 +103,7 @@ fn what_comes_late_finds_the_plan_played_on() {
 
 /// All seventeen joints count. One joint off its plan makes a new motion, and one wrong joint denies all.
 #[test]
-fn every_joint_counts() {
+fn every_single_joint_off_its_plan_denies_all() {
     let model = model();
     let config = Config::new(&model).unwrap();
     let seed = moving(&model, 5);
@@ -131,7 +131,7 @@ fn every_joint_counts() {
 /// A seed that does not come to rest is refused as a whole, for any joint. The place of rest need not
 /// be home.
 #[test]
-fn a_seed_is_taken_or_refused_as_a_whole() {
+fn seed_with_one_invalid_joint_is_refused_as_a_whole() {
     let model = model();
     let config = Config::new(&model).unwrap();
     let seed = moving(&model, 5);
@@ -167,7 +167,7 @@ fn recovery(model: &robot::Model, q: [f64; JOINTS], j: usize, jerk: f64) -> (Pro
 /// A recovery that begins too close may leave the least clearance as it is, and may not reduce it. So a joint
 /// that does not affect it may move.
 #[test]
-fn a_recovery_leaves_the_least_clearance_as_it_is_or_opens_it() {
+fn recovery_that_reduces_least_clearance_is_denied() {
     let model = model();
     let config = Config::new(&model).unwrap();
     let mut frames = robot::Frames { base_from_body: [robot::Pose::identity(); JOINTS + 1] };

@@ -41,7 +41,7 @@ fn verdict(config: &Config, before: &Proposed, next: &Proposed) -> Verdict {
 
 /// The proposal is not certified. Between two clear ends a hand passes through an obstacle.
 #[test]
-fn a_stop_through_an_obstacle_is_denied_for_its_way() {
+fn stop_through_obstacle_is_denied_with_clear_ends() {
     let mut model = model();
     // The limits are faster than the robot's, so that a stop is long enough to leave the obstacle again.
     model.limits[3..].iter_mut().for_each(|limits| limits.v_max *= 2.0);
@@ -83,7 +83,7 @@ fn a_stop_through_an_obstacle_is_denied_for_its_way() {
 /// If a pair has exactly the distance that an interface may take, the gate accepts the motion only for
 /// `direct`.
 #[test]
-fn what_an_interface_may_take_is_asked_beside_the_clearance() {
+fn interface_with_deviation_denies_more_than_direct() {
     let model = model();
     let mut rng = Pcg64::seed_from_u64(42);
     let controller = std::array::from_fn(|j| if j < 3 { [0, 1, 1][j] } else { 2 + (j - 3) / 7 });

@@ -101,7 +101,7 @@ fn least_amplitude(j: usize, hz: f64) -> f64 {
 const FREQUENCIES: [f64; 9] = [0.5, 1.0, 2.0, 4.0, 6.0, 8.0, 12.0, 16.0, 20.0];
 
 #[test]
-fn f055_swings_of_every_frequency_are_velocity_errors_in_time() {
+fn f055_swing_of_any_frequency_is_a_velocity_error_in_time() {
     for hz in FREQUENCIES {
         for (amplitude, within_s) in [(0.145, 0.3), (0.145 / 2.0, 0.7), (1.3 * least_amplitude(ELBOW, hz), 1.5)] {
             if amplitude < 1.2 * least_amplitude(ELBOW, hz) {
@@ -119,7 +119,7 @@ fn f055_swings_of_every_frequency_are_velocity_errors_in_time() {
 }
 
 #[test]
-fn swings_below_the_bound_are_no_velocity_errors() {
+fn swing_below_bound_is_no_velocity_error() {
     for j in [ELBOW, TORSO] {
         for hz in FREQUENCIES {
             let mut bench = Bench::standing(200);
@@ -131,7 +131,7 @@ fn swings_below_the_bound_are_no_velocity_errors() {
 }
 
 #[test]
-fn f055_a_joint_beyond_its_speed_limit_is_a_velocity_error() {
+fn f055_joint_beyond_its_speed_limit_is_a_velocity_error() {
     for j in 0..JOINTS {
         let v_max = MODEL.limits[j].v_max;
         for (share, within_ms) in [(1.05, 0), (1.6, 40), (2.5, 35)] {
@@ -157,7 +157,7 @@ fn f055_a_joint_beyond_its_speed_limit_is_a_velocity_error() {
 }
 
 #[test]
-fn a_velocity_that_lies_alone_stops_nothing_and_denies_rest() {
+fn wrong_reported_velocity_is_no_error_but_denies_rest() {
     for lie in [10.0, -10.0, f64::NAN] {
         let mut bench = Bench::standing(300);
         let mut last = Moved::default();
@@ -170,7 +170,7 @@ fn a_velocity_that_lies_alone_stops_nothing_and_denies_rest() {
 }
 
 #[test]
-fn a_single_wrong_position_is_no_velocity_error_whatever_the_gap() {
+fn single_wrong_position_is_no_velocity_error_after_any_gap() {
     for gap in [1, 5, 30, 300] {
         let mut bench = Bench::standing(200);
         for _ in 0..20 {
@@ -190,7 +190,7 @@ fn a_single_wrong_position_is_no_velocity_error_whatever_the_gap() {
 /// Full speed to and fro. The servo lags by 10 ms more than is known, overshoots by 5 % and errs by 3 mrad of
 /// friction.
 #[test]
-fn a_servo_that_lags_and_sticks_is_no_velocity_error() {
+fn servo_with_lag_and_friction_is_no_velocity_error() {
     let mut bench = Bench::standing(200);
     let (v_max, a_max) = (MODEL.limits[ELBOW].v_max, MODEL.limits[ELBOW].a_max);
     let (mut up, mut friction) = (true, 0.0_f64);
@@ -211,7 +211,7 @@ fn a_servo_that_lags_and_sticks_is_no_velocity_error() {
 }
 
 #[test]
-fn what_is_no_number_is_a_velocity_error_at_once() {
+fn nan_or_infinite_position_is_a_velocity_error_at_once() {
     for value in [f64::NAN, f64::INFINITY] {
         let mut bench = Bench::standing(300);
         let moved = bench.step(1, |q, _| q[ELBOW] = value);
@@ -226,7 +226,7 @@ fn rest_after(bench: &mut Bench, mut wrong: impl FnMut(u64, &mut [f64; JOINTS]))
 }
 
 #[test]
-fn f055_rest_is_a_tenth_of_a_second_of_measured_standstill() {
+fn f055_robot_is_at_rest_after_100_ms_of_standstill() {
     let tenth = TICK_HZ / 10;
     let taken = rest_after(&mut Bench::new(), |_, _| {});
     assert!(taken.is_some_and(|n| (tenth..tenth + 3).contains(&n)), "{taken:?}");
@@ -264,7 +264,7 @@ fn lost_after(bench: &mut Bench, mut wrong: impl FnMut(u64, &mut [f64; JOINTS]))
 }
 
 #[test]
-fn f055_a_robot_that_leaves_its_place_has_lost_its_standstill() {
+fn f055_joint_that_leaves_its_position_loses_standstill() {
     for j in 0..JOINTS {
         let share = if j == TORSO { 0.2 } else { 1.0 };
         assert_eq!(lost_after(&mut Bench::standing(300), |_, _| {}), None);
@@ -290,7 +290,7 @@ fn f055_a_robot_that_leaves_its_place_has_lost_its_standstill() {
 }
 
 #[test]
-fn f055_a_swing_after_a_stop_is_a_standstill_lost() {
+fn f055_swing_after_stop_loses_standstill() {
     for hz in FREQUENCIES {
         for amplitude in [0.145, 0.03] {
             let by = |n: u64| amplitude * (TAU * hz * n as f64 * TICK_S).sin();
@@ -306,7 +306,7 @@ fn f055_a_swing_after_a_stop_is_a_standstill_lost() {
 }
 
 #[test]
-fn a_servo_that_settles_after_a_stop_keeps_its_standstill() {
+fn servo_settling_after_stop_keeps_standstill() {
     for (hz, damping) in [(15.0, 1.0), (5.0, 0.2), (3.0, 0.5), (10.0, 0.2)] {
         let settles = |n: u64| {
             let t = n as f64 * TICK_S;
@@ -322,7 +322,7 @@ fn a_servo_that_settles_after_a_stop_keeps_its_standstill() {
 }
 
 #[test]
-fn a_sample_that_is_given_twice_or_of_another_driver_counts_nothing() {
+fn repeated_sample_or_first_of_new_driver_counts_no_time() {
     let mut bench = Bench::standing(300);
     let again = bench.step(0, |q, _| q[ELBOW] += 1.0);
     assert_eq!((again.sample_ns, again.at_rest, again.velocity_error), (0, true, None));
@@ -333,7 +333,7 @@ fn a_sample_that_is_given_twice_or_of_another_driver_counts_nothing() {
 }
 
 #[test]
-fn no_speed_is_taken_over_less_than_the_window() {
+fn wrong_first_sample_of_new_driver_is_no_velocity_error() {
     let mut bench = Bench::standing(300);
     bench.k -= 200;
     // The first sample of another driver is wrong, and nothing indicates it.

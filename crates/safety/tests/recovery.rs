@@ -28,7 +28,7 @@ fn verdict(model: &Model, q: &[f64; JOINTS], proposed: Proposed) -> Verdict {
 }
 
 #[test]
-fn a_joint_outside_may_only_come_back() {
+fn joint_outside_limits_may_only_move_inward() {
     let model = model();
     for (limit, side) in [(model.limits[J].q_max, 1.0), (model.limits[J].q_min, -1.0)] {
         let mut q = model.home;
@@ -47,7 +47,7 @@ fn a_joint_outside_may_only_come_back() {
 }
 
 #[test]
-fn a_recovery_is_slow_for_every_joint() {
+fn recovery_faster_than_its_speed_is_denied_for_every_joint() {
     let model = model();
     let config = Config::new(&model).expect("the gate");
     for j in 0..JOINTS {
@@ -78,7 +78,7 @@ fn a_recovery_is_slow_for_every_joint() {
 }
 
 #[test]
-fn a_pair_that_is_too_close_may_only_be_opened() {
+fn pair_that_is_too_close_may_only_be_opened() {
     let model = model();
     let mut frames = Frames::default();
     let mut least = |q: &[f64; JOINTS]| monitor::measured_clearance(&model, &mut frames, q).distance_m;

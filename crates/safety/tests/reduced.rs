@@ -14,7 +14,7 @@ fn scale(out: &Output) -> f64 {
 }
 
 #[test]
-fn f020_f021_a_late_skeleton_slows_to_zero_and_then_holds() {
+fn f020_f021_late_skeleton_slows_to_zero_and_then_holds() {
     let mut bench = Bench::engaged();
     assert_eq!(bench.step().permit, Permit::Follow { speed_scale: 1.0 });
     bench.alive.input = false;
@@ -37,7 +37,7 @@ fn f020_f021_a_late_skeleton_slows_to_zero_and_then_holds() {
 }
 
 #[test]
-fn f020_a_skeleton_that_returns_in_time_lets_the_speed_rise_slowly() {
+fn f020_speed_rises_slowly_after_late_skeleton_returns() {
     let mut bench = Bench::engaged();
     bench.alive.input = false;
     bench.steps(112);
@@ -65,7 +65,7 @@ proptest! {
 
     /// Cameras of 30 Hz and more whose frames are up to 16 ms late never slow the robot.
     #[test]
-    fn f020_jitter_of_a_camera_slows_nothing(rate_hz in 30.0..240.0_f64, late_ms in proptest::collection::vec(0.0..16.0_f64, 40)) {
+    fn f020_camera_jitter_up_to_16_ms_never_slows(rate_hz in 30.0..240.0_f64, late_ms in proptest::collection::vec(0.0..16.0_f64, 40)) {
         let mut bench = Bench::engaged();
         bench.alive.input = false;
         let start = bench.now();
@@ -85,7 +85,7 @@ proptest! {
     /// For every sequence of inputs the scale stays within [0, 1], falls as required, and rises at its fixed
     /// rate.
     #[test]
-    fn f020_f034_f035_f078_the_scale_never_rises_faster_than_its_pace(
+    fn f020_f034_f035_f078_speed_scale_rises_at_its_rate_at_most(
         weather in proptest::collection::vec((any::<bool>(), any::<bool>(), any::<bool>(), any::<bool>(), 0_u32..5, 1_u64..90), 40),
     ) {
         let mut bench = Bench::engaged();
@@ -112,7 +112,7 @@ proptest! {
 }
 
 #[test]
-fn f035_a_late_target_slows_from_the_third_tick_and_holds_at_ten_milliseconds() {
+fn f035_late_target_slows_from_third_tick_and_holds_at_10_ms() {
     let mut bench = Bench::engaged();
     bench.alive.target = false;
     let mut before = 1.0;
@@ -129,7 +129,7 @@ fn f035_a_late_target_slows_from_the_third_tick_and_holds_at_ten_milliseconds() 
 }
 
 #[test]
-fn f034_a_target_that_jumped_and_stays_far_away_is_followed_slowly() {
+fn f034_jumped_target_that_stays_far_is_followed_slowly() {
     let mut bench = Bench::engaged();
     // A person may be faster than the robot, and the robot may be behind for any time.
     bench.input.motion.behind = true;
@@ -166,7 +166,7 @@ fn f034_a_target_that_jumped_and_stays_far_away_is_followed_slowly() {
 }
 
 #[test]
-fn f034_a_target_that_jumps_on_and_on_holds_after_a_second() {
+fn f034_target_that_keeps_jumping_holds_after_a_second() {
     let mut bench = Bench::engaged();
     bench.input.motion.behind = true;
     for n in 1_u64.. {
@@ -188,7 +188,7 @@ fn f034_a_target_that_jumps_on_and_on_holds_after_a_second() {
 }
 
 #[test]
-fn f078_missed_deadlines_are_counted_slow_hold_and_stop() {
+fn f078_missed_deadlines_slow_then_hold_then_stop() {
     let missed = |bench: &mut Bench, count: u32| {
         bench.input.deadlines_missed = count;
         bench.input.k += u64::from(count);
@@ -230,7 +230,7 @@ fn f078_missed_deadlines_are_counted_slow_hold_and_stop() {
 }
 
 #[test]
-fn f031_a_second_of_suspension_stops_at_the_first_tick_after_it() {
+fn f031_suspension_of_one_second_stops_at_next_tick() {
     let mut bench = Bench::engaged();
     bench.input.k += 1500;
     (bench.input.own_gap_ns, bench.input.deadlines_missed) = (1_000_666_667, 1500);
@@ -239,7 +239,7 @@ fn f031_a_second_of_suspension_stops_at_the_first_tick_after_it() {
 }
 
 #[test]
-fn f035_a_robot_that_is_made_to_stand_has_not_settled() {
+fn f035_robot_slowed_by_late_input_does_not_count_as_settled() {
     let mut bench = Bench::engaging();
     bench.steps(ticks(3000));
     bench.input.motion.settled = true;
@@ -253,7 +253,7 @@ fn f035_a_robot_that_is_made_to_stand_has_not_settled() {
 }
 
 #[test]
-fn f060_f062_a_stop_at_the_robot_is_one_event_and_cannot_be_reset_while_it_is_pressed() {
+fn f060_f062_robot_stop_is_one_event_and_blocks_reset() {
     let mut bench = Bench::engaged();
     // The contact chatters, and the operator sends every request while the robot still moves.
     for n in 0..ticks(300) {
@@ -280,7 +280,7 @@ fn f060_f062_a_stop_at_the_robot_is_one_event_and_cannot_be_reset_while_it_is_pr
 }
 
 #[test]
-fn f067_a_released_enable_stops_in_the_same_tick() {
+fn f067_released_enable_stops_in_same_tick() {
     for level_alone in [false, true] {
         for mut bench in [Bench::engaging(), Bench::engaged()] {
             bench.let_go();
@@ -295,7 +295,7 @@ fn f067_a_released_enable_stops_in_the_same_tick() {
 }
 
 #[test]
-fn f072_a_reset_that_is_held_is_one_reset() {
+fn f072_held_reset_is_one_reset() {
     let mut bench = Bench::faulted();
     bench.input.motion.at_rest = true;
     bench.input.operator.enable_level = false;

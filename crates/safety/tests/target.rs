@@ -31,7 +31,7 @@ fn jumped([k, then]: [u64; 2], joint: usize, [from, to]: [f64; 2], [mask, then_m
 }
 
 #[test]
-fn f034_a_target_jumps_beyond_the_speed_of_people_for_the_time_that_passed() {
+fn f034_target_faster_than_human_speed_is_a_jump() {
     for (joint, fastest) in FASTEST {
         for (ticks, counted) in [(1, 1.0), (7, 7.0), (0, 1.0)] {
             let (within, beyond) = (0.99 * fastest * counted * TICK_S, 1.01 * fastest * counted * TICK_S);
@@ -49,7 +49,7 @@ fn f034_a_target_jumps_beyond_the_speed_of_people_for_the_time_that_passed() {
 }
 
 #[test]
-fn f034_the_speed_of_people_is_met_to_the_bit() {
+fn f034_human_speed_bound_is_exact_to_the_bit() {
     // This joint of the home posture starts at zero, so that nothing is rounded.
     let q = |to: f64| {
         let mut q = MODEL.home;
@@ -67,7 +67,7 @@ fn f034_the_speed_of_people_is_met_to_the_bit() {
 }
 
 #[test]
-fn f034_what_is_not_meant_or_cannot_be_reached_is_no_jump() {
+fn f034_invalid_joint_or_target_beyond_limits_is_no_jump() {
     for (joint, _) in FASTEST {
         let (bit, range) = (1 << joint, MODEL.limits[joint].q_max - MODEL.limits[joint].q_min);
         for masks in [[ALL, ALL & !bit], [ALL & !bit, ALL], [ALL & !bit; 2]] {
@@ -81,7 +81,7 @@ fn f034_what_is_not_meant_or_cannot_be_reached_is_no_jump() {
 }
 
 #[test]
-fn f034_far_behind_is_farther_than_any_tracking_is_off() {
+fn f034_robot_is_far_behind_only_beyond_its_bound() {
     for (joint, far) in FAR {
         let at = |above| posture(joint, above);
         for (by, is) in [(0.99 * far, false), (1.01 * far, true)] {
@@ -119,7 +119,7 @@ fn limbs_jumped([k, then]: [u64; 2], by: f64, before: &LimbsOf, now: Option<&Lim
 }
 
 #[test]
-fn f034_a_limb_jumps_beyond_the_turn_of_people_for_the_time_that_passed() {
+fn f034_limb_faster_than_human_turn_is_a_jump() {
     for which in 0..LIMBS {
         for (ticks, counted) in [(1, 1.0), (7, 7.0), (0, 1.0)] {
             for from in [-0.7, 0.0, 3.0] {
@@ -138,7 +138,7 @@ fn f034_a_limb_jumps_beyond_the_turn_of_people_for_the_time_that_passed() {
 }
 
 #[test]
-fn f034_joints_that_spin_about_a_limb_that_stands_are_no_jump() {
+fn f034_joints_spinning_about_still_limb_are_no_jump() {
     let still = limbs(0, limb(0.3));
     assert!(!limbs_jumped([1, 2], 2.0, &still, Some(&still)), "the limbs stand");
     // If the limbs are unknown, the joints are compared.
@@ -152,7 +152,7 @@ fn f034_joints_that_spin_about_a_limb_that_stands_are_no_jump() {
 }
 
 #[test]
-fn f034_half_a_turn_of_a_limb_takes_people_their_time_and_no_limb_is_none() {
+fn f034_half_turn_of_limb_is_a_jump_within_117_ticks() {
     let (from, to) = (limbs(1, limb(0.0)), limbs(1, limb(PI)));
     // Half a turn at 40 rad/s lasts 118 ticks. Nothing is farther away than half a turn.
     for (ticks, is) in [(1, true), (117, true), (118, false), (1000, false), (u64::MAX - 1, false)] {

@@ -215,7 +215,7 @@ mod tests {
     use rand::{RngExt, SeedableRng};
 
     #[test]
-    fn distances_from_solids_are_those_of_the_robot_model() {
+    fn distances_from_solids_match_robot_model() {
         let mut rng = rand_pcg::Pcg64::seed_from_u64(6);
         let mut point = |size: f64| -> Point { std::array::from_fn(|_| rng.random_range(-size..=size)) };
         let mut touching = 0;
@@ -250,7 +250,7 @@ mod tests {
     }
 
     #[test]
-    fn distances_known_from_geometry() {
+    fn segment_distances_match_known_geometry() {
         let x = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]];
         let crossing_above = [[0.5, -1.0, 0.3], [0.5, 1.0, 0.3]];
         let parallel = [[0.5, 0.2, 0.0], [3.0, 0.2, 0.0]];

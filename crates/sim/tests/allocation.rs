@@ -14,7 +14,7 @@ fn allocated() -> u64 {
 }
 
 #[test]
-fn ten_thousand_ticks_allocate_nothing() {
+fn tick_with_either_interface_allocates_nothing() {
     rt::watch_allocations();
     for interface in [Interface::Direct, Interface::Jtc100] {
         allocates_nothing(&Options { interface, ..Options::default() });

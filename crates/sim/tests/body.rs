@@ -21,7 +21,7 @@ fn cruise(bench: &mut Bench) {
 }
 
 #[test]
-fn the_same_seed_is_the_same_run() {
+fn same_seed_gives_same_run() {
     let run = |seed| {
         let mut bench = Bench::new(&Options::default(), seed);
         cruise(&mut bench);
@@ -32,7 +32,7 @@ fn the_same_seed_is_the_same_run() {
 }
 
 #[test]
-fn a_driver_that_is_late_simulates_the_same_motion() {
+fn late_driver_simulates_same_motion() {
     let mut steady = Bench::ideal();
     let mut sleepy = Bench::ideal();
     accelerate(&mut steady);
@@ -52,7 +52,7 @@ fn a_driver_that_is_late_simulates_the_same_motion() {
 }
 
 #[test]
-fn f058_without_commands_the_plan_is_played_without_a_violation() {
+fn f058_driver_without_commands_plays_plan_without_violation() {
     let mut bench = Bench::ideal();
     cruise(&mut bench);
     let k = bench.command.k;
@@ -67,7 +67,7 @@ fn f058_without_commands_the_plan_is_played_without_a_violation() {
 }
 
 #[test]
-fn injected_faults_show_where_they_should() {
+fn injected_faults_appear_in_measurement_or_motion() {
     let measured_error = |fault: Injection| {
         let mut bench = Bench::ideal();
         bench.drive(ELBOW, 0.0, 10);
@@ -89,7 +89,7 @@ fn injected_faults_show_where_they_should() {
 /// A driver is suspended for some time while the elbow moves. The next setpoint begins where the robot is, and
 /// the joints' true motion breaks no limit.
 #[test]
-fn a_suspended_driver_leads_the_robot_nowhere_else() {
+fn suspended_driver_resumes_at_robot_position_without_violation() {
     let (direct, jtc100) = (Interface::Direct, Interface::Jtc100);
     for (reaction, interface) in
         [(Reaction::Hold, direct), (Reaction::Damp, direct), (Reaction::Play, direct), (Reaction::Hold, jtc100)]
@@ -122,7 +122,7 @@ fn a_suspended_driver_leads_the_robot_nowhere_else() {
 /// The same at 1.8 rad/s, where the certified stop brakes as hard as allowed, and behind trajectory controllers
 /// too. The robot's own stop is left as it is: nothing leads the robot on once it stands.
 #[test]
-fn a_suspended_driver_leads_a_fast_robot_nowhere_else() {
+fn suspended_driver_moves_no_fast_robot_that_has_stopped() {
     let (brake, jerk) = (9.8, 392.0);
     for interface in [Interface::Direct, Interface::Jtc100] {
         for gap in [9, 12, 15, 16, 20, 30, 45, 90, 150, 400, 600, 2250] {
@@ -159,7 +159,7 @@ fn a_suspended_driver_leads_a_fast_robot_nowhere_else() {
 }
 
 #[test]
-fn a_robot_whose_driver_died_stops_by_itself() {
+fn robot_whose_driver_died_stops_by_itself() {
     for reaction in [Reaction::Hold, Reaction::Damp, Reaction::Play] {
         let mut bench = Bench::new(&Options { reaction, ..Options::default() }, 3);
         cruise(&mut bench);
@@ -184,7 +184,7 @@ fn a_robot_whose_driver_died_stops_by_itself() {
 }
 
 #[test]
-fn a_robot_that_rejects_setpoints_is_a_driver_fault() {
+fn robot_that_rejects_setpoints_gives_driver_fault() {
     let mut bench = Bench::ideal();
     bench.drive(ELBOW, 100.0, 10);
     bench.state.inject(Injection::SetpointsRejected);

@@ -23,7 +23,7 @@ fn ramp(bench: &mut Bench, share: f64) {
 }
 
 #[test]
-fn an_honest_motion_at_the_limits_violates_nothing() {
+fn motion_at_limits_has_no_violation() {
     let mut bench = Bench::ideal();
     for _ in 0..6 {
         ramp(&mut bench, 0.999);
@@ -58,7 +58,7 @@ fn acceleration_beyond_its_limit_is_counted() {
 
 /// Accelerations on both sides of the effort limit of the shoulder that lifts the arm.
 #[test]
-fn a_torque_beyond_the_effort_limit_is_counted() {
+fn torque_beyond_effort_limit_is_counted() {
     const LIFTS: usize = 4;
     let mut initial = MODEL.home;
     initial[3..10].copy_from_slice(&[0.3, 0.0, 1.57, 0.2, 0.0, 0.0, 0.0]);
@@ -87,7 +87,7 @@ fn a_torque_beyond_the_effort_limit_is_counted() {
 /// At rest, with more in the hand than the shoulder can hold. The checker knows the true payload, whatever was
 /// reported.
 #[test]
-fn a_payload_that_no_motor_can_hold_is_counted() {
+fn payload_too_heavy_for_motor_is_counted() {
     let mut initial = MODEL.home;
     initial[3..10].copy_from_slice(&[0.3, 0.0, 1.57, 0.2, 0.0, 0.0, 0.0]);
     for (payload_kg, counted) in [([None, None], false), ([Some(0.5), None], false), ([Some(4.0), None], true)] {
@@ -101,7 +101,7 @@ fn a_payload_that_no_motor_can_hold_is_counted() {
 
 /// The way of the hand from posture to posture, on both sides of the bound.
 #[test]
-fn a_hand_faster_than_its_bound_is_counted() {
+fn hand_faster_than_its_bound_is_counted() {
     let hand = |q: &[f64; JOINTS]| {
         let mut frames = Frames::default();
         MODEL.forward(q, &mut frames);
@@ -125,7 +125,7 @@ fn a_hand_faster_than_its_bound_is_counted() {
 }
 
 #[test]
-fn a_peak_of_velocity_inside_a_tick_is_counted() {
+fn velocity_peak_within_tick_is_counted() {
     let limits = MODEL.limits[ELBOW];
     // With acceleration a at one end and -a at the other, the speed rises by a^2 / 2J in the middle and returns.
     let a = limits.j_max * TICK_S / 2.0;
@@ -148,7 +148,7 @@ fn a_peak_of_velocity_inside_a_tick_is_counted() {
 }
 
 #[test]
-fn a_velocity_that_is_not_the_change_of_position_is_counted() {
+fn velocity_that_does_not_match_position_change_is_counted() {
     for change in [|c: &mut JointCommand| c.q[ELBOW] += 1e-6, |c: &mut JointCommand| c.v[ELBOW] += 1e-4] {
         let mut judge = Judge::ideal();
         judge.drive(ELBOW, 100.0, 20);
@@ -162,7 +162,7 @@ fn a_velocity_that_is_not_the_change_of_position_is_counted() {
 }
 
 #[test]
-fn a_position_outside_is_counted() {
+fn position_outside_limits_is_counted() {
     let mut initial = MODEL.home;
     let q_max = MODEL.limits[ELBOW].q_max;
     initial[ELBOW] = q_max - 2e-4;
@@ -177,7 +177,7 @@ fn a_position_outside_is_counted() {
 }
 
 #[test]
-fn clearance_agrees_with_the_robot_model_and_is_counted_below_its_bound() {
+fn clearance_matches_robot_model_and_is_counted_below_bound() {
     let mut rng = Pcg64::seed_from_u64(3);
     let mut frames = Frames::default();
     let (mut below, mut above) = (0, 0);
@@ -210,7 +210,7 @@ fn clearance_agrees_with_the_robot_model_and_is_counted_below_its_bound() {
 }
 
 #[test]
-fn the_first_second_of_engaging_is_measured() {
+fn engage_figures_measure_first_second_only() {
     let v_max = MODEL.limits[ELBOW].v_max;
     let mut bench = Bench::ideal();
     bench.command.mode = Mode::Disengaged as u32;
@@ -236,7 +236,7 @@ fn the_first_second_of_engaging_is_measured() {
 }
 
 #[test]
-fn options_out_of_bounds_are_named() {
+fn options_out_of_bounds_are_refused_by_name() {
     let error = |options: Options| sim::Config::new(&MODEL, &options).unwrap_err();
     let delay = error(Options { delay_ticks: 32, ..Options::default() });
     assert!(matches!(delay, SimError::OutOfBounds { key: "delay_ticks", .. }), "{delay}");

@@ -156,7 +156,7 @@ fn attack(certified_for: wbc::Interface, gated: gate::Interface, seed: u64) -> R
 }
 
 #[test]
-fn certified_for_it_nothing_comes_too_close() {
+fn plans_certified_for_jtc_keep_clearance() {
     for seed in [2, 4] {
         let Run { report, denials, delays_s, .. } = attack(wbc::Interface::JTC_100_HZ, controllers(), seed);
         let least_mm = report.min_clearance_m() * 1e3;
@@ -168,7 +168,7 @@ fn certified_for_it_nothing_comes_too_close() {
 }
 
 #[test]
-fn certified_for_direct_commands_it_comes_closer() {
+fn plans_certified_for_direct_commands_break_jtc_clearance() {
     for seed in [2, 4] {
         let report = attack(wbc::Interface::default(), gate::Interface::default(), seed).report;
         let below = report.violations_of(ViolationKind::Clearance);
@@ -178,7 +178,7 @@ fn certified_for_direct_commands_it_comes_closer() {
 }
 
 #[test]
-fn the_gate_alone_minds_what_controllers_may_do() {
+fn gate_with_jtc_interface_alone_keeps_clearance() {
     for seed in [2, 4] {
         let count = |gated| {
             let Run { report, denials, .. } = attack(wbc::Interface::default(), gated, seed);
@@ -191,7 +191,7 @@ fn the_gate_alone_minds_what_controllers_may_do() {
 }
 
 #[test]
-fn the_splines_stay_within_their_bound_of_the_delayed_command() {
+fn splines_stay_within_bound_of_delayed_command() {
     let run = attack(wbc::Interface::JTC_100_HZ, controllers(), 2);
     let skewed = run.delays_s.iter().fold(0.0, |most: f64, delay| most.max((delay - run.delays_s[0]).abs()));
     assert!(skewed > 1e-3 && run.delays_s.iter().all(|delay| (0.01..=0.02).contains(delay)), "{:?}", run.delays_s);
@@ -221,7 +221,7 @@ fn cubic(from: [f64; 2], to: [f64; 2], s: f64) -> [f64; 2] {
 }
 
 #[test]
-fn when_commands_end_the_plan_is_followed_to_rest() {
+fn controllers_follow_plan_to_rest_when_commands_end() {
     let mut bench = Bench::new(&exact(), 3);
     bench.drive(ELBOW, 50.0, 40);
     let last = bench.command.k;

@@ -97,7 +97,7 @@ mod tests {
     }
 
     #[test]
-    fn f029_a_day_of_500_ppm_refuses_no_frame() {
+    fn f029_clock_drift_of_500_ppm_for_a_day_drops_no_frame() {
         for drift_ppm in [-500, 0, 500] {
             let (refused, worst) = day(drift_ppm);
             assert_eq!(refused, 0, "{drift_ppm} ppm");
@@ -109,7 +109,7 @@ mod tests {
     }
 
     #[test]
-    fn f029_a_step_of_the_clients_clock_is_refused() {
+    fn f029_frames_after_clock_step_are_dropped() {
         let config = Config::default();
         for (step_ns, reason) in [(3_600_000_000_000_i64, DropReason::Future), (-3_600_000_000_000, DropReason::Old)] {
             let mut clock = ClientClock::new();
@@ -126,7 +126,7 @@ mod tests {
     }
 
     #[test]
-    fn f029_an_offset_is_bounded_and_needs_frames() {
+    fn f029_clock_offset_is_bounded_and_grows_only_with_frames() {
         let config = Config::default();
         let far = Stamp(1 << 62);
         let mut clock = ClientClock { offset_ns: OFFSET_MAX_NS, credit_ns: 0, seen: far };
@@ -145,7 +145,7 @@ mod tests {
     }
 
     #[test]
-    fn f029_a_queue_that_empties_needs_no_offset_any_more() {
+    fn f029_clock_offset_returns_to_zero_when_queue_empties() {
         let (config, mut clock) = (Config::default(), ClientClock::new());
         let frame = |clock: &mut ClientClock, i: u64, late_ns: u64| {
             let now = Stamp(START_NS + i * 10_000_000);

@@ -42,7 +42,7 @@ fn swap(frame: &mut RawSkeleton, pairs: &[usize]) {
 }
 
 #[test]
-fn f006_f007_f012_f013_who_was_contradicted_for_longer_than_a_robot_follows_is_another_person() {
+fn f006_f007_f012_f013_person_after_long_drop_gets_new_id() {
     type Fault = fn(&mut RawSkeleton, u64);
     let faults: [(DropReason, Fault); 4] = [
         (DropReason::NotFinite, |f, _| f.positions[20][0] = f32::NAN),
@@ -78,7 +78,7 @@ fn f006_f007_f012_f013_who_was_contradicted_for_longer_than_a_robot_follows_is_a
 }
 
 #[test]
-fn a_person_who_was_not_seen_for_a_second_is_the_same_and_one_after_two_is_not() {
+fn person_keeps_id_after_gap_of_1_2_s_and_not_of_1_7_s() {
     for (frames, stranger) in [(30, false), (70, false), (100, true)] {
         let mut state = running(60);
         let known = take(&mut state, &raw(&standing(1.0), 60)).expect("accepted").operator_id;
@@ -98,7 +98,7 @@ fn a_person_who_was_not_seen_for_a_second_is_the_same_and_one_after_two_is_not()
 }
 
 #[test]
-fn f016_another_operator_is_another_person_at_once_and_for_good() {
+fn f016_new_operator_gets_new_person_id_at_once() {
     let mut state = running(60);
     let mut seen = vec![take(&mut state, &raw(&standing(1.0), 60)).expect("accepted").operator_id];
     for (i, operator) in [(61, 2), (63, 1), (65, 2)] {
@@ -118,7 +118,7 @@ fn f016_another_operator_is_another_person_at_once_and_for_good() {
 }
 
 #[test]
-fn f007_a_jump_at_a_high_rate_is_over_before_the_person_is_doubted() {
+fn f007_person_keeps_id_after_jump_only_at_high_rate() {
     for (period_ns, stranger) in [(8_333_333, false), (33_333_333, true)] {
         let mut state = State::new();
         let mut at = |i: u64, jumped: bool| {
@@ -137,7 +137,7 @@ fn f007_a_jump_at_a_high_rate_is_over_before_the_person_is_doubted() {
 }
 
 #[test]
-fn f008_where_the_operator_walks_moves_no_arm() {
+fn f008_walking_operator_moves_no_limb_until_range_ends() {
     let mut state = State::new();
     let still = standing(0.3);
     let here = take(&mut State::new(), &raw(&still, 0)).expect("accepted").limbs;
@@ -157,7 +157,7 @@ fn f008_where_the_operator_walks_moves_no_arm() {
 }
 
 #[test]
-fn f009_left_and_right_exchanged_are_refused_from_the_first_frame_on() {
+fn f009_swapped_sides_are_dropped_from_first_frame() {
     let swaps: [&[usize]; 4] = [&[1, 4, 7, 10, 13, 16, 18, 20], &[13, 16, 18, 20], &[18, 20], &[20]];
     for pairs in swaps {
         for from in [0, 60] {
@@ -211,7 +211,7 @@ fn written(frame: &RawSkeleton, axes: &Matrix3<f64>, per_metre: f64) -> RawSkele
 }
 
 #[test]
-fn f010_every_convention_of_axes_and_units_is_refused_or_right() {
+fn f010_other_axes_or_units_are_dropped_or_give_right_limbs() {
     let (mut right, mut refused) = (0, 0);
     for axes in conventions() {
         for per_metre in [1.0, 100.0, 1000.0, 39.37, 3.281, 1.094] {
@@ -244,7 +244,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(200))]
 
     #[test]
-    fn f001_f002_no_number_that_is_none_comes_through(slot in 0usize..188, bits: u32, sign: bool, nan: bool) {
+    fn f001_f002_frame_with_nan_or_infinity_is_dropped(slot in 0usize..188, bits: u32, sign: bool, nan: bool) {
         let value = if nan { f32::from_bits(bits | 0x7fc0_0000) } else { f32::INFINITY.copysign(if sign { 1.0 } else { -1.0 }) };
         let mut state = running(5);
         let mut bad = frame(5);
@@ -254,7 +254,7 @@ proptest! {
     }
 
     #[test]
-    fn f003_denormal_numbers_and_negative_zeros_are_zero(seeds in prop::collection::vec(any::<u32>(), 188)) {
+    fn f003_denormals_and_negative_zeros_count_as_zero(seeds in prop::collection::vec(any::<u32>(), 188)) {
         let mut odd = frame(0);
         for (number, seed) in numbers(&mut odd).into_iter().zip(seeds) {
             if *number == 0.0 {
@@ -268,7 +268,7 @@ proptest! {
     }
 
     #[test]
-    fn f003_large_numbers_are_out_of_range(slot in 0usize..66, exponent in 2.01f32..38.0, sign: bool) {
+    fn f003_huge_position_is_dropped_as_out_of_range(slot in 0usize..66, exponent in 2.01f32..38.0, sign: bool) {
         let mut state = running(5);
         let mut bad = frame(5);
         *numbers(&mut bad)[slot] = 10f32.powf(exponent).copysign(if sign { 1.0 } else { -1.0 });
@@ -276,7 +276,7 @@ proptest! {
     }
 
     #[test]
-    fn f004_a_quaternion_is_renormalised_or_refused(joint in 0usize..22, error in -0.999f32..3.0, small in -9e-4f32..9e-4) {
+    fn f004_quaternion_off_unit_is_renormalised_or_dropped(joint in 0usize..22, error in -0.999f32..3.0, small in -9e-4f32..9e-4) {
         let mut state = running(5);
         let (good, mut off) = (frame(5), frame(5));
         off.rotations[joint] = off.rotations[joint].map(|c| c * (1.0 + small));
@@ -292,7 +292,7 @@ proptest! {
     }
 
     #[test]
-    fn f005_signs_of_quaternions_change_no_bit_and_hide_no_stuck_tracker(flips in prop::collection::vec(any::<u32>(), 20)) {
+    fn f005_quaternion_signs_hide_no_frozen_tracker(flips in prop::collection::vec(any::<u32>(), 20)) {
         let (mut state, mut other) = (running(5), running(5));
         for (i, flips) in (5..).zip(flips) {
             let plain = frame(5);
@@ -312,7 +312,7 @@ proptest! {
     }
 
     #[test]
-    fn f007_a_jump_is_refused_until_it_was_coherent(left in -0.9f64..0.9, twist in -1.5f64..1.5) {
+    fn f007_jump_is_dropped_for_five_coherent_frames(left in -0.9f64..0.9, twist in -1.5f64..1.5) {
         let mut state = running(20);
         let jumped = person([0.3, left - 1.0, twist, 1.0, 0.0], [0.3, 0.9, 0.2, 0.6, 0.1]);
         let was = standing(19.0 / 60.0);
@@ -326,7 +326,7 @@ proptest! {
     }
 
     #[test]
-    fn f018_unknown_layouts_counts_and_flags_are_refused(layout: u32, count: u32, flags: u32, hinges: u32) {
+    fn f018_unknown_layout_count_or_flags_are_dropped(layout: u32, count: u32, flags: u32, hinges: u32) {
         let mut state = running(5);
         let known = frame(5);
         for (bad, reason) in [
@@ -342,7 +342,7 @@ proptest! {
 }
 
 #[test]
-fn zeros_are_still_no_person() {
+fn frame_of_zeros_with_layout_is_dropped() {
     assert_eq!(
         feed(&mut State::new(), &RawSkeleton { layout: 1, joint_count: 22, ..RawSkeleton::ZERO }),
         Some(DropReason::NoOrigin)

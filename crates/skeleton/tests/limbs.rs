@@ -49,7 +49,7 @@ fn any_arm() -> impl Strategy<Value = [f64; 5]> {
 }
 
 #[test]
-fn a_t_pose_is_the_identity() {
+fn t_pose_gives_identity_limbs() {
     let body = person([0.0; 5], [0.0; 5]);
     let torso = torso_rotation(&body.0).expect("a trunk");
     assert!((torso - nalgebra::Matrix3::identity()).norm() < 1e-6);
@@ -64,7 +64,7 @@ fn a_t_pose_is_the_identity() {
 }
 
 #[test]
-fn a_hinge_that_is_not_flagged_valid_counts_for_nothing() {
+fn hinge_without_valid_flag_is_ignored() {
     let body = person([0.3, 0.2, 0.5, 1.0, 0.4], [0.1, 0.2, 0.5, 1.0, 0.4]);
     let mut rubbish = t_pose_hinges();
     rubbish.hinge = [[0.6, 0.0, 0.8]; LIMBS];
@@ -73,7 +73,7 @@ fn a_hinge_that_is_not_flagged_valid_counts_for_nothing() {
 }
 
 #[test]
-fn flexing_moves_the_forearm_to_the_front_on_both_sides() {
+fn flexed_elbow_moves_forearm_forward_on_both_sides() {
     let body = person([0.0, 0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0, 0.0]);
     assert!(body.0[20][0] > body.0[18][0] + 0.1 && body.0[21][0] > body.0[19][0] + 0.1);
     let limbs = limbs(&body, &HingeCalibration::ZERO);
@@ -83,7 +83,7 @@ fn flexing_moves_the_forearm_to_the_front_on_both_sides() {
 }
 
 #[test]
-fn a_straight_elbow_holds_its_hinge_without_a_jump() {
+fn straight_elbow_holds_its_hinge_without_jump() {
     let mut hold = Hold::default();
     let mut last: Option<[f32; 4]> = None;
     // The arm turns about itself by a right angle while flexed, then stretches, swings, and flexes again.
@@ -104,7 +104,7 @@ fn a_straight_elbow_holds_its_hinge_without_a_jump() {
 }
 
 #[test]
-fn joints_that_are_not_seen_invalidate_their_limbs_alone() {
+fn unseen_joint_invalidates_only_its_limbs() {
     let body = person([0.2; 5], [0.2; 5]);
     let without = |joint: usize| {
         let usable = !(1 << joint);
@@ -119,7 +119,7 @@ fn joints_that_are_not_seen_invalidate_their_limbs_alone() {
 }
 
 #[test]
-fn an_estimate_needs_flexed_elbows_and_a_rotation_that_carries_the_hinge() {
+fn estimate_needs_flexed_elbows_and_turning_rotations() {
     let mut straight = Calibrator::new();
     let mut numb = Calibrator::new();
     for i in 0..200 {
@@ -138,7 +138,7 @@ fn an_estimate_needs_flexed_elbows_and_a_rotation_that_carries_the_hinge() {
 
 proptest! {
     #[test]
-    fn limbs_are_the_arm_model_of_the_robot(left in any_arm(), right in any_arm(), world in any_rotation()) {
+    fn limbs_match_arm_model(left in any_arm(), right in any_arm(), world in any_rotation()) {
         let body = seen(&person(left, right), world, [UnitQuaternion::identity(); 3]);
         let limbs = limbs(&body, &t_pose_hinges());
         let (lu, lf) = arm(left);
@@ -182,7 +182,7 @@ proptest! {
     }
 
     #[test]
-    fn f005_the_sign_of_a_quaternion_changes_no_bit(left in any_arm(), right in any_arm(), world in any_rotation()) {
+    fn f005_quaternion_sign_changes_no_limb(left in any_arm(), right in any_arm(), world in any_rotation()) {
         let body = seen(&person(left, right), world, [UnitQuaternion::identity(); 3]);
         let mut flipped = body;
         flipped.1 = flipped.1.map(|q| q.map(|c| -c));

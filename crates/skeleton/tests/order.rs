@@ -13,7 +13,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(60))]
 
     #[test]
-    fn f014_no_recorded_frame_is_taken_again(old in prop::collection::vec(0u64..60, 1..60), other: bool, nonce: bool) {
+    fn f014_replayed_frame_of_same_session_is_dropped(old in prop::collection::vec(0u64..60, 1..60), other: bool, nonce: bool) {
         let mut state = running(60);
         for (n, i) in (0..).zip(old) {
             let mut replayed = raw(&standing(i as f64 / 60.0), i);
@@ -30,7 +30,7 @@ proptest! {
     }
 
     #[test]
-    fn f026_f027_f028_time_never_stands_still_or_runs_back_past_here(
+    fn f026_f027_f028_accepted_time_always_moves_forward(
         steps in prop::collection::vec((-60i64..120, -3i64..6, -5i64..140), 1..200),
     ) {
         let mut state = running(30);
@@ -56,7 +56,7 @@ proptest! {
     }
 
     #[test]
-    fn f032_a_sequence_may_wrap(before in 0u64..1024, lost in 1u64..4) {
+    fn f032_wrapping_sequence_drops_no_frame(before in 0u64..1024, lost in 1u64..4) {
         let mut state = State::new();
         let mut sequence = u64::MAX - before;
         for i in 0..2048 / lost {
@@ -72,7 +72,7 @@ proptest! {
     }
 
     #[test]
-    fn f032_stamps_at_the_ends_of_their_range_panic_nowhere(now: u64, origin: u64, near in 0u64..1024) {
+    fn f032_extreme_stamps_never_panic(now: u64, origin: u64, near in 0u64..1024) {
         let mut state = running(3);
         let ends = [0, 1, near, now, origin, u64::MAX / 2 + near, u64::MAX - near, u64::MAX];
         for (now, origin) in ends.into_iter().flat_map(|now| ends.map(|origin| (now, origin))) {
@@ -86,7 +86,7 @@ proptest! {
 }
 
 #[test]
-fn f026_three_frames_back_are_refused_and_the_next_is_taken() {
+fn f026_frames_back_in_time_are_dropped_and_next_is_accepted() {
     let mut state = running(30);
     for back in 1..4 {
         let mut frame = raw(&standing(0.5), 30);
@@ -97,7 +97,7 @@ fn f026_three_frames_back_are_refused_and_the_next_is_taken() {
 }
 
 #[test]
-fn f029_a_drifting_client_is_followed_for_an_hour() {
+fn f029_client_with_drift_of_500_ppm_loses_no_frame_in_an_hour() {
     for (drift_ppm, gone) in [(500_i64, 0_u64), (-500, 0), (50_000, 1)] {
         let mut state = State::new();
         let mut refused = 0;

@@ -62,7 +62,7 @@ impl Steps {
 }
 
 #[test]
-fn a_session_learns_its_hinges_within_ten_seconds_and_nothing_jumps() {
+fn session_learns_hinges_within_10_s_without_jump() {
     let (mut state, mut steps, mut truth) = (State::new(), Steps::default(), Steps::default());
     let mut learnt_at = None;
     for i in 0..20 * RATE {
@@ -91,7 +91,7 @@ fn a_session_learns_its_hinges_within_ten_seconds_and_nothing_jumps() {
 }
 
 #[test]
-fn rotations_that_do_not_move_with_the_arms_are_not_learnt_from_and_cease_to_count() {
+fn rotations_that_freeze_lose_their_calibration_without_jump() {
     let numb = |body: &Body| (body.0, [[0.0, 0.0, 0.0, 1.0]; 22]);
     let (mut state, mut steps) = (State::new(), Steps::default());
     for i in 0..30 * RATE {
@@ -130,7 +130,7 @@ fn measured() -> Calibration {
 }
 
 #[test]
-fn a_stored_calibration_holds_from_the_first_frame_for_its_own_person_unless_the_client_brings_one() {
+fn stored_calibration_applies_from_first_frame_to_its_person() {
     let stored = measured();
     let frame = raw(&elsewhere(&moving(100)), 0);
     let [left, _] = angles(100);
@@ -156,7 +156,7 @@ fn a_stored_calibration_holds_from_the_first_frame_for_its_own_person_unless_the
 }
 
 #[test]
-fn a_stored_lean_tilts_the_trunk_by_itself_and_no_further_than_any_person_leans() {
+fn stored_lean_tilts_trunk_within_its_bound() {
     let bent = [0.0, 0.0, 0.0, 1.0, 0.0];
     let frame = raw(&person(bent, bent), 0);
     let upright = accept(&mut State::new(), &frame, None).limbs;
@@ -179,7 +179,7 @@ fn published(body: &Body, i: u64) -> Skeleton {
 }
 
 #[test]
-fn a_t_pose_that_is_held_gives_lengths_and_lean() {
+fn held_t_pose_gives_lengths_and_lean() {
     let mut pose = TPose::default();
     assert_eq!(pose.measured(), None);
     let sway = |i: u64| 0.02 * (i as f64 * 0.1).sin();

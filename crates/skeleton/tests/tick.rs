@@ -9,7 +9,7 @@ use rand::{RngExt, SeedableRng};
 use skeleton::{Config, DropReason, Input, State, tick};
 
 #[test]
-fn a_person_is_accepted_and_the_header_copied() {
+fn valid_frame_is_accepted_and_keeps_its_header() {
     let mut state = State::new();
     let mut frame = raw(&standing(0.0), 0);
     frame.calibration.hinge = [[0.0, 0.0, -1.0], [0.0, 0.0, -1.0], [0.0, 0.0, 1.0], [0.0, 0.0, 1.0]];
@@ -25,7 +25,7 @@ fn a_person_is_accepted_and_the_header_copied() {
 }
 
 #[test]
-fn each_kind_of_damage_has_its_own_reason_and_is_counted() {
+fn each_kind_of_damage_is_dropped_with_its_reason() {
     type Damage = fn(&mut RawSkeleton);
     let cases: [(DropReason, Damage); 19] = [
         (DropReason::Layout, |f| f.layout = 2),
@@ -64,7 +64,7 @@ fn each_kind_of_damage_has_its_own_reason_and_is_counted() {
 }
 
 #[test]
-fn stamps_count_on_the_receivers_clock() {
+fn stamps_are_checked_on_receiver_clock() {
     let mut state = State::new();
     let frame = raw(&standing(0.0), 0);
     let config = Config::default();
@@ -79,14 +79,14 @@ fn stamps_count_on_the_receivers_clock() {
 }
 
 #[test]
-fn a_joint_beyond_every_reach_is_out_of_range() {
+fn joint_beyond_reach_is_out_of_range() {
     let mut frame = raw(&standing(0.0), 0);
     frame.positions[20] = [0.0, 1.6, 0.92];
     assert_eq!(feed(&mut State::new(), &frame), Some(DropReason::OutOfRange));
 }
 
 #[test]
-fn a_small_error_of_norm_is_renormalised_and_a_large_one_dropped() {
+fn small_norm_error_is_accepted_and_large_one_is_dropped() {
     let mut state = running(3);
     let mut frame = raw(&standing(0.05), 3);
     frame.rotations[16] = frame.rotations[16].map(|c| c * 1.0009);
@@ -97,7 +97,7 @@ fn a_small_error_of_norm_is_renormalised_and_a_large_one_dropped() {
 }
 
 #[test]
-fn a_session_must_begin_upright() {
+fn session_must_begin_upright_and_may_bend_later() {
     let mut state = State::new();
     let mut frame = raw(&standing(0.0), 0);
     for p in &mut frame.positions {
@@ -118,7 +118,7 @@ fn a_session_must_begin_upright() {
 }
 
 #[test]
-fn f007_after_a_teleport_five_coherent_frames_are_needed() {
+fn f007_jump_of_one_arm_is_accepted_after_five_frames() {
     let mut state = running(20);
     let shifted = |i: u64| {
         let mut frame = raw(&person([0.3, -0.9, 0.2, 0.6, 0.0], [0.3, 0.9, 0.2, 0.6, 0.1]), i);
@@ -150,7 +150,7 @@ fn raise(s: f64, rate_hz: f64) -> impl Iterator<Item = RawSkeleton> {
 }
 
 #[test]
-fn a_hand_that_is_raised_quickly_is_a_persons_at_every_rate() {
+fn quickly_raised_hand_is_accepted_at_every_rate() {
     for rate_hz in [20.0, 30.0, 60.0, 120.0] {
         let fastest = |s: f64| {
             let wrists: Vec<_> = raise(s, rate_hz).map(|frame| nalgebra::Vector3::from(frame.positions[20])).collect();
@@ -167,7 +167,7 @@ fn a_hand_that_is_raised_quickly_is_a_persons_at_every_rate() {
 }
 
 #[test]
-fn f007_one_arm_that_jumps_is_not_used_and_the_other_one_is() {
+fn f007_jumping_arm_is_not_used_and_other_arm_is() {
     let mut state = running(20);
     let known = |frame: &RawSkeleton, state: &mut State| {
         let now = frame.header.origin;
@@ -192,7 +192,7 @@ fn f007_one_arm_that_jumps_is_not_used_and_the_other_one_is() {
 }
 
 #[test]
-fn f006_limbs_keep_their_length() {
+fn f006_change_of_limb_length_is_dropped() {
     let mut state = running(100);
     let stretched = |i: u64, factor: f32| {
         let mut frame = raw(&standing(i as f64 / 60.0), i);
@@ -215,7 +215,7 @@ fn f006_limbs_keep_their_length() {
 }
 
 #[test]
-fn f012_f013_a_held_first_frame_is_accepted_and_a_stuck_tracker_is_not() {
+fn f012_f013_held_first_frame_is_accepted_and_frozen_is_not() {
     let mut state = State::new();
     for i in 0..120 {
         assert_eq!(feed(&mut state, &raw(&standing(0.0), i)), None, "a client holds its first frame");
@@ -230,7 +230,7 @@ fn f012_f013_a_held_first_frame_is_accepted_and_a_stuck_tracker_is_not() {
 }
 
 #[test]
-fn f013_a_refused_frame_is_no_sign_of_life() {
+fn f013_dropped_frame_does_not_reset_frozen_timer() {
     let mut state = running(60);
     let mut accepted_last = 0;
     for i in 0..60 {
@@ -249,7 +249,7 @@ fn f013_a_refused_frame_is_no_sign_of_life() {
 }
 
 #[test]
-fn whoever_comes_after_a_contradiction_is_another_person_whatever_number_the_client_gives() {
+fn person_after_long_drop_gets_new_id_for_any_operator_id() {
     let config = Config::default();
     for operator_id in [0, 1, u32::MAX] {
         for (silent_ns, same) in [(config.distrust_after_ns, true), (config.distrust_after_ns + 1, false)] {
@@ -272,7 +272,7 @@ fn whoever_comes_after_a_contradiction_is_another_person_whatever_number_the_cli
 }
 
 #[test]
-fn a_new_session_and_a_gap_forget_what_was_learnt() {
+fn new_session_or_gap_resets_learnt_lengths() {
     let mut state = running(60);
     let mut child = raw(&standing(1.0), 60);
     child.positions.iter_mut().flatten().for_each(|c| *c *= 0.8);
@@ -292,7 +292,7 @@ fn a_new_session_and_a_gap_forget_what_was_learnt() {
 }
 
 #[test]
-fn f011_f015_an_arm_that_is_not_seen_is_flagged_and_may_hold_rubbish() {
+fn f011_f015_unseen_arm_with_nan_is_flagged_invalid() {
     let mut state = running(10);
     let mut frame = raw(&standing(10.0 / 60.0), 10);
     frame.confidence[20] = 0.1;
@@ -332,7 +332,7 @@ fn hostile(seed: u64, holes: usize, i: u64) -> RawSkeleton {
 
 proptest! {
     #[test]
-    fn f018_no_bits_panic_or_come_through(seeds in prop::collection::vec((any::<u64>(), 0usize..4), 1..40)) {
+    fn f018_hostile_frames_never_panic_or_give_bad_limbs(seeds in prop::collection::vec((any::<u64>(), 0usize..4), 1..40)) {
         let mut state = State::new();
         for (i, (seed, holes)) in seeds.into_iter().enumerate() {
             let frame = hostile(seed, holes, i as u64);
@@ -352,7 +352,7 @@ proptest! {
     }
 
     #[test]
-    fn single_bits_flipped_in_a_good_frame(word in 0usize..22 * 8, bit in 0u32..32) {
+    fn frame_with_one_flipped_bit_gives_finite_positions(word in 0usize..22 * 8, bit in 0u32..32) {
         let mut state = running(5);
         let mut frame = raw(&standing(5.0 / 60.0), 5);
         let (joint, slot) = (word / 8, word % 8);
@@ -370,14 +370,14 @@ proptest! {
 }
 
 #[test]
-fn zeros_are_no_person() {
+fn frame_of_zeros_is_dropped() {
     let mut state = State::new();
     let out = tick(&Config::default(), &mut state, Stamp(5), Input { raw: &RawSkeleton::ZERO, stored: None });
     assert_eq!(out.drop, Some(DropReason::Layout));
 }
 
 #[test]
-fn f014_a_session_there_and_back_makes_no_old_frame_new() {
+fn f014_old_frames_stay_dropped_after_session_change_and_return() {
     let mut state = running(12);
     let frame = |i: u64| raw(&standing(i as f64 / 60.0), i);
     assert_eq!(feed(&mut state, &RawSkeleton { session_nonce: 8, ..frame(12) }), Some(DropReason::SessionChanged));

@@ -230,7 +230,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn missed_deadlines_add_up_to_a_line_in_ten_seconds_but_a_long_run_is_told_at_once() {
+    fn missed_deadlines_are_logged_every_10_s_and_long_runs_at_once() {
         let start = Instant::now();
         let at = |ms| start + Duration::from_millis(ms);
         let mut missed = None;
@@ -248,7 +248,7 @@ mod tests {
     }
 
     #[test]
-    fn f105_a_flood_of_one_kind_is_cut_and_counted_and_leaves_the_others_alone() {
+    fn f105_log_rate_limit_per_kind_drops_and_counts_a_flood() {
         let start = Instant::now();
         let mut limit = RateLimit::starting_at(start);
         let written = (0..1_000_000).filter(|_| limit.admits(2)).count();

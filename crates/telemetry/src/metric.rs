@@ -63,7 +63,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_index_of_each_is_its_place_and_names_are_unique() {
+    fn metric_indices_match_order_and_names_are_unique() {
         for (index, metric) in Metric::ALL.into_iter().enumerate() {
             assert_eq!(metric as usize, index);
             assert_eq!(Metric::ALL.iter().filter(|other| other.name() == metric.name()).count(), 1);

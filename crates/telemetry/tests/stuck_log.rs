@@ -20,7 +20,7 @@ impl Write for Stuck {
 }
 
 #[test]
-fn a_log_that_nobody_reads_holds_nothing_up() {
+fn blocked_log_blocks_no_collector() {
     tracing_subscriber::fmt().with_writer(|| Stuck).init();
     let (mut probe, mut collector) = channel("control");
     let transition = Transition { k: 1, from: 0, to: 1, why: Transition::ENABLED, about: 0 };

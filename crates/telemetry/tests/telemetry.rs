@@ -13,7 +13,7 @@ fn second(s: u64) -> Stamp {
 }
 
 #[test]
-fn samples_become_histograms_and_one_line_a_second() {
+fn samples_become_histograms_and_one_row_per_second() {
     let (mut probe, collector) = channel("control");
     for ns in 1..=1000_u64 {
         probe.record(Metric::ControlWork, second(5), second(5).plus_ns(ns * 1000));
@@ -32,7 +32,7 @@ fn samples_become_histograms_and_one_line_a_second() {
 }
 
 #[test]
-fn a_full_ring_loses_samples_and_counts_them() {
+fn full_ring_drops_samples_and_counts_them() {
     let (mut probe, mut collector) = channel("sim");
     for _ in 0..RING_CAPACITY + 10 {
         probe.record_ns(Metric::WakeUp, second(1), 1);
@@ -48,7 +48,7 @@ fn a_full_ring_loses_samples_and_counts_them() {
 }
 
 #[test]
-fn the_loop_s_end_does_not_allocate() {
+fn probe_allocates_nothing() {
     let (mut probe, _collector) = channel("retarget");
     let transition = Transition { k: 1, from: 0, to: 1, why: Transition::ENABLED, about: 0 };
     let ((), count) = rt::count_allocations(|| {
@@ -63,7 +63,7 @@ fn the_loop_s_end_does_not_allocate() {
 }
 
 #[test]
-fn a_loop_and_a_collector_on_two_threads_lose_nothing_but_what_is_counted() {
+fn probe_and_collector_on_two_threads_count_every_lost_sample() {
     let (mut probe, mut collector) = channel("ingest");
     let sent = 400_000_u64;
     let collected = std::thread::scope(|scope| {
@@ -104,7 +104,7 @@ fn control() -> (Probe, Collector) {
 }
 
 #[test]
-fn a_scraper_gets_counters_modes_faults_and_summaries() {
+fn metrics_request_gets_counters_modes_faults_and_summaries() {
     let (_probe, collector) = control();
     let exposition = Exposition::bind(0).expect("a free port");
     let answer = scraped(&exposition, &collector, "GET /metrics HTTP/1.1\r\nHost: x\r\n\r\n");
@@ -127,7 +127,7 @@ fn a_scraper_gets_counters_modes_faults_and_summaries() {
 }
 
 #[test]
-fn other_requests_and_scrapers_that_say_nothing_are_sent_away() {
+fn metrics_server_refuses_other_and_incomplete_requests() {
     let (_probe, collector) = control();
     let exposition = Exposition::bind(0).expect("a free port");
     assert!(scraped(&exposition, &collector, "POST /metrics HTTP/1.1\r\n\r\n").starts_with("HTTP/1.1 404"));

@@ -82,13 +82,13 @@ fn one(check: &str, level: Level, words: &[&str], spoil: impl FnOnce(&mut Facts)
 }
 
 #[test]
-fn a_good_machine_has_nothing_to_say() {
+fn good_machine_gives_no_finding() {
     assert_eq!(findings(|_| {}), []);
     assert_eq!(findings(|facts| facts.place.folders[0].1 = Folder::Missing { can_be_made: true }), []);
 }
 
 #[test]
-fn files_that_are_refused_are_problems_in_their_own_words() {
+fn refused_files_are_problems_with_their_error() {
     let refused = || Some(Err(String::from("line 7: no")));
     one("robot", Level::Problem, &["line 7"], |facts| facts.files.robot = refused());
     one("weights", Level::Problem, &["line 7", "weights"], |facts| facts.files.weights = refused());
@@ -100,7 +100,7 @@ fn files_that_are_refused_are_problems_in_their_own_words() {
 }
 
 #[test]
-fn lack_of_real_time_matters_to_a_robot_and_not_to_the_simulator() {
+fn missing_realtime_is_a_finding_for_robot_only() {
     type Spoil = fn(&mut Facts);
     let lacks: [(&str, &str, Spoil); 5] = [
         ("priority", "LimitRTPRIO=80", |facts| facts.rights.fifo = Some((80, Err("not permitted".into())))),
@@ -125,7 +125,7 @@ fn lack_of_real_time_matters_to_a_robot_and_not_to_the_simulator() {
 }
 
 #[test]
-fn limits_and_devices() {
+fn limits_user_and_devices_give_their_findings() {
     one("open files", Level::Problem, &["64", "ulimit -n"], |facts| facts.rights.limits.nofile = Some(64));
     one("open files", Level::Note, &["512"], |facts| facts.rights.limits.nofile = Some(512));
     assert_eq!(findings(|facts| facts.rights.limits.nofile = None), []);
@@ -148,7 +148,7 @@ fn limits_and_devices() {
 }
 
 #[test]
-fn the_kernel() {
+fn kernel_settings_give_their_findings() {
     let throttled = |runtime| move |facts: &mut Facts| facts.kernel.throttling_us = Some((runtime, 1_000_000));
     one("RT throttling", Level::Problem, &["sysctl"], throttled(0));
     one("RT throttling", Level::Note, &["400000 of 1000000"], throttled(400_000));
@@ -160,7 +160,7 @@ fn the_kernel() {
 }
 
 #[test]
-fn cores_and_memory() {
+fn cores_and_memory_give_their_findings() {
     one("governor", Level::Note, &["powersave", "1 of 4", "cpupower"], |facts| {
         facts.cores.governors[2].1 = "powersave".into();
     });
@@ -179,7 +179,7 @@ fn cores_and_memory() {
 }
 
 #[test]
-fn folders_of_others_or_open_to_others() {
+fn folders_of_or_open_to_other_users_give_their_findings() {
     let spoiled =
         |uid, mode, usable| move |facts: &mut Facts| facts.place.folders[0].1 = Folder::Is { uid, mode, usable };
     one("run folder", Level::Problem, &["uid 1000", "990"], spoiled(1000, 0o750, true));
@@ -200,7 +200,7 @@ fn folders_of_others_or_open_to_others() {
 }
 
 #[test]
-fn what_lives_and_what_is_left() {
+fn running_instance_and_leftover_segments_give_their_findings() {
     let segment = |name: &str, in_use| Segment { name: name.into(), bytes: 4096, in_use };
     one("instance", Level::Note, &["812", "teleopctl"], |facts| facts.place.holder = Some(812));
     assert_eq!(findings(|facts| facts.place.segments = vec![segment("teleop_core_ab_1", true)]), []);

@@ -146,7 +146,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn verdict_tells_the_simulator_from_a_robot() {
+    fn verdict_distinguishes_simulator_from_robot() {
         let note = Finding::note("machine", "virtual", "use another");
         let robot = Finding { level: Level::Robot, ..Finding::note("PREEMPT_RT", "no", "boot it") };
         let problem = Finding::problem("settings", "unknown key", "correct it");

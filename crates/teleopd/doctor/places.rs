@@ -122,7 +122,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_holder_is_found_by_its_file() {
+    fn lock_holder_is_found_by_inode() {
         let locks = "1: FLOCK  ADVISORY  WRITE 812 00:1a:77 0 EOF\n2: POSIX  ADVISORY  WRITE 5 08:01:77 0 EOF\n\
                      3: -> FLOCK  ADVISORY  WRITE 9 00:1a:77 0 EOF\n4: FLOCK  ADVISORY  WRITE 13 00:1a:770 0 EOF\n";
         assert_eq!(holders(locks, 77), [812]);

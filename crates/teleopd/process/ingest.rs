@@ -299,7 +299,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_was_dropped_is_told_once_a_second_for_each_reason_but_not_the_first_frame_of_a_session() {
+    fn drops_are_reported_once_a_second_by_reason() {
         let mut state = skeleton::State::default();
         let mut dropped = Dropped::since(Stamp(0));
         let told = |dropped: &mut Dropped, state: &skeleton::State, ms: u64| {

@@ -150,7 +150,7 @@ mod tests {
     }
 
     #[test]
-    fn longest_matching_suffix_names_the_file() {
+    fn mesh_is_found_by_longest_matching_suffix() {
         let (_folder, meshes) = folder();
         for (name, found) in [
             ("package://robot/meshes/arm/arm_1.stl", Some("robot/meshes/arm/arm_1.stl")),
@@ -167,7 +167,7 @@ mod tests {
     }
 
     #[test]
-    fn only_meshes_and_textures_below_the_folder_are_read() {
+    fn only_meshes_and_textures_below_folder_are_read() {
         let (folder, meshes) = folder();
         std::fs::write(folder.path().join("secret.stl"), "solid").unwrap();
         let secret = folder.path().join("secret.stl");
@@ -196,7 +196,7 @@ mod tests {
     }
 
     #[test]
-    fn missing_folder_is_an_error_that_names_it() {
+    fn missing_folder_gives_error_that_names_it() {
         let error = MeshFolder::open(Path::new("/nowhere/meshes")).unwrap_err().to_string();
         assert!(error.starts_with("/nowhere/meshes: --meshes: "), "{error}");
     }

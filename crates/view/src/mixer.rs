@@ -338,7 +338,7 @@ mod tests {
     }
 
     #[test]
-    fn whatever_a_page_asks_no_share_leaps_and_silence_ends_the_person() {
+    fn shares_never_jump_and_silent_page_ends_publishing() {
         let (_folder, path, mixer) = mixer();
         let ingest = Ingest::at(path, false);
         // A mix request before a join does nothing.
@@ -372,7 +372,7 @@ mod tests {
     }
 
     #[test]
-    fn a_corner_is_arrived_at_in_steps_and_told() {
+    fn corner_is_reached_in_steps_and_reported() {
         let (_folder, path, mixer) = mixer();
         let ingest = Ingest::at(path, false);
         mixer.ask(MixRequest::Join);
@@ -387,7 +387,7 @@ mod tests {
     }
 
     #[test]
-    fn a_lease_that_another_holds_is_told_and_a_lost_session_is_not_used_again() {
+    fn lease_of_another_client_is_reported_and_session_replaced() {
         let (_folder, path, other) = mixer();
         let held = Ingest::at(path.clone(), true);
         other.ask(MixRequest::Join);
@@ -410,7 +410,7 @@ mod tests {
     }
 
     #[test]
-    fn without_ingest_the_page_is_told() {
+    fn page_without_ingest_gets_error() {
         let (_folder, path, mixer) = mixer();
         mixer.ask(MixRequest::Join);
         assert!(told(&mixer, |_| true).text.is_some_and(|text| text.contains("skeleton.sock")));

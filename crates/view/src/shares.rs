@@ -62,7 +62,7 @@ mod tests {
     }
 
     #[test]
-    fn whatever_is_asked_is_a_point_of_the_triangle_or_nothing() {
+    fn nearest_share_is_in_triangle_and_non_finite_is_refused() {
         for asked in [[1.0, 0.0, 0.0], [0.25, 0.25, 0.5], [0.0, 0.5, 0.5]] {
             assert_eq!(Shares::nearest(asked).map(Shares::get), Some(asked), "what is in it stays");
         }
@@ -95,7 +95,7 @@ mod tests {
     }
 
     #[test]
-    fn no_share_changes_faster_than_the_step_and_a_straight_way_ends_where_it_should() {
+    fn shares_move_by_one_step_at_most_and_reach_their_goal() {
         let step = 1.0 / 120.0;
         let (mut seed, mut at) = (5, Shares::FIRST);
         for _ in 0..2000 {

@@ -48,7 +48,7 @@ fn poses_are_those_of(model: &Model, numbers: &[f32], q: &[f64; JOINTS], what: &
 }
 
 #[test]
-fn without_an_instance_there_is_a_robot_at_home_and_nothing_else() {
+fn frame_without_instance_shows_robot_at_home_only() {
     let model = model();
     let numbers = encoded(&model, &LatestMessages::default());
     assert_eq!(numbers[Field::Present as usize], 0.0);
@@ -57,7 +57,7 @@ fn without_an_instance_there_is_a_robot_at_home_and_nothing_else() {
 }
 
 #[test]
-fn postures_of_measured_target_and_command_are_told_apart() {
+fn frame_carries_measured_target_and_command_postures() {
     let model = model();
     let shifted = |by: f64| -> [f64; JOINTS] { core::array::from_fn(|j| model.home[j] + by * (j as f64 + 1.0) / 20.0) };
     let (mut state, mut command, mut target) = (RobotState::ZERO, JointCommand::ZERO, JointTarget::ZERO);
@@ -113,7 +113,7 @@ fn postures_of_measured_target_and_command_are_told_apart() {
 }
 
 #[test]
-fn what_is_no_number_is_not_told() {
+fn frame_of_nan_or_infinite_input_is_finite() {
     let model = model();
     let mut state = RobotState::ZERO;
     state.q_measured = [f64::NAN; JOINTS];
@@ -124,7 +124,7 @@ fn what_is_no_number_is_not_told() {
 }
 
 #[test]
-fn the_scene_names_every_joint_capsule_and_shape() {
+fn scene_names_every_joint_capsule_and_shape() {
     let (model, view) = (model(), shown());
     let told = scene(&view);
     let count = |key: &str| told[key].as_array().map_or(0, Vec::len);
@@ -141,7 +141,7 @@ fn the_scene_names_every_joint_capsule_and_shape() {
 }
 
 #[test]
-fn lag_is_the_time_by_which_the_joints_trail_the_command() {
+fn lag_is_time_of_joints_behind_command_while_moving() {
     let model = model();
     let (mut state, mut command) = (RobotState::ZERO, JointCommand::ZERO);
     state.q_measured = model.home;

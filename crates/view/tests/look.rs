@@ -13,7 +13,7 @@ fn part(shape: &str) -> String {
 }
 
 #[test]
-fn shipped_looks_name_parts_for_every_body_and_leave_the_hash_alone() {
+fn shipped_looks_cover_every_body_and_keep_hash() {
     let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/robots");
     for name in ["tiago_dual", "tiago_dual_pal_gripper"] {
         let file = folder.join(format!("{name}.toml"));
@@ -43,7 +43,7 @@ fn shipped_looks_name_parts_for_every_body_and_leave_the_hash_alone() {
 }
 
 #[test]
-fn errors_name_file_key_value_and_bound() {
+fn look_error_names_file_key_value_and_bound() {
     for (text, parts) in [
         ("wings = 2", vec!["robot.look.toml", "wings"]),
         (&part("\"box\"\nsize_m = [0.1, nan, 0.1]"), vec!["parts[0] (base_link).size_m = NaN", "0.0001 to 5"]),
@@ -83,7 +83,7 @@ fn errors_name_file_key_value_and_bound() {
 }
 
 #[test]
-fn mirror_draws_a_part_once_more_on_the_other_link() {
+fn mirror_adds_part_on_other_link() {
     let text =
         "[colours]\nwhite = \"#f0f1f2\"\n[[parts]]\nlink = \"arm_left_4_link\"\nshape = \"capsule\"\ncolour = \"white\"
         a_m = [0.0, 0.0, 0.0]\nb_m = [0.1, 0.0, 0.0]\nradius_m = 0.05\nxyz_m = [0.1, 0.2, 0.3]
@@ -105,7 +105,7 @@ fn mirror_draws_a_part_once_more_on_the_other_link() {
 }
 
 #[test]
-fn meshes_of_the_look_are_found_below_the_folder_and_others_are_named() {
+fn meshes_of_look_are_found_or_named_as_missing() {
     let (loaded, folder) = (loaded(), tempfile::tempdir().unwrap());
     let error = RobotView::of(&loaded, Some(folder.path())).expect_err("nothing is there").to_string();
     assert!(error.contains("none of the robot's mesh files is below it"), "{error}");

@@ -9,7 +9,7 @@ fn text(path: &str) -> &'static str {
 }
 
 #[test]
-fn everything_that_the_page_names_is_served_and_nothing_comes_from_elsewhere() {
+fn page_names_only_files_that_are_served() {
     for asset in ASSETS.iter().filter(|asset| !asset.path.contains("three")) {
         let text = text(asset.path);
         for elsewhere in ["http://", "https://", "\"//", "'//"] {
@@ -26,7 +26,7 @@ fn everything_that_the_page_names_is_served_and_nothing_comes_from_elsewhere() {
 
 /// Hashes of the files below build and examples/jsm in the package three 0.185.0 on npm.
 #[test]
-fn three_is_as_published() {
+fn three_matches_published_hashes() {
     let published = [
         ("/three.module.min.js", "86bcee248b64f44bcfc23c331ae74619061957d59cab040171dcb6fb5900beb6"),
         ("/three.core.min.js", "0e9dd2793e01d0d9eb4f2ab00b4ffcdd4488275ebebee5c31fa8d347bc29f0bf"),
@@ -53,7 +53,7 @@ fn three_is_as_published() {
 }
 
 #[test]
-fn the_page_reads_frames_as_they_are_written() {
+fn page_constants_match_frame_layout() {
     let wire = text("/wire.js");
     let number = |name: &str| -> usize {
         let (_, after) = wire.split_once(&format!("{name} = ")).unwrap_or_else(|| panic!("no {name}"));
@@ -70,7 +70,7 @@ fn the_page_reads_frames_as_they_are_written() {
 
 /// The browser runs the import map only if the policy contains its hash.
 #[test]
-fn import_map_is_the_one_that_the_policy_allows() {
+fn import_map_hash_is_in_policy() {
     let page = text("/");
     let (_, after) = page.split_once("<script type=\"importmap\">").expect("an import map");
     let map = after.split_once("</script>").expect("its end").0;
@@ -87,7 +87,7 @@ fn import_map_is_the_one_that_the_policy_allows() {
 
 /// The same limit as for the Rust files.
 #[test]
-fn no_script_of_ours_is_longer_than_500_lines() {
+fn own_scripts_have_at_most_500_lines() {
     for asset in ASSETS.iter().filter(|asset| !asset.path.contains("three")) {
         let lines = text(asset.path).lines().count();
         assert!(lines <= 500, "{}: {lines} lines", asset.path);

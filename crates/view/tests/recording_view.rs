@@ -67,7 +67,7 @@ fn recorded(model: &robot::Model) -> view::RecordingView {
 }
 
 #[test]
-fn a_page_plays_pauses_and_seeks() {
+fn page_plays_pauses_and_seeks_recording() {
     let model = model();
     let recording = recorded(&model);
     assert_eq!(recording.duration_s(), 10.0);
@@ -96,7 +96,7 @@ fn a_page_plays_pauses_and_seeks() {
 }
 
 #[test]
-fn requests_that_a_recording_does_not_know_end_the_page() {
+fn unknown_request_to_recording_closes_page() {
     let model = model();
     let server = Server::recording(recorded(&model), "head.mcap", &shown(), 0).expect("a port");
     for bad in [
@@ -120,7 +120,7 @@ fn requests_that_a_recording_does_not_know_end_the_page() {
 }
 
 #[test]
-fn a_page_that_never_ends_its_message_does_not_keep_the_server() {
+fn page_with_endless_message_does_not_block_server_end() {
     let model = model();
     let server = Server::recording(recorded(&model), "head.mcap", &shown(), 0).expect("a port");
     let mut socket = page(&server);

@@ -267,7 +267,7 @@ mod tests {
     }
 
     #[test]
-    fn every_stop_ends_at_rest_within_its_bounds() {
+    fn stop_ends_at_rest_within_its_bounds() {
         for (v, a, a_max, j_max) in cases() {
             let stop = JointStop::new(v, a, a_max, j_max);
             let mut x = JointState { q: 0.0, v, a };
@@ -282,7 +282,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_left_of_a_stop_is_the_stop_of_the_state_then() {
+    fn remaining_stop_equals_new_stop_of_later_state() {
         for (v, a, a_max, j_max) in cases() {
             let x = JointState { q: 0.3, v, a };
             let stop = JointStop::new(v, a, a_max, j_max);
@@ -294,7 +294,7 @@ mod tests {
     }
 
     #[test]
-    fn tick_by_tick_and_at_once_agree_and_end_in_exact_rest() {
+    fn stop_tick_by_tick_matches_stop_at_once_and_ends_at_rest() {
         for (v, a, a_max, j_max) in cases().into_iter().step_by(7) {
             let start = JointState { q: 0.0, v, a };
             let stop = JointStop::new(v, a, a_max, j_max);
@@ -312,7 +312,7 @@ mod tests {
     }
 
     #[test]
-    fn extremes_are_those_of_dense_samples() {
+    fn extremes_match_dense_samples() {
         for (v, a, a_max, j_max) in cases().into_iter().step_by(31) {
             let x = JointState { q: 0.1, v, a };
             let stop = JointStop::new(v, a, a_max, j_max);

@@ -122,7 +122,7 @@ mod tests {
     }
 
     #[test]
-    fn distances_are_those_of_the_robot_model() {
+    fn distances_match_robot_model() {
         let mut rng = Pcg64::seed_from_u64(5);
         let mut overlapping = 0;
         for n in 0..100_000 {

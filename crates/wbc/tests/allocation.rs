@@ -16,7 +16,7 @@ fn allocated() -> u64 {
 }
 
 #[test]
-fn ten_thousand_ticks_allocate_nothing() {
+fn tick_under_attack_allocates_nothing() {
     rt::watch_allocations();
     let subject = support::Subject::made_up();
     let config = subject.config(Options::default());

@@ -28,7 +28,7 @@ fn attack(subject: &Subject, options: Options, seed: u64, ticks: u64, dense: u64
 }
 
 #[test]
-fn f040_f041_f045_no_attack_breaks_a_limit_or_the_clearance() {
+fn f040_f041_f045_attack_breaks_no_limit_or_clearance() {
     let mut least = f64::INFINITY;
     for seed in 100..105 {
         let checker = attack(&Subject::made_up(), Options::default(), seed, 20_000, 300);
@@ -40,7 +40,7 @@ fn f040_f041_f045_no_attack_breaks_a_limit_or_the_clearance() {
 }
 
 #[test]
-fn no_attack_breaks_them_on_the_shipped_robot() {
+fn attack_on_shipped_robot_breaks_no_limit_or_clearance() {
     let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../config/robots/tiago_dual.toml");
     let subject = Subject::load(path);
     assert!(certify_rest(&subject.config(Options::default()), &subject.home).0, "home is clear");
@@ -49,7 +49,7 @@ fn no_attack_breaks_them_on_the_shipped_robot() {
 }
 
 #[test]
-fn without_the_certificate_the_same_attack_succeeds() {
+fn attack_without_certificate_breaks_clearance() {
     let checker = attack(&Subject::made_up(), Options::without_certificate_for_tests(), 100, 5_000, u64::MAX);
     assert!(checker.violations > 0 && checker.clearance_m < D_MIN_M);
     assert!(checker.first.iter().all(|words| words.contains("clearance")), "{:#?}", checker.first);
@@ -68,7 +68,7 @@ fn random_plan(rng: &mut Pcg64) -> Planned {
 }
 
 #[test]
-fn a_certified_plan_is_clear_at_every_sample() {
+fn certified_plan_keeps_clearance_at_every_sample() {
     let config = config(Options::default());
     let mut rng = Pcg64::seed_from_u64(3);
     let checker = Checker::new(&Subject::made_up(), &Planned::at_rest(home()));
@@ -103,7 +103,7 @@ fn wave(t: f64) -> ([f64; JOINTS], [f64; JOINTS]) {
 }
 
 #[test]
-fn smooth_motion_in_the_open_is_tracked_and_not_altered() {
+fn certificate_does_not_alter_smooth_motion_without_obstacle() {
     let configs = [config(Options::default()), config(Options::without_certificate_for_tests())];
     let mut states = configs.each_ref().map(|c| State::at_rest(c, home()));
     let (mut squares, mut count) = (0.0, 0.0);
@@ -127,7 +127,7 @@ fn smooth_motion_in_the_open_is_tracked_and_not_altered() {
 }
 
 #[test]
-fn a_scaled_speed_is_never_exceeded_from_rest() {
+fn scaled_speed_is_never_exceeded_from_rest() {
     let config = config(Options::default());
     let mut rng = Pcg64::seed_from_u64(9);
     let mut state = State::at_rest(&config, home());
@@ -151,7 +151,7 @@ fn a_scaled_speed_is_never_exceeded_from_rest() {
 }
 
 #[test]
-fn f033_nonsense_holds_and_a_stop_ends_in_exact_rest() {
+fn f033_nan_missing_target_or_stop_ends_at_rest_on_plan() {
     let config = config(Options::default());
     let mut state = State::at_rest(&config, home());
     let (mut q, dq) = (home(), [0.0; JOINTS]);
@@ -183,7 +183,7 @@ fn f033_nonsense_holds_and_a_stop_ends_in_exact_rest() {
 }
 
 #[test]
-fn a_target_that_stands_still_is_reached_to_exact_rest() {
+fn still_target_is_reached_at_exact_rest() {
     let config = config(Options::default());
     let mut state = State::at_rest(&config, home());
     let mut q = home();
@@ -200,7 +200,7 @@ fn a_target_that_stands_still_is_reached_to_exact_rest() {
 }
 
 #[test]
-fn a_blocked_arm_leaves_the_other_free() {
+fn other_arm_reaches_target_while_one_is_blocked() {
     let config = config(Options::default());
     let mut state = State::at_rest(&config, home());
     let mut q = home();
@@ -220,7 +220,7 @@ fn a_blocked_arm_leaves_the_other_free() {
 }
 
 #[test]
-fn a_reseeded_state_continues_the_plan_it_is_given() {
+fn reseeded_state_continues_given_plan() {
     let config = config(Options::default());
     let mut state = State::at_rest(&config, home());
     let mut q = home();
@@ -239,7 +239,7 @@ fn a_reseeded_state_continues_the_plan_it_is_given() {
 }
 
 #[test]
-fn a_resting_posture_is_clear_or_not() {
+fn certify_rest_accepts_home_and_refuses_collision() {
     let config = config(Options::default());
     assert!(certify_rest(&config, &home()).0);
     let mut q = home();

@@ -39,7 +39,7 @@ fn links(rng: &mut Pcg64) -> [Link; JOINTS] {
 }
 
 #[test]
-fn no_point_accelerates_more_than_the_bound() {
+fn curve_bound_is_never_below_point_acceleration() {
     let mut rng = Pcg64::seed_from_u64(11);
     let (mut worst, mut worst_mixed) = (0.0_f64, 0.0_f64);
     for _ in 0..20_000 {

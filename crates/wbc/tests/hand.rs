@@ -86,7 +86,7 @@ fn follow(max: f64, ticks_a_goal: u64, goals: u64) -> Run {
 }
 
 #[test]
-fn a_reduced_hand_speed_is_kept_and_goals_are_reached() {
+fn reduced_hand_speed_is_kept_and_goals_are_reached() {
     let Run { fallbacks, fresh, fastest, rolled, reached } = follow(0.25, 12_000, 8);
     println!("{fallbacks} of {fresh} ticks fell back, fastest {fastest} m/s, in plans {rolled} m/s, {reached} reached");
     assert!(fastest <= 0.25 + 1e-9 && rolled <= 0.25 + 1e-9, "{fastest} {rolled}");
@@ -95,13 +95,13 @@ fn a_reduced_hand_speed_is_kept_and_goals_are_reached() {
 }
 
 #[test]
-fn without_the_bound_the_same_motion_is_faster() {
+fn same_motion_with_high_hand_speed_bound_is_faster() {
     let run = follow(3.0, 1500, 8);
     assert!(run.fastest > 0.4, "{}", run.fastest);
 }
 
 #[test]
-fn a_hand_speed_that_leaves_no_motion_is_refused() {
+fn hand_speed_of_zero_negative_or_non_finite_is_refused() {
     for max in [0.0, -1.0, f64::NAN, f64::INFINITY] {
         assert!(Config::new(&model(), Options::default().hand_speed_m_per_s(max)).is_err(), "{max}");
     }

@@ -139,7 +139,7 @@ fn least_executed(subject: &Subject, trace: &Trace, interface: &Interface, seed:
 }
 
 #[test]
-fn what_is_executed_keeps_the_distance_that_was_certified_for_it() {
+fn executed_motion_keeps_clearance_certified_for_interface() {
     let subject = Subject::made_up();
     let linear = Interface { interpolation: Interpolation::Linear, ..Interface::JTC_100_HZ };
     let mut closest = f64::INFINITY;
@@ -158,7 +158,7 @@ fn what_is_executed_keeps_the_distance_that_was_certified_for_it() {
 }
 
 #[test]
-fn without_it_what_is_executed_comes_closer() {
+fn executed_motion_without_skew_in_certificate_is_too_close() {
     let subject = Subject::made_up();
     let without_skew = Interface { skew_s: 0.0, ..Interface::JTC_100_HZ };
     for options in [Options::default(), Options::default().interface(without_skew)] {
@@ -173,7 +173,7 @@ fn without_it_what_is_executed_comes_closer() {
 }
 
 #[test]
-fn a_posture_at_rest_loses_almost_nothing() {
+fn certify_rest_is_same_with_and_without_skew() {
     let subject = Subject::made_up();
     let configs = [Options::default(), Options::default().interface(Interface::JTC_100_HZ)].map(|o| subject.config(o));
     let [plain, skewed] = configs.each_ref().map(|config| certify_rest(config, &subject.home));
@@ -181,7 +181,7 @@ fn a_posture_at_rest_loses_almost_nothing() {
 }
 
 #[test]
-fn interfaces_that_no_robot_has_are_refused() {
+fn interface_out_of_bounds_is_refused() {
     let refuse = |interface: Interface| match Config::from_parts(parts(), Options::default().interface(interface)) {
         Err(WbcError::Interface { key, value, bound }) => (key, value, bound),
         other => panic!("{interface:?} was not refused: {:?}", other.map(|_| ())),

@@ -79,7 +79,7 @@ fn state(rng: &mut Pcg64, b: &Bounds) -> Option<JointState> {
 }
 
 #[test]
-fn ends_are_admissible_and_nothing_beyond_them_is() {
+fn jerk_interval_ends_are_admissible_and_beyond_is_not() {
     let mut rng = Pcg64::seed_from_u64(5);
     let (mut bounded, mut empty, mut tried) = (0, 0, 0);
     while tried < 3000 {

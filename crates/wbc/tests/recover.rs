@@ -16,7 +16,7 @@ const TICKS: u64 = 900;
 const STOP_TICKS: u64 = 375;
 
 #[test]
-fn nothing_goes_further_out_or_closer_and_most_come_back() {
+fn recovery_moves_no_joint_outward_and_most_robots_recover() {
     let subject = Subject::made_up();
     let config = subject.config(Options::default());
     let bounds = *config.bounds();

@@ -79,7 +79,7 @@ fn clearance(model: &Model, frames: &Frames, least_so_far: f64) -> f64 {
 }
 
 #[test]
-fn every_plan_keeps_the_clearance_to_rest() {
+fn plans_keep_clearance_until_rest() {
     let model = model();
     let mut frames = Frames::default();
     let (mut postures, mut least) = (0_u64, f64::INFINITY);
@@ -145,7 +145,7 @@ fn kept_apart(model: &Model, a: usize, b: usize) -> bool {
 }
 
 #[test]
-fn no_meshes_meet_on_the_way_to_rest() {
+fn meshes_never_touch_on_plans_to_rest() {
     let model = model();
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/robots/tiago_dual");
     let Some(solids) = solids(&model, &folder) else {

@@ -93,7 +93,7 @@ fn slide(model: &Model, config: &Config) -> Outcome {
 }
 
 #[test]
-fn a_blocked_arm_slides_on_whatever_deviations_cost() {
+fn blocked_arm_slides_on_with_any_limb_weight() {
     let model = model();
     let alike = slide(&model, &config(&model, |tasks| tasks.limb_weight = 0.0));
     // A joint's deviation counts as a share of its speed, 2 rad/s. So a limb's deviation counts half as much

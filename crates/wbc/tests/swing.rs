@@ -55,7 +55,7 @@ fn swing(carrier: f64) -> Planned {
 }
 
 #[test]
-fn a_post_outside_an_arc_is_certified_exactly_as_far_as_it_is_clear() {
+fn swing_past_post_is_certified_only_with_enough_clearance() {
     for (post, carrier) in [(0, 0.0), (1, 0.0), (1, 5.0)] {
         let planned = swing(carrier);
         let mut tightest = f64::INFINITY;

@@ -40,7 +40,7 @@ fn share_of_plan(model: &Model, dynamics: &Dynamics<'_>, planned: &Planned) -> f
 }
 
 #[test]
-fn torques_are_those_of_another_implementation() {
+fn torques_match_another_implementation() {
     let (model, urdf) = shipped();
     let dynamics = Dynamics::new(&model, &urdf, &[]).unwrap();
     let config = Config::new(&model, Options::default()).unwrap();
@@ -132,7 +132,7 @@ fn follow(model: &Model, urdf: &urdf_rs::Robot, options: Options, goals: u32) ->
 }
 
 #[test]
-fn no_plan_asks_for_more_than_its_share() {
+fn plans_keep_torque_within_share() {
     let (model, urdf) = shipped();
     let run = follow(&model, &urdf, Options::default(), 60);
     assert!(run.executed <= SHARE + 1e-9 && run.planned <= SHARE + 1e-9, "{run:?}");
@@ -143,7 +143,7 @@ fn no_plan_asks_for_more_than_its_share() {
 }
 
 #[test]
-fn without_the_proof_motors_are_overloaded() {
+fn plans_without_torque_proof_overload_motors() {
     let (model, urdf) = shipped();
     let run = follow(&model, &urdf, Options::without_torque_for_tests(), 20);
     assert!(run.planned > 1.0, "{run:?}");
@@ -169,7 +169,7 @@ fn stretched(model: &Model) -> PerJoint {
 
 /// With empty hands every posture can be held. A posture that cannot be held is reported with its joint.
 #[test]
-fn postures_that_cannot_be_held_are_named() {
+fn overloaded_posture_is_reported_with_its_joint() {
     let (model, _) = shipped();
     let config = Config::new(&model, Options::default()).unwrap();
     let mut rng = Pcg64::seed_from_u64(5);
@@ -189,7 +189,7 @@ fn postures_that_cannot_be_held_are_named() {
 
 /// If the robot's posture cannot be held, the stage takes no decision, not even to recover.
 #[test]
-fn an_overloaded_robot_is_not_moved() {
+fn overloaded_robot_is_not_moved() {
     let (model, _) = shipped();
     let config = laden(&model, 3.0);
     let start = stretched(&model);
@@ -205,7 +205,7 @@ fn an_overloaded_robot_is_not_moved() {
 }
 
 #[test]
-fn a_plan_that_asks_for_too_much_is_not_certified() {
+fn plan_with_too_much_torque_is_not_certified() {
     let (model, _) = shipped();
     let config = Config::new(&model, Options::default()).unwrap();
     let bounds = &config.bounds()[4];
@@ -224,7 +224,7 @@ fn a_plan_that_asks_for_too_much_is_not_certified() {
 }
 
 #[test]
-fn a_payload_that_is_told_is_kept_within_the_share() {
+fn reported_payload_keeps_torque_within_share() {
     let (model, urdf) = shipped();
     let run = follow_laden(&model, &urdf, Options::default(), 40, (0.5, 0.5));
     assert!(run.executed <= SHARE + 1e-9 && run.planned <= SHARE + 1e-9, "{run:?}");
@@ -234,7 +234,7 @@ fn a_payload_that_is_told_is_kept_within_the_share() {
 }
 
 #[test]
-fn a_payload_that_is_not_told_is_not_proved() {
+fn unreported_payload_overloads_motors() {
     let (model, urdf) = shipped();
     let run = follow_laden(&model, &urdf, Options::default(), 20, (1.0, 0.0));
     assert!(run.planned > 1.0, "{run:?}");
@@ -243,7 +243,7 @@ fn a_payload_that_is_not_told_is_not_proved() {
 /// A payload set at run time has the same effect as one in the robot file: the same torques, and the same
 /// decisions bit by bit.
 #[test]
-fn a_payload_told_at_run_time_is_that_of_the_robot_file() {
+fn payload_set_at_run_time_acts_like_one_in_robot_file() {
     let (model, urdf) = shipped();
     let payload = told(&model, 0.7);
     let mut laden = model.clone();
@@ -277,7 +277,7 @@ fn a_payload_told_at_run_time_is_that_of_the_robot_file() {
 }
 
 #[test]
-fn one_kilogram_at_a_stretched_arm_is_too_much_for_a_joint() {
+fn payload_of_1_kg_overloads_joint_of_stretched_arm() {
     let (model, _) = shipped();
     let config = Config::new(&model, Options::default()).unwrap();
     let [left, right] = told(&model, 1.0);
@@ -294,7 +294,7 @@ fn one_kilogram_at_a_stretched_arm_is_too_much_for_a_joint() {
 }
 
 #[test]
-fn a_payload_is_not_taken_in_motion() {
+fn payload_is_refused_in_motion() {
     let (model, _) = shipped();
     let config = Config::new(&model, Options::default()).unwrap();
     let mut state = State::at_rest(&config, model.home);

@@ -39,7 +39,7 @@ mod tests {
     use wbc::interval::Bounds;
 
     #[test]
-    fn the_limit_that_an_operator_sees_is_named() {
+    fn status_names_active_limit_only_while_engaged() {
         let bounds = [Bounds { q_min: -1.0, q_max: 1.0, v_max: 2.0, a_max: 10.0, brake: 10.0, j_max: 400.0 }; JOINTS];
         let mut status = Status { clearance_command_m: 0.5, nearest_pair: [3, 8], ..Status::ZERO };
         let mut said = |motion: &Motion, clearance_m: f64, engaged: bool| {

@@ -156,7 +156,7 @@ mod tests {
     use messages::Layout;
 
     #[test]
-    fn the_age_of_no_input_is_no_age() {
+    fn input_age_without_input_is_none() {
         let mut status = Status::ZERO;
         status.header.stamp = Stamp(5_000_000_000);
         assert_eq!(input_age_ms(&status), None, "no target");

@@ -302,7 +302,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_pair_of_weights_is_off_by_at_most_half_a_unit_of_bfloat16() {
+    fn packed_weight_pair_is_within_bfloat16_rounding() {
         for i in 1..100_000_u32 {
             let first = (i as f32 * 12.9898).sin() * 3.0;
             let second = (i as f32 * 78.233).cos() * 10.0_f32.powi((i % 7) as i32 - 3);

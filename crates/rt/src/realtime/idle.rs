@@ -53,7 +53,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_held_is_read_back_and_a_refusal_names_the_device() {
+    fn cpu_dma_latency_is_read_back_or_refusal_names_device() {
         match hold_awake() {
             Ok(what) => {
                 assert!(what.contains("0 us"), "{what}");

@@ -223,7 +223,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_requested_is_not_touched() {
+    fn realtime_setting_that_is_not_requested_is_not_changed() {
         let report = in_thread(|| Realtime::apply(&plain()));
         let untouched = [&report.policy, &report.cores, &report.memory, &report.prefault, &report.cpu_dma_latency];
         assert_eq!(untouched, [&Outcome::NotRequested; 5]);
@@ -234,7 +234,7 @@ mod tests {
     }
 
     #[test]
-    fn a_real_time_kernel_is_known_by_its_version_or_by_the_patch_s_file() {
+    fn preempt_rt_is_detected_by_version_or_realtime_file() {
         let mainline = "#1 SMP PREEMPT_RT Debian 6.12.48-1 (2025-09-20)";
         assert!(says_preempt_rt(mainline, ""));
         assert!(says_preempt_rt("#1 SMP PREEMPT RT", "1\n"), "the patches of old");
@@ -243,7 +243,7 @@ mod tests {
     }
 
     #[test]
-    fn fifo_holds_exactly_where_it_is_reported() {
+    fn fifo_is_in_force_exactly_when_reported_applied() {
         let config = RealtimeConfig { policy: Policy::Fifo { priority: 7 }, ..plain() };
         let (report, held) = in_thread(|| (Realtime::apply(&config), scheduling::scheduling()));
         assert_eq!(
@@ -263,7 +263,7 @@ mod tests {
     }
 
     #[test]
-    fn a_priority_that_does_not_exist_is_refused_in_words() {
+    fn invalid_priority_is_refused_with_its_value() {
         let config = RealtimeConfig { policy: Policy::Fifo { priority: 200 }, ..plain() };
         let report = in_thread(|| Realtime::apply(&config));
         assert!(!report.policy.is_applied());
@@ -271,7 +271,7 @@ mod tests {
     }
 
     #[test]
-    fn affinity_is_read_back_and_impossible_cores_are_refused() {
+    fn affinity_is_read_back_and_invalid_cores_are_refused() {
         let config = RealtimeConfig { cores: Some(vec![allowed_cores()[0]]), ..plain() };
         let report = in_thread(|| Realtime::apply(&config));
         assert!(report.cores.is_applied(), "{report}");

@@ -218,7 +218,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn patience_with_the_streams_and_the_own_deadlines_grows_and_nothing_else() {
+    fn relaxed_config_scales_target_state_and_deadline_limits_only() {
         let settings = Settings {
             target_stale_ms: 10.0,
             target_late_ms: 2.0,

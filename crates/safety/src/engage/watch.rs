@@ -212,7 +212,7 @@ mod tests {
     const MS: u64 = 1_000_000;
 
     #[test]
-    fn a_future_stamp_never_looks_fresh() {
+    fn message_with_future_stamp_never_looks_fresh() {
         let mut age = StreamAge::default();
         let now = Stamp(1000 * MS);
         assert_eq!(age.judge(now, now.plus_ns(3 * MS), MS, 0), u64::MAX, "never arrived");
@@ -223,7 +223,7 @@ mod tests {
     }
 
     #[test]
-    fn a_stamp_that_runs_backwards_refreshes_nothing() {
+    fn stamp_that_runs_backwards_does_not_refresh_age() {
         let mut age = StreamAge::default();
         let now = Stamp(1000 * MS);
         age.judge(now, Stamp(999 * MS), MS, 0);
@@ -231,7 +231,7 @@ mod tests {
     }
 
     #[test]
-    fn own_sleep_is_not_charged_to_the_writer() {
+    fn own_sleep_is_charged_to_writer_up_to_its_maximum() {
         let mut age = StreamAge::default();
         let now = Stamp(1000 * MS);
         age.judge(now, now, MS, 0);
@@ -249,7 +249,7 @@ mod tests {
     }
 
     #[test]
-    fn ages_saturate() {
+    fn stream_age_saturates() {
         let mut age = StreamAge { newest: Stamp(1), awake_ns: u64::MAX - 1 };
         assert_eq!(age.judge(Stamp(5), Stamp(1), 10, 0), u64::MAX);
     }

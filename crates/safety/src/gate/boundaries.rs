@@ -25,7 +25,7 @@ const NONE: Phases = [Phase { jerk: 0, duration: 0 }; 3];
 
 /// Checks rest, the length of a stop, and the limits on its way, to the unit.
 #[test]
-fn what_a_stop_is_granted_is_exact() {
+fn stop_bounds_are_exact_to_the_unit() {
     let limits = LIMITS;
     let rest = |from: Point, phases: &Phases| limits.stop(from, phases).map(|stop| stop.end().q);
     for sign in [-1, 1] {
@@ -65,7 +65,7 @@ fn sent_stop(v: f64, a: f64, a_max: f64, j_max: f64) -> [(f64, f64); 3] {
 
 /// An honest stop leaves only rounding at its end, each number to its unit.
 #[test]
-fn an_honest_stop_leaves_far_less_than_is_granted() {
+fn honest_stop_leaves_under_a_thousandth_of_rest_slack() {
     let mut rng = Pcg64::seed_from_u64(36);
     let mut most = 0;
     for n in 0..1_000_000 {
@@ -85,7 +85,7 @@ fn an_honest_stop_leaves_far_less_than_is_granted() {
 
 /// Checks the share of the velocity limit for every pair of velocities, with both signs, to the unit.
 #[test]
-fn the_permitted_share_of_speed_is_exact() {
+fn permitted_share_of_speed_is_exact_to_the_unit() {
     let limits = LIMITS;
     let point = |v: i64| Point { q: 0, v, a: 0 };
     let elsewhere = Point { q: 1000 + SLACK, v: 0, a: 0 };
@@ -111,7 +111,7 @@ fn the_permitted_share_of_speed_is_exact() {
 
 /// Checks the acceleration at the end of a phase.
 #[test]
-fn the_acceleration_on_the_way_is_judged_to_the_unit() {
+fn acceleration_within_stop_is_checked_to_the_unit() {
     for sign in [-1, 1] {
         for (beyond, fits) in [(0, true), (SLACK, true), (SLACK + 1, false)] {
             // The acceleration is at the limit for an instant, then falls straight to zero. The velocity is
@@ -126,7 +126,7 @@ fn the_acceleration_on_the_way_is_judged_to_the_unit() {
 }
 
 #[test]
-fn a_seed_comes_to_rest_or_not() {
+fn seed_with_speed_left_does_not_come_to_rest() {
     let ramp = [Phase { jerk: -(80 << 40), duration: (1 << 48) / 10 }, Phase::default(), Phase::default()];
     for left in [0, REST_SLACK, -REST_SLACK, REST_SLACK + 1, -REST_SLACK - 1] {
         let rests = left.abs() <= REST_SLACK;
@@ -142,7 +142,7 @@ fn a_seed_comes_to_rest_or_not() {
 }
 
 #[test]
-fn the_same_stop_differs_by_rounding_only() {
+fn same_stop_may_differ_by_rounding_only() {
     let phase = |jerk: i64, duration: i64| Phase { jerk, duration };
     let (long, jerk) = (1 << 40, 5 << 40);
     let stop = [phase(jerk, long), phase(0, 2 * long), phase(-jerk, 3 * long)];
@@ -181,7 +181,7 @@ fn plan_of(jerk: f64, duration_s: f64) -> StopPlan {
 }
 
 #[test]
-fn plans_are_quantised_or_refused() {
+fn plan_is_quantised_or_refused() {
     let phases = |jerk: f64, duration_s: f64| quantised_phases(&plan_of(jerk, duration_s), 3);
     let middle = |jerk: i64, duration: i64| Some([Phase::default(), Phase { jerk, duration }, Phase::default()]);
     assert_eq!(phases(-1.5, 0.25), middle(-(3 << 39), 1 << 46));
@@ -199,7 +199,7 @@ fn plans_are_quantised_or_refused() {
 
 /// Checks the played and the remaining part, phase by phase, to the end and beyond.
 #[test]
-fn a_stored_plan_is_played_to_its_end() {
+fn stored_plan_is_played_to_its_end() {
     // The acceleration falls from 8 rad/s^2 to zero in 10 ticks. Then 5 ticks and one more tick without jerk
     // follow.
     let jerk = -1500 * (8 << 40) / 10;
@@ -231,7 +231,7 @@ fn a_stored_plan_is_played_to_its_end() {
 }
 
 #[test]
-fn limits_are_taken_to_the_unit_or_refused() {
+fn limits_are_quantised_exactly_or_refused() {
     let sound = JointLimits { q_min: -1.0, q_max: 2.0, v_max: 1.5, a_max: 8.0, j_max: 320.0, effort_max: 40.0 };
     let limits = Limits::new("joint", &sound, 0.0).expect("sound");
     assert_eq!((limits.q, limits.v, limits.a, limits.jerk), ([-(1 << 40), 2 << 40], 3 << 39, 8 << 40, 320 << 40));
@@ -263,7 +263,7 @@ fn limits_are_taken_to_the_unit_or_refused() {
 
 /// A recovery widens the range to the joint's last position, and no further. It never widens the speed.
 #[test]
-fn a_recovery_reaches_from_where_the_joint_was() {
+fn recovery_range_extends_to_last_position_only() {
     let slow = LIMITS.v / 10;
     for sign in [-1, 1] {
         let edge = LIMITS.q[1];

@@ -29,7 +29,7 @@ fn divided(x: i128, y: i128) -> i128 {
 const TIMES: [i64; 6] = [0, 1, 3, 1 << 10, (1 << 20) - 1, TIME >> 32];
 
 #[test]
-fn integration_at_the_ceilings_is_the_formula_clamped() {
+fn integration_at_ceilings_matches_clamped_formula() {
     for q in around(MOTION, true) {
         for v in around(MOTION, true) {
             for a in around(ACCELERATION, true) {
@@ -54,7 +54,7 @@ fn integration_at_the_ceilings_is_the_formula_clamped() {
 }
 
 #[test]
-fn acceleration_at_the_ceilings_is_the_formula_clamped() {
+fn acceleration_at_ceilings_matches_clamped_formula() {
     for a in around(ACCELERATION, true) {
         for jerk in around(JERK, false) {
             for t in [0, 1, TICK, TIME / 3, TIME - 1, TIME] {
@@ -68,7 +68,7 @@ fn acceleration_at_the_ceilings_is_the_formula_clamped() {
 
 /// An overflow would end the test: this workspace's profiles turn overflow checks on for this crate.
 #[test]
-fn checks_at_the_ceilings_fit_their_types() {
+fn checks_at_ceilings_never_overflow() {
     let widest = Limits { q: [-MOTION, MOTION], v: MOTION, a: ACCELERATION, jerk: JERK, stop: 3 * TIME };
     let least = Limits { q: [0, 1], v: 1, a: 1, jerk: 1, stop: TICK };
     let points: Vec<Point> = around(MOTION, true)
@@ -108,7 +108,7 @@ fn checks_at_the_ceilings_fit_their_types() {
 
 /// The turning point of a phase lies within its reported extremes, at any size.
 #[test]
-fn extremes_at_the_ceilings_hold_every_point_between() {
+fn extremes_at_ceilings_contain_every_velocity_between() {
     for v in around(MOTION, true) {
         for a in around(ACCELERATION, true) {
             for jerk in around(JERK, false).into_iter().step_by(3) {
@@ -128,7 +128,7 @@ fn extremes_at_the_ceilings_hold_every_point_between() {
 }
 
 #[test]
-fn ticks_are_counted_exactly_up_to_the_longest_plan() {
+fn tick_durations_are_exact_up_to_longest_plan() {
     for ticks in (0..2000).chain([73_499, 73_500, (1 << 20) - 1, 1 << 20]) {
         let exact = divided(i128::from(ticks) << 48, 1500);
         assert_eq!(i128::from(ticks_long(ticks)), exact);

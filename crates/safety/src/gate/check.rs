@@ -12,14 +12,14 @@ use super::stored::Phases;
 
 /// Rounding that every comparison allows, in units: 5.8e-11 rad, rad/s, rad/s^2. Positions rounded to the
 /// nearest unit and three phases of integration err by less than 8 units
-/// (`integration_agrees_with_the_polynomial`). The rest is for sender and driver, which compute in `f64`.
+/// (`integration_matches_polynomial`). The rest is for sender and driver, which compute in `f64`.
 pub(super) const SLACK: i64 = 64;
 
 /// Velocity and acceleration that may remain when a plan ends, in units.
 ///
 /// It is 1e-7 rad/s and rad/s^2, as in the driver, minus the rounding above. So the driver accepts every plan
 /// that passes here. The joint is then at rest by definition. The time-optimal stops of a million random
-/// states leave at most 2 units (`an_honest_stop_leaves_far_less_than_is_granted`).
+/// states leave at most 2 units (`honest_stop_leaves_under_a_thousandth_of_rest_slack`).
 const REST_SLACK: i64 = 109_951 - SLACK;
 
 /// Rounding of the jerk, in units of jerk. The jerk is judged by the change of acceleration over a tick, and

@@ -105,7 +105,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_denial_has_a_code_of_its_own_and_a_meaning() {
+    fn denials_have_unique_codes_and_meanings() {
         let checks = [
             Check::Finite,
             Check::Position,

@@ -214,7 +214,7 @@ mod tests {
     }
 
     #[test]
-    fn integration_agrees_with_the_polynomial() {
+    fn integration_matches_polynomial() {
         let mut rng = rand_pcg::Pcg64::seed_from_u64(1);
         for _ in 0..100_000 {
             let (q, v, a, j) =
@@ -229,14 +229,14 @@ mod tests {
     }
 
     #[test]
-    fn many_ticks_are_as_long_as_they_are() {
+    fn duration_of_many_ticks_is_exact_and_saturates() {
         assert_eq!(ticks_long(1), TICK);
         assert_eq!(ticks_long(1500), 1 << TIME_BITS);
         assert_eq!(ticks_long(u64::MAX), ticks_long(1 << 20));
     }
 
     #[test]
-    fn ticks_of_a_duration_are_as_long_and_no_fewer_are() {
+    fn ticks_of_duration_are_fewest_that_are_long_enough() {
         for ticks in (1..3000).chain([73_499, 73_500]) {
             let long = ticks_long(ticks);
             assert_eq!((ticks_of(long), ticks_of(long + 1)), (ticks, ticks + 1));
@@ -246,7 +246,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_overflows_at_the_ceilings() {
+    fn motion_at_ceilings_saturates_without_overflow() {
         // Builds with overflow checks panic. Other builds would end with the wrong sign.
         for signs in 0..16_u32 {
             let [sq, sv, sa, sj] = [1, 2, 4, 8].map(|bit| if signs & bit == 0 { 1.0 } else { -1.0 });
@@ -266,7 +266,7 @@ mod tests {
     }
 
     #[test]
-    fn extremes_are_those_of_a_dense_walk() {
+    fn extremes_match_dense_samples() {
         let mut rng = rand_pcg::Pcg64::seed_from_u64(2);
         for _ in 0..5_000 {
             let start = Point::quantised(0.0, random(&mut rng, 1.0), random(&mut rng, 8.0)).unwrap();
@@ -295,7 +295,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_number_is_refused() {
+    fn quantise_refuses_nan_infinite_and_huge_values() {
         for value in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, f64::MAX, 64.1, -64.1] {
             assert_eq!(quantise(value, MOTION_CEILING, UNITS), None);
         }

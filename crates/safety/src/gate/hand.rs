@@ -79,7 +79,7 @@ mod tests {
     /// By the sum of levers, hands reach 7 m/s at the shipped limits. So the gate checks the bound of 3 m/s.
     /// For a robot that cannot reach the bound, the check would cost nothing.
     #[test]
-    fn the_bound_is_looked_at_where_a_hand_may_reach_it() {
+    fn hand_speed_is_checked_only_if_a_hand_can_reach_its_bound() {
         let model = shipped();
         let body = Body::new(&model);
         let v = model.limits.map(|limits| limits.v_max);
@@ -94,7 +94,7 @@ mod tests {
     }
 
     #[test]
-    fn a_hand_is_denied_where_a_sample_is_too_fast() {
+    fn hand_with_a_sample_faster_than_bound_is_denied() {
         let model = shipped();
         let body = Body::new(&model);
         let mut rng = Pcg64::seed_from_u64(51);

@@ -198,7 +198,7 @@ impl Tally {
 /// Tests every state, with every state that a tick could lead to. Halves of velocity and sixths of position
 /// are included.
 #[test]
-fn every_step_of_the_lattice_is_judged_as_the_physics_has_it() {
+fn every_lattice_step_is_judged_by_exact_physics() {
     let limits = STRONG.limits();
     // This plan leads elsewhere, so that no command passes because it is on the plan.
     let elsewhere = State::steps(50, 0, 0).point();
@@ -225,7 +225,7 @@ fn states() -> impl Iterator<Item = (i128, i128, i128)> {
 
 /// Tests the slack of every comparison, to the unit. The lattice steps are moved by up to 65 units.
 #[test]
-fn every_comparison_grants_the_slack_and_not_a_unit_more() {
+fn step_checks_allow_exactly_the_slack() {
     let limits = STRONG.limits();
     let elsewhere = State::steps(50, 0, 0).point();
     let mut tally = Tally::default();
@@ -247,7 +247,7 @@ fn every_comparison_grants_the_slack_and_not_a_unit_more() {
 
 /// A point of the plan needs no admissible jerk, but it must be within the limits and near the plan.
 #[test]
-fn a_point_of_the_plan_passes_where_it_is_near_and_within_the_limits() {
+fn plan_point_passes_only_near_plan_and_within_limits() {
     let limits = STRONG.limits();
     let last = State::steps(0, 0, 0).point();
     let moves = [-SLACK - 1, -SLACK, 0, SLACK, SLACK + 1];
@@ -270,7 +270,7 @@ fn a_point_of_the_plan_passes_where_it_is_near_and_within_the_limits() {
 
 /// Tests every stop of three phases from every state.
 #[test]
-fn every_stop_of_the_lattice_is_judged_as_the_physics_has_it() {
+fn every_lattice_stop_is_judged_by_exact_physics() {
     for (bounds, longest) in [(STRONG, 2), (WEAK, 1)] {
         let limits = bounds.limits();
         let mut tally = Tally::default();
@@ -302,7 +302,7 @@ fn every_stop_of_the_lattice_is_judged_as_the_physics_has_it() {
 
 /// Tests the judge itself against a dense walk.
 #[test]
-fn the_judge_of_the_lattice_agrees_with_a_dense_walk() {
+fn lattice_judge_matches_dense_samples() {
     for (q, v, a) in states().filter(|(q, _, _)| q % 2 == 0) {
         for (j, end) in (-3..=3).flat_map(|j| [(j, 1), (j, 2)]) {
             let x = State::steps(q, v, a);

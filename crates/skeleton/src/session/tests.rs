@@ -70,7 +70,7 @@ fn refused_after(before: u32, bad: &Person) -> u32 {
 }
 
 #[test]
-fn evidence_on_sides_is_a_mean_of_half_a_second() {
+fn chirality_evidence_is_a_mean_over_half_a_second() {
     let of = |person: &Person| chirality(&person.positions).expect("a trunk");
     let hips = person(|p| p.swap(Smpl::LeftHip as usize, Smpl::RightHip as usize));
     let (was, feet, sides) = (of(&good()), of(&turned_feet()), of(&hips));
@@ -86,7 +86,7 @@ fn evidence_on_sides_is_a_mean_of_half_a_second() {
 }
 
 #[test]
-fn legs_that_are_not_seen_say_nothing() {
+fn unseen_legs_give_no_chirality_evidence() {
     let mut session = Session::new(&frame(0, 0));
     for hidden in [Smpl::LeftKnee, Smpl::RightAnkle, Smpl::LeftFoot] {
         let mut bad = turned_feet();
@@ -100,7 +100,7 @@ fn legs_that_are_not_seen_say_nothing() {
 }
 
 #[test]
-fn knees_that_bend_backwards_are_a_mirror_image_too() {
+fn knees_that_bend_backwards_lower_chirality_evidence() {
     let bend = |to: f32| {
         person(move |p| {
             for (ankle, foot) in [(Smpl::LeftAnkle, Smpl::LeftFoot), (Smpl::RightAnkle, Smpl::RightFoot)] {
@@ -118,7 +118,7 @@ fn knees_that_bend_backwards_are_a_mirror_image_too() {
 }
 
 #[test]
-fn evidence_lasts_for_75_milliseconds_without_a_frame() {
+fn chirality_evidence_is_forgotten_after_75_ms_without_frame() {
     let config = Config { frozen_after_ns: 0, ..Config::default() };
     for (gap_ns, refused) in [(75 * MS, false), (75 * MS + 1, true)] {
         let mut session = Session::new(&frame(0, 0));
@@ -131,7 +131,7 @@ fn evidence_lasts_for_75_milliseconds_without_a_frame() {
 }
 
 #[test]
-fn a_person_is_forgotten_after_more_than_the_gap_and_frames_are_not() {
+fn person_is_forgotten_after_gap_and_frame_order_is_not() {
     let config = Config::default();
     for (gap_ns, forgotten) in [(config.gap_ns, false), (config.gap_ns + 1, true)] {
         let mut session = Session::new(&frame(0, 0));
@@ -162,7 +162,7 @@ fn both(doubts: Doubts) -> Result<(), DropReason> {
 }
 
 #[test]
-fn lengths_are_learnt_in_the_first_second_and_no_longer() {
+fn limb_lengths_are_learnt_in_first_second_only() {
     let config = Config::default();
     let mut session = Session::new(&frame(0, 0));
     let mut see = |ms: u64, length: f64| both(session.check_lengths(&config, &limbs(length, 1 + ms * MS)));
@@ -178,7 +178,7 @@ fn lengths_are_learnt_in_the_first_second_and_no_longer() {
 }
 
 #[test]
-fn a_length_at_its_bound_is_within_it() {
+fn limb_length_at_its_bound_is_accepted() {
     let config = Config::default();
     let mut session = Session::new(&frame(0, 0));
     let learnt = 1 + config.learning_ns;
@@ -190,7 +190,7 @@ fn a_length_at_its_bound_is_within_it() {
 }
 
 #[test]
-fn a_limb_that_is_not_seen_is_neither_judged_nor_learnt() {
+fn unseen_limb_is_neither_checked_nor_learnt() {
     let config = Config::default();
     let mut session = Session::new(&frame(0, 0));
     let mut partly = limbs(2.0, 1);
@@ -206,7 +206,7 @@ fn a_limb_that_is_not_seen_is_neither_judged_nor_learnt() {
 }
 
 #[test]
-fn a_step_is_bounded_by_the_speed_of_the_joint_by_length_and_by_noise() {
+fn step_beyond_joint_speed_length_or_noise_bound_is_a_jump() {
     let config = Config::default();
     let parts = [Which::Trunk, Which::Arm(1), Which::Arm(1)];
     for (place, speed) in [7.0, 10.0, 12.0].into_iter().enumerate() {
@@ -262,7 +262,7 @@ fn wrists_off(off_m: &[f64]) -> Vec<Option<DropReason>> {
 }
 
 #[test]
-fn a_wrist_that_is_wild_for_a_frame_or_two_is_taken_again_at_once_and_one_that_stays_away_is_not() {
+fn wrist_outlier_of_one_or_two_frames_returns_at_once() {
     let refused = |off_m: &[f64]| wrists_off(off_m).iter().map(Option::is_some).collect::<Vec<_>>();
     assert_eq!(refused(&[0.0, 0.6, 0.0, 0.0]), [false, true, false, false]);
     assert_eq!(refused(&[0.0, 0.6, -0.6, 0.0, 0.0]), [false, true, true, false, false]);
@@ -289,7 +289,7 @@ fn repeated(n: u64) -> Payload {
 }
 
 #[test]
-fn an_arm_that_is_not_used_is_no_sign_of_life() {
+fn motion_of_unused_arm_does_not_prevent_frozen_drop() {
     let config = Config::default();
     for (used, frozen) in [([true, true], false), ([false, true], true)] {
         let mut session = Session::new(&frame(0, 0));
@@ -303,7 +303,7 @@ fn an_arm_that_is_not_used_is_no_sign_of_life() {
 }
 
 #[test]
-fn a_payload_is_frozen_from_its_hundred_milliseconds_to_its_second() {
+fn repeated_payload_is_dropped_from_100_ms_to_1_s() {
     let config = Config::default();
     let mut session = Session::new(&frame(0, 0));
     let mut see = |ns: u64, n: u64| session.check_frozen(&config, Stamp(1 + ns), &repeated(n), [true; 2]);
@@ -318,7 +318,7 @@ fn a_payload_is_frozen_from_its_hundred_milliseconds_to_its_second() {
 }
 
 #[test]
-fn every_bit_of_a_posture_counts() {
+fn payload_hash_changes_with_every_bit_of_posture() {
     let still = payload(&good());
     for bit in 0..32 {
         // The hash starts with bits that are set. None of them may hide a bit of the payload.

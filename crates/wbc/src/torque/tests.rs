@@ -36,13 +36,13 @@ fn state(bounds: &[Bounds; JOINTS], rng: &mut Pcg64) -> Planned {
 /// Between two samples no torque differs from its chord by more than the bound, wherever the segment lies.
 /// The bound is also not so wide that the test shows nothing.
 #[test]
-fn torques_between_samples_are_within_the_bound() {
+fn torques_between_samples_are_within_bound() {
     samples_are_within_the_bound(&[Payload::EMPTY; 2]);
 }
 
 /// The same with payloads that hands may carry, far off their axes.
 #[test]
-fn torques_of_laden_hands_are_within_the_bound() {
+fn torques_of_laden_hands_are_within_bound() {
     let center = nalgebra::Vector3::new(0.2, -0.1, 0.4);
     samples_are_within_the_bound(&[Payload { mass_kg: 3.0, center }, Payload { mass_kg: 1.0, center: -center }]);
 }
@@ -82,7 +82,7 @@ fn samples_are_within_the_bound(payload: &[Payload; 2]) {
 /// A proved motion keeps its limits at a thousand instants. Most motions that are not proved do not keep
 /// them.
 #[test]
-fn proofs_are_right_and_refusals_mostly_too() {
+fn proved_motion_keeps_torque_limits_and_most_refused_do_not() {
     let config = shipped();
     let (load, chain) = (config.load.as_ref().unwrap(), &config.geometry.chain);
     let mut scratch = TorqueScratch::new();

@@ -40,7 +40,7 @@ fn surroundings(model: &mut Model, rng: &mut Pcg64, none: bool) {
 }
 
 #[test]
-fn own_kinematics_are_those_of_the_model() {
+fn own_kinematics_match_robot_model() {
     let model = shipped();
     let body = Body::new(&model);
     let (mut rng, mut frames, mut worst) = (Pcg64::seed_from_u64(31), Frames::default(), 0.0_f64);
@@ -61,7 +61,7 @@ fn own_kinematics_are_those_of_the_model() {
 }
 
 #[test]
-fn no_pair_loses_more_than_its_levers_allow() {
+fn pair_distance_changes_within_lever_bound() {
     let mut model = shipped();
     let (mut rng, mut nearly, mut body) = (Pcg64::seed_from_u64(32), 0, Body::new(&model));
     for n in 0..2000 {
@@ -172,7 +172,7 @@ fn clear_posture(model: &Model, rng: &mut Pcg64) -> [f64; JOINTS] {
 }
 
 #[test]
-fn every_stop_is_judged_as_all_distances_at_all_samples() {
+fn stop_verdict_matches_all_distances_at_all_samples() {
     let mut model = shipped();
     let mut rng = Pcg64::seed_from_u64(33);
     let mut own = ways(&model, &Interface::default());
@@ -206,7 +206,7 @@ fn every_stop_is_judged_as_all_distances_at_all_samples() {
 
 /// A pair for which no sample is computed is clear at every instant, between samples too.
 #[test]
-fn what_needs_no_sample_is_clear_at_every_instant() {
+fn pair_without_samples_is_clear_at_every_instant() {
     let mut model = shipped();
     let mut rng = Pcg64::seed_from_u64(34);
     let (mut own, mut proved, mut left) = (ways(&model, &Interface::default()), 0, 0);
@@ -236,7 +236,7 @@ fn what_needs_no_sample_is_clear_at_every_instant() {
 
 /// Any deviation of the interface from an accepted motion keeps the clearance at a sample.
 #[test]
-fn controllers_that_lag_and_deviate_stay_clear() {
+fn accepted_motion_with_lag_and_deviation_keeps_clearance() {
     let mut model = shipped();
     let mut rng = Pcg64::seed_from_u64(35);
     let controller = std::array::from_fn(|j| if j < 3 { [0, 1, 1][j] } else { 2 + (j - 3) / 7 });
@@ -284,7 +284,7 @@ fn controllers_that_lag_and_deviate_stay_clear() {
 }
 
 #[test]
-fn an_interface_without_bounds_is_refused() {
+fn interface_out_of_bounds_is_refused() {
     let model = shipped();
     let sound = Interface { off: [1e-5; JOINTS], skew_s: 0.01, controller: [0; JOINTS] };
     assert!(Ways::new(&model, &sound, &model.limits).is_ok());
