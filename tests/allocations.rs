@@ -20,7 +20,7 @@ const BEFORE: u64 = 6 * TICK_HZ;
 const PAYLOAD_AT: u64 = TICK_HZ;
 
 #[test]
-fn the_counter_counts() {
+fn allocation_counter_counts_one_box() {
     let (boxed, counted) = count_allocations(|| Box::new(7));
     assert_eq!((*boxed, counted.allocated), (7, 1));
 }

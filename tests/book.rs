@@ -115,12 +115,12 @@ fn check(chapter: &str, name: &str, table: &str) {
 }
 
 #[test]
-fn settings_chapter_says_what_the_sources_say() {
+fn settings_chapter_matches_the_sources() {
     check("docs/src/settings.md", "settings", &settings_table());
 }
 
 #[test]
-fn hazards_of_the_evidence_chapter_are_those_of_the_list() {
+fn hazards_of_the_evidence_chapter_match_the_list() {
     check("docs/src/evidence.md", "hazards", &hazards_table());
 }
 
@@ -142,7 +142,7 @@ fn bounds() -> Vec<(String, String, String)> {
 }
 
 #[test]
-fn every_setting_names_the_bounds_that_are_checked() {
+fn every_bounded_setting_names_its_checked_bounds() {
     let table = settings_table();
     let bounds = bounds();
     assert!(bounds.len() > 35, "{bounds:?}");
@@ -155,7 +155,7 @@ fn every_setting_names_the_bounds_that_are_checked() {
 }
 
 #[test]
-fn fields_have_their_comments_and_defaults() {
+fn parsed_fields_have_their_comments_and_defaults() {
     let source = "pub struct A {\n    /// One\n    /// two.\n    #[serde(default)]\n    pub x_ms: Option<f64>,\n    pub y: u32,\n}\n";
     let field =
         |name: &str, kind: &str, meaning: &str| Field { name: name.into(), kind: kind.into(), meaning: meaning.into() };

@@ -95,7 +95,7 @@ fn calibrate(rig: &Rig, name: &str, folder: &std::path::Path) -> Command {
 }
 
 #[test]
-fn an_operator_is_measured_and_known_in_the_next_session() {
+fn calibrated_operator_is_recognised_in_the_next_session() {
     let mut rig = Rig::with_settings(&[]);
     for name in teleopd::PROCESSES {
         rig.start(name);
@@ -129,7 +129,7 @@ fn an_operator_is_measured_and_known_in_the_next_session() {
 }
 
 #[test]
-fn built_in_motion_is_measured_as_a_person() {
+fn built_in_calibration_motion_is_measured_as_a_person() {
     let mut rig = Rig::with_settings(&[]);
     for name in teleopd::PROCESSES {
         rig.start(name);
@@ -145,7 +145,7 @@ fn built_in_motion_is_measured_as_a_person() {
 }
 
 #[test]
-fn nobody_is_measured_while_the_robot_follows_or_nobody_is_there() {
+fn calibration_without_person_waits_and_while_engaged_fails() {
     let mut rig = Rig::with_settings(&[]);
     for name in teleopd::PROCESSES {
         rig.start(name);

@@ -43,7 +43,7 @@ fn python_or_skip() -> Option<PathBuf> {
 }
 
 #[test]
-fn a_python_script_moves_the_robot() {
+fn python_script_moves_the_robot() {
     let Some(python) = python_or_skip() else { return };
     let mut rig = Rig::whole();
     let (hand, mut eyes) = (rig.hand(), rig.eyes());
@@ -67,7 +67,7 @@ fn a_python_script_moves_the_robot() {
 }
 
 #[test]
-fn the_python_examples_are_read_by_the_interpreter_and_publish() {
+fn python_example_publishes_until_interrupted() {
     let example = repository().join("tools/clients/python/examples/own.py");
     let text = std::fs::read_to_string(&example).expect("the example");
     assert!(text.lines().count() <= 27 && !text.contains("numpy"), "it is a first example");
@@ -89,7 +89,7 @@ fn the_python_examples_are_read_by_the_interpreter_and_publish() {
 }
 
 #[test]
-fn the_python_example_without_an_instance_says_so_in_a_sentence() {
+fn python_example_without_an_instance_fails_with_advice() {
     let Some(python) = python_or_skip() else { return };
     let rig = Rig::empty();
     let example = repository().join("tools/clients/python/examples/own.py");
@@ -106,7 +106,7 @@ fn the_python_example_without_an_instance_says_so_in_a_sentence() {
 
 /// Uses a video of a drawn figure. It covers everything of the camera's client except MediaPipe's model.
 #[test]
-fn a_video_moves_the_robot() {
+fn camera_client_with_a_video_moves_the_robot() {
     let Some(python) = python_or_skip() else { return };
     let pip = ["-m", "pip", "install", "--quiet", "--retries", "1", "--timeout", "10", "opencv-python-headless"];
     match Command::new(&python).args(pip).output() {
@@ -130,7 +130,7 @@ fn a_video_moves_the_robot() {
 }
 
 #[test]
-fn the_camera_s_client_says_what_is_missing() {
+fn camera_client_without_its_model_is_refused() {
     let Ok(python) = python() else { return println!("skipped: no Python client; the other test says why") };
     let rig = Rig::empty();
     let said = |arguments: &[&str]| {
@@ -145,7 +145,7 @@ fn the_camera_s_client_says_what_is_missing() {
 }
 
 #[test]
-fn a_script_in_the_background_says_what_it_does_and_ends_on_sigint() {
+fn python_script_in_the_background_ends_on_sigint() {
     let Some(python) = python_or_skip() else { return };
     let rig = Rig::whole();
     let heard = rig.folder().join("heard");
@@ -170,7 +170,7 @@ fn a_script_in_the_background_says_what_it_does_and_ends_on_sigint() {
 }
 
 #[test]
-fn a_client_whose_frames_are_all_dropped_reads_why_in_the_log() {
+fn log_says_why_all_frames_of_a_client_are_dropped() {
     let rig = Rig::whole();
     let mut small = motion::builtin();
     for frame in &mut small.frames {
@@ -190,7 +190,7 @@ fn a_client_whose_frames_are_all_dropped_reads_why_in_the_log() {
 }
 
 #[test]
-fn a_python_script_without_a_daemon_says_so() {
+fn python_script_without_a_daemon_fails_with_advice() {
     let Ok(python) = python() else { return println!("skipped: no Python client; the other test says why") };
     let rig = Rig::empty();
     let done =

@@ -295,7 +295,7 @@ fn anchors(document: &str) -> Vec<String> {
 }
 
 #[test]
-fn links_of_the_documents_lead_somewhere() {
+fn links_of_the_documents_lead_to_files_and_headings() {
     let root = rig::repository();
     let own = ["README.md", "SAFETY.md", "ARCHITECTURE.md", "CONTRIBUTING.md", "docs/src/SUMMARY.md"];
     let mut count = 0;
@@ -348,7 +348,7 @@ fn every_command_of_the_documents_runs_in_order() {
 }
 
 #[test]
-fn blocks_are_the_commands_without_remarks() {
+fn code_blocks_are_read_as_commands_without_remarks() {
     let document = "a\n\n```\ncargo run -- x   # a remark\nsaid\nsudo y \\\n    --z\n```\nb\n\n```\nonly text\n```\n\n```\ncargo z\n```\n";
     assert_eq!(blocks(document), [vec!["cargo run -- x", "sudo y --z"], vec!["cargo z"]]);
     assert_eq!(words("say \"two words\" --play"), ["say", "two words", "--play"]);

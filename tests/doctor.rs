@@ -97,7 +97,7 @@ fn files_below(folder: &Path) -> BTreeSet<PathBuf> {
 }
 
 #[test]
-fn a_sound_instance_has_no_problem_and_nothing_is_made() {
+fn doctor_finds_no_problem_in_a_sound_setup_and_writes_nothing() {
     let patient = Patient::new();
     let before = files_below(patient.folder.path());
     let all = patient.findings("");
@@ -117,7 +117,7 @@ fn a_sound_instance_has_no_problem_and_nothing_is_made() {
 }
 
 #[test]
-fn files_that_are_broken_are_problems() {
+fn doctor_reports_broken_or_missing_files_as_problems() {
     let patient = Patient::new();
     let tensors = patient.folder.path().join("weights/tiago_dual.safetensors");
     let mut bytes = std::fs::read(&tensors).expect("weights");
@@ -136,7 +136,7 @@ fn files_that_are_broken_are_problems() {
 }
 
 #[test]
-fn f087_a_run_folder_that_others_may_write_or_own_is_a_problem() {
+fn f087_run_folder_that_others_write_or_own_is_a_problem() {
     let patient = Patient::new();
     std::fs::create_dir(&patient.run_dir).expect("a folder");
     let set = |mode| std::fs::set_permissions(&patient.run_dir, std::fs::Permissions::from_mode(mode)).expect("a mode");
@@ -167,7 +167,7 @@ fn unheard(program: &str) -> Command {
 }
 
 #[test]
-fn a_reader_that_goes_away_ends_no_program() {
+fn closed_output_pipe_ends_no_program() {
     let teleopd = env!("CARGO_BIN_EXE_teleopd");
     let run = |command: &mut Command| command.status().expect("it runs").code();
     assert_eq!(run(unheard(teleopd).arg("check")), Some(0));
@@ -193,7 +193,7 @@ fn a_reader_that_goes_away_ends_no_program() {
 }
 
 #[test]
-fn a_report_outlives_a_demo_that_is_refused() {
+fn old_report_survives_a_refused_demo() {
     let folder = tempfile::tempdir().expect("a temporary folder");
     let [report, motion, arms] = ["walk.json", "bad.bvh", "arms.csv"].map(|name| folder.path().join(name));
     std::fs::write(&report, "of yesterday").expect("a report");
@@ -232,7 +232,7 @@ fn demo_with_a_taken_port_ends_before_anything_starts() {
 }
 
 #[test]
-fn a_copy_of_the_settings_alone_says_which_key_leads_nowhere() {
+fn settings_copied_alone_are_refused_by_key_and_path() {
     let folder = tempfile::tempdir().expect("a temporary folder");
     let config = folder.path().join("mine.toml");
     std::fs::copy(rig::config(), &config).expect("settings");
@@ -256,7 +256,7 @@ fn a_copy_of_the_settings_alone_says_which_key_leads_nowhere() {
 }
 
 #[test]
-fn what_is_no_file_or_leads_nowhere_is_said_at_once() {
+fn doctor_reports_dangling_link_and_pipe_without_blocking() {
     let patient = Patient::new();
     std::os::unix::fs::symlink("/nowhere/at/all", &patient.run_dir).expect("a link");
     patient.shows("run folder", "problem", &["leads nowhere"], "");
@@ -268,7 +268,7 @@ fn what_is_no_file_or_leads_nowhere_is_said_at_once() {
 }
 
 #[test]
-fn limits_are_those_of_the_process() {
+fn doctor_reports_the_open_file_limit_of_its_process() {
     let patient = Patient::new();
     patient.shows("open files", "problem", &["64 at most", "ulimit -n"], "ulimit -n 64;");
     let output = Command::new("sh").arg("-c").arg("ulimit -n 64; ulimit -n").output().expect("a shell");
@@ -276,7 +276,7 @@ fn limits_are_those_of_the_process() {
 }
 
 #[test]
-fn f086_a_living_instance_is_named_and_what_a_dead_one_leaves_is_named_too() {
+fn f086_doctor_names_live_instance_and_leftovers_of_dead_one() {
     let mut rig = Rig::whole();
     let mut patient = Patient::new();
     patient.run_dir = rig.folder().to_path_buf();
@@ -305,7 +305,7 @@ fn shared_memory(rig: &Rig) -> Vec<String> {
 }
 
 #[test]
-fn f086_what_killed_processes_leave_is_gone_after_the_next_run() {
+fn f086_leftovers_of_killed_processes_are_gone_after_next_run() {
     let mut rig = Rig::empty();
     rig.start_up();
     let give_up = std::time::Instant::now() + rig::SOON;

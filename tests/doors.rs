@@ -72,7 +72,7 @@ fn is_forbidden<T>(outcome: Result<T, DoorError>) -> bool {
 }
 
 #[test]
-fn f106_f107_f111_strangers_open_nothing_and_connect_to_nothing() {
+fn f106_f107_f111_other_user_opens_no_file_and_gets_no_session() {
     if !can_be_another() {
         return;
     }
@@ -118,7 +118,7 @@ fn f106_f107_f111_strangers_open_nothing_and_connect_to_nothing() {
 }
 
 #[test]
-fn f106_f111_members_come_in_by_their_own_door_and_by_no_other() {
+fn f106_f111_group_members_connect_only_to_their_own_socket() {
     if !can_be_another() {
         return;
     }
@@ -150,7 +150,7 @@ fn f106_f111_members_come_in_by_their_own_door_and_by_no_other() {
 }
 
 #[test]
-fn f111_orders_over_the_skeleton_socket_are_refused_and_an_emergency_stop_is_logged_with_its_user() {
+fn f111_skeleton_socket_refuses_orders_and_stop_log_has_user() {
     let mut rig = Rig::whole();
     let hand = rig.hand();
     let order = messages::OperatorRequest {
@@ -186,7 +186,7 @@ fn f111_orders_over_the_skeleton_socket_are_refused_and_an_emergency_stop_is_log
 }
 
 #[test]
-fn f068_one_lease_across_both_doors_whoever_comes_second() {
+fn f068_second_client_on_socket_or_bus_does_not_get_the_lease() {
     let mut rig = Rig::whole();
     let (hand, mut eyes) = (rig.hand(), rig.eyes());
     let first = rig.socket_client(&motion::builtin()).expect("the door is open");
@@ -212,7 +212,7 @@ fn f068_one_lease_across_both_doors_whoever_comes_second() {
 
 /// Another writer is another client, even with the same session number.
 #[test]
-fn f108_two_clients_of_the_bus_with_one_session_number_are_two() {
+fn f108_bus_clients_with_one_session_number_stay_two_clients() {
     let mut rig = Rig::whole();
     let hand = rig.hand();
     let first = rig.client(&motion::builtin(), 42);
@@ -227,7 +227,7 @@ fn f108_two_clients_of_the_bus_with_one_session_number_are_two() {
 
 /// Not a test by itself. It is the client of the next test, in a process that can be killed and suspended.
 #[test]
-fn a_client_in_a_process_of_its_own() {
+fn client_process_publishes_until_killed() {
     let Some(socket) = std::env::var_os(CLIENT_OF) else { return };
     let play = PlayOptions { speed: 1.0, looped: true, calibration: CalibrationMode::First10s };
     let player = Player::new(&motion::builtin(), play, 0, rt::incarnation());
@@ -244,7 +244,7 @@ struct Process(Child);
 impl Process {
     fn start(rig: &Rig) -> Self {
         let mut command = Command::new(std::env::current_exe().expect("this program"));
-        command.args(["--exact", "a_client_in_a_process_of_its_own", "--test-threads=1"]);
+        command.args(["--exact", "client_process_publishes_until_killed", "--test-threads=1"]);
         command.env(CLIENT_OF, rig.instance.skeleton_socket()).stdout(Stdio::null()).stderr(Stdio::null());
         Self(command.spawn().expect("the client starts"))
     }
@@ -277,7 +277,7 @@ fn wait_for_lease(rig: &Rig) -> (Publisher, Duration) {
 }
 
 #[test]
-fn f069_f070_a_newcomer_waits_for_the_end_of_the_lease_and_moves_nothing_without_a_new_enable() {
+fn f069_f070_next_client_waits_for_lease_and_needs_new_enable() {
     use nix::sys::signal::Signal;
     for signal in [Signal::SIGKILL, Signal::SIGSTOP] {
         let mut rig = Rig::whole();
@@ -309,7 +309,7 @@ fn f069_f070_a_newcomer_waits_for_the_end_of_the_lease_and_moves_nothing_without
 }
 
 #[test]
-fn f070_a_client_that_connects_again_engages_nothing() {
+fn f070_reconnected_client_does_not_engage_on_a_held_enable() {
     let mut rig = Rig::whole();
     let (hand, mut eyes) = (rig.hand(), rig.eyes());
     let first = rig.socket_client(&motion::builtin()).expect("the door is open");
@@ -355,7 +355,7 @@ fn resident_kb(id: u32) -> u64 {
 }
 
 #[test]
-fn f023_a_flood_of_10_khz_by_another_client_costs_the_holder_nothing() {
+fn f023_flood_by_another_client_costs_the_holder_no_frame() {
     let mut rig = Rig::whole();
     let (hand, mut eyes) = (rig.hand(), rig.eyes());
     let holder = rig.socket_client(&motion::builtin()).expect("the door is open");
@@ -386,7 +386,7 @@ fn f023_a_flood_of_10_khz_by_another_client_costs_the_holder_nothing() {
 }
 
 #[test]
-fn f069_unknown_groups_and_a_lease_that_is_too_short_are_refused_by_file_key_and_value() {
+fn f069_unknown_group_and_too_short_lease_are_refused_by_key() {
     let rig = Rig::with_settings(&[("skeleton_group = \"\"", "skeleton_group = \"no-such-group-here\"")]);
     let output = rig.run("ingest");
     let said = String::from_utf8_lossy(&output.stderr).into_owned();
@@ -403,7 +403,7 @@ fn f069_unknown_groups_and_a_lease_that_is_too_short_are_refused_by_file_key_and
 }
 
 #[test]
-fn f092_f110_links_files_and_other_servers_in_the_place_of_a_socket_are_left_alone() {
+fn f092_f110_foreign_file_or_server_at_a_socket_path_is_kept() {
     let mut rig = Rig::empty();
     let (socket, elsewhere) = (rig.instance.skeleton_socket(), rig.folder().join("elsewhere"));
     let refused = |rig: &Rig, code: i32, part: &str| {
@@ -434,7 +434,7 @@ fn f092_f110_links_files_and_other_servers_in_the_place_of_a_socket_are_left_alo
 }
 
 #[test]
-fn f112_no_core_file_and_no_segment_of_the_input_domain_in_the_core_processes() {
+fn f112_core_processes_map_no_input_segment_and_dump_no_core() {
     let mut rig = Rig::whole();
     let client = rig.client(&motion::builtin(), 51);
     let hand: OperatorSession = rig.hand();

@@ -57,7 +57,7 @@ fn assert_the_core_lives_and_rests(rig: &mut Rig, hand: &rig::OperatorSession, e
 }
 
 #[test]
-fn f091_segments_that_a_client_cuts_off_end_ingest_alone_and_the_robot_at_rest() {
+fn f091_truncated_segments_end_only_ingest_and_the_robot_rests() {
     let (mut rig, hand, mut eyes, _client) = moving();
     let segments = input_segments(&rig);
     assert!(segments.len() >= 2, "{} segments", segments.len());
@@ -69,7 +69,7 @@ fn f091_segments_that_a_client_cuts_off_end_ingest_alone_and_the_robot_at_rest()
 }
 
 #[test]
-fn f089_a_million_flipped_bytes_in_the_input_domain_change_nothing_in_the_core() {
+fn f089_million_bit_flips_in_input_domain_leave_core_running() {
     let (mut rig, hand, mut eyes, client) = moving();
     let segments = input_segments(&rig);
     let sizes: Vec<u64> = segments.iter().map(|file| file.metadata().map_or(0, |data| data.len())).collect();
@@ -100,7 +100,7 @@ fn f089_a_million_flipped_bytes_in_the_input_domain_change_nothing_in_the_core()
 }
 
 #[test]
-fn f088_a_client_that_takes_all_places_of_the_bus_does_not_disturb_the_holder() {
+fn f088_client_with_all_bus_places_does_not_disturb_the_holder() {
     let mut rig = Rig::whole();
     let (hand, mut eyes) = (rig.hand(), rig.eyes());
     let holder = rig.client(&motion::builtin(), 88);
@@ -141,7 +141,7 @@ fn rotation(random: &mut impl RngExt) -> [f32; 4] {
 }
 
 #[test]
-fn f109_a_compromised_ingest_that_lies_within_the_law_moves_the_robot_within_its_limits() {
+fn f109_false_but_valid_skeletons_keep_robot_within_its_limits() {
     let mut rig = Rig::empty();
     for name in CORE {
         rig.start(name);
@@ -190,7 +190,7 @@ struct Flood(Child);
 impl Flood {
     fn at(rig: &Rig) -> Self {
         let mut command = Command::new(std::env::current_exe().expect("this program"));
-        command.args(["--exact", "a_flood_in_a_process_of_its_own", "--test-threads=1"]);
+        command.args(["--exact", "flood_process_connects_until_killed", "--test-threads=1"]);
         command.env(FLOOD_AT, rig.instance.operator_socket()).stdout(Stdio::null()).stderr(Stdio::null());
         Self(command.spawn().expect("the flood starts"))
     }
@@ -204,7 +204,7 @@ impl Drop for Flood {
 }
 
 #[test]
-fn a_flood_in_a_process_of_its_own() {
+fn flood_process_connects_until_killed() {
     let Some(path) = std::env::var_os(FLOOD_AT) else { return };
     let mut newest = std::collections::VecDeque::new();
     loop {

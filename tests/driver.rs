@@ -64,7 +64,7 @@ fn real_robot_without_a_program_is_refused() {
 }
 
 #[test]
-fn demo_refuses_a_driver_of_its_own() {
+fn demo_with_an_external_driver_is_refused() {
     let rig = with_program("sim", "driver");
     let mut demo = Command::new(env!("CARGO_BIN_EXE_teleopd"));
     let output = demo.args(["demo", "--config"]).arg(rig.folder().join("teleop.toml")).output().expect("demo runs");
@@ -73,7 +73,7 @@ fn demo_refuses_a_driver_of_its_own() {
 }
 
 #[test]
-fn example_is_short() {
+fn example_driver_stays_short() {
     let text =
         std::fs::read_to_string(rig::repository().join("crates/teleopd/examples/driver.rs")).expect("the example");
     assert!(text.lines().count() <= LINES_MAX, "{} lines", text.lines().count());

@@ -8,7 +8,7 @@ use std::process::Command;
 use std::time::Duration;
 
 #[test]
-fn engages_follows_and_stops_at_rest() {
+fn robot_engages_follows_and_stops_at_rest() {
     let mut rig = Rig::whole();
     let (hand, mut eyes) = (rig.hand(), rig.eyes());
     let before = eyes.wait_at_rest();
@@ -37,7 +37,7 @@ fn engages_follows_and_stops_at_rest() {
 }
 
 #[test]
-fn an_emergency_stop_latches_in_every_moving_mode() {
+fn emergency_stop_latches_in_every_moving_mode() {
     for mode in [Mode::Engaging, Mode::Engaged] {
         let mut rig = Rig::whole();
         let (hand, mut eyes) = (rig.hand(), rig.eyes());
@@ -73,7 +73,7 @@ fn teleopctl(rig: &Rig, command: &str) -> (Option<i32>, String) {
 }
 
 #[test]
-fn an_engage_that_is_refused_says_what_helps() {
+fn refused_engage_is_answered_with_advice() {
     let rig = Rig::whole();
     let hand = rig.hand();
     hand.wait("told that nobody publishes", |status| Faults(status.faults).has(Fault::InputStale));
@@ -86,7 +86,7 @@ fn an_engage_that_is_refused_says_what_helps() {
 }
 
 #[test]
-fn a_reset_straight_after_a_stop_waits_for_rest() {
+fn reset_right_after_a_stop_waits_for_rest() {
     let mut rig = Rig::whole();
     let (hand, mut eyes) = (rig.hand(), rig.eyes());
     let client = rig.client(&motion::builtin(), 31);
@@ -103,7 +103,7 @@ fn a_reset_straight_after_a_stop_waits_for_rest() {
 }
 
 #[test]
-fn a_reset_in_vain_says_what_it_waits_for() {
+fn refused_reset_names_the_held_enable_or_the_fault() {
     let mut rig = Rig::whole();
     let hand = rig.hand();
     let _client = rig.client(&motion::builtin(), 32);
@@ -121,7 +121,7 @@ fn a_reset_in_vain_says_what_it_waits_for() {
 }
 
 #[test]
-fn a_dead_input_holds_and_then_disengages() {
+fn dead_input_process_causes_hold_and_then_disengage() {
     for (process, fault) in [("ingest", Fault::InputStale), ("retarget", Fault::TargetStale)] {
         let mut rig = Rig::whole();
         let (hand, mut eyes) = (rig.hand(), rig.eyes());
@@ -144,7 +144,7 @@ fn a_dead_input_holds_and_then_disengages() {
 }
 
 #[test]
-fn f070_f073_a_process_that_returns_while_the_enable_is_held_moves_nothing() {
+fn f070_f073_restarted_process_with_held_enable_moves_nothing() {
     for process in ["ingest", "retarget"] {
         let mut rig = Rig::whole();
         let (hand, mut eyes) = (rig.hand(), rig.eyes());
@@ -166,7 +166,7 @@ fn f070_f073_a_process_that_returns_while_the_enable_is_held_moves_nothing() {
 }
 
 #[test]
-fn f058_f073_a_dead_control_leaves_the_robot_on_its_certified_stop() {
+fn f058_f073_dead_control_leaves_robot_on_its_certified_stop() {
     let mut rig = Rig::whole();
     let (hand, mut eyes) = (rig.hand(), rig.eyes());
     let client = rig.client(&motion::builtin(), 14);
@@ -191,7 +191,7 @@ fn f058_f073_a_dead_control_leaves_the_robot_on_its_certified_stop() {
 }
 
 #[test]
-fn a_dead_driver_faults() {
+fn dead_driver_causes_the_faulted_mode() {
     let mut rig = Rig::whole();
     let hand = rig.hand();
     let client = rig.client(&motion::builtin(), 15);
@@ -207,7 +207,7 @@ fn a_dead_driver_faults() {
 const OLDEST_US: f64 = 2e6 / messages::TICK_HZ as f64;
 
 #[test]
-fn f074_a_suspended_process_comes_back_to_a_stopped_robot_and_sends_nothing_old() {
+fn f074_suspended_process_stops_robot_and_sends_nothing_old() {
     // The driver latches the silence of a suspended control. Control latches the silence of a suspended driver.
     let latched = [("control", Fault::DeadlineMissed), ("retarget", Fault::TargetStale), ("sim", Fault::StateStale)];
     for (process, fault) in latched {
@@ -241,7 +241,7 @@ fn f074_a_suspended_process_comes_back_to_a_stopped_robot_and_sends_nothing_old(
 }
 
 #[test]
-fn a_silent_operator_releases() {
+fn silent_operator_disengages_the_robot() {
     let mut rig = Rig::whole();
     let (hand, other, mut eyes) = (rig.hand(), rig.hand(), rig.eyes());
     let client = rig.client(&motion::builtin(), 16);
@@ -256,7 +256,7 @@ fn a_silent_operator_releases() {
 
 /// Same effect as a panic (`rt::abort_on_panic`).
 #[test]
-fn f075_a_control_that_aborts_leaves_the_robot_on_its_certified_stop() {
+fn f075_aborted_control_leaves_robot_on_its_certified_stop() {
     let mut rig = Rig::whole();
     let (hand, mut eyes) = (rig.hand(), rig.eyes());
     let _client = rig.client(&motion::builtin(), 11);
@@ -268,7 +268,7 @@ fn f075_a_control_that_aborts_leaves_the_robot_on_its_certified_stop() {
 }
 
 #[test]
-fn f083_without_a_driver_or_a_person_nobody_engages() {
+fn f083_control_without_driver_or_person_does_not_engage() {
     for (partners, missing) in [(&["control"][..], Fault::NoRobotState), (&teleopd::PROCESSES[..], Fault::InputStale)] {
         let mut rig = Rig::empty();
         partners.iter().for_each(|name| rig.start(name));
@@ -283,7 +283,7 @@ fn f083_without_a_driver_or_a_person_nobody_engages() {
 }
 
 #[test]
-fn f087_a_run_folder_of_somebody_else_is_refused_by_its_path() {
+fn f087_run_folder_of_another_user_is_refused_by_its_path() {
     use std::os::unix::process::CommandExt;
     let rig = Rig::empty();
     let folder = rig.folder().join("theirs");
@@ -315,7 +315,7 @@ fn f087_a_run_folder_of_somebody_else_is_refused_by_its_path() {
 }
 
 #[test]
-fn f073_f084_a_killed_supervisor_leaves_the_robot_at_rest() {
+fn f073_f084_killed_supervisor_leaves_the_robot_at_rest() {
     let mut rig = Rig::empty();
     rig.start_up();
     let (hand, mut eyes) = (rig.hand(), rig.eyes());
@@ -331,7 +331,7 @@ fn f073_f084_a_killed_supervisor_leaves_the_robot_at_rest() {
 }
 
 #[test]
-fn f068_a_second_client_gets_no_authority() {
+fn f068_second_client_does_not_get_the_lease() {
     let mut rig = Rig::whole();
     let hand = rig.hand();
     let first = rig.client(&motion::builtin(), 17);
@@ -359,7 +359,7 @@ fn f068_a_second_client_gets_no_authority() {
 }
 
 #[test]
-fn f092_a_second_writer_of_the_core_domain_is_refused() {
+fn f092_second_writer_of_the_core_domain_is_refused() {
     let mut rig = Rig::empty();
     rig.start("sim");
     rig.start("control");
@@ -406,7 +406,7 @@ fn metrics_are_served_on_the_loopback_where_a_port_is_set() {
 }
 
 #[test]
-fn f097_f098_a_typo_in_the_settings_is_refused_with_its_key() {
+fn f097_f098_bad_setting_is_refused_with_its_key() {
     let folder = tempfile::tempdir().unwrap();
     let text = std::fs::read_to_string(config()).unwrap();
     let robot = repository().join("config/robots/tiago_dual.toml");

@@ -37,7 +37,7 @@ fn up(options: &[&str]) -> (Vec<String>, String) {
 }
 
 #[test]
-fn up_opens_with_five_plain_lines_and_the_log_on_request() {
+fn up_prints_its_opening_lines_and_info_log_only_with_v() {
     let (opening, log) = up(&["--engage-without-realtime"]);
     let words: Vec<&str> = opening.iter().filter_map(|line| line.split_whitespace().next()).collect();
     assert_eq!(words, ["running", "robot", "publish", "engage", "stop", "READY"], "{opening:#?}");
@@ -55,7 +55,7 @@ fn up_opens_with_five_plain_lines_and_the_log_on_request() {
 }
 
 #[test]
-fn up_says_before_anything_starts_why_settings_are_refused() {
+fn up_with_missing_settings_is_refused_before_any_start() {
     let rig = Rig::empty();
     let output = teleopd().args(["up", "--config", "/nowhere.toml", "--run-dir"]).arg(rig.folder()).output();
     let output = output.expect("it runs");
@@ -65,7 +65,7 @@ fn up_says_before_anything_starts_why_settings_are_refused() {
 }
 
 #[test]
-fn engage_tells_each_change_until_it_is_let_go() {
+fn engage_prints_each_mode_change_until_interrupted() {
     let rig = Rig::whole();
     let hand = rig.hand();
     let client = rig.client(&motion::builtin(), 61);
@@ -134,7 +134,7 @@ fn tour_shows_runs_and_checks_every_step() {
 }
 
 #[test]
-fn tour_skips_what_is_not_here_and_says_why() {
+fn tour_skips_steps_with_missing_files_and_says_why() {
     let rig = Rig::empty();
     let config = rig::config();
     let output = tour(rig.folder(), &["--yes", "--config", config.to_str().expect("UTF-8")]);

@@ -90,7 +90,7 @@ impl Goal {
 
 /// From corner to corner in `view::EDGE_S` no joint exceeds its speed limit. The robot keeps up with the mix.
 #[test]
-fn between_our_key_poses_the_arms_keep_up_with_the_handle() {
+fn arms_between_default_poses_keep_up_with_the_handle() {
     let loaded = pipeline::load(&config(), pipeline::Overrides::default()).expect("settings");
     let network = &loaded.weights.as_ref().expect("weights").network;
     let triangle = Triangle::of(&loaded.model, network, &POSES.map(str::to_owned)).expect("poses");
@@ -110,7 +110,7 @@ fn between_our_key_poses_the_arms_keep_up_with_the_handle() {
 }
 
 #[test]
-fn the_robot_goes_where_a_page_drags_the_handle_and_silence_ends_it() {
+fn robot_follows_the_dragged_handle_until_the_page_is_silent() {
     let mut rig = Rig::whole();
     let (hand, viewer, mut eyes) = (rig.hand(), Viewer::of(&rig), rig.eyes());
     let mut page = viewer.page();
@@ -165,7 +165,7 @@ fn the_robot_goes_where_a_page_drags_the_handle_and_silence_ends_it() {
 }
 
 #[test]
-fn a_page_is_told_that_another_client_moves_the_robot() {
+fn page_gets_no_lease_while_another_client_holds_it() {
     let rig = Rig::whole();
     let client = rig.client(&motion::builtin(), 1);
     let (hand, viewer) = (rig.hand(), Viewer::of(&rig));
@@ -203,7 +203,7 @@ fn a_page_is_told_that_another_client_moves_the_robot() {
 }
 
 #[test]
-fn what_is_no_mix_ends_the_page_and_so_does_a_flood() {
+fn invalid_mix_or_flood_ends_the_page() {
     let rig = Rig::empty();
     let viewer = Viewer::with(&rig, &["--key-poses", "rest,clap,tools/keyposes/motions/box.bvh@2.5"]);
     for bad in [
@@ -238,7 +238,7 @@ fn what_is_no_mix_ends_the_page_and_so_does_a_flood() {
 }
 
 #[test]
-fn key_poses_that_are_none_are_named() {
+fn invalid_key_poses_are_refused_by_name() {
     let rig = Rig::empty();
     for (arguments, code, expected) in [
         (vec!["--key-poses", "t-pose,rest"], 64, "--key-poses: pose t-pose,rest: 2 poses, not the 3"),
@@ -261,7 +261,7 @@ fn key_poses_that_are_none_are_named() {
 }
 
 #[test]
-fn in_a_browser_the_handle_is_dragged_and_turned_by_keys() {
+fn browser_handle_is_moved_by_mouse_and_by_keys() {
     let mut rig = Rig::whole();
     let (hand, viewer) = (rig.hand(), Viewer::of(&rig));
     let Some(mut browser) = Browser::open(&viewer.address) else {

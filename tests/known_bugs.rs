@@ -30,7 +30,7 @@ fn patches() -> Vec<(String, String)> {
 }
 
 #[test]
-fn every_known_bug_applies_to_the_tree_as_it_is() {
+fn every_patch_of_a_known_bug_applies_to_the_tree() {
     let root = root();
     let mut refused = vec![];
     for (name, _) in patches() {
@@ -53,7 +53,7 @@ fn every_known_bug_applies_to_the_tree_as_it_is() {
 /// another layer hides the bug from the simulation, it names the test that finds it. Then follows a small change
 /// of one file.
 #[test]
-fn every_known_bug_says_what_it_is() {
+fn every_patch_of_a_known_bug_is_described_and_small() {
     for (name, text) in patches() {
         let (header, diff) = text.split_once("\n\ndiff --git a/crates/").unwrap_or_else(|| panic!("{name}: no header"));
         let (what, like) = header.split_once('\n').map_or((header, None), |(what, like)| (what, Some(like)));
@@ -77,7 +77,7 @@ fn every_known_bug_says_what_it_is() {
 
 /// A number before "bugs" or "known bugs" must be the number of patches.
 #[test]
-fn the_documents_know_how_many_there_are() {
+fn documents_give_the_right_number_of_known_bugs() {
     let count = patches().len();
     let mut told = 0;
     for name in DOCUMENTS {

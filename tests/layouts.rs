@@ -37,7 +37,7 @@ fn as_zed(raw: RawSkeleton) -> RawSkeleton {
 }
 
 #[test]
-fn ingest_takes_every_layout_that_it_knows_and_counts_what_it_does_not() {
+fn ingest_accepts_known_layouts_and_counts_unknown_as_dropped() {
     let zed = repository().join("config/skeletons/zed_body_38.toml");
     let known = format!("layouts = [{:?}]", zed.display().to_string());
     let mut rig = Rig::with_settings(&[("layouts = []", &known)]);

@@ -47,7 +47,7 @@ fn named(source: &str) -> BTreeSet<String> {
 }
 
 #[test]
-fn every_source_exists_and_nothing_that_an_installation_needs_is_left_out() {
+fn package_sources_exist_and_needed_files_are_included() {
     let mut covered = BTreeSet::new();
     for [source, _, _] in assets().iter().filter(|[source, _, _]| !source.starts_with("target/")) {
         let mut found = named(source);
@@ -71,7 +71,7 @@ fn every_source_exists_and_nothing_that_an_installation_needs_is_left_out() {
 }
 
 #[test]
-fn every_destination_is_one_files_alone_and_settings_alone_are_the_machines() {
+fn package_destinations_are_unique_and_only_settings_in_etc() {
     let mut destinations = BTreeMap::new();
     for [source, destination, mode] in assets() {
         assert!(destination.starts_with("usr/") || destination == "etc/teleop/teleop.toml", "{destination}");
@@ -83,7 +83,7 @@ fn every_destination_is_one_files_alone_and_settings_alone_are_the_machines() {
 }
 
 #[test]
-fn an_installation_starts_and_enables_nothing() {
+fn package_scripts_start_and_enable_nothing() {
     for name in ["postinst", "prerm", "postrm"] {
         let path = root().join("tools/dist/debian").join(name);
         let script = std::fs::read_to_string(&path).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
@@ -130,7 +130,7 @@ fn package(folder: &Path) -> Result<PathBuf, String> {
 }
 
 #[test]
-fn the_package_holds_what_it_says_and_its_settings_are_accepted() {
+fn package_holds_its_files_and_its_settings_are_accepted() {
     let folder = tempfile::tempdir().expect("a folder");
     let file = match package(folder.path()) {
         Ok(file) => file,

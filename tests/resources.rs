@@ -44,7 +44,7 @@ fn end(child: Child) -> (Output, String) {
 }
 
 #[test]
-fn f085_without_room_in_shared_memory_nothing_starts() {
+fn f085_process_without_room_in_shared_memory_does_not_start() {
     let rig = Rig::empty();
     let folder = rig.folder().to_str().unwrap().to_owned();
     let Some(child) = with_small_files_at(Path::new("/dev/shm"), "1m", &["sim", "--run-dir", &folder]) else { return };
@@ -54,7 +54,7 @@ fn f085_without_room_in_shared_memory_nothing_starts() {
 }
 
 #[test]
-fn f085_shared_memory_that_fills_up_later_disturbs_nobody() {
+fn f085_shared_memory_filled_later_disturbs_no_process() {
     let rig = Rig::empty();
     let run_dir = rig.folder().join("run");
     let report = rig.folder().join("report.json");
@@ -78,7 +78,7 @@ fn f085_shared_memory_that_fills_up_later_disturbs_nobody() {
 }
 
 #[test]
-fn f084_a_full_disk_loses_the_figures_and_not_the_stop() {
+fn f084_full_disk_loses_the_figures_but_not_the_stop() {
     let rig = Rig::empty();
     let run_dir = rig.folder().join("run");
     std::fs::create_dir(&run_dir).unwrap();
@@ -105,7 +105,7 @@ fn f084_a_full_disk_loses_the_figures_and_not_the_stop() {
 }
 
 #[test]
-fn f081_running_processes_open_nothing_more() {
+fn f081_running_processes_open_no_more_descriptors() {
     let mut rig = Rig::whole();
     let hand = rig.hand();
     let client = rig.client(&motion::builtin(), 11);
@@ -140,7 +140,7 @@ fn f081_too_few_descriptors_are_refused_at_the_start() {
 }
 
 #[test]
-fn f077_busy_cores_cost_ticks_and_break_no_limit() {
+fn f077_busy_cores_break_no_limit_and_the_robot_comes_to_rest() {
     let mut rig = Rig::whole();
     let (hand, mut eyes) = (rig.hand(), rig.eyes());
     let client = rig.client(&motion::builtin(), 11);

@@ -89,7 +89,7 @@ fn one(words: &[&str], at: &mut usize, allowed: &BTreeSet<String>) -> bool {
 }
 
 #[test]
-fn licence_expressions_are_understood() {
+fn licence_expression_is_admitted_only_if_the_list_meets_it() {
     let allowed = ["MIT", "Apache-2.0 WITH LLVM-exception", "Zlib"].map(str::to_owned).into();
     for (expression, expected) in [
         ("MIT", true),
@@ -109,7 +109,7 @@ fn licence_expressions_are_understood() {
 }
 
 #[test]
-fn f113_every_dependency_is_locked_with_its_hash_and_from_one_registry() {
+fn f113_every_dependency_is_locked_by_hash_from_one_registry() {
     for name in ["Cargo.lock", "tests/fuzz/libfuzzer/Cargo.lock", "tests/models/Cargo.lock"] {
         let lock = toml_file(name);
         let packages = lock["package"].as_array().expect("packages");
@@ -125,7 +125,7 @@ fn f113_every_dependency_is_locked_with_its_hash_and_from_one_registry() {
 }
 
 #[test]
-fn f113_what_has_no_registry_is_a_member_of_this_workspace() {
+fn f113_package_without_a_registry_is_a_workspace_member() {
     let metadata = metadata();
     let members = metadata["workspace_members"].as_array().expect("members");
     for package in metadata["packages"].as_array().expect("packages") {
@@ -137,7 +137,7 @@ fn f113_what_has_no_registry_is_a_member_of_this_workspace() {
 }
 
 #[test]
-fn f113_every_licence_is_on_the_list_of_permissive_ones() {
+fn f113_every_licence_is_on_the_permissive_list() {
     let allowed = strings(&toml_file("deny.toml")["licenses"]["allow"]);
     for package in metadata()["packages"].as_array().expect("packages") {
         let (name, licence) = (text(package, "name"), text(package, "license"));
@@ -146,7 +146,7 @@ fn f113_every_licence_is_on_the_list_of_permissive_ones() {
 }
 
 #[test]
-fn f113_nothing_that_is_banned_is_built() {
+fn f113_banned_crates_are_not_built() {
     let deny = toml_file("deny.toml");
     let banned: BTreeSet<&str> = deny["bans"]["deny"]
         .as_array()

@@ -175,7 +175,7 @@ fn graph() -> BTreeMap<String, BTreeSet<String>> {
 }
 
 #[test]
-fn dependencies_only_point_down() {
+fn crates_depend_only_on_the_allowed_crates() {
     let graph = graph();
     let rules: BTreeMap<_, _> = MAY_DEPEND_ON.iter().copied().collect();
     let ours: BTreeSet<&str> = rules.keys().copied().chain(["teleopd"]).collect();
@@ -204,7 +204,7 @@ fn built_from(package: &str) -> BTreeSet<String> {
 }
 
 #[test]
-fn pure_crates_reach_no_shell() {
+fn pure_crates_depend_on_no_io_package() {
     for package in PURE {
         let reached = built_from(package);
         assert!(reached.contains(package), "{package}: {reached:?}");
@@ -215,7 +215,7 @@ fn pure_crates_reach_no_shell() {
 }
 
 #[test]
-fn pure_crates_say_what_they_never_do_and_keep_to_it() {
+fn pure_crates_document_and_avoid_forbidden_calls() {
     for package in PURE {
         let lib = std::fs::read_to_string(root().join(format!("crates/{package}/src/lib.rs"))).expect("lib.rs");
         let opening: String = lib.lines().take_while(|line| line.starts_with("//!")).collect();
@@ -294,7 +294,7 @@ fn every_program_that_runs_threads_aborts_on_a_panic() {
 }
 
 #[test]
-fn unsafe_stands_only_where_it_may() {
+fn unsafe_code_stands_only_in_allowed_places() {
     for (name, text) in rust_files() {
         let allowed = UNSAFE_MAY_STAND_IN.iter().any(|place| name.contains(place)) || name == "tests/tidy.rs";
         for (number, line) in text.lines().enumerate() {
@@ -309,7 +309,7 @@ fn unsafe_stands_only_where_it_may() {
 const REASON_LINES_MAX: usize = 8;
 
 #[test]
-fn f113_every_unsafe_block_says_why_it_is_sound() {
+fn f113_every_unsafe_block_has_a_safety_comment() {
     let mut blocks = 0;
     for (name, text) in rust_files() {
         let lines: Vec<&str> = text.lines().collect();
@@ -329,7 +329,7 @@ fn f113_every_unsafe_block_says_why_it_is_sound() {
 
 /// One file may read it to name an incarnation. Nothing is ever timed with it.
 #[test]
-fn f030_nobody_reads_the_clock_of_the_day() {
+fn f030_only_the_incarnation_reads_the_wall_clock() {
     let clocks = ["SystemTime", "UNIX_EPOCH", "CLOCK_REALTIME", "CLOCK_TAI", "ClockId::Realtime", "ClockId::Tai"];
     let readers: BTreeSet<String> = rust_files()
         .into_iter()
@@ -406,7 +406,7 @@ fn test_names() -> Vec<String> {
 }
 
 #[test]
-fn every_id_in_the_name_of_a_test_is_a_hazard() {
+fn every_hazard_id_in_a_test_name_is_in_the_list() {
     let names = test_names();
     assert!(names.len() > 500, "only {} tests were found", names.len());
     let carried: BTreeSet<&str> = names.iter().flat_map(|name| hazard_ids(name)).collect();
@@ -416,7 +416,7 @@ fn every_id_in_the_name_of_a_test_is_a_hazard() {
 }
 
 #[test]
-fn every_hazard_that_is_answered_has_a_test_and_none_that_is_struck() {
+fn every_answered_hazard_has_a_test_and_no_struck_one_has() {
     let names = test_names();
     let carried: BTreeSet<&str> = names.iter().flat_map(|name| hazard_ids(name)).collect();
     let (mut bare, mut struck) = (Vec::new(), Vec::new());
@@ -433,7 +433,7 @@ fn every_hazard_that_is_answered_has_a_test_and_none_that_is_struck() {
 
 /// If one program holds the tests of many files, it must hold all of them.
 #[test]
-fn no_file_of_tests_is_left_out() {
+fn every_test_file_is_compiled_by_a_test_program() {
     let files = rust_files();
     let programs = files.iter().filter(|(name, _)| name.ends_with("/tests/all.rs"));
     for (name, all) in programs {

@@ -22,7 +22,7 @@ fn first_line(answer: &str) -> &str {
 }
 
 #[test]
-fn a_page_engages_and_lets_go_when_it_falls_silent_and_stops() {
+fn page_engages_and_stops_and_releases_when_it_is_silent() {
     let mut rig = Rig::whole();
     let _client = rig.client(&motion::builtin(), 1);
     let (hand, viewer) = (rig.hand(), Viewer::of(&rig));
@@ -77,7 +77,7 @@ fn a_page_engages_and_lets_go_when_it_falls_silent_and_stops() {
 }
 
 #[test]
-fn a_view_ends_with_the_process_that_started_it() {
+fn view_ends_when_its_parent_process_is_killed() {
     let rig = Rig::whole();
     let (program, config, folder) = (env!("CARGO_BIN_EXE_teleopd"), config(), rig.folder());
     let view = format!("{program} view --port 0 --config {} --run-dir {}", config.display(), folder.display());
@@ -97,7 +97,7 @@ fn a_view_ends_with_the_process_that_started_it() {
 }
 
 #[test]
-fn a_demo_is_shown_once_a_page_is_open() {
+fn demo_runs_once_a_page_is_open() {
     let _rig = Rig::empty();
     let mut demo = Command::new(env!("CARGO_BIN_EXE_teleopd"))
         .args(["demo", "--view", "--view-port", "0", "--seconds", "1", "--quiet", "--config"])
@@ -124,7 +124,7 @@ fn a_demo_is_shown_once_a_page_is_open() {
 }
 
 #[test]
-fn who_has_no_token_or_comes_from_elsewhere_is_refused() {
+fn request_without_token_or_from_other_origin_is_refused() {
     let rig = Rig::empty();
     let viewer = Viewer::of(&rig);
     let (host, token) = (viewer.host(), viewer.token());
@@ -168,7 +168,7 @@ fn who_has_no_token_or_comes_from_elsewhere_is_refused() {
 }
 
 #[test]
-fn silent_connections_keep_nobody_out_and_a_page_that_only_pings_is_put_out() {
+fn silent_connections_block_no_page_and_ping_flood_is_closed() {
     let rig = Rig::empty();
     let viewer = Viewer::of(&rig);
     let mut open = viewer.page();
@@ -191,7 +191,7 @@ fn silent_connections_keep_nobody_out_and_a_page_that_only_pings_is_put_out() {
 }
 
 #[test]
-fn in_a_browser_the_robot_moves_and_space_stops_it() {
+fn browser_shows_the_robot_moving_and_space_stops_it() {
     let mut rig = Rig::whole();
     let client = rig.client(&motion::builtin(), 1);
     let (hand, viewer) = (rig.hand(), Viewer::of(&rig));
@@ -234,7 +234,7 @@ fn in_a_browser_the_robot_moves_and_space_stops_it() {
 }
 
 #[test]
-fn in_a_browser_a_recording_stands_at_its_end_and_plays_anew() {
+fn browser_recording_stops_at_its_end_and_plays_again() {
     let shown = appearance::shown();
     let mut builder = view::RecordingViewBuilder::new(&shown.model);
     let heard = view::LatestMessages { status: Some(Status::ZERO), ..view::LatestMessages::default() };

@@ -132,7 +132,7 @@ fn meshes_of_every_format_are_drawn_in_their_colours() {
 }
 
 #[test]
-fn only_meshes_below_the_folder_are_served_to_those_with_the_token() {
+fn only_meshes_in_the_folder_are_served_and_only_with_token() {
     let folder = tempfile::tempdir().expect("a folder");
     let inner = folder.path().join("meshes");
     std::fs::create_dir(&inner).expect("a folder");

@@ -263,7 +263,7 @@ fn ghost_appears_while_the_robot_is_behind_and_colours_differ() {
 }
 
 #[test]
-fn scene_and_buttons_fit_one_screen_and_no_instance_is_said() {
+fn scene_and_buttons_fit_one_screen_and_no_instance_is_shown() {
     let rig = Rig::empty();
     let viewer = Viewer::of(&rig);
     let Some(mut browser) = Browser::open(&viewer.address) else { return println!("{SKIPPED}") };
@@ -288,7 +288,7 @@ fn scene_and_buttons_fit_one_screen_and_no_instance_is_said() {
 }
 
 #[test]
-fn instance_that_starts_is_shown_and_one_that_ends_is_missed() {
+fn instance_start_is_shown_and_its_end_clears_the_page() {
     let mut rig = Rig::empty();
     let viewer = Viewer::of(&rig);
     let Some(mut browser) = Browser::open(&viewer.address) else { return println!("{SKIPPED}") };

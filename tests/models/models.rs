@@ -17,7 +17,7 @@ use counter::{Counter, Counters};
 use shared::Shared;
 
 #[test]
-fn f080_a_counter_of_one_writer_loses_nothing_and_never_runs_back() {
+fn f080_counter_of_one_writer_loses_nothing_and_never_falls() {
     loom::model(|| {
         let counters = Arc::new(Counters::default());
         let writer = Arc::clone(&counters);
@@ -34,7 +34,7 @@ fn f080_a_counter_of_one_writer_loses_nothing_and_never_runs_back() {
 }
 
 #[test]
-fn f080_who_sees_the_last_frame_sees_all_counts() {
+fn f080_reader_that_sees_the_last_frame_sees_all_counts() {
     loom::model(|| {
         let shared = Arc::new(Shared::default());
         let publisher = Arc::clone(&shared);
@@ -51,7 +51,7 @@ fn f080_who_sees_the_last_frame_sees_all_counts() {
 }
 
 #[test]
-fn f080_a_stop_is_seen_and_takes_nothing_back() {
+fn f080_stop_of_a_publisher_keeps_its_published_count() {
     loom::model(|| {
         let shared = Arc::new(Shared::default());
         let publisher = Arc::clone(&shared);

@@ -67,7 +67,7 @@ fn open_the_loopback(units: &Path) {
 }
 
 #[test]
-fn systemd_finds_nothing_to_say_about_the_units() {
+fn systemd_analyze_verifies_the_units_without_a_warning() {
     for (manager, option, opened) in
         [("system", "--system", false), ("system", "--system", true), ("user", "--user", false)]
     {
@@ -86,7 +86,7 @@ fn systemd_finds_nothing_to_say_about_the_units() {
 }
 
 #[test]
-fn the_units_of_the_system_are_little_exposed() {
+fn system_units_stay_within_the_exposure_limit() {
     for opened in [false, true] {
         let folder = tempfile::tempdir().expect("a folder");
         copy_of_units("system", folder.path());
@@ -146,7 +146,7 @@ fn mode(machine: &Machine, run_dir: &str) -> String {
 /// stopped.
 #[test]
 #[ignore = "a part of the tests with a machine, started by its systemd"]
-fn client() {
+fn client_publishes_until_stopped() {
     let Some(run_dir) = std::env::var_os("TELEOP_TEST_CLIENT").map(PathBuf::from) else { return };
     let instance = Instance::unmade(&run_dir);
     let play = PlayOptions { speed: 1.0, looped: true, calibration: CalibrationMode::First10s };
@@ -160,7 +160,7 @@ fn client() {
 }
 
 #[test]
-fn the_target_starts_everything_and_a_stop_brings_the_robot_to_rest() {
+fn target_starts_all_and_its_stop_brings_the_robot_to_rest() {
     let Some(machine) = started() else { return };
     let system = Manager::system();
     machine.run(&[], &["systemctl", "start", "client.service"]);
@@ -208,7 +208,7 @@ fn the_target_starts_everything_and_a_stop_brings_the_robot_to_rest() {
 }
 
 #[test]
-fn f082_the_watchdog_ends_what_hangs_and_only_what_moves_nothing_returns() {
+fn f082_watchdog_ends_hung_process_and_control_stays_ended() {
     let Some(machine) = started() else { return };
     let system = Manager::system();
     let invocations = || PROCESSES.map(|process| machine.property(&system, &unit(process), "InvocationID"));
@@ -246,7 +246,7 @@ fn f082_the_watchdog_ends_what_hangs_and_only_what_moves_nothing_returns() {
 }
 
 #[test]
-fn a_user_starts_the_same_without_root() {
+fn user_without_root_starts_and_stops_every_process() {
     let machine = match Machine::boot() {
         Ok(machine) => machine,
         Err(reason) => return println!("skipped: no real systemd: {reason}"),

@@ -127,7 +127,7 @@ impl Drop for Service {
 }
 
 #[test]
-fn the_processes_speak_to_a_service_manager_and_the_watchdog_starves_when_they_hang() {
+fn processes_notify_the_service_manager_unless_they_hang() {
     println!("under a stand-in that speaks NOTIFY_SOCKET and WATCHDOG_USEC");
     let folder = tempfile::Builder::new().prefix("tp").tempdir().expect("a folder");
     let mut services: Vec<Service> = Vec::new();

@@ -91,17 +91,17 @@ fn every_target_has_a_test_and_a_fuzzer() {
 }
 
 #[test]
-fn f001_f002_f003_f014_f018_any_bits_of_a_skeleton_are_dropped_or_good() {
+fn f001_f002_f003_f014_f018_skeleton_bits_are_dropped_or_valid() {
     exercise("skeleton");
 }
 
 #[test]
-fn f001_f097_any_bits_of_any_layout_and_any_text_of_a_layout_are_refused_or_good() {
+fn f001_f097_any_layout_bits_and_text_are_refused_or_valid() {
     exercise("layouts");
 }
 
 #[test]
-fn f018_any_packet_at_the_door_is_a_whole_frame_or_refused() {
+fn f018_any_packet_on_a_socket_is_a_whole_frame_or_refused() {
     exercise("door");
 }
 
@@ -136,7 +136,7 @@ fn f096_f104_any_bytes_of_an_npz_give_a_motion_or_an_error() {
 }
 
 #[test]
-fn f099_f100_any_text_of_a_robot_gives_believable_limits_or_an_error() {
+fn f099_f100_any_robot_text_gives_plausible_limits_or_an_error() {
     exercise("robot");
 }
 
@@ -146,12 +146,12 @@ fn f097_f098_any_text_of_settings_is_within_bounds_or_refused() {
 }
 
 #[test]
-fn f093_f096_any_bytes_of_weights_are_refused_or_what_was_signed() {
+fn f093_f096_any_bytes_of_weights_are_refused_or_match_hash() {
     exercise("weights");
 }
 
 #[test]
-fn f068_f069_any_packets_on_the_operator_socket_leave_one_holder_at_most() {
+fn f068_f069_any_operator_packets_leave_at_most_one_holder() {
     exercise("operator");
 }
 
@@ -161,6 +161,6 @@ fn f071_any_input_keeps_the_state_machine_to_its_rules() {
 }
 
 #[test]
-fn f039_f040_any_proposal_leaves_what_is_sent_within_the_limits() {
+fn f039_f040_any_proposal_leaves_the_setpoint_within_limits() {
     exercise("gate");
 }

@@ -80,7 +80,7 @@ fn by_the_stage(motion: &Motion, options: Options) -> Vec<[f64; JOINTS]> {
 }
 
 #[test]
-fn results_are_those_of_the_live_stage_bit_for_bit() {
+fn batch_results_equal_the_live_stage_bit_for_bit() {
     let (_folder, input, out) = folders();
     for (word, method) in [("network", retarget::Method::Network), ("closed-form", retarget::Method::ClosedForm)] {
         let summary = go(&input, &out, &["--method", word, "--recursive", "--overwrite"]);
@@ -100,7 +100,7 @@ fn results_are_those_of_the_live_stage_bit_for_bit() {
 }
 
 #[test]
-fn any_number_of_jobs_gives_the_same_bytes() {
+fn output_bytes_are_equal_for_one_and_three_jobs() {
     let (folder, input, out) = folders();
     let other = folder.path().join("other");
     go(&input, &out, &["--recursive", "--jobs", "1"]);
@@ -111,7 +111,7 @@ fn any_number_of_jobs_gives_the_same_bytes() {
 }
 
 #[test]
-fn the_control_rate_passes_through_every_frame() {
+fn rows_at_control_rate_pass_through_every_frame() {
     let (folder, input, out) = folders();
     let fast = folder.path().join("fast");
     go(&input, &out, &[]);
@@ -133,7 +133,7 @@ fn the_control_rate_passes_through_every_frame() {
 }
 
 #[test]
-fn npz_holds_the_same_numbers() {
+fn npz_output_holds_the_numbers_of_the_csv() {
     let (folder, input, out) = folders();
     let arrays = folder.path().join("arrays");
     go(&input, &out, &[]);
@@ -154,7 +154,7 @@ fn npz_holds_the_same_numbers() {
 }
 
 #[test]
-fn finished_files_are_skipped_and_what_changed_is_made_again() {
+fn second_run_skips_finished_files_and_remakes_changed_ones() {
     let (_folder, input, out) = folders();
     let counts = |summary: Summary| {
         assert!(summary.failed.is_empty(), "{:?}", summary.failed);
@@ -182,7 +182,7 @@ fn finished_files_are_skipped_and_what_changed_is_made_again() {
 }
 
 #[test]
-fn a_file_of_someone_else_is_not_replaced() {
+fn foreign_output_file_is_replaced_only_with_overwrite() {
     let (_folder, input, out) = folders();
     std::fs::create_dir_all(&out).expect("a folder");
     std::fs::write(out.join("a.csv"), "precious").expect("written");
@@ -194,7 +194,7 @@ fn a_file_of_someone_else_is_not_replaced() {
 }
 
 #[test]
-fn a_broken_file_is_listed_and_the_others_are_done() {
+fn broken_input_is_reported_and_other_files_are_converted() {
     let (_folder, input, out) = folders();
     std::fs::write(input.join("broken.bvh"), "HIERARCHY\nROOT Hips\n{\n").expect("written");
     std::fs::write(input.join("a.npz"), "no archive").expect("written");
@@ -223,7 +223,7 @@ fn a_broken_file_is_listed_and_the_others_are_done() {
 }
 
 #[test]
-fn an_interrupted_run_leaves_no_half_file_and_goes_on_later() {
+fn interrupted_run_leaves_no_partial_file_and_resumes() {
     let (_folder, input, out) = folders();
     let cli = cli(&input, &out, &["--recursive", "--rate", "15000", "--jobs", "1"]);
     let shutdown = Shutdown::new();
@@ -258,7 +258,7 @@ fn an_interrupted_run_leaves_no_half_file_and_goes_on_later() {
 }
 
 #[test]
-fn outputs_that_would_be_inputs_and_empty_folders_are_refused() {
+fn output_among_inputs_and_empty_folder_are_refused() {
     let (_folder, input, out) = folders();
     let refuse = |input: &Path, out: &Path, more: &[&str]| {
         run(&cli(input, out, more), input, out, &Shutdown::new(), &ProgressBar::hidden())
@@ -274,7 +274,7 @@ fn outputs_that_would_be_inputs_and_empty_folders_are_refused() {
 }
 
 #[test]
-fn joints_that_no_limb_means_are_at_home() {
+fn joints_without_a_limb_stay_at_home() {
     let (model, _) = pipeline::load_model(&robot()).expect("the robot");
     let postures = Postures::new(&model, None, 2);
     let samples = postures.encode(&synthetic(7));
@@ -289,7 +289,7 @@ fn joints_that_no_limb_means_are_at_home() {
 }
 
 #[test]
-fn a_second_run_in_the_same_folder_is_refused_while_the_first_holds_it() {
+fn second_run_in_a_locked_folder_is_refused_until_unlock() {
     let (_folder, input, out) = folders();
     go(&input, &out, &[]);
     let manifest = std::fs::File::open(out.join("manifest.jsonl")).expect("the manifest is there");
@@ -302,7 +302,7 @@ fn a_second_run_in_the_same_folder_is_refused_while_the_first_holds_it() {
 }
 
 #[test]
-fn what_a_killed_run_left_is_replaced_and_never_followed() {
+fn leftovers_of_a_killed_run_are_replaced_links_not_followed() {
     let (folder, input, out) = folders();
     std::fs::create_dir_all(&out).expect("a folder");
     let precious = folder.path().join("precious");
@@ -326,7 +326,7 @@ fn what_a_killed_run_left_is_replaced_and_never_followed() {
 }
 
 #[test]
-fn a_motion_that_would_never_end_is_one_failed_file() {
+fn motion_with_too_many_rows_fails_its_own_file() {
     let (_folder, input, out) = folders();
     let summary = go(&input, &out, &["--recursive", "--frame-rate", "0.01", "--rate", "15000"]);
     let [(_, BatchError::Rows { .. }), (_, BatchError::Rows { .. })] = summary.failed.as_slice() else {

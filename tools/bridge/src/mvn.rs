@@ -169,7 +169,7 @@ mod tests {
     }
 
     #[test]
-    fn a_person_in_one_packet_or_in_several_is_one_frame() {
+    fn person_in_one_or_several_packets_makes_one_frame() {
         let items = items();
         let whole = packet(7, 0x80, 0, &items);
         assert_eq!(whole.len(), 760, "as the manual has it");
@@ -195,7 +195,7 @@ mod tests {
     }
 
     #[test]
-    fn a_packet_that_is_none_is_refused_and_changes_nothing() {
+    fn invalid_packet_is_refused_and_changes_no_state() {
         let items = items();
         let good = packet(7, 0x80, 0, &items);
         let mut mvn = Mvn::new(None);
@@ -229,7 +229,7 @@ mod tests {
     }
 
     #[test]
-    fn a_stream_that_begins_anew_is_a_restart_and_a_counter_that_wraps_is_none() {
+    fn restarted_stream_counts_as_restart_but_counter_wrap_does_not() {
         let items = items();
         let mut mvn = Mvn::new(None);
         for (sample, frames, restarts) in [
@@ -248,7 +248,7 @@ mod tests {
     }
 
     #[test]
-    fn a_character_is_chosen_by_its_body_and_anew_for_another_sender() {
+    fn first_character_with_a_body_is_followed_per_sender() {
         let items = items();
         let fingers: Vec<Item> = vec![(30, [0.5; 7])];
         let mut mvn = Mvn::new(None);

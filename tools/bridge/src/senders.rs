@@ -66,7 +66,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn another_sender_waits_for_a_second_of_silence() {
+    fn second_sender_is_refused_until_one_second_of_silence() {
         let sender = |port| SocketAddr::from(([127, 0, 0, 1], port));
         let at = |ms: u64| Stamp(1 + ms * 1_000_000);
         let mut senders = Senders::new(None);
@@ -91,7 +91,7 @@ mod tests {
     }
 
     #[test]
-    fn who_sends_nothing_good_has_no_turn() {
+    fn sender_without_valid_packets_does_not_block_others() {
         let sender = |port| SocketAddr::from(([127, 0, 0, 1], port));
         let mut senders = Senders::new(None);
         assert_eq!(senders.whose(sender(1), Stamp(1)), Ok(SenderChange::New));
@@ -102,7 +102,7 @@ mod tests {
     }
 
     #[test]
-    fn an_address_of_ipv4_is_the_same_under_ipv6() {
+    fn ipv4_sender_matches_its_ipv6_mapped_address() {
         let mapped: SocketAddr = "[::ffff:127.0.0.1]:7".parse().expect("an address");
         for only in ["127.0.0.1", "::ffff:127.0.0.1"] {
             let senders = Senders::new(Some(only.parse().expect("an address")));

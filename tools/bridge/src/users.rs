@@ -124,7 +124,7 @@ mod tests {
     }
 
     #[test]
-    fn a_sender_is_of_a_user_if_every_socket_of_its_port_is() {
+    fn sender_belongs_to_user_only_if_all_its_port_sockets_do() {
         let head = "   sl  local_address rem_address   st tx_queue rx_queue tr tm->when retrnsmt   uid  timeout inode";
         for (sockets, sender, may) in [
             (&[("127.0.0.1", 5000, 1000)][..], "127.0.0.1:5000", true),
@@ -148,7 +148,7 @@ mod tests {
     }
 
     #[test]
-    fn the_kernels_own_tables_name_a_socket_that_is_there() {
+    fn open_udp_socket_is_found_in_the_kernel_tables() {
         let socket = UdpSocket::bind("127.0.0.1:0").expect("a port");
         let (sender, tables) = (socket.local_addr().expect("its address"), TABLES.map(table));
         let uid = |line: &str| super::socket(line).filter(|(ip, port, _)| SocketAddr::new(*ip, *port) == sender);
@@ -159,7 +159,7 @@ mod tests {
     }
 
     #[test]
-    fn an_answer_holds_for_a_second_and_few_are_kept() {
+    fn user_answer_is_cached_for_one_second_in_a_bounded_cache() {
         let sender = |port| SocketAddr::from(([127, 0, 0, 1], port));
         let mut users = Users::new(Some(1000));
         let mut asked = 0;

@@ -260,7 +260,7 @@ mod tests {
     }
 
     #[test]
-    fn a_person_in_one_bundle_or_message_by_message_is_one_frame() {
+    fn person_in_one_bundle_or_many_messages_makes_one_frame() {
         let (outcome, whole) = take(&mut Vmc::new(), &bytes(body(1.0)));
         assert_eq!((outcome, whole.len()), (Ok(Taken::Person), 1));
         let frame = &whole[0];
@@ -284,7 +284,7 @@ mod tests {
     }
 
     #[test]
-    fn without_a_time_the_next_round_ends_a_frame() {
+    fn frame_without_a_time_message_ends_at_the_next_round() {
         let mut vmc = Vmc::new();
         let round: Vec<_> = body(1.0)
             .into_iter()
@@ -296,7 +296,7 @@ mod tests {
     }
 
     #[test]
-    fn arms_that_did_not_come_are_not_vouched_for_and_nobody_is_no_frame() {
+    fn missing_arm_gets_confidence_zero_and_lost_person_no_frame() {
         let mut vmc = Vmc::new();
         let left = |packet: &OscPacket| !matches!(packet, OscPacket::Message(m) if matches!(&m.args[0], OscType::String(name) if name.starts_with("Right")));
         let (_, frames) = take(&mut vmc, &bytes(body(1.0).into_iter().filter(left).collect()));
@@ -316,7 +316,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_of_the_protocol_is_refused() {
+    fn malformed_packet_is_refused_with_its_reason() {
         let mut vmc = Vmc::new();
         let mut nan = STILL;
         nan[4] = f32::NAN;

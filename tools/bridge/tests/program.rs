@@ -67,7 +67,7 @@ fn start(folder: &std::path::Path, arguments: &[&str]) -> (Child, String, std::i
 }
 
 #[test]
-fn a_person_of_mvn_reaches_the_input_domain_with_the_left_arm_on_the_left() {
+fn mvn_person_reaches_the_input_domain_with_sides_kept() {
     let folder = tempfile::tempdir().expect("a folder");
     let instance = Instance::new(folder.path()).expect("an instance");
     let domain = Domain::open(instance.input_domain(), "test").expect("a domain");
@@ -99,7 +99,7 @@ fn a_person_of_mvn_reaches_the_input_domain_with_the_left_arm_on_the_left() {
 }
 
 #[test]
-fn a_socket_of_both_protocols_listens_to_an_address_of_ipv4_and_garbage_has_no_turn() {
+fn dual_stack_socket_accepts_ipv4_sender_right_after_garbage() {
     let folder = tempfile::tempdir().expect("a folder");
     let instance = Instance::new(folder.path()).expect("an instance");
     let (mut bridge, address, mut lines) =
@@ -149,7 +149,7 @@ fn told_of_nobody(arguments: &[&str]) -> Option<String> {
 }
 
 #[test]
-fn another_user_of_this_machine_moves_nobody_unless_it_may() {
+fn packets_of_another_user_are_dropped_unless_any_user_is_set() {
     let strict = ["mvn", "--bind", "127.0.0.1:0"];
     let Some(told) = told_of_nobody(&strict) else {
         return println!("skipped: needs root, setpriv and bash to send as another user");
@@ -160,7 +160,7 @@ fn another_user_of_this_machine_moves_nobody_unless_it_may() {
 }
 
 #[test]
-fn without_an_instance_it_says_so() {
+fn bridge_without_an_instance_exits_with_an_error() {
     let output = Command::new(env!("CARGO_BIN_EXE_bridge"))
         .args(["vmc", "--bind", "127.0.0.1:0", "--run-dir", "/nowhere/at/all"])
         .output()

@@ -193,7 +193,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn lines_and_letters_leave_their_colours() {
+    fn picture_is_saved_as_png_and_text_at_the_edge_leaves_ink() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("picture.png");
         let ink = RGBColor(200, 0, 0);
@@ -216,14 +216,14 @@ mod tests {
     }
 
     #[test]
-    fn bringing_down_takes_the_mean() {
+    fn downsampled_pixel_is_the_mean_of_its_block() {
         let fine = [[0_u8; 3], [255; 3], [255; 3], [255; 3], [10; 3], [10; 3], [20; 3], [20; 3]].concat();
         assert_eq!(brought_down(&fine, (1, 1)), [191; 3]);
         assert_eq!(brought_down(&fine, (1, 2)), [[191; 3], [15; 3]].concat());
     }
 
     #[test]
-    fn a_folder_that_is_missing_is_an_error() {
+    fn picture_in_a_missing_folder_is_an_error() {
         let folder = tempfile::tempdir().unwrap();
         assert!(save(&folder.path().join("none/a.png"), (10, 10), |_| Ok(())).is_err());
     }

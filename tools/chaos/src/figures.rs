@@ -246,7 +246,7 @@ mod tests {
     }
 
     #[test]
-    fn whatever_must_not_happen_is_a_complaint() {
+    fn each_forbidden_outcome_becomes_a_complaint() {
         let mut figures = Figures::default();
         figures.add(&outcome(Target::Control, Some(40)), 752);
         assert!(figures.complaints().is_empty());
@@ -260,7 +260,7 @@ mod tests {
     }
 
     #[test]
-    fn a_late_rest_is_counted_and_not_judged() {
+    fn late_rest_is_counted_but_is_no_complaint() {
         let mut figures = Figures::default();
         figures.add(&outcome(Target::Control, Some(753)), 752);
         assert_eq!(figures.to_json()["victims"]["control"]["beyond_bound"], 1);
@@ -268,7 +268,7 @@ mod tests {
     }
 
     #[test]
-    fn ticks_are_called_so_and_none_are_a_dash() {
+    fn summary_line_names_ticks_and_shows_missing_times_as_dash() {
         let mut figures = Figures::default();
         figures.add(&outcome(Target::Ingest, None), 902);
         let words = figures.words();

@@ -116,7 +116,7 @@ mod tests {
     use rand::SeedableRng;
 
     #[test]
-    fn blows_are_drawn_from_the_seed_within_their_bounds() {
+    fn injections_are_drawn_from_the_seed_within_their_bounds() {
         let draw = |seed| {
             let mut dice = Pcg64Mcg::seed_from_u64(seed);
             (0..1000).map(|n| Injection::draw(Target::ALL[n % 6], n % 2 == 0, 0.5, &mut dice)).collect::<Vec<_>>()

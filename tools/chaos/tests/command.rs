@@ -46,7 +46,7 @@ fn half(seed: u64) -> (Value, String) {
 /// while the robot moves. It comes to rest by certified motion alone, and stays there until it is engaged
 /// again.
 #[test]
-fn f036_f058_f067_f069_f070_f073_f074_whoever_dies_or_hangs_the_robot_rests_and_stays() {
+fn f036_f058_f067_f069_f070_f073_f074_robot_rests_after_faults() {
     let other = std::thread::spawn(|| half(4));
     let halves = [half(3), other.join().expect("the other half")];
     let told = || format!("{}\n{}", halves[0].1, halves[1].1);
@@ -60,7 +60,7 @@ fn f036_f058_f067_f069_f070_f073_f074_whoever_dies_or_hangs_the_robot_rests_and_
 }
 
 #[test]
-fn a_run_without_blows_is_refused_by_name() {
+fn run_without_injections_is_refused_by_option_name() {
     let output = chaos(&["--kills", "0"]);
     assert_eq!(output.status.code(), Some(64));
     let told = String::from_utf8_lossy(&output.stderr);

@@ -19,7 +19,7 @@ fn said(output: &Output) -> String {
 
 /// With so few states, sampling misses the worst one. Climbing finds it, and that counts.
 #[test]
-fn a_torque_that_only_climbing_finds_counts() {
+fn worst_torque_found_only_by_climbing_fails_the_check() {
     let robot = robots().join("tiago_dual.toml");
     let few = ["--states", "1000", "--seed", "3"];
     // The purpose of the file is met, and the worst posture is found for each joint, including the second of an
@@ -39,7 +39,7 @@ fn a_torque_that_only_climbing_finds_counts() {
 
 /// A load in the hands that cannot be held is reported.
 #[test]
-fn a_load_that_cannot_be_held_is_said() {
+fn payload_beyond_the_effort_limit_is_reported() {
     let robot = robots().join("tiago_dual.toml");
     let output = limits(&robot, &["--states", "1000", "--payload-kg", "2"]);
     assert_eq!(output.status.code(), Some(1), "{}", said(&output));

@@ -60,7 +60,7 @@ coupled_steps = 1
 "#;
 
 #[test]
-fn a_cylinder_with_round_ends_is_found_again() {
+fn capsule_fitted_to_capsule_points_contains_them_tightly() {
     let (a, b, r) = (Vector3::new(0.1, -0.2, 0.3), Vector3::new(0.2, 0.1, 0.1), 0.06);
     let mut rng = rand_pcg::Pcg64::seed_from_u64(1);
     let points: Vec<Vector3<f64>> = (0..3_000)
@@ -76,7 +76,7 @@ fn a_cylinder_with_round_ends_is_found_again() {
 }
 
 #[test]
-fn capsules_contain_primitives_on_both_sides_and_a_smaller_one_is_noticed() {
+fn fitted_capsules_contain_primitives_and_thinner_ones_do_not() {
     let robot = urdf_rs::read_from_string(TOY).unwrap();
     let plan = Plan::parse("toy", TOY_PLAN).unwrap();
     let scene = Scene::new(&robot, None, &plan.fingers);
@@ -95,7 +95,7 @@ fn capsules_contain_primitives_on_both_sides_and_a_smaller_one_is_noticed() {
 }
 
 #[test]
-fn a_cut_leaves_no_hole_between_its_capsules() {
+fn capsules_of_a_cut_part_leave_no_hole() {
     let robot = urdf_rs::read_from_string(TOY).unwrap();
     let plan = Plan::parse("toy", TOY_PLAN).unwrap();
     let scene = Scene::new(&robot, None, &plan.fingers);

@@ -48,7 +48,7 @@ fn torques_agree_with_pinocchio() {
 
 /// The torques of a unit acceleration without velocity and gravity are a column of the mass matrix.
 #[test]
-fn the_mass_matrix_is_symmetric_positive_and_the_same_by_two_algorithms() {
+fn mass_matrix_is_symmetric_positive_and_matches_torques() {
     let (model, urdf) = shipped();
     let dynamics = Dynamics::new(&model, &urdf, &[]).unwrap();
     let mut rng = rand_pcg::Pcg64::seed_from_u64(3);
@@ -76,7 +76,7 @@ fn the_mass_matrix_is_symmetric_positive_and_the_same_by_two_algorithms() {
 /// The work of the joints equals the energy that the robot gains: d/dt (kinetic + potential) = torque .
 /// velocity.
 #[test]
-fn power_is_the_rate_of_energy() {
+fn joint_power_equals_the_rate_of_energy() {
     let (model, urdf) = shipped();
     let dynamics = Dynamics::new(&model, &urdf, &hands(1.0)).unwrap();
     let mut rng = rand_pcg::Pcg64::seed_from_u64(4);
@@ -99,7 +99,7 @@ fn power_is_the_rate_of_energy() {
 /// All mass except one point is removed. The joint above it is a pendulum, tau = m l^2 qdd + m g l sin(q) from
 /// hanging.
 #[test]
-fn a_point_mass_on_the_elbow_is_a_pendulum() {
+fn point_mass_on_the_elbow_needs_the_torque_of_a_pendulum() {
     let (model, mut urdf) = shipped();
     for link in &mut urdf.links {
         link.inertial = urdf_rs::Inertial::default();

@@ -74,7 +74,7 @@ const WEDGE_M3: f64 = 0.5 * 0.3 * 0.2 * 0.1 / 3.0;
 const MESH: &str = "<mesh filename=\"package://any/meshes/NAME\"/>";
 
 #[test]
-fn wavefront_obj() {
+fn obj_mesh_is_read_and_malformed_obj_is_refused() {
     let folder = Folder::new("obj");
     let mut text = String::from("# a wedge\no wedge\n");
     CORNERS.iter().for_each(|[x, y, z]| text += &format!("v {x} {y} {z}\nvn 0 0 1\n"));
@@ -92,7 +92,7 @@ fn wavefront_obj() {
 }
 
 #[test]
-fn stl_as_text_and_binary() {
+fn text_and_binary_stl_are_read_and_truncated_stl_is_refused() {
     let folder = Folder::new("stl");
     let mut text = String::from("solid wedge\n");
     let mut binary = vec![b' '; 80];
@@ -120,7 +120,7 @@ fn stl_as_text_and_binary() {
 }
 
 #[test]
-fn collada() {
+fn collada_mesh_is_read_and_another_unit_is_refused() {
     let folder = Folder::new("dae");
     let numbers: Vec<String> = CORNERS.iter().flatten().map(f64::to_string).collect();
     let indices: Vec<String> = FACES.iter().flatten().map(usize::to_string).collect();
@@ -140,7 +140,7 @@ fn collada() {
 }
 
 #[test]
-fn a_mesh_is_scaled_before_it_is_fitted() {
+fn mesh_is_scaled_before_the_fit_and_unscaled_mm_are_refused() {
     let folder = Folder::new("scale");
     let mut text = String::new();
     CORNERS.iter().for_each(|[x, y, z]| text += &format!("v {} {} {}\n", x * 1e3, y * 1e3, z * 1e3));
@@ -156,7 +156,7 @@ fn a_mesh_is_scaled_before_it_is_fitted() {
 }
 
 #[test]
-fn primitives_and_their_round_surfaces() {
+fn capsules_contain_every_urdf_primitive() {
     let folder = Folder::new("primitives");
     let pi = std::f64::consts::PI;
     let (r, l) = (0.05, 0.3);

@@ -23,7 +23,7 @@ const SAMPLING: Sampling = Sampling { states: 20_000, seed: 99, share: 0.85 };
 
 /// Every posture can be held, but not every motion within the limits can be executed.
 #[test]
-fn every_posture_of_the_shipped_robots_can_be_held() {
+fn shipped_robots_can_hold_every_sampled_posture() {
     for texts in ROBOTS {
         let (model, urdf) = load(texts);
         let dynamics = Dynamics::new(&model, &urdf, &[]).unwrap();
@@ -44,7 +44,7 @@ fn every_posture_of_the_shipped_robots_can_be_held() {
 
 /// Some signs of the accelerations reach the bound, and none exceeds it.
 #[test]
-fn the_bound_over_accelerations_is_exact() {
+fn torque_bound_over_accelerations_is_reached_never_exceeded() {
     let (model, urdf) = load(ROBOTS[0]);
     let dynamics = Dynamics::new(&model, &urdf, &[]).unwrap();
     let survey = Survey { model: &model, dynamics: &dynamics, sampling: Sampling { states: 300, ..SAMPLING } };

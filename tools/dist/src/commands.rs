@@ -54,7 +54,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_program_has_a_page_and_every_option_stands_in_it() {
+    fn every_program_has_a_man_page_that_names_all_options() {
         let out = tempfile::tempdir().expect("a folder");
         write(out.path()).expect("pages");
         for command in programs() {

@@ -93,7 +93,7 @@ mod tests {
     }
 
     #[test]
-    fn packaged_settings_differ_in_three_paths_and_in_nothing_else() {
+    fn packaged_settings_differ_from_the_source_only_in_paths() {
         let packaged = settings_with(&settings(), "/usr/share/teleopd/").expect("settings");
         let mut read = pipeline::Settings::parse("packaged", &packaged).expect("settings that are accepted");
         let here = pipeline::Settings::parse("here", &settings()).expect("settings that are accepted");
@@ -107,7 +107,7 @@ mod tests {
     }
 
     #[test]
-    fn a_path_that_is_missing_or_twice_is_an_error() {
+    fn path_missing_or_repeated_in_settings_is_an_error() {
         let text = settings();
         assert!(settings_with(&text.replace("../weights/", "weights/"), "").unwrap_err().contains("0 times"));
         assert!(settings_with(&format!("{text}# \"robots/x\"\n"), "").unwrap_err().contains("2 times"));

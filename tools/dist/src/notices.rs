@@ -95,7 +95,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_linked_is_named_with_its_licence_and_what_only_tests_use_is_not() {
+    fn notices_list_linked_crates_with_licence_and_no_test_crates() {
         let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
         let out = collect(&root).expect("notices");
         let listed = |name: &str| out.lines().any(|line| line.starts_with(&format!("{name} ")) && line.contains(": "));

@@ -146,7 +146,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_newest_version_counts_and_other_words_do_not() {
+    fn newest_glibc_version_of_a_program_is_found() {
         let program = b"\0GLIBC_2.4\0GLIBC_2.31\0GLIBC_PRIVATE\0GLIBC_2.2.5\0GLIBC_2.30\0";
         assert_eq!(newest_glibc(program), Some([2, 31]));
         assert_eq!(newest_glibc(b"nothing of it"), None);
@@ -155,7 +155,7 @@ mod tests {
     }
 
     #[test]
-    fn a_program_that_needs_a_newer_glibc_is_refused_with_what_helps() {
+    fn program_that_needs_a_newer_glibc_is_refused_with_advice() {
         let folder = tempfile::tempdir().expect("a folder");
         let program = folder.path().join("teleopd");
         assert!(refuse_new_glibc(&program).unwrap_err().contains("build it first"));
@@ -167,7 +167,7 @@ mod tests {
     }
 
     #[test]
-    fn the_same_files_make_the_same_archive() {
+    fn archives_of_the_same_files_are_identical() {
         let folder = tempfile::tempdir().expect("a folder");
         let source = folder.path().join("source");
         std::fs::write(&source, "a program").expect("written");

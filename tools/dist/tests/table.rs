@@ -5,7 +5,7 @@ use std::path::Path;
 use std::process::Command;
 
 #[test]
-fn every_file_that_the_table_expects_is_written() {
+fn dist_writes_every_file_of_the_asset_table() {
     let manifest = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../Cargo.toml");
     let manifest: toml::Table = std::fs::read_to_string(manifest).expect("Cargo.toml").parse().expect("TOML");
     let out = tempfile::tempdir().expect("a folder");
@@ -25,7 +25,7 @@ fn every_file_that_the_table_expects_is_written() {
 }
 
 #[test]
-fn a_folder_that_cannot_be_made_is_said() {
+fn out_folder_that_cannot_be_made_is_reported() {
     let file = tempfile::NamedTempFile::new().expect("a file");
     let output = Command::new(env!("CARGO_BIN_EXE_dist")).arg("--out").arg(file.path()).output().expect("dist runs");
     assert_eq!(output.status.code(), Some(73));

@@ -69,7 +69,7 @@ const KEYS: [&str; 10] = [
 ];
 
 #[test]
-fn a_run_writes_every_figure_of_every_method_it_has_and_names_the_others() {
+fn eval_writes_all_figures_and_names_missing_methods() {
     let folder = folder(&["one"], 90);
     let plots = folder.path().join("plots").display().to_string();
     let out = measured(&folder, &["--calibration", "rig", "--keyposes", "--plot", &plots]);
@@ -95,7 +95,7 @@ fn a_run_writes_every_figure_of_every_method_it_has_and_names_the_others() {
 }
 
 #[test]
-fn the_named_motions_have_a_table_of_their_own() {
+fn paper_table_and_figure_of_named_motions_are_written() {
     let folder = folder(&["one"], 20);
     let figure = folder.path().join("figure.svg");
     let path = figure.display().to_string();
@@ -109,7 +109,7 @@ fn the_named_motions_have_a_table_of_their_own() {
 }
 
 #[test]
-fn what_is_asked_for_and_missing_or_unknown_is_an_error() {
+fn missing_or_unknown_method_or_clip_is_an_error() {
     let folder = folder(&["one"], 20);
     let refused = |more: &[&str]| run(&cli(&folder, more)).expect_err("the command fails");
     let missing = refused(&["--methods", "sew,paper"]);
@@ -123,7 +123,7 @@ fn what_is_asked_for_and_missing_or_unknown_is_an_error() {
 }
 
 #[test]
-fn the_default_clips_are_those_that_training_leaves_out() {
+fn default_clips_are_those_left_out_of_training() {
     let names = ["a", "b", "c", "d", "e", "f", "g", "h", "i"];
     let folder = folder(&names, 30);
     let mode = CalibrationMode::First10s;
@@ -140,7 +140,7 @@ fn the_default_clips_are_those_that_training_leaves_out() {
 }
 
 #[test]
-fn a_person_who_turns_moves_in_space_and_not_against_the_chest() {
+fn turning_person_moves_limbs_in_space_not_against_the_chest() {
     let mut motion = short("turning", 2);
     motion.frames[1] = motion.frames[0];
     let turn = UnitQuaternion::from_euler_angles(0.0, 0.0, 0.5);

@@ -46,7 +46,7 @@ fn person(arm: &ArmModel, seconds: f64, speed: f64) -> Person {
 }
 
 #[test]
-fn a_robot_that_does_what_the_person_did_120_ms_before_is_right_at_that_delay_alone() {
+fn late_robot_has_small_error_only_at_its_own_delay() {
     let arm = ArmModel::of(&model());
     let at = |i: u64| Stamp(BEGIN_NS + 1_000_000_000 + i * 20_000_000);
     for (late_s, sign) in [(0.12, 1.0), (0.0, 0.0), (-0.12, -1.0)] {
@@ -68,7 +68,7 @@ fn a_robot_that_does_what_the_person_did_120_ms_before_is_right_at_that_delay_al
 }
 
 #[test]
-fn the_error_is_the_mean_angle_of_four_limbs() {
+fn following_error_is_the_mean_angle_of_four_limbs() {
     let arm = ArmModel::of(&model());
     let rest = arm.mid();
     let mut bent = rest;
@@ -113,7 +113,7 @@ fn starting(arm: &ArmModel, speed: f64) -> State {
 }
 
 #[test]
-fn a_path_that_the_arm_can_follow_is_followed() {
+fn optimum_of_a_feasible_path_follows_it() {
     let model = model();
     let arm = ArmModel::of(&model);
     for bounds in bounds_of(&model) {
@@ -126,7 +126,7 @@ fn a_path_that_the_arm_can_follow_is_followed() {
 }
 
 #[test]
-fn the_optimum_of_a_path_that_is_too_fast_is_no_worse_than_a_motion_that_is_known() {
+fn optimum_of_too_fast_path_is_no_worse_than_known_motions() {
     let model = model();
     let (arm, [bounds, _]) = (ArmModel::of(&model), bounds_of(&model));
     for speed in [1.0, 1.5, 2.0] {
@@ -147,7 +147,7 @@ fn the_optimum_of_a_path_that_is_too_fast_is_no_worse_than_a_motion_that_is_know
 }
 
 #[test]
-fn the_command_judges_a_motion_and_writes_every_figure() {
+fn following_command_writes_every_figure_of_a_motion() {
     let folder = tempfile::tempdir().expect("a folder");
     let mut motion = motion::builtin();
     motion.name = "short".to_owned();

@@ -31,7 +31,7 @@ fn limbs(rng: &mut Pcg64) -> Limbs {
 }
 
 #[test]
-fn sew_is_exact_where_the_arm_can_follow() {
+fn sew_is_exact_for_poses_that_the_arm_can_reach() {
     let arm = arm();
     let mut rng = Pcg64::new(1, 1);
     let mut exact = 0;
@@ -47,7 +47,7 @@ fn sew_is_exact_where_the_arm_can_follow() {
 }
 
 #[test]
-fn sew_stays_within_the_limits_and_beats_the_simple_closed_form_on_average() {
+fn sew_of_turned_poses_keeps_limits_and_beats_closed_form() {
     let arm = arm();
     let mut rng = Pcg64::new(2, 1);
     let (mut ours, mut simple) = (0.0, 0.0);
@@ -65,7 +65,7 @@ fn sew_stays_within_the_limits_and_beats_the_simple_closed_form_on_average() {
 }
 
 #[test]
-fn lookup_finds_what_trying_every_posture_finds() {
+fn lookup_scores_as_well_as_trying_every_posture() {
     let arm = arm();
     // More than a block of postures and of poses, and no multiple of either.
     let table = PostureTable::draw(&arm, 4_321, 9);
@@ -84,7 +84,7 @@ fn lookup_finds_what_trying_every_posture_finds() {
 }
 
 #[test]
-fn the_table_depends_on_its_seed_alone() {
+fn posture_table_depends_on_its_seed_alone() {
     let arm = arm();
     let draw = |seed| PostureTable::draw(&arm, 10, seed).postures().to_vec();
     assert_eq!(draw(1), draw(1));

@@ -38,7 +38,7 @@ fn some(value: Option<f64>) -> f64 {
 }
 
 #[test]
-fn the_oracle_against_itself_has_no_error_and_a_jerk_ratio_of_one() {
+fn oracle_against_itself_has_no_error_and_jerk_ratio_one() {
     let arm = arm();
     let oracle: Vec<Posture> = (0..FRAMES).map(|i| posture(&arm, i, 0.3)).collect();
     let figures = figures(&arm, &humans(&arm, &oracle), &oracle, &oracle);
@@ -50,7 +50,7 @@ fn the_oracle_against_itself_has_no_error_and_a_jerk_ratio_of_one() {
 }
 
 #[test]
-fn joint_error_leaves_out_the_frames_near_the_gimbal() {
+fn joint_error_excludes_frames_near_the_gimbal() {
     let arm = arm();
     let mut oracle: Vec<Posture> = (0..FRAMES).map(|i| posture(&arm, i, 0.3)).collect();
     let mut postures = oracle.clone();
@@ -72,7 +72,7 @@ fn joint_error_leaves_out_the_frames_near_the_gimbal() {
 }
 
 #[test]
-fn twice_the_motion_has_twice_the_jerk_and_jumps_are_counted_apart() {
+fn doubled_motion_doubles_jerk_and_jumps_count_separately() {
     let arm = arm();
     let oracle: Vec<Posture> = (0..FRAMES).map(|i| posture(&arm, i, 0.2)).collect();
     let mut twice: Vec<Posture> = (0..FRAMES).map(|i| posture(&arm, i, 0.4)).collect();
@@ -89,7 +89,7 @@ fn twice_the_motion_has_twice_the_jerk_and_jumps_are_counted_apart() {
 }
 
 #[test]
-fn a_jump_that_the_human_makes_too_is_no_flip() {
+fn joint_jump_during_a_jump_of_the_human_is_no_flip() {
     let arm = arm();
     let oracle: Vec<Posture> = (0..FRAMES).map(|i| posture(&arm, i, 0.2)).collect();
     let mut postures = oracle.clone();
@@ -101,7 +101,7 @@ fn a_jump_that_the_human_makes_too_is_no_flip() {
 }
 
 #[test]
-fn only_what_the_oracle_reaches_counts_as_reachable() {
+fn frame_counts_as_reachable_only_if_the_oracle_reaches_it() {
     let arm = arm();
     let oracle: Vec<Posture> = (0..FRAMES).map(|i| posture(&arm, i, 0.2)).collect();
     let mut human = humans(&arm, &oracle);
@@ -122,7 +122,7 @@ fn only_what_the_oracle_reaches_counts_as_reachable() {
 }
 
 #[test]
-fn a_twist_about_the_bone_is_no_error_of_direction() {
+fn twist_about_the_bone_is_no_error_of_direction() {
     let arm = arm();
     let oracle: Vec<Posture> = (0..4).map(|i| posture(&arm, i, 0.2)).collect();
     let mut human = humans(&arm, &oracle);
@@ -135,7 +135,7 @@ fn a_twist_about_the_bone_is_no_error_of_direction() {
 }
 
 #[test]
-fn skipped_frames_have_neither_jerk_nor_flips() {
+fn run_with_skipped_frames_has_neither_jerk_nor_flips() {
     let arm = arm();
     let oracle: Vec<Posture> = (0..FRAMES).map(|i| posture(&arm, i, 0.2)).collect();
     let human = humans(&arm, &oracle);
@@ -147,7 +147,7 @@ fn skipped_frames_have_neither_jerk_nor_flips() {
 }
 
 #[test]
-fn a_straight_path_is_monotone_and_as_long_as_its_chord() {
+fn straight_path_is_monotone_and_as_long_as_its_chord() {
     let at = |s: f64| -> Posture { [[s; 5], [2.0 * s; 5]] };
     let straight: Vec<Posture> = (0..=10).map(|i| at(f64::from(i) / 10.0)).collect();
     let (monotone, length) = shape(&straight).expect("the chord is long enough");

@@ -35,7 +35,7 @@ fn between(space: Space, names: &[&str]) -> Trajectory {
 const KEYS: [&str; 4] = ["t-pose", "clap", "box", "rest"];
 
 #[test]
-fn it_stops_at_every_pose_as_retargeting_would_hold_it() {
+fn trajectory_stops_at_every_pose_as_retargeted() {
     let (model, network) = robot();
     let arm = ArmModel::of(&model);
     for space in [Space::Latent, Space::Joint] {
@@ -56,7 +56,7 @@ fn it_stops_at_every_pose_as_retargeting_would_hold_it() {
 }
 
 #[test]
-fn every_step_comes_nearer_to_the_next_pose_in_the_space_of_the_line() {
+fn trajectory_is_monotone_in_joints_and_near_slerp_in_latent() {
     let joint = between(Space::Joint, &KEYS);
     let latent = between(Space::Latent, &KEYS);
     let arm = ArmModel::of(&robot().0);
@@ -81,7 +81,7 @@ fn every_step_comes_nearer_to_the_next_pose_in_the_space_of_the_line() {
 }
 
 #[test]
-fn a_trajectory_becomes_a_person_whose_limbs_are_the_robots() {
+fn motion_of_a_trajectory_has_the_limbs_of_the_robot() {
     let (model, _) = robot();
     let arm = ArmModel::of(&model);
     let trajectory = between(Space::Latent, &["hands-to-chest", "point-forward"]);
@@ -101,7 +101,7 @@ fn a_trajectory_becomes_a_person_whose_limbs_are_the_robots() {
 }
 
 #[test]
-fn other_rates_are_interpolated_and_bad_files_are_named() {
+fn csv_is_resampled_to_60_hz_and_bad_csv_is_refused_by_line() {
     let (model, _) = robot();
     let folder = tempfile::tempdir().expect("a folder");
     let file = folder.path().join("t.csv");
@@ -130,7 +130,7 @@ fn other_rates_are_interpolated_and_bad_files_are_named() {
 }
 
 #[test]
-fn the_command_writes_both_files_and_names_what_is_wrong() {
+fn interpolate_writes_both_files_and_refuses_bad_poses() {
     let folder = tempfile::tempdir().expect("a folder");
     let out = folder.path().join("i.csv");
     let run = |arguments: &[&str]| {
@@ -166,7 +166,7 @@ fn the_command_writes_both_files_and_names_what_is_wrong() {
 /// Poses anywhere in the arm's reach and slightly beyond, where refinement finds other branches than the
 /// network.
 #[test]
-fn no_row_leaps() {
+fn trajectory_rows_between_random_poses_do_not_jump() {
     let (model, network) = robot();
     let arm = ArmModel::of(&model);
     let mut state = 7_u64;

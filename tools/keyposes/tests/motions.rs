@@ -43,7 +43,7 @@ fn same_text(a: &str, b: &str, grain: f64) -> Result<(), String> {
 }
 
 #[test]
-fn the_files_on_disk_are_what_the_command_writes() {
+fn motion_files_on_disk_match_the_output_of_the_command() {
     let (model, folder) = (model(), root().join("tools/keyposes/motions"));
     for motion in paper_motions() {
         let texts =
@@ -62,7 +62,7 @@ fn the_files_on_disk_are_what_the_command_writes() {
 }
 
 #[test]
-fn eleven_motions_of_3_to_6_s_from_hanging_arms_and_back() {
+fn eleven_motions_last_3_to_6_s_and_return_to_hanging_arms() {
     let motions = paper_motions();
     assert_eq!(motions.len(), 11);
     for motion in &motions {
@@ -83,7 +83,7 @@ fn eleven_motions_of_3_to_6_s_from_hanging_arms_and_back() {
 }
 
 #[test]
-fn the_live_stage_accepts_every_frame() {
+fn live_stage_accepts_every_frame_of_the_motions() {
     for motion in paper_motions() {
         let calibration = calibrate(&motion, CalibrationMode::First10s);
         let mut state = skeleton::State::new();
@@ -100,7 +100,7 @@ fn the_live_stage_accepts_every_frame() {
 }
 
 #[test]
-fn written_and_read_back_the_limbs_agree_to_a_tenth_of_a_degree() {
+fn limbs_read_back_from_bvh_agree_within_a_tenth_degree() {
     for motion in paper_motions() {
         let read = motion::parse_bvh(&motion.name, compact_bvh(&motion).as_bytes()).expect("is read");
         assert_eq!(read.frames.len(), motion.frames.len());
@@ -119,7 +119,7 @@ fn written_and_read_back_the_limbs_agree_to_a_tenth_of_a_degree() {
 }
 
 #[test]
-fn the_poses_are_what_they_are_called() {
+fn named_poses_match_their_names() {
     let pose = |name: &str| named_pose(name).unwrap_or_else(|| panic!("no pose {name}"));
     let both = |name: &str| hands(&pose(name));
 
@@ -190,7 +190,7 @@ fn no_elbow_bends_backwards_and_no_hand_enters_the_trunk() {
 }
 
 #[test]
-fn the_ground_truth_is_continuous_and_reads_back() {
+fn ground_truth_is_continuous_and_is_read_back_from_csv() {
     let model = model();
     let folder = tempfile::tempdir().expect("a folder");
     for motion in paper_motions() {

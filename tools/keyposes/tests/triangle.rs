@@ -46,7 +46,7 @@ fn points(count: u32) -> impl Iterator<Item = [f64; 3]> {
 }
 
 #[test]
-fn a_corner_decodes_to_its_own_pose() {
+fn triangle_corner_decodes_to_its_own_pose() {
     let loaded = loaded();
     let (arm, network) = (ArmModel::of(&loaded.model), &loaded.weights.as_ref().expect("weights").network);
     for poses in [POSES, ["rest", "clap", "box"], ["cross-arms", "wave-left", "point-forward"]] {
@@ -68,7 +68,7 @@ fn a_corner_decodes_to_its_own_pose() {
 }
 
 #[test]
-fn ours_are_apart_and_the_robot_is_clear_of_itself_at_every_mix_of_them() {
+fn default_poses_are_apart_and_every_mix_is_collision_free() {
     let loaded = loaded();
     let (model, triangle) = (&loaded.model, of(&loaded, &POSES));
     let mut frames = Frames::default();
@@ -95,7 +95,7 @@ fn apart_deg(arm: &ArmModel, a: &[ArmQ; ARMS], b: &[ArmQ; ARMS]) -> f64 {
 }
 
 #[test]
-fn between_two_corners_the_arms_come_ever_nearer() {
+fn arms_between_two_corners_approach_the_second_steadily() {
     let loaded = loaded();
     let (arm, triangle) = (ArmModel::of(&loaded.model), of(&loaded, &POSES));
     for from in 0..3 {
@@ -119,7 +119,7 @@ fn between_two_corners_the_arms_come_ever_nearer() {
 
 /// Drags a handle at random, four times as fast as pages may. A share changes by a sixtieth per frame.
 #[test]
-fn ingest_refuses_no_frame_of_the_person() {
+fn ingest_accepts_all_frames_but_the_first_of_a_dragged_handle() {
     let loaded = loaded();
     let triangle = of(&loaded, &["hands-on-head", "cross-arms", "point-forward"]);
     let config = InputConfig::new(&loaded.settings.ingest, loaded.layouts.clone(), loaded.operators.clone());
@@ -154,7 +154,7 @@ fn ingest_refuses_no_frame_of_the_person() {
 }
 
 #[test]
-fn what_are_not_three_poses_is_named() {
+fn triangle_of_wrong_number_or_unknown_poses_is_refused() {
     let loaded = loaded();
     let network = &loaded.weights.as_ref().expect("weights").network;
     for (poses, expected) in [

@@ -76,7 +76,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_kind_has_its_turn_in_each_of_at_least_two_rounds() {
+    fn block_plan_runs_every_kind_in_each_of_two_or_more_rounds() {
         for (seconds, rounds) in [(2.0, 2), (5.0, 2), (60.0, 2), (100.0, 3), (86_400.0, 6)] {
             for cyclictest in [true, false] {
                 let blocks = plan(seconds, cyclictest);
@@ -89,7 +89,7 @@ mod tests {
     }
 
     #[test]
-    fn most_of_the_time_goes_to_events_and_no_block_is_too_short() {
+    fn block_plan_spends_half_on_events_and_no_block_below_2_s() {
         for seconds in [20.0, 60.0, 600.0, 7200.0] {
             let blocks = plan(seconds, true);
             let total: f64 = blocks.iter().map(|block| block.seconds).sum();

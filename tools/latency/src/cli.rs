@@ -151,7 +151,7 @@ mod tests {
     }
 
     #[test]
-    fn cores_are_a_list_or_free() {
+    fn pin_option_takes_a_core_list_or_free() {
         assert_eq!("free".parse(), Ok(Pin::Free));
         assert_eq!("1".parse(), Ok(Pin::Cores(vec![1])));
         assert_eq!("2, 3".parse(), Ok(Pin::Cores(vec![2, 3])));
@@ -161,7 +161,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_out_of_bounds_is_refused_by_name() {
+    fn option_out_of_bounds_is_refused_by_name() {
         assert!(parsed(&[]).check().is_ok());
         for (option, value) in [
             ("--seconds", "1"),

@@ -140,7 +140,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_phase_fills_the_tick_evenly_even_at_a_divisor_of_its_rate() {
+    fn frame_phases_fill_the_tick_evenly_at_every_rate() {
         for rate_hz in [30.0, 75.0, 117.3, 120.0, 125.0, 240.0] {
             let mut bins = [0_u32; 10];
             for n in 0..1000 {
@@ -152,7 +152,7 @@ mod tests {
     }
 
     #[test]
-    fn frames_keep_their_distance_and_a_late_client_skips() {
+    fn frames_keep_their_spacing_and_a_late_client_skips_frames() {
         let gaps: Vec<_> = (0..1000).map(|n| due_ns(n + 1, 120.0) - due_ns(n, 120.0)).collect();
         assert!(gaps.iter().all(|&gap| (7_600_000..=9_050_000).contains(&gap)));
         let start = Stamp(1_000_000_000);

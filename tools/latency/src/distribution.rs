@@ -120,7 +120,7 @@ mod tests {
     }
 
     #[test]
-    fn merging_blocks_equals_recording_all_at_once() {
+    fn merged_blocks_equal_one_recording_of_all() {
         let (low, high) = ((1..500).map(|i| i * 37), (500..1000).map(|i| i * 1_037));
         let (mut merged, whole) = (of(low.clone()), of(low.chain(high.clone())));
         merged.merge(&of(high));
@@ -130,7 +130,7 @@ mod tests {
     }
 
     #[test]
-    fn what_a_process_writes_is_read_back_unchanged() {
+    fn distribution_is_read_back_from_json_unchanged() {
         let mut series = Series::default();
         let mut whole = Distribution::default();
         for i in 0..4000_u64 {
@@ -147,14 +147,14 @@ mod tests {
     }
 
     #[test]
-    fn the_tail_falls_from_one_to_zero() {
+    fn distribution_tail_falls_from_one_to_zero() {
         let tail = of([10, 20, 20, 40_000].map(|us| us * 1_000)).tail();
         assert_eq!((tail[0].1, tail[tail.len() - 1].1), (1.0, 0.0));
         assert!(tail.windows(2).all(|pair| pair[0].0 <= pair[1].0 && pair[0].1 >= pair[1].1));
     }
 
     #[test]
-    fn a_malformed_record_is_refused_by_name() {
+    fn malformed_record_is_refused_by_field_name() {
         for (text, named) in [
             (r#"{}"#, "buckets"),
             (r#"{"buckets": [[1]], "max_us": 1, "seconds": []}"#, "bucket"),

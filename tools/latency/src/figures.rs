@@ -241,7 +241,7 @@ mod tests {
     }
 
     #[test]
-    fn blocks_add_up() {
+    fn merged_figures_are_the_sums_of_their_blocks() {
         let all = Figures::merge(&[outcome(1_000), outcome(3_000)]).expect("whole reports");
         assert_eq!((all.missed, all.ticks), ([10, 12, 14], [200, 202, 204]));
         assert_eq!((all.published, all.accepted, all.blocks, all.wall_s), (20, 18, 2, 4.0));
@@ -258,7 +258,7 @@ mod tests {
     }
 
     #[test]
-    fn a_report_that_lacks_something_is_refused_by_name() {
+    fn incomplete_report_is_refused_by_process_and_field() {
         let broken = |path: &str, with: Value| {
             let mut one = outcome(1_000);
             let (process, pointer) = path.split_once('/').unwrap();

@@ -235,7 +235,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_cores_are_those_that_were_granted() {
+    fn cores_of_a_process_are_those_granted() {
         let of = |line| cores_of(["scheduling: SCHED_FIFO priority 70", line].into_iter());
         assert_eq!(of("cores: cores [1]"), Some(vec![1]));
         assert_eq!(of("cores: cores [2, 3]"), Some(vec![2, 3]));

@@ -183,7 +183,7 @@ mod tests {
                           # Thread 0: 00004\n\n";
 
     #[test]
-    fn the_histogram_of_cyclictest_is_read_with_its_overflows() {
+    fn cyclictest_histogram_is_read_with_its_overflows() {
         let all = parse_cyclictest(ANSWER).expect("its form");
         assert_eq!(all.count(), 10);
         assert!((all.quantile_us(0.5).unwrap() - 20.5).abs() < 0.1);
@@ -191,7 +191,7 @@ mod tests {
     }
 
     #[test]
-    fn an_unknown_answer_of_cyclictest_is_refused() {
+    fn unknown_cyclictest_output_is_refused() {
         for (wrong, named) in [
             (ANSWER.replace("000019 000002", "T: 0 (1234) P:70"), "unknown line"),
             (ANSWER.replace("Max", "Largest"), "Max Latencies"),

@@ -90,7 +90,7 @@ mod tests {
     }
 
     #[test]
-    fn the_copy_differs_in_what_the_block_needs_and_nothing_else() {
+    fn settings_copy_differs_only_as_its_block_needs() {
         let original = pipeline::load(&config(), Overrides::default()).unwrap().settings;
         let mut events = loaded(&Changes::default(), Kind::Events);
         events.robot = original.robot.clone();
@@ -104,7 +104,7 @@ mod tests {
     }
 
     #[test]
-    fn policy_and_cores_of_the_command_line_replace_those_of_the_file() {
+    fn policy_and_cores_of_the_command_line_override_the_file() {
         let free = Changes { policy: Some(Policy::Other), pin: Some(Pin::Free) };
         assert_eq!(loaded(&free, Kind::Events).realtime.policy, pipeline::Policy::Other);
         let pinned = Changes { policy: Some(Policy::Fifo), pin: Some(Pin::Cores(vec![0])) };
@@ -114,7 +114,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_settings_file_is_refused_by_name() {
+    fn incomplete_settings_file_is_refused_by_file_and_key() {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("wrong.toml");
         std::fs::write(&file, "[robot]\n").unwrap();

@@ -295,14 +295,14 @@ mod tests {
     use messages::{Fault, Layout, Transition};
 
     #[test]
-    fn a_process_is_read_from_proc() {
+    fn process_holdings_are_read_from_proc() {
         let own = Holding::of(std::process::id()).expect("this process exists");
         assert!(own.resident_kib > 100 && own.descriptors >= 3 && own.threads >= 1, "{own:?}");
         assert_eq!(Holding::of(u32::MAX), None);
     }
 
     #[test]
-    fn a_stop_is_noted_once_with_its_cause() {
+    fn false_stop_is_noted_once_with_its_cause() {
         let mut status: Status = Layout::ZERO;
         let step =
             |from: Mode, to: Mode, why: u32| Transition { from: from as u32, to: to as u32, why, ..Layout::ZERO };
@@ -317,7 +317,7 @@ mod tests {
     }
 
     #[test]
-    fn what_grows_and_what_stops_is_a_complaint() {
+    fn growth_false_stop_and_violation_become_complaints() {
         let mut soaked = Soaked { segments_first: 10, segments_last: 10, ..Soaked::default() };
         soaked.growth.insert("sim", Holding { resident_kib: GROWTH_MAX_KIB, descriptors: 0, threads: 0 });
         assert!(soaked.complaints().is_empty());

@@ -55,7 +55,7 @@ fn assert_ordered(row: &Value, name: &str) {
 }
 
 #[test]
-fn a_short_run_has_every_figure_and_they_agree() {
+fn short_run_reports_every_figure_and_they_agree() {
     let _turn = turn();
     let folder = tempfile::tempdir().unwrap();
     let (json, plot) = (folder.path().join("latency.json"), folder.path().join("latency.png"));
@@ -126,7 +126,7 @@ fn assert_agreement(figures: &Value, rest: &Value, variant: &str) {
 }
 
 #[test]
-fn wrong_options_end_with_usage() {
+fn invalid_options_exit_with_the_usage_code() {
     for arguments in
         [&["--seconds", "0"][..], &["--seconds", "x"], &["--pin", "first"], &["--policy", "idle"], &["--plot", "a.jpg"]]
     {
@@ -139,7 +139,7 @@ fn wrong_options_end_with_usage() {
 }
 
 #[test]
-fn cyclictest_that_is_insisted_on_and_missing_is_said_with_what_to_do() {
+fn requested_cyclictest_missing_is_refused_with_package_name() {
     let folder = tempfile::tempdir().unwrap();
     let output = command(&["--compare", "cyclictest"]).env("PATH", folder.path()).output().unwrap();
     let said = String::from_utf8_lossy(&output.stderr);
@@ -148,7 +148,7 @@ fn cyclictest_that_is_insisted_on_and_missing_is_said_with_what_to_do() {
 }
 
 #[test]
-fn what_cannot_be_read_or_written_is_named_before_anything_runs() {
+fn unreadable_config_and_unwritable_json_are_refused_by_path() {
     let output = latency(&["--json", "/nowhere/latency.json"]);
     assert_eq!(output.status.code(), Some(73));
     assert!(String::from_utf8_lossy(&output.stderr).contains("/nowhere/latency.json"));
@@ -161,7 +161,7 @@ fn what_cannot_be_read_or_written_is_named_before_anything_runs() {
 /// A short soak: all watched figures are present, and nothing grows. Stops that no fault explains depend on the
 /// machine.
 #[test]
-fn f079_f090_a_soak_watches_what_grows() {
+fn f079_f090_short_soak_reports_every_figure_and_no_growth() {
     let _turn = turn();
     let folder = tempfile::tempdir().unwrap();
     let json = folder.path().join("soak.json");

@@ -237,7 +237,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn gaps_are_missed_and_a_restarted_writer_begins_anew() {
+    fn sequence_gaps_count_as_missed_but_writer_restarts_do_not() {
         let mut counted = Counted::default();
         for (incarnation, sequence) in [(1, 5), (1, 6), (1, 9), (2, 1), (2, 2), (2, 2)] {
             counted.note(incarnation, sequence);
@@ -246,7 +246,7 @@ mod tests {
     }
 
     #[test]
-    fn a_rate_is_kept_on_its_grid() {
+    fn topic_paced_at_60_hz_keeps_its_rate() {
         let mut paced = Paced(0);
         let period = 16_666_666;
         let due = (0..1500_u64).filter(|k| paced.due(k * 1_000_000_000 / 1500, period)).count();

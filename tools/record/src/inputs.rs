@@ -116,7 +116,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn inputs_come_back_and_what_is_none_is_refused() {
+    fn inputs_are_read_back_exactly_and_bad_json_is_refused() {
         let said = |centre_m| Some(PayloadOrder { mass_kg: 0.1 + 0.2, centre_m });
         let payload = [said(None), said(Some([0.1, -1.0 / 3.0, 1e-300]))];
         let operator =

@@ -121,7 +121,7 @@ mod tests {
     use messages::{Layout, Stamp};
 
     #[test]
-    fn a_long_run_stays_within_its_bound_and_covers_it_all() {
+    fn trace_of_a_long_run_stays_bounded_and_covers_it_all() {
         let mut trace = Trace::default();
         let mut state = RobotState::ZERO;
         for second in 0..40_000_u64 {

@@ -105,7 +105,7 @@ fn commands(path: &Path, sent: &[JointCommand]) -> (Vec<JointCommand>, Ending) {
 }
 
 #[test]
-fn what_is_published_is_recorded_and_sigterm_ends_the_file() {
+fn recorder_records_published_data_and_sigterm_ends_the_file() {
     let folder = tempfile::tempdir().unwrap();
     let instance = Instance::new(&folder.path().join("run")).unwrap();
     let mut writers = Writers::new(&instance);
@@ -144,7 +144,7 @@ fn what_is_published_is_recorded_and_sigterm_ends_the_file() {
 }
 
 #[test]
-fn recorder_without_an_instance_says_so_and_writes_nothing() {
+fn recorder_without_an_instance_fails_and_writes_nothing() {
     let folder = tempfile::tempdir().unwrap();
     let (empty, out) = (folder.path().join("run"), folder.path().join("out.mcap"));
     let refused = |what: &str| {
@@ -171,7 +171,7 @@ fn recorder_without_an_instance_says_so_and_writes_nothing() {
 }
 
 #[test]
-fn a_killed_recorder_leaves_a_file_that_is_good_to_its_last_chunk() {
+fn killed_recorder_leaves_a_file_readable_to_its_last_chunk() {
     let folder = tempfile::tempdir().unwrap();
     let instance = Instance::new(&folder.path().join("run")).unwrap();
     let mut writers = Writers::new(&instance);
@@ -188,7 +188,7 @@ fn a_killed_recorder_leaves_a_file_that_is_good_to_its_last_chunk() {
 
 /// Starts the recorder as `up` does. The parent is killed with -9, so it can end nothing itself.
 #[test]
-fn the_recorder_ends_with_whoever_started_it() {
+fn recorder_ends_when_its_parent_is_killed() {
     let folder = tempfile::tempdir().unwrap();
     let instance = Instance::new(&folder.path().join("run")).unwrap();
     let mut writers = Writers::new(&instance);
@@ -244,7 +244,7 @@ impl Sink for Small {
 }
 
 #[test]
-fn f102_on_a_full_disk_samples_are_lost_and_counted_and_the_file_stays_good() {
+fn f102_full_disk_loses_counted_samples_and_keeps_the_file_good() {
     let disk = Small { room: 1_600_000, ..Small::default() };
     let mut queue = Queue::start(disk.clone(), &BTreeMap::new(), &[]).expect("room for the beginning");
     let mut sent = 0;
@@ -309,7 +309,7 @@ impl Sink for Hanging {
 }
 
 #[test]
-fn f103_a_disk_that_hangs_holds_up_nobody_and_what_is_lost_is_counted() {
+fn f103_hung_disk_blocks_no_sender_and_lost_samples_are_counted() {
     let disk = Hanging { disk: Small { room: usize::MAX, ..Small::default() }, ..Hanging::default() };
     let mut queue = Queue::start(disk.clone(), &BTreeMap::new(), &[]).expect("the beginning");
     disk.hang(true);
@@ -333,7 +333,7 @@ fn f103_a_disk_that_hangs_holds_up_nobody_and_what_is_lost_is_counted() {
 }
 
 #[test]
-fn f102_a_full_file_system_ends_the_recording_and_nothing_else() {
+fn f102_full_file_system_fails_the_recording_and_keeps_the_file() {
     let folder = tempfile::tempdir().unwrap();
     let small = folder.path().join("small");
     std::fs::create_dir(&small).unwrap();

@@ -57,7 +57,7 @@ fn rewritten_with(
 }
 
 #[test]
-fn the_stages_make_the_same_of_a_recording_and_one_bit_less_is_seen() {
+fn replay_of_a_recording_is_equal_and_one_changed_bit_is_found() {
     let folder = tempfile::tempdir().unwrap();
     let (path, loaded) = (folder.path().join("run.mcap"), loaded());
     let commands = recorded_offline(&path, &loaded);
@@ -86,7 +86,7 @@ fn the_stages_make_the_same_of_a_recording_and_one_bit_less_is_seen() {
 
 /// A payload that is set at run time is in the recording, and replay makes the same commands.
 #[test]
-fn a_recording_with_a_payload_is_replayed_bit_by_bit() {
+fn recording_with_a_payload_is_replayed_bit_for_bit() {
     let folder = tempfile::tempdir().unwrap();
     let (path, loaded) = (folder.path().join("run.mcap"), loaded());
     let config = WorldConfig::new(&loaded).unwrap();
@@ -138,7 +138,7 @@ fn a_recording_with_a_payload_is_replayed_bit_by_bit() {
 }
 
 #[test]
-fn a_recording_that_is_not_whole_is_not_equal() {
+fn incomplete_recording_compares_as_not_equal() {
     let folder = tempfile::tempdir().unwrap();
     let (path, loaded) = (folder.path().join("run.mcap"), loaded());
     let commands = recorded_offline(&path, &loaded);
@@ -180,7 +180,7 @@ fn a_recording_that_is_not_whole_is_not_equal() {
 }
 
 #[test]
-fn values_are_those_published_and_times_rise() {
+fn recorded_values_equal_published_ones_and_times_increase() {
     let folder = tempfile::tempdir().unwrap();
     let (path, loaded) = (folder.path().join("run.mcap"), loaded());
     let commands = recorded_offline(&path, &loaded);
@@ -215,7 +215,7 @@ fn values_are_those_published_and_times_rise() {
 }
 
 #[test]
-fn a_file_that_was_cut_anywhere_is_read_up_to_there() {
+fn truncated_recording_is_read_up_to_the_cut() {
     let folder = tempfile::tempdir().unwrap();
     let (path, loaded) = (folder.path().join("run.mcap"), loaded());
     recorded_offline(&path, &loaded);
@@ -235,7 +235,7 @@ fn a_file_that_was_cut_anywhere_is_read_up_to_there() {
 }
 
 #[test]
-fn a_recording_is_a_motion_with_the_limbs_that_were_seen() {
+fn recording_loads_as_a_motion_with_the_recorded_limbs() {
     let folder = tempfile::tempdir().unwrap();
     let (path, loaded) = (folder.path().join("run.mcap"), loaded());
     recorded_offline(&path, &loaded);
@@ -266,7 +266,7 @@ fn a_recording_is_a_motion_with_the_limbs_that_were_seen() {
 }
 
 #[test]
-fn what_is_no_recording_is_refused_in_words() {
+fn invalid_recording_is_refused_with_its_reason() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("text.mcap");
     std::fs::write(&path, "not a recording").unwrap();

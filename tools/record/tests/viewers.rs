@@ -41,7 +41,7 @@ fn run(program: &Path, arguments: &[&str]) -> Option<String> {
 }
 
 #[test]
-fn the_readers_of_pypi_find_what_viewers_show() {
+fn mcap_readers_from_pypi_find_the_viewer_schemas() {
     let folder = tempfile::tempdir().unwrap();
     let venv = folder.path().join("venv");
     let (python, pip) = (venv.join("bin/python"), venv.join("bin/pip"));
@@ -62,7 +62,7 @@ fn the_readers_of_pypi_find_what_viewers_show() {
 }
 
 #[test]
-fn a_recording_is_a_reel_of_sixty_frames_a_second_with_every_sentence() {
+fn recording_view_has_duration_and_events_and_reports_a_cut() {
     let folder = tempfile::tempdir().unwrap();
     let (loaded, path) = (loaded(), folder.path().join("run.mcap"));
     let commands = recorded_offline(&path, &loaded);
@@ -88,7 +88,7 @@ fn a_recording_is_a_reel_of_sixty_frames_a_second_with_every_sentence() {
 
 /// Runs the program, as `teleopd view FILE` starts it.
 #[test]
-fn a_recording_is_served_and_a_file_that_is_none_is_refused() {
+fn recording_is_served_over_http_and_another_file_is_refused() {
     use std::io::{BufRead, BufReader, Read, Write};
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("run.mcap");

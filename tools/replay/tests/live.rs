@@ -49,7 +49,7 @@ fn wrist_goes(motion: &str, enough_m: f32) -> f32 {
 }
 
 #[test]
-fn calibration_moves_although_nobody_engages_and_other_motions_wait() {
+fn calibration_motion_plays_before_engaging_and_others_wait() {
     assert!(wrist_goes("builtin:calibration", 0.2) >= 0.2, "arms go up and down");
     let goes_m = wrist_goes("builtin", 0.2);
     assert!(goes_m < 0.01, "the first frame is held: {goes_m} m");

@@ -66,7 +66,7 @@ fn check(run: &Run) {
 }
 
 #[test]
-fn the_builtin_motion_is_written_from_home_to_rest() {
+fn builtin_motion_is_written_from_home_to_rest() {
     let run = replay("builtin");
     check(&run);
     let again = replay("builtin");
@@ -74,7 +74,7 @@ fn the_builtin_motion_is_written_from_home_to_rest() {
 }
 
 #[test]
-fn a_recorded_walk_is_written_from_home_to_rest() {
+fn recorded_walk_is_written_from_home_to_rest() {
     let clip = repository().join("../shared/motions/cmu/007_12.bvh");
     if !clip.exists() {
         eprintln!("skipped: {} is not there", clip.display());
@@ -84,7 +84,7 @@ fn a_recorded_walk_is_written_from_home_to_rest() {
 }
 
 #[test]
-fn a_run_is_compared_with_its_recording_and_half_a_recording_is_no_success() {
+fn recording_of_a_run_compares_equal_and_half_of_it_fails() {
     let folder = tempfile::tempdir().unwrap();
     let path = |name: &str| folder.path().join(name);
     let run = |arguments: &[&std::ffi::OsStr]| {
@@ -112,7 +112,7 @@ fn a_run_is_compared_with_its_recording_and_half_a_recording_is_no_success() {
 }
 
 #[test]
-fn a_file_that_is_no_motion_is_refused() {
+fn broken_motion_file_is_refused_with_its_line() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("broken.bvh");
     std::fs::write(&path, "HIERARCHY\nROOT Hips\n{\n OFFSET 0 0 zero\n").unwrap();

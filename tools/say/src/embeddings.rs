@@ -275,12 +275,12 @@ mod tests {
     use super::*;
 
     #[test]
-    fn only_tokens_that_the_mask_shows_are_averaged() {
+    fn mean_uses_only_the_tokens_of_the_mask() {
         assert_eq!(mean(&[1.0, 2.0, 3.0, 6.0, 100.0, f32::NAN], 2, &[1, 1, 0]), [2.0, 4.0]);
     }
 
     #[test]
-    fn what_has_no_direction_is_told_apart() {
+    fn vector_without_direction_cannot_be_normalised() {
         let mut vector = [3.0, -4.0];
         assert!(normalise(&mut vector) && vector == [0.6, -0.8]);
         for mut none in [[0.0, 0.0], [f64::NAN, 1.0], [f64::INFINITY, 1.0]] {

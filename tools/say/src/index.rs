@@ -81,7 +81,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn scores_are_those_of_the_formula() {
+    fn index_scores_match_the_bm25_formula() {
         let library = Library::from_text("captions.tsv", "a\twave wave hand\nb\thand\nc\tclap\n").expect("is good");
         let words = Words::new("");
         let index = Index::new(&library, &words);

@@ -111,7 +111,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_line_that_is_none_is_refused_by_its_number() {
+    fn malformed_caption_line_is_refused_by_its_number() {
         for text in [
             "a.bvh\twaves\nb.bvh",
             "a.bvh\twaves\n\tno file",

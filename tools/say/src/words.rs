@@ -53,7 +53,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn words_are_stems_and_synonyms_are_one() {
+    fn words_are_stemmed_and_synonyms_are_merged() {
         let words = Words::new("wave, greet, hello # to somebody\nwash, scrub\n\n# nothing\nscrub, polish");
         assert_eq!(words.of("He's WAVING, waves; greeted"), ["wave", "wave", "wave"]);
         assert_eq!(words.of("the person is with somebody"), [""; 0], "stop words");

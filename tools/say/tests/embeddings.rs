@@ -195,7 +195,7 @@ fn assert_near(found: &[(String, f64)], expected: &[(&str, f64)]) {
 }
 
 #[test]
-fn the_nearest_in_the_encoder_s_space_comes_first() {
+fn motions_are_ranked_by_nearness_of_their_embeddings() {
     let Some(runtime) = runtime_or_skip() else { return };
     let half = 0.5_f64.sqrt();
     for ends in [Ends::Rows, Ends::Sentence] {
@@ -216,7 +216,7 @@ fn the_nearest_in_the_encoder_s_space_comes_first() {
 }
 
 #[test]
-fn so_many_are_shown_as_are_asked_for_with_their_scores() {
+fn top_option_limits_the_motions_shown_with_scores() {
     let Some(runtime) = runtime_or_skip() else { return };
     let output = Scene::new(Ends::Rows).say("wave", runtime, &["--top", "2"]);
     let said = String::from_utf8_lossy(&output.stdout);
@@ -225,7 +225,7 @@ fn so_many_are_shown_as_are_asked_for_with_their_scores() {
 }
 
 #[test]
-fn what_is_found_is_played() {
+fn motion_found_by_embedding_is_played() {
     let Some(runtime) = runtime_or_skip() else { return };
     let scene = Scene::new(Ends::Rows);
     let motions = Path::new(env!("CARGO_MANIFEST_DIR")).join("../keyposes/motions");
@@ -239,7 +239,7 @@ fn what_is_found_is_played() {
 }
 
 #[test]
-fn what_is_no_encoder_or_no_embedding_is_refused_by_name() {
+fn invalid_encoder_or_embedding_is_refused_by_file_name() {
     let Some(runtime) = runtime_or_skip() else { return };
     let scene = Scene::new(Ends::Flat);
     scene.refused("wave", runtime, 65, &["model.onnx: output `flat` has the shape [4, 2] for 4 tokens", "[1, 4, d]"]);
@@ -259,7 +259,7 @@ fn what_is_no_encoder_or_no_embedding_is_refused_by_name() {
 
 /// Needs no onnxruntime, because the folder is checked first.
 #[test]
-fn a_folder_that_does_not_fit_the_library_is_refused_by_name() {
+fn embeddings_unfit_for_the_library_are_refused_by_file_name() {
     let nowhere = Path::new("/nowhere/libonnxruntime.so");
     let scene = Scene::new(Ends::Rows);
     let rows = |shape: &str, values: &[f32], texts: &[&str]| {
@@ -285,7 +285,7 @@ fn a_folder_that_does_not_fit_the_library_is_refused_by_name() {
 }
 
 #[test]
-fn a_library_that_is_missing_or_none_is_said() {
+fn missing_or_invalid_onnxruntime_is_refused_by_path() {
     let scene = Scene::new(Ends::Rows);
     scene.refused("wave", Path::new("/nowhere/libonnxruntime.so"), 66, &["/nowhere/libonnxruntime.so: No such file"]);
     scene.write("libnone.so", b"no library");

@@ -16,7 +16,7 @@ fn first(sentence: &str) -> String {
 }
 
 #[test]
-fn sentences_find_the_motion_that_they_describe() {
+fn sentence_finds_the_motion_that_it_describes() {
     for (sentence, file) in [
         ("wave with your left hand", "wave-left.bvh"),
         ("He greets somebody with his right arm", "wave-right.bvh"),
@@ -30,7 +30,7 @@ fn sentences_find_the_motion_that_they_describe() {
 }
 
 #[test]
-fn every_caption_is_of_a_motion_that_is_there_and_every_motion_has_one() {
+fn every_caption_has_a_motion_and_every_motion_a_caption() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../keyposes/motions");
     let library = say::Library::open(&folder).expect("the shipped library");
     for caption in 0..library.captions().len() {
@@ -44,7 +44,7 @@ fn every_caption_is_of_a_motion_that_is_there_and_every_motion_has_one() {
 }
 
 #[test]
-fn what_nothing_describes_is_said_and_fails() {
+fn sentence_without_a_match_fails_and_bad_library_is_refused() {
     let output = say(&["quantum chromodynamics"]);
     assert_eq!(output.status.code(), Some(1));
     let text = String::from_utf8_lossy(&output.stdout);
@@ -72,7 +72,7 @@ fn sentence_of_stop_words_is_refused_with_an_example() {
 }
 
 #[test]
-fn what_is_no_file_or_too_long_is_refused() {
+fn special_or_too_long_library_file_is_refused() {
     let folder = tempfile::tempdir().expect("a folder");
     let (captions, synonyms) = (folder.path().join("captions.tsv"), folder.path().join("synonyms.txt"));
     let library = folder.path().to_str().expect("a path");
@@ -104,7 +104,7 @@ fn what_is_no_file_or_too_long_is_refused() {
 }
 
 #[test]
-fn control_characters_reach_no_terminal() {
+fn control_characters_of_captions_are_not_printed() {
     let folder = tempfile::tempdir().expect("a folder");
     let text = "a\u{9b}b.bvh\twave \u{1b}]0;title\u{7} \u{7f}\u{9b}2J\ttwice\n";
     std::fs::write(folder.path().join("captions.tsv"), text).expect("a file");
@@ -122,7 +122,7 @@ fn control_characters_reach_no_terminal() {
 }
 
 #[test]
-fn so_many_are_shown_as_can_be() {
+fn top_option_limits_the_lines_and_is_refused_out_of_range() {
     for top in ["0", "101", "-1", "x"] {
         assert_eq!(say(&["wave", "--top", top]).status.code(), Some(2), "--top {top}");
     }
@@ -132,7 +132,7 @@ fn so_many_are_shown_as_can_be() {
 
 /// The whole path: words, the motion, the stages, the commands.
 #[test]
-fn words_move_the_robot() {
+fn sentence_played_offline_moves_the_left_elbow() {
     let folder = tempfile::tempdir().expect("a folder");
     let commands = folder.path().join("commands.csv");
     let output = say(&["wave hello, left", "--play", "--", "--offline", commands.to_str().expect("a path")]);

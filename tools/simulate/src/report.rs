@@ -153,7 +153,7 @@ mod tests {
     use crate::oracle::Violation;
 
     #[test]
-    fn what_is_printed_can_be_run_again_and_says_smallest_only_of_what_was_made_small() {
+    fn failure_report_gives_replay_command_and_says_if_shrunk() {
         let violation = Violation { tick: 7, invariant: "joint limits", detail: "of joint 3".to_owned() };
         let smallest = violation.clone();
         let mut failure = Failure { seed: 4, violation, schedule: vec![], shrunk: true, smallest, episodes: 9 };

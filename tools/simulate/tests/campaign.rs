@@ -30,7 +30,7 @@ fn told(sum: &Summary) -> String {
 }
 
 #[test]
-fn a_replay_is_bit_identical_and_another_seed_is_another_run() {
+fn replay_is_bit_identical_and_another_seed_differs() {
     let (subject, plan) = (subject(), plan(1, 9000, 1));
     let engaged = subject.engaged().expect("a clean start");
     let mut hashes = vec![];
@@ -48,7 +48,7 @@ fn a_replay_is_bit_identical_and_another_seed_is_another_run() {
 }
 
 #[test]
-fn results_do_not_depend_on_the_number_of_threads() {
+fn campaign_results_do_not_depend_on_the_number_of_threads() {
     let subject = subject();
     let one = campaign::run(&subject, &plan(5, 8500, 1), || {}).expect("a campaign");
     let three = campaign::run(&subject, &plan(5, 8500, 3), || {}).expect("a campaign");
@@ -56,7 +56,7 @@ fn results_do_not_depend_on_the_number_of_threads() {
 }
 
 #[test]
-fn a_planted_bug_is_found_and_its_schedule_made_small() {
+fn planted_bug_is_found_and_its_schedule_is_shrunk() {
     let subject = subject();
     let mut plan = plan(1, 9000, 1);
     plan.bug = Some(Bug::DeafWhileTargetsAreLost);
@@ -83,7 +83,7 @@ fn a_planted_bug_is_found_and_its_schedule_made_small() {
 }
 
 #[test]
-fn nothing_that_is_scheduled_breaks_a_promise() {
+fn campaign_of_every_scheduled_fault_breaks_no_promise() {
     let subject = subject();
     let sum = campaign::run(&subject, &plan(50, 11_000, 2), || {}).expect("a campaign");
     assert!(sum.failures.is_empty(), "{}", told(&sum));
@@ -100,7 +100,7 @@ fn nothing_that_is_scheduled_breaks_a_promise() {
 
 /// The first seed that breaks a promise ends the campaign, and is the same for any number of threads.
 #[test]
-fn a_campaign_until_found_ends_at_the_first_seed_that_breaks_a_promise() {
+fn campaign_until_found_ends_at_the_first_failing_seed() {
     let subject = subject();
     let kinds = ["drop-target", "estop-chatter"].map(|name| by_name(name).expect("a kind")).to_vec();
     let bug = Some(Bug::DeafWhileTargetsAreLost);
@@ -118,7 +118,7 @@ fn a_campaign_until_found_ends_at_the_first_seed_that_breaks_a_promise() {
 }
 
 #[test]
-fn a_schedule_names_what_is_wrong_with_it() {
+fn malformed_schedule_is_refused_with_its_wrong_part() {
     for (text, part) in [("nonsense@1+2:3", "nonsense"), ("frame-nan@1", "frame-nan@1"), ("frame-nan@x+2:3", "@x+2")] {
         let error = schedule::from_text(text).expect_err(text);
         assert!(error.contains(part), "{error}");
@@ -129,7 +129,7 @@ fn a_schedule_names_what_is_wrong_with_it() {
 
 /// The gate once took a new motion for the plan it stood on, and 7 ps were left over at the end of a phase.
 #[test]
-fn a_schedule_that_once_broke_a_promise_breaks_none() {
+fn schedule_of_a_fixed_bug_breaks_no_promise() {
     let subject = subject();
     let engaged = subject.engaged().expect("it engages");
     let episodes = schedule::from_text("release@1250+600:76faa591,sequence-wrap@4366+18:f5f0c95d").expect("a schedule");

@@ -15,7 +15,7 @@ fn figures(path: &Path) -> Value {
 }
 
 #[test]
-fn a_replay_writes_what_a_campaign_of_that_seed_writes() {
+fn replay_writes_the_same_figures_as_a_campaign_of_its_seed() {
     let folder = tempfile::tempdir().expect("a folder");
     let (one, all) = (folder.path().join("one.json"), folder.path().join("all.json"));
     // The old content is longer.
@@ -38,7 +38,7 @@ fn a_replay_writes_what_a_campaign_of_that_seed_writes() {
 }
 
 #[test]
-fn a_file_that_cannot_be_written_is_refused_before_the_run() {
+fn unwritable_json_file_is_refused_before_the_run() {
     for run in [&["--seeds", "1000000"][..], &["--replay", "4"]] {
         let output = simulate(&[run, &["--json", "/nowhere/at/all.json"]].concat());
         assert_eq!(output.status.code(), Some(73), "{output:?}");

@@ -79,7 +79,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_gradient_is_the_difference_quotient() {
+    fn clearance_gradient_matches_the_difference_quotient() {
         let file = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/robots/tiago_dual.toml");
         let (model, _) = pipeline::load_model(&file).unwrap();
         let mut frames = Frames::default();

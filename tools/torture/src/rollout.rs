@@ -203,7 +203,7 @@ mod tests {
     }
 
     #[test]
-    fn rest_at_home_is_good_and_its_clearance_the_models() {
+    fn rollout_at_rest_has_no_violation_and_the_models_clearance() {
         let model = model();
         let sim = robot(&model);
         let rolled = Judge::new(&model, &sim).roll(&Motion::rest(model.home), 0.5);
@@ -214,7 +214,7 @@ mod tests {
     }
 
     #[test]
-    fn every_kind_of_bad_plan_is_noticed() {
+    fn rollout_reports_every_kind_of_bad_plan() {
         let model = model();
         let sim = robot(&model);
         let mut judge = Judge::new(&model, &sim);

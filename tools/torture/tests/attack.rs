@@ -45,7 +45,7 @@ fn run(subject: &Subject, seed: u64, ticks: u64, threads: usize) -> Figures {
 }
 
 #[test]
-fn a_million_hostile_ticks_break_nothing() {
+fn million_hostile_ticks_cause_no_violation() {
     let subject = subject(true);
     let figures = run(&subject, 7, TICKS, cores());
     println!(
@@ -76,7 +76,7 @@ fn a_million_hostile_ticks_break_nothing() {
 }
 
 #[test]
-fn a_shelf_above_the_hands_is_not_touched() {
+fn shelf_above_the_hands_is_not_touched_under_attack() {
     let subject = below_a_shelf();
     let figures = run(&subject, 5, 30_000, 1);
     assert!(figures.kept(), "{:?}, {} refused, {} stops late", figures.first, figures.refusals, figures.late_stops);
@@ -84,7 +84,7 @@ fn a_shelf_above_the_hands_is_not_touched() {
 }
 
 #[test]
-fn without_certificate_and_gate_the_same_attack_collides() {
+fn same_attack_without_certificate_and_gate_collides() {
     let subject = subject(false);
     let figures = run(&subject, 7, 20_000, 1);
     assert!(figures.violations_of(ViolationKind::Clearance) > 0);
@@ -95,7 +95,7 @@ fn without_certificate_and_gate_the_same_attack_collides() {
 }
 
 #[test]
-fn figures_do_not_depend_on_the_number_of_threads() {
+fn attack_figures_do_not_depend_on_the_number_of_threads() {
     let subject = subject(true);
     let figures = [1, 3].map(|threads| {
         let parts = in_parallel(threads, 3, |part| chunk::run(&subject, 11, part as u64, 3000));
@@ -125,7 +125,7 @@ fn most_goals_are_reached() {
 }
 
 #[test]
-fn a_violation_of_true_motion_breaks_the_promise() {
+fn violation_of_true_motion_counts_as_a_broken_promise() {
     let mut figures = Figures::default();
     assert!(figures.kept());
     let mut part = Figures::default();
@@ -135,7 +135,7 @@ fn a_violation_of_true_motion_breaks_the_promise() {
 }
 
 #[test]
-fn a_joint_that_breaks_a_limit_is_counted() {
+fn joint_step_beyond_its_limits_is_counted() {
     // The checker that judges the attack gets a step that no driver would take.
     let subject = subject(true);
     let held = sim::State::new(&subject.sim, 1500, 1).follower().setpoint();
@@ -149,7 +149,7 @@ fn a_joint_that_breaks_a_limit_is_counted() {
 
 /// Both hands carry 0.5 kg, and whole-body control knows it.
 #[test]
-fn a_payload_that_is_told_overloads_no_motor() {
+fn known_payload_under_attack_overloads_no_motor() {
     let laden = subject(true).with_payload(&root().join("config/teleop.toml"), 0.5, true).unwrap();
     let figures = run(&laden, 7, 200_000, cores());
     assert!(figures.kept(), "{:?}, {} refused, {} stops late", figures.first, figures.refusals, figures.late_stops);
@@ -160,7 +160,7 @@ fn a_payload_that_is_told_overloads_no_motor() {
 
 /// The same attack with 2 kg that whole-body control does not know. Only the torques depend on that knowledge.
 #[test]
-fn a_payload_that_is_not_told_overloads_motors() {
+fn unknown_payload_under_attack_overloads_motors() {
     let laden = subject(true).with_payload(&root().join("config/teleop.toml"), 2.0, false).unwrap();
     let figures = run(&laden, 7, 50_000, cores());
     assert!(!figures.kept() && figures.violations_of(ViolationKind::Torque) > 0, "{:?}", figures.violations);

@@ -17,7 +17,7 @@ fn json(path: &PathBuf) -> serde_json::Value {
 }
 
 #[test]
-fn a_run_prints_and_writes_its_figures() {
+fn torture_run_prints_and_writes_its_figures() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("out.json");
     let output = torture(&["--ticks", "4000", "--goals", "1", "--seed", "5", "--json", &path.display().to_string()]);
@@ -47,7 +47,7 @@ fn a_run_prints_and_writes_its_figures() {
 }
 
 #[test]
-fn without_the_certificate_collisions_are_what_is_wanted() {
+fn run_without_certificate_succeeds_only_with_a_collision() {
     let output = torture(&["--ticks", "20000", "--no-certificate"]);
     assert_eq!(output.status.code(), Some(0), "{}", said(&output));
     // These ticks are too few for a collision. The command says that it showed nothing.
@@ -57,7 +57,7 @@ fn without_the_certificate_collisions_are_what_is_wanted() {
 }
 
 #[test]
-fn without_the_proof_of_torques_overload_is_what_is_wanted() {
+fn run_without_torque_proof_succeeds_only_with_an_overload() {
     let output = torture(&["--ticks", "20000", "--no-torque"]);
     assert_eq!(output.status.code(), Some(0), "{}", said(&output));
     let output = torture(&["--ticks", "2", "--no-torque"]);
@@ -66,7 +66,7 @@ fn without_the_proof_of_torques_overload_is_what_is_wanted() {
 }
 
 #[test]
-fn what_cannot_be_done_is_refused_with_its_bound() {
+fn invalid_option_or_path_is_refused_by_name() {
     for (arguments, code, words) in [
         (vec!["--rate", "1000"], 64, vec!["--rate = 1000", "1500"]),
         (vec!["--ticks", "0"], 64, vec!["--ticks = 0", "at least 1"]),
@@ -84,7 +84,7 @@ fn what_cannot_be_done_is_refused_with_its_bound() {
 
 /// Users of trajectory controllers must not take the figures of another interface for theirs.
 #[test]
-fn an_interface_that_is_not_attacked_is_refused() {
+fn interface_other_than_direct_is_refused() {
     let folder = tempfile::tempdir().unwrap();
     let config = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config").canonicalize().unwrap();
     let direct = std::fs::read_to_string(config.join("teleop.toml")).unwrap();

@@ -166,7 +166,7 @@ fn attack(subject: &Subject, meshes: &Meshes, seed: u64, ticks: u64) -> (f64, St
 }
 
 #[test]
-fn the_meshes_stay_apart_under_attack() {
+fn meshes_under_attack_stay_apart_only_with_certificate() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
     let folder: PathBuf = root.join("../shared/robots/tiago_dual");
     if !folder.join("meshes").exists() {

@@ -10,7 +10,7 @@ use torture::parallel::in_parallel;
 const EVERY: usize = 12;
 
 #[test]
-fn recorded_motions_break_nothing() {
+fn recorded_motions_cause_no_violation() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
     let folder = root.join("../shared/motions/cmu");
     if !folder.exists() {

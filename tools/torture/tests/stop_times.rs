@@ -25,7 +25,7 @@ fn no_state_takes_longer_to_stop_than_its_bound() {
 }
 
 #[test]
-fn the_bound_of_a_state_is_that_of_its_slowest_joint() {
+fn stop_bound_of_a_state_is_that_of_its_slowest_joint() {
     let subject = subject();
     let bounds = subject.wbc.bounds();
     let mut v = [0.0; JOINTS];

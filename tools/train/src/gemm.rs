@@ -135,7 +135,7 @@ mod tests {
     }
 
     #[test]
-    fn products_agree_with_the_textbook_in_every_layout() {
+    fn matrix_product_matches_the_naive_one_in_every_layout() {
         let (m, k, n) = (7, 13, 5);
         let a: Vec<f32> = (0..m * k).map(|i| (i as f32 * 0.37).sin()).collect();
         let b: Vec<f32> = (0..k * n).map(|i| (i as f32 * 0.91).cos()).collect();
@@ -158,7 +158,7 @@ mod tests {
 
     #[test]
     #[should_panic(expected = "inner dimensions")]
-    fn products_of_unlike_shapes_are_refused() {
+    fn matrix_product_of_mismatched_shapes_panics() {
         multiply(&mut [0.0; 4], Mat::new(&[0.0; 6], 2, 3), Mat::new(&[0.0; 4], 2, 2), false);
     }
 }

@@ -223,7 +223,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn the_gradient_of_the_metric_agrees_with_finite_differences() {
+    fn metric_gradient_agrees_with_finite_differences() {
         let arm = example_arm();
         for i in 0..50 {
             let human = arm.forward(&pose(0.37 * i as f32 + 1.0));
@@ -246,7 +246,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn the_reference_posture_is_the_t_pose_and_flexion_goes_forward() {
+    fn reference_posture_is_the_t_pose_and_flexion_points_forward() {
         let arm = example_arm();
         let limbs = arm.forward(&arm.reference);
         assert!(limbs.iter().all(|q| limb_degrees(*q, [0.0, 0.0, 0.0, 1.0]) < 1e-3));
@@ -258,7 +258,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn degrees_do_not_depend_on_the_sign_of_a_quaternion() {
+    fn limb_error_does_not_depend_on_the_sign_of_a_quaternion() {
         let a = about([0.0, 0.0, 1.0], 0.3);
         let b = about([0.0, 0.0, 1.0], 0.3 + PI / 6.0);
         let flipped = b.map(|v| -v);

@@ -216,7 +216,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_exponential_is_accurate_over_its_range() {
+    fn exponential_is_accurate_over_its_range() {
         for i in -8700..=8700 {
             let x = i as f32 * 0.01;
             let want = f64::from(x).exp();
@@ -226,7 +226,7 @@ mod tests {
     }
 
     #[test]
-    fn a_layer_computes_what_its_definition_says() {
+    fn hidden_layer_output_matches_its_definition() {
         let mlp = Mlp::new(Shape { input: 2, hidden_layers: 1, hidden_width: 1, output: 1 }, 3);
         assert_eq!(mlp.end(), 3 + 2 + 1 + 1 + 1);
         let parameters = [9.0, 9.0, 9.0, 0.5, -1.0, 0.25, 2.0, 0.125];

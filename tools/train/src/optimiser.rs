@@ -88,7 +88,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_rate_rises_over_the_warm_up_and_falls_to_zero() {
+    fn learning_rate_rises_over_the_warm_up_and_falls_to_zero() {
         let schedule = Schedule { peak: 1e-3, warm_up: 500, second_decay: 0.999, steps: 40_000 };
         assert!(schedule.rate(0) < 3e-6);
         assert!((schedule.rate(500) - 1e-3).abs() < 1e-12);
@@ -98,7 +98,7 @@ mod tests {
     }
 
     #[test]
-    fn the_first_step_moves_every_parameter_by_the_rate_against_its_gradient() {
+    fn first_adam_step_moves_by_the_rate_against_the_gradient() {
         let mut adam = Adam::new(vec![1.0, 1.0, 1.0]);
         let schedule = Schedule { peak: 0.01, warm_up: 0, second_decay: 0.999, steps: 10 };
         adam.step([&[0.5, -2.0, 0.0], &[1.5, -2.0, 0.0]], 0, &schedule);
@@ -108,7 +108,7 @@ mod tests {
     }
 
     #[test]
-    fn it_finds_the_bottom_of_a_bowl() {
+    fn adam_finds_the_minimum_of_a_quadratic() {
         let mut adam = Adam::new(vec![3.0, -2.0]);
         let schedule = Schedule { peak: 0.1, warm_up: 10, second_decay: 0.999, steps: 500 };
         for step in 0..500 {

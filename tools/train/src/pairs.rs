@@ -126,7 +126,7 @@ mod tests {
     use crate::kinematics::{s_gr, tests::example_arm};
 
     #[test]
-    fn the_search_finds_what_comparing_all_finds() {
+    fn pair_search_finds_the_least_distance_over_all_postures() {
         let arm = example_arm();
         let postures = random_postures(3 * POSTURES + 17, 5);
         let pairs = matched(&arm, &postures, &Recorded::default(), &Mixture::default(), 2 * HUMANS + 3, 6);

@@ -240,7 +240,7 @@ mod tests {
     }
 
     #[test]
-    fn a_batch_depends_on_its_seed_step_and_shard_alone() {
+    fn batch_depends_on_its_seed_step_and_shard_alone() {
         let recorded = Recorded { frames: vec![[[[0.0, 0.0, 0.0, 1.0]; 2]; 2]; 3] };
         let draw = |seed, step, shard| {
             let mut batch = Batch::new(16, Pose::default());

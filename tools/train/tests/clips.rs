@@ -14,14 +14,14 @@ fn folder_of(count: usize) -> tempfile::TempDir {
 }
 
 #[test]
-fn a_missing_folder_is_named() {
+fn missing_clip_folder_is_refused_by_path() {
     let error = Clips::read(Path::new("/nowhere/at/all"), CalibrationMode::Clip).expect_err("is refused");
     assert!(error.to_string().contains("/nowhere/at/all"), "{error}");
     assert_eq!(error.exit_code(), 66);
 }
 
 #[test]
-fn a_folder_without_usable_clips_is_refused_with_every_file_and_its_reason() {
+fn folder_without_usable_clips_is_refused_with_every_file() {
     let folder = folder_of(4);
     let text = Clips::read(folder.path(), CalibrationMode::Clip).expect_err("is refused").to_string();
     assert!(text.contains("0 of 4 motion files are usable"), "{text}");

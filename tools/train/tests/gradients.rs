@@ -168,12 +168,12 @@ fn weightings() -> [(&'static str, Weighting); 9] {
 }
 
 #[test]
-fn every_term_and_every_network_has_the_gradient_of_automatic_differentiation() -> Result<()> {
+fn gradients_with_a_latent_per_arm_match_autodiff() -> Result<()> {
     gradients_agree(Pose::default())
 }
 
 #[test]
-fn so_it_has_with_one_latent_for_both_arms() -> Result<()> {
+fn gradients_with_one_latent_for_both_arms_match_autodiff() -> Result<()> {
     gradients_agree(Pose { arms: 2, input: HumanInput::Axes })?;
     gradients_agree(Pose { arms: 2, input: HumanInput::LocalQuaternions })
 }

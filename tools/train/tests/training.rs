@@ -63,7 +63,7 @@ fn scratch() -> (tempfile::TempDir, PathBuf) {
 }
 
 #[test]
-fn three_hundred_steps_cut_the_loss_to_a_third_and_the_error_to_half() {
+fn training_of_300_steps_cuts_loss_to_third_and_error_to_half() {
     let mut run = session(300, 1);
     let poses = unseen_poses();
     let before = run.mean_limb_degrees(&poses);
@@ -76,7 +76,7 @@ fn three_hundred_steps_cut_the_loss_to_a_third_and_the_error_to_half() {
 }
 
 #[test]
-fn a_seed_gives_the_same_bits_and_another_seed_others() {
+fn training_is_bit_identical_per_seed_and_differs_by_seed() {
     let run = |seed| {
         let mut run = session(40, seed);
         advance(&mut run, 40);
@@ -87,7 +87,7 @@ fn a_seed_gives_the_same_bits_and_another_seed_others() {
 }
 
 #[test]
-fn a_resumed_run_equals_an_uninterrupted_one_bit_for_bit() {
+fn resumed_run_equals_an_uninterrupted_one_bit_for_bit() {
     let (_folder, path) = scratch();
     let mut whole = session(60, 5);
     advance(&mut whole, 60);
@@ -102,7 +102,7 @@ fn a_resumed_run_equals_an_uninterrupted_one_bit_for_bit() {
 }
 
 #[test]
-fn a_checkpoint_of_another_robot_other_poses_or_half_a_file_is_refused() {
+fn checkpoint_of_other_robot_or_poses_or_cut_file_is_refused() {
     let (_folder, path) = scratch();
     let arm = Arm::from(&identity().arm);
     save(&path, &session(10, 5), &origin()).expect("a checkpoint can be written");
@@ -117,7 +117,7 @@ fn a_checkpoint_of_another_robot_other_poses_or_half_a_file_is_refused() {
 }
 
 #[test]
-fn written_weights_give_the_retargeting_the_outputs_of_the_trainer() {
+fn written_weights_give_retargeting_the_outputs_of_training() {
     let (folder, _) = scratch();
     let base = folder.path().join("example.v1");
     let mut run = session(50, 2);
@@ -166,7 +166,7 @@ fn both_arms(frames: &[[Limbs; 2]]) -> Vec<[retarget::Limbs; 2]> {
 }
 
 #[test]
-fn a_written_baseline_gives_what_its_run_gives_and_damage_is_refused() {
+fn written_baseline_matches_its_run_and_damage_is_refused() {
     let (folder, _) = scratch();
     let base = folder.path().join("example");
     for preset in [Preset::Paper, Preset::OursPose, Preset::OursNoLtc] {
@@ -197,7 +197,7 @@ fn gives_what_its_run_gives(base: &Path, preset: Preset) {
 }
 
 #[test]
-fn s3le_answers_with_known_postures_alone_and_its_pairs_draw_the_latents_together() {
+fn s3le_answers_only_known_postures_and_pairing_loss_falls() {
     let (folder, _) = scratch();
     let base = folder.path().join("s3le");
     let arm = Arm::from(&identity().arm);

@@ -69,7 +69,7 @@ mod tests {
     }
 
     #[test]
-    fn a_way_is_compared_at_its_own_times() {
+    fn way_is_compared_with_the_person_at_its_own_times() {
         // The person turns at 1 rad/s. From the newest skeleton on, 3 s after the beginning, the way has 2
         // rad/s.
         let (delay_ns, newest_ns) = (120_000_000, 3_000_000_000);

@@ -65,7 +65,7 @@ mod tests {
     }
 
     #[test]
-    fn between_two_skeletons_the_limbs_turn_evenly_and_none_is_made_up() {
+    fn limbs_between_two_valid_skeletons_are_interpolated() {
         let mut person = Person::default();
         assert_eq!(person.at(Stamp(5)), None);
         for (at_ms, angle, flags) in [

@@ -115,7 +115,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_step_is_where_the_sum_has_no_slope() {
+    fn riccati_step_minimises_the_sum() {
         let dt = 0.1;
         let node = |k: usize| {
             let number = |i: usize| ((7 * k + 3 * i) % 11) as f64 / 11.0;

@@ -116,7 +116,7 @@ mod tests {
     }
 
     #[test]
-    fn swings_teach_a_swing_of_another_pace_and_any_threads_find_the_same() {
+    fn fit_predicts_swing_of_unseen_pace_and_ignores_thread_count() {
         let known: Vec<Recording> = [0.6, 0.8, 1.2, 1.5].map(|hz| swinging(hz, 8.0)).into();
         let learn = || fit(&draw(&known, 800, 1)).expect("enough rows");
         let prediction = learn();
@@ -130,7 +130,7 @@ mod tests {
     }
 
     #[test]
-    fn what_nobody_did_cannot_be_learnt() {
+    fn fit_without_enough_motion_returns_none() {
         assert_eq!(fit(&draw(&[], 100, 1)), None);
         assert_eq!(fit(&draw(&[swinging(1.0, 0.3)], 100, 1)), None, "shorter than what is predicted");
     }
