@@ -263,7 +263,7 @@ impl Control {
 fn deed_name(deed: AuditEvent) -> &'static str {
     match deed {
         AuditEvent::Connected => "connected",
-        AuditEvent::Forbidden => "refused: neither the daemon's user nor a member of the socket's group",
+        AuditEvent::Forbidden => "refused: only the daemon's user and members of the socket's group may connect",
         AuditEvent::Enabled => "pressed the enable",
         AuditEvent::Recovers => "pressed the recovery",
         AuditEvent::EmergencyStop => "pressed the emergency stop",
