@@ -103,7 +103,7 @@ fn change(made: &Transition, status: &Status, names: &Names) -> String {
         (Some(Mode::Holding), _, None) => "let go: the robot stops".into(),
         (Some(Mode::Disengaged), _, Some(why)) => format!("released because of {why}"),
         (Some(Mode::Disengaged), Transition::RECOVERED, None) => "recovered: the robot may be engaged".into(),
-        (Some(Mode::Disengaged), Transition::BLOCKED, None) => "released: the recovery finds no way".into(),
+        (Some(Mode::Disengaged), Transition::BLOCKED, None) => "released: the recovery found no path".into(),
         (Some(Mode::Disengaged), Transition::RESET, None) => "reset: the robot may be engaged".into(),
         (Some(Mode::Disengaged), _, None) => "released: the robot is at rest and keeps its posture".into(),
         (Some(Mode::Faulted), _, why) => {

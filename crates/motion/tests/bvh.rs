@@ -222,7 +222,7 @@ fn f104_damage_is_named_with_its_line() {
     let nested = format!("HIERARCHY\nROOT a\n{{\n{}", "JOINT b\n{\n".repeat(100_000));
     let wide = format!("HIERARCHY\nROOT a\n{{\n{}", "JOINT b\n{\n}\n".repeat(100_000));
     let last = good.trim_end().rsplit_once(' ').map(|(head, _)| head.to_owned()).expect("a number");
-    let cut = format!("line {frame_line}: the file ends where a number");
+    let cut = format!("line {frame_line}: the file ends, expected a number");
     let cases: Vec<(&str, Vec<u8>, &str)> = vec![
         ("empty", b"".to_vec(), "empty"),
         ("blank", b" \n\t\r\n ".to_vec(), "empty"),
@@ -231,7 +231,7 @@ fn f104_damage_is_named_with_its_line() {
         ("invalid bytes", [good.as_bytes(), b"\xff\xff".as_slice()].concat(), "more numbers than"),
         ("nested", nested.into_bytes(), "nested joints: 129, at most 128"),
         ("wide", wide.into_bytes(), "joints: 2049, at most 2048"),
-        ("truncated hierarchy", good.split("JOINT LeftLeg").next().unwrap_or("").into(), "the file ends where"),
+        ("truncated hierarchy", good.split("JOINT LeftLeg").next().unwrap_or("").into(), "the file ends, expected"),
         ("truncated frame", last.into_bytes(), &cut),
         (
             "claims 10 GB",

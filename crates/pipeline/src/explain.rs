@@ -371,7 +371,7 @@ mod tests {
         assert!(texts[1].starts_with("Holding after Engaging: CollisionNear"), "{texts:?}");
         assert!(texts[1].contains("part 3 and part 4"), "{texts:?}");
         assert!(texts[2].starts_with("StateLate: "), "{texts:?}");
-        let why = "parts were too close where the stop ends (part 1 and part 2)";
+        let why = "parts would be too close where the stop ends (part 1 and part 2)";
         assert_eq!(texts[3], format!("The gate denied 2 commands, the last one because {why}."));
         assert_eq!(texts[4], "7 motions were refused, the plan went on: part 5 and part 6 would have come too close.");
         assert!(texts[5].starts_with("Frames of the person are dropped: Size: hips to shoulders"), "{texts:?}");

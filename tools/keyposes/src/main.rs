@@ -79,7 +79,7 @@ fn space(text: &str) -> Result<Space, String> {
     match text {
         "latent" => Ok(Space::Latent),
         "joint" => Ok(Space::Joint),
-        _ => Err("is one of latent, joint".into()),
+        _ => Err("must be latent or joint".into()),
     }
 }
 
