@@ -122,7 +122,7 @@ fn an_operator_is_measured_and_known_in_the_next_session() {
     let refused = calibrate(&rig, "bert", &place).output().expect("teleopctl runs");
     let why = String::from_utf8_lossy(&refused.stderr);
     assert!(
-        !refused.status.success() && why.contains("operator_id 5 and layout 1 are those of anna.toml already"),
+        !refused.status.success() && why.contains("operator_id 5 with layout 1 belongs to anna.toml already"),
         "{why}"
     );
     assert!(!place.join("bert.toml").exists() && place.join("anna.toml").exists());
