@@ -166,7 +166,7 @@ fn nobody_is_measured_while_the_robot_follows_or_nobody_is_there() {
     }
     let ended = waiting.wait_with_output().expect("its words");
     let (said, why) = (String::from_utf8_lossy(&ended.stdout), String::from_utf8_lossy(&ended.stderr));
-    assert!(said.contains("no skeletons come"), "{said}");
+    assert!(said.contains("no skeletons arrive"), "{said}");
     assert!(!ended.status.success() && why.contains("nothing was written"), "{why}");
     let refused = calibrate(&rig, "anna", &place).output().expect("teleopctl runs");
     let why = String::from_utf8_lossy(&refused.stderr);

@@ -78,11 +78,11 @@ fn an_engage_that_is_refused_says_what_helps() {
     let hand = rig.hand();
     hand.wait("told that nobody publishes", |status| Faults(status.faults).has(Fault::InputStale));
     let (code, said) = teleopctl(&rig, "engage");
-    assert!(code == Some(1) && said.contains("which client holds authority"), "{said}");
+    assert!(code == Some(1) && said.contains("which client holds the lease"), "{said}");
     let _client = rig.client(&motion::builtin(), 33);
     hand.engage_until(Mode::Engaging);
     let (code, said) = teleopctl(&rig, "engage");
-    assert!(code == Some(1) && said.contains("another hand") && said.contains("teleopctl release"), "{said}");
+    assert!(code == Some(1) && said.contains("another operator") && said.contains("teleopctl release"), "{said}");
 }
 
 #[test]

@@ -88,7 +88,7 @@ fn engage_tells_each_change_until_it_is_let_go() {
         }
     };
     let told: Vec<&str> = said.lines().filter_map(|line| line.split_once(" s  ").map(|(_, words)| words)).collect();
-    assert_eq!(told.first(), Some(&"the enable is held; Ctrl-C lets go"), "{said}");
+    assert_eq!(told.first(), Some(&"the enable is held; Ctrl-C releases it"), "{said}");
     let at =
         |what: &str| told.iter().position(|words| words.starts_with(what)).unwrap_or_else(|| panic!("{what}: {said}"));
     assert!(at("engaging: ") < at("engaged: ") && at("engaged: ") < at("released: "), "{said}");

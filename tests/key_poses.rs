@@ -149,7 +149,7 @@ fn the_robot_goes_where_a_page_drags_the_handle_and_silence_ends_it() {
         }
         assert!(Instant::now() < give_up, "never silent");
     };
-    assert!(silent.contains("silent"), "{silent}");
+    assert!(silent.contains("stopped answering"), "{silent}");
     hand.wait("holding", |status| status.mode == Mode::Holding as u32 || status.mode == Mode::Disengaged as u32);
     let domain = bus::Domain::open(rig.instance.core_domain(), "test").expect("the core domain");
     let mut skeletons = domain.reader::<Skeleton>(Service::Skeleton).expect("skeletons");

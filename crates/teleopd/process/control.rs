@@ -268,10 +268,10 @@ fn deed_name(deed: AuditEvent) -> &'static str {
         AuditEvent::Recovers => "pressed the recovery",
         AuditEvent::EmergencyStop => "pressed the emergency stop",
         AuditEvent::Reset => "pressed reset",
-        AuditEvent::PayloadLeft => "said what the left hand carries",
-        AuditEvent::PayloadRight => "said what the right hand carries",
+        AuditEvent::PayloadLeft => "set the left hand's payload",
+        AuditEvent::PayloadRight => "set the right hand's payload",
         AuditEvent::ResetRefused => {
-            "pressed reset, refused: another user pressed the emergency stop and has to reset it first"
+            "pressed reset, refused: another user pressed the emergency stop and must reset it first"
         }
     }
 }
