@@ -259,7 +259,7 @@ fn a_copy_of_the_settings_alone_says_which_key_leads_nowhere() {
 fn what_is_no_file_or_leads_nowhere_is_said_at_once() {
     let patient = Patient::new();
     std::os::unix::fs::symlink("/nowhere/at/all", &patient.run_dir).expect("a link");
-    patient.shows("run folder", "problem", &["leads nowhere"], "");
+    patient.shows("run folder", "problem", &["dangling link"], "");
     // Opening a pipe without a writer would block.
     std::fs::remove_file(&patient.config).expect("it was there");
     let made = Command::new("mkfifo").arg(&patient.config).status().expect("mkfifo");

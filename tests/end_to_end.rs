@@ -363,7 +363,7 @@ fn f092_a_second_writer_of_the_core_domain_is_refused() {
     let mut rig = Rig::empty();
     rig.start("sim");
     rig.start("control");
-    let running = format!("teleopd: an instance runs in {} already", rig.folder().display());
+    let running = format!("teleopd: an instance already runs in {}", rig.folder().display());
     let expected = [
         ("sim", "driver is already running"),
         ("control", "operator.sock"),

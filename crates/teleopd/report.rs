@@ -27,7 +27,7 @@ impl Report {
         let read = |process: &str| -> Result<Value, Failure> {
             let path = instance.report(process);
             let text = std::fs::read_to_string(&path).map_err(|error| {
-                Failure::new(Exit::Failed, format!("{process} left no figures: {}: {error}", path.display()))
+                Failure::new(Exit::Failed, format!("{process} wrote no figures: {}: {error}", path.display()))
             })?;
             serde_json::from_str(&text)
                 .map_err(|error| Failure::new(Exit::Failed, format!("{}: {error}", path.display())))
@@ -36,7 +36,7 @@ impl Report {
         let robot = read("robot")?;
         let timelines = [&retarget, &control, &sim].map(|figures| Timeline::from_json(&figures["timeline"]));
         let [Some(of_retarget), Some(of_control), Some(of_driver)] = timelines else {
-            return Err(Failure::new(Exit::Failed, "a process left no timeline"));
+            return Err(Failure::new(Exit::Failed, "a process wrote no timeline"));
         };
         let (first, last) = of_retarget.span().ok_or_else(|| Failure::new(Exit::Failed, "retarget never ticked"))?;
         let length = last - first + 1;
@@ -134,8 +134,8 @@ impl Report {
         let meaning = FAULTS.iter().find(|row| row.name == why).map_or("", |row| row.meaning);
         (share < FOLLOWED_MIN).then(|| {
             format!(
-                "the robot followed for {:.0} % of the motion only, and held most often for {why}: {meaning} On a busy machine \
-                 close other programs; `teleopd doctor` says what else helps",
+                "the robot followed for only {:.0} % of the motion, and held most often because of {why}: {meaning} On \
+                 a busy machine close other programs; `teleopd doctor` says what else helps",
                 share * 100.0
             )
         })
@@ -175,7 +175,8 @@ impl Report {
             out!("{label:<34} {:>10} {:>10}", degrees(&row["mean"]), degrees(&row["p95"]));
         }
         out!(
-            "(mean of four angles: the person's upper arms and forearms against the robot's, in its targets and as measured;"
+            "(mean of four angles: the person's upper arms and forearms against the robot's, in its targets and as \
+             measured;"
         );
         out!(" throughout: holds count too; p95: 95 of 100 ticks lie below)");
         let tracking = &v["tracking_error_rad"];

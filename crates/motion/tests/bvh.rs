@@ -247,9 +247,9 @@ fn f104_damage_is_named_with_its_line() {
         ("infinite", good.replace("OFFSET 0.000000 9", "OFFSET inf 9").into_bytes(), "OFFSET inf is not within"),
         ("1e30", good.replace("OFFSET 0.000000 9", "OFFSET 1e30 9").into_bytes(), "is not within"),
         ("channels", good.replacen("CHANNELS 6", "CHANNELS 4000000000", 1).into_bytes(), "CHANNELS: 4000000000"),
-        ("channel", good.replacen("Xposition", "Wposition", 1).into_bytes(), "\"Wposition\" where"),
+        ("channel", good.replacen("Xposition", "Wposition", 1).into_bytes(), "\"Wposition\", expected"),
         ("brace", good.replacen('{', "[", 1).into_bytes(), "line 3: "),
-        ("second root", good.replacen("MOTION", "ROOT Other", 1).into_bytes(), "\"ROOT\" where MOTION"),
+        ("second root", good.replacen("MOTION", "ROOT Other", 1).into_bytes(), "\"ROOT\", expected MOTION"),
     ];
     for (name, text, expected) in cases {
         match parse_bvh(name, &text) {
