@@ -241,8 +241,8 @@ fn what_is_no_mix_ends_the_page_and_so_does_a_flood() {
 fn key_poses_that_are_none_are_named() {
     let rig = Rig::empty();
     for (arguments, code, expected) in [
-        (vec!["--key-poses", "t-pose,rest"], 64, "--key-poses: pose t-pose,rest: 2 poses, not the 3"),
-        (vec!["--key-poses", "t-pose,rest,headstand"], 64, "pose headstand: is neither FILE.bvh:FRAME"),
+        (vec!["--key-poses", "t-pose,rest"], 64, "--key-poses: pose t-pose,rest: 2 poses; a triangle needs 3"),
+        (vec!["--key-poses", "t-pose,rest,headstand"], 64, "pose headstand: must be FILE.bvh:FRAME"),
         (vec!["--key-poses", "t-pose,rest,missing.bvh:1"], 66, "missing.bvh"),
         (vec!["--key-poses", "t-pose,rest,clap", "a.mcap"], 2, "cannot be used with"),
     ] {

@@ -58,8 +58,8 @@ pub enum BusError {
     /// The folder belongs to another user.
     #[error(
         "{}: this instance belongs to user {owner}, and this program runs as user {own}. Shared memory serves one \
-         user. Run \
-         this as that user (sudo -u '#{owner}' ...), or use the sockets of the instance: skeleton.sock, operator.sock",
+         user. Run this as that user (sudo -u '#{owner}' ...), or use the sockets of the instance: skeleton.sock, \
+         operator.sock",
         root.display()
     )]
     Foreign {

@@ -65,15 +65,13 @@ impl InputConfig {
             DropReason::NotFinite => "a number is NaN or infinite",
             DropReason::OutOfRange => {
                 "a coordinate is beyond 100 m, a joint more than 1.5 m from the pelvis, or a confidence not 0 to 1 \
-                 (are the \
-                 units those of the layout?)"
+                 (are the units those of the layout?)"
             }
             DropReason::NotUnit => "a quaternion or a hinge is not of length 1",
             DropReason::TrunkLost => "shoulders or hips are below a confidence of 0.5",
             DropReason::Size => {
-                "hips to shoulders are not 0.29 to 0.73 m, or an upper arm or a forearm is not 0.3 to 0.9 of that (are \
-                 the \
-                 units and the order of the joints those of the layout?)"
+                "hips to shoulders are not 0.29 to 0.73 m, or an upper arm or a forearm is not 0.3 to 0.9 of that \
+                 (are the units and the order of the joints those of the layout?)"
             }
             DropReason::NotUpright => "the trunk is not upright at the start (is the up axis the layout's?)",
             DropReason::Chirality => "left and right are swapped, or the person is mirrored",

@@ -52,8 +52,7 @@ pub fn port_refused(port: u16, option: &str, error: &Error) -> String {
     match error.kind() {
         ErrorKind::AddrInUse => format!(
             "port {port} of this machine is in use by another program. End that one (ss -ltnp 'sport = :{port}' names \
-             it), or \
-             give another port: {option} 0 takes any free one"
+             it), or give another port: {option} 0 takes any free one"
         ),
         ErrorKind::PermissionDenied => {
             format!(

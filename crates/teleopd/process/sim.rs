@@ -95,8 +95,7 @@ pub fn run(place: &InstanceArgs) -> Result<(), Failure> {
         let cause = Command::new(&program).args(std::env::args_os().skip(2)).exec();
         let text = format!(
             "{}: driver.program = {:?} cannot be started: {cause}. Name a program that this user may run, or leave it \
-             empty for \
-             the simulated robot",
+             empty for the simulated robot",
             place.config.display(),
             loaded.settings.driver.program
         );

@@ -108,7 +108,7 @@ fn a_run_is_compared_with_its_recording_and_half_a_recording_is_no_success() {
     let compared = run(&["--compare".as_ref(), half.as_ref()]);
     assert_eq!(compared.status.code(), Some(1), "{compared:?}");
     let said = String::from_utf8_lossy(&compared.stderr);
-    assert!(said.contains("half.mcap: the file breaks off") && !said.contains("equal"), "{said}");
+    assert!(said.contains("half.mcap: the file is truncated") && !said.contains("equal"), "{said}");
 }
 
 #[test]

@@ -36,8 +36,7 @@ fn ask(device: &Path) -> Result<File, String> {
         let help = match error.kind() {
             std::io::ErrorKind::PermissionDenied => {
                 "; give the user of this process access: in /etc/udev/rules.d/60-teleop.rules, \
-                 KERNEL==\"cpu_dma_latency\", \
-                 OWNER=\"teleop\", MODE=\"0660\""
+                 KERNEL==\"cpu_dma_latency\", OWNER=\"teleop\", MODE=\"0660\""
             }
             std::io::ErrorKind::NotFound => "; the kernel has none, or the unit's DevicePolicy hides it",
             _ => "",
