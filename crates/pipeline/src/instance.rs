@@ -135,8 +135,7 @@ fn refuse_foreign(run_dir: &Path) -> std::io::Result<()> {
         if found.is_dir() && (mode & 0o002 != 0 || group) {
             let (who, right) = if group { ("members of another group", "g-w") } else { ("other users", "o-w") };
             let text = format!(
-                "{who} may write to the {what} (mode {mode:04o}). Run chmod {right} on it, or give \
-                another folder"
+                "{who} may write to the {what} (mode {mode:04o}). Run chmod {right} on it, or give another folder"
             );
             return Err(std::io::Error::new(std::io::ErrorKind::PermissionDenied, text));
         }

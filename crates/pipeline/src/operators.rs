@@ -106,8 +106,7 @@ impl Operators {
             if let Some((_, other)) = all.0.iter().find(|(_, other)| other.key() == operator.key()) {
                 let (id, layout) = operator.key();
                 let cause = format!(
-                    "operator_id {id} with layout {layout} is also that of {:?}; remove one of the \
-                    files",
+                    "operator_id {id} with layout {layout} is also that of {:?}; remove one of the files",
                     other.name
                 );
                 return Err(ConfigError::Syntax { file, cause });
@@ -144,12 +143,8 @@ impl Operators {
                 (false, false) => {}
             }
         }
-        (self.0.len() >= OPERATORS_MAX).then(|| {
-            format!(
-                "there are {OPERATORS_MAX} files, the most that are read; \
-            remove one"
-            )
-        })
+        (self.0.len() >= OPERATORS_MAX)
+            .then(|| format!("there are {OPERATORS_MAX} files, the most that are read; remove one"))
     }
 
     /// Returns the calibration of a client's person in a layout.

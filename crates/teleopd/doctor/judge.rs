@@ -282,11 +282,9 @@ fn governor(cores: &Cores) -> Finding {
             format!("core {core} has {name} ({} of {} cores not performance)", slow.len(), cores.governors.len()),
             "cpupower frequency-set -g performance",
         ),
-        None if cores.governors.is_empty() => Finding::ok(
-            "governor",
-            "none: this machine does not scale its \
-            frequency",
-        ),
+        None if cores.governors.is_empty() => {
+            Finding::ok("governor", "none: this machine does not scale its frequency")
+        }
         None => Finding::ok("governor", "performance"),
     }
 }

@@ -219,12 +219,8 @@ impl Soaked {
     /// Returns everything that must not have happened.
     pub fn complaints(&self) -> Vec<String> {
         let mut complaints = self.trouble.clone();
-        complaints.extend(self.false_stops.iter().map(|stop| {
-            format!(
-                "a stop that no injected fault explains, \
-            {stop}"
-            )
-        }));
+        complaints
+            .extend(self.false_stops.iter().map(|stop| format!("a stop that no injected fault explains, {stop}")));
         for (name, grown) in &self.growth {
             if grown.resident_kib > GROWTH_MAX_KIB {
                 complaints.push(format!("{name} grew by {} KiB, more than {GROWTH_MAX_KIB}", grown.resident_kib));

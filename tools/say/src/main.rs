@@ -133,11 +133,7 @@ fn player() -> Result<PathBuf, String> {
     let own = std::env::current_exe().map_err(|error| error.to_string())?;
     let folder = own.parent().unwrap_or(Path::new("/"));
     let missing = || {
-        format!(
-            "{}: the program `replay` is missing; build it with cargo build --release -p \
-        replay",
-            folder.display()
-        )
+        format!("{}: the program `replay` is missing; build it with cargo build --release -p replay", folder.display())
     };
     PLAYERS.map(|name| folder.join(name)).into_iter().find(|path| path.is_file()).ok_or_else(missing)
 }

@@ -180,11 +180,7 @@ impl Movement {
         match worst.filter(|_| self.fast > LATE) {
             Some(j) => Err((
                 "velocity error",
-                format!(
-                    "joint {j} off by {} of its speed, but the robot still \
-                moves",
-                    share(j)
-                ),
+                format!("joint {j} off by {} of its speed, but the robot still moves", share(j)),
             )),
             None => Ok(()),
         }
@@ -205,14 +201,9 @@ impl Movement {
             return Ok(());
         }
         match far.filter(|_| self.far > FAR_TICKS) {
-            Some(j) => Err((
-                "standstill",
-                format!(
-                    "joint {j} left {} for {} without a \
-                command",
-                    place[j], seen.truth[j]
-                ),
-            )),
+            Some(j) => {
+                Err(("standstill", format!("joint {j} left {} for {} without a fault", place[j], seen.truth[j])))
+            }
             None if self.restless > SETTLE_TICKS => {
                 Err(("standstill", "the robot does not come to rest, and no fault is raised".into()))
             }

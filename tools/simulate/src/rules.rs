@@ -84,11 +84,7 @@ impl Rules {
         if self.no_numbers > NO_NUMBERS && follows(mode) {
             return Err((
                 "no number",
-                format!(
-                    "{} targets in a row are NaN or infinite, but it \
-                follows",
-                    self.no_numbers
-                ),
+                format!("{} targets in a row are NaN or infinite, but it follows", self.no_numbers),
             ));
         }
         if let (Some(operator), Some(made)) = (&seen.operator, control.transition) {

@@ -20,8 +20,7 @@ pub(super) fn set_fifo(priority: u8) -> Result<String, String> {
     let (policy, now) = scheduling();
     if policy != libc::SCHED_FIFO || now != wanted {
         return Err(format!(
-            "SCHED_FIFO priority {priority} was accepted, but policy {policy} priority {now} is in \
-            effect"
+            "SCHED_FIFO priority {priority} was accepted, but policy {policy} priority {now} is in effect"
         ));
     }
     Ok(format!("SCHED_FIFO priority {priority}"))
