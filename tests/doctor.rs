@@ -211,7 +211,7 @@ fn a_report_outlives_a_demo_that_is_refused() {
         let (code, said) = demo(&motion, shipped, report);
         assert!(code == Some(66) && said.contains("bad.bvh"), "{said}");
         let (code, said) = demo(&arms, shipped, report);
-        assert!(code == Some(66) && said.contains("arms.csv") && said.contains("`replay` alone"), "{said}");
+        assert!(code == Some(66) && said.contains("arms.csv") && said.contains("only `replay`"), "{said}");
     }
     assert_eq!(std::fs::read_to_string(&report).expect("still there"), "of yesterday");
     assert!(!unmade.exists());

@@ -149,8 +149,7 @@ fn unread(path: &Path, error: motion::MotionError) -> Failure {
         return Failure::new(Exit::NoInput, rt::unreadable(path, source));
     }
     let trajectory = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("csv"));
-    let hint =
-        if trajectory { "; a joint trajectory (.csv) is played by `replay` alone, to a running instance" } else { "" };
+    let hint = if trajectory { "; only `replay` plays a joint trajectory (.csv), to a running instance" } else { "" };
     Failure::new(Exit::NoInput, format!("{error}{hint}"))
 }
 

@@ -195,7 +195,7 @@ impl Report {
             number(&v["min_clearance_mm"])
         );
         out!(
-            "{:<34} {:>10.2} of the effort limit, by the links' dynamics in what was commanded",
+            "{:<34} {:>10.2} of the effort limit, from the commanded motion and the links' dynamics",
             "largest torque",
             number(&v["torque_share_max"])
         );
@@ -205,7 +205,7 @@ impl Report {
         let listed = |all: &[String]| if all.is_empty() { "none".to_owned() } else { all.join(", ") };
         out!("{:<16} {}", "faults raised", listed(&since));
         if !before.is_empty() {
-            out!("{:<16} {} (no stream is there at the start)", "before engaging", listed(&before));
+            out!("{:<16} {} (the streams start later)", "before engaging", listed(&before));
         }
         for one in v["mode_transitions"].as_array().into_iter().flatten() {
             let text = |key: &str| one[key].as_str().unwrap_or("?").to_owned();
@@ -254,7 +254,7 @@ fn print_followed(followed: &Value) {
     let holds = followed["holds"].as_array().into_iter().flatten();
     let holds: Vec<_> =
         holds.map(|hold| format!("{} x {}", hold["why"].as_str().unwrap_or("?"), hold["times"])).collect();
-    let held = if holds.is_empty() { String::new() } else { format!("; held for {}", holds.join(", ")) };
+    let held = if holds.is_empty() { String::new() } else { format!("; held because of {}", holds.join(", ")) };
     let (engaged_s, meant_s) = (number("engaged_s"), number("meant_s"));
     out!("\n{:<34} {:>10.1} % of {meant_s:.1} s ({engaged_s:.1} s){held}", "followed", share * 100.0);
 }

@@ -69,7 +69,7 @@ pub fn run(cli: &Cli, motion: &Motion) -> Result<(), Failure> {
     let mut control = operator_of(cli, &instance)?;
     // Without an operator socket the start of following is unknown. So the motion begins at once.
     if at_once {
-        out!("playing again and again; `teleopctl calibrate NAME` measures this person, Ctrl-C ends");
+        out!("playing in a loop; `teleopctl calibrate NAME` measures this person, Ctrl-C ends");
         publisher.set_engaged(true);
     } else if control.is_none() {
         out!("no operator socket answers in {}: playing at once", instance.run_dir().display());
