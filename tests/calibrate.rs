@@ -122,7 +122,7 @@ fn calibrated_operator_is_recognised_in_the_next_session() {
     let refused = calibrate(&rig, "bert", &place).output().expect("teleopctl runs");
     let why = String::from_utf8_lossy(&refused.stderr);
     assert!(
-        !refused.status.success() && why.contains("operator_id 5 and layout 1 are those of anna.toml already"),
+        !refused.status.success() && why.contains("operator_id 5 with layout 1 belongs to anna.toml already"),
         "{why}"
     );
     assert!(!place.join("bert.toml").exists() && place.join("anna.toml").exists());
@@ -166,7 +166,7 @@ fn calibration_without_person_waits_and_while_engaged_fails() {
     }
     let ended = waiting.wait_with_output().expect("its words");
     let (said, why) = (String::from_utf8_lossy(&ended.stdout), String::from_utf8_lossy(&ended.stderr));
-    assert!(said.contains("no skeletons come"), "{said}");
+    assert!(said.contains("no skeletons arrive"), "{said}");
     assert!(!ended.status.success() && why.contains("nothing was written"), "{why}");
     let refused = calibrate(&rig, "anna", &place).output().expect("teleopctl runs");
     let why = String::from_utf8_lossy(&refused.stderr);

@@ -39,7 +39,7 @@ const RULES: [(&str, How); 29] = [
     ("cargo run --release --bin teleopctl -- engage", Beside("the enable is held", 1, AT)),
     ("python3 -m venv", Foreign("it needs a network")),
     ("venv/bin/", Foreign("it needs a network")),
-    ("target/release/replay builtin:calibration", Beside("playing again and again", 1, AT)),
+    ("target/release/replay builtin:calibration", Beside("playing in a loop", 1, AT)),
     ("target/release/teleopctl calibrate", Ends(&[0], "--folder {work} --run-dir {work}/run")),
     ("cargo run --release -- view --meshes", Named("it needs the maker's meshes")),
     ("cargo run --release -- view", Beside("http://", 1, "--port 0")),

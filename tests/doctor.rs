@@ -211,7 +211,7 @@ fn old_report_survives_a_refused_demo() {
         let (code, said) = demo(&motion, shipped, report);
         assert!(code == Some(66) && said.contains("bad.bvh"), "{said}");
         let (code, said) = demo(&arms, shipped, report);
-        assert!(code == Some(66) && said.contains("arms.csv") && said.contains("`replay` alone"), "{said}");
+        assert!(code == Some(66) && said.contains("arms.csv") && said.contains("only `replay`"), "{said}");
     }
     assert_eq!(std::fs::read_to_string(&report).expect("still there"), "of yesterday");
     assert!(!unmade.exists());
@@ -259,7 +259,7 @@ fn settings_copied_alone_are_refused_by_key_and_path() {
 fn doctor_reports_dangling_link_and_pipe_without_blocking() {
     let patient = Patient::new();
     std::os::unix::fs::symlink("/nowhere/at/all", &patient.run_dir).expect("a link");
-    patient.shows("run folder", "problem", &["leads nowhere"], "");
+    patient.shows("run folder", "problem", &["dangling link"], "");
     // Opening a pipe without a writer would block.
     std::fs::remove_file(&patient.config).expect("it was there");
     let made = Command::new("mkfifo").arg(&patient.config).status().expect("mkfifo");

@@ -282,7 +282,7 @@ fn only_the_user_who_pressed_the_stop_or_root_resets_it() {
         assert!(!reset && said.contains(&sentence), "{said}");
         assert_eq!(hand.wait("told", |status| status.reset_first_by == presser + 1).mode, Mode::Faulted as u32);
         let (_, said) = teleopctl(ANOTHER, "status");
-        assert!(said.contains(&format!("User {presser} has to reset it, or root.")), "{said}");
+        assert!(said.contains(&format!("Only user {presser} or root may reset it.")), "{said}");
         let (reset, said) = teleopctl(resetter, "reset");
         assert!(reset && said.contains("reset: Disengaged"), "{said}");
         assert_eq!(hand.wait_mode(Mode::Disengaged).reset_first_by, 0);

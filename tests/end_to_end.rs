@@ -78,11 +78,11 @@ fn refused_engage_is_answered_with_advice() {
     let hand = rig.hand();
     hand.wait("told that nobody publishes", |status| Faults(status.faults).has(Fault::InputStale));
     let (code, said) = teleopctl(&rig, "engage");
-    assert!(code == Some(1) && said.contains("which client holds authority"), "{said}");
+    assert!(code == Some(1) && said.contains("which client holds the lease"), "{said}");
     let _client = rig.client(&motion::builtin(), 33);
     hand.engage_until(Mode::Engaging);
     let (code, said) = teleopctl(&rig, "engage");
-    assert!(code == Some(1) && said.contains("another hand") && said.contains("teleopctl release"), "{said}");
+    assert!(code == Some(1) && said.contains("another operator") && said.contains("teleopctl release"), "{said}");
 }
 
 #[test]
@@ -363,7 +363,7 @@ fn f092_second_writer_of_the_core_domain_is_refused() {
     let mut rig = Rig::empty();
     rig.start("sim");
     rig.start("control");
-    let running = format!("teleopd: an instance runs in {} already", rig.folder().display());
+    let running = format!("teleopd: an instance already runs in {}", rig.folder().display());
     let expected = [
         ("sim", "driver is already running"),
         ("control", "operator.sock"),

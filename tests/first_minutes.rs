@@ -88,7 +88,7 @@ fn engage_prints_each_mode_change_until_interrupted() {
         }
     };
     let told: Vec<&str> = said.lines().filter_map(|line| line.split_once(" s  ").map(|(_, words)| words)).collect();
-    assert_eq!(told.first(), Some(&"the enable is held; Ctrl-C lets go"), "{said}");
+    assert_eq!(told.first(), Some(&"the enable is held; Ctrl-C releases it"), "{said}");
     let at =
         |what: &str| told.iter().position(|words| words.starts_with(what)).unwrap_or_else(|| panic!("{what}: {said}"));
     assert!(at("engaging: ") < at("engaged: ") && at("engaged: ") < at("released: "), "{said}");
@@ -141,9 +141,9 @@ fn tour_skips_steps_with_missing_files_and_says_why() {
     let said = String::from_utf8_lossy(&output.stdout).into_owned();
     assert!(output.status.success(), "{said}{}", String::from_utf8_lossy(&output.stderr));
     let steps = outcomes(&said);
-    assert!(steps[0].contains("skipped: ") && steps[0].contains("wave-left.bvh is not there"), "{said}");
-    assert!(steps[2].contains("skipped: tools/clients/python is not here"), "{said}");
-    let folder = said.lines().next().and_then(|line| line.split(" goes to ").nth(1)).expect("its folder");
+    assert!(steps[0].contains("skipped: ") && steps[0].contains("wave-left.bvh does not exist"), "{said}");
+    assert!(steps[2].contains("skipped: tools/clients/python does not exist"), "{said}");
+    let folder = said.lines().next().and_then(|line| line.split(" go to ").nth(1)).expect("its folder");
     assert!(!Path::new(folder.trim_end_matches('.')).exists(), "{folder} is left behind");
     let output = tour(&rig::repository(), &[]);
     let said = String::from_utf8_lossy(&output.stderr).into_owned();

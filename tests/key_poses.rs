@@ -149,7 +149,7 @@ fn robot_follows_the_dragged_handle_until_the_page_is_silent() {
         }
         assert!(Instant::now() < give_up, "never silent");
     };
-    assert!(silent.contains("silent"), "{silent}");
+    assert!(silent.contains("stopped answering"), "{silent}");
     hand.wait("holding", |status| status.mode == Mode::Holding as u32 || status.mode == Mode::Disengaged as u32);
     let domain = bus::Domain::open(rig.instance.core_domain(), "test").expect("the core domain");
     let mut skeletons = domain.reader::<Skeleton>(Service::Skeleton).expect("skeletons");
@@ -241,8 +241,8 @@ fn invalid_mix_or_flood_ends_the_page() {
 fn invalid_key_poses_are_refused_by_name() {
     let rig = Rig::empty();
     for (arguments, code, expected) in [
-        (vec!["--key-poses", "t-pose,rest"], 64, "--key-poses: pose t-pose,rest: 2 poses, not the 3"),
-        (vec!["--key-poses", "t-pose,rest,headstand"], 64, "pose headstand: is neither FILE.bvh:FRAME"),
+        (vec!["--key-poses", "t-pose,rest"], 64, "--key-poses: pose t-pose,rest: 2 poses; a triangle needs 3"),
+        (vec!["--key-poses", "t-pose,rest,headstand"], 64, "pose headstand: must be FILE.bvh:FRAME"),
         (vec!["--key-poses", "t-pose,rest,missing.bvh:1"], 66, "missing.bvh"),
         (vec!["--key-poses", "t-pose,rest,clap", "a.mcap"], 2, "cannot be used with"),
     ] {

@@ -40,7 +40,7 @@ fn page_engages_and_stops_and_releases_when_it_is_silent() {
     // After silence the enable is released, and the page is informed.
     let told = page.told("hand");
     assert_eq!(
-        (&told["held"], told["text"].as_str().is_some_and(|text| text.contains("silent"))),
+        (&told["held"], told["text"].as_str().is_some_and(|text| text.contains("stopped answering"))),
         (&json!(false), true)
     );
     hand.wait_mode(Mode::Disengaged);

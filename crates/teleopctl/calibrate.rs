@@ -102,21 +102,24 @@ pub fn run(client: &mut Client, run_dir: &Path, job: &Job<'_>) -> Result<bool, O
             let bent = online.samples.saturating_sub(begun);
             match (bent >= FLEXED_MIN && online.flags == calibration_flag::ALL, seen) {
                 (true, _) => Step::Done,
-                (false, true) => Step::Going(format!("elbows seen bent in {bent} frames, {FLEXED_MIN} are needed")),
+                (false, true) => Step::Going(format!("elbows bent in {bent} frames, {FLEXED_MIN} are needed")),
                 (false, false) => Step::Silent(dropped_now(status)),
             }
         })?;
         if !flexed {
-            err!("teleopctl: do the joints' rotations move with the arms? Their elbows' axes cannot be seen in them");
+            err!(
+                "teleopctl: the rotations do not show the elbows' axes; check that they move with the arms; nothing \
+                was written"
+            );
             return Ok(false);
         }
         calibration.hinges = eyes.input.online;
     } else {
-        out!("Good. This client sends no rotations: the elbows' axes are seen in the arms' planes as they move.");
+        out!("Good. This client sends no rotations, so the elbows' axes come from the arms' planes as they move.");
     }
     eyes.look();
     if eyes.who() != who {
-        err!("teleopctl: somebody else is seen now than in the T-pose; nothing was written");
+        err!("teleopctl: the person changed after the T-pose; nothing was written");
         return Ok(false);
     }
     let operator = Operator { name: job.name.to_owned(), operator_id, layout, calibration };
@@ -179,7 +182,13 @@ fn wait(
             Step::Going(progress) => heard = line.shows(&progress, false),
             Step::Wrong(hint) => heard = line.shows(&hint, true),
             Step::Silent(why) if heard.elapsed() > TELL => {
-                line.shows(why.as_deref().unwrap_or("no skeletons come: is the client running, and was it started a second after the one before it?"), true);
+                line.shows(
+                    why.as_deref().unwrap_or(
+                        "no skeletons arrive. Is the client running, and was it started at \
+                    least 1 s after the previous one ended?",
+                    ),
+                    true,
+                );
             }
             Step::Silent(_) => {}
         }

@@ -96,21 +96,21 @@ fn change(made: &Transition, status: &Status, names: &Names) -> String {
     let why = Fault::from_u32(made.why);
     let why = why.map(|fault| format!("{}: {}", fault.row().name, meaning(fault, status, names)));
     match (Mode::from_u32(made.to), made.why, why) {
-        (Some(Mode::Engaging), ..) => "engaging: the robot comes to the person, slowly".into(),
+        (Some(Mode::Engaging), ..) => "engaging: the robot moves to the person's posture slowly".into(),
         (Some(Mode::Engaged), ..) => "engaged: the robot follows".into(),
-        (Some(Mode::Recovering), ..) => "recovering: the robot is brought back, slowly".into(),
+        (Some(Mode::Recovering), ..) => "recovering: the robot moves back slowly".into(),
         (Some(Mode::Holding), _, Some(why)) => format!("holding because of {why}"),
-        (Some(Mode::Holding), _, None) => "let go: the robot stops".into(),
+        (Some(Mode::Holding), _, None) => "releasing: the robot stops".into(),
         (Some(Mode::Disengaged), _, Some(why)) => format!("released because of {why}"),
         (Some(Mode::Disengaged), Transition::RECOVERED, None) => "recovered: the robot may be engaged".into(),
-        (Some(Mode::Disengaged), Transition::BLOCKED, None) => "released: the recovery finds no way".into(),
+        (Some(Mode::Disengaged), Transition::BLOCKED, None) => "released: the recovery found no path".into(),
         (Some(Mode::Disengaged), Transition::RESET, None) => "reset: the robot may be engaged".into(),
         (Some(Mode::Disengaged), _, None) => "released: the robot is at rest and keeps its posture".into(),
         (Some(Mode::Faulted), _, why) => {
             let why = why.unwrap_or_else(|| format!("{}.", made.why_name()));
             format!("stopped because of {why} `teleopctl reset` clears that, once its cause is gone")
         }
-        (None, ..) => format!("in a mode that this program does not know ({})", made.to),
+        (None, ..) => format!("in a mode unknown to this program ({})", made.to),
     }
 }
 
@@ -130,7 +130,7 @@ mod tests {
         assert!(said(Mode::Engaging, Mode::Engaged, Transition::ALIGNED).starts_with("engaged: "));
         let held = said(Mode::Engaged, Mode::Holding, stale as u32);
         assert_eq!(held, format!("holding because of InputStale: {}", stale.row().meaning));
-        assert!(said(Mode::Engaged, Mode::Holding, Transition::RELEASED).starts_with("let go: "));
+        assert!(said(Mode::Engaged, Mode::Holding, Transition::RELEASED).starts_with("releasing: "));
         assert!(said(Mode::Holding, Mode::Disengaged, Transition::AT_REST).starts_with("released: "));
         assert!(said(Mode::Holding, Mode::Disengaged, Fault::HoldTimeout as u32).starts_with("released because of "));
         assert!(said(Mode::Recovering, Mode::Disengaged, Transition::RECOVERED).starts_with("recovered: "));

@@ -89,12 +89,12 @@ fn estop(socket: &Path) -> Result<bool, OperatorError> {
         match press() {
             Err(error @ OperatorError::Closed { .. }) if Instant::now() < give_up => {
                 if !std::mem::replace(&mut told, true) {
-                    err!("teleopctl: {error}; pressed again and again");
+                    err!("teleopctl: {error}; still pressing");
                 }
                 std::thread::sleep(HEARTBEAT);
             }
             Err(OperatorError::Closed { .. }) if heard => {
-                out!("pressed, and control has heard it; too many are connected for its mode to be seen from here");
+                out!("pressed, and control received it; all connections are in use, so the mode cannot be shown here");
                 return Ok(true);
             }
             ended => return ended,
@@ -184,11 +184,11 @@ fn only_disengaged(status: &Status, what: &str, names: &Names) -> String {
     }
     match mode(status) {
         Mode::Faulted => {
-            text +=
-                "\nteleopctl reset first: it clears what is latched, once its cause is gone and the robot is at rest";
+            text += "\nteleopctl reset first: it clears the latched faults, once their cause is gone and the robot is at \
+                 rest";
         }
         Mode::Engaging | Mode::Engaged | Mode::Recovering => {
-            text += "\nanother hand holds it; teleopctl release makes it let go, and the robot stop";
+            text += "\nanother operator moves it; teleopctl release ends that, and the robot stops";
         }
         Mode::Disengaged | Mode::Holding => {}
     }
@@ -198,8 +198,8 @@ fn only_disengaged(status: &Status, what: &str, names: &Names) -> String {
 /// Returns advice for a fault whose meaning does not include it.
 fn advice(fault: Fault) -> Option<&'static str> {
     (fault == Fault::InputStale).then_some(
-        "start a client: `replay builtin --loop` plays a motion; if one runs, the log of `ingest` (the terminal of `up`) says which \
-         client holds authority, and why frames were dropped",
+        "start a client: `replay builtin --loop` plays a motion. If one runs, the log of `ingest` (in the terminal of \
+         `up`) says which client holds the lease, and why frames were dropped",
     )
 }
 
@@ -222,7 +222,7 @@ fn engage(client: &mut Client, run_dir: &Path) -> Result<bool, OperatorError> {
         return Ok(false);
     }
     client.enable();
-    hold::hold(client, &first, &names, "the enable is held; Ctrl-C lets go")
+    hold::hold(client, &first, &names, "the enable is held; Ctrl-C releases it")
 }
 
 /// Holds the recovery until Ctrl-C, or until the robot is back.
@@ -230,7 +230,7 @@ fn recover(client: &mut Client, run_dir: &Path) -> Result<bool, OperatorError> {
     let first = client.heartbeat()?;
     let names = Names::read(run_dir);
     if mode(&first) != Mode::Disengaged {
-        out!("{}", only_disengaged(&first, "brought back", &names));
+        out!("{}", only_disengaged(&first, "recovered", &names));
         return Ok(false);
     }
     let faults = Faults(first.faults);
@@ -242,7 +242,7 @@ fn recover(client: &mut Client, run_dir: &Path) -> Result<bool, OperatorError> {
         out!("recovering from {}: {}", fault.row().name, meaning(fault, &first, &names));
     }
     client.recover();
-    hold::hold(client, &first, &names, "the recovery is held; Ctrl-C lets go")
+    hold::hold(client, &first, &names, "the recovery is held; Ctrl-C releases it")
 }
 
 /// Presses reset repeatedly until it takes effect or the time is up. An emergency stop meanwhile ends it.
@@ -260,7 +260,7 @@ fn reset(client: &mut Client, run_dir: &Path) -> Result<bool, OperatorError> {
         }
         let status = client.heartbeat()?;
         if stopped_anew(&first, &status) {
-            out!("not reset: the robot was stopped anew meanwhile");
+            out!("not reset: the robot was stopped again meanwhile");
             return Ok(false);
         }
         if mode(&status) != Mode::Faulted {
@@ -299,7 +299,7 @@ fn not_reset(status: &Status, names: &Names) -> String {
         text += &format!("\n{} persists: {}", fault.row().name, meaning(fault, status, names));
     }
     if persists.is_empty() {
-        text += "\nno cause persists: the robot still moves, or somebody holds the enable (teleopctl release)";
+        text += "\nno cause persists, but the robot still moves, or an operator holds the enable (teleopctl release)";
         text.extend(pipeline::not_at_rest(status, names).map(|why| format!("\n{why}")));
     }
     text
@@ -344,7 +344,7 @@ mod tests {
         let engaged = Status { mode: Mode::Engaged as u32, ..Status::ZERO };
         let said = only_disengaged(&engaged, "engaged", &Names::default());
         assert!(
-            !said.contains("reset") && said.contains("another hand") && said.contains("teleopctl release"),
+            !said.contains("reset") && said.contains("another operator") && said.contains("teleopctl release"),
             "{said}"
         );
     }

@@ -22,13 +22,13 @@ pub fn say(client: &mut Client, run_dir: &Path, args: &PayloadArgs) -> Result<bo
         if refused != before.1 {
             let names = Names::read(run_dir);
             let why = pipeline::payload_refused(&status, &names).unwrap_or_default();
-            err!("teleopctl: refused: {why}. The hands count as before: {}", pipeline::payload(&status));
+            err!("teleopctl: refused: {why}. The payload stays {}", pipeline::payload(&status));
             return Ok(false);
         }
         if taken != before.0 {
             out!("the hands carry   {}", pipeline::payload(&status));
             if status.payload_kg[args.hand as usize].to_bits() != args.mass_kg.to_bits() {
-                err!("teleopctl: another operator said otherwise at the same time");
+                err!("teleopctl: another operator set another payload at the same time");
                 return Ok(false);
             }
             if let Some(why) = pipeline::payload_refused(&status, &Names::read(run_dir)) {

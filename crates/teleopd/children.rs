@@ -21,8 +21,8 @@ pub fn refuse_second(instance: &Instance) -> Result<(), Failure> {
     let Some(pid) = holder(&instance.operator_lock()) else { return Ok(()) };
     let folder = instance.run_dir().display();
     let text = format!(
-        "an instance runs in {folder} already (its control is process {pid}): teleopctl --run-dir {folder} status asks it; \
-         a second one needs another --run-dir"
+        "an instance already runs in {folder} (its control is process {pid}). Query it with teleopctl --run-dir \
+         {folder} status; a second one needs another --run-dir"
     );
     Err(Failure::new(Exit::TempFail, text))
 }
@@ -183,7 +183,7 @@ impl Children {
                 match child.try_wait() {
                     Ok(Some(status)) if status.success() => break,
                     Ok(Some(status)) => {
-                        trouble.push(format!("{name} ended badly ({status})"));
+                        trouble.push(format!("{name} failed ({status})"));
                         break;
                     }
                     _ if Instant::now() > give_up => {

@@ -35,7 +35,7 @@ pub struct InstanceArgs {
 fn interface_parser() -> impl TypedValueParser<Value = RobotInterface> {
     let find = |name: String| RobotInterface::ALL.into_iter().find(|interface| interface.name() == name);
     PossibleValuesParser::new(RobotInterface::ALL.map(RobotInterface::name))
-        .try_map(move |name| find(name).ok_or("no such interface"))
+        .try_map(move |name| find(name).ok_or("unknown interface"))
 }
 
 impl InstanceArgs {

@@ -37,7 +37,8 @@ pub fn run(options: &cli::Demo) -> Result<Exit, Failure> {
     }
     let (motion, loaded) = read(options)?;
     if loaded.driver_program().is_some() {
-        let text = "demo judges the built-in simulator, and driver.program names another driver: empty it, or run `teleopd up`";
+        let text = "demo needs the built-in simulator, but driver.program names another driver; empty it, or run \
+            `teleopd up`";
         return Err(Failure::new(Exit::Config, text));
     }
     let folder = Folder::new(options.run_dir.as_ref());
@@ -148,8 +149,7 @@ fn unread(path: &Path, error: motion::MotionError) -> Failure {
         return Failure::new(Exit::NoInput, rt::unreadable(path, source));
     }
     let trajectory = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("csv"));
-    let hint =
-        if trajectory { "; a joint trajectory (.csv) is played by `replay` alone, to a running instance" } else { "" };
+    let hint = if trajectory { "; only `replay` plays a joint trajectory (.csv), to a running instance" } else { "" };
     Failure::new(Exit::NoInput, format!("{error}{hint}"))
 }
 
@@ -221,7 +221,7 @@ impl Run<'_> {
         let realtime = self.operator.status().is_some_and(|status| status.realtime == 1);
         if !realtime {
             out!(
-                "note      not real-time here, for want of {}: fine for the simulator, with relaxed stale times\n          \
+                "note      not real-time here, without {}: fine for the simulator, with relaxed stale times\n          \
                  (`teleopd doctor` says what a robot needs)",
                 if self.missing.is_empty() { "real-time rights".to_owned() } else { self.missing.join(", ") }
             );

@@ -83,13 +83,13 @@ impl Recorder {
             && let Ok(Some(status)) = self.child.try_wait()
         {
             self.told = true;
-            err!("teleopd: the recorder ended by itself ({status}); the instance goes on");
+            err!("teleopd: the recorder ended by itself ({status}); the instance continues");
         }
     }
 
     /// Stops the recorder after it has read everything. Returns the problem if it ended badly.
     pub fn stop(&mut self) -> Option<String> {
-        let judged = |status: ExitStatus| (!status.success()).then(|| format!("the recorder ended badly ({status})"));
+        let judged = |status: ExitStatus| (!status.success()).then(|| format!("the recorder failed ({status})"));
         if let Ok(Some(status)) = self.child.try_wait() {
             return judged(status).or_else(|| Some("the recorder had ended already".to_owned()));
         }
@@ -125,5 +125,5 @@ fn spawned_aside(mut command: Command, place: &InstanceArgs) -> std::io::Result<
         };
         scope.spawn(spawn).join()
     });
-    spawned.unwrap_or_else(|_| Err(std::io::Error::other("its thread ended badly")))
+    spawned.unwrap_or_else(|_| Err(std::io::Error::other("its thread panicked")))
 }

@@ -27,7 +27,7 @@ impl Report {
         let read = |process: &str| -> Result<Value, Failure> {
             let path = instance.report(process);
             let text = std::fs::read_to_string(&path).map_err(|error| {
-                Failure::new(Exit::Failed, format!("{process} left no figures: {}: {error}", path.display()))
+                Failure::new(Exit::Failed, format!("{process} wrote no figures: {}: {error}", path.display()))
             })?;
             serde_json::from_str(&text)
                 .map_err(|error| Failure::new(Exit::Failed, format!("{}: {error}", path.display())))
@@ -36,7 +36,7 @@ impl Report {
         let robot = read("robot")?;
         let timelines = [&retarget, &control, &sim].map(|figures| Timeline::from_json(&figures["timeline"]));
         let [Some(of_retarget), Some(of_control), Some(of_driver)] = timelines else {
-            return Err(Failure::new(Exit::Failed, "a process left no timeline"));
+            return Err(Failure::new(Exit::Failed, "a process wrote no timeline"));
         };
         let (first, last) = of_retarget.span().ok_or_else(|| Failure::new(Exit::Failed, "retarget never ticked"))?;
         let length = last - first + 1;
@@ -134,8 +134,8 @@ impl Report {
         let meaning = FAULTS.iter().find(|row| row.name == why).map_or("", |row| row.meaning);
         (share < FOLLOWED_MIN).then(|| {
             format!(
-                "the robot followed for {:.0} % of the motion only, and held most often for {why}: {meaning} On a busy machine \
-                 close other programs; `teleopd doctor` says what else helps",
+                "the robot followed for only {:.0} % of the motion, and held most often because of {why}: {meaning} On \
+                 a busy machine close other programs; `teleopd doctor` says what else helps",
                 share * 100.0
             )
         })
@@ -175,7 +175,8 @@ impl Report {
             out!("{label:<34} {:>10} {:>10}", degrees(&row["mean"]), degrees(&row["p95"]));
         }
         out!(
-            "(mean of four angles: the person's upper arms and forearms against the robot's, in its targets and as measured;"
+            "(mean of four angles: the person's upper arms and forearms against the robot's, in its targets and as \
+             measured;"
         );
         out!(" throughout: holds count too; p95: 95 of 100 ticks lie below)");
         let tracking = &v["tracking_error_rad"];
@@ -194,7 +195,7 @@ impl Report {
             number(&v["min_clearance_mm"])
         );
         out!(
-            "{:<34} {:>10.2} of the effort limit, by the links' dynamics in what was commanded",
+            "{:<34} {:>10.2} of the effort limit, from the commanded motion and the links' dynamics",
             "largest torque",
             number(&v["torque_share_max"])
         );
@@ -204,7 +205,7 @@ impl Report {
         let listed = |all: &[String]| if all.is_empty() { "none".to_owned() } else { all.join(", ") };
         out!("{:<16} {}", "faults raised", listed(&since));
         if !before.is_empty() {
-            out!("{:<16} {} (no stream is there at the start)", "before engaging", listed(&before));
+            out!("{:<16} {} (the streams start later)", "before engaging", listed(&before));
         }
         for one in v["mode_transitions"].as_array().into_iter().flatten() {
             let text = |key: &str| one[key].as_str().unwrap_or("?").to_owned();
@@ -253,7 +254,7 @@ fn print_followed(followed: &Value) {
     let holds = followed["holds"].as_array().into_iter().flatten();
     let holds: Vec<_> =
         holds.map(|hold| format!("{} x {}", hold["why"].as_str().unwrap_or("?"), hold["times"])).collect();
-    let held = if holds.is_empty() { String::new() } else { format!("; held for {}", holds.join(", ")) };
+    let held = if holds.is_empty() { String::new() } else { format!("; held because of {}", holds.join(", ")) };
     let (engaged_s, meant_s) = (number("engaged_s"), number("meant_s"));
     out!("\n{:<34} {:>10.1} % of {meant_s:.1} s ({engaged_s:.1} s){held}", "followed", share * 100.0);
 }

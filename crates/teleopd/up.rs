@@ -48,9 +48,7 @@ pub fn run(options: &cli::Up) -> Result<Exit, Failure> {
     let mut trouble = children.stop();
     if !rested {
         let within = REST_WITHIN.as_secs();
-        trouble.push(format!(
-            "the robot was not measured at rest within {within} s, and the driver was ended all the same"
-        ));
+        trouble.push(format!("the robot was not measured at rest within {within} s; the driver was ended anyway"));
     }
     trouble.extend(recorder.and_then(|mut recorder| recorder.stop()));
     if let Some((name, status)) = ended {
@@ -79,7 +77,7 @@ fn introduce(loaded: &Loaded, place: &cli::InstanceArgs) {
         out!("engage    {} engage{at}", TELEOPCTL.typed());
     } else {
         let missing = missing.join(", ");
-        out!("engage    is refused without {missing}: a simulated robot may, with up --engage-without-realtime");
+        out!("engage    is refused without {missing}; a simulated robot needs up --engage-without-realtime");
     }
     out!("stop      Ctrl-C here: the robot stops, then every process ends");
     out!("READY");

@@ -31,8 +31,8 @@ pub fn run(options: &cli::View) -> Result<Exit, Failure> {
     let key_poses = key_poses(options.key_poses.as_deref(), &loaded)?;
     let server = serve(&instance, &loaded, key_poses, &options.page)?;
     out!(
-        "teleopd: shows {} at {}\nteleopd: who knows this address may operate the robot; Ctrl-C ends the page, not the \
-         instance",
+        "teleopd: shows {} at {}\nteleopd: everyone with this address may operate the robot; Ctrl-C ends the page, not \
+         the instance",
         instance.run_dir().display(),
         server.address()
     );
@@ -106,8 +106,7 @@ fn serve(
 /// user named no poses.
 fn key_poses(asked: Option<&[String]>, loaded: &Loaded) -> Result<Option<KeyPoses>, Failure> {
     let Some(weights) = &loaded.weights else {
-        let text =
-            "--key-poses: the settings' weights.file is not there, and its latent space is where poses are mixed";
+        let text = "--key-poses: the settings' weights.file is missing; its latent space mixes the poses";
         return asked.map_or(Ok(None), |_| Err(Failure::new(Exit::Config, text)));
     };
     let poses = asked.map_or_else(|| POSES.map(str::to_owned).to_vec(), <[String]>::to_vec);

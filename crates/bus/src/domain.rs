@@ -340,7 +340,7 @@ fn node_failure(error: NodeCreationFailure) -> String {
         // The transport returns this error without a hint if the files belong to another user.
         NodeCreationFailure::InternalError => String::from("internal failure, most often missing permissions"),
         NodeCreationFailure::SystemCorrupted => String::from("its files were removed while they were in use"),
-        NodeCreationFailure::UnableToGenerateUniqueNodeId => String::from("no node number could be drawn"),
+        NodeCreationFailure::UnableToGenerateUniqueNodeId => String::from("no node number could be generated"),
     }
 }
 

@@ -31,8 +31,8 @@ pub enum BusError {
     },
     /// The shared-memory filesystem is nearly full. Writing to it would end the process with SIGBUS.
     #[error(
-        "{}: {free_bytes} bytes are free, {needed_bytes} are needed; enlarge it (Docker: --shm-size) or remove what \
-         dead programs left there", path.display()
+        "{}: {free_bytes} bytes are free, {needed_bytes} are needed; enlarge it (Docker: --shm-size), or remove files \
+         that ended programs left there", path.display()
     )]
     SharedMemoryFull {
         /// The filesystem.
@@ -57,8 +57,9 @@ pub enum BusError {
     },
     /// The folder belongs to another user.
     #[error(
-        "{}: this instance belongs to user {owner}, and this program runs as user {own}. Shared memory serves one user. Run \
-         this as that user (sudo -u '#{owner}' ...), or use the sockets of the instance: skeleton.sock, operator.sock",
+        "{}: this instance belongs to user {owner}, and this program runs as user {own}. Shared memory serves one \
+         user. Run this as that user (sudo -u '#{owner}' ...), or use the sockets of the instance: skeleton.sock, \
+         operator.sock",
         root.display()
     )]
     Foreign {
@@ -83,7 +84,7 @@ pub enum BusError {
         cause: String,
     },
     /// The message does not belong to the service.
-    #[error("service {service} carries {expected}, not {offered}")]
+    #[error("service {service}: the message is {offered}, expected {expected}")]
     WrongMessage {
         /// Service name.
         service: &'static str,
@@ -107,7 +108,7 @@ pub enum BusError {
     },
     /// Every writer's place is taken.
     #[error(
-        "{}another {writer} is already running ({writers_max} writer(s) at most; a stopped process keeps its place; \
+        "{}another {writer} is already running ({writers_max} writer(s) at most, and a suspended process counts; \
          service {service} at root \"{}\")", running(root, *writers_max), root.display()
     )]
     WriterExists {
@@ -121,7 +122,7 @@ pub enum BusError {
         writers_max: usize,
     },
     /// Every reader's place is taken.
-    #[error("service {service} at root \"{}\": all {readers_max} readers' places are taken", root.display())]
+    #[error("service {service} at root \"{}\": all {readers_max} readers are in use; end one of them", root.display())]
     ReadersExhausted {
         /// Service name.
         service: &'static str,
@@ -181,7 +182,8 @@ fn running(root: &std::path::Path, writers_max: usize) -> String {
 /// Explains a domain whose folder is there without its shared memory: the writer's /dev/shm is another one.
 fn hint(cause: &str) -> &'static str {
     if cause.contains("HangsInCreation") {
-        "; its owner has another /dev/shm, as the systemd units have: come in by skeleton.sock (examples/client.conf)"
+        "; its owner has another /dev/shm, as under the systemd units. Publish through skeleton.sock \
+         (examples/client.conf)"
     } else {
         ""
     }

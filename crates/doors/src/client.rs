@@ -99,7 +99,7 @@ impl Client {
                 // The kernel first reports that the daemon left packets unread. Then it delivers the daemon's
                 // last reply.
                 Err(Errno::CONNRESET) if resets == 0 => resets = 1,
-                Err(errno) => return Err(self.failed("receive an answer", errno)),
+                Err(errno) => return Err(self.failed("receive a reply", errno)),
             }
         }
     }

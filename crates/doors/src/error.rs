@@ -8,7 +8,7 @@ use std::path::PathBuf;
 #[derive(Debug, thiserror::Error)]
 pub enum DoorError {
     /// The socket does not exist.
-    #[error("{}: no such socket: is {daemon} running? (`teleopd up` starts all)", path.display())]
+    #[error("{}: no such socket. Is {daemon} running? `teleopd up` starts everything", path.display())]
     NoSocket {
         /// The socket.
         path: PathBuf,
@@ -16,7 +16,9 @@ pub enum DoorError {
         daemon: &'static str,
     },
     /// The socket file exists, but no process listens on it.
-    #[error("{}: nobody listens on this socket: {daemon} has ended without removing it", path.display())]
+    #[error(
+        "{}: no process listens on this socket. {daemon} ended without removing it; start it again", path.display()
+    )]
     NobodyAnswers {
         /// The socket.
         path: PathBuf,
@@ -24,13 +26,15 @@ pub enum DoorError {
         daemon: &'static str,
     },
     /// The file system forbids it.
-    #[error("{}: permission denied: the socket is open to its owner and its group (mode 0660)", path.display())]
+    #[error("{}: permission denied. Only the socket's owner and its group may use it (mode 0660)", path.display())]
     PermissionDenied {
         /// The socket, or the directory of a socket to be made.
         path: PathBuf,
     },
     /// The socket cannot be given to its group.
-    #[error("{}: cannot give the socket to group {gid}: {source}: {daemon} must be a member of it", path.display())]
+    #[error(
+        "{}: cannot give the socket to group {gid}: {source}. {daemon} must be a member of the group", path.display()
+    )]
     Group {
         /// The socket.
         path: PathBuf,
@@ -42,7 +46,7 @@ pub enum DoorError {
         source: Errno,
     },
     /// Another server listens on this socket already.
-    #[error("{}: another {daemon} answers on this socket: end it first, or give this one another path", path.display())]
+    #[error("{}: another {daemon} answers on this socket. End it first, or give this one another path", path.display())]
     InUse {
         /// The socket.
         path: PathBuf,
@@ -50,13 +54,15 @@ pub enum DoorError {
         daemon: &'static str,
     },
     /// The path names a file that is not a socket. Such a file is never replaced.
-    #[error("{}: exists and is not a socket: it is left alone, move it away or give another path", path.display())]
+    #[error(
+        "{}: exists and is not a socket, so it is not replaced. Move it away, or give another path", path.display()
+    )]
     NotASocket {
         /// The file.
         path: PathBuf,
     },
     /// The directory of the socket does not exist.
-    #[error("{}: the directory of the socket of {daemon} does not exist: create it first", path.display())]
+    #[error("{}: no such folder; {daemon} needs it for its socket. Create it first", path.display())]
     NoDirectory {
         /// The directory.
         path: PathBuf,
@@ -64,7 +70,7 @@ pub enum DoorError {
         daemon: &'static str,
     },
     /// The path does not fit into a socket address.
-    #[error("{}: too long for the path of a Unix socket (at most 107 bytes)", path.display())]
+    #[error("{}: the path is too long; a Unix socket's path has at most 107 bytes. Give a shorter one", path.display())]
     PathTooLong {
         /// The path.
         path: PathBuf,

@@ -43,7 +43,7 @@ impl Listener {
             let path = path.clone();
             move |source| DoorError::Os { path, action, source }
         };
-        let socket = socket(SocketFlags::NONBLOCK).map_err(os("make a Unix SEQPACKET socket"))?;
+        let socket = socket(SocketFlags::NONBLOCK).map_err(os("create a Unix SEQPACKET socket"))?;
         net::bind(&socket, &address).map_err(|errno| match errno {
             Errno::ACCESS | Errno::PERM => DoorError::PermissionDenied { path: path.clone() },
             source => DoorError::Os { path: path.clone(), action: "bind the socket", source },
@@ -96,7 +96,7 @@ pub fn connect(path: &Path, daemon: &'static str, timeout_ms: u64) -> Result<Own
         let path = path.clone();
         move |source| DoorError::Os { path, action, source }
     };
-    let socket = socket(SocketFlags::empty()).map_err(os("make a Unix SEQPACKET socket"))?;
+    let socket = socket(SocketFlags::empty()).map_err(os("create a Unix SEQPACKET socket"))?;
     for which in [Timeout::Recv, Timeout::Send] {
         sockopt::set_socket_timeout(&socket, which, Some(Duration::from_millis(timeout_ms.max(1))))
             .map_err(os("set the timeout of the socket"))?;
@@ -148,12 +148,12 @@ fn remove_stale(path: &Path, address: &SocketAddrUnix, daemon: &'static str) -> 
     if kind != FileType::Socket {
         return Err(DoorError::NotASocket { path: path.to_path_buf() });
     }
-    let probe = socket(SocketFlags::NONBLOCK).map_err(os("make a Unix SEQPACKET socket"))?;
+    let probe = socket(SocketFlags::NONBLOCK).map_err(os("create a Unix SEQPACKET socket"))?;
     match net::connect(&probe, address) {
         Err(Errno::CONNREFUSED) => fs::unlink(path).map_err(os("remove the stale socket")),
         // A socket of another type belongs to another program. It refuses ours by type, though it has a listener.
         Ok(()) | Err(Errno::AGAIN | Errno::PROTOTYPE) => Err(DoorError::InUse { path: path.to_path_buf(), daemon }),
         Err(Errno::ACCESS | Errno::PERM) => Err(DoorError::PermissionDenied { path: path.to_path_buf() }),
-        Err(source) => Err(os("ask whether somebody answers on the socket")(source)),
+        Err(source) => Err(os("check whether a process listens on the socket")(source)),
     }
 }

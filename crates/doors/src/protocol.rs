@@ -151,21 +151,21 @@ impl Reply {
     /// Returns the meaning in words, for the user.
     pub fn meaning(self) -> &'static str {
         match self {
-            Self::Granted => "frames are taken",
-            Self::GrantedButHeld => "frames are taken, but another client holds the lease",
+            Self::Granted => "frames are accepted",
+            Self::GrantedButHeld => "frames are accepted, but another client holds the lease",
             Self::Holder => "this client holds the lease",
             Self::NotHolder => {
-                "another client holds the lease, or held it when this session began: connect again after it has left"
+                "another client holds the lease, or held it when this session began; connect again after it has left"
             }
-            Self::OverQuota => "more than 250 frames a second: only the newest are looked at",
-            Self::Full => "all places are taken",
-            Self::Forbidden => "neither the daemon's user nor a member of the socket's group",
-            Self::NoHello => "the first packet is no hello of this protocol",
-            Self::Late => "no hello within a second",
-            Self::OtherLayout => "client and daemon are of different versions: another layout of the frame",
-            Self::WrongSize => "a packet that has not the length of a frame",
-            Self::ForgedSession => "a frame with a session number that was not given to this connection",
-            Self::Idle => "silent for long, and another client needed the place",
+            Self::OverQuota => "more than 250 frames a second; only the newest are used",
+            Self::Full => "all connections are in use",
+            Self::Forbidden => "not allowed; only the daemon's user and members of the socket's group may connect",
+            Self::NoHello => "the first packet is not a hello of this protocol",
+            Self::Late => "no hello arrived within 1 s",
+            Self::OtherLayout => "the frame's layout differs: client and daemon have different versions",
+            Self::WrongSize => "a packet does not have a frame's length",
+            Self::ForgedSession => "a frame has a session number that this connection was not given",
+            Self::Idle => "this connection was idle for long, and another client needed it",
         }
     }
 }

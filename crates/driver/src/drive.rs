@@ -138,12 +138,12 @@ fn latch_cause(port_refused: bool, unheard: bool, sound: bool, suspended: bool) 
     if port_refused {
         "the robot refused a setpoint"
     } else if unheard {
-        "nothing was heard of the robot"
+        "the robot sent no measurement"
     } else if !sound {
-        "a drive was not sound, or had no power"
+        "a drive reported a fault, or had no power"
     } else if suspended {
-        "the driver stood still for too long, or found no measurement to believe"
+        "the driver was suspended for too long, or no measurement was plausible"
     } else {
-        "no command came"
+        "no command arrived"
     }
 }

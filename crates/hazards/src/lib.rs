@@ -41,12 +41,12 @@ pub enum Answer {
 
 /// The groups of the list, in its order: title and hazards.
 pub const GROUPS: [(&str, &[Hazard]); 10] = [
-    ("What a skeleton says", input::CONTENT),
-    ("When it comes", input::TIMING),
+    ("Contents of a skeleton", input::CONTENT),
+    ("Timing of skeletons", input::TIMING),
     ("Network and numbers", robot::NUMBERS),
     ("Limits, whole-body control, self-collision", robot::LIMITS),
     ("Driver and robot", robot::DRIVER),
-    ("Engagement and authority", robot::AUTHORITY),
+    ("Engagement and lease", robot::AUTHORITY),
     ("Processes and operating system", system::PROCESSES),
     ("Shared memory", system::MEMORY),
     ("Files", system::FILES),

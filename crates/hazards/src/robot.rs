@@ -3,22 +3,27 @@
 use crate::{Hazard, does, struck};
 
 pub(crate) const NUMBERS: &[Hazard] = &[
-    does("f033", "the network says NaN", "its joints play their stop; stop, hold", "3 ticks + B"),
+    does("f033", "the network gives NaN", "its joints play their stop; stop, hold", "3 ticks + B"),
     does(
         "f034",
         "the network jumps",
         "a quarter of the speed after 250 ms of jumps; after 1 s stop, hold",
         "every tick",
     ),
-    does("f035", "the network is late", "slower from the third tick that is missing; then stop, hold", "10 ms + B"),
+    does("f035", "the network is late", "slower from the third missing tick; then stop, hold", "10 ms + B"),
     does("f036", "retarget hangs", "control, another process, stops the robot", "10 ms + B"),
     struck(
         "f037",
-        "a pose unlike all in training",
+        "a pose unlike any in training",
         "the network's answer is only the start of a refinement on the robot's model: an unfamiliar pose costs accuracy, which the limb error shows, and never a limit",
     ),
     struck("f038", "an accelerator is lost", "no process uses one: inference is on the CPU"),
-    does("f039", "left and right of different frames", "cannot be: one skeleton makes both arms' target", "every tick"),
+    does(
+        "f039",
+        "left and right come from different frames",
+        "impossible: one skeleton gives both arms' target",
+        "every tick",
+    ),
 ];
 
 pub(crate) const LIMITS: &[Hazard] = &[
@@ -27,7 +32,7 @@ pub(crate) const LIMITS: &[Hazard] = &[
     struck(
         "f042",
         "a limit is tightened while moving",
-        "limits are read at start and cannot change while a process runs; a process with others cannot engage",
+        "limits are read at start and cannot change while a process runs; a process with other limits cannot engage",
     ),
     does(
         "f043",
@@ -40,18 +45,18 @@ pub(crate) const LIMITS: &[Hazard] = &[
     struck(
         "f046",
         "the distance is not known in time",
-        "distances are part of the tick: without them there is no command, and the plan plays; a tick that is late is f078",
+        "distances are part of the tick: without them there is no command, and the plan plays; a late tick is f078",
     ),
     does(
         "f047",
-        "the optimisation finds nothing",
+        "the optimisation finds no solution",
         "the certified plan plays; the number of steps is fixed",
         "160 steps",
     ),
     does("f048", "an elbow would flip", "followed under all limits", "every tick"),
     does(
         "f049",
-        "the torso takes arms into the table",
+        "the torso moves the arms into the table",
         "obstacles stand in the base's frame, checked as f045",
         "every instant",
     ),
@@ -59,13 +64,18 @@ pub(crate) const LIMITS: &[Hazard] = &[
 ];
 
 pub(crate) const DRIVER: &[Hazard] = &[
-    does("f051", "the robot's state comes late", "5 ms: stop, hold; 20 ms: stop, latched", "5 or 20 ms + B"),
-    does("f052", "the state stands while the robot is commanded", "stop, latched", "50 ms or 0.02 rad, the later, + B"),
-    does("f053", "an encoder jumps", "one sample is passed over, the second in a row stops, latched", "2 samples + B"),
+    does("f051", "the robot's state arrives late", "5 ms: stop, hold; 20 ms: stop, latched", "5 or 20 ms + B"),
+    does(
+        "f052",
+        "the state is frozen while the robot is commanded",
+        "stop, latched",
+        "the later of 50 ms and 0.02 rad, + B",
+    ),
+    does("f053", "an encoder jumps", "one sample is ignored; the second in a row stops, latched", "2 samples + B"),
     does(
         "f054",
-        "the state is not finite, or names other joints",
-        "not finite: stop, latched; other names: another configuration, cannot engage",
+        "the state is NaN or infinite, or has other joints",
+        "NaN or infinite: stop, latched; other joints: another configuration, cannot engage",
         "3 ticks + B",
     ),
     does(
@@ -78,7 +88,7 @@ pub(crate) const DRIVER: &[Hazard] = &[
     does("f057", "a command is not executed", "the driver latches; nothing is sent again", "4 ticks"),
     does(
         "f058",
-        "commands stop coming",
+        "commands stop arriving",
         "the driver plays the plan from the first missing one, and latches",
         "1 tick; 15 ticks",
     ),
@@ -92,22 +102,27 @@ pub(crate) const DRIVER: &[Hazard] = &[
     ),
     does("f062", "an emergency stop bounces", "one stop, no restart", "1 event"),
     does("f063", "one arm's drive fails", "all joints play one plan, latched", "next tick + B"),
-    does("f064", "motor power returns", "what is measured is held; no motion before reset and a new enable", "3 ticks"),
+    does(
+        "f064",
+        "motor power returns",
+        "the measured posture is held; no motion before reset and a new enable",
+        "3 ticks",
+    ),
 ];
 
 pub(crate) const AUTHORITY: &[Hazard] = &[
     does(
         "f065",
         "engaging far from the person's pose",
-        "blends; first second at 5 % of each velocity limit",
+        "motion is blended in; the first second at 5 % of each velocity limit",
         "every tick",
     ),
-    does("f066", "the enable is held at start", "nothing: it must be seen released first", "0 engagements"),
-    does("f067", "the enable is let go", "stop, authority withdrawn", "the same tick + B"),
+    does("f066", "the enable is held at start", "no effect: it must be released first", "0 engagements"),
+    does("f067", "the enable is released", "stop; the robot is released", "the same tick + B"),
     does(
         "f068",
         "two clients publish",
-        "the first holds one lease across both doors; the door tells the other that it has none",
+        "the first holds the lease, on bus and socket; the socket tells the other client that it has none",
         "0.5 s",
     ),
     does(
@@ -116,7 +131,12 @@ pub(crate) const AUTHORITY: &[Hazard] = &[
         "as f021; the lease ends by silence, and the next one needs a new enable edge",
         "1 s, at rest before",
     ),
-    does("f070", "a client returns", "a stranger: authority is withdrawn", "0 motion"),
-    does("f071", "orders contradict each other", "stop beats everything, every combination", "same tick"),
+    does(
+        "f070",
+        "a client returns",
+        "it counts as a new client: the robot is released and needs a new enable",
+        "0 motion",
+    ),
+    does("f071", "requests contradict each other", "a stop wins in every combination", "same tick"),
     does("f072", "reset is held", "counts once", "1 reset"),
 ];

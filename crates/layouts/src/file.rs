@@ -133,7 +133,7 @@ fn head(read: &File, say: Say<'_>) -> Result<(), LayoutError> {
     }
     if (read.sends == Sends::Positions) == read.quaternions.is_some() {
         let value = if read.quaternions.is_some() { "given" } else { "missing" };
-        return Err(say("quaternions", &value, "there if rotations are sent, and only then"));
+        return Err(say("quaternions", &value, "given exactly if rotations are sent"));
     }
     Ok(())
 }
@@ -162,7 +162,7 @@ fn joints(read: &File, map: &mut Map, say: Say<'_>) -> Result<(), LayoutError> {
         }
         let before = &read.joint[..row];
         if before.iter().any(|other| other.index == joint.index || other.name == joint.name) {
-            return Err(say(&key("index"), &joint.index, "of another joint: name or index stands there twice"));
+            return Err(say(&key("index"), &joint.index, "unique: the name or the index occurs twice"));
         }
         place(map, joint, say)?;
         let Some(parent) = &joint.parent else { continue };
@@ -172,16 +172,16 @@ fn joints(read: &File, map: &mut Map, say: Say<'_>) -> Result<(), LayoutError> {
     }
     for (name, [a, b]) in SMPL_NAMES.iter().zip(map.from) {
         if a != NONE && b == NONE {
-            return Err(say("half_of", &format!("{name:?}"), "there twice, or be `is`"));
+            return Err(say("half_of", &format!("{name:?}"), "given twice, or be `is`"));
         }
     }
     if read.sends == Sends::LocalRotations {
         map.arrange().map_err(|index| {
             let joint = read.joint.iter().find(|joint| joint.index as usize == index);
-            say("parent", &joint.map_or("?", |joint| &joint.name), "on a path to a root: this one runs in a circle")
+            say("parent", &joint.map_or("?", |joint| &joint.name), "on a path to a root, without a cycle")
         })?;
     } else if let Some(joint) = read.joint.iter().find(|joint| joint.parent.is_some()) {
-        return Err(say(&format!("joint {:?} parent", joint.name), &"given", "there with local rotations only"));
+        return Err(say(&format!("joint {:?} parent", joint.name), &"given", "given with local rotations only"));
     }
     Ok(())
 }
@@ -200,14 +200,14 @@ fn place(map: &mut Map, joint: &Joint, say: Say<'_>) -> Result<(), LayoutError> 
         return refuse(&format!("one of {}", SMPL_NAMES.join(", ")));
     };
     if field == "half_of" && map.sends == Sends::LocalRotations {
-        return refuse("`is`: rotations have no middle");
+        return refuse("`is`, because rotations have no midpoint");
     }
     let index = joint.index as u8;
     match (field, map.from[smpl]) {
         ("is", [NONE, NONE]) => map.from[smpl] = [index, index],
         ("half_of", [NONE, NONE]) => map.from[smpl] = [index, NONE],
         ("half_of", [first, NONE]) => map.from[smpl] = [first, index],
-        _ => return refuse("a joint that no other row is"),
+        _ => return refuse("a joint that no other row names"),
     }
     Ok(())
 }

@@ -140,7 +140,7 @@ impl Layouts {
     /// Returns [`LayoutError::Value`] with `file` if the number is used.
     pub fn add(&mut self, file: &str, map: Map) -> Result<(), LayoutError> {
         if let Some(other) = self.find(map.number) {
-            let bound = format!("a number of its own: {} has it", other.name);
+            let bound = format!("unique: {} has it already", other.name);
             let (file, key, value) = (file.to_owned(), "number".to_owned(), map.number.to_string());
             return Err(LayoutError::Value { file, key, value, bound });
         }

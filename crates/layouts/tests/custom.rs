@@ -112,10 +112,10 @@ fn f097_wrong_value_error_names_file_key_value_and_bound() {
             "is = \"left_wrist_\"",
             "joint \"left_wrist\" is = \"left_wrist_\" must be one of pelvis",
         ),
-        ("is = \"left_wrist\"", "is = \"right_elbow\"", "must be a joint that no other row is"),
+        ("is = \"left_wrist\"", "is = \"right_elbow\"", "must be a joint that no other row names"),
         (", is = \"left_wrist\"", "", "joint = left_wrist must be among"),
         (", is = \"left_elbow\"", "", "joint = left_elbow"),
-        ("is = \"left_wrist\"", "half_of = \"left_wrist\"", "half_of = \"left_wrist\" must be there twice"),
+        ("is = \"left_wrist\"", "half_of = \"left_wrist\"", "half_of = \"left_wrist\" must be given twice"),
         ("is = \"left_wrist\"", "is = \"left_wrist\", half_of = \"head\"", "either `is` or `half_of`"),
         ("is = \"left_wrist\"", "is = \"left_wrist\", parent = \"left_elbow\"", "parent = given"),
         ("index = 20", "index = 19", "index = 19"),
@@ -143,7 +143,7 @@ fn parents_in_circle_or_unknown_are_refused() {
 fn second_layout_with_same_number_is_refused() {
     let mut layouts = with("mine.toml", &good());
     let said = layouts.add("yours.toml", Map::parse("yours.toml", &good()).expect("good")).expect_err("taken");
-    assert_eq!(said.to_string(), "yours.toml: number = 1234 must be a number of its own: mine has it");
+    assert_eq!(said.to_string(), "yours.toml: number = 1234 must be unique: mine has it already");
 }
 
 /// A client of a shipped file. Joints without a name are NaN.

@@ -92,31 +92,32 @@ macro_rules! faults {
 }
 
 faults! {
-    NotRealtime: Inhibit, 1, "No real-time scheduling (SCHED_FIFO, locked memory, PREEMPT_RT kernel), and neither control.engage_without_realtime nor --engage-without-realtime allows to do without.";
+    NotRealtime: Inhibit, 1, "Real-time scheduling (SCHED_FIFO, locked memory, PREEMPT_RT kernel) is missing, and \
+        neither control.engage_without_realtime nor --engage-without-realtime permits engaging without it.";
     ConfigMismatch: Inhibit, 1, "Two processes run with different configurations.";
     StartOutsideLimits: Inhibit, 1, "A measured joint is outside its limits.";
     StartInCollision: Inhibit, 1, "The measured posture is closer to self-collision than allowed.";
-    NoRobotState: Inhibit, 1, "No robot state has arrived yet, or the driver has not taken up the command stream.";
+    NoRobotState: Inhibit, 1, "No robot state has arrived yet, or the driver has not started the command stream.";
     NoTarget: Inhibit, 1, "No fresh target has arrived yet.";
     InputStale: Hold, 1, "No valid skeleton arrived for too long.";
-    InputImplausible: Hold, 3, "The target carries values that no network may produce.";
+    InputImplausible: Hold, 3, "The target is implausible: a value is out of range, or it keeps jumping.";
     TargetStale: Hold, 1, "No target arrived for too long.";
     CollisionNear: Hold, 15, "The measured posture is closer to self-collision than allowed.";
     StateLate: Hold, 1, "The robot state is late.";
     DeadlinesLate: Hold, 1, "Control missed deadlines too often within a second.";
-    OperatorSilent: Release, 1, "The enable heartbeat stopped or its client went away.";
-    WriterRestarted: Release, 1, "The retargeting or the driver restarted.";
-    PersonChanged: Release, 1, "The person or the client is another one than before, frames contradicted each other, or the ingest restarted.";
+    OperatorSilent: Release, 1, "The enable heartbeat stopped, or its client disconnected.";
+    WriterRestarted: Release, 1, "Retargeting or the driver restarted.";
+    PersonChanged: Release, 1, "The person or the client changed, frames contradicted each other, or ingest restarted.";
     HoldTimeout: Release, 1, "Holding lasted too long.";
     EmergencyStop: Stop, 1, "The emergency stop was pressed, by an operator or at the robot.";
     StateStale: Stop, 1, "The robot state stopped arriving.";
-    FeedbackInvalid: Stop, 1, "What the robot measures cannot be: it jumps, stands still on the way, or goes the other way.";
+    FeedbackInvalid: Stop, 1, "Encoder feedback is implausible: it jumped, froze while moving, or has the wrong sign.";
     TrackingError: Stop, 1, "The robot does not follow its command.";
-    VelocityError: Stop, 1, "A joint is measured moving faster than its limit, or otherwise than it is sent.";
-    StandstillLost: Stop, 1, "Nothing moves the robot, and a joint is measured leaving its place, or it does not come to rest.";
+    VelocityError: Stop, 1, "A joint's measured motion exceeds its speed limit, or differs from the command.";
+    StandstillLost: Stop, 1, "No motion is commanded, but a joint leaves its position or does not come to rest.";
     DeadlineMissed: Stop, 1, "Control missed too many deadlines in a row.";
     DriverFault: Stop, 1, "The driver latched a fault.";
-    GateDenied: Stop, 3, "The last gate refused commands of whole-body control.";
+    GateDenied: Stop, 3, "The gate denied commands of whole-body control.";
 }
 
 impl Fault {

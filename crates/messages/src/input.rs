@@ -37,7 +37,7 @@ impl CalibrationSource {
     /// Name in reports.
     pub const fn name(self) -> &'static str {
         match self {
-            Self::None => "none (the elbow's plane of the moment)",
+            Self::None => "none (uses the elbow's current plane)",
             Self::Client => "the client's",
             Self::Stored => "stored",
             Self::Online => "estimated online",

@@ -40,14 +40,14 @@ impl PayloadRefusal {
     /// Returns the meaning and the remedy.
     pub const fn meaning(self) -> &'static str {
         match self {
-            Self::NotDisengaged => "the robot is not Disengaged; release it first, or reset it",
+            Self::NotDisengaged => "the robot is not Disengaged; release or reset it first",
             Self::Moving => "the robot is not at rest; wait until it stands",
-            Self::Mass => "the mass is out of range: 0 to 5 kg are allowed",
-            Self::Centre => "the centre is out of range: at most 0.5 m from the origin of the hand's frame",
-            Self::NoCentre => "the robot file names no centre for this hand; say it with --centre",
+            Self::Mass => "the mass is out of range; 0 to 5 kg are allowed",
+            Self::Centre => "the centre is out of range; at most 0.5 m from the origin of the hand's frame is allowed",
+            Self::NoCentre => "the robot file has no centre for this hand; give it with --centre",
             Self::Overload => {
-                "it counts, but needs more than its share of the effort limit to hold this posture, so the robot does not \
-                 start; take the load off, then say so"
+                "it is accepted, but holding this posture needs more than its share of the effort limit, so the robot \
+                 cannot start; take the load off, then report it"
             }
         }
     }

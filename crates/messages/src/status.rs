@@ -69,7 +69,7 @@ impl Transition {
             Self::SETTLED => "settled",
             Self::RECOVERING => "recovery held",
             Self::RECOVERED => "recovered",
-            Self::BLOCKED => "recovery finds no way",
+            Self::BLOCKED => "recovery found no path",
             why => match crate::Fault::from_u32(why) {
                 Some(fault) => fault.row().name,
                 None => "unknown",

@@ -55,7 +55,7 @@ pub(crate) fn read(source: impl Read + Seek, options: &LoadOptions) -> Result<Se
     let trans = match npz.read("trans")? {
         Some(trans) => matrix(trans, &[3], "(N, 3)").map_err(|error| error.in_key("trans"))?,
         None => {
-            warnings.push("no trans: the person stays in its place".to_owned());
+            warnings.push("no trans: the person does not walk".to_owned());
             vec![0.0; 3 * count]
         }
     };
@@ -63,7 +63,7 @@ pub(crate) fn read(source: impl Read + Seek, options: &LoadOptions) -> Result<Se
         let error = ArrayError::Shape { found: vec![trans.len() / 3, 3], expected: "(N, 3), N as in the poses" };
         return Err(error.in_key("trans"));
     }
-    warnings.push("no body model: lengths are those of a person of 1.75 m".to_owned());
+    warnings.push("no body model: uses the limb lengths of a 1.75 m person".to_owned());
     let rest = rest_bones();
     let frames = poses.chunks_exact(BODY_COLUMNS).zip(trans.chunks_exact(3));
     let frames = frames.map(|(pose, trans)| forward(pose, Vector3::from_column_slice(trans), &rest)).collect();

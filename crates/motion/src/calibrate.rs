@@ -32,7 +32,7 @@ impl CalibrationMode {
     pub fn among(text: &str, allowed: &[Self]) -> Result<Self, String> {
         let found = allowed.iter().copied().find(|mode| mode.name() == text);
         found.ok_or_else(|| {
-            format!("is one of {}", allowed.iter().map(|mode| mode.name()).collect::<Vec<_>>().join(", "))
+            format!("must be one of {}", allowed.iter().map(|mode| mode.name()).collect::<Vec<_>>().join(", "))
         })
     }
 

@@ -49,7 +49,7 @@ impl Canonical {
         }
         let shift = guess_shift(frames, &rotation, Vector3::from(root_offset));
         if unit == "scaled to 1.75 m" {
-            warning = Some("no unit gives a plausible stature: the person was scaled to 1.75 m".to_owned());
+            warning = Some("no unit gives a plausible stature: scaled to 1.75 m".to_owned());
         }
         let rotation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(rotation));
         Ok(Self { scale, unit, stature_m, up, warning, rotation, shift })
@@ -67,7 +67,7 @@ impl Canonical {
         let warning = match unit {
             "m" if looks == up => None,
             "m" => Some(format!("the person stands along {looks}, though {up} is up in this format")),
-            _ => Some(format!("lengths are not those of a person in metres: unit {unit}")),
+            _ => Some(format!("limb lengths in metres are implausible: uses unit {unit}")),
         };
         let mut rotation = canonical_from_file(axis);
         if up == "+Z" {
@@ -134,7 +134,7 @@ fn guess_up(frames: &[RigFrame]) -> (Vector3<f64>, &'static str, Option<String>)
     let negative = sum[axis] < 0.0;
     // The limit is 45 degrees. Beyond it another axis may be up, and most exporters use Y.
     if sum[axis].abs() < 0.7 * sum.norm() || sum.norm() == 0.0 {
-        let warning = "the person does not stand upright on average: +Y is taken as up".to_owned();
+        let warning = "the person does not stand upright on average: uses +Y as up".to_owned();
         return (Vector3::y(), "+Y", Some(warning));
     }
     let sign = if negative { -1.0 } else { 1.0 };

@@ -15,7 +15,7 @@ pub enum MotionError {
         source: std::io::Error,
     },
     /// There is no reader for this extension.
-    #[error("{file}: extension \"{extension}\" is not known; motion files are .bvh, .npy, .npz and .mcap")]
+    #[error("{file}: extension \"{extension}\" is unknown; motion files are .bvh, .npy, .npz and .mcap")]
     UnknownFormat {
         /// Path.
         file: String,
@@ -94,7 +94,7 @@ pub enum McapError {
         bound: usize,
     },
     /// A chunk is too large.
-    #[error("the chunk at byte {offset} says that it unpacks to {bytes} bytes, at most {bound} are read")]
+    #[error("the chunk at byte {offset} claims to decompress to {bytes} bytes; the limit is {bound}")]
     Chunk {
         /// Start of the chunk in the file.
         offset: u64,
@@ -104,7 +104,7 @@ pub enum McapError {
         bound: u64,
     },
     /// The chunks unpack to more than a file of this length may hold.
-    #[error("up to byte {offset} it unpacks to {bytes} bytes, at most {bound} are read of that much of a file")]
+    #[error("decompresses to {bytes} bytes within the first {offset}; the limit is {bound}")]
     Unpacked {
         /// Bytes read so far: the start of the chunk that is too much.
         offset: u64,
@@ -150,13 +150,13 @@ pub enum ArrayError {
         cause: String,
     },
     /// The number type is not supported. Objects are pickles.
-    #[error("numbers of type {found} are not read; f4, f8 and integers are (objects are pickles and never read)")]
+    #[error("numbers of type {found} are not supported; f4, f8 and integers are (objects are pickles, and never read)")]
     Type {
         /// NumPy's name of the type.
         found: String,
     },
     /// The array is too large.
-    #[error("shape {shape:?} is more than {bound} numbers")]
+    #[error("shape {shape:?} has more than {bound} numbers")]
     TooLarge {
         /// Claimed shape.
         shape: Vec<usize>,
@@ -164,7 +164,7 @@ pub enum ArrayError {
         bound: usize,
     },
     /// The motion is too long.
-    #[error("{frames} frames, at most {bound} are read")]
+    #[error("{frames} frames, at most {bound} are allowed")]
     TooManyFrames {
         /// Frames of the array.
         frames: usize,
@@ -204,7 +204,7 @@ pub enum ArrayError {
         found: Vec<String>,
     },
     /// The shape is not one of a motion.
-    #[error("has shape {found:?}, expected is {expected}")]
+    #[error("has shape {found:?}, expected {expected}")]
     Shape {
         /// Shape found.
         found: Vec<usize>,
@@ -212,7 +212,7 @@ pub enum ArrayError {
         expected: &'static str,
     },
     /// The array has no frames.
-    #[error("has shape {shape:?}: no frame")]
+    #[error("has shape {shape:?}, which has no frame")]
     Empty {
         /// Shape found.
         shape: Vec<usize>,
@@ -250,8 +250,8 @@ pub enum ArrayError {
     Statistics,
     /// The features are normalised, and Mean and Std are missing.
     #[error(
-        "the features look normalised ({signs}), and there is no Mean.npy and Std.npy beside the file or up to {levels} \
-         folders above: give the options `mean` and `std`"
+        "the features look normalised ({signs}), and no Mean.npy and Std.npy lie beside the file or up to {levels} \
+         folders above; give the options `mean` and `std`"
     )]
     NeedsStatistics {
         /// Evidence that they are normalised.
@@ -260,10 +260,10 @@ pub enum ArrayError {
         levels: usize,
     },
     /// Only one of the options `mean` and `std` is given.
-    #[error("the options `mean` and `std` go together, one is missing")]
+    #[error("one of the options `mean` and `std` is missing; give both or neither")]
     HalfOfStatistics,
     /// The statistics do not lead to a plausible person.
-    #[error("with {mean} and its Std the features are no person ({after}); as stored: {before}")]
+    #[error("with {mean} and its Std the features are not a plausible person ({after}); as stored: {before}")]
     WrongStatistics {
         /// The file with the mean.
         mean: String,
@@ -288,7 +288,7 @@ pub enum BvhError {
     #[error("the file is empty")]
     Empty,
     /// The file ends too early.
-    #[error("line {line}: the file ends where {expected} should follow")]
+    #[error("line {line}: the file ends, expected {expected}")]
     Truncated {
         /// Last line.
         line: usize,
@@ -296,7 +296,7 @@ pub enum BvhError {
         expected: &'static str,
     },
     /// The grammar requires another word here.
-    #[error("line {line}: \"{found}\" where {expected} should stand")]
+    #[error("line {line}: \"{found}\", expected {expected}")]
     Unexpected {
         /// Line.
         line: usize,
@@ -393,7 +393,7 @@ pub enum BvhError {
         found: Vec<String>,
     },
     /// The bones have no length.
-    #[error("legs and spine have no length ({length} units): no scale can be guessed")]
+    #[error("legs and spine have no length ({length} units), so the scale cannot be estimated")]
     NoSize {
         /// Length of leg and spine, units of the file.
         length: f64,

@@ -185,7 +185,7 @@ fn unnormalised(
         let (before, after) = (signs.text(), after.text());
         return Err(ArrayError::WrongStatistics { mean: mean_path.display().to_string(), before, after });
     }
-    warnings.push(format!("features are normalised ({}): undone with {}", signs.text(), mean_path.display()));
+    warnings.push(format!("features are normalised ({}): denormalised with {}", signs.text(), mean_path.display()));
     finite(&undone, FEATURES)?;
     Ok(Some(undone))
 }

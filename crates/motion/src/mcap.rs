@@ -251,13 +251,13 @@ pub fn parse_mcap(input: impl Read, name: &str) -> Result<Motion, McapError> {
     }
     let mut warnings = Vec::new();
     if let Ending::BrokenOff(_) = reader.ending() {
-        warnings.push("the recording breaks off; it is played up to its last whole chunk".to_owned());
+        warnings.push("the recording is truncated; it is used up to its last complete chunk".to_owned());
     }
     if held_s > 0.0 {
-        warnings.push(format!("{held_s:.1} s in which a client held a frame are cut out"));
+        warnings.push(format!("{held_s:.1} s with a held (repeated) frame are left out"));
     }
     if cut_s > held_s {
-        warnings.push(format!("{:.1} s of pauses without a person are cut out", cut_s - held_s));
+        warnings.push(format!("{:.1} s of pauses without a person are left out", cut_s - held_s));
     }
     if unusable > 0 {
         warnings.push(format!("{unusable} skeletons without both arms are left out"));

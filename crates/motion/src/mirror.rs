@@ -9,8 +9,8 @@ use thiserror::Error;
 pub enum MirrorError {
     /// Feet and knees point backwards.
     #[error(
-        "the body is a mirror image: its feet and knees point the wrong way for its left and right (front {front:.2}, \
-         sides {sides:.2}); if the data are mirrored, read them with the option `mirror`"
+        "the body is mirrored: its feet and knees point the wrong way for its left and right (front {front:.2}, sides \
+         {sides:.2}); if the data are mirrored, give the option `mirror`"
     )]
     Mirrored {
         /// Mean cosine between the lines of shoulders and hips.
@@ -25,7 +25,7 @@ pub enum MirrorError {
         sides: f64,
     },
     /// The option `mirror` is given, but the body is no mirror image.
-    #[error("the option `mirror` is given, but the body is no mirror image (front {front:.2}): leave it out")]
+    #[error("the option `mirror` is given, but the body is not mirrored (front {front:.2}); leave it out")]
     NotMirrored {
         /// Mean evidence of feet and knees in the file, positive for a person.
         front: f64,

@@ -124,11 +124,11 @@ fn read_header(source: &mut impl Read) -> Result<Vec<u8>, ArrayError> {
         length |= usize::from(rest[0]) << 16 | usize::from(rest[1]) << 24;
     }
     if length > HEADER_BYTES_MAX || !(1..=3).contains(&major) {
-        let cause = format!("version {major} with a header of {length} bytes, at most {HEADER_BYTES_MAX} are read");
+        let cause = format!("version {major} with a header of {length} bytes, at most {HEADER_BYTES_MAX} are allowed");
         return Err(ArrayError::Header { cause });
     }
     let mut header = vec![0; length];
-    source.read_exact(&mut header).map_err(|_| ArrayError::Header { cause: "the file ends in it".into() })?;
+    source.read_exact(&mut header).map_err(|_| ArrayError::Header { cause: "the file ends within it".into() })?;
     Ok(header)
 }
 
@@ -143,7 +143,7 @@ fn parse_header(text: &[u8]) -> Result<Header, ArrayError> {
     let (number, big_endian) = parse_type(value("descr")?)?;
     let fortran_order = value("fortran_order")?.starts_with("True");
     let shape = value("shape")?;
-    let bad = || ArrayError::Header { cause: "shape is no tuple of lengths".into() };
+    let bad = || ArrayError::Header { cause: "shape is not a tuple of lengths".into() };
     let inside = shape.strip_prefix('(').and_then(|rest| rest.split_once(')')).ok_or_else(bad)?.0;
     let lengths = inside.split(',').map(str::trim).filter(|length| !length.is_empty());
     let shape = lengths.map(|n| n.trim_end_matches('L').parse::<usize>().map_err(|_| bad()));
@@ -232,7 +232,7 @@ impl<R: Read + Seek> Npz<R> {
         // The end of the entry is reached here, so the library compares the archive's checksum.
         match file.read(&mut [0]) {
             Ok(0) => Ok(Some(array)),
-            Ok(_) => Err(damaged("more bytes than its shape says".into())),
+            Ok(_) => Err(damaged("more bytes than its shape needs".into())),
             Err(error) => Err(damaged(error.to_string())),
         }
     }

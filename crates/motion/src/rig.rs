@@ -126,7 +126,7 @@ fn fill_feet(joints: &[Joint], found: &mut [Option<usize>; SMPL_JOINTS], warning
             let child = (0..joints.len()).find(|&i| joints[i].parent == Some(parent));
             if let Some(child) = child {
                 found[foot as usize] = Some(child);
-                warnings.push(format!("no toe joint: {} is the end of the foot", SMPL_NAMES[foot as usize]));
+                warnings.push(format!("no toe joint: uses {} as the end of the foot", SMPL_NAMES[foot as usize]));
             }
         }
     }
@@ -138,7 +138,7 @@ fn fill_trunk(joints: &[Joint], found: &mut [Option<usize>; SMPL_JOINTS], warnin
     let thighs = (get(found, Smpl::LeftHip), get(found, Smpl::RightHip));
     if let ((Some(left), Some(right)), None) = (thighs, get(found, Smpl::Pelvis)) {
         found[Smpl::Pelvis as usize] = common_ancestor(joints, left, right);
-        warnings.push("no joint named hips or pelvis: the common parent of the thighs is the pelvis".to_owned());
+        warnings.push("no joint named hips or pelvis: uses the common parent of the thighs as the pelvis".to_owned());
     }
     let shoulders = (get(found, Smpl::LeftShoulder), get(found, Smpl::RightShoulder));
     let (Some(left), Some(right)) = shoulders else { return };
@@ -148,12 +148,12 @@ fn fill_trunk(joints: &[Joint], found: &mut [Option<usize>; SMPL_JOINTS], warnin
     for (collar, shoulder) in [(Smpl::LeftCollar, left), (Smpl::RightCollar, right)] {
         if found[collar as usize].is_none() {
             found[collar as usize] = joints[shoulder].parent;
-            warnings.push(format!("no clavicle: the parent of the shoulder is {}", SMPL_NAMES[collar as usize]));
+            warnings.push(format!("no clavicle: uses {} as the parent of the shoulder", SMPL_NAMES[collar as usize]));
         }
     }
     if get(found, Smpl::Head).is_none() {
         found[Smpl::Head as usize] = top(joints, chest, [left, right]);
-        warnings.push("no joint named head: the end of the neck is the head".to_owned());
+        warnings.push("no joint named head: uses the end of the neck as the head".to_owned());
     }
     if let Some(head) = get(found, Smpl::Head) {
         // The child of the chest on the way to the head. If nothing lies between, it is the head itself.

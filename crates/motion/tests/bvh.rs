@@ -222,7 +222,7 @@ fn f104_damaged_bvh_error_names_cause() {
     let nested = format!("HIERARCHY\nROOT a\n{{\n{}", "JOINT b\n{\n".repeat(100_000));
     let wide = format!("HIERARCHY\nROOT a\n{{\n{}", "JOINT b\n{\n}\n".repeat(100_000));
     let last = good.trim_end().rsplit_once(' ').map(|(head, _)| head.to_owned()).expect("a number");
-    let cut = format!("line {frame_line}: the file ends where a number");
+    let cut = format!("line {frame_line}: the file ends, expected a number");
     let cases: Vec<(&str, Vec<u8>, &str)> = vec![
         ("empty", b"".to_vec(), "empty"),
         ("blank", b" \n\t\r\n ".to_vec(), "empty"),
@@ -231,7 +231,7 @@ fn f104_damaged_bvh_error_names_cause() {
         ("invalid bytes", [good.as_bytes(), b"\xff\xff".as_slice()].concat(), "more numbers than"),
         ("nested", nested.into_bytes(), "nested joints: 129, at most 128"),
         ("wide", wide.into_bytes(), "joints: 2049, at most 2048"),
-        ("truncated hierarchy", good.split("JOINT LeftLeg").next().unwrap_or("").into(), "the file ends where"),
+        ("truncated hierarchy", good.split("JOINT LeftLeg").next().unwrap_or("").into(), "the file ends, expected"),
         ("truncated frame", last.into_bytes(), &cut),
         (
             "claims 10 GB",
@@ -247,9 +247,9 @@ fn f104_damaged_bvh_error_names_cause() {
         ("infinite", good.replace("OFFSET 0.000000 9", "OFFSET inf 9").into_bytes(), "OFFSET inf is not within"),
         ("1e30", good.replace("OFFSET 0.000000 9", "OFFSET 1e30 9").into_bytes(), "is not within"),
         ("channels", good.replacen("CHANNELS 6", "CHANNELS 4000000000", 1).into_bytes(), "CHANNELS: 4000000000"),
-        ("channel", good.replacen("Xposition", "Wposition", 1).into_bytes(), "\"Wposition\" where"),
+        ("channel", good.replacen("Xposition", "Wposition", 1).into_bytes(), "\"Wposition\", expected"),
         ("brace", good.replacen('{', "[", 1).into_bytes(), "line 3: "),
-        ("second root", good.replacen("MOTION", "ROOT Other", 1).into_bytes(), "\"ROOT\" where MOTION"),
+        ("second root", good.replacen("MOTION", "ROOT Other", 1).into_bytes(), "\"ROOT\", expected MOTION"),
     ];
     for (name, text, expected) in cases {
         match parse_bvh(name, &text) {

@@ -20,14 +20,18 @@ pub enum OperatorError {
     },
     /// The server ended the connection.
     #[error(
-        "{}: teleopd control closed the connection: it ended, is full, does not admit this user, or is of another version than this client", path.display()
+        "{}: teleopd control closed the connection. It ended, all its connections are in use, it does not admit this \
+         user, or its version differs from this client's", path.display()
     )]
     Closed {
         /// The socket.
         path: PathBuf,
     },
     /// A reply has the wrong length.
-    #[error("{}: a reply of {bytes} bytes, expected {expected}: teleopd control is of another version than this client", path.display())]
+    #[error(
+        "{}: a reply has {bytes} bytes, expected {expected}. The versions of teleopd control and this client \
+         differ", path.display()
+    )]
     BadReply {
         /// The socket.
         path: PathBuf,

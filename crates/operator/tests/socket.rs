@@ -418,7 +418,7 @@ fn socket_has_mode_0660_and_is_removed_with_its_server() {
     assert!(!path.exists());
     let error = Client::connect(&path).err().unwrap();
     assert!(matches!(error, OperatorError::Door(DoorError::NoSocket { .. })));
-    assert!(error.to_string().contains("is teleopd control running?"), "{error}");
+    assert!(error.to_string().contains("Is teleopd control running?"), "{error}");
 }
 
 #[test]

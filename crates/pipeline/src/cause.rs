@@ -30,7 +30,7 @@ fn following(mode: Mode, status: &Status, names: &Names) -> String {
     let mut all = vec![match mode {
         Mode::Engaged => follows(status, names),
         Mode::Engaging if degrees >= BEHIND_DEG => {
-            format!("The robot comes to the person, slowly, {degrees:.0} degrees behind.")
+            format!("The robot moves to the person's posture slowly, {degrees:.0} degrees behind.")
         }
         _ => return why(status, names),
     }];
@@ -127,8 +127,8 @@ mod tests {
         assert_eq!(cause(&status, &Names::default()), format!("{text} The speed is reduced: {name}."));
         status.mode = Mode::Engaging as u32;
         let text = cause(&status, &Names::default());
-        assert!(text.starts_with("The robot comes to the person, slowly, 24 degrees behind."), "{text}");
+        assert!(text.starts_with("The robot moves to the person's posture slowly, 24 degrees behind."), "{text}");
         (status.reduced, status.limb_error_measured_rad) = (0, 0.0);
-        assert_eq!(cause(&status, &Names::default()), "The robot comes to the person, slowly.");
+        assert_eq!(cause(&status, &Names::default()), "The robot moves to the person's posture slowly.");
     }
 }

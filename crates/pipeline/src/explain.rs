@@ -74,7 +74,7 @@ pub fn sentences(before: Option<&Status>, now: &Status, names: &Names) -> Vec<Se
     let mut all = Vec::new();
     let made = now.transition_count.wrapping_sub(before.transition_count);
     if made > KEPT {
-        all.push(say(Severity::Warning, format!("{} changes of mode were not seen.", made - KEPT)));
+        all.push(say(Severity::Warning, format!("{} mode changes were missed.", made - KEPT)));
     }
     let mut told = Faults::NONE;
     for made in newest_transitions(now, made) {
@@ -101,7 +101,7 @@ pub fn sentences(before: Option<&Status>, now: &Status, names: &Names) -> Vec<Se
             _ => "would have come too close",
         };
         let why = subject(about, names).map_or(String::new(), |which| format!(": {which} {why}"));
-        all.push(say(Severity::Note, format!("{refused} motions were refused, the plan went on{why}.")));
+        all.push(say(Severity::Note, format!("{refused} motions were refused; the plan continued{why}.")));
     }
     if let Some((name, meaning)) = dropped(now).filter(|_| now.input_drop != before.input_drop) {
         all.push(say(Severity::Warning, format!("Frames of the person are dropped: {name}: {meaning}.")));
@@ -156,8 +156,8 @@ pub fn why_stopped(status: &Status, names: &Names) -> Option<String> {
 /// follows or waits.
 pub fn why(status: &Status, names: &Names) -> String {
     why_stopped(status, names).unwrap_or_else(|| match Mode::from_u32(status.mode) {
-        Some(Mode::Recovering) => "The robot is brought back.".into(),
-        Some(Mode::Engaging) => "The robot comes to the person, slowly.".into(),
+        Some(Mode::Recovering) => "The robot moves back slowly.".into(),
+        Some(Mode::Engaging) => "The robot moves to the person's posture slowly.".into(),
         Some(mode) if moves(mode) => follows(status, names),
         _ => "The robot waits to be engaged.".into(),
     })
@@ -206,20 +206,18 @@ pub fn meaning(fault: Fault, status: &Status, names: &Names) -> String {
             let joint = joint as usize;
             let (name, unit, by) = (names.joint(joint), names.unit(joint), status.outside_by);
             if by == 0.0 {
-                return format!(
-                    "{meaning} {name} needs more than its share of the effort limit to hold what it carries."
-                );
+                return format!("{meaning} {name} needs more than its share of the effort limit to hold its load.");
             }
             let side = if by < 0.0 { "below its lowest position" } else { "above its highest position" };
             format!("{meaning} {name} is {:.4} {unit} {side}; teleopctl recover brings it back.", by.abs())
         }
-        (Fault::StartInCollision, _) => format!("{meaning} {}; teleopctl recover takes them apart.", measured_pair()),
+        (Fault::StartInCollision, _) => format!("{meaning} {}; teleopctl recover moves them apart.", measured_pair()),
         (Fault::CollisionNear, _) => format!("{meaning} {}.", measured_pair()),
         (Fault::EmergencyStop, _) if status.reset_first_by > 0 => {
-            format!("{meaning} User {} has to reset it, or root.", status.reset_first_by - 1)
+            format!("{meaning} Only user {} or root may reset it.", status.reset_first_by - 1)
         }
         (Fault::GateDenied, _) => match denied(status, names) {
-            Some(why) => format!("{meaning} The last one because {why}."),
+            Some(why) => format!("{meaning} Last reason: {why}."),
             None => meaning.into(),
         },
         (Fault::TrackingError, _) => {
@@ -233,13 +231,13 @@ pub fn meaning(fault: Fault, status: &Status, names: &Names) -> String {
         },
         (Fault::InputStale, _) if silent_ms > TARGET_SILENT_MS => {
             format!(
-                "{meaning} Nor has `retarget` sent a target for {silent_ms:.0} ms: nothing is known of the skeletons."
+                "{meaning} `retarget` has sent no target for {silent_ms:.0} ms, so the skeletons' state is unknown."
             )
         }
         (Fault::InputStale, _) => match dropped(status) {
-            Some((name, why)) => format!("{meaning} Frames come, and are dropped: {name}: {why}."),
+            Some((name, why)) => format!("{meaning} Frames arrive, but are dropped: {name}: {why}."),
             None if input_age_ms(status).is_some_and(|age_ms| age_ms < INPUT_SEEN_MS) => {
-                format!("{meaning} Frames come, but at least 20 a second for half a second are needed.")
+                format!("{meaning} Frames arrive, but at least 20 a second are needed for half a second.")
             }
             None => meaning.into(),
         },
@@ -256,7 +254,7 @@ fn unsteady(status: &Status, names: &Names) -> Option<String> {
 /// if it is at rest.
 pub fn not_at_rest(status: &Status, names: &Names) -> Option<String> {
     let name = unsteady(status, names).filter(|_| status.moving != 0)?;
-    Some(format!("The robot is not at rest: {name} is measured moving, or was less than 0.1 s ago."))
+    Some(format!("The robot is not at rest: {name} is moving, or moved less than 0.1 s ago."))
 }
 
 /// The payloads of both hands.
@@ -371,9 +369,12 @@ mod tests {
         assert!(texts[1].starts_with("Holding after Engaging: CollisionNear"), "{texts:?}");
         assert!(texts[1].contains("part 3 and part 4"), "{texts:?}");
         assert!(texts[2].starts_with("StateLate: "), "{texts:?}");
-        let why = "parts were too close where the stop ends (part 1 and part 2)";
+        let why = "parts would be too close where the stop ends (part 1 and part 2)";
         assert_eq!(texts[3], format!("The gate denied 2 commands, the last one because {why}."));
-        assert_eq!(texts[4], "7 motions were refused, the plan went on: part 5 and part 6 would have come too close.");
+        assert_eq!(
+            texts[4],
+            "7 motions were refused; the plan continued: part 5 and part 6 would have come too close."
+        );
         assert!(texts[5].starts_with("Frames of the person are dropped: Size: hips to shoulders"), "{texts:?}");
         assert_eq!(texts[6], "Calibration of the person: estimated online.");
         assert!(sentences(Some(&status), &status, &names).is_empty());
@@ -428,7 +429,7 @@ mod tests {
         assert_eq!(super::why(&status, &names), "The robot waits to be engaged.");
         (status.moving, status.unsteady_joint) = (1, 7);
         let why = why_stopped(&status, &names).expect("it swings");
-        assert!(why.contains("not at rest: joint 6 is measured moving"), "{why}");
+        assert!(why.contains("not at rest: joint 6 is moving"), "{why}");
         (status.moving, status.unsteady_joint) = (0, 0);
         status.mode = Mode::Engaged as u32;
         assert_eq!(super::why(&status, &names), "The robot follows.");
@@ -441,7 +442,7 @@ mod tests {
         );
         (status.limited_why, status.limited_about) = (0, 0);
         status.mode = Mode::Engaging as u32;
-        assert_eq!(super::why(&status, &names), "The robot comes to the person, slowly.");
+        assert_eq!(super::why(&status, &names), "The robot moves to the person's posture slowly.");
         status.reduced = reduced_flag::NAMES[0].0;
         assert!(why_stopped(&status, &names).is_some_and(|why| why.contains(reduced_flag::NAMES[0].1)));
     }

@@ -53,36 +53,35 @@ impl InputConfig {
     pub const fn meaning(reason: DropReason) -> &'static str {
         match reason {
             DropReason::Layout => "the layout's number is unknown",
-            DropReason::Count => "not as many joints as the layout has, or an unknown flag",
-            DropReason::Mirrored => "a mirrored image in a layout that allows none",
+            DropReason::Count => "the number of joints differs from the layout's, or a flag is unknown",
+            DropReason::Mirrored => "the frame is mirrored, and its layout does not allow that",
             DropReason::NoOrigin => "header.origin, the time at which the person was seen, is 0",
             DropReason::Future => "header.origin lies in the future; it is CLOCK_MONOTONIC of this machine, ns",
             DropReason::Old => "header.origin is more than 100 ms ago; it is CLOCK_MONOTONIC of this machine, ns",
             DropReason::SessionChanged => "the session changed; its first frame is never used",
             DropReason::OperatorChanged => "operator_id changed; the first frame of another person is never used",
-            DropReason::Duplicate => "header.origin or header.sequence is that of the frame before",
+            DropReason::Duplicate => "header.origin or header.sequence equals the previous frame's",
             DropReason::Backwards => "header.origin or header.sequence went backwards",
-            DropReason::NotFinite => "a number is not finite",
+            DropReason::NotFinite => "a number is NaN or infinite",
             DropReason::OutOfRange => {
-                "a coordinate is beyond 100 m, a joint more than 1.5 m from the pelvis, or a confidence not 0 to 1 (are the \
-                 units those of the layout?)"
+                "a coordinate is beyond 100 m, a joint more than 1.5 m from the pelvis, or a confidence not 0 to 1 \
+                 (are the units those of the layout?)"
             }
             DropReason::NotUnit => "a quaternion or a hinge is not of length 1",
             DropReason::TrunkLost => "shoulders or hips are below a confidence of 0.5",
             DropReason::Size => {
-                "hips to shoulders are not 0.29 to 0.73 m, or an upper arm or a forearm is not 0.3 to 0.9 of that (are the \
-                 units and the order of the joints those of the layout?)"
+                "hips to shoulders are not 0.29 to 0.73 m, or an upper arm or a forearm is not 0.3 to 0.9 of that \
+                 (are the units and the order of the joints those of the layout?)"
             }
-            DropReason::NotUpright => {
-                "the trunk does not stand upright at the start (is the axis that points up the layout's?)"
-            }
-            DropReason::Chirality => "left and right are swapped, or the person is a mirror image",
+            DropReason::NotUpright => "the trunk is not upright at the start (is the up axis the layout's?)",
+            DropReason::Chirality => "left and right are swapped, or the person is mirrored",
             DropReason::Teleport => {
-                "a shoulder went faster than 7 m/s, an elbow faster than 10 m/s, or a wrist faster than 12 m/s, relative to the hips"
+                "a shoulder went faster than 7 m/s, an elbow faster than 10 m/s, or a wrist faster than 12 m/s, \
+                 relative to the hips"
             }
             DropReason::LengthStep => "a limb changed its length from one frame to the next",
-            DropReason::LengthChange => "a limb's length left that of the session's first second",
-            DropReason::Frozen => "the same numbers again and again: a tracker that is stuck",
+            DropReason::LengthChange => "a limb's length differs from that in the session's first second",
+            DropReason::Frozen => "the same numbers repeat: the tracker is stuck",
         }
     }
 }

@@ -126,7 +126,7 @@ fn refuse_foreign(run_dir: &Path) -> std::io::Result<()> {
         let (uid, mode) = (found.uid(), found.mode() & 0o7777);
         if uid != own_uid && uid != 0 {
             let text = format!(
-                "the {what} belongs to user {uid}, who could put sockets of its own there. Give --run-dir a folder of your own"
+                "the {what} belongs to user {uid}, who could place sockets in it. Give --run-dir a folder of your own"
             );
             return Err(std::io::Error::new(std::io::ErrorKind::PermissionDenied, text));
         }
@@ -134,7 +134,9 @@ fn refuse_foreign(run_dir: &Path) -> std::io::Result<()> {
         let group = mode & 0o020 != 0 && found.gid() != own_gid;
         if found.is_dir() && (mode & 0o002 != 0 || group) {
             let (who, right) = if group { ("members of another group", "g-w") } else { ("other users", "o-w") };
-            let text = format!("{who} may write to the {what} (mode {mode:04o}): chmod {right}, or another folder");
+            let text = format!(
+                "{who} may write to the {what} (mode {mode:04o}). Run chmod {right} on it, or give another folder"
+            );
             return Err(std::io::Error::new(std::io::ErrorKind::PermissionDenied, text));
         }
     }

@@ -110,7 +110,7 @@ pub enum ConfigError {
     #[error(transparent)]
     Layout(#[from] layouts::LayoutError),
     /// A list has too many entries.
-    #[error("{file}: {key} has {value} entries, more than {most}")]
+    #[error("{file}: {key} has {value} entries, at most {most} are allowed")]
     TooMany {
         /// The file.
         file: String,

@@ -174,7 +174,7 @@ fn named(error: ConfigError, file: &Path, config: &Path, key: &str) -> ConfigErr
     match error {
         ConfigError::Read { file: unread, cause } if Path::new(&unread) == file => {
             let config = config.display();
-            let cause = format!("{cause} ({key} of {config} names it; such a path is relative to the settings file)");
+            let cause = format!("{cause} ({key} in {config} names it; such a path is relative to the settings file)");
             ConfigError::Read { file: unread, cause }
         }
         other => other,
@@ -251,7 +251,7 @@ fn read_bytes(path: &Path, most: u64) -> Result<Vec<u8>, ConfigError> {
     // The file may grow while it is read: at most one byte beyond the bound is read.
     file.take(most + 1).read_to_end(&mut bytes).map_err(failed)?;
     if length > most || bytes.len() as u64 > most {
-        return Err(refuse(format!("has {length} bytes, more than the {most} that are read")));
+        return Err(refuse(format!("has {length} bytes, at most {most} are allowed")));
     }
     Ok(bytes)
 }

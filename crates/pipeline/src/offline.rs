@@ -170,7 +170,7 @@ impl Offline {
         self.report.rows += 1;
         let command = moment.control.and_then(|control| control.command);
         let (Some(command), Some(target)) = (command, moment.target) else {
-            return Err(OfflineEnd::Stopped("control had nothing to continue from".into()));
+            return Err(OfflineEnd::Stopped("control had no command to continue from".into()));
         };
         Ok(Row { k, command: command.q, target: target.q })
     }

@@ -105,7 +105,10 @@ impl Operators {
             let operator = parse(&file, &read_text(&path)?)?;
             if let Some((_, other)) = all.0.iter().find(|(_, other)| other.key() == operator.key()) {
                 let (id, layout) = operator.key();
-                let cause = format!("operator_id {id} and layout {layout} are those of {:?} too", other.name);
+                let cause = format!(
+                    "operator_id {id} with layout {layout} is also that of {:?}; remove one of the files",
+                    other.name
+                );
                 return Err(ConfigError::Syntax { file, cause });
             }
             all.0.push((path.file_stem().unwrap_or_default().to_string_lossy().into_owned(), operator));
@@ -127,20 +130,21 @@ impl Operators {
                 (true, true) => return None,
                 (true, false) => {
                     return Some(format!(
-                        "{file}.toml is that of operator_id {id} and layout {of}, and who is seen has operator_id \
-                         {operator_id} and layout {layout}: give another name, or remove that file"
+                        "{file}.toml belongs to operator_id {id} with layout {of}, but the client sends operator_id \
+                         {operator_id} with layout {layout}. Give another name, or remove that file"
                     ));
                 }
                 (false, true) => {
                     return Some(format!(
-                        "operator_id {id} and layout {of} are those of {file}.toml already: let the client send another \
-                         operator_id for another person, or calibrate {file} anew, or remove that file"
+                        "operator_id {id} with layout {of} belongs to {file}.toml already. Let the client send another \
+                         operator_id for another person, or calibrate {file} again, or remove that file"
                     ));
                 }
                 (false, false) => {}
             }
         }
-        (self.0.len() >= OPERATORS_MAX).then(|| format!("there are {OPERATORS_MAX} files, and no more are read"))
+        (self.0.len() >= OPERATORS_MAX)
+            .then(|| format!("there are {OPERATORS_MAX} files, the most that are read; remove one"))
     }
 
     /// Returns the calibration of a client's person in a layout.
@@ -192,7 +196,8 @@ impl Operator {
         };
         let text = toml::to_string(&file).unwrap_or_default();
         format!(
-            "# One operator in one layout of skeletons, as `teleopctl calibrate` measured them. Lengths of the limbs; how far the\n\
+            "# One operator in one layout of skeletons, as `teleopctl calibrate` measured them. Lengths of the limbs; \
+             how far the\n\
              # trunk leans back in a T-pose; axes of the elbows in the frames of the joints that carry them.\n{text}"
         )
     }
@@ -264,9 +269,9 @@ mod tests {
         }
         assert_eq!(all.find(3, 4).unwrap().hinges.flags, 0);
         assert_eq!((all.find(3, 2), all.find(4, 1)), (None, None));
-        let twin_of = "operator_id 3 and layout 1 are those of anna.toml already";
+        let twin_of = "operator_id 3 with layout 1 belongs to anna.toml already";
         let of_another =
-            "anna.toml is that of operator_id 3 and layout 1, and who is seen has operator_id 4 and layout 1";
+            "anna.toml belongs to operator_id 3 with layout 1, but the client sends operator_id 4 with layout 1";
         for (name, person, layout, why) in [
             ("anna", 3, 1, None),
             ("bert", 4, 1, None),

@@ -438,7 +438,7 @@ impl Settings {
         if self.driver.kind == DriverKind::Robot && self.driver.program.is_empty() {
             return Err(ConfigError::Syntax {
                 file: file.to_owned(),
-                cause: "driver.kind = \"robot\" needs driver.program: the program that drives your robot".into(),
+                cause: "driver.kind = \"robot\" needs driver.program; name the program that drives your robot".into(),
             });
         }
         // The lease must not pass to another client while the robot still moves for the client that fell silent.
@@ -449,7 +449,7 @@ impl Settings {
                 key: "ingest.authority_timeout_ms".to_owned(),
                 value,
                 least,
-                because: "safety.input_stale_ms and the longest stop, 500 ms",
+                because: "the sum of safety.input_stale_ms and the longest stop, 500 ms",
             });
         }
         Ok(())

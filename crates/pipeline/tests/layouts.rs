@@ -62,7 +62,7 @@ fn f097_missing_wrong_or_duplicate_layout_is_refused_by_name() {
     let said = refused(&[&zed, &zed]);
     assert!(said.contains("zed_body_38.toml: number = 1038") && said.contains("zed-body-38 has it"), "{said}");
     let said = refused(&[zed.as_str(); 17]);
-    assert!(said.contains("teleop.toml: ingest.layouts has 17 entries, more than 16"), "{said}");
+    assert!(said.contains("teleop.toml: ingest.layouts has 17 entries, at most 16 are allowed"), "{said}");
     let text = std::fs::read_to_string(&zed).expect("shipped").replace("x = \"left\"", "x = \"right\"");
     std::fs::write(folder.path().join("mirrored.toml"), text).expect("written");
     let said = refused(&["mirrored.toml"]);

@@ -363,7 +363,7 @@ impl Tree<'_> {
         let limit = raw.limit.ok_or_else(|| PlantError::missing(self.file, key("limit")))?;
         let carrier = links.iter().find(|link| link.name == raw.parent);
         let Some(carrier) = carrier.filter(|carrier| carrier.body <= j) else {
-            let bound = "a joint must not hang on a later one of the order torso, head, left arm, right arm";
+            let bound = "a joint must not be attached to a later one in the order torso, head, left arm, right arm";
             return Err(PlantError::value(self.file, &key("parent"), &raw.parent, bound));
         };
         for (what, value) in [("damping", raw.damping), ("friction", raw.friction)] {

@@ -73,7 +73,7 @@ pub enum ConfigError {
     #[error("method is network, but no weights are given")]
     NoWeights,
     /// A number is out of its range.
-    #[error("{key} is {value}, allowed are {min} to {max}")]
+    #[error("{key} is {value}, must be {min} to {max}")]
     Range {
         /// The key.
         key: &'static str,

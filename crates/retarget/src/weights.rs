@@ -42,7 +42,7 @@ pub enum WeightsError {
         expected: String,
     },
     /// The safetensors header is too long.
-    #[error("safetensors header of {bytes} bytes, at most {HEADER_MAX_BYTES} are read")]
+    #[error("the safetensors header has {bytes} bytes, at most {HEADER_MAX_BYTES} are allowed")]
     Header {
         /// Its length.
         bytes: u64,
@@ -76,14 +76,15 @@ pub enum WeightsError {
     },
     /// The networks do not compute the expected values on this machine.
     #[error(
-        "the networks err by {error} on fixed inputs, at most 1e-3 is allowed: weights out of range, or a fault of this processor"
+        "the networks' error on fixed inputs is {error}, at most 1e-3 is allowed. Either a weight is out of range, or \
+         this processor is faulty"
     )]
     Golden {
         /// The largest error: of a latent, relative to its size if that is above 1, or of a joint, rad.
         error: f64,
     },
     /// A weight is NaN or infinite.
-    #[error("tensor {name} has {value} at index {index}; every weight has to be finite")]
+    #[error("tensor {name} has {value} at index {index}; every weight must be finite")]
     NotFinite {
         /// Its name.
         name: String,

@@ -54,7 +54,7 @@ fn missing_weights_or_options_out_of_range_are_refused() {
     let network = Options { method: Some(retarget::Method::Network), ..Options::default() };
     assert!(refuse(network).contains("no weights"));
     let refused = refuse(Options { following_delay_ms: 250.1, ..Options::default() });
-    assert_eq!(refused, "following_delay_ms is 250.1, allowed are 0 to 250");
+    assert_eq!(refused, "following_delay_ms is 250.1, must be 0 to 250");
     for delay_ms in [f64::NAN, -1.0] {
         let refused = refuse(Options { following_delay_ms: delay_ms, ..Options::default() });
         assert!(refused.contains("following_delay_ms"), "{refused}");

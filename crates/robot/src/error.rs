@@ -34,7 +34,7 @@ pub enum RobotError {
         cause: String,
     },
     /// Returned for a construct that no robot needs and that attackers use.
-    #[error("{file}: {construct} is refused")]
+    #[error("{file}: {construct} is not allowed")]
     Forbidden {
         /// File.
         file: String,
@@ -64,7 +64,10 @@ pub enum RobotError {
         expected: String,
     },
     /// Returned if the links are not one tree.
-    #[error("{file}: roots: {}, exactly one link may have no parent", if roots.is_empty() { "none".to_owned() } else { roots.join(", ") })]
+    #[error(
+        "{file}: roots: {}, exactly one link may have no \
+         parent", if roots.is_empty() { "none".to_owned() } else { roots.join(", ") }
+    )]
     Roots {
         /// File.
         file: String,

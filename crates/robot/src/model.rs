@@ -324,7 +324,7 @@ impl Source<'_> {
                     file: self.urdf.into(),
                     joint: joint.name.clone(),
                     value: format!("{:?}", joint.kind).to_lowercase(),
-                    bound: "every movable joint must be commanded or stand in held_joints of the robot file".into(),
+                    bound: "every movable joint must be commanded, or listed in held_joints of the robot file".into(),
                 });
             }
         }
@@ -362,7 +362,7 @@ impl Source<'_> {
             let joint = &tree.joints[*index];
             let (parent, parent_from_link) = locate(joint.parent);
             if parent > j {
-                let bound = "must not hang on a later joint of the order torso, head, left arm, right arm";
+                let bound = "must not be attached to a later joint in the order torso, head, left arm, right arm";
                 return Err(self.value("joints", format!("`{}`", joint.name), bound));
             }
             let parent_from_joint = parent_from_link.compose(&joint.parent_from_joint);
@@ -390,7 +390,7 @@ impl Source<'_> {
             let (table, key, foreign) =
                 if prismatic[j] { (metres, "home_m", radians) } else { (radians, "home_rad", metres) };
             if let Some(value) = foreign.get(&names[j]) {
-                return Err(self.joint(self.toml, &names[j], "home", *value, format!("belongs into [{key}]")));
+                return Err(self.joint(self.toml, &names[j], "home", *value, format!("belongs in [{key}]")));
             }
             home[j] = *table.get(&names[j]).ok_or_else(|| {
                 self.value(key, "missing".into(), format!("joint `{}` must have a home position", names[j]))

@@ -12,7 +12,7 @@ pub fn flush_denormals() -> Result<String, String> {
     if control::is_set() && is_flushed() {
         Ok(String::from(control::NAME))
     } else {
-        Err(format!("{} was written, but a denormal number is still one", control::NAME))
+        Err(format!("{} was written, but denormal numbers are not flushed", control::NAME))
     }
 }
 

@@ -37,7 +37,7 @@ pub fn unreadable(path: &Path, error: &Error) -> String {
     }
     match error.kind() {
         ErrorKind::NotFound => {
-            format!("{name}: there is no such file. Check the path, which counts from the present folder")
+            format!("{name}: there is no such file. Check the path; it is relative to the current folder")
         }
         ErrorKind::PermissionDenied => {
             format!("{name}: Permission denied. Run this as the user who may read it (ls -l {name})")
@@ -51,12 +51,12 @@ pub fn unreadable(path: &Path, error: &Error) -> String {
 pub fn port_refused(port: u16, option: &str, error: &Error) -> String {
     match error.kind() {
         ErrorKind::AddrInUse => format!(
-            "port {port} of this machine is in use by another program. End that one (ss -ltnp 'sport = :{port}' names it), or \
-             give another port: {option} 0 takes any free one"
+            "port {port} of this machine is in use by another program. End that one (ss -ltnp 'sport = :{port}' names \
+             it), or give another port: {option} 0 takes any free one"
         ),
         ErrorKind::PermissionDenied => {
             format!(
-                "port {port} of this machine is for root alone. Give one above 1023, or {option} 0 for any free one"
+                "only root may use port {port} of this machine. Give one above 1023, or {option} 0 for any free one"
             )
         }
         _ => format!("port {port} of 127.0.0.1: {error}"),

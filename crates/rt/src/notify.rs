@@ -79,7 +79,7 @@ fn open(socket: &OsStr) -> std::io::Result<(UnixDatagram, SocketAddr)> {
         [b'@', name @ ..] => SocketAddr::from_abstract_name(name)?,
         [b'/', ..] => SocketAddr::from_pathname(socket)?,
         _ => {
-            let text = "neither an absolute path nor an abstract name (@...)";
+            let text = "it must be an absolute path or an abstract name (@...)";
             return Err(std::io::Error::new(std::io::ErrorKind::InvalidInput, text));
         }
     };

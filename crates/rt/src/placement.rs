@@ -50,7 +50,7 @@ impl Placement {
     pub fn listed(map: &CoreMap, list: &[usize]) -> Self {
         let rest: Vec<_> = map.allowed.iter().copied().filter(|core| !list.contains(core)).collect();
         let others = (!rest.is_empty() && rest != map.allowed).then_some(rest);
-        Self { realtime: Some(list.to_vec()), others, reason: "so the settings say" }
+        Self { realtime: Some(list.to_vec()), others, reason: "from the settings" }
     }
 
     /// Puts everything real-time on the first isolated core, or else on the last core of a small machine.
@@ -70,10 +70,10 @@ impl Placement {
             [rest @ .., last] if (2..=SMALL_MAX).contains(&map.allowed.len()) => Self {
                 realtime: Some(vec![*last]),
                 others: Some(rest.to_vec()),
-                reason: "no core is isolated; the last of few",
+                reason: "no core is isolated; the last core",
             },
-            [_] => Self::free("there is one core"),
-            _ => Self::free("no core is isolated, and there are many"),
+            [_] => Self::free("there is only one core"),
+            _ => Self::free("no core is isolated, and there are more than 4"),
         }
     }
 }

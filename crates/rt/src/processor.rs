@@ -3,7 +3,7 @@
 /// Returns the vector level that the code uses here, and the features behind it.
 pub fn cpu_features() -> String {
     let (level, features) = detect();
-    let list = if features.is_empty() { String::from("none of note") } else { features.join(" ") };
+    let list = if features.is_empty() { String::from("none listed") } else { features.join(" ") };
     format!("{} ({level}: {list})", std::env::consts::ARCH)
 }
 

@@ -92,13 +92,13 @@ impl Event {
     /// Returns the name of a kind, for the line about suppressed lines.
     pub(crate) fn kind_name(kind: usize) -> &'static str {
         [
-            "changes of mode",
+            "mode changes",
             "gaps",
             "failures to publish",
-            "clients without authority",
+            "clients without the lease",
             "leases",
-            "visitors",
-            "orders of operators",
+            "connections",
+            "operator requests",
             "dropped frames",
             "payloads",
         ][kind]
@@ -113,13 +113,13 @@ impl Event {
             }
             Self::Gap { k, ns } => {
                 let ms = ns as f64 * 1e-6;
-                tracing::warn!(k, "{process}: stood still for {ms:.1} ms in tick {k}, which was given up");
+                tracing::warn!(k, "{process}: did not run for {ms:.1} ms in tick {k}, which was dropped");
             }
-            Self::PublishFailed => tracing::error!("{process}: the bus did not take a message"),
+            Self::PublishFailed => tracing::error!("{process}: the bus did not accept a message"),
             Self::WithoutAuthority { frames } => tracing::warn!(
                 frames,
-                "{process}: a client without authority publishes, another was first; start it anew a second after that \
-                 one has left"
+                "{process}: ignoring frames: another client holds the lease. Restart this one at least 1 s after the \
+                 other disconnects"
             ),
             Self::Lease { door, uid, pid } => {
                 tracing::info!(uid, pid, "{process}: the lease is held by process {pid} of user {uid}, by {door}");
@@ -138,7 +138,7 @@ impl Event {
                 tracing::info!("{process}: the hands carry {left:.3} kg left, {right:.3} kg right");
             }
             Self::Payload { kg: [left, right], refused: Some(why) } => tracing::warn!(
-                "{process}: payload refused: {why}; the hands count as carrying {left:.3} kg left, {right:.3} kg right"
+                "{process}: payload refused: {why}; the payload is {left:.3} kg left, {right:.3} kg right"
             ),
             Self::Audit { what, uid, pid } => {
                 tracing::info!(uid, pid, "{process}: operator, process {pid} of user {uid}: {what}");

@@ -18,17 +18,17 @@ const REQUEST_BYTES: usize = 4096;
 
 /// Counters as they are exposed: name, help, counter or gauge.
 const EXPOSED: [(Counter, &str, &str); 13] = [
-    (Counter::Ticks, "ticks_total", "Rounds of the loop."),
-    (Counter::MissedDeadlines, "missed_deadlines_total", "Indices of the grid that were skipped."),
-    (Counter::PublishFailures, "publish_failures_total", "Messages that the bus did not take."),
-    (Counter::Gaps, "gaps_total", "Ticks given up because the process had stood still."),
+    (Counter::Ticks, "ticks_total", "Iterations of the loop."),
+    (Counter::MissedDeadlines, "missed_deadlines_total", "Ticks that were skipped."),
+    (Counter::PublishFailures, "publish_failures_total", "Messages that the bus did not accept."),
+    (Counter::Gaps, "gaps_total", "Ticks dropped because the process had not run."),
     (Counter::Allocations, "loop_allocations_total", "Allocations of the loop since READY, without the transport's."),
     (Counter::TransportAllocations, "transport_allocations_total", "Allocations of the transport in the loop."),
-    (Counter::RingDropped, "telemetry_dropped_total", "Samples that found the ring full."),
+    (Counter::RingDropped, "telemetry_dropped_total", "Samples dropped because the ring was full."),
     (Counter::WithoutAuthority, "frames_without_authority_total", "Frames of clients that do not hold the lease."),
-    (Counter::OverQuota, "frames_over_quota_total", "Frames passed over: their publisher sent more than 250 Hz."),
-    (Counter::Refused, "connections_refused_total", "Connections turned away at the socket."),
-    (Counter::Outliers, "joint_outliers_total", "Places of single joints that were held for a frame: outliers."),
+    (Counter::OverQuota, "frames_over_quota_total", "Frames ignored because their publisher sent more than 250 Hz."),
+    (Counter::Refused, "connections_refused_total", "Connections refused at the socket."),
+    (Counter::Outliers, "joint_outliers_total", "Outliers: positions of single joints that were held for a frame."),
     (Counter::Faults, "faults_active", "Active faults, as bits."),
     (Counter::Latched, "faults_latched", "Latched faults, as bits."),
 ];
@@ -72,7 +72,8 @@ fn answer(mut stream: TcpStream, collector: &Collector) -> std::io::Result<()> {
     let length = body.len();
     write!(
         stream,
-        "HTTP/1.1 {status}\r\nContent-Type: text/plain; version=0.0.4\r\nContent-Length: {length}\r\nConnection: close\r\n\r\n{body}"
+        "HTTP/1.1 {status}\r\nContent-Type: text/plain; version=0.0.4\r\nContent-Length: {length}\r\nConnection: \
+         close\r\n\r\n{body}"
     )
 }
 
@@ -106,7 +107,7 @@ fn text(collector: &Collector) -> String {
         let _ = writeln!(out, "teleop_{name}{{process=\"{process}\"}} {value}");
     }
     if let Some(mode) = Mode::from_u32(counters.get(Counter::Mode) as u32).filter(|_| process == "control") {
-        let _ = writeln!(out, "# HELP teleop_mode 1 for the mode in force.\n# TYPE teleop_mode gauge");
+        let _ = writeln!(out, "# HELP teleop_mode 1 for the current mode.\n# TYPE teleop_mode gauge");
         let _ = writeln!(out, "teleop_mode{{mode=\"{}\"}} 1", mode.name());
         let _ =
             writeln!(out, "# HELP teleop_fault_active 1 while the fault is active.\n# TYPE teleop_fault_active gauge");

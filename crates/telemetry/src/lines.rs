@@ -59,14 +59,14 @@ impl Lines {
 fn write(process: &str, relaxed: bool, line: Line) {
     match line {
         Line::Event(Event::Gap { k, ns }) if relaxed => {
-            tracing::info!(k, "{process}: stood still for {:.1} ms in tick {k}, which was given up", ns as f64 * 1e-6);
+            tracing::info!(k, "{process}: did not run for {:.1} ms in tick {k}, which was dropped", ns as f64 * 1e-6);
         }
         Line::Event(event) => event.log(process),
         Line::Missed(missed, until) if relaxed => tracing::info!("{process}: {}", missed.words(until)),
         Line::Missed(missed, until) => tracing::warn!("{process}: {}", missed.words(until)),
         Line::HeldBack { kind, count } => {
             let kind = Event::kind_name(kind);
-            tracing::warn!(count, "{process}: {count} more lines about {kind} in the last second");
+            tracing::warn!(count, "{process}: {count} more lines about {kind} suppressed in the last second");
         }
     }
 }

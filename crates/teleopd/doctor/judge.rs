@@ -45,12 +45,12 @@ pub fn judge(facts: &Facts) -> Vec<Finding> {
 fn files(files: &Files) -> Vec<Finding> {
     let mut all = vec![match &files.settings {
         Ok(_) => Finding::ok("settings", files.config.clone()),
-        Err(why) => Finding::problem("settings", why.clone(), "correct the file, or name another with --config"),
+        Err(why) => Finding::problem("settings", why.clone(), "correct the file, or give another with --config"),
     }];
     let advice = [
         ("robot", &files.robot, "correct the file, or name another under [robot] in the settings"),
         ("weights", &files.weights, "copy both files again (git checkout weights), or train new ones; see [weights]"),
-        ("stages", &files.stages, "correct what is named; `teleopd check` prints every value in force"),
+        ("stages", &files.stages, "correct this value; `teleopd check` prints all values in use"),
     ];
     for (check, result, advice) in advice {
         match result {
@@ -69,7 +69,7 @@ fn without_realtime(settings: &Settings) -> (Level, &'static str) {
         DriverKind::Robot => Level::Problem,
     };
     let so = if may_lack_realtime(settings) {
-        "; the simulated robot does without"
+        "; the simulated robot does not need it"
     } else {
         "; the simulated robot engages only with --engage-without-realtime"
     };
@@ -78,7 +78,7 @@ fn without_realtime(settings: &Settings) -> (Level, &'static str) {
 
 fn user(rights: &UserRights) -> Finding {
     if rights.uid == 0 {
-        let advice = "ask as the daemon's user, whose limits these are not: sudo -u teleop teleopd doctor ...";
+        let advice = "run this as the daemon's user, whose limits differ: sudo -u teleop teleopd doctor ...";
         return Finding::note("user", "root", advice);
     }
     Finding::ok("user", format!("uid {}; limits are those of this shell", rights.uid))
@@ -97,7 +97,7 @@ fn priority(settings: &Settings, rights: &UserRights) -> Finding {
             ),
         ),
         None => finding(
-            format!("realtime.policy asks for none{so}"),
+            format!("realtime.policy requests none{so}"),
             String::from("policy = \"fifo\" under [realtime] in the settings"),
         ),
     }
@@ -139,7 +139,7 @@ fn nofile(rights: &UserRights) -> Finding {
 fn idle(settings: &Settings, rights: &UserRights) -> Finding {
     match (settings.realtime.cpu_dma_latency, rights.cpu_dma_latency) {
         (false, _) => {
-            Finding::ok("cpu_dma_latency", "not asked for (realtime.cpu_dma_latency = false): cores may sleep")
+            Finding::ok("cpu_dma_latency", "not requested (realtime.cpu_dma_latency = false): cores may sleep")
         }
         (true, Some(true)) => Finding::ok("cpu_dma_latency", "/dev/cpu_dma_latency may be written"),
         (true, Some(false)) => Finding::note(
@@ -164,7 +164,7 @@ fn preempt_rt(settings: &Settings, kernel: &Kernel) -> Finding {
     Finding {
         check: "PREEMPT_RT",
         level,
-        found: format!("no (/proc/sys/kernel/version): other work can hold a tick up for milliseconds{so}"),
+        found: format!("no (/proc/sys/kernel/version): other work can delay a tick by milliseconds{so}"),
         advice:
             "boot a PREEMPT_RT kernel: Debian apt install linux-image-rt-amd64, Ubuntu pro enable realtime-kernel; for \
                  a simulated robot alone: --engage-without-realtime, or control.engage_without_realtime = true"
@@ -175,7 +175,7 @@ fn preempt_rt(settings: &Settings, kernel: &Kernel) -> Finding {
 fn throttling(kernel: &Kernel) -> Finding {
     let advice = "sysctl kernel.sched_rt_runtime_us=950000";
     match kernel.throttling_us {
-        None => Finding::ok("RT throttling", "unknown to this kernel"),
+        None => Finding::ok("RT throttling", "not known on this kernel"),
         Some((runtime, _)) if runtime < 0 => Finding::ok("RT throttling", "off"),
         Some((0, _)) => {
             Finding::problem("RT throttling", "sched_rt_runtime_us is 0: nothing runs in real time", advice)
@@ -185,7 +185,7 @@ fn throttling(kernel: &Kernel) -> Finding {
         }
         Some((runtime, period)) => Finding::ok(
             "RT throttling",
-            format!("after {runtime} of {period} us: far above what the daemon uses, and stops a loop that runs away"),
+            format!("after {runtime} of {period} us: far more than the daemon uses, and stops a runaway loop"),
         ),
     }
 }
@@ -215,10 +215,10 @@ fn timers(kernel: &Kernel) -> Finding {
 fn machine(kernel: &Kernel) -> Finding {
     if kernel.virtual_machine {
         let advice =
-            "for a real robot use real hardware, or a virtual machine whose cores are pinned to cores of their own";
-        return Finding::note("machine", "virtual: its host may hold it up for milliseconds, unseen", advice);
+            "for a real robot use real hardware, or a virtual machine with each core pinned to its own physical core";
+        return Finding::note("machine", "virtual: its host may pause it for milliseconds without notice", advice);
     }
-    Finding::ok("machine", "not virtual, as far as the processor says")
+    Finding::ok("machine", "not virtual, according to the processor")
 }
 
 fn debugging(kernel: &Kernel) -> Finding {
@@ -229,7 +229,7 @@ fn debugging(kernel: &Kernel) -> Finding {
             "sysctl kernel.yama.ptrace_scope=1",
         ),
         Some(scope) => Finding::ok("ptrace", format!("kernel.yama.ptrace_scope is {scope}")),
-        None => Finding::ok("ptrace", "this kernel has no yama"),
+        None => Finding::ok("ptrace", "this kernel has no Yama"),
     }
 }
 
@@ -245,7 +245,7 @@ fn placement(settings: &Settings, cores: &Cores) -> Option<Finding> {
     if let pipeline::Cores::List(list) = &settings.realtime.cores {
         let missing = list.iter().find(|core| !cores.map.online.contains(&(**core as usize)));
         if let Some(core) = missing.filter(|_| !cores.map.online.is_empty()) {
-            let found = format!("realtime.cores names core {core}; online are {:?}", cores.map.online);
+            let found = format!("realtime.cores names core {core}, but only {:?} are online", cores.map.online);
             return Some(Finding::problem("cores", found, "name cores that are online, or \"auto\", in the settings"));
         }
     }
@@ -257,11 +257,11 @@ fn isolation(cores: &Cores) -> Finding {
     if isolated.is_empty() {
         let last = cores.map.online.last().copied().unwrap_or_default();
         if cores.map.online.len() < 2 {
-            return Finding::note("isolation", "there is one core for everything", "use a machine with two or more");
+            return Finding::note("isolation", "there is only one core", "use a machine with two or more");
         }
         return Finding::note(
             "isolation",
-            "no core is isolated: whatever else runs shares caches and interrupts with the daemon",
+            "no core is isolated: other programs share caches and interrupts with the daemon",
             format!(
                 "on the kernel's command line: isolcpus=managed_irq,domain,{last} nohz_full={last} rcu_nocbs={last}"
             ),
@@ -282,7 +282,9 @@ fn governor(cores: &Cores) -> Finding {
             format!("core {core} has {name} ({} of {} cores not performance)", slow.len(), cores.governors.len()),
             "cpupower frequency-set -g performance",
         ),
-        None if cores.governors.is_empty() => Finding::ok("governor", "none: this machine does not scale its clock"),
+        None if cores.governors.is_empty() => {
+            Finding::ok("governor", "none: this machine does not scale its frequency")
+        }
         None => Finding::ok("governor", "performance"),
     }
 }

@@ -50,16 +50,16 @@ fn one_folder(check: &'static str, path: &str, folder: &Folder, own_uid: u32) ->
             ),
         ),
         Folder::Other(ref why) => {
-            Finding::problem(check, format!("{path}: {why}"), "name another folder with --run-dir")
+            Finding::problem(check, format!("{path}: {why}"), "give another folder with --run-dir")
         }
         Folder::Is { uid, .. } if uid != own_uid => Finding::problem(
             check,
-            format!("{path}: belongs to uid {uid}, not to {own_uid}; the bus lets in one user alone"),
-            format!("ask as uid {uid} (sudo -u '#{uid}' teleopd doctor ...), or use another --run-dir"),
+            format!("{path}: belongs to uid {uid}, not to {own_uid}; the bus admits only one user"),
+            format!("run this as uid {uid} (sudo -u '#{uid}' teleopd doctor ...), or use another --run-dir"),
         ),
         Folder::Is { usable: false, mode, .. } => Finding::problem(
             check,
-            format!("{path}: mode {mode:04o} keeps its own user out"),
+            format!("{path}: mode {mode:04o} denies access to its own user"),
             format!("chmod {right} {path}"),
         ),
         Folder::Is { mode, .. } if mode & 0o002 != 0 => Finding::problem(
@@ -78,12 +78,12 @@ fn one_folder(check: &'static str, path: &str, folder: &Folder, own_uid: u32) ->
 
 fn instance(place: &PlaceFacts) -> Finding {
     let Some(pid) = place.holder else {
-        return Finding::ok("instance", "none that this user can see runs in this run folder");
+        return Finding::ok("instance", "none visible to this user runs in this run folder");
     };
     let path = place.run_dir.display();
     Finding::note(
         "instance",
-        format!("process {pid} holds the operator's socket: an instance is running, a second would be refused"),
+        format!("process {pid} holds the operator's socket: an instance runs, so a second one would be refused"),
         format!("teleopctl --run-dir {path} status; a second instance needs another --run-dir"),
     )
 }
@@ -91,7 +91,7 @@ fn instance(place: &PlaceFacts) -> Finding {
 fn room(facts: &Facts) -> Finding {
     let needed = DOMAINS * bus::SHARED_MEMORY_NEEDED_BYTES;
     let advice =
-        "mount -o remount,size=256M /dev/shm (Docker: --shm-size=256m), or remove what dead programs left there";
+        "mount -o remount,size=256M /dev/shm (Docker: --shm-size=256m), or remove files that ended programs left there";
     let mib = |bytes: u64| bytes >> 20;
     match &facts.memory.shared {
         Err(why) => Finding::problem("/dev/shm", why.clone(), "mount -t tmpfs tmpfs /dev/shm"),
@@ -119,10 +119,10 @@ fn segments(place: &PlaceFacts) -> Finding {
     let whose = if living { "processes of this instance that died" } else { "a dead instance" };
     let others = if count > 1 { format!(" and {} more", count - 1) } else { String::new() };
     let advice = if living {
-        String::from("nothing: the processes that run take them away when the next one starts")
+        String::from("nothing to do: the running processes remove them when the next one starts")
     } else {
         let globs = globs(stale.iter().copied());
-        format!("the next start cleans up; by hand, while nothing of this instance runs: rm {globs}")
+        format!("the next start removes them; by hand, while this instance does not run: rm {globs}")
     };
     Finding::note("shared memory", format!("/dev/shm/{}{others} ({kib} KiB) left by {whose}", first.name), advice)
 }
@@ -138,7 +138,7 @@ fn strangers(place: &PlaceFacts) -> Option<Finding> {
         Finding::note(
             "other instances",
             found,
-            format!("a start in the same run folder removes it; by hand: rm {globs}"),
+            format!("a start in the same run folder removes them; by hand: rm {globs}"),
         )
     })
 }

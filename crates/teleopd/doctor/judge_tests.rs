@@ -184,7 +184,7 @@ fn folders_of_or_open_to_other_users_give_their_findings() {
         |uid, mode, usable| move |facts: &mut Facts| facts.place.folders[0].1 = Folder::Is { uid, mode, usable };
     one("run folder", Level::Problem, &["uid 1000", "990"], spoiled(1000, 0o750, true));
     one("run folder", Level::Problem, &["0777", "chmod 0751 /run/teleop"], spoiled(990, 0o777, true));
-    one("run folder", Level::Problem, &["keeps its own user out"], spoiled(990, 0o050, false));
+    one("run folder", Level::Problem, &["denies access to its own user"], spoiled(990, 0o050, false));
     one("run folder", Level::Note, &["0770", "group"], spoiled(990, 0o770, true));
     one("run folder", Level::Problem, &["cannot make it"], |facts| {
         facts.place.folders[0].1 = Folder::Missing { can_be_made: false };

@@ -106,7 +106,7 @@ impl Verdict {
         };
         let missing = [self.problems.as_slice(), &self.lacks].concat();
         let robot = match missing.as_slice() {
-            [] => String::from("ready for a robot, as far as this program can see"),
+            [] => String::from("ready for a robot, as far as this program can check"),
             missing => format!("not ready for a robot: {}", missing.join(", ")),
         };
         format!("{simulator}\n{robot}\n")

@@ -63,7 +63,7 @@ fn folder(path: &Path) -> Folder {
             Folder::Is { uid: found.uid(), mode: found.mode() & 0o7777, usable: usable(path) }
         }
         Ok(_) => Folder::Other(String::from("not a folder")),
-        Err(_) if path.is_symlink() => Folder::Other(String::from("a link that leads nowhere")),
+        Err(_) if path.is_symlink() => Folder::Other(String::from("a dangling link")),
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
             let nearest = path.ancestors().skip(1).find(|folder| folder.exists());
             Folder::Missing { can_be_made: nearest.is_some_and(usable) }

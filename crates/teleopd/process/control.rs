@@ -263,15 +263,15 @@ impl Control {
 fn deed_name(deed: AuditEvent) -> &'static str {
     match deed {
         AuditEvent::Connected => "connected",
-        AuditEvent::Forbidden => "refused: neither the daemon's user nor a member of the socket's group",
+        AuditEvent::Forbidden => "refused: only the daemon's user and members of the socket's group may connect",
         AuditEvent::Enabled => "pressed the enable",
         AuditEvent::Recovers => "pressed the recovery",
         AuditEvent::EmergencyStop => "pressed the emergency stop",
         AuditEvent::Reset => "pressed reset",
-        AuditEvent::PayloadLeft => "said what the left hand carries",
-        AuditEvent::PayloadRight => "said what the right hand carries",
+        AuditEvent::PayloadLeft => "set the left hand's payload",
+        AuditEvent::PayloadRight => "set the right hand's payload",
         AuditEvent::ResetRefused => {
-            "pressed reset, refused: another user pressed the emergency stop and has to reset it first"
+            "pressed reset, refused: another user pressed the emergency stop and must reset it first"
         }
     }
 }

@@ -43,7 +43,7 @@ fn wait_until_it_stands(robot: &mut impl Driver) -> Result<(), Failure> {
             return Ok(());
         }
     }
-    let text = "the robot fell silent: nothing says whether it stands. Look after it, then start this driver again";
+    let text = "the robot stopped sending measurements, so it may still move. Check it, then start this driver again";
     Err(Failure::new(Exit::Unavailable, text))
 }
 

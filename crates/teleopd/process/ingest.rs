@@ -230,7 +230,7 @@ impl IngestLoop {
     fn reread_operators(&mut self, process: &mut Process) {
         match rt::allocating_aside(|| Operators::read(&process.loaded.operators_dir)) {
             Ok(operators) => self.config.operators = operators,
-            Err(error) => tracing::warn!("ingest: {error}; what was known of operators stays"),
+            Err(error) => tracing::warn!("ingest: {error}; the previous operators stay in use"),
         }
     }
 

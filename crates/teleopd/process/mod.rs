@@ -91,7 +91,7 @@ impl Process {
         tracing::info!("{name}: {}", realtime.granted().join("; "));
         for refusal in realtime.refusals() {
             if relaxed {
-                tracing::info!("{name}: {refusal} (a simulated robot does without)");
+                tracing::info!("{name}: {refusal} (a simulated robot does not need it)");
             } else {
                 tracing::warn!("{name}: {refusal}");
             }
@@ -116,7 +116,7 @@ impl Process {
     pub fn ready(&mut self) -> Result<(), Failure> {
         self.manager
             .ready()
-            .map_err(|error| Failure::new(Exit::Software, format!("NOTIFY_SOCKET: READY was not taken: {error}")))?;
+            .map_err(|error| Failure::new(Exit::Software, format!("NOTIFY_SOCKET: READY was not accepted: {error}")))?;
         self.housekeeping.ready();
         self.at_ready = AtReady {
             after_ms: rt::now().since(self.started) as f64 * 1e-6,
@@ -245,8 +245,8 @@ pub fn door_group(place: &InstanceArgs, key: &'static str, name: &str) -> Result
         Some(gid) => Ok(Some(gid)),
         None => {
             let text = format!(
-                "{}: {key} = {name:?}: this machine has no such group: make it (groupadd --system {name}), or leave it \
-                 empty for the daemon's own",
+                "{}: {key} = {name:?}: this machine has no such group. Create it (groupadd --system {name}), or leave \
+                 it empty for the daemon's own",
                 place.config.display()
             );
             Err(Failure::new(Exit::Config, text))

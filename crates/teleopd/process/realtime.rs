@@ -37,7 +37,7 @@ pub fn keep_off(settings: &RealtimeSettings) {
 fn placed(settings: &RealtimeSettings, priority: Option<u32>) -> Placement {
     match &settings.cores {
         Cores::Auto => {}
-        Cores::Free => return Placement::free("so the settings say"),
+        Cores::Free => return Placement::free("from the settings"),
         Cores::List(list) => {
             let list: Vec<_> = list.iter().map(|core| *core as usize).collect();
             return Placement::listed(&CoreMap::of_machine(), &list);

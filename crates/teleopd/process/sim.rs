@@ -39,7 +39,7 @@ impl RemoteRobot {
             rt::sleep_until(rt::now().plus_ns(LOOK_NS));
         }
         let text = format!(
-            "no robot answered within {} s: start `teleopd robot` before this one (`up` and `demo` do)",
+            "no robot answered within {} s; start `teleopd robot` before this one (`up` and `demo` do so)",
             ROBOT_WITHIN_NS / 1_000_000_000
         );
         Err(Failure::new(Exit::Unavailable, text))
@@ -94,8 +94,8 @@ pub fn run(place: &InstanceArgs) -> Result<(), Failure> {
         // The subcommand is dropped, its options are passed on.
         let cause = Command::new(&program).args(std::env::args_os().skip(2)).exec();
         let text = format!(
-            "{}: driver.program = {:?} cannot be started: {cause}. Name a program that this user may run, or leave it empty for \
-             the simulated robot",
+            "{}: driver.program = {:?} cannot be started: {cause}. Name a program that this user may run, or leave it \
+             empty for the simulated robot",
             place.config.display(),
             loaded.settings.driver.program
         );

@@ -70,14 +70,14 @@ pub fn run(options: &cli::Tour) -> Result<Exit, Failure> {
     if !options.yes && !std::io::stdin().is_terminal() {
         return Err(Failure::new(
             Exit::Usage,
-            "tour asks before each step, and its input is no terminal; --yes runs all steps without asking",
+            "tour asks before each step, but its input is not a terminal; --yes runs all steps without asking",
         ));
     }
     let shutdown = Shutdown::on_signals().map_err(|error| Failure::new(Exit::Software, error))?;
     let folder = Folder::new(options.dir.as_deref())?;
     let stage = Stage { folder: folder.path.clone(), shutdown: shutdown.clone() };
     let mut tour = Tour { config: options.config.clone(), stage, yes: options.yes, instance: None };
-    out!("A tour in {} steps, five minutes at most. What it writes goes to {}.", STEPS.len(), folder.path.display());
+    out!("A tour in {} steps, five minutes at most. Its files go to {}.", STEPS.len(), folder.path.display());
     let outcomes = tour.walk();
     let trouble = tour.close();
     if shutdown.requested() {
@@ -111,7 +111,7 @@ impl Tour {
         match steps::programs(self) {
             Ok(()) => {}
             Err(Stop::Quit) => return outcomes,
-            Err(Stop::Skip(why) | Stop::Fail(why)) => out!("not every program is there: {why}"),
+            Err(Stop::Skip(why) | Stop::Fail(why)) => out!("a program is missing: {why}"),
         }
         for (n, step) in STEPS.iter().enumerate() {
             out!("\n{} of {}  {}\n{}", n + 1, STEPS.len(), step.title, step.shows);
@@ -157,7 +157,7 @@ impl Tour {
     fn close(&mut self) -> Option<String> {
         let ended = self.instance.take()?.end();
         let rested = ended.text.contains("released, at rest, and every process has ended");
-        (ended.code != Some(0) || !rested).then(|| format!("teleopd up ended badly: {}", ended.last_line()))
+        (ended.code != Some(0) || !rested).then(|| format!("teleopd up failed: {}", ended.last_line()))
     }
 }
 

@@ -72,7 +72,7 @@ pub struct Ended {
 impl Ended {
     /// Returns the last non-empty line.
     pub fn last_line(&self) -> &str {
-        self.text.lines().rev().find(|line| !line.trim().is_empty()).unwrap_or("it said nothing")
+        self.text.lines().rev().find(|line| !line.trim().is_empty()).unwrap_or("it printed nothing")
     }
 }
 

@@ -56,14 +56,14 @@ fn motion() -> Result<PathBuf, Stop> {
     if motion.exists() {
         return Ok(motion);
     }
-    Err(Stop::Skip(format!("{} is not there; run the tour from the repository's root", motion.display())))
+    Err(Stop::Skip(format!("{} does not exist; run the tour from the repository's root", motion.display())))
 }
 
 /// Runs a demo. Retries if the machine was too busy.
 fn demo(tour: &Tour, motion: &Path) -> Result<String, Stop> {
     for _ in 1..ATTEMPTS {
         match demo_once(tour, motion) {
-            Err(Stop::Fail(why)) => out!("{why}. Once more, in case this machine was too busy."),
+            Err(Stop::Fail(why)) => out!("{why}. Trying again, in case this machine was too busy."),
             ended => return ended,
         }
     }
@@ -144,21 +144,22 @@ fn answers(address: &str) -> Result<(), String> {
 pub fn python(tour: &mut Tour) -> Result<String, Stop> {
     let client = Path::new(PYTHON_CLIENT);
     if !client.is_dir() {
-        let text =
-            format!("{PYTHON_CLIENT} is not here; it is part of the source repository, whose root the tour starts in");
+        let text = format!("{PYTHON_CLIENT} does not exist; run the tour from the source repository's root");
         return Err(Stop::Skip(text));
     }
     let venv = tour.stage.folder.join("venv");
     let made = tour.stage.ask(Line::other("python3").with(["-m", "venv"]).with([&venv]), INSTALL_WITHIN)?;
     if made.code != Some(0) {
-        return Err(Stop::Skip(format!("python3 makes no virtual environment here: {}", made.last_line())));
+        return Err(Stop::Skip(format!("python3 cannot create a virtual environment: {}", made.last_line())));
     }
     let pip = Line::other(venv.join("bin/pip"));
     let pip = pip.with("install --quiet --disable-pip-version-check --retries 1 --timeout 10".split(' '));
     let installed = tour.stage.ask(pip.with([format!("./{PYTHON_CLIENT}")]), INSTALL_WITHIN)?;
     if installed.code != Some(0) {
         let why = installed.last_line();
-        return Err(Stop::Skip(format!("pip installs no client here, most often for want of a network: {why}")));
+        return Err(Stop::Skip(format!(
+            "pip cannot install the client, most often because there is no network: {why}"
+        )));
     }
     let run_dir = instance(tour)?;
     tour.stage.sleep(LEASE)?;

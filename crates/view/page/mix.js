@@ -67,7 +67,7 @@ export class Mix {
 
   lead(now) {
     this.$("mix-told").textContent = "";
-    if (!this.ask(now ? "join" : "leave")) this.$("mix-told").textContent = "Not connected: this was not asked.";
+    if (!this.ask(now ? "join" : "leave")) this.$("mix-told").textContent = "Not connected: the request was not sent.";
   }
 
   told({ on, shares, text }) {

@@ -23,13 +23,13 @@ const text = (id, value) => panel.text(id, value);
 function hold(now) {
   held = now;
   $("engage").setAttribute("aria-pressed", String(now));
-  text("engage-key", now ? "E lets go" : "E");
+  text("engage-key", now ? "E releases" : "E");
   clearInterval(keeping);
   if (now) keeping = setInterval(() => wire.ask("keep"), KEEP);
 }
 
 function ask(what) {
-  if (!wire.ask(what)) text("answer", "Not connected: this was not asked. The emergency stop of the robot still works.");
+  if (!wire.ask(what)) text("answer", "Not connected: the request was not sent. The robot's own emergency stop still works.");
 }
 
 function isRecording() {
@@ -91,7 +91,7 @@ const told = {
     setMode("not connected");
     told.status({ status: null });
     panel.silent();
-    curtain("No connection", opened || scene ? "The view has ended, or it does not answer. The page connects again by itself when it is back."
+    curtain("No connection", opened || scene ? "The view has ended or does not answer. The page reconnects by itself."
       : "Open the address that the view printed. It ends with a token, which changes with every start.");
   },
   scene(message) {
@@ -135,9 +135,9 @@ function showMode(heard) {
   const silent = isRecording() ? "nothing recorded" : "no instance";
   setMode(heard ? scene.modes[frame.mode] ?? "unknown" : silent);
   if (frame.present === 0 && isRecording()) curtain("Nothing recorded here", "Move the slider to another time.");
-  else if (frame.present === 0) curtain("No instance", `Nothing is heard from ${scene.about.run_dir}. Start one there: teleopd up --run-dir ${scene.about.run_dir}. It appears here by itself.`);
+  else if (frame.present === 0) curtain("No instance", `No data arrives from ${scene.about.run_dir}. Start an instance there: teleopd up --run-dir ${scene.about.run_dir}. It appears here by itself.`);
   else if (stage?.drawn > 0) curtain("");
-  else curtain("Loading", "The picture comes in a moment. The numbers and buttons work.");
+  else curtain("Loading", "The picture appears soon. The numbers and buttons work already.");
 }
 
 function showTime() {

@@ -118,7 +118,7 @@ export function solid(part) {
     case "ellipsoid": return ellipsoid(part.radii);
     case "capsule": return capsule(part.a, part.b, part.radius, part.top);
     case "lathe": return lathe(part.profile, part);
-    default: throw new Error(`no form is called ${part.form}`);
+    default: throw new Error(`unknown form ${part.form}`);
   }
 }
 

@@ -61,11 +61,11 @@ impl Key {
         let header = |name: &str| request.headers().get(name).and_then(|value| value.to_str().ok());
         let origins = self.hosts().map(|host| format!("http://{host}"));
         if !header("origin").is_some_and(|origin| origins.iter().any(|own| own == origin)) {
-            return Err("only this server's own page may ask");
+            return Err("only this server's own page may send requests");
         }
         let token = request.uri().query().and_then(|query| query.strip_prefix("token="));
         if !token.is_some_and(|given| self.is_token(given)) {
-            return Err("the token is missing or wrong: open the address that the server printed");
+            return Err("the token is missing or wrong; open the address that the server printed");
         }
         Ok(())
     }
@@ -95,10 +95,10 @@ pub fn answer(mut stream: TcpStream, site: &SiteConfig) -> std::io::Result<Optio
     let (request, key) = (read(&mut stream)?, &site.key);
     let host = request.headers().get("host").and_then(|host| host.to_str().ok());
     if !host.is_some_and(|host| key.hosts().iter().any(|own| own == host)) {
-        return refuse(stream, "403 Forbidden", "this server is called 127.0.0.1");
+        return refuse(stream, "403 Forbidden", "the host must be 127.0.0.1 or localhost, with this server's port");
     }
     if request.method() != http::Method::GET {
-        return refuse(stream, "405 Method Not Allowed", "only GET is answered");
+        return refuse(stream, "405 Method Not Allowed", "only GET is supported");
     }
     if request.uri().path() == "/live" {
         if let Err(why) = key.admits(&request) {
@@ -129,7 +129,7 @@ fn mesh(mut stream: TcpStream, site: &SiteConfig, path: &str) -> std::io::Result
         return refuse(
             stream,
             "403 Forbidden",
-            "the token is missing or wrong: open the address that the server printed",
+            "the token is missing or wrong; open the address that the server printed",
         );
     }
     let Some(folder) = &site.meshes else { return refuse(stream, "404 Not Found", "there is no folder of meshes") };

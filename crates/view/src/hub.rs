@@ -156,7 +156,7 @@ impl<'a> StatusWriter<'a> {
             json!({ "tell": "event", "at_s": at_s, "gravity": gravity, "text": text }).to_string()
         };
         match (&self.before, &heard.status) {
-            (Some(_), None) => vec![event("error", "control is silent.")],
+            (Some(_), None) => vec![event("error", "control sends no status.")],
             (_, None) => vec![],
             (before, Some(now)) => {
                 let said = sentences(before.as_ref(), now, &self.names);

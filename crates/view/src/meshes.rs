@@ -63,7 +63,7 @@ impl MeshFolder {
             for entry in read.flatten() {
                 entries += 1;
                 if entries > ENTRIES_MAX {
-                    let cause = format!("--meshes: more than {ENTRIES_MAX} files; name the folder of the robot itself");
+                    let cause = format!("--meshes: more than {ENTRIES_MAX} files; give the robot's own folder");
                     return Err(failed(cause));
                 }
                 let Ok(name) = entry.file_name().into_string() else { continue };
@@ -106,7 +106,7 @@ impl MeshFolder {
     pub fn read(&self, path: &str) -> Result<MeshFile, &'static str> {
         let refused = |part: &str| part.is_empty() || part == "." || part == ".." || part.contains(['\\', '\0', ':']);
         if path.split('/').any(refused) {
-            return Err("such a path is refused");
+            return Err("this path is not allowed");
         }
         let full = self.root.join(path).canonicalize().map_err(|_| "no such mesh")?;
         // A symbolic link may lead out of the folder.

@@ -172,7 +172,7 @@ impl Person {
         let now = Instant::now();
         let Some(on) = &mut self.on else { return };
         if on.until < now {
-            return self.end(Some("The page fell silent: it moves the robot no longer.".to_owned()));
+            return self.end(Some("The page stopped answering, so it no longer moves the robot.".to_owned()));
         }
         if now < on.due {
             return;
@@ -226,7 +226,8 @@ impl Person {
 }
 
 /// Message to a page whose person cannot move the robot.
-const HELD: &str = "Another client moves the robot, or did a moment ago: switch on again after it has left.";
+const HELD: &str = "Another client holds the lease, or held it a moment ago. Switch on again after it has \
+    disconnected.";
 
 #[cfg(test)]
 mod tests {
@@ -351,7 +352,7 @@ mod tests {
             ingest.wait(1 + n % 9, &mixer, 1 + n / 2 % 2);
         }
         let silent = told(&mixer, |mixed| !mixed.on);
-        assert!(silent.text.is_some_and(|text| text.contains("silent")));
+        assert!(silent.text.is_some_and(|text| text.contains("stopped answering")));
         mixer.ask(corner(0));
         std::thread::sleep(Duration::from_millis(200));
         // The person continues where it was, in the same session.

@@ -83,7 +83,7 @@ impl Grip {
                 Err(RecvTimeoutError::Disconnected) => break,
             }
             if self.held.is_some_and(|held| held.until < Instant::now()) {
-                self.let_go("The page fell silent: the enable was let go.".to_owned());
+                self.let_go("The page stopped answering, so the enable was released.".to_owned());
             }
             self.beat();
         }
@@ -175,8 +175,8 @@ impl Grip {
             return;
         }
         // The page shows the cause in one place, below the mode.
-        let what = if changed { "The robot follows no longer." } else { "The enable was refused." };
-        self.let_go(format!("{what} The cause stands under the mode."));
+        let what = if changed { "The robot no longer follows." } else { "The enable was refused." };
+        self.let_go(format!("{what} See the cause below the mode."));
     }
 
     fn say(&self, text: String) {

@@ -95,7 +95,7 @@ impl Chain {
             if link.parent > j {
                 return Err(WbcError::Kinematics {
                     joint: j,
-                    what: "hangs on a body that comes later in the joint order",
+                    what: "is attached to a body that comes later in the joint order",
                 });
             }
             ancestors[j + 1] = ancestors[link.parent] | 1 << j;

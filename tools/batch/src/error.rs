@@ -26,7 +26,10 @@ pub enum BatchError {
         source: std::io::Error,
     },
     /// The next run would read the output as input.
-    #[error("--out {out} lies in --input {input}: its files would be taken for motions", out = .out.display(), input = .input.display())]
+    #[error(
+        "--out {out} lies in --input {input}, so its files would be read as motions; give another \
+         --out", out = .out.display(), input = .input.display()
+    )]
     OutInInput {
         /// --out.
         out: PathBuf,
@@ -42,7 +45,10 @@ pub enum BatchError {
         hint: &'static str,
     },
     /// Two inputs differ only in their extension.
-    #[error("{file}: its output {out} is already that of {other}", file = .file.display(), out = .out.display(), other = .other.display())]
+    #[error(
+        "{file}: its output {out} is already that of \
+         {other}", file = .file.display(), out = .out.display(), other = .other.display()
+    )]
     SameOutput {
         /// This input.
         file: PathBuf,
@@ -52,7 +58,9 @@ pub enum BatchError {
         other: PathBuf,
     },
     /// A file is in the place of an output, and this tool did not write it.
-    #[error("{path}: was not written by this tool, or was changed since: --overwrite replaces it", path = .path.display())]
+    #[error(
+        "{path}: was not written by this tool, or was changed since; --overwrite replaces it", path = .path.display()
+    )]
     Foreign {
         /// The file.
         path: PathBuf,

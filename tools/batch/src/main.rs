@@ -73,7 +73,8 @@ fn say(line: &str) {
 fn report(summary: &Summary, seconds: f64) {
     let Summary { made, postures, finished, failed, no_motion, interrupted } = summary;
     say(&format!(
-        "{made} files made with {postures} postures in {seconds:.1} s ({:.0} a second), {finished} were finished, {} failed",
+        "{made} files made with {postures} postures in {seconds:.1} s ({:.0} a second), {finished} were finished, {} \
+         failed",
         *postures as f64 / seconds.max(1e-9),
         failed.len()
     ));
@@ -90,7 +91,7 @@ fn report(summary: &Summary, seconds: f64) {
         }
     }
     if *interrupted {
-        eprintln!("batch: interrupted; the same command goes on where this one ended");
+        eprintln!("batch: interrupted; the same command continues where this one ended");
     }
 }
 

@@ -265,8 +265,8 @@ fn output_among_inputs_and_empty_folder_are_refused() {
             .expect_err("refused")
             .to_string()
     };
-    assert!(refuse(&input, &input, &[]).contains("would be taken for motions"));
-    assert!(refuse(&input, &input.join("more"), &["--recursive"]).contains("would be taken for motions"));
+    assert!(refuse(&input, &input, &[]).contains("would be read as motions"));
+    assert!(refuse(&input, &input.join("more"), &["--recursive"]).contains("would be read as motions"));
     let empty = input.join("empty");
     std::fs::create_dir(&empty).expect("a folder");
     assert!(refuse(&empty, &out, &[]).contains("--recursive"));

@@ -24,28 +24,28 @@ pub const PACKET_MAX: usize = 16 << 10;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum Refused {
     /// It does not belong to this protocol.
-    #[error("not of this protocol")]
+    #[error("from another protocol")]
     Protocol,
     /// Its length differs from its header.
-    #[error("not as long as it says")]
+    #[error("of a length that differs from its header")]
     Length,
     /// It is older than a previous packet.
-    #[error("older than the one before")]
+    #[error("older than the previous one")]
     Late,
     /// It has a segment twice.
-    #[error("a segment twice")]
+    #[error("with a repeated segment")]
     Twice,
     /// It has NaN or infinity.
-    #[error("a number that is none")]
+    #[error("with NaN or infinity")]
     NotANumber,
     /// Another sender holds the turn. Only one is accepted at a time.
-    #[error("of another sender")]
+    #[error("from another sender")]
     Stranger,
     /// It belongs to a character that is not selected.
-    #[error("of another character")]
+    #[error("for another character")]
     Character,
     /// The sender is on this machine and belongs to a user who may not send.
-    #[error("of another user of this machine, or of a sender that is gone")]
+    #[error("from another user of this machine, or from a sender that has ended")]
     User,
 }
 

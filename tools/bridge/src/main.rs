@@ -52,11 +52,11 @@ fn run<P: Protocol>(bind: SocketAddr, to: &To, protocol: P) -> Result<(), (u8, S
     let users = users(to).map_err(|error| (EX_SOFTWARE, error.to_string()))?;
     out!("bridge: listening at {at}");
     match users {
-        Some(own) => out!("bridge: of this machine, users {own} and 0 may send; --any-user lets all of them"),
-        None => out!("bridge: every user of this machine can be followed by the robot"),
+        Some(own) => out!("bridge: on this machine only users {own} and 0 may send; --any-user admits all users"),
+        None => out!("bridge: every user of this machine may move the robot"),
     }
     if !at.ip().is_loopback() && to.from.is_none() {
-        out!("bridge: whoever reaches {at} can be followed by the robot; --from IP listens to one machine alone");
+        out!("bridge: everyone who reaches {at} may move the robot; --from IP admits only one machine");
     }
     let mut listener = Listener::new(port, protocol, Senders::new(to.from), Users::new(users));
     let mut packet = [0; PACKET_MAX + 1];
@@ -123,14 +123,14 @@ impl<P: Protocol> Listener<P> {
             self.restarts = self.protocol.restarts();
             self.session += 1;
             if self.restarts == 1 {
-                out!("bridge: {sender} was started anew; further times are counted");
+                out!("bridge: {sender} restarted; further restarts are only counted");
             }
         }
         if let Err(refused) = outcome {
             let count = &mut self.refused[refused as usize];
             *count += 1;
             if *count == 1 {
-                out!("bridge: refused a packet of {sender}: {refused}; others like it are counted");
+                out!("bridge: refused a packet of {sender}: {refused}; further ones are only counted");
             }
         }
     }
@@ -171,7 +171,7 @@ impl<P: Protocol> Listener<P> {
         if let Err(error) = self.port.publish(&RawSkeleton { header, session_nonce, ..*frame }) {
             self.failed += 1;
             if self.failed == 1 {
-                out!("bridge: a frame was not taken: {error}");
+                out!("bridge: a frame was not accepted: {error}");
             }
         }
     }
@@ -188,9 +188,9 @@ impl<P: Protocol> Listener<P> {
     }
 
     fn summary(&self) -> String {
-        let mut text = format!("bridge: {} frames, {} not taken", self.published, self.failed);
+        let mut text = format!("bridge: {} frames, {} not accepted", self.published, self.failed);
         if self.restarts > 0 {
-            text += &format!("; senders started anew {} times", self.restarts);
+            text += &format!("; senders restarted {} times", self.restarts);
         }
         for refused in Refused::ALL {
             let count = self.refused[refused as usize];

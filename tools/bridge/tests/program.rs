@@ -91,11 +91,11 @@ fn mvn_person_reaches_the_input_domain_with_sides_kept() {
     }
     socket.send_to(b"nobody", &address).expect("sent");
     assert!(line().contains("listening to 127.0.0.1"));
-    assert!(line().contains("not of this protocol"));
+    assert!(line().contains("from another protocol"));
     rt::terminate(bridge.id());
     assert!(bridge.wait().expect("it ends").success());
     let told = line();
-    assert!(told.contains(&format!("{sample} frames, 0 not taken; 1 packets not of this protocol")), "{told}");
+    assert!(told.contains(&format!("{sample} frames, 0 not accepted; 1 packets from another protocol")), "{told}");
 }
 
 #[test]
@@ -109,14 +109,14 @@ fn dual_stack_socket_accepts_ipv4_sender_right_after_garbage() {
     let socket = || UdpSocket::bind("127.0.0.1:0").expect("a port");
     let (garbage, good) = (socket(), socket());
     garbage.send_to(b"nobody", &address).expect("sent");
-    assert!(line().contains("not of this protocol"));
+    assert!(line().contains("from another protocol"));
     // At once: a sender of unreadable packets does not hold the turn.
     good.send_to(&mvn(1), &address).expect("sent");
     assert_eq!(line(), format!("bridge: listening to {}", good.local_addr().expect("an address")));
     rt::terminate(bridge.id());
     assert!(bridge.wait().expect("it ends").success());
     let told = line();
-    assert!(told.contains("1 frames, 0 not taken; 1 packets not of this protocol"), "{told}");
+    assert!(told.contains("1 frames, 0 not accepted; 1 packets from another protocol"), "{told}");
 }
 
 /// Another user of this machine sends a person. Returns the bridge's last message about it.
@@ -154,9 +154,9 @@ fn packets_of_another_user_are_dropped_unless_any_user_is_set() {
     let Some(told) = told_of_nobody(&strict) else {
         return println!("skipped: needs root, setpriv and bash to send as another user");
     };
-    assert!(told.contains("0 frames, 0 not taken; 1 packets of another user of this machine"), "{told}");
+    assert!(told.contains("0 frames, 0 not accepted; 1 packets from another user of this machine"), "{told}");
     let told = told_of_nobody(&[&strict[..], &["--any-user"]].concat()).expect("as before");
-    assert!(told.contains("1 frames, 0 not taken"), "{told}");
+    assert!(told.contains("1 frames, 0 not accepted"), "{told}");
 }
 
 #[test]

@@ -131,9 +131,9 @@ impl Figures {
             zero(format!("{} violations of the joints' true motion", kind.name()), count);
         }
         zero("states were not finite".into(), self.not_finite);
-        zero("states moved although nobody had engaged".into(), self.moved_without_enable);
+        zero("states moved without an enable".into(), self.moved_without_enable);
         for (victim, of) in &self.victims {
-            zero(format!("blows against {} were not followed by rest", victim.name()), of.not_rested);
+            zero(format!("faults of {} were not followed by rest", victim.name()), of.not_rested);
         }
         complaints
     }
@@ -215,7 +215,7 @@ impl Figures {
         );
         let _ = writeln!(out, "oldest command executed {:.0} us after its deadline", self.oldest_command_us);
         let _ = writeln!(out, "states moved without an enable: {}", self.moved_without_enable);
-        let _ = writeln!(out, "clients that gave up and were started again: {}", self.clients_begun_anew);
+        let _ = writeln!(out, "clients that ended and were restarted: {}", self.clients_begun_anew);
         for complaint in self.complaints() {
             let _ = writeln!(out, "BROKEN: {complaint}");
         }

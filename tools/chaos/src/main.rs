@@ -131,11 +131,11 @@ fn instance(options: &Cli, blows: &[Injection], shutdown: &Shutdown, figures: &m
     }
     match ended.record() {
         Some(record) => figures.add_record(record),
-        None => figures.add_trouble(["a driver left no record".to_owned()]),
+        None => figures.add_trouble(["a driver wrote no record".to_owned()]),
     }
     match ended.robot() {
         Some(record) => figures.add_robot(record),
-        None => figures.add_trouble(["a robot left no record".to_owned()]),
+        None => figures.add_trouble(["a robot wrote no record".to_owned()]),
     }
     figures.add_trouble(ended.trouble);
     Ok(())

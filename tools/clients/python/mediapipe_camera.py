@@ -30,7 +30,7 @@ class Refused(Exception):
 def detector(model):
     """A function of an RGB image and its time in ms: 33 rows of x, y, z in metres and 33 visibilities, or None for nobody."""
     if not os.path.isfile(model):
-        raise Refused(f"--model {model}: no such file: a pose landmarker of MediaPipe (pose_landmarker_*.task) is needed")
+        raise Refused(f"--model {model}: no such file; a pose landmarker of MediaPipe (pose_landmarker_*.task) is needed")
     try:
         import mediapipe
         from mediapipe.tasks.python import BaseOptions, vision
@@ -42,7 +42,7 @@ def detector(model):
     try:
         landmarker = vision.PoseLandmarker.create_from_options(options)
     except (RuntimeError, ValueError) as error:
-        raise Refused(f"--model {model}: is no pose landmarker: {error}") from error
+        raise Refused(f"--model {model}: is not a pose landmarker: {error}") from error
 
     def detect(rgb, at_ms):
         image = mediapipe.Image(image_format=mediapipe.ImageFormat.SRGB, data=rgb)
@@ -77,7 +77,7 @@ def images(camera, video, loop):
             continue
         if not ok:
             if shown == 0:
-                raise Refused(f"{name}: shows nothing")
+                raise Refused(f"{name}: has no image")
             return
         shown += 1
         if video:
@@ -99,7 +99,7 @@ def follow(publisher, pictures, detect, mirrored=False):
             continue
         positions, visibility = person
         if len(positions) != LANDMARKS:
-            raise Refused(f"the model gives {len(positions)} landmarks, not {LANDMARKS}: it is no pose landmarker")
+            raise Refused(f"the model gives {len(positions)} landmarks, not {LANDMARKS}: it is not a pose landmarker")
         publisher.publish(positions, confidence=visibility, seen_ns=at_ns, mirrored=mirrored)
         seen += 1
     return seen, shown
@@ -111,7 +111,7 @@ def arguments(given):
     source = parser.add_mutually_exclusive_group()
     source.add_argument("--camera", type=int, default=0, metavar="N", help="number of the camera (default: 0)")
     source.add_argument("--video", metavar="FILE", help="a video in place of a camera, at its own rate")
-    parser.add_argument("--loop", action="store_true", help="the video again and again")
+    parser.add_argument("--loop", action="store_true", help="repeat the video")
     parser.add_argument("--mirrored", action="store_true", help="the image is mirrored")
     parser.add_argument("--run-dir", default=DEFAULT_RUN_DIR, metavar="DIR", help="folder of the instance")
     return parser.parse_args(given)
@@ -132,7 +132,7 @@ def main(given=None):
     except (Refused, TeleopdError) as error:
         print(f"teleopd-camera: {error}", file=sys.stderr)
         return 1
-    print(f"somebody was seen in {seen} of {shown} images")
+    print(f"a person was seen in {seen} of {shown} images")
     return 0
 
 

@@ -74,7 +74,7 @@ def main():
     parser.add_argument("motion", nargs="?", help=".npy of shape (N, 22, 3); default: a built-in wave")
     parser.add_argument("--up", choices=("y", "z"), default="y", help="which axis of the file points up")
     parser.add_argument("--rate", type=float, default=60.0, help="frames a second")
-    parser.add_argument("--seconds", type=float, help="end after so long")
+    parser.add_argument("--seconds", type=float, help="end after this time, s")
     parser.add_argument("--run-dir", default=DEFAULT_RUN_DIR, help="as `teleopd up --run-dir`")
     arguments = parser.parse_args()
     if not 1 <= arguments.rate <= 240:

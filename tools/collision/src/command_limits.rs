@@ -60,7 +60,7 @@ pub(crate) fn limits(options: &Limits) -> Result<bool, CollisionError> {
     let dynamics = Dynamics::new(&model, &parsed, &options.payloads(&parsed))?;
     let sampling = Sampling { states: options.states, seed: options.seed, share: options.share };
     let survey = Survey { model: &model, dynamics: &dynamics, sampling };
-    println!("All joints at the limits in force at once, whatever whole-body control would make of it:");
+    println!("All joints at their limits in force at once, without whole-body control:");
     let _ = surveyed(&survey, &Motion::in_force(&model));
     println!("At rest:");
     let (found, climbed) = surveyed(&survey, &Motion::AT_REST);

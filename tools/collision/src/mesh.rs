@@ -22,7 +22,7 @@ pub fn read_mesh(path: &Path) -> Result<Vec<Points>, CollisionError> {
         Some("stl" | "STL") => stl(&name, &bytes),
         Some("obj" | "OBJ") => obj(&name, &text(&name, &bytes)?),
         Some("dae" | "DAE") => dae(&name, &text(&name, &bytes)?),
-        _ => Err(CollisionError::content(name, "only .stl, .obj and .dae are read")),
+        _ => Err(CollisionError::content(name, "only .stl, .obj and .dae are supported")),
     }
 }
 
@@ -78,7 +78,8 @@ fn obj(name: &str, text: &str) -> Result<Vec<Points>, CollisionError> {
                     vertices.get(usize::try_from(at).ok()?).copied()
                 };
                 let face: Option<Points> = rest.split_ascii_whitespace().map(corner).collect();
-                let face = face.ok_or_else(|| wrong(format!("face `{rest}` points nowhere")))?;
+                let face =
+                    face.ok_or_else(|| wrong(format!("face `{rest}` refers to a vertex that does not exist")))?;
                 let fan = face.windows(2).skip(1).map(|edge| vec![face[0], edge[0], edge[1]]);
                 triangles.extend(fan);
             }
@@ -109,7 +110,7 @@ fn stl(name: &str, bytes: &[u8]) -> Result<Vec<Points>, CollisionError> {
 
 fn finite(name: &str, triangles: Vec<Points>) -> Result<Vec<Points>, CollisionError> {
     if triangles.iter().flatten().flatten().any(|x| !x.is_finite()) {
-        return Err(CollisionError::content(name, "a coordinate is not finite"));
+        return Err(CollisionError::content(name, "a coordinate is NaN or infinite"));
     }
     Ok(triangles)
 }
@@ -233,7 +234,7 @@ impl Collada {
                 // A polygon is the fan of triangles around its first corner.
                 for k in 1..count.saturating_sub(1) {
                     let triangle = [first, first + k, first + k + 1].map(point).into_iter().collect::<Option<Points>>();
-                    triangles.push(triangle.ok_or("an index points nowhere")?);
+                    triangles.push(triangle.ok_or("an index refers to an entry that does not exist")?);
                 }
                 first += count;
             }

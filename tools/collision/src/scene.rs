@@ -170,7 +170,7 @@ impl<'a> Scene<'a> {
     /// have them.
     fn pose(&self, top: &str, link: &str, posture: &Posture) -> Result<Pose, CollisionError> {
         let joints = self.chain(top, link);
-        let joints = joints.ok_or_else(|| self.wrong(format!("link `{link}` is not `{top}` and not below it")))?;
+        let joints = joints.ok_or_else(|| self.wrong(format!("link `{link}` is neither `{top}` nor below it")))?;
         Ok(joints.iter().fold(Pose::identity(), |pose, joint| {
             let origin = pose.compose(&Pose::from_xyz_rpy(*joint.origin.xyz, *joint.origin.rpy));
             let q = posture.get(&joint.name).copied().unwrap_or(0.0);
@@ -219,7 +219,7 @@ impl<'a> Scene<'a> {
                 triangles.iter_mut().flatten().for_each(|point| point.component_mul_assign(&scale));
                 // A point 10 m from its link does not belong to a robot. The mesh is probably in millimetres.
                 if triangles.iter().flatten().any(|point| !(point.amax() <= 10.0)) {
-                    return Err(CollisionError::content(filename, "reaches farther than 10 m: is a scale missing?"));
+                    return Err(CollisionError::content(filename, "extends farther than 10 m; is a scale missing?"));
                 }
                 Ok(triangles)
             }

@@ -77,7 +77,7 @@ fn settings_with(text: &str, folder: &str) -> Result<String, String> {
         let there = &format!("\"{folder}{below}");
         let count = packaged.matches(here).count();
         if count != 1 {
-            return Err(format!("config/teleop.toml: {here}...\" stands there {count} times, not once"));
+            return Err(format!("config/teleop.toml: {here}...\" occurs {count} times, not once"));
         }
         packaged = packaged.replace(here, there);
     }

@@ -114,9 +114,9 @@ fn refuse_new_glibc(program: &Path) -> Result<(), String> {
     match newest_glibc(&bytes).filter(|needed| *needed > GLIBC_MAX) {
         None => Ok(()),
         Some([major, minor]) => Err(format!(
-            "{} needs glibc {major}.{minor}, and the archive has to run with {}.{}. Build for that one: pip install ziglang \
-             cargo-zigbuild && cargo zigbuild --release --workspace --target {}-unknown-linux-gnu.{}.{}, then give its folder \
-             as --programs",
+            "{} needs glibc {major}.{minor}, but the archive must run with {}.{}. Build for that version: pip install \
+             ziglang cargo-zigbuild && cargo zigbuild --release --workspace --target {}-unknown-linux-gnu.{}.{}, then \
+             give its folder as --programs",
             program.display(),
             GLIBC_MAX[0],
             GLIBC_MAX[1],

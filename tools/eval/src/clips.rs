@@ -117,9 +117,11 @@ pub fn has_training_clips(folder: &Path, selection: &Selection) -> bool {
 /// rotations that are not finite.
 pub fn clip_of(motion: &Motion, calibration: CalibrationMode, stride: usize) -> Result<Clip, String> {
     if !motion.has_rotations && calibration != CalibrationMode::None {
-        return Err("has no rotations, so the twist of its limbs is unknown; --calibration none guesses it from the \
-                    elbow's plane"
-            .into());
+        return Err(
+            "has no rotations, so the twist of its limbs is unknown; --calibration none estimates it from the \
+            elbow's plane"
+                .into(),
+        );
     }
     let frames = limb_frames(motion, calibration)?;
     let stride = stride.max(1);

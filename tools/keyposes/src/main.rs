@@ -79,7 +79,7 @@ fn space(text: &str) -> Result<Space, String> {
     match text {
         "latent" => Ok(Space::Latent),
         "joint" => Ok(Space::Joint),
-        _ => Err("is one of latent, joint".into()),
+        _ => Err("must be latent or joint".into()),
     }
 }
 
@@ -159,7 +159,7 @@ fn interpolate(
 ) -> Result<(), KeyposesError> {
     let beside = out.with_extension("bvh");
     if beside == out {
-        let reason = "the motion beside the trajectory would take its place; name it .csv".to_owned();
+        let reason = "the motion beside the trajectory would have the same name; give a name with .csv".to_owned();
         return Err(KeyposesError::Trajectory { path: out.to_path_buf(), line: 1, reason });
     }
     let files: Vec<&Path> = poses.iter().filter_map(|text| pose::file_of(text)).collect();

@@ -30,7 +30,7 @@ pub fn read_pose(text: &str, calibration: CalibrationMode) -> Result<[Limbs; ARM
     }
     let Some(end) = file_end(text) else {
         let allowed = names().join(", ");
-        return Err(refuse(format!("is neither FILE.bvh:FRAME nor FILE.bvh@TIME_S nor one of rest, {allowed}")));
+        return Err(refuse(format!("must be FILE.bvh:FRAME, FILE.bvh@TIME_S, or one of rest, {allowed}")));
     };
     let (file, place) = text.split_at(end);
     let motion = motion::load(Path::new(file))?;
@@ -44,7 +44,7 @@ pub fn read_pose(text: &str, calibration: CalibrationMode) -> Result<[Limbs; ARM
         let time = time.ok_or_else(|| refuse(format!("{:?} is not a time of 0 to {end_s:.3} s", &place[1..])))?;
         ((time * motion.frame_rate_hz).round() as usize).min(last)
     } else {
-        return Err(refuse("wants a frame or a time: FILE.bvh:FRAME or FILE.bvh@TIME_S".into()));
+        return Err(refuse("needs a frame or a time: FILE.bvh:FRAME or FILE.bvh@TIME_S".into()));
     };
     limbs_of(&motion, index, calibration).ok_or_else(|| refuse("has no limb rotations in that frame".into()))
 }

@@ -39,7 +39,7 @@ impl Triangle {
     /// names the allowed forms.
     pub fn of(model: &Model, network: &Network, poses: &[String]) -> Result<Self, KeyposesError> {
         let names: &[String; 3] = poses.try_into().map_err(|_| {
-            let reason = format!("{} poses, not the 3 that are the corners of a triangle", poses.len());
+            let reason = format!("{} poses; a triangle needs 3", poses.len());
             KeyposesError::Pose { text: poses.join(","), reason }
         })?;
         let limbs =

@@ -142,10 +142,10 @@ fn interpolate_writes_both_files_and_refuses_bad_poses() {
     assert_eq!(std::fs::read_to_string(&out).expect("the trajectory").lines().count(), 242);
     assert_eq!(motion::load(&out.with_extension("bvh")).expect("the motion").frames.len(), 241);
     for (arguments, expected) in [
-        (["t-pose", "headstand"], "pose headstand: is neither FILE.bvh:FRAME"),
+        (["t-pose", "headstand"], "pose headstand: must be FILE.bvh:FRAME"),
         (["t-pose", "tools/keyposes/motions/clap.bvh:9999"], "\"9999\" is not a frame of 0 to 306"),
         (["t-pose", "tools/keyposes/motions/clap.bvh@6"], "\"6\" is not a time of 0 to 5.100 s"),
-        (["t-pose", "tools/keyposes/motions/clap.bvh"], "wants a frame or a time"),
+        (["t-pose", "tools/keyposes/motions/clap.bvh"], "needs a frame or a time"),
         (["t-pose", "missing.bvh:1"], "missing.bvh: No such file"),
     ] {
         let refused = run(&arguments);

@@ -158,10 +158,10 @@ fn triangle_of_wrong_number_or_unknown_poses_is_refused() {
     let loaded = loaded();
     let network = &loaded.weights.as_ref().expect("weights").network;
     for (poses, expected) in [
-        (vec!["t-pose", "rest"], "pose t-pose,rest: 2 poses, not the 3 that are the corners of a triangle"),
+        (vec!["t-pose", "rest"], "pose t-pose,rest: 2 poses; a triangle needs 3"),
         (vec!["t-pose", "rest", "clap", "box"], "4 poses"),
         (vec![], "0 poses"),
-        (vec!["t-pose", "rest", "headstand"], "pose headstand: is neither FILE.bvh:FRAME"),
+        (vec!["t-pose", "rest", "headstand"], "pose headstand: must be FILE.bvh:FRAME"),
         (vec!["t-pose", "rest", "missing.bvh@1"], "missing.bvh"),
     ] {
         let poses: Vec<String> = poses.into_iter().map(str::to_owned).collect();

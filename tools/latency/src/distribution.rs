@@ -32,20 +32,20 @@ impl Distribution {
     /// # Errors
     /// Returns an error that names the missing or malformed part.
     pub fn from_json(value: &Value) -> Result<Self, String> {
-        let list = |key: &str| value[key].as_array().ok_or(format!("{key} is no list"));
+        let list = |key: &str| value[key].as_array().ok_or(format!("{key} is not a list"));
         let mut all = Self::default();
         let buckets = list("buckets")?;
-        let max_us = value["max_us"].as_f64().ok_or("max_us is no number")?;
+        let max_us = value["max_us"].as_f64().ok_or("max_us is not a number")?;
         // The upper bound of the last bucket was not measured. The maximum was, and it lies in that bucket.
         let max_ns = (max_us * 1e3).round() as u64;
         for pair in buckets {
             match (pair[0].as_u64(), pair[1].as_u64()) {
                 (Some(upper_ns), Some(count)) => all.record(upper_ns.min(max_ns), count),
-                _ => return Err(format!("{pair} is no bucket")),
+                _ => return Err(format!("{pair} is not a bucket")),
             }
         }
         for row in list("seconds")? {
-            let figure = |i: usize| row[i].as_f64().ok_or(format!("{row} is no second"));
+            let figure = |i: usize| row[i].as_f64().ok_or(format!("{row} is not a second"));
             let count = figure(1)? as u64;
             let (p50_us, p99_us, max_us) = (figure(2)?, figure(3)?, figure(4)?);
             all.seconds.push(Second { at_s: figure(0)?, count, p50_us, p99_us, max_us });

@@ -18,7 +18,7 @@ pub enum LatencyError {
     },
     /// `--compare cyclictest` is given, but cyclictest cannot be used.
     #[error(
-        "cyclictest is not on the PATH, or the policy is not fifo; install the package rt-tests, or leave --compare away"
+        "cyclictest is not on the PATH, or the policy is not fifo; install the package rt-tests, or omit --compare"
     )]
     NoCyclictest,
     /// Settings, robot or weights are invalid.

@@ -83,7 +83,7 @@ impl Figures {
         }
         let empty = HOPS.iter().zip(&all.hops).find(|(_, distribution)| distribution.count() == 0);
         match empty {
-            Some(((hop, process), _)) => Err(LatencyError::Invalid(format!("{process} counted nothing of {hop}"))),
+            Some(((hop, process), _)) => Err(LatencyError::Invalid(format!("{process} counted no {hop}"))),
             None => Ok(all),
         }
     }
@@ -91,7 +91,7 @@ impl Figures {
     fn add(&mut self, outcome: &Outcome) -> Result<(), String> {
         let find = |process: &str| {
             let found = outcome.processes.iter().find(|(name, _)| *name == process);
-            found.map(|(_, value)| value).ok_or(format!("{process} left no report"))
+            found.map(|(_, value)| value).ok_or(format!("{process} wrote no report"))
         };
         for ((hop, process), merged) in HOPS.iter().zip(&mut self.hops) {
             merged.merge(&distribution(find(process)?, hop).map_err(|cause| format!("{process}: {hop}: {cause}"))?);
@@ -112,7 +112,7 @@ impl Figures {
             let (_, process) = self.processes.iter_mut().find(|(known, _)| known == name).expect("just added");
             process.add(&report["telemetry"]).map_err(|cause| format!("{name}: {cause}"))?;
         }
-        self.accepted += find("ingest")?["accepted"].as_u64().ok_or("ingest: accepted is no number")?;
+        self.accepted += find("ingest")?["accepted"].as_u64().ok_or("ingest: accepted is not a number")?;
         self.published += outcome.published;
         self.wall_s += outcome.wall_s;
         self.blocks += 1;
@@ -183,8 +183,8 @@ fn distribution(report: &Value, metric: &str) -> Result<Distribution, String> {
 
 impl Process {
     fn add(&mut self, telemetry: &Value) -> Result<(), String> {
-        let count = |value: &Value, name: &str| value.as_u64().ok_or(format!("telemetry.{name} is no number"));
-        let number = |key: &str| telemetry[key].as_f64().ok_or(format!("telemetry.{key} is no number"));
+        let count = |value: &Value, name: &str| value.as_u64().ok_or(format!("telemetry.{name} is not a number"));
+        let number = |key: &str| telemetry[key].as_f64().ok_or(format!("telemetry.{key} is not a number"));
         let allocations = &telemetry["allocations"];
         self.allocations += count(&allocations["loop"], "allocations.loop")?;
         self.transport_allocations += count(&allocations["transport"], "allocations.transport")?;
@@ -193,7 +193,7 @@ impl Process {
         self.ring_dropped += count(&telemetry["ring_dropped"], "ring_dropped")?;
         self.cpu_s += number("cpu_s")?;
         self.ready_after_ms = self.ready_after_ms.max(number("ready_after_ms")?);
-        let lines = telemetry["realtime"].as_array().ok_or("telemetry.realtime is no list")?;
+        let lines = telemetry["realtime"].as_array().ok_or("telemetry.realtime is not a list")?;
         self.realtime = lines.iter().filter_map(Value::as_str).map(str::to_owned).collect();
         Ok(())
     }
@@ -271,7 +271,7 @@ mod tests {
         let error = broken("retarget/telemetry/major_faults", Value::Null);
         assert!(error.contains("retarget: telemetry.major_faults"), "{error}");
         let error = broken("sim/telemetry/metrics/target_to_command/buckets", json!([]));
-        assert!(error.contains("sim counted nothing of target_to_command"), "{error}");
+        assert!(error.contains("sim counted no target_to_command"), "{error}");
         let error = broken("ingest/accepted", json!("many"));
         assert!(error.contains("ingest: accepted"), "{error}");
     }

@@ -24,7 +24,7 @@ impl Host {
             ("host", text("/proc/sys/kernel/hostname").unwrap_or_else(unknown)),
             ("processor", field("model name").or_else(|| field("cpu model")).unwrap_or_else(unknown)),
             ("cores", allowed.to_string()),
-            ("virtual", if guest { "yes" } else { "not as far as the processor says" }.into()),
+            ("virtual", if guest { "yes" } else { "no, according to the processor" }.into()),
             ("kernel", text("/proc/sys/kernel/osrelease").unwrap_or_else(unknown)),
             ("version", text("/proc/sys/kernel/version").unwrap_or_else(unknown)),
             ("preemption", preemption()),

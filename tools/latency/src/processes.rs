@@ -113,7 +113,7 @@ pub fn run(setup: &Setup, block: Block, shutdown: &Shutdown) -> Result<Outcome, 
         };
         scope.spawn(drive).join()
     });
-    let driven = driven.unwrap_or_else(|_| Err(LatencyError::Invalid("the client's thread ended badly".into())));
+    let driven = driven.unwrap_or_else(|_| Err(LatencyError::Invalid("the client's thread panicked".into())));
     let mut trouble = onlookers.map_or(Vec::new(), Observers::stop);
     trouble.extend(children.stop());
     let Driven { wall_s, published, failures, ended } = driven?;
@@ -122,7 +122,7 @@ pub fn run(setup: &Setup, block: Block, shutdown: &Shutdown) -> Result<Outcome, 
         return Err(LatencyError::Interrupted);
     }
     if failures > 0 {
-        trouble.push(format!("{failures} skeletons were not taken by the bus"));
+        trouble.push(format!("the bus did not accept {failures} skeletons"));
     }
     let report = match Report::collect(&instance.0) {
         Ok(report) => report,

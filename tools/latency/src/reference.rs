@@ -92,8 +92,8 @@ fn parse_cyclictest(text: &str) -> Result<Distribution, String> {
         let line = text.lines().find_map(|line| line.strip_prefix('#')?.trim().strip_prefix(name))?;
         line.trim_start_matches(':').split_whitespace().next()?.parse::<u64>().ok()
     };
-    let max_us = comment("Max Latencies").ok_or("no line of \"Max Latencies\" in its answer")?;
-    let overflows = comment("Histogram Overflows").ok_or("no line of \"Histogram Overflows\" in its answer")?;
+    let max_us = comment("Max Latencies").ok_or("its output has no line \"Max Latencies\"")?;
+    let overflows = comment("Histogram Overflows").ok_or("its output has no line \"Histogram Overflows\"")?;
     for line in text.lines().filter(|line| !line.starts_with('#') && !line.trim().is_empty()) {
         let mut words = line.split_whitespace().map(str::parse::<u64>);
         match (words.next(), words.next(), words.next()) {

@@ -19,7 +19,7 @@ pub fn words(all: &Measured) -> String {
 
 fn ratios(out: &mut String, all: &Measured) -> std::fmt::Result {
     let (name, reference) = all.reference();
-    let told = |figure: Option<f64>| figure.map_or("cannot be told".into(), |figure| format!("{figure:.2}"));
+    let told = |figure: Option<f64>| figure.map_or("unknown".into(), |figure| format!("{figure:.2}"));
     writeln!(out, "ratios")?;
     let mut references = vec![(name, reference)];
     if name == "cyclictest" {
@@ -33,7 +33,7 @@ fn ratios(out: &mut String, all: &Measured) -> std::fmt::Result {
         let label = format!("{}, median: polled / events", spaced(hop));
         writeln!(out, "  {label:<44} {}", told(all.times_below_polled(hop)))?;
     }
-    let beyond = |quantile| all.beyond_work_us(quantile).map_or("cannot be told".into(), |us| format!("{us:.1} us"));
+    let beyond = |quantile| all.beyond_work_us(quantile).map_or("unknown".into(), |us| format!("{us:.1} us"));
     writeln!(out, "  {:<44} p50 {}, p99 {}", "target to command beyond control's work", beyond(0.5), beyond(0.99))
 }
 

@@ -219,20 +219,21 @@ impl Soaked {
     /// Returns everything that must not have happened.
     pub fn complaints(&self) -> Vec<String> {
         let mut complaints = self.trouble.clone();
-        complaints.extend(self.false_stops.iter().map(|stop| format!("a stop that no blow explains, {stop}")));
+        complaints
+            .extend(self.false_stops.iter().map(|stop| format!("a stop that no injected fault explains, {stop}")));
         for (name, grown) in &self.growth {
             if grown.resident_kib > GROWTH_MAX_KIB {
                 complaints.push(format!("{name} grew by {} KiB, more than {GROWTH_MAX_KIB}", grown.resident_kib));
             }
             for (what, count) in [("descriptors", grown.descriptors), ("threads", grown.threads)] {
                 if count > 0 {
-                    complaints.push(format!("{name} has {count} {what} more than when it was warm"));
+                    complaints.push(format!("{name} has {count} {what} more than after its warm-up"));
                 }
             }
         }
         if self.segments_last > self.segments_first {
             let (last, first) = (self.segments_last, self.segments_first);
-            complaints.push(format!("{last} segments are left of {first}"));
+            complaints.push(format!("{last} segments at the end, {first} at the start"));
         }
         for (what, count) in [("violations", self.violations), ("motions without an enable", self.moved_without_enable)]
         {
@@ -272,7 +273,7 @@ impl Soaked {
         // Writing to a String cannot fail.
         let _ = writeln!(
             out,
-            "{:.0} s, {:.0} s of them engaged and clean; {} blows; {} states witnessed",
+            "{:.0} s, {:.0} s of them engaged and clean; {} injected faults; {} states witnessed",
             self.seconds, self.engaged_s, self.blows, self.states
         );
         for (name, grown) in &self.growth {
@@ -326,7 +327,9 @@ mod tests {
         soaked.false_stops.push("12 s: Holding TargetStale".into());
         soaked.violations = 1;
         let told = soaked.complaints().join("; ");
-        for part in ["grew by 513", "1 descriptors", "2 threads", "11 segments", "no blow explains", "1 violations"] {
+        for part in
+            ["grew by 513", "1 descriptors", "2 threads", "11 segments", "no injected fault explains", "1 violations"]
+        {
             assert!(told.contains(part), "{part}: {told}");
         }
     }

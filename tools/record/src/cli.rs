@@ -63,5 +63,5 @@ impl Cli {
 
 fn interface(text: &str) -> Result<RobotInterface, String> {
     let found = RobotInterface::ALL.into_iter().find(|interface| interface.name() == text);
-    found.ok_or_else(|| format!("is one of {}", RobotInterface::ALL.map(RobotInterface::name).join(", ")))
+    found.ok_or_else(|| format!("must be one of {}", RobotInterface::ALL.map(RobotInterface::name).join(", ")))
 }

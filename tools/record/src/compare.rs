@@ -58,9 +58,9 @@ pub fn compare(path: &Path, loaded: &Loaded) -> Result<Compared, RecordError> {
     let lacks = |cause: String| RecordError::Lacks { file: path.display().to_string(), cause };
     if recorded.about().get("origin").is_some_and(|origin| origin != "offline") {
         return Err(lacks(
-            "is a live recording: the times at which the stages woke and the operator's edges are not on the bus, so that its \
-             commands cannot be computed again; `replay FILE --offline OUT.csv --record OUT.mcap` makes one that can be \
-             compared"
+            "is a live recording: the times at which the stages woke and the operator's edges are not on the bus, so \
+             that its commands cannot be computed again; `replay FILE --offline OUT.csv --record OUT.mcap` makes one \
+             that can be compared"
                 .to_owned(),
         ));
     }
@@ -70,8 +70,8 @@ pub fn compare(path: &Path, loaded: &Loaded) -> Result<Compared, RecordError> {
         found => {
             let found = found.map_or("none", String::as_str);
             return Err(lacks(format!(
-                "was recorded with the settings {found}, and --config gives {hash}; the file holds the ones it was recorded with \
-                 as attachments"
+                "was recorded with the settings {found}, and --config gives {hash}; the file holds the ones it was \
+                 recorded with as attachments"
             )));
         }
     }
@@ -108,9 +108,9 @@ fn flaws(recorded: &Recorded, found: &Compared) -> Vec<String> {
     let mut flaws = Vec::new();
     match recorded.ending() {
         Ending::BrokenOff(why) => {
-            flaws.push(format!("the file breaks off ({why}): it was compared up to its last whole chunk"));
+            flaws.push(format!("the file is truncated ({why}): it was compared up to its last complete chunk"));
         }
-        Ending::GoesOn => flaws.push("something stands behind the end of the file, which was not compared".to_owned()),
+        Ending::GoesOn => flaws.push("data after the end of the recording were not compared".to_owned()),
         Ending::Open | Ending::Complete => {}
     }
     match recorded.outcome().get("samples_lost").map(String::as_str) {
@@ -210,7 +210,7 @@ impl Stages {
             (taken(target.map(|target| target.header.sequence)), taken(state.map(|state| state.header.sequence)));
         if given != (inputs.target, inputs.state) {
             self.found.flaws.push(format!(
-                "tick {} took target {} and state {}, and the recording has {} and {} before it",
+                "tick {} used target {} and state {}, but the recording has {} and {} before it",
                 inputs.k, inputs.target, inputs.state, given.0, given.1
             ));
             return;

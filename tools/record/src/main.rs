@@ -69,8 +69,8 @@ fn view(cli: &Cli, file: &Path) -> Result<(), Failure> {
         record::recording_view(file, &loaded.model).map_err(|error| Failure::of(NO_INPUT)(&error))?;
     let mut name = file.file_name().unwrap_or_default().to_string_lossy().into_owned();
     if let Some(why) = broken_off {
-        err!("record: {} breaks off ({why}): what is shown is what stands before", file.display());
-        name.push_str(", which breaks off");
+        err!("record: {} is truncated ({why}); it is shown up to there", file.display());
+        name.push_str(", which is truncated");
     }
     let server = view::Server::recording(recording, &name, &shown, cli.port);
     let server = server.map_err(|error| match error {
@@ -112,8 +112,8 @@ fn check(cli: &Cli) -> Result<(), Failure> {
     if cli.child_of.is_none() && !bus::is_inhabited(&prefix, Instant::now() + LOOK_WITHIN) {
         let folder = cli.run_dir.display();
         let text = format!(
-            "no instance of teleopd runs in {folder}, so nothing was recorded. Start one (teleopd up --run-dir {folder}), or give \
-             the --run-dir of one that runs"
+            "no instance of teleopd runs in {folder}, so nothing was recorded. Start one (teleopd up --run-dir \
+             {folder}), or give the --run-dir of one that runs"
         );
         return Err(Failure(UNAVAILABLE, text));
     }
@@ -139,9 +139,9 @@ fn record(cli: &Cli, out: &Path) -> Result<(), Failure> {
             warned = true;
             let ours = loaded.hash;
             err!(
-                "record: the instance runs with the settings {hash:016x}, these options give {ours:016x}: give --config, \
-                 --engage-without-realtime and --interface as it was started with; what the file says of its settings is \
-                 not so"
+                "record: the instance runs with the settings {hash:016x}, these options give {ours:016x}. Give \
+                 --config, --engage-without-realtime and --interface as for the instance; the settings in this file \
+                 are wrong"
             );
         }
         if !failed && queue.failed() {
@@ -185,9 +185,9 @@ fn finish(out: &Path, attached: &Attached, queue: Queue) -> Result<(), Failure> 
     let outcome = queue.finish(last);
     let unseen: Vec<_> = missed.iter().map(|(topic, count)| format!("{count} of {}", topic.name())).collect();
     out!("record: {} messages in {}, {} lost", outcome.written, out.display(), outcome.lost);
-    out!("record: published between two looks and not seen: {}", unseen.join(", "));
+    out!("record: published between two polls and missed: {}", unseen.join(", "));
     if !attached.heard_any() {
-        out!("record: no process of an instance was heard; was --run-dir the right one?");
+        out!("record: no process of an instance published anything; is --run-dir correct?");
     }
     match outcome.failure {
         Some(failure) => Err(Failure(FAILED, format!("{}: {failure}; {} messages lost", out.display(), outcome.lost))),

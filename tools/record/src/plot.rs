@@ -49,7 +49,7 @@ struct Line<'a> {
 pub fn plot(path: &Path, trace: &Trace, model: &Model, title: &str) -> Result<(), RecordError> {
     let refuse = |cause: String| RecordError::Plot { file: path.display().to_string(), cause };
     if trace.rows().len() < 2 {
-        return Err(refuse("fewer than two states: nothing to draw".to_owned()));
+        return Err(refuse("fewer than two states, so there is nothing to draw".to_owned()));
     }
     canvas::save(path, SIZE, |area| draw(area, trace.rows(), model, title)).map_err(refuse)
 }

@@ -106,7 +106,7 @@ impl Summary {
         let _ =
             writeln!(out, "robot     {} ({}), settings {}", about("robot"), about("robot_hash"), about("config_hash"));
         let ended = match (&self.broken_off, self.outcome.is_empty()) {
-            (Some(why), _) => format!("breaks off ({why}): read up to its last whole chunk"),
+            (Some(why), _) => format!("is truncated ({why}): read up to its last complete chunk"),
             (None, true) => "complete".to_owned(),
             (None, false) => {
                 let told: Vec<_> = self.outcome.iter().map(|(key, value)| format!("{key} {value}")).collect();
@@ -128,7 +128,7 @@ impl Summary {
             let _ = writeln!(out, "  {at_s:9.3} s  {text}");
         }
         if self.unsaid > 0 {
-            let _ = writeln!(out, "  and {} sentences more, in the file under {}", self.unsaid, Topic::Log.name());
+            let _ = writeln!(out, "  and {} more sentences, in the file under {}", self.unsaid, Topic::Log.name());
         }
         out
     }

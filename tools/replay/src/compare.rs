@@ -15,7 +15,7 @@ pub fn run(cli: &Cli, recording: &Path) -> Result<(), Failure> {
     }
     let name = recording.display();
     let mut wrong: Vec<_> = found.flaws.iter().map(|flaw| format!("{name}: {flaw}")).collect();
-    wrong.extend(found.first.iter().map(|first| format!("{name}: the first that is not the same is {first}")));
+    wrong.extend(found.first.iter().map(|first| format!("{name}: the first difference is {first}")));
     if !found.equal() {
         return Err(Failure::failed(wrong.join("\nreplay: ")));
     }

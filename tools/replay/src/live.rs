@@ -69,10 +69,10 @@ pub fn run(cli: &Cli, motion: &Motion) -> Result<(), Failure> {
     let mut control = operator_of(cli, &instance)?;
     // Without an operator socket the start of following is unknown. So the motion begins at once.
     if at_once {
-        out!("playing again and again; `teleopctl calibrate NAME` measures this person, Ctrl-C ends");
+        out!("playing in a loop; `teleopctl calibrate NAME` measures this person, Ctrl-C ends");
         publisher.set_engaged(true);
     } else if control.is_none() {
-        out!("no operator socket in {} that answers: playing at once", instance.run_dir().display());
+        out!("no operator socket answers in {}: playing at once", instance.run_dir().display());
         publisher.set_engaged(true);
     } else {
         out!("holding the first frame until the robot is engaged (`teleopctl engage`)");
@@ -112,10 +112,10 @@ pub fn run(cli: &Cli, motion: &Motion) -> Result<(), Failure> {
         return Err(Failure::failed(format!("the robot did not follow to the end of the motion: {why}")));
     }
     if !shutdown.requested() {
-        out!("the motion is over: no more skeletons come, so the robot stops");
+        out!("the motion is over: no more skeletons are sent, so the robot stops");
     }
     if publisher.failures() > 0 {
-        return Err(Failure::failed(format!("{} frames were not taken", publisher.failures())));
+        return Err(Failure::failed(format!("{} frames were not accepted", publisher.failures())));
     }
     Ok(())
 }

@@ -19,7 +19,7 @@ fn refuse(cli: &Cli, out: &Path) -> Result<(), Failure> {
     if out.extension().is_some_and(|extension| extension == "json") {
         return Err(Failure(
             EX_USAGE,
-            format!("{}: the JSON file beside the CSV would take its place; name it .csv", out.display()),
+            format!("{}: the JSON file beside the CSV would have the same name; give a name with .csv", out.display()),
         ));
     }
     let same = |a: &Path, b: &Path| a.canonicalize().is_ok_and(|a| b.canonicalize().is_ok_and(|b| a == b));
@@ -28,12 +28,12 @@ fn refuse(cli: &Cli, out: &Path) -> Result<(), Failure> {
         [("--offline", Some(out)), ("--record", cli.record.as_deref()), ("--plot", cli.plot.as_deref())]
     {
         if let Some(out) = out.filter(|out| same(out, file)) {
-            let text = format!("{option} {}: is the motion itself; give another file", out.display());
+            let text = format!("{option} {}: this is the motion itself; give another file", out.display());
             return Err(Failure(EX_USAGE, text));
         }
     }
     if cli.looped {
-        return Err(Failure(EX_USAGE, "--offline ends, --loop does not: give one of them".into()));
+        return Err(Failure(EX_USAGE, "--offline ends, but --loop does not; give only one of them".into()));
     }
     Ok(())
 }
@@ -129,8 +129,8 @@ fn write_summary(out: &Path, motion: &Motion, report: &OfflineReport) -> Result<
         .map_err(|error| Failure::cannot_create(rt::unwritable(&beside, &error)))?;
     out!("{} rows in {}, modes and frames in {}", report.rows, out.display(), beside.display());
     out!(
-        "limb error of the target {:.2} deg, of the robot {:.2} deg, smallest clearance {:.1} mm, largest torque {:.2} of \
-         the effort limit, violations {}",
+        "limb error of the target {:.2} deg, of the robot {:.2} deg, smallest clearance {:.1} mm, largest torque \
+         {:.2} of the effort limit, violations {}",
         report.limb_error_deg_mean,
         report.limb_error_measured_deg_mean,
         report.min_clearance_mm,

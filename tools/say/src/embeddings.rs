@@ -36,7 +36,7 @@ pub enum EmbeddingError {
     #[error(transparent)]
     File(#[from] LibraryError),
     /// The library is not onnxruntime, or is too old.
-    #[error("{file}: is no onnxruntime (1.17 or later): {cause}")]
+    #[error("{file}: is not onnxruntime (1.17 or later): {cause}")]
     Runtime {
         /// The shared library.
         file: String,
@@ -44,7 +44,7 @@ pub enum EmbeddingError {
         cause: String,
     },
     /// onnxruntime rejects the encoder, or fails to run it.
-    #[error("{file}: onnxruntime says: {cause}")]
+    #[error("{file}: onnxruntime reports: {cause}")]
     Encoder {
         /// The encoder.
         file: String,
@@ -52,7 +52,7 @@ pub enum EmbeddingError {
         cause: String,
     },
     /// The encoder has an unknown input.
-    #[error("{file}: input `{name}` is none of input_ids, attention_mask, token_type_ids")]
+    #[error("{file}: input `{name}` is unknown; the inputs are input_ids, attention_mask, token_type_ids")]
     Input {
         /// The encoder.
         file: String,
@@ -110,7 +110,7 @@ pub enum EmbeddingError {
         width: usize,
     },
     /// A vector has no direction: it is NaN, infinite, or zero.
-    #[error("{file}: {what} has no direction: a number is not finite, or all are 0")]
+    #[error("{file}: {what} has no direction: a number is NaN or infinite, or all are 0")]
     Direction {
         /// The matrix or the encoder.
         file: String,

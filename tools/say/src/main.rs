@@ -50,8 +50,8 @@ fn find(cli: &Cli) -> Result<Option<PathBuf>, (u8, String)> {
     if names_nothing {
         let example = &library.captions()[0].text;
         let text = format!(
-            "\"{}\" names no movement: words such as \"the\" and \"with\" stand in any caption. Say what the person does, as \
-             in \"{}\"",
+            "\"{}\" names no movement: words such as \"the\" and \"with\" occur in any caption. Describe what the \
+             person does, as in \"{}\"",
             shown(&cli.sentence),
             shown(example)
         );
@@ -113,10 +113,10 @@ fn show(library: &Library, found: &[Match], top: usize, unknown: &[String]) {
         println!("{:6.2}  {:<24}  {}", found.score, shown(&caption.file), shown(&caption.text));
     }
     if !unknown.is_empty() {
-        println!("in no caption, by their stems: {}", unknown.join(", "));
+        println!("stems that no caption has: {}", unknown.join(", "));
     }
     if found.is_empty() && !unknown.is_empty() {
-        println!("no motion of this library says any of it");
+        println!("no motion of this library matches");
     }
 }
 
@@ -132,6 +132,8 @@ fn play(motion: &Path, arguments: &[String]) -> String {
 fn player() -> Result<PathBuf, String> {
     let own = std::env::current_exe().map_err(|error| error.to_string())?;
     let folder = own.parent().unwrap_or(Path::new("/"));
-    let missing = || format!("{}: no program `replay` there (cargo build --release -p replay)", folder.display());
+    let missing = || {
+        format!("{}: the program `replay` is missing; build it with cargo build --release -p replay", folder.display())
+    };
     PLAYERS.map(|name| folder.join(name)).into_iter().find(|path| path.is_file()).ok_or_else(missing)
 }

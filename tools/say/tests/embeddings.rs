@@ -244,14 +244,19 @@ fn invalid_encoder_or_embedding_is_refused_by_file_name() {
     let scene = Scene::new(Ends::Flat);
     scene.refused("wave", runtime, 65, &["model.onnx: output `flat` has the shape [4, 2] for 4 tokens", "[1, 4, d]"]);
     Scene::new(Ends::One).refused("wave", runtime, 65, &["output `one` has the shape [1, 1, 2] for 4 tokens"]);
-    Scene::new(Ends::Pixels).refused("wave", runtime, 65, &["model.onnx: input `pixel_values` is none of input_ids"]);
+    Scene::new(Ends::Pixels).refused(
+        "wave",
+        runtime,
+        65,
+        &["model.onnx: input `pixel_values` is unknown; the inputs are input_ids"],
+    );
     let scene = Scene::new(Ends::Rows);
     scene.refused("broken", runtime, 65, &["model.onnx: the sentence's embedding has no direction"]);
     scene.refused("nothing", runtime, 65, &["model.onnx: the sentence's embedding has no direction"]);
-    scene.refused("far", runtime, 65, &["model.onnx: onnxruntime says: "]);
+    scene.refused("far", runtime, 65, &["model.onnx: onnxruntime reports: "]);
     scene.refused("", runtime, 65, &["tokenizer.json: finds no token in the sentence"]);
     scene.write("model.onnx", b"no model");
-    scene.refused("wave", runtime, 65, &["model.onnx: onnxruntime says: "]);
+    scene.refused("wave", runtime, 65, &["model.onnx: onnxruntime reports: "]);
     scene.write("motions.npy", &npy("(3, 1)", &[1.0; 3]));
     scene.write("model.onnx", &encoder(&WORDS, Ends::Rows));
     scene.refused("wave", runtime, 65, &["motions.npy: rows of 1 numbers; the encoder's embedding has 2"]);
@@ -290,7 +295,7 @@ fn missing_or_invalid_onnxruntime_is_refused_by_path() {
     scene.refused("wave", Path::new("/nowhere/libonnxruntime.so"), 66, &["/nowhere/libonnxruntime.so: No such file"]);
     scene.write("libnone.so", b"no library");
     let none = scene.folder.path().join("libnone.so");
-    scene.refused("wave", &none, 69, &["libnone.so: is no onnxruntime (1.17 or later): "]);
+    scene.refused("wave", &none, 69, &["libnone.so: is not onnxruntime (1.17 or later): "]);
     let folder = scene.folder.path().to_str().expect("a path");
     for [one, other] in [["--embeddings", "--synonyms"], ["--onnxruntime", "--top"]] {
         assert_eq!(say(&["wave", one, folder, other, "5"]).status.code(), Some(2), "{one} with {other}");

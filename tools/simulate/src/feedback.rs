@@ -112,7 +112,7 @@ impl Feedback {
                 if *count > ticks {
                     return Err((
                         "not followed",
-                        format!("joint {j} is {away} away for {count} ticks, and it moves on"),
+                        format!("joint {j} is {away} away for {count} ticks, but the robot still moves"),
                     ));
                 }
             }
@@ -140,7 +140,7 @@ impl Feedback {
         let back_ticks = (0..JOINTS).map(|j| off(j) / (FALLS * self.limits[j].v_max * TICK_S)).fold(0.0, f64::max);
         let allowed = SAGGED_TICKS + if self.lied { back_ticks.ceil() as u32 } else { 0 };
         if self.sagged > allowed {
-            return Err(("without power", format!("joint {worst} is {} from where it is told to hold", off(worst))));
+            return Err(("without power", format!("joint {worst} is {} from its holding position", off(worst))));
         }
         Ok(())
     }
@@ -162,7 +162,7 @@ impl Feedback {
         };
         self.jumped += 1;
         if self.jumped > JUMPED {
-            return Err(("encoder jump", format!("joint {j} from {} to {}, untold", good[j], q[j])));
+            return Err(("encoder jump", format!("joint {j} from {} to {} without a fault", good[j], q[j])));
         }
         Ok(())
     }
@@ -180,7 +180,7 @@ impl Feedback {
                 let ticks = k - then.k;
                 return Err((
                     "frozen encoder",
-                    format!("joint {j} at {} for {ticks} ticks, and went {went}", now.measured),
+                    format!("joint {j} at {} for {ticks} ticks, but went {went}", now.measured),
                 ));
             }
         }

@@ -48,10 +48,10 @@ impl Sent {
         let wrong = |joint: usize| vouched(joint) && raw.positions[joint].iter().any(|x| !x.is_finite());
         let mut unusable = None;
         if (0..SMPL_JOINTS).any(wrong) {
-            unusable = Some("a position that is no number");
+            unusable = Some("a NaN or infinite position");
         }
         if raw.flags & raw_flag::MIRRORED != 0 {
-            unusable = Some("a mirror image");
+            unusable = Some("a mirrored frame");
         }
         let mut guessed = 0;
         for (limb, ends) in ENDS.iter().enumerate() {
@@ -105,7 +105,7 @@ impl Inputs {
         let frozen = self.awake - self.same_since;
         let followed_before = self.following_since.is_some_and(|since| since < self.same_since);
         if self.last.is_some() && followed_before && frozen > FROZEN && !seen.forged {
-            return Err(("frozen person", format!("the same payload for {frozen} ticks, and it follows")));
+            return Err(("frozen person", format!("the same payload for {frozen} ticks, but it follows")));
         }
         Ok(())
     }
@@ -121,7 +121,7 @@ impl Inputs {
         if !all.clone().any(timely) {
             return Err((
                 "frame age",
-                "of no frame of this pose lies the stamp near its arrival, and it is used".into(),
+                "no frame of this pose has a stamp near its arrival, but the pose is used".into(),
             ));
         }
         let (mut why, mut guessed) = (None, u32::MAX);
@@ -136,7 +136,7 @@ impl Inputs {
         }
         let valid = (0..LIMBS).find(|&limb| skeleton.flags & skeleton_flag::LIMB[limb] & guessed != 0);
         match valid {
-            Some(limb) => Err(("guessed limb", format!("limb {limb} is used, and the tracker only guesses it"))),
+            Some(limb) => Err(("guessed limb", format!("limb {limb} is used, but the tracker only estimates it"))),
             None => Ok(()),
         }
     }
@@ -166,7 +166,7 @@ impl Inputs {
             if is != [0.0; 3] && was != [0.0; 3] && step > STEP_M {
                 return Err((
                     "person jumps",
-                    format!("joint {joint} by {step} m from one frame to the next, and used"),
+                    format!("joint {joint} jumps by {step} m from one frame to the next, but is used"),
                 ));
             }
         }

@@ -98,26 +98,26 @@ impl Modes {
         }
         let (Some(control), Some(operator)) = (&seen.moment.control, seen.operator) else { return Ok(()) };
         let Some(mode) = Mode::from_u32(control.status.mode) else {
-            return Err(("mode", format!("{} is no mode", control.status.mode)));
+            return Err(("mode", format!("{} is not a mode", control.status.mode)));
         };
         let restarted = self.strangers(seen, &operator);
         if restarted != Faults(control.status.faults).has(Fault::WriterRestarted) {
             return Err((
                 "restart",
-                format!("of retarget or the driver: {restarted}, and the status says the opposite"),
+                format!("of retarget or the driver: {restarted}, but the status says the opposite"),
             ));
         }
         self.note(seen, &operator);
         self.transition(seen, &operator, mode)?;
         self.stops(seen, &operator, mode)?;
         if follows(mode) && self.stranger_k.is_some() {
-            return Err(("new engage", "follows after a restart or for another client, and nobody has enabled".into()));
+            return Err(("new engage", "follows after a restart or for another client without a new enable".into()));
         }
         if follows(mode) && !seen.forged && self.since_person.is_some_and(|ticks| ticks > INPUT_STALE) {
-            return Err(("new engage", "follows another person, and nobody has enabled".into()));
+            return Err(("new engage", "follows another person without a new enable".into()));
         }
         if moves(mode) && !moves(self.mode) && !self.armed {
-            return Err(("stuck enable", "moves though the enable was never seen released".into()));
+            return Err(("stuck enable", "moves, but the enable was never released".into()));
         }
         (self.mode, self.last_k) = (mode, seen.k);
         Ok(())
@@ -221,34 +221,34 @@ impl Modes {
             return Ok(());
         }
         let (from, to, why) = (self.mode.name(), mode.name(), made.why_name());
-        Err(("logged reason", format!("{from} to {to} for {why}, which was not there")))
+        Err(("logged reason", format!("{from} to {to} because of {why}, which was not active")))
     }
 
     /// Checks that nothing moves that must not move.
     fn stops(&self, seen: &Seen<'_>, operator: &OperatorView, mode: Mode) -> Result<(), Broken> {
         let Some(control) = &seen.moment.control else { return Ok(()) };
         if operator.estop_edge && mode != Mode::Faulted {
-            return Err(("emergency stop", format!("pressed, and the mode is {}", mode.name())));
+            return Err(("emergency stop", format!("pressed, but the mode is {}", mode.name())));
         }
         let stops = Faults(control.status.faults).of(Response::Stop);
         if !stops.is_empty() && mode != Mode::Faulted {
-            return Err(("fault", format!("a fault that stops, and the mode is {}", mode.name())));
+            return Err(("fault", format!("a fault that stops, but the mode is {}", mode.name())));
         }
         if !follows(mode) {
             return Ok(());
         }
         if operator.release_edge || !operator.enable_level {
-            return Err(("release", format!("let go, and the mode is {}", mode.name())));
+            return Err(("release", format!("released, but the mode is {}", mode.name())));
         }
         let faults = Faults(control.status.faults);
         if !faults.of(Response::Hold).union(faults.of(Response::Release)).is_empty() {
-            return Err(("fault", format!("a fault that holds, and the mode is {}", mode.name())));
+            return Err(("fault", format!("a fault that holds, but the mode is {}", mode.name())));
         }
         let now = control.status.header.stamp;
         let silent_ns = now.since(operator.heartbeat_received);
         let slept = seen.k > self.last_k + 1;
         if operator.heartbeat_received == Stamp::NONE || (silent_ns > OPERATOR_SILENT_NS && !slept) {
-            return Err(("operator silent", format!("for {} ms, and it follows", silent_ns / 1_000_000)));
+            return Err(("operator silent", format!("for {} ms, but it follows", silent_ns / 1_000_000)));
         }
         let ages = [
             ("target silent", self.since_target, TARGET_STALE),
@@ -256,7 +256,7 @@ impl Modes {
             ("skeleton silent", if seen.forged { 0 } else { self.since_frame }, INPUT_STALE),
         ];
         match ages.iter().find(|(_, age, most)| age > most) {
-            Some((name, age, _)) => Err((name, format!("for {age} ticks, and it follows"))),
+            Some((name, age, _)) => Err((name, format!("for {age} ticks, but it follows"))),
             None => Ok(()),
         }
     }

@@ -178,7 +178,10 @@ impl Movement {
         let worst = (0..JOINTS).find(|&j| share(j) > SPEED_SHARE).filter(|_| moves(mode));
         self.fast = if worst.is_some() { self.fast + 1 } else { 0 };
         match worst.filter(|_| self.fast > LATE) {
-            Some(j) => Err(("velocity error", format!("joint {j} off by {} of its speed, and it moves on", share(j)))),
+            Some(j) => Err((
+                "velocity error",
+                format!("joint {j} off by {} of its speed, but the robot still moves", share(j)),
+            )),
             None => Ok(()),
         }
     }
@@ -198,9 +201,11 @@ impl Movement {
             return Ok(());
         }
         match far.filter(|_| self.far > FAR_TICKS) {
-            Some(j) => Err(("standstill", format!("joint {j} left {} for {}, untold", place[j], seen.truth[j]))),
+            Some(j) => {
+                Err(("standstill", format!("joint {j} left {} for {} without a fault", place[j], seen.truth[j])))
+            }
             None if self.restless > SETTLE_TICKS => {
-                Err(("standstill", "the robot does not come to rest, untold".into()))
+                Err(("standstill", "the robot does not come to rest, and no fault is raised".into()))
             }
             None => Ok(()),
         }

@@ -87,12 +87,12 @@ pub fn words(plan: &Plan, sum: &Summary, config: &Path, wall_s: f64) -> String {
     if let Some(least) = least {
         let _ = writeln!(
             out,
-            "the rarest fault, {1}, fired {0} times; so long a run demands {2} of each",
+            "the rarest fault, {1}, fired {0} times; a run of this length requires {2} of each",
             sum.fired[least], KINDS[least].name, sum.demanded
         );
     }
     for &kind in &sum.missing {
-        let _ = writeln!(out, "{} fired only {} times, demanded {}", KINDS[kind].name, sum.fired[kind], sum.demanded);
+        let _ = writeln!(out, "{} fired only {} times, required {}", KINDS[kind].name, sum.fired[kind], sum.demanded);
     }
     let _ = writeln!(out, "{} violations, hash {:016x}", sum.failures.len(), sum.hash);
     out
@@ -107,7 +107,8 @@ fn failure_words(failure: &Failure, plan: &Plan, config: &Path) -> String {
         config => format!(" --config {}", quoted(&config.display().to_string())),
     };
     format!(
-        "seed {}, tick {}, invariant {}: {}\n  {schedule} ({} of {} episodes), tick {}, {}: {}\n  simulate{settings} --ticks {} --replay {} --faults {}",
+        "seed {}, tick {}, invariant {}: {}\n  {schedule} ({} of {} episodes), tick {}, {}: {}\n  simulate{settings} \
+         --ticks {} --replay {} --faults {}",
         failure.seed,
         v.tick,
         v.invariant,

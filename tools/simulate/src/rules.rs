@@ -82,14 +82,20 @@ impl Rules {
             self.no_numbers = if sound { 0 } else { self.no_numbers + 1 };
         }
         if self.no_numbers > NO_NUMBERS && follows(mode) {
-            return Err(("no number", format!("{} targets in a row are none, and it follows", self.no_numbers)));
+            return Err((
+                "no number",
+                format!("{} targets in a row are NaN or infinite, but it follows", self.no_numbers),
+            ));
         }
         if let (Some(operator), Some(made)) = (&seen.operator, control.transition) {
             let held = operator.enable_level || operator.recover_level;
             self.begins(made.why, held)?;
         }
         if let Some(k) = self.strange_k.filter(|k| moves(mode) && moves(self.mode) && seen.k > k + STRANGE) {
-            return Err(("new engage", format!("another ingest since {} ticks, and it moves on", seen.k - k)));
+            return Err((
+                "new engage",
+                format!("another ingest since {} ticks, but the robot still moves", seen.k - k),
+            ));
         }
         if !moves(mode) {
             self.strange_k = None;
@@ -162,7 +168,7 @@ impl Rules {
         let silent = commanded && self.hears && executed == self.executed;
         (self.silent, self.executed) = (if silent { self.silent + 1 } else { 0 }, executed);
         if self.silent > SILENCE {
-            return Err(("silence", format!("no command for {} ticks, and the driver says nothing", self.silent)));
+            return Err(("silence", format!("no command for {} ticks, but the driver reports nothing", self.silent)));
         }
         Ok(())
     }

@@ -180,7 +180,7 @@ impl<'a> Run<'a> {
                 self.followed_since = None;
             }
             Some(since) if !follows => {
-                return broken("false stop", format!("{} though nothing is wrong, engaged since {since}", mode.name()));
+                return broken("false stop", format!("{} without any fault, engaged since {since}", mode.name()));
             }
             _ => {}
         }

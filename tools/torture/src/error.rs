@@ -19,7 +19,7 @@ pub enum TortureError {
     #[error(transparent)]
     Config(#[from] pipeline::ConfigError),
     /// The settings name an interface that torture does not attack.
-    #[error("{file}: sim.interface = \"{value}\", must be \"direct\": no other is attacked here")]
+    #[error("{file}: sim.interface = \"{value}\", must be \"direct\"; no other interface is tested")]
     Interface {
         /// The settings file.
         file: PathBuf,

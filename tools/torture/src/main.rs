@@ -136,14 +136,14 @@ fn attack(args: &AttackArgs) -> Result<bool, TortureError> {
     if args.no_torque || args.untold {
         let overloads = figures.violations_of(ViolationKind::Torque);
         if overloads == 0 {
-            eprintln!("torture: no motor was overloaded without the proof: the attacks show nothing");
+            eprintln!("torture: no motor was overloaded without the proof, so the attacks prove nothing");
         }
         return Ok(overloads > 0);
     }
     if args.no_certificate {
         let collisions = figures.violations_of(ViolationKind::Clearance);
         if collisions == 0 {
-            eprintln!("torture: no collision without the certificate: the attacks show nothing");
+            eprintln!("torture: no collision happened without the certificate, so the attacks prove nothing");
         }
         return Ok(collisions > 0);
     }

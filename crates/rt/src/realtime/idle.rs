@@ -26,7 +26,7 @@ pub(super) fn hold_awake() -> Result<String, String> {
     held.read_exact_at(&mut latency_us, 0).map_err(|error| format!("{DEVICE}: cannot be read back: {error}"))?;
     match i32::from_ne_bytes(latency_us) {
         0 => Ok(format!("{DEVICE} held at 0 us")),
-        other => Err(format!("{DEVICE}: 0 us was written, but {other} us hold")),
+        other => Err(format!("{DEVICE}: 0 us was written, but {other} us is in effect")),
     }
 }
 
@@ -35,8 +35,8 @@ fn ask(device: &Path) -> Result<File, String> {
         let path = device.display();
         let help = match error.kind() {
             std::io::ErrorKind::PermissionDenied => {
-                "; give the user of this process access: in /etc/udev/rules.d/60-teleop.rules, KERNEL==\"cpu_dma_latency\", \
-                 OWNER=\"teleop\", MODE=\"0660\""
+                "; give the user of this process access: in /etc/udev/rules.d/60-teleop.rules, \
+                 KERNEL==\"cpu_dma_latency\", OWNER=\"teleop\", MODE=\"0660\""
             }
             std::io::ErrorKind::NotFound => "; the kernel has none, or the unit's DevicePolicy hides it",
             _ => "",

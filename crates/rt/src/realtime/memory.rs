@@ -18,7 +18,7 @@ pub(super) fn lock() -> Result<String, String> {
     if let Some(bytes) = limits.memlock_bytes.filter(|_| !limits.any_lock) {
         // With a limit, a lock that fits now would make later mappings fail, in the middle of the run.
         return Err(format!(
-            "RLIMIT_MEMLOCK is {bytes} bytes, later mappings would fail; grant it with LimitMEMLOCK=infinity in the \
+            "RLIMIT_MEMLOCK is {bytes} bytes, so later mappings would fail; raise it with LimitMEMLOCK=infinity in the \
              unit, or memlock in limits.conf"
         ));
     }
@@ -28,7 +28,7 @@ pub(super) fn lock() -> Result<String, String> {
     }
     match status_line("VmLck:").as_deref() {
         None | Some("0 kB") => Err(String::from("mlockall was accepted, but /proc/self/status shows no locked memory")),
-        Some(amount) => Ok(format!("{amount} locked, and all that is mapped later")),
+        Some(amount) => Ok(format!("{amount} locked; later mappings are locked too")),
     }
 }
 
@@ -42,7 +42,7 @@ pub(super) fn prefault() -> Result<String, String> {
     if kept {
         Ok(format!("{heap} KiB of heap, {stack} KiB of stack"))
     } else {
-        Err(format!("{stack} KiB of stack only: this allocator cannot be told to keep freed memory"))
+        Err(format!("{stack} KiB of stack only: this allocator cannot keep freed memory"))
     }
 }
 

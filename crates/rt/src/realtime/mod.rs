@@ -171,8 +171,8 @@ impl Realtime {
     /// ends.
     pub fn try_fifo(priority: u8) -> Result<String, String> {
         let tried = std::thread::Builder::new().name("try-fifo".into()).spawn(move || scheduling::set_fifo(priority));
-        let thread = tried.map_err(|error| format!("no thread to try it on: {error}"))?;
-        thread.join().unwrap_or_else(|_| Err(String::from("the thread that tried it did not end well")))
+        let thread = tried.map_err(|error| format!("cannot start a test thread: {error}"))?;
+        thread.join().unwrap_or_else(|_| Err(String::from("the test thread panicked")))
     }
 }
 

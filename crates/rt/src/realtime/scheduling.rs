@@ -19,7 +19,9 @@ pub(super) fn set_fifo(priority: u8) -> Result<String, String> {
     }
     let (policy, now) = scheduling();
     if policy != libc::SCHED_FIFO || now != wanted {
-        return Err(format!("SCHED_FIFO priority {priority} was accepted, but policy {policy} priority {now} holds"));
+        return Err(format!(
+            "SCHED_FIFO priority {priority} was accepted, but policy {policy} priority {now} is in effect"
+        ));
     }
     Ok(format!("SCHED_FIFO priority {priority}"))
 }
@@ -37,7 +39,7 @@ pub(super) fn set_cores(cores: &[usize]) -> Result<String, String> {
     let mut wanted = empty_core_set();
     for &core in cores {
         if core >= libc::CPU_SETSIZE as usize {
-            return Err(format!("core {core}: the highest that can be named is {}", libc::CPU_SETSIZE - 1));
+            return Err(format!("core {core}: the highest allowed number is {}", libc::CPU_SETSIZE - 1));
         }
         // SAFETY: `core` is below CPU_SETSIZE, so the bit lies inside the set.
         unsafe { libc::CPU_SET(core, &mut wanted) };

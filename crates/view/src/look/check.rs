@@ -192,7 +192,7 @@ impl<'a> Checker<'a> {
         ];
         match given.iter().find(|(name, is_given)| *is_given && !belongs.contains(name)) {
             Some((name, _)) => {
-                let expected = format!("left out: this shape has {}", belongs.join(", "));
+                let expected = format!("left out, because this shape has {}", belongs.join(", "));
                 Err(self.value(&format!("{key}.{name}"), "given", expected))
             }
             None => Ok(()),
@@ -234,7 +234,7 @@ impl<'a> Checker<'a> {
         let channel = |n: usize| u8::from_str_radix(digits?.get(2 * n..2 * n + 2)?, 16).ok();
         match (channel(0), channel(1), channel(2)) {
             (Some(r), Some(g), Some(b)) if !text.contains('+') => Ok(Colour([r, g, b])),
-            _ => Err(self.unknown(key, text, "#rrggbb or a name of [colours]")),
+            _ => Err(self.unknown(key, text, "#rrggbb or a name in [colours]")),
         }
     }
 

@@ -126,7 +126,7 @@ impl Curves {
                 let k = above.trailing_zeros() as usize;
                 above &= above - 1;
                 if !chain.links()[k].prismatic {
-                    return Err(WbcError::Kinematics { joint, what: "slides on a joint that turns" });
+                    return Err(WbcError::Kinematics { joint, what: "is prismatic, but attached to a revolute joint" });
                 }
             }
         }

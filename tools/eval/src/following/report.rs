@@ -173,7 +173,7 @@ impl fmt::Display for Report {
             "ratio: the error at {} ms over the optimum, which looks ahead and knows no collisions",
             self.delay_ms
         )?;
-        write!(f, "the person against what was expected, so long after the newest skeleton:")?;
+        write!(f, "the person against the prediction, at these times after the newest skeleton:")?;
         let [(_, mean), (_, median)] = self.summaries();
         for (i, ms) in AHEAD_MS.iter().enumerate() {
             let [mean, median] = [&mean, &median].map(|row| cell(row.expected[i], 0, 1));
