@@ -246,4 +246,5 @@ window.teleopd = {
   drawn: () => stage?.drawn ?? 0,
   boxes: () => stage?.boxes ?? null,
   ghost: () => stage?.ghost ?? 0,
+  share: () => stage?.share ?? 1,
 };
