@@ -175,8 +175,9 @@ fn fit(source: &Source, out: Option<&Path>) -> Result<bool, CollisionError> {
     }
     let text = decided.text;
     match out {
-        Some(path) => std::fs::write(path, &text)
-            .map_err(|cause| CollisionError::File { file: path.display().to_string(), cause })?,
+        Some(path) => {
+            std::fs::write(path, &text).map_err(|cause| CollisionError::Write { path: path.to_path_buf(), cause })?
+        }
         None => println!("{text}"),
     }
     // Last, so that a refused file can be looked at.
