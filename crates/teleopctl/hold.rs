@@ -1,7 +1,7 @@
 //! Holds the enable or the recovery until Ctrl-C, and says every change as it happens.
 
 use crate::{EFFECT_WITHIN, HEARTBEAT, mode};
-use messages::{Fault, Faults, Mode, Status, Transition};
+use messages::{Faults, Mode, Status, Transition};
 use operator::{Client, OperatorError};
 use pipeline::{Names, meaning};
 use rt::out;
@@ -92,8 +92,7 @@ impl Diary {
 
 /// A change of mode in plain words.
 fn change(made: &Transition, status: &Status, names: &Names) -> String {
-    let why = Fault::from_u32(made.why);
-    let why = why.map(|fault| format!("{}: {}", fault.row().name, meaning(fault, status, names)));
+    let why = pipeline::fault_behind(made, status, names);
     match (Mode::from_u32(made.to), made.why, why) {
         (Some(Mode::Engaging), ..) => "engaging: the robot comes to the person, slowly".into(),
         (Some(Mode::Engaged), ..) => "engaged: the robot follows".into(),
@@ -116,7 +115,7 @@ fn change(made: &Transition, status: &Status, names: &Names) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use messages::Layout;
+    use messages::{Fault, Layout};
 
     #[test]
     fn every_change_is_said_in_plain_words() {

@@ -9,6 +9,7 @@ use crate::time::{Header, Stamp};
 pub mod target_flag {
     /// The input is fresh and has been steady: a human stands behind every arm of this target that is meant.
     pub const INPUT_FRESH: u32 = 1;
+    // Bits 5 to 7 are `PersonChange::FLAGS`.
 }
 
 /// Bits of `JointCommand::flags`.

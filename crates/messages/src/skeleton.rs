@@ -131,7 +131,7 @@ pub mod skeleton_flag {
     pub const LIMB: [u32; super::LIMBS] = [1, 2, 4, 8];
     /// All four limbs are valid.
     pub const ALL: u32 = 15;
-    /// The limb frames rest on a calibration (else on the momentary elbow plane).
+    /// The limb frames rest on a calibration (else on the momentary elbow plane). The bits above are `PersonChange::FLAGS`.
     pub const CALIBRATED: u32 = 16;
 }
 

@@ -56,16 +56,24 @@ fn ended_by(status: &Status, names: &Names) -> Option<String> {
     if since.iter().any(|made| made.why == Transition::RESET || made.why == Transition::RELEASED) {
         return None;
     }
-    let first = since.iter().find_map(|made| Some((Fault::from_u32(made.why)?, made.about)));
-    let (fault, about) = first?;
-    let was = subject(Subject::of(about), names).map_or(String::new(), |was| format!(" It was {was}."));
-    Some(format!("{}{was}", fault.row().meaning))
+    let faults = || since.iter().filter_map(|made| Some((Fault::from_u32(made.why)?, Subject::of(made.about))));
+    let said = |(fault, about): (Fault, Option<Subject>)| match about {
+        Some(Subject::Person(change)) => change.meaning().to_owned(),
+        about => {
+            let was = subject(about, names).map_or(String::new(), |was| format!(" It was {was}."));
+            format!("{}{was}", fault.row().meaning)
+        }
+    };
+    let first = faults().next()?;
+    // Whatever stopped the robot first: another person keeps it from going on.
+    let person = faults().skip(1).find(|(fault, _)| *fault == Fault::PersonChanged);
+    Some(core::iter::once(first).chain(person).map(said).collect::<Vec<_>>().join(" "))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use messages::{FollowingLimit, Layout};
+    use messages::{FollowingLimit, Layout, PersonChange};
 
     fn status(mode: Mode, made: &[(Mode, Mode, u32)]) -> Status {
         let mut status = Status::ZERO;
@@ -102,6 +110,29 @@ mod tests {
         assert_eq!(text, format!("{meaning} It was part 3 and part 4. The robot waits to be engaged."));
         made.push((Mode::Faulted, Mode::Disengaged, Transition::RESET));
         assert_eq!(cause(&status(Mode::Disengaged, &made), &Names::default()), "The robot waits to be engaged.");
+    }
+
+    #[test]
+    fn each_change_of_the_person_has_a_sentence_of_its_own() {
+        let made = [
+            (Mode::Engaged, Mode::Holding, Fault::InputStale as u32),
+            (Mode::Holding, Mode::Disengaged, Fault::PersonChanged as u32),
+        ];
+        let names = Names::default();
+        for change in PersonChange::ALL {
+            let mut changed = status(Mode::Disengaged, &made);
+            changed.transitions[1].about = Subject::Person(change).code();
+            let stale = Fault::InputStale.row().meaning;
+            let waits = "The robot waits to be engaged.";
+            assert_eq!(cause(&changed, &names), format!("{stale} {} {waits}", change.meaning()));
+            let expected = format!("Disengaged after Holding: PersonChanged: {}", change.meaning());
+            assert!(why(&changed, &names).ends_with(&expected), "{}", why(&changed, &names));
+            // Alone.
+            changed.transitions[0] = changed.transitions[1];
+            changed.transitions[0].from = Mode::Engaged as u32;
+            changed.transition_count = 1;
+            assert_eq!(cause(&changed, &names), format!("{} {waits}", change.meaning()));
+        }
     }
 
     #[test]

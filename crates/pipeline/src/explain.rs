@@ -290,9 +290,10 @@ fn named(fault: Fault, status: &Status, names: &Names) -> String {
 
 /// A joint or a pair by its name.
 pub(crate) fn subject(subject: Option<Subject>, names: &Names) -> Option<String> {
-    subject.map(|subject| match subject {
-        Subject::Joint(joint) => names.joint(joint),
-        Subject::Pair(pair) => names.pair(pair),
+    subject.and_then(|subject| match subject {
+        Subject::Joint(joint) => Some(names.joint(joint)),
+        Subject::Pair(pair) => Some(names.pair(pair)),
+        Subject::Person(_) => None,
     })
 }
 
@@ -314,17 +315,20 @@ pub(crate) fn dropped(status: &Status) -> Option<(&'static str, &'static str)> {
     Some((reason.name(), InputConfig::meaning(reason)))
 }
 
+/// The fault behind a change of mode, by its name, and what it was about. None if no fault made the change.
+pub fn fault_behind(made: &Transition, status: &Status, names: &Names) -> Option<String> {
+    let (fault, about) = (Fault::from_u32(made.why)?, Subject::of(made.about));
+    if let Some(Subject::Person(change)) = about {
+        return Some(format!("{}: {}", fault.row().name, change.meaning()));
+    }
+    let told = about_now(status, fault).filter(|_| Faults(status.faults | status.latched).has(fault));
+    let was = subject(about.filter(|&was| told != Some(was)), names);
+    Some(named(fault, status, names) + &was.map_or(String::new(), |was| format!(" It was {was}.")))
+}
+
 /// A change of mode.
 fn changed(made: &Transition, status: &Status, names: &Names) -> String {
-    let why = match Fault::from_u32(made.why) {
-        Some(fault) => {
-            let told = about_now(status, fault).filter(|_| Faults(status.faults | status.latched).has(fault));
-            let was = Subject::of(made.about).filter(|&was| told != Some(was));
-            let was = subject(was, names).map_or(String::new(), |was| format!(" It was {was}."));
-            named(fault, status, names) + &was
-        }
-        None => format!("{}.", made.why_name()),
-    };
+    let why = fault_behind(made, status, names).unwrap_or_else(|| format!("{}.", made.why_name()));
     format!("{} after {}: {why}", mode_name(made.to), mode_name(made.from))
 }
 
