@@ -249,4 +249,8 @@ fn in_a_browser_a_recording_stands_at_its_end_and_plays_anew() {
         browser.click("#play");
         browser.wait("it plays", &format!("window.teleopd.frame().at < 2.5 && {button} === 'Pause'"));
     }
+    let mut other = Page::at(server.address());
+    other.say(&json!({ "do": "pause" }));
+    other.say(&json!({ "do": "seek", "to_s": 1.0 }));
+    browser.wait("another page paused it", &format!("window.teleopd.frame().at < 1.5 && {button} === 'Play'"));
 }

@@ -124,6 +124,7 @@ const told = {
     text("answer", message.text ?? "");
   },
   mix: (message) => mix.told(message),
+  reel: (message) => showPlaying(message.playing),
   frame(message) {
     frame = message;
     isNew = true;

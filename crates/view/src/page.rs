@@ -120,6 +120,7 @@ pub fn serve(stream: TcpStream, hub: &Hub, behind: &PageSource, ended: &AtomicBo
         spoke: Instant::now(),
         second: Instant::now(),
         asked: 0,
+        is_playing: None,
     };
     page.send(Message::text(hub.scene()))?;
     let _open = Counted::one_more(hub.pages());
@@ -149,11 +150,19 @@ struct Page {
     /// The second that runs, and the requests in it.
     second: Instant,
     asked: u32,
+    /// Whether the recording plays, as the page was told last.
+    is_playing: Option<bool>,
 }
 
 impl Page {
-    /// Tells what became of what was asked.
+    /// Tells what became of what was asked, here or on another page.
     fn tell(&mut self) -> Result<(), Error> {
+        let playing =
+            if let PageControl::Position(position) = &self.lever { Some(position.is_playing()) } else { None };
+        if playing != self.is_playing {
+            self.is_playing = playing;
+            self.send(Message::text(json!({ "tell": "reel", "playing": playing }).to_string()))?;
+        }
         while let PageControl::OperatorWorker(hand, _) = &self.lever
             && let Some(CommandOutcome { held, text }) = hand.answer()
         {
