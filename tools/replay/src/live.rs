@@ -1,7 +1,7 @@
 //! Publishes through the input domain or the skeleton socket; the first frame is held until the robot follows.
 
 use crate::{Cli, Failure};
-use doors::DoorError;
+use doors::{DoorError, Reply};
 use indicatif::{ProgressBar, ProgressStyle};
 use messages::Mode;
 use motion::Motion;
@@ -13,6 +13,10 @@ use std::time::Duration;
 
 /// How often the mode is asked for and the progress is drawn.
 const LOOK: Duration = Duration::from_millis(50);
+
+/// What a client is told that comes second.
+const HELD: &str = "Another client holds the lease, so the robot does not see this motion. End that client, wait a second, and \
+                    start this one again.";
 
 /// The operator's end of the instance; none where it is for others, or where only the skeleton socket is given. Who shares
 /// memory with an instance finds its operator socket too: without one there is no instance.
@@ -53,10 +57,18 @@ fn place(cli: &Cli) -> Result<(Instance, Transport), Failure> {
     Ok((instance, way))
 }
 
+/// Whether a client holds the lease now. Shared memory gives a client no answer, so this asks at the skeleton socket beside it.
+fn is_lease_held(instance: &Instance) -> bool {
+    doors::Client::attach(instance.skeleton_socket()).is_ok_and(|door| door.told() == Reply::GrantedButHeld)
+}
+
 /// Publishes until the end of the motion, or until Ctrl-C.
 pub fn run(cli: &Cli, motion: &Motion) -> Result<(), Failure> {
     let shutdown = Shutdown::on_signals().map_err(Failure::failed)?;
     let (instance, way) = place(cli)?;
+    if cli.socket.is_none() && is_lease_held(&instance) {
+        out!("{HELD}");
+    }
     // Nobody is engaged while a person is measured, who moves all the same.
     let at_once = motion.name == motion::CALIBRATION;
     let looped = cli.looped || at_once;
