@@ -143,6 +143,18 @@ mod tests {
         ];
         assert_eq!(cause(&status(Mode::Disengaged, &made), &Names::default()), "The robot waits to be engaged.");
         assert_eq!(cause(&status(Mode::Engaged, &made), &Names::default()), "The robot follows.");
+        // The robot held for a fault that is over when the operator let go.
+        let made = [
+            (Mode::Engaged, Mode::Holding, Fault::InputStale as u32),
+            (Mode::Holding, Mode::Disengaged, Transition::RELEASED),
+        ];
+        let mut rests = status(Mode::Disengaged, &made);
+        assert_eq!(why(&rests, &Names::default()), "The robot waits to be engaged.");
+        rests.faults = Faults::NONE.with(Fault::NoTarget).0;
+        let missing = format!("NoTarget: {}", Fault::NoTarget.row().meaning);
+        assert_eq!(why(&rests, &Names::default()), missing, "what stands in the way now");
+        let stops = status(Mode::Holding, &[(Mode::Engaged, Mode::Holding, Transition::RELEASED)]);
+        assert_eq!(why(&stops, &Names::default()), "Holding after Engaged: released.");
     }
     #[test]
     fn robot_that_is_behind_says_how_far_and_why() {

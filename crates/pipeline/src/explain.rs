@@ -139,8 +139,11 @@ pub fn why_stopped(status: &Status, names: &Names) -> Option<String> {
             _ => moved(made).then_some(n),
         };
         let since = newest_transitions(status, KEPT).enumerate().filter_map(begins).last().unwrap_or(0);
+        // Whatever stopped the robot before: the operator has let go, and knows it.
+        let let_go = status.mode == Mode::Disengaged as u32
+            && newest_transitions(status, KEPT).skip(since).any(|made| made.why == Transition::RELEASED);
         let mut told = Faults::NONE;
-        for made in newest_transitions(status, KEPT).skip(since) {
+        for made in newest_transitions(status, KEPT).skip(since).filter(|_| !let_go) {
             told = Fault::from_u32(made.why).map_or(told, |fault| told.with(fault));
             all.push(changed(made, status, names));
         }
