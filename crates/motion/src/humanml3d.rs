@@ -27,6 +27,11 @@ type Positions = Vec<[Vector3<f64>; SMPL_JOINTS]>;
 /// What the shapes may be, for messages.
 pub(crate) const SHAPES: &str = "(N, 22, 3) global positions, (N, 24, 3) with hands, or (N, 263) HumanML3D features";
 
+/// Whether these are features, which have y up however the file was made.
+pub(crate) fn are_features(array: &Array) -> bool {
+    array.squeezed().last() == Some(&FEATURES)
+}
+
 /// Positions in the file's frame (x left, y up, z forward), and what had to be made do with.
 ///
 /// # Errors
