@@ -20,9 +20,6 @@ use sim::Injection;
 /// A joint's distance from its target that makes an engagement one from elsewhere, rad: ten times what counts as aligned.
 const ELSEWHERE_RAD: f64 = 0.2;
 
-/// A robot whose joints are slower than this, rad/s or m/s, stands as far as a driver that starts can tell.
-const STANDS: f64 = 0.02;
-
 /// Ticks after the last one in which the drives do not follow for which what is measured may still be held.
 const UNDRIVEN: u64 = 3 + driver::SETTLE_TICKS;
 /// Ticks for which a joint may still move as a fault made it, once that is gone: 2 s, twice the longest stop and settling.
@@ -193,8 +190,9 @@ impl<'a> Run<'a> {
             self.change_robot();
         }
         self.begin_episodes(k);
-        if self.world.sim_mut().truth().v.iter().any(|v| v.abs() > STANDS) {
-            self.processes.await_rest(k);
+        if self.processes.awaits_rest(k) {
+            let measured = self.world.measure_robot(&self.subject.config);
+            self.processes.await_rest(k, &measured);
         }
         let (running, started) = self.processes.at(k);
         self.start(started);
