@@ -74,6 +74,7 @@ const FAILED: u8 = 1;
 const SAME_FIT_M: f64 = 5e-4;
 
 fn main() -> ExitCode {
+    rt::abort_on_panic();
     let done = match Arguments::parse().command {
         Command::Fit { source, out } => fit(&source, out.as_deref()),
         Command::Check { source } => check(&source),

@@ -87,6 +87,7 @@ fn calibration(text: &str) -> Result<CalibrationMode, String> {
 }
 
 fn main() -> ExitCode {
+    rt::abort_on_panic();
     let done = match Arguments::parse().command {
         Command::Motions { out, robot } => write_motions(&out, &robot),
         Command::Interpolate { poses, seconds, rate, out, space, refine_steps, calibration, robot, weights } => {
