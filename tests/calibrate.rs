@@ -109,6 +109,7 @@ fn calibrated_operator_is_recognised_in_the_next_session() {
     assert!(said.contains("upper arms        0.290 m left, 0.290 m right"), "{said}");
     assert!(said.contains("forearms          0.240 m left, 0.240 m right"), "{said}");
     assert!(said.contains("move both arms up and down") && said.contains("axes from"), "{said}");
+    assert!(said.contains("anna is measured. Now end the client, wait a second, and start it again"), "{said}");
     let text = std::fs::read_to_string(place.join("anna.toml")).expect("the file");
     assert!(text.contains("operator_id = 5") && text.contains("layout = 1") && text.contains("[hinges]"), "{text}");
     // The current session continues unchanged. The next one begins with the stored measurement.
@@ -166,7 +167,7 @@ fn calibration_without_person_waits_and_while_engaged_fails() {
     }
     let ended = waiting.wait_with_output().expect("its words");
     let (said, why) = (String::from_utf8_lossy(&ended.stdout), String::from_utf8_lossy(&ended.stderr));
-    assert!(said.contains("no skeletons arrive"), "{said}");
+    assert!(said.contains("no skeletons arrive") && said.contains("replay builtin:calibration"), "{said}");
     assert!(!ended.status.success() && why.contains("nothing was written"), "{why}");
     let refused = calibrate(&rig, "anna", &place).output().expect("teleopctl runs");
     let why = String::from_utf8_lossy(&refused.stderr);

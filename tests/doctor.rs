@@ -232,6 +232,21 @@ fn demo_with_a_taken_port_ends_before_anything_starts() {
 }
 
 #[test]
+fn demo_that_would_record_over_a_file_is_refused_once() {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let (kept, missing) = (folder.path().join("run.mcap"), folder.path().join("none/run.mcap"));
+    std::fs::write(&kept, "of yesterday").expect("a recording");
+    for (file, expected) in [(&kept, "exists already, and is not replaced"), (&missing, "there is no folder")] {
+        let mut demo = Command::new(env!("CARGO_BIN_EXE_teleopd"));
+        demo.arg("demo").arg("--record").arg(file).arg("--run-dir").arg(folder.path().join("run"));
+        let output = demo.current_dir(rig::repository()).output().expect("it runs");
+        let said = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(output.status.code() == Some(73) && said.contains(expected) && said.lines().count() == 1, "{said}");
+    }
+    assert_eq!(std::fs::read_to_string(&kept).expect("still there"), "of yesterday");
+}
+
+#[test]
 fn settings_copied_alone_are_refused_by_key_and_path() {
     let folder = tempfile::tempdir().expect("a temporary folder");
     let config = folder.path().join("mine.toml");

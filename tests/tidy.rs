@@ -48,10 +48,10 @@ const MAY_DEPEND_ON: &[(&str, &[&str])] = &[
     ),
     ("replay", &["*"]),
     ("train", &["messages", "motion", "skeleton", "retarget", "robot"]),
-    ("collision", &["messages", "robot"]),
+    ("collision", &["messages", "robot", "rt"]),
     ("view", &["messages", "robot", "doors", "operator", "pipeline", "bus", "rt"]),
     ("batch", &["messages", "motion", "pipeline", "retarget", "robot", "rt"]),
-    ("keyposes", &["messages", "motion", "skeleton", "retarget", "robot", "pipeline"]),
+    ("keyposes", &["messages", "motion", "skeleton", "retarget", "robot", "pipeline", "rt"]),
     (
         "eval",
         &[

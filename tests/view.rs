@@ -250,4 +250,8 @@ fn browser_recording_stops_at_its_end_and_plays_again() {
         browser.click("#play");
         browser.wait("it plays", &format!("window.teleopd.frame().at < 2.5 && {button} === 'Pause'"));
     }
+    let mut other = Page::at(server.address());
+    other.say(&json!({ "do": "pause" }));
+    other.say(&json!({ "do": "seek", "to_s": 1.0 }));
+    browser.wait("another page paused it", &format!("window.teleopd.frame().at < 1.5 && {button} === 'Play'"));
 }

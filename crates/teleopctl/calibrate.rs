@@ -3,7 +3,7 @@
 
 use crate::{mode, only_disengaged};
 use bus::{BusError, Domain, Reader};
-use messages::{InputStatus, Layout, Mode, Service, Skeleton, Status, calibration_flag, raw_flag};
+use messages::{CalibrationSource, InputStatus, Layout, Mode, Service, Skeleton, Status, calibration_flag, raw_flag};
 use operator::{Client, OperatorError};
 use pipeline::{Instance, Names, Operator, Operators, dropped_now};
 use rt::{err, out};
@@ -24,6 +24,10 @@ const HOLD_NS: u64 = 2_000_000_000;
 const FLEXED_MIN: u32 = 60;
 /// Time limit of each step.
 const PATIENCE: Duration = Duration::from_secs(60);
+
+/// What helps where nobody is seen.
+const NOBODY: &str = "No skeletons come. Start your client, or let a built-in person be measured, in another terminal: \
+                      replay builtin:calibration. Wait a second after the client before it has ended.";
 
 /// The measurement to make, and its destination.
 pub struct Job<'a> {
@@ -151,7 +155,12 @@ fn store(operator: &Operator, folder: &Path) -> bool {
     if hinges.flags == calibration_flag::ALL {
         out!("elbows            axes from {} frames", hinges.samples);
     }
-    out!("written           {}; it is used from the client's next session on", path.display());
+    out!("written           {}", path.display());
+    out!(
+        "{} is measured. Now end the client, wait a second, and start it again: from then on it is used.",
+        operator.name
+    );
+    out!("`teleopctl status` then says \"calibration       {}\".", CalibrationSource::Stored.name());
     true
 }
 
@@ -175,20 +184,17 @@ fn wait(
 ) -> Result<bool, OperatorError> {
     let begun = Instant::now();
     let (mut status, mut asked, mut heard) = (client.heartbeat()?, begun, begun);
-    let mut line = Progress::new();
+    let (mut line, mut hinted) = (Progress::new(), false);
     while begun.elapsed() < PATIENCE {
         match look(eyes, &status) {
             Step::Done => return Ok(true),
             Step::Going(progress) => heard = line.shows(&progress, false),
             Step::Wrong(hint) => heard = line.shows(&hint, true),
             Step::Silent(why) if heard.elapsed() > TELL => {
-                line.shows(
-                    why.as_deref().unwrap_or(
-                        "no skeletons arrive. Is the client running, and was it started at \
-                    least 1 s after the previous one ended?",
-                    ),
-                    true,
-                );
+                if why.is_none() && !std::mem::replace(&mut hinted, true) {
+                    line.says(NOBODY);
+                }
+                line.shows(why.as_deref().unwrap_or("no skeletons arrive"), true);
             }
             Step::Silent(_) => {}
         }
@@ -243,12 +249,24 @@ impl Progress {
     }
 }
 
-impl Drop for Progress {
+impl Progress {
+    /// Prints a line that stays.
+    fn says(&mut self, text: &str) {
+        self.clear();
+        out!("{text}");
+    }
+
     /// Clears the line, so that the next output begins where it began.
-    fn drop(&mut self) {
+    fn clear(&self) {
         if self.terminal && self.drawn.is_some() {
             let _ = write!(std::io::stdout(), "\r\x1b[2K").and_then(|()| std::io::stdout().flush());
         }
+    }
+}
+
+impl Drop for Progress {
+    fn drop(&mut self) {
+        self.clear();
     }
 }
 

@@ -1,7 +1,7 @@
 //! Holds the enable or the recovery until Ctrl-C, and prints every change as it happens.
 
 use crate::{EFFECT_WITHIN, HEARTBEAT, mode};
-use messages::{Fault, Faults, Mode, Status, Transition};
+use messages::{Faults, Mode, Status, Transition};
 use operator::{Client, OperatorError};
 use pipeline::{Names, meaning};
 use rt::out;
@@ -93,8 +93,7 @@ impl Diary {
 
 /// Describes a change of mode in plain words.
 fn change(made: &Transition, status: &Status, names: &Names) -> String {
-    let why = Fault::from_u32(made.why);
-    let why = why.map(|fault| format!("{}: {}", fault.row().name, meaning(fault, status, names)));
+    let why = pipeline::fault_behind(made, status, names);
     match (Mode::from_u32(made.to), made.why, why) {
         (Some(Mode::Engaging), ..) => "engaging: the robot moves to the person's posture slowly".into(),
         (Some(Mode::Engaged), ..) => "engaged: the robot follows".into(),
@@ -117,7 +116,7 @@ fn change(made: &Transition, status: &Status, names: &Names) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use messages::Layout;
+    use messages::{Fault, Layout};
 
     #[test]
     fn mode_changes_are_reported_in_plain_words() {

@@ -31,6 +31,7 @@ impl Recorder {
 
     /// Starts the recorder and waits until it reads.
     pub fn start(file: &Path, instance: &Instance, place: &InstanceArgs) -> Result<Self, Failure> {
+        refuse_unwritable(file)?;
         let software = |error: std::io::Error| Failure::new(Exit::Software, format!("recorder: {error}"));
         let socket_path = instance.run_dir().join(format!("record-{}.sock", std::process::id()));
         let _ = std::fs::remove_file(&socket_path);
@@ -112,6 +113,13 @@ impl Drop for Recorder {
     fn drop(&mut self) {
         self.stop();
     }
+}
+
+/// Refuses a file that exists or cannot be made. The recorder would refuse it too, and this program then its end: two messages.
+fn refuse_unwritable(file: &Path) -> Result<(), Failure> {
+    let made = std::fs::OpenOptions::new().write(true).create_new(true).open(file);
+    made.and_then(|_| std::fs::remove_file(file))
+        .map_err(|error| Failure::new(Exit::CantCreate, rt::unwritable(file, &error)))
 }
 
 /// Starts `command` off the cores of the real-time processes. A child inherits the cores of the thread that

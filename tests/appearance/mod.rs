@@ -2,6 +2,7 @@
 
 mod animation;
 mod meshes;
+mod sharpness;
 
 use crate::browser::{Browser, Difference};
 use crate::rig::{Rig, config};
@@ -322,8 +323,9 @@ fn picture_rate_with_software_rendering_is_measured() {
     std::thread::sleep(Duration::from_secs(5));
     let pictures = drawn(&mut shown.browser) - before;
     let rate_hz = pictures as f64 / begun.elapsed().as_secs_f64();
+    let share = shown.browser.evaluate("window.teleopd.share()").as_f64().expect("a share");
     let load = std::fs::read_to_string("/proc/loadavg").unwrap_or_default();
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
-    println!("{rate_hz:.1} pictures a second at 1280 x 720; {cores} cores, load {}", load.trim());
+    println!("{rate_hz:.1} pictures a second at 1280 x 720, sharpness {share:.2}; {cores} cores, load {}", load.trim());
     assert!(pictures > 0, "the robot moves, and nothing is drawn");
 }

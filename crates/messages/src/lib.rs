@@ -13,6 +13,7 @@ mod joints;
 mod layout;
 mod operator;
 mod payload;
+mod person_change;
 mod port;
 mod service;
 mod skeleton;
@@ -29,6 +30,7 @@ pub use joints::{ALL_JOINTS, ARM_JOINTS, HEAD, JOINTS, LEFT_ARM, RIGHT_ARM, TORS
 pub use layout::{Field, Layout, Message, TypeName};
 pub use operator::{HOLDS_ENABLE, HOLDS_RECOVERY, OPERATOR_VERSION, OperatorRequest, payload_flag};
 pub use payload::{PayloadOrder, PayloadRefusal};
+pub use person_change::PersonChange;
 pub use port::{RobotMeasured, RobotSetpoint, measured_flag};
 pub use service::{Domain, SERVICES, Service, ServiceRow};
 pub use skeleton::{

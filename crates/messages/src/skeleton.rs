@@ -135,7 +135,8 @@ pub mod skeleton_flag {
     pub const LIMB: [u32; super::LIMBS] = [1, 2, 4, 8];
     /// All four limbs are valid.
     pub const ALL: u32 = 15;
-    /// The limb frames rest on a calibration, else on the elbow's momentary plane.
+    /// The limb frames rest on a calibration, else on the elbow's momentary plane. The bits above are
+    /// `PersonChange::FLAGS`.
     pub const CALIBRATED: u32 = 16;
 }
 

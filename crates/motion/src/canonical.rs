@@ -18,11 +18,25 @@ const LEG_AND_SPINE_OF_STATURE: f64 = 0.88;
 /// Number of frames used to guess the up-axis.
 const UP_SAMPLES: usize = 200;
 
-/// The up-axis of a format.
+/// The axis that points up in a format or a file of arrays.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Up {
+pub enum Up {
+    /// y.
     Y,
+    /// z.
     Z,
+}
+
+impl std::str::FromStr for Up {
+    type Err = &'static str;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        match text {
+            "y" => Ok(Self::Y),
+            "z" => Ok(Self::Z),
+            _ => Err("is y or z"),
+        }
+    }
 }
 
 /// Transform into the canonical frame.
@@ -66,7 +80,9 @@ impl Canonical {
         let looks = guess_up(frames).1;
         let warning = match unit {
             "m" if looks == up => None,
-            "m" => Some(format!("the person stands along {looks}, though {up} is up in this format")),
+            "m" => Some(format!(
+                "the person stands along {looks}, though {up} is taken as up (replay and batch take --up y or --up z)"
+            )),
             _ => Some(format!("limb lengths in metres are implausible: uses unit {unit}")),
         };
         let mut rotation = canonical_from_file(axis);

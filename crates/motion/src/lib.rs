@@ -24,13 +24,14 @@ mod write;
 pub use builtin::{CALIBRATION, builtin, builtin_named};
 pub use bvh::parse_bvh;
 pub use calibrate::{CalibrationMode, calibrate, limbs, raw_frame};
+pub use canonical::Up;
 pub use error::{ArrayError, BvhError, McapError, MotionError};
 pub use files::{EXTENSIONS, Listing, list, motion_files, motion_files_recursive};
 pub use mirror::MirrorError;
 pub use resample::{loop_blend, mix, resampled, upsample};
 pub use write::{save_bvh, write_bvh};
 
-use canonical::{Canonical, Up};
+use canonical::Canonical;
 use messages::SMPL_JOINTS;
 use std::io::{BufReader, Read};
 use std::path::{Path, PathBuf};
@@ -114,6 +115,9 @@ pub struct LoadOptions {
     pub mirror: bool,
     /// Frames per second. Overrides the file. HumanML3D files contain no rate, and default to 20 Hz.
     pub frame_rate_hz: Option<f64>,
+    /// The axis that points up in positions of a .npy and in a .npz; otherwise y in the former and z in the latter. Other formats
+    /// do not need it.
+    pub up: Option<Up>,
 }
 
 /// Reads a motion file by its extension, like [`load_with`] without options. `.bvh`: any rig. `.npy`: HumanML3D's
@@ -193,13 +197,14 @@ fn read_bvh(name: &str, path: &Path, source: std::fs::File) -> Result<Motion, Mo
 
 fn read_humanml3d(name: &str, path: &Path, source: std::fs::File, options: &LoadOptions) -> Result<Motion, ArrayError> {
     let array = npy::read_npy(BufReader::new(source))?;
+    let up = if humanml3d::are_features(&array) { Up::Y } else { options.up.unwrap_or(Up::Y) };
     let (positions, mut warnings) = humanml3d::read(path, &array, options)?;
     let rotation = nalgebra::UnitQuaternion::identity();
     let frames: Vec<bvh::RigFrame> =
         positions.iter().map(|frame| frame.map(|position| bvh::Pose { position, rotation })).collect();
     // Freed before the last copy is made, to save memory.
     drop((array, positions));
-    let canonical = Canonical::known(&frames, Up::Y).map_err(|length| ArrayError::NoSize { length })?;
+    let canonical = Canonical::known(&frames, up).map_err(|length| ArrayError::NoSize { length })?;
     warnings.extend(canonical.warning.clone());
     let identity = [[0.0, 0.0, 0.0, 1.0]; SMPL_JOINTS];
     let frames = frames.iter().map(|frame| Frame { rotations: identity, ..canonical.apply(frame) }).collect();
@@ -210,7 +215,8 @@ fn read_humanml3d(name: &str, path: &Path, source: std::fs::File, options: &Load
 
 fn read_amass(name: &str, source: std::fs::File, options: &LoadOptions) -> Result<Motion, ArrayError> {
     let amass::Sequence { frame_rate_hz, frames, mut warnings } = amass::read(BufReader::new(source), options)?;
-    let canonical = Canonical::known(&frames, Up::Z).map_err(|length| ArrayError::NoSize { length })?;
+    let canonical =
+        Canonical::known(&frames, options.up.unwrap_or(Up::Z)).map_err(|length| ArrayError::NoSize { length })?;
     warnings.extend(canonical.warning.clone());
     let frames = frames.iter().map(|frame| canonical.apply(frame)).collect();
     let guesses = canonical.guesses(warnings);

@@ -4,7 +4,7 @@
 use crate::writers;
 
 use messages::{HingeCalibration, Layout};
-use motion::{CalibrationMode, LoadOptions, Motion, MotionError, builtin, calibrate, limbs, load, load_with, npy};
+use motion::{CalibrationMode, LoadOptions, Motion, MotionError, Up, builtin, calibrate, limbs, load, load_with, npy};
 use proptest::prelude::*;
 use std::path::{Path, PathBuf};
 use writers::*;
@@ -61,6 +61,26 @@ fn positions_are_read_in_every_layout() {
             }
         }
     }
+}
+
+#[test]
+fn positions_with_z_up_are_read_with_that_option() {
+    let folder = folder();
+    let motion = positions_only(short());
+    let (positions, vectors) = (folder.path().join("z.npy"), folder.path().join("vecs.npy"));
+    let values: Vec<f64> = motion.frames.iter().flat_map(|frame| frame.positions).flatten().map(f64::from).collect();
+    write_npy(&positions, &[motion.frames.len(), 22, 3], &values, Kind::F32);
+    let lying = load(&positions).expect("a motion");
+    assert!(lying.guesses.warnings.iter().any(|warning| warning.contains("--up z")), "{:?}", lying.guesses.warnings);
+    let options = LoadOptions { up: Some(Up::Z), ..LoadOptions::default() };
+    let read = load_with(&positions, &options).expect("a motion");
+    assert_eq!((read.guesses.up, read.guesses.warnings.len()), ("+Z", 0));
+    for (a, b) in motion.frames.iter().zip(&read.frames) {
+        let far = a.positions.iter().flatten().zip(b.positions.iter().flatten()).map(|(a, b)| (a - b).abs());
+        assert!(far.fold(0.0, f32::max) < 1e-5);
+    }
+    write_npy(&vectors, &[motion.frames.len(), 263], &features(&motion), Kind::F32);
+    assert_eq!(load_with(&vectors, &options).expect("a motion").guesses.up, "+Y", "features have y up");
 }
 
 #[test]

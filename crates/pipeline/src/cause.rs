@@ -57,16 +57,24 @@ fn ended_by(status: &Status, names: &Names) -> Option<String> {
     if since.iter().any(|made| made.why == Transition::RESET || made.why == Transition::RELEASED) {
         return None;
     }
-    let first = since.iter().find_map(|made| Some((Fault::from_u32(made.why)?, made.about)));
-    let (fault, about) = first?;
-    let was = subject(Subject::of(about), names).map_or(String::new(), |was| format!(" It was {was}."));
-    Some(format!("{}{was}", fault.row().meaning))
+    let faults = || since.iter().filter_map(|made| Some((Fault::from_u32(made.why)?, Subject::of(made.about))));
+    let said = |(fault, about): (Fault, Option<Subject>)| match about {
+        Some(Subject::Person(change)) => change.meaning().to_owned(),
+        about => {
+            let was = subject(about, names).map_or(String::new(), |was| format!(" It was {was}."));
+            format!("{}{was}", fault.row().meaning)
+        }
+    };
+    let first = faults().next()?;
+    // Whatever stopped the robot first: another person keeps it from going on.
+    let person = faults().skip(1).find(|(fault, _)| *fault == Fault::PersonChanged);
+    Some(core::iter::once(first).chain(person).map(said).collect::<Vec<_>>().join(" "))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use messages::{FollowingLimit, Layout};
+    use messages::{FollowingLimit, Layout, PersonChange};
 
     fn status(mode: Mode, made: &[(Mode, Mode, u32)]) -> Status {
         let mut status = Status::ZERO;
@@ -106,6 +114,29 @@ mod tests {
     }
 
     #[test]
+    fn each_change_of_the_person_has_a_sentence_of_its_own() {
+        let made = [
+            (Mode::Engaged, Mode::Holding, Fault::InputStale as u32),
+            (Mode::Holding, Mode::Disengaged, Fault::PersonChanged as u32),
+        ];
+        let names = Names::default();
+        for change in PersonChange::ALL {
+            let mut changed = status(Mode::Disengaged, &made);
+            changed.transitions[1].about = Subject::Person(change).code();
+            let stale = Fault::InputStale.row().meaning;
+            let waits = "The robot waits to be engaged.";
+            assert_eq!(cause(&changed, &names), format!("{stale} {} {waits}", change.meaning()));
+            let expected = format!("Disengaged after Holding: PersonChanged: {}", change.meaning());
+            assert!(why(&changed, &names).ends_with(&expected), "{}", why(&changed, &names));
+            // Alone.
+            changed.transitions[0] = changed.transitions[1];
+            changed.transitions[0].from = Mode::Engaged as u32;
+            changed.transition_count = 1;
+            assert_eq!(cause(&changed, &names), format!("{} {waits}", change.meaning()));
+        }
+    }
+
+    #[test]
     fn cause_after_release_names_no_fault() {
         let made = [
             (Mode::Engaged, Mode::Holding, Transition::RELEASED),
@@ -113,6 +144,18 @@ mod tests {
         ];
         assert_eq!(cause(&status(Mode::Disengaged, &made), &Names::default()), "The robot waits to be engaged.");
         assert_eq!(cause(&status(Mode::Engaged, &made), &Names::default()), "The robot follows.");
+        // The robot held for a fault that is over when the operator let go.
+        let made = [
+            (Mode::Engaged, Mode::Holding, Fault::InputStale as u32),
+            (Mode::Holding, Mode::Disengaged, Transition::RELEASED),
+        ];
+        let mut rests = status(Mode::Disengaged, &made);
+        assert_eq!(why(&rests, &Names::default()), "The robot waits to be engaged.");
+        rests.faults = Faults::NONE.with(Fault::NoTarget).0;
+        let missing = format!("NoTarget: {}", Fault::NoTarget.row().meaning);
+        assert_eq!(why(&rests, &Names::default()), missing, "what stands in the way now");
+        let stops = status(Mode::Holding, &[(Mode::Engaged, Mode::Holding, Transition::RELEASED)]);
+        assert_eq!(why(&stops, &Names::default()), "Holding after Engaged: released.");
     }
     #[test]
     fn cause_of_robot_behind_gives_angle_and_limit() {

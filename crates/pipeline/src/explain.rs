@@ -140,8 +140,11 @@ pub fn why_stopped(status: &Status, names: &Names) -> Option<String> {
             _ => moved(made).then_some(n),
         };
         let since = newest_transitions(status, KEPT).enumerate().filter_map(begins).last().unwrap_or(0);
+        // Whatever stopped the robot before: the operator has let go, and knows it.
+        let let_go = status.mode == Mode::Disengaged as u32
+            && newest_transitions(status, KEPT).skip(since).any(|made| made.why == Transition::RELEASED);
         let mut told = Faults::NONE;
-        for made in newest_transitions(status, KEPT).skip(since) {
+        for made in newest_transitions(status, KEPT).skip(since).filter(|_| !let_go) {
             told = Fault::from_u32(made.why).map_or(told, |fault| told.with(fault));
             all.push(changed(made, status, names));
         }
@@ -292,9 +295,10 @@ fn named(fault: Fault, status: &Status, names: &Names) -> String {
 
 /// Name of a joint or a pair.
 pub(crate) fn subject(subject: Option<Subject>, names: &Names) -> Option<String> {
-    subject.map(|subject| match subject {
-        Subject::Joint(joint) => names.joint(joint),
-        Subject::Pair(pair) => names.pair(pair),
+    subject.and_then(|subject| match subject {
+        Subject::Joint(joint) => Some(names.joint(joint)),
+        Subject::Pair(pair) => Some(names.pair(pair)),
+        Subject::Person(_) => None,
     })
 }
 
@@ -316,17 +320,20 @@ pub(crate) fn dropped(status: &Status) -> Option<(&'static str, &'static str)> {
     Some((reason.name(), InputConfig::meaning(reason)))
 }
 
+/// The fault behind a change of mode, by its name, and what it was about. None if no fault made the change.
+pub fn fault_behind(made: &Transition, status: &Status, names: &Names) -> Option<String> {
+    let (fault, about) = (Fault::from_u32(made.why)?, Subject::of(made.about));
+    if let Some(Subject::Person(change)) = about {
+        return Some(format!("{}: {}", fault.row().name, change.meaning()));
+    }
+    let told = about_now(status, fault).filter(|_| Faults(status.faults | status.latched).has(fault));
+    let was = subject(about.filter(|&was| told != Some(was)), names);
+    Some(named(fault, status, names) + &was.map_or(String::new(), |was| format!(" It was {was}.")))
+}
+
 /// Sentence for a change of mode.
 fn changed(made: &Transition, status: &Status, names: &Names) -> String {
-    let why = match Fault::from_u32(made.why) {
-        Some(fault) => {
-            let told = about_now(status, fault).filter(|_| Faults(status.faults | status.latched).has(fault));
-            let was = Subject::of(made.about).filter(|&was| told != Some(was));
-            let was = subject(was, names).map_or(String::new(), |was| format!(" It was {was}."));
-            named(fault, status, names) + &was
-        }
-        None => format!("{}.", made.why_name()),
-    };
+    let why = fault_behind(made, status, names).unwrap_or_else(|| format!("{}.", made.why_name()));
     format!("{} after {}: {why}", mode_name(made.to), mode_name(made.from))
 }
 

@@ -32,8 +32,8 @@ pub use control::{
 pub use cores::Cores;
 pub use edges::OperatorEdges;
 pub use explain::{
-    BEHIND_DEG, Sentence, Severity, calibration_name, dropped_now, meaning, mode_name, newest_transitions, not_at_rest,
-    payload, payload_refused, sentences, why, why_stopped,
+    BEHIND_DEG, Sentence, Severity, calibration_name, dropped_now, fault_behind, meaning, mode_name,
+    newest_transitions, not_at_rest, payload, payload_refused, sentences, why, why_stopped,
 };
 pub use input::{InputConfig, InputState, input_tick};
 pub use installed::{default_config, default_motions, default_run_dir, is_installed};

@@ -246,6 +246,11 @@ impl World {
         true
     }
 
+    /// What the robot measures now, to a driver that is about to start.
+    pub fn measure_robot(&mut self, config: &WorldConfig) -> driver::Measured {
+        self.sim.measure(&config.sim, self.now())
+    }
+
     /// The checker's report of the executed commands.
     pub fn report(&self) -> &sim::Report {
         self.sim.report()

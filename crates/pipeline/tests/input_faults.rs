@@ -1,7 +1,7 @@
 //! Reaction of an engaged robot to faulty skeletons. Every stage runs in virtual time, from the client's frame to
 //! the executed motion.
 
-use messages::{Fault, JOINTS, Mode, RawSkeleton, SMPL_JOINTS, TICK_HZ, Transition};
+use messages::{Fault, JOINTS, Mode, PersonChange, RawSkeleton, SMPL_JOINTS, Subject, TICK_HZ, Transition};
 use motion::CalibrationMode;
 use pipeline::{Links, Moment, Overrides, PlayOptions, Player, Running, World, WorldConfig};
 use rand::{RngExt, SeedableRng};
@@ -276,6 +276,49 @@ fn f001_f002_f003_f004_f006_f007_f009_f010_f012_f013_f016_f017_f018_bad_input_of
         assert!([Transition::AT_REST, Fault::PersonChanged as u32].contains(&bench.why()), "{name}");
         assert!(bench.speed() < 1e-9, "{name}");
         bench.assert_no_violations(name);
+    }
+}
+
+#[test]
+fn each_change_of_the_person_is_named_by_its_cause() {
+    type Spoil = fn(&mut RawSkeleton) -> bool;
+    let cases: [(PersonChange, u64, Spoil, Spoil); 4] = [
+        (PersonChange::FirstOfIngest, 0, |_| true, |_| true),
+        (
+            // The client has to be silent until its lease ends.
+            PersonChange::Session,
+            TICK_HZ * 11 / 10,
+            |_| false,
+            |f| {
+                f.session_nonce += 1;
+                true
+            },
+        ),
+        (
+            PersonChange::Operator,
+            0,
+            |_| true,
+            |f| {
+                f.operator_id += 1;
+                true
+            },
+        ),
+        (PersonChange::Doubtful, TICK_HZ * 6 / 10, |f| stretch(f, 1.5), |_| true),
+    ];
+    for (change, ticks, mut spoil, mut after) in cases {
+        let mut bench = ENGAGED.clone();
+        if change == PersonChange::FirstOfIngest {
+            bench.world.restart_ingest();
+        }
+        bench.run(ticks, &mut spoil);
+        bench.run(TICK_HZ, &mut after);
+        let status = bench.last.and_then(|moment| moment.control).expect("control").status;
+        let changed = |made: &&Transition| made.why == Fault::PersonChanged as u32;
+        let about: Vec<_> = pipeline::newest_transitions(&status, u32::MAX)
+            .filter(changed)
+            .map(|made| Subject::of(made.about))
+            .collect();
+        assert_eq!(about, [Some(Subject::Person(change))]);
     }
 }
 

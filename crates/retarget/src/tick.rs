@@ -1,8 +1,8 @@
 //! The stage: skeletons in, joint targets out, 1500 times a second.
 
 use messages::{
-    Fault, Faults, JOINTS, JointTarget, LEFT_ARM, LIMBS, Layout, RIGHT_ARM, Skeleton, Stamp, TICK_HZ, TICK_S,
-    WAY_NODE_TICKS, WAY_NODES, skeleton_flag, target_flag,
+    Fault, Faults, JOINTS, JointTarget, LEFT_ARM, LIMBS, Layout, PersonChange, RIGHT_ARM, Skeleton, Stamp, TICK_HZ,
+    TICK_S, WAY_NODE_TICKS, WAY_NODES, skeleton_flag, target_flag,
 };
 use serde::Deserialize;
 
@@ -186,6 +186,9 @@ pub struct State {
     origin: Stamp,
     sequence: u64,
     session: u64,
+    /// Session of the newest skeleton, without what was forgotten, and why it is another one than before.
+    person: u64,
+    change: PersonChange,
     counters: Counters,
     way: Way,
 }
@@ -314,6 +317,7 @@ fn forget(state: &mut State, now: Stamp) {
             state.tracks[arm] = Track::default();
             (state.refined[arm], state.q[arm], state.dq[arm]) = (None, None, [0.0; ARM_Q]);
             state.forgotten = state.forgotten.wrapping_add(1);
+            state.change = PersonChange::ArmForgotten;
         }
     }
 }
@@ -353,6 +357,10 @@ fn take(config: &Config, state: &mut State, now: Stamp, skeleton: &Skeleton) {
         state.origin = skeleton.header.origin;
         state.sequence = skeleton.header.sequence;
         state.session = session;
+        let person = self::session(skeleton, 0);
+        if person != std::mem::replace(&mut state.person, person) {
+            state.change = PersonChange::of_flags(skeleton.flags);
+        }
     }
 }
 
@@ -462,7 +470,7 @@ fn assemble(
     target.input_received = state.received;
     target.input_sequence = state.sequence;
     target.session_nonce = state.session;
-    target.flags = if ready { target_flag::INPUT_FRESH } else { 0 };
+    target.flags = state.change.flags() | if ready { target_flag::INPUT_FRESH } else { 0 };
     let latents = shown.map(|sample| sample.map_or(Latent::default(), |sample| sample.latent));
     let mut faults = Faults::NONE;
     faults.set(Fault::InputStale, !ready);

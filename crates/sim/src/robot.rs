@@ -158,6 +158,11 @@ impl State {
         self.body.advance(config, now);
     }
 
+    /// What the robot measures at `now`, to a driver that is about to start.
+    pub fn measure(&mut self, config: &Config, now: Stamp) -> Measured {
+        Port { config, body: &mut self.body }.read(now)
+    }
+
     /// Switches a fault of the robot on.
     pub fn inject(&mut self, fault: Injection) {
         self.body.inject(fault);

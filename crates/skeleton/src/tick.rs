@@ -7,7 +7,8 @@ use crate::person::Person;
 use crate::reference::Calibration;
 use crate::session::Session;
 use messages::{
-    CalibrationSource, HingeCalibration, Layout, RawSkeleton, SMPL_JOINTS, Skeleton, SkeletonLayout, Stamp, raw_flag,
+    CalibrationSource, HingeCalibration, Layout, PersonChange, RawSkeleton, SMPL_JOINTS, Skeleton, SkeletonLayout,
+    Stamp, raw_flag,
 };
 
 /// Input of this tick.
@@ -36,6 +37,10 @@ const PERSON_MIX: u32 = 0x9E37_79B1;
 struct Trust {
     /// Number of times that the person may have changed.
     persons: u32,
+    /// Why the last of them may be somebody else.
+    change: PersonChange,
+    /// The client itself said so since a frame was accepted.
+    named: bool,
     /// Time at which a frame was last accepted without any error.
     accepted: Stamp,
     /// True if a frame since then, or an arm in one, was refused because it contradicts the person.
@@ -45,8 +50,13 @@ struct Trust {
 impl Trust {
     fn refuse(&mut self, reason: DropReason) {
         self.contradicted |= reason.contradicts();
-        if reason == DropReason::OperatorChanged {
-            self.persons = self.persons.wrapping_add(1);
+        match reason {
+            DropReason::OperatorChanged => {
+                self.persons = self.persons.wrapping_add(1);
+                (self.change, self.named) = (PersonChange::Operator, true);
+            }
+            DropReason::SessionChanged => (self.change, self.named) = (PersonChange::Session, true),
+            _ => {}
         }
     }
 
@@ -54,8 +64,9 @@ impl Trust {
         let unseen = self.accepted != Stamp::NONE && now.since(self.accepted) > config.distrust_after_ns;
         if unseen && self.contradicted {
             self.persons = self.persons.wrapping_add(1);
+            self.change = if self.named { self.change } else { PersonChange::Doubtful };
         }
-        (self.accepted, self.contradicted) = (now, false);
+        (self.accepted, self.contradicted, self.named) = (now, false, false);
     }
 }
 
@@ -81,7 +92,13 @@ impl State {
     /// Creates the state before the first frame.
     pub const fn new() -> Self {
         let clock = ClientClock::new();
-        let trust = Trust { persons: 0, accepted: Stamp::NONE, contradicted: false };
+        let trust = Trust {
+            persons: 0,
+            change: PersonChange::FirstOfIngest,
+            named: false,
+            accepted: Stamp::NONE,
+            contradicted: false,
+        };
         Self { session: None, newest: Stamp::NONE, clock, trust, dropped: [0; DROP_REASONS], accepted: 0 }
     }
 
@@ -178,7 +195,7 @@ fn look(config: &Config, state: &mut State, now: Stamp, input: Input<'_>) -> Res
     skeleton.received = now;
     skeleton.session_nonce = raw.session_nonce;
     skeleton.operator_id = raw.operator_id ^ trust.persons.wrapping_mul(PERSON_MIX);
-    skeleton.flags = limbs.flags;
+    skeleton.flags = limbs.flags | trust.change.flags();
     skeleton.limbs = limbs.rotations;
     skeleton.positions = person.positions;
     Ok(skeleton)

@@ -174,7 +174,10 @@ class Artist {
 
   // Records the time between two pictures of a moving scene, s. It equals the drawing time of a picture.
   took(dt) {
-    if (this.sharpness.note(dt)) this.sharpen();
+    if (!this.sharpness.note(dt)) return;
+    this.sharpen();
+    // Another number of pixels empties the picture.
+    this.isDirty = true;
   }
 
   sharpen() { this.renderer.setPixelRatio(this.scale * this.sharpness.share); }
@@ -262,7 +265,7 @@ function draw(now) {
   if (!artist.isDirty) return;
   before = now;
   artist.draw(dt);
-  postMessage({ drawn: artist.drawn, boxes: artist.boxes, ghost: artist.ghosts.target?.material.opacity ?? 0 });
+  postMessage({ drawn: artist.drawn, boxes: artist.boxes, ghost: artist.ghosts.target?.material.opacity ?? 0, share: artist.sharpness.share });
 }
 
 onmessage = ({ data }) => {

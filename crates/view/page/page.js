@@ -124,6 +124,7 @@ const told = {
     text("answer", message.text ?? "");
   },
   mix: (message) => mix.told(message),
+  reel: (message) => showPlaying(message.playing),
   frame(message) {
     frame = message;
     isNew = true;
@@ -246,4 +247,5 @@ window.teleopd = {
   drawn: () => stage?.drawn ?? 0,
   boxes: () => stage?.boxes ?? null,
   ghost: () => stage?.ghost ?? 0,
+  share: () => stage?.share ?? 1,
 };

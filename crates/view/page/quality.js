@@ -17,14 +17,23 @@ export function isHigh(asked) {
 const AVERAGED = 15;
 // Slowest smooth picture, s. 30 a second are smooth, and the display's own rate varies slightly.
 const SLOW_S = 1 / 31;
+// A picture that takes less than this is quick, s: with a step more pixels, 1.38 times as many, it takes about 1 / 29.
+const QUICK_S = 1 / 40;
 // Smallest share of the pixels along each side.
 const LEAST = 0.5;
 const STEP = 0.85;
+// The number of pixels rises after this many averages that were all quick: 5 s at 60 pictures a second.
+const WAIT = 20;
+// A rise that is taken back doubles the wait, up to this: 5 minutes.
+const LONGEST_WAIT = 64 * WAIT;
 
-// Pixel share of software rendering: fewer pixels if pictures are slow. A graphics card always draws all.
+// Pixel share of software rendering: fewer pixels while pictures are slow, and slowly more again when they are quick.
+// A graphics card always draws all.
 export class Sharpness {
   constructor(isFixed) {
     [this.isFixed, this.share] = [isFixed, 1];
+    // Averages since the last change, of which the newest `quick` were quick. A rise is on trial for as long as it waited.
+    [this.wait, this.calm, this.quick, this.isTrial] = [WAIT, 0, 0, false];
     this.reset();
   }
 
@@ -35,9 +44,27 @@ export class Sharpness {
     this.sum += time;
     this.count += 1;
     if (this.isFixed || this.count < AVERAGED) return false;
-    const isSlow = this.sum > SLOW_S * this.count && this.share > LEAST;
+    const mean = this.sum / this.count, before = this.share;
     this.reset();
-    if (isSlow) this.share = Math.max(LEAST, this.share * STEP);
-    return isSlow;
+    if (mean > SLOW_S) this.fall();
+    else this.rest(mean < QUICK_S);
+    return this.share !== before;
+  }
+
+  fall() {
+    if (this.isTrial) this.wait = Math.min(LONGEST_WAIT, this.wait * 2);
+    this.change(this.share * STEP, false);
+  }
+
+  rest(isQuick) {
+    this.calm += 1;
+    this.quick = isQuick ? this.quick + 1 : 0;
+    if (this.isTrial && this.calm >= this.wait) [this.wait, this.isTrial] = [WAIT, false];
+    if (this.quick >= this.wait && this.share < 1) this.change(this.share / STEP, true);
+  }
+
+  change(share, isTrial) {
+    this.share = Math.min(1, Math.max(LEAST, share));
+    [this.calm, this.quick, this.isTrial] = [0, 0, isTrial];
   }
 }

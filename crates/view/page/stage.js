@@ -8,7 +8,7 @@ const STEP = 24;
 export class Stage {
   // `trouble` is called if the artist cannot draw. `tools` are the elements that cover the canvas.
   constructor(canvas, tools, trouble) {
-    Object.assign(this, { canvas, tools, drawn: 0, boxes: null, ghost: 0 });
+    Object.assign(this, { canvas, tools, drawn: 0, boxes: null, ghost: 0, share: 1 });
     this.artist = new Worker("./artist.js", { type: "module" });
     this.artist.onmessage = ({ data }) => {
       if (data.trouble) trouble(data.trouble);

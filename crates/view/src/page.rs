@@ -123,6 +123,7 @@ pub fn serve(stream: TcpStream, hub: &Hub, behind: &PageSource, ended: &AtomicBo
         spoke: Instant::now(),
         second: Instant::now(),
         asked: 0,
+        is_playing: None,
     };
     page.send(Message::text(hub.scene()))?;
     let _open = Counted::one_more(hub.pages());
@@ -152,11 +153,19 @@ struct Page {
     /// Start of the current second, and the requests in it.
     second: Instant,
     asked: u32,
+    /// Whether the recording plays, as the page was told last.
+    is_playing: Option<bool>,
 }
 
 impl Page {
-    /// Sends the outcome of earlier requests.
+    /// Sends the outcome of earlier requests, of this page or of another one.
     fn tell(&mut self) -> Result<(), Error> {
+        let playing =
+            if let PageControl::Position(position) = &self.lever { Some(position.is_playing()) } else { None };
+        if playing != self.is_playing {
+            self.is_playing = playing;
+            self.send(Message::text(json!({ "tell": "reel", "playing": playing }).to_string()))?;
+        }
         while let PageControl::OperatorWorker(hand, _) = &self.lever
             && let Some(CommandOutcome { held, text }) = hand.answer()
         {

@@ -127,6 +127,11 @@ impl Position {
         })
     }
 
+    /// Whether it plays.
+    pub fn is_playing(&self) -> bool {
+        self.change(|at| at.1)
+    }
+
     fn change<R>(&self, by: impl FnOnce(&mut (f64, bool)) -> R) -> R {
         by(&mut self.at.lock().unwrap_or_else(PoisonError::into_inner))
     }

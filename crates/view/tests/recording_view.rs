@@ -95,6 +95,33 @@ fn page_plays_pauses_and_seeks_recording() {
     until(&mut socket, 0.5, 0.4);
 }
 
+/// Reads until the page is told whether the recording plays.
+fn playing(socket: &mut Socket) -> Value {
+    loop {
+        let Message::Text(text) = socket.read().expect("it tells") else { continue };
+        let told: Value = serde_json::from_str(&text).expect("JSON");
+        if told["tell"] == "reel" {
+            return told["playing"].clone();
+        }
+    }
+}
+
+#[test]
+fn every_page_is_told_whether_the_recording_plays() {
+    let model = model();
+    let server = Server::recording(recorded(&model), "head.mcap", &shown(), 0).expect("a port");
+    let mut first = page(&server);
+    assert_eq!(playing(&mut first), true);
+    ask(&mut first, json!({ "do": "pause" }));
+    assert_eq!(playing(&mut first), false);
+    let mut second = page(&server);
+    assert_eq!(playing(&mut second), false, "it was paused before this page came");
+    ask(&mut second, json!({ "do": "play" }));
+    assert_eq!((playing(&mut first), playing(&mut second)), (true.into(), true.into()));
+    ask(&mut first, json!({ "do": "seek", "to_s": 1e300 }));
+    assert_eq!(playing(&mut second), false, "it stands at its end");
+}
+
 #[test]
 fn unknown_request_to_recording_closes_page() {
     let model = model();

@@ -1,7 +1,7 @@
 //! A client's frames: any bits, alone and among good ones, in any order and at any time.
 
 use crate::bytes::Bytes;
-use messages::{HingeCalibration, LIMBS, Layout, RAW_JOINTS_MAX, RawSkeleton, Stamp, skeleton_flag};
+use messages::{HingeCalibration, LIMBS, Layout, PersonChange, RAW_JOINTS_MAX, RawSkeleton, Stamp, skeleton_flag};
 use skeleton::{Config, DropReason, Input, State, tick};
 use std::sync::LazyLock;
 
@@ -92,7 +92,7 @@ fn check(config: &Config, now: Stamp, drift_max_ns: u64, raw: &RawSkeleton, pers
     for limb in 0..LIMBS {
         let norm = person.limbs[limb].iter().map(|&x| f64::from(x).powi(2)).sum::<f64>().sqrt();
         assert!((norm - 1.0).abs() <= 1e-6, "limb {limb} has norm {norm}");
-        assert_eq!(person.flags & !(skeleton_flag::ALL | skeleton_flag::CALIBRATED), 0);
+        assert_eq!(person.flags & !(skeleton_flag::ALL | skeleton_flag::CALIBRATED | PersonChange::FLAGS), 0);
     }
 }
 

@@ -2,7 +2,7 @@
 
 use crate::output::Format;
 use clap::{Parser, ValueEnum};
-use motion::{CalibrationMode, LoadOptions};
+use motion::{CalibrationMode, LoadOptions, Up};
 use std::path::PathBuf;
 
 /// Bounds of the output rate, Hz: from one posture per second to ten times the control rate.
@@ -78,6 +78,9 @@ pub struct Cli {
     /// Frame rate of the input, Hz, regardless of the files.
     #[arg(long, value_name = "HZ")]
     pub frame_rate: Option<f64>,
+    /// The axis that points up in .npy [default: y] and .npz [default: z]; other files need none.
+    #[arg(long, value_name = "y|z")]
+    pub up: Option<Up>,
     /// Mean of normalised HumanML3D features [default: Mean.npy in the file's folder or above].
     #[arg(long, value_name = "FILE", requires = "std")]
     pub mean: Option<PathBuf>,
@@ -99,6 +102,7 @@ impl Cli {
             std: self.std.clone(),
             mirror: self.mirror,
             frame_rate_hz: self.frame_rate,
+            up: self.up,
         }
     }
 

@@ -157,13 +157,14 @@ fn options_sha256(cli: &Cli, model: &Model) -> Result<String, BatchError> {
         Rate::Hz(hz) => hz.to_string(),
     };
     let mut text = format!(
-        "{} {:?} {rate} {:?} {} {} {} {:?} {:016x}",
+        "{} {:?} {rate} {:?} {} {} {} {:?} {:?} {:016x}",
         env!("CARGO_PKG_VERSION"),
         cli.format,
         cli.method,
         cli.refine_steps,
         cli.calibration.name(),
         cli.mirror,
+        cli.up,
         cli.frame_rate,
         model.hash,
     );

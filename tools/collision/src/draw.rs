@@ -62,6 +62,11 @@ pub fn draw(model: &Model, q: &[f64; 17], clouds: &[Cloud], out: &Path) -> Resul
     }
     let points: Points = points.iter().step_by(points.len() / POINTS_MAX + 1).copied().collect();
     let failed = |cause: String| CollisionError::content(out.display().to_string(), cause);
+    std::fs::OpenOptions::new()
+        .create(true)
+        .append(true)
+        .open(out)
+        .map_err(|cause| CollisionError::Write { path: out.to_path_buf(), cause })?;
     match out.extension().and_then(|extension| extension.to_str()) {
         Some("svg") => views(&SVGBackend::new(out, SIZE).into_drawing_area(), &capsules, &points).map_err(failed),
         Some("png") => views(&BitMapBackend::new(out, SIZE).into_drawing_area(), &capsules, &points).map_err(failed),

@@ -1,14 +1,24 @@
 //! Errors of the input.
 
+use std::path::{Path, PathBuf};
+
 /// An error that prevents fitting or checking.
 #[derive(Debug, thiserror::Error)]
 pub enum CollisionError {
-    /// A file could not be read or written.
-    #[error("{file}: {cause}")]
-    File {
+    /// A file could not be read.
+    #[error("{}", rt::unreadable(.path, .cause))]
+    Read {
         /// Its path.
-        file: String,
-        /// The system's error text.
+        path: PathBuf,
+        /// The system's error.
+        cause: std::io::Error,
+    },
+    /// A file could not be written.
+    #[error("{}", rt::unwritable(.path, .cause))]
+    Write {
+        /// Its path.
+        path: PathBuf,
+        /// The system's error.
         cause: std::io::Error,
     },
     /// A file's content is invalid.
@@ -32,11 +42,11 @@ impl CollisionError {
 }
 
 /// Reads a whole file.
-pub fn read(path: &std::path::Path) -> Result<Vec<u8>, CollisionError> {
-    std::fs::read(path).map_err(|cause| CollisionError::File { file: path.display().to_string(), cause })
+pub fn read(path: &Path) -> Result<Vec<u8>, CollisionError> {
+    std::fs::read(path).map_err(|cause| CollisionError::Read { path: path.to_path_buf(), cause })
 }
 
 /// Reads a whole text file.
-pub fn read_text(path: &std::path::Path) -> Result<String, CollisionError> {
-    std::fs::read_to_string(path).map_err(|cause| CollisionError::File { file: path.display().to_string(), cause })
+pub fn read_text(path: &Path) -> Result<String, CollisionError> {
+    std::fs::read_to_string(path).map_err(|cause| CollisionError::Read { path: path.to_path_buf(), cause })
 }

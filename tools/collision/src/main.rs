@@ -79,6 +79,7 @@ const FAILED: u8 = 1;
 const SAME_FIT_M: f64 = 5e-4;
 
 fn main() -> ExitCode {
+    rt::abort_on_panic();
     let done = match Arguments::parse().command {
         Command::Fit { source, out } => fit(&source, out.as_deref()),
         Command::Check { source } => check(&source),
@@ -180,8 +181,9 @@ fn fit(source: &Source, out: Option<&Path>) -> Result<bool, CollisionError> {
     }
     let text = decided.text;
     match out {
-        Some(path) => std::fs::write(path, &text)
-            .map_err(|cause| CollisionError::File { file: path.display().to_string(), cause })?,
+        Some(path) => {
+            std::fs::write(path, &text).map_err(|cause| CollisionError::Write { path: path.to_path_buf(), cause })?
+        }
         None => println!("{text}"),
     }
     // This comes last, so that an invalid file can be inspected.

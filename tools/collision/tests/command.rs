@@ -45,3 +45,16 @@ fn payload_beyond_the_effort_limit_is_reported() {
     assert_eq!(output.status.code(), Some(1), "{}", said(&output));
     assert!(said(&output).contains("of the postures need more than 0.85 of the effort limit"), "{}", said(&output));
 }
+
+#[test]
+fn missing_files_are_named_with_what_to_do() {
+    let output = limits(Path::new("no.toml"), &[]);
+    assert_eq!(output.status.code(), Some(65), "{}", said(&output));
+    assert!(said(&output).contains("collision: no.toml: there is no such file. Check the path"), "{}", said(&output));
+    let run = |arguments: &[&str]| {
+        Command::new(env!("CARGO_BIN_EXE_collision")).args(arguments).output().expect("collision runs")
+    };
+    let robot = robots().join("tiago_dual.toml");
+    let drawn = run(&["draw", robot.to_str().expect("UTF-8"), "--out", "/no/picture.png"]);
+    assert!(said(&drawn).contains("there is no folder /no. Make it"), "{}", said(&drawn));
+}

@@ -5,16 +5,16 @@ use std::path::{Path, PathBuf};
 /// An error that ends a command without its result.
 #[derive(Debug, thiserror::Error)]
 pub enum KeyposesError {
-    /// A file or folder cannot be read or written.
-    #[error("{}: {source}", .path.display())]
+    /// A file cannot be read.
+    #[error("{}", rt::unreadable(.path, .source))]
     File {
-        /// The file or folder.
+        /// The file.
         path: PathBuf,
         /// The system's error.
         source: std::io::Error,
     },
     /// A file or folder cannot be written.
-    #[error("{}: {source}", .path.display())]
+    #[error("{}", rt::unwritable(.path, .source))]
     Write {
         /// The file or folder.
         path: PathBuf,
@@ -28,7 +28,7 @@ pub enum KeyposesError {
         path: PathBuf,
     },
     /// A motion file is invalid.
-    #[error(transparent)]
+    #[error("{}", refused(.0))]
     Motion(#[from] motion::MotionError),
     /// Settings, robot or weights are invalid.
     #[error(transparent)]
@@ -79,8 +79,16 @@ impl KeyposesError {
     }
 
     /// Returns a function for `map_err` that makes the error of a file.
-    pub(crate) fn file(path: &Path) -> impl FnOnce(std::io::Error) -> Self + '_ {
+    pub fn file(path: &Path) -> impl FnOnce(std::io::Error) -> Self + '_ {
         |source| Self::File { path: path.to_path_buf(), source }
+    }
+}
+
+/// Why a motion file is refused, and what to do where the system refuses it.
+fn refused(error: &motion::MotionError) -> String {
+    match error {
+        motion::MotionError::Io { file, source } => rt::unreadable(Path::new(file), source),
+        error => error.to_string(),
     }
 }
 

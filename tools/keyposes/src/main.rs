@@ -6,6 +6,8 @@ use keyposes::error::KeyposesError;
 use keyposes::interpolate::{Options, Space};
 use keyposes::{draw, motions, pose, trajectory, write};
 use motion::CalibrationMode;
+use retarget::Network;
+use robot::Model;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -88,6 +90,7 @@ fn calibration(text: &str) -> Result<CalibrationMode, String> {
 }
 
 fn main() -> ExitCode {
+    rt::abort_on_panic();
     let done = match Arguments::parse().command {
         Command::Motions { out, robot } => write_motions(&out, &robot),
         Command::Interpolate { poses, seconds, rate, out, space, refine_steps, calibration, robot, weights } => {
@@ -131,8 +134,22 @@ fn say(line: &str) {
     let _ = writeln!(std::io::stdout(), "{line}");
 }
 
+/// The robot of this file.
+fn load_model(robot: &Path) -> Result<Model, KeyposesError> {
+    std::fs::metadata(robot).map_err(KeyposesError::file(robot))?;
+    Ok(pipeline::load_model(robot)?.0)
+}
+
+/// The network of these weights.
+fn load_network(weights: &Path, model: &Model) -> Result<Network, KeyposesError> {
+    let stem = weights.to_str().and_then(|text| text.strip_suffix(".safetensors"));
+    let tensors = PathBuf::from(format!("{}.safetensors", stem.map_or(weights, Path::new).display()));
+    std::fs::metadata(&tensors).map_err(KeyposesError::file(&tensors))?;
+    Ok(pipeline::load_weights(weights, model)?.network)
+}
+
 fn write_motions(out: &Path, robot: &Path) -> Result<(), KeyposesError> {
-    let (model, _) = pipeline::load_model(robot)?;
+    let model = load_model(robot)?;
     std::fs::create_dir_all(out).map_err(|source| KeyposesError::Write { path: out.to_path_buf(), source })?;
     for motion in motions::paper_motions() {
         let truth = trajectory::ground_truth(&model, &motion);
@@ -165,8 +182,8 @@ fn interpolate(
     let files: Vec<&Path> = poses.iter().filter_map(|text| pose::file_of(text)).collect();
     apart(out, &files)?;
     apart(&beside, &files)?;
-    let (model, _) = pipeline::load_model(robot)?;
-    let network = pipeline::load_weights(weights, &model)?.network;
+    let model = load_model(robot)?;
+    let network = load_network(weights, &model)?;
     let poses = poses.iter().map(|text| pose::read_pose(text, calibration)).collect::<Result<Vec<_>, _>>()?;
     let found = keyposes::interpolate::interpolate(&model, &network, &poses, options)?;
     save(out, &write::trajectory_csv(&found))?;

@@ -146,12 +146,18 @@ fn interpolate_writes_both_files_and_refuses_bad_poses() {
         (["t-pose", "tools/keyposes/motions/clap.bvh:9999"], "\"9999\" is not a frame of 0 to 306"),
         (["t-pose", "tools/keyposes/motions/clap.bvh@6"], "\"6\" is not a time of 0 to 5.100 s"),
         (["t-pose", "tools/keyposes/motions/clap.bvh"], "needs a frame or a time"),
-        (["t-pose", "missing.bvh:1"], "missing.bvh: No such file"),
+        (["t-pose", "missing.bvh:1"], "missing.bvh: there is no such file. Check the path"),
     ] {
         let refused = run(&arguments);
         let text = String::from_utf8_lossy(&refused.stderr).into_owned();
         let code = if text.contains("missing.bvh") { 66 } else { 64 };
         assert!(refused.status.code() == Some(code) && text.contains(expected), "{text}");
+    }
+    for [option, missing, named] in [["--robot", "no.toml", "no.toml"], ["--weights", "no", "no.safetensors"]] {
+        let refused = run(&["t-pose", "rest", option, missing]);
+        let text = String::from_utf8_lossy(&refused.stderr).into_owned();
+        let expected = format!("keyposes: {named}: there is no such file. Check the path");
+        assert!(refused.status.code() == Some(66) && text.contains(&expected), "{text}");
     }
     // The motion next to the trajectory is one of the input files. It must stay unchanged.
     let before = std::fs::read(out.with_extension("bvh")).expect("the motion");

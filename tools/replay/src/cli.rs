@@ -1,7 +1,7 @@
 //! The command line.
 
 use clap::Parser;
-use motion::CalibrationMode;
+use motion::{CalibrationMode, Up};
 use std::path::PathBuf;
 
 /// Publishes a recorded motion to a running teleopd, or writes what the robot would do.
@@ -17,6 +17,9 @@ pub struct Cli {
     /// own.
     #[arg(long, value_name = "FACTOR", default_value_t = 1.0)]
     pub speed: f64,
+    /// The axis that points up in a .npy (y unless given) or .npz (z unless given). Other files need none.
+    #[arg(long, value_name = "y|z")]
+    pub up: Option<Up>,
     /// Begin again at the end, with a blended seam.
     #[arg(long = "loop")]
     pub looped: bool,

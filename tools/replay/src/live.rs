@@ -1,7 +1,7 @@
 //! Publishes through the input domain or the skeleton socket. The first frame is held until the robot follows.
 
 use crate::{Cli, Failure};
-use doors::DoorError;
+use doors::{DoorError, Reply};
 use indicatif::{ProgressBar, ProgressStyle};
 use messages::Mode;
 use motion::Motion;
@@ -13,6 +13,10 @@ use std::time::Duration;
 
 /// Time between two requests of the mode, and between two updates of the progress.
 const LOOK: Duration = Duration::from_millis(50);
+
+/// What a client is told that comes second.
+const HELD: &str = "Another client holds the lease, so the robot does not see this motion. End that client, wait a second, and \
+                    start this one again.";
 
 /// Connects to the operator's socket of the instance. None if it belongs to others, or if only the skeleton
 /// socket is given. A client that shares memory with an instance also finds its operator socket. Without that
@@ -54,10 +58,18 @@ fn place(cli: &Cli) -> Result<(Instance, Transport), Failure> {
     Ok((instance, way))
 }
 
+/// Whether a client holds the lease now. Shared memory gives a client no answer, so this asks at the skeleton socket beside it.
+fn is_lease_held(instance: &Instance) -> bool {
+    doors::Client::attach(instance.skeleton_socket()).is_ok_and(|door| door.told() == Reply::GrantedButHeld)
+}
+
 /// Publishes until the end of the motion, or until Ctrl-C.
 pub fn run(cli: &Cli, motion: &Motion) -> Result<(), Failure> {
     let shutdown = Shutdown::on_signals().map_err(Failure::failed)?;
     let (instance, way) = place(cli)?;
+    if cli.socket.is_none() && is_lease_held(&instance) {
+        out!("{HELD}");
+    }
     // The person moves during calibration, although the robot is not engaged.
     let at_once = motion.name == motion::CALIBRATION;
     let looped = cli.looped || at_once;
@@ -91,8 +103,9 @@ pub fn run(cli: &Cli, motion: &Motion) -> Result<(), Failure> {
                         bar.println(now.map_or("unknown mode", Mode::name));
                         mode = now;
                         let follows = matches!(now, Some(Mode::Engaged | Mode::Engaging));
-                        ended = pipeline::why_stopped(&status, &names).filter(|_| followed && !follows);
-                        ended.iter().for_each(|why| bar.println(why));
+                        let why = pipeline::why_stopped(&status, &names).filter(|_| followed && !follows);
+                        why.iter().for_each(|why| bar.println(why));
+                        ended = if follows { None } else { why.or(ended) };
                         followed |= now == Some(Mode::Engaged);
                     }
                     publisher.set_engaged(at_once || now == Some(Mode::Engaged));

@@ -9,9 +9,10 @@ mod offline;
 use clap::Parser;
 use cli::Cli;
 use keyposes::trajectory;
-use motion::{CalibrationMode, MotionError};
+use motion::{CalibrationMode, LoadOptions, MotionError};
 use pipeline::Overrides;
 use rt::{err, out};
+use std::path::Path;
 use std::process::ExitCode;
 
 /// EX_NOINPUT of sysexits(3): a file to read is missing or malformed.
@@ -86,6 +87,9 @@ fn ended(outcome: Result<(), Failure>) -> ExitCode {
 fn read(cli: &mut Cli) -> Result<motion::Motion, Failure> {
     let no_input = |error: &dyn std::fmt::Display| Failure(EX_NOINPUT, error.to_string());
     let file = cli.file.clone().unwrap_or_default();
+    if let Some(refused) = refused_up(cli, &file) {
+        return Err(refused);
+    }
     if let Some(motion) = file.to_str().and_then(motion::builtin_named) {
         if motion.name == motion::CALIBRATION {
             // A person to calibrate has no hinges yet.
@@ -99,9 +103,11 @@ fn read(cli: &mut Cli) -> Result<motion::Motion, Failure> {
         cli.calibration = CalibrationMode::Rig;
     }
     if !is("csv") {
-        return motion::load(&file).map_err(|error| match error {
-            MotionError::Io { source, .. } => Failure(EX_NOINPUT, rt::unreadable(&file, &source)),
-            error => no_input(&error),
+        return motion::load_with(&file, &LoadOptions { up: cli.up, ..LoadOptions::default() }).map_err(|error| {
+            match error {
+                MotionError::Io { source, .. } => Failure(EX_NOINPUT, rt::unreadable(&file, &source)),
+                error => no_input(&error),
+            }
         });
     }
     let loaded = pipeline::load(&cli.config, Overrides::default()).map_err(Failure::config)?;
@@ -109,6 +115,14 @@ fn read(cli: &mut Cli) -> Result<motion::Motion, Failure> {
     let name = file.file_stem().map_or_else(|| "trajectory".into(), |stem| stem.to_string_lossy().into_owned());
     cli.calibration = CalibrationMode::Rig;
     Ok(trajectory::to_motion(&trajectory, &loaded.model, &name))
+}
+
+/// The refusal of --up for a file whose axes are known or found.
+fn refused_up(cli: &Cli, file: &Path) -> Option<Failure> {
+    let has_axis =
+        file.extension().is_some_and(|extension| ["npy", "npz"].iter().any(|one| extension.eq_ignore_ascii_case(one)));
+    let text = || format!("{}: --up is for .npy and .npz files; leave it out", file.display());
+    (cli.up.is_some() && !has_axis).then(|| Failure(EX_USAGE, text()))
 }
 
 fn describe(motion: &motion::Motion, calibration: CalibrationMode) {

@@ -1,9 +1,11 @@
 //! Runs `replay` beside a `control` of the test that never engages.
 
 use bus::Domain;
+use doors::LeaseState;
 use messages::{Layout, RawSkeleton, Service, Smpl, Status};
 use operator::Server;
 use pipeline::Instance;
+use std::io::{BufRead, BufReader};
 use std::process::{Command, Stdio};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -53,4 +55,46 @@ fn calibration_motion_plays_before_engaging_and_others_wait() {
     assert!(wrist_goes("builtin:calibration", 0.2) >= 0.2, "arms go up and down");
     let goes_m = wrist_goes("builtin", 0.2);
     assert!(goes_m < 0.01, "the first frame is held: {goes_m} m");
+}
+
+/// What `replay` says before it publishes, where a client holds the lease or none does.
+fn says(held: bool) -> Vec<String> {
+    let folder = tempfile::Builder::new().prefix("tr").tempdir().expect("a folder");
+    let instance = Instance::new(folder.path()).expect("an instance");
+    let mut door = doors::Server::bind(&instance.skeleton_socket(), None).expect("a skeleton socket");
+    let mut server = Server::bind(instance.operator_socket()).expect("an operator socket");
+    let mut replay = Command::new(env!("CARGO_BIN_EXE_replay"));
+    replay.arg("builtin").arg("--run-dir").arg(folder.path()).stdout(Stdio::piped()).stderr(Stdio::null());
+    let mut replay = replay.spawn().expect("replay runs");
+    let told = BufReader::new(replay.stdout.take().expect("its words"));
+    let reader = std::thread::spawn(move || {
+        let mut lines = Vec::new();
+        for line in told.lines().map_while(Result::ok) {
+            let begins = line.starts_with("holding the first frame");
+            lines.push(line);
+            if begins {
+                break;
+            }
+        }
+        lines
+    });
+    let begun = Instant::now();
+    while !reader.is_finished() && begun.elapsed() < Duration::from_secs(30) {
+        door.poll(rt::now(), held, |_, _| LeaseState::NotHolder);
+        server.poll(rt::now(), &Status::ZERO);
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    rt::terminate(replay.id());
+    replay.wait().expect("replay ends");
+    let lines = reader.join().expect("the reader ends");
+    instance.retire();
+    lines
+}
+
+#[test]
+fn second_client_is_told_that_another_holds_the_lease() {
+    let told = |lines: &[String]| lines.iter().any(|line| line.starts_with("Another client holds the lease"));
+    let (second, only) = (says(true), says(false));
+    assert!(told(&second) && second.len() > 1, "{second:?}");
+    assert!(!told(&only) && only.len() > 1, "{only:?}");
 }

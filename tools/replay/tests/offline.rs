@@ -121,3 +121,13 @@ fn broken_motion_file_is_refused_with_its_line() {
     assert_eq!(output.status.code(), Some(66), "{said}");
     assert!(said.contains("broken.bvh") && said.contains('4'), "{said}");
 }
+
+#[test]
+fn the_option_up_is_refused_for_a_file_that_needs_none() {
+    for file in ["builtin", "walk.bvh"] {
+        let output = Command::new(env!("CARGO_BIN_EXE_replay")).args([file, "--up", "z"]).output().unwrap();
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(64), "{said}");
+        assert!(said.contains("--up is for .npy and .npz files"), "{said}");
+    }
+}

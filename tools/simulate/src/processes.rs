@@ -1,6 +1,7 @@
 //! Tracks which processes are dead or suspended.
 
 use crate::kinds::ProcessId;
+use driver::{Measured, Standstill};
 use messages::JOINTS;
 use pipeline::Running;
 
@@ -19,6 +20,8 @@ struct One {
 #[derive(Clone, Debug, Default)]
 pub struct Processes {
     all: [One; 4],
+    /// Whether the robot of a driver that would start stands.
+    standstill: Option<Standstill>,
     /// Posture into which a person moves the robot while its driver is dead.
     pub moved_to: Option<[f64; JOINTS]>,
 }
@@ -38,16 +41,22 @@ impl Processes {
         self.stop(who, k, ticks);
         self.all[who as usize].dead = true;
         self.all[who as usize].awaited = 0;
+        if who == ProcessId::Driver {
+            self.standstill = None;
+        }
     }
 
-    /// The robot moves, so a driver that is about to start waits, for one second at most.
-    pub fn await_rest(&mut self, k: u64) {
-        let driver = &mut self.all[ProcessId::Driver as usize];
-        if driver.dead
-            && driver.down_until <= k
-            && driver.awaited < driver::STANDS_WITHIN_TICKS
-            && self.moved_to.is_none()
-        {
+    /// Whether a driver would start in tick `k`, and first waits for the robot to stand: for a second at most, as the process does.
+    pub fn awaits_rest(&self, k: u64) -> bool {
+        let driver = &self.all[ProcessId::Driver as usize];
+        driver.dead && driver.down_until <= k && driver.awaited < driver::STANDS_WITHIN_TICKS && self.moved_to.is_none()
+    }
+
+    /// Keeps the driver that waits in tick `k` from starting while the robot does not stand by its measurements.
+    pub fn await_rest(&mut self, k: u64, measured: &Measured) {
+        let standstill = self.standstill.get_or_insert_with(|| Standstill::new(measured));
+        if !standstill.stands(measured) {
+            let driver = &mut self.all[ProcessId::Driver as usize];
             driver.down_until = k + 1;
             driver.awaited += 1;
         }

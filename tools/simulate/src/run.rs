@@ -21,9 +21,6 @@ use sim::Injection;
 /// the bound for aligned.
 const ELSEWHERE_RAD: f64 = 0.2;
 
-/// A robot whose joints are slower than this, rad/s or m/s, is at rest as far as a starting driver can see.
-const STANDS: f64 = 0.02;
-
 /// Ticks for which the measured posture may still be held after the drives follow again.
 const UNDRIVEN: u64 = 3 + driver::SETTLE_TICKS;
 /// Ticks for which a joint may still move because of a fault that has ended: 2 s, twice the longest stop and
@@ -196,8 +193,9 @@ impl<'a> Run<'a> {
             self.change_robot();
         }
         self.begin_episodes(k);
-        if self.world.sim_mut().truth().v.iter().any(|v| v.abs() > STANDS) {
-            self.processes.await_rest(k);
+        if self.processes.awaits_rest(k) {
+            let measured = self.world.measure_robot(&self.subject.config);
+            self.processes.await_rest(k, &measured);
         }
         let (running, started) = self.processes.at(k);
         self.start(started);

@@ -16,8 +16,8 @@ use crate::ConfigError;
 use crate::load::Loaded;
 use following::{Following, Wish};
 use messages::{
-    Fault, Header, InputStatus, JOINTS, JointCommand, JointTarget, Layout, Mode, RobotState, Stamp, Status, Subject,
-    reduced_flag, state_flag, target_flag,
+    Fault, Header, InputStatus, JOINTS, JointCommand, JointTarget, Layout, Mode, PersonChange, RobotState, Stamp,
+    Status, Subject, reduced_flag, state_flag, target_flag,
 };
 use retarget::ArmModel;
 use robot::{Frames, Model};
@@ -197,7 +197,9 @@ pub fn tick(config: &ControlConfig, state: &mut ControlState, now: Stamp, input:
     if let Some(made) = &mut decided.transition
         && let Some(fault) = Fault::from_u32(made.why)
     {
-        made.about = status::subject(&state.status, fault).map_or(0, Subject::code);
+        let change = state.target.map(|(target, _)| Subject::Person(PersonChange::of_flags(target.flags)));
+        let about = if fault == Fault::PersonChanged { change } else { status::subject(&state.status, fault) };
+        made.about = about.map_or(0, Subject::code);
     }
     state.take_payloads(config, &input.operator.payload, &decided);
     let target =

@@ -86,7 +86,7 @@ impl Bench {
         let newest: Transition = self.status.transitions[(self.status.transition_count as usize + kept - 1) % kept];
         match Subject::of(newest.about) {
             Some(Subject::Joint(joint)) => Some(joint),
-            Some(Subject::Pair(_)) | None => None,
+            Some(Subject::Pair(_) | Subject::Person(_)) | None => None,
         }
     }
 
