@@ -25,7 +25,7 @@ const FLEXED_MIN: u32 = 60;
 /// Time limit of each step.
 const PATIENCE: Duration = Duration::from_secs(60);
 
-/// What helps where nobody is seen.
+/// Advice while no person is seen.
 const NOBODY: &str = "No skeletons come. Start your client, or let a built-in person be measured, in another terminal: \
                       replay builtin:calibration. Wait a second after the client before it has ended.";
 

@@ -31,12 +31,12 @@ impl PersonChange {
         (self as u32) << SHIFT
     }
 
-    /// What `flags` carry; the default for bits that no cause has.
+    /// Reads the change from `flags`. Returns the default for bits that no cause has.
     pub fn of_flags(flags: u32) -> Self {
         Self::ALL.get((flags >> SHIFT & 7) as usize).copied().unwrap_or_default()
     }
 
-    /// What happened, in one sentence.
+    /// Returns one sentence for the user.
     pub const fn meaning(self) -> &'static str {
         match self {
             Self::FirstOfIngest => "The process `ingest` restarted, so the person may be another one.",

@@ -29,7 +29,7 @@ type Positions = Vec<[Vector3<f64>; SMPL_JOINTS]>;
 /// Accepted shapes, for error texts.
 pub(crate) const SHAPES: &str = "(N, 22, 3) global positions, (N, 24, 3) with hands, or (N, 263) HumanML3D features";
 
-/// Whether these are features, which have y up however the file was made.
+/// Returns true for features. They always have y up.
 pub(crate) fn are_features(array: &Array) -> bool {
     array.squeezed().last() == Some(&FEATURES)
 }

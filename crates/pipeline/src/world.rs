@@ -246,7 +246,7 @@ impl World {
         true
     }
 
-    /// What the robot measures now, to a driver that is about to start.
+    /// Returns the robot's current measurement, as a driver that is about to start reads it.
     pub fn measure_robot(&mut self, config: &WorldConfig) -> driver::Measured {
         self.sim.measure(&config.sim, self.now())
     }

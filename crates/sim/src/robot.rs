@@ -158,7 +158,7 @@ impl State {
         self.body.advance(config, now);
     }
 
-    /// What the robot measures at `now`, to a driver that is about to start.
+    /// Returns the robot's measurement at `now`, as a driver that is about to start reads it.
     pub fn measure(&mut self, config: &Config, now: Stamp) -> Measured {
         Port { config, body: &mut self.body }.read(now)
     }

@@ -153,7 +153,7 @@ struct Page {
     /// Start of the current second, and the requests in it.
     second: Instant,
     asked: u32,
-    /// Whether the recording plays, as the page was told last.
+    /// True if the recording plays by the last message to the page.
     is_playing: Option<bool>,
 }
 

@@ -127,7 +127,7 @@ impl Position {
         })
     }
 
-    /// Whether it plays.
+    /// Returns true while it plays.
     pub fn is_playing(&self) -> bool {
         self.change(|at| at.1)
     }

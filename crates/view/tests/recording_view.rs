@@ -95,7 +95,7 @@ fn page_plays_pauses_and_seeks_recording() {
     until(&mut socket, 0.5, 0.4);
 }
 
-/// Reads until the page is told whether the recording plays.
+/// Reads until a message says whether the recording plays.
 fn playing(socket: &mut Socket) -> Value {
     loop {
         let Message::Text(text) = socket.read().expect("it tells") else { continue };

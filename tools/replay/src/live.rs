@@ -14,7 +14,7 @@ use std::time::Duration;
 /// Time between two requests of the mode, and between two updates of the progress.
 const LOOK: Duration = Duration::from_millis(50);
 
-/// What a client is told that comes second.
+/// Message to a second client.
 const HELD: &str = "Another client holds the lease, so the robot does not see this motion. End that client, wait a second, and \
                     start this one again.";
 
@@ -58,7 +58,7 @@ fn place(cli: &Cli) -> Result<(Instance, Transport), Failure> {
     Ok((instance, way))
 }
 
-/// Whether a client holds the lease now. Shared memory gives a client no answer, so this asks at the skeleton socket beside it.
+/// Returns true if a client holds the lease now. Shared memory gives no answer, so this asks at the skeleton socket.
 fn is_lease_held(instance: &Instance) -> bool {
     doors::Client::attach(instance.skeleton_socket()).is_ok_and(|door| door.told() == Reply::GrantedButHeld)
 }

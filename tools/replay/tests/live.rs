@@ -57,7 +57,7 @@ fn calibration_motion_plays_before_engaging_and_others_wait() {
     assert!(goes_m < 0.01, "the first frame is held: {goes_m} m");
 }
 
-/// What `replay` says before it publishes, where a client holds the lease or none does.
+/// Returns the output of `replay` before it publishes, while a client holds the lease or none does.
 fn says(held: bool) -> Vec<String> {
     let folder = tempfile::Builder::new().prefix("tr").tempdir().expect("a folder");
     let instance = Instance::new(folder.path()).expect("an instance");

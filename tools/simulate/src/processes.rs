@@ -20,7 +20,7 @@ struct One {
 #[derive(Clone, Debug, Default)]
 pub struct Processes {
     all: [One; 4],
-    /// Whether the robot of a driver that would start stands.
+    /// Detects whether the robot of a driver that is about to start stands still.
     standstill: Option<Standstill>,
     /// Posture into which a person moves the robot while its driver is dead.
     pub moved_to: Option<[f64; JOINTS]>,
@@ -46,7 +46,8 @@ impl Processes {
         }
     }
 
-    /// Whether a driver would start in tick `k`, and first waits for the robot to stand: for a second at most, as the process does.
+    /// Returns true if a driver is about to start in tick `k` and waits for the robot to stand still. It waits for one
+    /// second at most, as the process does.
     pub fn awaits_rest(&self, k: u64) -> bool {
         let driver = &self.all[ProcessId::Driver as usize];
         driver.dead && driver.down_until <= k && driver.awaited < driver::STANDS_WITHIN_TICKS && self.moved_to.is_none()
