@@ -137,6 +137,20 @@ fn f113_what_has_no_registry_is_a_member_of_this_workspace() {
 }
 
 #[test]
+fn toolchain_of_rustup_is_the_oldest_supported_rust() {
+    let manifest = toml_file("Cargo.toml");
+    let oldest = manifest["workspace"]["package"]["rust-version"].as_str().expect("a version");
+    let toolchain = toml_file("rust-toolchain.toml");
+    let installed = toolchain["toolchain"]["channel"].as_str().expect("a version");
+    assert!(installed.starts_with(&format!("{oldest}.")), "rust-toolchain.toml: {installed}, Cargo.toml: {oldest}");
+    let readme = std::fs::read_to_string(root().join("README.md")).expect("README.md");
+    assert!(readme.contains(&format!("Rust {oldest} ")), "README.md names another version than {oldest}");
+    for package in metadata()["packages"].as_array().expect("packages").iter().filter(|p| p["source"].is_null()) {
+        assert_eq!(text(package, "rust_version"), oldest, "{}", text(package, "name"));
+    }
+}
+
+#[test]
 fn f113_every_licence_is_on_the_list_of_permissive_ones() {
     let allowed = strings(&toml_file("deny.toml")["licenses"]["allow"]);
     for package in metadata()["packages"].as_array().expect("packages") {
