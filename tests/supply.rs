@@ -150,6 +150,15 @@ fn toolchain_of_rustup_is_the_oldest_supported_rust() {
     }
 }
 
+/// Every package says in a line what it is for.
+#[test]
+fn every_package_has_a_description() {
+    for package in metadata()["packages"].as_array().expect("packages").iter().filter(|p| p["source"].is_null()) {
+        let description = text(package, "description");
+        assert!(description.len() > 10, "{}: {description:?}", text(package, "name"));
+    }
+}
+
 #[test]
 fn f113_every_licence_is_on_the_list_of_permissive_ones() {
     let allowed = strings(&toml_file("deny.toml")["licenses"]["allow"]);
