@@ -137,6 +137,29 @@ fn f113_package_without_a_registry_is_a_workspace_member() {
 }
 
 #[test]
+fn toolchain_of_rustup_is_the_oldest_supported_rust() {
+    let manifest = toml_file("Cargo.toml");
+    let oldest = manifest["workspace"]["package"]["rust-version"].as_str().expect("a version");
+    let toolchain = toml_file("rust-toolchain.toml");
+    let installed = toolchain["toolchain"]["channel"].as_str().expect("a version");
+    assert!(installed.starts_with(&format!("{oldest}.")), "rust-toolchain.toml: {installed}, Cargo.toml: {oldest}");
+    let readme = std::fs::read_to_string(root().join("README.md")).expect("README.md");
+    assert!(readme.contains(&format!("Rust {oldest} ")), "README.md names another version than {oldest}");
+    for package in metadata()["packages"].as_array().expect("packages").iter().filter(|p| p["source"].is_null()) {
+        assert_eq!(text(package, "rust_version"), oldest, "{}", text(package, "name"));
+    }
+}
+
+/// Every package says in a line what it is for.
+#[test]
+fn every_package_has_a_description() {
+    for package in metadata()["packages"].as_array().expect("packages").iter().filter(|p| p["source"].is_null()) {
+        let description = text(package, "description");
+        assert!(description.len() > 10, "{}: {description:?}", text(package, "name"));
+    }
+}
+
+#[test]
 fn f113_every_licence_is_on_the_permissive_list() {
     let allowed = strings(&toml_file("deny.toml")["licenses"]["allow"]);
     for package in metadata()["packages"].as_array().expect("packages") {

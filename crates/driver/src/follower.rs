@@ -270,6 +270,18 @@ pub struct Step {
 }
 
 /// Advances the execution to `input.due_k`, or to the command's index if the command continues and is ahead of that.
+///
+/// ```
+/// use driver::{Config, Input, JointLimits, State, tick};
+/// use messages::{JOINTS, deadline};
+///
+/// let limits = JointLimits { q_min: -1.0, q_max: 1.0, v_max: 2.0, a_max: 20.0, j_max: 500.0 };
+/// let config = Config::new([limits; JOINTS]);
+/// let mut state = State::hold(1000, &[0.0; JOINTS]).unwrap();
+/// let input = Input { due_k: 1001, command: None, port_fault: false, measured: None };
+/// let out = tick(&config, &mut state, deadline(1001), input);
+/// assert_eq!((out.executed.k, out.executed.q), (1001, [0.0; JOINTS])); // Without a command it holds.
+/// ```
 pub fn tick(config: &Config, state: &mut State, now: Stamp, input: Input<'_>) -> Output {
     tick_each(config, state, now, input, |_| {})
 }

@@ -45,7 +45,7 @@ pub const START_AFTER_TICKS: u64 = TICK_HZ / 50;
 /// posture would lead it off that path.
 pub const STANDS_WITHIN_TICKS: u64 = TICK_HZ;
 
-/// A robot stands once every joint has stayed in a band of [`ENCODER_NOISE`] for this long, ns: 100 ms. A joint
+/// A robot stands once every joint has stayed in a band of `ENCODER_NOISE` for this long, ns: 100 ms. A joint
 /// that creeps through the band in that time moves at 4 mrad/s or mm/s. `safety` judges rest over the same time.
 pub const STOOD_FOR_NS: u64 = 100_000_000;
 

@@ -193,6 +193,22 @@ impl Default for State {
 
 /// Advances the stage by one period. It is deterministic, and never allocates, blocks, logs, reads a clock or
 /// panics.
+///
+/// ```
+/// # let read = |kind| std::fs::read_to_string(format!("../../config/robots/tiago_dual.{kind}"));
+/// # let model = robot::Model::from_text("tiago_dual.toml", &read("toml")?, "tiago_dual.urdf", &read("urdf")?)?;
+/// use messages::{ALL_JOINTS, JOINTS, LIMBS, WAY_NODE_TICKS};
+///
+/// let (home, rest, t_pose) = (&model.home, &[0.0; JOINTS], &[[[0.0, 0.0, 0.0, 1.0]; LIMBS]; follow::NODES]);
+/// let config = follow::Config::new(&model, &model.limits.map(|limits| limits.v_max), follow::Weights::default());
+/// let way_first = 3000 / WAY_NODE_TICKS;
+/// let input = follow::Input {
+///     k: 3000, way: t_pose, way_first, valid_mask: ALL_JOINTS, prior: home, q: home, v: rest, speed_scale: 1.0,
+/// };
+/// let out = follow::tick(&config, &mut follow::State::new(), input);
+/// assert!(out.aims[messages::LEFT_ARM.start].is_some());
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn tick(config: &Config, state: &mut State, input: Input<'_>) -> Output {
     let before = input.k.saturating_sub(1);
     for arm in 0..ARMS {

@@ -34,6 +34,19 @@ impl Layouts {
     /// Converts the frame to SMPL-22 in our axes. Header, session, person and all data outside the layout stay
     /// unchanged. A frame of SMPL-22 with positions or global rotations is returned unchanged. NaN stays NaN.
     ///
+    /// ```
+    /// use layouts::{Layouts, Refusal};
+    /// use messages::{Layout, RawSkeleton, SkeletonLayout};
+    ///
+    /// let camera = SkeletonLayout::MediaPipe33 as u32;
+    /// let mut raw = RawSkeleton { layout: camera, joint_count: 33, ..RawSkeleton::ZERO };
+    /// let converted = Layouts::default().convert(&raw).unwrap();
+    /// assert_eq!((converted.layout, converted.joint_count), (SkeletonLayout::Smpl22 as u32, 22));
+    ///
+    /// raw.joint_count = 32;
+    /// assert_eq!(Layouts::default().convert(&raw).unwrap_err(), Refusal::Count);
+    /// ```
+    ///
     /// # Errors
     /// Returns [`Refusal`] if the layout is unknown, or if the frame does not match its layout.
     pub fn convert(&self, raw: &RawSkeleton) -> Result<RawSkeleton, Refusal> {

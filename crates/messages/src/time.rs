@@ -46,6 +46,14 @@ pub const fn deadline(k: u64) -> Stamp {
 
 /// Returns the last tick whose deadline is not after `now`:
 /// `deadline(tick_at(t)) <= t < deadline(tick_at(t) + 1)`.
+///
+/// ```
+/// use messages::{Stamp, deadline, tick_at};
+///
+/// let now = Stamp(1_000_000);
+/// assert_eq!(tick_at(now), 1);
+/// assert_eq!(deadline(2).since(now), 333_334); // Sleep this long, ns, until the next tick.
+/// ```
 pub const fn tick_at(now: Stamp) -> u64 {
     ((now.0 as u128 * 3) / 2_000_000) as u64
 }

@@ -20,6 +20,21 @@
 //! The owner calls [`Plant::advance_judged`] with the time, [`Plant::receive_judged`] with each new setpoint, and
 //! then [`Plant::measure`]. Each of them integrates until the time that it gets. [`Plant::measure`] has no judge,
 //! so it comes last. [`Plant`] and [`Judge`] are plain values: a clone is an independent simulation.
+//!
+//! ```
+//! use messages::{JOINTS, Layout, Stamp, StopPlan};
+//! use plant::{Config, Options, Plant, Setpoint};
+//!
+//! # let read = |kind| std::fs::read_to_string(format!("../../config/robots/tiago_dual.{kind}"));
+//! # let (toml, urdf) = (read("toml")?, read("urdf")?);
+//! let config = Config::from_text("robot.toml", &toml, "robot.urdf", &urdf, &Options::default())?;
+//! let (start, zero) = (Stamp(1_000_000_000), [0.0; JOINTS]);
+//! let mut plant = Plant::new(&config, start, &zero, 1);
+//! plant.receive(&config, start, &Setpoint { k: 1, q: zero, v: zero, a: zero, plan: StopPlan::ZERO });
+//! assert!(!plant.measure(&config, start.plus_ns(5_000_000)).reacting);
+//! assert!(plant.measure(&config, start.plus_ns(50_000_000)).reacting); // The watchdog fired.
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
 
 mod config;
 mod description;

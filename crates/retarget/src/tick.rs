@@ -228,6 +228,19 @@ pub struct Output {
 
 /// Advances the stage by one period. It is deterministic, and never allocates, blocks, logs, reads a clock or
 /// panics.
+///
+/// ```
+/// # let read = |kind| std::fs::read_to_string(format!("../../config/robots/tiago_dual.{kind}"));
+/// # let model = robot::Model::from_text("tiago_dual.toml", &read("toml")?, "tiago_dual.urdf", &read("urdf")?)?;
+/// use retarget::{Config, Input, Method, Options, State, tick};
+///
+/// let config = Config::new(&model, None, &Options::default())?;
+/// assert_eq!(config.method(), Method::ClosedForm); // There are no weights.
+/// let out = tick(&config, &mut State::default(), messages::deadline(7), Input { k: 7, skeleton: None });
+/// assert_eq!(out.fresh, [false; 2]); // Nobody is there.
+/// assert_eq!(out.target.q, model.home);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn tick(config: &Config, state: &mut State, now: Stamp, input: Input<'_>) -> Output {
     let before = state.counters;
     if let Some(skeleton) = input.skeleton {

@@ -105,6 +105,16 @@ impl Model {
     /// It refuses everything that would weaken a guarantee: texts that are not a tree of links, joints
     /// without plausible limits, overrides that loosen, and arms that do not mirror. It also refuses a home
     /// posture outside the limits or with too little clearance.
+    ///
+    /// ```
+    /// let read = |kind| std::fs::read_to_string(format!("../../config/robots/tiago_dual.{kind}"));
+    /// let model = robot::Model::from_text("tiago_dual.toml", &read("toml")?, "tiago_dual.urdf", &read("urdf")?)?;
+    /// assert_eq!(model.joint_names[messages::LEFT_ARM.start], "arm_left_1_joint");
+    ///
+    /// let refused = robot::Model::from_text("mine.toml", "name = 1", "mine.urdf", "").unwrap_err();
+    /// assert!(refused.to_string().starts_with("mine.toml"));
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
     pub fn from_text(toml_name: &str, toml_text: &str, urdf_name: &str, urdf_text: &str) -> Result<Self, RobotError> {
         let file = RobotFile::parse(toml_name, toml_text)?;
         let tree = Tree::parse(urdf_name, urdf_text)?;

@@ -239,6 +239,21 @@ impl Decision {
 
 /// Judges the command of tick `k`. It is deterministic, and it never allocates, blocks, logs, reads a clock
 /// or panics.
+///
+/// ```
+/// # let read = |kind| std::fs::read_to_string(format!("../../config/robots/tiago_dual.{kind}"));
+/// # let model = robot::Model::from_text("tiago_dual.toml", &read("toml")?, "tiago_dual.urdf", &read("urdf")?)?;
+/// use messages::{Layout, StopPlan};
+/// use safety::{engage::Permit, gate::{Config, Proposed, State, tick}};
+///
+/// let (config, mut state) = (Config::new(&model)?, State::at_rest(model.home));
+/// let (zero, permit) = ([0.0; messages::JOINTS], Permit::Follow { speed_scale: 1.0 });
+/// let mut jump = Proposed { k: 1, permit, q: model.home, v: zero, a: zero, plan: StopPlan::ZERO };
+/// jump.q[3] += 0.1; // In one tick.
+/// let sent = tick(&config, &mut state, messages::deadline(1), jump);
+/// assert!(!sent.accepted() && (sent.q[3] - model.home[3]).abs() < 1e-9);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn tick(config: &Config, state: &mut State, _now: Stamp, proposed: Proposed) -> Decision {
     let ticks = match state.k {
         // A seed is by agreement the state of the tick before this one, however many ticks ago it was taken.

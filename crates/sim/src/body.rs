@@ -35,7 +35,7 @@ impl Body {
         self.judge.report()
     }
 
-    /// Moves on to `now`, with at most [`CATCH_UP_MAX`] calls of the plant. A robot that was not simulated for a
+    /// Moves on to `now`, with at most `CATCH_UP_MAX` calls of the plant. A robot that was not simulated for a
     /// longer time goes on in the next call.
     pub fn advance(&mut self, config: &Config, now: Stamp) {
         for _ in 0..CATCH_UP_MAX {

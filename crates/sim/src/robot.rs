@@ -175,6 +175,20 @@ impl State {
 }
 
 /// Moves the body on to `now`, executes up to the index that is due, and checks every step.
+///
+/// ```
+/// # let read = |kind| std::fs::read_to_string(format!("../../config/robots/tiago_dual.{kind}"));
+/// # let model = robot::Model::from_text("tiago_dual.toml", &read("toml")?, "tiago_dual.urdf", &read("urdf")?)?;
+/// use sim::{Config, Input, Options, State, tick};
+///
+/// let config = Config::new(&model, &Options::default())?;
+/// let mut state = State::new(&config, 1000, 1);
+/// for k in 1001..1100 {
+///     tick(&config, &mut state, messages::deadline(k), Input { due_k: k, command: None });
+/// }
+/// assert!(state.at_rest()); // Nobody commands it.
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn tick(config: &Config, state: &mut State, now: Stamp, input: Input<'_>) -> Output {
     let State { driver, body } = state;
     drive(config, driver, now, input, &mut Port { config, body })

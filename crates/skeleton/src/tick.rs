@@ -136,6 +136,18 @@ impl State {
 /// the bits.
 ///
 /// `now` is the arrival time of the frame, on the clock of its origin.
+///
+/// ```
+/// use messages::{Layout, RawSkeleton, SkeletonLayout, Stamp};
+/// use skeleton::{Config, DropReason, Input, State, tick};
+///
+/// let mut state = State::new();
+/// let raw = RawSkeleton { layout: SkeletonLayout::Smpl22 as u32, joint_count: 22, ..RawSkeleton::ZERO };
+/// let out = tick(&Config::default(), &mut state, Stamp(1_000_000), Input { raw: &raw, stored: None });
+/// assert!(out.skeleton.is_none());
+/// assert_eq!(out.drop, Some(DropReason::NoOrigin));
+/// assert_eq!(state.dropped(DropReason::NoOrigin), 1);
+/// ```
 pub fn tick(config: &Config, state: &mut State, now: Stamp, input: Input<'_>) -> Output {
     match look(config, state, now, input) {
         Ok(skeleton) => {

@@ -183,6 +183,22 @@ impl State {
 
 /// Advances the stage by one period. It is deterministic, and it never allocates, blocks, logs, reads a clock
 /// or panics.
+///
+/// ```
+/// # let read = |kind| std::fs::read_to_string(format!("../../config/robots/tiago_dual.{kind}"));
+/// # let model = robot::Model::from_text("tiago_dual.toml", &read("toml")?, "tiago_dual.urdf", &read("urdf")?)?;
+/// use wbc::{Config, Input, Options, Permit, State, Target, tick};
+///
+/// let config = Config::new(&model, Options::default())?;
+/// let mut state = State::at_rest(&config, model.home);
+/// let (mut q, zero) = (model.home, [0.0; messages::JOINTS]);
+/// q[messages::LEFT_ARM.start] += 0.1;
+/// let target = Some(Target { q: &q, dq: &zero, ddq: &zero, valid_mask: messages::ALL_JOINTS });
+/// let input = |k| Input { k, target, permit: Permit::Follow { speed_scale: 1.0 } };
+/// let step = |k| tick(&config, &mut state, messages::deadline(k), input(k));
+/// assert!((1..750).map(step).any(|out| out.on_target)); // Within half a second.
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub fn tick(config: &Config, state: &mut State, _now: Stamp, input: Input<'_>) -> Output {
     let geometry = &config.geometry;
     if state.anchor.q != state.planned.q {

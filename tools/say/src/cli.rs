@@ -9,8 +9,8 @@ use std::path::PathBuf;
 pub struct Cli {
     /// Sentence that describes the motion, for example "wave with the left hand".
     pub sentence: String,
-    /// Folder of motions. Its captions.tsv has one or several lines FILE<tab>CAPTION for each motion. A program
-    /// installed in /usr/bin defaults to /usr/share/teleopd/motions if that exists.
+    /// Folder of motions. Each line of its captions.tsv is a file, a tab and a caption. A motion may have several
+    /// lines. A program installed in /usr/bin defaults to /usr/share/teleopd/motions if that exists.
     #[arg(long, value_name = "DIR", default_value_os_t = pipeline::default_motions())]
     pub library: PathBuf,
     /// File of synonyms: a line for each meaning, with words separated by commas (default: synonyms.txt in the
