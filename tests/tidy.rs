@@ -280,10 +280,9 @@ fn files_and_functions_stay_short() {
 
 /// Returns the part of [`BUDGETS`] that a file counts for. Examples and benches count for none.
 fn part(name: &str) -> Option<&'static str> {
-    let program = name.starts_with("crates/teleopd/") || name.starts_with("crates/teleopctl/");
     match name.split_once('/')?.0 {
         _ if name.starts_with("tests/") || name.contains("/tests/") => Some("tests"),
-        "crates" if program || name.contains("/src/") => Some("product"),
+        "crates" if name.starts_with("crates/teleop") || name.contains("/src/") => Some("product"),
         "tools" if name.contains("/src/") => Some("tools"),
         _ => None,
     }
@@ -296,7 +295,6 @@ fn each_part_stays_within_its_budget_of_lines() {
         let counted = files.iter().filter(|(file, _)| part(file) == Some(name));
         let lines: usize = counted.map(|(_, text)| text.lines().count()).sum();
         assert!(lines <= most, "{name}: {lines} lines, the budget is {most}: remove some, or decide on a new budget");
-        assert!(lines > most / 2, "{name}: {lines} lines, the budget of {most} is too large");
     }
 }
 
