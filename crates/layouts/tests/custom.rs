@@ -128,11 +128,11 @@ fn f097_wrong_value_error_names_file_key_value_and_bound() {
 }
 
 #[test]
-fn parents_in_circle_or_unknown_are_refused() {
+fn parents_in_cycle_or_unknown_are_refused() {
     let text = include_str!("../../../config/skeletons/smpl_y_up.toml");
     let child = "is = \"left_elbow\", parent = \"left_shoulder\"";
     assert!(text.contains(child));
-    for (parent, named) in [("left_wrist", "circle"), ("left_elbow", "circle"), ("nobody", "parent = \"nobody\"")] {
+    for (parent, named) in [("left_wrist", "cycle"), ("left_elbow", "cycle"), ("nobody", "parent = \"nobody\"")] {
         let text = text.replace(child, &format!("is = \"left_elbow\", parent = \"{parent}\""));
         let said = Map::parse("mine.toml", &text).expect_err(parent).to_string();
         assert!(said.contains(named), "{said}");

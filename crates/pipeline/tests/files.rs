@@ -148,7 +148,7 @@ fn missing_or_broken_prediction_is_refused_by_name() {
     let none = loaded("").expect("loads");
     assert!(none.prediction.is_none());
     let said = loaded("mine").expect_err("there is no such file");
-    for part in ["mine.toml", "No such file", "retarget.prediction of ", "teleop.toml"] {
+    for part in ["mine.toml", "No such file", "retarget.prediction in ", "teleop.toml"] {
         assert!(said.contains(part), "{part}: {said}");
     }
     for extension in ["safetensors", "toml"] {
