@@ -2,7 +2,6 @@
 
 use crate::error::KeyposesError;
 use crate::motions::{named_pose, names};
-use crate::trajectory::arms_of;
 use motion::{CalibrationMode, Motion};
 use retarget::{ARMS, Limbs};
 use std::path::Path;
@@ -62,5 +61,5 @@ fn file_end(text: &str) -> Option<usize> {
 /// Computes all frames up to `index`. A hinge that is kept over straight elbows depends on the earlier frames.
 fn limbs_of(motion: &Motion, index: usize, calibration: CalibrationMode) -> Option<[Limbs; ARMS]> {
     let hinges = motion::calibrate(motion, calibration);
-    motion::limbs(motion, &hinges).get(index).and_then(arms_of)
+    motion::limbs(motion, &hinges).get(index).and_then(Limbs::of_both)
 }

@@ -3,9 +3,8 @@
 use crate::error::KeyposesError;
 use crate::motions::{guesses, sway_all};
 use crate::person::{standing, with_limbs};
-use messages::LIMBS;
 use motion::{CalibrationMode, Frame, Guesses, Motion};
-use retarget::{ARM_Q, ARMS, ArmModel, ArmQ, Limbs, mirror, oracle, refine, rotation_from_xyzw};
+use retarget::{ARM_Q, ARMS, ArmModel, ArmQ, Limbs, oracle, refine};
 use robot::Model;
 use std::path::Path;
 
@@ -25,15 +24,6 @@ pub fn joint_names(model: &Model) -> [[String; ARM_Q]; ARMS] {
     std::array::from_fn(|arm| std::array::from_fn(|j| model.joint_names[model.arms[arm].joints[j]].clone()))
 }
 
-/// Returns the limbs of both arms, each as those of a left arm. None if a value is not a rotation.
-pub fn arms_of(limbs: &[[f32; 4]; LIMBS]) -> Option<[Limbs; ARMS]> {
-    let limb = |i: usize| limbs[i].map(f64::from);
-    let arm = |upper: [f64; 4], fore: [f64; 4]| {
-        Some(Limbs { upper: rotation_from_xyzw(upper)?, fore: rotation_from_xyzw(fore)? })
-    };
-    Some([arm(limb(0), limb(1))?, arm(mirror(limb(2)), mirror(limb(3)))?])
-}
-
 /// Random starts of the oracle, in addition to the four that are not random.
 const RANDOM_STARTS: u32 = 6;
 const ORACLE_SEED: u64 = 7;
@@ -51,7 +41,7 @@ pub fn ground_truth(model: &Model, motion: &Motion) -> Trajectory {
     let home = |side: usize| std::array::from_fn(|j| model.home[model.arms[side].joints[j]]);
     let mut previous: [ArmQ; ARMS] = std::array::from_fn(home);
     let limbs = motion::limbs(motion, &calibration);
-    let rows = limbs.iter().filter_map(arms_of).map(|arms| {
+    let rows = limbs.iter().filter_map(Limbs::of_both).map(|arms| {
         previous = std::array::from_fn(|side| best(&arm, &arms[side], &previous[side]));
         previous
     });

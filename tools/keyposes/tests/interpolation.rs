@@ -3,7 +3,7 @@
 
 use keyposes::interpolate::{Options, Space, interpolate};
 use keyposes::pose::read_pose;
-use keyposes::trajectory::{Trajectory, arms_of, read_csv, to_motion};
+use keyposes::trajectory::{Trajectory, read_csv, to_motion};
 use keyposes::write::{compact_bvh, trajectory_csv};
 use motion::{CalibrationMode, calibrate, limbs};
 use retarget::{ArmModel, Limbs, Network, PRIOR_WEIGHT, features, limb_error_deg, refine};
@@ -91,7 +91,7 @@ fn a_trajectory_becomes_a_person_whose_limbs_are_the_robots() {
         let all = limbs(&motion, &calibrate(&motion, CalibrationMode::Rig));
         assert_eq!(all.len(), trajectory.q.len());
         for (limbs, q) in all.iter().zip(&trajectory.q) {
-            let arms = arms_of(limbs).expect("rotations");
+            let arms = Limbs::of_both(limbs).expect("rotations");
             for side in 0..2 {
                 let error = limb_error_deg(&arm.forward(&q[side]), &arms[side]);
                 assert!(error.iter().all(|degrees| *degrees < 0.1), "{error:?} degrees");
