@@ -4,8 +4,10 @@
 use clap::{Parser, Subcommand};
 use keyposes::error::KeyposesError;
 use keyposes::interpolate::{Options, Space};
-use keyposes::{draw, motions, pose, trajectory, write};
+use keyposes::{draw, write};
 use motion::CalibrationMode;
+use poses::error::PosesError;
+use poses::{motions, pose, trajectory};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -160,7 +162,7 @@ fn interpolate(
     let beside = out.with_extension("bvh");
     if beside == out {
         let reason = "the motion beside the trajectory would take its place; name it .csv".to_owned();
-        return Err(KeyposesError::Trajectory { path: out.to_path_buf(), line: 1, reason });
+        return Err(PosesError::Trajectory { path: out.to_path_buf(), line: 1, reason }.into());
     }
     let files: Vec<&Path> = poses.iter().filter_map(|text| pose::file_of(text)).collect();
     apart(out, &files)?;

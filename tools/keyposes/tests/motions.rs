@@ -1,12 +1,12 @@
 //! The named motions match their names and the files on disk, and can be read back.
 
-use keyposes::motions::{named_pose, names, paper_motions};
-use keyposes::person::{hands, head};
-use keyposes::trajectory::{ground_truth, read_csv};
 use keyposes::write::{compact_bvh, trajectory_csv};
 use messages::{HingeCalibration, Smpl, Stamp, skeleton_flag};
 use motion::{CalibrationMode, Frame, Motion, calibrate, limbs, raw_frame};
 use nalgebra::Vector3;
+use poses::motions::{named_pose, names, paper_motions};
+use poses::person::{hands, head};
+use poses::trajectory::{ground_truth, read_csv};
 use retarget::{Limbs, limb_error_deg};
 use std::path::{Path, PathBuf};
 

@@ -1,6 +1,6 @@
 //! A pose on the command line: a name, or a frame or an instant of a motion file.
 
-use crate::error::KeyposesError;
+use crate::error::PosesError;
 use crate::motions::{named_pose, names};
 use motion::{CalibrationMode, Motion};
 use retarget::{ARMS, Limbs};
@@ -13,8 +13,8 @@ use std::path::Path;
 /// # Errors
 /// Returns an error if the text is not a pose, and names the allowed forms. Also if a file is invalid, or a
 /// frame or time is outside of the motion.
-pub fn read_pose(text: &str, calibration: CalibrationMode) -> Result<[Limbs; ARMS], KeyposesError> {
-    let refuse = |reason: String| KeyposesError::Pose { text: text.to_owned(), reason };
+pub fn read_pose(text: &str, calibration: CalibrationMode) -> Result<[Limbs; ARMS], PosesError> {
+    let refuse = |reason: String| PosesError::Pose { text: text.to_owned(), reason };
     if let Some(frame) = named_pose(text) {
         let guesses = crate::motions::guesses();
         let motion = Motion {

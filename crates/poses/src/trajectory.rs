@@ -1,6 +1,6 @@
 //! Joint trajectories of both arms: the oracle's for a motion, from and to CSV, and as the motion of a person.
 
-use crate::error::KeyposesError;
+use crate::error::PosesError;
 use crate::motions::{guesses, sway_all};
 use crate::person::{standing, with_limbs};
 use motion::{CalibrationMode, Frame, Guesses, Motion};
@@ -76,18 +76,14 @@ const LIMIT_TOLERANCE_RAD: f64 = 1e-3;
 /// # Errors
 /// Returns an error with file, line and cause. Causes are a missing column, a value that is not a number, times
 /// that do not rise, and a joint beyond its limit.
-pub fn read_csv(path: &Path, model: &Model) -> Result<Trajectory, KeyposesError> {
-    let bytes = std::fs::metadata(path).map_err(KeyposesError::file(path))?;
+pub fn read_csv(path: &Path, model: &Model) -> Result<Trajectory, PosesError> {
+    let bytes = std::fs::metadata(path).map_err(PosesError::file(path))?;
     if !bytes.is_file() || bytes.len() > FILE_BYTES_MAX {
         let reason = format!("is not a regular file of at most {FILE_BYTES_MAX} bytes");
-        return Err(KeyposesError::Trajectory { path: path.to_path_buf(), line: 1, reason });
+        return Err(PosesError::Trajectory { path: path.to_path_buf(), line: 1, reason });
     }
-    let text = std::fs::read_to_string(path).map_err(KeyposesError::file(path))?;
-    parse_csv(&text, model).map_err(|(line, reason)| KeyposesError::Trajectory {
-        path: path.to_path_buf(),
-        line,
-        reason,
-    })
+    let text = std::fs::read_to_string(path).map_err(PosesError::file(path))?;
+    parse_csv(&text, model).map_err(|(line, reason)| PosesError::Trajectory { path: path.to_path_buf(), line, reason })
 }
 
 type Row = (f64, [ArmQ; ARMS]);
