@@ -21,6 +21,8 @@
 //! then [`Plant::measure`]. Each of them integrates until the time that it gets. [`Plant::measure`] has no judge,
 //! so it comes last. [`Plant`] and [`Judge`] are plain values: a clone is an independent simulation.
 
+#![forbid(clippy::disallowed_macros, clippy::disallowed_methods, clippy::disallowed_types)]
+
 mod config;
 mod description;
 mod distance;

@@ -5,6 +5,8 @@
 //! frame. *S_GR* is the metric of the paper: sum over limbs of 1 - <q_h, q_r>^2. A right arm is mirrored to a left
 //! arm at the input. Its joint values need no mirroring back.
 
+#![forbid(clippy::disallowed_macros, clippy::disallowed_methods, clippy::disallowed_types)]
+
 mod arm;
 mod closed_form;
 mod model;
