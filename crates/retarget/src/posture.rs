@@ -62,8 +62,6 @@ pub struct PostureSolver {
     pub network: Option<Network>,
     /// Levenberg-Marquardt steps per arm.
     pub refine_steps: u32,
-    /// Whether a clearly better previous posture is kept, as the daemon does: see [`posture`].
-    pub keep_previous: bool,
 }
 
 impl PostureSolver {
@@ -76,9 +74,9 @@ impl PostureSolver {
         }
     }
 
-    /// Returns the next posture of each arm, rad. The closed form continues `previous`, the last posture of each arm.
-    /// With `keep_previous` it may be kept. `None` for an arm without a sample or with a result of the network that
-    /// is not finite.
+    /// Returns the next posture of each arm, rad. The closed form continues `previous`, the last posture of each arm,
+    /// and [`posture`] may keep it. `None` for an arm without a sample or with a result of the network that is not
+    /// finite.
     pub fn next<const N: usize>(
         &self,
         samples: &[Option<Sample>; N],
@@ -97,8 +95,7 @@ impl PostureSolver {
                 None => closed_form(&self.arm, limbs, &previous[n].unwrap_or_else(|| self.arm.mid())),
             };
             let finite = start.iter().all(|x| x.is_finite());
-            let kept = previous[n].as_ref().filter(|_| self.keep_previous);
-            finite.then(|| posture(&self.arm, limbs, &start, kept, self.refine_steps))
+            finite.then(|| posture(&self.arm, limbs, &start, previous[n].as_ref(), self.refine_steps))
         })
     }
 }

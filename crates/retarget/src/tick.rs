@@ -110,12 +110,7 @@ impl Config {
             (Some(Method::Network) | None, Some(weights)) => Some(weights.network),
         };
         Ok(Self {
-            solver: PostureSolver {
-                arm: robot.identity.arm.clone(),
-                network,
-                refine_steps: options.refine_steps,
-                keep_previous: true,
-            },
+            solver: PostureSolver { arm: robot.identity.arm.clone(), network, refine_steps: options.refine_steps },
             velocity_max: robot.velocity_max,
             home: robot.home,
             prediction: None,

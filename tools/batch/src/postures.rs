@@ -12,13 +12,12 @@ pub struct Postures {
 }
 
 impl Postures {
-    /// Creates it for `model`. Without weights it uses the closed form. Unlike the daemon it never keeps the previous
-    /// posture.
+    /// Creates it for `model`. Without weights it uses the closed form.
     #[must_use]
     pub fn new(model: &Model, weights: Option<Weights>, refine_steps: u32) -> Self {
         let network = weights.map(|weights| weights.network);
         let arm = ArmModel::of(model);
-        let solver = PostureSolver { arm, network, refine_steps, keep_previous: false };
+        let solver = PostureSolver { arm, network, refine_steps };
         Self { solver, home: model.home }
     }
 

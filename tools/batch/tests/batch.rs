@@ -3,10 +3,10 @@
 use batch::{BatchError, Cli, Postures, Summary, run, synthetic};
 use clap::Parser;
 use indicatif::ProgressBar;
-use messages::{JOINTS, LEFT_ARM, LIMBS, Layout, RIGHT_ARM, Skeleton, Stamp, skeleton_flag};
+use messages::{JOINTS, LIMBS, Layout, Skeleton, Stamp, skeleton_flag};
 use motion::{CalibrationMode, Motion, builtin, npy::Npz};
 use nalgebra::UnitQuaternion;
-use retarget::{ARMS, ArmModel, ArmQ, Limbs, Options, mirror, xyzw_from_rotation};
+use retarget::{ARMS, Limbs, Options, mirror, xyzw_from_rotation};
 use rt::Shutdown;
 use std::path::{Path, PathBuf};
 
@@ -122,14 +122,13 @@ fn named_motions_give_the_joints_of_the_daemon() {
     }
 }
 
-/// Far outside the network's training data the daemon keeps its previous posture, and `batch` does not. At every
-/// other frame both give the same joints.
+/// Far outside the network's training data a clearly better previous posture is kept.
 #[test]
-fn joints_differ_from_the_daemon_only_where_it_keeps_a_posture() {
+fn extreme_poses_give_the_joints_of_the_daemon() {
     const FRAMES: usize = 20_000;
     let (model, _) = pipeline::load_model(&robot()).expect("the robot");
     let network = pipeline::load_weights(&weights(), &model).expect("the weights");
-    let (arm, postures) = (ArmModel::of(&model), Postures::new(&model, Some(network), 2));
+    let postures = Postures::new(&model, Some(network), 2);
     let published = |[left, right]: [Limbs; ARMS]| {
         let beyond = |limb: UnitQuaternion<f64>| xyzw_from_rotation(&limb.powf(1.7));
         let [upper, fore] = [left.upper, left.fore].map(beyond);
@@ -140,18 +139,13 @@ fn joints_differ_from_the_daemon_only_where_it_keeps_a_posture() {
     let options = Options { following_delay_ms: 0.0, ..Options::default() };
     let (mut previous, mut kept) = (None, 0);
     for (i, (limbs, wanted)) in limbs.iter().zip(stage_joints(limbs.clone(), options)).enumerate() {
-        let human = Limbs::of_both(limbs).expect("rotations");
-        let q = postures.posture(&postures.encode(&human), previous.as_ref()).expect("finite");
+        let samples = postures.encode(&Limbs::of_both(limbs).expect("rotations"));
+        let q = postures.posture(&samples, previous.as_ref()).expect("finite");
+        kept += usize::from(postures.posture(&samples, None) != Some(q));
+        assert_eq!(postures.joints(&q), wanted, "frame {i}");
         previous = Some(q);
-        for (side, joints) in [LEFT_ARM, RIGHT_ARM].into_iter().enumerate() {
-            let daemon: ArmQ = std::array::from_fn(|j| wanted[joints.start + j]);
-            let [ours, theirs] = [&q[side], &daemon].map(|q| arm.s_gr(q, &human[side]));
-            kept += usize::from(q[side] != daemon);
-            assert!(q[side] == daemon || theirs + 0.01 < ours, "frame {i}, arm {side}: {ours} and {theirs}");
-        }
     }
-    println!("the daemon kept {kept} postures in {FRAMES} frames");
-    assert!((1..FRAMES / 2).contains(&kept), "{kept} of {FRAMES} frames");
+    assert!(kept > FRAMES / 100, "only {kept} of {FRAMES} frames keep a posture");
 }
 
 #[test]
