@@ -6,8 +6,8 @@ mod rig;
 mod viewer;
 
 use browser::Browser;
-use keyposes::triangle::{POSES, Triangle};
 use messages::{JOINTS, Mode, Service, Skeleton};
+use poses::triangle::{POSES, Triangle};
 use retarget::{ARMS, ArmModel, ArmQ, Limbs, PRIOR_WEIGHT, features, limb_error_deg, refine};
 use rig::{Rig, SOON, assert_no_violations, config};
 use serde_json::{Value, json};

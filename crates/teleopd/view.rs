@@ -5,9 +5,9 @@ use crate::cli;
 use crate::exit::{Exit, Failure};
 use crate::process::realtime::keep_off;
 use crate::programs::RECORD;
-use keyposes::error::KeyposesError;
-use keyposes::triangle::{POSES, Triangle};
 use pipeline::{Instance, Loaded};
+use poses::error::PosesError;
+use poses::triangle::{POSES, Triangle};
 use rt::{Shutdown, err, out};
 use std::net::{Ipv4Addr, TcpListener};
 use std::os::unix::process::CommandExt;
@@ -112,7 +112,7 @@ fn key_poses(asked: Option<&[String]>, loaded: &Loaded) -> Result<Option<KeyPose
     let poses = asked.map_or_else(|| POSES.map(str::to_owned).to_vec(), <[String]>::to_vec);
     let triangle = Triangle::of(&loaded.model, &weights.network, &poses).map_err(|error| {
         let exit = match error {
-            KeyposesError::Motion(_) | KeyposesError::File { .. } => Exit::NoInput,
+            PosesError::Motion(_) | PosesError::File { .. } => Exit::NoInput,
             _ => Exit::Usage,
         };
         Failure::new(exit, format!("--key-poses: {error}"))

@@ -43,6 +43,7 @@
 //! stands, and nothing moves. If power returns while joints still move, the setpoint follows them for as long as
 //! they do ([`SETTLE_TICKS`] at most). The servos brake them, and nothing swings back. A measurement is ignored
 //! if a joint cannot have come there since the last one at three times its speed limit.
+#![forbid(clippy::disallowed_macros, clippy::disallowed_methods, clippy::disallowed_types)]
 #![no_std]
 
 mod acceptance;

@@ -16,6 +16,7 @@
 //! Frames: limb rotations in the torso frame (x forward, y left, z up), as differences from the T-pose. A right
 //! arm is mirrored to a left one. Units: rad, s.
 
+#![forbid(clippy::disallowed_macros, clippy::disallowed_methods, clippy::disallowed_types)]
 #![allow(clippy::needless_range_loop, reason = "a joint index runs over several arrays at once")]
 
 pub mod arm;

@@ -10,6 +10,9 @@
 //!
 //! Camera data is noisy, and sometimes a single joint is far off for one frame. [`Noise`] filters both before the
 //! frame is judged.
+
+#![forbid(clippy::disallowed_macros, clippy::disallowed_methods, clippy::disallowed_types)]
+
 mod axes;
 mod builtin;
 mod convert;

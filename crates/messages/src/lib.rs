@@ -4,6 +4,7 @@
 //! All messages are `repr(C)` and `Copy`. Their fields have explicit widths: no `bool`, `Option`, `usize` or
 //! implicit padding. Validity is a bit, never NaN. Units are SI (rad, m, s) unless the name says otherwise.
 //! Quaternions are stored x, y, z, w. Frames are right-handed with x forward, y left, z up (ROS REP-103).
+#![forbid(clippy::disallowed_macros, clippy::disallowed_methods, clippy::disallowed_types)]
 #![no_std]
 
 mod command;

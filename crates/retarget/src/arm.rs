@@ -1,7 +1,10 @@
 //! One arm with two limb rotations: forward model, residual with analytic Jacobian, and the metric S_GR.
 
+use messages::LIMBS;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
+/// Both arms: left, right.
+pub const ARMS: usize = 2;
 /// Joints of an arm that the two limbs determine. Joints 6 and 7 are left free.
 pub const ARM_Q: usize = 5;
 /// Rows of the residual: three for the upper arm, three for the forearm.
@@ -26,6 +29,19 @@ impl Limbs {
     /// The T-pose.
     pub fn identity() -> Self {
         Self { upper: UnitQuaternion::identity(), fore: UnitQuaternion::identity() }
+    }
+
+    /// Takes the upper arm and the forearm (x y z w) of the left (0) or the right (1) arm. `None` if one of them is no
+    /// rotation.
+    pub fn of_arm(arm: usize, limbs: [[f64; 4]; 2]) -> Option<Self> {
+        let [upper, fore] = limbs.map(|limb| rotation_from_xyzw(if arm == 0 { limb } else { mirror(limb) }));
+        Some(Self { upper: upper?, fore: fore? })
+    }
+
+    /// Takes the limbs of both arms, indexed by `messages::Limb`. `None` if one of them is no rotation.
+    pub fn of_both(limbs: &[[f32; 4]; LIMBS]) -> Option<[Self; ARMS]> {
+        let [left_upper, left_fore, right_upper, right_fore] = limbs.map(|limb| limb.map(f64::from));
+        Some([Self::of_arm(0, [left_upper, left_fore])?, Self::of_arm(1, [right_upper, right_fore])?])
     }
 
     /// Interpolates both limbs at `s` between `self` (0) and `other` (1), each along the shorter arc.

@@ -5,11 +5,14 @@
 //! frame. *S_GR* is the metric of the paper: sum over limbs of 1 - <q_h, q_r>^2. A right arm is mirrored to a left
 //! arm at the input. Its joint values need no mirroring back.
 
+#![forbid(clippy::disallowed_macros, clippy::disallowed_methods, clippy::disallowed_types)]
+
 mod arm;
 mod closed_form;
 mod model;
 mod network;
 mod oracle;
+mod posture;
 mod prediction;
 mod ready;
 mod refine;
@@ -19,7 +22,7 @@ mod way;
 mod weights;
 
 pub use arm::{
-    ARM_Q, ArmModel, ArmQ, FEATURES, Limbs, Linearization, RESIDUALS, features, limb_error_deg, mirror,
+    ARM_Q, ARMS, ArmModel, ArmQ, FEATURES, Limbs, Linearization, RESIDUALS, features, limb_error_deg, mirror,
     rotation_from_xyzw, s_gr, slerp, xyzw_from_rotation,
 };
 pub use closed_form::closed_form;
@@ -28,6 +31,7 @@ pub use network::{
     interpolate_latent,
 };
 pub use oracle::{Optimum, oracle};
+pub use posture::{PostureSolver, SolvedPose, posture, solve_poses};
 pub use prediction::{
     AGES_S, HORIZONS_S, History, PREDICTION_FORMAT, PREDICTION_INPUTS, PREDICTION_OUTPUTS, Prediction,
     PredictionManifest, Turns, prediction_inputs, turn, turns_at,
@@ -35,7 +39,7 @@ pub use prediction::{
 pub use refine::{PRIOR_WEIGHT, Refined, STEP_MAX_RAD, refine};
 pub use resample::{DELAY_MAX_NS, Placed, STALE_NS, Sample, SourceClock, Track};
 pub use tick::{
-    ARMS, Config, ConfigError, Counters, Input, Method, Options, Output, REFINE_STEPS_MAX, RobotArms, State, tick,
+    Config, ConfigError, Counters, Input, Method, Options, Output, REFINE_STEPS_MAX, RobotArms, State, tick,
 };
 pub use way::Expected;
 pub use weights::{

@@ -3,8 +3,8 @@
 
 use messages::Stamp;
 
+use crate::arm::ARMS;
 use crate::resample::STALE_NS;
-use crate::tick::ARMS;
 
 /// Time for which the input is observed, ns: half the blend in which a person may still let go, and long compared
 /// with a period at 20 Hz.

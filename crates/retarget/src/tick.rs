@@ -6,19 +6,14 @@ use messages::{
 };
 use serde::Deserialize;
 
-use crate::arm::{
-    ARM_Q, ArmModel, ArmQ, Limbs, features, limb_error_deg, mirror, rotation_from_xyzw, xyzw_from_rotation,
-};
-use crate::closed_form::closed_form;
-use crate::network::{Latent, Network};
+use crate::arm::{ARM_Q, ARMS, ArmModel, ArmQ, Limbs, limb_error_deg, mirror, xyzw_from_rotation};
+use crate::network::Latent;
+use crate::posture::PostureSolver;
 use crate::prediction::{AGES_S, History, Prediction};
 use crate::ready::Readiness;
-use crate::refine::{PRIOR_WEIGHT, refine};
 use crate::resample::{DELAY_MAX_NS, Sample, SourceClock, Track};
 use crate::weights::{ArmIdentity, Weights};
 
-/// Both arms: left, right.
-pub const ARMS: usize = 2;
 /// Largest number of refinement steps in a tick: about 0.3 us each (measured 2026-11-21), so the tick stays
 /// bounded.
 pub const REFINE_STEPS_MAX: u32 = 16;
@@ -31,9 +26,6 @@ const FORGOTTEN_NS: u64 = 10_000_000_000;
 const FORGOTTEN_MIX: u64 = 6_364_136_223_846_793_005;
 /// Odd as well: the multiplier of MurmurHash3's finaliser.
 const PERSON_MIX: u64 = 0xff51_afd7_ed55_8ccd;
-
-/// Margin in S_GR by which the previous posture must be better than the network's: one limb off by 11 degrees.
-const CLEARLY_BETTER: f64 = 0.01;
 
 /// Source of a posture before it is refined.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
@@ -100,12 +92,10 @@ pub struct RobotArms {
 /// Constant configuration of the stage.
 #[derive(Clone, Debug)]
 pub struct Config {
-    arm: ArmModel,
+    solver: PostureSolver,
     velocity_max: ArmQ,
     home: [f64; JOINTS],
-    network: Option<Network>,
     prediction: Option<Prediction>,
-    refine_steps: u32,
     delay_ns: u64,
 }
 
@@ -120,12 +110,10 @@ impl Config {
             (Some(Method::Network) | None, Some(weights)) => Some(weights.network),
         };
         Ok(Self {
-            arm: robot.identity.arm.clone(),
+            solver: PostureSolver { arm: robot.identity.arm.clone(), network, refine_steps: options.refine_steps },
             velocity_max: robot.velocity_max,
             home: robot.home,
-            network,
             prediction: None,
-            refine_steps: options.refine_steps,
             delay_ns: (options.following_delay_ms * 1e6) as u64,
         })
     }
@@ -138,12 +126,12 @@ impl Config {
 
     /// The method in force.
     pub fn method(&self) -> Method {
-        if self.network.is_some() { Method::Network } else { Method::ClosedForm }
+        if self.solver.network.is_some() { Method::Network } else { Method::ClosedForm }
     }
 
     /// Model of the left arm. The right arm is its mirror.
     pub fn arm(&self) -> &ArmModel {
-        &self.arm
+        &self.solver.arm
     }
 }
 
@@ -250,13 +238,14 @@ pub fn tick(config: &Config, state: &mut State, now: Stamp, input: Input<'_>) ->
     let playhead = state.clock.advance(now, config.delay_ns);
     let [left, right] = &mut state.tracks;
     let shown = [left, right].map(|track| track.show(playhead, now));
-    let starts = start(config, state, &shown);
+    let postures = config.solver.next(&shown, &state.refined);
     let ticks = input.k.saturating_sub(state.k);
     for arm in 0..ARMS {
-        let (Some(sample), Some(start)) = (&shown[arm], starts[arm]) else {
+        // An arm without a result keeps its last posture.
+        let Some(q) = postures[arm] else {
+            state.counters.network_not_finite += u64::from(shown[arm].is_some());
             continue;
         };
-        let q = posture(config, &sample.limbs, &start, state.refined[arm].as_ref());
         state.refined[arm] = Some(q);
         if ticks > 0 {
             state.dq[arm] = velocity(config, state.q[arm], &q, ticks);
@@ -305,23 +294,6 @@ fn lay_way(state: &mut State, k: u64, playhead: i64, now: Stamp) {
     }
 }
 
-/// Returns the refined start, or the refined previous posture if that is clearly better. Far outside its training
-/// data, the network may turn to the other end of a joint before the person does.
-fn posture(config: &Config, human: &Limbs, start: &ArmQ, before: Option<&ArmQ>) -> ArmQ {
-    let refined = |start: &ArmQ| refine(&config.arm, human, start, start, PRIOR_WEIGHT, config.refine_steps);
-    let found = refined(start);
-    if let Some(before) = before.filter(|_| config.refine_steps > 0) {
-        // Two steps do not repair a posture that is already worse.
-        if config.arm.s_gr(before, human) + CLEARLY_BETTER < found.s_gr {
-            let kept = refined(before);
-            if kept.s_gr + CLEARLY_BETTER < found.s_gr {
-                return kept.q;
-            }
-        }
-    }
-    found.q
-}
-
 /// Stops using an arm that has not been seen for long while the other one was.
 fn forget(state: &mut State, now: Stamp) {
     for (arm, other) in [(0, 1), (1, 0)] {
@@ -344,11 +316,7 @@ fn take(config: &Config, state: &mut State, now: Stamp, skeleton: &Skeleton) {
     };
     state.counters.skeletons += 1;
     let arms = [human_arm(skeleton, 0, &mut state.counters), human_arm(skeleton, 1, &mut state.counters)];
-    let latents = match &config.network {
-        // Both arms at once cost hardly more than one, because the weights are read once.
-        Some(network) => network.encode_human(&arms.map(|limbs| features(&limbs.unwrap_or_else(Limbs::identity)))),
-        None => [Latent::default(); ARMS],
-    };
+    let latents = config.solver.encode(&arms.map(|limbs| limbs.unwrap_or_else(Limbs::identity)));
     let mut used = [false; ARMS];
     for arm in 0..ARMS {
         let Some(limbs) = arms[arm] else { continue };
@@ -407,41 +375,12 @@ fn human_arm(skeleton: &Skeleton, arm: usize, counters: &mut Counters) -> Option
     if skeleton.flags & bits != bits {
         return None;
     }
-    let rotation = |limb: [f32; 4]| {
-        let limb = limb.map(f64::from);
-        rotation_from_xyzw(if arm == 0 { limb } else { mirror(limb) })
-    };
-    let limbs = rotation(skeleton.limbs[2 * arm]).zip(rotation(skeleton.limbs[2 * arm + 1]));
+    let limbs = [skeleton.limbs[2 * arm], skeleton.limbs[2 * arm + 1]].map(|limb| limb.map(f64::from));
+    let limbs = Limbs::of_arm(arm, limbs);
     if limbs.is_none() {
         counters.limbs_refused += 1;
     }
-    limbs.map(|(upper, fore)| Limbs { upper, fore })
-}
-
-/// Returns the posture of each arm before refinement. `None` for an arm without a sample or with a result of the
-/// network that is not finite: it keeps its last posture.
-fn start(config: &Config, state: &mut State, shown: &[Option<Sample>; ARMS]) -> [Option<ArmQ>; ARMS] {
-    let decoded = match &config.network {
-        Some(network) if shown.iter().any(Option::is_some) => {
-            Some(network.decode(&shown.map(|sample| sample.map_or(Latent::default(), |sample| sample.latent))))
-        }
-        Some(_) | None => None,
-    };
-    std::array::from_fn(|arm| {
-        let sample = shown[arm]?;
-        let Some(decoded) = &decoded else {
-            return Some(closed_form(
-                &config.arm,
-                &sample.limbs,
-                &state.refined[arm].unwrap_or_else(|| config.arm.mid()),
-            ));
-        };
-        if decoded[arm].iter().all(|x| x.is_finite()) {
-            return Some(decoded[arm]);
-        }
-        state.counters.network_not_finite += 1;
-        None
-    })
+    limbs
 }
 
 /// Finite difference over `ticks` ticks, bounded by the velocity limits, rad/s. Zero if there is no previous
@@ -476,7 +415,7 @@ fn assemble(
         let limbs = [sample.limbs.upper, sample.limbs.fore].map(|limb| xyzw_from_rotation(&limb));
         let limbs = if arm == 0 { limbs } else { limbs.map(mirror) };
         target.human_limbs[2 * arm..2 * arm + 2].copy_from_slice(&limbs);
-        let error = limb_error_deg(&config.arm.forward(&q), &sample.limbs);
+        let error = limb_error_deg(&config.solver.arm.forward(&q), &sample.limbs);
         limb_error_rad[2 * arm..2 * arm + 2].copy_from_slice(&error.map(f64::to_radians));
     }
     target.header.origin = state.origin;

@@ -134,7 +134,7 @@ const CASES: &[Case] = &[
         bytes.extend([0; 4]);
         sign(bytes, m);
     }),
-    ("oversize header", "header of 1048577 bytes", |bytes, m| {
+    ("oversize header", "header has 1048577 bytes", |bytes, m| {
         bytes[..8].copy_from_slice(&1_048_577_u64.to_le_bytes());
         sign(bytes, m);
     }),

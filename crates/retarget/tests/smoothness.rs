@@ -10,8 +10,8 @@ use nalgebra::{UnitQuaternion, Vector3};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use retarget::{
-    ArmModel, ArmQ, Config, Input, Limbs, Network, Options, PRIOR_WEIGHT, State, Weights, features, mirror, refine,
-    tick, xyzw_from_rotation,
+    ArmModel, ArmQ, Config, Input, Limbs, Network, Options, State, Weights, mirror, solve_poses, tick,
+    xyzw_from_rotation,
 };
 
 fn root() -> PathBuf {
@@ -35,8 +35,7 @@ const WORST_AMPLIFICATION: f64 = 300.0;
 
 /// Output of the stage for a person who stands still.
 fn retargeted(arm: &ArmModel, network: &Network, human: &Limbs, steps: u32) -> ArmQ {
-    let [start] = network.decode(&network.encode_human(&[features(human)]));
-    refine(arm, human, &start, &start, PRIOR_WEIGHT, steps).q
+    solve_poses(arm, network, &[*human], steps)[0].q
 }
 
 fn turned(rng: &mut Pcg64, rotation: &UnitQuaternion<f64>, degrees: f64) -> UnitQuaternion<f64> {

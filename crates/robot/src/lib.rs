@@ -7,6 +7,7 @@
 //! - Body 0 is the base. Body `1 + j` moves with joint `j` of the 17, in the frame of that joint's link.
 //! - Positions are in metres and angles in radians, in the base frame unless a name says otherwise.
 
+#![forbid(clippy::disallowed_macros, clippy::disallowed_methods, clippy::disallowed_types)]
 // Bounds are written as `!(value <= bound)` so that NaN is refused.
 #![allow(clippy::neg_cmp_op_on_partial_ord)]
 

@@ -13,6 +13,8 @@
 //! - *Authority* is the operator's permission to move. An edge grants it, and a level withdraws it.
 //! - A *seed* is the state that the driver reports to be in.
 
+#![forbid(clippy::disallowed_macros, clippy::disallowed_methods, clippy::disallowed_types)]
+
 pub mod clearance;
 pub mod engage;
 pub mod gate;

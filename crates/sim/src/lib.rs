@@ -12,6 +12,8 @@
 //!
 //! Checker and judge only count. They never correct.
 
+#![forbid(clippy::disallowed_macros, clippy::disallowed_methods, clippy::disallowed_types)]
+
 mod body;
 mod checker;
 mod clearance;

@@ -5,6 +5,9 @@
 //! to the next one outwards. The *hinge* of an arm is the flexion axis of its elbow (right-hand rule, flexing
 //! moves the forearm to the front). A *limb frame* is the rotation that takes bone and hinge of the T-pose to the
 //! measured ones.
+
+#![forbid(clippy::disallowed_macros, clippy::disallowed_methods, clippy::disallowed_types)]
+
 mod clock;
 mod config;
 mod geometry;

@@ -27,6 +27,7 @@
 //! - A joint is *fresh* if it took a new decision in this tick.
 //! - An *anchor* is the posture, with its distances, at which a proof starts.
 
+#![forbid(clippy::disallowed_macros, clippy::disallowed_methods, clippy::disallowed_types)]
 #![allow(clippy::needless_range_loop, reason = "a joint index runs over several arrays at once")]
 
 mod barrier;

@@ -3,11 +3,11 @@
 
 use crate::cli::Cli;
 use crate::error::BatchError;
-use crate::postures::{BOTH_ARMS, Postures};
+use crate::postures::Postures;
 use crate::run::{in_parallel, load};
 use messages::JOINTS;
 use nalgebra::{UnitQuaternion, Vector3};
-use retarget::Limbs;
+use retarget::{ARMS, Limbs};
 use rustix::time::{ClockId, clock_gettime};
 use std::hint::black_box;
 use std::time::Instant;
@@ -52,7 +52,7 @@ impl BenchReport {
 /// Returns an error if the robot or its weights are invalid.
 pub fn bench(cli: &Cli, poses: u64) -> Result<BenchReport, BatchError> {
     let (_, postures) = load(cli)?;
-    let pool: Vec<[Limbs; BOTH_ARMS]> = (0..POOL).map(synthetic).collect();
+    let pool: Vec<[Limbs; ARMS]> = (0..POOL).map(synthetic).collect();
     let threads = cli.threads();
     let each = (poses as usize).div_ceil(2 * ROUNDS);
     // Warm up caches, frequency and pages outside of the figures.
@@ -86,7 +86,7 @@ fn cpu_s() -> f64 {
     time.tv_sec as f64 + time.tv_nsec as f64 * 1e-9
 }
 
-fn time(postures: &Postures, pool: &[[Limbs; BOTH_ARMS]], threads: usize, poses: usize) -> Figures {
+fn time(postures: &Postures, pool: &[[Limbs; ARMS]], threads: usize, poses: usize) -> Figures {
     let (begun, cpu_begun_s) = (Instant::now(), cpu_s());
     let sums = in_parallel(threads, poses.div_ceil(CHUNK), |chunk| {
         let poses = (chunk * CHUNK..poses.min((chunk + 1) * CHUNK)).map(|i| &pool[i % pool.len()]);
@@ -115,7 +115,7 @@ fn median(mut values: Vec<f64>) -> f64 {
 /// Returns pose `i` of a synthetic motion of both arms at 60 Hz. Every angle of a human arm covers most of its
 /// range. The periods have no common multiple.
 #[must_use]
-pub fn synthetic(i: usize) -> [Limbs; BOTH_ARMS] {
+pub fn synthetic(i: usize) -> [Limbs; ARMS] {
     let time_s = i as f64 / 60.0;
     // Middle, half range (degrees) and period (s) of five angles: swing and lowering of the upper arm, its
     // roll, flexion, pronation.

@@ -14,6 +14,6 @@ pub use bench::{BenchReport, bench, synthetic};
 pub use cli::{Cli, Method, Rate};
 pub use error::BatchError;
 pub use output::Format;
-pub use postures::{BOTH_ARMS, Postures};
+pub use postures::Postures;
 pub use run::{Outcome, Summary, run};
 pub use trajectory::Trajectory;

@@ -1,10 +1,10 @@
 //! Converts a motion to joint positions over time.
 
 use crate::cli::Rate;
-use crate::postures::{BOTH_ARMS, Postures};
+use crate::postures::Postures;
 use messages::{JOINTS, LIMBS};
 use motion::{CalibrationMode, Motion};
-use retarget::{ArmQ, Sample, interpolate_latent};
+use retarget::{ARMS, ArmQ, Limbs, Sample, interpolate_latent};
 
 /// Steps through a motion. It is an iterator of time (s, from the first frame) and all joints (rad, lift in m).
 /// Its error is the frame that cannot be retargeted, and the reason.
@@ -15,8 +15,8 @@ pub struct Trajectory<'a> {
     rate: Rate,
     next: usize,
     /// The encoded frames around the playhead: index and samples.
-    window: [Option<(usize, [Sample; BOTH_ARMS])>; 2],
-    previous: Option<[ArmQ; BOTH_ARMS]>,
+    window: [Option<(usize, [Sample; ARMS])>; 2],
+    previous: Option<[ArmQ; ARMS]>,
 }
 
 impl<'a> Trajectory<'a> {
@@ -51,11 +51,11 @@ impl<'a> Trajectory<'a> {
         }
     }
 
-    fn encoded(&mut self, frame: usize) -> Result<[Sample; BOTH_ARMS], (usize, &'static str)> {
+    fn encoded(&mut self, frame: usize) -> Result<[Sample; ARMS], (usize, &'static str)> {
         if let Some((_, samples)) = self.window.iter().flatten().find(|(at, _)| *at == frame) {
             return Ok(*samples);
         }
-        let arms = self.limbs.get(frame).and_then(Postures::arms).ok_or((frame, "a limb is not a rotation"))?;
+        let arms = self.limbs.get(frame).and_then(Limbs::of_both).ok_or((frame, "a limb is not a rotation"))?;
         let samples = self.postures.encode(&arms);
         if !samples.iter().flat_map(|sample| sample.latent).all(f32::is_finite) {
             return Err((frame, "the network's encoding is not finite"));
@@ -66,7 +66,7 @@ impl<'a> Trajectory<'a> {
 
     /// Returns both arms at a position between frames. It is straight in the latent space, and on the shorter
     /// arc for the limbs.
-    fn at(&mut self, place: f64) -> Result<(usize, [Sample; BOTH_ARMS]), (usize, &'static str)> {
+    fn at(&mut self, place: f64) -> Result<(usize, [Sample; ARMS]), (usize, &'static str)> {
         let last = self.limbs.len().saturating_sub(1);
         let before = (place.floor() as usize).min(last);
         let s = place - before as f64;

@@ -1,11 +1,12 @@
 //! Whole runs over folders of generated files.
 
-use batch::{BOTH_ARMS, BatchError, Cli, Postures, Summary, run, synthetic};
+use batch::{BatchError, Cli, Postures, Summary, run, synthetic};
 use clap::Parser;
 use indicatif::ProgressBar;
-use messages::{JOINTS, Layout, Skeleton, Stamp, skeleton_flag};
+use messages::{JOINTS, LIMBS, Layout, Skeleton, Stamp, skeleton_flag};
 use motion::{CalibrationMode, Motion, builtin, npy::Npz};
-use retarget::Options;
+use nalgebra::UnitQuaternion;
+use retarget::{ARMS, Limbs, Options, mirror, xyzw_from_rotation};
 use rt::Shutdown;
 use std::path::{Path, PathBuf};
 
@@ -61,11 +62,15 @@ fn rows(path: &Path) -> Vec<Vec<f64>> {
 
 /// Returns the live stage's result for a motion, skeleton by skeleton.
 fn by_the_stage(motion: &Motion, options: Options) -> Vec<[f64; JOINTS]> {
+    stage_joints(motion::limbs(motion, &motion::calibrate(motion, CalibrationMode::Clip)), options)
+}
+
+/// Returns the daemon's joints for these limbs, one tick for each.
+fn stage_joints(limbs: Vec<[[f32; 4]; LIMBS]>, options: Options) -> Vec<[f64; JOINTS]> {
     let (model, _) = pipeline::load_model(&robot()).expect("the robot");
     let weights = pipeline::load_weights(&weights(), &model).expect("the weights");
     let config = retarget::Config::new(&model, Some(weights), &options).expect("a configuration");
     let mut state = retarget::State::default();
-    let limbs = motion::limbs(motion, &motion::calibrate(motion, CalibrationMode::Clip));
     let posture = |(i, limbs): (usize, [[f32; 4]; 4])| {
         let k = 1 + 25 * i as u64;
         let now = Stamp(k * 666_667);
@@ -97,6 +102,50 @@ fn batch_results_equal_the_live_stage_bit_for_bit() {
             }
         }
     }
+}
+
+/// Every named motion gives the daemon's joints at every frame.
+#[test]
+fn named_motions_give_the_joints_of_the_daemon() {
+    let (_folder, _, out) = folders();
+    let motions = repository().join("tools/keyposes/motions");
+    let options = Options { following_delay_ms: 0.0, ..Options::default() };
+    let made = go(&motions, &out, &[]).made;
+    assert!(made >= 11, "{made} motions");
+    for file in motion::list(&motions, false).expect("motions").files {
+        let wanted = by_the_stage(&motion::load(&file).expect("read"), options);
+        let got = rows(&out.join(file.file_name().expect("a name")).with_extension("csv"));
+        assert_eq!(got.len(), wanted.len());
+        for (i, (row, q)) in got.iter().zip(&wanted).enumerate() {
+            assert_eq!(&row[1..], q, "{}, frame {i}", file.display());
+        }
+    }
+}
+
+/// Far outside the network's training data a clearly better previous posture is kept.
+#[test]
+fn extreme_poses_give_the_joints_of_the_daemon() {
+    const FRAMES: usize = 20_000;
+    let (model, _) = pipeline::load_model(&robot()).expect("the robot");
+    let network = pipeline::load_weights(&weights(), &model).expect("the weights");
+    let postures = Postures::new(&model, Some(network), 2);
+    let published = |[left, right]: [Limbs; ARMS]| {
+        let beyond = |limb: UnitQuaternion<f64>| xyzw_from_rotation(&limb.powf(1.7));
+        let [upper, fore] = [left.upper, left.fore].map(beyond);
+        let right = [right.upper, right.fore].map(|limb| mirror(beyond(limb)));
+        [upper, fore, right[0], right[1]].map(|limb| limb.map(|x| x as f32))
+    };
+    let limbs: Vec<_> = (0..FRAMES).map(|i| published(synthetic(i))).collect();
+    let options = Options { following_delay_ms: 0.0, ..Options::default() };
+    let (mut previous, mut kept) = (None, 0);
+    for (i, (limbs, wanted)) in limbs.iter().zip(stage_joints(limbs.clone(), options)).enumerate() {
+        let samples = postures.encode(&Limbs::of_both(limbs).expect("rotations"));
+        let q = postures.posture(&samples, previous.as_ref()).expect("finite");
+        kept += usize::from(postures.posture(&samples, None) != Some(q));
+        assert_eq!(postures.joints(&q), wanted, "frame {i}");
+        previous = Some(q);
+    }
+    assert!(kept > FRAMES / 100, "only {kept} of {FRAMES} frames keep a posture");
 }
 
 #[test]
@@ -283,9 +332,7 @@ fn joints_without_a_limb_stay_at_home() {
     for joint in (0..JOINTS).filter(|joint| !meant.contains(joint)) {
         assert_eq!(q[joint], model.home[joint]);
     }
-    assert_eq!(meant.len(), BOTH_ARMS * 5);
-    // A value that is not a rotation is rejected.
-    assert!(Postures::arms(&[[0.0; 4]; 4]).is_none());
+    assert_eq!(meant.len(), ARMS * 5);
 }
 
 #[test]

@@ -21,7 +21,7 @@ use crate::metrics::Task;
 use rand::RngExt;
 use rand_pcg::Pcg64;
 use rayon::prelude::*;
-use retarget::{ArmModel, Latent, Network, PRIOR_WEIGHT, features, interpolate_latent, limb_error_deg, refine};
+use retarget::{ArmModel, Latent, Network, features, interpolate_latent, limb_error_deg, posture};
 use serde_json::{Value, json};
 use std::fmt;
 
@@ -118,7 +118,7 @@ fn pair(arm: &ArmModel, network: &Network, from: &Human, to: &Human) -> [One; 4]
     let human = |s: f64| -> Human { [0, 1].map(|i: usize| from[i].slerp(&to[i], s)) };
     let refined = |s: f64| -> Posture {
         let (target, start) = (human(s), decode(s));
-        [0, 1].map(|i: usize| refine(arm, &target[i], &start[i], &start[i], PRIOR_WEIGHT, REFINE_STEPS).q)
+        [0, 1].map(|i: usize| posture(arm, &target[i], &start[i], None, REFINE_STEPS))
     };
     let straight = |ends: &[Posture; 2], s: f64| -> Posture {
         let [q0, q1] = ends;

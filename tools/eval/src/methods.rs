@@ -7,9 +7,7 @@ use crate::lookup::PostureTable;
 use crate::sew::sew;
 use rand::RngExt;
 use rand_pcg::Pcg64;
-use retarget::{
-    ArmIdentity, ArmModel, ArmQ, Limbs, Network, PRIOR_WEIGHT, Weights, closed_form, features, oracle, refine,
-};
+use retarget::{ArmIdentity, ArmModel, ArmQ, Limbs, Network, Weights, closed_form, oracle, refine, solve_poses};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -167,10 +165,7 @@ impl Solver {
     pub fn pose(&self, arm: &ArmModel, human: &Human, previous: &Posture) -> Posture {
         let each = |solve: &dyn Fn(usize) -> ArmQ| [solve(0), solve(1)];
         match self {
-            Self::Ours { network, steps } => {
-                let start = network.decode(&network.encode_human(&human.each_ref().map(features)));
-                each(&|i| refine(arm, &human[i], &start[i], &start[i], PRIOR_WEIGHT, *steps).q)
-            }
+            Self::Ours { network, steps } => solve_poses(arm, network, human, *steps).map(|pose| pose.q),
             Self::Sew => each(&|i| sew(arm, &human[i], &previous[i])),
             Self::ClosedForm => each(&|i| {
                 let start = closed_form(arm, &human[i], &previous[i]);

@@ -1,9 +1,9 @@
 //! Stick figures of a motion as SVG: from the front, from the left and from above.
 
-use crate::person::{HAND_M, hands, head};
 use messages::{SMPL_PARENT, Smpl};
 use motion::{Frame, Motion};
 use nalgebra::Vector3;
+use poses::person::{HAND_M, hands, head};
 use std::fmt::Write;
 
 /// Size of one figure, pixels, and pixels per metre.

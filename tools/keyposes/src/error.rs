@@ -1,18 +1,14 @@
 //! Errors. The texts name file, place, value and bound.
 
-use std::path::{Path, PathBuf};
+use poses::error::PosesError;
+use std::path::PathBuf;
 
 /// An error that ends a command without its result.
 #[derive(Debug, thiserror::Error)]
 pub enum KeyposesError {
-    /// A file cannot be read.
-    #[error("{}", rt::unreadable(.path, .source))]
-    File {
-        /// The file.
-        path: PathBuf,
-        /// The system's error.
-        source: std::io::Error,
-    },
+    /// A pose or a trajectory is invalid.
+    #[error(transparent)]
+    Poses(#[from] PosesError),
     /// A file or folder cannot be written.
     #[error("{}", rt::unwritable(.path, .source))]
     Write {
@@ -28,19 +24,11 @@ pub enum KeyposesError {
         path: PathBuf,
     },
     /// A motion file is invalid.
-    #[error("{}", refused(.0))]
+    #[error("{}", poses::error::refused(.0))]
     Motion(#[from] motion::MotionError),
     /// Settings, robot or weights are invalid.
     #[error(transparent)]
     Config(#[from] pipeline::ConfigError),
-    /// A pose of the command line does not exist.
-    #[error("pose {text}: {reason}")]
-    Pose {
-        /// The text of the pose.
-        text: String,
-        /// The problem, and the allowed values.
-        reason: String,
-    },
     /// An option is out of its bounds.
     #[error("{option} {value} is outside [{low}, {high}]")]
     Range {
@@ -53,16 +41,6 @@ pub enum KeyposesError {
         /// Highest value allowed.
         high: f64,
     },
-    /// A trajectory is invalid.
-    #[error("{}:{line}: {reason}", .path.display())]
-    Trajectory {
-        /// The file.
-        path: PathBuf,
-        /// Line, from 1.
-        line: usize,
-        /// The problem, with value and bound.
-        reason: String,
-    },
 }
 
 impl KeyposesError {
@@ -70,25 +48,12 @@ impl KeyposesError {
     #[must_use]
     pub fn exit_code(&self) -> u8 {
         match self {
-            Self::Pose { .. } | Self::Range { .. } | Self::OverInput { .. } => 64,
-            Self::Trajectory { .. } => 65,
-            Self::File { .. } | Self::Motion(_) => 66,
+            Self::Poses(PosesError::Pose { .. }) | Self::Range { .. } | Self::OverInput { .. } => 64,
+            Self::Poses(PosesError::Trajectory { .. }) => 65,
+            Self::Poses(PosesError::File { .. } | PosesError::Motion(_)) | Self::Motion(_) => 66,
             Self::Write { .. } => 73,
             Self::Config(_) => 78,
         }
-    }
-
-    /// Returns a function for `map_err` that makes the error of a file.
-    pub fn file(path: &Path) -> impl FnOnce(std::io::Error) -> Self + '_ {
-        |source| Self::File { path: path.to_path_buf(), source }
-    }
-}
-
-/// Why a motion file is refused, and what to do where the system refuses it.
-fn refused(error: &motion::MotionError) -> String {
-    match error {
-        motion::MotionError::Io { file, source } => rt::unreadable(Path::new(file), source),
-        error => error.to_string(),
     }
 }
 

@@ -1,9 +1,9 @@
 //! Interpolates from pose to pose through the latent space, or through joint space for comparison.
 
 use crate::error::{KeyposesError, within};
-use crate::keys::Keys;
-use crate::motions::minimum_jerk;
-use crate::trajectory::{Trajectory, joint_names};
+use poses::keys::Keys;
+use poses::motions::minimum_jerk;
+use poses::trajectory::{Trajectory, joint_names};
 use retarget::{ARMS, Limbs, Network, REFINE_STEPS_MAX};
 use robot::Model;
 

@@ -1,13 +1,7 @@
-//! Named key poses, the motions between them with the robot's best joint trajectories, and interpolation
-//! between poses in the latent space. All poses are our own.
+//! Interpolation between key poses in the latent space, and pictures and files of motions. The poses and their motions
+//! are those of `poses`.
 
 pub mod draw;
 pub mod error;
 pub mod interpolate;
-pub mod keys;
-pub mod motions;
-pub mod person;
-pub mod pose;
-pub mod trajectory;
-pub mod triangle;
 pub mod write;

@@ -4,7 +4,7 @@
 use clap::{Parser, Subcommand};
 use keyposes::error::KeyposesError;
 use keyposes::interpolate::{Options, Space};
-use keyposes::{draw, motions, pose, trajectory, write};
+use keyposes::{draw, write};
 use motion::CalibrationMode;
 use retarget::Network;
 use robot::Model;
@@ -177,7 +177,7 @@ fn interpolate(
     let beside = out.with_extension("bvh");
     if beside == out {
         let reason = "the motion beside the trajectory would have the same name; give a name with .csv".to_owned();
-        return Err(KeyposesError::Trajectory { path: out.to_path_buf(), line: 1, reason });
+        return Err(PosesError::Trajectory { path: out.to_path_buf(), line: 1, reason }.into());
     }
     let files: Vec<&Path> = poses.iter().filter_map(|text| pose::file_of(text)).collect();
     apart(out, &files)?;

@@ -1,7 +1,7 @@
 //! Small files: BVH without the constant values, and joint trajectories as CSV.
 
-use crate::trajectory::Trajectory;
 use motion::Motion;
+use poses::trajectory::Trajectory;
 use std::fmt::Write;
 
 /// Returns the motion as BVH text like `motion::write_bvh`, with two differences. Only the root has positions,

@@ -2,10 +2,10 @@
 #![expect(clippy::needless_range_loop, reason = "sides, joints and rows are clearer by their indices")]
 
 use keyposes::interpolate::{Options, Space, interpolate};
-use keyposes::pose::read_pose;
-use keyposes::trajectory::{Trajectory, arms_of, read_csv, to_motion};
 use keyposes::write::{compact_bvh, trajectory_csv};
 use motion::{CalibrationMode, calibrate, limbs};
+use poses::pose::read_pose;
+use poses::trajectory::{Trajectory, read_csv, to_motion};
 use retarget::{ArmModel, Limbs, Network, PRIOR_WEIGHT, features, limb_error_deg, refine};
 use robot::Model;
 use std::path::{Path, PathBuf};
@@ -71,7 +71,7 @@ fn trajectory_is_monotone_in_joints_and_near_slerp_in_latent() {
             // Through the latent space the arm stays near the slerp of the human's.
             let (a, b) = (&keys[piece][side], &keys[piece + 1][side]);
             let error = (0..=120).flat_map(|i| {
-                let human = a.slerp(b, keyposes::motions::minimum_jerk(f64::from(i) / 120.0));
+                let human = a.slerp(b, poses::motions::minimum_jerk(f64::from(i) / 120.0));
                 limb_error_deg(&arm.forward(&latent.q[120 * piece + i as usize][side]), &human)
             });
             let mean = error.sum::<f64>() / 242.0;
@@ -91,7 +91,7 @@ fn motion_of_a_trajectory_has_the_limbs_of_the_robot() {
         let all = limbs(&motion, &calibrate(&motion, CalibrationMode::Rig));
         assert_eq!(all.len(), trajectory.q.len());
         for (limbs, q) in all.iter().zip(&trajectory.q) {
-            let arms = arms_of(limbs).expect("rotations");
+            let arms = Limbs::of_both(limbs).expect("rotations");
             for side in 0..2 {
                 let error = limb_error_deg(&arm.forward(&q[side]), &arms[side]);
                 assert!(error.iter().all(|degrees| *degrees < 0.1), "{error:?} degrees");

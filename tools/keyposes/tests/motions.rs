@@ -1,13 +1,13 @@
 //! The named motions match their names and the files on disk, and can be read back.
 
-use keyposes::motions::{named_pose, names, paper_motions};
-use keyposes::person::{hands, head};
-use keyposes::trajectory::{arms_of, ground_truth, read_csv};
 use keyposes::write::{compact_bvh, trajectory_csv};
 use messages::{HingeCalibration, Smpl, Stamp, skeleton_flag};
 use motion::{CalibrationMode, Frame, Motion, calibrate, limbs, raw_frame};
 use nalgebra::Vector3;
-use retarget::limb_error_deg;
+use poses::motions::{named_pose, names, paper_motions};
+use poses::person::{hands, head};
+use poses::trajectory::{ground_truth, read_csv};
+use retarget::{Limbs, limb_error_deg};
 use std::path::{Path, PathBuf};
 
 fn root() -> PathBuf {
@@ -70,7 +70,7 @@ fn eleven_motions_last_3_to_6_s_and_return_to_hanging_arms() {
         assert_eq!(motion.frame_rate_hz, 60.0);
         let all = limbs(motion, &rig(motion));
         let (first, last) = (all.first().expect("frames"), all.last().expect("frames"));
-        let (first, last) = (arms_of(first).expect("rotations"), arms_of(last).expect("rotations"));
+        let (first, last) = (Limbs::of_both(first).expect("rotations"), Limbs::of_both(last).expect("rotations"));
         for side in 0..2 {
             assert!(limb_error_deg(&first[side], &last[side]).iter().all(|degrees| *degrees < 0.1), "{}", motion.name);
         }
@@ -108,7 +108,7 @@ fn limbs_read_back_from_bvh_agree_within_a_tenth_degree() {
             let a = limbs(&motion, &calibrate(&motion, mode));
             let b = limbs(&read, &calibrate(&read, mode));
             for (i, (a, b)) in a.iter().zip(&b).enumerate() {
-                let (a, b) = (arms_of(a).expect("rotations"), arms_of(b).expect("rotations"));
+                let (a, b) = (Limbs::of_both(a).expect("rotations"), Limbs::of_both(b).expect("rotations"));
                 for side in 0..2 {
                     let error = limb_error_deg(&a[side], &b[side]);
                     assert!(error.iter().all(|e| *e < 0.1), "{} frame {i} {mode:?}: {error:?} degrees", motion.name);

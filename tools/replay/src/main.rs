@@ -8,9 +8,9 @@ mod offline;
 
 use clap::Parser;
 use cli::Cli;
-use keyposes::trajectory;
 use motion::{CalibrationMode, LoadOptions, MotionError};
 use pipeline::Overrides;
+use poses::trajectory;
 use rt::{err, out};
 use std::path::Path;
 use std::process::ExitCode;

@@ -4,7 +4,7 @@
 use crate::clips::Clip;
 use crate::kinematics;
 use nalgebra::{Quaternion, UnitQuaternion};
-use retarget::{ArmModel, ArmQ, Limbs, Network, PRIOR_WEIGHT, features, limb_error_deg, oracle, refine};
+use retarget::{ArmModel, ArmQ, Limbs, Network, limb_error_deg, oracle, solve_poses};
 use std::fmt;
 
 /// Refinement steps of the second row.
@@ -85,9 +85,9 @@ pub fn evaluate(arm: &ArmModel, network: &Network, clips: &[Clip], stride: usize
         let mut previous = arm.mid();
         for (frame, pose) in sequence.iter().enumerate() {
             let human = limbs(pose);
-            let [start] = network.decode(&network.encode_human(&[features(&human)]));
-            k0.add(arm, &human, &start);
-            k2.add(arm, &human, &refine(arm, &human, &start, &start, PRIOR_WEIGHT, STEPS).q);
+            let [found] = solve_poses(arm, network, &[human], STEPS);
+            k0.add(arm, &human, &found.decoded);
+            k2.add(arm, &human, &found.q);
             arm_frames += 1;
             if frame % stride.max(1) == 0 {
                 previous = oracle(arm, &human, &previous, RANDOM_STARTS, ORACLE_SEED).q;

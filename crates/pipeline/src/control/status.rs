@@ -6,7 +6,7 @@ use messages::{
     FAULTS, Fault, Faults, JOINTS, JointTarget, LEFT_ARM, LIMBS, Mode, RIGHT_ARM, Stamp, Status, Subject, TORSO,
     reduced_flag,
 };
-use retarget::{Limbs, limb_error_deg, mirror, rotation_from_xyzw};
+use retarget::{Limbs, limb_error_deg};
 use robot::Model;
 use serde_json::{Value, json};
 
@@ -15,14 +15,10 @@ use serde_json::{Value, json};
 pub(super) fn limb_angles(config: &ControlConfig, target: &JointTarget, q: &[f64; JOINTS]) -> [Option<f64>; LIMBS] {
     let mut angles = [None; LIMBS];
     for (side, joints) in [LEFT_ARM, RIGHT_ARM].into_iter().enumerate() {
-        // One arm model serves both arms: the right human arm is mirrored to the left.
-        let limb = |index: usize| {
-            let human = target.human_limbs[2 * side + index];
-            rotation_from_xyzw(if side == 0 { human } else { mirror(human) })
-        };
-        let (Some(upper), Some(fore)) = (limb(0), limb(1)) else { continue };
+        let [upper, fore] = [target.human_limbs[2 * side], target.human_limbs[2 * side + 1]];
+        let Some(human) = Limbs::of_arm(side, [upper, fore]) else { continue };
         let arm = core::array::from_fn(|i| q[joints.start + i]);
-        let degrees = limb_error_deg(&config.arm.forward(&arm), &Limbs { upper, fore });
+        let degrees = limb_error_deg(&config.arm.forward(&arm), &human);
         angles[2 * side..2 * side + 2].copy_from_slice(&degrees.map(|angle| Some(angle.to_radians())));
     }
     angles

@@ -1,11 +1,10 @@
 //! Joint trajectories of both arms: the oracle's for a motion, from and to CSV, and as the motion of a person.
 
-use crate::error::KeyposesError;
+use crate::error::PosesError;
 use crate::motions::{guesses, sway_all};
 use crate::person::{standing, with_limbs};
-use messages::LIMBS;
 use motion::{CalibrationMode, Frame, Guesses, Motion};
-use retarget::{ARM_Q, ARMS, ArmModel, ArmQ, Limbs, mirror, oracle, refine, rotation_from_xyzw};
+use retarget::{ARM_Q, ARMS, ArmModel, ArmQ, Limbs, oracle, refine};
 use robot::Model;
 use std::path::Path;
 
@@ -25,15 +24,6 @@ pub fn joint_names(model: &Model) -> [[String; ARM_Q]; ARMS] {
     std::array::from_fn(|arm| std::array::from_fn(|j| model.joint_names[model.arms[arm].joints[j]].clone()))
 }
 
-/// Returns the limbs of both arms, each as those of a left arm. None if a value is not a rotation.
-pub fn arms_of(limbs: &[[f32; 4]; LIMBS]) -> Option<[Limbs; ARMS]> {
-    let limb = |i: usize| limbs[i].map(f64::from);
-    let arm = |upper: [f64; 4], fore: [f64; 4]| {
-        Some(Limbs { upper: rotation_from_xyzw(upper)?, fore: rotation_from_xyzw(fore)? })
-    };
-    Some([arm(limb(0), limb(1))?, arm(mirror(limb(2)), mirror(limb(3)))?])
-}
-
 /// Random starts of the oracle, in addition to the four that are not random.
 const RANDOM_STARTS: u32 = 6;
 const ORACLE_SEED: u64 = 7;
@@ -51,7 +41,7 @@ pub fn ground_truth(model: &Model, motion: &Motion) -> Trajectory {
     let home = |side: usize| std::array::from_fn(|j| model.home[model.arms[side].joints[j]]);
     let mut previous: [ArmQ; ARMS] = std::array::from_fn(home);
     let limbs = motion::limbs(motion, &calibration);
-    let rows = limbs.iter().filter_map(arms_of).map(|arms| {
+    let rows = limbs.iter().filter_map(Limbs::of_both).map(|arms| {
         previous = std::array::from_fn(|side| best(&arm, &arms[side], &previous[side]));
         previous
     });
@@ -86,18 +76,14 @@ const LIMIT_TOLERANCE_RAD: f64 = 1e-3;
 /// # Errors
 /// Returns an error with file, line and cause. Causes are a missing column, a value that is not a number, times
 /// that do not rise, and a joint beyond its limit.
-pub fn read_csv(path: &Path, model: &Model) -> Result<Trajectory, KeyposesError> {
-    let bytes = std::fs::metadata(path).map_err(KeyposesError::file(path))?;
+pub fn read_csv(path: &Path, model: &Model) -> Result<Trajectory, PosesError> {
+    let bytes = std::fs::metadata(path).map_err(PosesError::file(path))?;
     if !bytes.is_file() || bytes.len() > FILE_BYTES_MAX {
         let reason = format!("is not a regular file of at most {FILE_BYTES_MAX} bytes");
-        return Err(KeyposesError::Trajectory { path: path.to_path_buf(), line: 1, reason });
+        return Err(PosesError::Trajectory { path: path.to_path_buf(), line: 1, reason });
     }
-    let text = std::fs::read_to_string(path).map_err(KeyposesError::file(path))?;
-    parse_csv(&text, model).map_err(|(line, reason)| KeyposesError::Trajectory {
-        path: path.to_path_buf(),
-        line,
-        reason,
-    })
+    let text = std::fs::read_to_string(path).map_err(PosesError::file(path))?;
+    parse_csv(&text, model).map_err(|(line, reason)| PosesError::Trajectory { path: path.to_path_buf(), line, reason })
 }
 
 type Row = (f64, [ArmQ; ARMS]);

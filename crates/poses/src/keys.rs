@@ -1,6 +1,6 @@
 //! Key poses as points of the shared latent space, and their mixtures.
 
-use retarget::{ARM_Q, ARMS, ArmModel, ArmQ, LATENT, Latent, Limbs, Network, PRIOR_WEIGHT, features, refine};
+use retarget::{ARM_Q, ARMS, ArmModel, ArmQ, LATENT, Latent, Limbs, Network};
 use robot::Model;
 
 /// Key poses of both arms, encoded, decoded and refined once.
@@ -24,13 +24,10 @@ impl Keys {
     /// steps toward the human's limbs.
     pub fn new(model: &Model, network: &Network, poses: &[[Limbs; ARMS]], refine_steps: u32) -> Self {
         let arm = ArmModel::of(model);
-        let refined = |human: &Limbs, start: &ArmQ| refine(&arm, human, start, start, PRIOR_WEIGHT, refine_steps).q;
         let key = |limbs: &[Limbs; ARMS]| {
-            let latents = network.encode_human(&limbs.each_ref().map(features));
-            let decoded = network.decode(&latents);
-            let q: [ArmQ; ARMS] = std::array::from_fn(|a| refined(&limbs[a], &decoded[a]));
-            let added = std::array::from_fn(|a| std::array::from_fn(|j| q[a][j] - decoded[a][j]));
-            Key { latents, q, added }
+            let poses = retarget::solve_poses(&arm, network, limbs, refine_steps);
+            let added = poses.map(|pose| std::array::from_fn(|j| pose.q[j] - pose.decoded[j]));
+            Key { latents: poses.map(|pose| pose.latent), q: poses.map(|pose| pose.q), added }
         };
         let keys = poses.iter().map(key).collect();
         Self { arm, network: network.clone(), keys }

@@ -1,8 +1,7 @@
 //! A pose on the command line: a name, or a frame or an instant of a motion file.
 
-use crate::error::KeyposesError;
+use crate::error::PosesError;
 use crate::motions::{named_pose, names};
-use crate::trajectory::arms_of;
 use motion::{CalibrationMode, Motion};
 use retarget::{ARMS, Limbs};
 use std::path::Path;
@@ -14,8 +13,8 @@ use std::path::Path;
 /// # Errors
 /// Returns an error if the text is not a pose, and names the allowed forms. Also if a file is invalid, or a
 /// frame or time is outside of the motion.
-pub fn read_pose(text: &str, calibration: CalibrationMode) -> Result<[Limbs; ARMS], KeyposesError> {
-    let refuse = |reason: String| KeyposesError::Pose { text: text.to_owned(), reason };
+pub fn read_pose(text: &str, calibration: CalibrationMode) -> Result<[Limbs; ARMS], PosesError> {
+    let refuse = |reason: String| PosesError::Pose { text: text.to_owned(), reason };
     if let Some(frame) = named_pose(text) {
         let guesses = crate::motions::guesses();
         let motion = Motion {
@@ -62,5 +61,5 @@ fn file_end(text: &str) -> Option<usize> {
 /// Computes all frames up to `index`. A hinge that is kept over straight elbows depends on the earlier frames.
 fn limbs_of(motion: &Motion, index: usize, calibration: CalibrationMode) -> Option<[Limbs; ARMS]> {
     let hinges = motion::calibrate(motion, calibration);
-    motion::limbs(motion, &hinges).get(index).and_then(arms_of)
+    motion::limbs(motion, &hinges).get(index).and_then(Limbs::of_both)
 }

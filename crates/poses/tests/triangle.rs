@@ -2,11 +2,11 @@
 //! that `ingest` accepts.
 #![expect(clippy::needless_range_loop, reason = "corners are clearer by their indices")]
 
-use keyposes::pose::read_pose;
-use keyposes::triangle::{POSES, Triangle};
 use messages::{RawSkeleton, Stamp};
 use motion::CalibrationMode;
 use pipeline::{InputConfig, InputState, Loaded, Overrides};
+use poses::pose::read_pose;
+use poses::triangle::{POSES, Triangle};
 use retarget::{ARMS, ArmModel, ArmQ, Limbs, PRIOR_WEIGHT, features, limb_error_deg, refine};
 use robot::{Frames, Model};
 use std::path::Path;

@@ -1,7 +1,7 @@
 //! Three key poses as the corners of a triangle. Every point of it gives a person whose limbs turn like the
 //! robot's.
 
-use crate::error::KeyposesError;
+use crate::error::PosesError;
 use crate::keys::Keys;
 use crate::motions::{guesses, sway};
 use crate::person::standing;
@@ -37,10 +37,10 @@ impl Triangle {
     /// # Errors
     /// Returns an error if there are not three poses, or a file is invalid. Also if a text is not a pose, and
     /// names the allowed forms.
-    pub fn of(model: &Model, network: &Network, poses: &[String]) -> Result<Self, KeyposesError> {
+    pub fn of(model: &Model, network: &Network, poses: &[String]) -> Result<Self, PosesError> {
         let names: &[String; 3] = poses.try_into().map_err(|_| {
             let reason = format!("{} poses; a triangle needs 3", poses.len());
-            KeyposesError::Pose { text: poses.join(","), reason }
+            PosesError::Pose { text: poses.join(","), reason }
         })?;
         let limbs =
             poses.iter().map(|text| read_pose(text, CalibrationMode::First10s)).collect::<Result<Vec<_>, _>>()?;

@@ -1,0 +1,10 @@
+//! Named key poses, the motions between them with the robot's best joint trajectories, and mixtures of poses in the
+//! latent space. All poses are our own.
+
+pub mod error;
+pub mod keys;
+pub mod motions;
+pub mod person;
+pub mod pose;
+pub mod trajectory;
+pub mod triangle;

@@ -1,0 +1,101 @@
+//! The way from a person's limbs to the joints of an arm: encode, decode, refine, keep. Everything that retargets
+//! takes it from here.
+
+use crate::arm::{ArmModel, ArmQ, Limbs, features};
+use crate::closed_form::closed_form;
+use crate::network::{Latent, Network};
+use crate::refine::{PRIOR_WEIGHT, refine};
+use crate::resample::Sample;
+
+/// Margin in S_GR by which the previous posture must be better than the network's: one limb off by 11 degrees.
+const CLEARLY_BETTER: f64 = 0.01;
+
+/// An arm's pose on its way to a posture, without a previous posture.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SolvedPose {
+    /// The point of the latent space.
+    pub latent: Latent,
+    /// The decoded posture, rad.
+    pub decoded: ArmQ,
+    /// The refined posture, rad.
+    pub q: ArmQ,
+}
+
+/// Encodes, decodes and refines the limbs of `N` arms, each by itself.
+pub fn solve_poses<const N: usize>(
+    arm: &ArmModel,
+    network: &Network,
+    limbs: &[Limbs; N],
+    refine_steps: u32,
+) -> [SolvedPose; N] {
+    let latents = network.encode_human(&limbs.each_ref().map(features));
+    let decoded = network.decode(&latents);
+    std::array::from_fn(|n| {
+        let q = posture(arm, &limbs[n], &decoded[n], None, refine_steps);
+        SolvedPose { latent: latents[n], decoded: decoded[n], q }
+    })
+}
+
+/// Returns the refined start, or the refined previous posture if that is clearly better. Far outside its training
+/// data, the network may turn to the other end of a joint before the person does.
+pub fn posture(arm: &ArmModel, human: &Limbs, start: &ArmQ, previous: Option<&ArmQ>, refine_steps: u32) -> ArmQ {
+    let refined = |start: &ArmQ| refine(arm, human, start, start, PRIOR_WEIGHT, refine_steps);
+    let found = refined(start);
+    if let Some(previous) = previous.filter(|_| refine_steps > 0) {
+        // Two steps do not repair a posture that is already worse.
+        if arm.s_gr(previous, human) + CLEARLY_BETTER < found.s_gr {
+            let kept = refined(previous);
+            if kept.s_gr + CLEARLY_BETTER < found.s_gr {
+                return kept.q;
+            }
+        }
+    }
+    found.q
+}
+
+/// Turns the limbs of a sequence of poses into postures.
+#[derive(Clone, Debug)]
+pub struct PostureSolver {
+    /// Model of the left arm. The right arm is its mirror.
+    pub arm: ArmModel,
+    /// `None` stands for the closed form.
+    pub network: Option<Network>,
+    /// Levenberg-Marquardt steps per arm.
+    pub refine_steps: u32,
+}
+
+impl PostureSolver {
+    /// Returns points of the latent space. They are zero without a network.
+    pub fn encode<const N: usize>(&self, limbs: &[Limbs; N]) -> [Latent; N] {
+        match &self.network {
+            // Both arms at once cost hardly more than one, because the weights are read once.
+            Some(network) => network.encode_human(&limbs.each_ref().map(features)),
+            None => [Latent::default(); N],
+        }
+    }
+
+    /// Returns the next posture of each arm, rad. The closed form continues `previous`, the last posture of each arm,
+    /// and [`posture`] may keep it. `None` for an arm without a sample or with a result of the network that is not
+    /// finite.
+    pub fn next<const N: usize>(
+        &self,
+        samples: &[Option<Sample>; N],
+        previous: &[Option<ArmQ>; N],
+    ) -> [Option<ArmQ>; N] {
+        let decoded = match &self.network {
+            Some(network) if samples.iter().any(Option::is_some) => {
+                Some(network.decode(&samples.map(|sample| sample.map_or(Latent::default(), |sample| sample.latent))))
+            }
+            Some(_) | None => None,
+        };
+        std::array::from_fn(|n| {
+            let limbs = &samples[n]?.limbs;
+            let start = match &decoded {
+                Some(decoded) => decoded[n],
+                None => closed_form(&self.arm, limbs, &previous[n].unwrap_or_else(|| self.arm.mid())),
+            };
+            let finite = start.iter().all(|x| x.is_finite());
+            finite.then(|| posture(&self.arm, limbs, &start, previous[n].as_ref(), self.refine_steps))
+        })
+    }
+}
