@@ -38,7 +38,7 @@ pub enum PosesError {
 
 impl PosesError {
     /// Returns a function for `map_err` that makes the error of a file.
-    pub(crate) fn file(path: &Path) -> impl FnOnce(std::io::Error) -> Self + '_ {
+    pub fn file(path: &Path) -> impl FnOnce(std::io::Error) -> Self + '_ {
         |source| Self::File { path: path.to_path_buf(), source }
     }
 }

@@ -6,6 +6,8 @@ use keyposes::error::KeyposesError;
 use keyposes::interpolate::{Options, Space};
 use keyposes::{draw, write};
 use motion::CalibrationMode;
+use poses::error::PosesError;
+use poses::{motions, pose, trajectory};
 use retarget::Network;
 use robot::Model;
 use std::io::Write;
@@ -136,7 +138,7 @@ fn say(line: &str) {
 
 /// The robot of this file.
 fn load_model(robot: &Path) -> Result<Model, KeyposesError> {
-    std::fs::metadata(robot).map_err(KeyposesError::file(robot))?;
+    std::fs::metadata(robot).map_err(PosesError::file(robot))?;
     Ok(pipeline::load_model(robot)?.0)
 }
 
@@ -144,7 +146,7 @@ fn load_model(robot: &Path) -> Result<Model, KeyposesError> {
 fn load_network(weights: &Path, model: &Model) -> Result<Network, KeyposesError> {
     let stem = weights.to_str().and_then(|text| text.strip_suffix(".safetensors"));
     let tensors = PathBuf::from(format!("{}.safetensors", stem.map_or(weights, Path::new).display()));
-    std::fs::metadata(&tensors).map_err(KeyposesError::file(&tensors))?;
+    std::fs::metadata(&tensors).map_err(PosesError::file(&tensors))?;
     Ok(pipeline::load_weights(weights, model)?.network)
 }
 
