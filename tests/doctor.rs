@@ -259,7 +259,7 @@ fn settings_copied_alone_are_refused_by_key_and_path() {
     };
     let said = check();
     for words in
-        ["robots/tiago_dual.toml: No such file", "robot.file of ", "mine.toml", "relative to the settings file"]
+        ["robots/tiago_dual.toml: No such file", "robot.file in ", "mine.toml", "relative to the settings file"]
     {
         assert!(said.contains(words), "{words}: {said}");
     }
@@ -267,7 +267,7 @@ fn settings_copied_alone_are_refused_by_key_and_path() {
     let text = std::fs::read_to_string(&config).expect("settings").replace("\"robots/", &robots);
     std::fs::write(&config, text).expect("settings");
     let said = check();
-    assert!(said.contains("weights.file of ") && said.contains("tiago_dual.toml: No such file"), "{said}");
+    assert!(said.contains("weights.file in ") && said.contains("tiago_dual.toml: No such file"), "{said}");
 }
 
 #[test]

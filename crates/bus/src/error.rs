@@ -174,7 +174,7 @@ pub enum PublishError {
 /// above the folders of its domains.
 fn running(root: &std::path::Path, writers_max: usize) -> String {
     match root.parent() {
-        Some(folder) if writers_max == 1 => format!("an instance runs in {} already: ", folder.display()),
+        Some(folder) if writers_max == 1 => format!("an instance already runs in {}: ", folder.display()),
         _ => String::new(),
     }
 }
