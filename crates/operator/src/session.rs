@@ -18,7 +18,6 @@ enum Request {
     Enable,
     Release,
     Reset,
-    Estop,
 }
 
 /// Shared by the session and its thread.
@@ -26,9 +25,12 @@ enum Request {
 struct Shared {
     status: Mutex<Option<Status>>,
     silent: AtomicBool,
+    estop: AtomicBool,
+    closing: AtomicBool,
 }
 
-/// An operator's connection with its heartbeat. Dropping it releases the enable that it holds, and ends the thread.
+/// An operator's connection with its heartbeat. Dropping it closes the connection, and with it goes the enable that it
+/// holds. Requests that wait are dropped, but for the emergency stop.
 pub struct OperatorSession {
     requests: Sender<Request>,
     shared: Arc<Shared>,
@@ -72,9 +74,9 @@ impl OperatorSession {
         self.request(Request::Reset);
     }
 
-    /// Presses the emergency stop.
+    /// Presses the emergency stop. It overtakes other requests.
     pub fn estop(&self) {
-        self.request(Request::Estop);
+        self.shared.estop.store(true, Ordering::Relaxed);
     }
 
     /// Stops the heartbeats, as a client that hangs would.
@@ -112,8 +114,7 @@ impl OperatorSession {
 
 impl Drop for OperatorSession {
     fn drop(&mut self) {
-        let (closed, _) = channel();
-        self.requests = closed;
+        self.shared.closing.store(true, Ordering::Relaxed);
         if let Some(thread) = self.thread.take() {
             let _ = thread.join();
         }
@@ -121,20 +122,22 @@ impl Drop for OperatorSession {
 }
 
 fn heartbeats(mut client: Client, requests: &Receiver<Request>, shared: &Shared) {
-    let (mut beat, mut holds) = (Instant::now(), false);
+    let mut beat = Instant::now();
     loop {
-        match requests.try_recv() {
-            Ok(Request::Enable) => (_, holds) = (client.enable(), true),
-            Ok(Request::Release) => (_, holds) = (client.release(), false),
-            Ok(Request::Reset) => _ = client.reset(),
-            Ok(Request::Estop) => _ = client.estop(),
-            Err(TryRecvError::Empty) => {}
-            Err(TryRecvError::Disconnected) => {
-                // A release withdraws the enable of every connection, so only the holder sends it.
-                if holds && !shared.silent.load(Ordering::Relaxed) {
-                    let _ = client.release().heartbeat();
-                }
-                return;
+        let closing = shared.closing.load(Ordering::Relaxed);
+        let stops = shared.estop.swap(false, Ordering::Relaxed);
+        if closing && !stops {
+            return;
+        }
+        if stops {
+            client.estop();
+        } else {
+            // One request per heartbeat, so that the server sees each alone.
+            match requests.try_recv() {
+                Ok(Request::Enable) => _ = client.enable(),
+                Ok(Request::Release) => _ = client.release(),
+                Ok(Request::Reset) => _ = client.reset(),
+                Err(TryRecvError::Empty | TryRecvError::Disconnected) => {}
             }
         }
         if !shared.silent.load(Ordering::Relaxed) {
