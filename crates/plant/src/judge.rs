@@ -114,6 +114,7 @@ impl Judge {
             report.effort_ratio_max[j] = report.effort_ratio_max[j].max(tau.abs() / joint.limits.effort_max);
         }
         let (clearance_m, pair) = self.clearance(config, &truth.q);
+        self.report.clearance_m = clearance_m;
         self.report.clearance_min_m = self.report.clearance_min_m.min(clearance_m);
         let bound = self.clearance_m - CLEARANCE_MARGIN_M;
         let clear = clearance_m >= bound;

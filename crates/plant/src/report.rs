@@ -85,6 +85,8 @@ pub struct Report {
     pub effort_ratio_max: [f64; JOINTS],
     /// Least true clearance of the checked pairs and obstacles, m. Infinite before the first look.
     pub clearance_min_m: f64,
+    /// Clearance at the last look, m.
+    pub clearance_m: f64,
 }
 
 impl Default for Report {
@@ -99,6 +101,7 @@ impl Default for Report {
             speed_ratio_max: [0.0; JOINTS],
             effort_ratio_max: [0.0; JOINTS],
             clearance_min_m: f64::INFINITY,
+            clearance_m: f64::INFINITY,
         }
     }
 }

@@ -63,6 +63,11 @@ impl Processes {
         }
     }
 
+    /// Returns true if the newest driver started although the robot did not stand still within a second.
+    pub fn gave_up_waiting(&self) -> bool {
+        self.all[ProcessId::Driver as usize].awaited >= driver::STANDS_WITHIN_TICKS
+    }
+
     /// Returns the processes that run in tick `k`, and those that restart in it.
     pub fn at(&mut self, k: u64) -> (Running, Started) {
         let runs = self.all.map(|one| k >= one.down_until);

@@ -1,11 +1,13 @@
 //! One run: the world, the person, the operator, the faults of a schedule and the oracle, tick by tick.
 
+mod start;
+
 use crate::active::{Active, Faults};
 use crate::client::Client;
 use crate::kinds::{self, Content, Fault, KIND_COUNT, KINDS, LinkFault, Process, ProcessId, Robot, by_name};
 use crate::operator_model::OperatorModel;
 use crate::oracle::{Oracle, Person, Seen, Violation};
-use crate::processes::{Processes, Started};
+use crate::processes::Processes;
 use crate::schedule::{Episode, QUIET_TICKS};
 use crate::subject::Subject;
 use crate::tampered::{self, Memory, Tampering};
@@ -198,7 +200,7 @@ impl<'a> Run<'a> {
             self.processes.await_rest(k, &measured);
         }
         let (running, started) = self.processes.at(k);
-        self.start(started);
+        self.start(started)?;
         self.receive(running.ingest);
         let view = self.hand.tick(k, now, running.control, &mut self.faults);
         let [mut told, done] = view.unwrap_or_default();
@@ -302,30 +304,6 @@ impl<'a> Run<'a> {
                 self.drained.extend(passed);
             }
             self.world.publish(raw);
-        }
-    }
-
-    fn start(&mut self, started: Started) {
-        if started[ProcessId::Ingest as usize] {
-            self.world.restart_ingest();
-        }
-        if started[ProcessId::Retarget as usize] {
-            self.world.restart_retarget();
-        }
-        if started[ProcessId::Control as usize] {
-            self.world.restart_control(&self.subject.config);
-            self.hand.reconnect();
-        }
-        if started[ProcessId::Driver as usize] {
-            let to = self.processes.moved_to.take();
-            let seed = self.seed ^ self.k;
-            if !self.world.restart_driver(&self.subject.config, to.as_ref(), seed) {
-                self.world.restart_driver(&self.subject.config, Some(&self.subject.home), seed);
-            }
-            self.injected.clear();
-            self.change_robot();
-            // The driver holds the measured posture until the joints are at rest.
-            self.undriven_until = self.undriven_until.max(self.k + UNDRIVEN);
         }
     }
 

@@ -6,13 +6,16 @@ use plant::ViolationKind;
 /// Ticks between two looks of the judge, 2 ms, and one more.
 const LOOK_TICKS: u64 = 3 + 1;
 
+/// A servo settles by this much, m: the margin of the judge, which commands do not know either.
+const BACK_M: f64 = 0.006;
+
 /// State of the count.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct TrueMotion {
     total: u64,
     clearances: u64,
-    /// The least clearance, m, and the tick of the last violation, of a robot that its own fault brought too close to
-    /// itself. Until it is clear again, the judge counts every look.
+    /// The greatest clearance since, m, and the tick of the last violation, of a robot that its own fault brought too
+    /// close to itself. Until it is clear again, the judge counts every look.
     close: Option<(f64, u64)>,
 }
 
@@ -25,18 +28,18 @@ impl TrueMotion {
         let new = total.saturating_sub(self.total);
         let are_clearances = clearances.saturating_sub(self.clearances) == new;
         (self.total, self.clearances) = (total, clearances);
-        let least = seen.judged.clearance_min_m;
+        let clearance_m = seen.judged.clearance_m;
         if new == 0 {
             self.close = self.close.filter(|(_, tick)| seen.tick <= tick + LOOK_TICKS);
             return 0;
         }
         if seen.robot_faulty {
-            self.close = Some((least, seen.tick));
+            self.close = Some((clearance_m, seen.tick));
             return 0;
         }
         match &mut self.close {
-            Some((at_most, tick)) if are_clearances && least >= *at_most => {
-                *tick = seen.tick;
+            Some((greatest, tick)) if are_clearances && clearance_m >= *greatest - BACK_M => {
+                (*greatest, *tick) = (clearance_m.max(*greatest), seen.tick);
                 0
             }
             _ => new,
