@@ -5,6 +5,7 @@ mod rig;
 use messages::Mode;
 use rig::Rig;
 use serde_json::Value;
+use std::os::unix::fs::PermissionsExt;
 use std::path::PathBuf;
 use std::process::Command;
 
@@ -61,6 +62,33 @@ fn real_robot_without_a_program_is_refused() {
     let said = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(78), "{said}");
     assert!(said.contains("driver.kind = \"robot\" needs driver.program"), "{said}");
+}
+
+#[test]
+fn driver_of_real_robot_without_realtime_ends_before_ready() {
+    let mut driver = Command::new("timeout");
+    let rig = with_program("robot", &example().display().to_string());
+    driver.args(["10", env!("CARGO_BIN_EXE_teleopd"), "sim", "--config"]).arg(rig.folder().join("teleop.toml"));
+    let output = driver.arg("--run-dir").arg(rig.folder()).arg("--engage-without-realtime").output().expect("it runs");
+    if output.status.code() == Some(124) {
+        println!("skipped: this machine grants real-time scheduling");
+        return;
+    }
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(69), "{said}");
+    assert!(said.contains("driver.kind = \"robot\"") && said.contains("needs real-time scheduling"), "{said}");
+}
+
+#[test]
+fn program_that_starts_the_driver_again_is_refused() {
+    let script = tempfile::Builder::new().suffix(".sh").tempfile().expect("a file");
+    let text = format!("#!/bin/sh\nexec {} sim \"$@\"\n", env!("CARGO_BIN_EXE_teleopd"));
+    std::fs::write(script.path(), text).expect("a script");
+    std::fs::set_permissions(script.path(), PermissionsExt::from_mode(0o755)).expect("its mode");
+    let script = script.into_temp_path();
+    let output = with_program("sim", &script.display().to_string()).run("sim");
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.code() == Some(78) && said.contains("starts `teleopd sim` again"), "{said}");
 }
 
 #[test]

@@ -70,7 +70,8 @@ fn introduce(loaded: &Loaded, place: &cli::InstanceArgs) {
         DriverKind::Robot => "real",
     };
     out!("running   {} processes in {run_dir} (up -v prints what they log)", PROCESSES.len());
-    out!("robot     {kind} {}, by {}", loaded.model.name, place.config.display());
+    let by = loaded.driver_program().map_or(String::new(), |program| format!(", driven by {}", program.display()));
+    out!("robot     {kind} {}{by}, by {}", loaded.model.name, place.config.display());
     out!("publish   a person in {run_dir}: {} builtin --loop{at}", REPLAY.typed());
     let missing = missing(&settings.realtime);
     if missing.is_empty() || may_lack_realtime(settings) {

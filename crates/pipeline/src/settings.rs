@@ -394,6 +394,14 @@ impl Settings {
         }
     }
 
+    /// Returns the known delay of the servos, ticks. None is assumed of a real robot.
+    pub(crate) const fn servo_delay_ticks(&self) -> u32 {
+        match self.driver.kind {
+            DriverKind::Sim => self.sim.delay_ticks,
+            DriverKind::Robot => 0,
+        }
+    }
+
     fn check(&self, file: &str) -> Result<(), ConfigError> {
         let t = 1000.0 / messages::TICK_HZ as f64;
         let bounds = [

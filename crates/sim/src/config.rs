@@ -188,6 +188,13 @@ impl Config {
         })
     }
 
+    /// The same robot behind an interface that takes every setpoint. The certificate still covers the interface of the
+    /// settings.
+    #[must_use]
+    pub fn without_simulated_interface(self) -> Self {
+        Self { interface: Interface::Direct, ..self }
+    }
+
     /// Returns the names of the joints.
     pub fn joint_names(&self) -> &[String; JOINTS] {
         &self.model.joint_names

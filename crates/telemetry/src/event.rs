@@ -68,11 +68,16 @@ pub enum Event {
         /// The reason of a refusal. `None` if the report was accepted.
         refused: Option<&'static str>,
     },
+    /// The driver latched its fault for the first time.
+    Latched {
+        /// The cause, in words.
+        cause: &'static str,
+    },
 }
 
 impl Event {
     /// Number of kinds of event.
-    pub const KINDS: usize = 9;
+    pub const KINDS: usize = 10;
 
     /// Returns the number of its kind. Lines of one kind share one limit.
     pub fn kind(&self) -> usize {
@@ -86,6 +91,7 @@ impl Event {
             Self::Audit { .. } => 6,
             Self::Dropped { .. } => 7,
             Self::Payload { .. } => 8,
+            Self::Latched { .. } => 9,
         }
     }
 
@@ -101,6 +107,7 @@ impl Event {
             "operator requests",
             "dropped frames",
             "payloads",
+            "latches",
         ][kind]
     }
 
@@ -140,6 +147,7 @@ impl Event {
             Self::Payload { kg: [left, right], refused: Some(why) } => tracing::warn!(
                 "{process}: payload refused: {why}; the payload is {left:.3} kg left, {right:.3} kg right"
             ),
+            Self::Latched { cause } => tracing::warn!("{process}: the driver latched its fault: {cause}"),
             Self::Audit { what, uid, pid } => {
                 tracing::info!(uid, pid, "{process}: operator, process {pid} of user {uid}: {what}");
             }
@@ -256,7 +264,7 @@ mod tests {
         assert!(limit.admits(0));
         assert_eq!(limit.turn(start + Duration::from_millis(999)), None);
         let held_back = limit.turn(start + Duration::from_secs(1)).expect("a second is over");
-        assert_eq!(held_back, [0, 0, 1_000_000 - u64::from(LINES_PER_S), 0, 0, 0, 0, 0, 0]);
+        assert_eq!(held_back, [0, 0, 1_000_000 - u64::from(LINES_PER_S), 0, 0, 0, 0, 0, 0, 0]);
         assert!(limit.admits(2), "a new second");
         assert_eq!(limit.turn(start + Duration::from_secs(2)), Some([0; Event::KINDS]));
     }

@@ -6,12 +6,12 @@ use crate::cli::InstanceArgs;
 use crate::exit::{Exit, Failure};
 use crate::timeline::Timeline;
 use bus::Domain;
-use driver::Driver;
-use messages::{JointCommand, Mode, RobotState, Service, Stamp, TICK_HZ, deadline, tick_at};
-use pipeline::HandOff;
+use driver::{Driver, Measured, Setpoint};
+use messages::{JointCommand, Mode, RobotState, Service, Stamp, StopPlan, TICK_HZ, deadline, tick_at};
+use pipeline::{DriverKind, HandOff};
 use serde_json::{Map, Value, json};
 use std::time::Duration;
-use telemetry::{Metric, Probe};
+use telemetry::{Event, Metric, Probe};
 
 /// Time between the two measurements of a starting driver, ns. The second must confirm the speeds of the first.
 const CONFIRM_NS: u64 = 6_000_000;
@@ -77,14 +77,41 @@ fn wait_if_suspended(robot: &mut impl Driver, state: &sim::DriverState, due_k: u
     }
 }
 
+/// The settings of the driver, and of the checker of its steps. A real robot needs real-time rights. Only the built-in
+/// robot has the simulated interface: other drivers send what whole-body control certified.
+fn config(process: &Process) -> Result<sim::Config, Failure> {
+    let (loaded, realtime) = (&process.loaded, process.realtime.is_realtime());
+    if loaded.settings.driver.kind == DriverKind::Robot && !realtime {
+        let refusals = process.realtime.refusals().join("; ");
+        let text =
+            format!("driver.kind = \"robot\": the driver of a real robot needs real-time scheduling: {refusals}");
+        return Err(Failure::new(Exit::Unavailable, text));
+    }
+    let config = pipeline::sim_config(loaded, realtime).map_err(|error| Failure::new(Exit::Config, error))?;
+    Ok(if loaded.driver_program().is_some() { config.without_simulated_interface() } else { config })
+}
+
+/// A robot that gets no setpoint of before a pause. If the process was suspended since `now`, or `read` took too long,
+/// nothing is sent. The robot is elsewhere then, and the next tick detects the pause.
+struct Fresh<D>(D);
+
+impl<D: Driver> Driver for Fresh<D> {
+    fn read(&mut self, now: Stamp) -> Measured {
+        self.0.read(now)
+    }
+
+    fn write(&mut self, now: Stamp, setpoint: &Setpoint, plan: &StopPlan) -> bool {
+        rt::now().since(now) > driver::GAP_MAX_TICKS * 1_000_000_000 / TICK_HZ || self.0.write(now, setpoint, plan)
+    }
+}
+
 /// Opens the robot, drives it until shutdown, and then until it is at rest.
 pub fn run<D: Driver>(
     place: &InstanceArgs,
     open: impl FnOnce(&Process, &Domain) -> Result<D, Failure>,
 ) -> Result<(), Failure> {
     let mut process = Process::start("sim", place, |loaded| Some(loaded.settings.realtime.priority_driver))?;
-    let config = pipeline::sim_config(&process.loaded, process.realtime.is_realtime())
-        .map_err(|error| Failure::new(Exit::Config, error))?;
+    let config = config(&process)?;
     let seed = process.loaded.settings.sim.seed;
     let core = Domain::open(process.instance.core_domain(), "sim").map_err(bus_failure)?;
     let mut commands = core.waking_reader::<JointCommand>(Service::JointCommand).map_err(bus_failure)?;
@@ -96,9 +123,9 @@ pub fn run<D: Driver>(
     // A tick ran for its index if a command was executed for it. A plan tick is a deadline that control missed.
     let mut timeline = Timeline::new();
     let polled = process.loaded.settings.realtime.hand_off == HandOff::Polled;
-    let (mut sequence, mut oldest_command_ns) = (0, 0);
+    let (mut sequence, mut oldest_command_ns, mut latched) = (0, 0, false);
     // A starting driver holds the robot where it stands.
-    let mut robot = open(&process, &core)?;
+    let mut robot = Fresh(open(&process, &core)?);
     let mut state = begin(&config, &mut robot, due, seed)?;
     process.ready()?;
     let mut ending: Option<Stamp> = None;
@@ -129,6 +156,7 @@ pub fn run<D: Driver>(
         if let Some(ticks) = out.suspended_ticks {
             process.stood_still(waited_for, ticks * 1_000_000_000 / TICK_HZ);
         }
+        log_latch(&mut process.probe, state.first_latch(), &mut latched);
         process.probe.record(Metric::WakeUp, deadline(waited_for), now);
         let mut message = out.state;
         sequence += 1;
@@ -147,6 +175,13 @@ pub fn run<D: Driver>(
     }
     let report = figures(&process, &state, &timeline, oldest_command_ns);
     process.leave(report)
+}
+
+/// Logs the first latch.
+fn log_latch(probe: &mut Probe, cause: Option<&'static str>, logged: &mut bool) {
+    if let Some(cause) = cause.filter(|_| !std::mem::replace(logged, true)) {
+        probe.event(Event::Latched { cause });
+    }
 }
 
 /// Runs warm-up ticks with a separate driver and robot.

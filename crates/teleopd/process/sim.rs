@@ -5,7 +5,7 @@ use crate::cli::InstanceArgs;
 use crate::exit::{Exit, Failure};
 use bus::{Domain, Reader, Writer};
 use driver::{Driver, Drives, Measured, Setpoint};
-use messages::{Header, RobotMeasured, RobotSetpoint, Service, Stamp, StopPlan, TICK_HZ, measured_flag};
+use messages::{Header, RobotMeasured, RobotSetpoint, Service, Stamp, StopPlan, measured_flag};
 use std::os::unix::process::CommandExt;
 use std::process::Command;
 
@@ -14,6 +14,9 @@ const LOOK_NS: u64 = 1_000_000;
 
 /// Longest time that a driver waits for a robot, ns.
 const ROBOT_WITHIN_NS: u64 = 2_000_000_000;
+
+/// Set in the environment of a driver's own program, so that a program that starts this one again is refused.
+const STARTED: &str = "TELEOPD_DRIVER_PROGRAM";
 
 /// Connection to the robot's process, behind the driver's port.
 struct RemoteRobot {
@@ -69,12 +72,8 @@ impl Driver for RemoteRobot {
     }
 
     /// Sends a setpoint. Its answer comes with the next measurement, so the one read now belongs to an earlier
-    /// setpoint. If the driver was suspended since `now`, it sends nothing. The robot is elsewhere then, and the
-    /// next tick detects the pause.
+    /// setpoint.
     fn write(&mut self, now: Stamp, setpoint: &Setpoint, plan: &StopPlan) -> bool {
-        if rt::now().since(now) > driver::GAP_MAX_TICKS * 1_000_000_000 / TICK_HZ {
-            return true;
-        }
         self.header.sequence += 1;
         self.header.stamp = now;
         let &Setpoint { k, q, v, a } = setpoint;
@@ -91,8 +90,14 @@ impl Driver for RemoteRobot {
 pub fn run(place: &InstanceArgs) -> Result<(), Failure> {
     let loaded = pipeline::load(&place.config, place.overrides()).map_err(|error| Failure::new(Exit::Config, error))?;
     if let Some(program) = loaded.driver_program() {
+        if std::env::var_os(STARTED).is_some() {
+            let text = format!("driver.program = {:?} starts `teleopd sim` again", loaded.settings.driver.program);
+            return Err(Failure::new(Exit::Config, text));
+        }
+        // A child of `up` ends with it, whatever program it becomes.
+        rt::die_with_parent();
         // The subcommand is dropped, its options are passed on.
-        let cause = Command::new(&program).args(std::env::args_os().skip(2)).exec();
+        let cause = Command::new(&program).args(std::env::args_os().skip(2)).env(STARTED, "1").exec();
         let text = format!(
             "{}: driver.program = {:?} cannot be started: {cause}. Name a program that this user may run, or leave it \
              empty for the simulated robot",

@@ -77,7 +77,8 @@ impl ControlConfig {
             follow: follow::Config::new(&model, &wbc.bounds().map(|bound| bound.v_max), follow::Weights::default()),
             wbc,
             arm: ArmModel::of(&model),
-            servo_lag_s: f64::from(sim.delay_ticks) * messages::TICK_S + sim.interface.simulated().delay_s(),
+            servo_lag_s: f64::from(loaded.settings.servo_delay_ticks()) * messages::TICK_S
+                + sim.interface.simulated().delay_s(),
             tracking_max: [safety.tracking_error_rad, safety.tracking_error_m].map(|bound| bound * tracking),
             config_hash: loaded.hash,
             realtime,
