@@ -231,3 +231,36 @@ fn figures(process: &Process, state: &sim::DriverState, timeline: &Timeline, old
     }
     figures
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use messages::{JOINTS, Layout};
+
+    /// A robot that counts what it is sent.
+    struct Counting(u32);
+
+    impl Driver for Counting {
+        fn read(&mut self, now: Stamp) -> Measured {
+            let (q, drives) = ([0.0; JOINTS], driver::Drives::SOUND);
+            Measured { stamp: now, q, dq: q, drives, unanswered: false, refused: false }
+        }
+
+        fn write(&mut self, _: Stamp, _: &Setpoint, _: &StopPlan) -> bool {
+            self.0 += 1;
+            false
+        }
+    }
+
+    #[test]
+    fn setpoint_of_before_a_pause_is_not_sent() {
+        let mut robot = Fresh(Counting(0));
+        let setpoint = Setpoint { k: 1, q: [0.0; JOINTS], v: [0.0; JOINTS], a: [0.0; JOINTS] };
+        let before = Stamp(rt::now().0 - 10_000_000);
+        assert!(robot.write(before, &setpoint, &StopPlan::ZERO), "a pause is no refusal");
+        assert_eq!(robot.0.0, 0);
+        // A stamp of the future is as young as can be, however loaded the machine is.
+        let after = rt::now().plus_ns(1_000_000_000);
+        assert!(!robot.write(after, &setpoint, &StopPlan::ZERO) && robot.0.0 == 1);
+    }
+}
