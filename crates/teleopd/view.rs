@@ -36,6 +36,9 @@ pub fn run(options: &cli::View) -> Result<Exit, Failure> {
         instance.run_dir().display(),
         server.address()
     );
+    if operator::Client::connect(instance.operator_socket()).is_err() {
+        out!("teleopd: no instance runs there yet; the page waits for one (`teleopd up` starts it)");
+    }
     let orphaned = || options.child_of.is_some_and(|id| std::os::unix::process::parent_id() != id);
     while !shutdown.requested() && !orphaned() {
         if server.has_ended() {
