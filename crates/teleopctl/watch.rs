@@ -196,7 +196,7 @@ impl Shown {
 
     /// Returns a bar for each joint, from its lowest to its highest position.
     fn joints(&self, width: u16) -> Vec<Line<'static>> {
-        let Some(q) = &self.q else { return vec![Line::from("joints: shown only to the instance's user").dim()] };
+        let Some(q) = &self.q else { return vec![Line::from("joints: only for the instance's user").dim()] };
         let bar = usize::from(width).saturating_sub(36).max(5);
         let rows = q.iter().enumerate().map(|(j, &q)| {
             let [low, high] = self.names.limits(j).unwrap_or([q - 1.0, q + 1.0]);
@@ -309,7 +309,7 @@ mod tests {
         for (width, height) in [(1, 1), (10, 3), (40, 10), (80, 24), (300, 100)] {
             shown(width, height, &watch);
         }
-        assert!(shown(80, 24, &watch).contains("to the instance's user"));
+        assert!(shown(80, 24, &watch).contains("for the instance's user"));
         watch.note(status(Mode::Faulted, 1), Some([f64::NAN; JOINTS]), Instant::now());
         shown(80, 24, &watch);
     }

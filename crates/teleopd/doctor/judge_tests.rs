@@ -113,7 +113,7 @@ fn missing_realtime_is_a_finding_for_robot_only() {
     ];
     for (check, advice, spoil) in lacks {
         one(check, Level::Robot, &[advice, "only with --engage-without-realtime"], spoil);
-        one(check, Level::Robot, &[advice, "does without"], |facts| {
+        one(check, Level::Robot, &[advice, "does not need it"], |facts| {
             spoil(facts);
             facts.files.settings.as_mut().unwrap().control.engage_without_realtime = true;
         });
