@@ -16,7 +16,7 @@ struct House {
 impl House {
     fn new() -> Self {
         let folder = TempDir::new().expect("a folder");
-        let server = Server::bind(&folder.path().join("control.sock")).expect("a socket");
+        let server = Server::bind(folder.path().join("control.sock")).expect("a socket");
         Self { _folder: folder, server, began: Instant::now() }
     }
 
