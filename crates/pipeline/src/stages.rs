@@ -21,9 +21,6 @@ pub fn retarget_config(loaded: &Loaded) -> Result<retarget::Config, ConfigError>
         .map_err(|error| ConfigError::stage("retarget", error))
 }
 
-/// Age of a measurement beyond which the driver counts the robot as silent, ms: ten cycles of the robot's port.
-const MEASURED_AGE_MAX_MS: f64 = 10.0;
-
 /// Returns the configuration of the simulated robot. Without real-time scheduling (`realtime` false), two times
 /// are relaxed like the other stale times: the silence that latches the driver's fault, and the age of a
 /// measurement. The plan plays from the first missed tick in any case.
@@ -48,7 +45,7 @@ pub(crate) fn sim_config_of(
         encoder_step_rad: settings.encoder_step_rad,
         watchdog_ms: settings.watchdog_ms,
         reaction: settings.reaction.simulated(),
-        measured_age_max_ms: MEASURED_AGE_MAX_MS * factor,
+        measured_age_max_ms: driver::MEASURED_AGE_MAX_NS as f64 * 1e-6 * factor,
         silence_ticks: (driver.silence_latch_ms * factor * 1e-3 * messages::TICK_HZ as f64).round() as u64,
         hand_speed_max_m_per_s: loaded.settings.safety.hand_speed_m_per_s(),
         payload_kg: [settings.payload_left_kg, settings.payload_right_kg],

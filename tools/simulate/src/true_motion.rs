@@ -1,13 +1,10 @@
 //! Counts the judge's violations of true motion that no fault of the robot explains.
 
 use crate::oracle::Seen;
-use plant::ViolationKind;
+use plant::{CLEARANCE_MARGIN_M, ViolationKind};
 
 /// Ticks between two looks of the judge, 2 ms, and one more.
 const LOOK_TICKS: u64 = 3 + 1;
-
-/// A servo settles by this much, m: the margin of the judge, which commands do not know either.
-const BACK_M: f64 = 0.006;
 
 /// State of the count.
 #[derive(Clone, Copy, Debug, Default)]
@@ -38,7 +35,7 @@ impl TrueMotion {
             return 0;
         }
         match &mut self.close {
-            Some((greatest, tick)) if are_clearances && clearance_m >= *greatest - BACK_M => {
+            Some((greatest, tick)) if are_clearances && clearance_m >= *greatest - CLEARANCE_MARGIN_M => {
                 (*greatest, *tick) = (clearance_m.max(*greatest), seen.tick);
                 0
             }
