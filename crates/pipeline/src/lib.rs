@@ -39,7 +39,7 @@ pub use input::{InputConfig, InputState, input_tick};
 pub use installed::{default_config, default_motions, default_run_dir, is_installed};
 pub use instance::{DEFAULT_RUN_DIR, Instance, write_anew};
 pub use interface::RobotInterface;
-pub use load::{Loaded, Overrides, load, load_model, load_weights, read_text};
+pub use load::{Loaded, Overrides, load, load_model, load_weights, read_settings, read_text};
 pub use names::Names;
 pub use offline::{Offline, OfflineEnd, OfflineReport, Row, Watch};
 pub use operators::{Operator, Operators};

@@ -52,16 +52,9 @@ impl Loaded {
         self.files.get(ROBOT_FILE).map_or(Path::new(""), PathBuf::as_path)
     }
 
-    /// The program that drives the robot in place of the simulated one; `None` if the settings name none. A path with a
-    /// slash is relative to the settings file. A bare name is searched in PATH.
+    /// The program that drives the robot in place of the simulated one; `None` if the settings name none.
     pub fn driver_program(&self) -> Option<PathBuf> {
-        let program = Path::new(&self.settings.driver.program);
-        let folder = self.files.first().and_then(|file| file.parent()).unwrap_or(Path::new(""));
-        match program.components().count() {
-            0 => None,
-            1 if !self.settings.driver.program.contains('/') => Some(program.to_owned()),
-            _ => Some(folder.join(program)),
-        }
+        self.settings.driver_program(self.files.first().map_or(Path::new(""), PathBuf::as_path))
     }
 
     /// Every setting in force, as `table.key` and value.
@@ -94,15 +87,29 @@ impl Overrides {
     }
 }
 
-/// Reads and checks the settings file and every file it names.
-pub fn load(config: &Path, overrides: Overrides) -> Result<Loaded, ConfigError> {
+/// Reads and checks the settings file alone.
+///
+/// # Errors
+/// Returns an error if the file cannot be read, or if a value is invalid.
+pub fn read_settings(config: &Path) -> Result<Settings, ConfigError> {
+    parse_settings(config).map(|(settings, _)| settings)
+}
+
+/// Returns the settings, and the text of their file.
+fn parse_settings(config: &Path) -> Result<(Settings, String), ConfigError> {
     let text = read_text(config).map_err(|error| match error {
         ConfigError::Read { file, cause } => {
             ConfigError::Read { file, cause: format!("{cause} (run from the repository's root, or give --config)") }
         }
         other => other,
     })?;
-    let mut settings = Settings::parse(&config.display().to_string(), &text)?;
+    let settings = Settings::parse(&config.display().to_string(), &text)?;
+    Ok((settings, text))
+}
+
+/// Reads and checks the settings file and every file it names.
+pub fn load(config: &Path, overrides: Overrides) -> Result<Loaded, ConfigError> {
+    let (mut settings, text) = parse_settings(config)?;
     overrides.apply(&mut settings);
     let folder = config.parent().unwrap_or(Path::new("."));
 

@@ -4,6 +4,7 @@ use crate::ConfigError;
 use crate::cores::Cores;
 use crate::interface::RobotInterface;
 use serde::{Deserialize, Serialize};
+use std::path::{Path, PathBuf};
 
 /// All settings of one instance, as written in the file.
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
@@ -391,6 +392,17 @@ impl Settings {
         match self.driver.kind {
             DriverKind::Sim => self.sim.tracking_error_factor,
             DriverKind::Robot => 1.0,
+        }
+    }
+
+    /// Returns the program that drives the robot in place of the simulated one. `None` if there is none. A path with a
+    /// slash is relative to the settings file `config`. A bare name is searched in PATH.
+    pub fn driver_program(&self, config: &Path) -> Option<PathBuf> {
+        let program = Path::new(&self.driver.program);
+        match program.components().count() {
+            0 => None,
+            1 if !self.driver.program.contains('/') => Some(program.to_owned()),
+            _ => Some(config.parent().unwrap_or(Path::new("")).join(program)),
         }
     }
 

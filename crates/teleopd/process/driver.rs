@@ -17,14 +17,14 @@ use telemetry::{Event, Metric, Probe};
 const CONFIRM_NS: u64 = 6_000_000;
 
 /// Time between two reads of the robot, ns. A port of 1 kHz measures once in it.
-const LOOK_NS: u64 = 1_000_000;
+pub(super) const LOOK_NS: u64 = 1_000_000;
 
 /// After a request to end, the driver plays its plan to rest, but no longer than this. The longest stop is 0.5 s, and
 /// this is twice that.
 const END_WITHIN_NS: u64 = 1_000_000_000;
 
 /// Longest time that a starting driver waits for the robot to measure, ns.
-const ANSWERS_WITHIN_NS: u64 = 2_000_000_000;
+pub(super) const ANSWERS_WITHIN_NS: u64 = 2_000_000_000;
 
 /// Longest time that a suspended driver waits for a current measurement, ns: 20 cycles of a port of 1 kHz.
 const NEWS_WITHIN_NS: u64 = 20_000_000;

@@ -1,6 +1,7 @@
 //! The port of the simulated robot: `teleopd robot`, a process of its own.
 
 use super::bus_failure;
+use super::driver::{ANSWERS_WITHIN_NS, LOOK_NS};
 use crate::cli::InstanceArgs;
 use crate::exit::{Exit, Failure};
 use bus::{Domain, Reader, Writer};
@@ -8,12 +9,6 @@ use driver::{Driver, Drives, Measured, Setpoint};
 use messages::{Header, RobotMeasured, RobotSetpoint, Service, Stamp, StopPlan, measured_flag};
 use std::os::unix::process::CommandExt;
 use std::process::Command;
-
-/// Time between two reads of the robot, ns. It measures once per cycle of its port, 1 ms.
-const LOOK_NS: u64 = 1_000_000;
-
-/// Longest time that a driver waits for a robot, ns.
-const ROBOT_WITHIN_NS: u64 = 2_000_000_000;
 
 /// Set in the environment of a driver's own program, so that a program that starts this one again is refused.
 const STARTED: &str = "TELEOPD_DRIVER_PROGRAM";
@@ -34,7 +29,7 @@ impl RemoteRobot {
     fn find(core: &Domain, header: Header) -> Result<Self, Failure> {
         let setpoints = core.writer::<RobotSetpoint>(Service::RobotSetpoint).map_err(bus_failure)?;
         let mut measurements = core.reader::<RobotMeasured>(Service::RobotMeasured).map_err(bus_failure)?;
-        let give_up = rt::now().plus_ns(ROBOT_WITHIN_NS);
+        let give_up = rt::now().plus_ns(ANSWERS_WITHIN_NS);
         while rt::now() < give_up {
             if let Some(newest) = measurements.latest() {
                 return Ok(Self { setpoints, measurements, newest, sent_k: 0, header });
@@ -43,7 +38,7 @@ impl RemoteRobot {
         }
         let text = format!(
             "no robot answered within {} s; start `teleopd robot` before this one (`up` and `demo` do so)",
-            ROBOT_WITHIN_NS / 1_000_000_000
+            ANSWERS_WITHIN_NS / 1_000_000_000
         );
         Err(Failure::new(Exit::Unavailable, text))
     }
@@ -88,10 +83,10 @@ impl Driver for RemoteRobot {
 
 /// Drives the simulated robot, or becomes the program that the settings name in place of this one.
 pub fn run(place: &InstanceArgs) -> Result<(), Failure> {
-    let loaded = pipeline::load(&place.config, place.overrides()).map_err(|error| Failure::new(Exit::Config, error))?;
-    if let Some(program) = loaded.driver_program() {
+    let settings = pipeline::read_settings(&place.config).map_err(|error| Failure::new(Exit::Config, error))?;
+    if let Some(program) = settings.driver_program(&place.config) {
         if std::env::var_os(STARTED).is_some() {
-            let text = format!("driver.program = {:?} starts `teleopd sim` again", loaded.settings.driver.program);
+            let text = format!("driver.program = {:?} starts `teleopd sim` again", settings.driver.program);
             return Err(Failure::new(Exit::Config, text));
         }
         // A child of `up` ends with it, whatever program it becomes.
@@ -102,7 +97,7 @@ pub fn run(place: &InstanceArgs) -> Result<(), Failure> {
             "{}: driver.program = {:?} cannot be started: {cause}. Name a program that this user may run, or leave it \
              empty for the simulated robot",
             place.config.display(),
-            loaded.settings.driver.program
+            settings.driver.program
         );
         return Err(Failure::new(Exit::Config, text));
     }
