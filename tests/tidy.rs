@@ -1,8 +1,11 @@
 //! Project rules as tests: direction of dependencies, bans in the pure crates, lengths, and tables that must name
 //! each other.
 
+mod sources;
+
+use sources::{root, rust_files};
 use std::collections::{BTreeMap, BTreeSet};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::Command;
 
 /// Crates that never do IO, never read a clock and never block.
@@ -96,43 +99,6 @@ const UNSAFE_MAY_STAND_IN: [&str; 3] = ["crates/rt/", "crates/bus/", "tools/trai
 
 const FILE_LINES_MAX: usize = 500;
 const FUNCTION_LINES_MAX: usize = 70;
-
-fn root() -> PathBuf {
-    PathBuf::from(env!("CARGO_MANIFEST_DIR"))
-}
-
-fn rust_files() -> Vec<(String, String)> {
-    let listed = Command::new("git").args(["ls-files", "*.rs"]).current_dir(root()).output();
-    let names: Vec<String> = match listed {
-        Ok(output) if output.status.success() => {
-            String::from_utf8_lossy(&output.stdout).lines().map(str::to_owned).collect()
-        }
-        _ => {
-            let mut found = Vec::new();
-            for folder in ["crates", "tests", "tools"] {
-                walk(&root().join(folder), &mut found);
-            }
-            found.iter().map(|path| path.strip_prefix(root()).unwrap().display().to_string()).collect()
-        }
-    };
-    assert!(names.len() > 30, "the tree has more sources than {}", names.len());
-    names
-        .into_iter()
-        .filter_map(|name| std::fs::read_to_string(root().join(&name)).ok().map(|text| (name, text)))
-        .collect()
-}
-
-fn walk(folder: &Path, found: &mut Vec<PathBuf>) {
-    let Ok(entries) = std::fs::read_dir(folder) else { return };
-    for entry in entries.flatten() {
-        let path = entry.path();
-        if path.is_dir() {
-            walk(&path, found);
-        } else if path.extension().is_some_and(|extension| extension == "rs") {
-            found.push(path);
-        }
-    }
-}
 
 /// Dependencies of crates on tools that remain: the crate, the tool, and the reason.
 const CRATE_ON_TOOL: [(&str, &str, &str); 1] =

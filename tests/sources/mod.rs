@@ -1,0 +1,43 @@
+//! The sources of the repository, as the tests of their form read them.
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+/// The repository.
+pub fn root() -> PathBuf {
+    PathBuf::from(env!("CARGO_MANIFEST_DIR"))
+}
+
+/// The Rust files of the repository, and their text.
+pub fn rust_files() -> Vec<(String, String)> {
+    let listed = Command::new("git").args(["ls-files", "*.rs"]).current_dir(root()).output();
+    let names: Vec<String> = match listed {
+        Ok(output) if output.status.success() => {
+            String::from_utf8_lossy(&output.stdout).lines().map(str::to_owned).collect()
+        }
+        _ => {
+            let mut found = Vec::new();
+            for folder in ["crates", "tests", "tools"] {
+                walk(&root().join(folder), &mut found);
+            }
+            found.iter().map(|path| path.strip_prefix(root()).unwrap().display().to_string()).collect()
+        }
+    };
+    assert!(names.len() > 30, "the tree has more sources than {}", names.len());
+    names
+        .into_iter()
+        .filter_map(|name| std::fs::read_to_string(root().join(&name)).ok().map(|text| (name, text)))
+        .collect()
+}
+
+fn walk(folder: &Path, found: &mut Vec<PathBuf>) {
+    let Ok(entries) = std::fs::read_dir(folder) else { return };
+    for entry in entries.flatten() {
+        let path = entry.path();
+        if path.is_dir() {
+            walk(&path, found);
+        } else if path.extension().is_some_and(|extension| extension == "rs") {
+            found.push(path);
+        }
+    }
+}
