@@ -7,7 +7,7 @@ use nalgebra::Vector3;
 use std::fmt::Write;
 
 /// A rig: the trunk's joints from the pelvis to the head, with `|` before the neck, and the joints of a leg and
-/// of an arm. `#` marks the side, and both sides are given. Commas separate the names, because some contain
+/// of an arm. `#` stands for the side. The rig has the joint on both sides. Commas separate the names, because some contain
 /// spaces. `~` before a name marks a joint without length that the mapping must skip.
 struct Rig {
     name: &'static str,

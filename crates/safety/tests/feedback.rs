@@ -146,7 +146,7 @@ fn f056_wrong_sign_or_swapped_joint_is_invalid_within_0_02_rad() {
                 let travel = (bench.q[joint] - start).abs();
                 assert!(seen.is_some() && travel < 0.02, "joint {joint}: {travel} after {seen:?}");
             }
-            // Friction that holds back a hundredth of a radian is none of these.
+            // A joint that friction holds back by a hundredth of a radian raises no fault.
             let mut bench = Bench::new();
             bench.begins = true;
             let stuck = if MODEL.prismatic[joint] { 0.002 } else { 0.01 };
