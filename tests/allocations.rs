@@ -1,10 +1,11 @@
 //! Tests that no stage allocates in a tick. Counts allocations over 10,000 ticks of each stage, in motion.
 
+use client::{PlayOptions, Player};
 use messages::{
     Header, JointCommand, JointTarget, Layout, Mode, PayloadOrder, RobotState, Skeleton, Stamp, TICK_HZ, deadline,
 };
 use motion::CalibrationMode;
-use pipeline::{ControlConfig, ControlInput, ControlState, Overrides, PlayOptions, Player};
+use pipeline::{ControlConfig, ControlInput, ControlState, Overrides};
 use rt::{CountingAllocator, count_allocations};
 use safety::engage::OperatorView;
 use std::path::Path;

@@ -2,9 +2,9 @@
 
 mod rig;
 
+use client::{Port, Transport};
 use messages::{CalibrationSource, HingeCalibration, Layout, RawSkeleton, raw_flag};
 use nalgebra::{UnitQuaternion, Vector3};
-use pipeline::{Port, Transport};
 use rig::{Rig, SOON};
 use std::process::{Command, Stdio};
 use std::sync::Arc;

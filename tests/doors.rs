@@ -3,10 +3,10 @@
 
 mod rig;
 
+use client::{ClientError, PlayOptions, Player, Publisher, Transport};
 use doors::{Client, DoorError, Hello, Reply};
 use messages::{Fault, Mode, RawSkeleton};
 use motion::CalibrationMode;
-use pipeline::{ClientError, PlayOptions, Player, Publisher, Transport};
 use rig::user::{User, can_be_another};
 use rig::{OperatorSession, Rig, assert_no_violations, modes};
 use rustix::net::{RecvFlags, SendFlags};

@@ -39,7 +39,7 @@ fn input_segments(rig: &Rig) -> Vec<File> {
 
 /// Starts a rig that is engaged and moves for a client of the socket. Damage to shared memory then affects only
 /// `ingest`.
-fn moving() -> (Rig, rig::OperatorSession, rig::StateObserver, pipeline::Publisher) {
+fn moving() -> (Rig, rig::OperatorSession, rig::StateObserver, client::Publisher) {
     let rig = Rig::whole();
     let (hand, mut eyes) = (rig.hand(), rig.eyes());
     let client = rig.socket_client(&motion::builtin()).expect("the door is open");

@@ -35,11 +35,12 @@ const MAY_DEPEND_ON: &[(&str, &[&str])] = &[
     ("doors", &["messages", "rt"]),
     ("operator", &["messages", "doors", "rt"]),
     ("motion", &["messages", "skeleton"]),
+    ("client", &["bus", "doors", "messages", "motion"]),
     (
         "pipeline",
         &[
             "messages", "robot", "driver", "layouts", "skeleton", "retarget", "follow", "wbc", "safety", "plant",
-            "sim", "motion", "bus", "doors", "operator",
+            "sim", "motion", "bus", "doors", "operator", "client",
         ],
     ),
     (
@@ -65,6 +66,7 @@ const MAY_DEPEND_ON: &[(&str, &[&str])] = &[
             "retarget",
             "robot",
             "plant",
+            "client",
             "pipeline",
             "rt",
             "train",
@@ -75,18 +77,21 @@ const MAY_DEPEND_ON: &[(&str, &[&str])] = &[
     ("dist", &["latency", "motion", "pipeline", "record", "view"]),
     ("canvas", &[]),
     ("say", &["motion", "pipeline"]),
-    ("bridge", &["messages", "pipeline", "rt", "bus", "layouts"]),
+    ("bridge", &["messages", "client", "pipeline", "rt", "bus", "layouts"]),
     ("record", &["messages", "motion", "pipeline", "retarget", "robot", "safety", "bus", "rt", "canvas", "view"]),
-    (
-        "latency",
-        &["canvas", "messages", "motion", "operator", "pipeline", "bus", "rt", "telemetry", "teleopd", "chaos"],
-    ),
+    ("latency", &["canvas", "messages", "motion", "operator", "pipeline", "bus", "rt", "telemetry", "chaos"]),
     (
         "simulate",
-        &["messages", "robot", "driver", "plant", "safety", "sim", "motion", "bus", "operator", "pipeline", "rt"],
+        &[
+            "messages", "robot", "driver", "plant", "safety", "sim", "motion", "bus", "operator", "client", "pipeline",
+            "rt",
+        ],
     ),
-    ("chaos", &["messages", "driver", "plant", "sim", "motion", "operator", "pipeline", "bus", "rt", "teleopd"]),
-    ("torture", &["messages", "robot", "driver", "wbc", "safety", "plant", "sim", "motion", "pipeline", "rt"]),
+    ("chaos", &["messages", "driver", "plant", "sim", "motion", "operator", "client", "pipeline", "bus", "rt"]),
+    (
+        "torture",
+        &["messages", "robot", "driver", "wbc", "safety", "plant", "sim", "motion", "client", "pipeline", "rt"],
+    ),
 ];
 
 /// A pure crate's line that forbids the clocks, threads, locks and IO of `clippy.toml`. Nothing in the crate can allow

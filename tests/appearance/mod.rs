@@ -7,8 +7,9 @@ mod sharpness;
 use crate::browser::{Browser, Difference};
 use crate::rig::{Rig, config};
 use crate::viewer::Viewer;
+use client::PlayOptions;
 use motion::CalibrationMode;
-use pipeline::{Loaded, Moment, Offline, Overrides, PlayOptions};
+use pipeline::{Loaded, Moment, Offline, Overrides};
 use std::time::{Duration, Instant};
 use view::{LatestMessages, RecordingView, RecordingViewBuilder, RobotView, Server};
 

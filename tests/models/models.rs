@@ -9,7 +9,7 @@ use loom::thread;
 #[path = "../../crates/telemetry/src/counter.rs"]
 #[allow(dead_code)]
 mod counter;
-#[path = "../../crates/pipeline/src/publisher/shared.rs"]
+#[path = "../../crates/client/src/publisher/shared.rs"]
 #[allow(dead_code)]
 mod shared;
 

@@ -4,9 +4,10 @@
 mod machine;
 mod stand_in;
 
+use client::{PlayOptions, Player, Publisher, Transport};
 use machine::{Machine, Manager, OPERATOR};
 use motion::CalibrationMode;
-use pipeline::{Instance, PlayOptions, Player, Publisher, Transport};
+use pipeline::Instance;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::Duration;

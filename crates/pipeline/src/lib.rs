@@ -16,8 +16,6 @@ mod load;
 mod names;
 mod offline;
 mod operators;
-mod player;
-mod publisher;
 mod settings;
 mod stages;
 mod tamper;
@@ -43,8 +41,6 @@ pub use load::{Loaded, Overrides, load, load_model, load_weights, read_settings,
 pub use names::Names;
 pub use offline::{Offline, OfflineEnd, OfflineReport, Row, Watch};
 pub use operators::{Operator, Operators};
-pub use player::{PlayOptions, Player};
-pub use publisher::{ClientError, Port, Publisher, Transport};
 pub use settings::{
     ControlSettings, DoorSettings, DriverKind, DriverSettings, FileKey, Filter, HandOff, IngestSettings, Method,
     MetricsSettings, Policy, RealtimeSettings, RetargetSettings, SafetySettings, Settings, SimSettings,

@@ -3,8 +3,8 @@
 
 use crate::ConfigError;
 use crate::load::Loaded;
-use crate::player::{PlayOptions, Player};
 use crate::world::{Links, Moment, Running, World, WorldConfig};
+use client::{PlayOptions, Player};
 use messages::{JOINTS, Mode, TICK_HZ};
 use motion::Motion;
 use safety::engage::OperatorView;

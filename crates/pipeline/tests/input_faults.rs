@@ -1,9 +1,10 @@
 //! Reaction of an engaged robot to faulty skeletons. Every stage runs in virtual time, from the client's frame to
 //! the executed motion.
 
+use client::{PlayOptions, Player};
 use messages::{Fault, JOINTS, Mode, PersonChange, RawSkeleton, SMPL_JOINTS, Subject, TICK_HZ, Transition};
 use motion::CalibrationMode;
-use pipeline::{Links, Moment, Overrides, PlayOptions, Player, Running, World, WorldConfig};
+use pipeline::{Links, Moment, Overrides, Running, World, WorldConfig};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use safety::engage::OperatorView;

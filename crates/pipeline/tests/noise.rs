@@ -1,8 +1,9 @@
 //! Effect of a tracker's noise on the commands.
 
+use client::{PlayOptions, Player};
 use messages::{JOINTS, LEFT_ARM, Mode, RIGHT_ARM, Skeleton, TICK_HZ};
 use motion::CalibrationMode;
-use pipeline::{Links, Overrides, PlayOptions, Player, Running, Tamper, World, WorldConfig};
+use pipeline::{Links, Overrides, Running, Tamper, World, WorldConfig};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use retarget::ArmModel;

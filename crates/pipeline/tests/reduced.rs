@@ -3,9 +3,10 @@
 
 use crate::support;
 
+use client::{PlayOptions, Player};
 use messages::{Faults, JOINTS, Mode, TICK_HZ, reduced_flag};
 use motion::CalibrationMode;
-use pipeline::{Links, PlayOptions, Player, Running, World, WorldConfig};
+use pipeline::{Links, Running, World, WorldConfig};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use safety::engage::OperatorView;

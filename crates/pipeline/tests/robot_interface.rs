@@ -1,7 +1,8 @@
 //! The built-in motion through every stage on robots other than the one of the shipped settings: one that takes
 //! trajectory points, and one with other hands.
 
-use pipeline::{Loaded, Offline, OfflineEnd, OfflineReport, Overrides, PlayOptions, RobotInterface};
+use client::PlayOptions;
+use pipeline::{Loaded, Offline, OfflineEnd, OfflineReport, Overrides, RobotInterface};
 use std::path::{Path, PathBuf};
 
 fn shipped(file: &str) -> PathBuf {

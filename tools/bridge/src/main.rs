@@ -3,8 +3,9 @@
 use bridge::cli::{Cli, Program, To};
 use bridge::{Mvn, PACKET_MAX, Protocol, Refused, SenderChange, Senders, Taken, Users, Vmc, canonical};
 use clap::Parser;
+use client::{Port, Transport};
 use messages::{Header, Layout, RawSkeleton, Stamp};
-use pipeline::{Instance, Port, Transport};
+use pipeline::Instance;
 use rt::{Peer, Shutdown, err, out};
 use std::io::ErrorKind;
 use std::net::{SocketAddr, UdpSocket};

@@ -39,7 +39,7 @@ pub enum ChaosError {
     Bus(#[from] bus::BusError),
     /// The client cannot publish.
     #[error(transparent)]
-    Client(#[from] pipeline::ClientError),
+    Client(#[from] client::ClientError),
     /// A process cannot be started or signalled, or a file cannot be written.
     #[error("{what}: {cause}")]
     Os {

@@ -3,10 +3,11 @@
 
 use crate::error::ChaosError;
 use crate::injection::Target;
+use client::{PlayOptions, Player, Publisher};
 use messages::{Mode, Status, Transition};
 use motion::CalibrationMode;
 use operator::OperatorSession;
-use pipeline::{Instance, PlayOptions, Player, Publisher};
+use pipeline::Instance;
 use serde_json::{Map, Value};
 use std::path::Path;
 use std::process::{Child, Command, ExitCode, Stdio};

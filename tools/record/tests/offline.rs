@@ -1,10 +1,11 @@
 //! Recordings of runs in virtual time: their content, and that the stages reproduce it.
 
 use crate::support::{contents, loaded, recorded_offline};
+use client::{PlayOptions, Player};
 use messages::{JointCommand, Layout, Mode, PayloadOrder, Skeleton, TICK_HZ};
 use motion::CalibrationMode;
 use motion::mcap::Ending;
-use pipeline::{Links, PlayOptions, Player, Running, World, WorldConfig};
+use pipeline::{Links, Running, World, WorldConfig};
 use record::{Compared, Content, Counts, Entry, Inputs, OfflineRecording, Recording, Topic};
 use safety::engage::OperatorView;
 use std::collections::BTreeMap;

@@ -1,7 +1,8 @@
 //! Helpers of several tests.
 
+use client::PlayOptions;
 use motion::{CalibrationMode, Motion};
-use pipeline::{Loaded, Offline, Overrides, PlayOptions};
+use pipeline::{Loaded, Offline, Overrides};
 use record::{Content, OfflineRecording, Recorded};
 use std::path::{Path, PathBuf};
 

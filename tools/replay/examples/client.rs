@@ -1,7 +1,8 @@
 //! A client in some 30 lines. It publishes the frames of a motion, as your own client would publish a camera's.
 
+use client::{ClientError, Port, Transport};
 use messages::{Header, Layout, RawSkeleton, SMPL_JOINTS, SkeletonLayout};
-use pipeline::{ClientError, Instance, Port, Transport};
+use pipeline::Instance;
 use std::path::PathBuf;
 use std::time::Duration;
 

@@ -1,12 +1,13 @@
 //! Publishes through the input domain or the skeleton socket. The first frame is held until the robot follows.
 
 use crate::{Cli, Failure};
+use client::{PlayOptions, Player, Publisher, Transport};
 use doors::{DoorError, Reply};
 use indicatif::{ProgressBar, ProgressStyle};
 use messages::Mode;
 use motion::Motion;
 use operator::{Client, OperatorError};
-use pipeline::{Instance, Names, PlayOptions, Player, Publisher, Transport};
+use pipeline::{Instance, Names};
 use rt::{Shutdown, out};
 use std::path::Path;
 use std::time::Duration;

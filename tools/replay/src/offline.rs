@@ -1,10 +1,11 @@
 //! Runs the stages' own ticks in virtual time and writes every command.
 
 use crate::{Cli, EX_USAGE, Failure};
+use client::PlayOptions;
 use indicatif::{ProgressBar, ProgressStyle};
 use messages::{JOINTS, TICK_HZ};
 use motion::Motion;
-use pipeline::{Moment, Offline, OfflineEnd, OfflineReport, Overrides, PlayOptions};
+use pipeline::{Moment, Offline, OfflineEnd, OfflineReport, Overrides};
 use record::{OfflineRecording, Trace};
 use robot::Model;
 use rt::out;

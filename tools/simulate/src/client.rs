@@ -4,8 +4,8 @@
 use crate::active::Faults;
 use crate::frames;
 use crate::kinds::{Delivery, Fault, Frame};
+use client::Player;
 use messages::{RawSkeleton, Stamp, TICK_HZ};
-use pipeline::Player;
 use rand::RngExt;
 
 /// After this long (ticks) without an accepted frame, the person restarts the client: 1.5 s.

@@ -1,9 +1,10 @@
 //! The test subject: settings and robot from a file, and a run that has engaged, from which others branch.
 
 use crate::run::Run;
+use client::{PlayOptions, Player};
 use messages::{JOINTS, Mode, TICK_HZ};
 use motion::CalibrationMode;
-use pipeline::{ConfigError, Overrides, PlayOptions, Player, WorldConfig};
+use pipeline::{ConfigError, Overrides, WorldConfig};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use robot::{Frames, JointLimits, Model};

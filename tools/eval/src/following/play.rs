@@ -5,10 +5,11 @@ use super::person::Person;
 use super::riccati::Joints;
 use crate::error::EvalError;
 use crate::methods::Posture;
+use client::PlayOptions;
 use collision::dynamics::{Dynamics, GRAVITY_M_PER_S2};
 use messages::{JointCommand, JointTarget, LEFT_ARM, Mode, RIGHT_ARM, Stamp, command_flag, deadline};
 use motion::{CalibrationMode, Motion};
-use pipeline::{Loaded, Moment, Offline, OfflineEnd, PlayOptions};
+use pipeline::{Loaded, Moment, Offline, OfflineEnd};
 use robot::Model;
 use std::collections::BTreeMap;
 
