@@ -2,7 +2,7 @@
 
 mod rig;
 
-use pipeline::Instance;
+use instance::Instance;
 use rig::Rig;
 use serde_json::Value;
 use std::collections::BTreeSet;

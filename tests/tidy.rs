@@ -36,11 +36,12 @@ const MAY_DEPEND_ON: &[(&str, &[&str])] = &[
     ("operator", &["messages", "doors", "rt"]),
     ("motion", &["messages", "skeleton"]),
     ("client", &["bus", "doors", "messages", "motion"]),
+    ("instance", &["bus", "messages", "robot"]),
     (
         "pipeline",
         &[
             "messages", "robot", "driver", "layouts", "skeleton", "retarget", "follow", "wbc", "safety", "plant",
-            "sim", "motion", "bus", "doors", "operator", "client",
+            "sim", "motion", "bus", "doors", "operator", "client", "instance",
         ],
     ),
     (
@@ -53,7 +54,7 @@ const MAY_DEPEND_ON: &[(&str, &[&str])] = &[
     ("replay", &["*"]),
     ("train", &["messages", "motion", "skeleton", "retarget", "robot"]),
     ("collision", &["messages", "robot", "rt"]),
-    ("view", &["messages", "robot", "doors", "operator", "pipeline", "bus", "rt"]),
+    ("view", &["messages", "robot", "doors", "operator", "instance", "pipeline", "bus", "rt"]),
     ("batch", &["messages", "motion", "pipeline", "retarget", "robot", "rt"]),
     ("poses", &["messages", "motion", "retarget", "robot", "rt"]),
     ("keyposes", &["messages", "motion", "retarget", "robot", "pipeline", "poses", "rt"]),
@@ -74,12 +75,30 @@ const MAY_DEPEND_ON: &[(&str, &[&str])] = &[
             "collision",
         ],
     ),
-    ("dist", &["latency", "motion", "pipeline", "record", "view"]),
+    ("dist", &["latency", "motion", "instance", "pipeline", "record", "view"]),
     ("canvas", &[]),
-    ("say", &["motion", "pipeline"]),
-    ("bridge", &["messages", "client", "pipeline", "rt", "bus", "layouts"]),
-    ("record", &["messages", "motion", "pipeline", "retarget", "robot", "safety", "bus", "rt", "canvas", "view"]),
-    ("latency", &["canvas", "messages", "motion", "operator", "pipeline", "bus", "rt", "telemetry", "chaos"]),
+    ("say", &["motion", "instance"]),
+    ("bridge", &["messages", "client", "instance", "rt", "bus", "layouts"]),
+    (
+        "record",
+        &["messages", "motion", "instance", "pipeline", "retarget", "robot", "safety", "bus", "rt", "canvas", "view"],
+    ),
+    (
+        "latency",
+        &[
+            "canvas",
+            "messages",
+            "motion",
+            "operator",
+            "instance",
+            "teleopd",
+            "pipeline",
+            "bus",
+            "rt",
+            "telemetry",
+            "chaos",
+        ],
+    ),
     (
         "simulate",
         &[
@@ -87,7 +106,13 @@ const MAY_DEPEND_ON: &[(&str, &[&str])] = &[
             "rt",
         ],
     ),
-    ("chaos", &["messages", "driver", "plant", "sim", "motion", "operator", "client", "pipeline", "bus", "rt"]),
+    (
+        "chaos",
+        &[
+            "messages", "driver", "plant", "sim", "motion", "operator", "client", "instance", "teleopd", "pipeline",
+            "bus", "rt",
+        ],
+    ),
     (
         "torture",
         &["messages", "robot", "driver", "wbc", "safety", "plant", "sim", "motion", "client", "pipeline", "rt"],

@@ -3,9 +3,10 @@
 
 use crate::{mode, only_disengaged};
 use bus::{BusError, Domain, Reader};
+use instance::Instance;
 use messages::{CalibrationSource, InputStatus, Layout, Mode, Service, Skeleton, Status, calibration_flag, raw_flag};
 use operator::{Client, OperatorError};
-use pipeline::{Instance, Names, Operator, Operators, dropped_now};
+use pipeline::{Operator, Operators, dropped_now};
 use rt::{err, out};
 use skeleton::{Calibration, Pose, TPose};
 use std::io::{IsTerminal, Write};
@@ -72,7 +73,7 @@ impl StateObserver {
 pub fn run(client: &mut Client, run_dir: &Path, job: &Job<'_>) -> Result<bool, OperatorError> {
     let status = client.heartbeat()?;
     if mode(&status) != Mode::Disengaged {
-        err!("teleopctl: {}", only_disengaged(&status, "calibrated to", &Names::read(run_dir)));
+        err!("teleopctl: {}", only_disengaged(&status, "calibrated to", &instance::read_names(run_dir)));
         return Ok(false);
     }
     let mut eyes = match StateObserver::open(run_dir) {

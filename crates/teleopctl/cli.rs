@@ -8,7 +8,7 @@ use std::path::PathBuf;
 #[command(name = "teleopctl", version)]
 pub struct Cli {
     /// Folder of the instance. A program installed in /usr/bin defaults to /run/teleop if that exists.
-    #[arg(long, value_name = "DIR", default_value_os_t = pipeline::default_run_dir(), global = true)]
+    #[arg(long, value_name = "DIR", default_value_os_t = instance::default_run_dir(), global = true)]
     pub run_dir: PathBuf,
     #[command(subcommand)]
     pub command: Command,
@@ -46,7 +46,7 @@ pub struct CalibrateArgs {
     pub name: String,
     /// Settings file. Its `ingest.operators` names the folder. A program installed in /usr/bin defaults to
     /// /etc/teleop/teleop.toml if that exists.
-    #[arg(long, value_name = "FILE", default_value_os_t = pipeline::default_config())]
+    #[arg(long, value_name = "FILE", default_value_os_t = instance::default_config())]
     pub config: PathBuf,
     /// Folder to write to, instead of the one in the settings.
     #[arg(long, value_name = "DIR")]

@@ -3,7 +3,8 @@
 use crate::{EFFECT_WITHIN, HEARTBEAT, mode};
 use messages::{Faults, Mode, Status, Transition};
 use operator::{Client, OperatorError};
-use pipeline::{Names, meaning};
+use pipeline::meaning;
+use robot::Names;
 use rt::out;
 use std::time::{Duration, Instant};
 

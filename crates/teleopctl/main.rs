@@ -11,7 +11,8 @@ use clap::Parser;
 use cli::{CalibrateArgs, Cli, Command};
 use messages::{FAULTS, Fault, Faults, Mode, Response, Status};
 use operator::{Client, OperatorError};
-use pipeline::{Names, meaning};
+use pipeline::meaning;
+use robot::Names;
 use rt::{err, out};
 use std::path::Path;
 use std::process::ExitCode;
@@ -108,7 +109,7 @@ fn mode(status: &Status) -> Mode {
 
 fn status(client: &mut Client, run_dir: &Path, json: bool) -> Result<bool, OperatorError> {
     let status = client.heartbeat()?;
-    let names = Names::read(run_dir);
+    let names = instance::read_names(run_dir);
     if json {
         out!("{}", pipeline::status_json(&status, &names));
         return Ok(true);
@@ -206,7 +207,7 @@ fn advice(fault: Fault) -> Option<&'static str> {
 /// Holds the enable until Ctrl-C.
 fn engage(client: &mut Client, run_dir: &Path) -> Result<bool, OperatorError> {
     let first = client.heartbeat()?;
-    let names = Names::read(run_dir);
+    let names = instance::read_names(run_dir);
     if mode(&first) != Mode::Disengaged {
         out!("{}", only_disengaged(&first, "engaged", &names));
         return Ok(false);
@@ -228,7 +229,7 @@ fn engage(client: &mut Client, run_dir: &Path) -> Result<bool, OperatorError> {
 /// Holds the recovery until Ctrl-C, or until the robot is back.
 fn recover(client: &mut Client, run_dir: &Path) -> Result<bool, OperatorError> {
     let first = client.heartbeat()?;
-    let names = Names::read(run_dir);
+    let names = instance::read_names(run_dir);
     if mode(&first) != Mode::Disengaged {
         out!("{}", only_disengaged(&first, "recovered", &names));
         return Ok(false);
@@ -276,7 +277,7 @@ fn reset(client: &mut Client, run_dir: &Path) -> Result<bool, OperatorError> {
         }
         beats += 1;
         if begun.elapsed() > EFFECT_WITHIN {
-            out!("{}", not_reset(&status, &Names::read(run_dir)));
+            out!("{}", not_reset(&status, &instance::read_names(run_dir)));
             return Ok(false);
         }
         std::thread::sleep(HEARTBEAT);

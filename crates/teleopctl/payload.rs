@@ -4,7 +4,6 @@ use crate::cli::PayloadArgs;
 use crate::{EFFECT_WITHIN, HEARTBEAT};
 use messages::{PayloadOrder, Status};
 use operator::{Client, OperatorError};
-use pipeline::Names;
 use rt::{err, out};
 use std::path::Path;
 use std::time::Instant;
@@ -20,7 +19,7 @@ pub fn say(client: &mut Client, run_dir: &Path, args: &PayloadArgs) -> Result<bo
         let status = client.heartbeat()?;
         let (taken, refused) = answers(&status);
         if refused != before.1 {
-            let names = Names::read(run_dir);
+            let names = instance::read_names(run_dir);
             let why = pipeline::payload_refused(&status, &names).unwrap_or_default();
             err!("teleopctl: refused: {why}. The payload stays {}", pipeline::payload(&status));
             return Ok(false);
@@ -31,7 +30,7 @@ pub fn say(client: &mut Client, run_dir: &Path, args: &PayloadArgs) -> Result<bo
                 err!("teleopctl: another operator set another payload at the same time");
                 return Ok(false);
             }
-            if let Some(why) = pipeline::payload_refused(&status, &Names::read(run_dir)) {
+            if let Some(why) = pipeline::payload_refused(&status, &instance::read_names(run_dir)) {
                 err!("teleopctl: {why}");
                 return Ok(false);
             }

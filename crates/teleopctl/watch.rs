@@ -2,15 +2,17 @@
 //! `control`, and the joints from shared memory if this user has access.
 
 use bus::{Domain, Reader};
+use instance::Instance;
 use messages::{Faults, JOINTS, Mode, RobotState, Service, Status};
 use operator::{Client, OperatorError};
-use pipeline::{Instance, Names, Severity, calibration_name, mode_name, sentences};
+use pipeline::{Severity, calibration_name, mode_name, sentences};
 use ratatui::Frame;
 use ratatui::crossterm::event::{self, Event, KeyCode, KeyEvent, KeyModifiers};
 use ratatui::layout::{Constraint, Layout, Rect};
 use ratatui::style::{Color, Style, Stylize};
 use ratatui::text::{Line, Span};
 use ratatui::widgets::{Paragraph, Sparkline, Wrap};
+use robot::Names;
 use rt::err;
 use std::collections::VecDeque;
 use std::path::Path;
@@ -30,7 +32,7 @@ const NEAR: f64 = 0.03;
 /// Draws until q, Esc or Ctrl-C.
 pub fn run(client: &mut Client, run_dir: &Path) -> Result<bool, OperatorError> {
     let instance = Instance::unmade(run_dir);
-    let mut shown = Shown::new(Names::read(run_dir));
+    let mut shown = Shown::new(instance::read_names(run_dir));
     let mut joints = Joints::open(&instance);
     let mut terminal = match ratatui::try_init() {
         Ok(terminal) => terminal,

@@ -4,7 +4,7 @@ use crate::cli::InstanceArgs;
 use crate::doctor::holder;
 use crate::exit::{Exit, Failure};
 use crate::processes::{END_WITHIN, PROCESSES, READY_WITHIN};
-use pipeline::Instance;
+use instance::Instance;
 use std::os::unix::net::UnixDatagram;
 use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};

@@ -17,11 +17,11 @@ pub struct Cli {
 #[derive(Args, Clone, Debug)]
 pub struct InstanceArgs {
     /// Settings of this instance. A program installed in /usr/bin defaults to /etc/teleop/teleop.toml if that exists.
-    #[arg(long, value_name = "FILE", default_value_os_t = pipeline::default_config())]
+    #[arg(long, value_name = "FILE", default_value_os_t = instance::default_config())]
     pub config: PathBuf,
     /// Folder for the instance's socket, shared-memory registry and reports. Two instances need two folders. A
     /// program installed in /usr/bin defaults to /run/teleop if that exists.
-    #[arg(long, value_name = "DIR", default_value_os_t = pipeline::default_run_dir())]
+    #[arg(long, value_name = "DIR", default_value_os_t = instance::default_run_dir())]
     pub run_dir: PathBuf,
     /// Engage even if the kernel grants no real-time scheduling. Simulated driver only.
     #[arg(long)]
@@ -139,7 +139,7 @@ pub struct Doctor {
 #[derive(Args, Clone, Debug)]
 pub struct Tour {
     /// Settings. A program installed in /usr/bin defaults to /etc/teleop/teleop.toml if that exists.
-    #[arg(long, value_name = "FILE", default_value_os_t = pipeline::default_config())]
+    #[arg(long, value_name = "FILE", default_value_os_t = instance::default_config())]
     pub config: PathBuf,
     /// Run all steps without asking.
     #[arg(long)]
@@ -153,7 +153,7 @@ pub struct Tour {
 #[derive(Args, Clone, Debug)]
 pub struct Demo {
     /// Settings. A program installed in /usr/bin defaults to /etc/teleop/teleop.toml if that exists.
-    #[arg(long, value_name = "FILE", default_value_os_t = pipeline::default_config())]
+    #[arg(long, value_name = "FILE", default_value_os_t = instance::default_config())]
     pub config: PathBuf,
     /// Motion file to replay instead of the built-in motion.
     #[arg(long, value_name = "FILE")]

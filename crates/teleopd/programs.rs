@@ -41,7 +41,7 @@ impl Program {
     /// command.
     pub fn typed(&self) -> String {
         let Some(path) = self.found() else { return format!("cargo run --release {} --", self.cargo) };
-        if pipeline::is_installed() {
+        if instance::is_installed() {
             return path.file_name().unwrap_or_default().to_string_lossy().into_owned();
         }
         let here = std::env::current_dir().unwrap_or_default();
@@ -51,5 +51,5 @@ impl Program {
 
 /// Returns ` --run-dir DIR`, or nothing if `run_dir` is the default of every program.
 pub fn run_dir_option(run_dir: &Path) -> String {
-    if run_dir == pipeline::default_run_dir() { String::new() } else { format!(" --run-dir {}", run_dir.display()) }
+    if run_dir == instance::default_run_dir() { String::new() } else { format!(" --run-dir {}", run_dir.display()) }
 }

@@ -5,7 +5,7 @@ use crate::exit::{Exit, Failure};
 use crate::process::realtime::keep_off;
 use crate::processes::END_WITHIN;
 use crate::programs::RECORD;
-use pipeline::Instance;
+use instance::Instance;
 use rt::err;
 use std::os::unix::net::UnixDatagram;
 use std::os::unix::process::CommandExt;

@@ -2,8 +2,8 @@
 
 use crate::exit::{Exit, Failure};
 use crate::timeline::Timeline;
+use instance::Instance;
 use messages::{FAULTS, Fault, Response, TICK_HZ};
-use pipeline::Instance;
 use rt::out;
 use serde_json::{Map, Value, json};
 

@@ -8,9 +8,10 @@ use crate::process::may_lack_realtime;
 use crate::processes::PROCESSES;
 use crate::programs::{REPLAY, TELEOPCTL, run_dir_option};
 use crate::recorder::Recorder;
+use instance::Instance;
 use messages::Mode;
 use operator::OperatorSession;
-use pipeline::{DriverKind, Instance, Loaded};
+use pipeline::{DriverKind, Loaded};
 use rt::{Shutdown, out};
 use std::time::Duration;
 

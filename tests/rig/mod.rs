@@ -6,10 +6,10 @@ pub mod user;
 
 use bus::{Domain, Reader};
 use client::{ClientError, PlayOptions, Player, Publisher, Transport};
+use instance::Instance;
 use messages::{Fault, Faults, Mode, RobotState, Service, Status};
 use motion::{CalibrationMode, Motion};
 use operator::Client;
-use pipeline::Instance;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::sync::{Condvar, Mutex, PoisonError};

@@ -5,9 +5,9 @@ mod machine;
 mod stand_in;
 
 use client::{PlayOptions, Player, Publisher, Transport};
+use instance::Instance;
 use machine::{Machine, Manager, OPERATOR};
 use motion::CalibrationMode;
-use pipeline::Instance;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::Duration;

@@ -167,7 +167,7 @@ fn processes_notify_the_service_manager_unless_they_hang() {
     let text = std::fs::read_to_string(folder.path().join("sim.json")).expect("figures");
     let sim: serde_json::Value = serde_json::from_str(&text).expect("JSON");
     assert_eq!(sim["ended_at_rest"], true, "{sim:#}");
-    if let Ok(instance) = pipeline::Instance::new(folder.path()) {
+    if let Ok(instance) = instance::Instance::new(folder.path()) {
         instance.retire();
     }
 }

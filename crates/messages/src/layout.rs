@@ -112,7 +112,7 @@ impl TypeName {
 }
 
 /// FNV-1a, 64 bit (offset basis and prime as published by Fowler, Noll and Vo).
-pub(crate) const fn fnv(mut hash: u64, bytes: &[u8]) -> u64 {
+pub const fn fnv(mut hash: u64, bytes: &[u8]) -> u64 {
     let mut i = 0;
     while i < bytes.len() {
         hash = (hash ^ bytes[i] as u64).wrapping_mul(0x0000_0100_0000_01b3);
@@ -121,7 +121,8 @@ pub(crate) const fn fnv(mut hash: u64, bytes: &[u8]) -> u64 {
     hash
 }
 
-pub(crate) const FNV_BASIS: u64 = 0xcbf2_9ce4_8422_2325;
+/// Hash of no bytes.
+pub const FNV_BASIS: u64 = 0xcbf2_9ce4_8422_2325;
 
 macro_rules! primitive {
     ($($t:ty),*) => {$(

@@ -1,8 +1,8 @@
 //! Present cause for which the robot does not follow, without the history.
 
-use crate::Names;
 use crate::explain::{BEHIND_DEG, follows, meaning, moves, newest_transitions, not_at_rest, subject, why};
 use messages::{Fault, Faults, Mode, Response, Status, Subject, Transition, reduced_flag};
+use robot::Names;
 use std::cmp::Reverse;
 
 /// Says why the robot does not follow now, the gravest fault first. The events tell the history. While the robot

@@ -1,12 +1,13 @@
 //! Sentences for the operator: what happened, and why the robot does not move. They name the fault, the joint or
 //! the pair.
 
+use crate::InputConfig;
 use crate::control::{input_age_ms, subject as about_now};
-use crate::{InputConfig, Names};
 use messages::{
     CalibrationSource, FAULTS, Fault, Faults, FollowingLimit, Mode, PayloadRefusal, Response, Stamp, Status, Subject,
     TRANSITIONS_KEPT, Transition, reduced_flag,
 };
+use robot::Names;
 use safety::gate::Denial;
 use skeleton::DropReason;
 

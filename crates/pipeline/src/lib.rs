@@ -9,11 +9,8 @@ mod cores;
 mod edges;
 mod explain;
 mod input;
-mod installed;
-mod instance;
 mod interface;
 mod load;
-mod names;
 mod offline;
 mod operators;
 mod settings;
@@ -34,11 +31,8 @@ pub use explain::{
     newest_transitions, not_at_rest, payload, payload_refused, sentences, why, why_stopped,
 };
 pub use input::{InputConfig, InputState, input_tick};
-pub use installed::{default_config, default_motions, default_run_dir, is_installed};
-pub use instance::{DEFAULT_RUN_DIR, Instance, write_anew};
 pub use interface::RobotInterface;
 pub use load::{Loaded, Overrides, load, load_model, load_weights, read_settings, read_text};
-pub use names::Names;
 pub use offline::{Offline, OfflineEnd, OfflineReport, Row, Watch};
 pub use operators::{Operator, Operators};
 pub use settings::{
@@ -143,13 +137,4 @@ impl ConfigError {
     fn stage(stage: &'static str, error: impl std::fmt::Display) -> Self {
         Self::Stage { stage, cause: error.to_string() }
     }
-}
-
-/// FNV-1a, 64 bit (offset basis and prime as published by Fowler, Noll and Vo).
-fn fnv(bytes: &[u8]) -> u64 {
-    fnv_continue(0xcbf2_9ce4_8422_2325, bytes)
-}
-
-fn fnv_continue(hash: u64, bytes: &[u8]) -> u64 {
-    bytes.iter().fold(hash, |hash, &byte| (hash ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01b3))
 }

@@ -1,11 +1,12 @@
 //! Reads an instance's files: settings, robot, weights. Computes one hash of them, which every message header
 //! carries.
 
+use crate::ConfigError;
 use crate::interface::RobotInterface;
 use crate::operators::Operators;
 use crate::settings::{Method, Settings};
-use crate::{ConfigError, fnv_continue};
 use layouts::{Layouts, Map};
+use messages::{FNV_BASIS, fnv};
 use robot::Model;
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -137,10 +138,10 @@ pub fn load(config: &Path, overrides: Overrides) -> Result<Loaded, ConfigError> 
     };
 
     // The obstacles are part of the text.
-    let mut hash = crate::fnv(text.as_bytes());
-    hash = fnv_continue(hash, &[u8::from(settings.control.engage_without_realtime)]);
-    hash = fnv_continue(hash, settings.sim.interface.name().as_bytes());
-    hash = fnv_continue(hash, &model.hash.to_le_bytes());
+    let mut hash = fnv(FNV_BASIS, text.as_bytes());
+    hash = fnv(hash, &[u8::from(settings.control.engage_without_realtime)]);
+    hash = fnv(hash, settings.sim.interface.name().as_bytes());
+    hash = fnv(hash, &model.hash.to_le_bytes());
     let mut files = vec![config.to_path_buf(), robot_path, urdf_path];
     let mut layouts = Layouts::default();
     for name in &settings.ingest.layouts {
@@ -148,7 +149,7 @@ pub fn load(config: &Path, overrides: Overrides) -> Result<Loaded, ConfigError> 
         let text = read_text(&path).map_err(|error| named(error, &path, config, "ingest.layouts"))?;
         let file = path.display().to_string();
         layouts.add(&file, Map::parse(&file, &text)?)?;
-        hash = fnv_continue(hash, text.as_bytes());
+        hash = fnv(hash, text.as_bytes());
         files.push(path);
     }
     let operators_dir = folder.join(&settings.ingest.operators);
@@ -157,7 +158,7 @@ pub fn load(config: &Path, overrides: Overrides) -> Result<Loaded, ConfigError> 
     let texts = [weights.as_ref().map(|(_, text)| text), prediction.as_ref().map(|(_, text)| text)];
     for (text, both) in texts.into_iter().zip([weights_files, prediction_files]) {
         if let Some(text) = text {
-            hash = fnv_continue(hash, text.as_bytes());
+            hash = fnv(hash, text.as_bytes());
             files.extend(both);
         }
     }

@@ -176,7 +176,7 @@ impl Operator {
     pub fn write(&self, folder: &Path) -> std::io::Result<PathBuf> {
         std::fs::create_dir_all(folder)?;
         let path = folder.join(format!("{}.toml", self.name));
-        crate::write_anew(&path, self.to_toml().as_bytes())?;
+        instance::write_anew(&path, self.to_toml().as_bytes())?;
         Ok(path)
     }
 

@@ -3,8 +3,8 @@
 use crate::support;
 
 use messages::{Fault, Faults, JOINTS, LEFT_ARM, Mode, PayloadOrder, PayloadRefusal, TICK_HZ};
-use pipeline::{Names, payload_refused};
-use robot::{Model, Payload};
+use pipeline::payload_refused;
+use robot::{Model, Names, Payload};
 use support::{Bench, loaded};
 
 /// Joint that lifts the left arm: its second one.

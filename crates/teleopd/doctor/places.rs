@@ -2,7 +2,7 @@
 
 use super::facts::PlaceFacts;
 use crate::cli::InstanceArgs;
-use pipeline::Instance;
+use instance::Instance;
 use rustix::fs::{Access, AtFlags, CWD, accessat};
 use std::os::unix::fs::MetadataExt;
 use std::path::Path;

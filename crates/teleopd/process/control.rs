@@ -12,7 +12,8 @@ use messages::{
     Status, deadline, tick_at,
 };
 use operator::{AuditEvent, AuditRecord, OperatorError, Server};
-use pipeline::{ControlConfig, ControlInput, ControlOutput, ControlState, HandOff, Names, OperatorEdges, STATUS_EVERY};
+use pipeline::{ControlConfig, ControlInput, ControlOutput, ControlState, HandOff, OperatorEdges, STATUS_EVERY};
+use robot::Names;
 use rt::SleepWatch;
 use std::time::Duration;
 use telemetry::{Counter, Event, Metric};
@@ -29,7 +30,7 @@ pub fn run(place: &InstanceArgs) -> Result<(), Failure> {
     let config = ControlConfig::new(&process.loaded, process.realtime.is_realtime())
         .map_err(|error| Failure::new(Exit::Config, error))?;
     let names = Names::of(&config.model);
-    names.write(process.instance.run_dir()).map_err(|error| {
+    instance::write_names(process.instance.run_dir(), &names).map_err(|error| {
         Failure::new(Exit::CantCreate, format!("{}: {error}", process.instance.run_dir().display()))
     })?;
     let group = door_group(place, "doors.operator_group", &process.loaded.settings.doors.operator_group)?;

@@ -18,8 +18,9 @@ use crate::exit::{Exit, Failure};
 use crate::processes::metrics_port;
 use bus::Writer;
 use housekeeping::Housekeeping;
+use instance::Instance;
 use messages::{Header, Message, Stamp};
-use pipeline::{DriverKind, Instance, Loaded, Settings};
+use pipeline::{DriverKind, Loaded, Settings};
 use rt::{PageFaults, Realtime, RealtimeReport, ServiceManager, Shutdown};
 use serde_json::json;
 use telemetry::{Collector, Counter, Event, Probe};
@@ -210,7 +211,7 @@ impl Process {
         telemetry["realtime"] = json!(self.realtime.lines());
         figures["telemetry"] = telemetry;
         let path = self.instance.report(self.name);
-        pipeline::write_anew(&path, figures.to_string().as_bytes())
+        instance::write_anew(&path, figures.to_string().as_bytes())
             .map_err(|error| Failure::new(Exit::Software, format!("{}: {error}", path.display())))
     }
 }

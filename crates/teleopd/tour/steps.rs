@@ -33,7 +33,7 @@ const LEASE: Duration = Duration::from_millis(1500);
 /// Builds missing programs in a source tree.
 pub fn programs(tour: &mut Tour) -> Result<(), Stop> {
     let all_there = |all: &[Program]| all.iter().all(|program| program.found().is_some());
-    if all_there(&[TELEOPCTL, REPLAY, RECORD]) || pipeline::is_installed() || !Path::new("Cargo.toml").exists() {
+    if all_there(&[TELEOPCTL, REPLAY, RECORD]) || instance::is_installed() || !Path::new("Cargo.toml").exists() {
         return Ok(());
     }
     out!("\nSome programs are not built yet. That takes minutes, once.");
@@ -52,7 +52,7 @@ pub fn own_motion(tour: &mut Tour) -> Result<String, Stop> {
 
 /// Returns the path of the tour's motion file.
 fn motion() -> Result<PathBuf, Stop> {
-    let motion = pipeline::default_motions().join(MOTION);
+    let motion = instance::default_motions().join(MOTION);
     if motion.exists() {
         return Ok(motion);
     }
@@ -219,7 +219,7 @@ pub fn recording(tour: &mut Tour) -> Result<String, Stop> {
 
 /// Returns the option that names the settings. Empty if they are the default of every program.
 fn config(tour: &Tour) -> Vec<OsString> {
-    let default = tour.config == pipeline::default_config();
+    let default = tour.config == instance::default_config();
     if default { Vec::new() } else { vec!["--config".into(), tour.config.clone().into_os_string()] }
 }
 

@@ -1,9 +1,9 @@
 //! A page's own connection to the operator socket. A page can only send requests, and `control` decides.
 
 use crate::worker::Worker;
+use instance::Instance;
 use messages::{Mode, Status};
 use operator::{Client, OperatorError};
-use pipeline::Instance;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender};
 use std::time::{Duration, Instant};
 

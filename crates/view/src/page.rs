@@ -6,7 +6,7 @@ use crate::mixer::{KeyPoses, MixRequest, Mixed, Mixer};
 use crate::operator_worker::{CommandOutcome, OperatorCommand, OperatorWorker};
 use crate::recording_view::Position;
 use crate::shares::Shares;
-use pipeline::Instance;
+use instance::Instance;
 use serde::Deserialize;
 use serde_json::json;
 use std::io::ErrorKind;

@@ -11,7 +11,7 @@ use crate::page::PageSource;
 use crate::recording_view::{Position, RecordingView};
 use crate::robot_view::RobotView;
 use bus::DomainConfig;
-use pipeline::Instance;
+use instance::Instance;
 use robot::Model;
 use serde_json::json;
 use std::net::{Ipv4Addr, Shutdown, TcpListener, TcpStream};

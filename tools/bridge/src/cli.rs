@@ -51,7 +51,7 @@ pub struct To {
     #[arg(long)]
     pub any_user: bool,
     /// Folder of the running instance.
-    #[arg(long, value_name = "DIR", default_value_os_t = pipeline::default_run_dir())]
+    #[arg(long, value_name = "DIR", default_value_os_t = instance::default_run_dir())]
     pub run_dir: PathBuf,
     /// Publish through this socket of `ingest` instead of shared memory. It works for a user that is not the
     /// daemon's.

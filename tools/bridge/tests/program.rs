@@ -1,8 +1,8 @@
 //! The program: packets go in, and frames come out on the bus, as any reader of the input domain sees them.
 
 use bus::Domain;
+use instance::Instance;
 use messages::{RawSkeleton, Service, Smpl};
-use pipeline::Instance;
 use std::io::{BufRead, BufReader, Write};
 use std::net::UdpSocket;
 use std::process::{Child, ChildStdout, Command, Stdio};

@@ -4,10 +4,10 @@
 use crate::error::ChaosError;
 use crate::injection::Target;
 use client::{PlayOptions, Player, Publisher};
+use instance::Instance;
 use messages::{Mode, Status, Transition};
 use motion::CalibrationMode;
 use operator::OperatorSession;
-use pipeline::Instance;
 use serde_json::{Map, Value};
 use std::path::Path;
 use std::process::{Child, Command, ExitCode, Stdio};

@@ -52,7 +52,7 @@ pub struct Cli {
     pub compare: Option<Compare>,
     /// Settings file. The blocks use a copy with the changes of the options. A program installed in /usr/bin
     /// defaults to /etc/teleop/teleop.toml if that exists.
-    #[arg(long, value_name = "FILE", default_value_os_t = pipeline::default_config())]
+    #[arg(long, value_name = "FILE", default_value_os_t = instance::default_config())]
     pub config: PathBuf,
     /// Skeletons per second. Their phase moves through the whole tick, so that the wait for the deadline is
     /// sampled evenly.

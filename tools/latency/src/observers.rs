@@ -2,7 +2,7 @@
 //! browser reads it, but never drawn.
 
 use crate::error::LatencyError;
-use pipeline::Instance;
+use instance::Instance;
 use std::io::{BufRead, BufReader};
 use std::net::TcpStream;
 use std::process::{Child, ChildStdout, Command, Stdio};

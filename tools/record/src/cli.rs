@@ -12,11 +12,11 @@ pub struct Cli {
     #[arg(value_name = "OUT.mcap", required_unless_present_any = ["summary", "view"])]
     pub out: Option<PathBuf>,
     /// Folder of the running instance. A program installed in /usr/bin defaults to /run/teleop if that exists.
-    #[arg(long, value_name = "DIR", default_value_os_t = pipeline::default_run_dir())]
+    #[arg(long, value_name = "DIR", default_value_os_t = instance::default_run_dir())]
     pub run_dir: PathBuf,
     /// Settings of the instance. Its robot is drawn, and attached to the file. A program installed in /usr/bin
     /// defaults to /etc/teleop/teleop.toml if that exists.
-    #[arg(long, value_name = "FILE", default_value_os_t = pipeline::default_config())]
+    #[arg(long, value_name = "FILE", default_value_os_t = instance::default_config())]
     pub config: PathBuf,
     /// Pictures, targets, commands and states per second. Every skeleton and status is recorded at any rate.
     #[arg(long, value_name = "HZ", default_value_t = 60.0, conflicts_with = "summary")]

@@ -7,8 +7,8 @@ use crate::topic::Topic;
 use foxglove::Encode;
 use foxglove::messages::log::Level;
 use messages::{ALL_JOINTS, JointCommand, JointTarget, Message, RobotState, Skeleton, Stamp, Status, comes_after};
-use pipeline::{Names, Severity};
-use robot::{Frames, Model};
+use pipeline::Severity;
+use robot::{Frames, Model, Names};
 
 /// Rates of recording.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -1,7 +1,7 @@
 //! Inputs of a control tick that are not messages, as JSON.
 
 use messages::{Layout, PayloadOrder, Stamp, Status};
-use pipeline::Names;
+use robot::Names;
 use safety::engage::OperatorView;
 use serde_json::{Value, json};
 

@@ -1,9 +1,11 @@
 //! Records a running instance, in a process of its own. Or summarises or shows a recording.
 
 use clap::Parser;
-use pipeline::{Instance, Loaded, Names};
+use instance::Instance;
+use pipeline::Loaded;
 use record::cli::Cli;
 use record::{Attached, Origin, Queue, Rates, Summary};
+use robot::Names;
 use rt::{ServiceManager, Shutdown, err, out};
 use std::collections::BTreeMap;
 use std::fs::OpenOptions;

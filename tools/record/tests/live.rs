@@ -3,9 +3,9 @@
 
 use crate::support::{config, contents};
 use bus::{Domain, Writer};
+use instance::Instance;
 use messages::{Header, JointCommand, JointTarget, Layout, RobotState, Service, Skeleton, Stamp, Status};
 use motion::mcap::Ending;
-use pipeline::Instance;
 use record::{Content, Entry, Queue, Sink, Topic};
 use std::collections::BTreeMap;
 use std::io::{Cursor, Seek, SeekFrom, Write};

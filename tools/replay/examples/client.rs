@@ -1,13 +1,13 @@
 //! A client in some 30 lines. It publishes the frames of a motion, as your own client would publish a camera's.
 
 use client::{ClientError, Port, Transport};
+use instance::Instance;
 use messages::{Header, Layout, RawSkeleton, SMPL_JOINTS, SkeletonLayout};
-use pipeline::Instance;
 use std::path::PathBuf;
 use std::time::Duration;
 
 fn main() -> Result<(), ClientError> {
-    let run_dir = std::env::args_os().nth(1).map_or_else(|| pipeline::DEFAULT_RUN_DIR.into(), PathBuf::from);
+    let run_dir = std::env::args_os().nth(1).map_or_else(|| instance::DEFAULT_RUN_DIR.into(), PathBuf::from);
     let instance = Instance::unmade(&run_dir);
     if let Err(error) = operator::Client::connect(instance.operator_socket()) {
         eprintln!("usage: client [RUN_DIR]; no instance runs there: {error}");

@@ -44,10 +44,10 @@ pub struct Cli {
     pub calibration: CalibrationMode,
     /// Settings for --offline, and the robot of a joint trajectory. A program installed in /usr/bin defaults to
     /// /etc/teleop/teleop.toml if that exists.
-    #[arg(long, value_name = "FILE", default_value_os_t = pipeline::default_config())]
+    #[arg(long, value_name = "FILE", default_value_os_t = instance::default_config())]
     pub config: PathBuf,
     /// Folder of the running instance. A program installed in /usr/bin defaults to /run/teleop if that exists.
-    #[arg(long, value_name = "DIR", default_value_os_t = pipeline::default_run_dir())]
+    #[arg(long, value_name = "DIR", default_value_os_t = instance::default_run_dir())]
     pub run_dir: PathBuf,
     /// Publish through this socket of ingest (skeleton.sock in the folder of the instance) instead of shared
     /// memory. Any user in the socket's group may do so. The operator's socket must be in the same folder.

@@ -4,10 +4,10 @@ use crate::{Cli, Failure};
 use client::{PlayOptions, Player, Publisher, Transport};
 use doors::{DoorError, Reply};
 use indicatif::{ProgressBar, ProgressStyle};
+use instance::Instance;
 use messages::Mode;
 use motion::Motion;
 use operator::{Client, OperatorError};
-use pipeline::{Instance, Names};
 use rt::{Shutdown, out};
 use std::path::Path;
 use std::time::Duration;
@@ -92,7 +92,7 @@ pub fn run(cli: &Cli, motion: &Motion) -> Result<(), Failure> {
     }
     let bar = bar_of(publisher.progress().1);
     let (mut mode, mut told) = (None, None);
-    let names = Names::read(instance.run_dir());
+    let names = instance::read_names(instance.run_dir());
     // `followed` is true once the robot has followed. `ended` is the reason why it stopped following.
     let (mut followed, mut ended) = (false, None);
     while !shutdown.requested() && !publisher.finished() {

@@ -2,9 +2,9 @@
 
 use bus::Domain;
 use doors::LeaseState;
+use instance::Instance;
 use messages::{Layout, RawSkeleton, Service, Smpl, Status};
 use operator::Server;
-use pipeline::Instance;
 use std::io::{BufRead, BufReader};
 use std::process::{Command, Stdio};
 use std::sync::Arc;

@@ -11,7 +11,7 @@ pub struct Cli {
     pub sentence: String,
     /// Folder of motions. Each line of its captions.tsv is a file, a tab and a caption. A motion may have several
     /// lines. A program installed in /usr/bin defaults to /usr/share/teleopd/motions if that exists.
-    #[arg(long, value_name = "DIR", default_value_os_t = pipeline::default_motions())]
+    #[arg(long, value_name = "DIR", default_value_os_t = instance::default_motions())]
     pub library: PathBuf,
     /// File of synonyms: a line for each meaning, with words separated by commas (default: synonyms.txt in the
     /// library, if it exists).

@@ -1,13 +1,13 @@
 //! Figures that control publishes about the motion, and its status as JSON.
 
 use super::ControlConfig;
-use crate::{Names, explain};
+use crate::explain;
 use messages::{
     FAULTS, Fault, Faults, JOINTS, JointTarget, LEFT_ARM, LIMBS, Mode, RIGHT_ARM, Stamp, Status, Subject, TORSO,
     reduced_flag,
 };
 use retarget::{Limbs, limb_error_deg};
-use robot::Model;
+use robot::{Model, Names};
 use serde_json::{Value, json};
 
 /// Angles between the person's limbs and those of the arms at `q`, rad, indexed by `Limb`. `None` for an arm

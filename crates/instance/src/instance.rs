@@ -1,5 +1,6 @@
 //! Places of an instance of teleopd: its folder, its operator socket, its two shared-memory domains.
 
+use messages::{FNV_BASIS, fnv};
 use std::fs::OpenOptions;
 use std::io::Write;
 use std::os::unix::fs::{MetadataExt, PermissionsExt};
@@ -45,7 +46,7 @@ impl Instance {
     }
 
     fn at(run_dir: PathBuf) -> Self {
-        let tag = format!("{:08x}", crate::fnv(run_dir.as_os_str().as_encoded_bytes()) as u32);
+        let tag = format!("{:08x}", fnv(FNV_BASIS, run_dir.as_os_str().as_encoded_bytes()) as u32);
         Self { run_dir, tag }
     }
 
