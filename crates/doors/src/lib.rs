@@ -8,7 +8,7 @@
 //!
 //! A skeleton client first sends a `Hello` with its layout. `Server` replies with a session number drawn for this
 //! connection, or with the reason for a refusal. Then every packet is one `RawSkeleton`. This crate does not
-//! decide which of several clients moves the robot. `pipeline::Authority` does.
+//! decide which of several clients moves the robot. `ingest::Authority` does.
 
 mod bucket;
 mod client;

@@ -1,7 +1,6 @@
 //! Sentences for the operator: what happened, and why the robot does not move. They name the fault, the joint or
 //! the pair.
 
-use crate::InputConfig;
 use crate::control::{input_age_ms, subject as about_now};
 use messages::{
     CalibrationSource, FAULTS, Fault, Faults, FollowingLimit, Mode, PayloadRefusal, Response, Stamp, Status, Subject,
@@ -318,7 +317,7 @@ pub fn dropped_now(status: &Status) -> Option<String> {
 /// Name and meaning of the reason for which `ingest` drops frames now. `None` if it drops none.
 pub(crate) fn dropped(status: &Status) -> Option<(&'static str, &'static str)> {
     let reason = *DropReason::ALL.get(status.input_drop.checked_sub(1)? as usize)?;
-    Some((reason.name(), InputConfig::meaning(reason)))
+    Some((reason.name(), reason.meaning()))
 }
 
 /// The fault behind a change of mode, by its name, and what it was about. None if no fault made the change.

@@ -2,13 +2,11 @@
 //! control tick of engagement, whole-body control and gate. It also runs all stages in one thread with virtual
 //! time.
 
-mod authority;
 mod cause;
 mod control;
 mod cores;
 mod edges;
 mod explain;
-mod input;
 mod interface;
 mod load;
 mod offline;
@@ -18,7 +16,6 @@ mod stages;
 mod tamper;
 mod world;
 
-pub use authority::{Authority, ClientIdentity, Door};
 pub use cause::cause;
 pub use control::{
     Commanded, Commander, Continue, ControlConfig, ControlInput, ControlOutput, ControlState, STATUS_EVERY, Stream,
@@ -30,16 +27,15 @@ pub use explain::{
     BEHIND_DEG, Sentence, Severity, calibration_name, dropped_now, fault_behind, meaning, mode_name,
     newest_transitions, not_at_rest, payload, payload_refused, sentences, why, why_stopped,
 };
-pub use input::{InputConfig, InputState, input_tick};
 pub use interface::RobotInterface;
 pub use load::{Loaded, Overrides, load, load_model, load_weights, read_settings, read_text};
 pub use offline::{Offline, OfflineEnd, OfflineReport, Row, Watch};
 pub use operators::{Operator, Operators};
 pub use settings::{
-    ControlSettings, DoorSettings, DriverKind, DriverSettings, FileKey, Filter, HandOff, IngestSettings, Method,
+    ControlSettings, DoorSettings, DriverKind, DriverSettings, FileKey, HandOff, IngestSettings, Method,
     MetricsSettings, Policy, RealtimeSettings, RetargetSettings, SafetySettings, Settings, SimSettings,
 };
-pub use stages::{retarget_config, sim_config};
+pub use stages::{input_config, retarget_config, sim_config};
 pub use tamper::{Tamper, Untampered};
 pub use world::{Links, Moment, Running, World, WorldConfig};
 

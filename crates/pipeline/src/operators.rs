@@ -116,10 +116,6 @@ impl Operators {
         Ok(all)
     }
 
-    fn get(&self, operator_id: u32, layout: u32) -> Option<&Operator> {
-        self.0.iter().map(|(_, operator)| operator).find(|operator| operator.key() == (operator_id, layout))
-    }
-
     /// Returns the reason for which this person in this layout cannot have the file `name`. Either the folder
     /// could no longer be read with it, or the file belongs to another operator.
     pub fn refuses(&self, name: &str, operator_id: u32, layout: u32) -> Option<String> {
@@ -147,9 +143,9 @@ impl Operators {
             .then(|| format!("there are {OPERATORS_MAX} files, the most that are read; remove one"))
     }
 
-    /// Returns the calibration of a client's person in a layout.
-    pub fn find(&self, operator_id: u32, layout: u32) -> Option<&Calibration> {
-        self.get(operator_id, layout).map(|operator| &operator.calibration)
+    /// Returns the calibrations, by the client's numbers of the person and the layout.
+    pub fn calibrations(&self) -> Vec<((u32, u32), Calibration)> {
+        self.0.iter().map(|(_, operator)| (operator.key(), operator.calibration)).collect()
     }
 
     /// Names of the operators.
@@ -261,14 +257,17 @@ mod tests {
         std::fs::write(place.join("notes.txt"), "no operator").unwrap();
         let all = Operators::read(&place).unwrap();
         assert_eq!(all.names().collect::<Vec<_>>(), ["anna-camera", "anna"]);
-        let found = all.find(3, 1).unwrap();
+        let find = |person: u32, layout: u32| {
+            all.calibrations().into_iter().find(|(of, _)| *of == (person, layout)).map(|(_, calibration)| calibration)
+        };
+        let found = find(3, 1).unwrap();
         assert_eq!((found.lengths_m, found.hinges.flags, found.hinges.samples), ([0.31, 0.25, 0.3, 0.26], 15, 120));
         assert!((found.torso_lean_rad - 0.06).abs() < 1e-4);
         for (read, written) in found.hinges.hinge.iter().flatten().zip(anna().calibration.hinges.hinge.as_flattened()) {
             assert!((read - written).abs() < 1e-6);
         }
-        assert_eq!(all.find(3, 4).unwrap().hinges.flags, 0);
-        assert_eq!((all.find(3, 2), all.find(4, 1)), (None, None));
+        assert_eq!(find(3, 4).unwrap().hinges.flags, 0);
+        assert_eq!((find(3, 2), find(4, 1)), (None, None));
         let twin_of = "operator_id 3 with layout 1 belongs to anna.toml already";
         let of_another =
             "anna.toml belongs to operator_id 3 with layout 1, but the client sends operator_id 4 with layout 1";

@@ -3,6 +3,7 @@
 use crate::ConfigError;
 use crate::cores::Cores;
 use crate::interface::RobotInterface;
+use ingest::Filter;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
@@ -80,18 +81,6 @@ pub struct DoorSettings {
     pub skeleton_group: String,
     /// Group whose members may command through `operator.sock`. `""` is the group of the daemon's process.
     pub operator_group: String,
-}
-
-/// Layouts whose positions are filtered before validation.
-#[derive(Clone, Copy, Debug, Deserialize, PartialEq, Serialize, Eq)]
-#[serde(rename_all = "kebab-case")]
-pub enum Filter {
-    /// No layout.
-    None,
-    /// Layouts of cameras.
-    Cameras,
-    /// Every layout.
-    All,
 }
 
 /// Settings of the clients' layouts, lease and filter.

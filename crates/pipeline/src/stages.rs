@@ -2,8 +2,23 @@
 
 use crate::ConfigError;
 use crate::load::Loaded;
-use crate::settings::{Method, SafetySettings};
+use crate::operators::Operators;
+use crate::settings::{IngestSettings, Method, SafetySettings};
+use layouts::Layouts;
 use safety::engage;
+
+/// Returns the configuration of `ingest`.
+pub fn input_config(settings: &IngestSettings, layouts: Layouts, operators: &Operators) -> ingest::Config {
+    let options = ingest::Options {
+        filter: settings.filter,
+        rest_cutoff_hz: settings.filter_rest_cutoff_hz,
+        cutoff_per_m: settings.filter_cutoff_per_m,
+        outliers_mad: settings.filter_outliers_mad,
+        camera_length_change_max: settings.camera_length_change_max,
+        camera_length_step_max: settings.camera_length_step_max,
+    };
+    ingest::Config::new(&options, layouts, operators.calibrations())
+}
 
 /// Returns the configuration of the retargeting stage.
 pub fn retarget_config(loaded: &Loaded) -> Result<retarget::Config, ConfigError> {

@@ -1,12 +1,12 @@
 //! All stages in one thread with virtual time. The ticks are those of the processes, in the same order, over links
 //! that may be faulty. `replay --offline` and `simulate` use it.
 
+use crate::ConfigError;
 use crate::control::{ControlConfig, ControlInput, ControlOutput, ControlState, tick as control_tick};
-use crate::input::{InputConfig, InputState, input_tick};
 use crate::load::Loaded;
 use crate::tamper::{Tamper, Untampered};
-use crate::{Authority, ConfigError};
 use bus::{FaultCounts, FaultPlan, Faulty, Latest, Publish};
+use ingest::Authority;
 use messages::{Header, JOINTS, JointCommand, JointTarget, RawSkeleton, RobotState, Skeleton, Stamp, deadline};
 use safety::engage::OperatorView;
 
@@ -35,7 +35,7 @@ impl Incarnations {
 /// The configuration of every stage.
 #[derive(Clone, Debug)]
 pub struct WorldConfig {
-    input: InputConfig,
+    input: ingest::Config,
     retarget: retarget::Config,
     /// Configuration of the control tick.
     pub control: ControlConfig,
@@ -48,7 +48,7 @@ impl WorldConfig {
     /// Builds the configuration of one virtual instance, with the stale times of a real-time machine.
     pub fn new(loaded: &Loaded) -> Result<Self, ConfigError> {
         Ok(Self {
-            input: InputConfig::new(&loaded.settings.ingest, loaded.layouts.clone(), loaded.operators.clone()),
+            input: crate::input_config(&loaded.settings.ingest, loaded.layouts.clone(), &loaded.operators),
             retarget: crate::retarget_config(loaded)?,
             control: ControlConfig::new(loaded, true)?,
             sim: crate::sim_config(loaded, true)?,
@@ -105,7 +105,7 @@ pub struct World {
     first_k: u64,
     incarnations: Incarnations,
     authority: Authority,
-    input: InputState,
+    input: ingest::State,
     skeleton_header: Header,
     retarget: retarget::State,
     retarget_header: Header,
@@ -154,7 +154,7 @@ impl World {
             k: FIRST_TICK,
             first_k: FIRST_TICK,
             authority: Authority::default(),
-            input: InputState::default(),
+            input: ingest::State::default(),
             skeleton_header: header(&mut incarnations),
             retarget: retarget::State::default(),
             retarget_header: header(&mut incarnations),
@@ -212,7 +212,7 @@ impl World {
     /// Kills and restarts `ingest`.
     pub fn restart_ingest(&mut self) {
         self.authority = Authority::default();
-        self.input = InputState::default();
+        self.input = ingest::State::default();
         self.skeleton_header.incarnation = self.incarnations.draw();
         self.skeleton_header.sequence = 0;
     }
@@ -321,7 +321,7 @@ impl World {
         if !self.authority.admits(now, &raw, config.authority_timeout_ns) {
             return None;
         }
-        let out = input_tick(&config.input, &mut self.input, now, &raw);
+        let out = ingest::tick(&config.input, &mut self.input, now, &raw);
         let mut skeleton = out.skeleton?;
         self.skeleton_header.sequence += 1;
         skeleton.header = Header { stamp: now, origin: skeleton.header.origin, ..self.skeleton_header };

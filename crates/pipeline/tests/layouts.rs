@@ -1,8 +1,9 @@
 //! Layouts from files, and frames without a known layout.
 
 use crate::support;
+use ingest::Filter;
 use messages::{RawSkeleton, SkeletonLayout, Smpl, Stamp, raw_flag};
-use pipeline::{Filter, InputConfig, InputState, Loaded, Overrides, input_tick, load};
+use pipeline::{Loaded, Overrides, load};
 use skeleton::DropReason;
 use std::path::{Path, PathBuf};
 
@@ -72,19 +73,19 @@ fn f097_missing_wrong_or_duplicate_layout_is_refused_by_name() {
 #[test]
 fn f018_frames_of_wrong_layout_are_dropped_and_counted() {
     let loaded = support::loaded();
-    let config = InputConfig::new(&loaded.settings.ingest, loaded.layouts.clone(), loaded.operators.clone());
-    let mut state = InputState::default();
+    let config = pipeline::input_config(&loaded.settings.ingest, loaded.layouts.clone(), &loaded.operators);
+    let mut state = ingest::State::default();
     let motion = motion::builtin();
     let calibration = motion::calibrate(&motion, motion::CalibrationMode::First10s);
     let mut sequence = 0;
-    let mut take = |state: &mut InputState, change: &dyn Fn(&mut RawSkeleton)| {
+    let mut take = |state: &mut ingest::State, change: &dyn Fn(&mut RawSkeleton)| {
         let mut raw = motion::raw_frame(&motion, sequence, &calibration);
         sequence += 1;
         (raw.session_nonce, raw.header.sequence) = (7, sequence as u64);
         raw.header.origin = Stamp(1_000_000_000 + 16_666_667 * sequence as u64);
         change(&mut raw);
         let now = raw.header.origin.plus_ns(1_000_000);
-        input_tick(&config, state, now, &raw)
+        ingest::tick(&config, state, now, &raw)
     };
     let local = raw_flag::ROTATIONS | raw_flag::LOCAL;
     let cases: [(Change<'_>, Option<DropReason>); 8] = [
@@ -99,7 +100,7 @@ fn f018_frames_of_wrong_layout_are_dropped_and_counted() {
         (&|raw| (raw.layout, raw.joint_count) = (3, 24), Some(DropReason::NotUpright)),
     ];
     for (change, reason) in cases {
-        state = if reason == Some(DropReason::NotUpright) { InputState::default() } else { state };
+        state = if reason == Some(DropReason::NotUpright) { ingest::State::default() } else { state };
         let before = reason.map(|reason| state.skeleton.dropped(reason));
         assert_eq!(take(&mut state, change).drop, reason);
         assert_eq!(reason.map(|reason| state.skeleton.dropped(reason)), before.map(|count| count + 1));
@@ -113,14 +114,14 @@ fn f017_outliers_are_counted_only_where_settings_enable_filter() {
     let play = |filter: Filter, outliers_mad: f64| {
         let mut loaded = support::loaded();
         (loaded.settings.ingest.filter, loaded.settings.ingest.filter_outliers_mad) = (filter, outliers_mad);
-        let config = InputConfig::new(&loaded.settings.ingest, loaded.layouts.clone(), loaded.operators.clone());
-        let mut state = InputState::default();
+        let config = pipeline::input_config(&loaded.settings.ingest, loaded.layouts.clone(), &loaded.operators);
+        let mut state = ingest::State::default();
         for i in 0..60_u64 {
             let mut raw = motion::raw_frame(&motion, i as usize, &calibration);
             (raw.session_nonce, raw.header.sequence) = (7, i + 1);
             raw.header.origin = Stamp(1_000_000_000 + 16_666_667 * i);
             raw.positions[Smpl::LeftWrist as usize][0] += if i == 40 { 0.08 } else { 0.0 };
-            input_tick(&config, &mut state, raw.header.origin.plus_ns(1_000_000), &raw);
+            ingest::tick(&config, &mut state, raw.header.origin.plus_ns(1_000_000), &raw);
         }
         (state.outliers(), state.skeleton.dropped(DropReason::LengthStep))
     };

@@ -4,7 +4,7 @@
 
 use messages::{RawSkeleton, Stamp};
 use motion::CalibrationMode;
-use pipeline::{InputConfig, InputState, Loaded, Overrides};
+use pipeline::{Loaded, Overrides};
 use poses::pose::read_pose;
 use poses::triangle::{POSES, Triangle};
 use retarget::{ARMS, ArmModel, ArmQ, Limbs, PRIOR_WEIGHT, features, limb_error_deg, refine};
@@ -122,8 +122,8 @@ fn arms_between_two_corners_approach_the_second_steadily() {
 fn ingest_accepts_all_frames_but_the_first_of_a_dragged_handle() {
     let loaded = loaded();
     let triangle = of(&loaded, &["hands-on-head", "cross-arms", "point-forward"]);
-    let config = InputConfig::new(&loaded.settings.ingest, loaded.layouts.clone(), loaded.operators.clone());
-    let (mut state, mut now) = (InputState::default(), Stamp(1_000_000_000));
+    let config = pipeline::input_config(&loaded.settings.ingest, loaded.layouts.clone(), &loaded.operators);
+    let (mut state, mut now) = (ingest::State::default(), Stamp(1_000_000_000));
     let mut seed = 11_u64;
     // Knuth's linear congruential generator (MMIX).
     let mut draw = |below: u64| {
@@ -143,7 +143,7 @@ fn ingest_accepts_all_frames_but_the_first_of_a_dragged_handle() {
         now = now.plus_ns(16_666_667);
         let mut raw: RawSkeleton = triangle.raw(&shares, n as f64 / 60.0);
         (raw.header.sequence, raw.header.stamp, raw.header.origin, raw.session_nonce) = (n + 1, now, now, 5);
-        let seen = pipeline::input_tick(&config, &mut state, now, &raw).skeleton;
+        let seen = ingest::tick(&config, &mut state, now, &raw).skeleton;
         // The first frame of a session is never used.
         assert!(seen.is_some() || n == 0, "frame {n} at {shares:?}");
         let (a, b) = (triangle.q(&before), triangle.q(&shares));

@@ -164,4 +164,67 @@ impl DropReason {
             | Self::Frozen => true,
         }
     }
+
+    /// Explains the reason, with the bounds of motion capture, to help find the error in a client.
+    pub const fn meaning(self) -> &'static str {
+        match self {
+            Self::Layout => "the layout's number is unknown",
+            Self::Count => "the number of joints differs from the layout's, or a flag is unknown",
+            Self::Mirrored => "the frame is mirrored, and its layout does not allow that",
+            Self::NoOrigin => "header.origin, the time at which the person was seen, is 0",
+            Self::Future => "header.origin lies in the future; it is CLOCK_MONOTONIC of this machine, ns",
+            Self::Old => "header.origin is more than 100 ms ago; it is CLOCK_MONOTONIC of this machine, ns",
+            Self::SessionChanged => "the session changed; its first frame is never used",
+            Self::OperatorChanged => "operator_id changed; the first frame of another person is never used",
+            Self::Duplicate => "header.origin or header.sequence equals the previous frame's",
+            Self::Backwards => "header.origin or header.sequence went backwards",
+            Self::NotFinite => "a number is NaN or infinite",
+            Self::OutOfRange => {
+                "a coordinate is beyond 100 m, a joint more than 1.5 m from the pelvis, or a confidence not 0 to 1 \
+                 (are the units those of the layout?)"
+            }
+            Self::NotUnit => "a quaternion or a hinge is not of length 1",
+            Self::TrunkLost => "shoulders or hips are below a confidence of 0.5",
+            Self::Size => {
+                "hips to shoulders are not 0.29 to 0.73 m, or an upper arm or a forearm is not 0.3 to 0.9 of that \
+                 (are the units and the order of the joints those of the layout?)"
+            }
+            Self::NotUpright => "the trunk is not upright at the start (is the up axis the layout's?)",
+            Self::Chirality => "left and right are swapped, or the person is mirrored",
+            Self::Teleport => {
+                "a shoulder went faster than 7 m/s, an elbow faster than 10 m/s, or a wrist faster than 12 m/s, \
+                 relative to the hips"
+            }
+            Self::LengthStep => "a limb changed its length from one frame to the next",
+            Self::LengthChange => "a limb's length differs from that in the session's first second",
+            Self::Frozen => "the same numbers repeat: the tracker is stuck",
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn drop_reason_texts_give_bounds_in_force() {
+        let bounds = Config::default();
+        let [low, high] = bounds.trunk_m;
+        let [arm_low, arm_high] = bounds.arm_per_trunk;
+        let [shoulder, elbow, wrist] = bounds.speed_max_m_per_s;
+        for (reason, said) in [
+            (DropReason::Old, format!("{} ms", bounds.age_max_ns / 1_000_000)),
+            (DropReason::OutOfRange, format!("{} m", bounds.coordinate_max_m)),
+            (DropReason::OutOfRange, format!("{} m", bounds.reach_max_m)),
+            (DropReason::TrunkLost, format!("{}", bounds.confidence_min)),
+            (DropReason::Size, format!("{low} to {high} m")),
+            (DropReason::Size, format!("{arm_low} to {arm_high} of that")),
+            (DropReason::Teleport, format!("a shoulder went faster than {shoulder} m/s")),
+            (DropReason::Teleport, format!("an elbow faster than {elbow} m/s")),
+            (DropReason::Teleport, format!("a wrist faster than {wrist} m/s")),
+        ] {
+            let meaning = reason.meaning();
+            assert!(meaning.contains(&said), "{reason:?}: {said}: {meaning}");
+        }
+    }
 }

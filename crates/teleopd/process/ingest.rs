@@ -6,8 +6,9 @@ use crate::cli::InstanceArgs;
 use crate::exit::{Exit, Failure};
 use bus::{Domain, PublisherId, Sample, WakingReader, Writer};
 use doors::{Bucket, DoorError, FrameSource, LeaseState, Reply, Server, SocketEvent, draw_nonce};
+use ingest::{Authority, ClientIdentity};
 use messages::{InputStatus, Layout, RawSkeleton, Service, Skeleton, Stamp, TICK_HZ, deadline, tick_at};
-use pipeline::{Authority, ClientIdentity, HandOff, InputConfig, InputState, Operators, input_tick};
+use pipeline::{HandOff, Operators};
 use serde_json::json;
 use skeleton::DropReason;
 use std::time::Duration;
@@ -41,12 +42,12 @@ pub fn run(place: &InstanceArgs) -> Result<(), Failure> {
         quotas: Quotas::default(),
         uid: rustix::process::geteuid().as_raw(),
         timeout_ns: (process.loaded.settings.ingest.authority_timeout_ms * 1e6) as u64,
-        config: InputConfig::new(
+        config: pipeline::input_config(
             &process.loaded.settings.ingest,
             process.loaded.layouts.clone(),
-            process.loaded.operators.clone(),
+            &process.loaded.operators,
         ),
-        state: InputState::default(),
+        state: ingest::State::default(),
         skeletons,
         sequence: 0,
         dropped: Dropped::since(rt::now()),
@@ -123,8 +124,8 @@ struct IngestLoop {
     quotas: Quotas,
     uid: u32,
     timeout_ns: u64,
-    config: InputConfig,
-    state: InputState,
+    config: ingest::Config,
+    state: ingest::State,
     skeletons: Writer<Skeleton>,
     sequence: u64,
     dropped: Dropped,
@@ -172,7 +173,7 @@ impl IngestLoop {
         let now = rt::now();
         if self.quotas.admits(now, sample.publisher) {
             let claim = ClientIdentity {
-                door: pipeline::Door::SharedMemory,
+                door: ingest::Door::SharedMemory,
                 uid: self.uid,
                 pid: sample.process,
                 port: sample.publisher.0,
@@ -184,7 +185,7 @@ impl IngestLoop {
 
     fn take_packet(&mut self, process: &mut Process, from: FrameSource, frame: &RawSkeleton) -> LeaseState {
         let claim = ClientIdentity {
-            door: pipeline::Door::Socket,
+            door: ingest::Door::Socket,
             uid: from.peer.uid,
             pid: from.peer.pid,
             port: u128::from(from.connection),
@@ -210,7 +211,7 @@ impl IngestLoop {
             self.reread_operators(process);
         }
         let raw = RawSkeleton { session_nonce: self.session_nonce, ..*raw };
-        let out = input_tick(&self.config, &mut self.state, now, &raw);
+        let out = ingest::tick(&self.config, &mut self.state, now, &raw);
         (self.status.layout, self.status.operator_id, self.status.flags) = (raw.layout, raw.operator_id, raw.flags);
         let Some(person) = out.skeleton else {
             self.status.dropped_at = now;
@@ -228,8 +229,9 @@ impl IngestLoop {
     /// Reads the operators' files again. This happens when a lease begins, while no robot moves. New measurements
     /// of operators take effect now. If the folder cannot be read, nothing changes.
     fn reread_operators(&mut self, process: &mut Process) {
-        match rt::allocating_aside(|| Operators::read(&process.loaded.operators_dir)) {
-            Ok(operators) => self.config.operators = operators,
+        let read = || Operators::read(&process.loaded.operators_dir).map(|operators| operators.calibrations());
+        match rt::allocating_aside(read) {
+            Ok(calibrations) => self.config.calibrations = calibrations,
             Err(error) => tracing::warn!("ingest: {error}; the previous operators stay in use"),
         }
     }
@@ -264,7 +266,7 @@ impl IngestLoop {
             process.probe.event(Event::Visitor { what: word.meaning(), refused, uid: peer.uid, pid: peer.pid });
         });
         self.dropped.turn(rt::now(), &self.state.skeleton, |reason, frames| {
-            let (reason, meaning) = (reason.name(), InputConfig::meaning(reason));
+            let (reason, meaning) = (reason.name(), reason.meaning());
             process.probe.event(Event::Dropped { frames, reason, meaning });
         });
     }

@@ -4,7 +4,7 @@ use crate::bytes::Bytes;
 use crate::skeletons::{WORDS, set};
 use layouts::{Layouts, Map};
 use messages::{CUSTOM_LAYOUTS, Layout, RawSkeleton, SMPL_JOINTS, SkeletonLayout, Stamp, raw_flag};
-use pipeline::{InputConfig, InputState, Settings, input_tick};
+use pipeline::Settings;
 use skeleton::DropReason;
 use std::sync::LazyLock;
 
@@ -16,7 +16,7 @@ const FILES: [&str; 3] = [
 ];
 
 /// All shipped layouts.
-static SHIPPED: LazyLock<InputConfig> = LazyLock::new(|| {
+static SHIPPED: LazyLock<ingest::Config> = LazyLock::new(|| {
     let mut layouts = Layouts::default();
     for text in FILES {
         layouts.add("shipped", Map::parse("shipped", text).expect("shipped")).expect("numbers of their own");
@@ -25,9 +25,9 @@ static SHIPPED: LazyLock<InputConfig> = LazyLock::new(|| {
 });
 
 /// Returns the shipped settings with these layouts.
-fn with(layouts: Layouts) -> InputConfig {
+fn with(layouts: Layouts) -> ingest::Config {
     let settings = Settings::parse("teleop.toml", crate::settings::TEXT).expect("shipped");
-    InputConfig::new(&settings.ingest, layouts, pipeline::Operators::default())
+    pipeline::input_config(&settings.ingest, layouts, &pipeline::Operators::default())
 }
 
 /// Runs the input. The first byte selects the meaning of the others. 0: a file. 1: changes of a shipped file
@@ -76,7 +76,7 @@ fn file(text: &str) {
     }
 }
 
-fn frame(config: &InputConfig, rest: &[u8]) {
+fn frame(config: &ingest::Config, rest: &[u8]) {
     let mut bytes = Bytes::new(rest);
     let mut raw = RawSkeleton::ZERO;
     raw.header.origin = Stamp(1_000_000_000);
@@ -96,8 +96,8 @@ fn frame(config: &InputConfig, rest: &[u8]) {
         }
         assert_eq!((out.header, out.session_nonce, out.operator_id), (raw.header, raw.session_nonce, raw.operator_id));
     }
-    let mut state = InputState::default();
-    let out = input_tick(config, &mut state, Stamp(1_001_000_000), &raw);
+    let mut state = ingest::State::default();
+    let out = ingest::tick(config, &mut state, Stamp(1_001_000_000), &raw);
     assert_eq!(out.skeleton.is_some(), out.drop.is_none(), "accepted or dropped, never both");
     let dropped: u64 = DropReason::ALL.into_iter().map(|reason| state.skeleton.dropped(reason)).sum();
     assert_eq!(state.skeleton.accepted() + dropped, 1, "every frame is counted once");

@@ -7,7 +7,7 @@ use crate::following::chosen;
 use crate::run::{show, write_json};
 use messages::{RawSkeleton, Stamp};
 use motion::{CalibrationMode, Motion};
-use pipeline::{InputConfig, InputState, Overrides, input_tick};
+use pipeline::Overrides;
 use rayon::prelude::*;
 use serde_json::{Value, json};
 use skeleton::DropReason;
@@ -63,16 +63,16 @@ impl Refusals {
 
 /// Passes a motion to `ingest` at this frame rate, each frame at once.
 #[must_use]
-pub fn count(config: &InputConfig, motion: &Motion, calibration: CalibrationMode, rate_hz: f64) -> Refusals {
+pub fn count(config: &ingest::Config, motion: &Motion, calibration: CalibrationMode, rate_hz: f64) -> Refusals {
     let hinges = motion::calibrate(motion, calibration);
     let motion = motion::resampled(motion, rate_hz);
-    let (mut state, mut out, mut person) = (InputState::default(), Refusals::default(), None);
+    let (mut state, mut out, mut person) = (ingest::State::default(), Refusals::default(), None);
     for i in 0..motion.frames.len() {
         let now = Stamp(BEGIN_NS + (i as f64 * 1e9 / rate_hz) as u64);
         let mut raw: RawSkeleton = motion::raw_frame(&motion, i, &hinges);
         (raw.header.sequence, raw.header.origin, raw.header.stamp) = (i as u64 + 1, now, now);
         (raw.header.incarnation, raw.session_nonce) = (1, 1);
-        let skeleton = input_tick(config, &mut state, now, &raw).skeleton;
+        let skeleton = ingest::tick(config, &mut state, now, &raw).skeleton;
         out.frames += 1;
         let Some(skeleton) = skeleton else {
             out.dropped += 1;
@@ -122,7 +122,7 @@ pub fn run(cli: &Cli, folder: &Path) -> Result<(), EvalError> {
         return Err(EvalError::Option { option: "rates", value: rate.to_string(), expected });
     }
     let loaded = pipeline::load(&cli.config, Overrides::default())?;
-    let config = InputConfig::new(&loaded.settings.ingest, loaded.layouts, loaded.operators);
+    let config = pipeline::input_config(&loaded.settings.ingest, loaded.layouts, &loaded.operators);
     let motions: Vec<Motion> = chosen(folder, cli.clips.as_deref())?
         .iter()
         .filter_map(|file| match motion::load(file) {

@@ -2,13 +2,13 @@
 
 use eval::refusals::count;
 use motion::{CalibrationMode, Motion, builtin};
-use pipeline::{InputConfig, Overrides};
+use pipeline::Overrides;
 use std::path::Path;
 
-fn config() -> InputConfig {
+fn config() -> ingest::Config {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/teleop.toml");
     let loaded = pipeline::load(&path, Overrides::default()).expect("the settings of the repository");
-    InputConfig::new(&loaded.settings.ingest, loaded.layouts, loaded.operators)
+    pipeline::input_config(&loaded.settings.ingest, loaded.layouts, &loaded.operators)
 }
 
 /// Returns the built-in motion, `times` as fast.
