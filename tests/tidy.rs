@@ -35,7 +35,7 @@ const MAY_DEPEND_ON: &[(&str, &[&str])] = &[
     ("bus", &["messages"]),
     ("telemetry", &["messages", "rt"]),
     ("doors", &["messages", "rt"]),
-    ("operator", &["messages", "doors", "rt"]),
+    ("operator", &["messages", "doors", "rt", "safety"]),
     ("motion", &["messages", "skeleton"]),
     ("client", &["bus", "doors", "messages", "motion"]),
     ("instance", &["bus", "messages", "robot"]),

@@ -16,6 +16,7 @@
 
 mod client;
 mod codec;
+mod edges;
 mod error;
 mod locks;
 mod merge;
@@ -24,6 +25,7 @@ mod session;
 
 pub use client::{Client, reset_refusal};
 pub use codec::{REQUEST_BYTES, STATUS_BYTES, decode_request, decode_status, encode_request, encode_status};
+pub use edges::OperatorEdges;
 pub use error::OperatorError;
 pub use locks::ResetRule;
 pub use merge::{CLIENTS_MAX, LEASE_NS, OperatorView};

@@ -5,7 +5,6 @@
 mod cause;
 mod control;
 mod cores;
-mod edges;
 mod explain;
 mod interface;
 mod load;
@@ -22,7 +21,6 @@ pub use control::{
     input_age_ms, status_json, status_note, tick as control_tick,
 };
 pub use cores::Cores;
-pub use edges::OperatorEdges;
 pub use explain::{
     BEHIND_DEG, Sentence, Severity, calibration_name, dropped_now, fault_behind, meaning, mode_name,
     newest_transitions, not_at_rest, payload, payload_refused, sentences, why, why_stopped,

@@ -11,8 +11,8 @@ use messages::{
     Fault, Faults, InputStatus, JointCommand, JointTarget, Layout, Mode, PayloadRefusal, RobotState, Service, Stamp,
     Status, deadline, tick_at,
 };
-use operator::{AuditEvent, AuditRecord, OperatorError, Server};
-use pipeline::{ControlConfig, ControlInput, ControlOutput, ControlState, HandOff, OperatorEdges, STATUS_EVERY};
+use operator::{AuditEvent, AuditRecord, OperatorEdges, OperatorError, Server};
+use pipeline::{ControlConfig, ControlInput, ControlOutput, ControlState, HandOff, STATUS_EVERY};
 use robot::Names;
 use rt::SleepWatch;
 use std::time::Duration;

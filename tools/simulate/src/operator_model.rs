@@ -3,7 +3,7 @@
 use crate::active::{Active, Faults};
 use crate::kinds::{Fault, OperatorFault as Of};
 use messages::{Fault as Reason, Faults as Reasons, Mode, Stamp, Status, TICK_HZ};
-use pipeline::OperatorEdges;
+use operator::OperatorEdges;
 use rand::RngExt;
 use safety::engage::OperatorView;
 

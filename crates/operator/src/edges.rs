@@ -5,7 +5,7 @@ use safety::engage::OperatorView;
 /// Edges since the last tick, and the present level.
 #[derive(Clone, Debug, Default)]
 pub struct OperatorEdges {
-    seen: operator::OperatorView,
+    seen: crate::OperatorView,
     now: OperatorView,
     /// True if the last holder fell silent or disconnected, and no operator has enabled since.
     lost: bool,
@@ -13,7 +13,7 @@ pub struct OperatorEdges {
 
 impl OperatorEdges {
     /// Takes the socket's view. Edges add up until [`OperatorEdges::take`] returns them.
-    pub fn note(&mut self, view: &operator::OperatorView) {
+    pub fn note(&mut self, view: &crate::OperatorView) {
         let enabled = view.enable_edges != self.seen.enable_edges;
         let recovers = view.recover_edges != self.seen.recover_edges;
         // A lost holder did not release the hold. The state machine must see silence, not a release.
@@ -73,7 +73,7 @@ mod tests {
     #[test]
     fn operator_edge_is_taken_exactly_once() {
         let mut edges = OperatorEdges::default();
-        let mut view = operator::OperatorView { connections: 1, ..Default::default() };
+        let mut view = crate::OperatorView { connections: 1, ..Default::default() };
         edges.note(&view);
         view.estop_edges = 1;
         edges.note(&view);
@@ -95,7 +95,7 @@ mod tests {
     fn lost_holder_counts_as_disconnected_and_release_does_not() {
         let mut edges = OperatorEdges::default();
         let mut view =
-            operator::OperatorView { connections: 2, enable_level: true, enable_edges: 1, ..Default::default() };
+            crate::OperatorView { connections: 2, enable_level: true, enable_edges: 1, ..Default::default() };
         edges.note(&view);
         assert!(edges.take().connected);
         (view.enable_level, view.release_edges) = (false, 1);
