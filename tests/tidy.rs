@@ -9,9 +9,9 @@ use std::path::Path;
 use std::process::Command;
 
 /// Crates that never do IO, never read a clock and never block.
-const PURE: [&str; 12] = [
+const PURE: [&str; 13] = [
     "messages", "robot", "layouts", "skeleton", "retarget", "follow", "wbc", "safety", "driver", "plant", "sim",
-    "ingest",
+    "ingest", "explain",
 ];
 
 /// Packages that a pure crate must not depend on, even indirectly.
@@ -40,6 +40,7 @@ const MAY_DEPEND_ON: &[(&str, &[&str])] = &[
     ("client", &["bus", "doors", "messages", "motion"]),
     ("instance", &["bus", "messages", "robot"]),
     ("ingest", &["layouts", "messages", "skeleton"]),
+    ("explain", &["messages", "robot", "safety", "skeleton"]),
     (
         "pipeline",
         &[
@@ -57,7 +58,7 @@ const MAY_DEPEND_ON: &[(&str, &[&str])] = &[
     ("replay", &["*"]),
     ("train", &["messages", "motion", "skeleton", "retarget", "robot"]),
     ("collision", &["messages", "robot", "rt"]),
-    ("view", &["messages", "robot", "doors", "operator", "instance", "pipeline", "bus", "rt"]),
+    ("view", &["messages", "robot", "doors", "operator", "instance", "explain", "pipeline", "bus", "rt"]),
     ("batch", &["messages", "motion", "pipeline", "retarget", "robot", "rt"]),
     ("poses", &["messages", "motion", "retarget", "robot", "rt"]),
     ("keyposes", &["messages", "motion", "retarget", "robot", "pipeline", "poses", "rt"]),
@@ -85,7 +86,10 @@ const MAY_DEPEND_ON: &[(&str, &[&str])] = &[
     ("bridge", &["messages", "client", "instance", "rt", "bus", "layouts"]),
     (
         "record",
-        &["messages", "motion", "instance", "pipeline", "retarget", "robot", "safety", "bus", "rt", "canvas", "view"],
+        &[
+            "messages", "motion", "instance", "explain", "pipeline", "retarget", "robot", "safety", "bus", "rt",
+            "canvas", "view",
+        ],
     ),
     (
         "latency",
@@ -96,6 +100,7 @@ const MAY_DEPEND_ON: &[(&str, &[&str])] = &[
             "operator",
             "instance",
             "teleopd",
+            "explain",
             "pipeline",
             "bus",
             "rt",
@@ -113,8 +118,8 @@ const MAY_DEPEND_ON: &[(&str, &[&str])] = &[
     (
         "chaos",
         &[
-            "messages", "driver", "plant", "sim", "motion", "operator", "client", "instance", "teleopd", "pipeline",
-            "bus", "rt",
+            "messages", "driver", "plant", "sim", "motion", "operator", "client", "instance", "teleopd", "explain",
+            "pipeline", "bus", "rt",
         ],
     ),
     (

@@ -1,9 +1,9 @@
 //! Holds the enable or the recovery until Ctrl-C, and prints every change as it happens.
 
 use crate::{EFFECT_WITHIN, HEARTBEAT, mode};
+use explain::meaning;
 use messages::{Faults, Mode, Status, Transition};
 use operator::{Client, OperatorError};
-use pipeline::meaning;
 use robot::Names;
 use rt::out;
 use std::time::{Duration, Instant};
@@ -23,7 +23,7 @@ pub fn hold(client: &mut Client, first: &Status, names: &Names, begins: &str) ->
         diary.tells(&last, names);
         let changed = last.transition_count > first.transition_count;
         if changed && has_ended(&last) {
-            let newest = pipeline::newest_transitions(&last, 1).next();
+            let newest = explain::newest_transitions(&last, 1).next();
             return Ok(newest.is_some_and(|made| made.why == Transition::RECOVERED));
         }
         if !changed && diary.begun.elapsed() > REFUSED_AFTER {
@@ -60,7 +60,7 @@ fn refused(status: &Status, names: &Names) {
     for fault in Faults(status.faults | status.latched).iter() {
         out!("{}: {}", fault.row().name, meaning(fault, status, names));
     }
-    if let Some(why) = pipeline::not_at_rest(status, names) {
+    if let Some(why) = explain::not_at_rest(status, names) {
         out!("{why}");
     }
 }
@@ -80,11 +80,11 @@ impl Diary {
 
     /// Prints the news in `status`.
     fn tells(&mut self, status: &Status, names: &Names) {
-        for made in pipeline::newest_transitions(status, status.transition_count.saturating_sub(self.shown)) {
+        for made in explain::newest_transitions(status, status.transition_count.saturating_sub(self.shown)) {
             self.says(&change(made, status, names));
         }
         self.shown = self.shown.max(status.transition_count);
-        let note = pipeline::status_note(status);
+        let note = explain::note(status);
         if let Some(note) = note.filter(|_| note != self.note) {
             self.says(&format!("{note}: {:.0} mm to go", status.torso_to_go_m.abs() * 1e3));
         }
@@ -94,7 +94,7 @@ impl Diary {
 
 /// Describes a change of mode in plain words.
 fn change(made: &Transition, status: &Status, names: &Names) -> String {
-    let why = pipeline::fault_behind(made, status, names);
+    let why = explain::fault_behind(made, status, names);
     match (Mode::from_u32(made.to), made.why, why) {
         (Some(Mode::Engaging), ..) => "engaging: the robot moves to the person's posture slowly".into(),
         (Some(Mode::Engaged), ..) => "engaged: the robot follows".into(),

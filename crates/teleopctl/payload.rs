@@ -20,17 +20,17 @@ pub fn say(client: &mut Client, run_dir: &Path, args: &PayloadArgs) -> Result<bo
         let (taken, refused) = answers(&status);
         if refused != before.1 {
             let names = instance::read_names(run_dir);
-            let why = pipeline::payload_refused(&status, &names).unwrap_or_default();
-            err!("teleopctl: refused: {why}. The payload stays {}", pipeline::payload(&status));
+            let why = explain::payload_refused(&status, &names).unwrap_or_default();
+            err!("teleopctl: refused: {why}. The payload stays {}", explain::payload(&status));
             return Ok(false);
         }
         if taken != before.0 {
-            out!("the hands carry   {}", pipeline::payload(&status));
+            out!("the hands carry   {}", explain::payload(&status));
             if status.payload_kg[args.hand as usize].to_bits() != args.mass_kg.to_bits() {
                 err!("teleopctl: another operator set another payload at the same time");
                 return Ok(false);
             }
-            if let Some(why) = pipeline::payload_refused(&status, &instance::read_names(run_dir)) {
+            if let Some(why) = explain::payload_refused(&status, &instance::read_names(run_dir)) {
                 err!("teleopctl: {why}");
                 return Ok(false);
             }

@@ -2,10 +2,10 @@
 //! `control`, and the joints from shared memory if this user has access.
 
 use bus::{Domain, Reader};
+use explain::{Severity, calibration_name, mode_name, sentences};
 use instance::Instance;
 use messages::{Faults, JOINTS, Mode, RobotState, Service, Status};
 use operator::{Client, OperatorError};
-use pipeline::{Severity, calibration_name, mode_name, sentences};
 use ratatui::Frame;
 use ratatui::crossterm::event::{self, Event, KeyCode, KeyEvent, KeyModifiers};
 use ratatui::layout::{Constraint, Layout, Rect};
@@ -125,7 +125,7 @@ impl Shown {
             self.events.push_front((sentence.gravity, sentence.text));
         }
         self.events.truncate(EVENTS_KEPT);
-        self.ages_us.push_back(pipeline::input_age_ms(&status).map_or(0, |ms| (ms * 1e3) as u64));
+        self.ages_us.push_back(explain::input_age_ms(&status).map_or(0, |ms| (ms * 1e3) as u64));
         if self.ages_us.len() > AGES_KEPT {
             self.ages_us.pop_front();
         }
@@ -153,7 +153,7 @@ impl Shown {
         ]);
         let [head, why, age, body, foot] = rows.areas(frame.area());
         frame.render_widget(self.head(status), head);
-        frame.render_widget(Paragraph::new(pipeline::why(status, &self.names)).wrap(Wrap { trim: true }), why);
+        frame.render_widget(Paragraph::new(explain::why(status, &self.names)).wrap(Wrap { trim: true }), why);
         self.draw_age(frame, age);
         let [left, right] = Layout::horizontal([Constraint::Percentage(50), Constraint::Fill(1)]).areas(body);
         frame.render_widget(Paragraph::new(self.joints(left.width)), left);

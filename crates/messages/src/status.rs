@@ -1,7 +1,8 @@
 //! Status of `control`, 50 times a second.
 
-use crate::fault::FAULT_COUNT;
+use crate::fault::{FAULT_COUNT, Fault};
 use crate::layout::message;
+use crate::subject::Subject;
 use crate::time::{Header, Stamp};
 
 /// Number of mode transitions that a `Status` carries: the newest ones.
@@ -185,6 +186,21 @@ message! {
         pub limited_about: u32,
         /// Zero.
         pub reserved: u32,
+    }
+}
+
+impl Status {
+    /// Returns the joint or pair that a fault concerns now, if there is one.
+    pub fn about(&self, fault: Fault) -> Option<Subject> {
+        let joint = |number: u32| number.checked_sub(1).map(|joint| Subject::Joint(joint as usize));
+        match fault {
+            Fault::StartOutsideLimits => joint(self.joint_outside),
+            Fault::StartInCollision | Fault::CollisionNear => Some(Subject::Pair(self.nearest_pair_measured)),
+            Fault::TrackingError => joint(self.tracking_joint),
+            Fault::VelocityError | Fault::StandstillLost => joint(self.unsteady_joint),
+            Fault::GateDenied => Subject::of(self.denied_about),
+            _ => None,
+        }
     }
 }
 

@@ -2,10 +2,8 @@
 //! control tick of engagement, whole-body control and gate. It also runs all stages in one thread with virtual
 //! time.
 
-mod cause;
 mod control;
 mod cores;
-mod explain;
 mod interface;
 mod load;
 mod offline;
@@ -15,16 +13,11 @@ mod stages;
 mod tamper;
 mod world;
 
-pub use cause::cause;
 pub use control::{
     Commanded, Commander, Continue, ControlConfig, ControlInput, ControlOutput, ControlState, STATUS_EVERY, Stream,
-    input_age_ms, status_json, status_note, tick as control_tick,
+    tick as control_tick,
 };
 pub use cores::Cores;
-pub use explain::{
-    BEHIND_DEG, Sentence, Severity, calibration_name, dropped_now, fault_behind, meaning, mode_name,
-    newest_transitions, not_at_rest, payload, payload_refused, sentences, why, why_stopped,
-};
 pub use interface::RobotInterface;
 pub use load::{Loaded, Overrides, load, load_model, load_weights, read_settings, read_text};
 pub use offline::{Offline, OfflineEnd, OfflineReport, Row, Watch};

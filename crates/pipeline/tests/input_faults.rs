@@ -315,7 +315,7 @@ fn each_change_of_the_person_is_named_by_its_cause() {
         bench.run(TICK_HZ, &mut after);
         let status = bench.last.and_then(|moment| moment.control).expect("control").status;
         let changed = |made: &&Transition| made.why == Fault::PersonChanged as u32;
-        let about: Vec<_> = pipeline::newest_transitions(&status, u32::MAX)
+        let about: Vec<_> = explain::newest_transitions(&status, u32::MAX)
             .filter(changed)
             .map(|made| Subject::of(made.about))
             .collect();

@@ -2,8 +2,8 @@
 
 use crate::support;
 
+use explain::payload_refused;
 use messages::{Fault, Faults, JOINTS, LEFT_ARM, Mode, PayloadOrder, PayloadRefusal, TICK_HZ};
-use pipeline::payload_refused;
 use robot::{Model, Names, Payload};
 use support::{Bench, loaded};
 
@@ -50,7 +50,7 @@ fn payload_is_accepted_at_rest_and_shown() {
     assert_eq!(say(&mut bench, 0, order), None);
     assert_eq!(bench.status.payload_kg, [0.2, 0.5]);
     assert_eq!(bench.status.payload_centre_m, [[0.0, 0.0, -0.3], right]);
-    assert!(pipeline::payload(&bench.status).contains("0.200 kg left, 0.500 kg right"));
+    assert!(explain::payload(&bench.status).contains("0.200 kg left, 0.500 kg right"));
     // Without a centre the robot file's centre is used again.
     assert_eq!(say(&mut bench, 0, kilograms(0.0)), None);
     assert_eq!(bench.status.payload_centre_m, [left, right]);

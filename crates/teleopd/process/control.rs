@@ -256,7 +256,7 @@ impl Control {
     fn leave(self) -> Result<(), Failure> {
         let mut figures = self.following.to_json();
         figures["timeline"] = self.timeline.to_json();
-        figures["status"] = pipeline::status_json(&self.status, &self.names);
+        figures["status"] = explain::status_json(&self.status, &self.names);
         self.process.leave(figures)
     }
 }

@@ -105,7 +105,7 @@ pub fn encode(model: &Model, frames: &mut Frames, heard: &LatestMessages, at_s: 
     set(Field::AtS, at_s);
     if let Some(status) = &heard.status {
         set(Field::Mode, f64::from(status.mode));
-        set(Field::InputAgeMs, pipeline::input_age_ms(status).unwrap_or(0.0));
+        set(Field::InputAgeMs, explain::input_age_ms(status).unwrap_or(0.0));
         set(Field::ClearanceMm, status.clearance_measured_m * 1e3);
         set(Field::PairA, f64::from(status.nearest_pair_measured[0]));
         set(Field::PairB, f64::from(status.nearest_pair_measured[1]));

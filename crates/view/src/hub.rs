@@ -3,8 +3,8 @@
 use crate::frame::{self, LatestMessages};
 use crate::robot_view::RobotView;
 use crate::scene::scene;
+use explain::{sentences, status_json};
 use messages::Status;
-use pipeline::{sentences, status_json};
 use robot::{Frames, Model, Names};
 use serde_json::{Value, json};
 use std::collections::VecDeque;
@@ -144,7 +144,7 @@ impl<'a> StatusWriter<'a> {
         self.before = heard.status;
         let status = heard.status.as_ref().map_or(Value::Null, |status| {
             let mut told = status_json(status, &self.names);
-            told["cause"] = json!(pipeline::cause(status, &self.names));
+            told["cause"] = json!(explain::cause(status, &self.names));
             told
         });
         let status = json!({ "tell": "status", "at_s": at_s, "status": status }).to_string();

@@ -27,7 +27,7 @@ pub fn scene(view: &RobotView) -> Value {
         "modes": Mode::ALL.map(Mode::name),
         "limits": {
             "clearance_mm": model.d_min_m * 1e3,
-            "behind_deg": pipeline::BEHIND_DEG,
+            "behind_deg": explain::BEHIND_DEG,
             "delay_ms": view.following_delay_ms,
         },
         "person": { "names": SMPL_NAMES, "parents": SMPL_PARENT },

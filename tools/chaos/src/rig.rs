@@ -245,7 +245,7 @@ impl Rig {
         let mode = status.and_then(|status| Mode::from_u32(status.mode)).map_or("unknown", Mode::name);
         let faults = messages::Faults(status.map_or(0, |status| status.faults));
         let faults: Vec<_> = faults.iter().map(|fault| fault.row().name).collect();
-        let passed = status.iter().flat_map(|status| pipeline::newest_transitions(status, u32::MAX));
+        let passed = status.iter().flat_map(|status| explain::newest_transitions(status, u32::MAX));
         let passed: Vec<_> = passed.map(Transition::why_name).collect();
         let (faults, passed) = (faults.join(" "), passed.join(", "));
         ChaosError::Stuck(format!("the robot {what}: {mode} {faults}, after {passed}"))

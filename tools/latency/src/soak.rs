@@ -192,7 +192,7 @@ impl Soaked {
         let Some(status) = status else {
             return self.false_stops.push(format!("{:.0} s: no answer", at.as_secs_f64()));
         };
-        for transition in pipeline::newest_transitions(&status, status.transition_count.saturating_sub(*told)) {
+        for transition in explain::newest_transitions(&status, status.transition_count.saturating_sub(*told)) {
             if transition.from == Mode::Engaged as u32 {
                 self.false_stops.push(format!("{:.0} s: {}", at.as_secs_f64(), transition.why_name()));
             }

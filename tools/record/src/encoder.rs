@@ -4,10 +4,10 @@ use crate::file::Entry;
 use crate::inputs::Inputs;
 use crate::picture;
 use crate::topic::Topic;
+use explain::Severity;
 use foxglove::Encode;
 use foxglove::messages::log::Level;
 use messages::{ALL_JOINTS, JointCommand, JointTarget, Message, RobotState, Skeleton, Stamp, Status, comes_after};
-use pipeline::Severity;
 use robot::{Frames, Model, Names};
 
 /// Rates of recording.
@@ -199,10 +199,10 @@ impl RecordingEncoder {
     fn status(&mut self, status: &Status, write: &mut dyn FnMut(Entry)) {
         // Its sequence counts ticks, and one in thirty is published. So gaps mean nothing.
         let at_ns = self.ours(Topic::StatusRaw, status, &status.header, write);
-        let data = pipeline::status_json(status, &self.names).to_string().into_bytes();
+        let data = explain::status_json(status, &self.names).to_string().into_bytes();
         let sequence = status.header.sequence as u32;
         write(Entry { topic: Topic::Status, sequence, log_time: at_ns, data });
-        for said in pipeline::sentences(self.status.as_ref(), status, &self.names) {
+        for said in explain::sentences(self.status.as_ref(), status, &self.names) {
             self.told = self.told.wrapping_add(1);
             let log = foxglove::messages::Log {
                 timestamp: Some(picture::timestamp(at_ns)),

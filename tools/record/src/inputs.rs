@@ -108,7 +108,7 @@ pub(crate) fn status_example() -> Value {
     let mut status = Status::ZERO;
     // One item in each list, so that its items have a type.
     (status.faults, status.latched, status.transition_count) = (1, 1, 1);
-    pipeline::status_json(&status, &Names::default())
+    explain::status_json(&status, &Names::default())
 }
 
 #[cfg(test)]

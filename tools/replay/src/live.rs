@@ -104,7 +104,7 @@ pub fn run(cli: &Cli, motion: &Motion) -> Result<(), Failure> {
                         bar.println(now.map_or("unknown mode", Mode::name));
                         mode = now;
                         let follows = matches!(now, Some(Mode::Engaged | Mode::Engaging));
-                        let why = pipeline::why_stopped(&status, &names).filter(|_| followed && !follows);
+                        let why = explain::why_stopped(&status, &names).filter(|_| followed && !follows);
                         why.iter().for_each(|why| bar.println(why));
                         ended = if follows { None } else { why.or(ended) };
                         followed |= now == Some(Mode::Engaged);

@@ -10,7 +10,7 @@ mod status;
 
 pub use chain::{Continue, Stream};
 pub use commander::{Commanded, Commander};
-pub use status::{STATUS_EVERY, input_age_ms, note as status_note, status_json, subject};
+pub use status::STATUS_EVERY;
 
 use crate::ConfigError;
 use crate::load::Loaded;
@@ -199,7 +199,7 @@ pub fn tick(config: &ControlConfig, state: &mut ControlState, now: Stamp, input:
         && let Some(fault) = Fault::from_u32(made.why)
     {
         let change = state.target.map(|(target, _)| Subject::Person(PersonChange::of_flags(target.flags)));
-        let about = if fault == Fault::PersonChanged { change } else { status::subject(&state.status, fault) };
+        let about = if fault == Fault::PersonChanged { change } else { state.status.about(fault) };
         made.about = about.map_or(0, Subject::code);
     }
     state.take_payloads(config, &input.operator.payload, &decided);

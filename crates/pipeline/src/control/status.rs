@@ -1,14 +1,9 @@
-//! Figures that control publishes about the motion, and its status as JSON.
+//! Figures that control publishes about the motion.
 
 use super::ControlConfig;
-use crate::explain;
-use messages::{
-    FAULTS, Fault, Faults, JOINTS, JointTarget, LEFT_ARM, LIMBS, Mode, RIGHT_ARM, Stamp, Status, Subject, TORSO,
-    reduced_flag,
-};
+use messages::{JOINTS, JointTarget, LEFT_ARM, LIMBS, RIGHT_ARM, TORSO};
 use retarget::{Limbs, limb_error_deg};
-use robot::{Model, Names};
-use serde_json::{Value, json};
+use robot::Model;
 
 /// Angles between the person's limbs and those of the arms at `q`, rad, indexed by `Limb`. `None` for an arm
 /// without a person.
@@ -39,126 +34,5 @@ pub(super) fn torso_to_go(model: &Model, target: &wbc::Target<'_>, q: &[f64; JOI
     if to_go.is_finite() { to_go } else { 0.0 }
 }
 
-/// Distance of the torso from its target above which [`note`] mentions it, m: 70 ms at its highest speed.
-const TORSO_FAR_M: f64 = 0.005;
-
-/// Names a slow motion in progress, for the operator. The torso's whole stroke takes 5 s.
-pub fn note(status: &Status) -> Option<&'static str> {
-    if status.torso_to_go_m > TORSO_FAR_M {
-        Some("raising torso")
-    } else if status.torso_to_go_m < -TORSO_FAR_M {
-        Some("lowering torso")
-    } else {
-        None
-    }
-}
-
-/// Names the reasons for a reduced speed.
-fn reduced(status: &Status) -> Vec<&'static str> {
-    reduced_flag::NAMES.iter().filter(|(flag, _)| status.reduced & flag != 0).map(|(_, name)| *name).collect()
-}
-
-/// The limit that keeps the command from the person, as JSON.
-fn limited(status: &Status, names: &Names) -> Value {
-    json!({ "by": explain::limit_name(status), "about": explain::subject(Subject::of(status.limited_about), names) })
-}
-
-/// Returns the joint or pair that a fault concerns now, if there is one.
-pub fn subject(status: &Status, fault: Fault) -> Option<Subject> {
-    let joint = |number: u32| number.checked_sub(1).map(|joint| Subject::Joint(joint as usize));
-    match fault {
-        Fault::StartOutsideLimits => joint(status.joint_outside),
-        Fault::StartInCollision | Fault::CollisionNear => Some(Subject::Pair(status.nearest_pair_measured)),
-        Fault::TrackingError => joint(status.tracking_joint),
-        Fault::VelocityError | Fault::StandstillLost => joint(status.unsteady_joint),
-        Fault::GateDenied => Subject::of(status.denied_about),
-        _ => None,
-    }
-}
-
-/// Age of the newest frame, ms. `None` before the first one. `control` counts an age from the reception of the
-/// frame. Without a frame it counts from the clock's zero.
-pub fn input_age_ms(status: &Status) -> Option<f64> {
-    let none = status.target_stamp == Stamp::NONE || status.input_age_ns >= status.header.stamp.0;
-    (!none).then_some(status.input_age_ns as f64 * 1e-6)
-}
-
 /// Ticks between two published `Status` messages: 50 Hz. A change of mode is published at once.
 pub const STATUS_EVERY: u64 = 30;
-
-/// Converts a status to JSON with the message's keys. `why` says why the robot does not follow.
-pub fn status_json(status: &Status, names: &Names) -> Value {
-    let mode = |value: u32| Mode::from_u32(value).map_or("unknown", Mode::name);
-    let listed = |bits: u64| Faults(bits).iter().map(|fault| fault.row().name).collect::<Vec<_>>();
-    let counts: serde_json::Map<_, _> = FAULTS
-        .iter()
-        .map(|row| (row.name.to_owned(), status.fault_counts[row.fault.index()]))
-        .filter(|(_, count)| *count > 0)
-        .map(|(name, count)| (name, json!(count)))
-        .collect();
-    let transitions: Vec<_> = explain::newest_transitions(status, u32::MAX)
-        .map(|t| json!({ "k": t.k, "from": mode(t.from), "to": mode(t.to), "why": t.why_name() }))
-        .collect();
-    let mut all = json!({
-        "k": status.k,
-        "mode": mode(status.mode),
-        "why": explain::why(status, names),
-        "ticks": status.ticks,
-        "missed_deadlines": status.missed_deadlines,
-        "faults": listed(status.faults),
-        "latched": listed(status.latched),
-        "fault_counts": counts,
-        "input_age_ms": status.input_age_ns as f64 * 1e-6,
-        "clearance_command_m": status.clearance_command_m,
-        "clearance_measured_m": status.clearance_measured_m,
-        "nearest_pair": status.nearest_pair,
-        "nearest_pair_measured": status.nearest_pair_measured,
-        "joint_outside": status.joint_outside.checked_sub(1),
-        "outside_by": status.outside_by,
-        "torso_to_go_m": status.torso_to_go_m,
-        "note": note(status),
-        "tracking_error": status.tracking_error,
-        "tracking_joint": status.tracking_joint.checked_sub(1),
-        "at_rest": status.moving == 0,
-        "payload_kg": status.payload_kg,
-        "payload_centre_m": status.payload_centre_m,
-        "payloads_taken": status.payloads_taken,
-        "payloads_refused": status.payloads_refused,
-        "payload_refused": explain::payload_refused(status, names),
-        "unsteady_joint": status.unsteady_joint.checked_sub(1),
-        "denied": explain::denied(status, names),
-        "refused": explain::subject(Subject::of(status.refused_about), names),
-        "input_drop": explain::dropped(status).map(|(name, _)| name),
-        "calibration": explain::calibration_name(status),
-        "limb_error_target_deg": status.limb_error_target_rad.to_degrees(),
-        "limb_error_measured_deg": status.limb_error_measured_rad.to_degrees(),
-        "speed_scale": status.speed_scale,
-        "reduced": reduced(status),
-        "gate_denials": status.gate_denials,
-        "fallbacks": status.fallbacks,
-        "operators": status.operators,
-        "reset_first_by_uid": status.reset_first_by.checked_sub(1),
-        "resets_refused": status.resets_refused,
-        "realtime": status.realtime == 1,
-        "transitions": transitions,
-    });
-    all["limited"] = limited(status, names);
-    all
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use messages::Layout;
-
-    #[test]
-    fn input_age_without_input_is_none() {
-        let mut status = Status::ZERO;
-        status.header.stamp = Stamp(5_000_000_000);
-        assert_eq!(input_age_ms(&status), None, "no target");
-        (status.target_stamp, status.input_age_ns) = (Stamp(4_999_000_000), 5_000_000_000);
-        assert_eq!(input_age_ms(&status), None, "a target of no frame");
-        status.input_age_ns = 7_500_000;
-        assert_eq!(input_age_ms(&status), Some(7.5));
-    }
-}

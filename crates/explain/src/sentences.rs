@@ -1,7 +1,7 @@
 //! Sentences for the operator: what happened, and why the robot does not move. They name the fault, the joint or
 //! the pair.
 
-use crate::control::{input_age_ms, subject as about_now};
+use crate::input_age_ms;
 use messages::{
     CalibrationSource, FAULTS, Fault, Faults, FollowingLimit, Mode, PayloadRefusal, Response, Stamp, Status, Subject,
     TRANSITIONS_KEPT, Transition, reduced_flag,
@@ -326,7 +326,7 @@ pub fn fault_behind(made: &Transition, status: &Status, names: &Names) -> Option
     if let Some(Subject::Person(change)) = about {
         return Some(format!("{}: {}", fault.row().name, change.meaning()));
     }
-    let told = about_now(status, fault).filter(|_| Faults(status.faults | status.latched).has(fault));
+    let told = status.about(fault).filter(|_| Faults(status.faults | status.latched).has(fault));
     let was = subject(about.filter(|&was| told != Some(was)), names);
     Some(named(fault, status, names) + &was.map_or(String::new(), |was| format!(" It was {was}.")))
 }

@@ -1,6 +1,6 @@
 //! Present cause for which the robot does not follow, without the history.
 
-use crate::explain::{BEHIND_DEG, follows, meaning, moves, newest_transitions, not_at_rest, subject, why};
+use crate::sentences::{BEHIND_DEG, follows, meaning, moves, newest_transitions, not_at_rest, subject, why};
 use messages::{Fault, Faults, Mode, Response, Status, Subject, Transition, reduced_flag};
 use robot::Names;
 use std::cmp::Reverse;

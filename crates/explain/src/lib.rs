@@ -1,0 +1,15 @@
+//! What people and programs are told about a status: sentences that say what happened and why the robot does not move, and
+//! the status as JSON. Never does IO and never reads a clock.
+
+#![forbid(clippy::disallowed_macros, clippy::disallowed_methods, clippy::disallowed_types)]
+
+mod cause;
+mod sentences;
+mod status;
+
+pub use cause::cause;
+pub use sentences::{
+    BEHIND_DEG, Sentence, Severity, calibration_name, dropped_now, fault_behind, meaning, mode_name,
+    newest_transitions, not_at_rest, payload, payload_refused, sentences, why, why_stopped,
+};
+pub use status::{input_age_ms, note, status_json};
