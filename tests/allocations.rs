@@ -1,11 +1,12 @@
 //! Tests that no stage allocates in a tick. Counts allocations over 10,000 ticks of each stage, in motion.
 
 use client::{PlayOptions, Player};
+use config::Overrides;
 use messages::{
     Header, JointCommand, JointTarget, Layout, Mode, PayloadOrder, RobotState, Skeleton, Stamp, TICK_HZ, deadline,
 };
 use motion::CalibrationMode;
-use pipeline::{ControlConfig, ControlInput, ControlState, Overrides};
+use pipeline::{ControlConfig, ControlInput, ControlState};
 use rt::{CountingAllocator, count_allocations};
 use safety::engage::OperatorView;
 use std::path::Path;
@@ -29,7 +30,7 @@ fn allocation_counter_counts_one_box() {
 #[test]
 fn f076_no_stage_allocates_in_a_tick() {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/teleop.toml");
-    let loaded = pipeline::load(&path, Overrides::default()).expect("settings");
+    let loaded = config::load(&path, Overrides::default()).expect("settings");
     let retarget_config = pipeline::retarget_config(&loaded).expect("retarget");
     let control_config = ControlConfig::new(&loaded, true).expect("control");
     let sim_config = pipeline::sim_config(&loaded, true).expect("sim");

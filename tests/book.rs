@@ -6,7 +6,7 @@ mod rig;
 use hazards::{Answer, GROUPS};
 use std::fmt::Write;
 
-const SETTINGS: &str = "crates/pipeline/src/settings.rs";
+const SETTINGS: &str = "crates/config/src/settings.rs";
 const ENVIRONMENT: &str = "crates/robot/src/environment.rs";
 const THRESHOLDS: &str = "crates/safety/src/engage/config.rs";
 

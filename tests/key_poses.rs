@@ -53,7 +53,7 @@ struct Goal {
 
 impl Goal {
     fn at(shares: &[f64; 3]) -> Self {
-        let loaded = pipeline::load(&config(), pipeline::Overrides::default()).expect("settings");
+        let loaded = config::load(&config(), config::Overrides::default()).expect("settings");
         let network = &loaded.weights.as_ref().expect("weights").network;
         let triangle = Triangle::of(&loaded.model, network, &POSES.map(str::to_owned)).expect("poses");
         let arm = ArmModel::of(&loaded.model);
@@ -91,7 +91,7 @@ impl Goal {
 /// From corner to corner in `view::EDGE_S` no joint exceeds its speed limit. The robot keeps up with the mix.
 #[test]
 fn arms_between_default_poses_keep_up_with_the_handle() {
-    let loaded = pipeline::load(&config(), pipeline::Overrides::default()).expect("settings");
+    let loaded = config::load(&config(), config::Overrides::default()).expect("settings");
     let network = &loaded.weights.as_ref().expect("weights").network;
     let triangle = Triangle::of(&loaded.model, network, &POSES.map(str::to_owned)).expect("poses");
     let mut needs_s = 0.0_f64;

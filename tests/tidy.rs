@@ -41,27 +41,28 @@ const MAY_DEPEND_ON: &[(&str, &[&str])] = &[
     ("instance", &["bus", "messages", "robot"]),
     ("ingest", &["layouts", "messages", "skeleton"]),
     ("explain", &["messages", "robot", "safety", "skeleton"]),
+    ("config", &["ingest", "instance", "layouts", "messages", "retarget", "robot", "sim", "skeleton"]),
     (
         "pipeline",
         &[
             "messages", "robot", "driver", "layouts", "skeleton", "retarget", "follow", "wbc", "safety", "plant",
-            "sim", "motion", "bus", "doors", "operator", "client", "instance", "ingest",
+            "sim", "motion", "bus", "doors", "operator", "client", "instance", "ingest", "config",
         ],
     ),
     (
         "fuzz-targets",
         &[
-            "bridge", "messages", "doors", "layouts", "motion", "operator", "ingest", "pipeline", "retarget", "robot",
-            "safety", "skeleton",
+            "bridge", "messages", "doors", "layouts", "motion", "operator", "ingest", "config", "pipeline", "retarget",
+            "robot", "safety", "skeleton",
         ],
     ),
     ("replay", &["*"]),
     ("train", &["messages", "motion", "skeleton", "retarget", "robot"]),
     ("collision", &["messages", "robot", "rt"]),
-    ("view", &["messages", "robot", "doors", "operator", "instance", "explain", "pipeline", "bus", "rt"]),
-    ("batch", &["messages", "motion", "pipeline", "retarget", "robot", "rt"]),
+    ("view", &["messages", "robot", "doors", "operator", "instance", "explain", "config", "bus", "rt"]),
+    ("batch", &["messages", "motion", "config", "retarget", "robot", "rt"]),
     ("poses", &["messages", "motion", "retarget", "robot", "rt"]),
-    ("keyposes", &["messages", "motion", "retarget", "robot", "pipeline", "poses", "rt"]),
+    ("keyposes", &["messages", "motion", "retarget", "robot", "config", "poses", "rt"]),
     (
         "eval",
         &[
@@ -73,6 +74,7 @@ const MAY_DEPEND_ON: &[(&str, &[&str])] = &[
             "plant",
             "client",
             "ingest",
+            "config",
             "pipeline",
             "rt",
             "train",
@@ -80,15 +82,15 @@ const MAY_DEPEND_ON: &[(&str, &[&str])] = &[
             "collision",
         ],
     ),
-    ("dist", &["latency", "motion", "instance", "pipeline", "record", "view"]),
+    ("dist", &["latency", "motion", "instance", "config", "record", "view"]),
     ("canvas", &[]),
     ("say", &["motion", "instance"]),
     ("bridge", &["messages", "client", "instance", "rt", "bus", "layouts"]),
     (
         "record",
         &[
-            "messages", "motion", "instance", "explain", "pipeline", "retarget", "robot", "safety", "bus", "rt",
-            "canvas", "view",
+            "messages", "motion", "instance", "explain", "config", "pipeline", "retarget", "robot", "safety", "bus",
+            "rt", "canvas", "view",
         ],
     ),
     (
@@ -101,6 +103,7 @@ const MAY_DEPEND_ON: &[(&str, &[&str])] = &[
             "instance",
             "teleopd",
             "explain",
+            "config",
             "pipeline",
             "bus",
             "rt",
@@ -111,20 +114,23 @@ const MAY_DEPEND_ON: &[(&str, &[&str])] = &[
     (
         "simulate",
         &[
-            "messages", "robot", "driver", "plant", "safety", "sim", "motion", "bus", "operator", "client", "pipeline",
-            "rt",
+            "messages", "robot", "driver", "plant", "safety", "sim", "motion", "bus", "operator", "client", "config",
+            "pipeline", "rt",
         ],
     ),
     (
         "chaos",
         &[
             "messages", "driver", "plant", "sim", "motion", "operator", "client", "instance", "teleopd", "explain",
-            "pipeline", "bus", "rt",
+            "config", "pipeline", "bus", "rt",
         ],
     ),
     (
         "torture",
-        &["messages", "robot", "driver", "wbc", "safety", "plant", "sim", "motion", "client", "pipeline", "rt"],
+        &[
+            "messages", "robot", "driver", "wbc", "safety", "plant", "sim", "motion", "client", "config", "pipeline",
+            "rt",
+        ],
     ),
 ];
 

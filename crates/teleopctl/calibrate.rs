@@ -3,11 +3,11 @@
 
 use crate::{mode, only_disengaged};
 use bus::{BusError, Domain, Reader};
+use config::{Operator, Operators};
 use explain::dropped_now;
 use instance::Instance;
 use messages::{CalibrationSource, InputStatus, Layout, Mode, Service, Skeleton, Status, calibration_flag, raw_flag};
 use operator::{Client, OperatorError};
-use pipeline::{Operator, Operators};
 use rt::{err, out};
 use skeleton::{Calibration, Pose, TPose};
 use std::io::{IsTerminal, Write};

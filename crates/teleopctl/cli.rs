@@ -85,7 +85,7 @@ fn place(text: &str) -> Result<[f64; 3], String> {
 }
 
 fn name(text: &str) -> Result<String, String> {
-    if pipeline::Operator::may_be_called(text) {
+    if config::Operator::may_be_called(text) {
         Ok(text.to_owned())
     } else {
         Err("must be 1 to 32 letters, digits, - or _".into())

@@ -165,7 +165,7 @@ fn status(client: &mut Client, run_dir: &Path, json: bool) -> Result<bool, Opera
 fn calibrate(client: &mut Client, run_dir: &Path, args: &CalibrateArgs) -> Result<bool, OperatorError> {
     let folder = match &args.folder {
         Some(folder) => folder.clone(),
-        None => match pipeline::load(&args.config, pipeline::Overrides::default()) {
+        None => match config::load(&args.config, config::Overrides::default()) {
             Ok(loaded) => loaded.operators_dir,
             Err(error) => {
                 err!("teleopctl: {error}");

@@ -8,7 +8,7 @@ use rt::out;
 /// Loads everything that an instance would load and fails where it would fail. Otherwise prints the effective
 /// values.
 pub fn run(place: &InstanceArgs) -> Result<Exit, Failure> {
-    let loaded = pipeline::load(&place.config, place.overrides()).map_err(|error| Failure::new(Exit::Config, error))?;
+    let loaded = config::load(&place.config, place.overrides()).map_err(|error| Failure::new(Exit::Config, error))?;
     pipeline::ControlConfig::new(&loaded, true).map_err(|error| Failure::new(Exit::Config, error))?;
     pipeline::retarget_config(&loaded).map_err(|error| Failure::new(Exit::Config, error))?;
     pipeline::sim_config(&loaded, true).map_err(|error| Failure::new(Exit::Config, error))?;

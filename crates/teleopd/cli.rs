@@ -2,7 +2,7 @@
 
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{Args, Parser, Subcommand};
-use pipeline::{Overrides, RobotInterface};
+use config::{Overrides, RobotInterface};
 use std::path::PathBuf;
 
 /// Real-time teleoperation: move a robot's arms by moving your own.

@@ -11,11 +11,11 @@ use crate::programs::TELEOPD;
 use crate::recorder::Recorder;
 use crate::report::Report;
 use client::{ClientError, PlayOptions, Player, Publisher};
+use config::{Loaded, Overrides, RealtimeSettings};
 use instance::Instance;
 use messages::{Faults, Mode, Status};
 use motion::CalibrationMode;
 use operator::OperatorSession;
-use pipeline::{Loaded, Overrides, RealtimeSettings};
 use rt::{Shutdown, out};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -133,7 +133,7 @@ fn read(options: &cli::Demo) -> Result<(motion::Motion, Loaded), Failure> {
         None => motion::builtin(),
     };
     let overrides = Overrides { engage_without_realtime: true, interface: options.interface };
-    let loaded = pipeline::load(&options.config, overrides).map_err(|error| Failure::new(Exit::Config, error))?;
+    let loaded = config::load(&options.config, overrides).map_err(|error| Failure::new(Exit::Config, error))?;
     // Checked before the run, so that an unwritable report is found early. An existing report stays until the run
     // has ended.
     if let Some(path) = &options.report {
@@ -170,7 +170,7 @@ fn refuse_unwritable(path: &Path) -> std::io::Result<()> {
 pub fn missing(settings: &RealtimeSettings) -> Vec<&'static str> {
     let limits = rt::Limits::of_process();
     let fifo =
-        settings.policy == pipeline::Policy::Fifo && rt::Realtime::try_fifo(settings.priority_control as u8).is_ok();
+        settings.policy == config::Policy::Fifo && rt::Realtime::try_fifo(settings.priority_control as u8).is_ok();
     let memory = settings.lock_memory && (limits.any_lock || limits.memlock_bytes.is_none());
     [(fifo, "SCHED_FIFO"), (memory, "locked memory"), (rt::is_preempt_rt(), "a PREEMPT_RT kernel")]
         .into_iter()

@@ -201,7 +201,7 @@ mod tests {
     /// Draws one frame of the built-in motion, and the robot at home.
     fn drawn(frame: usize) -> [Canvas; 2] {
         let config = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/teleop.toml");
-        let model = pipeline::load(&config, pipeline::Overrides::default()).expect("settings").model;
+        let model = config::load(&config, config::Overrides::default()).expect("settings").model;
         let home = model.home;
         [human(&motion::builtin().frames[frame].positions), robot(&model, &mut robot::Frames::default(), &home)]
     }

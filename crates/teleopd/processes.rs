@@ -144,7 +144,7 @@ mod tests {
     #[test]
     fn units_grant_priorities_and_limits_of_settings() {
         let config = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/teleop.toml");
-        let settings = pipeline::load(&config, pipeline::Overrides::default()).expect("settings").settings.realtime;
+        let settings = config::load(&config, config::Overrides::default()).expect("settings").settings.realtime;
         let highest = settings.priority_retarget.max(settings.priority_control).max(settings.priority_driver);
         for manager in MANAGERS {
             for row in &TABLE {

@@ -125,7 +125,7 @@ fn refuse_unwritable(file: &Path) -> Result<(), Failure> {
 /// Starts `command` off the cores of the real-time processes. A child inherits the cores of the thread that
 /// starts it.
 fn spawned_aside(mut command: Command, place: &InstanceArgs) -> std::io::Result<Child> {
-    let settings = pipeline::load(&place.config, place.overrides()).ok().map(|loaded| loaded.settings.realtime);
+    let settings = config::load(&place.config, place.overrides()).ok().map(|loaded| loaded.settings.realtime);
     let spawned = std::thread::scope(|scope| {
         let spawn = || {
             settings.as_ref().map(keep_off);

@@ -8,10 +8,10 @@ use crate::process::may_lack_realtime;
 use crate::processes::PROCESSES;
 use crate::programs::{REPLAY, TELEOPCTL, run_dir_option};
 use crate::recorder::Recorder;
+use config::{DriverKind, Loaded};
 use instance::Instance;
 use messages::Mode;
 use operator::OperatorSession;
-use pipeline::{DriverKind, Loaded};
 use rt::{Shutdown, out};
 use std::time::Duration;
 
@@ -25,7 +25,7 @@ const REST_WITHIN: Duration = Duration::from_secs(2);
 pub fn run(options: &cli::Up) -> Result<Exit, Failure> {
     let place = &options.place;
     let shutdown = Shutdown::on_signals().map_err(|error| Failure::new(Exit::Software, error))?;
-    let loaded = pipeline::load(&place.config, place.overrides()).map_err(|error| Failure::new(Exit::Config, error))?;
+    let loaded = config::load(&place.config, place.overrides()).map_err(|error| Failure::new(Exit::Config, error))?;
     let instance = instance_in(&place.run_dir)?;
     refuse_second(&instance)?;
     // Starts before the other processes, so that it sees their first messages. Is dropped after them.

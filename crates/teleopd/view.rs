@@ -5,8 +5,8 @@ use crate::cli;
 use crate::exit::{Exit, Failure};
 use crate::process::realtime::keep_off;
 use crate::programs::RECORD;
+use config::Loaded;
 use instance::Instance;
-use pipeline::Loaded;
 use poses::error::PosesError;
 use poses::triangle::{POSES, Triangle};
 use rt::{Shutdown, err, out};
@@ -67,7 +67,7 @@ pub fn start(instance: &Instance, place: &cli::InstanceArgs, page: &cli::Page) -
 }
 
 fn load(place: &cli::InstanceArgs) -> Result<Loaded, Failure> {
-    pipeline::load(&place.config, place.overrides()).map_err(|error| Failure::new(Exit::Config, error))
+    config::load(&place.config, place.overrides()).map_err(|error| Failure::new(Exit::Config, error))
 }
 
 /// Returns the failure for a port that cannot be opened. `option` is the option that selects another port.

@@ -8,8 +8,9 @@ use crate::browser::{Browser, Difference};
 use crate::rig::{Rig, config};
 use crate::viewer::Viewer;
 use client::PlayOptions;
+use config::{Loaded, Overrides};
 use motion::CalibrationMode;
-use pipeline::{Loaded, Moment, Offline, Overrides};
+use pipeline::{Moment, Offline};
 use std::time::{Duration, Instant};
 use view::{LatestMessages, RecordingView, RecordingViewBuilder, RobotView, Server};
 
@@ -20,7 +21,7 @@ const SKIPPED: &str = "skipped: no Chromium in PATH, and TELEOPD_CHROMIUM names 
 
 pub fn loaded() -> Loaded {
     let overrides = Overrides { engage_without_realtime: true, ..Overrides::default() };
-    pipeline::load(&config(), overrides).expect("settings")
+    config::load(&config(), overrides).expect("settings")
 }
 
 /// Returns the shipped robot as a page shows it.

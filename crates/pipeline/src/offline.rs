@@ -1,10 +1,9 @@
 //! Plays a motion from its first frame to rest, through every stage, in virtual time. `replay --offline` writes
 //! the result.
 
-use crate::ConfigError;
-use crate::load::Loaded;
 use crate::world::{Links, Moment, Running, World, WorldConfig};
 use client::{PlayOptions, Player};
+use config::{ConfigError, Loaded};
 use messages::{JOINTS, Mode, TICK_HZ};
 use motion::Motion;
 use safety::engage::OperatorView;

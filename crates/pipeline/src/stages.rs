@@ -1,10 +1,8 @@
 //! Converts the settings into the stages' configurations.
 
-use crate::ConfigError;
-use crate::load::Loaded;
-use crate::operators::Operators;
-use crate::settings::{IngestSettings, Method, SafetySettings};
+use config::{ConfigError, IngestSettings, Loaded, Method, Operators, RobotInterface, SafetySettings};
 use layouts::Layouts;
+use messages::{HEAD, LEFT_ARM, TORSO};
 use safety::engage;
 
 /// Returns the configuration of `ingest`.
@@ -70,28 +68,58 @@ pub(crate) fn sim_config_of(
     sim::Config::new(&loaded.model, &options).map_err(|error| ConfigError::stage("sim", error))
 }
 
-impl SafetySettings {
-    pub(crate) fn thresholds(&self) -> engage::Settings {
-        engage::Settings {
-            target_stale_ms: self.target_stale_ms,
-            target_late_ms: self.target_late_ms,
-            state_late_ms: self.state_late_ms,
-            state_stale_ms: self.state_stale_ms,
-            input_late_ms: self.input_late_ms,
-            input_stale_ms: self.input_stale_ms,
-            operator_silent_ms: self.operator_silent_ms,
-            enable_released_ms: self.enable_released_ms,
-            hold_timeout_ms: self.hold_timeout_ms,
-            tracking_error_rad: self.tracking_error_rad,
-            tracking_error_now_rad: self.tracking_error_now_rad,
-            tracking_error_m: self.tracking_error_m,
-            tracking_error_now_m: self.tracking_error_now_m,
-            tracking_error_ms: self.tracking_error_ms,
-            target_jump_slow_ms: self.target_jump_slow_ms,
-            target_jump_hold_ms: self.target_jump_hold_ms,
-            deadlines_missed_slow: self.deadlines_missed_slow,
-            deadlines_missed_max: self.deadlines_missed_max,
-            deadlines_late_per_s_max: self.deadlines_late_per_s_max,
+/// Returns the thresholds of the monitors.
+pub(crate) fn thresholds(settings: &SafetySettings) -> engage::Settings {
+    engage::Settings {
+        target_stale_ms: settings.target_stale_ms,
+        target_late_ms: settings.target_late_ms,
+        state_late_ms: settings.state_late_ms,
+        state_stale_ms: settings.state_stale_ms,
+        input_late_ms: settings.input_late_ms,
+        input_stale_ms: settings.input_stale_ms,
+        operator_silent_ms: settings.operator_silent_ms,
+        enable_released_ms: settings.enable_released_ms,
+        hold_timeout_ms: settings.hold_timeout_ms,
+        tracking_error_rad: settings.tracking_error_rad,
+        tracking_error_now_rad: settings.tracking_error_now_rad,
+        tracking_error_m: settings.tracking_error_m,
+        tracking_error_now_m: settings.tracking_error_now_m,
+        tracking_error_ms: settings.tracking_error_ms,
+        target_jump_slow_ms: settings.target_jump_slow_ms,
+        target_jump_hold_ms: settings.target_jump_hold_ms,
+        deadlines_missed_slow: settings.deadlines_missed_slow,
+        deadlines_missed_max: settings.deadlines_missed_max,
+        deadlines_late_per_s_max: settings.deadlines_late_per_s_max,
+    }
+}
+
+/// Converts an interface for the certificate.
+pub(crate) fn certified(interface: RobotInterface) -> wbc::Interface {
+    match interface {
+        RobotInterface::Direct => wbc::Interface::default(),
+        RobotInterface::Jtc100 => wbc::Interface::JTC_100_HZ,
+    }
+}
+
+/// Converts an interface for the gate: controllers of torso, head, left arm and right arm. A spline through points every
+/// h deviates from a motion with the jerk limit J by at most J h^3 / 96.
+pub(crate) fn gated(interface: RobotInterface, model: &robot::Model) -> safety::gate::Interface {
+    match interface {
+        RobotInterface::Direct => safety::gate::Interface::default(),
+        RobotInterface::Jtc100 => {
+            let wbc::Interface { skew_s, period_s, .. } = wbc::Interface::JTC_100_HZ;
+            let spline = |j: usize| model.limits[j].j_max * period_s * period_s * period_s / 96.0;
+            let controller = |j: usize| match j {
+                TORSO => 0,
+                _ if HEAD.contains(&j) => 1,
+                _ if LEFT_ARM.contains(&j) => 2,
+                _ => 3,
+            };
+            safety::gate::Interface {
+                off: std::array::from_fn(spline),
+                skew_s,
+                controller: std::array::from_fn(controller),
+            }
         }
     }
 }

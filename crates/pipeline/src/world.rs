@@ -1,11 +1,10 @@
 //! All stages in one thread with virtual time. The ticks are those of the processes, in the same order, over links
 //! that may be faulty. `replay --offline` and `simulate` use it.
 
-use crate::ConfigError;
 use crate::control::{ControlConfig, ControlInput, ControlOutput, ControlState, tick as control_tick};
-use crate::load::Loaded;
 use crate::tamper::{Tamper, Untampered};
 use bus::{FaultCounts, FaultPlan, Faulty, Latest, Publish};
+use config::{ConfigError, Loaded};
 use ingest::Authority;
 use messages::{Header, JOINTS, JointCommand, JointTarget, RawSkeleton, RobotState, Skeleton, Stamp, deadline};
 use safety::engage::OperatorView;

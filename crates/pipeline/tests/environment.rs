@@ -1,8 +1,8 @@
 //! A robot at a table. Whole-body control and the gate run together with targets that lead into the table. The
 //! simulated robot's checker judges. Further tests check the settings that describe the obstacles.
 
+use config::Overrides;
 use messages::{ALL_JOINTS, Header, JOINTS, JointCommand, Layout, Mode, deadline};
-use pipeline::Overrides;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use robot::{BoxEntry, Environment, Model, PlaneEntry};
@@ -20,7 +20,7 @@ fn at_a_table() -> Model {
     let floor = PlaneEntry { name: "floor".into(), normal: [0.0, 0.0, 1.0], offset_m: 0.0 };
     let (center_m, size_m) = ([1.1, 0.0, 0.73], [0.8, 1.6, 0.04]);
     let table = BoxEntry { name: "table".into(), center_m, size_m, rpy_deg: [0.0; 3] };
-    let (model, _) = pipeline::load_model(&shipped("robots/tiago_dual.toml")).expect("the shipped robot");
+    let (model, _) = config::load_model(&shipped("robots/tiago_dual.toml")).expect("the shipped robot");
     let environment = Environment { planes: vec![floor], boxes: vec![table] };
     model.with_environment("test", &environment).expect("home is clear of the table")
 }
@@ -163,7 +163,7 @@ fn gate_denies_command_that_leads_into_table() {
 #[test]
 fn obstacles_of_shipped_settings_change_hash() {
     let overrides = Overrides::default();
-    let loaded = pipeline::load(&shipped("teleop.toml"), overrides).expect("the shipped settings");
+    let loaded = config::load(&shipped("teleop.toml"), overrides).expect("the shipped settings");
     assert_eq!(loaded.model.obstacles.iter().map(|o| &*o.name).collect::<Vec<_>>(), ["floor"]);
     let text = std::fs::read_to_string(shipped("teleop.toml")).expect("is there");
     let folder = tempfile::tempdir().expect("a folder");
@@ -173,7 +173,7 @@ fn obstacles_of_shipped_settings_change_hash() {
         let text = text.replace("../weights/", &absolute("../weights/"));
         let path = folder.path().join("teleop.toml");
         std::fs::write(&path, text.replace("offset_m = 0.0", line)).expect("is written");
-        pipeline::load(&path, overrides)
+        config::load(&path, overrides)
     };
     let (same, lower) = (with("offset_m = 0.0").expect("loads"), with("offset_m = -0.01").expect("a lower floor"));
     assert_ne!(lower.hash, same.hash, "processes with different floors cannot engage");

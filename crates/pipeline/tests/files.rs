@@ -1,7 +1,8 @@
 //! Invalid files of an instance: settings with an unknown, missing or out-of-range key, and weights that change
 //! while they are in use.
 
-use pipeline::{ControlConfig, Loaded, Overrides, Settings, load, load_weights};
+use config::{Loaded, Overrides, Settings, load, load_weights};
+use pipeline::ControlConfig;
 use std::path::{Path, PathBuf};
 
 fn repository() -> PathBuf {
@@ -114,7 +115,7 @@ fn f095_loaded_weights_stay_unchanged_when_file_changes() {
         let from = repository().join("weights/tiago_dual").with_extension(extension);
         std::fs::copy(from, base.with_extension(extension)).expect("copied");
     }
-    let model = pipeline::load_model(&repository().join("config/robots/tiago_dual.toml")).expect("shipped").0;
+    let model = config::load_model(&repository().join("config/robots/tiago_dual.toml")).expect("shipped").0;
     let weights = load_weights(&base, &model).expect("accepted");
     let latent = [[0.25; retarget::LATENT]];
     let before = weights.network.decode(&latent);

@@ -2,9 +2,10 @@
 //! the executed motion.
 
 use client::{PlayOptions, Player};
+use config::Overrides;
 use messages::{Fault, JOINTS, Mode, PersonChange, RawSkeleton, SMPL_JOINTS, Subject, TICK_HZ, Transition};
 use motion::CalibrationMode;
-use pipeline::{Links, Moment, Overrides, Running, World, WorldConfig};
+use pipeline::{Links, Moment, Running, World, WorldConfig};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use safety::engage::OperatorView;
@@ -21,7 +22,7 @@ const BACK_TICKS: u64 = TICK_HZ * 3 / 10;
 
 static CONFIG: LazyLock<WorldConfig> = LazyLock::new(|| {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/teleop.toml");
-    let loaded = pipeline::load(&path, Overrides::default()).expect("the settings of the repository");
+    let loaded = config::load(&path, Overrides::default()).expect("the settings of the repository");
     WorldConfig::new(&loaded).expect("a world")
 });
 

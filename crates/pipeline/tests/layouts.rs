@@ -1,9 +1,9 @@
 //! Layouts from files, and frames without a known layout.
 
 use crate::support;
+use config::{Loaded, Overrides, load};
 use ingest::Filter;
 use messages::{RawSkeleton, SkeletonLayout, Smpl, Stamp, raw_flag};
-use pipeline::{Loaded, Overrides, load};
 use skeleton::DropReason;
 use std::path::{Path, PathBuf};
 

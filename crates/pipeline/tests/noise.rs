@@ -1,9 +1,10 @@
 //! Effect of a tracker's noise on the commands.
 
 use client::{PlayOptions, Player};
+use config::Overrides;
 use messages::{JOINTS, LEFT_ARM, Mode, RIGHT_ARM, Skeleton, TICK_HZ};
 use motion::CalibrationMode;
-use pipeline::{Links, Overrides, Running, Tamper, World, WorldConfig};
+use pipeline::{Links, Running, Tamper, World, WorldConfig};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use retarget::ArmModel;
@@ -84,7 +85,7 @@ fn commands(config: &WorldConfig, arm: &ArmModel, q: &[f64; 5], noise_deg: f64) 
 #[test]
 fn noise_at_hanging_arm_moves_joints_by_two_degrees_at_most() {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/teleop.toml");
-    let loaded = pipeline::load(&path, Overrides::default()).expect("the settings of the repository");
+    let loaded = config::load(&path, Overrides::default()).expect("the settings of the repository");
     let (config, arm) = (WorldConfig::new(&loaded).expect("a world"), ArmModel::of(&loaded.model));
     let (mut squares, mut count, mut worst) = (0.0, 0.0, 0.0_f64);
     for q in [[0.1, FRAC_PI_2 - 0.05, FRAC_PI_2, 0.2, 0.0], [0.3, FRAC_PI_2 - 0.1, FRAC_PI_2 + 0.4, 1.2, 0.5]] {

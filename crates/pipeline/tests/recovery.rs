@@ -93,7 +93,7 @@ impl Judge {
 }
 
 /// Recovers from `start`. Returns true if it came back, and false if it reported that it finds no way.
-fn recover(loaded: &pipeline::Loaded, start: [f64; JOINTS], reason: Fault, context: &str) -> bool {
+fn recover(loaded: &config::Loaded, start: [f64; JOINTS], reason: Fault, context: &str) -> bool {
     let mut bench = Bench::new(loaded, start, 1);
     bench.settle();
     assert!(Faults(bench.status.faults).has(reason), "{context}: {:?}", Faults(bench.status.faults));

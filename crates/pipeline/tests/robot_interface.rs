@@ -2,7 +2,8 @@
 //! trajectory points, and one with other hands.
 
 use client::PlayOptions;
-use pipeline::{Loaded, Offline, OfflineEnd, OfflineReport, Overrides, RobotInterface};
+use config::{Loaded, Overrides, RobotInterface};
+use pipeline::{Offline, OfflineEnd, OfflineReport};
 use std::path::{Path, PathBuf};
 
 fn shipped(file: &str) -> PathBuf {
@@ -10,7 +11,7 @@ fn shipped(file: &str) -> PathBuf {
 }
 
 fn load(config: &Path, interface: Option<RobotInterface>) -> Loaded {
-    pipeline::load(config, Overrides { interface, ..Overrides::default() }).unwrap_or_else(|error| panic!("{error}"))
+    config::load(config, Overrides { interface, ..Overrides::default() }).unwrap_or_else(|error| panic!("{error}"))
 }
 
 /// Plays the whole motion, from the enable to rest.

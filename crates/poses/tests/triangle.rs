@@ -2,9 +2,9 @@
 //! that `ingest` accepts.
 #![expect(clippy::needless_range_loop, reason = "corners are clearer by their indices")]
 
+use config::{Loaded, Overrides};
 use messages::{RawSkeleton, Stamp};
 use motion::CalibrationMode;
-use pipeline::{Loaded, Overrides};
 use poses::pose::read_pose;
 use poses::triangle::{POSES, Triangle};
 use retarget::{ARMS, ArmModel, ArmQ, Limbs, PRIOR_WEIGHT, features, limb_error_deg, refine};
@@ -13,7 +13,7 @@ use std::path::Path;
 
 fn loaded() -> Loaded {
     let config = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/teleop.toml");
-    pipeline::load(&config, Overrides::default()).expect("the shipped settings")
+    config::load(&config, Overrides::default()).expect("the shipped settings")
 }
 
 fn of(loaded: &Loaded, poses: &[&str]) -> Triangle {

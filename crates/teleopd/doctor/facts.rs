@@ -3,7 +3,7 @@
 use super::places::{self, Folder, Segment};
 use crate::cli::InstanceArgs;
 use crate::process::realtime;
-use pipeline::{Method, Settings};
+use config::{Method, Settings};
 use rt::{CoreMap, Limits, Placement, Realtime};
 use rustix::fs::{Access, AtFlags, CWD, accessat};
 use rustix::time::{ClockId, clock_getres};
@@ -95,7 +95,7 @@ impl Facts {
         let rights = UserRights {
             uid: rustix::process::geteuid().as_raw(),
             limits: Limits::of_process(),
-            fifo: settings.filter(|settings| settings.policy == pipeline::Policy::Fifo).map(|settings| {
+            fifo: settings.filter(|settings| settings.policy == config::Policy::Fifo).map(|settings| {
                 let all = [settings.priority_retarget, settings.priority_control, settings.priority_driver];
                 let highest = all.into_iter().max().unwrap_or_default();
                 (highest, Realtime::try_fifo(highest as u8))
@@ -114,7 +114,7 @@ const CPU_DMA_LATENCY: &str = "/dev/cpu_dma_latency";
 
 fn files(place: &InstanceArgs) -> Files {
     let config = place.config.display().to_string();
-    let settings = pipeline::read_text(&place.config)
+    let settings = config::read_text(&place.config)
         .map_err(|error| error.to_string())
         .and_then(|text| Settings::parse(&config, &text).map_err(|error| error.to_string()))
         .map(|mut settings| {
@@ -125,13 +125,13 @@ fn files(place: &InstanceArgs) -> Files {
     let Ok(settings) = &files.settings else { return files };
     let folder = place.config.parent().unwrap_or(Path::new("."));
     let robot_file = folder.join(&settings.robot.file);
-    let robot = pipeline::load_model(&robot_file).map_err(|error| error.to_string());
+    let robot = config::load_model(&robot_file).map_err(|error| error.to_string());
     files.robot = Some(robot.as_ref().map(|_| robot_file.display().to_string()).map_err(Clone::clone));
     let Ok((model, _)) = robot else { return files };
     let base = folder.join(&settings.weights.file);
     let manifest = PathBuf::from(format!("{}.toml", base.display()));
     files.weights = Some(if settings.retarget.method == Method::Network || manifest.exists() {
-        let loaded = pipeline::load_weights(&base, &model).map_err(|error| error.to_string());
+        let loaded = config::load_weights(&base, &model).map_err(|error| error.to_string());
         loaded.map(|_| format!("{}.safetensors: sha256 as in its manifest, made for this robot", base.display()))
     } else {
         Ok(String::from("none, and retarget.method needs none"))
@@ -144,7 +144,7 @@ fn files(place: &InstanceArgs) -> Files {
 
 /// Loads the whole configuration as each process does.
 fn stages(place: &InstanceArgs) -> Result<String, String> {
-    let loaded = pipeline::load(&place.config, place.overrides()).map_err(|error| error.to_string())?;
+    let loaded = config::load(&place.config, place.overrides()).map_err(|error| error.to_string())?;
     pipeline::ControlConfig::new(&loaded, true).map_err(|error| error.to_string())?;
     pipeline::retarget_config(&loaded).map_err(|error| error.to_string())?;
     pipeline::sim_config(&loaded, true).map_err(|error| error.to_string())?;

@@ -4,7 +4,7 @@ use super::facts::{Cores, Facts, Files, Kernel, Memory, UserRights};
 use super::judge_place;
 use super::{Finding, Level};
 use crate::process::{NOFILE_LEAST, may_lack_realtime};
-use pipeline::{DriverKind, Settings};
+use config::{DriverKind, Settings};
 
 /// Coarsest acceptable timer resolution, ns. A control period is 667 us. Without high-resolution timers the
 /// resolution is the kernel's tick, 1 to 10 ms.
@@ -242,7 +242,7 @@ fn placement(settings: &Settings, cores: &Cores) -> Option<Finding> {
             format!("retarget, control, driver on {own:?}, ingest on {rest:?}: {}", placement.reason)
         }
     };
-    if let pipeline::Cores::List(list) = &settings.realtime.cores {
+    if let config::Cores::List(list) = &settings.realtime.cores {
         let missing = list.iter().find(|core| !cores.map.online.contains(&(**core as usize)));
         if let Some(core) = missing.filter(|_| !cores.map.online.is_empty()) {
             let found = format!("realtime.cores names core {core}, but only {:?} are online", cores.map.online);

@@ -3,7 +3,7 @@
 use super::super::facts::PlaceFacts;
 use super::super::places::{Folder, Segment};
 use super::*;
-use pipeline::Cores as CoresSetting;
+use config::Cores as CoresSetting;
 use rt::{CoreMap, Limits, Placement};
 
 fn settings() -> Settings {

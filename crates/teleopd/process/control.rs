@@ -7,12 +7,13 @@ use crate::exit::{Exit, Failure};
 use crate::figures::Following;
 use crate::timeline::Timeline;
 use bus::{Domain, Reader, WakingReader, Writer};
+use config::{EmergencyStopReset, HandOff};
 use messages::{
     Fault, Faults, InputStatus, JointCommand, JointTarget, Layout, Mode, PayloadRefusal, RobotState, Service, Stamp,
     Status, deadline, tick_at,
 };
-use operator::{AuditEvent, AuditRecord, OperatorEdges, OperatorError, Server};
-use pipeline::{ControlConfig, ControlInput, ControlOutput, ControlState, HandOff, STATUS_EVERY};
+use operator::{AuditEvent, AuditRecord, OperatorEdges, OperatorError, ResetRule, Server};
+use pipeline::{ControlConfig, ControlInput, ControlOutput, ControlState, STATUS_EVERY};
 use robot::Names;
 use rt::SleepWatch;
 use std::time::Duration;
@@ -40,7 +41,10 @@ pub fn run(place: &InstanceArgs) -> Result<(), Failure> {
     })?;
     // One threshold for a silent operator, used by every check.
     let server = server.with_lease_ns((process.loaded.settings.safety.operator_silent_ms * 1e6) as u64);
-    let server = server.with_reset_rule(process.loaded.settings.control.emergency_stop_reset.rule());
+    let server = server.with_reset_rule(match process.loaded.settings.control.emergency_stop_reset {
+        EmergencyStopReset::Anyone => ResetRule::Anyone,
+        EmergencyStopReset::Presser => ResetRule::Presser,
+    });
     let core = Domain::open(process.instance.core_domain(), "control").map_err(bus_failure)?;
     let mut control = Control {
         grace_ns: (process.loaded.settings.control.grace_us * 1e3) as u64,

@@ -17,10 +17,10 @@ use crate::cli::InstanceArgs;
 use crate::exit::{Exit, Failure};
 use crate::processes::metrics_port;
 use bus::Writer;
+use config::{DriverKind, Loaded, Settings};
 use housekeeping::Housekeeping;
 use instance::Instance;
 use messages::{Header, Message, Stamp};
-use pipeline::{DriverKind, Loaded, Settings};
 use rt::{PageFaults, Realtime, RealtimeReport, ServiceManager, Shutdown};
 use serde_json::json;
 use telemetry::{Collector, Counter, Event, Probe};
@@ -78,7 +78,7 @@ impl Process {
             return Err(Failure::new(Exit::Unavailable, text));
         }
         let loaded =
-            pipeline::load(&place.config, place.overrides()).map_err(|error| Failure::new(Exit::Config, error))?;
+            config::load(&place.config, place.overrides()).map_err(|error| Failure::new(Exit::Config, error))?;
         let instance = instance_in(&place.run_dir)?;
         let shutdown = Shutdown::on_signals().map_err(|error| Failure::new(Exit::Software, error))?;
         let manager = ServiceManager::from_environment().map_err(|error| Failure::new(Exit::Unavailable, error))?;

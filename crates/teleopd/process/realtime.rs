@@ -1,6 +1,6 @@
 //! Requests that a process makes to the kernel, derived from the settings and the machine.
 
-use pipeline::{Cores, Policy, RealtimeSettings};
+use config::{Cores, Policy, RealtimeSettings};
 use rt::{CoreMap, Placement, RealtimeConfig};
 
 /// Returns the request of a process, and the cores of its threads beside the loop. An expendable process has no

@@ -2,7 +2,7 @@
 
 use crate::look::{Colour, Look, LookError, rows};
 use crate::meshes::MeshFolder;
-use pipeline::Loaded;
+use config::Loaded;
 use robot::{MeshVisual, Model, Pose};
 use std::path::Path;
 use std::sync::Arc;

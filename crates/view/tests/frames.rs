@@ -8,9 +8,9 @@ use robot::{Frames, Model};
 use std::path::Path;
 use view::{BODIES, FIELDS, Field, LENGTH, LatestMessages, POSE, RobotView, encode, present, scene};
 
-pub fn loaded() -> pipeline::Loaded {
+pub fn loaded() -> config::Loaded {
     let config = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/teleop.toml");
-    pipeline::load(&config, pipeline::Overrides::default()).expect("settings")
+    config::load(&config, config::Overrides::default()).expect("settings")
 }
 
 pub fn model() -> Model {

@@ -17,7 +17,7 @@ fn shipped_looks_cover_every_body_and_keep_hash() {
     let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/robots");
     for name in ["tiago_dual", "tiago_dual_pal_gripper"] {
         let file = folder.join(format!("{name}.toml"));
-        let (model, _) = pipeline::load_model(&file).expect("the shipped robot");
+        let (model, _) = config::load_model(&file).expect("the shipped robot");
         let look = Look::read(&file, &model).expect("the shipped look");
         let bodies: std::collections::BTreeSet<usize> = look.parts.iter().map(|part| part.body).collect();
         // Every joint moves at least one shape, also the head's first joint, which turns a link of its own.
@@ -34,7 +34,7 @@ fn shipped_looks_cover_every_body_and_keep_hash() {
     }
     let hash = |folder: &tempfile::TempDir| {
         let file = folder.path().join("tiago_dual.toml");
-        let (model, _) = pipeline::load_model(&file).expect("a robot");
+        let (model, _) = config::load_model(&file).expect("a robot");
         (model.hash, Look::read(&file, &model).expect("a look or none").parts.len())
     };
     let ((with_hash, parts), (without_hash, none)) = (hash(&with), hash(&without));

@@ -2,9 +2,9 @@
 
 use crate::bytes::Bytes;
 use crate::skeletons::{WORDS, set};
+use config::Settings;
 use layouts::{Layouts, Map};
 use messages::{CUSTOM_LAYOUTS, Layout, RawSkeleton, SMPL_JOINTS, SkeletonLayout, Stamp, raw_flag};
-use pipeline::Settings;
 use skeleton::DropReason;
 use std::sync::LazyLock;
 
@@ -27,7 +27,7 @@ static SHIPPED: LazyLock<ingest::Config> = LazyLock::new(|| {
 /// Returns the shipped settings with these layouts.
 fn with(layouts: Layouts) -> ingest::Config {
     let settings = Settings::parse("teleop.toml", crate::settings::TEXT).expect("shipped");
-    pipeline::input_config(&settings.ingest, layouts, &pipeline::Operators::default())
+    pipeline::input_config(&settings.ingest, layouts, &config::Operators::default())
 }
 
 /// Runs the input. The first byte selects the meaning of the others. 0: a file. 1: changes of a shipped file

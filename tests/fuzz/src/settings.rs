@@ -1,7 +1,8 @@
 //! `teleop.toml`: any text, and changes of the shipped one.
 
 use crate::bytes::Bytes;
-use pipeline::{ControlConfig, Loaded, SafetySettings, Settings};
+use config::{Loaded, SafetySettings, Settings};
+use pipeline::ControlConfig;
 use robot::Model;
 use std::sync::LazyLock;
 
@@ -35,7 +36,7 @@ pub(crate) fn run(input: &[u8]) {
         weights: None,
         prediction: None,
         layouts: layouts::Layouts::default(),
-        operators: pipeline::Operators::default(),
+        operators: config::Operators::default(),
         operators_dir: std::path::PathBuf::new(),
         hash: 1,
         files: Vec::new(),

@@ -8,7 +8,7 @@ use thiserror::Error;
 pub enum BatchError {
     /// The robot or its weights are invalid.
     #[error(transparent)]
-    Config(#[from] pipeline::ConfigError),
+    Config(#[from] config::ConfigError),
     /// Retargeting rejects its options.
     #[error(transparent)]
     Options(#[from] retarget::ConfigError),

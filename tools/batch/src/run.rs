@@ -111,9 +111,9 @@ pub fn run(
 
 /// Loads the robot, and its retargeting with the options.
 pub(crate) fn load(cli: &Cli) -> Result<(Model, Postures), BatchError> {
-    let (model, _) = pipeline::load_model(&cli.robot)?;
+    let (model, _) = config::load_model(&cli.robot)?;
     let weights = match cli.method {
-        Method::Network => Some(pipeline::load_weights(&cli.weights, &model)?),
+        Method::Network => Some(config::load_weights(&cli.weights, &model)?),
         Method::ClosedForm => None,
     };
     let postures = Postures::new(&model, weights, cli.refine_steps);

@@ -67,8 +67,8 @@ fn by_the_stage(motion: &Motion, options: Options) -> Vec<[f64; JOINTS]> {
 
 /// Returns the daemon's joints for these limbs, one tick for each.
 fn stage_joints(limbs: Vec<[[f32; 4]; LIMBS]>, options: Options) -> Vec<[f64; JOINTS]> {
-    let (model, _) = pipeline::load_model(&robot()).expect("the robot");
-    let weights = pipeline::load_weights(&weights(), &model).expect("the weights");
+    let (model, _) = config::load_model(&robot()).expect("the robot");
+    let weights = config::load_weights(&weights(), &model).expect("the weights");
     let config = retarget::Config::new(&model, Some(weights), &options).expect("a configuration");
     let mut state = retarget::State::default();
     let posture = |(i, limbs): (usize, [[f32; 4]; 4])| {
@@ -126,8 +126,8 @@ fn named_motions_give_the_joints_of_the_daemon() {
 #[test]
 fn extreme_poses_give_the_joints_of_the_daemon() {
     const FRAMES: usize = 20_000;
-    let (model, _) = pipeline::load_model(&robot()).expect("the robot");
-    let network = pipeline::load_weights(&weights(), &model).expect("the weights");
+    let (model, _) = config::load_model(&robot()).expect("the robot");
+    let network = config::load_weights(&weights(), &model).expect("the weights");
     let postures = Postures::new(&model, Some(network), 2);
     let published = |[left, right]: [Limbs; ARMS]| {
         let beyond = |limb: UnitQuaternion<f64>| xyzw_from_rotation(&limb.powf(1.7));
@@ -324,7 +324,7 @@ fn output_among_inputs_and_empty_folder_are_refused() {
 
 #[test]
 fn joints_without_a_limb_stay_at_home() {
-    let (model, _) = pipeline::load_model(&robot()).expect("the robot");
+    let (model, _) = config::load_model(&robot()).expect("the robot");
     let postures = Postures::new(&model, None, 2);
     let samples = postures.encode(&synthetic(7));
     let q = postures.joints(&postures.posture(&samples, None).expect("a posture"));

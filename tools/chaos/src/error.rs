@@ -30,7 +30,7 @@ pub enum ChaosError {
     Target(String),
     /// Settings, robot or weights are invalid.
     #[error(transparent)]
-    Config(#[from] pipeline::ConfigError),
+    Config(#[from] config::ConfigError),
     /// A process of teleopd does not start, or its operator socket does not answer.
     #[error("{}", .0.text)]
     Start(teleopd::Failure),

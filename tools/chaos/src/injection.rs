@@ -1,7 +1,7 @@
 //! Draws each fault from a seed: its target, its kind and its moment.
 
+use config::SafetySettings;
 use messages::TICK_HZ;
-use pipeline::SafetySettings;
 use rand::RngExt;
 use rand_pcg::Pcg64Mcg;
 use std::time::Duration;

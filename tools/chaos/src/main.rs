@@ -96,7 +96,7 @@ fn drawn(options: &Cli) -> Result<Vec<Injection>, ChaosError> {
 
 fn instance(options: &Cli, blows: &[Injection], shutdown: &Shutdown, figures: &mut Figures) -> Result<(), ChaosError> {
     let mut rig = Rig::start(&options.config)?;
-    let loaded = pipeline::load(&rig.place().config, rig.place().overrides())?;
+    let loaded = config::load(&rig.place().config, rig.place().overrides())?;
     let safety = &loaded.settings.safety;
     let limits = pipeline::sim_config(&loaded, true)?;
     let witness = Monitor::start(rig.instance().core_domain(), limits, loaded.model.prismatic)?;

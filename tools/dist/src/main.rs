@@ -95,8 +95,8 @@ mod tests {
     #[test]
     fn packaged_settings_differ_from_the_source_only_in_paths() {
         let packaged = settings_with(&settings(), "/usr/share/teleopd/").expect("settings");
-        let mut read = pipeline::Settings::parse("packaged", &packaged).expect("settings that are accepted");
-        let here = pipeline::Settings::parse("here", &settings()).expect("settings that are accepted");
+        let mut read = config::Settings::parse("packaged", &packaged).expect("settings that are accepted");
+        let here = config::Settings::parse("here", &settings()).expect("settings that are accepted");
         assert_eq!(read.robot.file, "/usr/share/teleopd/robots/tiago_dual.toml");
         assert_eq!(read.weights.file, "/usr/share/teleopd/weights/tiago_dual");
         assert!(packaged.contains("\"/usr/share/teleopd/skeletons/zed_body_38.toml\""));

@@ -66,7 +66,7 @@ pub enum EvalError {
     Train(#[from] train::error::TrainError),
     /// The daemon's settings, or a file that they name, are invalid.
     #[error("{0}")]
-    Config(#[from] pipeline::ConfigError),
+    Config(#[from] config::ConfigError),
     /// A URDF has no masses, which the torques need.
     #[error("{path}: {reason}")]
     Masses {

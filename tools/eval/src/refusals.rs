@@ -5,9 +5,9 @@ use crate::cli::Cli;
 use crate::error::EvalError;
 use crate::following::chosen;
 use crate::run::{show, write_json};
+use config::Overrides;
 use messages::{RawSkeleton, Stamp};
 use motion::{CalibrationMode, Motion};
-use pipeline::Overrides;
 use rayon::prelude::*;
 use serde_json::{Value, json};
 use skeleton::DropReason;
@@ -121,7 +121,7 @@ pub fn run(cli: &Cli, folder: &Path) -> Result<(), EvalError> {
         let expected = format!("rates of {low} to {high} Hz");
         return Err(EvalError::Option { option: "rates", value: rate.to_string(), expected });
     }
-    let loaded = pipeline::load(&cli.config, Overrides::default())?;
+    let loaded = config::load(&cli.config, Overrides::default())?;
     let config = pipeline::input_config(&loaded.settings.ingest, loaded.layouts, &loaded.operators);
     let motions: Vec<Motion> = chosen(folder, cli.clips.as_deref())?
         .iter()

@@ -1,13 +1,13 @@
 //! `eval --refusals`: normal human motion is rejected at no rate.
 
+use config::Overrides;
 use eval::refusals::count;
 use motion::{CalibrationMode, Motion, builtin};
-use pipeline::Overrides;
 use std::path::Path;
 
 fn config() -> ingest::Config {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/teleop.toml");
-    let loaded = pipeline::load(&path, Overrides::default()).expect("the settings of the repository");
+    let loaded = config::load(&path, Overrides::default()).expect("the settings of the repository");
     pipeline::input_config(&loaded.settings.ingest, loaded.layouts, &loaded.operators)
 }
 

@@ -28,7 +28,7 @@ pub enum KeyposesError {
     Motion(#[from] motion::MotionError),
     /// Settings, robot or weights are invalid.
     #[error(transparent)]
-    Config(#[from] pipeline::ConfigError),
+    Config(#[from] config::ConfigError),
     /// An option is out of its bounds.
     #[error("{option} {value} is outside [{low}, {high}]")]
     Range {

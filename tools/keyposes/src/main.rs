@@ -139,7 +139,7 @@ fn say(line: &str) {
 /// The robot of this file.
 fn load_model(robot: &Path) -> Result<Model, KeyposesError> {
     std::fs::metadata(robot).map_err(PosesError::file(robot))?;
-    Ok(pipeline::load_model(robot)?.0)
+    Ok(config::load_model(robot)?.0)
 }
 
 /// The network of these weights.
@@ -147,7 +147,7 @@ fn load_network(weights: &Path, model: &Model) -> Result<Network, KeyposesError>
     let stem = weights.to_str().and_then(|text| text.strip_suffix(".safetensors"));
     let tensors = PathBuf::from(format!("{}.safetensors", stem.map_or(weights, Path::new).display()));
     std::fs::metadata(&tensors).map_err(PosesError::file(&tensors))?;
-    Ok(pipeline::load_weights(weights, model)?.network)
+    Ok(config::load_weights(weights, model)?.network)
 }
 
 fn write_motions(out: &Path, robot: &Path) -> Result<(), KeyposesError> {

@@ -16,9 +16,9 @@ fn root() -> PathBuf {
 }
 
 fn robot() -> (Model, Network) {
-    let model = pipeline::load_model(&root().join("config/robots/tiago_dual.toml")).expect("the shipped robot").0;
+    let model = config::load_model(&root().join("config/robots/tiago_dual.toml")).expect("the shipped robot").0;
     let network =
-        pipeline::load_weights(&root().join("weights/tiago_dual"), &model).expect("the shipped weights").network;
+        config::load_weights(&root().join("weights/tiago_dual"), &model).expect("the shipped weights").network;
     (model, network)
 }
 

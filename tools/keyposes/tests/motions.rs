@@ -15,7 +15,7 @@ fn root() -> PathBuf {
 }
 
 fn model() -> robot::Model {
-    pipeline::load_model(&root().join("config/robots/tiago_dual.toml")).expect("the shipped robot").0
+    config::load_model(&root().join("config/robots/tiago_dual.toml")).expect("the shipped robot").0
 }
 
 fn rig(motion: &Motion) -> HingeCalibration {

@@ -23,7 +23,7 @@ pub enum LatencyError {
     NoCyclictest,
     /// Settings, robot or weights are invalid.
     #[error(transparent)]
-    Config(#[from] pipeline::ConfigError),
+    Config(#[from] config::ConfigError),
     /// The settings cannot be changed to what a block needs.
     #[error("{file}: {cause}")]
     Settings {

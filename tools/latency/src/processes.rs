@@ -100,7 +100,7 @@ pub fn run(setup: &Setup, block: Block, shutdown: &Shutdown) -> Result<Outcome, 
     };
     let mut children = Children::start(&instance.0, &place, Output::Files)?;
     let onlookers = (block.kind == Kind::ObserverCost).then(|| Observers::start(&instance.0, &place)).transpose()?;
-    let settings = pipeline::load(&place.config, place.overrides())?.settings.realtime;
+    let settings = config::load(&place.config, place.overrides())?.settings.realtime;
     // Client and operator represent other programs. They stay on the cores of `ingest`, away from the measured
     // core.
     let others = teleopd::placement(&settings).others;

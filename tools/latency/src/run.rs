@@ -11,7 +11,7 @@ use crate::measured::Measured;
 use crate::processes::{self, Outcome, Setup};
 use crate::reference::{self, Spec};
 use crate::settings::Changes;
-use pipeline::Overrides;
+use config::Overrides;
 use rt::Shutdown;
 
 /// Runs every block and merges the results.
@@ -87,8 +87,8 @@ fn unless_ended<T>(result: Result<T, LatencyError>, shutdown: &Shutdown) -> Resu
 /// Specification of the references. It requests the same properties as retarget. The cores are known after the
 /// first block.
 fn spec(options: &Cli) -> Result<Spec, LatencyError> {
-    let settings = pipeline::load(&options.config, Overrides::default())?.settings.realtime;
-    let of_file = if settings.policy == pipeline::Policy::Fifo { Policy::Fifo } else { Policy::Other };
+    let settings = config::load(&options.config, Overrides::default())?.settings.realtime;
+    let of_file = if settings.policy == config::Policy::Fifo { Policy::Fifo } else { Policy::Other };
     Ok(Spec {
         policy: options.policy.unwrap_or(of_file),
         priority: settings.priority_retarget as u8,

@@ -76,22 +76,22 @@ fn set(table: &mut Table, name: &str, key: &str, value: Value) -> Result<(), Str
 #[cfg(test)]
 mod tests {
     use super::*;
-    use pipeline::Overrides;
+    use config::Overrides;
 
     fn config() -> PathBuf {
         Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/teleop.toml")
     }
 
-    fn loaded(changes: &Changes, kind: Kind) -> pipeline::Settings {
+    fn loaded(changes: &Changes, kind: Kind) -> config::Settings {
         let folder = tempfile::tempdir().unwrap();
         let copy = folder.path().join("teleop.toml");
         write(&config(), changes, kind, &copy).expect("the settings of this tree");
-        pipeline::load(&copy, Overrides::default()).expect("the copy is a settings file").settings
+        config::load(&copy, Overrides::default()).expect("the copy is a settings file").settings
     }
 
     #[test]
     fn settings_copy_differs_only_as_its_block_needs() {
-        let original = pipeline::load(&config(), Overrides::default()).unwrap().settings;
+        let original = config::load(&config(), Overrides::default()).unwrap().settings;
         let mut events = loaded(&Changes::default(), Kind::Events);
         events.robot = original.robot.clone();
         events.weights = original.weights.clone();
@@ -106,10 +106,10 @@ mod tests {
     #[test]
     fn policy_and_cores_of_the_command_line_override_the_file() {
         let free = Changes { policy: Some(Policy::Other), pin: Some(Pin::Free) };
-        assert_eq!(loaded(&free, Kind::Events).realtime.policy, pipeline::Policy::Other);
+        assert_eq!(loaded(&free, Kind::Events).realtime.policy, config::Policy::Other);
         let pinned = Changes { policy: Some(Policy::Fifo), pin: Some(Pin::Cores(vec![0])) };
         let pinned = loaded(&pinned, Kind::Events).realtime;
-        assert_eq!(pinned.policy, pipeline::Policy::Fifo);
+        assert_eq!(pinned.policy, config::Policy::Fifo);
         assert_ne!(pinned.cores, loaded(&free, Kind::Events).realtime.cores);
     }
 

@@ -7,8 +7,8 @@ use chaos::injection::{Injection, Target};
 use chaos::monitor::Monitor;
 use chaos::rig::Rig;
 use chaos::trial;
+use config::Settings;
 use messages::{Mode, Status};
-use pipeline::Settings;
 use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
 use rt::Shutdown;
@@ -108,7 +108,7 @@ pub struct Soaked {
 /// Returns an error if a process does not start, or the robot does not come back after a fault.
 pub fn run(config: &Path, soak: Soak, shutdown: &Shutdown) -> Result<Soaked, LatencyError> {
     let mut rig = Rig::start(config)?;
-    let loaded = pipeline::load(&rig.place().config, rig.place().overrides())?;
+    let loaded = config::load(&rig.place().config, rig.place().overrides())?;
     let limits = pipeline::sim_config(&loaded, true)?;
     let witness = Monitor::start(rig.instance().core_domain(), limits, loaded.model.prismatic)?;
     let mut dice = Pcg64Mcg::seed_from_u64(1);

@@ -1,6 +1,6 @@
 //! Metadata of a recording: the settings, robot and weights that it was made with.
 
-use pipeline::{Loaded, Overrides};
+use config::{Loaded, Overrides};
 use sha2::{Digest, Sha256};
 use std::collections::BTreeMap;
 use std::path::Path;

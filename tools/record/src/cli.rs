@@ -1,7 +1,7 @@
 //! The command line.
 
 use clap::Parser;
-use pipeline::{Overrides, RobotInterface};
+use config::{Overrides, RobotInterface};
 use std::path::PathBuf;
 
 /// Records a running instance as an MCAP file, or summarises a recording.

@@ -5,9 +5,10 @@
 use crate::error::RecordError;
 use crate::inputs::Inputs;
 use crate::read::{Content, Recorded};
+use config::Loaded;
 use messages::{Header, JOINTS, JointCommand, JointTarget, Layout, RobotState, Skeleton, Status};
 use motion::mcap::Ending;
-use pipeline::{ControlConfig, ControlInput, ControlState, Loaded, STATUS_EVERY};
+use pipeline::{ControlConfig, ControlInput, ControlState, STATUS_EVERY};
 use std::path::Path;
 
 /// Counts of messages of one kind.
@@ -75,7 +76,7 @@ pub fn compare(path: &Path, loaded: &Loaded) -> Result<Compared, RecordError> {
             )));
         }
     }
-    let config = |error: pipeline::ConfigError| lacks(error.to_string());
+    let config = |error: config::ConfigError| lacks(error.to_string());
     let retarget = pipeline::retarget_config(loaded).map_err(config)?;
     let control = ControlConfig::new(loaded, true).map_err(config)?;
     let mut stages = Stages {

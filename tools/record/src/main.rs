@@ -1,8 +1,8 @@
 //! Records a running instance, in a process of its own. Or summarises or shows a recording.
 
 use clap::Parser;
+use config::Loaded;
 use instance::Instance;
-use pipeline::Loaded;
 use record::cli::Cli;
 use record::{Attached, Origin, Queue, Rates, Summary};
 use robot::Names;
@@ -61,7 +61,7 @@ fn main() -> ExitCode {
 /// Shows a recording until a signal arrives.
 fn view(cli: &Cli, file: &Path) -> Result<(), Failure> {
     let shutdown = Shutdown::on_signals().map_err(|error| Failure::of(SOFTWARE)(&error))?;
-    let loaded = pipeline::load(&cli.config, cli.overrides()).map_err(|error| Failure::of(CONFIG)(&error))?;
+    let loaded = config::load(&cli.config, cli.overrides()).map_err(|error| Failure::of(CONFIG)(&error))?;
     let shown = view::RobotView::of(&loaded, cli.meshes.as_deref()).map_err(|error| Failure::of(CONFIG)(&error))?;
     if !shown.missing.is_empty() {
         err!("record: {} mesh files are not below --meshes: {}", shown.missing.len(), shown.missing.join(", "));
@@ -89,7 +89,7 @@ fn view(cli: &Cli, file: &Path) -> Result<(), Failure> {
 fn summary(cli: &Cli, file: &Path) -> Result<(), Failure> {
     // The names of the parts, and the limits in the picture, come from --config. Without it, indices replace
     // the names.
-    let loaded = pipeline::load(&cli.config, cli.overrides());
+    let loaded = config::load(&cli.config, cli.overrides());
     let names = loaded.as_ref().map_or_else(|_| Names::default(), |loaded| Names::of(&loaded.model));
     let summary = Summary::read(file, &names).map_err(|error| Failure(NO_INPUT, error.to_string()))?;
     out!("{}", summary.text().trim_end());
@@ -126,7 +126,7 @@ fn record(cli: &Cli, out: &Path) -> Result<(), Failure> {
     check(cli)?;
     let shutdown = Shutdown::on_signals().map_err(|error| Failure::of(SOFTWARE)(&error))?;
     let manager = ServiceManager::from_environment().map_err(|error| Failure::of(SOFTWARE)(&error))?;
-    let loaded = pipeline::load(&cli.config, cli.overrides()).map_err(|error| Failure::of(CONFIG)(&error))?;
+    let loaded = config::load(&cli.config, cli.overrides()).map_err(|error| Failure::of(CONFIG)(&error))?;
     let mut attached = attach(cli, &loaded)?;
     let mut queue = begin(cli, out, &loaded)?;
     let _ = manager.ready();

@@ -1,8 +1,9 @@
 //! Helpers of several tests.
 
 use client::PlayOptions;
+use config::{Loaded, Overrides};
 use motion::{CalibrationMode, Motion};
-use pipeline::{Loaded, Offline, Overrides};
+use pipeline::Offline;
 use record::{Content, OfflineRecording, Recorded};
 use std::path::{Path, PathBuf};
 
@@ -13,7 +14,7 @@ pub fn config() -> PathBuf {
 
 pub fn loaded() -> Loaded {
     let _ = rt::flush_denormals();
-    pipeline::load(&config(), Overrides::default()).expect("the shipped settings")
+    config::load(&config(), Overrides::default()).expect("the shipped settings")
 }
 
 /// One second of the built-in motion.

@@ -1,13 +1,13 @@
 //! Shows that the stages reproduce a recording from its inputs, bit for bit.
 
 use crate::{Cli, EX_NOINPUT, Failure};
-use pipeline::Overrides;
+use config::Overrides;
 use rt::out;
 use std::path::Path;
 
 /// Compares, and prints the counts.
 pub fn run(cli: &Cli, recording: &Path) -> Result<(), Failure> {
-    let loaded = pipeline::load(&cli.config, Overrides::default()).map_err(Failure::config)?;
+    let loaded = config::load(&cli.config, Overrides::default()).map_err(Failure::config)?;
     let found = record::compare(recording, &loaded).map_err(|error| Failure(EX_NOINPUT, error.to_string()))?;
     for (what, counts) in [("targets", found.targets), ("commands", found.commands), ("statuses", found.statuses)] {
         let record::Counts { compared, missing, different } = counts;

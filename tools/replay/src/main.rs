@@ -8,8 +8,8 @@ mod offline;
 
 use clap::Parser;
 use cli::Cli;
+use config::Overrides;
 use motion::{CalibrationMode, LoadOptions, MotionError};
-use pipeline::Overrides;
 use poses::trajectory;
 use rt::{err, out};
 use std::path::Path;
@@ -110,7 +110,7 @@ fn read(cli: &mut Cli) -> Result<motion::Motion, Failure> {
             }
         });
     }
-    let loaded = pipeline::load(&cli.config, Overrides::default()).map_err(Failure::config)?;
+    let loaded = config::load(&cli.config, Overrides::default()).map_err(Failure::config)?;
     let trajectory = trajectory::read_csv(&file, &loaded.model).map_err(|error| no_input(&error))?;
     let name = file.file_stem().map_or_else(|| "trajectory".into(), |stem| stem.to_string_lossy().into_owned());
     cli.calibration = CalibrationMode::Rig;

@@ -2,10 +2,11 @@
 
 use crate::{Cli, EX_USAGE, Failure};
 use client::PlayOptions;
+use config::Overrides;
 use indicatif::{ProgressBar, ProgressStyle};
 use messages::{JOINTS, TICK_HZ};
 use motion::Motion;
-use pipeline::{Moment, Offline, OfflineEnd, OfflineReport, Overrides};
+use pipeline::{Moment, Offline, OfflineEnd, OfflineReport};
 use record::{OfflineRecording, Trace};
 use robot::Model;
 use rt::out;
@@ -42,7 +43,7 @@ fn refuse(cli: &Cli, out: &Path) -> Result<(), Failure> {
 /// Writes `out` and the JSON file beside it.
 pub fn run(cli: &Cli, motion: &Motion, out: &Path) -> Result<(), Failure> {
     refuse(cli, out)?;
-    let loaded = pipeline::load(&cli.config, Overrides::default()).map_err(Failure::config)?;
+    let loaded = config::load(&cli.config, Overrides::default()).map_err(Failure::config)?;
     let options = PlayOptions { speed: cli.speed, looped: false, calibration: cli.calibration };
     let mut recording = match &cli.record {
         Some(path) => Some(OfflineRecording::create(path, &loaded).map_err(Failure::cannot_create)?),

@@ -2,9 +2,10 @@
 
 use crate::run::Run;
 use client::{PlayOptions, Player};
+use config::{ConfigError, Overrides};
 use messages::{JOINTS, Mode, TICK_HZ};
 use motion::CalibrationMode;
-use pipeline::{ConfigError, Overrides, WorldConfig};
+use pipeline::WorldConfig;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use robot::{Frames, JointLimits, Model};
@@ -45,7 +46,7 @@ pub struct Subject {
 impl Subject {
     /// Loads a settings file.
     pub fn load(config: &Path) -> Result<Self, ConfigError> {
-        let loaded = pipeline::load(config, Overrides::default())?;
+        let loaded = config::load(config, Overrides::default())?;
         let model = &loaded.model;
         let play = PlayOptions { speed: 1.0, looped: true, calibration: CalibrationMode::First10s };
         Ok(Self {

@@ -17,7 +17,7 @@ pub enum TortureError {
     },
     /// Settings, robot or weights are invalid.
     #[error(transparent)]
-    Config(#[from] pipeline::ConfigError),
+    Config(#[from] config::ConfigError),
     /// The settings name an interface that torture does not attack.
     #[error("{file}: sim.interface = \"{value}\", must be \"direct\"; no other interface is tested")]
     Interface {

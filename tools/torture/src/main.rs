@@ -1,9 +1,9 @@
 //! The command line program of the library.
 
 use clap::Parser;
+use config::Overrides;
 use indicatif::{ProgressBar, ProgressStyle};
 use messages::TICK_HZ;
-use pipeline::Overrides;
 use sim::ViolationKind;
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -163,7 +163,7 @@ fn measure_stops(args: &StopTimesArgs) -> Result<bool, TortureError> {
 fn play(args: &MotionsArgs) -> Result<bool, TortureError> {
     check_counts(&[], args.threads)?;
     let machine = Machine::now();
-    let loaded = pipeline::load(&args.config, Overrides::default())?;
+    let loaded = config::load(&args.config, Overrides::default())?;
     let bar = progress(motion::motion_files(&args.folder)?.len() as u64, "files");
     let played = motions::run(&loaded, &args.folder, args.threads, |_| bar.inc(1))?;
     bar.finish_and_clear();

@@ -3,9 +3,10 @@
 use crate::error::TortureError;
 use crate::parallel::in_parallel;
 use client::PlayOptions;
+use config::Loaded;
 use messages::{Mode, TICK_HZ};
 use motion::CalibrationMode;
-use pipeline::{Loaded, Offline, OfflineEnd};
+use pipeline::{Offline, OfflineEnd};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 

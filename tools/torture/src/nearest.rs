@@ -81,7 +81,7 @@ mod tests {
     #[test]
     fn clearance_gradient_matches_the_difference_quotient() {
         let file = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/robots/tiago_dual.toml");
-        let (model, _) = pipeline::load_model(&file).unwrap();
+        let (model, _) = config::load_model(&file).unwrap();
         let mut frames = Frames::default();
         let home = nearest(&model, &mut frames, &model.home, 0).unwrap();
         let (least, _) = model.clearance(&frames);

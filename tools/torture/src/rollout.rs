@@ -185,7 +185,7 @@ mod tests {
 
     fn model() -> Model {
         let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/robots/tiago_dual.toml");
-        pipeline::load_model(&file).unwrap().0
+        config::load_model(&file).unwrap().0
     }
 
     fn robot(model: &Model) -> sim::Config {

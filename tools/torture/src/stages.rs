@@ -1,9 +1,10 @@
 //! Runs both stages as the daemon's control tick does: whole-body control proposes, and the gate decides.
 
 use crate::error::TortureError;
+use config::{Overrides, RobotInterface};
 use driver::Motion;
 use messages::{JOINTS, Stamp};
-use pipeline::{Commanded, Commander, Overrides, RobotInterface};
+use pipeline::{Commanded, Commander};
 use robot::{Model, Payload};
 use safety::engage::Permit;
 use safety::gate;
@@ -39,9 +40,9 @@ impl Subject {
     /// Returns an error that names the file, the key, the value and the bound.
     pub fn load(config: &Path, robot: Option<&Path>, certified: bool) -> Result<Self, TortureError> {
         match robot {
-            Some(file) => Self::of(pipeline::load_model(file)?.0, file, certified, HAND_SPEED_MAX_M_PER_S),
+            Some(file) => Self::of(config::load_model(file)?.0, file, certified, HAND_SPEED_MAX_M_PER_S),
             None => {
-                let loaded = pipeline::load(config, Overrides::default())?;
+                let loaded = config::load(config, Overrides::default())?;
                 match loaded.settings.sim.interface {
                     RobotInterface::Direct => {
                         Self::of(loaded.model, config, certified, loaded.settings.safety.hand_speed_m_per_s())

@@ -26,7 +26,7 @@ fn subject(certified: bool) -> Subject {
 /// The shipped robot with a shelf just above its hands.
 fn below_a_shelf() -> Subject {
     let file = root().join("config/robots/tiago_dual.toml");
-    let (model, _) = pipeline::load_model(&file).unwrap();
+    let (model, _) = config::load_model(&file).unwrap();
     let (center_m, size_m) = ([0.9, 0.0, 0.8], [0.8, 1.6, 0.04]);
     let shelf = BoxEntry { name: "shelf".into(), center_m, size_m, rpy_deg: [0.0; 3] };
     let model = model.with_environment("test", &Environment { planes: vec![], boxes: vec![shelf] }).unwrap();

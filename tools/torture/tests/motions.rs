@@ -1,6 +1,6 @@
 //! Plays recorded motions through every stage, if the files are present.
 
-use pipeline::Overrides;
+use config::Overrides;
 use std::path::Path;
 use torture::machine::cores;
 use torture::motions::play;
@@ -17,7 +17,7 @@ fn recorded_motions_cause_no_violation() {
         eprintln!("skipped: {} is not there", folder.display());
         return;
     }
-    let loaded = pipeline::load(&root.join("config/teleop.toml"), Overrides::default()).unwrap();
+    let loaded = config::load(&root.join("config/teleop.toml"), Overrides::default()).unwrap();
     let files: Vec<_> = motion::motion_files(&folder).unwrap().into_iter().step_by(EVERY).collect();
     assert!(!files.is_empty());
     for played in in_parallel(cores(), files.len(), |i| play(&loaded, &files[i])) {

@@ -12,8 +12,7 @@ pub use chain::{Continue, Stream};
 pub use commander::{Commanded, Commander};
 pub use status::STATUS_EVERY;
 
-use crate::ConfigError;
-use crate::load::Loaded;
+use config::{ConfigError, Loaded};
 use following::{Following, Wish};
 use messages::{
     Fault, Header, InputStatus, JOINTS, JointCommand, JointTarget, Layout, Mode, PersonChange, RobotState, Stamp,
@@ -64,14 +63,15 @@ impl ControlConfig {
         let sim = &loaded.settings.sim;
         let tracking = loaded.settings.tracking_error_factor();
         let hand_speed = safety.hand_speed_m_per_s();
-        let options = wbc::Options::default().interface(sim.interface.certified()).hand_speed_m_per_s(hand_speed);
+        let options =
+            wbc::Options::default().interface(crate::stages::certified(sim.interface)).hand_speed_m_per_s(hand_speed);
         let factor = if realtime { 1.0 } else { safety.stale_factor_without_realtime };
         let wbc = wbc::Config::new(&model, options).map_err(|error| ConfigError::stage("whole-body control", error))?;
         Ok(Self {
-            engage: engage::Config::relaxed(&safety.thresholds(), factor)
+            engage: engage::Config::relaxed(&crate::stages::thresholds(safety), factor)
                 .map(|engage| engage.with_tracking_factor(tracking))
                 .map_err(|error| ConfigError::Syntax { file: loaded.config_name(), cause: error.to_string() })?,
-            gate: gate::Config::with_interface(&model, &sim.interface.gated(&model))
+            gate: gate::Config::with_interface(&model, &crate::stages::gated(sim.interface, &model))
                 .and_then(|gate| gate.with_hand_speed(hand_speed))
                 .map_err(|error| ConfigError::stage("gate", error))?,
             follow: follow::Config::new(&model, &wbc.bounds().map(|bound| bound.v_max), follow::Weights::default()),

@@ -1,11 +1,12 @@
 //! Control and a simulated robot in virtual time, with targets that a test chooses.
 #![allow(dead_code, unreachable_pub)]
 
+use config::{Loaded, Overrides};
 use messages::{
     ALL_JOINTS, Header, JOINTS, JointTarget, Layout, Mode, RobotState, Stamp, Status, Subject, TICK_HZ, Transition,
     deadline, target_flag,
 };
-use pipeline::{ControlConfig, ControlInput, ControlState, Loaded, Overrides, control_tick};
+use pipeline::{ControlConfig, ControlInput, ControlState, control_tick};
 use robot::{Frames, Model};
 use safety::engage::OperatorView;
 use std::path::Path;
@@ -16,7 +17,7 @@ const FIRST_K: u64 = 1500;
 /// The settings of the repository.
 pub fn loaded() -> Loaded {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/teleop.toml");
-    pipeline::load(&path, Overrides::default()).expect("the settings of the repository")
+    config::load(&path, Overrides::default()).expect("the settings of the repository")
 }
 
 /// Control, the robot, and an operator.

@@ -132,8 +132,8 @@ impl Look {
             return Ok(Self::default());
         }
         let name = path.display().to_string();
-        let text = pipeline::read_text(&path).map_err(|error| match error {
-            pipeline::ConfigError::Read { file, cause } => LookError::Read { file, cause },
+        let text = config::read_text(&path).map_err(|error| match error {
+            config::ConfigError::Read { file, cause } => LookError::Read { file, cause },
             error => LookError::Read { file: name.clone(), cause: error.to_string() },
         })?;
         Self::parse(&name, &text, model)

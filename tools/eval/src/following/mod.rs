@@ -33,7 +33,7 @@ use crate::cli::Cli;
 use crate::clips::Selection;
 use crate::error::EvalError;
 use crate::run::{show, write_json};
-use pipeline::Overrides;
+use config::Overrides;
 use rayon::prelude::*;
 use retarget::ArmModel;
 use std::path::{Path, PathBuf};
@@ -55,7 +55,7 @@ pub fn run(cli: &Cli, folder: &Path) -> Result<(), EvalError> {
     }
     // The daemon does the same, so the commands are equal to the bit.
     let _ = rt::flush_denormals();
-    let loaded = pipeline::load(&cli.config, Overrides::default())?;
+    let loaded = config::load(&cli.config, Overrides::default())?;
     let stage = Stage::new(&loaded)?;
     let (arm, bounds) = (ArmModel::of(&loaded.model), bounds_of(&loaded.model));
     let mut delays_ms = DELAYS_MS.to_vec();

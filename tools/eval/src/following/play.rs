@@ -7,9 +7,10 @@ use crate::error::EvalError;
 use crate::methods::Posture;
 use client::PlayOptions;
 use collision::dynamics::{Dynamics, GRAVITY_M_PER_S2};
+use config::Loaded;
 use messages::{JointCommand, JointTarget, LEFT_ARM, Mode, RIGHT_ARM, Stamp, command_flag, deadline};
 use motion::{CalibrationMode, Motion};
-use pipeline::{Loaded, Moment, Offline, OfflineEnd};
+use pipeline::{Moment, Offline, OfflineEnd};
 use robot::Model;
 use std::collections::BTreeMap;
 

@@ -126,16 +126,6 @@ pub enum EmergencyStopReset {
     Presser,
 }
 
-impl EmergencyStopReset {
-    /// Converts it for the operator socket.
-    pub const fn rule(self) -> operator::ResetRule {
-        match self {
-            Self::Anyone => operator::ResetRule::Anyone,
-            Self::Presser => operator::ResetRule::Presser,
-        }
-    }
-}
-
 /// Settings of the control process: its timing, and the conditions to engage and reset.
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
@@ -314,7 +304,7 @@ pub enum RobotReaction {
 
 impl RobotReaction {
     /// Converts it for the simulated robot.
-    pub(crate) const fn simulated(self) -> sim::Reaction {
+    pub const fn simulated(self) -> sim::Reaction {
         match self {
             Self::Hold => sim::Reaction::Hold,
             Self::Damp => sim::Reaction::Damp,
@@ -377,7 +367,7 @@ impl Settings {
     }
 
     /// Factor on the bounds of the tracking error. It is one, except for a simulated robot.
-    pub(crate) const fn tracking_error_factor(&self) -> f64 {
+    pub const fn tracking_error_factor(&self) -> f64 {
         match self.driver.kind {
             DriverKind::Sim => self.sim.tracking_error_factor,
             DriverKind::Robot => 1.0,
@@ -396,7 +386,7 @@ impl Settings {
     }
 
     /// Returns the known delay of the servos, ticks. None is assumed of a real robot.
-    pub(crate) const fn servo_delay_ticks(&self) -> u32 {
+    pub const fn servo_delay_ticks(&self) -> u32 {
         match self.driver.kind {
             DriverKind::Sim => self.sim.delay_ticks,
             DriverKind::Robot => 0,

@@ -44,7 +44,7 @@ pub struct Loaded {
 
 impl Loaded {
     /// The settings file's name, for errors.
-    pub(crate) fn config_name(&self) -> String {
+    pub fn config_name(&self) -> String {
         self.files.first().map_or_else(String::new, |file| file.display().to_string())
     }
 
