@@ -6,7 +6,6 @@ use messages::{
     Header, JointCommand, JointTarget, Layout, Mode, PayloadOrder, RobotState, Skeleton, Stamp, TICK_HZ, deadline,
 };
 use motion::CalibrationMode;
-use pipeline::{ControlConfig, ControlInput, ControlState};
 use rt::{CountingAllocator, count_allocations};
 use safety::engage::OperatorView;
 use std::path::Path;
@@ -32,14 +31,14 @@ fn f076_no_stage_allocates_in_a_tick() {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/teleop.toml");
     let loaded = config::load(&path, Overrides::default()).expect("settings");
     let retarget_config = pipeline::retarget_config(&loaded).expect("retarget");
-    let control_config = ControlConfig::new(&loaded, true).expect("control");
+    let control_config = pipeline::control_config(&loaded, true).expect("control");
     let sim_config = pipeline::sim_config(&loaded, true).expect("sim");
     let play = PlayOptions { speed: 1.0, looped: true, calibration: CalibrationMode::First10s };
     let mut player = Player::new(&motion::builtin(), play, 5, 1);
     let skeleton_config = skeleton::Config::default();
     let mut skeleton_state = skeleton::State::new();
     let mut retarget_state = retarget::State::default();
-    let mut control_state = ControlState::new(&control_config, 2);
+    let mut control_state = control::State::new(&control_config, 2);
     let mut sim_state = sim::State::new(&sim_config, TICK_HZ - 1, 1);
     let (mut mode, mut engaged, mut counts) = (Mode::Disengaged, 0, [0; 4]);
     let mut robot: Option<RobotState> = None;
@@ -71,10 +70,15 @@ fn f076_no_stage_allocates_in_a_tick() {
             payload: [said.filter(|_| tick == PAYLOAD_AT || counting && tick % 1000 == 0), None],
             ..OperatorView::default()
         };
-        let input =
-            ControlInput { k, target: Some(&target), robot: robot.as_ref(), operator, ingest: None, realtime_ok: true };
-        let (out, counted) =
-            count_allocations(|| pipeline::control_tick(&control_config, &mut control_state, now, input));
+        let input = control::Input {
+            k,
+            target: Some(&target),
+            robot: robot.as_ref(),
+            operator,
+            ingest: None,
+            realtime_ok: true,
+        };
+        let (out, counted) = count_allocations(|| control::tick(&control_config, &mut control_state, now, input));
         note(2, counted.allocated);
         in_payload += if tick == PAYLOAD_AT { counted.allocated } else { 0 };
         let (taken, refused) = (out.status.payloads_taken, out.status.payloads_refused);

@@ -9,9 +9,9 @@ use std::path::Path;
 use std::process::Command;
 
 /// Crates that never do IO, never read a clock and never block.
-const PURE: [&str; 13] = [
+const PURE: [&str; 14] = [
     "messages", "robot", "layouts", "skeleton", "retarget", "follow", "wbc", "safety", "driver", "plant", "sim",
-    "ingest", "explain",
+    "ingest", "explain", "control",
 ];
 
 /// Packages that a pure crate must not depend on, even indirectly.
@@ -42,11 +42,12 @@ const MAY_DEPEND_ON: &[(&str, &[&str])] = &[
     ("ingest", &["layouts", "messages", "skeleton"]),
     ("explain", &["messages", "robot", "safety", "skeleton"]),
     ("config", &["ingest", "instance", "layouts", "messages", "retarget", "robot", "sim", "skeleton"]),
+    ("control", &["driver", "follow", "messages", "retarget", "robot", "safety", "wbc"]),
     (
         "pipeline",
         &[
             "messages", "robot", "driver", "layouts", "skeleton", "retarget", "follow", "wbc", "safety", "plant",
-            "sim", "motion", "bus", "doors", "operator", "client", "instance", "ingest", "config",
+            "sim", "motion", "bus", "doors", "operator", "client", "instance", "ingest", "config", "control",
         ],
     ),
     (
@@ -89,8 +90,8 @@ const MAY_DEPEND_ON: &[(&str, &[&str])] = &[
     (
         "record",
         &[
-            "messages", "motion", "instance", "explain", "config", "pipeline", "retarget", "robot", "safety", "bus",
-            "rt", "canvas", "view",
+            "messages", "motion", "instance", "explain", "config", "control", "pipeline", "retarget", "robot",
+            "safety", "bus", "rt", "canvas", "view",
         ],
     ),
     (
@@ -115,7 +116,7 @@ const MAY_DEPEND_ON: &[(&str, &[&str])] = &[
         "simulate",
         &[
             "messages", "robot", "driver", "plant", "safety", "sim", "motion", "bus", "operator", "client", "config",
-            "pipeline", "rt",
+            "control", "pipeline", "rt",
         ],
     ),
     (
@@ -128,8 +129,8 @@ const MAY_DEPEND_ON: &[(&str, &[&str])] = &[
     (
         "torture",
         &[
-            "messages", "robot", "driver", "wbc", "safety", "plant", "sim", "motion", "client", "config", "pipeline",
-            "rt",
+            "messages", "robot", "driver", "wbc", "safety", "plant", "sim", "motion", "client", "config", "control",
+            "pipeline", "rt",
         ],
     ),
 ];

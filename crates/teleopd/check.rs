@@ -9,7 +9,7 @@ use rt::out;
 /// values.
 pub fn run(place: &InstanceArgs) -> Result<Exit, Failure> {
     let loaded = config::load(&place.config, place.overrides()).map_err(|error| Failure::new(Exit::Config, error))?;
-    pipeline::ControlConfig::new(&loaded, true).map_err(|error| Failure::new(Exit::Config, error))?;
+    pipeline::control_config(&loaded, true).map_err(|error| Failure::new(Exit::Config, error))?;
     pipeline::retarget_config(&loaded).map_err(|error| Failure::new(Exit::Config, error))?;
     pipeline::sim_config(&loaded, true).map_err(|error| Failure::new(Exit::Config, error))?;
     for file in &loaded.files {

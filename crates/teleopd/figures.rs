@@ -1,7 +1,6 @@
 //! Figures that control collects for the report: limb and tracking errors while engaged, and every transition.
 
 use messages::{FAULTS, JOINTS, Mode, RobotState, TICK_HZ, Transition};
-use pipeline::ControlOutput;
 use rt::Histogram;
 use serde_json::{Value, json};
 
@@ -69,7 +68,7 @@ impl Following {
     }
 
     /// Adds a tick, and the robot state if it was new in this tick.
-    pub fn note(&mut self, out: &ControlOutput, robot: Option<&RobotState>) {
+    pub fn note(&mut self, out: &control::Output, robot: Option<&RobotState>) {
         if let Some(transition) = out.transition
             && self.transitions.len() < TRANSITIONS_MAX
         {

@@ -2,17 +2,12 @@
 //! control tick of engagement, whole-body control and gate. It also runs all stages in one thread with virtual
 //! time.
 
-mod control;
 mod offline;
 mod stages;
 mod tamper;
 mod world;
 
-pub use control::{
-    Commanded, Commander, Continue, ControlConfig, ControlInput, ControlOutput, ControlState, STATUS_EVERY, Stream,
-    tick as control_tick,
-};
 pub use offline::{Offline, OfflineEnd, OfflineReport, Row, Watch};
-pub use stages::{input_config, retarget_config, sim_config};
+pub use stages::{control_config, input_config, retarget_config, sim_config};
 pub use tamper::{Tamper, Untampered};
 pub use world::{Links, Moment, Running, World, WorldConfig};

@@ -3,7 +3,8 @@
 use config::{ConfigError, IngestSettings, Loaded, Method, Operators, RobotInterface, SafetySettings};
 use layouts::Layouts;
 use messages::{HEAD, LEFT_ARM, TORSO};
-use safety::engage;
+use retarget::ArmModel;
+use safety::{engage, gate};
 
 /// Returns the configuration of `ingest`.
 pub fn input_config(settings: &IngestSettings, layouts: Layouts, operators: &Operators) -> ingest::Config {
@@ -32,6 +33,35 @@ pub fn retarget_config(loaded: &Loaded) -> Result<retarget::Config, ConfigError>
     retarget::Config::new(&loaded.model, loaded.weights.clone(), &options)
         .map(|config| config.with_prediction(loaded.prediction.clone()))
         .map_err(|error| ConfigError::stage("retarget", error))
+}
+
+/// Returns the configuration of the control tick. Without real-time scheduling (`realtime` false), the stale times
+/// are relaxed by the factor of the settings.
+pub fn control_config(loaded: &Loaded, realtime: bool) -> Result<control::Config, ConfigError> {
+    let model = loaded.model.clone();
+    let (safety, interface) = (&loaded.settings.safety, loaded.settings.sim.interface);
+    let tracking = loaded.settings.tracking_error_factor();
+    let hand_speed = safety.hand_speed_m_per_s();
+    let options = wbc::Options::default().interface(certified(interface)).hand_speed_m_per_s(hand_speed);
+    let factor = if realtime { 1.0 } else { safety.stale_factor_without_realtime };
+    let wbc = wbc::Config::new(&model, options).map_err(|error| ConfigError::stage("whole-body control", error))?;
+    Ok(control::Config {
+        engage: engage::Config::relaxed(&thresholds(safety), factor)
+            .map(|engage| engage.with_tracking_factor(tracking))
+            .map_err(|error| ConfigError::Syntax { file: loaded.config_name(), cause: error.to_string() })?,
+        gate: gate::Config::with_interface(&model, &gated(interface, &model))
+            .and_then(|gate| gate.with_hand_speed(hand_speed))
+            .map_err(|error| ConfigError::stage("gate", error))?,
+        follow: follow::Config::new(&model, &wbc.bounds().map(|bound| bound.v_max), follow::Weights::default()),
+        wbc,
+        arm: ArmModel::of(&model),
+        servo_lag_s: f64::from(loaded.settings.servo_delay_ticks()) * messages::TICK_S
+            + interface.simulated().delay_s(),
+        tracking_max: [safety.tracking_error_rad, safety.tracking_error_m].map(|bound| bound * tracking),
+        config_hash: loaded.hash,
+        realtime,
+        model,
+    })
 }
 
 /// Returns the configuration of the simulated robot. Without real-time scheduling (`realtime` false), two times
@@ -103,9 +133,9 @@ pub(crate) fn certified(interface: RobotInterface) -> wbc::Interface {
 
 /// Converts an interface for the gate: controllers of torso, head, left arm and right arm. A spline through points every
 /// h deviates from a motion with the jerk limit J by at most J h^3 / 96.
-pub(crate) fn gated(interface: RobotInterface, model: &robot::Model) -> safety::gate::Interface {
+pub(crate) fn gated(interface: RobotInterface, model: &robot::Model) -> gate::Interface {
     match interface {
-        RobotInterface::Direct => safety::gate::Interface::default(),
+        RobotInterface::Direct => gate::Interface::default(),
         RobotInterface::Jtc100 => {
             let wbc::Interface { skew_s, period_s, .. } = wbc::Interface::JTC_100_HZ;
             let spline = |j: usize| model.limits[j].j_max * period_s * period_s * period_s / 96.0;
@@ -115,11 +145,7 @@ pub(crate) fn gated(interface: RobotInterface, model: &robot::Model) -> safety::
                 _ if LEFT_ARM.contains(&j) => 2,
                 _ => 3,
             };
-            safety::gate::Interface {
-                off: std::array::from_fn(spline),
-                skew_s,
-                controller: std::array::from_fn(controller),
-            }
+            gate::Interface { off: std::array::from_fn(spline), skew_s, controller: std::array::from_fn(controller) }
         }
     }
 }

@@ -1,7 +1,6 @@
 //! All stages in one thread with virtual time. The ticks are those of the processes, in the same order, over links
 //! that may be faulty. `replay --offline` and `simulate` use it.
 
-use crate::control::{ControlConfig, ControlInput, ControlOutput, ControlState, tick as control_tick};
 use crate::tamper::{Tamper, Untampered};
 use bus::{FaultCounts, FaultPlan, Faulty, Latest, Publish};
 use config::{ConfigError, Loaded};
@@ -37,7 +36,7 @@ pub struct WorldConfig {
     input: ingest::Config,
     retarget: retarget::Config,
     /// Configuration of the control tick.
-    pub control: ControlConfig,
+    pub control: control::Config,
     sim: sim::Config,
     config_hash: u64,
     authority_timeout_ns: u64,
@@ -49,7 +48,7 @@ impl WorldConfig {
         Ok(Self {
             input: crate::input_config(&loaded.settings.ingest, loaded.layouts.clone(), &loaded.operators),
             retarget: crate::retarget_config(loaded)?,
-            control: ControlConfig::new(loaded, true)?,
+            control: crate::control_config(loaded, true)?,
             sim: crate::sim_config(loaded, true)?,
             config_hash: loaded.hash,
             authority_timeout_ns: (loaded.settings.ingest.authority_timeout_ms * 1e6) as u64,
@@ -108,7 +107,7 @@ pub struct World {
     skeleton_header: Header,
     retarget: retarget::State,
     retarget_header: Header,
-    control: ControlState,
+    control: control::State,
     sim: sim::State,
     sim_header: Header,
     raw: Faulty<RawSkeleton>,
@@ -132,7 +131,7 @@ pub struct Moment {
     /// Target of this tick, if retarget ran.
     pub target: Option<JointTarget>,
     /// Control's output, if it ran.
-    pub control: Option<ControlOutput>,
+    pub control: Option<control::Output>,
     /// The robot after this tick, if the driver ran.
     pub robot: Option<RobotState>,
 }
@@ -157,7 +156,7 @@ impl World {
             skeleton_header: header(&mut incarnations),
             retarget: retarget::State::default(),
             retarget_header: header(&mut incarnations),
-            control: ControlState::new(&config.control, incarnations.draw()),
+            control: control::State::new(&config.control, incarnations.draw()),
             sim: sim::State::new(&config.sim, FIRST_TICK - 1, seed),
             sim_header: header(&mut incarnations),
             raw: Faulty::new(links.raw, seed ^ 1),
@@ -218,7 +217,7 @@ impl World {
 
     /// Kills and restarts `control`.
     pub fn restart_control(&mut self, config: &WorldConfig) {
-        self.control = ControlState::new(&config.control, self.incarnations.draw());
+        self.control = control::State::new(&config.control, self.incarnations.draw());
     }
 
     /// Kills and restarts `retarget`.
@@ -351,9 +350,9 @@ impl World {
         operator: &OperatorView,
         (target, robot): (Option<&JointTarget>, Option<&RobotState>),
         tamper: &mut impl Tamper,
-    ) -> ControlOutput {
-        let input = ControlInput { k: self.k, target, robot, operator: *operator, ingest: None, realtime_ok: true };
-        let out = control_tick(&config.control, &mut self.control, now, input);
+    ) -> control::Output {
+        let input = control::Input { k: self.k, target, robot, operator: *operator, ingest: None, realtime_ok: true };
+        let out = control::tick(&config.control, &mut self.control, now, input);
         if let Some(mut command) = out.command
             && tamper.command(&mut command)
         {

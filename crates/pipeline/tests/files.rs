@@ -2,7 +2,6 @@
 //! while they are in use.
 
 use config::{Loaded, Overrides, Settings, load, load_weights};
-use pipeline::ControlConfig;
 use std::path::{Path, PathBuf};
 
 fn repository() -> PathBuf {
@@ -27,7 +26,7 @@ fn thresholds(settings: Settings) -> String {
     let loaded = Loaded { settings, ..loaded };
     let sim = pipeline::sim_config(&loaded, true).map(|_| ());
     let retarget = pipeline::retarget_config(&loaded).map(|_| ());
-    let refused = ControlConfig::new(&loaded, true).map(|_| ()).and(sim).and(retarget);
+    let refused = pipeline::control_config(&loaded, true).map(|_| ()).and(sim).and(retarget);
     refused.map_or_else(|error| error.to_string(), |()| "accepted".into())
 }
 

@@ -8,12 +8,12 @@ use crate::figures::Following;
 use crate::timeline::Timeline;
 use bus::{Domain, Reader, WakingReader, Writer};
 use config::{EmergencyStopReset, HandOff};
+use control::STATUS_EVERY;
 use messages::{
     Fault, Faults, InputStatus, JointCommand, JointTarget, Layout, Mode, PayloadRefusal, RobotState, Service, Stamp,
     Status, deadline, tick_at,
 };
 use operator::{AuditEvent, AuditRecord, OperatorEdges, OperatorError, ResetRule, Server};
-use pipeline::{ControlConfig, ControlInput, ControlOutput, ControlState, STATUS_EVERY};
 use robot::Names;
 use rt::SleepWatch;
 use std::time::Duration;
@@ -28,7 +28,7 @@ const END_WITHIN_NS: u64 = 2_000_000_000;
 /// Runs until shutdown, then until the robot is at rest.
 pub fn run(place: &InstanceArgs) -> Result<(), Failure> {
     let process = Process::start("control", place, |loaded| Some(loaded.settings.realtime.priority_control))?;
-    let config = ControlConfig::new(&process.loaded, process.realtime.is_realtime())
+    let config = pipeline::control_config(&process.loaded, process.realtime.is_realtime())
         .map_err(|error| Failure::new(Exit::Config, error))?;
     let names = Names::of(&config.model);
     instance::write_names(process.instance.run_dir(), &names).map_err(|error| {
@@ -53,7 +53,7 @@ pub fn run(place: &InstanceArgs) -> Result<(), Failure> {
         ingests: core.reader(Service::InputStatus).map_err(bus_failure)?,
         commands: core.writer(Service::JointCommand).map_err(bus_failure)?,
         statuses: core.writer(Service::Status).map_err(bus_failure)?,
-        state: ControlState::new(&config, process.incarnation),
+        state: control::State::new(&config, process.incarnation),
         edges: OperatorEdges::default(),
         status: Status::ZERO,
         polled: process.loaded.settings.realtime.hand_off == HandOff::Polled,
@@ -76,9 +76,9 @@ pub fn run(place: &InstanceArgs) -> Result<(), Failure> {
 
 struct Control {
     process: Process,
-    config: ControlConfig,
+    config: control::Config,
     names: Names,
-    state: ControlState,
+    state: control::State,
     server: Server,
     edges: OperatorEdges,
     targets: WakingReader<JointTarget>,
@@ -107,7 +107,7 @@ impl Control {
         resting.q_measured = self.config.model.home;
         for k in 1..=WARM_TICKS {
             resting.executed_k = k - 1;
-            let input = ControlInput {
+            let input = control::Input {
                 k,
                 target: None,
                 robot: Some(&resting),
@@ -115,7 +115,7 @@ impl Control {
                 ingest: None,
                 realtime_ok: false,
             };
-            std::hint::black_box(pipeline::control_tick(&self.config, &mut warm, deadline(k), input));
+            std::hint::black_box(control::tick(&self.config, &mut warm, deadline(k), input));
         }
     }
 
@@ -177,7 +177,7 @@ impl Control {
         let shown = k.is_multiple_of(STATUS_EVERY);
         let ingest = if shown { rt::allocating_aside(|| self.ingests.latest()) } else { None };
         let target = self.target.take();
-        let input = ControlInput {
+        let input = control::Input {
             k,
             target: target.as_ref(),
             robot: robot.as_ref(),
@@ -185,7 +185,7 @@ impl Control {
             ingest: ingest.as_ref(),
             realtime_ok: self.process.realtime_ok(),
         };
-        let out = pipeline::control_tick(&self.config, &mut self.state, woke, input);
+        let out = control::tick(&self.config, &mut self.state, woke, input);
         let stamp = rt::now();
         if let Some(mut command) = out.command
             && !self.process.is_old(k, stamp)
@@ -209,7 +209,7 @@ impl Control {
     }
 
     /// Does the work that can wait until the command is sent.
-    fn after(&mut self, k: u64, out: &ControlOutput, robot: Option<&RobotState>) {
+    fn after(&mut self, k: u64, out: &control::Output, robot: Option<&RobotState>) {
         self.process.missed(out.status.missed_deadlines - self.status.missed_deadlines);
         let Status { payload_kg: kg, payloads_taken, payloads_refused, payload_refused_why, .. } = out.status;
         if payloads_taken != self.status.payloads_taken {

@@ -2,7 +2,6 @@
 
 use crate::bytes::Bytes;
 use config::{Loaded, SafetySettings, Settings};
-use pipeline::ControlConfig;
 use robot::Model;
 use std::sync::LazyLock;
 
@@ -44,7 +43,7 @@ pub(crate) fn run(input: &[u8]) {
     // The parts may reject or accept the settings, but must not panic.
     let _ = pipeline::retarget_config(&loaded);
     let _ = pipeline::sim_config(&loaded, true);
-    if ControlConfig::new(&loaded, true).is_ok() {
+    if pipeline::control_config(&loaded, true).is_ok() {
         ceilings(&loaded.settings.safety);
     }
 }

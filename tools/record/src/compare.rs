@@ -6,9 +6,9 @@ use crate::error::RecordError;
 use crate::inputs::Inputs;
 use crate::read::{Content, Recorded};
 use config::Loaded;
+use control::STATUS_EVERY;
 use messages::{Header, JOINTS, JointCommand, JointTarget, Layout, RobotState, Skeleton, Status};
 use motion::mcap::Ending;
-use pipeline::{ControlConfig, ControlInput, ControlState, STATUS_EVERY};
 use std::path::Path;
 
 /// Counts of messages of one kind.
@@ -78,7 +78,7 @@ pub fn compare(path: &Path, loaded: &Loaded) -> Result<Compared, RecordError> {
     }
     let config = |error: config::ConfigError| lacks(error.to_string());
     let retarget = pipeline::retarget_config(loaded).map_err(config)?;
-    let control = ControlConfig::new(loaded, true).map_err(config)?;
+    let control = pipeline::control_config(loaded, true).map_err(config)?;
     let mut stages = Stages {
         retarget,
         control,
@@ -128,9 +128,9 @@ fn flaws(recorded: &Recorded, found: &Compared) -> Vec<String> {
 
 struct Stages {
     retarget: retarget::Config,
-    control: ControlConfig,
+    control: control::Config,
     retarget_state: retarget::State,
-    control_state: Option<ControlState>,
+    control_state: Option<control::State>,
     /// Newest message of each kind that its stage has not taken yet.
     skeleton: Option<Skeleton>,
     target: Option<JointTarget>,
@@ -217,8 +217,8 @@ impl Stages {
             return;
         }
         let config = &self.control;
-        let control = self.control_state.get_or_insert_with(|| ControlState::new(config, inputs.incarnation));
-        let input = ControlInput {
+        let control = self.control_state.get_or_insert_with(|| control::State::new(config, inputs.incarnation));
+        let input = control::Input {
             k: inputs.k,
             target: target.as_ref(),
             robot: state.as_ref(),
@@ -226,7 +226,7 @@ impl Stages {
             ingest: None,
             realtime_ok: inputs.realtime_ok,
         };
-        let made = pipeline::control_tick(config, control, inputs.now, input);
+        let made = control::tick(config, control, inputs.now, input);
         self.command = made.command;
         // A recording has every `STATUS_EVERY`th status, and every transition.
         let told = made.status.k.is_multiple_of(STATUS_EVERY) || made.transition.is_some();

@@ -14,7 +14,7 @@ use crate::person_judge::PersonJudge;
 use crate::rules::Rules;
 use crate::true_motion::TrueMotion;
 use messages::{JOINTS, Mode, RawSkeleton, RobotState, Skeleton, TICK_HZ, TICK_S};
-use pipeline::{ControlConfig, Moment};
+use pipeline::Moment;
 use robot::JointLimits;
 use safety::engage::OperatorView;
 use sim::{Report, ViolationKind};
@@ -143,7 +143,7 @@ pub struct Oracle {
 
 impl Oracle {
     /// Creates the oracle for a robot, at index `k`.
-    pub fn new(control: &ControlConfig, k: u64) -> Self {
+    pub fn new(control: &control::Config, k: u64) -> Self {
         let model = &control.model;
         let limits = &model.limits;
         Self {
@@ -162,7 +162,7 @@ impl Oracle {
             modes: Modes::new(),
             inputs: Inputs::default(),
             rules: Rules::new(model),
-            feedback: Feedback::new(model, control.servo_lag_s()),
+            feedback: Feedback::new(model, control.servo_lag_s),
             movement: Movement::new(model),
             likeness: PersonJudge::new(model),
             hash: 0xcbf2_9ce4_8422_2325,

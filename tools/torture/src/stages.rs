@@ -2,9 +2,9 @@
 
 use crate::error::TortureError;
 use config::{Overrides, RobotInterface};
+use control::{Commanded, Commander};
 use driver::Motion;
 use messages::{JOINTS, Stamp};
-use pipeline::{Commanded, Commander};
 use robot::{Model, Payload};
 use safety::engage::Permit;
 use safety::gate;

@@ -6,7 +6,6 @@ use messages::{
     ALL_JOINTS, Header, JOINTS, JointTarget, Layout, Mode, RobotState, Stamp, Status, Subject, TICK_HZ, Transition,
     deadline, target_flag,
 };
-use pipeline::{ControlConfig, ControlInput, ControlState, control_tick};
 use robot::{Frames, Model};
 use safety::engage::OperatorView;
 use std::path::Path;
@@ -22,8 +21,8 @@ pub fn loaded() -> Loaded {
 
 /// Control, the robot, and an operator.
 pub struct Bench {
-    pub config: ControlConfig,
-    control: ControlState,
+    pub config: control::Config,
+    control: control::State,
     sim_config: sim::Config,
     pub robot: sim::State,
     hash: u64,
@@ -39,11 +38,11 @@ pub struct Bench {
 impl Bench {
     /// Creates a robot at rest at `initial`, which may be any posture.
     pub fn new(loaded: &Loaded, initial: [f64; JOINTS], seed: u64) -> Self {
-        let config = ControlConfig::new(loaded, true).expect("control");
+        let config = pipeline::control_config(loaded, true).expect("control");
         let options = sim::Options { initial: Some(initial), initial_outside: true, ..sim::Options::default() };
         let sim_config = sim::Config::new(&loaded.model, &options).expect("the simulated robot");
         Self {
-            control: ControlState::new(&config, 1),
+            control: control::State::new(&config, 1),
             robot: sim::State::new(&sim_config, FIRST_K, seed),
             sim_config,
             config,
@@ -124,7 +123,7 @@ impl Bench {
             wrong(&mut state);
             state
         });
-        let input = ControlInput {
+        let input = control::Input {
             k: self.k,
             target: target.as_ref(),
             robot: robot.as_ref().filter(|_| self.spoke),
@@ -132,7 +131,7 @@ impl Bench {
             ingest: None,
             realtime_ok: true,
         };
-        let out = control_tick(&self.config, &mut self.control, now, input);
+        let out = control::tick(&self.config, &mut self.control, now, input);
         self.spoke = driver_runs;
         self.status = out.status;
         let hand = &mut self.hand;

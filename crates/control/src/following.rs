@@ -1,7 +1,7 @@
 //! Following: the command follows the limbs if the target has a way of the person, else the joints.
 
-use super::status::limb_angles;
-use super::{ControlConfig, aligned};
+use crate::status::limb_angles;
+use crate::{Config, aligned};
 use messages::{JOINTS, JointTarget, LEFT_ARM, LIMBS, RIGHT_ARM, WAY_NODES};
 use safety::{engage, monitor};
 
@@ -67,7 +67,7 @@ impl Following {
     /// was, and its velocities are not used.
     pub(super) fn wish(
         &mut self,
-        config: &ControlConfig,
+        config: &Config,
         k: u64,
         (q, v): (&[f64; JOINTS], &[f64; JOINTS]),
         permit: engage::Permit,
@@ -113,7 +113,7 @@ impl Following {
     /// Judges how near a command at `q` with velocities `v` is to the target.
     pub(super) fn closeness(
         &mut self,
-        config: &ControlConfig,
+        config: &Config,
         target: Option<&JointTarget>,
         q: &[f64; JOINTS],
         v: &[f64; JOINTS],

@@ -1,13 +1,13 @@
 //! Figures that control publishes about the motion.
 
-use super::ControlConfig;
+use crate::Config;
 use messages::{JOINTS, JointTarget, LEFT_ARM, LIMBS, RIGHT_ARM, TORSO};
 use retarget::{Limbs, limb_error_deg};
 use robot::Model;
 
 /// Angles between the person's limbs and those of the arms at `q`, rad, indexed by `Limb`. `None` for an arm
 /// without a person.
-pub(super) fn limb_angles(config: &ControlConfig, target: &JointTarget, q: &[f64; JOINTS]) -> [Option<f64>; LIMBS] {
+pub(super) fn limb_angles(config: &Config, target: &JointTarget, q: &[f64; JOINTS]) -> [Option<f64>; LIMBS] {
     let mut angles = [None; LIMBS];
     for (side, joints) in [LEFT_ARM, RIGHT_ARM].into_iter().enumerate() {
         let [upper, fore] = [target.human_limbs[2 * side], target.human_limbs[2 * side + 1]];
@@ -20,7 +20,7 @@ pub(super) fn limb_angles(config: &ControlConfig, target: &JointTarget, q: &[f64
 }
 
 /// Mean of these angles, rad. Zero without a person.
-pub(super) fn limb_error(config: &ControlConfig, target: &JointTarget, q: &[f64; JOINTS]) -> f64 {
+pub(super) fn limb_error(config: &Config, target: &JointTarget, q: &[f64; JOINTS]) -> f64 {
     let angles = limb_angles(config, target, q);
     let count = angles.iter().flatten().count();
     angles.iter().flatten().sum::<f64>() / count.max(1) as f64

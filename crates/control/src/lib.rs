@@ -1,5 +1,7 @@
 //! The control tick. Engagement decides which motion is allowed, whole-body control proposes a command, and the
-//! gate accepts or denies it.
+//! gate accepts or denies it. Never does IO, never reads a clock, never allocates in a tick.
+
+#![forbid(clippy::disallowed_macros, clippy::disallowed_methods, clippy::disallowed_types)]
 
 mod chain;
 mod commander;
@@ -12,7 +14,6 @@ pub use chain::{Continue, Stream};
 pub use commander::{Commanded, Commander};
 pub use status::STATUS_EVERY;
 
-use config::{ConfigError, Loaded};
 use following::{Following, Wish};
 use messages::{
     Fault, Header, InputStatus, JOINTS, JointCommand, JointTarget, Layout, Mode, PersonChange, RobotState, Stamp,
@@ -36,65 +37,34 @@ const DROPPED_NOW_NS: u64 = 1_000_000_000;
 /// Rounding of two kinematics that agree to 1e-12 over a reach of a metre, m, with a wide margin.
 const CLEARANCE_ROUNDING_M: f64 = 1e-9;
 
-/// Configuration of the control tick.
+/// Configuration of the control tick, made of the configurations of its stages. Each of them is valid.
 #[derive(Clone, Debug)]
-pub struct ControlConfig {
+pub struct Config {
     /// The robot.
     pub model: Model,
-    engage: engage::Config,
-    wbc: wbc::Config,
-    gate: gate::Config,
-    follow: follow::Config,
-    arm: ArmModel,
+    /// Engagement.
+    pub engage: engage::Config,
+    /// Whole-body control.
+    pub wbc: wbc::Config,
+    /// The gate.
+    pub gate: gate::Config,
+    /// Following.
+    pub follow: follow::Config,
+    /// Kinematics of the limbs.
+    pub arm: ArmModel,
     /// Known delay from a setpoint to its measurement, s. The command's lead over that delay is no tracking error.
-    servo_lag_s: f64,
+    pub servo_lag_s: f64,
     /// Tracking errors that stop, rad and m. The status names the joint with the largest share of them.
-    tracking_max: [f64; 2],
-    config_hash: u64,
-    realtime: bool,
-}
-
-impl ControlConfig {
-    /// Builds the configuration of one instance. `realtime`: scheduling is real-time. Without it, the stale times
-    /// are relaxed by the factor of the settings.
-    pub fn new(loaded: &Loaded, realtime: bool) -> Result<Self, ConfigError> {
-        let model = loaded.model.clone();
-        let safety = &loaded.settings.safety;
-        let sim = &loaded.settings.sim;
-        let tracking = loaded.settings.tracking_error_factor();
-        let hand_speed = safety.hand_speed_m_per_s();
-        let options =
-            wbc::Options::default().interface(crate::stages::certified(sim.interface)).hand_speed_m_per_s(hand_speed);
-        let factor = if realtime { 1.0 } else { safety.stale_factor_without_realtime };
-        let wbc = wbc::Config::new(&model, options).map_err(|error| ConfigError::stage("whole-body control", error))?;
-        Ok(Self {
-            engage: engage::Config::relaxed(&crate::stages::thresholds(safety), factor)
-                .map(|engage| engage.with_tracking_factor(tracking))
-                .map_err(|error| ConfigError::Syntax { file: loaded.config_name(), cause: error.to_string() })?,
-            gate: gate::Config::with_interface(&model, &crate::stages::gated(sim.interface, &model))
-                .and_then(|gate| gate.with_hand_speed(hand_speed))
-                .map_err(|error| ConfigError::stage("gate", error))?,
-            follow: follow::Config::new(&model, &wbc.bounds().map(|bound| bound.v_max), follow::Weights::default()),
-            wbc,
-            arm: ArmModel::of(&model),
-            servo_lag_s: f64::from(loaded.settings.servo_delay_ticks()) * messages::TICK_S
-                + sim.interface.simulated().delay_s(),
-            tracking_max: [safety.tracking_error_rad, safety.tracking_error_m].map(|bound| bound * tracking),
-            config_hash: loaded.hash,
-            realtime,
-            model,
-        })
-    }
-
-    /// Known delay of the robot's servos, s.
-    pub const fn servo_lag_s(&self) -> f64 {
-        self.servo_lag_s
-    }
+    pub tracking_max: [f64; 2],
+    /// Hash of the instance's files, which every message carries.
+    pub config_hash: u64,
+    /// True if scheduling is real-time.
+    pub realtime: bool,
 }
 
 /// State between two ticks.
 #[derive(Clone, Debug)]
-pub struct ControlState {
+pub struct State {
     incarnation: u32,
     sequence: u64,
     engage: engage::State,
@@ -120,7 +90,7 @@ pub struct ControlState {
 
 /// Input of a tick: only what is new since the last one.
 #[derive(Clone, Copy, Debug)]
-pub struct ControlInput<'a> {
+pub struct Input<'a> {
     /// Tick index. Each index has one tick, and the index never goes back.
     pub k: u64,
     /// A new target.
@@ -137,7 +107,7 @@ pub struct ControlInput<'a> {
 
 /// Result of a tick.
 #[derive(Clone, Copy, Debug)]
-pub struct ControlOutput {
+pub struct Output {
     /// Command to publish. `None` while there is no driver state to continue from.
     pub command: Option<JointCommand>,
     /// Status to publish, at 50 Hz.
@@ -146,9 +116,9 @@ pub struct ControlOutput {
     pub transition: Option<messages::Transition>,
 }
 
-impl ControlState {
+impl State {
     /// Creates the state of a control process that has just started.
-    pub fn new(config: &ControlConfig, incarnation: u32) -> Self {
+    pub fn new(config: &Config, incarnation: u32) -> Self {
         Self {
             incarnation,
             sequence: 0,
@@ -174,7 +144,7 @@ impl ControlState {
 }
 
 /// Advances control to tick `k`. Never allocates, blocks, reads a clock or panics.
-pub fn tick(config: &ControlConfig, state: &mut ControlState, now: Stamp, input: ControlInput<'_>) -> ControlOutput {
+pub fn tick(config: &Config, state: &mut State, now: Stamp, input: Input<'_>) -> Output {
     let missed = state.last_k.map_or(0, |last| input.k.saturating_sub(last + 1));
     state.last_k = Some(input.k);
     if let Some(target) = input.target {
@@ -210,11 +180,11 @@ pub fn tick(config: &ControlConfig, state: &mut ControlState, now: Stamp, input:
         Continue::Own | Continue::From(_) => Some(command(config, state, now, &input, &decided, target.as_ref())),
     };
     state.note(config, now, &input, &decided, missed);
-    ControlOutput { command, status: state.status, transition: decided.transition }
+    Output { command, status: state.status, transition: decided.transition }
 }
 
 /// Collects the input of the state machine from the newest samples.
-fn observe(config: &ControlConfig, state: &mut ControlState, input: &ControlInput<'_>, missed: u64) -> engage::Input {
+fn observe(config: &Config, state: &mut State, input: &Input<'_>, missed: u64) -> engage::Input {
     let target = state.target.map_or(TargetView::default(), |(target, received)| TargetView {
         received,
         incarnation: target.header.incarnation,
@@ -281,19 +251,14 @@ fn observe(config: &ControlConfig, state: &mut ControlState, input: &ControlInpu
 
 /// Returns the joint that needs more than its share of the effort limit to hold the command at rest. It is beyond
 /// no position limit, so `by` is zero.
-fn overloaded(config: &ControlConfig, commander: &Commander, q: &[f64; JOINTS]) -> Option<monitor::Outside> {
+fn overloaded(config: &Config, commander: &Commander, q: &[f64; JOINTS]) -> Option<monitor::Outside> {
     commander.wbc().overloaded_at_rest(&config.wbc, q).map(|(joint, ..)| monitor::Outside { joint, by: 0.0 })
 }
 
 /// Returns true if a start is refused. Either the measured posture is closer than servo error explains, or the
 /// commanded one is closer than any certified plan ends. A robot at rest at the very bound may start again:
 /// encoder noise alone refuses no start.
-fn too_close_to_start(
-    config: &ControlConfig,
-    state: &mut ControlState,
-    robot: &RobotState,
-    measured: monitor::Clearance,
-) -> bool {
+fn too_close_to_start(config: &Config, state: &mut State, robot: &RobotState, measured: monitor::Clearance) -> bool {
     let commanded = monitor::measured_clearance(&config.model, &mut state.frames, &robot.q);
     !measured.is_at_least(config.model.d_measured_min_m)
         || !commanded.is_at_least(config.model.d_min_m - CLEARANCE_ROUNDING_M)
@@ -308,10 +273,10 @@ fn implausible(target: &JointTarget) -> bool {
 
 /// Builds the command of this tick: whole-body control proposes it, and the gate accepts or denies it.
 fn command(
-    config: &ControlConfig,
-    state: &mut ControlState,
+    config: &Config,
+    state: &mut State,
     now: Stamp,
-    input: &ControlInput<'_>,
+    input: &Input<'_>,
     decided: &engage::Output,
     target: Option<&JointTarget>,
 ) -> JointCommand {
@@ -387,9 +352,9 @@ fn aligned(model: &Model, target: &JointTarget, q: &[f64; JOINTS]) -> bool {
     })
 }
 
-impl ControlState {
+impl State {
     /// Takes a new robot state. A single implausible sample is replaced.
-    fn take_robot(&mut self, config: &ControlConfig, now: Stamp, robot: &RobotState) {
+    fn take_robot(&mut self, config: &Config, now: Stamp, robot: &RobotState) {
         let mut robot = *robot;
         let first_second = self.status.speed_scale <= engage::SPEED_SCALE_FIRST;
         let sample = monitor::Sample {
@@ -421,7 +386,7 @@ impl ControlState {
 
     /// Names the joint with the largest share of the tracking bound, and the joint that does not move as
     /// commanded.
-    fn note_tracking(&mut self, config: &ControlConfig, angle_rad: monitor::Farthest, length_m: monitor::Farthest) {
+    fn note_tracking(&mut self, config: &Config, angle_rad: monitor::Farthest, length_m: monitor::Farthest) {
         let [angle_max_rad, length_max_m] = config.tracking_max;
         let by_length = length_m.error * angle_max_rad > angle_rad.error * length_max_m;
         let worst = if by_length { length_m } else { angle_rad };
@@ -432,14 +397,7 @@ impl ControlState {
         self.status.unsteady_joint = unsteady.map_or(0, |joint| joint as u32 + 1);
     }
 
-    fn note(
-        &mut self,
-        config: &ControlConfig,
-        now: Stamp,
-        input: &ControlInput<'_>,
-        out: &engage::Output,
-        missed: u64,
-    ) {
+    fn note(&mut self, config: &Config, now: Stamp, input: &Input<'_>, out: &engage::Output, missed: u64) {
         let status = &mut self.status;
         status.ticks += 1;
         status.missed_deadlines += missed;

@@ -1,16 +1,16 @@
 //! Payloads of the hands: `control` takes or refuses an operator's orders.
 
-use super::{ControlConfig, ControlState};
+use crate::{Config, State};
 use messages::{Mode, PayloadOrder, PayloadRefusal, Status};
 use robot::Payload;
 use safety::engage;
 
-impl ControlState {
+impl State {
     /// Takes the operator's orders for the hands, or refuses them. A payload changes only while the robot is
     /// Disengaged and at rest. So no motion was certified with another payload.
     pub(super) fn take_payloads(
         &mut self,
-        config: &ControlConfig,
+        config: &Config,
         orders: &[Option<PayloadOrder>; 2],
         decided: &engage::Output,
     ) {
@@ -32,7 +32,7 @@ impl ControlState {
 
     fn carry(
         &mut self,
-        config: &ControlConfig,
+        config: &Config,
         hand: usize,
         order: &PayloadOrder,
         decided: &engage::Output,
