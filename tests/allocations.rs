@@ -30,9 +30,9 @@ fn allocation_counter_counts_one_box() {
 fn f076_no_stage_allocates_in_a_tick() {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/teleop.toml");
     let loaded = config::load(&path, Overrides::default()).expect("settings");
-    let retarget_config = pipeline::retarget_config(&loaded).expect("retarget");
-    let control_config = pipeline::control_config(&loaded, true).expect("control");
-    let sim_config = pipeline::sim_config(&loaded, true).expect("sim");
+    let retarget_config = world::retarget_config(&loaded).expect("retarget");
+    let control_config = world::control_config(&loaded, true).expect("control");
+    let sim_config = world::sim_config(&loaded, true).expect("sim");
     let play = PlayOptions { speed: 1.0, looped: true, calibration: CalibrationMode::First10s };
     let mut player = Player::new(&motion::builtin(), play, 5, 1);
     let skeleton_config = skeleton::Config::default();

@@ -44,7 +44,7 @@ const MAY_DEPEND_ON: &[(&str, &[&str])] = &[
     ("config", &["ingest", "instance", "layouts", "messages", "retarget", "robot", "sim", "skeleton"]),
     ("control", &["driver", "follow", "messages", "retarget", "robot", "safety", "wbc"]),
     (
-        "pipeline",
+        "world",
         &[
             "messages", "robot", "driver", "layouts", "skeleton", "retarget", "follow", "wbc", "safety", "plant",
             "sim", "motion", "bus", "doors", "operator", "client", "instance", "ingest", "config", "control",
@@ -53,7 +53,7 @@ const MAY_DEPEND_ON: &[(&str, &[&str])] = &[
     (
         "fuzz-targets",
         &[
-            "bridge", "messages", "doors", "layouts", "motion", "operator", "ingest", "config", "pipeline", "retarget",
+            "bridge", "messages", "doors", "layouts", "motion", "operator", "ingest", "config", "world", "retarget",
             "robot", "safety", "skeleton",
         ],
     ),
@@ -76,7 +76,7 @@ const MAY_DEPEND_ON: &[(&str, &[&str])] = &[
             "client",
             "ingest",
             "config",
-            "pipeline",
+            "world",
             "rt",
             "train",
             "poses",
@@ -90,8 +90,8 @@ const MAY_DEPEND_ON: &[(&str, &[&str])] = &[
     (
         "record",
         &[
-            "messages", "motion", "instance", "explain", "config", "control", "pipeline", "retarget", "robot",
-            "safety", "bus", "rt", "canvas", "view",
+            "messages", "motion", "instance", "explain", "config", "control", "world", "retarget", "robot", "safety",
+            "bus", "rt", "canvas", "view",
         ],
     ),
     (
@@ -105,7 +105,7 @@ const MAY_DEPEND_ON: &[(&str, &[&str])] = &[
             "teleopd",
             "explain",
             "config",
-            "pipeline",
+            "world",
             "bus",
             "rt",
             "telemetry",
@@ -116,21 +116,21 @@ const MAY_DEPEND_ON: &[(&str, &[&str])] = &[
         "simulate",
         &[
             "messages", "robot", "driver", "plant", "safety", "sim", "motion", "bus", "operator", "client", "config",
-            "control", "pipeline", "rt",
+            "control", "world", "rt",
         ],
     ),
     (
         "chaos",
         &[
             "messages", "driver", "plant", "sim", "motion", "operator", "client", "instance", "teleopd", "explain",
-            "config", "pipeline", "bus", "rt",
+            "config", "world", "bus", "rt",
         ],
     ),
     (
         "torture",
         &[
             "messages", "robot", "driver", "wbc", "safety", "plant", "sim", "motion", "client", "config", "control",
-            "pipeline", "rt",
+            "world", "rt",
         ],
     ),
 ];

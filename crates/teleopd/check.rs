@@ -9,9 +9,9 @@ use rt::out;
 /// values.
 pub fn run(place: &InstanceArgs) -> Result<Exit, Failure> {
     let loaded = config::load(&place.config, place.overrides()).map_err(|error| Failure::new(Exit::Config, error))?;
-    pipeline::control_config(&loaded, true).map_err(|error| Failure::new(Exit::Config, error))?;
-    pipeline::retarget_config(&loaded).map_err(|error| Failure::new(Exit::Config, error))?;
-    pipeline::sim_config(&loaded, true).map_err(|error| Failure::new(Exit::Config, error))?;
+    world::control_config(&loaded, true).map_err(|error| Failure::new(Exit::Config, error))?;
+    world::retarget_config(&loaded).map_err(|error| Failure::new(Exit::Config, error))?;
+    world::sim_config(&loaded, true).map_err(|error| Failure::new(Exit::Config, error))?;
     for file in &loaded.files {
         out!("read {}", file.display());
     }

@@ -10,9 +10,9 @@ use crate::viewer::Viewer;
 use client::PlayOptions;
 use config::{Loaded, Overrides};
 use motion::CalibrationMode;
-use pipeline::{Moment, Offline};
 use std::time::{Duration, Instant};
 use view::{LatestMessages, RecordingView, RecordingViewBuilder, RobotView, Server};
+use world::{Moment, Offline};
 
 /// A desktop, a laptop, a tablet on its side and upright, a phone.
 const SIZES: [[u32; 2]; 5] = [[1920, 1080], [1280, 720], [1024, 768], [820, 1180], [390, 844]];

@@ -122,7 +122,7 @@ fn arms_between_two_corners_approach_the_second_steadily() {
 fn ingest_accepts_all_frames_but_the_first_of_a_dragged_handle() {
     let loaded = loaded();
     let triangle = of(&loaded, &["hands-on-head", "cross-arms", "point-forward"]);
-    let config = pipeline::input_config(&loaded.settings.ingest, loaded.layouts.clone(), &loaded.operators);
+    let config = world::input_config(&loaded.settings.ingest, loaded.layouts.clone(), &loaded.operators);
     let (mut state, mut now) = (ingest::State::default(), Stamp(1_000_000_000));
     let mut seed = 11_u64;
     // Knuth's linear congruential generator (MMIX).

@@ -24,7 +24,7 @@ proptest! {
             replayed.session_nonce = if nonce && i % 2 == 0 { 8 } else { 7 };
             let now = Stamp(1_000_000_000 + 60 * 16_666_667 + n * MS);
             let out = tick(&Config::default(), &mut state, now, Input { raw: &replayed, stored: None });
-            // A frame of a new session is not old. `Authority` in `pipeline` refuses strangers.
+            // A frame of a new session is not old. `Authority` in `ingest` refuses strangers.
             prop_assert!(out.skeleton.is_none() || nonce, "frame {} came through again", i);
         }
     }

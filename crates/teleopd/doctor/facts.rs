@@ -145,9 +145,9 @@ fn files(place: &InstanceArgs) -> Files {
 /// Loads the whole configuration as each process does.
 fn stages(place: &InstanceArgs) -> Result<String, String> {
     let loaded = config::load(&place.config, place.overrides()).map_err(|error| error.to_string())?;
-    pipeline::control_config(&loaded, true).map_err(|error| error.to_string())?;
-    pipeline::retarget_config(&loaded).map_err(|error| error.to_string())?;
-    pipeline::sim_config(&loaded, true).map_err(|error| error.to_string())?;
+    world::control_config(&loaded, true).map_err(|error| error.to_string())?;
+    world::retarget_config(&loaded).map_err(|error| error.to_string())?;
+    world::sim_config(&loaded, true).map_err(|error| error.to_string())?;
     Ok(format!("accepted by every stage, hash {:016x}", loaded.hash))
 }
 

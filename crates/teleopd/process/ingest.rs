@@ -42,7 +42,7 @@ pub fn run(place: &InstanceArgs) -> Result<(), Failure> {
         quotas: Quotas::default(),
         uid: rustix::process::geteuid().as_raw(),
         timeout_ns: (process.loaded.settings.ingest.authority_timeout_ms * 1e6) as u64,
-        config: pipeline::input_config(
+        config: world::input_config(
             &process.loaded.settings.ingest,
             process.loaded.layouts.clone(),
             &process.loaded.operators,

@@ -41,9 +41,9 @@ pub(crate) fn run(input: &[u8]) {
         files: Vec::new(),
     };
     // The parts may reject or accept the settings, but must not panic.
-    let _ = pipeline::retarget_config(&loaded);
-    let _ = pipeline::sim_config(&loaded, true);
-    if pipeline::control_config(&loaded, true).is_ok() {
+    let _ = world::retarget_config(&loaded);
+    let _ = world::sim_config(&loaded, true);
+    if world::control_config(&loaded, true).is_ok() {
         ceilings(&loaded.settings.safety);
     }
 }

@@ -122,7 +122,7 @@ pub fn run(cli: &Cli, folder: &Path) -> Result<(), EvalError> {
         return Err(EvalError::Option { option: "rates", value: rate.to_string(), expected });
     }
     let loaded = config::load(&cli.config, Overrides::default())?;
-    let config = pipeline::input_config(&loaded.settings.ingest, loaded.layouts, &loaded.operators);
+    let config = world::input_config(&loaded.settings.ingest, loaded.layouts, &loaded.operators);
     let motions: Vec<Motion> = chosen(folder, cli.clips.as_deref())?
         .iter()
         .filter_map(|file| match motion::load(file) {

@@ -109,7 +109,7 @@ pub struct Soaked {
 pub fn run(config: &Path, soak: Soak, shutdown: &Shutdown) -> Result<Soaked, LatencyError> {
     let mut rig = Rig::start(config)?;
     let loaded = config::load(&rig.place().config, rig.place().overrides())?;
-    let limits = pipeline::sim_config(&loaded, true)?;
+    let limits = world::sim_config(&loaded, true)?;
     let witness = Monitor::start(rig.instance().core_domain(), limits, loaded.model.prismatic)?;
     let mut dice = Pcg64Mcg::seed_from_u64(1);
     let mut soaked = Soaked::default();

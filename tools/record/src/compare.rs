@@ -77,8 +77,8 @@ pub fn compare(path: &Path, loaded: &Loaded) -> Result<Compared, RecordError> {
         }
     }
     let config = |error: config::ConfigError| lacks(error.to_string());
-    let retarget = pipeline::retarget_config(loaded).map_err(config)?;
-    let control = pipeline::control_config(loaded, true).map_err(config)?;
+    let retarget = world::retarget_config(loaded).map_err(config)?;
+    let control = world::control_config(loaded, true).map_err(config)?;
     let mut stages = Stages {
         retarget,
         control,

@@ -8,11 +8,11 @@ use crate::inputs::Inputs;
 use config::{Loaded, Overrides};
 use control::STATUS_EVERY;
 use messages::TICK_HZ;
-use pipeline::Moment;
 use safety::engage::OperatorView;
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::path::Path;
+use world::Moment;
 
 /// Pictures per second.
 const PICTURES_HZ: f64 = 60.0;

@@ -2,7 +2,7 @@
 //! it.
 
 use messages::{JOINTS, JointCommand, JointTarget, RobotState, Status};
-use pipeline::Moment;
+use world::Moment;
 
 /// Largest number of instants. If there are more, every second one is dropped.
 const ROWS_MAX: usize = 12_000;

@@ -5,11 +5,11 @@ use client::{PlayOptions, Player};
 use messages::{JointCommand, Layout, Mode, PayloadOrder, Skeleton, TICK_HZ};
 use motion::CalibrationMode;
 use motion::mcap::Ending;
-use pipeline::{Links, Running, World, WorldConfig};
 use record::{Compared, Content, Counts, Entry, Inputs, OfflineRecording, Recording, Topic};
 use safety::engage::OperatorView;
 use std::collections::BTreeMap;
 use std::path::Path;
+use world::{Links, Running, World, WorldConfig};
 
 fn bytes<M: Layout>(message: &M) -> Vec<u8> {
     let mut bytes = vec![0; size_of::<M>()];

@@ -3,9 +3,9 @@
 use client::PlayOptions;
 use config::{Loaded, Overrides};
 use motion::{CalibrationMode, Motion};
-use pipeline::Offline;
 use record::{Content, OfflineRecording, Recorded};
 use std::path::{Path, PathBuf};
+use world::Offline;
 
 /// The shipped settings.
 pub fn config() -> PathBuf {
@@ -28,7 +28,7 @@ fn short() -> Motion {
 pub fn recorded_offline(path: &Path, loaded: &Loaded) -> Vec<messages::JointCommand> {
     let mut recording = OfflineRecording::create(path, loaded).expect("a file");
     let mut commands = Vec::new();
-    let mut watch = |moment: &pipeline::Moment, operator: &safety::engage::OperatorView| {
+    let mut watch = |moment: &world::Moment, operator: &safety::engage::OperatorView| {
         recording.moment(moment, operator);
         commands.extend(moment.control.and_then(|control| control.command));
     };

@@ -6,7 +6,6 @@ use config::Overrides;
 use indicatif::{ProgressBar, ProgressStyle};
 use messages::{JOINTS, TICK_HZ};
 use motion::Motion;
-use pipeline::{Moment, Offline, OfflineEnd, OfflineReport};
 use record::{OfflineRecording, Trace};
 use robot::Model;
 use rt::out;
@@ -15,6 +14,7 @@ use serde_json::json;
 use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::Path;
+use world::{Moment, Offline, OfflineEnd, OfflineReport};
 
 /// Rejects options that would overwrite an input or output file, or would never end.
 fn refuse(cli: &Cli, out: &Path) -> Result<(), Failure> {

@@ -162,7 +162,7 @@ pub enum Process {
     FoundClose,
 }
 
-/// Faults of a link. [`pipeline::Links`] defines the order of the links.
+/// Faults of a link. [`world::Links`] defines the order of the links.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LinkFault {
     /// Messages are lost.

@@ -14,10 +14,10 @@ use crate::person_judge::PersonJudge;
 use crate::rules::Rules;
 use crate::true_motion::TrueMotion;
 use messages::{JOINTS, Mode, RawSkeleton, RobotState, Skeleton, TICK_HZ, TICK_S};
-use pipeline::Moment;
 use robot::JointLimits;
 use safety::engage::OperatorView;
 use sim::{Report, ViolationKind};
+use world::Moment;
 
 /// Longest stop, ticks: 500 ms, as the robots promise.
 pub const STOP_TICKS: u64 = TICK_HZ / 2;

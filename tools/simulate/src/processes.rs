@@ -3,7 +3,7 @@
 use crate::kinds::ProcessId;
 use driver::{Measured, Standstill};
 use messages::JOINTS;
-use pipeline::Running;
+use world::Running;
 
 /// State of one process.
 #[derive(Clone, Copy, Debug, Default)]

@@ -13,11 +13,11 @@ use crate::subject::Subject;
 use crate::tampered::{self, Memory, Tampering};
 use bus::FaultPlan;
 use messages::{JOINTS, Mode, RawSkeleton, Skeleton, TICK_HZ, Transition, tick_at};
-use pipeline::{Links, Moment, World};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use robot::JointLimits;
 use sim::Injection;
+use world::{Links, Moment, World};
 
 /// An engagement is "from elsewhere" if a joint is farther than this from its target, rad. That is ten times
 /// the bound for aligned.

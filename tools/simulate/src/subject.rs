@@ -5,12 +5,12 @@ use client::{PlayOptions, Player};
 use config::{ConfigError, Overrides};
 use messages::{JOINTS, Mode, TICK_HZ};
 use motion::CalibrationMode;
-use pipeline::WorldConfig;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use robot::{Frames, JointLimits, Model};
 use safety::monitor;
 use std::path::Path;
+use world::WorldConfig;
 
 /// Number of postures in which a robot is found.
 const POSTURES: usize = 16;

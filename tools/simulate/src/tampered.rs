@@ -5,9 +5,9 @@ use crate::kinds::{Content, Fault};
 use messages::{
     ALL_JOINTS, JOINTS, JointCommand, JointTarget, LEFT_ARM, RIGHT_ARM, RobotState, Skeleton, TICK_HZ, TORSO,
 };
-use pipeline::Tamper;
 use rand::{Rng, RngExt};
 use robot::JointLimits;
+use world::Tamper;
 
 /// Number of past commands that are kept: 20 ms.
 const PAST: usize = 30;

@@ -6,9 +6,9 @@ use client::PlayOptions;
 use config::Loaded;
 use messages::{Mode, TICK_HZ};
 use motion::CalibrationMode;
-use pipeline::{Offline, OfflineEnd};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
+use world::{Offline, OfflineEnd};
 
 /// Result of a file.
 #[derive(Clone, Debug, Default)]

@@ -10,9 +10,9 @@ use collision::dynamics::{Dynamics, GRAVITY_M_PER_S2};
 use config::Loaded;
 use messages::{JointCommand, JointTarget, LEFT_ARM, Mode, RIGHT_ARM, Stamp, command_flag, deadline};
 use motion::{CalibrationMode, Motion};
-use pipeline::{Moment, Offline, OfflineEnd};
 use robot::Model;
 use std::collections::BTreeMap;
+use world::{Moment, Offline, OfflineEnd};
 
 /// Ticks between two judged commands: 50 Hz.
 const SAMPLE_TICKS: u64 = 30;
@@ -67,7 +67,7 @@ impl<'a> Stage<'a> {
     /// # Errors
     /// Returns an error if the masses cannot be read from the robot's URDF.
     pub fn new(loaded: &'a Loaded) -> Result<Self, EvalError> {
-        // Settings, robot file, URDF: `pipeline` reads them in this order.
+        // Settings, robot file, URDF: `config` reads them in this order.
         let urdf = loaded.files.iter().find(|file| file.extension().is_some_and(|extension| extension == "urdf"));
         let path = urdf.cloned().unwrap_or_default();
         let masses = |reason: String| EvalError::Masses { path: path.clone(), reason };

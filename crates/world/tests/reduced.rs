@@ -6,11 +6,11 @@ use crate::support;
 use client::{PlayOptions, Player};
 use messages::{Faults, JOINTS, Mode, TICK_HZ, reduced_flag};
 use motion::CalibrationMode;
-use pipeline::{Links, Running, World, WorldConfig};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use safety::engage::OperatorView;
 use support::{Bench, loaded};
+use world::{Links, Running, World, WorldConfig};
 
 /// Plays the first seconds of the built-in motion at a frame rate. Returns the number of engaged ticks.
 fn clean(frame_rate_hz: f64) -> u64 {

@@ -1,4 +1,4 @@
-//! All integration tests of `pipeline` except those that count allocations. They are one program, so they are
+//! All integration tests of `world` except those that count allocations. They are one program, so they are
 //! linked once.
 
 mod engaging;

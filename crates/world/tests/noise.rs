@@ -4,13 +4,13 @@ use client::{PlayOptions, Player};
 use config::Overrides;
 use messages::{JOINTS, LEFT_ARM, Mode, RIGHT_ARM, Skeleton, TICK_HZ};
 use motion::CalibrationMode;
-use pipeline::{Links, Running, Tamper, World, WorldConfig};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use retarget::ArmModel;
 use safety::engage::OperatorView;
 use std::f64::consts::FRAC_PI_2;
 use std::path::Path;
+use world::{Links, Running, Tamper, World, WorldConfig};
 
 /// Tracker of a person who holds a posture. In each frame it turns each limb by `noise_deg` about a random axis.
 struct Tracker {

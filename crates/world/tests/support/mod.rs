@@ -38,7 +38,7 @@ pub struct Bench {
 impl Bench {
     /// Creates a robot at rest at `initial`, which may be any posture.
     pub fn new(loaded: &Loaded, initial: [f64; JOINTS], seed: u64) -> Self {
-        let config = pipeline::control_config(loaded, true).expect("control");
+        let config = world::control_config(loaded, true).expect("control");
         let options = sim::Options { initial: Some(initial), initial_outside: true, ..sim::Options::default() };
         let sim_config = sim::Config::new(&loaded.model, &options).expect("the simulated robot");
         Self {

@@ -3,8 +3,8 @@
 
 use client::PlayOptions;
 use config::{Loaded, Overrides, RobotInterface};
-use pipeline::{Offline, OfflineEnd, OfflineReport};
 use std::path::{Path, PathBuf};
+use world::{Offline, OfflineEnd, OfflineReport};
 
 fn shipped(file: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config").join(file)

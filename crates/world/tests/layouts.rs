@@ -73,7 +73,7 @@ fn f097_missing_wrong_or_duplicate_layout_is_refused_by_name() {
 #[test]
 fn f018_frames_of_wrong_layout_are_dropped_and_counted() {
     let loaded = support::loaded();
-    let config = pipeline::input_config(&loaded.settings.ingest, loaded.layouts.clone(), &loaded.operators);
+    let config = world::input_config(&loaded.settings.ingest, loaded.layouts.clone(), &loaded.operators);
     let mut state = ingest::State::default();
     let motion = motion::builtin();
     let calibration = motion::calibrate(&motion, motion::CalibrationMode::First10s);
@@ -114,7 +114,7 @@ fn f017_outliers_are_counted_only_where_settings_enable_filter() {
     let play = |filter: Filter, outliers_mad: f64| {
         let mut loaded = support::loaded();
         (loaded.settings.ingest.filter, loaded.settings.ingest.filter_outliers_mad) = (filter, outliers_mad);
-        let config = pipeline::input_config(&loaded.settings.ingest, loaded.layouts.clone(), &loaded.operators);
+        let config = world::input_config(&loaded.settings.ingest, loaded.layouts.clone(), &loaded.operators);
         let mut state = ingest::State::default();
         for i in 0..60_u64 {
             let mut raw = motion::raw_frame(&motion, i as usize, &calibration);

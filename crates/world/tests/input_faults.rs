@@ -5,12 +5,12 @@ use client::{PlayOptions, Player};
 use config::Overrides;
 use messages::{Fault, JOINTS, Mode, PersonChange, RawSkeleton, SMPL_JOINTS, Subject, TICK_HZ, Transition};
 use motion::CalibrationMode;
-use pipeline::{Links, Moment, Running, World, WorldConfig};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use safety::engage::OperatorView;
 use std::path::Path;
 use std::sync::LazyLock;
+use world::{Links, Moment, Running, World, WorldConfig};
 
 /// Ticks from the last good skeleton to the stop: 100 ms, and two.
 const STALE_TICKS: u64 = TICK_HZ / 10 + 2;

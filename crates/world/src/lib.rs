@@ -1,6 +1,5 @@
-//! Composes the stages once, for the daemon, for offline replay and for simulation. It holds the settings and the
-//! control tick of engagement, whole-body control and gate. It also runs all stages in one thread with virtual
-//! time.
+//! Composes the stages: their configurations from the settings, and all of them in one thread with virtual time, for offline
+//! replay and for simulation.
 
 mod offline;
 mod stages;
