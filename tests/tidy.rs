@@ -46,10 +46,11 @@ const MAY_DEPEND_ON: &[(&str, &[&str])] = &[
     (
         "world",
         &[
-            "messages", "robot", "driver", "layouts", "skeleton", "retarget", "follow", "wbc", "safety", "plant",
-            "sim", "motion", "bus", "doors", "operator", "client", "instance", "ingest", "config", "control",
+            "messages", "robot", "driver", "layouts", "retarget", "follow", "wbc", "safety", "plant", "sim", "motion",
+            "bus", "client", "ingest", "config", "control",
         ],
     ),
+    ("teleopctl", &["bus", "config", "explain", "instance", "messages", "operator", "robot", "rt", "skeleton"]),
     (
         "fuzz-targets",
         &[
@@ -237,6 +238,13 @@ fn pure_crates_depend_on_no_io_package() {
             assert!(!reached.contains(banned), "{package} reaches {banned}");
         }
     }
+}
+
+/// The operator's client must stay small: it stops the robot, whatever became of the daemon.
+#[test]
+fn operators_client_links_no_control() {
+    let reached = built_from("teleopctl");
+    assert!(reached.contains("operator") && !reached.contains("wbc") && !reached.contains("control"), "{reached:?}");
 }
 
 #[test]

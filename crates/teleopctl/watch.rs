@@ -267,7 +267,7 @@ mod tests {
     }
 
     fn names() -> Names {
-        let config = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/teleop.toml");
+        let config = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/teleop.toml");
         Names::of(&config::load(&config, config::Overrides::default()).expect("settings").model)
     }
 
