@@ -4,57 +4,29 @@ use std::path::PathBuf;
 
 /// Set-up errors of the bus.
 #[derive(Debug, thiserror::Error)]
+#[allow(missing_docs, reason = "the texts name the fields")]
 pub enum BusError {
     /// The root path cannot be used.
     #[error("bus root path \"{}\": {reason}", path.display())]
-    Root {
-        /// The path.
-        path: PathBuf,
-        /// The reason.
-        reason: String,
-    },
+    Root { path: PathBuf, reason: String },
     /// The prefix cannot be used.
     #[error("bus prefix \"{prefix}\": {reason}")]
-    Prefix {
-        /// The prefix.
-        prefix: String,
-        /// The reason.
-        reason: String,
-    },
+    Prefix { prefix: String, reason: String },
     /// The transport does not accept the node name.
     #[error("bus node name \"{name}\": {reason}")]
-    NodeName {
-        /// The name.
-        name: String,
-        /// The reason.
-        reason: String,
-    },
+    NodeName { name: String, reason: String },
     /// The shared-memory filesystem is nearly full. Writing to it would end the process with SIGBUS.
     #[error(
         "{}: {free_bytes} bytes are free, {needed_bytes} are needed; enlarge it (Docker: --shm-size), or remove files \
          that ended programs left there", path.display()
     )]
-    SharedMemoryFull {
-        /// The filesystem.
-        path: PathBuf,
-        /// Bytes that are free.
-        free_bytes: u64,
-        /// Bytes that one domain may need.
-        needed_bytes: u64,
-    },
+    SharedMemoryFull { path: PathBuf, free_bytes: u64, needed_bytes: u64 },
     /// Opening the domain did not end in time.
     #[error(
         "bus at root \"{}\", prefix \"{prefix}\": no answer after {waited_ms} ms; stop every process of this instance, \
          then remove the root and /dev/shm/{prefix}*", root.display()
     )]
-    Hangs {
-        /// Root path.
-        root: PathBuf,
-        /// Prefix.
-        prefix: String,
-        /// Length of the wait, ms.
-        waited_ms: u64,
-    },
+    Hangs { root: PathBuf, prefix: String, waited_ms: u64 },
     /// The folder belongs to another user.
     #[error(
         "{}: this instance belongs to user {owner}, and this program runs as user {own}. Shared memory serves one \
@@ -62,46 +34,23 @@ pub enum BusError {
          operator.sock",
         root.display()
     )]
-    Foreign {
-        /// Root path.
-        root: PathBuf,
-        /// User who owns it.
-        owner: u32,
-        /// User of this process.
-        own: u32,
-    },
+    Foreign { root: PathBuf, owner: u32, own: u32 },
     /// The domain was refused.
     #[error(
         "bus at root \"{}\", prefix \"{prefix}\": {cause}; does the root belong to the user that runs this process?",
         root.display()
     )]
-    Node {
-        /// Root path.
-        root: PathBuf,
-        /// Prefix.
-        prefix: String,
-        /// The transport's answer.
-        cause: String,
-    },
+    Node { root: PathBuf, prefix: String, cause: String },
     /// The message does not belong to the service.
     #[error("service {service}: the message is {offered}, expected {expected}")]
-    WrongMessage {
-        /// Service name.
-        service: &'static str,
-        /// Message of the service table.
-        expected: String,
-        /// Message that was offered.
-        offered: &'static str,
-    },
+    WrongMessage { service: &'static str, expected: String, offered: &'static str },
     /// Another process uses another layout.
     #[error(
         "service {service} at root \"{}\": a running process uses another layout than {ours}; stop it, or use the same \
          version of teleopd everywhere", root.display()
     )]
     IncompatibleTypes {
-        /// Service name.
         service: &'static str,
-        /// Root path.
         root: PathBuf,
         /// Our type name, with version and layout hash.
         ours: String,
@@ -111,38 +60,13 @@ pub enum BusError {
         "{}another {writer} is already running ({writers_max} writer(s) at most, and a suspended process counts; \
          service {service} at root \"{}\")", running(root, *writers_max), root.display()
     )]
-    WriterExists {
-        /// Service name.
-        service: &'static str,
-        /// Root path.
-        root: PathBuf,
-        /// The process that writes this service.
-        writer: &'static str,
-        /// Places for writers.
-        writers_max: usize,
-    },
+    WriterExists { service: &'static str, root: PathBuf, writer: &'static str, writers_max: usize },
     /// Every reader's place is taken.
     #[error("service {service} at root \"{}\": all {readers_max} readers are in use; end one of them", root.display())]
-    ReadersExhausted {
-        /// Service name.
-        service: &'static str,
-        /// Root path.
-        root: PathBuf,
-        /// Places for readers.
-        readers_max: usize,
-    },
+    ReadersExhausted { service: &'static str, root: PathBuf, readers_max: usize },
     /// The transport refused the service or one of its ports.
     #[error("service {service} at root \"{}\": {cause} (after {attempts} attempts){}", root.display(), hint(cause))]
-    Service {
-        /// Service name.
-        service: &'static str,
-        /// Root path.
-        root: PathBuf,
-        /// The transport's answer.
-        cause: String,
-        /// Number of attempts.
-        attempts: u32,
-    },
+    Service { service: &'static str, root: PathBuf, cause: String, attempts: u32 },
 }
 
 impl BusError {

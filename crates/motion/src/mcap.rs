@@ -41,6 +41,7 @@ pub struct Source {
 
 /// An item of a recording.
 #[derive(Clone, Debug, PartialEq)]
+#[allow(missing_docs, reason = "the variants describe the fields")]
 pub enum Item {
     /// A message.
     Message {
@@ -50,23 +51,12 @@ pub enum Item {
         sequence: u32,
         /// Time of recording, ns.
         log_time: u64,
-        /// Payload.
         data: Vec<u8>,
     },
     /// A table of texts.
-    Metadata {
-        /// Name of the table.
-        name: String,
-        /// The texts.
-        entries: BTreeMap<String, String>,
-    },
+    Metadata { name: String, entries: BTreeMap<String, String> },
     /// An embedded file.
-    Attachment {
-        /// Its name.
-        name: String,
-        /// Its bytes.
-        data: Vec<u8>,
-    },
+    Attachment { name: String, data: Vec<u8> },
 }
 
 /// State of the end of reading.

@@ -6,54 +6,30 @@ use std::path::PathBuf;
 
 /// Returned when a socket cannot be opened or an exchange fails.
 #[derive(Debug, thiserror::Error)]
+#[allow(missing_docs, reason = "the texts name the fields")]
 pub enum OperatorError {
     /// The socket cannot be made or reached.
     #[error(transparent)]
     Door(#[from] DoorError),
     /// `control` did not reply in time.
     #[error("{}: teleopd control did not reply within {timeout_ms} ms", path.display())]
-    Timeout {
-        /// The socket.
-        path: PathBuf,
-        /// Length of the wait, ms.
-        timeout_ms: u64,
-    },
+    Timeout { path: PathBuf, timeout_ms: u64 },
     /// The server ended the connection.
     #[error(
         "{}: teleopd control closed the connection. It ended, all its connections are in use, it does not admit this \
          user, or its version differs from this client's", path.display()
     )]
-    Closed {
-        /// The socket.
-        path: PathBuf,
-    },
+    Closed { path: PathBuf },
     /// A reply has the wrong length.
     #[error(
         "{}: a reply has {bytes} bytes, expected {expected}. The versions of teleopd control and this client \
          differ", path.display()
     )]
-    BadReply {
-        /// The socket.
-        path: PathBuf,
-        /// Length of the reply.
-        bytes: usize,
-        /// Length of a `Status`.
-        expected: usize,
-    },
+    BadReply { path: PathBuf, bytes: usize, expected: usize },
     /// The session's thread cannot be started.
     #[error("cannot start the operator's thread: {cause}")]
-    Thread {
-        /// The kernel's reason.
-        cause: String,
-    },
+    Thread { cause: String },
     /// Any other error of the kernel.
     #[error("{}: cannot {action}: {source}", path.display())]
-    Os {
-        /// The socket.
-        path: PathBuf,
-        /// The action that failed.
-        action: &'static str,
-        /// The kernel's error.
-        source: Errno,
-    },
+    Os { path: PathBuf, action: &'static str, source: Errno },
 }

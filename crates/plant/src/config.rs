@@ -35,23 +35,12 @@ pub struct Payload {
 
 /// An obstacle around the robot, in the base frame, m.
 #[derive(Clone, Debug, PartialEq)]
+#[allow(missing_docs, reason = "the equations describe the fields")]
 pub enum Obstacle {
-    /// Solid where normal . x <= offset.
-    Plane {
-        /// Unit vector that points out of the solid.
-        normal: Vector3<f64>,
-        /// Distance of the surface from the origin along the normal, m.
-        offset_m: f64,
-    },
+    /// Solid where normal . x <= offset_m. The unit normal points out of the solid.
+    Plane { normal: Vector3<f64>, offset_m: f64 },
     /// Solid at all center + r y with |y_i| <= half_m_i.
-    Box {
-        /// Centre, m.
-        center: Vector3<f64>,
-        /// Rotation from the box's axes to the base's.
-        r: Matrix3<f64>,
-        /// Half of the edges' lengths, m.
-        half_m: Vector3<f64>,
-    },
+    Box { center: Vector3<f64>, r: Matrix3<f64>, half_m: Vector3<f64> },
 }
 
 /// Options. The manufacturer publishes none of these figures.

@@ -3,47 +3,20 @@
 /// Returned when the texts or the options are refused. Every message names the file, the key, the value and the
 /// allowed values.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[allow(missing_docs, reason = "the texts name the fields")]
 pub enum PlantError {
     /// The text cannot be parsed.
     #[error("{file}: {cause}")]
-    Syntax {
-        /// The file.
-        file: String,
-        /// The parser's report.
-        cause: String,
-    },
+    Syntax { file: String, cause: String },
     /// A required entry is missing.
     #[error("{file}: {key}: missing, it is required; add it")]
-    Missing {
-        /// The file.
-        file: String,
-        /// The entry.
-        key: String,
-    },
+    Missing { file: String, key: String },
     /// A name refers to nothing.
     #[error("{file}: {key}: `{name}` is not {expected}; correct the name")]
-    Unknown {
-        /// The file.
-        file: String,
-        /// Place of the name.
-        key: String,
-        /// The name.
-        name: String,
-        /// The expected kind of name.
-        expected: String,
-    },
+    Unknown { file: String, key: String, name: String, expected: String },
     /// A value is out of its bounds.
     #[error("{file}: {key} = {value}: {bound}")]
-    Value {
-        /// The file.
-        file: String,
-        /// The key.
-        key: String,
-        /// Its value.
-        value: String,
-        /// The allowed values.
-        bound: String,
-    },
+    Value { file: String, key: String, value: String, bound: String },
 }
 
 impl PlantError {

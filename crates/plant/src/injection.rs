@@ -5,62 +5,30 @@ use messages::JOINTS;
 /// A fault, switched on from now on. [`crate::Plant::repair`] switches all of them off. Feedback faults distort
 /// the measurement and do not change the motion.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[allow(missing_docs, reason = "the variants describe the fields")]
 pub enum Injection {
     /// The encoder of a joint reads more by this value, rad or m.
-    EncoderJump {
-        /// The joint.
-        joint: usize,
-        /// The error, rad or m.
-        by: f64,
-    },
+    EncoderJump { joint: usize, by: f64 },
     /// One sample of the encoder of a joint reads more by this value, rad or m.
-    EncoderSpike {
-        /// The joint.
-        joint: usize,
-        /// The error, rad or m.
-        by: f64,
-    },
+    EncoderSpike { joint: usize, by: f64 },
     /// All measurements keep their present values.
     FrozenFeedback,
     /// The measurement of a joint keeps its present value.
-    FrozenEncoder {
-        /// The joint.
-        joint: usize,
-    },
+    FrozenEncoder { joint: usize },
     /// The measurement of a joint is NaN.
-    NanFeedback {
-        /// The joint.
-        joint: usize,
-    },
+    NanFeedback { joint: usize },
     /// The measurement of a joint is mirrored about the joint's present position.
-    FeedbackInverted {
-        /// The joint.
-        joint: usize,
-    },
+    FeedbackInverted { joint: usize },
     /// The measurements of two joints are exchanged.
-    FeedbackSwapped {
-        /// One joint.
-        joint: usize,
-        /// The other.
-        with: usize,
-    },
+    FeedbackSwapped { joint: usize, with: usize },
     /// A joint brakes and ignores its setpoints. Its drive reports nothing.
-    NotFollowed {
-        /// The joint.
-        joint: usize,
-    },
+    NotFollowed { joint: usize },
     /// The setpoints of a joint are mirrored about the joint's present position.
-    SignSwapped {
-        /// The joint.
-        joint: usize,
-    },
+    SignSwapped { joint: usize },
     /// The robot refuses setpoints, so its watchdog fires.
     SetpointsRejected,
     /// The drive of a joint reports a fault. The joint brakes, the others follow setpoints.
-    DriveFault {
-        /// The joint.
-        joint: usize,
-    },
+    DriveFault { joint: usize },
     /// The robot's own emergency stop is pressed: every joint brakes, setpoints are refused.
     EmergencyStopPressed,
     /// The robot's own emergency stop is released.
@@ -74,7 +42,6 @@ pub enum Injection {
     PowerReturned,
     /// The servo loop of a joint is unstable: the joint truly swings about its setpoint.
     Swing {
-        /// The joint.
         joint: usize,
         /// Largest deviation from the setpoint, rad or m.
         amplitude: f64,

@@ -60,22 +60,14 @@ impl Default for Options {
 
 /// Reason for which a configuration was refused.
 #[derive(Debug, thiserror::Error)]
+#[allow(missing_docs, reason = "the texts name the fields")]
 pub enum ConfigError {
     /// The network was asked for and there is none.
     #[error("method is network, but no weights are given")]
     NoWeights,
     /// A number is out of its range.
     #[error("{key} is {value}, must be {min} to {max}")]
-    Range {
-        /// The key.
-        key: &'static str,
-        /// Its value.
-        value: f64,
-        /// Smallest allowed value.
-        min: f64,
-        /// Largest allowed value.
-        max: f64,
-    },
+    Range { key: &'static str, value: f64, min: f64, max: f64 },
 }
 
 /// Data of the robot that a tick needs.

@@ -19,61 +19,32 @@ const LIMIT_TOLERANCE_RAD: f64 = 1e-9;
 
 /// Reason for which a weights file was refused. The caller adds the file's name.
 #[derive(Debug, thiserror::Error)]
+#[allow(missing_docs, reason = "the texts name the fields")]
 pub enum WeightsError {
     /// The manifest is not TOML of the expected keys.
     #[error("manifest: {0}")]
     Manifest(#[from] toml::de::Error),
     /// A key of the manifest has a value that cannot be used.
     #[error("manifest: {key} is {value}, expected {expected}")]
-    Key {
-        /// The key.
-        key: &'static str,
-        /// Its value.
-        value: String,
-        /// Expected value.
-        expected: String,
-    },
+    Key { key: &'static str, value: String, expected: String },
     /// The tensors are not the ones that the manifest was written for.
     #[error("sha256 of the tensors is {actual}, the manifest says {expected}")]
-    Sha256 {
-        /// SHA-256 of the given bytes.
-        actual: String,
-        /// SHA-256 in the manifest.
-        expected: String,
-    },
+    Sha256 { actual: String, expected: String },
     /// The safetensors header is too long.
     #[error("the safetensors header has {bytes} bytes, at most {HEADER_MAX_BYTES} are allowed")]
-    Header {
-        /// Its length.
-        bytes: u64,
-    },
+    Header { bytes: u64 },
     /// The tensors are truncated, have bytes left over, or are malformed in another way.
     #[error("tensors: {0}")]
     Tensors(#[from] safetensors::SafeTensorError),
     /// A tensor that the manifest promises is missing.
     #[error("tensor {name} is missing")]
-    Missing {
-        /// Its name.
-        name: String,
-    },
+    Missing { name: String },
     /// A tensor that no layer uses.
     #[error("tensor {name} belongs to no layer")]
-    Unknown {
-        /// Its name.
-        name: String,
-    },
+    Unknown { name: String },
     /// A tensor has another type or shape than the manifest promises.
     #[error("tensor {name} is {dtype} {shape:?}, expected F32 {expected:?}")]
-    Shape {
-        /// Its name.
-        name: String,
-        /// Its type.
-        dtype: String,
-        /// Its shape.
-        shape: Vec<usize>,
-        /// The shape that the manifest promises.
-        expected: Vec<usize>,
-    },
+    Shape { name: String, dtype: String, shape: Vec<usize>, expected: Vec<usize> },
     /// The networks do not compute the expected values on this machine.
     #[error(
         "the networks' error on fixed inputs is {error}, at most 1e-3 is allowed. Either a weight is out of range, or \
@@ -85,14 +56,7 @@ pub enum WeightsError {
     },
     /// A weight is NaN or infinite.
     #[error("tensor {name} has {value} at index {index}; every weight must be finite")]
-    NotFinite {
-        /// Its name.
-        name: String,
-        /// Flat index.
-        index: usize,
-        /// The value.
-        value: f32,
-    },
+    NotFinite { name: String, index: usize, value: f32 },
 }
 
 /// Identity of an arm that a weights file must match.

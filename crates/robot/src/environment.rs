@@ -61,23 +61,12 @@ pub struct BoxEntry {
 
 /// A solid that does not move, in the base frame, m.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[allow(missing_docs, reason = "the equations describe the fields")]
 pub enum Solid {
-    /// All x with normal . x <= offset.
-    HalfSpace {
-        /// Unit normal that points out of the solid.
-        normal: Vector3<f64>,
-        /// Distance of the surface from the origin along the normal, m.
-        offset_m: f64,
-    },
+    /// All x with normal . x <= offset_m. The unit normal points out of the solid.
+    HalfSpace { normal: Vector3<f64>, offset_m: f64 },
     /// All center + r y with |y_i| <= half_m_i.
-    Box {
-        /// Centre, m.
-        center: Vector3<f64>,
-        /// Rotation from the box's axes to the base's.
-        r: Matrix3<f64>,
-        /// Half of the edges' lengths, m.
-        half_m: Vector3<f64>,
-    },
+    Box { center: Vector3<f64>, r: Matrix3<f64>, half_m: Vector3<f64> },
 }
 
 /// An object that every moving capsule must keep clear of.

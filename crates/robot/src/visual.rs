@@ -20,21 +20,14 @@ pub struct Visual {
 
 /// A form around the origin of its frame, in metres.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[allow(missing_docs, reason = "the variants describe the fields")]
 pub enum Form {
     /// Edge lengths along x, y and z.
     Box([f64; 3]),
     /// A cylinder along z.
-    Cylinder {
-        /// Radius, m.
-        radius_m: f64,
-        /// Length, m.
-        length_m: f64,
-    },
+    Cylinder { radius_m: f64, length_m: f64 },
     /// A sphere around the origin.
-    Sphere {
-        /// Radius, m.
-        radius_m: f64,
-    },
+    Sphere { radius_m: f64 },
 }
 
 impl Form {

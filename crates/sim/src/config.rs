@@ -75,38 +75,19 @@ impl Default for Options {
 
 /// Returned when the simulated robot cannot be made.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[allow(missing_docs, reason = "the texts name the fields")]
 pub enum SimError {
     /// The second reader of the robot's files, or an option of the body, failed.
     #[error("sim: {0}")]
     Body(#[from] plant::PlantError),
     /// A figure is out of its bounds.
     #[error("sim: {key} = {value}: must be between {min} and {max}")]
-    OutOfBounds {
-        /// The option.
-        key: &'static str,
-        /// Its value.
-        value: f64,
-        /// Least value.
-        min: f64,
-        /// Greatest value.
-        max: f64,
-    },
+    OutOfBounds { key: &'static str, value: f64, min: f64, max: f64 },
     /// From this start the noise of the encoders alone would leave the limits.
     #[error(
         "sim: initial posture of {joint} = {value}: must be at least {margin} (noise and step of the encoder) inside [{min}, {max}]"
     )]
-    InitialOutsideLimits {
-        /// The joint.
-        joint: String,
-        /// Its position.
-        value: f64,
-        /// Least position.
-        min: f64,
-        /// Greatest position.
-        max: f64,
-        /// Distance by which it must be inside.
-        margin: f64,
-    },
+    InitialOutsideLimits { joint: String, value: f64, min: f64, max: f64, margin: f64 },
 }
 
 /// Largest standard deviation of the encoders' noise, rad or m. The driver takes changes up to 0.4 mrad for

@@ -5,6 +5,7 @@ use std::time::{Duration, Instant};
 
 /// An event in a loop. The collector's thread turns it into text.
 #[derive(Clone, Copy, Debug)]
+#[allow(missing_docs, reason = "the variants and the log lines describe the fields")]
 pub enum Event {
     /// The mode changed.
     Transition(Transition),
@@ -13,7 +14,6 @@ pub enum Event {
     Gap {
         /// Index of the tick that was dropped.
         k: u64,
-        /// Length of the stop, ns.
         ns: u64,
     },
     /// The bus did not take a message.
@@ -24,43 +24,25 @@ pub enum Event {
         frames: u64,
     },
     /// The lease passed to a client.
-    Lease {
-        /// The way by which its frames arrive.
-        door: &'static str,
-        /// Its user.
-        uid: u32,
-        /// Its process.
-        pid: u32,
-    },
+    Lease { door: &'static str, uid: u32, pid: u32 },
     /// A client connected to a socket, was refused, or sends too much.
     Visitor {
         /// The reply to the client.
         what: &'static str,
         /// True if it needs a warning.
         refused: bool,
-        /// The user.
         uid: u32,
-        /// The process.
         pid: u32,
     },
     /// Frames of the client that holds the lease were dropped.
     Dropped {
         /// Number within a second.
         frames: u64,
-        /// The reason's name.
         reason: &'static str,
-        /// Its meaning.
         meaning: &'static str,
     },
     /// A client acted at the operator's socket.
-    Audit {
-        /// The action.
-        what: &'static str,
-        /// The user.
-        uid: u32,
-        /// The process.
-        pid: u32,
-    },
+    Audit { what: &'static str, uid: u32, pid: u32 },
     /// An operator reported the payload of a hand.
     Payload {
         /// Payload of the left and the right hand now, kg.
@@ -69,10 +51,7 @@ pub enum Event {
         refused: Option<&'static str>,
     },
     /// The driver latched its fault for the first time.
-    Latched {
-        /// The cause, in words.
-        cause: &'static str,
-    },
+    Latched { cause: &'static str },
 }
 
 impl Event {

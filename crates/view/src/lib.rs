@@ -40,16 +40,12 @@ pub use shares::Shares;
 
 /// Errors that prevent the view from starting.
 #[derive(Debug, thiserror::Error)]
+#[allow(missing_docs, reason = "the texts name the fields")]
 pub enum ViewError {
     /// The instance's shared memory cannot be opened.
     #[error(transparent)]
     Bus(#[from] bus::BusError),
     /// The port cannot be opened.
     #[error("port {port} of 127.0.0.1: {source}")]
-    Listen {
-        /// The requested port.
-        port: u16,
-        /// The system's error.
-        source: std::io::Error,
-    },
+    Listen { port: u16, source: std::io::Error },
 }

@@ -36,70 +36,29 @@ const CLEARANCE_INSET_M: f64 = 1e-6;
 /// Clearance beyond d_min that a resting posture must have before the robot may engage, m.
 pub const ENGAGE_MARGIN_M: f64 = 3e-3;
 
-/// The reason why a configuration was refused.
+/// The reason why a configuration was refused. Numbers are SI.
 #[derive(Debug, Error, PartialEq)]
+#[allow(missing_docs, reason = "the texts name the fields")]
 pub enum WbcError {
     /// Returned if a limit that bounds motion is not finite and positive.
     #[error("joint {joint}: {limit} = {value}, must be finite and above zero")]
-    Limit {
-        /// Index of the joint.
-        joint: usize,
-        /// Name of the limit.
-        limit: &'static str,
-        /// Its value, SI.
-        value: f64,
-    },
+    Limit { joint: usize, limit: &'static str, value: f64 },
     /// Returned if a position range is empty.
     #[error("joint {joint}: position range [{q_min}, {q_max}] is empty")]
-    Range {
-        /// Index of the joint.
-        joint: usize,
-        /// Lowest position.
-        q_min: f64,
-        /// Highest position.
-        q_max: f64,
-    },
+    Range { joint: usize, q_min: f64, q_max: f64 },
     /// Returned if the home posture lies outside the limits.
     #[error("joint {joint}: home = {value} lies outside [{q_min}, {q_max}]")]
-    Home {
-        /// Index of the joint.
-        joint: usize,
-        /// Home position.
-        value: f64,
-        /// Lowest position.
-        q_min: f64,
-        /// Highest position.
-        q_max: f64,
-    },
+    Home { joint: usize, value: f64, q_min: f64, q_max: f64 },
     /// Returned if the kinematics are not a tree of 17 joints in order, or could not be reproduced.
     #[error("joint {joint}: {what}")]
-    Kinematics {
-        /// Index of the joint.
-        joint: usize,
-        /// Description of the error.
-        what: &'static str,
-    },
+    Kinematics { joint: usize, what: &'static str },
     /// Returned if the certificate cannot hold a capsule or a pair.
     #[error("collision model: {what} = {value}, at most {bound}")]
-    Collision {
-        /// The quantity that is too large.
-        what: &'static str,
-        /// Its value.
-        value: usize,
-        /// The bound.
-        bound: usize,
-    },
+    Collision { what: &'static str, value: usize, bound: usize },
     /// Returned if a figure of the interface is outside its bound, or if the interface's deviation is too
     /// large.
     #[error("interface: {key} = {value}, must be 0 to {bound}")]
-    Interface {
-        /// Name of the figure.
-        key: &'static str,
-        /// Its value, SI.
-        value: f64,
-        /// The bound.
-        bound: f64,
-    },
+    Interface { key: &'static str, value: f64, bound: f64 },
     /// Returned if the bound on the speed of hands is not finite and positive, so that no motion would be
     /// left.
     #[error("hand speed = {0} m/s, must be finite and above zero")]
@@ -109,9 +68,7 @@ pub enum WbcError {
     Mass {
         /// Index of the joint that the body moves with.
         joint: usize,
-        /// Name of the figure.
         what: &'static str,
-        /// Its value, SI.
         value: f64,
     },
     /// Returned if the distance to keep is not finite and positive.

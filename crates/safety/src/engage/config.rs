@@ -5,31 +5,14 @@ use thiserror::Error;
 
 /// Returned for a setting that is refused.
 #[derive(Clone, Copy, Debug, PartialEq, Error)]
+#[allow(missing_docs, reason = "the texts name the fields")]
 pub enum ConfigError {
     /// Returned if a value is outside the range that the program allows.
     #[error("safety.{key} = {value}: must lie in [{min}, {max}]")]
-    OutOfRange {
-        /// Key of the configuration file.
-        key: &'static str,
-        /// Value given.
-        value: f64,
-        /// Smallest value allowed.
-        min: f64,
-        /// Largest value allowed.
-        max: f64,
-    },
+    OutOfRange { key: &'static str, value: f64, min: f64, max: f64 },
     /// Returned if two settings contradict each other.
     #[error("safety.{lesser} = {lesser_value} must be below safety.{greater} = {greater_value}")]
-    Order {
-        /// Key that must be smaller.
-        lesser: &'static str,
-        /// Its value.
-        lesser_value: f64,
-        /// Key that must be greater.
-        greater: &'static str,
-        /// Its value.
-        greater_value: f64,
-    },
+    Order { lesser: &'static str, lesser_value: f64, greater: &'static str, greater_value: f64 },
 }
 
 /// Values of the configuration file, named as its keys. There are no defaults: the integrator sets every

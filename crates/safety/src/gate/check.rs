@@ -50,23 +50,13 @@ pub enum Check {
     Braking,
 }
 
-/// Returned for limits that the gate cannot work with.
+/// Returned for limits that the gate cannot work with. Numbers are SI.
 #[derive(Clone, Debug, PartialEq, Error)]
+#[allow(missing_docs, reason = "the texts name the fields")]
 pub enum ConfigError {
     /// Returned if a limit is not finite, not positive, or too large for the arithmetic.
     #[error("joint {joint}: {limit} = {value}, must lie in ({min}, {max}]")]
-    Limit {
-        /// Name of the joint.
-        joint: String,
-        /// Name of the limit.
-        limit: &'static str,
-        /// Its value, SI.
-        value: f64,
-        /// The value must be above this.
-        min: f64,
-        /// The value may be at most this.
-        max: f64,
-    },
+    Limit { joint: String, limit: &'static str, value: f64, min: f64, max: f64 },
     /// Returned if the least clearance is not finite and positive, so that nothing would be kept apart.
     #[error("clearance_min = {0} m, must be finite and above zero")]
     Clearance(f64),
@@ -76,20 +66,12 @@ pub enum ConfigError {
     HandSpeed(f64),
     /// Returned if a figure of the interface is outside its bound.
     #[error("interface: {key} = {value}, must be 0 to {bound}")]
-    Interface {
-        /// Name of the figure.
-        key: &'static str,
-        /// Its value.
-        value: f64,
-        /// The bound.
-        bound: f64,
-    },
+    Interface { key: &'static str, value: f64, bound: f64 },
     /// Returned if the collision model has too many pairs or capsules.
     #[error("collision model: {value} pairs, at most {bound}")]
     Pairs {
         /// Number of pairs of two capsules, or of a capsule and an obstacle.
         value: usize,
-        /// The bound.
         bound: usize,
     },
 }

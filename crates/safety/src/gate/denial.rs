@@ -3,8 +3,9 @@
 use super::Check;
 use messages::Subject;
 
-/// The reason why a command was denied.
+/// The reason why a command was denied. `pair` has the indices of two capsules in the robot file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[allow(missing_docs, reason = "the variants describe the fields")]
 pub enum Denial {
     /// The last seed was not finite or does not come to rest.
     Seed,
@@ -13,27 +14,13 @@ pub enum Denial {
     /// The command is a new motion without permission to move.
     Permit,
     /// A joint fails a check.
-    Joint {
-        /// Its index.
-        joint: usize,
-        /// The check that it fails.
-        check: Check,
-    },
+    Joint { joint: usize, check: Check },
     /// Two capsules are too close at the command.
-    ClearanceAtCommand {
-        /// Indices of the capsules in the robot file.
-        pair: [u32; 2],
-    },
+    ClearanceAtCommand { pair: [u32; 2] },
     /// Two capsules are too close where the plan rests.
-    ClearanceAtRest {
-        /// Indices of the capsules in the robot file.
-        pair: [u32; 2],
-    },
+    ClearanceAtRest { pair: [u32; 2] },
     /// Two capsules are too close at an instant of the stop, before it ends.
-    ClearanceOnTheWay {
-        /// Indices of the capsules in the robot file.
-        pair: [u32; 2],
-    },
+    ClearanceOnTheWay { pair: [u32; 2] },
     /// An elbow or a hand is too fast, at the command or at an instant of the stop.
     HandSpeed {
         /// The joint that carries it: an arm's fifth or seventh.

@@ -24,41 +24,16 @@ impl Colour {
 
 /// A shape around the origin of its frame, in metres. Round shapes stand along z.
 #[derive(Clone, Debug, PartialEq)]
+#[allow(missing_docs, reason = "the variants describe the fields")]
 pub enum Shape {
-    /// A box with rounded edges, aligned with x, y and z.
-    Box {
-        /// Lengths of the edges.
-        size_m: [f64; 3],
-        /// Radius of the rounded edges.
-        edge_m: f64,
-    },
-    /// A cone with rounded edges, from `radius_m` at the bottom to `top_radius_m` at the top.
-    Cone {
-        /// Radius at the bottom.
-        radius_m: f64,
-        /// Radius at the top.
-        top_radius_m: f64,
-        /// Height.
-        length_m: f64,
-        /// Radius of the rounded edges.
-        edge_m: f64,
-    },
-    /// An ellipsoid, aligned with x, y and z.
-    Ellipsoid {
-        /// Half the extent along x, y and z.
-        radii_m: [f64; 3],
-    },
-    /// Two spheres and the cone that joins them.
-    Capsule {
-        /// Centre of the first sphere.
-        a_m: [f64; 3],
-        /// Centre of the second.
-        b_m: [f64; 3],
-        /// Radius of the first.
-        radius_m: f64,
-        /// Radius of the second.
-        top_radius_m: f64,
-    },
+    /// A box with edges of the lengths `size_m` that are rounded with the radius `edge_m`, aligned with x, y and z.
+    Box { size_m: [f64; 3], edge_m: f64 },
+    /// A cone from `radius_m` at the bottom to `top_radius_m` at the top. `edge_m` is the radius of its rounded edges.
+    Cone { radius_m: f64, top_radius_m: f64, length_m: f64, edge_m: f64 },
+    /// An ellipsoid, aligned with x, y and z. `radii_m` are half its extents.
+    Ellipsoid { radii_m: [f64; 3] },
+    /// A sphere of `radius_m` around `a_m`, one of `top_radius_m` around `b_m`, and the cone that joins them.
+    Capsule { a_m: [f64; 3], b_m: [f64; 3], radius_m: f64, top_radius_m: f64 },
     /// A profile of radius and height that is turned about z.
     Lathe {
         /// Radius and height of each point, from one end to the other.
