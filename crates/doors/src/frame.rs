@@ -1,48 +1,20 @@
-//! A `RawSkeleton` as bytes.
+//! A `RawSkeleton` as bytes: its fields in their order, little-endian ([`Layout::put`]).
 
-use crate::fields::{FieldReader, FieldWriter, Fields};
-use messages::{Header, HingeCalibration, Layout, RawSkeleton, Stamp};
+use messages::{Layout, Message, RawSkeleton};
 
 /// Length of a frame on the socket.
 pub const FRAME_BYTES: usize = size_of::<RawSkeleton>();
 
-fn fields(fields: &mut impl Fields, frame: &mut RawSkeleton) {
-    let Header { sequence, stamp: Stamp(stamp), origin: Stamp(origin), config_hash, incarnation, reserved } =
-        &mut frame.header;
-    for value in [sequence, stamp, origin, config_hash] {
-        fields.u64(value);
-    }
-    fields.u32(incarnation);
-    fields.u32(reserved);
-    fields.u64(&mut frame.session_nonce);
-    for value in [&mut frame.layout, &mut frame.operator_id, &mut frame.flags, &mut frame.joint_count] {
-        fields.u32(value);
-    }
-    frame.positions.iter_mut().flatten().for_each(|value| fields.f32(value));
-    frame.rotations.iter_mut().flatten().for_each(|value| fields.f32(value));
-    frame.confidence.iter_mut().for_each(|value| fields.f32(value));
-    frame.joint_flags.iter_mut().for_each(|value| fields.u32(value));
-    let HingeCalibration { hinge, flags, samples } = &mut frame.calibration;
-    hinge.iter_mut().flatten().for_each(|value| fields.f32(value));
-    fields.u32(flags);
-    fields.u32(samples);
-}
-
 /// Returns the bytes of a frame.
 pub fn encode_frame(frame: &RawSkeleton) -> [u8; FRAME_BYTES] {
     let mut bytes = [0; FRAME_BYTES];
-    fields(&mut FieldWriter::new(&mut bytes), &mut { *frame });
+    frame.put(&mut bytes);
     bytes
 }
 
 /// Returns the frame in `bytes`, whatever their values. Returns `None` if the length is not that of a frame.
 pub fn decode_frame(bytes: &[u8]) -> Option<RawSkeleton> {
-    let mut frame = RawSkeleton::ZERO;
-    if bytes.len() != FRAME_BYTES {
-        return None;
-    }
-    fields(&mut FieldReader::new(bytes), &mut frame);
-    Some(frame)
+    RawSkeleton::from_le_bytes(bytes)
 }
 
 #[cfg(test)]

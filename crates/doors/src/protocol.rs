@@ -1,7 +1,6 @@
 //! The packets on the skeleton socket besides the frames themselves.
 
 use crate::bucket::RATE_MAX_HZ;
-use crate::fields::{FieldReader, FieldWriter, Fields};
 use messages::{Layout, Message, RawSkeleton};
 
 /// First 32-bit field of every hello and reply: "TPSK" in memory order.
@@ -42,34 +41,20 @@ impl Hello {
         reserved: 0,
     };
 
-    fn fields(&mut self, fields: &mut impl Fields) {
-        for value in [&mut self.magic, &mut self.protocol, &mut self.version, &mut self.bytes] {
-            fields.u32(value);
-        }
-        fields.u64(&mut self.layout);
-        fields.u64(&mut self.reserved);
-    }
-
-    /// Returns its bytes.
-    pub fn encode(mut self) -> [u8; HELLO_BYTES] {
+    /// Returns its bytes: the fields in their order, little-endian.
+    pub fn encode(self) -> [u8; HELLO_BYTES] {
         let mut bytes = [0; HELLO_BYTES];
-        self.fields(&mut FieldWriter::new(&mut bytes));
+        [self.magic, self.protocol, self.version, self.bytes].put(&mut bytes);
+        [self.layout, self.reserved].put(&mut bytes[16..]);
         bytes
     }
 
     /// Returns the reason for refusing a client whose first packet is `bytes`, or `None` if it is valid.
     pub fn refusal(bytes: &[u8]) -> Option<Reply> {
-        let mut hello = Self::OURS;
-        if bytes.len() != HELLO_BYTES {
-            return Some(Reply::NoHello);
-        }
-        hello.fields(&mut FieldReader::new(bytes));
-        if hello.magic != MAGIC {
+        if bytes.len() != HELLO_BYTES || u32::get(bytes) != MAGIC {
             Some(Reply::NoHello)
-        } else if hello != Self::OURS {
-            Some(Reply::OtherLayout)
         } else {
-            None
+            (bytes != Self::OURS.encode()).then_some(Reply::OtherLayout)
         }
     }
 }
@@ -187,14 +172,11 @@ impl ReplyPacket {
         Self { word, session_nonce, rate_max_hz: RATE_MAX_HZ as u32 }
     }
 
-    /// Returns its bytes.
+    /// Returns its bytes: the fields in their order, little-endian.
     pub fn encode(self) -> [u8; ANSWER_BYTES] {
         let mut bytes = [0; ANSWER_BYTES];
-        let mut put = FieldWriter::new(&mut bytes);
-        for mut value in [MAGIC, self.word as u32, self.rate_max_hz, 0] {
-            put.u32(&mut value);
-        }
-        put.u64(&mut { self.session_nonce });
+        [MAGIC, self.word as u32, self.rate_max_hz, 0].put(&mut bytes);
+        self.session_nonce.put(&mut bytes[16..]);
         bytes
     }
 
@@ -203,12 +185,9 @@ impl ReplyPacket {
         if bytes.len() != ANSWER_BYTES {
             return None;
         }
-        let (mut take, mut words, mut session_nonce) = (FieldReader::new(bytes), [0; 4], 0);
-        words.iter_mut().for_each(|word| take.u32(word));
-        take.u64(&mut session_nonce);
-        let [magic, word, rate_max_hz, _] = words;
+        let [magic, word, rate_max_hz, _] = <[u32; 4]>::get(bytes);
         let word = Reply::ALL.into_iter().find(|known| *known as u32 == word)?;
-        (magic == MAGIC).then_some(Self { word, session_nonce, rate_max_hz })
+        (magic == MAGIC).then_some(Self { word, session_nonce: u64::get(&bytes[16..]), rate_max_hz })
     }
 }
 
