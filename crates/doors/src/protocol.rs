@@ -59,78 +59,44 @@ impl Hello {
     }
 }
 
-/// A reply of the daemon.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[repr(u32)]
-pub enum Reply {
-    /// Frames are taken. The reply carries the session number. No session holds the lease at the moment.
-    Granted = 1,
-    /// The same as `Granted`, but another client holds the lease.
-    GrantedButHeld = 2,
-    /// This client holds the lease.
-    Holder = 3,
-    /// Another client holds the lease, or held it when this session began. This client's frames are ignored.
-    NotHolder = 4,
-    /// The client sends more frames than the rate. Only the newest are used.
-    OverQuota = 5,
-    /// All places are taken.
-    Full = 16,
-    /// The client is neither the daemon's user nor in the group of the socket.
-    Forbidden = 17,
-    /// The first packet is no hello.
-    NoHello = 18,
-    /// The client sent no hello in time.
-    Late = 19,
-    /// The client uses another version or layout of the frame.
-    OtherLayout = 20,
-    /// A packet does not have the length of a frame.
-    WrongSize = 21,
-    /// A frame carries a session number that was not given to this connection.
-    ForgedSession = 22,
-    /// The client was silent for long, and another client needed the place.
-    Idle = 23,
+messages::named! {
+    /// A reply of the daemon.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    #[repr(u32)]
+    pub enum Reply {
+        /// Frames are taken. The reply carries the session number. No session holds the lease at the moment.
+        Granted = 1 => "granted",
+        /// The same as `Granted`, but another client holds the lease.
+        GrantedButHeld = 2 => "granted_but_held",
+        /// This client holds the lease.
+        Holder = 3 => "holder",
+        /// Another client holds the lease, or held it when this session began. This client's frames are ignored.
+        NotHolder = 4 => "not_holder",
+        /// The client sends more frames than the rate. Only the newest are used.
+        OverQuota = 5 => "over_quota",
+        /// All places are taken.
+        Full = 16 => "full",
+        /// The client is neither the daemon's user nor in the group of the socket.
+        Forbidden = 17 => "forbidden",
+        /// The first packet is no hello.
+        NoHello = 18 => "no_hello",
+        /// The client sent no hello in time.
+        Late = 19 => "late",
+        /// The client uses another version or layout of the frame.
+        OtherLayout = 20 => "other_layout",
+        /// A packet does not have the length of a frame.
+        WrongSize = 21 => "wrong_size",
+        /// A frame carries a session number that was not given to this connection.
+        ForgedSession = 22 => "forged_session",
+        /// The client was silent for long, and another client needed the place.
+        Idle = 23 => "idle",
+    }
 }
 
 impl Reply {
-    /// All replies.
-    pub const ALL: [Self; 13] = [
-        Self::Granted,
-        Self::GrantedButHeld,
-        Self::Holder,
-        Self::NotHolder,
-        Self::OverQuota,
-        Self::Full,
-        Self::Forbidden,
-        Self::NoHello,
-        Self::Late,
-        Self::OtherLayout,
-        Self::WrongSize,
-        Self::ForgedSession,
-        Self::Idle,
-    ];
-
     /// Returns true if the connection ends with this reply.
     pub fn is_refusal(self) -> bool {
         self as u32 >= Self::Full as u32
-    }
-
-    /// Returns a short name, for reports.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Granted => "granted",
-            Self::GrantedButHeld => "granted_but_held",
-            Self::Holder => "holder",
-            Self::NotHolder => "not_holder",
-            Self::OverQuota => "over_quota",
-            Self::Full => "full",
-            Self::Forbidden => "forbidden",
-            Self::NoHello => "no_hello",
-            Self::Late => "late",
-            Self::OtherLayout => "other_layout",
-            Self::WrongSize => "wrong_size",
-            Self::ForgedSession => "forged_session",
-            Self::Idle => "idle",
-        }
     }
 
     /// Returns the meaning in words, for the user.

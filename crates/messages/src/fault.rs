@@ -1,44 +1,30 @@
 //! Modes and faults, and the one table that gives each fault its response.
 
-/// State of the robot's control. It mirrors the state machine in `safety`, without that machine's data.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-#[repr(u32)]
-pub enum Mode {
-    /// The robot is not enabled. It holds its posture.
-    Disengaged = 0,
-    /// Blending from the robot's posture to the target's.
-    Engaging = 1,
-    /// Following the target.
-    Engaged = 2,
-    /// Stopping, or stopped and able to resume.
-    Holding = 3,
-    /// Stopped until reset.
-    Faulted = 4,
-    /// Moving back slowly from outside the limits or from near self-collision, while the operator holds the
-    /// recovery.
-    Recovering = 5,
+crate::named! {
+    /// State of the robot's control. It mirrors the state machine in `safety`, without that machine's data.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+    #[repr(u32)]
+    pub enum Mode {
+        /// The robot is not enabled. It holds its posture.
+        Disengaged = 0 => "Disengaged",
+        /// Blending from the robot's posture to the target's.
+        Engaging = 1 => "Engaging",
+        /// Following the target.
+        Engaged = 2 => "Engaged",
+        /// Stopping, or stopped and able to resume.
+        Holding = 3 => "Holding",
+        /// Stopped until reset.
+        Faulted = 4 => "Faulted",
+        /// Moving back slowly from outside the limits or from near self-collision, while the operator holds the
+        /// recovery.
+        Recovering = 5 => "Recovering",
+    }
 }
 
 impl Mode {
-    /// Every mode.
-    pub const ALL: [Self; 6] =
-        [Self::Disengaged, Self::Engaging, Self::Engaged, Self::Holding, Self::Faulted, Self::Recovering];
-
     /// Returns the mode with this number.
     pub const fn from_u32(value: u32) -> Option<Self> {
         if value < 6 { Some(Self::ALL[value as usize]) } else { None }
-    }
-
-    /// Name in reports.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Disengaged => "Disengaged",
-            Self::Engaging => "Engaging",
-            Self::Engaged => "Engaged",
-            Self::Holding => "Holding",
-            Self::Faulted => "Faulted",
-            Self::Recovering => "Recovering",
-        }
     }
 }
 

@@ -12,6 +12,7 @@ mod fault;
 mod input;
 mod joints;
 mod layout;
+mod named;
 mod operator;
 mod payload;
 mod person_change;

@@ -7,24 +7,23 @@ use messages::{
 };
 use skeleton::{Calibrator, Hold, limbs_from_positions_rotations};
 
-/// Frames from which the hinges are estimated.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum CalibrationMode {
-    /// The whole clip. It looks ahead, so use it for figures only.
-    Clip,
-    /// The first 10 s of motion, or the whole clip if it is shorter. A live operator can provide this.
-    First10s,
-    /// No hinges. The current elbow plane is used, and the hinges that `ingest` learns while the motion plays.
-    None,
-    /// The rig's own hinges. Only for rigs whose joints have no rotation in the T-pose, palms down, such as this
-    /// project's own motions. The hinge is -z of the left, +z of the right shoulder and wrist.
-    Rig,
+messages::named! {
+    /// Frames from which the hinges are estimated.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    pub enum CalibrationMode {
+        /// The first 10 s of motion, or the whole clip if it is shorter. A live operator can provide this.
+        First10s => "first-10s",
+        /// The whole clip. It looks ahead, so use it for figures only.
+        Clip => "clip",
+        /// No hinges. The current elbow plane is used, and the hinges that `ingest` learns while the motion plays.
+        None => "none",
+        /// The rig's own hinges. Only for rigs whose joints have no rotation in the T-pose, palms down, such as this
+        /// project's own motions. The hinge is -z of the left, +z of the right shoulder and wrist.
+        Rig => "rig",
+    }
 }
 
 impl CalibrationMode {
-    /// All modes.
-    pub const ALL: [Self; 4] = [Self::First10s, Self::Clip, Self::None, Self::Rig];
-
     /// Returns the mode of this name if it is one of `allowed`. For command lines.
     ///
     /// # Errors
@@ -34,16 +33,6 @@ impl CalibrationMode {
         found.ok_or_else(|| {
             format!("must be one of {}", allowed.iter().map(|mode| mode.name()).collect::<Vec<_>>().join(", "))
         })
-    }
-
-    /// Name on the command line.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Clip => "clip",
-            Self::First10s => "first-10s",
-            Self::None => "none",
-            Self::Rig => "rig",
-        }
     }
 }
 

@@ -2,49 +2,25 @@
 
 use messages::{JOINTS, Stamp};
 
-/// A limit that can be violated.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[repr(usize)]
-pub enum ViolationKind {
-    /// A true position outside the URDF's limits.
-    Stop = 0,
-    /// A true position outside the robot file's limits and the servo margin.
-    Position = 1,
-    /// A true speed above the limit and the permitted overshoot.
-    Velocity = 2,
-    /// A motor torque or force above the limit.
-    Effort = 3,
-    /// A true clearance below the least one and the servo margin.
-    Clearance = 4,
-    /// Setpoints moved a joint faster than its speed limit allows in the wall time that passed.
-    SetpointStep = 5,
-    /// Setpoints changed a velocity faster than the acceleration limit allows in the wall time that passed.
-    SetpointChange = 6,
-}
-
-impl ViolationKind {
-    /// Every kind, in the order of [`Report::counts`].
-    pub const ALL: [Self; 7] = [
-        Self::Stop,
-        Self::Position,
-        Self::Velocity,
-        Self::Effort,
-        Self::Clearance,
-        Self::SetpointStep,
-        Self::SetpointChange,
-    ];
-
-    /// Returns the name in reports.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Stop => "stop",
-            Self::Position => "position",
-            Self::Velocity => "velocity",
-            Self::Effort => "effort",
-            Self::Clearance => "clearance",
-            Self::SetpointStep => "setpoint_step",
-            Self::SetpointChange => "setpoint_change",
-        }
+messages::named! {
+    /// A limit that can be violated.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    #[repr(usize)]
+    pub enum ViolationKind {
+        /// A true position outside the URDF's limits.
+        Stop = 0 => "stop",
+        /// A true position outside the robot file's limits and the servo margin.
+        Position = 1 => "position",
+        /// A true speed above the limit and the permitted overshoot.
+        Velocity = 2 => "velocity",
+        /// A motor torque or force above the limit.
+        Effort = 3 => "effort",
+        /// A true clearance below the least one and the servo margin.
+        Clearance = 4 => "clearance",
+        /// Setpoints moved a joint faster than its speed limit allows in the wall time that passed.
+        SetpointStep = 5 => "setpoint_step",
+        /// Setpoints changed a velocity faster than the acceleration limit allows in the wall time that passed.
+        SetpointChange = 6 => "setpoint_change",
     }
 }
 

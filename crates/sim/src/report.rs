@@ -2,50 +2,26 @@
 
 use messages::JOINTS;
 
-/// A limit that an executed step can violate.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[repr(usize)]
-pub enum ViolationKind {
-    /// Position limits.
-    Position = 0,
-    /// Velocity limit, at the ends of a tick and inside it.
-    Velocity = 1,
-    /// Acceleration limit.
-    Acceleration = 2,
-    /// Jerk limit. The acceleration changed by more than the limit allows, or velocity or position by more than
-    /// in any motion within the limit.
-    Jerk = 3,
-    /// Clearance of a checked pair, or from an obstacle.
-    Clearance = 4,
-    /// Speed of an elbow or a hand in the base frame.
-    HandSpeed = 5,
-    /// Effort limit, by the torque that the links need in the executed motion.
-    Torque = 6,
-}
-
-impl ViolationKind {
-    /// Every kind.
-    pub const ALL: [Self; 7] = [
-        Self::Position,
-        Self::Velocity,
-        Self::Acceleration,
-        Self::Jerk,
-        Self::Clearance,
-        Self::HandSpeed,
-        Self::Torque,
-    ];
-
-    /// Returns the name in reports.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Position => "position",
-            Self::Velocity => "velocity",
-            Self::Acceleration => "acceleration",
-            Self::Jerk => "jerk",
-            Self::Clearance => "clearance",
-            Self::HandSpeed => "hand speed",
-            Self::Torque => "torque",
-        }
+messages::named! {
+    /// A limit that an executed step can violate.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    #[repr(usize)]
+    pub enum ViolationKind {
+        /// Position limits.
+        Position = 0 => "position",
+        /// Velocity limit, at the ends of a tick and inside it.
+        Velocity = 1 => "velocity",
+        /// Acceleration limit.
+        Acceleration = 2 => "acceleration",
+        /// Jerk limit. The acceleration changed by more than the limit allows, or velocity or position by more than
+        /// in any motion within the limit.
+        Jerk = 3 => "jerk",
+        /// Clearance of a checked pair, or from an obstacle.
+        Clearance = 4 => "clearance",
+        /// Speed of an elbow or a hand in the base frame.
+        HandSpeed = 5 => "hand speed",
+        /// Effort limit, by the torque that the links need in the executed motion.
+        Torque = 6 => "torque",
     }
 }
 

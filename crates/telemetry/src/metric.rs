@@ -1,60 +1,30 @@
 //! The measured durations, in the order of the path from the person to the motor.
 
-/// A duration that a loop measures. Each hop begins where the one before ends.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Metric {
-    /// A client's frame is published -> `ingest` holds it.
-    PublishedToIngest,
-    /// `ingest` holds a frame -> the skeleton is about to be published.
-    IngestWork,
-    /// The skeleton is published -> `retarget` wakes and reads it. It includes the wait for the next deadline.
-    IngestToRetarget,
-    /// `retarget` wakes -> the target is about to be published.
-    RetargetWork,
-    /// The target is published -> `control` wakes with it.
-    TargetToControl,
-    /// `control` wakes -> the command is about to be published.
-    ControlWork,
-    /// The command is published -> the driver holds it.
-    CommandToDriver,
-    /// A client's frame is published -> the driver executes the frame's first command. There is one sample per
-    /// frame.
-    SkeletonToCommand,
-    /// The target is published -> the driver executes its command. There is one sample per command.
-    TargetToCommand,
-    /// The deadline of the tick's index -> the loop wakes for it.
-    WakeUp,
-}
-
-impl Metric {
-    /// All metrics. The index of each is its number.
-    pub const ALL: [Self; 10] = [
-        Self::PublishedToIngest,
-        Self::IngestWork,
-        Self::IngestToRetarget,
-        Self::RetargetWork,
-        Self::TargetToControl,
-        Self::ControlWork,
-        Self::CommandToDriver,
-        Self::SkeletonToCommand,
-        Self::TargetToCommand,
-        Self::WakeUp,
-    ];
-
-    /// Returns its name in reports and metrics.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::PublishedToIngest => "published_to_ingest",
-            Self::IngestWork => "ingest_work",
-            Self::IngestToRetarget => "ingest_to_retarget",
-            Self::RetargetWork => "retarget_work",
-            Self::TargetToControl => "target_to_control",
-            Self::ControlWork => "control_work",
-            Self::CommandToDriver => "command_to_driver",
-            Self::SkeletonToCommand => "skeleton_to_command",
-            Self::TargetToCommand => "target_to_command",
-            Self::WakeUp => "wake_up",
-        }
+messages::named! {
+    /// A duration that a loop measures. Each hop begins where the one before ends.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    pub enum Metric {
+        /// A client's frame is published -> `ingest` holds it.
+        PublishedToIngest => "published_to_ingest",
+        /// `ingest` holds a frame -> the skeleton is about to be published.
+        IngestWork => "ingest_work",
+        /// The skeleton is published -> `retarget` wakes and reads it. It includes the wait for the next deadline.
+        IngestToRetarget => "ingest_to_retarget",
+        /// `retarget` wakes -> the target is about to be published.
+        RetargetWork => "retarget_work",
+        /// The target is published -> `control` wakes with it.
+        TargetToControl => "target_to_control",
+        /// `control` wakes -> the command is about to be published.
+        ControlWork => "control_work",
+        /// The command is published -> the driver holds it.
+        CommandToDriver => "command_to_driver",
+        /// A client's frame is published -> the driver executes the frame's first command. There is one sample per
+        /// frame.
+        SkeletonToCommand => "skeleton_to_command",
+        /// The target is published -> the driver executes its command. There is one sample per command.
+        TargetToCommand => "target_to_command",
+        /// The deadline of the tick's index -> the loop wakes for it.
+        WakeUp => "wake_up",
     }
 }
 
