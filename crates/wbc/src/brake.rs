@@ -18,12 +18,12 @@
 //! Accelerations are limited in the same way. Of the step from the plan's accelerations to the wanted ones,
 //! the arm takes the share that keeps h + M a within the limits.
 
-use crate::chain::{JointSet, Placements};
+use crate::chain::{JointSet, Placements, joints};
 use crate::choose::{LEFT, RIGHT};
 use crate::config::Config;
 use crate::dynamics::PerJoint;
 use crate::plan::{JointState, Planned};
-use crate::torque::{Load, joints};
+use crate::torque::Load;
 use messages::{JOINTS, TICK_S};
 
 /// Share of the limits that is used for planning. The rest is for changes of M and h on the way, and for the

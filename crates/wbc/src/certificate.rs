@@ -81,7 +81,7 @@
 //! Segments are halved until they are safe. The motion is rejected once they would be shorter than 1.5 ms, or
 //! after 80 evaluations of the kinematics. This can give fewer proofs, but never false ones.
 
-use crate::chain::{JointSet, Placement, Placements};
+use crate::chain::{JointSet, Placement, Placements, joints};
 use crate::clearance::Anchor;
 use crate::geometry::{Geometry, Segment, Side};
 use crate::motion::{Motion, Swing};
@@ -360,9 +360,7 @@ impl Proof<'_> {
         for entry in &self.s.entries[first..self.s.top] {
             moving |= self.geometry.pairs[entry.pair].between;
         }
-        while moving != 0 {
-            let j = moving.trailing_zeros() as usize;
-            moving &= moving - 1;
+        for j in joints(moving) {
             let (x0, x1) = (self.s.nodes[from].x[j], self.s.nodes[to].x[j]);
             self.s.swings[j] = self.motion.joints[j].swing(t0, t1, x0, x1);
         }
@@ -445,10 +443,7 @@ impl Proof<'_> {
         node.t = t;
         node.known = 0;
         let mut q = [0.0; JOINTS];
-        let mut left = needed;
-        while left != 0 {
-            let j = left.trailing_zeros() as usize;
-            left &= left - 1;
+        for j in joints(needed) {
             node.x[j] = self.motion.joints[j].at(t);
             q[j] = node.x[j].q;
         }

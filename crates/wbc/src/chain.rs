@@ -13,6 +13,16 @@ pub const BODIES: usize = JOINTS + 1;
 /// Set of joints. Bit j is joint j.
 pub type JointSet = u32;
 
+/// Iterates over the joints of a set, ascending.
+pub(crate) fn joints(set: JointSet) -> impl Iterator<Item = usize> {
+    let mut left = set;
+    std::iter::from_fn(move || {
+        let j = (left != 0).then(|| left.trailing_zeros() as usize)?;
+        left &= left - 1;
+        Some(j)
+    })
+}
+
 /// A rigid pose: x in the reference frame is `r` x + `t`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Placement {
@@ -117,10 +127,7 @@ impl Chain {
     /// Computes the poses in the base frame of the bodies that the joints of `set` move. `set` must contain
     /// the ancestors of each of its joints. Other entries of `out` stay as they are.
     pub fn forward(&self, q: &[f64; JOINTS], set: JointSet, out: &mut Placements) {
-        let mut left = set;
-        while left != 0 {
-            let j = left.trailing_zeros() as usize;
-            left &= left - 1;
+        for j in joints(set) {
             let parent = out[self.links[j].parent];
             let (r, t) = self.joint(j, q[j]);
             out[j + 1] = Placement { r: parent.r * r, t: parent.point(&t) };

@@ -4,7 +4,7 @@
 use crate::barrier::{Barrier, Program, Wish};
 use crate::brake::Bearing;
 use crate::certificate::{Purpose, Scratch, certify};
-use crate::chain::JointSet;
+use crate::chain::{JointSet, joints};
 use crate::clearance::Anchor;
 use crate::config::Config;
 use crate::dynamics::PerJoint;
@@ -12,7 +12,7 @@ use crate::interval::Bounds;
 use crate::motion::{JointMotion, Motion};
 use crate::plan::{JointState, JointStop, Planned};
 use crate::tick::{Candidate, Input};
-use crate::torque::{self, Load, TorqueScratch, joints};
+use crate::torque::{self, Load, TorqueScratch};
 use crate::track::{JointAim, wanted_jerk, wanted_velocity};
 use messages::{ALL_JOINTS, JOINTS, LEFT_ARM, RIGHT_ARM, TICK_S};
 

@@ -13,7 +13,7 @@
 //! The base accelerates upwards by g, which represents gravity. A joint's torque is the moment (or force)
 //! along its axis of all bodies that it carries.
 
-use crate::chain::{BODIES, Chain, JointSet, Placements};
+use crate::chain::{BODIES, Chain, JointSet, Placements, joints};
 use crate::plan::JointState;
 use messages::{JOINTS, LEFT_ARM, RIGHT_ARM};
 use nalgebra::{Matrix3, Vector3};
@@ -104,10 +104,7 @@ impl Dynamics {
         let mut turned = [Turned::default(); JOINTS];
         let mut carried = [Carried::default(); BODIES];
         carried[0].ddx.z = GRAVITY_M_PER_S2;
-        let mut left = set;
-        while left != 0 {
-            let j = left.trailing_zeros() as usize;
-            left &= left - 1;
+        for j in joints(set) {
             let link = &chain.links()[j];
             let (r, t) = chain.joint(j, x[j].q);
             let above = &carried[link.parent];
@@ -169,10 +166,7 @@ impl Dynamics {
             let (w, v) = unit_motion(chain, places, j);
             let moment = all.second * w + all.first.cross(&v);
             let force = v * all.mass - all.first.cross(&w);
-            let mut above = chain.ancestors(j + 1) & set;
-            while above != 0 {
-                let k = above.trailing_zeros() as usize;
-                above &= above - 1;
+            for k in joints(chain.ancestors(j + 1) & set) {
                 let (w, v) = unit_motion(chain, places, k);
                 matrix[j][k] = w.dot(&moment) + v.dot(&force);
                 matrix[k][j] = matrix[j][k];

@@ -1,7 +1,7 @@
 //! The collision model for the certificate: capsules on bodies, solids on the base, and the pairs that must
 //! stay apart. For each pair it lists the joints that change its distance.
 
-use crate::chain::{BODIES, Chain, JointSet, Placements};
+use crate::chain::{BODIES, Chain, JointSet, Placements, joints};
 use crate::config::WbcError;
 use crate::interface::{Deviation, Interface};
 use crate::interval::Bounds;
@@ -225,8 +225,7 @@ fn obstacle(solid: &Solid) -> Shape {
 }
 
 fn shape(chain: &Chain, capsule: BodyCapsule) -> Shape {
-    let set = chain.ancestors(capsule.body);
-    let joints: Vec<usize> = (0..JOINTS).filter(|&j| set & 1 << j != 0).collect();
+    let joints: Vec<usize> = joints(chain.ancestors(capsule.body)).collect();
     // A norm is convex, so its largest value along the axis is at an end.
     let farthest = |j: usize| chain.reach(j, capsule.body, &capsule.a).max(chain.reach(j, capsule.body, &capsule.b));
     let reach = joints.iter().map(|&j| farthest(j)).collect();
@@ -239,7 +238,7 @@ fn checked_pair(chain: &Chain, shapes: &[Shape], a: usize, b: usize) -> CheckedP
     let shared = set_a & set_b;
     let common = chain.common_body(body_a, body_b);
     let side = |capsule: usize| Side { capsule, from: shared.count_ones() as usize };
-    let turns = (0..JOINTS).any(|j| shared & 1 << j != 0 && !chain.links()[j].prismatic);
+    let turns = joints(shared).any(|j| !chain.links()[j].prismatic);
     CheckedPair {
         a: side(a),
         b: side(b),

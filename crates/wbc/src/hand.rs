@@ -18,7 +18,7 @@
 //! To make this succeed, joints get only a share of their wanted velocities w. The share keeps |sum_k J_k
 //! w_k| below the bound.
 
-use crate::chain::{Chain, Placements};
+use crate::chain::{Chain, Placements, joints};
 use crate::interval::Bounds;
 use crate::motion::{Motion, Swing};
 use crate::plan::JointState;
@@ -66,8 +66,7 @@ impl HandSpeed {
         max_m_per_s: f64,
     ) -> Option<Self> {
         let points = points.map(|(body, at)| {
-            let set = chain.ancestors(body);
-            let joints: Vec<usize> = (0..JOINTS).filter(|&j| set & 1 << j != 0).collect();
+            let joints: Vec<usize> = joints(chain.ancestors(body)).collect();
             let reach = joints.iter().map(|&j| chain.reach(j, body, &at)).collect();
             Point { body, at, joints, reach }
         });

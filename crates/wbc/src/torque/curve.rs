@@ -1,7 +1,7 @@
 //! Bounds the difference between a torque and its chord, as derived in the parent module. The tables are made
 //! once.
 
-use crate::chain::{BODIES, Chain, JointSet};
+use crate::chain::{BODIES, Chain, JointSet, joints};
 use crate::config::WbcError;
 use crate::dynamics::{GRAVITY_M_PER_S2, HANDS, Mass, PerJoint};
 use crate::motion::Arc;
@@ -121,13 +121,8 @@ impl Carried {
 impl Curves {
     pub(crate) fn new(chain: &Chain, masses: &[Mass; BODIES]) -> Result<Self, WbcError> {
         for (joint, link) in chain.links().iter().enumerate() {
-            let mut above = chain.ancestors(link.parent);
-            while link.prismatic && above != 0 {
-                let k = above.trailing_zeros() as usize;
-                above &= above - 1;
-                if !chain.links()[k].prismatic {
-                    return Err(WbcError::Kinematics { joint, what: "is prismatic, but attached to a revolute joint" });
-                }
+            if link.prismatic && joints(chain.ancestors(link.parent)).any(|k| !chain.links()[k].prismatic) {
+                return Err(WbcError::Kinematics { joint, what: "is prismatic, but attached to a revolute joint" });
             }
         }
         let bodies: Vec<Carried> = (0..BODIES).map(|b| Carried::new(chain, b, &masses[b])).collect();
@@ -175,10 +170,7 @@ impl Curves {
         let mut sums = [Sums::default(); BODIES];
         let mut terms = [Term::default(); JOINTS];
         let mut curves = [0.0; JOINTS];
-        let mut left = set;
-        while left != 0 {
-            let j = left.trailing_zeros() as usize;
-            left &= left - 1;
+        for j in joints(set) {
             let above = sums[self.parent[j]];
             if self.prismatic[j] {
                 sums[j + 1] = above;
@@ -195,10 +187,7 @@ impl Curves {
             self.add(&self.bodies[j + 1], &own, &terms, arcs, open, &mut curves);
         }
         let mut slack = [[0.0; JOINTS]; 2];
-        let mut left = open;
-        while left != 0 {
-            let j = left.trailing_zeros() as usize;
-            left &= left - 1;
+        for j in joints(open) {
             slack[0][j] = curves[j] * dt * dt / 8.0;
             slack[1][j] = self.matrix[j].iter().zip(arcs).map(|(m, arc)| m * arc.kink).sum();
         }

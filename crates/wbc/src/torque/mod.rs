@@ -79,7 +79,7 @@ mod curve;
 #[cfg(test)]
 mod tests;
 
-use crate::chain::{BODIES, Chain, JointSet};
+use crate::chain::{BODIES, Chain, JointSet, joints};
 use crate::config::WbcError;
 use crate::dynamics::{Dynamics, Mass, PerJoint};
 use crate::motion::{Arc, Motion};
@@ -325,9 +325,4 @@ impl Proof<'_> {
         self.s.blamed = joint;
         false
     }
-}
-
-/// Iterates over the joints of a set.
-pub(crate) fn joints(set: JointSet) -> impl Iterator<Item = usize> {
-    (0..JOINTS).filter(move |j| set & 1 << j != 0)
 }
