@@ -87,31 +87,20 @@ pub(crate) fn read_capsules(
     body_of: impl Fn(&str) -> Option<(usize, crate::pose::Pose)>,
 ) -> Result<Vec<Capsule>, RobotError> {
     if entries.is_empty() || entries.len() > CAPSULES_MAX {
-        return Err(RobotError::Value {
-            file: file.into(),
-            key: "number of collision.capsules".into(),
-            value: entries.len().to_string(),
-            bound: format!("must be 1 to {CAPSULES_MAX}"),
-        });
+        let bound = format!("must be 1 to {CAPSULES_MAX}");
+        return Err(RobotError::value(file, "number of collision.capsules", entries.len().to_string(), bound));
     }
     let mut capsules: Vec<Capsule> = Vec::with_capacity(entries.len());
     for entry in entries {
         let key = format!("collision.capsules `{}`", entry.name);
         if capsules.iter().any(|capsule| capsule.name == entry.name) {
-            return Err(RobotError::Duplicate { file: file.into(), key: "capsule".into(), name: entry.name.clone() });
+            return Err(RobotError::duplicate(file, "capsule", &entry.name));
         }
-        let (body, body_from_link) = body_of(&entry.link).ok_or_else(|| RobotError::Unknown {
-            file: file.into(),
-            key: format!("{key}: link"),
-            name: entry.link.clone(),
-            expected: "a link of the URDF".into(),
-        })?;
+        let (body, body_from_link) = body_of(&entry.link)
+            .ok_or_else(|| RobotError::unknown(file, format!("{key}: link"), &entry.link, "a link of the URDF"))?;
         // No robot with such arms has a capsule 2 m from its link or 1 m thick.
-        let refuse = |name: &str, value: f64, bound: &str| RobotError::Value {
-            file: file.into(),
-            key: format!("{key}: {name}"),
-            value: value.to_string(),
-            bound: bound.into(),
+        let refuse = |name: &str, value: f64, bound: &str| {
+            RobotError::value(file, format!("{key}: {name}"), value.to_string(), bound)
         };
         if let Some(value) = entry.a_m.iter().chain(&entry.b_m).find(|value| !(value.abs() <= 2.0)) {
             return Err(refuse("a_m or b_m", *value, "at most 2 in magnitude"));
@@ -142,24 +131,16 @@ pub(crate) fn read_pairs(
     for (reason, table) in tables {
         let table_name = if reason == AllowedReason::Adjacent { "adjacent" } else { "proved_clear" };
         let find = |name: &str| {
-            capsules.iter().position(|capsule| capsule.name == name).ok_or_else(|| RobotError::Unknown {
-                file: file.into(),
-                key: format!("collision.allowed.{table_name}"),
-                name: name.into(),
-                expected: "a capsule".into(),
-            })
+            let known = capsules.iter().position(|capsule| capsule.name == name);
+            known.ok_or_else(|| RobotError::unknown(file, format!("collision.allowed.{table_name}"), name, "a capsule"))
         };
         for (first, others) in table {
             for second in others {
                 let (x, y) = (find(first)?, find(second)?);
                 let pair = Pair { a: x.min(y), b: x.max(y) };
                 let (a, b) = (capsules[x].body, capsules[y].body);
-                let refuse = |bound: &str| RobotError::Value {
-                    file: file.into(),
-                    key: format!("collision.allowed.{table_name}.{first}"),
-                    value: format!("`{second}`"),
-                    bound: bound.into(),
-                };
+                let key = format!("collision.allowed.{table_name}.{first}");
+                let refuse = |bound: &str| RobotError::value(file, key.as_str(), format!("`{second}`"), bound);
                 if reason == AllowedReason::Adjacent && parent_body(a) != Some(b) && parent_body(b) != Some(a) {
                     return Err(refuse("only bodies with one joint between them are adjacent"));
                 }

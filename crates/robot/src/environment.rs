@@ -109,20 +109,16 @@ impl Model {
         self.obstacles = read(file, environment)?;
         let names = self.capsules.iter().map(|capsule| &capsule.name).collect::<Vec<_>>();
         if let Some(obstacle) = self.obstacles.iter().find(|obstacle| names.contains(&&obstacle.name)) {
-            let (file, key, name) = (file.into(), "environment: name".into(), obstacle.name.clone());
-            return Err(RobotError::Duplicate { file, key, name });
+            return Err(RobotError::duplicate(file, "environment: name", &obstacle.name));
         }
         let mut frames = Frames::default();
         self.forward(&self.home, &mut frames);
         let (clearance_m, pair) = self.obstacle_clearance(&frames);
         if !(clearance_m >= self.d_min_m) {
             let [capsule, obstacle] = pair.map(|index| self.shape_name(index));
-            return Err(RobotError::Value {
-                file: file.into(),
-                key: format!("environment `{obstacle}`: clearance of `{capsule}` at home"),
-                value: format!("{:.1} mm", clearance_m * 1e3),
-                bound: format!("must be at least collision.clearance_min_mm = {} mm", self.d_min_m * 1e3),
-            });
+            let key = format!("environment `{obstacle}`: clearance of `{capsule}` at home");
+            let bound = format!("must be at least collision.clearance_min_mm = {} mm", self.d_min_m * 1e3);
+            return Err(RobotError::value(file, key, format!("{:.1} mm", clearance_m * 1e3), bound));
         }
         Ok(self)
     }
@@ -175,8 +171,7 @@ fn read(file: &str, environment: &Environment) -> Result<Vec<Obstacle>, RobotErr
     let obstacles = planes.chain(boxes).collect::<Result<Vec<_>, RobotError>>()?;
     for (k, obstacle) in obstacles.iter().enumerate() {
         if obstacles[..k].iter().any(|other| other.name == obstacle.name) {
-            let (file, key, name) = (file.into(), "environment: name".into(), obstacle.name.clone());
-            return Err(RobotError::Duplicate { file, key, name });
+            return Err(RobotError::duplicate(file, "environment: name", &obstacle.name));
         }
     }
     Ok(obstacles)
@@ -193,7 +188,7 @@ fn name(file: &str, key: &str, text: &str) -> Result<(), RobotError> {
     let shown = text.chars().take(NAME_CHARACTERS_MAX).collect::<String>().escape_debug().to_string();
     let more = if characters > NAME_CHARACTERS_MAX { "..." } else { "" };
     let bound = format!("must have 1 to {NAME_CHARACTERS_MAX} characters, no control characters, has {characters}");
-    Err(value(file, key, &format!("\"{shown}{more}\""), &bound))
+    Err(RobotError::value(file, key, format!("\"{shown}{more}\""), bound))
 }
 
 fn plane(file: &str, entry: &PlaneEntry) -> Result<Solid, RobotError> {
@@ -202,11 +197,11 @@ fn plane(file: &str, entry: &PlaneEntry) -> Result<Solid, RobotError> {
     let length = normal.norm();
     if !((length - 1.0).abs() <= NORMAL_TOLERANCE) {
         let bound = format!("must have length 1 within {NORMAL_TOLERANCE}, has {length}");
-        return Err(value(file, &key("normal"), &format!("{:?}", entry.normal), &bound));
+        return Err(RobotError::value(file, key("normal"), format!("{:?}", entry.normal), bound));
     }
     if !(entry.offset_m.abs() <= FAR_M) {
         let bound = format!("must be at most {FAR_M} in magnitude");
-        return Err(value(file, &key("offset_m"), &entry.offset_m.to_string(), &bound));
+        return Err(RobotError::value(file, key("offset_m"), entry.offset_m.to_string(), bound));
     }
     Ok(Solid::HalfSpace { normal: normal / length, offset_m: entry.offset_m })
 }
@@ -221,13 +216,10 @@ fn block(file: &str, entry: &BoxEntry) -> Result<Solid, RobotError> {
     ];
     for (name, values, low, high) in bounds {
         if !values.iter().all(|x| *x >= low && *x <= high) {
-            return Err(value(file, &key(name), &format!("{values:?}"), &format!("each must be {low} to {high}")));
+            let bound = format!("each must be {low} to {high}");
+            return Err(RobotError::value(file, key(name), format!("{values:?}"), bound));
         }
     }
     let pose = Pose::from_xyz_rpy(entry.center_m, entry.rpy_deg.map(f64::to_radians));
     Ok(Solid::Box { center: pose.t, r: pose.r, half_m: Vector3::from(entry.size_m) / 2.0 })
-}
-
-fn value(file: &str, key: &str, value: &str, bound: &str) -> RobotError {
-    RobotError::Value { file: file.into(), key: key.into(), value: value.into(), bound: bound.into() }
 }

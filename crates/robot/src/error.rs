@@ -41,3 +41,22 @@ pub enum RobotError {
     #[error("{file}: {key} = {value}, {bound}")]
     Value { file: String, key: String, value: String, bound: String },
 }
+
+impl RobotError {
+    pub(crate) fn value(
+        file: &str,
+        key: impl Into<String>,
+        value: impl Into<String>,
+        bound: impl Into<String>,
+    ) -> Self {
+        Self::Value { file: file.into(), key: key.into(), value: value.into(), bound: bound.into() }
+    }
+
+    pub(crate) fn unknown(file: &str, key: impl Into<String>, name: &str, expected: &str) -> Self {
+        Self::Unknown { file: file.into(), key: key.into(), name: name.into(), expected: expected.into() }
+    }
+
+    pub(crate) fn duplicate(file: &str, key: &str, name: &str) -> Self {
+        Self::Duplicate { file: file.into(), key: key.into(), name: name.into() }
+    }
+}

@@ -174,9 +174,7 @@ impl RobotFile {
         }
         let parsed: Self = toml::from_str(text)
             .map_err(|error| RobotError::Syntax { file: file.into(), cause: error.to_string().trim_end().into() })?;
-        let refuse = |key: &str, value: String, bound: &str| {
-            Err(RobotError::Value { file: file.into(), key: key.into(), value, bound: bound.into() })
-        };
+        let refuse = |key: &str, value: String, bound: &str| Err(RobotError::value(file, key, value, bound));
         if parsed.format != FORMAT {
             return refuse("format", parsed.format.to_string(), &format!("this version reads {FORMAT}"));
         }

@@ -59,8 +59,7 @@ impl Inertia {
 pub(crate) fn read(file: &str, link: &urdf_rs::Link) -> Result<Inertia, RobotError> {
     let (inertial, i) = (&link.inertial, &link.inertial.inertia);
     let refuse = |key: &str, value: f64, bound: String| {
-        let key = format!("link `{}`: {key}", link.name);
-        Err(RobotError::Value { file: file.into(), key, value: value.to_string(), bound })
+        Err(RobotError::value(file, format!("link `{}`: {key}", link.name), value.to_string(), bound))
     };
     let mass_kg = inertial.mass.value;
     if !(0.0..=MASS_MAX_KG).contains(&mass_kg) {

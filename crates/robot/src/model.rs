@@ -227,7 +227,7 @@ impl Source<'_> {
             return Ok(value);
         }
         let bound = format!("must lie in [{}, {}]", bound.start(), bound.end());
-        Err(RobotError::Value { file: self.toml.into(), key: key.into(), value: value.to_string(), bound })
+        Err(self.value(key, value.to_string(), bound))
     }
 
     fn derive_arms(&self, reference_rad: &BTreeMap<String, f64>, model: &mut Model) -> Result<(), RobotError> {
@@ -261,12 +261,11 @@ impl Source<'_> {
     }
 
     pub(crate) fn value(&self, key: &str, value: String, bound: impl Into<String>) -> RobotError {
-        RobotError::Value { file: self.toml.into(), key: key.into(), value, bound: bound.into() }
+        RobotError::value(self.toml, key, value, bound)
     }
 
     fn unknown_link(&self, key: &str, name: &str) -> RobotError {
-        let (file, key, name) = (self.toml.into(), key.into(), name.into());
-        RobotError::Unknown { file, key, name, expected: "a link of the URDF".into() }
+        RobotError::unknown(self.toml, key, name, "a link of the URDF")
     }
 
     pub(crate) fn joint(&self, file: &str, joint: &str, key: &str, value: f64, bound: impl Into<String>) -> RobotError {
@@ -280,25 +279,19 @@ impl Source<'_> {
         mut names: impl Iterator<Item = &'n String>,
         joint_names: &[String; JOINTS],
     ) -> Result<(), RobotError> {
-        names.find(|name| !joint_names.contains(name)).map_or(Ok(()), |name| {
-            let (file, key, name) = (self.toml.into(), table.into(), name.clone());
-            Err(RobotError::Unknown { file, key, name, expected: "a commanded joint".into() })
-        })
+        let unknown = names.find(|name| !joint_names.contains(name));
+        unknown.map_or(Ok(()), |name| Err(RobotError::unknown(self.toml, table, name, "a commanded joint")))
     }
 
     /// Finds the commanded joints in the tree. Each must be of a kind that can be commanded.
     fn find_joints(&self, names: &[String; JOINTS], tree: &Tree) -> Result<[usize; JOINTS], RobotError> {
         let mut at = [0; JOINTS];
         for (j, name) in names.iter().enumerate() {
-            at[j] = tree.joint(name).ok_or_else(|| RobotError::Unknown {
-                file: self.toml.into(),
-                key: "joints".into(),
-                name: name.clone(),
-                expected: "a joint of the URDF".into(),
-            })?;
+            at[j] = tree
+                .joint(name)
+                .ok_or_else(|| RobotError::unknown(self.toml, "joints", name, "a joint of the URDF"))?;
             if at[..j].contains(&at[j]) {
-                let (file, key) = (self.toml.into(), "joint".into());
-                return Err(RobotError::Duplicate { file, key, name: name.clone() });
+                return Err(RobotError::duplicate(self.toml, "joint", name));
             }
             let joint = &tree.joints[at[j]];
             let (wanted, bound) = if j == TORSO {
@@ -323,9 +316,8 @@ impl Source<'_> {
         for name in held {
             let known = tree.joint(name).filter(|joint| !at.contains(joint));
             if known.is_none() {
-                let (file, key, name) = (self.toml.into(), "held_joints".into(), name.clone());
-                let expected = "a joint of the URDF that is not commanded".into();
-                return Err(RobotError::Unknown { file, key, name, expected });
+                let expected = "a joint of the URDF that is not commanded";
+                return Err(RobotError::unknown(self.toml, "held_joints", name, expected));
             }
         }
         for (index, joint) in tree.joints.iter().enumerate() {

@@ -69,12 +69,8 @@ impl Tree {
             if let Some(mimic) = &joint.mimic
                 && !joint_index.contains_key(mimic.joint.as_str())
             {
-                return Err(RobotError::Unknown {
-                    file: file.into(),
-                    key: format!("joint `{}`: mimic", joint.name),
-                    name: mimic.joint.clone(),
-                    expected: "a joint of this file".into(),
-                });
+                let key = format!("joint `{}`: mimic", joint.name);
+                return Err(RobotError::unknown(file, key, &mimic.joint, "a joint of this file"));
             }
             joints.push(read_joint(file, joint, &index)?);
         }
@@ -133,7 +129,7 @@ fn unique<'a>(file: &str, key: &str, names: &'a [String]) -> Result<HashMap<&'a 
     let mut index = HashMap::with_capacity(names.len());
     for (at, name) in names.iter().enumerate() {
         if index.insert(name.as_str(), at).is_some() {
-            return Err(RobotError::Duplicate { file: file.into(), key: key.into(), name: name.clone() });
+            return Err(RobotError::duplicate(file, key, name));
         }
     }
     Ok(index)
@@ -141,12 +137,8 @@ fn unique<'a>(file: &str, key: &str, names: &'a [String]) -> Result<HashMap<&'a 
 
 fn read_joint(file: &str, joint: &urdf_rs::Joint, links: &HashMap<&str, usize>) -> Result<UrdfJoint, RobotError> {
     let link = |key: &str, name: &str| {
-        links.get(name).copied().ok_or_else(|| RobotError::Unknown {
-            file: file.into(),
-            key: format!("joint `{}`: {key}", joint.name),
-            name: name.into(),
-            expected: "a link of this file".into(),
-        })
+        let key = format!("joint `{}`: {key}", joint.name);
+        links.get(name).copied().ok_or_else(|| RobotError::unknown(file, key, name, "a link of this file"))
     };
     let refuse = |key: &str, value: f64, bound: &str| RobotError::Joint {
         file: file.into(),
