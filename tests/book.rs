@@ -1,86 +1,85 @@
-//! Tables of the book that are generated from the sources: the settings and the hazards. With
-//! `TELEOPD_WRITE_DOCS=1` the tests write them. Otherwise they compare.
+//! Everything that is generated from the sources: the shipped settings, and the book's tables of settings and hazards.
+//! With `TELEOPD_WRITE_DOCS=1` the tests write them. Otherwise they compare.
 
 mod rig;
 
+use config::{Reference, Settings};
 use hazards::{Answer, GROUPS};
+use schema::Key;
 use std::fmt::Write;
 
-const SETTINGS: &str = "crates/config/src/settings.rs";
-const ENVIRONMENT: &str = "crates/robot/src/environment.rs";
-const THRESHOLDS: &str = "crates/safety/src/engage/config.rs";
-
-/// A field of a struct that is read from a file.
-#[derive(Clone, Debug, PartialEq)]
-struct Field {
-    name: String,
-    kind: String,
-    meaning: String,
-}
+const SETTINGS: &str = "config/teleop.toml";
+/// Longest line of the shipped settings, characters.
+const LINE_MAX: usize = 118;
 
 fn text(file: &str) -> String {
     std::fs::read_to_string(rig::repository().join(file)).unwrap_or_else(|error| panic!("{file}: {error}"))
 }
 
-/// Returns the public fields of a struct, each with its doc comment on one line.
-fn fields(source: &str, name: &str) -> Vec<Field> {
-    let (_, rest) = source.split_once(&format!("pub struct {name} {{\n")).unwrap_or_else(|| panic!("no struct {name}"));
-    let body = rest.split_once("\n}").expect("the struct ends").0;
-    let (mut found, mut meaning) = (Vec::new(), Vec::new());
-    for line in body.lines().map(str::trim) {
-        if let Some(words) = line.strip_prefix("///") {
-            meaning.push(words.trim().to_owned());
-        } else if let Some((name, kind)) = line.strip_prefix("pub ").and_then(|field| field.split_once(": ")) {
-            let (name, kind) = (name.to_owned(), kind.trim_end_matches(',').to_owned());
-            found.push(Field { name, kind, meaning: std::mem::take(&mut meaning).join(" ") });
-        }
-    }
-    found
+/// Returns the meaning of a key with its bounds.
+fn meaning(key: &Key) -> String {
+    let number = |x: f64| format!("{x:.4}").trim_end_matches('0').trim_end_matches('.').to_owned();
+    let bounds = key.bounds.map(|[low, high]| format!(" {} to {}.", number(low), number(high)));
+    key.meaning.join("").trim().to_owned() + &bounds.unwrap_or_default()
 }
 
-/// Returns the value of a key in a section of the shipped settings, as written. Empty if there is none.
-fn shipped(settings: &str, section: &str, key: &str) -> String {
-    let of_section = settings.lines().skip_while(|line| {
-        let head = line.split('#').next().unwrap_or_default().trim();
-        head != format!("[{section}]") && head != format!("[[{section}]]")
-    });
-    let lines = of_section.skip(1).take_while(|line| !line.starts_with('['));
-    let values = lines.filter_map(|line| line.split_once(" = ")).filter(|(name, _)| *name == key);
-    values
-        .map(|(_, rest)| format!("`{}`", rest.split(" #").next().unwrap_or_default().trim()))
-        .next()
-        .unwrap_or_default()
-}
-
-fn section(out: &mut String, settings: &str, name: &str, meaning: &str, keys: &[Field]) {
-    writeln!(out, "\n## {name}\n\n{meaning}\n\n| key | default | meaning |\n|---|---|---|").expect("a string");
-    for Field { name: key, meaning, .. } in keys {
-        assert!(!meaning.is_empty() && !meaning.contains('|'), "[{name}] {key}: {meaning:?}");
-        let value = shipped(settings, name, key);
-        let value = if value.is_empty() { "none" } else { &value };
-        writeln!(out, "| `{key}` | {value} | {meaning} |").expect("a string");
-    }
+/// Returns the value of a key as the file has it. Empty if it has no default.
+fn default(table: &Reference, key: &Key) -> String {
+    table.defaults.get(key.name).map(ToString::to_string).unwrap_or_default()
 }
 
 fn settings_table() -> String {
-    let (source, environment, settings) = (text(SETTINGS), text(ENVIRONMENT), text("config/teleop.toml"));
     let mut out = String::new();
-    for Field { name, kind, meaning } in fields(&source, "Settings") {
-        match kind.as_str() {
-            "FileKey" => {
-                let file = Field { name: "file".into(), kind: String::new(), meaning };
-                section(&mut out, &settings, &name, "", std::slice::from_ref(&file));
-            }
-            "robot::Environment" => {
-                for Field { name: list, kind, meaning } in fields(&environment, "Environment") {
-                    let entry = kind.trim_start_matches("Vec<").trim_end_matches('>');
-                    section(&mut out, &settings, &format!("{name}.{list}"), &meaning, &fields(&environment, entry));
-                }
-            }
-            kind => section(&mut out, &settings, &name, &meaning, &fields(&source, kind)),
+    for table in Settings::reference() {
+        let about = table.meaning.join("");
+        write!(out, "\n## {}\n\n{}\n\n| key | default | meaning |\n|---|---|---|\n", table.name, about.trim()).unwrap();
+        for key in table.keys {
+            let (meaning, value) = (meaning(key), default(&table, key));
+            assert!(!meaning.contains('|'), "[{}] {}: {meaning:?}", table.name, key.name);
+            let value = if value.is_empty() { "none".to_owned() } else { format!("`{value}`") };
+            writeln!(out, "| `{}` | {value} | {meaning} |", key.name).unwrap();
         }
     }
-    out.replace("\n\n\n\n", "\n\n")
+    out
+}
+
+/// Writes `text` as comments of at most [`LINE_MAX`] characters.
+fn comment(out: &mut String, text: &str) {
+    let mut line = String::from("#");
+    for word in text.split_whitespace() {
+        if line.len() + 1 + word.len() > LINE_MAX {
+            writeln!(out, "{line}").unwrap();
+            line = String::from("#");
+        }
+        line = line + " " + word;
+    }
+    writeln!(out, "{line}").unwrap();
+}
+
+fn settings_file() -> String {
+    let mut out = String::from(
+        "# teleopd, all settings. The last word of a key is its unit. Nothing here can loosen a limit of the robot.\n\
+         # cargo test --release --test book compares this file with the sources.\n",
+    );
+    for table in Settings::reference() {
+        writeln!(out).unwrap();
+        comment(&mut out, &table.meaning.join(""));
+        // A list may be empty, so its example is a comment, except for the floor.
+        let listed = table.name.contains('.');
+        let hidden = if listed && table.name != "environment.planes" { "# " } else { "" };
+        let head = if listed { format!("[[{}]]", table.name) } else { format!("[{}]", table.name) };
+        writeln!(out, "{hidden}{head}").unwrap();
+        for key in table.keys {
+            comment(&mut out, &meaning(key));
+            let value = default(&table, key);
+            if value.is_empty() {
+                writeln!(out, "# {} = 0.0", key.name).unwrap();
+            } else {
+                writeln!(out, "{hidden}{} = {value}", key.name).unwrap();
+            }
+        }
+    }
+    out
 }
 
 fn hazards_table() -> String {
@@ -100,18 +99,22 @@ fn hazards_table() -> String {
     out
 }
 
+/// Compares a page with the one on disk, or writes it.
+fn compare(file: &str, before: &str, page: String) {
+    if std::env::var_os("TELEOPD_WRITE_DOCS").is_some() {
+        return std::fs::write(rig::repository().join(file), page).expect("it is written");
+    }
+    let again = "TELEOPD_WRITE_DOCS=1 cargo test --release --test book";
+    assert!(before == page, "{file} does not say what the sources say; {again} writes it");
+}
+
 /// Compares the text between two marks of a chapter with `table`, or writes the table there.
 fn check(chapter: &str, name: &str, table: &str) {
     let (begin, end) = (format!("<!-- {name}: written by tests/book.rs -->\n"), format!("\n<!-- end of {name} -->"));
     let page = text(chapter);
     let (before, rest) = page.split_once(&begin).unwrap_or_else(|| panic!("{chapter} lacks {begin}"));
-    let (stands, after) = rest.split_once(&end).unwrap_or_else(|| panic!("{chapter} lacks {end}"));
-    if std::env::var_os("TELEOPD_WRITE_DOCS").is_some() {
-        let page = format!("{before}{begin}{table}{end}{after}");
-        return std::fs::write(rig::repository().join(chapter), page).expect("the chapter is written");
-    }
-    let again = "TELEOPD_WRITE_DOCS=1 cargo test --release --test book";
-    assert!(stands == table, "{chapter} does not say what the sources say; {again} writes it");
+    let (_, after) = rest.split_once(&end).unwrap_or_else(|| panic!("{chapter} lacks {end}"));
+    compare(chapter, &page, format!("{before}{begin}{table}{end}{after}"));
 }
 
 #[test]
@@ -124,42 +127,23 @@ fn hazards_of_the_evidence_chapter_match_the_list() {
     check("docs/src/evidence.md", "hazards", &hazards_table());
 }
 
-/// Returns the bounds that the code checks with literal numbers: section, key, `low to high`.
-fn bounds() -> Vec<(String, String, String)> {
-    let whole = text(SETTINGS);
-    let rows = |source: &str, section: &str| -> Vec<_> {
-        let rows = source.lines().filter_map(|line| line.trim().strip_prefix("(\"")?.strip_suffix("),"));
-        let numbers = rows.filter_map(|row| {
-            let (key, rest) = row.split_once("\", ")?;
-            let mut last = rest.rsplit(", ").map(|number| number.replace('_', "").parse::<f64>().ok());
-            let (high, low) = (last.next()??, last.next()??);
-            let (section, key) = key.split_once('.').unwrap_or((section, key));
-            Some((section.to_owned(), key.to_owned(), format!("{low} to {high}")))
-        });
-        numbers.collect()
-    };
-    [rows(&whole, "?"), rows(&text(THRESHOLDS), "safety")].concat()
+#[test]
+fn shipped_settings_match_the_sources() {
+    compare(SETTINGS, &text(SETTINGS), settings_file());
+    assert_eq!(Settings::parse(SETTINGS, &text(SETTINGS)).expect("valid"), Settings::default());
 }
 
 #[test]
-fn every_bounded_setting_names_its_checked_bounds() {
-    let table = settings_table();
-    let bounds = bounds();
-    assert!(bounds.len() > 35, "{bounds:?}");
-    for (section, key, range) in bounds {
-        let (_, rest) = table.split_once(&format!("\n## {section}\n")).unwrap_or_else(|| panic!("no [{section}]"));
-        let rows = rest.split("\n## ").next().unwrap_or_default();
-        let row = rows.lines().find(|line| line.starts_with(&format!("| `{key}` |")));
-        assert!(row.is_some_and(|row| row.contains(&range)), "[{section}] {key} is bounded by {range}: {row:?}");
+fn reference_names_every_table_and_key_of_the_settings() {
+    let parsed: toml::Table = text(SETTINGS).parse().expect("TOML");
+    let reference = Settings::reference();
+    for (name, table) in parsed.iter().filter(|(name, _)| *name != "environment") {
+        let known = reference.iter().find(|known| known.name == name).expect(name);
+        let keys: Vec<_> = table.as_table().expect("a table").keys().collect();
+        let mut named: Vec<_> =
+            known.keys.iter().map(|key| key.name).filter(|key| !key.starts_with("payload_")).collect();
+        named.sort_unstable();
+        assert_eq!(keys, named, "[{name}]");
     }
-}
-
-#[test]
-fn parsed_fields_have_their_comments_and_defaults() {
-    let source = "pub struct A {\n    /// One\n    /// two.\n    #[serde(default)]\n    pub x_ms: Option<f64>,\n    pub y: u32,\n}\n";
-    let field =
-        |name: &str, kind: &str, meaning: &str| Field { name: name.into(), kind: kind.into(), meaning: meaning.into() };
-    assert_eq!(fields(source, "A"), [field("x_ms", "Option<f64>", "One two."), field("y", "u32", "")]);
-    let settings = "[a]\nx = 1\n[b]     # x = 3\nx = [\"p\"]   # said\n# y = 2\n";
-    assert_eq!([shipped(settings, "b", "x"), shipped(settings, "b", "y")], ["`[\"p\"]`", ""]);
+    assert_eq!(parsed.len() + 1, reference.len(), "environment has two");
 }

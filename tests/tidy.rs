@@ -10,8 +10,8 @@ use std::process::Command;
 
 /// Crates that never do IO, never read a clock and never block.
 const PURE: [&str; 14] = [
-    "messages", "robot", "layouts", "skeleton", "retarget", "follow", "wbc", "safety", "driver", "plant", "sim",
-    "ingest", "explain", "control",
+    "schema", "messages", "robot", "layouts", "skeleton", "retarget", "follow", "wbc", "safety", "driver", "plant",
+    "sim", "ingest", "explain", "control",
 ];
 
 /// Packages that a pure crate must not depend on, even indirectly.
@@ -21,7 +21,8 @@ const NOT_FROM_PURE: [&str; 7] = ["rt", "bus", "iceoryx2", "libc", "tokio", "rus
 const MAY_DEPEND_ON: &[(&str, &[&str])] = &[
     ("hazards", &[]),
     ("messages", &[]),
-    ("robot", &["messages"]),
+    ("schema", &[]),
+    ("robot", &["messages", "schema"]),
     ("driver", &["messages"]),
     ("plant", &["messages"]),
     ("layouts", &["messages"]),
@@ -29,7 +30,7 @@ const MAY_DEPEND_ON: &[(&str, &[&str])] = &[
     ("retarget", &["messages", "robot"]),
     ("follow", &["messages", "robot"]),
     ("wbc", &["messages", "robot"]),
-    ("safety", &["messages", "robot"]),
+    ("safety", &["messages", "robot", "schema"]),
     ("sim", &["messages", "robot", "driver", "plant"]),
     ("rt", &["messages"]),
     ("bus", &["messages"]),
@@ -41,7 +42,10 @@ const MAY_DEPEND_ON: &[(&str, &[&str])] = &[
     ("instance", &["bus", "messages", "robot"]),
     ("ingest", &["layouts", "messages", "skeleton"]),
     ("explain", &["messages", "robot", "safety", "skeleton"]),
-    ("config", &["ingest", "instance", "layouts", "messages", "retarget", "robot", "sim", "skeleton"]),
+    (
+        "config",
+        &["ingest", "instance", "layouts", "messages", "retarget", "robot", "safety", "schema", "sim", "skeleton"],
+    ),
     ("control", &["driver", "follow", "messages", "retarget", "robot", "safety", "wbc"]),
     (
         "world",

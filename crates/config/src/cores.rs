@@ -1,5 +1,6 @@
 //! `realtime.cores`: the cores of retarget, control and the driver.
 
+use schema::OutOfBounds;
 use serde::de::{Error, SeqAccess, Visitor};
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
@@ -18,12 +19,11 @@ pub enum Cores {
 }
 
 impl Cores {
-    /// Values to check: key, value, lowest, highest.
-    pub(crate) fn bounds(&self) -> Vec<(&'static str, f64, f64, f64)> {
-        let Self::List(list) = self else { return Vec::new() };
-        let length = ("realtime.cores (how many)", list.len() as f64, 1.0, CORE_MAX + 1.0);
-        let each = list.iter().map(|core| ("realtime.cores (each)", f64::from(*core), 0.0, CORE_MAX));
-        std::iter::once(length).chain(each).collect()
+    /// Checks the number of cores, and each.
+    pub(crate) fn check(&self) -> Result<(), OutOfBounds> {
+        let Self::List(list) = self else { return Ok(()) };
+        schema::check("cores (how many)", &(list.len() as f64), 1.0, CORE_MAX + 1.0)?;
+        list.iter().try_for_each(|core| schema::check("cores (each)", core, 0.0, CORE_MAX))
     }
 }
 

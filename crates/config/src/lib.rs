@@ -11,9 +11,10 @@ pub use cores::Cores;
 pub use interface::RobotInterface;
 pub use load::{Loaded, Overrides, load, load_model, load_weights, read_settings, read_text};
 pub use operators::{Operator, Operators};
+pub use safety::engage::Settings as SafetySettings;
 pub use settings::{
-    ControlSettings, DoorSettings, DriverKind, DriverSettings, EmergencyStopReset, FileKey, HandOff, IngestSettings,
-    Method, MetricsSettings, Policy, RealtimeSettings, RetargetSettings, SafetySettings, Settings, SimSettings,
+    ControlSettings, DoorSettings, DriverKind, DriverSettings, EmergencyStopReset, HandOff, IngestSettings, Method,
+    MetricsSettings, Policy, RealtimeSettings, Reference, RetargetSettings, Settings, SimSettings,
 };
 
 /// Reason for which an instance cannot start. The text names file, key, value and bound.

@@ -20,43 +20,50 @@ const FAR_M: f64 = 10.0;
 const NORMAL_TOLERANCE: f64 = 1e-3;
 
 /// Obstacles of the settings file. All values are in metres, in the base's frame.
-#[derive(Clone, Debug, Default, Deserialize, PartialEq, Serialize)]
+#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct Environment {
-    /// Floors and walls. At most 8. Every capsule that moves keeps the robot file's `clearance_min_mm` from them.
+    /// Floors and walls.
     #[serde(default)]
     pub planes: Vec<PlaneEntry>,
-    /// Tables and cupboards, kept clear in the same way. At most 8.
+    /// Tables and cupboards.
     #[serde(default)]
     pub boxes: Vec<BoxEntry>,
 }
 
-/// A solid half-space: all x with normal . x <= offset.
-#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
-#[serde(deny_unknown_fields)]
-pub struct PlaneEntry {
-    /// Unique name of 1 to 64 characters, none of them a control character.
-    pub name: String,
-    /// Unit vector that points out of the solid half. Its length is 1 within 0.001.
-    pub normal: [f64; 3],
-    /// Distance of the surface from the base's origin along the normal, m. -10 to 10.
-    pub offset_m: f64,
+/// The floor alone.
+impl Default for Environment {
+    fn default() -> Self {
+        Self { planes: vec![PlaneEntry::default()], boxes: Vec::new() }
+    }
 }
 
-/// A solid box.
-#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
-#[serde(deny_unknown_fields)]
-pub struct BoxEntry {
-    /// Unique name of 1 to 64 characters, none of them a control character.
-    pub name: String,
-    /// Centre, m. Each -10 to 10.
-    pub center_m: [f64; 3],
-    /// Lengths of the edges, m. Each 0.001 to 20.
-    pub size_m: [f64; 3],
-    /// Roll, pitch and yaw, degrees, with R = Rz(yaw) Ry(pitch) Rx(roll). Each -360 to 360. Without it the edges are
-    /// parallel to the base's axes.
-    #[serde(default)]
-    pub rpy_deg: [f64; 3],
+schema::table! {
+    /// Floors and walls: all x with normal . x <= offset is solid. At most 8. Every capsule that moves keeps the robot
+    /// file's `clearance_min_mm` from them.
+    pub struct PlaneEntry {
+        /// Unique name of 1 to 64 characters, none of them a control character.
+        name: String = "floor".to_owned();
+        /// Unit vector that points out of the solid half. Its length is 1 within 0.001.
+        normal: [f64; 3] = [0.0, 0.0, 1.0];
+        /// Distance of the surface from the base's origin along the normal, m. -10 to 10.
+        offset_m: f64 = 0.0;
+    }
+}
+
+schema::table! {
+    /// Tables and cupboards, kept clear in the same way. At most 8.
+    pub struct BoxEntry {
+        /// Unique name of 1 to 64 characters, none of them a control character.
+        name: String = "table".to_owned();
+        /// Centre, m. Each -10 to 10. The default is the top of a table, 0.7 m ahead.
+        center_m: [f64; 3] = [1.1, 0.0, 0.73];
+        /// Lengths of the edges, m. Each 0.001 to 20.
+        size_m: [f64; 3] = [0.8, 1.6, 0.04];
+        /// Roll, pitch and yaw, degrees, with R = Rz(yaw) Ry(pitch) Rx(roll). Each -360 to 360. Without it the edges are
+        /// parallel to the base's axes.
+        #[serde(default)] rpy_deg: [f64; 3] = [0.0; 3];
+    }
 }
 
 /// A solid that does not move, in the base frame, m.

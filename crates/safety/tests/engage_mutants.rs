@@ -4,13 +4,18 @@
 use crate::support;
 
 use messages::{FAULTS, Fault, Mode, Stamp, deadline, reduced_flag};
-use safety::engage::{Config, Output, Permit};
+use safety::engage::{Config, Output, Permit, Settings};
 use support::{Alive, Bench, settings, ticks};
+
+/// Thresholds with all real-time bounds multiplied by `factor`.
+fn relaxed(factor: f64) -> Config {
+    Config::relaxed(&Settings { stale_factor_without_realtime: factor, ..settings() }).expect("allowed")
+}
 
 /// Number of ticks until the mode is `mode`, with all real-time bounds multiplied by `factor`.
 fn patience(factor: f64, mode: Mode, fail: impl Fn(&mut Bench)) -> u64 {
     let mut bench = Bench::engaged();
-    bench.config = Config::relaxed(&settings(), factor).expect("allowed");
+    bench.config = relaxed(factor);
     fail(&mut bench);
     bench.until(mode, 10_000)
 }
@@ -37,7 +42,7 @@ fn timeouts_grow_with_factor_except_tracking_error() {
 fn missed_deadline_limit_grows_with_factor() {
     for (factor, missed, stops) in [(1.0, 9, false), (1.0, 10, true), (10.0, 99, false), (10.0, 100, true)] {
         let mut bench = Bench::engaged();
-        bench.config = Config::relaxed(&settings(), factor).expect("allowed");
+        bench.config = relaxed(factor);
         bench.input.deadlines_missed = missed;
         assert_eq!(bench.step().active.has(Fault::DeadlineMissed), stops, "{missed} with {factor}");
     }

@@ -1,6 +1,6 @@
 //! Converts the settings into the stages' configurations.
 
-use config::{ConfigError, IngestSettings, Loaded, Method, Operators, RobotInterface, SafetySettings};
+use config::{ConfigError, IngestSettings, Loaded, Method, Operators, RobotInterface};
 use layouts::Layouts;
 use messages::{HEAD, LEFT_ARM, TORSO};
 use retarget::ArmModel;
@@ -43,10 +43,10 @@ pub fn control_config(loaded: &Loaded, realtime: bool) -> Result<control::Config
     let tracking = loaded.settings.tracking_error_factor();
     let hand_speed = safety.hand_speed_m_per_s();
     let options = wbc::Options::default().interface(certified(interface)).hand_speed_m_per_s(hand_speed);
-    let factor = if realtime { 1.0 } else { safety.stale_factor_without_realtime };
+    let engage = if realtime { engage::Config::new(safety) } else { engage::Config::relaxed(safety) };
     let wbc = wbc::Config::new(&model, options).map_err(|error| ConfigError::stage("whole-body control", error))?;
     Ok(control::Config {
-        engage: engage::Config::relaxed(&thresholds(safety), factor)
+        engage: engage
             .map(|engage| engage.with_tracking_factor(tracking))
             .map_err(|error| ConfigError::Syntax { file: loaded.config_name(), cause: error.to_string() })?,
         gate: gate::Config::with_interface(&model, &gated(interface, &model))
@@ -96,31 +96,6 @@ pub(crate) fn sim_config_of(
         ..sim::Options::default()
     };
     sim::Config::new(&loaded.model, &options).map_err(|error| ConfigError::stage("sim", error))
-}
-
-/// Returns the thresholds of the monitors.
-pub(crate) fn thresholds(settings: &SafetySettings) -> engage::Settings {
-    engage::Settings {
-        target_stale_ms: settings.target_stale_ms,
-        target_late_ms: settings.target_late_ms,
-        state_late_ms: settings.state_late_ms,
-        state_stale_ms: settings.state_stale_ms,
-        input_late_ms: settings.input_late_ms,
-        input_stale_ms: settings.input_stale_ms,
-        operator_silent_ms: settings.operator_silent_ms,
-        enable_released_ms: settings.enable_released_ms,
-        hold_timeout_ms: settings.hold_timeout_ms,
-        tracking_error_rad: settings.tracking_error_rad,
-        tracking_error_now_rad: settings.tracking_error_now_rad,
-        tracking_error_m: settings.tracking_error_m,
-        tracking_error_now_m: settings.tracking_error_now_m,
-        tracking_error_ms: settings.tracking_error_ms,
-        target_jump_slow_ms: settings.target_jump_slow_ms,
-        target_jump_hold_ms: settings.target_jump_hold_ms,
-        deadlines_missed_slow: settings.deadlines_missed_slow,
-        deadlines_missed_max: settings.deadlines_missed_max,
-        deadlines_late_per_s_max: settings.deadlines_late_per_s_max,
-    }
 }
 
 /// Converts an interface for the certificate.

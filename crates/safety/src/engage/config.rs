@@ -8,57 +8,67 @@ use thiserror::Error;
 #[allow(missing_docs, reason = "the texts name the fields")]
 pub enum ConfigError {
     /// Returned if a value is outside the range that the program allows.
-    #[error("safety.{key} = {value}: must lie in [{min}, {max}]")]
-    OutOfRange { key: &'static str, value: f64, min: f64, max: f64 },
+    #[error("safety.{0}")]
+    OutOfRange(#[from] schema::OutOfBounds),
     /// Returned if two settings contradict each other.
     #[error("safety.{lesser} = {lesser_value} must be below safety.{greater} = {greater_value}")]
     Order { lesser: &'static str, lesser_value: f64, greater: &'static str, greater_value: f64 },
 }
 
-/// Values of the configuration file, named as its keys. There are no defaults: the integrator sets every
-/// value.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Settings {
-    /// Longest silence of `retarget` before the robot holds, ms.
-    pub target_stale_ms: f64,
-    /// Silence of `retarget` after which the speed begins to fall, ms. It reaches zero where the robot holds.
-    pub target_late_ms: f64,
-    /// Longest silence of the driver before the robot holds, ms.
-    pub state_late_ms: f64,
-    /// Longest silence of the driver before the robot stops, ms.
-    pub state_stale_ms: f64,
-    /// Silence of the person's skeleton after which the speed begins to fall, ms. It reaches zero where the
-    /// robot holds.
-    pub input_late_ms: f64,
-    /// Longest silence of the person's skeleton before the robot holds, ms.
-    pub input_stale_ms: f64,
-    /// Longest silence of the operator's heartbeat before authority is released, ms.
-    pub operator_silent_ms: f64,
-    /// Time for which the enable must have been seen released since start before an edge counts, ms.
-    pub enable_released_ms: f64,
-    /// Longest duration of Holding, ms.
-    pub hold_timeout_ms: f64,
-    /// Largest |command - measured| of a revolute joint that is tolerated for longer than
-    /// `tracking_error_ms`, rad.
-    pub tracking_error_rad: f64,
-    /// Largest |command - measured| of a revolute joint that is tolerated at all, rad.
-    pub tracking_error_now_rad: f64,
-    /// As `tracking_error_rad`, but of prismatic joints, m.
-    pub tracking_error_m: f64,
-    /// As `tracking_error_now_rad`, but of prismatic joints, m.
-    pub tracking_error_now_m: f64,
-    /// Time for which a tracking error above the lesser bound is tolerated, ms.
-    pub tracking_error_ms: f64,
-    /// Time for which the command may be far behind a target that jumped before the robot follows slowly, ms.
-    pub target_jump_slow_ms: f64,
-    /// Time for which a target may jump repeatedly before the robot holds, ms.
-    pub target_jump_hold_ms: f64,
-    /// Number of missed deadlines in a row that reduces the speed.
-    pub deadlines_missed_slow: u32,
-    /// Number of missed deadlines in a row that stops the robot.
-    pub deadlines_missed_max: u32,
-    /// Number of late ticks within a second that makes the robot hold.
-    pub deadlines_late_per_s_max: u32,
+schema::table! {
+    /// Thresholds of the monitors.
+    #[derive(Copy)]
+    pub struct Settings {
+        /// Silence of `retarget` from which the speed falls, ms. It is below `target_stale_ms`, where the speed is zero.
+        target_late_ms: f64 = 2.0, in [0.5, 50.0];
+        /// Silence of `retarget` that holds, ms.
+        target_stale_ms: f64 = 10.0, in [1.0, 50.0];
+        /// Silence of the driver that holds, ms. It is below `state_stale_ms`.
+        state_late_ms: f64 = 5.0, in [1.0, 50.0];
+        /// Silence of the driver that stops and latches, ms.
+        state_stale_ms: f64 = 20.0, in [2.0, 100.0];
+        /// Silence of the skeleton from which the speed falls, ms. It is below `input_stale_ms`, where the speed is zero.
+        /// At 50 ms one frame of 30 Hz may be lost.
+        input_late_ms: f64 = 50.0, in [5.0, 500.0];
+        /// Silence of the skeleton that holds, ms.
+        input_stale_ms: f64 = 100.0, in [10.0, 500.0];
+        /// Silence of the operator's heartbeat that releases, ms.
+        operator_silent_ms: f64 = 200.0, in [40.0, 1000.0];
+        /// How long the enable must have been released since the start before a press counts, ms. A dead-man's handle
+        /// that is stuck at the start never engages.
+        enable_released_ms: f64 = 200.0, in [200.0, 5000.0];
+        /// Longest hold, ms. Then the robot is released.
+        hold_timeout_ms: f64 = 5000.0, in [100.0, 60_000.0];
+        /// Largest tracking error of a turning joint that may last longer than `tracking_error_ms`, rad. It is below
+        /// `tracking_error_now_rad`. More stops. 5 mrad are 5 mm at 0.98 m of reach.
+        tracking_error_rad: f64 = 0.005, in [0.001, 0.25];
+        /// Largest tracking error of a turning joint, rad. More stops at once. 7 mrad are 7 mm at 0.98 m of reach, which
+        /// is `clearance_min_mm` less `clearance_measured_min_mm`.
+        tracking_error_now_rad: f64 = 0.007, in [0.001, 0.5];
+        /// As `tracking_error_rad`, for the torso lift, m. It is below `tracking_error_now_m`.
+        tracking_error_m: f64 = 0.0015, in [0.0005, 0.05];
+        /// As `tracking_error_now_rad`, for the torso lift, m.
+        tracking_error_now_m: f64 = 0.004, in [0.0005, 0.1];
+        /// How long the smaller tracking error may last, ms.
+        tracking_error_ms: f64 = 100.0, in [1.0, 500.0];
+        /// How long the command may stay far behind a target that jumped, ms. It is below `target_jump_hold_ms`. Then the
+        /// target is followed slowly.
+        target_jump_slow_ms: f64 = 250.0, in [1.0, 1000.0];
+        /// How long a target may jump again and again, ms. Then the robot holds.
+        target_jump_hold_ms: f64 = 1000.0, in [100.0, 5000.0];
+        /// Missed deadlines in a row that make the robot slow for a second. It is below `deadlines_missed_max`.
+        deadlines_missed_slow: u32 = 3, in [1.0, 50.0];
+        /// Missed deadlines in a row that stop.
+        deadlines_missed_max: u32 = 10, in [1.0, 50.0];
+        /// Late ticks within a second that hold.
+        deadlines_late_per_s_max: u32 = 10, in [1.0, 100.0];
+        /// Factor on the stale times and on the number of missed deadlines above, where scheduling is not real-time.
+        stale_factor_without_realtime: f64 = 20.0, in [1.0, 50.0];
+        /// Largest speed of elbows and hands in the base frame, m/s.
+        hand_speed_max_m_per_s: f64 = 3.0, in [0.05, 3.0];
+        /// Limits elbows and hands to 0.25 m/s, the reduced speed of ISO 10218-1.
+        hand_speed_reduced: bool = false;
+    }
 }
 
 /// Validated thresholds, in the integers that the tick compares.
@@ -85,44 +95,23 @@ pub struct Config {
     pub(super) deadlines_late_per_s_max: u32,
 }
 
-/// Largest relaxation of the real-time streams where scheduling is not real-time. A 2-core machine under load
-/// was seen to oversleep by tens of ms (2026-11). A factor of 100 would already be a second.
-const RELAX_MAX: f64 = 100.0;
+/// Reduced speed, m/s: ISO 10218-1:2011, 5.6.2, 250 mm/s.
+const HAND_SPEED_REDUCED_M_PER_S: f64 = 0.25;
 
 impl Settings {
-    /// Returns (key, value, least, most). The ceilings are two to ten times the shipped values. A
-    /// configuration may adapt a monitor to a robot, but may not switch it off.
-    fn bounds(&self) -> [(&'static str, f64, f64, f64); 19] {
-        [
-            ("target_stale_ms", self.target_stale_ms, 1.0, 50.0),
-            ("target_late_ms", self.target_late_ms, 0.5, 50.0),
-            ("state_late_ms", self.state_late_ms, 1.0, 50.0),
-            ("state_stale_ms", self.state_stale_ms, 2.0, 100.0),
-            ("input_late_ms", self.input_late_ms, 5.0, 500.0),
-            ("input_stale_ms", self.input_stale_ms, 10.0, 500.0),
-            ("operator_silent_ms", self.operator_silent_ms, 40.0, 1000.0),
-            ("enable_released_ms", self.enable_released_ms, 200.0, 5000.0),
-            ("hold_timeout_ms", self.hold_timeout_ms, 100.0, 60_000.0),
-            ("tracking_error_rad", self.tracking_error_rad, 0.001, 0.25),
-            ("tracking_error_now_rad", self.tracking_error_now_rad, 0.001, 0.5),
-            ("tracking_error_m", self.tracking_error_m, 0.0005, 0.05),
-            ("tracking_error_now_m", self.tracking_error_now_m, 0.0005, 0.1),
-            ("tracking_error_ms", self.tracking_error_ms, 1.0, 500.0),
-            ("target_jump_slow_ms", self.target_jump_slow_ms, 1.0, 1000.0),
-            ("target_jump_hold_ms", self.target_jump_hold_ms, 100.0, 5000.0),
-            ("deadlines_missed_slow", f64::from(self.deadlines_missed_slow), 1.0, 50.0),
-            ("deadlines_missed_max", f64::from(self.deadlines_missed_max), 1.0, 50.0),
-            ("deadlines_late_per_s_max", f64::from(self.deadlines_late_per_s_max), 1.0, 100.0),
-        ]
+    /// The bound on elbows and hands, m/s.
+    pub fn hand_speed_m_per_s(&self) -> f64 {
+        let reduced = if self.hand_speed_reduced { HAND_SPEED_REDUCED_M_PER_S } else { f64::INFINITY };
+        self.hand_speed_max_m_per_s.min(reduced)
     }
 
-    /// Checks every value against its bounds and against its partner. NaN is outside all bounds.
+    /// Checks every value against its bounds and against its partner. The ceilings are two to ten times the shipped
+    /// values. So a monitor may be adapted to a robot, but not switched off. NaN is outside all bounds.
+    ///
+    /// # Errors
+    /// Returns an error for the first value that is refused.
     pub fn validate(&self) -> Result<(), ConfigError> {
-        for (key, value, min, max) in self.bounds() {
-            if !(min..=max).contains(&value) {
-                return Err(ConfigError::OutOfRange { key, value, min, max });
-            }
-        }
+        self.check()?;
         let (slow, most) = (f64::from(self.deadlines_missed_slow), f64::from(self.deadlines_missed_max));
         let ordered = [
             ("target_late_ms", self.target_late_ms, "target_stale_ms", self.target_stale_ms),
@@ -157,20 +146,26 @@ impl Config {
     }
 
     /// Creates the thresholds for real-time scheduling.
+    ///
+    /// # Errors
+    /// Returns an error for the first setting that is refused.
     pub fn new(settings: &Settings) -> Result<Self, ConfigError> {
-        Self::relaxed(settings, 1.0)
+        Self::scaled(settings, 1.0)
     }
 
     /// Creates the thresholds for a simulated driver without real-time scheduling. Times of the 1500 Hz
-    /// streams and of this process's own deadlines are `factor` (1 to 100) times as long. Human-scale times
-    /// and tracking bounds stay as they are.
-    pub fn relaxed(settings: &Settings, factor: f64) -> Result<Self, ConfigError> {
+    /// streams and of this process's own deadlines are `stale_factor_without_realtime` times as long. Human-scale
+    /// times and tracking bounds stay as they are.
+    ///
+    /// # Errors
+    /// Returns an error for the first setting that is refused.
+    pub fn relaxed(settings: &Settings) -> Result<Self, ConfigError> {
+        Self::scaled(settings, settings.stale_factor_without_realtime)
+    }
+
+    fn scaled(settings: &Settings, factor: f64) -> Result<Self, ConfigError> {
         settings.validate()?;
-        if !(1.0..=RELAX_MAX).contains(&factor) {
-            let key = "stale_factor_without_realtime";
-            return Err(ConfigError::OutOfRange { key, value: factor, min: 1.0, max: RELAX_MAX });
-        }
-        // No value overflows: the largest is 60 s times 100, which is 6e12 ns.
+        // No value overflows: the largest is 60 s times 50, which is 3e12 ns.
         let ns = |ms: f64| (ms * 1e6) as u64;
         Ok(Self {
             target_stale_ns: ns(settings.target_stale_ms * factor),
@@ -203,25 +198,16 @@ mod tests {
     #[test]
     fn relaxed_config_scales_target_state_and_deadline_limits_only() {
         let settings = Settings {
-            target_stale_ms: 10.0,
-            target_late_ms: 2.0,
-            state_late_ms: 5.0,
-            state_stale_ms: 20.0,
-            input_late_ms: 50.0,
-            input_stale_ms: 100.0,
-            operator_silent_ms: 200.0,
             enable_released_ms: 210.0,
-            hold_timeout_ms: 5000.0,
             tracking_error_rad: 0.05,
             tracking_error_now_rad: 0.15,
             tracking_error_m: 0.01,
             tracking_error_now_m: 0.03,
             tracking_error_ms: 110.0,
-            target_jump_slow_ms: 250.0,
-            target_jump_hold_ms: 1000.0,
-            deadlines_missed_slow: 3,
             deadlines_missed_max: 9,
             deadlines_late_per_s_max: 12,
+            stale_factor_without_realtime: 4.0,
+            ..Settings::default()
         };
         let ns = |ms: u64| ms * 1_000_000;
         let strict = Config {
@@ -255,6 +241,6 @@ mod tests {
             deadlines_late_per_s_max: 48,
             ..strict
         };
-        assert_eq!((Config::new(&settings), Config::relaxed(&settings, 4.0)), (Ok(strict), Ok(relaxed)));
+        assert_eq!((Config::new(&settings), Config::relaxed(&settings)), (Ok(strict), Ok(relaxed)));
     }
 }
