@@ -65,11 +65,6 @@ impl Commander {
         target: Option<wbc::Target<'_>>,
         permit: engage::Permit,
     ) -> wbc::Output {
-        let permit = match permit {
-            engage::Permit::Follow { speed_scale } => wbc::Permit::Follow { speed_scale },
-            engage::Permit::Recover => wbc::Permit::Recover,
-            engage::Permit::Stop => wbc::Permit::Stop,
-        };
         wbc::tick(config, &mut self.wbc, now, wbc::Input { k, target, permit })
     }
 

@@ -15,6 +15,7 @@ mod layout;
 mod named;
 mod operator;
 mod payload;
+mod permit;
 mod person_change;
 mod port;
 mod service;
@@ -32,6 +33,7 @@ pub use joints::{ALL_JOINTS, ARM_JOINTS, HEAD, JOINTS, LEFT_ARM, RIGHT_ARM, TORS
 pub use layout::{FNV_BASIS, Field, Layout, Message, TypeName, fnv};
 pub use operator::{HOLDS_ENABLE, HOLDS_RECOVERY, OPERATOR_VERSION, OperatorRequest, payload_flag};
 pub use payload::{PayloadOrder, PayloadRefusal};
+pub use permit::Permit;
 pub use person_change::PersonChange;
 pub use port::{RobotMeasured, RobotSetpoint, measured_flag};
 pub use service::{Domain, SERVICES, Service, ServiceRow};

@@ -36,7 +36,8 @@ mod watch;
 use messages::{Fault, Faults, Mode, Response, Stamp, Transition};
 
 pub use config::{Config, ConfigError, Settings};
-pub use input::{Input, MotionView, OperatorView, Output, Permit, RobotView, TargetView};
+pub use input::{Input, MotionView, OperatorView, Output, RobotView, TargetView};
+pub use messages::Permit;
 pub use reduced::SLOW;
 
 use reduced::Reduced;

@@ -59,8 +59,9 @@ pub use config::{
     WbcError,
 };
 pub use interface::{Interface, Interpolation};
+pub use messages::Permit;
 pub use plan::{JointState, JointStop, Planned};
 pub use tick::{
-    Candidate, Input, Output, Permit, State, Target, certify_plan, certify_rest, certify_torque, overloaded_at_rest,
-    tick, torques,
+    Candidate, Input, Output, State, Target, certify_plan, certify_rest, certify_torque, overloaded_at_rest, tick,
+    torques,
 };

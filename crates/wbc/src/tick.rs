@@ -11,7 +11,7 @@ use crate::motion::Motion;
 use crate::plan::{JointState, Planned};
 use crate::recover::Recovery;
 use crate::torque::{self, Load, TorqueScratch, TorqueVerdict};
-use messages::{ALL_JOINTS, JOINTS, PayloadRefusal, Stamp, StopPlan, TICK_S, command_flag};
+use messages::{ALL_JOINTS, JOINTS, PayloadRefusal, Permit, Stamp, StopPlan, TICK_S, command_flag};
 use robot::Payload;
 
 /// A joint within this distance of its target counts as on target, rad or m. It is half the limb error that a
@@ -29,21 +29,6 @@ pub struct Target<'a> {
     pub ddq: &'a [f64; JOINTS],
     /// Bit j is set if joint j has a target. The other joints go to the home posture.
     pub valid_mask: u32,
-}
-
-/// Permission for the joints to move.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Permit {
-    /// Move towards the target.
-    Follow {
-        /// Share of each joint's largest speed, (0, 1]. Anything that is not above zero stops. If the scale
-        /// falls below a joint's present speed, the joint does not get faster.
-        speed_scale: f64,
-    },
-    /// Move slowly back inside the limits and away from near pairs, whatever the target is.
-    Recover,
-    /// Play the stop and stay at its end.
-    Stop,
 }
 
 /// Input of a tick.

@@ -1,6 +1,6 @@
 //! Inputs and outputs of the state machine.
 
-use messages::{FAULTS, Faults, Mode, PayloadOrder, Stamp, Transition};
+use messages::{FAULTS, Faults, Mode, PayloadOrder, Permit, Stamp, Transition};
 
 /// The operator, as the control socket reports at this tick. An edge is an increment of a counter since the
 /// last tick.
@@ -135,30 +135,6 @@ pub struct Input {
     pub robot: RobotView,
     /// See `MotionView`.
     pub motion: MotionView,
-}
-
-/// Permission for the robot at this tick.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Permit {
-    /// Follow the target with at most `speed_scale` (0 to 1) of each joint's velocity limit.
-    Follow {
-        /// Share of the velocity limit.
-        speed_scale: f64,
-    },
-    /// Move slowly back inside the limits and to a larger clearance, and do nothing else.
-    Recover,
-    /// Play the stored stop plan, and rest at its end.
-    Stop,
-}
-
-impl Permit {
-    /// Share of the velocity limit of a motion that follows. Zero for all others.
-    pub const fn speed_scale(self) -> f64 {
-        match self {
-            Self::Follow { speed_scale } => speed_scale,
-            Self::Recover | Self::Stop => 0.0,
-        }
-    }
 }
 
 /// Decision of the state machine at this tick. Every field is always set.
