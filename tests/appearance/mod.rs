@@ -39,8 +39,9 @@ fn recording(loaded: &Loaded, speed: f64, seconds: f64, has_person: bool) -> Rec
     let _ = rt::flush_denormals();
     let (mut builder, mut heard, mut first) =
         (RecordingViewBuilder::new(&loaded.model), LatestMessages::default(), None);
-    let ended = std::cell::Cell::new(false);
-    let mut watch = |moment: &Moment, _: &_| {
+    let options = PlayOptions { speed, looped: false, calibration: CalibrationMode::First10s };
+    let mut offline = Offline::new(loaded, &motion::builtin(), options).expect("a run");
+    let _ended = offline.try_play(|PlayedTick { moment, .. }| {
         heard.skeleton = moment.skeleton.filter(|_| has_person).or(heard.skeleton);
         heard.target = moment.target.or(heard.target);
         heard.state = moment.robot.or(heard.state);
@@ -48,15 +49,8 @@ fn recording(loaded: &Loaded, speed: f64, seconds: f64, has_person: bool) -> Rec
         heard.status = moment.control.map(|control| control.status).or(heard.status);
         let at_s = (moment.k - *first.get_or_insert(moment.k)) as f64 * TICK_S;
         builder.add(&heard, at_s);
-        ended.set(at_s > seconds);
-    };
-    let options = PlayOptions { speed, looped: false, calibration: CalibrationMode::First10s };
-    let mut offline = Offline::watched(loaded, &motion::builtin(), options, &mut watch).expect("a run");
-    while offline.step_watched(&mut watch).is_ok() {
-        if ended.get() {
-            break;
-        }
-    }
+        if at_s > seconds { Err(()) } else { Ok(()) }
+    });
     builder.build()
 }
 

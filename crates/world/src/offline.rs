@@ -8,6 +8,7 @@ use messages::{JOINTS, Mode, TICK_HZ};
 use motion::Motion;
 use safety::engage::OperatorView;
 use std::collections::BTreeMap;
+use std::convert::Infallible;
 
 /// Seed of the simulated robot's noise. An offline run is the same every time.
 const SEED: u64 = 1;
@@ -64,8 +65,18 @@ pub struct OfflineReport {
     pub limb_error_measured_deg_mean: f64,
 }
 
-/// Callback that gets every tick and the operator's input.
-pub type Watch<'a> = dyn FnMut(&Moment, &OperatorView) + 'a;
+/// One tick of a run.
+#[derive(Clone, Copy, Debug)]
+pub struct PlayedTick<'a> {
+    /// Events of the tick.
+    pub moment: &'a Moment,
+    /// The operator's input.
+    pub operator: &'a OperatorView,
+    /// Row of the tick. `None` before the enable, or if control has no command.
+    pub row: Option<Row>,
+    /// Frames of the motion played, and their total number.
+    pub progress: (u64, u64),
+}
 
 /// A run in progress.
 #[derive(Clone, Debug)]
@@ -83,20 +94,13 @@ pub struct Offline {
 }
 
 impl Offline {
-    /// Starts with a robot at rest in its home posture, the first frame held, and an operator about to enable.
+    /// Creates a robot at rest in its home posture, with the first frame held and an operator about to enable.
+    ///
+    /// # Errors
+    /// Returns an error if a stage rejects the settings.
     pub fn new(loaded: &Loaded, motion: &Motion, options: PlayOptions) -> Result<Self, ConfigError> {
-        Self::watched(loaded, motion, options, &mut |_, _| {})
-    }
-
-    /// As [`Offline::new`], with a callback `watch` for every tick.
-    pub fn watched(
-        loaded: &Loaded,
-        motion: &Motion,
-        options: PlayOptions,
-        watch: &mut Watch<'_>,
-    ) -> Result<Self, ConfigError> {
         let config = WorldConfig::new(loaded)?;
-        let mut run = Self {
+        Ok(Self {
             world: World::new(&config, SEED, Links::default()),
             config,
             player: Player::new(motion, options, SEED, 1),
@@ -107,17 +111,47 @@ impl Offline {
             limb_sum_rad: 0.0,
             limb_measured_sum_rad: 0.0,
             limb_count: 0,
-        };
-        for _ in 0..SETTLE {
-            run.moment(watch);
-        }
-        run.report.modes.push((0, run.mode));
-        Ok(run)
+        })
     }
 
-    /// Frames of the motion played, and their total number.
-    pub fn progress(&self) -> (u64, u64) {
-        self.player.progress()
+    /// Plays to the end. `each` gets every tick.
+    pub fn play(&mut self, mut each: impl FnMut(&PlayedTick<'_>)) -> OfflineEnd {
+        let Ok(end) = self.try_play(|tick| {
+            each(tick);
+            Ok::<_, Infallible>(())
+        });
+        end
+    }
+
+    /// As [`Offline::play`], but an error of `each` ends the run.
+    ///
+    /// # Errors
+    /// Returns the error of `each`.
+    pub fn try_play<E>(&mut self, mut each: impl FnMut(&PlayedTick<'_>) -> Result<(), E>) -> Result<OfflineEnd, E> {
+        for _ in 0..SETTLE {
+            let (moment, operator) = self.moment();
+            each(&self.played(&moment, &operator, None))?;
+        }
+        self.report.modes.push((0, self.mode));
+        loop {
+            let k = self.report.rows;
+            if let Some(end) = self.end(k) {
+                return Ok(end);
+            }
+            if self.released_at.is_none() && self.player.finished() {
+                self.released_at = Some(k);
+            }
+            self.enabled = self.released_at.is_none();
+            let (moment, operator) = self.moment();
+            self.report.rows += 1;
+            let command = moment.control.and_then(|control| control.command);
+            let row =
+                command.zip(moment.target).map(|(command, target)| Row { k, command: command.q, target: target.q });
+            each(&self.played(&moment, &operator, row))?;
+            if row.is_none() {
+                return Ok(OfflineEnd::Stopped("control had no command to continue from".into()));
+            }
+        }
     }
 
     /// The run so far.
@@ -137,45 +171,34 @@ impl Offline {
         self.world.judged()
     }
 
-    /// Advances by one tick.
-    pub fn step(&mut self) -> Result<Row, OfflineEnd> {
-        self.step_watched(&mut |_, _| {})
+    fn played<'a>(&self, moment: &'a Moment, operator: &'a OperatorView, row: Option<Row>) -> PlayedTick<'a> {
+        PlayedTick { moment, operator, row, progress: self.player.progress() }
     }
 
-    /// As [`Offline::step`], with a callback `watch` for the tick.
-    pub fn step_watched(&mut self, watch: &mut Watch<'_>) -> Result<Row, OfflineEnd> {
-        let k = self.report.rows;
+    /// Returns the reason if the run ends before row `k`.
+    fn end(&self, k: u64) -> Option<OfflineEnd> {
         let released = self.released_at;
+        let stopped = |why: &str| Some(OfflineEnd::Stopped(why.into()));
         if self.mode == Mode::Faulted {
-            return Err(OfflineEnd::Stopped("the robot was stopped by a fault".into()));
+            return stopped("the robot was stopped by a fault");
         }
         if released.is_some() && self.mode == Mode::Disengaged {
-            return Err(OfflineEnd::AtRest);
+            return Some(OfflineEnd::AtRest);
         }
         if released.is_none() && self.player.started() && self.mode == Mode::Disengaged {
-            return Err(OfflineEnd::Stopped("the robot was released before the end of the motion".into()));
+            return stopped("the robot was released before the end of the motion");
         }
         if released.is_none() && !self.player.started() && k > ENGAGED_WITHIN {
-            return Err(OfflineEnd::Stopped("the robot did not engage".into()));
+            return stopped("the robot did not engage");
         }
         if released.is_some_and(|at| k > at + REST_WITHIN) {
-            return Err(OfflineEnd::Stopped("the robot did not come to rest".into()));
+            return stopped("the robot did not come to rest");
         }
-        if released.is_none() && self.player.finished() {
-            self.released_at = Some(k);
-        }
-        self.enabled = self.released_at.is_none();
-        let moment = self.moment(watch);
-        self.report.rows += 1;
-        let command = moment.control.and_then(|control| control.command);
-        let (Some(command), Some(target)) = (command, moment.target) else {
-            return Err(OfflineEnd::Stopped("control had no command to continue from".into()));
-        };
-        Ok(Row { k, command: command.q, target: target.q })
+        None
     }
 
     /// Runs client, operator, and one tick of all stages.
-    fn moment(&mut self, watch: &mut Watch<'_>) -> Moment {
+    fn moment(&mut self) -> (Moment, OperatorView) {
         let k = self.report.rows;
         let now = self.world.now();
         if let Some((frame, raw)) = self.player.due(now, self.mode == Mode::Engaged) {
@@ -194,7 +217,6 @@ impl Offline {
             ..OperatorView::default()
         };
         let moment = self.world.step(&self.config, &operator, Running::ALL);
-        watch(&moment, &operator);
         if let Some(control) = &moment.control {
             self.report.fallbacks = control.status.fallbacks;
             let mode = Mode::from_u32(control.status.mode).unwrap_or(Mode::Faulted);
@@ -208,6 +230,6 @@ impl Offline {
                 self.limb_count += 1;
             }
         }
-        moment
+        (moment, operator)
     }
 }

@@ -18,12 +18,7 @@ fn load(config: &Path, interface: Option<RobotInterface>) -> Loaded {
 fn replay(loaded: &Loaded) -> OfflineReport {
     let options = PlayOptions { speed: 1.0, looped: false, calibration: motion::CalibrationMode::First10s };
     let mut run = Offline::new(loaded, &motion::builtin(), options).expect("every stage takes the robot");
-    let end = loop {
-        if let Err(end) = run.step() {
-            break end;
-        }
-    };
-    assert_eq!(end, OfflineEnd::AtRest);
+    assert_eq!(run.play(|_| ()), OfflineEnd::AtRest);
     run.report().clone()
 }
 

@@ -28,13 +28,11 @@ fn short() -> Motion {
 pub fn recorded_offline(path: &Path, loaded: &Loaded) -> Vec<messages::JointCommand> {
     let mut recording = OfflineRecording::create(path, loaded).expect("a file");
     let mut commands = Vec::new();
-    let mut watch = |moment: &world::Moment, operator: &safety::engage::OperatorView| {
-        recording.moment(moment, operator);
-        commands.extend(moment.control.and_then(|control| control.command));
-    };
     let options = PlayOptions { speed: 1.0, looped: false, calibration: CalibrationMode::First10s };
-    let mut offline = Offline::watched(loaded, &short(), options, &mut watch).expect("a run");
-    while offline.step_watched(&mut watch).is_ok() {}
+    Offline::new(loaded, &short(), options).expect("a run").play(|tick| {
+        recording.moment(tick.moment, tick.operator);
+        commands.extend(tick.moment.control.and_then(|control| control.command));
+    });
     recording.finish().expect("the end of the file");
     commands
 }

@@ -9,7 +9,6 @@ use motion::Motion;
 use record::{OfflineRecording, Trace};
 use robot::Model;
 use rt::out;
-use safety::engage::OperatorView;
 use serde_json::json;
 use std::fs::File;
 use std::io::{BufWriter, Write};
@@ -50,42 +49,29 @@ pub fn run(cli: &Cli, motion: &Motion, out: &Path) -> Result<(), Failure> {
         None => None,
     };
     let mut trace = Trace::default();
-    let mut watch = |moment: &Moment, operator: &OperatorView| {
-        if let Some(recording) = &mut recording {
-            recording.moment(moment, operator);
-        }
-        if cli.plot.is_some() {
-            trace.moment(moment);
-        }
-    };
-    let mut offline = Offline::watched(&loaded, motion, options, &mut watch).map_err(Failure::config)?;
+    let mut offline = Offline::new(&loaded, motion, options).map_err(Failure::config)?;
     let file = File::create(out).map_err(|error| Failure::cannot_create(rt::unwritable(out, &error)))?;
     let mut csv = BufWriter::new(file);
     let write = |error: std::io::Error| Failure::cannot_create(rt::unwritable(out, &error));
 
     writeln!(csv, "{}", header(&loaded.model.joint_names)).map_err(write)?;
-    let bar = ProgressBar::new(offline.progress().1);
+    let bar = ProgressBar::new(0);
     if let Ok(style) = ProgressStyle::with_template("{wide_bar} {pos}/{len} frames, {elapsed}") {
         bar.set_style(style);
     }
-    let mut line = String::new();
-    let end = loop {
-        let row = match offline.step_watched(&mut watch) {
-            Ok(row) => row,
-            Err(end) => break end,
-        };
-        line.clear();
-        use std::fmt::Write as _;
-        let _ = write!(line, "{}", row.k as f64 / TICK_HZ as f64);
-        for values in [&row.command, &row.target] {
-            for value in values.iter().take(JOINTS) {
-                let _ = write!(line, ",{value}");
-            }
+    let end = offline.try_play(|tick| {
+        if let Some(recording) = &mut recording {
+            recording.moment(tick.moment, tick.operator);
         }
-        writeln!(csv, "{line}").map_err(write)?;
-        bar.set_position(offline.progress().0);
-    };
-    csv.flush().map_err(write)?;
+        if cli.plot.is_some() {
+            trace.moment(tick.moment);
+        }
+        let (played, frames) = tick.progress;
+        bar.set_length(frames);
+        bar.set_position(played);
+        tick.row.map_or(Ok(()), |row| write_row(&mut csv, &row))
+    });
+    let end = end.and_then(|end| csv.flush().map(|()| end)).map_err(write)?;
     bar.finish();
     written(cli, recording, &trace, &loaded.model)?;
     let report = offline.report();
@@ -94,6 +80,15 @@ pub fn run(cli: &Cli, motion: &Motion, out: &Path) -> Result<(), Failure> {
         OfflineEnd::AtRest => Ok(()),
         OfflineEnd::Stopped(why) => Err(Failure::failed(why)),
     }
+}
+
+/// Writes a row of the CSV.
+fn write_row(csv: &mut impl Write, row: &Row) -> std::io::Result<()> {
+    write!(csv, "{}", row.k as f64 / TICK_HZ as f64)?;
+    for value in row.command.iter().chain(&row.target) {
+        write!(csv, ",{value}")?;
+    }
+    writeln!(csv)
 }
 
 /// Closes the recording and draws the picture, if the options request them.

@@ -75,11 +75,7 @@ pub fn play(loaded: &Loaded, file: &Path) -> Played {
         Ok(offline) => offline,
         Err(error) => return Played { failed: Some(error.to_string()), ..played },
     };
-    let end = loop {
-        if let Err(end) = offline.step() {
-            break end;
-        }
-    };
+    let end = offline.play(|_| ());
     let report = offline.report();
     // Engaged ends once because of the last frame. Every other end is a hold.
     let engaged = report.modes.iter().filter(|(_, mode)| *mode == Mode::Engaged).count() as u64;

@@ -84,13 +84,8 @@ impl<'a> Stage<'a> {
         let options = PlayOptions { speed: 1.0, looped: false, calibration };
         let mut watch = Watch { stage: self, played: Played::default(), engaged_at: None };
         watch.played.name.clone_from(&motion.name);
-        let mut offline = Offline::watched(self.loaded, motion, options, &mut |moment, _| watch.see(moment))
-            .map_err(|error| error.to_string())?;
-        let end = loop {
-            if let Err(end) = offline.step_watched(&mut |moment, _| watch.see(moment)) {
-                break end;
-            }
-        };
+        let mut offline = Offline::new(self.loaded, motion, options).map_err(|error| error.to_string())?;
+        let end = offline.play(|tick| watch.see(tick.moment));
         let mut played = watch.played;
         if let OfflineEnd::Stopped(why) = end {
             played.stopped = Some(why);
