@@ -50,26 +50,39 @@ pub const STANDS_WITHIN_TICKS: u64 = TICK_HZ;
 pub const STOOD_FOR_NS: u64 = 100_000_000;
 
 /// Decides when a robot stands. It counts the times of the robot's own measurements, so a silent robot never stands.
+/// A measurement stamped `Stamp::NONE` was never made, so the count begins with the first other one.
 #[derive(Clone, Copy, Debug)]
 pub struct Standstill {
     /// The measurement at the centre of the band that no joint has left since.
     since: Measured,
+    /// Stamp of the first measurement.
+    first: Stamp,
 }
 
 impl Standstill {
     /// Begins at the robot's first measurement.
     #[must_use]
     pub fn new(measured: &Measured) -> Self {
-        Self { since: *measured }
+        Self { since: *measured, first: measured.stamp }
     }
 
     /// Takes the next measurement. Returns true if the robot has stood for [`STOOD_FOR_NS`].
     pub fn stands(&mut self, measured: &Measured) -> bool {
+        if self.first == Stamp::NONE {
+            *self = Self::new(measured);
+        }
         let stays = |j: usize| (measured.q[j] - self.since.q[j]).abs() <= ENCODER_NOISE;
         if !(0..JOINTS).all(stays) {
             self.since = *measured;
         }
         measured.stamp.since(self.since.stamp) >= STOOD_FOR_NS
+    }
+
+    /// Takes the next measurement. Returns true if the robot stands, or has not come to stand for
+    /// [`STANDS_WITHIN_TICKS`] of its own time.
+    pub fn is_over(&mut self, measured: &Measured) -> bool {
+        let stands = self.stands(measured);
+        stands || measured.stamp.since(self.first) >= STANDS_WITHIN_TICKS * 1_000_000_000 / TICK_HZ
     }
 }
 

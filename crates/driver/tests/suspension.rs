@@ -273,6 +273,18 @@ fn robot_stands_after_100_ms_without_motion_above_noise() {
 }
 
 #[test]
+fn wait_for_standstill_begins_at_first_stamped_measurement() {
+    // Returns the tick of the robot's own time at which the wait ends. The robot has not measured at first.
+    let waits = |v: f64| {
+        let mut standstill = driver::Standstill::new(&measured());
+        assert!((0..10).all(|_| !standstill.is_over(&measured())), "a robot without a measurement");
+        (0..3000).find(|&n| standstill.is_over(&measured_at(K + n, 0.5 + v * n as f64 * TICK_S, v)))
+    };
+    assert_eq!(waits(0.0), Some(150), "it stands");
+    assert_eq!(waits(0.1), Some(driver::STANDS_WITHIN_TICKS), "it moves on");
+}
+
+#[test]
 fn starting_driver_limits_speed_of_standing_joint_to_noise() {
     for v in (0..2000).map(|v| f64::from(v) * 1e-3) {
         let begun = State::begin(&CONFIG, K + 9, &measured_at(K, 0.5, v), &measured_at(K + 9, 0.5, v)).unwrap().motion;

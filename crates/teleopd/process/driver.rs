@@ -32,14 +32,11 @@ const NEWS_WITHIN_NS: u64 = 20_000_000;
 /// Waits until a robot whose last driver has just died has reacted by itself, and stands, or does not come to stand for a second
 /// of its own time.
 fn wait_until_it_stands(robot: &mut impl Driver) -> Result<(), Failure> {
-    let first = robot.read(rt::now());
-    let mut standstill = driver::Standstill::new(&first);
+    let mut standstill = driver::Standstill::new(&robot.read(rt::now()));
     let give_up = rt::now().plus_ns(ANSWERS_WITHIN_NS);
     while rt::now() < give_up {
         rt::sleep_until(rt::now().plus_ns(LOOK_NS));
-        let measured = robot.read(rt::now());
-        let waited_ns = measured.stamp.since(first.stamp);
-        if standstill.stands(&measured) || waited_ns >= driver::STANDS_WITHIN_TICKS * 1_000_000_000 / TICK_HZ {
+        if standstill.is_over(&robot.read(rt::now())) {
             return Ok(());
         }
     }
