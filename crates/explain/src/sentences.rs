@@ -198,6 +198,9 @@ pub fn meaning(fault: Fault, status: &Status, names: &Names) -> String {
     if !Faults(status.faults | status.latched).has(fault) {
         return meaning.into();
     }
+    if let Some(joint) = not_finite(status, fault) {
+        return format!("{meaning} The position of {} is not finite.", names.joint(joint));
+    }
     let measured_pair = || {
         let (pair, clearance_mm) = (names.pair(status.nearest_pair_measured), status.clearance_measured_m * 1e3);
         format!("{pair} are {clearance_mm:.1} mm apart")
@@ -246,6 +249,13 @@ pub fn meaning(fault: Fault, status: &Status, names: &Names) -> String {
         },
         _ => meaning.into(),
     }
+}
+
+/// Returns the joint whose position is NaN or infinite, if `fault` is about positions. Its distances mean nothing.
+pub(crate) fn not_finite(status: &Status, fault: Fault) -> Option<usize> {
+    use Fault::{CollisionNear, StartInCollision, StartOutsideLimits, TrackingError};
+    let about = matches!(fault, StartOutsideLimits | StartInCollision | CollisionNear | TrackingError);
+    (about && !status.tracking_error.is_finite()).then_some(status.tracking_joint.saturating_sub(1) as usize)
 }
 
 /// Names the joint that does not move as commanded, leaves its place or does not come to rest.

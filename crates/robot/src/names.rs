@@ -47,8 +47,11 @@ impl Names {
         }
     }
 
-    /// Names of two parts.
+    /// Names of two parts. A part with itself stands for no pair: nothing was measured, or it was not finite.
     pub fn pair(&self, pair: [u32; 2]) -> String {
+        if pair[0] == pair[1] {
+            return "no pair".into();
+        }
         let name = |index: u32| self.parts.get(index as usize).cloned().unwrap_or_else(|| format!("part {index}"));
         format!("{} and {}", name(pair[0]), name(pair[1]))
     }

@@ -95,6 +95,18 @@ fn f052_f053_f054_implausible_measurement_stops_robot() {
 }
 
 #[test]
+fn f054_sentences_name_joint_that_is_not_finite() {
+    let mut bench = moving();
+    bench.robot.inject(Injection::NanFeedback { joint: ELBOW });
+    let bench = stops(bench, 3, Fault::FeedbackInvalid);
+    let names = pipeline::Names::of(bench.model());
+    let said = pipeline::why(&bench.status, &names);
+    let joint = &bench.model().joint_names[ELBOW];
+    assert!(said.contains(&format!("The position of {joint} is not finite.")), "{said}");
+    assert!(!said.contains("NaN mm") && !said.contains("NaN rad"), "{said}");
+}
+
+#[test]
 fn f053_single_encoder_spike_is_tolerated() {
     let mut bench = moving();
     for k in 0..50 {
