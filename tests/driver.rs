@@ -56,6 +56,18 @@ fn missing_program_is_refused_by_key_and_name() {
 }
 
 #[test]
+fn program_that_ends_before_ready_is_named_by_up() {
+    let rig = with_program("sim", "/bin/true");
+    let mut up = Command::new(env!("CARGO_BIN_EXE_teleopd"));
+    up.args(["up", "--config"]).arg(rig.folder().join("teleop.toml"));
+    let output = up.arg("--run-dir").arg(rig.folder()).arg("--engage-without-realtime").output().expect("it runs");
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(70), "{said}");
+    let sentence = "driver.program = \"/bin/true\" ended before it was ready (exit status: 0)";
+    assert!(said.contains(sentence) && said.contains("docs/src/drivers.md"), "{said}");
+}
+
+#[test]
 fn real_robot_without_a_program_is_refused() {
     let rig = with_program("robot", "");
     let output = rig.run("control");

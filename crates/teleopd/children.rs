@@ -115,7 +115,7 @@ impl Children {
         command.stdin(Stdio::null()).env("NOTIFY_SOCKET", &self.socket_path).process_group(0);
         let child = command.spawn().map_err(|error| Failure::new(Exit::Software, format!("{name}: {error}")))?;
         self.running.push((name, child));
-        self.wait_ready(name).map_err(|mut failure| {
+        self.wait_ready(name, place).map_err(|mut failure| {
             if output == Output::Files
                 && let Ok(log) = std::fs::read_to_string(&log_path)
             {
@@ -125,7 +125,7 @@ impl Children {
         })
     }
 
-    fn wait_ready(&mut self, name: &str) -> Result<(), Failure> {
+    fn wait_ready(&mut self, name: &str, place: &InstanceArgs) -> Result<(), Failure> {
         let give_up = Instant::now() + READY_WITHIN;
         let mut text = [0_u8; 512];
         while Instant::now() < give_up {
@@ -142,7 +142,7 @@ impl Children {
                     Some(69) => Exit::Unavailable,
                     _ => Exit::Software,
                 };
-                return Err(Failure::new(exit, format!("{ended} ended before it was ready ({status})")));
+                return Err(Failure::new(exit, unready(ended, status, place)));
             }
         }
         Err(Failure::new(Exit::Unavailable, format!("{name} was not ready within {} s", READY_WITHIN.as_secs())))
@@ -198,6 +198,17 @@ impl Children {
         }
         trouble
     }
+}
+
+/// Says that a process ended before it was READY. The driver may be a program of the user's own.
+fn unready(ended: &str, status: ExitStatus, place: &InstanceArgs) -> String {
+    let program = pipeline::read_settings(&place.config).map(|settings| settings.driver.program).unwrap_or_default();
+    if ended != "sim" || program.is_empty() {
+        return format!("{ended} ended before it was ready ({status})");
+    }
+    format!(
+        "driver.program = {program:?} ended before it was ready ({status}): docs/src/drivers.md says what a driver must do"
+    )
 }
 
 impl Drop for Children {
