@@ -147,6 +147,7 @@ fn package_holds_its_files_and_its_settings_are_accepted() {
         "usr/lib/systemd/user/teleop.target",
         "usr/share/teleopd/weights/tiago_dual.safetensors",
         "usr/share/teleopd/weights/prediction.safetensors",
+        "usr/share/doc/teleopd/examples/driver.conf",
         "usr/share/man/man1/teleopd.1.gz",
         "usr/share/man/man1/teleop-replay.1.gz",
         "usr/share/man/man1/teleop-latency.1.gz",

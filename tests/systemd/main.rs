@@ -67,6 +67,12 @@ fn open_the_loopback(units: &Path) {
         .expect("a drop-in");
 }
 
+/// Adds examples/driver.conf to a copy of the units.
+fn open_the_driver(units: &Path) {
+    let example = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/systemd/examples/driver.conf");
+    std::fs::copy(example, units.join("teleop@sim.service.d/driver.conf")).expect("a drop-in");
+}
+
 #[test]
 fn systemd_analyze_verifies_the_units_without_a_warning() {
     for (manager, option, opened) in
@@ -76,6 +82,7 @@ fn systemd_analyze_verifies_the_units_without_a_warning() {
         copy_of_units(manager, folder.path());
         if opened {
             open_the_loopback(folder.path());
+            open_the_driver(folder.path());
         }
         let Some(output) = analyze(folder.path(), &[option, "--man=no", "verify", "teleop.target"]) else {
             println!("skipped: there is no systemd-analyze");
