@@ -12,113 +12,78 @@ use crate::mlp::Trace;
 use crate::networks::{LATENT, Networks, REACH};
 use crate::sampling::Batch;
 
-/// Weights of the loss terms.
-#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
-pub struct Weighting {
+/// One value for each loss term.
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct PerTerm<T> {
     /// S_GR of the retargeted pose, summed over the arm's two limbs.
-    pub kinematics: f32,
+    pub kinematics: T,
     /// Smoothed angle of the retargeted pose, rad, summed over the limbs. S_GR is flat near 0 and near 180
     /// degrees: small errors remain, and large ones are trapped. The angle is not flat there.
-    pub angle: f32,
+    pub angle: T,
     /// Overrun of the joint limits by the unclamped output, rad, mean over joints.
-    pub limits: f32,
+    pub limits: T,
     /// |q - q'|^2 of two poses that differ by a tracker's noise, rad^2, summed over the joints. Near the
     /// shoulder's gimbal an exact answer would turn noise into large turns of joints 1 and 3.
-    pub steadiness: f32,
+    pub steadiness: T,
     /// Triplet hinge in the latent space.
-    pub triplet: f32,
+    pub triplet: T,
     /// |x_r - D(Q_r(x_r))|, rad, mean over joints.
-    pub reconstruction: f32,
+    pub reconstruction: T,
     /// |z - Q_r(D(z))| of human latents, mean over the latent's components.
-    pub cycle: f32,
+    pub cycle: T,
     /// |Q_h(x_h) - Q_r(x_r)|^2 of given pairs, mean over the latent's components. S3LE learns from this term.
-    pub pairing: f32,
+    pub pairing: T,
 }
 
-impl Weighting {
-    /// All weights zero.
-    pub const NONE: Self = Self {
-        kinematics: 0.0,
-        angle: 0.0,
-        limits: 0.0,
-        steadiness: 0.0,
-        triplet: 0.0,
-        reconstruction: 0.0,
-        cycle: 0.0,
-        pairing: 0.0,
-    };
-}
+/// Weights of the loss terms. The default is zero.
+pub type Weighting = PerTerm<f32>;
+/// The unweighted value of every term, as means over the batch.
+pub type Terms = PerTerm<f64>;
 
-impl Default for Weighting {
-    /// The best weights in measurements (`weights/EXPERIMENTS.md`). The paper has 10 triplet + 5 reconstruction
-    /// + 1 cycle and no kinematics.
-    fn default() -> Self {
-        Self {
-            kinematics: 10.0,
-            angle: 3.0,
-            limits: 5.0,
-            steadiness: 20.0,
-            triplet: 1.0,
-            reconstruction: 1.0,
-            cycle: 0.2,
-            pairing: 0.0,
+impl<T: Copy> PerTerm<T> {
+    /// Combines each value with the other one of its term.
+    #[must_use]
+    pub fn zip<U: Copy, V>(&self, other: &PerTerm<U>, combine: impl Fn(T, U) -> V) -> PerTerm<V> {
+        PerTerm {
+            kinematics: combine(self.kinematics, other.kinematics),
+            angle: combine(self.angle, other.angle),
+            limits: combine(self.limits, other.limits),
+            steadiness: combine(self.steadiness, other.steadiness),
+            triplet: combine(self.triplet, other.triplet),
+            reconstruction: combine(self.reconstruction, other.reconstruction),
+            cycle: combine(self.cycle, other.cycle),
+            pairing: combine(self.pairing, other.pairing),
         }
     }
 }
 
-/// Margin of the triplet loss, latent units (ImitationNet, section III).
-pub const MARGIN: f32 = 0.05;
-
-/// The unweighted value of every term, as means over the batch.
-#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
-pub struct Terms {
-    /// S_GR, summed over the limbs.
-    pub kinematics: f64,
-    /// Smoothed angle, rad, summed over the limbs.
-    pub angle: f64,
-    /// Overrun of the joint limits, rad.
-    pub limits: f64,
-    /// Squared difference of twins, rad^2, summed over the joints.
-    pub steadiness: f64,
-    /// Triplet hinge, latent units.
-    pub triplet: f64,
-    /// Reconstruction error, rad.
-    pub reconstruction: f64,
-    /// Cycle error, latent units.
-    pub cycle: f64,
-    /// Squared distance of pairs, latent units squared.
-    pub pairing: f64,
+impl Weighting {
+    /// The best weights in measurements (`weights/EXPERIMENTS.md`). The paper has 10 triplet + 5 reconstruction
+    /// + 1 cycle and no kinematics.
+    pub const OURS: Self = Self {
+        kinematics: 10.0,
+        angle: 3.0,
+        limits: 5.0,
+        steadiness: 20.0,
+        triplet: 1.0,
+        reconstruction: 1.0,
+        cycle: 0.2,
+        pairing: 0.0,
+    };
 }
 
 impl Terms {
     /// Returns the loss: the weighted sum.
     #[must_use]
     pub fn total(&self, weighting: &Weighting) -> f64 {
-        self.kinematics * f64::from(weighting.kinematics)
-            + self.angle * f64::from(weighting.angle)
-            + self.limits * f64::from(weighting.limits)
-            + self.steadiness * f64::from(weighting.steadiness)
-            + self.triplet * f64::from(weighting.triplet)
-            + self.reconstruction * f64::from(weighting.reconstruction)
-            + self.cycle * f64::from(weighting.cycle)
-            + self.pairing * f64::from(weighting.pairing)
-    }
-
-    /// Returns the mean of two batches of the same size.
-    #[must_use]
-    pub fn mean(a: &Self, b: &Self) -> Self {
-        Self {
-            kinematics: 0.5 * (a.kinematics + b.kinematics),
-            angle: 0.5 * (a.angle + b.angle),
-            limits: 0.5 * (a.limits + b.limits),
-            steadiness: 0.5 * (a.steadiness + b.steadiness),
-            triplet: 0.5 * (a.triplet + b.triplet),
-            reconstruction: 0.5 * (a.reconstruction + b.reconstruction),
-            cycle: 0.5 * (a.cycle + b.cycle),
-            pairing: 0.5 * (a.pairing + b.pairing),
-        }
+        let of = self.zip(weighting, |value, weight| value * f64::from(weight));
+        let human = of.kinematics + of.angle + of.limits + of.steadiness;
+        human + of.triplet + of.reconstruction + of.cycle + of.pairing
     }
 }
+
+/// Margin of the triplet loss, latent units (ImitationNet, section III).
+pub const MARGIN: f32 = 0.05;
 
 /// Data of one thread for one batch: the batch, the buffers of the passes, and the gradient.
 #[derive(Clone, Debug)]

@@ -57,7 +57,7 @@ impl Preset {
     /// Returns the recipe of the preset.
     #[must_use]
     pub fn recipe(self) -> Recipe {
-        let ours = Weighting::default();
+        let ours = Weighting::OURS;
         // Batch, rate and decay: `weights/EXPERIMENTS.md`.
         let baseline = Recipe {
             pose: Pose::default(),
@@ -74,7 +74,7 @@ impl Preset {
             triplet: 10.0,
             reconstruction: 5.0 * (2 * ARM) as f32,
             cycle: LATENT as f32,
-            ..Weighting::NONE
+            ..Weighting::default()
         };
         let of_paper = Recipe { pose: both, weighting: paper, rate: 1e-3, second_decay: 0.999, ..baseline };
         let with = |weighting| Recipe { weighting, ..baseline };
@@ -92,7 +92,7 @@ impl Preset {
             // The robot's autoencoder keeps the latent from collapsing. The regression has the weight of the
             // paper's triplet.
             Self::S3le => {
-                let weighting = Weighting { pairing: 10.0, reconstruction: 5.0, ..Weighting::NONE };
+                let weighting = Weighting { pairing: 10.0, reconstruction: 5.0, ..Weighting::default() };
                 Recipe { weighting, ..of_paper }
             }
         }

@@ -162,7 +162,9 @@ fn train(
         if !terms.total(&session.options.weighting).is_finite() {
             return Err(TrainError::Diverged { step: session.step });
         }
-        shown = if session.step == first + 1 { terms } else { blended(&shown, &terms) };
+        // A single batch is too noisy to read.
+        let running_mean = |mean: f64, new: f64| mean + (new - mean) / SHOWN_STEPS as f64;
+        shown = if session.step == first + 1 { terms } else { shown.zip(&terms, running_mean) };
         let last = session.step == steps;
         if session.step.is_multiple_of(SHOWN_STEPS) || last {
             let rate = (session.step - first) as f64 / start.elapsed().max(Duration::from_millis(1)).as_secs_f64();
@@ -180,21 +182,6 @@ fn train(
     bar.finish_and_clear();
     println!("{} steps in {:.0} s", session.step - first, start.elapsed().as_secs_f64());
     Ok(())
-}
-
-/// Returns a running mean of the terms. A single batch is too noisy to read.
-fn blended(mean: &Terms, new: &Terms) -> Terms {
-    let blend = |a: f64, b: f64| a + (b - a) / SHOWN_STEPS as f64;
-    Terms {
-        kinematics: blend(mean.kinematics, new.kinematics),
-        angle: blend(mean.angle, new.angle),
-        limits: blend(mean.limits, new.limits),
-        steadiness: blend(mean.steadiness, new.steadiness),
-        triplet: blend(mean.triplet, new.triplet),
-        reconstruction: blend(mean.reconstruction, new.reconstruction),
-        cycle: blend(mean.cycle, new.cycle),
-        pairing: blend(mean.pairing, new.pairing),
-    }
 }
 
 fn line(terms: &Terms, degrees: f64, rate: f64) -> String {

@@ -153,7 +153,7 @@ fn reference(networks: &Networks, arm: &Arm, parameters: &Tensor, shard: &Shard)
 }
 
 fn weightings() -> [(&'static str, Weighting); 9] {
-    let none = Weighting::NONE;
+    let none = Weighting::default();
     [
         ("kinematics", Weighting { kinematics: 10.0, ..none }),
         ("angle", Weighting { angle: 3.0, ..none }),
@@ -163,7 +163,7 @@ fn weightings() -> [(&'static str, Weighting); 9] {
         ("reconstruction", Weighting { reconstruction: 1.0, ..none }),
         ("cycle", Weighting { cycle: 0.2, ..none }),
         ("pairing", Weighting { pairing: 10.0, ..none }),
-        ("all", Weighting { pairing: 0.7, ..Weighting::default() }),
+        ("all", Weighting { pairing: 0.7, ..Weighting::OURS }),
     ]
 }
 

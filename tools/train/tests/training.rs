@@ -36,7 +36,7 @@ fn session(steps: u64, seed: u64) -> Session {
         batch: 64,
         schedule: Schedule { peak: 3e-3, warm_up: 20, second_decay: 0.999, steps },
         seed,
-        weighting: Weighting::default(),
+        weighting: Weighting::OURS,
         mixture: Mixture { procedural: 1.0, ..Mixture::default() },
     };
     Session::new(options, Arm::from(&identity().arm))
@@ -68,7 +68,7 @@ fn training_of_300_steps_cuts_loss_to_third_and_error_to_half() {
     let poses = unseen_poses();
     let before = run.mean_limb_degrees(&poses);
     let terms = advance(&mut run, 300);
-    let mean = |part: &[Terms]| part.iter().map(|t| t.total(&Weighting::default())).sum::<f64>() / part.len() as f64;
+    let mean = |part: &[Terms]| part.iter().map(|t| t.total(&Weighting::OURS)).sum::<f64>() / part.len() as f64;
     let (first, last) = (mean(&terms[..10]), mean(&terms[290..]));
     assert!(last < first / 3.0, "{first} to {last}");
     let after = run.mean_limb_degrees(&poses);
