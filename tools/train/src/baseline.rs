@@ -1,19 +1,19 @@
 //! Networks for comparison, which the product does not run. Each is one flat f16 tensor, and a manifest that
 //! describes it.
 
-use crate::checkpoint::write_at_once;
 use crate::error::TrainError;
 use crate::kinematics::{ARM, Arm, FEATURES, HumanInput, Limbs};
 use crate::networks::{LATENT, Networks, Pose, REACH, Size};
 use crate::pairs::random_postures;
 use crate::robot_file::read_text;
 use crate::session::encode_robot;
-use crate::weights_file::{layers, with_suffix};
+use crate::weights_file::{layers, with_suffix, write_both};
 use half::f16;
 use retarget::{ArmIdentity, ArmQ, Layers, Perceptron, Precision, sha256_hex, xyzw_from_rotation};
 use safetensors::tensor::TensorView;
 use safetensors::{Dtype, SafeTensors};
 use serde::{Deserialize, Serialize};
+use std::fmt::Display;
 use std::path::Path;
 
 /// The only format so far.
@@ -77,14 +77,12 @@ impl Baseline {
     /// # Errors
     /// Returns an error if one of them cannot be written.
     pub fn write(base: &Path, manifest: &BaselineManifest, parameters: &[f32]) -> Result<(), TrainError> {
-        let failed = |error: &dyn std::fmt::Display| damaged(base, error.to_string());
         let data: Vec<u8> = parameters.iter().flat_map(|value| f16::from_f32(*value).to_le_bytes()).collect();
-        let view = TensorView::new(Dtype::F16, vec![parameters.len()], &data).map_err(|error| failed(&error))?;
-        let bytes = safetensors::serialize([(TENSOR, view)], None).map_err(|error| failed(&error))?;
+        let view = TensorView::new(Dtype::F16, vec![parameters.len()], &data).map_err(|error| damaged(base, error))?;
+        let bytes = safetensors::serialize([(TENSOR, view)], None).map_err(|error| damaged(base, error))?;
         let manifest = BaselineManifest { format: FORMAT, sha256: sha256_hex(&bytes), ..manifest.clone() };
-        let text = toml::to_string(&manifest).map_err(|error| failed(&error))?;
-        write_at_once(&with_suffix(base, ".safetensors"), &bytes)?;
-        write_at_once(&with_suffix(base, ".toml"), text.as_bytes())
+        let text = toml::to_string(&manifest).map_err(|error| damaged(base, error))?;
+        write_both(base, &bytes, &text)
     }
 
     /// Reads `<base>.safetensors` and `<base>.toml` for the arm `identity`.
@@ -93,7 +91,7 @@ impl Baseline {
     /// Returns an error if one of them is missing, damaged, or made for another arm.
     pub fn read(base: &Path, identity: &ArmIdentity) -> Result<Self, TrainError> {
         let text = read_text(&with_suffix(base, ".toml"))?;
-        let manifest: BaselineManifest = toml::from_str(&text).map_err(|error| damaged(base, error.to_string()))?;
+        let manifest: BaselineManifest = toml::from_str(&text).map_err(|error| damaged(base, error))?;
         if manifest.format != FORMAT {
             return Err(damaged(base, format!("format is {}, expected {FORMAT}", manifest.format)));
         }
@@ -120,12 +118,6 @@ impl Baseline {
         let Layers { human, decoder, .. } = layers(&networks, &parameters);
         let [human, decoder] = [human, decoder].map(|layers| Perceptron::new(&layers, Precision::F32));
         Ok(Self { manifest, human, decoder, arm, known })
-    }
-
-    /// Returns the name of its preset.
-    #[must_use]
-    pub fn name(&self) -> &str {
-        &self.manifest.name
     }
 
     /// Returns joint positions, rad, within the limits: left arm and mirrored right arm of a frame.
@@ -172,14 +164,8 @@ fn normalised(y: [f32; ARM]) -> [f32; ARM] {
 impl Known {
     fn nearest(&self, z: &[f32; LATENT]) -> [[f32; ARM]; 2] {
         let distance = |other: &[f32; LATENT]| -> f32 { z.iter().zip(other).map(|(a, b)| (a - b) * (a - b)).sum() };
-        let (mut best, mut least) = (0, f32::MAX);
-        for (index, other) in self.latents.iter().enumerate() {
-            let d = distance(other);
-            if d < least {
-                (best, least) = (index, d);
-            }
-        }
-        self.postures[best]
+        let distances = self.latents.iter().map(distance).enumerate();
+        self.postures[distances.min_by(|(_, a), (_, b)| a.total_cmp(b)).map_or(0, |(index, _)| index)]
     }
 }
 
@@ -189,8 +175,8 @@ pub fn single(limbs: &retarget::Limbs) -> Limbs {
     [limbs.upper, limbs.fore].map(|limb| xyzw_from_rotation(&limb).map(|v| v as f32))
 }
 
-fn damaged(base: &Path, reason: String) -> TrainError {
-    TrainError::Baseline { path: base.to_path_buf(), reason }
+fn damaged(base: &Path, reason: impl Display) -> TrainError {
+    TrainError::Baseline { path: base.to_path_buf(), reason: reason.to_string() }
 }
 
 fn read_parameters(
@@ -203,8 +189,8 @@ fn read_parameters(
     if actual != manifest.sha256 {
         return Err(damaged(base, format!("sha256 of the tensors is {actual}, the manifest says {}", manifest.sha256)));
     }
-    let tensors = SafeTensors::deserialize(bytes).map_err(|error| damaged(base, error.to_string()))?;
-    let view = tensors.tensor(TENSOR).map_err(|error| damaged(base, error.to_string()))?;
+    let tensors = SafeTensors::deserialize(bytes).map_err(|error| damaged(base, error))?;
+    let view = tensors.tensor(TENSOR).map_err(|error| damaged(base, error))?;
     if view.dtype() != Dtype::F16 || view.shape() != [count] {
         return Err(damaged(
             base,

@@ -5,7 +5,6 @@ use crate::kinematics::Limbs;
 use crate::sampling::Recorded;
 use messages::{LIMBS, Limb};
 use motion::{CalibrationMode, Motion};
-use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
 /// Distance between validation files. Of the files sorted by name, every fifth starting with the third is kept
@@ -65,11 +64,7 @@ impl Clips {
             }
         }
         if clips.training.is_empty() || clips.validation.is_empty() {
-            let mut reasons = String::new();
-            for (file, reason) in &clips.skipped {
-                // Writing to a String cannot fail.
-                let _ = write!(reasons, "\n  {file}: {reason}");
-            }
+            let reasons = clips.skipped.iter().map(|(file, reason)| format!("\n  {file}: {reason}")).collect();
             return Err(TrainError::TooFewClips {
                 folder: folder.to_path_buf(),
                 found: files.len(),

@@ -3,7 +3,7 @@
 
 use crate::clips::Clip;
 use crate::kinematics;
-use nalgebra::{Quaternion, UnitQuaternion};
+use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use retarget::{ArmModel, ArmQ, Limbs, Network, limb_error_deg, oracle, solve_poses};
 use std::fmt;
 
@@ -28,17 +28,18 @@ pub struct Figures {
 /// The table.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Evaluation {
-    /// Figures of the network alone.
-    pub k0: Figures,
-    /// Figures with two Levenberg-Marquardt steps.
-    pub k2: Figures,
-    /// Figures of S_GR minimised from many starts.
-    pub optimum: Figures,
+    /// Figures of each of `ROWS`.
+    pub rows: [Figures; 3],
     /// Number of clips.
     pub clips: usize,
     /// Frames of both arms.
     pub arm_frames: usize,
 }
+
+/// Each row's name in the manifest and in the table: the network alone, with Levenberg-Marquardt steps, and S_GR
+/// minimised from many starts.
+const ROWS: [[&str; 2]; 3] =
+    [["k0", "K = 0 (network)"], ["k2", "K = 2 (two LM steps)"], ["optimum", "optimum (multi-start)"]];
 
 /// Errors of one method: two limbs per arm frame.
 #[derive(Default)]
@@ -69,17 +70,27 @@ impl Errors {
 /// Converts limb rotations of training to those of retargeting.
 #[must_use]
 pub fn limbs(pose: &kinematics::Limbs) -> Limbs {
-    let rotation = |[x, y, z, w]: [f32; 4]| {
-        UnitQuaternion::new_normalize(Quaternion::new(f64::from(w), f64::from(x), f64::from(y), f64::from(z)))
-    };
-    Limbs { upper: rotation(pose[0]), fore: rotation(pose[1]) }
+    let [upper, fore] = pose.map(|limb| {
+        let [x, y, z, w] = limb.map(f64::from);
+        UnitQuaternion::new_normalize(Quaternion::new(w, x, y, z))
+    });
+    Limbs { upper, fore }
+}
+
+/// Returns both arms after a turn of the torso. Both are left arms, and one of them is mirrored.
+#[must_use]
+pub fn turned(turn: &UnitQuaternion<f64>, arms: &[Limbs; 2]) -> [Limbs; 2] {
+    let axis = turn.scaled_axis();
+    let mirrored = UnitQuaternion::from_scaled_axis(Vector3::new(-axis.x, axis.y, -axis.z));
+    let by = |turn: &UnitQuaternion<f64>, arm: &Limbs| Limbs { upper: turn * arm.upper, fore: turn * arm.fore };
+    [by(turn, &arms[0]), by(&mirrored, &arms[1])]
 }
 
 /// Evaluates `network` on every frame of `clips`. The optimum is evaluated only on every `stride`-th frame,
 /// because it is slow.
 #[must_use]
 pub fn evaluate(arm: &ArmModel, network: &Network, clips: &[Clip], stride: usize) -> Evaluation {
-    let (mut k0, mut k2, mut optimum) = (Errors::default(), Errors::default(), Errors::default());
+    let [mut k0, mut k2, mut optimum] = [(); 3].map(|()| Errors::default());
     let mut arm_frames = 0;
     for sequence in clips.iter().flat_map(|clip| &clip.arms) {
         let mut previous = arm.mid();
@@ -95,8 +106,7 @@ pub fn evaluate(arm: &ArmModel, network: &Network, clips: &[Clip], stride: usize
             }
         }
     }
-    let (k0, k2, optimum) = (k0.figures(), k2.figures(), optimum.figures());
-    Evaluation { k0, k2, optimum, clips: clips.len(), arm_frames }
+    Evaluation { rows: [k0, k2, optimum].map(Errors::figures), clips: clips.len(), arm_frames }
 }
 
 impl Evaluation {
@@ -104,16 +114,12 @@ impl Evaluation {
     #[must_use]
     pub fn table(&self) -> toml::Table {
         let mut table = toml::Table::new();
-        let mut count = |key: &str, value: usize| {
-            table.insert(key.into(), toml::Value::Integer(i64::try_from(value).unwrap_or(i64::MAX)))
-        };
-        count("clips", self.clips);
-        count("arm_frames", self.arm_frames);
-        for (name, figures) in [("k0", &self.k0), ("k2", &self.k2), ("optimum", &self.optimum)] {
-            for (key, value) in [("mean_deg", figures.mean_deg), ("p95_deg", figures.p95_deg), ("s_gr", figures.s_gr)] {
+        table.insert("clips".into(), (self.clips as i64).into());
+        table.insert("arm_frames".into(), (self.arm_frames as i64).into());
+        for ([name, _], Figures { mean_deg, p95_deg, s_gr }) in ROWS.iter().zip(&self.rows) {
+            for (key, value) in [("mean_deg", mean_deg), ("p95_deg", p95_deg), ("s_gr", s_gr)] {
                 // Five digits are enough for a mean over this many frames.
-                let value = (value * 1e5).round() / 1e5;
-                table.insert(format!("{name}_{key}"), toml::Value::Float(value));
+                table.insert(format!("{name}_{key}"), ((value * 1e5).round() / 1e5).into());
             }
         }
         table
@@ -124,11 +130,7 @@ impl fmt::Display for Evaluation {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(f, "{} validation clips, {} arm frames", self.clips, self.arm_frames)?;
         writeln!(f, "{:<28} {:>10} {:>10} {:>10}", "", "mean deg", "p95 deg", "S_GR")?;
-        for (name, row) in [
-            ("K = 0 (network)", &self.k0),
-            ("K = 2 (two LM steps)", &self.k2),
-            ("optimum (multi-start)", &self.optimum),
-        ] {
+        for ([_, name], row) in ROWS.iter().zip(&self.rows) {
             writeln!(f, "{name:<28} {:>10.3} {:>10.2} {:>10.5}", row.mean_deg, row.p95_deg, row.s_gr)?;
         }
         Ok(())

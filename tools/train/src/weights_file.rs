@@ -36,8 +36,16 @@ pub fn with_suffix(base: &Path, suffix: &str) -> PathBuf {
 ///
 /// # Errors
 /// Returns an error if one of them cannot be written.
+pub fn write_both(base: &Path, tensors: &[u8], manifest: &str) -> Result<(), TrainError> {
+    write_at_once(&with_suffix(base, ".safetensors"), tensors)?;
+    write_at_once(&with_suffix(base, ".toml"), manifest.as_bytes())
+}
+
+/// Writes the weights file of these layers.
+///
+/// # Errors
+/// Returns an error if it cannot be composed or written.
 pub fn write(base: &Path, layers: &Layers, manifest: &Manifest) -> Result<(), TrainError> {
     let (bytes, text) = retarget::write_weights(layers, manifest)?;
-    write_at_once(&with_suffix(base, ".safetensors"), &bytes)?;
-    write_at_once(&with_suffix(base, ".toml"), text.as_bytes())
+    write_both(base, &bytes, &text)
 }

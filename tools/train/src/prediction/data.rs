@@ -1,7 +1,7 @@
 //! Draws from recordings what a person did before and after an instant.
 
 use crate::clips::Clip;
-use crate::evaluation::limbs;
+use crate::evaluation::{limbs, turned};
 use nalgebra::{UnitQuaternion, Vector3};
 use rand::RngExt;
 use rand_pcg::Pcg64;
@@ -42,11 +42,16 @@ impl Recording {
     /// Interpolates between the frames. Returns the first or last one before or after all of them.
     #[must_use]
     pub fn at(&self, t_s: f64) -> [Limbs; 2] {
-        let frame = (t_s * self.rate_hz).clamp(0.0, self.frames.len().saturating_sub(1) as f64);
-        let (from, share) = (frame.floor() as usize, frame.fract());
-        let to = (from + 1).min(self.frames.len() - 1);
-        [0, 1].map(|arm| self.frames[from][arm].slerp(&self.frames[to][arm], share))
+        interpolated(&self.frames, t_s * self.rate_hz)
     }
+}
+
+/// Interpolates at an index between the frames. Returns the first or last one before or after all of them.
+fn interpolated(frames: &[[Limbs; 2]], index: f64) -> [Limbs; 2] {
+    let last = frames.len().saturating_sub(1);
+    let index = index.clamp(0.0, last as f64);
+    let (from, share) = (index.floor() as usize, index.fract());
+    [0, 1].map(|arm| frames[from][arm].slerp(&frames[(from + 1).min(last)][arm], share))
 }
 
 /// View of a recording: the newest frame at `at_s`, and `rate_hz` frames a second before it.
@@ -72,7 +77,7 @@ impl Seen {
         let times = (0..count).map(|i| self.at_s - i as f64 / self.rate_hz * self.speed);
         let mut noisy = |limb: UnitQuaternion<f64>| noise(rng, self.noise_rad) * limb;
         let frame = |t_s: f64| {
-            self.turned(recording.at(t_s)).map(|arm| Limbs { upper: noisy(arm.upper), fore: noisy(arm.fore) })
+            turned(&self.turn, &recording.at(t_s)).map(|arm| Limbs { upper: noisy(arm.upper), fore: noisy(arm.fore) })
         };
         times.take_while(|t_s| *t_s >= 0.0).map(frame).collect()
     }
@@ -80,15 +85,7 @@ impl Seen {
     /// Returns the person `ahead_s` after the newest frame.
     #[must_use]
     pub fn after(&self, recording: &Recording, ahead_s: f64) -> [Limbs; 2] {
-        self.turned(recording.at(self.at_s + ahead_s * self.speed))
-    }
-
-    fn turned(&self, arms: [Limbs; 2]) -> [Limbs; 2] {
-        // Both are left arms, and one of them is mirrored.
-        let axis = self.turn.scaled_axis();
-        let mirrored = UnitQuaternion::from_scaled_axis(Vector3::new(-axis.x, axis.y, -axis.z));
-        let by = |turn: &UnitQuaternion<f64>, arm: &Limbs| Limbs { upper: turn * arm.upper, fore: turn * arm.fore };
-        [by(&self.turn, &arms[0]), by(&mirrored, &arms[1])]
+        turned(&self.turn, &recording.at(self.at_s + ahead_s * self.speed))
     }
 }
 
@@ -97,12 +94,7 @@ impl Seen {
 #[must_use]
 pub fn history(frames: &[[Limbs; 2]], rate_hz: f64, own: usize) -> History {
     let first = |arms: &[Limbs; 2]| [arms[own], arms[1 - own]];
-    let last = frames.len() - 1;
-    let before = AGES_S.map(|age_s| {
-        let frame = (age_s * rate_hz).min(last as f64);
-        let (from, to) = (frame.floor() as usize, (frame.floor() as usize + 1).min(last));
-        first(&[0, 1].map(|arm| frames[from][arm].slerp(&frames[to][arm], frame.fract())))
-    });
+    let before = AGES_S.map(|age_s| first(&interpolated(frames, age_s * rate_hz)));
     History { newest: first(&frames[0]), before }
 }
 

@@ -122,7 +122,8 @@ mod tests {
         let prediction = learn();
         let condition = Condition { name: "60_hz", rate_hz: 60.0, noise_deg: 0.0 };
         let means = judge(&[swinging(1.0, 6.0)], &prediction, &condition);
-        for (learnt, fades) in means.learnt_deg.iter().zip(means.fades_deg) {
+        let [_, fades, learnt] = means.deg;
+        for (learnt, fades) in learnt.iter().zip(fades) {
             assert!(*learnt < 0.5 * fades, "{means}");
         }
         let alone = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a pool").install(learn);

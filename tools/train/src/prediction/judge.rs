@@ -34,33 +34,36 @@ pub const CONDITIONS: [Condition; 4] = [
     Condition { name: "240_hz_half_a_degree_of_noise", rate_hz: 240.0, noise_deg: 0.5 },
 ];
 
-/// Mean angles between prediction and person over limbs and instants, degrees, at each of `JUDGED_S`.
+/// One angle at each of `JUDGED_S`.
+type Degrees = [f64; JUDGED_S.len()];
+
+/// Mean angles between prediction and person over limbs and instants, degrees.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Means {
     /// Name of the condition.
     pub name: &'static str,
-    /// Errors if every limb stays where it is.
-    pub stays_deg: [f64; JUDGED_S.len()],
-    /// Errors if every limb continues its last turning, with a decaying rate.
-    pub fades_deg: [f64; JUDGED_S.len()],
-    /// Errors of the learnt prediction.
-    pub learnt_deg: [f64; JUDGED_S.len()],
+    /// Errors of each of `KINDS`.
+    pub deg: [Degrees; 3],
 }
+
+/// Judged predictions: every limb stays where it is, or continues its last turning with a decaying rate, or does what
+/// was learnt.
+const KINDS: [&str; 3] = ["stays_deg", "fades_deg", "learnt_deg"];
 
 /// Judges every instant that has half a second before it and all of `JUDGED_S` after it.
 #[must_use]
 pub fn judge(recordings: &[Recording], prediction: &Prediction, condition: &Condition) -> Means {
     let of = |recording: &Recording| of_one(recording, prediction, condition);
-    let all: Vec<([[f64; JUDGED_S.len()]; 3], f64)> = recordings.par_iter().map(of).collect();
+    let all: Vec<([Degrees; 3], f64)> = recordings.par_iter().map(of).collect();
     let count: f64 = all.iter().map(|(_, count)| count).sum();
     let mean = |kind: usize| std::array::from_fn(|i| all.iter().map(|(sums, _)| sums[kind][i]).sum::<f64>() / count);
-    Means { name: condition.name, stays_deg: mean(0), fades_deg: mean(1), learnt_deg: mean(2) }
+    Means { name: condition.name, deg: [0, 1, 2].map(mean) }
 }
 
 /// Returns the sums of the errors of each kind, and their number.
-fn of_one(recording: &Recording, prediction: &Prediction, condition: &Condition) -> ([[f64; JUDGED_S.len()]; 3], f64) {
+fn of_one(recording: &Recording, prediction: &Prediction, condition: &Condition) -> ([Degrees; 3], f64) {
     let mut rng = Pcg64::new(u128::from(SEED), 0x10d6e);
-    let (mut sums, mut count) = ([[0.0; JUDGED_S.len()]; 3], 0.0);
+    let (mut sums, mut count) = ([Degrees::default(); 3], 0.0);
     let (first_s, last_s) = (AGES_S[AGES_S.len() - 1], recording.end_s() - JUDGED_S[JUDGED_S.len() - 1]);
     let steps = ((last_s - first_s) / STEP_S).max(0.0) as usize;
     for at_s in (0..steps).map(|i| first_s + i as f64 * STEP_S) {
@@ -89,19 +92,13 @@ fn of_one(recording: &Recording, prediction: &Prediction, condition: &Condition)
 }
 
 impl Means {
-    fn rows(&self) -> [(&'static str, &[f64; JUDGED_S.len()]); 3] {
-        [("stays_deg", &self.stays_deg), ("fades_deg", &self.fades_deg), ("learnt_deg", &self.learnt_deg)]
-    }
-
     /// Returns a table of the manifest.
     #[must_use]
     pub fn table(&self) -> toml::Table {
-        let rounded = |deg: &f64| toml::Value::Float((deg * 1e3).round() / 1e3);
-        let row = |(name, degrees): (&str, &[f64; JUDGED_S.len()])| {
-            (name.to_owned(), toml::Value::Array(degrees.iter().map(rounded).collect()))
-        };
-        let ahead = toml::Value::Array(JUDGED_S.iter().map(|ahead_s| (ahead_s * 1e3).round().into()).collect());
-        std::iter::once(("ahead_ms".to_owned(), ahead)).chain(self.rows().map(row)).collect()
+        let rounded = |degrees: &Degrees| degrees.map(|deg| (deg * 1e3).round() / 1e3).to_vec().into();
+        let ahead_ms = JUDGED_S.map(|ahead_s| (ahead_s * 1e3).round()).to_vec().into();
+        let rows = KINDS.iter().zip(&self.deg).map(|(name, degrees)| ((*name).to_owned(), rounded(degrees)));
+        std::iter::once(("ahead_ms".to_owned(), ahead_ms)).chain(rows).collect()
     }
 }
 
@@ -112,7 +109,7 @@ impl fmt::Display for Means {
             write!(f, " {:>7}", format!("{:.0} ms", 1e3 * ahead_s))?;
         }
         writeln!(f)?;
-        for (name, degrees) in self.rows() {
+        for (name, degrees) in KINDS.iter().zip(&self.deg) {
             write!(f, "  {name:<30}")?;
             for deg in degrees {
                 write!(f, " {deg:>7.2}")?;

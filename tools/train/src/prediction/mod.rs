@@ -10,11 +10,10 @@ pub use data::{Draw, Recording, draw};
 pub use fit::fit;
 pub use judge::{CONDITIONS, Condition, JUDGED_S, Means, judge};
 
-use crate::checkpoint::write_at_once;
 use crate::clips::Clips;
 use crate::error::TrainError;
-use crate::weights_file::with_suffix;
-use retarget::{Prediction, PredictionManifest};
+use crate::weights_file::write_both;
+use retarget::PredictionManifest;
 use std::fmt::Write;
 use std::path::Path;
 
@@ -41,17 +40,11 @@ pub fn learn(out: &Path, clips: &Clips, seed: u64, calibration: &str) -> Result<
         manifest.validation.insert(condition.name.into(), means.table().into());
     }
     manifest.validation.insert("clips".into(), toml::Value::Integer(unknown.len() as i64));
-    write_files(out, &prediction, &manifest)?;
+    let (tensors, manifest) = prediction.write(&manifest)?;
+    write_both(out, &tensors, &manifest)?;
     print!("{text}");
     println!("wrote {}.safetensors and .toml", out.display());
     Ok(())
-}
-
-/// Writes both files. The manifest comes last, because it holds the hash of the other file.
-fn write_files(out: &Path, prediction: &Prediction, manifest: &PredictionManifest) -> Result<(), TrainError> {
-    let (bytes, text) = prediction.write(manifest)?;
-    write_at_once(&with_suffix(out, ".safetensors"), &bytes)?;
-    write_at_once(&with_suffix(out, ".toml"), text.as_bytes())
 }
 
 fn description(recordings: &[Recording], calibration: &str) -> String {
