@@ -2,13 +2,13 @@
 //! them.
 
 use crate::error::EvalError;
-use messages::{LIMBS, Limb, SMPL_JOINTS};
+use messages::SMPL_JOINTS;
 use motion::{CalibrationMode, Motion};
-use nalgebra::{Quaternion, UnitQuaternion};
-use retarget::{Limbs, mirror};
-use std::fmt::Write;
-use std::path::Path;
+use nalgebra::UnitQuaternion;
+use retarget::Limbs;
+use std::path::{Path, PathBuf};
 use train::clips::{VALIDATION_EVERY, is_validation, limb_frames, motion_files};
+use train::evaluation::turned;
 
 /// Both arms as left arms: the left one, and the right one mirrored at the plane between left and right.
 pub type Human = [Limbs; 2];
@@ -31,83 +31,61 @@ pub struct Clip {
 /// A file that was not used, and the reason.
 pub type Skipped = (String, String);
 
-/// Selection of the measured clips of a folder.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Selection {
-    /// Every fifth starting with the third, or all of them if there are fewer than five.
-    Validation,
-    /// All.
-    All,
-    /// The clips with these names.
-    Named(Vec<String>),
-}
-
-impl Selection {
-    /// Parses `all`, or names separated by commas. Without text it selects the validation clips.
-    #[must_use]
-    pub fn parse(text: Option<&str>) -> Self {
-        match text {
-            None => Self::Validation,
-            Some("all") => Self::All,
-            Some(names) => Self::Named(names.split(',').map(|name| name.trim().to_owned()).collect()),
+/// Returns the motion files of `folder`, sorted by name. If `names` are given, separated by commas, only those with
+/// such a name.
+///
+/// # Errors
+/// Returns an error if the folder cannot be listed, or has no file of a given name.
+pub fn chosen(folder: &Path, names: Option<&str>) -> Result<Vec<PathBuf>, EvalError> {
+    let mut files = motion_files(folder)?;
+    if let Some(names) = names.filter(|names| *names != "all") {
+        let names: Vec<&str> = names.split(',').map(str::trim).collect();
+        if let Some(name) = names.iter().find(|name| !files.iter().any(|file| stem(file) == **name)) {
+            let reason = format!("{} has no motion file of this name", folder.display());
+            return Err(EvalError::Clip { name: (*name).to_owned(), reason });
         }
+        files.retain(|file| names.contains(&stem(file).as_str()));
     }
+    Ok(files)
 }
 
-/// Reads the clips of `folder`, sorted by name, reduced to every `stride`-th frame. Also returns (file, reason)
-/// of those skipped.
+/// Returns the name of a file without its extension.
+pub(crate) fn stem(file: &Path) -> String {
+    file.file_stem().map(|stem| stem.to_string_lossy().into_owned()).unwrap_or_default()
+}
+
+/// Reads the clips of `folder` with these names, or `all`, reduced to every `stride`-th frame. Without names it reads
+/// the clips that training leaves out, or all if there are fewer than five. Also returns (file, reason) of those
+/// skipped.
 ///
 /// # Errors
 /// Returns an error if the folder cannot be listed, nothing in it can be used, or a named clip cannot be used.
 pub fn read(
     folder: &Path,
-    selection: &Selection,
+    names: Option<&str>,
     calibration: CalibrationMode,
     stride: usize,
 ) -> Result<(Vec<Clip>, Vec<Skipped>), EvalError> {
-    let files = motion_files(folder)?;
-    let stem = |file: &Path| file.file_stem().map(|stem| stem.to_string_lossy().into_owned()).unwrap_or_default();
-    if let Selection::Named(names) = selection
-        && let Some(name) = names.iter().find(|name| !files.iter().any(|file| stem(file) == **name))
-    {
-        let reason = format!("{} has no motion file of this name", folder.display());
-        return Err(EvalError::Clip { name: name.clone(), reason });
-    }
+    let files = chosen(folder, names)?;
     let (mut clips, mut skipped) = (Vec::new(), Vec::new());
     for (index, file) in files.iter().enumerate() {
-        let wanted = match selection {
-            Selection::All => true,
-            Selection::Validation => files.len() < VALIDATION_EVERY || is_validation(index),
-            Selection::Named(names) => names.contains(&stem(file)),
-        };
-        if !wanted {
+        if names.is_none() && files.len() >= VALIDATION_EVERY && !is_validation(index) {
             continue;
         }
         let clip = motion::load(file).map_err(|error| error.to_string());
         match clip.and_then(|motion| clip_of(&motion, calibration, stride)) {
             Ok(clip) => clips.push(clip),
-            Err(reason) if matches!(selection, Selection::Named(_)) => {
+            Err(reason) if names.is_some_and(|names| names != "all") => {
                 return Err(EvalError::Clip { name: stem(file), reason });
             }
             Err(reason) => skipped.push((file.display().to_string(), reason)),
         }
     }
     if clips.is_empty() {
-        let mut reasons = String::new();
-        for (file, reason) in &skipped {
-            // Writing to a String cannot fail.
-            let _ = write!(reasons, "\n  {file}: {reason}");
-        }
+        let reasons = skipped.iter().map(|(file, reason)| format!("\n  {file}: {reason}")).collect();
         return Err(EvalError::NoClips { folder: folder.to_path_buf(), found: files.len(), reasons });
     }
     Ok((clips, skipped))
-}
-
-/// Returns true if training leaves the measured clips of this folder out. Otherwise the measured clips may be
-/// all that exist.
-#[must_use]
-pub fn has_training_clips(folder: &Path, selection: &Selection) -> bool {
-    *selection == Selection::Validation && motion_files(folder).is_ok_and(|files| files.len() >= VALIDATION_EVERY)
 }
 
 /// Extracts the arms of a motion, every `stride`-th frame.
@@ -125,26 +103,15 @@ pub fn clip_of(motion: &Motion, calibration: CalibrationMode, stride: usize) -> 
     }
     let frames = limb_frames(motion, calibration)?;
     let stride = stride.max(1);
+    let human: Option<Vec<Human>> = frames.iter().step_by(stride).map(Limbs::of_both).collect();
     let positions: Vec<_> = motion.frames.iter().step_by(stride).map(|frame| frame.positions).collect();
     Ok(Clip {
         name: motion.name.clone(),
         rate_hz: motion.frame_rate_hz / stride as f64,
-        human: frames.iter().step_by(stride).map(both_arms).collect(),
+        human: human.ok_or("has limb rotations that are not of unit length")?,
         torso: torso(&positions),
         positions,
     })
-}
-
-pub(crate) fn both_arms(limbs: &[[f32; 4]; LIMBS]) -> Human {
-    let rotation = |limb: Limb, right: bool| {
-        let q = limbs[limb as usize].map(f64::from);
-        let [x, y, z, w] = if right { mirror(q) } else { q };
-        UnitQuaternion::new_normalize(Quaternion::new(w, x, y, z))
-    };
-    [
-        Limbs { upper: rotation(Limb::LeftUpper, false), fore: rotation(Limb::LeftFore, false) },
-        Limbs { upper: rotation(Limb::RightUpper, true), fore: rotation(Limb::RightFore, true) },
-    ]
 }
 
 /// Returns torso rotations without the heading of the first frame. Where shoulders and hips coincide, the
@@ -162,21 +129,11 @@ fn torso(positions: &[[[f32; 3]; SMPL_JOINTS]]) -> Vec<UnitQuaternion<f64>> {
     positions.iter().map(rotation).collect()
 }
 
-/// Returns the mirror image of a rotation at the plane between left and right.
-fn mirrored(rotation: &UnitQuaternion<f64>) -> UnitQuaternion<f64> {
-    let q = rotation.quaternion();
-    UnitQuaternion::new_unchecked(Quaternion::new(q.w, -q.i, q.j, -q.k))
-}
-
 impl Clip {
     /// Returns the limb rotations in space, including the torso's own rotation, again with both arms as left
     /// arms. The robot's torso is upright and faces forward, so its limb rotations are the same in both frames.
     #[must_use]
     pub fn global(&self) -> Vec<Human> {
-        let turned = |turn: &UnitQuaternion<f64>, arm: &Limbs| Limbs { upper: turn * arm.upper, fore: turn * arm.fore };
-        let both = |(human, torso): (&Human, &UnitQuaternion<f64>)| {
-            [turned(torso, &human[0]), turned(&mirrored(torso), &human[1])]
-        };
-        self.human.iter().zip(&self.torso).map(both).collect()
+        self.human.iter().zip(&self.torso).map(|(human, torso)| turned(torso, human)).collect()
     }
 }

@@ -18,11 +18,12 @@
 use crate::clips::Human;
 use crate::methods::Posture;
 use crate::metrics::Task;
+use crate::table::{self, column, number};
 use rand::RngExt;
 use rand_pcg::Pcg64;
 use rayon::prelude::*;
 use retarget::{ArmModel, Latent, Network, features, interpolate_latent, limb_error_deg, posture};
-use serde_json::{Value, json};
+use serde::Serialize;
 use std::fmt;
 
 /// Number of pairs of key poses.
@@ -38,7 +39,7 @@ const BACKWARDS_SHARE: f64 = 1e-3;
 const CHORD_MIN_RAD: f64 = 0.1;
 
 /// Figures of one way of interpolation.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Path {
     /// Mean limb error against the yardstick, degrees.
     pub limb_deg_mean: f64,
@@ -51,7 +52,7 @@ pub struct Path {
 }
 
 /// Both kinds of pairs.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Interpolations {
     /// Two poses of one clip.
     pub of_a_clip: Interpolation,
@@ -60,7 +61,7 @@ pub struct Interpolations {
 }
 
 /// All ways of interpolation.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Interpolation {
     /// Number of pairs.
     pub pairs: usize,
@@ -182,65 +183,21 @@ fn mean<'a>(ones: impl Iterator<Item = &'a One>) -> Path {
     }
 }
 
-impl Interpolation {
-    fn rows(&self) -> [(&'static str, &Path); 4] {
-        [
-            ("latent_k0", &self.latent_k0),
-            ("latent_k2", &self.latent_k2),
-            ("joint_k0", &self.joint_k0),
-            ("joint_k2", &self.joint_k2),
-        ]
-    }
-
-    fn json(&self) -> Value {
-        let mut out = json!({"pairs": self.pairs});
-        for (name, path) in self.rows() {
-            out[name] = json!({
-                "limb_deg_mean": path.limb_deg_mean,
-                "monotone_share": path.monotone_share,
-                "length_mean": path.length_mean,
-                "length_max": path.length_max,
-            });
-        }
-        out
-    }
-}
-
-impl Interpolations {
-    /// Returns the figures as JSON.
-    #[must_use]
-    pub fn json(&self) -> Value {
-        json!({"of_a_clip": self.of_a_clip.json(), "of_all": self.of_all.json()})
-    }
-}
-
 impl fmt::Display for Interpolations {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        for (kind, interpolation) in [("of one clip", &self.of_a_clip), ("of all clips", &self.of_all)] {
-            let pairs = interpolation.pairs;
+        let columns = [
+            column(["", "limb deg"], 10, |path: &Path| number(path.limb_deg_mean, 2)),
+            column(["", "monotone %"], 12, |path: &Path| number(100.0 * path.monotone_share, 1)),
+            column(["", "length / chord"], 16, |path: &Path| number(path.length_mean, 3)),
+            column(["", "longest"], 10, |path: &Path| number(path.length_max, 2)),
+        ];
+        for (kind, Interpolation { pairs, latent_k0, latent_k2, joint_k0, joint_k2 }) in
+            [("of one clip", &self.of_a_clip), ("of all clips", &self.of_all)]
+        {
             writeln!(f, "\n{pairs} pairs of key poses {kind}, against the slerp of the human's limbs")?;
-            write!(f, "{interpolation}")?;
-        }
-        Ok(())
-    }
-}
-
-impl fmt::Display for Interpolation {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        writeln!(
-            f,
-            "{:<12} {:>10} {:>12} {:>16} {:>10}",
-            "path", "limb deg", "monotone %", "length / chord", "longest"
-        )?;
-        for (name, path) in self.rows() {
-            writeln!(
-                f,
-                "{name:<12} {:>10.2} {:>12.1} {:>16.3} {:>10.2}",
-                path.limb_deg_mean,
-                100.0 * path.monotone_share,
-                path.length_mean,
-                path.length_max
-            )?;
+            let rows =
+                [("latent_k0", latent_k0), ("latent_k2", latent_k2), ("joint_k0", joint_k0), ("joint_k2", joint_k2)];
+            table::write(f, ("path", 12), &columns, rows.into_iter())?;
         }
         Ok(())
     }

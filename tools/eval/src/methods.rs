@@ -2,14 +2,12 @@
 
 use crate::clips::Human;
 use crate::error::EvalError;
-use crate::learned::{self, Learned};
 use crate::lookup::PostureTable;
 use crate::sew::sew;
-use rand::RngExt;
-use rand_pcg::Pcg64;
-use retarget::{ArmIdentity, ArmModel, ArmQ, Limbs, Network, Weights, closed_form, oracle, refine, solve_poses};
+use retarget::{ArmIdentity, ArmModel, ArmQ, Network, Weights, closed_form, oracle, refine, solve_poses};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use train::baseline::Baseline;
 
 /// Random starts of the oracle, in addition to the four that are not random. More starts change its mean error
 /// by less than 0.01 degrees.
@@ -22,13 +20,19 @@ const BASELINE_STEPS: u32 = 3;
 /// validation clips (1.83 instead of 1.75 degrees, and 1.67 instead of 1.61). It would avoid some of their
 /// flips (11 instead of 17, 1 instead of 2).
 const BASELINE_PRIOR_WEIGHT: f64 = 0.0;
-/// Number of starts of the second oracle, and their seed.
-pub const SECOND_STARTS: u32 = 20;
-const SECOND_SEED: u128 = 1_234;
-/// Steps per start of the second oracle, equal to the first.
-const SECOND_ORACLE_STEPS: u32 = 40;
-/// Difference of S_GR below which optima count as equal, as for the first oracle.
-const EQUAL_S_GR: f64 = 1e-9;
+/// The learned baselines: the paper's recipe and its ablations, ours without a term, and S3LE. Their files have the
+/// same names, with dashes.
+const LEARNED: [&str; 9] = [
+    "paper",
+    "paper_no_ltc",
+    "paper_no_triplet",
+    "ours_pose",
+    "ours_no_triplet",
+    "ours_no_ltc",
+    "ours_no_rec",
+    "ours_same_steps",
+    "s3le",
+];
 /// Largest number of refinement steps of ours.
 const OURS_STEPS_MAX: u32 = 3;
 
@@ -54,7 +58,7 @@ pub enum Solver {
     /// The lookup of [`PostureTable::nearest`].
     Lookup(Arc<PostureTable>),
     /// A learned baseline.
-    Learned(Box<Learned>),
+    Learned(Box<Baseline>),
     /// S_GR minimised from many starts. This is the best that the arm can do.
     Oracle,
 }
@@ -69,7 +73,7 @@ pub struct Method {
 }
 
 /// The reason why a method cannot be measured.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, serde::Serialize)]
 pub struct Missing {
     /// The missing part.
     pub reason: String,
@@ -95,7 +99,7 @@ pub struct Sources<'a> {
 pub fn names() -> Vec<String> {
     let ours = (0..=OURS_STEPS_MAX).map(|steps| format!("ours_k{steps}"));
     let analytic = ["sew", "closed_form_3lm", "previous_frame_3lm", "lookup"];
-    ours.chain(analytic.iter().chain(&learned::NAMES).chain(&["oracle"]).map(|name| (*name).to_owned())).collect()
+    ours.chain(analytic.iter().chain(&LEARNED).chain(&["oracle"]).map(|name| (*name).to_owned())).collect()
 }
 
 /// Prepares the methods `wanted` (of [`names`]). Those without weights report it.
@@ -125,13 +129,14 @@ pub fn prepare(
                     Some(network) => Solver::Ours { network: network.clone(), steps },
                     None => return Ok(Err(missing("full", sources.weights.with_extension(""), sources))),
                 },
-                None => match Learned::read(sources.baselines, name, identity)? {
-                    Some(learned) => Solver::Learned(Box::new(learned)),
-                    None => {
-                        let preset = name.replace('_', "-");
-                        return Ok(Err(missing(&preset, sources.baselines.join(&preset), sources)));
+                None => {
+                    let preset = name.replace('_', "-");
+                    let base = sources.baselines.join(&preset);
+                    if !base.with_extension("toml").exists() {
+                        return Ok(Err(missing(&preset, base, sources)));
                     }
-                },
+                    Solver::Learned(Box::new(Baseline::read(&base, identity)?))
+                }
             },
         }))
     };
@@ -180,63 +185,28 @@ impl Solver {
         }
     }
 
-    /// Returns a description of a learned baseline's training data.
+    /// Returns the number of steps and the training data of a learned baseline.
     #[must_use]
     pub fn trained_on(&self) -> Option<String> {
-        match self {
-            Self::Learned(learned) => Some(learned.trained_on()),
-            Self::Ours { .. } | Self::Sew | Self::ClosedForm | Self::PreviousFrame | Self::Lookup(_) | Self::Oracle => {
-                None
-            }
-        }
+        let Self::Learned(learned) = self else { return None };
+        Some(format!("{} steps on {}", learned.manifest.steps, learned.manifest.trained_on))
     }
 
-    /// Returns the postures of a whole clip.
+    /// Returns the postures of a whole clip. Each frame gets the previous output, and the first one the middle of the
+    /// limits.
     #[must_use]
     pub fn clip(&self, arm: &ArmModel, humans: &[Human]) -> Vec<Posture> {
         match self {
             Self::Lookup(table) => table.nearest(humans),
             Self::Learned(learned) => humans.iter().map(|human| learned.retarget(human)).collect(),
             Self::Ours { .. } | Self::Sew | Self::ClosedForm | Self::PreviousFrame | Self::Oracle => {
-                sequence(arm, humans, |human, previous| self.pose(arm, human, previous))
+                let mut previous = [arm.mid(); 2];
+                let next = |human| {
+                    previous = self.pose(arm, human, &previous);
+                    previous
+                };
+                humans.iter().map(next).collect()
             }
         }
     }
-}
-
-/// Solves frame after frame, each with the previous output. The first frame gets the middle of the limits.
-fn sequence(arm: &ArmModel, humans: &[Human], solve: impl Fn(&Human, &Posture) -> Posture) -> Vec<Posture> {
-    let mut previous = [arm.mid(); 2];
-    let next = |human| {
-        previous = solve(human, &previous);
-        previous
-    };
-    humans.iter().map(next).collect()
-}
-
-/// Minimises S_GR over a clip from [`SECOND_STARTS`] random postures alone. Of equally good optima it takes the
-/// one nearest to the previous. It shares no start with the oracle. So the difference between the two is the
-/// floor of the joint error.
-#[must_use]
-pub fn second_oracle(arm: &ArmModel, humans: &[Human]) -> Vec<Posture> {
-    let mut rng = Pcg64::new(SECOND_SEED, 1);
-    let mut solve = |human: &Limbs, previous: &ArmQ| {
-        let mut best = (f64::INFINITY, f64::INFINITY, *previous);
-        for _ in 0..SECOND_STARTS {
-            let start: ArmQ = std::array::from_fn(|j| rng.random_range(arm.q_min[j]..arm.q_max[j]));
-            let end = refine(arm, human, &start, &start, 0.0, SECOND_ORACLE_STEPS);
-            let distance: f64 = end.q.iter().zip(previous).map(|(a, b)| (a - b) * (a - b)).sum();
-            let equal = (end.s_gr - best.0).abs() <= EQUAL_S_GR;
-            if if equal { distance < best.1 } else { end.s_gr < best.0 } {
-                best = (end.s_gr, distance, end.q);
-            }
-        }
-        best.2
-    };
-    let mut previous = [arm.mid(); 2];
-    let next = |human: &Human| {
-        previous = [solve(&human[0], &previous[0]), solve(&human[1], &previous[1])];
-        previous
-    };
-    humans.iter().map(next).collect()
 }

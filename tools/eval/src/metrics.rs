@@ -53,7 +53,7 @@ pub struct Run<'a> {
 }
 
 /// A row of the table.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
 pub struct Figures {
     /// Mean S_GR of a frame.
     pub s_gr: f64,
@@ -94,22 +94,10 @@ struct Tally {
     by_limb: [f64; 4],
     joint: Mean,
     joint_all: Mean,
-    /// Sums of squares, rad^2/s^6: between jumps, and including the method's jumps.
-    jerk: [Jerk; 2],
+    /// Sums of squares of method and oracle, rad^2/s^6: between jumps, and including the method's jumps.
+    jerk: [[f64; 2]; 2],
     flips: usize,
     transitions: usize,
-}
-
-#[derive(Default)]
-struct Jerk {
-    method: f64,
-    oracle: f64,
-}
-
-impl Jerk {
-    fn ratio(&self) -> Option<f64> {
-        (self.oracle > 0.0).then(|| (self.method / self.oracle).sqrt())
-    }
 }
 
 #[derive(Default)]
@@ -186,8 +174,8 @@ impl Tally {
                 }
                 let scale = run.rate_hz.powi(6);
                 for jerk in &mut self.jerk[usize::from(jump(q))..] {
-                    jerk.method += third_difference_squared(q) * scale;
-                    jerk.oracle += third_difference_squared(best) * scale;
+                    jerk[0] += third_difference_squared(q) * scale;
+                    jerk[1] += third_difference_squared(best) * scale;
                 }
             }
         }
@@ -199,6 +187,7 @@ impl Tally {
         self.reachable.sort_by(f64::total_cmp);
         let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
         let some = !self.reachable.is_empty();
+        let [between, all] = self.jerk.map(|[method, oracle]| (oracle > 0.0).then(|| (method / oracle).sqrt()));
         Figures {
             s_gr: self.s_gr / frames,
             limb_deg_mean: self.degrees.iter().sum::<f64>() / (4.0 * frames),
@@ -206,8 +195,8 @@ impl Tally {
             direction_deg: self.direction / (4.0 * frames),
             joint_mse_rad2: self.joint.value(),
             joint_mse_all_rad2: self.joint_all.value(),
-            jerk_ratio: self.jerk[0].ratio(),
-            jerk_ratio_with_jumps: self.jerk[1].ratio(),
+            jerk_ratio: between,
+            jerk_ratio_with_jumps: all,
             flips_per_1000: (self.transitions > 0).then(|| 1e3 * self.flips as f64 / self.transitions as f64),
             reachable_deg_mean: some.then(|| mean(&self.reachable)),
             reachable_deg_p99: some.then(|| percentile(&self.reachable, 99)),
@@ -265,8 +254,6 @@ pub struct Task {
     pub target: Vec<Human>,
     /// The oracle's postures for `target`.
     pub oracle: Vec<Posture>,
-    /// The postures of an oracle with other starts.
-    pub second_oracle: Vec<Posture>,
     /// True if the frames are consecutive, as recorded.
     pub contiguous: bool,
 }

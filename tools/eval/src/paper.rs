@@ -5,15 +5,17 @@ use crate::clips::{Clip, clip_of};
 use crate::error::EvalError;
 use crate::figures::{FigureKind, limbs_of, with_limbs};
 use crate::methods::Method;
-use crate::metrics::{Figures, Task, measure};
+use crate::metrics::{Task, measure};
 use crate::plots::{FigureRow, figure_rows};
+use crate::table::{self, column, number};
 use crate::timing::us_per_pose;
 use motion::{CalibrationMode, Frame};
 use poses::motions::{named_pose, paper_motions};
 use poses::person::{hands, head};
 use poses::trajectory::ground_truth;
 use robot::Model;
-use serde_json::{Value, json};
+use serde::Serialize;
+use serde_json::{Map, Value, json};
 use std::fmt;
 use std::path::Path;
 
@@ -32,30 +34,17 @@ const POSES: [&str; 7] =
 /// Rows of the figure, if measured.
 const ROWS: [&str; 3] = ["paper", "s3le", "ours_k2"];
 
-/// One method on the named motions.
-#[derive(Clone, Debug, PartialEq)]
-pub struct PaperRow {
-    /// Name.
-    pub name: String,
-    /// Figures, with the joints compared with the ground truth.
-    pub figures: Figures,
-    /// Poses per second, kHz.
-    pub control_khz: Option<f64>,
-    /// Distance from the middle of the hand to the middle of the head while the human touches it, m.
-    pub hand_to_head_m: Option<f64>,
-}
-
 /// The table of the named motions.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct PaperTable {
-    /// Methods.
-    pub rows: Vec<PaperRow>,
-    /// Names of the methods without weights.
-    pub missing: Vec<String>,
     /// Frames of all motions.
     pub frames: usize,
-    /// The human's own distance from hand to head, m.
+    /// Distance from the middle of the human's hand to the middle of the head during the touch, m.
     pub human_hand_to_head_m: Option<f64>,
+    /// Figures of each method, with the joints compared with the ground truth.
+    pub methods: Map<String, Value>,
+    /// Names of the methods without weights.
+    pub missing: Vec<String>,
 }
 
 /// Returns the named motions. Their ground truth replaces the oracle's postures.
@@ -64,13 +53,7 @@ pub fn named_tasks(model: &Model) -> Vec<Task> {
     let tasks = paper_motions().into_iter().filter_map(|motion| {
         let clip: Clip = clip_of(&motion, CalibrationMode::Rig, 1).ok()?;
         let oracle = ground_truth(model, &motion).q;
-        (oracle.len() == clip.human.len()).then(|| Task {
-            target: clip.human.clone(),
-            second_oracle: Vec::new(),
-            oracle,
-            clip,
-            contiguous: true,
-        })
+        (oracle.len() == clip.human.len()).then(|| Task { target: clip.human.clone(), oracle, clip, contiguous: true })
     });
     tasks.collect()
 }
@@ -80,29 +63,35 @@ pub fn named_tasks(model: &Model) -> Vec<Task> {
 pub fn table(model: &Model, methods: &[Method], tasks: &[Task]) -> PaperTable {
     let arm = retarget::ArmModel::of(model);
     let moments = crate::run::moments(tasks);
-    let (mut rows, mut missing) = (Vec::new(), Vec::new());
-    for method in methods {
-        let Ok(solver) = &method.solver else {
-            missing.push(method.name.clone());
+    let (mut rows, mut missing) = (Map::new(), Vec::new());
+    for Method { name, solver } in methods {
+        let Ok(solver) = solver else {
+            missing.push(name.clone());
             continue;
         };
         let postures = crate::run::postures(solver, &arm, tasks);
         let runs: Vec<_> = tasks.iter().zip(&postures).map(|(task, postures)| task.run(postures)).collect();
-        rows.push(PaperRow {
-            name: method.name.clone(),
-            figures: measure(&arm, &runs),
-            control_khz: us_per_pose(solver, &arm, &moments).map(|us| 1e3 / us),
-            hand_to_head_m: touch(tasks, |index, task| {
-                let posture = postures.get(index).and_then(|clip| clip.get(task.0))?;
-                Some(with_limbs(&task.1, &limbs_of(&arm, posture)))
-            }),
+        let figures = measure(&arm, &runs);
+        let hand_to_head_m = touch(tasks, |index, task| {
+            let posture = postures.get(index).and_then(|clip| clip.get(task.0))?;
+            Some(with_limbs(&task.1, &limbs_of(&arm, posture)))
         });
+        let row = json!({
+            "joint_mse_rad2": figures.joint_mse_all_rad2,
+            "joint_mse_masked_rad2": figures.joint_mse_rad2,
+            "limb_deg_mean": figures.limb_deg_mean,
+            "control_khz": us_per_pose(solver, &arm, &moments).map(|us| 1e3 / us),
+            "hand_to_head_m": hand_to_head_m,
+            "reported_mse_rad2": reported(&REPORTED_MSE, name),
+            "reported_khz": reported(&REPORTED_KHZ, name),
+        });
+        rows.insert(name.clone(), row);
     }
     PaperTable {
-        rows,
-        missing,
         frames: tasks.iter().map(|task| task.clip.human.len()).sum(),
         human_hand_to_head_m: touch(tasks, |_, (_, positions)| Some(positions)),
+        methods: rows,
+        missing,
     }
 }
 
@@ -175,69 +164,29 @@ fn reported(table: &[(&str, f64)], name: &str) -> Option<f64> {
 
 impl fmt::Display for PaperTable {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let cell = crate::report::cell;
-        writeln!(
-            f,
-            "\neleven named motions, {} frames; ground truth: the best that the arm can do, continued",
-            self.frames
-        )?;
-        writeln!(
-            f,
-            "{:<18} {:>8} {:>8} {:>8} {:>9} {:>9} | {:>8} {:>8}",
-            "", "joints", "joints*", "limb", "control", "hand-head", "paper's", "paper's"
-        )?;
-        writeln!(
-            f,
-            "{:<18} {:>8} {:>8} {:>8} {:>9} {:>9} | {:>8} {:>8}",
-            "method", "rad^2", "rad^2", "deg", "kHz", "cm", "rad^2", "kHz"
-        )?;
-        for row in &self.rows {
-            writeln!(
-                f,
-                "{:<18} {} {} {} {} {} | {} {}",
-                row.name,
-                cell(row.figures.joint_mse_all_rad2, 8, 4),
-                cell(row.figures.joint_mse_rad2, 8, 4),
-                cell(Some(row.figures.limb_deg_mean), 8, 2),
-                cell(row.control_khz, 9, 2),
-                cell(row.hand_to_head_m.map(|m| 100.0 * m), 9, 1),
-                cell(reported(&REPORTED_MSE, &row.name), 8, 2),
-                cell(reported(&REPORTED_KHZ, &row.name), 8, 1),
-            )?;
-        }
+        let frames = self.frames;
+        writeln!(f, "\neleven named motions, {frames} frames; ground truth: the best that the arm can do, continued")?;
+        let figure =
+            |head, width, digits, key| column(head, width, move |row: &Value| number(row[key].as_f64(), digits));
+        let columns = [
+            figure(["joints", "rad^2"], 8, 4, "joint_mse_rad2"),
+            figure(["joints*", "rad^2"], 8, 4, "joint_mse_masked_rad2"),
+            figure(["limb", "deg"], 8, 2, "limb_deg_mean"),
+            figure(["control", "kHz"], 9, 2, "control_khz"),
+            column(["hand-head", "cm"], 9, |row: &Value| number(row["hand_to_head_m"].as_f64().map(|m| 100.0 * m), 1)),
+            column(["|", "|"], 1, |_| "|".to_owned()),
+            figure(["paper's", "rad^2"], 8, 2, "reported_mse_rad2"),
+            figure(["paper's", "kHz"], 8, 1, "reported_khz"),
+        ];
+        table::write(f, ("method", 18), &columns, self.methods.iter().map(|(name, row)| (name.as_str(), row)))?;
         if !self.missing.is_empty() {
             writeln!(f, "missing: {}", self.missing.join(" "))?;
         }
-        let human = cell(self.human_hand_to_head_m.map(|m| 100.0 * m), 0, 1);
-        writeln!(
+        let human = number(self.human_hand_to_head_m.map(|m| 100.0 * m), 1);
+        write!(
             f,
-            "* without frames near the gimbal. The human's own hand-head distance: {human} cm, to the head's middle."
-        )?;
-        writeln!(f, "The paper's figures are for other data, another robot and another, hand-made ground truth.")
-    }
-}
-
-impl PaperTable {
-    /// Returns the table as JSON.
-    #[must_use]
-    pub fn json(&self) -> Value {
-        let row = |row: &PaperRow| {
-            let figures = json!({
-                "joint_mse_rad2": row.figures.joint_mse_all_rad2,
-                "joint_mse_masked_rad2": row.figures.joint_mse_rad2,
-                "limb_deg_mean": row.figures.limb_deg_mean,
-                "control_khz": row.control_khz,
-                "hand_to_head_m": row.hand_to_head_m,
-                "reported_mse_rad2": reported(&REPORTED_MSE, &row.name),
-                "reported_khz": reported(&REPORTED_KHZ, &row.name),
-            });
-            (row.name.clone(), figures)
-        };
-        json!({
-            "frames": self.frames,
-            "human_hand_to_head_m": self.human_hand_to_head_m,
-            "methods": self.rows.iter().map(row).collect::<serde_json::Map<_, _>>(),
-            "missing": self.missing,
-        })
+            "* without frames near the gimbal. The human's own hand-head distance: {human} cm, to the head's middle.\n\
+             The paper's figures are for other data, another robot and another, hand-made ground truth.\n"
+        )
     }
 }

@@ -2,15 +2,17 @@
 //! to several rates, goes through the input stage alone.
 
 use crate::cli::Cli;
+use crate::clips::chosen;
 use crate::error::EvalError;
-use crate::following::chosen;
 use crate::run::{show, write_json};
 use config::Overrides;
 use messages::{RawSkeleton, Stamp};
 use motion::{CalibrationMode, Motion};
 use rayon::prelude::*;
-use serde_json::{Value, json};
+use serde::Serialize;
+use serde_json::{Map, json};
 use skeleton::DropReason;
+use std::collections::BTreeMap;
 use std::fmt;
 use std::path::Path;
 
@@ -20,7 +22,7 @@ const RATES_HZ: [f64; 2] = [20.0, 240.0];
 const BEGIN_NS: u64 = 1_000_000_000;
 
 /// Counts of a motion's frames.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Refusals {
     /// Frames.
     pub frames: u64,
@@ -31,7 +33,7 @@ pub struct Refusals {
     /// Number of times that the person counted as another one.
     pub strangers: u64,
     /// Number of frames or arms by reason.
-    pub reasons: Vec<(&'static str, u64)>,
+    pub reasons: BTreeMap<&'static str, u64>,
 }
 
 impl Refusals {
@@ -40,24 +42,9 @@ impl Refusals {
         self.dropped += other.dropped;
         self.arm_left_out += other.arm_left_out;
         self.strangers += other.strangers;
-        for &(name, count) in &other.reasons {
-            match self.reasons.iter_mut().find(|(known, _)| *known == name) {
-                Some((_, sum)) => *sum += count,
-                None => self.reasons.push((name, count)),
-            }
+        for (name, count) in &other.reasons {
+            *self.reasons.entry(name).or_default() += count;
         }
-    }
-
-    fn json(&self) -> Value {
-        let reasons: serde_json::Map<_, _> =
-            self.reasons.iter().map(|(name, count)| ((*name).to_owned(), json!(count))).collect();
-        json!({
-            "frames": self.frames,
-            "dropped": self.dropped,
-            "arm_left_out": self.arm_left_out,
-            "strangers": self.strangers,
-            "reasons": reasons,
-        })
     }
 }
 
@@ -98,11 +85,18 @@ struct Report {
 
 impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        writeln!(f, "{:>6} {:>9} {:>9} {:>9} {:>10}", "Hz", "frames", "dropped", "one arm", "strangers")?;
-        for (rate, all) in &self.rates {
-            let Refusals { frames, dropped, arm_left_out, strangers, .. } = all;
-            writeln!(f, "{rate:>6} {frames:>9} {dropped:>9} {arm_left_out:>9} {strangers:>10}")?;
-        }
+        let count = |head, width, count: fn(&Refusals) -> u64| {
+            column(["", head], width, move |row: &Refusals| count(row).to_string())
+        };
+        let columns = [
+            count("frames", 9, |row| row.frames),
+            count("dropped", 9, |row| row.dropped),
+            count("one arm", 9, |row| row.arm_left_out),
+            count("strangers", 10, |row| row.strangers),
+        ];
+        let names: Vec<String> = self.rates.iter().map(|(rate, _)| format!("{rate:>6}")).collect();
+        let rows = names.iter().zip(&self.rates).map(|(name, (_, all))| (name.as_str(), all));
+        table::write(f, ("    Hz", 6), &columns, rows)?;
         for (name, rate, found) in &self.worst {
             let reasons: Vec<_> = found.reasons.iter().map(|(name, count)| format!("{name} {count}")).collect();
             writeln!(f, "{name} at {rate} Hz: {}", reasons.join(", "))?;
@@ -150,6 +144,6 @@ pub fn run(cli: &Cli, folder: &Path) -> Result<(), EvalError> {
     }
     let report = Report { folder: folder.display().to_string(), motions: motions.len(), rates, worst };
     show(&report);
-    let rates: serde_json::Map<_, _> = report.rates.iter().map(|(rate, all)| (format!("{rate}"), all.json())).collect();
+    let rates: Map<_, _> = report.rates.iter().map(|(rate, all)| (format!("{rate}"), json!(all))).collect();
     write_json(cli, &json!({ "refusals": report.folder, "motions": report.motions, "rates_hz": rates }))
 }

@@ -1,9 +1,9 @@
 //! Runs the command: reads, retargets every clip by every method, measures, times, prints, writes.
 
 use crate::cli::{Cli, DEFAULT_WEIGHTS, Frame};
-use crate::clips::{self, Clip, Selection};
+use crate::clips::{self, Clip};
 use crate::error::EvalError;
-use crate::methods::{self, Method, Posture, Solver, Sources, prepare, second_oracle};
+use crate::methods::{self, Method, Posture, Solver, Sources, prepare};
 use crate::metrics::{Task, measure};
 use crate::report::{Measured, Report, Row, Setting};
 use crate::timing::{Moment, us_per_pose};
@@ -11,10 +11,11 @@ use crate::{following, keyposes, paper, plots, refusals};
 use rayon::prelude::*;
 use retarget::{ArmIdentity, ArmModel, Weights};
 use robot::Model;
-use serde_json::Value;
+use serde_json::{Value, json};
 use std::fmt::Display;
 use std::io::Write;
 use std::path::Path;
+use train::clips::{VALIDATION_EVERY, motion_files};
 use train::robot_file::{arm_of, read_model};
 
 /// Number of timed poses, spread over all clips.
@@ -44,15 +45,14 @@ fn retargeting(cli: &Cli, human: &Path) -> Result<(), EvalError> {
     let model = read_model(&cli.robot)?;
     let (identity, _) = arm_of(&model);
     let weights = read_weights(&cli.weights, &identity)?;
-    let selection = Selection::parse(cli.clips.as_deref());
-    let (clips, skipped) = clips::read(human, &selection, cli.calibration, cli.stride)?;
+    let (clips, skipped) = clips::read(human, cli.clips.as_deref(), cli.calibration, cli.stride)?;
     for (file, reason) in &skipped {
         eprintln!("skipped {file}: {reason}");
     }
     // A method should not be trained on the clips of its measurement.
-    let training = clips::has_training_clips(human, &selection).then_some(human);
+    let trains = cli.clips.is_none() && motion_files(human)?.len() >= VALIDATION_EVERY;
     let sources = Sources {
-        human: training.unwrap_or(Path::new("MOTIONS")),
+        human: if trains { human } else { Path::new("MOTIONS") },
         robot: &cli.robot,
         weights: &cli.weights,
         baselines: &cli.baselines,
@@ -69,7 +69,7 @@ fn retargeting(cli: &Cli, human: &Path) -> Result<(), EvalError> {
     if let (true, Some(weights)) = (cli.keyposes, &weights) {
         let interpolation = keyposes::measure(&identity.arm, &weights.network, &tasks);
         show(&interpolation);
-        json["keyposes"] = interpolation.json();
+        json["keyposes"] = json!(interpolation);
     }
     named_motions(cli, &model, &methods, &mut json)?;
     if let Some(folder) = &cli.plot {
@@ -107,7 +107,7 @@ fn named_motions(cli: &Cli, model: &Model, methods: &[Method], json: &mut Value)
     if cli.paper_table {
         let table = paper::table(model, methods, &tasks);
         show(&table);
-        json["paper_table"] = table.json();
+        json["paper_table"] = json!(table);
     }
     if let Some(path) = &cli.figure3 {
         paper::figure(path, model, methods, &tasks)?;
@@ -148,13 +148,7 @@ pub fn tasks(arm: &ArmModel, clips: Vec<Clip>, frame: Frame, stride: usize) -> V
             Frame::Chest => clip.human.clone(),
             Frame::Global => clip.global(),
         };
-        Task {
-            oracle: Solver::Oracle.clip(arm, &target),
-            second_oracle: second_oracle(arm, &target),
-            target,
-            clip,
-            contiguous: stride == 1,
-        }
+        Task { oracle: Solver::Oracle.clip(arm, &target), target, clip, contiguous: stride == 1 }
     };
     clips.into_par_iter().map(task).collect()
 }
@@ -184,10 +178,7 @@ pub fn report(
         };
         Row { name: method.name.clone(), result: Ok(measured) }
     });
-    let rows = rows.collect();
-    let second: Vec<_> = tasks.iter().map(|task| task.run(&task.second_oracle)).collect();
-    let floor = measure(arm, &second);
-    Report { rows, floor, setting: Setting::of(cli, human, weights, tasks) }
+    Report { rows: rows.collect(), setting: Setting::of(cli, human, weights, tasks) }
 }
 
 /// Retargets every clip by one method. The oracle's postures are not computed again.

@@ -3,8 +3,9 @@
 
 use super::judge::{limbs_deg, mean};
 use super::person::Person;
-use crate::clips::{Human, both_arms};
+use crate::clips::Human;
 use messages::{JointTarget, Stamp, WAY_NODE_TICKS, deadline};
+use retarget::Limbs;
 
 /// Judged times beyond the newest skeleton, ms.
 pub const AHEAD_MS: [u64; 3] = [50, 100, 200];
@@ -28,19 +29,14 @@ impl Expectation {
         let limbs = AHEAD_MS.map(|ahead_ms| {
             let wanted = origin.0 + ahead_ms * 1_000_000;
             let next = (1..u64::from(target.way_nodes)).find(|&i| at(i) >= wanted && at(i - 1) <= wanted)?;
-            let [from, to] = [next - 1, next].map(|i| node(target, i as usize));
+            // An arm without a way has zeros there, which are no rotation.
+            let [from, to] = [next - 1, next].map(|i| Limbs::of_both(target.way.get(i as usize)?));
             let share = (wanted - at(next - 1)) as f64 / (at(next) - at(next - 1)) as f64;
             let (from, to) = (from?, to?);
             Some([0, 1].map(|arm| from[arm].slerp(&to[arm], share)))
         });
         Self { origin, limbs }
     }
-}
-
-/// Returns both arms of a node. None if one of them has no way.
-fn node(target: &JointTarget, i: usize) -> Option<Human> {
-    let limbs = target.way.get(i)?;
-    limbs.iter().all(|limb| *limb != [0.0; 4]).then(|| both_arms(limbs))
 }
 
 /// Returns the mean angle of four limbs between the expectation and the person's later motion, degrees, at each

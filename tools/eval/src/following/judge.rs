@@ -9,22 +9,25 @@ use crate::figures::limbs_of;
 use messages::{LEFT_ARM, LIMBS, RIGHT_ARM, Stamp};
 use retarget::{ArmModel, Limbs, limb_error_deg};
 use robot::Model;
+use serde::Serialize;
 use std::collections::BTreeMap;
 
 /// Delays among which the best one is searched, ms: every 20 up to this.
 const BEST_MAX_MS: u64 = 600;
 const BEST_STEP_MS: usize = 20;
 
-/// Measurements of one clip.
-#[derive(Clone, Debug, Default, PartialEq)]
+/// Measurements of one clip. Serialized, they are the numbers with one value each.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Figures {
     /// The clip.
+    #[serde(skip)]
     pub name: String,
     /// Time while Engaged, s.
     pub seconds: f64,
     /// Error against the person of the same instant, degrees.
     pub now_deg: f64,
     /// Error against the person so many ms before, in the order of the requested delays.
+    #[serde(skip)]
     pub at_deg: Vec<f64>,
     /// Least error over all delays, degrees.
     pub best_deg: f64,
@@ -33,16 +36,20 @@ pub struct Figures {
     /// Least error of any motion within the limits, against the person of the same instant.
     pub optimum_deg: Option<f64>,
     /// The same, found by least squares alone.
+    #[serde(rename = "optimum_least_squares_deg")]
     pub least_squares_deg: Option<f64>,
     /// Mean error of the expectation, at each of `AHEAD_MS` beyond the newest skeleton.
+    #[serde(skip)]
     pub expected_deg: [Option<f64>; AHEAD_MS.len()],
     /// Largest share of an effort limit.
     pub torque_share_max: f64,
     /// Share of ticks whose command was the next point of the previous plan.
     pub on_plan_share: f64,
     /// Violations by kind.
+    #[serde(skip)]
     pub violations: BTreeMap<String, u64>,
     /// The reason if the run ended before the clip did.
+    #[serde(skip)]
     pub stopped: Option<String>,
 }
 

@@ -30,14 +30,13 @@ pub use riccati::Joints;
 pub use tracking::{Bounds, Motion, NODE_S, State};
 
 use crate::cli::Cli;
-use crate::clips::Selection;
+use crate::clips::{chosen, stem};
 use crate::error::EvalError;
 use crate::run::{show, write_json};
 use config::Overrides;
 use rayon::prelude::*;
 use retarget::ArmModel;
 use std::path::{Path, PathBuf};
-use train::clips::motion_files;
 
 /// Delays that are always judged, ms.
 const DELAYS_MS: [f64; 2] = [60.0, 200.0];
@@ -73,12 +72,8 @@ pub fn run(cli: &Cli, folder: &Path) -> Result<(), EvalError> {
         if let Some(folder) = &cli.plot {
             plot::draw_clip(folder, &arm, &played, cli.delay_ms, best.as_ref())?;
         }
-        let never = || {
-            format!(
-                "not Engaged for long enough{}",
-                played.stopped.iter().fold(String::new(), |_, why| format!(": {why}"))
-            )
-        };
+        let stopped = played.stopped.iter().map(|why| format!(": {why}")).collect::<String>();
+        let never = || format!("not Engaged for long enough{stopped}");
         Ok(judge(&arm, &played, &delays_ms, best.as_ref()).ok_or_else(never))
     };
     let files = chosen(folder, cli.clips.as_deref())?;
@@ -99,20 +94,4 @@ pub fn run(cli: &Cli, folder: &Path) -> Result<(), EvalError> {
     let report = Report { folder, config, delay_ms: cli.delay_ms, delays_ms, clips, skipped };
     show(&report);
     write_json(cli, &report.json())
-}
-
-fn stem(file: &Path) -> String {
-    file.file_stem().map(|stem| stem.to_string_lossy().into_owned()).unwrap_or_default()
-}
-
-/// Returns the motion files of the folder, or those with the requested names.
-pub(crate) fn chosen(folder: &Path, clips: Option<&str>) -> Result<Vec<PathBuf>, EvalError> {
-    let files = motion_files(folder)?;
-    let Selection::Named(names) = Selection::parse(clips) else { return Ok(files) };
-    let find = |name: &String| {
-        let file = files.iter().find(|file| stem(file) == *name).cloned();
-        let reason = || format!("{} has no motion file of this name", folder.display());
-        file.ok_or_else(|| EvalError::Clip { name: name.clone(), reason: reason() })
-    };
-    names.iter().map(find).collect()
 }

@@ -1,8 +1,9 @@
 //! The person over time: the limb rotations of the skeletons that `ingest` passes on, each at its origin, with
 //! slerp between them.
 
-use crate::clips::{Human, both_arms};
+use crate::clips::Human;
 use messages::{SMPL_JOINTS, Skeleton, Stamp, skeleton_flag};
+use retarget::Limbs;
 
 /// One person's limbs and joints, in the order of their origins.
 #[derive(Clone, Debug, Default)]
@@ -15,11 +16,13 @@ pub struct Person {
 impl Person {
     /// Adds a skeleton. One that lacks a limb, or is not newer than the last, is ignored.
     pub fn add(&mut self, skeleton: &Skeleton) {
-        let whole = skeleton.flags & skeleton_flag::ALL == skeleton_flag::ALL;
         let origin = skeleton.header.origin;
-        if whole && self.origins.last().is_none_or(|last| origin > *last) {
+        let newer = self.origins.last().is_none_or(|last| origin > *last);
+        let limbs =
+            Limbs::of_both(&skeleton.limbs).filter(|_| skeleton.flags & skeleton_flag::ALL == skeleton_flag::ALL);
+        if let Some(limbs) = limbs.filter(|_| newer) {
             self.origins.push(origin);
-            self.limbs.push(both_arms(&skeleton.limbs));
+            self.limbs.push(limbs);
             self.positions.push(skeleton.positions);
         }
     }

@@ -100,13 +100,9 @@ impl<'a> Stage<'a> {
 
     fn torque_share(&self, command: &JointCommand) -> f64 {
         let torques = self.dynamics.at(&command.q).torques(&command.v, &command.a, GRAVITY_M_PER_S2);
-        let share = |j: usize| torques[j].abs() / model(self).limits[j].effort_max;
+        let share = |j: usize| torques[j].abs() / self.loaded.model.limits[j].effort_max;
         LEFT_ARM.chain(RIGHT_ARM).map(share).fold(0.0, f64::max)
     }
-}
-
-fn model<'a>(stage: &Stage<'a>) -> &'a Model {
-    &stage.loaded.model
 }
 
 struct Watch<'a> {
@@ -121,7 +117,6 @@ impl Watch<'_> {
             self.played.person.add(skeleton);
         }
         let Some(control) = &moment.control else { return };
-        let engaged = control.status.mode == Mode::Engaged as u32;
         let Some(command) = control.command.as_ref() else {
             self.engaged_at = None;
             return;
@@ -130,12 +125,17 @@ impl Watch<'_> {
             let share = self.stage.torque_share(command);
             self.played.torque_share_max = self.played.torque_share_max.max(share);
         }
-        if !engaged {
+        if control.status.mode != Mode::Engaged as u32 {
             self.engaged_at = None;
             return;
         }
         if let Some(target) = &moment.target {
-            self.expect(target);
+            // The first target of a new skeleton has the expectation.
+            let expected = &mut self.played.expected;
+            if expected.last().is_none_or(|last| target.header.origin > last.origin) {
+                let delay_ns = (self.stage.loaded.settings.retarget.following_delay_ms * 1e6) as u64;
+                expected.push(Expectation::of(target, delay_ns));
+            }
         }
         let began = *self.engaged_at.get_or_insert_with(|| {
             self.played.spans.push(Vec::new());
@@ -146,17 +146,6 @@ impl Watch<'_> {
         if let (true, Some(span)) = ((moment.k - began).is_multiple_of(SAMPLE_TICKS), self.played.spans.last_mut()) {
             let arms = |all: &[f64]| [LEFT_ARM, RIGHT_ARM].map(|joints| std::array::from_fn(|i| all[joints.start + i]));
             span.push(Sample { at: deadline(command.k), q: arms(&command.q), v: arms(&command.v) });
-        }
-    }
-}
-
-impl Watch<'_> {
-    /// Keeps the expectation of a target if it is the first one of a new skeleton.
-    fn expect(&mut self, target: &JointTarget) {
-        let delay_ns = (self.stage.loaded.settings.retarget.following_delay_ms * 1e6) as u64;
-        let expected = &mut self.played.expected;
-        if expected.last().is_none_or(|last| target.header.origin > last.origin) {
-            expected.push(Expectation::of(target, delay_ns));
         }
     }
 }

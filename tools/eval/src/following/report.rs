@@ -2,7 +2,7 @@
 
 use super::ahead::AHEAD_MS;
 use super::judge::{Figures, mean};
-use crate::report::cell;
+use crate::table::{self, Column, column, number};
 use serde_json::{Map, Value, json};
 use std::fmt;
 
@@ -23,92 +23,41 @@ pub struct Report {
     pub skipped: Vec<(String, String)>,
 }
 
-/// The numbers of a row, in the order of the table.
-struct Numbers {
-    seconds: f64,
-    now: f64,
-    at: Vec<f64>,
-    best: f64,
-    best_ms: f64,
-    optimum: Option<f64>,
-    squares: Option<f64>,
-    ratio: Option<f64>,
-    expected: [Option<f64>; AHEAD_MS.len()],
-    torque: f64,
-    on_plan: f64,
-}
-
 impl Report {
-    fn numbers(&self, clip: &Figures) -> Numbers {
-        let at_delay = self.delays_ms.iter().position(|ms| *ms == self.delay_ms).map(|i| clip.at_deg[i]);
-        Numbers {
-            seconds: clip.seconds,
-            now: clip.now_deg,
-            at: clip.at_deg.clone(),
-            best: clip.best_deg,
-            best_ms: clip.best_ms,
-            optimum: clip.optimum_deg,
-            squares: clip.least_squares_deg,
-            ratio: at_delay.zip(clip.optimum_deg).map(|(at, optimum)| at / optimum),
-            expected: clip.expected_deg,
-            torque: clip.torque_share_max,
-            on_plan: clip.on_plan_share,
-        }
+    /// Returns the numbers of a clip.
+    fn numbers(&self, clip: &Figures) -> Value {
+        let at = self.delays_ms.iter().zip(&clip.at_deg).map(|(ms, deg)| (ms.to_string(), json!(deg)));
+        let expected = AHEAD_MS.iter().zip(&clip.expected_deg).map(|(ms, deg)| (ms.to_string(), json!(deg)));
+        let at_delay =
+            self.delays_ms.iter().position(|ms| *ms == self.delay_ms).and_then(|i| clip.at_deg.get(i).copied());
+        let mut row = json!(clip);
+        row["at_ms_deg"] = at.collect::<Map<_, _>>().into();
+        row["at_delay_deg"] = json!(at_delay);
+        row["ratio"] = json!(at_delay.zip(clip.optimum_deg).map(|(at, optimum)| at / optimum));
+        row["expected_ms_deg"] = expected.collect::<Map<_, _>>().into();
+        row
     }
 
-    /// Combines each number of all clips by `of`.
-    fn summary(&self, of: fn(&[f64]) -> Option<f64>) -> Numbers {
-        let rows: Vec<Numbers> = self.clips.iter().map(|clip| self.numbers(clip)).collect();
-        let known = |get: &dyn Fn(&Numbers) -> Option<f64>| of(&rows.iter().filter_map(get).collect::<Vec<_>>());
-        let all = |get: &dyn Fn(&Numbers) -> f64| known(&|row| Some(get(row))).unwrap_or(f64::NAN);
-        Numbers {
-            seconds: all(&|row| row.seconds),
-            now: all(&|row| row.now),
-            at: (0..self.delays_ms.len()).map(|i| all(&|row| row.at[i])).collect(),
-            best: all(&|row| row.best),
-            best_ms: all(&|row| row.best_ms),
-            optimum: known(&|row| row.optimum),
-            squares: known(&|row| row.squares),
-            ratio: known(&|row| row.ratio),
-            expected: std::array::from_fn(|i| known(&|row| row.expected[i])),
-            torque: all(&|row| row.torque),
-            on_plan: all(&|row| row.on_plan),
-        }
-    }
-
-    fn summaries(&self) -> [(&'static str, Numbers); 2] {
-        [("mean", self.summary(mean)), ("median", self.summary(median))]
+    /// Returns mean and median of each number of all clips.
+    fn summaries(&self) -> [(&'static str, Value); 2] {
+        let rows: Vec<Value> = self.clips.iter().map(|clip| self.numbers(clip)).collect();
+        // Without a clip, the numbers of an empty one name the columns.
+        let like = rows.first().cloned().unwrap_or_else(|| self.numbers(&Figures::default()));
+        let rows: Vec<&Value> = rows.iter().collect();
+        [("mean", summary(&like, &rows, mean)), ("median", summary(&like, &rows, median))]
     }
 
     /// Returns the table as JSON.
     #[must_use]
     pub fn json(&self) -> Value {
-        let numbers = |row: &Numbers| {
-            let at = self.delays_ms.iter().zip(&row.at).map(|(ms, deg)| (format!("{ms}"), json!(deg)));
-            let expected = AHEAD_MS.iter().zip(&row.expected).map(|(ms, deg)| (format!("{ms}"), json!(deg)));
-            json!({
-                "seconds": row.seconds,
-                "now_deg": row.now,
-                "at_ms_deg": at.collect::<Map<_, _>>(),
-                "at_delay_deg": self.delays_ms.iter().position(|ms| *ms == self.delay_ms).map(|i| row.at[i]),
-                "best_deg": row.best,
-                "best_ms": row.best_ms,
-                "optimum_deg": row.optimum,
-                "optimum_least_squares_deg": row.squares,
-                "ratio": row.ratio,
-                "expected_ms_deg": expected.collect::<Map<_, _>>(),
-                "torque_share_max": row.torque,
-                "on_plan_share": row.on_plan,
-            })
-        };
         let clips = self.clips.iter().map(|clip| {
-            let mut value = numbers(&self.numbers(clip));
+            let mut value = self.numbers(clip);
             value["clip"] = json!(clip.name);
             value["violations"] = json!(clip.violations);
             value["stopped"] = json!(clip.stopped);
             value
         });
-        let [mean, median] = self.summaries().map(|(_, row)| numbers(&row));
+        let [(_, mean), (_, median)] = self.summaries();
         let skipped = self.skipped.iter().map(|(clip, why)| json!({ "clip": clip, "why": why }));
         json!({
             "following": self.folder,
@@ -120,6 +69,41 @@ impl Report {
             "skipped": skipped.collect::<Vec<_>>(),
         })
     }
+
+    /// Returns the columns of a row: numbers, and a number of violations.
+    fn columns(&self) -> Vec<Column<'_, (Value, u64)>> {
+        let figure = |head: &str, width, digits, key: &'static str| {
+            column(["", head], width, move |(row, _): &(Value, u64)| number(row[key].as_f64(), digits))
+        };
+        let mut columns = vec![figure("s", 6, 1, "seconds"), figure("now", 6, 1, "now_deg")];
+        columns.extend(self.delays_ms.iter().map(|ms| {
+            let text = move |(row, _): &(Value, u64)| number(row["at_ms_deg"][ms.to_string()].as_f64(), 1);
+            column(["", &format!("{ms} ms")], 7, text)
+        }));
+        let percent = |share: &Value| number(share.as_f64().map(|share| 100.0 * share), 1) + " %";
+        columns.extend([
+            figure("best", 6, 1, "best_deg"),
+            figure("at ms", 5, 0, "best_ms"),
+            figure("optimum", 8, 1, "optimum_deg"),
+            figure("ratio", 6, 2, "ratio"),
+            figure("torque", 7, 2, "torque_share_max"),
+            column(["", "on plan"], 8, move |(row, _): &(Value, u64)| percent(&row["on_plan_share"])),
+            column(["", "viol."], 6, |(_, violations): &(Value, u64)| violations.to_string()),
+        ]);
+        columns
+    }
+}
+
+/// Combines each number of the rows by `of`. `like` has the keys.
+fn summary(like: &Value, rows: &[&Value], of: fn(&[f64]) -> Option<f64>) -> Value {
+    let Value::Object(keys) = like else {
+        return json!(of(&rows.iter().filter_map(|value| value.as_f64()).collect::<Vec<_>>()));
+    };
+    let one = |(key, like): (&String, &Value)| {
+        let values: Vec<&Value> = rows.iter().map(|row| &row[key]).collect();
+        (key.clone(), summary(like, &values, of))
+    };
+    Value::Object(keys.iter().map(one).collect())
 }
 
 /// Returns the middle value, or the mean of both middle values. None if there are no values.
@@ -132,32 +116,13 @@ fn median(values: &[f64]) -> Option<f64> {
 
 impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{:<20} {:>6} {:>6}", "degrees", "s", "now")?;
-        for ms in &self.delays_ms {
-            write!(f, " {:>7}", format!("{ms} ms"))?;
-        }
-        writeln!(
-            f,
-            " {:>6} {:>5} {:>8} {:>6} {:>7} {:>8} {:>6}",
-            "best", "at ms", "optimum", "ratio", "torque", "on plan", "viol."
-        )?;
-        let row = |f: &mut fmt::Formatter<'_>, name: &str, row: &Numbers, violations: u64| {
-            write!(f, "{name:<20} {} {}", cell(Some(row.seconds), 6, 1), cell(Some(row.now), 6, 1))?;
-            for at in &row.at {
-                write!(f, " {}", cell(Some(*at), 7, 1))?;
-            }
-            write!(f, " {} {}", cell(Some(row.best), 6, 1), cell(Some(row.best_ms), 5, 0))?;
-            write!(f, " {} {}", cell(row.optimum, 8, 1), cell(row.ratio, 6, 2))?;
-            write!(f, " {} {} %", cell(Some(row.torque), 7, 2), cell(Some(100.0 * row.on_plan), 6, 1))?;
-            writeln!(f, " {violations:>6}")
-        };
-        for clip in &self.clips {
-            row(f, &clip.name, &self.numbers(clip), clip.violations_total())?;
-        }
-        let violations = self.clips.iter().map(Figures::violations_total).sum();
-        for (name, numbers) in self.summaries() {
-            row(f, name, &numbers, violations)?;
-        }
+        let clips = self.clips.iter().map(|clip| (clip.name.as_str(), self.numbers(clip), clip.violations_total()));
+        let all = self.clips.iter().map(Figures::violations_total).sum();
+        let summaries = self.summaries();
+        let [(_, mean), (_, median)] = &summaries;
+        let summaries = summaries.iter().map(|(name, row)| (*name, row.clone(), all));
+        let rows: Vec<_> = clips.chain(summaries).map(|(name, row, count)| (name, (row, count))).collect();
+        table::write(f, ("degrees", 20), &self.columns(), rows.iter().map(|(name, row)| (*name, row)))?;
         for clip in &self.clips {
             if let Some(why) = &clip.stopped {
                 writeln!(f, "{}: {why}", clip.name)?;
@@ -166,19 +131,21 @@ impl fmt::Display for Report {
         for (clip, why) in &self.skipped {
             writeln!(f, "not judged: {clip}: {why}")?;
         }
-        writeln!(f, "{} clips of {}, settings {}", self.clips.len(), self.folder, self.config)?;
-        writeln!(f, "command against person while Engaged, mean angle of four limbs, every 20 ms, at recorded speed")?;
         writeln!(
             f,
-            "ratio: the error at {} ms over the optimum, which looks ahead and knows no collisions",
+            "{} clips of {}, settings {}\n\
+             command against person while Engaged, mean angle of four limbs, every 20 ms, at recorded speed\n\
+             ratio: the error at {} ms over the optimum, which looks ahead and knows no collisions",
+            self.clips.len(),
+            self.folder,
+            self.config,
             self.delay_ms
         )?;
-        write!(f, "the person against the prediction, at these times after the newest skeleton:")?;
-        let [(_, mean), (_, median)] = self.summaries();
-        for (i, ms) in AHEAD_MS.iter().enumerate() {
-            let [mean, median] = [&mean, &median].map(|row| cell(row.expected[i], 0, 1));
-            write!(f, "{} {ms} ms {mean} (median {median})", if i == 0 { "" } else { "," })?;
-        }
-        writeln!(f)
+        let ahead = AHEAD_MS.map(|ms| {
+            let [mean, median] = [mean, median].map(|row| number(row["expected_ms_deg"][ms.to_string()].as_f64(), 1));
+            format!(" {ms} ms {mean} (median {median})")
+        });
+        let ahead = ahead.join(",");
+        writeln!(f, "the person against the prediction, at these times after the newest skeleton:{ahead}")
     }
 }
