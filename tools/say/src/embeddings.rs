@@ -16,6 +16,7 @@ use crate::{LibraryError, Match, read};
 use ort::environment::Environment;
 use ort::session::Session;
 use ort::value::Tensor;
+use std::fmt::Display;
 use std::fs::File;
 use std::io::BufReader;
 use std::path::Path;
@@ -43,80 +44,23 @@ pub enum EmbeddingError {
         /// The reason.
         cause: String,
     },
-    /// onnxruntime rejects the encoder, or fails to run it.
-    #[error("{file}: onnxruntime reports: {cause}")]
-    Encoder {
-        /// The encoder.
+    /// The encoder, the tokenizer or the matrix cannot be used.
+    #[error("{file}: {cause}")]
+    Invalid {
+        /// The file.
         file: String,
         /// The reason.
         cause: String,
     },
-    /// The encoder has an unknown input.
-    #[error("{file}: input `{name}` is unknown; the inputs are input_ids, attention_mask, token_type_ids")]
-    Input {
-        /// The encoder.
-        file: String,
-        /// The input's name.
-        name: String,
-    },
-    /// The output is not an embedding.
-    #[error(
-        "{file}: output `{name}` has the shape {shape:?} for {tokens} tokens; it must be [1, d] or [1, {tokens}, d]"
-    )]
-    Output {
-        /// The encoder.
-        file: String,
-        /// The output's name.
-        name: String,
-        /// Its shape.
-        shape: Vec<i64>,
-        /// Number of tokens of the sentence.
-        tokens: usize,
-    },
-    /// The tokenizer is missing or invalid, or finds nothing in the sentence.
-    #[error("{file}: {cause}")]
-    Tokenizer {
-        /// The tokenizer.
-        file: String,
-        /// The reason.
-        cause: String,
-    },
-    /// The matrix is not an array.
-    #[error("{file}: {cause}")]
-    Array {
-        /// The matrix.
-        file: String,
-        /// The reason.
-        cause: motion::ArrayError,
-    },
-    /// The matrix does not have one row for each caption.
-    #[error("{file}: has the shape {shape:?}; it must be [{captions}, d], a row for each caption of captions.tsv")]
-    Rows {
-        /// The matrix.
-        file: String,
-        /// Its shape.
-        shape: Vec<usize>,
-        /// Number of captions.
-        captions: usize,
-    },
-    /// The rows and the encoder's embedding differ in length.
-    #[error("{file}: rows of {columns} numbers; the encoder's embedding has {width}")]
-    Width {
-        /// The matrix.
-        file: String,
-        /// Length of its rows.
-        columns: usize,
-        /// Length of the embedding.
-        width: usize,
-    },
-    /// A vector has no direction: it is NaN, infinite, or zero.
-    #[error("{file}: {what} has no direction: a number is NaN or infinite, or all are 0")]
-    Direction {
-        /// The matrix or the encoder.
-        file: String,
-        /// The row.
-        what: String,
-    },
+}
+
+fn invalid(file: &str, cause: impl Display) -> EmbeddingError {
+    EmbeddingError::Invalid { file: file.to_owned(), cause: cause.to_string() }
+}
+
+/// Returns the error of a vector that is NaN, infinite, or zero.
+fn no_direction(file: &str, what: &str) -> EmbeddingError {
+    invalid(file, format!("{what} has no direction: a number is NaN or infinite, or all are 0"))
 }
 
 /// A text encoder with the motions of a library.
@@ -142,11 +86,9 @@ impl Embeddings {
             regular(path)?;
         }
         let (motions, columns) = read_motions(&paths[2], captions)?;
-        let text = read(&paths[1])?;
-        let tokenizer = Tokenizer::from_bytes(text)
-            .map_err(|error| EmbeddingError::Tokenizer { file: files[1].clone(), cause: error.to_string() })?;
-        let session = load(&start(runtime)?, &paths[0])
-            .map_err(|error| EmbeddingError::Encoder { file: files[0].clone(), cause: error.to_string() })?;
+        let tokenizer = Tokenizer::from_bytes(read(&paths[1])?).map_err(|error| invalid(&files[1], error))?;
+        let session = Session::builder(&start(runtime)?).and_then(|mut builder| builder.commit_from_file(&paths[0]));
+        let session = session.map_err(|error| refused_by_runtime(&files[0], error))?;
         Ok(Self { session, tokenizer, motions, columns, files })
     }
 
@@ -161,10 +103,11 @@ impl Embeddings {
         let [encoder, _, motions] = &self.files;
         if embedding.len() != self.columns {
             let (columns, width) = (self.columns, embedding.len());
-            return Err(EmbeddingError::Width { file: motions.clone(), columns, width });
+            let cause = format!("rows of {columns} numbers; the encoder's embedding has {width}");
+            return Err(invalid(motions, cause));
         }
         if !normalise(&mut embedding) {
-            return Err(EmbeddingError::Direction { file: encoder.clone(), what: "the sentence's embedding".into() });
+            return Err(no_direction(encoder, "the sentence's embedding"));
         }
         let rows = self.motions.chunks_exact(self.columns).enumerate();
         let cosine = |row: &[f64]| row.iter().zip(&embedding).map(|(a, b)| a * b).sum();
@@ -175,39 +118,42 @@ impl Embeddings {
 
     fn embed(&mut self, sentence: &str) -> Result<Vec<f64>, EmbeddingError> {
         let [encoder, tokenizer, _] = &self.files;
-        let untaken = |cause: String| EmbeddingError::Tokenizer { file: tokenizer.clone(), cause };
-        let tokens = self.tokenizer.encode(sentence, true).map_err(|error| untaken(error.to_string()))?;
-        let shown = tokens.get_attention_mask().iter().filter(|&&mask| mask > 0).count();
-        if shown == 0 {
-            return Err(untaken("finds no token in the sentence".into()));
+        let tokens = self.tokenizer.encode(sentence, true).map_err(|error| invalid(tokenizer, error))?;
+        let mask = tokens.get_attention_mask();
+        if mask.iter().all(|&mask| mask == 0) {
+            return Err(invalid(tokenizer, "finds no token in the sentence"));
         }
-        let failed = |error: ort::Error| EmbeddingError::Encoder { file: encoder.clone(), cause: error.to_string() };
+        let failed = |error: ort::Error| refused_by_runtime(encoder, error);
         let mut inputs = Vec::new();
         for input in self.session.inputs() {
             let name = input.name().to_owned();
-            let unknown = || EmbeddingError::Input { file: encoder.clone(), name: name.clone() };
-            let values = values(&tokens, &name).ok_or_else(unknown)?;
+            let Some(values) = values(&tokens, &name) else {
+                let known = "the inputs are input_ids, attention_mask, token_type_ids";
+                return Err(invalid(encoder, format!("input `{name}` is unknown; {known}")));
+            };
             inputs.push((name, Tensor::from_array(([1, tokens.len()], values)).map_err(failed)?));
         }
         let outputs = self.session.run(inputs).map_err(failed)?;
         let named = outputs.iter().find(|(name, _)| *name == OUTPUT).or_else(|| outputs.iter().next());
-        let Some((name, value)) = named else {
-            return Err(EmbeddingError::Encoder { file: encoder.clone(), cause: "the model has no output".into() });
-        };
+        let (name, value) = named.ok_or_else(|| invalid(encoder, "onnxruntime reports: the model has no output"))?;
         let (shape, numbers) = value.try_extract_tensor::<f32>().map_err(failed)?;
+        let count = tokens.len();
         match **shape {
             [1, width] if width > 0 => Ok(numbers.iter().copied().map(f64::from).collect()),
-            [1, count, width] if count == tokens.len() as i64 && width > 0 => {
-                Ok(mean(numbers, numbers.len() / tokens.len(), tokens.get_attention_mask()))
-            }
-            _ => Err(EmbeddingError::Output {
-                file: encoder.clone(),
-                name: name.to_owned(),
-                shape: shape.to_vec(),
-                tokens: tokens.len(),
-            }),
+            [1, rows, width] if rows == count as i64 && width > 0 => Ok(mean(numbers, numbers.len() / count, mask)),
+            _ => Err(invalid(
+                encoder,
+                format!(
+                    "output `{name}` has the shape {:?} for {count} tokens; it must be [1, d] or [1, {count}, d]",
+                    shape.to_vec()
+                ),
+            )),
         }
     }
+}
+
+fn refused_by_runtime(encoder: &str, error: ort::Error) -> EmbeddingError {
+    invalid(encoder, format!("onnxruntime reports: {error}"))
 }
 
 /// Returns the values for an input of this name.
@@ -237,18 +183,21 @@ fn normalise(vector: &mut [f64]) -> bool {
 
 /// Returns the rows as unit vectors, and the length of a row.
 fn read_motions(path: &Path, captions: usize) -> Result<(Vec<f64>, usize), EmbeddingError> {
-    let file = || path.display().to_string();
-    let opened = File::open(path).map_err(|cause| LibraryError::Read { file: file(), cause })?;
-    let array = motion::npy::read_npy(BufReader::new(opened));
-    let array = array.map_err(|cause| EmbeddingError::Array { file: file(), cause })?;
-    let columns = match array.shape[..] {
+    let file = path.display().to_string();
+    let opened = File::open(path).map_err(|cause| LibraryError::Read { file: file.clone(), cause })?;
+    let array = motion::npy::read_npy(BufReader::new(opened)).map_err(|cause| invalid(&file, cause))?;
+    let shape = &array.shape;
+    let columns = match shape[..] {
         [rows, columns] if rows == captions && columns > 0 => columns,
-        _ => return Err(EmbeddingError::Rows { file: file(), shape: array.shape, captions }),
+        _ => {
+            let wanted = format!("it must be [{captions}, d], a row for each caption of captions.tsv");
+            return Err(invalid(&file, format!("has the shape {shape:?}; {wanted}")));
+        }
     };
     let mut motions = array.values;
     for (row, vector) in motions.chunks_exact_mut(columns).enumerate() {
         if !normalise(vector) {
-            return Err(EmbeddingError::Direction { file: file(), what: format!("row {row}, counted from 0,") });
+            return Err(no_direction(&file, &format!("row {row}, counted from 0,")));
         }
     }
     Ok((motions, columns))
@@ -264,10 +213,6 @@ fn start(runtime: &Path) -> Result<Environment, EmbeddingError> {
     // Its messages come back as errors. Nothing goes to the terminal or to its makers.
     let builder = builder.with_telemetry(false).with_logger(std::sync::Arc::new(|_, _, _, _, _| ()));
     builder.build().map_err(|error| refused(error.to_string()))
-}
-
-fn load(runtime: &Environment, encoder: &Path) -> Result<Session, ort::Error> {
-    Session::builder(runtime)?.commit_from_file(encoder)
 }
 
 #[cfg(test)]

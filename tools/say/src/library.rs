@@ -1,6 +1,6 @@
 //! A folder of motions and their captions.
 
-use crate::text::{BYTES_MAX, read};
+use crate::text::read;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 
@@ -27,26 +27,19 @@ pub enum LibraryError {
         /// The reason.
         cause: std::io::Error,
     },
-    /// A file is too large.
-    #[error("{file}: longer than {BYTES_MAX} bytes")]
-    Large {
+    /// A file is too large, or is not a file of captions.
+    #[error("{file}{cause}")]
+    Invalid {
         /// The file of captions or synonyms.
         file: String,
+        /// The place in the file, and the reason.
+        cause: String,
     },
-    /// A line is not a caption.
-    #[error("{file}, line {line}: must be FILE<tab>CAPTION; the file lies in the folder of the captions")]
-    Line {
-        /// The file of captions.
-        file: String,
-        /// Line number, from 1.
-        line: usize,
-    },
-    /// The file has no captions.
-    #[error("{file}: no caption")]
-    Empty {
-        /// The file of captions.
-        file: String,
-    },
+}
+
+/// Returns the error of a file, with a place in it or none.
+pub(crate) fn invalid(file: &str, cause: &str) -> LibraryError {
+    LibraryError::Invalid { file: file.to_owned(), cause: cause.to_owned() }
 }
 
 /// The captions of a folder.
@@ -86,11 +79,14 @@ impl Library {
                 Some((motion, text)) if !motion.is_empty() && !text.is_empty() && inside(motion) => {
                     captions.push(Caption { file: motion.to_owned(), text: text.to_owned() });
                 }
-                _ => return Err(LibraryError::Line { file: file.to_owned(), line: n + 1 }),
+                _ => {
+                    let rule = "must be FILE<tab>CAPTION; the file lies in the folder of the captions";
+                    return Err(invalid(file, &format!(", line {}: {rule}", n + 1)));
+                }
             }
         }
         if captions.is_empty() {
-            return Err(LibraryError::Empty { file: file.to_owned() });
+            return Err(invalid(file, ": no caption"));
         }
         Ok(Self { folder: PathBuf::new(), captions })
     }
@@ -122,7 +118,8 @@ mod tests {
             let error = Library::from_text("captions.tsv", text).expect_err(text).to_string();
             assert!(error.starts_with("captions.tsv, line 2: "), "{text}: {error}");
         }
-        assert!(matches!(Library::from_text("captions.tsv", "# nothing\n"), Err(LibraryError::Empty { .. })));
+        let empty = Library::from_text("captions.tsv", "# nothing\n").expect_err("it has no caption");
+        assert_eq!(empty.to_string(), "captions.tsv: no caption");
         let good = Library::from_text("captions.tsv", "# remark\n\na.bvh\twaves\r\nsub/b.bvh\t claps\ttwice ")
             .expect("is good");
         let texts: Vec<_> = good.captions().iter().map(|caption| caption.text.as_str()).collect();

@@ -1,12 +1,12 @@
 //! Texts from files that other users may have written.
 
-use crate::LibraryError;
+use crate::library::{LibraryError, invalid};
 use std::fs::File;
 use std::io::{Error, ErrorKind, Read};
 use std::path::Path;
 
 /// Size of the largest text that is read, bytes. HumanML3D's 45,000 captions take 3 MB.
-pub(crate) const BYTES_MAX: u64 = 64 << 20;
+const BYTES_MAX: u64 = 64 << 20;
 
 /// Reads the text of a regular file.
 ///
@@ -20,7 +20,7 @@ pub fn read(path: &Path) -> Result<String, LibraryError> {
     // A file may grow while it is read.
     File::open(path).and_then(|open| open.take(BYTES_MAX + 1).read_to_end(&mut text)).map_err(failed)?;
     if text.len() as u64 > BYTES_MAX {
-        return Err(LibraryError::Large { file: file() });
+        return Err(invalid(&file(), &format!(": longer than {BYTES_MAX} bytes")));
     }
     String::from_utf8(text).map_err(|error| failed(Error::new(ErrorKind::InvalidData, error.utf8_error())))
 }
@@ -42,13 +42,6 @@ pub fn shown(text: &str) -> String {
 /// Returns JSON without control characters except line ends. serde_json leaves some control characters
 /// unescaped.
 pub fn escaped(json: &str) -> String {
-    let mut out = String::with_capacity(json.len());
-    for c in json.chars() {
-        if c.is_control() && c != '\n' {
-            out += &format!("\\u{:04x}", u32::from(c));
-        } else {
-            out.push(c);
-        }
-    }
-    out
+    let escaped = |c: char| c.is_control() && c != '\n';
+    json.chars().map(|c| if escaped(c) { format!("\\u{:04x}", u32::from(c)) } else { c.to_string() }).collect()
 }
