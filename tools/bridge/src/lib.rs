@@ -21,7 +21,7 @@ use messages::{Layout, RawSkeleton, SkeletonLayout};
 pub const PACKET_MAX: usize = 16 << 10;
 
 /// The reason why a packet was rejected.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, thiserror::Error)]
 pub enum Refused {
     /// It does not belong to this protocol.
     #[error("from another protocol")]
@@ -49,27 +49,13 @@ pub enum Refused {
     User,
 }
 
-impl Refused {
-    /// All reasons. The index is the value.
-    pub const ALL: [Self; 8] = [
-        Self::Protocol,
-        Self::Length,
-        Self::Late,
-        Self::Twice,
-        Self::NotANumber,
-        Self::Stranger,
-        Self::Character,
-        Self::User,
-    ];
-}
-
 /// Result of an accepted packet.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Taken {
-    /// It has data of the selected person. Its sender keeps the turn.
-    Person,
-    /// It has no such data.
+    /// It has no data of the selected person.
     Aside,
+    /// It has such data. Its sender keeps the turn.
+    Person,
 }
 
 /// Receiver of one protocol.
@@ -93,4 +79,12 @@ pub trait Protocol {
 /// Returns a frame without a person.
 fn empty(layout: SkeletonLayout, joints: usize, flags: u32) -> RawSkeleton {
     RawSkeleton { layout: layout as u32, joint_count: joints as u32, flags, ..RawSkeleton::ZERO }
+}
+
+/// Returns the outcome of a packet, and the frames that it completes.
+#[cfg(test)]
+fn taken(protocol: &mut dyn Protocol, packet: &[u8]) -> (Result<Taken, Refused>, Vec<RawSkeleton>) {
+    let mut frames = Vec::new();
+    let outcome = protocol.take(packet, &mut |frame| frames.push(*frame));
+    (outcome, frames)
 }

@@ -7,6 +7,7 @@ use client::{Port, Transport};
 use instance::Instance;
 use messages::{Header, Layout, RawSkeleton, Stamp};
 use rt::{Peer, Shutdown, err, out};
+use std::collections::BTreeMap;
 use std::io::ErrorKind;
 use std::net::{SocketAddr, UdpSocket};
 use std::os::fd::AsFd;
@@ -59,7 +60,19 @@ fn run<P: Protocol>(bind: SocketAddr, to: &To, protocol: P) -> Result<(), (u8, S
     if !at.ip().is_loopback() && to.from.is_none() {
         out!("bridge: everyone who reaches {at} may move the robot; --from IP admits only one machine");
     }
-    let mut listener = Listener::new(port, protocol, Senders::new(to.from), Users::new(users));
+    let mut listener = Listener {
+        port,
+        protocol,
+        senders: Senders::new(to.from),
+        users: Users::new(users),
+        incarnation: rt::incarnation(),
+        session: 0,
+        restarts: 0,
+        published: 0,
+        failed: 0,
+        refused: BTreeMap::new(),
+        told: (rt::now(), 0),
+    };
     let mut packet = [0; PACKET_MAX + 1];
     while !shutdown.requested() {
         match socket.recv_from(&mut packet) {
@@ -95,29 +108,12 @@ struct Listener<P> {
     restarts: u64,
     published: u64,
     failed: u64,
-    refused: [u64; Refused::ALL.len()],
+    refused: BTreeMap<Refused, u64>,
     /// Time of the last report of rejected packets, and their number in it.
     told: (Stamp, u64),
 }
 
 impl<P: Protocol> Listener<P> {
-    fn new(port: Port, protocol: P, senders: Senders, users: Users) -> Self {
-        let incarnation = rt::incarnation();
-        Self {
-            port,
-            protocol,
-            senders,
-            users,
-            incarnation,
-            session: 0,
-            restarts: 0,
-            published: 0,
-            failed: 0,
-            refused: Default::default(),
-            told: (rt::now(), 0),
-        }
-    }
-
     fn take(&mut self, sender: SocketAddr, packet: &[u8]) {
         let outcome = self.listen(sender, packet, rt::now());
         if self.protocol.restarts() != self.restarts {
@@ -128,7 +124,7 @@ impl<P: Protocol> Listener<P> {
             }
         }
         if let Err(refused) = outcome {
-            let count = &mut self.refused[refused as usize];
+            let count = self.refused.entry(refused).or_default();
             *count += 1;
             if *count == 1 {
                 out!("bridge: refused a packet of {sender}: {refused}; further ones are only counted");
@@ -179,7 +175,7 @@ impl<P: Protocol> Listener<P> {
 
     /// Reports the number of rejected packets if it grew since the last report.
     fn tell(&mut self, now: Stamp) {
-        let refused = self.refused.iter().sum();
+        let refused = self.refused.values().sum();
         if now.since(self.told.0) >= TELL_EVERY_NS {
             if refused != self.told.1 {
                 out!("{}", self.summary());
@@ -193,11 +189,8 @@ impl<P: Protocol> Listener<P> {
         if self.restarts > 0 {
             text += &format!("; senders restarted {} times", self.restarts);
         }
-        for refused in Refused::ALL {
-            let count = self.refused[refused as usize];
-            if count > 0 {
-                text += &format!("; {count} packets {refused}");
-            }
+        for (refused, count) in &self.refused {
+            text += &format!("; {count} packets {refused}");
         }
         text
     }

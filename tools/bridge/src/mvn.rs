@@ -137,6 +137,7 @@ fn numbers(item: &[u8]) -> [f32; 7] {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::taken as take;
 
     type Item = (u32, [f32; 7]);
 
@@ -160,12 +161,6 @@ mod tests {
         (0..23)
             .map(|i| (i + 1, [i as f32, 2.0 * i as f32, 3.0 * i as f32, turned(i).cos(), 0.0, 0.0, turned(i).sin()]))
             .collect()
-    }
-
-    fn take(mvn: &mut Mvn, packet: &[u8]) -> (Result<Taken, Refused>, Vec<RawSkeleton>) {
-        let mut frames = Vec::new();
-        let outcome = mvn.take(packet, &mut |frame| frames.push(*frame));
-        (outcome, frames)
     }
 
     #[test]

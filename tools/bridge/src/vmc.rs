@@ -6,6 +6,7 @@
 
 use crate::{Protocol, Refused, Taken, empty};
 use messages::{RawSkeleton, SkeletonLayout, raw_flag};
+use nalgebra::{Isometry3, Quaternion, UnitQuaternion};
 use rosc::{OscMessage, OscPacket, OscType};
 
 /// Bones of the body and their indices in `HumanBodyBones`. Fingers, eyes and jaw have no effect here.
@@ -39,9 +40,8 @@ const COUNT: usize = 55;
 /// Bits of both upper and both lower arms. A frame without them moves no arms.
 const ARMS: u64 = 0b1111 << 13;
 
-/// A position, then a rotation, x y z w.
-type Transform = ([f32; 3], [f32; 4]);
-const IDENTITY: Transform = ([0.0; 3], [0.0, 0.0, 0.0, 1.0]);
+/// A position (m) and a rotation. The algebra is the same for left-handed and right-handed axes.
+type Transform = Isometry3<f32>;
 
 /// Receiver of one performer.
 #[derive(Clone, Debug)]
@@ -61,8 +61,9 @@ impl Vmc {
     /// Creates a receiver without any data.
     pub fn new() -> Self {
         let mut frame = empty(SkeletonLayout::UnityHumanoid, COUNT, raw_flag::ROTATIONS | raw_flag::LOCAL);
-        frame.rotations[..COUNT].fill(IDENTITY.1);
-        Self { root: IDENTITY, hips: IDENTITY, seen: 0, frame, absent: false, time: None, restarts: 0 }
+        frame.rotations[..COUNT].fill([0.0, 0.0, 0.0, 1.0]);
+        let (root, hips) = (Transform::identity(), Transform::identity());
+        Self { root, hips, seen: 0, frame, absent: false, time: None, restarts: 0 }
     }
 
     fn message(&mut self, message: &OscMessage, publish: &mut dyn FnMut(&RawSkeleton)) -> Result<(), Refused> {
@@ -80,7 +81,7 @@ impl Vmc {
                 if bone == HIPS {
                     self.hips = transform;
                 } else {
-                    self.frame.rotations[bone] = transform.1;
+                    self.frame.rotations[bone] = transform.rotation.coords.into();
                 }
                 self.seen |= 1 << bone;
             }
@@ -112,8 +113,9 @@ impl Vmc {
         if self.absent || seen & 1 << HIPS == 0 || seen & ARMS == 0 {
             return;
         }
-        let (position, rotation) = after(&self.root, &self.hips);
-        (self.frame.positions[HIPS], self.frame.rotations[HIPS]) = (position, rotation);
+        let Transform { translation, rotation } = self.root * self.hips;
+        self.frame.positions[HIPS] = translation.vector.into();
+        self.frame.rotations[HIPS] = rotation.coords.into();
         self.frame.confidence[..COUNT].fill(1.0);
         for bone in (13..=18).filter(|bone| seen & 1 << bone == 0) {
             self.frame.confidence[bone] = 0.0;
@@ -166,10 +168,7 @@ fn check(packet: &OscPacket) -> Result<Taken, Refused> {
     let message = match packet {
         OscPacket::Message(message) => message,
         OscPacket::Bundle(bundle) => {
-            return bundle.content.iter().try_fold(Taken::Aside, |taken, packet| {
-                let this = check(packet)?;
-                Ok(if taken == Taken::Person { taken } else { this })
-            });
+            return bundle.content.iter().try_fold(Taken::Aside, |taken, packet| Ok(taken.max(check(packet)?)));
         }
     };
     let good = match message.addr.as_str() {
@@ -194,31 +193,15 @@ fn named(args: &[OscType]) -> Result<(&str, Transform), Refused> {
     if !all.iter().all(|x| x.is_finite()) {
         return Err(Refused::NotANumber);
     }
-    let [x, y, z, q @ ..] = all;
-    Ok((name, ([x, y, z], q)))
-}
-
-/// Returns the transform `child` under `parent`. The algebra is the same for left-handed and right-handed axes.
-fn after(parent: &Transform, child: &Transform) -> Transform {
-    let ([px, py, pz, pw], [cx, cy, cz, cw]) = (parent.1, child.1);
-    let rotation = [
-        pw * cx + px * cw + py * cz - pz * cy,
-        pw * cy - px * cz + py * cw + pz * cx,
-        pw * cz + px * cy - py * cx + pz * cw,
-        pw * cw - px * cx - py * cy - pz * cz,
-    ];
-    // v + 2 u x (u x v + w v), with the quaternion (u, w).
-    let (u, v) = ([px, py, pz], child.0);
-    let cross =
-        |a: [f32; 3], b: [f32; 3]| [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
-    let uv = cross(u, v);
-    let turned = cross(u, std::array::from_fn(|i| uv[i] + pw * v[i]));
-    (std::array::from_fn(|i| parent.0[i] + v[i] + 2.0 * turned[i]), rotation)
+    let [x, y, z, i, j, k, w] = all;
+    let rotation = UnitQuaternion::new_unchecked(Quaternion::new(w, i, j, k));
+    Ok((name, Transform::from_parts([x, y, z].into(), rotation)))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::taken as take;
     use rosc::{OscBundle, OscTime, encoder};
 
     fn bone(address: &str, name: &str, numbers: [f32; 7]) -> OscPacket {
@@ -234,12 +217,6 @@ mod tests {
     fn bytes(content: Vec<OscPacket>) -> Vec<u8> {
         let timetag = OscTime { seconds: 0, fractional: 1 };
         encoder::encode(&OscPacket::Bundle(OscBundle { timetag, content })).expect("a packet")
-    }
-
-    fn take(vmc: &mut Vmc, packet: &[u8]) -> (Result<Taken, Refused>, Vec<RawSkeleton>) {
-        let mut frames = Vec::new();
-        let outcome = vmc.take(packet, &mut |frame| frames.push(*frame));
-        (outcome, frames)
     }
 
     const STILL: [f32; 7] = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0];
@@ -276,7 +253,7 @@ mod tests {
             let (sin, cos) = (i as f32 / 100.0).sin_cos();
             assert_eq!((frame.rotations[i], frame.confidence[i]), ([sin, 0.0, 0.0, cos], 1.0));
         }
-        assert_eq!(frame.rotations[21], IDENTITY.1, "an eye");
+        assert_eq!(frame.rotations[21], [0.0, 0.0, 0.0, 1.0], "an eye");
         let mut vmc = Vmc::new();
         let one_by_one: Vec<_> =
             body(1.0).iter().flat_map(|packet| take(&mut vmc, &encoder::encode(packet).expect("a packet")).1).collect();
