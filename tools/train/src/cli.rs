@@ -29,8 +29,8 @@ pub struct Cli {
     /// Networks to train, and length of the training
     #[arg(long, value_enum, default_value = "full")]
     pub preset: Preset,
-    /// Number of steps, instead of the preset's
-    #[arg(long)]
+    /// Number of steps, 1 to 10000000, instead of the preset's
+    #[arg(long, value_parser = clap::value_parser!(u64).range(1..=10_000_000))]
     pub steps: Option<u64>,
     /// Seed of weights and poses, and of the draws of --prediction
     #[arg(long, default_value_t = 1)]
@@ -41,15 +41,6 @@ pub struct Cli {
     /// Peak learning rate of Adam, instead of the preset's
     #[arg(long)]
     pub rate: Option<f64>,
-    /// Share of procedural human poses, 0 to 1
-    #[arg(long, default_value_t = Mixture::default().procedural)]
-    pub procedural: f64,
-    /// Largest random turn of both limbs together about each torso axis, degrees
-    #[arg(long, default_value_t = 10.0)]
-    pub torso_jitter_deg: f32,
-    /// Largest random turn of each limb by itself about each torso axis, degrees
-    #[arg(long, default_value_t = 3.0)]
-    pub limb_jitter_deg: f32,
     /// Continue a checkpoint with its own options
     #[arg(long, value_name = "FILE")]
     pub resume: Option<PathBuf>,
@@ -75,23 +66,11 @@ impl Cli {
         let bounds = |option, value: String, expected: &str| {
             Err(TrainError::Option { option, value, expected: expected.to_owned() })
         };
-        if !(1..=10_000_000).contains(&steps) {
-            return bounds("steps", steps.to_string(), "1 to 10000000");
-        }
         if batch < 4 || !batch.is_multiple_of(2) || batch > 65_536 {
             return bounds("batch", batch.to_string(), "an even number from 4 to 65536");
         }
         if !(rate > 0.0 && rate <= 0.1) {
             return bounds("rate", rate.to_string(), "above 0, at most 0.1");
-        }
-        if !(0.0..=1.0).contains(&self.procedural) {
-            return bounds("procedural", self.procedural.to_string(), "0 to 1");
-        }
-        for (option, value) in [("torso-jitter-deg", self.torso_jitter_deg), ("limb-jitter-deg", self.limb_jitter_deg)]
-        {
-            if !(0.0..=45.0).contains(&value) {
-                return bounds(option, value.to_string(), "0 to 45");
-            }
         }
         Ok(Options {
             size: Size { hidden_layers: 6, hidden_width: 128 },
@@ -100,12 +79,7 @@ impl Cli {
             schedule: Schedule { peak: rate, warm_up: 500.min(steps / 4), second_decay: recipe.second_decay, steps },
             seed: self.seed,
             weighting: recipe.weighting,
-            mixture: Mixture {
-                procedural: self.procedural,
-                torso_jitter_rad: self.torso_jitter_deg.to_radians(),
-                limb_jitter_rad: self.limb_jitter_deg.to_radians(),
-                twins: recipe.weighting.steadiness > 0.0,
-            },
+            mixture: Mixture { twins: recipe.weighting.steadiness > 0.0, ..Mixture::default() },
         })
     }
 }

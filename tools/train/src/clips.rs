@@ -3,7 +3,7 @@
 use crate::error::TrainError;
 use crate::kinematics::Limbs;
 use crate::sampling::Recorded;
-use messages::{LIMBS, Limb};
+use messages::LIMBS;
 use motion::{CalibrationMode, Motion};
 use std::path::{Path, PathBuf};
 
@@ -132,8 +132,7 @@ pub fn limb_frames(motion: &Motion, calibration: CalibrationMode) -> Result<Vec<
 /// Returns both arms as left arms. The right one is mirrored at the plane between left and right.
 fn arms(frames: &[[[f32; 4]; LIMBS]]) -> [Vec<Limbs>; 2] {
     let mirror = |[x, y, z, w]: [f32; 4]| [-x, y, -z, w];
-    let left = frames.iter().map(|limbs| [limbs[Limb::LeftUpper as usize], limbs[Limb::LeftFore as usize]]);
-    let right =
-        frames.iter().map(|limbs| [mirror(limbs[Limb::RightUpper as usize]), mirror(limbs[Limb::RightFore as usize])]);
-    [left.collect(), right.collect()]
+    let arms = frames.iter().map(|[upper, fore, right @ ..]| ([*upper, *fore], right.map(mirror)));
+    let (left, right) = arms.unzip();
+    [left, right]
 }

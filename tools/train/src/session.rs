@@ -90,16 +90,12 @@ impl Session {
     #[must_use]
     pub fn mean_limb_degrees(&self, frames: &[[Limbs; 2]]) -> f64 {
         let postures = retarget(&self.networks, &self.adam.average, &self.arm, frames);
-        let sum: f64 = frames
-            .as_flattened()
-            .iter()
-            .zip(postures.as_flattened())
-            .flat_map(|(human, q)| {
-                let robot = self.arm.forward(q);
-                [limb_degrees(human[0], robot[0]), limb_degrees(human[1], robot[1])]
-            })
-            .map(f64::from)
-            .sum();
+        let pairs = frames.as_flattened().iter().zip(postures.as_flattened());
+        let degrees = pairs.flat_map(|(human, q)| {
+            let robot = self.arm.forward(q);
+            [limb_degrees(human[0], robot[0]), limb_degrees(human[1], robot[1])]
+        });
+        let sum: f64 = degrees.map(f64::from).sum();
         sum / (4 * frames.len()).max(1) as f64
     }
 }
