@@ -8,7 +8,7 @@ use retarget::{ARMS, Limbs, Network, REFINE_STEPS_MAX};
 use robot::Model;
 
 /// Space in which the line between two poses is straight.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 pub enum Space {
     /// Between the points of the shared latent space that the human encoder returns.
     Latent,

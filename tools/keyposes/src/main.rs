@@ -1,7 +1,7 @@
 //! `keyposes motions` writes the named motions. `keyposes interpolate` writes a joint trajectory between poses.
 //! `keyposes draw` writes stick figures.
 
-use clap::{Parser, Subcommand};
+use clap::{Args, Parser, Subcommand};
 use keyposes::error::KeyposesError;
 use keyposes::interpolate::{Options, Space};
 use keyposes::{draw, write};
@@ -35,37 +35,7 @@ enum Command {
     },
     /// Write the joint trajectory from pose to pose through the latent space: CSV, and a .bvh with the same
     /// name. `replay` plays both.
-    Interpolate {
-        /// Poses: FILE.bvh:FRAME, FILE.bvh@TIME_S, or a name: rest, t-pose, hands-up, ... (see `keyposes
-        /// motions`).
-        #[arg(required = true, num_args = 2..)]
-        poses: Vec<String>,
-        /// Time from each pose to the next, s, 0.05 to 60.
-        #[arg(long, default_value_t = 2.0)]
-        seconds: f64,
-        /// Rows per second, 1 to 1500.
-        #[arg(long, default_value_t = 60.0)]
-        rate: f64,
-        /// Output file of the trajectory. The motion gets the same name with .bvh.
-        #[arg(long, value_name = "FILE.csv", default_value = "interpolation.csv")]
-        out: PathBuf,
-        /// Space in which the line between two poses is straight.
-        #[arg(long, value_name = "latent|joint", default_value = "latent", value_parser = space)]
-        space: Space,
-        /// Levenberg-Marquardt steps after the network, 0 to 16.
-        #[arg(long, default_value_t = 2)]
-        refine_steps: u32,
-        /// Source of the elbow hinges of files: their first 10 s, all of them, the momentary elbow plane, the
-        /// rig.
-        #[arg(long, value_name = "first-10s|clip|none|rig", default_value = "first-10s", value_parser = calibration)]
-        calibration: CalibrationMode,
-        /// Robot file.
-        #[arg(long, value_name = "FILE", default_value = "config/robots/tiago_dual.toml")]
-        robot: PathBuf,
-        /// Weights, without extension.
-        #[arg(long, value_name = "FILE", default_value = "weights/tiago_dual")]
-        weights: PathBuf,
-    },
+    Interpolate(Interpolate),
     /// Draw stick figures of a motion, as SVG.
     Draw {
         /// The motion file (.bvh).
@@ -79,12 +49,37 @@ enum Command {
     },
 }
 
-fn space(text: &str) -> Result<Space, String> {
-    match text {
-        "latent" => Ok(Space::Latent),
-        "joint" => Ok(Space::Joint),
-        _ => Err("must be latent or joint".into()),
-    }
+#[derive(Args)]
+struct Interpolate {
+    /// Poses: FILE.bvh:FRAME, FILE.bvh@TIME_S, or a name: rest, t-pose, hands-up, ... (see `keyposes
+    /// motions`).
+    #[arg(required = true, num_args = 2..)]
+    poses: Vec<String>,
+    /// Time from each pose to the next, s, 0.05 to 60.
+    #[arg(long, default_value_t = 2.0)]
+    seconds: f64,
+    /// Rows per second, 1 to 1500.
+    #[arg(long, default_value_t = 60.0)]
+    rate: f64,
+    /// Output file of the trajectory. The motion gets the same name with .bvh.
+    #[arg(long, value_name = "FILE.csv", default_value = "interpolation.csv")]
+    out: PathBuf,
+    /// Space in which the line between two poses is straight.
+    #[arg(long, value_enum, default_value = "latent")]
+    space: Space,
+    /// Levenberg-Marquardt steps after the network, 0 to 16.
+    #[arg(long, default_value_t = 2)]
+    refine_steps: u32,
+    /// Source of the elbow hinges of files: their first 10 s, all of them, the momentary elbow plane, the
+    /// rig.
+    #[arg(long, value_name = "first-10s|clip|none|rig", default_value = "first-10s", value_parser = calibration)]
+    calibration: CalibrationMode,
+    /// Robot file.
+    #[arg(long, value_name = "FILE", default_value = "config/robots/tiago_dual.toml")]
+    robot: PathBuf,
+    /// Weights, without extension.
+    #[arg(long, value_name = "FILE", default_value = "weights/tiago_dual")]
+    weights: PathBuf,
 }
 
 fn calibration(text: &str) -> Result<CalibrationMode, String> {
@@ -95,10 +90,7 @@ fn main() -> ExitCode {
     rt::abort_on_panic();
     let done = match Arguments::parse().command {
         Command::Motions { out, robot } => write_motions(&out, &robot),
-        Command::Interpolate { poses, seconds, rate, out, space, refine_steps, calibration, robot, weights } => {
-            let options = Options { seconds, rate_hz: rate, space, refine_steps };
-            interpolate(&poses, &options, calibration, &out, &robot, &weights)
-        }
+        Command::Interpolate(arguments) => interpolate(&arguments),
         Command::Draw { file, out, count } => draw_file(&file, &out, usize::from(count)),
     };
     match done {
@@ -168,34 +160,26 @@ fn draw_file(file: &Path, out: &Path, count: usize) -> Result<(), KeyposesError>
     save(out, &draw::svg(&motion, count))
 }
 
-fn interpolate(
-    poses: &[String],
-    options: &Options,
-    calibration: CalibrationMode,
-    out: &Path,
-    robot: &Path,
-    weights: &Path,
-) -> Result<(), KeyposesError> {
+fn interpolate(arguments: &Interpolate) -> Result<(), KeyposesError> {
+    let Interpolate { out, calibration, seconds, rate, space, refine_steps, .. } = arguments;
     let beside = out.with_extension("bvh");
-    if beside == out {
+    if beside == *out {
         let reason = "the motion beside the trajectory would have the same name; give a name with .csv".to_owned();
-        return Err(PosesError::Trajectory { path: out.to_path_buf(), line: 1, reason }.into());
+        return Err(PosesError::Trajectory { path: out.clone(), line: 1, reason }.into());
     }
-    let files: Vec<&Path> = poses.iter().filter_map(|text| pose::file_of(text)).collect();
+    let files: Vec<&Path> = arguments.poses.iter().filter_map(|text| pose::file_of(text)).collect();
     apart(out, &files)?;
     apart(&beside, &files)?;
-    let model = load_model(robot)?;
-    let network = load_network(weights, &model)?;
-    let poses = poses.iter().map(|text| pose::read_pose(text, calibration)).collect::<Result<Vec<_>, _>>()?;
-    let found = keyposes::interpolate::interpolate(&model, &network, &poses, options)?;
+    let model = load_model(&arguments.robot)?;
+    let network = load_network(&arguments.weights, &model)?;
+    let poses =
+        arguments.poses.iter().map(|text| pose::read_pose(text, *calibration)).collect::<Result<Vec<_>, _>>()?;
+    let options = Options { seconds: *seconds, rate_hz: *rate, space: *space, refine_steps: *refine_steps };
+    let found = keyposes::interpolate::interpolate(&model, &network, &poses, &options)?;
     save(out, &write::trajectory_csv(&found))?;
     let name = out.file_stem().map_or_else(|| "interpolation".to_owned(), |stem| stem.to_string_lossy().into_owned());
     save(&beside, &write::compact_bvh(&trajectory::to_motion(&found, &model, &name)))?;
-    say(&format!(
-        "{} rows in {}; the motion in {} (calibration `rig`)",
-        found.q.len(),
-        out.display(),
-        beside.display()
-    ));
+    let (rows, out, beside) = (found.q.len(), out.display(), beside.display());
+    say(&format!("{rows} rows in {out}; the motion in {beside} (calibration `rig`)"));
     Ok(())
 }

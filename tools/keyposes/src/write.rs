@@ -7,32 +7,32 @@ use std::fmt::Write;
 /// Returns the motion as BVH text like `motion::write_bvh`, with two differences. Only the root has positions,
 /// because bones are rigid in our motions. Numbers have three decimals: 0.001 degrees, 0.01 mm.
 pub fn compact_bvh(motion: &Motion) -> String {
-    let full = motion::write_bvh(motion);
-    let mut out = String::with_capacity(full.len() / 4);
-    let mut joints = 0;
-    let mut in_frames = false;
-    for line in full.lines() {
+    let (mut out, mut joints, mut in_frames) = (String::new(), 0, false);
+    for line in motion::write_bvh(motion).lines() {
         let head = line.trim_start();
-        if in_frames {
-            let numbers = line.split_whitespace().filter_map(|word| word.parse::<f64>().ok());
+        let text = if in_frames {
             // Each joint has six numbers: position and rotation.
-            let kept = numbers.enumerate().filter(|(i, _)| *i < 6 || i % 6 >= 3).map(|(_, x)| decimals(x, 3));
-            push_line(&mut out, &kept.collect::<Vec<_>>().join(" "));
+            rounded(head.split_whitespace().enumerate().filter(|(i, _)| *i < 6 || i % 6 >= 3).map(|(_, word)| word))
         } else if head.starts_with("CHANNELS") && joints > 0 {
-            let pad = &line[..line.len() - head.len()];
-            push_line(&mut out, &format!("{pad}CHANNELS 3 Zrotation Yrotation Xrotation"));
+            "CHANNELS 3 Zrotation Yrotation Xrotation".to_owned()
         } else if let Some(offset) = head.strip_prefix("OFFSET ") {
-            let pad = &line[..line.len() - head.len()];
-            let numbers = offset.split_whitespace().filter_map(|word| word.parse::<f64>().ok());
-            let numbers = numbers.map(|x| decimals(x, 3)).collect::<Vec<_>>().join(" ");
-            push_line(&mut out, &format!("{pad}OFFSET {numbers}"));
+            format!("OFFSET {}", rounded(offset.split_whitespace()))
         } else {
-            push_line(&mut out, line);
-        }
+            head.to_owned()
+        };
+        out += &line[..line.len() - head.len()];
+        out += &text;
+        out.push('\n');
         joints += usize::from(head.starts_with("CHANNELS"));
         in_frames |= head.starts_with("Frame Time");
     }
     out
+}
+
+/// Returns the numbers among the words, with three decimals.
+fn rounded<'a>(words: impl Iterator<Item = &'a str>) -> String {
+    let numbers = words.filter_map(|word| word.parse().ok()).map(|x| decimals(x, 3));
+    numbers.collect::<Vec<_>>().join(" ")
 }
 
 /// Returns `time_s` and one column per joint, rad, with four decimals: 0.006 degrees.
@@ -51,11 +51,6 @@ pub fn trajectory_csv(trajectory: &Trajectory) -> String {
         out.push('\n');
     }
     out
-}
-
-fn push_line(out: &mut String, line: &str) {
-    out.push_str(line.trim_end());
-    out.push('\n');
 }
 
 /// Formats a number with at most `count` decimals, without trailing zeros, and without negative zero.
