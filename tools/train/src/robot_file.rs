@@ -2,7 +2,7 @@
 
 use crate::error::TrainError;
 use crate::kinematics::Arm;
-use retarget::{ArmIdentity, ArmModel};
+use retarget::ArmModel;
 use robot::Model;
 use std::path::Path;
 
@@ -36,12 +36,4 @@ impl From<&ArmModel> for Arm {
             half: single(arm.half()),
         }
     }
-}
-
-/// Returns the identity that weights for `model` must match, and the same arm in f32.
-#[must_use]
-pub fn arm_of(model: &Model) -> (ArmIdentity, Arm) {
-    let identity = ArmIdentity::of(model);
-    let arm = Arm::from(&identity.arm);
-    (identity, arm)
 }

@@ -11,7 +11,7 @@ use crate::objective::Terms;
 use crate::pairs::{matched, random_postures};
 use crate::prediction;
 use crate::preset::Preset;
-use crate::robot_file::{arm_of, read_model};
+use crate::robot_file::read_model;
 use crate::sampling::{Pair, Recorded};
 use crate::session::{Data, Options, Session};
 use crate::weights_file::{layers, with_suffix, write};
@@ -41,7 +41,8 @@ pub fn run(cli: &Cli) -> Result<(), TrainError> {
     if cli.prediction {
         return prediction::learn(out, &clips, cli.seed, cli.calibration.name());
     }
-    let (identity, arm) = arm_of(&read_model(&cli.robot)?);
+    let identity = ArmIdentity::of(&read_model(&cli.robot)?);
+    let arm = Arm::from(&identity.arm);
     let recorded = clips.recorded();
     let origin = Origin { robot_hash: format!("{:016x}", identity.robot_hash), poses: recorded.digest() };
     let mut session = match &cli.resume {
