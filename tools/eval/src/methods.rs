@@ -1,11 +1,12 @@
 //! The compared methods by name, and their conversion of limbs to joint positions.
 
+use crate::cli::Cli;
 use crate::clips::Human;
 use crate::error::EvalError;
-use crate::lookup::PostureTable;
+use crate::lookup::{self, PostureTable};
 use crate::sew::sew;
 use retarget::{ArmIdentity, ArmModel, ArmQ, Network, Weights, closed_form, oracle, refine, solve_poses};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Arc;
 use train::baseline::Baseline;
 
@@ -56,7 +57,7 @@ pub enum Solver {
     /// Three steps from the previous frame's output. The first frame starts in the middle of the limits.
     PreviousFrame,
     /// The lookup of [`PostureTable::nearest`].
-    Lookup(Arc<PostureTable>),
+    Lookup(PostureTable),
     /// A learned baseline.
     Learned(Box<Baseline>),
     /// S_GR minimised from many starts. This is the best that the arm can do.
@@ -81,19 +82,6 @@ pub struct Missing {
     pub command: String,
 }
 
-/// Locations of weights.
-#[derive(Clone, Debug)]
-pub struct Sources<'a> {
-    /// Motion files, for the proposed commands.
-    pub human: &'a Path,
-    /// Robot file, for the proposed commands.
-    pub robot: &'a Path,
-    /// Our weights, a .safetensors file with a .toml file in the same folder.
-    pub weights: &'a Path,
-    /// Folder of the learned baselines.
-    pub baselines: &'a Path,
-}
-
 /// Returns all names, in the order of the table.
 #[must_use]
 pub fn names() -> Vec<String> {
@@ -102,38 +90,41 @@ pub fn names() -> Vec<String> {
     ours.chain(analytic.iter().chain(&LEARNED).chain(&["oracle"]).map(|name| (*name).to_owned())).collect()
 }
 
-/// Prepares the methods `wanted` (of [`names`]). Those without weights report it.
+/// Prepares the requested methods, or all. Those without weights report it, and `human` as the motion files of the
+/// command that makes them.
 ///
 /// # Errors
 /// Returns an error if weights exist but are invalid, or a name is not known.
 pub fn prepare(
-    wanted: &[String],
-    sources: &Sources<'_>,
+    cli: &Cli,
+    human: &Path,
     identity: &ArmIdentity,
     weights: Option<&Weights>,
 ) -> Result<Vec<Method>, EvalError> {
     let network = weights.map(|weights| Arc::new(weights.network.clone()));
-    let mut table: Option<Arc<PostureTable>> = None;
-    let mut solver = |name: &str| -> Result<Result<Solver, Missing>, EvalError> {
+    let missing = |preset: &str, base: &Path| {
+        let (human, robot, base) = (human.display(), cli.robot.display(), base.display());
+        let train = "cargo run --release -p train --";
+        Missing {
+            reason: format!("{base}.safetensors is not there"),
+            command: format!("{train} --human {human} --robot {robot} --preset {preset} --out {base}"),
+        }
+    };
+    let solver = |name: &str| -> Result<Result<Solver, Missing>, EvalError> {
         Ok(Ok(match name {
             "sew" => Solver::Sew,
             "closed_form_3lm" => Solver::ClosedForm,
             "previous_frame_3lm" => Solver::PreviousFrame,
             "oracle" => Solver::Oracle,
-            "lookup" => {
-                let draw = || Arc::new(PostureTable::draw(&identity.arm, crate::lookup::POSTURES, crate::lookup::SEED));
-                Solver::Lookup(table.get_or_insert_with(draw).clone())
-            }
-            _ => match name.strip_prefix("ours_k").and_then(|steps| steps.parse().ok()) {
-                Some(steps) => match &network {
-                    Some(network) => Solver::Ours { network: network.clone(), steps },
-                    None => return Ok(Err(missing("full", sources.weights.with_extension(""), sources))),
-                },
-                None => {
+            "lookup" => Solver::Lookup(PostureTable::draw(&identity.arm, lookup::POSTURES, lookup::SEED)),
+            _ => match (name.strip_prefix("ours_k").and_then(|steps| steps.parse().ok()), &network) {
+                (Some(steps), Some(network)) => Solver::Ours { network: network.clone(), steps },
+                (Some(_), None) => return Ok(Err(missing("full", &cli.weights.with_extension("")))),
+                (None, _) => {
                     let preset = name.replace('_', "-");
-                    let base = sources.baselines.join(&preset);
+                    let base = cli.baselines.join(&preset);
                     if !base.with_extension("toml").exists() {
-                        return Ok(Err(missing(&preset, base, sources)));
+                        return Ok(Err(missing(&preset, &base)));
                     }
                     Solver::Learned(Box::new(Baseline::read(&base, identity)?))
                 }
@@ -141,27 +132,14 @@ pub fn prepare(
         }))
     };
     let known = names();
-    wanted
-        .iter()
-        .map(|name| {
-            if !known.contains(name) {
-                let expected = format!("names of {}", known.join(", "));
-                return Err(EvalError::Option { option: "methods", value: name.clone(), expected });
-            }
-            Ok(Method { name: name.clone(), solver: solver(name)? })
-        })
-        .collect()
-}
-
-fn missing(preset: &str, base: PathBuf, sources: &Sources<'_>) -> Missing {
-    let (human, robot) = (sources.human.display(), sources.robot.display());
-    Missing {
-        reason: format!("{}.safetensors is not there", base.display()),
-        command: format!(
-            "cargo run --release -p train -- --human {human} --robot {robot} --preset {preset} --out {}",
-            base.display()
-        ),
-    }
+    let prepared = cli.methods.as_ref().unwrap_or(&known).iter().map(|name| {
+        if !known.contains(name) {
+            let expected = format!("names of {}", known.join(", "));
+            return Err(EvalError::Option { option: "methods", value: name.clone(), expected });
+        }
+        Ok(Method { name: name.clone(), solver: solver(name)? })
+    });
+    prepared.collect()
 }
 
 impl Solver {

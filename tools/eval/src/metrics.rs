@@ -35,19 +35,15 @@ pub const GIMBAL_RAD: f64 = 5.0 * std::f64::consts::PI / 180.0;
 /// Error of the oracle below which a pose counts as reachable.
 pub const REACHABLE_DEG: f64 = 2.0;
 
-/// One clip as one method retargeted it. All slices have one entry per frame.
-#[derive(Clone, Copy, Debug)]
-pub struct Run<'a> {
-    /// Limbs that the method received.
-    pub human: &'a [Human],
-    /// Limbs for the comparison: the same, or the global ones.
-    pub target: &'a [Human],
-    /// The oracle's postures.
-    pub oracle: &'a [Posture],
-    /// The method's postures.
-    pub postures: &'a [Posture],
-    /// Frames per second.
-    pub rate_hz: f64,
+/// A clip with its references. All lists have one entry per frame.
+#[derive(Clone, Debug)]
+pub struct Task {
+    /// The clip.
+    pub clip: Clip,
+    /// Limbs with which its postures are compared.
+    pub target: Vec<Human>,
+    /// The oracle's postures for `target`.
+    pub oracle: Vec<Posture>,
     /// True if the frames are consecutive, as recorded.
     pub contiguous: bool,
 }
@@ -118,22 +114,22 @@ impl Mean {
     }
 }
 
-/// Returns the figures of one method over its runs.
+/// Returns the figures of one method, from its postures in each task.
 #[must_use]
-pub fn measure(arm: &ArmModel, runs: &[Run<'_>]) -> Figures {
+pub fn measure(arm: &ArmModel, tasks: &[Task], postures: &[Vec<Posture>]) -> Figures {
     let mut tally = Tally::default();
-    for run in runs {
-        tally.errors(arm, run);
-        if run.contiguous {
-            tally.motion(arm, run);
+    for (task, postures) in tasks.iter().zip(postures) {
+        tally.errors(arm, task, postures);
+        if task.contiguous {
+            tally.motion(arm, task, postures);
         }
     }
     tally.figures()
 }
 
 impl Tally {
-    fn errors(&mut self, arm: &ArmModel, run: &Run<'_>) {
-        for ((target, posture), oracle) in run.target.iter().zip(run.postures).zip(run.oracle) {
+    fn errors(&mut self, arm: &ArmModel, task: &Task, postures: &[Posture]) {
+        for ((target, posture), oracle) in task.target.iter().zip(postures).zip(&task.oracle) {
             self.frames += 1;
             for side in 0..2 {
                 let (human, q, best) = (&target[side], &posture[side], &oracle[side]);
@@ -157,11 +153,11 @@ impl Tally {
         }
     }
 
-    fn motion(&mut self, arm: &ArmModel, run: &Run<'_>) {
+    fn motion(&mut self, arm: &ArmModel, task: &Task, postures: &[Posture]) {
         for side in 0..2 {
-            let postures: Vec<ArmQ> = run.postures.iter().map(|both| both[side]).collect();
-            let oracle: Vec<ArmQ> = run.oracle.iter().map(|both| both[side]).collect();
-            for (q, human) in postures.windows(2).zip(run.human.windows(2)) {
+            let postures: Vec<ArmQ> = postures.iter().map(|both| both[side]).collect();
+            let oracle: Vec<ArmQ> = task.oracle.iter().map(|both| both[side]).collect();
+            for (q, human) in postures.windows(2).zip(task.clip.human.windows(2)) {
                 let [before, after] = [&human[0][side], &human[1][side]];
                 let still = turn_rad(&before.upper, &after.upper).max(turn_rad(&before.fore, &after.fore));
                 self.transitions += 1;
@@ -172,7 +168,7 @@ impl Tally {
                 if best.iter().any(|q| near_gimbal(arm, q)) || jump(best) {
                     continue;
                 }
-                let scale = run.rate_hz.powi(6);
+                let scale = task.clip.rate_hz.powi(6);
                 for jerk in &mut self.jerk[usize::from(jump(q))..] {
                     jerk[0] += third_difference_squared(q) * scale;
                     jerk[1] += third_difference_squared(best) * scale;
@@ -243,32 +239,4 @@ fn turn_rad(a: &UnitQuaternion<f64>, b: &UnitQuaternion<f64>) -> f64 {
 fn third_difference_squared(q: &[ArmQ]) -> f64 {
     let [a, b, c, d] = q else { return 0.0 };
     (0..ARM_Q).map(|j| (d[j] - 3.0 * c[j] + 3.0 * b[j] - a[j]).powi(2)).sum()
-}
-
-/// A clip with its references.
-#[derive(Clone, Debug)]
-pub struct Task {
-    /// The clip.
-    pub clip: Clip,
-    /// Limbs with which its postures are compared.
-    pub target: Vec<Human>,
-    /// The oracle's postures for `target`.
-    pub oracle: Vec<Posture>,
-    /// True if the frames are consecutive, as recorded.
-    pub contiguous: bool,
-}
-
-impl Task {
-    /// Returns this clip as retargeted to `postures`.
-    #[must_use]
-    pub fn run<'a>(&'a self, postures: &'a [Posture]) -> Run<'a> {
-        Run {
-            human: &self.clip.human,
-            target: &self.target,
-            oracle: &self.oracle,
-            postures,
-            rate_hz: self.clip.rate_hz,
-            contiguous: self.contiguous,
-        }
-    }
 }

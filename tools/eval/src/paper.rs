@@ -4,7 +4,8 @@
 use crate::clips::{Clip, clip_of};
 use crate::error::EvalError;
 use crate::figures::{FigureKind, limbs_of, with_limbs};
-use crate::methods::Method;
+use crate::following::mean;
+use crate::methods::{Method, Posture};
 use crate::metrics::{Task, measure};
 use crate::plots::{FigureRow, figure_rows};
 use crate::table::{self, column, number};
@@ -13,6 +14,7 @@ use motion::{CalibrationMode, Frame};
 use poses::motions::{named_pose, paper_motions};
 use poses::person::{hands, head};
 use poses::trajectory::ground_truth;
+use retarget::ArmModel;
 use robot::Model;
 use serde::Serialize;
 use serde_json::{Map, Value, json};
@@ -61,7 +63,7 @@ pub fn named_tasks(model: &Model) -> Vec<Task> {
 /// Measures the methods on the named motions.
 #[must_use]
 pub fn table(model: &Model, methods: &[Method], tasks: &[Task]) -> PaperTable {
-    let arm = retarget::ArmModel::of(model);
+    let arm = ArmModel::of(model);
     let moments = crate::run::moments(tasks);
     let (mut rows, mut missing) = (Map::new(), Vec::new());
     for Method { name, solver } in methods {
@@ -70,18 +72,13 @@ pub fn table(model: &Model, methods: &[Method], tasks: &[Task]) -> PaperTable {
             continue;
         };
         let postures = crate::run::postures(solver, &arm, tasks);
-        let runs: Vec<_> = tasks.iter().zip(&postures).map(|(task, postures)| task.run(postures)).collect();
-        let figures = measure(&arm, &runs);
-        let hand_to_head_m = touch(tasks, |index, task| {
-            let posture = postures.get(index).and_then(|clip| clip.get(task.0))?;
-            Some(with_limbs(&task.1, &limbs_of(&arm, posture)))
-        });
+        let figures = measure(&arm, tasks, &postures);
         let row = json!({
             "joint_mse_rad2": figures.joint_mse_all_rad2,
             "joint_mse_masked_rad2": figures.joint_mse_rad2,
             "limb_deg_mean": figures.limb_deg_mean,
             "control_khz": us_per_pose(solver, &arm, &moments).map(|us| 1e3 / us),
-            "hand_to_head_m": hand_to_head_m,
+            "hand_to_head_m": touch(tasks, Some((&arm, &postures))),
             "reported_mse_rad2": reported(&REPORTED_MSE, name),
             "reported_khz": reported(&REPORTED_KHZ, name),
         });
@@ -89,7 +86,7 @@ pub fn table(model: &Model, methods: &[Method], tasks: &[Task]) -> PaperTable {
     }
     PaperTable {
         frames: tasks.iter().map(|task| task.clip.human.len()).sum(),
-        human_hand_to_head_m: touch(tasks, |_, (_, positions)| Some(positions)),
+        human_hand_to_head_m: touch(tasks, None),
         methods: rows,
         missing,
     }
@@ -97,18 +94,26 @@ pub fn table(model: &Model, methods: &[Method], tasks: &[Task]) -> PaperTable {
 
 type Positions = [[f32; 3]; messages::SMPL_JOINTS];
 
+/// An arm, and its postures in each task.
+type Robot<'a> = Option<(&'a ArmModel, &'a [Vec<Posture>])>;
+
+/// Returns the joints of the human in a frame of a task, or with the arms of the robot.
+fn joints(tasks: &[Task], robot: Robot<'_>, (task, frame): (usize, usize)) -> Option<Positions> {
+    let human = *tasks.get(task)?.clip.positions.get(frame)?;
+    let Some((arm, postures)) = robot else { return Some(human) };
+    Some(with_limbs(&human, &limbs_of(arm, postures.get(task)?.get(frame)?)))
+}
+
 /// Returns the mean distance from hand to head over both hands and the frames in which the human's hands are
 /// nearest.
-fn touch(tasks: &[Task], shown: impl Fn(usize, (usize, Positions)) -> Option<Positions>) -> Option<f64> {
+fn touch(tasks: &[Task], robot: Robot<'_>) -> Option<f64> {
     let (index, task) = tasks.iter().enumerate().find(|(_, task)| task.clip.name == TOUCH)?;
     let human: Vec<f64> = task.clip.positions.iter().map(hand_to_head).collect();
     let least = human.iter().copied().fold(f64::INFINITY, f64::min);
     let near = human.iter().enumerate().filter(|(_, distance)| **distance < least + NEAREST_M);
-    let distances: Vec<f64> = near
-        .filter_map(|(frame, _)| shown(index, (frame, *task.clip.positions.get(frame)?)))
-        .map(|positions| hand_to_head(&positions))
-        .collect();
-    (!distances.is_empty()).then(|| distances.iter().sum::<f64>() / distances.len() as f64)
+    let shown = near.filter_map(|(frame, _)| joints(tasks, robot, (index, frame)));
+    let distances: Vec<f64> = shown.map(|positions| hand_to_head(&positions)).collect();
+    mean(&distances)
 }
 
 fn hand_to_head(positions: &Positions) -> f64 {
@@ -122,7 +127,7 @@ fn hand_to_head(positions: &Positions) -> f64 {
 /// # Errors
 /// Returns an error if it cannot be written.
 pub fn figure(path: &Path, model: &Model, methods: &[Method], tasks: &[Task]) -> Result<(), EvalError> {
-    let arm = retarget::ArmModel::of(model);
+    let arm = ArmModel::of(model);
     let instants: Vec<(usize, usize)> = POSES
         .iter()
         .filter_map(|name| {
@@ -135,23 +140,12 @@ pub fn figure(path: &Path, model: &Model, methods: &[Method], tasks: &[Task]) ->
             frames.min_by(|(_, a), (_, b)| away(a).total_cmp(&away(b))).map(|(frame, _)| (index, frame))
         })
         .collect();
-    let figures = |shown: &dyn Fn(usize, usize, &Positions) -> Option<Positions>| -> Vec<Positions> {
-        let at = |(index, frame): &(usize, usize)| {
-            let positions = tasks.get(*index)?.clip.positions.get(*frame)?;
-            shown(*index, *frame, positions)
-        };
-        instants.iter().filter_map(at).collect()
-    };
-    let mut rows: Vec<FigureRow> =
-        vec![("human".to_owned(), FigureKind::Human, figures(&|_, _, positions| Some(*positions)))];
-    for method in ROWS.iter().filter_map(|name| methods.iter().find(|method| method.name == *name)) {
-        let Ok(solver) = &method.solver else { continue };
+    let figures = |robot: Robot<'_>| instants.iter().filter_map(|at| joints(tasks, robot, *at)).collect();
+    let mut rows: Vec<FigureRow> = vec![("human".to_owned(), FigureKind::Human, figures(None))];
+    for Method { name, solver } in ROWS.iter().filter_map(|name| methods.iter().find(|method| method.name == *name)) {
+        let Ok(solver) = solver else { continue };
         let postures = crate::run::postures(solver, &arm, tasks);
-        let shown = |index: usize, frame: usize, positions: &Positions| {
-            let posture = postures.get(index)?.get(frame)?;
-            Some(with_limbs(positions, &limbs_of(&arm, posture)))
-        };
-        rows.push((method.name.clone(), FigureKind::Robot, figures(&shown)));
+        rows.push((name.clone(), FigureKind::Robot, figures(Some((&arm, &postures)))));
     }
     let columns: Vec<String> =
         instants.iter().filter_map(|(index, _)| tasks.get(*index).map(|task| task.clip.name.clone())).collect();

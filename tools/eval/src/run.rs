@@ -3,7 +3,7 @@
 use crate::cli::{Cli, DEFAULT_WEIGHTS, Frame};
 use crate::clips::{self, Clip};
 use crate::error::EvalError;
-use crate::methods::{self, Method, Posture, Solver, Sources, prepare};
+use crate::methods::{Method, Missing, Posture, Solver, prepare};
 use crate::metrics::{Task, measure};
 use crate::report::{Measured, Report, Row, Setting};
 use crate::timing::{Moment, us_per_pose};
@@ -16,7 +16,7 @@ use std::fmt::Display;
 use std::io::Write;
 use std::path::Path;
 use train::clips::{VALIDATION_EVERY, motion_files};
-use train::robot_file::{arm_of, read_model};
+use train::robot_file::read_model;
 
 /// Number of timed poses, spread over all clips.
 const TIMED_POSES: usize = 256;
@@ -43,7 +43,7 @@ fn retargeting(cli: &Cli, human: &Path) -> Result<(), EvalError> {
         return Err(EvalError::Option { option: "stride", value: "0".to_owned(), expected });
     }
     let model = read_model(&cli.robot)?;
-    let (identity, _) = arm_of(&model);
+    let identity = ArmIdentity::of(&model);
     let weights = read_weights(&cli.weights, &identity)?;
     let (clips, skipped) = clips::read(human, cli.clips.as_deref(), cli.calibration, cli.stride)?;
     for (file, reason) in &skipped {
@@ -51,16 +51,12 @@ fn retargeting(cli: &Cli, human: &Path) -> Result<(), EvalError> {
     }
     // A method should not be trained on the clips of its measurement.
     let trains = cli.clips.is_none() && motion_files(human)?.len() >= VALIDATION_EVERY;
-    let sources = Sources {
-        human: if trains { human } else { Path::new("MOTIONS") },
-        robot: &cli.robot,
-        weights: &cli.weights,
-        baselines: &cli.baselines,
-    };
-    let wanted = cli.methods.clone().unwrap_or_else(methods::names);
-    let methods = prepare(&wanted, &sources, &identity, weights.as_ref())?;
-    if cli.methods.is_some() {
-        refuse_missing(&methods)?;
+    let training = if trains { human } else { Path::new("MOTIONS") };
+    let methods = prepare(cli, training, &identity, weights.as_ref())?;
+    let missing = methods.iter().find_map(|method| Some((&method.name, method.solver.as_ref().err()?)));
+    if let Some((name, Missing { reason, command })) = missing.filter(|_| cli.methods.is_some()) {
+        let (name, reason, command) = (name.clone(), reason.clone(), command.clone());
+        return Err(EvalError::Missing { name, reason, command });
     }
     let tasks = tasks(&identity.arm, clips, cli.frame, cli.stride);
     let report = report(cli, human, &identity.arm, weights.as_ref(), &methods, &tasks);
@@ -130,16 +126,6 @@ fn read_weights(path: &Path, identity: &ArmIdentity) -> Result<Option<Weights>, 
     weights.map(Some).map_err(|source| EvalError::Weights { path: path.to_path_buf(), source })
 }
 
-fn refuse_missing(methods: &[Method]) -> Result<(), EvalError> {
-    for method in methods {
-        if let Err(missing) = &method.solver {
-            let (reason, command) = (missing.reason.clone(), missing.command.clone());
-            return Err(EvalError::Missing { name: method.name.clone(), reason, command });
-        }
-    }
-    Ok(())
-}
-
 /// Prepares clips with their references and the oracle's postures.
 #[must_use]
 pub fn tasks(arm: &ArmModel, clips: Vec<Clip>, frame: Frame, stride: usize) -> Vec<Task> {
@@ -170,9 +156,8 @@ pub fn report(
             Err(missing) => return Row { name: method.name.clone(), result: Err(missing.clone()) },
         };
         let postures = postures(solver, arm, tasks);
-        let runs: Vec<_> = tasks.iter().zip(&postures).map(|(task, postures)| task.run(postures)).collect();
         let measured = Measured {
-            figures: measure(arm, &runs),
+            figures: measure(arm, tasks, &postures),
             us_per_pose: us_per_pose(solver, arm, &moments),
             trained_on: solver.trained_on(),
         };

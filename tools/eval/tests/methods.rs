@@ -8,11 +8,11 @@ use rand::RngExt;
 use rand_pcg::Pcg64;
 use retarget::{ArmModel, ArmQ, Limbs, closed_form, s_gr};
 use std::path::Path;
-use train::robot_file::{arm_of, read_model};
+use train::robot_file::read_model;
 
 fn arm() -> ArmModel {
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/robots/tiago_dual.toml");
-    arm_of(&read_model(&file).expect("the robot file is valid")).0.arm
+    ArmModel::of(&read_model(&file).expect("the robot file is valid"))
 }
 
 fn posture(arm: &ArmModel, rng: &mut Pcg64) -> ArmQ {

@@ -1,19 +1,19 @@
 //! Definitions of the columns, on sequences with known figures.
 
-use eval::clips::Human;
+use eval::clips::{Clip, Human};
 use eval::keyposes::shape;
 use eval::methods::Posture;
-use eval::metrics::{Figures, Run, measure, near_gimbal};
+use eval::metrics::{Figures, Task, measure, near_gimbal};
 use nalgebra::UnitQuaternion;
 use retarget::{ArmModel, ArmQ};
 use std::path::Path;
-use train::robot_file::{arm_of, read_model};
+use train::robot_file::read_model;
 
 const FRAMES: usize = 60;
 
 fn arm() -> ArmModel {
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/robots/tiago_dual.toml");
-    arm_of(&read_model(&file).expect("the robot file is valid")).0.arm
+    ArmModel::of(&read_model(&file).expect("the robot file is valid"))
 }
 
 /// A smooth posture within the limits and away from the gimbal.
@@ -29,8 +29,16 @@ fn humans(arm: &ArmModel, postures: &[Posture]) -> Vec<Human> {
     postures.iter().map(|both| both.each_ref().map(|q| arm.forward(q))).collect()
 }
 
+/// A clip of these limbs, with the oracle's postures.
+fn task(human: &[Human], oracle: &[Posture]) -> Task {
+    let (name, human, torso, positions) = (String::new(), human.to_vec(), Vec::new(), Vec::new());
+    let target = human.clone();
+    let clip = Clip { name, rate_hz: 60.0, human, torso, positions };
+    Task { clip, target, oracle: oracle.to_vec(), contiguous: true }
+}
+
 fn figures(arm: &ArmModel, human: &[Human], oracle: &[Posture], postures: &[Posture]) -> Figures {
-    measure(arm, &[Run { human, target: human, oracle, postures, rate_hz: 60.0, contiguous: true }])
+    measure(arm, &[task(human, oracle)], &[postures.to_vec()])
 }
 
 fn some(value: Option<f64>) -> f64 {
@@ -139,9 +147,8 @@ fn run_with_skipped_frames_has_neither_jerk_nor_flips() {
     let arm = arm();
     let oracle: Vec<Posture> = (0..FRAMES).map(|i| posture(&arm, i, 0.2)).collect();
     let human = humans(&arm, &oracle);
-    let run =
-        Run { human: &human, target: &human, oracle: &oracle, postures: &oracle, rate_hz: 6.0, contiguous: false };
-    let figures = measure(&arm, &[run]);
+    let task = Task { contiguous: false, ..task(&human, &oracle) };
+    let figures = measure(&arm, &[task], &[oracle]);
     assert_eq!((figures.jerk_ratio, figures.flips_per_1000), (None, None));
     assert_eq!(figures.joint_mse_rad2, Some(0.0));
 }

@@ -22,6 +22,7 @@ mod riccati;
 mod tracking;
 
 pub use ahead::{AHEAD_MS, Expectation};
+pub(crate) use judge::mean;
 pub use judge::{Best, Figures, bounds_of, errors_deg, judge, limbs_deg};
 pub use person::Person;
 pub use play::{Played, Sample, Stage};
