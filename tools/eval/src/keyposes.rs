@@ -19,10 +19,11 @@ use crate::clips::Human;
 use crate::methods::Posture;
 use crate::metrics::Task;
 use crate::table::{self, column, number};
+use nalgebra::SVector;
 use rand::RngExt;
 use rand_pcg::Pcg64;
 use rayon::prelude::*;
-use retarget::{ArmModel, Latent, Network, features, interpolate_latent, limb_error_deg, posture};
+use retarget::{ARM_Q, ArmModel, Latent, Network, features, interpolate_latent, limb_error_deg, posture};
 use serde::Serialize;
 use std::fmt;
 
@@ -142,24 +143,15 @@ fn pair(arm: &ArmModel, network: &Network, from: &Human, to: &Human) -> [One; 4]
 /// chord.
 #[must_use]
 pub fn shape(path: &[Posture]) -> Option<(bool, f64)> {
-    let (first, last) = (path.first()?, path.last()?);
-    let chord = difference(first, last);
-    let length = norm(&chord);
+    let joints = |posture: &Posture| SVector::<f64, { 2 * ARM_Q }>::from_column_slice(posture.as_flattened());
+    let chord = joints(path.last()?) - joints(path.first()?);
+    let length = chord.norm();
     if length < CHORD_MIN_RAD {
         return None;
     }
-    let steps: Vec<Vec<f64>> = path.windows(2).map(|pair| difference(&pair[0], &pair[1])).collect();
-    let forward = |step: &Vec<f64>| step.iter().zip(&chord).map(|(a, b)| a * b).sum::<f64>() / (length * length);
-    let monotone = steps.iter().all(|step| forward(step) >= -BACKWARDS_SHARE);
-    Some((monotone, steps.iter().map(|step| norm(step)).sum::<f64>() / length))
-}
-
-fn difference(a: &Posture, b: &Posture) -> Vec<f64> {
-    a.iter().flatten().zip(b.iter().flatten()).map(|(a, b)| b - a).collect()
-}
-
-fn norm(v: &[f64]) -> f64 {
-    v.iter().map(|x| x * x).sum::<f64>().sqrt()
+    let steps: Vec<_> = path.windows(2).map(|pair| joints(&pair[1]) - joints(&pair[0])).collect();
+    let monotone = steps.iter().all(|step| step.dot(&chord) / (length * length) >= -BACKWARDS_SHARE);
+    Some((monotone, steps.iter().map(|step| step.norm()).sum::<f64>() / length))
 }
 
 fn mean<'a>(ones: impl Iterator<Item = &'a One>) -> Path {

@@ -22,15 +22,6 @@ pub struct Measured {
     pub us_per_pose: Option<f64>,
 }
 
-/// A method and its figures.
-#[derive(Clone, Debug)]
-pub struct Row {
-    /// Name.
-    pub name: String,
-    /// Figures, or the reason why there are none.
-    pub result: Result<Measured, Missing>,
-}
-
 /// Conditions of the measurement.
 #[derive(Clone, Debug, Serialize)]
 pub struct Setting {
@@ -66,8 +57,8 @@ pub struct WeightsFacts {
 /// All measurements.
 #[derive(Clone, Debug)]
 pub struct Report {
-    /// Methods in the order of the table.
-    pub rows: Vec<Row>,
+    /// Methods in the order of the table. Each has figures, or the reason why there are none.
+    pub rows: Vec<(String, Result<Measured, Missing>)>,
     /// Conditions of the measurement.
     pub setting: Setting,
 }
@@ -119,11 +110,11 @@ impl fmt::Display for Report {
 
 impl Report {
     fn measured(&self) -> impl Iterator<Item = (&str, &Measured)> {
-        self.rows.iter().filter_map(|row| Some((row.name.as_str(), row.result.as_ref().ok()?)))
+        self.rows.iter().filter_map(|(name, result)| Some((name.as_str(), result.as_ref().ok()?)))
     }
 
     fn missing(&self) -> impl Iterator<Item = (&str, &Missing)> {
-        self.rows.iter().filter_map(|row| Some((row.name.as_str(), row.result.as_ref().err()?)))
+        self.rows.iter().filter_map(|(name, result)| Some((name.as_str(), result.as_ref().err()?)))
     }
 
     /// Returns the figures of a method, if measured.

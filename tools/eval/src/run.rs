@@ -5,7 +5,7 @@ use crate::clips::{self, Clip};
 use crate::error::EvalError;
 use crate::methods::{Method, Missing, Posture, Solver, prepare};
 use crate::metrics::{Task, measure};
-use crate::report::{Measured, Report, Row, Setting};
+use crate::report::{Measured, Report, Setting};
 use crate::timing::{Moment, us_per_pose};
 use crate::{following, keyposes, paper, plots, refusals};
 use rayon::prelude::*;
@@ -16,7 +16,7 @@ use std::fmt::Display;
 use std::io::Write;
 use std::path::Path;
 use train::clips::{VALIDATION_EVERY, motion_files};
-use train::robot_file::read_model;
+use train::files::read_model;
 
 /// Number of timed poses, spread over all clips.
 const TIMED_POSES: usize = 256;
@@ -150,18 +150,17 @@ pub fn report(
     tasks: &[Task],
 ) -> Report {
     let moments = moments(tasks);
-    let rows = methods.iter().map(|method| {
-        let solver = match &method.solver {
-            Ok(solver) => solver,
-            Err(missing) => return Row { name: method.name.clone(), result: Err(missing.clone()) },
-        };
+    let measured = |solver: &Solver| {
         let postures = postures(solver, arm, tasks);
-        let measured = Measured {
+        Measured {
             figures: measure(arm, tasks, &postures),
             us_per_pose: us_per_pose(solver, arm, &moments),
             trained_on: solver.trained_on(),
-        };
-        Row { name: method.name.clone(), result: Ok(measured) }
+        }
+    };
+    let rows = methods.iter().map(|Method { name, solver }| {
+        let result = solver.as_ref().map(measured).map_err(Missing::clone);
+        (name.clone(), result)
     });
     Report { rows: rows.collect(), setting: Setting::of(cli, human, weights, tasks) }
 }

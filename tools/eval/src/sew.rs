@@ -27,21 +27,17 @@ const EQUAL_S_GR: f64 = 7.6e-7;
 /// Returns the joint positions of one arm, rad, within the limits. `previous` decides ties and singularities.
 #[must_use]
 pub fn sew(arm: &ArmModel, human: &Limbs, previous: &ArmQ) -> ArmQ {
-    let mut best: Option<(f64, f64, ArmQ)> = None;
-    for elbow_side in [1.0, -1.0] {
-        for bend in [Bend::Plane(1.0), Bend::Plane(-1.0), Bend::Twist] {
-            let q = branch(arm, human, previous, elbow_side, bend);
-            let s_gr = arm.s_gr(&q, human);
-            let distance: f64 = q.iter().zip(previous).map(|(a, b)| (a - b) * (a - b)).sum();
-            let better = best.is_none_or(|(s_best, d_best, _)| {
-                let equal = (s_gr - s_best).abs() < EQUAL_S_GR;
-                if equal { distance < d_best } else { s_gr < s_best }
-            });
-            if better {
-                best = Some((s_gr, distance, q));
-            }
-        }
-    }
+    let bends = [Bend::Plane(1.0), Bend::Plane(-1.0), Bend::Twist];
+    let branches = [1.0, -1.0].into_iter().flat_map(|elbow_side| bends.map(|bend| (elbow_side, bend)));
+    let solved = branches.map(|(elbow_side, bend)| {
+        let q = branch(arm, human, previous, elbow_side, bend);
+        let distance: f64 = q.iter().zip(previous).map(|(a, b)| (a - b) * (a - b)).sum();
+        (arm.s_gr(&q, human), distance, q)
+    });
+    let best = solved.reduce(|best, next| {
+        let equal = (next.0 - best.0).abs() < EQUAL_S_GR;
+        if if equal { next.1 < best.1 } else { next.0 < best.0 } { next } else { best }
+    });
     best.map_or_else(|| arm.mid(), |(_, _, q)| q)
 }
 

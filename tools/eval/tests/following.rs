@@ -11,7 +11,7 @@ use retarget::{ARM_Q, ArmModel, ArmQ, Limbs, limb_error_deg, mirror, xyzw_from_r
 use robot::Model;
 use serde_json::Value;
 use std::path::{Path, PathBuf};
-use train::robot_file::read_model;
+use train::files::read_model;
 
 fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")

@@ -8,7 +8,7 @@ use rand::RngExt;
 use rand_pcg::Pcg64;
 use retarget::{ArmModel, ArmQ, Limbs, closed_form, s_gr};
 use std::path::Path;
-use train::robot_file::read_model;
+use train::files::read_model;
 
 fn arm() -> ArmModel {
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/robots/tiago_dual.toml");

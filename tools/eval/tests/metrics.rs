@@ -7,7 +7,7 @@ use eval::metrics::{Figures, Task, measure, near_gimbal};
 use nalgebra::UnitQuaternion;
 use retarget::{ArmModel, ArmQ};
 use std::path::Path;
-use train::robot_file::read_model;
+use train::files::read_model;
 
 const FRAMES: usize = 60;
 

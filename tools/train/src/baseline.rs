@@ -2,12 +2,11 @@
 //! describes it.
 
 use crate::error::TrainError;
+use crate::files::{read_text, with_suffix, write_both};
 use crate::kinematics::{ARM, Arm, FEATURES, HumanInput, Limbs};
 use crate::networks::{LATENT, Networks, Pose, REACH, Size};
 use crate::pairs::random_postures;
-use crate::robot_file::read_text;
 use crate::session::encode_robot;
-use crate::weights_file::{layers, with_suffix, write_both};
 use half::f16;
 use retarget::{ArmIdentity, ArmQ, Layers, Perceptron, Precision, sha256_hex, xyzw_from_rotation};
 use safetensors::tensor::TensorView;
@@ -115,7 +114,7 @@ impl Baseline {
             let latents = encode_robot(&networks, &parameters, postures.as_flattened().as_flattened());
             Known { postures, latents }
         });
-        let Layers { human, decoder, .. } = layers(&networks, &parameters);
+        let Layers { human, decoder, .. } = networks.layers(&parameters);
         let [human, decoder] = [human, decoder].map(|layers| Perceptron::new(&layers, Precision::F32));
         Ok(Self { manifest, human, decoder, arm, known })
     }

@@ -5,6 +5,7 @@
 //! for bit.
 
 use crate::error::TrainError;
+use crate::files::write_at_once;
 use crate::session::{Options, Session};
 use safetensors::tensor::TensorView;
 use safetensors::{Dtype, SafeTensors};
@@ -31,28 +32,6 @@ struct Header {
     step: u64,
     options: Options,
     origin: Origin,
-}
-
-/// Writes `bytes` to `path`. The file is either the old one or the new one, never a part.
-///
-/// # Errors
-/// Returns an error if the folder cannot be written.
-pub fn write_at_once(path: &Path, bytes: &[u8]) -> Result<(), TrainError> {
-    let failed = |source| TrainError::File { path: path.to_path_buf(), action: "write", source };
-    if let Some(folder) = path.parent().filter(|folder| !folder.as_os_str().is_empty()) {
-        std::fs::create_dir_all(folder).map_err(failed)?;
-    }
-    let mut partial = path.as_os_str().to_owned();
-    partial.push(".partial");
-    let write = || {
-        let mut file = std::fs::File::create(&partial)?;
-        std::io::Write::write_all(&mut file, bytes)?;
-        // If the rename came before the contents are on disk, a power cut could leave an empty file under the
-        // final name.
-        file.sync_all()?;
-        std::fs::rename(&partial, path)
-    };
-    write().map_err(failed)
 }
 
 /// Saves the run.

@@ -203,6 +203,18 @@ impl Arm {
     }
 }
 
+impl From<&retarget::ArmModel> for Arm {
+    fn from(arm: &retarget::ArmModel) -> Self {
+        let single = |values: [f64; ARM]| values.map(|v| v as f32);
+        Self {
+            axes: arm.axes.map(|axis| [axis.x as f32, axis.y as f32, axis.z as f32]),
+            reference: single(arm.reference),
+            mid: single(arm.mid()),
+            half: single(arm.half()),
+        }
+    }
+}
+
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;

@@ -5,6 +5,7 @@ use crate::kinematics::{ARM, HumanInput};
 use crate::mlp::{Mlp, Shape};
 use rand::RngExt;
 use rand_pcg::Pcg64;
+use retarget::{Dense, Layers};
 
 /// Dimension of the shared latent space (ImitationNet, section IV).
 pub const LATENT: usize = 8;
@@ -103,5 +104,22 @@ impl Networks {
             }
         }
         parameters
+    }
+
+    /// Extracts the layers of all three networks from the parameter vector.
+    #[must_use]
+    pub fn layers(&self, parameters: &[f32]) -> Layers {
+        let [human, robot, decoder] = self.named().map(|(_, mlp)| {
+            mlp.layers
+                .iter()
+                .map(|layer| Dense {
+                    inputs: layer.input,
+                    outputs: layer.output,
+                    weight: parameters[layer.weight.clone()].to_vec(),
+                    bias: parameters[layer.bias.clone()].to_vec(),
+                })
+                .collect()
+        });
+        Layers { human, robot, decoder }
     }
 }

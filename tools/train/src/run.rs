@@ -6,15 +6,14 @@ use crate::cli::Cli;
 use crate::clips::Clips;
 use crate::error::TrainError;
 use crate::evaluation::evaluate;
+use crate::files::{read_model, with_suffix, write_both};
 use crate::kinematics::Arm;
 use crate::objective::Terms;
 use crate::pairs::{matched, random_postures};
 use crate::prediction;
 use crate::preset::Preset;
-use crate::robot_file::read_model;
 use crate::sampling::{Pair, Recorded};
 use crate::session::{Data, Options, Session};
-use crate::weights_file::{layers, with_suffix, write};
 use indicatif::{ProgressBar, ProgressStyle};
 use retarget::{ArmIdentity, Manifest, Network};
 use std::path::Path;
@@ -105,7 +104,7 @@ fn write_product(
     trained_on: String,
     calibration: &str,
 ) -> Result<(), TrainError> {
-    let networks = layers(&session.networks, &session.adam.average);
+    let networks = session.networks.layers(&session.adam.average);
     let network = Network::new(&networks, &identity.arm);
     let evaluation = evaluate(&identity.arm, &network, &clips.validation, OPTIMUM_STRIDE);
     let mut manifest = Manifest::new(identity, &networks);
@@ -114,7 +113,8 @@ fn write_product(
     manifest.trained_on = trained_on;
     manifest.validation = evaluation.table();
     manifest.validation.insert("calibration".into(), calibration.into());
-    write(out, &networks, &manifest)?;
+    let (tensors, manifest) = retarget::write_weights(&networks, &manifest)?;
+    write_both(out, &tensors, &manifest)?;
     print!("{evaluation}");
     Ok(())
 }

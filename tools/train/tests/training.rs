@@ -8,6 +8,7 @@ use std::path::{Path, PathBuf};
 use train::baseline::{Baseline, BaselineManifest, S3LE_POSTURES, S3LE_SEED};
 use train::checkpoint::{Origin, resume, save};
 use train::evaluation::limbs;
+use train::files::write_both;
 use train::kinematics::{Arm, Limbs};
 use train::networks::{Pose, Size};
 use train::objective::{Terms, Weighting};
@@ -16,7 +17,6 @@ use train::pairs::{matched, random_postures};
 use train::preset::Preset;
 use train::sampling::{Mixture, Recorded, procedural};
 use train::session::{Data, Options, Session, retarget};
-use train::weights_file::{layers, write};
 
 fn identity() -> ArmIdentity {
     let reference = [0.0, 0.0, std::f64::consts::FRAC_PI_2, 0.0, 0.0];
@@ -122,8 +122,10 @@ fn written_weights_give_retargeting_the_outputs_of_training() {
     let base = folder.path().join("example.v1");
     let mut run = session(50, 2);
     advance(&mut run, 50);
-    let networks = layers(&run.networks, &run.adam.average);
-    write(&base, &networks, &Manifest::new(&identity(), &networks)).expect("weights can be written");
+    let networks = run.networks.layers(&run.adam.average);
+    let written = retarget::write_weights(&networks, &Manifest::new(&identity(), &networks));
+    let (tensors, manifest) = written.expect("weights can be composed");
+    write_both(&base, &tensors, &manifest).expect("weights can be written");
     let text = std::fs::read_to_string(folder.path().join("example.v1.toml")).expect("the manifest is there");
     let bytes = std::fs::read(folder.path().join("example.v1.safetensors")).expect("the tensors are there");
     let weights = Weights::read(&text, &bytes, &identity()).expect("the retargeting takes them");

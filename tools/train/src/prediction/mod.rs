@@ -12,7 +12,7 @@ pub use judge::{CONDITIONS, Condition, JUDGED_S, Means, judge};
 
 use crate::clips::Clips;
 use crate::error::TrainError;
-use crate::weights_file::write_both;
+use crate::files::write_both;
 use retarget::PredictionManifest;
 use std::fmt::Write;
 use std::path::Path;
