@@ -24,9 +24,6 @@ pub fn joint_names(model: &Model) -> [[String; ARM_Q]; ARMS] {
     std::array::from_fn(|arm| std::array::from_fn(|j| model.joint_names[model.arms[arm].joints[j]].clone()))
 }
 
-/// Random starts of the oracle, in addition to the four that are not random.
-const RANDOM_STARTS: u32 = 6;
-const ORACLE_SEED: u64 = 7;
 /// Weight of |q - previous|^2 in the continuation, 1/rad^2, and the S_GR that it may cost: 1e-6 is 0.1 degrees.
 const CONTINUE_WEIGHT: f64 = 1e-5;
 const CONTINUE_COST: f64 = 1e-6;
@@ -50,7 +47,7 @@ pub fn ground_truth(model: &Model, motion: &Motion) -> Trajectory {
 }
 
 fn best(arm: &ArmModel, human: &Limbs, previous: &ArmQ) -> ArmQ {
-    let optimum = oracle(arm, human, previous, RANDOM_STARTS, ORACLE_SEED);
+    let optimum = oracle(arm, human, previous);
     let near = refine(arm, human, previous, previous, CONTINUE_WEIGHT, CONTINUE_STEPS);
     if near.s_gr <= optimum.s_gr + CONTINUE_COST { near.q } else { optimum.q }
 }

@@ -30,7 +30,7 @@ pub use network::{
     Dense, HIDDEN_MAX, LATENT, Latent, Layers, Level, Network, OVERREACH, Perceptron, Precision, WIDTH_MAX,
     interpolate_latent,
 };
-pub use oracle::{Optimum, oracle};
+pub use oracle::oracle;
 pub use posture::{PostureSolver, SolvedPose, posture, solve_poses};
 pub use prediction::{
     AGES_S, HORIZONS_S, History, PREDICTION_FORMAT, PREDICTION_INPUTS, PREDICTION_OUTPUTS, Prediction,

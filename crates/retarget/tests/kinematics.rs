@@ -142,9 +142,9 @@ fn refinement_from_nearby_finds_posture_in_two_steps() {
 fn oracle_is_never_worse_than_closed_form_and_refinement() {
     let (arm, mut rng) = (arm(), Pcg64::seed_from_u64(8));
     let (mut oracle_sum, mut closed_sum, mut refined_sum) = (0.0, 0.0, 0.0);
-    for seed in 0..500 {
+    for _ in 0..500 {
         let human = random_limbs(&mut rng);
-        let best = oracle(&arm, &human, &arm.mid(), 16, seed);
+        let best = oracle(&arm, &human, &arm.mid());
         let closed = closed_form(&arm, &human, &arm.mid());
         let refined = refine(&arm, &human, &closed, &closed, 0.0, 3);
         assert!(best.s_gr <= refined.s_gr + 1e-9);
@@ -160,9 +160,9 @@ fn oracle_is_never_worse_than_closed_form_and_refinement() {
 #[test]
 fn oracle_finds_reachable_postures_exactly() {
     let (arm, mut rng) = (arm(), Pcg64::seed_from_u64(9));
-    for seed in 0..300 {
+    for _ in 0..300 {
         let human = arm.forward(&random_q(&mut rng, &arm));
-        assert!(oracle(&arm, &human, &arm.mid(), 4, seed).s_gr < 1e-10);
+        assert!(oracle(&arm, &human, &arm.mid()).s_gr < 1e-10);
     }
 }
 

@@ -10,11 +10,6 @@ use std::path::Path;
 use std::sync::Arc;
 use train::baseline::Baseline;
 
-/// Random starts of the oracle, in addition to the four that are not random. More starts change its mean error
-/// by less than 0.01 degrees.
-pub const ORACLE_STARTS: u32 = 6;
-/// Seed of those starts.
-pub const ORACLE_SEED: u64 = 7;
 /// Refinement steps of the two baselines without a network.
 const BASELINE_STEPS: u32 = 3;
 /// These baselines have no pull toward the start, unlike ours. The pull would increase their error on the
@@ -159,7 +154,7 @@ impl Solver {
             }
             Self::Lookup(table) => table.nearest(&[*human]).first().copied().unwrap_or(*previous),
             Self::Learned(learned) => learned.retarget(human),
-            Self::Oracle => each(&|i| oracle(arm, &human[i], &previous[i], ORACLE_STARTS, ORACLE_SEED).q),
+            Self::Oracle => each(&|i| oracle(arm, &human[i], &previous[i]).q),
         }
     }
 

@@ -9,11 +9,6 @@ use std::fmt;
 
 /// Refinement steps of the second row.
 const STEPS: u32 = 2;
-/// Number of random starts of the optimum, in addition to the four that are not random. More starts change its
-/// mean by less than 0.01 degrees.
-const RANDOM_STARTS: u32 = 6;
-const ORACLE_SEED: u64 = 7;
-
 /// One row of the table.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Figures {
@@ -101,7 +96,7 @@ pub fn evaluate(arm: &ArmModel, network: &Network, clips: &[Clip], stride: usize
             k2.add(arm, &human, &found.q);
             arm_frames += 1;
             if frame % stride.max(1) == 0 {
-                previous = oracle(arm, &human, &previous, RANDOM_STARTS, ORACLE_SEED).q;
+                previous = oracle(arm, &human, &previous).q;
                 optimum.add(arm, &human, &previous);
             }
         }
