@@ -2,7 +2,7 @@
 
 use crate::error::RecordError;
 use crate::trace::{Row, Trace};
-use canvas::{Area, Drawn, FINE};
+use canvas::{Area, Drawn, INK, text};
 use messages::{JOINTS, Mode};
 use plotters::prelude::*;
 use robot::Model;
@@ -11,12 +11,11 @@ use std::path::Path;
 /// Number of panels across and down: 17 joints, clearance, latency, and the legend.
 const ACROSS: usize = 4;
 const DOWN: usize = 5;
-/// Size of the picture, pixels.
-const SIZE: (u32, u32) = (1680, 1400);
-/// Font height, in fine pixels.
-const LETTERS: u32 = 16 * FINE;
+/// Size of the picture, points of the canvas.
+const SIZE: (u32, u32) = (3360, 2800);
+/// Font height, points.
+const LETTERS: u32 = 32;
 
-const INK: RGBColor = RGBColor(40, 44, 52);
 const TARGET: RGBColor = RGBColor(230, 150, 30);
 const COMMAND: RGBColor = RGBColor(40, 110, 200);
 const MEASURED: RGBColor = RGBColor(60, 60, 60);
@@ -37,7 +36,7 @@ fn colour(mode: u32) -> RGBColor {
 /// One line of a panel.
 struct Line<'a> {
     colour: RGBColor,
-    /// Line width, fine pixels. 0 draws a dot for each instant.
+    /// Line width, points. 0 draws a dot for each instant.
     width: u32,
     value: &'a dyn Fn(&Row) -> Option<f64>,
 }
@@ -55,8 +54,8 @@ pub fn plot(path: &Path, trace: &Trace, model: &Model, title: &str) -> Result<()
 }
 
 fn draw(area: &Area<'_>, rows: &[Row], model: &Model, title: &str) -> Drawn {
-    let (head, body) = area.split_vertically(34 * FINE);
-    head.draw(&Text::new(title.to_owned(), (16 * FINE as i32, 8 * FINE as i32), font().color(&INK)))?;
+    let (head, body) = area.split_vertically(68);
+    head.draw(&Text::new(title, (32, 16), text(LETTERS)))?;
     let panels = body.split_evenly((DOWN, ACROSS));
     for (j, panel) in panels.iter().enumerate().take(JOINTS) {
         let limits = (model.limits[j].q_min, model.limits[j].q_max);
@@ -82,10 +81,6 @@ fn draw(area: &Area<'_>, rows: &[Row], model: &Model, title: &str) -> Drawn {
     legend(&panels[JOINTS + 2])
 }
 
-fn font() -> TextStyle<'static> {
-    ("monospace", LETTERS).into_font().color(&INK)
-}
-
 fn chart(
     panel: &Area<'_>,
     rows: &[Row],
@@ -95,12 +90,11 @@ fn chart(
     limits: &[f64],
 ) -> Drawn {
     let end_s = rows.last().map_or(1.0, |row| row.at_s).max(1e-3);
-    panel.draw(&Text::new(name.to_owned(), (56 * FINE as i32, 4 * FINE as i32), font()))?;
     let mut chart = ChartBuilder::on(panel)
-        .margin(6 * FINE)
-        .margin_top(24 * FINE)
-        .x_label_area_size(24 * FINE)
-        .y_label_area_size(52 * FINE)
+        .caption(name, text(LETTERS))
+        .margin(12)
+        .x_label_area_size(48)
+        .y_label_area_size(104)
         .build_cartesian_2d(0.0..end_s, low..high)?;
     for run in rows.chunk_by(|a, b| a.mode == b.mode) {
         let (first, last) = (&run[0], &run[run.len() - 1]);
@@ -115,7 +109,7 @@ fn chart(
         .y_labels(5)
         .x_label_formatter(&|s: &f64| format!("{s:.0}"))
         .y_label_formatter(&|y: &f64| if high - low > 20.0 { format!("{y:.0}") } else { format!("{y:.2}") })
-        .label_style(font())
+        .label_style(text(LETTERS))
         .axis_style(INK.stroke_width(2))
         .draw()?;
     for &limit in limits {
@@ -127,7 +121,7 @@ fn chart(
         for run in rows.chunk_by(|a, b| has(a) == has(b)).filter(|run| has(&run[0])) {
             let points = run.iter().filter_map(|row| Some((row.at_s, (line.value)(row)?.clamp(low, high))));
             if line.width == 0 {
-                chart.draw_series(points.map(|at| Circle::new(at, FINE, line.colour.mix(0.6).filled())))?;
+                chart.draw_series(points.map(|at| Circle::new(at, 2, line.colour.mix(0.6).filled())))?;
             } else {
                 chart.draw_series(LineSeries::new(points, line.colour.stroke_width(line.width)))?;
             }
@@ -137,19 +131,12 @@ fn chart(
 }
 
 fn legend(panel: &Area<'_>) -> Drawn {
-    let fine = FINE as i32;
     let lines = [("target", TARGET), ("command", COMMAND), ("measured", MEASURED), ("limit", LIMIT)];
-    let mut y = 30 * fine;
-    for (name, line) in lines {
-        panel.draw(&PathElement::new([(60 * fine, y), (100 * fine, y)], line.stroke_width(6)))?;
-        panel.draw(&Text::new(name, (112 * fine, y - 8 * fine), font()))?;
-        y += 22 * fine;
-    }
-    for mode in Mode::ALL {
-        let square = [(60 * fine, y - 8 * fine), (100 * fine, y + 8 * fine)];
-        panel.draw(&Rectangle::new(square, colour(mode as u32).filled()))?;
-        panel.draw(&Text::new(mode.name(), (112 * fine, y - 8 * fine), font()))?;
-        y += 22 * fine;
+    let lines = lines.map(|(name, colour)| (name, colour, 3));
+    let modes = Mode::ALL.map(|mode| (mode.name(), colour(mode as u32), 16));
+    for (y, (name, colour, half)) in (60..).step_by(44).zip(lines.into_iter().chain(modes)) {
+        panel.draw(&Rectangle::new([(120, y - half), (200, y + half)], colour.filled()))?;
+        panel.draw(&Text::new(name, (224, y - 16), text(LETTERS)))?;
     }
     Ok(())
 }

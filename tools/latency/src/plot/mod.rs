@@ -4,20 +4,22 @@ mod jitter;
 mod tails;
 
 use crate::measured::Measured;
-use canvas::{Area, Drawn, FINE};
+use canvas::{Area, Canvas, Drawn, text};
+use plotters::chart::MeshStyle;
+use plotters::coord::combinators::LogCoord;
+use plotters::coord::ranged1d::ValueFormatter;
+use plotters::element::DashedPathElement;
 use plotters::prelude::*;
-use plotters::style::text_anchor::{HPos, Pos, VPos};
 use std::path::Path;
 
-/// Size of the picture, pixels.
-const SIZE: (u32, u32) = (1600, 1200);
-/// Heights of headline, distributions and jitter, pixels.
-const HEADLINE: u32 = 92;
-const TAILS: u32 = 660;
+/// Size of the picture, points of the canvas.
+const SIZE: (u32, u32) = (3200, 2400);
+/// Heights of headline and distributions, points.
+const HEADLINE: u32 = 184;
+const TAILS: u32 = 1320;
 
 /// Colours of Okabe and Ito, which colour-blind people can distinguish. They are darkened where they would be
 /// too pale on white.
-const INK: RGBColor = RGBColor(34, 40, 49);
 const GREY: RGBColor = RGBColor(120, 126, 134);
 const BLUE: RGBColor = RGBColor(0, 100, 170);
 const ORANGE: RGBColor = RGBColor(213, 94, 0);
@@ -27,27 +29,25 @@ const SKY: RGBColor = RGBColor(60, 160, 215);
 const AMBER: RGBColor = RGBColor(205, 140, 0);
 const BLACK_: RGBColor = RGBColor(20, 20, 20);
 
-/// Font heights in pixels: small for axes and legends, large for titles.
-const SMALL: u32 = 16;
-const LARGE: u32 = 20;
-const HUGE: u32 = 24;
+/// Font heights, points: small for axes and legends, large for titles.
+const SMALL: u32 = 32;
+const LARGE: u32 = 40;
+const HUGE: u32 = 48;
 
 /// Draws the picture of `measured` into the PNG `path`.
 ///
 /// # Errors
 /// Returns an error if the file cannot be written.
 pub fn draw(path: &Path, measured: &Measured) -> Result<(), String> {
-    canvas::save(path, SIZE, |area| picture(area, measured))
-}
-
-fn picture(area: &Area<'_>, measured: &Measured) -> Drawn {
-    let (head, rest) = area.split_vertically(HEADLINE * FINE);
-    let (middle, low) = rest.split_vertically(TAILS * FINE);
-    let (left, right) = middle.split_horizontally(SIZE.0 / 2 * FINE);
-    headline(&head, measured)?;
-    tails::hops(&left, measured)?;
-    tails::compared(&right, measured)?;
-    jitter::draw(&low, measured)
+    canvas::save(path, SIZE, |area| {
+        let (head, rest) = area.split_vertically(HEADLINE);
+        let (middle, low) = rest.split_vertically(TAILS);
+        let (left, right) = middle.split_horizontally(SIZE.0 / 2);
+        headline(&head, measured)?;
+        tails::hops(&left, measured)?;
+        tails::compared(&right, measured)?;
+        jitter::draw(&low, measured)
+    })
 }
 
 fn headline(area: &Area<'_>, measured: &Measured) -> Drawn {
@@ -59,7 +59,7 @@ fn headline(area: &Area<'_>, measured: &Measured) -> Drawn {
         told(measured.wake_up_ratio(reference, 0.5)),
         told(measured.wake_up_ratio(reference, 0.99)),
     );
-    write(area, &title, (30, 18), HUGE, &INK)?;
+    area.draw(&Text::new(title, (60, 36), text(HUGE)))?;
     let facts = measured.host.rows();
     let fact = |wanted: &str| facts.iter().find(|(name, _)| *name == wanted).map_or("?", |(_, value)| value.as_str());
     let machine = format!(
@@ -72,17 +72,28 @@ fn headline(area: &Area<'_>, measured: &Measured) -> Drawn {
         fact("load_average_before"),
         fact("load_average_after"),
     );
-    write(area, &machine, (30, 54), SMALL, &GREY)
+    area.draw(&Text::new(machine, (60, 108), text(SMALL).color(&GREY)))
 }
 
-fn font(height: u32) -> FontDesc<'static> {
-    ("monospace", f64::from(height * FINE)).into_font()
+/// A chart with durations, us, or fractions upwards.
+type Chart<'a, X> = ChartContext<'a, Canvas<'a>, Cartesian2d<X, LogCoord<f64>>>;
+
+/// Begins a chart with room for its axes.
+fn builder<'a, 'b>(area: &'b Area<'a>, title: &str) -> ChartBuilder<'b, 'static, Canvas<'a>> {
+    let mut builder = ChartBuilder::on(area);
+    builder.caption(title, text(LARGE)).margin(32).margin_right(64).x_label_area_size(92).y_label_area_size(140);
+    builder
 }
 
-/// Writes text at a position in pixels of the picture.
-fn write(area: &Area<'_>, text: &str, (x, y): (i32, i32), height: u32, colour: &RGBColor) -> Drawn {
-    let style = font(height).color(colour).pos(Pos::new(HPos::Left, VPos::Top));
-    area.draw(&Text::new(text.to_owned(), (x * FINE as i32, y * FINE as i32), style))
+/// Sets what all charts have in common. The caller adds the descriptions of the axes, and draws.
+fn mesh<'a, 'b, X>(chart: &'b mut Chart<'a, X>) -> MeshStyle<'a, 'b, X, LogCoord<f64>, Canvas<'a>>
+where
+    X: Ranged<ValueType = f64> + ValueFormatter<f64>,
+{
+    let mut mesh = chart.configure_mesh();
+    mesh.label_style(text(SMALL)).axis_desc_style(text(SMALL)).axis_style(GREY.stroke_width(2));
+    mesh.bold_line_style(RGBColor(214, 217, 221).stroke_width(2)).light_line_style(RGBColor(239, 241, 243));
+    mesh
 }
 
 /// Style of a line.
@@ -102,36 +113,37 @@ impl Look {
         Self { colour, width, dashed: true }
     }
 
-    fn style(&self) -> ShapeStyle {
-        self.colour.stroke_width(self.width * FINE / 2)
+    /// Draws a line through `points`, with a row in the legend.
+    fn draw<'a, X: Ranged<ValueType = f64>>(
+        self,
+        chart: &mut Chart<'a, X>,
+        name: &str,
+        points: impl Iterator<Item = (f64, f64)> + Clone,
+    ) -> Drawn {
+        /// Lengths of dashes and gaps, points.
+        const DASH: [u32; 2] = [16, 10];
+        let style = self.colour.stroke_width(self.width);
+        let drawn = if self.dashed {
+            chart.draw_series(DashedLineSeries::new(points, DASH[0], DASH[1], style))?
+        } else {
+            chart.draw_series(LineSeries::new(points, style))?
+        };
+        drawn.label(name).legend(move |(x, y)| {
+            let row = [(x, y), (x + 56, y)];
+            if self.dashed {
+                DashedPathElement::new(row, DASH[0], DASH[1], style).into_dyn()
+            } else {
+                PathElement::new(row, style).into_dyn()
+            }
+        });
+        Ok(())
     }
 }
 
-/// Lengths of dashes and gaps of a dashed line, fine pixels.
-const DASH: i32 = 16;
-const GAP: i32 = 10;
-
-/// Draws a legend in a box, each row with its line. `at` is its upper left corner in pixels of the picture.
-fn legend(area: &Area<'_>, rows: &[(String, Look)], at: (i32, i32)) -> Drawn {
-    let fine = FINE as i32;
-    let longest = rows.iter().map(|(text, _)| text.chars().count()).max().unwrap_or(0) as i32;
-    let (row, letter) = (20, 8);
-    let corner = (at.0 + 52 + longest * letter, at.1 + 10 + row * rows.len() as i32);
-    let frame = [(at.0 * fine, at.1 * fine), (corner.0 * fine, corner.1 * fine)];
-    area.draw(&Rectangle::new(frame, WHITE.mix(0.88).filled()))?;
-    area.draw(&Rectangle::new(frame, RGBColor(205, 208, 213).stroke_width(2)))?;
-    for (i, (text, look)) in rows.iter().enumerate() {
-        let y = (at.1 + 5 + row * i as i32 + row / 2) * fine;
-        let (from, to) = ((at.0 + 8) * fine, (at.0 + 36) * fine);
-        let step = if look.dashed { DASH + GAP } else { to - from };
-        let length = if look.dashed { DASH } else { to - from };
-        for start in (from..to).step_by(step as usize) {
-            let line = [(start, y), ((start + length).min(to), y)];
-            area.draw(&PathElement::new(line, look.style()))?;
-        }
-        write(area, text, (at.0 + 44, at.1 + 5 + row * i as i32 + 2), SMALL, &INK)?;
-    }
-    Ok(())
+fn legend<'a, X: Ranged<ValueType = f64>>(chart: &mut Chart<'a, X>, position: SeriesLabelPosition) -> Drawn {
+    let mut labels = chart.configure_series_labels();
+    labels.position(position).legend_area_size(72).margin(20).label_font(text(SMALL));
+    labels.background_style(WHITE.mix(0.88)).border_style(RGBColor(205, 208, 213).stroke_width(2)).draw()
 }
 
 /// Formats powers of ten without a fraction, us.

@@ -1,13 +1,10 @@
 //! Draws how often each duration is exceeded: the complement of the cumulative distribution, with both axes
 //! logarithmic.
 
-use super::{
-    AMBER, BLACK_, BLUE, DASH, GAP, GREEN, GREY, INK, LARGE, Look, ORANGE, PURPLE, SKY, SMALL, duration_label, font,
-    legend, write,
-};
+use super::{AMBER, BLACK_, BLUE, GREEN, GREY, Look, ORANGE, PURPLE, SKY, builder, duration_label, legend, mesh};
 use crate::distribution::Distribution;
 use crate::measured::Measured;
-use canvas::{Area, Drawn, FINE};
+use canvas::{Area, Drawn};
 use plotters::prelude::*;
 
 /// Lowest fraction shown: one wake-up in 11 minutes.
@@ -15,11 +12,6 @@ const RAREST: f64 = 1e-6;
 /// Shortest and longest duration in the picture, us.
 const SHORTEST_US: f64 = 0.1;
 const LONGEST_US: f64 = 1e6;
-/// Margins around the axes, pixels.
-const MARGIN: u32 = 16;
-const TITLE: i32 = 34;
-const AXIS_LEFT: u32 = 70;
-const AXIS_BELOW: u32 = 46;
 
 struct Line<'a> {
     label: String,
@@ -68,42 +60,20 @@ pub fn compared(area: &Area<'_>, measured: &Measured) -> Drawn {
 }
 
 fn panel(area: &Area<'_>, title: &str, lines: &[Line<'_>]) -> Drawn {
-    write(area, title, (30, 4), LARGE, &INK)?;
     let (low, high) = span(lines);
     let rarest = lines.iter().map(|line| 1.0 / line.distribution.count().max(1) as f64).fold(1.0, f64::min);
     let floor = 10_f64.powf((rarest * 0.999).log10().floor()).clamp(RAREST, 1e-3);
-    let mut chart = ChartBuilder::on(area)
-        .margin(MARGIN * FINE)
-        .margin_top((TITLE as u32 + 4) * FINE)
-        .margin_right(2 * MARGIN * FINE)
-        .x_label_area_size(AXIS_BELOW * FINE)
-        .y_label_area_size(AXIS_LEFT * FINE)
-        .build_cartesian_2d((low..high).log_scale(), (floor..1.0).log_scale())?;
-    chart
-        .configure_mesh()
+    let mut chart = builder(area, title).build_cartesian_2d((low..high).log_scale(), (floor..1.0).log_scale())?;
+    mesh(&mut chart)
         .x_desc("duration, µs")
         .y_desc("fraction that takes longer")
         .x_label_formatter(&duration_label)
         .y_label_formatter(&|fraction: &f64| if *fraction > 0.5 { "1".into() } else { format!("{fraction:.0e}") })
-        .label_style(font(SMALL).color(&INK))
-        .axis_desc_style(font(SMALL).color(&INK))
-        .axis_style(GREY.stroke_width(2))
-        .bold_line_style(RGBColor(214, 217, 221).stroke_width(2))
-        .light_line_style(RGBColor(239, 241, 243).stroke_width(1))
         .draw()?;
     for line in lines {
-        let points: Vec<_> = steps(line.distribution, low, high, floor);
-        if line.look.dashed {
-            let style = line.look.style();
-            chart.draw_series(DashedLineSeries::new(points, DASH as u32, GAP as u32, style))?;
-        } else {
-            chart.draw_series(LineSeries::new(points, line.look.style()))?;
-        }
+        line.look.draw(&mut chart, &line.label, steps(line.distribution, low, high, floor).into_iter())?;
     }
-    let rows: Vec<_> = lines.iter().map(|line| (line.label.clone(), line.look)).collect();
-    let (_, height) = area.dim_in_pixel();
-    let low_left = (AXIS_LEFT + MARGIN + 12, height / FINE - AXIS_BELOW - MARGIN - 22 - 20 * rows.len() as u32);
-    legend(area, &rows, (low_left.0 as i32, low_left.1 as i32))
+    legend(&mut chart, SeriesLabelPosition::LowerLeft)
 }
 
 /// Returns the range of the axis. It begins at the decade below the 1% quantile and ends a little above the
