@@ -7,12 +7,13 @@ use crate::output::Writer;
 use crate::postures::Postures;
 use crate::trajectory::Trajectory;
 use indicatif::ProgressBar;
+use rayon::ThreadPoolBuilder;
+use rayon::iter::{ParallelBridge, ParallelIterator};
 use robot::Model;
 use rt::Shutdown;
 use sha2::{Digest, Sha256};
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// Rows between two checks for Ctrl-C: some 20 ms.
 const ROWS_PER_LOOK: usize = 512;
@@ -96,13 +97,13 @@ pub fn run(
     });
     for (job, outcome) in jobs.into_iter().zip(outcomes) {
         match outcome {
-            Some(Ok(Outcome::Made(postures))) => {
+            Ok(Outcome::Made(postures)) => {
                 summary.made += 1;
                 summary.postures += postures;
             }
-            Some(Ok(Outcome::Finished)) => summary.finished += 1,
-            None | Some(Err(BatchError::Interrupted)) => summary.interrupted = true,
-            Some(Err(error)) => summary.failed.push((job.input, error)),
+            Ok(Outcome::Finished) => summary.finished += 1,
+            Err(BatchError::Interrupted) => summary.interrupted = true,
+            Err(error) => summary.failed.push((job.input, error)),
         }
     }
     summary.failed.sort_by(|a, b| a.0.cmp(&b.0));
@@ -180,30 +181,12 @@ fn options_sha256(cli: &Cli, model: &Model) -> Result<String, BatchError> {
     Ok(Sha256::digest(text.as_bytes()).iter().map(|byte| format!("{byte:02x}")).collect())
 }
 
-/// Runs `count` jobs on `threads` threads. Each thread takes the next job. Jobs that did not begin have None.
-pub(crate) fn in_parallel<T: Send>(threads: usize, count: usize, job: impl Fn(usize) -> T + Sync) -> Vec<Option<T>> {
-    let next = AtomicUsize::new(0);
-    let work = || {
-        let mut done = Vec::new();
-        loop {
-            let i = next.fetch_add(1, Ordering::Relaxed);
-            if i >= count {
-                return done;
-            }
-            done.push((i, job(i)));
-        }
-    };
-    let mut all: Vec<Option<T>> = (0..count).map(|_| None).collect();
-    std::thread::scope(|scope| {
-        let workers: Vec<_> = (0..threads.max(1)).map(|_| scope.spawn(work)).collect();
-        for worker in workers {
-            // A panic of a worker ends the process (`rt::abort_on_panic`).
-            for (i, result) in worker.join().unwrap_or_default() {
-                all[i] = Some(result);
-            }
-        }
-    });
-    all
+/// Runs `count` jobs on `threads` threads. Each thread takes the next job.
+pub(crate) fn in_parallel<T: Send>(threads: usize, count: usize, job: impl Fn(usize) -> T + Sync) -> Vec<T> {
+    let pool = ThreadPoolBuilder::new().num_threads(threads.max(1)).build().expect("the system gives threads");
+    let mut all: Vec<(usize, T)> = pool.install(|| (0..count).par_bridge().map(|i| (i, job(i))).collect());
+    all.sort_unstable_by_key(|&(i, _)| i);
+    all.into_iter().map(|(_, result)| result).collect()
 }
 
 fn make(shared: &Shared<'_>, job: &Job) -> Result<Outcome, BatchError> {

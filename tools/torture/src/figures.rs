@@ -1,15 +1,10 @@
 //! Figures of runs, and their merge.
 
 use crate::attack::Attack;
-use hdrhistogram::Histogram;
+use rt::Histogram;
 use sim::{Violation, ViolationKind};
 use std::collections::BTreeMap;
 
-/// Longest duration with a bucket of its own, ns: 1 s. Longer ones count in that bucket, and the maximum stays
-/// exact.
-const LONGEST_NS: u64 = 1_000_000_000;
-/// Significant digits of the durations of the whole run.
-const DIGITS: u8 = 3;
 /// Significant digits of the durations of one kind of attack. There are many such kinds.
 const DIGITS_OF_ATTACK: u8 = 2;
 
@@ -18,49 +13,6 @@ pub const TRUE_KINDS: usize = plant::ViolationKind::ALL.len();
 
 /// Number of kinds of violations.
 pub const KINDS: usize = ViolationKind::ALL.len();
-
-/// Distribution of durations.
-#[derive(Clone, Debug)]
-pub struct Durations {
-    buckets: Histogram<u64>,
-    max_ns: u64,
-}
-
-impl Default for Durations {
-    fn default() -> Self {
-        Self::new(DIGITS)
-    }
-}
-
-impl Durations {
-    fn new(digits: u8) -> Self {
-        let buckets = Histogram::new_with_bounds(1, LONGEST_NS, digits).expect("the constant bounds are valid");
-        Self { buckets, max_ns: 0 }
-    }
-
-    /// Counts a duration.
-    pub fn record_ns(&mut self, ns: u64) {
-        self.max_ns = self.max_ns.max(ns);
-        self.buckets.saturating_record(ns);
-    }
-
-    /// Adds all durations of `other`.
-    pub fn merge(&mut self, other: &Self) {
-        self.max_ns = self.max_ns.max(other.max_ns);
-        // All histograms have the same bounds, so no value can be out of range.
-        let _ = self.buckets.add(&other.buckets);
-    }
-
-    /// Returns the duration that this share of all durations does not exceed, us.
-    pub fn quantile_us(&self, share: f64) -> f64 {
-        self.buckets.value_at_quantile(share).min(self.max_ns) as f64 * 1e-3
-    }
-
-    /// Returns the longest duration, us, exact.
-    pub fn max_us(&self) -> f64 {
-        self.max_ns as f64 * 1e-3
-    }
-}
 
 /// Figures of one kind of attack.
 #[derive(Clone, Debug)]
@@ -76,12 +28,12 @@ pub struct AttackFigures {
     /// Ticks in which whole-body control reported a command within a millimetre of d_min.
     pub near: u64,
     /// Durations of both stages.
-    pub tick: Durations,
+    pub tick: Histogram,
 }
 
 impl Default for AttackFigures {
     fn default() -> Self {
-        let tick = Durations::new(DIGITS_OF_ATTACK);
+        let tick = Histogram::with_digits(DIGITS_OF_ATTACK);
         Self { ticks: 0, violations: 0, fallbacks: 0, denials: 0, near: 0, tick }
     }
 }
@@ -121,7 +73,7 @@ pub struct Figures {
     /// Least clearance over everything executed, m. This includes the driver's own stops, which are not proved.
     pub min_unproved_clearance_m: f64,
     /// Durations of both stages.
-    pub tick: Durations,
+    pub tick: Histogram,
     /// Motions that were requested but not certified.
     pub fallbacks: u64,
     /// Motions among them whose torques could not be certified.
@@ -181,7 +133,7 @@ impl Default for Figures {
             true_clearance_min_m: f64::INFINITY,
             min_clearance_m: f64::INFINITY,
             min_unproved_clearance_m: f64::INFINITY,
-            tick: Durations::default(),
+            tick: Histogram::new(),
             fallbacks: 0,
             overloads: 0,
             torque_share_max: 0.0,

@@ -4,13 +4,14 @@ use crate::attack::Attack;
 use crate::bench::Bench;
 use crate::cli::AttackArgs;
 use crate::error::TortureError;
-use crate::figures::{Durations, Figures, KINDS, TRUE_KINDS};
+use crate::figures::{Figures, KINDS, TRUE_KINDS};
 use crate::goals::Goals;
 use crate::machine::Machine;
 use crate::motions::Played;
 use crate::stop_times::{StopTimes, joint_bound_s};
 use messages::{JOINTS, TICK_HZ};
 use robot::Model;
+use rt::Histogram;
 use serde_json::{Map, Value, json};
 use sim::ViolationKind;
 use std::collections::BTreeMap;
@@ -46,12 +47,12 @@ fn true_in_words(f: &Figures) -> String {
     )
 }
 
-fn durations(of: &Durations) -> Value {
+fn durations(of: &Histogram) -> Value {
     let q = |share| of.quantile_us(share);
     json!({ "p50": q(0.5), "p99": q(0.99), "p99_99": q(0.9999), "max": of.max_us() })
 }
 
-fn in_words(of: &Durations) -> String {
+fn in_words(of: &Histogram) -> String {
     let [p50, p99, p99_99] = [0.5, 0.99, 0.9999].map(|share| of.quantile_us(share));
     format!("p50 {p50:.1}, p99 {p99:.1}, p99.99 {p99_99:.1}, max {:.1} us", of.max_us())
 }
