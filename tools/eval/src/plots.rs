@@ -6,6 +6,7 @@ use crate::methods::Posture;
 use crate::metrics::Task;
 use crate::report::Report;
 use messages::SMPL_JOINTS;
+use plotters::chart::SeriesAnno;
 use plotters::prelude::*;
 use retarget::ArmModel;
 use std::path::{Path, PathBuf};
@@ -37,17 +38,15 @@ pub fn draw_all(
     let write = |source| EvalError::File { path: folder.to_path_buf(), action: "write", source };
     std::fs::create_dir_all(folder).map_err(write)?;
     let mut drawn = Vec::new();
-    let mut picture = |name: &str, size: (u32, u32), paint: &dyn Fn(&Area<'_>) -> Result<(), String>| {
-        let path = folder.join(name);
-        paint_file(&path, size, paint)?;
-        drawn.push(path);
-        Ok::<(), EvalError>(())
+    let mut picture = |name: &str, size: (u32, u32), paint: &dyn Fn(&Area<'_>) -> Drawn| {
+        drawn.push(folder.join(name));
+        paint_file(&folder.join(name), size, paint)
     };
-    picture("error-against-k.svg", (640, 420), &|area| error_against_k(area, report).map_err(text_of))?;
-    picture("error-by-limb.svg", (720, 420), &|area| error_by_limb(area, report).map_err(text_of))?;
+    picture("error-against-k.svg", (640, 420), &|area| error_against_k(area, report))?;
+    picture("error-by-limb.svg", (720, 420), &|area| error_by_limb(area, report))?;
     if let Some((name, postures)) = shown {
         let size = (180 * INSTANTS as u32, 420);
-        picture("poses.svg", size, &|area| poses(area, arm, tasks, name, postures).map_err(text_of))?;
+        picture("poses.svg", size, &|area| poses(area, arm, tasks, name, postures))?;
     }
     Ok(drawn)
 }
@@ -56,21 +55,10 @@ pub fn draw_all(
 ///
 /// # Errors
 /// Returns an error if it cannot be written.
-pub fn paint_file(
-    path: &Path,
-    size: (u32, u32),
-    paint: &dyn Fn(&Area<'_>) -> Result<(), String>,
-) -> Result<(), EvalError> {
-    let failed = |reason: String| EvalError::Plot { path: path.to_path_buf(), reason };
+pub fn paint_file(path: &Path, size: (u32, u32), paint: impl FnOnce(&Area<'_>) -> Drawn) -> Result<(), EvalError> {
     let area = SVGBackend::new(path, size).into_drawing_area();
-    area.fill(&WHITE).map_err(|error| failed(text_of(error)))?;
-    paint(&area).map_err(failed)?;
-    area.present().map_err(|error| failed(text_of(error)))
-}
-
-/// Returns the text of an error.
-pub fn text_of(error: impl std::fmt::Display) -> String {
-    error.to_string()
+    let drawn = area.fill(&WHITE).and_then(|()| paint(&area)).and_then(|()| area.present());
+    drawn.map_err(|error| EvalError::Plot { path: path.to_path_buf(), reason: error.to_string() })
 }
 
 fn error_against_k(area: &Area<'_>, report: &Report) -> Drawn {
@@ -100,34 +88,35 @@ fn error_against_k(area: &Area<'_>, report: &Report) -> Drawn {
         .y_desc("mean error, degrees")
         .draw()?;
     for (name, points, colour) in series {
-        chart
-            .draw_series(LineSeries::new(points.clone(), colour.stroke_width(3)))?
-            .label(name)
-            .legend(move |(x, y)| PathElement::new([(x, y), (x + 18, y)], colour.stroke_width(3)));
+        let line = LineSeries::new(points.clone(), colour.stroke_width(3));
+        name_line(chart.draw_series(line)?, name, colour.stroke_width(3));
         chart.draw_series(points.into_iter().map(|point| Circle::new(point, 4, colour.filled())))?;
     }
     if let Some(best) = report.figures("oracle") {
-        let grey = COLOURS[0];
-        chart
-            .draw_series(DashedLineSeries::new(
-                [(-0.2, best.limb_deg_mean), (3.2, best.limb_deg_mean)],
-                6,
-                4,
-                grey.stroke_width(2),
-            ))?
-            .label("limb, best that the arm can do")
-            .legend(move |(x, y)| PathElement::new([(x, y), (x + 18, y)], grey.stroke_width(2)));
+        let (grey, ends) = (COLOURS[0].stroke_width(2), [(-0.2, best.limb_deg_mean), (3.2, best.limb_deg_mean)]);
+        let line = DashedLineSeries::new(ends, 6, 4, grey);
+        name_line(chart.draw_series(line)?, "limb, best that the arm can do", grey);
     }
     legend(&mut chart)
 }
 
-type Chart<'a, 'b> = ChartContext<
+/// A chart with numbers on both axes.
+pub type Chart<'a, 'b> = ChartContext<
     'a,
     SVGBackend<'b>,
     Cartesian2d<plotters::coord::types::RangedCoordf64, plotters::coord::types::RangedCoordf64>,
 >;
 
-fn legend<'a, 'b: 'a>(chart: &mut Chart<'a, 'b>) -> Drawn {
+/// Gives a line its row in the legend.
+pub fn name_line<'a, 'b: 'a>(line: &mut SeriesAnno<'a, SVGBackend<'b>>, name: &str, style: ShapeStyle) {
+    line.label(name).legend(move |(x, y)| PathElement::new([(x, y), (x + 18, y)], style));
+}
+
+/// Draws the names of the lines into the upper right corner.
+///
+/// # Errors
+/// Returns an error if the file cannot be written.
+pub fn legend<'a, 'b: 'a>(chart: &mut Chart<'a, 'b>) -> Drawn {
     chart
         .configure_series_labels()
         .position(SeriesLabelPosition::UpperRight)
@@ -146,8 +135,16 @@ fn error_by_limb(area: &Area<'_>, report: &Report) -> Drawn {
         .x_label_area_size(32)
         .y_label_area_size(52)
         .build_cartesian_2d(0.0..4.0, 0.0..highest * 1.4)?;
-    // The labels of x stand under the groups, between the ticks.
-    chart.configure_mesh().disable_x_mesh().max_light_lines(0).disable_x_axis().y_desc("mean error, degrees").draw()?;
+    // A limb's name stands in the middle of its group.
+    let name = |x: &f64| if x.fract() == 0.5 { LIMB_NAMES[*x as usize].to_owned() } else { String::new() };
+    chart
+        .configure_mesh()
+        .disable_x_mesh()
+        .max_light_lines(0)
+        .x_labels(9)
+        .x_label_formatter(&name)
+        .y_desc("mean error, degrees")
+        .draw()?;
     let width = 0.8 / rows.len().max(1) as f64;
     for (row, (name, figures)) in rows.iter().enumerate() {
         let colour = COLOURS[row % COLOURS.len()];
@@ -160,15 +157,7 @@ fn error_by_limb(area: &Area<'_>, report: &Report) -> Drawn {
             .label(*name)
             .legend(move |(x, y)| Rectangle::new([(x, y - 5), (x + 14, y + 5)], colour.filled()));
     }
-    legend(&mut chart)?;
-    let (x, y) = chart.plotting_area().get_pixel_range();
-    for (limb, name) in LIMB_NAMES.iter().enumerate() {
-        let centre = x.start + ((x.end - x.start) as f64 * (limb as f64 + 0.5) / 4.0) as i32;
-        // Simple estimate of the text's width: half its height per letter.
-        let at = (centre - (name.len() as f64 * 3.4) as i32, y.end + 10);
-        area.draw(&Text::new(*name, at, ("sans-serif", 14)))?;
-    }
-    Ok(())
+    legend(&mut chart)
 }
 
 /// Draws the human above and the robot below, at instants spread over all clips.
@@ -209,14 +198,14 @@ pub type FigureRow = (String, FigureKind, Vec<[[f32; 3]; SMPL_JOINTS]>);
 /// Returns an error if the file cannot be written.
 pub fn figure_rows(path: &Path, columns: &[String], rows: &[FigureRow]) -> Result<(), EvalError> {
     let size = (170 * columns.len() as u32, 200 * rows.len() as u32);
-    paint_file(path, size, &|area| {
+    paint_file(path, size, |area| {
         let cells = area.split_evenly((rows.len(), columns.len()));
         for (row, (name, who, figures)) in rows.iter().enumerate() {
             for (column, positions) in figures.iter().enumerate() {
                 let Some(cell) = cells.get(row * columns.len() + column) else { continue };
-                draw(cell, positions, *who).map_err(text_of)?;
+                draw(cell, positions, *who)?;
                 let text = columns.get(column).map_or_else(String::new, |pose| format!("{name}: {pose}"));
-                label(cell, &text).map_err(text_of)?;
+                label(cell, &text)?;
             }
         }
         Ok(())

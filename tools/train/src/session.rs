@@ -72,13 +72,7 @@ impl Session {
             }
             shard.evaluate(networks, arm, parameters, &options.weighting)
         };
-        let (of_left, of_right) = std::thread::scope(|scope| {
-            let other = scope.spawn(|| work(right, 1));
-            let mine = work(left, 0);
-            // A panic of the other thread is a bug. It aborts the process (profile), or is passed on under
-            // `cargo test`.
-            (mine, other.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)))
-        });
+        let (of_left, of_right) = rayon::join(|| work(left, 0), || work(right, 1));
         adam.step([&left.gradient, &right.gradient], *step, &options.schedule);
         *step += 1;
         // Both shards have the same size.

@@ -4,7 +4,7 @@ use super::judge::{Best, errors_deg};
 use super::play::{Played, Sample};
 use crate::error::EvalError;
 use crate::figures::{Area, Drawn, FigureKind, draw, limbs_of, with_limbs};
-use crate::plots::{label, paint_file, text_of};
+use crate::plots::{label, legend, name_line, paint_file};
 use messages::Stamp;
 use plotters::prelude::*;
 use retarget::ArmModel;
@@ -40,10 +40,10 @@ pub fn draw_clip(
         (format!("person {delay_ms} ms before"), line(delay_ms), DELAYED),
         ("optimum".to_owned(), best.collect(), BEST),
     ];
-    paint_file(&folder.join(format!("{}.svg", played.name)), (1080, 700), &|area| {
+    paint_file(&folder.join(format!("{}.svg", played.name)), (1080, 700), |area| {
         let (above, below) = area.split_vertically(300);
-        error_over_time(&above, &played.name, &lines).map_err(text_of)?;
-        instants(&below, arm, played, delay_ms, first.at).map_err(text_of)
+        error_over_time(&above, &played.name, &lines)?;
+        instants(&below, arm, played, delay_ms, first.at)
     })
 }
 
@@ -63,12 +63,11 @@ fn error_over_time(area: &Area<'_>, name: &str, lines: &[Line]) -> Drawn {
         for (i, span) in spans.iter().enumerate() {
             let drawn = chart.draw_series(LineSeries::new(span.iter().copied(), colour.stroke_width(2)))?;
             if i == 0 {
-                let colour = *colour;
-                drawn.label(name).legend(move |(x, y)| PathElement::new([(x, y), (x + 18, y)], colour.stroke_width(2)));
+                name_line(drawn, name, colour.stroke_width(2));
             }
         }
     }
-    chart.configure_series_labels().position(SeriesLabelPosition::UpperRight).background_style(WHITE.mix(0.8)).draw()
+    legend(&mut chart)
 }
 
 /// Draws the person `delay_ms` before above, and the robot below.
