@@ -1,9 +1,8 @@
 //! Prints every effective value, its source, and the configuration hash that every message header carries.
 
 use crate::cli::InstanceArgs;
-use crate::exit::{Exit, Failure};
 use messages::JOINTS;
-use rt::out;
+use rt::{Exit, Failure, out};
 
 /// Loads everything that an instance would load and fails where it would fail. Otherwise prints the effective
 /// values.

@@ -2,7 +2,6 @@
 
 use crate::cli::InstanceArgs;
 use crate::doctor::holder;
-use crate::exit::{Exit, Failure};
 use crate::processes::{END_WITHIN, PROCESSES, READY_WITHIN};
 use instance::Instance;
 use std::os::unix::net::UnixDatagram;

@@ -3,7 +3,6 @@
 
 use crate::children::{Children, Output, instance_in, refuse_second};
 use crate::cli;
-use crate::exit::{Exit, Failure};
 use crate::live_display::LiveDisplay;
 use crate::process::bus_failure;
 use crate::processes::PROCESSES;

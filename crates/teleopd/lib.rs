@@ -7,7 +7,6 @@ mod children;
 mod cli;
 mod demo;
 mod doctor;
-mod exit;
 mod figure;
 mod figures;
 mod live_display;
@@ -23,18 +22,18 @@ mod view;
 
 use clap::Parser;
 use cli::{Cli, Command};
-use rt::err;
+use rt::finish;
 use std::process::ExitCode;
 
 pub use children::{Children, Output};
 pub use cli::InstanceArgs;
-pub use exit::{Exit, Failure};
 pub use process::realtime::placement;
 pub use processes::{PROCESSES, Row, TABLE};
 pub use recorder::Recorder;
 pub use report::Report;
+pub use rt::{Exit, Failure};
 
-/// Runs the command from the command line. The exit code is one of `Exit`.
+/// Runs the command from the command line. The exit code is one of `rt::Exit`.
 pub fn main() -> ExitCode {
     rt::abort_on_panic();
     // Set before any thread starts, so that the stages compute the same here as in every tool. The processes
@@ -53,17 +52,7 @@ pub fn main() -> ExitCode {
         Command::View(options) => view::run(&options),
         Command::Doctor(options) => doctor::run(&options),
     };
-    finish(outcome)
-}
-
-fn finish(outcome: Result<Exit, Failure>) -> ExitCode {
-    match outcome {
-        Ok(exit) => exit.into(),
-        Err(failure) => {
-            err!("teleopd: {}", failure.text);
-            failure.exit.into()
-        }
-    }
+    finish("teleopd", outcome)
 }
 
 /// The command line of a driver's program: that of `teleopd sim`.
@@ -76,14 +65,14 @@ struct DriverCli {
 /// The main function of a driver's own program. It reads the command line and the settings, opens the robot, and drives it
 /// until a signal ends it and the robot is at rest. `open` connects to the robot of this model; its error ends the program.
 ///
-/// The robot must answer [`driver::Driver::read`] from the moment it is open. The exit code is one of [`Exit`].
+/// The robot must answer [`driver::Driver::read`] from the moment it is open. The exit code is one of [`rt::Exit`].
 pub fn drive<D: driver::Driver>(open: impl Fn(&robot::Model) -> Result<D, String>) -> ExitCode {
     rt::abort_on_panic();
     let _ = rt::flush_denormals();
     let open = |process: &process::Process, _: &bus::Domain| {
         open(&process.loaded.model).map_err(|cause| Failure::new(Exit::Unavailable, cause))
     };
-    finish(process(&DriverCli::parse().process, |place| process::driver::run(place, open)))
+    finish("teleopd", process(&DriverCli::parse().process, |place| process::driver::run(place, open)))
 }
 
 /// Runs one process of an instance to its end.

@@ -1,6 +1,5 @@
 //! The live line of a run and, in a terminal, the two figures above it.
 
-use crate::exit::Failure;
 use crate::figure;
 use crate::process::bus_failure;
 use bus::{Domain, Reader};

@@ -1,6 +1,6 @@
 //! The other programs of the project: where they are, and the command that a person types to run them.
 
-use crate::exit::{Exit, Failure};
+use rt::{Exit, Failure};
 use std::path::{Path, PathBuf};
 
 /// A program of the project.

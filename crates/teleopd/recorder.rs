@@ -1,7 +1,6 @@
 //! The recorder of `up` and `demo`. It is a child process that only reads. If it fails, the robot goes on.
 
 use crate::cli::InstanceArgs;
-use crate::exit::{Exit, Failure};
 use crate::process::realtime::keep_off;
 use crate::processes::END_WITHIN;
 use crate::programs::RECORD;

@@ -1,6 +1,5 @@
 //! Report of a run, collected from the processes' own figures. Available as JSON and as a table.
 
-use crate::exit::{Exit, Failure};
 use crate::timeline::Timeline;
 use instance::Instance;
 use messages::{FAULTS, Fault, Response, TICK_HZ};

@@ -3,7 +3,6 @@
 use crate::children::{Children, Output, instance_in, refuse_second};
 use crate::cli;
 use crate::demo::missing;
-use crate::exit::{Exit, Failure};
 use crate::process::may_lack_realtime;
 use crate::processes::PROCESSES;
 use crate::programs::{REPLAY, TELEOPCTL, run_dir_option};

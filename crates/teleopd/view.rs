@@ -2,14 +2,13 @@
 
 use crate::children::instance_in;
 use crate::cli;
-use crate::exit::{Exit, Failure};
 use crate::process::realtime::keep_off;
 use crate::programs::RECORD;
 use config::Loaded;
 use instance::Instance;
 use poses::error::PosesError;
 use poses::triangle::{POSES, Triangle};
-use rt::{Shutdown, err, out};
+use rt::{Exit, Failure, Shutdown, err, out};
 use std::net::{Ipv4Addr, TcpListener};
 use std::os::unix::process::CommandExt;
 use std::path::Path;

@@ -33,3 +33,9 @@ pub enum OperatorError {
     #[error("{}: cannot {action}: {source}", path.display())]
     Os { path: PathBuf, action: &'static str, source: Errno },
 }
+
+impl From<OperatorError> for rt::Failure {
+    fn from(error: OperatorError) -> Self {
+        Self::new(rt::Exit::Unavailable, error)
+    }
+}

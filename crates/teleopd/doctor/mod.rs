@@ -8,7 +8,7 @@ mod places;
 pub use places::holder;
 
 use crate::cli::Doctor;
-use crate::exit::{Exit, Failure};
+use rt::{Exit, Failure};
 use serde_json::{Value, json};
 use std::io::Write;
 

@@ -3,7 +3,6 @@
 
 use super::{Process, WARM_TICKS, bus_failure, door_group};
 use crate::cli::InstanceArgs;
-use crate::exit::{Exit, Failure};
 use crate::figures::Following;
 use crate::timeline::Timeline;
 use bus::{Domain, Reader, WakingReader, Writer};

@@ -3,7 +3,6 @@
 
 use super::{Process, WARM_TICKS, bus_failure};
 use crate::cli::InstanceArgs;
-use crate::exit::{Exit, Failure};
 use crate::timeline::Timeline;
 use bus::Domain;
 use config::{DriverKind, HandOff};

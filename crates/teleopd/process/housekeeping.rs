@@ -1,8 +1,7 @@
 //! The thread beside a loop: histograms, log lines, metrics and the watchdog. It runs without real-time rights,
 //! and off the loop's core if there is another core. The loop never waits for it.
 
-use crate::exit::{Exit, Failure};
-use rt::ServiceManager;
+use rt::{Exit, Failure, ServiceManager};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};

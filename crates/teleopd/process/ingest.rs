@@ -3,7 +3,6 @@
 
 use super::{Process, bus_failure, door_group};
 use crate::cli::InstanceArgs;
-use crate::exit::{Exit, Failure};
 use bus::{Domain, PublisherId, Sample, WakingReader, Writer};
 use config::{HandOff, Operators};
 use doors::{Bucket, DoorError, FrameSource, LeaseState, Reply, Server, SocketEvent, draw_nonce};

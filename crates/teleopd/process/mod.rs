@@ -14,7 +14,6 @@ mod housekeeping;
 
 use crate::children::instance_in;
 use crate::cli::InstanceArgs;
-use crate::exit::{Exit, Failure};
 use crate::processes::metrics_port;
 use bus::Writer;
 use config::{DriverKind, Loaded, Settings};

@@ -2,11 +2,10 @@
 
 use super::{Process, WARM_TICKS, bus_failure};
 use crate::cli::InstanceArgs;
-use crate::exit::{Exit, Failure};
 use crate::timeline::Timeline;
 use bus::Domain;
 use messages::{JointTarget, Service, Skeleton, deadline};
-use rt::PeriodicLoop;
+use rt::{Exit, Failure, PeriodicLoop};
 use serde_json::json;
 use telemetry::Metric;
 

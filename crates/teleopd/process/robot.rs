@@ -3,9 +3,9 @@
 
 use super::{Process, WARM_TICKS, bus_failure};
 use crate::cli::InstanceArgs;
-use crate::exit::{Exit, Failure};
 use bus::Domain;
 use messages::{Layout, RobotMeasured, RobotSetpoint, Service, Stamp, deadline, measured_flag};
+use rt::{Exit, Failure};
 use serde_json::{Map, Value, json};
 use sim::Body;
 use telemetry::Metric;

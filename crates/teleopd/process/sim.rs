@@ -3,10 +3,10 @@
 use super::bus_failure;
 use super::driver::{ANSWERS_WITHIN_NS, LOOK_NS};
 use crate::cli::InstanceArgs;
-use crate::exit::{Exit, Failure};
 use bus::{Domain, Reader, Writer};
 use driver::{Driver, Drives, Measured, Setpoint};
 use messages::{Header, RobotMeasured, RobotSetpoint, Service, Stamp, StopPlan, measured_flag};
+use rt::{Exit, Failure};
 use std::os::unix::process::CommandExt;
 use std::process::Command;
 

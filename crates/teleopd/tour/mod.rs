@@ -5,8 +5,7 @@ mod stage;
 mod steps;
 
 use crate::cli;
-use crate::exit::{Exit, Failure};
-use rt::{Shutdown, out};
+use rt::{Exit, Failure, Shutdown, out};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use stage::{Background, Stage, Stop};
 use std::io::IsTerminal;

@@ -1,6 +1,7 @@
-//! Exit codes of a process, from sysexits(3). A supervisor can tell a configuration error from a crash.
+//! The end of every program: exit codes from sysexits(3), and an error with its text. A supervisor can tell a
+//! configuration error from a crash.
 
-use rt::Shutdown;
+use crate::{Shutdown, err};
 use std::process::ExitCode;
 
 /// SIGINT of signal(7).
@@ -19,12 +20,16 @@ pub enum Exit {
     SimulatorOnly = 3,
     /// EX_USAGE: an argument is invalid.
     Usage = 64,
+    /// EX_DATAERR: the content of a file is invalid.
+    DataErr = 65,
     /// EX_NOINPUT: a file to read is missing or malformed.
     NoInput = 66,
     /// EX_UNAVAILABLE: a service, socket or peer is missing.
     Unavailable = 69,
     /// EX_SOFTWARE: an operating system call failed that must not fail.
     Software = 70,
+    /// EX_OSERR: a process cannot be started, or a signal handler not installed.
+    OsErr = 71,
     /// EX_CANTCREAT: an output file cannot be created.
     CantCreate = 73,
     /// EX_TEMPFAIL: another instance uses this folder.
@@ -48,6 +53,18 @@ impl From<Exit> for ExitCode {
     }
 }
 
+impl From<()> for Exit {
+    fn from((): ()) -> Self {
+        Self::Ok
+    }
+}
+
+impl From<bool> for Exit {
+    fn from(passed: bool) -> Self {
+        if passed { Self::Ok } else { Self::Failed }
+    }
+}
+
 /// A message for the user, with the exit code.
 #[derive(Debug)]
 pub struct Failure {
@@ -62,10 +79,27 @@ impl Failure {
     pub fn new(exit: Exit, text: impl std::fmt::Display) -> Self {
         Self { exit, text: text.to_string() }
     }
+
+    /// Returns a function that gives every error this code.
+    pub fn with<E: std::fmt::Display>(exit: Exit) -> impl Fn(E) -> Self + Copy {
+        move |error| Self::new(exit, error)
+    }
 }
 
-impl From<operator::OperatorError> for Failure {
-    fn from(error: operator::OperatorError) -> Self {
-        Self::new(Exit::Unavailable, error)
+impl std::fmt::Display for Failure {
+    fn fmt(&self, out: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        out.write_str(&self.text)
+    }
+}
+
+/// Ends the program of this name. Prints its failure, and returns its exit code.
+pub fn finish(program: &str, outcome: Result<impl Into<Exit>, impl Into<Failure>>) -> ExitCode {
+    match outcome {
+        Ok(exit) => exit.into().into(),
+        Err(failure) => {
+            let Failure { exit, text } = failure.into();
+            err!("{program}: {text}");
+            exit.into()
+        }
     }
 }
