@@ -3,15 +3,11 @@
 use batch::{BatchError, Cli, Summary, bench, run};
 use clap::Parser;
 use indicatif::{ProgressBar, ProgressStyle};
-use rt::Shutdown;
-use std::io::Write;
+use rt::{Exit, Failure, Shutdown};
 use std::process::ExitCode;
 use std::time::Instant;
 
-/// Exit codes of sysexits(3), and the shell's for a signal.
-const EX_NOINPUT: u8 = 66;
-const EX_CANTCREAT: u8 = 73;
-const EX_CONFIG: u8 = 78;
+/// The shell's exit code for a signal.
 const BY_SIGNAL: u8 = 128;
 
 fn main() -> ExitCode {
@@ -20,66 +16,53 @@ fn main() -> ExitCode {
     // The daemon does the same, before any other thread starts.
     let _ = rt::flush_denormals();
     if let Some(poses) = cli.bench {
-        return report_bench(&cli, poses);
+        return rt::finish("batch", report_bench(&cli, poses).map_err(failure));
     }
     let (Some(input), Some(out)) = (&cli.input, &cli.out) else {
-        return ExitCode::from(EX_NOINPUT);
+        return Exit::NoInput.into();
     };
     let shutdown = match Shutdown::on_signals() {
         Ok(shutdown) => shutdown,
-        Err(error) => {
-            eprintln!("batch: {error}");
-            return ExitCode::FAILURE;
-        }
+        Err(error) => return rt::finish("batch", Err::<(), _>(Failure::new(Exit::Failed, error))),
     };
     let progress = ProgressBar::new(0);
     if let Ok(style) = ProgressStyle::with_template("{wide_bar} {bytes}/{total_bytes}, {elapsed}, {eta} left") {
         progress.set_style(style);
     }
     let begun = Instant::now();
-    match run(&cli, input, out, &shutdown, &progress) {
-        Ok(summary) => {
-            progress.finish_and_clear();
-            report(&summary, begun.elapsed().as_secs_f64());
-            if summary.interrupted {
-                let signal = shutdown.signal().and_then(|signal| u8::try_from(signal).ok());
-                return ExitCode::from(signal.map_or(1, |signal| BY_SIGNAL + signal));
-            }
-            if summary.failed.is_empty() { ExitCode::SUCCESS } else { ExitCode::FAILURE }
-        }
-        Err(error) => {
-            progress.finish_and_clear();
-            eprintln!("batch: {error}");
-            ExitCode::from(exit_code(&error))
+    let outcome = run(&cli, input, out, &shutdown, &progress);
+    progress.finish_and_clear();
+    if let Ok(summary) = &outcome {
+        report(summary, begun.elapsed().as_secs_f64());
+        if summary.interrupted {
+            let signal = shutdown.signal().and_then(|signal| u8::try_from(signal).ok());
+            return ExitCode::from(signal.map_or(1, |signal| BY_SIGNAL + signal));
         }
     }
+    rt::finish("batch", outcome.map(|summary| summary.failed.is_empty()).map_err(failure))
 }
 
-fn exit_code(error: &BatchError) -> u8 {
-    match error {
-        BatchError::Config(_) | BatchError::Options(_) => EX_CONFIG,
-        BatchError::Motion(_) | BatchError::NoFiles { .. } => EX_NOINPUT,
-        BatchError::File { action: "read", .. } => EX_NOINPUT,
-        BatchError::File { .. } | BatchError::OutInInput { .. } | BatchError::Busy { .. } => EX_CANTCREAT,
-        _ => 1,
-    }
-}
-
-/// Prints a line. The output may be closed. The files are written anyway, and the exit code reports the result.
-fn say(line: &str) {
-    let _ = writeln!(std::io::stdout(), "{line}");
+fn failure(error: BatchError) -> Failure {
+    let exit = match &error {
+        BatchError::Config(_) | BatchError::Options(_) => Exit::Config,
+        BatchError::Motion(_) | BatchError::NoFiles { .. } => Exit::NoInput,
+        BatchError::File { action: "read", .. } => Exit::NoInput,
+        BatchError::File { .. } | BatchError::OutInInput { .. } | BatchError::Busy { .. } => Exit::CantCreate,
+        _ => Exit::Failed,
+    };
+    Failure::new(exit, error)
 }
 
 fn report(summary: &Summary, seconds: f64) {
     let Summary { made, postures, finished, failed, no_motion, interrupted } = summary;
-    say(&format!(
+    rt::out!(
         "{made} files made with {postures} postures in {seconds:.1} s ({:.0} a second), {finished} were finished, {} \
          failed",
         *postures as f64 / seconds.max(1e-9),
         failed.len()
-    ));
+    );
     for (path, reason) in no_motion {
-        say(&format!("left out {}: {reason}", path.display()));
+        rt::out!("left out {}: {reason}", path.display());
     }
     for (path, error) in failed {
         let text = error.to_string();
@@ -95,16 +78,10 @@ fn report(summary: &Summary, seconds: f64) {
     }
 }
 
-fn report_bench(cli: &Cli, poses: u64) -> ExitCode {
+fn report_bench(cli: &Cli, poses: u64) -> Result<(), BatchError> {
     let load = std::fs::read_to_string("/proc/loadavg").unwrap_or_default();
     let load = load.split_whitespace().next().unwrap_or("unknown");
-    let report = match bench(cli, poses) {
-        Ok(report) => report,
-        Err(error) => {
-            eprintln!("batch: {error}");
-            return ExitCode::from(exit_code(&error));
-        }
-    };
+    let report = bench(cli, poses)?;
     let ratio = report.all_cores_hz / report.one_core_hz;
     println!("{} poses of both arms, {:?}, {} refinement steps", report.poses, cli.method, cli.refine_steps);
     println!(
@@ -125,5 +102,5 @@ fn report_bench(cli: &Cli, poses: u64) -> ExitCode {
     );
     println!("20 M poses    {:>10.1} minutes on {} threads", report.minutes(20e6), report.threads);
     println!("load average before: {load}; medians of alternating rounds, computation alone");
-    ExitCode::SUCCESS
+    Ok(())
 }

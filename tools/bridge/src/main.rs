@@ -15,10 +15,6 @@ use std::os::unix::net::UnixStream;
 use std::process::ExitCode;
 use std::time::Duration;
 
-/// Exit codes of sysexits(3).
-const EX_UNAVAILABLE: u8 = 69;
-const EX_SOFTWARE: u8 = 70;
-
 /// Time to wait for a packet before signals are checked.
 const LOOK: Duration = Duration::from_millis(100);
 /// Time between two reports of rejected packets, ns, while the number grows.
@@ -30,28 +26,22 @@ fn main() -> ExitCode {
         Program::Mvn { bind, character, to } => run(bind, &to, Mvn::new(character)),
         Program::Vmc { bind, to } => run(bind, &to, Vmc::new()),
     };
-    match outcome {
-        Ok(()) => ExitCode::SUCCESS,
-        Err((code, text)) => {
-            err!("bridge: {text}");
-            ExitCode::from(code)
-        }
-    }
+    rt::finish("bridge", outcome)
 }
 
-fn run<P: Protocol>(bind: SocketAddr, to: &To, protocol: P) -> Result<(), (u8, String)> {
-    let unavailable = |what: String| (EX_UNAVAILABLE, what);
-    let shutdown = Shutdown::on_signals().map_err(|error| (EX_SOFTWARE, error.to_string()))?;
+fn run<P: Protocol>(bind: SocketAddr, to: &To, protocol: P) -> Result<(), Failure> {
+    let unavailable = Failure::with(Exit::Unavailable);
+    let shutdown = Shutdown::on_signals().map_err(Failure::with(Exit::Software))?;
     let socket = UdpSocket::bind(bind).map_err(|error| unavailable(format!("{bind}: {error}")))?;
-    socket.set_read_timeout(Some(LOOK)).map_err(|error| (EX_SOFTWARE, error.to_string()))?;
+    socket.set_read_timeout(Some(LOOK)).map_err(Failure::with(Exit::Software))?;
     let way = match &to.socket {
         Some(path) => Transport::Socket(path.clone()),
         None if to.run_dir.is_dir() => Transport::Domain(Instance::unmade(&to.run_dir).input_domain()),
         None => return Err(unavailable(format!("{}: no instance of teleopd runs there", to.run_dir.display()))),
     };
-    let port = Port::open(way, "bridge").map_err(|error| unavailable(error.to_string()))?;
+    let port = Port::open(way, "bridge").map_err(Failure::with(Exit::Unavailable))?;
     let at = socket.local_addr().unwrap_or(bind);
-    let users = users(to).map_err(|error| (EX_SOFTWARE, error.to_string()))?;
+    let users = users(to).map_err(Failure::with(Exit::Software))?;
     out!("bridge: listening at {at}");
     match users {
         Some(own) => out!("bridge: on this machine only users {own} and 0 may send; --any-user admits all users"),

@@ -19,6 +19,7 @@ use collision::plan::{Plan, SIDE};
 use collision::scene::Scene;
 use collision::write::{Judge, Named, fit_all, robot_file};
 use robot::{AllowedReason, Frames, Model};
+use rt::{Exit, Failure};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -72,9 +73,6 @@ struct Source {
     plan: Option<PathBuf>,
 }
 
-/// Exit codes: invalid input data (sysexits), and a check that failed.
-const EX_DATAERR: u8 = 65;
-const FAILED: u8 = 1;
 /// Difference by which a fit on another machine may differ, because rounding affects the search, m.
 const SAME_FIT_M: f64 = 5e-4;
 
@@ -86,14 +84,7 @@ fn main() -> ExitCode {
         Command::Limits(options) => command_limits::limits(&options),
         Command::Draw(options) => command_draw::draw(&options),
     };
-    match done {
-        Ok(true) => ExitCode::SUCCESS,
-        Ok(false) => ExitCode::from(FAILED),
-        Err(error) => {
-            eprintln!("collision: {error}");
-            ExitCode::from(EX_DATAERR)
-        }
-    }
+    rt::finish("collision", done.map_err(Failure::with(Exit::DataErr)))
 }
 
 /// Name and text of a file.

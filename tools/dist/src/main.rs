@@ -6,11 +6,9 @@ mod notices;
 mod tarball;
 
 use clap::Parser;
+use rt::{Exit, Failure};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-
-/// EX_CANTCREAT of sysexits(3).
-const EX_CANTCREAT: u8 = 73;
 
 /// Writes man pages, completions, settings and notices for a package.
 #[derive(Debug, Parser)]
@@ -28,13 +26,8 @@ struct Cli {
 }
 
 fn main() -> ExitCode {
-    match write(&Cli::parse()) {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(text) => {
-            eprintln!("dist: {text}");
-            ExitCode::from(EX_CANTCREAT)
-        }
-    }
+    rt::abort_on_panic();
+    rt::finish("dist", write(&Cli::parse()).map_err(Failure::with(Exit::CantCreate)))
 }
 
 fn write(cli: &Cli) -> Result<(), String> {

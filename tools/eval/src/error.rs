@@ -1,5 +1,6 @@
 //! Errors that make a measurement impossible.
 
+use rt::Exit;
 use std::path::PathBuf;
 
 /// An error that prevents the table.
@@ -86,16 +87,16 @@ pub enum EvalError {
 }
 
 impl EvalError {
-    /// Returns the exit code of sysexits.h.
+    /// Returns the exit code.
     #[must_use]
-    pub fn exit_code(&self) -> u8 {
+    pub fn exit(&self) -> Exit {
         match self {
-            Self::File { action: "write", .. } | Self::Plot { .. } => 73,
-            Self::File { .. } | Self::Missing { .. } => 66,
-            Self::NoClips { .. } | Self::Weights { .. } => 65,
-            Self::Clip { .. } | Self::Option { .. } => 64,
-            Self::Config(_) | Self::Masses { .. } => 78,
-            Self::Train(error) => error.exit_code(),
+            Self::File { action: "write", .. } | Self::Plot { .. } => Exit::CantCreate,
+            Self::File { .. } | Self::Missing { .. } => Exit::NoInput,
+            Self::NoClips { .. } | Self::Weights { .. } => Exit::DataErr,
+            Self::Clip { .. } | Self::Option { .. } => Exit::Usage,
+            Self::Config(_) | Self::Masses { .. } => Exit::Config,
+            Self::Train(error) => error.exit(),
         }
     }
 }

@@ -114,12 +114,12 @@ fn missing_or_unknown_method_or_clip_is_an_error() {
     let refused = |more: &[&str]| run(&cli(&folder, more)).expect_err("the command fails");
     let missing = refused(&["--methods", "sew,paper"]);
     assert!(matches!(&missing, EvalError::Missing { name, .. } if name == "paper"), "{missing}");
-    assert_eq!(missing.exit_code(), 66);
+    assert_eq!(missing.exit(), rt::Exit::NoInput);
     let unknown = refused(&["--methods", "magic"]);
     assert!(unknown.to_string().contains("magic") && unknown.to_string().contains("ours_k2"), "{unknown}");
     let clip = refused(&["--clips", "two"]);
     assert!(matches!(&clip, EvalError::Clip { name, .. } if name == "two"), "{clip}");
-    assert_eq!(refused(&["--stride", "0"]).exit_code(), 64);
+    assert_eq!(refused(&["--stride", "0"]).exit(), rt::Exit::Usage);
 }
 
 #[test]

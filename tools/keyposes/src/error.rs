@@ -1,6 +1,7 @@
 //! Errors. The texts name file, place, value and bound.
 
 use poses::error::PosesError;
+use rt::Exit;
 use std::path::PathBuf;
 
 /// An error that ends a command without its result.
@@ -44,15 +45,15 @@ pub enum KeyposesError {
 }
 
 impl KeyposesError {
-    /// Returns the exit code of sysexits(3).
+    /// Returns the exit code.
     #[must_use]
-    pub fn exit_code(&self) -> u8 {
+    pub fn exit(&self) -> Exit {
         match self {
-            Self::Poses(PosesError::Pose { .. }) | Self::Range { .. } | Self::OverInput { .. } => 64,
-            Self::Poses(PosesError::Trajectory { .. }) => 65,
-            Self::Poses(PosesError::File { .. } | PosesError::Motion(_)) | Self::Motion(_) => 66,
-            Self::Write { .. } => 73,
-            Self::Config(_) => 78,
+            Self::Poses(PosesError::Pose { .. }) | Self::Range { .. } | Self::OverInput { .. } => Exit::Usage,
+            Self::Poses(PosesError::Trajectory { .. }) => Exit::DataErr,
+            Self::Poses(PosesError::File { .. } | PosesError::Motion(_)) | Self::Motion(_) => Exit::NoInput,
+            Self::Write { .. } => Exit::CantCreate,
+            Self::Config(_) => Exit::Config,
         }
     }
 }

@@ -10,7 +10,7 @@ use poses::error::PosesError;
 use poses::{motions, pose, trajectory};
 use retarget::Network;
 use robot::Model;
-use std::io::Write;
+use rt::Failure;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -93,13 +93,7 @@ fn main() -> ExitCode {
         Command::Interpolate(arguments) => interpolate(&arguments),
         Command::Draw { file, out, count } => draw_file(&file, &out, usize::from(count)),
     };
-    match done {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(error) => {
-            eprintln!("keyposes: {error}");
-            ExitCode::from(error.exit_code())
-        }
-    }
+    rt::finish("keyposes", done.map_err(|error| Failure::new(error.exit(), error)))
 }
 
 /// Writes a file. It is either the old one or the new one, never a part.
@@ -123,11 +117,6 @@ fn apart(out: &Path, inputs: &[&Path]) -> Result<(), KeyposesError> {
     }
 }
 
-/// Prints a line. A closed output is not an error.
-fn say(line: &str) {
-    let _ = writeln!(std::io::stdout(), "{line}");
-}
-
 /// The robot of this file.
 fn load_model(robot: &Path) -> Result<Model, KeyposesError> {
     std::fs::metadata(robot).map_err(PosesError::file(robot))?;
@@ -149,7 +138,7 @@ fn write_motions(out: &Path, robot: &Path) -> Result<(), KeyposesError> {
         let truth = trajectory::ground_truth(&model, &motion);
         save(&out.join(format!("{}.bvh", motion.name)), &write::compact_bvh(&motion))?;
         save(&out.join(format!("{}.csv", motion.name)), &write::trajectory_csv(&truth))?;
-        say(&format!("{:<18} {:>4} frames, {:.1} s", motion.name, motion.frames.len(), motion.duration_s()));
+        rt::out!("{:<18} {:>4} frames, {:.1} s", motion.name, motion.frames.len(), motion.duration_s());
     }
     Ok(())
 }
@@ -179,7 +168,6 @@ fn interpolate(arguments: &Interpolate) -> Result<(), KeyposesError> {
     save(out, &write::trajectory_csv(&found))?;
     let name = out.file_stem().map_or_else(|| "interpolation".to_owned(), |stem| stem.to_string_lossy().into_owned());
     save(&beside, &write::compact_bvh(&trajectory::to_motion(&found, &model, &name)))?;
-    let (rows, out, beside) = (found.q.len(), out.display(), beside.display());
-    say(&format!("{rows} rows in {out}; the motion in {beside} (calibration `rig`)"));
+    rt::out!("{} rows in {}; the motion in {} (calibration `rig`)", found.q.len(), out.display(), beside.display());
     Ok(())
 }

@@ -21,25 +21,6 @@ const SECONDS_MAX: f64 = 604_800.0;
 /// Time limit of the search for a running instance. Assumption: a thousand processes took 0.1 s.
 const LOOK_WITHIN: Duration = Duration::from_secs(5);
 
-/// A text for the user and the exit code of sysexits(3).
-struct Failure(u8, String);
-
-/// EX_USAGE, EX_NOINPUT, EX_UNAVAILABLE, EX_SOFTWARE, EX_CANTCREAT, EX_CONFIG of sysexits(3), and the code of a
-/// run that lost samples.
-const USAGE: u8 = 64;
-const NO_INPUT: u8 = 66;
-const UNAVAILABLE: u8 = 69;
-const SOFTWARE: u8 = 70;
-const CANT_CREATE: u8 = 73;
-const CONFIG: u8 = 78;
-const FAILED: u8 = 1;
-
-impl Failure {
-    fn of(code: u8) -> impl Fn(&dyn std::fmt::Display) -> Self {
-        move |error| Self(code, error.to_string())
-    }
-}
-
 fn main() -> ExitCode {
     rt::abort_on_panic();
     let cli = Cli::parse();
@@ -47,28 +28,21 @@ fn main() -> ExitCode {
         (Some(file), ..) => view(&cli, file),
         (None, Some(file), _) => summary(&cli, file),
         (None, None, Some(out)) => record(&cli, out),
-        (None, None, None) => Err(Failure(USAGE, "give a file to write, --summary or --view FILE.mcap".to_owned())),
+        (None, None, None) => Err(Failure::new(Exit::Usage, "give a file to write, --summary or --view FILE.mcap")),
     };
-    match outcome {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(Failure(code, text)) => {
-            err!("record: {text}");
-            ExitCode::from(code)
-        }
-    }
+    rt::finish("record", outcome)
 }
 
 /// Shows a recording until a signal arrives.
 fn view(cli: &Cli, file: &Path) -> Result<(), Failure> {
-    let shutdown = Shutdown::on_signals().map_err(|error| Failure::of(SOFTWARE)(&error))?;
-    let loaded = config::load(&cli.config, cli.overrides()).map_err(|error| Failure::of(CONFIG)(&error))?;
-    let shown = view::RobotView::of(&loaded, cli.meshes.as_deref()).map_err(|error| Failure::of(CONFIG)(&error))?;
+    let shutdown = Shutdown::on_signals().map_err(Failure::with(Exit::Software))?;
+    let loaded = pipeline::load(&cli.config, cli.overrides()).map_err(Failure::with(Exit::Config))?;
+    let shown = view::RobotView::of(&loaded, cli.meshes.as_deref()).map_err(Failure::with(Exit::Config))?;
     if !shown.missing.is_empty() {
         err!("record: {} mesh files are not below --meshes: {}", shown.missing.len(), shown.missing.join(", "));
     }
     err!("record: reads {}", file.display());
-    let (recording, broken_off) =
-        record::recording_view(file, &loaded.model).map_err(|error| Failure::of(NO_INPUT)(&error))?;
+    let (recording, broken_off) = record::recording_view(file, &loaded.model).map_err(Failure::with(Exit::NoInput))?;
     let mut name = file.file_name().unwrap_or_default().to_string_lossy().into_owned();
     if let Some(why) = broken_off {
         err!("record: {} is truncated ({why}); it is shown up to there", file.display());
@@ -76,8 +50,10 @@ fn view(cli: &Cli, file: &Path) -> Result<(), Failure> {
     }
     let server = view::Server::recording(recording, &name, &shown, cli.port);
     let server = server.map_err(|error| match error {
-        ViewError::Listen { port, source } => Failure(UNAVAILABLE, rt::port_refused(port, "--port", &source)),
-        error => Failure::of(UNAVAILABLE)(&error),
+        ViewError::Listen { port, source } => {
+            Failure::new(Exit::Unavailable, rt::port_refused(port, "--port", &source))
+        }
+        error => Failure::new(Exit::Unavailable, error),
     })?;
     out!("record: shows {} at {}", file.display(), server.address());
     while !shutdown.requested() {
@@ -91,12 +67,12 @@ fn summary(cli: &Cli, file: &Path) -> Result<(), Failure> {
     // the names.
     let loaded = config::load(&cli.config, cli.overrides());
     let names = loaded.as_ref().map_or_else(|_| Names::default(), |loaded| Names::of(&loaded.model));
-    let summary = Summary::read(file, &names).map_err(|error| Failure(NO_INPUT, error.to_string()))?;
+    let summary = Summary::read(file, &names).map_err(Failure::with(Exit::NoInput))?;
     out!("{}", summary.text().trim_end());
     let Some(picture) = &cli.plot else { return Ok(()) };
-    let loaded = loaded.map_err(|error| Failure::of(CONFIG)(&error))?;
+    let loaded = loaded.map_err(Failure::with(Exit::Config))?;
     let title = format!("{}, {:.1} s", file.display(), summary.duration_s());
-    record::plot(picture, &summary.trace, &loaded.model, &title).map_err(|error| Failure::of(CANT_CREATE)(&error))?;
+    record::plot(picture, &summary.trace, &loaded.model, &title).map_err(Failure::with(Exit::CantCreate))?;
     out!("picture   {}", picture.display());
     Ok(())
 }
@@ -104,10 +80,10 @@ fn summary(cli: &Cli, file: &Path) -> Result<(), Failure> {
 fn check(cli: &Cli) -> Result<(), Failure> {
     let (low, high) = RATE_HZ;
     if !(low..=high).contains(&cli.rate) {
-        return Err(Failure(USAGE, format!("--rate {} is outside [{low}, {high}]", cli.rate)));
+        return Err(Failure::new(Exit::Usage, format!("--rate {} is outside [{low}, {high}]", cli.rate)));
     }
     if let Some(seconds) = cli.seconds.filter(|&seconds| !(seconds > 0.0 && seconds <= SECONDS_MAX)) {
-        return Err(Failure(USAGE, format!("--seconds {seconds} is outside (0, {SECONDS_MAX}]")));
+        return Err(Failure::new(Exit::Usage, format!("--seconds {seconds} is outside (0, {SECONDS_MAX}]")));
     }
     // `up` and `demo` start their recorder before the instance, so that it reads the first message.
     let prefix = Instance::unmade(&cli.run_dir).core_domain().prefix;
@@ -117,16 +93,16 @@ fn check(cli: &Cli) -> Result<(), Failure> {
             "no instance of teleopd runs in {folder}, so nothing was recorded. Start one (teleopd up --run-dir \
              {folder}), or give the --run-dir of one that runs"
         );
-        return Err(Failure(UNAVAILABLE, text));
+        return Err(Failure::new(Exit::Unavailable, text));
     }
     Ok(())
 }
 
 fn record(cli: &Cli, out: &Path) -> Result<(), Failure> {
     check(cli)?;
-    let shutdown = Shutdown::on_signals().map_err(|error| Failure::of(SOFTWARE)(&error))?;
-    let manager = ServiceManager::from_environment().map_err(|error| Failure::of(SOFTWARE)(&error))?;
-    let loaded = config::load(&cli.config, cli.overrides()).map_err(|error| Failure::of(CONFIG)(&error))?;
+    let shutdown = Shutdown::on_signals().map_err(Failure::with(Exit::Software))?;
+    let manager = ServiceManager::from_environment().map_err(Failure::with(Exit::Software))?;
+    let loaded = pipeline::load(&cli.config, cli.overrides()).map_err(Failure::with(Exit::Config))?;
     let mut attached = attach(cli, &loaded)?;
     let mut queue = begin(cli, out, &loaded)?;
     let _ = manager.ready();
@@ -164,7 +140,7 @@ fn attach(cli: &Cli, loaded: &Loaded) -> Result<Attached, Failure> {
     let offset_ns = u64::try_from(wall.as_nanos()).unwrap_or(0).saturating_sub(rt::now().0);
     let rates = Rates { pictures_hz: cli.rate, full: cli.full };
     Attached::open(instance.core_domain(), (&loaded.model, loaded.hash), rates, offset_ns)
-        .map_err(|error| Failure::of(UNAVAILABLE)(&error))
+        .map_err(Failure::with(Exit::Unavailable))
 }
 
 fn begin(cli: &Cli, out: &Path, loaded: &Loaded) -> Result<Queue, Failure> {
@@ -172,11 +148,11 @@ fn begin(cli: &Cli, out: &Path, loaded: &Loaded) -> Result<Queue, Failure> {
     about.insert("full".to_owned(), cli.full.to_string());
     about.insert("rate_hz".to_owned(), cli.rate.to_string());
     let file = OpenOptions::new().write(true).create_new(true).open(out);
-    let file = file.map_err(|error| Failure(CANT_CREATE, rt::unwritable(out, &error)))?;
+    let file = file.map_err(|error| Failure::new(Exit::CantCreate, rt::unwritable(out, &error)))?;
     Queue::start(file, &about, &files).map_err(|error| {
         // A file without a beginning is not a recording. Removing it frees the name for another attempt.
         let _ = std::fs::remove_file(out);
-        Failure(CANT_CREATE, format!("{}: {error}", out.display()))
+        Failure::new(Exit::CantCreate, format!("{}: {error}", out.display()))
     })
 }
 
@@ -192,7 +168,9 @@ fn finish(out: &Path, attached: &Attached, queue: Queue) -> Result<(), Failure> 
         out!("record: no process of an instance published anything; is --run-dir correct?");
     }
     match outcome.failure {
-        Some(failure) => Err(Failure(FAILED, format!("{}: {failure}; {} messages lost", out.display(), outcome.lost))),
+        Some(failure) => {
+            Err(Failure::new(Exit::Failed, format!("{}: {failure}; {} messages lost", out.display(), outcome.lost)))
+        }
         None => Ok(()),
     }
 }

@@ -7,8 +7,8 @@ use std::path::Path;
 
 /// Compares, and prints the counts.
 pub fn run(cli: &Cli, recording: &Path) -> Result<(), Failure> {
-    let loaded = config::load(&cli.config, Overrides::default()).map_err(Failure::config)?;
-    let found = record::compare(recording, &loaded).map_err(|error| Failure(EX_NOINPUT, error.to_string()))?;
+    let loaded = pipeline::load(&cli.config, Overrides::default()).map_err(Failure::with(Exit::Config))?;
+    let found = record::compare(recording, &loaded).map_err(Failure::with(Exit::NoInput))?;
     for (what, counts) in [("targets", found.targets), ("commands", found.commands), ("statuses", found.statuses)] {
         let record::Counts { compared, missing, different } = counts;
         out!("{what:<9} {compared:>9} compared, {missing} missing, {different} different");
@@ -17,7 +17,7 @@ pub fn run(cli: &Cli, recording: &Path) -> Result<(), Failure> {
     let mut wrong: Vec<_> = found.flaws.iter().map(|flaw| format!("{name}: {flaw}")).collect();
     wrong.extend(found.first.iter().map(|first| format!("{name}: the first difference is {first}")));
     if !found.equal() {
-        return Err(Failure::failed(wrong.join("\nreplay: ")));
+        return Err(Failure::new(Exit::Failed, wrong.join("\nreplay: ")));
     }
     out!("equal, bit for bit");
     Ok(())

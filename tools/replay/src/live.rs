@@ -29,7 +29,7 @@ fn operator_of(cli: &Cli, instance: &Instance) -> Result<Option<Client>, Failure
         Err(_) if cli.socket.is_some() => Ok(None),
         Err(error) => {
             let text = format!("{}: no instance of teleopd runs there ({error})", instance.run_dir().display());
-            Err(Failure::unavailable(text))
+            Err(Failure::new(Exit::Unavailable, text))
         }
     }
 }
@@ -49,7 +49,7 @@ fn place(cli: &Cli) -> Result<(Instance, Transport), Failure> {
         None if cli.run_dir.is_dir() => Instance::unmade(&cli.run_dir),
         None => {
             let text = format!("{}: no instance of teleopd runs there (start `teleopd up`)", cli.run_dir.display());
-            return Err(Failure::unavailable(text));
+            return Err(Failure::new(Exit::Unavailable, text));
         }
     };
     let way = match &cli.socket {
@@ -66,7 +66,7 @@ fn is_lease_held(instance: &Instance) -> bool {
 
 /// Publishes until the end of the motion, or until Ctrl-C.
 pub fn run(cli: &Cli, motion: &Motion) -> Result<(), Failure> {
-    let shutdown = Shutdown::on_signals().map_err(Failure::failed)?;
+    let shutdown = Shutdown::on_signals().map_err(Failure::with(Exit::Failed))?;
     let (instance, way) = place(cli)?;
     if cli.socket.is_none() && is_lease_held(&instance) {
         out!("{HELD}");
@@ -77,7 +77,7 @@ pub fn run(cli: &Cli, motion: &Motion) -> Result<(), Failure> {
     let options = PlayOptions { speed: cli.speed, looped, calibration: cli.calibration };
     let nonce = u64::from(rt::incarnation()) << 32 | u64::from(std::process::id());
     let player = Player::new(motion, options, nonce, rt::incarnation());
-    let publisher = Publisher::start_on(way, player, rt::now).map_err(Failure::unavailable)?;
+    let publisher = Publisher::start_on(way, player, rt::now).map_err(Failure::with(Exit::Unavailable))?;
 
     let mut control = operator_of(cli, &instance)?;
     // Without an operator socket the start of following is unknown. So the motion begins at once.
@@ -123,13 +123,13 @@ pub fn run(cli: &Cli, motion: &Motion) -> Result<(), Failure> {
     }
     bar.finish();
     if let (Some(why), false) = (ended, shutdown.requested()) {
-        return Err(Failure::failed(format!("the robot did not follow to the end of the motion: {why}")));
+        return Err(Failure::new(Exit::Failed, format!("the robot did not follow to the end of the motion: {why}")));
     }
     if !shutdown.requested() {
         out!("the motion is over: no more skeletons are sent, so the robot stops");
     }
     if publisher.failures() > 0 {
-        return Err(Failure::failed(format!("{} frames were not accepted", publisher.failures())));
+        return Err(Failure::new(Exit::Failed, format!("{} frames were not accepted", publisher.failures())));
     }
     Ok(())
 }

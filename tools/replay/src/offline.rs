@@ -18,8 +18,8 @@ use world::{Moment, Offline, OfflineEnd, OfflineReport};
 /// Rejects options that would overwrite an input or output file, or would never end.
 fn refuse(cli: &Cli, out: &Path) -> Result<(), Failure> {
     if out.extension().is_some_and(|extension| extension == "json") {
-        return Err(Failure(
-            EX_USAGE,
+        return Err(Failure::new(
+            Exit::Usage,
             format!("{}: the JSON file beside the CSV would have the same name; give a name with .csv", out.display()),
         ));
     }
@@ -30,11 +30,11 @@ fn refuse(cli: &Cli, out: &Path) -> Result<(), Failure> {
     {
         if let Some(out) = out.filter(|out| same(out, file)) {
             let text = format!("{option} {}: this is the motion itself; give another file", out.display());
-            return Err(Failure(EX_USAGE, text));
+            return Err(Failure::new(Exit::Usage, text));
         }
     }
     if cli.looped {
-        return Err(Failure(EX_USAGE, "--offline ends, but --loop does not; give only one of them".into()));
+        return Err(Failure::new(Exit::Usage, "--offline ends, but --loop does not; give only one of them"));
     }
     Ok(())
 }
@@ -42,17 +42,25 @@ fn refuse(cli: &Cli, out: &Path) -> Result<(), Failure> {
 /// Writes `out` and the JSON file beside it.
 pub fn run(cli: &Cli, motion: &Motion, out: &Path) -> Result<(), Failure> {
     refuse(cli, out)?;
-    let loaded = config::load(&cli.config, Overrides::default()).map_err(Failure::config)?;
+    let loaded = pipeline::load(&cli.config, Overrides::default()).map_err(Failure::with(Exit::Config))?;
     let options = PlayOptions { speed: cli.speed, looped: false, calibration: cli.calibration };
     let mut recording = match &cli.record {
-        Some(path) => Some(OfflineRecording::create(path, &loaded).map_err(Failure::cannot_create)?),
+        Some(path) => Some(OfflineRecording::create(path, &loaded).map_err(Failure::with(Exit::CantCreate))?),
         None => None,
     };
     let mut trace = Trace::default();
-    let mut offline = Offline::new(&loaded, motion, options).map_err(Failure::config)?;
-    let file = File::create(out).map_err(|error| Failure::cannot_create(rt::unwritable(out, &error)))?;
+    let mut watch = |moment: &Moment, operator: &OperatorView| {
+        if let Some(recording) = &mut recording {
+            recording.moment(moment, operator);
+        }
+        if cli.plot.is_some() {
+            trace.moment(moment);
+        }
+    };
+    let mut offline = Offline::watched(&loaded, motion, options, &mut watch).map_err(Failure::with(Exit::Config))?;
+    let file = File::create(out).map_err(|error| Failure::new(Exit::CantCreate, rt::unwritable(out, &error)))?;
     let mut csv = BufWriter::new(file);
-    let write = |error: std::io::Error| Failure::cannot_create(rt::unwritable(out, &error));
+    let write = |error: std::io::Error| Failure::new(Exit::CantCreate, rt::unwritable(out, &error));
 
     writeln!(csv, "{}", header(&loaded.model.joint_names)).map_err(write)?;
     let bar = ProgressBar::new(0);
@@ -78,7 +86,7 @@ pub fn run(cli: &Cli, motion: &Motion, out: &Path) -> Result<(), Failure> {
     write_summary(out, motion, report)?;
     match end {
         OfflineEnd::AtRest => Ok(()),
-        OfflineEnd::Stopped(why) => Err(Failure::failed(why)),
+        OfflineEnd::Stopped(why) => Err(Failure::new(Exit::Failed, why)),
     }
 }
 
@@ -94,13 +102,13 @@ fn write_row(csv: &mut impl Write, row: &Row) -> std::io::Result<()> {
 /// Closes the recording and draws the picture, if the options request them.
 fn written(cli: &Cli, recording: Option<OfflineRecording>, trace: &Trace, model: &Model) -> Result<(), Failure> {
     if let (Some(recording), Some(path)) = (recording, &cli.record) {
-        let failed = |error| Failure::cannot_create(format!("{}: {error}", path.display()));
+        let failed = |error| Failure::new(Exit::CantCreate, format!("{}: {error}", path.display()));
         recording.finish().map_err(failed)?;
         out!("every message in {}", path.display());
     }
     if let Some(path) = &cli.plot {
         let title = cli.file.as_deref().unwrap_or(Path::new("")).display().to_string();
-        record::plot(path, trace, model, &title).map_err(Failure::cannot_create)?;
+        record::plot(path, trace, model, &title).map_err(Failure::with(Exit::CantCreate))?;
         out!("picture in {}", path.display());
     }
     Ok(())
@@ -123,7 +131,7 @@ fn write_summary(out: &Path, motion: &Motion, report: &OfflineReport) -> Result<
         "limb_error_measured_deg": { "mean": report.limb_error_measured_deg_mean },
     });
     std::fs::write(&beside, format!("{summary:#}\n"))
-        .map_err(|error| Failure::cannot_create(rt::unwritable(&beside, &error)))?;
+        .map_err(|error| Failure::new(Exit::CantCreate, rt::unwritable(&beside, &error)))?;
     out!("{} rows in {}, modes and frames in {}", report.rows, out.display(), beside.display());
     out!(
         "limb error of the target {:.2} deg, of the robot {:.2} deg, smallest clearance {:.1} mm, largest torque \

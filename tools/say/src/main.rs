@@ -1,6 +1,7 @@
 //! The command line program of the library.
 
 use clap::Parser;
+use rt::{Exit, Failure};
 use say::cli::Cli;
 use say::{EmbeddingError, Embeddings, Index, Library, LibraryError, Match, Words, shown};
 use std::collections::HashSet;
@@ -8,33 +9,21 @@ use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::{Command, ExitCode};
 
-/// Exit code if no motion was found.
-const EX_FAILED: u8 = 1;
-/// Exit codes of sysexits(3).
-const EX_DATAERR: u8 = 65;
-const EX_NOINPUT: u8 = 66;
-const EX_UNAVAILABLE: u8 = 69;
-
 /// Names of the player: in a build folder, and as installed.
 const PLAYERS: [&str; 2] = ["replay", "teleop-replay"];
 
 fn main() -> ExitCode {
+    rt::abort_on_panic();
     let cli = Cli::parse();
-    match find(&cli) {
-        Ok(Some(motion)) if cli.play => fail(EX_UNAVAILABLE, &play(&motion, &cli.replay)),
-        Ok(Some(_)) => ExitCode::SUCCESS,
-        Ok(None) => ExitCode::FAILURE,
-        Err((code, text)) => fail(code, &text),
-    }
-}
-
-fn fail(code: u8, text: &str) -> ExitCode {
-    eprintln!("say: {text}");
-    ExitCode::from(code)
+    let outcome = match find(&cli) {
+        Ok(Some(motion)) if cli.play => Err(Failure::new(Exit::Unavailable, play(&motion, &cli.replay))),
+        found => found.map(|motion| motion.is_some()),
+    };
+    rt::finish("say", outcome)
 }
 
 /// Returns the best motion, if there is one. Prints it and the following ones.
-fn find(cli: &Cli) -> Result<Option<PathBuf>, (u8, String)> {
+fn find(cli: &Cli) -> Result<Option<PathBuf>, Failure> {
     let library = Library::open(&cli.library).map_err(refused)?;
     let (found, unknown) = match (&cli.embeddings, &cli.onnxruntime) {
         (Some(folder), Some(runtime)) => (by_embeddings(cli, &library, folder, runtime)?, Vec::new()),
@@ -55,13 +44,13 @@ fn find(cli: &Cli) -> Result<Option<PathBuf>, (u8, String)> {
             shown(&cli.sentence),
             shown(example)
         );
-        return Err((EX_FAILED, text));
+        return Err(Failure::new(Exit::Failed, text));
     }
     Ok(found.first().map(|best| library.motion(best.caption)))
 }
 
 /// Returns the captions that have words of the sentence, and the words that no caption has.
-fn by_words(cli: &Cli, library: &Library) -> Result<(Vec<Match>, Vec<String>), (u8, String)> {
+fn by_words(cli: &Cli, library: &Library) -> Result<(Vec<Match>, Vec<String>), Failure> {
     let words = Words::new(&synonyms(cli)?);
     let index = Index::new(library, &words);
     let query = words.of(&cli.sentence);
@@ -70,16 +59,16 @@ fn by_words(cli: &Cli, library: &Library) -> Result<(Vec<Match>, Vec<String>), (
 }
 
 /// Returns all captions, by the space of an encoder.
-fn by_embeddings(cli: &Cli, library: &Library, folder: &Path, runtime: &Path) -> Result<Vec<Match>, (u8, String)> {
+fn by_embeddings(cli: &Cli, library: &Library, folder: &Path, runtime: &Path) -> Result<Vec<Match>, Failure> {
     let embeddings = Embeddings::open(folder, runtime, library.captions().len());
     embeddings.and_then(|mut embeddings| embeddings.find(&cli.sentence)).map_err(|error| match error {
         EmbeddingError::File(error) => refused(error),
-        EmbeddingError::Runtime { .. } => (EX_UNAVAILABLE, error.to_string()),
-        _ => (EX_DATAERR, error.to_string()),
+        EmbeddingError::Runtime { .. } => Failure::new(Exit::Unavailable, error),
+        _ => Failure::new(Exit::DataErr, error),
     })
 }
 
-fn synonyms(cli: &Cli) -> Result<String, (u8, String)> {
+fn synonyms(cli: &Cli) -> Result<String, Failure> {
     let own = cli.library.join("synonyms.txt");
     let path = match &cli.synonyms {
         Some(path) => path,
@@ -89,8 +78,9 @@ fn synonyms(cli: &Cli) -> Result<String, (u8, String)> {
     say::read(path).map_err(refused)
 }
 
-fn refused(error: LibraryError) -> (u8, String) {
-    (if matches!(error, LibraryError::Read { .. }) { EX_NOINPUT } else { EX_DATAERR }, error.to_string())
+fn refused(error: LibraryError) -> Failure {
+    let exit = if matches!(error, LibraryError::Read { .. }) { Exit::NoInput } else { Exit::DataErr };
+    Failure::new(exit, error)
 }
 
 /// Keeps the best caption of every motion.

@@ -2,6 +2,7 @@
 
 use clap::Parser;
 use indicatif::{ProgressBar, ProgressStyle};
+use rt::{Exit, Failure};
 use serde_json::Value;
 use simulate::campaign::{self, Plan};
 use simulate::cli::Cli;
@@ -13,12 +14,6 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Instant;
 
-/// Exit codes of sysexits(3).
-const EX_USAGE: u8 = 64;
-const EX_SOFTWARE: u8 = 70;
-const EX_CANTCREAT: u8 = 73;
-const EX_CONFIG: u8 = 78;
-
 fn main() -> ExitCode {
     rt::abort_on_panic();
     let cli = Cli::parse();
@@ -28,20 +23,13 @@ fn main() -> ExitCode {
         print!("{}", Cli::listing());
         return ExitCode::SUCCESS;
     }
-    match begin(&cli) {
-        Ok(true) => ExitCode::SUCCESS,
-        Ok(false) => ExitCode::FAILURE,
-        Err((code, cause)) => {
-            eprintln!("simulate: {cause}");
-            ExitCode::from(code)
-        }
-    }
+    rt::finish("simulate", begin(&cli))
 }
 
-fn begin(cli: &Cli) -> Result<bool, (u8, String)> {
-    let plan = cli.plan().map_err(|cause| (EX_USAGE, cause))?;
-    let mut figures = cli.json.as_deref().map(Figures::open).transpose().map_err(|cause| (EX_CANTCREAT, cause))?;
-    let subject = Subject::load(&cli.config).map_err(|error| (EX_CONFIG, error.to_string()))?;
+fn begin(cli: &Cli) -> Result<bool, Failure> {
+    let plan = cli.plan().map_err(Failure::with(Exit::Usage))?;
+    let mut figures = cli.json.as_deref().map(Figures::open).transpose().map_err(Failure::with(Exit::CantCreate))?;
+    let subject = Subject::load(&cli.config).map_err(Failure::with(Exit::Config))?;
     match cli.replay {
         Some(seed) => replay(cli, &plan, &subject, seed, figures.as_mut()),
         None => campaign(cli, &plan, &subject, figures.as_mut()),
@@ -58,23 +46,23 @@ impl Figures {
         Ok(Self(path.to_owned(), file.map_err(|error| format!("{}: {error}", path.display()))?))
     }
 
-    fn write(&mut self, figures: &Value) -> Result<(), (u8, String)> {
+    fn write(&mut self, figures: &Value) -> Result<(), Failure> {
         let Self(path, file) = self;
         // A pipe or a terminal has no length.
         let regular = file.metadata().is_ok_and(|file| file.is_file());
         let cut = if regular { file.set_len(0) } else { Ok(()) };
         let written = cut.and_then(|()| file.write_all(format!("{figures:#}\n").as_bytes()));
-        written.map_err(|error| (EX_CANTCREAT, format!("{}: {error}", path.display())))
+        written.map_err(|error| Failure::new(Exit::CantCreate, format!("{}: {error}", path.display())))
     }
 }
 
-fn campaign(cli: &Cli, plan: &Plan, subject: &Subject, figures: Option<&mut Figures>) -> Result<bool, (u8, String)> {
+fn campaign(cli: &Cli, plan: &Plan, subject: &Subject, figures: Option<&mut Figures>) -> Result<bool, Failure> {
     let bar = ProgressBar::new(plan.seeds);
     if let Ok(style) = ProgressStyle::with_template("{wide_bar} {pos}/{len} runs, {elapsed}, {eta} left") {
         bar.set_style(style);
     }
     let start = Instant::now();
-    let sum = campaign::run(subject, plan, || bar.inc(1)).map_err(|cause| (EX_SOFTWARE, cause))?;
+    let sum = campaign::run(subject, plan, || bar.inc(1)).map_err(Failure::with(Exit::Software))?;
     bar.finish_and_clear();
     let wall_s = start.elapsed().as_secs_f64();
     print!("{}", report::words(plan, &sum, &cli.config, wall_s));
@@ -90,14 +78,16 @@ fn replay(
     subject: &Subject,
     seed: u64,
     figures: Option<&mut Figures>,
-) -> Result<bool, (u8, String)> {
+) -> Result<bool, Failure> {
     let episodes = match &cli.faults {
-        Some(text) => schedule::from_text(text).map_err(|cause| (EX_USAGE, format!("--faults: {cause}")))?,
+        Some(text) => {
+            schedule::from_text(text).map_err(|cause| Failure::new(Exit::Usage, format!("--faults: {cause}")))?
+        }
         None => campaign::drawn(seed, plan),
     };
     println!("{}", schedule::to_text(&episodes));
     let start = Instant::now();
-    let engaged = subject.engaged().map_err(|cause| (EX_SOFTWARE, cause))?;
+    let engaged = subject.engaged().map_err(Failure::with(Exit::Software))?;
     let outcome = campaign::single(&engaged, subject, seed, plan, &episodes);
     print!("{}", report::replay_words(seed, &outcome));
     let holds = outcome.violation.is_none();

@@ -18,12 +18,6 @@ use torture::report;
 use torture::stages::Subject;
 use torture::{bench, chunk, goals, motions, stop_times};
 
-/// Exit codes of sysexits(3).
-const EX_USAGE: u8 = 64;
-const EX_NOINPUT: u8 = 66;
-const EX_CANTCREAT: u8 = 73;
-const EX_CONFIG: u8 = 78;
-
 fn main() -> ExitCode {
     rt::abort_on_panic();
     let cli = Cli::parse();
@@ -35,18 +29,15 @@ fn main() -> ExitCode {
         Some(Command::Motions(args)) => play(args),
         Some(Command::Bench(args)) => measure_ticks(args),
     };
-    match done {
-        Ok(true) => ExitCode::SUCCESS,
-        Ok(false) => ExitCode::FAILURE,
-        Err(error) => {
-            eprintln!("torture: {error}");
-            ExitCode::from(match error {
-                TortureError::Option { .. } => EX_USAGE,
-                TortureError::Config(_) | TortureError::Interface { .. } | TortureError::Stage { .. } => EX_CONFIG,
-                TortureError::Motion(_) | TortureError::NoMotions(_) => EX_NOINPUT,
-                TortureError::Write { .. } => EX_CANTCREAT,
-            })
-        }
+    rt::finish("torture", done.map_err(|error| Failure::new(exit(&error), error)))
+}
+
+fn exit(error: &TortureError) -> Exit {
+    match error {
+        TortureError::Option { .. } => Exit::Usage,
+        TortureError::Config(_) | TortureError::Interface { .. } | TortureError::Stage { .. } => Exit::Config,
+        TortureError::Motion(_) | TortureError::NoMotions(_) => Exit::NoInput,
+        TortureError::Write { .. } => Exit::CantCreate,
     }
 }
 

@@ -1,5 +1,6 @@
 //! Errors before, between and after the steps.
 
+use rt::Exit;
 use std::path::PathBuf;
 
 /// An error that keeps training or evaluation from starting or going on.
@@ -70,16 +71,16 @@ pub enum TrainError {
 }
 
 impl TrainError {
-    /// Returns the exit code of sysexits.h.
+    /// Returns the exit code.
     #[must_use]
-    pub fn exit_code(&self) -> u8 {
+    pub fn exit(&self) -> Exit {
         match self {
-            Self::File { action: "write", .. } => 73,
-            Self::File { .. } => 66,
-            Self::TooFewClips { .. } | Self::Checkpoint { .. } | Self::Baseline { .. } => 65,
-            Self::Robot(_) => 78,
-            Self::Option { .. } => 64,
-            Self::Compose(_) | Self::Diverged { .. } => 70,
+            Self::File { action: "write", .. } => Exit::CantCreate,
+            Self::File { .. } => Exit::NoInput,
+            Self::TooFewClips { .. } | Self::Checkpoint { .. } | Self::Baseline { .. } => Exit::DataErr,
+            Self::Robot(_) => Exit::Config,
+            Self::Option { .. } => Exit::Usage,
+            Self::Compose(_) | Self::Diverged { .. } => Exit::Software,
         }
     }
 }
