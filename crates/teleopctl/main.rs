@@ -86,14 +86,14 @@ fn status(client: &mut Client, run_dir: &Path, json: bool) -> Result<bool, Opera
     let status = client.heartbeat()?;
     let names = Names::read(run_dir);
     if json {
-        out!("{}", pipeline::status_json(&status, &names));
+        out!("{}", explain::status_json(&status, &names));
         return Ok(true);
     }
-    let note = pipeline::status_note(&status).map_or(String::new(), |note| format!(" ({note})"));
+    let note = explain::note(&status).map_or(String::new(), |note| format!(" ({note})"));
     out!("mode              {}{note}", mode(&status).name());
-    out!("why               {}", pipeline::why(&status, &names));
+    out!("why               {}", explain::why(&status, &names));
     out!("ticks             {} ({} deadlines missed)", status.ticks, status.missed_deadlines);
-    match pipeline::input_age_ms(&status) {
+    match explain::input_age_ms(&status) {
         Some(age_ms) => out!("input age         {age_ms:.1} ms"),
         None => out!("input             none yet"),
     }
@@ -107,16 +107,16 @@ fn status(client: &mut Client, run_dir: &Path, json: bool) -> Result<bool, Opera
     let worst = status.tracking_joint.saturating_sub(1) as usize;
     out!("tracking error    {:.4} {} ({})", status.tracking_error, names.unit(worst), names.joint(worst));
     let degrees = |rad: f64| rad.to_degrees();
-    if pipeline::input_age_ms(&status).is_some() {
+    if explain::input_age_ms(&status).is_some() {
         out!(
             "limb error        {:.1} deg target, {:.1} deg measured",
             degrees(status.limb_error_target_rad),
             degrees(status.limb_error_measured_rad)
         );
     }
-    out!("calibration       {}", pipeline::calibration_name(&status));
+    out!("calibration       {}", explain::calibration_name(&status));
     if status.payload_kg != [0.0; 2] {
-        out!("payload           {}", pipeline::payload(&status));
+        out!("payload           {}", explain::payload(&status));
     }
     out!("real-time         {}", if status.realtime == 1 { "yes" } else { "no" });
     out!("operators         {}", status.operators);
@@ -140,7 +140,7 @@ fn status(client: &mut Client, run_dir: &Path, json: bool) -> Result<bool, Opera
 fn calibrate(client: &mut Client, run_dir: &Path, args: &CalibrateArgs) -> Result<bool, OperatorError> {
     let folder = match &args.folder {
         Some(folder) => folder.clone(),
-        None => match pipeline::load(&args.config, pipeline::Overrides::default()) {
+        None => match config::load(&args.config, config::Overrides::default()) {
             Ok(loaded) => loaded.operators_dir,
             Err(error) => {
                 err!("teleopctl: {error}");
@@ -276,7 +276,7 @@ fn not_reset(status: &Status, names: &Names) -> String {
     }
     if persists.is_empty() {
         text += "\nno cause persists, but the robot still moves, or an operator holds the enable (teleopctl release)";
-        text.extend(pipeline::not_at_rest(status, names).map(|why| format!("\n{why}")));
+        text.extend(explain::not_at_rest(status, names).map(|why| format!("\n{why}")));
     }
     text
 }

@@ -4,6 +4,7 @@ use crate::cli::InstanceArgs;
 use crate::doctor::holder;
 use crate::processes::{END_WITHIN, PROCESSES, READY_WITHIN};
 use instance::Instance;
+use rt::{Exit, Failure};
 use std::os::unix::net::UnixDatagram;
 use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
@@ -201,7 +202,7 @@ impl Children {
 
 /// Says that a process ended before it was READY. The driver may be a program of the user's own.
 fn unready(ended: &str, status: ExitStatus, place: &InstanceArgs) -> String {
-    let program = pipeline::read_settings(&place.config).map(|settings| settings.driver.program).unwrap_or_default();
+    let program = config::read_settings(&place.config).map(|settings| settings.driver.program).unwrap_or_default();
     if ended != "sim" || program.is_empty() {
         return format!("{ended} ended before it was ready ({status})");
     }

@@ -15,6 +15,7 @@ use instance::Instance;
 use messages::{Faults, Mode, Status};
 use motion::CalibrationMode;
 use operator::OperatorSession;
+use rt::{Exit, Failure};
 use rt::{Shutdown, out};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};

@@ -5,6 +5,7 @@ use crate::process::bus_failure;
 use bus::{Domain, Reader};
 use instance::Instance;
 use messages::{Mode, RobotState, Service, Skeleton, Status};
+use rt::Failure;
 use rt::out;
 use std::io::{IsTerminal, Write};
 use std::time::{Duration, Instant};

@@ -6,6 +6,7 @@ use crate::processes::END_WITHIN;
 use crate::programs::RECORD;
 use instance::Instance;
 use rt::err;
+use rt::{Exit, Failure};
 use std::os::unix::net::UnixDatagram;
 use std::os::unix::process::CommandExt;
 use std::path::Path;

@@ -4,6 +4,7 @@ use crate::timeline::Timeline;
 use instance::Instance;
 use messages::{FAULTS, Fault, Response, TICK_HZ};
 use rt::out;
+use rt::{Exit, Failure};
 use serde_json::{Map, Value, json};
 
 /// Kinds of violation that the command checker counts.

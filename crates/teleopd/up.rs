@@ -11,6 +11,7 @@ use config::{DriverKind, Loaded};
 use instance::Instance;
 use messages::Mode;
 use operator::OperatorSession;
+use rt::{Exit, Failure};
 use rt::{Shutdown, out};
 use std::time::Duration;
 

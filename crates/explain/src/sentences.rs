@@ -198,7 +198,7 @@ pub fn meaning(fault: Fault, status: &Status, names: &Names) -> String {
     if !Faults(status.faults | status.latched).has(fault) {
         return meaning.into();
     }
-    if let Some(joint) = not_finite(status, fault) {
+    if let Some(joint) = status.not_finite(fault) {
         return format!("{meaning} The position of {} is not finite.", names.joint(joint));
     }
     let measured_pair = || {
@@ -249,13 +249,6 @@ pub fn meaning(fault: Fault, status: &Status, names: &Names) -> String {
         },
         _ => meaning.into(),
     }
-}
-
-/// Returns the joint whose position is NaN or infinite, if `fault` is about positions. Its distances mean nothing.
-pub(crate) fn not_finite(status: &Status, fault: Fault) -> Option<usize> {
-    use Fault::{CollisionNear, StartInCollision, StartOutsideLimits, TrackingError};
-    let about = matches!(fault, StartOutsideLimits | StartInCollision | CollisionNear | TrackingError);
-    (about && !status.tracking_error.is_finite()).then_some(status.tracking_joint.saturating_sub(1) as usize)
 }
 
 /// Names the joint that does not move as commanded, leaves its place or does not come to rest.

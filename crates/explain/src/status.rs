@@ -26,23 +26,7 @@ fn reduced(status: &Status) -> Vec<&'static str> {
 
 /// The limit that keeps the command from the person, as JSON.
 fn limited(status: &Status, names: &Names) -> Value {
-    json!({ "by": explain::limit_name(status), "about": explain::subject(Subject::of(status.limited_about), names) })
-}
-
-/// Returns the joint or pair that a fault concerns now, if there is one.
-pub fn subject(status: &Status, fault: Fault) -> Option<Subject> {
-    let joint = |number: u32| number.checked_sub(1).map(|joint| Subject::Joint(joint as usize));
-    if let Some(joint) = explain::not_finite(status, fault) {
-        return Some(Subject::Joint(joint));
-    }
-    match fault {
-        Fault::StartOutsideLimits => joint(status.joint_outside),
-        Fault::StartInCollision | Fault::CollisionNear => Some(Subject::Pair(status.nearest_pair_measured)),
-        Fault::TrackingError => joint(status.tracking_joint),
-        Fault::VelocityError | Fault::StandstillLost => joint(status.unsteady_joint),
-        Fault::GateDenied => Subject::of(status.denied_about),
-        _ => None,
-    }
+    json!({ "by": sentences::limit_name(status), "about": sentences::subject(Subject::of(status.limited_about), names) })
 }
 
 /// Age of the newest frame, ms. `None` before the first one. `control` counts an age from the reception of the

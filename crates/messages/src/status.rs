@@ -190,10 +190,18 @@ message! {
 }
 
 impl Status {
+    /// Returns the joint whose position is NaN or infinite, if `fault` is about positions. Its distances mean nothing.
+    pub fn not_finite(&self, fault: Fault) -> Option<usize> {
+        use Fault::{CollisionNear, StartInCollision, StartOutsideLimits, TrackingError};
+        let about = matches!(fault, StartOutsideLimits | StartInCollision | CollisionNear | TrackingError);
+        (about && !self.tracking_error.is_finite()).then_some(self.tracking_joint.saturating_sub(1) as usize)
+    }
+
     /// Returns the joint or pair that a fault concerns now, if there is one.
     pub fn about(&self, fault: Fault) -> Option<Subject> {
         let joint = |number: u32| number.checked_sub(1).map(|joint| Subject::Joint(joint as usize));
         match fault {
+            _ if self.not_finite(fault).is_some() => joint(self.tracking_joint),
             Fault::StartOutsideLimits => joint(self.joint_outside),
             Fault::StartInCollision | Fault::CollisionNear => Some(Subject::Pair(self.nearest_pair_measured)),
             Fault::TrackingError => joint(self.tracking_joint),

@@ -15,6 +15,7 @@ use messages::{
 use operator::{AuditEvent, AuditRecord, OperatorEdges, OperatorError, ResetRule, Server};
 use robot::Names;
 use rt::SleepWatch;
+use rt::{Exit, Failure};
 use std::time::Duration;
 use telemetry::{Counter, Event, Metric};
 

@@ -8,6 +8,7 @@ use bus::Domain;
 use config::{DriverKind, HandOff};
 use driver::{Driver, Measured, Setpoint};
 use messages::{JointCommand, Mode, RobotState, Service, Stamp, StopPlan, TICK_HZ, deadline, tick_at};
+use rt::{Exit, Failure};
 use serde_json::{Map, Value, json};
 use std::time::Duration;
 use telemetry::{Event, Metric, Probe};

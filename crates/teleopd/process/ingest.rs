@@ -8,6 +8,7 @@ use config::{HandOff, Operators};
 use doors::{Bucket, DoorError, FrameSource, LeaseState, Reply, Server, SocketEvent, draw_nonce};
 use ingest::{Authority, ClientIdentity};
 use messages::{InputStatus, Layout, RawSkeleton, Service, Skeleton, Stamp, TICK_HZ, deadline, tick_at};
+use rt::{Exit, Failure};
 use serde_json::json;
 use skeleton::DropReason;
 use std::time::Duration;

@@ -20,6 +20,7 @@ use config::{DriverKind, Loaded, Settings};
 use housekeeping::Housekeeping;
 use instance::Instance;
 use messages::{Header, Message, Stamp};
+use rt::{Exit, Failure};
 use rt::{PageFaults, Realtime, RealtimeReport, ServiceManager, Shutdown};
 use serde_json::json;
 use telemetry::{Collector, Counter, Event, Probe};

@@ -6,7 +6,7 @@ mod stages;
 mod tamper;
 mod world;
 
-pub use offline::{Offline, OfflineEnd, OfflineReport, Row, Watch};
+pub use offline::{Offline, OfflineEnd, OfflineReport, PlayedTick, Row};
 pub use stages::{control_config, input_config, retarget_config, sim_config};
 pub use tamper::{Tamper, Untampered};
 pub use world::{Links, Moment, Running, World, WorldConfig};

@@ -99,8 +99,8 @@ fn f054_sentences_name_joint_that_is_not_finite() {
     let mut bench = moving();
     bench.robot.inject(Injection::NanFeedback { joint: ELBOW });
     let bench = stops(bench, 3, Fault::FeedbackInvalid);
-    let names = pipeline::Names::of(bench.model());
-    let said = pipeline::why(&bench.status, &names);
+    let names = robot::Names::of(bench.model());
+    let said = explain::why(&bench.status, &names);
     let joint = &bench.model().joint_names[ELBOW];
     assert!(said.contains(&format!("The position of {joint} is not finite.")), "{said}");
     assert!(!said.contains("NaN mm") && !said.contains("NaN rad"), "{said}");

@@ -6,6 +6,7 @@ use clap::Parser;
 use client::{Port, Transport};
 use instance::Instance;
 use messages::{Header, Layout, RawSkeleton, Stamp};
+use rt::{Exit, Failure};
 use rt::{Peer, Shutdown, err, out};
 use std::collections::BTreeMap;
 use std::io::ErrorKind;

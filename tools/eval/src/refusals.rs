@@ -5,6 +5,7 @@ use crate::cli::Cli;
 use crate::clips::chosen;
 use crate::error::EvalError;
 use crate::run::{show, write_json};
+use crate::table::{self, column};
 use config::Overrides;
 use messages::{RawSkeleton, Stamp};
 use motion::{CalibrationMode, Motion};

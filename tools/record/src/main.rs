@@ -6,6 +6,7 @@ use instance::Instance;
 use record::cli::Cli;
 use record::{Attached, Origin, Queue, Rates, Summary};
 use robot::Names;
+use rt::{Exit, Failure};
 use rt::{ServiceManager, Shutdown, err, out};
 use std::collections::BTreeMap;
 use std::fs::OpenOptions;
@@ -36,7 +37,7 @@ fn main() -> ExitCode {
 /// Shows a recording until a signal arrives.
 fn view(cli: &Cli, file: &Path) -> Result<(), Failure> {
     let shutdown = Shutdown::on_signals().map_err(Failure::with(Exit::Software))?;
-    let loaded = pipeline::load(&cli.config, cli.overrides()).map_err(Failure::with(Exit::Config))?;
+    let loaded = config::load(&cli.config, cli.overrides()).map_err(Failure::with(Exit::Config))?;
     let shown = view::RobotView::of(&loaded, cli.meshes.as_deref()).map_err(Failure::with(Exit::Config))?;
     if !shown.missing.is_empty() {
         err!("record: {} mesh files are not below --meshes: {}", shown.missing.len(), shown.missing.join(", "));
@@ -102,7 +103,7 @@ fn record(cli: &Cli, out: &Path) -> Result<(), Failure> {
     check(cli)?;
     let shutdown = Shutdown::on_signals().map_err(Failure::with(Exit::Software))?;
     let manager = ServiceManager::from_environment().map_err(Failure::with(Exit::Software))?;
-    let loaded = pipeline::load(&cli.config, cli.overrides()).map_err(Failure::with(Exit::Config))?;
+    let loaded = config::load(&cli.config, cli.overrides()).map_err(Failure::with(Exit::Config))?;
     let mut attached = attach(cli, &loaded)?;
     let mut queue = begin(cli, out, &loaded)?;
     let _ = manager.ready();

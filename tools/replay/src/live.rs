@@ -8,6 +8,7 @@ use instance::Instance;
 use messages::Mode;
 use motion::Motion;
 use operator::{Client, OperatorError};
+use rt::Exit;
 use rt::{Shutdown, out};
 use std::path::Path;
 use std::time::Duration;

@@ -8,6 +8,7 @@ use messages::{JOINTS, TICK_HZ};
 use motion::Motion;
 use record::{OfflineRecording, Trace};
 use robot::Model;
+use rt::Exit;
 use rt::out;
 use serde_json::json;
 use std::fs::File;
@@ -42,7 +43,7 @@ fn refuse(cli: &Cli, out: &Path) -> Result<(), Failure> {
 /// Writes `out` and the JSON file beside it.
 pub fn run(cli: &Cli, motion: &Motion, out: &Path) -> Result<(), Failure> {
     refuse(cli, out)?;
-    let loaded = pipeline::load(&cli.config, Overrides::default()).map_err(Failure::with(Exit::Config))?;
+    let loaded = config::load(&cli.config, Overrides::default()).map_err(Failure::with(Exit::Config))?;
     let options = PlayOptions { speed: cli.speed, looped: false, calibration: cli.calibration };
     let mut recording = match &cli.record {
         Some(path) => Some(OfflineRecording::create(path, &loaded).map_err(Failure::with(Exit::CantCreate))?),

@@ -4,6 +4,7 @@ use clap::Parser;
 use config::Overrides;
 use indicatif::{ProgressBar, ProgressStyle};
 use messages::TICK_HZ;
+use rt::{Exit, Failure};
 use sim::ViolationKind;
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicU64, Ordering};

@@ -8,9 +8,8 @@ use crate::methods::Posture;
 use client::PlayOptions;
 use collision::dynamics::{Dynamics, GRAVITY_M_PER_S2};
 use config::Loaded;
-use messages::{JointCommand, JointTarget, LEFT_ARM, Mode, RIGHT_ARM, Stamp, command_flag, deadline};
+use messages::{JointCommand, LEFT_ARM, Mode, RIGHT_ARM, Stamp, command_flag, deadline};
 use motion::{CalibrationMode, Motion};
-use robot::Model;
 use std::collections::BTreeMap;
 use world::{Moment, Offline, OfflineEnd};
 
