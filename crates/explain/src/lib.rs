@@ -1,5 +1,5 @@
-//! What people and programs are told about a status: sentences that say what happened and why the robot does not move, and
-//! the status as JSON. Never does IO and never reads a clock.
+//! Sentences for people, which say what happened and why the robot does not move, and the status as JSON. Never does IO
+//! and never reads a clock.
 
 #![forbid(clippy::disallowed_macros, clippy::disallowed_methods, clippy::disallowed_types)]
 
