@@ -26,15 +26,8 @@ pub fn motion_files(folder: &Path) -> Result<Vec<PathBuf>, MotionError> {
     Ok(list(folder, false)?.files)
 }
 
-/// Like [`motion_files`], with everything below `folder`. Does not follow links to folders.
-///
-/// # Errors
-/// Returns an error that names the folder that cannot be listed.
-pub fn motion_files_recursive(folder: &Path) -> Result<Vec<PathBuf>, MotionError> {
-    Ok(list(folder, true)?.files)
-}
-
-/// Lists the motion files of a folder, and the skipped files with the reason.
+/// Lists the motion files of a folder, and the skipped files with the reason. With `recursive` it lists everything
+/// below, but does not follow links to folders.
 ///
 /// # Errors
 /// Returns an error that names the folder if it cannot be listed, or lies more than 32 levels deep.

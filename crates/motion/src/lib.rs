@@ -26,7 +26,7 @@ pub use bvh::parse_bvh;
 pub use calibrate::{CalibrationMode, calibrate, limbs, raw_frame};
 pub use canonical::Up;
 pub use error::{ArrayError, BvhError, McapError, MotionError};
-pub use files::{EXTENSIONS, Listing, list, motion_files, motion_files_recursive};
+pub use files::{EXTENSIONS, Listing, list, motion_files};
 pub use mirror::MirrorError;
 pub use resample::{loop_blend, mix, resampled, upsample};
 pub use write::{save_bvh, write_bvh};

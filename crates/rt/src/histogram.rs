@@ -1,7 +1,5 @@
 //! Latencies, recorded without allocating and reported in microseconds.
 
-use messages::Stamp;
-
 /// Longest duration with a bucket of its own, 10 s. Longer ones count in the last bucket, and `max_us` stays
 /// exact.
 const LONGEST_NS: u64 = 10_000_000_000;
@@ -49,11 +47,6 @@ impl Histogram {
         // Both have the same bounds.
         self.buckets += &other.buckets;
         self.max_ns = self.max_ns.max(other.max_ns);
-    }
-
-    /// Counts the time from `from` to `to`. It is zero if `to` is earlier.
-    pub fn record_between(&mut self, from: Stamp, to: Stamp) {
-        self.record_ns(to.since(from));
     }
 
     /// Returns the number of counted durations.
@@ -131,8 +124,6 @@ mod tests {
         histogram.record_ns(u64::MAX);
         assert_eq!(histogram.count(), 2);
         assert_eq!(histogram.max_us(), u64::MAX as f64 * 1e-3);
-        histogram.record_between(Stamp(10), Stamp(5));
-        assert_eq!(histogram.count(), 3);
         histogram.reset();
         assert_eq!((histogram.count(), histogram.max_us(), histogram.quantile_us(0.5)), (0, 0.0, 0.0));
     }

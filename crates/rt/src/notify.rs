@@ -35,11 +35,6 @@ impl ServiceManager {
         Ok(Self { channel: Some(channel), watchdog })
     }
 
-    /// Returns true if there is a service manager.
-    pub fn is_present(&self) -> bool {
-        self.channel.is_some()
-    }
-
     /// Returns the longest silence of `watchdog` that the manager tolerates. Call `watchdog` at half of this
     /// interval.
     pub fn watchdog_timeout(&self) -> Option<Duration> {
@@ -105,7 +100,7 @@ mod tests {
     }
 
     fn talk(manager: &ServiceManager, socket: &UnixDatagram) {
-        assert!(manager.is_present());
+        assert!(manager.channel.is_some());
         manager.ready().expect("READY");
         manager.status("all\nwell").expect("STATUS");
         manager.watchdog().expect("WATCHDOG");
@@ -130,7 +125,7 @@ mod tests {
     #[test]
     fn notify_without_manager_does_nothing_and_bad_name_is_an_error() {
         let manager = ServiceManager::connect(None, None).expect("none is fine");
-        assert!(!manager.is_present());
+        assert!(!manager.channel.is_some());
         manager.ready().expect("nothing to do");
         let error = ServiceManager::connect(Some("relative/path".into()), None).expect_err("refused");
         assert!(error.to_string().contains("relative/path"), "{error}");

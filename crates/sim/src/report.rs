@@ -52,18 +52,13 @@ pub struct Report {
     /// The least clearance of the steps that had to keep the clearance of every command.
     pub(crate) min_proved_clearance_m: f64,
     pub(crate) torque_share_max: [f64; JOINTS],
-    pub(crate) tracking_max: [f64; JOINTS],
-    pub(crate) tracking_squares: [f64; JOINTS],
-    pub(crate) tracking_samples: u64,
-    pub(crate) prismatic: [bool; JOINTS],
     pub(crate) engagements: u64,
     pub(crate) engage_max_step_rad: f64,
     pub(crate) engage_velocity_ratio: f64,
 }
 
-impl Report {
-    /// Creates an empty report. `prismatic` marks the joints that slide.
-    pub fn new(prismatic: [bool; JOINTS]) -> Self {
+impl Default for Report {
+    fn default() -> Self {
         Self {
             counts: [0; ViolationKind::ALL.len()],
             first: None,
@@ -71,16 +66,14 @@ impl Report {
             min_clearance_m: f64::INFINITY,
             min_proved_clearance_m: f64::INFINITY,
             torque_share_max: [0.0; JOINTS],
-            tracking_max: [0.0; JOINTS],
-            tracking_squares: [0.0; JOINTS],
-            tracking_samples: 0,
-            prismatic,
             engagements: 0,
             engage_max_step_rad: 0.0,
             engage_velocity_ratio: 0.0,
         }
     }
+}
 
+impl Report {
     /// Returns the violations by kind: name and number of joints or steps.
     pub fn violations(&self) -> [(&'static str, u64); ViolationKind::ALL.len()] {
         ViolationKind::ALL.map(|kind| (kind.name(), self.counts[kind as usize]))
@@ -130,23 +123,6 @@ impl Report {
         self.torque_share_max.iter().enumerate().fold((0.0, 0), larger)
     }
 
-    /// Returns the largest |executed - measured| of each joint, rad or m.
-    pub fn tracking_error_max(&self) -> &[f64; JOINTS] {
-        &self.tracking_max
-    }
-
-    /// Returns the largest |executed - measured| of the revolute joints, rad.
-    pub fn tracking_error_max_rad(&self) -> f64 {
-        self.revolute().map(|j| self.tracking_max[j]).fold(0.0, f64::max)
-    }
-
-    /// Returns the root mean square of executed minus measured over the revolute joints and all ticks, rad. 0
-    /// before the first.
-    pub fn tracking_error_rms_rad(&self) -> f64 {
-        let (sum, joints) = self.revolute().fold((0.0, 0), |(sum, n), j| (sum + self.tracking_squares[j], n + 1));
-        (sum / (joints * self.tracking_samples).max(1) as f64).sqrt()
-    }
-
     /// Returns how often the mode became Engaging with the robot at rest.
     pub fn engagements(&self) -> u64 {
         self.engagements
@@ -161,9 +137,5 @@ impl Report {
     /// mode was Engaging or Engaged.
     pub fn engage_first_second_velocity_ratio(&self) -> f64 {
         self.engage_velocity_ratio
-    }
-
-    fn revolute(&self) -> impl Iterator<Item = usize> {
-        (0..JOINTS).filter(|&j| !self.prismatic[j])
     }
 }

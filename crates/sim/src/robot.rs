@@ -39,7 +39,7 @@ impl DriverState {
         let held = drive.follower().setpoint();
         let controllers = (config.interface == Interface::Jtc100).then(|| Controllers::new(&held, seed));
         let checker = Checker::new(config, held);
-        let report = Report::new(config.model.prismatic);
+        let report = Report::default();
         Some(Self { drive, checks: Checks { controllers, checker, report, sent: held, mode: 0 } })
     }
 
@@ -198,17 +198,7 @@ pub fn tick(config: &Config, state: &mut State, now: Stamp, input: Input<'_>) ->
 pub fn drive(config: &Config, state: &mut DriverState, now: Stamp, input: Input<'_>, port: &mut impl Driver) -> Output {
     let DriverState { drive, checks } = state;
     checks.mode = drive.follower().mode;
-    let out = driver::drive(&config.follower, drive, now, input, port, &mut Watching { config, checks });
-    if out.advanced > 0 {
-        let Checks { report, sent, .. } = checks;
-        report.tracking_samples += 1;
-        for j in 0..JOINTS {
-            let error = (sent.q[j] - drive.measured().q[j]).abs();
-            report.tracking_max[j] = report.tracking_max[j].max(error);
-            report.tracking_squares[j] += error * error;
-        }
-    }
-    out
+    driver::drive(&config.follower, drive, now, input, port, &mut Watching { config, checks })
 }
 
 /// The checker while the driver's tick runs.

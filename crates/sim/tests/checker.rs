@@ -197,7 +197,7 @@ fn clearance_matches_robot_model_and_is_counted_below_bound() {
         assert!((report.min_clearance_m() - expected).abs() < 1e-9, "{} {expected}", report.min_clearance_m());
         // A robot that is found there has violated nothing. A motion that leads there has.
         assert_eq!(report.violations_of(ViolationKind::Clearance), 0);
-        let mut commanded = Report::new(MODEL.prismatic);
+        let mut commanded = Report::default();
         let at = |k, q| Setpoint { k, q, v: [0.0; JOINTS], a: [0.0; JOINTS] };
         let mut checker = Checker::new(&bench.config, at(K, MODEL.home));
         checker.step(&bench.config, &mut commanded, &at(K + 1, initial), Mode::Engaged as u32);

@@ -128,11 +128,6 @@ pub struct Tasks {
     pub limb_bodies: [[usize; 2]; 2],
 }
 
-impl Tasks {
-    /// Every joint has the same cost, limbs have none.
-    pub const JOINTS_ALIKE: Self = Self { joint_weight: [1.0; JOINTS], limb_weight: 0.0, limb_bodies: [[0; 2]; 2] };
-}
-
 /// Validated, immutable configuration of the stage.
 #[derive(Clone, Debug)]
 pub struct Config {

@@ -36,7 +36,7 @@ fn robot(post: usize, gap_m: f64, angle: f64) -> Config {
         pairs: vec![[0, 1]],
         obstacles: Vec::new(),
         d_min_m: D_MIN_M,
-        tasks: wbc::Tasks::JOINTS_ALIKE,
+        tasks: wbc::Tasks { joint_weight: [1.0; JOINTS], limb_weight: 0.0, limb_bodies: [[0; 2]; 2] },
         masses: [wbc::dynamics::Mass::default(); JOINTS + 1],
         payload: [robot::Payload::EMPTY; 2],
         effort_max: [f64::INFINITY; JOINTS],

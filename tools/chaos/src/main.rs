@@ -98,8 +98,8 @@ fn instance(options: &Cli, blows: &[Injection], shutdown: &Shutdown, figures: &m
     let mut rig = Rig::start(&options.config)?;
     let loaded = config::load(&rig.place().config, rig.place().overrides())?;
     let safety = &loaded.settings.safety;
-    let limits = world::sim_config(&loaded, true)?;
-    let witness = Monitor::start(rig.instance().core_domain(), limits, loaded.model.prismatic)?;
+    let limits = pipeline::sim_config(&loaded, true)?;
+    let witness = Monitor::start(rig.instance().core_domain(), limits)?;
     let (mut outcomes, mut moved) = (Vec::new(), 0);
     for &blow in blows.iter().take_while(|_| !shutdown.requested()) {
         let outcome = match trial::run(&mut rig, &witness, &loaded.settings, blow) {

@@ -108,9 +108,9 @@ pub struct Soaked {
 /// Returns an error if a process does not start, or the robot does not come back after a fault.
 pub fn run(config: &Path, soak: Soak, shutdown: &Shutdown) -> Result<Soaked, LatencyError> {
     let mut rig = Rig::start(config)?;
-    let loaded = config::load(&rig.place().config, rig.place().overrides())?;
-    let limits = world::sim_config(&loaded, true)?;
-    let witness = Monitor::start(rig.instance().core_domain(), limits, loaded.model.prismatic)?;
+    let loaded = pipeline::load(&rig.place().config, rig.place().overrides())?;
+    let limits = pipeline::sim_config(&loaded, true)?;
+    let witness = Monitor::start(rig.instance().core_domain(), limits)?;
     let mut dice = Pcg64Mcg::seed_from_u64(1);
     let mut soaked = Soaked::default();
     trial::engage(&mut rig, &witness, Target::Ingest, Mode::Engaged)?;

@@ -140,7 +140,7 @@ fn joint_step_beyond_its_limits_is_counted() {
     let subject = subject(true);
     let held = sim::State::new(&subject.sim, 1500, 1).follower().setpoint();
     let mut checker = sim::Checker::new(&subject.sim, held);
-    let mut report = sim::Report::new([false; JOINTS]);
+    let mut report = sim::Report::default();
     let mut to = driver::Setpoint { k: held.k + 1, ..held };
     to.q[JOINTS - 1] += 1e-4;
     checker.step(&subject.sim, &mut report, &to, messages::Mode::Engaged as u32);

@@ -109,7 +109,7 @@ impl Judge {
     pub(crate) fn new(options: &Options) -> Self {
         let bench = Bench::new(options, 1);
         let checker = Checker::new(&bench.config, bench.state.follower().setpoint());
-        Self { report: Report::new(MODEL.prismatic), checker, bench }
+        Self { report: Report::default(), checker, bench }
     }
 
     pub(crate) fn ideal() -> Self {

@@ -151,7 +151,7 @@ pub fn parts() -> Parts {
         pairs,
         obstacles: Vec::new(),
         d_min_m: D_MIN_M,
-        tasks: Tasks::JOINTS_ALIKE,
+        tasks: Tasks { joint_weight: [1.0; JOINTS], limb_weight: 0.0, limb_bodies: [[0; 2]; 2] },
         masses: [Mass::default(); JOINTS + 1],
         payload: [robot::Payload::EMPTY; 2],
         effort_max: [f64::INFINITY; JOINTS],
