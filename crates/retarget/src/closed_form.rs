@@ -5,6 +5,7 @@ use std::f64::consts::{PI, TAU};
 use nalgebra::{UnitQuaternion, Vector3};
 
 use crate::arm::{ARM_Q, ArmModel, ArmQ, Limbs};
+use crate::refine::distance;
 
 /// Below this sine of the angle between upper arm axis and first joint axis, the split between joints 1 and 3 is
 /// held: the gimbal. The hold costs a limb error of at most this angle, rad.
@@ -89,8 +90,4 @@ fn into_limits(arm: &ArmModel, joint: usize, angle: f64) -> f64 {
     let mid = 0.5 * (arm.q_min[joint] + arm.q_max[joint]);
     let shifted = mid + (angle - mid + PI).rem_euclid(TAU) - PI;
     shifted.max(arm.q_min[joint]).min(arm.q_max[joint])
-}
-
-fn distance(a: &ArmQ, b: &ArmQ) -> f64 {
-    (0..ARM_Q).map(|j| (a[j] - b[j]) * (a[j] - b[j])).sum()
 }

@@ -1,9 +1,9 @@
 //! The best posture that the arm can reach: S_GR minimised from many starts. Meant for evaluation. It allocates
 //! nothing, but is slow.
 
-use crate::arm::{ARM_Q, ArmModel, ArmQ, Limbs};
+use crate::arm::{ArmModel, ArmQ, Limbs};
 use crate::closed_form::branch;
-use crate::refine::{Refined, refine};
+use crate::refine::{Refined, distance, refine};
 
 /// Steps per start. Levenberg-Marquardt converges in 5 to 15 here. The rest is for starts at the edge of a basin.
 const STEPS: u32 = 40;
@@ -28,10 +28,6 @@ pub fn oracle(arm: &ArmModel, human: &Limbs, previous: &ArmQ) -> Refined {
         let nearer = distance(&end.q, previous) < distance(&best.q, previous);
         if if equal { nearer } else { end.s_gr < best.s_gr } { end } else { best }
     })
-}
-
-fn distance(a: &ArmQ, b: &ArmQ) -> f64 {
-    (0..ARM_Q).map(|j| (a[j] - b[j]) * (a[j] - b[j])).sum()
 }
 
 /// SplitMix64 (Steele, Lea, Flood 2014). It is good enough for starts, and the same on every machine.

@@ -8,10 +8,10 @@
 
 use crate::arm::Limbs;
 use nalgebra::{UnitQuaternion, Vector3};
-use safetensors::{Dtype, SafeTensors};
+use safetensors::Dtype;
 use serde::{Deserialize, Serialize};
 
-use crate::weights::{HEADER_MAX_BYTES, WeightsError, WriteError, key, must, sha256_hex};
+use crate::weights::{WeightsError, WriteError, key, must, must_match, open, read_tensor, sha256_hex};
 
 /// The only format of the manifest so far.
 pub const PREDICTION_FORMAT: u32 = 1;
@@ -102,9 +102,9 @@ pub struct PredictionManifest {
     pub validation: toml::Table,
 }
 
-impl PredictionManifest {
-    /// Creates a manifest of this build's shape. Its sha256, validation and training facts are still empty.
-    pub fn new() -> Self {
+/// A manifest of this build's shape. Its sha256, validation and training facts are still empty.
+impl Default for PredictionManifest {
+    fn default() -> Self {
         Self {
             format: PREDICTION_FORMAT,
             sha256: String::new(),
@@ -115,12 +115,6 @@ impl PredictionManifest {
             trained_on: String::new(),
             validation: toml::Table::new(),
         }
-    }
-}
-
-impl Default for PredictionManifest {
-    fn default() -> Self {
-        Self::new()
     }
 }
 
@@ -162,19 +156,12 @@ impl Prediction {
         must("ages_s", &manifest.ages_s[..], &AGES_S[..])?;
         must("horizons_s", &manifest.horizons_s[..], &HORIZONS_S[..])?;
         must("inputs", manifest.inputs, PREDICTION_INPUTS)?;
-        let actual = sha256_hex(bytes);
-        if actual != manifest.sha256 {
-            return Err(WeightsError::Sha256 { actual, expected: manifest.sha256 });
-        }
-        let header = bytes.first_chunk::<8>().map_or(0, |length| u64::from_le_bytes(*length));
-        if header > HEADER_MAX_BYTES {
-            return Err(WeightsError::Header { bytes: header });
-        }
-        let tensors = SafeTensors::deserialize(bytes)?;
+        must_match(bytes, &manifest.sha256)?;
+        let tensors = open(bytes)?;
         if let Some(name) = tensors.names().into_iter().find(|name| *name != TENSOR) {
             return Err(WeightsError::Unknown { name: name.to_owned() });
         }
-        Self::new(&crate::weights::read_tensor(&tensors, TENSOR.into(), &[PREDICTION_INPUTS, PREDICTION_OUTPUTS])?)
+        Self::new(&read_tensor(&tensors, TENSOR.into(), &[PREDICTION_INPUTS, PREDICTION_OUTPUTS])?)
     }
 
     /// Writes the two files of a weights folder: safetensors bytes and manifest text with its `sha256` filled in.

@@ -59,8 +59,12 @@ pub fn refine(arm: &ArmModel, human: &Limbs, start: &ArmQ, prior: &ArmQ, prior_w
 
 fn evaluate(arm: &ArmModel, human: &Limbs, q: ArmQ, prior: &ArmQ, prior_weight: f64) -> Refined {
     let s_gr = arm.s_gr(&q, human);
-    let distance: f64 = (0..ARM_Q).map(|j| (q[j] - prior[j]) * (q[j] - prior[j])).sum();
-    Refined { q, s_gr, objective: s_gr + prior_weight * distance, accepted: 0 }
+    Refined { q, s_gr, objective: s_gr + prior_weight * distance(&q, prior), accepted: 0 }
+}
+
+/// Returns |a - b|^2, rad^2.
+pub(crate) fn distance(a: &ArmQ, b: &ArmQ) -> f64 {
+    (0..ARM_Q).map(|j| (a[j] - b[j]) * (a[j] - b[j])).sum()
 }
 
 type Matrix = [[f64; ARM_Q]; ARM_Q];

@@ -183,10 +183,7 @@ impl Weights {
     pub fn read(manifest_text: &str, bytes: &[u8], identity: &ArmIdentity) -> Result<Self, WeightsError> {
         let manifest: Manifest = toml::from_str(manifest_text)?;
         manifest.check(identity)?;
-        let actual = sha256_hex(bytes);
-        if actual != manifest.sha256 {
-            return Err(WeightsError::Sha256 { actual, expected: manifest.sha256 });
-        }
+        must_match(bytes, &manifest.sha256)?;
         let layers = read_layers(bytes, &manifest)?;
         let network = Network::new(&layers, &identity.arm);
         golden::error(&network, &layers).map_err(|error| WeightsError::Golden { error })?;
@@ -194,15 +191,24 @@ impl Weights {
     }
 }
 
+/// Refuses tensors whose hash is not the manifest's.
+pub(crate) fn must_match(bytes: &[u8], expected: &str) -> Result<(), WeightsError> {
+    let actual = sha256_hex(bytes);
+    if actual == expected { Ok(()) } else { Err(WeightsError::Sha256 { actual, expected: expected.to_owned() }) }
+}
+
+/// Reads the header of a safetensors file.
+pub(crate) fn open(bytes: &[u8]) -> Result<SafeTensors<'_>, WeightsError> {
+    let header = bytes.first_chunk::<8>().map_or(0, |length| u64::from_le_bytes(*length));
+    if header > HEADER_MAX_BYTES {
+        return Err(WeightsError::Header { bytes: header });
+    }
+    Ok(SafeTensors::deserialize(bytes)?)
+}
+
 /// Reads the layers of a safetensors file, checked against the shape in `manifest`.
 pub fn read_layers(bytes: &[u8], manifest: &Manifest) -> Result<Layers, WeightsError> {
-    if let Some(length) = bytes.first_chunk::<8>() {
-        let header = u64::from_le_bytes(*length);
-        if header > HEADER_MAX_BYTES {
-            return Err(WeightsError::Header { bytes: header });
-        }
-    }
-    let tensors = SafeTensors::deserialize(bytes)?;
+    let tensors = open(bytes)?;
     let mut used = 0;
     let mut network = |name: &str, inputs: usize, outputs: usize| {
         (0..=manifest.hidden_layers)

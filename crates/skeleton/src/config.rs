@@ -74,72 +74,58 @@ impl Default for Config {
     }
 }
 
-macro_rules! reasons {
-    ($($(#[$meta:meta])* $name:ident,)*) => {
-        /// Reason for which a frame was dropped.
-        #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-        #[repr(usize)]
-        pub enum DropReason { $($(#[$meta])* $name,)* }
-
-        impl DropReason {
-            /// All reasons, by number.
-            pub const ALL: [Self; DROP_REASONS] = [$(Self::$name),*];
-
-            /// Name in reports.
-            pub const fn name(self) -> &'static str {
-                match self { $(Self::$name => stringify!($name),)* }
-            }
-        }
-
-        /// Number of reasons.
-        pub const DROP_REASONS: usize = [$(stringify!($name)),*].len();
-    };
+messages::named! {
+    /// Reason for which a frame was dropped.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+    #[repr(usize)]
+    pub enum DropReason {
+        /// The layout is unknown.
+        Layout => "Layout",
+        /// The number of joints is not that of the layout, or an unknown flag is set.
+        Count => "Count",
+        /// A mirrored image swaps left and right.
+        Mirrored => "Mirrored",
+        /// The frame has no origin.
+        NoOrigin => "NoOrigin",
+        /// The origin lies in the future.
+        Future => "Future",
+        /// The origin is too old.
+        Old => "Old",
+        /// The session nonce changed. The state is learnt again from the next frame on.
+        SessionChanged => "SessionChanged",
+        /// The operator changed. The state is learnt again from the next frame on.
+        OperatorChanged => "OperatorChanged",
+        /// The origin or the sequence was seen before.
+        Duplicate => "Duplicate",
+        /// The origin or the sequence went backwards.
+        Backwards => "Backwards",
+        /// A number of a used joint or of the calibration is not finite.
+        NotFinite => "NotFinite",
+        /// A coordinate, a confidence or a distance from the pelvis is out of range.
+        OutOfRange => "OutOfRange",
+        /// A quaternion or a calibrated hinge is not a unit vector.
+        NotUnit => "NotUnit",
+        /// Shoulders or hips are not visible.
+        TrunkLost => "TrunkLost",
+        /// The size of the trunk, or of an arm compared with it, is not that of a person.
+        Size => "Size",
+        /// The trunk is not upright at the start of a session. Probably the up-axis is another one.
+        NotUpright => "NotUpright",
+        /// Shoulders and hips disagree on left and right, or the body is a mirror image.
+        Chirality => "Chirality",
+        /// A joint jumped, or too few frames after a jump are coherent.
+        Teleport => "Teleport",
+        /// A limb's length jumped from one frame to the next.
+        LengthStep => "LengthStep",
+        /// A limb's length differs from that of the session's first second.
+        LengthChange => "LengthChange",
+        /// The payload repeats bit for bit.
+        Frozen => "Frozen",
+    }
 }
 
-reasons! {
-    /// The layout is unknown.
-    Layout,
-    /// The number of joints is not that of the layout, or an unknown flag is set.
-    Count,
-    /// A mirrored image swaps left and right.
-    Mirrored,
-    /// The frame has no origin.
-    NoOrigin,
-    /// The origin lies in the future.
-    Future,
-    /// The origin is too old.
-    Old,
-    /// The session nonce changed. The state is learnt again from the next frame on.
-    SessionChanged,
-    /// The operator changed. The state is learnt again from the next frame on.
-    OperatorChanged,
-    /// The origin or the sequence was seen before.
-    Duplicate,
-    /// The origin or the sequence went backwards.
-    Backwards,
-    /// A number of a used joint or of the calibration is not finite.
-    NotFinite,
-    /// A coordinate, a confidence or a distance from the pelvis is out of range.
-    OutOfRange,
-    /// A quaternion or a calibrated hinge is not a unit vector.
-    NotUnit,
-    /// Shoulders or hips are not visible.
-    TrunkLost,
-    /// The size of the trunk, or of an arm compared with it, is not that of a person.
-    Size,
-    /// The trunk is not upright at the start of a session. Probably the up-axis is another one.
-    NotUpright,
-    /// Shoulders and hips disagree on left and right, or the body is a mirror image.
-    Chirality,
-    /// A joint jumped, or too few frames after a jump are coherent.
-    Teleport,
-    /// A limb's length jumped from one frame to the next.
-    LengthStep,
-    /// A limb's length differs from that of the session's first second.
-    LengthChange,
-    /// The payload repeats bit for bit.
-    Frozen,
-}
+/// Number of reasons.
+pub const DROP_REASONS: usize = DropReason::ALL.len();
 
 impl DropReason {
     /// Returns true if frames that are dropped for this reason contradict the person. Late or repeated frames do
