@@ -96,10 +96,8 @@ fn calibrate(rig: &Rig, name: &str, folder: &std::path::Path) -> Command {
 
 #[test]
 fn calibrated_operator_is_recognised_in_the_next_session() {
-    let mut rig = Rig::with_settings(&[]);
-    for name in teleopd::PROCESSES {
-        rig.start(name);
-    }
+    let mut rig = Rig::with_settings("");
+    rig.start_all();
     let hand = rig.hand();
     let place = rig.folder().join("operators");
     let client = Client::start(&rig, 1);
@@ -131,10 +129,8 @@ fn calibrated_operator_is_recognised_in_the_next_session() {
 
 #[test]
 fn built_in_calibration_motion_is_measured_as_a_person() {
-    let mut rig = Rig::with_settings(&[]);
-    for name in teleopd::PROCESSES {
-        rig.start(name);
-    }
+    let mut rig = Rig::with_settings("");
+    rig.start_all();
     let place = rig.folder().join("operators");
     let client = rig.client(&motion::builtin_named(motion::CALIBRATION).expect("the motion"), 7);
     client.set_engaged(true);
@@ -147,10 +143,8 @@ fn built_in_calibration_motion_is_measured_as_a_person() {
 
 #[test]
 fn calibration_without_person_waits_and_while_engaged_fails() {
-    let mut rig = Rig::with_settings(&[]);
-    for name in teleopd::PROCESSES {
-        rig.start(name);
-    }
+    let mut rig = Rig::with_settings("");
+    rig.start_all();
     let place = rig.folder().join("operators");
     let mut waiting =
         calibrate(&rig, "anna", &place).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("it runs");

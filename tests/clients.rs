@@ -1,9 +1,7 @@
 //! Tests clients in other languages, from the folder that users get, against the real processes.
 
-mod rig;
-
+use harness::{Rig, assert_no_violations, repository};
 use messages::Mode;
-use rig::{Rig, assert_no_violations, repository};
 use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
@@ -79,7 +77,7 @@ fn python_example_publishes_until_interrupted() {
     let mut script = Client(script.spawn().expect("it starts"));
     // Nothing inhibits engaging once a plausible person is visible.
     hand.wait("free to engage", |status| status.faults == 0 && status.moving == 0 && status.ticks > 750);
-    rig::interrupt(&script.0);
+    harness::interrupt(&script.0);
     let (mut said, mut wrong) = (String::new(), String::new());
     script.0.stdout.take().expect("a pipe").read_to_string(&mut said).expect("its words");
     script.0.stderr.take().expect("a pipe").read_to_string(&mut wrong).expect("its words");
@@ -159,7 +157,7 @@ fn python_script_in_the_background_ends_on_sigint() {
         heard.display()
     );
     let mut shell = Client(Command::new("sh").arg("-c").arg(line).spawn().expect("a shell"));
-    let give_up = std::time::Instant::now() + rig::SOON;
+    let give_up = std::time::Instant::now() + harness::SOON;
     while shell.0.try_wait().expect("its state").is_none() {
         assert!(std::time::Instant::now() < give_up, "it goes on");
         std::thread::sleep(std::time::Duration::from_millis(50));
@@ -177,7 +175,7 @@ fn log_says_why_all_frames_of_a_client_are_dropped() {
         frame.positions.iter_mut().flatten().for_each(|metres| *metres *= 0.3);
     }
     let _client = rig.client(&small, 51);
-    let give_up = std::time::Instant::now() + rig::SOON;
+    let give_up = std::time::Instant::now() + harness::SOON;
     let told = loop {
         let log = rig.log("ingest");
         if let Some(line) = log.lines().find(|line| line.contains("dropped within a second: Size (")) {

@@ -1,8 +1,6 @@
 //! Runs every command of the documents in their order, as a reader types it. Commands that take hours, root or a
 //! network are not run. Then the test checks that the program knows the options.
 
-mod rig;
-
 use std::collections::VecDeque;
 use std::fs::File;
 use std::path::{Path, PathBuf};
@@ -119,7 +117,7 @@ impl Reader {
     /// tree.
     fn new() -> Self {
         let work = tempfile::tempdir().expect("a folder");
-        let repository = rig::repository();
+        let repository = harness::repository();
         for name in ["config", "tools", "weights"] {
             std::os::unix::fs::symlink(repository.join(name), work.path().join(name)).expect("a link");
         }
@@ -241,7 +239,7 @@ impl Reader {
         let (ending, going): (Vec<_>, Vec<_>) = self.beside.drain(..).partition(|(_, _, blocks)| *blocks == 0);
         self.beside = going.into();
         for (command, mut child, _) in ending {
-            rig::interrupt(&child);
+            harness::interrupt(&child);
             let code = child.wait().expect("it ends").code();
             assert!(matches!(code, Some(0 | 130)), "{command}: {code:?}");
             // A client gets no lease within a second of another's end.
@@ -265,7 +263,7 @@ fn read(log: &Path) -> String {
 
 /// Returns the book's chapters, in order.
 fn chapters() -> Vec<PathBuf> {
-    let folder = rig::repository().join("docs/src");
+    let folder = harness::repository().join("docs/src");
     let links = links(&read(&folder.join("SUMMARY.md")));
     links.into_iter().map(|link| folder.join(link)).collect()
 }
@@ -296,7 +294,7 @@ fn anchors(document: &str) -> Vec<String> {
 
 #[test]
 fn links_of_the_documents_lead_to_files_and_headings() {
-    let root = rig::repository();
+    let root = harness::repository();
     let own = ["README.md", "SAFETY.md", "ARCHITECTURE.md", "CONTRIBUTING.md", "docs/src/SUMMARY.md"];
     let mut count = 0;
     for document in own.iter().map(|name| root.join(name)).chain(chapters()) {
@@ -314,14 +312,14 @@ fn links_of_the_documents_lead_to_files_and_headings() {
 
 #[test]
 fn book_lists_every_chapter_and_readme_stays_short() {
-    let folder = rig::repository().join("docs/src");
+    let folder = harness::repository().join("docs/src");
     let listed = chapters();
     for entry in std::fs::read_dir(&folder).expect("docs/src") {
         let path = entry.expect("an entry").path();
         let is_chapter = path.extension().is_some_and(|ending| ending == "md") && !path.ends_with("SUMMARY.md");
         assert!(!is_chapter || listed.contains(&path), "{} stands in no table of contents", path.display());
     }
-    let words = read(&rig::repository().join("README.md")).split_whitespace().count();
+    let words = read(&harness::repository().join("README.md")).split_whitespace().count();
     assert!(words <= 700, "README has {words} words");
 }
 
@@ -330,7 +328,7 @@ fn every_command_of_the_documents_runs_in_order() {
     let mut reader = Reader::new();
     reader.build(&["--workspace".to_owned()]);
     let mut seen = Vec::new();
-    for document in std::iter::once(rig::repository().join("README.md")).chain(chapters()) {
+    for document in std::iter::once(harness::repository().join("README.md")).chain(chapters()) {
         for commands in blocks(&read(&document)) {
             // Commands that were run before are not run again.
             for command in commands {

@@ -26,13 +26,13 @@ impl Patient {
     fn new() -> Self {
         let folder = tempfile::Builder::new().prefix("td").tempdir().expect("a temporary folder");
         let (config, run_dir) = (folder.path().join("teleop.toml"), folder.path().join("run"));
-        let shipped = std::fs::read_to_string(rig::config()).expect("the shipped settings");
-        let robots = format!("\"{}/config/robots/", rig::repository().display());
+        let shipped = std::fs::read_to_string(harness::config()).expect("the shipped settings");
+        let robots = format!("\"{}/config/robots/", harness::repository().display());
         let text = shipped.replace("\"robots/", &robots).replace("\"../weights/", "\"weights/");
         std::fs::write(&config, text).expect("settings");
         std::fs::create_dir(folder.path().join("weights")).expect("a folder");
         for name in ["tiago_dual.toml", "tiago_dual.safetensors", "prediction.toml", "prediction.safetensors"] {
-            let from = rig::repository().join("weights").join(name);
+            let from = harness::repository().join("weights").join(name);
             std::fs::copy(from, folder.path().join("weights").join(name)).expect("weights");
         }
         Self { folder, config, run_dir }
@@ -162,7 +162,7 @@ fn unheard(program: &str) -> Command {
         writer
     };
     let mut command = Command::new(program);
-    command.stdin(Stdio::null()).stdout(gone()).stderr(gone()).current_dir(rig::repository());
+    command.stdin(Stdio::null()).stdout(gone()).stderr(gone()).current_dir(harness::repository());
     command
 }
 
@@ -181,7 +181,7 @@ fn closed_output_pipe_ends_no_program() {
     assert!(std::fs::read_to_string(report).expect("a report").contains("min_clearance_mm"));
     let place = rig.folder().to_str().expect("UTF-8");
     let mut up = unheard(teleopd).args(["up", "--engage-without-realtime", "--run-dir", place]).spawn().expect("up");
-    let give_up = std::time::Instant::now() + rig::SOON;
+    let give_up = std::time::Instant::now() + harness::SOON;
     while run(unheard(env!("CARGO_BIN_EXE_teleopctl")).args(["status", "--run-dir", place])) != Some(0) {
         assert!(std::time::Instant::now() < give_up && up.try_wait().expect("its state").is_none(), "up is not ready");
         std::thread::sleep(std::time::Duration::from_millis(50));
@@ -202,7 +202,7 @@ fn old_report_survives_a_refused_demo() {
     let demo = |motion: &Path, config: &str, report: &Path| {
         let mut command = Command::new(env!("CARGO_BIN_EXE_teleopd"));
         command.arg("demo").arg("--motion").arg(motion).args(["--config", config]).arg("--report").arg(report);
-        let output = command.current_dir(rig::repository()).output().expect("it runs");
+        let output = command.current_dir(harness::repository()).output().expect("it runs");
         (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned())
     };
     let shipped = "config/teleop.toml";
@@ -224,7 +224,7 @@ fn demo_with_a_taken_port_ends_before_anything_starts() {
     let folder = tempfile::tempdir().expect("a temporary folder");
     let run_dir = folder.path().join("run");
     let mut demo = Command::new(env!("CARGO_BIN_EXE_teleopd"));
-    demo.args(["demo", "--view", "--view-port", &port, "--run-dir"]).arg(&run_dir).current_dir(rig::repository());
+    demo.args(["demo", "--view", "--view-port", &port, "--run-dir"]).arg(&run_dir).current_dir(harness::repository());
     let output = demo.output().expect("it runs");
     let said = String::from_utf8_lossy(&output.stderr).into_owned();
     assert!(output.status.code() == Some(69) && said.contains(&port) && said.contains("--view-port 0"), "{said}");
@@ -239,7 +239,7 @@ fn demo_that_would_record_over_a_file_is_refused_once() {
     for (file, expected) in [(&kept, "exists already, and is not replaced"), (&missing, "there is no folder")] {
         let mut demo = Command::new(env!("CARGO_BIN_EXE_teleopd"));
         demo.arg("demo").arg("--record").arg(file).arg("--run-dir").arg(folder.path().join("run"));
-        let output = demo.current_dir(rig::repository()).output().expect("it runs");
+        let output = demo.current_dir(harness::repository()).output().expect("it runs");
         let said = String::from_utf8_lossy(&output.stderr).into_owned();
         assert!(output.status.code() == Some(73) && said.contains(expected) && said.lines().count() == 1, "{said}");
     }
@@ -250,7 +250,7 @@ fn demo_that_would_record_over_a_file_is_refused_once() {
 fn settings_copied_alone_are_refused_by_key_and_path() {
     let folder = tempfile::tempdir().expect("a temporary folder");
     let config = folder.path().join("mine.toml");
-    std::fs::copy(rig::config(), &config).expect("settings");
+    std::fs::copy(harness::config(), &config).expect("settings");
     let check = || {
         let mut command = Command::new(env!("CARGO_BIN_EXE_teleopd"));
         let output = command.arg("check").arg("--config").arg(&config).output().expect("it runs");
@@ -263,7 +263,7 @@ fn settings_copied_alone_are_refused_by_key_and_path() {
     {
         assert!(said.contains(words), "{words}: {said}");
     }
-    let robots = format!("\"{}/config/robots/", rig::repository().display());
+    let robots = format!("\"{}/config/robots/", harness::repository().display());
     let text = std::fs::read_to_string(&config).expect("settings").replace("\"robots/", &robots);
     std::fs::write(&config, text).expect("settings");
     let said = check();
@@ -313,17 +313,15 @@ fn f086_doctor_names_live_instance_and_leftovers_of_dead_one() {
 
 /// Returns the names in /dev/shm that belong to the rig's instance.
 fn shared_memory(rig: &Rig) -> Vec<String> {
-    let prefixes = [rig.instance.core_domain().prefix, rig.instance.input_domain().prefix];
-    let all = std::fs::read_dir("/dev/shm").expect("shared memory").flatten();
-    let all = all.map(|entry| entry.file_name().to_string_lossy().into_owned());
-    all.filter(|name| prefixes.iter().any(|prefix| name.starts_with(prefix))).collect()
+    let files = rig.instance.shared_memory();
+    files.filter_map(|path| Some(path.file_name()?.to_string_lossy().into_owned())).collect()
 }
 
 #[test]
 fn f086_leftovers_of_killed_processes_are_gone_after_next_run() {
     let mut rig = Rig::empty();
     rig.start_up();
-    let give_up = std::time::Instant::now() + rig::SOON;
+    let give_up = std::time::Instant::now() + harness::SOON;
     let up = rig.id("up").to_string();
     let children = || std::fs::read_to_string(format!("/proc/{up}/task/{up}/children")).expect("its children");
     // The last of the five processes opens its socket once it has created everything.
@@ -341,9 +339,7 @@ fn f086_leftovers_of_killed_processes_are_gone_after_next_run() {
     assert!(left.len() > 20, "{left:?}");
     // A cleaner of /tmp removes the transport's own list of its resources.
     std::fs::remove_dir_all(rig.folder().join("core")).expect("the core's folder");
-    for name in teleopd::PROCESSES {
-        rig.start(name);
-    }
+    rig.start_all();
     let again: Vec<_> = shared_memory(&rig).into_iter().filter(|name| left.contains(name)).collect();
     assert_eq!(again, Vec::<String>::new(), "the start has collected it");
     for name in ["ingest", "retarget", "control", "sim"] {
@@ -353,7 +349,8 @@ fn f086_leftovers_of_killed_processes_are_gone_after_next_run() {
     rig.start_up();
     rig.end_up();
     assert_eq!(shared_memory(&rig), Vec::<String>::new());
+    let own = rig.folder().join(format!("ready-{}.sock", std::process::id()));
     let sockets =
         files_below(rig.folder()).into_iter().filter(|path| path.extension().is_some_and(|end| end == "sock"));
-    assert_eq!(sockets.collect::<Vec<_>>(), Vec::<PathBuf>::new());
+    assert_eq!(sockets.collect::<Vec<_>>(), [own], "only that of this test is left");
 }

@@ -5,6 +5,8 @@ mod rig;
 
 use client::{ClientError, PlayOptions, Player, Publisher, Transport};
 use doors::{Client, DoorError, Hello, Reply};
+use harness::user::{User, can_be_another};
+use harness::{OperatorSession, Rig, assert_no_violations, modes};
 use messages::{Fault, Mode, RawSkeleton};
 use motion::CalibrationMode;
 use rig::user::{User, can_be_another};
@@ -31,22 +33,12 @@ fn open_house() -> Option<(Rig, u32, u32)> {
         println!("skipped: this machine has not the groups {GROUPS:?}");
         return None;
     };
-    let skeleton = format!("skeleton_group = \"{}\"", GROUPS[0]);
-    let operator = format!("operator_group = \"{}\"", GROUPS[1]);
-    let mut rig = Rig::with_settings(&[("skeleton_group = \"\"", &skeleton), ("operator_group = \"\"", &operator)]);
+    let [skeleton, operator] = GROUPS;
+    let groups = format!("doors.skeleton_group = {skeleton:?}\ndoors.operator_group = {operator:?}");
+    let mut rig = Rig::with_settings(&groups);
     rig.open_to_others();
-    for name in teleopd::PROCESSES {
-        rig.start(name);
-    }
+    rig.start_all();
     Some((rig, skeletons, operators))
-}
-
-/// Returns the shared memory of an instance, by the names of its two domains.
-fn segments(rig: &Rig) -> Vec<PathBuf> {
-    let prefixes = [rig.instance.core_domain().prefix, rig.instance.input_domain().prefix];
-    let all = std::fs::read_dir("/dev/shm").expect("shared memory").flatten();
-    let ours = all.filter(|entry| prefixes.iter().any(|p| entry.file_name().to_string_lossy().starts_with(p)));
-    ours.map(|entry| entry.path()).collect()
 }
 
 /// Returns true if `path` can be opened for reading or for writing.
@@ -60,7 +52,7 @@ fn opens(path: &Path) -> bool {
 
 /// Waits for a line in the log of `control`. Another thread than its loop writes it.
 fn wait_for_log(rig: &Rig, is_it: &dyn Fn(&str) -> bool) {
-    let give_up = Instant::now() + rig::SOON;
+    let give_up = Instant::now() + harness::SOON;
     while !rig.log("control").lines().any(is_it) {
         assert!(Instant::now() < give_up, "{}", rig.log("control"));
         std::thread::sleep(Duration::from_millis(20));
@@ -80,7 +72,7 @@ fn f106_f107_f111_other_user_opens_no_file_and_gets_no_session() {
     let _client = rig.client(&motion::builtin(), 31);
     rig.hand().wait_mode(Mode::Disengaged);
     let (skeleton, operator) = (rig.instance.skeleton_socket(), rig.instance.operator_socket());
-    let segments = segments(&rig);
+    let segments: Vec<PathBuf> = rig.instance.shared_memory().collect();
     assert!(segments.len() > 10, "{segments:?}");
     let places = ["core", "input"].map(|name| rig.folder().join(name));
     let files = ["names.json", "operator.sock.lock", "skeleton.sock.lock"].map(|name| rig.folder().join(name));
@@ -272,7 +264,7 @@ fn wait_for_lease(rig: &Rig) -> (Publisher, Duration) {
         if newcomer.told().as_deref() == Some(Reply::Holder.meaning()) {
             return (newcomer, since.elapsed());
         }
-        assert!(since.elapsed() < rig::SOON, "the lease never ends");
+        assert!(since.elapsed() < harness::SOON, "the lease never ends");
     }
 }
 
@@ -387,7 +379,7 @@ fn f023_flood_by_another_client_costs_the_holder_no_frame() {
 
 #[test]
 fn f069_unknown_group_and_too_short_lease_are_refused_by_key() {
-    let rig = Rig::with_settings(&[("skeleton_group = \"\"", "skeleton_group = \"no-such-group-here\"")]);
+    let rig = Rig::with_settings("doors.skeleton_group = \"no-such-group-here\"");
     let output = rig.run("ingest");
     let said = String::from_utf8_lossy(&output.stderr).into_owned();
     assert_eq!(output.status.code(), Some(78), "{said}");
@@ -395,7 +387,7 @@ fn f069_unknown_group_and_too_short_lease_are_refused_by_key() {
         assert!(said.contains(part), "{said}");
     }
     drop(rig);
-    let rig = Rig::with_settings(&[("authority_timeout_ms = 1000.0", "authority_timeout_ms = 500.0")]);
+    let rig = Rig::with_settings("ingest.authority_timeout_ms = 500.0");
     let output = rig.run("ingest");
     let said = String::from_utf8_lossy(&output.stderr).into_owned();
     assert_eq!(output.status.code(), Some(78), "{said}");
@@ -435,7 +427,7 @@ fn f092_f110_foreign_file_or_server_at_a_socket_path_is_kept() {
 
 #[test]
 fn f112_core_processes_map_no_input_segment_and_dump_no_core() {
-    let mut rig = Rig::whole();
+    let rig = Rig::whole();
     let client = rig.client(&motion::builtin(), 51);
     let hand: OperatorSession = rig.hand();
     hand.wait("free to engage", |status| status.faults == 0 && status.moving == 0);

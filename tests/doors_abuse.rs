@@ -2,13 +2,11 @@
 //! compromised `ingest` on the core. The robot ends at rest, and only `ingest` dies. Also tests attacks of one
 //! operator on another.
 
-mod rig;
-
 use bus::Domain;
+use harness::user::{User, can_be_another};
+use harness::{Rig, assert_no_violations};
 use messages::{Layout, Mode, RawSkeleton, Service, Skeleton, skeleton_flag};
 use rand::{RngExt, SeedableRng};
-use rig::user::{User, can_be_another};
-use rig::{Rig, assert_no_violations};
 use std::fs::{File, OpenOptions};
 use std::os::unix::fs::FileExt;
 use std::os::unix::process::ExitStatusExt;
@@ -39,7 +37,7 @@ fn input_segments(rig: &Rig) -> Vec<File> {
 
 /// Starts a rig that is engaged and moves for a client of the socket. Damage to shared memory then affects only
 /// `ingest`.
-fn moving() -> (Rig, rig::OperatorSession, rig::StateObserver, client::Publisher) {
+fn moving() -> (Rig, harness::OperatorSession, harness::StateObserver, pipeline::Publisher) {
     let rig = Rig::whole();
     let (hand, mut eyes) = (rig.hand(), rig.eyes());
     let client = rig.socket_client(&motion::builtin()).expect("the door is open");
@@ -49,7 +47,7 @@ fn moving() -> (Rig, rig::OperatorSession, rig::StateObserver, client::Publisher
     (rig, hand, eyes, client)
 }
 
-fn assert_the_core_lives_and_rests(rig: &mut Rig, hand: &rig::OperatorSession, eyes: &mut rig::StateObserver) {
+fn assert_the_core_lives_and_rests(rig: &mut Rig, hand: &harness::OperatorSession, eyes: &mut harness::StateObserver) {
     hand.wait_mode(Mode::Disengaged);
     eyes.wait_at_rest();
     assert!(CORE.iter().all(|name| rig.runs(name)));
@@ -149,7 +147,8 @@ fn f109_false_but_valid_skeletons_keep_robot_within_its_limits() {
     let hand = rig.hand();
     let core = Domain::open(rig.instance.core_domain(), "ingest").expect("as ingest would");
     let mut writer = core.writer::<Skeleton>(Service::Skeleton).expect("ingest does not run");
-    let loaded = config::load(&rig::config(), config::Overrides { engage_without_realtime: true, interface: None });
+    let loaded =
+        pipeline::load(&harness::config(), pipeline::Overrides { engage_without_realtime: true, interface: None });
     let config_hash = loaded.expect("settings").hash;
     let mut random = rand_pcg::Pcg64::seed_from_u64(109);
     let mut skeleton = Skeleton::ZERO;
@@ -252,14 +251,10 @@ fn only_the_user_who_pressed_the_stop_or_root_resets_it() {
         return;
     }
     let Some(operators) = doors::group_id(OPERATORS) else { return println!("skipped: no group {}", OPERATORS) };
-    let group = format!("operator_group = \"{}\"", OPERATORS);
-    let rule = "emergency_stop_reset = \"presser\"";
-    let changes = [("operator_group = \"\"", group.as_str()), ("emergency_stop_reset = \"anyone\"", rule)];
+    let changes = format!("doors.operator_group = {OPERATORS:?}\ncontrol.emergency_stop_reset = \"presser\"");
     let mut rig = Rig::with_settings(&changes);
     rig.open_to_others();
-    for name in teleopd::PROCESSES {
-        rig.start(name);
-    }
+    rig.start_all();
     let program = rig.folder().join("teleopctl");
     std::fs::copy(env!("CARGO_BIN_EXE_teleopctl"), &program).expect("a copy that others may run");
     let teleopctl = |uid: u32, command: &str| {
@@ -287,7 +282,7 @@ fn only_the_user_who_pressed_the_stop_or_root_resets_it() {
         assert!(reset && said.contains("reset: Disengaged"), "{said}");
         assert_eq!(hand.wait_mode(Mode::Disengaged).reset_first_by, 0);
     }
-    let give_up = Instant::now() + rig::SOON;
+    let give_up = Instant::now() + harness::SOON;
     while !rig.log("control").contains(&format!("of user {ANOTHER}: pressed reset, refused")) {
         assert!(Instant::now() < give_up, "{}", rig.log("control"));
         std::thread::sleep(Duration::from_millis(20));

@@ -1,9 +1,7 @@
 //! A driver's own program in place of the simulated robot: the example of docs/src/drivers.md, compiled and run.
 
-mod rig;
-
+use harness::Rig;
 use messages::Mode;
-use rig::Rig;
 use serde_json::Value;
 use std::os::unix::fs::PermissionsExt;
 use std::path::PathBuf;
@@ -20,14 +18,13 @@ fn example() -> PathBuf {
 }
 
 fn with_program(kind: &str, program: &str) -> Rig {
-    let (kind, program) = (format!("kind = \"{kind}\""), format!("program = \"{program}\""));
-    Rig::with_settings(&[("kind = \"sim\"", &kind), ("program = \"\"", &program)])
+    Rig::with_settings(&format!("driver.kind = {kind:?}\ndriver.program = {program:?}"))
 }
 
 #[test]
 fn example_driver_moves_its_robot_within_all_limits() {
     let mut rig = with_program("sim", &example().display().to_string());
-    teleopd::PROCESSES.iter().for_each(|name| rig.start(name));
+    rig.start_all();
     let (operator, mut observer) = (rig.hand(), rig.eyes());
     let before = observer.wait("there", |_| true);
     let client = rig.client(&motion::builtin(), 1);
@@ -115,6 +112,6 @@ fn demo_with_an_external_driver_is_refused() {
 #[test]
 fn example_driver_stays_short() {
     let text =
-        std::fs::read_to_string(rig::repository().join("crates/teleopd/examples/driver.rs")).expect("the example");
+        std::fs::read_to_string(harness::repository().join("crates/teleopd/examples/driver.rs")).expect("the example");
     assert!(text.lines().count() <= LINES_MAX, "{} lines", text.lines().count());
 }

@@ -1,9 +1,7 @@
 //! Tests real processes over real shared memory: the user's view, and the death of a process.
 
-mod rig;
-
+use harness::{Rig, assert_no_violations, config, modes, repository};
 use messages::{Fault, Faults, Mode, state_flag};
-use rig::{Rig, assert_no_violations, config, modes, repository};
 use std::process::Command;
 use std::time::Duration;
 
@@ -384,7 +382,7 @@ fn metrics_are_served_on_the_loopback_where_a_port_is_set() {
     // The driver has the last of four consecutive ports.
     let other = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
     let port = other.local_addr().unwrap().port();
-    let mut rig = Rig::with_settings(&[("port = 0 ", &format!("port = {} ", port - 3))]);
+    let mut rig = Rig::with_settings(&format!("metrics.port = {}", port - 3));
     let refused = rig.run("sim");
     let said = String::from_utf8_lossy(&refused.stderr);
     assert!(refused.status.code() == Some(75) && said.contains("metrics.port"), "{said}");

@@ -1,9 +1,7 @@
 //! Tests the first experience of a new user: `up`, `engage`, and the tour.
 
-mod rig;
-
+use harness::{Rig, SOON, interrupt};
 use messages::Mode;
-use rig::{Rig, SOON, interrupt};
 use std::io::{BufRead, BufReader, Read};
 use std::path::Path;
 use std::process::{Command, Output, Stdio};
@@ -11,7 +9,7 @@ use std::time::{Duration, Instant};
 
 fn teleopd() -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_teleopd"));
-    command.current_dir(rig::repository()).stdin(Stdio::null());
+    command.current_dir(harness::repository()).stdin(Stdio::null());
     command
 }
 
@@ -113,7 +111,7 @@ fn outcomes(said: &str) -> Vec<&str> {
 fn tour_shows_runs_and_checks_every_step() {
     let rig = Rig::empty();
     let folder = rig.folder().join("tour");
-    let output = tour(&rig::repository(), &["--yes", "--dir", folder.to_str().expect("UTF-8")]);
+    let output = tour(&harness::repository(), &["--yes", "--dir", folder.to_str().expect("UTF-8")]);
     let said = String::from_utf8_lossy(&output.stdout).into_owned();
     assert!(output.status.success(), "{said}{}", String::from_utf8_lossy(&output.stderr));
     let steps = outcomes(&said);
@@ -136,7 +134,7 @@ fn tour_shows_runs_and_checks_every_step() {
 #[test]
 fn tour_skips_steps_with_missing_files_and_says_why() {
     let rig = Rig::empty();
-    let config = rig::config();
+    let config = harness::config();
     let output = tour(rig.folder(), &["--yes", "--config", config.to_str().expect("UTF-8")]);
     let said = String::from_utf8_lossy(&output.stdout).into_owned();
     assert!(output.status.success(), "{said}{}", String::from_utf8_lossy(&output.stderr));
@@ -145,7 +143,7 @@ fn tour_skips_steps_with_missing_files_and_says_why() {
     assert!(steps[2].contains("skipped: tools/clients/python does not exist"), "{said}");
     let folder = said.lines().next().and_then(|line| line.split(" go to ").nth(1)).expect("its folder");
     assert!(!Path::new(folder.trim_end_matches('.')).exists(), "{folder} is left behind");
-    let output = tour(&rig::repository(), &[]);
+    let output = tour(&harness::repository(), &[]);
     let said = String::from_utf8_lossy(&output.stderr).into_owned();
     assert!(output.status.code() == Some(64) && said.contains("--yes"), "{said}");
 }

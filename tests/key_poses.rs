@@ -2,14 +2,13 @@
 //! in a browser if there is one.
 
 mod browser;
-mod rig;
 mod viewer;
 
 use browser::Browser;
+use harness::{Rig, SOON, assert_no_violations, config};
 use messages::{JOINTS, Mode, Service, Skeleton};
 use poses::triangle::{POSES, Triangle};
 use retarget::{ARMS, ArmModel, ArmQ, Limbs, PRIOR_WEIGHT, features, limb_error_deg, refine};
-use rig::{Rig, SOON, assert_no_violations, config};
 use serde_json::{Value, json};
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};

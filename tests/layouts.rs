@@ -1,10 +1,8 @@
 //! Tests a real `ingest` with clients of other layouts at its socket.
 
-mod rig;
-
 use doors::Client;
+use harness::{Rig, SOON, repository};
 use messages::{RAW_JOINTS_MAX, RawSkeleton, SkeletonLayout};
-use rig::{Rig, SOON, repository};
 use std::time::{Duration, Instant};
 
 /// Number of frames of each client.
@@ -39,8 +37,7 @@ fn as_zed(raw: RawSkeleton) -> RawSkeleton {
 #[test]
 fn ingest_accepts_known_layouts_and_counts_unknown_as_dropped() {
     let zed = repository().join("config/skeletons/zed_body_38.toml");
-    let known = format!("layouts = [{:?}]", zed.display().to_string());
-    let mut rig = Rig::with_settings(&[("layouts = []", &known)]);
+    let mut rig = Rig::with_settings(&format!("ingest.layouts = [{:?}]", zed.display().to_string()));
     rig.start("ingest");
     let motion = motion::builtin();
     let calibration = motion::calibrate(&motion, motion::CalibrationMode::First10s);

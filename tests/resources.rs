@@ -1,10 +1,8 @@
 //! Tests exhausted resources: shared memory, disk, file descriptors. Each test uses its own small file system
 //! instead of a full one. If the system does not allow the mount, the test says so and ends.
 
-mod rig;
-
+use harness::{Rig, SOON, config};
 use messages::Mode;
-use rig::{Rig, SOON, config};
 use std::fs::File;
 use std::io::Write;
 use std::path::Path;
@@ -106,7 +104,7 @@ fn f084_full_disk_loses_the_figures_but_not_the_stop() {
 
 #[test]
 fn f081_running_processes_open_no_more_descriptors() {
-    let mut rig = Rig::whole();
+    let rig = Rig::whole();
     let hand = rig.hand();
     let client = rig.client(&motion::builtin(), 11);
     hand.engage_until(Mode::Engaging);
@@ -162,5 +160,5 @@ fn f077_busy_cores_break_no_limit_and_the_robot_comes_to_rest() {
     hand.release();
     hand.wait("released", |status| [Mode::Disengaged, Mode::Faulted].iter().any(|&mode| status.mode == mode as u32));
     eyes.wait_at_rest();
-    rig::assert_no_violations(&rig.end("sim"));
+    harness::assert_no_violations(&rig.end("sim"));
 }

@@ -3,12 +3,11 @@
 
 mod appearance;
 mod browser;
-mod rig;
 mod viewer;
 
 use browser::Browser;
+use harness::{Rig, assert_no_violations, config};
 use messages::{Layout, Mode, Status};
-use rig::{Rig, assert_no_violations, config};
 use serde_json::json;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
@@ -93,7 +92,7 @@ fn view_ends_when_its_parent_process_is_killed() {
     // Its output ends when it ends.
     let (ended, seen) = std::sync::mpsc::channel();
     std::thread::spawn(move || ended.send(said.read_to_string(&mut line)));
-    assert!(seen.recv_timeout(rig::SOON).is_ok(), "the view goes on");
+    assert!(seen.recv_timeout(harness::SOON).is_ok(), "the view goes on");
 }
 
 #[test]

@@ -54,14 +54,26 @@ pub enum Output {
 
 /// Running processes of one instance.
 pub struct Children {
+    program: PathBuf,
+    instance: Instance,
+    place: InstanceArgs,
+    output: Output,
     running: Vec<(&'static str, Child)>,
     socket: UnixDatagram,
     socket_path: PathBuf,
 }
 
 impl Children {
-    /// Starts every process and waits until each is READY.
+    /// Starts every process from the running executable, and waits until each is READY.
     pub fn start(instance: &Instance, place: &InstanceArgs, output: Output) -> Result<Self, Failure> {
+        let program = std::env::current_exe().map_err(Failure::with(Exit::Software))?;
+        let mut children = Self::none(program, instance, place, output)?;
+        children.start_all()?;
+        Ok(children)
+    }
+
+    /// Starts no process yet. `program` is the executable of each.
+    pub fn none(program: PathBuf, instance: &Instance, place: &InstanceArgs, output: Output) -> Result<Self, Failure> {
         // The socket's name contains this process's id. A second start in the same folder disturbs nothing before
         // it is refused.
         remove_dead_sockets(instance.run_dir());
@@ -69,55 +81,41 @@ impl Children {
         let _ = std::fs::remove_file(&socket_path);
         let socket = UnixDatagram::bind(&socket_path)
             .map_err(|error| Failure::new(Exit::CantCreate, rt::unwritable(&socket_path, &error)))?;
-        socket
-            .set_read_timeout(Some(Duration::from_millis(50)))
-            .map_err(|error| Failure::new(Exit::Software, error))?;
-        let mut children = Self { running: Vec::new(), socket, socket_path };
-        for name in PROCESSES {
-            if let Err(failure) = children.start_one(name, instance, place, output) {
-                children.stop();
-                return Err(failure);
-            }
+        socket.set_read_timeout(Some(Duration::from_millis(50))).map_err(Failure::with(Exit::Software))?;
+        let (instance, place) = (instance.clone(), place.clone());
+        Ok(Self { program, instance, place, output, running: Vec::new(), socket, socket_path })
+    }
+
+    /// Starts every process in order, each when the one before is READY.
+    pub fn start_all(&mut self) -> Result<(), Failure> {
+        PROCESSES.into_iter().try_for_each(|name| self.start_one(name))
+    }
+
+    /// Returns the command line that starts the process `name`.
+    pub fn command(&self, name: &str) -> Command {
+        let mut command = Command::new(&self.program);
+        command.arg(name).arg("--config").arg(&self.place.config).arg("--run-dir").arg(self.instance.run_dir());
+        if self.place.engage_without_realtime {
+            command.arg("--engage-without-realtime");
         }
-        Ok(children)
+        if let Some(interface) = self.place.interface {
+            command.arg("--interface").arg(interface.name());
+        }
+        command.stdin(Stdio::null());
+        command
+    }
+
+    /// Returns the file that receives the log of process `name` with `Output::Files`.
+    pub fn log(&self, name: &str) -> PathBuf {
+        self.instance.run_dir().join(format!("{name}.log"))
     }
 
     /// Starts the process `name` and waits until it is READY. Can also restart a process that was killed.
-    pub fn start_one(
-        &mut self,
-        name: &'static str,
-        instance: &Instance,
-        place: &InstanceArgs,
-        output: Output,
-    ) -> Result<(), Failure> {
-        let program = std::env::current_exe().map_err(|error| Failure::new(Exit::Software, error))?;
-        let mut command = Command::new(program);
-        command.arg(name).arg("--config").arg(&place.config).arg("--run-dir").arg(instance.run_dir());
-        if place.engage_without_realtime {
-            command.arg("--engage-without-realtime");
-        }
-        if let Some(interface) = place.interface {
-            command.arg("--interface").arg(interface.name());
-        }
-        let _ = std::fs::remove_file(instance.report(name));
-        let log_path = instance.run_dir().join(format!("{name}.log"));
-        if output == Output::Warnings {
-            command.arg("--quiet");
-        }
-        if output == Output::Files {
-            let log = std::fs::File::create(&log_path)
-                .map_err(|error| Failure::new(Exit::CantCreate, rt::unwritable(&log_path, &error)))?;
-            let twin = log.try_clone().map_err(|error| Failure::new(Exit::Software, error))?;
-            command.stdout(log).stderr(twin);
-        }
-        // The child gets its own process group. Ctrl-C then reaches this process only, and it stops the others in
-        // order.
-        command.stdin(Stdio::null()).env("NOTIFY_SOCKET", &self.socket_path).process_group(0);
-        let child = command.spawn().map_err(|error| Failure::new(Exit::Software, format!("{name}: {error}")))?;
-        self.running.push((name, child));
-        self.wait_ready(name, place).map_err(|mut failure| {
-            if output == Output::Files
-                && let Ok(log) = std::fs::read_to_string(&log_path)
+    pub fn start_one(&mut self, name: &'static str) -> Result<(), Failure> {
+        self.spawn(name)?;
+        self.wait_ready(name).map_err(|mut failure| {
+            if self.output == Output::Files
+                && let Ok(log) = std::fs::read_to_string(self.log(name))
             {
                 failure.text = format!("{}\n{}", failure.text, log.trim_end());
             }
@@ -125,7 +123,30 @@ impl Children {
         })
     }
 
-    fn wait_ready(&mut self, name: &str, place: &InstanceArgs) -> Result<(), Failure> {
+    /// Starts the process `name`, and does not wait for it.
+    pub fn spawn(&mut self, name: &'static str) -> Result<(), Failure> {
+        let mut command = self.command(name);
+        let _ = std::fs::remove_file(self.instance.report(name));
+        match self.output {
+            Output::Warnings => _ = command.arg("--quiet"),
+            Output::Files => {
+                let path = self.log(name);
+                let log = std::fs::File::create(&path)
+                    .map_err(|error| Failure::new(Exit::CantCreate, rt::unwritable(&path, &error)))?;
+                let twin = log.try_clone().map_err(Failure::with(Exit::Software))?;
+                command.stdout(log).stderr(twin);
+            }
+            Output::All => {}
+        }
+        // The child gets its own process group. Ctrl-C then reaches this process only, and it stops the others in
+        // order.
+        command.env("NOTIFY_SOCKET", &self.socket_path).process_group(0);
+        let child = command.spawn().map_err(|error| Failure::new(Exit::Software, format!("{name}: {error}")))?;
+        self.running.push((name, child));
+        Ok(())
+    }
+
+    fn wait_ready(&mut self, name: &str) -> Result<(), Failure> {
         let give_up = Instant::now() + READY_WITHIN;
         let mut text = [0_u8; 512];
         while Instant::now() < give_up {
@@ -153,13 +174,24 @@ impl Children {
         self.running.iter().find(|(running, _)| *running == name).map(|(_, child)| child.id())
     }
 
+    /// Removes the process `name` from the running ones, as it is. `None` if it was not started or was killed.
+    pub fn take(&mut self, name: &str) -> Option<Child> {
+        let index = self.running.iter().position(|(running, _)| *running == name)?;
+        Some(self.running.remove(index).1)
+    }
+
     /// Sends SIGKILL and waits until the process has ended.
     pub fn kill(&mut self, name: &str) {
-        if let Some(index) = self.running.iter().position(|(running, _)| *running == name) {
-            let (_, mut child) = self.running.remove(index);
+        if let Some(mut child) = self.take(name) {
             let _ = child.kill();
             let _ = child.wait();
         }
+    }
+
+    /// Returns true if the process `name` was started and has not ended.
+    pub fn runs(&mut self, name: &str) -> bool {
+        let child = self.running.iter_mut().find(|(running, _)| *running == name);
+        child.is_some_and(|(_, child)| matches!(child.try_wait(), Ok(None)))
     }
 
     /// Returns the first process that has ended, if any.
@@ -169,34 +201,32 @@ impl Children {
 
     /// Stops every process in order. Returns the names of those that it had to kill or that ended badly.
     pub fn stop(&mut self) -> Vec<String> {
-        let mut trouble = Vec::new();
-        for name in PROCESSES.into_iter().rev() {
-            let Some(index) = self.running.iter().position(|(running, _)| *running == name) else { continue };
-            let (_, mut child) = self.running.remove(index);
-            if let Ok(Some(status)) = child.try_wait() {
-                trouble.push(format!("{name} had ended already ({status})"));
-                continue;
-            }
-            rt::terminate(child.id());
-            let give_up = Instant::now() + END_WITHIN;
-            loop {
-                match child.try_wait() {
-                    Ok(Some(status)) if status.success() => break,
-                    Ok(Some(status)) => {
-                        trouble.push(format!("{name} failed ({status})"));
-                        break;
-                    }
-                    _ if Instant::now() > give_up => {
-                        let _ = child.kill();
-                        let _ = child.wait();
-                        trouble.push(format!("{name} did not end within {} s and was killed", END_WITHIN.as_secs()));
-                        break;
-                    }
-                    _ => std::thread::sleep(Duration::from_millis(5)),
+        PROCESSES.into_iter().rev().filter_map(|name| self.end(name).err()).collect()
+    }
+
+    /// Stops the process `name`, if it runs.
+    ///
+    /// # Errors
+    /// Returns a sentence if the process had ended already, had to be killed, or ended badly.
+    pub fn end(&mut self, name: &str) -> Result<(), String> {
+        let Some(mut child) = self.take(name) else { return Ok(()) };
+        if let Ok(Some(status)) = child.try_wait() {
+            return Err(format!("{name} had ended already ({status})"));
+        }
+        rt::terminate(child.id());
+        let give_up = Instant::now() + END_WITHIN;
+        loop {
+            match child.try_wait() {
+                Ok(Some(status)) if status.success() => return Ok(()),
+                Ok(Some(status)) => return Err(format!("{name} failed ({status})")),
+                _ if Instant::now() > give_up => {
+                    let _ = child.kill();
+                    let _ = child.wait();
+                    return Err(format!("{name} did not end within {} s and was killed", END_WITHIN.as_secs()));
                 }
+                _ => std::thread::sleep(Duration::from_millis(5)),
             }
         }
-        trouble
     }
 }
 

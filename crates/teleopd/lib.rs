@@ -22,7 +22,7 @@ mod view;
 
 use clap::Parser;
 use cli::{Cli, Command};
-use rt::finish;
+use rt::{Exit, Failure, finish};
 use std::process::ExitCode;
 
 pub use children::{Children, Output};
@@ -31,7 +31,6 @@ pub use process::realtime::placement;
 pub use processes::{PROCESSES, Row, TABLE};
 pub use recorder::Recorder;
 pub use report::Report;
-pub use rt::{Exit, Failure};
 
 /// Runs the command from the command line. The exit code is one of `rt::Exit`.
 pub fn main() -> ExitCode {

@@ -5,7 +5,6 @@ mod meshes;
 mod sharpness;
 
 use crate::browser::{Browser, Difference};
-use crate::rig::{Rig, config};
 use crate::viewer::Viewer;
 use client::PlayOptions;
 use config::{Loaded, Overrides};
@@ -292,9 +291,7 @@ fn instance_start_is_shown_and_its_end_clears_the_page() {
     let (mode, behind) =
         ("document.getElementById('mode').textContent", "document.getElementById('clearance').textContent");
     browser.wait("nothing is there", &format!("{mode} === 'no instance'"));
-    for name in teleopd::PROCESSES {
-        rig.start(name);
-    }
+    rig.start_all();
     browser.wait("it is shown", &format!("{mode} === 'Disengaged' && document.getElementById('curtain').hidden"));
     browser.wait("with its numbers", &format!("/mm$/.test({behind})"));
     for name in teleopd::PROCESSES {

@@ -1,7 +1,7 @@
 //! `teleopd view` of an instance, and its page as seen by a program.
 #![allow(dead_code)]
 
-use crate::rig::{Rig, SOON, config};
+use harness::{Rig, SOON, config};
 use messages::Mode;
 use serde_json::{Value, json};
 use std::io::{BufRead, BufReader, Read, Write};

@@ -87,13 +87,18 @@ impl Instance {
 
     /// Removes the files that the transport leaves in shared memory after every process of the instance has ended.
     pub fn retire(&self) {
-        let prefixes = [self.core_domain().prefix, self.input_domain().prefix];
-        for entry in std::fs::read_dir("/dev/shm").into_iter().flatten().flatten() {
-            let name = entry.file_name();
-            if prefixes.iter().any(|prefix| name.to_string_lossy().starts_with(prefix)) {
-                let _ = std::fs::remove_file(entry.path());
-            }
+        for path in self.shared_memory() {
+            let _ = std::fs::remove_file(path);
         }
+    }
+
+    /// Returns the files of both domains in shared memory.
+    pub fn shared_memory(&self) -> impl Iterator<Item = PathBuf> + use<> {
+        let prefixes = [self.core_domain().prefix, self.input_domain().prefix];
+        let all = std::fs::read_dir("/dev/shm").into_iter().flatten().flatten();
+        let ours = all
+            .filter(move |entry| prefixes.iter().any(|p| entry.file_name().to_string_lossy().starts_with(p.as_str())));
+        ours.map(|entry| entry.path())
     }
 
     // Shared-memory names have no folders. There the prefix keeps instances and domains apart.

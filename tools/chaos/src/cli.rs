@@ -1,19 +1,70 @@
 //! The command line.
 
-use crate::error::ChaosError;
 use crate::injection::Target;
-use clap::Parser;
+use clap::{Args, Parser, Subcommand};
+use rt::{Exit, Failure};
+use std::fmt::Display;
 use std::path::PathBuf;
 
 /// Upper bound on the trials. More would take a month at some seconds each, so a larger value is a typing
 /// error.
 const TRIALS_MAX: u64 = 1_000_000;
 
+/// Bounds of a soak: 18 s for a test, and a month.
+const SOAK_HOURS: [f64; 2] = [0.005, 744.0];
+/// Bounds of the time between two faults of a soak. Engaging alone takes some seconds, and at least one fault a
+/// day must occur.
+const STRIKE_EVERY_S: [f64; 2] = [8.0, 86_400.0];
+
 /// Kills and suspends the real processes, a client and an operator at random moments, and watches the robot
 /// come to rest. Exits with 1 if a promise was broken.
 #[derive(Clone, Debug, Parser)]
-#[command(name = "chaos", version)]
+#[command(name = "chaos", version, args_conflicts_with_subcommands = true)]
 pub struct Cli {
+    /// Another kind of chaos.
+    #[command(subcommand)]
+    pub command: Option<Command>,
+    /// The trials.
+    #[command(flatten)]
+    pub trials: TrialsArgs,
+}
+
+/// Other kinds of chaos.
+#[derive(Clone, Debug, Subcommand)]
+pub enum Command {
+    /// Run for hours, and hit one process with a fault once a minute. Watches memory, file descriptors, threads,
+    /// segments, and stops that no fault explains. Exits with 1 if something grew or a promise was broken.
+    Soak(SoakArgs),
+}
+
+/// Options of both.
+#[derive(Clone, Debug, Args)]
+pub struct CommonArgs {
+    /// Write the figures to this file as JSON.
+    #[arg(long, value_name = "FILE")]
+    pub json: Option<PathBuf>,
+    /// Settings file.
+    #[arg(long, value_name = "FILE", default_value = "config/teleop.toml")]
+    pub config: PathBuf,
+}
+
+/// Options of a soak.
+#[derive(Clone, Debug, Args)]
+pub struct SoakArgs {
+    /// Length of the soak, h.
+    #[arg(long, value_name = "HOURS", default_value_t = 1.0)]
+    pub hours: f64,
+    /// Time between two faults, s.
+    #[arg(long, value_name = "S", default_value_t = 60.0)]
+    pub strike_every: f64,
+    /// The others.
+    #[command(flatten)]
+    pub common: CommonArgs,
+}
+
+/// Options of the trials.
+#[derive(Clone, Debug, Args)]
+pub struct TrialsArgs {
     /// Number of faults with SIGKILL.
     #[arg(long, value_name = "N", default_value_t = 2000)]
     pub kills: u64,
@@ -29,31 +80,41 @@ pub struct Cli {
     /// Share of the faults that wait until the robot is engaged. The others occur while it engages.
     #[arg(long, value_name = "SHARE", default_value_t = 0.8)]
     pub engaged: f64,
-    /// Write the figures to this file as JSON.
-    #[arg(long, value_name = "FILE")]
-    pub json: Option<PathBuf>,
-    /// Settings file.
-    #[arg(long, value_name = "FILE", default_value = "config/teleop.toml")]
-    pub config: PathBuf,
+    /// The others.
+    #[command(flatten)]
+    pub common: CommonArgs,
 }
 
-impl Cli {
+impl SoakArgs {
     /// Checks the options.
     ///
     /// # Errors
     /// Returns an error that names the option, its value and the bound.
-    pub fn check(&self) -> Result<(), ChaosError> {
+    pub fn check(&self) -> Result<(), Failure> {
+        within("--hours", self.hours, SOAK_HOURS)?;
+        within("--strike-every", self.strike_every, STRIKE_EVERY_S)
+    }
+}
+
+/// Refuses a value out of its bounds.
+fn within<T: PartialOrd + Display>(option: &str, value: T, [low, high]: [T; 2]) -> Result<(), Failure> {
+    if (&low..=&high).contains(&&value) {
+        return Ok(());
+    }
+    Err(Failure::new(Exit::Usage, format!("{option} {value} is outside [{low}, {high}]")))
+}
+
+impl TrialsArgs {
+    /// Checks the options.
+    ///
+    /// # Errors
+    /// Returns an error that names the option, its value and the bound.
+    pub fn check(&self) -> Result<(), Failure> {
         let total = self.kills.saturating_add(self.suspends);
-        for (option, value, low) in
-            [("--kills", self.kills, 0), ("--suspends", self.suspends, 0), ("--kills and --suspends", total, 1)]
-        {
-            if !(low..=TRIALS_MAX).contains(&value) {
-                return Err(ChaosError::Option { option, value, low, high: TRIALS_MAX });
-            }
-        }
-        if !(0.0..=1.0).contains(&self.engaged) {
-            return Err(ChaosError::Share { option: "--engaged", value: self.engaged });
-        }
+        within("--kills", self.kills, [0, TRIALS_MAX])?;
+        within("--suspends", self.suspends, [0, TRIALS_MAX])?;
+        within("--kills and --suspends", total, [1, TRIALS_MAX])?;
+        within("--engaged", self.engaged, [0.0, 1.0])?;
         self.victims().map(|_| ())
     }
 
@@ -61,9 +122,27 @@ impl Cli {
     ///
     /// # Errors
     /// Returns an error that names an unknown target.
-    pub fn victims(&self) -> Result<Vec<Target>, ChaosError> {
+    pub fn victims(&self) -> Result<Vec<Target>, Failure> {
         let Some(name) = &self.only else { return Ok(Target::ALL.to_vec()) };
         let found = Target::ALL.iter().find(|victim| victim.name() == name);
-        found.map(|&victim| vec![victim]).ok_or_else(|| ChaosError::Target(name.clone()))
+        found.map(|&victim| vec![victim]).ok_or_else(|| {
+            let names = "must be ingest, retarget, control, sim, client or operator";
+            Failure::new(Exit::Usage, format!("--only {name}: {names}"))
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn option_out_of_bounds_is_refused_by_name() {
+        for (option, value) in [("--hours", "0"), ("--hours", "NaN"), ("--strike-every", "7")] {
+            let parsed = Cli::try_parse_from(["chaos", "soak", option, value]).expect("these options exist");
+            let Some(Command::Soak(args)) = parsed.command else { panic!("no soak") };
+            let failure = args.check().expect_err(value);
+            assert!(failure.text.starts_with(option) && failure.exit == Exit::Usage, "{failure}");
+        }
     }
 }

@@ -1,8 +1,10 @@
 //! Sums up the results of the trials.
 
 use crate::injection::{Kind, Target};
-use crate::monitor::Seen;
+use crate::monitor::{Monitor, Seen};
+use crate::rig::Rig;
 use crate::trial::Outcome;
+use pipeline::SafetySettings;
 use serde_json::{Map, Value, json};
 use sim::ViolationKind;
 use std::collections::BTreeMap;
@@ -43,8 +45,39 @@ pub struct Figures {
 }
 
 impl Figures {
+    /// Ends an instance. Adds its trials, and what its monitor and its processes saw. Returns the reports of the
+    /// processes.
+    pub fn conclude(
+        &mut self,
+        rig: Rig,
+        witness: Monitor,
+        outcomes: &[Outcome],
+        safety: &SafetySettings,
+    ) -> Map<String, Value> {
+        self.add_seen(&witness.seen());
+        drop(witness);
+        self.clients_begun_anew += rig.clients_begun_anew();
+        let (trouble, reports) = rig.end();
+        // With real-time scheduling, no stale time was relaxed.
+        let realtime = reports.get(Target::Control.name()).is_some_and(|control| control["realtime"] == true);
+        let factor = if realtime { 1.0 } else { safety.stale_factor_without_realtime };
+        for outcome in outcomes {
+            self.add(outcome, outcome.blow.victim.rest_within_ticks(safety, factor));
+        }
+        match reports.get(Target::Driver.name()) {
+            Some(record) => self.add_record(record),
+            None => self.trouble.push("a driver wrote no record".to_owned()),
+        }
+        match reports.get("robot") {
+            Some(record) => self.add_robot(record),
+            None => self.trouble.push("a robot wrote no record".to_owned()),
+        }
+        self.trouble.extend(trouble);
+        reports
+    }
+
     /// Adds a trial, in which the robot had to be at rest after `bound_ticks`.
-    pub fn add(&mut self, outcome: &Outcome, bound_ticks: u64) {
+    fn add(&mut self, outcome: &Outcome, bound_ticks: u64) {
         let of = self.victims.entry(outcome.blow.victim).or_default();
         match outcome.blow.kind {
             Kind::Kill { .. } => of.kills += 1,
@@ -55,10 +88,13 @@ impl Figures {
         of.late += u64::from(outcome.rest_after_ticks.is_some_and(|ticks| ticks > bound_ticks));
         of.bound_ticks = bound_ticks;
         of.rest_after_ticks.extend(outcome.rest_after_ticks);
+        if !outcome.rested {
+            self.trouble.push(format!("no rest after {:?}", outcome.blow));
+        }
     }
 
     /// Adds the observations of an instance's monitor.
-    pub fn add_seen(&mut self, seen: &Seen) {
+    fn add_seen(&mut self, seen: &Seen) {
         self.states += seen.states;
         self.not_finite += seen.not_finite;
         self.moved_without_enable += seen.moved_without_enable;
@@ -68,7 +104,7 @@ impl Figures {
     }
 
     /// Adds the driver's own record of an instance.
-    pub fn add_record(&mut self, record: &Value) {
+    fn add_record(&mut self, record: &Value) {
         self.records += 1;
         for (sum, kind) in self.recorded.iter_mut().zip(ViolationKind::ALL) {
             match record["violations"][kind.name()].as_u64() {
@@ -81,7 +117,7 @@ impl Figures {
     }
 
     /// Adds the record of an instance's robot.
-    pub fn add_robot(&mut self, record: &Value) {
+    fn add_robot(&mut self, record: &Value) {
         self.robots += 1;
         for (sum, kind) in self.judged.iter_mut().zip(plant::ViolationKind::ALL) {
             match record["violations"][kind.name()].as_u64() {
@@ -94,14 +130,9 @@ impl Figures {
         }
     }
 
-    /// Adds the number of times that a client gave up by itself and was restarted.
-    pub fn add_clients_begun_anew(&mut self, count: u64) {
-        self.clients_begun_anew += count;
-    }
-
-    /// Adds problems.
-    pub fn add_trouble(&mut self, trouble: impl IntoIterator<Item = String>) {
-        self.trouble.extend(trouble);
+    /// Adds a problem.
+    pub fn add_trouble(&mut self, trouble: String) {
+        self.trouble.push(trouble);
     }
 
     /// Kills so far.

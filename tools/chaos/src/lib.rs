@@ -8,11 +8,12 @@
 //! - [`monitor`]: reads what the driver executes over shared memory, and checks it against the limits.
 //! - [`trial`]: one fault and its outcome.
 //! - [`figures`]: sums up the trials, as JSON and as text.
+//! - [`soak`]: hours of running, with a fault every minute.
 
 pub mod cli;
-pub mod error;
 pub mod figures;
 pub mod injection;
 pub mod monitor;
 pub mod rig;
+pub mod soak;
 pub mod trial;

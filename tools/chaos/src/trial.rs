@@ -1,6 +1,5 @@
 //! One fault and its outcome.
 
-use crate::error::ChaosError;
 use crate::injection::{Injection, Kind, Target};
 use crate::monitor::Monitor;
 use crate::rig::Rig;
@@ -36,13 +35,13 @@ pub struct Outcome {
 ///
 /// # Errors
 /// Returns an error if several attempts do not reach the mode.
-pub fn engage(rig: &mut Rig, witness: &Monitor, victim: Target, mode: Mode) -> Result<(), ChaosError> {
+pub fn engage(rig: &mut Rig, witness: &Monitor, victim: Target, mode: Mode) -> Result<(), Failure> {
     let mut tries = 0;
     loop {
         rig.clear()?;
         witness.must_rest(false);
         match rig.engage(victim, mode) {
-            Err(ChaosError::Stuck(_)) if tries < TRIES_MAX => tries += 1,
+            Err(failure) if failure.exit == Exit::Failed && tries < TRIES_MAX => tries += 1,
             engaged => return engaged,
         }
         rig.release();
@@ -53,7 +52,7 @@ pub fn engage(rig: &mut Rig, witness: &Monitor, victim: Target, mode: Mode) -> R
 ///
 /// # Errors
 /// Returns an error if the instance does not reach the state for the fault, or does not come back.
-pub fn run(rig: &mut Rig, witness: &Monitor, settings: &Settings, blow: Injection) -> Result<Outcome, ChaosError> {
+pub fn run(rig: &mut Rig, witness: &Monitor, settings: &Settings, blow: Injection) -> Result<Outcome, Failure> {
     engage(rig, witness, blow.victim, if blow.engaged { Mode::Engaged } else { Mode::Engaging })?;
     std::thread::sleep(blow.phase);
     let mut outcome = Outcome { blow, moving: !witness.seen().at_rest(), rest_after_ticks: None, rested: true };
@@ -71,7 +70,7 @@ fn kill(
     settings: &Settings,
     outcome: &mut Outcome,
     held_on: Duration,
-) -> Result<(), ChaosError> {
+) -> Result<(), Failure> {
     let victim = outcome.blow.victim;
     let struck = tick_at(rt::now());
     rig.kill(victim);
@@ -100,7 +99,7 @@ fn suspend(
     safety: &SafetySettings,
     outcome: &mut Outcome,
     length: Duration,
-) -> Result<(), ChaosError> {
+) -> Result<(), Failure> {
     let victim = outcome.blow.victim;
     let bound_ticks = victim.rest_within_ticks(safety, safety.stale_factor_without_realtime);
     let id = rig.id(victim)?;

@@ -2,10 +2,18 @@
 
 use serde_json::Value;
 use std::process::{Command, Output};
+use std::sync::{Mutex, PoisonError};
+
+/// The soak and the trials take turns. Two instances of the trials are enough for a small machine.
+static TURN: Mutex<()> = Mutex::new(());
 
 fn chaos(arguments: &[&str]) -> Output {
     let config = concat!(env!("CARGO_MANIFEST_DIR"), "/../../config/teleop.toml");
     Command::new(env!("CARGO_BIN_EXE_chaos")).args(arguments).args(["--config", config]).output().expect("chaos runs")
+}
+
+fn count(value: &Value, path: &str) -> u64 {
+    value.pointer(path).and_then(Value::as_u64).unwrap_or_else(|| panic!("{path} is no count: {value:#}"))
 }
 
 /// Runs half of the faults. The other half runs on another instance at the same time, because most of the time
@@ -29,6 +37,12 @@ fn half(seed: u64) -> (Value, String) {
     assert!(output.status.success(), "{told}");
     let figures: Value = serde_json::from_str(&std::fs::read_to_string(file).unwrap()).expect("JSON");
     assert_eq!((&figures["kills"], &figures["suspends"]), (&12.into(), &8.into()));
+    assert_no_violations(&figures, &told);
+    assert!(figures["states_witnessed"].as_u64() > Some(5_000), "{told}");
+    (figures, told)
+}
+
+fn assert_no_violations(figures: &Value, told: &str) {
     for kind in ["position", "velocity", "acceleration", "jerk", "clearance"] {
         assert_eq!(figures["violations_witnessed"][kind], 0, "{told}");
         assert_eq!(figures["violations_recorded"][kind], 0, "{told}");
@@ -38,8 +52,6 @@ fn half(seed: u64) -> (Value, String) {
     }
     assert_eq!(figures["robot_records"], 1, "{told}");
     assert_eq!(figures["moved_without_enable"], 0, "{told}");
-    assert!(figures["states_witnessed"].as_u64() > Some(5_000), "{told}");
-    (figures, told)
 }
 
 /// Kills every process, a client and an operator four times each, and suspends some more, at random moments
@@ -47,6 +59,7 @@ fn half(seed: u64) -> (Value, String) {
 /// again.
 #[test]
 fn f036_f058_f067_f069_f070_f073_f074_robot_rests_after_faults() {
+    let _turn = TURN.lock().unwrap_or_else(PoisonError::into_inner);
     let other = std::thread::spawn(|| half(4));
     let halves = [half(3), other.join().expect("the other half")];
     let told = || format!("{}\n{}", halves[0].1, halves[1].1);
@@ -65,4 +78,35 @@ fn run_without_injections_is_refused_by_option_name() {
     assert_eq!(output.status.code(), Some(64));
     let told = String::from_utf8_lossy(&output.stderr);
     assert!(told.contains("--kills and --suspends 0 is outside [1, 1000000]"), "{told}");
+}
+
+/// A short soak: all watched figures are present, and nothing grows. Stops that no fault explains depend on the
+/// machine.
+#[test]
+fn f079_f090_short_soak_reports_every_figure_and_no_growth() {
+    let _turn = TURN.lock().unwrap_or_else(PoisonError::into_inner);
+    let folder = tempfile::tempdir().unwrap();
+    let json = folder.path().join("soak.json");
+    let output = chaos(&["soak", "--hours", "0.006", "--strike-every", "8", "--json", json.to_str().unwrap()]);
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    let figures: Value = serde_json::from_str(&std::fs::read_to_string(&json).unwrap())
+        .unwrap_or_else(|error| panic!("{error}: {said}"));
+    let trials = &figures["trials"];
+    assert!(count(trials, "/kills") + count(trials, "/suspends") >= 1, "{said}");
+    assert!(figures["engaged_s"].as_f64() > Some(1.0), "{said}");
+    for process in teleopd::PROCESSES {
+        for what in ["descriptors", "threads"] {
+            assert_eq!(count(&figures, &format!("/growth/{process}/{what}")), 0, "{figures:#}");
+        }
+        assert!(
+            process == "ingest"
+                || count(&figures, &format!("/processes/{process}/telemetry/metrics/wake_up/count")) > 0
+        );
+    }
+    assert_eq!(count(&figures, "/segments/first"), count(&figures, "/segments/last"));
+    assert_no_violations(trials, &said);
+    let complaints = figures["complaints"].as_array().expect("a list");
+    let explained = figures["false_stops"].as_array().expect("a list").len();
+    assert_eq!(complaints.len(), explained, "{figures:#}");
+    assert_eq!(output.status.code(), Some(if complaints.is_empty() { 0 } else { 1 }), "{said}");
 }

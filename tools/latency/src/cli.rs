@@ -1,7 +1,7 @@
 //! The command line.
 
-use crate::error::LatencyError;
 use clap::{Parser, ValueEnum};
+use rt::{Exit, Failure};
 use std::path::PathBuf;
 use std::str::FromStr;
 
@@ -9,11 +9,6 @@ use std::str::FromStr;
 const SECONDS_MIN: f64 = 2.0;
 /// Longest run: a day. The per-second record of a process holds about an hour, and everything else any time.
 const SECONDS_MAX: f64 = 86_400.0;
-/// Bounds of a soak: 18 s for a test, and a month.
-const SOAK_HOURS: [f64; 2] = [0.005, 744.0];
-/// Bounds of the time between two faults. Engaging alone takes some seconds, and at least one fault a day must
-/// occur.
-const STRIKE_EVERY_S: [f64; 2] = [8.0, 86_400.0];
 /// Frame rates that `ingest` accepts from live clients.
 const RATE_HZ: [f64; 2] = [30.0, 240.0];
 /// Upper bound on the busy threads. A larger value is a typing error.
@@ -58,17 +53,10 @@ pub struct Cli {
     /// sampled evenly.
     #[arg(long, value_name = "HZ", default_value_t = 120.0)]
     pub rate_hz: f64,
-    /// Run this many hours instead of measuring, and hit one process with a fault once a minute. Watches
-    /// memory, file descriptors, threads, segments, and stops that no fault explains.
-    #[arg(long, value_name = "HOURS", conflicts_with_all = ["seconds", "load", "policy", "pin", "plot", "compare", "rate_hz"])]
-    pub soak: Option<f64>,
     /// Compare runs with and without a page (`teleopd view`) and a recorder (`record --full`, which must be
     /// built before), alternately. Replaces the comparison with polling and the bare timer.
-    #[arg(long, conflicts_with_all = ["soak", "plot", "compare"])]
+    #[arg(long, conflicts_with_all = ["plot", "compare"])]
     pub watched: bool,
-    /// Time between two faults of a soak, s.
-    #[arg(long, value_name = "S", default_value_t = 60.0, requires = "soak", conflicts_with = "watched")]
-    pub strike_every: f64,
 }
 
 /// Scheduling policy.
@@ -116,27 +104,21 @@ impl Cli {
     ///
     /// # Errors
     /// Returns an error that names the option, its value and the bound.
-    pub fn check(&self) -> Result<(), LatencyError> {
+    pub fn check(&self) -> Result<(), Failure> {
         let bounds = [
             ("--seconds", self.seconds, SECONDS_MIN, SECONDS_MAX),
             ("--rate-hz", self.rate_hz, RATE_HZ[0], RATE_HZ[1]),
             ("--load", self.load as f64, 0.0, LOAD_MAX as f64),
-            ("--soak", self.soak.unwrap_or(SOAK_HOURS[1]), SOAK_HOURS[0], SOAK_HOURS[1]),
-            ("--strike-every", self.strike_every, STRIKE_EVERY_S[0], STRIKE_EVERY_S[1]),
         ];
         for (option, value, low, high) in bounds {
-            // This form rejects NaN too.
-            if !(value >= low && value <= high) {
-                let bound = format!("must be from {low} to {high}");
-                return Err(LatencyError::Option { option, value: value.to_string(), bound });
+            if !(low..=high).contains(&value) {
+                return Err(Failure::new(Exit::Usage, format!("{option} {value}: must be from {low} to {high}")));
             }
         }
         match &self.plot {
-            Some(path) if path.extension().is_none_or(|extension| extension != "png") => Err(LatencyError::Option {
-                option: "--plot",
-                value: path.display().to_string(),
-                bound: "must end in .png".into(),
-            }),
+            Some(path) if path.extension().is_none_or(|extension| extension != "png") => {
+                Err(Failure::new(Exit::Usage, format!("--plot {}: must end in .png", path.display())))
+            }
             _ => Ok(()),
         }
     }
@@ -170,10 +152,9 @@ mod tests {
             ("--rate-hz", "29"),
             ("--load", "2000"),
             ("--plot", "a.svg"),
-            ("--soak", "0"),
         ] {
             let error = parsed(&[option, value]).check().expect_err(value);
-            assert!(error.to_string().starts_with(option) && error.exit() == 64, "{error}");
+            assert!(error.text.starts_with(option) && error.exit == Exit::Usage, "{error}");
         }
     }
 }

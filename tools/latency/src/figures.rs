@@ -1,8 +1,9 @@
 //! Figures that all blocks of one variant measured together.
 
 use crate::distribution::Distribution;
-use crate::error::LatencyError;
+use crate::error::invalid;
 use crate::processes::Outcome;
+use rt::Failure;
 use serde_json::{Map, Value, json};
 
 /// Hops in the order of the path, end to end last: the metric, and the process that reports it.
@@ -66,7 +67,7 @@ impl Figures {
     ///
     /// # Errors
     /// Returns an error that names the process and the missing figure, or the hop without any count.
-    pub fn merge(outcomes: &[Outcome]) -> Result<Self, LatencyError> {
+    pub fn merge(outcomes: &[Outcome]) -> Result<Self, Failure> {
         let mut all = Self {
             hops: vec![Distribution::default(); HOPS.len()],
             wake_ups: vec![Distribution::default(); LOOPS.len()],
@@ -79,11 +80,11 @@ impl Figures {
             blocks: 0,
         };
         for outcome in outcomes {
-            all.add(outcome).map_err(LatencyError::Invalid)?;
+            all.add(outcome).map_err(invalid)?;
         }
         let empty = HOPS.iter().zip(&all.hops).find(|(_, distribution)| distribution.count() == 0);
         match empty {
-            Some(((hop, process), _)) => Err(LatencyError::Invalid(format!("{process} counted no {hop}"))),
+            Some(((hop, process), _)) => Err(invalid(format!("{process} counted no {hop}"))),
             None => Ok(all),
         }
     }

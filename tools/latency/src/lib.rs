@@ -7,13 +7,12 @@
 //! - [`reference`](mod@reference): a block of the bare timer.
 //! - [`distribution`], [`figures`], [`measured`]: the results.
 //! - [`report`], [`plot`]: text and picture of the results.
-//! - [`soak`]: hours of running, with a fault every minute.
 
 pub mod blocks;
 pub mod cli;
 pub mod client;
 pub mod distribution;
-pub mod error;
+mod error;
 pub mod figures;
 pub mod host;
 pub mod load;
@@ -25,5 +24,4 @@ pub mod reference;
 pub mod report;
 pub mod run;
 pub mod settings;
-pub mod soak;
 pub mod watched;

@@ -37,8 +37,8 @@ impl Observers {
     ///
     /// # Errors
     /// Returns an error if a program is not built or does not start.
-    pub fn start(instance: &Instance, place: &InstanceArgs) -> Result<Self, LatencyError> {
-        let failed = |cause: String| LatencyError::Invalid(format!("onlookers: {cause}"));
+    pub fn start(instance: &Instance, place: &InstanceArgs) -> Result<Self, Failure> {
+        let failed = |cause: String| invalid(format!("onlookers: {cause}"));
         let file = instance.run_dir().join("watched.mcap");
         let recorder = Recorder::start(&file, instance, place).map_err(|failure| failed(failure.text))?;
         let own = std::env::current_exe().map_err(|error| failed(error.to_string()))?;

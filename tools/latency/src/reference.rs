@@ -4,10 +4,10 @@
 
 use crate::cli::Policy;
 use crate::distribution::Distribution;
-use crate::error::LatencyError;
+use crate::error::unmeasured;
 use clap::Parser;
 use messages::{TICK_HZ, deadline, tick_at};
-use rt::{Realtime, RealtimeConfig};
+use rt::{Failure, Realtime, RealtimeConfig};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
@@ -52,7 +52,7 @@ pub fn cyclictest() -> Option<PathBuf> {
 ///
 /// # Errors
 /// Returns an error if it cannot run, or if its output has an unknown form.
-pub fn run_cyclictest(program: &Path, spec: &Spec, seconds: f64) -> Result<Distribution, LatencyError> {
+pub fn run_cyclictest(program: &Path, spec: &Spec, seconds: f64) -> Result<Distribution, Failure> {
     let interval_us = (1e6 / TICK_HZ as f64).round();
     let mut command = Command::new(program);
     command.args(["-q", "-t", "1", "-i", &interval_us.to_string(), "-h", &CYCLICTEST_BUCKETS.to_string()]);
@@ -72,14 +72,14 @@ pub fn run_cyclictest(program: &Path, spec: &Spec, seconds: f64) -> Result<Distr
         command.args(["-a", &cores]);
     }
     let text = output(command, &program.display().to_string())?;
-    parse_cyclictest(&text).map_err(|cause| LatencyError::reference(program.display().to_string(), cause))
+    parse_cyclictest(&text).map_err(|cause| unmeasured(program.display().to_string(), cause))
 }
 
-fn output(mut command: Command, name: &str) -> Result<String, LatencyError> {
-    let output = command.stdin(Stdio::null()).output().map_err(|error| LatencyError::reference(name, error))?;
+fn output(mut command: Command, name: &str) -> Result<String, Failure> {
+    let output = command.stdin(Stdio::null()).output().map_err(|error| unmeasured(name, error))?;
     if !output.status.success() {
         let said = String::from_utf8_lossy(&output.stderr);
-        return Err(LatencyError::reference(name, format!("{}: {}", output.status, said.trim())));
+        return Err(unmeasured(name, format!("{}: {}", output.status, said.trim())));
     }
     Ok(String::from_utf8_lossy(&output.stdout).into_owned())
 }
@@ -109,8 +109,8 @@ fn parse_cyclictest(text: &str) -> Result<Distribution, String> {
 ///
 /// # Errors
 /// Returns an error if it cannot run.
-pub fn run_probe(spec: &Spec, seconds: f64) -> Result<(Distribution, Vec<String>), LatencyError> {
-    let program = std::env::current_exe().map_err(|error| LatencyError::reference(PROBE, error))?;
+pub fn run_probe(spec: &Spec, seconds: f64) -> Result<(Distribution, Vec<String>), Failure> {
+    let program = std::env::current_exe().map_err(|error| unmeasured(PROBE, error))?;
     let mut command = Command::new(program);
     command.args([PROBE, "--seconds", &seconds.to_string()]);
     if spec.policy == Policy::Fifo {
@@ -126,10 +126,10 @@ pub fn run_probe(spec: &Spec, seconds: f64) -> Result<(Distribution, Vec<String>
         command.arg("--cpu-dma-latency");
     }
     let text = output(command, PROBE)?;
-    let value: Value = serde_json::from_str(&text).map_err(|error| LatencyError::reference(PROBE, error))?;
+    let value: Value = serde_json::from_str(&text).map_err(|error| unmeasured(PROBE, error))?;
     let granted = value["realtime"].as_array().into_iter().flatten().filter_map(Value::as_str);
     let granted = granted.map(str::to_owned).collect();
-    let all = Distribution::from_json(&value).map_err(|cause| LatencyError::reference(PROBE, cause))?;
+    let all = Distribution::from_json(&value).map_err(|cause| unmeasured(PROBE, cause))?;
     Ok((all, granted))
 }
 

@@ -3,7 +3,7 @@
 use crate::blocks::{self, Kind};
 use crate::cli::{Cli, Compare, Pin, Policy};
 use crate::distribution::Distribution;
-use crate::error::LatencyError;
+use crate::error::{invalid, unmeasured};
 use crate::figures::Figures;
 use crate::host::Host;
 use crate::load::Load;
@@ -18,19 +18,21 @@ use rt::Shutdown;
 ///
 /// # Errors
 /// Returns an error if the options or settings are invalid, a reference cannot run, or a block is not valid.
-pub fn run(options: &Cli, shutdown: &Shutdown) -> Result<Measured, LatencyError> {
+pub fn run(options: &Cli, shutdown: &Shutdown) -> Result<Measured, Failure> {
     options.check()?;
     let mut spec = spec(options)?;
     // Under SCHED_OTHER cyclictest keeps the default timer slack of 50 us, but the loops do not. So the two are
     // not comparable.
     let cyclictest = reference::cyclictest().filter(|_| spec.policy == Policy::Fifo);
     if options.compare == Some(Compare::Cyclictest) && cyclictest.is_none() {
-        return Err(LatencyError::NoCyclictest);
+        let text = "cyclictest is not on the PATH, or the policy is not fifo; install the package rt-tests, or omit \
+                    --compare";
+        return Err(Failure::new(Exit::Unavailable, text));
     }
     let changes = Changes { policy: options.policy, pin: options.pin.clone() };
     let setup = Setup { config: options.config.clone(), changes, rate_hz: options.rate_hz };
     let (host, blocks) = (Host::now(), blocks::plan(options.seconds, cyclictest.is_some()));
-    let load = Load::start(options.load).map_err(|error| LatencyError::reference("load", error))?;
+    let load = Load::start(options.load).map_err(|error| unmeasured("load", error))?;
     let start = rt::now();
     let mut outcomes: Vec<Outcome> = Vec::new();
     let (mut bare, mut probe, mut probe_realtime) = (Distribution::default(), Distribution::default(), Vec::new());
@@ -48,7 +50,7 @@ pub fn run(options: &Cli, shutdown: &Shutdown) -> Result<Measured, LatencyError>
             (Kind::Events | Kind::ObserverCost | Kind::Polled, _) => {
                 let outcome = processes::run(&setup, *block, shutdown)?;
                 if matches!(options.pin, Some(Pin::Cores(_))) && outcome.cores().is_none() {
-                    return Err(LatencyError::Invalid("--pin: the system refused these cores (teleopd doctor)".into()));
+                    return Err(invalid("--pin: the system refused these cores (teleopd doctor)"));
                 }
                 // The references run on the cores of the processes.
                 spec.cores = outcome.cores();
@@ -56,7 +58,7 @@ pub fn run(options: &Cli, shutdown: &Shutdown) -> Result<Measured, LatencyError>
             }
         }
         if shutdown.requested() {
-            return Err(LatencyError::Interrupted);
+            return Err(harness::interrupted());
         }
     }
     drop(load);
@@ -80,15 +82,16 @@ pub fn run(options: &Cli, shutdown: &Shutdown) -> Result<Measured, LatencyError>
 
 /// Maps errors to an interruption if shutdown was requested. Ctrl-C reaches a reference too, so its error then
 /// is not its own.
-fn unless_ended<T>(result: Result<T, LatencyError>, shutdown: &Shutdown) -> Result<T, LatencyError> {
-    if shutdown.requested() { Err(LatencyError::Interrupted) } else { result }
+fn unless_ended<T>(result: Result<T, Failure>, shutdown: &Shutdown) -> Result<T, Failure> {
+    if shutdown.requested() { Err(harness::interrupted()) } else { result }
 }
 
 /// Specification of the references. It requests the same properties as retarget. The cores are known after the
 /// first block.
-fn spec(options: &Cli) -> Result<Spec, LatencyError> {
-    let settings = config::load(&options.config, Overrides::default())?.settings.realtime;
-    let of_file = if settings.policy == config::Policy::Fifo { Policy::Fifo } else { Policy::Other };
+fn spec(options: &Cli) -> Result<Spec, Failure> {
+    let settings = pipeline::load(&options.config, Overrides::default());
+    let settings = settings.map_err(Failure::with(Exit::Config))?.settings.realtime;
+    let of_file = if settings.policy == pipeline::Policy::Fifo { Policy::Fifo } else { Policy::Other };
     Ok(Spec {
         policy: options.policy.unwrap_or(of_file),
         priority: settings.priority_retarget as u8,

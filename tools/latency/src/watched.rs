@@ -3,12 +3,12 @@
 use crate::blocks::{self, Kind};
 use crate::cli::Cli;
 use crate::distribution::Distribution;
-use crate::error::LatencyError;
+use crate::error::unmeasured;
 use crate::figures::Figures;
 use crate::load::Load;
 use crate::processes::{self, Setup};
 use crate::settings::Changes;
-use rt::Shutdown;
+use rt::{Failure, Shutdown};
 use serde_json::{Value, json};
 use std::fmt::Write;
 
@@ -43,10 +43,10 @@ impl Row<'_> {
 ///
 /// # Errors
 /// Returns an error if the options or settings are invalid, or a block is not valid.
-pub fn run(options: &Cli, shutdown: &Shutdown) -> Result<ObserverCost, LatencyError> {
+pub fn run(options: &Cli, shutdown: &Shutdown) -> Result<ObserverCost, Failure> {
     let changes = Changes { policy: options.policy, pin: options.pin.clone() };
     let setup = Setup { config: options.config.clone(), changes, rate_hz: options.rate_hz };
-    let load = Load::start(options.load).map_err(|error| LatencyError::reference("load", error))?;
+    let load = Load::start(options.load).map_err(|error| unmeasured("load", error))?;
     let (mut alone, mut watched) = (Vec::new(), Vec::new());
     let blocks = blocks::plan_watched(options.seconds);
     for (i, block) in blocks.iter().enumerate() {
@@ -54,7 +54,7 @@ pub fn run(options: &Cli, shutdown: &Shutdown) -> Result<ObserverCost, LatencyEr
         let outcome = processes::run(&setup, *block, shutdown)?;
         if block.kind == Kind::ObserverCost { &mut watched } else { &mut alone }.push(outcome);
         if shutdown.requested() {
-            return Err(LatencyError::Interrupted);
+            return Err(harness::interrupted());
         }
     }
     drop(load);

@@ -17,7 +17,9 @@ pub fn can_be_another() -> bool {
 /// Credentials of the acting user.
 #[derive(Clone, Copy, Debug)]
 pub struct User<'a> {
+    /// User id.
     pub uid: u32,
+    /// Group id.
     pub gid: u32,
     /// Supplementary groups.
     pub groups: &'a [u32],

@@ -11,11 +11,10 @@ use config::Settings;
 use messages::{Mode, Status};
 use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
-use rt::Shutdown;
+use rt::{Failure, Shutdown};
 use serde_json::{Map, Value, json};
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
-use std::path::Path;
 use std::time::{Duration, Instant};
 use teleopd::PROCESSES;
 
@@ -36,15 +35,6 @@ const TURNS: [(Target, bool); 6] = [
     (Target::Driver, false),
     (Target::Operator, true),
 ];
-
-/// Length of the soak, and the time between faults.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Soak {
-    /// Length of the soak.
-    pub length: Duration,
-    /// Time engaged before each fault.
-    pub every: Duration,
-}
 
 /// Resources that a process holds.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -87,60 +77,50 @@ struct Life {
 #[derive(Debug, Default)]
 pub struct Soaked {
     seconds: f64,
-    blows: u64,
     engaged_s: f64,
     lives: BTreeMap<&'static str, Life>,
     /// The largest growth of any life, by process.
     growth: BTreeMap<&'static str, Holding>,
-    segments_first: u64,
-    segments_last: u64,
+    segments_first: usize,
+    segments_last: usize,
     false_stops: Vec<String>,
-    violations: u64,
-    moved_without_enable: u64,
-    states: u64,
-    trouble: Vec<String>,
+    figures: Figures,
     reports: Map<String, Value>,
 }
 
-/// Runs a soak with the settings `config`.
+/// Runs a soak.
 ///
 /// # Errors
-/// Returns an error if a process does not start, or the robot does not come back after a fault.
-pub fn run(config: &Path, soak: Soak, shutdown: &Shutdown) -> Result<Soaked, LatencyError> {
-    let mut rig = Rig::start(config)?;
-    let loaded = pipeline::load(&rig.place().config, rig.place().overrides())?;
-    let limits = pipeline::sim_config(&loaded, true)?;
-    let witness = Monitor::start(rig.instance().core_domain(), limits)?;
+/// Returns an error if a process does not start, or the robot cannot be engaged at first.
+pub fn run(options: &SoakArgs, shutdown: &Shutdown) -> Result<Soaked, Failure> {
+    let (length, every) = (options.hours * 3600.0, Duration::from_secs_f64(options.strike_every));
+    let length = Duration::from_secs_f64(length);
+    let (mut rig, witness, settings) = Rig::watched(&options.common.config)?;
     let mut dice = Pcg64Mcg::seed_from_u64(1);
-    let mut soaked = Soaked::default();
+    let (mut soaked, mut outcomes) = (Soaked::default(), Vec::new());
     trial::engage(&mut rig, &witness, Target::Ingest, Mode::Engaged)?;
     let begun = Instant::now();
     loop {
-        clean(&mut rig, &mut soaked, begun, soak, shutdown);
-        if begun.elapsed() >= soak.length || shutdown.requested() {
+        clean(&mut rig, &mut soaked, begun, (begun.elapsed() + every).min(length), shutdown);
+        if begun.elapsed() >= length || shutdown.requested() {
             break;
         }
-        let (victim, kill) = TURNS[soaked.blows as usize % TURNS.len()];
+        let (victim, kill) = TURNS[outcomes.len() % TURNS.len()];
         let blow = Injection::draw(victim, kill, 1.0, &mut dice);
-        soaked.blows += 1;
-        if let Err(error) = strike(&mut rig, &witness, &loaded.settings, blow, &mut soaked.trouble) {
+        if let Err(failure) = strike(&mut rig, &witness, &settings, blow, &mut outcomes) {
             // The results until then are still reported.
-            soaked.trouble.push(format!("after {blow:?}: {error}"));
+            soaked.figures.add_trouble(format!("after {blow:?}: {failure}"));
             break;
         }
         let held = if kill { "killed" } else { "suspended" };
         eprintln!("{:.0} s: {} was {held}", begun.elapsed().as_secs_f64(), victim.name());
     }
-    soaked.trouble.extend(rig.clear().err().map(|error| error.to_string()));
+    if let Err(failure) = rig.clear() {
+        soaked.figures.add_trouble(failure.text);
+    }
     soaked.segments_last = segments(&rig);
     soaked.seconds = begun.elapsed().as_secs_f64();
-    let seen = witness.seen();
-    drop(witness);
-    soaked.violations = seen.violations.iter().sum::<u64>() + seen.not_finite;
-    (soaked.states, soaked.moved_without_enable) = (seen.states, seen.moved_without_enable);
-    let ended = rig.end();
-    soaked.trouble.extend(ended.trouble);
-    soaked.reports = ended.reports;
+    soaked.reports = soaked.figures.conclude(rig, witness, &outcomes, &settings.safety);
     Ok(soaked)
 }
 
@@ -150,27 +130,22 @@ fn strike(
     witness: &Monitor,
     settings: &Settings,
     blow: Injection,
-    trouble: &mut Vec<String>,
-) -> Result<(), ChaosError> {
-    let outcome = trial::run(rig, witness, settings, blow)?;
-    if !outcome.rested {
-        trouble.push(format!("no rest after {blow:?}"));
-    }
+    outcomes: &mut Vec<Outcome>,
+) -> Result<(), Failure> {
+    outcomes.push(trial::run(rig, witness, settings, blow)?);
     trial::engage(rig, witness, Target::Ingest, Mode::Engaged)
 }
 
-/// Follows the person, engaged, until the next fault is due or the soak ends. Every stop in this time is a
-/// false one.
-fn clean(rig: &mut Rig, soaked: &mut Soaked, begun: Instant, soak: Soak, shutdown: &Shutdown) {
+/// Follows the person, engaged, for `until` after the begin. Every stop in this time is a false one.
+fn clean(rig: &mut Rig, soaked: &mut Soaked, begun: Instant, until: Duration, shutdown: &Shutdown) {
     let first = segments(rig);
     soaked.segments_first = if soaked.segments_first == 0 { first } else { soaked.segments_first };
     let engaged = Instant::now();
-    let until = (begun.elapsed() + soak.every).min(soak.length);
     let mut told = rig.operator().status().map_or(0, |status| status.transition_count);
     while begun.elapsed() < until && !shutdown.requested() {
         std::thread::sleep(LOOK.min(until.saturating_sub(begun.elapsed())));
         for name in PROCESSES {
-            soaked.look(name, rig.process(name));
+            soaked.look(name, rig.harness().children.id(name));
         }
         soaked.note_stops(begun.elapsed(), rig.operator().status(), &mut told);
     }
@@ -178,11 +153,9 @@ fn clean(rig: &mut Rig, soaked: &mut Soaked, begun: Instant, soak: Soak, shutdow
     rig.release();
 }
 
-/// Counts the files of the instance in /dev/shm.
-fn segments(rig: &Rig) -> u64 {
-    let prefixes = [rig.instance().core_domain().prefix, rig.instance().input_domain().prefix];
-    let names = std::fs::read_dir("/dev/shm").into_iter().flatten().flatten().map(|entry| entry.file_name());
-    names.filter(|name| prefixes.iter().any(|prefix| name.to_string_lossy().starts_with(prefix))).count() as u64
+/// Counts the files of the instance in shared memory.
+fn segments(rig: &Rig) -> usize {
+    rig.harness().instance.shared_memory().count()
 }
 
 impl Soaked {
@@ -218,9 +191,12 @@ impl Soaked {
 
     /// Returns everything that must not have happened.
     pub fn complaints(&self) -> Vec<String> {
-        let mut complaints = self.trouble.clone();
-        complaints
-            .extend(self.false_stops.iter().map(|stop| format!("a stop that no injected fault explains, {stop}")));
+        [self.figures.complaints(), self.own_complaints()].concat()
+    }
+
+    fn own_complaints(&self) -> Vec<String> {
+        let stops = self.false_stops.iter().map(|stop| format!("a stop that no injected fault explains, {stop}"));
+        let mut complaints: Vec<_> = stops.collect();
         for (name, grown) in &self.growth {
             if grown.resident_kib > GROWTH_MAX_KIB {
                 complaints.push(format!("{name} grew by {} KiB, more than {GROWTH_MAX_KIB}", grown.resident_kib));
@@ -235,12 +211,6 @@ impl Soaked {
             let (last, first) = (self.segments_last, self.segments_first);
             complaints.push(format!("{last} segments at the end, {first} at the start"));
         }
-        for (what, count) in [("violations", self.violations), ("motions without an enable", self.moved_without_enable)]
-        {
-            if count > 0 {
-                complaints.push(format!("{count} {what} were witnessed"));
-            }
-        }
         complaints
     }
 
@@ -254,14 +224,11 @@ impl Soaked {
         });
         json!({
             "seconds": self.seconds,
-            "blows": self.blows,
             "engaged_s": self.engaged_s,
-            "states_witnessed": self.states,
-            "violations": self.violations,
-            "moved_without_enable": self.moved_without_enable,
             "false_stops": self.false_stops,
             "growth": growth.collect::<Map<_, _>>(),
             "segments": { "first": self.segments_first, "last": self.segments_last },
+            "trials": self.figures.to_json(),
             "processes": self.reports,
             "complaints": self.complaints(),
         })
@@ -269,13 +236,9 @@ impl Soaked {
 
     /// Returns the results as text.
     pub fn words(&self) -> String {
-        let mut out = String::new();
+        let mut out = self.figures.words();
         // Writing to a String cannot fail.
-        let _ = writeln!(
-            out,
-            "{:.0} s, {:.0} s of them engaged and clean; {} injected faults; {} states witnessed",
-            self.seconds, self.engaged_s, self.blows, self.states
-        );
+        let _ = writeln!(out, "{:.0} s, {:.0} s of them engaged and clean", self.seconds, self.engaged_s);
         for (name, grown) in &self.growth {
             let Holding { resident_kib, descriptors, threads } = grown;
             let _ =
@@ -283,7 +246,7 @@ impl Soaked {
         }
         let _ = writeln!(out, "segments: {} at first, {} at last", self.segments_first, self.segments_last);
         let _ = writeln!(out, "false stops: {}", self.false_stops.len());
-        for complaint in self.complaints() {
+        for complaint in self.own_complaints() {
             let _ = writeln!(out, "BROKEN: {complaint}");
         }
         out
@@ -318,17 +281,17 @@ mod tests {
     }
 
     #[test]
-    fn growth_false_stop_and_violation_become_complaints() {
+    fn growth_false_stop_and_broken_trial_become_complaints() {
         let mut soaked = Soaked { segments_first: 10, segments_last: 10, ..Soaked::default() };
         soaked.growth.insert("sim", Holding { resident_kib: GROWTH_MAX_KIB, descriptors: 0, threads: 0 });
         assert!(soaked.complaints().is_empty());
         soaked.growth.insert("sim", Holding { resident_kib: GROWTH_MAX_KIB + 1, descriptors: 1, threads: 2 });
         soaked.segments_last = 11;
         soaked.false_stops.push("12 s: Holding TargetStale".into());
-        soaked.violations = 1;
+        soaked.figures.add_trouble("no rest".into());
         let told = soaked.complaints().join("; ");
         for part in
-            ["grew by 513", "1 descriptors", "2 threads", "11 segments", "no injected fault explains", "1 violations"]
+            ["grew by 513", "1 descriptors", "2 threads", "11 segments", "no injected fault explains", "no rest"]
         {
             assert!(told.contains(part), "{part}: {told}");
         }

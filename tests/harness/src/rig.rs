@@ -1,0 +1,264 @@
+//! The harness for a test: what fails panics.
+
+use crate::operator::Operator;
+use crate::running::{Harness, publisher};
+use crate::{SOON, StateObserver, config};
+use messages::{Fault, Mode, Status};
+use motion::Motion;
+use pipeline::{ClientError, Publisher, Transport};
+use serde_json::Value;
+use std::path::PathBuf;
+use std::process::{Child, Command, ExitStatus, Output};
+use std::time::{Duration, Instant};
+
+/// The driver's process and its robot's process.
+const DRIVER: &str = "sim";
+const ROBOT: &str = "robot";
+/// The command that starts the processes of an instance.
+const UP: &str = "up";
+
+/// Sends Ctrl-C.
+pub fn interrupt(child: &Child) {
+    send("INT", child.id());
+}
+
+fn send(signal: &str, id: u32) {
+    let sent = Command::new("kill").args(["-s", signal, &id.to_string()]).status();
+    assert!(sent.expect("kill(1) runs").success(), "process {id} took no {signal}");
+}
+
+/// Processes of an instance. They are killed when the test ends.
+pub struct Rig(Harness);
+
+impl std::ops::Deref for Rig {
+    type Target = Harness;
+
+    fn deref(&self) -> &Self::Target {
+        &self.0
+    }
+}
+
+impl Rig {
+    fn new(changes: Option<&str>) -> Self {
+        // Cargo sets it for the tests of the package to which teleopd belongs.
+        let program = std::env::var_os("CARGO_BIN_EXE_teleopd").expect("cargo runs this test");
+        Self(Harness::new(PathBuf::from(program), &config(), changes).expect("an instance"))
+    }
+
+    /// Creates an instance without processes.
+    pub fn empty() -> Self {
+        Self::new(None)
+    }
+
+    /// Creates an instance without processes, with a copy of the settings. The changes are TOML.
+    pub fn with_settings(changes: &str) -> Self {
+        Self::new(Some(changes))
+    }
+
+    /// Starts all processes, each until READY.
+    pub fn whole() -> Self {
+        let mut rig = Self::empty();
+        rig.start_all();
+        rig
+    }
+
+    /// Starts all processes, each until READY.
+    pub fn start_all(&mut self) {
+        self.0.children.start_all().unwrap_or_else(|failure| panic!("{failure}"));
+    }
+
+    /// Starts a process and waits for READY. With the driver it also starts its robot, unless that still runs.
+    pub fn start(&mut self, name: &'static str) {
+        if name == DRIVER && self.children.id(ROBOT).is_none() {
+            self.start(ROBOT);
+        }
+        self.0.children.start_one(name).unwrap_or_else(|failure| panic!("{failure}"));
+    }
+
+    /// Starts `teleopd up` and waits until its control answers.
+    pub fn start_up(&mut self) {
+        self.0.children.spawn(UP).expect("up starts");
+        let give_up = Instant::now() + SOON;
+        while !self.instance.run_dir().join("core").exists() || self.operator().is_err() {
+            assert!(Instant::now() < give_up, "up is not ready");
+            std::thread::sleep(Duration::from_millis(20));
+        }
+    }
+
+    /// Returns the figures of a process that ended by itself. Waits for them.
+    pub fn figures(&self, name: &str) -> Value {
+        let give_up = Instant::now() + SOON;
+        loop {
+            if let Some(figures) = self.report(name) {
+                return figures;
+            }
+            assert!(Instant::now() < give_up, "{name} left no figures");
+            std::thread::sleep(Duration::from_millis(20));
+        }
+    }
+
+    /// Runs a process that should end by itself, and returns its output.
+    pub fn run(&self, name: &str) -> Output {
+        self.children.command(name).output().expect("the process runs")
+    }
+
+    /// Returns the log of a process.
+    pub fn log(&self, name: &str) -> String {
+        std::fs::read_to_string(self.children.log(name)).unwrap_or_default()
+    }
+
+    /// Returns the process id of a running process.
+    pub fn id(&self, name: &str) -> u32 {
+        self.children.id(name).expect("a running process")
+    }
+
+    /// Sends the signal with this name of kill(1).
+    pub fn signal(&self, name: &str, signal: &str) {
+        send(signal, self.id(name));
+    }
+
+    /// Sends SIGKILL and waits until the process has ended.
+    pub fn kill(&mut self, name: &str) {
+        assert!(self.children.id(name).is_some(), "{name} does not run");
+        self.0.children.kill(name);
+    }
+
+    /// Sends SIGTERM and returns the figures of the process. For the driver, they include those of its robot.
+    pub fn end(&mut self, name: &str) -> Value {
+        assert!(self.children.id(name).is_some(), "{name} does not run");
+        let ended = self.0.children.end(name);
+        ended.unwrap_or_else(|trouble| panic!("{trouble}: {}", self.log(name)));
+        let mut figures = self.report(name).expect("figures");
+        if name == DRIVER && self.children.id(ROBOT).is_some() {
+            figures[ROBOT] = self.end(ROBOT);
+        }
+        figures
+    }
+
+    /// Stops `teleopd up` and its processes.
+    pub fn end_up(&mut self) {
+        rt::terminate(self.id(UP));
+        let status = self.ended(UP);
+        assert!(status.success(), "up ended with {status}");
+    }
+
+    /// Connects an operator.
+    pub fn hand(&self) -> OperatorSession {
+        OperatorSession(self.operator().expect("the operator socket answers"))
+    }
+
+    /// Starts a client that publishes `motion`, holding its first frame.
+    pub fn client(&self, motion: &Motion, session: u64) -> Publisher {
+        publisher(Transport::Domain(self.instance.input_domain()), motion, session).expect("a client")
+    }
+
+    /// The same through the skeleton socket. The daemon sets the session.
+    pub fn socket_client(&self, motion: &Motion) -> Result<Publisher, ClientError> {
+        publisher(Transport::Socket(self.instance.skeleton_socket()), motion, 0)
+    }
+
+    /// Lets other users pass through the folder, like that of an installed instance.
+    pub fn open_to_others(&self) {
+        let mode = std::os::unix::fs::PermissionsExt::from_mode(0o711);
+        std::fs::set_permissions(self.folder(), mode).expect("the folder is ours");
+    }
+
+    /// Returns true if a started process still runs.
+    pub fn runs(&mut self, name: &str) -> bool {
+        self.0.children.runs(name)
+    }
+
+    /// Waits for a process to end by itself, and returns its status.
+    pub fn ended(&mut self, name: &str) -> ExitStatus {
+        let give_up = Instant::now() + SOON;
+        while self.runs(name) {
+            assert!(Instant::now() < give_up, "{name} does not end");
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        self.0.children.take(name).expect("a started process").wait().expect("its status")
+    }
+
+    /// Observes the driver's executed states.
+    pub fn eyes(&self) -> StateObserver {
+        StateObserver::of(&self.instance)
+    }
+}
+
+impl Drop for Rig {
+    fn drop(&mut self) {
+        self.0.children.kill(UP);
+    }
+}
+
+/// An operator whose waits fail the test.
+pub struct OperatorSession(Operator);
+
+impl std::ops::Deref for OperatorSession {
+    type Target = Operator;
+
+    fn deref(&self) -> &Self::Target {
+        &self.0
+    }
+}
+
+impl OperatorSession {
+    /// Waits for a status for which `done` returns true.
+    pub fn wait(&self, what: &str, done: impl Fn(&Status) -> bool) -> Status {
+        let give_up = Instant::now() + SOON;
+        loop {
+            if let Some(status) = self.status().filter(&done) {
+                return status;
+            }
+            assert!(Instant::now() < give_up, "never {what}: {}", self.describe());
+            std::thread::sleep(Duration::from_millis(5));
+        }
+    }
+
+    /// Waits for a mode.
+    pub fn wait_mode(&self, mode: Mode) -> Status {
+        self.wait(mode.name(), |status| status.mode == mode as u32)
+    }
+
+    /// Waits until nothing inhibits, enables, and waits for `mode`. If the machine pauses meanwhile, the driver
+    /// latches. Then the operator resets it and tries again, a few times.
+    pub fn engage_until(&self, mode: Mode) {
+        for _ in 0..4 {
+            self.wait("free to engage", Operator::is_free);
+            self.enable();
+            let reached = |status: &Status| status.mode == mode as u32 || Operator::is_paused(status);
+            if !Operator::is_paused(&self.wait(mode.name(), reached)) {
+                return;
+            }
+            self.release();
+            self.wait("measured at rest", |status| status.moving == 0);
+            self.reset();
+            self.wait_mode(Mode::Disengaged);
+        }
+        panic!("never {}: the machine stands still too often", mode.name());
+    }
+
+    /// Returns the number of times that a fault was raised.
+    pub fn raised(&self, fault: Fault) -> u32 {
+        self.status().map_or(0, |status| status.fault_counts[fault.index()])
+    }
+}
+
+/// Returns the modes of control in order, from its figures. A machine that pauses for a tenth of a second adds
+/// holds that end by themselves.
+pub fn modes(control: &Value) -> Vec<String> {
+    let transitions = control["mode_transitions"].as_array().expect("transitions");
+    transitions.iter().map(|one| one["to"].as_str().expect("a mode").to_owned()).collect()
+}
+
+/// Checks that the simulated robot counted no violation of any kind.
+pub fn assert_no_violations(figures: &Value) {
+    for kind in ["position", "velocity", "acceleration", "jerk", "clearance"] {
+        assert_eq!(figures["violations"][kind], 0, "{kind}: {figures:#}");
+    }
+    let robot = &figures[ROBOT];
+    if !robot.is_null() {
+        let counts = robot["violations"].as_object().expect("the judge's counts");
+        let total: u64 = counts.values().filter_map(Value::as_u64).sum();
+        assert!(counts.len() == 7 && total == 0, "true motion: {robot:#}");
+    }
+}
