@@ -4,12 +4,13 @@
 #[path = "../tests/support/mod.rs"]
 mod support;
 
+use judge::{Attacker, Checker, Robot};
 use messages::Stamp;
+use rand::SeedableRng;
+use rand_pcg::Pcg64;
 use std::time::Instant;
-use support::Subject;
-use support::attack::Attacker;
-use support::checker::Checker;
-use wbc::{Candidate, Input, Options, Permit, State, Target, tick};
+use support::{config_of, input, made_up, motion, sent};
+use wbc::{Candidate, Options, State, tick};
 
 fn text(name: &str) -> Option<String> {
     let mut arguments = std::env::args();
@@ -28,28 +29,26 @@ fn main() {
     let (ticks, seed, dense) = (number("--ticks", 100_000), number("--seed", 1), number("--dense", 500));
     let options =
         if flag("--without-certificate") { Options::without_certificate_for_tests() } else { Options::default() };
-    let subject = text("--robot").map_or_else(Subject::made_up, |path| Subject::load(&path));
-    let config = subject.config(options);
-    let mut state = State::at_rest(&config, subject.home);
-    let mut checker = Checker::new(&subject, state.planned());
-    let mut attacker = Attacker::new(&subject, seed);
+    let robot = text("--robot").map_or_else(made_up, |path| Robot::load(&path));
+    let config = config_of(&robot, options);
+    let mut state = State::at_rest(&config, robot.home);
+    let mut checker = Checker::new(&robot, motion(state.planned()));
+    let mut attacker = Attacker::new(&robot, Pcg64::seed_from_u64(seed));
     let mut times = Vec::with_capacity(ticks as usize);
     let (mut candidates, mut evaluations, mut most) = ([0_u64; 4], 0_u64, 0);
     for k in 0..ticks {
         if flag("--smooth") {
             let t = k as f64 / 1500.0;
-            attacker.q = std::array::from_fn(|j| subject.home[j] + 0.1 * ((2.0 + 0.1 * j as f64) * t).sin());
+            attacker.q = std::array::from_fn(|j| robot.home[j] + 0.1 * ((2.0 + 0.1 * j as f64) * t).sin());
             attacker.dq = std::array::from_fn(|j| {
                 let w = 2.0 + 0.1 * j as f64;
                 0.1 * w * (w * t).cos()
             });
-            attacker.permit = Permit::Follow { speed_scale: 1.0 };
+            attacker.speed_scale = Some(1.0);
         } else {
-            attacker.next(k, state.planned(), &checker);
+            attacker.next(k, &state.planned().q);
         }
-        let target =
-            Target { q: &attacker.q, dq: &attacker.dq, ddq: &[0.0; messages::JOINTS], valid_mask: attacker.valid_mask };
-        let input = Input { k, target: Some(target), permit: attacker.permit };
+        let input = input(k, &attacker);
         let began = Instant::now();
         let out = tick(&config, &mut state, Stamp::NONE, input);
         times.push(began.elapsed().as_nanos() as u64);
@@ -61,7 +60,7 @@ fn main() {
         }] += 1;
         evaluations += u64::from(out.evaluations);
         most = most.max(out.evaluations);
-        checker.command(k, &out, k.is_multiple_of(dense));
+        checker.command(k, &sent(&out), out.on_plan, k.is_multiple_of(dense));
     }
     times.sort_unstable();
     let at = |share: f64| times[((times.len() - 1) as f64 * share) as usize] as f64 / 1e3;

@@ -2,10 +2,12 @@
 
 mod support;
 
+use judge::Attacker;
 use messages::Stamp;
-use support::attack::Attacker;
-use support::checker::Checker;
-use wbc::{Input, Options, State, Target, tick};
+use rand::SeedableRng;
+use rand_pcg::Pcg64;
+use support::{config_of, input, made_up};
+use wbc::{Options, State, tick};
 
 #[global_allocator]
 static ALLOCATOR: rt::CountingAllocator = rt::CountingAllocator;
@@ -18,23 +20,20 @@ fn allocated() -> u64 {
 #[test]
 fn tick_under_attack_allocates_nothing() {
     rt::watch_allocations();
-    let subject = support::Subject::made_up();
-    let config = subject.config(Options::default());
-    let mut state = State::at_rest(&config, subject.home);
-    let checker = Checker::new(&subject, state.planned());
-    let mut attacker = Attacker::new(&subject, 77);
+    let robot = made_up();
+    let config = config_of(&robot, Options::default());
+    let mut state = State::at_rest(&config, robot.home);
+    let mut attacker = Attacker::new(&robot, Pcg64::seed_from_u64(77));
     let mut in_ticks = 0;
     for k in 0..10_000 {
-        attacker.next(k, state.planned(), &checker);
-        let target =
-            Target { q: &attacker.q, dq: &attacker.dq, ddq: &[0.0; messages::JOINTS], valid_mask: attacker.valid_mask };
-        let input = Input { k, target: Some(target), permit: attacker.permit };
+        attacker.next(k, &state.planned().q);
+        let input = input(k, &attacker);
         let before = allocated();
         tick(&config, &mut state, Stamp::NONE, input);
         in_ticks += allocated() - before;
     }
     let payload = robot::Payload { mass_kg: 0.5, center: nalgebra::Vector3::new(0.0, 0.1, 0.2) };
-    let mut at_rest = State::at_rest(&config, subject.home);
+    let mut at_rest = State::at_rest(&config, robot.home);
     let before = allocated();
     assert_eq!(at_rest.carry(&config, &[payload; 2]), Ok(None));
     in_ticks += allocated() - before;

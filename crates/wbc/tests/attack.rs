@@ -2,26 +2,23 @@
 
 use crate::support;
 
+use judge::{Attacker, Checker, Robot, Rollout};
 use messages::{ALL_JOINTS, JOINTS, Stamp, TICK_S};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
-use support::attack::Attacker;
-use support::checker::{Checker, play};
-use support::{D_MIN_M, Subject, config, home, limits};
+use support::{D_MIN_M, config, config_of, home, input, limits, made_up, motion, sent};
 use wbc::{Candidate, Input, JointStop, Options, Permit, Planned, State, Target, certify_plan, certify_rest, tick};
 
-fn attack(subject: &Subject, options: Options, seed: u64, ticks: u64, dense: u64) -> Checker {
-    let config = &subject.config(options);
-    let mut state = State::at_rest(config, subject.home);
-    let mut checker = Checker::new(subject, state.planned());
-    let mut attacker = Attacker::new(subject, seed);
+fn attack(robot: &Robot, options: Options, seed: u64, ticks: u64, dense: u64) -> Checker<'_> {
+    let config = &config_of(robot, options);
+    let mut state = State::at_rest(config, robot.home);
+    let mut checker = Checker::new(robot, motion(state.planned()));
+    let mut attacker = Attacker::new(robot, Pcg64::seed_from_u64(seed));
     for k in 0..ticks {
-        attacker.next(k, state.planned(), &checker);
-        let target = Target { q: &attacker.q, dq: &attacker.dq, ddq: &[0.0; JOINTS], valid_mask: attacker.valid_mask };
-        let input = Input { k, target: Some(target), permit: attacker.permit };
-        let out = tick(config, &mut state, Stamp::NONE, input);
-        checker.command(k, &out, k.is_multiple_of(dense));
-        let exact = (checker.clearance(&out.q) - out.clearance_m).abs();
+        attacker.next(k, &state.planned().q);
+        let out = tick(config, &mut state, Stamp::NONE, input(k, &attacker));
+        checker.command(k, &sent(&out), out.on_plan, k.is_multiple_of(dense));
+        let exact = (robot.clearance(&out.q) - out.clearance_m).abs();
         assert!(exact < 1e-6 || !k.is_multiple_of(64), "k {k}: reported clearance is off by {exact}");
     }
     checker
@@ -30,8 +27,9 @@ fn attack(subject: &Subject, options: Options, seed: u64, ticks: u64, dense: u64
 #[test]
 fn f040_f041_f045_attack_breaks_no_limit_or_clearance() {
     let mut least = f64::INFINITY;
+    let robot = made_up();
     for seed in 100..105 {
-        let checker = attack(&Subject::made_up(), Options::default(), seed, 20_000, 300);
+        let checker = attack(&robot, Options::default(), seed, 20_000, 300);
         assert_eq!(checker.violations, 0, "seed {seed}: {:#?}", checker.first);
         println!("seed {seed}: least clearance {:.3} mm", checker.clearance_m * 1e3);
         least = least.min(checker.clearance_m);
@@ -42,15 +40,16 @@ fn f040_f041_f045_attack_breaks_no_limit_or_clearance() {
 #[test]
 fn attack_on_shipped_robot_breaks_no_limit_or_clearance() {
     let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../config/robots/tiago_dual.toml");
-    let subject = Subject::load(path);
-    assert!(certify_rest(&subject.config(Options::default()), &subject.home).0, "home is clear");
-    let checker = attack(&subject, Options::default(), 7, 20_000, 300);
+    let robot = Robot::load(path);
+    assert!(certify_rest(&config_of(&robot, Options::default()), &robot.home).0, "home is clear");
+    let checker = attack(&robot, Options::default(), 7, 20_000, 300);
     assert_eq!(checker.violations, 0, "{:#?}", checker.first);
 }
 
 #[test]
 fn attack_without_certificate_breaks_clearance() {
-    let checker = attack(&Subject::made_up(), Options::without_certificate_for_tests(), 100, 5_000, u64::MAX);
+    let robot = made_up();
+    let checker = attack(&robot, Options::without_certificate_for_tests(), 100, 20_000, u64::MAX);
     assert!(checker.violations > 0 && checker.clearance_m < D_MIN_M);
     assert!(checker.first.iter().all(|words| words.contains("clearance")), "{:#?}", checker.first);
 }
@@ -71,7 +70,7 @@ fn random_plan(rng: &mut Pcg64) -> Planned {
 fn certified_plan_keeps_clearance_at_every_sample() {
     let config = config(Options::default());
     let mut rng = Pcg64::seed_from_u64(3);
-    let checker = Checker::new(&Subject::made_up(), &Planned::at_rest(home()));
+    let robot = made_up();
     let (mut certified, mut close) = (0, 0);
     while certified < 400 {
         let planned = random_plan(&mut rng);
@@ -82,9 +81,8 @@ fn certified_plan_keeps_clearance_at_every_sample() {
         }
         certified += 1;
         let mut least = f64::INFINITY;
-        for i in 0..250 {
-            let t = f64::from(i) * 2e-3;
-            least = least.min(checker.clearance(&std::array::from_fn(|j| play(&planned, j, t).0)));
+        for q in Rollout::new(&motion(&planned)).postures(2e-3) {
+            least = least.min(robot.clearance(&q));
         }
         assert!(least >= D_MIN_M, "{least} on a certified plan");
         close += u32::from(least < D_MIN_M + 0.02);

@@ -3,23 +3,20 @@
 
 use crate::support;
 
+use judge::{Attacker, Checker, Robot};
 use messages::{ALL_JOINTS, JOINTS, Stamp, TICK_S};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
-use support::attack::Attacker;
-use support::checker::Checker;
-use support::{D_MIN_M, Subject, parts};
+use support::{D_MIN_M, config_of, input, made_up, motion, parts, sent};
 use wbc::{
-    Config, Input, Interface, Interpolation, Options, Permit, Planned, State, Target, WbcError, certify_rest, tick,
+    Config, Input, Interface, Interpolation, Options, Output, Permit, Planned, State, Target, WbcError, certify_rest,
+    tick,
 };
 
 /// First joint, and one past the last joint, of each controller.
 const CONTROLLERS: [[usize; 2]; 4] = [[0, 1], [1, 3], [3, 10], [10, 17]];
 
 const TICKS: u64 = 5000;
-
-/// Positions, velocities, mask of valid joints, and permit.
-type Wish = ([f64; JOINTS], [f64; JOINTS], u32, Permit);
 
 /// Joints of either arm in a posture of the invented robot. Its hands are 15 mm apart and reach forward, side
 /// by side. If one shoulder alone turns by 0.05 rad, they touch.
@@ -30,45 +27,45 @@ struct Trace(Vec<Planned>);
 
 impl Trace {
     /// Records a run under attack.
-    fn attacked(subject: &Subject, options: Options, seed: u64) -> Self {
-        let mut attacker = Attacker::new(subject, seed);
-        Self::new(subject, options, subject.home, |k, seen, checker| {
-            attacker.next(k, seen, checker);
-            (attacker.q, attacker.dq, attacker.valid_mask, attacker.permit)
+    fn attacked(robot: &Robot, options: Options, seed: u64) -> Self {
+        let mut attacker = Attacker::new(robot, Pcg64::seed_from_u64(seed));
+        Self::new(robot, options, robot.home, |config, state, k| {
+            attacker.next(k, &state.planned().q);
+            tick(config, state, Stamp::NONE, input(k, &attacker))
         })
     }
 
     /// Records a run in which both hands, close together and side by side, swing to and fro with their
     /// shoulders. Each hand is in the way of the other.
-    fn chased(subject: &Subject, options: Options, _: u64) -> Self {
-        let mut start = subject.home;
+    fn chased(robot: &Robot, options: Options, _: u64) -> Self {
+        let mut start = robot.home;
         start[3..10].copy_from_slice(&SIDE_BY_SIDE);
         start[10..].copy_from_slice(&SIDE_BY_SIDE);
-        Self::new(subject, options, start, |k, _, _| {
+        Self::new(robot, options, start, |config, state, k| {
             let (mut q, mut dq, t) = (start, [0.0; JOINTS], k as f64 * TICK_S);
             for (j, sign) in [(3, 1.0), (10, -1.0)] {
                 q[j] += sign * 0.35 * (5.0 * t).sin();
                 dq[j] = sign * 1.75 * (5.0 * t).cos();
             }
-            (q, dq, ALL_JOINTS, Permit::Follow { speed_scale: 1.0 })
+            let target = Target { q: &q, dq: &dq, ddq: &[0.0; JOINTS], valid_mask: ALL_JOINTS };
+            let permit = Permit::Follow { speed_scale: 1.0 };
+            tick(config, state, Stamp::NONE, Input { k, target: Some(target), permit })
         })
     }
 
     fn new(
-        subject: &Subject,
+        robot: &Robot,
         options: Options,
         start: [f64; JOINTS],
-        mut wish: impl FnMut(u64, &Planned, &Checker) -> Wish,
+        mut tick: impl FnMut(&Config, &mut State, u64) -> Output,
     ) -> Self {
-        let config = subject.config(options);
+        let config = config_of(robot, options);
         let mut state = State::at_rest(&config, start);
-        let mut checker = Checker::new(subject, state.planned());
+        let mut checker = Checker::new(robot, motion(state.planned()));
         let mut trace = vec![*state.planned()];
         for k in 0..TICKS {
-            let (q, dq, valid_mask, permit) = wish(k, state.planned(), &checker);
-            let target = Target { q: &q, dq: &dq, ddq: &[0.0; JOINTS], valid_mask };
-            let out = tick(&config, &mut state, Stamp::NONE, Input { k, target: Some(target), permit });
-            checker.command(k, &out, false);
+            let out = tick(&config, &mut state, k);
+            checker.command(k, &sent(&out), out.on_plan, false);
             trace.push(*state.planned());
         }
         assert_eq!(checker.violations, 0, "{:#?}", checker.first);
@@ -112,8 +109,7 @@ fn cubic(from: [f64; 2], to: [f64; 2], h: f64, s: f64) -> [f64; 2] {
 
 /// Least clearance of the executed motion, m. It is measured at every tick, with several delays per
 /// controller, at the ends of their range and within it.
-fn least_executed(subject: &Subject, trace: &Trace, interface: &Interface, seed: u64) -> f64 {
-    let checker = Checker::new(subject, &trace.0[0]);
+fn least_executed(robot: &Robot, trace: &Trace, interface: &Interface, seed: u64) -> f64 {
     let mut rng = Pcg64::seed_from_u64(seed);
     let phases: [f64; 4] = std::array::from_fn(|_| rng.random_range(0.0..=interface.period_s));
     let mut least = f64::INFINITY;
@@ -131,7 +127,7 @@ fn least_executed(subject: &Subject, trace: &Trace, interface: &Interface, seed:
                     *q = trace.executed(interface, j, t - share * interface.skew_s, phase);
                 }
             }
-            least = least.min(checker.clearance(&q));
+            least = least.min(robot.clearance(&q));
         }
         t += TICK_S;
     }
@@ -140,14 +136,14 @@ fn least_executed(subject: &Subject, trace: &Trace, interface: &Interface, seed:
 
 #[test]
 fn executed_motion_keeps_clearance_certified_for_interface() {
-    let subject = Subject::made_up();
+    let robot = made_up();
     let linear = Interface { interpolation: Interpolation::Linear, ..Interface::JTC_100_HZ };
     let mut closest = f64::INFINITY;
     for (i, interface) in [Interface::JTC_100_HZ, linear].into_iter().enumerate() {
         for seed in 200..202 {
             for make in [Trace::attacked, Trace::chased] {
-                let trace = make(&subject, Options::default().interface(interface), seed);
-                let least = least_executed(&subject, &trace, &interface, seed);
+                let trace = make(&robot, Options::default().interface(interface), seed);
+                let least = least_executed(&robot, &trace, &interface, seed);
                 println!("interface {i}, seed {seed}: executed {:.3} mm", least * 1e3);
                 assert!(least >= D_MIN_M, "interface {i}, seed {seed}: {least} m");
                 closest = closest.min(least);
@@ -159,12 +155,12 @@ fn executed_motion_keeps_clearance_certified_for_interface() {
 
 #[test]
 fn executed_motion_without_skew_in_certificate_is_too_close() {
-    let subject = Subject::made_up();
+    let robot = made_up();
     let without_skew = Interface { skew_s: 0.0, ..Interface::JTC_100_HZ };
     for options in [Options::default(), Options::default().interface(without_skew)] {
         let least = (200..202).map(|seed| {
-            let trace = Trace::chased(&subject, options, seed);
-            least_executed(&subject, &trace, &Interface::JTC_100_HZ, seed)
+            let trace = Trace::chased(&robot, options, seed);
+            least_executed(&robot, &trace, &Interface::JTC_100_HZ, seed)
         });
         let least = least.fold(f64::INFINITY, f64::min);
         println!("without skew in the certificate: executed {:.3} mm", least * 1e3);
@@ -174,9 +170,10 @@ fn executed_motion_without_skew_in_certificate_is_too_close() {
 
 #[test]
 fn certify_rest_is_same_with_and_without_skew() {
-    let subject = Subject::made_up();
-    let configs = [Options::default(), Options::default().interface(Interface::JTC_100_HZ)].map(|o| subject.config(o));
-    let [plain, skewed] = configs.each_ref().map(|config| certify_rest(config, &subject.home));
+    let robot = made_up();
+    let configs =
+        [Options::default(), Options::default().interface(Interface::JTC_100_HZ)].map(|o| config_of(&robot, o));
+    let [plain, skewed] = configs.each_ref().map(|config| certify_rest(config, &robot.home));
     assert_eq!((plain, plain.0), (skewed, true));
 }
 

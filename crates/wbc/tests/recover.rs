@@ -6,9 +6,8 @@ use crate::support;
 use messages::{JOINTS, Stamp, TICK_S};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
-use support::Subject;
-use support::checker::Checker;
-use wbc::{ENGAGE_MARGIN_M, Input, Options, Permit, Planned, State, tick};
+use support::{config_of, made_up};
+use wbc::{ENGAGE_MARGIN_M, Input, Options, Permit, State, tick};
 
 const POSTURES: usize = 60;
 /// Number of ticks of a recovery, and of the stop after it.
@@ -17,8 +16,8 @@ const STOP_TICKS: u64 = 375;
 
 #[test]
 fn recovery_moves_no_joint_outward_and_most_robots_recover() {
-    let subject = Subject::made_up();
-    let config = subject.config(Options::default());
+    let robot = made_up();
+    let config = config_of(&robot, Options::default());
     let bounds = *config.bounds();
     let mut rng = Pcg64::seed_from_u64(5);
     let (mut tried, mut moved, mut clear) = (0, 0.0, 0);
@@ -28,10 +27,8 @@ fn recovery_moves_no_joint_outward_and_most_robots_recover() {
             let q = rng.random_range(bounds[j].q_min..bounds[j].q_max);
             if rng.random_bool(0.1) { bounds[j].q_max + by } else { q }
         });
-        let planned = Planned::at_rest(start);
-        let checker = Checker::new(&subject, &planned);
-        let goal = subject.d_min_m + ENGAGE_MARGIN_M;
-        let mut least = checker.clearance(&start);
+        let goal = robot.d_min_m + ENGAGE_MARGIN_M;
+        let mut least = robot.clearance(&start);
         // This overlap is deeper than any at which a real robot could start.
         if least < -0.05 {
             continue;
@@ -48,7 +45,7 @@ fn recovery_moves_no_joint_outward_and_most_robots_recover() {
                 assert!(out.v[j].abs() <= 0.1, "tick {k}: joint {j} at {}", out.v[j]);
                 moved += (out.q[j] - last[j]).abs();
             }
-            let now = checker.clearance(&out.q);
+            let now = robot.clearance(&out.q);
             assert!(now >= least.min(goal) - 1e-9, "tick {k}: from {least} to {now}");
             (least, last) = (now, out.q);
         }

@@ -2,7 +2,7 @@
 
 use crate::stages::{Stages, Subject};
 use messages::{ALL_JOINTS, JOINTS, TICK_HZ, TICK_S, deadline};
-use rand::{RngExt, SeedableRng};
+use rand::SeedableRng;
 use rand_pcg::Pcg64;
 use rt::Histogram;
 use safety::engage::Permit;
@@ -30,7 +30,7 @@ pub fn run(subject: &Subject, ticks: u64, seed: u64) -> Bench {
     let mut goal = model.home;
     let jumps = measure(subject, ticks, |k| {
         if k.is_multiple_of(JUMP_EVERY) {
-            goal = std::array::from_fn(|j| rng.random_range(model.limits[j].q_min..=model.limits[j].q_max));
+            goal = subject.robot.posture(&mut rng);
         }
         (goal, [0.0; JOINTS])
     });

@@ -1,14 +1,13 @@
 //! One part of an attack: runs the stages, the driver's follower and the simulated robot's checker for some
 //! ticks.
 
-use crate::attack::Attacker;
 use crate::figures::{Figures, KINDS, Place};
 use crate::parallel::derived_seed;
-use crate::rollout::Judge;
-use crate::stages::{Stages, Subject};
+use crate::stages::{Stages, Subject, permit, target};
 use crate::stop_times;
 use control::{Continue, Stream};
 use driver::{Motion, Refusal};
+use judge::Attacker;
 use messages::{Header, JOINTS, JointCommand, Layout, Mode, RobotState, TICK_S, deadline, state_flag};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
@@ -90,7 +89,6 @@ struct Part<'a> {
     subject: &'a Subject,
     stages: Stages<'a>,
     robot: sim::State,
-    judge: Judge<'a>,
     attacker: Attacker<'a>,
     rng: Pcg64,
     stream: Option<Stream>,
@@ -141,8 +139,7 @@ impl<'a> Part<'a> {
             subject,
             stages: Stages::at_rest(subject, q),
             robot,
-            judge: Judge::new(&subject.model, &subject.sim),
-            attacker: Attacker::new(&subject.model, Pcg64::seed_from_u64(derived_seed(seed, 1))),
+            attacker: Attacker::new(&subject.robot, Pcg64::seed_from_u64(derived_seed(seed, 1))),
             rng: Pcg64::seed_from_u64(derived_seed(seed, 2)),
             stream: None,
             echo,
@@ -195,7 +192,7 @@ impl<'a> Part<'a> {
         match (self.latched(), self.recovers) {
             (true, _) => Permit::Stop,
             (false, true) => Permit::Recover,
-            (false, false) => self.attacker.permit,
+            (false, false) => permit(&self.attacker),
         }
     }
 
@@ -236,7 +233,7 @@ impl<'a> Part<'a> {
             self.reset_count += 1;
         }
         let now = deadline(k);
-        let (out, ns) = self.stages.tick(k, now, self.attacker.target(), self.permit());
+        let (out, ns) = self.stages.tick(k, now, target(&self.attacker), self.permit());
         let figures = &mut self.figures;
         let of_attack = &mut figures.attacks[self.attacker.attack as usize];
         figures.tick.record_ns(ns);
@@ -281,7 +278,7 @@ impl<'a> Part<'a> {
 
     fn roll(&mut self, motion: &Motion) {
         let offset = self.rng.random_range(0.0..1.0);
-        let rolled = self.judge.roll(motion, offset);
+        let rolled = judge::roll(&self.subject.robot, &self.subject.sim, wbc::torque::SHARE, motion, offset);
         self.figures.rollouts += 1;
         self.figures.min_clearance_m = self.figures.min_clearance_m.min(rolled.min_clearance_m);
         self.figures.rollout_torque_share = self.figures.rollout_torque_share.max(rolled.torque_share);

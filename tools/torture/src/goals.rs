@@ -4,7 +4,7 @@ use crate::parallel::derived_seed;
 use crate::stages::{Stages, Subject};
 use driver::Motion;
 use messages::{ALL_JOINTS, JOINTS, TICK_HZ, TORSO, deadline};
-use rand::{RngExt, SeedableRng};
+use rand::SeedableRng;
 use rand_pcg::Pcg64;
 use safety::engage::Permit;
 
@@ -46,7 +46,7 @@ pub fn run(subject: &Subject, seed: u64, part: u64, goals: u64) -> Goals {
     let mut stages = Stages::at_rest(subject, model.home);
     let (mut k, mut out) = (TICK_HZ, Goals::default());
     while out.goals < goals {
-        let mut q = std::array::from_fn(|j| rng.random_range(model.limits[j].q_min..=model.limits[j].q_max));
+        let mut q = subject.robot.posture(&mut rng);
         // The lift is too slow to cross its whole range in 8 s. The head does not matter here.
         q[TORSO..3].copy_from_slice(&model.home[TORSO..3]);
         if !wbc::certify_rest(&subject.wbc, &q).0 {

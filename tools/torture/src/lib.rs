@@ -1,11 +1,9 @@
 //! Attacks whole-body control and the gate for many ticks, and judges what the driver executes. The judges
-//! share no arithmetic with these stages. The simulated robot's checker judges every executed step. Stop plans
-//! are rolled out to rest and judged by parry's distances.
+//! share no arithmetic with these stages. The simulated robot's checker judges every executed step. `judge` attacks,
+//! and rolls stop plans out to rest.
 //!
 //! - [`stages`]: the two stages as the daemon runs them, timed.
-//! - [`attack`], [`nearest`]: the attacks.
 //! - [`chunk`]: one run of an attack, with missed ticks, lost commands and a driver that is suspended.
-//! - [`rollout`]: a command's stop plan, played to rest and judged densely.
 //! - [`goals`]: how many random safe postures are reached.
 //! - [`stop_times`]: the longest stop of any state, against its bound.
 //! - [`motions`]: recorded motions through every stage, offline.
@@ -14,7 +12,6 @@
 #![recursion_limit = "256"]
 #![allow(clippy::needless_range_loop, reason = "a joint index runs over several arrays at once")]
 
-pub mod attack;
 pub mod bench;
 pub mod chunk;
 pub mod cli;
@@ -23,9 +20,7 @@ pub mod figures;
 pub mod goals;
 pub mod machine;
 pub mod motions;
-pub mod nearest;
 pub mod parallel;
 pub mod report;
-pub mod rollout;
 pub mod stages;
 pub mod stop_times;

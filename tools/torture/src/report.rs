@@ -1,6 +1,5 @@
 //! Formats the figures as text and as JSON.
 
-use crate::attack::Attack;
 use crate::bench::Bench;
 use crate::cli::AttackArgs;
 use crate::error::TortureError;
@@ -9,6 +8,7 @@ use crate::goals::Goals;
 use crate::machine::Machine;
 use crate::motions::Played;
 use crate::stop_times::{StopTimes, joint_bound_s};
+use judge::Attack;
 use messages::{JOINTS, TICK_HZ};
 use robot::Model;
 use rt::Histogram;

@@ -4,6 +4,7 @@ use crate::error::TortureError;
 use config::{Overrides, RobotInterface};
 use control::{Commanded, Commander};
 use driver::Motion;
+use judge::Attacker;
 use messages::{JOINTS, Stamp};
 use robot::{Model, Payload};
 use safety::engage::Permit;
@@ -16,6 +17,8 @@ use std::time::Instant;
 pub struct Subject {
     /// The robot.
     pub model: Model,
+    /// The robot as its judge knows it.
+    pub robot: judge::Robot,
     /// Configuration of whole-body control.
     pub wbc: wbc::Config,
     /// Configuration of the gate. Without a gate the proposals are sent.
@@ -72,6 +75,7 @@ impl Subject {
             pauses: true,
             sim: sim::Config::new(&model, &exact)
                 .map_err(|error| TortureError::stage(file, "simulated robot", error))?,
+            robot: judge::Robot::of(model.clone()),
             model,
         })
     }
@@ -124,6 +128,17 @@ fn exact_robot(hand_speed_max_m_per_s: f64) -> sim::Options {
 fn gate_of(model: &Model, file: &Path, hand_speed: f64) -> Result<gate::Config, TortureError> {
     let gate = gate::Config::new(model).and_then(|gate| gate.with_hand_speed(hand_speed));
     gate.map_err(|error| TortureError::stage(file, "gate", error))
+}
+
+/// Returns the attacker's target as whole-body control takes it.
+pub fn target<'a>(attacker: &'a Attacker<'_>) -> Option<wbc::Target<'a>> {
+    let Attacker { q, dq, valid_mask, .. } = attacker;
+    valid_mask.map(|valid_mask| wbc::Target { q, dq, ddq: &[0.0; JOINTS], valid_mask })
+}
+
+/// Returns the attacker's permit as engagement gives it.
+pub fn permit(attacker: &Attacker<'_>) -> Permit {
+    attacker.speed_scale.map_or(Permit::Stop, |speed_scale| Permit::Follow { speed_scale })
 }
 
 /// Both stages of one robot.

@@ -1,10 +1,10 @@
 //! The shipped robot withstands a million ticks of attack, and the attacks are shown to be effective.
 
+use judge::Attack;
 use messages::JOINTS;
 use robot::{BoxEntry, Environment};
 use sim::ViolationKind;
 use std::path::{Path, PathBuf};
-use torture::attack::Attack;
 use torture::chunk::{self, PART_TICKS};
 use torture::figures::Figures;
 use torture::goals::{self, Goals};

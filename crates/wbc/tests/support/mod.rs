@@ -1,19 +1,17 @@
-//! An invented two-armed robot, attackers, and a checker that shares no code with the crate.
+//! An invented two-armed robot, and what `judge` needs to attack the stage and to judge it.
 #![allow(dead_code, reason = "each test file uses its own part")]
 #![allow(unreachable_pub, reason = "an example includes this file too")]
 
-pub mod attack;
-pub mod checker;
-
+use driver::Motion;
+use judge::{Attacker, Robot, TreeJoint};
 use messages::JOINTS;
-use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
-use std::path::Path;
-use std::rc::Rc;
+use nalgebra::{Matrix3, Vector3};
+use robot::JointLimits;
 use wbc::chain::{Chain, Link, Placement};
 use wbc::dynamics::Mass;
 use wbc::geometry::BodyCapsule;
 use wbc::interval::Bounds;
-use wbc::{Config, Options, Parts, Tasks};
+use wbc::{Config, Input, Options, Output, Parts, Permit, Planned, Target, Tasks};
 
 /// The robot resembles no product. It has the proportions of a person on a column, and d_min is 10 mm.
 pub const D_MIN_M: f64 = 0.01;
@@ -164,64 +162,41 @@ pub fn config(options: Options) -> Config {
     Config::from_parts(parts(), options).expect("a valid robot")
 }
 
-/// The attacked and judged robot: the invented one, or a model whose own kinematics then judge.
-#[derive(Clone)]
-pub struct Subject {
-    pub limits: [Bounds; JOINTS],
-    pub home: [f64; JOINTS],
-    pub capsules: Vec<BodyCapsule>,
-    pub pairs: Vec<[usize; 2]>,
-    pub d_min_m: f64,
-    model: Option<Rc<robot::Model>>,
+/// The invented robot as its judge knows it.
+pub fn made_up() -> Robot {
+    let tree = joint_rows().map(|(parent, origin, axis, prismatic)| TreeJoint { parent, origin, axis, prismatic });
+    let limits = limits().map(|Bounds { q_min, q_max, v_max, a_max, j_max, .. }| JointLimits {
+        q_min,
+        q_max,
+        v_max,
+        a_max,
+        j_max,
+        effort_max: f64::INFINITY,
+    });
+    let all = capsules();
+    let pairs = pairs(&all);
+    let capsules = all.into_iter().map(|c| (c.body, [c.a, c.b], c.radius_m));
+    Robot::invented(tree, limits, home(), D_MIN_M, capsules, pairs)
 }
 
-impl Subject {
-    pub fn made_up() -> Self {
-        let Parts { limits, home, capsules, pairs, d_min_m, .. } = parts();
-        Self { limits, home, capsules, pairs, d_min_m, model: None }
-    }
+/// The configuration for the invented robot, or for one of a model.
+pub fn config_of(robot: &Robot, options: Options) -> Config {
+    robot.model().map_or_else(|| config(options), |model| Config::new(model, options).expect("a valid robot"))
+}
 
-    pub fn of(model: robot::Model) -> Self {
-        let Parts { limits, home, capsules, pairs, d_min_m, .. } = Parts::of(&model).expect("a valid robot");
-        Self { limits, home, capsules, pairs, d_min_m, model: Some(Rc::new(model)) }
-    }
+/// A motion in the form that `judge` takes.
+pub fn motion(&Planned { q, v, a, plan }: &Planned) -> Motion {
+    Motion { q, v, a, plan }
+}
 
-    /// Loads the robot of a robot file. Its URDF lies beside it.
-    pub fn load(path: &str) -> Self {
-        let read = |path: &Path| std::fs::read_to_string(path).unwrap_or_else(|e| panic!("{}: {e}", path.display()));
-        let toml = read(Path::new(path));
-        let urdf = robot::urdf_file(path, &toml).expect("a robot file");
-        let beside = Path::new(path).with_file_name(&urdf);
-        Self::of(robot::Model::from_text(path, &toml, &urdf, &read(&beside)).expect("a robot"))
-    }
+/// A command in the same form.
+pub fn sent(&Output { q, v, a, plan, .. }: &Output) -> Motion {
+    Motion { q, v, a, plan }
+}
 
-    pub fn config(&self, options: Options) -> Config {
-        match &self.model {
-            Some(model) => Config::new(model, options).expect("a valid robot"),
-            None => config(options),
-        }
-    }
-
-    /// Poses of all bodies in the base frame, by code outside the crate.
-    pub fn bodies(&self, q: &[f64; JOINTS]) -> [Isometry3<f64>; JOINTS + 1] {
-        let mut bodies = [Isometry3::identity(); JOINTS + 1];
-        if let Some(model) = &self.model {
-            let mut frames = robot::Frames::default();
-            model.forward(q, &mut frames);
-            return frames.base_from_body.map(|pose| {
-                let turn = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(pose.r));
-                Isometry3::from_parts(Translation3::from(pose.t), turn)
-            });
-        }
-        for (j, (parent, origin, axis, prismatic)) in joint_rows().into_iter().enumerate() {
-            let (origin, axis) = (Vector3::from(origin), Vector3::from(axis));
-            let own = if prismatic {
-                Isometry3::from_parts(Translation3::from(origin + axis * q[j]), UnitQuaternion::identity())
-            } else {
-                Isometry3::from_parts(Translation3::from(origin), UnitQuaternion::from_scaled_axis(axis * q[j]))
-            };
-            bodies[j + 1] = bodies[parent] * own;
-        }
-        bodies
-    }
+/// The input of tick `k` that the attacker gives.
+pub fn input<'a>(k: u64, attacker: &'a Attacker<'_>) -> Input<'a> {
+    let Attacker { q, dq, valid_mask, speed_scale, .. } = attacker;
+    let target = valid_mask.map(|valid_mask| Target { q, dq, ddq: &[0.0; JOINTS], valid_mask });
+    Input { k, target, permit: speed_scale.map_or(Permit::Stop, |speed_scale| Permit::Follow { speed_scale }) }
 }

@@ -1,11 +1,10 @@
 //! Targets and permits that try to make the robot break a promise.
 
-use crate::nearest::{RANKS, nearest, nearest_obstacle};
+use crate::nearest::RANKS;
+use crate::robot::Robot;
 use messages::{ALL_JOINTS, HEAD, JOINTS, LEFT_ARM, RIGHT_ARM};
 use rand::RngExt;
 use rand_pcg::Pcg64;
-use robot::{Frames, Model};
-use safety::engage::Permit;
 
 /// The attacker's behaviour for some time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -66,8 +65,7 @@ const LOOK_EVERY: u64 = 5;
 
 /// A source of targets and permits.
 pub struct Attacker<'a> {
-    model: &'a Model,
-    frames: Frames,
+    robot: &'a Robot,
     rng: Pcg64,
     /// The current attack.
     pub attack: Attack,
@@ -82,33 +80,27 @@ pub struct Attacker<'a> {
     pub dq: [f64; JOINTS],
     /// Joints that have a target. None means no target at all.
     pub valid_mask: Option<u32>,
-    /// The permit of engagement that the attacker chooses.
-    pub permit: Permit,
+    /// The permitted share of the speed limits. None is a stop.
+    pub speed_scale: Option<f64>,
 }
 
 impl<'a> Attacker<'a> {
-    /// Creates an attacker of `model`. `rng` decides its every choice.
-    pub fn new(model: &'a Model, rng: Pcg64) -> Self {
+    /// Creates an attacker of `robot`. `rng` decides its every choice.
+    pub fn new(robot: &'a Robot, rng: Pcg64) -> Self {
         Self {
-            model,
-            frames: Frames::default(),
+            robot,
             rng,
             attack: Attack::Jump,
             until: 0,
             permit_until: 0,
-            base: model.home,
+            base: robot.home,
             phase: 0.0,
             rank: 0,
-            q: model.home,
+            q: robot.home,
             dq: [0.0; JOINTS],
             valid_mask: Some(ALL_JOINTS),
-            permit: Permit::Follow { speed_scale: 1.0 },
+            speed_scale: Some(1.0),
         }
-    }
-
-    /// Returns the target as whole-body control takes it.
-    pub fn target(&self) -> Option<wbc::Target<'_>> {
-        self.valid_mask.map(|valid_mask| wbc::Target { q: &self.q, dq: &self.dq, ddq: &[0.0; JOINTS], valid_mask })
     }
 
     /// Decides target and permit of tick `k`, given the last command `seen`.
@@ -122,17 +114,13 @@ impl<'a> Attacker<'a> {
         match self.attack {
             Attack::Jump | Attack::Limits | Attack::Mirrored => {}
             Attack::Noise => self.noise(),
-            Attack::Teleport => self.q = self.posture(),
+            Attack::Teleport => self.q = self.robot.posture(&mut self.rng),
             Attack::Gradient if k.is_multiple_of(LOOK_EVERY) => self.downhill(seen),
             Attack::Hug if k.is_multiple_of(LOOK_EVERY) => self.hug(seen),
             Attack::Gradient | Attack::Hug => {}
             Attack::Wave => self.wave(k),
             Attack::Nonsense => self.nonsense(),
         }
-    }
-
-    fn posture(&mut self) -> [f64; JOINTS] {
-        std::array::from_fn(|j| self.rng.random_range(self.model.limits[j].q_min..=self.model.limits[j].q_max))
     }
 
     fn begin(&mut self, k: u64) {
@@ -143,7 +131,7 @@ impl<'a> Attacker<'a> {
             1..6 => Some(self.rng.random_range(0..=ALL_JOINTS)),
             _ => Some(ALL_JOINTS),
         };
-        self.base = self.posture();
+        self.base = self.robot.posture(&mut self.rng);
         self.phase = self.rng.random_range(0.0..std::f64::consts::TAU);
         self.rank = self.rng.random_range(0..RANKS);
         self.q = self.base;
@@ -172,11 +160,11 @@ impl<'a> Attacker<'a> {
         let flutter = self.rng.random_range(0..12) == 0;
         let ticks = if flutter { 1..3 } else { 10..1500 };
         self.permit_until = k + self.rng.random_range(ticks);
-        self.permit = match self.rng.random_range(0..20) {
-            0..2 => Permit::Stop,
-            2..7 => Permit::Follow { speed_scale: self.rng.random_range(0.01..1.0) },
-            7 => Permit::Follow { speed_scale: [0.0, -1.0, f64::NAN, 1e9][self.rng.random_range(0..4)] },
-            _ => Permit::Follow { speed_scale: 1.0 },
+        self.speed_scale = match self.rng.random_range(0..20) {
+            0..2 => None,
+            2..7 => Some(self.rng.random_range(0.01..1.0)),
+            7 => Some([0.0, -1.0, f64::NAN, 1e9][self.rng.random_range(0..4)]),
+            _ => Some(1.0),
         };
         if flutter {
             // Change again soon.
@@ -187,7 +175,7 @@ impl<'a> Attacker<'a> {
     /// Sends one in five joints far beyond a limit.
     fn beyond_some_limits(&mut self) {
         for j in 0..JOINTS {
-            let limits = &self.model.limits[j];
+            let limits = &self.robot.limits[j];
             match self.rng.random_range(0..10) {
                 0 => self.q[j] = limits.q_min - 1.0,
                 1 => self.q[j] = limits.q_max + 1.0,
@@ -198,7 +186,7 @@ impl<'a> Attacker<'a> {
 
     fn limits(&mut self) {
         for j in 0..JOINTS {
-            let limits = &self.model.limits[j];
+            let limits = &self.robot.limits[j];
             let outwards = [0.0, 1e-12, 1e-6, -1e-6, -1e-3, 5.0][self.rng.random_range(0..6)];
             let up = self.rng.random_bool(0.5);
             self.q[j] = if up { limits.q_max + outwards } else { limits.q_min - outwards };
@@ -215,7 +203,7 @@ impl<'a> Attacker<'a> {
         }
         let inwards = self.rng.random_range(0.0..0.6);
         for j in [left, right] {
-            self.q[j] = self.model.limits[j].q_max - inwards;
+            self.q[j] = self.robot.limits[j].q_max - inwards;
         }
     }
 
@@ -252,11 +240,9 @@ impl<'a> Attacker<'a> {
     }
 
     /// Direction in which a near pair's distance falls, as shares of each joint's largest speed.
-    fn downward(&mut self, seen: &[f64; JOINTS]) -> Option<[f64; JOINTS]> {
-        // Sometimes the nearest obstacle instead of the robot itself.
-        let outside = (self.rank == RANKS - 1).then(|| nearest_obstacle(self.model, &mut self.frames, seen)).flatten();
-        let found = outside.or_else(|| nearest(self.model, &mut self.frames, seen, self.rank))?;
-        let weighted: [f64; JOINTS] = std::array::from_fn(|j| -found.gradient[j] * self.model.limits[j].v_max);
+    fn downward(&self, seen: &[f64; JOINTS]) -> Option<[f64; JOINTS]> {
+        let gradient = self.robot.gradient(seen, self.rank)?;
+        let weighted: [f64; JOINTS] = std::array::from_fn(|j| -gradient[j] * self.robot.limits[j].v_max);
         let largest = weighted.iter().fold(0.0_f64, |most, x| most.max(x.abs()));
         (largest > 0.0).then(|| weighted.map(|x| x / largest))
     }
@@ -265,7 +251,7 @@ impl<'a> Attacker<'a> {
         let Some(down) = self.downward(seen) else { return };
         let ahead_s = [0.02, 0.1, 0.5][self.rng.random_range(0..3)];
         for j in 0..JOINTS {
-            let speed = down[j] * self.model.limits[j].v_max;
+            let speed = down[j] * self.robot.limits[j].v_max;
             self.q[j] = seen[j] + ahead_s * speed;
             self.dq[j] = speed;
         }
@@ -284,7 +270,7 @@ impl<'a> Attacker<'a> {
         for j in 0..JOINTS {
             let tangent = along[j] - into * down[j];
             self.q[j] = seen[j] + tangent.clamp(-0.3, 0.3) + 0.02 * down[j];
-            self.dq[j] = lie * down[j] * self.model.limits[j].v_max;
+            self.dq[j] = lie * down[j] * self.robot.limits[j].v_max;
         }
     }
 }
