@@ -2,6 +2,7 @@
 
 use crate::support;
 
+use judge::joint::{Joint, Stop, stop_of};
 use messages::{JOINTS, Stamp, StopPlan};
 use rand::{Rng, RngExt, SeedableRng};
 use rand_pcg::Pcg64;
@@ -11,7 +12,7 @@ use safety::engage::Permit;
 use safety::gate::{Check, Config, ConfigError, Decision, Denial, Proposed, State, Verdict, tick};
 use support::adversary::Adversary;
 use support::model;
-use support::motion::{Joint, NO_PLAN, Stop, T, joint, play, resting, set_joint, stop_from, stop_of, store, wrong};
+use support::motion::{NO_PLAN, T, joint, resting, set_joint, stop_from, store};
 
 /// The robot without collision pairs, for tests of joints only.
 fn without_pairs() -> Model {
@@ -20,7 +21,7 @@ fn without_pairs() -> Model {
     model
 }
 
-fn judge(config: &Config, state: &mut State, proposed: Proposed) -> Decision {
+fn decide(config: &Config, state: &mut State, proposed: Proposed) -> Decision {
     tick(config, state, Stamp(0), proposed)
 }
 
@@ -52,17 +53,18 @@ fn check_of(decision: &Decision) -> Option<Check> {
     }
 }
 
+/// Returns what the judge finds in a tick from `x` to `to`, with the fastest stop after it.
+fn wrong(l: &JointLimits, x: Joint, stop: &Stop, to: Joint, grant: f64) -> Option<&'static str> {
+    let slack = judge::limits::Slack::of(grant);
+    judge::limits::tick(l, x, stop, to, &stop_from(to, l.a_max, l.j_max), slack).map(|breach| breach.what)
+}
+
 /// The largest jerk above an admissible one that the judge still accepts with `grant`, found by halving.
 fn largest(l: &JointLimits, x: Joint, stop: &Stop, inside: f64, outside: f64, grant: f64) -> f64 {
     let (mut low, mut high) = (inside, outside);
     for _ in 0..60 {
         let middle = (low + high) / 2.0;
-        let to = x.after(middle, T);
-        if wrong(l, x, stop, to, &stop_from(to, l.a_max, l.j_max), grant).is_none() {
-            low = middle
-        } else {
-            high = middle
-        }
+        if wrong(l, x, stop, x.after(middle, T), grant).is_none() { low = middle } else { high = middle }
     }
     low
 }
@@ -79,7 +81,7 @@ fn near_a_limit(rng: &mut Pcg64, l: &JointLimits) -> Joint {
     let turning_back = turns && rng.random_bool(0.5);
     let v = if turning_back { -a * T * rng.random::<f64>() } else { (side * fastest - peak).clamp(-l.v_max, l.v_max) };
     let x = Joint { q: 0.0, v, a };
-    let reach = play(x, &stop_from(x, l.a_max, l.j_max), 1e3).q;
+    let reach = x.play(&stop_from(x, l.a_max, l.j_max), 1e3).q;
     let room = (l.q_max - l.q_min) * [1e-11, 1e-7 * rng.random::<f64>(), 0.3][rng.random_range(0..3)];
     let q = if reach >= 0.0 { l.q_max - reach - room } else { l.q_min - reach + room };
     Joint { q, ..x }
@@ -99,29 +101,24 @@ fn f040_f041_gate_accepts_steps_up_to_largest_admissible() {
         let l = &model.limits[j];
         let x = near_a_limit(&mut rng, l);
         let (state, stop) = seeded(&model, j, x);
-        let admits = |jerk: f64| {
-            let to = x.after(jerk, T);
-            wrong(l, x, &stop, to, &stop_from(to, l.a_max, l.j_max), 0.0).is_none()
-        };
+        let admits = |jerk: f64| wrong(l, x, &stop, x.after(jerk, T), 0.0).is_none();
         let Some(inside) = (-8..=8).map(|n| f64::from(n) / 8.0 * l.j_max).find(|&jerk| admits(jerk)) else {
             continue;
         };
         found += 1;
         for outside in [-1.5 * l.j_max, 1.5 * l.j_max] {
             let exact = largest(l, x, &stop, inside, outside, 0.0);
-            let decision = judge(&config, &mut state.clone(), with_jerk(&model, j, x, exact));
+            let decision = decide(&config, &mut state.clone(), with_jerk(&model, j, x, exact));
             assert!(decision.accepted(), "{:?} at {exact} of {l:?} from {x:?}", decision.verdict);
 
             let beyond = largest(l, x, &stop, inside, outside, TWICE_THE_SLACK);
             // The first of ever larger steps that the judge sees. A flat limit needs a larger one in `f64`.
             let seen = (0..9).find_map(|n| {
                 let jerk = beyond + (outside - inside) * 1e-9 * 10_f64.powi(n);
-                let to = x.after(jerk, T);
-                let stop_after = stop_from(to, l.a_max, l.j_max);
-                wrong(l, x, &stop, to, &stop_after, TWICE_THE_SLACK).map(|what| (jerk, what))
+                wrong(l, x, &stop, x.after(jerk, T), TWICE_THE_SLACK).map(|what| (jerk, what))
             });
             let (beyond, what) = seen.expect("just beyond");
-            let decision = judge(&config, &mut state.clone(), with_jerk(&model, j, x, beyond));
+            let decision = decide(&config, &mut state.clone(), with_jerk(&model, j, x, beyond));
             let expected: &[Check] = match what {
                 "jerk" => &[Check::Jerk],
                 "acceleration" => &[Check::Acceleration],
@@ -163,7 +160,7 @@ fn step_off_constant_jerk_beyond_slack_is_denied() {
             let value = if field == 0 { &mut p.q[1] } else { &mut p.v[1] };
             *value += units * unit;
             // The plan of a faster state ends faster by as much. This is below the bound of rest.
-            let decision = judge(&config, &mut state.clone(), p);
+            let decision = decide(&config, &mut state.clone(), p);
             assert_eq!(decision.accepted(), accepted, "{units} {field} {:?}", decision.verdict);
             assert!(accepted || check_of(&decision) == Some(Check::Step));
         }
@@ -180,7 +177,7 @@ fn plan_that_ends_moving_or_late_is_denied() {
     let with = |change: &dyn Fn(&mut StopPlan)| {
         let mut p = with_jerk(&model, j, x, 0.0);
         change(&mut p.plan);
-        judge(&config, &mut state.clone(), p)
+        decide(&config, &mut state.clone(), p)
     };
     assert!(with(&|_| {}).accepted());
     let shorter = |by: f64| move |plan: &mut StopPlan| plan.duration_s[j][2] -= by;
@@ -194,7 +191,7 @@ fn plan_that_ends_moving_or_late_is_denied() {
         let a = x.v / (time / 2.0);
         let jerk = 2.0 * a / time;
         let gentle = [(-jerk, time / 2.0), (jerk, time / 2.0), (0.0, 0.0)];
-        assert!(play(x, &gentle, 1e3).q < l.q_max);
+        assert!(x.play(&gentle, 1e3).q < l.q_max);
         assert_eq!(check_of(&with(&|plan| store(plan, j, &gentle))), check, "{time}");
     }
     let negative = |plan: &mut StopPlan| plan.duration_s[j][1] = -1e-3;
@@ -226,7 +223,7 @@ fn denial_makes_all_joints_play_stored_plan_together() {
         if k == 60 {
             break;
         }
-        assert_eq!(judge(&config, &mut state, next).verdict, Verdict::Accept, "tick {k}");
+        assert_eq!(decide(&config, &mut state, next).verdict, Verdict::Accept, "tick {k}");
         last = next;
     }
     // One joint has NaN. Every joint begins its own stop, and continues it until a good command comes.
@@ -234,19 +231,19 @@ fn denial_makes_all_joints_play_stored_plan_together() {
         let mut bad = last;
         bad.k = 59 + n;
         bad.v[4] = f64::NAN;
-        let decision = judge(&config, &mut state, bad);
+        let decision = decide(&config, &mut state, bad);
         assert_eq!(decision.verdict, Verdict::Deny(Denial::Joint { joint: 4, check: Check::Finite }));
         for j in 0..JOINTS {
-            let expected = play(joint(&last, j), &stop_of(&last.plan, j), n as f64 * T);
+            let expected = joint(&last, j).play(&stop_of(&last.plan, j), n as f64 * T);
             let got = Joint { q: decision.q[j], v: decision.v[j], a: decision.a[j] };
             // The rest of the plan leads to the same posture.
-            let rest = play(got, &stop_of(&decision.plan, j), 1e3).q;
+            let rest = got.play(&stop_of(&decision.plan, j), 1e3).q;
             assert!(
                 (got.q - expected.q).abs() < 1e-11 && (got.v - expected.v).abs() < 1e-10,
                 "{n} {j} {got:?} {expected:?}"
             );
-            assert!((rest - play(expected, &stop_of(&last.plan, j), 0.0).q).abs() < 1.0);
-            assert!((rest - play(joint(&last, j), &stop_of(&last.plan, j), 1e3).q).abs() < 1e-10, "{n} {j}");
+            assert!((rest - expected.play(&stop_of(&last.plan, j), 0.0).q).abs() < 1.0);
+            assert!((rest - joint(&last, j).play(&stop_of(&last.plan, j), 1e3).q).abs() < 1e-10, "{n} {j}");
         }
     }
     assert_eq!(state.denials(), 1499);
@@ -260,12 +257,12 @@ fn new_motion_without_permit_is_denied() {
     let x = Joint { q: 0.1, v: 0.2, a: 0.0 };
     let (state, stop) = seeded(&model, 1, x);
     let new = Proposed { permit: Permit::Stop, ..with_jerk(&model, 1, x, 0.0) };
-    assert_eq!(judge(&config, &mut state.clone(), new).verdict, Verdict::Deny(Denial::Permit));
+    assert_eq!(decide(&config, &mut state.clone(), new).verdict, Verdict::Deny(Denial::Permit));
     let mut along = Proposed { permit: Permit::Stop, ..resting(1, model.home) };
-    set_joint(&mut along, 1, play(x, &stop, T));
+    set_joint(&mut along, 1, x.play(&stop, T));
     store(&mut along.plan, 1, &stop);
     along.plan.duration_s[1][0] -= T;
-    assert_eq!(judge(&config, &mut state.clone(), along).verdict, Verdict::OnPlan);
+    assert_eq!(decide(&config, &mut state.clone(), along).verdict, Verdict::OnPlan);
 }
 
 #[test]
@@ -284,13 +281,13 @@ fn motion_faster_than_permitted_share_is_denied() {
         let x = Joint { q: 0.1, v, a: 0.0 };
         let (mut state, _) = seeded(&model, 1, x);
         let p = Proposed { permit: Permit::Follow { speed_scale: scale }, ..with_jerk(&model, 1, x, l.j_max / 2.0) };
-        let decision = judge(&config, &mut state, p);
+        let decision = decide(&config, &mut state, p);
         assert_eq!(decision.accepted(), accepted, "{scale} {v} {:?}", decision.verdict);
         assert!(accepted || check_of(&decision) == Some(Check::SpeedScale));
         // Slowing down is always allowed.
         let (mut state, _) = seeded(&model, 1, x);
         let p = Proposed { permit: p.permit, ..with_jerk(&model, 1, x, -l.j_max / 2.0) };
-        assert!(judge(&config, &mut state, p).accepted());
+        assert!(decide(&config, &mut state, p).accepted());
     }
 }
 
@@ -299,13 +296,13 @@ fn repeated_skipped_or_old_index_is_denied() {
     let model = without_pairs();
     let config = Config::new(&model).unwrap();
     let mut state = State::at_rest(model.home);
-    assert!(judge(&config, &mut state, resting(100, model.home)).accepted());
+    assert!(decide(&config, &mut state, resting(100, model.home)).accepted());
     for (k, accepted) in [(101, true), (101, false), (100, false), (102, true), (104, false), (105, true), (0, false)] {
-        let decision = judge(&config, &mut state, resting(k, model.home));
+        let decision = decide(&config, &mut state, resting(k, model.home));
         assert_eq!(decision.accepted(), accepted, "{k}");
         assert!(accepted || decision.verdict == Verdict::Deny(Denial::Index));
     }
-    assert!(!judge(&config, &mut state, resting(u64::MAX, model.home)).accepted());
+    assert!(!decide(&config, &mut state, resting(u64::MAX, model.home)).accepted());
 }
 
 #[test]
@@ -320,21 +317,21 @@ fn invalid_seed_denies_until_a_valid_one_comes() {
     moving[3] = 0.1;
     for (v, a) in [(bad, still), (still, bad), (moving, still)] {
         state.reseed(&model.home, &v, &a, &NO_PLAN);
-        let decision = judge(&config, &mut state, resting(1, model.home));
+        let decision = decide(&config, &mut state, resting(1, model.home));
         assert_eq!(decision.verdict, Verdict::Deny(Denial::Seed));
         assert!(decision.q == state.q() && decision.v == still, "stays where it was");
     }
     state.reseed(&model.home, &still, &still, &NO_PLAN);
-    assert!(judge(&config, &mut state, resting(7, model.home)).accepted());
+    assert!(decide(&config, &mut state, resting(7, model.home)).accepted());
     // The robot may be outside its limits. Then it may rest there, but not move.
     let mut outside = model.home;
     outside[1] = model.limits[1].q_max + 0.2;
     state.reseed(&outside, &still, &still, &NO_PLAN);
-    assert_eq!(judge(&config, &mut state, resting(1, outside)).verdict, Verdict::OnPlan);
+    assert_eq!(decide(&config, &mut state, resting(1, outside)).verdict, Verdict::OnPlan);
     let from = Joint { q: outside[1], v: 0.0, a: 0.0 };
     let mut out = with_jerk(&model, 1, from, -10.0);
     out.k = 2;
-    assert_eq!(check_of(&judge(&config, &mut state, out)), Some(Check::Position));
+    assert_eq!(check_of(&decide(&config, &mut state, out)), Some(Check::Position));
 }
 
 /// A clear posture, a direction, and the distance along it at which the clearance falls to `d_min_m`.
@@ -372,7 +369,7 @@ fn f045_self_collision_is_denied_at_command_and_at_rest() {
     let l = &model.limits[j];
     let (v, jerk) = (0.1, 0.0);
     // From (v, 0) the next command is v T further, and the stop takes the rest.
-    let reach = play(Joint { q: 0.0, v, a: 0.0 }, &stop_from(Joint { q: 0.0, v, a: 0.0 }, l.a_max, l.j_max), 1e3).q;
+    let reach = Joint { q: 0.0, v, a: 0.0 }.play(&stop_from(Joint { q: 0.0, v, a: 0.0 }, l.a_max, l.j_max), 1e3).q;
     let stop_reach = v * T + reach;
     let case = |margin_m: f64, at: f64| {
         let mut seed = resting(0, q);
@@ -385,7 +382,7 @@ fn f045_self_collision_is_denied_at_command_and_at_rest() {
         let to = x.after(jerk, T);
         set_joint(&mut next, j, to);
         store(&mut next.plan, j, &stop_from(to, l.a_max, l.j_max));
-        judge(&config, &mut state, next).verdict
+        decide(&config, &mut state, next).verdict
     };
     // The slack is 1 nm. Half of it is allowed, and twice of it is not.
     let (granted, denied) = (-5e-10, -2e-9);
@@ -402,13 +399,13 @@ fn robot_in_self_collision_may_rest_but_not_move() {
     let (mut q, j, to_contact, _) = towards_collision(&model);
     q[j] += to_contact + 0.01;
     let mut state = State::at_rest(q);
-    assert_eq!(judge(&config, &mut state, resting(1, q)).verdict, Verdict::OnPlan);
+    assert_eq!(decide(&config, &mut state, resting(1, q)).verdict, Verdict::OnPlan);
     let x = Joint { q: state.q()[j], v: 0.0, a: 0.0 };
     let mut away = resting(2, state.q());
     let to = x.after(-10.0, T);
     set_joint(&mut away, j, to);
     store(&mut away.plan, j, &stop_from(to, model.limits[j].a_max, model.limits[j].j_max));
-    assert!(matches!(judge(&config, &mut state, away).verdict, Verdict::Deny(Denial::ClearanceAtCommand { .. })));
+    assert!(matches!(decide(&config, &mut state, away).verdict, Verdict::Deny(Denial::ClearanceAtCommand { .. })));
 }
 
 #[test]
@@ -464,7 +461,7 @@ fn random_bits_are_denied_and_robot_rests_at_home() {
         }
         let k = if n % 2 == 0 { n } else { bits().to_bits() };
         let permit = if n % 5 == 0 { Permit::Stop } else { Permit::Follow { speed_scale: bits() } };
-        let sent = judge(&config, &mut state, Proposed { k, permit, q, v, a, plan });
+        let sent = decide(&config, &mut state, Proposed { k, permit, q, v, a, plan });
         assert!(!sent.accepted());
         let at_home = (0..JOINTS).all(|j| (sent.q[j] - model.home[j]).abs() < 1e-12 && sent.v[j] == 0.0);
         assert!(at_home && sent.plan == NO_PLAN, "random bits come to rest nowhere, so no seed was taken");

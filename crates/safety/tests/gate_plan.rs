@@ -2,13 +2,14 @@
 
 use crate::support;
 
+use judge::joint::{Joint, stop_of};
 use messages::{JOINTS, Stamp};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use safety::engage::Permit;
 use safety::gate::{Config, Proposed, State, Verdict, tick};
 use support::model;
-use support::motion::{Joint, T, joint, resting, set_joint, stop_from, stop_of, store};
+use support::motion::{T, joint, resting, set_joint, stop_from, store};
 
 /// Goes one tick along the plan. Durations shrink, phases are used up, and the end is exact rest.
 fn advance(p: &mut Proposed) {

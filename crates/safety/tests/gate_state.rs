@@ -2,12 +2,13 @@
 
 use crate::support;
 
+use judge::joint::{Joint, stop_of};
 use messages::{JOINTS, Stamp};
 use safety::clearance::clearance;
 use safety::engage::Permit;
 use safety::gate::{Check, Config, Denial, Proposed, State, Verdict, tick};
 use support::model;
-use support::motion::{Joint, NO_PLAN, T, joint, play, resting, set_joint, stop_from, stop_of, store};
+use support::motion::{NO_PLAN, T, joint, resting, set_joint, stop_from, store};
 
 /// All joints move, each at its own speed, with the stops from there.
 fn moving(model: &robot::Model, k: u64) -> Proposed {
@@ -71,7 +72,7 @@ fn gate_state_matches_last_sent_command() {
         assert_eq!(decision.verdict, Verdict::Deny(Denial::Joint { joint: 0, check: Check::Finite }));
         assert!(!decision.accepted() && decision.clearance_m.is_nan() && state.denials() == n);
         for j in 0..JOINTS {
-            let expected = play(joint(&next, j), &stop_of(&next.plan, j), n as f64 * T);
+            let expected = joint(&next, j).play(&stop_of(&next.plan, j), n as f64 * T);
             assert!((state.q()[j] - expected.q).abs() < 1e-10 && (state.v()[j] - expected.v).abs() < 1e-10);
             assert_eq!((decision.q[j], decision.v[j], decision.a[j]), (state.q()[j], state.v()[j], state.a()[j]));
         }
@@ -91,7 +92,7 @@ fn late_command_is_denied_and_plan_is_played_on() {
         let decision = tick(&config, &mut state, Stamp(0), Proposed { k: next.k + late, ..next });
         assert_eq!(decision.verdict, Verdict::Deny(Denial::Index));
         for j in 0..JOINTS {
-            let expected = play(joint(&next, j), &stop_of(&next.plan, j), late as f64 * T);
+            let expected = joint(&next, j).play(&stop_of(&next.plan, j), late as f64 * T);
             assert!((decision.q[j] - expected.q).abs() < 1e-9 && (decision.v[j] - expected.v).abs() < 1e-9, "{late}");
         }
         // An index that has passed plays the plan neither forward nor back.
@@ -160,7 +161,7 @@ fn recovery(model: &robot::Model, q: [f64; JOINTS], j: usize, jerk: f64) -> (Pro
     let stop = stop_from(to, model.limits[j].a_max, model.limits[j].j_max);
     set_joint(&mut next, j, to);
     store(&mut next.plan, j, &stop);
-    rest[j] = play(to, &stop, 1e3).q;
+    rest[j] = to.play(&stop, 1e3).q;
     (next, rest)
 }
 

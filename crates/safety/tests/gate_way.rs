@@ -2,6 +2,7 @@
 
 use crate::support;
 
+use judge::joint::{Joint, stop_of};
 use messages::{JOINTS, Stamp};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
@@ -9,7 +10,7 @@ use robot::{Frames, Model, Obstacle, Solid};
 use safety::clearance::clearance;
 use safety::gate::{Config, Denial, Interface, Proposed, State, Verdict, tick};
 use support::model;
-use support::motion::{Joint, T, joint, play, resting, set_joint, stop_from, stop_of, store};
+use support::motion::{T, joint, resting, set_joint, stop_from, store};
 
 /// A random posture from which all joints continue at 0.9 of their speeds. Returns the state before it and
 /// the proposal for the tick.
@@ -30,7 +31,7 @@ fn fast(model: &Model, rng: &mut Pcg64) -> (Proposed, Proposed) {
 
 /// The posture at time `t` after a proposal.
 fn later(proposed: &Proposed, t: f64) -> [f64; JOINTS] {
-    std::array::from_fn(|j| play(joint(proposed, j), &stop_of(&proposed.plan, j), t).q)
+    std::array::from_fn(|j| joint(proposed, j).play(&stop_of(&proposed.plan, j), t).q)
 }
 
 fn verdict(config: &Config, before: &Proposed, next: &Proposed) -> Verdict {

@@ -2,13 +2,14 @@
 
 use crate::support;
 
+use judge::joint::Joint;
 use messages::{JOINTS, Stamp};
 use robot::{Frames, Model};
 use safety::engage::Permit;
 use safety::gate::{Check, Config, Denial, Proposed, State, Verdict, tick};
 use safety::monitor;
 use support::model;
-use support::motion::{Joint, NO_PLAN, T, resting, set_joint, stop_from, store};
+use support::motion::{NO_PLAN, T, resting, set_joint, stop_from, store};
 
 const J: usize = 6;
 const JERK: f64 = 50.0;

@@ -1,14 +1,20 @@
 //! An attacker that tries to make the gate send commands which break a limit, and a judge of everything that
 //! it sends.
 
+use judge::Robot;
+use judge::joint::{Joint, rest_of, stop_of};
+use judge::limits::{Breach, Slack};
 use messages::{JOINTS, Stamp, StopPlan};
 use rand::{Rng, RngExt, SeedableRng};
 use rand_pcg::Pcg64;
-use robot::{Frames, Model, Pose};
+use robot::Model;
 use safety::engage::Permit;
 use safety::gate::{Config, Decision, Denial, Proposed, State, Verdict, tick};
 
-use super::motion::{GRANTED, Joint, Stop, T, joint, play, set_joint, stop_from, stop_of, store, wrong};
+use super::motion::{T, joint, set_joint, stop_from, store};
+
+/// Slack of the judge for rounding, SI. It is above the gate's own slack of 5.8e-11 and far below any motion.
+const GRANTED: f64 = 1e-9;
 
 /// Result of an attack.
 #[derive(Clone, Debug, Default)]
@@ -46,7 +52,7 @@ impl Report {
 
 pub struct Adversary {
     rng: Pcg64,
-    model: Model,
+    robot: Robot,
     config: Config,
     state: State,
     k: u64,
@@ -59,7 +65,7 @@ impl Adversary {
     pub fn new(model: &Model, seed: u64) -> Self {
         Self {
             rng: Pcg64::seed_from_u64(seed),
-            model: model.clone(),
+            robot: Robot::of(model.clone()),
             config: Config::new(model).expect("the robot's limits are allowed"),
             state: State::at_rest(model.home),
             k: 10,
@@ -78,20 +84,20 @@ impl Adversary {
     fn at_the_edge(&mut self, last: &Proposed) -> Proposed {
         let mut next = Proposed { k: self.k + 1, ..*last };
         for j in 0..JOINTS {
-            let (x, before, l) = (joint(last, j), stop_of(&last.plan, j), self.model.limits[j]);
+            let (x, before, l) = (joint(last, j), stop_of(&last.plan, j), self.robot.limits[j]);
             // The direction changes every second or so. This is long enough to reach any place in the range,
             // and its edge.
             if self.rng.random_bool(0.001) {
                 self.push[j] = [-1.0, 1.0, -0.3, 0.3, 0.0][self.rng.random_range(0..5)];
             }
-            let (on_plan, rest) = (play(x, &before, T), after(&before, T));
+            let (on_plan, rest) = (x.play(&before, T), rest_of(&before, T));
             let (mut chosen, mut stop) = (on_plan, rest);
             let wish = self.push[j] * l.j_max;
             // Tries the wish, then a part of it, then no jerk, then the opposite.
             for jerk in [wish, wish * self.rng.random_range(0.0..1.0), 0.0, -wish] {
                 let to = x.after(jerk, T);
                 let brake = stop_from(to, l.a_max, l.j_max);
-                if wrong(&l, x, &before, to, &brake, 0.0).is_none() {
+                if judge::limits::tick(&l, x, &before, to, &brake, Slack::of(0.0)).is_none() {
                     (chosen, stop) = (to, brake);
                     break;
                 }
@@ -105,7 +111,7 @@ impl Adversary {
     /// Damages a proposal in one of many ways.
     fn damage(&mut self, p: &mut Proposed) {
         let j = self.rng.random_range(0..JOINTS);
-        let l = self.model.limits[j];
+        let l = self.robot.limits[j];
         let size = 10_f64.powf(self.rng.random_range(-10.0..2.0)) * if self.rng.random_bool(0.5) { 1.0 } else { -1.0 };
         let bits = f64::from_bits(self.rng.next_u64());
         let phase = self.rng.random_range(0..3);
@@ -167,10 +173,12 @@ impl Adversary {
     }
 
     fn is_wrong(&self, last: &Proposed, p: &Proposed) -> bool {
-        (0..JOINTS).any(|j| {
-            let (x, stop) = (joint(last, j), stop_of(&last.plan, j));
-            wrong(&self.model.limits[j], x, &stop, joint(p, j), &stop_of(&p.plan, j), GRANTED).is_some()
-        })
+        (0..JOINTS).any(|j| self.broken(j, last, joint(p, j), &p.plan).is_some())
+    }
+
+    fn broken(&self, j: usize, last: &Proposed, next: Joint, plan: &StopPlan) -> Option<Breach> {
+        let (limits, before) = (&self.robot.limits[j], stop_of(&last.plan, j));
+        judge::limits::tick(limits, joint(last, j), &before, next, &stop_of(plan, j), Slack::of(GRANTED))
     }
 
     /// All joints must do the same. Either all follow the proposal, or all play the rest of the stored plan
@@ -182,12 +190,12 @@ impl Adversary {
             let (expected, plan) = if sent.accepted() {
                 // A joint without a remaining stop is at rest by definition.
                 let stop = stop_of(&proposed.plan, j);
-                (play(joint(proposed, j), &stop, 0.0), stop)
+                (joint(proposed, j).play(&stop, 0.0), stop)
             } else {
                 let stop = stop_of(&last.plan, j);
-                (play(joint(last, j), &stop, passed), after(&stop, passed))
+                (joint(last, j).play(&stop, passed), rest_of(&stop, passed))
             };
-            let rest = play(got, &stop_of(&sent.plan, j), 1e3).q - play(expected, &plan, 1e3).q;
+            let rest = got.play(&stop_of(&sent.plan, j), 1e3).q - expected.play(&plan, 1e3).q;
             // NaN counts as not near.
             let near = [got.q - expected.q, got.v - expected.v, got.a - expected.a, rest];
             if !near.iter().all(|difference| difference.abs() <= GRANTED) {
@@ -201,32 +209,18 @@ impl Adversary {
         let mut rest = [0.0; JOINTS];
         for (j, rest) in rest.iter_mut().enumerate() {
             let next = Joint { q: sent.q[j], v: sent.v[j], a: sent.a[j] };
-            let stop = stop_of(&sent.plan, j);
-            *rest = play(next, &stop, 1e3).q;
-            let what = wrong(&self.model.limits[j], joint(last, j), &stop_of(&last.plan, j), next, &stop, GRANTED);
-            if let Some(what) = what {
+            *rest = next.play(&stop_of(&sent.plan, j), 1e3).q;
+            if let Some(Breach { what, .. }) = self.broken(j, last, next, &sent.plan) {
                 self.report.violations.push(format!("tick {} joint {j}: {what}: {last:?} {sent:?}", self.report.ticks));
             }
         }
         if sent.verdict == Verdict::Accept {
-            let mut frames = Frames { base_from_body: [Pose::identity(); JOINTS + 1] };
             for q in [&sent.q, &rest] {
-                self.model.forward(q, &mut frames);
-                let (clearance, _) = self.model.clearance(&frames);
-                if clearance < self.model.d_min_m - 1e-8 {
+                let clearance = self.robot.clearance(q);
+                if clearance < self.robot.d_min_m - 1e-8 {
                     self.report.violations.push(format!("tick {}: clearance {clearance}", self.report.ticks));
                 }
             }
         }
     }
-}
-
-/// The rest of a stop after `t`.
-fn after(stop: &Stop, t: f64) -> Stop {
-    let mut left = t;
-    stop.map(|(jerk, duration)| {
-        let t = left.min(duration);
-        left -= t;
-        (jerk, duration - t)
-    })
 }
