@@ -1,8 +1,6 @@
 //! Everything that is generated from the sources: the shipped settings, and the book's tables of settings and hazards.
 //! With `TELEOPD_WRITE_DOCS=1` the tests write them. Otherwise they compare.
 
-mod rig;
-
 use config::{Reference, Settings};
 use hazards::{Answer, GROUPS};
 use schema::Key;
@@ -102,7 +100,7 @@ fn hazards_table() -> String {
 /// Compares a page with the one on disk, or writes it.
 fn compare(file: &str, before: &str, page: String) {
     if std::env::var_os("TELEOPD_WRITE_DOCS").is_some() {
-        return std::fs::write(rig::repository().join(file), page).expect("it is written");
+        return std::fs::write(harness::repository().join(file), page).expect("it is written");
     }
     let again = "TELEOPD_WRITE_DOCS=1 cargo test --release --test book";
     assert!(before == page, "{file} does not say what the sources say; {again} writes it");

@@ -1,11 +1,9 @@
 //! Tests `teleopctl calibrate` on a real instance. It measures an operator, and the next session uses the result.
 
-mod rig;
-
 use client::{Port, Transport};
+use harness::{Rig, SOON};
 use messages::{CalibrationSource, HingeCalibration, Layout, RawSkeleton, raw_flag};
 use nalgebra::{UnitQuaternion, Vector3};
-use rig::{Rig, SOON};
 use std::process::{Command, Stdio};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};

@@ -1,9 +1,7 @@
 //! Tests `teleopd doctor` on machines and instances that are really broken.
 
-mod rig;
-
+use harness::Rig;
 use instance::Instance;
-use rig::Rig;
 use serde_json::Value;
 use std::collections::BTreeSet;
 use std::os::unix::fs::{MetadataExt, PermissionsExt};

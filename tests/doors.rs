@@ -1,16 +1,12 @@
 //! Tests access to the sockets and shared memory, and the lease, with real processes and other users of the
 //! machine.
 
-mod rig;
-
 use client::{ClientError, PlayOptions, Player, Publisher, Transport};
 use doors::{Client, DoorError, Hello, Reply};
 use harness::user::{User, can_be_another};
 use harness::{OperatorSession, Rig, assert_no_violations, modes};
 use messages::{Fault, Mode, RawSkeleton};
 use motion::CalibrationMode;
-use rig::user::{User, can_be_another};
-use rig::{OperatorSession, Rig, assert_no_violations, modes};
 use rustix::net::{RecvFlags, SendFlags};
 use std::io::ErrorKind;
 use std::os::unix::fs::{FileTypeExt, PermissionsExt, symlink};

@@ -37,7 +37,7 @@ fn input_segments(rig: &Rig) -> Vec<File> {
 
 /// Starts a rig that is engaged and moves for a client of the socket. Damage to shared memory then affects only
 /// `ingest`.
-fn moving() -> (Rig, harness::OperatorSession, harness::StateObserver, pipeline::Publisher) {
+fn moving() -> (Rig, harness::OperatorSession, harness::StateObserver, client::Publisher) {
     let rig = Rig::whole();
     let (hand, mut eyes) = (rig.hand(), rig.eyes());
     let client = rig.socket_client(&motion::builtin()).expect("the door is open");
@@ -147,8 +147,7 @@ fn f109_false_but_valid_skeletons_keep_robot_within_its_limits() {
     let hand = rig.hand();
     let core = Domain::open(rig.instance.core_domain(), "ingest").expect("as ingest would");
     let mut writer = core.writer::<Skeleton>(Service::Skeleton).expect("ingest does not run");
-    let loaded =
-        pipeline::load(&harness::config(), pipeline::Overrides { engage_without_realtime: true, interface: None });
+    let loaded = config::load(&harness::config(), config::Overrides { engage_without_realtime: true, interface: None });
     let config_hash = loaded.expect("settings").hash;
     let mut random = rand_pcg::Pcg64::seed_from_u64(109);
     let mut skeleton = Skeleton::ZERO;

@@ -163,7 +163,7 @@ impl Children {
                     Some(69) => Exit::Unavailable,
                     _ => Exit::Software,
                 };
-                return Err(Failure::new(exit, unready(ended, status, place)));
+                return Err(Failure::new(exit, unready(ended, status, &self.place)));
             }
         }
         Err(Failure::new(Exit::Unavailable, format!("{name} was not ready within {} s", READY_WITHIN.as_secs())))

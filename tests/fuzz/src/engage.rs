@@ -7,28 +7,14 @@ use safety::engage::{Config, Input, OperatorView, Output, Permit, RobotView, Set
 /// Number of ticks of one input.
 const TICKS_MAX: usize = 512;
 
-/// Returns the shipped settings, but with the shortest allowed time for a released enable.
+/// Returns the shipped settings, with the tracking error of soft drives.
 fn config() -> Config {
     let settings = Settings {
-        target_stale_ms: 10.0,
-        target_late_ms: 2.0,
-        state_late_ms: 5.0,
-        state_stale_ms: 20.0,
-        input_late_ms: 50.0,
-        input_stale_ms: 100.0,
-        operator_silent_ms: 200.0,
-        enable_released_ms: 200.0,
-        hold_timeout_ms: 5000.0,
         tracking_error_rad: 0.05,
         tracking_error_now_rad: 0.15,
         tracking_error_m: 0.01,
         tracking_error_now_m: 0.03,
-        tracking_error_ms: 100.0,
-        target_jump_slow_ms: 250.0,
-        target_jump_hold_ms: 1000.0,
-        deadlines_missed_slow: 3,
-        deadlines_missed_max: 10,
-        deadlines_late_per_s_max: 10,
+        ..Settings::default()
     };
     Config::new(&settings).expect("the shipped figures")
 }

@@ -2,8 +2,8 @@
 
 use crate::SOON;
 use bus::{Domain, Reader};
+use instance::Instance;
 use messages::{RobotState, Service};
-use pipeline::Instance;
 use std::time::{Duration, Instant};
 
 /// Observes the driver's executed states.

@@ -115,7 +115,7 @@ impl Operator {
         let mode = self.mode().map_or("unknown", Mode::name);
         let faults = Faults(status.map_or(0, |status| status.faults));
         let faults: Vec<_> = faults.iter().map(|fault| fault.row().name).collect();
-        let passed = status.iter().flat_map(|status| pipeline::newest_transitions(status, u32::MAX));
+        let passed = status.iter().flat_map(|status| explain::newest_transitions(status, u32::MAX));
         let passed: Vec<_> = passed.map(Transition::why_name).collect();
         format!("{mode} {}, after {}", faults.join(" "), passed.join(", "))
     }

@@ -3,9 +3,9 @@
 use crate::operator::Operator;
 use crate::running::{Harness, publisher};
 use crate::{SOON, StateObserver, config};
+use client::{ClientError, Publisher, Transport};
 use messages::{Fault, Mode, Status};
 use motion::Motion;
-use pipeline::{ClientError, Publisher, Transport};
 use serde_json::Value;
 use std::path::PathBuf;
 use std::process::{Child, Command, ExitStatus, Output};

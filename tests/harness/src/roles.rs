@@ -3,7 +3,8 @@
 
 use crate::running::publisher;
 use crate::{Operator, SOON};
-use pipeline::{Instance, Transport};
+use client::Transport;
+use instance::Instance;
 use rt::{Exit, Failure};
 use std::path::Path;
 use std::process::{Child, Command, ExitCode, Stdio};

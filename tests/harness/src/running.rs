@@ -2,8 +2,9 @@
 
 use crate::operator::Operator;
 use crate::{settings, unwritable};
+use client::{ClientError, PlayOptions, Player, Publisher, Transport};
+use instance::Instance;
 use motion::{CalibrationMode, Motion};
-use pipeline::{ClientError, Instance, PlayOptions, Player, Publisher, Transport};
 use rt::{Exit, Failure};
 use serde_json::{Map, Value};
 use std::path::{Path, PathBuf};

@@ -4,7 +4,7 @@ use crate::injection::{Kind, Target};
 use crate::monitor::{Monitor, Seen};
 use crate::rig::Rig;
 use crate::trial::Outcome;
-use pipeline::SafetySettings;
+use config::SafetySettings;
 use serde_json::{Map, Value, json};
 use sim::ViolationKind;
 use std::collections::BTreeMap;

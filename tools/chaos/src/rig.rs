@@ -2,11 +2,11 @@
 //! hit.
 
 use crate::injection::Target;
-use client::{PlayOptions, Player, Publisher};
-use instance::Instance;
-use messages::{Mode, Status, Transition};
-use motion::CalibrationMode;
-use operator::OperatorSession;
+use crate::monitor::Monitor;
+use config::Settings;
+use harness::{Harness, Operator, roles};
+use messages::Mode;
+use rt::{Exit, Failure};
 use serde_json::{Map, Value};
 use std::path::Path;
 use std::process::Child;
@@ -36,8 +36,8 @@ impl Rig {
     pub fn watched(config: &Path) -> Result<(Self, Monitor, Settings), Failure> {
         let rig = Self::start(config)?;
         let place = &rig.harness.place;
-        let loaded = pipeline::load(&place.config, place.overrides()).map_err(Failure::with(Exit::Config))?;
-        let limits = pipeline::sim_config(&loaded, true).map_err(Failure::with(Exit::Config))?;
+        let loaded = config::load(&place.config, place.overrides()).map_err(Failure::with(Exit::Config))?;
+        let limits = world::sim_config(&loaded, true).map_err(Failure::with(Exit::Config))?;
         let monitor = Monitor::start(rig.harness.instance.core_domain(), limits, loaded.model.prismatic);
         Ok((rig, monitor.map_err(Failure::with(Exit::Unavailable))?, loaded.settings))
     }

@@ -1,12 +1,12 @@
 //! Runs the real processes for hours, engaged and following, with a fault once a minute. Watches everything
 //! that may grow: memory, file descriptors, threads, segments. A stop that no fault explains is a false stop.
 
-use crate::error::LatencyError;
-use chaos::error::ChaosError;
-use chaos::injection::{Injection, Target};
-use chaos::monitor::Monitor;
-use chaos::rig::Rig;
-use chaos::trial;
+use crate::cli::SoakArgs;
+use crate::figures::Figures;
+use crate::injection::{Injection, Target};
+use crate::monitor::Monitor;
+use crate::rig::Rig;
+use crate::trial::{self, Outcome};
 use config::Settings;
 use messages::{Mode, Status};
 use rand::SeedableRng;

@@ -5,6 +5,7 @@ use crate::monitor::Monitor;
 use crate::rig::Rig;
 use config::{SafetySettings, Settings};
 use messages::{Mode, TICK_HZ, state_flag, tick_at};
+use rt::{Exit, Failure};
 use std::time::{Duration, Instant};
 
 /// Longest wait for a rest that must come. Only a robot that does not stop takes nearly as long.

@@ -1,8 +1,9 @@
 //! Runs a page and a recorder beside a running instance, as `demo --view --record` does. The page is read as a
 //! browser reads it, but never drawn.
 
-use crate::error::LatencyError;
+use crate::error::invalid;
 use instance::Instance;
+use rt::Failure;
 use std::io::{BufRead, BufReader};
 use std::net::TcpStream;
 use std::process::{Child, ChildStdout, Command, Stdio};

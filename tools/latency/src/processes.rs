@@ -4,11 +4,10 @@ use crate::blocks::{Block, Kind};
 use crate::client::Client;
 use crate::error::invalid;
 use crate::observers::Observers;
-use crate::settings::{self, Changes};
-use instance::Instance;
-use messages::{Faults, Mode};
-use operator::OperatorSession;
-use rt::{Realtime, Shutdown};
+use crate::settings::Changes;
+use harness::{Harness, Look, Operator};
+use messages::Mode;
+use rt::{Exit, Failure, Realtime, Shutdown};
 use serde_json::Value;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
@@ -71,7 +70,7 @@ pub fn run(setup: &Setup, block: Block, shutdown: &Shutdown) -> Result<Outcome, 
     let place = harness.place.clone();
     let watched = block.kind == Kind::ObserverCost;
     let onlookers = watched.then(|| Observers::start(&harness.instance, &place)).transpose()?;
-    let loaded = pipeline::load(&place.config, place.overrides()).map_err(Failure::with(Exit::Config))?;
+    let loaded = config::load(&place.config, place.overrides()).map_err(Failure::with(Exit::Config))?;
     // Client and operator represent other programs. They stay on the cores of `ingest`, away from the measured
     // core.
     let others = teleopd::placement(&loaded.settings.realtime).others;

@@ -12,7 +12,7 @@ use crate::processes::{self, Outcome, Setup};
 use crate::reference::{self, Spec};
 use crate::settings::Changes;
 use config::Overrides;
-use rt::Shutdown;
+use rt::{Exit, Failure, Shutdown};
 
 /// Runs every block and merges the results.
 ///
@@ -89,9 +89,9 @@ fn unless_ended<T>(result: Result<T, Failure>, shutdown: &Shutdown) -> Result<T,
 /// Specification of the references. It requests the same properties as retarget. The cores are known after the
 /// first block.
 fn spec(options: &Cli) -> Result<Spec, Failure> {
-    let settings = pipeline::load(&options.config, Overrides::default());
+    let settings = config::load(&options.config, Overrides::default());
     let settings = settings.map_err(Failure::with(Exit::Config))?.settings.realtime;
-    let of_file = if settings.policy == pipeline::Policy::Fifo { Policy::Fifo } else { Policy::Other };
+    let of_file = if settings.policy == config::Policy::Fifo { Policy::Fifo } else { Policy::Other };
     Ok(Spec {
         policy: options.policy.unwrap_or(of_file),
         priority: settings.priority_retarget as u8,

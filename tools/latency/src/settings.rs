@@ -45,16 +45,16 @@ mod tests {
     use super::*;
     use config::Overrides;
 
-    fn loaded(changes: &Changes, kind: Kind) -> pipeline::Settings {
+    fn loaded(changes: &Changes, kind: Kind) -> config::Settings {
         let folder = tempfile::tempdir().unwrap();
         let copy = folder.path().join("teleop.toml");
         harness::write_settings(&harness::config(), &changes.toml(kind), &copy).expect("the settings of this tree");
-        pipeline::load(&copy, Overrides::default()).expect("the copy is a settings file").settings
+        config::load(&copy, Overrides::default()).expect("the copy is a settings file").settings
     }
 
     #[test]
     fn settings_copy_differs_only_as_its_block_needs() {
-        let original = pipeline::load(&harness::config(), Overrides::default()).unwrap().settings;
+        let original = config::load(&harness::config(), Overrides::default()).unwrap().settings;
         let mut events = loaded(&Changes::default(), Kind::Events);
         events.robot = original.robot.clone();
         events.weights = original.weights.clone();
