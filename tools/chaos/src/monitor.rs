@@ -4,7 +4,7 @@
 
 use bus::{Domain, DomainConfig};
 use driver::Setpoint;
-use messages::{JOINTS, Mode, RobotMeasured, RobotState, Service};
+use messages::{Mode, RobotMeasured, RobotState, Service};
 use sim::{Checker, Config, Report, ViolationKind};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard};
@@ -61,12 +61,11 @@ pub struct Monitor {
 }
 
 impl Monitor {
-    /// Begins to watch the driver of `domain`. `config` has the limits, and `prismatic` marks the prismatic
-    /// joints.
+    /// Begins to watch the driver of `domain`. `config` has the limits.
     ///
     /// # Errors
     /// Returns an error if the shared memory cannot be opened.
-    pub fn start(domain: DomainConfig, config: Config, prismatic: [bool; JOINTS]) -> Result<Self, bus::BusError> {
+    pub fn start(domain: DomainConfig, config: Config) -> Result<Self, bus::BusError> {
         let (seen, end) = (Arc::new(Mutex::new(Seen::default())), Arc::new(AtomicBool::new(false)));
         let (shared, ended) = (Arc::clone(&seen), Arc::clone(&end));
         let (opened, outcome) = std::sync::mpsc::channel();
@@ -81,7 +80,7 @@ impl Monitor {
                 Err(error) => return drop(opened.send(Err(error))),
             };
             let _ = opened.send(Ok(()));
-            let report = Report::new(prismatic);
+            let report = Report::default();
             let mut judge = Judge { config, checker: None, report };
             while !ended.load(Ordering::Relaxed) {
                 if let Some(state) = states.latest() {

@@ -38,7 +38,7 @@ impl Rig {
         let place = &rig.harness.place;
         let loaded = config::load(&place.config, place.overrides()).map_err(Failure::with(Exit::Config))?;
         let limits = world::sim_config(&loaded, true).map_err(Failure::with(Exit::Config))?;
-        let monitor = Monitor::start(rig.harness.instance.core_domain(), limits, loaded.model.prismatic);
+        let monitor = Monitor::start(rig.harness.instance.core_domain(), limits);
         Ok((rig, monitor.map_err(Failure::with(Exit::Unavailable))?, loaded.settings))
     }
 

@@ -1,10 +1,10 @@
 //! Duration of the control tick (whole-body control and the gate) under two kinds of targets.
 
+use crate::figures::Durations;
 use crate::stages::{Stages, Subject};
 use messages::{ALL_JOINTS, JOINTS, TICK_HZ, TICK_S, deadline};
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
-use rt::Histogram;
 use safety::engage::Permit;
 
 /// Amplitude of the smooth motion, rad. The lift moves a hundredth of it, m.
@@ -18,9 +18,9 @@ const WARM: u64 = 2000;
 #[derive(Clone, Debug)]
 pub struct Bench {
     /// Sines about the home posture, far from collisions. Most of a session is like this.
-    pub smooth: Histogram,
+    pub smooth: Durations,
     /// A random posture every second, most of them in collision.
-    pub jumps: Histogram,
+    pub jumps: Durations,
 }
 
 /// Measures `ticks` ticks of each kind.
@@ -45,9 +45,9 @@ fn wave(home: &[f64; JOINTS], t: f64) -> ([f64; JOINTS], [f64; JOINTS]) {
     (q, std::array::from_fn(|j| size(j) * w(j) * (w(j) * t).cos()))
 }
 
-fn measure(subject: &Subject, ticks: u64, mut target: impl FnMut(u64) -> ([f64; JOINTS], [f64; JOINTS])) -> Histogram {
+fn measure(subject: &Subject, ticks: u64, mut target: impl FnMut(u64) -> ([f64; JOINTS], [f64; JOINTS])) -> Durations {
     let mut stages = Stages::at_rest(subject, subject.model.home);
-    let mut durations = Histogram::new();
+    let mut durations = Durations::default();
     for k in 1..=ticks + WARM {
         let (q, dq) = target(k);
         let target = wbc::Target { q: &q, dq: &dq, ddq: &[0.0; JOINTS], valid_mask: ALL_JOINTS };

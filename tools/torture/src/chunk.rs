@@ -1,7 +1,7 @@
 //! One part of an attack: runs the stages, the driver's follower and the simulated robot's checker for some
 //! ticks.
 
-use crate::figures::{Figures, KINDS, Place};
+use crate::figures::{Figures, Least, Merge, Most, Place};
 use crate::parallel::derived_seed;
 use crate::stages::{Stages, Subject, permit, target};
 use crate::stop_times;
@@ -36,11 +36,7 @@ const NEAR_M: f64 = 1e-3;
 fn reason(denial: &Denial) -> String {
     match denial {
         Denial::Joint { check, .. } => format!("{check:?}"),
-        Denial::ClearanceAtCommand { .. } => "ClearanceAtCommand".into(),
-        Denial::ClearanceAtRest { .. } => "ClearanceAtRest".into(),
-        Denial::ClearanceOnTheWay { .. } => "ClearanceOnTheWay".into(),
-        Denial::HandSpeed { .. } => "HandSpeed".into(),
-        other => format!("{other:?}"),
+        other => format!("{other:?}").split([' ', '(']).take(1).collect(),
     }
 }
 
@@ -113,16 +109,15 @@ pub fn run(subject: &Subject, seed: u64, part: u64, ticks: u64) -> Figures {
     }
     let mut figures = run.figures;
     let report = run.robot.report();
-    for kind in ViolationKind::ALL {
-        figures.violations[kind as usize] = report.violations_of(kind) + figures.rollout_violations[kind as usize];
-    }
-    figures.min_clearance_m = figures.min_clearance_m.min(report.min_proved_clearance_m());
-    figures.min_unproved_clearance_m = report.min_clearance_m();
-    figures.torque_share_max = report.largest_torque_share().0;
+    figures.violations = ViolationKind::ALL.map(|kind| report.violations_of(kind));
+    figures.violations.merge(figures.rollout_violations);
+    figures.min_clearance_m.merge(Least(report.min_proved_clearance_m()));
+    figures.min_unproved_clearance_m = Least(report.min_clearance_m());
+    figures.torque_share_max = Most(report.largest_torque_share().0);
     let judged = run.robot.judged();
     figures.true_violations = judged.counts;
-    figures.true_speed_ratio_max = judged.speed_ratio_max.into_iter().fold(0.0, f64::max);
-    figures.true_clearance_min_m = judged.clearance_min_m;
+    figures.true_speed_ratio_max = Most(judged.speed_ratio_max.into_iter().fold(0.0, f64::max));
+    figures.true_clearance_min_m = Least(judged.clearance_min_m);
     figures.first_true = judged.first.map(|first| (first, part));
     figures.first = report.first_violation().map(|violation| Place { violation: *violation, part, seed });
     figures
@@ -155,7 +150,7 @@ impl<'a> Part<'a> {
     }
 
     fn tick(&mut self, k: u64) {
-        let before = self.robot.report().violations_total() + self.figures.rollout_violations.iter().sum::<u64>();
+        let before = self.violations();
         let v_before = self.robot.follower().motion.v;
         self.attacker.next(k, &self.last_q);
         if self.disturbance == Disturbance::default() {
@@ -175,11 +170,15 @@ impl<'a> Part<'a> {
         self.disturbance.control_ticks = self.disturbance.control_ticks.saturating_sub(1);
         self.disturbance.driver_ticks = self.disturbance.driver_ticks.saturating_sub(1);
         self.watch(k, asleep, &v_before);
-        let after = self.robot.report().violations_total() + self.figures.rollout_violations.iter().sum::<u64>();
+        let after = self.violations();
         let of_attack = &mut self.figures.attacks[self.attacker.attack as usize];
         of_attack.ticks += 1;
         of_attack.violations += after - before;
         self.figures.ticks += 1;
+    }
+
+    fn violations(&self) -> u64 {
+        self.robot.report().violations_total() + self.figures.rollout_violations.iter().sum::<u64>()
     }
 
     fn latched(&self) -> bool {
@@ -245,13 +244,12 @@ impl<'a> Part<'a> {
         if let Some(denial) = out.denied {
             figures.denials += 1;
             of_attack.denials += 1;
-            let words = || (0, format!("part {}, tick {k}: {denial:?}", self.part));
-            figures.denied_for.entry(reason(&denial)).or_insert_with(words).0 += 1;
+            figures.denied_for.note(reason(&denial), || format!("part {}, tick {k}: {denial:?}", self.part));
         }
         let flags = out.proposed.command_flags(out.denied.is_some());
         let Motion { q, v, a, plan } = out.motion;
         let longest = plan.duration_s.iter().map(|phases| phases.iter().sum::<f64>()).fold(0.0, f64::max);
-        figures.worst_stop_s = figures.worst_stop_s.max(longest);
+        figures.worst_stop_s.merge(Most(longest));
         let proved = !self.recovers && !self.is_own_motion();
         if self.rng.random_range(0..ROLLED_EVERY) == 0 && proved {
             self.roll(&out.motion);
@@ -280,11 +278,9 @@ impl<'a> Part<'a> {
         let offset = self.rng.random_range(0.0..1.0);
         let rolled = judge::roll(&self.subject.robot, &self.subject.sim, wbc::torque::SHARE, motion, offset);
         self.figures.rollouts += 1;
-        self.figures.min_clearance_m = self.figures.min_clearance_m.min(rolled.min_clearance_m);
-        self.figures.rollout_torque_share = self.figures.rollout_torque_share.max(rolled.torque_share);
-        for i in 0..KINDS {
-            self.figures.rollout_violations[i] += rolled.violations[i];
-        }
+        self.figures.min_clearance_m.merge(Least(rolled.min_clearance_m));
+        self.figures.rollout_torque_share.merge(Most(rolled.torque_share));
+        self.figures.rollout_violations.merge(rolled.violations);
     }
 
     /// The driver executes the due command, and the simulated robot's checker judges every step of it.
@@ -299,8 +295,7 @@ impl<'a> Part<'a> {
         let refused = out.refused.filter(|&refusal| refusal != Refusal::Latched && !suspended);
         if let Some(refusal) = refused {
             self.figures.refusals += 1;
-            let words = || (0, format!("part {}, tick {k}", self.part));
-            self.figures.refused_for.entry(format!("{refusal:?}")).or_insert_with(words).0 += 1;
+            self.figures.refused_for.note(format!("{refusal:?}"), || format!("part {}, tick {k}", self.part));
         }
         for j in (0..JOINTS).filter(|&j| !self.subject.model.prismatic[j]) {
             self.figures.travelled_rad += (out.state.q[j] - self.last_q[j]).abs();
@@ -321,7 +316,7 @@ impl<'a> Part<'a> {
         if at_rest && !watched.done {
             let took_s = (k - watched.began_k) as f64 * TICK_S;
             self.figures.stops += 1;
-            self.figures.worst_watched_stop_s = self.figures.worst_watched_stop_s.max(took_s);
+            self.figures.worst_watched_stop_s.merge(Most(took_s));
             // If the motors have little reserve, a stop is gentler. It may then take as long as the robot file
             // says.
             let latest_s = stop_times::reaction_s() + self.subject.model.stop_time_max_s;

@@ -1,10 +1,12 @@
 //! The command line.
 
 use crate::chunk::PART_TICKS;
-use crate::error::TortureError;
+use crate::error::Failed;
 use crate::machine::cores;
+use crate::stages::Subject;
 use clap::{Args, Parser, Subcommand};
 use messages::TICK_HZ;
+use std::fmt::Display;
 use std::path::PathBuf;
 
 /// Longest run: 21 years of robot time. A larger value is a typing error.
@@ -60,6 +62,20 @@ pub struct AttackArgs {
     /// counts as one, regardless of --ticks. 0 skips them.
     #[arg(long, default_value_t = 168)]
     pub goals: u64,
+    /// Changes of the attacked stages.
+    #[command(flatten)]
+    pub changes: Changes,
+    /// Options of every command.
+    #[command(flatten)]
+    pub common: Common,
+    /// Number of threads. More threads than idle cores make the durations meaningless.
+    #[arg(long, default_value_t = cores())]
+    pub threads: usize,
+}
+
+/// Changes of the attacked stages, to show that the attacks are effective. By default they run as in the daemon.
+#[derive(Clone, Copy, Debug, Default, Args)]
+pub struct Changes {
     /// Leave certificate and gate out. The same attacks must then find collisions. Finding none is the failure.
     #[arg(long)]
     pub no_certificate: bool,
@@ -78,12 +94,6 @@ pub struct AttackArgs {
     /// the failure.
     #[arg(long, requires = "payload_kg")]
     pub untold: bool,
-    /// Options of every command.
-    #[command(flatten)]
-    pub common: Common,
-    /// Number of threads. More threads than idle cores make the durations meaningless.
-    #[arg(long, default_value_t = cores())]
-    pub threads: usize,
 }
 
 /// Options of every command.
@@ -149,22 +159,29 @@ pub struct BenchArgs {
     pub common: Common,
 }
 
-/// Checks that the numbers are within their bounds.
-pub fn check_counts(counts: &[(&'static str, u64)], threads: usize) -> Result<(), TortureError> {
-    for &(option, value) in counts {
-        if value > TICKS_MAX {
-            return Err(TortureError::Option {
-                option,
-                value: value.to_string(),
-                bound: format!("at most {TICKS_MAX}"),
-            });
-        }
-    }
-    if threads == 0 || threads > THREADS_MAX {
-        let bound = format!("must be 1 to {THREADS_MAX}");
-        return Err(TortureError::Option { option: "--threads", value: threads.to_string(), bound });
-    }
-    Ok(())
+/// Checks that the value of an option is within its bounds.
+///
+/// # Errors
+/// Returns an error that names the option, its value and the bounds.
+fn within<T: PartialOrd + Display>(option: &str, value: T, low: T, high: T) -> Result<(), Failed> {
+    if value >= low && value <= high { Ok(()) } else { Err(Failed::option(option, value, format!("{low} to {high}"))) }
+}
+
+/// Checks a number of ticks or states, and of threads.
+///
+/// # Errors
+/// Returns an error that names the option, its value and the bounds.
+pub fn check_counts(option: &str, count: u64, threads: usize) -> Result<(), Failed> {
+    within(option, count, 1, TICKS_MAX)?;
+    check_threads(threads)
+}
+
+/// Checks a number of threads.
+///
+/// # Errors
+/// Returns an error that names the option, its value and the bounds.
+pub fn check_threads(threads: usize) -> Result<(), Failed> {
+    within("--threads", threads, 1, THREADS_MAX)
 }
 
 impl AttackArgs {
@@ -172,25 +189,31 @@ impl AttackArgs {
     ///
     /// # Errors
     /// Returns an error that names the option, its value and the bound.
-    pub fn check(&self) -> Result<(), TortureError> {
+    pub fn check(&self) -> Result<(), Failed> {
         if self.rate != TICK_HZ {
-            let bound =
-                format!("must be {TICK_HZ}: the tick rate is built into every stage and message (messages::TICK_HZ)");
-            return Err(TortureError::Option { option: "--rate", value: self.rate.to_string(), bound });
+            let bound = format!("{TICK_HZ}: the tick rate is built into every stage and message (messages::TICK_HZ)");
+            return Err(Failed::option("--rate", self.rate, bound));
         }
-        if !(0.0..=robot::PAYLOAD_MAX_KG).contains(&self.payload_kg) {
-            let bound = format!("must be 0 to {}", robot::PAYLOAD_MAX_KG);
-            return Err(TortureError::Option { option: "--payload-kg", value: self.payload_kg.to_string(), bound });
-        }
-        if self.ticks == 0 {
-            let bound = "must be at least 1".into();
-            return Err(TortureError::Option { option: "--ticks", value: "0".into(), bound });
-        }
+        within("--payload-kg", self.changes.payload_kg, 0.0, robot::PAYLOAD_MAX_KG)?;
+        check_counts("--ticks", self.ticks, self.threads)?;
+        within("--goals", self.goals, 0, TICKS_MAX)?;
         let parts = self.ticks.div_ceil(PART_TICKS);
-        if let Some(part) = self.part.filter(|&part| part >= parts) {
-            let bound = format!("must be below {parts}, the number of parts of {PART_TICKS} ticks in --ticks");
-            return Err(TortureError::Option { option: "--part", value: part.to_string(), bound });
+        match self.part.filter(|&part| part >= parts) {
+            Some(part) => {
+                let bound = format!("below {parts}, the number of parts of {PART_TICKS} ticks in --ticks");
+                Err(Failed::option("--part", part, bound))
+            }
+            None => Ok(()),
         }
-        check_counts(&[("--ticks", self.ticks), ("--goals", self.goals)], self.threads)
+    }
+}
+
+impl Common {
+    /// Loads the robot, and the stages with these changes.
+    ///
+    /// # Errors
+    /// Returns an error that names the file, the key, the value and the bound.
+    pub fn subject(&self, changes: Changes) -> Result<Subject, Failed> {
+        Subject::load(&self.config, self.robot.as_deref(), changes)
     }
 }

@@ -1,59 +1,48 @@
 //! Errors that keep a run from beginning or ending.
 
-use std::path::{Path, PathBuf};
+use std::fmt::Display;
+use std::path::Path;
 
-/// An error that keeps a run from beginning or ending. The text names file, option, value and bound.
-#[derive(Debug, thiserror::Error)]
-pub enum TortureError {
+/// An error that keeps a run from beginning or ending: an exit code of sysexits(3), and a text that names file,
+/// option, value and bound.
+#[derive(Debug)]
+pub struct Failed(pub u8, pub String);
+
+const EX_USAGE: u8 = 64;
+const EX_NOINPUT: u8 = 66;
+const EX_CANTCREAT: u8 = 73;
+const EX_CONFIG: u8 = 78;
+
+impl Failed {
     /// An option is out of its bounds.
-    #[error("{option} = {value}: {bound}")]
-    Option {
-        /// The option.
-        option: &'static str,
-        /// Its value.
-        value: String,
-        /// The allowed value.
-        bound: String,
-    },
-    /// Settings, robot or weights are invalid.
-    #[error(transparent)]
-    Config(#[from] config::ConfigError),
-    /// The settings name an interface that torture does not attack.
-    #[error("{file}: sim.interface = \"{value}\", must be \"direct\"; no other interface is tested")]
-    Interface {
-        /// The settings file.
-        file: PathBuf,
-        /// The interface.
-        value: &'static str,
-    },
-    /// A stage rejects the robot.
-    #[error("{file}: {stage}: {cause}")]
-    Stage {
-        /// The robot file.
-        file: PathBuf,
-        /// The stage.
-        stage: &'static str,
-        /// The reason.
-        cause: String,
-    },
-    /// A folder of motions cannot be listed.
-    #[error(transparent)]
-    Motion(#[from] motion::MotionError),
-    /// The folder has no motion files.
-    #[error("{0}: no motion files (.bvh, .npy, .npz) in it")]
-    NoMotions(PathBuf),
+    pub fn option(option: &str, value: impl Display, bound: impl Display) -> Self {
+        Self(EX_USAGE, format!("{option} = {value}: must be {bound}"))
+    }
+
+    /// A stage, or torture itself, rejects the robot or the settings of a file.
+    pub(crate) fn rejected(file: &Path, cause: impl Display) -> Self {
+        Self(EX_CONFIG, format!("{}: {cause}", file.display()))
+    }
+
+    /// A folder has no motion files.
+    pub(crate) fn no_motions(folder: &Path) -> Self {
+        Self(EX_NOINPUT, format!("{}: no motion files (.bvh, .npy, .npz) in it", folder.display()))
+    }
+
     /// A file cannot be written.
-    #[error("{file}: {cause}")]
-    Write {
-        /// The file.
-        file: PathBuf,
-        /// The reason.
-        cause: std::io::Error,
-    },
+    pub(crate) fn unwritable(file: &Path, cause: &std::io::Error) -> Self {
+        Self(EX_CANTCREAT, format!("{}: {cause}", file.display()))
+    }
 }
 
-impl TortureError {
-    pub(crate) fn stage(file: &Path, stage: &'static str, cause: impl std::fmt::Display) -> Self {
-        Self::Stage { file: file.to_path_buf(), stage, cause: cause.to_string() }
+impl From<config::ConfigError> for Failed {
+    fn from(error: config::ConfigError) -> Self {
+        Self(EX_CONFIG, error.to_string())
+    }
+}
+
+impl From<motion::MotionError> for Failed {
+    fn from(error: motion::MotionError) -> Self {
+        Self(EX_NOINPUT, error.to_string())
     }
 }

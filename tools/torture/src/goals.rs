@@ -1,5 +1,6 @@
 //! Counts how many collision-free random postures the robot reaches through both stages.
 
+use crate::figures::Goals;
 use crate::parallel::derived_seed;
 use crate::stages::{Stages, Subject};
 use driver::Motion;
@@ -13,31 +14,6 @@ pub const PART_GOALS: u64 = 12;
 
 /// Longest time to reach a goal, ticks: 8 s.
 const PATIENCE: u64 = 8 * TICK_HZ;
-
-/// Results of the goals.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Goals {
-    /// Number of goals that were tried.
-    pub goals: u64,
-    /// Goals that the robot reached, and stood on, within 8 s.
-    pub reached: u64,
-    /// Number of returns to the home posture within 8 s, from wherever the previous goal left the robot.
-    pub returned: u64,
-}
-
-impl Goals {
-    /// Adds the results of another job.
-    pub fn merge(&mut self, other: Self) {
-        self.goals += other.goals;
-        self.reached += other.reached;
-        self.returned += other.returned;
-    }
-
-    /// Share of the goals that were reached. It is 1 without any goals.
-    pub fn share(&self) -> f64 {
-        if self.goals == 0 { 1.0 } else { self.reached as f64 / self.goals as f64 }
-    }
-}
 
 /// Sends the robot to `goals` goals of part `part`, and home again after each.
 pub fn run(subject: &Subject, seed: u64, part: u64, goals: u64) -> Goals {

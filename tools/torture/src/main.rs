@@ -4,19 +4,18 @@ use clap::Parser;
 use config::Overrides;
 use indicatif::{ProgressBar, ProgressStyle};
 use messages::TICK_HZ;
-use rt::{Exit, Failure};
 use sim::ViolationKind;
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
-use torture::cli::{AttackArgs, BenchArgs, Cli, Command, MotionsArgs, StopTimesArgs, check_counts};
-use torture::error::TortureError;
-use torture::figures::Figures;
-use torture::goals::Goals;
+use torture::cli::{
+    AttackArgs, BenchArgs, Changes, Cli, Command, MotionsArgs, StopTimesArgs, check_counts, check_threads,
+};
+use torture::error::Failed;
+use torture::figures::{Figures, merged};
 use torture::machine::Machine;
 use torture::parallel::{derived_seed, in_parallel};
 use torture::report;
-use torture::stages::Subject;
 use torture::{bench, chunk, goals, motions, stop_times};
 
 fn main() -> ExitCode {
@@ -30,15 +29,13 @@ fn main() -> ExitCode {
         Some(Command::Motions(args)) => play(args),
         Some(Command::Bench(args)) => measure_ticks(args),
     };
-    rt::finish("torture", done.map_err(|error| Failure::new(exit(&error), error)))
-}
-
-fn exit(error: &TortureError) -> Exit {
-    match error {
-        TortureError::Option { .. } => Exit::Usage,
-        TortureError::Config(_) | TortureError::Interface { .. } | TortureError::Stage { .. } => Exit::Config,
-        TortureError::Motion(_) | TortureError::NoMotions(_) => Exit::NoInput,
-        TortureError::Write { .. } => Exit::CantCreate,
+    match done {
+        Ok(true) => ExitCode::SUCCESS,
+        Ok(false) => ExitCode::FAILURE,
+        Err(Failed(code, cause)) => {
+            eprintln!("torture: {cause}");
+            ExitCode::from(code)
+        }
     }
 }
 
@@ -58,33 +55,13 @@ fn progress(length: u64, unit: &str) -> ProgressBar {
     bar
 }
 
-/// Result of a job: a part of the attack, or some goals.
-enum Outcome {
-    Attacked(Box<Figures>),
-    Visited(Goals),
-}
-
-/// Loads the stages to attack, without those that the options leave out.
-fn subject(args: &AttackArgs) -> Result<Subject, TortureError> {
-    let mut subject = Subject::load(&args.common.config, args.common.robot.as_deref(), !args.no_certificate)?;
-    if args.keep_gate {
-        subject = subject.with_gate(&args.common.config)?;
-    }
-    if args.no_torque {
-        subject = subject.without_torque(&args.common.config)?;
-    }
-    if args.payload_kg > 0.0 {
-        subject = subject.with_payload(&args.common.config, args.payload_kg, !args.untold)?;
-    }
-    Ok(subject)
-}
-
-fn attack(args: &AttackArgs) -> Result<bool, TortureError> {
+fn attack(args: &AttackArgs) -> Result<bool, Failed> {
     args.check()?;
     let machine = Machine::now();
-    let subject = subject(args)?;
+    let Changes { no_certificate, keep_gate, no_torque, payload_kg, untold } = args.changes;
+    let subject = args.common.subject(args.changes)?;
     // With a load, some postures cannot be held.
-    let without_goals = args.no_certificate || args.no_torque || args.payload_kg > 0.0 || args.part.is_some();
+    let without_goals = no_certificate || no_torque || payload_kg > 0.0 || args.part.is_some();
     let goals = if without_goals { 0 } else { args.goals };
     let parts = args.ticks.div_ceil(chunk::PART_TICKS);
     let jobs = parts + goals.div_ceil(goals::PART_GOALS);
@@ -94,57 +71,48 @@ fn attack(args: &AttackArgs) -> Result<bool, TortureError> {
         bar.set_message(if goals > 0 { format!(", {visited}/{goals} goals") } else { String::new() });
     };
     tell_goals(0);
-    let outcomes = in_parallel(args.threads, jobs as usize, |job| {
+    let of_parts = in_parallel(args.threads, jobs as usize, |job| {
         let job = job as u64;
         if args.part.is_some_and(|part| part != job) {
-            return Outcome::Attacked(Box::default());
+            return Figures::default();
         }
         if job < parts {
             let ticks = chunk::PART_TICKS.min(args.ticks - job * chunk::PART_TICKS);
             let figures = chunk::run(&subject, args.seed, job, ticks);
             bar.inc(ticks);
-            return Outcome::Attacked(Box::new(figures));
+            return figures;
         }
         let part = job - parts;
         let count = goals::PART_GOALS.min(goals - part * goals::PART_GOALS);
-        let visited = goals::run(&subject, derived_seed(args.seed, u64::MAX / 2), part, count);
+        let goals = goals::run(&subject, derived_seed(args.seed, u64::MAX / 2), part, count);
         tell_goals(count);
-        Outcome::Visited(visited)
+        Figures { goals, ..Figures::default() }
     });
     bar.finish_and_clear();
-    let (mut figures, mut visited) = (Figures::default(), Goals::default());
-    for outcome in outcomes {
-        match outcome {
-            Outcome::Attacked(of_part) => figures.merge(*of_part),
-            Outcome::Visited(of_part) => visited.merge(of_part),
-        }
-    }
-    let value = report::attack_json(args, &figures, &visited, &subject.model, &machine);
-    let words = report::attack_words(args, &figures, &visited, &subject.model, &machine);
+    let figures = merged(of_parts);
+    let value = report::attack_json(args, &figures, &subject.model, &machine);
+    let words = report::attack_words(args, &figures, &subject.model, &machine);
     report::put(&words, &value, args.common.json.as_deref())?;
-    if args.keep_gate {
+    // Without a proof, the same attacks must find what it prevents.
+    let (found, nothing) = if keep_gate {
         return Ok(figures.denials > 0);
+    } else if no_torque || untold {
+        (ViolationKind::Torque, "no motor was overloaded without the proof")
+    } else if no_certificate {
+        (ViolationKind::Clearance, "no collision happened without the certificate")
+    } else {
+        return Ok(figures.kept());
+    };
+    let found = figures.violations_of(found) > 0;
+    if !found {
+        eprintln!("torture: {nothing}, so the attacks prove nothing");
     }
-    if args.no_torque || args.untold {
-        let overloads = figures.violations_of(ViolationKind::Torque);
-        if overloads == 0 {
-            eprintln!("torture: no motor was overloaded without the proof, so the attacks prove nothing");
-        }
-        return Ok(overloads > 0);
-    }
-    if args.no_certificate {
-        let collisions = figures.violations_of(ViolationKind::Clearance);
-        if collisions == 0 {
-            eprintln!("torture: no collision happened without the certificate, so the attacks prove nothing");
-        }
-        return Ok(collisions > 0);
-    }
-    Ok(figures.kept())
+    Ok(found)
 }
 
-fn measure_stops(args: &StopTimesArgs) -> Result<bool, TortureError> {
-    check_counts(&[("--states", args.states)], args.threads)?;
-    let subject = Subject::load(&args.common.config, args.common.robot.as_deref(), true)?;
+fn measure_stops(args: &StopTimesArgs) -> Result<bool, Failed> {
+    check_counts("--states", args.states, args.threads)?;
+    let subject = args.common.subject(Changes::default())?;
     let bounds = subject.wbc.bounds();
     let times = stop_times::run(bounds, args.states, args.seed, args.threads);
     let value = report::stop_times_json(&times, bounds, &subject.model, args.seed);
@@ -152,8 +120,8 @@ fn measure_stops(args: &StopTimesArgs) -> Result<bool, TortureError> {
     Ok(times.exceeded() == 0)
 }
 
-fn play(args: &MotionsArgs) -> Result<bool, TortureError> {
-    check_counts(&[], args.threads)?;
+fn play(args: &MotionsArgs) -> Result<bool, Failed> {
+    check_threads(args.threads)?;
     let machine = Machine::now();
     let loaded = config::load(&args.config, Overrides::default())?;
     let bar = progress(motion::motion_files(&args.folder)?.len() as u64, "files");
@@ -163,10 +131,10 @@ fn play(args: &MotionsArgs) -> Result<bool, TortureError> {
     Ok(played.iter().all(|one| one.failed.is_none() && one.violations_total() == 0))
 }
 
-fn measure_ticks(args: &BenchArgs) -> Result<bool, TortureError> {
-    check_counts(&[("--ticks", args.ticks)], 1)?;
+fn measure_ticks(args: &BenchArgs) -> Result<bool, Failed> {
+    check_counts("--ticks", args.ticks, 1)?;
     let machine = Machine::now();
-    let subject = Subject::load(&args.common.config, args.common.robot.as_deref(), true)?;
+    let subject = args.common.subject(Changes::default())?;
     let bench = bench::run(&subject, args.ticks.max(TICK_HZ), args.seed);
     let value = report::bench_json(&bench, args.ticks, &subject.model, &machine);
     let words = report::bench_words(&bench, args.ticks, &subject.model, &machine);

@@ -1,36 +1,21 @@
 //! Plays recorded motions through every stage, from the first frame to rest, in virtual time.
 
-use crate::error::TortureError;
+use crate::error::Failed;
 use crate::parallel::in_parallel;
 use client::PlayOptions;
 use config::Loaded;
 use messages::{Mode, TICK_HZ};
 use motion::CalibrationMode;
-use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-use world::{Offline, OfflineEnd};
+use world::{Offline, OfflineEnd, OfflineReport};
 
 /// Result of a file.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub struct Played {
     /// The file.
     pub file: PathBuf,
-    /// Virtual time from the enable to rest, s.
-    pub duration_s: f64,
-    /// Violations by kind, as the simulated robot counted them.
-    pub violations: BTreeMap<String, u64>,
-    /// Least clearance of all executed commands, mm.
-    pub min_clearance_mm: f64,
-    /// Largest torque of all executed commands over its effort limit.
-    pub torque_share_max: f64,
-    /// Motions that were not certified, per tick.
-    pub fallbacks_per_tick: f64,
-    /// Mean limb error of the robot while engaged, deg.
-    pub limb_error_robot_deg: f64,
-    /// Mean limb error of the target while engaged, deg.
-    pub limb_error_deg: f64,
-    /// Times the robot stopped following before the end.
-    pub holds: u64,
+    /// Figures of the run. Empty if it did not begin.
+    pub report: OfflineReport,
     /// The reason if the run did not end at rest after the last frame.
     pub failed: Option<String>,
 }
@@ -38,7 +23,23 @@ pub struct Played {
 impl Played {
     /// Returns the number of violations of all kinds.
     pub fn violations_total(&self) -> u64 {
-        self.violations.values().sum()
+        self.report.violations.values().sum()
+    }
+
+    /// Virtual time from the enable to rest, s.
+    pub fn duration_s(&self) -> f64 {
+        self.report.rows as f64 / TICK_HZ as f64
+    }
+
+    /// Motions that were not certified, per tick.
+    pub fn fallbacks_per_tick(&self) -> f64 {
+        f64::from(self.report.fallbacks) / self.report.rows.max(1) as f64
+    }
+
+    /// Times the robot stopped following before the end. Engaged ends once because of the last frame.
+    pub fn holds(&self) -> u64 {
+        let engaged = self.report.modes.iter().filter(|(_, mode)| *mode == Mode::Engaged).count() as u64;
+        engaged.saturating_sub(1)
     }
 }
 
@@ -51,10 +52,10 @@ pub fn run(
     folder: &Path,
     threads: usize,
     progress: impl Fn(&Played) + Sync,
-) -> Result<Vec<Played>, TortureError> {
+) -> Result<Vec<Played>, Failed> {
     let files = motion::motion_files(folder)?;
     if files.is_empty() {
-        return Err(TortureError::NoMotions(folder.to_path_buf()));
+        return Err(Failed::no_motions(folder));
     }
     Ok(in_parallel(threads, files.len(), |i| {
         let played = play(loaded, &files[i]);
@@ -65,33 +66,17 @@ pub fn run(
 
 /// Plays one file to rest.
 pub fn play(loaded: &Loaded, file: &Path) -> Played {
-    let played = Played { file: file.to_path_buf(), ..Played::default() };
-    let motion = match motion::load(file) {
-        Ok(motion) => motion,
-        Err(error) => return Played { failed: Some(error.to_string()), ..played },
+    let (report, failed) = match to_rest(loaded, file) {
+        Ok((report, OfflineEnd::AtRest)) => (report, None),
+        Ok((report, OfflineEnd::Stopped(why))) => (report, Some(why)),
+        Err(Failed(_, why)) => (OfflineReport::default(), Some(why)),
     };
+    Played { file: file.to_path_buf(), report, failed }
+}
+
+fn to_rest(loaded: &Loaded, file: &Path) -> Result<(OfflineReport, OfflineEnd), Failed> {
     let options = PlayOptions { speed: 1.0, looped: false, calibration: CalibrationMode::First10s };
-    let mut offline = match Offline::new(loaded, &motion, options) {
-        Ok(offline) => offline,
-        Err(error) => return Played { failed: Some(error.to_string()), ..played },
-    };
+    let mut offline = Offline::new(loaded, &motion::load(file)?, options)?;
     let end = offline.play(|_| ());
-    let report = offline.report();
-    // Engaged ends once because of the last frame. Every other end is a hold.
-    let engaged = report.modes.iter().filter(|(_, mode)| *mode == Mode::Engaged).count() as u64;
-    Played {
-        duration_s: report.rows as f64 / TICK_HZ as f64,
-        violations: report.violations.clone(),
-        min_clearance_mm: report.min_clearance_mm,
-        torque_share_max: report.torque_share_max,
-        fallbacks_per_tick: report.fallbacks as f64 / report.rows.max(1) as f64,
-        limb_error_robot_deg: report.limb_error_measured_deg_mean,
-        limb_error_deg: report.limb_error_deg_mean,
-        holds: engaged.saturating_sub(1),
-        failed: match end {
-            OfflineEnd::AtRest => None,
-            OfflineEnd::Stopped(why) => Some(why),
-        },
-        ..played
-    }
+    Ok((offline.report().clone(), end))
 }

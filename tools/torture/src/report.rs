@@ -2,74 +2,78 @@
 
 use crate::bench::Bench;
 use crate::cli::AttackArgs;
-use crate::error::TortureError;
-use crate::figures::{Figures, KINDS, TRUE_KINDS};
-use crate::goals::Goals;
+use crate::error::Failed;
+use crate::figures::{AttackFigures, Durations, Figures, Goals, KINDS, Place, Reasons, TRUE_KINDS};
 use crate::machine::Machine;
 use crate::motions::Played;
-use crate::stop_times::{StopTimes, joint_bound_s};
+use crate::stop_times::{JointWorst, StopTimes, joint_bound_s};
 use judge::Attack;
 use messages::{JOINTS, TICK_HZ};
 use robot::Model;
-use rt::Histogram;
 use serde_json::{Map, Value, json};
 use sim::ViolationKind;
-use std::collections::BTreeMap;
-use std::fmt::Write as _;
 use std::path::Path;
 use wbc::interval::Bounds;
+use world::OfflineReport;
 
-fn by_kind(counts: &[u64; KINDS]) -> Value {
-    Value::Object(ViolationKind::ALL.iter().map(|&k| (k.name().to_owned(), json!(counts[k as usize]))).collect())
+/// Counts with their names.
+type Named<const N: usize> = [(&'static str, u64); N];
+
+fn commanded(counts: &[u64; KINDS]) -> Named<KINDS> {
+    ViolationKind::ALL.map(|kind| (kind.name(), counts[kind as usize]))
 }
 
-fn by_reason(counts: &BTreeMap<String, (u64, String)>) -> Value {
+fn true_motion(counts: &[u64; TRUE_KINDS]) -> Named<TRUE_KINDS> {
+    plant::ViolationKind::ALL.map(|kind| (kind.name(), counts[kind as usize]))
+}
+
+fn named_json<const N: usize>(named: Named<N>) -> Value {
+    Value::Object(named.into_iter().map(|(name, count)| (name.to_owned(), json!(count))).collect())
+}
+
+fn named_words<const N: usize>(named: Named<N>) -> String {
+    named.map(|(name, count)| format!("{name} {count}")).join(", ")
+}
+
+fn by_reason(Reasons(counts): &Reasons) -> Value {
     let row = |(reason, (count, first)): (&String, &(u64, String))| {
         (reason.clone(), json!({ "count": count, "first": first }))
     };
     Value::Object(counts.iter().map(row).collect())
 }
 
-fn true_by_kind(counts: &[u64; TRUE_KINDS]) -> Value {
-    let row = |kind: plant::ViolationKind| (kind.name().to_owned(), json!(counts[kind as usize]));
-    Value::Object(plant::ViolationKind::ALL.into_iter().map(row).collect())
+/// Joins lines to a text.
+fn text(lines: &[String]) -> String {
+    lines.join("\n") + "\n"
 }
 
-fn true_in_words(f: &Figures) -> String {
-    let kinds = plant::ViolationKind::ALL.map(|kind| format!("{} {}", kind.name(), f.true_violations[kind as usize]));
-    let first = f.first_true.map_or_else(String::new, |(v, part)| {
-        format!("\n  first: {}, part {part}, joint or pair {}: {} against {}", v.kind.name(), v.which, v.value, v.bound)
-    });
-    let (ratio, clearance_mm) = (f.true_speed_ratio_max, f.true_clearance_min_m * 1e3);
-    format!(
-        "true motion       {}\n  speed at most {ratio:.3} of its limit, clearance at least {clearance_mm:.2} mm{first}",
-        kinds.join(", ")
-    )
+fn reason_lines<'a>(word: &'a str, Reasons(counts): &'a Reasons) -> impl Iterator<Item = String> + 'a {
+    counts.iter().map(move |(reason, (count, first))| format!("  {word} for {reason}: {count}, first {first}"))
 }
 
-fn durations(of: &Histogram) -> Value {
+fn durations<const DIGITS: u8>(of: &Durations<DIGITS>) -> Value {
     let q = |share| of.quantile_us(share);
     json!({ "p50": q(0.5), "p99": q(0.99), "p99_99": q(0.9999), "max": of.max_us() })
 }
 
-fn in_words(of: &Histogram) -> String {
+fn in_words(of: &Durations) -> String {
     let [p50, p99, p99_99] = [0.5, 0.99, 0.9999].map(|share| of.quantile_us(share));
     format!("p50 {p50:.1}, p99 {p99:.1}, p99.99 {p99_99:.1}, max {:.1} us", of.max_us())
 }
 
 /// Formats an attack as JSON.
-pub fn attack_json(args: &AttackArgs, figures: &Figures, goals: &Goals, model: &Model, machine: &Machine) -> Value {
+pub fn attack_json(args: &AttackArgs, figures: &Figures, model: &Model, machine: &Machine) -> Value {
+    let goals = &figures.goals;
     let attacks: Map<String, Value> = Attack::ALL
         .iter()
         .map(|&attack| {
             let of = &figures.attacks[attack as usize];
-            let near = of.near as f64 / of.ticks.max(1) as f64;
             let value = json!({
                 "ticks": of.ticks,
                 "violations": of.violations,
                 "denials": of.denials,
                 "fallbacks": of.fallbacks,
-                "share_within_1_mm": near,
+                "share_within_1_mm": of.near_share(),
                 "tick_us": durations(&of.tick),
             });
             (attack.name().to_owned(), value)
@@ -86,36 +90,36 @@ pub fn attack_json(args: &AttackArgs, figures: &Figures, goals: &Goals, model: &
         "rate_hz": TICK_HZ,
         "pairs": model.pairs.len(),
         "obstacles": model.obstacles.len(),
-        "certificate": !args.no_certificate,
-        "torque": !args.no_torque,
-        "gate": !args.no_certificate || args.keep_gate,
+        "certificate": !args.changes.no_certificate,
+        "torque": !args.changes.no_torque,
+        "gate": !args.changes.no_certificate || args.changes.keep_gate,
         "ticks": figures.ticks,
-        "violations": by_kind(&figures.violations),
+        "violations": named_json(commanded(&figures.violations)),
         "first_violation": first,
-        "true_violations": true_by_kind(&figures.true_violations),
+        "true_violations": named_json(true_motion(&figures.true_violations)),
         "first_true_violation": figures.first_true.map(|(v, part)| json!({ "kind": v.kind.name(), "which": v.which,
             "value": v.value, "bound": v.bound, "part": part })),
-        "true_speed_ratio_max": figures.true_speed_ratio_max,
-        "true_clearance_min_mm": figures.true_clearance_min_m * 1e3,
-        "min_clearance_mm": figures.min_clearance_m * 1e3,
+        "true_speed_ratio_max": figures.true_speed_ratio_max.0,
+        "true_clearance_min_mm": figures.true_clearance_min_m.0 * 1e3,
+        "min_clearance_mm": figures.min_clearance_m.0 * 1e3,
         "clearance_required_mm": model.d_min_m * 1e3,
-        "min_unproved_clearance_mm": figures.min_unproved_clearance_m * 1e3,
+        "min_unproved_clearance_mm": figures.min_unproved_clearance_m.0 * 1e3,
         "tick_us": durations(&figures.tick),
         "fallbacks": figures.fallbacks,
-        "fallbacks_for_torque": figures.overloads, "torque_share_max": figures.torque_share_max,
-        "torque_share_max_of_plans": figures.rollout_torque_share,
+        "fallbacks_for_torque": figures.overloads, "torque_share_max": figures.torque_share_max.0,
+        "torque_share_max_of_plans": figures.rollout_torque_share.0,
         "denials": figures.denials,
         "denied_for": by_reason(&figures.denied_for),
         "goals": goals.goals,
-        "goals_reached": goals.share(),
-        "returned_home": if goals.goals == 0 { 1.0 } else { goals.returned as f64 / goals.goals as f64 },
-        "worst_stop_ms": figures.worst_stop_s * 1e3,
+        "goals_reached": goals.share(goals.reached),
+        "returned_home": goals.share(goals.returned),
+        "worst_stop_ms": figures.worst_stop_s.0 * 1e3,
         "stops_watched": figures.stops,
-        "worst_watched_stop_ms": figures.worst_watched_stop_s * 1e3,
+        "worst_watched_stop_ms": figures.worst_watched_stop_s.0 * 1e3,
         "stops_beyond_bound": figures.late_stops,
         "stops_beyond_b_of_v": figures.gentle_stops,
         "rollouts": figures.rollouts,
-        "rollout_violations": by_kind(&figures.rollout_violations),
+        "rollout_violations": named_json(commanded(&figures.rollout_violations)),
         "commands_refused": figures.refusals,
         "refused_for": by_reason(&figures.refused_for),
         "missed_ticks": figures.missed, "lost_commands": figures.lost,
@@ -129,127 +133,96 @@ pub fn attack_json(args: &AttackArgs, figures: &Figures, goals: &Goals, model: &
 }
 
 /// Formats an attack as text.
-pub fn attack_words(args: &AttackArgs, figures: &Figures, goals: &Goals, model: &Model, machine: &Machine) -> String {
-    let f = figures;
-    let mut out = attacked(args, f, model);
-    let kinds = ViolationKind::ALL.map(|kind| format!("{} {}", kind.name(), f.violations_of(kind)));
-    let _ = writeln!(out, "violations        {}", kinds.join(", "));
-    if let Some(place) = f.first {
-        let v = place.violation;
-        let (kind, part) = (v.kind.name(), place.part);
-        let _ = writeln!(
-            out,
-            "  first: {kind}, tick {} of part {part}, joint or pair {}: {} against {}",
-            v.k, v.which, v.value, v.limit
-        );
+pub fn attack_words(args: &AttackArgs, f: &Figures, model: &Model, machine: &Machine) -> String {
+    let (name, pairs, obstacles) = (&model.name, model.pairs.len(), model.obstacles.len());
+    let without = match (args.changes.no_certificate, args.changes.keep_gate, args.changes.no_torque) {
+        (false, _, false) => "",
+        (false, _, true) => ", WITHOUT the proof of torques",
+        (true, false, _) => ", WITHOUT certificate and gate",
+        (true, true, _) => ", WITHOUT certificate, with the gate",
+    };
+    let attack = format!("{name}: {} ticks at {TICK_HZ} Hz, seed {}", f.ticks, args.seed);
+    let mut lines = vec![
+        format!("{attack}, {pairs} checked pairs, {obstacles} obstacles{without}"),
+        format!("violations        {}", named_words(commanded(&f.violations))),
+    ];
+    lines.extend(f.first.map(|Place { violation: v, part, .. }| {
+        let (kind, k, which) = (v.kind.name(), v.k, v.which);
+        format!("  first: {kind}, tick {k} of part {part}, joint or pair {which}: {} against {}", v.value, v.limit)
+    }));
+    let (ratio, true_mm) = (f.true_speed_ratio_max.0, f.true_clearance_min_m.0 * 1e3);
+    lines.extend([
+        format!("true motion       {}", named_words(true_motion(&f.true_violations))),
+        format!("  speed at most {ratio:.3} of its limit, clearance at least {true_mm:.2} mm"),
+    ]);
+    lines.extend(f.first_true.map(|(v, part)| {
+        let (kind, which) = (v.kind.name(), v.which);
+        format!("  first: {kind}, part {part}, joint or pair {which}: {} against {}", v.value, v.bound)
+    }));
+    let [least, required, unproved] =
+        [f.min_clearance_m.0, model.d_min_m, f.min_unproved_clearance_m.0].map(|m| m * 1e3);
+    let (executed, planned) = (f.torque_share_max.0, f.rollout_torque_share.0);
+    let Figures { fallbacks, overloads, denials, .. } = f;
+    lines.extend([
+        format!(
+            "least clearance   {least:.4} mm (at least {required:.1} mm is required); {unproved:.4} mm with stops of the \
+             driver's own, which are not proved"
+        ),
+        format!("control tick      {}", in_words(&f.tick)),
+        format!("largest torque    {executed:.3} of the effort limit executed, {planned:.3} in plans"),
+        format!("fallbacks         {fallbacks}, of them for torque {overloads}, denied by the gate {denials}"),
+    ]);
+    lines.extend(reason_lines("denied", &f.denied_for));
+    let [plan_ms, watched_ms] = [f.worst_stop_s.0, f.worst_watched_stop_s.0].map(|s| s * 1e3);
+    let Figures { stops, gentle_stops, late_stops, rollouts, .. } = f;
+    let broken: u64 = f.rollout_violations.iter().sum();
+    let Figures { missed, lost, overslept, latches, reseeds, recoveries, refusals, .. } = f;
+    lines.extend([
+        format!(
+            "stops             longest plan {plan_ms:.1} ms; {stops} watched to rest, longest {watched_ms:.1} ms, \
+             {gentle_stops} gentler than B(v), {late_stops} beyond their bound"
+        ),
+        format!("plans rolled out  {rollouts}, violations in them {broken}"),
+        format!(
+            "disturbed         {missed} ticks missed, {lost} commands lost, {overslept} ticks overslept by the driver, \
+             {latches} latches, {reseeds} reseeds, {recoveries} recoveries, {refusals} refused"
+        ),
+    ]);
+    lines.extend(reason_lines("refused", &f.refused_for));
+    lines.push(format!("travelled         {:.0} rad", f.travelled_rad));
+    lines.extend(Attack::ALL.map(|attack| attack_line(attack, &f.attacks[attack as usize])));
+    let Goals { goals, reached, returned } = f.goals;
+    if goals > 0 {
+        lines.push(format!("goals             {reached} of {goals} reached within 8 s, {returned} times back home"));
     }
-    let _ = writeln!(out, "{}", true_in_words(f));
-    let _ = writeln!(
-        out,
-        "least clearance   {:.4} mm (at least {:.1} mm is required); {:.4} mm with stops of the driver's own, which are not proved",
-        f.min_clearance_m * 1e3,
-        model.d_min_m * 1e3,
-        f.min_unproved_clearance_m * 1e3
-    );
-    let _ = writeln!(out, "control tick      {}", in_words(&f.tick));
-    let _ = writeln!(
-        out,
-        "largest torque    {:.3} of the effort limit executed, {:.3} in plans",
-        f.torque_share_max, f.rollout_torque_share
-    );
-    let (all, torque, denied) = (f.fallbacks, f.overloads, f.denials);
-    let _ = writeln!(out, "fallbacks         {all}, of them for torque {torque}, denied by the gate {denied}");
-    for (reason, (count, first)) in &f.denied_for {
-        let _ = writeln!(out, "  denied for {reason}: {count}, first {first}");
-    }
-    let _ = writeln!(
-        out,
-        "stops             longest plan {:.1} ms; {} watched to rest, longest {:.1} ms, {} gentler than B(v), {} \
-         beyond their bound",
-        f.worst_stop_s * 1e3,
-        f.stops,
-        f.worst_watched_stop_s * 1e3,
-        f.gentle_stops,
-        f.late_stops
-    );
-    let rollouts: u64 = f.rollout_violations.iter().sum();
-    let _ = writeln!(out, "plans rolled out  {}, violations in them {rollouts}", f.rollouts);
-    let _ = writeln!(
-        out,
-        "disturbed         {} ticks missed, {} commands lost, {} ticks overslept by the driver, {} latches, {} reseeds, {} recoveries, {} refused",
-        f.missed, f.lost, f.overslept, f.latches, f.reseeds, f.recoveries, f.refusals
-    );
-    for (reason, (count, first)) in &f.refused_for {
-        let _ = writeln!(out, "  refused for {reason}: {count}, first {first}");
-    }
-    let _ = writeln!(out, "travelled         {:.0} rad", f.travelled_rad);
-    out += &by_attack(f);
-    if goals.goals > 0 {
-        let Goals { goals, reached, returned } = goals;
-        let _ = writeln!(out, "goals             {reached} of {goals} reached within 8 s, {returned} times back home");
-    }
-    let _ = writeln!(out, "machine           {machine}, {} threads", args.threads);
-    out
+    lines.push(format!("machine           {machine}, {} threads", args.threads));
+    text(&lines)
 }
 
-/// Describes the attack.
-fn attacked(args: &AttackArgs, f: &Figures, model: &Model) -> String {
-    let mut out = String::new();
-    // Writing to a String cannot fail.
-    let _ = writeln!(
-        out,
-        "{}: {} ticks at {TICK_HZ} Hz, seed {}, {} checked pairs, {} obstacles{}",
-        model.name,
-        f.ticks,
-        args.seed,
-        model.pairs.len(),
-        model.obstacles.len(),
-        match (args.no_certificate, args.keep_gate, args.no_torque) {
-            (false, _, false) => "",
-            (false, _, true) => ", WITHOUT the proof of torques",
-            (true, false, _) => ", WITHOUT certificate and gate",
-            (true, true, _) => ", WITHOUT certificate, with the gate",
-        }
-    );
-    out
-}
-
-fn by_attack(f: &Figures) -> String {
-    let mut out = String::new();
-    for attack in Attack::ALL {
-        let of = &f.attacks[attack as usize];
-        let near = 100.0 * of.near as f64 / of.ticks.max(1) as f64;
-        let _ = writeln!(
-            out,
-            "  {:9} {:>9} ticks, {} violations, {} denials, {:>7} fallbacks, {near:4.1} % within 1 mm, p50 {:.1} p99 {:.1} us",
-            attack.name(),
-            of.ticks,
-            of.violations,
-            of.denials,
-            of.fallbacks,
-            of.tick.quantile_us(0.5),
-            of.tick.quantile_us(0.99)
-        );
-    }
-    out
+fn attack_line(attack: Attack, of: &AttackFigures) -> String {
+    let (name, near) = (attack.name(), 100.0 * of.near_share());
+    let AttackFigures { ticks, violations, denials, fallbacks, .. } = of;
+    let [p50, p99] = [0.5, 0.99].map(|share| of.tick.quantile_us(share));
+    format!(
+        "  {name:9} {ticks:>9} ticks, {violations} violations, {denials} denials, {fallbacks:>7} fallbacks, {near:4.1} % \
+         within 1 mm, p50 {p50:.1} p99 {p99:.1} us"
+    )
 }
 
 /// Formats stop times as JSON.
 pub fn stop_times_json(times: &StopTimes, bounds: &[Bounds; JOINTS], model: &Model, seed: u64) -> Value {
-    let joints: Map<String, Value> = (0..JOINTS)
-        .map(|j| {
-            let of = &times.joints[j];
-            let value = json!({
-                "worst_ms": of.stop_s * 1e3,
-                "bound_ms": joint_bound_s(&bounds[j]) * 1e3,
-                "at_v": of.v,
-                "at_a": of.a,
-                "share_of_bound_at_v": of.share_of_bound_at,
-                "exceeded": of.exceeded,
-            });
-            (model.joint_names[j].clone(), value)
-        })
-        .collect();
+    let row = |((name, of), bounds): ((&String, &JointWorst), &Bounds)| {
+        let value = json!({
+            "worst_ms": of.stop_s * 1e3,
+            "bound_ms": joint_bound_s(bounds) * 1e3,
+            "at_v": of.v,
+            "at_a": of.a,
+            "share_of_bound_at_v": of.share_of_bound_at,
+            "exceeded": of.exceeded,
+        });
+        (name.clone(), value)
+    };
+    let joints: Map<String, Value> = model.joint_names.iter().zip(&times.joints).zip(bounds).map(row).collect();
     json!({
         "robot": model.name,
         "seed": seed,
@@ -264,22 +237,19 @@ pub fn stop_times_json(times: &StopTimes, bounds: &[Bounds; JOINTS], model: &Mod
 
 /// Formats stop times as text.
 pub fn stop_times_words(times: &StopTimes, bounds: &[Bounds; JOINTS], model: &Model) -> String {
-    let mut out = format!("{:22} {:>9} {:>9}   at v, a\n", "joint", "worst ms", "bound ms");
-    for j in 0..JOINTS {
-        let of = &times.joints[j];
-        let (name, worst, bound) = (&model.joint_names[j], of.stop_s * 1e3, joint_bound_s(&bounds[j]) * 1e3);
-        let _ = writeln!(out, "{name:22} {worst:9.3} {bound:9.3}   {:+.4}, {:+.3}", of.v, of.a);
+    let mut lines = vec![format!("{:22} {:>9} {:>9}   at v, a", "joint", "worst ms", "bound ms")];
+    for ((name, of), bounds) in model.joint_names.iter().zip(&times.joints).zip(bounds) {
+        let (worst, bound) = (of.stop_s * 1e3, joint_bound_s(bounds) * 1e3);
+        lines.push(format!("{name:22} {worst:9.3} {bound:9.3}   {:+.4}, {:+.3}", of.v, of.a));
     }
-    let worst = times.worst_s() * 1e3;
+    let (states, worst, beyond) = (times.states, times.worst_s() * 1e3, times.exceeded());
     let bound = bounds.iter().map(joint_bound_s).fold(0.0, f64::max) * 1e3;
-    let _ = writeln!(
-        out,
-        "{} states and the corners: longest stop {worst:.3} ms, bound {bound:.3} ms; of the bound at its own velocities at most {:.1} %; {} beyond",
-        times.states,
-        100.0 * times.share_of_bound,
-        times.exceeded()
-    );
-    out
+    let share = 100.0 * times.share_of_bound;
+    lines.push(format!(
+        "{states} states and the corners: longest stop {worst:.3} ms, bound {bound:.3} ms; of the bound at its own \
+         velocities at most {share:.1} %; {beyond} beyond"
+    ));
+    text(&lines)
 }
 
 /// Formats motions as JSON.
@@ -289,14 +259,14 @@ pub fn motions_json(played: &[Played], machine: &Machine) -> Value {
         .map(|one| {
             json!({
                 "file": one.file.display().to_string(),
-                "duration_s": one.duration_s,
-                "violations": one.violations,
-                "min_clearance_mm": one.min_clearance_mm,
-                "limb_error_deg": one.limb_error_deg,
-                "limb_error_robot_deg": one.limb_error_robot_deg,
-                "torque_share_max": one.torque_share_max,
-                "fallbacks_per_tick": one.fallbacks_per_tick,
-                "holds": one.holds,
+                "duration_s": one.duration_s(),
+                "violations": one.report.violations,
+                "min_clearance_mm": one.report.min_clearance_mm,
+                "limb_error_deg": one.report.limb_error_deg_mean,
+                "limb_error_robot_deg": one.report.limb_error_measured_deg_mean,
+                "torque_share_max": one.report.torque_share_max,
+                "fallbacks_per_tick": one.fallbacks_per_tick(),
+                "holds": one.holds(),
                 "failed": one.failed,
             })
         })
@@ -312,36 +282,29 @@ pub fn motions_json(played: &[Played], machine: &Machine) -> Value {
 
 /// Formats motions as a table.
 pub fn motions_words(played: &[Played]) -> String {
-    let mut out = format!(
-        "{:24} {:>8} {:>11} {:>13} {:>9} {:>9} {:>7} {:>10} {:>5}\n",
+    let mut lines = vec![format!(
+        "{:24} {:>8} {:>11} {:>13} {:>9} {:>9} {:>7} {:>10} {:>5}",
         "file", "time s", "violations", "clearance mm", "limbs deg", "robot deg", "torque", "refusals %", "holds"
-    );
+    )];
     for one in played {
         let name = one.file.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned());
-        let _ = writeln!(
-            out,
-            "{name:24} {:8.1} {:11} {:13.2} {:9.2} {:9.2} {:7.3} {:10.3} {:5}  {}",
-            one.duration_s,
-            one.violations_total(),
-            one.min_clearance_mm,
-            one.limb_error_deg,
-            one.limb_error_robot_deg,
-            one.torque_share_max,
-            one.fallbacks_per_tick * 100.0,
-            one.holds,
-            one.failed.as_deref().unwrap_or("")
-        );
+        let OfflineReport { min_clearance_mm, torque_share_max, .. } = one.report;
+        let (limbs, robot) = (one.report.limb_error_deg_mean, one.report.limb_error_measured_deg_mean);
+        let (time, violations, holds) = (one.duration_s(), one.violations_total(), one.holds());
+        let (refusals, failed) = (one.fallbacks_per_tick() * 100.0, one.failed.as_deref().unwrap_or(""));
+        lines.push(format!(
+            "{name:24} {time:8.1} {violations:11} {min_clearance_mm:13.2} {limbs:9.2} {robot:9.2} {torque_share_max:7.3} \
+             {refusals:10.3} {holds:5}  {failed}"
+        ));
     }
     let violations: u64 = played.iter().map(Played::violations_total).sum();
     let failed = played.iter().filter(|one| one.failed.is_some()).count();
-    let least = played.iter().map(|one| one.min_clearance_mm).fold(f64::INFINITY, f64::min);
-    let time_s: f64 = played.iter().map(|one| one.duration_s).sum();
-    let _ = writeln!(
-        out,
-        "{} files, {time_s:.0} s: {violations} violations, least clearance {least:.2} mm, {failed} failed",
-        played.len()
-    );
-    out
+    let least = played.iter().map(|one| one.report.min_clearance_mm).fold(f64::INFINITY, f64::min);
+    let (files, time_s) = (played.len(), played.iter().map(Played::duration_s).sum::<f64>());
+    lines.push(format!(
+        "{files} files, {time_s:.0} s: {violations} violations, least clearance {least:.2} mm, {failed} failed"
+    ));
+    text(&lines)
 }
 
 /// Formats a bench as JSON.
@@ -370,22 +333,15 @@ pub fn bench_words(bench: &Bench, ticks: u64, model: &Model, machine: &Machine) 
 ///
 /// # Errors
 /// Returns an error that names the file that cannot be written.
-pub fn put(words: &str, value: &Value, json: Option<&Path>) -> Result<(), TortureError> {
+pub fn put(words: &str, value: &Value, json: Option<&Path>) -> Result<(), Failed> {
     use std::io::Write;
     // The output may be closed. The exit code still reports the result.
-    match json {
-        Some(path) if path.as_os_str() == "-" => {
-            let _ = std::io::stderr().write_all(words.as_bytes());
-            let _ = writeln!(std::io::stdout(), "{value:#}");
-        }
-        Some(path) => {
-            let _ = std::io::stdout().write_all(words.as_bytes());
-            std::fs::write(path, format!("{value:#}\n"))
-                .map_err(|cause| TortureError::Write { file: path.to_path_buf(), cause })?;
-        }
-        None => {
-            let _ = std::io::stdout().write_all(words.as_bytes());
-        }
+    if json.is_some_and(|path| path.as_os_str() == "-") {
+        let _ = std::io::stderr().write_all(words.as_bytes());
+        let _ = writeln!(std::io::stdout(), "{value:#}");
+        return Ok(());
     }
-    Ok(())
+    let _ = std::io::stdout().write_all(words.as_bytes());
+    let Some(path) = json else { return Ok(()) };
+    std::fs::write(path, format!("{value:#}\n")).map_err(|cause| Failed::unwritable(path, &cause))
 }

@@ -1,7 +1,8 @@
 //! Runs both stages as the daemon's control tick does: whole-body control proposes, and the gate decides.
 
-use crate::error::TortureError;
-use config::{Overrides, RobotInterface};
+use crate::cli::Changes;
+use crate::error::Failed;
+use config::{Loaded, Overrides, RobotInterface};
 use control::{Commanded, Commander};
 use driver::Motion;
 use judge::Attacker;
@@ -9,6 +10,7 @@ use messages::{JOINTS, Stamp};
 use robot::{Model, Payload};
 use safety::engage::Permit;
 use safety::gate;
+use std::fmt::Display;
 use std::path::Path;
 use std::time::Instant;
 
@@ -25,8 +27,6 @@ pub struct Subject {
     pub gate: Option<gate::Config>,
     /// Configuration of the simulated robot. Its encoders are exact, because the commands are judged.
     pub sim: sim::Config,
-    /// Bound on the speed of elbows and hands, m/s.
-    pub hand_speed_m_per_s: f64,
     /// True if the driver also pauses for longer than one motion lasts.
     pub pauses: bool,
 }
@@ -35,99 +35,59 @@ pub struct Subject {
 const HAND_SPEED_MAX_M_PER_S: f64 = 3.0;
 
 impl Subject {
-    /// Loads the robot of a settings file with its obstacles, or of a robot file without any. For `certified`,
-    /// see [`Subject::of`]. The attack assumes that every command is executed at its index, so settings with
-    /// another interface are rejected.
+    /// Loads the robot of a settings file with its obstacles, or of a robot file without any. The attack assumes that
+    /// every command is executed at its index, so settings with another interface are rejected.
     ///
     /// # Errors
     /// Returns an error that names the file, the key, the value and the bound.
-    pub fn load(config: &Path, robot: Option<&Path>, certified: bool) -> Result<Self, TortureError> {
-        match robot {
-            Some(file) => Self::of(config::load_model(file)?.0, file, certified, HAND_SPEED_MAX_M_PER_S),
-            None => {
-                let loaded = config::load(config, Overrides::default())?;
-                match loaded.settings.sim.interface {
-                    RobotInterface::Direct => {
-                        Self::of(loaded.model, config, certified, loaded.settings.safety.hand_speed_m_per_s())
-                    }
-                    other => Err(TortureError::Interface { file: config.to_path_buf(), value: other.name() }),
-                }
+    pub fn load(config: &Path, robot: Option<&Path>, changes: Changes) -> Result<Self, Failed> {
+        if let Some(file) = robot {
+            return Self::of(config::load_model(file)?.0, file, HAND_SPEED_MAX_M_PER_S, changes);
+        }
+        let Loaded { model, settings, .. } = config::load(config, Overrides::default())?;
+        match settings.sim.interface {
+            RobotInterface::Direct => Self::of(model, config, settings.safety.hand_speed_m_per_s(), changes),
+            other => {
+                let cause = "must be \"direct\"; no other interface is tested";
+                Err(Failed::rejected(config, format!("sim.interface = \"{}\", {cause}", other.name())))
             }
         }
     }
 
-    /// Creates the subject for this robot, from `file`, with hands no faster than `hand_speed` (m/s). If
-    /// `certified` is true, the stages run as in the daemon. Otherwise they run without certificate and gate,
-    /// which shows that the attacks are effective.
+    /// Creates the subject for this robot, from `file`, with hands no faster than `hand_speed` (m/s). Payloads are
+    /// where the robot file says that the hands grasp.
     ///
     /// # Errors
     /// Returns an error that names the file and the stage that rejects the robot.
-    pub fn of(model: Model, file: &Path, certified: bool, hand_speed: f64) -> Result<Self, TortureError> {
-        let options = if certified { wbc::Options::default() } else { wbc::Options::without_certificate_for_tests() };
-        let options = options.hand_speed_m_per_s(hand_speed);
-        let exact = exact_robot(hand_speed);
-        let gate = gate_of(&model, file, hand_speed)?;
-        Ok(Self {
-            wbc: wbc::Config::new(&model, options)
-                .map_err(|error| TortureError::stage(file, "whole-body control", error))?,
-            gate: certified.then_some(gate),
-            hand_speed_m_per_s: hand_speed,
-            pauses: true,
-            sim: sim::Config::new(&model, &exact)
-                .map_err(|error| TortureError::stage(file, "simulated robot", error))?,
-            robot: judge::Robot::of(model.clone()),
-            model,
-        })
-    }
-
-    /// Returns the subject without the proof of torques.
-    ///
-    /// # Errors
-    /// Returns an error that names the file, and the reason of whole-body control.
-    pub fn without_torque(self, file: &Path) -> Result<Self, TortureError> {
-        let options = wbc::Options::without_torque_for_tests().hand_speed_m_per_s(self.hand_speed_m_per_s);
-        let wbc = wbc::Config::new(&self.model, options);
-        Ok(Self { wbc: wbc.map_err(|error| TortureError::stage(file, "whole-body control", error))?, ..self })
-    }
-
-    /// Returns the subject with `mass_kg` in both hands, where the robot file says that they grasp. If `told`
-    /// is true, whole-body control knows the payload. Otherwise arms give way, and a driver that pauses would
-    /// find the robot off its path. So that driver does not pause.
-    ///
-    /// # Errors
-    /// Returns an error that names the file, and the reason of the stage that rejects it.
-    pub fn with_payload(mut self, file: &Path, mass_kg: f64, told: bool) -> Result<Self, TortureError> {
-        let exact = sim::Options { payload_kg: [Some(mass_kg); 2], ..exact_robot(self.hand_speed_m_per_s) };
-        self.sim = sim::Config::new(&self.model, &exact)
-            .map_err(|error| TortureError::stage(file, "simulated robot", error))?;
-        self.pauses &= told;
-        if told {
-            self.model.payload = self.model.payload.map(|hand| hand.map(|hand| Payload { mass_kg, ..hand }));
-            let options = wbc::Options::default().hand_speed_m_per_s(self.hand_speed_m_per_s);
-            self.wbc = wbc::Config::new(&self.model, options)
-                .map_err(|error| TortureError::stage(file, "whole-body control", error))?;
+    pub fn of(mut model: Model, file: &Path, hand_speed: f64, changes: Changes) -> Result<Self, Failed> {
+        fn made<T>(file: &Path, stage: &str, made: Result<T, impl Display>) -> Result<T, Failed> {
+            made.map_err(|error| Failed::rejected(file, format!("{stage}: {error}")))
         }
-        Ok(self)
+        let robot = judge::Robot::of(model.clone());
+        let payload_kg = Some(changes.payload_kg).filter(|&mass_kg| mass_kg > 0.0);
+        let exact = sim::Options {
+            encoder_noise_rad: 0.0,
+            encoder_step_rad: 0.0,
+            hand_speed_max_m_per_s: hand_speed,
+            payload_kg: [payload_kg; 2],
+            ..sim::Options::default()
+        };
+        let sim = made(file, "simulated robot", sim::Config::new(&model, &exact))?;
+        let gate = gate::Config::new(&model).and_then(|gate| gate.with_hand_speed(hand_speed));
+        let gate = Some(made(file, "gate", gate)?).filter(|_| !changes.no_certificate || changes.keep_gate);
+        if let Some(mass_kg) = payload_kg.filter(|_| !changes.untold) {
+            model.payload = model.payload.map(|hand| hand.map(|hand| Payload { mass_kg, ..hand }));
+        }
+        let options = match changes {
+            Changes { no_certificate: true, .. } => wbc::Options::without_certificate_for_tests(),
+            Changes { no_torque: true, .. } => wbc::Options::without_torque_for_tests(),
+            _ => wbc::Options::default(),
+        };
+        let wbc = wbc::Config::new(&model, options.hand_speed_m_per_s(hand_speed));
+        // With an unknown payload arms give way, and a driver that pauses would find the robot off its path. So it does
+        // not pause.
+        Ok(Self { wbc: made(file, "whole-body control", wbc)?, gate, sim, robot, pauses: !changes.untold, model })
     }
-
-    /// Returns the subject with the gate, regardless of what whole-body control leaves out.
-    ///
-    /// # Errors
-    /// Returns an error that names the file, and the reason of the gate.
-    pub fn with_gate(self, file: &Path) -> Result<Self, TortureError> {
-        let gate = gate_of(&self.model, file, self.hand_speed_m_per_s)?;
-        Ok(Self { gate: Some(gate), ..self })
-    }
-}
-
-/// Options of a simulated robot with exact encoders.
-fn exact_robot(hand_speed_max_m_per_s: f64) -> sim::Options {
-    sim::Options { encoder_noise_rad: 0.0, encoder_step_rad: 0.0, hand_speed_max_m_per_s, ..sim::Options::default() }
-}
-
-fn gate_of(model: &Model, file: &Path, hand_speed: f64) -> Result<gate::Config, TortureError> {
-    let gate = gate::Config::new(model).and_then(|gate| gate.with_hand_speed(hand_speed));
-    gate.map_err(|error| TortureError::stage(file, "gate", error))
 }
 
 /// Returns the attacker's target as whole-body control takes it.

@@ -6,8 +6,9 @@ use robot::{BoxEntry, Environment};
 use sim::ViolationKind;
 use std::path::{Path, PathBuf};
 use torture::chunk::{self, PART_TICKS};
-use torture::figures::Figures;
-use torture::goals::{self, Goals};
+use torture::cli::Changes;
+use torture::figures::{Figures, Merge, merged};
+use torture::goals;
 use torture::machine::cores;
 use torture::parallel::in_parallel;
 use torture::stages::Subject;
@@ -19,8 +20,8 @@ fn root() -> PathBuf {
 }
 
 /// The shipped robot among the obstacles of the shipped settings.
-fn subject(certified: bool) -> Subject {
-    Subject::load(&root().join("config/teleop.toml"), None, certified).unwrap()
+fn subject(changes: Changes) -> Subject {
+    Subject::load(&root().join("config/teleop.toml"), None, changes).unwrap()
 }
 
 /// The shipped robot with a shelf just above its hands.
@@ -30,27 +31,23 @@ fn below_a_shelf() -> Subject {
     let (center_m, size_m) = ([0.9, 0.0, 0.8], [0.8, 1.6, 0.04]);
     let shelf = BoxEntry { name: "shelf".into(), center_m, size_m, rpy_deg: [0.0; 3] };
     let model = model.with_environment("test", &Environment { planes: vec![], boxes: vec![shelf] }).unwrap();
-    Subject::of(model, &file, true, 3.0).unwrap()
+    Subject::of(model, &file, 3.0, Changes::default()).unwrap()
 }
 
 fn run(subject: &Subject, seed: u64, ticks: u64, threads: usize) -> Figures {
     let parts = ticks.div_ceil(PART_TICKS);
-    let mut figures = Figures::default();
-    for part in in_parallel(threads, parts as usize, |part| {
+    merged(in_parallel(threads, parts as usize, |part| {
         chunk::run(subject, seed, part as u64, PART_TICKS.min(ticks - part as u64 * PART_TICKS))
-    }) {
-        figures.merge(part);
-    }
-    figures
+    }))
 }
 
 #[test]
 fn million_hostile_ticks_cause_no_violation() {
-    let subject = subject(true);
+    let subject = subject(Changes::default());
     let figures = run(&subject, 7, TICKS, cores());
     println!(
         "least clearance {:.4} mm, {} denials {:?}, {:.0} rad travelled",
-        figures.min_clearance_m * 1e3,
+        figures.min_clearance_m.0 * 1e3,
         figures.denials,
         figures.denied_for,
         figures.travelled_rad
@@ -65,14 +62,14 @@ fn million_hostile_ticks_cause_no_violation() {
         figures.attacks.each_ref().map(|a| a.ticks)
     );
     assert!(figures.attacks[Attack::Gradient as usize].near > 1000, "the gradient attack came near nothing");
-    assert!(figures.min_clearance_m < subject.model.d_min_m + 1e-4, "{}", figures.min_clearance_m);
+    assert!(figures.min_clearance_m.0 < subject.model.d_min_m + 1e-4, "{}", figures.min_clearance_m.0);
     assert!(figures.travelled_rad > 1000.0, "the attack hardly moved the robot: {} rad", figures.travelled_rad);
     assert!(figures.rollouts > 500 && figures.stops > 50 && figures.latches > 3 && figures.reseeds > 1000);
     // No motor exceeded its allowed share, and some came close to it.
-    let share = figures.torque_share_max.max(figures.rollout_torque_share);
+    let share = figures.torque_share_max.0.max(figures.rollout_torque_share.0);
     assert!(share <= wbc::torque::SHARE + 1e-9 && share > 0.8, "{share}");
     // No plan of a command lasts longer than the robot file promises for its limits.
-    assert!(figures.worst_stop_s < 0.5 && figures.worst_stop_s > 0.1, "{}", figures.worst_stop_s);
+    assert!(figures.worst_stop_s.0 < 0.5 && figures.worst_stop_s.0 > 0.1, "{}", figures.worst_stop_s.0);
 }
 
 #[test]
@@ -85,10 +82,10 @@ fn shelf_above_the_hands_is_not_touched_under_attack() {
 
 #[test]
 fn same_attack_without_certificate_and_gate_collides() {
-    let subject = subject(false);
+    let subject = subject(Changes { no_certificate: true, ..Changes::default() });
     let figures = run(&subject, 7, 20_000, 1);
     assert!(figures.violations_of(ViolationKind::Clearance) > 0);
-    assert!(figures.min_clearance_m < subject.model.d_min_m - 5e-3);
+    assert!(figures.min_clearance_m.0 < subject.model.d_min_m - 5e-3);
     // The limits of the joints do not depend on the certificate.
     let others = figures.violations_total() - figures.violations_of(ViolationKind::Clearance);
     assert_eq!(others, 0, "{:?}", figures.violations);
@@ -96,16 +93,19 @@ fn same_attack_without_certificate_and_gate_collides() {
 
 #[test]
 fn attack_figures_do_not_depend_on_the_number_of_threads() {
-    let subject = subject(true);
-    let figures = [1, 3].map(|threads| {
-        let parts = in_parallel(threads, 3, |part| chunk::run(&subject, 11, part as u64, 3000));
-        let mut all = Figures::default();
-        parts.into_iter().for_each(|part| all.merge(part));
-        all
-    });
+    let subject = subject(Changes::default());
+    let figures =
+        [1, 3].map(|threads| merged(in_parallel(threads, 3, |part| chunk::run(&subject, 11, part as u64, 3000))));
     let told = figures.each_ref().map(|f| {
         let counts = [f.ticks, f.fallbacks, f.denials, f.missed, f.lost, f.reseeds, f.rollouts, f.stops];
-        (f.violations, counts, f.min_clearance_m, f.travelled_rad, f.worst_stop_s, f.attacks.each_ref().map(|a| a.near))
+        (
+            f.violations,
+            counts,
+            f.min_clearance_m.0,
+            f.travelled_rad,
+            f.worst_stop_s.0,
+            f.attacks.each_ref().map(|a| a.near),
+        )
     });
     assert_eq!(told[0], told[1]);
     let other = chunk::run(&subject, 12, 0, 3000);
@@ -114,14 +114,12 @@ fn attack_figures_do_not_depend_on_the_number_of_threads() {
 
 #[test]
 fn most_goals_are_reached() {
-    let subject = subject(true);
-    let parts = in_parallel(cores(), 4, |part| goals::run(&subject, 1, part as u64, 6));
-    let mut all = Goals::default();
-    parts.into_iter().for_each(|part| all.merge(part));
+    let subject = subject(Changes::default());
+    let all = merged(in_parallel(cores(), 4, |part| goals::run(&subject, 1, part as u64, 6)));
     println!("{} of {} goals, {} times back home", all.reached, all.goals, all.returned);
     // The bound is far below the measurement over 168 goals. The test only checks that goals are reached at
     // all.
-    assert!(all.goals == 24 && all.share() > 0.7, "{all:?}");
+    assert!(all.goals == 24 && all.share(all.reached) > 0.7, "{all:?}");
 }
 
 #[test]
@@ -137,7 +135,7 @@ fn violation_of_true_motion_counts_as_a_broken_promise() {
 #[test]
 fn joint_step_beyond_its_limits_is_counted() {
     // The checker that judges the attack gets a step that no driver would take.
-    let subject = subject(true);
+    let subject = subject(Changes::default());
     let held = sim::State::new(&subject.sim, 1500, 1).follower().setpoint();
     let mut checker = sim::Checker::new(&subject.sim, held);
     let mut report = sim::Report::default();
@@ -150,21 +148,21 @@ fn joint_step_beyond_its_limits_is_counted() {
 /// Both hands carry 0.5 kg, and whole-body control knows it.
 #[test]
 fn known_payload_under_attack_overloads_no_motor() {
-    let laden = subject(true).with_payload(&root().join("config/teleop.toml"), 0.5, true).unwrap();
+    let laden = subject(Changes { payload_kg: 0.5, ..Changes::default() });
     let figures = run(&laden, 7, 200_000, cores());
     assert!(figures.kept(), "{:?}, {} refused, {} stops late", figures.first, figures.refusals, figures.late_stops);
     assert!(figures.travelled_rad > 100.0 && figures.rollouts > 100, "{} rad", figures.travelled_rad);
-    let share = figures.torque_share_max.max(figures.rollout_torque_share);
+    let share = figures.torque_share_max.0.max(figures.rollout_torque_share.0);
     assert!(share <= wbc::torque::SHARE + 1e-9 && share > 0.8, "{share}");
 }
 
 /// The same attack with 2 kg that whole-body control does not know. Only the torques depend on that knowledge.
 #[test]
 fn unknown_payload_under_attack_overloads_motors() {
-    let laden = subject(true).with_payload(&root().join("config/teleop.toml"), 2.0, false).unwrap();
+    let laden = subject(Changes { payload_kg: 2.0, untold: true, ..Changes::default() });
     let figures = run(&laden, 7, 50_000, cores());
     assert!(!figures.kept() && figures.violations_of(ViolationKind::Torque) > 0, "{:?}", figures.violations);
-    assert!(figures.torque_share_max > 1.0, "{}", figures.torque_share_max);
+    assert!(figures.torque_share_max.0 > 1.0, "{}", figures.torque_share_max.0);
     let others = figures.violations_total() - figures.violations_of(ViolationKind::Torque);
     assert_eq!(others, 0, "{:?}", figures.violations);
 }

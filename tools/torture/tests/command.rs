@@ -69,7 +69,7 @@ fn run_without_torque_proof_succeeds_only_with_an_overload() {
 fn invalid_option_or_path_is_refused_by_name() {
     for (arguments, code, words) in [
         (vec!["--rate", "1000"], 64, vec!["--rate = 1000", "1500"]),
-        (vec!["--ticks", "0"], 64, vec!["--ticks = 0", "at least 1"]),
+        (vec!["--ticks", "0"], 64, vec!["--ticks = 0", "1 to"]),
         (vec!["--threads", "0"], 64, vec!["--threads = 0", "1 to"]),
         (vec!["--robot", "no/such.toml"], 78, vec!["no/such.toml"]),
         (vec!["motions", "no/such"], 66, vec!["no/such"]),

@@ -7,6 +7,7 @@ use messages::{JOINTS, deadline};
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
 use std::path::Path;
+use torture::cli::Changes;
 use torture::stages::{Stages, Subject, permit, target};
 
 const TICKS: u64 = 30_000;
@@ -40,14 +41,15 @@ fn attack(subject: &Subject, meshes: &Meshes, seed: u64, ticks: u64) -> (f64, St
 #[test]
 fn meshes_under_attack_stay_apart_only_with_certificate() {
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/robots/tiago_dual.toml");
-    let load = |certified| Subject::load(Path::new(""), Some(&file), certified).unwrap();
-    let subject = load(true);
+    let load = |changes| Subject::load(Path::new(""), Some(&file), changes).unwrap();
+    let subject = load(Changes::default());
     let Some(meshes) = Meshes::read(&subject.model.joint_names) else { return };
     let [pieces, pairs] = meshes.counts();
     assert!(pieces > 20 && pairs > 200, "{pieces} {pairs}");
     let (least_m, pair) = attack(&subject, &meshes, 3, TICKS);
     println!("{pieces} meshes, {pairs} pairs: least distance {:.2} mm, {pair}", least_m * 1e3);
     assert!(least_m > 0.0, "{pair} touch");
-    let (without_m, pair) = attack(&load(false), &meshes, 3, TICKS);
+    let without = load(Changes { no_certificate: true, ..Changes::default() });
+    let (without_m, pair) = attack(&without, &meshes, 3, TICKS);
     assert!(without_m == 0.0, "without the certificate nothing touched: {without_m} m, {pair}");
 }

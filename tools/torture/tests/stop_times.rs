@@ -2,12 +2,13 @@
 
 use messages::{JOINTS, TICK_S};
 use std::path::Path;
+use torture::cli::Changes;
 use torture::stages::Subject;
 use torture::stop_times::{joint_bound_at_s, joint_bound_s, run, stop_bound_s};
 
 fn subject() -> Subject {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
-    Subject::load(&root.join("config/teleop.toml"), None, true).unwrap()
+    Subject::load(&root.join("config/teleop.toml"), None, Changes::default()).unwrap()
 }
 
 #[test]
