@@ -65,7 +65,7 @@ struct Interpolate {
     #[arg(long, value_name = "FILE.csv", default_value = "interpolation.csv")]
     out: PathBuf,
     /// Space in which the line between two poses is straight.
-    #[arg(long, value_enum, default_value = "latent")]
+    #[arg(long, value_enum, value_name = "latent|joint", hide_possible_values = true, default_value = "latent")]
     space: Space,
     /// Levenberg-Marquardt steps after the network, 0 to 16.
     #[arg(long, default_value_t = 2)]
