@@ -76,34 +76,18 @@ pub fn count(config: &ingest::Config, motion: &Motion, calibration: CalibrationM
     out
 }
 
-struct Report {
-    folder: String,
-    motions: usize,
-    rates: Vec<(f64, Refusals)>,
-    /// Motion, rate, and its refusals.
-    worst: Vec<(String, f64, Refusals)>,
-}
-
-impl fmt::Display for Report {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let count = |head, width, count: fn(&Refusals) -> u64| {
-            column(["", head], width, move |row: &Refusals| count(row).to_string())
-        };
-        let columns = [
-            count("frames", 9, |row| row.frames),
-            count("dropped", 9, |row| row.dropped),
-            count("one arm", 9, |row| row.arm_left_out),
-            count("strangers", 10, |row| row.strangers),
-        ];
-        let names: Vec<String> = self.rates.iter().map(|(rate, _)| format!("{rate:>6}")).collect();
-        let rows = names.iter().zip(&self.rates).map(|(name, (_, all))| (name.as_str(), all));
-        table::write(f, ("    Hz", 6), &columns, rows)?;
-        for (name, rate, found) in &self.worst {
-            let reasons: Vec<_> = found.reasons.iter().map(|(name, count)| format!("{name} {count}")).collect();
-            writeln!(f, "{name} at {rate} Hz: {}", reasons.join(", "))?;
-        }
-        writeln!(f, "{} motions of {}, at recorded speed", self.motions, self.folder)
-    }
+fn show_rates(f: &mut fmt::Formatter<'_>, rates: &[(f64, Refusals)]) -> fmt::Result {
+    let count = |head, width, count: fn(&Refusals) -> u64| {
+        column(["", head], width, move |row: &Refusals| count(row).to_string())
+    };
+    let columns = [
+        count("frames", 9, |row| row.frames),
+        count("dropped", 9, |row| row.dropped),
+        count("one arm", 9, |row| row.arm_left_out),
+        count("strangers", 10, |row| row.strangers),
+    ];
+    let names: Vec<String> = rates.iter().map(|(rate, _)| format!("{rate:>6}")).collect();
+    table::write(f, ("    Hz", 6), &columns, names.iter().zip(rates).map(|(name, (_, all))| (name.as_str(), all)))
 }
 
 /// Counts over a folder, prints the table, writes JSON.
@@ -128,23 +112,25 @@ pub fn run(cli: &Cli, folder: &Path) -> Result<(), EvalError> {
             }
         })
         .collect();
-    let pairs: Vec<(&Motion, f64)> =
-        cli.rates.iter().flat_map(|&rate| motions.iter().map(move |motion| (motion, rate))).collect();
-    let found: Vec<Refusals> =
-        pairs.par_iter().map(|(motion, rate)| count(&config, motion, cli.calibration, *rate)).collect();
-    let (mut rates, mut worst) = (Vec::new(), Vec::new());
+    let (mut rates, mut worst) = (Vec::new(), String::new());
     for &rate in &cli.rates {
+        let of = |motion: &Motion| count(&config, motion, cli.calibration, rate);
+        let found: Vec<Refusals> = motions.par_iter().map(of).collect();
         let mut all = Refusals::default();
-        for ((motion, _), found) in pairs.iter().zip(&found).filter(|((_, at), _)| *at == rate) {
-            all.add(found);
-            if !found.reasons.is_empty() {
-                worst.push((motion.name.clone(), rate, found.clone()));
+        for (motion, found) in motions.iter().zip(found) {
+            all.add(&found);
+            let reasons: Vec<_> = found.reasons.iter().map(|(name, count)| format!("{name} {count}")).collect();
+            if !reasons.is_empty() {
+                worst += &format!("{} at {rate} Hz: {}\n", motion.name, reasons.join(", "));
             }
         }
         rates.push((rate, all));
     }
-    let report = Report { folder: folder.display().to_string(), motions: motions.len(), rates, worst };
-    show(&report);
-    let rates: Map<_, _> = report.rates.iter().map(|(rate, all)| (format!("{rate}"), json!(all))).collect();
-    write_json(cli, &json!({ "refusals": report.folder, "motions": report.motions, "rates_hz": rates }))
+    let (folder, motions) = (folder.display().to_string(), motions.len());
+    show(&fmt::from_fn(|f| {
+        show_rates(f, &rates)?;
+        writeln!(f, "{worst}{motions} motions of {folder}, at recorded speed")
+    }));
+    let rates: Map<_, _> = rates.iter().map(|(rate, all)| (format!("{rate}"), json!(all))).collect();
+    write_json(cli, &json!({ "refusals": folder, "motions": motions, "rates_hz": rates }))
 }
