@@ -88,6 +88,7 @@ const MAY_DEPEND_ON: &[(&str, &[&str])] = &[
             "train",
             "poses",
             "collision",
+            "follow",
         ],
     ),
     ("dist", &["latency", "motion", "instance", "config", "record", "view"]),

@@ -4,8 +4,9 @@
 use clap::Parser;
 use eval::cli::Cli;
 use eval::following::optimum::{least_squares, optimum};
-use eval::following::{Bounds, Joints, Motion, NODE_S, Person, Played, Sample, State, bounds_of, judge};
+use eval::following::{Joints, Motion, NODE_S, Person, Played, Sample, bounds_of, judge};
 use eval::run::run;
+use follow::solver::{Bounds, State};
 use messages::{Layout, Skeleton, Stamp, skeleton_flag};
 use retarget::{ARM_Q, ArmModel, ArmQ, Limbs, limb_error_deg, mirror, xyzw_from_rotation};
 use robot::Model;

@@ -3,9 +3,11 @@
 use super::ahead::{self, AHEAD_MS};
 use super::optimum::{improved, least_squares};
 use super::play::{Played, Sample};
-use super::tracking::{Bounds, Motion, State};
+use super::riccati::Joints;
+use super::tracking::Motion;
 use crate::clips::Human;
 use crate::figures::limbs_of;
+use follow::solver::{Bounds, State};
 use messages::{LEFT_ARM, LIMBS, RIGHT_ARM, Stamp};
 use retarget::{ArmModel, Limbs, limb_error_deg};
 use robot::Model;
@@ -65,7 +67,7 @@ impl Figures {
 #[must_use]
 pub fn bounds_of(model: &Model) -> [Bounds; 2] {
     [LEFT_ARM, RIGHT_ARM].map(|joints| {
-        let limit = |of: fn(&robot::JointLimits) -> f64| std::array::from_fn(|i| of(&model.limits[joints.start + i]));
+        let limit = |of: fn(&robot::JointLimits) -> f64| Joints::from_fn(|i, _| of(&model.limits[joints.start + i]));
         Bounds {
             q_min: limit(|limits| limits.q_min),
             q_max: limit(|limits| limits.q_max),
@@ -128,8 +130,7 @@ impl Best {
             for (side, bounds) in bounds.iter().enumerate() {
                 let path: Vec<_> = person.iter().map(|human| human[side]).collect();
                 let Some(first) = span.first() else { continue };
-                let (q, v) = first.arm(side);
-                let start = State { q, v };
+                let start = first.arm(side);
                 let motion = least_squares(arm, bounds, &path, start);
                 add_deg(&mut squares, arm, start, &motion, &path);
                 add_deg(&mut optima, arm, start, &improved(arm, bounds, &path, start, motion), &path);

@@ -28,7 +28,7 @@ pub use person::Person;
 pub use play::{Played, Sample, Stage};
 pub use report::Report;
 pub use riccati::Joints;
-pub use tracking::{Bounds, Motion, NODE_S, State};
+pub use tracking::{Motion, NODE_S};
 
 use crate::cli::Cli;
 use crate::clips::{chosen, stem};

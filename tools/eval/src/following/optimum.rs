@@ -8,7 +8,8 @@
 //! resulting motion can be executed. The true optimum has the same error or less.
 
 use super::riccati::Joints;
-use super::tracking::{Bounds, Loss, Motion, State, Task};
+use super::tracking::{Loss, Motion, NODE_S, Task, brake};
+use follow::solver::{Bounds, State};
 use retarget::{ArmModel, Limbs, limb_error_deg};
 
 /// Nodes of a window, and the number of nodes that are kept. The times are 2 s and 1 s, 1 s and 0.5 s, 0.5 s
@@ -69,10 +70,10 @@ fn search(whole: &Task<'_>, nodes: usize, kept: usize) -> Motion {
 
 /// Returns these accelerations from `at`, followed by a stop.
 fn extended(at: State, mut a: Vec<Joints>, nodes: usize, bounds: &Bounds) -> Vec<Joints> {
-    let mut at = a.iter().fold(at, |at, a| at.after(a));
+    let mut at = a.iter().fold(at, |at, a| at.after(a, NODE_S));
     while a.len() < nodes {
-        let brake = at.brake(bounds);
-        at = at.after(&brake);
+        let brake = brake(&at, bounds);
+        at = at.after(&brake, NODE_S);
         a.push(brake);
     }
     a

@@ -2,7 +2,6 @@
 
 use super::ahead::Expectation;
 use super::person::Person;
-use super::riccati::Joints;
 use crate::error::EvalError;
 use crate::methods::Posture;
 use client::PlayOptions;
@@ -152,7 +151,7 @@ impl Watch<'_> {
 impl Sample {
     /// Returns position and speed of one arm.
     #[must_use]
-    pub fn arm(&self, arm: usize) -> (Joints, Joints) {
-        (Joints::from(self.q[arm]), Joints::from(self.v[arm]))
+    pub fn arm(&self, arm: usize) -> State {
+        State { q: self.q[arm].into(), v: self.v[arm].into() }
     }
 }

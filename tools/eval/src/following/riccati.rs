@@ -2,11 +2,12 @@
 //! It works along a chain of nodes, each the double integrator of the previous one. It is a backward recursion
 //! over blocks of five joints.
 
-use nalgebra::{Cholesky, SMatrix, SVector};
+use nalgebra::{Cholesky, SMatrix};
 use retarget::ARM_Q;
 
 /// One value for each joint of an arm.
-pub type Joints = SVector<f64, ARM_Q>;
+pub use follow::arm::ArmVector as Joints;
+
 /// One value for each pair of joints.
 pub type Block = SMatrix<f64, ARM_Q, ARM_Q>;
 

@@ -3,6 +3,7 @@
 //! a motion within the limits.
 
 use super::riccati::{Change, Joints, Node, step};
+use follow::solver::{Bounds, State};
 use retarget::{ARM_Q, ArmModel, ArmQ, Limbs};
 
 /// Time between nodes, s.
@@ -23,40 +24,10 @@ const SLOW: f64 = 0.01;
 /// An angle below this counts by its square, rad: 0.6 degrees.
 const SMALL_RAD: f64 = 0.01;
 
-/// Bounds of one arm: rad, rad/s, rad/s^2.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Bounds {
-    /// Least positions.
-    pub q_min: ArmQ,
-    /// Greatest positions.
-    pub q_max: ArmQ,
-    /// Greatest speeds.
-    pub v_max: ArmQ,
-    /// Greatest accelerations.
-    pub a_max: ArmQ,
-}
-
-/// State of a motion at a node.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct State {
-    /// Positions, rad.
-    pub q: Joints,
-    /// Speeds, rad/s.
-    pub v: Joints,
-}
-
-impl State {
-    /// Returns the state one node later under the accelerations `a`.
-    #[must_use]
-    pub fn after(&self, a: &Joints) -> Self {
-        Self { q: self.q + self.v * NODE_S + a * (0.5 * NODE_S * NODE_S), v: self.v + a * NODE_S }
-    }
-
-    /// Returns the accelerations over the next node that lead to rest within the limits, at 0.9 of them.
-    #[must_use]
-    pub fn brake(&self, bounds: &Bounds) -> Joints {
-        Joints::from_fn(|j, _| (-self.v[j] / NODE_S).clamp(-0.9 * bounds.a_max[j], 0.9 * bounds.a_max[j]))
-    }
+/// Returns the accelerations over the next node that lead to rest within the limits, at 0.9 of them.
+#[must_use]
+pub fn brake(state: &State, bounds: &Bounds) -> Joints {
+    Joints::from_fn(|j, _| (-state.v[j] / NODE_S).clamp(-0.9 * bounds.a_max[j], 0.9 * bounds.a_max[j]))
 }
 
 /// Cost of a limb's angle.
@@ -113,7 +84,7 @@ impl Motion {
     pub fn from(start: State, a: Vec<Joints>) -> Self {
         let mut at = start;
         let states = a.iter().map(|a| {
-            at = at.after(a);
+            at = at.after(a, NODE_S);
             at
         });
         Self { states: states.collect(), a }
