@@ -12,7 +12,8 @@ pub struct Mat<'a> {
     data: &'a [f32],
     rows: usize,
     cols: usize,
-    transposed: bool,
+    /// Distance between two rows, and between two columns, in elements.
+    steps: [isize; 2],
 }
 
 impl<'a> Mat<'a> {
@@ -20,40 +21,29 @@ impl<'a> Mat<'a> {
     #[must_use]
     pub fn new(data: &'a [f32], rows: usize, cols: usize) -> Self {
         assert!(data.len() >= rows * cols, "matrix {rows} x {cols} over {} values", data.len());
-        Self { data, rows, cols, transposed: false }
+        Self { data, rows, cols, steps: [cols as isize, 1] }
     }
 
     /// Returns the same storage, read as its transpose.
     #[must_use]
     pub fn t(self) -> Self {
-        Self { transposed: !self.transposed, ..self }
-    }
-
-    fn shape(self) -> (usize, usize) {
-        if self.transposed { (self.cols, self.rows) } else { (self.rows, self.cols) }
-    }
-
-    /// (column stride, row stride) in elements, as `gemm` requires them.
-    fn strides(self) -> (isize, isize) {
-        let step = self.cols as isize;
-        if self.transposed { (step, 1) } else { (1, step) }
+        let [row, col] = self.steps;
+        Self { rows: self.cols, cols: self.rows, steps: [col, row], ..self }
     }
 }
 
 /// Computes `dst = a b`, or `dst += a b` if `accumulate` is true. `dst` is row-major and exactly rows(a) x
 /// cols(b). Panics if the shapes do not agree.
 pub fn multiply(dst: &mut [f32], a: Mat<'_>, b: Mat<'_>, accumulate: bool) {
-    let (m, inner) = a.shape();
-    let (b_rows, n) = b.shape();
-    assert_eq!(inner, b_rows, "inner dimensions of a product");
+    let (m, inner, n) = (a.rows, a.cols, b.cols);
+    assert_eq!(inner, b.rows, "inner dimensions of a product");
     assert_eq!(dst.len(), m * n, "destination of a {m} x {n} product");
     if m == 0 || n == 0 {
         return;
     }
-    let (a_cs, a_rs) = a.strides();
-    let (b_cs, b_rs) = b.strides();
+    let ([a_rs, a_cs], [b_rs, b_cs]) = (a.steps, b.steps);
     // SAFETY: `gemm` reads a[i * rs + j * cs] for i < m, j < inner. `Mat::new` checked that the storage holds
-    // rows * cols values. With these strides the largest index is rows * cols - 1 in either reading. The same
+    // rows * cols values. With these steps the largest index is rows * cols - 1 in either reading. The same
     // holds for b. It writes dst[i * n + j] for i < m, j < n, and the length was asserted to be m * n. `dst` is
     // an exclusive borrow, so it overlaps neither input. No parallelism is requested, so no pointer leaves this
     // thread.
