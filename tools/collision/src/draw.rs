@@ -67,22 +67,26 @@ pub fn draw(model: &Model, q: &[f64; 17], clouds: &[Cloud], out: &Path) -> Resul
         .append(true)
         .open(out)
         .map_err(|cause| CollisionError::Write { path: out.to_path_buf(), cause })?;
-    match out.extension().and_then(|extension| extension.to_str()) {
-        Some("svg") => views(&SVGBackend::new(out, SIZE).into_drawing_area(), &capsules, &points).map_err(failed),
-        Some("png") => views(&BitMapBackend::new(out, SIZE).into_drawing_area(), &capsules, &points).map_err(failed),
-        _ => Err(failed("must end in .png or .svg".into())),
-    }
+    let drawn = match out.extension().and_then(|extension| extension.to_str()) {
+        Some("svg") => {
+            let area = SVGBackend::new(out, SIZE).into_drawing_area();
+            views(&area, &capsules, &points).and_then(|()| area.present()).map_err(|error| error.to_string())
+        }
+        // The canvas has two points for each pixel.
+        Some("png") => canvas::save(out, (2 * SIZE.0, 2 * SIZE.1), |area| views(area, &capsules, &points)),
+        _ => Err("must end in .png or .svg".into()),
+    };
+    drawn.map_err(failed)
 }
 
 fn views<B: DrawingBackend>(
     area: &DrawingArea<B, plotters::coord::Shift>,
     capsules: &[Shape],
     points: &[Vector3<f64>],
-) -> Result<(), String> {
-    let failed = |error: DrawingAreaErrorKind<B::ErrorType>| error.to_string();
-    area.fill(&WHITE).map_err(failed)?;
-    let (left, right) = area.split_horizontally(SIZE.0 / 2);
-    for (panel, view) in [left, right].iter().zip(VIEWS) {
+) -> Result<(), DrawingAreaErrorKind<B::ErrorType>> {
+    area.fill(&WHITE)?;
+    let line = area.dim_in_pixel().0 / SIZE.0;
+    for (panel, view) in area.split_evenly((1, 2)).iter().zip(VIEWS) {
         let outlines: Vec<Vec<(f64, f64)>> =
             capsules.iter().map(|c| outline([view(&c.a), view(&c.b)], c.radius_m)).collect();
         let all = outlines.iter().flatten();
@@ -101,14 +105,14 @@ fn views<B: DrawingBackend>(
             (across.round() as i32, down.round() as i32)
         };
         for point in points {
-            panel.draw(&Circle::new(pixel(view(point)), 1, BLACK.mix(0.35).filled())).map_err(failed)?;
+            panel.draw(&Circle::new(pixel(view(point)), line, BLACK.mix(0.35).filled()))?;
         }
-        for line in &outlines {
-            let corners: Vec<(i32, i32)> = line.iter().map(|corner| pixel(*corner)).collect();
-            panel.draw(&Polygon::new(corners.clone(), BLUE.mix(0.08))).map_err(failed)?;
+        for outline in &outlines {
+            let corners: Vec<(i32, i32)> = outline.iter().map(|corner| pixel(*corner)).collect();
+            panel.draw(&Polygon::new(corners.clone(), BLUE.mix(0.08)))?;
             let closed: Vec<(i32, i32)> = corners.iter().chain(corners.first()).copied().collect();
-            panel.draw(&PathElement::new(closed, BLUE.mix(0.6).stroke_width(1))).map_err(failed)?;
+            panel.draw(&PathElement::new(closed, BLUE.mix(0.6).stroke_width(line)))?;
         }
     }
-    area.present().map_err(failed)
+    Ok(())
 }
