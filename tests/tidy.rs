@@ -9,7 +9,7 @@ use std::path::Path;
 use std::process::Command;
 
 /// Crates that never do IO, never read a clock and never block.
-const PURE: [&str; 14] = [
+const PURE: [&str; 15] = [
     "schema", "messages", "robot", "layouts", "skeleton", "retarget", "follow", "wbc", "safety", "driver", "plant",
     "sim", "ingest", "explain", "control",
 ];
@@ -66,7 +66,7 @@ const MAY_DEPEND_ON: &[(&str, &[&str])] = &[
     ("judge", &["messages", "robot", "driver", "plant", "sim", "collision"]),
     ("replay", &["*"]),
     ("train", &["messages", "motion", "skeleton", "retarget", "robot", "rt"]),
-    ("collision", &["messages", "robot", "rt"]),
+    ("collision", &["canvas", "messages", "robot", "rt"]),
     ("view", &["messages", "robot", "doors", "operator", "instance", "explain", "config", "bus", "rt"]),
     ("batch", &["messages", "motion", "config", "retarget", "robot", "rt"]),
     ("poses", &["messages", "motion", "retarget", "robot", "rt"]),

@@ -8,10 +8,11 @@ use crate::browser::{Browser, Difference};
 use crate::viewer::Viewer;
 use client::PlayOptions;
 use config::{Loaded, Overrides};
+use harness::Rig;
 use motion::CalibrationMode;
 use std::time::{Duration, Instant};
 use view::{LatestMessages, RecordingView, RecordingViewBuilder, RobotView, Server};
-use world::{Moment, Offline};
+use world::{Offline, PlayedTick};
 
 /// A desktop, a laptop, a tablet on its side and upright, a phone.
 const SIZES: [[u32; 2]; 5] = [[1920, 1080], [1280, 720], [1024, 768], [820, 1180], [390, 844]];
@@ -20,7 +21,7 @@ const SKIPPED: &str = "skipped: no Chromium in PATH, and TELEOPD_CHROMIUM names 
 
 pub fn loaded() -> Loaded {
     let overrides = Overrides { engage_without_realtime: true, ..Overrides::default() };
-    config::load(&config(), overrides).expect("settings")
+    config::load(&harness::config(), overrides).expect("settings")
 }
 
 /// Returns the shipped robot as a page shows it.

@@ -7,7 +7,7 @@ use client::{Port, Transport};
 use instance::Instance;
 use messages::{Header, Layout, RawSkeleton, Stamp};
 use rt::{Exit, Failure};
-use rt::{Peer, Shutdown, err, out};
+use rt::{Peer, Shutdown, out};
 use std::collections::BTreeMap;
 use std::io::ErrorKind;
 use std::net::{SocketAddr, UdpSocket};

@@ -1,9 +1,8 @@
 //! Shows that the stages reproduce a recording from its inputs, bit for bit.
 
-use crate::{Cli, EX_NOINPUT, Failure};
+use crate::Cli;
 use config::Overrides;
-use rt::Exit;
-use rt::out;
+use rt::{Exit, Failure, out};
 use std::path::Path;
 
 /// Compares, and prints the counts.

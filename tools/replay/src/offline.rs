@@ -1,6 +1,6 @@
 //! Runs the stages' own ticks in virtual time and writes every command.
 
-use crate::{Cli, EX_USAGE, Failure};
+use crate::Cli;
 use client::PlayOptions;
 use config::Overrides;
 use indicatif::{ProgressBar, ProgressStyle};
@@ -8,13 +8,12 @@ use messages::{JOINTS, TICK_HZ};
 use motion::Motion;
 use record::{OfflineRecording, Trace};
 use robot::Model;
-use rt::Exit;
-use rt::out;
+use rt::{Exit, Failure, out};
 use serde_json::json;
 use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::Path;
-use world::{Moment, Offline, OfflineEnd, OfflineReport};
+use world::{Offline, OfflineEnd, OfflineReport, Row};
 
 /// Rejects options that would overwrite an input or output file, or would never end.
 fn refuse(cli: &Cli, out: &Path) -> Result<(), Failure> {
@@ -50,15 +49,7 @@ pub fn run(cli: &Cli, motion: &Motion, out: &Path) -> Result<(), Failure> {
         None => None,
     };
     let mut trace = Trace::default();
-    let mut watch = |moment: &Moment, operator: &OperatorView| {
-        if let Some(recording) = &mut recording {
-            recording.moment(moment, operator);
-        }
-        if cli.plot.is_some() {
-            trace.moment(moment);
-        }
-    };
-    let mut offline = Offline::watched(&loaded, motion, options, &mut watch).map_err(Failure::with(Exit::Config))?;
+    let mut offline = Offline::new(&loaded, motion, options).map_err(Failure::with(Exit::Config))?;
     let file = File::create(out).map_err(|error| Failure::new(Exit::CantCreate, rt::unwritable(out, &error)))?;
     let mut csv = BufWriter::new(file);
     let write = |error: std::io::Error| Failure::new(Exit::CantCreate, rt::unwritable(out, &error));

@@ -1,10 +1,9 @@
 //! Figures of runs, and their merge.
 
-use rt::Histogram;
 use judge::Attack;
+use rt::Histogram;
 use sim::{Violation, ViolationKind};
 use std::collections::BTreeMap;
-
 
 /// Number of kinds of violations of true motion.
 pub const TRUE_KINDS: usize = plant::ViolationKind::ALL.len();

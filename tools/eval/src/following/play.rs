@@ -7,6 +7,7 @@ use crate::methods::Posture;
 use client::PlayOptions;
 use collision::dynamics::{Dynamics, GRAVITY_M_PER_S2};
 use config::Loaded;
+use follow::solver::State;
 use messages::{JointCommand, LEFT_ARM, Mode, RIGHT_ARM, Stamp, command_flag, deadline};
 use motion::{CalibrationMode, Motion};
 use std::collections::BTreeMap;
