@@ -21,9 +21,6 @@ use std::time::{Duration, Instant};
 /// Time between two heartbeats: 50 Hz.
 const HEARTBEAT: Duration = Duration::from_millis(20);
 
-/// EX_UNAVAILABLE of sysexits(3): no answer.
-const EX_UNAVAILABLE: u8 = 69;
-
 /// Longest wait for the effect of a request: the longest stop, with a margin.
 const EFFECT_WITHIN: Duration = Duration::from_secs(5);
 
@@ -40,14 +37,7 @@ pub fn main() -> ExitCode {
         Command::Estop => estop(&socket),
         command => Client::connect(&socket).and_then(|mut client| obey(&mut client, &cli.run_dir, command)),
     };
-    match outcome {
-        Ok(true) => ExitCode::SUCCESS,
-        Ok(false) => ExitCode::FAILURE,
-        Err(error) => {
-            err!("teleopctl: {error}");
-            ExitCode::from(EX_UNAVAILABLE)
-        }
-    }
+    rt::finish("teleopctl", outcome)
 }
 
 fn obey(client: &mut Client, run_dir: &Path, command: Command) -> Result<bool, OperatorError> {
