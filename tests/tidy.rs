@@ -51,7 +51,7 @@ const MAY_DEPEND_ON: &[(&str, &[&str])] = &[
         "world",
         &[
             "messages", "robot", "driver", "layouts", "retarget", "follow", "wbc", "safety", "plant", "sim", "motion",
-            "bus", "client", "ingest", "config", "control",
+            "bus", "client", "ingest", "config", "control", "skeleton",
         ],
     ),
     ("teleopctl", &["bus", "config", "explain", "instance", "messages", "operator", "robot", "rt", "skeleton"]),

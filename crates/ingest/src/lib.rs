@@ -12,10 +12,6 @@ use messages::{RawSkeleton, Stamp};
 use serde::{Deserialize, Serialize};
 use skeleton::{Calibration, DropReason, Output};
 
-/// Longest motion of a joint in a 30th of a second that the filter smooths, m: 4.5 m/s. After a longer one the
-/// filter restarts at the new position. Few movements are that fast, and none of them needs smoothing.
-const FILTER_STEP_M: f64 = 0.15;
-
 /// Layouts whose positions are filtered before validation.
 #[derive(Clone, Copy, Debug, Deserialize, PartialEq, Serialize, Eq)]
 #[serde(rename_all = "kebab-case")]
@@ -28,23 +24,6 @@ pub enum Filter {
     All,
 }
 
-/// Settings of the filter, and the bounds of `skeleton` that they change for cameras.
-#[derive(Clone, Copy, Debug)]
-pub struct Options {
-    /// Layouts whose positions are filtered.
-    pub filter: Filter,
-    /// Cut-off of the filter at rest, Hz.
-    pub rest_cutoff_hz: f64,
-    /// Growth of the cut-off with the joint's speed, Hz per m/s.
-    pub cutoff_per_m: f64,
-    /// Threshold of outliers, in scaled median deviations.
-    pub outliers_mad: f64,
-    /// Largest change of a limb's length in all, as a share.
-    pub camera_length_change_max: f64,
-    /// Largest change of a limb's length from frame to frame, as a share.
-    pub camera_length_step_max: f64,
-}
-
 /// Layouts, filter and plausibility bounds of `ingest`.
 #[derive(Clone, Debug)]
 pub struct Config {
@@ -52,36 +31,14 @@ pub struct Config {
     pub layouts: Layouts,
     /// Calibrations of the operators, by the client's numbers of the person and the layout.
     pub calibrations: Vec<((u32, u32), Calibration)>,
-    filter: Filter,
-    noise: Noise,
-    /// Bounds of a plausible person, for motion capture and for cameras.
-    measured: skeleton::Config,
-    seen: skeleton::Config,
-}
-
-impl Config {
-    /// Combines the layouts, the options and the bounds of `skeleton`.
-    pub fn new(options: &Options, layouts: Layouts, calibrations: Vec<((u32, u32), Calibration)>) -> Self {
-        let measured = skeleton::Config::default();
-        Self {
-            layouts,
-            calibrations,
-            filter: options.filter,
-            noise: Noise {
-                rest_cutoff_hz: options.rest_cutoff_hz,
-                cutoff_per_m: options.cutoff_per_m,
-                outliers_mad: options.outliers_mad,
-                step_max_m: FILTER_STEP_M,
-                confidence_min: measured.confidence_min,
-            },
-            seen: skeleton::Config {
-                length_change_max: options.camera_length_change_max,
-                length_step_max: options.camera_length_step_max,
-                ..measured
-            },
-            measured,
-        }
-    }
+    /// Layouts whose positions are filtered.
+    pub filter: Filter,
+    /// The filter.
+    pub noise: Noise,
+    /// Bounds of a plausible person in layouts of motion capture.
+    pub measured: skeleton::Config,
+    /// Bounds of a plausible person in layouts of cameras.
+    pub seen: skeleton::Config,
 }
 
 /// State for one client.

@@ -6,17 +6,31 @@ use messages::{HEAD, LEFT_ARM, TORSO};
 use retarget::ArmModel;
 use safety::{engage, gate};
 
+/// Longest motion of a joint in a 30th of a second that the filter smooths, m: 4.5 m/s. After a longer one the
+/// filter restarts at the new position. Few movements are that fast, and none of them needs smoothing.
+const FILTER_STEP_M: f64 = 0.15;
+
 /// Returns the configuration of `ingest`.
 pub fn input_config(settings: &IngestSettings, layouts: Layouts, operators: &Operators) -> ingest::Config {
-    let options = ingest::Options {
+    let measured = skeleton::Config::default();
+    ingest::Config {
+        layouts,
+        calibrations: operators.calibrations(),
         filter: settings.filter,
-        rest_cutoff_hz: settings.filter_rest_cutoff_hz,
-        cutoff_per_m: settings.filter_cutoff_per_m,
-        outliers_mad: settings.filter_outliers_mad,
-        camera_length_change_max: settings.camera_length_change_max,
-        camera_length_step_max: settings.camera_length_step_max,
-    };
-    ingest::Config::new(&options, layouts, operators.calibrations())
+        noise: Noise {
+            rest_cutoff_hz: settings.filter_rest_cutoff_hz,
+            cutoff_per_m: settings.filter_cutoff_per_m,
+            outliers_mad: settings.filter_outliers_mad,
+            step_max_m: FILTER_STEP_M,
+            confidence_min: measured.confidence_min,
+        },
+        seen: skeleton::Config {
+            length_change_max: settings.camera_length_change_max,
+            length_step_max: settings.camera_length_step_max,
+            ..measured
+        },
+        measured,
+    }
 }
 
 /// Returns the configuration of the retargeting stage.
