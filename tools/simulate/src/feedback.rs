@@ -2,10 +2,8 @@
 //! stopped.
 
 use crate::modes::{Broken, moves};
-use crate::movement::SLIDES;
 use crate::oracle::Seen;
 use messages::{Fault, Faults, JOINTS, Mode, RobotState, TICK_HZ, TICK_S};
-use robot::{JointLimits, Model};
 
 /// Largest distance of a revolute joint from its setpoint, rad, and for how many ticks. The known lag of its
 /// servo comes on top. The bounds of the simulated robot are 0.049 at once and 0.035 for 100 ms. A message and
@@ -40,11 +38,8 @@ struct Still {
 }
 
 /// State of the judge.
-#[derive(Clone)]
+#[derive(Clone, Default)]
 pub struct Feedback {
-    limits: [JointLimits; JOINTS],
-    servo_lag_s: f64,
-    slides: [bool; JOINTS],
     away: [[u64; 2]; JOINTS],
     good: Option<([f64; JOINTS], u64)>,
     jumped: u32,
@@ -62,22 +57,6 @@ fn index(state: &RobotState) -> u64 {
 }
 
 impl Feedback {
-    /// Creates the state for a robot whose servos lag by `servo_lag_s`.
-    pub fn new(model: &Model, servo_lag_s: f64) -> Self {
-        Self {
-            limits: model.limits,
-            servo_lag_s,
-            slides: model.prismatic,
-            away: [[0; 2]; JOINTS],
-            good: None,
-            jumped: 0,
-            moved: false,
-            still: [Still::default(); JOINTS],
-            sagged: 0,
-            lied: false,
-        }
-    }
-
     /// Judges a tick.
     pub fn check(&mut self, seen: &Seen<'_>, mode: Mode) -> Result<(), Broken> {
         if seen.driver_restarted {
@@ -95,17 +74,13 @@ impl Feedback {
         Ok(())
     }
 
-    fn scale(&self, j: usize) -> f64 {
-        if self.slides[j] { SLIDES } else { 1.0 }
-    }
-
     /// The joints are near their setpoints, or nothing moves.
     fn follows(&mut self, seen: &Seen<'_>, mode: Mode) -> Result<(), Broken> {
         let Some(robot) = &seen.moment.robot else { return Ok(()) };
         let judged = moves(mode) && !seen.encoders_lie && !seen.undriven && seen.moment.control.is_some();
         for j in 0..JOINTS {
-            let away = (robot.q[j] - self.servo_lag_s * robot.v[j] - seen.truth[j]).abs();
-            let bounds = if self.slides[j] { AWAY_M } else { AWAY_RAD };
+            let away = (robot.q[j] - seen.servo_lag_s * robot.v[j] - seen.truth[j]).abs();
+            let bounds = if seen.robot.prismatic[j] { AWAY_M } else { AWAY_RAD };
             for (n, (bound, ticks)) in bounds.into_iter().enumerate() {
                 let count = &mut self.away[j][n];
                 *count = if judged && away > bound { *count + 1 } else { 0 };
@@ -127,7 +102,7 @@ impl Feedback {
         let Some(robot) = &seen.moment.robot else { return Ok(()) };
         // A joint slightly outside its limits may be held at the limit.
         let off = |j: usize| {
-            let (truth, limits) = (seen.truth[j], &self.limits[j]);
+            let (truth, limits) = (seen.truth[j], &seen.robot.limits[j]);
             let nearest = truth.clamp(limits.q_min, limits.q_max);
             let held = if (truth - nearest).abs() <= NUDGED { nearest } else { truth };
             (robot.q[j] - held).abs().min((robot.q[j] - truth).abs())
@@ -137,7 +112,8 @@ impl Feedback {
         self.lied = seen.unpowered && (self.lied || seen.encoders_lie);
         self.sagged = if judged && off(worst) > SAGGED { self.sagged + 1 } else { 0 };
         // A posture is accepted as a whole, so the slowest joint decides.
-        let back_ticks = (0..JOINTS).map(|j| off(j) / (FALLS * self.limits[j].v_max * TICK_S)).fold(0.0, f64::max);
+        let back_ticks =
+            (0..JOINTS).map(|j| off(j) / (FALLS * seen.robot.limits[j].v_max * TICK_S)).fold(0.0, f64::max);
         let allowed = SAGGED_TICKS + if self.lied { back_ticks.ceil() as u32 } else { 0 };
         if self.sagged > allowed {
             return Err(("without power", format!("joint {worst} is {} from its holding position", off(worst))));
@@ -155,7 +131,7 @@ impl Feedback {
         let status = seen.moment.control.as_ref().map(|control| Faults(control.status.faults | control.status.latched));
         let told = status.is_some_and(|faults| faults.has(Fault::FeedbackInvalid));
         let dt = k.saturating_sub(good_k).max(1) as f64 * TICK_S;
-        let off = |j: usize| (q[j] - good[j]).abs() > 3.0 * self.limits[j].v_max * dt + JUMP;
+        let off = |j: usize| (q[j] - good[j]).abs() > 3.0 * seen.robot.limits[j].v_max * dt + JUMP;
         let Some(j) = (0..JOINTS).find(|&j| off(j)).filter(|_| !told) else {
             (self.good, self.jumped) = (Some((q, k)), 0);
             return Ok(());
@@ -176,7 +152,7 @@ impl Feedback {
             let went = (now.told - then.told).abs().min((now.truth - then.truth).abs());
             if then.measured != now.measured || !moves(mode) || k < then.k {
                 self.still[j] = now;
-            } else if k - then.k > STILL && went > self.scale(j) * WENT {
+            } else if k - then.k > STILL && went > seen.scale(j) * WENT {
                 let ticks = k - then.k;
                 return Err((
                     "frozen encoder",

@@ -65,7 +65,7 @@ pub type Broken = (&'static str, String);
 
 impl Modes {
     /// Creates a judge that has seen nothing.
-    pub fn new() -> Self {
+    pub(crate) fn new() -> Self {
         Self {
             mode: Mode::Disengaged,
             transitions: 0,
@@ -259,11 +259,5 @@ impl Modes {
             Some((name, age, _)) => Err((name, format!("for {age} ticks, but it follows"))),
             None => Ok(()),
         }
-    }
-}
-
-impl Default for Modes {
-    fn default() -> Self {
-        Self::new()
     }
 }

@@ -4,7 +4,6 @@
 use crate::modes::{Broken, moves};
 use crate::oracle::Seen;
 use messages::{Fault, Faults, JOINTS, Mode, TICK_HZ, TICK_S, Transition};
-use robot::{JointLimits, Model};
 use std::collections::VecDeque;
 
 /// Ticks over which a speed is measured: 20 ms, as in SAFETY.md.
@@ -38,16 +37,12 @@ const SETTLE_TICKS: u64 = 2 * TICK_HZ + LATE;
 /// Ticks for which a robot that lost its standstill must have stood before a reset, less those in which it may
 /// have begun to move.
 const STAND_AGAIN_TICKS: usize = TICK_HZ as usize - 2 * LATE as usize;
-/// Factor on the same bounds for a prismatic joint.
-pub const SLIDES: f64 = 0.2;
 /// The largest speed of a command at rest, rad/s or m/s.
 const COMMAND_REST: f64 = 1e-7;
 
 /// State of the judge.
-#[derive(Clone)]
+#[derive(Clone, Default)]
 pub struct Movement {
-    limits: [JointLimits; JOINTS],
-    scale: [f64; JOINTS],
     /// True positions of the joints, newest last.
     truths: VecDeque<[f64; JOINTS]>,
     /// True less commanded positions of successive ticks that control saw. Then the squares of their speeds,
@@ -69,25 +64,6 @@ pub struct Movement {
 }
 
 impl Movement {
-    /// Creates the state for a robot.
-    pub fn new(model: &Model) -> Self {
-        Self {
-            limits: model.limits,
-            scale: model.prismatic.map(|slides| if slides { SLIDES } else { 1.0 }),
-            truths: VecDeque::new(),
-            off: VecDeque::new(),
-            squares: VecDeque::new(),
-            sum: [0.0; JOINTS],
-            fast: 0,
-            restless: 0,
-            far: 0,
-            place: None,
-            honest: 0,
-            known: 0,
-            lost: None,
-        }
-    }
-
     /// Judges a tick.
     pub fn check(&mut self, seen: &Seen<'_>, mode: Mode) -> Result<(), Broken> {
         self.note(seen);
@@ -129,13 +105,13 @@ impl Movement {
     }
 
     /// Returns the joint that moved more than this range, rad, within the last ticks, and its range.
-    fn moved(&self, ticks: usize, range_rad: f64) -> Option<(usize, f64)> {
+    fn moved(&self, seen: &Seen<'_>, ticks: usize, range_rad: f64) -> Option<(usize, f64)> {
         let ranges = (0..JOINTS).map(|j| {
             let last = self.truths.iter().rev().take(ticks).map(|truth| truth[j]);
             let (low, high) = last.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), q| (l.min(q), h.max(q)));
             high - low
         });
-        ranges.enumerate().find(|(j, range)| *range > self.scale[*j] * range_rad)
+        ranges.enumerate().find(|(j, range)| *range > seen.scale(*j) * range_rad)
     }
 
     /// Nothing begins on a robot that truly moves, whatever its command does.
@@ -145,14 +121,14 @@ impl Movement {
         if ![Transition::RESET, Transition::ENABLED, Transition::RECOVERING].contains(&why) {
             return Ok(());
         }
-        if let Some((j, by)) = self.moved(REST_TICKS, REST_RAD) {
+        if let Some((j, by)) = self.moved(seen, REST_TICKS, REST_RAD) {
             return Err(("at rest", format!("joint {j} moved by {by} within {REST_TICKS} ticks")));
         }
         // The loss of standstill was reported just now, and all processes have run for long enough.
         let again = why == Transition::RESET
             && self.lost.is_some_and(|ticks| ticks <= LATE)
             && self.honest.min(self.known) > STAND_AGAIN_TICKS as u64;
-        match self.moved(STAND_AGAIN_TICKS, REST_RAD).filter(|_| again) {
+        match self.moved(seen, STAND_AGAIN_TICKS, REST_RAD).filter(|_| again) {
             Some((j, by)) => Err(("standstill", format!("reset, and joint {j} moved by {by} within a second"))),
             None => Ok(()),
         }
@@ -167,14 +143,14 @@ impl Movement {
         let (then, now) = (self.off.pop_front().unwrap_or_default(), self.off.back().copied().unwrap_or_default());
         let square = std::array::from_fn(|j| {
             let speed = (now[j] - then[j]).abs() / (SPEED_TICKS as f64 * TICK_S);
-            speed.min(self.limits[j].v_max).powi(2)
+            speed.min(seen.robot.limits[j].v_max).powi(2)
         });
         self.squares.push_back(square);
         let old = if self.squares.len() > MEAN_TICKS { self.squares.pop_front() } else { None };
         for (j, sum) in self.sum.iter_mut().enumerate() {
             *sum += square[j] - old.map_or(0.0, |old| old[j]);
         }
-        let share = |j: usize| (self.sum[j].max(0.0) / MEAN_TICKS as f64).sqrt() / self.limits[j].v_max;
+        let share = |j: usize| (self.sum[j].max(0.0) / MEAN_TICKS as f64).sqrt() / seen.robot.limits[j].v_max;
         let worst = (0..JOINTS).find(|&j| share(j) > SPEED_SHARE).filter(|_| moves(mode));
         self.fast = if worst.is_some() { self.fast + 1 } else { 0 };
         match worst.filter(|_| self.fast > LATE) {
@@ -188,12 +164,15 @@ impl Movement {
 
     /// A joint that nothing moves stays where it stood, or the robot is faulted.
     fn standstill(&mut self, seen: &Seen<'_>, mode: Mode) -> Result<(), Broken> {
-        self.restless = if self.moved(REST_TICKS, REST_RAD).is_some() { self.restless + 1 } else { 0 };
-        if self.place.is_none() && self.honest > STANDS_TICKS as u64 && self.moved(STANDS_TICKS, STANDS_RAD).is_none() {
+        self.restless = if self.moved(seen, REST_TICKS, REST_RAD).is_some() { self.restless + 1 } else { 0 };
+        if self.place.is_none()
+            && self.honest > STANDS_TICKS as u64
+            && self.moved(seen, STANDS_TICKS, STANDS_RAD).is_none()
+        {
             self.place = Some(seen.truth);
         }
         let place = self.place.unwrap_or(seen.truth);
-        let far = (0..JOINTS).find(|&j| (seen.truth[j] - place[j]).abs() > self.scale[j] * FAR_RAD);
+        let far = (0..JOINTS).find(|&j| (seen.truth[j] - place[j]).abs() > seen.scale(j) * FAR_RAD);
         self.far = if far.is_some() { self.far + 1 } else { 0 };
         if mode == Mode::Faulted {
             // The fault is reported. The new place is where the joint stands after the reset.

@@ -42,7 +42,7 @@ pub struct OperatorModel {
 
 impl OperatorModel {
     /// Creates an operator who has just connected.
-    pub fn new() -> Self {
+    pub(crate) fn new() -> Self {
         Self {
             view: operator::OperatorView { connections: 1, ..Default::default() },
             edges: OperatorEdges::default(),
@@ -239,12 +239,6 @@ impl OperatorModel {
         }
         (self.view.enable_level, self.view.recover_level) = (false, false);
         (self.act, self.since) = (Act::Idle, 0);
-    }
-}
-
-impl Default for OperatorModel {
-    fn default() -> Self {
-        Self::new()
     }
 }
 

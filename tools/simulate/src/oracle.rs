@@ -8,7 +8,7 @@
 
 use crate::feedback::Feedback;
 use crate::inputs::Inputs;
-use crate::modes::{Modes, moves};
+use crate::modes::{Broken, Modes, moves};
 use crate::movement::Movement;
 use crate::person_judge::PersonJudge;
 use crate::rules::Rules;
@@ -33,6 +33,8 @@ const ROUNDING_Q: f64 = 1e-9;
 const ROUNDING_V: f64 = 1e-9;
 const ROUNDING_A: f64 = 1e-6;
 const ROUNDING_J: f64 = 1e-3;
+/// Factor on bounds in rad for a prismatic joint, m.
+const SLIDES: f64 = 0.2;
 /// Largest speed of a robot at rest, rad/s or m/s. A plan may leave that much.
 pub const RESTING: f64 = 1e-6;
 
@@ -108,6 +110,17 @@ pub struct Seen<'a> {
     pub quiet: bool,
     /// True if no fault was ever in force.
     pub calm: bool,
+    /// The robot.
+    pub robot: &'a Model,
+    /// Time by which its servos lag behind their setpoints, s.
+    pub servo_lag_s: f64,
+}
+
+impl Seen<'_> {
+    /// Factor on bounds in rad for joint `j`.
+    pub fn scale(&self, j: usize) -> f64 {
+        if self.robot.prismatic[j] { SLIDES } else { 1.0 }
+    }
 }
 
 /// State of the oracle.
@@ -143,9 +156,8 @@ pub struct Oracle {
 
 impl Oracle {
     /// Creates the oracle for a robot, at index `k`.
-    pub fn new(control: &control::Config, k: u64) -> Self {
-        let model = &control.model;
-        let limits = &model.limits;
+    pub fn new(robot: &Model, k: u64) -> Self {
+        let limits = &robot.limits;
         Self {
             limits: *limits,
             window: [[0.0; JOINTS]; 4],
@@ -161,10 +173,10 @@ impl Oracle {
             rest: None,
             modes: Modes::new(),
             inputs: Inputs::default(),
-            rules: Rules::new(model),
-            feedback: Feedback::new(model, control.servo_lag_s),
-            movement: Movement::new(model),
-            likeness: PersonJudge::new(model),
+            rules: Rules::default(),
+            feedback: Feedback::default(),
+            movement: Movement::default(),
+            likeness: PersonJudge::default(),
             hash: 0xcbf2_9ce4_8422_2325,
             ticks_in: [0; Mode::ALL.len()],
         }
@@ -208,7 +220,7 @@ impl Oracle {
         self.was = mode;
     }
 
-    fn judge(&mut self, seen: &Seen<'_>, robot: &RobotState) -> Result<(), (&'static str, String)> {
+    fn judge(&mut self, seen: &Seen<'_>, robot: &RobotState) -> Result<(), Broken> {
         let index = robot.executed_k + robot.plan_ticks_played;
         let follows_measurement = robot.command_incarnation == 0 && robot.plan_ticks_played == 0;
         let gap = self.index.is_some_and(|before| index.saturating_sub(before) > driver::GAP_MAX_TICKS);
@@ -252,7 +264,7 @@ impl Oracle {
         }
     }
 
-    fn positions(&mut self, q: &[f64; JOINTS]) -> Result<(), (&'static str, String)> {
+    fn positions(&mut self, q: &[f64; JOINTS]) -> Result<(), Broken> {
         for (j, limits) in self.limits.iter().enumerate() {
             let [low, high] = &mut self.beyond[j];
             let inside = q[j] >= *low - ROUNDING_Q && q[j] <= *high + ROUNDING_Q;
@@ -265,7 +277,7 @@ impl Oracle {
         Ok(())
     }
 
-    fn differences(&mut self, advanced: u64, q: &[f64; JOINTS]) -> Result<(), (&'static str, String)> {
+    fn differences(&mut self, advanced: u64, q: &[f64; JOINTS]) -> Result<(), Broken> {
         let last = self.window[3];
         if self.filled > 0 {
             let dt = advanced as f64 * TICK_S;
@@ -299,7 +311,7 @@ impl Oracle {
         Ok(())
     }
 
-    fn first_second(&self, index: u64) -> Result<(), (&'static str, String)> {
+    fn first_second(&self, index: u64) -> Result<(), Broken> {
         let young = self.engaging_k.is_some_and(|k| index > k && index < k + TICK_HZ);
         if !young || self.filled < 2 || !matches!(self.was, Mode::Engaging | Mode::Engaged) {
             return Ok(());
@@ -314,7 +326,7 @@ impl Oracle {
     }
 
     /// After the longest stop the robot rests, and stays there.
-    fn resting(&mut self, index: u64, robot: &RobotState) -> Result<(), (&'static str, String)> {
+    fn resting(&mut self, index: u64, robot: &RobotState) -> Result<(), Broken> {
         if index <= self.moving_k + LATE_TICKS + STOP_TICKS + REACTION_TICKS {
             return Ok(());
         }
@@ -333,7 +345,7 @@ impl Oracle {
 
     /// The true motion of the joints keeps the limits even if processes were suspended, unless the robot itself
     /// is faulty. A simulation that begins with another robot counts from zero.
-    fn true_motion(&mut self, seen: &Seen<'_>) -> Result<(), (&'static str, String)> {
+    fn true_motion(&mut self, seen: &Seen<'_>) -> Result<(), Broken> {
         match self.judged.new_violations(seen) {
             0 => Ok(()),
             new => {
@@ -345,7 +357,7 @@ impl Oracle {
         }
     }
 
-    fn simulated(&mut self, report: &Report) -> Result<(), (&'static str, String)> {
+    fn simulated(&mut self, report: &Report) -> Result<(), Broken> {
         let total = report.violations_total();
         if total == self.checked {
             return Ok(());

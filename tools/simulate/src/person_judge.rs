@@ -6,7 +6,6 @@ use crate::modes::Broken;
 use crate::oracle::Seen;
 use messages::{JOINTS, Mode, Smpl, TICK_HZ};
 use nalgebra::{Matrix3, Vector3};
-use robot::{Arm, JointLimits, Model};
 
 /// Ticks of following before the first judgement (`SETTLED`) and between judgements (`JUDGED`). By then the
 /// robot has caught up, and the error that a single pose adds is averaged.
@@ -20,10 +19,8 @@ const ANGLE: f64 = 0.3;
 const BEHIND: f64 = 0.4;
 
 /// State of the judge.
-#[derive(Clone)]
+#[derive(Clone, Default)]
 pub struct PersonJudge {
-    limits: [JointLimits; JOINTS],
-    arms: [Arm; 2],
     following: u64,
     person: Option<[Vector3<f64>; 4]>,
     count: u64,
@@ -32,19 +29,6 @@ pub struct PersonJudge {
 }
 
 impl PersonJudge {
-    /// Creates the state for a robot.
-    pub fn new(model: &Model) -> Self {
-        Self {
-            limits: model.limits,
-            arms: model.arms,
-            following: 0,
-            person: None,
-            count: 0,
-            angles: [0.0; 4],
-            behind: [0.0; JOINTS],
-        }
-    }
-
     /// Judges a tick.
     pub fn check(&mut self, seen: &Seen<'_>, mode: Mode) -> Result<(), Broken> {
         if let Some(raw) = seen.sent.last() {
@@ -59,7 +43,7 @@ impl PersonJudge {
             return Ok(());
         };
         self.count += 1;
-        for (side, arm) in self.arms.iter().enumerate() {
+        for (side, arm) in seen.robot.arms.iter().enumerate() {
             let q = std::array::from_fn(|i| target.q[arm.joints[i]]);
             let (upper, fore) = arm.limb_rotations(&q);
             let bone = Vector3::y() * if side == 0 { 1.0 } else { -1.0 };
@@ -69,7 +53,8 @@ impl PersonJudge {
             }
         }
         for j in (0..JOINTS).filter(|&j| target.valid_mask & 1 << j != 0) {
-            self.behind[j] += (target.q[j].clamp(self.limits[j].q_min, self.limits[j].q_max) - robot.q[j]).abs();
+            let limits = &seen.robot.limits[j];
+            self.behind[j] += (target.q[j].clamp(limits.q_min, limits.q_max) - robot.q[j]).abs();
         }
         if self.count >= JUDGED { self.judge(seen.calm) } else { Ok(()) }
     }

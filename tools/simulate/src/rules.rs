@@ -4,7 +4,6 @@ use crate::modes::{Broken, follows, moves};
 use crate::oracle::{RESTING, Seen};
 use driver::Refusal;
 use messages::{JOINTS, JointCommand, JointTarget, Mode, RobotState, TICK_HZ, TICK_S, Transition, state_flag};
-use robot::{JointLimits, Model};
 
 /// Rounding of a target's step, rad.
 const ROUNDING: f64 = 1e-6;
@@ -22,16 +21,16 @@ const SILENCE: u64 = 30;
 const ASKED: [Refusal; 4] = [Refusal::NotFinite, Refusal::NotAStop, Refusal::Jump, Refusal::OutsideLimits];
 
 /// State of the rules.
-#[derive(Clone)]
+#[derive(Clone, Default)]
 pub struct Rules {
     refused: [u64; Refusal::COUNT],
-    limits: [JointLimits; JOINTS],
     target: Option<JointTarget>,
     command: Option<JointCommand>,
     measured: Option<RobotState>,
     denials: u32,
     no_numbers: u32,
-    mode: Mode,
+    /// True if the mode of the previous tick permitted motion.
+    moved: bool,
     /// The tick at which a restarted `ingest` passed a frame on, if the operator has not enabled since.
     strange_k: Option<u64>,
     restarted: bool,
@@ -44,25 +43,6 @@ pub struct Rules {
 }
 
 impl Rules {
-    /// Creates the state for a robot.
-    pub fn new(model: &Model) -> Self {
-        Self {
-            refused: [0; Refusal::COUNT],
-            limits: model.limits,
-            target: None,
-            command: None,
-            measured: None,
-            denials: 0,
-            no_numbers: 0,
-            mode: Mode::Disengaged,
-            strange_k: None,
-            restarted: false,
-            silent: 0,
-            hears: false,
-            executed: (0, 0),
-        }
-    }
-
     /// Judges a tick.
     pub fn check(&mut self, seen: &Seen<'_>, mode: Mode) -> Result<(), Broken> {
         if seen.control_restarted {
@@ -89,9 +69,9 @@ impl Rules {
         }
         if let (Some(operator), Some(made)) = (&seen.operator, control.transition) {
             let held = operator.enable_level || operator.recover_level;
-            self.begins(made.why, held)?;
+            self.begins(seen, made.why, held)?;
         }
-        if let Some(k) = self.strange_k.filter(|k| moves(mode) && moves(self.mode) && seen.k > k + STRANGE) {
+        if let Some(k) = self.strange_k.filter(|k| moves(mode) && self.moved && seen.k > k + STRANGE) {
             return Err((
                 "new engage",
                 format!("another ingest since {} ticks, but the robot still moves", seen.k - k),
@@ -100,12 +80,12 @@ impl Rules {
         if !moves(mode) {
             self.strange_k = None;
         }
-        (self.mode, self.command) = (mode, control.command.or(self.command));
+        (self.moved, self.command) = (moves(mode), control.command.or(self.command));
         Ok(())
     }
 
     /// A start and a reset require the robot to be in a permitted state.
-    fn begins(&self, why: u32, held: bool) -> Result<(), Broken> {
+    fn begins(&self, seen: &Seen<'_>, why: u32, held: bool) -> Result<(), Broken> {
         if why == Transition::RESET {
             if held {
                 return Err(("reset", "with the enable held".into()));
@@ -116,8 +96,8 @@ impl Rules {
         }
         if let (Transition::ENABLED, Some(state)) = (why, &self.measured) {
             let outside = |j: usize| {
-                state.q_measured[j] < self.limits[j].q_min - OUTSIDE
-                    || state.q_measured[j] > self.limits[j].q_max + OUTSIDE
+                let (q, limits) = (state.q_measured[j], &seen.robot.limits[j]);
+                q < limits.q_min - OUTSIDE || q > limits.q_max + OUTSIDE
             };
             if let Some(j) = (0..JOINTS).find(|&j| outside(j)) {
                 return Err(("starts outside", format!("joint {j} at {}", state.q_measured[j])));

@@ -97,7 +97,7 @@ impl<'a> Run<'a> {
     pub fn cold(subject: &'a Subject, seed: u64) -> Self {
         let world = World::new(&subject.config, seed, Links::default());
         Self {
-            oracle: Oracle::new(&subject.config.control, tick_at(world.now())),
+            oracle: Oracle::new(&subject.config.control.model, tick_at(world.now())),
             world,
             subject,
             client: Client::new(subject.player.clone()),
@@ -254,6 +254,8 @@ impl<'a> Run<'a> {
             encoders_lie: self.encoders_lie(),
             quiet: k >= self.quiet_from,
             calm: self.quiet_from == 0,
+            robot: &self.subject.config.control.model,
+            servo_lag_s: self.subject.config.control.servo_lag_s(),
         };
         self.oracle.check(&seen)
     }
