@@ -125,7 +125,7 @@ mod tests {
     #[test]
     fn notify_without_manager_does_nothing_and_bad_name_is_an_error() {
         let manager = ServiceManager::connect(None, None).expect("none is fine");
-        assert!(!manager.channel.is_some());
+        assert!(manager.channel.is_none());
         manager.ready().expect("nothing to do");
         let error = ServiceManager::connect(Some("relative/path".into()), None).expect_err("refused");
         assert!(error.to_string().contains("relative/path"), "{error}");
