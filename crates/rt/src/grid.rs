@@ -129,66 +129,6 @@ impl PeriodicLoop {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use proptest::prelude::*;
-
-    proptest! {
-        #[test]
-        fn tick_index_is_ticked_once_or_counted_as_missed(
-            first in 0u64..1u64 << 40,
-            steps in prop::collection::vec(0u64..5_000_000, 1..200),
-        ) {
-            let mut grid = TickGrid::starting_at(first);
-            let (mut time, mut seen, mut missed) = (deadline(first), Vec::new(), 0);
-            for step in steps {
-                time = time.plus_ns(step);
-                if let Some(tick) = grid.wake(time) {
-                    prop_assert!(deadline(tick.k) <= time && time < deadline(tick.k + 1));
-                    prop_assert_eq!(tick.missed, tick.k - seen.last().map_or(first, |last| last + 1));
-                    missed += tick.missed;
-                    seen.push(tick.k);
-                }
-                prop_assert_eq!(grid.ticks() + grid.missed(), grid.elapsed());
-            }
-            prop_assert!(seen.windows(2).all(|pair| pair[0] < pair[1]));
-            prop_assert_eq!((grid.ticks(), grid.missed()), (seen.len() as u64, missed));
-            if let Some(last) = seen.last() {
-                prop_assert_eq!(grid.elapsed(), last - first + 1);
-            }
-        }
-    }
-
-    #[test]
-    fn tick_index_is_taken_only_once() {
-        let mut grid = TickGrid::starting_at(10);
-        assert_eq!(grid.take(9), None);
-        assert_eq!(grid.take(10), Some(0));
-        assert_eq!(grid.take(10), None);
-        assert_eq!(grid.wake(deadline(10).plus_ns(5)), None);
-        assert_eq!(grid.take(14), Some(3));
-        assert_eq!((grid.ticks(), grid.missed(), grid.elapsed(), grid.next_k()), (2, 3, 5, 15));
-    }
-
-    #[test]
-    fn lateness_is_measured_from_awaited_deadline() {
-        let mut grid = TickGrid::starting_at(3);
-        let tick = grid.wake(deadline(7).plus_ns(11)).expect("index 7 is due");
-        assert_eq!((tick.k, tick.missed), (7, 4));
-        assert_eq!(tick.late_ns, deadline(7).plus_ns(11).since(deadline(3)));
-    }
-
-    #[test]
-    fn loop_follows_clock_until_shutdown_with_and_without_spin() {
-        for spin_us in [0.0, 100.0, f64::MAX] {
-            let (shutdown, mut periodic) = (Shutdown::new(), PeriodicLoop::start().spinning_us(spin_us));
-            for _ in 0..20 {
-                let tick = periodic.next(&shutdown).expect("no shutdown yet");
-                assert!(tick.woke >= deadline(tick.k));
-            }
-            assert_eq!(periodic.grid().ticks(), 20);
-            shutdown.request();
-            assert_eq!(periodic.next(&shutdown), None);
-        }
-    }
 
     #[test]
     fn spin_time_is_bounded() {

@@ -24,16 +24,3 @@ fn mix(bits: u64) -> u64 {
     let bits = (bits ^ (bits >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
     bits ^ (bits >> 31)
 }
-
-#[cfg(test)]
-mod tests {
-    #[test]
-    fn incarnations_differ_and_are_never_zero() {
-        let mut seen: Vec<u32> = (0..1_000).map(|_| super::incarnation()).collect();
-        assert!(seen.iter().all(|&number| number != 0));
-        seen.sort_unstable();
-        seen.dedup();
-        // The chance of one repetition among 1,000 draws of 32 bits is 1.2e-4. For two repetitions it is 1e-8.
-        assert!(seen.len() >= 999, "{} of 1000 are distinct", seen.len());
-    }
-}

@@ -55,25 +55,3 @@ fn ask<T: Copy>(socket: BorrowedFd<'_>, option: libc::c_int, into: &mut [T]) -> 
     let rc = unsafe { libc::getsockopt(socket.as_raw_fd(), libc::SOL_SOCKET, option, place, &mut bytes) };
     if rc == 0 { Ok(bytes as usize) } else { Err(Error::last_os_error()) }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use std::os::fd::AsFd;
-    use std::os::unix::net::UnixStream;
-
-    #[test]
-    fn peer_of_socket_pair_is_this_process() {
-        let (one, _other) = UnixStream::pair().unwrap();
-        let peer = Peer::of(one.as_fd()).unwrap();
-        assert_eq!(peer.pid, std::process::id());
-        assert!(peer.is_member(one.as_fd(), peer.gid));
-        assert!(!peer.is_member(one.as_fd(), u32::MAX - 1));
-    }
-
-    #[test]
-    fn file_that_is_no_socket_has_no_peer() {
-        let file = std::fs::File::open("/dev/null").unwrap();
-        assert!(Peer::of(file.as_fd()).is_err());
-    }
-}

@@ -2,5 +2,7 @@
 
 mod frames;
 mod look;
+mod meshes;
 mod page;
 mod recording_view;
+mod shares;

@@ -6,6 +6,7 @@ mod curve;
 mod hand;
 mod interface;
 mod interval;
+mod plan;
 mod qp;
 mod recover;
 mod rollout;
