@@ -1,6 +1,6 @@
-//! Cost of a pass through the networks and of a whole tick on this machine, beside other engines and beside
-//! reading the same weights once. Each round measures everything in turn, so a busy machine slows all alike. The
-//! ratios are medians over rounds.
+//! Cost of a pass through the networks on this machine, beside other engines and beside reading the same weights
+//! once. Each round measures everything in turn, so a busy machine slows all alike. The ratios are medians over
+//! rounds. Criterion measures one thing after the other, so it cannot give them. It measures the tick (`tick`).
 //!
 //! onnxruntime takes part if `ORT_DYLIB_PATH` names its shared library (1.17 or later), for example from the Python
 //! package of that name: `onnxruntime/capi/libonnxruntime.so.*`.
@@ -9,7 +9,6 @@ mod contest;
 mod onnx;
 mod peers;
 mod protobuf;
-mod ticks;
 
 use std::process::Command;
 
@@ -36,7 +35,6 @@ fn main() {
     inference::<88, 14, 1>(library.as_ref(), "88 -> 6x128 -> 8 -> 6x128 -> 14, one pose");
     inference::<12, 5, 1>(library.as_ref(), "12 -> 6x128 -> 8 -> 6x128 -> 5, one arm");
     inference::<12, 5, 2>(library.as_ref(), "12 -> 6x128 -> 8 -> 6x128 -> 5, both arms");
-    ticks::measure();
 }
 
 /// Measures encoder and decoder in every engine.

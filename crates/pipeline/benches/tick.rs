@@ -1,0 +1,64 @@
+//! The control tick of the shipped robot: the state machine, the predictive controller, whole-body control and the
+//! gate. It follows the built-in motion. Criterion keeps the figures under `target/criterion` and compares the next
+//! run with them.
+
+use criterion::{Criterion, criterion_group, criterion_main};
+use messages::{JointTarget, Mode, RobotState, Stamp};
+use motion::CalibrationMode;
+use pipeline::{ControlConfig, ControlInput, ControlState, Offline, OfflineEnd, Overrides, PlayOptions, control_tick};
+use safety::engage::OperatorView;
+use std::path::Path;
+
+/// What control received in one tick.
+struct Received {
+    k: u64,
+    now: Stamp,
+    target: Option<JointTarget>,
+    robot: Option<RobotState>,
+    operator: OperatorView,
+}
+
+impl Received {
+    fn tick(&self, config: &ControlConfig, state: &mut ControlState) -> Mode {
+        let (target, robot) = (self.target.as_ref(), self.robot.as_ref());
+        let input = ControlInput { k: self.k, target, robot, operator: self.operator, ingest: None, realtime_ok: true };
+        let mode = control_tick(config, state, self.now, input).status.mode;
+        Mode::from_u32(mode).expect("a mode")
+    }
+}
+
+fn ticks(criterion: &mut Criterion) {
+    let settings = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/teleop.toml");
+    let loaded = pipeline::load(&settings, Overrides::default()).expect("the shipped settings");
+    let options = PlayOptions { speed: 1.0, looped: false, calibration: CalibrationMode::First10s };
+    let (mut received, mut engaged, mut incarnation) = (Vec::new(), Vec::new(), 0);
+    let end = Offline::new(&loaded, &motion::builtin(), options).expect("a run").play(|tick| {
+        let Some(control) = &tick.moment.control else { return };
+        let (status, operator) = (&control.status, *tick.operator);
+        let (target, robot) = (tick.moment.target_seen, tick.moment.state_seen);
+        received.push(Received { k: status.k, now: status.header.stamp, target, robot, operator });
+        engaged.push(status.mode == Mode::Engaged as u32);
+        incarnation = status.header.incarnation;
+    });
+    assert_eq!(end, OfflineEnd::AtRest);
+    let begins = engaged.iter().position(|engaged| *engaged).expect("it engages");
+    let ends = engaged.iter().rposition(|engaged| *engaged).expect("it engages");
+
+    let config = ControlConfig::new(&loaded, true).expect("control");
+    let mut begun = ControlState::new(&config, incarnation);
+    received[..begins].iter().for_each(|received| _ = received.tick(&config, &mut begun));
+    let (mut state, mut next) = (begun.clone(), begins);
+    criterion.bench_function("control tick", |bencher| {
+        bencher.iter(|| {
+            if next > ends {
+                (state, next) = (begun.clone(), begins);
+            }
+            let mode = received[next].tick(&config, &mut state);
+            assert_eq!(mode, Mode::Engaged);
+            next += 1;
+        });
+    });
+}
+
+criterion_group!(benches, ticks);
+criterion_main!(benches);
