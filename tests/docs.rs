@@ -323,6 +323,47 @@ fn book_lists_every_chapter_and_readme_stays_short() {
     assert!(words <= 700, "README has {words} words");
 }
 
+/// Returns the numbers of a text, without the marks that end a sentence.
+fn numbers(text: &str) -> Vec<&str> {
+    let words = text.split(|c: char| !(c.is_ascii_digit() || ".,".contains(c)));
+    words.map(|word| word.trim_matches(['.', ','])).filter(|word| !word.is_empty()).collect()
+}
+
+#[test]
+fn figures_of_readme_stand_in_their_results() {
+    let root = rig::repository();
+    let readme = read(&root.join("README.md"));
+    let (_, rest) = readme.split_once("\n## Measured\n").expect("measured figures");
+    let rows: Vec<_> = rest.split("\n## ").next().unwrap_or("").lines().filter(|line| line.starts_with('|')).collect();
+    assert!(rows.len() >= 8, "{rows:#?}");
+    for row in &rows[2..] {
+        let cells: Vec<&str> = row.split('|').map(str::trim).collect();
+        let [_, _, figure, command, run, _] = cells[..] else { panic!("{row}") };
+        let (when, result) = run.trim_matches(['[', ')']).split_once("](").expect("a linked result");
+        let text = read(&root.join(result));
+        let (date, commit) = when.split_once(", ").expect("date, commit");
+        let command = format!("- command: `cargo run --release -p {}`", command.trim_matches('`'));
+        for line in [command, format!("- date: {date}"), format!("- commit: {commit}")] {
+            assert!(text.lines().any(|own| own == line), "{result} lacks {line:?}");
+        }
+        let (_, measured) = text.split_once("\n\n").and_then(|(_, rest)| rest.split_once("\n\n")).expect("figures");
+        let wanted = numbers(figure);
+        let lacks: Vec<_> = wanted.iter().filter(|&number| !numbers(measured).contains(number)).collect();
+        assert!(!wanted.is_empty() && lacks.is_empty(), "{result} lacks {lacks:?} of {figure:?}");
+    }
+}
+
+#[test]
+fn every_result_names_its_command_date_commit_and_machine() {
+    let results = std::fs::read_dir(rig::repository().join("docs/results")).expect("results").flatten();
+    for path in results.map(|entry| entry.path()) {
+        let text = read(&path);
+        for key in ["command: `cargo ", "date: 20", "commit: ", "machine: "] {
+            assert!(text.contains(&format!("\n- {key}")), "{} lacks {key}", path.display());
+        }
+    }
+}
+
 #[test]
 fn every_command_of_the_documents_runs_in_order() {
     let mut reader = Reader::new();

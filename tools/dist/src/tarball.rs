@@ -17,12 +17,13 @@ const PROGRAMS: [(&str, &str); 6] = [
 ];
 
 /// Folders of the repository, the extensions of the files that are taken, and their destinations.
-const FOLDERS: [(&str, &[&str], &str); 5] = [
+const FOLDERS: [(&str, &[&str], &str); 6] = [
     ("config/robots", &["toml", "urdf"], "share/teleopd/robots"),
     ("config/skeletons", &["toml"], "share/teleopd/skeletons"),
     ("weights", &["toml", "safetensors"], "share/teleopd/weights"),
     ("tools/keyposes/motions", &["bvh", "tsv", "txt"], "share/teleopd/motions"),
     ("docs/src", &["md", "webp", "png"], "docs/src"),
+    ("docs/results", &["md"], "docs/results"),
 ];
 
 /// Documents at the root of the repository.
