@@ -9,7 +9,7 @@ use pipeline::{ControlConfig, ControlInput, ControlState, Offline, OfflineEnd, O
 use safety::engage::OperatorView;
 use std::path::Path;
 
-/// What control received in one tick.
+/// The inputs of one control tick.
 struct Received {
     k: u64,
     now: Stamp,
