@@ -22,18 +22,12 @@ pub fn oracle(arm: &ArmModel, human: &Limbs, previous: &ArmQ) -> Refined {
     let mut draw = SplitMix(SEED);
     let random = (0..RANDOM_STARTS)
         .map(|_| std::array::from_fn(|j| arm.q_min[j] + draw.next_unit() * (arm.q_max[j] - arm.q_min[j])));
-    let mut best: Option<Refined> = None;
-    for start in first.into_iter().chain(random) {
-        let end = refine(arm, human, &start, &start, 0.0, STEPS);
-        let better = best.is_none_or(|best| {
-            let equal = (end.s_gr - best.s_gr).abs() <= 1e-9;
-            if equal { distance(&end.q, previous) < distance(&best.q, previous) } else { end.s_gr < best.s_gr }
-        });
-        if better {
-            best = Some(end);
-        }
-    }
-    best.map_or(Optimum { q: arm.mid(), s_gr: 2.0 }, |best| Optimum { q: best.q, s_gr: best.s_gr })
+    let first = end(branch(arm, human, previous, 1.0));
+    known.into_iter().chain(random).map(end).fold(first, |best, end| {
+        let equal = (end.s_gr - best.s_gr).abs() <= 1e-9;
+        let nearer = distance(&end.q, previous) < distance(&best.q, previous);
+        if if equal { nearer } else { end.s_gr < best.s_gr } { end } else { best }
+    })
 }
 
 /// SplitMix64 (Steele, Lea, Flood 2014). It is good enough for starts, and the same on every machine.

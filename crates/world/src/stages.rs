@@ -1,7 +1,7 @@
 //! Converts the settings into the stages' configurations.
 
 use config::{ConfigError, IngestSettings, Loaded, Method, Operators, RobotInterface};
-use layouts::Layouts;
+use layouts::{Layouts, Noise};
 use messages::{HEAD, LEFT_ARM, TORSO};
 use retarget::ArmModel;
 use safety::{engage, gate};

@@ -94,12 +94,8 @@ fn drawn(options: &TrialsArgs) -> Result<Vec<Injection>, Failure> {
     Ok(all.into_iter().map(|(victim, kill)| Injection::draw(victim, kill, options.engaged, &mut dice)).collect())
 }
 
-fn instance(options: &Cli, blows: &[Injection], shutdown: &Shutdown, figures: &mut Figures) -> Result<(), ChaosError> {
-    let mut rig = Rig::start(&options.config)?;
-    let loaded = pipeline::load(&rig.place().config, rig.place().overrides())?;
-    let safety = &loaded.settings.safety;
-    let limits = pipeline::sim_config(&loaded, true)?;
-    let witness = Monitor::start(rig.instance().core_domain(), limits)?;
+fn instance(config: &Path, blows: &[Injection], shutdown: &Shutdown, figures: &mut Figures) -> Result<(), Failure> {
+    let (mut rig, witness, settings) = Rig::watched(config)?;
     let (mut outcomes, mut moved) = (Vec::new(), 0);
     for &blow in blows.iter().take_while(|_| !shutdown.requested()) {
         let outcome = match trial::run(&mut rig, &witness, &settings, blow) {

@@ -91,12 +91,11 @@ pub struct Soaked {
 /// Runs a soak.
 ///
 /// # Errors
-/// Returns an error if a process does not start, or the robot does not come back after a fault.
-pub fn run(config: &Path, soak: Soak, shutdown: &Shutdown) -> Result<Soaked, LatencyError> {
-    let mut rig = Rig::start(config)?;
-    let loaded = pipeline::load(&rig.place().config, rig.place().overrides())?;
-    let limits = pipeline::sim_config(&loaded, true)?;
-    let witness = Monitor::start(rig.instance().core_domain(), limits)?;
+/// Returns an error if a process does not start, or the robot cannot be engaged at first.
+pub fn run(options: &SoakArgs, shutdown: &Shutdown) -> Result<Soaked, Failure> {
+    let (length, every) = (options.hours * 3600.0, Duration::from_secs_f64(options.strike_every));
+    let length = Duration::from_secs_f64(length);
+    let (mut rig, witness, settings) = Rig::watched(&options.common.config)?;
     let mut dice = Pcg64Mcg::seed_from_u64(1);
     let (mut soaked, mut outcomes) = (Soaked::default(), Vec::new());
     trial::engage(&mut rig, &witness, Target::Ingest, Mode::Engaged)?;

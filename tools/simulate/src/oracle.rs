@@ -14,7 +14,7 @@ use crate::person_judge::PersonJudge;
 use crate::rules::Rules;
 use crate::true_motion::TrueMotion;
 use messages::{JOINTS, Mode, RawSkeleton, RobotState, Skeleton, TICK_HZ, TICK_S};
-use robot::JointLimits;
+use robot::{JointLimits, Model};
 use safety::engage::OperatorView;
 use sim::{Report, ViolationKind};
 use world::Moment;

@@ -255,7 +255,7 @@ impl<'a> Run<'a> {
             quiet: k >= self.quiet_from,
             calm: self.quiet_from == 0,
             robot: &self.subject.config.control.model,
-            servo_lag_s: self.subject.config.control.servo_lag_s(),
+            servo_lag_s: self.subject.config.control.servo_lag_s,
         };
         self.oracle.check(&seen)
     }

@@ -2,12 +2,15 @@
 //! gate. It follows the built-in motion. Criterion keeps the figures under `target/criterion` and compares the next
 //! run with them.
 
+use client::PlayOptions;
+use config::Overrides;
+use control::{Config, Input, State};
 use criterion::{Criterion, criterion_group, criterion_main};
 use messages::{JointTarget, Mode, RobotState, Stamp};
 use motion::CalibrationMode;
-use pipeline::{ControlConfig, ControlInput, ControlState, Offline, OfflineEnd, Overrides, PlayOptions, control_tick};
 use safety::engage::OperatorView;
 use std::path::Path;
+use world::{Offline, OfflineEnd};
 
 /// The inputs of one control tick.
 struct Received {
@@ -19,17 +22,17 @@ struct Received {
 }
 
 impl Received {
-    fn tick(&self, config: &ControlConfig, state: &mut ControlState) -> Mode {
+    fn tick(&self, config: &Config, state: &mut State) -> Mode {
         let (target, robot) = (self.target.as_ref(), self.robot.as_ref());
-        let input = ControlInput { k: self.k, target, robot, operator: self.operator, ingest: None, realtime_ok: true };
-        let mode = control_tick(config, state, self.now, input).status.mode;
+        let input = Input { k: self.k, target, robot, operator: self.operator, ingest: None, realtime_ok: true };
+        let mode = control::tick(config, state, self.now, input).status.mode;
         Mode::from_u32(mode).expect("a mode")
     }
 }
 
 fn ticks(criterion: &mut Criterion) {
     let settings = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/teleop.toml");
-    let loaded = pipeline::load(&settings, Overrides::default()).expect("the shipped settings");
+    let loaded = config::load(&settings, Overrides::default()).expect("the shipped settings");
     let options = PlayOptions { speed: 1.0, looped: false, calibration: CalibrationMode::First10s };
     let (mut received, mut engaged, mut incarnation) = (Vec::new(), Vec::new(), 0);
     let end = Offline::new(&loaded, &motion::builtin(), options).expect("a run").play(|tick| {
@@ -44,8 +47,8 @@ fn ticks(criterion: &mut Criterion) {
     let begins = engaged.iter().position(|engaged| *engaged).expect("it engages");
     let ends = engaged.iter().rposition(|engaged| *engaged).expect("it engages");
 
-    let config = ControlConfig::new(&loaded, true).expect("control");
-    let mut begun = ControlState::new(&config, incarnation);
+    let config = world::control_config(&loaded, true).expect("control");
+    let mut begun = State::new(&config, incarnation);
     received[..begins].iter().for_each(|received| _ = received.tick(&config, &mut begun));
     let (mut state, mut next) = (begun.clone(), begins);
     criterion.bench_function("control tick", |bencher| {
