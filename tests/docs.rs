@@ -331,7 +331,7 @@ fn numbers(text: &str) -> Vec<&str> {
 
 #[test]
 fn figures_of_readme_stand_in_their_results() {
-    let root = rig::repository();
+    let root = harness::repository();
     let readme = read(&root.join("README.md"));
     let (_, rest) = readme.split_once("\n## Measured\n").expect("measured figures");
     let rows: Vec<_> = rest.split("\n## ").next().unwrap_or("").lines().filter(|line| line.starts_with('|')).collect();
@@ -355,7 +355,7 @@ fn figures_of_readme_stand_in_their_results() {
 
 #[test]
 fn every_result_names_its_command_date_commit_and_machine() {
-    let results = std::fs::read_dir(rig::repository().join("docs/results")).expect("results").flatten();
+    let results = std::fs::read_dir(harness::repository().join("docs/results")).expect("results").flatten();
     for path in results.map(|entry| entry.path()) {
         let text = read(&path);
         for key in ["command: `cargo ", "date: 20", "commit: ", "machine: "] {

@@ -22,13 +22,13 @@ const fn breach(kind: ViolationKind, what: &'static str) -> Option<Breach> {
 /// Slack for rounding, SI.
 #[derive(Clone, Copy, Debug)]
 pub struct Slack {
-    /// Of positions, velocities and accelerations within their limits.
+    /// Slack of positions, velocities and accelerations within their limits.
     pub state: f64,
-    /// Of jerks.
+    /// Slack of jerks.
     pub jerk: f64,
-    /// Of positions, velocities and accelerations from those that constant jerk or the plan gives.
+    /// Distance of positions, velocities and accelerations from those that constant jerk or the plan gives.
     pub step: f64,
-    /// Of velocities and accelerations at the end of a plan.
+    /// Velocities and accelerations that may remain at the end of a plan.
     pub rest: f64,
 }
 

@@ -1,11 +1,12 @@
 //! The command line.
 
 use crate::chunk::PART_TICKS;
-use crate::error::Failed;
+use crate::error::bad_option;
 use crate::machine::cores;
 use crate::stages::Subject;
 use clap::{Args, Parser, Subcommand};
 use messages::TICK_HZ;
+use rt::Failure;
 use std::fmt::Display;
 use std::path::PathBuf;
 
@@ -163,15 +164,15 @@ pub struct BenchArgs {
 ///
 /// # Errors
 /// Returns an error that names the option, its value and the bounds.
-fn within<T: PartialOrd + Display>(option: &str, value: T, low: T, high: T) -> Result<(), Failed> {
-    if value >= low && value <= high { Ok(()) } else { Err(Failed::option(option, value, format!("{low} to {high}"))) }
+fn within<T: PartialOrd + Display>(option: &str, value: T, low: T, high: T) -> Result<(), Failure> {
+    if value >= low && value <= high { Ok(()) } else { Err(bad_option(option, value, format!("{low} to {high}"))) }
 }
 
 /// Checks a number of ticks or states, and of threads.
 ///
 /// # Errors
 /// Returns an error that names the option, its value and the bounds.
-pub fn check_counts(option: &str, count: u64, threads: usize) -> Result<(), Failed> {
+pub fn check_counts(option: &str, count: u64, threads: usize) -> Result<(), Failure> {
     within(option, count, 1, TICKS_MAX)?;
     check_threads(threads)
 }
@@ -180,7 +181,7 @@ pub fn check_counts(option: &str, count: u64, threads: usize) -> Result<(), Fail
 ///
 /// # Errors
 /// Returns an error that names the option, its value and the bounds.
-pub fn check_threads(threads: usize) -> Result<(), Failed> {
+pub fn check_threads(threads: usize) -> Result<(), Failure> {
     within("--threads", threads, 1, THREADS_MAX)
 }
 
@@ -189,10 +190,10 @@ impl AttackArgs {
     ///
     /// # Errors
     /// Returns an error that names the option, its value and the bound.
-    pub fn check(&self) -> Result<(), Failed> {
+    pub fn check(&self) -> Result<(), Failure> {
         if self.rate != TICK_HZ {
             let bound = format!("{TICK_HZ}: the tick rate is built into every stage and message (messages::TICK_HZ)");
-            return Err(Failed::option("--rate", self.rate, bound));
+            return Err(bad_option("--rate", self.rate, bound));
         }
         within("--payload-kg", self.changes.payload_kg, 0.0, robot::PAYLOAD_MAX_KG)?;
         check_counts("--ticks", self.ticks, self.threads)?;
@@ -201,7 +202,7 @@ impl AttackArgs {
         match self.part.filter(|&part| part >= parts) {
             Some(part) => {
                 let bound = format!("below {parts}, the number of parts of {PART_TICKS} ticks in --ticks");
-                Err(Failed::option("--part", part, bound))
+                Err(bad_option("--part", part, bound))
             }
             None => Ok(()),
         }
@@ -213,7 +214,7 @@ impl Common {
     ///
     /// # Errors
     /// Returns an error that names the file, the key, the value and the bound.
-    pub fn subject(&self, changes: Changes) -> Result<Subject, Failed> {
+    pub fn subject(&self, changes: Changes) -> Result<Subject, Failure> {
         Subject::load(&self.config, self.robot.as_deref(), changes)
     }
 }

@@ -15,7 +15,7 @@
 pub mod bench;
 pub mod chunk;
 pub mod cli;
-pub mod error;
+mod error;
 pub mod figures;
 pub mod goals;
 pub mod machine;

@@ -4,6 +4,7 @@ use clap::Parser;
 use config::Overrides;
 use indicatif::{ProgressBar, ProgressStyle};
 use messages::TICK_HZ;
+use rt::{Exit, Failure};
 use sim::ViolationKind;
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -11,7 +12,6 @@ use std::time::Duration;
 use torture::cli::{
     AttackArgs, BenchArgs, Changes, Cli, Command, MotionsArgs, StopTimesArgs, check_counts, check_threads,
 };
-use torture::error::Failed;
 use torture::figures::{Figures, merged};
 use torture::machine::Machine;
 use torture::parallel::{derived_seed, in_parallel};
@@ -29,14 +29,7 @@ fn main() -> ExitCode {
         Some(Command::Motions(args)) => play(args),
         Some(Command::Bench(args)) => measure_ticks(args),
     };
-    match done {
-        Ok(true) => ExitCode::SUCCESS,
-        Ok(false) => ExitCode::FAILURE,
-        Err(Failed(code, cause)) => {
-            eprintln!("torture: {cause}");
-            ExitCode::from(code)
-        }
-    }
+    rt::finish("torture", done)
 }
 
 /// Time between two redraws of the progress on a terminal, even without progress.
@@ -55,7 +48,7 @@ fn progress(length: u64, unit: &str) -> ProgressBar {
     bar
 }
 
-fn attack(args: &AttackArgs) -> Result<bool, Failed> {
+fn attack(args: &AttackArgs) -> Result<bool, Failure> {
     args.check()?;
     let machine = Machine::now();
     let Changes { no_certificate, keep_gate, no_torque, payload_kg, untold } = args.changes;
@@ -110,7 +103,7 @@ fn attack(args: &AttackArgs) -> Result<bool, Failed> {
     Ok(found)
 }
 
-fn measure_stops(args: &StopTimesArgs) -> Result<bool, Failed> {
+fn measure_stops(args: &StopTimesArgs) -> Result<bool, Failure> {
     check_counts("--states", args.states, args.threads)?;
     let subject = args.common.subject(Changes::default())?;
     let bounds = subject.wbc.bounds();
@@ -120,18 +113,18 @@ fn measure_stops(args: &StopTimesArgs) -> Result<bool, Failed> {
     Ok(times.exceeded() == 0)
 }
 
-fn play(args: &MotionsArgs) -> Result<bool, Failed> {
+fn play(args: &MotionsArgs) -> Result<bool, Failure> {
     check_threads(args.threads)?;
     let machine = Machine::now();
-    let loaded = config::load(&args.config, Overrides::default())?;
-    let bar = progress(motion::motion_files(&args.folder)?.len() as u64, "files");
+    let loaded = config::load(&args.config, Overrides::default()).map_err(Failure::with(Exit::Config))?;
+    let bar = progress(motion::motion_files(&args.folder).map_err(Failure::with(Exit::NoInput))?.len() as u64, "files");
     let played = motions::run(&loaded, &args.folder, args.threads, |_| bar.inc(1))?;
     bar.finish_and_clear();
     report::put(&report::motions_words(&played), &report::motions_json(&played, &machine), args.json.as_deref())?;
     Ok(played.iter().all(|one| one.failed.is_none() && one.violations_total() == 0))
 }
 
-fn measure_ticks(args: &BenchArgs) -> Result<bool, Failed> {
+fn measure_ticks(args: &BenchArgs) -> Result<bool, Failure> {
     check_counts("--ticks", args.ticks, 1)?;
     let machine = Machine::now();
     let subject = args.common.subject(Changes::default())?;

@@ -1,11 +1,11 @@
 //! Plays recorded motions through every stage, from the first frame to rest, in virtual time.
 
-use crate::error::Failed;
 use crate::parallel::in_parallel;
 use client::PlayOptions;
 use config::Loaded;
 use messages::{Mode, TICK_HZ};
 use motion::CalibrationMode;
+use rt::{Exit, Failure};
 use std::path::{Path, PathBuf};
 use world::{Offline, OfflineEnd, OfflineReport};
 
@@ -52,10 +52,13 @@ pub fn run(
     folder: &Path,
     threads: usize,
     progress: impl Fn(&Played) + Sync,
-) -> Result<Vec<Played>, Failed> {
-    let files = motion::motion_files(folder)?;
+) -> Result<Vec<Played>, Failure> {
+    let files = motion::motion_files(folder).map_err(Failure::with(Exit::NoInput))?;
     if files.is_empty() {
-        return Err(Failed::no_motions(folder));
+        return Err(Failure::new(
+            Exit::NoInput,
+            format!("{}: no motion files (.bvh, .npy, .npz) in it", folder.display()),
+        ));
     }
     Ok(in_parallel(threads, files.len(), |i| {
         let played = play(loaded, &files[i]);
@@ -69,14 +72,15 @@ pub fn play(loaded: &Loaded, file: &Path) -> Played {
     let (report, failed) = match to_rest(loaded, file) {
         Ok((report, OfflineEnd::AtRest)) => (report, None),
         Ok((report, OfflineEnd::Stopped(why))) => (report, Some(why)),
-        Err(Failed(_, why)) => (OfflineReport::default(), Some(why)),
+        Err(failure) => (OfflineReport::default(), Some(failure.text)),
     };
     Played { file: file.to_path_buf(), report, failed }
 }
 
-fn to_rest(loaded: &Loaded, file: &Path) -> Result<(OfflineReport, OfflineEnd), Failed> {
+fn to_rest(loaded: &Loaded, file: &Path) -> Result<(OfflineReport, OfflineEnd), Failure> {
     let options = PlayOptions { speed: 1.0, looped: false, calibration: CalibrationMode::First10s };
-    let mut offline = Offline::new(loaded, &motion::load(file)?, options)?;
+    let mut offline = Offline::new(loaded, &motion::load(file).map_err(Failure::with(Exit::NoInput))?, options)
+        .map_err(Failure::with(Exit::Config))?;
     let end = offline.play(|_| ());
     Ok((offline.report().clone(), end))
 }

@@ -2,7 +2,6 @@
 
 use crate::bench::Bench;
 use crate::cli::AttackArgs;
-use crate::error::Failed;
 use crate::figures::{AttackFigures, Durations, Figures, Goals, KINDS, Place, Reasons, TRUE_KINDS};
 use crate::machine::Machine;
 use crate::motions::Played;
@@ -10,6 +9,7 @@ use crate::stop_times::{JointWorst, StopTimes, joint_bound_s};
 use judge::Attack;
 use messages::{JOINTS, TICK_HZ};
 use robot::Model;
+use rt::{Exit, Failure};
 use serde_json::{Map, Value, json};
 use sim::ViolationKind;
 use std::path::Path;
@@ -333,7 +333,7 @@ pub fn bench_words(bench: &Bench, ticks: u64, model: &Model, machine: &Machine) 
 ///
 /// # Errors
 /// Returns an error that names the file that cannot be written.
-pub fn put(words: &str, value: &Value, json: Option<&Path>) -> Result<(), Failed> {
+pub fn put(words: &str, value: &Value, json: Option<&Path>) -> Result<(), Failure> {
     use std::io::Write;
     // The output may be closed. The exit code still reports the result.
     if json.is_some_and(|path| path.as_os_str() == "-") {
@@ -343,5 +343,6 @@ pub fn put(words: &str, value: &Value, json: Option<&Path>) -> Result<(), Failed
     }
     let _ = std::io::stdout().write_all(words.as_bytes());
     let Some(path) = json else { return Ok(()) };
-    std::fs::write(path, format!("{value:#}\n")).map_err(|cause| Failed::unwritable(path, &cause))
+    std::fs::write(path, format!("{value:#}\n"))
+        .map_err(|cause| Failure::new(Exit::CantCreate, rt::unwritable(path, &cause)))
 }

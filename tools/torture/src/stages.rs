@@ -1,13 +1,14 @@
 //! Runs both stages as the daemon's control tick does: whole-body control proposes, and the gate decides.
 
 use crate::cli::Changes;
-use crate::error::Failed;
+use crate::error::rejected;
 use config::{Loaded, Overrides, RobotInterface};
 use control::{Commanded, Commander};
 use driver::Motion;
 use judge::Attacker;
 use messages::{JOINTS, Stamp};
 use robot::{Model, Payload};
+use rt::{Exit, Failure};
 use safety::engage::Permit;
 use safety::gate;
 use std::fmt::Display;
@@ -40,16 +41,22 @@ impl Subject {
     ///
     /// # Errors
     /// Returns an error that names the file, the key, the value and the bound.
-    pub fn load(config: &Path, robot: Option<&Path>, changes: Changes) -> Result<Self, Failed> {
+    pub fn load(config: &Path, robot: Option<&Path>, changes: Changes) -> Result<Self, Failure> {
         if let Some(file) = robot {
-            return Self::of(config::load_model(file)?.0, file, HAND_SPEED_MAX_M_PER_S, changes);
+            return Self::of(
+                config::load_model(file).map_err(Failure::with(Exit::Config))?.0,
+                file,
+                HAND_SPEED_MAX_M_PER_S,
+                changes,
+            );
         }
-        let Loaded { model, settings, .. } = config::load(config, Overrides::default())?;
+        let Loaded { model, settings, .. } =
+            config::load(config, Overrides::default()).map_err(Failure::with(Exit::Config))?;
         match settings.sim.interface {
             RobotInterface::Direct => Self::of(model, config, settings.safety.hand_speed_m_per_s(), changes),
             other => {
                 let cause = "must be \"direct\"; no other interface is tested";
-                Err(Failed::rejected(config, format!("sim.interface = \"{}\", {cause}", other.name())))
+                Err(rejected(config, format!("sim.interface = \"{}\", {cause}", other.name())))
             }
         }
     }
@@ -59,9 +66,9 @@ impl Subject {
     ///
     /// # Errors
     /// Returns an error that names the file and the stage that rejects the robot.
-    pub fn of(mut model: Model, file: &Path, hand_speed: f64, changes: Changes) -> Result<Self, Failed> {
-        fn made<T>(file: &Path, stage: &str, made: Result<T, impl Display>) -> Result<T, Failed> {
-            made.map_err(|error| Failed::rejected(file, format!("{stage}: {error}")))
+    pub fn of(mut model: Model, file: &Path, hand_speed: f64, changes: Changes) -> Result<Self, Failure> {
+        fn made<T>(file: &Path, stage: &str, made: Result<T, impl Display>) -> Result<T, Failure> {
+            made.map_err(|error| rejected(file, format!("{stage}: {error}")))
         }
         let robot = judge::Robot::of(model.clone());
         let payload_kg = Some(changes.payload_kg).filter(|&mass_kg| mass_kg > 0.0);
