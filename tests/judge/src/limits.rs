@@ -28,7 +28,7 @@ pub struct Slack {
     pub jerk: f64,
     /// Distance of positions, velocities and accelerations from those that constant jerk or the plan gives.
     pub step: f64,
-    /// Velocities and accelerations that may remain at the end of a plan.
+    /// Velocity and acceleration that may be left at the end of a plan.
     pub rest: f64,
 }
 
