@@ -208,9 +208,7 @@ impl<'a> Run<'a> {
         let robot = tampered::Robot { limits: &self.subject.limits, close: &self.subject.close };
         let mut tampering = Tampering { faults: &mut self.faults, memory: &mut self.memory, robot };
         let moment = self.world.step_tampered(&self.subject.config, &told, running, &mut tampering);
-        if let Some(skeleton) = &moment.skeleton {
-            self.accepted.push(Person::of(skeleton));
-        }
+        self.accepted.extend(moment.skeleton.as_ref().map(Person::of));
         self.count_links();
         self.client.listen(k, !self.accepted.is_empty());
         if let Some(control) = &moment.control {
