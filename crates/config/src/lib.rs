@@ -2,13 +2,11 @@
 //! before it is used.
 
 mod cores;
-mod interface;
 mod load;
 mod operators;
 mod settings;
 
 pub use cores::Cores;
-pub use interface::RobotInterface;
 pub use load::{Loaded, Overrides, load, load_model, load_weights, read_settings, read_text};
 pub use operators::{Operator, Operators};
 pub use safety::engage::Settings as SafetySettings;
@@ -16,6 +14,7 @@ pub use settings::{
     ControlSettings, DoorSettings, DriverKind, DriverSettings, EmergencyStopReset, HandOff, IngestSettings, Method,
     MetricsSettings, Policy, RealtimeSettings, Reference, RetargetSettings, Settings, SimSettings,
 };
+pub use sim::Interface as RobotInterface;
 
 /// Reason for which an instance cannot start. The text names file, key, value and bound.
 #[derive(Debug, thiserror::Error)]

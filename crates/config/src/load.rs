@@ -2,12 +2,12 @@
 //! carries.
 
 use crate::ConfigError;
-use crate::interface::RobotInterface;
 use crate::operators::Operators;
 use crate::settings::{Method, Settings};
 use layouts::{Layouts, Map};
 use messages::{FNV_BASIS, fnv};
 use robot::Model;
+use sim::Interface as RobotInterface;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 

@@ -2,7 +2,6 @@
 
 use crate::ConfigError;
 use crate::cores::Cores;
-use crate::interface::RobotInterface;
 use ingest::Filter;
 use schema::{Key, OutOfBounds, Table};
 use serde::{Deserialize, Serialize};
@@ -98,7 +97,8 @@ schema::table! {
         /// Silence after which a client's lease ends, ms. It is at least `safety.input_stale_ms` and the
         /// longest stop (500 ms), so the lease never passes on while the robot still moves.
         authority_timeout_ms: f64 = 1000.0, in [100.0, 60_000.0];
-        /// Files of skeleton layouts beside the built-in ones, relative to the settings file. At most 16.
+        /// Files of skeleton layouts beside the built-in ones, relative to the settings file. At most 16. An example is
+        /// `["skeletons/zed_body_38.toml"]`.
         layouts: Vec<String> = Vec::new();
         /// Folder of the files that `teleopctl calibrate` writes, relative to the settings file.
         operators: String = "operators".to_owned();
@@ -231,35 +231,12 @@ schema::table! {
     }
 }
 
-/// How the simulated robot reacts by itself when setpoints end. Real robots differ.
-#[derive(Clone, Copy, Debug, Deserialize, PartialEq, Serialize, Eq)]
-#[serde(rename_all = "kebab-case")]
-pub enum RobotReaction {
-    /// Every joint brakes and holds its place.
-    Hold,
-    /// The motors damp.
-    Damp,
-    /// The drives play the stop that came with the last setpoint.
-    Play,
-}
-
-impl RobotReaction {
-    /// Converts it for the simulated robot.
-    pub const fn simulated(self) -> sim::Reaction {
-        match self {
-            Self::Hold => sim::Reaction::Hold,
-            Self::Damp => sim::Reaction::Damp,
-            Self::Play => sim::Reaction::Play,
-        }
-    }
-}
-
 schema::table! {
     /// The simulated robot.
     pub struct SimSettings {
         /// How the simulated robot takes setpoints. `"direct"` takes every command. `"jtc100"` has four trajectory
         /// controllers, not synchronised, that take points at 100 Hz.
-        interface: RobotInterface = RobotInterface::Direct;
+        interface: sim::Interface = sim::Interface::Direct;
         /// Seed of the encoders' noise and of the delays of jtc100.
         seed: u64 = 1;
         /// Natural frequency of a joint's closed position loop, Hz. Assumption for a geared arm joint.
@@ -278,7 +255,7 @@ schema::table! {
         /// Reaction of the robot by itself after that. `"play"` plays the certified stop that came with the last setpoint. Behind
         /// jtc100 no stop comes, and the joints brake alone. `"hold"` brakes each joint alone. `"damp"` lets the motors
         /// damp. Real robots differ.
-        reaction: RobotReaction = RobotReaction::Play;
+        reaction: sim::Reaction = sim::Reaction::Play;
         /// Standard deviation of the encoders' noise, rad. Assumption of one step of the encoder.
         encoder_noise_rad: f64 = 4.8e-5, in [0.0, sim::ENCODER_NOISE_MAX_RAD];
         /// Step of the encoders, rad. Assumption of 17 bits per turn.
@@ -381,7 +358,7 @@ impl Settings {
             let key = format!("{table}.{key}");
             ConfigError::Bound { file: file.to_owned(), key, value, low, high }
         };
-        let watchdog_max_ms = sim::watchdog_max_ms(self.sim.reaction.simulated());
+        let watchdog_max_ms = sim::watchdog_max_ms(self.sim.reaction);
         let checked = [
             ("retarget", self.retarget.check()),
             ("ingest", self.ingest.check()),

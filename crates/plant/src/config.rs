@@ -13,7 +13,8 @@ use nalgebra::{Matrix3, Vector3};
 const OPTIONS: &str = "plant options";
 
 /// Reaction of the drives when setpoints stay away for longer than the watchdog allows. Real robots differ.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, serde::Deserialize, PartialEq, serde::Serialize, Eq)]
+#[serde(rename_all = "kebab-case")]
 pub enum Reaction {
     /// Each joint brakes its reference at the acceleration limit in force, then holds its place.
     #[default]

@@ -37,14 +37,17 @@ const GAP_MAX_TICKS: u64 = 1500;
 /// Separates the draw of the delays from the draw of the noise.
 const DELAY_STREAM: u64 = 0x4a54_4331_3030_687a;
 
-/// The way in which the robot takes the driver's setpoints.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Interface {
-    /// The robot takes every setpoint at its index.
-    #[default]
-    Direct,
-    /// The robot has four trajectory controllers, not synchronised, that take points at 100 Hz.
-    Jtc100,
+messages::named! {
+    /// The way in which the robot takes the driver's setpoints. The names stand in settings and on the command line.
+    #[derive(Clone, Copy, Debug, Default, serde::Deserialize, PartialEq, serde::Serialize, Eq)]
+    #[serde(rename_all = "kebab-case")]
+    pub enum Interface {
+        /// The robot takes every setpoint at its index.
+        #[default]
+        Direct => "direct",
+        /// The robot has four trajectory controllers, not synchronised, that take points at 100 Hz.
+        Jtc100 => "jtc100",
+    }
 }
 
 impl Interface {

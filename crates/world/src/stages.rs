@@ -69,8 +69,7 @@ pub fn control_config(loaded: &Loaded, realtime: bool) -> Result<control::Config
         follow: follow::Config::new(&model, &wbc.bounds().map(|bound| bound.v_max), follow::Weights::default()),
         wbc,
         arm: ArmModel::of(&model),
-        servo_lag_s: f64::from(loaded.settings.servo_delay_ticks()) * messages::TICK_S
-            + interface.simulated().delay_s(),
+        servo_lag_s: f64::from(loaded.settings.servo_delay_ticks()) * messages::TICK_S + interface.delay_s(),
         tracking_max: [safety.tracking_error_rad, safety.tracking_error_m].map(|bound| bound * tracking),
         config_hash: loaded.hash,
         realtime,
@@ -94,14 +93,14 @@ pub(crate) fn sim_config_of(
     let (settings, driver) = (&loaded.settings.sim, &loaded.settings.driver);
     let factor = if realtime { 1.0 } else { loaded.settings.safety.stale_factor_without_realtime };
     let options = sim::Options {
-        interface: settings.interface.simulated(),
+        interface: settings.interface,
         natural_frequency_hz: settings.natural_frequency_hz,
         damping_ratio: settings.damping_ratio,
         delay_ticks: settings.delay_ticks,
         encoder_noise_rad: settings.encoder_noise_rad,
         encoder_step_rad: settings.encoder_step_rad,
         watchdog_ms: settings.watchdog_ms,
-        reaction: settings.reaction.simulated(),
+        reaction: settings.reaction,
         measured_age_max_ms: driver::MEASURED_AGE_MAX_NS as f64 * 1e-6 * factor,
         silence_ticks: (driver.silence_latch_ms * factor * 1e-3 * messages::TICK_HZ as f64).round() as u64,
         hand_speed_max_m_per_s: loaded.settings.safety.hand_speed_m_per_s(),

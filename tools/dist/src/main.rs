@@ -65,7 +65,7 @@ const PATHS: [(&str, &str); 4] = [
 /// Returns the settings with paths below `folder`. Each path must occur in the text exactly once. With an
 /// absolute folder the settings may be copied anywhere.
 fn settings_with(text: &str, folder: &str) -> Result<String, String> {
-    let mut packaged = text.replace("  # relative to this file", "  # or relative to this file");
+    let mut packaged = text.to_owned();
     for (here, below) in PATHS {
         let there = &format!("\"{folder}{below}");
         let count = packaged.matches(here).count();
