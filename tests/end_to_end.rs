@@ -425,7 +425,7 @@ fn f097_f098_bad_setting_is_refused_with_its_key() {
         ("tracking_error_rad = 0.005", "tracking_error_rad = 0.4", "tracking_error_rad"),
         ("target_stale_ms = 10.0", "target_stale_ms = nan", "target_stale_ms"),
         ("grace_us = 150.0", "grace_us = -1.0", "control.grace_us"),
-        ("seed = 1 ", "", "seed"),
+        ("seed = 1\n", "", "seed"),
     ] {
         assert!(text.contains(from), "{from}");
         let (code, said) = check(text.replacen(from, to, 1));

@@ -1,7 +1,7 @@
 //! Tests that no motion needs more than its share of the effort limits. Every plan is sampled with the
 //! dynamics of `collision`, which shares no code with this crate.
 
-use collision::dynamics::{Dynamics, GRAVITY_M_PER_S2, PerJoint};
+use judge::dynamics::{Dynamics, GRAVITY_M_PER_S2, PerJoint};
 use messages::{ALL_JOINTS, JOINTS, PayloadRefusal, Stamp};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
@@ -70,9 +70,9 @@ struct Run {
 }
 
 /// Both hands with this payload where they grasp, for the dynamics of `collision`.
-fn hands(mass_kg: f64) -> Vec<collision::dynamics::Payload> {
+fn hands(mass_kg: f64) -> Vec<judge::dynamics::Payload> {
     let links = ["hand_left_grasping_frame", "hand_right_grasping_frame"];
-    links.map(|link| collision::dynamics::Payload { link: link.into(), mass_kg }).into()
+    links.map(|link| judge::dynamics::Payload { link: link.into(), mass_kg }).into()
 }
 
 /// The same payload in the form that the stage uses.

@@ -22,6 +22,7 @@ mod robot;
 mod rollout;
 
 pub use attack::{Attack, Attacker};
+pub use collision::dynamics;
 pub use commands::Checker;
 pub use meshes::Meshes;
 pub use robot::{Robot, Tree, TreeJoint};
