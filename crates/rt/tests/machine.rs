@@ -1,4 +1,4 @@
-//! What the machine tells: cores, time, page faults, peers and errors of files.
+//! Facts of the machine: cores, time, page faults, peers and errors of files.
 
 use rt::{
     CoreMap, PageFaults, Peer, Placement, core_list, cpu_features, cpu_time_ns, incarnation, port_refused, unreadable,

@@ -1,5 +1,5 @@
 //! A table of settings, declared once. Its type, its default, its checks, the shipped file and the settings chapter
-//! come from the same lines.
+//! come from the same lines. Never does IO and never reads a clock.
 
 #![forbid(clippy::disallowed_macros, clippy::disallowed_methods, clippy::disallowed_types)]
 
