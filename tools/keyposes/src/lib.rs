@@ -1,7 +1,6 @@
-//! Interpolation between key poses in the latent space, and pictures and files of motions. The poses and their motions
+//! Interpolation between key poses in the latent space, and files of motions. The poses and their motions
 //! are those of `poses`.
 
-pub mod draw;
 pub mod error;
 pub mod interpolate;
 pub mod write;

@@ -1,10 +1,9 @@
 //! `keyposes motions` writes the named motions. `keyposes interpolate` writes a joint trajectory between poses.
-//! `keyposes draw` writes stick figures.
 
 use clap::{Args, Parser, Subcommand};
 use keyposes::error::KeyposesError;
 use keyposes::interpolate::{Options, Space};
-use keyposes::{draw, write};
+use keyposes::write;
 use motion::CalibrationMode;
 use poses::error::PosesError;
 use poses::{motions, pose, trajectory};
@@ -36,17 +35,6 @@ enum Command {
     /// Write the joint trajectory from pose to pose through the latent space: CSV, and a .bvh with the same
     /// name. `replay` plays both.
     Interpolate(Interpolate),
-    /// Draw stick figures of a motion, as SVG.
-    Draw {
-        /// The motion file (.bvh).
-        file: PathBuf,
-        /// The picture to write.
-        #[arg(long, value_name = "FILE.svg")]
-        out: PathBuf,
-        /// Number of instants, 1 to 40.
-        #[arg(long, default_value_t = 8, value_parser = clap::value_parser!(u8).range(1..=40))]
-        count: u8,
-    },
 }
 
 #[derive(Args)]
@@ -91,7 +79,6 @@ fn main() -> ExitCode {
     let done = match Arguments::parse().command {
         Command::Motions { out, robot } => write_motions(&out, &robot),
         Command::Interpolate(arguments) => interpolate(&arguments),
-        Command::Draw { file, out, count } => draw_file(&file, &out, usize::from(count)),
     };
     rt::finish("keyposes", done.map_err(|error| Failure::new(error.exit(), error)))
 }
@@ -141,12 +128,6 @@ fn write_motions(out: &Path, robot: &Path) -> Result<(), KeyposesError> {
         rt::out!("{:<18} {:>4} frames, {:.1} s", motion.name, motion.frames.len(), motion.duration_s());
     }
     Ok(())
-}
-
-fn draw_file(file: &Path, out: &Path, count: usize) -> Result<(), KeyposesError> {
-    apart(out, &[file])?;
-    let motion = motion::load(file)?;
-    save(out, &draw::svg(&motion, count))
 }
 
 fn interpolate(arguments: &Interpolate) -> Result<(), KeyposesError> {
