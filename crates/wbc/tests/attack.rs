@@ -24,11 +24,14 @@ fn attack(robot: &Robot, options: Options, seed: u64, ticks: u64, dense: u64) ->
     checker
 }
 
+/// Seeds whose attacks collide within 5,000 ticks if nothing is proved.
+const SEEDS: [u64; 5] = [103, 105, 107, 111, 112];
+
 #[test]
 fn f040_f041_f045_attack_breaks_no_limit_or_clearance() {
     let mut least = f64::INFINITY;
     let robot = made_up();
-    for seed in 100..105 {
+    for seed in SEEDS {
         let checker = attack(&robot, Options::default(), seed, 20_000, 300);
         assert_eq!(checker.violations, 0, "seed {seed}: {:#?}", checker.first);
         println!("seed {seed}: least clearance {:.3} mm", checker.clearance_m * 1e3);
@@ -49,9 +52,11 @@ fn attack_on_shipped_robot_breaks_no_limit_or_clearance() {
 #[test]
 fn attack_without_certificate_breaks_clearance() {
     let robot = made_up();
-    let checker = attack(&robot, Options::without_certificate_for_tests(), 100, 20_000, u64::MAX);
-    assert!(checker.violations > 0 && checker.clearance_m < D_MIN_M);
-    assert!(checker.first.iter().all(|words| words.contains("clearance")), "{:#?}", checker.first);
+    for seed in SEEDS {
+        let checker = attack(&robot, Options::without_certificate_for_tests(), seed, 5_000, u64::MAX);
+        assert!(checker.violations > 0 && checker.clearance_m < D_MIN_M, "seed {seed} proves nothing");
+        assert!(checker.first.iter().all(|words| words.contains("clearance")), "{:#?}", checker.first);
+    }
 }
 
 /// A random motion of all joints, with its stop, near the limits of speed and acceleration.

@@ -42,15 +42,11 @@ impl Slack {
 /// Longest stop, s.
 const STOP_MAX_S: f64 = 10.0;
 
-/// Instants inside (0, t) at which c + b t + a t^2 / 2 is zero.
+/// Instants inside (0, t) at which c + b t + a t^2 / 2 is zero. Both roots keep their digits where `a` is nearly zero:
+/// with w = -(b + sign(b) sqrt(b^2 - 2 a c)) they are w / a and 2 c / w.
 fn zeros(c: f64, b: f64, a: f64, t: f64) -> impl Iterator<Item = f64> {
-    let both = if a == 0.0 {
-        [-c / b, f64::NAN]
-    } else {
-        let root = (b * b - 2.0 * a * c).sqrt();
-        [(-b - root) / a, (-b + root) / a]
-    };
-    both.into_iter().filter(move |at| *at > 0.0 && *at < t)
+    let w = -(b + (b * b - 2.0 * a * c).sqrt().copysign(b));
+    [w / a, 2.0 * c / w].into_iter().filter(move |at| *at > 0.0 && *at < t)
 }
 
 /// The first limit of a state that a phase of constant jerk breaks.

@@ -150,6 +150,16 @@ mod tests {
         let mut outside = stop(&robot, 4, 0.5 * full, gentle);
         outside.q[4] = limits.q_max;
         assert!(kinds(&outside)[ViolationKind::Position as usize]);
+        // It leaves the limits and comes back within one phase, whose jerk is nearly or exactly zero.
+        let (v, a) = (0.1, 0.7 * limits.a_max);
+        let back = ((a * a + 2.0 * limits.j_max * v) / 2.0).sqrt();
+        for jerk in [0.0, 1e-300, 1e-14] {
+            let mut over = stop(&robot, 4, v, gentle);
+            (over.q[4], over.a[4]) = (limits.q_max - 1e-4, -a);
+            over.plan.jerk[4] = [jerk, limits.j_max, -limits.j_max];
+            over.plan.duration_s[4] = [2.0 * v / a, (a + back) / limits.j_max, back / limits.j_max];
+            assert!(kinds(&over)[ViolationKind::Position as usize], "jerk {jerk:e}");
+        }
         let mut nowhere = Motion::rest(robot.home);
         nowhere.q[4] = f64::NAN;
         assert!(kinds(&nowhere)[ViolationKind::Position as usize]);
