@@ -38,13 +38,22 @@ impl Default for Environment {
     }
 }
 
+/// Reads exactly three numbers. An array alone would drop what follows the third.
+fn three<'de, D: serde::Deserializer<'de>>(deserializer: D) -> Result<[f64; 3], D::Error> {
+    let numbers = Vec::<f64>::deserialize(deserializer)?;
+    let count = numbers.len();
+    numbers.try_into().map_err(|_| serde::de::Error::invalid_length(count, &"3 numbers"))
+}
+
 schema::table! {
-    /// Floors and walls: all x with normal . x <= offset is solid. At most 8. Every capsule that moves keeps the robot
-    /// file's `clearance_min_mm` from them.
+    /// Floors and walls, in the frame of the robot's base (`base_footprint`), not of the torso, which lifts. They are void
+    /// when the base moves. All x with normal . x <= offset is solid. At most 8. Every capsule that moves keeps the robot
+    /// file's `clearance_min_mm` from them. A file without any has the header `[environment]` alone.
     pub struct PlaneEntry {
         /// Unique name of 1 to 64 characters, none of them a control character.
         name: String = "floor".to_owned();
         /// Unit vector that points out of the solid half. Its length is 1 within 0.001.
+        #[serde(deserialize_with = "three")]
         normal: [f64; 3] = [0.0, 0.0, 1.0];
         /// Distance of the surface from the base's origin along the normal, m. -10 to 10.
         offset_m: f64 = 0.0;
@@ -52,17 +61,20 @@ schema::table! {
 }
 
 schema::table! {
-    /// Tables and cupboards, kept clear in the same way. At most 8.
+    /// Tables and cupboards, in the same frame and kept clear in the same way. At most 8.
     pub struct BoxEntry {
         /// Unique name of 1 to 64 characters, none of them a control character.
         name: String = "table".to_owned();
         /// Centre, m. Each -10 to 10. The default is the top of a table, 0.7 m ahead.
+        #[serde(deserialize_with = "three")]
         center_m: [f64; 3] = [1.1, 0.0, 0.73];
         /// Lengths of the edges, m. Each 0.001 to 20.
+        #[serde(deserialize_with = "three")]
         size_m: [f64; 3] = [0.8, 1.6, 0.04];
         /// Roll, pitch and yaw, degrees, with R = Rz(yaw) Ry(pitch) Rx(roll). Each -360 to 360. Without it the edges are
         /// parallel to the base's axes.
-        #[serde(default)] rpy_deg: [f64; 3] = [0.0; 3];
+        #[serde(default, deserialize_with = "three")]
+        rpy_deg: [f64; 3] = [0.0; 3];
     }
 }
 
@@ -124,7 +136,8 @@ impl Model {
         if !(clearance_m >= self.d_min_m) {
             let [capsule, obstacle] = pair.map(|index| self.shape_name(index));
             let key = format!("environment `{obstacle}`: clearance of `{capsule}` at home");
-            let bound = format!("must be at least collision.clearance_min_mm = {} mm", self.d_min_m * 1e3);
+            let bound =
+                format!("must be at least the robot file's collision.clearance_min_mm = {} mm", self.d_min_m * 1e3);
             return Err(RobotError::value(file, key, format!("{:.1} mm", clearance_m * 1e3), bound));
         }
         Ok(self)

@@ -12,6 +12,15 @@ fn floor() -> PlaneEntry {
     PlaneEntry { name: "floor".into(), normal: [0.0, 0.0, 1.0], offset_m: 0.0 }
 }
 
+#[test]
+fn vectors_of_other_than_three_numbers_are_refused() {
+    for normal in ["[0.0, 1.0]", "[0.0, 0.0, 1.0, 7.0]"] {
+        let text = format!("[[planes]]\nname = \"floor\"\nnormal = {normal}\noffset_m = 0.0");
+        let error = toml::from_str::<Environment>(&text).expect_err(normal).to_string();
+        assert!(error.contains("3 numbers") && error.contains("normal"), "{error}");
+    }
+}
+
 fn table() -> BoxEntry {
     BoxEntry { name: "table".into(), center_m: [1.1, 0.0, 0.73], size_m: [0.8, 1.6, 0.04], rpy_deg: [0.0; 3] }
 }
