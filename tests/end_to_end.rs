@@ -425,6 +425,10 @@ fn f097_f098_bad_setting_is_refused_with_its_key() {
         ("tracking_error_rad = 0.005", "tracking_error_rad = 0.4", "tracking_error_rad"),
         ("target_stale_ms = 10.0", "target_stale_ms = nan", "target_stale_ms"),
         ("grace_us = 150.0", "grace_us = -1.0", "control.grace_us"),
+        ("grace_us = 150.0", "grace_us = 500.0", "is below 500, control.grace_us"),
+        ("watchdog_ms = 10.0", "watchdog_ms = 100.0", "sim.reaction = \"play\""),
+        ("program = \"\"", "program = \"/usr/bin/nonesuch\"", "driver.program"),
+        ("operator_group = \"\"", "operator_group = \"nogroup_x\"", "doors.operator_group"),
         ("seed = 1\n", "", "seed"),
     ] {
         assert!(text.contains(from), "{from}");

@@ -1,8 +1,17 @@
 //! Prints every effective value, its source, and the configuration hash that every message header carries.
 
 use crate::cli::InstanceArgs;
+use crate::process::door_group;
 use messages::JOINTS;
 use rt::{Exit, Failure, out};
+use std::path::Path;
+
+/// Returns true if the file exists, or if a bare name is found in PATH.
+fn is_there(program: &Path) -> bool {
+    let folders = std::env::var_os("PATH").filter(|_| program.components().count() == 1);
+    let mut named = folders.iter().flat_map(std::env::split_paths).map(|folder| folder.join(program));
+    program.is_file() || named.any(|file| file.is_file())
+}
 
 /// Loads everything that an instance would load and fails where it would fail. Otherwise prints the effective
 /// values.
@@ -11,6 +20,13 @@ pub fn run(place: &InstanceArgs) -> Result<Exit, Failure> {
     world::control_config(&loaded, true).map_err(|error| Failure::new(Exit::Config, error))?;
     world::retarget_config(&loaded).map_err(|error| Failure::new(Exit::Config, error))?;
     world::sim_config(&loaded, true).map_err(|error| Failure::new(Exit::Config, error))?;
+    let doors = &loaded.settings.doors;
+    door_group(place, "doors.skeleton_group", &doors.skeleton_group)?;
+    door_group(place, "doors.operator_group", &doors.operator_group)?;
+    if let Some(program) = loaded.driver_program().filter(|program| !is_there(program)) {
+        let text = format!("{}: driver.program: there is no program {}", place.config.display(), program.display());
+        return Err(Failure::new(Exit::Config, text));
+    }
     for file in &loaded.files {
         out!("read {}", file.display());
     }

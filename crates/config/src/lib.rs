@@ -55,7 +55,7 @@ pub enum ConfigError {
         /// The file.
         file: String,
         /// The key.
-        key: String,
+        key: &'static str,
         /// The value.
         value: f64,
         /// Lowest value allowed.

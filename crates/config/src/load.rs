@@ -99,7 +99,7 @@ pub fn read_settings(config: &Path) -> Result<Settings, ConfigError> {
 /// Returns the settings, and the text of their file.
 fn parse_settings(config: &Path) -> Result<(Settings, String), ConfigError> {
     let text = read_text(config).map_err(|error| match error {
-        ConfigError::Read { file, cause } => {
+        ConfigError::Read { file, cause } if config == instance::default_config() => {
             ConfigError::Read { file, cause: format!("{cause} (run from the repository's root, or give --config)") }
         }
         other => other,

@@ -94,7 +94,7 @@ schema::table! {
 schema::table! {
     /// Settings of the clients' layouts, lease and filter.
     pub struct IngestSettings {
-        /// Silence after which a client's lease ends, ms. It is at least `safety.input_stale_ms` and the
+        /// Silence after which a client's lease ends, ms. It is at least the sum of `safety.input_stale_ms` and the
         /// longest stop (500 ms), so the lease never passes on while the robot still moves.
         authority_timeout_ms: f64 = 1000.0, in [100.0, 60_000.0];
         /// Files of skeleton layouts beside the built-in ones, relative to the settings file. At most 16. An example is
@@ -167,8 +167,8 @@ schema::table! {
         /// Program that drives the robot, started in place of the driver of the built-in simulator. Empty for the built-in
         /// one. A path with a slash is relative to this file.
         program: String = String::new();
-        /// How long after its deadline command k is due, us. From `control.grace_us` to 660.
-        grace_us: f64 = 450.0;
+        /// How long after its deadline command k is due, us. It is at least `control.grace_us`.
+        grace_us: f64 = 450.0, in [0.0, GRACE_MAX_US];
         /// Silence of `control` that latches the driver's fault, ms. At least one tick. The stop plan plays from the
         /// first missed tick.
         silence_latch_ms: f64 = 10.0, in [messages::TICK_S * 1e3, 10.0];
@@ -249,8 +249,8 @@ schema::table! {
         /// Delay between driver and robot, in ticks of 1/1500 s. Assumption of one field-bus cycle of 1 ms,
         /// rounded up.
         delay_ticks: u32 = 2, in [0.0, sim::DELAY_MAX_TICKS as f64];
-        /// Silence of the driver after which the robot reacts by itself, ms. 1 to 20 with `reaction = "play"`, otherwise 1
-        /// to 1000. Assumption.
+        /// Silence of the driver after which the robot reacts by itself, ms. At most 20 with `reaction = "play"`.
+        /// Assumption.
         watchdog_ms: f64 = 10.0, in [1.0, 1000.0];
         /// Reaction of the robot by itself after that. `"play"` plays the certified stop that came with the last setpoint. Behind
         /// jtc100 no stop comes, and the joints brake alone. `"hold"` brakes each joint alone. `"damp"` lets the motors
@@ -358,17 +358,14 @@ impl Settings {
             let key = format!("{table}.{key}");
             ConfigError::Bound { file: file.to_owned(), key, value, low, high }
         };
-        let watchdog_max_ms = sim::watchdog_max_ms(self.sim.reaction);
         let checked = [
             ("retarget", self.retarget.check()),
             ("ingest", self.ingest.check()),
             ("control", self.control.check()),
             ("driver", self.driver.check()),
-            ("driver", schema::check("grace_us", &self.driver.grace_us, self.control.grace_us, GRACE_MAX_US)),
             ("realtime", self.realtime.check().and_then(|()| self.realtime.cores.check())),
             ("metrics", self.metrics.check()),
             ("sim", self.sim.check()),
-            ("sim", schema::check("watchdog_ms", &self.sim.watchdog_ms, 1.0, watchdog_max_ms)),
         ];
         for (table, checked) in checked {
             checked.map_err(|error| bound(table, error))?;
@@ -386,16 +383,23 @@ impl Settings {
                 cause: "driver.kind = \"robot\" needs driver.program; name the program that drives your robot".into(),
             });
         }
-        // The lease must not pass to another client while the robot still moves for the client that fell silent.
-        let (value, least) = (self.ingest.authority_timeout_ms, self.safety.input_stale_ms + STOP_LONGEST_MS);
-        if value < least {
-            return Err(ConfigError::TooShort {
-                file: file.to_owned(),
-                key: "ingest.authority_timeout_ms".to_owned(),
-                value,
-                least,
-                because: "the sum of safety.input_stale_ms and the longest stop, 500 ms",
-            });
+        // The driver must not miss a command that `control` may still send. The lease must not pass to another client while
+        // the robot still moves for the client that fell silent.
+        let lease_least_ms = self.safety.input_stale_ms + STOP_LONGEST_MS;
+        let sum = "the sum of safety.input_stale_ms and the longest stop, 500 ms";
+        for (key, value, least, because) in [
+            ("driver.grace_us", self.driver.grace_us, self.control.grace_us, "control.grace_us"),
+            ("ingest.authority_timeout_ms", self.ingest.authority_timeout_ms, lease_least_ms, sum),
+        ] {
+            if value < least {
+                return Err(ConfigError::TooShort { file: file.to_owned(), key, value, least, because });
+            }
+        }
+        let (watchdog_ms, most) = (self.sim.watchdog_ms, sim::watchdog_max_ms(self.sim.reaction));
+        if watchdog_ms > most {
+            let cause =
+                format!("sim.watchdog_ms = {watchdog_ms} is above {most}, the most with sim.reaction = \"play\"");
+            return Err(ConfigError::Syntax { file: file.to_owned(), cause });
         }
         Ok(())
     }
