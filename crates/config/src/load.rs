@@ -227,8 +227,11 @@ fn read_twins<T>(
     let [manifest_path, tensors_path] = twins(stem.map_or(base, Path::new));
     let manifest = read_text(&manifest_path)?;
     let tensors = read_bytes(&tensors_path, WEIGHTS_BYTES_MAX)?;
-    let value = read(&manifest, &tensors)
-        .map_err(|error| ConfigError::Weights { file: tensors_path.display().to_string(), cause: error.to_string() })?;
+    let value = read(&manifest, &tensors).map_err(|error| {
+        let cause = error.to_string();
+        let file = if cause.starts_with("manifest") { manifest_path } else { tensors_path };
+        ConfigError::Weights { file: file.display().to_string(), cause }
+    })?;
     Ok((value, manifest))
 }
 
