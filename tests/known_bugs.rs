@@ -50,7 +50,7 @@ fn every_patch_of_a_known_bug_applies_to_the_tree() {
 }
 
 /// A patch starts with one sentence that describes the bug. It names a similar public bug, if one is known. If
-/// another layer hides the bug from the simulation, it names the test that finds it. Then follows a small change
+/// another layer hides the bug from the simulation, it names the test or the fault that finds it. Then follows a small change
 /// of one file.
 #[test]
 fn every_patch_of_a_known_bug_is_described_and_small() {
@@ -59,7 +59,8 @@ fn every_patch_of_a_known_bug_is_described_and_small() {
         let (what, like) = header.split_once('\n').map_or((header, None), |(what, like)| (what, Some(like)));
         assert!(what.ends_with('.') && what.split(' ').count() >= 4, "{name}: {what:?} is no sentence");
         for like in like.iter().flat_map(|like| like.lines()) {
-            if let Some((why, test)) = like.split_once("; found by `cargo test ") {
+            let found = ["; found by `cargo test ", "; found by `simulate --fault "];
+            if let Some((why, test)) = found.iter().find_map(|by| like.split_once(by)) {
                 assert!(why.split(' ').count() >= 4 && test.ends_with("`."), "{name}: {like:?}");
                 continue;
             }
