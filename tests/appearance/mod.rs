@@ -122,16 +122,22 @@ impl Shown {
         self.stands();
     }
 
-    /// Returns the part of the picture that appears only while the checkbox is on.
+    /// Returns the part of the picture that appears only while the checkbox is on. A busy processor draws fewer pixels. Two
+    /// pictures of different sharpness differ everywhere, so they are taken again.
     fn layer(&mut self, checkbox: &str) -> Difference {
         let toggle = format!("document.getElementById('{checkbox}').click()");
-        self.browser.evaluate(&toggle);
-        self.stands();
-        let without = self.browser.screenshot();
-        self.browser.evaluate(&toggle);
-        self.stands();
-        let with = self.browser.screenshot();
-        self.browser.difference(&without, &with)
+        let sharpness = "window.teleopd.share()";
+        loop {
+            self.browser.evaluate(&toggle);
+            self.stands();
+            let (share, without) = (self.browser.evaluate(sharpness), self.browser.screenshot());
+            self.browser.evaluate(&toggle);
+            self.stands();
+            let with = self.browser.screenshot();
+            if self.browser.evaluate(sharpness) == share {
+                return self.browser.difference(&without, &with);
+            }
+        }
     }
 
     /// Returns the edges of an element in the window: left, top, right, bottom.

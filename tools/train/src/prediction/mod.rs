@@ -29,9 +29,8 @@ pub fn learn(out: &Path, clips: &Clips, seed: u64, calibration: &str) -> Result<
     let recordings: Vec<Recording> = clips.training.iter().map(Recording::new).collect();
     let unknown: Vec<Recording> = clips.validation.iter().map(Recording::new).collect();
     let prediction = fit(&draw(&recordings, DRAWS, seed)).ok_or(TrainError::Diverged { step: 0 })?;
-    let mut manifest = PredictionManifest::default();
-    manifest.seed = seed;
-    manifest.trained_on = description(&recordings, calibration);
+    let trained_on = description(&recordings, calibration);
+    let mut manifest = PredictionManifest { seed, trained_on, ..PredictionManifest::default() };
     let mut text = String::new();
     for condition in CONDITIONS {
         let means = judge(&unknown, &prediction, &condition);
