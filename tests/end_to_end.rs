@@ -462,5 +462,5 @@ fn f094_weights_of_another_robot_are_refused() {
     let output = Command::new(env!("CARGO_BIN_EXE_teleopd")).arg("check").arg("--config").arg(&path).output().unwrap();
     let said = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(78), "{said}");
-    assert!(said.contains("tiago_dual.safetensors") && said.contains("robot"), "{said}");
+    assert!(said.contains("tiago_dual.toml: manifest: robot_hash"), "{said}");
 }

@@ -99,8 +99,11 @@ pub fn read_settings(config: &Path) -> Result<Settings, ConfigError> {
 /// Returns the settings, and the text of their file.
 fn parse_settings(config: &Path) -> Result<(Settings, String), ConfigError> {
     let text = read_text(config).map_err(|error| match error {
-        ConfigError::Read { file, cause } if config == instance::default_config() => {
-            ConfigError::Read { file, cause: format!("{cause} (run from the repository's root, or give --config)") }
+        ConfigError::Read { file, cause } => {
+            let is_default = config == instance::default_config();
+            let hint =
+                if is_default { "run from the repository's root, or give --config" } else { "--config names it" };
+            ConfigError::Read { file, cause: format!("{cause} ({hint})") }
         }
         other => other,
     })?;
