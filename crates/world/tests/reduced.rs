@@ -4,7 +4,7 @@
 use crate::support;
 
 use client::{PlayOptions, Player};
-use messages::{Faults, JOINTS, Mode, TICK_HZ, reduced_flag};
+use messages::{JOINTS, Mode, TICK_HZ, reduced_flag};
 use motion::CalibrationMode;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
@@ -61,22 +61,6 @@ fn f020_f034_f035_clean_motion_at_30_to_120_hz_is_never_slowed() {
     }
 }
 
-/// A bench that is engaged at home.
-fn engaged(seed: u64) -> Bench {
-    let loaded = loaded();
-    let mut bench = Bench::new(&loaded, loaded.model.home, seed);
-    bench.target = Some(loaded.model.home);
-    bench.settle();
-    bench.press_enable();
-    for _ in 0..5 * TICK_HZ {
-        bench.step();
-        if bench.mode() == Mode::Engaged {
-            return bench;
-        }
-    }
-    panic!("not engaged: {:?}", Faults(bench.status.faults));
-}
-
 fn posture(bench: &Bench, rng: &mut Pcg64Mcg) -> [f64; JOINTS] {
     std::array::from_fn(|j| {
         let limits = &bench.model().limits[j];
@@ -89,7 +73,7 @@ fn f022_f034_f048_jumping_target_is_reached_without_overshoot() {
     let mut rng = Pcg64Mcg::seed_from_u64(22);
     let mut slowed = 0;
     for seed in 0..8 {
-        let mut bench = engaged(seed);
+        let mut bench = Bench::engaged(seed);
         // The person is lost for less than 10 ms of targets and comes back elsewhere: small jumps, and flips of an
         // elbow.
         let mut far = bench.model().home;
@@ -132,7 +116,7 @@ fn f022_f034_f048_jumping_target_is_reached_without_overshoot() {
 #[test]
 fn f034_target_that_jumps_every_tick_holds_after_a_second() {
     let mut rng = Pcg64Mcg::seed_from_u64(34);
-    let mut bench = engaged(1);
+    let mut bench = Bench::engaged(1);
     let held = (1..2 * TICK_HZ).find(|_| {
         bench.target = Some(posture(&bench, &mut rng));
         bench.step();
@@ -145,7 +129,7 @@ fn f034_target_that_jumps_every_tick_holds_after_a_second() {
 #[test]
 fn f033_nan_infinite_or_huge_target_holds_after_three_ticks() {
     for value in [f64::NAN, f64::INFINITY, 1e9] {
-        let mut bench = engaged(1);
+        let mut bench = Bench::engaged(1);
         let mut bad = bench.model().home;
         bad[5] = value;
         // A single bad target is tolerated: every joint whose value is NaN plays its stop.

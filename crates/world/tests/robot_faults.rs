@@ -27,30 +27,9 @@ fn swing(bench: &mut Bench, k: u64) {
     bench.step();
 }
 
-/// A bench that is engaged at home.
-fn engaged() -> Bench {
-    let loaded = loaded();
-    let mut bench = Bench::new(&loaded, loaded.model.home, 1);
-    bench.target = Some(loaded.model.home);
-    bench.settle();
-    engage(&mut bench);
-    bench
-}
-
-fn engage(bench: &mut Bench) {
-    bench.press_enable();
-    for _ in 0..5 * TICK_HZ {
-        bench.step();
-        if bench.mode() == Mode::Engaged {
-            return;
-        }
-    }
-    panic!("not engaged: {:?} {:?}", bench.mode(), Faults(bench.status.faults));
-}
-
 /// A bench that is engaged, with both elbows at 0.45 rad/s.
 fn moving() -> Bench {
-    let mut bench = engaged();
+    let mut bench = Bench::engaged(1);
     for k in 0..FAST {
         swing(&mut bench, k);
         assert_eq!(bench.mode(), Mode::Engaged, "{:?}", Faults(bench.status.faults));
@@ -177,7 +156,7 @@ fn recovers(mut bench: Bench) {
     for (j, (now, then)) in bench.robot.q().iter().zip(&still).enumerate() {
         assert!((now - then).abs() < 1e-3, "joint {j} moved by {} without anybody's leave", now - then);
     }
-    engage(&mut bench);
+    bench.engage();
 }
 
 #[test]
@@ -292,7 +271,7 @@ fn f064_wrong_encoders_without_power_move_no_joint_afterwards() {
 fn f050_stop_continues_plan_of_last_command() {
     // An encoder with a small offset, which would show a stop towards the measurement.
     for (off, stop) in [(0.0, 0), (0.004, 0), (0.004, 1), (0.0, 2)] {
-        let mut bench = engaged();
+        let mut bench = Bench::engaged(1);
         bench.robot.inject(Injection::EncoderJump { joint: ELBOW, by: off });
         for k in 0..FAST {
             swing(&mut bench, k);

@@ -5,31 +5,10 @@ use crate::support;
 use messages::{Fault, Faults, JOINTS, Mode, Response, RobotState, TICK_HZ, TICK_S};
 use sim::Injection;
 use std::f64::consts::TAU;
-use support::{Bench, loaded};
+use support::Bench;
 
 /// The left elbow.
 const ELBOW: usize = 6;
-
-/// A bench that is Disengaged at home, with commands accepted.
-fn disengaged() -> Bench {
-    let loaded = loaded();
-    let mut bench = Bench::new(&loaded, loaded.model.home, 1);
-    bench.target = Some(loaded.model.home);
-    bench.settle();
-    bench
-}
-
-fn engaged() -> Bench {
-    let mut bench = disengaged();
-    bench.press_enable();
-    for _ in 0..5 * TICK_HZ {
-        bench.step();
-        if bench.mode() == Mode::Engaged {
-            return bench;
-        }
-    }
-    panic!("not engaged: {:?}", Faults(bench.status.faults));
-}
 
 /// Measurement of an elbow that swings about its command, `n` ticks after the start.
 fn swinging(amplitude: f64, hz: f64, n: u64) -> impl Fn(&mut RobotState) {
@@ -44,7 +23,7 @@ fn swinging(amplitude: f64, hz: f64, n: u64) -> impl Fn(&mut RobotState) {
 fn f055_arm_swinging_about_steady_command_is_stopped() {
     for hz in [0.5, 1.0, 2.0, 4.0, 6.0, 8.0, 12.0, 16.0, 20.0] {
         for amplitude in [0.145, 0.08] {
-            let mut bench = engaged();
+            let mut bench = Bench::engaged(1);
             let taken = (1..2 * TICK_HZ).find(|&n| {
                 bench.step_measuring(swinging(amplitude, hz, n));
                 bench.mode() == Mode::Faulted
@@ -64,7 +43,7 @@ fn f055_swinging_arm_is_neither_enabled_nor_reset() {
     // 0.67 rad/s: below every speed that stops in one swing.
     for hz in [1.0, 2.0, 4.0] {
         let amplitude = 0.67 / (TAU * hz);
-        let mut bench = disengaged();
+        let mut bench = Bench::at_home(1);
         for n in 1..4 * TICK_HZ {
             if n.is_multiple_of(TICK_HZ / 3) {
                 bench.press_enable();
@@ -94,7 +73,7 @@ fn f055_swinging_arm_is_neither_enabled_nor_reset() {
 #[test]
 fn f055_arm_pushed_at_standstill_faults() {
     for by in [0.03, -0.03] {
-        let mut bench = disengaged();
+        let mut bench = Bench::at_home(1);
         // Pushed within 0.3 s: slower than every speed that stops, and not as far as a tracking error.
         let pushed = |n: u64| by * (n as f64 / (0.3 * TICK_HZ as f64)).min(1.0);
         let taken = (1..TICK_HZ).find(|&n| {
@@ -110,7 +89,7 @@ fn f055_arm_pushed_at_standstill_faults() {
 #[test]
 fn f064_arm_sinking_without_power_faults_and_is_not_reset() {
     for sag in [0.01, 0.05, 0.2] {
-        let mut bench = disengaged();
+        let mut bench = Bench::at_home(1);
         bench.robot.inject(Injection::PowerLost { sag });
         for n in 0..3 * TICK_HZ {
             bench.hand.reset_edge = n.is_multiple_of(TICK_HZ / 10);
@@ -152,7 +131,7 @@ fn f064_arm_sinking_without_power_faults_and_is_not_reset() {
 #[test]
 fn stop_ends_at_rest_without_standstill_fault() {
     for stopped_at in (0..3).map(|n| TICK_HZ * (4 + n) / 4) {
-        let mut bench = engaged();
+        let mut bench = Bench::engaged(1);
         for k in 0..stopped_at {
             let mut target = bench.model().home;
             target[ELBOW] += 0.2 * (k as f64 * TICK_S * 3.0).sin();

@@ -3,8 +3,8 @@
 
 use config::{Loaded, Overrides};
 use messages::{
-    ALL_JOINTS, Header, JOINTS, JointTarget, Layout, Mode, RobotState, Stamp, Status, Subject, TICK_HZ, Transition,
-    deadline, target_flag,
+    ALL_JOINTS, Faults, Header, JOINTS, JointTarget, Layout, Mode, RobotState, Stamp, Status, Subject, TICK_HZ,
+    Transition, deadline, target_flag,
 };
 use robot::{Frames, Model};
 use safety::engage::OperatorView;
@@ -54,6 +54,34 @@ impl Bench {
             hand: OperatorView { connected: true, ..OperatorView::default() },
             status: Status::ZERO,
         }
+    }
+
+    /// Creates a robot that is Disengaged at home, with commands accepted and home as the target.
+    pub fn at_home(seed: u64) -> Self {
+        let loaded = loaded();
+        let mut bench = Self::new(&loaded, loaded.model.home, seed);
+        bench.target = Some(loaded.model.home);
+        bench.settle();
+        bench
+    }
+
+    /// Creates a robot that is Engaged at home.
+    pub fn engaged(seed: u64) -> Self {
+        let mut bench = Self::at_home(seed);
+        bench.engage();
+        bench
+    }
+
+    /// Presses the enable and waits for Engaged.
+    pub fn engage(&mut self) {
+        self.press_enable();
+        for _ in 0..5 * TICK_HZ {
+            self.step();
+            if self.mode() == Mode::Engaged {
+                return;
+            }
+        }
+        panic!("not engaged: {:?} {:?}", self.mode(), Faults(self.status.faults));
     }
 
     pub fn model(&self) -> &Model {
