@@ -82,7 +82,7 @@ schema::table! {
 }
 
 schema::table! {
-    /// Groups of the sockets. An empty name stands for the group of the daemon's process.
+    /// Each socket belongs to a group. With an empty name, it belongs to the group of the daemon's process.
     pub struct DoorSettings {
         /// Group whose members may publish skeletons through `skeleton.sock`. `""` is the group of the daemon's process.
         skeleton_group: String = String::new();
@@ -92,7 +92,7 @@ schema::table! {
 }
 
 schema::table! {
-    /// Settings of the clients' layouts, lease and filter.
+    /// `ingest` receives persons from clients. These keys set the layouts, the lease and the filter.
     pub struct IngestSettings {
         /// Silence after which a client's lease ends, ms. It is at least the sum of `safety.input_stale_ms` and the
         /// longest stop (500 ms), so the lease never passes on while the robot still moves.
@@ -136,7 +136,7 @@ pub enum EmergencyStopReset {
 }
 
 schema::table! {
-    /// Settings of the control process: its timing, and the conditions to engage and reset.
+    /// `control` commands the robot. These keys set its timing, and the conditions to engage and reset.
     pub struct ControlSettings {
         /// How long after its deadline tick k runs without a target, us.
         grace_us: f64 = 150.0, in [0.0, 600.0];

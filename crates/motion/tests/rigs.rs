@@ -6,9 +6,8 @@ use motion::{BvhError, builtin, parse_bvh};
 use nalgebra::Vector3;
 use std::fmt::Write;
 
-/// A rig: the trunk's joints from the pelvis to the head, with `|` before the neck, and the joints of a leg and
-/// of an arm. `#` stands for the side. The rig has the joint on both sides. Commas separate the names, because some contain
-/// spaces. `~` before a name marks a joint without length that the mapping must skip.
+/// Names of a rig's joints, separated by commas. A name may contain spaces. `|` precedes the neck. `#` is replaced by
+/// each side's name, so the rig has that joint twice. `~` marks a joint without length, which the mapping must skip.
 struct Rig {
     name: &'static str,
     trunk: &'static str,
