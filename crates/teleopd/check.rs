@@ -16,10 +16,10 @@ fn is_there(program: &Path) -> bool {
 /// Loads everything that an instance would load and fails where it would fail. Otherwise prints the effective
 /// values.
 pub fn run(place: &InstanceArgs) -> Result<Exit, Failure> {
-    let loaded = config::load(&place.config, place.overrides()).map_err(|error| Failure::new(Exit::Config, error))?;
-    world::control_config(&loaded, true).map_err(|error| Failure::new(Exit::Config, error))?;
-    world::retarget_config(&loaded).map_err(|error| Failure::new(Exit::Config, error))?;
-    world::sim_config(&loaded, true).map_err(|error| Failure::new(Exit::Config, error))?;
+    let loaded = place.load()?;
+    world::control_config(&loaded, true).map_err(Failure::with(Exit::Config))?;
+    world::retarget_config(&loaded).map_err(Failure::with(Exit::Config))?;
+    world::sim_config(&loaded, true).map_err(Failure::with(Exit::Config))?;
     let doors = &loaded.settings.doors;
     door_group(place, "doors.skeleton_group", &doors.skeleton_group)?;
     door_group(place, "doors.operator_group", &doors.operator_group)?;

@@ -3,13 +3,14 @@
 use crate::cli::InstanceArgs;
 use crate::doctor::holder;
 use crate::processes::{END_WITHIN, PROCESSES, READY_WITHIN};
+use crate::starter::{ReadySocket, ended_within};
 use instance::Instance;
 use rt::{Exit, Failure};
 use std::os::unix::net::UnixDatagram;
 use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 /// Returns the instance whose folder is `run_dir`.
 pub fn instance_in(run_dir: &Path) -> Result<Instance, Failure> {
@@ -59,8 +60,7 @@ pub struct Children {
     place: InstanceArgs,
     output: Output,
     running: Vec<(&'static str, Child)>,
-    socket: UnixDatagram,
-    socket_path: PathBuf,
+    ready: ReadySocket,
 }
 
 impl Children {
@@ -77,13 +77,10 @@ impl Children {
         // The socket's name contains this process's id. A second start in the same folder disturbs nothing before
         // it is refused.
         remove_dead_sockets(instance.run_dir());
-        let socket_path = instance.run_dir().join(format!("ready-{}.sock", std::process::id()));
-        let _ = std::fs::remove_file(&socket_path);
-        let socket = UnixDatagram::bind(&socket_path)
-            .map_err(|error| Failure::new(Exit::CantCreate, rt::unwritable(&socket_path, &error)))?;
-        socket.set_read_timeout(Some(Duration::from_millis(50))).map_err(Failure::with(Exit::Software))?;
+        let path = instance.run_dir().join(format!("ready-{}.sock", std::process::id()));
+        let ready = ReadySocket::bind(path.clone()).map_err(|error| Failure::unwritable(&path, &error))?;
         let (instance, place) = (instance.clone(), place.clone());
-        Ok(Self { program, instance, place, output, running: Vec::new(), socket, socket_path })
+        Ok(Self { program, instance, place, output, running: Vec::new(), ready })
     }
 
     /// Starts every process in order, each when the one before is READY.
@@ -94,13 +91,8 @@ impl Children {
     /// Returns the command line that starts the process `name`.
     pub fn command(&self, name: &str) -> Command {
         let mut command = Command::new(&self.program);
-        command.arg(name).arg("--config").arg(&self.place.config).arg("--run-dir").arg(self.instance.run_dir());
-        if self.place.engage_without_realtime {
-            command.arg("--engage-without-realtime");
-        }
-        if let Some(interface) = self.place.interface {
-            command.arg("--interface").arg(interface.name());
-        }
+        command.arg(name);
+        self.place.hand_on(&mut command, &self.instance);
         command.stdin(Stdio::null());
         command
     }
@@ -131,8 +123,7 @@ impl Children {
             Output::Warnings => _ = command.arg("--quiet"),
             Output::Files => {
                 let path = self.log(name);
-                let log = std::fs::File::create(&path)
-                    .map_err(|error| Failure::new(Exit::CantCreate, rt::unwritable(&path, &error)))?;
+                let log = std::fs::File::create(&path).map_err(|error| Failure::unwritable(&path, &error))?;
                 let twin = log.try_clone().map_err(Failure::with(Exit::Software))?;
                 command.stdout(log).stderr(twin);
             }
@@ -140,7 +131,7 @@ impl Children {
         }
         // The child gets its own process group. Ctrl-C then reaches this process only, and it stops the others in
         // order.
-        command.env("NOTIFY_SOCKET", &self.socket_path).process_group(0);
+        command.env("NOTIFY_SOCKET", &self.ready.path).process_group(0);
         let child = command.spawn().map_err(|error| Failure::new(Exit::Software, format!("{name}: {error}")))?;
         self.running.push((name, child));
         Ok(())
@@ -148,11 +139,8 @@ impl Children {
 
     fn wait_ready(&mut self, name: &str) -> Result<(), Failure> {
         let give_up = Instant::now() + READY_WITHIN;
-        let mut text = [0_u8; 512];
         while Instant::now() < give_up {
-            if let Ok(length) = self.socket.recv(&mut text)
-                && text[..length].split(|&byte| byte == b'\n').any(|line| line == b"READY=1")
-            {
+            if self.ready.hears_ready() {
                 return Ok(());
             }
             if let Some((ended, status)) = self.ended() {
@@ -213,19 +201,10 @@ impl Children {
         if let Ok(Some(status)) = child.try_wait() {
             return Err(format!("{name} had ended already ({status})"));
         }
-        rt::terminate(child.id());
-        let give_up = Instant::now() + END_WITHIN;
-        loop {
-            match child.try_wait() {
-                Ok(Some(status)) if status.success() => return Ok(()),
-                Ok(Some(status)) => return Err(format!("{name} failed ({status})")),
-                _ if Instant::now() > give_up => {
-                    let _ = child.kill();
-                    let _ = child.wait();
-                    return Err(format!("{name} did not end within {} s and was killed", END_WITHIN.as_secs()));
-                }
-                _ => std::thread::sleep(Duration::from_millis(5)),
-            }
+        match ended_within(&mut child, END_WITHIN) {
+            Some(status) if status.success() => Ok(()),
+            Some(status) => Err(format!("{name} failed ({status})")),
+            None => Err(format!("{name} did not end within {} s and was killed", END_WITHIN.as_secs())),
         }
     }
 }
@@ -244,6 +223,5 @@ fn unready(ended: &str, status: ExitStatus, place: &InstanceArgs) -> String {
 impl Drop for Children {
     fn drop(&mut self) {
         self.stop();
-        let _ = std::fs::remove_file(&self.socket_path);
     }
 }

@@ -2,7 +2,9 @@
 
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{Args, Parser, Subcommand};
-use config::{Overrides, RobotInterface};
+use config::{Loaded, Overrides, RobotInterface};
+use instance::Instance;
+use rt::{Exit, Failure};
 use std::path::PathBuf;
 
 /// Real-time teleoperation: move a robot's arms by moving your own.
@@ -39,6 +41,25 @@ fn interface_parser() -> impl TypedValueParser<Value = RobotInterface> {
 }
 
 impl InstanceArgs {
+    /// Reads the settings with every file that they name.
+    ///
+    /// # Errors
+    /// Returns an error with EX_CONFIG if a file is missing or invalid.
+    pub fn load(&self) -> Result<Loaded, Failure> {
+        config::load(&self.config, self.overrides()).map_err(Failure::with(Exit::Config))
+    }
+
+    /// Gives these arguments to another process of `instance`.
+    pub fn hand_on(&self, command: &mut std::process::Command, instance: &Instance) {
+        command.arg("--config").arg(&self.config).arg("--run-dir").arg(instance.run_dir());
+        if self.engage_without_realtime {
+            command.arg("--engage-without-realtime");
+        }
+        if let Some(interface) = self.interface {
+            command.arg("--interface").arg(interface.name());
+        }
+    }
+
     /// Returns the settings that the command line overrides.
     pub fn overrides(&self) -> Overrides {
         Overrides { engage_without_realtime: self.engage_without_realtime, interface: self.interface }

@@ -3,6 +3,7 @@
 
 use crate::children::{Children, Output, instance_in, refuse_second};
 use crate::cli;
+use crate::folder::Folder;
 use crate::live_display::LiveDisplay;
 use crate::process::bus_failure;
 use crate::processes::PROCESSES;
@@ -17,7 +18,7 @@ use motion::CalibrationMode;
 use operator::OperatorSession;
 use rt::{Exit, Failure};
 use rt::{Shutdown, out};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::time::{Duration, Instant};
 
 /// Polling period of the run, and time between two pictures.
@@ -31,7 +32,7 @@ const REST_WITHIN: Duration = Duration::from_secs(2);
 
 /// Runs the demo.
 pub fn run(options: &cli::Demo) -> Result<Exit, Failure> {
-    let shutdown = Shutdown::on_signals().map_err(|error| Failure::new(Exit::Software, error))?;
+    let shutdown = Shutdown::on_signals().map_err(Failure::with(Exit::Software))?;
     if let Some(seconds) = options.seconds
         && !(seconds > 0.0 && seconds <= 86_400.0)
     {
@@ -43,7 +44,7 @@ pub fn run(options: &cli::Demo) -> Result<Exit, Failure> {
             `teleopd up`";
         return Err(Failure::new(Exit::Config, text));
     }
-    let folder = Folder::new(options.run_dir.as_ref());
+    let folder = Folder::new(options.run_dir.as_deref(), "demo");
     let instance = instance_in(&folder.path)?;
     let place = cli::InstanceArgs {
         config: options.config.clone(),
@@ -133,11 +134,11 @@ fn read(options: &cli::Demo) -> Result<(motion::Motion, Loaded), Failure> {
         None => motion::builtin(),
     };
     let overrides = Overrides { engage_without_realtime: true, interface: options.interface };
-    let loaded = config::load(&options.config, overrides).map_err(|error| Failure::new(Exit::Config, error))?;
+    let loaded = config::load(&options.config, overrides).map_err(Failure::with(Exit::Config))?;
     // Checked before the run, so that an unwritable report is found early. An existing report stays until the run
     // has ended.
     if let Some(path) = &options.report {
-        refuse_unwritable(path).map_err(|error| Failure::new(Exit::CantCreate, rt::unwritable(path, &error)))?;
+        refuse_unwritable(path).map_err(|error| Failure::unwritable(path, &error))?;
     }
     if options.view {
         crate::view::refuse_taken(options.view_port, "--view-port")?;
@@ -264,32 +265,6 @@ impl Run<'_> {
                     }
                 }
             }
-        }
-    }
-}
-
-/// Folder of the run. A temporary folder is removed at the end.
-struct Folder {
-    path: PathBuf,
-    temporary: bool,
-}
-
-impl Folder {
-    fn new(chosen: Option<&PathBuf>) -> Self {
-        match chosen {
-            Some(path) => Self { path: path.clone(), temporary: false },
-            None => {
-                let name = format!("teleopd-demo-{}", std::process::id());
-                Self { path: std::env::temp_dir().join(name), temporary: true }
-            }
-        }
-    }
-}
-
-impl Drop for Folder {
-    fn drop(&mut self) {
-        if self.temporary {
-            let _ = std::fs::remove_dir_all(&self.path);
         }
     }
 }

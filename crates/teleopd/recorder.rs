@@ -4,10 +4,10 @@ use crate::cli::InstanceArgs;
 use crate::process::realtime::keep_off;
 use crate::processes::END_WITHIN;
 use crate::programs::RECORD;
+use crate::starter::{ReadySocket, ended_within};
 use instance::Instance;
 use rt::err;
 use rt::{Exit, Failure};
-use std::os::unix::net::UnixDatagram;
 use std::os::unix::process::CommandExt;
 use std::path::Path;
 use std::process::{Child, Command, ExitStatus, Stdio};
@@ -33,36 +33,24 @@ impl Recorder {
     pub fn start(file: &Path, instance: &Instance, place: &InstanceArgs) -> Result<Self, Failure> {
         refuse_unwritable(file)?;
         let software = |error: std::io::Error| Failure::new(Exit::Software, format!("recorder: {error}"));
-        let socket_path = instance.run_dir().join(format!("record-{}.sock", std::process::id()));
-        let _ = std::fs::remove_file(&socket_path);
-        let socket = UnixDatagram::bind(&socket_path).map_err(software)?;
-        socket.set_read_timeout(Some(Duration::from_millis(50))).map_err(software)?;
+        let path = instance.run_dir().join(format!("record-{}.sock", std::process::id()));
+        let ready = ReadySocket::bind(path).map_err(software)?;
         let mut command = Command::new(RECORD.path()?);
-        command.arg(file).arg("--full").arg("--config").arg(&place.config).arg("--run-dir").arg(instance.run_dir());
+        command.arg(file).arg("--full");
+        place.hand_on(&mut command, instance);
         // If this process is killed, the recorder ends as on a signal. It must not record people without a
         // request.
         command.arg("--child-of").arg(std::process::id().to_string());
-        if place.engage_without_realtime {
-            command.arg("--engage-without-realtime");
-        }
-        if let Some(interface) = place.interface {
-            command.arg("--interface").arg(interface.name());
-        }
         // The recorder gets its own process group, so that Ctrl-C ends the other processes first.
-        command.stdin(Stdio::null()).env("NOTIFY_SOCKET", &socket_path).process_group(0);
+        command.stdin(Stdio::null()).env("NOTIFY_SOCKET", &ready.path).process_group(0);
         let mut recorder = Self { child: spawned_aside(command, place).map_err(software)?, told: false };
-        let ready = recorder.wait_ready(&socket);
-        let _ = std::fs::remove_file(&socket_path);
-        ready.map(|()| recorder)
+        recorder.wait_ready(&ready).map(|()| recorder)
     }
 
-    fn wait_ready(&mut self, socket: &UnixDatagram) -> Result<(), Failure> {
+    fn wait_ready(&mut self, ready: &ReadySocket) -> Result<(), Failure> {
         let give_up = Instant::now() + READY_WITHIN;
-        let mut text = [0_u8; 512];
         while Instant::now() < give_up {
-            if let Ok(length) = socket.recv(&mut text)
-                && text[..length].split(|&byte| byte == b'\n').any(|line| line == b"READY=1")
-            {
+            if ready.hears_ready() {
                 return Ok(());
             }
             if let Ok(Some(status)) = self.child.try_wait() {
@@ -94,18 +82,11 @@ impl Recorder {
         if let Ok(Some(status)) = self.child.try_wait() {
             return judged(status).or_else(|| Some("the recorder had ended already".to_owned()));
         }
-        rt::terminate(self.child.id());
-        let give_up = Instant::now() + END_WITHIN;
-        while Instant::now() < give_up {
-            if let Ok(Some(status)) = self.child.try_wait() {
-                self.told = true;
-                return judged(status);
-            }
-            std::thread::sleep(Duration::from_millis(5));
-        }
-        let _ = self.child.kill();
-        let _ = self.child.wait();
-        Some(format!("the recorder did not end within {} s and was killed", END_WITHIN.as_secs()))
+        let Some(status) = ended_within(&mut self.child, END_WITHIN) else {
+            return Some(format!("the recorder did not end within {} s and was killed", END_WITHIN.as_secs()));
+        };
+        self.told = true;
+        judged(status)
     }
 }
 
@@ -115,11 +96,10 @@ impl Drop for Recorder {
     }
 }
 
-/// Refuses a file that exists or cannot be made. The recorder would refuse it too, and this program then its end: two messages.
+/// Refuses a file that exists or cannot be created. The recorder refuses it too, but then both programs print a message.
 fn refuse_unwritable(file: &Path) -> Result<(), Failure> {
     let made = std::fs::OpenOptions::new().write(true).create_new(true).open(file);
-    made.and_then(|_| std::fs::remove_file(file))
-        .map_err(|error| Failure::new(Exit::CantCreate, rt::unwritable(file, &error)))
+    made.and_then(|_| std::fs::remove_file(file)).map_err(|error| Failure::unwritable(file, &error))
 }
 
 /// Starts `command` off the cores of the real-time processes. A child inherits the cores of the thread that

@@ -24,8 +24,8 @@ const REST_WITHIN: Duration = Duration::from_secs(2);
 /// Runs until a signal, or until one process ends.
 pub fn run(options: &cli::Up) -> Result<Exit, Failure> {
     let place = &options.place;
-    let shutdown = Shutdown::on_signals().map_err(|error| Failure::new(Exit::Software, error))?;
-    let loaded = config::load(&place.config, place.overrides()).map_err(|error| Failure::new(Exit::Config, error))?;
+    let shutdown = Shutdown::on_signals().map_err(Failure::with(Exit::Software))?;
+    let loaded = place.load()?;
     let instance = instance_in(&place.run_dir)?;
     refuse_second(&instance)?;
     // Starts before the other processes, so that it sees their first messages. Is dropped after them.

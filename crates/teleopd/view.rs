@@ -24,10 +24,10 @@ pub fn run(options: &cli::View) -> Result<Exit, Failure> {
     if let Some(recording) = &options.recording {
         return recorded(options, recording);
     }
-    let shutdown = Shutdown::on_signals().map_err(|error| Failure::new(Exit::Software, error))?;
+    let shutdown = Shutdown::on_signals().map_err(Failure::with(Exit::Software))?;
     let place = &options.place;
     let instance = instance_in(&place.run_dir)?;
-    let loaded = load(place)?;
+    let loaded = place.load()?;
     let key_poses = key_poses(options.key_poses.as_deref(), &loaded)?;
     let server = serve(&instance, &loaded, key_poses, &options.page)?;
     out!(
@@ -62,11 +62,7 @@ fn recorded(options: &cli::View, recording: &Path) -> Result<Exit, Failure> {
 
 /// Starts a server for `instance`, which was started at `place`. Its pages cannot act as the person.
 pub fn start(instance: &Instance, place: &cli::InstanceArgs, page: &cli::Page) -> Result<Server, Failure> {
-    serve(instance, &load(place)?, None, page)
-}
-
-fn load(place: &cli::InstanceArgs) -> Result<Loaded, Failure> {
-    config::load(&place.config, place.overrides()).map_err(|error| Failure::new(Exit::Config, error))
+    serve(instance, &place.load()?, None, page)
 }
 
 /// Returns the failure for a port that cannot be opened. `option` is the option that selects another port.
@@ -86,7 +82,7 @@ fn serve(
     key_poses: Option<KeyPoses>,
     page: &cli::Page,
 ) -> Result<Server, Failure> {
-    let view = RobotView::of(loaded, page.meshes.as_deref()).map_err(|error| Failure::new(Exit::Config, error))?;
+    let view = RobotView::of(loaded, page.meshes.as_deref()).map_err(Failure::with(Exit::Config))?;
     if !view.missing.is_empty() {
         err!("teleopd: {} mesh files are not below --meshes: {}", view.missing.len(), view.missing.join(", "));
     }

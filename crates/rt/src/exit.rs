@@ -2,6 +2,7 @@
 //! configuration error from a crash.
 
 use crate::{Shutdown, err};
+use std::path::Path;
 use std::process::ExitCode;
 
 /// SIGINT of signal(7).
@@ -78,6 +79,11 @@ impl Failure {
     /// A failure with this code.
     pub fn new(exit: Exit, text: impl std::fmt::Display) -> Self {
         Self { exit, text: text.to_string() }
+    }
+
+    /// An output file cannot be created or written.
+    pub fn unwritable(path: &Path, error: &std::io::Error) -> Self {
+        Self::new(Exit::CantCreate, crate::unwritable(path, error))
     }
 
     /// Returns a function that gives every error this code.

@@ -28,8 +28,8 @@ const END_WITHIN_NS: u64 = 2_000_000_000;
 /// Runs until shutdown, then until the robot is at rest.
 pub fn run(place: &InstanceArgs) -> Result<(), Failure> {
     let process = Process::start("control", place, |loaded| Some(loaded.settings.realtime.priority_control))?;
-    let config = world::control_config(&process.loaded, process.realtime.is_realtime())
-        .map_err(|error| Failure::new(Exit::Config, error))?;
+    let config =
+        world::control_config(&process.loaded, process.realtime.is_realtime()).map_err(Failure::with(Exit::Config))?;
     let names = Names::of(&config.model);
     instance::write_names(process.instance.run_dir(), &names).map_err(|error| {
         Failure::new(Exit::CantCreate, format!("{}: {error}", process.instance.run_dir().display()))

@@ -84,7 +84,7 @@ fn config(process: &Process) -> Result<sim::Config, Failure> {
             format!("driver.kind = \"robot\": the driver of a real robot needs real-time scheduling: {refusals}");
         return Err(Failure::new(Exit::Unavailable, text));
     }
-    let config = world::sim_config(loaded, realtime).map_err(|error| Failure::new(Exit::Config, error))?;
+    let config = world::sim_config(loaded, realtime).map_err(Failure::with(Exit::Config))?;
     Ok(if loaded.driver_program().is_some() { config.without_simulated_interface() } else { config })
 }
 

@@ -43,7 +43,7 @@ impl Housekeeping {
                 )
             })?),
         };
-        let manager = ServiceManager::from_environment().map_err(|error| Failure::new(Exit::Unavailable, error))?;
+        let manager = ServiceManager::from_environment().map_err(Failure::with(Exit::Unavailable))?;
         let (orders, received) = channel();
         let thread = std::thread::Builder::new()
             .name("housekeeping".into())
@@ -55,7 +55,7 @@ impl Housekeeping {
                 }
                 keep_house(collector, exposition.as_ref(), &manager, &received)
             })
-            .map_err(|error| Failure::new(Exit::Software, error))?;
+            .map_err(Failure::with(Exit::Software))?;
         Ok(Self { orders, thread })
     }
 

@@ -77,11 +77,10 @@ impl Process {
             let text = format!("{limit} open files are allowed, {NOFILE_LEAST} are needed (ulimit -n, LimitNOFILE=)");
             return Err(Failure::new(Exit::Unavailable, text));
         }
-        let loaded =
-            config::load(&place.config, place.overrides()).map_err(|error| Failure::new(Exit::Config, error))?;
+        let loaded = place.load()?;
         let instance = instance_in(&place.run_dir)?;
-        let shutdown = Shutdown::on_signals().map_err(|error| Failure::new(Exit::Software, error))?;
-        let manager = ServiceManager::from_environment().map_err(|error| Failure::new(Exit::Unavailable, error))?;
+        let shutdown = Shutdown::on_signals().map_err(Failure::with(Exit::Software))?;
+        let manager = ServiceManager::from_environment().map_err(Failure::with(Exit::Unavailable))?;
         let (probe, collector) = telemetry::channel(name);
         let relaxed = may_lack_realtime(&loaded.settings);
         let collector = collector.relaxed(relaxed);

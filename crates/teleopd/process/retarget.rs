@@ -12,7 +12,7 @@ use telemetry::Metric;
 /// Runs until shutdown.
 pub fn run(place: &InstanceArgs) -> Result<(), Failure> {
     let mut process = Process::start("retarget", place, |loaded| Some(loaded.settings.realtime.priority_retarget))?;
-    let config = world::retarget_config(&process.loaded).map_err(|error| Failure::new(Exit::Config, error))?;
+    let config = world::retarget_config(&process.loaded).map_err(Failure::with(Exit::Config))?;
     let core = Domain::open(process.instance.core_domain(), "retarget").map_err(bus_failure)?;
     let mut skeletons = core.reader::<Skeleton>(Service::Skeleton).map_err(bus_failure)?;
     let mut targets = core.writer::<JointTarget>(Service::JointTarget).map_err(bus_failure)?;

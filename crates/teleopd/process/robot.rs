@@ -29,8 +29,8 @@ pub fn run(place: &InstanceArgs) -> Result<(), Failure> {
     if process.loaded.driver_program().is_some() {
         return stand_by(process);
     }
-    let config = world::sim_config(&process.loaded, process.realtime.is_realtime())
-        .map_err(|error| Failure::new(Exit::Config, error))?;
+    let config =
+        world::sim_config(&process.loaded, process.realtime.is_realtime()).map_err(Failure::with(Exit::Config))?;
     let seed = process.loaded.settings.sim.seed;
     let core = Domain::open(process.instance.core_domain(), "robot").map_err(bus_failure)?;
     let mut setpoints = core.reader::<RobotSetpoint>(Service::RobotSetpoint).map_err(bus_failure)?;

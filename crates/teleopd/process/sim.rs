@@ -83,7 +83,7 @@ impl Driver for RemoteRobot {
 
 /// Drives the simulated robot, or becomes the program that the settings name in place of this one.
 pub fn run(place: &InstanceArgs) -> Result<(), Failure> {
-    let settings = config::read_settings(&place.config).map_err(|error| Failure::new(Exit::Config, error))?;
+    let settings = config::read_settings(&place.config).map_err(Failure::with(Exit::Config))?;
     if let Some(program) = settings.driver_program(&place.config) {
         if std::env::var_os(STARTED).is_some() {
             let text = format!("driver.program = {:?} starts `teleopd sim` again", settings.driver.program);

@@ -5,11 +5,12 @@ mod stage;
 mod steps;
 
 use crate::cli;
+use crate::folder::Folder;
 use rt::{Exit, Failure, Shutdown, out};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use stage::{Background, Stage, Stop};
 use std::io::IsTerminal;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::Instant;
 
 /// Polling period for signals while the tour waits for Enter, ns.
@@ -72,11 +73,13 @@ pub fn run(options: &cli::Tour) -> Result<Exit, Failure> {
             "tour asks before each step, but its input is not a terminal; --yes runs all steps without asking",
         ));
     }
-    let shutdown = Shutdown::on_signals().map_err(|error| Failure::new(Exit::Software, error))?;
-    let folder = Folder::new(options.dir.as_deref())?;
-    let stage = Stage { folder: folder.path.clone(), shutdown: shutdown.clone() };
+    let shutdown = Shutdown::on_signals().map_err(Failure::with(Exit::Software))?;
+    let folder = Folder::new(options.dir.as_deref(), "tour");
+    let made = std::fs::create_dir_all(&folder.path).and_then(|()| folder.path.canonicalize());
+    let path = made.map_err(|error| Failure::unwritable(&folder.path, &error))?;
+    let stage = Stage { folder: path.clone(), shutdown: shutdown.clone() };
     let mut tour = Tour { config: options.config.clone(), stage, yes: options.yes, instance: None };
-    out!("A tour in {} steps, five minutes at most. Its files go to {}.", STEPS.len(), folder.path.display());
+    out!("A tour in {} steps, five minutes at most. Its files go to {}.", STEPS.len(), path.display());
     let outcomes = tour.walk();
     let trouble = tour.close();
     if shutdown.requested() {
@@ -172,30 +175,6 @@ fn judged(outcomes: &[(&'static str, Outcome)], trouble: Option<String>) -> Resu
         (failed, trouble) => {
             let trouble = trouble.map_or(String::new(), |trouble| format!("; {trouble}"));
             Err(Failure::new(Exit::Failed, format!("{failed} of {} steps failed{trouble}", outcomes.len())))
-        }
-    }
-}
-
-/// Output folder of the tour. A temporary folder is removed at the end.
-struct Folder {
-    path: PathBuf,
-    temporary: bool,
-}
-
-impl Folder {
-    fn new(chosen: Option<&Path>) -> Result<Self, Failure> {
-        let named = || std::env::temp_dir().join(format!("teleopd-tour-{}", std::process::id()));
-        let path = chosen.map_or_else(named, Path::to_path_buf);
-        let made = std::fs::create_dir_all(&path).and_then(|()| path.canonicalize());
-        let path = made.map_err(|error| Failure::new(Exit::CantCreate, rt::unwritable(&path, &error)))?;
-        Ok(Self { path, temporary: chosen.is_none() })
-    }
-}
-
-impl Drop for Folder {
-    fn drop(&mut self) {
-        if self.temporary {
-            let _ = std::fs::remove_dir_all(&self.path);
         }
     }
 }

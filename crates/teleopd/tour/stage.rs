@@ -2,6 +2,7 @@
 //! the tour.
 
 use crate::programs::Program;
+use crate::starter::ended_within;
 use rt::{Shutdown, out};
 use std::fs::File;
 use std::io::Read;
@@ -131,7 +132,7 @@ impl Stage {
             }
             let late = Instant::now() > give_up;
             if late || self.shutdown.requested() {
-                end(&mut child);
+                ended_within(&mut child, END_WITHIN);
                 let text = format!("{}: not done within {} s", line.shown, within.as_secs());
                 return Err(if late { Stop::Fail(text) } else { Stop::Quit });
             }
@@ -187,7 +188,7 @@ impl Background {
 
     fn finish(&mut self) {
         if !self.has_ended() {
-            self.ended = Some(end(&mut self.child));
+            self.ended = Some(ended_within(&mut self.child, END_WITHIN).and_then(|status| status.code()));
         }
     }
 
@@ -202,20 +203,6 @@ impl Drop for Background {
     fn drop(&mut self) {
         self.finish();
     }
-}
-
-/// Sends SIGTERM, then SIGKILL if the process does not end. Returns the exit code.
-fn end(child: &mut Child) -> Option<i32> {
-    rt::terminate(child.id());
-    let give_up = Instant::now() + END_WITHIN;
-    while Instant::now() < give_up {
-        if let Ok(Some(status)) = child.try_wait() {
-            return status.code();
-        }
-        std::thread::sleep(LOOK);
-    }
-    let _ = child.kill();
-    child.wait().ok().and_then(|status| status.code())
 }
 
 fn redirect(command: &mut Command, path: &Path) -> Result<(), Stop> {

@@ -59,7 +59,11 @@ pub fn interrupted() -> Failure {
 /// # Errors
 /// Returns an error with EX_CANTCREAT that names the file.
 pub fn check_writable(path: &Path) -> Result<(), Failure> {
-    std::fs::OpenOptions::new().append(true).create(true).open(path).map_err(|error| unwritable(path, &error))?;
+    std::fs::OpenOptions::new()
+        .append(true)
+        .create(true)
+        .open(path)
+        .map_err(|error| Failure::unwritable(path, &error))?;
     Ok(())
 }
 
@@ -68,9 +72,5 @@ pub fn check_writable(path: &Path) -> Result<(), Failure> {
 /// # Errors
 /// Returns an error with EX_CANTCREAT that names the file.
 pub fn write_json(path: &Path, figures: &Value) -> Result<(), Failure> {
-    std::fs::write(path, format!("{figures:#}\n")).map_err(|error| unwritable(path, &error))
-}
-
-fn unwritable(path: &Path, error: &std::io::Error) -> Failure {
-    Failure::new(Exit::CantCreate, rt::unwritable(path, error))
+    std::fs::write(path, format!("{figures:#}\n")).map_err(|error| Failure::unwritable(path, &error))
 }

@@ -1,7 +1,7 @@
 //! The processes of an instance in a temporary folder.
 
 use crate::operator::Operator;
-use crate::{settings, unwritable};
+use crate::settings;
 use client::{ClientError, PlayOptions, Player, Publisher, Transport};
 use instance::Instance;
 use motion::{CalibrationMode, Motion};
@@ -58,9 +58,9 @@ impl Harness {
         let turn = Turn::take();
         // The prefix is short because the path of the operator's socket is limited to 107 bytes.
         let folder = tempfile::Builder::new().prefix("tp").tempdir();
-        let folder = folder.map_err(|error| unwritable(&std::env::temp_dir(), &error))?;
+        let folder = folder.map_err(|error| Failure::unwritable(&std::env::temp_dir(), &error))?;
         let run_dir = folder.path().to_path_buf();
-        let instance = Instance::new(&run_dir).map_err(|error| unwritable(&run_dir, &error))?;
+        let instance = Instance::new(&run_dir).map_err(|error| Failure::unwritable(&run_dir, &error))?;
         let mut config = config.to_path_buf();
         if let Some(changes) = changes {
             let copy = run_dir.join("teleop.toml");

@@ -1,6 +1,5 @@
 //! A copy of the settings with changes.
 
-use crate::unwritable;
 use rt::{Exit, Failure};
 use std::path::Path;
 use toml::{Table, Value};
@@ -36,7 +35,7 @@ pub fn write(config: &Path, changes: &str, copy: &Path) -> Result<(), Failure> {
         };
         section.extend(changed);
     }
-    std::fs::write(copy, settings.to_string()).map_err(|error| unwritable(copy, &error))
+    std::fs::write(copy, settings.to_string()).map_err(|error| Failure::unwritable(copy, &error))
 }
 
 #[cfg(test)]

@@ -36,7 +36,7 @@ impl Rig {
     pub fn watched(config: &Path) -> Result<(Self, Monitor, Settings), Failure> {
         let rig = Self::start(config)?;
         let place = &rig.harness.place;
-        let loaded = config::load(&place.config, place.overrides()).map_err(Failure::with(Exit::Config))?;
+        let loaded = place.load()?;
         let limits = world::sim_config(&loaded, true).map_err(Failure::with(Exit::Config))?;
         let monitor = Monitor::start(rig.harness.instance.core_domain(), limits);
         Ok((rig, monitor.map_err(Failure::with(Exit::Unavailable))?, loaded.settings))

@@ -70,7 +70,7 @@ pub fn run(setup: &Setup, block: Block, shutdown: &Shutdown) -> Result<Outcome, 
     let place = harness.place.clone();
     let watched = block.kind == Kind::ObserverCost;
     let onlookers = watched.then(|| Observers::start(&harness.instance, &place)).transpose()?;
-    let loaded = config::load(&place.config, place.overrides()).map_err(Failure::with(Exit::Config))?;
+    let loaded = place.load()?;
     // Client and operator represent other programs. They stay on the cores of `ingest`, away from the measured
     // core.
     let others = teleopd::placement(&loaded.settings.realtime).others;

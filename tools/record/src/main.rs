@@ -149,7 +149,7 @@ fn begin(cli: &Cli, out: &Path, loaded: &Loaded) -> Result<Queue, Failure> {
     about.insert("full".to_owned(), cli.full.to_string());
     about.insert("rate_hz".to_owned(), cli.rate.to_string());
     let file = OpenOptions::new().write(true).create_new(true).open(out);
-    let file = file.map_err(|error| Failure::new(Exit::CantCreate, rt::unwritable(out, &error)))?;
+    let file = file.map_err(|error| Failure::unwritable(out, &error))?;
     Queue::start(file, &about, &files).map_err(|error| {
         // A file without a beginning is not a recording. Removing it frees the name for another attempt.
         let _ = std::fs::remove_file(out);

@@ -50,9 +50,9 @@ pub fn run(cli: &Cli, motion: &Motion, out: &Path) -> Result<(), Failure> {
     };
     let mut trace = Trace::default();
     let mut offline = Offline::new(&loaded, motion, options).map_err(Failure::with(Exit::Config))?;
-    let file = File::create(out).map_err(|error| Failure::new(Exit::CantCreate, rt::unwritable(out, &error)))?;
+    let file = File::create(out).map_err(|error| Failure::unwritable(out, &error))?;
     let mut csv = BufWriter::new(file);
-    let write = |error: std::io::Error| Failure::new(Exit::CantCreate, rt::unwritable(out, &error));
+    let write = |error: std::io::Error| Failure::unwritable(out, &error);
 
     writeln!(csv, "{}", header(&loaded.model.joint_names)).map_err(write)?;
     let bar = ProgressBar::new(0);
@@ -122,8 +122,7 @@ fn write_summary(out: &Path, motion: &Motion, report: &OfflineReport) -> Result<
         "limb_error_deg": { "mean": report.limb_error_deg_mean },
         "limb_error_measured_deg": { "mean": report.limb_error_measured_deg_mean },
     });
-    std::fs::write(&beside, format!("{summary:#}\n"))
-        .map_err(|error| Failure::new(Exit::CantCreate, rt::unwritable(&beside, &error)))?;
+    std::fs::write(&beside, format!("{summary:#}\n")).map_err(|error| Failure::unwritable(&beside, &error))?;
     out!("{} rows in {}, modes and frames in {}", report.rows, out.display(), beside.display());
     out!(
         "limb error of the target {:.2} deg, of the robot {:.2} deg, smallest clearance {:.1} mm, largest torque \

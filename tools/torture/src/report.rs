@@ -9,7 +9,7 @@ use crate::stop_times::{JointWorst, StopTimes, joint_bound_s};
 use judge::Attack;
 use messages::{JOINTS, TICK_HZ};
 use robot::Model;
-use rt::{Exit, Failure};
+use rt::Failure;
 use serde_json::{Map, Value, json};
 use sim::ViolationKind;
 use std::path::Path;
@@ -343,6 +343,5 @@ pub fn put(words: &str, value: &Value, json: Option<&Path>) -> Result<(), Failur
     }
     let _ = std::io::stdout().write_all(words.as_bytes());
     let Some(path) = json else { return Ok(()) };
-    std::fs::write(path, format!("{value:#}\n"))
-        .map_err(|cause| Failure::new(Exit::CantCreate, rt::unwritable(path, &cause)))
+    std::fs::write(path, format!("{value:#}\n")).map_err(|cause| Failure::unwritable(path, &cause))
 }
