@@ -6,7 +6,7 @@ mod viewer;
 
 use browser::Browser;
 use harness::{Rig, SOON, assert_no_violations, config};
-use messages::{JOINTS, Mode, Service, Skeleton};
+use messages::{JOINTS_MAX, Mode, Service, Skeleton};
 use poses::triangle::{POSES, Triangle};
 use retarget::{ARMS, ArmModel, ArmQ, Limbs, PRIOR_WEIGHT, features, limb_error_deg, refine};
 use serde_json::{Value, json};
@@ -73,7 +73,7 @@ impl Goal {
     }
 
     /// Returns the distance of a posture from the goal: the worst joint, rad, and the worst limb, degrees.
-    fn away(&self, posture: &[f64; JOINTS]) -> (f64, f64) {
+    fn away(&self, posture: &[f64; JOINTS_MAX]) -> (f64, f64) {
         let q: [ArmQ; ARMS] = self.joints.map(|joints| joints.map(|joint| posture[joint]));
         let away = q.as_flattened().iter().zip(self.q.as_flattened()).map(|(a, b)| (a - b).abs());
         (away.fold(0.0, f64::max), self.limbs_deg(&q))
@@ -81,7 +81,7 @@ impl Goal {
 
     /// Half a degree allows for the person's sway and the rest of the way. A joint may differ by three. If an
     /// elbow is nearly straight, the joints beside it may share a twist differently than in the first guess.
-    fn is_met(&self, posture: &[f64; JOINTS]) -> bool {
+    fn is_met(&self, posture: &[f64; JOINTS_MAX]) -> bool {
         let (joint_rad, limb_deg) = self.away(posture);
         joint_rad < 3_f64.to_radians() && limb_deg < self.misses_deg + 0.5
     }

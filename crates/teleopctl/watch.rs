@@ -4,7 +4,7 @@
 use bus::{Domain, Reader};
 use explain::{Severity, calibration_name, mode_name, sentences};
 use instance::Instance;
-use messages::{Faults, JOINTS, Mode, RobotState, Service, Status};
+use messages::{Faults, JOINTS_MAX, Mode, RobotState, Service, Status};
 use operator::{Client, OperatorError};
 use ratatui::Frame;
 use ratatui::crossterm::event::{self, Event, KeyCode, KeyEvent, KeyModifiers};
@@ -96,7 +96,7 @@ impl Joints {
         Some(Self { states: domain.reader(Service::RobotState).ok()?, latest: None, _domain: domain })
     }
 
-    fn look(&mut self) -> Option<[f64; JOINTS]> {
+    fn look(&mut self) -> Option<[f64; JOINTS_MAX]> {
         self.latest = self.states.latest().or(self.latest);
         self.latest.map(|state| state.q_measured)
     }
@@ -106,7 +106,7 @@ impl Joints {
 struct Shown {
     names: Names,
     status: Option<Status>,
-    q: Option<[f64; JOINTS]>,
+    q: Option<[f64; JOINTS_MAX]>,
     silent: bool,
     ages_us: VecDeque<u64>,
     events: VecDeque<(Severity, String)>,
@@ -120,7 +120,7 @@ impl Shown {
         Self { names, status: None, q: None, silent: false, ages_us, events, counted: None, rate_hz: 0.0 }
     }
 
-    fn note(&mut self, status: Status, q: Option<[f64; JOINTS]>, now: Instant) {
+    fn note(&mut self, status: Status, q: Option<[f64; JOINTS_MAX]>, now: Instant) {
         for sentence in sentences(self.status.as_ref(), &status, &self.names) {
             self.events.push_front((sentence.gravity, sentence.text));
         }
@@ -282,7 +282,7 @@ mod tests {
     #[test]
     fn watch_screen_shows_mode_rate_age_joints_and_events() {
         let (mut watch, now) = (Shown::new(names()), Instant::now());
-        let mut q = [0.1; JOINTS];
+        let mut q = [0.1; JOINTS_MAX];
         q[0] = 0.2;
         watch.note(status(Mode::Disengaged, 1000), Some(q), now);
         let mut engaged = status(Mode::Engaging, 2500);
@@ -312,7 +312,7 @@ mod tests {
             shown(width, height, &watch);
         }
         assert!(shown(80, 24, &watch).contains("for the instance's user"));
-        watch.note(status(Mode::Faulted, 1), Some([f64::NAN; JOINTS]), Instant::now());
+        watch.note(status(Mode::Faulted, 1), Some([f64::NAN; JOINTS_MAX]), Instant::now());
         shown(80, 24, &watch);
     }
 }

@@ -2,7 +2,6 @@
 
 use crate::cli::InstanceArgs;
 use crate::process::door_group;
-use messages::JOINTS;
 use rt::{Exit, Failure, out};
 use std::path::Path;
 
@@ -41,13 +40,13 @@ pub fn run(place: &InstanceArgs) -> Result<Exit, Failure> {
         let from = if overridden { "command line".to_owned() } else { source.to_string() };
         out!("{key:<44} {value:<28} {from}");
     }
-    out!("\n{:<18} {:>9} {:>9} {:>9} {:>9} {:>9} {:>9}", "joint", "q_min", "q_max", "v_max", "a_max", "j_max", "home");
+    out!("\n{:<28} {:>9} {:>9} {:>9} {:>9} {:>9} {:>9}", "joint", "q_min", "q_max", "v_max", "a_max", "j_max", "home");
     let model = &loaded.model;
-    for j in 0..JOINTS {
+    for (j, name) in model.joint_names.iter().enumerate() {
         let limits = &model.limits[j];
         out!(
-            "{:<18} {:>9.4} {:>9.4} {:>9.3} {:>9.3} {:>9.1} {:>9.4}",
-            model.joint_names[j],
+            "{:<28} {:>9.4} {:>9.4} {:>9.3} {:>9.3} {:>9.1} {:>9.4}",
+            name,
             limits.q_min,
             limits.q_max,
             limits.v_max,
@@ -56,7 +55,7 @@ pub fn run(place: &InstanceArgs) -> Result<Exit, Failure> {
             model.home[j]
         );
     }
-    out!("(rad, rad/s, rad/s^2, rad/s^3; m for the torso lift)");
+    out!("(rad, rad/s, rad/s^2, rad/s^3; m for joints that slide)");
     out!(
         "\ncapsules {}, checked pairs {}, d_min {:.1} mm",
         model.capsules.len(),

@@ -1,7 +1,7 @@
 //! Two stick figures for a terminal, drawn with Braille dots. They show the person and the robot on their floor,
 //! from the front.
 
-use messages::{JOINTS, LEFT_ARM, RIGHT_ARM, SMPL_JOINTS, SMPL_PARENT, Smpl};
+use messages::{JOINTS_MAX, SMPL_JOINTS, SMPL_PARENT, Smpl};
 
 /// Columns of one figure, in characters. Two figures and a gap fit a terminal 80 columns wide.
 pub const COLUMNS: usize = 38;
@@ -131,18 +131,19 @@ pub fn human(positions: &[[f32; 3]; SMPL_JOINTS]) -> Canvas {
 
 /// Draws the robot with `model` at the joint positions `q`: the box of its base, its column, and lines through
 /// the origins of its moving bodies.
-pub fn robot(model: &robot::Model, frames: &mut robot::Frames, q: &[f64; JOINTS]) -> Canvas {
+pub fn robot(model: &robot::Model, frames: &mut robot::Frames, q: &[f64; JOINTS_MAX]) -> Canvas {
     let mut canvas = Canvas::new();
     model.forward(q, frames);
-    let body = |joint: usize| {
-        let t = frames.base_from_body[joint + 1].t;
+    let origin = |body: usize| {
+        let t = frames.base_from_body[body].t;
         project(t.y, t.z)
     };
-    let torso = body(0);
-    for arm in [LEFT_ARM, RIGHT_ARM] {
-        let hand = arm.end - 1;
+    let body = |joint: usize| origin(joint + 1);
+    let torso = origin(model.torso_body);
+    for arm in &model.arms {
+        let hand = arm.range().end - 1;
         let mut last = torso;
-        for joint in arm {
+        for joint in arm.range() {
             let next = body(joint);
             canvas.line(last, next);
             last = next;
@@ -159,8 +160,11 @@ pub fn robot(model: &robot::Model, frames: &mut robot::Frames, q: &[f64; JOINTS]
     }
     let top = base(&mut canvas, model);
     canvas.line(torso, project(0.0, top));
-    canvas.line(torso, body(2));
-    canvas.head(body(2));
+    // The last body joint is the head's, or at least the highest one of the body.
+    if let Some(last) = model.body_count.checked_sub(1) {
+        canvas.line(torso, body(last));
+        canvas.head(body(last));
+    }
     canvas
 }
 

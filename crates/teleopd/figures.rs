@@ -1,6 +1,7 @@
 //! Figures that control collects for the report: limb and tracking errors while engaged, and every transition.
 
-use messages::{FAULTS, JOINTS, Mode, RobotState, TICK_HZ, Transition};
+use messages::{FAULTS, JOINTS_MAX, Mode, RobotState, TICK_HZ, Transition};
+use robot::Model;
 use rt::Histogram;
 use serde_json::{Value, json};
 
@@ -18,6 +19,8 @@ pub struct Following {
     /// should follow.
     throughout: ErrorSums,
     meant: bool,
+    /// Joints whose tracking counts: bit j is joint j. Joints that slide are not measured in rad.
+    turning: u32,
     tracking_squares: f64,
     tracking_max: f64,
     tracking_count: u64,
@@ -52,9 +55,11 @@ impl ErrorSums {
 }
 
 impl Following {
-    /// Creates an empty collection.
-    pub fn new() -> Self {
+    /// Creates an empty collection for `model`.
+    pub fn new(model: &Model) -> Self {
+        let turns = (0..model.count).filter(|&j| !model.prismatic[j]);
         Self {
+            turning: turns.map(|j| 1 << j).sum(),
             target: ErrorSums::new(),
             measured: ErrorSums::new(),
             throughout: ErrorSums::new(),
@@ -89,7 +94,7 @@ impl Following {
         self.target.add(out.status.limb_error_target_rad);
         self.measured.add(out.status.limb_error_measured_rad);
         if let Some(robot) = robot {
-            for j in 1..JOINTS {
+            for j in (0..JOINTS_MAX).filter(|j| self.turning >> j & 1 == 1) {
                 let error = robot.q[j] - robot.q_measured[j];
                 self.tracking_squares += error * error;
                 self.tracking_max = self.tracking_max.max(error.abs());

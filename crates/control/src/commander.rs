@@ -1,7 +1,7 @@
 //! Whole-body control proposes a command, and the gate accepts or denies it.
 
 use driver::Motion;
-use messages::{JOINTS, PayloadRefusal, Stamp};
+use messages::{JOINTS_MAX, PayloadRefusal, Stamp};
 use safety::{engage, gate};
 
 /// Whole-body control and the gate, with their state.
@@ -24,7 +24,7 @@ pub struct Commanded {
 
 impl Commander {
     /// Creates both at rest at `q` (rad, m).
-    pub fn at_rest(config: &wbc::Config, q: [f64; JOINTS]) -> Self {
+    pub fn at_rest(config: &wbc::Config, q: [f64; JOINTS_MAX]) -> Self {
         Self { wbc: wbc::State::at_rest(config, q), gate: gate::State::at_rest(q) }
     }
 

@@ -2,7 +2,7 @@
 
 use crate::status::limb_angles;
 use crate::{Config, aligned};
-use messages::{JOINTS, JointTarget, LEFT_ARM, LIMBS, RIGHT_ARM, WAY_NODES};
+use messages::{JOINTS_MAX, JointTarget, LIMBS, WAY_NODES};
 use safety::{engage, monitor};
 
 /// Limbs nearer to the person's than this are aligned, rad: 2 degrees. Retargeting itself leaves as much.
@@ -31,17 +31,17 @@ pub(super) struct Following {
 
 /// Motion that whole-body control should reach.
 pub(super) struct Wish {
-    pub(super) q: [f64; JOINTS],
-    pub(super) dq: [f64; JOINTS],
-    pub(super) ddq: [f64; JOINTS],
+    pub(super) q: [f64; JOINTS_MAX],
+    pub(super) dq: [f64; JOINTS_MAX],
+    pub(super) ddq: [f64; JOINTS_MAX],
     /// Bit j: joint j is valid.
     pub(super) valid_mask: u32,
 }
 
 impl Wish {
     /// Takes the positions and the valid joints of a target, with the velocities `dq`.
-    fn of_target(target: &JointTarget, dq: [f64; JOINTS]) -> Self {
-        Self { q: target.q, dq, ddq: [0.0; JOINTS], valid_mask: target.valid_mask }
+    fn of_target(target: &JointTarget, dq: [f64; JOINTS_MAX]) -> Self {
+        Self { q: target.q, dq, ddq: [0.0; JOINTS_MAX], valid_mask: target.valid_mask }
     }
 
     /// Converts it to the input of whole-body control.
@@ -69,7 +69,7 @@ impl Following {
         &mut self,
         config: &Config,
         k: u64,
-        (q, v): (&[f64; JOINTS], &[f64; JOINTS]),
+        (q, v): (&[f64; JOINTS_MAX], &[f64; JOINTS_MAX]),
         permit: engage::Permit,
         target: Option<&JointTarget>,
         late: bool,
@@ -77,11 +77,11 @@ impl Following {
         let engage::Permit::Follow { speed_scale } = permit else {
             self.state.forget();
             self.averages_rad = None;
-            return target.map(|target| Wish::of_target(target, [0.0; JOINTS]));
+            return target.map(|target| Wish::of_target(target, [0.0; JOINTS_MAX]));
         };
         let target = target?;
         if !has_way(target) {
-            let dq = if late { [0.0; JOINTS] } else { target.dq };
+            let dq = if late { [0.0; JOINTS_MAX] } else { target.dq };
             return Some(Wish::of_target(target, dq));
         }
         let input = follow::Input {
@@ -95,14 +95,14 @@ impl Following {
             speed_scale,
         };
         let follow::Output { aims, wrists } = follow::tick(&config.follow, &mut self.state, input);
-        let mut wish = Wish::of_target(target, [0.0; JOINTS]);
+        let mut wish = Wish::of_target(target, [0.0; JOINTS_MAX]);
         for (j, aim) in aims.iter().enumerate() {
             if let Some(aim) = aim {
                 (wish.q[j], wish.dq[j], wish.ddq[j]) = (aim.q, aim.v, aim.a);
             }
         }
-        for (arm, wrist) in [LEFT_ARM, RIGHT_ARM].into_iter().zip(wrists) {
-            for (j, q) in arm.skip(follow::LIMB_JOINTS).zip(wrist.into_iter().flatten()) {
+        for (arm, wrist) in config.model.arms.iter().zip(wrists) {
+            for (j, q) in arm.range().skip(follow::LIMB_JOINTS).zip(wrist.into_iter().flatten()) {
                 wish.q[j] = q;
                 wish.valid_mask |= 1 << j;
             }
@@ -115,8 +115,8 @@ impl Following {
         &mut self,
         config: &Config,
         target: Option<&JointTarget>,
-        q: &[f64; JOINTS],
-        v: &[f64; JOINTS],
+        q: &[f64; JOINTS_MAX],
+        v: &[f64; JOINTS_MAX],
     ) -> Closeness {
         let slow = v.iter().all(|v| v.abs() <= SETTLED_SPEED);
         let Some(target) = target else { return Closeness { aligned: false, behind: false, settled: slow } };

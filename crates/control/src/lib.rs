@@ -16,7 +16,7 @@ pub use status::STATUS_EVERY;
 
 use following::{Following, Wish};
 use messages::{
-    Fault, Header, InputStatus, JOINTS, JointCommand, JointTarget, Layout, Mode, PersonChange, RobotState, Stamp,
+    Fault, Header, InputStatus, JOINTS_MAX, JointCommand, JointTarget, Layout, Mode, PersonChange, RobotState, Stamp,
     Status, Subject, reduced_flag, state_flag, target_flag,
 };
 use retarget::ArmModel;
@@ -189,7 +189,7 @@ fn observe(config: &Config, state: &mut State, input: &Input<'_>, missed: u64) -
         received,
         incarnation: target.header.incarnation,
         session_nonce: target.session_nonce,
-        config_matches: target.header.config_hash == config.config_hash,
+        config_matches: target.header.config_hash == config.config_hash && target.robot == config.model.id(),
         input_fresh: target.flags & target_flag::INPUT_FRESH != 0,
         input_received: target.input_received,
         implausible: implausible(&target),
@@ -216,7 +216,7 @@ fn observe(config: &Config, state: &mut State, input: &Input<'_>, missed: u64) -
         RobotView {
             received,
             incarnation: robot.header.incarnation,
-            config_matches: robot.header.config_hash == config.config_hash,
+            config_matches: robot.header.config_hash == config.config_hash && robot.robot == config.model.id(),
             commanded: robot.flags & state_flag::COMMANDED != 0,
             driver_fault: robot.flags & state_flag::DRIVER_FAULT != 0,
             emergency_stop: robot.flags & state_flag::EMERGENCY_STOP != 0,
@@ -251,7 +251,7 @@ fn observe(config: &Config, state: &mut State, input: &Input<'_>, missed: u64) -
 
 /// Returns the joint that needs more than its share of the effort limit to hold the command at rest. It is beyond
 /// no position limit, so `by` is zero.
-fn overloaded(config: &Config, commander: &Commander, q: &[f64; JOINTS]) -> Option<monitor::Outside> {
+fn overloaded(config: &Config, commander: &Commander, q: &[f64; JOINTS_MAX]) -> Option<monitor::Outside> {
     commander.wbc().overloaded_at_rest(&config.wbc, q).map(|(joint, ..)| monitor::Outside { joint, by: 0.0 })
 }
 
@@ -307,7 +307,10 @@ fn command(
         _ => 0.0,
     };
     (state.status.clearance_command_m, state.status.nearest_pair) = (proposed.clearance_m, proposed.nearest_pair);
-    limited::note(&mut state.status, decided.mode == Mode::Engaged, &motion, config.wbc.bounds(), config.model.d_min_m);
+    let (model, bounds) = (&config.model, config.wbc.bounds());
+    let engaged = decided.mode == Mode::Engaged;
+    let arms = model.body_count..model.count;
+    limited::note(&mut state.status, engaged, &motion, bounds, arms, model.d_min_m);
     state.status.fallbacks = state.status.fallbacks.wrapping_add(proposed.fallbacks);
     if proposed.fallbacks > 0 {
         // A motion that was refused for a hand's speed concerns no pair.
@@ -328,6 +331,7 @@ fn command(
             incarnation: state.incarnation,
             reserved: 0,
         },
+        robot: config.model.id(),
         k: input.k,
         seed_k: chain.map_or(0, |chain| chain.seed_k),
         seed_played: chain.map_or(0, |chain| chain.seed_played),
@@ -345,8 +349,8 @@ fn command(
 
 /// Returns true if every valid joint of the command is near its target, as far as the limits let it reach the
 /// target.
-fn aligned(model: &Model, target: &JointTarget, q: &[f64; JOINTS]) -> bool {
-    (0..JOINTS).filter(|j| target.valid_mask & 1 << j != 0).all(|j| {
+fn aligned(model: &Model, target: &JointTarget, q: &[f64; JOINTS_MAX]) -> bool {
+    (0..model.count).filter(|j| target.valid_mask & 1 << j != 0).all(|j| {
         let limits = &model.limits[j];
         (target.q[j].clamp(limits.q_min, limits.q_max) - q[j]).abs() <= ALIGNED_RAD
     })

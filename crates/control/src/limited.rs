@@ -1,7 +1,8 @@
 //! Limits that keep the command from the person.
 
 use driver::Motion;
-use messages::{FollowingLimit, JOINTS, LEFT_ARM, RIGHT_ARM, Status, Subject};
+use messages::{FollowingLimit, JOINTS_MAX, Status, Subject};
+use std::ops::Range;
 use wbc::interval::Bounds;
 
 /// A joint is at its highest speed from this share of it. Assumption.
@@ -15,8 +16,15 @@ const AT_CLEARANCE_M: f64 = 1e-3;
 
 /// Writes into `status` the limit that the command `motion` has reached. Only limits that an operator can see
 /// count: the arm joint nearest to its highest speed, the nearest pair, or a joint at the end of its range.
-pub(super) fn note(status: &mut Status, engaged: bool, motion: &Motion, bounds: &[Bounds; JOINTS], d_min_m: f64) {
-    let arms = || LEFT_ARM.chain(RIGHT_ARM);
+pub(super) fn note(
+    status: &mut Status,
+    engaged: bool,
+    motion: &Motion,
+    bounds: &[Bounds; JOINTS_MAX],
+    arms: Range<usize>,
+    d_min_m: f64,
+) {
+    let arms = || arms.clone();
     let speed = |j: usize| motion.v[j].abs() / bounds[j].v_max;
     let fastest = arms().max_by(|&a, &b| speed(a).total_cmp(&speed(b))).filter(|&j| speed(j) >= AT_SPEED);
     let close = status.clearance_command_m <= d_min_m + AT_CLEARANCE_M;
@@ -35,19 +43,23 @@ pub(super) fn note(status: &mut Status, engaged: bool, motion: &Motion, bounds: 
 mod tests {
     use super::note;
     use driver::Motion;
-    use messages::{FollowingLimit, JOINTS, LEFT_ARM, Layout, Status, Subject};
+    use messages::{FollowingLimit, JOINTS_MAX, Layout, Status, Subject};
     use wbc::interval::Bounds;
+
+    /// TIAGo++: the joints of its left arm.
+    const LEFT_ARM: std::ops::Range<usize> = 3..10;
 
     #[test]
     fn status_names_active_limit_only_while_engaged() {
-        let bounds = [Bounds { q_min: -1.0, q_max: 1.0, v_max: 2.0, a_max: 10.0, brake: 10.0, j_max: 400.0 }; JOINTS];
+        let bounds =
+            [Bounds { q_min: -1.0, q_max: 1.0, v_max: 2.0, a_max: 10.0, brake: 10.0, j_max: 400.0 }; JOINTS_MAX];
         let mut status = Status { clearance_command_m: 0.5, nearest_pair: [3, 8], ..Status::ZERO };
         let mut said = |motion: &Motion, clearance_m: f64, engaged: bool| {
             status.clearance_command_m = clearance_m;
-            note(&mut status, engaged, motion, &bounds, 0.01);
+            note(&mut status, engaged, motion, &bounds, 3..17, 0.01);
             (FollowingLimit::from_u32(status.limited_why), Subject::of(status.limited_about))
         };
-        let mut motion = Motion::rest([0.0; JOINTS]);
+        let mut motion = Motion::rest([0.0; JOINTS_MAX]);
         assert_eq!(said(&motion, 0.5, true), (FollowingLimit::None, None));
         motion.q[LEFT_ARM.start] = -0.995;
         assert_eq!(said(&motion, 0.5, true), (FollowingLimit::Range, Some(Subject::Joint(LEFT_ARM.start))));

@@ -1,36 +1,38 @@
 //! Figures that control publishes about the motion.
 
 use crate::Config;
-use messages::{JOINTS, JointTarget, LEFT_ARM, LIMBS, RIGHT_ARM, TORSO};
+use messages::{JOINTS_MAX, JointTarget, LIMBS};
 use retarget::{Limbs, limb_error_deg};
 use robot::Model;
 
 /// Angles between the person's limbs and those of the arms at `q`, rad, indexed by `Limb`. `None` for an arm
 /// without a person.
-pub(super) fn limb_angles(config: &Config, target: &JointTarget, q: &[f64; JOINTS]) -> [Option<f64>; LIMBS] {
+pub(super) fn limb_angles(config: &Config, target: &JointTarget, q: &[f64; JOINTS_MAX]) -> [Option<f64>; LIMBS] {
     let mut angles = [None; LIMBS];
-    for (side, joints) in [LEFT_ARM, RIGHT_ARM].into_iter().enumerate() {
+    for (side, arm) in config.model.arms.iter().enumerate() {
         let [upper, fore] = [target.human_limbs[2 * side], target.human_limbs[2 * side + 1]];
         let Some(human) = Limbs::of_arm(side, [upper, fore]) else { continue };
-        let arm = core::array::from_fn(|i| q[joints.start + i]);
-        let degrees = limb_error_deg(&config.arm.forward(&arm), &human);
+        let as_left = arm.mirrored(&core::array::from_fn(|i| q[arm.joints[i]]));
+        let degrees = limb_error_deg(&config.arm.forward(&as_left), &human);
         angles[2 * side..2 * side + 2].copy_from_slice(&degrees.map(|angle| Some(angle.to_radians())));
     }
     angles
 }
 
 /// Mean of these angles, rad. Zero without a person.
-pub(super) fn limb_error(config: &Config, target: &JointTarget, q: &[f64; JOINTS]) -> f64 {
+pub(super) fn limb_error(config: &Config, target: &JointTarget, q: &[f64; JOINTS_MAX]) -> f64 {
     let angles = limb_angles(config, target, q);
     let count = angles.iter().flatten().count();
     angles.iter().flatten().sum::<f64>() / count.max(1) as f64
 }
 
-/// Distance that the torso has to rise to its target, m. Without a target for it, to its home position.
-pub(super) fn torso_to_go(model: &Model, target: &wbc::Target<'_>, q: &[f64; JOINTS]) -> f64 {
-    let limits = &model.limits[TORSO];
-    let aim = if target.valid_mask & 1 << TORSO != 0 { target.q[TORSO] } else { model.home[TORSO] };
-    let to_go = aim.clamp(limits.q_min, limits.q_max) - q[TORSO];
+/// Distance that the torso has to rise to its target, m. Without a target for it, to its home position. Zero without
+/// a lift.
+pub(super) fn torso_to_go(model: &Model, target: &wbc::Target<'_>, q: &[f64; JOINTS_MAX]) -> f64 {
+    let Some(lift) = model.lift else { return 0.0 };
+    let limits = &model.limits[lift];
+    let aim = if target.valid_mask & 1 << lift != 0 { target.q[lift] } else { model.home[lift] };
+    let to_go = aim.clamp(limits.q_min, limits.q_max) - q[lift];
     if to_go.is_finite() { to_go } else { 0.0 }
 }
 

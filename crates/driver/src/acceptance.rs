@@ -58,11 +58,13 @@ pub enum Refusal {
     /// It is more than `GAP_MAX_TICKS` after the executed index. The driver was suspended, and the robot is
     /// elsewhere.
     Gap = 11,
+    /// It is for a robot with another hash, or with another number of joints.
+    OtherRobot = 12,
 }
 
 impl Refusal {
     /// Number of reasons.
-    pub const COUNT: usize = 12;
+    pub const COUNT: usize = 13;
 }
 
 /// The rule under which a command is acceptable.
@@ -76,7 +78,10 @@ pub(crate) enum Rule {
 
 /// Makes the checks that do not need the executed state. The driver judges a command further only if it
 /// passes them.
-pub(crate) fn plausible(now: Stamp, command: &JointCommand) -> Result<(), Refusal> {
+pub(crate) fn plausible(config: &Config, now: Stamp, command: &JointCommand) -> Result<(), Refusal> {
+    if command.robot != config.robot {
+        return Err(Refusal::OtherRobot);
+    }
     let plan = &command.plan;
     let states = command.q.iter().chain(&command.v).chain(&command.a);
     let mut numbers = states.chain(plan.jerk.as_flattened()).chain(plan.duration_s.as_flattened());

@@ -124,7 +124,7 @@ pub fn drive(
     state.sequence += 1;
     let header = Header { sequence: state.sequence, stamp: now, ..Header::ZERO };
     DriveOutput {
-        state: state.follower.echo(header, &state.measured),
+        state: state.follower.echo(config, header, &state.measured),
         advanced: out.advanced,
         accepted: out.accepted,
         refused: out.refused,

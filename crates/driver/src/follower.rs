@@ -5,7 +5,9 @@ use crate::chain::Chain;
 use crate::limits::JointLimits;
 use crate::plan::Motion;
 use crate::port::{Drives, Measured, Setpoint};
-use messages::{Fault, Faults, Header, JOINTS, JointCommand, Layout, RobotState, Stamp, TICK_HZ, TICK_S, state_flag};
+use messages::{
+    Fault, Faults, Header, JOINTS_MAX, JointCommand, Layout, RobotId, RobotState, Stamp, TICK_HZ, TICK_S, state_flag,
+};
 
 /// Age of a measurement beyond which a robot counts as silent, ns: ten cycles of a port of 1 kHz. Assumption.
 pub const MEASURED_AGE_MAX_NS: u64 = 10_000_000;
@@ -56,8 +58,11 @@ pub(crate) const NOISE: f64 = 0.005;
 pub struct Config {
     /// Indices without an acceptable command after which the fault latches.
     pub silence_ticks: u64,
-    /// The limits of every joint. A command beyond them is refused.
-    pub limits: [JointLimits; JOINTS],
+    /// The robot. A command for another one is refused.
+    pub robot: RobotId,
+    /// The limits of every joint. A command beyond them is refused. Beyond the number of the robot's joints they are
+    /// [`JointLimits::ABSENT`].
+    pub limits: [JointLimits; JOINTS_MAX],
     /// Delay that the robot's interface adds to the delay of its servos, ticks. A robot that follows lags by that
     /// much more.
     pub interface_delay_ticks: u64,
@@ -67,9 +72,10 @@ pub struct Config {
 
 impl Config {
     /// Creates the settings for a robot with these limits.
-    pub const fn new(limits: [JointLimits; JOINTS]) -> Self {
+    pub const fn new(robot: RobotId, limits: [JointLimits; JOINTS_MAX]) -> Self {
         Self {
             silence_ticks: SILENCE_TICKS,
+            robot,
             limits,
             interface_delay_ticks: 0,
             measured_age_max_ns: MEASURED_AGE_MAX_NS,
@@ -109,9 +115,9 @@ pub struct State {
     /// Ticks for which every joint has been measured standing near its setpoint.
     still_ticks: u64,
     /// Joint positions when that count began.
-    still_at: [f64; JOINTS],
+    still_at: [f64; JOINTS_MAX],
     /// The last posture that was believed, and its index.
-    believed: ([f64; JOINTS], u64),
+    believed: ([f64; JOINTS_MAX], u64),
     /// `origin` of the last accepted command.
     origin: Stamp,
     /// Incarnation and reset count of the last plausible command.
@@ -124,7 +130,7 @@ impl State {
     /// Holds the measured posture `q` from index `k` on, and follows the measured posture until the joints stand.
     /// Returns `None` if a number of `q` is not finite. A driver must start at least [`crate::START_AFTER_TICKS`]
     /// after another one ended. Then no identity is given twice.
-    pub fn hold(k: u64, q: &[f64; JOINTS]) -> Option<Self> {
+    pub fn hold(k: u64, q: &[f64; JOINTS_MAX]) -> Option<Self> {
         q.iter().all(|q| q.is_finite()).then_some(Self {
             motion: Motion::rest(*q),
             executed_k: k,
@@ -161,7 +167,7 @@ impl State {
 
     /// Returns the message to publish. It copies `header` from its writer, but takes the origin of the executed
     /// command.
-    pub fn echo(&self, header: Header, measured: &Measured) -> RobotState {
+    pub fn echo(&self, config: &Config, header: Header, measured: &Measured) -> RobotState {
         let chain = self.chain.unwrap_or(Chain { incarnation: 0, seed_k: 0, seed_played: 0 });
         let mut flags = 0;
         if self.latched {
@@ -175,6 +181,7 @@ impl State {
         }
         RobotState {
             header: Header { origin: self.origin, ..header },
+            robot: config.robot,
             executed_k: self.executed_k,
             plan_ticks_played: self.plan_ticks_played,
             seed_k: chain.seed_k,
@@ -243,7 +250,7 @@ pub struct Output {
 
 /// Returns true if every joint is measured slower than the limit for a standing joint.
 fn is_slow(config: &Config, measured: &Measured) -> bool {
-    (0..JOINTS).all(|j| measured.dq[j].abs() <= STANDING * config.limits[j].v_max)
+    (0..JOINTS_MAX).all(|j| measured.dq[j].abs() <= STANDING * config.limits[j].v_max)
 }
 
 /// Cause of a step.
@@ -273,14 +280,14 @@ pub struct Step {
 ///
 /// ```
 /// use driver::{Config, Input, JointLimits, State, tick};
-/// use messages::{JOINTS, deadline};
+/// use messages::{JOINTS_MAX, Layout, RobotId, deadline};
 ///
 /// let limits = JointLimits { q_min: -1.0, q_max: 1.0, v_max: 2.0, a_max: 20.0, j_max: 500.0 };
-/// let config = Config::new([limits; JOINTS]);
-/// let mut state = State::hold(1000, &[0.0; JOINTS]).unwrap();
+/// let config = Config::new(RobotId::ZERO, [limits; JOINTS_MAX]);
+/// let mut state = State::hold(1000, &[0.0; JOINTS_MAX]).unwrap();
 /// let input = Input { due_k: 1001, command: None, port_fault: false, measured: None };
 /// let out = tick(&config, &mut state, deadline(1001), input);
-/// assert_eq!((out.executed.k, out.executed.q), (1001, [0.0; JOINTS])); // Without a command it holds.
+/// assert_eq!((out.executed.k, out.executed.q), (1001, [0.0; JOINTS_MAX])); // Without a command it holds.
 /// ```
 pub fn tick(config: &Config, state: &mut State, now: Stamp, input: Input<'_>) -> Output {
     tick_each(config, state, now, input, |_| {})
@@ -345,7 +352,7 @@ impl State {
     /// Judges a new command, after its reset count has acted. The reset clears nothing while the drives do not
     /// follow, nor before the joints have stood for [`STILL_TICKS`].
     fn listen(&mut self, config: &Config, now: Stamp, command: &JointCommand, driven: bool) -> Result<Rule, Refusal> {
-        acceptance::plausible(now, command)?;
+        acceptance::plausible(config, now, command)?;
         let incarnation = command.header.incarnation;
         // The first count of a new writer is no edge: a restart of the writer resets nothing.
         let edge = self.reset.is_some_and(|(writer, count)| writer == incarnation && count != command.reset_count);
@@ -409,7 +416,7 @@ impl State {
             self.still_ticks = self.still_ticks.saturating_add(1);
             return;
         };
-        if (0..JOINTS).all(|j| stands(measured, j)) {
+        if (0..JOINTS_MAX).all(|j| stands(measured, j)) {
             self.still_ticks = self.still_ticks.saturating_add(1);
         } else {
             (self.still_ticks, self.still_at) = (0, measured.q);
@@ -418,12 +425,12 @@ impl State {
 
     /// Returns the measured posture at index `k` if every joint can have come there since the last posture that was
     /// believed. A wrong encoder must not give the setpoint that the returning power finds.
-    pub(crate) fn believe(&mut self, config: &Config, k: u64, measured: &Measured) -> Option<[f64; JOINTS]> {
+    pub(crate) fn believe(&mut self, config: &Config, k: u64, measured: &Measured) -> Option<[f64; JOINTS_MAX]> {
         let (last, last_k) = self.believed;
         let dt_s = k.saturating_sub(last_k).clamp(1, MOVES_TICKS) as f64 * TICK_S;
         let reach = |j: usize| FALL_FACTOR * config.limits[j].v_max * dt_s + NOISE;
         // A NaN fails this comparison.
-        let can_be = (0..JOINTS).all(|j| (measured.q[j] - last[j]).abs() <= reach(j));
+        let can_be = (0..JOINTS_MAX).all(|j| (measured.q[j] - last[j]).abs() <= reach(j));
         can_be.then(|| {
             self.believed = (measured.q, k);
             measured.q
@@ -443,7 +450,7 @@ impl State {
         &mut self,
         config: &Config,
         input: &Input<'_>,
-        standing: Option<[f64; JOINTS]>,
+        standing: Option<[f64; JOINTS_MAX]>,
         paused: bool,
         each: &mut impl FnMut(&Step),
     ) -> bool {

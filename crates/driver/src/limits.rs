@@ -31,6 +31,11 @@ pub struct JointLimits {
     pub j_max: f64,
 }
 
+impl JointLimits {
+    /// The limits of a joint that the robot does not have: it stays at zero.
+    pub const ABSENT: Self = Self { q_min: 0.0, q_max: 0.0, v_max: 0.0, a_max: 1.0, j_max: 1.0 };
+}
+
 /// Position, velocity and acceleration of one joint, SI.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Point {

@@ -2,25 +2,25 @@
 //! The robot's motion after `control` dies must not depend on the code of `control`.
 
 use crate::limits::JointLimits;
-use messages::{JOINTS, Layout, StopPlan, TICK_S};
+use messages::{JOINTS_MAX, Layout, StopPlan, TICK_S};
 
 /// The motion of all joints at one instant, and the stop that follows if no command does.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Motion {
     /// Joint positions, rad or m.
-    pub q: [f64; JOINTS],
+    pub q: [f64; JOINTS_MAX],
     /// Joint velocities, rad/s or m/s.
-    pub v: [f64; JOINTS],
+    pub v: [f64; JOINTS_MAX],
     /// Joint accelerations, rad/s^2 or m/s^2.
-    pub a: [f64; JOINTS],
+    pub a: [f64; JOINTS_MAX],
     /// The rest of the stop from (q, v, a).
     pub plan: StopPlan,
 }
 
 impl Motion {
     /// Creates a motion at rest at `q`, with an empty plan.
-    pub const fn rest(q: [f64; JOINTS]) -> Self {
-        Self { q, v: [0.0; JOINTS], a: [0.0; JOINTS], plan: StopPlan::ZERO }
+    pub const fn rest(q: [f64; JOINTS_MAX]) -> Self {
+        Self { q, v: [0.0; JOINTS_MAX], a: [0.0; JOINTS_MAX], plan: StopPlan::ZERO }
     }
 
     /// Creates a motion at `q` with a stop within the limits from the speeds `v` (rad/s, m/s).
@@ -28,10 +28,10 @@ impl Motion {
     /// A joint that already brakes at its acceleration in `a` (rad/s^2, m/s^2) goes on braking.
     /// No certificate covers the stop. It is for a robot that moved on without its driver.
     pub(crate) fn stopping(
-        limits: &[JointLimits; JOINTS],
-        q: [f64; JOINTS],
-        v: &[f64; JOINTS],
-        a: &[f64; JOINTS],
+        limits: &[JointLimits; JOINTS_MAX],
+        q: [f64; JOINTS_MAX],
+        v: &[f64; JOINTS_MAX],
+        a: &[f64; JOINTS_MAX],
     ) -> Self {
         let mut motion = Self::rest(q);
         for (j, limits) in limits.iter().enumerate() {
@@ -47,7 +47,7 @@ impl Motion {
     /// Returns true if every joint stands still and the plan is empty. The test is exact: the end of a plan
     /// sets exact zeros.
     pub fn at_rest(&self) -> bool {
-        let still = |x: &[f64; JOINTS]| x.iter().all(|&x| x == 0.0);
+        let still = |x: &[f64; JOINTS_MAX]| x.iter().all(|&x| x == 0.0);
         still(&self.v) && still(&self.a) && self.plan.duration_s.iter().all(|d| d.iter().all(|&d| d == 0.0))
     }
 
@@ -64,7 +64,7 @@ impl Motion {
 
     /// Plays one tick of the plan.
     pub(crate) fn play_tick(&mut self) {
-        for j in 0..JOINTS {
+        for j in 0..JOINTS_MAX {
             self.play_joint(j, TICK_S);
         }
     }
@@ -118,7 +118,7 @@ impl Motion {
     /// if the plan is a stop.
     pub(crate) fn residue_at_end(&self) -> f64 {
         let mut worst = 0.0_f64;
-        for j in 0..JOINTS {
+        for j in 0..JOINTS_MAX {
             let [_, v, a] = self.ahead(j, f64::INFINITY);
             // Unlike `max`, this does not lose a NaN.
             worst = if v.is_finite() && a.is_finite() { worst.max(v.abs()).max(a.abs()) } else { f64::INFINITY };
@@ -139,7 +139,7 @@ mod tests {
 
     /// A stop from v = 1 rad/s, a = 0: 0.1 s of jerk -100, 0.1 s of +100 (a returns to 0, v to 0), q moves 0.1 rad.
     fn moving() -> Motion {
-        let mut motion = Motion::rest([0.0; JOINTS]);
+        let mut motion = Motion::rest([0.0; JOINTS_MAX]);
         motion.v[3] = 1.0;
         motion.plan.jerk[3] = [-100.0, 100.0, 0.0];
         motion.plan.duration_s[3] = [0.1, 0.1, 0.0];

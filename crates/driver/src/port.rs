@@ -1,6 +1,6 @@
 //! The port: the interface that a robot must offer to be driven.
 
-use messages::{JOINTS, Stamp, StopPlan};
+use messages::{JOINTS_MAX, Stamp, StopPlan};
 
 /// A measurement of the robot.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -8,9 +8,9 @@ pub struct Measured {
     /// Time of the measurement.
     pub stamp: Stamp,
     /// Joint positions, rad or m.
-    pub q: [f64; JOINTS],
+    pub q: [f64; JOINTS_MAX],
     /// Joint velocities, rad/s or m/s.
-    pub dq: [f64; JOINTS],
+    pub dq: [f64; JOINTS_MAX],
     /// State that the drives report.
     pub drives: Drives,
     /// True if the robot had not answered the last setpoint yet when it measured this.
@@ -54,11 +54,11 @@ pub struct Setpoint {
     /// Index. The time between two setpoints is `(k - k') T`, no matter when they are written.
     pub k: u64,
     /// Joint positions, rad or m.
-    pub q: [f64; JOINTS],
+    pub q: [f64; JOINTS_MAX],
     /// Joint velocities, rad/s or m/s.
-    pub v: [f64; JOINTS],
+    pub v: [f64; JOINTS_MAX],
     /// Joint accelerations, rad/s^2 or m/s^2.
-    pub a: [f64; JOINTS],
+    pub a: [f64; JOINTS_MAX],
 }
 
 /// A robot. Both calls return at once. Neither may block a tick.

@@ -5,7 +5,7 @@ use crate::follower::{Config, ENCODER_NOISE, Input, NOISE, State, Step, StepKind
 use crate::limits::JointLimits;
 use crate::plan::Motion;
 use crate::port::Measured;
-use messages::{JOINTS, Stamp, TICK_HZ, TICK_S};
+use messages::{JOINTS_MAX, Stamp, TICK_HZ, TICK_S};
 
 /// Largest noise of a measured speed, rad/s or m/s: eight standard deviations of the simulated drives' noise.
 /// Assumption.
@@ -72,7 +72,7 @@ impl Standstill {
             *self = Self::new(measured);
         }
         let stays = |j: usize| (measured.q[j] - self.since.q[j]).abs() <= ENCODER_NOISE;
-        if !(0..JOINTS).all(stays) {
+        if !(0..JOINTS_MAX).all(stays) {
             self.since = *measured;
         }
         measured.stamp.since(self.since.stamp) >= STOOD_FOR_NS
@@ -99,7 +99,7 @@ impl State {
         }
         let elapsed_s = measured.stamp.since(earlier.stamp) as f64 * 1e-9;
         let v = measured.dq.map(|v| if v.abs() <= SPEED_NOISE { 0.0 } else { v });
-        let confirmed = (0..JOINTS).all(|j| {
+        let confirmed = (0..JOINTS_MAX).all(|j| {
             let limits = &config.limits[j];
             // A braking joint has come at least as far as its present speed gives, because it was faster before.
             let farther = (measured.q[j] - earlier.q[j] - v[j] * elapsed_s) * v[j].signum();
@@ -110,7 +110,7 @@ impl State {
         });
         if confirmed && v.iter().any(|&v| v != 0.0) {
             let q = core::array::from_fn(|j| arrival(config, j, measured.q[j], v[j]));
-            state.motion = Motion::stopping(&config.limits, q, &v, &[0.0; JOINTS]);
+            state.motion = Motion::stopping(&config.limits, q, &v, &[0.0; JOINTS_MAX]);
             state.holds_measured = false;
             state.latched = true;
         }
@@ -181,7 +181,7 @@ impl State {
         let apart = |s: u64| {
             let seen_s = s.saturating_sub(delay_ticks) as f64 * TICK_S;
             let apart = |j: usize| (measured.q[j] - self.motion.ahead(j, seen_s)[0]).abs() / near(&config.limits[j]);
-            (0..JOINTS).map(apart).fold(0.0, f64::max)
+            (0..JOINTS_MAX).map(apart).fold(0.0, f64::max)
         };
         let nearest = |best: (u64, f64), s: u64| {
             let apart = apart(s);
@@ -199,7 +199,7 @@ impl State {
         let share = if along < planned { along / planned } else { 1.0 };
         let is_as_fast = |j: usize| (measured.dq[j] - share * motion.v[j]).abs() <= as_fast(&config.limits[j]);
         let near = apart <= 1.0 && moves(measured);
-        let fits = near && (0..JOINTS).all(is_as_fast) && motion.duration_s() <= share * STOP_MAX_S;
+        let fits = near && (0..JOINTS_MAX).all(is_as_fast) && motion.duration_s() <= share * STOP_MAX_S;
         fits.then(|| motion.slowed(share))
     }
 
@@ -231,7 +231,7 @@ impl State {
     pub(crate) fn is_near(&self, config: &Config, measured: &Measured) -> bool {
         let delay_s = following_delay_ticks(config) as f64 * TICK_S;
         let near = |j: usize| ENCODER_NOISE + delay_s * config.limits[j].v_max;
-        (0..JOINTS).all(|j| (measured.q[j] - self.motion.q[j]).abs() <= near(j))
+        (0..JOINTS_MAX).all(|j| (measured.q[j] - self.motion.q[j]).abs() <= near(j))
     }
 
     /// Returns true if the robot followed the plan during the last `ticks`. It compares the measurement with two
@@ -246,7 +246,7 @@ impl State {
         behind.play(ticks.saturating_sub(delay_ticks));
         // Before the last setpoint the robot came with its speed.
         let sooner_s = delay_ticks.saturating_sub(ticks) as f64 * TICK_S;
-        (0..JOINTS).all(|j| {
+        (0..JOINTS_MAX).all(|j| {
             let limits = &config.limits[j];
             let (q, v) = (behind.q[j] - sooner_s * behind.v[j], behind.v[j]);
             let noise = if moves { as_fast(limits) } else { SPEED_NOISE } + sooner_s * limits.a_max;

@@ -5,7 +5,7 @@ mod bench;
 
 use bench::{Bench, K, measured};
 use driver::{Config, GAP_MAX_TICKS, Input, JointLimits, Measured, Motion, tick};
-use messages::{JOINTS, Stamp, TICK_S, deadline};
+use messages::{JOINTS_MAX, Layout, RobotId, Stamp, TICK_S, deadline};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 
@@ -87,7 +87,7 @@ impl Joint {
 
 /// Returns a random motion, or `None` if one of its joints cannot be stopped in time.
 fn motion(rng: &mut Pcg64) -> Option<Motion> {
-    let mut motion = Motion::rest([0.0; JOINTS]);
+    let mut motion = Motion::rest([0.0; JOINTS_MAX]);
     for j in 0..MOVING {
         (motion.v[j], motion.a[j]) =
             (rng.random_range(-1.0..1.0) * LIMITS.v_max, rng.random_range(-1.0..1.0) * LIMITS.a_max);
@@ -100,12 +100,12 @@ fn motion(rng: &mut Pcg64) -> Option<Motion> {
 /// This holds for any age of the newest measurement, and for a robot on or off its plan. A joint that should
 /// stand is off by `off_m`.
 fn judge(delay_ms: std::ops::Range<f64>, off_m: f64, seed: u64) {
-    let config = Config::new([LIMITS; JOINTS]);
+    let config = Config::new(RobotId::ZERO, [LIMITS; JOINTS_MAX]);
     let mut rng = Pcg64::seed_from_u64(seed);
     let mut begun = 0;
     for _ in 0..6000 {
         let Some(motion) = motion(&mut rng) else { continue };
-        let joints: Vec<_> = (0..JOINTS).map(|j| Joint::new(&mut rng, &motion, j)).collect();
+        let joints: Vec<_> = (0..JOINTS_MAX).map(|j| Joint::new(&mut rng, &motion, j)).collect();
         let gap = rng.random_range(GAP_MAX_TICKS + 1..40);
         let (delay_s, age_s) = (rng.random_range(delay_ms.clone()) * 1e-3, rng.random_range(0.0..10e-3));
         let late_s = rng.random_range(0.0..TICK_S);
@@ -121,7 +121,7 @@ fn judge(delay_ms: std::ops::Range<f64>, off_m: f64, seed: u64) {
             newest.q[j] = q + rng.random_range(-1.5e-4..1.5e-4);
             newest.dq[j] = v + rng.random_range(-0.015..0.015);
         }
-        newest.q[JOINTS - 1] += off_m;
+        newest.q[JOINTS_MAX - 1] += off_m;
         let input = Input { due_k: k, command: None, port_fault: false, measured: Some(&newest) };
         tick(&config, &mut bench.state, now, input);
         let told = bench.state.motion;

@@ -7,16 +7,18 @@ use driver::{
     Accepted, Chain, GAP_MAX_TICKS, Input, Motion, Refusal, SETTLE_TICKS, SILENCE_TICKS, STILL_TICKS, State, reseed,
     tick,
 };
-use messages::{Fault, Faults, Header, JOINTS, JointCommand, Layout, Stamp, StopPlan, TICK_S, deadline, state_flag};
+use messages::{
+    Fault, Faults, Header, JOINTS_MAX, JointCommand, Layout, Stamp, StopPlan, TICK_S, deadline, state_flag,
+};
 
 impl Bench {
     /// Returns a command of index `k` on a new chain that continues from the executed state at rest.
     fn fresh(&mut self, k: u64, reset_count: u32) -> JointCommand {
-        let echo = self.state.echo(Header::ZERO, &measured());
+        let echo = self.state.echo(&CONFIG, Header::ZERO, &measured());
         let seed = reseed(&echo, k).unwrap();
         (self.chain.seed_k, self.chain.seed_played) = (seed.seed_k, seed.seed_played);
         let honest = self.command(k);
-        JointCommand { q: seed.motion.q, v: [0.0; JOINTS], plan: StopPlan::ZERO, reset_count, ..honest }
+        JointCommand { q: seed.motion.q, v: [0.0; JOINTS_MAX], plan: StopPlan::ZERO, reset_count, ..honest }
     }
 
     /// Follows to `K + 5`, then sends nothing until the fault is latched and the plan has ended. Returns the
@@ -78,7 +80,7 @@ fn f057_f059_bad_command_is_refused_with_its_reason_and_counted() {
         let mut on_plan = executed;
         on_plan.play(1);
         assert_eq!(bench.state.motion, on_plan, "the plan is played instead");
-        assert_eq!(bench.state.echo(Header::ZERO, &measured()).commands_refused, 1);
+        assert_eq!(bench.state.echo(&CONFIG, Header::ZERO, &measured()).commands_refused, 1);
     }
 }
 
@@ -118,7 +120,7 @@ fn f058_driver_without_commands_latches_after_10_ms() {
         let out = bench.tick(K + 5 + n, None);
         assert_eq!(out.faults.has(Fault::DriverFault), n == SILENCE_TICKS, "tick {n}");
     }
-    let flags = bench.state.echo(Header::ZERO, &measured()).flags;
+    let flags = bench.state.echo(&CONFIG, Header::ZERO, &measured()).flags;
     assert_eq!(flags, state_flag::DRIVER_FAULT | state_flag::COMMANDED);
 }
 
@@ -145,7 +147,7 @@ fn latch_clears_only_on_reset_edge_at_rest() {
     let reset = bench.fresh(k + 2, 1);
     let out = bench.tick(k + 2, Some(&reset));
     assert!(out.accepted.is_some() && out.faults.is_empty(), "an edge at rest clears, and the same command is taken");
-    assert_eq!(bench.state.echo(Header::ZERO, &measured()).reset_count, 1);
+    assert_eq!(bench.state.echo(&CONFIG, Header::ZERO, &measured()).reset_count, 1);
 }
 
 #[test]
@@ -243,7 +245,7 @@ fn f057_robot_refusing_setpoints_gets_plan_only_while_near_it() {
             assert_eq!((out.executed.q, out.executed.v), (planned.q, planned.v), "tick {k}");
         } else {
             left += 1;
-            assert_eq!((out.executed.q, out.executed.v), (now.q, [0.0; JOINTS]), "tick {k}: where it is");
+            assert_eq!((out.executed.q, out.executed.v), (now.q, [0.0; JOINTS_MAX]), "tick {k}: where it is");
         }
     }
     assert!(left > 10, "{left}");
@@ -299,7 +301,7 @@ fn f064_moving_joint_is_held_where_measured_when_power_returns() {
             let holds = bench.state.chain.is_none() && bench.state.executed_k == k;
             if holds {
                 assert!(bench.state.latched && out.accepted.is_none(), "tick {n}");
-                assert_eq!(out.executed.v, [0.0; JOINTS], "tick {n}");
+                assert_eq!(out.executed.v, [0.0; JOINTS_MAX], "tick {n}");
                 assert!(is_held(&out.executed.q, &now.q), "tick {n}");
                 held_until = n;
             }
@@ -332,8 +334,8 @@ fn f064_standstill_threshold_scales_with_joint_speed_limit() {
 }
 
 /// Returns true if every joint is held where it is measured, but for the noise of an encoder.
-fn is_held(held: &[f64; JOINTS], measured: &[f64; JOINTS]) -> bool {
-    (0..JOINTS).all(|j| (held[j] - measured[j]).abs() <= 4e-4 + 1e-12)
+fn is_held(held: &[f64; JOINTS_MAX], measured: &[f64; JOINTS_MAX]) -> bool {
+    (0..JOINTS_MAX).all(|j| (held[j] - measured[j]).abs() <= 4e-4 + 1e-12)
 }
 
 /// The noise of the torso's encoder is two ticks of its way at full speed.
@@ -376,7 +378,7 @@ fn origin_age_is_given_once_and_target_age_on_every_command() {
 
 #[test]
 fn hold_of_nan_posture_is_refused() {
-    let mut q = [0.0; JOINTS];
+    let mut q = [0.0; JOINTS_MAX];
     q[7] = f64::NAN;
     assert_eq!(State::hold(K, &q), None);
 }

@@ -2,7 +2,7 @@
 
 mod world;
 
-use messages::JOINTS;
+use messages::JOINTS_MAX;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use world::{FIRST_K, Moment, World};
@@ -162,5 +162,5 @@ fn driver_without_commands_begins_by_holding() {
     let mut world = World::new(1);
     world.run(&Moment { control: None, ..Moment::CALM });
     assert_eq!(world.follower.executed_k, FIRST_K);
-    assert_eq!(world.follower.motion.q, [0.1; JOINTS]);
+    assert_eq!(world.follower.motion.q, [0.1; JOINTS_MAX]);
 }

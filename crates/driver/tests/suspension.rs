@@ -4,7 +4,7 @@ mod bench;
 
 use bench::{Bench, CONFIG, K, LIMITS, measured};
 use driver::{GAP_MAX_TICKS, Input, Motion, Refusal, SILENCE_TICKS, State, tick};
-use messages::{Fault, Faults, JOINTS, Stamp, TICK_S, deadline};
+use messages::{Fault, Faults, JOINTS_MAX, Layout, RobotId, Stamp, TICK_S, deadline};
 
 /// Returns a measurement at index `k` with joint 3 at `q` and speed `v`.
 fn measured_at(k: u64, q: f64, v: f64) -> driver::Measured {
@@ -225,7 +225,7 @@ fn suspended_driver_holds_robot_that_stopped_before_plan_end() {
             let now = measured_at(K + 5 + gap, planned.q[3] - short, 0.0);
             let input = Input { due_k: K + 5 + gap, command: None, port_fault: false, measured: Some(&now) };
             let out = tick(&CONFIG, &mut bench.state, now.stamp, input);
-            assert_eq!((out.executed.q, out.executed.v), (now.q, [0.0; JOINTS]), "{gap}, {short}");
+            assert_eq!((out.executed.q, out.executed.v), (now.q, [0.0; JOINTS_MAX]), "{gap}, {short}");
         }
     }
 }
@@ -249,7 +249,11 @@ fn starting_driver_uses_speed_only_if_positions_confirm_it() {
     }
     let (earlier, now) = (measured_at(K, 0.5, 1.5), measured_at(K + 9, 0.5 + 1.5 * elapsed_s, 1.5));
     assert!(State::begin(&CONFIG, K + 9, &earlier, &now).unwrap().latched, "nobody proved that stop");
-    assert_eq!(State::begin(&CONFIG, K + 9, &now, &now).unwrap().motion.v, [0.0; JOINTS], "one look confirms nothing");
+    assert_eq!(
+        State::begin(&CONFIG, K + 9, &now, &now).unwrap().motion.v,
+        [0.0; JOINTS_MAX],
+        "one look confirms nothing"
+    );
 }
 
 #[test]
@@ -330,11 +334,11 @@ fn setpoint_without_power_slightly_beyond_limit_is_clamped() {
 #[test]
 fn suspended_driver_near_limit_resumes_without_speed_step() {
     let limits = driver::JointLimits { a_max: 10.0, j_max: 400.0, ..LIMITS };
-    let config = driver::Config::new([limits; JOINTS]);
+    let config = driver::Config::new(RobotId::ZERO, [limits; JOINTS_MAX]);
     for played in [0, 20, 40, 80, 120, 160] {
         for gap in [GAP_MAX_TICKS + 1, 12, 16, 30] {
             let (v, a) = (1.9, limits.a_max);
-            let mut stop = Motion::rest([0.0; JOINTS]);
+            let mut stop = Motion::rest([0.0; JOINTS_MAX]);
             stop.v[3] = v;
             stop.plan.jerk[3] = [-limits.j_max, 0.0, limits.j_max];
             stop.plan.duration_s[3] = [a / limits.j_max, v / a - a / limits.j_max, a / limits.j_max];

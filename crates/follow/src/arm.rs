@@ -51,9 +51,11 @@ impl Arm {
         Self { axes: axes.map(|axis| axis.normalize()), reference }
     }
 
-    /// Takes the left arm of `model`. The right arm is its mirror, which the model has checked.
-    pub fn of(model: &Model) -> Self {
-        Self::new(model.arms[0].axes, model.arms[0].reference)
+    /// Takes the left (0) or the right arm (1) of `model`. A right arm is taken as the left arm that mirrors it, in the
+    /// right arm's own joint positions: an axis of the sign -1 points the other way.
+    pub fn of(model: &Model, side: usize) -> Self {
+        let arm = &model.arms[side];
+        Self::new(std::array::from_fn(|j| model.arms[0].axes[j] * arm.signs[j]), arm.reference)
     }
 
     /// Rotations of the limbs: U = R1 R2 R3 and F = U R4 R5 with Ri = Rot(axis i, q i - reference i).

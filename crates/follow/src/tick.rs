@@ -5,7 +5,7 @@ use crate::plan::{Plan, intervals_s, is_finite, node_after};
 use crate::solver::{self, Bounds, Problem, Sweep};
 use crate::wrist::{self, WRIST_FIRST, WRIST_JOINTS, Wrist};
 use crate::{ITERATION_TICKS, LIMB_JOINTS, NODES};
-use messages::{JOINTS, LEFT_ARM, LIMBS, RIGHT_ARM, TICK_S, WAY_NODE_TICKS};
+use messages::{JOINTS_MAX, LIMBS, TICK_S, WAY_NODE_TICKS};
 use nalgebra::{Quaternion, UnitQuaternion};
 use robot::{Frames, Model};
 
@@ -13,8 +13,6 @@ pub use crate::solver::Weights;
 
 /// Both arms: left, right.
 const ARMS: usize = 2;
-/// First joint of each arm.
-const FIRST: [usize; ARMS] = [LEFT_ARM.start, RIGHT_ARM.start];
 
 /// If the command is farther from the wish than this (rad, and rad/s), the wish was not reached. The next
 /// iteration then starts from the command. The bound is twice what the tracking law leaves without an obstacle.
@@ -51,7 +49,9 @@ pub struct Aim {
 /// Constant configuration.
 #[derive(Clone, Debug)]
 pub struct Config {
-    arm: Arm,
+    arms: [Arm; ARMS],
+    /// First joint of each arm.
+    first: [usize; ARMS],
     bounds: [Bounds; ARMS],
     weights: Weights,
     wrists: [Wrist; ARMS],
@@ -61,8 +61,9 @@ pub struct Config {
 impl Config {
     /// Creates a configuration for the robot's arms within their limits. `v_max`: speeds that the plan may use,
     /// rad/s.
-    pub fn new(model: &Model, v_max: &[f64; JOINTS], weights: Weights) -> Self {
-        let bounds = FIRST.map(|first| {
+    pub fn new(model: &Model, v_max: &[f64; JOINTS_MAX], weights: Weights) -> Self {
+        let first = model.arms.each_ref().map(|arm| arm.joints[0]);
+        let bounds = first.map(|first| {
             let of = |limit: fn(&robot::JointLimits) -> f64| ArmVector::from_fn(|j, _| limit(&model.limits[first + j]));
             Bounds {
                 q_min: of(|l| l.q_min + INSET_RAD),
@@ -71,8 +72,9 @@ impl Config {
                 a_max: of(|l| l.a_max),
             }
         });
-        let wrists = FIRST.map(|first| Wrist::new(model, first, v_max));
-        Self { arm: Arm::of(model), bounds, weights, wrists, model: Box::new(model.clone()) }
+        let wrists = first.map(|first| Wrist::new(model, first, v_max));
+        let arms = [0, 1].map(|side| Arm::of(model, side));
+        Self { arms, first, bounds, weights, wrists, model: Box::new(model.clone()) }
     }
 }
 
@@ -88,11 +90,11 @@ pub struct Input<'a> {
     /// Bit j: joint j is valid.
     pub valid_mask: u32,
     /// The posture that retargeting proposes, rad.
-    pub prior: &'a [f64; JOINTS],
+    pub prior: &'a [f64; JOINTS_MAX],
     /// Commanded positions at tick k - 1.
-    pub q: &'a [f64; JOINTS],
+    pub q: &'a [f64; JOINTS_MAX],
     /// Commanded velocities at tick k - 1.
-    pub v: &'a [f64; JOINTS],
+    pub v: &'a [f64; JOINTS_MAX],
     /// Share of the speeds that may be used, (0, 1].
     pub speed_scale: f64,
 }
@@ -101,7 +103,7 @@ pub struct Input<'a> {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Output {
     /// Setpoint of each joint that turns a limb. `None` for a joint that is not followed here.
-    pub aims: [Option<Aim>; JOINTS],
+    pub aims: [Option<Aim>; JOINTS_MAX],
     /// Positions for joints 6 and 7 of each arm, rad. `None` for an arm that is not followed, or whose wrist
     /// follows a target.
     pub wrists: [Option<[f64; WRIST_JOINTS]>; ARMS],
@@ -169,7 +171,7 @@ impl State {
     /// Notes the error of the arm's limbs at the end of its horizon, and whether they come nearer.
     fn judge_progress(&mut self, config: &Config, arm: usize) {
         let work = &*self.iteration;
-        let off = |q: &ArmVector| config.arm.angles(q, &work.problem.person[NODES - 1]).iter().sum::<f64>();
+        let off = |q: &ArmVector| config.arms[arm].angles(q, &work.problem.person[NODES - 1]).iter().sum::<f64>();
         let end = off(&work.sweep.nodes()[NODES - 1].q);
         let before = std::mem::replace(&mut self.off_at_end_rad[arm], end);
         let nearer = before - end >= STALLED_RAD_PER_S * EACH_S;
@@ -197,24 +199,24 @@ impl Default for State {
 /// ```
 /// # let read = |kind| std::fs::read_to_string(format!("../../config/robots/tiago_dual.{kind}"));
 /// # let model = robot::Model::from_text("tiago_dual.toml", &read("toml")?, "tiago_dual.urdf", &read("urdf")?)?;
-/// use messages::{ALL_JOINTS, JOINTS, LIMBS, WAY_NODE_TICKS};
+/// use messages::{ALL_JOINTS, JOINTS_MAX, LIMBS, WAY_NODE_TICKS};
 ///
-/// let (home, rest, t_pose) = (&model.home, &[0.0; JOINTS], &[[[0.0, 0.0, 0.0, 1.0]; LIMBS]; follow::NODES]);
+/// let (home, rest, t_pose) = (&model.home, &[0.0; JOINTS_MAX], &[[[0.0, 0.0, 0.0, 1.0]; LIMBS]; follow::NODES]);
 /// let config = follow::Config::new(&model, &model.limits.map(|limits| limits.v_max), follow::Weights::default());
 /// let way_first = 3000 / WAY_NODE_TICKS;
 /// let input = follow::Input {
 ///     k: 3000, way: t_pose, way_first, valid_mask: ALL_JOINTS, prior: home, q: home, v: rest, speed_scale: 1.0,
 /// };
 /// let out = follow::tick(&config, &mut follow::State::new(), input);
-/// assert!(out.aims[messages::LEFT_ARM.start].is_some());
+/// assert!(out.aims[model.arms[0].joints[0]].is_some());
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 pub fn tick(config: &Config, state: &mut State, input: Input<'_>) -> Output {
     let before = input.k.saturating_sub(1);
     for arm in 0..ARMS {
-        let meant = (0..LIMB_JOINTS).all(|j| input.valid_mask & 1 << (FIRST[arm] + j) != 0);
+        let meant = (0..LIMB_JOINTS).all(|j| input.valid_mask & 1 << (config.first[arm] + j) != 0);
         if meant && !state.meant[arm] {
-            let start = solver::State { q: part(input.q, arm), v: part(input.v, arm) };
+            let start = solver::State { q: part(input.q, config.first[arm]), v: part(input.v, config.first[arm]) };
             state.plans[arm] = Plan::new(before, start, [ArmVector::zeros(); NODES]);
             state.wrists[arm] = config.wrists[arm].begin(input.q);
             // An iteration that started before the arm was valid has another start.
@@ -229,15 +231,15 @@ pub fn tick(config: &Config, state: &mut State, input: Input<'_>) -> Output {
         state.arm = 1 - state.arm;
     }
     keep_hands_clear(config, state, &input);
-    let mut output = Output { aims: [None; JOINTS], wrists: [None; ARMS] };
+    let mut output = Output { aims: [None; JOINTS_MAX], wrists: [None; ARMS] };
     for arm in (0..ARMS).filter(|&arm| state.meant[arm]) {
         let u = state.plans[arm].input_at(before);
         state.plans[arm].advance(input.k);
         let there = &state.plans[arm].state;
         for j in 0..LIMB_JOINTS {
-            output.aims[FIRST[arm] + j] = Some(Aim { q: there.q[j], v: there.v[j], a: u[j] });
+            output.aims[config.first[arm] + j] = Some(Aim { q: there.q[j], v: there.v[j], a: u[j] });
         }
-        let led = input.valid_mask >> (FIRST[arm] + WRIST_FIRST) & ((1 << WRIST_JOINTS) - 1) != 0;
+        let led = input.valid_mask >> (config.first[arm] + WRIST_FIRST) & ((1 << WRIST_JOINTS) - 1) != 0;
         output.wrists[arm] = (!led).then_some(state.wrists[arm].q);
     }
     output
@@ -253,7 +255,7 @@ fn keep_hands_clear(config: &Config, state: &mut State, input: &Input<'_>) {
         for other in (0..ARMS).filter(|&other| state.meant[other]) {
             let plan = &state.plans[other];
             let there = plan.continued(plan.state, before, until).q;
-            let first = FIRST[other];
+            let first = config.first[other];
             q[first..first + LIMB_JOINTS].copy_from_slice(there.as_slice());
             let wrist = first + WRIST_FIRST;
             q[wrist..wrist + WRIST_JOINTS].copy_from_slice(&state.wrists[other].q);
@@ -282,10 +284,10 @@ fn iterate(config: &Config, state: &mut State, input: &Input<'_>) {
         let share = NODES / sweeps as usize;
         let from = NODES - (state.step as usize - 1) * share;
         for i in (from - share..from).rev() {
-            work.sweep.backward(&config.arm, &config.weights, &work.problem, i);
+            work.sweep.backward(&config.arms[arm], &config.weights, &work.problem, i);
         }
     } else {
-        work.sweep.finish(&config.arm, &config.weights, &work.problem);
+        work.sweep.finish(&config.arms[arm], &config.weights, &work.problem);
         let before = input.k.saturating_sub(1);
         let mut plan = Plan::new(work.begin, work.problem.start, work.sweep.input);
         plan.advance(before);
@@ -309,7 +311,7 @@ fn iterate(config: &Config, state: &mut State, input: &Input<'_>) {
 fn prepare(config: &Config, work: &mut Iteration, plan: &Plan, input: &Input<'_>, arm: usize) {
     let before = input.k.saturating_sub(1);
     work.begin = before + ITERATION_TICKS - 1;
-    let commanded = solver::State { q: part(input.q, arm), v: part(input.v, arm) };
+    let commanded = solver::State { q: part(input.q, config.first[arm]), v: part(input.v, config.first[arm]) };
     let off = (commanded.q - plan.state.q).amax() > OFF_RAD || (commanded.v - plan.state.v).amax() > OFF_RAD_PER_S;
     let from = if off { commanded } else { plan.state };
     let bounds = &config.bounds[arm];
@@ -317,9 +319,9 @@ fn prepare(config: &Config, work: &mut Iteration, plan: &Plan, input: &Input<'_>
     problem.start = plan.continued(from, before, work.begin);
     problem.interval_s = intervals_s(work.begin);
     problem.bounds = Bounds { v_max: bounds.v_max * input.speed_scale, ..*bounds };
-    problem.prior = part(input.prior, arm);
+    problem.prior = part(input.prior, config.first[arm]);
     let first = node_after(work.begin);
-    let mut known = config.arm.limbs(&problem.start.q);
+    let mut known = config.arms[arm].limbs(&problem.start.q);
     for i in 0..NODES {
         let node = ((first + i as u64).saturating_sub(input.way_first) as usize).min(NODES - 1);
         // Limbs that are no rotation are replaced by those of the previous node, and at the first node by the
@@ -328,11 +330,11 @@ fn prepare(config: &Config, work: &mut Iteration, plan: &Plan, input: &Input<'_>
         problem.person[i] = known;
     }
     work.sweep.input = plan.inputs_from(work.begin);
-    work.sweep.begin(&config.arm, &config.weights, problem);
+    work.sweep.begin(&config.arms[arm], &config.weights, problem);
 }
 
-fn part(all: &[f64; JOINTS], arm: usize) -> ArmVector {
-    ArmVector::from_fn(|j, _| all[FIRST[arm] + j])
+fn part(all: &[f64; JOINTS_MAX], first: usize) -> ArmVector {
+    ArmVector::from_fn(|j, _| all[first + j])
 }
 
 /// Returns the limbs of an arm as those of a left arm.

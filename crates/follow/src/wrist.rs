@@ -12,7 +12,7 @@
 //! handles obstacles that are not part of the robot.
 
 use crate::NODES;
-use messages::{JOINTS, TICK_S};
+use messages::{JOINTS_MAX, TICK_S};
 use nalgebra::{Matrix2, Vector2, Vector3};
 use robot::{Frames, Model, segment_distance};
 
@@ -79,7 +79,7 @@ pub(crate) fn watched(step: u64) -> usize {
 impl Wrist {
     /// Creates the wrist of the arm that begins with joint `arm_first`. `v_max`: allowed speeds of all joints,
     /// rad/s.
-    pub(crate) fn new(model: &Model, arm_first: usize, v_max: &[f64; JOINTS]) -> Self {
+    pub(crate) fn new(model: &Model, arm_first: usize, v_max: &[f64; JOINTS_MAX]) -> Self {
         let first = arm_first + WRIST_FIRST;
         let is_hand = |capsule: usize| (first + 1..=first + WRIST_JOINTS).contains(&model.capsules[capsule].body);
         let pair = |hand: usize, other: usize| {
@@ -104,7 +104,7 @@ impl Wrist {
     }
 
     /// Starts at the wrist's commanded position.
-    pub(crate) fn begin(&self, q: &[f64; JOINTS]) -> Wish {
+    pub(crate) fn begin(&self, q: &[f64; JOINTS_MAX]) -> Wish {
         Wish { q: [q[self.first], q[self.first + 1]], ..Wish::default() }
     }
 

@@ -12,7 +12,7 @@ use std::f64::consts::PI;
 #[test]
 fn limb_rotations_match_robot_kinematics() {
     let (model, mut rng) = (model(), Pcg64::seed_from_u64(1));
-    let of_model = Arm::of(&model);
+    let of_model = Arm::of(&model, 0);
     for _ in 0..1000 {
         let q = random_q(&mut rng);
         let (upper, fore) = model.arms[0].limb_rotations(&std::array::from_fn(|j| q[j]));

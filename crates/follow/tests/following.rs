@@ -197,7 +197,7 @@ fn aim_restarts_at_command_that_stands_still() {
     let mut farthest = 0.0_f64;
     for _ in 0..TICK_HZ {
         let output = robot.step(|_| [person; 2]);
-        (robot.q, robot.v) = (q, [0.0; messages::JOINTS]);
+        (robot.q, robot.v) = (q, [0.0; messages::JOINTS_MAX]);
         for (aim, q) in output.aims.iter().zip(&q) {
             farthest = farthest.max(aim.map_or(0.0, |aim| (aim.q - q).abs()));
         }

@@ -3,7 +3,7 @@
 use crate::support::{FIRST, FREE, LIMB_MASK, Robot, arm, model};
 use follow::arm::{ArmVector, Limbs};
 use follow::{LIMB_JOINTS, Weights};
-use messages::{ALL_JOINTS, JOINTS, TICK_HZ, TICK_S};
+use messages::{ALL_JOINTS, JOINTS_MAX, TICK_HZ, TICK_S};
 use robot::{Frames, Model, segment_distance};
 use std::f64::consts::FRAC_PI_2;
 
@@ -11,7 +11,7 @@ use std::f64::consts::FRAC_PI_2;
 const HANGING: [f64; LIMB_JOINTS] = [0.0, 1.5, FRAC_PI_2, 0.1, 0.0];
 
 /// Smallest distance between a hand and any part outside its wrist, m.
-fn hands_clear_m(model: &Model, q: &[f64; JOINTS]) -> f64 {
+fn hands_clear_m(model: &Model, q: &[f64; JOINTS_MAX]) -> f64 {
     let mut frames = Frames::default();
     model.forward(q, &mut frames);
     let is_hand = |capsule: usize| {
@@ -30,11 +30,11 @@ fn hands_clear_m(model: &Model, q: &[f64; JOINTS]) -> f64 {
     pairs.map(distance).fold(f64::INFINITY, f64::min)
 }
 
-fn wrists(q: &[f64; JOINTS]) -> [f64; 4] {
+fn wrists(q: &[f64; JOINTS_MAX]) -> [f64; 4] {
     [FIRST[0] + 5, FIRST[0] + 6, FIRST[1] + 5, FIRST[1] + 6].map(|j| q[j])
 }
 
-fn at_home(model: &Model, q: &[f64; JOINTS]) -> [f64; JOINTS] {
+fn at_home(model: &Model, q: &[f64; JOINTS_MAX]) -> [f64; JOINTS_MAX] {
     let mut q = *q;
     for j in FIRST.iter().flat_map(|first| [first + 5, first + 6]) {
         q[j] = model.home[j];

@@ -6,7 +6,7 @@ use messages::{LIMBS, Layout, RawSkeleton, SkeletonLayout, Stamp};
 use skeleton::{Config, Input, State, tick};
 
 /// BlazePose's index of each joint of SMPL-22 that it has.
-const JOINTS: [(usize, usize); 14] = [
+const JOINTS_MAX: [(usize, usize); 14] = [
     (16, 11),
     (17, 12),
     (18, 13),
@@ -52,7 +52,7 @@ fn play(layouts: &Layouts, bounds: &Config, filter: bool, noise_m: f32) -> Vec<L
     for (i, frame) in motion.frames.iter().step_by(every).enumerate() {
         let mut raw = RawSkeleton { joint_count: 33, layout: SkeletonLayout::MediaPipe33 as u32, ..RawSkeleton::ZERO };
         (raw.header.sequence, raw.header.origin) = (i as u64 + 1, Stamp(1_000_000_000 + i as u64 * 33_333_333));
-        for (smpl, landmark) in JOINTS {
+        for (smpl, landmark) in JOINTS_MAX {
             let [x, y, z] = frame.positions[smpl].map(|x| x + if noise_m > 0.0 { tremble.next() } else { 0.0 });
             (raw.positions[landmark], raw.confidence[landmark]) = ([y, -z, -x], 1.0);
         }

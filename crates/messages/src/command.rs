@@ -1,6 +1,6 @@
 //! Messages of the robot side: targets, commands with their certified stop plan, and the robot's state.
 
-use crate::joints::JOINTS;
+use crate::joints::{JOINTS_MAX, RobotId};
 use crate::layout::message;
 use crate::skeleton::LIMBS;
 use crate::time::{Header, Stamp};
@@ -36,15 +36,17 @@ pub const WAY_NODE_TICKS: u64 = 30;
 message! {
     /// Posture that the arms should have at tick `k`, and the person's motion after that. Any value is allowed:
     /// `control` makes it safe.
-    pub struct JointTarget v 2 size 2032 {
+    pub struct JointTarget v 3 size 2160 {
         /// `origin` of the skeleton that the target was made from.
         pub header: Header,
+        /// The robot whose joints these are.
+        pub robot: RobotId,
         /// Tick index.
         pub k: u64,
         /// Target joint positions, rad or m.
-        pub q: [f64; JOINTS],
+        pub q: [f64; JOINTS_MAX],
         /// Target joint velocities, rad/s or m/s.
-        pub dq: [f64; JOINTS],
+        pub dq: [f64; JOINTS_MAX],
         /// The person's limb rotations at the resampled instant, x y z w. Zero for a limb without a person.
         pub human_limbs: [[f64; 4]; LIMBS],
         /// Time at which `ingest` received the newest skeleton that the target uses.
@@ -74,20 +76,22 @@ message! {
     /// A stop of all joints. Each joint has three phases of constant jerk, played from the state that the plan
     /// comes with. After the last phase the joint is at rest. The phases of all joints start together: only the
     /// stop as a whole is certified.
-    pub struct StopPlan v 1 size 816 {
+    pub struct StopPlan v 2 size 1152 {
         /// Jerk of each phase, rad/s^3 or m/s^3.
-        pub jerk: [[f64; 3]; JOINTS],
+        pub jerk: [[f64; 3]; JOINTS_MAX],
         /// Duration of each phase, s.
-        pub duration_s: [[f64; 3]; JOINTS],
+        pub duration_s: [[f64; 3]; JOINTS_MAX],
     }
 }
 
 message! {
     /// The state that the robot should have at tick `k`, and the stop to play if no command for tick `k + 1`
     /// arrives.
-    pub struct JointCommand v 1 size 1312 {
+    pub struct JointCommand v 2 size 1832 {
         /// `origin` of the skeleton that the command follows.
         pub header: Header,
+        /// The robot whose joints these are.
+        pub robot: RobotId,
         /// Tick index. The command is due at the deadline of `k` plus the configured grace.
         pub k: u64,
         /// Seed of the command's chain: the chain begins after plan tick `seed_played` of command `seed_k`.
@@ -95,11 +99,11 @@ message! {
         /// See `seed_k`.
         pub seed_played: u64,
         /// Joint positions at tick `k`.
-        pub q: [f64; JOINTS],
+        pub q: [f64; JOINTS_MAX],
         /// Joint velocities at tick `k`.
-        pub v: [f64; JOINTS],
+        pub v: [f64; JOINTS_MAX],
         /// Joint accelerations at tick `k`.
-        pub a: [f64; JOINTS],
+        pub a: [f64; JOINTS_MAX],
         /// The certified stop from (q, v, a).
         pub plan: StopPlan,
         /// Time at which the followed target was published. Zero without a target.
@@ -117,9 +121,11 @@ message! {
 
 message! {
     /// The robot's state: what it measures, and what its driver executes.
-    pub struct RobotState v 1 size 1592 {
+    pub struct RobotState v 2 size 2224 {
         /// `origin` of the executed command.
         pub header: Header,
+        /// The robot whose joints these are.
+        pub robot: RobotId,
         /// Tick of the last command that the driver accepted. Before the first one: the tick at which the driver
         /// began to hold.
         pub executed_k: u64,
@@ -134,15 +140,15 @@ message! {
         /// The last reset edge that the driver saw.
         pub reset_count: u32,
         /// Measured joint positions.
-        pub q_measured: [f64; JOINTS],
+        pub q_measured: [f64; JOINTS_MAX],
         /// Measured joint velocities.
-        pub dq_measured: [f64; JOINTS],
+        pub dq_measured: [f64; JOINTS_MAX],
         /// Executed joint positions.
-        pub q: [f64; JOINTS],
+        pub q: [f64; JOINTS_MAX],
         /// Executed joint velocities.
-        pub v: [f64; JOINTS],
+        pub v: [f64; JOINTS_MAX],
         /// Executed joint accelerations.
-        pub a: [f64; JOINTS],
+        pub a: [f64; JOINTS_MAX],
         /// Rest of the stop plan from (q, v, a).
         pub plan: StopPlan,
         /// Number of commands that the driver refused because they did not continue the executed state.

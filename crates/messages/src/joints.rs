@@ -1,18 +1,30 @@
-//! The joint order, the same everywhere: torso lift, head 1-2, left arm 1-7, right arm 1-7.
+//! The joints of a robot in messages: its body joints first, then its left arm, then its right arm.
 
-use core::ops::Range;
+use crate::layout::message;
+use core::fmt;
 
-/// Number of commanded joints.
-pub const JOINTS: usize = 17;
+/// Largest number of commanded joints that a message can carry. Arrays of joints have this length: beyond the
+/// robot's own number, every element is zero.
+pub const JOINTS_MAX: usize = 24;
 /// Joints of one arm.
 pub const ARM_JOINTS: usize = 7;
-/// Index of the torso lift.
-pub const TORSO: usize = 0;
-/// Indices of the head joints.
-pub const HEAD: Range<usize> = 1..3;
-/// Indices of the left arm's joints 1 to 7.
-pub const LEFT_ARM: Range<usize> = 3..10;
-/// Indices of the right arm's joints 1 to 7.
-pub const RIGHT_ARM: Range<usize> = 10..17;
-/// A valid mask with every joint set.
-pub const ALL_JOINTS: u32 = (1 << JOINTS) - 1;
+/// A valid mask with every joint of every robot set. Bits beyond a robot's own joints mean nothing.
+pub const ALL_JOINTS: u32 = (1 << JOINTS_MAX) - 1;
+
+message! {
+    /// The robot that a message is about. It tells number and order of the joints.
+    pub struct RobotId v 1 size 16 {
+        /// `Model::hash`: equal hashes mean equal robot files and URDFs, so equal joints in the same order.
+        pub hash: u64,
+        /// Number of commanded joints.
+        pub joint_count: u32,
+        /// Zero.
+        pub reserved: u32,
+    }
+}
+
+impl fmt::Display for RobotId {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "robot {:016x} with {} joints", self.hash, self.joint_count)
+    }
+}

@@ -2,7 +2,7 @@
 //! other, as on a field bus.
 
 use crate::command::StopPlan;
-use crate::joints::JOINTS;
+use crate::joints::{JOINTS_MAX, RobotId};
 use crate::layout::message;
 use crate::time::{Header, Stamp};
 
@@ -22,17 +22,19 @@ pub mod measured_flag {
 
 message! {
     /// State that the drives should have at tick `k`.
-    pub struct RobotSetpoint v 1 size 1272 {
+    pub struct RobotSetpoint v 2 size 1792 {
         /// Its stamp is the time at which the driver sent it.
         pub header: Header,
+        /// The robot whose joints these are.
+        pub robot: RobotId,
         /// Tick index.
         pub k: u64,
         /// Joint positions, rad or m.
-        pub q: [f64; JOINTS],
+        pub q: [f64; JOINTS_MAX],
         /// Joint velocities, rad/s or m/s.
-        pub v: [f64; JOINTS],
+        pub v: [f64; JOINTS_MAX],
         /// Joint accelerations, rad/s^2 or m/s^2.
-        pub a: [f64; JOINTS],
+        pub a: [f64; JOINTS_MAX],
         /// The stop from (q, v, a), for a robot that plays it by itself.
         pub plan: StopPlan,
     }
@@ -40,19 +42,21 @@ message! {
 
 message! {
     /// The robot's measurements.
-    pub struct RobotMeasured v 1 size 472 {
+    pub struct RobotMeasured v 2 size 656 {
         /// Its stamp is the time at which the robot sent it.
         pub header: Header,
+        /// The robot whose joints these are.
+        pub robot: RobotId,
         /// Time of the measurement.
         pub measured: Stamp,
         /// Tick index of the newest setpoint that the robot has received. Zero before the first.
         pub seen_k: u64,
         /// Joint positions, rad or m.
-        pub q: [f64; JOINTS],
+        pub q: [f64; JOINTS_MAX],
         /// Joint velocities, rad/s or m/s.
-        pub dq: [f64; JOINTS],
+        pub dq: [f64; JOINTS_MAX],
         /// Motor torques or forces, N m or N.
-        pub tau: [f64; JOINTS],
+        pub tau: [f64; JOINTS_MAX],
         /// Bits of `measured_flag`.
         pub flags: u32,
         /// Zero.

@@ -74,16 +74,16 @@ const SETPOINTS_KEPT: usize = 128;
 pub const SERVICES: [ServiceRow; 9] = [
     row(Service::RawSkeleton, "teleop/raw_skeleton/1", Domain::Input, "client", 8, 240, 0),
     row(Service::Skeleton, "teleop/skeleton/1", Domain::Core, "ingest", 1, 240, 100),
-    row(Service::JointTarget, "teleop/joint_target/2", Domain::Core, "retarget", 1, 1500, 10),
-    row(Service::JointCommand, "teleop/joint_command/1", Domain::Core, "control", 1, 1500, 10),
-    row(Service::RobotState, "teleop/robot_state/1", Domain::Core, "driver", 1, 1500, 5),
+    row(Service::JointTarget, "teleop/joint_target/3", Domain::Core, "retarget", 1, 1500, 10),
+    row(Service::JointCommand, "teleop/joint_command/2", Domain::Core, "control", 1, 1500, 10),
+    row(Service::RobotState, "teleop/robot_state/2", Domain::Core, "driver", 1, 1500, 5),
     row(Service::Status, "teleop/status/8", Domain::Core, "control", 1, 50, 500),
     row(Service::InputStatus, "teleop/input_status/1", Domain::Core, "ingest", 1, 10, 0),
     ServiceRow {
         kept: SETPOINTS_KEPT,
-        ..row(Service::RobotSetpoint, "teleop/robot_setpoint/1", Domain::Core, "driver", 1, 1500, 10)
+        ..row(Service::RobotSetpoint, "teleop/robot_setpoint/2", Domain::Core, "driver", 1, 1500, 10)
     },
-    row(Service::RobotMeasured, "teleop/robot_measured/1", Domain::Core, "robot", 1, 1000, 10),
+    row(Service::RobotMeasured, "teleop/robot_measured/2", Domain::Core, "robot", 1, 1000, 10),
 ];
 
 impl Service {

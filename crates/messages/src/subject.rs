@@ -1,6 +1,6 @@
 //! Subject of a fault, a denial or a refusal: a joint, a pair of parts, or the change of the person.
 
-use crate::joints::JOINTS;
+use crate::joints::JOINTS_MAX;
 use crate::person_change::PersonChange;
 
 /// Largest index of a part in a code. It has 15 bits, and a robot's 128 parts need 7.
@@ -26,7 +26,7 @@ impl Subject {
     /// person. Returns zero for indices that no robot has.
     pub const fn code(self) -> u32 {
         match self {
-            Self::Joint(joint) if joint < JOINTS => 1 + joint as u32,
+            Self::Joint(joint) if joint < JOINTS_MAX => 1 + joint as u32,
             Self::Pair([a, b]) if a <= PART_MAX && b <= PART_MAX => PAIR | a << 15 | b,
             Self::Person(change) => PERSON | change as u32,
             Self::Joint(_) | Self::Pair(_) => 0,
@@ -43,7 +43,7 @@ impl Subject {
                 }
                 Some(Self::Pair([code >> 15 & PART_MAX, code & PART_MAX]))
             }
-            code if code <= JOINTS as u32 => Some(Self::Joint(code as usize - 1)),
+            code if code <= JOINTS_MAX as u32 => Some(Self::Joint(code as usize - 1)),
             code if code & PERSON != 0 && ((code ^ PERSON) as usize) < PersonChange::ALL.len() => {
                 Some(Self::Person(PersonChange::ALL[(code ^ PERSON) as usize]))
             }
@@ -60,11 +60,11 @@ mod tests {
     fn every_subject_has_a_code_of_its_own() {
         let people = PersonChange::ALL.map(Subject::Person);
         let others =
-            [Subject::Joint(0), Subject::Joint(JOINTS - 1), Subject::Pair([0, 0]), Subject::Pair([3, PART_MAX])];
+            [Subject::Joint(0), Subject::Joint(JOINTS_MAX - 1), Subject::Pair([0, 0]), Subject::Pair([3, PART_MAX])];
         for subject in people.into_iter().chain(others) {
             assert_eq!(Subject::of(subject.code()), Some(subject));
         }
-        for code in [0, JOINTS as u32 + 1, PERSON | PersonChange::ALL.len() as u32, PAIR | PERSON] {
+        for code in [0, JOINTS_MAX as u32 + 1, PERSON | PersonChange::ALL.len() as u32, PAIR | PERSON] {
             assert_eq!(Subject::of(code), None, "{code:#x}");
         }
         for change in PersonChange::ALL {

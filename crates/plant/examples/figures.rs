@@ -5,7 +5,7 @@
 #[allow(dead_code)]
 mod support;
 
-use messages::JOINTS;
+use messages::JOINTS_MAX;
 use plant::{Config, Frames, Judge, Options, Payload, Plant, Report};
 use rand::{RngExt, SeedableRng};
 use std::time::Instant;
@@ -15,7 +15,7 @@ use support::{GRIPPERS, HANDS, START, Sines, TICK_NS, Texts};
 #[derive(Default)]
 struct Worst {
     /// |q - q_ref| of each joint, rad or m.
-    error: [f64; JOINTS],
+    error: [f64; JOINTS_MAX],
     /// |v| / v_max over the largest |v_ref| / v_max.
     speed: f64,
     /// Distance of any end of a capsule from its place in the reference, m.
@@ -35,7 +35,7 @@ fn follow(config: &Config, sines: &Sines, seed: u64, worst: &mut Worst) -> Repor
         assert!(plant.receive_judged(config, now, &sines.at(k), &mut judge));
         let (truth, (wanted, since)) = (*plant.truth(), plant.followed());
         let t = truth.stamp.since(since) as f64 * 1e-9;
-        let q_ref: [f64; JOINTS] = std::array::from_fn(|j| wanted.q[j] + t * (wanted.v[j] + t * wanted.a[j] / 2.0));
+        let q_ref: [f64; JOINTS_MAX] = std::array::from_fn(|j| wanted.q[j] + t * (wanted.v[j] + t * wanted.a[j] / 2.0));
         for (j, joint) in config.body().joints.iter().enumerate() {
             worst.error[j] = worst.error[j].max((truth.q[j] - q_ref[j]).abs());
             worst.speed = worst.speed.max(truth.v[j].abs() / joint.limits.v_max);

@@ -6,7 +6,7 @@ use crate::error::PlantError;
 use crate::kinematics::Frames;
 use crate::motor::Motor;
 use crate::plant::{DELAY_MAX_NS, STEP_NS};
-use messages::{JOINTS, LEFT_ARM, RIGHT_ARM, TICK_HZ};
+use messages::{ARM_JOINTS, JOINTS_MAX, TICK_HZ};
 use nalgebra::{Matrix3, Vector3};
 
 /// Name of the options in errors.
@@ -110,7 +110,7 @@ pub(crate) struct Load {
 pub struct Config {
     pub(crate) body: Body,
     pub(crate) dynamics: Dynamics,
-    pub(crate) motors: [Motor; JOINTS],
+    pub(crate) motors: [Motor; JOINTS_MAX],
     pub(crate) loads: Vec<Load>,
     pub(crate) obstacles: Vec<Obstacle>,
     /// Natural frequency of the position loops, rad/s.
@@ -163,7 +163,9 @@ impl Config {
             loads.push(Load { body: pose_body, place: pose.t, mass_kg });
             body.add_payload(&payload.link, mass_kg);
         }
-        for (side, last) in [LEFT_ARM.end, RIGHT_ARM.end].into_iter().enumerate() {
+        let count = body.joints.len();
+        // The arms come last, and body 1 + j moves with joint j.
+        for (side, last) in [count - ARM_JOINTS, count].into_iter().enumerate() {
             let key = ["hands_kg left", "hands_kg right"][side];
             let said = body.payloads[side].map_or(0.0, |(mass_kg, _)| mass_kg);
             let mass_kg = within(key, options.hands_kg[side].unwrap_or(said), 0.0, 20.0)?;
@@ -175,7 +177,7 @@ impl Config {
                 body.add_mass(last, place, mass_kg);
             }
         }
-        let motors: [Motor; JOINTS] = std::array::from_fn(|j| Motor::new(&body.joints[j]));
+        let motors: [Motor; JOINTS_MAX] = std::array::from_fn(|j| body.joints.get(j).map_or(Motor::NONE, Motor::new));
         Ok(Self {
             dynamics: Dynamics::new(&body, motors.map(|motor| motor.armature)),
             body,
@@ -205,14 +207,14 @@ impl Config {
     }
 
     /// Returns the torques of the links in a motion, N m or N. See [`Dynamics::torques`].
-    pub fn torques(&self, q: &[f64; JOINTS], v: &[f64; JOINTS], a: &[f64; JOINTS]) -> [f64; JOINTS] {
+    pub fn torques(&self, q: &[f64; JOINTS_MAX], v: &[f64; JOINTS_MAX], a: &[f64; JOINTS_MAX]) -> [f64; JOINTS_MAX] {
         let mut frames = Frames::default();
         self.body.forward(q, &mut frames);
         self.dynamics.torques(&self.dynamics.at(&frames), v, a)
     }
 
     /// Returns the home posture, rad or m.
-    pub fn home(&self) -> &[f64; JOINTS] {
+    pub fn home(&self) -> &[f64; JOINTS_MAX] {
         &self.body.home
     }
 

@@ -1,14 +1,14 @@
 //! One robot: the tree of its moving bodies with masses, limits, friction and collision capsules.
 //!
-//! This is the second reader of the URDF and of the robot file. Joints that are not commanded stand at position
-//! zero. A link behind them belongs to the body that carries it, and its mass is lumped there. Body 0 is the
+//! This is the second reader of the URDF and of the robot file. Joints that are not commanded stand where the file
+//! holds them. A link behind them belongs to the body that carries it, and its mass is lumped there. Body 0 is the
 //! base. Body `1 + j` moves with joint `j`, and its frame is the frame of that joint's child link.
 
 use crate::error::PlantError;
 use crate::pose::{Pose, turn};
 use crate::robot_file::{RobotFile, Stricter};
 use crate::urdf::{RawJoint, RawLimit, Urdf};
-use messages::{JOINTS, TORSO};
+use messages::JOINTS_MAX;
 use nalgebra::{Matrix3, Vector3};
 
 /// The motion of a joint.
@@ -54,6 +54,8 @@ pub struct Joint {
     pub urdf: Limits,
     /// Limits in force: the stricter of the URDF and the robot file.
     pub limits: Limits,
+    /// Number of the controller that moves it, in the robot file's order.
+    pub controller: usize,
     /// Viscous friction as the URDF states it, N m s/rad or N s/m.
     pub damping: Option<f64>,
     /// Coulomb friction as the URDF states it, N m or N.
@@ -95,10 +97,10 @@ struct Link {
 /// One robot.
 #[derive(Clone, Debug)]
 pub struct Body {
-    /// The commanded joints in the fixed joint order. A parent body never has a greater index than its child.
+    /// The commanded joints in the order of messages: body, left arm, right arm. A parent body never has a greater index than its child.
     pub joints: Vec<Joint>,
     /// Inertia of each body.
-    pub inertias: [Inertia; JOINTS + 1],
+    pub inertias: [Inertia; JOINTS_MAX + 1],
     /// Collision capsules in the robot file's order.
     pub capsules: Vec<Capsule>,
     /// Indices of the capsules that must keep clear of each other, ascending.
@@ -106,7 +108,7 @@ pub struct Body {
     /// Least clearance of every pair, m.
     pub d_min_m: f64,
     /// Home posture, rad or m.
-    pub home: [f64; JOINTS],
+    pub home: [f64; JOINTS_MAX],
     /// Payloads of the left and the right hand in the robot file: mass (kg), and place in the frame of the arm's
     /// last body (m). They are not in `inertias`.
     pub payloads: [Option<(f64, Vector3<f64>)>; 2],
@@ -138,18 +140,24 @@ impl Body {
     pub fn from_text(toml_name: &str, toml: &str, urdf_name: &str, urdf: &str) -> Result<Self, PlantError> {
         let file = RobotFile::read(toml_name, toml)?;
         let urdf = Urdf::read(urdf_name, urdf)?;
-        let names = file.joint_names(toml_name)?;
+        let names = order(&file, &urdf);
+        if names.len() > JOINTS_MAX {
+            let bound = format!("at most {JOINTS_MAX}");
+            return Err(PlantError::value(toml_name, "number of commanded joints", names.len(), bound));
+        }
+        file.check_names(toml_name, &names)?;
         let tree = Tree { file: urdf_name, urdf: &urdf, at: find(urdf_name, &names, &urdf)? };
         let links = tree.links(toml_name, &file)?;
-        let mut joints = Vec::with_capacity(JOINTS);
-        let mut home = [0.0; JOINTS];
+        let mut joints = Vec::with_capacity(JOINTS_MAX);
+        let mut home = [0.0; JOINTS_MAX];
         for (j, name) in names.iter().enumerate() {
-            joints.push(tree.joint(j, &links, &file.stricter(toml_name, j, name)?)?);
+            let controller = file.controller(toml_name, name)?;
+            joints.push(tree.joint(j, &links, &file.stricter(toml_name, name)?, controller)?);
             home[j] = file.home(toml_name, name)?;
         }
         let mut body = Self {
             joints,
-            inertias: [Inertia::zero(); JOINTS + 1],
+            inertias: [Inertia::zero(); JOINTS_MAX + 1],
             capsules: Vec::new(),
             pairs: Vec::new(),
             d_min_m: file.d_min_m(toml_name)?,
@@ -244,15 +252,36 @@ impl Body {
     }
 }
 
+/// Returns the names of the commanded joints in the order of messages: the body's joints by their depth in the tree,
+/// the left arm's, the right arm's.
+fn order(file: &RobotFile, urdf: &Urdf) -> Vec<String> {
+    let joint_above = |link: &str| urdf.joints.iter().find(|joint| joint.child == link);
+    let depth = |name: &String| {
+        let mut joint = urdf.joints.iter().find(|joint| joint.name == *name);
+        let mut depth = 0;
+        // A loop of links is refused later. Here it must only end.
+        while let Some(above) = joint.filter(|_| depth <= urdf.joints.len()) {
+            joint = joint_above(&above.parent);
+            depth += 1;
+        }
+        depth
+    };
+    let mut names = file.body_joints.clone();
+    names.sort_by_key(depth);
+    names.extend(file.arm_joints().cloned());
+    names
+}
+
 /// Returns the places of the commanded joints in the URDF.
-fn find(file: &str, names: &[String; JOINTS], urdf: &Urdf) -> Result<[usize; JOINTS], PlantError> {
-    let mut at = [0; JOINTS];
-    for (j, name) in names.iter().enumerate() {
+fn find(file: &str, names: &[String], urdf: &Urdf) -> Result<Vec<usize>, PlantError> {
+    let mut at = Vec::with_capacity(names.len());
+    for name in names {
         let known = urdf.joints.iter().position(|joint| joint.name == *name);
-        at[j] = known.ok_or_else(|| PlantError::missing(file, format!("joint `{name}`")))?;
-        if at[..j].contains(&at[j]) {
+        let place = known.ok_or_else(|| PlantError::missing(file, format!("joint `{name}`")))?;
+        if at.contains(&place) {
             return Err(PlantError::value(file, "joint", name, "is commanded twice; each joint may be named once"));
         }
+        at.push(place);
     }
     Ok(at)
 }
@@ -261,7 +290,7 @@ fn find(file: &str, names: &[String; JOINTS], urdf: &Urdf) -> Result<[usize; JOI
 struct Tree<'a> {
     file: &'a str,
     urdf: &'a Urdf,
-    at: [usize; JOINTS],
+    at: Vec<usize>,
 }
 
 impl Tree<'_> {
@@ -286,8 +315,9 @@ impl Tree<'_> {
                 ));
             }
             let moves = joint.kind != "fixed" && !self.at.contains(&place);
-            if moves && !file.held_joints.contains(&joint.name) {
-                return Err(PlantError::missing(toml, format!("held_joints: movable joint `{}`", joint.name)));
+            if moves && !file.held_rad.contains_key(&joint.name) && !file.held_m.contains_key(&joint.name) {
+                let key = format!("held_rad or held_m: movable joint `{}`", joint.name);
+                return Err(PlantError::missing(toml, key));
             }
         }
         let roots: Vec<&str> = (0..above.len())
@@ -302,11 +332,11 @@ impl Tree<'_> {
                 format!("must be the only root; roots: {roots:?}"),
             ));
         }
-        (0..above.len()).map(|link| self.locate(link, &above)).collect()
+        (0..above.len()).map(|link| self.locate(link, &above, file)).collect()
     }
 
     /// Climbs from a link to the commanded joint above it.
-    fn locate(&self, start: usize, above: &[Option<(usize, usize)>]) -> Result<Link, PlantError> {
+    fn locate(&self, start: usize, above: &[Option<(usize, usize)>], file: &RobotFile) -> Result<Link, PlantError> {
         let name = self.urdf.links[start].name.clone();
         let (mut link, mut pose) = (start, Pose::identity());
         for _ in 0..=above.len() {
@@ -316,27 +346,27 @@ impl Tree<'_> {
             if let Some(j) = self.at.iter().position(|commanded| *commanded == place) {
                 return Ok(Link { name, body: j + 1, body_from_link: pose });
             }
-            pose = self.held(&self.urdf.joints[place])?.then(&pose);
+            pose = self.held(&self.urdf.joints[place], file)?.then(&pose);
             link = parent;
         }
         Err(PlantError::value(self.file, "link", name, "is part of a loop; the links must form a tree"))
     }
 
-    /// Returns the pose of a joint that is not commanded: at zero, or where a mimic joint stands that follows one
-    /// at zero.
-    fn held(&self, joint: &RawJoint) -> Result<Pose, PlantError> {
+    /// Returns the pose of a joint that is not commanded, where the file holds it.
+    fn held(&self, joint: &RawJoint, file: &RobotFile) -> Result<Pose, PlantError> {
         let pose = Pose::from_origin(joint.xyz, joint.rpy);
-        let Some(mimic) = &joint.mimic else { return Ok(pose) };
-        if self.at.iter().any(|&place| self.urdf.joints[place].name == mimic.joint) {
-            let key = format!("joint `{}`: mimic", joint.name);
-            return Err(PlantError::value(self.file, &key, &mimic.joint, "must not follow a commanded joint"));
+        if joint.kind == "fixed" {
+            return Ok(pose);
         }
         let axis = self.unit_axis(joint)?;
-        Ok(match joint.kind.as_str() {
-            "prismatic" => pose.then(&Pose { r: Matrix3::identity(), t: axis * mimic.offset }),
-            "fixed" => pose,
-            _ => pose.then(&Pose { r: turn(&axis, mimic.offset), t: Vector3::zeros() }),
-        })
+        let table = if joint.kind == "prismatic" { &file.held_m } else { &file.held_rad };
+        let position = table.get(&joint.name).copied().filter(|position| position.is_finite());
+        let key = || format!("held position of `{}`, finite and in its unit", joint.name);
+        let position = position.ok_or_else(|| PlantError::missing(self.file, key()))?;
+        Ok(pose.then(&match joint.kind.as_str() {
+            "prismatic" => Pose { r: Matrix3::identity(), t: axis * position },
+            _ => Pose { r: turn(&axis, position), t: Vector3::zeros() },
+        }))
     }
 
     fn unit_axis(&self, joint: &RawJoint) -> Result<Vector3<f64>, PlantError> {
@@ -349,21 +379,22 @@ impl Tree<'_> {
         Err(PlantError::value(self.file, &key, format!("{:?}", joint.axis), "must have length 1"))
     }
 
-    fn joint(&self, j: usize, links: &[Link], stricter: &Stricter) -> Result<Joint, PlantError> {
+    fn joint(&self, j: usize, links: &[Link], stricter: &Stricter, controller: usize) -> Result<Joint, PlantError> {
         let raw = &self.urdf.joints[self.at[j]];
         let key = |what: &str| format!("joint `{}`: {what}", raw.name);
-        let (wanted, kind) = match j {
-            TORSO => ("prismatic", JointKind::Prismatic),
-            _ => ("revolute", JointKind::Revolute),
+        let kind = match raw.kind.as_str() {
+            "prismatic" => Some(JointKind::Prismatic),
+            "revolute" => Some(JointKind::Revolute),
+            _ => None,
         };
-        if raw.kind != wanted || raw.mimic.is_some() {
-            let bound = format!("a commanded joint here must be {wanted}, with limits and without mimic");
+        let Some(kind) = kind.filter(|_| raw.mimic.is_none()) else {
+            let bound = "a commanded joint must be revolute or prismatic, with limits and without mimic";
             return Err(PlantError::value(self.file, &key("type"), &raw.kind, bound));
-        }
+        };
         let limit = raw.limit.ok_or_else(|| PlantError::missing(self.file, key("limit")))?;
         let carrier = links.iter().find(|link| link.name == raw.parent);
         let Some(carrier) = carrier.filter(|carrier| carrier.body <= j) else {
-            let bound = "a joint must not be attached to a later one in the order torso, head, left arm, right arm";
+            let bound = "a joint must not be attached to a later one in the order body, left arm, right arm";
             return Err(PlantError::value(self.file, &key("parent"), &raw.parent, bound));
         };
         for (what, value) in [("damping", raw.damping), ("friction", raw.friction)] {
@@ -380,6 +411,7 @@ impl Tree<'_> {
             axis: self.unit_axis(raw)?,
             urdf,
             limits,
+            controller,
             damping: raw.damping,
             friction: raw.friction,
         })

@@ -9,7 +9,7 @@
 
 use crate::description::{Body, Inertia, JointKind};
 use crate::kinematics::Frames;
-use messages::JOINTS;
+use messages::JOINTS_MAX;
 use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
 
 /// Standard gravity, m/s^2 (CGPM 1901).
@@ -27,29 +27,32 @@ pub enum Drive {
 /// The constants of the dynamics of one robot.
 #[derive(Clone, Debug)]
 pub struct Dynamics {
-    parent: [usize; JOINTS],
-    kind: [JointKind; JOINTS],
-    axis: [Vector3<f64>; JOINTS],
-    inertia: [Inertia; JOINTS + 1],
+    /// Number of joints. Arrays are longer.
+    count: usize,
+    parent: [usize; JOINTS_MAX],
+    kind: [JointKind; JOINTS_MAX],
+    axis: [Vector3<f64>; JOINTS_MAX],
+    inertia: [Inertia; JOINTS_MAX + 1],
     /// Reflected inertia of each joint's rotor, kg m^2 or kg.
-    armature: [f64; JOINTS],
+    armature: [f64; JOINTS_MAX],
 }
 
 /// One posture: axes and inertias in base coordinates.
 #[derive(Clone, Debug)]
 pub struct Posture {
     /// Unit velocity of each joint: angular part, then the velocity of the point at the base's origin.
-    subspace: [Vector6<f64>; JOINTS],
-    inertia: [Inertia; JOINTS + 1],
+    subspace: [Vector6<f64>; JOINTS_MAX],
+    inertia: [Inertia; JOINTS_MAX + 1],
 }
 
 impl Dynamics {
     /// Creates the dynamics of `body` with rotors of these reflected inertias, kg m^2 or kg.
-    pub fn new(body: &Body, armature: [f64; JOINTS]) -> Self {
+    pub fn new(body: &Body, armature: [f64; JOINTS_MAX]) -> Self {
         Self {
-            parent: std::array::from_fn(|j| body.joints[j].parent),
-            kind: std::array::from_fn(|j| body.joints[j].kind),
-            axis: std::array::from_fn(|j| body.joints[j].axis),
+            count: body.joints.len(),
+            parent: std::array::from_fn(|j| body.joints.get(j).map_or(0, |joint| joint.parent)),
+            kind: std::array::from_fn(|j| body.joints.get(j).map_or(JointKind::Revolute, |joint| joint.kind)),
+            axis: std::array::from_fn(|j| body.joints.get(j).map_or_else(Vector3::zeros, |joint| joint.axis)),
             inertia: body.inertias,
             armature,
         }
@@ -66,7 +69,7 @@ impl Dynamics {
             }
         });
         // The base stands still, so its inertia stays zero.
-        let mut inertia = [Inertia::zero(); JOINTS + 1];
+        let mut inertia = [Inertia::zero(); JOINTS_MAX + 1];
         for ((out, own), pose) in inertia.iter_mut().zip(&self.inertia).zip(&frames.base_from_body).skip(1) {
             let (t, moment) = (pose.t, pose.r * own.moment);
             let cross = t * moment.transpose();
@@ -85,10 +88,10 @@ impl Dynamics {
 
     /// Returns the torques (N m, N) that hold the posture against gravity, and the diagonal of the mass matrix
     /// with rotors (kg m^2, kg).
-    pub fn gravity_and_diagonal(&self, posture: &Posture) -> ([f64; JOINTS], [f64; JOINTS]) {
+    pub fn gravity_and_diagonal(&self, posture: &Posture) -> ([f64; JOINTS_MAX], [f64; JOINTS_MAX]) {
         let mut composite = posture.inertia;
-        let (mut gravity, mut diagonal) = ([0.0; JOINTS], [0.0; JOINTS]);
-        for j in (0..JOINTS).rev() {
+        let (mut gravity, mut diagonal) = ([0.0; JOINTS_MAX], [0.0; JOINTS_MAX]);
+        for j in (0..self.count).rev() {
             let carried = composite[j + 1];
             let (w, v) = split(&posture.subspace[j]);
             // S . I a with the acceleration a = (0, g) of a base that holds against gravity.
@@ -106,12 +109,17 @@ impl Dynamics {
     }
 
     /// Returns the accelerations of all joints (rad/s^2, m/s^2) at the joint speeds `v` with these drives.
-    pub fn accelerations(&self, posture: &Posture, v: &[f64; JOINTS], drives: &[Drive; JOINTS]) -> [f64; JOINTS] {
-        let mut velocity = [Vector6::zeros(); JOINTS + 1];
-        let mut coriolis = [Vector6::zeros(); JOINTS];
-        let mut articulated = [Matrix6::zeros(); JOINTS + 1];
-        let mut bias = [Vector6::zeros(); JOINTS + 1];
-        for j in 0..JOINTS {
+    pub fn accelerations(
+        &self,
+        posture: &Posture,
+        v: &[f64; JOINTS_MAX],
+        drives: &[Drive; JOINTS_MAX],
+    ) -> [f64; JOINTS_MAX] {
+        let mut velocity = [Vector6::zeros(); JOINTS_MAX + 1];
+        let mut coriolis = [Vector6::zeros(); JOINTS_MAX];
+        let mut articulated = [Matrix6::zeros(); JOINTS_MAX + 1];
+        let mut bias = [Vector6::zeros(); JOINTS_MAX + 1];
+        for j in 0..self.count {
             let moved = posture.subspace[j] * v[j];
             velocity[j + 1] = velocity[self.parent[j]] + moved;
             coriolis[j] = cross_motion(&velocity[j + 1], &moved);
@@ -120,9 +128,9 @@ impl Dynamics {
             bias[j + 1] = cross_force(&velocity[j + 1], &momentum);
         }
         // For each joint: I_A S, S . I_A S, and the torque that is left for it.
-        let mut felt = [Vector6::zeros(); JOINTS];
-        let (mut inertia, mut rest) = ([0.0; JOINTS], [0.0; JOINTS]);
-        for j in (0..JOINTS).rev() {
+        let mut felt = [Vector6::zeros(); JOINTS_MAX];
+        let (mut inertia, mut rest) = ([0.0; JOINTS_MAX], [0.0; JOINTS_MAX]);
+        for j in (0..self.count).rev() {
             let (s, ia, p) = (&posture.subspace[j], articulated[j + 1], bias[j + 1]);
             let (to_parent, push) = match drives[j] {
                 Drive::Torque(torque) => {
@@ -138,10 +146,10 @@ impl Dynamics {
             articulated[self.parent[j]] += to_parent;
             bias[self.parent[j]] += push;
         }
-        let mut acceleration = [Vector6::zeros(); JOINTS + 1];
+        let mut acceleration = [Vector6::zeros(); JOINTS_MAX + 1];
         acceleration[0][5] = GRAVITY_M_PER_S2;
-        let mut result = [0.0; JOINTS];
-        for j in 0..JOINTS {
+        let mut result = [0.0; JOINTS_MAX];
+        for j in 0..self.count {
             let carried = acceleration[self.parent[j]] + coriolis[j];
             result[j] = match drives[j] {
                 Drive::Torque(_) => (rest[j] - felt[j].dot(&carried)) / inertia[j],
@@ -155,20 +163,20 @@ impl Dynamics {
     /// Returns the torques (N m, N) of the links alone, without rotors and friction, in the motion with these
     /// joint speeds and accelerations (rad/s, rad/s^2; m/s, m/s^2). It is the recursion of Newton and Euler,
     /// section 5.3.
-    pub fn torques(&self, posture: &Posture, v: &[f64; JOINTS], a: &[f64; JOINTS]) -> [f64; JOINTS] {
-        let mut velocity = [Vector6::zeros(); JOINTS + 1];
-        let mut acceleration = [Vector6::zeros(); JOINTS + 1];
-        let mut force = [Vector6::zeros(); JOINTS + 1];
+    pub fn torques(&self, posture: &Posture, v: &[f64; JOINTS_MAX], a: &[f64; JOINTS_MAX]) -> [f64; JOINTS_MAX] {
+        let mut velocity = [Vector6::zeros(); JOINTS_MAX + 1];
+        let mut acceleration = [Vector6::zeros(); JOINTS_MAX + 1];
+        let mut force = [Vector6::zeros(); JOINTS_MAX + 1];
         acceleration[0][5] = GRAVITY_M_PER_S2;
-        for j in 0..JOINTS {
+        for j in 0..self.count {
             let (s, parent) = (&posture.subspace[j], self.parent[j]);
             velocity[j + 1] = velocity[parent] + s * v[j];
             acceleration[j + 1] = acceleration[parent] + s * a[j] + cross_motion(&velocity[j + 1], &(s * v[j]));
             let inertia = spatial(&posture.inertia[j + 1]);
             force[j + 1] = inertia * acceleration[j + 1] + cross_force(&velocity[j + 1], &(inertia * velocity[j + 1]));
         }
-        let mut torques = [0.0; JOINTS];
-        for j in (0..JOINTS).rev() {
+        let mut torques = [0.0; JOINTS_MAX];
+        for j in (0..self.count).rev() {
             torques[j] = posture.subspace[j].dot(&force[j + 1]);
             let passed = force[j + 1];
             force[self.parent[j]] += passed;
@@ -178,10 +186,10 @@ impl Dynamics {
 
     /// Returns the kinetic energy, that of the rotors included, and the potential energy above the base's origin,
     /// J.
-    pub fn energy_j(&self, posture: &Posture, v: &[f64; JOINTS]) -> (f64, f64) {
-        let mut velocity = [Vector6::zeros(); JOINTS + 1];
+    pub fn energy_j(&self, posture: &Posture, v: &[f64; JOINTS_MAX]) -> (f64, f64) {
+        let mut velocity = [Vector6::zeros(); JOINTS_MAX + 1];
         let (mut kinetic, mut potential) = (0.0, 0.0);
-        for j in 0..JOINTS {
+        for j in 0..self.count {
             let inertia = &posture.inertia[j + 1];
             velocity[j + 1] = velocity[self.parent[j]] + posture.subspace[j] * v[j];
             let body = velocity[j + 1].dot(&(spatial(inertia) * velocity[j + 1]));

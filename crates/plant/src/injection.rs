@@ -1,6 +1,6 @@
 //! Faults of the robot that tests and simulations switch on.
 
-use messages::JOINTS;
+use messages::JOINTS_MAX;
 
 /// A fault, switched on from now on. [`crate::Plant::repair`] switches all of them off. Feedback faults distort
 /// the measurement and do not change the motion.
@@ -63,18 +63,18 @@ pub(crate) struct Swing {
 /// The faults that are on.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Injected {
-    offset: [f64; JOINTS],
+    offset: [f64; JOINTS_MAX],
     spike: Option<(usize, f64)>,
-    frozen: [bool; JOINTS],
-    nan: [bool; JOINTS],
+    frozen: [bool; JOINTS_MAX],
+    nan: [bool; JOINTS_MAX],
     /// Position about which the measurement of a joint is mirrored.
-    feedback_mirror: [Option<f64>; JOINTS],
+    feedback_mirror: [Option<f64>; JOINTS_MAX],
     swapped: Option<(usize, usize)>,
-    not_followed: [bool; JOINTS],
-    drive_fault: [bool; JOINTS],
+    not_followed: [bool; JOINTS_MAX],
+    drive_fault: [bool; JOINTS_MAX],
     /// Position about which the setpoints of a joint are mirrored.
-    pub(crate) setpoint_mirror: [Option<f64>; JOINTS],
-    pub(crate) swing: [Option<Swing>; JOINTS],
+    pub(crate) setpoint_mirror: [Option<f64>; JOINTS_MAX],
+    pub(crate) swing: [Option<Swing>; JOINTS_MAX],
     pub(crate) rejecting: bool,
     pub(crate) emergency_stop: bool,
     /// Speed at which joints give way while the motors have no power.
@@ -84,12 +84,12 @@ pub(crate) struct Injected {
 impl Injected {
     /// Switches a fault on, with the joints at `q` after `step` steps. A joint index that is too large changes
     /// nothing.
-    pub(crate) fn switch_on(&mut self, fault: Injection, q: &[f64; JOINTS], step: u64) {
-        let known = |joint: usize| joint < JOINTS;
+    pub(crate) fn switch_on(&mut self, fault: Injection, q: &[f64; JOINTS_MAX], step: u64) {
+        let known = |joint: usize| joint < JOINTS_MAX;
         match fault {
             Injection::EncoderJump { joint, by } if known(joint) => self.offset[joint] += by,
             Injection::EncoderSpike { joint, by } if known(joint) => self.spike = Some((joint, by)),
-            Injection::FrozenFeedback => self.frozen = [true; JOINTS],
+            Injection::FrozenFeedback => self.frozen = [true; JOINTS_MAX],
             Injection::FrozenEncoder { joint } if known(joint) => self.frozen[joint] = true,
             Injection::NanFeedback { joint } if known(joint) => self.nan[joint] = true,
             Injection::FeedbackInverted { joint } if known(joint) => self.feedback_mirror[joint] = Some(q[joint]),
@@ -148,8 +148,8 @@ impl Injected {
     }
 
     /// Distorts a new sample. A frozen joint was distorted when its value was taken.
-    pub(crate) fn distort(&mut self, q: &mut [f64; JOINTS], dq: &mut [f64; JOINTS]) {
-        for j in (0..JOINTS).filter(|&j| !self.frozen[j]) {
+    pub(crate) fn distort(&mut self, q: &mut [f64; JOINTS_MAX], dq: &mut [f64; JOINTS_MAX]) {
+        for j in (0..JOINTS_MAX).filter(|&j| !self.frozen[j]) {
             if let Some(about) = self.feedback_mirror[j] {
                 (q[j], dq[j]) = (2.0 * about - q[j], -dq[j]);
             }

@@ -5,7 +5,7 @@ use crate::distance::{segment_box, segment_plane, segment_segment};
 use crate::kinematics::Frames;
 use crate::plant::{Setpoint, Truth};
 use crate::report::{Report, ViolationKind};
-use messages::{JOINTS, Stamp};
+use messages::{JOINTS_MAX, Stamp};
 use nalgebra::Vector3;
 
 /// Steps between two looks: 2 ms.
@@ -36,14 +36,14 @@ pub const CLEARANCE_MARGIN_M: f64 = 0.006;
 pub struct Judge {
     report: Report,
     /// The last setpoint that was taken: time, positions, velocities.
-    last: Option<(Stamp, [f64; JOINTS], [f64; JOINTS])>,
+    last: Option<(Stamp, [f64; JOINTS_MAX], [f64; JOINTS_MAX])>,
     /// Time that each joint may still spend on motion, and on change of velocity, s.
-    time_left_s: [[f64; JOINTS]; 2],
+    time_left_s: [[f64; JOINTS_MAX]; 2],
     /// End of the last gap that was longer than the jitter allowance.
     gap_end: Stamp,
     /// Distance of each joint outside the URDF's limits and the limits in force that is allowed. 0 for a robot
     /// that starts inside.
-    outside: [[f64; JOINTS]; 2],
+    outside: [[f64; JOINTS_MAX]; 2],
     /// Least clearance that must be kept, m.
     clearance_m: f64,
     frames: Frames,
@@ -52,13 +52,13 @@ pub struct Judge {
 
 impl Judge {
     /// Begins with a robot that stands at `q`.
-    pub fn new(config: &Config, q: &[f64; JOINTS]) -> Self {
+    pub fn new(config: &Config, q: &[f64; JOINTS_MAX]) -> Self {
         let mut judge = Self {
             report: Report::default(),
             last: None,
-            time_left_s: [[0.0; JOINTS]; 2],
+            time_left_s: [[0.0; JOINTS_MAX]; 2],
             gap_end: Stamp::NONE,
-            outside: [[0.0; JOINTS]; 2],
+            outside: [[0.0; JOINTS_MAX]; 2],
             clearance_m: config.body.d_min_m,
             frames: Frames::default(),
             segments: vec![[Vector3::zeros(); 2]; config.body.capsules.len()],
@@ -137,7 +137,7 @@ impl Judge {
         let last = self.last.filter(|_| !begins);
         self.last = Some((now, setpoint.q, setpoint.v));
         let Some((at, q, v)) = last else {
-            self.time_left_s = [[allowance_s; JOINTS]; 2];
+            self.time_left_s = [[allowance_s; JOINTS_MAX]; 2];
             return;
         };
         let elapsed_s = now.since(at) as f64 * 1e-9;
@@ -164,7 +164,7 @@ impl Judge {
     }
 
     /// Returns the least clearance at `q`, m, and the index of that pair as in [`crate::Violation::which`].
-    pub fn clearance(&mut self, config: &Config, q: &[f64; JOINTS]) -> (f64, usize) {
+    pub fn clearance(&mut self, config: &Config, q: &[f64; JOINTS_MAX]) -> (f64, usize) {
         let body = &config.body;
         body.forward(q, &mut self.frames);
         for (segment, capsule) in self.segments.iter_mut().zip(&body.capsules) {

@@ -2,19 +2,19 @@
 
 use crate::description::{Body, Joint, JointKind};
 use crate::pose::{Pose, turn};
-use messages::JOINTS;
+use messages::JOINTS_MAX;
 use nalgebra::Vector3;
 
 /// Poses of all bodies in the base frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Frames {
     /// Body 0 is the base, body `1 + j` moves with joint `j`.
-    pub base_from_body: [Pose; JOINTS + 1],
+    pub base_from_body: [Pose; JOINTS_MAX + 1],
 }
 
 impl Default for Frames {
     fn default() -> Self {
-        Self { base_from_body: [Pose::identity(); JOINTS + 1] }
+        Self { base_from_body: [Pose::identity(); JOINTS_MAX + 1] }
     }
 }
 
@@ -31,7 +31,7 @@ impl Joint {
 
 impl Body {
     /// Computes the poses of all bodies at the posture `q` (rad, m).
-    pub fn forward(&self, q: &[f64; JOINTS], out: &mut Frames) {
+    pub fn forward(&self, q: &[f64; JOINTS_MAX], out: &mut Frames) {
         out.base_from_body[0] = Pose::identity();
         for (j, joint) in self.joints.iter().enumerate() {
             out.base_from_body[j + 1] = out.base_from_body[joint.parent].then(&joint.parent_from_moved(q[j]));
@@ -44,7 +44,7 @@ impl Body {
     pub fn point_velocity(
         &self,
         frames: &Frames,
-        v: &[f64; JOINTS],
+        v: &[f64; JOINTS_MAX],
         body: usize,
         point: &Vector3<f64>,
     ) -> Vector3<f64> {

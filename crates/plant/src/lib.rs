@@ -22,13 +22,13 @@
 //! so it comes last. [`Plant`] and [`Judge`] are plain values: a clone is an independent simulation.
 //!
 //! ```
-//! use messages::{JOINTS, Layout, Stamp, StopPlan};
+//! use messages::{JOINTS_MAX, Layout, Stamp, StopPlan};
 //! use plant::{Config, Options, Plant, Setpoint};
 //!
 //! # let read = |kind| std::fs::read_to_string(format!("../../config/robots/tiago_dual.{kind}"));
 //! # let (toml, urdf) = (read("toml")?, read("urdf")?);
 //! let config = Config::from_text("robot.toml", &toml, "robot.urdf", &urdf, &Options::default())?;
-//! let (start, zero) = (Stamp(1_000_000_000), [0.0; JOINTS]);
+//! let (start, zero) = (Stamp(1_000_000_000), [0.0; JOINTS_MAX]);
 //! let mut plant = Plant::new(&config, start, &zero, 1);
 //! plant.receive(&config, start, &Setpoint { k: 1, q: zero, v: zero, a: zero, plan: StopPlan::ZERO });
 //! assert!(!plant.measure(&config, start.plus_ns(5_000_000)).reacting);

@@ -42,6 +42,19 @@ pub(crate) struct Motor {
 }
 
 impl Motor {
+    /// The motor of a joint that is not there.
+    pub(crate) const NONE: Self = Self {
+        armature: 1.0,
+        viscous: 0.0,
+        coulomb: 0.0,
+        smooth_speed: 1.0,
+        effort_max: 0.0,
+        v_max: 1.0,
+        stopping: 1.0,
+        braking: 1.0,
+        damping_rate: 1.0,
+    };
+
     pub(crate) fn new(joint: &Joint) -> Self {
         let bare = match joint.kind {
             JointKind::Revolute => BARE_ACCELERATION_RAD_PER_S2,

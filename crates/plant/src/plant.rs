@@ -7,7 +7,7 @@ use crate::injection::{Injected, Injection};
 use crate::judge::{JUDGE_STEPS, Judge};
 use crate::kinematics::Frames;
 use crate::noise::Noise;
-use messages::{JOINTS, Stamp, StopPlan};
+use messages::{JOINTS_MAX, Stamp, StopPlan};
 use nalgebra::Vector3;
 
 /// Length of a step, ns: 2 kHz. Assumption: the rate of a joint's position loop.
@@ -38,11 +38,11 @@ pub struct Setpoint {
     /// Index. While the drives follow setpoints, they ignore a setpoint that is not newer than the last.
     pub k: u64,
     /// Joint positions, rad or m.
-    pub q: [f64; JOINTS],
+    pub q: [f64; JOINTS_MAX],
     /// Joint velocities, rad/s or m/s.
-    pub v: [f64; JOINTS],
+    pub v: [f64; JOINTS_MAX],
     /// Joint accelerations, rad/s^2 or m/s^2.
-    pub a: [f64; JOINTS],
+    pub a: [f64; JOINTS_MAX],
     /// The stop from (q, v, a). Only [`Reaction::Play`] uses it.
     pub plan: StopPlan,
 }
@@ -64,11 +64,11 @@ pub struct Measured {
     /// Time of the step at which the sample was taken.
     pub stamp: Stamp,
     /// Joint positions, rad or m.
-    pub q: [f64; JOINTS],
+    pub q: [f64; JOINTS_MAX],
     /// Joint velocities, rad/s or m/s.
-    pub dq: [f64; JOINTS],
+    pub dq: [f64; JOINTS_MAX],
     /// Motor torques, N m or N.
-    pub tau: [f64; JOINTS],
+    pub tau: [f64; JOINTS_MAX],
     /// State that the drives report.
     pub drives: Drives,
     /// True if the watchdog fired and no setpoint was taken since.
@@ -81,11 +81,11 @@ pub struct Truth {
     /// Time of the step.
     pub stamp: Stamp,
     /// Joint positions, rad or m.
-    pub q: [f64; JOINTS],
+    pub q: [f64; JOINTS_MAX],
     /// Joint velocities, rad/s or m/s.
-    pub v: [f64; JOINTS],
+    pub v: [f64; JOINTS_MAX],
     /// Motor torques or forces in the step before, N m or N. Zero where a brake holds.
-    pub tau: [f64; JOINTS],
+    pub tau: [f64; JOINTS_MAX],
 }
 
 /// The present action of the drives.
@@ -117,7 +117,7 @@ pub struct Plant {
     last: Setpoint,
     last_at: Stamp,
     /// The reference of [`Mode::Holding`]: positions and velocities.
-    held: ([f64; JOINTS], [f64; JOINTS]),
+    held: ([f64; JOINTS_MAX], [f64; JOINTS_MAX]),
     /// Setpoints under way with the time of their arrival, oldest first from `first`.
     under_way: [(Stamp, Setpoint); UNDER_WAY_MAX],
     first: usize,
@@ -131,14 +131,14 @@ pub struct Plant {
 
 impl Plant {
     /// Creates a plant at rest at `q` at the time `now`. `seed` is the seed of the noise.
-    pub fn new(config: &Config, now: Stamp, q: &[f64; JOINTS], seed: u64) -> Self {
-        let zero = [0.0; JOINTS];
+    pub fn new(config: &Config, now: Stamp, q: &[f64; JOINTS_MAX], seed: u64) -> Self {
+        let zero = [0.0; JOINTS_MAX];
         let rest = Setpoint {
             k: 0,
             q: *q,
             v: zero,
             a: zero,
-            plan: StopPlan { jerk: [[0.0; 3]; JOINTS], duration_s: [[0.0; 3]; JOINTS] },
+            plan: StopPlan { jerk: [[0.0; 3]; JOINTS_MAX], duration_s: [[0.0; 3]; JOINTS_MAX] },
         };
         let drives = Drives { emergency_stop: false, fault: false, powered: true };
         let mut plant = Self {
@@ -279,7 +279,7 @@ impl Plant {
     fn sample(&mut self, config: &Config) {
         let measured = &mut self.measured;
         measured.stamp = self.truth.stamp;
-        for j in 0..JOINTS {
+        for j in 0..config.body.joints.len() {
             let (noise_q, noise_v) = self.noise.pair();
             if self.injected.is_frozen(j) {
                 continue;
@@ -299,7 +299,7 @@ impl Plant {
     }
 
     fn is_near(&self, config: &Config, setpoint: &Setpoint) -> bool {
-        (0..JOINTS).all(|j| {
+        (0..config.body.joints.len()).all(|j| {
             let near = config.by_kind(j, NEAR_RAD, NEAR_M);
             let near_speed = config.by_kind(j, NEAR_RAD_PER_S, NEAR_M_PER_S);
             (setpoint.q[j] - self.truth.q[j]).abs() <= near && (setpoint.v[j] - self.truth.v[j]).abs() <= near_speed
@@ -354,7 +354,7 @@ impl Plant {
             };
         }
         if let Mode::Holding { .. } = self.mode {
-            for j in 0..JOINTS {
+            for j in 0..JOINTS_MAX {
                 let (v, change) = (self.held.1[j], config.motors[j].stopping * STEP_S);
                 let slower = v - v.clamp(-change, change);
                 self.held.0[j] += (v + slower) / 2.0 * STEP_S;
@@ -364,7 +364,7 @@ impl Plant {
     }
 
     /// Returns the posture, and the drive of each joint in this step.
-    fn drives(&mut self, config: &Config) -> (crate::dynamics::Posture, [Drive; JOINTS]) {
+    fn drives(&mut self, config: &Config) -> (crate::dynamics::Posture, [Drive; JOINTS_MAX]) {
         let mut frames = Frames::default();
         config.body.forward(&self.truth.q, &mut frames);
         let posture = config.dynamics.at(&frames);
@@ -425,7 +425,7 @@ impl Plant {
     /// Returns true if the setpoint in force came with a stop for every moving joint. Points of a trajectory
     /// controller have none.
     fn came_with_a_stop(&self) -> bool {
-        (0..JOINTS).all(|j| {
+        (0..JOINTS_MAX).all(|j| {
             let stands = self.last.v[j] == 0.0 && self.last.a[j] == 0.0;
             stands || self.last.plan.duration_s[j].iter().sum::<f64>() > 0.0
         })
@@ -459,7 +459,7 @@ impl Plant {
 }
 
 /// Removes the loads from the drives' gravity model, because the drives do not know them.
-fn forget_loads(config: &Config, frames: &Frames, gravity: &mut [f64; JOINTS]) {
+fn forget_loads(config: &Config, frames: &Frames, gravity: &mut [f64; JOINTS_MAX]) {
     for load in &config.loads {
         let p = frames.base_from_body[load.body].point(&load.place);
         let weight = Vector3::new(0.0, 0.0, load.mass_kg * GRAVITY_M_PER_S2);

@@ -1,6 +1,6 @@
 //! The judge's report.
 
-use messages::{JOINTS, Stamp};
+use messages::{JOINTS_MAX, Stamp};
 
 messages::named! {
     /// A limit that can be violated.
@@ -52,13 +52,13 @@ pub struct Report {
     /// How many setpoints were compared with the limits.
     pub setpoints: u64,
     /// Least true position of each joint, rad or m.
-    pub q_min: [f64; JOINTS],
+    pub q_min: [f64; JOINTS_MAX],
     /// Greatest true position of each joint, rad or m.
-    pub q_max: [f64; JOINTS],
+    pub q_max: [f64; JOINTS_MAX],
     /// Greatest true speed of each joint over its limit in force.
-    pub speed_ratio_max: [f64; JOINTS],
+    pub speed_ratio_max: [f64; JOINTS_MAX],
     /// Greatest motor torque of each joint over its limit in force.
-    pub effort_ratio_max: [f64; JOINTS],
+    pub effort_ratio_max: [f64; JOINTS_MAX],
     /// Least true clearance of the checked pairs and obstacles, m. Infinite before the first look.
     pub clearance_min_m: f64,
     /// Clearance at the last look, m.
@@ -72,10 +72,10 @@ impl Default for Report {
             first: None,
             looks: 0,
             setpoints: 0,
-            q_min: [f64::INFINITY; JOINTS],
-            q_max: [f64::NEG_INFINITY; JOINTS],
-            speed_ratio_max: [0.0; JOINTS],
-            effort_ratio_max: [0.0; JOINTS],
+            q_min: [f64::INFINITY; JOINTS_MAX],
+            q_max: [f64::NEG_INFINITY; JOINTS_MAX],
+            speed_ratio_max: [0.0; JOINTS_MAX],
+            effort_ratio_max: [0.0; JOINTS_MAX],
             clearance_min_m: f64::INFINITY,
             clearance_m: f64::INFINITY,
         }

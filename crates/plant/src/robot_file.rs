@@ -1,39 +1,29 @@
-//! The part of the robot file that a robot's body needs: joint order, limits, capsules and pairs.
+//! The part of the robot file that a robot's body needs: joints, limits, capsules and pairs.
 
 use crate::error::PlantError;
-use messages::{HEAD, JOINTS, LEFT_ARM, RIGHT_ARM, TORSO};
 use serde::Deserialize;
 use std::collections::BTreeMap;
 
-/// The keys of `[joints]` in the fixed joint order.
-const ORDER: [&str; JOINTS] = [
-    "torso_lift",
-    "head_1",
-    "head_2",
-    "left_1",
-    "left_2",
-    "left_3",
-    "left_4",
-    "left_5",
-    "left_6",
-    "left_7",
-    "right_1",
-    "right_2",
-    "right_3",
-    "right_4",
-    "right_5",
-    "right_6",
-    "right_7",
-];
+/// The only accepted format.
+const FORMAT: u32 = 2;
 
 #[derive(Deserialize)]
 pub(crate) struct RobotFile {
+    format: u32,
     pub(crate) base_link: String,
-    pub(crate) held_joints: Vec<String>,
-    joints: BTreeMap<String, String>,
+    #[serde(default)]
+    pub(crate) body_joints: Vec<String>,
+    #[serde(default)]
+    pub(crate) held_rad: BTreeMap<String, f64>,
+    #[serde(default)]
+    pub(crate) held_m: BTreeMap<String, f64>,
+    arms: Arms,
+    #[serde(default)]
+    controllers: Vec<ControllerRow>,
     limits: Groups,
     #[serde(default)]
     tighten: BTreeMap<String, Tighten>,
+    #[serde(default)]
     home_m: BTreeMap<String, f64>,
     home_rad: BTreeMap<String, f64>,
     #[serde(default)]
@@ -61,26 +51,38 @@ struct PayloadRow {
 }
 
 #[derive(Deserialize)]
+struct Arms {
+    left: ArmRow,
+    right: ArmRow,
+}
+
+#[derive(Deserialize)]
+struct ArmRow {
+    joints: Vec<String>,
+}
+
+#[derive(Deserialize)]
+struct ControllerRow {
+    joints: Vec<String>,
+}
+
+#[derive(Deserialize)]
 struct Groups {
-    torso: LiftGroup,
-    head: TurnGroup,
-    arm_1_to_4: TurnGroup,
-    arm_5_to_7: TurnGroup,
+    groups: BTreeMap<String, GroupRow>,
 }
 
+/// Limits of some joints, in rad or in m. An unknown key here would be a limit that is not kept, so it is refused.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-struct LiftGroup {
-    soft_margin_m: f64,
-    acceleration_max_m_per_s2: f64,
-    jerk_max_m_per_s3: f64,
-}
-
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct TurnGroup {
+struct GroupRow {
+    joints: Vec<String>,
+    #[serde(alias = "soft_margin_m")]
     soft_margin_rad: f64,
+    #[serde(alias = "velocity_max_m_per_s")]
+    velocity_max_rad_per_s: Option<f64>,
+    #[serde(alias = "acceleration_max_m_per_s2")]
     acceleration_max_rad_per_s2: f64,
+    #[serde(alias = "jerk_max_m_per_s3")]
     jerk_max_rad_per_s3: f64,
 }
 
@@ -138,34 +140,48 @@ pub(crate) struct Stricter {
 
 impl RobotFile {
     pub(crate) fn read(file: &str, text: &str) -> Result<Self, PlantError> {
-        toml::from_str(text).map_err(|error| PlantError::Syntax { file: file.into(), cause: error.to_string() })
+        let read: Self =
+            toml::from_str(text).map_err(|error| PlantError::Syntax { file: file.into(), cause: error.to_string() })?;
+        if read.format != FORMAT {
+            return Err(PlantError::value(file, "format", read.format, format!("this version reads {FORMAT}")));
+        }
+        Ok(read)
     }
 
-    /// Returns the URDF's names of the joints in the fixed order.
-    pub(crate) fn joint_names(&self, file: &str) -> Result<[String; JOINTS], PlantError> {
-        let mut names: [String; JOINTS] = Default::default();
-        for (name, key) in names.iter_mut().zip(ORDER) {
-            let found = self.joints.get(key);
-            *name = found.ok_or_else(|| PlantError::missing(file, format!("joints.{key}")))?.clone();
-        }
-        if let Some(name) = self.tighten.keys().find(|name| !names.contains(name)) {
-            return Err(PlantError::unknown(file, "tighten", name, "a joint of [joints]"));
-        }
-        Ok(names)
+    /// Returns the names of the joints of the left arm, then of the right one.
+    pub(crate) fn arm_joints(&self) -> impl Iterator<Item = &String> {
+        self.arms.left.joints.iter().chain(&self.arms.right.joints)
     }
 
-    /// Returns the file's limits of joint `j`, named `name`.
-    pub(crate) fn stricter(&self, file: &str, j: usize, name: &str) -> Result<Stricter, PlantError> {
-        let turning =
-            |group: &TurnGroup| [group.soft_margin_rad, group.acceleration_max_rad_per_s2, group.jerk_max_rad_per_s3];
-        let lift = &self.limits.torso;
-        let [soft_margin, a_max, j_max] = match j {
-            TORSO => [lift.soft_margin_m, lift.acceleration_max_m_per_s2, lift.jerk_max_m_per_s3],
-            _ if HEAD.contains(&j) => turning(&self.limits.head),
-            _ if j < LEFT_ARM.start + 4 => turning(&self.limits.arm_1_to_4),
-            _ if (RIGHT_ARM.start..RIGHT_ARM.start + 4).contains(&j) => turning(&self.limits.arm_1_to_4),
-            _ => turning(&self.limits.arm_5_to_7),
-        };
+    /// Refuses a limit of a joint that is not among `names`: it would not be kept.
+    pub(crate) fn check_names(&self, file: &str, names: &[String]) -> Result<(), PlantError> {
+        let tightened = self.tighten.keys().map(|name| ("tighten", name));
+        let grouped = self.limits.groups.values().flat_map(|group| &group.joints).map(|name| ("limits.groups", name));
+        match tightened.chain(grouped).find(|(_, name)| !names.contains(name)) {
+            Some((key, name)) => Err(PlantError::unknown(file, key, name, "a commanded joint")),
+            None => Ok(()),
+        }
+    }
+
+    /// Returns the number of the controller that moves a joint. One controller moves all if the file names none.
+    pub(crate) fn controller(&self, file: &str, name: &String) -> Result<usize, PlantError> {
+        let found = self.controllers.iter().position(|row| row.joints.contains(name));
+        match (found, self.controllers.is_empty()) {
+            (Some(controller), _) => Ok(controller),
+            (None, true) => Ok(0),
+            (None, false) => Err(PlantError::missing(file, format!("controllers: `{name}`"))),
+        }
+    }
+
+    /// Returns the file's limits of the joint `name`.
+    pub(crate) fn stricter(&self, file: &str, name: &String) -> Result<Stricter, PlantError> {
+        let mut rows = self.limits.groups.values().filter(|row| row.joints.contains(name));
+        let row = rows.next().ok_or_else(|| PlantError::missing(file, format!("limits.groups: `{name}`")))?;
+        if rows.next().is_some() {
+            return Err(PlantError::value(file, "limits.groups", name, "a joint may be in one group"));
+        }
+        let (soft_margin, a_max, j_max) =
+            (row.soft_margin_rad, row.acceleration_max_rad_per_s2, row.jerk_max_rad_per_s3);
         let none = Tighten::default();
         let tighten = self.tighten.get(name).unwrap_or(&none);
         // `f64::min` passes over NaN, so each number is checked before it is compared.
@@ -173,6 +189,7 @@ impl RobotFile {
             ("soft margin", Some(soft_margin), 0.0),
             ("acceleration_max", Some(a_max), f64::MIN_POSITIVE),
             ("jerk_max", Some(j_max), f64::MIN_POSITIVE),
+            ("velocity_max of the group", row.velocity_max_rad_per_s, f64::MIN_POSITIVE),
             ("position_min", tighten.position_min_rad, f64::NEG_INFINITY),
             ("position_max", tighten.position_max_rad, f64::NEG_INFINITY),
             ("velocity_max", tighten.velocity_max_rad_per_s, f64::MIN_POSITIVE),
@@ -190,7 +207,7 @@ impl RobotFile {
             soft_margin,
             q_min: tighten.position_min_rad.unwrap_or(f64::NEG_INFINITY),
             q_max: or_infinite(tighten.position_max_rad),
-            v_max: or_infinite(tighten.velocity_max_rad_per_s),
+            v_max: or_infinite(tighten.velocity_max_rad_per_s).min(or_infinite(row.velocity_max_rad_per_s)),
             a_max: a_max.min(or_infinite(tighten.acceleration_max_rad_per_s2)),
             j_max,
             effort_max: or_infinite(tighten.effort_max_n_m),

@@ -1,11 +1,11 @@
 //! Checks accelerations against another implementation, and against energy.
 
 use crate::support::{GRIPPERS, HANDS, Texts, body, uniform};
-use messages::JOINTS;
+use messages::JOINTS_MAX;
 use plant::{Drive, Dynamics, Frames};
 use rand::{RngExt, SeedableRng};
 
-type PerJoint = [f64; JOINTS];
+type PerJoint = [f64; JOINTS_MAX];
 
 /// q, v, a, torque with 0.7 kg in each hand, made by Pinocchio for the `collision` tool.
 const INVERSE: &str = include_str!("../../../tools/collision/tests/data/rnea_vectors.txt");
@@ -35,7 +35,7 @@ fn accelerations_from_pinocchio_torques_match_pinocchio() {
     for link in ["hand_left_grasping_frame", "hand_right_grasping_frame"] {
         assert!(body.add_payload(link, 0.7));
     }
-    let dynamics = Dynamics::new(&body, [0.0; JOINTS]);
+    let dynamics = Dynamics::new(&body, [0.0; JOINTS_MAX]);
     let states = rows(INVERSE);
     assert_eq!(states.len(), 80);
     for state in states.chunks(4) {
@@ -50,7 +50,7 @@ fn torques_match_pinocchio() {
     for link in ["hand_left_grasping_frame", "hand_right_grasping_frame"] {
         assert!(body.add_payload(link, 0.7));
     }
-    let dynamics = Dynamics::new(&body, [0.3; JOINTS]);
+    let dynamics = Dynamics::new(&body, [0.3; JOINTS_MAX]);
     for state in rows(INVERSE).chunks(4) {
         let mut frames = Frames::default();
         body.forward(&state[0], &mut frames);
@@ -78,7 +78,7 @@ fn accelerations_with_rotors_match_pinocchio() {
 #[test]
 fn prescribed_acceleration_acts_like_its_torque() {
     let body = body(HANDS);
-    let dynamics = Dynamics::new(&body, [0.02; JOINTS]);
+    let dynamics = Dynamics::new(&body, [0.02; JOINTS_MAX]);
     let mut rng = rand_pcg::Pcg64::seed_from_u64(5);
     for n in 0..100 {
         let (q, v) = (uniform(&body, &mut rng), std::array::from_fn(|_| rng.random_range(-2.0..2.0)));
@@ -87,7 +87,7 @@ fn prescribed_acceleration_acts_like_its_torque() {
         let mut frames = Frames::default();
         body.forward(&q, &mut frames);
         let mut drives = torque.map(Drive::Torque);
-        for j in [n % JOINTS, (n * 7 + 3) % JOINTS] {
+        for j in [n % JOINTS_MAX, (n * 7 + 3) % JOINTS_MAX] {
             drives[j] = Drive::Acceleration(a[j]);
         }
         let again = dynamics.accelerations(&dynamics.at(&frames), &v, &drives);
@@ -100,15 +100,15 @@ fn prescribed_acceleration_acts_like_its_torque() {
 #[test]
 fn free_motion_keeps_its_energy() {
     let body = body(HANDS);
-    let dynamics = Dynamics::new(&body, [0.02; JOINTS]);
+    let dynamics = Dynamics::new(&body, [0.02; JOINTS_MAX]);
     let energy = |q: &PerJoint, v: &PerJoint| {
         let mut frames = Frames::default();
         body.forward(q, &mut frames);
         dynamics.energy_j(&dynamics.at(&frames), v)
     };
-    let (mut q, mut v) = (body.home, [0.1; JOINTS]);
+    let (mut q, mut v) = (body.home, [0.1; JOINTS_MAX]);
     let begin = energy(&q, &v);
-    let (dt, none) = (1e-4, [0.0; JOINTS]);
+    let (dt, none) = (1e-4, [0.0; JOINTS_MAX]);
     let plus = |x: &PerJoint, d: &PerJoint, h: f64| -> PerJoint { std::array::from_fn(|j| x[j] + h * d[j]) };
     for _ in 0..5000 {
         let a1 = accelerate(&body, &dynamics, &q, &v, &none);
@@ -132,7 +132,7 @@ fn free_motion_keeps_its_energy() {
 #[test]
 fn gravity_torques_hold_any_posture() {
     let body = body(HANDS);
-    let dynamics = Dynamics::new(&body, [0.02; JOINTS]);
+    let dynamics = Dynamics::new(&body, [0.02; JOINTS_MAX]);
     let mut rng = rand_pcg::Pcg64::seed_from_u64(6);
     for n in 0..100 {
         let q = uniform(&body, &mut rng);
@@ -140,13 +140,13 @@ fn gravity_torques_hold_any_posture() {
         body.forward(&q, &mut frames);
         let posture = dynamics.at(&frames);
         let (gravity, diagonal) = dynamics.gravity_and_diagonal(&posture);
-        let still = accelerate(&body, &dynamics, &q, &[0.0; JOINTS], &gravity);
-        assert!(farthest(&still, &[0.0; JOINTS]) < 1e-9, "{still:?}");
+        let still = accelerate(&body, &dynamics, &q, &[0.0; JOINTS_MAX], &gravity);
+        assert!(farthest(&still, &[0.0; JOINTS_MAX]) < 1e-9, "{still:?}");
         // All other joints are locked, so the joint feels the diagonal of the mass matrix alone.
-        let j = n % JOINTS;
-        let mut drives = [Drive::Acceleration(0.0); JOINTS];
+        let j = n % JOINTS_MAX;
+        let mut drives = [Drive::Acceleration(0.0); JOINTS_MAX];
         drives[j] = Drive::Torque(gravity[j] + 1.0);
-        let a = dynamics.accelerations(&posture, &[0.0; JOINTS], &drives)[j];
+        let a = dynamics.accelerations(&posture, &[0.0; JOINTS_MAX], &drives)[j];
         assert!((a * diagonal[j] - 1.0).abs() < 1e-9, "{j}: {a} {}", diagonal[j]);
     }
 }

@@ -1,9 +1,12 @@
 //! The joints follow the setpoints, and every fault has its effect.
 
 use crate::support::{GRIPPERS, HANDS, START, Sines, TICK_NS, body, config, rest, setpoint};
-use messages::{JOINTS, LEFT_ARM, Stamp};
+use messages::{JOINTS_MAX, Stamp};
 use plant::{CATCH_UP_NS, Config, Injection, Judge, Options, Plant, STEP_NS, ViolationKind};
 use rand::{RngExt, SeedableRng};
+
+/// TIAGo++: the joints of its left arm.
+const LEFT_ARM: std::ops::Range<usize> = 3..10;
 
 const ELBOW: usize = LEFT_ARM.start + 3;
 /// Share of all limits at once at which the joints follow within the margins. It is twice as fast as people's
@@ -54,7 +57,7 @@ impl Bench {
 
     /// Returns the largest distance from home of any joint except `without`.
     fn away(&self, without: usize) -> f64 {
-        let others = (0..JOINTS).filter(|&j| j != without);
+        let others = (0..JOINTS_MAX).filter(|&j| j != without);
         others.map(|j| (self.plant.truth().q[j] - self.config.home()[j]).abs()).fold(0.0, f64::max)
     }
 
@@ -81,7 +84,7 @@ fn motions_at_half_of_limits_are_followed_within_3_mrad() {
                 assert!(plant.receive_judged(&config, now, &sines.at(k), &mut judge));
                 let (wanted, since) = plant.followed();
                 let t = plant.truth().stamp.since(since) as f64 * 1e-9;
-                for j in 0..JOINTS {
+                for j in 0..JOINTS_MAX {
                     let q_ref = wanted.q[j] + t * (wanted.v[j] + t * wanted.a[j] / 2.0);
                     let error = (plant.truth().q[j] - q_ref).abs();
                     assert!(error < 0.003, "{}: joint {j} is {error} off at {k}", texts[0]);
@@ -100,7 +103,7 @@ fn motions_at_half_of_limits_are_followed_within_3_mrad() {
 fn robot_without_setpoints_stands_still() {
     let mut bench = Bench::new(Options::default());
     bench.plant.advance(&bench.config, START.plus_ns(900_000_000));
-    assert!(bench.away(JOINTS) < 1e-9 && !bench.plant.reacting());
+    assert!(bench.away(JOINTS_MAX) < 1e-9 && !bench.plant.reacting());
     assert_eq!(bench.plant.truth().stamp, START.plus_ns(900_000_000));
 }
 
@@ -109,7 +112,7 @@ fn unknown_load_lowers_arm_slightly() {
     let load = plant::Payload { link: "hand_left_grasping_frame".into(), mass_kg: 0.3 };
     let mut bench = Bench::new(Options { payloads: vec![load], ..Options::default() });
     bench.hold(1500);
-    assert!((1e-5..5e-3).contains(&bench.away(JOINTS)), "{}", bench.away(JOINTS));
+    assert!((1e-5..5e-3).contains(&bench.away(JOINTS_MAX)), "{}", bench.away(JOINTS_MAX));
 }
 
 #[test]
@@ -117,7 +120,7 @@ fn simulation_steps_do_not_depend_on_call_times() {
     let config = config(HANDS, &Options::default());
     let (one, mut two) = (Plant::new(&config, START, config.home(), 1), Plant::new(&config, START, config.home(), 1));
     let mut one = one;
-    let sent: Vec<_> = (0..150).map(|k| setpoint(k, *config.home(), [0.005; JOINTS], [0.0; JOINTS])).collect();
+    let sent: Vec<_> = (0..150).map(|k| setpoint(k, *config.home(), [0.005; JOINTS_MAX], [0.0; JOINTS_MAX])).collect();
     for (k, sent) in sent.iter().enumerate() {
         let now = START.plus_ns(k as u64 * TICK_NS);
         for part in 1..7 {
@@ -183,7 +186,7 @@ fn encoder_has_steps_and_noise() {
         }
     }
     // Variance of the noise plus that of the step, step^2 / 12.
-    let deviation = (squares / (2000.0 * JOINTS as f64)).sqrt() / step;
+    let deviation = (squares / (2000.0 * JOINTS_MAX as f64)).sqrt() / step;
     assert!((deviation - (1.0_f64 + 1.0 / 12.0).sqrt()).abs() < 0.02, "{deviation}");
 }
 
@@ -275,7 +278,7 @@ fn emergency_stop_brakes_and_refuses_setpoints() {
     bench.swing_elbow(300);
     bench.plant.inject(Injection::EmergencyStopPressed);
     assert_eq!(bench.swing_elbow(300), 0);
-    assert_eq!(bench.plant.truth().v, [0.0; JOINTS]);
+    assert_eq!(bench.plant.truth().v, [0.0; JOINTS_MAX]);
     assert!(bench.plant.measure(&bench.config, bench.now()).drives.emergency_stop);
     let stopped = bench.plant.truth().q;
     bench.plant.inject(Injection::EmergencyStopReleased);
@@ -292,7 +295,7 @@ fn joints_without_power_sink_at_configured_rate() {
     bench.plant.inject(Injection::PowerLost { sag: 0.05 });
     assert_eq!(bench.hold(1500), 0);
     let measured = bench.plant.measure(&bench.config, bench.now());
-    assert!(!measured.drives.powered && measured.tau == [0.0; JOINTS]);
+    assert!(!measured.drives.powered && measured.tau == [0.0; JOINTS_MAX]);
     assert!((bench.elbow() - 0.05).abs() < 0.002, "{}", bench.elbow());
     bench.plant.inject(Injection::PowerReturned);
     bench.plant.advance(&bench.config, bench.now().plus_ns(200_000_000));

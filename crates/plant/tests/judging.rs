@@ -1,7 +1,7 @@
 //! The judge counts every violation and nothing else.
 
 use crate::support::{HANDS, START, TICK_NS, config, rest, setpoint};
-use messages::{JOINTS, LEFT_ARM};
+use messages::JOINTS_MAX;
 use nalgebra::{Matrix3, Vector3};
 use plant::{
     Config, JITTER_ALLOWANCE_NS, Judge, Obstacle, Options, Truth, ViolationKind, segment_box, segment_plane,
@@ -9,11 +9,14 @@ use plant::{
 };
 use rand::{RngExt, SeedableRng};
 
+/// TIAGo++: the joints of its left arm.
+const LEFT_ARM: std::ops::Range<usize> = 3..10;
+
 const ELBOW: usize = LEFT_ARM.start + 3;
 const TICK_S: f64 = 1.0 / 1500.0;
 
 fn standing(config: &Config) -> Truth {
-    Truth { stamp: START, q: *config.home(), v: [0.0; JOINTS], tau: [0.0; JOINTS] }
+    Truth { stamp: START, q: *config.home(), v: [0.0; JOINTS_MAX], tau: [0.0; JOINTS_MAX] }
 }
 
 fn looked(config: &Config, truth: &Truth) -> Judge {
@@ -122,11 +125,11 @@ fn robot_starting_outside_may_move_inward_only() {
 fn sent(speed: f64, ticks: u64, every_ns: u64) -> (u64, u64) {
     let config = config(HANDS, &Options::default());
     let mut judge = Judge::new(&config, config.home());
-    let (mut q, mut v) = (*config.home(), [0.0; JOINTS]);
+    let (mut q, mut v) = (*config.home(), [0.0; JOINTS_MAX]);
     v[ELBOW] = speed;
     for k in 0..ticks {
         q[ELBOW] += speed * TICK_S;
-        judge.received(&config, START.plus_ns(k * every_ns), &setpoint(k, q, v, [0.0; JOINTS]), k == 0);
+        judge.received(&config, START.plus_ns(k * every_ns), &setpoint(k, q, v, [0.0; JOINTS_MAX]), k == 0);
     }
     (judge.report().count(ViolationKind::SetpointStep), judge.report().count(ViolationKind::SetpointChange))
 }
@@ -146,7 +149,7 @@ fn late_setpoints_that_catch_up_are_no_violation() {
     let config = config(HANDS, &Options::default());
     let limits = config.body().joints[ELBOW].limits;
     let mut judge = Judge::new(&config, config.home());
-    let (mut q, mut v) = (*config.home(), [0.0; JOINTS]);
+    let (mut q, mut v) = (*config.home(), [0.0; JOINTS_MAX]);
     v[ELBOW] = limits.v_max;
     for k in 0..600_u64 {
         q[ELBOW] += limits.v_max * TICK_S;
@@ -154,7 +157,7 @@ fn late_setpoints_that_catch_up_are_no_violation() {
         // allowance late.
         let due = if (100..120).contains(&k) { 120 } else { k };
         let late_ns = if k % 7 == 0 { JITTER_ALLOWANCE_NS / 3 } else { 0 };
-        judge.received(&config, START.plus_ns(due * TICK_NS + late_ns), &setpoint(k, q, v, [0.0; JOINTS]), k == 0);
+        judge.received(&config, START.plus_ns(due * TICK_NS + late_ns), &setpoint(k, q, v, [0.0; JOINTS_MAX]), k == 0);
     }
     assert_eq!(judge.report().total(), 0, "{:?}", judge.report().first);
 }

@@ -2,7 +2,7 @@
 //! read.
 
 use crate::support::{HANDS, body};
-use messages::JOINTS;
+use messages::JOINTS_MAX;
 use plant::{Body, PlantError};
 
 /// The joint that the robot file tightens.
@@ -118,5 +118,5 @@ fn total_mass_is_kept_when_links_are_lumped() {
     let (written, lumped) =
         (masses.sum::<f64>(), body(HANDS).inertias.iter().map(|inertia| inertia.mass_kg).sum::<f64>());
     assert!((written - lumped).abs() < 1e-9 && written > 50.0, "{written} {lumped}");
-    assert_eq!(body(HANDS).inertias.len(), JOINTS + 1);
+    assert_eq!(body(HANDS).inertias.len(), JOINTS_MAX + 1);
 }

@@ -1,8 +1,11 @@
 //! Behaviour of the drives when setpoints stay away, and when they come back.
 
 use crate::support::{HANDS, START, TICK_NS, config, rest, setpoint};
-use messages::{JOINTS, LEFT_ARM, Layout, Stamp, StopPlan};
+use messages::{JOINTS_MAX, Layout, Stamp, StopPlan};
 use plant::{Config, Options, Plant, Reaction, Setpoint};
+
+/// TIAGo++: the joints of its left arm.
+const LEFT_ARM: std::ops::Range<usize> = 3..10;
 
 const ELBOW: usize = LEFT_ARM.start + 3;
 const WATCHDOG_NS: u64 = 10_000_000;
@@ -25,7 +28,7 @@ fn moving_with(urdf: &str, reaction: Reaction) -> (Config, Plant, Setpoint, Stam
         assert!(plant.receive(&config, START.plus_ns(k * TICK_NS), &last));
         (k, v) = (k + 1, v + 2.0 / 1500.0);
         q[ELBOW] += v / 1500.0;
-        let (mut speeds, mut a) = ([0.0; JOINTS], [0.0; JOINTS]);
+        let (mut speeds, mut a) = ([0.0; JOINTS_MAX], [0.0; JOINTS_MAX]);
         (speeds[ELBOW], a[ELBOW]) = (v, if v < SPEED { 2.0 } else { 0.0 });
         last = setpoint(k, q, speeds, a);
     }
@@ -57,7 +60,7 @@ fn silence_shorter_than_watchdog_is_extrapolated() {
 fn setpoint_older_than_watchdog_reaction_is_refused() {
     let (config, mut plant, last, now) = moving(Reaction::Hold);
     plant.advance(&config, now.plus_ns(600_000_000));
-    let old = Setpoint { q: plant.truth().q, v: [0.0; JOINTS], k: last.k + 1, ..last };
+    let old = Setpoint { q: plant.truth().q, v: [0.0; JOINTS_MAX], k: last.k + 1, ..last };
     assert!(!plant.receive(&config, now.plus_ns(TICK_NS), &old), "it is near, and 0.6 s old");
     assert!(plant.reacting());
     let new = Setpoint { k: last.k + 900, ..old };

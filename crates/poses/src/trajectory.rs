@@ -15,7 +15,8 @@ pub struct Trajectory {
     pub joint_names: [[String; ARM_Q]; ARMS],
     /// Rows per second.
     pub rate_hz: f64,
-    /// Rows: joint positions of the left and of the right arm, rad.
+    /// Rows: joint positions of the left and of the right arm, rad. They are the robot's own, not those of a right arm
+    /// that is taken as the left one.
     pub q: Vec<[ArmQ; ARMS]>,
 }
 
@@ -35,15 +36,21 @@ const CONTINUE_STEPS: u32 = 40;
 pub fn ground_truth(model: &Model, motion: &Motion) -> Trajectory {
     let arm = ArmModel::of(model);
     let calibration = motion::calibrate(motion, CalibrationMode::Rig);
-    let home = |side: usize| std::array::from_fn(|j| model.home[model.arms[side].joints[j]]);
+    let home =
+        |side: usize| std::array::from_fn(|j| model.arms[side].signs[j] * model.home[model.arms[side].joints[j]]);
     let mut previous: [ArmQ; ARMS] = std::array::from_fn(home);
     let limbs = motion::limbs(motion, &calibration);
     let rows = limbs.iter().filter_map(Limbs::of_both).map(|arms| {
         previous = std::array::from_fn(|side| best(&arm, &arms[side], &previous[side]));
-        previous
+        own_positions(model, &previous)
     });
     let q = rows.collect();
     Trajectory { joint_names: joint_names(model), rate_hz: motion.frame_rate_hz, q }
+}
+
+/// Converts joint positions between those of both arms taken as left arms and the robot's own. It is its own inverse.
+pub fn own_positions(model: &Model, q: &[ArmQ; ARMS]) -> [ArmQ; ARMS] {
+    std::array::from_fn(|side| model.arms[side].mirrored(&q[side]))
 }
 
 fn best(arm: &ArmModel, human: &Limbs, previous: &ArmQ) -> ArmQ {
@@ -164,8 +171,8 @@ fn at(rows: &[Row], time_s: f64) -> [ArmQ; ARMS] {
     std::array::from_fn(|arm| std::array::from_fn(|j| a[arm][j] + s * (b[arm][j] - a[arm][j])))
 }
 
-/// Returns `standing` with the limb rotations U(q) and F(q) of the robot's forward kinematics. Hands are in
-/// line with the forearms.
+/// Returns `standing` with the limb rotations U(q) and F(q) of the robot's forward kinematics, with both arms taken as
+/// left arms. Hands are in line with the forearms.
 pub(crate) fn person(arm: &ArmModel, standing: &Frame, q: &[ArmQ; ARMS]) -> Frame {
     let arms = q.each_ref().map(|q| {
         let limbs = arm.forward(q);
@@ -180,7 +187,7 @@ pub(crate) fn person(arm: &ArmModel, standing: &Frame, q: &[ArmQ; ARMS]) -> Fram
 pub fn to_motion(trajectory: &Trajectory, model: &Model, name: &str) -> Motion {
     let arm = ArmModel::of(model);
     let standing = standing();
-    let mut frames: Vec<_> = trajectory.q.iter().map(|q| person(&arm, &standing, q)).collect();
+    let mut frames: Vec<_> = trajectory.q.iter().map(|q| person(&arm, &standing, &own_positions(model, q))).collect();
     sway_all(&mut frames);
     let warning = "a joint trajectory: the person has the limb rotations of the robot's forward kinematics";
     let guesses = Guesses { warnings: vec![warning.to_owned()], ..guesses() };

@@ -31,7 +31,7 @@ fn limbs(pose: &str) -> [Limbs; ARMS] {
 }
 
 /// Returns the robot at home, except for the arms' joints 1 to 5.
-fn posture(model: &Model, q: &[ArmQ; ARMS]) -> [f64; messages::JOINTS] {
+fn posture(model: &Model, q: &[ArmQ; ARMS]) -> [f64; messages::JOINTS_MAX] {
     let mut all = model.home;
     for (q, arm) in q.iter().zip(&model.arms) {
         q.iter().zip(&arm.joints).for_each(|(q, &joint)| all[joint] = *q);

@@ -11,7 +11,7 @@ use crate::weights::{ArmIdentity, Weights, WeightsError};
 const HASH_GRAIN: f64 = 1e-7;
 
 impl ArmModel {
-    /// Takes the left arm of `model`. The right arm is its mirror, which the model has checked.
+    /// Takes the left arm of `model`. The right arm is its mirror up to signs, which the model has derived.
     pub fn of(model: &Model) -> Self {
         let arm = &model.arms[0];
         let limit = |bound: fn(&robot::JointLimits) -> f64| -> ArmQ {
@@ -45,7 +45,14 @@ impl RobotArms {
     pub fn of(model: &Model) -> Self {
         let joints = &model.arms[0].joints;
         let velocity_max = std::array::from_fn(|j| model.limits[joints[j]].v_max);
-        Self { identity: ArmIdentity::of(model), velocity_max, home: model.home }
+        Self {
+            identity: ArmIdentity::of(model),
+            velocity_max,
+            home: model.home,
+            robot: model.id(),
+            joints: model.arms.each_ref().map(|arm| std::array::from_fn(|j| arm.joints[j])),
+            signs: model.arms.each_ref().map(|arm| std::array::from_fn(|j| arm.signs[j])),
+        }
     }
 }
 

@@ -1,8 +1,8 @@
 //! The stage: skeletons in, joint targets out, 1500 times a second.
 
 use messages::{
-    Fault, Faults, JOINTS, JointTarget, LEFT_ARM, LIMBS, Layout, PersonChange, RIGHT_ARM, Skeleton, Stamp, TICK_HZ,
-    TICK_S, WAY_NODE_TICKS, WAY_NODES, skeleton_flag, target_flag,
+    Fault, Faults, JOINTS_MAX, JointTarget, LIMBS, Layout, PersonChange, RobotId, Skeleton, Stamp, TICK_HZ, TICK_S,
+    WAY_NODE_TICKS, WAY_NODES, skeleton_flag, target_flag,
 };
 use serde::Deserialize;
 
@@ -78,7 +78,13 @@ pub struct RobotArms {
     /// Velocity limits of joints 1 to 5, rad/s.
     pub velocity_max: ArmQ,
     /// Home posture of all joints. The target shows it for a joint that is not valid.
-    pub home: [f64; JOINTS],
+    pub home: [f64; JOINTS_MAX],
+    /// Number and order of the robot's joints.
+    pub robot: RobotId,
+    /// Indices of joints 1 to 5 of the left and the right arm.
+    pub joints: [[usize; ARM_Q]; ARMS],
+    /// Signs of these joints: q = sign * q of the left arm in the mirrored posture.
+    pub signs: [ArmQ; ARMS],
 }
 
 /// Constant configuration of the stage.
@@ -86,7 +92,10 @@ pub struct RobotArms {
 pub struct Config {
     solver: PostureSolver,
     velocity_max: ArmQ,
-    home: [f64; JOINTS],
+    home: [f64; JOINTS_MAX],
+    robot: RobotId,
+    joints: [[usize; ARM_Q]; ARMS],
+    signs: [ArmQ; ARMS],
     prediction: Option<Prediction>,
     delay_ns: u64,
 }
@@ -105,6 +114,9 @@ impl Config {
             solver: PostureSolver { arm: robot.identity.arm.clone(), network, refine_steps: options.refine_steps },
             velocity_max: robot.velocity_max,
             home: robot.home,
+            robot: robot.robot,
+            joints: robot.joints,
+            signs: robot.signs,
             prediction: None,
             delay_ns: (options.following_delay_ms * 1e6) as u64,
         })
@@ -393,15 +405,16 @@ fn assemble(
     k: u64,
     shown: &[Option<Sample>; ARMS],
 ) -> Output {
-    let mut target = JointTarget { k, q: config.home, ..JointTarget::ZERO };
+    let mut target = JointTarget { k, q: config.home, robot: config.robot, ..JointTarget::ZERO };
     let mut limb_error_rad = [0.0; LIMBS];
-    for (arm, joints) in [LEFT_ARM, RIGHT_ARM].into_iter().enumerate() {
+    for arm in 0..ARMS {
         let (Some(sample), Some(q)) = (shown[arm], state.q[arm]) else {
             continue;
         };
-        for (j, joint) in joints.take(ARM_Q).enumerate() {
-            target.q[joint] = q[j];
-            target.dq[joint] = state.dq[arm][j];
+        for (j, joint) in config.joints[arm].into_iter().enumerate() {
+            // A right arm was solved as the left arm that mirrors it.
+            target.q[joint] = config.signs[arm][j] * q[j];
+            target.dq[joint] = config.signs[arm][j] * state.dq[arm][j];
             target.valid_mask |= 1 << joint;
         }
         let limbs = [sample.limbs.upper, sample.limbs.fore].map(|limb| xyzw_from_rotation(&limb));

@@ -192,7 +192,7 @@ fn target_holds_during_gap_and_fades_in_after_it() {
     assert_eq!(at(1080).target.flags, target_flag::INPUT_FRESH);
     assert_eq!(at(1090).target.flags, 0, "the last skeleton came at 983 ms");
     assert_eq!((at(1100).target.q, at(1100).target.valid_mask), (at(1990).target.q, at(1990).target.valid_mask));
-    assert_eq!(at(1990).target.dq, [0.0; 17]);
+    assert_eq!(at(1990).target.dq, [0.0; messages::JOINTS_MAX]);
     // The person is used at once, and followed after the input has been steady.
     assert_eq!((at(2005).fresh, at(2005).target.flags), ([true; 2], 0));
     assert_eq!((at(2190).target.flags, at(2210).target.flags), (0, target_flag::INPUT_FRESH));

@@ -5,14 +5,18 @@ use crate::kinematics::Frames;
 use crate::limits::JointLimits;
 use crate::model::Model;
 use crate::pose::rotation;
-use messages::{ARM_JOINTS, JOINTS};
+use messages::{ARM_JOINTS, JOINTS_MAX};
 use nalgebra::{Matrix3, Vector3};
+use std::ops::Range;
 
 /// Number of joints of an arm that turn its two limbs.
-const LIMB_JOINTS: usize = 5;
+pub(crate) const LIMB_JOINTS: usize = 5;
 /// Largest difference between mirrored axes. It allows for the rounding of the URDF's angles (1e-11 rad in
 /// common files).
 const MIRROR_TOLERANCE: f64 = 1e-9;
+/// Largest cosine between neighbouring axes that the retargeting takes for orthogonal. It allows for angles that a
+/// URDF writes with seven digits.
+const ORTHOGONAL_TOLERANCE: f64 = 1e-6;
 
 /// One arm.
 ///
@@ -22,8 +26,11 @@ const MIRROR_TOLERANCE: f64 = 1e-9;
 /// F(q) = U(q) Rot(axes 4, q4 - ref4) Rot(axes 5, q5 - ref5) of the forearm.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Arm {
-    /// Indices of its joints in the fixed joint order.
+    /// Indices of its joints in the order of messages. They follow one another.
     pub joints: [usize; ARM_JOINTS],
+    /// For each joint: q = sign * q of the same joint of the left arm in the mirrored posture. All 1 for the left
+    /// arm. The signs of joints 6 and 7 are 1 where these two do not mirror.
+    pub signs: [f64; ARM_JOINTS],
     /// Unit axis of joints 1 to 5 in the torso frame while the arm is at the reference posture.
     pub axes: [Vector3<f64>; LIMB_JOINTS],
     /// Positions of joints 1 to 5 in the T-pose, rad.
@@ -39,11 +46,23 @@ impl Arm {
     pub(crate) fn blank() -> Self {
         Self {
             joints: [0; ARM_JOINTS],
+            signs: [1.0; ARM_JOINTS],
             axes: Default::default(),
             reference: Default::default(),
             q_min: Default::default(),
             q_max: Default::default(),
         }
+    }
+
+    /// Range of its joints in the order of messages.
+    pub fn range(&self) -> Range<usize> {
+        self.joints[0]..self.joints[0] + ARM_JOINTS
+    }
+
+    /// Converts positions or velocities of joints 1 to 5 between this arm and the left arm that mirrors it. Its own
+    /// inverse.
+    pub fn mirrored(&self, q: &[f64; LIMB_JOINTS]) -> [f64; LIMB_JOINTS] {
+        std::array::from_fn(|i| self.signs[i] * q[i])
     }
 
     /// Rotations of the upper arm and of the forearm at the positions of joints 1 to 5, rad.
@@ -58,28 +77,62 @@ impl Model {
     /// Derives the arm with these joints, whose T-pose is `reference` and whose shoulder is on the body
     /// `torso`.
     pub(crate) fn derive_arm(&self, joints: [usize; ARM_JOINTS], reference: [f64; LIMB_JOINTS], torso: usize) -> Arm {
-        let mut q = [0.0; JOINTS];
-        (0..LIMB_JOINTS).for_each(|i| q[joints[i]] = reference[i]);
-        let mut frames = Frames::default();
-        self.forward(&q, &mut frames);
-        let torso_from_base = frames.base_from_body[torso].r.transpose();
-        let axis = |i: usize| {
-            let j = joints[i];
-            (torso_from_base * frames.base_from_body[j + 1].r * self.joint_frames[j].axis).normalize()
-        };
+        let axes = self.axes(joints, reference, torso);
         Arm {
             joints,
-            axes: std::array::from_fn(axis),
+            signs: [1.0; ARM_JOINTS],
+            axes: std::array::from_fn(|i| axes[i]),
             reference,
             q_min: std::array::from_fn(|i| self.limits[joints[i]].q_min),
             q_max: std::array::from_fn(|i| self.limits[joints[i]].q_max),
         }
     }
 
-    /// Checks that the right arm is the mirror image of the left one, because one arm model serves both. The
-    /// mirror at the plane y = 0 maps a rotation axis (x, y, z) to (-x, y, -z) at the same angle.
-    pub(crate) fn check_mirror(&self, file: &str) -> Result<(), RobotError> {
-        let [left, right] = &self.arms;
+    /// Unit axes of all joints of an arm in the torso frame, at the reference posture and with a straight wrist.
+    fn axes(
+        &self,
+        joints: [usize; ARM_JOINTS],
+        reference: [f64; LIMB_JOINTS],
+        torso: usize,
+    ) -> [Vector3<f64>; ARM_JOINTS] {
+        let mut q = [0.0; JOINTS_MAX];
+        (0..LIMB_JOINTS).for_each(|i| q[joints[i]] = reference[i]);
+        let mut frames = Frames::default();
+        self.forward(&q, &mut frames);
+        let torso_from_base = frames.base_from_body[torso].r.transpose();
+        joints.map(|j| (torso_from_base * frames.base_from_body[j + 1].r * self.joint_frames[j].axis).normalize())
+    }
+
+    /// Checks that three orthogonal axes turn each upper arm and two more the forearm: the retargeting solves such
+    /// arms in closed form.
+    pub(crate) fn check_shoulders(&self, file: &str) -> Result<(), RobotError> {
+        for arm in &self.arms {
+            for (a, b) in [(0, 1), (1, 2), (3, 4)] {
+                let cosine = arm.axes[a].dot(&arm.axes[b]).abs();
+                if !(cosine <= ORTHOGONAL_TOLERANCE) {
+                    let name = |i: usize| &self.joint_names[arm.joints[i]];
+                    return Err(RobotError::Joint {
+                        file: file.into(),
+                        joint: name(b).clone(),
+                        key: format!("cosine between its axis and that of `{}`", name(a)),
+                        value: cosine,
+                        bound: format!(
+                            "at most {ORTHOGONAL_TOLERANCE:e}: an arm must have three orthogonal axes in its shoulder, \
+                             and two at elbow and forearm"
+                        ),
+                    });
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Checks that the right arm is the mirror image of the left one, because one arm model serves both, and derives
+    /// the sign of each joint. The mirror at the plane y = 0 maps a rotation axis (x, y, z) to (-x, y, -z) at the
+    /// same angle. So an axis along it has the sign 1, and one against it the sign -1.
+    pub(crate) fn check_mirror(&mut self, file: &str) -> Result<(), RobotError> {
+        let [left, right] = self.arms;
+        let axes = [left, right].map(|arm| self.axes(arm.joints, arm.reference, self.torso_body));
         for i in 0..ARM_JOINTS {
             let joint = self.joint_names[right.joints[i]].clone();
             let refuse = |key: &str, value: f64, bound: String| RobotError::Joint {
@@ -89,27 +142,38 @@ impl Model {
                 value,
                 bound,
             };
+            let n = axes[0][i];
+            let image = Vector3::new(-n.x, n.y, -n.z);
+            let [along, against] = [1.0, -1.0].map(|sign| (axes[1][i] - image * sign).norm());
+            let off = along.min(against);
+            let mirrors = off <= MIRROR_TOLERANCE;
+            let sign = if mirrors && against < along { -1.0 } else { 1.0 };
             if i < LIMB_JOINTS {
-                let n = left.axes[i];
-                let off = (right.axes[i] - Vector3::new(-n.x, n.y, -n.z)).norm();
-                if !(off <= MIRROR_TOLERANCE) {
+                if !mirrors {
                     let bound = format!("must mirror the left arm's within {MIRROR_TOLERANCE:e}");
                     return Err(refuse("deviation of the axis", off, bound));
                 }
-                if left.reference[i] != right.reference[i] {
-                    let bound = format!("must equal the left arm's {}", left.reference[i]);
+                let wanted = sign * left.reference[i];
+                if wanted != right.reference[i] {
+                    let bound = format!("must mirror the left arm's: {wanted}");
                     return Err(refuse("reference_rad", right.reference[i], bound));
                 }
             }
-            let (l, r) = (&self.limits[left.joints[i]], &self.limits[right.joints[i]]);
-            for (key, value, bound) in named_limits(r).iter().zip(named_limits(l)).map(|(r, l)| (r.0, r.1, l.1)) {
+            self.arms[1].signs[i] = sign;
+            let (l, r) = (mirrored(&self.limits[left.joints[i]], sign), &self.limits[right.joints[i]]);
+            for (key, value, bound) in named_limits(r).iter().zip(named_limits(&l)).map(|(r, l)| (r.0, r.1, l.1)) {
                 if value != bound {
-                    return Err(refuse(key, value, format!("must equal the left arm's {bound}")));
+                    return Err(refuse(key, value, format!("must mirror the left arm's: {bound}")));
                 }
             }
         }
         Ok(())
     }
+}
+
+/// Limits of the joint that moves by `sign` times the position of a joint with these limits.
+fn mirrored(limits: &JointLimits, sign: f64) -> JointLimits {
+    if sign > 0.0 { *limits } else { JointLimits { q_min: -limits.q_max, q_max: -limits.q_min, ..*limits } }
 }
 
 fn named_limits(limits: &JointLimits) -> [(&'static str, f64); 5] {

@@ -1,24 +1,19 @@
 //! Limits in force: those of the URDF, with the robot file's additions and tighter values.
 
+use crate::chain::Chain;
 use crate::error::RobotError;
-use crate::file::{Limits, RevoluteGroup, Tighten};
+use crate::file::{Group, Limits, Tighten};
 use crate::limits::{JointLimits, Plausible};
-use crate::model::Source;
+use crate::model::{NO_JOINT, Source};
 use crate::urdf::Tree;
-use messages::{ARM_JOINTS, HEAD, JOINTS, LEFT_ARM, TORSO};
+use messages::JOINTS_MAX;
 
 impl Source<'_> {
     /// Returns the limits of the URDF, after a check that all are plausible.
-    pub(crate) fn urdf_limits(
-        &self,
-        at: &[usize; JOINTS],
-        prismatic: &[bool; JOINTS],
-        tree: &Tree,
-    ) -> Result<[JointLimits; JOINTS], RobotError> {
-        let mut limits =
-            [JointLimits { q_min: 0.0, q_max: 0.0, v_max: 0.0, a_max: 0.0, j_max: 0.0, effort_max: 0.0 }; JOINTS];
-        for j in 0..JOINTS {
-            let (joint, plausible) = (&tree.joints[at[j]], Plausible::of(prismatic[j]));
+    pub(crate) fn urdf_limits(&self, chain: &Chain, tree: &Tree) -> Result<[JointLimits; JOINTS_MAX], RobotError> {
+        let mut limits = [NO_JOINT; JOINTS_MAX];
+        for (j, at) in chain.at.iter().enumerate() {
+            let (joint, plausible) = (&tree.joints[*at], Plausible::of(chain.prismatic[j]));
             let limit = &joint.limit;
             let refuse =
                 |key: &str, value: f64, bound: String| Err(self.joint(self.urdf, &joint.name, key, value, bound));
@@ -53,38 +48,58 @@ impl Source<'_> {
         Ok(limits)
     }
 
-    /// The limits in force of joint `j`. They are the URDF's, inside the soft margin, with acceleration and
-    /// jerk of the joint's group, and with the file's tighter values.
+    /// Finds the group of each joint, with the group's name.
+    pub(crate) fn groups<'f>(
+        &self,
+        limits: &'f Limits,
+        names: &[String],
+    ) -> Result<Vec<(&'f str, &'f Group)>, RobotError> {
+        // The project guarantees half a second. A longer time in a file would break this guarantee.
+        if !(limits.stop_time_max_ms > 0.0 && limits.stop_time_max_ms <= 500.0) {
+            let value = limits.stop_time_max_ms.to_string();
+            return Err(self.value("limits.stop_time_max_ms", value, "must be above 0 and at most 500"));
+        }
+        let lists =
+            limits.groups.iter().map(|(name, group)| (format!("limits.groups.{name}"), group.joints.as_slice()));
+        let owners = self.partition(lists, names, "one of limits.groups")?;
+        let all: Vec<(&str, &Group)> = limits.groups.iter().map(|(name, group)| (name.as_str(), group)).collect();
+        Ok(owners.into_iter().map(|owner| all[owner]).collect())
+    }
+
+    /// The limits in force of a joint. They are the URDF's, inside the soft margin, with acceleration, jerk and
+    /// perhaps a lower speed of the joint's group, and with the file's tighter values.
     pub(crate) fn effective(
         &self,
-        j: usize,
         name: &str,
         prismatic: bool,
         urdf: &JointLimits,
-        groups: &Limits,
+        (group_name, group): (&str, &Group),
         tighten: Option<&Tighten>,
+        stop_time_max_ms: f64,
     ) -> Result<JointLimits, RobotError> {
-        let (group, margin, acceleration, jerk) = group_of(j, groups);
+        let (margin, velocity, acceleration, jerk) = self.of_group(name, prismatic, group_name, group)?;
         let plausible = Plausible::of(prismatic);
         let refuse = |key: &str, value: f64, bound: String| self.joint(self.toml, name, key, value, bound);
         let reach = 0.5 * (urdf.q_max - urdf.q_min);
         if !(margin >= 0.0 && margin < reach) {
-            let key = format!("limits.{group}.soft_margin");
+            let key = format!("limits.groups.{group_name}.soft_margin");
             return Err(refuse(&key, margin, format!("must be at least 0 and below half the range, {reach}")));
         }
         let bounds = [
+            ("velocity_max", velocity.unwrap_or(urdf.v_max), urdf.v_max),
             ("acceleration_max", acceleration, plausible.acceleration.min(urdf.a_max)),
             ("jerk_max", jerk, plausible.jerk.min(urdf.j_max)),
         ];
         for (key, value, most) in bounds {
             if !(value > 0.0 && value <= most) {
-                let key = format!("limits.{group}.{key}");
+                let key = format!("limits.groups.{group_name}.{key}");
                 return Err(refuse(&key, value, format!("must be above 0 and at most {most}")));
             }
         }
         let mut limits = JointLimits {
             q_min: urdf.q_min + margin,
             q_max: urdf.q_max - margin,
+            v_max: velocity.unwrap_or(urdf.v_max),
             a_max: acceleration,
             j_max: jerk,
             ..*urdf
@@ -92,14 +107,8 @@ impl Source<'_> {
         if let Some(tighten) = tighten {
             self.tighten(name, prismatic, tighten, &mut limits)?;
         }
-        let stop_time_max_s = groups.stop_time_max_ms * 1e-3;
-        // The project guarantees half a second. A longer time in a file would break this guarantee.
-        if !(groups.stop_time_max_ms > 0.0 && groups.stop_time_max_ms <= 500.0) {
-            let value = groups.stop_time_max_ms.to_string();
-            return Err(self.value("limits.stop_time_max_ms", value, "must be above 0 and at most 500"));
-        }
-        if !(limits.stop_time_s() <= stop_time_max_s) {
-            let bound = format!("at most limits.stop_time_max_ms = {}", groups.stop_time_max_ms);
+        if !(limits.stop_time_s() * 1e3 <= stop_time_max_ms) {
+            let bound = format!("at most limits.stop_time_max_ms = {stop_time_max_ms}");
             return Err(refuse("stop time from the highest speed in ms", limits.stop_time_s() * 1e3, bound));
         }
         Ok(limits)
@@ -158,21 +167,35 @@ impl Source<'_> {
         }
         Ok(())
     }
-}
 
-/// Name, soft margin, acceleration and jerk of the group of joint `j`, SI.
-fn group_of(j: usize, groups: &Limits) -> (&'static str, f64, f64, f64) {
-    let revolute = |name, group: &RevoluteGroup| {
-        (name, group.soft_margin_rad, group.acceleration_max_rad_per_s2, group.jerk_max_rad_per_s3)
-    };
-    if j == TORSO {
-        let group = &groups.torso;
-        ("torso", group.soft_margin_m, group.acceleration_max_m_per_s2, group.jerk_max_m_per_s3)
-    } else if HEAD.contains(&j) {
-        revolute("head", &groups.head)
-    } else if (j - LEFT_ARM.start) % ARM_JOINTS < 4 {
-        revolute("arm_1_to_4", &groups.arm_1_to_4)
-    } else {
-        revolute("arm_5_to_7", &groups.arm_5_to_7)
+    /// Soft margin, lower speed, acceleration and jerk of a group, SI. Their unit must be the joint's.
+    fn of_group(
+        &self,
+        joint: &str,
+        prismatic: bool,
+        name: &str,
+        group: &Group,
+    ) -> Result<(f64, Option<f64>, f64, f64), RobotError> {
+        let rad = [
+            ("soft_margin_rad", group.soft_margin_rad),
+            ("velocity_max_rad_per_s", group.velocity_max_rad_per_s),
+            ("acceleration_max_rad_per_s2", group.acceleration_max_rad_per_s2),
+            ("jerk_max_rad_per_s3", group.jerk_max_rad_per_s3),
+        ];
+        let metre = [
+            ("soft_margin_m", group.soft_margin_m),
+            ("velocity_max_m_per_s", group.velocity_max_m_per_s),
+            ("acceleration_max_m_per_s2", group.acceleration_max_m_per_s2),
+            ("jerk_max_m_per_s3", group.jerk_max_m_per_s3),
+        ];
+        let (own, foreign) = if prismatic { (metre, rad) } else { (rad, metre) };
+        let key = |key: &str| format!("limits.groups.{name}.{key}");
+        if let Some((wrong, Some(value))) = foreign.into_iter().find(|(_, value)| value.is_some()) {
+            return Err(self.joint(self.toml, joint, &key(wrong), value, "has the wrong unit for this joint"));
+        }
+        let given = |(wanted, value): (&str, Option<f64>)| {
+            value.ok_or_else(|| self.value(&key(wanted), "missing".into(), format!("joint `{joint}` needs it")))
+        };
+        Ok((given(own[0])?, own[1].1, given(own[2])?, given(own[3])?))
     }
 }

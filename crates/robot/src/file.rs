@@ -1,37 +1,76 @@
-//! The robot file: data that a URDF does not contain. A key is optional only if it can just tighten a limit.
+//! The robot file: data that a URDF does not contain. A key is optional only if it can just tighten a limit, or if
+//! its absence has one meaning.
 
+use crate::arm::LIMB_JOINTS;
 use crate::error::RobotError;
+use messages::ARM_JOINTS;
 use serde::Deserialize;
 use std::collections::BTreeMap;
 
 /// The only accepted format.
-pub(crate) const FORMAT: u32 = 1;
+pub(crate) const FORMAT: u32 = 2;
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct RobotFile {
-    pub(crate) format: u32,
+    #[serde(rename = "format")]
+    _format: u32,
     pub(crate) name: String,
     pub(crate) urdf: String,
     pub(crate) base_link: String,
     pub(crate) torso_link: String,
-    /// Movable joints of the URDF that nothing commands. They are modelled at position zero.
-    pub(crate) held_joints: Vec<String>,
-    pub(crate) joints: JointNames,
-    pub(crate) limbs: Limbs,
+    /// Commanded joints that belong to no arm: a lift, a waist, a head. In any order.
+    #[serde(default)]
+    pub(crate) body_joints: Vec<String>,
+    /// Positions of the movable joints of the URDF that nothing commands, rad.
+    #[serde(default)]
+    pub(crate) held_rad: BTreeMap<String, f64>,
+    /// The same for those that slide, m.
+    #[serde(default)]
+    pub(crate) held_m: BTreeMap<String, f64>,
+    pub(crate) arms: ArmEntries,
+    /// The robot's controllers. Without any, one controller has all joints.
+    #[serde(default)]
+    pub(crate) controllers: Vec<ControllerEntry>,
     pub(crate) limits: Limits,
     /// Limits by joint name. They may only tighten.
     #[serde(default)]
     pub(crate) tighten: BTreeMap<String, Tighten>,
+    #[serde(default)]
     pub(crate) home_m: BTreeMap<String, f64>,
     pub(crate) home_rad: BTreeMap<String, f64>,
-    pub(crate) reference_rad: BTreeMap<String, f64>,
     #[serde(default)]
     pub(crate) tasks: Tasks,
     /// Payload of the hands. Empty if the file has none.
     #[serde(default)]
     pub(crate) payload: Payloads,
     pub(crate) collision: Collision,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct ArmEntries {
+    pub(crate) left: ArmEntry,
+    pub(crate) right: ArmEntry,
+}
+
+/// An arm: its joints from the shoulder to the hand, the links whose rotations are its two limbs, and the T-pose.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct ArmEntry {
+    pub(crate) joints: [String; ARM_JOINTS],
+    pub(crate) upper: String,
+    pub(crate) fore: String,
+    /// Positions of joints 1 to 5 in the T-pose.
+    pub(crate) reference_rad: [f64; LIMB_JOINTS],
+}
+
+/// Joints that one controller of the robot moves together.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct ControllerEntry {
+    pub(crate) name: String,
+    pub(crate) joints: Vec<String>,
 }
 
 #[derive(Default, Deserialize)]
@@ -63,65 +102,25 @@ pub(crate) struct Tasks {
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(crate) struct JointNames {
-    pub(crate) torso_lift: String,
-    pub(crate) head_1: String,
-    pub(crate) head_2: String,
-    pub(crate) left_1: String,
-    pub(crate) left_2: String,
-    pub(crate) left_3: String,
-    pub(crate) left_4: String,
-    pub(crate) left_5: String,
-    pub(crate) left_6: String,
-    pub(crate) left_7: String,
-    pub(crate) right_1: String,
-    pub(crate) right_2: String,
-    pub(crate) right_3: String,
-    pub(crate) right_4: String,
-    pub(crate) right_5: String,
-    pub(crate) right_6: String,
-    pub(crate) right_7: String,
-}
-
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(crate) struct Limbs {
-    pub(crate) left: Limb,
-    pub(crate) right: Limb,
-}
-
-/// The links whose rotations are the two limbs of an arm.
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(crate) struct Limb {
-    pub(crate) upper: String,
-    pub(crate) fore: String,
-}
-
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
 pub(crate) struct Limits {
     pub(crate) stop_time_max_ms: f64,
-    pub(crate) torso: PrismaticGroup,
-    pub(crate) head: RevoluteGroup,
-    pub(crate) arm_1_to_4: RevoluteGroup,
-    pub(crate) arm_5_to_7: RevoluteGroup,
+    /// Every commanded joint is in exactly one group.
+    pub(crate) groups: BTreeMap<String, Group>,
 }
 
+/// Limits of some joints of one kind: keys in rad for those that turn, in m for those that slide.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(crate) struct PrismaticGroup {
-    pub(crate) soft_margin_m: f64,
-    pub(crate) acceleration_max_m_per_s2: f64,
-    pub(crate) jerk_max_m_per_s3: f64,
-}
-
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(crate) struct RevoluteGroup {
-    pub(crate) soft_margin_rad: f64,
-    pub(crate) acceleration_max_rad_per_s2: f64,
-    pub(crate) jerk_max_rad_per_s3: f64,
+pub(crate) struct Group {
+    pub(crate) joints: Vec<String>,
+    pub(crate) soft_margin_rad: Option<f64>,
+    pub(crate) velocity_max_rad_per_s: Option<f64>,
+    pub(crate) acceleration_max_rad_per_s2: Option<f64>,
+    pub(crate) jerk_max_rad_per_s3: Option<f64>,
+    pub(crate) soft_margin_m: Option<f64>,
+    pub(crate) velocity_max_m_per_s: Option<f64>,
+    pub(crate) acceleration_max_m_per_s2: Option<f64>,
+    pub(crate) jerk_max_m_per_s3: Option<f64>,
 }
 
 #[derive(Deserialize)]
@@ -166,47 +165,36 @@ pub(crate) struct Allowed {
     pub(crate) proved_clear: BTreeMap<String, Vec<String>>,
 }
 
+/// The one key that every format has.
+#[derive(Deserialize)]
+struct Format {
+    format: u32,
+}
+
 impl RobotFile {
     pub(crate) fn parse(file: &str, text: &str) -> Result<Self, RobotError> {
         if text.len() > crate::urdf::TEXT_BYTES_MAX {
             let bound = crate::urdf::TEXT_BYTES_MAX;
             return Err(RobotError::TooLong { file: file.into(), bytes: text.len(), bound });
         }
-        let parsed: Self = toml::from_str(text)
-            .map_err(|error| RobotError::Syntax { file: file.into(), cause: error.to_string().trim_end().into() })?;
+        let syntax = |error: toml::de::Error| RobotError::Syntax {
+            file: file.into(),
+            cause: error.to_string().trim_end().into(),
+        };
         let refuse = |key: &str, value: String, bound: &str| Err(RobotError::value(file, key, value, bound));
-        if parsed.format != FORMAT {
-            return refuse("format", parsed.format.to_string(), &format!("this version reads {FORMAT}"));
+        // The format comes first: an older file has other keys, and their names would say nothing.
+        let Format { format } = toml::from_str(text).map_err(syntax)?;
+        if format == 1 {
+            return refuse("format", "1".into(), "this version reads 2: `teleopd robot convert FILE` writes it anew");
         }
+        if format != FORMAT {
+            return refuse("format", format.to_string(), &format!("this version reads {FORMAT}"));
+        }
+        let parsed: Self = toml::from_str(text).map_err(syntax)?;
         if parsed.urdf.is_empty() || parsed.urdf.contains(['/', '\\']) {
             return refuse("urdf", parsed.urdf, "must be the name of a file in the same folder");
         }
         Ok(parsed)
-    }
-}
-
-impl JointNames {
-    /// Returns the names in the fixed joint order: torso lift, head, left arm, right arm.
-    pub(crate) fn ordered(self) -> [String; messages::JOINTS] {
-        [
-            self.torso_lift,
-            self.head_1,
-            self.head_2,
-            self.left_1,
-            self.left_2,
-            self.left_3,
-            self.left_4,
-            self.left_5,
-            self.left_6,
-            self.left_7,
-            self.right_1,
-            self.right_2,
-            self.right_3,
-            self.right_4,
-            self.right_5,
-            self.right_6,
-            self.right_7,
-        ]
     }
 }
 

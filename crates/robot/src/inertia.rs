@@ -3,7 +3,7 @@
 use crate::error::RobotError;
 use crate::model::{Link, Model};
 use crate::pose::Pose;
-use messages::JOINTS;
+use messages::JOINTS_MAX;
 use nalgebra::{Matrix3, Vector3};
 
 /// Largest mass of a link, kg. No link of a robot for such motions is heavier.
@@ -81,8 +81,8 @@ pub(crate) fn read(file: &str, link: &urdf_rs::Link) -> Result<Inertia, RobotErr
 }
 
 /// Sums the links' masses on the bodies that carry them.
-pub(crate) fn of_bodies(links: &[Link]) -> [Inertia; JOINTS + 1] {
-    let mut bodies = [Inertia::default(); JOINTS + 1];
+pub(crate) fn of_bodies(links: &[Link]) -> [Inertia; JOINTS_MAX + 1] {
+    let mut bodies = [Inertia::default(); JOINTS_MAX + 1];
     for link in links {
         bodies[link.body] = bodies[link.body].join(&link.inertia.seen_from(&link.body_from_link));
     }
@@ -91,7 +91,7 @@ pub(crate) fn of_bodies(links: &[Link]) -> [Inertia; JOINTS + 1] {
 
 impl Model {
     /// Masses of the bodies, each in its own frame. Body 0 is the base.
-    pub fn inertias(&self) -> [Inertia; JOINTS + 1] {
+    pub fn inertias(&self) -> [Inertia; JOINTS_MAX + 1] {
         of_bodies(&self.links)
     }
 }

@@ -2,19 +2,19 @@
 
 use crate::model::Model;
 use crate::pose::Pose;
-use messages::JOINTS;
+use messages::JOINTS_MAX;
 use nalgebra::{Matrix3, Vector3};
 
 /// Poses of all bodies in the base frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Frames {
     /// Body 0 is the base. Body `1 + j` moves with joint `j`.
-    pub base_from_body: [Pose; JOINTS + 1],
+    pub base_from_body: [Pose; JOINTS_MAX + 1],
 }
 
 impl Default for Frames {
     fn default() -> Self {
-        Self { base_from_body: [Pose::identity(); JOINTS + 1] }
+        Self { base_from_body: [Pose::identity(); JOINTS_MAX + 1] }
     }
 }
 
@@ -57,7 +57,7 @@ impl Model {
     /// Computes the poses of all bodies at the joint positions `q` (rad, m). Never allocates.
     ///
     /// base_from_body = base_from_parent * (parent_from_joint * motion(q)), parents before children.
-    pub fn forward(&self, q: &[f64; JOINTS], out: &mut Frames) {
+    pub fn forward(&self, q: &[f64; JOINTS_MAX], out: &mut Frames) {
         out.base_from_body[0] = Pose::identity();
         for (j, joint) in self.joint_frames.iter().enumerate() {
             let parent = out.base_from_body[joint.parent];
@@ -79,8 +79,8 @@ impl Model {
     ///
     /// A column is (w x (p - o), w) for a revolute joint and (w, 0) for a prismatic one. It is zero if the
     /// joint does not carry the body.
-    pub fn jacobian(&self, frames: &Frames, body: usize, point: &Vector3<f64>) -> [[f64; 6]; JOINTS] {
-        let mut columns = [[0.0; 6]; JOINTS];
+    pub fn jacobian(&self, frames: &Frames, body: usize, point: &Vector3<f64>) -> [[f64; 6]; JOINTS_MAX] {
+        let mut columns = [[0.0; 6]; JOINTS_MAX];
         let mut at = body;
         while at > 0 {
             let j = at - 1;

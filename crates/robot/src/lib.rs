@@ -4,7 +4,7 @@
 //!
 //! - [`Model::from_text`] refuses everything that it does not understand. Errors name file, key, value and
 //!   bound.
-//! - Body 0 is the base. Body `1 + j` moves with joint `j` of the 17, in the frame of that joint's link.
+//! - Body 0 is the base. Body `1 + j` moves with joint `j`, in the frame of that joint's link.
 //! - Positions are in metres and angles in radians, in the base frame unless a name says otherwise.
 
 #![forbid(clippy::disallowed_macros, clippy::disallowed_methods, clippy::disallowed_types)]
@@ -12,6 +12,7 @@
 #![allow(clippy::neg_cmp_op_on_partial_ord)]
 
 mod arm;
+mod chain;
 mod collision;
 mod effective;
 mod environment;
@@ -38,7 +39,7 @@ pub use file::urdf_file;
 pub use inertia::Inertia;
 pub use kinematics::Frames;
 pub use limits::JointLimits;
-pub use model::{Model, Texts};
+pub use model::{CONTROLLERS_MAX, Controller, Model, Texts};
 pub use names::Names;
 pub use payload::{PAYLOAD_MAX_KG, PAYLOAD_REACH_MAX_M, Payload};
 pub use points::SpeedPoint;

@@ -4,7 +4,7 @@ use crate::arm::Arm;
 use crate::collision::{AllowedPair, Capsule, Pair, read_capsules, read_pairs};
 use crate::environment::Obstacle;
 use crate::error::RobotError;
-use crate::file::{Limb, RobotFile};
+use crate::file::{ControllerEntry, RobotFile};
 use crate::inertia::Inertia;
 use crate::kinematics::{Frames, JointFrame};
 use crate::limits::JointLimits;
@@ -12,12 +12,11 @@ use crate::payload::Payload;
 use crate::pose::Pose;
 use crate::urdf::Tree;
 use crate::visual::{MeshVisual, Visual};
-use messages::{ARM_JOINTS, JOINTS, LEFT_ARM, RIGHT_ARM, TORSO};
+use messages::{JOINTS_MAX, RobotId};
 use sha2::{Digest, Sha256};
 use std::collections::BTreeMap;
 use std::ops::RangeInclusive;
 use std::sync::Arc;
-use urdf_rs::JointType;
 
 /// Largest weight of a task, and the inverse of a joint's smallest weight. It keeps the quadratic program far
 /// from its rounding.
@@ -45,17 +44,26 @@ pub struct Model {
     pub name: String,
     /// The first 8 bytes of the SHA-256 of both texts. Equal hashes mean equal robots.
     pub hash: u64,
-    /// URDF names of the 17 joints in the fixed joint order.
-    pub joint_names: [String; JOINTS],
+    /// Number of commanded joints. Arrays of joints are longer: beyond this number stand joints that are not
+    /// there. They stay at zero, carry nothing, and cannot be commanded.
+    pub count: usize,
+    /// Number of body joints (lift, waist, head). They come first, then the left arm, then the right arm.
+    pub body_count: usize,
+    /// The body joint that lifts the torso. None if the torso does not slide.
+    pub lift: Option<usize>,
+    /// URDF names of the commanded joints, in the order of messages.
+    pub joint_names: Vec<String>,
+    /// The robot's controllers. Every commanded joint belongs to one of them.
+    pub controllers: Vec<Controller>,
     /// True for joints that slide (m), false for joints that turn (rad).
-    pub prismatic: [bool; JOINTS],
+    pub prismatic: [bool; JOINTS_MAX],
     /// Limits in force: the URDF's, tightened by the robot file.
-    pub limits: [JointLimits; JOINTS],
+    pub limits: [JointLimits; JOINTS_MAX],
     /// Limits of the URDF. Acceleration and jerk are infinite if it gives none.
-    pub urdf_limits: [JointLimits; JOINTS],
+    pub urdf_limits: [JointLimits; JOINTS_MAX],
     /// Home posture: used for every joint that has no target, rad or m.
-    pub home: [f64; JOINTS],
-    /// Left and right arm. The right one is checked to be the mirror image of the left.
+    pub home: [f64; JOINTS_MAX],
+    /// Left and right arm. The right one is checked to be the mirror image of the left, up to a sign per joint.
     pub arms: [Arm; 2],
     /// The body whose frame is the torso frame of the limb rotations.
     pub torso_body: usize,
@@ -70,7 +78,7 @@ pub struct Model {
     pub obstacles: Vec<Obstacle>,
     /// Cost of a joint's deviation from its target where the robot is blocked, for a deviation as large as
     /// its largest speed.
-    pub joint_weight: [f64; JOINTS],
+    pub joint_weight: [f64; JOINTS_MAX],
     /// Cost of a deviation of a limb's angular velocity by 1 rad/s there. 0 leaves the limbs' rotations out.
     pub limb_weight: f64,
     /// Payload of the left and the right hand at the start. None if the robot file does not mention a hand.
@@ -84,6 +92,22 @@ pub struct Model {
     pub(crate) joint_frames: Vec<JointFrame>,
     pub(crate) links: Vec<Link>,
 }
+
+/// Joints that one controller of the robot moves together.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Controller {
+    /// The controller's own name.
+    pub name: String,
+    /// Bit j stands for joint j.
+    pub joints: u32,
+}
+
+/// Largest number of controllers. Robots with two arms have one to four, and two more for their grippers.
+pub const CONTROLLERS_MAX: usize = 8;
+
+/// Limits of a joint that is not there.
+pub(crate) const NO_JOINT: JointLimits =
+    JointLimits { q_min: -1.0, q_max: 1.0, v_max: 1.0, a_max: 10.0, j_max: 400.0, effort_max: 1.0 };
 
 /// Position of a link of the URDF on its body.
 #[derive(Clone, Debug)]
@@ -109,7 +133,7 @@ impl Model {
     /// ```
     /// let read = |kind| std::fs::read_to_string(format!("../../config/robots/tiago_dual.{kind}"));
     /// let model = robot::Model::from_text("tiago_dual.toml", &read("toml")?, "tiago_dual.urdf", &read("urdf")?)?;
-    /// assert_eq!(model.joint_names[messages::LEFT_ARM.start], "arm_left_1_joint");
+    /// assert_eq!(model.joint_names[model.arms[0].joints[0]], "arm_left_1_joint");
     ///
     /// let refused = robot::Model::from_text("mine.toml", "name = 1", "mine.urdf", "").unwrap_err();
     /// assert!(refused.to_string().starts_with("mine.toml"));
@@ -126,6 +150,16 @@ impl Model {
             urdf: urdf_text.to_owned(),
         };
         source.build(file, &tree, texts)
+    }
+
+    /// Number and order of the joints, for messages.
+    pub fn id(&self) -> RobotId {
+        RobotId { hash: self.hash, joint_count: self.count as u32, reserved: 0 }
+    }
+
+    /// A mask with every joint of the robot set.
+    pub fn joint_mask(&self) -> u32 {
+        (1 << self.count) - 1
     }
 }
 
@@ -147,20 +181,19 @@ pub(crate) struct Source<'a> {
 
 impl Source<'_> {
     fn build(&self, file: RobotFile, tree: &Tree, texts: Texts) -> Result<Model, RobotError> {
-        let joint_names = file.joints.ordered();
-        let at = self.find_joints(&joint_names, tree)?;
-        let prismatic = std::array::from_fn(|j| tree.joints[at[j]].kind == JointType::Prismatic);
-        self.check_other_joints(&file.held_joints, &at, tree)?;
-        let (joint_frames, links) = self.split_bodies(&file.base_link, &at, &prismatic, tree)?;
+        let chain = self.find_joints(&file, tree)?;
+        let (joint_names, prismatic) = (&chain.names, chain.prismatic);
+        let (joint_frames, links) = self.split_bodies(&file.base_link, &chain, tree)?;
 
-        let urdf_limits = self.urdf_limits(&at, &prismatic, tree)?;
-        self.check_names("tighten", file.tighten.keys(), &joint_names)?;
+        let urdf_limits = self.urdf_limits(&chain, tree)?;
+        self.check_names("tighten", file.tighten.keys(), joint_names)?;
+        let groups = self.groups(&file.limits, joint_names)?;
         let mut limits = urdf_limits;
-        for j in 0..JOINTS {
-            let tighten = file.tighten.get(&joint_names[j]);
-            limits[j] = self.effective(j, &joint_names[j], prismatic[j], &urdf_limits[j], &file.limits, tighten)?;
+        for (j, name) in joint_names.iter().enumerate() {
+            let (tighten, stop_time_max_ms) = (file.tighten.get(name), file.limits.stop_time_max_ms);
+            limits[j] = self.effective(name, prismatic[j], &urdf_limits[j], groups[j], tighten, stop_time_max_ms)?;
         }
-        let home = self.home(&file.home_m, &file.home_rad, &joint_names, &prismatic)?;
+        let home = self.home(&file.home_m, &file.home_rad, joint_names, &prismatic)?;
 
         let link_body = |name: &str| links.iter().find(|link| link.name == name).map(|l| (l.body, l.body_from_link));
         let capsules = read_capsules(self.toml, &file.collision.capsules, link_body)?;
@@ -168,16 +201,22 @@ impl Source<'_> {
         let (pairs, allowed) = read_pairs(self.toml, &capsules, &file.collision.allowed, parent)?;
         let torso_body =
             link_body(&file.torso_link).ok_or_else(|| self.unknown_link("torso_link", &file.torso_link))?.0;
-        self.check_limb("left", &file.limbs.left, LEFT_ARM.start, &links, &joint_names)?;
-        self.check_limb("right", &file.limbs.right, RIGHT_ARM.start, &links, &joint_names)?;
+        for (side, arm) in [&file.arms.left, &file.arms.right].into_iter().enumerate() {
+            self.check_arm(side, arm, &chain, torso_body, (&joint_frames, &links))?;
+        }
+        let lift = std::iter::successors(torso_body.checked_sub(1), |j| joint_frames[*j].parent.checked_sub(1))
+            .find(|j| prismatic[*j]);
 
-        let joint_weight = self.joint_weights(&file.tasks.joint_weight, &joint_names)?;
+        let joint_weight = self.joint_weights(&file.tasks.joint_weight, joint_names)?;
 
         let mut model = Model {
             name: file.name,
             hash: hash(&texts.toml, &texts.urdf),
             texts: Arc::new(texts),
-            joint_names,
+            count: chain.at.len(),
+            body_count: chain.body_count,
+            lift,
+            controllers: self.controllers(&file.controllers, joint_names)?,
             prismatic,
             limits,
             urdf_limits,
@@ -201,19 +240,25 @@ impl Source<'_> {
                 .millimetres("collision.clearance_measured_min_mm", file.collision.clearance_measured_min_mm)?,
             joint_frames,
             links,
+            joint_names: chain.names.clone(),
         };
-        self.derive_arms(&file.reference_rad, &mut model)?;
+        for (side, arm) in [&file.arms.left, &file.arms.right].into_iter().enumerate() {
+            if let Some(value) = arm.reference_rad.iter().find(|value| !value.is_finite()) {
+                let key = format!("arms.{}.reference_rad", ["left", "right"][side]);
+                return Err(self.value(&key, value.to_string(), "must be finite"));
+            }
+            let joints = std::array::from_fn(|i| chain.arm_start(side) + i);
+            model.arms[side] = model.derive_arm(joints, arm.reference_rad, model.torso_body);
+        }
+        model.check_shoulders(self.urdf)?;
+        model.check_mirror(self.toml)?;
         self.check_home(&model)?;
         Ok(model)
     }
 
-    fn joint_weights(
-        &self,
-        given: &BTreeMap<String, f64>,
-        names: &[String; JOINTS],
-    ) -> Result<[f64; JOINTS], RobotError> {
+    fn joint_weights(&self, given: &BTreeMap<String, f64>, names: &[String]) -> Result<[f64; JOINTS_MAX], RobotError> {
         self.check_names("tasks.joint_weight", given.keys(), names)?;
-        let mut weights = [1.0; JOINTS];
+        let mut weights = [1.0; JOINTS_MAX];
         for (weight, name) in weights.iter_mut().zip(names) {
             if let Some(&value) = given.get(name) {
                 *weight = self.weight(&format!("tasks.joint_weight.{name}"), value, 1.0 / WEIGHT_MAX..=WEIGHT_MAX)?;
@@ -230,41 +275,11 @@ impl Source<'_> {
         Err(self.value(key, value.to_string(), bound))
     }
 
-    fn derive_arms(&self, reference_rad: &BTreeMap<String, f64>, model: &mut Model) -> Result<(), RobotError> {
-        self.check_names("reference_rad", reference_rad.keys(), &model.joint_names)?;
-        for (side, range) in [LEFT_ARM, RIGHT_ARM].into_iter().enumerate() {
-            let joints: [usize; ARM_JOINTS] = std::array::from_fn(|i| range.start + i);
-            let reference = self.reference(reference_rad, &joints[..5], &model.joint_names)?;
-            model.arms[side] = model.derive_arm(joints, reference, model.torso_body);
-        }
-        model.check_mirror(self.urdf)
-    }
-
-    /// Checks that the upper arm moves with the arm's third joint, and the forearm with its fifth.
-    fn check_limb(
-        &self,
-        side: &str,
-        limb: &Limb,
-        arm_start: usize,
-        links: &[Link],
-        joint_names: &[String; JOINTS],
-    ) -> Result<(), RobotError> {
-        for (part, name, joint) in [("upper", &limb.upper, arm_start + 2), ("fore", &limb.fore, arm_start + 4)] {
-            let key = format!("limbs.{side}.{part}");
-            let found = links.iter().find(|link| link.name == *name).ok_or_else(|| self.unknown_link(&key, name))?;
-            if found.body != joint + 1 {
-                let bound = format!("must move with joint `{}`", joint_names[joint]);
-                return Err(self.value(&key, format!("`{name}`"), bound));
-            }
-        }
-        Ok(())
-    }
-
     pub(crate) fn value(&self, key: &str, value: String, bound: impl Into<String>) -> RobotError {
         RobotError::value(self.toml, key, value, bound)
     }
 
-    fn unknown_link(&self, key: &str, name: &str) -> RobotError {
+    pub(crate) fn unknown_link(&self, key: &str, name: &str) -> RobotError {
         RobotError::unknown(self.toml, key, name, "a link of the URDF")
     }
 
@@ -277,118 +292,63 @@ impl Source<'_> {
         &self,
         table: &str,
         mut names: impl Iterator<Item = &'n String>,
-        joint_names: &[String; JOINTS],
+        joint_names: &[String],
     ) -> Result<(), RobotError> {
         let unknown = names.find(|name| !joint_names.contains(name));
         unknown.map_or(Ok(()), |name| Err(RobotError::unknown(self.toml, table, name, "a commanded joint")))
     }
 
-    /// Finds the commanded joints in the tree. Each must be of a kind that can be commanded.
-    fn find_joints(&self, names: &[String; JOINTS], tree: &Tree) -> Result<[usize; JOINTS], RobotError> {
-        let mut at = [0; JOINTS];
-        for (j, name) in names.iter().enumerate() {
-            at[j] = tree
-                .joint(name)
-                .ok_or_else(|| RobotError::unknown(self.toml, "joints", name, "a joint of the URDF"))?;
-            if at[..j].contains(&at[j]) {
-                return Err(RobotError::duplicate(self.toml, "joint", name));
-            }
-            let joint = &tree.joints[at[j]];
-            let (wanted, bound) = if j == TORSO {
-                (JointType::Prismatic, "the torso lift must be prismatic")
-            } else {
-                (JointType::Revolute, "head and arm joints must be revolute")
-            };
-            let value = match &joint.kind {
-                kind if *kind != wanted => format!("{kind:?}").to_lowercase(),
-                _ if joint.mimics => "mimic".into(),
-                _ => continue,
-            };
-            let (file, joint) = (self.urdf.into(), name.clone());
-            return Err(RobotError::JointKind { file, joint, value, bound: bound.into() });
+    /// Reads the controllers. Every joint belongs to exactly one.
+    fn controllers(&self, entries: &[ControllerEntry], names: &[String]) -> Result<Vec<Controller>, RobotError> {
+        if entries.is_empty() {
+            return Ok(vec![Controller { name: "joints".into(), joints: (1 << names.len()) - 1 }]);
         }
-        Ok(at)
+        if entries.len() > CONTROLLERS_MAX {
+            let (file, key) = (self.toml.into(), "controllers".into());
+            return Err(RobotError::TooMany { file, key, count: entries.len(), bound: CONTROLLERS_MAX });
+        }
+        let lists = entries.iter().map(|entry| (format!("controllers `{}`", entry.name), entry.joints.as_slice()));
+        let owners = self.partition(lists, names, "a controller")?;
+        let masks = |c: usize| owners.iter().enumerate().filter(|(_, owner)| **owner == c).map(|(j, _)| 1 << j).sum();
+        let read = |(c, entry): (usize, &ControllerEntry)| Controller { name: entry.name.clone(), joints: masks(c) };
+        Ok(entries.iter().enumerate().map(read).collect())
     }
 
-    /// Checks that every movable joint is commanded or declared as held, so that no motion is left out of the
-    /// model.
-    fn check_other_joints(&self, held: &[String], at: &[usize; JOINTS], tree: &Tree) -> Result<(), RobotError> {
-        for name in held {
-            let known = tree.joint(name).filter(|joint| !at.contains(joint));
-            if known.is_none() {
-                let expected = "a joint of the URDF that is not commanded";
-                return Err(RobotError::unknown(self.toml, "held_joints", name, expected));
-            }
-        }
-        for (index, joint) in tree.joints.iter().enumerate() {
-            if joint.kind != JointType::Fixed && !at.contains(&index) && !held.contains(&joint.name) {
-                return Err(RobotError::JointKind {
-                    file: self.urdf.into(),
-                    joint: joint.name.clone(),
-                    value: format!("{:?}", joint.kind).to_lowercase(),
-                    bound: "every movable joint must be commanded, or listed in held_joints of the robot file".into(),
-                });
-            }
-        }
-        Ok(())
-    }
-
-    /// Cuts the tree at the commanded joints. The result is 18 bodies, and the place of every link on one of
-    /// them.
-    fn split_bodies(
+    /// Finds the list of each joint. Every joint must be in exactly one list.
+    pub(crate) fn partition<'l>(
         &self,
-        base_link: &str,
-        at: &[usize; JOINTS],
-        prismatic: &[bool; JOINTS],
-        tree: &Tree,
-    ) -> Result<(Vec<JointFrame>, Vec<Link>), RobotError> {
-        if tree.link(base_link) != Some(tree.root) {
-            let bound = format!("must be the root link `{}`", tree.links[tree.root]);
-            return Err(self.value("base_link", format!("`{base_link}`"), bound));
-        }
-        let locate = |link: usize| {
-            let mut here = (link, Pose::identity());
-            loop {
-                let Some(joint) = tree.joint_above[here.0] else {
-                    return (0, here.1);
-                };
-                if let Some(j) = at.iter().position(|commanded| *commanded == joint) {
-                    return (j + 1, here.1);
+        lists: impl Iterator<Item = (String, &'l [String])>,
+        names: &[String],
+        what: &str,
+    ) -> Result<Vec<usize>, RobotError> {
+        let mut owners: Vec<Option<usize>> = vec![None; names.len()];
+        for (index, (key, list)) in lists.enumerate() {
+            for name in list {
+                let j = names.iter().position(|known| known == name);
+                let j = j.ok_or_else(|| RobotError::unknown(self.toml, key.as_str(), name, "a commanded joint"))?;
+                if owners[j].replace(index).is_some() {
+                    return Err(RobotError::duplicate(self.toml, &format!("{key}: joint"), name));
                 }
-                let joint = &tree.joints[joint];
-                here = (joint.parent, joint.parent_from_joint.compose(&here.1));
             }
-        };
-        let mut frames = Vec::with_capacity(JOINTS);
-        for (j, index) in at.iter().enumerate() {
-            let joint = &tree.joints[*index];
-            let (parent, parent_from_link) = locate(joint.parent);
-            if parent > j {
-                let bound = "must not be attached to a later joint in the order torso, head, left arm, right arm";
-                return Err(self.value("joints", format!("`{}`", joint.name), bound));
-            }
-            let parent_from_joint = parent_from_link.compose(&joint.parent_from_joint);
-            frames.push(JointFrame::new(parent, &parent_from_joint, joint.axis, prismatic[j]));
         }
-        let links = (0..tree.links.len()).map(|link| {
-            let (body, body_from_link) = locate(link);
-            let (visuals, meshes) = (tree.visuals[link].clone(), tree.meshes[link].clone());
-            Link { name: tree.links[link].clone(), body, body_from_link, visuals, meshes, inertia: tree.inertias[link] }
-        });
-        Ok((frames, links.collect()))
+        let found = |(j, owner): (usize, Option<usize>)| {
+            let missing = || self.value("joints", format!("`{}`", names[j]), format!("must belong to {what}"));
+            owner.ok_or_else(missing)
+        };
+        owners.into_iter().enumerate().map(found).collect()
     }
 
     fn home(
         &self,
         metres: &BTreeMap<String, f64>,
         radians: &BTreeMap<String, f64>,
-        names: &[String; JOINTS],
-        prismatic: &[bool; JOINTS],
-    ) -> Result<[f64; JOINTS], RobotError> {
+        names: &[String],
+        prismatic: &[bool; JOINTS_MAX],
+    ) -> Result<[f64; JOINTS_MAX], RobotError> {
         self.check_names("home_m", metres.keys(), names)?;
         self.check_names("home_rad", radians.keys(), names)?;
-        let mut home = [0.0; JOINTS];
-        for j in 0..JOINTS {
+        let mut home = [0.0; JOINTS_MAX];
+        for j in 0..names.len() {
             let (table, key, foreign) =
                 if prismatic[j] { (metres, "home_m", radians) } else { (radians, "home_rad", metres) };
             if let Some(value) = foreign.get(&names[j]) {
@@ -399,26 +359,6 @@ impl Source<'_> {
             })?;
         }
         Ok(home)
-    }
-
-    fn reference(
-        &self,
-        table: &BTreeMap<String, f64>,
-        joints: &[usize],
-        names: &[String; JOINTS],
-    ) -> Result<[f64; 5], RobotError> {
-        let mut reference = [0.0; 5];
-        for (value, j) in reference.iter_mut().zip(joints) {
-            let name = &names[*j];
-            *value = *table.get(name).ok_or_else(|| {
-                let bound = format!("joint `{name}` must have a position in the T-pose");
-                self.value("reference_rad", "missing".into(), bound)
-            })?;
-            if !value.is_finite() {
-                return Err(self.joint(self.toml, name, "reference_rad", *value, "must be finite"));
-            }
-        }
-        Ok(reference)
     }
 
     /// 1 mm is less than any servo can hold, and 200 mm is more than a forearm.
@@ -439,7 +379,7 @@ impl Source<'_> {
             );
             return Err(self.value("collision.clearance_measured_min_mm", value, bound));
         }
-        for j in 0..JOINTS {
+        for j in 0..model.count {
             let limits = &model.limits[j];
             if !limits.contains(model.home[j]) {
                 let bound = format!("must be within [{}, {}]", limits.q_min, limits.q_max);

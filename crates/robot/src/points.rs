@@ -1,7 +1,7 @@
 //! The points of the arms whose speed is bounded.
 
 use crate::model::Model;
-use messages::{ARM_JOINTS, LEFT_ARM, RIGHT_ARM};
+use messages::ARM_JOINTS;
 use nalgebra::Vector3;
 
 /// A point that is fixed to a body.
@@ -25,7 +25,7 @@ impl Model {
             let hand = ends.max_by(|a, b| a.norm().total_cmp(&b.norm())).unwrap_or_default();
             [SpeedPoint { body: fore, at: Vector3::zeros() }, SpeedPoint { body: last, at: hand }]
         };
-        let [left, right] = [LEFT_ARM.start, RIGHT_ARM.start].map(of_arm);
+        let [left, right] = [0, 1].map(|side| of_arm(self.arms[side].joints[0]));
         [left[0], left[1], right[0], right[1]]
     }
 }

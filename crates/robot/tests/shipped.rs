@@ -2,11 +2,16 @@
 
 use crate::support;
 
-use messages::{JOINTS, LEFT_ARM, RIGHT_ARM};
+use messages::JOINTS_MAX;
 use nalgebra::Vector3;
 use robot::{AllowedReason, Form, Frames, Inertia};
 use std::f64::consts::FRAC_PI_2;
 use support::{GRIPPER_TOML, GRIPPER_URDF, TOML, URDF, load, shipped};
+
+/// TIAGo++: the joints of its left arm.
+const LEFT_ARM: std::ops::Range<usize> = 3..10;
+/// TIAGo++: the joints of its right arm.
+const RIGHT_ARM: std::ops::Range<usize> = 10..17;
 
 #[test]
 fn home_posture_has_5_cm_clearance_and_room_to_limits() {
@@ -92,7 +97,7 @@ fn capsule_pair_is_checked_or_has_a_reason() {
 #[test]
 fn limits_in_force_are_within_urdf_and_allow_stop_in_500_ms() {
     let model = shipped();
-    for j in 0..JOINTS {
+    for j in 0..JOINTS_MAX {
         let (limits, urdf) = (&model.limits[j], &model.urdf_limits[j]);
         assert!(limits.q_min >= urdf.q_min && limits.q_max <= urdf.q_max && limits.v_max <= urdf.v_max);
         assert!(limits.stop_time_s() <= 0.5, "{}: {}", model.joint_names[j], limits.stop_time_s());

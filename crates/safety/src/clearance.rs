@@ -1,6 +1,6 @@
 //! Distances of the capsule model. This implementation shares no code with whole-body control or `robot`.
 
-use messages::JOINTS;
+use messages::JOINTS_MAX;
 use nalgebra::Vector3;
 use robot::{CAPSULES_MAX, Frames, Model, Pair, Solid};
 
@@ -49,7 +49,7 @@ impl Axis {
 
 /// Least distance over the checked pairs of `model` and over its obstacles, at posture `q` (rad, m). `frames`
 /// is working memory. Never allocates.
-pub fn clearance(model: &Model, frames: &mut Frames, q: &[f64; JOINTS]) -> Clearance {
+pub fn clearance(model: &Model, frames: &mut Frames, q: &[f64; JOINTS_MAX]) -> Clearance {
     if q.iter().any(|q| !q.is_finite()) {
         return Clearance { distance_m: f64::NAN, pair: [0; 2] };
     }
@@ -311,7 +311,7 @@ pub(crate) mod tests {
     fn clearance_is_least_distance_of_all_pairs() {
         let mut model = shipped();
         let mut rng = rand_pcg::Pcg64::seed_from_u64(5);
-        let mut frames = Frames { base_from_body: [Pose::identity(); JOINTS + 1] };
+        let mut frames = Frames { base_from_body: [Pose::identity(); JOINTS_MAX + 1] };
         let (mut of_obstacles, mut overlapping) = (0, 0);
         for n in 0..4000 {
             if n % 20 == 0 {

@@ -33,7 +33,7 @@ mod stop;
 mod stored;
 mod way;
 
-use messages::{JOINTS, Stamp, StopPlan};
+use messages::{JOINTS_MAX, Stamp, StopPlan};
 use robot::Model;
 
 pub use check::{Check, ConfigError};
@@ -62,11 +62,13 @@ const RECOVERY_M_PER_S: f64 = 0.01;
 /// Validated limits and geometry.
 #[derive(Clone, Debug)]
 pub struct Config {
-    limits: [Limits; JOINTS],
+    /// Number of the robot's joints. Everything beyond it must be zero.
+    count: usize,
+    limits: [Limits; JOINTS_MAX],
     ways: Ways,
     d_min_m: f64,
     /// Largest speed of each joint in a recovery, in units.
-    recovery_v: [i64; JOINTS],
+    recovery_v: [i64; JOINTS_MAX],
     /// Largest speed of an elbow or a hand, m/s. None without a bound, or if joints within their limits cannot
     /// exceed it.
     hand_speed_m_per_s: Option<f64>,
@@ -85,6 +87,7 @@ impl Config {
             return Err(ConfigError::Clearance(model.d_min_m));
         }
         Ok(Self {
+            count: model.count,
             limits: all_limits(&model.joint_names, &model.limits, model.stop_time_max_s)?,
             ways: Ways::new(model, interface, &model.limits)?,
             d_min_m: model.d_min_m,
@@ -126,21 +129,27 @@ pub struct State {
 impl State {
     /// Creates the state at rest at `q` (rad, m). A position that is not finite or too large becomes zero,
     /// and then every command is denied until a usable seed arrives.
-    pub fn at_rest(q: [f64; JOINTS]) -> Self {
+    pub fn at_rest(q: [f64; JOINTS_MAX]) -> Self {
         let points = q.map(|q| Point::quantised(q, 0.0, 0.0));
         let origin = points.map(Option::unwrap_or_default);
         let seed_refused = points.contains(&None);
-        Self { stored: Stored::new(origin, [Phases::default(); JOINTS]), k: None, seed_refused, denials: 0, nearest: 0 }
+        Self {
+            stored: Stored::new(origin, [Phases::default(); JOINTS_MAX]),
+            k: None,
+            seed_refused,
+            denials: 0,
+            nearest: 0,
+        }
     }
 
     /// Continues from the state that the driver reports, with the stop that it would play from there. This is
     /// the state of the tick before the next one. The robot is where it is, so a seed need not lie within the
     /// limits. But it must be finite and come to rest. Every command is denied until a usable seed arrives.
-    pub fn reseed(&mut self, q: &[f64; JOINTS], v: &[f64; JOINTS], a: &[f64; JOINTS], plan: &StopPlan) {
-        let mut origin = [Point::default(); JOINTS];
-        let mut phases = [Phases::default(); JOINTS];
+    pub fn reseed(&mut self, q: &[f64; JOINTS_MAX], v: &[f64; JOINTS_MAX], a: &[f64; JOINTS_MAX], plan: &StopPlan) {
+        let mut origin = [Point::default(); JOINTS_MAX];
+        let mut phases = [Phases::default(); JOINTS_MAX];
         self.seed_refused = true;
-        for j in 0..JOINTS {
+        for j in 0..JOINTS_MAX {
             let (Some(point), Some(stop)) = (Point::quantised(q[j], v[j], a[j]), quantised_phases(plan, j)) else {
                 return;
             };
@@ -160,17 +169,17 @@ impl State {
     }
 
     /// Positions last sent, rad or m.
-    pub fn q(&self) -> [f64; JOINTS] {
+    pub fn q(&self) -> [f64; JOINTS_MAX] {
         self.sent().q
     }
 
     /// Velocities last sent, rad/s or m/s.
-    pub fn v(&self) -> [f64; JOINTS] {
+    pub fn v(&self) -> [f64; JOINTS_MAX] {
         self.sent().v
     }
 
     /// Accelerations last sent, rad/s^2 or m/s^2.
-    pub fn a(&self) -> [f64; JOINTS] {
+    pub fn a(&self) -> [f64; JOINTS_MAX] {
         self.sent().a
     }
 
@@ -192,11 +201,11 @@ pub struct Proposed {
     /// Permit of the state machine at this tick.
     pub permit: Permit,
     /// Positions, rad or m.
-    pub q: [f64; JOINTS],
+    pub q: [f64; JOINTS_MAX],
     /// Velocities, rad/s or m/s.
-    pub v: [f64; JOINTS],
+    pub v: [f64; JOINTS_MAX],
     /// Accelerations, rad/s^2 or m/s^2.
-    pub a: [f64; JOINTS],
+    pub a: [f64; JOINTS_MAX],
     /// The stop from there.
     pub plan: StopPlan,
 }
@@ -218,11 +227,11 @@ pub struct Decision {
     /// Verdict on the proposal.
     pub verdict: Verdict,
     /// Positions, rad or m.
-    pub q: [f64; JOINTS],
+    pub q: [f64; JOINTS_MAX],
     /// Velocities, rad/s or m/s.
-    pub v: [f64; JOINTS],
+    pub v: [f64; JOINTS_MAX],
     /// Accelerations, rad/s^2 or m/s^2.
-    pub a: [f64; JOINTS],
+    pub a: [f64; JOINTS_MAX],
     /// The stop from there.
     pub plan: StopPlan,
     /// Least clearance of the command by the gate's own measure, m. NaN if a plan is played and the gate
@@ -247,7 +256,7 @@ impl Decision {
 /// use safety::{engage::Permit, gate::{Config, Proposed, State, tick}};
 ///
 /// let (config, mut state) = (Config::new(&model)?, State::at_rest(model.home));
-/// let (zero, permit) = ([0.0; messages::JOINTS], Permit::Follow { speed_scale: 1.0 });
+/// let (zero, permit) = ([0.0; messages::JOINTS_MAX], Permit::Follow { speed_scale: 1.0 });
 /// let mut jump = Proposed { k: 1, permit, q: model.home, v: zero, a: zero, plan: StopPlan::ZERO };
 /// jump.q[3] += 0.1; // In one tick.
 /// let sent = tick(&config, &mut state, messages::deadline(1), jump);
@@ -260,7 +269,7 @@ pub fn tick(config: &Config, state: &mut State, _now: Stamp, proposed: Proposed)
         None => 1,
         Some(last) => proposed.k.saturating_sub(last),
     };
-    let last: [Point; JOINTS] = core::array::from_fn(|j| state.stored.joint(j).0);
+    let last: [Point; JOINTS_MAX] = core::array::from_fn(|j| state.stored.joint(j).0);
     let on_plan = state.stored.later(ticks);
     let judged = judge(config, state, &last, &on_plan, ticks, &proposed);
     let passed = judged.unwrap_or_else(|denial| {
@@ -283,7 +292,7 @@ struct Passed {
 fn judge(
     config: &Config,
     state: &mut State,
-    last: &[Point; JOINTS],
+    last: &[Point; JOINTS_MAX],
     on_plan: &Stored,
     ticks: u64,
     proposed: &Proposed,
@@ -294,10 +303,13 @@ fn judge(
     if ticks != 1 {
         return Err(Denial::Index);
     }
-    let mut next = [Point::default(); JOINTS];
-    let mut phases = [Phases::default(); JOINTS];
+    let mut next = [Point::default(); JOINTS_MAX];
+    let mut phases = [Phases::default(); JOINTS_MAX];
     let mut all_on_plan = true;
-    for j in 0..JOINTS {
+    if let Some(joint) = (config.count..JOINTS_MAX).find(|&j| !is_absent(proposed, j)) {
+        return Err(Denial::Joint { joint, check: Check::Absent });
+    }
+    for j in 0..config.count {
         let point = Point::quantised(proposed.q[j], proposed.v[j], proposed.a[j]);
         let stop = quantised_phases(&proposed.plan, j);
         let denial = Denial::Joint { joint: j, check: Check::Finite };
@@ -316,8 +328,8 @@ fn judge(
         Permit::Stop => return Err(Denial::Permit),
     };
     let recovers = proposed.permit == Permit::Recover;
-    let mut stops = [Stop::new(Point::default(), &Phases::default()); JOINTS];
-    for j in 0..JOINTS {
+    let mut stops = [Stop::new(Point::default(), &Phases::default()); JOINTS_MAX];
+    for j in 0..config.count {
         let limits = &config.limits[j];
         let limits = if recovers { &limits.recovering(last[j], config.recovery_v[j]) } else { limits };
         let plan_point = on_plan.joint(j).0;
@@ -340,17 +352,24 @@ fn judge(
     Ok(Passed { verdict: Verdict::Accept, stored: Stored::new(next, phases), clearance_m })
 }
 
+/// Returns true if a proposal has nothing but zeros for a joint.
+fn is_absent(proposed: &Proposed, j: usize) -> bool {
+    let plan = &proposed.plan;
+    let phases = plan.jerk[j].iter().chain(&plan.duration_s[j]);
+    [proposed.q[j], proposed.v[j], proposed.a[j]].iter().chain(phases).all(|x| *x == 0.0)
+}
+
 /// Returns the command that plays `stored`.
 fn play(stored: &Stored, verdict: Verdict, clearance_m: f64) -> Decision {
     let mut out = Decision {
         verdict,
-        q: [0.0; JOINTS],
-        v: [0.0; JOINTS],
-        a: [0.0; JOINTS],
-        plan: StopPlan { jerk: [[0.0; 3]; JOINTS], duration_s: [[0.0; 3]; JOINTS] },
+        q: [0.0; JOINTS_MAX],
+        v: [0.0; JOINTS_MAX],
+        a: [0.0; JOINTS_MAX],
+        plan: StopPlan { jerk: [[0.0; 3]; JOINTS_MAX], duration_s: [[0.0; 3]; JOINTS_MAX] },
         clearance_m,
     };
-    for j in 0..JOINTS {
+    for j in 0..JOINTS_MAX {
         let (point, rest) = stored.joint(j);
         out.q[j] = point.q as f64 / UNITS;
         out.v[j] = point.v as f64 / UNITS;

@@ -4,7 +4,7 @@ mod feedback;
 mod movement;
 mod target;
 
-use messages::JOINTS;
+use messages::JOINTS_MAX;
 use robot::{Frames, Model};
 
 pub use crate::clearance::Clearance;
@@ -30,7 +30,7 @@ const NEAR_HYSTERESIS_M: f64 = 0.001;
 
 /// Least distance over the checked pairs and obstacles at the measured posture (rad, m). `frames` is working
 /// memory. Never allocates.
-pub fn measured_clearance(model: &Model, frames: &mut Frames, q_measured: &[f64; JOINTS]) -> Clearance {
+pub fn measured_clearance(model: &Model, frames: &mut Frames, q_measured: &[f64; JOINTS_MAX]) -> Clearance {
     crate::clearance::clearance(model, frames, q_measured)
 }
 
@@ -46,17 +46,17 @@ pub struct Outside {
 
 /// Returns the joint that is measured farthest outside its limits, if the distance is more than noise. NaN is
 /// outside.
-pub fn outside_limits(model: &Model, q_measured: &[f64; JOINTS]) -> Option<Outside> {
+pub fn outside_limits(model: &Model, q_measured: &[f64; JOINTS_MAX]) -> Option<Outside> {
     farthest(model, q_measured, OUTSIDE_MARGIN)
 }
 
 /// Returns the joint that is commanded farthest outside its limits, if there is one. A driver that starts
 /// holds the measured position. Neither whole-body control nor the gate follows a target from outside.
-pub fn commanded_outside(model: &Model, q_commanded: &[f64; JOINTS]) -> Option<Outside> {
+pub fn commanded_outside(model: &Model, q_commanded: &[f64; JOINTS_MAX]) -> Option<Outside> {
     farthest(model, q_commanded, COMMAND_ROUNDING)
 }
 
-fn farthest(model: &Model, q: &[f64; JOINTS], margin: f64) -> Option<Outside> {
+fn farthest(model: &Model, q: &[f64; JOINTS_MAX], margin: f64) -> Option<Outside> {
     let mut worst: Option<Outside> = None;
     for (joint, (limits, q)) in model.limits.iter().zip(q).enumerate() {
         let by = q - q.clamp(limits.q_min, limits.q_max);
@@ -72,7 +72,7 @@ fn farthest(model: &Model, q: &[f64; JOINTS], margin: f64) -> Option<Outside> {
 /// Returns true if normal engaging may begin from a command at `q` (rad, m). Every joint must be within its
 /// limits, and every checked pair d_min and [`START_MARGIN_M`] apart, by this crate's own arithmetic. A
 /// recovery ends with such a command.
-pub fn clear_to_start(model: &Model, frames: &mut Frames, q: &[f64; JOINTS]) -> bool {
+pub fn clear_to_start(model: &Model, frames: &mut Frames, q: &[f64; JOINTS_MAX]) -> bool {
     let inside = model.limits.iter().zip(q).all(|(limits, q)| limits.contains(*q));
     inside && crate::clearance::clearance(model, frames, q).is_at_least(model.d_min_m + START_MARGIN_M)
 }
@@ -91,13 +91,13 @@ pub struct Farthest {
 /// difference. NaN stays NaN.
 pub fn tracking_error(
     model: &Model,
-    q_command: &[f64; JOINTS],
-    v_command: &[f64; JOINTS],
-    q_measured: &[f64; JOINTS],
+    q_command: &[f64; JOINTS_MAX],
+    v_command: &[f64; JOINTS_MAX],
+    q_measured: &[f64; JOINTS_MAX],
     servo_lag_s: f64,
 ) -> (Farthest, Farthest) {
     let (mut angle_rad, mut length_m) = (Farthest::default(), Farthest::default());
-    for j in 0..JOINTS {
+    for j in 0..model.count {
         let error = (q_command[j] - servo_lag_s * v_command[j] - q_measured[j]).abs();
         let greatest = if model.prismatic[j] { &mut length_m } else { &mut angle_rad };
         if error.is_nan() {
@@ -137,6 +137,11 @@ mod tests {
     use super::*;
     use rand::{RngExt, SeedableRng};
 
+    /// TIAGo++: the joints of its left arm.
+    const LEFT_ARM: std::ops::Range<usize> = 3..10;
+    /// TIAGo++: its lift.
+    const TORSO: usize = 0;
+
     fn model() -> Model {
         Model::from_text(
             "tiago_dual.toml",
@@ -152,17 +157,17 @@ mod tests {
         let model = model();
         assert_eq!(outside_limits(&model, &model.home), None);
         for (past, outside) in [(0.0, false), (0.0049, false), (0.0051, true), (f64::NAN, true)] {
-            for j in 0..JOINTS {
+            for j in 0..JOINTS_MAX {
                 let mut q = model.home;
                 q[j] = model.limits[j].q_max + past;
-                let named = |q: &[f64; JOINTS]| outside_limits(&model, q).map(|outside| outside.joint);
+                let named = |q: &[f64; JOINTS_MAX]| outside_limits(&model, q).map(|outside| outside.joint);
                 assert_eq!(named(&q), outside.then_some(j), "joint {j} at {past}");
                 q[j] = model.limits[j].q_min - past;
                 assert_eq!(named(&q), outside.then_some(j), "joint {j} at {past}");
                 // The worst joint is named, with its side.
-                q[JOINTS - 1 - j] = model.limits[JOINTS - 1 - j].q_max + 0.5;
+                q[JOINTS_MAX - 1 - j] = model.limits[JOINTS_MAX - 1 - j].q_max + 0.5;
                 let worst = outside_limits(&model, &q).expect("is outside");
-                assert!(past.is_nan() || (worst.joint, worst.by > 0.4) == (JOINTS - 1 - j, true), "{worst:?}");
+                assert!(past.is_nan() || (worst.joint, worst.by > 0.4) == (JOINTS_MAX - 1 - j, true), "{worst:?}");
             }
         }
     }
@@ -171,7 +176,7 @@ mod tests {
     fn command_outside_limits_beyond_rounding_is_named() {
         let model = model();
         assert_eq!(commanded_outside(&model, &model.home), None);
-        for j in 0..JOINTS {
+        for j in 0..JOINTS_MAX {
             for (past, outside) in [(0.5e-9, false), (2e-9, true), (0.1, true)] {
                 for (limit, side) in [(model.limits[j].q_max, 1.0), (model.limits[j].q_min, -1.0)] {
                     let mut q = model.home;
@@ -187,7 +192,7 @@ mod tests {
     #[test]
     fn motion_may_begin_only_within_limits_and_with_clearance() {
         let model = model();
-        let mut frames = Frames { base_from_body: [robot::Pose::identity(); JOINTS + 1] };
+        let mut frames = Frames { base_from_body: [robot::Pose::identity(); JOINTS_MAX + 1] };
         assert!(clear_to_start(&model, &mut frames, &model.home));
         let mut outside = model.home;
         outside[0] = model.limits[0].q_max + 1e-6;
@@ -235,8 +240,8 @@ mod tests {
     #[test]
     fn tracking_error_is_greatest_by_kind_and_nan_stays() {
         let model = model();
-        let (q, still) = (model.home, [0.0; JOINTS]);
-        let (lift, turn) = (messages::TORSO, messages::LEFT_ARM.start);
+        let (q, still) = (model.home, [0.0; JOINTS_MAX]);
+        let (lift, turn) = (TORSO, LEFT_ARM.start);
         let (angle_rad, _) = tracking_error(&model, &q, &still, &q, 0.0);
         assert_eq!(angle_rad, Farthest::default(), "where none is behind, none is blamed");
         let mut measured = q;
@@ -257,7 +262,7 @@ mod tests {
     #[test]
     fn measured_clearance_matches_robot_model() {
         let model = model();
-        let mut frames = Frames { base_from_body: [robot::Pose::identity(); JOINTS + 1] };
+        let mut frames = Frames { base_from_body: [robot::Pose::identity(); JOINTS_MAX + 1] };
         let own = measured_clearance(&model, &mut frames, &model.home);
         let (other, pair) = model.clearance(&frames);
         assert!((own.distance_m - other).abs() < 1e-9);

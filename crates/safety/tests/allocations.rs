@@ -35,7 +35,7 @@ fn engage_and_gate_ticks_allocate_nothing() {
     let mut bench = Bench::engaged();
     let mut rng = rand_pcg::Pcg64::seed_from_u64(1);
     let mut near = monitor::Near::new();
-    let mut frames = Frames { base_from_body: [Pose::identity(); messages::JOINTS + 1] };
+    let mut frames = Frames { base_from_body: [Pose::identity(); messages::JOINTS_MAX + 1] };
     let before = allocated();
     for k in 1..=10_000 {
         bench.input.motion.gate_denied = k % 7 == 0;

@@ -2,7 +2,7 @@
 
 use crate::support;
 
-use messages::{JOINTS, TICK_S};
+use messages::{JOINTS_MAX, TICK_S};
 use proptest::prelude::*;
 use robot::Model;
 use safety::monitor::{Feedback, Judged, Sample};
@@ -12,14 +12,14 @@ use support::model;
 static MODEL: LazyLock<Model> = LazyLock::new(model);
 
 /// Turns the joints' positions into measurements.
-type Encoders<'a> = dyn Fn(&mut [f64; JOINTS]) + 'a;
+type Encoders<'a> = dyn Fn(&mut [f64; JOINTS_MAX]) + 'a;
 
 /// A robot that is commanded tick by tick, with its encoders.
 #[derive(Clone)]
 struct Bench {
     monitor: Feedback,
     k: u64,
-    q: [f64; JOINTS],
+    q: [f64; JOINTS_MAX],
     begins: bool,
 }
 
@@ -29,21 +29,21 @@ impl Bench {
     }
 
     /// Goes one tick further at velocities `v`. `encoders` turn the joints' positions into measurements.
-    fn step(&mut self, v: &[f64; JOINTS], encoders: impl Fn(&mut [f64; JOINTS])) -> Judged {
+    fn step(&mut self, v: &[f64; JOINTS_MAX], encoders: impl Fn(&mut [f64; JOINTS_MAX])) -> Judged {
         self.k += 1;
         for (q, v) in self.q.iter_mut().zip(v) {
             *q += v * TICK_S;
         }
         let mut q_measured = self.q;
         encoders(&mut q_measured);
-        let a = &[0.0; JOINTS];
+        let a = &[0.0; JOINTS_MAX];
         let (q_measured, begins) = (&q_measured, self.begins);
         let sample = Sample { k: self.k, q: &self.q, v, a, q_measured, dq_measured: v, begins };
         self.monitor.judge(&MODEL, &sample, 0.0)
     }
 }
 
-fn one(joint: usize, v: f64) -> [f64; JOINTS] {
+fn one(joint: usize, v: f64) -> [f64; JOINTS_MAX] {
     std::array::from_fn(|j| if j == joint { v } else { 0.0 })
 }
 
@@ -52,7 +52,7 @@ proptest! {
 
     #[test]
     fn f053_first_jumped_sample_is_skipped_and_second_is_invalid(
-        joint in 0..JOINTS, share in -1.0..1.0_f64, by in 0.02..3.0_f64, up in any::<bool>(), before in 1..50_u32,
+        joint in 0..JOINTS_MAX, share in -1.0..1.0_f64, by in 0.02..3.0_f64, up in any::<bool>(), before in 1..50_u32,
     ) {
         let by = if up { by } else { -by };
         let v = one(joint, share * MODEL.limits[joint].v_max);
@@ -74,12 +74,12 @@ proptest! {
     /// Every motion within the limits is accepted, with noise, and with missing samples now and then.
     #[test]
     fn f051_f052_f053_f056_sound_measurements_are_never_invalid(
-        shares in proptest::collection::vec(-1.0..1.0_f64, JOINTS), noise in 0.0..1e-3_f64, lost in 1_u64..9, begins in any::<bool>(),
+        shares in proptest::collection::vec(-1.0..1.0_f64, JOINTS_MAX), noise in 0.0..1e-3_f64, lost in 1_u64..9, begins in any::<bool>(),
     ) {
         let mut bench = Bench::new();
         bench.begins = begins;
         let slow = if begins { 0.05 } else { 1.0 };
-        let v: [f64; JOINTS] = std::array::from_fn(|j| slow * shares[j] * MODEL.limits[j].v_max);
+        let v: [f64; JOINTS_MAX] = std::array::from_fn(|j| slow * shares[j] * MODEL.limits[j].v_max);
         for n in 0..600_u64 {
             if n % 50 == 7 {
                 bench.k += lost;
@@ -96,7 +96,7 @@ proptest! {
 
 #[test]
 fn f052_frozen_measurement_of_moving_joint_is_invalid() {
-    for joint in 0..JOINTS {
+    for joint in 0..JOINTS_MAX {
         for share in [0.25, 1.0] {
             let speed = share * MODEL.limits[joint].v_max;
             let travel = if MODEL.prismatic[joint] { 0.004 } else { 0.02 };
@@ -111,29 +111,29 @@ fn f052_frozen_measurement_of_moving_joint_is_invalid() {
         }
         // A robot at rest may measure the same for ever.
         let mut bench = Bench::new();
-        assert!((0..3000).all(|_| !bench.step(&[0.0; JOINTS], |_| {}).invalid));
+        assert!((0..3000).all(|_| !bench.step(&[0.0; JOINTS_MAX], |_| {}).invalid));
     }
 }
 
 #[test]
 fn f054_nan_or_infinite_measurement_is_invalid_at_once() {
-    for joint in 0..JOINTS {
+    for joint in 0..JOINTS_MAX {
         for value in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
             let mut bench = Bench::new();
-            bench.step(&[0.0; JOINTS], |_| {});
-            assert!(bench.step(&[0.0; JOINTS], |q| q[joint] = value).invalid);
-            assert!(!bench.step(&[0.0; JOINTS], |_| {}).invalid, "and well again");
+            bench.step(&[0.0; JOINTS_MAX], |_| {});
+            assert!(bench.step(&[0.0; JOINTS_MAX], |q| q[joint] = value).invalid);
+            assert!(!bench.step(&[0.0; JOINTS_MAX], |_| {}).invalid, "and well again");
         }
     }
 }
 
 #[test]
 fn f056_wrong_sign_or_swapped_joint_is_invalid_within_0_02_rad() {
-    for joint in 0..JOINTS {
+    for joint in 0..JOINTS_MAX {
         for sign in [-1.0, 1.0] {
             let speed = sign * 0.05 * MODEL.limits[joint].v_max;
             let start = MODEL.home[joint];
-            let other = (joint + 7) % JOINTS;
+            let other = (joint + 7) % JOINTS_MAX;
             let wrong: [&Encoders<'_>; 2] = [
                 &|q| q[joint] = 2.0 * start - q[joint],
                 // The posture is the same on both sides, so that nothing jumps.
@@ -171,7 +171,7 @@ fn f056_joint_swinging_back_is_valid_and_wrong_sign_is_not() {
         let v = one(ELBOW, sign * 0.05 * MODEL.limits[ELBOW].v_max);
         let begin = || {
             let mut bench = Bench::new();
-            bench.step(&[0.0; JOINTS], |q| q[ELBOW] += sign * 0.024);
+            bench.step(&[0.0; JOINTS_MAX], |q| q[ELBOW] += sign * 0.024);
             bench.begins = true;
             bench
         };
@@ -193,7 +193,7 @@ fn judged(begins: bool, servo_lag_s: f64, samples: &[(u64, f64, f64, f64)]) -> V
     let mut monitor = Feedback::default();
     let judge = |&(k, q, v, measured): &(u64, f64, f64, f64)| {
         let (q, v, q_measured) = (one(ELBOW, q), one(ELBOW, v), one(ELBOW, measured));
-        let (q_measured, a) = (&q_measured, &[0.0; JOINTS]);
+        let (q_measured, a) = (&q_measured, &[0.0; JOINTS_MAX]);
         let sample = Sample { k, q: &q, v: &v, a, q_measured, dq_measured: &v, begins };
         monitor.judge(&MODEL, &sample, servo_lag_s).invalid
     };

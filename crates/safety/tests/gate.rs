@@ -3,7 +3,7 @@
 use crate::support;
 
 use judge::joint::{Joint, Stop, stop_of};
-use messages::{JOINTS, Stamp, StopPlan};
+use messages::{JOINTS_MAX, Stamp, StopPlan};
 use rand::{Rng, RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use robot::{Frames, JointLimits, Model, Pose};
@@ -97,7 +97,7 @@ fn f040_f041_gate_accepts_steps_up_to_largest_admissible() {
     let mut bound_by = std::collections::BTreeMap::<(&str, bool), u32>::new();
     let mut found = 0;
     while found < 20_000 {
-        let j = rng.random_range(0..JOINTS);
+        let j = rng.random_range(0..JOINTS_MAX);
         let l = &model.limits[j];
         let x = near_a_limit(&mut rng, l);
         let (state, stop) = seeded(&model, j, x);
@@ -206,7 +206,7 @@ fn denial_makes_all_joints_play_stored_plan_together() {
     let mut last = resting(0, model.home);
     for k in 1..200 {
         let mut next = resting(k, model.home);
-        for j in 0..JOINTS {
+        for j in 0..JOINTS_MAX {
             let l = &model.limits[j];
             let x = joint(&last, j);
             let jerk = if k < 20 {
@@ -233,7 +233,7 @@ fn denial_makes_all_joints_play_stored_plan_together() {
         bad.v[4] = f64::NAN;
         let decision = decide(&config, &mut state, bad);
         assert_eq!(decision.verdict, Verdict::Deny(Denial::Joint { joint: 4, check: Check::Finite }));
-        for j in 0..JOINTS {
+        for j in 0..JOINTS_MAX {
             let expected = joint(&last, j).play(&stop_of(&last.plan, j), n as f64 * T);
             let got = Joint { q: decision.q[j], v: decision.v[j], a: decision.a[j] };
             // The rest of the plan leads to the same posture.
@@ -309,7 +309,7 @@ fn repeated_skipped_or_old_index_is_denied() {
 fn invalid_seed_denies_until_a_valid_one_comes() {
     let model = without_pairs();
     let config = Config::new(&model).unwrap();
-    let still = [0.0; JOINTS];
+    let still = [0.0; JOINTS_MAX];
     let mut state = State::at_rest(model.home);
     let mut bad = still;
     bad[3] = f64::NAN;
@@ -335,16 +335,16 @@ fn invalid_seed_denies_until_a_valid_one_comes() {
 }
 
 /// A clear posture, a direction, and the distance along it at which the clearance falls to `d_min_m`.
-fn towards_collision(model: &Model) -> ([f64; JOINTS], usize, f64, f64) {
+fn towards_collision(model: &Model) -> ([f64; JOINTS_MAX], usize, f64, f64) {
     let mut rng = Pcg64::seed_from_u64(5);
-    let mut frames = Frames { base_from_body: [Pose::identity(); JOINTS + 1] };
-    let mut clear = |q: &[f64; JOINTS]| clearance(model, &mut frames, q).distance_m - model.d_min_m;
+    let mut frames = Frames { base_from_body: [Pose::identity(); JOINTS_MAX + 1] };
+    let mut clear = |q: &[f64; JOINTS_MAX]| clearance(model, &mut frames, q).distance_m - model.d_min_m;
     loop {
-        let q: [f64; JOINTS] = std::array::from_fn(|j| {
+        let q: [f64; JOINTS_MAX] = std::array::from_fn(|j| {
             let l = &model.limits[j];
             rng.random_range(l.q_min + 0.2 * (l.q_max - l.q_min)..l.q_max - 0.2 * (l.q_max - l.q_min))
         });
-        let j = rng.random_range(3..JOINTS);
+        let j = rng.random_range(3..JOINTS_MAX);
         let at = |s: f64| std::array::from_fn(|i| if i == j { q[i] + s } else { q[i] });
         if clear(&q) < 0.005 || clear(&at(0.1)) > -0.02 {
             continue;
@@ -450,7 +450,7 @@ fn random_bits_are_denied_and_robot_rests_at_home() {
             5 => 0.0,
             _ => f64::from_bits(rng.next_u64()),
         };
-        let mut list = || -> [f64; JOINTS] { std::array::from_fn(|_| bits()) };
+        let mut list = || -> [f64; JOINTS_MAX] { std::array::from_fn(|_| bits()) };
         let (q, v, a) = (list(), list(), list());
         let plan = StopPlan {
             jerk: std::array::from_fn(|_| std::array::from_fn(|_| bits())),
@@ -463,7 +463,7 @@ fn random_bits_are_denied_and_robot_rests_at_home() {
         let permit = if n % 5 == 0 { Permit::Stop } else { Permit::Follow { speed_scale: bits() } };
         let sent = decide(&config, &mut state, Proposed { k, permit, q, v, a, plan });
         assert!(!sent.accepted());
-        let at_home = (0..JOINTS).all(|j| (sent.q[j] - model.home[j]).abs() < 1e-12 && sent.v[j] == 0.0);
+        let at_home = (0..JOINTS_MAX).all(|j| (sent.q[j] - model.home[j]).abs() < 1e-12 && sent.v[j] == 0.0);
         assert!(at_home && sent.plan == NO_PLAN, "random bits come to rest nowhere, so no seed was taken");
     }
 }

@@ -3,7 +3,7 @@
 use crate::support;
 
 use judge::joint::{Joint, stop_of};
-use messages::{JOINTS, Stamp};
+use messages::{JOINTS_MAX, Stamp};
 use safety::clearance::clearance;
 use safety::engage::Permit;
 use safety::gate::{Check, Config, Denial, Proposed, State, Verdict, tick};
@@ -13,7 +13,7 @@ use support::motion::{NO_PLAN, T, joint, resting, set_joint, stop_from, store};
 /// All joints move, each at its own speed, with the stops from there.
 fn moving(model: &robot::Model, k: u64) -> Proposed {
     let mut p = resting(k, model.home);
-    for j in 0..JOINTS {
+    for j in 0..JOINTS_MAX {
         let l = &model.limits[j];
         let share = 0.02 + 0.01 * j as f64;
         let x = Joint { q: model.home[j], v: -share * l.v_max, a: share * l.a_max };
@@ -24,7 +24,7 @@ fn moving(model: &robot::Model, k: u64) -> Proposed {
 }
 
 fn seeded(p: &Proposed) -> State {
-    let mut state = State::at_rest([0.0; JOINTS]);
+    let mut state = State::at_rest([0.0; JOINTS_MAX]);
     state.reseed(&p.q, &p.v, &p.a, &p.plan);
     state
 }
@@ -32,7 +32,7 @@ fn seeded(p: &Proposed) -> State {
 /// Returns `p` one tick later. Every joint continues with zero jerk.
 fn going_on(model: &robot::Model, p: &Proposed) -> Proposed {
     let mut next = Proposed { k: p.k + 1, ..*p };
-    for j in 0..JOINTS {
+    for j in 0..JOINTS_MAX {
         let l = &model.limits[j];
         let to = joint(p, j).after(0.0, T);
         set_joint(&mut next, j, to);
@@ -49,7 +49,7 @@ fn gate_state_matches_last_sent_command() {
     let mut state = seeded(&seed);
     let is_at = |state: &State, p: &Proposed| {
         let (q, v, a, plan) = (state.q(), state.v(), state.a(), state.plan());
-        for j in 0..JOINTS {
+        for j in 0..JOINTS_MAX {
             assert!((q[j] - p.q[j]).abs() < 1e-11 && (v[j] - p.v[j]).abs() < 1e-11 && (a[j] - p.a[j]).abs() < 1e-11);
             for (got, expected) in stop_of(&plan, j).into_iter().zip(stop_of(&p.plan, j)) {
                 assert!((got.0 - expected.0).abs() < 1e-11 && (got.1 - expected.1).abs() < 1e-13);
@@ -61,17 +61,17 @@ fn gate_state_matches_last_sent_command() {
     let decision = tick(&config, &mut state, Stamp(0), next);
     assert_eq!((decision.verdict, state.denials()), (Verdict::Accept, 0));
     is_at(&state, &next);
-    let mut frames = robot::Frames { base_from_body: [robot::Pose::identity(); JOINTS + 1] };
+    let mut frames = robot::Frames { base_from_body: [robot::Pose::identity(); JOINTS_MAX + 1] };
     let expected = clearance(&model, &mut frames, &next.q).distance_m;
     assert!((decision.clearance_m - expected).abs() < 1e-12, "of the command, not of where it rests");
 
     // After three denials the stored plan has advanced by three ticks, and no clearance was measured.
     for n in 1..=3 {
-        let bad = Proposed { k: next.k + n, q: [f64::NAN; JOINTS], ..next };
+        let bad = Proposed { k: next.k + n, q: [f64::NAN; JOINTS_MAX], ..next };
         let decision = tick(&config, &mut state, Stamp(0), bad);
         assert_eq!(decision.verdict, Verdict::Deny(Denial::Joint { joint: 0, check: Check::Finite }));
         assert!(!decision.accepted() && decision.clearance_m.is_nan() && state.denials() == n);
-        for j in 0..JOINTS {
+        for j in 0..JOINTS_MAX {
             let expected = joint(&next, j).play(&stop_of(&next.plan, j), n as f64 * T);
             assert!((state.q()[j] - expected.q).abs() < 1e-10 && (state.v()[j] - expected.v).abs() < 1e-10);
             assert_eq!((decision.q[j], decision.v[j], decision.a[j]), (state.q()[j], state.v()[j], state.a()[j]));
@@ -91,7 +91,7 @@ fn late_command_is_denied_and_plan_is_played_on() {
         assert!(tick(&config, &mut state, Stamp(0), next).accepted());
         let decision = tick(&config, &mut state, Stamp(0), Proposed { k: next.k + late, ..next });
         assert_eq!(decision.verdict, Verdict::Deny(Denial::Index));
-        for j in 0..JOINTS {
+        for j in 0..JOINTS_MAX {
             let expected = joint(&next, j).play(&stop_of(&next.plan, j), late as f64 * T);
             assert!((decision.q[j] - expected.q).abs() < 1e-9 && (decision.v[j] - expected.v).abs() < 1e-9, "{late}");
         }
@@ -108,11 +108,11 @@ fn every_single_joint_off_its_plan_denies_all() {
     let model = model();
     let config = Config::new(&model).unwrap();
     let seed = moving(&model, 5);
-    for j in 0..JOINTS {
+    for j in 0..JOINTS_MAX {
         let mut on_plan = Proposed { k: seed.k + 1, permit: Permit::Stop, ..seed };
         let mut state = seeded(&seed);
         // The command that the gate itself would send is the plan's next point.
-        let plan = tick(&config, &mut state.clone(), Stamp(0), Proposed { q: [f64::NAN; JOINTS], ..on_plan });
+        let plan = tick(&config, &mut state.clone(), Stamp(0), Proposed { q: [f64::NAN; JOINTS_MAX], ..on_plan });
         (on_plan.q, on_plan.v, on_plan.a, on_plan.plan) = (plan.q, plan.v, plan.a, plan.plan);
         assert_eq!(tick(&config, &mut state.clone(), Stamp(0), on_plan).verdict, Verdict::OnPlan);
         let mut off = on_plan;
@@ -136,7 +136,7 @@ fn seed_with_one_invalid_joint_is_refused_as_a_whole() {
     let model = model();
     let config = Config::new(&model).unwrap();
     let seed = moving(&model, 5);
-    for j in 0..JOINTS {
+    for j in 0..JOINTS_MAX {
         let mut state = seeded(&seed);
         let mut endless = seed;
         endless.plan.duration_s[j] = [0.0; 3];
@@ -155,7 +155,7 @@ fn seed_with_one_invalid_joint_is_refused_as_a_whole() {
 
 /// The recovery step that moves only joint `j`, from rest at `q` with `jerk`, and the place where its stop
 /// rests.
-fn recovery(model: &robot::Model, q: [f64; JOINTS], j: usize, jerk: f64) -> (Proposed, [f64; JOINTS]) {
+fn recovery(model: &robot::Model, q: [f64; JOINTS_MAX], j: usize, jerk: f64) -> (Proposed, [f64; JOINTS_MAX]) {
     let (mut next, mut rest) = (Proposed { permit: Permit::Recover, ..resting(1, q) }, q);
     let to = Joint { q: q[j], v: 0.0, a: 0.0 }.after(jerk, T);
     let stop = stop_from(to, model.limits[j].a_max, model.limits[j].j_max);
@@ -171,10 +171,10 @@ fn recovery(model: &robot::Model, q: [f64; JOINTS], j: usize, jerk: f64) -> (Pro
 fn recovery_that_reduces_least_clearance_is_denied() {
     let model = model();
     let config = Config::new(&model).unwrap();
-    let mut frames = robot::Frames { base_from_body: [robot::Pose::identity(); JOINTS + 1] };
-    let mut distance = |q: &[f64; JOINTS]| clearance(&model, &mut frames, q).distance_m;
+    let mut frames = robot::Frames { base_from_body: [robot::Pose::identity(); JOINTS_MAX + 1] };
+    let mut distance = |q: &[f64; JOINTS_MAX]| clearance(&model, &mut frames, q).distance_m;
     let (mut left, mut closed) = (0, 0);
-    for (j, step) in (3..JOINTS).flat_map(|j| (-100..100).map(move |step| (j, step))) {
+    for (j, step) in (3..JOINTS_MAX).flat_map(|j| (-100..100).map(move |step| (j, step))) {
         let (mut q, l) = (model.home, &model.limits[j]);
         q[j] += f64::from(step) * 0.02;
         let least = distance(&q);

@@ -3,7 +3,7 @@
 use crate::support;
 
 use judge::joint::{Joint, stop_of};
-use messages::{JOINTS, Stamp};
+use messages::{JOINTS_MAX, Stamp};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use robot::{Frames, Model, Obstacle, Solid};
@@ -30,7 +30,7 @@ fn fast(model: &Model, rng: &mut Pcg64) -> (Proposed, Proposed) {
 }
 
 /// The posture at time `t` after a proposal.
-fn later(proposed: &Proposed, t: f64) -> [f64; JOINTS] {
+fn later(proposed: &Proposed, t: f64) -> [f64; JOINTS_MAX] {
     std::array::from_fn(|j| joint(proposed, j).play(&stop_of(&proposed.plan, j), t).q)
 }
 
@@ -66,7 +66,7 @@ fn stop_through_obstacle_is_denied_with_clear_ends() {
         let center = pose.transform_point(&((capsule.a + capsule.b) / 2.0));
         let solid = Solid::Box { center, r: nalgebra::Matrix3::identity(), half_m: nalgebra::Vector3::repeat(1e-3) };
         model.obstacles = vec![Obstacle { name: "grain".into(), solid }];
-        let mut clear = |q: &[f64; JOINTS]| clearance(&model, &mut frames, q).distance_m > model.d_min_m + 1e-6;
+        let mut clear = |q: &[f64; JOINTS_MAX]| clearance(&model, &mut frames, q).distance_m > model.d_min_m + 1e-6;
         if !clear(&next.q) || !clear(&later(&next, 1e3)) {
             continue;
         }
@@ -88,7 +88,7 @@ fn interface_with_deviation_denies_more_than_direct() {
     let model = model();
     let mut rng = Pcg64::seed_from_u64(42);
     let controller = std::array::from_fn(|j| if j < 3 { [0, 1, 1][j] } else { 2 + (j - 3) / 7 });
-    let late = Interface { off: [1e-5; JOINTS], skew_s: 0.01, controller };
+    let late = Interface { off: [1e-5; JOINTS_MAX], skew_s: 0.01, controller };
     let [direct, late] =
         [Interface::default(), late].map(|interface| Config::with_interface(&model, &interface).expect("the gate"));
     let (mut both, mut only_direct) = (0, 0);

@@ -3,7 +3,7 @@
 
 use crate::support;
 
-use messages::{JOINTS, TICK_HZ, TICK_S, TORSO};
+use messages::{JOINTS_MAX, TICK_HZ, TICK_S};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use robot::Model;
@@ -11,6 +11,9 @@ use safety::monitor::{Moved, Movement, Sample};
 use std::f64::consts::{PI, TAU};
 use std::sync::LazyLock;
 use support::model;
+
+/// TIAGo++: its lift.
+const TORSO: usize = 0;
 
 static MODEL: LazyLock<Model> = LazyLock::new(model);
 
@@ -31,14 +34,14 @@ struct Bench {
     monitor: Movement,
     rng: Pcg64,
     k: u64,
-    q: [f64; JOINTS],
-    v: [f64; JOINTS],
-    a: [f64; JOINTS],
+    q: [f64; JOINTS_MAX],
+    v: [f64; JOINTS_MAX],
+    a: [f64; JOINTS_MAX],
 }
 
 impl Bench {
     fn new() -> Self {
-        let [v, a] = [[0.0; JOINTS]; 2];
+        let [v, a] = [[0.0; JOINTS_MAX]; 2];
         Self { monitor: Movement::default(), rng: Pcg64::seed_from_u64(3), k: 1000, q: MODEL.home, v, a }
     }
 
@@ -52,10 +55,10 @@ impl Bench {
     }
 
     /// Goes `ticks` further. `wrong` changes the measured positions and the reported velocities.
-    fn step(&mut self, ticks: u64, wrong: impl FnOnce(&mut [f64; JOINTS], &mut [f64; JOINTS])) -> Moved {
+    fn step(&mut self, ticks: u64, wrong: impl FnOnce(&mut [f64; JOINTS_MAX], &mut [f64; JOINTS_MAX])) -> Moved {
         self.k += ticks;
         let dt = ticks as f64 * TICK_S;
-        for j in 0..JOINTS {
+        for j in 0..JOINTS_MAX {
             self.q[j] += dt * (self.v[j] + dt * self.a[j] / 2.0);
             self.v[j] += dt * self.a[j];
         }
@@ -75,7 +78,7 @@ impl Bench {
         let from = self.k;
         while (self.k - from) as f64 * TICK_S <= within_s {
             let t = (self.k + ticks - from) as f64 * TICK_S;
-            let by = |q: &mut [f64; JOINTS], v: &mut [f64; JOINTS]| {
+            let by = |q: &mut [f64; JOINTS_MAX], v: &mut [f64; JOINTS_MAX]| {
                 q[j] += amplitude * (TAU * hz * t).sin();
                 v[j] += amplitude * TAU * hz * (TAU * hz * t).cos();
             };
@@ -132,7 +135,7 @@ fn swing_below_bound_is_no_velocity_error() {
 
 #[test]
 fn f055_joint_beyond_its_speed_limit_is_a_velocity_error() {
-    for j in 0..JOINTS {
+    for j in 0..JOINTS_MAX {
         let v_max = MODEL.limits[j].v_max;
         for (share, within_ms) in [(1.05, 0), (1.6, 40), (2.5, 35)] {
             for lying in [None, Some(0.0), Some(10.0)] {
@@ -141,7 +144,7 @@ fn f055_joint_beyond_its_speed_limit_is_a_velocity_error() {
                 let from = bench.k;
                 let taken = (0..TICK_HZ).find(|n| {
                     let by = (share - 1.0) * v_max * *n as f64 * TICK_S;
-                    let wrong = |q: &mut [f64; JOINTS], v: &mut [f64; JOINTS]| {
+                    let wrong = |q: &mut [f64; JOINTS_MAX], v: &mut [f64; JOINTS_MAX]| {
                         q[j] += by;
                         v[j] = lying.map_or(share * v_max, |share| share * v_max);
                     };
@@ -221,7 +224,7 @@ fn nan_or_infinite_position_is_a_velocity_error_at_once() {
 }
 
 /// Number of ticks until the monitor reports that the robot is at rest.
-fn rest_after(bench: &mut Bench, mut wrong: impl FnMut(u64, &mut [f64; JOINTS])) -> Option<u64> {
+fn rest_after(bench: &mut Bench, mut wrong: impl FnMut(u64, &mut [f64; JOINTS_MAX])) -> Option<u64> {
     (0..3 * TICK_HZ).find(|&n| bench.step(1, |q, _| wrong(n, q)).at_rest)
 }
 
@@ -259,13 +262,13 @@ fn f055_robot_is_at_rest_after_100_ms_of_standstill() {
 }
 
 /// Number of ticks until standstill is lost, within 3 s. None if it is not lost.
-fn lost_after(bench: &mut Bench, mut wrong: impl FnMut(u64, &mut [f64; JOINTS])) -> Option<u64> {
+fn lost_after(bench: &mut Bench, mut wrong: impl FnMut(u64, &mut [f64; JOINTS_MAX])) -> Option<u64> {
     (0..3 * TICK_HZ).find(|&n| bench.step(1, |q, _| wrong(n, q)).standstill_lost.is_some())
 }
 
 #[test]
 fn f055_joint_that_leaves_its_position_loses_standstill() {
-    for j in 0..JOINTS {
+    for j in 0..JOINTS_MAX {
         let share = if j == TORSO { 0.2 } else { 1.0 };
         assert_eq!(lost_after(&mut Bench::standing(300), |_, _| {}), None);
         let creep = lost_after(&mut Bench::standing(300), |n, q| q[j] += share * 0.019 * (n as f64 / 4500.0));

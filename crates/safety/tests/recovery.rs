@@ -3,7 +3,7 @@
 use crate::support;
 
 use judge::joint::Joint;
-use messages::{JOINTS, Stamp};
+use messages::{JOINTS_MAX, Stamp};
 use robot::{Frames, Model};
 use safety::engage::Permit;
 use safety::gate::{Check, Config, Denial, Proposed, State, Verdict, tick};
@@ -11,11 +11,14 @@ use safety::monitor;
 use support::model;
 use support::motion::{NO_PLAN, T, resting, set_joint, stop_from, store};
 
+/// TIAGo++: the joints of its left arm.
+const LEFT_ARM: std::ops::Range<usize> = 3..10;
+
 const J: usize = 6;
 const JERK: f64 = 50.0;
 
 /// A tick with jerk `j` of joint `joint` from `x`, under `permit`.
-fn step(model: &Model, q: &[f64; JOINTS], joint: usize, x: Joint, j: f64, permit: Permit) -> Proposed {
+fn step(model: &Model, q: &[f64; JOINTS_MAX], joint: usize, x: Joint, j: f64, permit: Permit) -> Proposed {
     let mut proposed = Proposed { permit, plan: NO_PLAN, ..resting(1, *q) };
     let next = x.after(j, T);
     set_joint(&mut proposed, joint, next);
@@ -23,7 +26,7 @@ fn step(model: &Model, q: &[f64; JOINTS], joint: usize, x: Joint, j: f64, permit
     proposed
 }
 
-fn verdict(model: &Model, q: &[f64; JOINTS], proposed: Proposed) -> Verdict {
+fn verdict(model: &Model, q: &[f64; JOINTS_MAX], proposed: Proposed) -> Verdict {
     let config = Config::new(model).expect("the gate");
     tick(&config, &mut State::at_rest(*q), Stamp(1), proposed).verdict
 }
@@ -51,7 +54,7 @@ fn joint_outside_limits_may_only_move_inward() {
 fn recovery_faster_than_its_speed_is_denied_for_every_joint() {
     let model = model();
     let config = Config::new(&model).expect("the gate");
-    for j in 0..JOINTS {
+    for j in 0..JOINTS_MAX {
         let bound = if model.prismatic[j] { 0.01 } else { 0.1 };
         let mut state = State::at_rest(model.home);
         let (mut x, mut fastest, mut denied) = (Joint { q: model.home[j], v: 0.0, a: 0.0 }, 0.0_f64, None);
@@ -82,11 +85,11 @@ fn recovery_faster_than_its_speed_is_denied_for_every_joint() {
 fn pair_that_is_too_close_may_only_be_opened() {
     let model = model();
     let mut frames = Frames::default();
-    let mut least = |q: &[f64; JOINTS]| monitor::measured_clearance(&model, &mut frames, q).distance_m;
+    let mut least = |q: &[f64; JOINTS_MAX]| monitor::measured_clearance(&model, &mut frames, q).distance_m;
     // Moves both hands towards the middle until a pair is too close.
     let mut q = model.home;
     let mut joint = None;
-    'search: for j in messages::LEFT_ARM.rev() {
+    'search: for j in LEFT_ARM.rev() {
         for side in [1.0, -1.0] {
             q = model.home;
             while model.limits[j].contains(q[j]) && least(&q) >= model.d_min_m - 2e-3 {

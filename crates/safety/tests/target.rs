@@ -2,22 +2,27 @@
 
 use crate::support;
 
-use messages::{JOINTS, LEFT_ARM, LIMBS, TICK_S, TORSO};
+use messages::{JOINTS_MAX, LIMBS, TICK_S};
 use robot::Model;
 use safety::monitor::{TargetSteps, far_behind};
 use std::f64::consts::PI;
 use std::sync::LazyLock;
 use support::model;
 
+/// TIAGo++: the joints of its left arm.
+const LEFT_ARM: std::ops::Range<usize> = 3..10;
+/// TIAGo++: its lift.
+const TORSO: usize = 0;
+
 static MODEL: LazyLock<Model> = LazyLock::new(model);
 const ELBOW: usize = LEFT_ARM.start + 3;
-const ALL: u32 = (1 << JOINTS) - 1;
+const ALL: u32 = (1 << JOINTS_MAX) - 1;
 /// In rad/s and m/s, then in rad and m.
 const FASTEST: [(usize, f64); 2] = [(ELBOW, 40.0), (TORSO, 10.0)];
 const FAR: [(usize, f64); 2] = [(ELBOW, 0.26), (TORSO, 0.05)];
 
 /// The home posture, with one joint at `above` over its lower limit.
-fn posture(joint: usize, above: f64) -> [f64; JOINTS] {
+fn posture(joint: usize, above: f64) -> [f64; JOINTS_MAX] {
     let mut q = MODEL.home;
     q[joint] = MODEL.limits[joint].q_min + above;
     q

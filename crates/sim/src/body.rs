@@ -3,7 +3,7 @@
 
 use crate::config::Config;
 use driver::{Driver, Drives, Measured, Setpoint};
-use messages::{JOINTS, Stamp, StopPlan};
+use messages::{JOINTS_MAX, Stamp, StopPlan};
 use plant::{Injection, Judge, Plant};
 
 /// Largest number of calls that bring a body up to the present, of a second each.
@@ -18,7 +18,7 @@ pub struct Body {
 
 impl Body {
     /// Creates a body at rest at `q` at the time `now`. `seed` is the seed of the noise.
-    pub fn new(config: &Config, now: Stamp, q: &[f64; JOINTS], seed: u64) -> Self {
+    pub fn new(config: &Config, now: Stamp, q: &[f64; JOINTS_MAX], seed: u64) -> Self {
         let mut plant = Plant::new(&config.plant, now, q, seed);
         let judge = Judge::new(&config.plant, q);
         let _ = plant.measure(&config.plant, now);

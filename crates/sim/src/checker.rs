@@ -37,7 +37,7 @@ use crate::config::Config;
 use crate::interface::{Interface, spline_error, spline_speed_error};
 use crate::report::{Report, Violation, ViolationKind};
 use driver::Setpoint;
-use messages::{JOINTS, Mode, TICK_HZ, TICK_S};
+use messages::{JOINTS_MAX, Mode, TICK_HZ, TICK_S};
 use plant::CLEARANCE_MARGIN_M;
 use robot::Frames;
 
@@ -121,11 +121,11 @@ impl Checker {
         let from = self.last;
         report.steps += 1;
         if config.interface == Interface::Direct {
-            for j in 0..JOINTS {
+            for j in 0..config.model.count {
                 check_place(config, report, &from, to, j);
             }
         }
-        for j in 0..JOINTS {
+        for j in 0..config.model.count {
             check_change(config, report, &from, to, j);
         }
         if config.interface == Interface::Direct {
@@ -142,7 +142,7 @@ impl Checker {
     /// Checks the controllers' splines of the driver's steps, index by index.
     pub(crate) fn spline(&mut self, config: &Config, report: &mut Report, to: &Setpoint) {
         let from = self.splined;
-        for j in 0..JOINTS {
+        for j in 0..config.model.count {
             check_place(config, report, &from, to, j);
         }
         self.keep_clear(config, report, to);
@@ -187,7 +187,7 @@ impl Checker {
             self.engaged_k = standing.then_some(to.k);
             if standing {
                 report.engagements += 1;
-                for j in (0..JOINTS).filter(|&j| !config.model.prismatic[j]) {
+                for j in (0..config.model.count).filter(|&j| !config.model.prismatic[j]) {
                     report.engage_max_step_rad = report.engage_max_step_rad.max((to.q[j] - from.q[j]).abs());
                 }
             }
@@ -197,7 +197,8 @@ impl Checker {
             && to.k.saturating_sub(engaged_k) < TICK_HZ
         {
             let ratio = |j: usize| to.v[j].abs() / config.limits[j].v_max;
-            report.engage_velocity_ratio = (0..JOINTS).map(ratio).fold(report.engage_velocity_ratio, f64::max);
+            report.engage_velocity_ratio =
+                (0..config.model.count).map(ratio).fold(report.engage_velocity_ratio, f64::max);
         }
     }
 }
@@ -206,7 +207,7 @@ impl Checker {
 /// joints' true motion, or the present clearance if that is less.
 fn allowed(config: &Config, held: &Setpoint, room: &mut Workspace) -> f64 {
     let (clearance_m, _) = config.body.clearance(&config.model, &held.q, room);
-    let margin_m = if held.v == [0.0; JOINTS] { 0.0 } else { CLEARANCE_MARGIN_M };
+    let margin_m = if held.v == [0.0; JOINTS_MAX] { 0.0 } else { CLEARANCE_MARGIN_M };
     clearance_m.min(config.body.d_min_m - margin_m)
 }
 
@@ -217,11 +218,11 @@ fn own_stop_end(config: &Config, held: &Setpoint) -> u64 {
         let limits = &config.limits[j];
         held.v[j].abs() / limits.a_max + 2.0 * limits.a_max / limits.j_max
     };
-    let longest_s = (0..JOINTS).filter(|&j| held.v[j] != 0.0).map(took_s).fold(0.0, f64::max);
+    let longest_s = (0..config.model.count).filter(|&j| held.v[j] != 0.0).map(took_s).fold(0.0, f64::max);
     held.k.saturating_add((longest_s * TICK_HZ as f64).ceil() as u64)
 }
 
-fn points(config: &Config, frames: &mut Frames, q: &[f64; JOINTS]) -> Points {
+fn points(config: &Config, frames: &mut Frames, q: &[f64; JOINTS_MAX]) -> Points {
     config.model.forward(q, frames);
     config.speed_points.map(|point| {
         let at = frames.base_from_body[point.body].transform_point(&point.at);

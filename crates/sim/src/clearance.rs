@@ -69,7 +69,12 @@ impl Body {
     /// Returns the least clearance at posture `q`, m, and the index of its pair. It is infinite without pairs. It
     /// covers the checked pairs, and the pairs of each moving capsule with each obstacle. The latter have the
     /// indices after the pairs of capsules.
-    pub(crate) fn clearance(&self, model: &Model, q: &[f64; messages::JOINTS], room: &mut Workspace) -> (f64, usize) {
+    pub(crate) fn clearance(
+        &self,
+        model: &Model,
+        q: &[f64; messages::JOINTS_MAX],
+        room: &mut Workspace,
+    ) -> (f64, usize) {
         model.forward(q, &mut room.frames);
         for (axis, capsule) in room.axes.iter_mut().zip(&self.capsules) {
             let pose = &room.frames.base_from_body[capsule.body];

@@ -2,7 +2,7 @@
 
 use crate::clearance::Body;
 use crate::interface::Interface;
-use messages::{JOINTS, TICK_HZ, TICK_S};
+use messages::{JOINTS_MAX, TICK_HZ, TICK_S};
 use plant::Reaction;
 use robot::{JointLimits, Model, Solid};
 
@@ -44,7 +44,7 @@ pub struct Options {
     /// Speed limit for elbows and hands in the base frame, m/s. A faster command is a violation.
     pub hand_speed_max_m_per_s: f64,
     /// Posture at the start, rad or m. The robot's home if none is given.
-    pub initial: Option<[f64; JOINTS]>,
+    pub initial: Option<[f64; JOINTS_MAX]>,
     /// The posture at the start may lie anywhere between the mechanical stops (the URDF's limits), and closer to
     /// itself than allowed: a robot to be recovered. Being there is then no violation, but going further out or
     /// closer is.
@@ -117,12 +117,12 @@ pub struct Config {
     pub(crate) interface: Interface,
     pub(crate) follower: driver::Config,
     /// The stricter of URDF and robot file, joint by joint and limit by limit.
-    pub(crate) limits: [JointLimits; JOINTS],
+    pub(crate) limits: [JointLimits; JOINTS_MAX],
     pub(crate) body: Body,
     pub(crate) plant: plant::Config,
     pub(crate) hand_speed_max_m_per_s: f64,
     pub(crate) speed_points: [robot::SpeedPoint; 4],
-    pub(crate) initial: [f64; JOINTS],
+    pub(crate) initial: [f64; JOINTS_MAX],
     pub(crate) initial_outside: bool,
 }
 
@@ -139,10 +139,12 @@ impl Config {
         within("watchdog_ms", options.watchdog_ms, 1.0, watchdog_max_ms(options.reaction))?;
         let age_ms = within("measured_age_max_ms", options.measured_age_max_ms, 1.0, 1000.0)?;
         within("silence_ticks", options.silence_ticks as f64, 1.0, 10.0 * TICK_HZ as f64)?;
-        let limits = std::array::from_fn(|j| strictest(&model.urdf_limits[j], &model.limits[j]));
+        let limits: [JointLimits; JOINTS_MAX] =
+            std::array::from_fn(|j| strictest(&model.urdf_limits[j], &model.limits[j]));
+        let last_hop = |j: usize| if j < model.count { last_hop(limits[j]) } else { driver::JointLimits::ABSENT };
         let initial = options.initial.unwrap_or(model.home);
         let margin = NOISE_SIGMAS * noise + step;
-        for j in 0..JOINTS {
+        for j in 0..model.count {
             let allowed = if options.initial_outside { &model.urdf_limits[j] } else { &limits[j] };
             let (min, max) = (allowed.q_min, allowed.q_max);
             if !(initial[j] >= min + margin && initial[j] <= max - margin) {
@@ -157,7 +159,7 @@ impl Config {
                 silence_ticks: options.silence_ticks,
                 measured_age_max_ns: (age_ms * 1e6) as u64,
                 interface_delay_ticks: (options.interface.delay_s() * TICK_HZ as f64) as u64,
-                ..driver::Config::new(limits.map(last_hop))
+                ..driver::Config::new(model.id(), std::array::from_fn(last_hop))
             },
             limits,
             body: Body::new(model),
@@ -177,17 +179,17 @@ impl Config {
     }
 
     /// Returns the names of the joints.
-    pub fn joint_names(&self) -> &[String; JOINTS] {
+    pub fn joint_names(&self) -> &[String] {
         &self.model.joint_names
     }
 
     /// Returns the torques of the links in a motion (rad, m, and seconds) by the body's own dynamics, N m or N.
-    pub fn torques(&self, q: &[f64; JOINTS], v: &[f64; JOINTS], a: &[f64; JOINTS]) -> [f64; JOINTS] {
+    pub fn torques(&self, q: &[f64; JOINTS_MAX], v: &[f64; JOINTS_MAX], a: &[f64; JOINTS_MAX]) -> [f64; JOINTS_MAX] {
         self.plant.torques(q, v, a)
     }
 
     /// Returns the posture at the start, rad or m.
-    pub fn initial(&self) -> &[f64; JOINTS] {
+    pub fn initial(&self) -> &[f64; JOINTS_MAX] {
         &self.initial
     }
 }

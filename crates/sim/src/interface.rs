@@ -1,8 +1,8 @@
 //! The interface between the driver and the joints.
 //!
-//! A TIAGo++ takes no setpoints. It has four joint trajectory controllers (torso, head, left arm, right arm) that
-//! take trajectory points. [`Interface::Jtc100`] is a driver for them. Every h = 10 ms of the index it hands
-//! position and velocity of its executed motion, command or plan, to all four. Each of them lays a cubic through
+//! Some robots take no setpoints. They have joint trajectory controllers (TIAGo++ four: torso, head, left arm, right arm)
+//! that take trajectory points. [`Interface::Jtc100`] is a driver for them. Every h = 10 ms of the index it hands
+//! position and velocity of its executed motion, command or plan, to all of them. Each of them lays a cubic through
 //! the points (Hermite) and follows it at a delay of its own,
 //!
 //! ```text
@@ -20,16 +20,15 @@
 
 use crate::cubic::cubic;
 use driver::Setpoint;
-use messages::{JOINTS, TICK_HZ, TICK_S};
+use messages::{JOINTS_MAX, TICK_HZ, TICK_S};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
+use robot::CONTROLLERS_MAX;
 
 /// Ticks between two trajectory points: 10 ms.
 pub const POINT_TICKS: u64 = TICK_HZ / 100;
 /// Seconds between two trajectory points.
 const POINT_S: f64 = POINT_TICKS as f64 * TICK_S;
-/// Number of controllers.
-pub const CONTROLLERS: usize = 4;
 
 /// Ticks of a gap between two setpoints that are executed one by one. After that many ticks every controller is
 /// at its end.
@@ -45,7 +44,7 @@ messages::named! {
         /// The robot takes every setpoint at its index.
         #[default]
         Direct => "direct",
-        /// The robot has four trajectory controllers, not synchronised, that take points at 100 Hz.
+        /// The robot has trajectory controllers, not synchronised, that take points at 100 Hz.
         Jtc100 => "jtc100",
     }
 }
@@ -73,15 +72,19 @@ pub fn spline_speed_error(j_max: f64) -> f64 {
 /// A trajectory point.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Point {
-    q: [f64; JOINTS],
-    v: [f64; JOINTS],
+    q: [f64; JOINTS_MAX],
+    v: [f64; JOINTS_MAX],
 }
 
 /// The controllers.
 #[derive(Clone, Debug)]
 pub(crate) struct Controllers {
     /// d_g, ticks.
-    delay_ticks: [f64; CONTROLLERS],
+    delay_ticks: [f64; CONTROLLERS_MAX],
+    /// Number of controllers.
+    count: usize,
+    /// Number of each joint's controller.
+    of: [usize; JOINTS_MAX],
     /// The last three points. The newest is that of the last multiple of a period.
     points: [Point; 3],
     /// The driver's last executed setpoint.
@@ -89,11 +92,14 @@ pub(crate) struct Controllers {
 }
 
 impl Controllers {
-    /// Creates controllers at rest at `held`.
-    pub(crate) fn new(held: &Setpoint, seed: u64) -> Self {
+    /// Creates the controllers of `body`, at rest at `held`.
+    pub(crate) fn new(body: &plant::Body, held: &Setpoint, seed: u64) -> Self {
+        let of = std::array::from_fn(|j| body.joints.get(j).map_or(0, |joint| joint.controller));
         let mut rng = Pcg64::seed_from_u64(seed ^ DELAY_STREAM);
         Self {
             delay_ticks: std::array::from_fn(|_| rng.random_range(0.0..=POINT_TICKS as f64)),
+            count: of.iter().max().map_or(1, |last| last + 1).min(CONTROLLERS_MAX),
+            of,
             points: points_before(held),
             last: *held,
         }
@@ -107,9 +113,9 @@ impl Controllers {
         self.executed(held.k)
     }
 
-    /// Returns D + d_g of torso, head, left arm and right arm, s.
-    pub(crate) fn delays_s(&self) -> [f64; CONTROLLERS] {
-        self.delay_ticks.map(|ticks| (POINT_TICKS as f64 + ticks) * TICK_S)
+    /// Returns D + d_g of each controller, s.
+    pub(crate) fn delays_s(&self) -> Vec<f64> {
+        self.delay_ticks[..self.count].iter().map(|ticks| (POINT_TICKS as f64 + ticks) * TICK_S).collect()
     }
 
     /// Returns true if every controller rests at the same place.
@@ -140,10 +146,10 @@ impl Controllers {
 
     /// Returns the setpoint of the joints at index `k`, whose newest point is the last of `points`.
     fn executed(&self, k: u64) -> Setpoint {
-        let mut out = Setpoint { k, q: [0.0; JOINTS], v: [0.0; JOINTS], a: [0.0; JOINTS] };
-        for j in 0..JOINTS {
+        let mut out = Setpoint { k, q: [0.0; JOINTS_MAX], v: [0.0; JOINTS_MAX], a: [0.0; JOINTS_MAX] };
+        for j in 0..JOINTS_MAX {
             // Ticks since the oldest point: 0 to 29, so that both ends of the piece are known.
-            let since = (k % POINT_TICKS + POINT_TICKS) as f64 - self.delay_ticks[controller(j)];
+            let since = (k % POINT_TICKS + POINT_TICKS) as f64 - self.delay_ticks[self.of[j]];
             let piece = usize::from(since >= POINT_TICKS as f64);
             let share = since / POINT_TICKS as f64 - piece as f64;
             let end = |point: &Point| [point.q[j], point.v[j]];
@@ -166,14 +172,4 @@ fn between(from: &Setpoint, to: &Setpoint, share: f64) -> Point {
     let duration_s = (to.k - from.k) as f64 * TICK_S;
     let at = |j: usize| cubic([from.q[j], from.v[j]], [to.q[j], to.v[j]], duration_s, share);
     Point { q: std::array::from_fn(|j| at(j)[0]), v: std::array::from_fn(|j| at(j)[1]) }
-}
-
-/// Returns the controller of a joint.
-pub const fn controller(joint: usize) -> usize {
-    match joint {
-        0 => 0,
-        1..3 => 1,
-        3..10 => 2,
-        _ => 3,
-    }
 }

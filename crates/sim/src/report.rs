@@ -1,6 +1,6 @@
 //! Report on a run of the simulated robot.
 
-use messages::JOINTS;
+use messages::JOINTS_MAX;
 
 messages::named! {
     /// A limit that an executed step can violate.
@@ -51,7 +51,7 @@ pub struct Report {
     pub(crate) min_clearance_m: f64,
     /// The least clearance of the steps that had to keep the clearance of every command.
     pub(crate) min_proved_clearance_m: f64,
-    pub(crate) torque_share_max: [f64; JOINTS],
+    pub(crate) torque_share_max: [f64; JOINTS_MAX],
     pub(crate) engagements: u64,
     pub(crate) engage_max_step_rad: f64,
     pub(crate) engage_velocity_ratio: f64,
@@ -65,7 +65,7 @@ impl Default for Report {
             steps: 0,
             min_clearance_m: f64::INFINITY,
             min_proved_clearance_m: f64::INFINITY,
-            torque_share_max: [0.0; JOINTS],
+            torque_share_max: [0.0; JOINTS_MAX],
             engagements: 0,
             engage_max_step_rad: 0.0,
             engage_velocity_ratio: 0.0,
@@ -113,7 +113,7 @@ impl Report {
 
     /// Returns the largest torque of each joint over its effort limit, by the dynamics of the links in every
     /// executed motion.
-    pub fn torque_share_max(&self) -> &[f64; JOINTS] {
+    pub fn torque_share_max(&self) -> &[f64; JOINTS_MAX] {
         &self.torque_share_max
     }
 

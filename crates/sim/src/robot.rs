@@ -3,10 +3,10 @@
 use crate::body::{Body, Port};
 use crate::checker::Checker;
 use crate::config::Config;
-use crate::interface::{CONTROLLERS, Controllers, Interface};
+use crate::interface::{Controllers, Interface};
 use crate::report::Report;
 use driver::{Drive, Driver, Measured, Observer, Setpoint, Step, StepKind};
-use messages::{JOINTS, JointCommand, Layout, Stamp, StopPlan, command_flag, deadline};
+use messages::{JOINTS_MAX, JointCommand, Layout, Stamp, StopPlan, command_flag, deadline};
 use plant::Injection;
 
 pub use driver::{DriveInput as Input, DriveOutput as Output};
@@ -37,7 +37,8 @@ impl DriverState {
     pub fn new(config: &Config, k: u64, earlier: &Measured, measured: &Measured, seed: u64) -> Option<Self> {
         let drive = Drive::new(&config.follower, k, earlier, measured)?;
         let held = drive.follower().setpoint();
-        let controllers = (config.interface == Interface::Jtc100).then(|| Controllers::new(&held, seed));
+        let controllers =
+            (config.interface == Interface::Jtc100).then(|| Controllers::new(config.plant.body(), &held, seed));
         let checker = Checker::new(config, held);
         let report = Report::default();
         Some(Self { drive, checks: Checks { controllers, checker, report, sent: held, mode: 0 } })
@@ -58,8 +59,8 @@ impl DriverState {
         self.drive.follower()
     }
 
-    /// Returns the delays of torso, head, left arm and right arm, s, if they have controllers of their own.
-    pub fn delays_s(&self) -> Option<[f64; CONTROLLERS]> {
+    /// Returns the delay of each controller, s, if the robot has controllers.
+    pub fn delays_s(&self) -> Option<Vec<f64>> {
         self.checks.controllers.as_ref().map(Controllers::delays_s)
     }
 
@@ -86,7 +87,7 @@ impl State {
 
     /// Creates a driver that starts at index `k` on a robot that stands at `q`, wherever that is. Returns `None`
     /// if a number of `q` or of the measurement is not finite.
-    pub fn standing(config: &Config, k: u64, q: &[f64; JOINTS], seed: u64) -> Option<Self> {
+    pub fn standing(config: &Config, k: u64, q: &[f64; JOINTS_MAX], seed: u64) -> Option<Self> {
         if q.iter().any(|q| !q.is_finite()) {
             return None;
         }
@@ -124,7 +125,7 @@ impl State {
     }
 
     /// Returns the true positions of the joints, rad or m.
-    pub fn q(&self) -> &[f64; JOINTS] {
+    pub fn q(&self) -> &[f64; JOINTS_MAX] {
         &self.body.truth().q
     }
 
@@ -143,8 +144,8 @@ impl State {
         self.driver.drive.refused()
     }
 
-    /// Returns the delays of torso, head, left arm and right arm, s, if they have controllers of their own.
-    pub fn delays_s(&self) -> Option<[f64; CONTROLLERS]> {
+    /// Returns the delay of each controller, s, if the robot has controllers.
+    pub fn delays_s(&self) -> Option<Vec<f64>> {
         self.driver.delays_s()
     }
 

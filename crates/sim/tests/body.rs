@@ -3,7 +3,7 @@
 mod support;
 
 use driver::GAP_MAX_TICKS;
-use messages::{Fault, JOINTS, TICK_HZ, deadline};
+use messages::{Fault, JOINTS_MAX, TICK_HZ, deadline};
 use sim::{Injection, Interface, Options, Reaction};
 use support::{Bench, ELBOW};
 
@@ -60,7 +60,7 @@ fn f058_driver_without_commands_plays_plan_without_violation() {
         bench.tick(k + n, None);
     }
     let stopped = bench.tick(k + 1501, None);
-    assert!(stopped.faults.has(Fault::DriverFault) && stopped.state.v == [0.0; JOINTS]);
+    assert!(stopped.faults.has(Fault::DriverFault) && stopped.state.v == [0.0; JOINTS_MAX]);
     assert_eq!(bench.violated(), [""; 0], "{:?}", bench.state.report().first_violation());
     assert!((bench.state.q()[ELBOW] - stopped.state.q[ELBOW]).abs() < 1e-3);
     assert_eq!(bench.state.judged().total(), 0, "{:?}", bench.state.judged().first);

@@ -3,12 +3,15 @@
 mod support;
 
 use driver::Setpoint;
-use messages::{JOINTS, JointCommand, Layout, Mode, TICK_S};
+use messages::{JOINTS_MAX, JointCommand, Layout, Mode, TICK_S};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use robot::Frames;
 use sim::{Checker, Options, Report, SimError, ViolationKind};
 use support::{Bench, ELBOW, Judge, K, MODEL};
+
+/// TIAGo++: the joints of its right arm.
+const RIGHT_ARM: std::ops::Range<usize> = 10..17;
 
 /// Jerk up, hold the acceleration, jerk down. This is a ramp to a speed and back, at `share` of the limits.
 fn ramp(bench: &mut Bench, share: f64) {
@@ -65,9 +68,9 @@ fn torque_beyond_effort_limit_is_counted() {
     let exact = Options { initial: Some(initial), encoder_noise_rad: 0.0, encoder_step_rad: 0.0, ..Options::default() };
     let effort = MODEL.limits[LIFTS].effort_max;
     let torque = |judge: &Judge, up: f64| {
-        let mut a = [0.0; JOINTS];
+        let mut a = [0.0; JOINTS_MAX];
         a[LIFTS] = -up;
-        judge.bench.config.torques(&judge.bench.command.q, &[0.0; JOINTS], &a)[LIFTS].abs()
+        judge.bench.config.torques(&judge.bench.command.q, &[0.0; JOINTS_MAX], &a)[LIFTS].abs()
     };
     let judge = Judge::new(&exact);
     let (still, one) = (torque(&judge, 0.0), torque(&judge, 1.0));
@@ -102,10 +105,10 @@ fn payload_too_heavy_for_motor_is_counted() {
 /// The way of the hand from posture to posture, on both sides of the bound.
 #[test]
 fn hand_faster_than_its_bound_is_counted() {
-    let hand = |q: &[f64; JOINTS]| {
+    let hand = |q: &[f64; JOINTS_MAX]| {
         let mut frames = Frames::default();
         MODEL.forward(q, &mut frames);
-        let point = MODEL.speed_points()[usize::from(ELBOW >= messages::RIGHT_ARM.start) * 2 + 1];
+        let point = MODEL.speed_points()[usize::from(ELBOW >= RIGHT_ARM.start) * 2 + 1];
         frames.base_from_body[point.body].transform_point(&point.at)
     };
     // It gets faster and faster, so the last step is the fastest.
@@ -182,7 +185,7 @@ fn clearance_matches_robot_model_and_is_counted_below_bound() {
     let mut frames = Frames::default();
     let (mut below, mut above) = (0, 0);
     for _ in 0..400 {
-        let initial: [f64; JOINTS] = std::array::from_fn(|j| {
+        let initial: [f64; JOINTS_MAX] = std::array::from_fn(|j| {
             let limits = &MODEL.limits[j];
             rng.random_range(
                 limits.q_min + 1e-2 * (limits.q_max - limits.q_min)
@@ -198,7 +201,7 @@ fn clearance_matches_robot_model_and_is_counted_below_bound() {
         // A robot that is found there has violated nothing. A motion that leads there has.
         assert_eq!(report.violations_of(ViolationKind::Clearance), 0);
         let mut commanded = Report::default();
-        let at = |k, q| Setpoint { k, q, v: [0.0; JOINTS], a: [0.0; JOINTS] };
+        let at = |k, q| Setpoint { k, q, v: [0.0; JOINTS_MAX], a: [0.0; JOINTS_MAX] };
         let mut checker = Checker::new(&bench.config, at(K, MODEL.home));
         checker.step(&bench.config, &mut commanded, &at(K + 1, initial), Mode::Engaged as u32);
         MODEL.forward(&initial, &mut frames);

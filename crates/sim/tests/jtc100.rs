@@ -3,12 +3,12 @@
 mod support;
 
 use driver::Setpoint;
-use messages::{ALL_JOINTS, Header, JOINTS, JointCommand, Layout, Mode, TICK_S, deadline};
+use messages::{ALL_JOINTS, Header, JOINTS_MAX, JointCommand, Layout, Mode, TICK_S, deadline};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use robot::Frames;
 use safety::{engage, gate};
-use sim::interface::{controller, spline_error, spline_speed_error};
+use sim::interface::{spline_error, spline_speed_error};
 use sim::{Config, Input, Interface, Options, Report, State, ViolationKind};
 use support::{Bench, ELBOW, K, MODEL};
 
@@ -27,7 +27,7 @@ const SWING_OMEGA: f64 = 2.0;
 
 /// Returns a posture in which the arms reach forward side by side, closer than allowed, wherever they swing. One
 /// is in the way of the other.
-fn side_by_side(rng: &mut Pcg64) -> [f64; JOINTS] {
+fn side_by_side(rng: &mut Pcg64) -> [f64; JOINTS_MAX] {
     let mut frames = Frames::default();
     loop {
         let mut q = MODEL.home;
@@ -51,7 +51,7 @@ fn side_by_side(rng: &mut Pcg64) -> [f64; JOINTS] {
 }
 
 /// Returns the posture with both arms turned to the same side.
-fn swung(q: &[f64; JOINTS], by: f64) -> [f64; JOINTS] {
+fn swung(q: &[f64; JOINTS_MAX], by: f64) -> [f64; JOINTS_MAX] {
     let mut q = *q;
     q[SHOULDERS[0]] += by;
     q[SHOULDERS[1]] -= by;
@@ -72,13 +72,17 @@ struct Seen {
 struct Run {
     report: Report,
     denials: u64,
-    delays_s: [f64; 4],
+    delays_s: Vec<f64>,
     seen: Vec<Seen>,
+}
+
+/// Returns the controller of a joint: torso, head, left arm, right arm.
+fn controller(j: usize) -> usize {
+    if j < 3 { [0, 1, 1][j] } else { (2 + (j - 3) / 7).min(3) }
 }
 
 /// Returns the gate's data on the four controllers: a skew of 10 ms, and splines.
 fn controllers() -> gate::Interface {
-    let controller = |j: usize| if j < 3 { [0, 1, 1][j] } else { 2 + (j - 3) / 7 };
     gate::Interface {
         off: std::array::from_fn(|j| MODEL.limits[j].j_max * 1e-6 / 96.0),
         skew_s: 0.01,
@@ -110,14 +114,14 @@ fn attack(certified_for: wbc::Interface, gated: gate::Interface, seed: u64) -> R
     for k in K + 1..=K + TICKS {
         let now = deadline(k);
         let phase = SWING_OMEGA * (k - K) as f64 * TICK_S;
-        let (q, mut dq) = (swung(&centre, SWING_RAD * phase.sin()), [0.0; JOINTS]);
+        let (q, mut dq) = (swung(&centre, SWING_RAD * phase.sin()), [0.0; JOINTS_MAX]);
         let speed = SWING_RAD * SWING_OMEGA * phase.cos();
         (dq[SHOULDERS[0]], dq[SHOULDERS[1]]) = (speed, -speed);
         if silent == 0 && rng.random_range(0..2000) == 0 {
             silent = rng.random_range(1..10);
         }
         let command = (silent == 0).then(|| {
-            let target = wbc::Target { q: &q, dq: &dq, ddq: &[0.0; JOINTS], valid_mask: ALL_JOINTS };
+            let target = wbc::Target { q: &q, dq: &dq, ddq: &[0.0; JOINTS_MAX], valid_mask: ALL_JOINTS };
             let permit = wbc::Permit::Follow { speed_scale: 1.0 };
             let proposed = wbc::tick(&wbc_config, &mut wbc_state, now, wbc::Input { k, target: Some(target), permit });
             let wbc::Output { q, v, a, plan, .. } = proposed;
@@ -199,7 +203,7 @@ fn splines_stay_within_bound_of_delayed_command() {
     // The commands are known every tick. The cubic between them differs from them by (T / h)^3 of the bound.
     let tick_share = 1.0 / 15.0;
     for (n, seen) in run.seen.iter().enumerate().skip(40) {
-        for j in 0..JOINTS {
+        for j in 0..JOINTS_MAX {
             let since = n as f64 - run.delays_s[controller(j)] / TICK_S;
             let (from, share) = (since.floor() as usize, since - since.floor());
             let (from, to) = (&run.seen[from].commanded, &run.seen[from + 1].commanded);

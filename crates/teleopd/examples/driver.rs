@@ -1,7 +1,7 @@
 //! A complete driver for a made-up robot: position servos that approach their setpoints within some milliseconds.
 
 use driver::{Driver, Drives, Measured, Setpoint};
-use messages::{JOINTS, Stamp, StopPlan};
+use messages::{JOINTS_MAX, Stamp, StopPlan};
 use std::process::ExitCode;
 
 /// Time constant of a servo, s. Made up.
@@ -12,11 +12,11 @@ const WATCHDOG_NS: u64 = 20_000_000;
 
 /// The connection to the robot. Yours owns a socket or a field bus, and a thread that waits for it.
 struct Servos {
-    limits: [robot::JointLimits; JOINTS],
-    setpoint: [f64; JOINTS],
+    limits: [robot::JointLimits; JOINTS_MAX],
+    setpoint: [f64; JOINTS_MAX],
     written: Stamp,
-    q: [f64; JOINTS],
-    dq: [f64; JOINTS],
+    q: [f64; JOINTS_MAX],
+    dq: [f64; JOINTS_MAX],
     measured: Stamp,
 }
 
@@ -24,7 +24,7 @@ impl Servos {
     /// Connects. This robot stands in its home posture.
     fn open(model: &robot::Model) -> Result<Self, String> {
         let (q, now) = (model.home, rt::now());
-        Ok(Self { limits: model.limits, setpoint: q, written: now, q, dq: [0.0; JOINTS], measured: now })
+        Ok(Self { limits: model.limits, setpoint: q, written: now, q, dq: [0.0; JOINTS_MAX], measured: now })
     }
 
     /// Moves the joints on to `now`. A real robot does that by itself.
@@ -33,7 +33,7 @@ impl Servos {
         if now.since(self.written) > WATCHDOG_NS {
             self.setpoint = self.q;
         }
-        for j in 0..JOINTS {
+        for j in 0..JOINTS_MAX {
             let before = self.q[j];
             self.q[j] += (self.setpoint[j] - before) * (1.0 - (-dt_s / SERVO_S).exp());
             if dt_s > 0.0 {
@@ -61,7 +61,7 @@ impl Driver for Servos {
     /// Returns at once. `plan` is the stop from this setpoint, for a robot that can play it when setpoints end.
     fn write(&mut self, now: Stamp, setpoint: &Setpoint, _plan: &StopPlan) -> bool {
         let inside = |j: usize| (self.limits[j].q_min..=self.limits[j].q_max).contains(&setpoint.q[j]);
-        if !(0..JOINTS).all(inside) {
+        if !(0..JOINTS_MAX).all(inside) {
             return false;
         }
         self.advance(now);

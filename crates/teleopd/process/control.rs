@@ -61,7 +61,7 @@ pub fn run(place: &InstanceArgs) -> Result<(), Failure> {
         target: None,
         timeline: Timeline::new(),
         sleep: SleepWatch::default(),
-        following: Following::new(),
+        following: Following::new(&config.model),
         server,
         names,
         config,
@@ -102,7 +102,7 @@ struct Control {
 impl Control {
     fn warm_up(&mut self) {
         let mut warm = self.state.clone();
-        let mut resting = RobotState::ZERO;
+        let mut resting = RobotState { robot: self.config.model.id(), ..RobotState::ZERO };
         resting.q = self.config.model.home;
         resting.q_measured = self.config.model.home;
         for k in 1..=WARM_TICKS {

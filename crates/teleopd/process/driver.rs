@@ -224,7 +224,7 @@ fn figures(process: &Process, state: &sim::DriverState, timeline: &Timeline, old
         "interface": process.loaded.settings.sim.interface.name(),
     });
     if let Some(delays_s) = state.delays_s() {
-        figures["controller_delays_ms"] = json!(delays_s.map(|delay_s| delay_s * 1e3));
+        figures["controller_delays_ms"] = json!(delays_s.iter().map(|delay_s| delay_s * 1e3).collect::<Vec<_>>());
     }
     figures
 }
@@ -232,14 +232,14 @@ fn figures(process: &Process, state: &sim::DriverState, timeline: &Timeline, old
 #[cfg(test)]
 mod tests {
     use super::*;
-    use messages::{JOINTS, Layout};
+    use messages::{JOINTS_MAX, Layout};
 
     /// A robot that counts what it is sent.
     struct Counting(u32);
 
     impl Driver for Counting {
         fn read(&mut self, now: Stamp) -> Measured {
-            let (q, drives) = ([0.0; JOINTS], driver::Drives::SOUND);
+            let (q, drives) = ([0.0; JOINTS_MAX], driver::Drives::SOUND);
             Measured { stamp: now, q, dq: q, drives, unanswered: false, refused: false }
         }
 
@@ -252,7 +252,7 @@ mod tests {
     #[test]
     fn setpoint_of_before_a_pause_is_not_sent() {
         let mut robot = Fresh(Counting(0));
-        let setpoint = Setpoint { k: 1, q: [0.0; JOINTS], v: [0.0; JOINTS], a: [0.0; JOINTS] };
+        let setpoint = Setpoint { k: 1, q: [0.0; JOINTS_MAX], v: [0.0; JOINTS_MAX], a: [0.0; JOINTS_MAX] };
         let before = Stamp(rt::now().0 - 10_000_000);
         assert!(robot.write(before, &setpoint, &StopPlan::ZERO), "a pause is no refusal");
         assert_eq!(robot.0.0, 0);

@@ -41,6 +41,7 @@ pub fn run(place: &InstanceArgs) -> Result<(), Failure> {
         std::hint::black_box(warm.measure(&config, deadline(k)));
     }
     let mut body = Body::new(&config, rt::now(), config.initial(), seed);
+    let id = process.loaded.model.id();
     process.ready()?;
     let (mut cycle, mut sequence, mut seen_k, mut refused) = (rt::now(), 0, 0, false);
     let mut ending: Option<Stamp> = None;
@@ -58,8 +59,10 @@ pub fn run(place: &InstanceArgs) -> Result<(), Failure> {
         let mut answer = None;
         rt::allocating_aside(|| {
             setpoints.drain(|sample| {
-                let RobotSetpoint { header, k, q, v, a, plan } = sample.message;
-                let taken = body.receive(&config, header.stamp.min(now), &plant::Setpoint { k, q, v, a, plan });
+                let RobotSetpoint { header, robot, k, q, v, a, plan } = sample.message;
+                // A setpoint for another robot is refused like one that jumps.
+                let taken =
+                    robot == id && body.receive(&config, header.stamp.min(now), &plant::Setpoint { k, q, v, a, plan });
                 answer = Some(answer.unwrap_or(false) || !taken);
                 seen_k = k;
             })
@@ -70,6 +73,7 @@ pub fn run(place: &InstanceArgs) -> Result<(), Failure> {
         let header = process.header(sequence, rt::now(), Stamp::NONE);
         let message = RobotMeasured {
             header,
+            robot: id,
             measured: measured.stamp,
             seen_k,
             q: measured.q,

@@ -5,7 +5,7 @@ use super::driver::{ANSWERS_WITHIN_NS, LOOK_NS};
 use crate::cli::InstanceArgs;
 use bus::{Domain, Reader, Writer};
 use driver::{Driver, Drives, Measured, Setpoint};
-use messages::{Header, RobotMeasured, RobotSetpoint, Service, Stamp, StopPlan, measured_flag};
+use messages::{Header, RobotId, RobotMeasured, RobotSetpoint, Service, Stamp, StopPlan, measured_flag};
 use rt::{Exit, Failure};
 use std::os::unix::process::CommandExt;
 use std::process::Command;
@@ -22,17 +22,22 @@ struct RemoteRobot {
     sent_k: u64,
     /// Header of the driver's messages. The sender fills in sequence and stamp.
     header: Header,
+    robot: RobotId,
 }
 
 impl RemoteRobot {
     /// Waits for the robot's first measurement.
-    fn find(core: &Domain, header: Header) -> Result<Self, Failure> {
+    fn find(core: &Domain, header: Header, robot: RobotId) -> Result<Self, Failure> {
         let setpoints = core.writer::<RobotSetpoint>(Service::RobotSetpoint).map_err(bus_failure)?;
         let mut measurements = core.reader::<RobotMeasured>(Service::RobotMeasured).map_err(bus_failure)?;
         let give_up = rt::now().plus_ns(ANSWERS_WITHIN_NS);
         while rt::now() < give_up {
             if let Some(newest) = measurements.latest() {
-                return Ok(Self { setpoints, measurements, newest, sent_k: 0, header });
+                if newest.robot != robot {
+                    let text = format!("the robot that answers is {}, this driver is for {robot}", newest.robot);
+                    return Err(Failure::new(Exit::Config, text));
+                }
+                return Ok(Self { setpoints, measurements, newest, sent_k: 0, header, robot });
             }
             rt::sleep_until(rt::now().plus_ns(LOOK_NS));
         }
@@ -46,7 +51,9 @@ impl RemoteRobot {
 
 impl Driver for RemoteRobot {
     fn read(&mut self, _now: Stamp) -> Measured {
-        if let Some(newest) = rt::allocating_aside(|| self.measurements.latest()) {
+        let newest = rt::allocating_aside(|| self.measurements.latest());
+        // A measurement of another robot is none: the driver notices the silence.
+        if let Some(newest) = newest.filter(|newest| newest.robot == self.robot) {
             self.newest = newest;
         }
         let RobotMeasured { measured, q, dq, flags, seen_k, .. } = self.newest;
@@ -72,7 +79,7 @@ impl Driver for RemoteRobot {
         self.header.sequence += 1;
         self.header.stamp = now;
         let &Setpoint { k, q, v, a } = setpoint;
-        let message = RobotSetpoint { header: self.header, k, q, v, a, plan: *plan };
+        let message = RobotSetpoint { header: self.header, robot: self.robot, k, q, v, a, plan: *plan };
         let sent = rt::allocating_aside(|| self.setpoints.publish(&message)).is_ok();
         if sent {
             self.sent_k = k;
@@ -101,5 +108,7 @@ pub fn run(place: &InstanceArgs) -> Result<(), Failure> {
         );
         return Err(Failure::new(Exit::Config, text));
     }
-    super::driver::run(place, |process, core| RemoteRobot::find(core, process.header(0, Stamp::NONE, Stamp::NONE)))
+    super::driver::run(place, |process, core| {
+        RemoteRobot::find(core, process.header(0, Stamp::NONE, Stamp::NONE), process.loaded.model.id())
+    })
 }

@@ -1,7 +1,7 @@
 //! The message that the server sends to a page 60 times a second: one binary frame of little-endian 32-bit
 //! floats.
 
-use messages::{JOINTS, JointCommand, JointTarget, RobotState, SMPL_JOINTS, Skeleton, Status, deadline};
+use messages::{JOINTS_MAX, JointCommand, JointTarget, RobotState, SMPL_JOINTS, Skeleton, Status, deadline};
 use nalgebra::{Rotation3, UnitQuaternion, Vector3};
 use robot::{Frames, Model, Solid, segment_distance};
 
@@ -9,7 +9,7 @@ use robot::{Frames, Model, Solid, segment_distance};
 /// mrad equals 0.25 ms.
 const MOVES_RAD_PER_S: f64 = 0.2;
 /// Number of bodies of a robot: the base, and one per joint.
-pub const BODIES: usize = JOINTS + 1;
+pub const BODIES: usize = JOINTS_MAX + 1;
 /// Version of the order below. The page rejects other versions.
 pub const VERSION: f32 = 2.0;
 
@@ -70,7 +70,7 @@ pub const POSE: usize = 7;
 /// Number of floats in a frame, in this order: the fields, the two points of the nearest pair (m, base frame),
 /// and the person's joints (m, their own frame). Then the poses of all bodies in the base frame: measured,
 /// target, commanded. Then the joint positions in the same order, and the measured velocities.
-pub const LENGTH: usize = FIELDS + 6 + 3 * SMPL_JOINTS + 3 * BODIES * POSE + 4 * JOINTS;
+pub const LENGTH: usize = FIELDS + 6 + 3 * SMPL_JOINTS + 3 * BODIES * POSE + 4 * JOINTS_MAX;
 
 /// Newest message of every kind. A message is `None` if it never arrived, or if the last one is too old.
 #[derive(Clone, Copy, Debug, Default)]
@@ -143,7 +143,7 @@ pub fn encode(model: &Model, frames: &mut Frames, heard: &LatestMessages, at_s: 
     for q in &postures {
         poses(model, frames, q, &mut numbers);
     }
-    let velocities = heard.state.map_or([0.0; JOINTS], |state| state.dq_measured);
+    let velocities = heard.state.map_or([0.0; JOINTS_MAX], |state| state.dq_measured);
     numbers.extend(postures.iter().chain([&velocities]).flatten().map(|&value| value as f32));
     out.clear();
     // NaN and infinite values become 0, because nothing can be drawn there.
@@ -159,7 +159,7 @@ fn lag_s(command: &JointCommand, state: &RobotState) -> Option<f64> {
     (speeds.sqrt() > MOVES_RAD_PER_S).then_some((trailed / speeds).max(0.0))
 }
 
-fn poses(model: &Model, frames: &mut Frames, q: &[f64; JOINTS], numbers: &mut Vec<f32>) {
+fn poses(model: &Model, frames: &mut Frames, q: &[f64; JOINTS_MAX], numbers: &mut Vec<f32>) {
     model.forward(q, frames);
     for pose in &frames.base_from_body {
         let turn = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(pose.r));

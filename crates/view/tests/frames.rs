@@ -1,7 +1,7 @@
 //! Tests that a page receives the values of the messages.
 
 use messages::{
-    JOINTS, JointCommand, JointTarget, Layout, Mode, RobotState, SMPL_JOINTS, Skeleton, Stamp, Status, deadline,
+    JOINTS_MAX, JointCommand, JointTarget, Layout, Mode, RobotState, SMPL_JOINTS, Skeleton, Stamp, Status, deadline,
 };
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use robot::{Frames, Model};
@@ -35,7 +35,7 @@ const PERSON: usize = FIELDS + 6;
 const ROBOTS: usize = PERSON + 3 * SMPL_JOINTS;
 const LISTS: usize = ROBOTS + 3 * BODIES * POSE;
 
-fn poses_are_those_of(model: &Model, numbers: &[f32], q: &[f64; JOINTS], what: &str) {
+fn poses_are_those_of(model: &Model, numbers: &[f32], q: &[f64; JOINTS_MAX], what: &str) {
     let mut frames = Frames::default();
     model.forward(q, &mut frames);
     for (body, seven) in numbers.chunks_exact(POSE).take(BODIES).enumerate() {
@@ -59,7 +59,8 @@ fn frame_without_instance_shows_robot_at_home_only() {
 #[test]
 fn frame_carries_measured_target_and_command_postures() {
     let model = model();
-    let shifted = |by: f64| -> [f64; JOINTS] { core::array::from_fn(|j| model.home[j] + by * (j as f64 + 1.0) / 20.0) };
+    let shifted =
+        |by: f64| -> [f64; JOINTS_MAX] { core::array::from_fn(|j| model.home[j] + by * (j as f64 + 1.0) / 20.0) };
     let (mut state, mut command, mut target) = (RobotState::ZERO, JointCommand::ZERO, JointTarget::ZERO);
     (state.q_measured, command.q, target.q) = (shifted(0.2), shifted(-0.2), shifted(0.1));
     state.dq_measured = shifted(0.3);
@@ -88,16 +89,16 @@ fn frame_carries_measured_target_and_command_postures() {
     );
     assert_eq!(numbers[PERSON + 3 * 4..][..3], [4.0, -1.0, 0.5]);
     // A joint without a target is drawn where it is measured.
-    let target: [f64; JOINTS] =
+    let target: [f64; JOINTS_MAX] =
         core::array::from_fn(|j| if (3..6).contains(&j) { shifted(0.1)[j] } else { shifted(0.2)[j] });
     for (n, (q, what)) in
         [(shifted(0.2), "measured"), (target, "target"), (shifted(-0.2), "command")].iter().enumerate()
     {
         poses_are_those_of(&model, &numbers[ROBOTS + n * BODIES * POSE..], q, what);
         let told: Vec<f32> = q.iter().map(|&x| x as f32).collect();
-        assert_eq!(numbers[LISTS + n * JOINTS..][..JOINTS], told, "{what}");
+        assert_eq!(numbers[LISTS + n * JOINTS_MAX..][..JOINTS_MAX], told, "{what}");
     }
-    assert_eq!(numbers[LISTS + 3 * JOINTS], shifted(0.3)[0] as f32);
+    assert_eq!(numbers[LISTS + 3 * JOINTS_MAX], shifted(0.3)[0] as f32);
     // The distance of the pair's points equals the pair's clearance.
     let mut frames = Frames::default();
     model.forward(&shifted(0.2), &mut frames);
@@ -116,7 +117,7 @@ fn frame_carries_measured_target_and_command_postures() {
 fn frame_of_nan_or_infinite_input_is_finite() {
     let model = model();
     let mut state = RobotState::ZERO;
-    state.q_measured = [f64::NAN; JOINTS];
+    state.q_measured = [f64::NAN; JOINTS_MAX];
     let mut skeleton = Skeleton::ZERO;
     skeleton.positions = [[f32::INFINITY; 3]; SMPL_JOINTS];
     let heard = LatestMessages { state: Some(state), skeleton: Some(skeleton), ..LatestMessages::default() };
@@ -128,7 +129,7 @@ fn scene_names_every_joint_capsule_and_shape() {
     let (model, view) = (model(), shown());
     let told = scene(&view);
     let count = |key: &str| told[key].as_array().map_or(0, Vec::len);
-    assert_eq!((count("joints"), count("capsules")), (JOINTS, model.capsules.len()));
+    assert_eq!((count("joints"), count("capsules")), (JOINTS_MAX, model.capsules.len()));
     assert_eq!(count("shapes"), model.visuals().count());
     assert!(count("shapes") > 10);
     assert_eq!(told["modes"][Mode::Engaged as usize], Mode::Engaged.name());
@@ -155,6 +156,6 @@ fn lag_is_time_of_joints_behind_command_while_moving() {
     let (is_there, lag_ms) = told(state, command);
     assert!(is_there && (lag_ms - 21.0).abs() < 0.01, "{lag_ms}");
     // A robot that stands still has no lag.
-    state.dq_measured = [1e-3; JOINTS];
+    state.dq_measured = [1e-3; JOINTS_MAX];
     assert_eq!(told(state, command), (false, 0.0));
 }

@@ -61,7 +61,7 @@ fn page_constants_match_frame_layout() {
     };
     let fields = wire.split_once("FIELDS = [").and_then(|(_, after)| after.split_once(']')).expect("fields").0;
     assert_eq!(fields.split(',').count(), FIELDS);
-    let (person, bodies, pose, joints) = (number("PERSON"), number("BODIES"), number("POSE"), number("JOINTS"));
+    let (person, bodies, pose, joints) = (number("PERSON"), number("BODIES"), number("POSE"), number("JOINTS_MAX"));
     assert_eq!((bodies, pose, number("VERSION")), (BODIES, POSE, VERSION as usize));
     assert_eq!(FIELDS + 6 + 3 * person + 3 * bodies * pose + 4 * joints, LENGTH);
     assert!(text("/robot.js").contains(&format!("const POSE = {POSE};")));

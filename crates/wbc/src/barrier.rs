@@ -27,6 +27,7 @@
 //!
 //! Nothing here is trusted. The result is a proposal, and the certificate decides.
 
+use crate::chain::joints;
 use crate::clearance::Anchor;
 use crate::config::Config;
 use crate::geometry::Geometry;
@@ -35,7 +36,7 @@ use crate::motion::{JointMotion, Motion};
 use crate::nearest::Nearest;
 use crate::plan::{JointState, JointStop};
 use crate::qp::{self, ActiveSet, Problem, ROWS_MAX, Status};
-use messages::{JOINTS, LEFT_ARM, RIGHT_ARM, TICK_S};
+use messages::{JOINTS_MAX, TICK_S};
 
 /// Share of a pair's remaining distance that a tick may use up. With it the stop comes within 1 % of the
 /// boundary in 16 ticks. It is far enough from 1 for the next tick to correct the error of linearisation.
@@ -115,20 +116,20 @@ pub(crate) struct Barrier {
     /// The pair and the sample of each row, and the distance that is left there, m.
     rows: Nearest<Key>,
     problem: Problem,
-    spans: [Span; JOINTS],
+    spans: [Span; JOINTS_MAX],
     active: ActiveSet,
     active_keys: [Key; ROWS_MAX],
 }
 
 impl Barrier {
-    pub(crate) fn new(geometry: &Geometry, q: [f64; JOINTS]) -> Self {
+    pub(crate) fn new(geometry: &Geometry, q: [f64; JOINTS_MAX]) -> Self {
         let anchor = Anchor::new(geometry, q);
         Self {
             way: [anchor.clone(), anchor.clone(), anchor.clone()],
             end: anchor,
             rows: Nearest::new(),
-            problem: Problem::default(),
-            spans: [Span::default(); JOINTS],
+            problem: Problem { count: geometry.chain.count(), ..Problem::default() },
+            spans: [Span::default(); JOINTS_MAX],
             active: ActiveSet::default(),
             active_keys: [Key::default(); ROWS_MAX],
         }
@@ -141,7 +142,7 @@ impl Barrier {
         config: &Config,
         now: &Anchor,
         plan: &Motion,
-        wishes: &mut [Option<Wish>; JOINTS],
+        wishes: &mut [Option<Wish>; JOINTS_MAX],
     ) -> Program {
         self.find_near(&config.geometry, now, plan);
         if self.rows.len == 0 {
@@ -157,7 +158,7 @@ impl Barrier {
         let Some(z) = self.solve() else {
             return Program::Infeasible;
         };
-        for j in 0..JOINTS {
+        for j in 0..config.count() {
             if let Some(wish) = &mut wishes[j] {
                 wish.jerk = self.spans[j].jerk_at(wish, z[j]);
             }
@@ -198,8 +199,8 @@ impl Barrier {
     }
 
     /// Sets the range of each joint. A joint without a wanted jerk stays on its plan.
-    fn span(&mut self, wishes: &[Option<Wish>; JOINTS], plan: &Motion) {
-        for j in 0..JOINTS {
+    fn span(&mut self, wishes: &[Option<Wish>; JOINTS_MAX], plan: &Motion) {
+        for j in 0..self.problem.count {
             let plan_stop = plan.joints[j].at(f64::INFINITY).q;
             self.spans[j] = wishes[j].as_ref().map_or_else(Span::default, |wish| Span::new(wish, plan_stop));
             (self.problem.lower[j], self.problem.upper[j]) = (self.spans[j].z[0], self.spans[j].z[1]);
@@ -210,7 +211,7 @@ impl Barrier {
 
     /// Drops the rows that no choice can break. A distance changes by at most the sum of reach times change.
     fn keep_reachable(&mut self, geometry: &Geometry) {
-        let most: [f64; JOINTS] =
+        let most: [f64; JOINTS_MAX] =
             std::array::from_fn(|j| self.spans[j].scale * self.spans[j].z[1].max(-self.spans[j].z[0]));
         self.rows.retain(|left, key| {
             let pair = &geometry.pairs[key.pair];
@@ -232,8 +233,8 @@ impl Barrier {
                 None => (&self.end, f64::INFINITY),
             };
             let gradient = anchor.gradient(geometry, pair);
-            let (mut row, mut reach) = ([0.0; JOINTS], 0.0);
-            for j in 0..JOINTS {
+            let (mut row, mut reach) = ([0.0; JOINTS_MAX], 0.0);
+            for j in 0..self.problem.count {
                 if gradient[j] != 0.0 {
                     row[j] = gradient[j] * self.spans[j].shown_at(time) * self.spans[j].scale;
                     reach += (row[j] * self.spans[j].z[0]).max(row[j] * self.spans[j].z[1]);
@@ -245,31 +246,31 @@ impl Barrier {
         }
     }
 
-    fn wishes_break_a_row(&self, wishes: &[Option<Wish>; JOINTS]) -> bool {
+    fn wishes_break_a_row(&self, wishes: &[Option<Wish>; JOINTS_MAX]) -> bool {
         let p = &self.problem;
-        let wished: [f64; JOINTS] =
+        let wished: [f64; JOINTS_MAX] =
             std::array::from_fn(|j| wishes[j].as_ref().map_or(0.0, |wish| self.spans[j].z_at(wish, wish.jerk)));
-        (0..p.row_count).any(|k| (0..JOINTS).map(|j| p.rows[k][j] * wished[j]).sum::<f64>() < p.least[k])
+        (0..p.row_count).any(|k| (0..p.count).map(|j| p.rows[k][j] * wished[j]).sum::<f64>() < p.least[k])
     }
 
     /// Computes H, the cost of a deviation.
     fn weigh(&mut self, config: &Config, now: &Anchor) {
         let h = &mut self.problem.hessian;
-        *h = [[0.0; JOINTS]; JOINTS];
-        let unit: [f64; JOINTS] = std::array::from_fn(|j| config.bounds[j].j_max);
-        for j in 0..JOINTS {
+        *h = [[0.0; JOINTS_MAX]; JOINTS_MAX];
+        let unit: [f64; JOINTS_MAX] = std::array::from_fn(|j| config.bounds[j].j_max);
+        for j in 0..config.count() {
             h[j][j] = config.tasks.joint_weight[j] * (unit[j] / config.bounds[j].v_max).powi(2);
         }
         let weight = config.tasks.limb_weight;
         if weight == 0.0 {
             return;
         }
-        for (arm, bodies) in [LEFT_ARM, RIGHT_ARM].into_iter().zip(config.tasks.limb_bodies) {
+        for (arm, bodies) in config.geometry.chain.arms().into_iter().zip(config.tasks.limb_bodies) {
             for body in bodies {
                 let moved = config.geometry.chain.ancestors(body);
                 // The lift and the base do not turn a limb. The head is not an ancestor of any limb.
-                for i in arm.clone().filter(|i| moved & 1 << i != 0) {
-                    for k in arm.clone().filter(|k| moved & 1 << k != 0) {
+                for i in joints(arm & moved) {
+                    for k in joints(arm & moved) {
                         let (first, second) = (now.axis(&config.geometry, i), now.axis(&config.geometry, k));
                         h[i][k] += weight * first.dot(&second) * unit[i] * unit[k];
                     }
@@ -279,7 +280,7 @@ impl Barrier {
     }
 
     /// Returns the solution. If the opening is infeasible, returns the one in which no pair comes closer.
-    fn solve(&mut self) -> Option<[f64; JOINTS]> {
+    fn solve(&mut self) -> Option<[f64; JOINTS_MAX]> {
         let mut warm = self.active.bounds_only();
         for k in 0..self.problem.row_count {
             let known = |i: usize| self.active.has_row(i) && self.active_keys[i] == self.rows.keys[k];

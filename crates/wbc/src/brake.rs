@@ -19,12 +19,11 @@
 //! the arm takes the share that keeps h + M a within the limits.
 
 use crate::chain::{JointSet, Placements, joints};
-use crate::choose::{LEFT, RIGHT};
 use crate::config::Config;
 use crate::dynamics::PerJoint;
 use crate::plan::{JointState, Planned};
 use crate::torque::Load;
-use messages::{JOINTS, TICK_S};
+use messages::{JOINTS_MAX, TICK_S};
 
 /// Share of the limits that is used for planning. The rest is for changes of M and h on the way, and for the
 /// proof's bound between samples.
@@ -41,7 +40,7 @@ const GENTLEST: f64 = 0.05;
 /// Load on the motors in the state before a tick.
 #[derive(Clone, Debug)]
 pub(crate) struct Bearing {
-    matrix: [PerJoint; JOINTS],
+    matrix: [PerJoint; JOINTS_MAX],
     /// h in motion, at rest here, and at the end of the plan.
     moving: PerJoint,
     still: PerJoint,
@@ -52,21 +51,21 @@ pub(crate) struct Bearing {
     peak: PerJoint,
 }
 
-fn resting(q: &PerJoint) -> [JointState; JOINTS] {
+fn resting(q: &PerJoint) -> [JointState; JOINTS_MAX] {
     std::array::from_fn(|j| JointState { q: q[j], v: 0.0, a: 0.0 })
 }
 
 impl Bearing {
     pub(crate) fn new(config: &Config, load: &Load, places: &Placements, before: &Planned) -> Self {
         let chain = &config.geometry.chain;
-        let matrix = load.dynamics.mass_matrix(chain, places, LEFT | RIGHT);
+        let matrix = load.dynamics.mass_matrix(chain, places, chain.arms()[0] | chain.arms()[1]);
         let coasting = std::array::from_fn(|j| JointState { a: 0.0, ..before.joint(j) });
         let still = load.torques(chain, &resting(&before.q));
         let at_rest = before.is_at_rest();
         let moving = if at_rest { still } else { load.torques(chain, &coasting) };
         let ended = if at_rest { still } else { load.torques(chain, &resting(&before.rest_posture())) };
-        let mut bearing = Self { matrix, moving, still, ended, share: [1.0; JOINTS], peak: [0.0; JOINTS] };
-        for arm in [LEFT, RIGHT] {
+        let mut bearing = Self { matrix, moving, still, ended, share: [1.0; JOINTS_MAX], peak: [0.0; JOINTS_MAX] };
+        for arm in chain.arms() {
             for k in joints(arm) {
                 let (bounds, x) = (&config.bounds[k], before.joint(k));
                 let coasting = x.coasting_velocity(bounds.j_max);

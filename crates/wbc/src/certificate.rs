@@ -86,7 +86,7 @@ use crate::clearance::Anchor;
 use crate::geometry::{Geometry, Segment, Side};
 use crate::motion::{Motion, Swing};
 use crate::plan::JointState;
-use messages::JOINTS;
+use messages::JOINTS_MAX;
 use nalgebra::Vector3;
 
 /// Shorter segments are not tried: at 1.5 ms the chord term of a fast arm (B = 60 m/s^2) is 0.02 mm.
@@ -114,7 +114,7 @@ const ENTRIES: usize = 2048;
 #[derive(Clone, Debug)]
 pub(crate) struct Node {
     t: f64,
-    x: [JointState; JOINTS],
+    x: [JointState; JOINTS_MAX],
     placements: Placements,
     axes: Vec<Segment>,
     /// The entries of `axes` that are computed.
@@ -126,8 +126,8 @@ impl Node {
         let nowhere = Segment { a: Vector3::zeros(), b: Vector3::zeros() };
         Self {
             t: 0.0,
-            x: [JointState::default(); JOINTS],
-            placements: [Placement::identity(); JOINTS + 1],
+            x: [JointState::default(); JOINTS_MAX],
+            placements: [Placement::identity(); JOINTS_MAX + 1],
             axes: vec![nowhere; capsules],
             known: 0,
         }
@@ -161,9 +161,9 @@ struct Reach {
     /// The segment that they belong to.
     segment: u64,
     /// B_s, m/s^2.
-    curve: [f64; JOINTS + 1],
+    curve: [f64; JOINTS_MAX + 1],
     /// Sum of R L, m.
-    path: [f64; JOINTS + 1],
+    path: [f64; JOINTS_MAX + 1],
 }
 
 /// Working memory, allocated once.
@@ -173,7 +173,7 @@ pub(crate) struct Scratch {
     entries: Vec<Entry>,
     top: usize,
     reaches: Vec<Reach>,
-    swings: [Swing; JOINTS],
+    swings: [Swing; JOINTS_MAX],
     segment: u64,
     evaluations: u32,
     blamed: usize,
@@ -188,7 +188,7 @@ impl Scratch {
             entries: vec![idle; ENTRIES],
             top: 0,
             reaches: vec![Reach::default(); capsules],
-            swings: [Swing::default(); JOINTS],
+            swings: [Swing::default(); JOINTS_MAX],
             segment: 0,
             evaluations: 0,
             blamed: 0,
@@ -276,7 +276,7 @@ impl Proof<'_> {
         self.s.evaluations = 0;
         self.s.top = 0;
         self.begin_segment();
-        for j in 0..JOINTS {
+        for j in 0..self.geometry.chain.count() {
             self.s.swings[j] = Swing { path: self.motion.joints[j].path(), ..Swing::default() };
         }
         let mut needed = 0;
@@ -442,7 +442,7 @@ impl Proof<'_> {
         let node = &mut self.s.nodes[node];
         node.t = t;
         node.known = 0;
-        let mut q = [0.0; JOINTS];
+        let mut q = [0.0; JOINTS_MAX];
         for j in joints(needed) {
             node.x[j] = self.motion.joints[j].at(t);
             q[j] = node.x[j].q;

@@ -4,11 +4,11 @@
 //! Body 0 is the base. Body 1 + j moves with joint j. A joint's parent always has a smaller index.
 
 use crate::config::WbcError;
-use messages::JOINTS;
+use messages::{ARM_JOINTS, JOINTS_MAX};
 use nalgebra::{Matrix3, Vector3};
 
 /// Number of bodies.
-pub const BODIES: usize = JOINTS + 1;
+pub const BODIES: usize = JOINTS_MAX + 1;
 
 /// Set of joints. Bit j is joint j.
 pub type JointSet = u32;
@@ -83,8 +83,10 @@ struct Turn {
 /// The tree, with precomputed values for its forward kinematics.
 #[derive(Clone, Debug)]
 pub struct Chain {
-    links: [Link; JOINTS],
-    turns: [Turn; JOINTS],
+    /// Number of joints. The arrays are longer: the entries beyond it are not used.
+    count: usize,
+    links: [Link; JOINTS_MAX],
+    turns: [Turn; JOINTS_MAX],
     /// Joints between the base and each body.
     ancestors: [JointSet; BODIES],
 }
@@ -93,8 +95,24 @@ pub struct Chain {
 pub type Placements = [Placement; BODIES];
 
 impl Chain {
-    /// Creates the tree of these joints. Each parent must be a body of smaller index than the joint's own.
-    pub fn new(links: [Link; JOINTS]) -> Result<Self, WbcError> {
+    /// Creates the tree of these joints: body, left arm, right arm. Each parent must be a body of smaller index than
+    /// the joint's own.
+    pub fn new(given: &[Link]) -> Result<Self, WbcError> {
+        let count = given.len();
+        if !(2 * ARM_JOINTS..=JOINTS_MAX).contains(&count) {
+            return Err(WbcError::Kinematics {
+                joint: count,
+                what: "is not there: two arms need 14 joints, at most 24",
+            });
+        }
+        let none = Link {
+            parent: 0,
+            parent_from_body: Placement::identity(),
+            axis: Vector3::z(),
+            prismatic: false,
+            stroke: 0.0,
+        };
+        let links: [Link; JOINTS_MAX] = std::array::from_fn(|j| given.get(j).copied().unwrap_or(none));
         let turns = links.map(|link| {
             let r = link.parent_from_body.r;
             let k = link.axis.cross_matrix();
@@ -110,12 +128,36 @@ impl Chain {
             }
             ancestors[j + 1] = ancestors[link.parent] | 1 << j;
         }
-        Ok(Self { links, turns, ancestors })
+        Ok(Self { count, links, turns, ancestors })
     }
 
     /// The joints.
-    pub fn links(&self) -> &[Link; JOINTS] {
-        &self.links
+    pub fn links(&self) -> &[Link] {
+        &self.links[..self.count]
+    }
+
+    /// Number of joints.
+    #[inline]
+    pub fn count(&self) -> usize {
+        self.count
+    }
+
+    /// All joints.
+    #[inline]
+    pub fn all(&self) -> JointSet {
+        (1 << self.count) - 1
+    }
+
+    /// The joints of the left and the right arm.
+    #[inline]
+    pub fn arms(&self) -> [JointSet; 2] {
+        let arm = (1 << ARM_JOINTS) - 1;
+        [arm << (self.count - 2 * ARM_JOINTS), arm << (self.count - ARM_JOINTS)]
+    }
+
+    /// The bodies of the left and the right hand. The last joint of each arm moves them.
+    pub fn hands(&self) -> [usize; 2] {
+        [self.count - ARM_JOINTS, self.count]
     }
 
     /// Joints between the base and `body`.
@@ -126,7 +168,7 @@ impl Chain {
 
     /// Computes the poses in the base frame of the bodies that the joints of `set` move. `set` must contain
     /// the ancestors of each of its joints. Other entries of `out` stay as they are.
-    pub fn forward(&self, q: &[f64; JOINTS], set: JointSet, out: &mut Placements) {
+    pub fn forward(&self, q: &[f64; JOINTS_MAX], set: JointSet, out: &mut Placements) {
         for j in joints(set) {
             let parent = out[self.links[j].parent];
             let (r, t) = self.joint(j, q[j]);

@@ -14,7 +14,7 @@ use crate::plan::{JointState, JointStop, Planned};
 use crate::tick::{Candidate, Input};
 use crate::torque::{self, Load, TorqueScratch};
 use crate::track::{JointAim, wanted_jerk, wanted_velocity};
-use messages::{ALL_JOINTS, JOINTS, LEFT_ARM, RIGHT_ARM, TICK_S};
+use messages::{ALL_JOINTS, JOINTS_MAX, TICK_S};
 
 /// Shares of the way from the plan's jerk to the wanted one that are tried. The share 0 is the plan itself,
 /// which needs no proof.
@@ -23,15 +23,8 @@ const STEPS: [f64; 2] = [1.0, 0.4];
 /// Slack by which a speed may exceed the scale's. It is for rounding, and a tick adds 1e-15.
 const SCALE_ROUNDING: f64 = 1e-9;
 
-pub(crate) const LEFT: JointSet = bits(LEFT_ARM.start, LEFT_ARM.end);
-pub(crate) const RIGHT: JointSet = bits(RIGHT_ARM.start, RIGHT_ARM.end);
-
-const fn bits(from: usize, to: usize) -> JointSet {
-    ((1 << to) - 1) & !((1 << from) - 1)
-}
-
 /// The aim of each joint. None means that the joint holds.
-pub(crate) type Aims = [Option<JointAim>; JOINTS];
+pub(crate) type Aims = [Option<JointAim>; JOINTS_MAX];
 
 /// A certified decision.
 pub(crate) struct Choice {
@@ -74,9 +67,12 @@ impl Choice {
 /// The aim of each joint in this tick, within its limits.
 pub(crate) fn aims(config: &Config, input: &Input<'_>) -> Aims {
     let Some(target) = input.target else {
-        return [None; JOINTS];
+        return [None; JOINTS_MAX];
     };
     std::array::from_fn(|j| {
+        if j >= config.count() {
+            return None;
+        }
         let meant = target.valid_mask & 1 << j != 0;
         let aim = if meant {
             JointAim { q: target.q[j], dq: target.dq[j], ddq: target.ddq[j] }
@@ -95,7 +91,7 @@ fn wishes(
     aims: &Aims,
     scales: &PerJoint,
     brakes: &PerJoint,
-) -> [Option<Wish>; JOINTS] {
+) -> [Option<Wish>; JOINTS_MAX] {
     std::array::from_fn(|j| {
         let scale = scales[j];
         let (x, stop) = (before.joint(j), JointStop::of(&before.plan, j));
@@ -130,9 +126,9 @@ struct Attempt {
 }
 
 impl Attempt {
-    fn new(wishes: &[Option<Wish>; JOINTS], plan: &Motion, on_plan: &Planned, group: JointSet, step: f64) -> Self {
+    fn new(wishes: &[Option<Wish>; JOINTS_MAX], plan: &Motion, on_plan: &Planned, group: JointSet, step: f64) -> Self {
         let mut attempt = Self { next: *on_plan, motion: plan.clone(), fresh: 0 };
-        for j in (0..JOINTS).filter(|&j| group & 1 << j != 0) {
+        for j in joints(group) {
             let Some(wish) = &wishes[j] else { continue };
             let Some(jerk) = stepped(wish, on_plan.a[j], step) else { continue };
             let (after, stop) = wish.tick(jerk);
@@ -178,7 +174,7 @@ impl Chooser<'_> {
             *wish = wish.filter(|wish| wish.x.v != 0.0 || wish.x.a != 0.0 || wish.jerk != 0.0);
         }
         if let (Some(load), Some(bearing)) = (load, &bearing) {
-            hold_back(load, bearing, on_plan, &mut wishes);
+            hold_back(self.config.geometry.chain.arms(), load, bearing, on_plan, &mut wishes);
         }
         let mut first = None;
         for step in STEPS {
@@ -191,7 +187,8 @@ impl Chooser<'_> {
             };
             first = Some(between);
         }
-        for (candidate, group) in [(Candidate::Left, LEFT), (Candidate::Right, RIGHT)] {
+        let [left, right] = self.config.geometry.chain.arms();
+        for (candidate, group) in [(Candidate::Left, left), (Candidate::Right, right)] {
             // An attempt that failed and depends only on this group would fail again.
             if first.is_some_and(|between| between & !group == 0) {
                 continue;
@@ -211,7 +208,7 @@ impl Chooser<'_> {
     /// it.
     fn scales(&self, before: &Planned, aims: &Aims, bearing: Option<&Bearing>, scale: f64) -> PerJoint {
         let bounds = &self.config.bounds;
-        let scales = bearing.map_or([1.0; JOINTS], |bearing| bearing.speeds(self.config)).map(|s| s.min(scale));
+        let scales = bearing.map_or([1.0; JOINTS_MAX], |bearing| bearing.speeds(self.config)).map(|s| s.min(scale));
         let Some(hand) = &self.config.hand else { return scales };
         let wanted: PerJoint = std::array::from_fn(|j| {
             let asked = Bounds { v_max: scales[j] * bounds[j].v_max, ..bounds[j] };
@@ -265,14 +262,20 @@ impl Chooser<'_> {
 }
 
 /// Reduces the accelerations of each arm's wanted jerks to what its motors can give.
-fn hold_back(load: &Load, bearing: &Bearing, on_plan: &Planned, wishes: &mut [Option<Wish>; JOINTS]) {
+fn hold_back(
+    arms: [JointSet; 2],
+    load: &Load,
+    bearing: &Bearing,
+    on_plan: &Planned,
+    wishes: &mut [Option<Wish>; JOINTS_MAX],
+) {
     let mut wished = on_plan.a;
-    for j in 0..JOINTS {
+    for j in 0..JOINTS_MAX {
         if let Some(wish) = &wishes[j] {
             wished[j] = wish.x.a + wish.jerk * TICK_S;
         }
     }
-    for arm in [LEFT, RIGHT] {
+    for arm in arms {
         let share = bearing.step(load, arm, &on_plan.a, &wished);
         if share >= 1.0 {
             continue;

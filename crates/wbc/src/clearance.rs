@@ -2,7 +2,7 @@
 
 use crate::chain::{BODIES, Placement, Placements};
 use crate::geometry::{Geometry, Segment};
-use messages::JOINTS;
+use messages::JOINTS_MAX;
 use nalgebra::Vector3;
 
 /// Pairs whose bounding spheres are farther apart than this keep the spheres' distance. A stop rarely reaches
@@ -12,7 +12,7 @@ const FAR_M: f64 = 0.15;
 /// A posture with its placements and separations.
 #[derive(Clone, Debug)]
 pub(crate) struct Anchor {
-    pub(crate) q: [f64; JOINTS],
+    pub(crate) q: [f64; JOINTS_MAX],
     pub(crate) placements: Placements,
     axes: Vec<Segment>,
     /// For each pair a lower bound of its distance, m. For near pairs it is the distance itself, except for
@@ -24,7 +24,7 @@ pub(crate) struct Anchor {
 }
 
 impl Anchor {
-    pub(crate) fn new(geometry: &Geometry, q: [f64; JOINTS]) -> Self {
+    pub(crate) fn new(geometry: &Geometry, q: [f64; JOINTS_MAX]) -> Self {
         let nowhere = Segment { a: Vector3::zeros(), b: Vector3::zeros() };
         let mut anchor = Self {
             q,
@@ -39,7 +39,7 @@ impl Anchor {
     }
 
     /// Moves the anchor to posture `q`.
-    pub(crate) fn place(&mut self, geometry: &Geometry, q: [f64; JOINTS]) {
+    pub(crate) fn place(&mut self, geometry: &Geometry, q: [f64; JOINTS_MAX]) {
         self.pose(geometry, q);
         self.clearance_m = f64::INFINITY;
         for (i, pair) in geometry.pairs.iter().enumerate() {
@@ -55,9 +55,9 @@ impl Anchor {
     }
 
     /// Moves only the kinematics to posture `q`. The separations stay as they were.
-    pub(crate) fn pose(&mut self, geometry: &Geometry, q: [f64; JOINTS]) {
+    pub(crate) fn pose(&mut self, geometry: &Geometry, q: [f64; JOINTS_MAX]) {
         self.q = q;
-        geometry.chain.forward(&q, (1 << JOINTS) - 1, &mut self.placements);
+        geometry.chain.forward(&q, geometry.chain.all(), &mut self.placements);
         for (i, axis) in self.axes.iter_mut().enumerate() {
             *axis = geometry.axis(i, &self.placements);
         }
@@ -84,7 +84,7 @@ impl Anchor {
 
     /// Gradient of a pair's distance by the joint positions, m per rad or m. For each joint between the
     /// bodies it is the velocity of the closest point that it carries, along the direction from B to A.
-    pub(crate) fn gradient(&self, geometry: &Geometry, pair: usize) -> [f64; JOINTS] {
+    pub(crate) fn gradient(&self, geometry: &Geometry, pair: usize) -> [f64; JOINTS_MAX] {
         let pair = &geometry.pairs[pair];
         let (a, b) = (&self.axes[pair.a.capsule], &self.axes[pair.b.capsule]);
         let (on_a, on_b) = geometry.closest_points(pair, a, b);
@@ -94,6 +94,7 @@ impl Anchor {
             if pair.between & 1 << j == 0 {
                 return 0.0;
             }
+            // Only joints of the robot are between two bodies.
             let (link, placement) = (&geometry.chain.links()[j], &self.placements[j + 1]);
             let axis = placement.r * link.axis;
             let of_a = carries_a & 1 << j != 0;

@@ -5,10 +5,10 @@ use crate::chain::{BODIES, Chain};
 use crate::dynamics::Mass;
 use crate::geometry::{BodyCapsule, Geometry};
 use crate::hand::HandSpeed;
-use crate::interface::Interface;
+use crate::interface::{Controllers, Interface};
 use crate::interval::Bounds;
 use crate::torque::Load;
-use messages::{JOINTS, LEFT_ARM, RIGHT_ARM};
+use messages::{ARM_JOINTS, JOINTS_MAX};
 use robot::{Payload, Solid};
 use thiserror::Error;
 
@@ -121,7 +121,7 @@ impl Options {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Tasks {
     /// Per joint, the cost of a deviation as large as its largest speed. It must be above zero.
-    pub joint_weight: [f64; JOINTS],
+    pub joint_weight: [f64; JOINTS_MAX],
     /// Cost of a deviation of a limb's angular velocity by 1 rad/s. 0 leaves the limbs out.
     pub limb_weight: f64,
     /// Bodies whose rotations are the limbs: the upper arm and the forearm of each arm.
@@ -132,10 +132,10 @@ pub struct Tasks {
 #[derive(Clone, Debug)]
 pub struct Config {
     /// The bounds within which each joint is planned.
-    pub(crate) bounds: [Bounds; JOINTS],
+    pub(crate) bounds: [Bounds; JOINTS_MAX],
     /// The position limits themselves.
-    pub(crate) hard_range: [[f64; 2]; JOINTS],
-    pub(crate) home: [f64; JOINTS],
+    pub(crate) hard_range: [[f64; 2]; JOINTS_MAX],
+    pub(crate) home: [f64; JOINTS_MAX],
     pub(crate) geometry: Geometry,
     pub(crate) tasks: Tasks,
     pub(crate) certificate: bool,
@@ -152,10 +152,12 @@ pub struct Config {
 pub struct Parts {
     /// The kinematic tree.
     pub chain: Chain,
+    /// The robot's controllers.
+    pub controllers: Controllers,
     /// The limits of each joint, without any planning margin.
-    pub limits: [Bounds; JOINTS],
+    pub limits: [Bounds; JOINTS_MAX],
     /// Posture of joints without a target.
-    pub home: [f64; JOINTS],
+    pub home: [f64; JOINTS_MAX],
     /// Capsules on bodies.
     pub capsules: Vec<BodyCapsule>,
     /// Pairs of capsule indices that must stay apart.
@@ -171,7 +173,7 @@ pub struct Parts {
     /// Payload of the left and the right hand at the start.
     pub payload: [Payload; 2],
     /// Largest torque or force of each motor, N m or N. Infinite where it does not matter.
-    pub effort_max: [f64; JOINTS],
+    pub effort_max: [f64; JOINTS_MAX],
     /// Longest duration of a stop, s.
     pub stop_time_max_s: f64,
 }
@@ -179,7 +181,7 @@ pub struct Parts {
 impl Config {
     /// Creates the configuration of a robot from its parts.
     pub fn from_parts(parts: Parts, options: Options) -> Result<Self, WbcError> {
-        for (joint, limits) in parts.limits.iter().enumerate() {
+        for (joint, limits) in parts.limits.iter().enumerate().take(parts.chain.count()) {
             check_limits(joint, limits, parts.home[joint])?;
         }
         if !(parts.d_min_m.is_finite() && parts.d_min_m > 0.0) {
@@ -190,14 +192,14 @@ impl Config {
         let mut load = Load::new(&parts.chain, &parts.masses, &parts.effort_max)?;
         load.carry(&parts.payload);
         Ok(Self {
-            bounds: std::array::from_fn(|j| planned(j, &parts.limits[j])),
+            bounds: std::array::from_fn(|j| planned(is_wrist(&parts.chain, j), &parts.limits[j])),
             load: options.torque.then_some(load),
             stop_time_max_s: parts.stop_time_max_s,
             hard_range: parts.limits.map(|l| [l.q_min, l.q_max]),
             home: parts.home,
             geometry: Geometry::new(parts.chain, &parts.capsules, &parts.pairs, d_min_m)?
                 .with_obstacles(&parts.obstacles)?
-                .with_interface(&options.interface, &parts.limits)?,
+                .with_interface(&options.interface, &parts.controllers, &parts.limits)?,
             tasks: parts.tasks,
             certificate: options.certificate,
             hand: None,
@@ -207,8 +209,14 @@ impl Config {
     /// The bounds within which each joint is planned. Position limits are reduced by a micrometre or
     /// microradian (a wrist's by 2 mrad). Speeds are multiplied by [`PLANNED_SPEED_SHARE`] or
     /// [`PLANNED_WRIST_SPEED_SHARE`], and the others by [`PLANNED_SHARE`].
-    pub fn bounds(&self) -> &[Bounds; JOINTS] {
+    pub fn bounds(&self) -> &[Bounds; JOINTS_MAX] {
         &self.bounds
+    }
+
+    /// Number of joints.
+    #[inline]
+    pub(crate) fn count(&self) -> usize {
+        self.geometry.chain.count()
     }
 
     /// The collision model of the certificate.
@@ -217,9 +225,12 @@ impl Config {
     }
 }
 
-/// The bounds within which joint `j` is planned.
-fn planned(j: usize, l: &Bounds) -> Bounds {
-    let wrist = [LEFT_ARM, RIGHT_ARM].iter().any(|arm| arm.contains(&j) && j >= arm.start + BEFORE_WRIST);
+fn is_wrist(chain: &Chain, j: usize) -> bool {
+    chain.hands().iter().any(|hand| (hand + BEFORE_WRIST - ARM_JOINTS..*hand).contains(&j))
+}
+
+/// The bounds within which a joint is planned.
+fn planned(wrist: bool, l: &Bounds) -> Bounds {
     let (speed_share, inset) = match wrist {
         true => (PLANNED_WRIST_SPEED_SHARE, WRIST_POSITION_INSET),
         false => (PLANNED_SPEED_SHARE, POSITION_INSET),
@@ -234,7 +245,7 @@ fn planned(j: usize, l: &Bounds) -> Bounds {
     }
 }
 
-fn check_masses(masses: &[Mass; BODIES], effort_max: &[f64; JOINTS]) -> Result<(), WbcError> {
+fn check_masses(masses: &[Mass; BODIES], effort_max: &[f64; JOINTS_MAX]) -> Result<(), WbcError> {
     for (joint, (mass, effort)) in masses[1..].iter().zip(effort_max).enumerate() {
         let refuse = |what, value| Err(WbcError::Mass { joint, what, value });
         if !(mass.mass_kg.is_finite() && mass.mass_kg >= 0.0) {

@@ -15,18 +15,15 @@
 
 use crate::chain::{BODIES, Chain, JointSet, Placements, joints};
 use crate::plan::JointState;
-use messages::{JOINTS, LEFT_ARM, RIGHT_ARM};
+use messages::JOINTS_MAX;
 use nalgebra::{Matrix3, Vector3};
 use robot::Payload;
 
 /// Standard gravity, m/s^2 (3rd General Conference on Weights and Measures, 1901).
 pub const GRAVITY_M_PER_S2: f64 = 9.806_65;
 
-/// The bodies of the left and the right hand. The last joint of each arm moves them.
-pub(crate) const HANDS: [usize; 2] = [LEFT_ARM.end, RIGHT_ARM.end];
-
 /// One number per joint.
-pub type PerJoint = [f64; JOINTS];
+pub type PerJoint = [f64; JOINTS_MAX];
 
 /// Mass of everything that moves with one joint, in that joint's frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -51,6 +48,8 @@ struct Moments {
 #[derive(Clone, Debug)]
 pub(crate) struct Dynamics {
     bodies: [Moments; BODIES],
+    /// The bodies of the left and the right hand.
+    hands: [usize; 2],
     /// Moments of the hands without their payload.
     empty: [Moments; 2],
 }
@@ -77,19 +76,20 @@ fn point_inertia(mass: f64, r: &Vector3<f64>) -> Matrix3<f64> {
 }
 
 impl Dynamics {
-    pub(crate) fn new(masses: &[Mass; BODIES]) -> Self {
+    pub(crate) fn new(chain: &Chain, masses: &[Mass; BODIES]) -> Self {
         let moments = |m: &Mass| Moments {
             mass: m.mass_kg,
             first: m.center * m.mass_kg,
             second: m.about_center + point_inertia(m.mass_kg, &m.center),
         };
         let bodies = masses.each_ref().map(moments);
-        Self { bodies, empty: HANDS.map(|hand| bodies[hand]) }
+        let hands = chain.hands();
+        Self { bodies, hands, empty: hands.map(|hand| bodies[hand]) }
     }
 
     /// Sets the payload of the hands. Never allocates.
     pub(crate) fn carry(&mut self, payload: &[Payload; 2]) {
-        for ((hand, empty), Payload { mass_kg, center }) in HANDS.into_iter().zip(&self.empty).zip(payload) {
+        for ((hand, empty), Payload { mass_kg, center }) in self.hands.into_iter().zip(&self.empty).zip(payload) {
             self.bodies[hand] = Moments {
                 mass: empty.mass + mass_kg,
                 first: empty.first + center * *mass_kg,
@@ -100,8 +100,8 @@ impl Dynamics {
 
     /// Torques (N m, N) of the joints of `set` in the motion `x`. For each joint whose torque is needed,
     /// `set` must contain its ancestors and everything that hangs on it. Other entries stay as they are.
-    pub(crate) fn torques(&self, chain: &Chain, x: &[JointState; JOINTS], set: JointSet, out: &mut PerJoint) {
-        let mut turned = [Turned::default(); JOINTS];
+    pub(crate) fn torques(&self, chain: &Chain, x: &[JointState; JOINTS_MAX], set: JointSet, out: &mut PerJoint) {
+        let mut turned = [Turned::default(); JOINTS_MAX];
         let mut carried = [Carried::default(); BODIES];
         carried[0].ddx.z = GRAVITY_M_PER_S2;
         for j in joints(set) {
@@ -140,9 +140,9 @@ impl Dynamics {
 
     /// The mass matrix (kg m^2, kg m, kg) of the joints of `set` at `places`, by composite bodies in the base
     /// frame. Other entries are zero. `set` must contain everything that hangs on each of its joints.
-    pub(crate) fn mass_matrix(&self, chain: &Chain, places: &Placements, set: JointSet) -> [PerJoint; JOINTS] {
+    pub(crate) fn mass_matrix(&self, chain: &Chain, places: &Placements, set: JointSet) -> [PerJoint; JOINTS_MAX] {
         let mut composite = [Moments::default(); BODIES];
-        let mut matrix = [[0.0; JOINTS]; JOINTS];
+        let mut matrix = [[0.0; JOINTS_MAX]; JOINTS_MAX];
         let mut left = set;
         while left != 0 {
             let j = (JointSet::BITS - 1 - left.leading_zeros()) as usize;

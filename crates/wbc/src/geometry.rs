@@ -3,11 +3,11 @@
 
 use crate::chain::{BODIES, Chain, JointSet, Placements, joints};
 use crate::config::WbcError;
-use crate::interface::{Deviation, Interface};
+use crate::interface::{Controllers, Deviation, Interface};
 use crate::interval::Bounds;
 use crate::motion::Swing;
 use crate::solid;
-use messages::JOINTS;
+use messages::JOINTS_MAX;
 use nalgebra::Vector3;
 use robot::Solid;
 
@@ -85,9 +85,9 @@ impl Shape {
     pub(crate) fn curves(
         &self,
         chain: &Chain,
-        swings: &[Swing; JOINTS],
-        curve: &mut [f64; JOINTS + 1],
-        path: &mut [f64; JOINTS + 1],
+        swings: &[Swing; JOINTS_MAX],
+        curve: &mut [f64; JOINTS_MAX + 1],
+        path: &mut [f64; JOINTS_MAX + 1],
     ) {
         let tip = self.chain.len();
         (curve[tip], path[tip]) = (0.0, 0.0);
@@ -161,15 +161,20 @@ impl Geometry {
     }
 
     /// Sets the interface through which the robot executes commands within `limits`. Add obstacles first.
-    pub fn with_interface(mut self, interface: &Interface, limits: &[Bounds; JOINTS]) -> Result<Self, WbcError> {
-        self.deviation = Deviation::new(interface, limits, &self)?;
+    pub fn with_interface(
+        mut self,
+        interface: &Interface,
+        controllers: &Controllers,
+        limits: &[Bounds; JOINTS_MAX],
+    ) -> Result<Self, WbcError> {
+        self.deviation = Deviation::new(interface, controllers, limits, &self)?;
         Ok(self)
     }
 
     /// Bounds on the acceleration (m/s^2) and the path (m) of any point of a capsule's axis in the base frame while the
     /// joints stay within `swings`.
-    pub fn curve_bound(&self, capsule: usize, swings: &[Swing; JOINTS]) -> (f64, f64) {
-        let (mut curve, mut path) = ([0.0; JOINTS + 1], [0.0; JOINTS + 1]);
+    pub fn curve_bound(&self, capsule: usize, swings: &[Swing; JOINTS_MAX]) -> (f64, f64) {
+        let (mut curve, mut path) = ([0.0; JOINTS_MAX + 1], [0.0; JOINTS_MAX + 1]);
         self.shapes[capsule].curves(&self.chain, swings, &mut curve, &mut path);
         (curve[0], path[0])
     }

@@ -22,7 +22,7 @@ use crate::chain::{Chain, Placements, joints};
 use crate::interval::Bounds;
 use crate::motion::{Motion, Swing};
 use crate::plan::JointState;
-use messages::JOINTS;
+use messages::JOINTS_MAX;
 use nalgebra::Vector3;
 
 /// Planning stays below the bound by this, m/s. The wanted velocities are reached some 11 ms later (the
@@ -61,7 +61,7 @@ impl HandSpeed {
     /// body and a place in its frame, m.
     pub(crate) fn new(
         chain: &Chain,
-        limits: &[Bounds; JOINTS],
+        limits: &[Bounds; JOINTS_MAX],
         points: impl Iterator<Item = (usize, Vector3<f64>)>,
         max_m_per_s: f64,
     ) -> Option<Self> {
@@ -78,8 +78,8 @@ impl HandSpeed {
 
     /// Share of the velocities `wanted` that keeps the bound at `places`, per joint. It is one for joints
     /// that do not move a point which would be too fast.
-    pub(crate) fn shares(&self, chain: &Chain, places: &Placements, wanted: &[f64; JOINTS]) -> [f64; JOINTS] {
-        let mut shares = [1.0; JOINTS];
+    pub(crate) fn shares(&self, chain: &Chain, places: &Placements, wanted: &[f64; JOINTS_MAX]) -> [f64; JOINTS_MAX] {
+        let mut shares = [1.0; JOINTS_MAX];
         let planned = (self.max_m_per_s - MARGIN_M_PER_S).max(SHARE_MIN * self.max_m_per_s);
         for point in &self.points {
             let speed = point.velocity(chain, places, |j| wanted[j]).norm();
@@ -95,7 +95,7 @@ impl HandSpeed {
     /// Returns true if every point keeps the bound at every instant of `motion`, which begins at `places`.
     pub(crate) fn is_kept(&self, chain: &Chain, places: &Placements, motion: &Motion) -> bool {
         let paths = paths(motion);
-        let fastest: [f64; JOINTS] = std::array::from_fn(|j| motion.joints[j].fastest());
+        let fastest: [f64; JOINTS_MAX] = std::array::from_fn(|j| motion.joints[j].fastest());
         // Written so that NaN is refused.
         let by_levers = |point: &Point| point.fastest(chain, places, &paths, |j| fastest[j]) <= self.max_m_per_s;
         self.points.iter().all(by_levers) || self.is_kept_by_segments(chain, places, motion)
@@ -104,8 +104,8 @@ impl HandSpeed {
     fn is_kept_by_segments(&self, chain: &Chain, places: &Placements, motion: &Motion) -> bool {
         let needed = self.points.iter().fold(0, |set, point| set | chain.ancestors(point.body));
         let end_s = motion.end_s();
-        let at = |t: f64| -> [JointState; JOINTS] { std::array::from_fn(|j| motion.joints[j].at(t)) };
-        let speeds = |places: &Placements, x: &[JointState; JOINTS]| -> [f64; POINTS] {
+        let at = |t: f64| -> [JointState; JOINTS_MAX] { std::array::from_fn(|j| motion.joints[j].at(t)) };
+        let speeds = |places: &Placements, x: &[JointState; JOINTS_MAX]| -> [f64; POINTS] {
             std::array::from_fn(|i| {
                 self.points.get(i).map_or(0.0, |point| point.velocity(chain, places, |j| x[j].v).norm())
             })
@@ -119,7 +119,7 @@ impl HandSpeed {
             let x1 = at(t1);
             chain.forward(&x1.map(|x| x.q), needed, &mut there);
             let speed1 = speeds(&there, &x1);
-            let swings: [Swing; JOINTS] = std::array::from_fn(|j| motion.joints[j].swing(t0, t1, x0[j], x1[j]));
+            let swings: [Swing; JOINTS_MAX] = std::array::from_fn(|j| motion.joints[j].swing(t0, t1, x0[j], x1[j]));
             let kept = self.points.iter().enumerate().all(|(i, point)| {
                 let sag = point.acceleration(chain, &swings) * (t1 - t0);
                 0.5 * (speed0[i] + speed1[i] + sag) <= self.max_m_per_s
@@ -141,13 +141,19 @@ impl HandSpeed {
     }
 }
 
-fn paths(motion: &Motion) -> [f64; JOINTS] {
+fn paths(motion: &Motion) -> [f64; JOINTS_MAX] {
     std::array::from_fn(|j| motion.joints[j].path())
 }
 
 impl Point {
     /// The bound by levers, m/s, while joint j is no faster than `speed(j)` and moves by `paths`.
-    fn fastest(&self, chain: &Chain, places: &Placements, paths: &[f64; JOINTS], speed: impl Fn(usize) -> f64) -> f64 {
+    fn fastest(
+        &self,
+        chain: &Chain,
+        places: &Placements,
+        paths: &[f64; JOINTS_MAX],
+        speed: impl Fn(usize) -> f64,
+    ) -> f64 {
         let at = places[self.body].point(&self.at);
         let (mut sum, mut after) = (0.0, 0.0);
         for (&j, reach) in self.joints.iter().zip(&self.reach).rev() {
@@ -170,7 +176,7 @@ impl Point {
     }
 
     /// The bound B on |p''|, m/s^2, while speeds and accelerations of the joints stay within `swings`.
-    fn acceleration(&self, chain: &Chain, swings: &[Swing; JOINTS]) -> f64 {
+    fn acceleration(&self, chain: &Chain, swings: &[Swing; JOINTS_MAX]) -> f64 {
         let (mut bound, mut turning) = (0.0, 0.0);
         // Goes from the base to the tip. `turning` is the sum of the speeds of the joints before.
         for (&j, reach) in self.joints.iter().zip(&self.reach) {

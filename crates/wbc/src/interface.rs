@@ -38,18 +38,14 @@ use crate::chain::JointSet;
 use crate::config::WbcError;
 use crate::geometry::{CheckedPair, Geometry};
 use crate::interval::Bounds;
-use messages::JOINTS;
+use messages::JOINTS_MAX;
+use robot::CONTROLLERS_MAX;
 
 /// Largest deviation at rest, m. It is less than the distance beyond d_min that engaging requires. Otherwise
 /// a robot could engage but not move.
 pub const REST_MAX_M: f64 = 2e-3;
 /// Longest skew and period, s. It is more than one period of the slowest interface.
 const LONGEST_S: f64 = 0.05;
-
-/// Number of controllers.
-const CONTROLLERS: usize = 4;
-/// Joints of torso, head, left arm and right arm.
-const JOINTS_OF: [JointSet; CONTROLLERS] = [1, 0b110, 0x7f << 3, 0x7f << 10];
 
 /// The curve that a controller puts through its samples of the command.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -66,7 +62,7 @@ pub enum Interpolation {
 /// The interface between the commands and the robot. The default executes every command at its time.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Interface {
-    /// Largest difference between the delays of two controllers (torso, head, left arm, right arm), s.
+    /// Largest difference between the delays of two controllers, s.
     pub skew_s: f64,
     /// Time between two samples of the command, s. It is not used if interpolation is exact.
     pub period_s: f64,
@@ -75,7 +71,7 @@ pub struct Interface {
 }
 
 impl Interface {
-    /// Four joint trajectory controllers at 100 Hz, each with its own phase. The skew is one period, and the
+    /// Joint trajectory controllers at 100 Hz, each with its own phase. The skew is one period, and the
     /// splines are cubic.
     pub const JTC_100_HZ: Self = Self { skew_s: 0.01, period_s: 0.01, interpolation: Interpolation::CubicHermite };
 
@@ -103,7 +99,26 @@ impl Interface {
 #[derive(Clone, Debug)]
 pub(crate) struct Deviation {
     skew_s: f64,
-    joints: [JointDeviation; JOINTS],
+    controllers: Controllers,
+    joints: [JointDeviation; JOINTS_MAX],
+}
+
+/// The robot's controllers. Joints of one controller have one delay.
+#[derive(Clone, Debug)]
+pub struct Controllers {
+    /// Joints of each.
+    joints: Vec<JointSet>,
+    /// Number of each joint's controller.
+    of: [usize; JOINTS_MAX],
+}
+
+impl Controllers {
+    /// Takes the joints of each controller. A joint that no controller moves counts as one of the first.
+    pub fn new(joints: impl IntoIterator<Item = JointSet>) -> Self {
+        let joints: Vec<JointSet> = joints.into_iter().take(CONTROLLERS_MAX).collect();
+        let of = std::array::from_fn(|j| joints.iter().position(|set| set & 1 << j != 0).unwrap_or(0));
+        Self { joints, of }
+    }
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -121,7 +136,8 @@ impl Deviation {
     /// executes exactly what is commanded.
     pub(crate) fn new(
         interface: &Interface,
-        limits: &[Bounds; JOINTS],
+        controllers: &Controllers,
+        limits: &[Bounds; JOINTS_MAX],
         geometry: &Geometry,
     ) -> Result<Option<Self>, WbcError> {
         interface.check()?;
@@ -134,7 +150,7 @@ impl Deviation {
             spline: interface.spline_error(l),
             fastest: [l.v_max, l.a_max],
         });
-        let deviation = Self { skew_s: s, joints };
+        let deviation = Self { skew_s: s, controllers: controllers.clone(), joints };
         let at_rest = |pair| deviation.of(geometry, pair, |_| [0.0; 2]);
         let value = geometry.pairs.iter().map(at_rest).fold(0.0, f64::max);
         if value > REST_MAX_M {
@@ -147,17 +163,17 @@ impl Deviation {
     #[inline]
     pub(crate) fn of(&self, geometry: &Geometry, pair: &CheckedPair, speed: impl Fn(usize) -> [f64; 2]) -> f64 {
         let s = self.skew_s;
-        let (mut lags, mut spline) = ([0.0; CONTROLLERS], 0.0);
+        let (mut lags, mut spline) = ([0.0; CONTROLLERS_MAX], 0.0);
         for side in [pair.a, pair.b] {
             let shape = &geometry.shapes[side.capsule];
             for (&j, &reach) in shape.chain[side.from..].iter().zip(&shape.reach[side.from..]) {
                 let ([v, a], joint) = (speed(j), &self.joints[j]);
-                lags[controller(j)] += reach * (s * (v + a * s / 2.0) + joint.still);
+                lags[self.controllers.of[j]] += reach * (s * (v + a * s / 2.0) + joint.still);
                 spline += reach * joint.spline;
             }
         }
         let (mut total, mut least) = (0.0, f64::INFINITY);
-        for (lag, joints) in lags.into_iter().zip(JOINTS_OF) {
+        for (lag, joints) in lags.into_iter().zip(&self.controllers.joints) {
             if pair.between & joints != 0 {
                 total += lag;
                 least = least.min(lag);
@@ -169,14 +185,5 @@ impl Deviation {
     /// Largest loss of a pair at any speed and acceleration, m.
     pub(crate) fn largest(&self, geometry: &Geometry, pair: &CheckedPair) -> f64 {
         self.of(geometry, pair, |j| self.joints[j].fastest)
-    }
-}
-
-const fn controller(joint: usize) -> usize {
-    match joint {
-        0 => 0,
-        1..3 => 1,
-        3..10 => 2,
-        _ => 3,
     }
 }

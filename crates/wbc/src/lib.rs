@@ -58,7 +58,7 @@ pub use config::{
     Config, ENGAGE_MARGIN_M, Options, PLANNED_SHARE, PLANNED_SPEED_SHARE, PLANNED_WRIST_SPEED_SHARE, Parts, Tasks,
     WbcError,
 };
-pub use interface::{Interface, Interpolation};
+pub use interface::{Controllers, Interface, Interpolation};
 pub use messages::Permit;
 pub use plan::{JointState, JointStop, Planned};
 pub use tick::{

@@ -5,8 +5,9 @@ use crate::config::{Config, Options, Parts, Tasks, WbcError};
 use crate::dynamics::Mass;
 use crate::geometry::BodyCapsule;
 use crate::hand::HandSpeed;
+use crate::interface::Controllers;
 use crate::interval::Bounds;
-use messages::{JOINTS, LEFT_ARM, RIGHT_ARM};
+use messages::JOINTS_MAX;
 use robot::{Frames, Inertia, Model};
 
 /// Largest difference between this crate's kinematics and the model's, m and entries of rotations. The
@@ -41,7 +42,7 @@ impl Parts {
             brake: l.a_max,
             j_max: l.j_max,
         });
-        let links = std::array::from_fn(|j| {
+        let link = |j: usize| {
             let (pose, axis) = model.joint_at_zero(j);
             Link {
                 parent: model.parent_body(j + 1).unwrap_or(0),
@@ -50,11 +51,13 @@ impl Parts {
                 prismatic: model.prismatic[j],
                 stroke: limits[j].q_min.abs().max(limits[j].q_max.abs()),
             }
-        });
+        };
+        let links: Vec<Link> = (0..model.count).map(link).collect();
         let capsule = |c: &robot::Capsule| BodyCapsule { body: c.body, a: c.a, b: c.b, radius_m: c.radius_m };
         let mass = |i: Inertia| Mass { mass_kg: i.mass_kg, center: i.center, about_center: i.about_center };
         Ok(Self {
-            chain: Chain::new(links)?,
+            chain: Chain::new(&links)?,
+            controllers: Controllers::new(model.controllers.iter().map(|controller| controller.joints)),
             limits,
             home: model.home,
             capsules: model.capsules.iter().map(capsule).collect(),
@@ -72,12 +75,12 @@ impl Parts {
 
 fn check_kinematics(model: &Model, chain: &Chain) -> Result<(), WbcError> {
     let mut frames = Frames::default();
-    let mut placements = [Placement::identity(); JOINTS + 1];
+    let mut placements = [Placement::identity(); JOINTS_MAX + 1];
     for share in [0.1, 0.5, 0.8] {
         let q = model.limits.each_ref().map(|l| l.q_min + share * (l.q_max - l.q_min));
         model.forward(&q, &mut frames);
-        chain.forward(&q, (1 << JOINTS) - 1, &mut placements);
-        for joint in 0..JOINTS {
+        chain.forward(&q, chain.all(), &mut placements);
+        for joint in 0..chain.count() {
             let (ours, theirs) = (&placements[joint + 1], &frames.base_from_body[joint + 1]);
             let off = (ours.r - theirs.r).amax().max((ours.t - theirs.t).amax());
             if off.is_nan() || off > KINEMATICS_TOLERANCE {
@@ -96,7 +99,7 @@ impl Tasks {
         Self {
             joint_weight: model.joint_weight,
             limb_weight: model.limb_weight,
-            limb_bodies: [limbs(LEFT_ARM.start), limbs(RIGHT_ARM.start)],
+            limb_bodies: model.arms.each_ref().map(|arm| limbs(arm.joints[0])),
         }
     }
 }

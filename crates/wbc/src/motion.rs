@@ -2,7 +2,7 @@
 //! pieces.
 
 use crate::plan::{JointState, JointStop, Planned};
-use messages::{JOINTS, TICK_S};
+use messages::{JOINTS_MAX, TICK_S};
 
 /// A tick, three phases, and the rest after them.
 const KNOTS: usize = 5;
@@ -195,7 +195,7 @@ fn monotone_path(from: JointState, to: JointState, dt: f64) -> f64 {
 #[derive(Clone, Debug)]
 pub struct Motion {
     /// One per joint.
-    pub joints: [JointMotion; JOINTS],
+    pub joints: [JointMotion; JOINTS_MAX],
 }
 
 impl Motion {
@@ -210,7 +210,7 @@ impl Motion {
     }
 
     /// The posture at `t` s from now.
-    pub fn posture(&self, t: f64) -> [f64; JOINTS] {
+    pub fn posture(&self, t: f64) -> [f64; JOINTS_MAX] {
         std::array::from_fn(|j| self.joints[j].at(t).q)
     }
 }

@@ -13,7 +13,7 @@
 //! Without the cap, a_p follows from v + a^2 / (2 J) = a_p^2 / J. The stop is time-optimal. So the rest of it
 //! after some time is the stop of the state at that time, and a tick along the plan never lengthens it.
 
-use messages::{JOINTS, StopPlan};
+use messages::{JOINTS_MAX, StopPlan};
 
 /// Position, velocity and acceleration of one joint. Rad or m, and seconds.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -185,20 +185,20 @@ fn zero_velocity(v: f64, a: f64, j: f64) -> [f64; 2] {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Planned {
     /// Joint positions, rad or m.
-    pub q: [f64; JOINTS],
+    pub q: [f64; JOINTS_MAX],
     /// Joint velocities, rad/s or m/s.
-    pub v: [f64; JOINTS],
+    pub v: [f64; JOINTS_MAX],
     /// Joint accelerations, rad/s^2 or m/s^2.
-    pub a: [f64; JOINTS],
+    pub a: [f64; JOINTS_MAX],
     /// The stop from (q, v, a).
     pub plan: StopPlan,
 }
 
 impl Planned {
     /// Creates the plan of a robot at rest at `q`.
-    pub const fn at_rest(q: [f64; JOINTS]) -> Self {
-        const NOTHING: StopPlan = StopPlan { jerk: [[0.0; 3]; JOINTS], duration_s: [[0.0; 3]; JOINTS] };
-        Self { q, v: [0.0; JOINTS], a: [0.0; JOINTS], plan: NOTHING }
+    pub const fn at_rest(q: [f64; JOINTS_MAX]) -> Self {
+        const NOTHING: StopPlan = StopPlan { jerk: [[0.0; 3]; JOINTS_MAX], duration_s: [[0.0; 3]; JOINTS_MAX] };
+        Self { q, v: [0.0; JOINTS_MAX], a: [0.0; JOINTS_MAX], plan: NOTHING }
     }
 
     /// State of joint `j`.
@@ -217,7 +217,7 @@ impl Planned {
     /// The state after `dt` seconds of the plan, all joints together.
     pub fn advanced(&self, dt: f64) -> Self {
         let mut next = *self;
-        for j in 0..JOINTS {
+        for j in 0..JOINTS_MAX {
             let (x, stop) = JointStop::of(&self.plan, j).advance(self.joint(j), dt);
             next.set_joint(j, x, stop);
         }
@@ -225,12 +225,12 @@ impl Planned {
     }
 
     /// Posture at which the plan comes to rest.
-    pub fn rest_posture(&self) -> [f64; JOINTS] {
+    pub fn rest_posture(&self) -> [f64; JOINTS_MAX] {
         std::array::from_fn(|j| JointStop::of(&self.plan, j).stop_position(self.joint(j)))
     }
 
     /// Returns true if every joint stands still and nothing is left to play.
     pub fn is_at_rest(&self) -> bool {
-        (0..JOINTS).all(|j| self.joint(j).is_at_rest() && JointStop::of(&self.plan, j).is_done())
+        (0..JOINTS_MAX).all(|j| self.joint(j).is_at_rest() && JointStop::of(&self.plan, j).is_done())
     }
 }

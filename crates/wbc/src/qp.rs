@@ -1,7 +1,7 @@
 //! A small strictly convex quadratic program, solved exactly by a dual active set.
 //!
 //! ```text
-//! minimise  1/2 (z - r)^T H (z - r)   over z in R^17
+//! minimise  1/2 (z - r)^T H (z - r)   over z in R^n
 //! such that lower <= z <= upper  and  g_k . z >= c_k for up to 24 rows k
 //! ```
 //!
@@ -12,7 +12,7 @@
 //!
 //! The first columns of J span the active normals (J1, with J1^T N = R upper triangular). The other columns,
 //! J2, span their complement. For a violated constraint with normal n, let d = J^T n. The step in z is J2 d2,
-//! and the step in the multipliers is R^-1 d1. Rotations add and drop a constraint in O(17^2).
+//! and the step in the multipliers is R^-1 d1. Rotations add and drop a constraint in O(n^2).
 //!
 //! Warm start: constraints that were active at the last solution are considered first. So if little has
 //! changed, the final set is found without detours. The work is bounded, and nothing allocates or panics. A
@@ -20,10 +20,10 @@
 
 #![allow(clippy::indexing_slicing, reason = "all indices run over arrays of fixed size")]
 
-use messages::JOINTS;
+use messages::JOINTS_MAX;
 
-/// Number of unknowns.
-pub const UNKNOWNS: usize = JOINTS;
+/// Largest number of unknowns.
+pub const UNKNOWNS: usize = JOINTS_MAX;
 /// Largest number of rows.
 pub const ROWS_MAX: usize = 24;
 /// Number of lower bounds, upper bounds and rows, in this order.
@@ -45,6 +45,8 @@ type Vector = [f64; UNKNOWNS];
 /// A program. Every entry must be finite, `lower <= upper`, and H symmetric and positive definite.
 #[derive(Clone, Debug)]
 pub struct Problem {
+    /// Number n of unknowns. Entries beyond it are not used.
+    pub count: usize,
     /// The matrix H.
     pub hessian: [Vector; UNKNOWNS],
     /// r, the optimum without constraints.
@@ -68,6 +70,7 @@ impl Default for Problem {
             row[i] = 1.0;
         }
         Self {
+            count: UNKNOWNS,
             hessian,
             reference: [0.0; UNKNOWNS],
             lower: [0.0; UNKNOWNS],
@@ -103,7 +106,7 @@ pub struct Solution {
 
 /// The constraints that were active at a solution.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct ActiveSet(u64);
+pub struct ActiveSet(u128);
 
 impl ActiveSet {
     /// Returns true if row `k` of the problem is in the set.
@@ -154,7 +157,7 @@ struct Work<'a> {
     multiplier: Vector,
     len: usize,
     /// The active constraints as a set.
-    members: u64,
+    members: u128,
     steps: u32,
 }
 
@@ -178,7 +181,7 @@ impl<'a> Work<'a> {
     /// Sets J = L^-T: column c of J is row c of L^-1. Returns false if H is not positive definite.
     fn factorise(&mut self) -> bool {
         let mut l = [[0.0; UNKNOWNS]; UNKNOWNS];
-        for i in 0..UNKNOWNS {
+        for i in 0..self.problem.count {
             for k in 0..=i {
                 let sum: f64 = (0..k).map(|m| l[i][m] * l[k][m]).sum();
                 let left = self.problem.hessian[i][k] - sum;
@@ -193,7 +196,7 @@ impl<'a> Work<'a> {
                 }
             }
         }
-        for c in 0..UNKNOWNS {
+        for c in 0..self.problem.count {
             for i in 0..=c {
                 let sum: f64 = (i..c).map(|m| l[c][m] * self.basis[m][i]).sum();
                 self.basis[c][i] = (if c == i { 1.0 } else { 0.0 } - sum) / l[c][c];
@@ -213,7 +216,7 @@ impl<'a> Work<'a> {
         } else {
             let row = &p.rows[constraint - 2 * UNKNOWNS];
             let mut sums = (0.0, 0.0);
-            for i in 0..UNKNOWNS {
+            for i in 0..p.count {
                 sums = (sums.0 + row[i] * self.z[i], sums.1 + row[i].abs());
             }
             (sums.0, p.least[constraint - 2 * UNKNOWNS], sums.1)
@@ -224,7 +227,7 @@ impl<'a> Work<'a> {
     /// Returns d = J^T n.
     fn project(&self, constraint: usize) -> Vector {
         let mut d = [0.0; UNKNOWNS];
-        for (c, d) in d.iter_mut().enumerate() {
+        for (c, d) in d.iter_mut().enumerate().take(self.problem.count) {
             let column = &self.basis[c];
             *d = if constraint < UNKNOWNS {
                 column[constraint]
@@ -232,7 +235,7 @@ impl<'a> Work<'a> {
                 -column[constraint - UNKNOWNS]
             } else {
                 let row = &self.problem.rows[constraint - 2 * UNKNOWNS];
-                (0..UNKNOWNS).map(|i| column[i] * row[i]).sum()
+                (0..self.problem.count).map(|i| column[i] * row[i]).sum()
             };
         }
         d
@@ -241,9 +244,9 @@ impl<'a> Work<'a> {
     /// Returns the most violated constraint. It looks first among those of `warm`.
     fn most_violated(&self, warm: ActiveSet) -> Option<usize> {
         let count = 2 * UNKNOWNS + self.problem.row_count.min(ROWS_MAX);
-        let worst = |among: u64| {
+        let worst = |among: u128| {
             let mut worst: Option<(f64, usize)> = None;
-            let mut left = among & !self.members & (u64::MAX >> (64 - count));
+            let mut left = among & !self.members & (u128::MAX >> (128 - count));
             while left != 0 {
                 let constraint = left.trailing_zeros() as usize;
                 left &= left - 1;
@@ -254,7 +257,7 @@ impl<'a> Work<'a> {
             }
             worst.map(|(_, constraint)| constraint)
         };
-        worst(warm.0).or_else(|| worst(u64::MAX))
+        worst(warm.0).or_else(|| worst(u128::MAX))
     }
 
     /// Moves to the optimum with `constraint` added. Active constraints whose multiplier would fall below
@@ -276,7 +279,7 @@ impl<'a> Work<'a> {
             }
             let free: f64 = d[self.len..].iter().map(|d| d * d).sum();
             let whole: f64 = d.iter().map(|d| d * d).sum();
-            let full_step = if free > DEPENDENT * whole && self.len < UNKNOWNS {
+            let full_step = if free > DEPENDENT * whole && self.len < self.problem.count {
                 (-self.slack(constraint).0 / free).max(0.0)
             } else {
                 f64::INFINITY
@@ -286,8 +289,8 @@ impl<'a> Work<'a> {
                 return Status::Infeasible;
             }
             if full_step.is_finite() {
-                for c in self.len..UNKNOWNS {
-                    for i in 0..UNKNOWNS {
+                for c in self.len..self.problem.count {
+                    for i in 0..self.problem.count {
                         self.z[i] += step * d[c] * self.basis[c][i];
                     }
                 }
@@ -317,7 +320,7 @@ impl<'a> Work<'a> {
     }
 
     fn add_active(&mut self, constraint: usize, mut d: Vector, multiplier: f64) {
-        for c in (self.len + 1..UNKNOWNS).rev() {
+        for c in (self.len + 1..self.problem.count).rev() {
             if let Some((cos, sin)) = rotation(d[c - 1], d[c]) {
                 d[c - 1] = cos * d[c - 1] + sin * d[c];
                 self.rotate_basis(c - 1, cos, sin);
@@ -355,7 +358,7 @@ impl<'a> Work<'a> {
 
     /// Turns columns `first` and `first + 1` of J.
     fn rotate_basis(&mut self, first: usize, cos: f64, sin: f64) {
-        for i in 0..UNKNOWNS {
+        for i in 0..self.problem.count {
             let (a, b) = (self.basis[first][i], self.basis[first + 1][i]);
             self.basis[first][i] = cos * a + sin * b;
             self.basis[first + 1][i] = cos * b - sin * a;
@@ -372,4 +375,4 @@ fn rotation(a: f64, b: f64) -> Option<(f64, f64)> {
     Some((a / length, b / length))
 }
 
-const _: () = assert!(CONSTRAINTS < 64, "a set of constraints fits into 64 bits");
+const _: () = assert!(CONSTRAINTS < 128, "a set of constraints fits into 128 bits");

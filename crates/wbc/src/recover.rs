@@ -33,7 +33,7 @@ use crate::plan::{JointState, JointStop, Planned};
 use crate::qp::{self, ActiveSet, Problem, Status};
 use crate::tick::Candidate;
 use crate::torque::{self, Load, TorqueScratch};
-use messages::{ALL_JOINTS, JOINTS, TICK_S};
+use messages::{ALL_JOINTS, JOINTS_MAX, TICK_S};
 use robot::Solid;
 
 /// Largest speed of a recovery, rad/s and m/s. Assumption: a hand at 0.9 m then moves at 90 mm/s. This is below
@@ -97,7 +97,7 @@ struct Reach {
 }
 
 impl Recovery {
-    pub(crate) fn new(geometry: &Geometry, q: [f64; JOINTS]) -> Self {
+    pub(crate) fn new(geometry: &Geometry, q: [f64; JOINTS_MAX]) -> Self {
         Self {
             problem: Problem::default(),
             rows: Nearest::new(),
@@ -162,9 +162,14 @@ impl Recovery {
     }
 
     /// The velocities that lead back, rad/s or m/s. None if no joint is outside and no pair is near.
-    fn velocities(&mut self, config: &Config, anchor: &Anchor, reach: &[Reach; JOINTS]) -> Option<[f64; JOINTS]> {
+    fn velocities(
+        &mut self,
+        config: &Config,
+        anchor: &Anchor,
+        reach: &[Reach; JOINTS_MAX],
+    ) -> Option<[f64; JOINTS_MAX]> {
         let mut needed = false;
-        for j in 0..JOINTS {
+        for j in 0..config.count() {
             let (x, bounds) = (reach[j].x, &config.bounds[j]);
             let towards = |room: f64| (LIMIT_RATE_PER_S * room / reach[j].speed).clamp(0.0, 1.0);
             let (below, above) = (x.q < bounds.q_min, x.q > bounds.q_max);
@@ -209,10 +214,10 @@ impl Recovery {
     }
 
     /// Solves the program with a share of the opening. None if it has no solution.
-    fn solve(&mut self, opening: f64) -> Option<[f64; JOINTS]> {
+    fn solve(&mut self, opening: f64) -> Option<[f64; JOINTS_MAX]> {
         let p = &mut self.problem;
         for k in 0..p.row_count {
-            let most: f64 = (0..JOINTS).map(|j| (p.rows[k][j] * p.lower[j]).max(p.rows[k][j] * p.upper[j])).sum();
+            let most: f64 = (0..p.count).map(|j| (p.rows[k][j] * p.lower[j]).max(p.rows[k][j] * p.upper[j])).sum();
             let left = self.rows.left[k];
             p.least[k] = if left < 0.0 {
                 opening * (RATE_PER_S * (BEYOND_M - left)).min(OPENING_SHARE * most)
@@ -261,10 +266,11 @@ fn is_within_box(geometry: &Geometry, anchor: &Anchor, pair: usize) -> bool {
     is_box && anchor.measure(geometry, pair) <= ROUNDING_M - checked.radii
 }
 
-fn reach(config: &Config, before: &Planned) -> [Reach; JOINTS] {
+fn reach(config: &Config, before: &Planned) -> [Reach; JOINTS_MAX] {
     std::array::from_fn(|j| {
         let (x, bounds) = (before.joint(j), &config.bounds[j]);
-        let speed = if config.geometry.chain.links()[j].prismatic { SPEED_M_PER_S } else { SPEED_RAD_PER_S };
+        let slides = config.geometry.chain.links().get(j).is_some_and(|link| link.prismatic);
+        let speed = if slides { SPEED_M_PER_S } else { SPEED_RAD_PER_S };
         let q = [bounds.q_min.min(x.q), bounds.q_max.max(x.q)];
         Reach { x, q, speed: PLANNED_SHARE * speed.min(bounds.v_max) }
     })
@@ -282,13 +288,13 @@ impl Attempt {
     /// the way to rest.
     fn new(
         config: &Config,
-        reach: &[Reach; JOINTS],
+        reach: &[Reach; JOINTS_MAX],
         before: &Planned,
         on_plan: &Planned,
-        wanted: &[f64; JOINTS],
+        wanted: &[f64; JOINTS_MAX],
     ) -> Option<Self> {
         let mut attempt = Self { next: *on_plan, motion: Motion::stops(before), fresh: 0 };
-        for j in 0..JOINTS {
+        for j in 0..config.count() {
             let (Reach { x, q, speed }, bounds) = (reach[j], &config.bounds[j]);
             if wanted[j] == 0.0 && x.is_at_rest() {
                 continue;

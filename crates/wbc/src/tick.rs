@@ -11,7 +11,7 @@ use crate::motion::Motion;
 use crate::plan::{JointState, Planned};
 use crate::recover::Recovery;
 use crate::torque::{self, Load, TorqueScratch, TorqueVerdict};
-use messages::{ALL_JOINTS, JOINTS, PayloadRefusal, Permit, Stamp, StopPlan, TICK_S, command_flag};
+use messages::{ALL_JOINTS, JOINTS_MAX, PayloadRefusal, Permit, Stamp, StopPlan, TICK_S, command_flag};
 use robot::Payload;
 
 /// A joint within this distance of its target counts as on target, rad or m. It is half the limb error that a
@@ -22,11 +22,11 @@ const ON_TARGET: f64 = 0.01;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Target<'a> {
     /// Positions, rad or m.
-    pub q: &'a [f64; JOINTS],
+    pub q: &'a [f64; JOINTS_MAX],
     /// Velocities, rad/s or m/s.
-    pub dq: &'a [f64; JOINTS],
+    pub dq: &'a [f64; JOINTS_MAX],
     /// Accelerations of the target's path, rad/s^2 or m/s^2. Zero if unknown.
-    pub ddq: &'a [f64; JOINTS],
+    pub ddq: &'a [f64; JOINTS_MAX],
     /// Bit j is set if joint j has a target. The other joints go to the home posture.
     pub valid_mask: u32,
 }
@@ -60,11 +60,11 @@ pub enum Candidate {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Output {
     /// Joint positions, rad or m.
-    pub q: [f64; JOINTS],
+    pub q: [f64; JOINTS_MAX],
     /// Joint velocities, rad/s or m/s.
-    pub v: [f64; JOINTS],
+    pub v: [f64; JOINTS_MAX],
     /// Joint accelerations, rad/s^2 or m/s^2.
-    pub a: [f64; JOINTS],
+    pub a: [f64; JOINTS_MAX],
     /// The certified stop from there.
     pub plan: StopPlan,
     /// The joints that took a new decision.
@@ -118,7 +118,7 @@ pub struct State {
 
 impl State {
     /// Creates the state of a robot at rest at `q`.
-    pub fn at_rest(config: &Config, q: [f64; JOINTS]) -> Self {
+    pub fn at_rest(config: &Config, q: [f64; JOINTS_MAX]) -> Self {
         Self {
             planned: Planned::at_rest(q),
             anchor: Anchor::new(&config.geometry, q),
@@ -156,7 +156,7 @@ impl State {
     }
 
     /// Like the function `overloaded_at_rest`, but with the present payload of the hands.
-    pub fn overloaded_at_rest(&self, config: &Config, q: &[f64; JOINTS]) -> Option<(usize, f64, f64)> {
+    pub fn overloaded_at_rest(&self, config: &Config, q: &[f64; JOINTS_MAX]) -> Option<(usize, f64, f64)> {
         self.load.as_ref()?.overloaded_at_rest(&config.geometry.chain, q)
     }
 
@@ -176,7 +176,7 @@ impl State {
 ///
 /// let config = Config::new(&model, Options::default())?;
 /// let mut state = State::at_rest(&config, model.home);
-/// let (mut q, zero) = (model.home, [0.0; messages::JOINTS]);
+/// let (mut q, zero) = (model.home, [0.0; messages::JOINTS_MAX]);
 /// q[messages::LEFT_ARM.start] += 0.1;
 /// let target = Some(Target { q: &q, dq: &zero, ddq: &zero, valid_mask: messages::ALL_JOINTS });
 /// let input = |k| Input { k, target, permit: Permit::Follow { speed_scale: 1.0 } };
@@ -211,7 +211,7 @@ pub fn tick(config: &Config, state: &mut State, _now: Stamp, input: Input<'_>) -
 /// Checks that `q`, held at rest, is clear enough to engage: every pair must keep d_min and 3 mm. Returns
 /// also the smallest distance (m) and the capsules of that pair. Do not call it in a tick, because it
 /// allocates.
-pub fn certify_rest(config: &Config, q: &[f64; JOINTS]) -> (bool, f64, [u32; 2]) {
+pub fn certify_rest(config: &Config, q: &[f64; JOINTS_MAX]) -> (bool, f64, [u32; 2]) {
     let anchor = Anchor::new(&config.geometry, *q);
     let clear = anchor.clearance_m >= config.geometry.d_min_m + ENGAGE_MARGIN_M;
     (clear, anchor.clearance_m, nearest_pair(config, &anchor))
@@ -227,7 +227,7 @@ pub fn certify_plan(config: &Config, planned: &Planned) -> Verdict {
 
 /// The joint that needs more than its share of the effort limit to hold `q` at rest, if any, with its torque
 /// and the limit, N m or N. It uses the payload of the hands at the start.
-pub fn overloaded_at_rest(config: &Config, q: &[f64; JOINTS]) -> Option<(usize, f64, f64)> {
+pub fn overloaded_at_rest(config: &Config, q: &[f64; JOINTS_MAX]) -> Option<(usize, f64, f64)> {
     config.load.as_ref()?.overloaded_at_rest(&config.geometry.chain, q)
 }
 
@@ -255,7 +255,7 @@ fn nearest_pair(config: &Config, anchor: &Anchor) -> [u32; 2] {
 fn output(config: &Config, state: &State, choice: &Choice, aims: &Aims) -> Output {
     let next = &choice.next;
     let at_rest = next.is_at_rest();
-    let on_target = (0..JOINTS).all(|j| aims[j].is_some_and(|aim| (aim.q - next.q[j]).abs() <= ON_TARGET));
+    let on_target = (0..config.count()).all(|j| aims[j].is_some_and(|aim| (aim.q - next.q[j]).abs() <= ON_TARGET));
     Output {
         q: next.q,
         v: next.v,

@@ -3,7 +3,7 @@
 use crate::support;
 
 use judge::{Attacker, Checker, Robot, Rollout};
-use messages::{ALL_JOINTS, JOINTS, Stamp, TICK_S};
+use messages::{ALL_JOINTS, JOINTS_MAX, Stamp, TICK_S};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use support::{D_MIN_M, config, config_of, home, input, limits, made_up, motion, sent};
@@ -61,7 +61,7 @@ fn attack_without_certificate_breaks_clearance() {
 
 /// A random motion of all joints, with its stop, near the limits of speed and acceleration.
 fn random_plan(rng: &mut Pcg64) -> Planned {
-    let mut planned = Planned::at_rest([0.0; JOINTS]);
+    let mut planned = Planned::at_rest([0.0; JOINTS_MAX]);
     for (j, l) in limits().iter().enumerate() {
         let mut x = wbc::JointState { q: rng.random_range(l.q_min..=l.q_max), ..Default::default() };
         x.v = l.v_max * rng.random_range(-1.0..=1.0);
@@ -95,7 +95,7 @@ fn certified_plan_keeps_clearance_at_every_sample() {
     assert!(close > 10, "only {close} plans came near anything");
 }
 
-fn wave(t: f64) -> ([f64; JOINTS], [f64; JOINTS]) {
+fn wave(t: f64) -> ([f64; JOINTS_MAX], [f64; JOINTS_MAX]) {
     let w = |j: usize| 1.5 + 0.15 * j as f64;
     // The lift is slow, so its sine stays below 0.07 m/s.
     let size = |j: usize| if j == 0 { 0.01 } else { 0.12 };
@@ -112,7 +112,7 @@ fn certificate_does_not_alter_smooth_motion_without_obstacle() {
     let (mut squares, mut count) = (0.0, 0.0);
     for k in 0..9000 {
         let (q, dq) = wave(k as f64 * TICK_S);
-        let target = Target { q: &q, dq: &dq, ddq: &[0.0; JOINTS], valid_mask: ALL_JOINTS };
+        let target = Target { q: &q, dq: &dq, ddq: &[0.0; JOINTS_MAX], valid_mask: ALL_JOINTS };
         let input = Input { k, target: Some(target), permit: Permit::Follow { speed_scale: 1.0 } };
         let [with, without] = [0, 1].map(|i| tick(&configs[i], &mut states[i], Stamp::NONE, input));
         assert_eq!(with.candidate, Candidate::All);
@@ -139,8 +139,8 @@ fn scaled_speed_is_never_exceeded_from_rest() {
         let q = limits().map(|l| rng.random_range(l.q_min..=l.q_max));
         let target = Target {
             q: if k % 300 < 150 { &q } else { &home() },
-            dq: &[5.0; JOINTS],
-            ddq: &[0.0; JOINTS],
+            dq: &[5.0; JOINTS_MAX],
+            ddq: &[0.0; JOINTS_MAX],
             valid_mask: ALL_JOINTS,
         };
         let permit = Permit::Follow { speed_scale: 0.05 };
@@ -157,17 +157,17 @@ fn scaled_speed_is_never_exceeded_from_rest() {
 fn f033_nan_missing_target_or_stop_ends_at_rest_on_plan() {
     let config = config(Options::default());
     let mut state = State::at_rest(&config, home());
-    let (mut q, dq) = (home(), [0.0; JOINTS]);
+    let (mut q, dq) = (home(), [0.0; JOINTS_MAX]);
     q[5] += 1.0;
     let follow = Permit::Follow { speed_scale: 1.0 };
-    let good = Target { q: &q, dq: &dq, ddq: &[0.0; JOINTS], valid_mask: ALL_JOINTS };
+    let good = Target { q: &q, dq: &dq, ddq: &[0.0; JOINTS_MAX], valid_mask: ALL_JOINTS };
     for k in 0..300 {
         tick(&config, &mut state, Stamp::NONE, Input { k, target: Some(good), permit: follow });
     }
     assert!(state.planned().v[5].abs() > 0.5, "moving before the nonsense");
     let expected = state.planned().rest_posture();
-    let bad = [f64::NAN; JOINTS];
-    let nonsense = Target { q: &bad, dq: &bad, ddq: &[0.0; JOINTS], valid_mask: ALL_JOINTS };
+    let bad = [f64::NAN; JOINTS_MAX];
+    let nonsense = Target { q: &bad, dq: &bad, ddq: &[0.0; JOINTS_MAX], valid_mask: ALL_JOINTS };
     let endings = [
         Input { k: 0, target: Some(nonsense), permit: follow },
         Input { k: 0, target: None, permit: follow },
@@ -180,7 +180,7 @@ fn f033_nan_missing_target_or_stop_ends_at_rest_on_plan() {
         for _ in 0..900 {
             out = tick(&config, &mut state, Stamp::NONE, input);
         }
-        let off = (0..JOINTS).fold(0.0_f64, |m, j| m.max((out.q[j] - expected[j]).abs()));
+        let off = (0..JOINTS_MAX).fold(0.0_f64, |m, j| m.max((out.q[j] - expected[j]).abs()));
         assert!(out.at_rest && off < 1e-9, "ending {i}: off {off}");
     }
 }
@@ -192,14 +192,14 @@ fn still_target_is_reached_at_exact_rest() {
     let mut q = home();
     q[4] += 0.3;
     q[12] -= 0.2;
-    let target = Target { q: &q, dq: &[0.0; JOINTS], ddq: &[0.0; JOINTS], valid_mask: ALL_JOINTS & !(1 << 8) };
+    let target = Target { q: &q, dq: &[0.0; JOINTS_MAX], ddq: &[0.0; JOINTS_MAX], valid_mask: ALL_JOINTS & !(1 << 8) };
     let input = Input { k: 0, target: Some(target), permit: Permit::Follow { speed_scale: 1.0 } };
     let mut out = tick(&config, &mut state, Stamp::NONE, input);
     for _ in 0..3000 {
         out = tick(&config, &mut state, Stamp::NONE, input);
     }
     assert!(out.at_rest && out.on_target && out.settled);
-    assert!((0..JOINTS).all(|j| (out.q[j] - q[j]).abs() < 1e-8));
+    assert!((0..JOINTS_MAX).all(|j| (out.q[j] - q[j]).abs() < 1e-8));
 }
 
 #[test]
@@ -210,7 +210,7 @@ fn other_arm_reaches_target_while_one_is_blocked() {
     // The target takes the left hand into the chest.
     (q[3], q[4], q[6]) = (1.5, 0.0, 2.3);
     q[13] += 0.5;
-    let target = Target { q: &q, dq: &[0.0; JOINTS], ddq: &[0.0; JOINTS], valid_mask: ALL_JOINTS };
+    let target = Target { q: &q, dq: &[0.0; JOINTS_MAX], ddq: &[0.0; JOINTS_MAX], valid_mask: ALL_JOINTS };
     let input = Input { k: 0, target: Some(target), permit: Permit::Follow { speed_scale: 1.0 } };
     let mut out = tick(&config, &mut state, Stamp::NONE, input);
     for _ in 0..6000 {
@@ -228,7 +228,7 @@ fn reseeded_state_continues_given_plan() {
     let mut state = State::at_rest(&config, home());
     let mut q = home();
     q[5] += 1.0;
-    let target = Target { q: &q, dq: &[0.0; JOINTS], ddq: &[0.0; JOINTS], valid_mask: ALL_JOINTS };
+    let target = Target { q: &q, dq: &[0.0; JOINTS_MAX], ddq: &[0.0; JOINTS_MAX], valid_mask: ALL_JOINTS };
     let input = Input { k: 0, target: Some(target), permit: Permit::Follow { speed_scale: 1.0 } };
     for _ in 0..300 {
         tick(&config, &mut state, Stamp::NONE, input);

@@ -1,7 +1,7 @@
 //! Tests the bound B on the acceleration of a body's points against finite differences, on random chains of
 //! revolute and prismatic joints.
 
-use messages::JOINTS;
+use messages::JOINTS_MAX;
 use nalgebra::{Rotation3, UnitVector3, Vector3};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
@@ -14,7 +14,7 @@ fn vector(rng: &mut Pcg64, size: f64) -> Vector3<f64> {
 }
 
 /// One serial chain. The offsets of joints that do not matter here are zero.
-fn links(rng: &mut Pcg64) -> [Link; JOINTS] {
+fn links(rng: &mut Pcg64) -> [Link; JOINTS_MAX] {
     let straight = rng.random_bool(0.3);
     std::array::from_fn(|j| {
         let mut axis = UnitVector3::new_normalize(vector(rng, 1.0) + Vector3::new(1e-3, 0.0, 0.0));
@@ -44,23 +44,23 @@ fn curve_bound_is_never_below_point_acceleration() {
     let (mut worst, mut worst_mixed) = (0.0_f64, 0.0_f64);
     for _ in 0..20_000 {
         let links = links(&mut rng);
-        let body = rng.random_range(1..=JOINTS);
+        let body = rng.random_range(1..=JOINTS_MAX);
         let point = vector(&mut rng, 0.2);
         let capsule = BodyCapsule { body, a: point, b: point, radius_m: 0.01 };
-        let chain = Chain::new(links).unwrap();
+        let chain = Chain::new(&links).unwrap();
         let geometry = Geometry::new(chain.clone(), &[capsule], &[], 0.01).unwrap();
         let moving: Vec<usize> = (0..rng.random_range(1..4)).map(|_| rng.random_range(0..body)).collect();
-        let mut pick = |size: f64| -> [f64; JOINTS] {
+        let mut pick = |size: f64| -> [f64; JOINTS_MAX] {
             std::array::from_fn(|j| if moving.contains(&j) { rng.random_range(-size..=size) } else { 0.0 })
         };
         let still = pick(0.2);
-        let (v, a) = (pick(2.0), if worst > 0.5 { pick(4.0) } else { [0.0; JOINTS] });
+        let (v, a) = (pick(2.0), if worst > 0.5 { pick(4.0) } else { [0.0; JOINTS_MAX] });
         let swings = std::array::from_fn(|j| Swing { v: v[j].abs(), a: a[j].abs(), path: 0.0 });
         let (bound, _) = geometry.curve_bound(0, &swings);
         let at = |t: f64| {
             let q = std::array::from_fn(|j| still[j] + v[j] * t + a[j] * t * t / 2.0);
-            let mut placements = [Placement::identity(); JOINTS + 1];
-            chain.forward(&q, (1 << JOINTS) - 1, &mut placements);
+            let mut placements = [Placement::identity(); JOINTS_MAX + 1];
+            chain.forward(&q, (1 << JOINTS_MAX) - 1, &mut placements);
             placements[body].point(&point)
         };
         let h = 1e-4;

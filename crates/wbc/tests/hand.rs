@@ -1,6 +1,6 @@
 //! Tests the bound on the speed of elbows and hands.
 
-use messages::{ALL_JOINTS, JOINTS, Stamp, TICK_S};
+use messages::{ALL_JOINTS, JOINTS_MAX, Stamp, TICK_S};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use robot::{Frames, Model};
@@ -16,7 +16,7 @@ fn model() -> Model {
     .expect("the robot of the repository loads")
 }
 
-fn points(model: &Model, q: &[f64; JOINTS]) -> [nalgebra::Vector3<f64>; 4] {
+fn points(model: &Model, q: &[f64; JOINTS_MAX]) -> [nalgebra::Vector3<f64>; 4] {
     let mut frames = Frames::default();
     model.forward(q, &mut frames);
     model.speed_points().map(|point| frames.base_from_body[point.body].transform_point(&point.at))
@@ -59,7 +59,7 @@ fn follow(max: f64, ticks_a_goal: u64, goals: u64) -> Run {
     for goal in 0..goals {
         // Postures are around home, and most of them are free.
         let size = if goal % 2 == 0 { 0.0 } else { 0.5 };
-        let q: [f64; JOINTS] = std::array::from_fn(|j| {
+        let q: [f64; JOINTS_MAX] = std::array::from_fn(|j| {
             let l = &model.limits[j];
             let size = if model.prismatic[j] { 0.1 * size } else { size };
             (model.home[j] + size * rng.random_range(-1.0..=1.0)).clamp(l.q_min, l.q_max)
@@ -67,7 +67,8 @@ fn follow(max: f64, ticks_a_goal: u64, goals: u64) -> Run {
         let mut on_target = false;
         for _ in 0..ticks_a_goal {
             k += 1;
-            let target = Some(Target { q: &q, dq: &[0.0; JOINTS], ddq: &[0.0; JOINTS], valid_mask: ALL_JOINTS });
+            let target =
+                Some(Target { q: &q, dq: &[0.0; JOINTS_MAX], ddq: &[0.0; JOINTS_MAX], valid_mask: ALL_JOINTS });
             let input = Input { k, target, permit: Permit::Follow { speed_scale: 1.0 } };
             let out = tick(&config, &mut state, Stamp(0), input);
             run.fallbacks += u32::from(out.fallbacks > 0);

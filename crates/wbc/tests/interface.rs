@@ -4,7 +4,7 @@
 use crate::support;
 
 use judge::{Attacker, Checker, Robot};
-use messages::{ALL_JOINTS, JOINTS, Stamp, TICK_S};
+use messages::{ALL_JOINTS, JOINTS_MAX, Stamp, TICK_S};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use support::{D_MIN_M, config_of, input, made_up, motion, parts, sent};
@@ -42,12 +42,12 @@ impl Trace {
         start[3..10].copy_from_slice(&SIDE_BY_SIDE);
         start[10..].copy_from_slice(&SIDE_BY_SIDE);
         Self::new(robot, options, start, |config, state, k| {
-            let (mut q, mut dq, t) = (start, [0.0; JOINTS], k as f64 * TICK_S);
+            let (mut q, mut dq, t) = (start, [0.0; JOINTS_MAX], k as f64 * TICK_S);
             for (j, sign) in [(3, 1.0), (10, -1.0)] {
                 q[j] += sign * 0.35 * (5.0 * t).sin();
                 dq[j] = sign * 1.75 * (5.0 * t).cos();
             }
-            let target = Target { q: &q, dq: &dq, ddq: &[0.0; JOINTS], valid_mask: ALL_JOINTS };
+            let target = Target { q: &q, dq: &dq, ddq: &[0.0; JOINTS_MAX], valid_mask: ALL_JOINTS };
             let permit = Permit::Follow { speed_scale: 1.0 };
             tick(config, state, Stamp::NONE, Input { k, target: Some(target), permit })
         })
@@ -56,7 +56,7 @@ impl Trace {
     fn new(
         robot: &Robot,
         options: Options,
-        start: [f64; JOINTS],
+        start: [f64; JOINTS_MAX],
         mut tick: impl FnMut(&Config, &mut State, u64) -> Output,
     ) -> Self {
         let config = config_of(robot, options);
@@ -116,7 +116,7 @@ fn least_executed(robot: &Robot, trace: &Trace, interface: &Interface, seed: u64
     let mut t = interface.skew_s + 2.0 * interface.period_s;
     while t < trace.end_s() - 2.0 * interface.period_s {
         for _ in 0..2 {
-            let mut q = [0.0; JOINTS];
+            let mut q = [0.0; JOINTS_MAX];
             for (controller, phase) in CONTROLLERS.into_iter().zip(phases) {
                 let share = if rng.random_bool(0.7) {
                     f64::from(rng.random_range(0..2_u8))

@@ -1,11 +1,14 @@
 //! Tests a blocked arm: it slides, and gives up what has the least cost in the robot file.
 
-use messages::{ALL_JOINTS, ARM_JOINTS, JOINTS, LEFT_ARM, Stamp};
+use messages::{ALL_JOINTS, ARM_JOINTS, JOINTS_MAX, Stamp};
 use nalgebra::{Matrix3, Rotation3};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use robot::Model;
 use wbc::{Config, Input, Options, Parts, Permit, Program, State, Target, Tasks, certify_rest, tick};
+
+/// TIAGo++: the joints of its left arm.
+const LEFT_ARM: std::ops::Range<usize> = 3..10;
 
 fn model() -> Model {
     Model::from_text(
@@ -24,9 +27,9 @@ fn config(model: &Model, change: impl FnOnce(&mut Tasks)) -> Config {
 }
 
 /// Follows `q` for `ticks`, and calls `see` with every output.
-fn follow(config: &Config, state: &mut State, q: &[f64; JOINTS], ticks: u64, mut see: impl FnMut(&wbc::Output)) {
+fn follow(config: &Config, state: &mut State, q: &[f64; JOINTS_MAX], ticks: u64, mut see: impl FnMut(&wbc::Output)) {
     for k in 0..ticks {
-        let target = Target { q, dq: &[0.0; JOINTS], ddq: &[0.0; JOINTS], valid_mask: ALL_JOINTS };
+        let target = Target { q, dq: &[0.0; JOINTS_MAX], ddq: &[0.0; JOINTS_MAX], valid_mask: ALL_JOINTS };
         let permit = Permit::Follow { speed_scale: 1.0 };
         see(&tick(config, state, Stamp::NONE, Input { k, target: Some(target), permit }));
     }
@@ -34,7 +37,7 @@ fn follow(config: &Config, state: &mut State, q: &[f64; JOINTS], ticks: u64, mut
 
 /// Returns postures with the left arm in collision and the right arm at home. A person with other hips may
 /// request them.
-fn blocked(config: &Config, model: &Model, rng: &mut Pcg64) -> [f64; JOINTS] {
+fn blocked(config: &Config, model: &Model, rng: &mut Pcg64) -> [f64; JOINTS_MAX] {
     loop {
         let mut q = model.home;
         for (q, limits) in q.iter_mut().zip(&model.limits).skip(LEFT_ARM.start).take(5) {
@@ -48,8 +51,8 @@ fn blocked(config: &Config, model: &Model, rng: &mut Pcg64) -> [f64; JOINTS] {
 }
 
 /// Sum of the angles between the left arm's limbs and the wanted ones, rad.
-fn limb_error(model: &Model, q: &[f64; JOINTS], wanted: &[f64; JOINTS]) -> f64 {
-    let limbs = |q: &[f64; JOINTS]| {
+fn limb_error(model: &Model, q: &[f64; JOINTS_MAX], wanted: &[f64; JOINTS_MAX]) -> f64 {
+    let limbs = |q: &[f64; JOINTS_MAX]| {
         let arm: [f64; ARM_JOINTS] = std::array::from_fn(|i| q[LEFT_ARM.start + i]);
         model.arms[0].limb_rotations(&std::array::from_fn(|i| arm[i]))
     };

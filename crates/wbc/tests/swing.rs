@@ -1,7 +1,7 @@
 //! Tests the certificate on a motion whose clearance is known: an arm sweeps along an arc past a post just
 //! outside it.
 
-use messages::JOINTS;
+use messages::JOINTS_MAX;
 use nalgebra::{Matrix3, Vector3};
 use wbc::chain::{Chain, Link, Placement};
 use wbc::geometry::BodyCapsule;
@@ -18,28 +18,29 @@ const BOUNDS: Bounds = Bounds { q_min: -6.0, q_max: 6.0, v_max: 8.0, a_max: 20.0
 /// Joint 0 turns a carrier, and joint 1 on it swings a ball about the same kind of axis. The post stands on
 /// body `post`.
 fn robot(post: usize, gap_m: f64, angle: f64) -> Config {
-    let links = std::array::from_fn(|j| Link {
+    let link = |j: usize| Link {
         parent: usize::from(j == 1),
         parent_from_body: Placement { r: Matrix3::identity(), t: Vector3::zeros() },
         axis: Vector3::z(),
         prismatic: false,
         stroke: 6.0,
-    });
+    };
     let ball = Vector3::new(REACH_M, 0.0, 0.0);
     let away = Vector3::new(angle.cos(), angle.sin(), 0.0) * (REACH_M + 2.0 * RADIUS_M + gap_m);
     let capsule = |body, p| BodyCapsule { body, a: p, b: p, radius_m: RADIUS_M };
     let parts = Parts {
-        chain: Chain::new(links).unwrap(),
-        limits: [BOUNDS; JOINTS],
-        home: [0.0; JOINTS],
+        chain: Chain::new(&(0..17).map(link).collect::<Vec<_>>()).unwrap(),
+        controllers: wbc::Controllers::new([(1 << 17) - 1]),
+        limits: [BOUNDS; JOINTS_MAX],
+        home: [0.0; JOINTS_MAX],
         capsules: vec![capsule(2, ball), capsule(post, away)],
         pairs: vec![[0, 1]],
         obstacles: Vec::new(),
         d_min_m: D_MIN_M,
-        tasks: wbc::Tasks { joint_weight: [1.0; JOINTS], limb_weight: 0.0, limb_bodies: [[0; 2]; 2] },
-        masses: [wbc::dynamics::Mass::default(); JOINTS + 1],
+        tasks: wbc::Tasks { joint_weight: [1.0; JOINTS_MAX], limb_weight: 0.0, limb_bodies: [[0; 2]; 2] },
+        masses: [wbc::dynamics::Mass::default(); JOINTS_MAX + 1],
         payload: [robot::Payload::EMPTY; 2],
-        effort_max: [f64::INFINITY; JOINTS],
+        effort_max: [f64::INFINITY; JOINTS_MAX],
         stop_time_max_s: 0.5,
     };
     Config::from_parts(parts, Options::default()).unwrap()
@@ -47,7 +48,7 @@ fn robot(post: usize, gap_m: f64, angle: f64) -> Config {
 
 /// A swing at the highest speed from -0.4 rad, while the carrier turns too.
 fn swing(carrier: f64) -> Planned {
-    let mut planned = Planned::at_rest([0.0; JOINTS]);
+    let mut planned = Planned::at_rest([0.0; JOINTS_MAX]);
     for (j, q, v) in [(0, 0.3, carrier), (1, -0.4, BOUNDS.v_max)] {
         planned.set_joint(j, JointState { q, v, a: 0.0 }, JointStop::new(v, 0.0, BOUNDS.a_max, BOUNDS.j_max));
     }

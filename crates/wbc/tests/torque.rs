@@ -2,7 +2,7 @@
 //! dynamics of `collision`, which shares no code with this crate.
 
 use judge::dynamics::{Dynamics, GRAVITY_M_PER_S2, PerJoint};
-use messages::{ALL_JOINTS, JOINTS, PayloadRefusal, Stamp};
+use messages::{ALL_JOINTS, JOINTS_MAX, PayloadRefusal, Stamp};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use robot::{Model, Payload};
@@ -51,7 +51,7 @@ fn torques_match_another_implementation() {
         let (v, a) = (within(2.0), within(10.0));
         let ours = wbc::torques(&config, &q, &v, &a).unwrap();
         let theirs = dynamics.at(&q).torques(&v, &a, GRAVITY_M_PER_S2);
-        for j in 0..JOINTS {
+        for j in 0..JOINTS_MAX {
             assert!((ours[j] - theirs[j]).abs() < 1e-9, "{}: {} {}", model.joint_names[j], ours[j], theirs[j]);
         }
     }
@@ -108,7 +108,8 @@ fn follow_laden(
         let mut on_target = false;
         for _ in 0..rng.random_range(150..900) {
             run.ticks += 1;
-            let target = Some(Target { q: &q, dq: &[0.0; JOINTS], ddq: &[0.0; JOINTS], valid_mask: ALL_JOINTS });
+            let target =
+                Some(Target { q: &q, dq: &[0.0; JOINTS_MAX], ddq: &[0.0; JOINTS_MAX], valid_mask: ALL_JOINTS });
             let input = Input { k: u64::from(run.ticks), target, permit: Permit::Follow { speed_scale: 1.0 } };
             let out = tick(&config, &mut state, Stamp(0), input);
             run.refused += u32::from(out.overloads > 0);
@@ -177,7 +178,7 @@ fn overloaded_posture_is_reported_with_its_joint() {
     for _ in 0..20_000 {
         let q: PerJoint = std::array::from_fn(|j| rng.random_range(model.limits[j].q_min..model.limits[j].q_max));
         assert_eq!(overloaded_at_rest(&config, &q), None, "{q:?}");
-        let torques = wbc::torques(&config, &q, &[0.0; JOINTS], &[0.0; JOINTS]).unwrap();
+        let torques = wbc::torques(&config, &q, &[0.0; JOINTS_MAX], &[0.0; JOINTS_MAX]).unwrap();
         let shares = torques.iter().zip(&model.limits).map(|(torque, limits)| torque.abs() / limits.effort_max);
         most = shares.fold(most, f64::max);
     }
@@ -196,8 +197,12 @@ fn overloaded_robot_is_not_moved() {
     for permit in [Permit::Follow { speed_scale: 1.0 }, Permit::Recover] {
         let mut state = State::at_rest(&config, start);
         for k in 0..300 {
-            let target =
-                Some(Target { q: &model.home, dq: &[0.0; JOINTS], ddq: &[0.0; JOINTS], valid_mask: ALL_JOINTS });
+            let target = Some(Target {
+                q: &model.home,
+                dq: &[0.0; JOINTS_MAX],
+                ddq: &[0.0; JOINTS_MAX],
+                valid_mask: ALL_JOINTS,
+            });
             let out = tick(&config, &mut state, Stamp(0), Input { k, target, permit });
             assert_eq!(out.q[3..], start[3..], "{permit:?}");
         }
@@ -261,7 +266,7 @@ fn payload_set_at_run_time_acts_like_one_in_robot_file() {
         let (v, a) = (within(2.0), within(10.0));
         let ours = wbc::torques(&configs[1], &q, &v, &a).unwrap();
         let theirs = dynamics.at(&q).torques(&v, &a, GRAVITY_M_PER_S2);
-        assert!((0..JOINTS).all(|j| (ours[j] - theirs[j]).abs() < 1e-9), "{ours:?} {theirs:?}");
+        assert!((0..JOINTS_MAX).all(|j| (ours[j] - theirs[j]).abs() < 1e-9), "{ours:?} {theirs:?}");
         let over = overloaded_at_rest(&configs[1], &q);
         assert_eq!(states[0].overloaded_at_rest(&configs[0], &q), over);
         overloads += u32::from(over.is_some());
@@ -269,7 +274,7 @@ fn payload_set_at_run_time_acts_like_one_in_robot_file() {
     assert!(overloads > 0, "some postures are too much for 0.7 kg");
     for k in 0..3_000 {
         let q: PerJoint = std::array::from_fn(|j| model.limits[j].q_max * f64::from(u8::from(k % 900 < 450)));
-        let target = Some(Target { q: &q, dq: &[0.0; JOINTS], ddq: &[0.0; JOINTS], valid_mask: ALL_JOINTS });
+        let target = Some(Target { q: &q, dq: &[0.0; JOINTS_MAX], ddq: &[0.0; JOINTS_MAX], valid_mask: ALL_JOINTS });
         let input = Input { k, target, permit: Permit::Follow { speed_scale: 1.0 } };
         let [run_time, file] = std::array::from_fn(|i| tick(&configs[i], &mut states[i], Stamp(0), input));
         assert_eq!(run_time, file, "tick {k}");
@@ -299,7 +304,7 @@ fn payload_is_refused_in_motion() {
     let config = Config::new(&model, Options::default()).unwrap();
     let mut state = State::at_rest(&config, model.home);
     let target =
-        Some(Target { q: &stretched(&model), dq: &[0.0; JOINTS], ddq: &[0.0; JOINTS], valid_mask: ALL_JOINTS });
+        Some(Target { q: &stretched(&model), dq: &[0.0; JOINTS_MAX], ddq: &[0.0; JOINTS_MAX], valid_mask: ALL_JOINTS });
     for (k, permit) in (0..).zip([Permit::Follow { speed_scale: 1.0 }, Permit::Stop].iter().flat_map(|p| [*p; 20])) {
         tick(&config, &mut state, Stamp(0), Input { k, target, permit });
         let at_rest = state.planned().is_at_rest();

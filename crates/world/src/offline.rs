@@ -4,7 +4,7 @@
 use crate::world::{Links, Moment, Running, World, WorldConfig};
 use client::{PlayOptions, Player};
 use config::{ConfigError, Loaded};
-use messages::{JOINTS, Mode, TICK_HZ};
+use messages::{JOINTS_MAX, Mode, TICK_HZ};
 use motion::Motion;
 use safety::engage::OperatorView;
 use std::collections::BTreeMap;
@@ -28,9 +28,9 @@ pub struct Row {
     /// Tick since the enable.
     pub k: u64,
     /// Commanded joint positions.
-    pub command: [f64; JOINTS],
+    pub command: [f64; JOINTS_MAX],
     /// Target joint positions.
-    pub target: [f64; JOINTS],
+    pub target: [f64; JOINTS_MAX],
 }
 
 /// Reason for which a run ended.

@@ -2,7 +2,6 @@
 
 use config::{ConfigError, IngestSettings, Loaded, Method, Operators, RobotInterface};
 use layouts::{Layouts, Noise};
-use messages::{HEAD, LEFT_ARM, TORSO};
 use retarget::ArmModel;
 use safety::{engage, gate};
 
@@ -119,7 +118,7 @@ pub(crate) fn certified(interface: RobotInterface) -> wbc::Interface {
     }
 }
 
-/// Converts an interface for the gate: controllers of torso, head, left arm and right arm. A spline through points every
+/// Converts an interface for the gate, with the model's controllers. A spline through points every
 /// h deviates from a motion with the jerk limit J by at most J h^3 / 96.
 pub(crate) fn gated(interface: RobotInterface, model: &robot::Model) -> gate::Interface {
     match interface {
@@ -127,12 +126,8 @@ pub(crate) fn gated(interface: RobotInterface, model: &robot::Model) -> gate::In
         RobotInterface::Jtc100 => {
             let wbc::Interface { skew_s, period_s, .. } = wbc::Interface::JTC_100_HZ;
             let spline = |j: usize| model.limits[j].j_max * period_s * period_s * period_s / 96.0;
-            let controller = |j: usize| match j {
-                TORSO => 0,
-                _ if HEAD.contains(&j) => 1,
-                _ if LEFT_ARM.contains(&j) => 2,
-                _ => 3,
-            };
+            let of = |j: usize| model.controllers.iter().position(|controller| controller.joints & 1 << j != 0);
+            let controller = |j: usize| of(j).unwrap_or(0);
             gate::Interface { off: std::array::from_fn(spline), skew_s, controller: std::array::from_fn(controller) }
         }
     }

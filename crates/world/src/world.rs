@@ -5,7 +5,7 @@ use crate::tamper::{Tamper, Untampered};
 use bus::{FaultCounts, FaultPlan, Faulty, Latest, Publish};
 use config::{ConfigError, Loaded};
 use ingest::Authority;
-use messages::{Header, JOINTS, JointCommand, JointTarget, RawSkeleton, RobotState, Skeleton, Stamp, deadline};
+use messages::{Header, JOINTS_MAX, JointCommand, JointTarget, RawSkeleton, RobotState, Skeleton, Stamp, deadline};
 use safety::engage::OperatorView;
 
 /// Virtual time from a tick's deadline to its target, its command, and its execution, ns. The order is that of the
@@ -230,7 +230,7 @@ impl World {
     /// Restarts the driver after at least [`driver::START_AFTER_TICKS`] without it. The robot keeps its posture,
     /// or has the posture `q` if it was moved meanwhile. Returns false and changes nothing if the robot measures
     /// no valid posture or `q` is none.
-    pub fn restart_driver(&mut self, config: &WorldConfig, q: Option<&[f64; JOINTS]>, seed: u64) -> bool {
+    pub fn restart_driver(&mut self, config: &WorldConfig, q: Option<&[f64; JOINTS_MAX]>, seed: u64) -> bool {
         let (k, now) = (self.k - 1, deadline(self.k - 1).plus_ns(EXECUTION_AFTER_NS));
         let started = match q {
             None => self.sim.restart_driver(&config.sim, k, now, seed),

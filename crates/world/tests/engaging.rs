@@ -3,18 +3,21 @@
 
 use crate::support;
 
-use messages::{Faults, JOINTS, Mode, TICK_HZ, TICK_S};
+use messages::{Faults, JOINTS_MAX, Mode, TICK_HZ, TICK_S};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use robot::{Frames, Model};
 use support::{Bench, clearance, loaded};
+
+/// TIAGo++: its lift.
+const TORSO: usize = 0;
 
 /// Number of postures.
 const POSTURES: u32 = 24;
 /// Share of the velocity limits in the first second.
 const SLOW: f64 = 0.05;
 
-fn clear_posture(model: &Model, rng: &mut Pcg64Mcg) -> [f64; JOINTS] {
+fn clear_posture(model: &Model, rng: &mut Pcg64Mcg) -> [f64; JOINTS_MAX] {
     let mut frames = Frames::default();
     loop {
         let q = std::array::from_fn(|j| {
@@ -33,7 +36,7 @@ fn clear_posture(model: &Model, rng: &mut Pcg64Mcg) -> [f64; JOINTS] {
 }
 
 /// Any target: another posture, one in collision, far beyond every limit, or a jump every tick.
-fn target(model: &Model, rng: &mut Pcg64Mcg, wild: bool) -> [f64; JOINTS] {
+fn target(model: &Model, rng: &mut Pcg64Mcg, wild: bool) -> [f64; JOINTS_MAX] {
     std::array::from_fn(|j| {
         let limits = &model.limits[j];
         let q = rng.random_range(limits.q_min..limits.q_max);
@@ -42,7 +45,7 @@ fn target(model: &Model, rng: &mut Pcg64Mcg, wild: bool) -> [f64; JOINTS] {
 }
 
 /// Runs a second of engaging in which no joint exceeds 5 % of its limit or jumps. Returns the travelled distance.
-fn first_second(bench: &mut Bench, context: &str, mut next: impl FnMut() -> [f64; JOINTS]) -> f64 {
+fn first_second(bench: &mut Bench, context: &str, mut next: impl FnMut() -> [f64; JOINTS_MAX]) -> f64 {
     let mut travelled = 0.0;
     let mut last = bench.commanded();
     for n in 0..TICK_HZ - 2 {
@@ -50,7 +53,7 @@ fn first_second(bench: &mut Bench, context: &str, mut next: impl FnMut() -> [f64
         bench.step();
         assert_eq!(bench.mode(), Mode::Engaging, "{context}, tick {n}: {:?}", Faults(bench.status.faults));
         let now = bench.commanded();
-        for j in 0..JOINTS {
+        for j in 0..JOINTS_MAX {
             let v_max = bench.model().limits[j].v_max;
             let (speed, step) = (now.v[j].abs() / v_max, (now.q[j] - last.q[j]).abs() / (v_max * TICK_S));
             assert!(speed <= SLOW + 1e-9, "{context}, tick {n}: joint {j} at {speed} of its limit");
@@ -82,7 +85,7 @@ fn f065_engaging_begins_without_jump_from_any_clear_posture() {
         bench.press_enable();
         bench.step();
         assert_eq!(bench.mode(), Mode::Engaging, "{context}: {:?}", Faults(bench.status.faults));
-        let first: f64 = (0..JOINTS).map(|j| (bench.commanded().q[j] - held[j]).abs()).fold(0.0, f64::max);
+        let first: f64 = (0..JOINTS_MAX).map(|j| (bench.commanded().q[j] - held[j]).abs()).fold(0.0, f64::max);
         // One tick of the highest jerk, 400 rad/s^3 T^3 / 6, and nothing more.
         assert!(first <= 400.0 * TICK_S.powi(3) / 6.0 + 1e-12, "{context}: {first}");
         let noisy = n % 3 == 0;
@@ -149,7 +152,7 @@ fn robot_resumes_fast_after_short_gap_and_slowly_after_long_gap() {
             }
             // At slow speed no joint could travel further than this in a second.
             let slowly = |j: usize| SLOW * bench.model().limits[j].v_max;
-            let follows = (0..JOINTS).any(|j| (bench.commanded().q[j] - from[j]).abs() > 3.0 * slowly(j));
+            let follows = (0..JOINTS_MAX).any(|j| (bench.commanded().q[j] - from[j]).abs() > 3.0 * slowly(j));
             assert!(follows, "{context}: it follows, from {from:?} to {:?}", bench.commanded().q);
         }
         bench.assert_no_violations(&context);
@@ -160,7 +163,7 @@ fn robot_resumes_fast_after_short_gap_and_slowly_after_long_gap() {
 fn status_reports_raising_torso_while_engaging() {
     let loaded = loaded();
     let mut start = loaded.model.home;
-    start[messages::TORSO] -= 0.05;
+    start[TORSO] -= 0.05;
     let mut bench = Bench::new(&loaded, start, 1);
     bench.target = Some(loaded.model.home);
     bench.settle();

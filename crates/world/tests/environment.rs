@@ -2,7 +2,7 @@
 //! simulated robot's checker judges. Further tests check the settings that describe the obstacles.
 
 use config::Overrides;
-use messages::{ALL_JOINTS, Header, JOINTS, JointCommand, Layout, Mode, deadline};
+use messages::{ALL_JOINTS, Header, JOINTS_MAX, JointCommand, Layout, Mode, deadline};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use robot::{BoxEntry, Environment, Model, PlaneEntry};
@@ -27,7 +27,7 @@ fn at_a_table() -> Model {
 
 /// Targets for the arms before the robot, at the height of the table or below it, with a lift that goes up and
 /// down.
-fn goal(model: &Model, rng: &mut Pcg64Mcg) -> [f64; JOINTS] {
+fn goal(model: &Model, rng: &mut Pcg64Mcg) -> [f64; JOINTS_MAX] {
     std::array::from_fn(|j| {
         let limits = &model.limits[j];
         let share = match rng.random_range(0..4) {
@@ -65,7 +65,7 @@ fn attack(model: &Model, ticks: u64, seed: u64, certified: bool) -> Outcome {
             q = goal(model, &mut rng);
         }
         let now = deadline(k);
-        let target = wbc::Target { q: &q, dq: &[0.0; JOINTS], ddq: &[0.0; JOINTS], valid_mask: ALL_JOINTS };
+        let target = wbc::Target { q: &q, dq: &[0.0; JOINTS_MAX], ddq: &[0.0; JOINTS_MAX], valid_mask: ALL_JOINTS };
         let permit = wbc::Permit::Follow { speed_scale: 1.0 };
         let proposed = wbc::tick(&wbc_config, &mut wbc_state, now, wbc::Input { k, target: Some(target), permit });
         let named = model.shape_name(proposed.nearest_pair[1]);
@@ -140,7 +140,7 @@ fn gate_denies_command_that_leads_into_table() {
             q = goal(&model, &mut rng);
         }
         let (now, permit) = (deadline(k), wbc::Permit::Follow { speed_scale: 1.0 });
-        let target = wbc::Target { q: &q, dq: &[0.0; JOINTS], ddq: &[0.0; JOINTS], valid_mask: ALL_JOINTS };
+        let target = wbc::Target { q: &q, dq: &[0.0; JOINTS_MAX], ddq: &[0.0; JOINTS_MAX], valid_mask: ALL_JOINTS };
         let proposed = wbc::tick(&wbc_config, &mut wbc_state, now, wbc::Input { k, target: Some(target), permit });
         let permit = engage::Permit::Follow { speed_scale: 1.0 };
         let wbc::Output { q, v, a, plan, .. } = proposed;

@@ -3,7 +3,7 @@
 
 use client::{PlayOptions, Player};
 use config::Overrides;
-use messages::{Fault, JOINTS, Mode, PersonChange, RawSkeleton, SMPL_JOINTS, Subject, TICK_HZ, Transition};
+use messages::{Fault, JOINTS_MAX, Mode, PersonChange, RawSkeleton, SMPL_JOINTS, Subject, TICK_HZ, Transition};
 use motion::CalibrationMode;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
@@ -341,7 +341,7 @@ fn f007_wrist_outlier_of_two_frames_hardly_moves_target() {
             }
             true
         });
-        let apart = |at: fn(&Moment) -> [f64; JOINTS]| {
+        let apart = |at: fn(&Moment) -> [f64; JOINTS_MAX]| {
             let (a, b) = (at(&moment), at(&calm.last.expect("a moment")));
             a.iter().zip(&b).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
         };

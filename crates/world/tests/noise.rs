@@ -2,7 +2,7 @@
 
 use client::{PlayOptions, Player};
 use config::Overrides;
-use messages::{JOINTS, LEFT_ARM, Mode, RIGHT_ARM, Skeleton, TICK_HZ};
+use messages::{JOINTS_MAX, Mode, Skeleton, TICK_HZ};
 use motion::CalibrationMode;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
@@ -11,6 +11,11 @@ use safety::engage::OperatorView;
 use std::f64::consts::FRAC_PI_2;
 use std::path::Path;
 use world::{Links, Running, Tamper, World, WorldConfig};
+
+/// TIAGo++: the joints of its left arm.
+const LEFT_ARM: std::ops::Range<usize> = 3..10;
+/// TIAGo++: the joints of its right arm.
+const RIGHT_ARM: std::ops::Range<usize> = 10..17;
 
 /// Tracker of a person who holds a posture. In each frame it turns each limb by `noise_deg` about a random axis.
 struct Tracker {
@@ -42,7 +47,7 @@ impl Tamper for Tracker {
 }
 
 /// Commands of ten seconds while Engaged, after two to settle. The person holds the posture `q` with both arms.
-fn commands(config: &WorldConfig, arm: &ArmModel, q: &[f64; 5], noise_deg: f64) -> Vec<[f64; JOINTS]> {
+fn commands(config: &WorldConfig, arm: &ArmModel, q: &[f64; 5], noise_deg: f64) -> Vec<[f64; JOINTS_MAX]> {
     let limbs = arm.forward(q);
     let [upper, fore] = [limbs.upper, limbs.fore].map(|limb| [limb.i, limb.j, limb.k, limb.w]);
     let mirrored = |[x, y, z, w]: [f64; 4]| [-x, y, -z, w];

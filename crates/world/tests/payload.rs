@@ -3,15 +3,18 @@
 use crate::support;
 
 use explain::payload_refused;
-use messages::{Fault, Faults, JOINTS, LEFT_ARM, Mode, PayloadOrder, PayloadRefusal, TICK_HZ};
+use messages::{Fault, Faults, JOINTS_MAX, Mode, PayloadOrder, PayloadRefusal, TICK_HZ};
 use robot::{Model, Names, Payload};
 use support::{Bench, loaded};
+
+/// TIAGo++: the joints of its left arm.
+const LEFT_ARM: std::ops::Range<usize> = 3..10;
 
 /// Joint that lifts the left arm: its second one.
 const LIFTS: usize = LEFT_ARM.start + 1;
 
 /// The left arm stretched out to the side, level.
-fn stretched(model: &Model) -> [f64; JOINTS] {
+fn stretched(model: &Model) -> [f64; JOINTS_MAX] {
     let mut q = model.home;
     q[LEFT_ARM].copy_from_slice(&[0.3, 0.0, 1.57, 0.2, 0.0, 0.0, 0.0]);
     q

@@ -3,7 +3,7 @@
 
 use crate::support;
 
-use messages::{Fault, Faults, JOINTS, Mode, TICK_HZ, Transition};
+use messages::{Fault, Faults, JOINTS_MAX, Mode, TICK_HZ, Transition};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use robot::{Frames, Model};
@@ -18,7 +18,7 @@ const ROUNDING_M: f64 = 1e-9;
 const BACK_WITHIN: u64 = 20 * TICK_HZ;
 
 /// Random postures inside the limits.
-fn posture(model: &Model, rng: &mut Pcg64Mcg) -> [f64; JOINTS] {
+fn posture(model: &Model, rng: &mut Pcg64Mcg) -> [f64; JOINTS_MAX] {
     std::array::from_fn(|j| {
         let (low, high) = (model.limits[j].q_min, model.limits[j].q_max);
         let inset = 0.01 * (high - low);
@@ -27,7 +27,7 @@ fn posture(model: &Model, rng: &mut Pcg64Mcg) -> [f64; JOINTS] {
 }
 
 /// Postures that overlap or nearly do, by at most `depth_m`.
-fn in_collision(model: &Model, rng: &mut Pcg64Mcg, depth_m: f64) -> [f64; JOINTS] {
+fn in_collision(model: &Model, rng: &mut Pcg64Mcg, depth_m: f64) -> [f64; JOINTS_MAX] {
     let mut frames = Frames::default();
     loop {
         let q = posture(model, rng);
@@ -40,10 +40,10 @@ fn in_collision(model: &Model, rng: &mut Pcg64Mcg, depth_m: f64) -> [f64; JOINTS
 }
 
 /// A home posture with a few joints between their limit and their mechanical stop.
-fn outside_limits(model: &Model, rng: &mut Pcg64Mcg) -> [f64; JOINTS] {
+fn outside_limits(model: &Model, rng: &mut Pcg64Mcg) -> [f64; JOINTS_MAX] {
     let mut q = model.home;
     for _ in 0..3 {
-        let j = rng.random_range(1..JOINTS);
+        let j = rng.random_range(1..JOINTS_MAX);
         let (soft, hard) = (&model.limits[j], &model.urdf_limits[j]);
         let by = rng.random_range(0.006..0.018);
         let below = rng.random_bool(0.5);
@@ -55,7 +55,7 @@ fn outside_limits(model: &Model, rng: &mut Pcg64Mcg) -> [f64; JOINTS] {
 /// Checks the executed motion of a recovery, tick by tick.
 struct Judge {
     frames: Frames,
-    last_q: [f64; JOINTS],
+    last_q: [f64; JOINTS_MAX],
     last_m: Vec<f64>,
 }
 
@@ -71,7 +71,7 @@ impl Judge {
     fn step(&mut self, bench: &Bench, context: &str) {
         let model = bench.model();
         let motion = bench.commanded();
-        for j in 0..JOINTS {
+        for j in 0..JOINTS_MAX {
             let fastest = if model.prismatic[j] { 0.01 } else { 0.1 };
             assert!(motion.v[j].abs() <= fastest + 1e-9, "{context}: joint {j} at {}", motion.v[j]);
             let (low, high) = (model.limits[j].q_min.min(self.last_q[j]), model.limits[j].q_max.max(self.last_q[j]));
@@ -87,13 +87,13 @@ impl Judge {
     }
 
     fn is_clear(&self, model: &Model) -> bool {
-        let inside = (0..JOINTS).all(|j| model.limits[j].contains(self.last_q[j]));
+        let inside = (0..JOINTS_MAX).all(|j| model.limits[j].contains(self.last_q[j]));
         inside && self.last_m.iter().all(|m| *m >= model.d_min_m + MARGIN_M - ROUNDING_M)
     }
 }
 
 /// Recovers from `start`. Returns true if it came back, and false if it reported that it finds no way.
-fn recover(loaded: &config::Loaded, start: [f64; JOINTS], reason: Fault, context: &str) -> bool {
+fn recover(loaded: &config::Loaded, start: [f64; JOINTS_MAX], reason: Fault, context: &str) -> bool {
     let mut bench = Bench::new(loaded, start, 1);
     bench.settle();
     assert!(Faults(bench.status.faults).has(reason), "{context}: {:?}", Faults(bench.status.faults));

@@ -4,7 +4,7 @@
 use crate::support;
 
 use client::{PlayOptions, Player};
-use messages::{JOINTS, Mode, TICK_HZ, reduced_flag};
+use messages::{JOINTS_MAX, Mode, TICK_HZ, reduced_flag};
 use motion::CalibrationMode;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
@@ -25,7 +25,7 @@ fn clean(frame_rate_hz: f64) -> u64 {
     let mut player = Player::new(&motion, options, 1, 1);
     let mut world = World::new(&config, 1, Links::default());
     let (mut mode, mut engaged, mut fastest) = (Mode::Disengaged, 0, 0.0_f64);
-    let mut last: Option<[f64; JOINTS]> = None;
+    let mut last: Option<[f64; JOINTS_MAX]> = None;
     for k in 0..14 * TICK_HZ {
         let now = world.now();
         if let Some((_, raw)) = player.due(now, mode == Mode::Engaged) {
@@ -45,7 +45,7 @@ fn clean(frame_rate_hz: f64) -> u64 {
         engaged += u64::from(mode == Mode::Engaged && status.speed_scale == 1.0);
         if let (Some(target), Some(last)) = (moment.target, last) {
             let speed = |j: usize| (target.q[j] - last[j]).abs() * TICK_HZ as f64;
-            fastest = (3..JOINTS).map(speed).fold(fastest, f64::max);
+            fastest = (3..JOINTS_MAX).map(speed).fold(fastest, f64::max);
         }
         last = moment.target.filter(|target| target.valid_mask != 0).map(|target| target.q);
     }
@@ -61,7 +61,7 @@ fn f020_f034_f035_clean_motion_at_30_to_120_hz_is_never_slowed() {
     }
 }
 
-fn posture(bench: &Bench, rng: &mut Pcg64Mcg) -> [f64; JOINTS] {
+fn posture(bench: &Bench, rng: &mut Pcg64Mcg) -> [f64; JOINTS_MAX] {
     std::array::from_fn(|j| {
         let limits = &bench.model().limits[j];
         rng.random_range(limits.q_min..limits.q_max)
@@ -95,7 +95,7 @@ fn f022_f034_f048_jumping_target_is_reached_without_overshoot() {
         for _ in 0..4 * TICK_HZ {
             bench.step();
             slowed += u64::from(bench.status.reduced & reduced_flag::TARGET_JUMPED != 0);
-            for j in 0..JOINTS {
+            for j in 0..JOINTS_MAX {
                 let limits = &bench.model().limits[j];
                 let aim = far[j].clamp(limits.q_min, limits.q_max);
                 // A joint that has already arrived may make room for the others.

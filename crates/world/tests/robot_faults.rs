@@ -3,9 +3,12 @@
 
 use crate::support;
 
-use messages::{Fault, Faults, JOINTS, Mode, TICK_HZ, TICK_S, state_flag};
+use messages::{Fault, Faults, JOINTS_MAX, Mode, TICK_HZ, TICK_S, state_flag};
 use sim::Injection;
 use support::{Bench, loaded};
+
+/// TIAGo++: the joints of its left arm.
+const LEFT_ARM: std::ops::Range<usize> = 3..10;
 
 /// Joint for most injected faults: the left elbow.
 const ELBOW: usize = 6;
@@ -199,7 +202,7 @@ fn f063_drive_fault_of_one_joint_stops_all_joints_at_once() {
             break;
         }
         let executed = bench.commanded();
-        let off = (0..JOINTS).map(|j| (executed.q[j] - plan.q[j]).abs()).fold(0.0, f64::max);
+        let off = (0..JOINTS_MAX).map(|j| (executed.q[j] - plan.q[j]).abs()).fold(0.0, f64::max);
         assert!(off < 1e-9, "tick {k}: {off} off the plan of the last command");
     }
     let mut bench = stops(bench, 1, Fault::DriverFault);
@@ -297,7 +300,7 @@ fn f050_stop_continues_plan_of_last_command() {
             held += 1;
             plan.play(1);
             let executed = bench.commanded();
-            for j in 0..JOINTS {
+            for j in 0..JOINTS_MAX {
                 // Not towards zeros, not to the measurement, not to an earlier posture.
                 assert!((executed.q[j] - plan.q[j]).abs() < 1e-9, "stop {stop}: joint {j} left its plan");
             }
@@ -319,7 +322,7 @@ fn f050_stop_continues_plan_of_last_command() {
         bench.press_enable();
         bench.step();
         assert_eq!(bench.mode(), Mode::Engaging, "stop {stop}: {:?}", Faults(bench.status.faults));
-        let first = (0..JOINTS).map(|j| (bench.commanded().q[j] - rest.q[j]).abs()).fold(0.0, f64::max);
+        let first = (0..JOINTS_MAX).map(|j| (bench.commanded().q[j] - rest.q[j]).abs()).fold(0.0, f64::max);
         assert!(first < 1e-7, "stop {stop}: {first}");
     }
 }
@@ -374,18 +377,18 @@ fn f055_tracking_error_of_one_joint_stays_within_clearance() {
     for n in 0..400 {
         let mut q = model.home;
         for (j, share) in [(1, f64::from(n % 20) / 19.0), (3, f64::from(n / 20) / 19.0)] {
-            let limits = &model.limits[messages::LEFT_ARM.start + j];
-            q[messages::LEFT_ARM.start + j] = limits.q_min + share * (limits.q_max - limits.q_min);
+            let limits = &model.limits[LEFT_ARM.start + j];
+            q[LEFT_ARM.start + j] = limits.q_min + share * (limits.q_max - limits.q_min);
         }
         model.forward(&q, &mut frames);
         for capsule in model.capsules.iter() {
-            if !(messages::LEFT_ARM.start + 1..=messages::LEFT_ARM.end).contains(&capsule.body) {
+            if !(LEFT_ARM.start + 1..=LEFT_ARM.end).contains(&capsule.body) {
                 continue;
             }
             for end in [capsule.a, capsule.b] {
                 let point = frames.base_from_body[capsule.body].transform_point(&end);
                 let columns = model.jacobian(&frames, capsule.body, &point);
-                for [x, y, z, ..] in &columns[messages::LEFT_ARM] {
+                for [x, y, z, ..] in &columns[LEFT_ARM] {
                     reach_m = reach_m.max((x * x + y * y + z * z).sqrt());
                 }
             }

@@ -1,6 +1,6 @@
 //! Reads numbers from a fuzzer's bytes. After the end it returns zeros.
 
-use messages::JOINTS;
+use messages::JOINTS_MAX;
 
 /// The rest of an input.
 pub(crate) struct Bytes<'a> {
@@ -52,7 +52,7 @@ impl<'a> Bytes<'a> {
     }
 
     /// Returns any bits for every joint.
-    pub(crate) fn joints(&mut self) -> [f64; JOINTS] {
+    pub(crate) fn joints(&mut self) -> [f64; JOINTS_MAX] {
         std::array::from_fn(|_| self.f64())
     }
 }

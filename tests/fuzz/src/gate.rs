@@ -1,7 +1,7 @@
 //! The final check of every command, under any proposal and any seed.
 
 use crate::bytes::Bytes;
-use messages::{JOINTS, Stamp, StopPlan, TICK_S};
+use messages::{JOINTS_MAX, Stamp, StopPlan, TICK_S};
 use robot::Model;
 use safety::engage::Permit;
 use safety::gate::{Config, Decision, Proposed, State, Verdict, tick};
@@ -19,7 +19,7 @@ static ROBOT: LazyLock<(Model, Config)> = LazyLock::new(|| {
     (model, config)
 });
 
-const EMPTY: StopPlan = StopPlan { jerk: [[0.0; 3]; JOINTS], duration_s: [[0.0; 3]; JOINTS] };
+const EMPTY: StopPlan = StopPlan { jerk: [[0.0; 3]; JOINTS_MAX], duration_s: [[0.0; 3]; JOINTS_MAX] };
 
 /// Runs the input. Each tick starts with a byte: the proposal, the number of its overwritten numbers, and the
 /// permit. A proposal is an honest step, whose jerks follow, or the last state again. Any 64 bits can overwrite a
@@ -71,7 +71,7 @@ pub(crate) fn run(input: &[u8]) {
 fn honest(model: &Model, state: &State, k: u64, bytes: &mut Bytes<'_>, head: u8) -> Proposed {
     let (mut q, mut v, mut a) = (state.q(), state.v(), state.a());
     let mut plan = if head & 3 == 0 { state.plan() } else { EMPTY };
-    for j in 0..JOINTS {
+    for j in 0..JOINTS_MAX {
         if head & 3 == 0 {
             break;
         }
@@ -93,8 +93,8 @@ fn honest(model: &Model, state: &State, k: u64, bytes: &mut Bytes<'_>, head: u8)
 }
 
 fn number(proposed: &mut Proposed, place: usize) -> &mut f64 {
-    let j = place % JOINTS;
-    match place / JOINTS {
+    let j = place % JOINTS_MAX;
+    match place / JOINTS_MAX {
         0..=2 => &mut proposed.q[j],
         3..=5 => &mut proposed.v[j],
         6..=8 => &mut proposed.a[j],
@@ -109,8 +109,8 @@ fn finite(out: &Decision) {
 }
 
 /// Checks that a robot that began at rest within its limits stays within them, whatever the proposal.
-fn within(model: &Model, before: &([f64; JOINTS], [f64; JOINTS], [f64; JOINTS], u64), out: &Decision) {
-    for j in 0..JOINTS {
+fn within(model: &Model, before: &([f64; JOINTS_MAX], [f64; JOINTS_MAX], [f64; JOINTS_MAX], u64), out: &Decision) {
+    for j in 0..JOINTS_MAX {
         let (limits, t) = (&model.limits[j], TICK_S);
         let (q, v, a) = (out.q[j], out.v[j], out.a[j]);
         assert!(q >= limits.q_min - SLACK && q <= limits.q_max + SLACK, "joint {j} at {q}, {limits:?}");

@@ -2,7 +2,7 @@
 
 use crate::nearest::RANKS;
 use crate::robot::Robot;
-use messages::{ALL_JOINTS, HEAD, JOINTS, LEFT_ARM, RIGHT_ARM};
+use messages::{ALL_JOINTS, ARM_JOINTS, JOINTS_MAX};
 use rand::RngExt;
 use rand_pcg::Pcg64;
 
@@ -71,13 +71,13 @@ pub struct Attacker<'a> {
     pub attack: Attack,
     until: u64,
     permit_until: u64,
-    base: [f64; JOINTS],
+    base: [f64; JOINTS_MAX],
     phase: f64,
     rank: usize,
     /// Target positions, rad or m.
-    pub q: [f64; JOINTS],
+    pub q: [f64; JOINTS_MAX],
     /// Target velocities, rad/s or m/s.
-    pub dq: [f64; JOINTS],
+    pub dq: [f64; JOINTS_MAX],
     /// Joints that have a target. None means no target at all.
     pub valid_mask: Option<u32>,
     /// The permitted share of the speed limits. None is a stop.
@@ -97,14 +97,14 @@ impl<'a> Attacker<'a> {
             phase: 0.0,
             rank: 0,
             q: robot.home,
-            dq: [0.0; JOINTS],
+            dq: [0.0; JOINTS_MAX],
             valid_mask: Some(ALL_JOINTS),
             speed_scale: Some(1.0),
         }
     }
 
     /// Decides target and permit of tick `k`, given the last command `seen`.
-    pub fn next(&mut self, k: u64, seen: &[f64; JOINTS]) {
+    pub fn next(&mut self, k: u64, seen: &[f64; JOINTS_MAX]) {
         if k >= self.until {
             self.begin(k);
         }
@@ -125,10 +125,10 @@ impl<'a> Attacker<'a> {
 
     fn begin(&mut self, k: u64) {
         self.until = k + self.rng.random_range(20..1500);
-        self.dq = [0.0; JOINTS];
+        self.dq = [0.0; JOINTS_MAX];
         self.valid_mask = match self.rng.random_range(0..40) {
             0 => None,
-            1..6 => Some(self.rng.random_range(0..=ALL_JOINTS)),
+            1..6 => Some(self.rng.random_range(0..1 << self.robot.count)),
             _ => Some(ALL_JOINTS),
         };
         self.base = self.robot.posture(&mut self.rng);
@@ -174,7 +174,7 @@ impl<'a> Attacker<'a> {
 
     /// Sends one in five joints far beyond a limit.
     fn beyond_some_limits(&mut self) {
-        for j in 0..JOINTS {
+        for j in 0..self.robot.count {
             let limits = &self.robot.limits[j];
             match self.rng.random_range(0..10) {
                 0 => self.q[j] = limits.q_min - 1.0,
@@ -185,7 +185,7 @@ impl<'a> Attacker<'a> {
     }
 
     fn limits(&mut self) {
-        for j in 0..JOINTS {
+        for j in 0..self.robot.count {
             let limits = &self.robot.limits[j];
             let outwards = [0.0, 1e-12, 1e-6, -1e-6, -1e-3, 5.0][self.rng.random_range(0..6)];
             let up = self.rng.random_bool(0.5);
@@ -197,18 +197,17 @@ impl<'a> Attacker<'a> {
 
     /// Sets mirrored postures, forward and inward, in which the hands meet.
     fn mirrored(&mut self) {
-        let (left, right) = (LEFT_ARM.start, RIGHT_ARM.start);
-        for i in 0..LEFT_ARM.len() {
-            self.q[right + i] = self.q[left + i];
+        let [left, right] = [self.robot.count - 2 * ARM_JOINTS, self.robot.count - ARM_JOINTS];
+        for i in 0..ARM_JOINTS {
+            self.q[right + i] = self.robot.signs[i] * self.q[left + i];
         }
         let inwards = self.rng.random_range(0.0..0.6);
-        for j in [left, right] {
-            self.q[j] = self.robot.limits[j].q_max - inwards;
-        }
+        self.q[left] = self.robot.limits[left].q_max - inwards;
+        self.q[right] = self.robot.signs[0] * self.q[left];
     }
 
     fn noise(&mut self) {
-        for j in 0..JOINTS {
+        for j in 0..self.robot.count {
             self.q[j] = self.base[j] + self.rng.random_range(-0.1..0.1);
             self.dq[j] = self.rng.random_range(-3.0..3.0);
         }
@@ -218,7 +217,7 @@ impl<'a> Attacker<'a> {
         let t = k as f64 * messages::TICK_S;
         // Every second wave states a false velocity.
         let honest = if self.rank.is_multiple_of(2) { 1.0 } else { -4.0 };
-        for j in 0..JOINTS {
+        for j in 0..self.robot.count {
             let w = 2.0 + j as f64;
             let (sin, cos) = (w * t + self.phase).sin_cos();
             self.q[j] = self.base[j] + 0.6 * sin;
@@ -229,7 +228,7 @@ impl<'a> Attacker<'a> {
     fn nonsense(&mut self) {
         const VALUES: [f64; 8] =
             [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, -f64::MAX, f64::MAX, 1e300, -0.0, f64::MIN_POSITIVE];
-        for j in 0..JOINTS {
+        for j in 0..self.robot.count {
             self.q[j] = VALUES[self.rng.random_range(0..VALUES.len())];
             self.dq[j] = VALUES[self.rng.random_range(0..VALUES.len())];
             // Some joints have valid targets, so that the motion is not simply held.
@@ -240,34 +239,35 @@ impl<'a> Attacker<'a> {
     }
 
     /// Direction in which a near pair's distance falls, as shares of each joint's largest speed.
-    fn downward(&self, seen: &[f64; JOINTS]) -> Option<[f64; JOINTS]> {
+    fn downward(&self, seen: &[f64; JOINTS_MAX]) -> Option<[f64; JOINTS_MAX]> {
         let gradient = self.robot.gradient(seen, self.rank)?;
-        let weighted: [f64; JOINTS] = std::array::from_fn(|j| -gradient[j] * self.robot.limits[j].v_max);
+        let weighted: [f64; JOINTS_MAX] = std::array::from_fn(|j| -gradient[j] * self.robot.limits[j].v_max);
         let largest = weighted.iter().fold(0.0_f64, |most, x| most.max(x.abs()));
         (largest > 0.0).then(|| weighted.map(|x| x / largest))
     }
 
-    fn downhill(&mut self, seen: &[f64; JOINTS]) {
+    fn downhill(&mut self, seen: &[f64; JOINTS_MAX]) {
         let Some(down) = self.downward(seen) else { return };
         let ahead_s = [0.02, 0.1, 0.5][self.rng.random_range(0..3)];
-        for j in 0..JOINTS {
+        for j in 0..self.robot.count {
             let speed = down[j] * self.robot.limits[j].v_max;
             self.q[j] = seen[j] + ahead_s * speed;
             self.dq[j] = speed;
         }
     }
 
-    fn hug(&mut self, seen: &[f64; JOINTS]) {
+    fn hug(&mut self, seen: &[f64; JOINTS_MAX]) {
         let Some(down) = self.downward(seen) else { return };
         let lie = [1.0, 3.0, 100.0][self.rng.random_range(0..3)];
         let length: f64 = down.iter().map(|x| x * x).sum();
         // Go some way along the boundary, towards the base posture, and a little into the boundary.
-        let mut along: [f64; JOINTS] = std::array::from_fn(|j| self.base[j] - seen[j]);
-        for j in HEAD {
-            along[j] = 0.0;
+        let mut along: [f64; JOINTS_MAX] = std::array::from_fn(|j| self.base[j] - seen[j]);
+        // Body joints but a lift or a waist move no arm, and those move both.
+        for along in along.iter_mut().take(self.robot.count - 2 * ARM_JOINTS).skip(1) {
+            *along = 0.0;
         }
-        let into: f64 = (0..JOINTS).map(|j| along[j] * down[j]).sum::<f64>() / length;
-        for j in 0..JOINTS {
+        let into: f64 = (0..self.robot.count).map(|j| along[j] * down[j]).sum::<f64>() / length;
+        for j in 0..self.robot.count {
             let tangent = along[j] - into * down[j];
             self.q[j] = seen[j] + tangent.clamp(-0.3, 0.3) + 0.02 * down[j];
             self.dq[j] = lie * down[j] * self.robot.limits[j].v_max;

@@ -5,7 +5,7 @@ use crate::limits::{self, Slack};
 use crate::robot::Robot;
 use crate::rollout::{Rollout, joint_of};
 use driver::Motion;
-use messages::JOINTS;
+use messages::JOINTS_MAX;
 
 /// Rounding of positions, velocities and accelerations that another formula recomputes. Limits hold exactly.
 const SLACK: Slack = Slack { state: 0.0, jerk: 0.0, step: 1e-11, rest: 1e-9 };
@@ -63,7 +63,7 @@ impl<'a> Checker<'a> {
         self.before = *now;
     }
 
-    fn posture(&mut self, k: u64, q: &[f64; JOINTS], what: &str) {
+    fn posture(&mut self, k: u64, q: &[f64; JOINTS_MAX], what: &str) {
         let clearance_m = self.robot.clearance(q);
         self.clearance_m = self.clearance_m.min(clearance_m);
         let clear = clearance_m >= self.robot.d_min_m;

@@ -1,7 +1,7 @@
 //! The manufacturer's collision meshes, which the capsules stand for, placed with kinematics of their own.
 
 use collision::mesh::read_mesh;
-use messages::JOINTS;
+use messages::JOINTS_MAX;
 use nalgebra::{Unit, UnitQuaternion, Vector3};
 use robot::{Hull, Pose, Surface};
 use std::collections::HashMap;
@@ -32,13 +32,13 @@ struct Pair {
 
 /// The collision meshes of a robot.
 pub struct Meshes {
-    names: [String; JOINTS],
+    names: Vec<String>,
     robot: urdf_rs::Robot,
     pieces: Vec<Piece>,
     pairs: Vec<Pair>,
 }
 
-/// Returns the nearest joint above a link that is one of the 17. The search skips fixed joints and fingers.
+/// Returns the nearest joint above a link that is commanded. The search skips fixed joints and fingers.
 fn moved_by<'a>(robot: &'a urdf_rs::Robot, link: &str, names: &[String]) -> Option<&'a urdf_rs::Joint> {
     let mut link = link.to_owned();
     loop {
@@ -56,7 +56,7 @@ impl Meshes {
     ///
     /// # Panics
     /// Panics if a file cannot be read.
-    pub fn read(names: &[String; JOINTS]) -> Option<Self> {
+    pub fn read(names: &[String]) -> Option<Self> {
         let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/robots/tiago_dual");
         if !folder.join("meshes").exists() {
             eprintln!("skipped: {} is not there", folder.join("meshes").display());
@@ -101,7 +101,7 @@ impl Meshes {
                 }
             }
         }
-        Some(Self { names: names.clone(), robot, pieces, pairs })
+        Some(Self { names: names.to_vec(), robot, pieces, pairs })
     }
 
     /// Number of meshes, and of pairs that must keep apart.
@@ -133,7 +133,7 @@ impl Meshes {
     }
 
     /// Lowers `least` (m, and the links) to the least distance of a pair at `q`.
-    pub fn nearest(&self, q: &[f64; JOINTS], least: &mut (f64, String)) {
+    pub fn nearest(&self, q: &[f64; JOINTS_MAX], least: &mut (f64, String)) {
         let poses = self.poses(&self.names.iter().map(String::as_str).zip(*q).collect());
         for pair in &self.pairs {
             let (a, b) = (&self.pieces[pair.a], &self.pieces[pair.b]);

@@ -1,6 +1,6 @@
 //! Finds the direction into the nearest collision, for the attacker.
 
-use messages::JOINTS;
+use messages::JOINTS_MAX;
 use nalgebra::Vector3;
 use robot::{Frames, Model, segment_distance};
 
@@ -15,7 +15,7 @@ const STEP: f64 = 1e-6;
 ///
 /// d = |p_b - p_a| - r_a - r_b and dd/dq = n . (J_b - J_a). Here n is the unit vector from a to b, and J are
 /// the Jacobians of the nearest points.
-pub(crate) fn of_pair(model: &Model, q: &[f64; JOINTS], rank: usize) -> Option<[f64; JOINTS]> {
+pub(crate) fn of_pair(model: &Model, q: &[f64; JOINTS_MAX], rank: usize) -> Option<[f64; JOINTS_MAX]> {
     let mut frames = Frames::default();
     model.forward(q, &mut frames);
     let end = |body: usize, p: &Vector3<f64>| frames.base_from_body[body].transform_point(p);
@@ -42,9 +42,9 @@ pub(crate) fn of_pair(model: &Model, q: &[f64; JOINTS], rank: usize) -> Option<[
 }
 
 /// Returns the derivative of the least distance from an obstacle. None without obstacles.
-pub(crate) fn of_obstacle(model: &Model, q: &[f64; JOINTS]) -> Option<[f64; JOINTS]> {
+pub(crate) fn of_obstacle(model: &Model, q: &[f64; JOINTS_MAX]) -> Option<[f64; JOINTS_MAX]> {
     let mut frames = Frames::default();
-    let clearance_at = |q: &[f64; JOINTS]| {
+    let clearance_at = |q: &[f64; JOINTS_MAX]| {
         model.forward(q, &mut frames);
         model.obstacle_clearance(&frames).0
     };
@@ -52,7 +52,7 @@ pub(crate) fn of_obstacle(model: &Model, q: &[f64; JOINTS]) -> Option<[f64; JOIN
 }
 
 /// Returns the derivative of `of` as a difference quotient.
-pub(crate) fn quotient(q: &[f64; JOINTS], mut of: impl FnMut(&[f64; JOINTS]) -> f64) -> [f64; JOINTS] {
+pub(crate) fn quotient(q: &[f64; JOINTS_MAX], mut of: impl FnMut(&[f64; JOINTS_MAX]) -> f64) -> [f64; JOINTS_MAX] {
     let here = of(q);
     std::array::from_fn(|j| {
         let mut beside = *q;

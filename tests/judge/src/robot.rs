@@ -1,7 +1,7 @@
 //! A robot as the judge knows it: where its bodies are, how near they come, and what the joints may do.
 
 use crate::nearest;
-use messages::JOINTS;
+use messages::{ARM_JOINTS, JOINTS_MAX};
 use nalgebra::{Rotation3, Unit, Vector3};
 use plant::{segment_box, segment_plane};
 use rand::{Rng, RngExt};
@@ -22,12 +22,12 @@ pub struct TreeJoint {
 }
 
 /// The joints of an invented robot. A parent never has a greater index than its child.
-pub type Tree = [TreeJoint; JOINTS];
+pub type Tree = Vec<TreeJoint>;
 
 #[derive(Clone, Debug)]
 enum Kinematics {
     Model(Box<Model>),
-    Tree(Box<Tree>),
+    Tree(Tree),
 }
 
 /// A capsule: its body, the ends of its axis in the body's frame, and its radius, m.
@@ -41,10 +41,14 @@ struct Capsule {
 /// A robot: of a robot file, or invented.
 #[derive(Clone, Debug)]
 pub struct Robot {
+    /// Number of joints. The last 14 are the arms'. Arrays are longer.
+    pub count: usize,
+    /// For each joint of the right arm: its position in a posture that mirrors the left arm's, over the left one's.
+    pub signs: [f64; ARM_JOINTS],
     /// Limits of the joints.
-    pub limits: [JointLimits; JOINTS],
+    pub limits: [JointLimits; JOINTS_MAX],
     /// Home posture, rad or m.
-    pub home: [f64; JOINTS],
+    pub home: [f64; JOINTS_MAX],
     /// Least clearance, m.
     pub d_min_m: f64,
     kinematics: Kinematics,
@@ -57,6 +61,8 @@ impl Robot {
     pub fn of(model: Model) -> Self {
         let capsules = model.capsules.iter();
         Self {
+            count: model.count,
+            signs: model.arms[1].signs,
             limits: model.limits,
             home: model.home,
             d_min_m: model.d_min_m,
@@ -81,14 +87,15 @@ impl Robot {
     /// Creates an invented robot. A capsule is its body, both ends of its axis (m), and its radius (m).
     pub fn invented(
         tree: Tree,
-        limits: [JointLimits; JOINTS],
-        home: [f64; JOINTS],
+        limits: [JointLimits; JOINTS_MAX],
+        home: [f64; JOINTS_MAX],
         d_min_m: f64,
         capsules: impl Iterator<Item = (usize, [Vector3<f64>; 2], f64)>,
         pairs: Vec<[usize; 2]>,
     ) -> Self {
         let capsules = capsules.map(|(body, ends, radius_m)| Capsule { body, ends, radius_m }).collect();
-        Self { limits, home, d_min_m, kinematics: Kinematics::Tree(Box::new(tree)), capsules, pairs }
+        let (count, kinematics) = (tree.len(), Kinematics::Tree(tree));
+        Self { count, signs: [1.0; ARM_JOINTS], limits, home, d_min_m, kinematics, capsules, pairs }
     }
 
     /// The model that it was made of. None if it is invented.
@@ -100,12 +107,16 @@ impl Robot {
     }
 
     /// Draws a posture anywhere within the limits.
-    pub fn posture(&self, rng: &mut impl Rng) -> [f64; JOINTS] {
-        self.limits.map(|limits| rng.random_range(limits.q_min..=limits.q_max))
+    pub fn posture(&self, rng: &mut impl Rng) -> [f64; JOINTS_MAX] {
+        let mut q = [0.0; JOINTS_MAX];
+        for (q, limits) in q.iter_mut().zip(&self.limits).take(self.count) {
+            *q = rng.random_range(limits.q_min..=limits.q_max);
+        }
+        q
     }
 
     /// Poses of all bodies in the base frame.
-    pub fn poses(&self, q: &[f64; JOINTS]) -> [Pose; JOINTS + 1] {
+    pub fn poses(&self, q: &[f64; JOINTS_MAX]) -> [Pose; JOINTS_MAX + 1] {
         let mut frames = Frames::default();
         match &self.kinematics {
             Kinematics::Model(model) => model.forward(q, &mut frames),
@@ -127,7 +138,7 @@ impl Robot {
 
     /// Least clearance at `q`, m: of the checked pairs by parry's distance of their axes, and of the moving capsules
     /// from the obstacles.
-    pub fn clearance(&self, q: &[f64; JOINTS]) -> f64 {
+    pub fn clearance(&self, q: &[f64; JOINTS_MAX]) -> f64 {
         let poses = self.poses(q);
         let axis = |c: &Capsule| c.ends.map(|end| poses[c.body].transform_point(&end));
         let axes: Vec<_> = self.capsules.iter().map(axis).collect();
@@ -153,7 +164,7 @@ impl Robot {
 
     /// Derivative by each joint of the distance of a near pair, m per rad or m. `rank` is 0 for the nearest pair. The
     /// last rank is the nearest obstacle, if there is one.
-    pub(crate) fn gradient(&self, q: &[f64; JOINTS], rank: usize) -> Option<[f64; JOINTS]> {
+    pub(crate) fn gradient(&self, q: &[f64; JOINTS_MAX], rank: usize) -> Option<[f64; JOINTS_MAX]> {
         let Some(model) = self.model() else { return Some(nearest::quotient(q, |q| self.clearance(q))) };
         let outside = if rank == nearest::RANKS - 1 { nearest::of_obstacle(model, q) } else { None };
         outside.or_else(|| nearest::of_pair(model, q, rank))

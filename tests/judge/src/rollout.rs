@@ -6,7 +6,7 @@ use crate::joint::{Joint, Stop, duration_s, stop_of};
 use crate::limits::{Slack, plan};
 use crate::robot::Robot;
 use driver::Motion;
-use messages::JOINTS;
+use messages::JOINTS_MAX;
 use sim::{TOLERANCE_CLEARANCE_M, TOLERANCE_J, TOLERANCE_Q, ViolationKind};
 
 /// Time between two judged instants, s. In a millisecond no point of the robot moves more than a few
@@ -22,7 +22,7 @@ const SLACK: Slack = Slack { state: TOLERANCE_Q, jerk: TOLERANCE_J, step: TOLERA
 
 /// A motion and its stop plan, at any time from now on.
 #[derive(Clone, Debug)]
-pub struct Rollout([(Joint, Stop); JOINTS]);
+pub struct Rollout([(Joint, Stop); JOINTS_MAX]);
 
 impl Rollout {
     /// Takes the motion of a command.
@@ -36,19 +36,19 @@ impl Rollout {
     }
 
     /// All joints after `t` seconds.
-    pub fn at(&self, t: f64) -> [Joint; JOINTS] {
+    pub fn at(&self, t: f64) -> [Joint; JOINTS_MAX] {
         self.0.map(|(joint, stop)| joint.play(&stop, t))
     }
 
     /// All joints now, after `first_s`, then every `step_s`, and at rest.
-    pub fn instants(&self, first_s: f64, step_s: f64) -> impl Iterator<Item = [Joint; JOINTS]> + '_ {
+    pub fn instants(&self, first_s: f64, step_s: f64) -> impl Iterator<Item = [Joint; JOINTS_MAX]> + '_ {
         let end_s = self.end_s();
         let later = std::iter::successors(Some(first_s), move |t| Some(t + step_s)).take_while(move |t| *t < end_s);
         std::iter::once(0.0).chain(later).chain((end_s > 0.0).then_some(end_s)).map(|t| self.at(t))
     }
 
     /// The postures of [`instants`](Self::instants).
-    pub fn postures(&self, step_s: f64) -> impl Iterator<Item = [f64; JOINTS]> + '_ {
+    pub fn postures(&self, step_s: f64) -> impl Iterator<Item = [f64; JOINTS_MAX]> + '_ {
         self.instants(step_s, step_s).map(|joints| joints.map(|joint| joint.q))
     }
 }
@@ -94,7 +94,7 @@ pub fn roll(robot: &Robot, sim: &sim::Config, share_max: f64, motion: &Motion, o
 }
 
 /// Returns the largest torque over its effort limit.
-fn torque_share(robot: &Robot, sim: &sim::Config, joints: &[Joint; JOINTS]) -> f64 {
+fn torque_share(robot: &Robot, sim: &sim::Config, joints: &[Joint; JOINTS_MAX]) -> f64 {
     let torques = sim.torques(&joints.map(|x| x.q), &joints.map(|x| x.v), &joints.map(|x| x.a));
     let shares = torques.iter().zip(&robot.limits).map(|(torque, limits)| torque.abs() / limits.effort_max);
     shares.fold(0.0, f64::max)

@@ -5,7 +5,7 @@ use crate::cli::Cli;
 use crate::error::BatchError;
 use crate::postures::Postures;
 use crate::run::{in_parallel, load};
-use messages::JOINTS;
+use messages::JOINTS_MAX;
 use nalgebra::{UnitQuaternion, Vector3};
 use retarget::{ARMS, Limbs};
 use rustix::time::{ClockId, clock_gettime};
@@ -91,7 +91,7 @@ fn time(postures: &Postures, pool: &[[Limbs; ARMS]], threads: usize, poses: usiz
     let sums = in_parallel(threads, poses.div_ceil(CHUNK), |chunk| {
         let poses = (chunk * CHUNK..poses.min((chunk + 1) * CHUNK)).map(|i| &pool[i % pool.len()]);
         let mut previous = None;
-        let mut sum = [0.0; JOINTS];
+        let mut sum = [0.0; JOINTS_MAX];
         for arms in poses {
             let samples = postures.encode(black_box(arms));
             previous = postures.posture(&samples, previous.as_ref());

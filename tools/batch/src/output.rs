@@ -4,7 +4,7 @@
 use crate::error::BatchError;
 use crate::manifest::sha256_file;
 use clap::ValueEnum;
-use messages::JOINTS;
+use messages::JOINTS_MAX;
 use motion::npy::write_npy_header;
 use std::fs::File;
 use std::io::{BufWriter, ErrorKind, Seek, Write};
@@ -43,7 +43,7 @@ pub(crate) struct Writer {
     part: PathBuf,
     kind: Option<Kind>,
     rate_hz: f64,
-    joint_names: [String; JOINTS],
+    joint_names: Vec<String>,
 }
 
 impl Writer {
@@ -53,7 +53,7 @@ impl Writer {
         format: Format,
         count: usize,
         rate_hz: f64,
-        joint_names: &[String; JOINTS],
+        joint_names: &[String],
     ) -> Result<Self, BatchError> {
         let folder = place.parent().unwrap_or(Path::new("."));
         std::fs::create_dir_all(folder).map_err(BatchError::file(folder, "create the folder"))?;
@@ -67,7 +67,7 @@ impl Writer {
         }
         let file = File::create_new(&part).map_err(BatchError::file(&part, "create"))?;
         let mut writer =
-            Self { place: place.to_path_buf(), part, kind: None, rate_hz, joint_names: joint_names.clone() };
+            Self { place: place.to_path_buf(), part, kind: None, rate_hz, joint_names: joint_names.to_vec() };
         let out = BufWriter::with_capacity(1 << 16, file);
         writer.kind = Some(match format {
             Format::Csv => {
@@ -79,7 +79,7 @@ impl Writer {
             Format::Npz => {
                 let mut zip = zip::ZipWriter::new(out);
                 let begun = zip.start_file("q.npy", plain()).map_err(std::io::Error::from);
-                let begun = begun.and_then(|()| write_npy_header(&mut zip, "<f8", &[count, JOINTS]));
+                let begun = begun.and_then(|()| write_npy_header(&mut zip, "<f8", &[count, joint_names.len()]));
                 begun.map_err(BatchError::file(&writer.part, "write"))?;
                 Kind::Npz(Box::new(zip), Vec::new())
             }
@@ -87,8 +87,9 @@ impl Writer {
         Ok(writer)
     }
 
-    /// Appends a row.
-    pub(crate) fn row(&mut self, time_s: f64, q: &[f64; JOINTS]) -> Result<(), BatchError> {
+    /// Appends a row. Only the robot's own joints are written.
+    pub(crate) fn row(&mut self, time_s: f64, q: &[f64; JOINTS_MAX]) -> Result<(), BatchError> {
+        let q = &q[..self.joint_names.len()];
         let written = match &mut self.kind {
             Some(Kind::Csv(out, line)) => {
                 use std::fmt::Write as _;
@@ -103,11 +104,11 @@ impl Writer {
             }
             Some(Kind::Npz(zip, times)) => {
                 times.push(time_s);
-                let mut bytes = [0; 8 * JOINTS];
+                let mut bytes = [0; 8 * JOINTS_MAX];
                 for (part, value) in bytes.chunks_exact_mut(8).zip(q) {
                     part.copy_from_slice(&value.to_le_bytes());
                 }
-                zip.write_all(&bytes)
+                zip.write_all(&bytes[..8 * q.len()])
             }
             None => Ok(()),
         };
@@ -150,7 +151,7 @@ fn end_npz(
     mut zip: zip::ZipWriter<BufWriter<File>>,
     times: &[f64],
     rate_hz: f64,
-    joint_names: &[String; JOINTS],
+    joint_names: &[String],
 ) -> std::io::Result<File> {
     entry(&mut zip, "time_s", "<f8", &[times.len()], times.iter().flat_map(|t| t.to_le_bytes()))?;
     entry(&mut zip, "frame_rate_hz", "<f8", &[], rate_hz.to_le_bytes().into_iter())?;
@@ -160,7 +161,7 @@ fn end_npz(
         let characters = name.chars().map(u32::from).chain(std::iter::repeat(0)).take(width);
         characters.flat_map(u32::to_le_bytes).collect::<Vec<u8>>()
     };
-    entry(&mut zip, "joints", &format!("<U{width}"), &[JOINTS], joint_names.iter().flat_map(padded))?;
+    entry(&mut zip, "joints", &format!("<U{width}"), &[joint_names.len()], joint_names.iter().flat_map(padded))?;
     zip.finish().map_err(std::io::Error::from)?.into_inner().map_err(|error| error.into_error())
 }
 

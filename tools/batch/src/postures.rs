@@ -1,14 +1,15 @@
 //! Converts one pose of both arms to joint positions, with the retargeting's own steps, without its clock.
 
-use messages::{JOINTS, LEFT_ARM, RIGHT_ARM};
+use messages::JOINTS_MAX;
 use retarget::{ARM_Q, ARMS, ArmModel, ArmQ, Limbs, PostureSolver, Sample, Weights};
-use robot::Model;
+use robot::{Arm, Model};
 
 /// Data that all poses share.
 #[derive(Clone, Debug)]
 pub struct Postures {
     solver: PostureSolver,
-    home: [f64; JOINTS],
+    home: [f64; JOINTS_MAX],
+    arms: [Arm; ARMS],
 }
 
 impl Postures {
@@ -18,7 +19,7 @@ impl Postures {
         let network = weights.map(|weights| weights.network);
         let arm = ArmModel::of(model);
         let solver = PostureSolver { arm, network, refine_steps };
-        Self { solver, home: model.home }
+        Self { solver, home: model.home, arms: model.arms }
     }
 
     /// Returns points of the latent space. They are zero without a network.
@@ -39,12 +40,12 @@ impl Postures {
 
     /// Returns all joints, rad (lift in m). Joints that no limb determines are at home.
     #[must_use]
-    pub fn joints(&self, arms: &[ArmQ; ARMS]) -> [f64; JOINTS] {
+    pub fn joints(&self, arms: &[ArmQ; ARMS]) -> [f64; JOINTS_MAX] {
         let mut q = self.home;
-        for (arm, joints) in [LEFT_ARM, RIGHT_ARM].into_iter().enumerate() {
-            for (j, joint) in joints.take(ARM_Q).enumerate() {
-                q[joint] = arms[arm][j];
-            }
+        for (arm, solved) in self.arms.iter().zip(arms) {
+            // Both arms were solved as left arms.
+            let positions = arm.mirrored(solved);
+            arm.joints[..ARM_Q].iter().zip(positions).for_each(|(joint, position)| q[*joint] = position);
         }
         q
     }

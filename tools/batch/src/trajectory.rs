@@ -2,7 +2,7 @@
 
 use crate::cli::Rate;
 use crate::postures::Postures;
-use messages::{JOINTS, LIMBS};
+use messages::{JOINTS_MAX, LIMBS};
 use motion::{CalibrationMode, Motion};
 use retarget::{ARMS, ArmQ, Limbs, Sample, interpolate_latent};
 
@@ -86,7 +86,7 @@ impl<'a> Trajectory<'a> {
 }
 
 impl Iterator for Trajectory<'_> {
-    type Item = Result<(f64, [f64; JOINTS]), (usize, &'static str)>;
+    type Item = Result<(f64, [f64; JOINTS_MAX]), (usize, &'static str)>;
 
     fn next(&mut self) -> Option<Self::Item> {
         if self.next >= self.rows() {

@@ -3,12 +3,17 @@
 use batch::{BatchError, Cli, Postures, Summary, run, synthetic};
 use clap::Parser;
 use indicatif::ProgressBar;
-use messages::{JOINTS, LIMBS, Layout, Skeleton, Stamp, skeleton_flag};
+use messages::{JOINTS_MAX, LIMBS, Layout, Skeleton, Stamp, skeleton_flag};
 use motion::{CalibrationMode, Motion, builtin, npy::Npz};
 use nalgebra::UnitQuaternion;
 use retarget::{ARMS, Limbs, Options, mirror, xyzw_from_rotation};
 use rt::Shutdown;
 use std::path::{Path, PathBuf};
+
+/// TIAGo++: the joints of its left arm.
+const LEFT_ARM: std::ops::Range<usize> = 3..10;
+/// TIAGo++: the joints of its right arm.
+const RIGHT_ARM: std::ops::Range<usize> = 10..17;
 
 fn repository() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")
@@ -61,12 +66,12 @@ fn rows(path: &Path) -> Vec<Vec<f64>> {
 }
 
 /// Returns the live stage's result for a motion, skeleton by skeleton.
-fn by_the_stage(motion: &Motion, options: Options) -> Vec<[f64; JOINTS]> {
+fn by_the_stage(motion: &Motion, options: Options) -> Vec<[f64; JOINTS_MAX]> {
     stage_joints(motion::limbs(motion, &motion::calibrate(motion, CalibrationMode::Clip)), options)
 }
 
 /// Returns the daemon's joints for these limbs, one tick for each.
-fn stage_joints(limbs: Vec<[[f32; 4]; LIMBS]>, options: Options) -> Vec<[f64; JOINTS]> {
+fn stage_joints(limbs: Vec<[[f32; 4]; LIMBS]>, options: Options) -> Vec<[f64; JOINTS_MAX]> {
     let (model, _) = config::load_model(&robot()).expect("the robot");
     let weights = config::load_weights(&weights(), &model).expect("the weights");
     let config = retarget::Config::new(&model, Some(weights), &options).expect("a configuration");
@@ -172,11 +177,11 @@ fn rows_at_control_rate_pass_through_every_frame() {
         assert!((row[0] - frame[0]).abs() < 1e-4, "the file's own rate is rounded to a nanosecond");
         // The rate in the file is 1 / 0.016666667 Hz, so rows differ from its frames by up to 10^-6 of their
         // step.
-        let off = (1..=JOINTS).map(|j| (row[j] - frame[j]).abs()).fold(0.0, f64::max);
+        let off = (1..=JOINTS_MAX).map(|j| (row[j] - frame[j]).abs()).fold(0.0, f64::max);
         assert!(off < 1e-5, "frame {i} is off by {off} rad");
     }
     let step =
-        rows.windows(2).flat_map(|pair| (1..=JOINTS).map(|j| (pair[1][j] - pair[0][j]).abs()).collect::<Vec<_>>());
+        rows.windows(2).flat_map(|pair| (1..=JOINTS_MAX).map(|j| (pair[1][j] - pair[0][j]).abs()).collect::<Vec<_>>());
     let step = step.fold(0.0, f64::max);
     assert!(step < 0.02, "a joint jumps by {step} rad in 0.67 ms");
 }
@@ -190,7 +195,7 @@ fn npz_output_holds_the_numbers_of_the_csv() {
     let frames = rows(&out.join("a.csv"));
     let mut npz = Npz::open(std::fs::File::open(arrays.join("a.npz")).expect("opened")).expect("an archive");
     let q = npz.read("q").expect("read").expect("q");
-    assert_eq!(q.shape, [frames.len(), JOINTS]);
+    assert_eq!(q.shape, [frames.len(), JOINTS_MAX]);
     let flat: Vec<f64> = frames.iter().flat_map(|row| row[1..].to_vec()).collect();
     assert_eq!(q.values, flat);
     let times = npz.read("time_s").expect("read").expect("time_s");
@@ -293,7 +298,7 @@ fn interrupted_run_leaves_no_partial_file_and_resumes() {
     assert_eq!(interrupted.made + usize::from(interrupted.interrupted).max(2 - interrupted.made), 2);
     let again = run(&cli, &input, &out, &Shutdown::new(), &ProgressBar::hidden()).expect("a summary");
     assert_eq!((again.made + again.finished, again.finished), (2, interrupted.made));
-    assert_eq!(rows(&out.join("more/b.csv")).last().map(Vec::len), Some(1 + JOINTS));
+    assert_eq!(rows(&out.join("more/b.csv")).last().map(Vec::len), Some(1 + JOINTS_MAX));
 
     let stopped = Shutdown::new();
     stopped.request();
@@ -328,8 +333,8 @@ fn joints_without_a_limb_stay_at_home() {
     let postures = Postures::new(&model, None, 2);
     let samples = postures.encode(&synthetic(7));
     let q = postures.joints(&postures.posture(&samples, None).expect("a posture"));
-    let meant: Vec<usize> = messages::LEFT_ARM.take(5).chain(messages::RIGHT_ARM.take(5)).collect();
-    for joint in (0..JOINTS).filter(|joint| !meant.contains(joint)) {
+    let meant: Vec<usize> = LEFT_ARM.take(5).chain(RIGHT_ARM.take(5)).collect();
+    for joint in (0..JOINTS_MAX).filter(|joint| !meant.contains(joint)) {
         assert_eq!(q[joint], model.home[joint]);
     }
     assert_eq!(meant.len(), ARMS * 5);

@@ -5,7 +5,7 @@ use collision::dynamics::{Dynamics, Payload};
 use collision::error::CollisionError;
 use collision::limits::{Found, Motion, Sampling, State, Survey};
 use collision::report;
-use messages::JOINTS;
+
 use robot::Model;
 use std::path::PathBuf;
 
@@ -64,7 +64,7 @@ pub(crate) fn limits(options: &Limits) -> Result<bool, CollisionError> {
     let _ = surveyed(&survey, &Motion::in_force(&model));
     println!("At rest:");
     let (found, climbed) = surveyed(&survey, &Motion::AT_REST);
-    Ok((0..JOINTS).all(|j| holds(&survey, j, &found[j], climbed[j].as_ref())))
+    Ok((0..model.count).all(|j| holds(&survey, j, &found[j], climbed[j].as_ref())))
 }
 
 /// Prints and returns the results of sampling and climbing.

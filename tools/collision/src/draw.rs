@@ -3,6 +3,7 @@
 use crate::error::CollisionError;
 use crate::fit::Shape;
 use crate::mesh::Points;
+use messages::JOINTS_MAX;
 use nalgebra::Vector3;
 use plotters::prelude::*;
 use robot::{Frames, Model, Pose};
@@ -46,7 +47,7 @@ type View = fn(&Vector3<f64>) -> (f64, f64);
 const VIEWS: [View; 2] = [|p| (p.y, p.z), |p| (p.x, p.z)];
 
 /// Draws the robot in the posture `q` into a file. The file's extension decides between PNG and SVG.
-pub fn draw(model: &Model, q: &[f64; 17], clouds: &[Cloud], out: &Path) -> Result<(), CollisionError> {
+pub fn draw(model: &Model, q: &[f64; JOINTS_MAX], clouds: &[Cloud], out: &Path) -> Result<(), CollisionError> {
     let mut frames = Frames::default();
     model.forward(q, &mut frames);
     let place = |body: usize, point: &Vector3<f64>| frames.base_from_body[body].transform_point(point);

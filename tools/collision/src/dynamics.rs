@@ -1,4 +1,4 @@
-//! Inverse dynamics of the 17 joints by the recursive Newton-Euler algorithm, with the inertials of a URDF.
+//! Inverse dynamics of the joints by the recursive Newton-Euler algorithm, with the inertials of a URDF.
 //!
 //! It uses spatial vectors (Featherstone 2008, chapter 5) in the fixed base frame about its origin. So nothing
 //! is transformed along the tree. Let S_i be the motion vector of joint i, v_i and a_i spatial velocity and
@@ -8,7 +8,7 @@
 //! f_i = I_i a_i + v_i x* I_i v_i + sum of f of the bodies that hang on i, tau_i = S_i . f_i.
 
 use crate::error::CollisionError;
-use messages::JOINTS;
+use messages::JOINTS_MAX;
 use nalgebra::{Matrix3, Vector3};
 use robot::{Frames, Model, Pose};
 
@@ -18,9 +18,9 @@ pub const GRAVITY_M_PER_S2: f64 = 9.806_65;
 const MASS_MAX_KG: f64 = 500.0;
 
 /// One value for each joint: rad or m, or N m or N, in the fixed joint order.
-pub type PerJoint = [f64; JOINTS];
+pub type PerJoint = [f64; JOINTS_MAX];
 /// Mass matrix of the joint space, kg m^2, kg m or kg.
-pub type MassMatrix = [[f64; JOINTS]; JOINTS];
+pub type MassMatrix = [[f64; JOINTS_MAX]; JOINTS_MAX];
 
 /// Mass that moves with one joint.
 #[derive(Clone, Copy, Debug, Default)]
@@ -106,9 +106,9 @@ impl Inertia {
 #[derive(Clone, Debug)]
 pub struct Dynamics<'a> {
     model: &'a Model,
-    lumps: [Lump; JOINTS + 1],
+    lumps: [Lump; JOINTS_MAX + 1],
     /// Parent body of the body of each joint, and the joint's axis in its own body's frame.
-    joints: [(usize, Vector3<f64>); JOINTS],
+    joints: Vec<(usize, Vector3<f64>)>,
 }
 
 /// A point mass on a link.
@@ -125,7 +125,7 @@ impl<'a> Dynamics<'a> {
     /// at zero.
     pub fn new(model: &'a Model, urdf: &urdf_rs::Robot, payloads: &[Payload]) -> Result<Self, CollisionError> {
         let wrong = |cause: String| CollisionError::content(&urdf.name, cause);
-        let mut lumps = [Lump::default(); JOINTS + 1];
+        let mut lumps = [Lump::default(); JOINTS_MAX + 1];
         let mut add = |link: &str, lump: Lump| {
             let (body, pose) = model.link_body(link).ok_or_else(|| wrong(format!("the model has no link `{link}`")))?;
             let center = pose.transform_point(&lump.center);
@@ -150,7 +150,8 @@ impl<'a> Dynamics<'a> {
             }
             add(&payload.link, Lump { mass_kg: payload.mass_kg, ..Lump::default() })?;
         }
-        let joints = std::array::from_fn(|j| (model.parent_body(j + 1).unwrap_or(0), model.joint_at_zero(j).1));
+        let joint = |j: usize| (model.parent_body(j + 1).unwrap_or(0), model.joint_at_zero(j).1);
+        let joints = (0..model.count).map(joint).collect();
         Ok(Self { model, lumps, joints })
     }
 
@@ -165,7 +166,7 @@ impl<'a> Dynamics<'a> {
         self.model.forward(q, &mut frames);
         let axes = std::array::from_fn(|j| {
             let pose = &frames.base_from_body[j + 1];
-            let axis = pose.r * self.joints[j].1;
+            let axis = self.joints.get(j).map_or_else(Vector3::zeros, |joint| pose.r * joint.1);
             if self.model.prismatic[j] {
                 Spatial { angular: Vector3::zeros(), linear: axis }
             } else {
@@ -180,21 +181,21 @@ impl<'a> Dynamics<'a> {
 /// Joint axes and inertias in one posture.
 #[derive(Clone, Debug)]
 pub struct Posture<'a> {
-    joints: &'a [(usize, Vector3<f64>); JOINTS],
-    axes: [Spatial; JOINTS],
-    inertias: [Inertia; JOINTS + 1],
+    joints: &'a [(usize, Vector3<f64>)],
+    axes: [Spatial; JOINTS_MAX],
+    inertias: [Inertia; JOINTS_MAX + 1],
 }
 
 impl Posture<'_> {
     /// Returns the torques (N m) and forces (N) for the joint velocities `v` and accelerations `a`. Gravity is
     /// in m/s^2, down.
     pub fn torques(&self, v: &PerJoint, a: &PerJoint, gravity: f64) -> PerJoint {
-        let mut velocity = [Spatial::default(); JOINTS + 1];
-        let mut acceleration = [Spatial::default(); JOINTS + 1];
+        let mut velocity = [Spatial::default(); JOINTS_MAX + 1];
+        let mut acceleration = [Spatial::default(); JOINTS_MAX + 1];
         // A base that accelerates upwards is equivalent to a base at rest under gravity.
         acceleration[0].linear.z = gravity;
-        let mut force = [Spatial::default(); JOINTS + 1];
-        for j in 0..JOINTS {
+        let mut force = [Spatial::default(); JOINTS_MAX + 1];
+        for j in 0..self.joints.len() {
             let (parent, axis) = (self.joints[j].0, &self.axes[j]);
             velocity[j + 1] = velocity[parent].plus(axis, v[j]);
             let carried = velocity[j + 1].cross_motion(axis);
@@ -203,8 +204,8 @@ impl Posture<'_> {
             let momentum = inertia.times(&velocity[j + 1]);
             force[j + 1] = inertia.times(&acceleration[j + 1]).plus(&velocity[j + 1].cross_force(&momentum), 1.0);
         }
-        let mut torques = [0.0; JOINTS];
-        for j in (0..JOINTS).rev() {
+        let mut torques = [0.0; JOINTS_MAX];
+        for j in (0..self.joints.len()).rev() {
             torques[j] = self.axes[j].dot(&force[j + 1]);
             let parent = self.joints[j].0;
             force[parent] = force[parent].plus(&force[j + 1], 1.0);
@@ -216,8 +217,8 @@ impl Posture<'_> {
     /// or above j.
     pub fn mass_matrix(&self) -> MassMatrix {
         let mut composite = self.inertias;
-        let mut matrix = [[0.0; JOINTS]; JOINTS];
-        for j in (0..JOINTS).rev() {
+        let mut matrix = [[0.0; JOINTS_MAX]; JOINTS_MAX];
+        for j in (0..self.joints.len()).rev() {
             let force = composite[j + 1].times(&self.axes[j]);
             let mut body = j + 1;
             while body > 0 {
@@ -241,9 +242,9 @@ impl Posture<'_> {
 
     /// Returns the kinetic energy at the joint velocities `v`, J: the sum over bodies of v . I v / 2.
     pub fn kinetic_j(&self, v: &PerJoint) -> f64 {
-        let mut velocity = [Spatial::default(); JOINTS + 1];
+        let mut velocity = [Spatial::default(); JOINTS_MAX + 1];
         let mut energy = 0.0;
-        for j in 0..JOINTS {
+        for j in 0..self.joints.len() {
             velocity[j + 1] = velocity[self.joints[j].0].plus(&self.axes[j], v[j]);
             energy += 0.5 * velocity[j + 1].dot(&self.inertias[j + 1].times(&velocity[j + 1]));
         }

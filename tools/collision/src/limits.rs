@@ -7,7 +7,7 @@
 //! of each joint, the search goes coordinate by coordinate to a local maximum over q and v.
 
 use crate::dynamics::{Dynamics, GRAVITY_M_PER_S2, PerJoint};
-use messages::JOINTS;
+use messages::JOINTS_MAX;
 use rand::{RngExt, SeedableRng};
 use rayon::prelude::*;
 use robot::Model;
@@ -35,7 +35,7 @@ impl Motion {
     }
 
     /// No motion: gravity alone.
-    pub const AT_REST: Self = Self { v: [0.0; JOINTS], a: [0.0; JOINTS] };
+    pub const AT_REST: Self = Self { v: [0.0; JOINTS_MAX], a: [0.0; JOINTS_MAX] };
 }
 
 /// Distribution of the sampled states.
@@ -97,9 +97,9 @@ impl Survey<'_> {
     }
 
     /// Returns the load of a state on each joint.
-    fn states(&self, q: &PerJoint, v: &PerJoint) -> [State; JOINTS] {
+    fn states(&self, q: &PerJoint, v: &PerJoint) -> [State; JOINTS_MAX] {
         let posture = self.dynamics.at(q);
-        let bias = posture.torques(v, &[0.0; JOINTS], GRAVITY_M_PER_S2);
+        let bias = posture.torques(v, &[0.0; JOINTS_MAX], GRAVITY_M_PER_S2);
         let matrix = posture.mass_matrix();
         std::array::from_fn(|j| State { q: *q, v: *v, bias: bias[j].abs(), row: matrix[j].map(f64::abs) })
     }
@@ -107,7 +107,7 @@ impl Survey<'_> {
     /// Samples all states at these speeds and accelerations.
     pub fn pass(&self, motion: &Motion) -> Vec<Found> {
         let chunks = self.sampling.states.div_ceil(CHUNK);
-        let empty = || vec![Found::default(); JOINTS];
+        let empty = || vec![Found::default(); self.model.count];
         (0..chunks).into_par_iter().fold(empty, |found, chunk| self.chunk(motion, chunk, found)).reduce(
             empty,
             |mut a, b| {
@@ -129,7 +129,7 @@ impl Survey<'_> {
         for _ in 0..count {
             let q = std::array::from_fn(|j| {
                 let limits = &self.model.limits[j];
-                rng.random_range(limits.q_min..=limits.q_max)
+                if j < self.model.count { rng.random_range(limits.q_min..=limits.q_max) } else { 0.0 }
             });
             let corner = rng.random_bool(0.5);
             let v = std::array::from_fn(|j| {
@@ -163,7 +163,7 @@ impl Survey<'_> {
         let mut step = 0.1;
         while step > 1e-4 {
             let before = best.torque(&motion.a);
-            for k in 0..JOINTS {
+            for k in 0..self.model.count {
                 let limits = &self.model.limits[k];
                 let reach = limits.q_max - limits.q_min;
                 for move_q in [true, false] {

@@ -2,7 +2,7 @@
 //! with another implementation.
 
 use collision::dynamics::{Dynamics, GRAVITY_M_PER_S2, Payload, PerJoint};
-use messages::JOINTS;
+use messages::JOINTS_MAX;
 use rand::{RngExt, SeedableRng};
 use robot::Model;
 
@@ -58,12 +58,12 @@ fn mass_matrix_is_symmetric_positive_and_matches_torques() {
         let composite = posture.mass_matrix();
         let column = |k: usize| {
             let unit = std::array::from_fn(|j| f64::from(u8::from(j == k)));
-            posture.torques(&[0.0; JOINTS], &unit, 0.0)
+            posture.torques(&[0.0; JOINTS_MAX], &unit, 0.0)
         };
-        let columns: [PerJoint; JOINTS] = std::array::from_fn(column);
+        let columns: [PerJoint; JOINTS_MAX] = std::array::from_fn(column);
         let mut twice_kinetic = 0.0;
-        for j in 0..JOINTS {
-            for k in 0..JOINTS {
+        for j in 0..JOINTS_MAX {
+            for k in 0..JOINTS_MAX {
                 assert!((columns[k][j] - columns[j][k]).abs() < 1e-12);
                 assert!((columns[k][j] - composite[j][k]).abs() < 1e-12);
                 twice_kinetic += v[j] * composite[j][k] * v[k];
@@ -118,9 +118,9 @@ fn point_mass_on_the_elbow_needs_the_torque_of_a_pendulum() {
         let arm = frames.base_from_body[8].t - elbow.t;
         let lever = arm - axis * axis.dot(&arm);
         let gravity = axis.dot(&lever.cross(&nalgebra::Vector3::new(0.0, 0.0, mass_kg * GRAVITY_M_PER_S2)));
-        let mut a = [0.0; JOINTS];
+        let mut a = [0.0; JOINTS_MAX];
         a[6] = 5.0;
-        let mut v = [0.0; JOINTS];
+        let mut v = [0.0; JOINTS_MAX];
         // Turning at any steady speed needs no torque about the axis.
         v[6] = 2.0;
         let torque = dynamics.at(&q).torques(&v, &a, GRAVITY_M_PER_S2)[6];

@@ -3,7 +3,7 @@
 
 use collision::dynamics::{Dynamics, GRAVITY_M_PER_S2};
 use collision::limits::{Motion, Sampling, Survey};
-use messages::JOINTS;
+use messages::JOINTS_MAX;
 use rand::{RngExt, SeedableRng};
 use robot::Model;
 
@@ -38,7 +38,7 @@ fn shipped_robots_can_hold_every_sampled_posture() {
         }
         let moving = survey.pass(&Motion::in_force(&model));
         assert!(moving[4].exceeding > 0 && moving[4].exceeding_coasting > 0);
-        assert!(moving[4].worst.windows(2).all(|w| w[0].bias <= w[0].torque(&[1.0; JOINTS]) && w[1].bias >= 0.0));
+        assert!(moving[4].worst.windows(2).all(|w| w[0].bias <= w[0].torque(&[1.0; JOINTS_MAX]) && w[1].bias >= 0.0));
     }
 }
 
@@ -58,14 +58,14 @@ fn torque_bound_over_accelerations_is_reached_never_exceeded() {
             let a = std::array::from_fn(|k| rng.random_range(-1.0..=1.0) * motion.a[k]);
             assert!(posture.torques(&state.v, &a, GRAVITY_M_PER_S2)[j].abs() <= bound + 1e-9);
         }
-        let still = posture.torques(&state.v, &[0.0; JOINTS], GRAVITY_M_PER_S2)[j];
+        let still = posture.torques(&state.v, &[0.0; JOINTS_MAX], GRAVITY_M_PER_S2)[j];
         let matrix = posture.mass_matrix();
         let a = std::array::from_fn(|k| motion.a[k] * matrix[j][k].signum() * still.signum());
         assert!((posture.torques(&state.v, &a, GRAVITY_M_PER_S2)[j].abs() - bound).abs() < 1e-9);
         // Climbing never descends, and stays in the box.
         let top = survey.climb(j, &state, &motion);
         assert!(top.torque(&motion.a) >= bound);
-        assert!((0..JOINTS).all(|k| model.limits[k].contains(top.q[k]) && top.v[k].abs() <= motion.v[k]));
+        assert!((0..JOINTS_MAX).all(|k| model.limits[k].contains(top.q[k]) && top.v[k].abs() <= motion.v[k]));
     }
 }
 

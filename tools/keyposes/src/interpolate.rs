@@ -3,7 +3,7 @@
 use crate::error::{KeyposesError, within};
 use poses::keys::Keys;
 use poses::motions::minimum_jerk;
-use poses::trajectory::{Trajectory, joint_names};
+use poses::trajectory::{Trajectory, joint_names, own_positions};
 use retarget::{ARMS, Limbs, Network, REFINE_STEPS_MAX};
 use robot::Model;
 
@@ -53,10 +53,11 @@ pub fn interpolate(
         let s = minimum_jerk(t - piece as f64);
         let mut shares = vec![0.0; poses.len()];
         (shares[piece], shares[piece + 1]) = (1.0 - s, s);
-        match options.space {
+        let as_left = match options.space {
             Space::Joint => keys.mix_joints(&shares),
             Space::Latent => keys.mix_latent(&shares),
-        }
+        };
+        own_positions(model, &as_left)
     };
     Ok(Trajectory { joint_names: joint_names(model), rate_hz, q: (0..=rows).map(row).collect() })
 }

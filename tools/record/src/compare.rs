@@ -7,7 +7,7 @@ use crate::inputs::Inputs;
 use crate::read::{Content, Recorded};
 use config::Loaded;
 use control::STATUS_EVERY;
-use messages::{Header, JOINTS, JointCommand, JointTarget, Layout, RobotState, Skeleton, Status};
+use messages::{Header, JOINTS_MAX, JointCommand, JointTarget, Layout, RobotState, Skeleton, Status};
 use motion::mcap::Ending;
 use std::path::Path;
 
@@ -248,7 +248,7 @@ fn same<M: Layout>(a: &M, b: &M) -> bool {
     bytes(a) == bytes(b)
 }
 
-fn first_joint(made: &[f64; JOINTS], recorded: &[f64; JOINTS]) -> Option<String> {
-    let joint = (0..JOINTS).find(|&j| made[j].to_bits() != recorded[j].to_bits())?;
+fn first_joint(made: &[f64; JOINTS_MAX], recorded: &[f64; JOINTS_MAX]) -> Option<String> {
+    let joint = (0..JOINTS_MAX).find(|&j| made[j].to_bits() != recorded[j].to_bits())?;
     Some(format!(": joint {joint} is {}, recorded as {}", made[joint], recorded[joint]))
 }

@@ -118,13 +118,7 @@ impl RecordingEncoder {
             Sample::Target(target) => {
                 let at_ns = self.ours(Topic::Target, target, &target.header, write);
                 if self.pictures[1].due(at_ns, self.period_ns()) {
-                    let shown = picture::joint_states(
-                        &self.model,
-                        at_ns,
-                        &target.q,
-                        &target.dq,
-                        target.valid_mask & ALL_JOINTS,
-                    );
+                    let shown = picture::joint_states(&self.model, at_ns, &target.q, &target.dq, target.valid_mask);
                     put(Topic::Wanted, target.header.sequence, at_ns, &shown, write);
                 }
             }

@@ -4,7 +4,7 @@ use foxglove::messages::{
     Color, CylinderPrimitive, Duration, FrameTransform, FrameTransforms, JointState, JointStates, LinePrimitive,
     Point3, Pose, Quaternion, SceneEntity, SceneUpdate, SpherePrimitive, Timestamp, Vector3, line_primitive,
 };
-use messages::{JOINTS, SMPL_JOINTS, SMPL_PARENT};
+use messages::{JOINTS_MAX, SMPL_JOINTS, SMPL_PARENT};
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion};
 use robot::{Frames, Model};
 
@@ -21,7 +21,7 @@ pub fn timestamp(ns: u64) -> Timestamp {
 }
 
 /// Returns joint states. Joints whose bit in `mask` is clear have no position.
-pub fn joint_states(model: &Model, at_ns: u64, q: &[f64; JOINTS], v: &[f64; JOINTS], mask: u32) -> JointStates {
+pub fn joint_states(model: &Model, at_ns: u64, q: &[f64; JOINTS_MAX], v: &[f64; JOINTS_MAX], mask: u32) -> JointStates {
     let joint = |j: usize| {
         let meant = mask & 1 << j != 0;
         JointState {
@@ -31,7 +31,7 @@ pub fn joint_states(model: &Model, at_ns: u64, q: &[f64; JOINTS], v: &[f64; JOIN
             ..JointState::default()
         }
     };
-    JointStates { timestamp: Some(timestamp(at_ns)), joints: (0..JOINTS).map(joint).collect() }
+    JointStates { timestamp: Some(timestamp(at_ns)), joints: (0..model.count).map(joint).collect() }
 }
 
 /// Returns the fixed link whose frame is that of the base.
@@ -41,7 +41,7 @@ fn root(model: &Model) -> &str {
 }
 
 /// Returns the transforms of every link of the robot at `q`, and of the person's frame beside it.
-pub fn transforms(model: &Model, frames: &mut Frames, at_ns: u64, q: &[f64; JOINTS]) -> FrameTransforms {
+pub fn transforms(model: &Model, frames: &mut Frames, at_ns: u64, q: &[f64; JOINTS_MAX]) -> FrameTransforms {
     model.forward(q, frames);
     let root = root(model);
     let transform = |child: &str, r: &Matrix3<f64>, t: [f64; 3]| FrameTransform {

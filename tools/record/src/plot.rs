@@ -3,16 +3,15 @@
 use crate::error::RecordError;
 use crate::trace::{Row, Trace};
 use canvas::{Area, Drawn, INK, text};
-use messages::{JOINTS, Mode};
+use messages::Mode;
 use plotters::prelude::*;
 use robot::Model;
 use std::path::Path;
 
-/// Number of panels across and down: 17 joints, clearance, latency, and the legend.
+/// Number of panels across.
 const ACROSS: usize = 4;
-const DOWN: usize = 5;
-/// Size of the picture, points of the canvas.
-const SIZE: (u32, u32) = (3360, 2800);
+/// Size of a panel, points of the canvas.
+const PANEL: (u32, u32) = (840, 560);
 /// Font height, points.
 const LETTERS: u32 = 32;
 
@@ -50,14 +49,17 @@ pub fn plot(path: &Path, trace: &Trace, model: &Model, title: &str) -> Result<()
     if trace.rows().len() < 2 {
         return Err(refuse("fewer than two states, so there is nothing to draw".to_owned()));
     }
-    canvas::save(path, SIZE, |area| draw(area, trace.rows(), model, title)).map_err(refuse)
+    // A panel for each joint, and for clearance, latency and the legend.
+    let down = (model.count + 3).div_ceil(ACROSS) as u32;
+    canvas::save(path, (ACROSS as u32 * PANEL.0, down * PANEL.1), |area| draw(area, trace.rows(), model, title))
+        .map_err(refuse)
 }
 
 fn draw(area: &Area<'_>, rows: &[Row], model: &Model, title: &str) -> Drawn {
     let (head, body) = area.split_vertically(68);
     head.draw(&Text::new(title, (32, 16), text(LETTERS)))?;
-    let panels = body.split_evenly((DOWN, ACROSS));
-    for (j, panel) in panels.iter().enumerate().take(JOINTS) {
+    let panels = body.split_evenly(((model.count + 3).div_ceil(ACROSS), ACROSS));
+    for (j, panel) in panels.iter().enumerate().take(model.count) {
         let limits = (model.limits[j].q_min, model.limits[j].q_max);
         let unit = if model.prismatic[j] { "m" } else { "rad" };
         let name = format!("{}, {unit}", model.joint_names[j]);
@@ -74,11 +76,11 @@ fn draw(area: &Area<'_>, rows: &[Row], model: &Model, title: &str) -> Drawn {
     let clearance = |row: &Row| row.clearance_mm;
     let bound = model.d_min_m * 1e3;
     let lines = [Line { colour: COMMAND, width: 4, value: &clearance }];
-    chart(&panels[JOINTS], rows, "clearance of the command, mm", (0.0, highest(&clearance)), &lines, &[bound])?;
+    chart(&panels[model.count], rows, "clearance of the command, mm", (0.0, highest(&clearance)), &lines, &[bound])?;
     let latency = |row: &Row| row.latency_ms;
     let lines = [Line { colour: COMMAND, width: 0, value: &latency }];
-    chart(&panels[JOINTS + 1], rows, "person seen to executed, ms", (0.0, highest(&latency)), &lines, &[])?;
-    legend(&panels[JOINTS + 2])
+    chart(&panels[model.count + 1], rows, "person seen to executed, ms", (0.0, highest(&latency)), &lines, &[])?;
+    legend(&panels[model.count + 2])
 }
 
 fn chart(

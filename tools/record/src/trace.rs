@@ -1,7 +1,7 @@
 //! Samples a run at a few hundred instants a minute, in bounded memory. Pictures and summaries are made from
 //! it.
 
-use messages::{JOINTS, JointCommand, JointTarget, RobotState, Status};
+use messages::{JOINTS_MAX, JointCommand, JointTarget, RobotState, Status};
 use world::Moment;
 
 /// Largest number of instants. If there are more, every second one is dropped.
@@ -15,11 +15,11 @@ pub struct Row {
     /// Time in the file, s from its first state.
     pub at_s: f64,
     /// Measured joint positions.
-    pub measured: [f64; JOINTS],
+    pub measured: [f64; JOINTS_MAX],
     /// Positions of the newest command.
-    pub command: Option<[f64; JOINTS]>,
+    pub command: Option<[f64; JOINTS_MAX]>,
     /// Positions of the newest target, and the mask of its joints. Joints without a target are left out.
-    pub target: Option<([f64; JOINTS], u32)>,
+    pub target: Option<([f64; JOINTS_MAX], u32)>,
     /// Smallest clearance at the command, mm.
     pub clearance_mm: Option<f64>,
     /// Time from seeing the person to executing the first command for that frame, ms. None without a person.
@@ -35,8 +35,8 @@ pub struct Trace {
     begin_ns: Option<u64>,
     period_ns: u64,
     next_ns: u64,
-    command: Option<[f64; JOINTS]>,
-    target: Option<([f64; JOINTS], u32)>,
+    command: Option<[f64; JOINTS_MAX]>,
+    target: Option<([f64; JOINTS_MAX], u32)>,
     status: Option<(f64, u32)>,
     /// Origin that was executed last, and its age when it was first executed, ms.
     origin: u64,

@@ -4,7 +4,7 @@ use crate::Cli;
 use client::PlayOptions;
 use config::Overrides;
 use indicatif::{ProgressBar, ProgressStyle};
-use messages::{JOINTS, TICK_HZ};
+use messages::TICK_HZ;
 use motion::Motion;
 use record::{OfflineRecording, Trace};
 use robot::Model;
@@ -137,7 +137,7 @@ fn write_summary(out: &Path, motion: &Motion, report: &OfflineReport) -> Result<
 }
 
 /// Header of the CSV: `t_s`, one column per joint of the command, then one per joint of the target.
-fn header(joint_names: &[String; JOINTS]) -> String {
+fn header(joint_names: &[String]) -> String {
     let mut header = String::from("t_s");
     for prefix in ["", "target."] {
         for name in joint_names {

@@ -3,7 +3,7 @@
 
 use crate::modes::{Broken, moves};
 use crate::oracle::Seen;
-use messages::{Fault, Faults, JOINTS, Mode, RobotState, TICK_HZ, TICK_S};
+use messages::{Fault, Faults, JOINTS_MAX, Mode, RobotState, TICK_HZ, TICK_S};
 
 /// Largest distance of a revolute joint from its setpoint, rad, and for how many ticks. The known lag of its
 /// servo comes on top. The bounds of the simulated robot are 0.049 at once and 0.035 for 100 ms. A message and
@@ -40,13 +40,13 @@ struct Still {
 /// State of the judge.
 #[derive(Clone, Default)]
 pub struct Feedback {
-    away: [[u64; 2]; JOINTS],
-    good: Option<([f64; JOINTS], u64)>,
+    away: [[u64; 2]; JOINTS_MAX],
+    good: Option<([f64; JOINTS_MAX], u64)>,
     jumped: u32,
     /// True if the mode of the previous tick permitted motion.
     moved: bool,
     /// State of each joint at the last change of its measurement.
-    still: [Still; JOINTS],
+    still: [Still; JOINTS_MAX],
     sagged: u32,
     /// True if an encoder was wrong since the robot lost power.
     lied: bool,
@@ -78,7 +78,7 @@ impl Feedback {
     fn follows(&mut self, seen: &Seen<'_>, mode: Mode) -> Result<(), Broken> {
         let Some(robot) = &seen.moment.robot else { return Ok(()) };
         let judged = moves(mode) && !seen.encoders_lie && !seen.undriven && seen.moment.control.is_some();
-        for j in 0..JOINTS {
+        for j in 0..seen.robot.count {
             let away = (robot.q[j] - seen.servo_lag_s * robot.v[j] - seen.truth[j]).abs();
             let bounds = if seen.robot.prismatic[j] { AWAY_M } else { AWAY_RAD };
             for (n, (bound, ticks)) in bounds.into_iter().enumerate() {
@@ -107,13 +107,13 @@ impl Feedback {
             let held = if (truth - nearest).abs() <= NUDGED { nearest } else { truth };
             (robot.q[j] - held).abs().min((robot.q[j] - truth).abs())
         };
-        let worst = (0..JOINTS).max_by(|&a, &b| off(a).total_cmp(&off(b))).unwrap_or(0);
+        let worst = (0..seen.robot.count).max_by(|&a, &b| off(a).total_cmp(&off(b))).unwrap_or(0);
         let judged = seen.unpowered && !seen.encoders_lie;
         self.lied = seen.unpowered && (self.lied || seen.encoders_lie);
         self.sagged = if judged && off(worst) > SAGGED { self.sagged + 1 } else { 0 };
         // A posture is accepted as a whole, so the slowest joint decides.
         let back_ticks =
-            (0..JOINTS).map(|j| off(j) / (FALLS * seen.robot.limits[j].v_max * TICK_S)).fold(0.0, f64::max);
+            (0..seen.robot.count).map(|j| off(j) / (FALLS * seen.robot.limits[j].v_max * TICK_S)).fold(0.0, f64::max);
         let allowed = SAGGED_TICKS + if self.lied { back_ticks.ceil() as u32 } else { 0 };
         if self.sagged > allowed {
             return Err(("without power", format!("joint {worst} is {} from its holding position", off(worst))));
@@ -132,7 +132,7 @@ impl Feedback {
         let told = status.is_some_and(|faults| faults.has(Fault::FeedbackInvalid));
         let dt = k.saturating_sub(good_k).max(1) as f64 * TICK_S;
         let off = |j: usize| (q[j] - good[j]).abs() > 3.0 * seen.robot.limits[j].v_max * dt + JUMP;
-        let Some(j) = (0..JOINTS).find(|&j| off(j)).filter(|_| !told) else {
+        let Some(j) = (0..seen.robot.count).find(|&j| off(j)).filter(|_| !told) else {
             (self.good, self.jumped) = (Some((q, k)), 0);
             return Ok(());
         };
@@ -146,7 +146,7 @@ impl Feedback {
     /// A measurement that freezes while its joint is sent on and moves stops the robot.
     fn stands(&mut self, seen: &Seen<'_>, state: &RobotState, mode: Mode) -> Result<(), Broken> {
         let k = index(state);
-        for j in 0..JOINTS {
+        for j in 0..seen.robot.count {
             let now = Still { measured: state.q_measured[j], told: state.q[j], truth: seen.truth[j], k };
             let then = self.still[j];
             let went = (now.told - then.told).abs().min((now.truth - then.truth).abs());

@@ -3,7 +3,7 @@
 
 use crate::modes::{Broken, moves};
 use crate::oracle::Seen;
-use messages::{Fault, Faults, JOINTS, Mode, TICK_HZ, TICK_S, Transition};
+use messages::{Fault, Faults, JOINTS_MAX, Mode, TICK_HZ, TICK_S, Transition};
 use std::collections::VecDeque;
 
 /// Ticks over which a speed is measured: 20 ms, as in SAFETY.md.
@@ -44,18 +44,18 @@ const COMMAND_REST: f64 = 1e-7;
 #[derive(Clone, Default)]
 pub struct Movement {
     /// True positions of the joints, newest last.
-    truths: VecDeque<[f64; JOINTS]>,
+    truths: VecDeque<[f64; JOINTS_MAX]>,
     /// True less commanded positions of successive ticks that control saw. Then the squares of their speeds,
     /// and the sum of these.
-    off: VecDeque<[f64; JOINTS]>,
-    squares: VecDeque<[f64; JOINTS]>,
-    sum: [f64; JOINTS],
+    off: VecDeque<[f64; JOINTS_MAX]>,
+    squares: VecDeque<[f64; JOINTS_MAX]>,
+    sum: [f64; JOINTS_MAX],
     /// Ticks of three conditions. `fast`: the mean is too large. `restless`: the command is at rest and the
     /// robot is not. `far`: a joint is far from its place.
     fast: u64,
     restless: u64,
     far: u64,
-    place: Option<[f64; JOINTS]>,
+    place: Option<[f64; JOINTS_MAX]>,
     /// Ticks since an encoder was wrong, since a process restarted, and since the loss of standstill was
     /// reported.
     honest: u64,
@@ -100,13 +100,13 @@ impl Movement {
     fn forget(&mut self) {
         self.off.clear();
         self.squares.clear();
-        (self.sum, self.place) = ([0.0; JOINTS], None);
+        (self.sum, self.place) = ([0.0; JOINTS_MAX], None);
         (self.fast, self.restless, self.far) = (0, 0, 0);
     }
 
     /// Returns the joint that moved more than this range, rad, within the last ticks, and its range.
     fn moved(&self, seen: &Seen<'_>, ticks: usize, range_rad: f64) -> Option<(usize, f64)> {
-        let ranges = (0..JOINTS).map(|j| {
+        let ranges = (0..seen.robot.count).map(|j| {
             let last = self.truths.iter().rev().take(ticks).map(|truth| truth[j]);
             let (low, high) = last.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), q| (l.min(q), h.max(q)));
             high - low
@@ -135,7 +135,7 @@ impl Movement {
     }
 
     /// A joint that truly moves unlike its command for long enough is not moved on.
-    fn speed(&mut self, seen: &Seen<'_>, sent: &[f64; JOINTS], mode: Mode) -> Result<(), Broken> {
+    fn speed(&mut self, seen: &Seen<'_>, sent: &[f64; JOINTS_MAX], mode: Mode) -> Result<(), Broken> {
         self.off.push_back(std::array::from_fn(|j| seen.truth[j] - sent[j]));
         if self.off.len() <= SPEED_TICKS {
             return Ok(());
@@ -151,7 +151,7 @@ impl Movement {
             *sum += square[j] - old.map_or(0.0, |old| old[j]);
         }
         let share = |j: usize| (self.sum[j].max(0.0) / MEAN_TICKS as f64).sqrt() / seen.robot.limits[j].v_max;
-        let worst = (0..JOINTS).find(|&j| share(j) > SPEED_SHARE).filter(|_| moves(mode));
+        let worst = (0..seen.robot.count).find(|&j| share(j) > SPEED_SHARE).filter(|_| moves(mode));
         self.fast = if worst.is_some() { self.fast + 1 } else { 0 };
         match worst.filter(|_| self.fast > LATE) {
             Some(j) => Err((
@@ -172,7 +172,7 @@ impl Movement {
             self.place = Some(seen.truth);
         }
         let place = self.place.unwrap_or(seen.truth);
-        let far = (0..JOINTS).find(|&j| (seen.truth[j] - place[j]).abs() > seen.scale(j) * FAR_RAD);
+        let far = (0..seen.robot.count).find(|&j| (seen.truth[j] - place[j]).abs() > seen.scale(j) * FAR_RAD);
         self.far = if far.is_some() { self.far + 1 } else { 0 };
         if mode == Mode::Faulted {
             // The fault is reported. The new place is where the joint stands after the reset.

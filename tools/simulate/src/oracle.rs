@@ -13,7 +13,7 @@ use crate::movement::Movement;
 use crate::person_judge::PersonJudge;
 use crate::rules::Rules;
 use crate::true_motion::TrueMotion;
-use messages::{JOINTS, Mode, RawSkeleton, RobotState, Skeleton, TICK_HZ, TICK_S};
+use messages::{JOINTS_MAX, Mode, RawSkeleton, RobotState, Skeleton, TICK_HZ, TICK_S};
 use robot::{JointLimits, Model};
 use safety::engage::OperatorView;
 use sim::{Report, ViolationKind};
@@ -97,7 +97,7 @@ pub struct Seen<'a> {
     /// Commands that the driver refused since it started, by reason.
     pub refused: [u64; driver::Refusal::COUNT],
     /// True positions of the joints.
-    pub truth: [f64; JOINTS],
+    pub truth: [f64; JOINTS_MAX],
     /// Frames that clients sent in this tick.
     pub sent: &'a [RawSkeleton],
     /// Frames that `ingest` passed on, except the last.
@@ -126,14 +126,14 @@ impl Seen<'_> {
 /// State of the oracle.
 #[derive(Clone)]
 pub struct Oracle {
-    limits: [JointLimits; JOINTS],
+    limits: [JointLimits; JOINTS_MAX],
     /// Executed positions of the last successive indices, newest last.
-    window: [[f64; JOINTS]; 4],
+    window: [[f64; JOINTS_MAX]; 4],
     filled: usize,
     index: Option<u64>,
     executed_k: u64,
     /// How far outside its limits the robot was at the start.
-    beyond: [[f64; 2]; JOINTS],
+    beyond: [[f64; 2]; JOINTS_MAX],
     checked: u64,
     /// Violations of the joints' true motion so far, including those of faulty robots.
     judged: TrueMotion,
@@ -141,7 +141,7 @@ pub struct Oracle {
     was: Mode,
     /// The last tick for which a motion was permitted.
     moving_k: u64,
-    rest: Option<[f64; JOINTS]>,
+    rest: Option<[f64; JOINTS_MAX]>,
     modes: Modes,
     inputs: Inputs,
     rules: Rules,
@@ -160,7 +160,7 @@ impl Oracle {
         let limits = &robot.limits;
         Self {
             limits: *limits,
-            window: [[0.0; JOINTS]; 4],
+            window: [[0.0; JOINTS_MAX]; 4],
             filled: 0,
             index: None,
             executed_k: 0,
@@ -264,7 +264,7 @@ impl Oracle {
         }
     }
 
-    fn positions(&mut self, q: &[f64; JOINTS]) -> Result<(), Broken> {
+    fn positions(&mut self, q: &[f64; JOINTS_MAX]) -> Result<(), Broken> {
         for (j, limits) in self.limits.iter().enumerate() {
             let [low, high] = &mut self.beyond[j];
             let inside = q[j] >= *low - ROUNDING_Q && q[j] <= *high + ROUNDING_Q;
@@ -277,7 +277,7 @@ impl Oracle {
         Ok(())
     }
 
-    fn differences(&mut self, advanced: u64, q: &[f64; JOINTS]) -> Result<(), Broken> {
+    fn differences(&mut self, advanced: u64, q: &[f64; JOINTS_MAX]) -> Result<(), Broken> {
         let last = self.window[3];
         if self.filled > 0 {
             let dt = advanced as f64 * TICK_S;
@@ -337,7 +337,7 @@ impl Oracle {
                 None => Ok(()),
             };
         };
-        match (0..JOINTS).find(|&j| (robot.q[j] - rest[j]).abs() > ROUNDING_Q) {
+        match (0..robot.robot.joint_count as usize).find(|&j| (robot.q[j] - rest[j]).abs() > ROUNDING_Q) {
             Some(j) => Err(("rest", format!("joint {j} left {} for {} without a permit", rest[j], robot.q[j]))),
             None => Ok(()),
         }

@@ -4,7 +4,7 @@
 
 use crate::modes::Broken;
 use crate::oracle::Seen;
-use messages::{JOINTS, Mode, Smpl, TICK_HZ};
+use messages::{JOINTS_MAX, Mode, Smpl, TICK_HZ};
 use nalgebra::{Matrix3, Vector3};
 
 /// Ticks of following before the first judgement (`SETTLED`) and between judgements (`JUDGED`). By then the
@@ -25,7 +25,7 @@ pub struct PersonJudge {
     person: Option<[Vector3<f64>; 4]>,
     count: u64,
     angles: [f64; 4],
-    behind: [f64; JOINTS],
+    behind: [f64; JOINTS_MAX],
 }
 
 impl PersonJudge {
@@ -36,7 +36,7 @@ impl PersonJudge {
         }
         self.following = if seen.quiet && mode == Mode::Engaged { self.following + 1 } else { 0 };
         if self.following <= SETTLED {
-            (self.count, self.angles, self.behind) = (0, [0.0; 4], [0.0; JOINTS]);
+            (self.count, self.angles, self.behind) = (0, [0.0; 4], [0.0; JOINTS_MAX]);
             return Ok(());
         }
         let (Some(robot), Some(target), Some(person)) = (&seen.moment.robot, &seen.moment.target, &self.person) else {
@@ -52,21 +52,21 @@ impl PersonJudge {
                 self.angles[2 * side + limb] += cos.clamp(-1.0, 1.0).acos();
             }
         }
-        for j in (0..JOINTS).filter(|&j| target.valid_mask & 1 << j != 0) {
+        for j in (0..seen.robot.count).filter(|&j| target.valid_mask & 1 << j != 0) {
             let limits = &seen.robot.limits[j];
             self.behind[j] += (target.q[j].clamp(limits.q_min, limits.q_max) - robot.q[j]).abs();
         }
-        if self.count >= JUDGED { self.judge(seen.calm) } else { Ok(()) }
+        if self.count >= JUDGED { self.judge(seen) } else { Ok(()) }
     }
 
-    fn judge(&mut self, calm: bool) -> Result<(), Broken> {
+    fn judge(&mut self, seen: &Seen<'_>) -> Result<(), Broken> {
         let mean = |sum: f64| sum / self.count as f64;
         let (angles, behind) = (self.angles.map(mean), self.behind.map(mean));
-        (self.count, self.angles, self.behind) = (0, [0.0; 4], [0.0; JOINTS]);
+        (self.count, self.angles, self.behind) = (0, [0.0; 4], [0.0; JOINTS_MAX]);
         if let Some(limb) = (0..4).find(|&limb| angles[limb] > ANGLE) {
             return Err(("likeness", format!("limb {limb} is {} rad from the person's on average", angles[limb])));
         }
-        match (0..JOINTS).find(|&j| calm && behind[j] > BEHIND) {
+        match (0..seen.robot.count).find(|&j| seen.calm && behind[j] > BEHIND) {
             Some(j) => Err(("likeness", format!("joint {j} is {} from its target on average", behind[j]))),
             None => Ok(()),
         }

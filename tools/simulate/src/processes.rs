@@ -2,7 +2,7 @@
 
 use crate::kinds::ProcessId;
 use driver::{Measured, Standstill};
-use messages::JOINTS;
+use messages::JOINTS_MAX;
 use world::Running;
 
 /// State of one process.
@@ -23,7 +23,7 @@ pub struct Processes {
     /// Detects whether the robot of a driver that is about to start stands still.
     standstill: Option<Standstill>,
     /// Posture into which a person moves the robot while its driver is dead.
-    pub moved_to: Option<[f64; JOINTS]>,
+    pub moved_to: Option<[f64; JOINTS_MAX]>,
 }
 
 /// Processes that are restarted in a tick, in the order of [`ProcessId`].

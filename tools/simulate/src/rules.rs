@@ -3,7 +3,7 @@
 use crate::modes::{Broken, follows, moves};
 use crate::oracle::{RESTING, Seen};
 use driver::Refusal;
-use messages::{JOINTS, JointCommand, JointTarget, Mode, RobotState, TICK_HZ, TICK_S, Transition, state_flag};
+use messages::{JointCommand, JointTarget, Mode, RobotState, TICK_HZ, TICK_S, Transition, state_flag};
 
 /// Rounding of a target's step, rad.
 const ROUNDING: f64 = 1e-6;
@@ -99,7 +99,7 @@ impl Rules {
                 let (q, limits) = (state.q_measured[j], &seen.robot.limits[j]);
                 q < limits.q_min - OUTSIDE || q > limits.q_max + OUTSIDE
             };
-            if let Some(j) = (0..JOINTS).find(|&j| outside(j)) {
+            if let Some(j) = (0..seen.robot.count).find(|&j| outside(j)) {
                 return Err(("starts outside", format!("joint {j} at {}", state.q_measured[j])));
             }
         }
@@ -115,7 +115,7 @@ impl Rules {
         };
         let dt = target.k.saturating_sub(before.k) as f64 * TICK_S;
         let both = target.valid_mask & before.valid_mask;
-        for j in (0..JOINTS).filter(|&j| both & 1 << j != 0) {
+        for j in (0..seen.robot.count).filter(|&j| both & 1 << j != 0) {
             let step = (target.q[j] - before.q[j]).abs();
             if (target.dq[j] * dt).abs() > step + ROUNDING {
                 return Err((

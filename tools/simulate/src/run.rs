@@ -12,7 +12,7 @@ use crate::schedule::{Episode, QUIET_TICKS};
 use crate::subject::Subject;
 use crate::tampered::{self, Memory, Tampering};
 use bus::FaultPlan;
-use messages::{JOINTS, Mode, RawSkeleton, Skeleton, TICK_HZ, Transition, tick_at};
+use messages::{Mode, RawSkeleton, Skeleton, TICK_HZ, Transition, tick_at};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use robot::JointLimits;
@@ -205,7 +205,11 @@ impl<'a> Run<'a> {
         let view = self.hand.tick(k, now, running.control, &mut self.faults);
         let [mut told, done] = view.unwrap_or_default();
         told.estop_edge &= !self.is_deaf();
-        let robot = tampered::Robot { limits: &self.subject.limits, close: &self.subject.close };
+        let robot = tampered::Robot {
+            model: &self.subject.config.control.model,
+            limits: &self.subject.limits,
+            close: &self.subject.close,
+        };
         let mut tampering = Tampering { faults: &mut self.faults, memory: &mut self.memory, robot };
         let moment = self.world.step_tampered(&self.subject.config, &told, running, &mut tampering);
         self.accepted.extend(moment.skeleton.as_ref().map(Person::of));
@@ -261,7 +265,8 @@ impl<'a> Run<'a> {
     /// Returns true if the person's posture is far from the robot's.
     fn is_elsewhere(&self, moment: &Moment) -> bool {
         let (Some(target), Some(robot)) = (&moment.target, &moment.robot) else { return false };
-        (0..JOINTS).any(|j| target.valid_mask & 1 << j != 0 && (target.q[j] - robot.q[j]).abs() > ELSEWHERE_RAD)
+        (0..self.subject.config.control.model.count)
+            .any(|j| target.valid_mask & 1 << j != 0 && (target.q[j] - robot.q[j]).abs() > ELSEWHERE_RAD)
     }
 
     /// Returns true if a fault of the robot that `is` accepts is in force.
@@ -331,10 +336,11 @@ impl<'a> Run<'a> {
             }
         }
         let robots = |fault| if let Fault::Robot(robot) = fault { Some(robot) } else { None };
+        let count = self.subject.config.control.model.count;
         let sim = self.world.sim_mut();
         faults.each(robots, |active, robot| {
             if robot == Robot::EncoderSpike && active.acts() {
-                let (joint, by) = (active.rng.random_range(0..JOINTS), active.rng.random_range(-0.5..0.5));
+                let (joint, by) = (active.rng.random_range(0..count), active.rng.random_range(-0.5..0.5));
                 sim.inject(Injection::EncoderSpike { joint, by });
                 return true;
             }
@@ -391,7 +397,13 @@ impl<'a> Run<'a> {
         self.world.sim_mut().repair();
         for active in self.faults.active.iter().filter(|a| matches!(a.fault, Fault::Robot(_))) {
             let limits = &self.subject.limits;
-            inject(self.world.sim_mut(), limits, active.fault, active.episode.param, active.strength);
+            inject(
+                self.world.sim_mut(),
+                &limits[..self.subject.config.control.model.count],
+                active.fault,
+                active.episode.param,
+                active.strength,
+            );
         }
         self.undriven_until = self.undriven_until.max(self.k + UNDRIVEN);
         self.injected = wanted;
@@ -403,10 +415,10 @@ impl<'a> Run<'a> {
     }
 }
 
-fn inject(sim: &mut sim::State, limits: &[JointLimits; JOINTS], fault: Fault, param: u64, strength: f64) {
+fn inject(sim: &mut sim::State, limits: &[JointLimits], fault: Fault, param: u64, strength: f64) {
     let Fault::Robot(robot) = fault else { return };
     let mut rng = Pcg64Mcg::seed_from_u64(param ^ 1);
-    let (joint, with) = (rng.random_range(0..JOINTS), rng.random_range(0..JOINTS));
+    let (joint, with) = (rng.random_range(0..limits.len()), rng.random_range(0..limits.len()));
     sim.inject(match robot {
         Robot::EncoderSpike => return,
         Robot::EncoderJump => Injection::EncoderJump { joint, by: strength - 0.5 },

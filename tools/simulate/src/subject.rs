@@ -3,7 +3,7 @@
 use crate::run::Run;
 use client::{PlayOptions, Player};
 use config::{ConfigError, Overrides};
-use messages::{JOINTS, Mode, TICK_HZ};
+use messages::{JOINTS_MAX, Mode, TICK_HZ};
 use motion::CalibrationMode;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
@@ -32,15 +32,15 @@ pub struct Subject {
     /// Hash of the settings. The daemon and the recordings use the same one.
     pub hash: u64,
     /// Limits of the robot's joints.
-    pub limits: [JointLimits; JOINTS],
+    pub limits: [JointLimits; JOINTS_MAX],
     /// Home posture.
-    pub home: [f64; JOINTS],
+    pub home: [f64; JOINTS_MAX],
     /// The person's motion.
     pub player: Player,
     /// Postures slightly outside the limits.
-    pub outside: Vec<[f64; JOINTS]>,
+    pub outside: Vec<[f64; JOINTS_MAX]>,
     /// Postures slightly too close to self-collision.
-    pub close: Vec<[f64; JOINTS]>,
+    pub close: Vec<[f64; JOINTS_MAX]>,
 }
 
 impl Subject {
@@ -77,12 +77,12 @@ impl Subject {
     }
 }
 
-fn outside(model: &Model) -> Vec<[f64; JOINTS]> {
+fn outside(model: &Model) -> Vec<[f64; JOINTS_MAX]> {
     let mut rng = Pcg64Mcg::seed_from_u64(43);
     (0..POSTURES)
         .map(|_| {
             let mut q = model.home;
-            let joint = rng.random_range(0..JOINTS);
+            let joint = rng.random_range(0..model.count);
             let (limits, stops) = (&model.limits[joint], &model.urdf_limits[joint]);
             let by = OUTSIDE * if model.prismatic[joint] { 0.1 } else { 1.0 };
             q[joint] = if rng.random() { limits.q_max + by } else { limits.q_min - by };
@@ -93,18 +93,18 @@ fn outside(model: &Model) -> Vec<[f64; JOINTS]> {
 }
 
 /// Moves from home towards random postures until the measured clearance is slightly less than a start needs.
-fn close(model: &Model) -> Vec<[f64; JOINTS]> {
+fn close(model: &Model) -> Vec<[f64; JOINTS_MAX]> {
     let mut rng = Pcg64Mcg::seed_from_u64(44);
     let mut frames = Frames::default();
     let wanted = model.d_measured_min_m - CLOSER_M;
-    let mut clearance = |q: &[f64; JOINTS]| monitor::measured_clearance(model, &mut frames, q).distance_m;
+    let mut clearance = |q: &[f64; JOINTS_MAX]| monitor::measured_clearance(model, &mut frames, q).distance_m;
     let mut found = Vec::new();
     for _ in 0..100_000 {
-        let to: [f64; JOINTS] = std::array::from_fn(|j| {
+        let to: [f64; JOINTS_MAX] = std::array::from_fn(|j| {
             let limits = &model.limits[j];
-            rng.random_range(limits.q_min..=limits.q_max)
+            if j < model.count { rng.random_range(limits.q_min..=limits.q_max) } else { 0.0 }
         });
-        let at = |s: f64| -> [f64; JOINTS] { std::array::from_fn(|j| model.home[j] + s * (to[j] - model.home[j])) };
+        let at = |s: f64| -> [f64; JOINTS_MAX] { std::array::from_fn(|j| model.home[j] + s * (to[j] - model.home[j])) };
         let (mut low, mut high) = (0.0, 1.0);
         if clearance(&at(low)) <= wanted || clearance(&at(high)) >= wanted {
             continue;

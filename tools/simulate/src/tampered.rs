@@ -2,11 +2,9 @@
 
 use crate::active::{Active, Faults};
 use crate::kinds::{Content, Fault};
-use messages::{
-    ALL_JOINTS, JOINTS, JointCommand, JointTarget, LEFT_ARM, RIGHT_ARM, RobotState, Skeleton, TICK_HZ, TORSO,
-};
+use messages::{ALL_JOINTS, ARM_JOINTS, JOINTS_MAX, JointCommand, JointTarget, RobotState, Skeleton, TICK_HZ};
 use rand::{Rng, RngExt};
-use robot::JointLimits;
+use robot::{JointLimits, Model};
 use world::Tamper;
 
 /// Number of past commands that are kept: 20 ms.
@@ -31,13 +29,15 @@ pub struct Tampering<'a> {
     pub robot: Robot<'a>,
 }
 
-/// Limits, and postures that are too close to self-collision.
+/// The robot, and postures of it that are too close to self-collision.
 #[derive(Clone, Copy)]
 pub struct Robot<'a> {
+    /// The robot.
+    pub model: &'a Model,
     /// Limits of the joints.
-    pub limits: &'a [JointLimits; JOINTS],
+    pub limits: &'a [JointLimits; JOINTS_MAX],
     /// At least one such posture.
-    pub close: &'a [[f64; JOINTS]],
+    pub close: &'a [[f64; JOINTS_MAX]],
 }
 
 fn as_content(fault: Fault) -> Option<Content> {
@@ -121,6 +121,7 @@ impl Tamper for Tampering<'_> {
 
     fn state(&mut self, state: &mut RobotState) -> bool {
         let before = self.memory.state.replace(*state);
+        let model = self.robot.model;
         let (mut sent, mut frozen) = (true, None);
         self.faults.each(as_content, |active, content| match content {
             Content::StateSilent => {
@@ -128,14 +129,15 @@ impl Tamper for Tampering<'_> {
                 true
             }
             Content::StateNan => {
-                let joint = active.rng.random_range(0..JOINTS);
+                let joint = active.rng.random_range(0..model.count);
                 let value = [f64::NAN, f64::INFINITY, f64::NEG_INFINITY][active.rng.random_range(0..3)];
                 state.q_measured[joint] = value;
                 true
             }
             Content::StateSwapped => {
-                let joint = (active.episode.param % 7) as usize;
-                state.q_measured.swap(LEFT_ARM.start + joint, RIGHT_ARM.start + (joint + 1) % 7);
+                let joint = (active.episode.param % ARM_JOINTS as u64) as usize;
+                let [left, right] = model.arms.each_ref().map(|arm| arm.joints);
+                state.q_measured.swap(left[joint], right[(joint + 1) % ARM_JOINTS]);
                 true
             }
             Content::StateFrozen => {
@@ -161,7 +163,7 @@ fn unit(active: &mut Active) -> [f32; 4] {
 /// Alters a target. Returns false if this kind does not concern targets, or leaves this one alone.
 fn alter(active: &mut Active, content: Content, target: &mut JointTarget, robot: &Robot<'_>) -> bool {
     let limits = robot.limits;
-    let joint = active.rng.random_range(0..JOINTS);
+    let joint = active.rng.random_range(0..robot.model.count);
     match content {
         Content::TargetNan => target.q[joint] = f64::NAN,
         Content::TargetInfinite => target.dq[joint] = f64::INFINITY,
@@ -181,17 +183,21 @@ fn alter(active: &mut Active, content: Content, target: &mut JointTarget, robot:
         }
         Content::TargetFast => {
             let sign = if active.age.is_multiple_of(2) { 1.0 } else { -1.0 };
-            target.dq = [50.0 * sign; JOINTS];
+            target.dq = [50.0 * sign; JOINTS_MAX];
             target.q.iter_mut().for_each(|q| *q += sign);
         }
         Content::TargetPosture => posture(active, target, robot),
         Content::TargetTorso => {
             let up = (active.age / 450).is_multiple_of(2);
-            target.q[TORSO] = if up { limits[TORSO].q_max } else { limits[TORSO].q_min };
-            target.valid_mask |= 1 << TORSO;
+            // A robot without a lift is asked to move its first joint.
+            let torso = robot.model.lift.unwrap_or(0);
+            target.q[torso] = if up { limits[torso].q_max } else { limits[torso].q_min };
+            target.valid_mask |= 1 << torso;
         }
         Content::TargetBits => {
-            target.q.iter_mut().chain(&mut target.dq).for_each(|x| *x = f64::from_bits(active.rng.next_u64()));
+            let count = robot.model.count;
+            let both = target.q.iter_mut().take(count).chain(target.dq.iter_mut().take(count));
+            both.for_each(|x| *x = f64::from_bits(active.rng.next_u64()));
             target.valid_mask = active.rng.next_u32();
         }
         Content::TargetFlips if active.acts() => flip(active, target, joint),
@@ -204,7 +210,7 @@ fn alter(active: &mut Active, content: Content, target: &mut JointTarget, robot:
 /// one that is too close to self-collision.
 fn posture(active: &mut Active, target: &mut JointTarget, robot: &Robot<'_>) {
     let (limits, param) = (robot.limits, active.episode.param);
-    target.dq = [0.0; JOINTS];
+    target.dq = [0.0; JOINTS_MAX];
     if !param.is_multiple_of(2) {
         // The move takes one second, so that it is not a jump. A jump would make the robot slow.
         let share = (active.age as f64 / TICK_HZ as f64).min(1.0);
@@ -215,7 +221,9 @@ fn posture(active: &mut Active, target: &mut JointTarget, robot: &Robot<'_>) {
     }
     let part = param ^ (active.age / 450) << 32;
     let mut rng = <rand_pcg::Pcg64Mcg as rand::SeedableRng>::seed_from_u64(part);
-    target.q = limits.map(|limits| rng.random_range(limits.q_min..=limits.q_max));
+    for (q, limits) in target.q.iter_mut().zip(limits).take(robot.model.count) {
+        *q = rng.random_range(limits.q_min..=limits.q_max);
+    }
 }
 
 /// Flips one to three bits anywhere in the fields that control reads.

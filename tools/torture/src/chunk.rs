@@ -8,7 +8,7 @@ use crate::stop_times;
 use control::{Continue, Stream};
 use driver::{Motion, Refusal};
 use judge::Attacker;
-use messages::{Header, JOINTS, JointCommand, Layout, Mode, RobotState, TICK_S, deadline, state_flag};
+use messages::{Header, JOINTS_MAX, JointCommand, Layout, Mode, RobotState, TICK_S, deadline, state_flag};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use robot::Frames;
@@ -96,7 +96,7 @@ struct Part<'a> {
     /// True if the robot stopped by itself and rests closer than a start allows. The operator then recovers it.
     recovers: bool,
     frames: Frames,
-    last_q: [f64; JOINTS],
+    last_q: [f64; JOINTS_MAX],
     figures: Figures,
 }
 
@@ -201,7 +201,7 @@ impl<'a> Part<'a> {
         let model = &self.subject.model;
         if self.recovers {
             self.recovers = !monitor::clear_to_start(model, &mut self.frames, &self.echo.q);
-        } else if self.is_own_motion() && self.echo.v == [0.0; JOINTS] {
+        } else if self.is_own_motion() && self.echo.v == [0.0; JOINTS_MAX] {
             let clearance = monitor::measured_clearance(model, &mut self.frames, &self.echo.q);
             self.recovers = !clearance.is_at_least(model.d_min_m - TOLERANCE_CLEARANCE_M);
             self.figures.recoveries += u64::from(self.recovers);
@@ -297,7 +297,7 @@ impl<'a> Part<'a> {
             self.figures.refusals += 1;
             self.figures.refused_for.note(format!("{refusal:?}"), || format!("part {}, tick {k}", self.part));
         }
-        for j in (0..JOINTS).filter(|&j| !self.subject.model.prismatic[j]) {
+        for j in (0..self.subject.model.count).filter(|&j| !self.subject.model.prismatic[j]) {
             self.figures.travelled_rad += (out.state.q[j] - self.last_q[j]).abs();
         }
         self.last_q = out.state.q;
@@ -305,7 +305,7 @@ impl<'a> Part<'a> {
 
     /// Times the stop that begins with the end of a permit, from the last executed state before it to exact
     /// rest. A suspended driver shows no rest, so that time is not counted.
-    fn watch(&mut self, k: u64, asleep: bool, v_before: &[f64; JOINTS]) {
+    fn watch(&mut self, k: u64, asleep: bool, v_before: &[f64; JOINTS_MAX]) {
         if asleep || !matches!(self.permit(), Permit::Stop) {
             self.watched = None;
             return;

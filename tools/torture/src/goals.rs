@@ -4,7 +4,7 @@ use crate::figures::Goals;
 use crate::parallel::derived_seed;
 use crate::stages::{Stages, Subject};
 use driver::Motion;
-use messages::{ALL_JOINTS, JOINTS, TICK_HZ, TORSO, deadline};
+use messages::{ALL_JOINTS, JOINTS_MAX, TICK_HZ, deadline};
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
 use safety::engage::Permit;
@@ -23,8 +23,8 @@ pub fn run(subject: &Subject, seed: u64, part: u64, goals: u64) -> Goals {
     let (mut k, mut out) = (TICK_HZ, Goals::default());
     while out.goals < goals {
         let mut q = subject.robot.posture(&mut rng);
-        // The lift is too slow to cross its whole range in 8 s. The head does not matter here.
-        q[TORSO..3].copy_from_slice(&model.home[TORSO..3]);
+        // A lift is too slow to cross its whole range in 8 s. The body does not matter here.
+        q[..model.body_count].copy_from_slice(&model.home[..model.body_count]);
         if !wbc::certify_rest(&subject.wbc, &q).0 {
             continue;
         }
@@ -35,8 +35,8 @@ pub fn run(subject: &Subject, seed: u64, part: u64, goals: u64) -> Goals {
     out
 }
 
-fn go(stages: &mut Stages<'_>, k: &mut u64, q: &[f64; JOINTS]) -> bool {
-    let target = wbc::Target { q, dq: &[0.0; JOINTS], ddq: &[0.0; JOINTS], valid_mask: ALL_JOINTS };
+fn go(stages: &mut Stages<'_>, k: &mut u64, q: &[f64; JOINTS_MAX]) -> bool {
+    let target = wbc::Target { q, dq: &[0.0; JOINTS_MAX], ddq: &[0.0; JOINTS_MAX], valid_mask: ALL_JOINTS };
     (0..PATIENCE).any(|_| {
         *k += 1;
         let (out, _) = stages.tick(*k, deadline(*k), Some(target), Permit::Follow { speed_scale: 1.0 });

@@ -7,7 +7,7 @@ use crate::machine::Machine;
 use crate::motions::Played;
 use crate::stop_times::{JointWorst, StopTimes, joint_bound_s};
 use judge::Attack;
-use messages::{JOINTS, TICK_HZ};
+use messages::TICK_HZ;
 use robot::Model;
 use rt::Failure;
 use serde_json::{Map, Value, json};
@@ -210,7 +210,7 @@ fn attack_line(attack: Attack, of: &AttackFigures) -> String {
 }
 
 /// Formats stop times as JSON.
-pub fn stop_times_json(times: &StopTimes, bounds: &[Bounds; JOINTS], model: &Model, seed: u64) -> Value {
+pub fn stop_times_json(times: &StopTimes, bounds: &[Bounds], model: &Model, seed: u64) -> Value {
     let row = |((name, of), bounds): ((&String, &JointWorst), &Bounds)| {
         let value = json!({
             "worst_ms": of.stop_s * 1e3,
@@ -236,7 +236,7 @@ pub fn stop_times_json(times: &StopTimes, bounds: &[Bounds; JOINTS], model: &Mod
 }
 
 /// Formats stop times as text.
-pub fn stop_times_words(times: &StopTimes, bounds: &[Bounds; JOINTS], model: &Model) -> String {
+pub fn stop_times_words(times: &StopTimes, bounds: &[Bounds], model: &Model) -> String {
     let mut lines = vec![format!("{:22} {:>9} {:>9}   at v, a", "joint", "worst ms", "bound ms")];
     for ((name, of), bounds) in model.joint_names.iter().zip(&times.joints).zip(bounds) {
         let (worst, bound) = (of.stop_s * 1e3, joint_bound_s(bounds) * 1e3);

@@ -6,7 +6,7 @@ use config::{Loaded, Overrides, RobotInterface};
 use control::{Commanded, Commander};
 use driver::Motion;
 use judge::Attacker;
-use messages::{JOINTS, Stamp};
+use messages::{JOINTS_MAX, Stamp};
 use robot::{Model, Payload};
 use rt::{Exit, Failure};
 use safety::engage::Permit;
@@ -100,7 +100,7 @@ impl Subject {
 /// Returns the attacker's target as whole-body control takes it.
 pub fn target<'a>(attacker: &'a Attacker<'_>) -> Option<wbc::Target<'a>> {
     let Attacker { q, dq, valid_mask, .. } = attacker;
-    valid_mask.map(|valid_mask| wbc::Target { q, dq, ddq: &[0.0; JOINTS], valid_mask })
+    valid_mask.map(|valid_mask| wbc::Target { q, dq, ddq: &[0.0; JOINTS_MAX], valid_mask })
 }
 
 /// Returns the attacker's permit as engagement gives it.
@@ -117,7 +117,7 @@ pub struct Stages<'a> {
 
 impl<'a> Stages<'a> {
     /// Creates both stages at rest at `q` (rad, m).
-    pub fn at_rest(subject: &'a Subject, q: [f64; JOINTS]) -> Self {
+    pub fn at_rest(subject: &'a Subject, q: [f64; JOINTS_MAX]) -> Self {
         Self { subject, commander: Commander::at_rest(&subject.wbc, q) }
     }
 

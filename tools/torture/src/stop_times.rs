@@ -25,7 +25,7 @@
 //! ```
 
 use crate::parallel::{derived_seed, in_parallel};
-use messages::{JOINTS, TICK_S};
+use messages::{JOINTS_MAX, TICK_S};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use wbc::interval::Bounds;
@@ -54,8 +54,8 @@ pub fn joint_bound_at_s(bounds: &Bounds, v: f64) -> f64 {
 }
 
 /// B(v): longest time from the end of a permit to exact rest, s, for joint velocities `v` (rad/s or m/s).
-pub fn stop_bound_s(bounds: &[Bounds; JOINTS], v: &[f64; JOINTS]) -> f64 {
-    let longest = (0..JOINTS).map(|j| joint_bound_at_s(&bounds[j], v[j])).fold(0.0, f64::max);
+pub fn stop_bound_s(bounds: &[Bounds], v: &[f64; JOINTS_MAX]) -> f64 {
+    let longest = (0..bounds.len()).map(|j| joint_bound_at_s(&bounds[j], v[j])).fold(0.0, f64::max);
     longest + reaction_s()
 }
 
@@ -82,11 +82,11 @@ pub struct JointWorst {
 /// Measurements of all joints.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct StopTimes {
-    /// Number of states of all 17 joints, without the corners.
+    /// Number of states of all joints, without the corners.
     pub states: u64,
     /// Measurements by joint.
-    pub joints: [JointWorst; JOINTS],
-    /// Largest ratio of the longest of a state's 17 stops to max_j D_j(v_j).
+    pub joints: [JointWorst; JOINTS_MAX],
+    /// Largest ratio of the longest of a state's stops to max_j D_j(v_j).
     pub share_of_bound: f64,
 }
 
@@ -101,7 +101,7 @@ impl StopTimes {
         self.joints.iter().map(|joint| joint.stop_s).fold(0.0, f64::max)
     }
 
-    fn note(&mut self, bounds: &[Bounds; JOINTS], j: usize, x: JointState) -> f64 {
+    fn note(&mut self, bounds: &[Bounds], j: usize, x: JointState) -> f64 {
         let stop_s = JointStop::new(x.v, x.a, bounds[j].a_max, bounds[j].j_max).total_s();
         let (bound, bound_at) = (joint_bound_s(&bounds[j]), joint_bound_at_s(&bounds[j], x.v));
         let worst = &mut self.joints[j];
@@ -129,7 +129,7 @@ impl StopTimes {
 }
 
 /// Measures `states` random states and the corners of every joint.
-pub fn run(bounds: &[Bounds; JOINTS], states: u64, seed: u64, threads: usize) -> StopTimes {
+pub fn run(bounds: &[Bounds], states: u64, seed: u64, threads: usize) -> StopTimes {
     let parts = states.div_ceil(PART_STATES) as usize;
     let measured = in_parallel(threads, parts, |part| {
         let count = PART_STATES.min(states - part as u64 * PART_STATES);
@@ -140,12 +140,12 @@ pub fn run(bounds: &[Bounds; JOINTS], states: u64, seed: u64, threads: usize) ->
     all
 }
 
-fn random(bounds: &[Bounds; JOINTS], states: u64, seed: u64) -> StopTimes {
+fn random(bounds: &[Bounds], states: u64, seed: u64) -> StopTimes {
     let mut rng = Pcg64::seed_from_u64(seed);
     let mut out = StopTimes { states, ..StopTimes::default() };
     for _ in 0..states {
         let (mut longest, mut bound) = (0.0_f64, 0.0_f64);
-        for j in 0..JOINTS {
+        for j in 0..bounds.len() {
             let Some(x) = admitted(&bounds[j], &mut rng) else { continue };
             longest = longest.max(out.note(bounds, j, x));
             bound = bound.max(joint_bound_at_s(&bounds[j], x.v));
@@ -171,7 +171,7 @@ fn admitted(b: &Bounds, rng: &mut Pcg64) -> Option<JointState> {
 
 /// Measures the corners of velocity and acceleration that planning admits somewhere in the range. The longest
 /// stop begins at full acceleration, just without exceeding the largest speed.
-fn corners(bounds: &[Bounds; JOINTS]) -> StopTimes {
+fn corners(bounds: &[Bounds]) -> StopTimes {
     // Slightly inside the bounds, because planning compares exactly.
     const INSIDE: f64 = 1.0 - 1e-12;
     let mut out = StopTimes::default();

@@ -3,7 +3,7 @@
 
 use driver::Motion;
 use judge::{Attacker, Meshes};
-use messages::{JOINTS, deadline};
+use messages::{JOINTS_MAX, deadline};
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
 use std::path::Path;
@@ -15,7 +15,7 @@ const TICKS: u64 = 30_000;
 const EVERY: u64 = 45;
 
 /// Returns the posture at which the plan of a command rests.
-fn rest(motion: &Motion) -> [f64; JOINTS] {
+fn rest(motion: &Motion) -> [f64; JOINTS_MAX] {
     let mut motion = *motion;
     motion.play(u64::MAX);
     motion.q

@@ -1,6 +1,6 @@
 //! No stop is longer than its bound, and the bound is tight.
 
-use messages::{JOINTS, TICK_S};
+use messages::{JOINTS_MAX, TICK_S};
 use std::path::Path;
 use torture::cli::Changes;
 use torture::stages::Subject;
@@ -29,7 +29,7 @@ fn no_state_takes_longer_to_stop_than_its_bound() {
 fn stop_bound_of_a_state_is_that_of_its_slowest_joint() {
     let subject = subject();
     let bounds = subject.wbc.bounds();
-    let mut v = [0.0; JOINTS];
+    let mut v = [0.0; JOINTS_MAX];
     v[5] = -1.0;
     let expected = joint_bound_at_s(&bounds[5], 1.0) + 3.0 * TICK_S;
     assert!((stop_bound_s(bounds, &v) - expected).abs() < 1e-15);

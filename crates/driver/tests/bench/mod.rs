@@ -1,11 +1,11 @@
 //! A driver's follower, and the valid command stream to it.
 
 use driver::{Chain, Config, Input, JointLimits, Motion, Output, State, tick};
-use messages::{Header, JOINTS, JointCommand, Layout, Stamp, TICK_S, deadline};
+use messages::{Header, JOINTS_MAX, JointCommand, Layout, RobotId, Stamp, TICK_S, deadline};
 
 pub(crate) const K: u64 = 1000;
 pub(crate) const LIMITS: JointLimits = JointLimits { q_min: -3.0, q_max: 3.0, v_max: 2.0, a_max: 25.0, j_max: 500.0 };
-pub(crate) const CONFIG: Config = Config::new([LIMITS; JOINTS]);
+pub(crate) const CONFIG: Config = Config::new(RobotId::ZERO, [LIMITS; JOINTS_MAX]);
 
 /// A driver and the valid command stream to it.
 pub(crate) struct Bench {
@@ -24,7 +24,7 @@ impl Bench {
     }
 
     pub(crate) fn at_rest() -> Self {
-        let state = State::hold(K, &[0.0; JOINTS]).unwrap();
+        let state = State::hold(K, &[0.0; JOINTS_MAX]).unwrap();
         Self { state, sequence: 0, chain: Chain { incarnation: 1, seed_k: K, seed_played: 0 } }
     }
 
@@ -62,8 +62,8 @@ impl Bench {
 pub(crate) fn measured() -> driver::Measured {
     driver::Measured {
         stamp: Stamp::NONE,
-        q: [0.0; JOINTS],
-        dq: [0.0; JOINTS],
+        q: [0.0; JOINTS_MAX],
+        dq: [0.0; JOINTS_MAX],
         drives: driver::Drives::SOUND,
         unanswered: false,
         refused: false,

@@ -2,7 +2,7 @@
 
 use super::V_MAX;
 use driver::{Chain, ChainView, Motion, Seed, on_chain, reseed};
-use messages::{Header, JOINTS, JointCommand, Layout, RobotState, StopPlan, TICK_S, state_flag};
+use messages::{Header, JOINTS_MAX, JointCommand, Layout, RobotState, StopPlan, TICK_S, state_flag};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use std::collections::HashMap;
@@ -11,7 +11,7 @@ use std::collections::HashMap;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Made {
     /// Made with this constant jerk over the tick.
-    Jerk([f64; JOINTS]),
+    Jerk([f64; JOINTS_MAX]),
     /// Made as the next point of the plan.
     OnPlan,
 }
@@ -98,7 +98,7 @@ impl Control {
             return (motion, Made::OnPlan);
         }
         let (d1, d) = (self.rng.random_range(0.003..0.02), self.rng.random_range(0.005..0.04));
-        let mut jerk = [0.0; JOINTS];
+        let mut jerk = [0.0; JOINTS_MAX];
         // Three joints move, which is enough to tell states apart.
         for j in [0, 5, 16] {
             let (v, a) = (base.v[j], base.a[j]);
@@ -113,9 +113,9 @@ impl Control {
 }
 
 /// Returns a stop: `a` goes to zero in `d1` seconds, then the rest of the velocity in two phases of `d` seconds.
-fn stop(v: &[f64; JOINTS], a: &[f64; JOINTS], d1: f64, d: f64) -> StopPlan {
+fn stop(v: &[f64; JOINTS_MAX], a: &[f64; JOINTS_MAX], d1: f64, d: f64) -> StopPlan {
     let mut plan = StopPlan::ZERO;
-    for j in 0..JOINTS {
+    for j in 0..JOINTS_MAX {
         if v[j] != 0.0 || a[j] != 0.0 {
             let v1 = v[j] + a[j] * d1 / 2.0;
             plan.jerk[j] = [-a[j] / d1, -v1 / (d * d), v1 / (d * d)];

@@ -5,7 +5,7 @@ mod oracle;
 
 pub(crate) use control::Control;
 use driver::{Config, Drives, Input, JointLimits, Measured, State, StepKind, tick_each};
-use messages::{Header, JOINTS, JointCommand, Layout, RobotState, Stamp, TICK_HZ, deadline};
+use messages::{Header, JOINTS_MAX, JointCommand, Layout, RobotId, RobotState, Stamp, TICK_HZ, deadline};
 use oracle::Oracle;
 
 /// Quarters of a tick after its deadline at which a command is due.
@@ -85,9 +85,9 @@ impl<T: Copy> Slot<T> {
 impl World {
     /// Creates a driver that has held a posture for a while, and a `control` that has just started.
     pub(crate) fn new(seed: u64) -> Self {
-        let follower = State::hold(FIRST_K, &[0.1; JOINTS]).expect("finite");
+        let follower = State::hold(FIRST_K, &[0.1; JOINTS_MAX]).expect("finite");
         Self {
-            config: Config::new([LIMITS; JOINTS]),
+            config: Config::new(RobotId::ZERO, [LIMITS; JOINTS_MAX]),
             control: Control::new(seed, 1),
             oracle: Oracle::new(&follower),
             follower,
@@ -124,7 +124,7 @@ impl World {
         let robot = Measured {
             stamp: now,
             q: told.q,
-            dq: [0.0; JOINTS],
+            dq: [0.0; JOINTS_MAX],
             drives: Drives::SOUND,
             unanswered: false,
             refused: false,
@@ -159,7 +159,9 @@ impl World {
             unanswered: false,
             refused: false,
         };
-        self.echoes.under_way.push((self.quarter + echo_delay, self.follower.echo(Header::ZERO, &measured)));
+        self.echoes
+            .under_way
+            .push((self.quarter + echo_delay, self.follower.echo(&self.config, Header::ZERO, &measured)));
     }
 
     /// Replaces the driver by one that has just started and holds the posture of the last one.

@@ -4,7 +4,7 @@
 use super::Tally;
 use super::control::{Control, Made};
 use driver::{Chain, Motion, Setpoint, State, Step, StepKind};
-use messages::{JOINTS, JointCommand, TICK_S};
+use messages::{JOINTS_MAX, JointCommand, TICK_S};
 
 /// Rounding of a few hundred additions of numbers around 1.
 const ROUNDING: f64 = 1e-9;
@@ -99,7 +99,7 @@ fn on_plan(base: &Motion, ticks: u64) -> Motion {
     if ticks == 0 {
         return out;
     }
-    for j in 0..JOINTS {
+    for j in 0..JOINTS_MAX {
         let mut left = ticks as f64 * TICK_S;
         let (mut q, mut v, mut a) = (base.q[j], base.v[j], base.a[j]);
         for (jerk, duration) in base.plan.jerk[j].iter().zip(&base.plan.duration_s[j]) {
@@ -121,7 +121,7 @@ fn motion_of(command: &JointCommand) -> Motion {
 }
 
 fn same(executed: &Setpoint, expected: &Motion, what: &str) {
-    for j in 0..JOINTS {
+    for j in 0..JOINTS_MAX {
         let near = |x: f64, y: f64, scale: f64| (x - y).abs() <= ROUNDING * scale;
         let equal = near(executed.q[j], expected.q[j], 1.0)
             && near(executed.v[j], expected.v[j], 1.0)

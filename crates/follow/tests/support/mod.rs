@@ -4,12 +4,17 @@
 use follow::arm::{Arm, ArmVector, Limbs};
 use follow::solver::{Bounds, Problem, State as ArmState};
 use follow::{Config, Input, LIMB_JOINTS, NODES, Output, State, Weights, tick};
-use messages::{JOINTS, LEFT_ARM, LIMBS, RIGHT_ARM, WAY_NODE_TICKS};
+use messages::{JOINTS_MAX, LIMBS, WAY_NODE_TICKS};
 use nalgebra::{UnitQuaternion, Vector3};
 use rand::RngExt;
 use rand_pcg::Pcg64;
 use robot::Model;
 use std::f64::consts::FRAC_PI_2;
+
+/// TIAGo++: the joints of its left arm.
+const LEFT_ARM: std::ops::Range<usize> = 3..10;
+/// TIAGo++: the joints of its right arm.
+const RIGHT_ARM: std::ops::Range<usize> = 10..17;
 
 /// Speeds and accelerations of these tests, independent of the robot file: rad/s, rad/s^2.
 pub const V_MAX: f64 = 2.0;
@@ -108,9 +113,9 @@ pub struct Robot {
     pub config: Config,
     pub state: State,
     pub k: u64,
-    pub q: [f64; JOINTS],
-    pub v: [f64; JOINTS],
-    pub prior: [f64; JOINTS],
+    pub q: [f64; JOINTS_MAX],
+    pub v: [f64; JOINTS_MAX],
+    pub prior: [f64; JOINTS_MAX],
     pub valid_mask: u32,
     pub speed_scale: f64,
 }
@@ -128,7 +133,7 @@ impl Robot {
             state: State::new(),
             k: 7_500_017,
             q: all,
-            v: [0.0; JOINTS],
+            v: [0.0; JOINTS_MAX],
             prior: all,
             valid_mask: LIMB_MASK,
             speed_scale: 1.0,

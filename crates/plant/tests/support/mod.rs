@@ -1,6 +1,6 @@
 //! Code that the tests of this crate share.
 
-use messages::{JOINTS, Stamp, StopPlan};
+use messages::{JOINTS_MAX, Stamp, StopPlan};
 use plant::{Body, Config, Options, Setpoint};
 use rand::RngExt;
 
@@ -38,33 +38,33 @@ pub(crate) fn config(texts: Texts, options: &Options) -> Config {
 }
 
 /// Returns a posture uniform within the URDF's limits.
-pub(crate) fn uniform(body: &Body, rng: &mut rand_pcg::Pcg64) -> [f64; JOINTS] {
+pub(crate) fn uniform(body: &Body, rng: &mut rand_pcg::Pcg64) -> [f64; JOINTS_MAX] {
     std::array::from_fn(|j| rng.random_range(body.joints[j].urdf.q_min..body.joints[j].urdf.q_max))
 }
 
 /// Returns a setpoint without a plan.
-pub(crate) fn setpoint(k: u64, q: [f64; JOINTS], v: [f64; JOINTS], a: [f64; JOINTS]) -> Setpoint {
-    let plan = StopPlan { jerk: [[0.0; 3]; JOINTS], duration_s: [[0.0; 3]; JOINTS] };
+pub(crate) fn setpoint(k: u64, q: [f64; JOINTS_MAX], v: [f64; JOINTS_MAX], a: [f64; JOINTS_MAX]) -> Setpoint {
+    let plan = StopPlan { jerk: [[0.0; 3]; JOINTS_MAX], duration_s: [[0.0; 3]; JOINTS_MAX] };
     Setpoint { k, q, v, a, plan }
 }
 
 /// Returns a setpoint at rest at `q`.
-pub(crate) fn rest(k: u64, q: [f64; JOINTS]) -> Setpoint {
-    setpoint(k, q, [0.0; JOINTS], [0.0; JOINTS])
+pub(crate) fn rest(k: u64, q: [f64; JOINTS_MAX]) -> Setpoint {
+    setpoint(k, q, [0.0; JOINTS_MAX], [0.0; JOINTS_MAX])
 }
 
 /// Sines about a centre on all joints: amplitude, angular frequency and phase of each.
 #[derive(Clone)]
 pub(crate) struct Sines {
-    pub(crate) centre: [f64; JOINTS],
-    pub(crate) rows: [[f64; 3]; JOINTS],
+    pub(crate) centre: [f64; JOINTS_MAX],
+    pub(crate) rows: [[f64; 3]; JOINTS_MAX],
 }
 
 impl Sines {
     /// Returns random sines that use the limits of speed or acceleration, whichever comes first, within the range
     /// of positions.
     pub(crate) fn random(body: &Body, rng: &mut rand_pcg::Pcg64, share: f64) -> Self {
-        let mut sines = Self { centre: [0.0; JOINTS], rows: [[0.0; 3]; JOINTS] };
+        let mut sines = Self { centre: [0.0; JOINTS_MAX], rows: [[0.0; 3]; JOINTS_MAX] };
         for (j, joint) in body.joints.iter().enumerate() {
             let limits = &joint.limits;
             let (v_max, a_max) = (share * limits.v_max, share * limits.a_max);

@@ -4,7 +4,7 @@
 use std::f64::consts::FRAC_PI_2;
 use std::path::Path;
 
-use messages::{JOINTS, Layout, Skeleton, Stamp, skeleton_flag};
+use messages::{JOINTS_MAX, Layout, RobotId, Skeleton, Stamp, skeleton_flag};
 use nalgebra::Vector3;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
@@ -30,7 +30,14 @@ pub(crate) fn identity() -> ArmIdentity {
 }
 
 pub(crate) fn robot() -> RobotArms {
-    RobotArms { identity: identity(), velocity_max: [1.95, 1.95, 2.35, 2.35, 1.95], home: [0.25; JOINTS] }
+    RobotArms {
+        identity: identity(),
+        velocity_max: [1.95, 1.95, 2.35, 2.35, 1.95],
+        home: [0.25; JOINTS_MAX],
+        robot: RobotId { hash: 7, joint_count: 17, reserved: 0 },
+        joints: [3, 10].map(|first| std::array::from_fn(|j| first + j)),
+        signs: [[1.0; 5]; 2],
+    }
 }
 
 pub(crate) fn random_q(rng: &mut Pcg64, arm: &ArmModel) -> ArmQ {

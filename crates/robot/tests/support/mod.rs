@@ -1,7 +1,7 @@
 //! Common parts of this crate's tests.
 #![allow(dead_code, unreachable_pub)]
 
-use messages::JOINTS;
+use messages::JOINTS_MAX;
 use rand::RngExt;
 use robot::{Model, RobotError};
 
@@ -26,6 +26,6 @@ pub fn shipped() -> Model {
 }
 
 /// A configuration that is uniformly distributed within the URDF's limits, rad and m.
-pub fn uniform(model: &Model, rng: &mut rand_pcg::Pcg64) -> [f64; JOINTS] {
+pub fn uniform(model: &Model, rng: &mut rand_pcg::Pcg64) -> [f64; JOINTS_MAX] {
     std::array::from_fn(|j| rng.random_range(model.urdf_limits[j].q_min..model.urdf_limits[j].q_max))
 }

@@ -22,7 +22,7 @@
 //! the distance of two capsules changes by at most sum_k R_k |d_k|. Only joints between their bodies count,
 //! because a joint that carries both moves them as one.
 
-use messages::JOINTS;
+use messages::JOINTS_MAX;
 use nalgebra::{Matrix3, Vector3};
 use robot::{CAPSULES_MAX, Model, Solid};
 
@@ -53,11 +53,11 @@ pub(super) struct Placed {
 }
 
 /// Poses of all bodies.
-pub(super) type Places = [Placed; JOINTS + 1];
+pub(super) type Places = [Placed; JOINTS_MAX + 1];
 
 /// Returns all bodies at the base.
 pub(super) fn unplaced() -> Places {
-    [Placed { r: Matrix3::identity(), t: Vector3::zeros() }; JOINTS + 1]
+    [Placed { r: Matrix3::identity(), t: Vector3::zeros() }; JOINTS_MAX + 1]
 }
 
 /// A capsule in the turned frame of its body.
@@ -94,12 +94,12 @@ struct Pair {
 }
 
 /// Largest displacement of each capsule by the joints from a place of its list on, m.
-pub(super) type Moved = [[f64; JOINTS + 1]; CAPSULES_MAX];
+pub(super) type Moved = [[f64; JOINTS_MAX + 1]; CAPSULES_MAX];
 
 /// Bodies, capsules, obstacles and checked pairs of one robot.
 #[derive(Clone, Debug)]
 pub(super) struct Body {
-    joints: [Joint; JOINTS],
+    joints: Vec<Joint>,
     capsules: Vec<Capsule>,
     obstacles: Vec<Solid>,
     pairs: Vec<Pair>,
@@ -118,8 +118,8 @@ fn with_third(axis: &Vector3<f64>) -> Matrix3<f64> {
 
 impl Body {
     pub(super) fn new(model: &Model) -> Self {
-        let mut turned = [Matrix3::identity(); JOINTS + 1];
-        let joints = std::array::from_fn(|j| {
+        let mut turned = [Matrix3::identity(); JOINTS_MAX + 1];
+        let mut joint = |j: usize| {
             let (at_zero, axis) = model.joint_at_zero(j);
             let parent = model.parent_body(j + 1).unwrap_or(0);
             turned[j + 1] = with_third(&axis);
@@ -132,7 +132,8 @@ impl Body {
                 slides: model.prismatic[j],
                 stroke_m: stroke_m.into_iter().fold(0.0, f64::max),
             }
-        });
+        };
+        let joints = (0..model.count).map(&mut joint).collect();
         let empty = Vec::new;
         let mut body = Self { joints, capsules: empty(), obstacles: Vec::new(), pairs: Vec::new(), points: empty() };
         let on = |at: usize, ends: [Vector3<f64>; 2]| ends.map(|end| turned[at].transpose() * end);
@@ -175,7 +176,7 @@ impl Body {
     /// Returns the same joints in order, from the base on.
     fn carriers(&self, body: usize) -> impl Iterator<Item = usize> {
         let set = self.ancestors(body);
-        (0..JOINTS).filter(move |j| set & 1 << j != 0)
+        (0..self.joints.len()).filter(move |j| set & 1 << j != 0)
     }
 
     /// Returns the lever of joint `j` on a point of `body`, which the joint carries.
@@ -194,7 +195,7 @@ impl Body {
 
     /// Computes the poses of the bodies that the joints of `set` move, at the positions `q` (rad, m). `set`
     /// must contain the ancestors of each of its joints. The other entries stay as they are.
-    pub(super) fn place(&self, q: &[f64; JOINTS], set: JointSet, places: &mut Places) {
+    pub(super) fn place(&self, q: &[f64; JOINTS_MAX], set: JointSet, places: &mut Places) {
         for (j, joint) in self.joints.iter().enumerate().filter(|(j, _)| set & 1 << j != 0) {
             let parent = places[joint.parent];
             let mut r = parent.r * joint.r;
@@ -257,12 +258,12 @@ impl Body {
     }
 
     /// Upper bound of its speed while the joints are no faster than `v` (rad/s, m/s), m/s.
-    pub(super) fn fastest(&self, i: usize, v: &[f64; JOINTS]) -> f64 {
+    pub(super) fn fastest(&self, i: usize, v: &[f64; JOINTS_MAX]) -> f64 {
         self.points[i].carried.iter().map(|&(j, lever)| lever * v[j].abs()).sum()
     }
 
     /// Its velocity in the base frame, m/s.
-    pub(super) fn point_velocity(&self, i: usize, v: &[f64; JOINTS], places: &Places) -> Vector3<f64> {
+    pub(super) fn point_velocity(&self, i: usize, v: &[f64; JOINTS_MAX], places: &Places) -> Vector3<f64> {
         let Capsule { body, ends, carried, .. } = &self.points[i];
         let at = places[*body].r * ends[0] + places[*body].t;
         let mut velocity = Vector3::zeros();
@@ -303,8 +304,8 @@ impl Body {
 
     /// Largest displacement of each capsule by joints that move by `travel` (rad, m), from every place of its
     /// list on.
-    pub(super) fn moved(&self, travel: &[f64; JOINTS]) -> Moved {
-        let mut moved = [[0.0; JOINTS + 1]; CAPSULES_MAX];
+    pub(super) fn moved(&self, travel: &[f64; JOINTS_MAX]) -> Moved {
+        let mut moved = [[0.0; JOINTS_MAX + 1]; CAPSULES_MAX];
         for (capsule, moved) in self.capsules.iter().zip(&mut moved) {
             let mut sum = 0.0;
             for (place, &(j, lever)) in capsule.carried.iter().enumerate().rev() {

@@ -1,7 +1,7 @@
 //! Tests every comparison at its boundary and one unit beyond, on both sides. The constants are written out a
 //! second time.
 
-use messages::{JOINTS, StopPlan};
+use messages::{JOINTS_MAX, StopPlan};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use robot::JointLimits;
@@ -175,7 +175,7 @@ fn same_stop_may_differ_by_rounding_only() {
 
 /// Returns a plan that has one phase of `duration_s` and `jerk` for joint 3.
 fn plan_of(jerk: f64, duration_s: f64) -> StopPlan {
-    let mut plan = StopPlan { jerk: [[0.0; 3]; JOINTS], duration_s: [[0.0; 3]; JOINTS] };
+    let mut plan = StopPlan { jerk: [[0.0; 3]; JOINTS_MAX], duration_s: [[0.0; 3]; JOINTS_MAX] };
     (plan.jerk[3][1], plan.duration_s[3][1]) = (jerk, duration_s);
     plan
 }
@@ -206,7 +206,7 @@ fn stored_plan_is_played_to_its_end() {
     let stop =
         [Phase { jerk, duration: 10 * TICK }, Phase { jerk: 0, duration: 5 * TICK }, Phase { jerk: 0, duration: TICK }];
     let start = Point { q: 1 << 40, v: -(8 << 40) * 5 / 1500, a: 8 << 40 };
-    let stored = Stored::new([start; JOINTS], [stop; JOINTS]);
+    let stored = Stored::new([start; JOINTS_MAX], [stop; JOINTS_MAX]);
     assert_eq!(stored.joint(2), (start, stop), "nothing is played yet");
     let (third, rest) = stored.later(3).joint(2);
     assert_eq!((rest[1], rest[2]), (stop[1], stop[2]));
@@ -227,7 +227,7 @@ fn stored_plan_is_played_to_its_end() {
     assert_eq!(stored.later(u64::MAX).played, 73_500);
     // A small speed or acceleration without a stop counts as rest.
     let nearly = Point { q: 5, v: 7, a: -9 };
-    assert_eq!(Stored::new([nearly; JOINTS], [NONE; JOINTS]).joint(0), (Point { q: 5, v: 0, a: 0 }, NONE));
+    assert_eq!(Stored::new([nearly; JOINTS_MAX], [NONE; JOINTS_MAX]).joint(0), (Point { q: 5, v: 0, a: 0 }, NONE));
 }
 
 #[test]

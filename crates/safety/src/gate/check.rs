@@ -1,6 +1,6 @@
 //! The checks of one joint.
 
-use messages::JOINTS;
+use messages::JOINTS_MAX;
 use robot::JointLimits;
 use thiserror::Error;
 
@@ -48,6 +48,8 @@ pub enum Check {
     PlanLimits,
     /// The plan does not end at rest, or ends later than any stop has to.
     Braking,
+    /// The robot has no such joint, and a value of it is not zero.
+    Absent,
 }
 
 /// Returned for limits that the gate cannot work with. Numbers are SI.
@@ -229,13 +231,13 @@ pub(super) fn same_stop(x: &Phases, y: &Phases) -> bool {
 
 /// Converts the limits of all joints.
 pub(super) fn all_limits(
-    names: &[String; JOINTS],
-    limits: &[JointLimits; JOINTS],
+    names: &[String],
+    limits: &[JointLimits; JOINTS_MAX],
     latest_s: f64,
-) -> Result<[Limits; JOINTS], ConfigError> {
-    let mut out = [Limits { q: [0; 2], v: 0, a: 0, jerk: 0, stop: 0 }; JOINTS];
-    for (j, limits) in limits.iter().enumerate() {
-        out[j] = Limits::new(&names[j], limits, latest_s)?;
+) -> Result<[Limits; JOINTS_MAX], ConfigError> {
+    let mut out = [Limits { q: [0; 2], v: 0, a: 0, jerk: 0, stop: 0 }; JOINTS_MAX];
+    for (j, name) in names.iter().enumerate() {
+        out[j] = Limits::new(name, &limits[j], latest_s)?;
     }
     Ok(out)
 }

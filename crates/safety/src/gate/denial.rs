@@ -81,6 +81,7 @@ impl Denial {
                 check if check == Check::SpeedScale as u32 => "the command was faster than now permitted",
                 check if check == Check::PlanLimits as u32 => "the stop would leave the limits",
                 check if check == Check::Braking as u32 => "the stop would not come to rest in time",
+                check if check == Check::Absent as u32 => "a joint that the robot does not have was not at zero",
                 _ => return None,
             },
         })
@@ -103,6 +104,7 @@ mod tests {
             Check::SpeedScale,
             Check::PlanLimits,
             Check::Braking,
+            Check::Absent,
         ];
         let pair = [3, 9];
         let mut all = vec![Denial::Seed, Denial::Index, Denial::Permit];

@@ -8,7 +8,7 @@
 //! be the bound on the acceleration of a point. Between two instants that are dt apart, the point may be
 //! faster by at most B dt / 2. Whole-body control proves that it is not.
 
-use messages::JOINTS;
+use messages::JOINTS_MAX;
 
 use super::body::{Body, unplaced};
 use super::denial::Denial;
@@ -25,10 +25,10 @@ const SPEED_SLACK_M_PER_S: f64 = 1e-9;
 pub(super) fn judge(
     body: &Body,
     max_m_per_s: f64,
-    next: &[Point; JOINTS],
-    stops: &[Stop; JOINTS],
+    next: &[Point; JOINTS_MAX],
+    stops: &[Stop; JOINTS_MAX],
 ) -> Result<(), Denial> {
-    let fastest: [f64; JOINTS] = std::array::from_fn(|j| stops[j].v as f64 / UNITS);
+    let fastest: [f64; JOINTS_MAX] = std::array::from_fn(|j| stops[j].v as f64 / UNITS);
     if (0..body.point_count()).all(|i| body.fastest(i, &fastest) <= max_m_per_s) {
         return Ok(());
     }
@@ -39,7 +39,7 @@ pub(super) fn judge(
     })
 }
 
-fn at(body: &Body, max_m_per_s: f64, x: &[Point; JOINTS]) -> Result<(), Denial> {
+fn at(body: &Body, max_m_per_s: f64, x: &[Point; JOINTS_MAX]) -> Result<(), Denial> {
     let mut places = unplaced();
     let needed = (0..body.point_count()).fold(0, |set, i| set | body.point_joints(i));
     body.place(&positions(x), needed, &mut places);
@@ -64,13 +64,13 @@ mod tests {
     use robot::{Frames, Model};
 
     /// Speed of the fastest point at `q` and `v`, by the model's Jacobian.
-    fn fastest(model: &Model, q: &[f64; JOINTS], v: &[f64; JOINTS]) -> f64 {
+    fn fastest(model: &Model, q: &[f64; JOINTS_MAX], v: &[f64; JOINTS_MAX]) -> f64 {
         let mut frames = Frames::default();
         model.forward(q, &mut frames);
         let speed = |point: robot::SpeedPoint| {
             let place = frames.base_from_body[point.body].transform_point(&point.at);
             let columns = model.jacobian(&frames, point.body, &place);
-            let along = |i: usize| (0..JOINTS).map(|j| columns[j][i] * v[j]).sum::<f64>();
+            let along = |i: usize| (0..JOINTS_MAX).map(|j| columns[j][i] * v[j]).sum::<f64>();
             nalgebra::Vector3::new(along(0), along(1), along(2)).norm()
         };
         model.speed_points().map(speed).into_iter().fold(0.0, f64::max)
@@ -100,12 +100,12 @@ mod tests {
         let mut rng = Pcg64::seed_from_u64(51);
         let (mut at_command, mut later, mut slow) = (0, 0, 0);
         for n in 0..3000 {
-            let next: [Point; JOINTS] = std::array::from_fn(|j| {
+            let next: [Point; JOINTS_MAX] = std::array::from_fn(|j| {
                 let l = &model.limits[j];
                 let v = l.v_max * rng.random_range(-1.0..=1.0);
                 Point::quantised(rng.random_range(l.q_min..=l.q_max), v, 0.0).expect("finite")
             });
-            let stops: [Stop; JOINTS] = std::array::from_fn(|j| {
+            let stops: [Stop; JOINTS_MAX] = std::array::from_fn(|j| {
                 let mut phases = [Phase::default(); 3];
                 for phase in &mut phases {
                     // Some of the stops get faster on their way.
@@ -119,7 +119,7 @@ mod tests {
                 }
                 stop
             });
-            let speed = |x: &[Point; JOINTS]| fastest(&model, &positions(x), &x.map(|x| x.v as f64 / UNITS));
+            let speed = |x: &[Point; JOINTS_MAX]| fastest(&model, &positions(x), &x.map(|x| x.v as f64 / UNITS));
             let first = speed(&next);
             let of_samples = sample_times(&stops).map(|time| speed(&std::array::from_fn(|j| stops[j].at(time))));
             let most = of_samples.into_iter().fold(first, f64::max);

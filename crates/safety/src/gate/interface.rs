@@ -19,7 +19,7 @@
 //! pair's bodies, the pair loses nothing by lag. Positions, speeds and accelerations are those of the command
 //! at that instant.
 
-use messages::JOINTS;
+use messages::JOINTS_MAX;
 use robot::JointLimits;
 
 use super::body::Body;
@@ -36,26 +36,26 @@ const SKEW_MAX_S: f64 = 0.05;
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Interface {
     /// Largest difference between a joint and the position where its controller should have it, rad or m.
-    pub off: [f64; JOINTS],
+    pub off: [f64; JOINTS_MAX],
     /// Largest lag between controllers, s.
     pub skew_s: f64,
     /// Index of the controller that moves each joint.
-    pub controller: [usize; JOINTS],
+    pub controller: [usize; JOINTS_MAX],
 }
 
 /// The interface after its checks, with the jerk limits.
 #[derive(Clone, Debug)]
 pub(super) struct Deviation {
-    off: [f64; JOINTS],
+    off: [f64; JOINTS_MAX],
     skew_s: f64,
     /// J s^3 / 6.
-    still: [f64; JOINTS],
-    controller: [usize; JOINTS],
+    still: [f64; JOINTS_MAX],
+    controller: [usize; JOINTS_MAX],
 }
 
 impl Deviation {
     /// Returns None if every command is executed at its time.
-    pub(super) fn new(interface: &Interface, limits: &[JointLimits; JOINTS]) -> Result<Option<Self>, ConfigError> {
+    pub(super) fn new(interface: &Interface, limits: &[JointLimits; JOINTS_MAX]) -> Result<Option<Self>, ConfigError> {
         let Interface { off, skew_s, controller } = *interface;
         let within = |key, value: f64, bound: f64| {
             // Written so that NaN is refused too.
@@ -63,11 +63,11 @@ impl Deviation {
             if inside { Ok(()) } else { Err(ConfigError::Interface { key, value, bound }) }
         };
         within("skew in s", skew_s, SKEW_MAX_S)?;
-        for j in 0..JOINTS {
+        for j in 0..JOINTS_MAX {
             within("deviation of a joint in rad or m", off[j], OFF_MAX)?;
-            within("index of a controller", controller[j] as f64, (JOINTS - 1) as f64)?;
+            within("index of a controller", controller[j] as f64, (JOINTS_MAX - 1) as f64)?;
         }
-        if skew_s == 0.0 && off == [0.0; JOINTS] {
+        if skew_s == 0.0 && off == [0.0; JOINTS_MAX] {
             return Ok(None);
         }
         let still = limits.each_ref().map(|limits| limits.j_max * skew_s * skew_s * skew_s / 6.0);
@@ -84,8 +84,8 @@ impl Deviation {
     }
 
     /// Largest loss of a pair's distance at an instant at which the joints are at `x`, m.
-    pub(super) fn of(&self, body: &Body, pair: usize, x: &[Point; JOINTS]) -> f64 {
-        let mut lags = [None; JOINTS];
+    pub(super) fn of(&self, body: &Body, pair: usize, x: &[Point; JOINTS_MAX]) -> f64 {
+        let mut lags = [None; JOINTS_MAX];
         let mut lost = 0.0;
         for (j, lever) in body.between(pair) {
             let lag = lever * self.lag(j, x[j].v as f64 / UNITS, x[j].a as f64 / UNITS);

@@ -1,6 +1,6 @@
 //! The stop plan in force. It is computed in integers from its beginning, so that rounding does not add up.
 
-use messages::{JOINTS, StopPlan};
+use messages::{JOINTS_MAX, StopPlan};
 
 use super::fixed::{JERK_CEILING, Phase, Point, TIME_CEILING_S, TIME_UNITS, UNITS, quantise, ticks_long};
 
@@ -15,9 +15,9 @@ pub(super) type Phases = [Phase; 3];
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Stored {
     /// State at which the plan began.
-    pub(super) origin: [Point; JOINTS],
+    pub(super) origin: [Point; JOINTS_MAX],
     /// The stop from there.
-    pub(super) phases: [Phases; JOINTS],
+    pub(super) phases: [Phases; JOINTS_MAX],
     /// Number of ticks that have been played.
     pub(super) played: u64,
 }
@@ -56,7 +56,7 @@ fn advanced(origin: Point, phases: &Phases, played: i64) -> (Point, Phases) {
 
 impl Stored {
     /// Creates a plan of which nothing has been played.
-    pub(super) fn new(origin: [Point; JOINTS], phases: [Phases; JOINTS]) -> Self {
+    pub(super) fn new(origin: [Point; JOINTS_MAX], phases: [Phases; JOINTS_MAX]) -> Self {
         Self { origin, phases, played: 0 }
     }
 

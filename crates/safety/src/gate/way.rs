@@ -36,7 +36,7 @@
 //! Stops take at most 0.5 s, so dt is at most 50 ms and a tick. The certificate of whole-body control proves
 //! what lies between. The samples detect a certificate that is wrong by more than that.
 
-use messages::JOINTS;
+use messages::JOINTS_MAX;
 use robot::{CAPSULES_MAX, JointLimits, Model};
 
 use super::body::{Body, JointSet, Moved, Places, unplaced};
@@ -81,7 +81,7 @@ const PAIRS_MAX: usize = CAPSULES_MAX * (CAPSULES_MAX - 1) / 2 + CAPSULES_MAX * 
 /// rounding of the kinematics.
 const PROVED_M: f64 = 1e-9;
 
-const ALL: JointSet = (1 << JOINTS) - 1;
+const ALL: JointSet = (1 << JOINTS_MAX) - 1;
 
 /// Geometry and interface of one robot.
 #[derive(Clone, Debug)]
@@ -119,7 +119,7 @@ impl Ways {
     pub(super) fn new(
         model: &Model,
         interface: &Interface,
-        limits: &[JointLimits; JOINTS],
+        limits: &[JointLimits; JOINTS_MAX],
     ) -> Result<Self, ConfigError> {
         let body = Body::new(model);
         let value = body.pair_count();
@@ -130,7 +130,7 @@ impl Ways {
     }
 
     /// Least distance over all pairs at `q` (rad, m), m.
-    pub(super) fn clearance_m(&self, q: &[f64; JOINTS]) -> f64 {
+    pub(super) fn clearance_m(&self, q: &[f64; JOINTS_MAX]) -> f64 {
         let posed = Posed::new(&self.body, q);
         let mut least = f64::INFINITY;
         for pair in 0..self.body.pair_count() {
@@ -148,8 +148,8 @@ impl Ways {
     /// the result only if two pairs have exactly the same distance: then it decides which one is named.
     pub(super) fn judge(
         &self,
-        next: &[Point; JOINTS],
-        stops: &[Stop; JOINTS],
+        next: &[Point; JOINTS_MAX],
+        stops: &[Stop; JOINTS_MAX],
         asked: Asked,
         hint: &mut usize,
     ) -> Result<f64, Denial> {
@@ -173,7 +173,7 @@ impl Ways {
     }
 
     /// Distance that a pair keeps, m, of its `distance_m` while the joints are at `x`.
-    fn kept(&self, asked: Asked, pair: usize, x: &[Point; JOINTS], distance_m: f64) -> f64 {
+    fn kept(&self, asked: Asked, pair: usize, x: &[Point; JOINTS_MAX], distance_m: f64) -> f64 {
         distance_m - self.deviation(asked).map_or(0.0, |deviation| deviation.of(&self.body, pair, x))
     }
 
@@ -181,8 +181,8 @@ impl Ways {
     /// in `open`.
     fn at_command(
         &self,
-        next: &[Point; JOINTS],
-        stops: &[Stop; JOINTS],
+        next: &[Point; JOINTS_MAX],
+        stops: &[Stop; JOINTS_MAX],
         asked: Asked,
         hint: &mut usize,
         open: &mut [Open; PAIRS_MAX],
@@ -218,9 +218,9 @@ impl Ways {
     }
 
     /// Judges the open pairs at the samples.
-    fn on_the_way(&self, stops: &[Stop; JOINTS], asked: Asked, open: &mut [Open]) -> Result<(), Denial> {
+    fn on_the_way(&self, stops: &[Stop; JOINTS_MAX], asked: Asked, open: &mut [Open]) -> Result<(), Denial> {
         let times = sample_times(stops);
-        let samples: [[Point; JOINTS]; SAMPLES] =
+        let samples: [[Point; JOINTS_MAX]; SAMPLES] =
             std::array::from_fn(|i| std::array::from_fn(|j| stops[j].at(times[i])));
         let mut posed = Posed { places: unplaced(), axes: [Axis::default(); CAPSULES_MAX] };
         for (sample, spans) in LOOKS {
@@ -255,13 +255,13 @@ impl Ways {
     fn moved_in(
         &self,
         asked: Asked,
-        stops: &[Stop; JOINTS],
-        samples: &[[Point; JOINTS]; SAMPLES],
+        stops: &[Stop; JOINTS_MAX],
+        samples: &[[Point; JOINTS_MAX]; SAMPLES],
         sample: usize,
         [from, to]: [usize; 2],
     ) -> Option<Moved> {
         let farthest = |j: usize| {
-            let away = |other: &[Point; JOINTS]| (other[j].q - samples[sample][j].q).abs();
+            let away = |other: &[Point; JOINTS_MAX]| (other[j].q - samples[sample][j].q).abs();
             self.travel(asked, &stops[j], j, samples[from..to].iter().map(away).max().unwrap_or(0))
         };
         (from < to).then(|| self.body.moved(&std::array::from_fn(farthest)))
@@ -272,7 +272,7 @@ impl Ways {
     fn look(
         &self,
         asked: Asked,
-        x: &[Point; JOINTS],
+        x: &[Point; JOINTS_MAX],
         posed: &Posed,
         open: &mut Open,
         (sample, spans): Look,
@@ -301,14 +301,14 @@ impl Ways {
 }
 
 impl Posed {
-    fn new(body: &Body, q: &[f64; JOINTS]) -> Self {
+    fn new(body: &Body, q: &[f64; JOINTS_MAX]) -> Self {
         let mut posed = Self { places: unplaced(), axes: [Axis::default(); CAPSULES_MAX] };
         posed.pose(body, q, ALL, u64::MAX);
         posed
     }
 
     /// Places the bodies that `joints` move, and the capsules of the set `capsules`.
-    fn pose(&mut self, body: &Body, q: &[f64; JOINTS], joints: JointSet, capsules: u64) {
+    fn pose(&mut self, body: &Body, q: &[f64; JOINTS_MAX], joints: JointSet, capsules: u64) {
         body.place(q, joints, &mut self.places);
         for i in (0..body.capsule_count()).filter(|i| capsules & 1 << i != 0) {
             self.axes[i] = body.axis(i, &self.places);
@@ -322,13 +322,13 @@ fn lesser(worst: Worst, other: Worst) -> Worst {
     if other.0 < worst.0 || other.0.is_nan() { other } else { worst }
 }
 
-pub(super) fn positions(points: &[Point; JOINTS]) -> [f64; JOINTS] {
+pub(super) fn positions(points: &[Point; JOINTS_MAX]) -> [f64; JOINTS_MAX] {
     points.map(|point| point.q as f64 / UNITS)
 }
 
 /// Times of the samples, in units of time from the command. They are whole ticks. The last one is the first
 /// tick at which all joints rest.
-pub(super) fn sample_times(stops: &[Stop; JOINTS]) -> [i64; SAMPLES] {
+pub(super) fn sample_times(stops: &[Stop; JOINTS_MAX]) -> [i64; SAMPLES] {
     let longest = stops.iter().map(Stop::duration).max().unwrap_or(0);
     let ticks = ticks_of(longest);
     std::array::from_fn(|i| ticks_long((ticks * (i as u64 + 1)).div_ceil(SAMPLES as u64)))

@@ -1,6 +1,6 @@
 //! Checks whether the measurements are plausible.
 
-use messages::{JOINTS, TICK_HZ, TICK_S};
+use messages::{JOINTS_MAX, TICK_HZ, TICK_S};
 use robot::Model;
 
 use super::OUTSIDE_MARGIN;
@@ -34,15 +34,15 @@ pub struct Sample<'a> {
     /// Its index.
     pub k: u64,
     /// Executed positions, rad or m.
-    pub q: &'a [f64; JOINTS],
+    pub q: &'a [f64; JOINTS_MAX],
     /// Executed velocities, rad/s or m/s.
-    pub v: &'a [f64; JOINTS],
+    pub v: &'a [f64; JOINTS_MAX],
     /// Executed accelerations, rad/s^2 or m/s^2.
-    pub a: &'a [f64; JOINTS],
+    pub a: &'a [f64; JOINTS_MAX],
     /// Measured positions, rad or m.
-    pub q_measured: &'a [f64; JOINTS],
+    pub q_measured: &'a [f64; JOINTS_MAX],
     /// Measured velocities as the driver reports them, rad/s or m/s.
-    pub dq_measured: &'a [f64; JOINTS],
+    pub dq_measured: &'a [f64; JOINTS_MAX],
     /// Engaging begins, so the joints must show that they move in the commanded direction.
     pub begins: bool,
 }
@@ -52,7 +52,7 @@ pub struct Sample<'a> {
 pub struct Judged {
     /// Positions to use: the measured ones, or those of the last good sample if only this sample is an
     /// outlier.
-    pub q_measured: [f64; JOINTS],
+    pub q_measured: [f64; JOINTS_MAX],
     /// The measurements are implausible.
     pub invalid: bool,
 }
@@ -72,10 +72,10 @@ struct Before {
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Feedback {
     /// The last good sample and its index.
-    last: Option<([f64; JOINTS], u64)>,
+    last: Option<([f64; JOINTS_MAX], u64)>,
     /// The last sample was an outlier.
     suspect: bool,
-    joints: [Before; JOINTS],
+    joints: [Before; JOINTS_MAX],
 }
 
 impl Feedback {
@@ -101,7 +101,7 @@ impl Feedback {
         self.suspect = false;
         self.last = Some((*sample.q_measured, sample.k));
         let mut invalid = off;
-        for j in 0..JOINTS {
+        for j in 0..model.count {
             let sent = sample.q[j] - servo_lag_s * sample.v[j];
             let scale = if model.prismatic[j] { PRISMATIC_SHARE } else { 1.0 };
             let joint = &mut self.joints[j];
@@ -115,7 +115,7 @@ impl Feedback {
         let Some((last, k)) = self.last else { return false };
         let dt_s = sample.k.saturating_sub(k).max(1) as f64 * TICK_S;
         let moved = |j: usize| (sample.q_measured[j] - last[j]).abs();
-        (0..JOINTS).any(|j| moved(j) > JUMP_FACTOR * model.limits[j].v_max * dt_s + OUTSIDE_MARGIN)
+        (0..model.count).any(|j| moved(j) > JUMP_FACTOR * model.limits[j].v_max * dt_s + OUTSIDE_MARGIN)
     }
 }
 

@@ -1,6 +1,6 @@
 //! Checks whether the measured joints move as commanded, and whether they stand still.
 
-use messages::{JOINTS, TICK_HZ, TICK_S};
+use messages::{JOINTS_MAX, TICK_HZ, TICK_S};
 use robot::Model;
 
 use super::feedback::{PRISMATIC_SHARE, Sample};
@@ -104,8 +104,8 @@ pub struct Moved {
 #[derive(Clone, Copy, Debug)]
 struct Entry {
     k: u64,
-    q: [f64; JOINTS],
-    sent: [f64; JOINTS],
+    q: [f64; JOINTS_MAX],
+    sent: [f64; JOINTS_MAX],
 }
 
 /// State of one joint.
@@ -148,13 +148,13 @@ pub struct Movement {
     oldest: usize,
     filled: usize,
     /// Speed that was sent at the newest sample, and the commanded travel since the window began.
-    v_sent: [f64; JOINTS],
-    sent: [f64; JOINTS],
-    joints: [Joint; JOINTS],
+    v_sent: [f64; JOINTS_MAX],
+    sent: [f64; JOINTS_MAX],
+    joints: [Joint; JOINTS_MAX],
     /// Time for which the command has been resting without the robot, s.
     unsettled_s: f64,
     /// The position where the robot came to rest, and the time for which it has been measured far from there.
-    place: Option<[f64; JOINTS]>,
+    place: Option<[f64; JOINTS_MAX]>,
     far: Lasting,
     moved: Moved,
 }
@@ -162,12 +162,12 @@ pub struct Movement {
 impl Default for Movement {
     fn default() -> Self {
         Self {
-            window: [Entry { k: 0, q: [0.0; JOINTS], sent: [0.0; JOINTS] }; WINDOW],
+            window: [Entry { k: 0, q: [0.0; JOINTS_MAX], sent: [0.0; JOINTS_MAX] }; WINDOW],
             oldest: 0,
             filled: 0,
-            v_sent: [0.0; JOINTS],
-            sent: [0.0; JOINTS],
-            joints: [Joint::default(); JOINTS],
+            v_sent: [0.0; JOINTS_MAX],
+            sent: [0.0; JOINTS_MAX],
+            joints: [Joint::default(); JOINTS_MAX],
             unsettled_s: 0.0,
             place: None,
             far: Lasting::default(),
@@ -206,7 +206,7 @@ impl Movement {
     /// The monitor then forgets everything before it.
     pub fn judge(&mut self, model: &Model, sample: &Sample<'_>, servo_lag_s: f64) -> Moved {
         let finite = |j: &usize| [sample.q_measured, sample.v, sample.a].iter().all(|x| x[*j].is_finite());
-        if let Some(joint) = (0..JOINTS).find(|j| !finite(j)) {
+        if let Some(joint) = (0..model.count).find(|j| !finite(j)) {
             let lost = Moved { velocity_error: Some(joint), restless: joint, ..Moved::default() };
             *self = Self { moved: lost, ..Self::default() };
             return lost;
@@ -276,7 +276,7 @@ impl Movement {
         }
         let span_s = span as f64 * TICK_S;
         let mut worst: Option<(usize, f64)> = None;
-        for (j, joint) in self.joints.iter_mut().enumerate() {
+        for (j, joint) in self.joints.iter_mut().enumerate().take(model.count) {
             let (v_max, judged) = (model.limits[j].v_max, judged(model, j));
             let measured = (sample.q_measured[j] - from.q[j]) / span_s;
             let sent = (self.sent[j] - from.sent[j]) / span_s;
@@ -299,7 +299,7 @@ impl Movement {
         let command_rests = sample.v.iter().chain(sample.a).all(|x| x.abs() <= COMMAND_REST);
         let (mut still_s, mut restless) = (f64::INFINITY, 0);
         let (mut swings, mut reported) = (None, None);
-        for (j, joint) in self.joints.iter_mut().enumerate() {
+        for (j, joint) in self.joints.iter_mut().enumerate().take(model.count) {
             joint.keep_band(sample.q_measured[j], scaled(model, j, REST_RAD), counted_s);
             if joint.still_s < still_s {
                 (still_s, restless) = (joint.still_s, j);
@@ -332,7 +332,7 @@ impl Movement {
             let place = self.place.map_or(sample.q_measured[*j], |place| place[*j]);
             (sample.q_measured[*j] - place).abs() > scaled(model, *j, PLACE_RAD)
         };
-        let joint = (0..JOINTS).find(far);
+        let joint = (0..model.count).find(far);
         self.far.note(joint.is_some(), counted_s);
         joint.filter(|_| self.far.is_for(FAR_S, FAR_SAMPLES))
     }

@@ -1,6 +1,6 @@
 //! Checks whether a target moves as people do.
 
-use messages::{JOINTS, LIMBS, TICK_S};
+use messages::{JOINTS_MAX, LIMBS, TICK_S};
 use robot::Model;
 
 /// Largest speed of a target's joint, or of a person's limb, that is not a jump, rad/s. The fastest joints of
@@ -18,7 +18,7 @@ const BEHIND_M: f64 = 0.05;
 /// The target that the next one is compared with.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct TargetSteps {
-    last: Option<([f64; JOINTS], u32, u64)>,
+    last: Option<([f64; JOINTS_MAX], u32, u64)>,
     limbs: Option<[[f64; 4]; LIMBS]>,
 }
 
@@ -33,7 +33,7 @@ impl TargetSteps {
         &mut self,
         model: &Model,
         k: u64,
-        q: &[f64; JOINTS],
+        q: &[f64; JOINTS_MAX],
         valid_mask: u32,
         limbs: Option<&[[f64; 4]; LIMBS]>,
     ) -> bool {
@@ -48,7 +48,7 @@ impl TargetSteps {
                 both && bone(now).iter().zip(bone(before)).map(|(a, b)| a * b).sum::<f64>() < farthest
             });
         }
-        (0..JOINTS).filter(|&j| valid_mask & last_mask & 1 << j != 0).any(|j| {
+        (0..model.count).filter(|&j| valid_mask & last_mask & 1 << j != 0).any(|j| {
             let limits = &model.limits[j];
             let reached = |q: f64| q.clamp(limits.q_min, limits.q_max);
             let fastest = if model.prismatic[j] { FASTEST_M_S } else { FASTEST_RAD_S };
@@ -68,8 +68,8 @@ fn bone(&[x, y, z, w]: &[f64; 4]) -> [f64; 3] {
 }
 
 /// Returns true if a command at `q` is far behind a target, after the target is clamped to the limits.
-pub fn far_behind(model: &Model, target: &[f64; JOINTS], valid_mask: u32, q: &[f64; JOINTS]) -> bool {
-    (0..JOINTS).filter(|&j| valid_mask & 1 << j != 0).any(|j| {
+pub fn far_behind(model: &Model, target: &[f64; JOINTS_MAX], valid_mask: u32, q: &[f64; JOINTS_MAX]) -> bool {
+    (0..model.count).filter(|&j| valid_mask & 1 << j != 0).any(|j| {
         let limits = &model.limits[j];
         let far = if model.prismatic[j] { BEHIND_M } else { BEHIND_RAD };
         (target[j].clamp(limits.q_min, limits.q_max) - q[j]).abs() > far

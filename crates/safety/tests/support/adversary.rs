@@ -4,7 +4,7 @@
 use judge::Robot;
 use judge::joint::{Joint, rest_of, stop_of};
 use judge::limits::{Breach, Slack};
-use messages::{JOINTS, Stamp, StopPlan};
+use messages::{JOINTS_MAX, Stamp, StopPlan};
 use rand::{Rng, RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use robot::Model;
@@ -57,7 +57,7 @@ pub struct Adversary {
     state: State,
     k: u64,
     /// Direction in which each joint is pushed, as a share of its jerk limit.
-    push: [f64; JOINTS],
+    push: [f64; JOINTS_MAX],
     pub report: Report,
 }
 
@@ -69,7 +69,7 @@ impl Adversary {
             config: Config::new(model).expect("the robot's limits are allowed"),
             state: State::at_rest(model.home),
             k: 10,
-            push: [0.0; JOINTS],
+            push: [0.0; JOINTS_MAX],
             report: Report::default(),
         }
     }
@@ -83,7 +83,7 @@ impl Adversary {
     /// reach.
     fn at_the_edge(&mut self, last: &Proposed) -> Proposed {
         let mut next = Proposed { k: self.k + 1, ..*last };
-        for j in 0..JOINTS {
+        for j in 0..JOINTS_MAX {
             let (x, before, l) = (joint(last, j), stop_of(&last.plan, j), self.robot.limits[j]);
             // The direction changes every second or so. This is long enough to reach any place in the range,
             // and its edge.
@@ -110,7 +110,7 @@ impl Adversary {
 
     /// Damages a proposal in one of many ways.
     fn damage(&mut self, p: &mut Proposed) {
-        let j = self.rng.random_range(0..JOINTS);
+        let j = self.rng.random_range(0..JOINTS_MAX);
         let l = self.robot.limits[j];
         let size = 10_f64.powf(self.rng.random_range(-10.0..2.0)) * if self.rng.random_bool(0.5) { 1.0 } else { -1.0 };
         let bits = f64::from_bits(self.rng.next_u64());
@@ -126,7 +126,7 @@ impl Adversary {
             7 => p.plan.duration_s[j][phase] = bits,
             8 => p.plan.duration_s[j][phase] += size,
             9 => p.plan.jerk[j][phase] *= 1.0 + size,
-            10 => p.plan = StopPlan { jerk: [[0.0; 3]; JOINTS], duration_s: [[0.0; 3]; JOINTS] },
+            10 => p.plan = StopPlan { jerk: [[0.0; 3]; JOINTS_MAX], duration_s: [[0.0; 3]; JOINTS_MAX] },
             11 => p.q[j] = [l.q_min, l.q_max][phase % 2] + size * 1e-3,
             12 => p.k = p.k.wrapping_add(self.rng.random_range(0..4)),
             _ => {
@@ -173,7 +173,7 @@ impl Adversary {
     }
 
     fn is_wrong(&self, last: &Proposed, p: &Proposed) -> bool {
-        (0..JOINTS).any(|j| self.broken(j, last, joint(p, j), &p.plan).is_some())
+        (0..JOINTS_MAX).any(|j| self.broken(j, last, joint(p, j), &p.plan).is_some())
     }
 
     fn broken(&self, j: usize, last: &Proposed, next: Joint, plan: &StopPlan) -> Option<Breach> {
@@ -185,7 +185,7 @@ impl Adversary {
     /// for as many ticks as have passed.
     fn judge_as_a_whole(&mut self, last: &Proposed, proposed: &Proposed, sent: &Decision) {
         let passed = proposed.k.saturating_sub(self.k) as f64 * T;
-        for j in 0..JOINTS {
+        for j in 0..JOINTS_MAX {
             let got = Joint { q: sent.q[j], v: sent.v[j], a: sent.a[j] };
             let (expected, plan) = if sent.accepted() {
                 // A joint without a remaining stop is at rest by definition.
@@ -206,7 +206,7 @@ impl Adversary {
     }
 
     fn judge(&mut self, last: &Proposed, sent: &Decision) {
-        let mut rest = [0.0; JOINTS];
+        let mut rest = [0.0; JOINTS_MAX];
         for (j, rest) in rest.iter_mut().enumerate() {
             let next = Joint { q: sent.q[j], v: sent.v[j], a: sent.a[j] };
             *rest = next.play(&stop_of(&sent.plan, j), 1e3).q;

@@ -1,7 +1,7 @@
 //! Proposals for the gate in plain `f64`.
 
 use judge::joint::{Joint, Stop};
-use messages::{JOINTS, StopPlan, TICK_S};
+use messages::{JOINTS_MAX, StopPlan, TICK_S};
 use safety::engage::Permit;
 use safety::gate::Proposed;
 
@@ -38,11 +38,11 @@ pub fn store(plan: &mut StopPlan, j: usize, stop: &Stop) {
     }
 }
 
-pub const NO_PLAN: StopPlan = StopPlan { jerk: [[0.0; 3]; JOINTS], duration_s: [[0.0; 3]; JOINTS] };
+pub const NO_PLAN: StopPlan = StopPlan { jerk: [[0.0; 3]; JOINTS_MAX], duration_s: [[0.0; 3]; JOINTS_MAX] };
 
-pub fn resting(k: u64, q: [f64; JOINTS]) -> Proposed {
+pub fn resting(k: u64, q: [f64; JOINTS_MAX]) -> Proposed {
     let permit = Permit::Follow { speed_scale: 1.0 };
-    Proposed { k, permit, q, v: [0.0; JOINTS], a: [0.0; JOINTS], plan: NO_PLAN }
+    Proposed { k, permit, q, v: [0.0; JOINTS_MAX], a: [0.0; JOINTS_MAX], plan: NO_PLAN }
 }
 
 pub fn joint(p: &Proposed, j: usize) -> Joint {

@@ -2,7 +2,7 @@
 #![allow(dead_code)]
 
 use driver::{Chain, Setpoint};
-use messages::{Header, JOINTS, JointCommand, Layout, Mode, TICK_S, deadline};
+use messages::{Header, JOINTS_MAX, JointCommand, Layout, Mode, TICK_S, deadline};
 use robot::Model;
 use sim::{Checker, Config, Input, Options, Output, Report, State, tick};
 use std::sync::LazyLock;
@@ -138,5 +138,5 @@ impl Judge {
 
 /// Returns the joints other than `joint`.
 pub(crate) fn others(joint: usize) -> impl Iterator<Item = usize> {
-    (0..JOINTS).filter(move |&j| j != joint)
+    (0..JOINTS_MAX).filter(move |&j| j != joint)
 }

@@ -3,9 +3,9 @@
 
 use crate::chain::{BODIES, Chain, JointSet, joints};
 use crate::config::WbcError;
-use crate::dynamics::{GRAVITY_M_PER_S2, HANDS, Mass, PerJoint};
+use crate::dynamics::{GRAVITY_M_PER_S2, Mass, PerJoint};
 use crate::motion::Arc;
-use messages::JOINTS;
+use messages::JOINTS_MAX;
 use nalgebra::{Matrix3, Vector3};
 use robot::Payload;
 
@@ -34,11 +34,13 @@ struct Carried {
 /// The tables of a robot.
 #[derive(Clone, Debug)]
 pub(crate) struct Curves {
-    parent: [usize; JOINTS],
-    prismatic: [bool; JOINTS],
+    parent: [usize; JOINTS_MAX],
+    prismatic: [bool; JOINTS_MAX],
+    /// The bodies of the left and the right hand.
+    hands: [usize; 2],
     bodies: Vec<Carried>,
     /// Bound of each entry of the mass matrix, kg m^2, kg m or kg.
-    matrix: [PerJoint; JOINTS],
+    matrix: [PerJoint; JOINTS_MAX],
 }
 
 /// Sums over the revolute joints from the base to a body.
@@ -70,9 +72,8 @@ fn second_moments(mass: &Mass, axis: &Vector3<f64>) -> [f64; 2] {
 impl Carried {
     fn new(chain: &Chain, body: usize, mass: &Mass) -> Self {
         let set = chain.ancestors(body);
-        let of = |slides: bool| -> Vec<usize> {
-            (0..JOINTS).filter(|&j| set & 1 << j != 0 && chain.links()[j].prismatic == slides).collect()
-        };
+        let of =
+            |slides: bool| -> Vec<usize> { joints(set).filter(|&j| chain.links()[j].prismatic == slides).collect() };
         let (turns, slides) = (of(false), of(true));
         let n = turns.len();
         let axis = turns.last().map_or(Vector3::zeros(), |&own| chain.links()[own].axis);
@@ -125,16 +126,22 @@ impl Curves {
                 return Err(WbcError::Kinematics { joint, what: "is prismatic, but attached to a revolute joint" });
             }
         }
-        let bodies: Vec<Carried> = (0..BODIES).map(|b| Carried::new(chain, b, &masses[b])).collect();
-        let (parent, prismatic) = (chain.links().map(|link| link.parent), chain.links().map(|link| link.prismatic));
-        let mut curves = Self { parent, prismatic, bodies, matrix: [[0.0; JOINTS]; JOINTS] };
+        let bodies: Vec<Carried> = (0..=chain.count()).map(|b| Carried::new(chain, b, &masses[b])).collect();
+        let link = |j: usize| chain.links().get(j);
+        let mut curves = Self {
+            parent: std::array::from_fn(|j| link(j).map_or(0, |link| link.parent)),
+            prismatic: std::array::from_fn(|j| link(j).is_some_and(|link| link.prismatic)),
+            hands: chain.hands(),
+            bodies,
+            matrix: [[0.0; JOINTS_MAX]; JOINTS_MAX],
+        };
         curves.bound_matrix();
         Ok(curves)
     }
 
     /// Sets the payload of the hands. Never allocates.
     pub(crate) fn carry(&mut self, payload: &[Payload; 2]) {
-        for (hand, payload) in HANDS.into_iter().zip(payload) {
+        for (hand, payload) in self.hands.into_iter().zip(payload) {
             self.bodies[hand].carry(payload);
         }
         self.bound_matrix();
@@ -142,7 +149,7 @@ impl Curves {
 
     /// Sums the contributions of all bodies to each bound of the mass matrix.
     fn bound_matrix(&mut self) {
-        let mut matrix = [[0.0; JOINTS]; JOINTS];
+        let mut matrix = [[0.0; JOINTS_MAX]; JOINTS_MAX];
         for body in &self.bodies {
             let n = body.turns.len();
             for (i, &j) in body.turns.iter().enumerate() {
@@ -166,10 +173,10 @@ impl Curves {
     /// Largest difference between each torque of `open` and its chord over a segment of `dt` seconds, N m or
     /// N. The first part comes from curvature, the second from kinks. `set` must contain all joints that
     /// these torques depend on. Other entries are undefined.
-    pub(crate) fn slack(&self, arcs: &[Arc; JOINTS], open: JointSet, set: JointSet, dt: f64) -> [PerJoint; 2] {
+    pub(crate) fn slack(&self, arcs: &[Arc; JOINTS_MAX], open: JointSet, set: JointSet, dt: f64) -> [PerJoint; 2] {
         let mut sums = [Sums::default(); BODIES];
-        let mut terms = [Term::default(); JOINTS];
-        let mut curves = [0.0; JOINTS];
+        let mut terms = [Term::default(); JOINTS_MAX];
+        let mut curves = [0.0; JOINTS_MAX];
         for j in joints(set) {
             let above = sums[self.parent[j]];
             if self.prismatic[j] {
@@ -186,7 +193,7 @@ impl Curves {
             sums[j + 1] = own;
             self.add(&self.bodies[j + 1], &own, &terms, arcs, open, &mut curves);
         }
-        let mut slack = [[0.0; JOINTS]; 2];
+        let mut slack = [[0.0; JOINTS_MAX]; 2];
         for j in joints(open) {
             slack[0][j] = curves[j] * dt * dt / 8.0;
             slack[1][j] = self.matrix[j].iter().zip(arcs).map(|(m, arc)| m * arc.kink).sum();
@@ -195,7 +202,7 @@ impl Curves {
     }
 
     /// Time of the kink that may take the torque of `joint` farthest from its chord.
-    pub(crate) fn sharpest(&self, arcs: &[Arc; JOINTS], joint: usize) -> f64 {
+    pub(crate) fn sharpest(&self, arcs: &[Arc; JOINTS_MAX], joint: usize) -> f64 {
         let row = self.matrix[joint].iter().zip(arcs);
         row.fold((0.0, 0.0), |most, (m, arc)| if m * arc.kink > most.0 { (m * arc.kink, arc.kink_t) } else { most }).1
     }
@@ -206,8 +213,8 @@ impl Curves {
         &self,
         body: &Carried,
         sums: &Sums,
-        terms: &[Term; JOINTS],
-        arcs: &[Arc; JOINTS],
+        terms: &[Term; JOINTS_MAX],
+        arcs: &[Arc; JOINTS_MAX],
         open: JointSet,
         curves: &mut PerJoint,
     ) {
@@ -219,7 +226,7 @@ impl Curves {
         }
         let gravity = lift * turned + 2.0 * turn * lift_rate;
         let n = body.turns.len();
-        let mut felt = [0.0; JOINTS];
+        let mut felt = [0.0; JOINTS_MAX];
         let mut carried = 0.0;
         for (i, &k) in body.turns.iter().enumerate() {
             let Term { value, rate, curve } = terms[k];

@@ -85,7 +85,7 @@ use crate::dynamics::{Dynamics, Mass, PerJoint};
 use crate::motion::{Arc, Motion};
 use crate::plan::{JointState, Planned};
 use curve::Curves;
-use messages::JOINTS;
+use messages::JOINTS_MAX;
 use robot::Payload;
 
 /// Share of each effort limit that a motion may need. The rest is for rotors, friction, and the servo's
@@ -111,16 +111,16 @@ pub(crate) struct Load {
     /// Payload of the hands.
     payload: [Payload; 2],
     /// Joints that the torque of each depends on: those that carry it, itself, and those that it carries.
-    related: [JointSet; JOINTS],
+    related: [JointSet; JOINTS_MAX],
 }
 
 impl Load {
     pub(crate) fn new(chain: &Chain, masses: &[Mass; BODIES], effort_max: &PerJoint) -> Result<Self, WbcError> {
         let related = std::array::from_fn(|j| {
-            let below = (0..JOINTS).filter(|&k| chain.ancestors(k + 1) & 1 << j != 0);
+            let below = (0..chain.count()).filter(|&k| chain.ancestors(k + 1) & 1 << j != 0);
             below.fold(chain.ancestors(j + 1), |set, k| set | 1 << k)
         });
-        let (dynamics, curves) = (Dynamics::new(masses), Curves::new(chain, masses)?);
+        let (dynamics, curves) = (Dynamics::new(chain, masses), Curves::new(chain, masses)?);
         Ok(Self {
             dynamics,
             curves,
@@ -147,7 +147,7 @@ impl Load {
     pub(crate) fn overloaded_at_rest(&self, chain: &Chain, q: &PerJoint) -> Option<(usize, f64, f64)> {
         let still = Planned::at_rest(*q);
         let torques = self.torques(chain, &std::array::from_fn(|j| still.joint(j)));
-        let over = (0..JOINTS).find(|&j| {
+        let over = (0..chain.count()).find(|&j| {
             let kept = torques[j].abs() <= self.limit[j];
             !kept
         })?;
@@ -156,7 +156,7 @@ impl Load {
 
     /// Joints whose torque depends on one of `fresh`.
     pub(crate) fn affected(&self, fresh: JointSet) -> JointSet {
-        (0..JOINTS)
+        (0..JOINTS_MAX)
             .filter(|&j| self.related[j] & fresh != 0 && self.limit[j].is_finite())
             .fold(0, |set, j| set | 1 << j)
     }
@@ -168,13 +168,13 @@ impl Load {
 
     /// Joints on which a torque of `open` depends.
     pub(crate) fn needed(&self, open: JointSet) -> JointSet {
-        (0..JOINTS).filter(|&j| open & 1 << j != 0).fold(0, |set, j| set | self.related[j])
+        joints(open).fold(0, |set, j| set | self.related[j])
     }
 
     /// Torques of all joints, N m or N.
-    pub(crate) fn torques(&self, chain: &Chain, x: &[JointState; JOINTS]) -> PerJoint {
-        let mut torques = [0.0; JOINTS];
-        self.dynamics.torques(chain, x, (1 << JOINTS) - 1, &mut torques);
+    pub(crate) fn torques(&self, chain: &Chain, x: &[JointState; JOINTS_MAX]) -> PerJoint {
+        let mut torques = [0.0; JOINTS_MAX];
+        self.dynamics.torques(chain, x, chain.all(), &mut torques);
         torques
     }
 }
@@ -183,7 +183,7 @@ impl Load {
 #[derive(Clone, Copy, Debug)]
 struct Node {
     t: f64,
-    x: [JointState; JOINTS],
+    x: [JointState; JOINTS_MAX],
     torque: PerJoint,
 }
 
@@ -199,7 +199,7 @@ pub(crate) struct TorqueScratch {
 
 impl TorqueScratch {
     pub(crate) fn new() -> Self {
-        let node = Node { t: 0.0, x: [JointState::default(); JOINTS], torque: [0.0; JOINTS] };
+        let node = Node { t: 0.0, x: [JointState::default(); JOINTS_MAX], torque: [0.0; JOINTS_MAX] };
         Self { nodes: [node; DEPTH_MAX + 3], evaluations: 0, left: EVALUATIONS_OF_TICK, blamed: 0 }
     }
 
@@ -282,7 +282,7 @@ impl Proof<'_> {
     fn unproved(&mut self, from: usize, to: usize, open: JointSet) -> (JointSet, f64) {
         let set = self.load.needed(open);
         let (from, to) = (&self.s.nodes[from], &self.s.nodes[to]);
-        let mut arcs = [Arc::default(); JOINTS];
+        let mut arcs = [Arc::default(); JOINTS_MAX];
         for j in joints(set) {
             arcs[j] = self.motion.joints[j].arc(from.t, to.t, from.x[j], to.x[j]);
         }

@@ -4,20 +4,23 @@
 
 use driver::Motion;
 use judge::{Attacker, Robot, TreeJoint};
-use messages::JOINTS;
+use messages::JOINTS_MAX;
 use nalgebra::{Matrix3, Vector3};
 use robot::JointLimits;
 use wbc::chain::{Chain, Link, Placement};
 use wbc::dynamics::Mass;
 use wbc::geometry::BodyCapsule;
 use wbc::interval::Bounds;
-use wbc::{Config, Input, Options, Output, Parts, Permit, Planned, Target, Tasks};
+use wbc::{Config, Controllers, Input, Options, Output, Parts, Permit, Planned, Target, Tasks};
 
 /// The robot resembles no product. It has the proportions of a person on a column, and d_min is 10 mm.
 pub const D_MIN_M: f64 = 0.01;
 
 /// Joint as (parent body, origin in the parent, axis, prismatic). All frames are parallel at zero.
 pub type JointRow = (usize, [f64; 3], [f64; 3], bool);
+
+/// Joints of the invented robot.
+pub const JOINTS: usize = 17;
 
 /// The tree: a lift, two head joints, and two mirrored arms whose zero is a T-pose.
 pub fn joint_rows() -> [JointRow; JOINTS] {
@@ -45,7 +48,7 @@ pub fn joint_rows() -> [JointRow; JOINTS] {
 }
 
 /// Limits in joint order.
-pub fn limits() -> [Bounds; JOINTS] {
+pub fn limits() -> [Bounds; JOINTS_MAX] {
     let bounds = |q_min, q_max, v_max, a_max, j_max| Bounds { q_min, q_max, v_max, a_max, brake: a_max, j_max };
     let arm = [
         bounds(-1.1, 1.5, 1.95, 8.0, 320.0),
@@ -57,20 +60,20 @@ pub fn limits() -> [Bounds; JOINTS] {
         bounds(-2.0, 2.0, 1.76, 10.0, 400.0),
     ];
     let head = bounds(-1.0, 0.8, 3.0, 10.0, 400.0);
-    let mut all = [bounds(0.0, 0.35, 0.07, 0.3, 12.0); JOINTS];
+    let mut all = [bounds(0.0, 0.35, 0.07, 0.3, 12.0); JOINTS_MAX];
     all[1..3].fill(head);
     all[3..10].copy_from_slice(&arm);
-    all[10..].copy_from_slice(&arm);
+    all[10..JOINTS].copy_from_slice(&arm);
     all
 }
 
 /// A posture in which both arms hang forward, clear of everything.
-pub fn home() -> [f64; JOINTS] {
+pub fn home() -> [f64; JOINTS_MAX] {
     let arm = [0.2, 0.6, 1.0, 0.9, 0.0, 0.0, 0.0];
-    let mut q = [0.15; JOINTS];
-    q[1..3].fill(0.0);
+    let mut q = [0.0; JOINTS_MAX];
+    q[0] = 0.15;
     q[3..10].copy_from_slice(&arm);
-    q[10..].copy_from_slice(&arm);
+    q[10..JOINTS].copy_from_slice(&arm);
     q
 }
 
@@ -124,7 +127,7 @@ pub fn pairs(capsules: &[BodyCapsule]) -> Vec<[usize; 2]> {
 /// The tree in the form that the crate uses.
 pub fn chain() -> Chain {
     let limits = limits();
-    let links = std::array::from_fn(|j| {
+    let link = |j: usize| {
         let (parent, origin, axis, prismatic) = joint_rows()[j];
         Link {
             parent,
@@ -133,8 +136,8 @@ pub fn chain() -> Chain {
             prismatic,
             stroke: limits[j].q_min.abs().max(limits[j].q_max.abs()),
         }
-    });
-    Chain::new(links).expect("a tree in order")
+    };
+    Chain::new(&(0..JOINTS).map(link).collect::<Vec<_>>()).expect("a tree in order")
 }
 
 /// The robot's parts.
@@ -143,16 +146,17 @@ pub fn parts() -> Parts {
     let pairs = pairs(&capsules);
     Parts {
         chain: chain(),
+        controllers: Controllers::new([1, 0b110, 0x7f << 3, 0x7f << 10]),
         limits: limits(),
         home: home(),
         capsules,
         pairs,
         obstacles: Vec::new(),
         d_min_m: D_MIN_M,
-        tasks: Tasks { joint_weight: [1.0; JOINTS], limb_weight: 0.0, limb_bodies: [[0; 2]; 2] },
-        masses: [Mass::default(); JOINTS + 1],
+        tasks: Tasks { joint_weight: [1.0; JOINTS_MAX], limb_weight: 0.0, limb_bodies: [[0; 2]; 2] },
+        masses: [Mass::default(); JOINTS_MAX + 1],
         payload: [robot::Payload::EMPTY; 2],
-        effort_max: [f64::INFINITY; JOINTS],
+        effort_max: [f64::INFINITY; JOINTS_MAX],
         stop_time_max_s: 0.5,
     }
 }
@@ -164,7 +168,10 @@ pub fn config(options: Options) -> Config {
 
 /// The invented robot as its judge knows it.
 pub fn made_up() -> Robot {
-    let tree = joint_rows().map(|(parent, origin, axis, prismatic)| TreeJoint { parent, origin, axis, prismatic });
+    let tree = joint_rows()
+        .into_iter()
+        .map(|(parent, origin, axis, prismatic)| TreeJoint { parent, origin, axis, prismatic })
+        .collect();
     let limits = limits().map(|Bounds { q_min, q_max, v_max, a_max, j_max, .. }| JointLimits {
         q_min,
         q_max,
@@ -197,6 +204,6 @@ pub fn sent(&Output { q, v, a, plan, .. }: &Output) -> Motion {
 /// The input of tick `k` that the attacker gives.
 pub fn input<'a>(k: u64, attacker: &'a Attacker<'_>) -> Input<'a> {
     let Attacker { q, dq, valid_mask, speed_scale, .. } = attacker;
-    let target = valid_mask.map(|valid_mask| Target { q, dq, ddq: &[0.0; JOINTS], valid_mask });
+    let target = valid_mask.map(|valid_mask| Target { q, dq, ddq: &[0.0; JOINTS_MAX], valid_mask });
     Input { k, target, permit: speed_scale.map_or(Permit::Stop, |speed_scale| Permit::Follow { speed_scale }) }
 }

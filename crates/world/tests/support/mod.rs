@@ -3,7 +3,7 @@
 
 use config::{Loaded, Overrides};
 use messages::{
-    ALL_JOINTS, Faults, Header, JOINTS, JointTarget, Layout, Mode, RobotState, Stamp, Status, Subject, TICK_HZ,
+    ALL_JOINTS, Faults, Header, JOINTS_MAX, JointTarget, Layout, Mode, RobotState, Stamp, Status, Subject, TICK_HZ,
     Transition, deadline, target_flag,
 };
 use robot::{Frames, Model};
@@ -30,14 +30,14 @@ pub struct Bench {
     echo: Option<RobotState>,
     /// True if a new robot state has arrived since the last tick of control.
     spoke: bool,
-    pub target: Option<[f64; JOINTS]>,
+    pub target: Option<[f64; JOINTS_MAX]>,
     pub hand: OperatorView,
     pub status: Status,
 }
 
 impl Bench {
     /// Creates a robot at rest at `initial`, which may be any posture.
-    pub fn new(loaded: &Loaded, initial: [f64; JOINTS], seed: u64) -> Self {
+    pub fn new(loaded: &Loaded, initial: [f64; JOINTS_MAX], seed: u64) -> Self {
         let config = world::control_config(loaded, true).expect("control");
         let options = sim::Options { initial: Some(initial), initial_outside: true, ..sim::Options::default() };
         let sim_config = sim::Config::new(&loaded.model, &options).expect("the simulated robot");
@@ -207,7 +207,7 @@ impl Bench {
 
 /// Distances of all checked pairs, and of moving parts from all obstacles, at a posture, m, by the arithmetic of
 /// `robot`.
-pub fn distances(model: &Model, frames: &mut Frames, q: &[f64; JOINTS]) -> Vec<f64> {
+pub fn distances(model: &Model, frames: &mut Frames, q: &[f64; JOINTS_MAX]) -> Vec<f64> {
     model.forward(q, frames);
     let axes: Vec<_> = model
         .capsules
@@ -231,6 +231,6 @@ pub fn distances(model: &Model, frames: &mut Frames, q: &[f64; JOINTS]) -> Vec<f
 }
 
 /// The smallest of [`distances`].
-pub fn clearance(model: &Model, frames: &mut Frames, q: &[f64; JOINTS]) -> f64 {
+pub fn clearance(model: &Model, frames: &mut Frames, q: &[f64; JOINTS_MAX]) -> f64 {
     distances(model, frames, q).into_iter().fold(f64::INFINITY, f64::min)
 }

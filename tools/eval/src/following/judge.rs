@@ -8,7 +8,7 @@ use super::tracking::Motion;
 use crate::clips::Human;
 use crate::figures::limbs_of;
 use follow::solver::{Bounds, State};
-use messages::{LEFT_ARM, LIMBS, RIGHT_ARM, Stamp};
+use messages::{LIMBS, Stamp};
 use retarget::{ArmModel, Limbs, limb_error_deg};
 use robot::Model;
 use serde::Serialize;
@@ -66,11 +66,14 @@ impl Figures {
 /// Returns the bounds of the arms, left and right.
 #[must_use]
 pub fn bounds_of(model: &Model) -> [Bounds; 2] {
-    [LEFT_ARM, RIGHT_ARM].map(|joints| {
-        let limit = |of: fn(&robot::JointLimits) -> f64| Joints::from_fn(|i, _| of(&model.limits[joints.start + i]));
+    model.arms.each_ref().map(|arm| {
+        let limit = |of: fn(&robot::JointLimits) -> f64| Joints::from_fn(|i, _| of(&model.limits[arm.joints[i]]));
+        // A right arm is judged as the left arm that mirrors it.
+        let turned = |i: usize| arm.signs[i] < 0.0;
+        let (low, high) = (limit(|limits| limits.q_min), limit(|limits| limits.q_max));
         Bounds {
-            q_min: limit(|limits| limits.q_min),
-            q_max: limit(|limits| limits.q_max),
+            q_min: Joints::from_fn(|i, _| if turned(i) { -high[i] } else { low[i] }),
+            q_max: Joints::from_fn(|i, _| if turned(i) { -low[i] } else { high[i] }),
             v_max: limit(|limits| limits.v_max),
             a_max: limit(|limits| limits.a_max),
         }

@@ -8,7 +8,7 @@ use client::PlayOptions;
 use collision::dynamics::{Dynamics, GRAVITY_M_PER_S2};
 use config::Loaded;
 use follow::solver::State;
-use messages::{JointCommand, LEFT_ARM, Mode, RIGHT_ARM, Stamp, command_flag, deadline};
+use messages::{JointCommand, Mode, Stamp, command_flag, deadline};
 use motion::{CalibrationMode, Motion};
 use std::collections::BTreeMap;
 use world::{Moment, Offline, OfflineEnd};
@@ -100,7 +100,7 @@ impl<'a> Stage<'a> {
     fn torque_share(&self, command: &JointCommand) -> f64 {
         let torques = self.dynamics.at(&command.q).torques(&command.v, &command.a, GRAVITY_M_PER_S2);
         let share = |j: usize| torques[j].abs() / self.loaded.model.limits[j].effort_max;
-        LEFT_ARM.chain(RIGHT_ARM).map(share).fold(0.0, f64::max)
+        self.loaded.model.arms.iter().flat_map(robot::Arm::range).map(share).fold(0.0, f64::max)
     }
 }
 
@@ -143,7 +143,10 @@ impl Watch<'_> {
         self.played.ticks += 1;
         self.played.on_plan += u64::from(command.flags & command_flag::ON_PLAN != 0);
         if let (true, Some(span)) = ((moment.k - began).is_multiple_of(SAMPLE_TICKS), self.played.spans.last_mut()) {
-            let arms = |all: &[f64]| [LEFT_ARM, RIGHT_ARM].map(|joints| std::array::from_fn(|i| all[joints.start + i]));
+            let arms = |all: &[f64]| {
+                let model = &self.stage.loaded.model;
+                model.arms.each_ref().map(|arm| arm.mirrored(&std::array::from_fn(|i| all[arm.joints[i]])))
+            };
             span.push(Sample { at: deadline(command.k), q: arms(&command.q), v: arms(&command.v) });
         }
     }

@@ -17,12 +17,12 @@ fn ways(model: &Model, interface: &Interface) -> Ways {
     Ways::new(model, interface, &model.limits).expect("the robot of the repository is allowed")
 }
 
-fn random_posture(model: &Model, rng: &mut Pcg64) -> [f64; JOINTS] {
+fn random_posture(model: &Model, rng: &mut Pcg64) -> [f64; JOINTS_MAX] {
     model.limits.map(|limits| rng.random_range(limits.q_min..=limits.q_max))
 }
 
 /// The least distance at `q`, by the other implementation.
-fn least_m(model: &Model, q: &[f64; JOINTS]) -> f64 {
+fn least_m(model: &Model, q: &[f64; JOINTS_MAX]) -> f64 {
     let mut frames = Frames::default();
     model.forward(q, &mut frames);
     all_distances(model, &frames)[0].0
@@ -32,7 +32,7 @@ fn least_m(model: &Model, q: &[f64; JOINTS]) -> f64 {
 fn surroundings(model: &mut Model, rng: &mut Pcg64, none: bool) {
     loop {
         model.obstacles = if none { vec![] } else { solids(rng) };
-        let clear = |q: [f64; JOINTS]| least_m(model, &q) >= ASKED.least_m;
+        let clear = |q: [f64; JOINTS_MAX]| least_m(model, &q) >= ASKED.least_m;
         if (0..40).filter(|_| clear(random_posture(model, rng))).count() > 5 {
             return;
         }
@@ -91,10 +91,10 @@ fn pair_distance_changes_within_lever_bound() {
 }
 
 /// A random state, with a stop that need not end at rest: its phases go forth and back.
-fn random_motion(model: &Model, rng: &mut Pcg64, q: &[f64; JOINTS]) -> ([Point; JOINTS], [Phases; JOINTS]) {
+fn random_motion(model: &Model, rng: &mut Pcg64, q: &[f64; JOINTS_MAX]) -> ([Point; JOINTS_MAX], [Phases; JOINTS_MAX]) {
     let share = [0.15, 0.5, 1.0][rng.random_range(0..3)];
     let speed = [0.0, 0.3, 1.0, 3.0][rng.random_range(0..4)];
-    let moves: [bool; JOINTS] = std::array::from_fn(|_| rng.random_bool(share));
+    let moves: [bool; JOINTS_MAX] = std::array::from_fn(|_| rng.random_bool(share));
     let next = std::array::from_fn(|j| {
         let v = if moves[j] { speed * model.limits[j].v_max * rng.random_range(-1.0..=1.0) } else { 0.0 };
         Point::quantised(q[j], v, 0.0).unwrap_or_default()
@@ -128,20 +128,20 @@ fn stop_of(start: Point, phases: &Phases) -> Stop {
 }
 
 /// Positions `ticks` after the beginning of `stored`, as they would be sent.
-fn played(stored: &Stored, ticks: u64) -> [f64; JOINTS] {
+fn played(stored: &Stored, ticks: u64) -> [f64; JOINTS_MAX] {
     let later = stored.later(ticks);
     std::array::from_fn(|j| later.joint(j).0.q as f64 / UNITS)
 }
 
 /// The ticks at which the gate must check, computed without its arithmetic.
-fn looked_at(phases: &[Phases; JOINTS]) -> Vec<u64> {
+fn looked_at(phases: &[Phases; JOINTS_MAX]) -> Vec<u64> {
     let long = |phases: &Phases| phases.iter().map(|phase| phase.duration as f64 / TIME_UNITS).sum::<f64>();
     let ticks = (phases.iter().map(long).fold(0.0, f64::max) * 1500.0 - 1e-9).ceil().max(0.0);
     (1..=10).map(|i| (ticks * f64::from(i) / 10.0 - 1e-9).ceil().max(0.0) as u64).collect()
 }
 
 /// The expected verdict on a motion, by all distances at all samples. None if rounding decides.
-fn expected(model: &Model, next: &[Point; JOINTS], phases: &[Phases; JOINTS]) -> Option<&'static str> {
+fn expected(model: &Model, next: &[Point; JOINTS_MAX], phases: &[Phases; JOINTS_MAX]) -> Option<&'static str> {
     let stored = Stored::new(*next, *phases);
     let ticks = looked_at(phases);
     let spare = |ticks: u64| least_m(model, &played(&stored, ticks)) - ASKED.least_m;
@@ -153,10 +153,10 @@ fn expected(model: &Model, next: &[Point; JOINTS], phases: &[Phases; JOINTS]) ->
 }
 
 /// A posture that is clear, mostly by little.
-fn clear_posture(model: &Model, rng: &mut Pcg64) -> [f64; JOINTS] {
+fn clear_posture(model: &Model, rng: &mut Pcg64) -> [f64; JOINTS_MAX] {
     loop {
         let (from, to) = (random_posture(model, rng), random_posture(model, rng));
-        let at = |s: f64| -> [f64; JOINTS] { std::array::from_fn(|j| from[j] + s * (to[j] - from[j])) };
+        let at = |s: f64| -> [f64; JOINTS_MAX] { std::array::from_fn(|j| from[j] + s * (to[j] - from[j])) };
         if least_m(model, &at(0.0)) < ASKED.least_m {
             continue;
         }
@@ -217,7 +217,7 @@ fn pair_without_samples_is_clear_at_every_instant() {
         }
         let q = clear_posture(&model, &mut rng);
         let (next, phases) = random_motion(&model, &mut rng, &q);
-        let stops: [Stop; JOINTS] = std::array::from_fn(|j| stop_of(next[j], &phases[j]));
+        let stops: [Stop; JOINTS_MAX] = std::array::from_fn(|j| stop_of(next[j], &phases[j]));
         let mut open = [Open::default(); PAIRS_MAX];
         let Ok((_, count)) = own.at_command(&next, &stops, ASKED, &mut 0, &mut open) else { continue };
         let open: std::collections::BTreeSet<_> = open[..count].iter().map(|open| usize::from(open.pair)).collect();
@@ -240,7 +240,7 @@ fn accepted_motion_with_lag_and_deviation_keeps_clearance() {
     let mut model = shipped();
     let mut rng = Pcg64::seed_from_u64(35);
     let controller = std::array::from_fn(|j| if j < 3 { [0, 1, 1][j] } else { 2 + (j - 3) / 7 });
-    let interface = Interface { off: [1e-4; JOINTS], skew_s: 0.01, controller };
+    let interface = Interface { off: [1e-4; JOINTS_MAX], skew_s: 0.01, controller };
     let (mut accepted, mut denied, mut closer) = (0, 0, 0);
     let mut own = [interface, Interface::default()].map(|interface| ways(&model, &interface));
     for n in 0..3000 {
@@ -250,9 +250,9 @@ fn accepted_motion_with_lag_and_deviation_keeps_clearance() {
         }
         let q = clear_posture(&model, &mut rng);
         let (next, _) = random_motion(&model, &mut rng, &q);
-        let phases: [Phases; JOINTS] =
+        let phases: [Phases; JOINTS_MAX] =
             std::array::from_fn(|j| braking(next[j], (0.5 * model.limits[j].j_max * UNITS) as i64));
-        let stops: [Stop; JOINTS] = std::array::from_fn(|j| stop_of(next[j], &phases[j]));
+        let stops: [Stop; JOINTS_MAX] = std::array::from_fn(|j| stop_of(next[j], &phases[j]));
         let [with, without] = own.each_ref().map(|own| own.judge(&next, &stops, ASKED, &mut 0).is_ok());
         assert!(without || !with);
         denied += u32::from(without && !with);
@@ -286,7 +286,7 @@ fn accepted_motion_with_lag_and_deviation_keeps_clearance() {
 #[test]
 fn interface_out_of_bounds_is_refused() {
     let model = shipped();
-    let sound = Interface { off: [1e-5; JOINTS], skew_s: 0.01, controller: [0; JOINTS] };
+    let sound = Interface { off: [1e-5; JOINTS_MAX], skew_s: 0.01, controller: [0; JOINTS_MAX] };
     assert!(Ways::new(&model, &sound, &model.limits).is_ok());
     type Damage = fn(&mut Interface);
     let cases: [Damage; 6] = [
@@ -295,7 +295,7 @@ fn interface_out_of_bounds_is_refused() {
         |i| i.skew_s = 0.051,
         |i| i.off[5] = f64::INFINITY,
         |i| i.off[5] = 1.1e-3,
-        |i| i.controller[5] = JOINTS,
+        |i| i.controller[5] = JOINTS_MAX,
     ];
     for damage in cases {
         let mut interface = sound;

@@ -1,0 +1,216 @@
+//! The commanded joints in the URDF's tree: their order, the joints that are held, and the bodies between them.
+
+use crate::error::RobotError;
+use crate::file::{ArmEntry, RobotFile};
+use crate::kinematics::JointFrame;
+use crate::model::{Link, Source};
+use crate::pose::{Pose, rotation};
+use crate::urdf::{Tree, UrdfJoint};
+use messages::{ARM_JOINTS, JOINTS_MAX};
+use std::collections::BTreeMap;
+use urdf_rs::JointType;
+
+/// The commanded joints in the order of messages: body joints with parents first, left arm, right arm.
+pub(crate) struct Chain {
+    pub(crate) names: Vec<String>,
+    /// Index of each in the URDF.
+    pub(crate) at: Vec<usize>,
+    /// Number of body joints.
+    pub(crate) body_count: usize,
+    pub(crate) prismatic: [bool; JOINTS_MAX],
+    /// Positions of the movable joints that nothing commands, by their index in the URDF, rad or m.
+    held: BTreeMap<usize, f64>,
+}
+
+impl Chain {
+    /// First joint of the left or the right arm.
+    pub(crate) fn arm_start(&self, side: usize) -> usize {
+        self.body_count + side * ARM_JOINTS
+    }
+}
+
+impl Source<'_> {
+    /// Finds the commanded joints in the tree. Each must be of a kind that can be commanded. Every other movable
+    /// joint must be held, so that no motion is left out of the model.
+    pub(crate) fn find_joints(&self, file: &RobotFile, tree: &Tree) -> Result<Chain, RobotError> {
+        let mut body: Vec<(usize, usize)> = Vec::new();
+        for name in &file.body_joints {
+            let at = self.find("body_joints", name, tree)?;
+            body.push((depth(tree, at), at));
+        }
+        // The sort is stable, so joints of one depth stay in the file's order.
+        body.sort_by_key(|(depth, _)| *depth);
+        let mut at: Vec<usize> = body.into_iter().map(|(_, at)| at).collect();
+        let body_count = at.len();
+        for (key, arm) in [("arms.left.joints", &file.arms.left), ("arms.right.joints", &file.arms.right)] {
+            for name in &arm.joints {
+                at.push(self.find(key, name, tree)?);
+            }
+        }
+        if at.len() > JOINTS_MAX {
+            let (file, key) = (self.toml.into(), "commanded joints".into());
+            return Err(RobotError::TooMany { file, key, count: at.len(), bound: JOINTS_MAX });
+        }
+        let mut prismatic = [false; JOINTS_MAX];
+        for (j, index) in at.iter().enumerate() {
+            let joint = &tree.joints[*index];
+            if at[..j].contains(index) {
+                return Err(RobotError::duplicate(self.toml, "joint", &joint.name));
+            }
+            prismatic[j] = joint.kind == JointType::Prismatic;
+            let (fits, bound) = if j < body_count {
+                (prismatic[j] || joint.kind == JointType::Revolute, "a body joint must be revolute or prismatic")
+            } else {
+                (joint.kind == JointType::Revolute, "an arm's joint must be revolute")
+            };
+            if !fits || joint.mimics {
+                let value = if fits { "mimic".into() } else { kind_of(joint) };
+                return Err(self.joint_kind(joint, value, bound));
+            }
+        }
+        let held = self.held(file, &at, tree)?;
+        let names = at.iter().map(|index| tree.joints[*index].name.clone()).collect();
+        Ok(Chain { names, at, body_count, prismatic, held })
+    }
+
+    fn find(&self, key: &str, name: &str, tree: &Tree) -> Result<usize, RobotError> {
+        tree.joint(name).ok_or_else(|| RobotError::unknown(self.toml, key, name, "a joint of the URDF"))
+    }
+
+    fn joint_kind(&self, joint: &UrdfJoint, value: String, bound: &str) -> RobotError {
+        let (file, joint) = (self.urdf.into(), joint.name.clone());
+        RobotError::JointKind { file, joint, value, bound: bound.into() }
+    }
+
+    /// Reads the positions of the held joints.
+    fn held(&self, file: &RobotFile, at: &[usize], tree: &Tree) -> Result<BTreeMap<usize, f64>, RobotError> {
+        let mut held = BTreeMap::new();
+        for (table, slides, given) in [("held_m", true, &file.held_m), ("held_rad", false, &file.held_rad)] {
+            for (name, &position) in given {
+                let known = tree.joint(name).filter(|index| {
+                    let kind = &tree.joints[*index].kind;
+                    !at.contains(index) && *kind != JointType::Fixed && (*kind == JointType::Prismatic) == slides
+                });
+                let expected = if slides { "a joint that slides" } else { "a joint that turns" };
+                let index = known.ok_or_else(|| {
+                    let expected = format!("{expected} and is not commanded");
+                    RobotError::unknown(self.toml, table, name, &expected)
+                })?;
+                let joint = &tree.joints[index];
+                let limited = matches!(joint.kind, JointType::Revolute | JointType::Prismatic);
+                let (lower, upper) =
+                    if limited { (joint.limit.lower, joint.limit.upper) } else { (f64::MIN, f64::MAX) };
+                if !(position >= lower && position <= upper) {
+                    let bound = format!("must be within the URDF's [{lower}, {upper}]");
+                    return Err(self.joint(self.toml, name, table, position, bound));
+                }
+                held.insert(index, position);
+            }
+        }
+        for (index, joint) in tree.joints.iter().enumerate() {
+            if joint.kind == JointType::Fixed || at.contains(&index) || held.contains_key(&index) {
+                continue;
+            }
+            let bound = "every movable joint must be commanded, or held: name it in [held_rad] or [held_m] of the \
+                         robot file";
+            return Err(self.joint_kind(joint, kind_of(joint), bound));
+        }
+        Ok(held)
+    }
+
+    /// Cuts the tree at the commanded joints. The result is a body for each joint and one for the base, and the
+    /// place of every link on one of them.
+    pub(crate) fn split_bodies(
+        &self,
+        base_link: &str,
+        chain: &Chain,
+        tree: &Tree,
+    ) -> Result<(Vec<JointFrame>, Vec<Link>), RobotError> {
+        if tree.link(base_link) != Some(tree.root) {
+            let bound = format!("must be the root link `{}`", tree.links[tree.root]);
+            return Err(self.value("base_link", format!("`{base_link}`"), bound));
+        }
+        let locate = |link: usize| {
+            let mut here = (link, Pose::identity());
+            loop {
+                let Some(above) = tree.joint_above[here.0] else {
+                    return (0, here.1);
+                };
+                if let Some(j) = chain.at.iter().position(|commanded| *commanded == above) {
+                    return (j + 1, here.1);
+                }
+                let joint = &tree.joints[above];
+                let held = chain.held.get(&above).map_or(here.1, |position| moved(joint, *position).compose(&here.1));
+                here = (joint.parent, joint.parent_from_joint.compose(&held));
+            }
+        };
+        let mut frames = Vec::with_capacity(chain.at.len());
+        for (j, index) in chain.at.iter().enumerate() {
+            let joint = &tree.joints[*index];
+            let (parent, parent_from_link) = locate(joint.parent);
+            if parent > j.min(chain.body_count) && j < chain.body_count {
+                return Err(self.value("body_joints", format!("`{}`", joint.name), "must not be a part of an arm"));
+            }
+            let parent_from_joint = parent_from_link.compose(&joint.parent_from_joint);
+            frames.push(JointFrame::new(parent, &parent_from_joint, joint.axis, chain.prismatic[j]));
+        }
+        let links = (0..tree.links.len()).map(|link| {
+            let (body, body_from_link) = locate(link);
+            let (visuals, meshes) = (tree.visuals[link].clone(), tree.meshes[link].clone());
+            Link { name: tree.links[link].clone(), body, body_from_link, visuals, meshes, inertia: tree.inertias[link] }
+        });
+        Ok((frames, links.collect()))
+    }
+
+    /// Checks that an arm is one chain from the torso, that its upper arm moves with the third joint, and its
+    /// forearm with the fifth.
+    pub(crate) fn check_arm(
+        &self,
+        side: usize,
+        arm: &ArmEntry,
+        chain: &Chain,
+        torso_body: usize,
+        (frames, links): (&[JointFrame], &[Link]),
+    ) -> Result<(), RobotError> {
+        let (start, side) = (chain.arm_start(side), ["left", "right"][side]);
+        for i in 0..ARM_JOINTS {
+            let parent = frames[start + i].parent;
+            let fits = if i == 0 { parent == torso_body } else { parent == start + i };
+            if !fits {
+                let bound = match i.checked_sub(1) {
+                    None => "must be the first joint after torso_link".to_owned(),
+                    Some(before) => format!("must be the next joint after `{}`", chain.names[start + before]),
+                };
+                return Err(self.value(&format!("arms.{side}.joints"), format!("`{}`", arm.joints[i]), bound));
+            }
+        }
+        for (part, name, joint) in [("upper", &arm.upper, start + 2), ("fore", &arm.fore, start + 4)] {
+            let key = format!("arms.{side}.{part}");
+            let found = links.iter().find(|link| link.name == *name).ok_or_else(|| self.unknown_link(&key, name))?;
+            if found.body != joint + 1 {
+                let bound = format!("must move with joint `{}`", chain.names[joint]);
+                return Err(self.value(&key, format!("`{name}`"), bound));
+            }
+        }
+        Ok(())
+    }
+}
+
+fn kind_of(joint: &UrdfJoint) -> String {
+    format!("{:?}", joint.kind).to_lowercase()
+}
+
+/// Number of joints above a joint.
+fn depth(tree: &Tree, joint: usize) -> usize {
+    let above = |at: &usize| tree.joint_above[tree.joints[*at].parent];
+    std::iter::successors(Some(joint), above).count() - 1
+}
+
+/// Motion of a joint at a position, rad or m.
+fn moved(joint: &UrdfJoint, position: f64) -> Pose {
+    if joint.kind == JointType::Prismatic {
+        Pose { t: joint.axis * position, ..Pose::identity() }
+    } else {
+        Pose { r: rotation(&joint.axis, position), ..Pose::identity() }
+    }
+}
