@@ -341,6 +341,8 @@ impl Tree<'_> {
         let (mut link, mut pose) = (start, Pose::identity());
         for _ in 0..=above.len() {
             let Some((place, parent)) = above[link] else {
+                // The frame of the base is on the floor.
+                pose.t.z += file.base_height_m;
                 return Ok(Link { name, body: 0, body_from_link: pose });
             };
             if let Some(j) = self.at.iter().position(|commanded| *commanded == place) {

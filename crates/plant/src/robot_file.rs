@@ -12,6 +12,8 @@ pub(crate) struct RobotFile {
     format: u32,
     pub(crate) base_link: String,
     #[serde(default)]
+    pub(crate) base_height_m: f64,
+    #[serde(default)]
     pub(crate) body_joints: Vec<String>,
     #[serde(default)]
     pub(crate) held_rad: BTreeMap<String, f64>,

@@ -130,3 +130,20 @@ fn point_velocity_matches_finite_difference() {
         assert!((rate - own).norm() < 1e-7, "{n}: {rate} {own}");
     }
 }
+
+#[test]
+fn raised_base_matches_robot_crate() {
+    let base = "base_link = \"base_footprint\"\n";
+    let toml = HANDS[1].replace(base, &format!("{base}base_height_m = 0.4\n"));
+    let (body, model) = both([HANDS[0], &toml, HANDS[2], HANDS[3]]);
+    let (mut ours, mut theirs) = (Frames::default(), robot::Frames::default());
+    body.forward(&body.home, &mut ours);
+    model.forward(&model.home, &mut theirs);
+    for (own, other) in ours.base_from_body.iter().zip(&theirs.base_from_body) {
+        assert!((own.t - other.t).amax() < 1e-12, "{own:?} {other:?}");
+    }
+    let base = |capsule: &plant::Capsule| capsule.body == 0;
+    let (own, other) = (body.capsules.iter().find(|one| base(one)), model.capsules.iter().find(|one| one.body == 0));
+    let (own, other) = (own.expect("a base"), other.expect("a base"));
+    assert!((own.ends[0] - other.a).amax() < 1e-12, "{own:?} {other:?}");
+}

@@ -7,8 +7,13 @@ use crate::model::{Link, Source};
 use crate::pose::{Pose, rotation};
 use crate::urdf::{Tree, UrdfJoint};
 use messages::{ARM_JOINTS, JOINTS_MAX};
+use nalgebra::Vector3;
 use std::collections::BTreeMap;
+use std::ops::RangeInclusive;
 use urdf_rs::JointType;
+
+/// Bounds of the height of the base link above the floor. Legs and pedestals are shorter.
+const BASE_HEIGHT_M: RangeInclusive<f64> = 0.0..=3.0;
 
 /// The commanded joints in the order of messages: body joints with parents first, left arm, right arm.
 pub(crate) struct Chain {
@@ -122,7 +127,7 @@ impl Source<'_> {
     /// place of every link on one of them.
     pub(crate) fn split_bodies(
         &self,
-        base_link: &str,
+        (base_link, height_m): (&str, f64),
         chain: &Chain,
         tree: &Tree,
     ) -> Result<(Vec<JointFrame>, Vec<Link>), RobotError> {
@@ -130,11 +135,16 @@ impl Source<'_> {
             let bound = format!("must be the root link `{}`", tree.links[tree.root]);
             return Err(self.value("base_link", format!("`{base_link}`"), bound));
         }
+        if !BASE_HEIGHT_M.contains(&height_m) {
+            let bound = format!("must lie in [{}, {}]", BASE_HEIGHT_M.start(), BASE_HEIGHT_M.end());
+            return Err(self.value("base_height_m", height_m.to_string(), bound));
+        }
+        let base_from_root = Pose { t: Vector3::new(0.0, 0.0, height_m), ..Pose::identity() };
         let locate = |link: usize| {
             let mut here = (link, Pose::identity());
             loop {
                 let Some(above) = tree.joint_above[here.0] else {
-                    return (0, here.1);
+                    return (0, base_from_root.compose(&here.1));
                 };
                 if let Some(j) = chain.at.iter().position(|commanded| *commanded == above) {
                     return (j + 1, here.1);

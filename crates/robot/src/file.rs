@@ -18,6 +18,9 @@ pub(crate) struct RobotFile {
     pub(crate) name: String,
     pub(crate) urdf: String,
     pub(crate) base_link: String,
+    /// Height of `base_link` above the floor. The robot's base frame lies below it, on the floor.
+    #[serde(default)]
+    pub(crate) base_height_m: f64,
     pub(crate) torso_link: String,
     /// Commanded joints that belong to no arm: a lift, a waist, a head. In any order.
     #[serde(default)]

@@ -183,7 +183,7 @@ impl Source<'_> {
     fn build(&self, file: RobotFile, tree: &Tree, texts: Texts) -> Result<Model, RobotError> {
         let chain = self.find_joints(&file, tree)?;
         let (joint_names, prismatic) = (&chain.names, chain.prismatic);
-        let (joint_frames, links) = self.split_bodies(&file.base_link, &chain, tree)?;
+        let (joint_frames, links) = self.split_bodies((&file.base_link, file.base_height_m), &chain, tree)?;
 
         let urdf_limits = self.urdf_limits(&chain, tree)?;
         self.check_names("tighten", file.tighten.keys(), joint_names)?;

@@ -151,3 +151,27 @@ fn known_link_has_a_pose_and_unknown_link_has_none() {
     assert!((distance(&frames) - at_home).abs() < 1e-12 && at_home > 0.05);
     assert!(model.link_pose(&frames, "no_such_link").is_none());
 }
+
+#[test]
+fn base_height_raises_every_body_and_is_bounded() {
+    let raised = |height_m: &str| {
+        let base = "base_link = \"base_footprint\"\n";
+        support::load(&support::TOML.replace(base, &format!("{base}base_height_m = {height_m}\n")), support::URDF)
+    };
+    let (low, high) = (shipped(), raised("0.4").expect("a robot on a pedestal"));
+    let (mut below, mut above) = (Frames::default(), Frames::default());
+    low.forward(&low.home, &mut below);
+    high.forward(&high.home, &mut above);
+    let up = Vector3::new(0.0, 0.0, 0.4);
+    for body in 1..=low.count {
+        let [below, above] = [&below, &above].map(|frames| frames.base_from_body[body]);
+        assert!((above.t - below.t - up).norm() < 1e-12 && above.r == below.r, "body {body}");
+    }
+    // The capsules of the base too: its frame lies on the floor.
+    for (below, above) in low.capsules.iter().zip(&high.capsules).filter(|(below, _)| below.body == 0) {
+        assert!((above.a - below.a - up).norm() < 1e-12, "{}", below.name);
+    }
+    assert_eq!(low.arms, high.arms, "the arms turn limbs as before");
+    let refused = raised("-0.1").expect_err("below the floor").to_string();
+    assert!(refused.contains("base_height_m = -0.1, must lie in [0, 3]"), "{refused}");
+}
