@@ -147,7 +147,8 @@ fn f109_false_but_valid_skeletons_keep_robot_within_its_limits() {
     let hand = rig.hand();
     let core = Domain::open(rig.instance.core_domain(), "ingest").expect("as ingest would");
     let mut writer = core.writer::<Skeleton>(Service::Skeleton).expect("ingest does not run");
-    let loaded = config::load(&harness::config(), config::Overrides { engage_without_realtime: true, interface: None });
+    let loaded =
+        config::load(&harness::config(), config::Overrides { engage_without_realtime: true, ..Default::default() });
     let config_hash = loaded.expect("settings").hash;
     let mut random = rand_pcg::Pcg64::seed_from_u64(109);
     let mut skeleton = Skeleton::ZERO;

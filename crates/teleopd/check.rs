@@ -35,6 +35,11 @@ pub fn run(place: &InstanceArgs) -> Result<Exit, Failure> {
         let overridden = match key.as_str() {
             "control.engage_without_realtime" => place.engage_without_realtime,
             "sim.interface" => place.interface.is_some(),
+            "robot.file" => place.robot.is_some(),
+            "weights.file" => {
+                let own = place.robot.as_ref().map(|robot| format!("/{}\"", robot.name()));
+                own.is_some_and(|own| value.ends_with(&own))
+            }
             _ => false,
         };
         let from = if overridden { "command line".to_owned() } else { source.to_string() };

@@ -2,7 +2,7 @@
 
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{Args, Parser, Subcommand};
-use config::{Loaded, Overrides, RobotInterface};
+use config::{Loaded, Overrides, RobotChoice, RobotInterface};
 use instance::Instance;
 use rt::{Exit, Failure};
 use std::path::PathBuf;
@@ -28,6 +28,10 @@ pub struct InstanceArgs {
     /// Engage even if the kernel grants no real-time scheduling. Simulated driver only.
     #[arg(long)]
     pub engage_without_realtime: bool,
+    /// Another robot than that of the settings. NAME has its robot file and its weights in the same folders as the
+    /// settings' own. A value with a slash or .toml is a file.
+    #[arg(long, value_name = "NAME|FILE")]
+    pub robot: Option<RobotChoice>,
     /// Command interface of the simulated robot, overrides sim.interface. direct: takes every command. jtc100:
     /// four unsynchronised controllers that take points at 100 Hz.
     #[arg(long, value_name = "NAME", value_parser = interface_parser())]
@@ -58,11 +62,15 @@ impl InstanceArgs {
         if let Some(interface) = self.interface {
             command.arg("--interface").arg(interface.name());
         }
+        if let Some(robot) = &self.robot {
+            command.arg("--robot").arg(robot.typed());
+        }
     }
 
     /// Returns the settings that the command line overrides.
     pub fn overrides(&self) -> Overrides {
-        Overrides { engage_without_realtime: self.engage_without_realtime, interface: self.interface }
+        let (interface, robot) = (self.interface, self.robot.clone());
+        Overrides { engage_without_realtime: self.engage_without_realtime, interface, robot }
     }
 }
 
@@ -176,6 +184,10 @@ pub struct Demo {
     /// Settings. A program installed in /usr/bin defaults to /etc/teleop/teleop.toml if that exists.
     #[arg(long, value_name = "FILE", default_value_os_t = instance::default_config())]
     pub config: PathBuf,
+    /// Another robot than that of the settings. NAME has its robot file and its weights in the same folders as the
+    /// settings' own. A value with a slash or .toml is a file.
+    #[arg(long, value_name = "NAME|FILE")]
+    pub robot: Option<RobotChoice>,
     /// Motion file to replay instead of the built-in motion.
     #[arg(long, value_name = "FILE")]
     pub motion: Option<PathBuf>,
@@ -208,4 +220,28 @@ pub struct Demo {
     /// Print no live line and no figures.
     #[arg(long)]
     pub quiet: bool,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn handed_on_options_give_the_children_the_same_settings() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let instance = Instance::new(folder.path()).expect("an instance");
+        for options in
+            ["", "--robot unitree_g1", "--robot mine/robot.toml --interface jtc100 --engage-without-realtime"]
+        {
+            let up = ["teleopd", "up"].into_iter().chain(options.split_whitespace());
+            let Command::Up(up) = Cli::parse_from(up).command else { panic!("up") };
+            let mut child = std::process::Command::new("teleopd");
+            child.arg("control");
+            up.place.hand_on(&mut child, &instance);
+            let words = [child.get_program()].into_iter().chain(child.get_args());
+            let Command::Control(control) = Cli::parse_from(words).command else { panic!("control") };
+            assert_eq!(control.place.overrides(), up.place.overrides(), "{options}");
+            assert_eq!(control.place.overrides().robot.is_some(), options.contains("--robot"), "{options}");
+        }
+    }
 }

@@ -51,6 +51,7 @@ pub fn run(options: &cli::Demo) -> Result<Exit, Failure> {
         run_dir: folder.path.clone(),
         engage_without_realtime: true,
         interface: options.interface,
+        robot: options.robot.clone(),
     };
     out!("motion    {} ({:.1} s at {:.0} Hz)", motion.name, motion.duration_s(), motion.frame_rate_hz);
     for warning in &motion.guesses.warnings {
@@ -133,7 +134,8 @@ fn read(options: &cli::Demo) -> Result<(motion::Motion, Loaded), Failure> {
         Some(path) => motion::load(path).map_err(|error| unread(path, error))?,
         None => motion::builtin(),
     };
-    let overrides = Overrides { engage_without_realtime: true, interface: options.interface };
+    let (interface, robot) = (options.interface, options.robot.clone());
+    let overrides = Overrides { engage_without_realtime: true, interface, robot };
     let loaded = config::load(&options.config, overrides).map_err(Failure::with(Exit::Config))?;
     // Checked before the run, so that an unwritable report is found early. An existing report stays until the run
     // has ended.

@@ -57,6 +57,9 @@ fn recorded(options: &cli::View, recording: &Path) -> Result<Exit, Failure> {
         command.arg("--meshes").arg(meshes);
     }
     command.arg("--config").arg(&options.place.config);
+    if let Some(robot) = &options.place.robot {
+        command.arg("--robot").arg(robot.typed());
+    }
     Err(Failure::new(Exit::Software, command.exec()))
 }
 

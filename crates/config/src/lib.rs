@@ -1,13 +1,15 @@
 //! The settings of an instance, and the files that they name: robot, weights, layouts, operators. Everything is checked
 //! before it is used.
 
+mod choice;
 mod cores;
 mod load;
 mod operators;
 mod settings;
 
+pub use choice::RobotChoice;
 pub use cores::Cores;
-pub use load::{Loaded, Overrides, load, load_model, load_weights, read_settings, read_text};
+pub use load::{Loaded, Overrides, load, load_model, load_robot, load_weights, read_settings, read_text};
 pub use operators::{Operator, Operators};
 pub use safety::engage::Settings as SafetySettings;
 pub use settings::{
@@ -68,6 +70,16 @@ pub enum ConfigError {
     Robot {
         /// File, joint, key, value and bound.
         cause: String,
+    },
+    /// No robot has this name.
+    #[error("--robot {name}: {folder} has no robot with this name; it has {known}")]
+    UnknownRobot {
+        /// The name.
+        name: String,
+        /// The folder of the robot files.
+        folder: String,
+        /// Names of the robots in the folder.
+        known: String,
     },
     /// A skeleton's layout is refused.
     #[error(transparent)]

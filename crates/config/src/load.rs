@@ -2,6 +2,7 @@
 //! carries.
 
 use crate::ConfigError;
+use crate::choice::RobotChoice;
 use crate::operators::Operators;
 use crate::settings::{Method, Settings};
 use layouts::{Layouts, Map};
@@ -72,19 +73,30 @@ impl Loaded {
 }
 
 /// Changes by the command line. They are part of the hash, so processes started differently cannot engage.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Overrides {
     /// `control.engage_without_realtime = true`.
     pub engage_without_realtime: bool,
     /// `sim.interface`, in place of the one in the file.
     pub interface: Option<RobotInterface>,
+    /// `robot.file` and `weights.file`, in place of those in the file.
+    pub robot: Option<RobotChoice>,
 }
 
 impl Overrides {
-    /// Applies the changes to `settings`.
-    pub fn apply(&self, settings: &mut Settings) {
+    /// The changes of a program with `--robot` alone.
+    pub fn robot(robot: Option<&RobotChoice>) -> Self {
+        Self { robot: robot.cloned(), ..Self::default() }
+    }
+
+    /// Applies the changes to the settings of the file `config`.
+    ///
+    /// # Errors
+    /// Returns an error if there is no robot with the chosen name.
+    pub fn apply(&self, config: &Path, settings: &mut Settings) -> Result<(), ConfigError> {
         settings.control.engage_without_realtime |= self.engage_without_realtime;
         settings.sim.interface = self.interface.unwrap_or(settings.sim.interface);
+        self.robot.as_ref().map_or(Ok(()), |robot| robot.apply(config, settings))
     }
 }
 
@@ -111,23 +123,46 @@ fn parse_settings(config: &Path) -> Result<(Settings, String), ConfigError> {
     Ok((settings, text))
 }
 
-/// Reads and checks the settings file and every file it names.
-pub fn load(config: &Path, overrides: Overrides) -> Result<Loaded, ConfigError> {
-    let (mut settings, text) = parse_settings(config)?;
-    overrides.apply(&mut settings);
-    let folder = config.parent().unwrap_or(Path::new("."));
+/// Settings with their robot, for programs that need no weights.
+struct Placed {
+    settings: Settings,
+    text: String,
+    model: Model,
+    files: Vec<PathBuf>,
+}
 
-    let robot_path = folder.join(&settings.robot.file);
-    let (model, urdf_path) =
-        load_model(&robot_path).map_err(|error| named(error, &robot_path, config, "robot.file"))?;
+/// Reads and checks the settings file and the robot that it names. Returns the robot among its obstacles.
+///
+/// # Errors
+/// Returns an error if a file cannot be read, or if a value is invalid.
+pub fn load_robot(config: &Path, overrides: &Overrides) -> Result<(Settings, Model), ConfigError> {
+    place(config, overrides).map(|Placed { settings, model, .. }| (settings, model))
+}
+
+fn place(config: &Path, overrides: &Overrides) -> Result<Placed, ConfigError> {
+    let (mut settings, text) = parse_settings(config)?;
+    overrides.apply(config, &mut settings)?;
+    let robot_path = config.parent().unwrap_or(Path::new(".")).join(&settings.robot.file);
+    let (model, urdf_path) = load_model(&robot_path).map_err(|error| match overrides.robot {
+        Some(_) => error,
+        None => named(error, &robot_path, config, "robot.file"),
+    })?;
     let config_name = config.display().to_string();
     let model = model.with_environment(&config_name, &settings.environment).map_err(ConfigError::robot)?;
+    Ok(Placed { settings, text, model, files: vec![config.to_path_buf(), robot_path, urdf_path] })
+}
+
+/// Reads and checks the settings file and every file it names.
+pub fn load(config: &Path, overrides: Overrides) -> Result<Loaded, ConfigError> {
+    let Placed { settings, text, model, mut files } = place(config, &overrides)?;
+    let folder = config.parent().unwrap_or(Path::new("."));
 
     let weights_path = folder.join(&settings.weights.file);
     let weights_files = twins(&weights_path);
     let weights = if settings.retarget.method == Method::Network || weights_files[0].exists() {
         let read = read_weights(&weights_path, &model);
-        Some(read.map_err(|error| named_twin(error, &weights_files, config, "weights.file"))?)
+        let read = read.map_err(|error| named_twin(error, &weights_files, config, "weights.file"));
+        Some(read.map_err(|error| without_own(error, overrides.robot.as_ref(), &weights_path))?)
     } else {
         None
     };
@@ -145,7 +180,6 @@ pub fn load(config: &Path, overrides: Overrides) -> Result<Loaded, ConfigError> 
     hash = fnv(hash, &[u8::from(settings.control.engage_without_realtime)]);
     hash = fnv(hash, settings.sim.interface.name().as_bytes());
     hash = fnv(hash, &model.hash.to_le_bytes());
-    let mut files = vec![config.to_path_buf(), robot_path, urdf_path];
     let mut layouts = Layouts::default();
     for name in &settings.ingest.layouts {
         let path = folder.join(name);
@@ -169,8 +203,21 @@ pub fn load(config: &Path, overrides: Overrides) -> Result<Loaded, ConfigError> 
     Ok(Loaded { settings, model, weights, prediction, layouts, operators, operators_dir, hash, files })
 }
 
+/// Adds to the error that a chosen robot has no weights of its own, if the settings' weights were read instead.
+fn without_own(error: ConfigError, robot: Option<&RobotChoice>, read: &Path) -> ConfigError {
+    let name = robot.map(RobotChoice::name).filter(|name| read.file_name() != Some(name.as_ref()));
+    match (error, name) {
+        (ConfigError::Weights { file, cause }, Some(name)) => {
+            let folder = read.parent().unwrap_or(Path::new(".")).display();
+            let cause = format!("{cause} ({folder} has no weights of {name}: `train` makes {name}.safetensors)");
+            ConfigError::Weights { file, cause }
+        }
+        (error, _) => error,
+    }
+}
+
 /// Paths of the manifest and the tensors of `base`.
-fn twins(base: &Path) -> [PathBuf; 2] {
+pub(crate) fn twins(base: &Path) -> [PathBuf; 2] {
     ["toml", "safetensors"].map(|extension| with_extension(base, extension))
 }
 

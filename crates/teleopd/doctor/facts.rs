@@ -117,9 +117,9 @@ fn files(place: &InstanceArgs) -> Files {
     let settings = config::read_text(&place.config)
         .map_err(|error| error.to_string())
         .and_then(|text| Settings::parse(&config, &text).map_err(|error| error.to_string()))
-        .map(|mut settings| {
-            place.overrides().apply(&mut settings);
-            settings
+        .and_then(|mut settings| {
+            let applied = place.overrides().apply(&place.config, &mut settings);
+            applied.map(|()| settings).map_err(|error| error.to_string())
         });
     let mut files = Files { settings, config, robot: None, weights: None, stages: None };
     let Ok(settings) = &files.settings else { return files };

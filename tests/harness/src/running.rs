@@ -68,7 +68,7 @@ impl Harness {
             config = copy;
         }
         // The driver is simulated, so a kernel without PREEMPT_RT is enough.
-        let place = InstanceArgs { config, run_dir, engage_without_realtime: true, interface: None };
+        let place = InstanceArgs { config, run_dir, engage_without_realtime: true, interface: None, robot: None };
         let children = Children::none(program, &instance, &place, Output::Files)?;
         Ok(Self { instance, place, children, folder, _turn: turn })
     }

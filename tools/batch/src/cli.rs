@@ -2,6 +2,7 @@
 
 use crate::output::Format;
 use clap::{Parser, ValueEnum};
+use config::RobotChoice;
 use motion::{CalibrationMode, LoadOptions, Up};
 use std::path::PathBuf;
 
@@ -39,12 +40,13 @@ pub struct Cli {
     /// Output folder of the trajectories.
     #[arg(long, value_name = "DIR", required_unless_present = "bench")]
     pub out: Option<PathBuf>,
-    /// Robot file.
-    #[arg(long, value_name = "FILE", default_value = "config/robots/tiago_dual.toml")]
-    pub robot: PathBuf,
-    /// Weights, without extension. Not read with --method closed-form.
-    #[arg(long, value_name = "FILE", default_value = "weights/tiago_dual")]
-    pub weights: PathBuf,
+    /// The robot: a name of config/robots, or a robot file.
+    #[arg(long, value_name = "NAME|FILE", default_value = "tiago_dual")]
+    pub robot: RobotChoice,
+    /// Weights, without extension [default: those with the robot's name in weights, or weights/tiago_dual]. Not read
+    /// with --method closed-form.
+    #[arg(long, value_name = "FILE")]
+    pub weights: Option<PathBuf>,
     /// csv: time_s and a column for each joint. npz: q (N, joints), joints, time_s, frame_rate_hz.
     #[arg(long, value_enum, default_value_t)]
     pub format: Format,
@@ -104,6 +106,12 @@ impl Cli {
             frame_rate_hz: self.frame_rate,
             up: self.up,
         }
+    }
+
+    /// Returns the weights, without extension.
+    #[must_use]
+    pub fn weights(&self) -> PathBuf {
+        self.weights.clone().unwrap_or_else(|| self.robot.shipped_weights())
     }
 
     /// Returns the number of threads.

@@ -112,9 +112,9 @@ pub fn run(
 
 /// Loads the robot, and its retargeting with the options.
 pub(crate) fn load(cli: &Cli) -> Result<(Model, Postures), BatchError> {
-    let (model, _) = config::load_model(&cli.robot)?;
+    let (model, _) = config::load_model(&cli.robot.shipped_file()?)?;
     let weights = match cli.method {
-        Method::Network => Some(config::load_weights(&cli.weights, &model)?),
+        Method::Network => Some(config::load_weights(&cli.weights(), &model)?),
         Method::ClosedForm => None,
     };
     let postures = Postures::new(&model, weights, cli.refine_steps);
@@ -171,7 +171,7 @@ fn options_sha256(cli: &Cli, model: &Model) -> Result<String, BatchError> {
     );
     let mut files: Vec<PathBuf> = cli.mean.iter().chain(&cli.std).cloned().collect();
     if cli.method == Method::Network {
-        let with = |extension: &str| PathBuf::from(format!("{}.{extension}", cli.weights.display()));
+        let with = |extension: &str| PathBuf::from(format!("{}.{extension}", cli.weights().display()));
         files.extend([with("toml"), with("safetensors")]);
     }
     for file in files {

@@ -1,6 +1,7 @@
 //! The command line.
 
 use clap::{ArgGroup, Parser, ValueEnum};
+use config::RobotChoice;
 use motion::CalibrationMode;
 use std::path::PathBuf;
 
@@ -32,12 +33,14 @@ pub struct Cli {
     /// --following: skip the best that any motion can do
     #[arg(long)]
     pub no_optimum: bool,
-    /// Robot file
-    #[arg(long, value_name = "FILE", default_value = "config/robots/tiago_dual.toml")]
-    pub robot: PathBuf,
-    /// Our weights, with or without .safetensors. The manifest must be in the same folder
-    #[arg(long, value_name = "FILE", default_value = DEFAULT_WEIGHTS, value_parser = tensors)]
-    pub weights: PathBuf,
+    /// The robot: a name of config/robots, or a robot file [default: tiago_dual, or the robot of the settings for
+    /// --following and --refusals]
+    #[arg(long, value_name = "NAME|FILE")]
+    pub robot: Option<RobotChoice>,
+    /// Our weights, with or without .safetensors. The manifest must be in the same folder [default: those with the
+    /// robot's name in weights]
+    #[arg(long, value_name = "FILE", value_parser = tensors)]
+    pub weights: Option<PathBuf>,
     /// Folder of the learned baselines' weights
     #[arg(long, value_name = "DIR", default_value = "weights/baselines")]
     pub baselines: PathBuf,
@@ -77,8 +80,21 @@ pub struct Cli {
     pub keyposes: bool,
 }
 
-/// Default weights.
-pub(crate) const DEFAULT_WEIGHTS: &str = "weights/tiago_dual.safetensors";
+/// Robot without `--robot`.
+const ROBOT: &str = "tiago_dual";
+
+impl Cli {
+    /// Returns the robot whose retargeting is measured.
+    pub(crate) fn robot(&self) -> RobotChoice {
+        self.robot.clone().unwrap_or_else(|| ROBOT.into())
+    }
+
+    /// Returns our weights. True if the user named them.
+    pub(crate) fn weights(&self) -> (PathBuf, bool) {
+        let shipped = || tensors(&self.robot().shipped_weights().to_string_lossy()).unwrap_or_default();
+        (self.weights.clone().unwrap_or_else(shipped), self.weights.is_some())
+    }
+}
 
 /// Returns the tensors' file, for a name with or without the extension.
 fn tensors(text: &str) -> Result<PathBuf, String> {

@@ -98,7 +98,8 @@ pub fn prepare(
 ) -> Result<Vec<Method>, EvalError> {
     let network = weights.map(|weights| Arc::new(weights.network.clone()));
     let missing = |preset: &str, base: &Path| {
-        let (human, robot, base) = (human.display(), cli.robot.display(), base.display());
+        let robot = cli.robot().shipped_file().unwrap_or_default();
+        let (human, robot, base) = (human.display(), robot.display(), base.display());
         let train = "cargo run --release -p train --";
         Missing {
             reason: format!("{base}.safetensors is not there"),
@@ -114,7 +115,7 @@ pub fn prepare(
             "lookup" => Solver::Lookup(PostureTable::draw(&identity.arm, lookup::POSTURES, lookup::SEED)),
             _ => match (name.strip_prefix("ours_k").and_then(|steps| steps.parse().ok()), &network) {
                 (Some(steps), Some(network)) => Solver::Ours { network: network.clone(), steps },
-                (Some(_), None) => return Ok(Err(missing("full", &cli.weights.with_extension("")))),
+                (Some(_), None) => return Ok(Err(missing("full", &cli.weights().0.with_extension("")))),
                 (None, _) => {
                     let preset = name.replace('_', "-");
                     let base = cli.baselines.join(&preset);

@@ -100,7 +100,7 @@ pub fn run(cli: &Cli, folder: &Path) -> Result<(), EvalError> {
         let expected = format!("rates of {low} to {high} Hz");
         return Err(EvalError::Option { option: "rates", value: rate.to_string(), expected });
     }
-    let loaded = config::load(&cli.config, Overrides::default())?;
+    let loaded = config::load(&cli.config, Overrides::robot(cli.robot.as_ref()))?;
     let config = world::input_config(&loaded.settings.ingest, loaded.layouts, &loaded.operators);
     let motions: Vec<Motion> = chosen(folder, cli.clips.as_deref())?
         .iter()

@@ -75,7 +75,7 @@ impl Setting {
             calibration: cli.calibration.name(),
             frame: cli.frame.name(),
             weights: weights.map(|weights| WeightsFacts {
-                path: cli.weights.display().to_string(),
+                path: cli.weights().0.display().to_string(),
                 sha256: weights.manifest.sha256.clone(),
                 steps: weights.manifest.steps,
                 trained_on: weights.manifest.trained_on.clone(),

@@ -1,6 +1,6 @@
 //! Runs the command: reads, retargets every clip by every method, measures, times, prints, writes.
 
-use crate::cli::{Cli, DEFAULT_WEIGHTS, Frame};
+use crate::cli::{Cli, Frame};
 use crate::clips::{self, Clip};
 use crate::error::EvalError;
 use crate::methods::{Method, Missing, Posture, Solver, prepare};
@@ -42,9 +42,9 @@ fn retargeting(cli: &Cli, human: &Path) -> Result<(), EvalError> {
         let expected = "1 or more".to_owned();
         return Err(EvalError::Option { option: "stride", value: "0".to_owned(), expected });
     }
-    let model = read_model(&cli.robot)?;
+    let model = read_model(&cli.robot().shipped_file()?)?;
     let identity = ArmIdentity::of(&model);
-    let weights = read_weights(&cli.weights, &identity)?;
+    let weights = read_weights(cli, &identity)?;
     let (clips, skipped) = clips::read(human, cli.clips.as_deref(), cli.calibration, cli.stride)?;
     for (file, reason) in &skipped {
         eprintln!("skipped {file}: {reason}");
@@ -112,9 +112,11 @@ fn named_motions(cli: &Cli, model: &Model, methods: &[Method], json: &mut Value)
     Ok(())
 }
 
-/// Reads our weights. None if they are the default and do not exist.
-fn read_weights(path: &Path, identity: &ArmIdentity) -> Result<Option<Weights>, EvalError> {
-    if path == Path::new(DEFAULT_WEIGHTS) && !path.exists() {
+/// Reads our weights. None if the user named none and there are none.
+fn read_weights(cli: &Cli, identity: &ArmIdentity) -> Result<Option<Weights>, EvalError> {
+    let (path, is_named) = cli.weights();
+    let path = path.as_path();
+    if !is_named && !path.exists() {
         return Ok(None);
     }
     let manifest = path.with_extension("toml");

@@ -1,6 +1,7 @@
 //! `keyposes motions` writes the named motions. `keyposes interpolate` writes a joint trajectory between poses.
 
 use clap::{Args, Parser, Subcommand};
+use config::RobotChoice;
 use keyposes::error::KeyposesError;
 use keyposes::interpolate::{Options, Space};
 use keyposes::write;
@@ -28,9 +29,9 @@ enum Command {
         /// The folder. It is created if it is missing.
         #[arg(long, value_name = "DIR", default_value = "tools/keyposes/motions")]
         out: PathBuf,
-        /// Robot file.
-        #[arg(long, value_name = "FILE", default_value = "config/robots/tiago_dual.toml")]
-        robot: PathBuf,
+        /// The robot: a name of config/robots, or a robot file.
+        #[arg(long, value_name = "NAME|FILE", default_value = "tiago_dual")]
+        robot: RobotChoice,
     },
     /// Write the joint trajectory from pose to pose through the latent space: CSV, and a .bvh with the same
     /// name. `replay` plays both.
@@ -62,12 +63,12 @@ struct Interpolate {
     /// rig.
     #[arg(long, value_name = "first-10s|clip|none|rig", default_value = "first-10s", value_parser = calibration)]
     calibration: CalibrationMode,
-    /// Robot file.
-    #[arg(long, value_name = "FILE", default_value = "config/robots/tiago_dual.toml")]
-    robot: PathBuf,
-    /// Weights, without extension.
-    #[arg(long, value_name = "FILE", default_value = "weights/tiago_dual")]
-    weights: PathBuf,
+    /// The robot: a name of config/robots, or a robot file.
+    #[arg(long, value_name = "NAME|FILE", default_value = "tiago_dual")]
+    robot: RobotChoice,
+    /// Weights, without extension [default: those with the robot's name in weights, or weights/tiago_dual].
+    #[arg(long, value_name = "FILE")]
+    weights: Option<PathBuf>,
 }
 
 fn calibration(text: &str) -> Result<CalibrationMode, String> {
@@ -104,10 +105,11 @@ fn apart(out: &Path, inputs: &[&Path]) -> Result<(), KeyposesError> {
     }
 }
 
-/// The robot of this file.
-fn load_model(robot: &Path) -> Result<Model, KeyposesError> {
-    std::fs::metadata(robot).map_err(PosesError::file(robot))?;
-    Ok(config::load_model(robot)?.0)
+/// The chosen robot.
+fn load_model(robot: &RobotChoice) -> Result<Model, KeyposesError> {
+    let file = robot.shipped_file()?;
+    std::fs::metadata(&file).map_err(PosesError::file(&file))?;
+    Ok(config::load_model(&file)?.0)
 }
 
 /// The network of these weights.
@@ -118,7 +120,7 @@ fn load_network(weights: &Path, model: &Model) -> Result<Network, KeyposesError>
     Ok(config::load_weights(weights, model)?.network)
 }
 
-fn write_motions(out: &Path, robot: &Path) -> Result<(), KeyposesError> {
+fn write_motions(out: &Path, robot: &RobotChoice) -> Result<(), KeyposesError> {
     let model = load_model(robot)?;
     std::fs::create_dir_all(out).map_err(|source| KeyposesError::Write { path: out.to_path_buf(), source })?;
     for motion in motions::paper_motions() {
@@ -141,7 +143,8 @@ fn interpolate(arguments: &Interpolate) -> Result<(), KeyposesError> {
     apart(out, &files)?;
     apart(&beside, &files)?;
     let model = load_model(&arguments.robot)?;
-    let network = load_network(&arguments.weights, &model)?;
+    let weights = arguments.weights.clone().unwrap_or_else(|| arguments.robot.shipped_weights());
+    let network = load_network(&weights, &model)?;
     let poses =
         arguments.poses.iter().map(|text| pose::read_pose(text, *calibration)).collect::<Result<Vec<_>, _>>()?;
     let options = Options { seconds: *seconds, rate_hz: *rate, space: *space, refine_steps: *refine_steps };

@@ -32,7 +32,7 @@ pub type Files = Vec<(String, Vec<u8>)>;
 
 /// Returns the table of metadata, and the files to attach: settings, robot, manifest of the weights. Files that
 /// can no longer be read are left out.
-pub fn about(loaded: &Loaded, overrides: Overrides, origin: Origin) -> (BTreeMap<String, String>, Files) {
+pub fn about(loaded: &Loaded, overrides: &Overrides, origin: Origin) -> (BTreeMap<String, String>, Files) {
     let mut about = BTreeMap::from([
         ("version".to_owned(), env!("CARGO_PKG_VERSION").to_owned()),
         ("origin".to_owned(), origin.name().to_owned()),

@@ -1,7 +1,7 @@
 //! The command line.
 
 use clap::Parser;
-use config::{Overrides, RobotInterface};
+use config::{Overrides, RobotChoice, RobotInterface};
 use std::path::PathBuf;
 
 /// Records a running instance as an MCAP file, or summarises a recording.
@@ -18,6 +18,9 @@ pub struct Cli {
     /// defaults to /etc/teleop/teleop.toml if that exists.
     #[arg(long, value_name = "FILE", default_value_os_t = instance::default_config())]
     pub config: PathBuf,
+    /// Robot of the instance or of the recording, if it is not that of the settings.
+    #[arg(long, value_name = "NAME|FILE")]
+    pub robot: Option<RobotChoice>,
     /// Pictures, targets, commands and states per second. Every skeleton and status is recorded at any rate.
     #[arg(long, value_name = "HZ", default_value_t = 60.0, conflicts_with = "summary")]
     pub rate: f64,
@@ -57,7 +60,8 @@ pub struct Cli {
 impl Cli {
     /// Returns the changes that the instance's command line made to the settings.
     pub fn overrides(&self) -> Overrides {
-        Overrides { engage_without_realtime: self.engage_without_realtime, interface: self.interface }
+        let (interface, robot) = (self.interface, self.robot.clone());
+        Overrides { engage_without_realtime: self.engage_without_realtime, interface, robot }
     }
 }
 

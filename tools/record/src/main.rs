@@ -145,7 +145,7 @@ fn attach(cli: &Cli, loaded: &Loaded) -> Result<Attached, Failure> {
 }
 
 fn begin(cli: &Cli, out: &Path, loaded: &Loaded) -> Result<Queue, Failure> {
-    let (mut about, files) = record::about(loaded, cli.overrides(), Origin::Live);
+    let (mut about, files) = record::about(loaded, &cli.overrides(), Origin::Live);
     about.insert("full".to_owned(), cli.full.to_string());
     about.insert("rate_hz".to_owned(), cli.rate.to_string());
     let file = OpenOptions::new().write(true).create_new(true).open(out);

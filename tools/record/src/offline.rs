@@ -32,7 +32,7 @@ impl OfflineRecording {
     /// Returns an error if it cannot be written.
     pub fn create(path: &Path, loaded: &Loaded) -> Result<Self, RecordError> {
         let file = File::create(path).map_err(|error| RecordError::Open { cause: rt::unwritable(path, &error) })?;
-        let (table, files) = about(loaded, Overrides::default(), Origin::Offline);
+        let (table, files) = about(loaded, &Overrides::default(), Origin::Offline);
         let rates = Rates { pictures_hz: PICTURES_HZ, full: true };
         let recording = Recording::begin(file, &table, &files)?;
         Ok(Self { recording, scribe: RecordingEncoder::new(&loaded.model, rates, 0), flushed: 0, failure: None })

@@ -1,6 +1,7 @@
 //! The command line.
 
 use clap::Parser;
+use config::RobotChoice;
 use motion::{CalibrationMode, Up};
 use std::path::PathBuf;
 
@@ -46,6 +47,10 @@ pub struct Cli {
     /// /etc/teleop/teleop.toml if that exists.
     #[arg(long, value_name = "FILE", default_value_os_t = instance::default_config())]
     pub config: PathBuf,
+    /// Another robot than that of the settings, for --offline, --compare and joint trajectories. NAME has its robot
+    /// file and its weights in the same folders as the settings' own. A value with a slash or .toml is a file.
+    #[arg(long, value_name = "NAME|FILE")]
+    pub robot: Option<RobotChoice>,
     /// Folder of the running instance. A program installed in /usr/bin defaults to /run/teleop if that exists.
     #[arg(long, value_name = "DIR", default_value_os_t = instance::default_run_dir())]
     pub run_dir: PathBuf,

@@ -7,7 +7,8 @@ use std::path::Path;
 
 /// Compares, and prints the counts.
 pub fn run(cli: &Cli, recording: &Path) -> Result<(), Failure> {
-    let loaded = config::load(&cli.config, Overrides::default()).map_err(Failure::with(Exit::Config))?;
+    let loaded =
+        config::load(&cli.config, Overrides::robot(cli.robot.as_ref())).map_err(Failure::with(Exit::Config))?;
     let found = record::compare(recording, &loaded).map_err(Failure::with(Exit::NoInput))?;
     for (what, counts) in [("targets", found.targets), ("commands", found.commands), ("statuses", found.statuses)] {
         let record::Counts { compared, missing, different } = counts;

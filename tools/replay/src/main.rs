@@ -70,7 +70,8 @@ fn read(cli: &mut Cli) -> Result<motion::Motion, Failure> {
             }
         });
     }
-    let loaded = config::load(&cli.config, Overrides::default()).map_err(Failure::with(Exit::Config))?;
+    let loaded =
+        config::load(&cli.config, Overrides::robot(cli.robot.as_ref())).map_err(Failure::with(Exit::Config))?;
     let trajectory = trajectory::read_csv(&file, &loaded.model).map_err(Failure::with(Exit::NoInput))?;
     let name = file.file_stem().map_or_else(|| "trajectory".into(), |stem| stem.to_string_lossy().into_owned());
     cli.calibration = CalibrationMode::Rig;

@@ -42,7 +42,8 @@ fn refuse(cli: &Cli, out: &Path) -> Result<(), Failure> {
 /// Writes `out` and the JSON file beside it.
 pub fn run(cli: &Cli, motion: &Motion, out: &Path) -> Result<(), Failure> {
     refuse(cli, out)?;
-    let loaded = config::load(&cli.config, Overrides::default()).map_err(Failure::with(Exit::Config))?;
+    let loaded =
+        config::load(&cli.config, Overrides::robot(cli.robot.as_ref())).map_err(Failure::with(Exit::Config))?;
     let options = PlayOptions { speed: cli.speed, looped: false, calibration: cli.calibration };
     let mut recording = match &cli.record {
         Some(path) => Some(OfflineRecording::create(path, &loaded).map_err(Failure::with(Exit::CantCreate))?),

@@ -4,6 +4,7 @@ use crate::campaign::Plan;
 use crate::kinds::{KIND_COUNT, KINDS, named};
 use crate::schedule::TICKS_MIN;
 use clap::Parser;
+use config::RobotChoice;
 use std::path::PathBuf;
 
 /// Longest run: 19 hours of robot time. A larger value is a typing error.
@@ -48,6 +49,9 @@ pub struct Cli {
     /// Settings file.
     #[arg(long, default_value = CONFIG)]
     pub config: PathBuf,
+    /// Another robot than that of the settings: its name, or its robot file.
+    #[arg(long, value_name = "NAME|FILE")]
+    pub robot: Option<RobotChoice>,
     /// List all faults with their identities.
     #[arg(long)]
     pub list: bool,

@@ -2,7 +2,7 @@
 
 use crate::run::Run;
 use client::{PlayOptions, Player};
-use config::{ConfigError, Overrides};
+use config::{ConfigError, Overrides, RobotChoice};
 use messages::{JOINTS_MAX, Mode, TICK_HZ};
 use motion::CalibrationMode;
 use rand::{RngExt, SeedableRng};
@@ -44,9 +44,9 @@ pub struct Subject {
 }
 
 impl Subject {
-    /// Loads a settings file.
-    pub fn load(config: &Path) -> Result<Self, ConfigError> {
-        let loaded = config::load(config, Overrides::default())?;
+    /// Loads a settings file, with another robot if one is chosen.
+    pub fn load(config: &Path, robot: Option<&RobotChoice>) -> Result<Self, ConfigError> {
+        let loaded = config::load(config, Overrides::robot(robot))?;
         let model = &loaded.model;
         let play = PlayOptions { speed: 1.0, looped: true, calibration: CalibrationMode::First10s };
         Ok(Self {

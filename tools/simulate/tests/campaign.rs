@@ -17,7 +17,7 @@ const SHOWN: [u32; 57] = [
 
 fn subject() -> Subject {
     let config = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/teleop.toml");
-    Subject::load(&config).expect("the settings of the repository")
+    Subject::load(&config, None).expect("the settings of the repository")
 }
 
 fn plan(seeds: u64, ticks: u64, jobs: usize) -> Plan {

@@ -5,6 +5,7 @@ use crate::error::bad_option;
 use crate::machine::cores;
 use crate::stages::Subject;
 use clap::{Args, Parser, Subcommand};
+use config::RobotChoice;
 use messages::TICK_HZ;
 use rt::Failure;
 use std::fmt::Display;
@@ -103,9 +104,9 @@ pub struct Common {
     /// Settings file, which names the robot and its obstacles.
     #[arg(long, default_value = "config/teleop.toml")]
     pub config: PathBuf,
-    /// Use this robot file instead, without obstacles.
-    #[arg(long)]
-    pub robot: Option<PathBuf>,
+    /// Another robot than that of the settings: its name, or its robot file.
+    #[arg(long, value_name = "NAME|FILE")]
+    pub robot: Option<RobotChoice>,
     /// Also write the figures to this file as JSON. `-` is standard output, and the text then goes to standard
     /// error.
     #[arg(long)]
@@ -137,6 +138,9 @@ pub struct MotionsArgs {
     /// Settings file.
     #[arg(long, default_value = "config/teleop.toml")]
     pub config: PathBuf,
+    /// Another robot than that of the settings: its name, or its robot file.
+    #[arg(long, value_name = "NAME|FILE")]
+    pub robot: Option<RobotChoice>,
     /// Also write the figures to this file as JSON. `-` is standard output, and the text then goes to standard
     /// error.
     #[arg(long)]
@@ -215,6 +219,6 @@ impl Common {
     /// # Errors
     /// Returns an error that names the file, the key, the value and the bound.
     pub fn subject(&self, changes: Changes) -> Result<Subject, Failure> {
-        Subject::load(&self.config, self.robot.as_deref(), changes)
+        Subject::load(&self.config, self.robot.as_ref(), changes)
     }
 }

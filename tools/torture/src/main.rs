@@ -116,7 +116,8 @@ fn measure_stops(args: &StopTimesArgs) -> Result<bool, Failure> {
 fn play(args: &MotionsArgs) -> Result<bool, Failure> {
     check_threads(args.threads)?;
     let machine = Machine::now();
-    let loaded = config::load(&args.config, Overrides::default()).map_err(Failure::with(Exit::Config))?;
+    let loaded =
+        config::load(&args.config, Overrides::robot(args.robot.as_ref())).map_err(Failure::with(Exit::Config))?;
     let bar = progress(motion::motion_files(&args.folder).map_err(Failure::with(Exit::NoInput))?.len() as u64, "files");
     let played = motions::run(&loaded, &args.folder, args.threads, |_| bar.inc(1))?;
     bar.finish_and_clear();

@@ -2,7 +2,7 @@
 
 use crate::cli::Changes;
 use crate::error::rejected;
-use config::{Loaded, Overrides, RobotInterface};
+use config::{Overrides, RobotChoice, RobotInterface};
 use control::{Commanded, Commander};
 use driver::Motion;
 use judge::Attacker;
@@ -32,26 +32,15 @@ pub struct Subject {
     pub pauses: bool,
 }
 
-/// Bound of a robot without settings. It is the default of the settings.
-const HAND_SPEED_MAX_M_PER_S: f64 = 3.0;
-
 impl Subject {
-    /// Loads the robot of a settings file with its obstacles, or of a robot file without any. The attack assumes that
-    /// every command is executed at its index, so settings with another interface are rejected.
+    /// Loads the chosen robot, or else that of the settings file, among the obstacles of the settings. The attack
+    /// assumes that every command is executed at its index, so settings with another interface are rejected.
     ///
     /// # Errors
     /// Returns an error that names the file, the key, the value and the bound.
-    pub fn load(config: &Path, robot: Option<&Path>, changes: Changes) -> Result<Self, Failure> {
-        if let Some(file) = robot {
-            return Self::of(
-                config::load_model(file).map_err(Failure::with(Exit::Config))?.0,
-                file,
-                HAND_SPEED_MAX_M_PER_S,
-                changes,
-            );
-        }
-        let Loaded { model, settings, .. } =
-            config::load(config, Overrides::default()).map_err(Failure::with(Exit::Config))?;
+    pub fn load(config: &Path, robot: Option<&RobotChoice>, changes: Changes) -> Result<Self, Failure> {
+        let loaded = config::load_robot(config, &Overrides::robot(robot));
+        let (settings, model) = loaded.map_err(Failure::with(Exit::Config))?;
         match settings.sim.interface {
             RobotInterface::Direct => Self::of(model, config, settings.safety.hand_speed_m_per_s(), changes),
             other => {

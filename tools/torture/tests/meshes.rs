@@ -40,8 +40,8 @@ fn attack(subject: &Subject, meshes: &Meshes, seed: u64, ticks: u64) -> (f64, St
 
 #[test]
 fn meshes_under_attack_stay_apart_only_with_certificate() {
-    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/robots/tiago_dual.toml");
-    let load = |changes| Subject::load(Path::new(""), Some(&file), changes).unwrap();
+    let config = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/teleop.toml");
+    let load = |changes| Subject::load(&config, None, changes).unwrap();
     let subject = load(Changes::default());
     let Some(meshes) = Meshes::read(&subject.model.joint_names) else { return };
     let [pieces, pairs] = meshes.counts();

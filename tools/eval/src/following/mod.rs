@@ -55,7 +55,7 @@ pub fn run(cli: &Cli, folder: &Path) -> Result<(), EvalError> {
     }
     // The daemon does the same, so the commands are equal to the bit.
     let _ = rt::flush_denormals();
-    let loaded = config::load(&cli.config, Overrides::default())?;
+    let loaded = config::load(&cli.config, Overrides::robot(cli.robot.as_ref()))?;
     let stage = Stage::new(&loaded)?;
     let (arm, bounds) = (ArmModel::of(&loaded.model), bounds_of(&loaded.model));
     let mut delays_ms = DELAYS_MS.to_vec();
