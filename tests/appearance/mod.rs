@@ -2,6 +2,7 @@
 
 mod animation;
 mod meshes;
+mod robots;
 mod sharpness;
 
 use crate::browser::{Browser, Difference};

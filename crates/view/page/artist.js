@@ -10,9 +10,9 @@ import { POSE, Robot, bodiesOf, capsulesOf, pieces, shapesOf } from "./robot.js"
 import { isHigh, Sharpness } from "./quality.js";
 import { coarse, solid } from "./solid.js";
 
-// Place of the person beside the robot, m: to the robot's left, or behind it in the view from the left. In a
-// narrow window they stand closer.
-const BESIDE = { wide: new THREE.Vector3(0, 1.6, 0), narrow: new THREE.Vector3(0, 1.35, 0), side: new THREE.Vector3(-1.25, 0, 0) };
+// Distance of the person from the robot's stretched hand, m: to the robot's left, or behind it in the view from the
+// left. In a narrow window they stand closer.
+const BESIDE = { wide: 0.35, narrow: 0.1, side: 0 };
 const GHOST = 0.42;
 // Ghosts are pushed back by about 5 mm. A ghost that coincides with the robot is therefore hidden.
 const BEHIND = { polygonOffset: true, polygonOffsetFactor: 3, polygonOffsetUnits: 150 };
@@ -89,11 +89,12 @@ class Artist {
     }
     const { told, kind, meshes } = this;
     const bodies = bodiesOf(kind === "look" ? pieces(told, meshes) : kind === "capsules" ? capsulesOf(told) : shapesOf(told));
-    this.robots = { measured: new Robot(bodies, (roughness) => this.material(roughness)) };
+    const count = told.joints.length + 1;
+    this.robots = { measured: new Robot(bodies, count, (roughness) => this.material(roughness)) };
     for (const name of ["target", "command"]) {
       const colour = new THREE.MeshLambertMaterial({ color: this.colours[name], emissive: this.colours[name], emissiveIntensity: 0.3, transparent: true, opacity: 0, depthWrite: false, ...BEHIND });
       const depth = new THREE.MeshBasicMaterial({ colorWrite: false, ...BEHIND });
-      this.robots[name] = new Robot(bodies, () => colour, depth);
+      this.robots[name] = new Robot(bodies, count, () => colour, depth);
       this.ghosts[name] = { material: colour, wished: this.ghosts[name]?.wished ?? 0 };
     }
     for (const robot of Object.values(this.robots)) this.scene.add(robot.group);
@@ -159,8 +160,9 @@ class Artist {
   }
 
   rootOf(frame) {
-    if (this.placing === "beside" && this.view === "side") return this.root.copy(BESIDE.side);
-    if (this.placing !== "overlaid") return this.root.copy(this.rig.camera.aspect < 1 ? BESIDE.narrow : BESIDE.wide);
+    const reach = this.told.half_span;
+    if (this.placing === "beside" && this.view === "side") return this.root.set(-reach - BESIDE.side, 0, 0);
+    if (this.placing !== "overlaid") return this.root.set(0, reach + (this.rig.camera.aspect < 1 ? BESIDE.narrow : BESIDE.wide), 0);
     const [a, b] = this.told.shoulders.map((body) => body * POSE), poses = frame.poses.measured;
     return this.root.set((poses[a] + poses[b]) / 2, (poses[a + 1] + poses[b + 1]) / 2, (poses[a + 2] + poses[b + 2]) / 2);
   }

@@ -133,9 +133,10 @@ const told = {
 };
 
 function showMode(heard) {
-  const silent = isRecording() ? "nothing recorded" : "no instance";
+  const silent = frame.present & PRESENT.otherRobot ? "another robot" : isRecording() ? "nothing recorded" : "no instance";
   setMode(heard ? scene.modes[frame.mode] ?? "unknown" : silent);
   if (frame.present === 0 && isRecording()) curtain("Nothing recorded here", "Move the slider to another time.");
+  else if (frame.present & PRESENT.otherRobot) curtain("Another robot", `The messages are about another robot than ${scene.robot}. Start the view with the --robot and --config of the instance.`);
   else if (frame.present === 0) curtain("No instance", `No data arrives from ${scene.about.run_dir}. Start an instance there: teleopd up --run-dir ${scene.about.run_dir}. It appears here by itself.`);
   else if (stage?.drawn > 0) curtain("");
   else curtain("Loading", "The picture appears soon. The numbers and buttons work already.");

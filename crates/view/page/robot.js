@@ -4,7 +4,6 @@
 import * as THREE from "./three.module.min.js";
 import { capsule, matrixOf, merged, solid } from "./solid.js";
 
-const BODIES = 18;
 // Numbers in a pose: position, then quaternion.
 export const POSE = 7;
 // Colours of capsules without a look, alternating by body.
@@ -12,15 +11,16 @@ const PLAIN = ["#e8ebef", "#8d98a5"];
 const ROUGHNESS = 0.55;
 
 // Returns the pieces of each body: { body, roughness, geometry, matrix, colour }. Meshes replace the parts of
-// their link.
+// their link. Without a look, they replace the capsules of their body.
 export function pieces(told, meshes) {
-  if (told.parts.length > 0 || meshes.length > 0) {
+  if (told.parts.length > 0) {
     const drawn = new Set(meshes.map((mesh) => mesh.link));
     const parts = told.parts.filter((part) => !drawn.has(part.link))
       .map((part) => ({ body: part.body, roughness: part.roughness, geometry: solid(part), matrix: matrixOf(part.matrix), colour: part.colour }));
     return [...parts, ...meshes.map(loaded)];
   }
-  return capsulesOf(told);
+  const drawn = new Set(meshes.map((mesh) => mesh.body));
+  return [...capsulesOf(told).filter((one) => !drawn.has(one.body)), ...meshes.map(loaded)];
 }
 
 // Returns the capsules that are checked for collision.
@@ -60,11 +60,11 @@ export function bodiesOf(all) {
 }
 
 export class Robot {
-  // `material` returns the material for a roughness. A ghost's meshes are drawn twice, first only for their
-  // depth.
-  constructor(bodies, material, depth = null) {
+  // `count` is the number of bodies. `material` returns the material for a roughness. A ghost's meshes are drawn
+  // twice, first only for their depth.
+  constructor(bodies, count, material, depth = null) {
     this.group = new THREE.Group();
-    this.bodies = Array.from({ length: BODIES }, () => {
+    this.bodies = Array.from({ length: count }, () => {
       const body = new THREE.Group();
       body.matrixAutoUpdate = false;
       this.group.add(body);

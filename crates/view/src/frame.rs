@@ -8,10 +8,8 @@ use robot::{Frames, Model, Solid, segment_distance};
 /// Least speed of all joints together at which a lag is measured, rad/s. At this speed the encoder noise of 0.05
 /// mrad equals 0.25 ms.
 const MOVES_RAD_PER_S: f64 = 0.2;
-/// Number of bodies of a robot: the base, and one per joint.
-pub const BODIES: usize = JOINTS_MAX + 1;
 /// Version of the order below. The page rejects other versions.
-pub const VERSION: f32 = 2.0;
+pub const VERSION: f32 = 3.0;
 
 /// Bits of `Field::Present`.
 pub mod present {
@@ -27,6 +25,8 @@ pub mod present {
     pub const PAIR: u32 = 16;
     /// The robot moves, so its lag can be measured.
     pub const LAG: u32 = 32;
+    /// The newest messages are about another robot. Nothing of it is shown.
+    pub const OTHER_ROBOT: u32 = 64;
 }
 
 /// Fields at the start of a frame, in order. The lists follow them.
@@ -67,10 +67,13 @@ pub enum Field {
 pub const FIELDS: usize = Field::LagMs as usize + 1;
 /// Number of floats in a body's pose: position in m, then the quaternion x, y, z, w.
 pub const POSE: usize = 7;
-/// Number of floats in a frame, in this order: the fields, the two points of the nearest pair (m, base frame),
-/// and the person's joints (m, their own frame). Then the poses of all bodies in the base frame: measured,
-/// target, commanded. Then the joint positions in the same order, and the measured velocities.
-pub const LENGTH: usize = FIELDS + 6 + 3 * SMPL_JOINTS + 3 * BODIES * POSE + 4 * JOINTS_MAX;
+/// Number of floats in a frame of a robot with `count` joints, in this order: the fields, the two points of the nearest
+/// pair (m, base frame), and the person's joints (m, their own frame). Then the poses of all bodies in the base frame:
+/// measured, target, commanded. Then the joint positions in the same order, and the measured velocities. A robot has
+/// one body per joint, and its base.
+pub const fn length(count: usize) -> usize {
+    FIELDS + 6 + 3 * SMPL_JOINTS + 3 * (count + 1) * POSE + 4 * count
+}
 
 /// Newest message of every kind. A message is `None` if it never arrived, or if the last one is too old.
 #[derive(Clone, Copy, Debug, Default)]
@@ -93,13 +96,28 @@ impl LatestMessages {
         let Self { skeleton, target, command, state, status } = self;
         skeleton.is_some() || target.is_some() || command.is_some() || state.is_some() || status.is_some()
     }
+
+    /// Removes what is about another robot than `model`: its joints mean something else. Returns true if there was
+    /// anything.
+    fn without_other_robot(&self, model: &Model) -> (Self, bool) {
+        let robots = [
+            self.target.as_ref().map(|target| target.robot),
+            self.command.as_ref().map(|command| command.robot),
+            self.state.as_ref().map(|state| state.robot),
+        ];
+        match robots.iter().flatten().any(|robot| *robot != model.id()) {
+            true => (Self { skeleton: self.skeleton, ..Self::default() }, true),
+            false => (*self, false),
+        }
+    }
 }
 
 /// Writes one frame at `at_s` into `out`. Clears `out` first.
 pub fn encode(model: &Model, frames: &mut Frames, heard: &LatestMessages, at_s: f64, out: &mut Vec<u8>) {
-    let mut numbers = Vec::with_capacity(LENGTH);
+    let (heard, is_other) = heard.without_other_robot(model);
+    let mut numbers = Vec::with_capacity(length(model.count));
     numbers.resize(FIELDS, 0.0);
-    let mut bits = 0;
+    let mut bits = if is_other { present::OTHER_ROBOT } else { 0 };
     let mut set = |field: Field, value: f64| numbers[field as usize] = value as f32;
     set(Field::Version, f64::from(VERSION));
     set(Field::AtS, at_s);
@@ -144,7 +162,8 @@ pub fn encode(model: &Model, frames: &mut Frames, heard: &LatestMessages, at_s: 
         poses(model, frames, q, &mut numbers);
     }
     let velocities = heard.state.map_or([0.0; JOINTS_MAX], |state| state.dq_measured);
-    numbers.extend(postures.iter().chain([&velocities]).flatten().map(|&value| value as f32));
+    let own = postures.iter().chain([&velocities]).flat_map(|all| &all[..model.count]);
+    numbers.extend(own.map(|&value| value as f32));
     out.clear();
     // NaN and infinite values become 0, because nothing can be drawn there.
     out.extend(numbers.iter().flat_map(|&x| if x.is_finite() { x } else { 0.0 }.to_le_bytes()));
@@ -161,7 +180,7 @@ fn lag_s(command: &JointCommand, state: &RobotState) -> Option<f64> {
 
 fn poses(model: &Model, frames: &mut Frames, q: &[f64; JOINTS_MAX], numbers: &mut Vec<f32>) {
     model.forward(q, frames);
-    for pose in &frames.base_from_body {
+    for pose in &frames.base_from_body[..=model.count] {
         let turn = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(pose.r));
         numbers.extend(pose.t.iter().chain(turn.coords.iter()).map(|&value| value as f32));
     }

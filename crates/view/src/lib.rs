@@ -25,7 +25,7 @@ mod shares;
 mod worker;
 
 pub use assets::{ASSETS, Asset};
-pub use frame::{BODIES, FIELDS, Field, LENGTH, LatestMessages, POSE, VERSION, encode, present};
+pub use frame::{FIELDS, Field, LatestMessages, POSE, VERSION, encode, length, present};
 pub use http::POLICY;
 pub use live::{GONE_AFTER_NS, Readers};
 pub use look::{Colour, Look, LookError, NamedMesh, Part, Shape};

@@ -4,7 +4,7 @@ use crate::look::{Part, Shape};
 use crate::robot_view::{Mesh, RobotView};
 use messages::{Mode, SMPL_NAMES, SMPL_PARENT};
 use nalgebra::{Rotation3, UnitQuaternion};
-use robot::{Form, Model, Pose, Solid};
+use robot::{Capsule, Form, Frames, Model, Pose, Solid};
 use serde_json::{Value, json};
 
 /// Returns the robot and its surroundings. Lengths are in m, angles in rad, quaternions as x, y, z, w. Poses of
@@ -23,6 +23,7 @@ pub fn scene(view: &RobotView) -> Value {
         "meshes": view.meshes.iter().map(mesh).collect::<Vec<_>>(),
         "missing_meshes": view.missing,
         "shoulders": view.shoulder_bodies(),
+        "half_span": half_span_m(model),
         "obstacles": obstacles,
         "modes": Mode::ALL.map(Mode::name),
         "limits": {
@@ -32,6 +33,21 @@ pub fn scene(view: &RobotView) -> Value {
         },
         "person": { "names": SMPL_NAMES, "parents": SMPL_PARENT },
     })
+}
+
+/// Returns how far the robot reaches to its side in the T-pose, m. The page places the person by it.
+fn half_span_m(model: &Model) -> f64 {
+    let mut q = model.home;
+    for arm in &model.arms {
+        arm.joints.iter().zip(arm.reference).for_each(|(joint, reference)| q[*joint] = reference);
+    }
+    let mut frames = Frames::default();
+    model.forward(&q, &mut frames);
+    let reach = |capsule: &Capsule| {
+        let ends = [capsule.a, capsule.b].map(|end| frames.base_from_body[capsule.body].transform_point(&end).y.abs());
+        ends[0].max(ends[1]) + capsule.radius_m
+    };
+    model.capsules.iter().map(reach).fold(0.0, f64::max)
 }
 
 fn joints(model: &Model) -> Vec<Value> {

@@ -6,7 +6,7 @@ use messages::{
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use robot::{Frames, Model};
 use std::path::Path;
-use view::{BODIES, FIELDS, Field, LENGTH, LatestMessages, POSE, RobotView, encode, present, scene};
+use view::{FIELDS, Field, LatestMessages, POSE, RobotView, encode, length, present, scene};
 
 pub fn loaded() -> config::Loaded {
     let config = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/teleop.toml");
@@ -26,10 +26,13 @@ fn encoded(model: &Model, heard: &LatestMessages) -> Vec<f32> {
     let mut out = vec![1; 3];
     encode(model, &mut Frames::default(), heard, 2.5, &mut out);
     let numbers: Vec<_> = out.chunks_exact(4).map(|four| f32::from_le_bytes(four.try_into().unwrap())).collect();
-    assert_eq!((numbers.len(), out.len()), (LENGTH, 4 * LENGTH));
+    assert_eq!((numbers.len(), out.len()), (length(model.count), 4 * length(model.count)));
     numbers
 }
 
+/// TIAGo++: the number of its joints and of its bodies.
+const JOINTS: usize = 17;
+const BODIES: usize = 18;
 /// Start of the lists: the pair, the person, three robots, four lists of joints.
 const PERSON: usize = FIELDS + 6;
 const ROBOTS: usize = PERSON + 3 * SMPL_JOINTS;
@@ -63,6 +66,7 @@ fn frame_carries_measured_target_and_command_postures() {
         |by: f64| -> [f64; JOINTS_MAX] { core::array::from_fn(|j| model.home[j] + by * (j as f64 + 1.0) / 20.0) };
     let (mut state, mut command, mut target) = (RobotState::ZERO, JointCommand::ZERO, JointTarget::ZERO);
     (state.q_measured, command.q, target.q) = (shifted(0.2), shifted(-0.2), shifted(0.1));
+    (state.robot, command.robot, target.robot) = (model.id(), model.id(), model.id());
     state.dq_measured = shifted(0.3);
     (command.k, command.header.stamp) = (7, deadline(7).plus_ns(123_000));
     target.valid_mask = 0b11_1000;
@@ -95,10 +99,10 @@ fn frame_carries_measured_target_and_command_postures() {
         [(shifted(0.2), "measured"), (target, "target"), (shifted(-0.2), "command")].iter().enumerate()
     {
         poses_are_those_of(&model, &numbers[ROBOTS + n * BODIES * POSE..], q, what);
-        let told: Vec<f32> = q.iter().map(|&x| x as f32).collect();
-        assert_eq!(numbers[LISTS + n * JOINTS_MAX..][..JOINTS_MAX], told, "{what}");
+        let told: Vec<f32> = q[..JOINTS].iter().map(|&x| x as f32).collect();
+        assert_eq!(numbers[LISTS + n * JOINTS..][..JOINTS], told, "{what}");
     }
-    assert_eq!(numbers[LISTS + 3 * JOINTS_MAX], shifted(0.3)[0] as f32);
+    assert_eq!(numbers[LISTS + 3 * JOINTS], shifted(0.3)[0] as f32);
     // The distance of the pair's points equals the pair's clearance.
     let mut frames = Frames::default();
     model.forward(&shifted(0.2), &mut frames);
@@ -113,11 +117,26 @@ fn frame_carries_measured_target_and_command_postures() {
     assert!((told - apart.abs()).abs() < 1e-6, "{told} and {apart}");
 }
 
+/// The joints of another robot are other joints, even if there are as many.
+#[test]
+fn messages_of_another_robot_are_not_shown() {
+    let model = model();
+    let (mut state, mut command) = (RobotState::ZERO, JointCommand::ZERO);
+    (state.robot, command.robot) = (model.id(), model.id());
+    command.robot.hash ^= 1;
+    state.q_measured = [0.5; JOINTS_MAX];
+    let skeleton = Some(Skeleton::ZERO);
+    let heard = LatestMessages { state: Some(state), command: Some(command), skeleton, ..LatestMessages::default() };
+    let numbers = encoded(&model, &heard);
+    assert_eq!(numbers[Field::Present as usize] as u32, present::OTHER_ROBOT | present::PERSON);
+    poses_are_those_of(&model, &numbers[ROBOTS..], &model.home, "home");
+}
+
 #[test]
 fn frame_of_nan_or_infinite_input_is_finite() {
     let model = model();
     let mut state = RobotState::ZERO;
-    state.q_measured = [f64::NAN; JOINTS_MAX];
+    (state.robot, state.q_measured) = (model.id(), [f64::NAN; JOINTS_MAX]);
     let mut skeleton = Skeleton::ZERO;
     skeleton.positions = [[f32::INFINITY; 3]; SMPL_JOINTS];
     let heard = LatestMessages { state: Some(state), skeleton: Some(skeleton), ..LatestMessages::default() };
@@ -129,7 +148,7 @@ fn scene_names_every_joint_capsule_and_shape() {
     let (model, view) = (model(), shown());
     let told = scene(&view);
     let count = |key: &str| told[key].as_array().map_or(0, Vec::len);
-    assert_eq!((count("joints"), count("capsules")), (JOINTS_MAX, model.capsules.len()));
+    assert_eq!((count("joints"), count("capsules")), (JOINTS, model.capsules.len()));
     assert_eq!(count("shapes"), model.visuals().count());
     assert!(count("shapes") > 10);
     assert_eq!(told["modes"][Mode::Engaged as usize], Mode::Engaged.name());
@@ -138,6 +157,8 @@ fn scene_names_every_joint_capsule_and_shape() {
     assert!(count("parts") > 50);
     assert_eq!(told["limits"]["delay_ms"], 120.0);
     assert_eq!(told["limits"]["clearance_mm"], model.d_min_m * 1e3);
+    // In the T-pose the capsule of the hand of TIAGo++ reaches 1.25 m from its middle.
+    assert!((told["half_span"].as_f64().expect("a length") - 1.25).abs() < 0.01, "{}", told["half_span"]);
     assert_eq!(told["shoulders"], serde_json::json!([model.arms[0].joints[1] + 1, model.arms[1].joints[1] + 1]));
 }
 
@@ -145,7 +166,7 @@ fn scene_names_every_joint_capsule_and_shape() {
 fn lag_is_time_of_joints_behind_command_while_moving() {
     let model = model();
     let (mut state, mut command) = (RobotState::ZERO, JointCommand::ZERO);
-    state.q_measured = model.home;
+    (state.robot, command.robot, state.q_measured) = (model.id(), model.id(), model.home);
     state.dq_measured = core::array::from_fn(|j| 0.1 * (j as f64 - 8.0));
     command.q = core::array::from_fn(|j| state.q_measured[j] + 0.021 * state.dq_measured[j]);
     let told = |state, command| {

@@ -21,7 +21,7 @@ fn shipped_looks_cover_every_body_and_keep_hash() {
         let look = Look::read(&file, &model).expect("the shipped look");
         let bodies: std::collections::BTreeSet<usize> = look.parts.iter().map(|part| part.body).collect();
         // Every joint moves at least one shape, also the head's first joint, which turns a link of its own.
-        assert_eq!(bodies.len(), view::BODIES, "{name}: {bodies:?}");
+        assert_eq!(bodies.len(), model.count + 1, "{name}: {bodies:?}");
         assert!(look.capsules.iter().all(Option::is_some), "{name}: a capsule without a colour");
         assert!(look.meshes.len() > 20, "{name}: {} meshes", look.meshes.len());
     }
@@ -122,4 +122,28 @@ fn meshes_of_look_are_found_or_named_as_missing() {
         MeshFolder::open(folder.path()).unwrap().find("package://any/arm_1_collision.dae").as_deref(),
         Some(file)
     );
+}
+
+/// A robot without a look, whose URDF names no meshes.
+#[test]
+fn meshes_with_names_of_links_are_found() {
+    let (folder, meshes) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+    let robots = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/robots");
+    for name in ["tiago_dual.toml", "tiago_dual.urdf"] {
+        std::fs::copy(robots.join(name), folder.path().join(name)).unwrap();
+    }
+    let file = folder.path().join("tiago_dual.toml").display().to_string();
+    let overrides = config::Overrides::robot(Some(&file.as_str().into()));
+    let loaded = config::load(&robots.join("../teleop.toml"), overrides).expect("settings");
+    let error = RobotView::of(&loaded, Some(meshes.path())).expect_err("nothing is there").to_string();
+    assert!(error.contains("no file below it has the name of a link"), "{error}");
+    std::fs::create_dir(meshes.path().join("visual")).unwrap();
+    for name in ["visual/arm_left_4_link.STL", "arm_left_4.STL", "arm_left_4_link.txt"] {
+        std::fs::write(meshes.path().join(name), "solid").unwrap();
+    }
+    let view = RobotView::of(&loaded, Some(meshes.path())).expect("one mesh");
+    let [mesh] = view.meshes.as_slice() else { panic!("{:?}", view.meshes) };
+    assert_eq!((mesh.link.as_str(), mesh.file.as_str()), ("arm_left_4_link", "visual/arm_left_4_link.STL"));
+    assert_eq!(mesh.body, loaded.model.arms[0].joints[3] + 1);
+    assert!(view.missing.is_empty(), "{:?}", view.missing);
 }

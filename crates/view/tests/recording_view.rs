@@ -42,6 +42,8 @@ fn until(socket: &mut Socket, at_s: f32, within_s: f32) -> Vec<f32> {
 fn recorded(model: &robot::Model) -> view::RecordingView {
     let mut builder = RecordingViewBuilder::new(model);
     let (mut state, mut status) = (RobotState::ZERO, Status::ZERO);
+    let mut command = JointCommand::ZERO;
+    (state.robot, command.robot) = (model.id(), model.id());
     state.q_measured = model.home;
     for n in 0..=1200 {
         let at_s = f64::from(n) / 120.0;
@@ -58,7 +60,7 @@ fn recorded(model: &robot::Model) -> view::RecordingView {
         let heard = LatestMessages {
             state: Some(state),
             status: Some(status),
-            command: Some(JointCommand::ZERO),
+            command: Some(command),
             ..LatestMessages::default()
         };
         builder.add(&heard, at_s);
