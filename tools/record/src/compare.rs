@@ -71,7 +71,7 @@ pub fn compare(path: &Path, loaded: &Loaded) -> Result<Compared, RecordError> {
         found => {
             let found = found.map_or("none", String::as_str);
             return Err(lacks(format!(
-                "was recorded with the settings {found}, and --config gives {hash}; the file holds the ones it was \
+                "was recorded with the settings {found}, and --config with --robot gives {hash}; the file holds the ones it was \
                  recorded with as attachments"
             )));
         }

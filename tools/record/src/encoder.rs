@@ -7,7 +7,9 @@ use crate::topic::Topic;
 use explain::Severity;
 use foxglove::Encode;
 use foxglove::messages::log::Level;
-use messages::{ALL_JOINTS, JointCommand, JointTarget, Message, RobotState, Skeleton, Stamp, Status, comes_after};
+use messages::{
+    ALL_JOINTS, JointCommand, JointTarget, Message, RobotId, RobotState, Skeleton, Stamp, Status, comes_after,
+};
 use robot::{Frames, Model, Names};
 
 /// Rates of recording.
@@ -117,14 +119,14 @@ impl RecordingEncoder {
             Sample::Skeleton(skeleton) => self.skeleton(skeleton, write),
             Sample::Target(target) => {
                 let at_ns = self.ours(Topic::Target, target, &target.header, write);
-                if self.pictures[1].due(at_ns, self.period_ns()) {
+                if self.is_own(target.robot) && self.pictures[1].due(at_ns, self.period_ns()) {
                     let shown = picture::joint_states(&self.model, at_ns, &target.q, &target.dq, target.valid_mask);
                     put(Topic::Wanted, target.header.sequence, at_ns, &shown, write);
                 }
             }
             Sample::Command(command) => {
                 let at_ns = self.ours(Topic::Command, command, &command.header, write);
-                if self.pictures[2].due(at_ns, self.period_ns()) {
+                if self.is_own(command.robot) && self.pictures[2].due(at_ns, self.period_ns()) {
                     let shown = picture::joint_states(&self.model, at_ns, &command.q, &command.v, ALL_JOINTS);
                     put(Topic::Commanded, command.header.sequence, at_ns, &shown, write);
                 }
@@ -137,6 +139,11 @@ impl RecordingEncoder {
                 write(Entry { topic: Topic::Inputs, sequence: inputs.k as u32, log_time: at_ns, data });
             }
         }
+    }
+
+    /// Returns true for the robot of the model. The joints of another robot have other names.
+    fn is_own(&self, robot: RobotId) -> bool {
+        robot == self.model.id()
     }
 
     fn file_time(&self, stamp: Stamp) -> u64 {
@@ -176,7 +183,7 @@ impl RecordingEncoder {
 
     fn state(&mut self, state: &RobotState, write: &mut dyn FnMut(Entry)) {
         let at_ns = self.ours(Topic::State, state, &state.header, write);
-        if !self.pictures[3].due(at_ns, self.period_ns()) {
+        if !self.is_own(state.robot) || !self.pictures[3].due(at_ns, self.period_ns()) {
             return;
         }
         let sequence = state.header.sequence;

@@ -4,7 +4,7 @@ use clap::Parser;
 use config::Loaded;
 use instance::Instance;
 use record::cli::Cli;
-use record::{Attached, Origin, Queue, Rates, Summary};
+use record::{Attached, Origin, Queue, Rates, Recorded, Summary};
 use robot::Names;
 use rt::{Exit, Failure};
 use rt::{ServiceManager, Shutdown, err, out};
@@ -66,12 +66,17 @@ fn view(cli: &Cli, file: &Path) -> Result<(), Failure> {
 fn summary(cli: &Cli, file: &Path) -> Result<(), Failure> {
     // The names of the parts, and the limits in the picture, come from --config. Without it, indices replace
     // the names.
-    let loaded = config::load(&cli.config, cli.overrides());
+    let loaded = config::load(&cli.config, cli.overrides()).map_err(Failure::with(Exit::Config));
+    // The names of another robot would be wrong.
+    let loaded = loaded.and_then(|loaded| {
+        let recorded = Recorded::open(file).map_err(Failure::with(Exit::NoInput))?;
+        recorded.check_robot(&loaded.model).map(|()| loaded).map_err(Failure::with(Exit::NoInput))
+    });
     let names = loaded.as_ref().map_or_else(|_| Names::default(), |loaded| Names::of(&loaded.model));
     let summary = Summary::read(file, &names).map_err(Failure::with(Exit::NoInput))?;
     out!("{}", summary.text().trim_end());
     let Some(picture) = &cli.plot else { return Ok(()) };
-    let loaded = loaded.map_err(Failure::with(Exit::Config))?;
+    let loaded = loaded?;
     let title = format!("{}, {:.1} s", file.display(), summary.duration_s());
     record::plot(picture, &summary.trace, &loaded.model, &title).map_err(Failure::with(Exit::CantCreate))?;
     out!("picture   {}", picture.display());
@@ -119,8 +124,8 @@ fn record(cli: &Cli, out: &Path) -> Result<(), Failure> {
             let ours = loaded.hash;
             err!(
                 "record: the instance runs with the settings {hash:016x}, these options give {ours:016x}. Give \
-                 --config, --engage-without-realtime and --interface as for the instance; the settings in this file \
-                 are wrong"
+                 --config, --robot, --engage-without-realtime and --interface as for the instance; the settings in \
+                 this file are wrong"
             );
         }
         if !failed && queue.failed() {

@@ -6,6 +6,7 @@ use crate::topic::Topic;
 use crate::{ABOUT, OUTCOME};
 use messages::{JointCommand, JointTarget, Message, RobotState, Skeleton, Status};
 use motion::mcap::{Ending, Item, Reader};
+use robot::Model;
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::BufReader;
@@ -65,6 +66,22 @@ impl Recorded {
     /// Returns the metadata at the beginning of the file.
     pub fn about(&self) -> &BTreeMap<String, String> {
         &self.about
+    }
+
+    /// Returns an error if the file names another robot than `model`. A robot keeps its name if its limits change.
+    ///
+    /// # Errors
+    /// Returns an error that names both robots.
+    pub fn check_robot(&self, model: &Model) -> Result<(), RecordError> {
+        match self.about.get("robot") {
+            Some(name) if *name != model.name => {
+                let own = &model.name;
+                let cause =
+                    format!("was recorded with the robot {name}, not {own}: give --robot or --config of {name}");
+                Err(RecordError::Lacks { file: self.file.display().to_string(), cause })
+            }
+            _ => Ok(()),
+        }
     }
 
     /// Returns the metadata at the end of the file. It is empty if there is none.

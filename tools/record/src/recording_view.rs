@@ -2,6 +2,7 @@
 
 use crate::error::RecordError;
 use crate::read::{Content, Recorded};
+use messages::RobotId;
 use motion::mcap::Ending;
 use robot::Model;
 use std::path::Path;
@@ -11,18 +12,37 @@ use view::{GONE_AFTER_NS, LatestMessages, RecordingView, RecordingViewBuilder};
 ///
 /// # Errors
 /// Returns an error if the file cannot be read or has nothing of an instance. Also if one of our channels has
-/// another layout than ours.
+/// another layout than ours, or if the file is about another robot.
 pub fn recording_view(path: &Path, model: &Model) -> Result<(RecordingView, Option<String>), RecordError> {
     let mut recorded = Recorded::open(path)?;
+    recorded.check_robot(model)?;
+    // The robot file may have changed since the recording, so only the number of joints has to be equal.
+    let own = |robot: &mut RobotId| {
+        if robot.joint_count != model.id().joint_count {
+            let cause = format!("is about a {robot}, not about {} with {} joints", model.name, model.count);
+            return Err(RecordError::Lacks { file: path.display().to_string(), cause });
+        }
+        *robot = model.id();
+        Ok(())
+    };
     let (mut heard, mut at, mut begin_ns) = (LatestMessages::default(), [f64::NEG_INFINITY; 5], None);
     let mut builder = RecordingViewBuilder::new(model);
     while let Some((at_ns, content)) = recorded.next_message()? {
         let at_s = at_ns.saturating_sub(*begin_ns.get_or_insert(at_ns)) as f64 * 1e-9;
         match content {
             Content::Skeleton(skeleton) => (heard.skeleton, at[0]) = (Some(*skeleton), at_s),
-            Content::Target(target) => (heard.target, at[1]) = (Some(*target), at_s),
-            Content::Command(command) => (heard.command, at[2]) = (Some(*command), at_s),
-            Content::State(state) => (heard.state, at[3]) = (Some(*state), at_s),
+            Content::Target(mut target) => {
+                own(&mut target.robot)?;
+                (heard.target, at[1]) = (Some(*target), at_s);
+            }
+            Content::Command(mut command) => {
+                own(&mut command.robot)?;
+                (heard.command, at[2]) = (Some(*command), at_s);
+            }
+            Content::State(mut state) => {
+                own(&mut state.robot)?;
+                (heard.state, at[3]) = (Some(*state), at_s);
+            }
             Content::Status(status) => (heard.status, at[4]) = (Some(*status), at_s),
             Content::Inputs(_) | Content::Other { .. } => continue,
         }

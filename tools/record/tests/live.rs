@@ -1,7 +1,7 @@
 //! Runs the program beside writers of the test: what it reads, how it ends, and what remains after a kill or on
 //! a full disk.
 
-use crate::support::{config, contents};
+use crate::support::{config, contents, loaded};
 use bus::{Domain, Writer};
 use instance::Instance;
 use messages::{Header, JointCommand, JointTarget, Layout, RobotState, Service, Skeleton, Stamp, Status};
@@ -24,10 +24,12 @@ struct Writers {
     sequence: u64,
     sent: Vec<JointCommand>,
     _domain: Domain,
+    robot: messages::RobotId,
 }
 
 impl Writers {
     fn new(instance: &Instance) -> Self {
+        let robot = loaded().model.id();
         let domain = Domain::open(instance.core_domain(), "test").expect("a domain");
         Self {
             skeletons: domain.writer(Service::Skeleton).unwrap(),
@@ -35,6 +37,7 @@ impl Writers {
             commands: domain.writer(Service::JointCommand).unwrap(),
             states: domain.writer(Service::RobotState).unwrap(),
             statuses: domain.writer(Service::Status).unwrap(),
+            robot,
             sequence: 0,
             sent: Vec::new(),
             _domain: domain,
@@ -44,14 +47,14 @@ impl Writers {
     /// Publishes one message of each, with all numbers different.
     fn publish(&mut self) {
         self.sequence += 1;
-        let (k, stamp) = (self.sequence, rt::now());
+        let (robot, k, stamp) = (self.robot, self.sequence, rt::now());
         let header = Header { sequence: k, stamp, origin: Stamp::NONE, config_hash: 7, incarnation: 1, reserved: 0 };
         let q = std::array::from_fn(|j| (k as f64).sin() + j as f64 * 0.01);
-        let command = JointCommand { header, k, q, ..JointCommand::ZERO };
+        let command = JointCommand { header, robot, k, q, ..JointCommand::ZERO };
         self.skeletons.publish(&Skeleton { header, ..Skeleton::ZERO }).unwrap();
-        self.targets.publish(&JointTarget { header, k, q, ..JointTarget::ZERO }).unwrap();
+        self.targets.publish(&JointTarget { header, robot, k, q, ..JointTarget::ZERO }).unwrap();
         self.commands.publish(&command).unwrap();
-        self.states.publish(&RobotState { header, q_measured: q, ..RobotState::ZERO }).unwrap();
+        self.states.publish(&RobotState { header, robot, q_measured: q, ..RobotState::ZERO }).unwrap();
         self.statuses.publish(&Status { header, k, ..Status::ZERO }).unwrap();
         self.sent.push(command);
     }

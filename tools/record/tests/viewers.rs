@@ -73,6 +73,17 @@ fn recording_view_has_duration_and_events_and_reports_a_cut() {
     let engaged = recording.events().iter().filter(|event| event.contains("Engaged after Engaging")).count();
     assert_eq!(engaged, 1, "{:?}", recording.events());
     assert!(record::recording_view(&folder.path().join("none.mcap"), &loaded.model).is_err());
+    // Another robot is named. A robot with as many joints and the same name may have got other limits.
+    let refused = |change: &dyn Fn(&mut robot::Model)| {
+        let mut other = loaded.model.clone();
+        change(&mut other);
+        record::recording_view(&path, &other).map(drop).map_err(|error| error.to_string())
+    };
+    let named = refused(&|model| model.name = "other".into()).expect_err("another robot");
+    assert!(named.contains("run.mcap") && named.contains("the robot tiago_dual, not other: give --robot"), "{named}");
+    let counted = refused(&|model| model.count = 16).expect_err("other joints");
+    assert!(counted.contains("with 17 joints, not about tiago_dual with 16 joints"), "{counted}");
+    assert_eq!(refused(&|model| model.hash ^= 1), Ok(()));
     // A file that breaks off is reported. Without any message before the break, it is rejected.
     let whole = std::fs::read(&path).unwrap();
     let part = |name: &str, bytes: &[u8]| {
