@@ -96,17 +96,22 @@ impl Joints {
         Some(Self { states: domain.reader(Service::RobotState).ok()?, latest: None, _domain: domain })
     }
 
-    fn look(&mut self) -> Option<[f64; JOINTS_MAX]> {
+    /// Returns the positions of the robot's own joints.
+    fn look(&mut self) -> Option<Vec<f64>> {
         self.latest = self.states.latest().or(self.latest);
-        self.latest.map(|state| state.q_measured)
+        self.latest.map(|state| own(&state).to_vec())
     }
+}
+
+fn own(state: &RobotState) -> &[f64] {
+    &state.q_measured[..(state.robot.joint_count as usize).min(JOINTS_MAX)]
 }
 
 /// Contents of the screen.
 struct Shown {
     names: Names,
     status: Option<Status>,
-    q: Option<[f64; JOINTS_MAX]>,
+    q: Option<Vec<f64>>,
     silent: bool,
     ages_us: VecDeque<u64>,
     events: VecDeque<(Severity, String)>,
@@ -120,7 +125,7 @@ impl Shown {
         Self { names, status: None, q: None, silent: false, ages_us, events, counted: None, rate_hz: 0.0 }
     }
 
-    fn note(&mut self, status: Status, q: Option<[f64; JOINTS_MAX]>, now: Instant) {
+    fn note(&mut self, status: Status, q: Option<Vec<f64>>, now: Instant) {
         for sentence in sentences(self.status.as_ref(), &status, &self.names) {
             self.events.push_front((sentence.gravity, sentence.text));
         }
@@ -199,7 +204,9 @@ impl Shown {
     /// Returns a bar for each joint, from its lowest to its highest position.
     fn joints(&self, width: u16) -> Vec<Line<'static>> {
         let Some(q) = &self.q else { return vec![Line::from("joints: only for the instance's user").dim()] };
-        let bar = usize::from(width).saturating_sub(36).max(5);
+        let names: Vec<String> = (0..q.len()).map(|j| self.names.joint(j)).collect();
+        let longest = names.iter().map(String::len).max().unwrap_or_default();
+        let bar = usize::from(width).saturating_sub(longest + 15).max(5);
         let rows = q.iter().enumerate().map(|(j, &q)| {
             let [low, high] = self.names.limits(j).unwrap_or([q - 1.0, q + 1.0]);
             let share = (q - low) / (high - low);
@@ -207,9 +214,9 @@ impl Shown {
             let drawn: String = (0..bar).map(|n| if n == at { '●' } else { '─' }).collect();
             let near = !(NEAR..=1.0 - NEAR).contains(&share);
             let style = if near { Style::new().fg(Color::Red) } else { Style::new() };
-            let name = self.names.joint(j);
+            let name = &names[j];
             Line::from(vec![
-                Span::raw(format!("{name:<21} ")),
+                Span::raw(format!("{name:<longest$} ")),
                 Span::styled(drawn, style),
                 Span::raw(format!(" {q:>7.3} {}", self.names.unit(j))),
             ])
@@ -282,9 +289,11 @@ mod tests {
     #[test]
     fn watch_screen_shows_mode_rate_age_joints_and_events() {
         let (mut watch, now) = (Shown::new(names()), Instant::now());
-        let mut q = [0.1; JOINTS_MAX];
-        q[0] = 0.2;
-        watch.note(status(Mode::Disengaged, 1000), Some(q), now);
+        let mut state = RobotState::ZERO;
+        (state.robot.joint_count, state.q_measured) = (17, [0.1; JOINTS_MAX]);
+        state.q_measured[0] = 0.2;
+        let q = own(&state).to_vec();
+        watch.note(status(Mode::Disengaged, 1000), Some(q.clone()), now);
         let mut engaged = status(Mode::Engaging, 2500);
         engaged.transition_count = 1;
         engaged.transitions[0].to = Mode::Engaging as u32;
@@ -297,6 +306,10 @@ mod tests {
         }
         let bar = text.lines().find(|line| line.contains("torso_lift_joint")).unwrap();
         assert_eq!(bar.matches('●').count(), 1, "{bar}");
+        // One bar for each joint of this robot, and none for the joints that the message has room for.
+        assert_eq!(text.matches('●').count(), 17, "{text}");
+        let ends = text.lines().filter(|line| line.contains('●')).map(|line| line.find('─'));
+        assert!(ends.clone().all(|end| end == ends.clone().next().flatten()), "the bars begin together: {text}");
         watch.silent = true;
         assert!(shown(140, 40, &watch).contains("does not answer"));
     }
@@ -312,7 +325,7 @@ mod tests {
             shown(width, height, &watch);
         }
         assert!(shown(80, 24, &watch).contains("for the instance's user"));
-        watch.note(status(Mode::Faulted, 1), Some([f64::NAN; JOINTS_MAX]), Instant::now());
+        watch.note(status(Mode::Faulted, 1), Some(vec![f64::NAN; JOINTS_MAX]), Instant::now());
         shown(80, 24, &watch);
     }
 }

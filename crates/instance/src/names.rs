@@ -7,7 +7,7 @@ use std::path::Path;
 /// File in the instance's folder.
 const FILE: &str = "names.json";
 
-/// Longest file that is read: 128 capsules and obstacles and 17 joints have names of a few dozen bytes.
+/// Longest file that is read: 128 capsules and obstacles and 24 joints have names of a few dozen bytes.
 const BYTES_MAX: u64 = 1 << 16;
 
 /// Writes the names into the folder of an instance.

@@ -22,8 +22,8 @@ impl Names {
         let obstacles = model.obstacles.iter().map(|obstacle| obstacle.name.clone());
         Self {
             joints: model.joint_names.to_vec(),
-            prismatic: model.prismatic.to_vec(),
-            limits: model.limits.iter().map(|limits| [limits.q_min, limits.q_max]).collect(),
+            prismatic: model.prismatic[..model.count].to_vec(),
+            limits: model.limits[..model.count].iter().map(|limits| [limits.q_min, limits.q_max]).collect(),
             parts: capsules.chain(obstacles).collect(),
         }
     }
