@@ -98,6 +98,12 @@ impl MeshFolder {
         Some(best.1.join("/"))
     }
 
+    /// Returns the file with the name of a link, as a path below the folder. `None` if there is none.
+    pub fn find_link(&self, link: &str) -> Option<String> {
+        let named = |parts: &&Vec<String>| parts.last().is_some_and(|name| stem(name) == link);
+        self.files.iter().filter(named).min_by_key(|parts| parts.len()).map(|parts| parts.join("/"))
+    }
+
     /// Opens a file for a page, by its path below the folder.
     ///
     /// # Errors
@@ -127,6 +133,10 @@ impl MeshFolder {
         }
         Ok(MeshFile { file, bytes: about.len(), kind })
     }
+}
+
+fn stem(name: &str) -> &str {
+    name.rsplit_once('.').map_or(name, |(stem, _)| stem)
 }
 
 fn extension(path: &Path) -> String {

@@ -96,12 +96,18 @@ impl RobotView {
                     .extend(of_link(false).next().or_else(|| of_link(true).next()).map(|mesh| mesh.file.clone()));
             }
             let files: Vec<_> = files.into_iter().map(|(mesh, file)| self.urdf_mesh(mesh, file)).collect();
+            // Many makers name a link's mesh after the link, in the link's frame.
+            if files.is_empty() && of_link(false).chain(of_link(true)).next().is_none() {
+                self.meshes.extend(folder.find_link(link).and_then(|file| self.link_mesh(link, file)));
+            }
             self.meshes.extend(files);
         }
         if self.meshes.is_empty() {
             let names: Vec<&str> = self.missing.iter().take(NAMED_MAX).map(String::as_str).collect();
             return Err(failed(&if names.is_empty() {
-                "--meshes: neither the URDF nor the look file names a mesh file; leave the option out".to_owned()
+                "--meshes: neither the URDF nor the look file names a mesh file, and no file below it has the name of a \
+                 link; leave the option out"
+                    .to_owned()
             } else {
                 format!("--meshes: none of the robot's mesh files is below it ({} ...)", names.join(", "))
             }));
@@ -119,6 +125,13 @@ impl RobotView {
             file,
             colour: own.or_else(|| self.look.colour_of(&mesh.link)),
         }
+    }
+
+    /// Returns the mesh `file` in the frame of the link.
+    fn link_mesh(&self, link: &str, file: String) -> Option<Mesh> {
+        let (_, body, body_from_link) = self.model.links().find(|(name, ..)| *name == link)?;
+        let body_from_mesh = rows(body_from_link, [1.0; 3], &Pose::identity());
+        Some(Mesh { link: link.to_owned(), body, body_from_mesh, file, colour: self.look.colour_of(link) })
     }
 
     /// Returns the bodies that begin at the left and right shoulder. An overlaid person is aligned with them.
