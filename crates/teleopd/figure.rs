@@ -23,6 +23,8 @@ const HIPS_M: std::ops::Range<f64> = 0.3..1.25;
 const STANDING_HIPS_M: f64 = 0.98;
 /// A capsule of the base whose lowest point is below this height stands on the floor, m.
 const BASE_M: f64 = 0.1;
+/// The torso has a head if it reaches higher than this above the shoulders, m.
+const NECK_M: f64 = 0.1;
 
 /// Colours of SGR, ISO 6429: cyan, yellow, and dim for the floor.
 const PERSON: &str = "\x1b[36m";
@@ -129,8 +131,8 @@ pub fn human(positions: &[[f32; 3]; SMPL_JOINTS]) -> Canvas {
     canvas
 }
 
-/// Draws the robot with `model` at the joint positions `q`: the box of its base, its column, and lines through
-/// the origins of its moving bodies.
+/// Draws the robot with `model` at the joint positions `q`: its base, its column, its head if it has one, and lines
+/// through the origins of its arms' bodies.
 pub fn robot(model: &robot::Model, frames: &mut robot::Frames, q: &[f64; JOINTS_MAX]) -> Canvas {
     let mut canvas = Canvas::new();
     model.forward(q, frames);
@@ -139,10 +141,13 @@ pub fn robot(model: &robot::Model, frames: &mut robot::Frames, q: &[f64; JOINTS_
         project(t.y, t.z)
     };
     let body = |joint: usize| origin(joint + 1);
-    let torso = origin(model.torso_body);
+    let shoulders = model.arms.each_ref().map(|arm| frames.base_from_body[arm.joints[0] + 1].t);
+    let chest = (shoulders[0] + shoulders[1]) / 2.0;
+    let chest = [chest.y, chest.z];
+    let neck = project(chest[0], chest[1]);
     for arm in &model.arms {
         let hand = arm.range().end - 1;
-        let mut last = torso;
+        let mut last = neck;
         for joint in arm.range() {
             let next = body(joint);
             canvas.line(last, next);
@@ -158,32 +163,57 @@ pub fn robot(model: &robot::Model, frames: &mut robot::Frames, q: &[f64; JOINTS_
             canvas.blob(tip);
         }
     }
-    let top = base(&mut canvas, model);
-    canvas.line(torso, project(0.0, top));
-    // The last body joint is the head's, or at least the highest one of the body.
-    if let Some(last) = model.body_count.checked_sub(1) {
-        canvas.line(torso, body(last));
-        canvas.head(body(last));
+    let foot = base(&mut canvas, model);
+    if model.torso_body > 0 {
+        canvas.line(neck, origin(model.torso_body));
+        canvas.line(origin(model.torso_body), foot);
+    } else {
+        canvas.line(neck, foot);
+    }
+    if let Some(head) = head(model, frames, chest[1]) {
+        canvas.line(neck, head);
+        canvas.head(head);
     }
     canvas
 }
 
-/// Draws the box around everything that stands on the floor and never moves. Returns its height, m.
-fn base(canvas: &mut Canvas, model: &robot::Model) -> f64 {
-    let (mut wide_m, mut high_m) = (0.0_f64, 0.0_f64);
+/// Returns the lower end of the head: the last body joint above the torso, or else what the torso carries above the
+/// shoulders. `None` if the robot ends at its shoulders.
+fn head(model: &robot::Model, frames: &robot::Frames, shoulders_m: f64) -> Option<[f64; 2]> {
+    let last = model.body_count;
+    if last > model.torso_body {
+        let t = frames.base_from_body[last].t;
+        return Some(project(t.y, t.z));
+    }
+    let pose = &frames.base_from_body[model.torso_body];
+    let carried = model.capsules.iter().filter(|capsule| capsule.body == model.torso_body);
+    let ends = carried.flat_map(|capsule| [capsule.a, capsule.b].map(|end| pose.transform_point(&end)));
+    let top = ends.max_by(|a, b| a.z.total_cmp(&b.z)).filter(|top| top.z > shoulders_m + NECK_M)?;
+    Some(project(top.y, top.z))
+}
+
+/// Draws what never moves: a box around everything that lies on the floor, and a line for each leg or pedestal. Returns
+/// the place where the body begins.
+fn base(canvas: &mut Canvas, model: &robot::Model) -> [f64; 2] {
+    let (mut wide_m, mut high_m, mut top_m) = (0.0_f64, 0.0_f64, 0.0_f64);
     for capsule in model.capsules.iter().filter(|capsule| capsule.body == 0) {
-        let (low, high) =
-            (capsule.a.z.min(capsule.b.z) - capsule.radius_m, capsule.a.z.max(capsule.b.z) + capsule.radius_m);
-        if low < BASE_M {
-            wide_m = wide_m.max(capsule.a.y.abs().max(capsule.b.y.abs()) + capsule.radius_m);
-            high_m = high_m.max(high);
+        let (a, b) = if capsule.a.z < capsule.b.z { (capsule.a, capsule.b) } else { (capsule.b, capsule.a) };
+        let (low_m, stands) = (a.z - capsule.radius_m, b.z - a.z > (b - a).xy().norm());
+        if low_m < BASE_M && !stands {
+            wide_m = wide_m.max(a.y.abs().max(b.y.abs()) + capsule.radius_m);
+            high_m = high_m.max(b.z + capsule.radius_m);
+        } else {
+            let foot_m = if low_m < BASE_M { low_m.max(0.0) } else { a.z };
+            canvas.line(project(a.y, foot_m), project(b.y, b.z));
+            top_m = top_m.max(b.z);
         }
     }
+    top_m = top_m.max(high_m);
     let corners = [(-wide_m, 0.0), (-wide_m, high_m), (wide_m, high_m), (wide_m, 0.0)].map(|(y, z)| project(y, z));
     for (i, corner) in corners.iter().enumerate() {
         canvas.line(*corner, corners[(i + 1) % corners.len()]);
     }
-    high_m
+    project(0.0, top_m)
 }
 
 /// Returns both figures above their floor. Every row is a line that ends with a line feed.
@@ -229,6 +259,42 @@ mod tests {
         let rows = (0..ROWS * 4).filter(|&y| any(&person, hand - 1..hand + 2, y..y + 1)).count();
         assert!((3..=4).contains(&rows), "{rows} rows of dots at the hand");
         assert!(!any(&person, 0..2 * COLUMNS, 0..4), "nothing is above the head");
+    }
+
+    /// Two of them have no head, three have no lift, one stands on legs.
+    #[test]
+    fn figure_of_every_shipped_robot_has_hands_and_stands() {
+        let config = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/teleop.toml");
+        for (name, has_head, high_m) in [
+            ("tiago_dual", true, 1.0..1.6),
+            ("unitree_g1", true, 1.0..1.5),
+            ("rby1a", true, 1.0..1.8),
+            ("openarm_v10", false, 0.6..1.0),
+            ("franka_fr3_duo", false, 0.3..1.2),
+        ] {
+            let overrides = config::Overrides::robot(Some(&name.into()));
+            let (_, model) = config::load_robot(&config, &overrides).unwrap_or_else(|error| panic!("{error}"));
+            // The T-pose.
+            let mut q = model.home;
+            for arm in &model.arms {
+                arm.joints.iter().zip(arm.reference).for_each(|(joint, reference)| q[*joint] = reference);
+            }
+            let mut frames = robot::Frames::default();
+            let canvas = robot(&model, &mut frames, &q);
+            println!("{}", picture(&human(&motion::builtin().frames[0].positions), &canvas, false));
+            let rows = ROWS * 4;
+            assert!(any(&canvas, 0..2 * COLUMNS, rows - 2..rows), "{name} stands on the floor");
+            let top = (0..rows).find(|&y| any(&canvas, COLUMNS - 4..COLUMNS + 4, y..y + 1)).expect("a body");
+            let top_m = (rows - top) as f64 / DOTS_PER_M;
+            assert!(high_m.contains(&top_m), "{name} is {top_m} m high");
+            let shoulders_m = frames.base_from_body[model.arms[0].joints[0] + 1].t.z;
+            assert_eq!(head(&model, &frames, shoulders_m).is_some(), has_head, "{name}");
+            let hand = frames.base_from_body[model.arms[0].joints[6] + 1].t;
+            let [x, y] = project(hand.y, hand.z).map(|at| at as usize);
+            // Long arms reach beyond the canvas.
+            let inside = x + 3 < 2 * COLUMNS;
+            assert!(!inside || any(&canvas, x - 2..x + 3, y - 2..y + 3), "{name}: a hand at {x}, {y}");
+        }
     }
 
     #[test]
