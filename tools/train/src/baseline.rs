@@ -96,7 +96,8 @@ impl Baseline {
         }
         let robot_hash = format!("{:016x}", identity.robot_hash);
         if manifest.robot_hash != robot_hash {
-            return Err(damaged(base, format!("is for an arm of hash {}, not {robot_hash}", manifest.robot_hash)));
+            let theirs = manifest.robot_hash;
+            return Err(TrainError::OtherArm { path: base.to_path_buf(), theirs, ours: robot_hash });
         }
         let fits = (1..=2).contains(&manifest.pose.arms)
             && (1..=retarget::HIDDEN_MAX).contains(&manifest.size.hidden_layers)

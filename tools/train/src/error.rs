@@ -33,13 +33,23 @@ pub enum TrainError {
     /// The robot file or its URDF is invalid.
     #[error("{0}")]
     Robot(#[from] robot::RobotError),
-    /// A baseline's file is damaged, or made for another arm.
+    /// A baseline's file is damaged.
     #[error("{path}: {reason}")]
     Baseline {
         /// Its path without extension.
         path: PathBuf,
         /// The mismatch.
         reason: String,
+    },
+    /// A baseline was trained for another arm.
+    #[error("{path}: is for an arm of hash {theirs}, not {ours}")]
+    OtherArm {
+        /// Its path without extension.
+        path: PathBuf,
+        /// Hash of its arm.
+        theirs: String,
+        /// Hash of the arm in use.
+        ours: String,
     },
     /// A weights file could not be composed.
     #[error("weights: {0}")]
@@ -77,7 +87,8 @@ impl TrainError {
         match self {
             Self::File { action: "write", .. } => Exit::CantCreate,
             Self::File { .. } => Exit::NoInput,
-            Self::TooFewClips { .. } | Self::Checkpoint { .. } | Self::Baseline { .. } => Exit::DataErr,
+            Self::TooFewClips { .. } | Self::Checkpoint { .. } => Exit::DataErr,
+            Self::Baseline { .. } | Self::OtherArm { .. } => Exit::DataErr,
             Self::Robot(_) => Exit::Config,
             Self::Option { .. } => Exit::Usage,
             Self::Compose(_) | Self::Diverged { .. } => Exit::Software,

@@ -2,8 +2,11 @@
 //! network alone (K = 0), the network with two refinement steps (K = 2), and the best that the arm can do.
 
 use crate::clips::Clip;
+use crate::gimbal::Gimbal;
 use crate::kinematics;
+use crate::sampling::{near, noisy};
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+use rand_pcg::Pcg64;
 use retarget::{ArmModel, ArmQ, Limbs, Network, limb_error_deg, oracle, solve_poses};
 use std::fmt;
 
@@ -29,6 +32,8 @@ pub struct Evaluation {
     pub clips: usize,
     /// Frames of both arms.
     pub arm_frames: usize,
+    /// RMS joint change that a tracker's noise makes near the shoulder's gimbal with K = 2, degrees.
+    pub gimbal_noise_deg: f64,
 }
 
 /// Each row's name in the manifest and in the table: the network alone, with Levenberg-Marquardt steps, and S_GR
@@ -101,7 +106,24 @@ pub fn evaluate(arm: &ArmModel, network: &Network, clips: &[Clip], stride: usize
             }
         }
     }
-    Evaluation { rows: [k0, k2, optimum].map(Errors::figures), clips: clips.len(), arm_frames }
+    let rows = [k0, k2, optimum].map(Errors::figures);
+    let gimbal_noise_deg = gimbal_noise_deg(arm, network, clips, stride);
+    Evaluation { rows, clips: clips.len(), arm_frames, gimbal_noise_deg }
+}
+
+/// Turns every `stride`-th arm near the gimbal, and returns the RMS joint change by half a degree of noise, degrees.
+fn gimbal_noise_deg(arm: &ArmModel, network: &Network, clips: &[Clip], stride: usize) -> f64 {
+    let gimbal = Gimbal::of(&kinematics::Arm::from(arm));
+    let mut rng = Pcg64::new(1, 1);
+    let (mut squares, mut count) = (0.0, 0);
+    for pose in clips.iter().flat_map(|clip| &clip.arms).flat_map(|arm| arm.iter().step_by(stride.max(1))) {
+        let pose = near(&mut rng, &gimbal, pose);
+        let both = [pose, noisy(&mut rng, &pose)].map(|pose| limbs(&pose));
+        let [clean, noisy] = solve_poses(arm, network, &both, STEPS).map(|solved| solved.q);
+        squares += clean.iter().zip(&noisy).map(|(a, b)| (a - b).to_degrees().powi(2)).sum::<f64>();
+        count += clean.len();
+    }
+    (squares / f64::from(count.max(1) as u32)).sqrt()
 }
 
 impl Evaluation {
@@ -117,6 +139,7 @@ impl Evaluation {
                 table.insert(format!("{name}_{key}"), ((value * 1e5).round() / 1e5).into());
             }
         }
+        table.insert("gimbal_noise_deg".into(), ((self.gimbal_noise_deg * 1e3).round() / 1e3).into());
         table
     }
 }
@@ -128,6 +151,6 @@ impl fmt::Display for Evaluation {
         for ([_, name], row) in ROWS.iter().zip(&self.rows) {
             writeln!(f, "{name:<28} {:>10.3} {:>10.2} {:>10.5}", row.mean_deg, row.p95_deg, row.s_gr)?;
         }
-        Ok(())
+        writeln!(f, "near the gimbal, half a degree of noise moves joints by {:.2} degrees RMS", self.gimbal_noise_deg)
     }
 }

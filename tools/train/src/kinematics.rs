@@ -59,7 +59,7 @@ pub fn rotate(q: Quaternion, v: [f32; 3]) -> [f32; 3] {
 }
 
 #[inline]
-fn cross(a: [f32; 3], b: [f32; 3]) -> [f32; 3] {
+pub(crate) fn cross(a: [f32; 3], b: [f32; 3]) -> [f32; 3] {
     [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 }
 

@@ -13,6 +13,7 @@ pub mod error;
 pub mod evaluation;
 pub mod files;
 pub mod gemm;
+pub mod gimbal;
 pub mod kinematics;
 pub mod mlp;
 pub mod networks;

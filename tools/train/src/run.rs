@@ -7,6 +7,7 @@ use crate::clips::Clips;
 use crate::error::TrainError;
 use crate::evaluation::evaluate;
 use crate::files::{read_model, with_suffix, write_both};
+use crate::gimbal::Gimbal;
 use crate::kinematics::Arm;
 use crate::objective::Terms;
 use crate::pairs::{matched, random_postures};
@@ -46,7 +47,7 @@ pub fn run(cli: &Cli) -> Result<(), TrainError> {
     let origin = Origin { robot_hash: format!("{:016x}", identity.robot_hash), poses: recorded.digest() };
     let mut session = match &cli.resume {
         Some(path) => checkpoint::resume(path, arm, &origin)?,
-        None => Session::new(cli.options()?, arm),
+        None => Session::new(options(cli, &recorded, &arm)?, arm),
     };
     let recipe = cli.preset.recipe();
     if (session.options.pose, session.options.weighting) != (recipe.pose, recipe.weighting) {
@@ -65,6 +66,15 @@ pub fn run(cli: &Cli) -> Result<(), TrainError> {
     let _ = std::fs::remove_file(with_suffix(out, ".checkpoint"));
     println!("wrote {}.safetensors and .toml", out.display());
     Ok(())
+}
+
+/// Returns the options of a new run for `arm`.
+fn options(cli: &Cli, recorded: &Recorded, arm: &Arm) -> Result<Options, TrainError> {
+    let mut options = cli.options()?;
+    if options.mixture.twins {
+        options.mixture.gimbal = recorded.share_to_turn(&Gimbal::of(arm));
+    }
+    Ok(options)
 }
 
 /// Returns human poses with the nearest of the known postures. There are as many pairs as known postures.

@@ -3,10 +3,18 @@
 //! Every batch has its own generator, created from (seed, step, shard). So a resumed run draws the same as an
 //! uninterrupted one, and the step is the whole state of the generator.
 
+use crate::gimbal::Gimbal;
 use crate::kinematics::{ARM, Arm, Limbs, about, product};
 use crate::networks::Pose;
 use rand::RngExt;
 use rand_pcg::Pcg64;
+
+/// Share of recorded poses with a twin that are at least near the gimbal. It is a little less than where the gimbal is
+/// a hanging arm, 0.45, so the training of such an arm draws what it always drew.
+const NEAR_GIMBAL: f64 = 0.4;
+/// Largest turn of a pose away from the gimbal, about each torso axis, rad. With the jitter of every pose, it spreads
+/// over the angles that count as near.
+const GIMBAL_SPREAD_RAD: f32 = 0.2;
 
 /// Recorded poses: every arm as a left arm.
 #[derive(Clone, Debug, Default)]
@@ -37,9 +45,22 @@ pub struct Mixture {
     pub limb_jitter_rad: f32,
     /// True if some rows repeat the previous row with a tracker's noise.
     pub twins: bool,
+    /// Share of the recorded poses with a twin that are turned to the arm's gimbal, 0..=1.
+    #[serde(default)]
+    pub gimbal: f64,
 }
 
 impl Recorded {
+    /// Returns the share of recorded poses to turn to `gimbal`, so that [`NEAR_GIMBAL`] of all are near it. It is 0
+    /// where people's arms hang at the gimbal, as TIAGo++'s.
+    #[must_use]
+    pub fn share_to_turn(&self, gimbal: &Gimbal) -> f64 {
+        let arms = self.frames.as_flattened();
+        let near = arms.iter().filter(|arm| gimbal.is_near(arm)).count();
+        let share = near as f64 / arms.len().max(1) as f64;
+        ((NEAR_GIMBAL - share) / (1.0 - share)).max(0.0)
+    }
+
     /// Returns the SHA-256 of all poses, in order, lower-case hex.
     #[must_use]
     pub fn digest(&self) -> String {
@@ -71,6 +92,7 @@ impl Default for Mixture {
             torso_jitter_rad: 10_f32.to_radians(),
             limb_jitter_rad: 3_f32.to_radians(),
             twins: true,
+            gimbal: 0.0,
         }
     }
 }
@@ -130,11 +152,16 @@ impl Batch {
         let rows = self.rows();
         let from_recording = ((1.0 - mixture.procedural) * rows as f64).round() as usize;
         let mut before = [[[0.0, 0.0, 0.0, 1.0]; 2]; 2];
+        let gimbal = Gimbal::of(arm);
         for (row, arms) in self.human.chunks_exact_mut(self.pose.arms).enumerate() {
             if mixture.twins && Self::is_twin(row) {
                 arms.iter_mut().zip(&before).for_each(|(arm, other)| *arm = noisy(&mut rng, other));
             } else {
                 recorded.draw(&mut rng, row < from_recording, mixture, arms);
+                let has_twin = Self::is_twin(row + 1) && row < from_recording;
+                if mixture.gimbal > 0.0 && has_twin && rng.random_bool(mixture.gimbal) {
+                    arms.iter_mut().for_each(|arm| *arm = near(&mut rng, &gimbal, arm));
+                }
             }
             before[..arms.len()].copy_from_slice(arms);
         }
@@ -198,8 +225,14 @@ pub fn procedural(rng: &mut Pcg64) -> Limbs {
 /// deviation of half a degree.
 const NOISE_RAD: f32 = 0.0151;
 
-fn noisy(rng: &mut Pcg64, limbs: &Limbs) -> Limbs {
+pub(crate) fn noisy(rng: &mut Pcg64, limbs: &Limbs) -> Limbs {
     limbs.map(|q| product(small(rng, NOISE_RAD), q))
+}
+
+/// Turns an arm near its gimbal.
+pub(crate) fn near(rng: &mut Pcg64, gimbal: &Gimbal, limbs: &Limbs) -> Limbs {
+    let away = small(rng, GIMBAL_SPREAD_RAD);
+    gimbal.turned(limbs).map(|q| product(away, q))
 }
 
 fn jittered(rng: &mut Pcg64, limbs: &Limbs, mixture: &Mixture) -> Limbs {
@@ -219,6 +252,7 @@ fn small(rng: &mut Pcg64, bound: f32) -> [f32; 4] {
 mod tests {
     use super::*;
     use crate::kinematics::{rotate, tests::example_arm};
+    use std::f32::consts::FRAC_PI_2;
 
     #[test]
     fn procedural_arms_stay_inside_the_stated_ranges_and_fill_them() {
@@ -258,9 +292,27 @@ mod tests {
     }
 
     #[test]
+    fn hanging_people_are_turned_to_other_gimbals_alone() {
+        let hanging = about([1.0, 0.0, 0.0], -FRAC_PI_2);
+        let recorded = Recorded { frames: vec![[[hanging; 2]; 2]; 3] };
+        let mut sideways = example_arm();
+        (sideways.axes[0], sideways.axes[1]) = ([0.0, 1.0, 0.0], [1.0, 0.0, 0.0]);
+        for (arm, least, most) in [(example_arm(), 0.99, 1.0), (sideways, 0.25, 0.55)] {
+            let gimbal = Gimbal::of(&arm);
+            let mixture = Mixture { procedural: 0.0, gimbal: recorded.share_to_turn(&gimbal), ..Mixture::default() };
+            let mut batch = Batch::new(1600, Pose::default());
+            batch.draw(1, 1, 0, &arm, &recorded, &mixture);
+            let near = |rows: &[Limbs]| rows.iter().filter(|limbs| gimbal.is_near(limbs)).count() as f64;
+            let twins: Vec<Limbs> = batch.human.iter().copied().skip(1).step_by(8).collect();
+            let share = near(&twins) / twins.len() as f64;
+            assert!((least..=most).contains(&share), "{share}");
+        }
+    }
+
+    #[test]
     fn jitter_keeps_rotations_unit_and_within_its_bounds() {
         let mut rng = Pcg64::new(3, 3);
-        let mixture = Mixture { procedural: 1.0, torso_jitter_rad: 0.1, limb_jitter_rad: 0.02, twins: false };
+        let mixture = Mixture { procedural: 1.0, torso_jitter_rad: 0.1, limb_jitter_rad: 0.02, ..Mixture::default() };
         for _ in 0..200 {
             let pose = procedural(&mut rng);
             let moved = jittered(&mut rng, &pose, &mixture);
