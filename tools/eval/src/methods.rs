@@ -9,6 +9,7 @@ use retarget::{ArmIdentity, ArmModel, ArmQ, Network, Weights, closed_form, oracl
 use std::path::Path;
 use std::sync::Arc;
 use train::baseline::Baseline;
+use train::error::TrainError;
 
 /// Refinement steps of the two baselines without a network.
 const BASELINE_STEPS: u32 = 3;
@@ -97,15 +98,16 @@ pub fn prepare(
     weights: Option<&Weights>,
 ) -> Result<Vec<Method>, EvalError> {
     let network = weights.map(|weights| Arc::new(weights.network.clone()));
-    let missing = |preset: &str, base: &Path| {
+    let lacking = |preset: &str, base: &Path, what: &str| {
         let robot = cli.robot().shipped_file().unwrap_or_default();
         let (human, robot, base) = (human.display(), robot.display(), base.display());
         let train = "cargo run --release -p train --";
         Missing {
-            reason: format!("{base}.safetensors is not there"),
+            reason: format!("{base}.safetensors {what}"),
             command: format!("{train} --human {human} --robot {robot} --preset {preset} --out {base}"),
         }
     };
+    let missing = |preset: &str, base: &Path| lacking(preset, base, "is not there");
     let solver = |name: &str| -> Result<Result<Solver, Missing>, EvalError> {
         Ok(Ok(match name {
             "sew" => Solver::Sew,
@@ -122,7 +124,13 @@ pub fn prepare(
                     if !base.with_extension("toml").exists() {
                         return Ok(Err(missing(&preset, &base)));
                     }
-                    Solver::Learned(Box::new(Baseline::read(&base, identity)?))
+                    match Baseline::read(&base, identity) {
+                        Ok(baseline) => Solver::Learned(Box::new(baseline)),
+                        Err(TrainError::OtherArm { .. }) => {
+                            return Ok(Err(lacking(&preset, &base, "is for another arm, use another --baselines")));
+                        }
+                        Err(error) => return Err(error.into()),
+                    }
                 }
             },
         }))

@@ -5,7 +5,7 @@
 //! - *Direction degrees*: angle between the bones alone. No calibration of hinges can change it.
 //! - *Joint MSE*: mean squared difference to the oracle's joint positions, rad^2, joints 1 to 5 of both arms.
 //!   An arm's frame is masked if the oracle's upper arm lies within 5 degrees of the first joint's axis. On
-//!   this robot that is joint 2 within 5 degrees of 90. Joints 1 and 3 then turn the same way, and only their
+//!   TIAGo++ that is joint 2 within 5 degrees of 90. Joints 1 and 3 then turn the same way, and only their
 //!   sum is determined.
 //! - *Jerk ratio*: RMS third difference of the joint positions divided by the oracle's over the same windows of
 //!   four contiguous frames of one arm. The oracle solves frame by frame, given its previous posture, so it is
