@@ -17,10 +17,13 @@ pub struct Cli {
     /// Folder of motion files with rotations. Every fifth file, starting with the third, is kept for validation
     #[arg(long, value_name = "DIR")]
     pub human: PathBuf,
-    /// Robot file. --prediction does not use it
-    #[arg(long, value_name = "FILE", default_value = "config/robots/tiago_dual.toml")]
-    pub robot: PathBuf,
-    /// Output path of the weights: OUT.safetensors and OUT.toml. Checkpoints go to OUT.checkpoint
+    /// Robot file. --prediction does not use it. Several, separated by commas, get one human encoder and one latent
+    /// space
+    #[arg(long, visible_alias = "robots", value_name = "FILE", value_delimiter = ',')]
+    #[arg(default_value = "config/robots/tiago_dual.toml")]
+    pub robot: Vec<PathBuf>,
+    /// Output path of the weights: OUT.safetensors and OUT.toml. Checkpoints go to OUT.checkpoint. For several robots it
+    /// is a folder, and the paths in it have the robots' names
     #[arg(long, value_name = "OUT")]
     pub out: PathBuf,
     /// Train the prediction of a person's arm motion instead, from the same clips. Takes a minute

@@ -6,6 +6,9 @@ use crate::kinematics::{Arm, Limbs, cross, product, rotate};
 /// Angle from the gimbal within which a pose counts as near it. Of the recorded poses of people, 45 % are as near to a
 /// hanging arm.
 const NEAR_DEG: f32 = 20.0;
+/// Middle of the directions of [`crate::sampling::procedural`] arms: 40 degrees to the front of straight to the side,
+/// and a little below.
+const REACHED: [f32; 3] = [0.64, 0.77, -0.025];
 /// A turn closer than this to half a turn (one plus its cosine) has no certain axis.
 const HALF_TURN: f32 = 1e-3;
 
@@ -19,16 +22,10 @@ pub struct Gimbal {
 }
 
 impl Gimbal {
-    /// Returns the gimbal of `arm`. The first axis has two ends. People reach the one that lies outwards, in front or
-    /// below: the azimuths of [`crate::sampling::procedural`] are half a turn.
+    /// Returns the gimbal of `arm`. The first axis has two ends. People reach the one nearer to [`REACHED`].
     #[must_use]
     pub fn of(arm: &Arm) -> Self {
-        let [x, y, z] = arm.axes[0];
-        // The middle of those azimuths is 40 degrees to the front of straight to the side.
-        let (sine, cosine) = 40_f32.to_radians().sin_cos();
-        // A vertical axis has no azimuth.
-        let reached = if x.hypot(y) > 0.3 { x * sine + y * cosine } else { -z };
-        let bone = arm.axes[2];
+        let (reached, bone) = (dot(arm.axes[0], REACHED), arm.axes[2]);
         Self { bone: bone.map(|v| v.copysign(v * bone[1])), direction: arm.axes[0].map(|v| v.copysign(v * reached)) }
     }
 

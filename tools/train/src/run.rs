@@ -17,7 +17,7 @@ use crate::sampling::{Pair, Recorded};
 use crate::session::{Data, Options, Session};
 use indicatif::{ProgressBar, ProgressStyle};
 use retarget::{ArmIdentity, Manifest, Network};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 /// Steps between validations. The figure changes slowly, and 2000 frames cost as much as 5 steps.
@@ -41,31 +41,56 @@ pub fn run(cli: &Cli) -> Result<(), TrainError> {
     if cli.prediction {
         return prediction::learn(out, &clips, cli.seed, cli.calibration.name());
     }
-    let identity = ArmIdentity::of(&read_model(&cli.robot)?);
-    let arm = Arm::from(&identity.arm);
     let recorded = clips.recorded();
+    let (runs, mut sessions): (Vec<Run>, Vec<Session>) =
+        cli.robot.iter().map(|robot| begin(cli, robot, &recorded)).collect::<Result<Vec<_>, _>>()?.into_iter().unzip();
+    let pairs =
+        (cli.preset == Preset::S3le).then(|| sessions.iter().map(|it| pairs(it, &recorded)).collect::<Vec<_>>());
+    let data: Vec<Data<'_>> = match &pairs {
+        Some(pairs) => pairs.iter().map(|pairs| Data::Pairs(pairs)).collect(),
+        None => vec![Data::Unpaired(&recorded); runs.len()],
+    };
+    train(&runs, &mut sessions, &data, &clips)?;
+    for (run, session) in runs.iter().zip(&sessions) {
+        let trained_on = description(&session.options, &clips, &recorded, cli.calibration.name());
+        match cli.preset.baseline() {
+            Some(name) => write_baseline(&run.out, name, session, &run.origin, trained_on)?,
+            None => write_product(&run.out, session, &run.identity, &clips, trained_on, cli.calibration.name())?,
+        }
+        // The run is complete and its schedule has ended. So there is nothing to resume.
+        let _ = std::fs::remove_file(with_suffix(&run.out, ".checkpoint"));
+        println!("wrote {}.safetensors and .toml", run.out.display());
+    }
+    Ok(())
+}
+
+/// What belongs to one robot of the training, besides its session.
+struct Run {
+    out: PathBuf,
+    identity: ArmIdentity,
+    origin: Origin,
+}
+
+/// Begins the run of one robot, or continues its checkpoint.
+fn begin(cli: &Cli, robot: &Path, recorded: &Recorded) -> Result<(Run, Session), TrainError> {
+    let identity = ArmIdentity::of(&read_model(robot)?);
+    let arm = Arm::from(&identity.arm);
     let origin = Origin { robot_hash: format!("{:016x}", identity.robot_hash), poses: recorded.digest() };
-    let mut session = match &cli.resume {
+    let out = if cli.robot.len() == 1 { cli.out.clone() } else { cli.out.join(&identity.robot) };
+    let session = match &cli.resume {
+        Some(path) if cli.robot.len() > 1 => {
+            let reason = "--resume continues a run of one robot".into();
+            return Err(TrainError::Checkpoint { path: path.clone(), reason });
+        }
         Some(path) => checkpoint::resume(path, arm, &origin)?,
-        None => Session::new(options(cli, &recorded, &arm)?, arm),
+        None => Session::new(options(cli, recorded, &arm)?, arm),
     };
     let recipe = cli.preset.recipe();
     if (session.options.pose, session.options.weighting) != (recipe.pose, recipe.weighting) {
         let path = cli.resume.clone().unwrap_or_default();
         return Err(TrainError::Checkpoint { path, reason: "was made with another --preset".into() });
     }
-    let pairs = (cli.preset == Preset::S3le).then(|| pairs(&arm, &recorded, &session.options));
-    let data = pairs.as_deref().map_or(Data::Unpaired(&recorded), Data::Pairs);
-    train(&mut session, data, &clips, &with_suffix(out, ".checkpoint"), &origin)?;
-    let trained_on = description(&session.options, &clips, &recorded, cli.calibration.name());
-    match cli.preset.baseline() {
-        Some(name) => write_baseline(out, name, &session, &origin, trained_on)?,
-        None => write_product(out, &session, &identity, &clips, trained_on, cli.calibration.name())?,
-    }
-    // The run is complete and its schedule has ended. So there is nothing to resume.
-    let _ = std::fs::remove_file(with_suffix(out, ".checkpoint"));
-    println!("wrote {}.safetensors and .toml", out.display());
-    Ok(())
+    Ok((Run { out, identity, origin }, session))
 }
 
 /// Returns the options of a new run for `arm`.
@@ -78,10 +103,11 @@ fn options(cli: &Cli, recorded: &Recorded, arm: &Arm) -> Result<Options, TrainEr
 }
 
 /// Returns human poses with the nearest of the known postures. There are as many pairs as known postures.
-fn pairs(arm: &Arm, recorded: &Recorded, options: &Options) -> Vec<Pair> {
+fn pairs(session: &Session, recorded: &Recorded) -> Vec<Pair> {
     println!("matching {S3LE_POSTURES} human poses with {S3LE_POSTURES} robot postures");
     let postures = random_postures(S3LE_POSTURES, S3LE_SEED);
-    matched(arm, &postures, recorded, &options.mixture, S3LE_POSTURES, options.seed)
+    let options = &session.options;
+    matched(session.arm(), &postures, recorded, &options.mixture, S3LE_POSTURES, options.seed)
 }
 
 fn write_baseline(
@@ -152,46 +178,48 @@ fn description(options: &Options, clips: &Clips, recorded: &Recorded, calibratio
     )
 }
 
-fn train(
-    session: &mut Session,
-    data: Data<'_>,
-    clips: &Clips,
-    checkpoint: &Path,
-    origin: &Origin,
-) -> Result<(), TrainError> {
+/// Takes the steps of all robots together.
+fn train(runs: &[Run], sessions: &mut [Session], data: &[Data<'_>], clips: &Clips) -> Result<(), TrainError> {
+    let Some(leader) = sessions.first() else { return Ok(()) };
     let poses = clips.validation_sample(VALIDATION_POSES);
-    let steps = session.options.schedule.steps;
-    let bar = ProgressBar::new(steps).with_position(session.step);
+    let (first, steps) = (leader.step, leader.options.schedule.steps);
+    let bar = ProgressBar::new(steps).with_position(first);
     if let Ok(style) = ProgressStyle::with_template("{bar:30} {pos}/{len} {elapsed} (eta {eta}) {msg}") {
         bar.set_style(style);
     }
-    let (start, first) = (Instant::now(), session.step);
-    let mut shown = Terms::default();
-    let mut degrees = session.mean_limb_degrees(&poses);
-    while session.step < steps {
-        let terms = session.advance(data);
-        if !terms.total(&session.options.weighting).is_finite() {
-            return Err(TrainError::Diverged { step: session.step });
+    let start = Instant::now();
+    let mut shown = vec![Terms::default(); runs.len()];
+    for step in first + 1..=steps {
+        let terms = Session::advance_together(sessions, data);
+        if terms.iter().zip(&*sessions).any(|(terms, it)| !terms.total(&it.options.weighting).is_finite()) {
+            return Err(TrainError::Diverged { step });
         }
-        // A single batch is too noisy to read.
-        let running_mean = |mean: f64, new: f64| mean + (new - mean) / SHOWN_STEPS as f64;
-        shown = if session.step == first + 1 { terms } else { shown.zip(&terms, running_mean) };
-        let last = session.step == steps;
-        if session.step.is_multiple_of(SHOWN_STEPS) || last {
-            let rate = (session.step - first) as f64 / start.elapsed().max(Duration::from_millis(1)).as_secs_f64();
-            bar.set_position(session.step);
-            bar.set_message(line(&shown, degrees, rate));
-            if session.step.is_multiple_of(VALIDATION_STEPS) || last {
-                degrees = session.mean_limb_degrees(&poses);
-                bar.suspend(|| println!("step {:>6}  {}", session.step, line(&shown, degrees, rate)));
+        for (shown, terms) in shown.iter_mut().zip(&terms) {
+            // A single batch is too noisy to read.
+            let running_mean = |mean: f64, new: f64| mean + (new - mean) / SHOWN_STEPS as f64;
+            *shown = if step == first + 1 { *terms } else { shown.zip(terms, running_mean) };
+        }
+        let last = step == steps;
+        if step.is_multiple_of(SHOWN_STEPS) || last {
+            let rate = (step - first) as f64 / start.elapsed().max(Duration::from_millis(1)).as_secs_f64();
+            bar.set_position(step);
+            bar.set_message(format!("{rate:.1} steps/s"));
+            if step.is_multiple_of(VALIDATION_STEPS) || last {
+                for ((run, session), shown) in runs.iter().zip(&*sessions).zip(&shown) {
+                    let degrees = session.mean_limb_degrees(&poses);
+                    let (robot, line) = (&run.identity.robot, line(shown, degrees, rate));
+                    bar.suspend(|| println!("{robot} step {step:>6}  {line}"));
+                }
             }
         }
-        if session.step.is_multiple_of(CHECKPOINT_STEPS) || last {
-            checkpoint::save(checkpoint, session, origin)?;
+        if step.is_multiple_of(CHECKPOINT_STEPS) || last {
+            for (run, session) in runs.iter().zip(&*sessions) {
+                checkpoint::save(&with_suffix(&run.out, ".checkpoint"), session, &run.origin)?;
+            }
         }
     }
     bar.finish_and_clear();
-    println!("{} steps in {:.0} s", session.step - first, start.elapsed().as_secs_f64());
+    println!("{} steps in {:.0} s", steps.saturating_sub(first), start.elapsed().as_secs_f64());
     Ok(())
 }
 

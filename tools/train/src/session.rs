@@ -59,8 +59,40 @@ impl Session {
         Self { options, networks, adam, step: 0, arm, shards: [shard.clone(), shard] }
     }
 
+    /// Returns the arm that is trained.
+    #[must_use]
+    pub fn arm(&self) -> &Arm {
+        &self.arm
+    }
+
     /// Takes one step of Adam on poses drawn from `data`. Returns the loss terms of its batch.
     pub fn advance(&mut self, data: Data<'_>) -> Terms {
+        let terms = self.differentiate(data);
+        self.apply();
+        terms
+    }
+
+    /// Takes one step of several robots, each on its own data. All human encoders get the mean of their gradients. So
+    /// encoders that began the same stay the same, and the robots share one latent space.
+    pub fn advance_together(sessions: &mut [Self], data: &[Data<'_>]) -> Vec<Terms> {
+        let terms = sessions.iter_mut().zip(data).map(|(session, data)| session.differentiate(*data)).collect();
+        if sessions.len() > 1 {
+            let human = 0..sessions[0].networks.human.end();
+            let mut mean = vec![0.0; human.len()];
+            let weight = 0.5 / sessions.len() as f32;
+            for shard in sessions.iter().flat_map(|session| &session.shards) {
+                mean.iter_mut().zip(&shard.gradient).for_each(|(mean, gradient)| *mean += weight * gradient);
+            }
+            for shard in sessions.iter_mut().flat_map(|session| &mut session.shards) {
+                shard.gradient[human.clone()].copy_from_slice(&mean);
+            }
+        }
+        sessions.iter_mut().for_each(Self::apply);
+        terms
+    }
+
+    /// Computes the gradients on poses drawn from `data`. Returns the loss terms.
+    fn differentiate(&mut self, data: Data<'_>) -> Terms {
         let Self { options, networks, adam, step, arm, shards: [left, right] } = self;
         let parameters = adam.parameters.as_slice();
         let work = |shard: &mut Shard, index: u64| {
@@ -73,10 +105,15 @@ impl Session {
             shard.evaluate(networks, arm, parameters, &options.weighting)
         };
         let (of_left, of_right) = rayon::join(|| work(left, 0), || work(right, 1));
-        adam.step([&left.gradient, &right.gradient], *step, &options.schedule);
-        *step += 1;
         // Both shards have the same size.
         of_left.zip(&of_right, |a, b| 0.5 * (a + b))
+    }
+
+    /// Takes the step along the gradients.
+    fn apply(&mut self) {
+        let [left, right] = &self.shards;
+        self.adam.step([&left.gradient, &right.gradient], self.step, &self.options.schedule);
+        self.step += 1;
     }
 
     /// Returns the mean rotation error in degrees of the averaged networks, without refinement, over the four

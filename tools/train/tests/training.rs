@@ -87,6 +87,25 @@ fn training_is_bit_identical_per_seed_and_differs_by_seed() {
 }
 
 #[test]
+fn robots_trained_together_share_the_human_encoder_alone() {
+    let mut other = Arm::from(&identity().arm);
+    other.axes[0] = [0.0, 0.0, 1.0];
+    let first = session(30, 3);
+    let mut together = [first.clone(), Session::new(first.options, other)];
+    let recorded = Recorded::default();
+    for _ in 0..30 {
+        Session::advance_together(&mut together, &[Data::Unpaired(&recorded); 2]);
+    }
+    let mut alone = first;
+    advance(&mut alone, 30);
+    let human = 0..alone.networks.human.end();
+    let [one, two] = together.each_ref().map(|run| &run.adam.parameters);
+    assert_eq!(one[human.clone()], two[human.clone()]);
+    assert_ne!(one[human.end..], two[human.end..]);
+    assert_ne!(one[human.clone()], alone.adam.parameters[human], "the other robot has its share");
+}
+
+#[test]
 fn resumed_run_equals_an_uninterrupted_one_bit_for_bit() {
     let (_folder, path) = scratch();
     let mut whole = session(60, 5);
