@@ -30,8 +30,9 @@ pub fn closed_form(arm: &ArmModel, human: &Limbs, previous: &ArmQ) -> ArmQ {
     best
 }
 
-/// Solves one branch (`sign` of the second joint's offset, 1 or -1), clamped.
-pub(crate) fn branch(arm: &ArmModel, human: &Limbs, previous: &ArmQ, sign: f64) -> ArmQ {
+/// Solves one branch of [`closed_form`]: that on one side of the gimbal (`sign` 1 or -1 of the second joint's offset from
+/// it).
+pub fn branch(arm: &ArmModel, human: &Limbs, previous: &ArmQ, sign: f64) -> ArmQ {
     let mut q = [0.0; ARM_Q];
     let shoulder = shoulder(arm, &human.upper, previous, sign);
     for j in 0..3 {

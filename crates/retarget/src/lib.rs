@@ -25,7 +25,7 @@ pub use arm::{
     ARM_Q, ARMS, ArmModel, ArmQ, FEATURES, Limbs, Linearization, RESIDUALS, features, limb_error_deg, mirror,
     rotation_from_xyzw, s_gr, slerp, xyzw_from_rotation,
 };
-pub use closed_form::closed_form;
+pub use closed_form::{branch as closed_form_branch, closed_form};
 pub use network::{
     Dense, HIDDEN_MAX, LATENT, Latent, Layers, Level, Network, OVERREACH, Perceptron, Precision, WIDTH_MAX,
     interpolate_latent,

@@ -25,3 +25,4 @@ pub mod preset;
 pub mod run;
 pub mod sampling;
 pub mod session;
+pub mod start;

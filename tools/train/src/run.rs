@@ -15,6 +15,7 @@ use crate::prediction;
 use crate::preset::Preset;
 use crate::sampling::{Pair, Recorded};
 use crate::session::{Data, Options, Session};
+use crate::start::start;
 use indicatif::{ProgressBar, ProgressStyle};
 use retarget::{ArmIdentity, Manifest, Network};
 use std::path::{Path, PathBuf};
@@ -83,7 +84,7 @@ fn begin(cli: &Cli, robot: &Path, recorded: &Recorded) -> Result<(Run, Session),
             return Err(TrainError::Checkpoint { path: path.clone(), reason });
         }
         Some(path) => checkpoint::resume(path, arm, &origin)?,
-        None => Session::new(options(cli, recorded, &arm)?, arm),
+        None => Session::new(options(cli, recorded, &arm)?, arm).from(start(&identity.arm, recorded)),
     };
     let recipe = cli.preset.recipe();
     if (session.options.pose, session.options.weighting) != (recipe.pose, recipe.weighting) {

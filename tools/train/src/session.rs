@@ -59,6 +59,19 @@ impl Session {
         Self { options, networks, adam, step: 0, arm, shards: [shard.clone(), shard] }
     }
 
+    /// Begins a new run at these joint positions, normalised to -1..1 over the limits. It begins in their middle
+    /// otherwise.
+    #[must_use]
+    pub fn from(mut self, start: [f32; ARM]) -> Self {
+        if let Some(layer) = self.networks.decoder.layers.last() {
+            for bias in self.adam.parameters[layer.bias.clone()].chunks_exact_mut(ARM) {
+                bias.copy_from_slice(&start.map(|n| (n / REACH).atanh()));
+            }
+        }
+        self.adam = Adam::new(self.adam.parameters);
+        self
+    }
+
     /// Returns the arm that is trained.
     #[must_use]
     pub fn arm(&self) -> &Arm {
