@@ -41,10 +41,12 @@ fn f094_f101_weights_fit_only_their_arm_regardless_of_comments() {
 #[test]
 fn f094_shipped_weights_are_accepted_on_this_machine() {
     let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/../../weights/");
-    let text = std::fs::read_to_string(format!("{folder}tiago_dual.toml")).expect("shipped");
-    let bytes = std::fs::read(format!("{folder}tiago_dual.safetensors")).expect("shipped");
-    let weights = Weights::from_bytes(&text, &bytes, &shipped(|text| text));
-    assert!(weights.is_ok(), "{:?}", weights.err());
+    for name in support::ROBOTS {
+        let text = std::fs::read_to_string(format!("{folder}{name}.toml")).expect("shipped");
+        let bytes = std::fs::read(format!("{folder}{name}.safetensors")).expect("shipped");
+        let weights = Weights::from_bytes(&text, &bytes, &support::shipped(name));
+        assert!(weights.is_ok(), "{name}: {:?}", weights.err());
+    }
 }
 
 #[test]

@@ -19,12 +19,11 @@ fn root() -> PathBuf {
 }
 
 fn model() -> robot::Model {
-    let text = |name: &str| std::fs::read_to_string(root().join("config/robots").join(name)).expect("a robot file");
-    robot::Model::from_text("toml", &text("tiago_dual.toml"), "urdf", &text("tiago_dual.urdf")).expect("the robot")
+    support::shipped("tiago_dual")
 }
 
 fn shipped(model: &robot::Model) -> Weights {
-    let file = |end: &str| std::fs::read(root().join("weights").join(format!("tiago_dual.{end}"))).expect("weights");
+    let file = |end: &str| std::fs::read(root().join(format!("weights/{}.{end}", model.name))).expect("weights");
     let manifest = String::from_utf8(file("toml")).expect("text");
     Weights::from_bytes(&manifest, &file("safetensors"), model).expect("they fit the robot")
 }
@@ -78,6 +77,43 @@ fn noise_near_gimbal_lock_moves_joints_within_bounds() {
     }
     let (rms, worst) = figures[1];
     assert!(rms <= 2.0 && worst <= 21.0, "K = 2: RMS {rms:.2}, worst {worst:.1} degrees");
+}
+
+/// A person's left arm whose upper arm lies within 0.1 rad of where the robot's first and third axes are in line.
+fn arm_at_gimbal(rng: &mut Pcg64, arm: &ArmModel) -> Limbs {
+    // People point an arm to the side, to the front and down. The first axis has two ends, and they reach one.
+    let reached = Vector3::new(0.64, 0.77, -0.025);
+    let [first, third] =
+        [(arm.axes[0], reached), (arm.axes[2], Vector3::y())].map(|(axis, to)| axis * axis.dot(&to).signum());
+    let mut about =
+        |axis: Vector3<f64>, low: f64, high: f64| UnitQuaternion::from_scaled_axis(axis * rng.random_range(low..high));
+    let away = about(Vector3::x(), -0.06, 0.06) * about(Vector3::z(), -0.06, 0.06) * about(Vector3::y(), -0.06, 0.06);
+    let along = UnitQuaternion::rotation_between(&third, &first).expect("they are not opposite");
+    let upper = away * along * about(Vector3::y(), -0.6, 0.6);
+    // Elbow and pronation.
+    Limbs { upper, fore: upper * about(-Vector3::z(), 0.2, 1.6) * about(Vector3::y(), -0.8, 0.8) }
+}
+
+/// The same for every robot, at its own gimbal.
+#[test]
+fn noise_at_gimbal_of_any_robot_moves_joints_within_bounds() {
+    for name in support::ROBOTS {
+        let model = support::shipped(name);
+        let (arm, network) = (ArmModel::of(&model), shipped(&model).network);
+        let mut rng = Pcg64::seed_from_u64(43);
+        let (mut squares, mut count, mut worst) = (0.0, 0, 0.0_f64);
+        for _ in 0..3000 {
+            let human = arm_at_gimbal(&mut rng, &arm);
+            let noisy = Limbs { upper: turned(&mut rng, &human.upper, 0.5), fore: turned(&mut rng, &human.fore, 0.5) };
+            let [clean, noisy] = [human, noisy].map(|limbs| retargeted(&arm, &network, &limbs, 2));
+            squares += clean.iter().zip(&noisy).map(|(a, b)| (a - b).to_degrees().powi(2)).sum::<f64>();
+            count += clean.len();
+            worst = worst.max(largest_deg(&clean, &noisy));
+        }
+        let rms = (squares / f64::from(count as u32)).sqrt();
+        println!("{name}: 0.5 degrees of noise move joints by {rms:.2} degrees RMS, {worst:.1} at most");
+        assert!(rms <= 2.5 && worst <= 30.0, "{name}: RMS {rms:.2}, worst {worst:.1} degrees");
+    }
 }
 
 /// A person turns one joint of the robot across its limit, 0.1 degrees per skeleton, with the other joints

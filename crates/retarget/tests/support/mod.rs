@@ -13,6 +13,27 @@ use retarget::{
     write_weights, xyzw_from_rotation,
 };
 
+/// The robots with weights of their own.
+pub(crate) const ROBOTS: [&str; 5] = ["tiago_dual", "unitree_g1", "openarm_v10", "franka_fr3_duo", "rby1a"];
+
+/// A placeholder capsule for robot files whose capsules are not fitted yet: retargeting knows no collisions.
+fn with_capsule(text: String) -> String {
+    if text.contains("[[collision.capsules]]") {
+        return text;
+    }
+    let base = text.lines().find_map(|line| line.strip_prefix("base_link = ")).expect("a base link");
+    let capsule =
+        format!("name = \"a\"\nlink = {base}\na_m = [0.0, 0.0, 0.0]\nb_m = [0.0, 0.0, 0.01]\nradius_m = 0.01\n");
+    format!("{text}\n[[collision.capsules]]\n{capsule}[collision.allowed.adjacent]\n[collision.allowed.proved_clear]\n")
+}
+
+/// A shipped robot.
+pub(crate) fn shipped(name: &str) -> robot::Model {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/robots");
+    let read = |end: &str| std::fs::read_to_string(folder.join(format!("{name}.{end}"))).expect("a robot's file");
+    robot::Model::from_text(name, &with_capsule(read("toml")), name, &read("urdf")).expect("the robot")
+}
+
 /// Axes and reference of a TiaGo++, limits of the robot's URDF.
 pub(crate) fn arm() -> ArmModel {
     let (x, y, z) = (Vector3::x(), Vector3::y(), Vector3::z());
