@@ -23,7 +23,7 @@ pub struct Cli {
     #[arg(default_value = "config/robots/tiago_dual.toml")]
     pub robot: Vec<PathBuf>,
     /// Output path of the weights: OUT.safetensors and OUT.toml. Checkpoints go to OUT.checkpoint. For several robots it
-    /// is a folder, and the paths in it have the robots' names
+    /// is a folder of one file for each name, without checkpoints
     #[arg(long, value_name = "OUT")]
     pub out: PathBuf,
     /// Train the prediction of a person's arm motion instead, from the same clips. Takes a minute
@@ -44,7 +44,7 @@ pub struct Cli {
     /// Peak learning rate of Adam, instead of the preset's
     #[arg(long)]
     pub rate: Option<f64>,
-    /// Continue a checkpoint with its own options
+    /// Continue a checkpoint of one robot with its own options
     #[arg(long, value_name = "FILE")]
     pub resume: Option<PathBuf>,
     /// Part of each clip in which the elbow hinges are estimated

@@ -84,7 +84,7 @@ fn begin(cli: &Cli, robot: &Path, recorded: &Recorded) -> Result<(Run, Session),
             return Err(TrainError::Checkpoint { path: path.clone(), reason });
         }
         Some(path) => checkpoint::resume(path, arm, &origin)?,
-        None => Session::new(options(cli, recorded, &arm)?, arm).from(start(&identity.arm, recorded)),
+        None => Session::new(options(cli, recorded, &arm)?, arm).starting_at(start(&identity.arm, recorded)),
     };
     let recipe = cli.preset.recipe();
     if (session.options.pose, session.options.weighting) != (recipe.pose, recipe.weighting) {
@@ -214,7 +214,8 @@ fn train(runs: &[Run], sessions: &mut [Session], data: &[Data<'_>], clips: &Clip
             }
         }
         if step.is_multiple_of(CHECKPOINT_STEPS) || last {
-            for (run, session) in runs.iter().zip(&*sessions) {
+            // One of several robots cannot go on alone.
+            if let ([run], [session]) = (runs, &*sessions) {
                 checkpoint::save(&with_suffix(&run.out, ".checkpoint"), session, &run.origin)?;
             }
         }

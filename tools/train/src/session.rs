@@ -62,7 +62,7 @@ impl Session {
     /// Begins a new run at these joint positions, normalised to -1..1 over the limits. It begins in their middle
     /// otherwise.
     #[must_use]
-    pub fn from(mut self, start: [f32; ARM]) -> Self {
+    pub fn starting_at(mut self, start: [f32; ARM]) -> Self {
         if let Some(layer) = self.networks.decoder.layers.last() {
             for bias in self.adam.parameters[layer.bias.clone()].chunks_exact_mut(ARM) {
                 bias.copy_from_slice(&start.map(|n| (n / REACH).atanh()));
