@@ -146,7 +146,11 @@ pub(crate) struct Tighten {
 pub(crate) struct Collision {
     pub(crate) clearance_min_mm: f64,
     pub(crate) clearance_measured_min_mm: f64,
+    /// Empty in a new file: `collision fit` writes them. A model needs at least one.
+    #[serde(default)]
     pub(crate) capsules: Vec<CapsuleEntry>,
+    /// Without it every pair is checked.
+    #[serde(default)]
     pub(crate) allowed: Allowed,
 }
 
@@ -161,7 +165,7 @@ pub(crate) struct CapsuleEntry {
 }
 
 /// Pairs that are not checked, by reason. Each capsule lists the others.
-#[derive(Deserialize)]
+#[derive(Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct Allowed {
     pub(crate) adjacent: BTreeMap<String, Vec<String>>,

@@ -2,9 +2,10 @@
 //! at run time.
 
 use crate::fit::Shape;
+use crate::judge::{Judge, Proof};
 use crate::mesh::Points;
 use crate::split::Matter;
-use crate::write::{Judge, Named};
+use crate::write::Named;
 use nalgebra::Vector3;
 use rand::{RngExt, SeedableRng};
 use robot::{AllowedReason, Frames, Model};
@@ -98,8 +99,8 @@ pub struct Reason {
     pub names: (String, String),
     /// Reason in the robot file.
     pub reason: AllowedReason,
-    /// The proved bound, m, and true if the proof needed convex hulls. Absent if nothing is or can be proved.
-    pub proof: Option<(f64, bool)>,
+    /// The proof. Absent if nothing is or can be proved.
+    pub proof: Option<Proof>,
 }
 
 impl Reason {
@@ -113,7 +114,7 @@ impl Reason {
 }
 
 /// Proves again every pair that the robot file calls clear.
-pub fn reasons(model: &Model, judge: &mut Judge<'_>, names: &[String]) -> Vec<Reason> {
+pub fn reasons(model: &Model, judge: &Judge<'_>, names: &[String]) -> Vec<Reason> {
     let index = |name: &String| names.iter().position(|known| known == name);
     let reason = |pair: &robot::AllowedPair| {
         let (a, b) = (model.capsules[pair.a].name.clone(), model.capsules[pair.b].name.clone());

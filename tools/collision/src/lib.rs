@@ -3,7 +3,8 @@
 //! the robot.
 //!
 //! - `fit`, `split`, `mesh`, `scene`, `plan`: few and small capsules that contain every point of a surface.
-//! - `prove`, `write`: an allowed pair is on one body, adjacent, or proved clear. The proof is branch and bound
+//! - `first`, `near`: a first plan, made from the robot alone.
+//! - `prove`, `fragments`, `judge`, `write`: an allowed pair is on one body, adjacent, or proved clear. The proof is branch and bound
 //!   over the whole box of the limits in force. Samples can only refute.
 //! - `check`: checks containment and every reason again, from a robot file and the meshes.
 //! - `dynamics`, `limits`, `report`: torques by inverse dynamics over random states, and limits that respect
@@ -17,9 +18,13 @@ pub mod check;
 pub mod draw;
 pub mod dynamics;
 pub mod error;
+pub mod first;
 pub mod fit;
+pub mod fragments;
+pub mod judge;
 pub mod limits;
 pub mod mesh;
+pub mod near;
 pub mod plan;
 pub mod prove;
 pub mod report;

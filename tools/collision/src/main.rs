@@ -15,9 +15,11 @@ mod command_limits;
 use clap::{Parser, Subcommand};
 use collision::check::{capsules_in_frame, collision_share, deviations_m, reasons, sticks_out_m};
 use collision::error::{CollisionError, read_text};
+use collision::first::first_plan;
+use collision::judge::Judge;
 use collision::plan::{Plan, SIDE};
-use collision::scene::Scene;
-use collision::write::{Judge, Named, fit_all, robot_file};
+use collision::scene::{Posture, Scene};
+use collision::write::{Named, bare_model, fit_all, robot_file};
 use robot::{AllowedReason, Frames, Model};
 use rt::{Exit, Failure};
 use std::path::{Path, PathBuf};
@@ -41,6 +43,9 @@ enum Command {
         /// Write the robot file here instead of to standard output.
         #[arg(long)]
         out: Option<PathBuf>,
+        /// Write the plan here, to edit it and to fit again.
+        #[arg(long)]
+        plan_out: Option<PathBuf>,
     },
     /// Verify containment and the reason of every pair that is not checked, and that a new fit gives the same
     /// result.
@@ -67,8 +72,8 @@ struct Source {
     /// Robot file. It names the URDF that defines limits and kinematics.
     #[arg(long, default_value = "config/robots/tiago_dual.toml")]
     robot: PathBuf,
-    /// Plan: which links share capsules, and how many. Without it each link with shapes gets one capsule, on
-    /// both sides.
+    /// Plan: which links share capsules, and how many. Without it the tool makes one, and says which pairs are
+    /// near.
     #[arg(long)]
     plan: Option<PathBuf>,
 }
@@ -79,7 +84,7 @@ const SAME_FIT_M: f64 = 5e-4;
 fn main() -> ExitCode {
     rt::abort_on_panic();
     let done = match Arguments::parse().command {
-        Command::Fit { source, out } => fit(&source, out.as_deref()),
+        Command::Fit { source, out, plan_out } => fit(&source, out.as_deref(), plan_out.as_deref()),
         Command::Check { source } => check(&source),
         Command::Limits(options) => command_limits::limits(&options),
         Command::Draw(options) => command_draw::draw(&options),
@@ -93,20 +98,45 @@ type NamedText = (String, String);
 /// All texts that both commands read.
 struct Texts {
     plan: Plan,
+    /// Sentences about a plan that was made here.
+    notes: Vec<String>,
     shapes: urdf_rs::Robot,
+    held: Posture,
     toml: NamedText,
     urdf: NamedText,
 }
 
+impl Texts {
+    fn scene<'a>(&'a self, source: &'a Source) -> Scene<'a> {
+        Scene::new(&self.shapes, source.meshes.as_deref(), &self.plan.fingers).holding(self.held.clone())
+    }
+}
+
+/// The robot file's keys that a plan needs before there are capsules.
+#[derive(serde::Deserialize)]
+struct Head {
+    base_link: String,
+    #[serde(default)]
+    held_rad: Posture,
+    #[serde(default)]
+    held_m: Posture,
+}
+
 fn read_all(source: &Source) -> Result<Texts, CollisionError> {
-    let name = |path: &Path| path.display().to_string();
     let shapes = parse_all(&source.urdf)?;
-    let plan = match &source.plan {
-        Some(path) => Plan::parse(&name(path), &read_text(path)?)?,
-        None => Plan::of_links(&shapes),
-    };
     let (toml, urdf) = robot_texts(&source.robot)?;
-    Ok(Texts { plan, shapes, toml, urdf })
+    let head: Head =
+        toml::from_str(&toml.1).map_err(|error| CollisionError::content(toml.0.as_str(), error.to_string()))?;
+    let held: Posture = head.held_rad.into_iter().chain(head.held_m).collect();
+    let (plan, notes) = match &source.plan {
+        Some(path) => (Plan::parse(&path.display().to_string(), &read_text(path)?)?, Vec::new()),
+        None => {
+            let model = bare_model(&head.base_link, (&toml.0, &toml.1), (&urdf.0, &urdf.1))?;
+            let first = first_plan(&model, &shapes, source.meshes.as_deref(), &held)?;
+            (first.plan, first.notes)
+        }
+    };
+    Ok(Texts { plan, notes, shapes, held, toml, urdf })
 }
 
 /// Returns the first URDF, with the links and joints of the others that it lacks.
@@ -140,9 +170,17 @@ fn robot_texts(path: &Path) -> Result<(NamedText, NamedText), CollisionError> {
     Ok((toml, urdf))
 }
 
-fn fit(source: &Source, out: Option<&Path>) -> Result<bool, CollisionError> {
+fn write_text(path: &Path, text: &str) -> Result<(), CollisionError> {
+    std::fs::write(path, text).map_err(|cause| CollisionError::Write { path: path.to_path_buf(), cause })
+}
+
+fn fit(source: &Source, out: Option<&Path>, plan_out: Option<&Path>) -> Result<bool, CollisionError> {
     let texts = read_all(source)?;
-    let scene = Scene::new(&texts.shapes, source.meshes.as_deref(), &texts.plan.fingers);
+    texts.notes.iter().for_each(|note| eprintln!("{note}"));
+    if let Some(path) = plan_out {
+        write_text(path, &texts.plan.text())?;
+    }
+    let scene = texts.scene(source);
     let capsules = fit_all(&texts.plan, &scene)?;
     for capsule in &capsules {
         eprintln!(
@@ -172,9 +210,7 @@ fn fit(source: &Source, out: Option<&Path>) -> Result<bool, CollisionError> {
     }
     let text = decided.text;
     match out {
-        Some(path) => {
-            std::fs::write(path, &text).map_err(|cause| CollisionError::Write { path: path.to_path_buf(), cause })?
-        }
+        Some(path) => write_text(path, &text)?,
         None => println!("{text}"),
     }
     // This comes last, so that an invalid file can be inspected.
@@ -193,7 +229,7 @@ fn links(capsules: &[Named]) -> Vec<Option<&str>> {
 fn check(source: &Source) -> Result<bool, CollisionError> {
     let texts = read_all(source)?;
     let model = Model::from_text(&texts.toml.0, &texts.toml.1, &texts.urdf.0, &texts.urdf.1)?;
-    let scene = Scene::new(&texts.shapes, source.meshes.as_deref(), &texts.plan.fingers);
+    let scene = texts.scene(source);
     let mut good = true;
     for group in &texts.plan.groups {
         // The right side of a pair of groups is mirrored into the left one, both contents and capsules.
@@ -213,15 +249,12 @@ fn check(source: &Source) -> Result<bool, CollisionError> {
         good &= *deviation_m <= SAME_FIT_M && capsules.len() == model.capsules.len();
     }
     let names: Vec<String> = capsules.iter().map(|capsule| capsule.name.clone()).collect();
-    for reason in reasons(&model, &mut Judge::new(&model, &texts.plan, &capsules), &names) {
+    for reason in reasons(&model, &Judge::new(&model, &texts.plan, &capsules), &names) {
         let why = match (reason.reason, reason.proof) {
             (AllowedReason::SameBody, _) => "same body".to_owned(),
             (AllowedReason::Adjacent, _) => "adjacent".to_owned(),
             (AllowedReason::ProvedClear, None) => "NOT PROVED".to_owned(),
-            (AllowedReason::ProvedClear, Some((at_least_m, hulls))) => {
-                let what = if hulls { "convex hulls" } else { "capsules" };
-                format!("proved clear by at least {:.1} mm ({what})", at_least_m * 1e3)
-            }
+            (AllowedReason::ProvedClear, Some(proof)) => format!("proved clear by {proof}"),
         };
         println!("{} - {}: {why}", reason.names.0, reason.names.1);
         good &= reason.holds();

@@ -1,13 +1,13 @@
 //! The plan of a fit: which links share capsules, how many, and with what margin.
 
 use crate::error::CollisionError;
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 
 /// Placeholder for `left` and `right` in names of a plan.
 pub const SIDE: &str = "{side}";
 
 /// A whole plan.
-#[derive(Clone, Debug, Deserialize)]
+#[derive(Clone, Debug, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct Plan {
     /// Margin that is added to every fitted radius, mm.
@@ -17,20 +17,20 @@ pub struct Plan {
     /// Without that proof, a pair is proved clear if the convex hulls of both capsules' contents stay farther
     /// apart than this, mm.
     pub clear_hull_mm: f64,
-    /// The same bound for the pairs named in `close`, mm.
+    /// The same bound for the pairs named in `close`, mm. It may hold for the surfaces instead of the hulls.
     pub clear_close_mm: f64,
     /// Capsules of one wrist, shoulder or neck that are built closer together than the clearance.
     pub close: Vec<[String; 2]>,
     /// Groups of links that share capsules.
     pub groups: Vec<Group>,
     /// Joints that move inside a group and are swept.
-    #[serde(default)]
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub fingers: Vec<Finger>,
 }
 
 /// Links that move as one body and share capsules. `{side}` in its names makes it a pair of groups, left and
 /// right, with mirrored capsules.
-#[derive(Clone, Debug, Deserialize)]
+#[derive(Clone, Debug, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct Group {
     /// Name of its capsules: `name_0`, `name_1`, ..., or `name` if there is one.
@@ -42,15 +42,15 @@ pub struct Group {
     /// Number of capsules.
     pub capsules: usize,
     /// Exponent that makes capsules slim, see `fit::smallest_capsule`.
-    #[serde(default)]
+    #[serde(default, skip_serializing_if = "is_zero")]
     pub slimness: f64,
     /// Given cuts. Further cuts that the number of capsules needs are searched.
-    #[serde(default)]
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub cuts: Vec<Cut>,
 }
 
 /// A cut at the plane {x : normal . x = offset} in the frame of its group.
-#[derive(Clone, Copy, Debug, Deserialize)]
+#[derive(Clone, Copy, Debug, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct Cut {
     /// The part to cut: 0 is the whole. The portion above the plane becomes a new part with the next number.
@@ -62,20 +62,21 @@ pub struct Cut {
 }
 
 /// One link of a group.
-#[derive(Clone, Debug, Deserialize)]
+#[derive(Clone, Debug, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct Part {
     /// The link.
     pub link: String,
     /// Indices of its collision elements. Absent means all.
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub elements: Option<Vec<usize>>,
     /// True if everything below the link belongs to it, swept over its fingers' joints.
-    #[serde(default)]
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub below: bool,
 }
 
 /// One finger: a free joint, and joints that a tendon moves together in proportion to their ranges.
-#[derive(Clone, Debug, Deserialize)]
+#[derive(Clone, Debug, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct Finger {
     /// The free joint.
@@ -88,19 +89,34 @@ pub struct Finger {
     pub coupled_steps: usize,
 }
 
-impl Plan {
-    /// Creates a plan with one capsule for each link that has shapes, and with the margins of the shipped
-    /// plans.
-    pub fn of_links(urdf: &urdf_rs::Robot) -> Self {
-        let group = |link: &urdf_rs::Link| Group {
-            name: link.name.clone(),
-            frame: link.name.clone(),
-            parts: vec![Part { link: link.name.clone(), elements: None, below: false }],
+fn is_zero(value: &f64) -> bool {
+    *value == 0.0
+}
+
+impl Group {
+    /// Creates a group of one link with one capsule.
+    pub fn of_link(link: &str) -> Self {
+        Self {
+            name: link.to_owned(),
+            frame: link.to_owned(),
+            parts: vec![Part::whole(link)],
             capsules: 1,
             slimness: 0.0,
             cuts: Vec::new(),
-        };
-        let groups = urdf.links.iter().filter(|link| !link.collision.is_empty()).map(group).collect();
+        }
+    }
+}
+
+impl Part {
+    /// Creates the part of a whole link.
+    pub fn whole(link: &str) -> Self {
+        Self { link: link.to_owned(), elements: None, below: false }
+    }
+}
+
+impl Plan {
+    /// Creates a plan of these groups with the margins of the shipped plans.
+    pub fn of_groups(groups: Vec<Group>) -> Self {
         Self {
             margin_mm: 2.0,
             clear_mm: 12.0,
@@ -112,14 +128,19 @@ impl Plan {
         }
     }
 
-    /// Returns the distance that the hulls of two capsules' contents must provably keep, mm.
-    pub fn hull_bound_mm(&self, a: &str, b: &str) -> f64 {
+    /// Returns true if `close` names this pair of capsules.
+    pub fn is_close(&self, a: &str, b: &str) -> bool {
         let named = |[x, y]: &[String; 2], side: &str| {
             let (x, y) = (x.replace(SIDE, side), y.replace(SIDE, side));
             (x == a && y == b) || (x == b && y == a)
         };
-        let close = self.close.iter().any(|names| named(names, "left") || named(names, "right"));
-        if close { self.clear_close_mm } else { self.clear_hull_mm }
+        self.close.iter().any(|names| named(names, "left") || named(names, "right"))
+    }
+
+    /// Returns the plan as a file.
+    pub fn text(&self) -> String {
+        // Serialising strings, numbers and tables cannot fail.
+        toml::to_string(self).unwrap_or_default()
     }
 
     /// Reads a plan. `file` names it in errors.

@@ -25,7 +25,7 @@ pub enum Verdict {
 /// proofs expensive.
 const SAMPLES_PER_JOINT: usize = 20;
 /// Largest number of cells of the joint box that a proof may visit.
-const CELLS_MAX: usize = 200_000;
+pub const CELLS_MAX: usize = 200_000;
 
 /// Returns the joints that move `body` relative to the base, from the base outward.
 fn chain(model: &Model, body: usize) -> Vec<usize> {
@@ -88,11 +88,11 @@ pub struct Part<'a> {
 pub fn prove(model: &Model, a: &Capsule, b: &Capsule, clear_m: f64) -> Verdict {
     let (of_a, of_b) = ([a.a, a.b], [b.a, b.b]);
     let (a_part, b_part) = (Part { body: a.body, points: &of_a }, Part { body: b.body, points: &of_b });
-    prove_parts(model, &a_part, &b_part, clear_m, &|frames| clearance(frames, a, b))
+    prove_parts(model, &a_part, &b_part, clear_m, CELLS_MAX, &|frames| clearance(frames, a, b))
 }
 
 /// Decides whether the clearance of two parts is always above `clear_m`. `distance` returns the clearance (m)
-/// in a configuration.
+/// in a configuration. The proof visits at most `cells_max` cells.
 ///
 /// Branch and bound over the box of the limits in force. A cell is done if the clearance in its middle is
 /// enough, less all that both parts can move inside the cell. Otherwise the cell is halved across the joint
@@ -102,6 +102,7 @@ pub fn prove_parts(
     a: &Part<'_>,
     b: &Part<'_>,
     clear_m: f64,
+    cells_max: usize,
     distance: &dyn Fn(&Frames) -> f64,
 ) -> Verdict {
     let (of_a, of_b) = deciding_joints(model, a.body, b.body);
@@ -122,7 +123,7 @@ pub fn prove_parts(
     }
     let mut open: Vec<Vec<(f64, f64)>> = vec![joints.iter().map(|j| limits(*j)).collect()];
     let mut least = f64::INFINITY;
-    for _ in 0..CELLS_MAX {
+    for _ in 0..cells_max {
         let Some(cell) = open.pop() else {
             return Verdict::Clear { at_least_m: least };
         };

@@ -19,15 +19,22 @@ pub struct Scene<'a> {
     /// Folder of the files that follow `meshes/` in the URDF's file names. With `None`, a mesh is an error.
     meshes: Option<&'a Path>,
     fingers: &'a [Finger],
+    held: Posture,
 }
 
-/// Joint positions of one posture of the fingers.
-type Posture = HashMap<String, f64>;
+/// Joint positions by name, rad or m.
+pub type Posture = HashMap<String, f64>;
 
 impl<'a> Scene<'a> {
     /// Creates the scene of a parsed URDF.
     pub fn new(robot: &'a urdf_rs::Robot, meshes: Option<&'a Path>, fingers: &'a [Finger]) -> Self {
-        Self { robot, meshes, fingers }
+        Self { robot, meshes, fingers, held: Posture::new() }
+    }
+
+    /// The same with these positions of the joints that nothing commands.
+    #[must_use]
+    pub fn holding(self, held: Posture) -> Self {
+        Self { held, ..self }
     }
 
     /// Returns all that the capsules of a group must contain, in the frame of the group's link. For a group of
@@ -166,14 +173,14 @@ impl<'a> Scene<'a> {
         Some(joints)
     }
 
-    /// Returns the pose of `link` in the frame of `top`. Joints are at the posture, or at zero if it does not
-    /// have them.
-    fn pose(&self, top: &str, link: &str, posture: &Posture) -> Result<Pose, CollisionError> {
+    /// Returns the pose of `link` in the frame of `top`. Joints are at the posture, else where they are held, else at
+    /// zero.
+    pub fn pose(&self, top: &str, link: &str, posture: &Posture) -> Result<Pose, CollisionError> {
         let joints = self.chain(top, link);
         let joints = joints.ok_or_else(|| self.wrong(format!("link `{link}` is neither `{top}` nor below it")))?;
         Ok(joints.iter().fold(Pose::identity(), |pose, joint| {
             let origin = pose.compose(&Pose::from_xyz_rpy(*joint.origin.xyz, *joint.origin.rpy));
-            let q = posture.get(&joint.name).copied().unwrap_or(0.0);
+            let q = posture.get(&joint.name).or_else(|| self.held.get(&joint.name)).copied().unwrap_or(0.0);
             let axis = Unit::new_normalize(Vector3::from(*joint.axis.xyz));
             let turn = match joint.joint_type {
                 JointType::Fixed => Pose::identity(),

@@ -1,9 +1,10 @@
 //! Cuts a body's surface into cells, each with its own capsule.
 
-use crate::fit::{Shape, principal_axes, smallest_capsule};
+use crate::fit::{Shape, principal_axes, rough_volume_m3, smallest_capsule};
 use crate::mesh::Points;
 use crate::plan::Cut;
 use nalgebra::Vector3;
+use rayon::prelude::*;
 
 /// Contents of capsules: surface that may be cut, and pieces that may not.
 #[derive(Clone, Debug, Default)]
@@ -28,7 +29,7 @@ impl Matter {
 
     /// Returns the parts below and above the plane {x : normal . x = offset}. Polygons are cut, and pieces go
     /// to the side of their middle.
-    fn cut(&self, normal: &Vector3<f64>, offset: f64) -> [Self; 2] {
+    pub fn cut(&self, normal: &Vector3<f64>, offset: f64) -> [Self; 2] {
         let mut halves = [Self::default(), Self::default()];
         for polygon in &self.surface {
             for (half, sign) in halves.iter_mut().zip([-1.0, 1.0]) {
@@ -71,6 +72,13 @@ pub struct Cell {
     pub shape: Shape,
 }
 
+impl Cell {
+    /// Returns the ratio of the volumes of the capsule and of the convex hull inside. NaN if the hull has none.
+    pub fn volume_ratio(&self) -> f64 {
+        robot::hull_volume_oracle(&self.matter.points()).map_or(f64::NAN, |volume| self.shape.volume_m3() / volume)
+    }
+}
+
 fn slim_cell(matter: Matter, slimness: f64) -> Option<Cell> {
     smallest_capsule(&matter.points(), slimness).map(|shape| Cell { matter, shape })
 }
@@ -78,51 +86,104 @@ fn slim_cell(matter: Matter, slimness: f64) -> Option<Cell> {
 /// Positions of the cuts that are tried, as a share of a cell's extent.
 const CUTS: [f64; 5] = [0.3, 0.4, 0.5, 0.6, 0.7];
 
+/// The cut of a cell in two.
+#[derive(Clone, Debug)]
+struct Halves {
+    /// Volume that it saves, m^3.
+    saved_m3: f64,
+    normal: Vector3<f64>,
+    offset_m: f64,
+    /// The halves below and above the plane.
+    cells: [Cell; 2],
+}
+
+/// Cuts contents into more and more cells.
+pub struct Splitter {
+    cells: Vec<Cell>,
+    /// The best cut of each cell, where it is known. The inner one is absent if the cell cannot be cut.
+    halves: Vec<Option<Option<Halves>>>,
+    cuts: Vec<Cut>,
+}
+
+impl Splitter {
+    /// Makes the given cuts.
+    pub fn new(matter: Matter, cuts: &[Cut], slimness: f64) -> Self {
+        let mut parts = vec![matter];
+        for cut in cuts {
+            let [below, above] = parts[cut.part].cut(&Vector3::from(cut.normal), cut.offset_m);
+            parts[cut.part] = below;
+            parts.push(above);
+        }
+        let cells: Vec<Cell> = parts.into_par_iter().filter_map(|part| slim_cell(part, slimness)).collect();
+        Self { halves: vec![None; cells.len()], cells, cuts: cuts.to_vec() }
+    }
+
+    /// The cells so far.
+    pub fn cells(&self) -> &[Cell] {
+        &self.cells
+    }
+
+    /// The cuts that were given or made so far.
+    pub fn cuts(&self) -> &[Cut] {
+        &self.cuts
+    }
+
+    /// Returns the volume that the best cut of a cell saves, m^3. `None` if it cannot be cut.
+    pub fn saving_m3(&mut self, at: usize) -> Option<f64> {
+        let halves = self.halves[at].get_or_insert_with(|| best_cut(&self.cells[at]));
+        halves.as_ref().map(|halves| halves.saved_m3)
+    }
+
+    /// Cuts a cell in two. Returns false if it cannot be cut.
+    pub fn cut(&mut self, at: usize) -> bool {
+        if self.saving_m3(at).is_none() {
+            return false;
+        }
+        let Some(Halves { normal, offset_m, cells: [low, high], .. }) = self.halves[at].take().flatten() else {
+            return false;
+        };
+        self.cuts.push(Cut { part: at, normal: normal.into(), offset_m });
+        self.cells[at] = low;
+        self.cells.push(high);
+        self.halves.push(None);
+        true
+    }
+}
+
 /// Returns at most `count` cells of small volume. First come the given cuts, then always the cut that saves the
 /// most.
 pub fn split(matter: Matter, count: usize, cuts: &[Cut], slimness: f64) -> Vec<Cell> {
-    let mut parts = vec![matter];
-    for cut in cuts {
-        let [below, above] = parts[cut.part].cut(&Vector3::from(cut.normal), cut.offset_m);
-        parts[cut.part] = below;
-        parts.push(above);
-    }
-    let mut cells: Vec<Cell> = parts.into_iter().filter_map(|part| slim_cell(part, slimness)).collect();
-    if cells.len() >= count {
-        return cells;
-    }
-    let mut cuts: Vec<Option<(f64, [Cell; 2])>> = cells.iter().map(best_cut).collect();
-    while cells.len() < count {
-        let saved = |at: &usize| cuts[*at].as_ref().map_or(f64::NEG_INFINITY, |cut| cut.0);
-        let Some(at) = (0..cells.len()).max_by(|a, b| saved(a).total_cmp(&saved(b))) else {
+    let mut splitter = Splitter::new(matter, cuts, slimness);
+    while splitter.cells.len() < count {
+        let savings = (0..splitter.cells.len()).filter_map(|at| Some((at, splitter.saving_m3(at)?)));
+        let most = savings.max_by(|a, b| a.1.total_cmp(&b.1));
+        if !most.is_some_and(|(at, _)| splitter.cut(at)) {
             break;
-        };
-        let Some((_, [low, high])) = cuts[at].take() else { break };
-        (cuts[at], cells[at]) = (best_cut(&low), low);
-        cuts.push(best_cut(&high));
-        cells.push(high);
-    }
-    cells
-}
-
-/// Returns the cut of a cell in two that saves the most volume, m^3.
-fn best_cut(whole: &Cell) -> Option<(f64, [Cell; 2])> {
-    let points = whole.matter.points();
-    let (_, axes) = principal_axes(&points);
-    let mut best: Option<(f64, [Cell; 2])> = None;
-    for axis in axes.iter().chain(&[Vector3::x(), Vector3::y(), Vector3::z()]) {
-        let places = points.iter().map(|point| point.dot(axis));
-        let (low, high) = places.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), x| (l.min(x), h.max(x)));
-        for share in CUTS {
-            let [below, above] = whole.matter.cut(axis, low + share * (high - low));
-            let (Some(below), Some(above)) = (slim_cell(below, 0.0), slim_cell(above, 0.0)) else {
-                continue;
-            };
-            let saved = whole.shape.volume_m3() - below.shape.volume_m3() - above.shape.volume_m3();
-            if best.as_ref().is_none_or(|(most, _)| saved > *most) {
-                best = Some((saved, [below, above]));
-            }
         }
     }
-    best
+    splitter.cells
+}
+
+/// Returns the cut of a cell in two that saves the most volume.
+fn best_cut(whole: &Cell) -> Option<Halves> {
+    let points = whole.matter.points();
+    let (_, axes) = principal_axes(&points);
+    let coordinate = [Vector3::x(), Vector3::y(), Vector3::z()];
+    let planes = axes.iter().chain(&coordinate).flat_map(|axis| {
+        let places = points.iter().map(|point| point.dot(axis));
+        let (low, high) = places.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), x| (l.min(x), h.max(x)));
+        CUTS.map(|share| (*axis, low + share * (high - low)))
+    });
+    let planes: Vec<(Vector3<f64>, f64)> = planes.collect();
+    let volume_m3 = |(normal, offset_m): &(Vector3<f64>, f64)| {
+        let [below, above] = whole.matter.cut(normal, *offset_m);
+        Some(rough_volume_m3(&below.points())? + rough_volume_m3(&above.points())?)
+    };
+    let volumes: Vec<Option<f64>> = planes.par_iter().map(volume_m3).collect();
+    let known = planes.iter().zip(volumes).filter_map(|(plane, volume)| Some((plane, volume?)));
+    let (&(normal, offset_m), _) = known.min_by(|a, b| a.1.total_cmp(&b.1))?;
+    let [below, above] = whole.matter.cut(&normal, offset_m);
+    let cells = [slim_cell(below, 0.0)?, slim_cell(above, 0.0)?];
+    let saved_m3 = whole.shape.volume_m3() - cells.iter().map(|cell| cell.shape.volume_m3()).sum::<f64>();
+    Some(Halves { saved_m3, normal, offset_m, cells })
 }

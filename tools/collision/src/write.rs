@@ -2,13 +2,13 @@
 
 use crate::error::CollisionError;
 use crate::fit::Shape;
-use crate::mesh::Points;
-use crate::plan::{Plan, SIDE};
-use crate::prove::{Part, Verdict, clearance, deciding_joints, prove, prove_parts};
+use crate::judge::Judge;
+use crate::plan::{Group, Plan, SIDE};
+use crate::prove::clearance;
 use crate::scene::Scene;
-use crate::split::{Matter, split};
-use robot::{AllowedReason, Capsule, Frames, Hull, Model};
-use std::collections::HashMap;
+use crate::split::{Cell, Matter, split};
+use rayon::prelude::*;
+use robot::{AllowedReason, Capsule, Frames, Model};
 use std::fmt::Write;
 
 /// Everything from this line on is written by this tool.
@@ -35,26 +35,33 @@ pub struct Named {
 
 /// Fits every group.
 pub fn fit_all(plan: &Plan, scene: &Scene<'_>) -> Result<Vec<Named>, CollisionError> {
-    let mut capsules = Vec::new();
-    for group in &plan.groups {
+    let fit = |group: &Group| {
         let cells = split(scene.matter(group)?, group.capsules, &group.cuts, group.slimness);
-        let sides: &[&str] = if group.frame.contains(SIDE) { &["left", "right"] } else { &[""] };
-        for side in sides {
-            let mirror = if *side == "right" { Some(scene.mirror(&group.frame, "left", "right")?) } else { None };
-            for (index, cell) in cells.iter().enumerate() {
-                let stem = group.name.replace(SIDE, side);
-                let name = if cells.len() == 1 { stem } else { format!("{stem}_{index}") };
-                let place = |point| mirror.as_ref().map_or(point, |mirror| mirror(&point));
-                let (a, b) = (rounded(place(cell.shape.a)), rounded(place(cell.shape.b)));
-                // Rounding moves an end by half a unit per coordinate. The radius compensates for this.
-                let unit = 10_f64.powi(-(DECIMALS as i32));
-                let radius_m = ((cell.shape.radius_m + plan.margin_mm * 1e-3 + unit) / unit).ceil() * unit;
-                let shape = Shape { a, b, radius_m };
-                let volume_ratio = ratio(&cell.matter.points(), &cell.shape);
-                let matter = cell.matter.map(|point| place(*point));
-                let (link, volume_m3) = (group.frame.replace(SIDE, side), cell.shape.volume_m3());
-                capsules.push(Named { name, link, shape, volume_ratio, volume_m3, matter });
-            }
+        named(plan, group, &cells, scene)
+    };
+    let groups: Vec<Vec<Named>> = plan.groups.par_iter().map(fit).collect::<Result<_, _>>()?;
+    Ok(groups.into_iter().flatten().collect())
+}
+
+/// Returns the capsules of a group that was cut into these cells, on both sides if it has two.
+pub fn named(plan: &Plan, group: &Group, cells: &[Cell], scene: &Scene<'_>) -> Result<Vec<Named>, CollisionError> {
+    let mut capsules = Vec::new();
+    let sides: &[&str] = if group.frame.contains(SIDE) { &["left", "right"] } else { &[""] };
+    for side in sides {
+        let mirror = if *side == "right" { Some(scene.mirror(&group.frame, "left", "right")?) } else { None };
+        for (index, cell) in cells.iter().enumerate() {
+            let stem = group.name.replace(SIDE, side);
+            let name = if cells.len() == 1 { stem } else { format!("{stem}_{index}") };
+            let place = |point| mirror.as_ref().map_or(point, |mirror| mirror(&point));
+            let (a, b) = (rounded(place(cell.shape.a)), rounded(place(cell.shape.b)));
+            // Rounding moves an end by half a unit per coordinate. The radius compensates for this.
+            let unit = 10_f64.powi(-(DECIMALS as i32));
+            let radius_m = ((cell.shape.radius_m + plan.margin_mm * 1e-3 + unit) / unit).ceil() * unit;
+            let shape = Shape { a, b, radius_m };
+            let volume_ratio = cell.volume_ratio();
+            let matter = cell.matter.map(|point| place(*point));
+            let (link, volume_m3) = (group.frame.replace(SIDE, side), cell.shape.volume_m3());
+            capsules.push(Named { name, link, shape, volume_ratio, volume_m3, matter });
         }
     }
     Ok(capsules)
@@ -63,10 +70,6 @@ pub fn fit_all(plan: &Plan, scene: &Scene<'_>) -> Result<Vec<Named>, CollisionEr
 fn rounded(point: nalgebra::Vector3<f64>) -> nalgebra::Vector3<f64> {
     let scale = 10_f64.powi(DECIMALS as i32);
     point.map(|x| (x * scale).round() / scale)
-}
-
-fn ratio(points: &Points, shape: &Shape) -> f64 {
-    robot::hull_volume_oracle(points).map_or(f64::NAN, |volume| shape.volume_m3() / volume)
 }
 
 /// Returns the hand-written part of a robot file.
@@ -99,85 +102,6 @@ pub fn capsules_text(capsules: &[Named]) -> String {
     text
 }
 
-/// Decides about pairs, and caches convex hulls.
-pub struct Judge<'a> {
-    model: &'a Model,
-    plan: &'a Plan,
-    capsules: &'a [Named],
-    hulls: HashMap<usize, Option<Hull>>,
-}
-
-/// Largest number of deciding joints for which a proof by hulls is tried: parts of one shoulder or wrist, or a
-/// neck.
-const HULL_JOINTS_MAX: usize = 3;
-
-impl<'a> Judge<'a> {
-    /// Creates a judge of these capsules on this robot.
-    pub fn new(model: &'a Model, plan: &'a Plan, capsules: &'a [Named]) -> Self {
-        Self { model, plan, capsules, hulls: HashMap::new() }
-    }
-
-    /// Returns a shape of capsule `index` as a capsule on its body.
-    fn on_body(&self, index: usize, shape: &Shape) -> Option<Capsule> {
-        let named = &self.capsules[index];
-        let (body, pose) = self.model.link_body(&named.link)?;
-        let (a, b) = (pose.transform_point(&shape.a), pose.transform_point(&shape.b));
-        Some(Capsule { name: named.name.clone(), body, a, b, radius_m: shape.radius_m })
-    }
-
-    /// Returns the convex hull, in the body's frame, of a capsule's contents.
-    fn hull(&mut self, index: usize) -> Option<Hull> {
-        if !self.hulls.contains_key(&index) {
-            let named = &self.capsules[index];
-            let hull = self.model.link_body(&named.link).and_then(|(_, pose)| {
-                let points: Vec<_> = named.matter.points().iter().map(|point| pose.transform_point(point)).collect();
-                Hull::new(&points)
-            });
-            self.hulls.insert(index, hull);
-        }
-        self.hulls[&index].clone()
-    }
-
-    /// Proves that two capsules' contents stay apart, by the capsules or by the convex hulls of their contents.
-    /// Returns the bound, m, and true if the hulls were needed.
-    pub fn prove(&mut self, first: usize, second: usize) -> Option<(f64, bool)> {
-        let a = self.on_body(first, &self.capsules[first].shape)?;
-        let b = self.on_body(second, &self.capsules[second].shape)?;
-        if let Verdict::Clear { at_least_m } = prove(self.model, &a, &b, self.plan.clear_mm * 1e-3) {
-            return Some((at_least_m, false));
-        }
-        let (of_a, of_b) = deciding_joints(self.model, a.body, b.body);
-        if of_a.len() + of_b.len() > HULL_JOINTS_MAX {
-            return None;
-        }
-        let (hull_a, hull_b) = (self.hull(first)?, self.hull(second)?);
-        let (corners_a, corners_b) = (hull_a.corners(), hull_b.corners());
-        let bound_m = self.plan.hull_bound_mm(&a.name, &b.name) * 1e-3;
-        let distance = |frames: &Frames| {
-            let pose = |body: usize| &frames.base_from_body[body];
-            hull_a.distance_m(pose(a.body), &hull_b, pose(b.body))
-        };
-        let (part_a, part_b) = (Part { body: a.body, points: &corners_a }, Part { body: b.body, points: &corners_b });
-        match prove_parts(self.model, &part_a, &part_b, bound_m, &distance) {
-            Verdict::Clear { at_least_m } => Some((at_least_m, true)),
-            Verdict::Meets { .. } | Verdict::Open => None,
-        }
-    }
-
-    /// Returns the reason why a pair needs no check. None if it needs one.
-    pub fn decide(&mut self, first: usize, second: usize) -> Option<AllowedReason> {
-        let body = |index: usize| self.model.link_body(&self.capsules[index].link).map(|(body, _)| body);
-        let (a, b) = (body(first)?, body(second)?);
-        if a == b {
-            return Some(AllowedReason::SameBody);
-        }
-        if self.model.parent_body(a) == Some(b) || self.model.parent_body(b) == Some(a) {
-            return Some(AllowedReason::Adjacent);
-        }
-        self.prove(first, second).map(|_| AllowedReason::ProvedClear)
-    }
-}
-
 /// A robot file with all pairs decided.
 #[derive(Clone, Debug)]
 pub struct Decided {
@@ -187,44 +111,62 @@ pub struct Decided {
     pub near_home: Vec<(String, String, f64)>,
 }
 
+/// Returns a model of the robot without its capsules. Bodies and limits do not depend on them, but a model needs
+/// one. So it has one grain on this link, which no pair needs.
+///
+/// # Errors
+/// The robot's files are invalid.
+pub fn bare_model(link: &str, toml: (&str, &str), urdf: (&str, &str)) -> Result<Model, CollisionError> {
+    let grain = format!(
+        "name = \"grain\"\nlink = \"{link}\"\na_m = [0.0, 0.0, 0.0]\nb_m = [0.0, 0.0, 0.0]\nradius_m = 0.001\n"
+    );
+    let text = format!("{}\n\n[[collision.capsules]]\n{grain}", head(toml.1).trim_end());
+    Ok(Model::from_text(toml.0, &text, urdf.0, urdf.1)?)
+}
+
+/// Returns fitted capsules on the bodies of a model.
+///
+/// # Errors
+/// The model does not have the link of a capsule.
+pub fn on_bodies(model: &Model, capsules: &[Named]) -> Result<Vec<Capsule>, CollisionError> {
+    let place = |capsule: &Named| {
+        let (body, pose) = model.link_body(&capsule.link).ok_or_else(|| {
+            let cause = format!("capsule `{}`: no link `{}`", capsule.name, capsule.link);
+            CollisionError::content(&model.texts.urdf_name, cause)
+        })?;
+        let (a, b) = (pose.transform_point(&capsule.shape.a), pose.transform_point(&capsule.shape.b));
+        Ok(Capsule { name: capsule.name.clone(), body, a, b, radius_m: capsule.shape.radius_m })
+    };
+    capsules.iter().map(place).collect()
+}
+
 /// Returns the whole text of the robot file with these capsules, with all pairs decided.
+///
+/// # Errors
+/// The robot's files are invalid, or the robot does not have the link of a capsule.
 pub fn robot_file(
     plan: &Plan,
     capsules: &[Named],
     toml: (&str, &str),
     urdf: (&str, &str),
 ) -> Result<Decided, CollisionError> {
+    let link = capsules.first().ok_or_else(|| CollisionError::content(urdf.0, "has no shapes"))?.link.as_str();
+    let model = bare_model(link, toml, urdf)?;
+    let bodies = on_bodies(&model, capsules)?;
     let mut frames = Frames::default();
-    let mut near_home = Vec::new();
-    let head = head(toml.1).trim_end();
-    // Bodies and limits do not depend on capsules, but a model needs one. So a placeholder with one capsule and
-    // no pairs is used.
-    let stand_in = capsules_text(&capsules[..1.min(capsules.len())]);
-    let empty = "\n[collision.allowed.adjacent]\n\n[collision.allowed.proved_clear]\n";
-    let skeleton = format!("{head}\n{stand_in}{empty}");
-    let model = Model::from_text(toml.0, &skeleton, urdf.0, urdf.1)?;
     model.forward(&model.home, &mut frames);
-    let mut bodies = Vec::with_capacity(capsules.len());
-    for capsule in capsules {
-        let link = model.link_body(&capsule.link);
-        let (body, pose) = link.ok_or_else(|| {
-            CollisionError::content(urdf.0, format!("capsule `{}`: no link `{}`", capsule.name, capsule.link))
-        })?;
-        bodies.push(Capsule {
-            name: capsule.name.clone(),
-            body,
-            a: pose.transform_point(&capsule.shape.a),
-            b: pose.transform_point(&capsule.shape.b),
-            radius_m: capsule.shape.radius_m,
-        });
-    }
-    let mut judge = Judge::new(&model, plan, capsules);
-    let mut text = format!("{head}\n\n{MARK}\n{}", capsules_text(capsules));
+    let judge = Judge::new(&model, plan, capsules);
+    let pairs: Vec<(usize, usize)> =
+        (0..capsules.len()).flat_map(|a| (a + 1..capsules.len()).map(move |b| (a, b))).collect();
+    let reasons: Vec<Option<AllowedReason>> = pairs.par_iter().map(|(a, b)| judge.decide(*a, *b)).collect();
+    let mut near_home = Vec::new();
     let mut tables = [(AllowedReason::Adjacent, String::new()), (AllowedReason::ProvedClear, String::new())];
+    let mut decided = pairs.iter().zip(&reasons).peekable();
     for (first, a) in bodies.iter().enumerate() {
         let mut others: [Vec<String>; 2] = Default::default();
-        for (second, b) in bodies.iter().enumerate().skip(first + 1) {
-            match judge.decide(first, second) {
+        while let Some((&(_, second), reason)) = decided.next_if(|((at, _), _)| *at == first) {
+            let b = &bodies[second];
+            match reason {
                 Some(AllowedReason::Adjacent) => others[0].push(format!("\"{}\"", b.name)),
                 Some(AllowedReason::ProvedClear) => others[1].push(format!("\"{}\"", b.name)),
                 Some(AllowedReason::SameBody) => {}
@@ -237,19 +179,19 @@ pub fn robot_file(
             }
         }
         for (table, others) in tables.iter_mut().zip(&others).filter(|(_, others)| !others.is_empty()) {
+            // Writing to a String cannot fail.
             let _ = writeln!(table.1, "{} = [\n{}]", a.name, wrapped(others));
         }
     }
-    let _ = write!(
-        text,
-        "\n# One joint apart: their stops keep them apart.\n[collision.allowed.adjacent]\n{}",
-        tables[0].1
-    );
-    let _ = write!(
-        text,
-        "\n# Proved to stay apart everywhere within the limits in force: the capsules by {} mm, or the convex hulls of what\n\
-         # they contain by {} mm ({} mm inside one wrist or shoulder).\n[collision.allowed.proved_clear]\n{}",
-        plan.clear_mm, plan.clear_hull_mm, plan.clear_close_mm, tables[1].1
+    let [(_, adjacent), (_, clear)] = &tables;
+    let (mm, hull_mm, close_mm) = (plan.clear_mm, plan.clear_hull_mm, plan.clear_close_mm);
+    let text = format!(
+        "{}\n\n{MARK}\n{}\n# One joint apart: their stops keep them apart.\n[collision.allowed.adjacent]\n{adjacent}\n\
+         # Proved to stay apart everywhere within the limits in force: the capsules by {mm} mm, or the convex hulls of what\n\
+         # they contain by {hull_mm} mm. Inside one wrist or shoulder it is {close_mm} mm, by the hulls or by the surfaces.\n\
+         [collision.allowed.proved_clear]\n{clear}",
+        head(toml.1).trim_end(),
+        capsules_text(capsules)
     );
     Ok(Decided { text, near_home })
 }

@@ -3,7 +3,7 @@
 use collision::check::sticks_out_m;
 use collision::fit::Shape;
 use collision::mesh::{Points, read_mesh};
-use collision::plan::Plan;
+use collision::plan::{Group, Plan};
 use collision::scene::Scene;
 use collision::write::fit_all;
 use nalgebra::Vector3;
@@ -38,7 +38,7 @@ fn assert_contained(folder: &TempDir, geometry: &str, least_m3: f64) {
         "<robot name=\"r\"><link name=\"l\"><collision><geometry>{geometry}</geometry></collision></link></robot>"
     );
     let robot = urdf_rs::read_from_string(&urdf).unwrap();
-    let plan = Plan::of_links(&robot);
+    let plan = Plan::of_groups(vec![Group::of_link("l")]);
     let scene = Scene::new(&robot, Some(folder.path()), &plan.fingers);
     let capsules = fit_all(&plan, &scene).unwrap();
     assert_eq!(capsules.len(), 1);

@@ -1,0 +1,300 @@
+//! A first plan, made from the robot alone: which links share capsules, and how many. A person may edit it.
+//!
+//! - Every link that has shapes is fitted by itself, on both sides. Nothing is mirrored, because arms whose joints
+//!   mirror may have the same elbow twice.
+//! - Links that stand still relative to each other share capsules where those are hardly larger.
+//! - A joint beyond the end of an arm that nothing commands belongs to a hand. It is swept over its range. Others
+//!   (legs) stand where the robot file holds them.
+//! - A capsule much larger than the hull inside is cut in two, where that saves a lot.
+//! - So is a capsule that is too close to another at home, or in most postures of the two joints between them. If
+//!   they are built so close, the pair is called close.
+
+use crate::error::CollisionError;
+use crate::fit::rough_volume_m3;
+use crate::near::{Finder, Near};
+use crate::plan::{Finger, Group, Part, Plan};
+use crate::scene::{Posture, Scene};
+use crate::split::Splitter;
+use crate::write::{Named, named};
+use messages::ARM_JOINTS;
+use nalgebra::Vector3;
+use rayon::prelude::*;
+use robot::{CAPSULES_MAX, Model};
+use std::path::Path;
+use urdf_rs::JointType;
+
+/// Links share a capsule that is at most this much larger than theirs together (chosen).
+const MERGED_RATIO: f64 = 1.2;
+/// A capsule is cut if it is larger than this many times its hull, and a cut saves enough (chosen).
+const VOLUME_RATIO: f64 = 2.0;
+/// A cut saves at least this share of its capsule (chosen) ...
+const SAVED_SHARE: f64 = 0.2;
+/// ... and at least this volume, m^3: the volume of a finger (chosen).
+const SAVED_M3: f64 = 1e-4;
+/// Largest number of capsules of one group (chosen).
+const CELLS_MAX: usize = 6;
+/// Number of positions of each joint of a hand that are tried, both limits included (chosen).
+const FINGER_STEPS: usize = 9;
+/// A near capsule is cut if that saves at least this share of it (chosen).
+const SAVED_NEAR_SHARE: f64 = 0.1;
+/// Largest number of rounds in which near capsules are cut (chosen).
+const ROUNDS: usize = 12;
+
+/// A plan, and sentences about what it could not do.
+#[derive(Clone, Debug)]
+pub struct First {
+    /// The plan.
+    pub plan: Plan,
+    /// Pairs that are close, or too close.
+    pub notes: Vec<String>,
+}
+
+/// A group while it is planned.
+struct Draft {
+    group: Group,
+    splitter: Splitter,
+}
+
+/// A link that has shapes.
+struct Shaped {
+    link: String,
+    body: usize,
+    /// Its surface in the body's frame.
+    points: Vec<Vector3<f64>>,
+}
+
+/// Makes the first plan of a robot whose links have the shapes of `urdf`.
+///
+/// # Errors
+/// A shape that cannot be read, or a shape on a link that the robot does not have.
+pub fn first_plan(
+    model: &Model,
+    urdf: &urdf_rs::Robot,
+    meshes: Option<&Path>,
+    held: &Posture,
+) -> Result<First, CollisionError> {
+    let tree = Tree { model, urdf };
+    let palms = tree.palms()?;
+    let fingers = tree.fingers(&palms);
+    let scene = Scene::new(urdf, meshes, &fingers).holding(held.clone());
+    let mut groups = merged(tree.shaped(&palms, &scene)?, &tree)?;
+    groups.extend(palms.iter().map(|palm| {
+        let parts = vec![Part { below: true, ..Part::whole(palm) }];
+        Group { parts, ..Group::of_link(palm) }
+    }));
+    let draft = |group: Group| Ok(Draft { splitter: Splitter::new(scene.matter(&group)?, &[], 0.0), group });
+    let mut drafts: Vec<Draft> = groups.into_par_iter().map(draft).collect::<Result<_, CollisionError>>()?;
+    drafts.par_iter_mut().for_each(|draft| cut_fat(&mut draft.splitter));
+    let mut plan = Plan::of_groups(Vec::new());
+    let notes = cut_near(model, &scene, &mut plan, &mut drafts)?;
+    plan.groups = drafts.into_iter().map(Draft::planned).collect();
+    plan.fingers = fingers;
+    Ok(First { plan, notes })
+}
+
+impl Draft {
+    /// Returns the group with all cuts.
+    fn planned(self) -> Group {
+        Group { capsules: self.splitter.cells().len(), cuts: self.splitter.cuts().to_vec(), ..self.group }
+    }
+}
+
+/// The links' tree, and the robot's bodies.
+struct Tree<'a> {
+    model: &'a Model,
+    urdf: &'a urdf_rs::Robot,
+}
+
+impl Tree<'_> {
+    fn above(&self, link: &str) -> Option<&urdf_rs::Joint> {
+        self.urdf.joints.iter().find(|joint| joint.child.link == link)
+    }
+
+    /// Returns the links from `link` up to the root.
+    fn lineage<'a>(&'a self, link: &'a str) -> Vec<&'a str> {
+        let parent = |link: &&'a str| self.above(link).map(|joint| joint.parent.link.as_str());
+        std::iter::successors(Some(link), parent).take(self.urdf.links.len()).collect()
+    }
+
+    /// Returns the body of a link. A link that only the shapes' URDF has is on the body of the nearest link above
+    /// it that the robot has.
+    fn body(&self, link: &str) -> Result<usize, CollisionError> {
+        let known = self.lineage(link).into_iter().find_map(|link| self.model.link_body(link));
+        let unknown =
+            || CollisionError::content(&self.urdf.name, format!("link `{link}`: the robot has no link above it"));
+        known.map(|(body, _)| body).ok_or_else(unknown)
+    }
+
+    /// Returns the movable joints above a link up to the next commanded one, from the link upward.
+    fn uncommanded(&self, link: &str) -> Vec<&urdf_rs::Joint> {
+        let joints = self.lineage(link).into_iter().filter_map(|link| self.above(link));
+        let commanded = |joint: &&urdf_rs::Joint| self.model.joint_names.contains(&joint.name);
+        let own = joints.take_while(|joint| !commanded(joint));
+        own.filter(|joint| joint.joint_type != JointType::Fixed).collect()
+    }
+
+    /// Returns the links of the arms' ends from which hands hang: the parents of their first joints.
+    fn palms(&self) -> Result<Vec<String>, CollisionError> {
+        let mut palms: Vec<String> = Vec::new();
+        for link in self.urdf.links.iter().filter(|link| !link.collision.is_empty()) {
+            let Some(first) = self.uncommanded(&link.name).pop() else { continue };
+            let palm = &first.parent.link;
+            let body = self.body(palm)?;
+            let at_hand = self.model.arms.iter().any(|arm| arm.joints[ARM_JOINTS - 1] + 1 == body);
+            if at_hand && !palms.contains(palm) {
+                palms.push(palm.clone());
+            }
+        }
+        let inner =
+            |palm: &String| self.lineage(palm).iter().skip(1).any(|link| palms.iter().any(|other| other == link));
+        let outer = palms.iter().filter(|palm| !inner(palm)).cloned();
+        Ok(outer.collect())
+    }
+
+    /// Returns the fingers below these palms. A finger's first joint is free. The others bend together.
+    fn fingers(&self, palms: &[String]) -> Vec<Finger> {
+        let mut chains: Vec<Vec<String>> = Vec::new();
+        for link in self.urdf.links.iter().filter(|link| self.below(&link.name, palms)) {
+            let mut names: Vec<String> = self.uncommanded(&link.name).iter().map(|joint| joint.name.clone()).collect();
+            names.reverse();
+            if !names.is_empty() && !chains.iter().any(|chain| chain.starts_with(&names)) {
+                chains.retain(|chain| !names.starts_with(chain));
+                chains.push(names);
+            }
+        }
+        let finger = |chain: Vec<String>| {
+            let coupled_steps = if chain.len() > 1 { FINGER_STEPS } else { 1 };
+            let (free, coupled) = (chain[0].clone(), chain[1..].to_vec());
+            Finger { free, free_steps: FINGER_STEPS, coupled, coupled_steps }
+        };
+        chains.into_iter().map(finger).collect()
+    }
+
+    /// Returns true for a palm and for everything below it.
+    fn below(&self, link: &str, palms: &[String]) -> bool {
+        self.lineage(link).iter().any(|link| palms.iter().any(|palm| palm == link))
+    }
+
+    /// Returns the links that have shapes, without the hands.
+    fn shaped(&self, palms: &[String], scene: &Scene<'_>) -> Result<Vec<Shaped>, CollisionError> {
+        let with_shapes = self.urdf.links.iter().filter(|link| !link.collision.is_empty());
+        let own: Vec<_> = with_shapes.filter(|link| !self.below(&link.name, palms)).collect();
+        let shaped = |link: &&urdf_rs::Link| {
+            let (body, link) = (self.body(&link.name)?, link.name.clone());
+            let lineage = self.lineage(&link);
+            let top = *lineage
+                .iter()
+                .take_while(|link| self.body(link).is_ok_and(|b| b == body))
+                .last()
+                .unwrap_or(&lineage[0]);
+            let pose = scene.pose(top, &link, &Posture::new())?;
+            let points = scene.points(&link)?.iter().map(|point| pose.transform_point(point)).collect();
+            Ok(Shaped { body, points, link })
+        };
+        own.par_iter().map(shaped).collect()
+    }
+
+    /// Returns the nearest link that is above both or one of the two.
+    fn common(&self, a: &str, b: &str) -> Result<String, CollisionError> {
+        let above = self.lineage(b);
+        let common = self.lineage(a).into_iter().find(|link| above.contains(link));
+        common.map(str::to_owned).ok_or_else(|| CollisionError::content(&self.urdf.name, "has two roots"))
+    }
+}
+
+/// Groups links of one body whose common capsule is hardly larger than their own.
+fn merged(links: Vec<Shaped>, tree: &Tree<'_>) -> Result<Vec<Group>, CollisionError> {
+    let volume = |points: &[Vector3<f64>]| rough_volume_m3(points).unwrap_or(0.0);
+    let mut groups: Vec<(Group, Shaped, f64)> = links
+        .into_par_iter()
+        .map(|shaped| (Group::of_link(&shaped.link), volume(&shaped.points), shaped))
+        .map(|(group, volume, shaped)| (group, shaped, volume))
+        .collect();
+    loop {
+        let pairs: Vec<(usize, usize)> = (0..groups.len())
+            .flat_map(|b| (0..b).map(move |a| (a, b)))
+            .filter(|(a, b)| groups[*a].1.body == groups[*b].1.body)
+            .collect();
+        let ratio = |(a, b): &(usize, usize)| {
+            let (a, b) = (&groups[*a], &groups[*b]);
+            let both: Vec<_> = a.1.points.iter().chain(&b.1.points).copied().collect();
+            let volume = volume(&both);
+            (volume / (a.2 + b.2), volume)
+        };
+        let ratios: Vec<(f64, f64)> = pairs.par_iter().map(ratio).collect();
+        let best = pairs.iter().zip(&ratios).min_by(|x, y| x.1.0.total_cmp(&y.1.0));
+        let Some((&(a, b), &(_, volume))) = best.filter(|(_, (ratio, _))| *ratio <= MERGED_RATIO) else { break };
+        let (group, shaped, _) = groups.remove(b);
+        let kept = &mut groups[a];
+        let frame = tree.common(&kept.0.frame, &group.frame)?;
+        kept.0.frame = frame;
+        kept.0.parts.extend(group.parts);
+        kept.1.points.extend(shaped.points);
+        kept.2 = volume;
+    }
+    Ok(groups.into_iter().map(|(group, ..)| group).collect())
+}
+
+/// Cuts capsules that are much larger than their hulls.
+fn cut_fat(splitter: &mut Splitter) {
+    while splitter.cells().len() < CELLS_MAX {
+        let fat: Vec<usize> = (0..splitter.cells().len()).filter(|at| is_fat(splitter, *at)).collect();
+        let savings = fat.into_iter().filter_map(|at| Some((at, splitter.saving_m3(at)?)));
+        let most = savings.max_by(|a, b| a.1.total_cmp(&b.1));
+        let enough = |at: usize| (SAVED_SHARE * splitter.cells()[at].shape.volume_m3()).max(SAVED_M3);
+        match most {
+            Some((at, saved)) if saved >= enough(at) => splitter.cut(at),
+            _ => break,
+        };
+    }
+}
+
+fn is_fat(splitter: &Splitter, at: usize) -> bool {
+    let cell = &splitter.cells()[at];
+    cell.shape.volume_m3() > SAVED_M3 && cell.volume_ratio() > VOLUME_RATIO
+}
+
+/// Cuts capsules that are too near others, and names the pairs that are built close. Returns notes about the pairs
+/// that stay near.
+fn cut_near(
+    model: &Model,
+    scene: &Scene<'_>,
+    plan: &mut Plan,
+    drafts: &mut [Draft],
+) -> Result<Vec<String>, CollisionError> {
+    let mut finder = Finder::default();
+    for round in 0.. {
+        let mut capsules: Vec<Named> = Vec::new();
+        let mut cells: Vec<(usize, usize)> = Vec::new();
+        for (index, draft) in drafts.iter().enumerate() {
+            capsules.extend(named(plan, &draft.group, draft.splitter.cells(), scene)?);
+            cells.extend((0..draft.splitter.cells().len()).map(|cell| (index, cell)));
+        }
+        let near = finder.find(model, plan, &capsules)?;
+        plan.close = near.iter().filter(|near| near.is_close()).map(|near| near.names.clone()).collect();
+        let mut cut = false;
+        let mut touched: Vec<usize> = Vec::new();
+        for near in near.iter().filter(|near| near.can_be_cut()) {
+            let room = capsules.len() + touched.len() < CAPSULES_MAX && round < ROUNDS;
+            let both = near.pair.map(|capsule| cells[capsule]);
+            if !room || both.iter().any(|(draft, _)| touched.contains(draft)) {
+                continue;
+            }
+            let free = both.into_iter().filter(|(draft, _)| drafts[*draft].splitter.cells().len() < CELLS_MAX);
+            let free: Vec<(usize, usize)> = free.collect();
+            let savings = free.into_iter().filter_map(|(draft, cell)| {
+                let saved = drafts[draft].splitter.saving_m3(cell)?;
+                let enough = SAVED_NEAR_SHARE * drafts[draft].splitter.cells()[cell].shape.volume_m3();
+                (saved > enough).then_some((saved, draft, cell))
+            });
+            if let Some((_, draft, cell)) = savings.max_by(|a, b| a.0.total_cmp(&b.0)) {
+                cut |= drafts[draft].splitter.cut(cell);
+                touched.push(draft);
+            }
+        }
+        if !cut {
+            return Ok(near.iter().map(Near::sentence).collect());
+        }
+    }
+    Ok(Vec::new())
+}

@@ -1,0 +1,158 @@
+//! Pairs of capsules that would keep a robot from moving: too close at home, or in most postures.
+
+use crate::error::CollisionError;
+use crate::fit::Shape;
+use crate::judge::{Judge, Proof};
+use crate::plan::Plan;
+use crate::prove::{clearance, deciding_joints};
+use crate::write::{Named, on_bodies};
+use rand::{RngExt, SeedableRng};
+use rayon::prelude::*;
+use robot::{Capsule, Frames, Model};
+
+/// Number of postures of the two joints between neighbours' neighbours that are tried (chosen).
+const POSTURES: usize = 400;
+/// A pair two joints apart that is too close in more than this share of the postures may be built so (chosen).
+const SHARE: f64 = 0.1;
+/// A pair two joints apart that is too close in more than this share needs smaller capsules (chosen).
+const SHARE_CUT: f64 = 0.5;
+
+/// A pair that is closer than the clearance at home, or in most postures of the two joints between them.
+#[derive(Clone, Debug)]
+pub struct Near {
+    /// The capsules.
+    pub pair: [usize; 2],
+    /// Their names.
+    pub names: [String; 2],
+    /// Clearance of the capsules at home, m.
+    home_m: f64,
+    /// Distance of the surfaces at home, m.
+    surfaces_m: Option<f64>,
+    /// Clearance that commands must keep, m.
+    needed_m: f64,
+    /// Share of the postures in which the capsules are too close. It is absent if more than two joints are between.
+    share: Option<f64>,
+    /// Least distance of the surfaces in sampled postures, m. It is absent with a proof, and with more joints between.
+    least_m: Option<f64>,
+    /// Proof that the contents never meet.
+    proof: Option<Proof>,
+}
+
+impl Near {
+    /// Returns true if the pair never meets, so that it needs no check.
+    pub fn is_close(&self) -> bool {
+        self.proof.is_some()
+    }
+
+    /// Returns true if more capsules can help.
+    pub fn can_be_cut(&self) -> bool {
+        let at_home = self.home_m < self.needed_m && self.surfaces_m.is_none_or(|distance| distance >= self.needed_m);
+        !self.is_close() && (at_home || self.share.is_some_and(|share| share > SHARE_CUT))
+    }
+
+    /// Says what is near, and by how much.
+    pub fn sentence(&self) -> String {
+        let mm = 1e3;
+        let [a, b] = &self.names;
+        let (home, needed) = (self.home_m * mm, self.needed_m * mm);
+        let mut text = match self.share {
+            Some(share) if share > SHARE => {
+                let percent = share * 100.0;
+                format!("{a} - {b}: nearer than {needed:.1} mm in {percent:.0} % of all postures, {home:.1} mm at home")
+            }
+            _ => format!("{a} - {b}: {home:.1} mm at home, must be {needed:.1} mm"),
+        };
+        if let Some(surfaces) = self.surfaces_m {
+            text += &format!(". The surfaces are {:.1} mm apart there", surfaces * mm);
+        }
+        match &self.proof {
+            Some(proof) => text + &format!(". Built close: proved clear by {proof}, so it needs no check"),
+            None => {
+                if let Some(least) = self.least_m {
+                    text += &format!(", and {:.1} mm in the worst sampled posture", least * mm);
+                }
+                text + ". It stays a checked pair"
+            }
+        }
+    }
+}
+
+/// Links and shapes of both capsules. If they are the same, so are the contents.
+type Key = [(String, Shape); 2];
+
+/// Which pairs without a reason are too close at home, or in most postures. It remembers what it found before, because
+/// proofs are slow.
+#[derive(Default)]
+pub struct Finder {
+    known: Vec<(Key, Option<Near>)>,
+}
+
+impl Finder {
+    /// Returns these pairs of a robot's capsules.
+    ///
+    /// # Errors
+    /// The robot does not have the link of a capsule.
+    pub fn find(&mut self, model: &Model, plan: &Plan, capsules: &[Named]) -> Result<Vec<Near>, CollisionError> {
+        let bodies = on_bodies(model, capsules)?;
+        let bare = Plan { close: Vec::new(), ..plan.clone() };
+        let judge = Judge::new(model, &bare, capsules);
+        let mut frames = Frames::default();
+        model.forward(&model.home, &mut frames);
+        let pairs: Vec<[usize; 2]> = (0..bodies.len()).flat_map(|b| (0..b).map(move |a| [a, b])).collect();
+        let known = &self.known;
+        let look = |&pair: &[usize; 2]| {
+            let key = pair.map(|index| (capsules[index].link.clone(), capsules[index].shape));
+            let found = known.iter().find(|(other, _)| *other == key).map(|(_, near)| near.clone());
+            let names = pair.map(|index| capsules[index].name.clone());
+            let same = |near: Near| Near { pair, names: names.clone(), ..near };
+            (key, found.map_or_else(|| near(&judge, &bodies, &frames, pair), |near| near.map(same)))
+        };
+        self.known = pairs.par_iter().map(look).collect();
+        Ok(self.known.iter().filter_map(|(_, near)| near.clone()).collect())
+    }
+}
+
+/// Returns a pair if it is near.
+fn near(judge: &Judge<'_>, bodies: &[Capsule], frames: &Frames, pair: [usize; 2]) -> Option<Near> {
+    let ([first, second], model) = (pair, judge.model());
+    let (a, b) = (&bodies[first], &bodies[second]);
+    let next = |a: usize, b: usize| a == b || model.parent_body(a) == Some(b);
+    if next(a.body, b.body) || next(b.body, a.body) {
+        return None;
+    }
+    let (of_a, of_b) = deciding_joints(model, a.body, b.body);
+    let joints: Vec<usize> = of_a.into_iter().chain(of_b).collect();
+    let share = (joints.len() == 2).then(|| near_share(model, a, b, &joints));
+    let home_m = clearance(frames, a, b);
+    if home_m >= model.d_min_m && share.is_none_or(|share| share <= SHARE) || judge.prove(first, second).is_some() {
+        return None;
+    }
+    let proof = judge.prove_close(first, second);
+    let surfaces_m = judge.distance_m(first, second, frames);
+    let unknown = proof.is_none() && joints.len() == 2;
+    let least_m = unknown.then(|| {
+        let distances = postures(model, &joints).filter_map(|frames| judge.distance_m(first, second, &frames));
+        distances.fold(f64::INFINITY, f64::min)
+    });
+    let names = [a.name.clone(), b.name.clone()];
+    Some(Near { pair, names, home_m, surfaces_m, needed_m: model.d_min_m, share, least_m, proof })
+}
+
+/// Returns the share of the joints' postures in which two capsules are closer than the clearance.
+fn near_share(model: &Model, a: &Capsule, b: &Capsule, joints: &[usize]) -> f64 {
+    let near = postures(model, joints).filter(|frames| clearance(frames, a, b) < model.d_min_m).count();
+    near as f64 / POSTURES as f64
+}
+
+/// Returns random postures of these joints. The others are at home.
+fn postures<'a>(model: &'a Model, joints: &'a [usize]) -> impl Iterator<Item = Frames> + 'a {
+    let mut rng = rand_pcg::Pcg64::seed_from_u64(3);
+    (0..POSTURES).map(move |_| {
+        let (mut q, mut frames) = (model.home, Frames::default());
+        for j in joints {
+            q[*j] = rng.random_range(model.limits[*j].q_min..model.limits[*j].q_max);
+        }
+        model.forward(&q, &mut frames);
+        frames
+    })
+}
