@@ -3,6 +3,7 @@
 
 mod environment;
 mod kinematics;
+mod others;
 mod refusals;
 mod segments;
 mod shipped;

@@ -1,0 +1,132 @@
+//! Tests the shipped robots other than TIAGo++.
+
+use messages::{ARM_JOINTS, JOINTS_MAX};
+use robot::{AllowedReason, CAPSULES_MAX, Frames, Model};
+
+/// A shipped robot, and what its sources say about it.
+struct Robot {
+    name: &'static str,
+    toml: &'static str,
+    urdf: &'static str,
+    count: usize,
+    /// q_right = signs * q_left for the mirrored posture.
+    signs: [f64; ARM_JOINTS],
+}
+
+macro_rules! robot {
+    ($name:literal, $count:literal, $signs:expr) => {
+        Robot {
+            name: $name,
+            toml: include_str!(concat!("../../../config/robots/", $name, ".toml")),
+            urdf: include_str!(concat!("../../../config/robots/", $name, ".urdf")),
+            count: $count,
+            signs: $signs,
+        }
+    };
+}
+
+const ROBOTS: [Robot; 4] = [
+    robot!("unitree_g1", 17, [1.0, -1.0, -1.0, 1.0, -1.0, 1.0, -1.0]),
+    robot!("openarm_v10", 14, [-1.0, -1.0, -1.0, 1.0, -1.0, -1.0, -1.0]),
+    robot!("franka_fr3_duo", 14, [-1.0, 1.0, -1.0, 1.0, -1.0, 1.0, -1.0]),
+    robot!("rby1a", 22, [1.0, -1.0, -1.0, 1.0, -1.0, 1.0, -1.0]),
+];
+
+fn load(robot: &Robot) -> Model {
+    Model::from_text(robot.name, robot.toml, robot.name, robot.urdf).unwrap_or_else(|error| panic!("{error}"))
+}
+
+/// Returns the axis of each joint of an arm in the base frame, at home.
+fn axes(model: &Model, side: usize) -> [nalgebra::Vector3<f64>; ARM_JOINTS] {
+    let mut frames = Frames::default();
+    model.forward(&model.home, &mut frames);
+    model.arms[side].joints.map(|j| frames.base_from_body[j + 1].r * model.joint_at_zero(j).1)
+}
+
+#[test]
+fn other_robots_have_their_joints_and_no_lift() {
+    for robot in &ROBOTS {
+        let model = load(robot);
+        assert_eq!((model.name.as_str(), model.count, model.lift), (robot.name, robot.count, None));
+        assert_eq!(model.body_count, robot.count - 2 * ARM_JOINTS, "{}", robot.name);
+        assert_eq!(model.arms[0].joints[0], model.body_count, "{}", robot.name);
+        assert!(model.capsules.len() <= CAPSULES_MAX && model.capsules.len() >= 20, "{}", model.capsules.len());
+    }
+}
+
+#[test]
+fn other_robots_arms_mirror_by_their_signs() {
+    for robot in &ROBOTS {
+        let model = load(robot);
+        assert_eq!(model.arms[1].signs, robot.signs, "{}", robot.name);
+        let [left, right] = [0, 1].map(|side| model.arms[side].joints);
+        for ((l, r), sign) in left.into_iter().zip(right).zip(robot.signs) {
+            assert_eq!(model.home[r], sign * model.home[l] + 0.0, "{}: {}", robot.name, model.joint_names[r]);
+        }
+        // Seen from the mirror, a turn about an axis n becomes one about (-x, y, -z).
+        for ((l, r), sign) in axes(&model, 0).iter().zip(axes(&model, 1)).zip(robot.signs) {
+            let mirrored = nalgebra::Vector3::new(-l.x, l.y, -l.z) * sign;
+            assert!((mirrored - r).amax() < 1e-6, "{}: {mirrored} {r}", robot.name);
+        }
+    }
+}
+
+/// The closed form of an arm rests on this.
+#[test]
+fn other_robots_shoulder_and_elbow_axes_are_orthogonal() {
+    for robot in &ROBOTS {
+        let model = load(robot);
+        for side in [0, 1] {
+            let axes = axes(&model, side);
+            for (a, b) in [(0, 1), (1, 2), (2, 3), (3, 4)] {
+                assert!(axes[a].dot(&axes[b]).abs() < 1e-6, "{} {side}: {a} {b}", robot.name);
+            }
+        }
+    }
+}
+
+#[test]
+fn other_robots_home_keeps_minimum_clearance() {
+    for robot in &ROBOTS {
+        let model = load(robot);
+        let mut frames = Frames::default();
+        model.forward(&model.home, &mut frames);
+        let (clearance_m, _) = model.clearance(&frames);
+        assert!(clearance_m >= model.d_min_m, "{}: {clearance_m}", robot.name);
+    }
+}
+
+/// The hands are checked against each other and against the body. Nothing proves them clear.
+#[test]
+fn other_robots_hands_are_checked_against_each_other_and_the_body() {
+    for robot in &ROBOTS {
+        let model = load(robot);
+        let [left, right] = [0, 1].map(|side| model.arms[side].joints[ARM_JOINTS - 1] + 1);
+        let checked = |a: usize, b: usize| {
+            model.pairs.iter().any(|pair| {
+                let bodies = (model.capsules[pair.a].body, model.capsules[pair.b].body);
+                bodies == (a, b) || bodies == (b, a)
+            })
+        };
+        assert!(checked(left, right), "{}", robot.name);
+        assert!(checked(model.torso_body, left) && checked(model.torso_body, right), "{}", robot.name);
+        let proved = model.allowed.iter().filter(|pair| pair.reason == AllowedReason::ProvedClear);
+        let hands = |body: usize| body == left || body == right;
+        for pair in proved {
+            let (a, b) = (model.capsules[pair.a].body, model.capsules[pair.b].body);
+            assert!(!(hands(a) && hands(b)), "{}: {pair:?}", robot.name);
+        }
+    }
+}
+
+#[test]
+fn other_robots_stop_in_500_ms_within_urdf_limits() {
+    for robot in &ROBOTS {
+        let model = load(robot);
+        for j in 0..JOINTS_MAX {
+            let (limits, urdf) = (&model.limits[j], &model.urdf_limits[j]);
+            assert!(limits.q_min >= urdf.q_min && limits.q_max <= urdf.q_max && limits.v_max <= urdf.v_max);
+            assert!(limits.stop_time_s() <= 0.5, "{} {j}: {}", robot.name, limits.stop_time_s());
+        }
+    }
+}
