@@ -5,8 +5,9 @@ use collision::dynamics::{Dynamics, Payload};
 use collision::error::CollisionError;
 use collision::limits::{Found, Motion, Sampling, State, Survey};
 use collision::report;
-
-use robot::Model;
+use messages::ARM_JOINTS;
+use nalgebra::Vector3;
+use robot::{Arm, Model, Pose};
 use std::path::PathBuf;
 
 /// Options of `collision limits`.
@@ -17,7 +18,7 @@ pub(crate) struct Limits {
     /// Point mass in each hand, kg.
     #[arg(long, default_value_t = 0.0)]
     payload_kg: f64,
-    /// Links whose origins carry the payload [default: all whose names end in `_grasping_frame`].
+    /// Links whose origins carry the payload [default: the centres under [payload] in the robot file].
     #[arg(long)]
     payload_at: Vec<String>,
     /// Number of random states.
@@ -41,10 +42,19 @@ impl Limits {
         Ok(())
     }
 
-    fn payloads(&self, urdf: &urdf_rs::Robot) -> Vec<Payload> {
-        let frames = urdf.links.iter().map(|link| link.name.clone()).filter(|name| name.ends_with("_grasping_frame"));
-        let links = if self.payload_at.is_empty() { frames.collect() } else { self.payload_at.clone() };
-        links.into_iter().map(|link| Payload { link, mass_kg: self.payload_kg }).collect()
+    /// Returns the masses that the hands carry: where the robot file says, or at the origins of the given links.
+    fn payloads(&self, model: &Model) -> Vec<Payload> {
+        let mass_kg = self.payload_kg;
+        if !self.payload_at.is_empty() {
+            let at_origin = |link: &String| Payload { link: link.clone(), center: Vector3::zeros(), mass_kg };
+            return self.payload_at.iter().map(at_origin).collect();
+        }
+        let hand = |(arm, payload): (&Arm, &Option<robot::Payload>)| {
+            let body = arm.joints[ARM_JOINTS - 1] + 1;
+            let link = model.links().find(|(_, of, pose)| *of == body && **pose == Pose::identity())?.0.to_owned();
+            Some(Payload { link, center: payload.map_or_else(Vector3::zeros, |payload| payload.center), mass_kg })
+        };
+        model.arms.iter().zip(&model.payload).filter_map(hand).collect()
     }
 }
 
@@ -57,7 +67,7 @@ pub(crate) fn limits(options: &Limits) -> Result<bool, CollisionError> {
     let model = Model::from_text(&toml.0, &toml.1, &urdf.0, &urdf.1)?;
     let parsed =
         urdf_rs::read_from_string(&urdf.1).map_err(|error| CollisionError::content(&urdf.0, error.to_string()))?;
-    let dynamics = Dynamics::new(&model, &parsed, &options.payloads(&parsed))?;
+    let dynamics = Dynamics::new(&model, &parsed, &options.payloads(&model))?;
     let sampling = Sampling { states: options.states, seed: options.seed, share: options.share };
     let survey = Survey { model: &model, dynamics: &dynamics, sampling };
     println!("All joints at their limits in force at once, without whole-body control:");

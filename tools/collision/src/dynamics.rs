@@ -114,15 +114,17 @@ pub struct Dynamics<'a> {
 /// A point mass on a link.
 #[derive(Clone, Debug)]
 pub struct Payload {
-    /// The link whose origin carries the mass.
+    /// The link that carries the mass.
     pub link: String,
+    /// Where the mass is in the link's frame, m.
+    pub center: Vector3<f64>,
     /// Its mass, kg.
     pub mass_kg: f64,
 }
 
 impl<'a> Dynamics<'a> {
-    /// Lumps the inertials of all links of `urdf` onto the model's bodies. Joints that are never commanded are
-    /// at zero.
+    /// Lumps the inertials of all links of `urdf` onto the model's bodies. Joints that nothing commands are where
+    /// the robot file holds them.
     pub fn new(model: &'a Model, urdf: &urdf_rs::Robot, payloads: &[Payload]) -> Result<Self, CollisionError> {
         let wrong = |cause: String| CollisionError::content(&urdf.name, cause);
         let mut lumps = [Lump::default(); JOINTS_MAX + 1];
@@ -148,7 +150,7 @@ impl<'a> Dynamics<'a> {
             if !(payload.mass_kg >= 0.0 && payload.mass_kg <= MASS_MAX_KG) {
                 return Err(wrong(format!("payload {} kg, must be 0 to {MASS_MAX_KG}", payload.mass_kg)));
             }
-            add(&payload.link, Lump { mass_kg: payload.mass_kg, ..Lump::default() })?;
+            add(&payload.link, Lump { mass_kg: payload.mass_kg, center: payload.center, ..Lump::default() })?;
         }
         let joint = |j: usize| (model.parent_body(j + 1).unwrap_or(0), model.joint_at_zero(j).1);
         let joints = (0..model.count).map(joint).collect();

@@ -182,9 +182,10 @@ fn fit(source: &Source, out: Option<&Path>, plan_out: Option<&Path>) -> Result<b
     }
     let scene = texts.scene(source);
     let capsules = fit_all(&texts.plan, &scene)?;
+    let wide = capsules.iter().map(|capsule| capsule.name.len()).max().unwrap_or(0);
     for capsule in &capsules {
         eprintln!(
-            "{:24} radius {:5.1} mm  length {:5.1} mm  volume ratio {:.2}",
+            "{:wide$} radius {:5.1} mm  length {:5.1} mm  volume ratio {:.2}",
             capsule.name,
             capsule.shape.radius_m * 1e3,
             (capsule.shape.b - capsule.shape.a).norm() * 1e3,
@@ -198,7 +199,7 @@ fn fit(source: &Source, out: Option<&Path>, plan_out: Option<&Path>) -> Result<b
             capsule_m3 += capsule.volume_m3;
             hull_m3 += capsule.volume_m3 / capsule.volume_ratio;
         }
-        eprintln!("{:24} volume ratio {:.2}", link.unwrap_or("total"), capsule_m3 / hull_m3);
+        eprintln!("{:wide$} volume ratio {:.2}", link.unwrap_or("total"), capsule_m3 / hull_m3);
     }
     let mut ratios: Vec<f64> = capsules.iter().map(|capsule| capsule.volume_ratio).collect();
     ratios.sort_by(f64::total_cmp);
@@ -231,13 +232,14 @@ fn check(source: &Source) -> Result<bool, CollisionError> {
     let model = Model::from_text(&texts.toml.0, &texts.toml.1, &texts.urdf.0, &texts.urdf.1)?;
     let scene = texts.scene(source);
     let mut good = true;
+    let wide = texts.plan.groups.iter().map(|group| group.name.len()).max().unwrap_or(0);
     for group in &texts.plan.groups {
         // The right side of a pair of groups is mirrored into the left one, both contents and capsules.
         let side = if group.frame.contains(SIDE) { "left" } else { "" };
         let stem = group.name.replace(SIDE, side);
         let shapes = capsules_in_frame(&model, &group.frame.replace(SIDE, side), |name| belongs(name, &stem));
         let out = sticks_out_m(&scene.matter(group)?, &shapes);
-        println!("{:20} {} capsules, worst point {:+.2} mm from the surface", group.name, shapes.len(), out * 1e3);
+        println!("{:wide$} {} capsules, worst point {:+.2} mm from the surface", group.name, shapes.len(), out * 1e3);
         good &= out <= 0.0;
     }
     // The fit is deterministic. It shows again which points each capsule must contain.

@@ -8,8 +8,9 @@ use std::fmt::Write;
 /// Formats a table of all joints: limits, the worst torque that sampling and climbing found, and the number of
 /// states that exceed.
 pub fn table(survey: &Survey<'_>, motion: &Motion, found: &[Found], climbed: &[Option<State>]) -> String {
+    let wide = survey.model.joint_names.iter().map(String::len).max().unwrap_or(0);
     let mut text = format!(
-        "{:18} {:>8} {:>8} {:>8} {:>9} {:>9} {:>9} {:>10} {:>12}\n",
+        "{:wide$} {:>8} {:>8} {:>8} {:>9} {:>9} {:>9} {:>10} {:>12}\n",
         "joint", "v max", "a max", "stop ms", "effort", "sampled", "climbed", "exceeding", "at no accel."
     );
     for (j, found) in found.iter().enumerate() {
@@ -18,7 +19,7 @@ pub fn table(survey: &Survey<'_>, motion: &Motion, found: &[Found], climbed: &[O
         // Writing to a String cannot fail.
         let _ = writeln!(
             text,
-            "{:18} {:8.3} {:8.3} {:8.0} {:9.3} {:9.4} {:9.4} {:10} {:12}",
+            "{:wide$} {:8.3} {:8.3} {:8.0} {:9.3} {:9.4} {:9.4} {:10} {:12}",
             survey.model.joint_names[j],
             motion.v[j],
             motion.a[j],
@@ -49,7 +50,8 @@ pub fn worst_cases(survey: &Survey<'_>, motion: &Motion, found: &[Found]) -> Str
         let Some(state) = found.worst.first() else { continue };
         let torque = state.torque(&motion.a);
         let list = |values: &PerJoint| {
-            let words: Vec<String> = values.iter().map(|value| format!("{value:.3}")).collect();
+            let own = &values[..survey.model.count];
+            let words: Vec<String> = own.iter().map(|value| format!("{value:.3}")).collect();
             words.join(" ")
         };
         let name = &survey.model.joint_names[j];

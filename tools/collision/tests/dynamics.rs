@@ -3,6 +3,7 @@
 
 use collision::dynamics::{Dynamics, GRAVITY_M_PER_S2, Payload, PerJoint};
 use messages::JOINTS_MAX;
+use nalgebra::Vector3;
 use rand::{RngExt, SeedableRng};
 use robot::Model;
 
@@ -16,7 +17,9 @@ fn shipped() -> (Model, urdf_rs::Robot) {
 }
 
 fn hands(mass_kg: f64) -> Vec<Payload> {
-    ["hand_left_grasping_frame", "hand_right_grasping_frame"].map(|link| Payload { link: link.into(), mass_kg }).into()
+    ["hand_left_grasping_frame", "hand_right_grasping_frame"]
+        .map(|link| Payload { link: link.into(), center: Vector3::zeros(), mass_kg })
+        .into()
 }
 
 fn random_state(model: &Model, rng: &mut rand_pcg::Pcg64) -> [PerJoint; 3] {
@@ -105,7 +108,9 @@ fn point_mass_on_the_elbow_needs_the_torque_of_a_pendulum() {
         link.inertial = urdf_rs::Inertial::default();
     }
     let mass_kg = 1.3;
-    let dynamics = Dynamics::new(&model, &urdf, &[Payload { link: "arm_left_5_link".into(), mass_kg }]).unwrap();
+    let dynamics =
+        Dynamics::new(&model, &urdf, &[Payload { link: "arm_left_5_link".into(), center: Vector3::zeros(), mass_kg }])
+            .unwrap();
     // Joint 4 with the upper arm level sideways. Its axis and the mass determine the torque, for any frames of
     // the URDF.
     let mut frames = robot::Frames::default();
