@@ -78,10 +78,9 @@ pub fn first_plan(
     let fingers = tree.fingers(&palms);
     let scene = Scene::new(urdf, meshes, &fingers).holding(held.clone());
     let mut groups = merged(tree.shaped(&palms, &scene)?, &tree)?;
-    groups.extend(palms.iter().map(|palm| {
-        let parts = vec![Part { below: true, ..Part::whole(palm) }];
-        Group { parts, ..Group::of_link(palm) }
-    }));
+    for palm in &palms {
+        groups.push(Group { parts: vec![Part { below: true, ..Part::whole(palm) }], ..tree.group(palm)? });
+    }
     let draft = |group: Group| Ok(Draft { splitter: Splitter::new(scene.matter(&group)?, &[], 0.0), group });
     let mut drafts: Vec<Draft> = groups.into_par_iter().map(draft).collect::<Result<_, CollisionError>>()?;
     drafts.par_iter_mut().for_each(|draft| cut_fat(&mut draft.splitter));
@@ -116,13 +115,23 @@ impl Tree<'_> {
         std::iter::successors(Some(link), parent).take(self.urdf.links.len()).collect()
     }
 
-    /// Returns the body of a link. A link that only the shapes' URDF has is on the body of the nearest link above
-    /// it that the robot has.
+    /// Returns the nearest link that the robot has: this one or one above. The shapes' URDF may have more links.
+    fn known<'a>(&'a self, link: &'a str) -> Result<&'a str, CollisionError> {
+        let known = self.lineage(link).into_iter().find(|link| self.model.link_body(link).is_some());
+        known.ok_or_else(|| {
+            CollisionError::content(&self.urdf.name, format!("link `{link}`: the robot has none above it"))
+        })
+    }
+
+    /// Returns the body of a link.
     fn body(&self, link: &str) -> Result<usize, CollisionError> {
-        let known = self.lineage(link).into_iter().find_map(|link| self.model.link_body(link));
-        let unknown =
-            || CollisionError::content(&self.urdf.name, format!("link `{link}`: the robot has no link above it"));
-        known.map(|(body, _)| body).ok_or_else(unknown)
+        let body = self.model.link_body(self.known(link)?).map(|(body, _)| body);
+        Ok(body.unwrap_or_default())
+    }
+
+    /// Returns the group of one link.
+    fn group(&self, link: &str) -> Result<Group, CollisionError> {
+        Ok(Group { frame: self.known(link)?.to_owned(), ..Group::of_link(link) })
     }
 
     /// Returns the movable joints above a link up to the next commanded one, from the link upward.
@@ -205,11 +214,12 @@ impl Tree<'_> {
 /// Groups links of one body whose common capsule is hardly larger than their own.
 fn merged(links: Vec<Shaped>, tree: &Tree<'_>) -> Result<Vec<Group>, CollisionError> {
     let volume = |points: &[Vector3<f64>]| rough_volume_m3(points).unwrap_or(0.0);
-    let mut groups: Vec<(Group, Shaped, f64)> = links
-        .into_par_iter()
-        .map(|shaped| (Group::of_link(&shaped.link), volume(&shaped.points), shaped))
-        .map(|(group, volume, shaped)| (group, shaped, volume))
-        .collect();
+    let group = |shaped: Shaped| {
+        let volume = volume(&shaped.points);
+        Ok((tree.group(&shaped.link)?, shaped, volume))
+    };
+    let mut groups: Vec<(Group, Shaped, f64)> =
+        links.into_par_iter().map(group).collect::<Result<_, CollisionError>>()?;
     loop {
         let pairs: Vec<(usize, usize)> = (0..groups.len())
             .flat_map(|b| (0..b).map(move |a| (a, b)))

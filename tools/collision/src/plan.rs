@@ -140,7 +140,7 @@ impl Plan {
     /// Returns the plan as a file.
     pub fn text(&self) -> String {
         // Serialising strings, numbers and tables cannot fail.
-        toml::to_string(self).unwrap_or_default()
+        toml::to_string_pretty(self).unwrap_or_default()
     }
 
     /// Reads a plan. `file` names it in errors.
