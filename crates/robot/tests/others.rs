@@ -98,7 +98,7 @@ fn other_robots_home_keeps_minimum_clearance() {
 
 /// The hands are checked against each other and against the body. Nothing proves them clear.
 #[test]
-fn other_robots_hands_are_checked_against_each_other_and_the_body() {
+fn other_robots_hands_are_checked_against_hands_and_body() {
     for robot in &ROBOTS {
         let model = load(robot);
         let [left, right] = [0, 1].map(|side| model.arms[side].joints[ARM_JOINTS - 1] + 1);

@@ -150,14 +150,17 @@ fn manufacturer_urdf_has_same_kinematics() {
     };
     let ours = shipped();
     let parsed = urdf_rs::read_from_string(&theirs).unwrap();
-    let held: Vec<String> = parsed
-        .joints
-        .iter()
-        .filter(|joint| joint.joint_type != urdf_rs::JointType::Fixed && !ours.joint_names.contains(&joint.name))
-        .map(|joint| format!("\"{}\"", joint.name))
-        .collect();
+    let (mut slide, mut turn) = (String::from("[held_m]\n"), String::from("[held_rad]\n"));
+    let held = |joint: &&urdf_rs::Joint| {
+        joint.joint_type != urdf_rs::JointType::Fixed && !ours.joint_names.contains(&joint.name)
+    };
+    let held: Vec<_> = parsed.joints.iter().filter(held).collect();
     assert!(held.len() > 40);
-    let toml = TOML.replace("held_joints = []", &format!("held_joints = [{}]", held.join(", ")));
+    for joint in held {
+        let table = if joint.joint_type == urdf_rs::JointType::Prismatic { &mut slide } else { &mut turn };
+        *table += &format!("{} = 0.0\n", joint.name);
+    }
+    let toml = TOML.replace("[limits]\n", &format!("{slide}\n{turn}\n[limits]\n"));
     let model = load(&toml, &theirs).unwrap_or_else(|error| panic!("{error}"));
     assert_eq!(model.urdf_limits, ours.urdf_limits);
     let mut rng = <rand_pcg::Pcg64 as rand::SeedableRng>::seed_from_u64(7);

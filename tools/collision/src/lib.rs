@@ -4,8 +4,8 @@
 //!
 //! - `fit`, `split`, `mesh`, `scene`, `plan`: few and small capsules that contain every point of a surface.
 //! - `first`, `near`: a first plan, made from the robot alone.
-//! - `prove`, `fragments`, `judge`, `write`: an allowed pair is on one body, adjacent, or proved clear. The proof is branch and bound
-//!   over the whole box of the limits in force. Samples can only refute.
+//! - `prove`, `fragments`, `judge`, `write`: an allowed pair is on one body, adjacent, or proved clear. The proof is
+//!   branch and bound over the whole box of the limits in force. Samples can only refute.
 //! - `check`: checks containment and every reason again, from a robot file and the meshes.
 //! - `dynamics`, `limits`, `report`: torques by inverse dynamics over random states, and limits that respect
 //!   the motors.

@@ -5,6 +5,7 @@
 //! collision fit --urdf tiago_dual.urdf --meshes meshes --plan tools/collision/plans/tiago_dual.toml \
 //!     --out config/robots/tiago_dual.toml
 //! collision check --urdf tiago_dual.urdf --meshes meshes --plan tools/collision/plans/tiago_dual.toml
+//! collision fit --urdf their.urdf --meshes meshes --robot my.toml --plan-out plan.toml --out my.toml
 //! collision limits config/robots/tiago_dual.toml
 //! collision draw config/robots/tiago_dual.toml --out tiago_dual.png
 //! ```

@@ -80,7 +80,7 @@ impl Near {
 /// Links and shapes of both capsules. If they are the same, so are the contents.
 type Key = [(String, Shape); 2];
 
-/// Which pairs without a reason are too close at home, or in most postures. It remembers what it found before, because
+/// Finds pairs without a reason that are too close at home, or in most postures. It remembers what it found, because
 /// proofs are slow.
 #[derive(Default)]
 pub struct Finder {

@@ -4,5 +4,6 @@
 mod command;
 mod containment;
 mod dynamics;
+mod first;
 mod formats;
 mod limits;

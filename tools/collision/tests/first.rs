@@ -1,0 +1,162 @@
+//! The first plan: what it groups, cuts and calls close, on small robots of boxes.
+
+use collision::first::{First, first_plan};
+use collision::plan::{Group, Plan};
+use collision::scene::{Posture, Scene};
+use collision::write::{bare_model, fit_all, robot_file};
+use robot::{AllowedReason, Model};
+
+const TOML: &str = include_str!("../../../config/robots/openarm_v10.toml");
+const URDF: &str = include_str!("../../../config/robots/openarm_v10.urdf");
+
+/// Returns the shipped URDF with these collision elements of links.
+fn shaped(shapes: &[(&str, &str)]) -> urdf_rs::Robot {
+    let mut text = URDF.to_owned();
+    for (link, shape) in shapes {
+        let (open, empty) = (format!("<link name=\"{link}\">"), format!("<link name=\"{link}\"/>"));
+        let with = format!("<link name=\"{link}\">{shape}");
+        let before = text.clone();
+        text = text.replace(&empty, &format!("{with}</link>")).replace(&open, &with);
+        assert_ne!(before, text, "{link}");
+    }
+    urdf_rs::read_from_string(&text).unwrap()
+}
+
+fn cuboid(size: &str, at: &str) -> String {
+    format!("<collision><origin xyz=\"{at}\"/><geometry><box size=\"{size}\"/></geometry></collision>")
+}
+
+fn plan_of(robot: &urdf_rs::Robot) -> (Model, First) {
+    let model = bare_model("openarm_body_link0", ("toml", TOML), ("urdf", URDF)).unwrap();
+    let first = first_plan(&model, robot, None, &Posture::new()).unwrap();
+    (model, first)
+}
+
+fn group<'a>(plan: &'a Plan, name: &str) -> &'a Group {
+    plan.groups.iter().find(|group| group.name == name).unwrap_or_else(|| panic!("{name}"))
+}
+
+#[test]
+fn fat_link_is_cut_and_slim_one_is_not() {
+    // A right angle of two bars, and one bar.
+    let angle = cuboid("0.3 0.04 0.04", "0.15 0 0") + &cuboid("0.04 0.04 0.3", "0.3 0 0.15");
+    let robot = shaped(&[("openarm_body_link0", &angle), ("openarm_left_link5", &cuboid("0.03 0.03 0.2", "0 0 0"))]);
+    let (_, first) = plan_of(&robot);
+    assert!(group(&first.plan, "openarm_body_link0").capsules > 1);
+    assert_eq!(group(&first.plan, "openarm_left_link5").capsules, 1);
+}
+
+#[test]
+fn links_of_one_body_merge_only_if_that_costs_little() {
+    let small = cuboid("0.02 0.02 0.02", "0 0 0");
+    let robot = shaped(&[
+        ("world", &cuboid("0.1 0.1 1.0", "0 0 0.5")),
+        ("openarm_body_link0", &cuboid("0.02 0.02 0.02", "0 0 0.3")),
+        ("openarm_left_link0", &cuboid("0.1 0.1 0.1", "0 0 -0.6")),
+        ("openarm_left_link7", &small),
+    ]);
+    let (_, first) = plan_of(&robot);
+    let links: Vec<&str> = group(&first.plan, "world").parts.iter().map(|part| part.link.as_str()).collect();
+    assert_eq!(links, ["world", "openarm_body_link0"]);
+    // A link far away keeps its own capsule. Nothing is mirrored.
+    assert_eq!(group(&first.plan, "openarm_left_link0").parts.len(), 1);
+    assert!(!first.plan.text().contains("{side}"));
+}
+
+#[test]
+fn hand_contains_its_fingers_over_their_range() {
+    let robot = shaped(&[
+        ("openarm_left_hand", &cuboid("0.05 0.05 0.05", "0 0 0")),
+        ("openarm_left_left_finger", &cuboid("0.02 0.02 0.02", "0 0 0")),
+    ]);
+    let (model, First { plan, .. }) = plan_of(&robot);
+    assert!(plan.groups.iter().all(|group| group.name != "openarm_left_left_finger"));
+    assert!(group(&plan, "openarm_left_hand").parts[0].below && !plan.fingers.is_empty());
+    let scene = Scene::new(&robot, None, &plan.fingers);
+    let capsules = fit_all(&plan, &scene).unwrap();
+    let finger = robot.joints.iter().find(|joint| joint.name == "openarm_left_finger_joint2").unwrap();
+    let hand = scene.pose("openarm_left_hand", "openarm_left_left_finger", &Posture::new()).unwrap();
+    let axis = nalgebra::Vector3::from(*finger.axis.xyz);
+    for q in [finger.limit.lower, finger.limit.upper] {
+        let tip = hand.t + axis * q;
+        let out = capsules.iter().filter(|c| c.link == "openarm_left_hand").map(|c| c.shape.outside_m(&tip));
+        assert!(out.fold(f64::INFINITY, f64::min) < -0.01, "{q}");
+    }
+    assert!(model.link_body("openarm_left_left_finger").is_some());
+}
+
+/// A cube turns about the crossing of the wrist's two axes. Its corners reach 17.3 mm. A plate of the forearm ends below
+/// it, at this distance from the crossing.
+fn wrist(plate_m: f64) -> (urdf_rs::Robot, First) {
+    let plate = cuboid("0.04 0.04 0.01", &format!("0 0 {}", 0.1205 - plate_m - 0.005));
+    let cube = cuboid("0.02 0.02 0.02", "0 0 0");
+    let robot = shaped(&[("openarm_left_link5", &plate), ("openarm_left_link7", &cube)]);
+    let (_, first) = plan_of(&robot);
+    (robot, first)
+}
+
+#[test]
+fn pair_built_closer_than_clearance_is_called_close() {
+    let (robot, First { plan, notes }) = wrist(0.0193);
+    assert_eq!(plan.close, [["openarm_left_link5".to_owned(), "openarm_left_link7".to_owned()]]);
+    assert!(notes[0].contains("in 100 % of all postures") && notes[0].contains("needs no check"), "{notes:?}");
+    let capsules = fit_all(&plan, &Scene::new(&robot, None, &plan.fingers)).unwrap();
+    let decided = robot_file(&plan, &capsules, ("toml", TOML), ("urdf", URDF)).unwrap();
+    let model = Model::from_text("toml", &decided.text, "urdf", URDF).unwrap();
+    assert!(model.pairs.is_empty() && model.allowed[0].reason == AllowedReason::ProvedClear, "{:?}", model.allowed);
+}
+
+#[test]
+fn pair_that_can_touch_is_never_called_close() {
+    let (robot, First { plan, notes }) = wrist(0.0165);
+    assert!(
+        notes.iter().any(|note| note.contains("0.0 mm in the worst sampled posture. It stays a checked")),
+        "{notes:?}"
+    );
+    let capsules = fit_all(&plan, &Scene::new(&robot, None, &plan.fingers)).unwrap();
+    let decided = robot_file(&plan, &capsules, ("toml", TOML), ("urdf", URDF)).unwrap();
+    let refused = Model::from_text("toml", &decided.text, "urdf", URDF).unwrap_err().to_string();
+    assert!(refused.contains("home: clearance of"), "{refused}");
+}
+
+#[test]
+fn plan_read_back_gives_the_same_capsules() {
+    let angle = cuboid("0.3 0.04 0.04", "0.15 0 0") + &cuboid("0.04 0.04 0.3", "0.3 0 0.15");
+    let robot = shaped(&[("openarm_body_link0", &angle), ("openarm_left_hand", &cuboid("0.05 0.05 0.05", "0 0 0"))]);
+    let (_, First { plan, .. }) = plan_of(&robot);
+    let again = Plan::parse("plan", &plan.text()).unwrap();
+    let fit = |plan: &Plan| fit_all(plan, &Scene::new(&robot, None, &plan.fingers)).unwrap();
+    let (first, second) = (fit(&plan), fit(&again));
+    assert!(first.len() > 2);
+    for (a, b) in first.iter().zip(&second) {
+        assert_eq!((&a.name, &a.link, a.shape), (&b.name, &b.link, b.shape));
+    }
+    let decided = robot_file(&again, &second, ("toml", TOML), ("urdf", URDF)).unwrap();
+    let model = Model::from_text("toml", &decided.text, "urdf", URDF).unwrap();
+    assert_eq!(model.capsules.len(), second.len());
+    assert!(model.allowed.iter().any(|pair| pair.reason == AllowedReason::SameBody));
+}
+
+/// If this machine has the makers' meshes, the shipped capsules contain them.
+#[test]
+fn shipped_capsules_of_other_robots_contain_the_meshes() {
+    let shared = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/robots");
+    for (name, urdf) in [("openarm_v10", "openarm_bimanual.urdf"), ("franka_fr3_duo", "fr3_duo.urdf")] {
+        let folder = shared.join(name);
+        let Ok(text) = std::fs::read_to_string(folder.join(urdf)) else {
+            println!("skipped: {} is not there", folder.display());
+            continue;
+        };
+        let here = std::path::Path::new(env!("CARGO_MANIFEST_DIR"));
+        let read = |path: String| std::fs::read_to_string(here.join(path)).unwrap();
+        let robot = urdf_rs::read_from_string(&text).unwrap();
+        let plan = Plan::parse(name, &read(format!("plans/{name}.toml"))).unwrap();
+        let fitted = fit_all(&plan, &Scene::new(&robot, Some(&folder), &plan.fingers)).unwrap();
+        let file = |kind: &str| read(format!("../../config/robots/{name}.{kind}"));
+        let model = Model::from_text(name, &file("toml"), name, &file("urdf")).unwrap();
+        assert_eq!(fitted.len(), model.capsules.len());
+        for (capsule, deviation_m) in collision::check::deviations_m(&model, &fitted) {
+            assert!(deviation_m < 5e-4, "{capsule} is {deviation_m} m from its fit");
+        }
+    }
+}
