@@ -94,8 +94,15 @@ pub enum Command {
     Control(Process),
     /// Runs the driver of the simulated robot.
     Sim(Process),
-    /// Simulates the robot's body: joints, motors, encoders and its own watchdog.
-    Robot(Process),
+    /// Simulates the robot's body: joints, motors, encoders and its own watchdog. With `new` or `convert`: writes a
+    /// robot file.
+    #[command(args_conflicts_with_subcommands = true)]
+    Robot {
+        #[command(flatten)]
+        process: Process,
+        #[command(subcommand)]
+        file: Option<RobotFile>,
+    },
     /// Starts the processes in order. Stops them with the robot at rest.
     Up(Up),
     /// Starts everything, replays a motion, engages, stops at rest and prints the measurements.
@@ -107,9 +114,32 @@ pub enum Command {
     Check(InstanceArgs),
     /// Shows a running instance in a browser on this machine. Prints the address with this run's token.
     View(View),
-    /// Examines the machine and the instance's folders, and advises on each finding. Changes nothing. Exit code
-    /// 0: ready for a robot. 3: fine for the simulator only. 78: the daemon cannot run as configured.
+    /// Examines the machine and the instance's folders, and advises on each finding. With --robot also prints a page
+    /// about the robot: joints, stop times, torque, clearance, reach. Changes nothing. Exit code 0: ready for a robot.
+    /// 3: fine for the simulator only. 78: the daemon cannot run as configured.
     Doctor(Doctor),
+}
+
+/// Commands on robot files.
+#[derive(Debug, Subcommand)]
+pub enum RobotFile {
+    /// Writes a first robot file for a URDF: arms, T-pose, home, limits. Says what it guessed and what you must decide.
+    New {
+        /// The URDF. The robot file must stay in the same folder.
+        #[arg(value_name = "FILE.urdf")]
+        urdf: PathBuf,
+        /// Write the robot file here (default: beside the URDF). Fails if the file exists.
+        #[arg(long, value_name = "FILE.toml")]
+        out: Option<PathBuf>,
+    },
+    /// Writes a robot file of format 1 again, in format 2. Values stay, comments are lost.
+    Convert {
+        #[arg(value_name = "FILE.toml")]
+        file: PathBuf,
+        /// Write it here (default: in place, and the old file is kept as FILE.toml.1).
+        #[arg(long, value_name = "FILE.toml")]
+        out: Option<PathBuf>,
+    },
 }
 
 #[derive(Args, Clone, Debug)]

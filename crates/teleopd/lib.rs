@@ -16,6 +16,7 @@ mod processes;
 mod programs;
 mod recorder;
 mod report;
+mod robot_file;
 mod starter;
 mod timeline;
 mod tour;
@@ -44,7 +45,8 @@ pub fn main() -> ExitCode {
         Command::Ingest(one) => process(&one, process::ingest::run),
         Command::Retarget(one) => process(&one, process::retarget::run),
         Command::Control(one) => process(&one, process::control::run),
-        Command::Robot(one) => process(&one, process::robot::run),
+        Command::Robot { process: one, file: None } => process(&one, process::robot::run),
+        Command::Robot { file: Some(file), .. } => robot_file::run(&file),
         Command::Sim(one) => process(&one, process::sim::run),
         Command::Up(options) => up::run(&options),
         Command::Demo(options) => demo::run(&options),

@@ -360,6 +360,12 @@ impl Tree<'_> {
         if joint.kind == "fixed" {
             return Ok(pose);
         }
+        if let Some(mimic) = &joint.mimic
+            && self.at.iter().any(|&place| self.urdf.joints[place].name == mimic.joint)
+        {
+            let key = format!("joint `{}`: mimic", joint.name);
+            return Err(PlantError::value(self.file, &key, &mimic.joint, "must not follow a commanded joint"));
+        }
         let axis = self.unit_axis(joint)?;
         let table = if joint.kind == "prismatic" { &file.held_m } else { &file.held_rad };
         let position = table.get(&joint.name).copied().filter(|position| position.is_finite());

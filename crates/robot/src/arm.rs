@@ -133,7 +133,7 @@ impl Model {
     pub(crate) fn check_mirror(&mut self, file: &str) -> Result<(), RobotError> {
         let [left, right] = self.arms;
         let axes = [left, right].map(|arm| self.axes(arm.joints, arm.reference, self.torso_body));
-        for i in 0..ARM_JOINTS {
+        for (i, &n) in axes[0].iter().enumerate() {
             let joint = self.joint_names[right.joints[i]].clone();
             let refuse = |key: &str, value: f64, bound: String| RobotError::Joint {
                 file: file.into(),
@@ -142,7 +142,6 @@ impl Model {
                 value,
                 bound,
             };
-            let n = axes[0][i];
             let image = Vector3::new(-n.x, n.y, -n.z);
             let [along, against] = [1.0, -1.0].map(|sign| (axes[1][i] - image * sign).norm());
             let off = along.min(against);

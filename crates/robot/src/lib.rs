@@ -14,6 +14,8 @@
 mod arm;
 mod chain;
 mod collision;
+mod convert;
+mod draft;
 mod effective;
 mod environment;
 mod error;
@@ -33,6 +35,8 @@ mod visual;
 
 pub use arm::Arm;
 pub use collision::{AllowedPair, AllowedReason, CAPSULES_MAX, Capsule, Pair};
+pub use convert::convert;
+pub use draft::{Draft, draft};
 pub use environment::{BOXES_MAX, BoxEntry, Environment, Obstacle, PLANES_MAX, PlaneEntry, Solid};
 pub use error::RobotError;
 pub use file::urdf_file;

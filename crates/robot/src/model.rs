@@ -1,10 +1,11 @@
 //! The checked model of one robot.
 
 use crate::arm::Arm;
+use crate::chain::Chain;
 use crate::collision::{AllowedPair, Capsule, Pair, read_capsules, read_pairs};
 use crate::environment::Obstacle;
 use crate::error::RobotError;
-use crate::file::{ControllerEntry, RobotFile};
+use crate::file::{ArmEntry, ControllerEntry, RobotFile};
 use crate::inertia::Inertia;
 use crate::kinematics::{Frames, JointFrame};
 use crate::limits::JointLimits;
@@ -242,16 +243,7 @@ impl Source<'_> {
             links,
             joint_names: chain.names.clone(),
         };
-        for (side, arm) in [&file.arms.left, &file.arms.right].into_iter().enumerate() {
-            if let Some(value) = arm.reference_rad.iter().find(|value| !value.is_finite()) {
-                let key = format!("arms.{}.reference_rad", ["left", "right"][side]);
-                return Err(self.value(&key, value.to_string(), "must be finite"));
-            }
-            let joints = std::array::from_fn(|i| chain.arm_start(side) + i);
-            model.arms[side] = model.derive_arm(joints, arm.reference_rad, model.torso_body);
-        }
-        model.check_shoulders(self.urdf)?;
-        model.check_mirror(self.toml)?;
+        self.derive_arms([&file.arms.left, &file.arms.right], &chain, &mut model)?;
         self.check_home(&model)?;
         Ok(model)
     }
@@ -296,6 +288,19 @@ impl Source<'_> {
     ) -> Result<(), RobotError> {
         let unknown = names.find(|name| !joint_names.contains(name));
         unknown.map_or(Ok(()), |name| Err(RobotError::unknown(self.toml, table, name, "a commanded joint")))
+    }
+
+    fn derive_arms(&self, arms: [&ArmEntry; 2], chain: &Chain, model: &mut Model) -> Result<(), RobotError> {
+        for (side, arm) in arms.into_iter().enumerate() {
+            if let Some(value) = arm.reference_rad.iter().find(|value| !value.is_finite()) {
+                let key = format!("arms.{}.reference_rad", ["left", "right"][side]);
+                return Err(self.value(&key, value.to_string(), "must be finite"));
+            }
+            let joints = std::array::from_fn(|i| chain.arm_start(side) + i);
+            model.arms[side] = model.derive_arm(joints, arm.reference_rad, model.torso_body);
+        }
+        model.check_shoulders(self.urdf)?;
+        model.check_mirror(self.toml)
     }
 
     /// Reads the controllers. Every joint belongs to exactly one.

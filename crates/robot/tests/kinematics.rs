@@ -8,6 +8,9 @@ use rand::{RngExt, SeedableRng};
 use robot::{Frames, Model};
 use support::{shipped, uniform};
 
+/// Joints of TIAGo++.
+const JOINTS: usize = 17;
+
 const VECTORS: &str = include_str!("data/fk_vectors.txt");
 
 /// Names of the links that move with the 17 joints.
@@ -50,11 +53,11 @@ fn jacobian_columns_match_finite_differences_of_pose() {
     for _ in 0..50 {
         let q = uniform(&model, &mut rng);
         model.forward(&q, &mut frames);
-        for body in 0..=JOINTS_MAX {
+        for body in 0..=JOINTS {
             let local = Vector3::from_fn(|_, _| rng.random_range(-0.3..0.3));
             let point = frames.base_from_body[body].transform_point(&local);
             let jacobian = model.jacobian(&frames, body, &point);
-            for j in 0..JOINTS_MAX {
+            for j in 0..JOINTS {
                 let step = 1e-6;
                 let (mut up, mut down) = (q, q);
                 (up[j], down[j]) = (q[j] + step, q[j] - step);

@@ -31,8 +31,8 @@ fn f100_invalid_limits_are_refused_with_joint_value_and_bound() {
         ("lower=\"-1\" upper=\"inf\" velocity=\"1.95\" effort=\"43\"", ["upper = inf", "at most 13"]),
         ("lower=\"-1\" upper=\"1e9\" velocity=\"1.95\" effort=\"43\"", ["upper = 1000000000", "at most 13"]),
         ("lower=\"-1\" upper=\"1\" velocity=\"0\" effort=\"43\"", ["velocity = 0", "above 0"]),
-        ("lower=\"-1\" upper=\"1\" velocity=\"1e9\" effort=\"43\"", ["velocity = 1000000000", "at most 20"]),
-        ("lower=\"-1\" upper=\"1\" velocity=\"inf\" effort=\"43\"", ["velocity = inf", "at most 20"]),
+        ("lower=\"-1\" upper=\"1\" velocity=\"1e9\" effort=\"43\"", ["velocity = 1000000000", "at most 50"]),
+        ("lower=\"-1\" upper=\"1\" velocity=\"inf\" effort=\"43\"", ["velocity = inf", "at most 50"]),
         ("lower=\"-1\" upper=\"1\" velocity=\"-2\" effort=\"43\"", ["velocity = -2", "above 0"]),
         ("lower=\"-1\" upper=\"1\" velocity=\"1.95\" effort=\"-43\"", ["effort = -43", "above 0"]),
         ("lower=\"-1\" upper=\"1\" velocity=\"1.95\" effort=\"0\"", ["effort = 0", "above 0"]),
@@ -55,7 +55,7 @@ fn f100_joints_of_wrong_kind_are_refused() {
     let urdf = edit(URDF, LEFT_1, "type=\"revolute\"", "type=\"continuous\"");
     refused(TOML, &urdf, &["arm_left_1_joint", "continuous", "must be revolute"]);
     let urdf = edit(URDF, "<joint name=\"torso_lift_joint\"", "type=\"prismatic\"", "type=\"fixed\"");
-    refused(TOML, &urdf, &["torso_lift_joint", "fixed", "must be prismatic"]);
+    refused(TOML, &urdf, &["torso_lift_joint", "fixed", "must be revolute or prismatic"]);
     let urdf = edit(URDF, "<joint name=\"arm_left_tool_joint\"", "type=\"fixed\"", "type=\"floating\"");
     refused(TOML, &urdf, &["arm_left_tool_joint"]);
     let urdf = edit(URDF, LEFT_1, "</joint>", "<mimic joint=\"arm_left_2_joint\"/></joint>");
@@ -111,29 +111,51 @@ fn arms_that_do_not_mirror_each_other_are_refused() {
     let limit = "lower=\"-1.1780972450961724\"";
     let urdf = edit(URDF, "<joint name=\"arm_right_1_joint\"", limit, "lower=\"-1.1\"");
     refused(TOML, &urdf, &["arm_right_1_joint", "position min", "left arm"]);
-    let urdf = edit(URDF, "<joint name=\"arm_right_4_joint\"", "<axis xyz=\"0 0 1\"/>", "<axis xyz=\"0 0 -1\"/>");
-    refused(TOML, &urdf, &["arm_right_4_joint", "axis", "mirror"]);
+    // An axis against the mirror image is a sign. The limits must then mirror, too.
+    let axis = "<axis xyz=\"0 0 1\"/>";
+    let urdf = edit(URDF, "<joint name=\"arm_right_4_joint\"", axis, "<axis xyz=\"0 0 -1\"/>");
+    refused(TOML, &urdf, &["arm_right_4_joint", "position min", "mirror"]);
+    let urdf = edit(URDF, "<joint name=\"arm_right_5_joint\"", axis, "<axis xyz=\"0.6 0 0.8\"/>");
+    refused(TOML, &urdf, &["arm_right_5_joint", "cosine", "arm_right_4_joint", "three orthogonal axes"]);
 }
 
 #[test]
 fn f097_error_in_robot_file_is_refused_with_its_key() {
     let cases = [
-        ("[limits.torso]", "soft_margin_m", "soft_margin", "soft_margin"),
-        ("[limits.head]", "jerk_max_rad_per_s3 = 400.0", "", "jerk_max_rad_per_s3"),
+        ("[limits.groups.torso]", "soft_margin_m", "soft_margin", "soft_margin"),
+        ("[limits.groups.torso]", "soft_margin_m", "soft_margin_rad", "limits.groups.torso.soft_margin_rad"),
+        (
+            "[limits.groups.torso]",
+            "[\"torso_lift_joint\"]",
+            "[]",
+            "`torso_lift_joint`, must belong to one of limits.groups",
+        ),
+        ("[limits.groups.head]", "\"head_1_joint\"", "\"torso_lift_joint\"", "torso_lift_joint"),
+        ("[limits.groups.head]", "jerk_max_rad_per_s3 = 400.0", "", "jerk_max_rad_per_s3"),
         ("[collision]", "clearance_min_mm", "clearance_min", "clearance_min"),
         ("[collision]", "clearance_min_mm = 10.0", "clearance_min_mm = 0.0", "clearance_min_mm"),
         ("[limits]", "stop_time_max_ms = 500.0", "stop_time_max_ms = 900.0", "stop_time_max_ms"),
-        ("format = 1", "format = 1", "format = 2", "format"),
+        ("format = 2", "format = 2", "format = 3", "format"),
+        ("format = 2", "format = 2", "format = 1", "teleopd robot convert"),
         ("urdf =", "tiago_dual.urdf", "../tiago_dual.urdf", "urdf"),
         ("base_link =", "base_footprint", "base_link", "base_link"),
-        ("[joints]", "\"head_1_joint\"", "\"head_9_joint\"", "head_9_joint"),
-        ("[joints]", "\"head_1_joint\"", "\"head_2_joint\"", "head_2_joint"),
-        ("[limbs.left]", "arm_left_3_link", "arm_left_4_link", "limbs.left.upper"),
-        ("held_joints", "[]", "[\"arm_left_1_joint\"]", "held_joints"),
+        ("body_joints", "\"head_1_joint\"", "\"head_9_joint\"", "head_9_joint"),
+        ("body_joints", "\"head_1_joint\"", "\"head_2_joint\"", "head_2_joint"),
+        ("[arms.left]", "arm_left_3_link", "arm_left_4_link", "arms.left.upper"),
+        (
+            "[arms.left]",
+            "\"arm_left_2_joint\",\n    \"arm_left_3_joint\"",
+            "\"arm_left_3_joint\",\n    \"arm_left_2_joint\"",
+            "arms.left.joints",
+        ),
+        ("[[controllers]]", "\"torso_lift_joint\"", "\"head_1_joint\"", "head_1_joint"),
+        ("[[controllers]]", "[\"torso_lift_joint\"]", "[]", "must belong to a controller"),
+        ("[arms.left]", "[arms.left]", "[held_rad]\narm_left_1_joint = 0.0\n[arms.left]", "held_rad"),
         ("[home_rad]", "head_1_joint = 0.0", "", "head_1_joint"),
         ("[home_rad]", "head_1_joint = 0.0", "head_1_joint = 2.0", "head_1_joint"),
         ("[home_m]", "torso_lift_joint = ", "torso_lift = ", "torso_lift"),
-        ("[reference_rad]", "arm_left_1_joint = 0.0", "arm_left_1_joint = nan", "arm_left_1_joint"),
+        ("reference_rad", "[0.0, 0.0", "[nan, 0.0", "arms.left.reference_rad"),
+        ("[arms.right]", "reference_rad = [0.0", "reference_rad = [0.1", "arm_right_1_joint"),
         ("[[collision.capsules]]", "radius_m = ", "radius_m = -", "radius_m"),
         ("[[collision.capsules]]", "link = \"base_link\"", "link = \"nowhere\"", "nowhere"),
         ("[collision.allowed.adjacent]", "base_0 = [", "base_0 = [\"hand_left_0\", ", "base_0"),

@@ -2,11 +2,13 @@
 
 use crate::support;
 
-use messages::JOINTS_MAX;
 use nalgebra::Vector3;
 use robot::{AllowedReason, Form, Frames, Inertia};
 use std::f64::consts::FRAC_PI_2;
 use support::{GRIPPER_TOML, GRIPPER_URDF, TOML, URDF, load, shipped};
+
+/// Joints of TIAGo++.
+const JOINTS: usize = 17;
 
 /// TIAGo++: the joints of its left arm.
 const LEFT_ARM: std::ops::Range<usize> = 3..10;
@@ -97,7 +99,7 @@ fn capsule_pair_is_checked_or_has_a_reason() {
 #[test]
 fn limits_in_force_are_within_urdf_and_allow_stop_in_500_ms() {
     let model = shipped();
-    for j in 0..JOINTS_MAX {
+    for j in 0..JOINTS {
         let (limits, urdf) = (&model.limits[j], &model.urdf_limits[j]);
         assert!(limits.q_min >= urdf.q_min && limits.q_max <= urdf.q_max && limits.v_max <= urdf.v_max);
         assert!(limits.stop_time_s() <= 0.5, "{}: {}", model.joint_names[j], limits.stop_time_s());
@@ -150,17 +152,17 @@ fn manufacturer_urdf_has_same_kinematics() {
     };
     let ours = shipped();
     let parsed = urdf_rs::read_from_string(&theirs).unwrap();
-    let (mut slide, mut turn) = (String::from("[held_m]\n"), String::from("[held_rad]\n"));
-    let held = |joint: &&urdf_rs::Joint| {
-        joint.joint_type != urdf_rs::JointType::Fixed && !ours.joint_names.contains(&joint.name)
-    };
-    let held: Vec<_> = parsed.joints.iter().filter(held).collect();
+    let held: Vec<String> = parsed
+        .joints
+        .iter()
+        .filter(|joint| joint.joint_type != urdf_rs::JointType::Fixed && !ours.joint_names.contains(&joint.name))
+        .map(|joint| {
+            let slides = joint.joint_type == urdf_rs::JointType::Prismatic;
+            format!("held_{}.{} = 0.0\n", if slides { "m" } else { "rad" }, joint.name)
+        })
+        .collect();
     assert!(held.len() > 40);
-    for joint in held {
-        let table = if joint.joint_type == urdf_rs::JointType::Prismatic { &mut slide } else { &mut turn };
-        *table += &format!("{} = 0.0\n", joint.name);
-    }
-    let toml = TOML.replace("[limits]\n", &format!("{slide}\n{turn}\n[limits]\n"));
+    let toml = TOML.replacen("# Commanded joints", &format!("{}# Commanded joints", held.concat()), 1);
     let model = load(&toml, &theirs).unwrap_or_else(|error| panic!("{error}"));
     assert_eq!(model.urdf_limits, ours.urdf_limits);
     let mut rng = <rand_pcg::Pcg64 as rand::SeedableRng>::seed_from_u64(7);

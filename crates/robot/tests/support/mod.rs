@@ -27,5 +27,9 @@ pub fn shipped() -> Model {
 
 /// A configuration that is uniformly distributed within the URDF's limits, rad and m.
 pub fn uniform(model: &Model, rng: &mut rand_pcg::Pcg64) -> [f64; JOINTS_MAX] {
-    std::array::from_fn(|j| rng.random_range(model.urdf_limits[j].q_min..model.urdf_limits[j].q_max))
+    let mut q = [0.0; JOINTS_MAX];
+    for (q, limits) in q.iter_mut().zip(&model.urdf_limits).take(model.count) {
+        *q = rng.random_range(limits.q_min..limits.q_max);
+    }
+    q
 }

@@ -1,0 +1,176 @@
+//! The text of a draft.
+
+use super::Found;
+use crate::urdf::Tree;
+use messages::ARM_JOINTS;
+use std::fmt::Write;
+use urdf_rs::JointType;
+
+/// Acceleration and jerk of an arm, rad/s^2 and rad/s^3. Assumption: those of TIAGo++'s robot file.
+const ARM: [f64; 2] = [10.0, 400.0];
+/// Acceleration and jerk of a body joint that turns. Assumption: the body only keeps a posture.
+const BODY: [f64; 2] = [3.0, 100.0];
+/// The same for one that slides, m/s^2 and m/s^3. Assumption: those of TIAGo++'s lift.
+const LIFT: [f64; 2] = [0.15, 12.0];
+/// Longest proposed stop of an arm or a turning body joint, s, and that of a lift.
+const STOP_S: f64 = 0.3;
+const LIFT_STOP_S: f64 = 0.48;
+/// Margin inside the URDF's range. Assumption: those of TIAGo++'s robot file.
+const MARGIN_RAD: f64 = 0.02;
+const MARGIN_M: f64 = 0.002;
+
+/// A group of limits.
+struct Group<'a> {
+    name: &'a str,
+    joints: Vec<usize>,
+    slides: bool,
+    limits: [f64; 2],
+    stop_s: f64,
+}
+
+/// Writes the robot file of what was found. `urdf_name` is a file in the same folder.
+pub(super) fn toml(urdf_name: &str, urdf_text: &str, tree: &Tree, found: &Found) -> String {
+    let mut out = String::new();
+    let robot = urdf_rs::read_from_string(urdf_text).map_or_else(|_| "robot".to_owned(), |robot| robot.name);
+    // Writing to a String cannot fail.
+    let _ = write!(
+        out,
+        "# A first draft from the URDF alone. Read every line before the robot moves. The unit is the last word of a key.\n\n\
+         format = 2\nname = \"{robot}\"\nurdf = \"{urdf_name}\"\nbase_link = \"{}\"\n\
+         torso_link = \"{}\"   # must be x forward, y left, z up: the frame of the limb rotations\n\
+         # Commanded joints that belong to no arm. They keep the home posture.\nbody_joints = {}\n\n",
+        tree.links[tree.root],
+        tree.links[found.torso_link],
+        list(tree, &found.body),
+    );
+    held(&mut out, tree, found);
+    out.push_str(
+        "# The reference is the T-pose: both arms straight out to the sides, elbow flexion pointing forward.\n",
+    );
+    for (side, joints) in found.arms.iter().enumerate() {
+        let link = |i: usize| &tree.links[tree.joints[joints[i]].child];
+        let _ = write!(
+            out,
+            "[arms.{}]\njoints = {}\nupper = \"{}\"\nfore = \"{}\"\nreference_rad = {:?}\n\n",
+            ["left", "right"][side],
+            list(tree, joints),
+            link(2),
+            link(4),
+            found.reference[side].q,
+        );
+    }
+    out.push_str("[limits]\nstop_time_max_ms = 500.0\n\n");
+    for group in groups(tree, found).iter().filter(|group| !group.joints.is_empty()) {
+        write_group(&mut out, tree, group);
+    }
+    for side in ["left", "right"] {
+        let _ = write!(
+            out,
+            "[payload.{side}]\nmass_kg = 0.0\ncentre_m = [0.0, 0.0, 0.0]   # decide: where the hand grasps\n\n"
+        );
+    }
+    home(&mut out, tree, found);
+    out.push_str("[tasks]\nlimb_orientation_weight = 1.0\n\n# The wrist turns no limb of a person, so it gives way first.\n[tasks.joint_weight]\n");
+    for joint in found.arms.iter().flat_map(|arm| &arm[5..]) {
+        let _ = writeln!(out, "{} = 0.01", key(&tree.joints[*joint].name));
+    }
+    out.push_str(
+        "\n[collision]\nclearance_min_mm = 10.0                     # commands are certified at this distance\n\
+         clearance_measured_min_mm = 3.0             # a measured posture closer than this is a fault\n\n\
+         # Below this line: written by `collision fit`.\n",
+    );
+    out
+}
+
+/// A name as a key of TOML.
+fn key(name: &str) -> String {
+    let bare = !name.is_empty() && name.bytes().all(|c| c.is_ascii_alphanumeric() || c == b'_' || c == b'-');
+    if bare { name.to_owned() } else { format!("{name:?}") }
+}
+
+fn list(tree: &Tree, joints: &[usize]) -> String {
+    let names: Vec<String> = joints.iter().map(|joint| format!("{:?}", tree.joints[*joint].name)).collect();
+    match names.len() {
+        0..=3 => format!("[{}]", names.join(", ")),
+        _ => format!("[\n    {},\n]", names.join(",\n    ")),
+    }
+}
+
+fn held(out: &mut String, tree: &Tree, found: &Found) {
+    for (table, slides) in [("held_rad", false), ("held_m", true)] {
+        let of = |joint: &usize| (tree.joints[*joint].kind == JointType::Prismatic) == slides;
+        let rows: Vec<_> = found.held.iter().filter(|(joint, _)| of(joint)).collect();
+        if rows.is_empty() {
+            continue;
+        }
+        let _ = write!(out, "# Movable joints that nothing commands, and where they stand.\n[{table}]\n");
+        for (joint, position) in rows {
+            let _ = writeln!(out, "{} = {position:?}", key(&tree.joints[*joint].name));
+        }
+        out.push('\n');
+    }
+}
+
+fn groups<'a>(tree: &Tree, found: &Found) -> [Group<'a>; 4] {
+    let slides = |joint: &usize| tree.joints[*joint].kind == JointType::Prismatic;
+    let body = |wanted: bool| found.body.iter().copied().filter(|joint| slides(joint) == wanted).collect();
+    let arms = |from: usize, to: usize| found.arms.iter().flat_map(|arm| arm[from..to].to_vec()).collect();
+    let turning = |name, joints, limits| Group { name, joints, slides: false, limits, stop_s: STOP_S };
+    [
+        Group { name: "lift", joints: body(true), slides: true, limits: LIFT, stop_s: LIFT_STOP_S },
+        turning("body", body(false), BODY),
+        turning("arm_1_to_4", arms(0, 4), ARM),
+        turning("arm_5_to_7", arms(4, ARM_JOINTS), ARM),
+    ]
+}
+
+/// The speed is the lowest of the group's in the URDF, or what stops in time if that is lower.
+fn write_group(out: &mut String, tree: &Tree, group: &Group<'_>) {
+    let limit = |joint: &usize| &tree.joints[*joint].limit;
+    let lowest = |of: &dyn Fn(&usize) -> f64| group.joints.iter().map(of).fold(f64::INFINITY, f64::min);
+    let a = lowest(&|joint| limit(joint).acceleration.min(limit(joint).deceleration)).min(group.limits[0]);
+    let j = lowest(&|joint| limit(joint).jerk).min(group.limits[1]);
+    let highest = group.joints.iter().map(|joint| limit(joint).velocity).fold(0.0, f64::max);
+    let stops = ((group.stop_s - a / j) * a * 1e3).floor() / 1e3;
+    let (margin, speed, acceleration, jerk) = if group.slides {
+        ("soft_margin_m", "velocity_max_m_per_s", "acceleration_max_m_per_s2", "jerk_max_m_per_s3")
+    } else {
+        ("soft_margin_rad", "velocity_max_rad_per_s", "acceleration_max_rad_per_s2", "jerk_max_rad_per_s3")
+    };
+    let width = if group.slides { MARGIN_M } else { MARGIN_RAD };
+    let _ = write!(
+        out,
+        "[limits.groups.{}]\njoints = {}\n{margin} = {width:?}   # assumption\n",
+        group.name,
+        list(tree, &group.joints)
+    );
+    if highest > stops {
+        let speed_max = stops.min(lowest(&|joint| limit(joint).velocity));
+        let _ = writeln!(out, "{speed} = {speed_max:?}   # chosen: a stop within {:.0} ms", group.stop_s * 1e3);
+    }
+    let _ = write!(out, "{acceleration} = {a:?}   # assumption\n{jerk} = {j:?}   # assumption\n\n");
+}
+
+fn home(out: &mut String, tree: &Tree, found: &Found) {
+    let arms = found.arms.iter().zip(&found.home).flat_map(|(joints, q)| joints.iter().copied().zip(*q));
+    let body = found.body.iter().map(|joint| {
+        let limit = &tree.joints[*joint].limit;
+        let slides = tree.joints[*joint].kind == JointType::Prismatic;
+        // A lift stands high, so that hanging hands are far from the base.
+        let q = if slides { limit.upper - 0.1 * (limit.upper - limit.lower) } else { 0.0 };
+        (*joint, q.clamp(limit.lower + MARGIN_M, limit.upper - MARGIN_M))
+    });
+    let rows: Vec<(usize, f64)> = body.chain(arms).collect();
+    for (table, slides) in [("home_m", true), ("home_rad", false)] {
+        let of = |joint: usize| (tree.joints[joint].kind == JointType::Prismatic) == slides;
+        let mut rows = rows.iter().filter(|(joint, _)| of(*joint)).peekable();
+        if rows.peek().is_none() {
+            continue;
+        }
+        let _ = writeln!(out, "[{table}]");
+        for (joint, q) in rows {
+            let _ = writeln!(out, "{} = {:?}", key(&tree.joints[*joint].name), q + 0.0);
+        }
+        out.push('\n');
+    }
+}

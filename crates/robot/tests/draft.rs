@@ -1,0 +1,81 @@
+//! Tests the draft of a robot file from a URDF alone.
+
+use robot::{Model, draft};
+
+const TIAGO: &str = include_str!("../../../config/robots/tiago_dual.urdf");
+const G1: &str = include_str!("../../../config/robots/unitree_g1.urdf");
+const OPENARM: &str = include_str!("../../../config/robots/openarm_v10.urdf");
+const FR3: &str = include_str!("../../../config/robots/franka_fr3_duo.urdf");
+const RBY1: &str = include_str!("../../../config/robots/rby1a.urdf");
+
+/// Reads a draft, with one capsule in place of the fitted ones.
+fn model(urdf: &str) -> Model {
+    let draft = draft("r.urdf", urdf).unwrap_or_else(|error| panic!("{error}"));
+    let base = draft.toml.lines().find_map(|line| line.strip_prefix("base_link = ")).unwrap();
+    let capsule = format!(
+        "[[collision.capsules]]\nname = \"base\"\nlink = {base}\na_m = [0.0, 0.0, 0.0]\nb_m = [0.0, 0.0, 0.1]\n\
+         radius_m = 0.05\n\n[collision.allowed]\nadjacent = {{}}\nproved_clear = {{}}\n"
+    );
+    let toml = format!("{}{capsule}", draft.toml);
+    Model::from_text("r.toml", &toml, "r.urdf", urdf).unwrap_or_else(|error| panic!("{error}\n{toml}"))
+}
+
+#[test]
+fn drafts_of_five_robots_load_with_their_arms_and_signs() {
+    let rows: [(&str, usize, usize, &str, [f64; 7]); 5] = [
+        (TIAGO, 17, 3, "arm_left_1_joint", [1.0; 7]),
+        (G1, 17, 3, "left_shoulder_pitch_joint", [1.0, -1.0, -1.0, 1.0, -1.0, 1.0, -1.0]),
+        (OPENARM, 14, 0, "openarm_left_joint1", [-1.0, -1.0, -1.0, 1.0, -1.0, -1.0, -1.0]),
+        (FR3, 14, 0, "left_fr3v2_joint1", [-1.0, 1.0, -1.0, 1.0, -1.0, 1.0, -1.0]),
+        (RBY1, 22, 8, "left_arm_0", [1.0, -1.0, -1.0, 1.0, -1.0, 1.0, -1.0]),
+    ];
+    for (urdf, count, body_count, first, signs) in rows {
+        let model = model(urdf);
+        assert_eq!((model.count, model.body_count, model.arms[1].signs), (count, body_count, signs), "{}", model.name);
+        assert_eq!(model.joint_names[model.arms[0].joints[0]], first);
+    }
+    assert_eq!((model(TIAGO).lift, model(G1).lift), (Some(0), None));
+}
+
+/// In the T-pose the axes of upper arm and forearm point to the side, and the elbow's bends the arm to the front. At
+/// home the hands are in front of the torso.
+#[test]
+fn drafted_t_pose_is_straight_and_home_has_hands_in_front() {
+    for urdf in [TIAGO, G1, OPENARM, FR3, RBY1] {
+        let model = model(urdf);
+        for (side, arm) in [1.0, -1.0].into_iter().zip(&model.arms) {
+            let [upper, elbow, fore] = [2, 3, 4].map(|i| arm.axes[i]);
+            assert!(upper.y.abs() > 1.0 - 1e-6 && fore.y.abs() > 1.0 - 1e-6, "{}: {upper} {fore}", model.name);
+            assert!(elbow.z.abs() > 1.0 - 1e-6, "{}: {elbow}", model.name);
+            // Bending by half a radian towards the middle of the range moves the forearm's direction to the front.
+            let mut q = arm.reference;
+            q[3] += 0.5 * ((arm.q_min[3] + arm.q_max[3]) / 2.0 - q[3]).signum();
+            let forearm = arm.limb_rotations(&q).1 * nalgebra::Vector3::new(0.0, side, 0.0);
+            assert!(forearm.x > 0.4, "{}: {forearm}", model.name);
+            let home = std::array::from_fn(|i| model.home[arm.joints[i]]);
+            let (upper, fore) = arm.limb_rotations(&home);
+            let [upper, fore] = [upper, fore].map(|r| r * nalgebra::Vector3::new(0.0, side, 0.0));
+            assert!(upper.z < -0.6 && fore.x > 0.6, "{}: {upper} {fore}", model.name);
+        }
+    }
+}
+
+#[test]
+fn urdf_without_two_arms_is_refused_with_reason() {
+    let one = G1.replace(
+        "<joint name=\"right_elbow_joint\" type=\"revolute\">",
+        "<joint name=\"right_elbow_joint\" type=\"fixed\">",
+    );
+    let error = draft("r.urdf", &one).unwrap_err().to_string();
+    assert!(error.contains("r.urdf") && error.contains("seven revolute joints"), "{error}");
+    assert!(draft("r.urdf", "<robot").is_err());
+}
+
+#[test]
+fn notes_name_what_was_guessed_and_what_to_decide() {
+    let draft = draft("g1.urdf", G1).unwrap();
+    let said = |notes: &[String], words: &str| notes.iter().any(|note| note.contains(words));
+    assert!(said(&draft.guesses, "The left arm is left_shoulder_pitch_joint"), "{:?}", draft.guesses);
+    assert!(said(&draft.guesses, "waist_yaw_joint") && said(&draft.guesses, "left_knee_joint"));
+    assert!(said(&draft.decisions, "torso_link") && said(&draft.decisions, "assumptions"));
+}

@@ -1,0 +1,55 @@
+//! `teleopd robot new` and `teleopd robot convert`: the first robot file of a robot, and an older one in today's format.
+
+use crate::cli::RobotFile;
+use rt::{Exit, Failure, out};
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+/// Writes the robot file and prints the notes.
+pub fn run(command: &RobotFile) -> Result<Exit, Failure> {
+    match command {
+        RobotFile::New { urdf, out } => new(urdf, out.as_deref()),
+        RobotFile::Convert { file, out } => {
+            let name = file.display().to_string();
+            let text = robot::convert(&name, &read(file)?).map_err(Failure::with(Exit::DataErr))?;
+            let out = out.as_deref().unwrap_or(file);
+            if out == file {
+                let kept = file.with_extension("toml.1");
+                create(&kept, &read(file)?)?;
+                out!("kept the old file as {}", kept.display());
+                std::fs::write(file, text).map_err(|error| Failure::unwritable(file, &error))?;
+            } else {
+                create(out, &text)?;
+            }
+            out!("wrote {}; comments were lost", out.display());
+            Ok(Exit::Ok)
+        }
+    }
+}
+
+fn new(urdf: &Path, out: Option<&Path>) -> Result<Exit, Failure> {
+    let name = urdf.file_name().unwrap_or_default().to_string_lossy();
+    let draft = robot::draft(&name, &read(urdf)?).map_err(Failure::with(Exit::DataErr))?;
+    let out: PathBuf = out.map_or_else(|| urdf.with_extension("toml"), Path::to_path_buf);
+    create(&out, &draft.toml)?;
+    out!("wrote {}", out.display());
+    for (title, notes) in [("Found or guessed:", &draft.guesses), ("Decide before the robot moves:", &draft.decisions)]
+    {
+        out!("\n{title}");
+        for note in notes {
+            out!("  - {note}");
+        }
+    }
+    out!("\nNext: collision fit --robot {} --meshes DIR, then teleopd doctor --robot {}", out.display(), out.display());
+    Ok(Exit::Ok)
+}
+
+fn read(file: &Path) -> Result<String, Failure> {
+    std::fs::read_to_string(file).map_err(|error| Failure::new(Exit::NoInput, format!("{}: {error}", file.display())))
+}
+
+/// Writes a new file. A file that exists may hold a person's work, so it stays.
+fn create(file: &Path, text: &str) -> Result<(), Failure> {
+    let created = std::fs::File::create_new(file).and_then(|mut file| file.write_all(text.as_bytes()));
+    created.map_err(|error| Failure::unwritable(file, &error))
+}
