@@ -131,8 +131,13 @@ fn files(place: &InstanceArgs) -> Files {
     let base = folder.join(&settings.weights.file);
     let manifest = PathBuf::from(format!("{}.toml", base.display()));
     files.weights = Some(if settings.retarget.method == Method::Network || manifest.exists() {
-        let loaded = config::load_weights(&base, &model).map_err(|error| error.to_string());
-        loaded.map(|_| format!("{}.safetensors: sha256 as in its manifest, made for this robot", base.display()))
+        match config::load_weights(&base, &model) {
+            Ok(_) => Ok(format!("{}.safetensors: sha256 as in its manifest, made for this robot", base.display())),
+            Err(_) if config::lacks_weights(place.robot.as_ref(), &base) => {
+                Ok(String::from("none for this robot, so the closed form retargets; `train` makes them"))
+            }
+            Err(error) => Err(error.to_string()),
+        }
     } else {
         Ok(String::from("none, and retarget.method needs none"))
     });

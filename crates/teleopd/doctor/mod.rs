@@ -4,6 +4,7 @@ mod facts;
 mod judge;
 mod judge_place;
 mod places;
+mod robot;
 
 pub use places::holder;
 
@@ -113,7 +114,8 @@ impl Verdict {
     }
 }
 
-/// Prints every finding and the verdict. The exit code also tells the verdict.
+/// Prints every finding and the verdict, and a page about a robot that the command line chooses. The exit code tells the
+/// verdict.
 pub fn run(options: &Doctor) -> Result<Exit, Failure> {
     let findings = judge::judge(&facts::Facts::read(&options.place));
     let verdict = Verdict::of(&findings);
@@ -122,6 +124,10 @@ pub fn run(options: &Doctor) -> Result<Exit, Failure> {
         format!("{:#}\n", json!({ "simulator": verdict.simulator(), "robot": verdict.robot(), "findings": all }))
     } else {
         words(&findings) + &verdict.words()
+    };
+    let text = match (&options.place.robot, options.json) {
+        (Some(_), false) => text + "\n" + &robot::page(&options.place.load()?)?,
+        _ => text,
     };
     // The reader may have closed the pipe. The exit code still tells the verdict.
     let _ = std::io::stdout().write_all(text.as_bytes());

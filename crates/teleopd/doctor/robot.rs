@@ -1,0 +1,115 @@
+//! One page about a robot: what a person checks before the first motion.
+
+use config::Loaded;
+use messages::JOINTS_MAX;
+use retarget::{ArmModel, ArmQ, Limbs, limb_error_deg, oracle, solve_poses};
+use robot::{Frames, Model};
+use rt::{Exit, Failure};
+use std::fmt::Write;
+
+/// Every so many frames of the standard motion are judged: it lasts a minute at 60 Hz.
+const EVERY: usize = 12;
+
+/// Judges the robot of the settings: joints, limbs, stop times, torque and clearance at home, and how near its limbs come
+/// to a person's in the built-in motion.
+///
+/// # Errors
+/// Returns an error with EX_CONFIG if a stage refuses the robot.
+pub fn page(loaded: &Loaded) -> Result<String, Failure> {
+    let control = world::control_config(loaded, true).map_err(Failure::with(Exit::Config))?;
+    world::sim_config(loaded, true).map_err(Failure::with(Exit::Config))?;
+    let model = &loaded.model;
+    let still = [0.0; JOINTS_MAX];
+    let torques = wbc::torques(&control.wbc, &model.home, &still, &still);
+    let share = |j: usize| torques.map_or(0.0, |torques| torques[j].abs() / model.limits[j].effort_max);
+    let mut out = String::new();
+    // Writing to a String cannot fail.
+    let _ = writeln!(
+        out,
+        "{}: {} joints, {} of them of the body{}\n\n{:28} {:>8} {:>8} {:>8} {:>8} {:>8} {:>8}",
+        model.name,
+        model.count,
+        model.body_count,
+        model.lift.map_or(String::new(), |j| format!(", lift {}", model.joint_names[j])),
+        "joint",
+        "q min",
+        "q max",
+        "v max",
+        "home",
+        "stop ms",
+        "torque",
+    );
+    for (j, name) in model.joint_names.iter().enumerate() {
+        let limits = &model.limits[j];
+        let _ = writeln!(
+            out,
+            "{name:28} {:8.3} {:8.3} {:8.3} {:8.3} {:8.0} {:8.2}",
+            limits.q_min,
+            limits.q_max,
+            limits.v_max,
+            model.home[j],
+            limits.stop_time_s() * 1e3,
+            share(j)
+        );
+    }
+    out.push_str("rad, rad/s; m for joints that slide. Torque: that of the home posture over the effort limit.\n\n");
+    limbs(&mut out, model);
+    let mut frames = Frames::default();
+    model.forward(&model.home, &mut frames);
+    let (clearance_m, pair) = model.clearance(&frames);
+    let pair = &model.pairs[pair];
+    let _ = writeln!(
+        out,
+        "home: {:.0} mm between {} and {}; {} capsules, {} pairs checked, {} left out with a reason",
+        clearance_m * 1e3,
+        model.capsules[pair.a].name,
+        model.capsules[pair.b].name,
+        model.capsules.len(),
+        model.pairs.len(),
+        model.allowed.len(),
+    );
+    reach(&mut out, loaded);
+    Ok(out)
+}
+
+/// How straight the T-pose is, and which joints of the right arm turn against their mirror image.
+fn limbs(out: &mut String, model: &Model) {
+    let left = &model.arms[0];
+    let off = |joint: usize, wanted: usize| left.axes[joint][wanted].abs().min(1.0).acos().to_degrees();
+    let signs: Vec<&str> = model.arms[1].signs.iter().map(|sign| if *sign < 0.0 { "-" } else { "+" }).collect();
+    let _ = writeln!(
+        out,
+        "T-pose: upper arm {:.2} deg off the side, forearm {:.2} deg, elbow axis {:.2} deg off vertical; right arm mirrors \
+         with signs {}",
+        off(2, 1),
+        off(4, 1),
+        off(3, 2),
+        signs.join(" "),
+    );
+}
+
+/// Mean limb errors over the built-in motion: of the best reachable posture, and of the network with two refinement steps.
+fn reach(out: &mut String, loaded: &Loaded) {
+    let arm = ArmModel::of(&loaded.model);
+    let motion = motion::builtin();
+    let calibration = motion::calibrate(&motion, motion::CalibrationMode::Rig);
+    let (mut best_deg, mut solved_deg, mut count) = (0.0, 0.0, 0.0);
+    let mut previous: ArmQ = arm.clamp(&arm.reference);
+    for limbs in motion::limbs(&motion, &calibration).iter().step_by(EVERY).filter_map(Limbs::of_both) {
+        for human in &limbs {
+            let best = oracle(&arm, human, &previous);
+            let error = |q: &ArmQ| limb_error_deg(&arm.forward(q), human).iter().sum::<f64>() / 2.0;
+            best_deg += error(&best.q);
+            if let Some(weights) = &loaded.weights {
+                solved_deg += error(&solve_poses(&arm, &weights.network, &[*human], 2)[0].q);
+            }
+            count += 1.0;
+            previous = best.q;
+        }
+    }
+    let solved = match &loaded.weights {
+        Some(_) => format!("{:.2} deg with the weights and two refinement steps", solved_deg / count),
+        None => "no weights yet: `train` makes them".to_owned(),
+    };
+    let _ = writeln!(out, "built-in motion: limbs at best {:.2} deg from the person's, {solved}", best_deg / count);
+}
