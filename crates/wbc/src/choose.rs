@@ -14,7 +14,7 @@ use crate::plan::{JointState, JointStop, Planned};
 use crate::tick::{Candidate, Input};
 use crate::torque::{self, Load, TorqueScratch};
 use crate::track::{JointAim, wanted_jerk, wanted_velocity};
-use messages::{ALL_JOINTS, JOINTS_MAX, TICK_S};
+use messages::{JOINTS_MAX, TICK_S};
 
 /// Shares of the way from the plan's jerk to the wanted one that are tried. The share 0 is the plan itself,
 /// which needs no proof.
@@ -178,7 +178,7 @@ impl Chooser<'_> {
         }
         let mut first = None;
         for step in STEPS {
-            let attempt = Attempt::new(&wishes, &plan, on_plan, ALL_JOINTS, step);
+            let attempt = Attempt::new(&wishes, &plan, on_plan, self.config.geometry.chain.all(), step);
             if self.too_fast(&mut choice, &attempt) {
                 continue;
             }

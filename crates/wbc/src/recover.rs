@@ -33,7 +33,7 @@ use crate::plan::{JointState, JointStop, Planned};
 use crate::qp::{self, ActiveSet, Problem, Status};
 use crate::tick::Candidate;
 use crate::torque::{self, Load, TorqueScratch};
-use messages::{ALL_JOINTS, JOINTS_MAX, TICK_S};
+use messages::{JOINTS_MAX, TICK_S};
 use robot::Solid;
 
 /// Largest speed of a recovery, rad/s and m/s. Assumption: a hand at 0.9 m then moves at 90 mm/s. This is below
@@ -318,7 +318,7 @@ impl Attempt {
             attempt.motion.joints[j] = JointMotion::tick_then_stop(x, jerk, &stop);
             attempt.fresh |= 1 << j;
         }
-        debug_assert!(attempt.fresh & !ALL_JOINTS == 0);
+        debug_assert!(attempt.fresh & !config.geometry.chain.all() == 0);
         Some(attempt)
     }
 }

@@ -11,7 +11,7 @@ use crate::motion::Motion;
 use crate::plan::{JointState, Planned};
 use crate::recover::Recovery;
 use crate::torque::{self, Load, TorqueScratch, TorqueVerdict};
-use messages::{ALL_JOINTS, JOINTS_MAX, PayloadRefusal, Permit, Stamp, StopPlan, TICK_S, command_flag};
+use messages::{JOINTS_MAX, PayloadRefusal, Permit, Stamp, StopPlan, TICK_S, command_flag};
 use robot::Payload;
 
 /// A joint within this distance of its target counts as on target, rad or m. It is half the limb error that a
@@ -177,7 +177,7 @@ impl State {
 /// let config = Config::new(&model, Options::default())?;
 /// let mut state = State::at_rest(&config, model.home);
 /// let (mut q, zero) = (model.home, [0.0; messages::JOINTS_MAX]);
-/// q[messages::LEFT_ARM.start] += 0.1;
+/// q[model.arms[0].joints[0]] += 0.1;
 /// let target = Some(Target { q: &q, dq: &zero, ddq: &zero, valid_mask: messages::ALL_JOINTS });
 /// let input = |k| Input { k, target, permit: Permit::Follow { speed_scale: 1.0 } };
 /// let step = |k| tick(&config, &mut state, messages::deadline(k), input(k));
@@ -222,7 +222,14 @@ pub fn certify_rest(config: &Config, q: &[f64; JOINTS_MAX]) -> (bool, f64, [u32;
 pub fn certify_plan(config: &Config, planned: &Planned) -> Verdict {
     let anchor = Anchor::new(&config.geometry, planned.q);
     let mut scratch = Scratch::new(&config.geometry);
-    certify(&config.geometry, &Motion::stops(planned), Purpose::Decision, ALL_JOINTS, &anchor, &mut scratch)
+    certify(
+        &config.geometry,
+        &Motion::stops(planned),
+        Purpose::Decision,
+        config.geometry.chain.all(),
+        &anchor,
+        &mut scratch,
+    )
 }
 
 /// The joint that needs more than its share of the effort limit to hold `q` at rest, if any, with its torque
@@ -242,7 +249,8 @@ pub fn torques(config: &Config, q: &PerJoint, v: &PerJoint, a: &PerJoint) -> Opt
 pub fn certify_torque(config: &Config, planned: &Planned) -> TorqueVerdict {
     let Some(load) = &config.load else { return TorqueVerdict { blamed: None, evaluations: 0 } };
     let mut scratch = TorqueScratch::new();
-    torque::prove(load, &config.geometry.chain, &Motion::stops(planned), ALL_JOINTS, &mut scratch)
+    let chain = &config.geometry.chain;
+    torque::prove(load, chain, &Motion::stops(planned), chain.all(), &mut scratch)
 }
 
 fn nearest_pair(config: &Config, anchor: &Anchor) -> [u32; 2] {
@@ -262,7 +270,7 @@ fn output(config: &Config, state: &State, choice: &Choice, aims: &Aims) -> Outpu
         a: next.a,
         plan: next.plan,
         candidate: choice.candidate,
-        on_plan: ALL_JOINTS & !choice.fresh,
+        on_plan: config.geometry.chain.all() & !choice.fresh,
         clearance_m: state.anchor.clearance_m,
         nearest_pair: nearest_pair(config, &state.anchor),
         at_rest,

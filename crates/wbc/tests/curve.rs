@@ -9,6 +9,9 @@ use wbc::chain::{Chain, Link, Placement};
 use wbc::geometry::{BodyCapsule, Geometry};
 use wbc::motion::Swing;
 
+/// Joints of TIAGo++.
+const JOINTS: usize = 17;
+
 fn vector(rng: &mut Pcg64, size: f64) -> Vector3<f64> {
     Vector3::from_fn(|_, _| rng.random_range(-size..=size))
 }
@@ -44,7 +47,7 @@ fn curve_bound_is_never_below_point_acceleration() {
     let (mut worst, mut worst_mixed) = (0.0_f64, 0.0_f64);
     for _ in 0..20_000 {
         let links = links(&mut rng);
-        let body = rng.random_range(1..=JOINTS_MAX);
+        let body = rng.random_range(1..=JOINTS);
         let point = vector(&mut rng, 0.2);
         let capsule = BodyCapsule { body, a: point, b: point, radius_m: 0.01 };
         let chain = Chain::new(&links).unwrap();

@@ -61,6 +61,9 @@ fn follow(max: f64, ticks_a_goal: u64, goals: u64) -> Run {
         let size = if goal % 2 == 0 { 0.0 } else { 0.5 };
         let q: [f64; JOINTS_MAX] = std::array::from_fn(|j| {
             let l = &model.limits[j];
+            if j >= model.count {
+                return 0.0;
+            }
             let size = if model.prismatic[j] { 0.1 * size } else { size };
             (model.home[j] + size * rng.random_range(-1.0..=1.0)).clamp(l.q_min, l.q_max)
         });

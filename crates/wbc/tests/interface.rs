@@ -40,7 +40,7 @@ impl Trace {
     fn chased(robot: &Robot, options: Options, _: u64) -> Self {
         let mut start = robot.home;
         start[3..10].copy_from_slice(&SIDE_BY_SIDE);
-        start[10..].copy_from_slice(&SIDE_BY_SIDE);
+        start[10..17].copy_from_slice(&SIDE_BY_SIDE);
         Self::new(robot, options, start, |config, state, k| {
             let (mut q, mut dq, t) = (start, [0.0; JOINTS_MAX], k as f64 * TICK_S);
             for (j, sign) in [(3, 1.0), (10, -1.0)] {

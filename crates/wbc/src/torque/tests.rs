@@ -15,11 +15,14 @@ fn shipped() -> Config {
     Config::new(&model, Options::default()).unwrap()
 }
 
+/// Joints of TIAGo++.
+const JOINTS: usize = 17;
+
 /// A state within the limits, with a stop of any strength.
 fn state(bounds: &[Bounds; JOINTS_MAX], rng: &mut Pcg64) -> Planned {
     let mut planned = Planned::at_rest([0.0; JOINTS_MAX]);
     let still = rng.random_range(0.0..1.0);
-    for j in 0..JOINTS_MAX {
+    for j in 0..JOINTS {
         let b = &bounds[j];
         let q = rng.random_range(b.q_min..b.q_max);
         if rng.random_bool(still) {
@@ -52,7 +55,7 @@ fn samples_are_within_the_bound(payload: &[Payload; 2]) {
     let (mut load, chain) = (config.load.clone().unwrap(), &config.geometry.chain);
     load.carry(payload);
     let mut rng = Pcg64::seed_from_u64(3);
-    let all = (1 << JOINTS_MAX) - 1;
+    let all = (1 << JOINTS) - 1;
     let mut closest = [0.0_f64; JOINTS_MAX];
     for _ in 0..4_000 {
         let motion = Motion::stops(&state(&config.bounds, &mut rng));
@@ -67,7 +70,7 @@ fn samples_are_within_the_bound(payload: &[Payload; 2]) {
         for i in 1..20 {
             let share = f64::from(i) / 20.0;
             let between = load.torques(chain, &at(t0 + share * dt));
-            for j in 0..JOINTS_MAX {
+            for j in 0..JOINTS {
                 let off = (between[j] - from[j] - share * (to[j] - from[j])).abs();
                 assert!(off <= slack[j] + 1e-9, "joint {j}: {off} beyond {} in {dt} s", slack[j]);
                 if off > 1e-3 * load.limit[j] {
@@ -92,14 +95,14 @@ fn proved_motion_keeps_torque_limits_and_most_refused_do_not() {
         let planned = state(&config.bounds, &mut rng);
         let motion = Motion::stops(&planned);
         scratch.begin_tick();
-        let verdict = prove(load, chain, &motion, (1 << JOINTS_MAX) - 1, &mut scratch);
+        let verdict = prove(load, chain, &motion, (1 << JOINTS) - 1, &mut scratch);
         assert!(verdict.evaluations <= EVALUATIONS_MAX + 2);
         let now = load.torques(chain, &motion.joints.each_ref().map(|joint| joint.at(0.0)));
         let mut kept = true;
         for i in 0..=1_000 {
             let t = motion.end_s() * f64::from(i) / 1_000.0;
             let torques = load.torques(chain, &motion.joints.each_ref().map(|joint| joint.at(t)));
-            kept &= (0..JOINTS_MAX).all(|j| torques[j].abs() <= load.limit[j].max(now[j].abs()) + 1e-6);
+            kept &= (0..JOINTS).all(|j| torques[j].abs() <= load.limit[j].max(now[j].abs()) + 1e-6);
         }
         assert!(kept || verdict.blamed.is_some(), "proved and not kept: {planned:?}");
         proved += u32::from(verdict.blamed.is_none());
