@@ -8,10 +8,12 @@ mod support;
 use std::thread;
 use std::time::Instant;
 
-use messages::JOINTS_MAX;
 use robot::Model;
 use support::adversary::{Adversary, Report};
 use support::model;
+
+/// Joints of TIAGo++.
+const JOINTS: usize = 17;
 
 /// Returns the `n`th argument as a number, or `otherwise`.
 fn argument(n: usize, otherwise: f64) -> f64 {
@@ -49,7 +51,7 @@ fn main() {
         if !with_pairs {
             model.pairs.clear();
         }
-        let ticks = (share * steps / JOINTS_MAX as f64 / threads as f64).ceil() as u64;
+        let ticks = (share * steps / JOINTS as f64 / threads as f64).ceil() as u64;
         let start = Instant::now();
         let reports: Vec<Report> = thread::scope(|scope| {
             let model = &model;
@@ -66,7 +68,7 @@ fn main() {
         total.violations.truncate(1);
         println!(
             "{name}: {} joint steps on {threads} threads in {:.0} s, {violations} violations, {total:?}",
-            total.ticks * JOINTS_MAX as u64,
+            total.ticks * JOINTS as u64,
             start.elapsed().as_secs_f64()
         );
     }

@@ -5,10 +5,13 @@ mod support;
 
 use std::time::Instant;
 
-use messages::{JOINTS_MAX, Stamp};
+use messages::Stamp;
 use safety::gate::{Config, State, tick};
 use support::motion::{T, joint, resting, set_joint, stop_from, store};
 use support::{Bench, model};
+
+/// Joints of TIAGo++.
+const JOINTS: usize = 17;
 
 fn main() {
     const TICKS: u64 = 100_000;
@@ -22,7 +25,7 @@ fn main() {
     for k in 1..=TICKS {
         // All joints swing by a little, so that every tick is a new motion with both clearance checks.
         let mut next = resting(k, last.q);
-        for j in 0..JOINTS_MAX {
+        for j in 0..JOINTS {
             let share = 0.02 * if (k / 15) % 4 == 0 || (k / 15) % 4 == 3 { 1.0 } else { -1.0 };
             let to = joint(&last, j).after(share * model.limits[j].j_max, T);
             set_joint(&mut next, j, to);

@@ -306,9 +306,6 @@ fn judge(
     let mut next = [Point::default(); JOINTS_MAX];
     let mut phases = [Phases::default(); JOINTS_MAX];
     let mut all_on_plan = true;
-    if let Some(joint) = (config.count..JOINTS_MAX).find(|&j| !is_absent(proposed, j)) {
-        return Err(Denial::Joint { joint, check: Check::Absent });
-    }
     for j in 0..config.count {
         let point = Point::quantised(proposed.q[j], proposed.v[j], proposed.a[j]);
         let stop = quantised_phases(&proposed.plan, j);
@@ -316,6 +313,9 @@ fn judge(
         (next[j], phases[j]) = point.zip(stop).ok_or(denial)?;
         let (plan_point, plan_rest) = on_plan.joint(j);
         all_on_plan &= next[j].is_near(plan_point, check::SLACK) && same_stop(&phases[j], &plan_rest);
+    }
+    if let Some(joint) = (config.count..JOINTS_MAX).find(|&j| !is_absent(proposed, j)) {
+        return Err(Denial::Joint { joint, check: Check::Absent });
     }
     if all_on_plan {
         // A denial would send the same command. So there is nothing to judge, and the gate's own values are

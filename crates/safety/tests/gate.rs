@@ -14,6 +14,9 @@ use support::adversary::Adversary;
 use support::model;
 use support::motion::{NO_PLAN, T, joint, resting, set_joint, stop_from, store};
 
+/// Joints of TIAGo++.
+const JOINTS: usize = 17;
+
 /// The robot without collision pairs, for tests of joints only.
 fn without_pairs() -> Model {
     let mut model = model();
@@ -97,7 +100,7 @@ fn f040_f041_gate_accepts_steps_up_to_largest_admissible() {
     let mut bound_by = std::collections::BTreeMap::<(&str, bool), u32>::new();
     let mut found = 0;
     while found < 20_000 {
-        let j = rng.random_range(0..JOINTS_MAX);
+        let j = rng.random_range(0..JOINTS);
         let l = &model.limits[j];
         let x = near_a_limit(&mut rng, l);
         let (state, stop) = seeded(&model, j, x);
@@ -206,7 +209,7 @@ fn denial_makes_all_joints_play_stored_plan_together() {
     let mut last = resting(0, model.home);
     for k in 1..200 {
         let mut next = resting(k, model.home);
-        for j in 0..JOINTS_MAX {
+        for j in 0..JOINTS {
             let l = &model.limits[j];
             let x = joint(&last, j);
             let jerk = if k < 20 {
@@ -233,7 +236,7 @@ fn denial_makes_all_joints_play_stored_plan_together() {
         bad.v[4] = f64::NAN;
         let decision = decide(&config, &mut state, bad);
         assert_eq!(decision.verdict, Verdict::Deny(Denial::Joint { joint: 4, check: Check::Finite }));
-        for j in 0..JOINTS_MAX {
+        for j in 0..JOINTS {
             let expected = joint(&last, j).play(&stop_of(&last.plan, j), n as f64 * T);
             let got = Joint { q: decision.q[j], v: decision.v[j], a: decision.a[j] };
             // The rest of the plan leads to the same posture.
@@ -341,10 +344,10 @@ fn towards_collision(model: &Model) -> ([f64; JOINTS_MAX], usize, f64, f64) {
     let mut clear = |q: &[f64; JOINTS_MAX]| clearance(model, &mut frames, q).distance_m - model.d_min_m;
     loop {
         let q: [f64; JOINTS_MAX] = std::array::from_fn(|j| {
-            let l = &model.limits[j];
-            rng.random_range(l.q_min + 0.2 * (l.q_max - l.q_min)..l.q_max - 0.2 * (l.q_max - l.q_min))
+            let (l, room) = (&model.limits[j], 0.2 * (model.limits[j].q_max - model.limits[j].q_min));
+            if j < JOINTS { rng.random_range(l.q_min + room..l.q_max - room) } else { 0.0 }
         });
-        let j = rng.random_range(3..JOINTS_MAX);
+        let j = rng.random_range(3..JOINTS);
         let at = |s: f64| std::array::from_fn(|i| if i == j { q[i] + s } else { q[i] });
         if clear(&q) < 0.005 || clear(&at(0.1)) > -0.02 {
             continue;
@@ -463,7 +466,7 @@ fn random_bits_are_denied_and_robot_rests_at_home() {
         let permit = if n % 5 == 0 { Permit::Stop } else { Permit::Follow { speed_scale: bits() } };
         let sent = decide(&config, &mut state, Proposed { k, permit, q, v, a, plan });
         assert!(!sent.accepted());
-        let at_home = (0..JOINTS_MAX).all(|j| (sent.q[j] - model.home[j]).abs() < 1e-12 && sent.v[j] == 0.0);
+        let at_home = (0..JOINTS).all(|j| (sent.q[j] - model.home[j]).abs() < 1e-12 && sent.v[j] == 0.0);
         assert!(at_home && sent.plan == NO_PLAN, "random bits come to rest nowhere, so no seed was taken");
     }
 }

@@ -3,7 +3,7 @@
 use crate::support;
 
 use judge::joint::{Joint, stop_of};
-use messages::{JOINTS_MAX, Stamp};
+use messages::Stamp;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use safety::engage::Permit;
@@ -11,9 +11,12 @@ use safety::gate::{Config, Proposed, State, Verdict, tick};
 use support::model;
 use support::motion::{T, joint, resting, set_joint, stop_from, store};
 
+/// Joints of TIAGo++.
+const JOINTS: usize = 17;
+
 /// Goes one tick along the plan. Durations shrink, phases are used up, and the end is exact rest.
 fn advance(p: &mut Proposed) {
-    for j in 0..JOINTS_MAX {
+    for j in 0..JOINTS {
         let (mut x, mut stop, mut left) = (joint(p, j), stop_of(&p.plan, j), T);
         for (jerk, duration) in &mut stop {
             let t = left.min(*duration);
@@ -37,7 +40,7 @@ fn f64_motion_stays_on_plan_from_any_state_to_rest() {
     let mut rng = Pcg64::seed_from_u64(9);
     for _ in 0..100 {
         let mut p = Proposed { permit: Permit::Stop, ..resting(0, model.home) };
-        for j in 0..JOINTS_MAX {
+        for j in 0..JOINTS {
             let l = &model.limits[j];
             let a = rng.random_range(-l.a_max..l.a_max);
             let x = Joint { q: model.home[j], v: rng.random_range(-l.v_max..l.v_max), a };

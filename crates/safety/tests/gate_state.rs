@@ -10,10 +10,13 @@ use safety::gate::{Check, Config, Denial, Proposed, State, Verdict, tick};
 use support::model;
 use support::motion::{NO_PLAN, T, joint, resting, set_joint, stop_from, store};
 
+/// Joints of TIAGo++.
+const JOINTS: usize = 17;
+
 /// All joints move, each at its own speed, with the stops from there.
 fn moving(model: &robot::Model, k: u64) -> Proposed {
     let mut p = resting(k, model.home);
-    for j in 0..JOINTS_MAX {
+    for j in 0..JOINTS {
         let l = &model.limits[j];
         let share = 0.02 + 0.01 * j as f64;
         let x = Joint { q: model.home[j], v: -share * l.v_max, a: share * l.a_max };
@@ -32,7 +35,7 @@ fn seeded(p: &Proposed) -> State {
 /// Returns `p` one tick later. Every joint continues with zero jerk.
 fn going_on(model: &robot::Model, p: &Proposed) -> Proposed {
     let mut next = Proposed { k: p.k + 1, ..*p };
-    for j in 0..JOINTS_MAX {
+    for j in 0..JOINTS {
         let l = &model.limits[j];
         let to = joint(p, j).after(0.0, T);
         set_joint(&mut next, j, to);
@@ -49,7 +52,7 @@ fn gate_state_matches_last_sent_command() {
     let mut state = seeded(&seed);
     let is_at = |state: &State, p: &Proposed| {
         let (q, v, a, plan) = (state.q(), state.v(), state.a(), state.plan());
-        for j in 0..JOINTS_MAX {
+        for j in 0..JOINTS {
             assert!((q[j] - p.q[j]).abs() < 1e-11 && (v[j] - p.v[j]).abs() < 1e-11 && (a[j] - p.a[j]).abs() < 1e-11);
             for (got, expected) in stop_of(&plan, j).into_iter().zip(stop_of(&p.plan, j)) {
                 assert!((got.0 - expected.0).abs() < 1e-11 && (got.1 - expected.1).abs() < 1e-13);
@@ -71,7 +74,7 @@ fn gate_state_matches_last_sent_command() {
         let decision = tick(&config, &mut state, Stamp(0), bad);
         assert_eq!(decision.verdict, Verdict::Deny(Denial::Joint { joint: 0, check: Check::Finite }));
         assert!(!decision.accepted() && decision.clearance_m.is_nan() && state.denials() == n);
-        for j in 0..JOINTS_MAX {
+        for j in 0..JOINTS {
             let expected = joint(&next, j).play(&stop_of(&next.plan, j), n as f64 * T);
             assert!((state.q()[j] - expected.q).abs() < 1e-10 && (state.v()[j] - expected.v).abs() < 1e-10);
             assert_eq!((decision.q[j], decision.v[j], decision.a[j]), (state.q()[j], state.v()[j], state.a()[j]));
@@ -91,7 +94,7 @@ fn late_command_is_denied_and_plan_is_played_on() {
         assert!(tick(&config, &mut state, Stamp(0), next).accepted());
         let decision = tick(&config, &mut state, Stamp(0), Proposed { k: next.k + late, ..next });
         assert_eq!(decision.verdict, Verdict::Deny(Denial::Index));
-        for j in 0..JOINTS_MAX {
+        for j in 0..JOINTS {
             let expected = joint(&next, j).play(&stop_of(&next.plan, j), late as f64 * T);
             assert!((decision.q[j] - expected.q).abs() < 1e-9 && (decision.v[j] - expected.v).abs() < 1e-9, "{late}");
         }
@@ -108,7 +111,7 @@ fn every_single_joint_off_its_plan_denies_all() {
     let model = model();
     let config = Config::new(&model).unwrap();
     let seed = moving(&model, 5);
-    for j in 0..JOINTS_MAX {
+    for j in 0..JOINTS {
         let mut on_plan = Proposed { k: seed.k + 1, permit: Permit::Stop, ..seed };
         let mut state = seeded(&seed);
         // The command that the gate itself would send is the plan's next point.
@@ -136,7 +139,7 @@ fn seed_with_one_invalid_joint_is_refused_as_a_whole() {
     let model = model();
     let config = Config::new(&model).unwrap();
     let seed = moving(&model, 5);
-    for j in 0..JOINTS_MAX {
+    for j in 0..JOINTS {
         let mut state = seeded(&seed);
         let mut endless = seed;
         endless.plan.duration_s[j] = [0.0; 3];
@@ -174,7 +177,7 @@ fn recovery_that_reduces_least_clearance_is_denied() {
     let mut frames = robot::Frames { base_from_body: [robot::Pose::identity(); JOINTS_MAX + 1] };
     let mut distance = |q: &[f64; JOINTS_MAX]| clearance(&model, &mut frames, q).distance_m;
     let (mut left, mut closed) = (0, 0);
-    for (j, step) in (3..JOINTS_MAX).flat_map(|j| (-100..100).map(move |step| (j, step))) {
+    for (j, step) in (3..JOINTS).flat_map(|j| (-100..100).map(move |step| (j, step))) {
         let (mut q, l) = (model.home, &model.limits[j]);
         q[j] += f64::from(step) * 0.02;
         let least = distance(&q);
@@ -203,4 +206,30 @@ fn recovery_that_reduces_least_clearance_is_denied() {
         }
     }
     assert!(left > 0 && closed > 0, "some posture is too close, and not by the head: {left}, {closed}");
+}
+
+/// A value for a joint that the robot does not have denies the command.
+#[test]
+fn joint_that_the_robot_lacks_takes_no_value() {
+    type Break = fn(&mut Proposed);
+    let cases: [Break; 6] = [
+        |p| p.q[JOINTS] = 0.1,
+        |p| p.v[JOINTS] = 0.1,
+        |p| p.a[JOINTS] = -0.1,
+        |p| p.plan.jerk[JOINTS][2] = 1.0,
+        |p| p.plan.duration_s[JOINTS][0] = 0.1,
+        |p| p.q[JOINTS] = f64::NAN,
+    ];
+    let model = model();
+    let config = Config::new(&model).unwrap();
+    for (n, break_it) in cases.into_iter().enumerate() {
+        let seed = moving(&model, 0);
+        let mut state = seeded(&seed);
+        let mut next = going_on(&model, &seed);
+        break_it(&mut next);
+        let decision = tick(&config, &mut state, Stamp(0), next);
+        let expected = Verdict::Deny(Denial::Joint { joint: JOINTS, check: Check::Absent });
+        assert_eq!(decision.verdict, expected, "case {n}");
+        assert_eq!((decision.q[JOINTS], decision.v[JOINTS], decision.a[JOINTS]), (0.0, 0.0, 0.0), "case {n}");
+    }
 }

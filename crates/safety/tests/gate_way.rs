@@ -16,9 +16,12 @@ use support::motion::{T, joint, resting, set_joint, stop_from, store};
 /// the proposal for the tick.
 fn fast(model: &Model, rng: &mut Pcg64) -> (Proposed, Proposed) {
     let share = |rng: &mut Pcg64| rng.random_range(0.3..0.7);
-    let q = model.limits.map(|l| l.q_min + share(rng) * (l.q_max - l.q_min));
+    let mut q = [0.0; JOINTS_MAX];
+    for (q, l) in q.iter_mut().zip(&model.limits).take(model.count) {
+        *q = l.q_min + share(rng) * (l.q_max - l.q_min);
+    }
     let (mut before, mut next) = (resting(0, q), resting(1, q));
-    for (j, l) in model.limits.iter().enumerate() {
+    for (j, l) in model.limits.iter().enumerate().take(model.count) {
         let v = 0.9 * l.v_max * if rng.random_bool(0.5) { 1.0 } else { -1.0 };
         let x = Joint { q: q[j], v, a: 0.0 };
         for (proposed, x) in [(&mut before, x), (&mut next, x.after(0.0, T))] {

@@ -12,6 +12,9 @@ use std::f64::consts::{PI, TAU};
 use std::sync::LazyLock;
 use support::model;
 
+/// Joints of TIAGo++.
+const JOINTS: usize = 17;
+
 /// TIAGo++: its lift.
 const TORSO: usize = 0;
 
@@ -58,7 +61,7 @@ impl Bench {
     fn step(&mut self, ticks: u64, wrong: impl FnOnce(&mut [f64; JOINTS_MAX], &mut [f64; JOINTS_MAX])) -> Moved {
         self.k += ticks;
         let dt = ticks as f64 * TICK_S;
-        for j in 0..JOINTS_MAX {
+        for j in 0..JOINTS {
             self.q[j] += dt * (self.v[j] + dt * self.a[j] / 2.0);
             self.v[j] += dt * self.a[j];
         }
@@ -135,7 +138,7 @@ fn swing_below_bound_is_no_velocity_error() {
 
 #[test]
 fn f055_joint_beyond_its_speed_limit_is_a_velocity_error() {
-    for j in 0..JOINTS_MAX {
+    for j in 0..JOINTS {
         let v_max = MODEL.limits[j].v_max;
         for (share, within_ms) in [(1.05, 0), (1.6, 40), (2.5, 35)] {
             for lying in [None, Some(0.0), Some(10.0)] {
@@ -268,7 +271,7 @@ fn lost_after(bench: &mut Bench, mut wrong: impl FnMut(u64, &mut [f64; JOINTS_MA
 
 #[test]
 fn f055_joint_that_leaves_its_position_loses_standstill() {
-    for j in 0..JOINTS_MAX {
+    for j in 0..JOINTS {
         let share = if j == TORSO { 0.2 } else { 1.0 };
         assert_eq!(lost_after(&mut Bench::standing(300), |_, _| {}), None);
         let creep = lost_after(&mut Bench::standing(300), |n, q| q[j] += share * 0.019 * (n as f64 / 4500.0));

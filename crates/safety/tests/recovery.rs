@@ -11,6 +11,9 @@ use safety::monitor;
 use support::model;
 use support::motion::{NO_PLAN, T, resting, set_joint, stop_from, store};
 
+/// Joints of TIAGo++.
+const JOINTS: usize = 17;
+
 /// TIAGo++: the joints of its left arm.
 const LEFT_ARM: std::ops::Range<usize> = 3..10;
 
@@ -54,7 +57,7 @@ fn joint_outside_limits_may_only_move_inward() {
 fn recovery_faster_than_its_speed_is_denied_for_every_joint() {
     let model = model();
     let config = Config::new(&model).expect("the gate");
-    for j in 0..JOINTS_MAX {
+    for j in 0..JOINTS {
         let bound = if model.prismatic[j] { 0.01 } else { 0.1 };
         let mut state = State::at_rest(model.home);
         let (mut x, mut fastest, mut denied) = (Joint { q: model.home[j], v: 0.0, a: 0.0 }, 0.0_f64, None);

@@ -34,6 +34,7 @@ const FIRST_CHECK: u32 = 6;
 /// recordings contain it.
 const ON_THE_WAY: u32 = 15;
 const HAND_SPEED: u32 = 16;
+const ABSENT: u32 = 17;
 
 impl Denial {
     /// Code in `Status::denied_why`. Never zero.
@@ -46,6 +47,7 @@ impl Denial {
             Self::ClearanceAtRest { .. } => 5,
             Self::ClearanceOnTheWay { .. } => ON_THE_WAY,
             Self::HandSpeed { .. } => HAND_SPEED,
+            Self::Joint { check: Check::Absent, .. } => ABSENT,
             Self::Joint { check, .. } => FIRST_CHECK + check as u32,
         }
     }
@@ -70,6 +72,7 @@ impl Denial {
             4 => "parts were too close at the command",
             5 => "parts would be too close where the stop ends",
             ON_THE_WAY => "parts would come too close during the stop",
+            ABSENT => "a joint that the robot does not have was not at zero",
             HAND_SPEED => "an elbow or a hand was faster than hand_speed_max_m_per_s",
             code => match code.wrapping_sub(FIRST_CHECK) {
                 check if check == Check::Finite as u32 => "a number was NaN or infinite, or beyond every robot's",
@@ -81,7 +84,6 @@ impl Denial {
                 check if check == Check::SpeedScale as u32 => "the command was faster than now permitted",
                 check if check == Check::PlanLimits as u32 => "the stop would leave the limits",
                 check if check == Check::Braking as u32 => "the stop would not come to rest in time",
-                check if check == Check::Absent as u32 => "a joint that the robot does not have was not at zero",
                 _ => return None,
             },
         })

@@ -13,6 +13,9 @@ use safety::gate::{Config, Decision, Denial, Proposed, State, Verdict, tick};
 
 use super::motion::{T, joint, set_joint, stop_from, store};
 
+/// Joints of TIAGo++.
+const JOINTS: usize = 17;
+
 /// Slack of the judge for rounding, SI. It is above the gate's own slack of 5.8e-11 and far below any motion.
 const GRANTED: f64 = 1e-9;
 
@@ -83,7 +86,7 @@ impl Adversary {
     /// reach.
     fn at_the_edge(&mut self, last: &Proposed) -> Proposed {
         let mut next = Proposed { k: self.k + 1, ..*last };
-        for j in 0..JOINTS_MAX {
+        for j in 0..JOINTS {
             let (x, before, l) = (joint(last, j), stop_of(&last.plan, j), self.robot.limits[j]);
             // The direction changes every second or so. This is long enough to reach any place in the range,
             // and its edge.
@@ -110,7 +113,7 @@ impl Adversary {
 
     /// Damages a proposal in one of many ways.
     fn damage(&mut self, p: &mut Proposed) {
-        let j = self.rng.random_range(0..JOINTS_MAX);
+        let j = self.rng.random_range(0..JOINTS);
         let l = self.robot.limits[j];
         let size = 10_f64.powf(self.rng.random_range(-10.0..2.0)) * if self.rng.random_bool(0.5) { 1.0 } else { -1.0 };
         let bits = f64::from_bits(self.rng.next_u64());
@@ -173,7 +176,7 @@ impl Adversary {
     }
 
     fn is_wrong(&self, last: &Proposed, p: &Proposed) -> bool {
-        (0..JOINTS_MAX).any(|j| self.broken(j, last, joint(p, j), &p.plan).is_some())
+        (0..JOINTS).any(|j| self.broken(j, last, joint(p, j), &p.plan).is_some())
     }
 
     fn broken(&self, j: usize, last: &Proposed, next: Joint, plan: &StopPlan) -> Option<Breach> {
@@ -185,7 +188,7 @@ impl Adversary {
     /// for as many ticks as have passed.
     fn judge_as_a_whole(&mut self, last: &Proposed, proposed: &Proposed, sent: &Decision) {
         let passed = proposed.k.saturating_sub(self.k) as f64 * T;
-        for j in 0..JOINTS_MAX {
+        for j in 0..JOINTS {
             let got = Joint { q: sent.q[j], v: sent.v[j], a: sent.a[j] };
             let (expected, plan) = if sent.accepted() {
                 // A joint without a remaining stop is at rest by definition.
