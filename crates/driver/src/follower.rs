@@ -58,10 +58,9 @@ pub(crate) const NOISE: f64 = 0.005;
 pub struct Config {
     /// Indices without an acceptable command after which the fault latches.
     pub silence_ticks: u64,
-    /// The robot. A command for another one is refused.
+    /// A command for another robot is refused.
     pub robot: RobotId,
-    /// The limits of every joint. A command beyond them is refused. Beyond the number of the robot's joints they are
-    /// [`JointLimits::ABSENT`].
+    /// A command beyond these limits is refused. Joints that the robot lacks have [`JointLimits::ABSENT`].
     pub limits: [JointLimits; JOINTS_MAX],
     /// Delay that the robot's interface adds to the delay of its servos, ticks. A robot that follows lags by that
     /// much more.
@@ -165,8 +164,7 @@ impl State {
         Setpoint { k: self.index(), q: self.motion.q, v: self.motion.v, a: self.motion.a }
     }
 
-    /// Returns the message to publish. It copies `header` from its writer, but takes the origin of the executed
-    /// command.
+    /// Returns the message to publish. It copies `header`, but takes the origin of the executed command.
     pub fn echo(&self, config: &Config, header: Header, measured: &Measured) -> RobotState {
         let chain = self.chain.unwrap_or(Chain { incarnation: 0, seed_k: 0, seed_played: 0 });
         let mut flags = 0;
