@@ -270,7 +270,7 @@ mod tests {
             ("unitree_g1", true, 1.0..1.5),
             ("rby1a", true, 1.0..1.8),
             ("openarm_v10", false, 0.6..1.0),
-            ("franka_fr3_duo", false, 0.3..1.2),
+            ("franka_fr3_duo", false, 1.2..1.7),
         ] {
             let overrides = config::Overrides::robot(Some(&name.into()));
             let (_, model) = config::load_robot(&config, &overrides).unwrap_or_else(|error| panic!("{error}"));

@@ -9,7 +9,9 @@ mod settings;
 
 pub use choice::RobotChoice;
 pub use cores::Cores;
-pub use load::{Loaded, Overrides, load, load_model, load_robot, load_weights, read_settings, read_text};
+pub use load::{
+    Loaded, Overrides, lacks_weights, load, load_model, load_robot, load_weights, read_settings, read_text,
+};
 pub use operators::{Operator, Operators};
 pub use safety::engage::Settings as SafetySettings;
 pub use settings::{

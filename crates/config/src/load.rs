@@ -154,15 +154,21 @@ fn place(config: &Path, overrides: &Overrides) -> Result<Placed, ConfigError> {
 
 /// Reads and checks the settings file and every file it names.
 pub fn load(config: &Path, overrides: Overrides) -> Result<Loaded, ConfigError> {
-    let Placed { settings, text, model, mut files } = place(config, &overrides)?;
+    let Placed { mut settings, text, model, mut files } = place(config, &overrides)?;
     let folder = config.parent().unwrap_or(Path::new("."));
 
     let weights_path = folder.join(&settings.weights.file);
     let weights_files = twins(&weights_path);
     let weights = if settings.retarget.method == Method::Network || weights_files[0].exists() {
         let read = read_weights(&weights_path, &model);
-        let read = read.map_err(|error| named_twin(error, &weights_files, config, "weights.file"));
-        Some(read.map_err(|error| without_own(error, overrides.robot.as_ref(), &weights_path))?)
+        match read.map_err(|error| named_twin(error, &weights_files, config, "weights.file")) {
+            // A new robot moves before it is trained.
+            Err(ConfigError::Weights { .. }) if lacks_weights(overrides.robot.as_ref(), &weights_path) => {
+                settings.retarget.method = Method::ClosedForm;
+                None
+            }
+            read => Some(read?),
+        }
     } else {
         None
     };
@@ -203,17 +209,9 @@ pub fn load(config: &Path, overrides: Overrides) -> Result<Loaded, ConfigError> 
     Ok(Loaded { settings, model, weights, prediction, layouts, operators, operators_dir, hash, files })
 }
 
-/// Adds to the error that a chosen robot has no weights of its own, if the settings' weights were read instead.
-fn without_own(error: ConfigError, robot: Option<&RobotChoice>, read: &Path) -> ConfigError {
-    let name = robot.map(RobotChoice::name).filter(|name| read.file_name() != Some(name.as_ref()));
-    match (error, name) {
-        (ConfigError::Weights { file, cause }, Some(name)) => {
-            let folder = read.parent().unwrap_or(Path::new(".")).display();
-            let cause = format!("{cause} ({folder} has no weights of {name}: `train` makes {name}.safetensors)");
-            ConfigError::Weights { file, cause }
-        }
-        (error, _) => error,
-    }
+/// Returns true if a chosen robot has no weights of its own, so that those of the settings were read.
+pub fn lacks_weights(robot: Option<&RobotChoice>, read: &Path) -> bool {
+    robot.is_some_and(|robot| read.file_name() != Some(robot.name().as_ref()))
 }
 
 /// Paths of the manifest and the tensors of `base`.

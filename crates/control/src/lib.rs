@@ -307,10 +307,7 @@ fn command(
         _ => 0.0,
     };
     (state.status.clearance_command_m, state.status.nearest_pair) = (proposed.clearance_m, proposed.nearest_pair);
-    let (model, bounds) = (&config.model, config.wbc.bounds());
-    let engaged = decided.mode == Mode::Engaged;
-    let arms = model.body_count..model.count;
-    limited::note(&mut state.status, engaged, &motion, bounds, arms, model.d_min_m);
+    limited::note(&mut state.status, decided.mode == Mode::Engaged, &motion, &config.wbc, &config.model);
     state.status.fallbacks = state.status.fallbacks.wrapping_add(proposed.fallbacks);
     if proposed.fallbacks > 0 {
         // A motion that was refused for a hand's speed concerns no pair.
@@ -323,14 +320,7 @@ fn command(
     });
     state.sequence += 1;
     JointCommand {
-        header: Header {
-            sequence: state.sequence,
-            stamp: now,
-            origin: target.map_or(Stamp::NONE, |target| target.header.origin),
-            config_hash: config.config_hash,
-            incarnation: state.incarnation,
-            reserved: 0,
-        },
+        header: state.header(config, now, target.map_or(Stamp::NONE, |target| target.header.origin)),
         robot: config.model.id(),
         k: input.k,
         seed_k: chain.map_or(0, |chain| chain.seed_k),
@@ -357,6 +347,12 @@ fn aligned(model: &Model, target: &JointTarget, q: &[f64; JOINTS_MAX]) -> bool {
 }
 
 impl State {
+    /// The header of the next command.
+    fn header(&self, config: &Config, stamp: Stamp, origin: Stamp) -> Header {
+        let (config_hash, incarnation) = (config.config_hash, self.incarnation);
+        Header { sequence: self.sequence, stamp, origin, config_hash, incarnation, reserved: 0 }
+    }
+
     /// Takes a new robot state. A single implausible sample is replaced.
     fn take_robot(&mut self, config: &Config, now: Stamp, robot: &RobotState) {
         let mut robot = *robot;

@@ -40,8 +40,7 @@ pub fn run(place: &InstanceArgs) -> Result<(), Failure> {
     for k in 1..=WARM_TICKS {
         std::hint::black_box(warm.measure(&config, deadline(k)));
     }
-    let mut body = Body::new(&config, rt::now(), config.initial(), seed);
-    let id = process.loaded.model.id();
+    let (mut body, id) = (Body::new(&config, rt::now(), config.initial(), seed), process.loaded.model.id());
     process.ready()?;
     let (mut cycle, mut sequence, mut seen_k, mut refused) = (rt::now(), 0, 0, false);
     let mut ending: Option<Stamp> = None;

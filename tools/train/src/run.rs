@@ -65,7 +65,7 @@ pub fn run(cli: &Cli) -> Result<(), TrainError> {
     Ok(())
 }
 
-/// What belongs to one robot of the training, besides its session.
+/// Everything that belongs to one robot of the training, besides its session.
 struct Run {
     out: PathBuf,
     identity: ArmIdentity,
