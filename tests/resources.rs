@@ -58,7 +58,7 @@ fn f085_shared_memory_filled_later_disturbs_no_process() {
     let report = rig.folder().join("report.json");
     let (folder, file) = (run_dir.to_str().unwrap().to_owned(), report.to_str().unwrap().to_owned());
     let arguments = ["demo", "--seconds", "5", "--report", &file, "--run-dir", &folder];
-    let Some(child) = with_small_files_at(Path::new("/dev/shm"), "20m", &arguments) else { return };
+    let Some(child) = with_small_files_at(Path::new("/dev/shm"), "24m", &arguments) else { return };
     let give_up = Instant::now() + SOON;
     while !run_dir.join("operator.sock").exists() {
         assert!(Instant::now() < give_up, "the demo never began");

@@ -1,10 +1,12 @@
 //! Two independent readers of the same files read the same robot.
 
 use crate::support::{GRIPPERS, HANDS, body, uniform};
-use messages::JOINTS_MAX;
 use plant::{Body, Frames, JointKind, Options};
 use rand::SeedableRng;
 use robot::Model;
+
+/// Joints of TIAGo++.
+const JOINTS: usize = 17;
 
 /// TIAGo++: the joints of its left arm.
 const LEFT_ARM: std::ops::Range<usize> = 3..10;
@@ -39,7 +41,7 @@ fn limits_home_and_names_match_robot_crate() {
     for texts in [HANDS, GRIPPERS] {
         let (body, model) = both(texts);
         assert_eq!(body.home, model.home);
-        for j in 0..JOINTS_MAX {
+        for j in 0..JOINTS {
             let joint = &body.joints[j];
             assert_eq!(joint.name, model.joint_names[j]);
             assert_eq!(joint.kind == JointKind::Prismatic, model.prismatic[j]);
@@ -117,7 +119,7 @@ fn point_velocity_matches_finite_difference() {
     let mut rng = rand_pcg::Pcg64::seed_from_u64(3);
     for n in 0..200 {
         let (q, v) = (uniform(&body, &mut rng), uniform(&body, &mut rng));
-        let (carrier, point, dt) = (1 + n % JOINTS_MAX, nalgebra::Vector3::new(0.1, -0.2, 0.3), 1e-6);
+        let (carrier, point, dt) = (1 + n % JOINTS, nalgebra::Vector3::new(0.1, -0.2, 0.3), 1e-6);
         let place = |dt: f64| {
             let mut frames = Frames::default();
             body.forward(&std::array::from_fn(|j| q[j] + v[j] * dt), &mut frames);

@@ -5,6 +5,9 @@ use messages::JOINTS_MAX;
 use plant::{Drive, Dynamics, Frames};
 use rand::{RngExt, SeedableRng};
 
+/// Joints of TIAGo++.
+const JOINTS: usize = 17;
+
 type PerJoint = [f64; JOINTS_MAX];
 
 /// q, v, a, torque with 0.7 kg in each hand, made by Pinocchio for the `collision` tool.
@@ -15,8 +18,14 @@ const FORWARD: [(Texts, &str); 2] =
 
 fn rows(text: &str) -> Vec<PerJoint> {
     let lines = text.lines().filter(|line| !line.starts_with('#'));
-    let rows = lines.map(|line| line.split(' ').map(|word| word.parse().unwrap()).collect::<Vec<f64>>());
-    rows.map(|row| row.try_into().unwrap()).collect()
+    let padded = |line: &str| {
+        let mut row = [0.0; JOINTS_MAX];
+        for (value, word) in row.iter_mut().zip(line.split(' ')) {
+            *value = word.parse().unwrap();
+        }
+        row
+    };
+    lines.map(padded).collect()
 }
 
 fn accelerate(body: &plant::Body, dynamics: &Dynamics, q: &PerJoint, v: &PerJoint, torque: &PerJoint) -> PerJoint {
@@ -87,7 +96,7 @@ fn prescribed_acceleration_acts_like_its_torque() {
         let mut frames = Frames::default();
         body.forward(&q, &mut frames);
         let mut drives = torque.map(Drive::Torque);
-        for j in [n % JOINTS_MAX, (n * 7 + 3) % JOINTS_MAX] {
+        for j in [n % JOINTS, (n * 7 + 3) % JOINTS] {
             drives[j] = Drive::Acceleration(a[j]);
         }
         let again = dynamics.accelerations(&dynamics.at(&frames), &v, &drives);
@@ -143,7 +152,7 @@ fn gravity_torques_hold_any_posture() {
         let still = accelerate(&body, &dynamics, &q, &[0.0; JOINTS_MAX], &gravity);
         assert!(farthest(&still, &[0.0; JOINTS_MAX]) < 1e-9, "{still:?}");
         // All other joints are locked, so the joint feels the diagonal of the mass matrix alone.
-        let j = n % JOINTS_MAX;
+        let j = n % JOINTS;
         let mut drives = [Drive::Acceleration(0.0); JOINTS_MAX];
         drives[j] = Drive::Torque(gravity[j] + 1.0);
         let a = dynamics.accelerations(&posture, &[0.0; JOINTS_MAX], &drives)[j];

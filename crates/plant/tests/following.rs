@@ -5,6 +5,9 @@ use messages::{JOINTS_MAX, Stamp};
 use plant::{CATCH_UP_NS, Config, Injection, Judge, Options, Plant, STEP_NS, ViolationKind};
 use rand::{RngExt, SeedableRng};
 
+/// Joints of TIAGo++.
+const JOINTS: usize = 17;
+
 /// TIAGo++: the joints of its left arm.
 const LEFT_ARM: std::ops::Range<usize> = 3..10;
 
@@ -57,7 +60,7 @@ impl Bench {
 
     /// Returns the largest distance from home of any joint except `without`.
     fn away(&self, without: usize) -> f64 {
-        let others = (0..JOINTS_MAX).filter(|&j| j != without);
+        let others = (0..JOINTS).filter(|&j| j != without);
         others.map(|j| (self.plant.truth().q[j] - self.config.home()[j]).abs()).fold(0.0, f64::max)
     }
 
@@ -84,7 +87,7 @@ fn motions_at_half_of_limits_are_followed_within_3_mrad() {
                 assert!(plant.receive_judged(&config, now, &sines.at(k), &mut judge));
                 let (wanted, since) = plant.followed();
                 let t = plant.truth().stamp.since(since) as f64 * 1e-9;
-                for j in 0..JOINTS_MAX {
+                for j in 0..JOINTS {
                     let q_ref = wanted.q[j] + t * (wanted.v[j] + t * wanted.a[j] / 2.0);
                     let error = (plant.truth().q[j] - q_ref).abs();
                     assert!(error < 0.003, "{}: joint {j} is {error} off at {k}", texts[0]);
@@ -103,7 +106,7 @@ fn motions_at_half_of_limits_are_followed_within_3_mrad() {
 fn robot_without_setpoints_stands_still() {
     let mut bench = Bench::new(Options::default());
     bench.plant.advance(&bench.config, START.plus_ns(900_000_000));
-    assert!(bench.away(JOINTS_MAX) < 1e-9 && !bench.plant.reacting());
+    assert!(bench.away(JOINTS) < 1e-9 && !bench.plant.reacting());
     assert_eq!(bench.plant.truth().stamp, START.plus_ns(900_000_000));
 }
 
@@ -112,7 +115,7 @@ fn unknown_load_lowers_arm_slightly() {
     let load = plant::Payload { link: "hand_left_grasping_frame".into(), mass_kg: 0.3 };
     let mut bench = Bench::new(Options { payloads: vec![load], ..Options::default() });
     bench.hold(1500);
-    assert!((1e-5..5e-3).contains(&bench.away(JOINTS_MAX)), "{}", bench.away(JOINTS_MAX));
+    assert!((1e-5..5e-3).contains(&bench.away(JOINTS)), "{}", bench.away(JOINTS));
 }
 
 #[test]
@@ -186,7 +189,7 @@ fn encoder_has_steps_and_noise() {
         }
     }
     // Variance of the noise plus that of the step, step^2 / 12.
-    let deviation = (squares / (2000.0 * JOINTS_MAX as f64)).sqrt() / step;
+    let deviation = (squares / (2000.0 * JOINTS as f64)).sqrt() / step;
     assert!((deviation - (1.0_f64 + 1.0 / 12.0).sqrt()).abs() < 0.02, "{deviation}");
 }
 

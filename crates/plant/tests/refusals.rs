@@ -23,9 +23,11 @@ fn changed(from: &str, to: &str) -> Result<Body, PlantError> {
 #[test]
 fn wrong_robot_files_are_refused_with_file_and_key() {
     let rows = [
-        ("left_4 = \"arm_left_4_joint\"", "", "tiago_dual.toml: joints.left_4: missing"),
-        ("head_1 = \"head_1_joint\"", "head_1 = \"neck\"", "tiago_dual.urdf: joint `neck`: missing"),
-        ("head_1 = \"head_1_joint\"", "head_1 = \"head_2_joint\"", "head_2_joint: is commanded twice"),
+        ("format = 2", "format = 1", "format = 1"),
+        ("\"head_1_joint\"", "\"neck\"", "home_rad.neck"),
+        ("\"arm_left_4_joint\",", "\"arm_left_44_joint\",", "tiago_dual.urdf: joint `arm_left_44_joint`: missing"),
+        ("\"head_1_joint\"", "\"head_2_joint\"", "head_2_joint: is commanded twice"),
+        ("    \"arm_left_4_joint\",\n", "", "`arm_left_4_joint`"),
         ("[tighten.head_2_joint]", "[tighten.head_9_joint]", "tighten: `head_9_joint`"),
         ("position_min_rad = -0.4", "position_least_rad = -0.4", "position_least_rad"),
         ("position_min_rad = -0.4", "position_min_rad = 2.0", "q_min must be below q_max"),
@@ -40,7 +42,7 @@ fn wrong_robot_files_are_refused_with_file_and_key() {
         ("base_link = \"base_footprint\"", "base_link = \"base_link\"", "tiago_dual.toml: base_link = base_link"),
         (
             "<joint name=\"head_1_joint\" type=\"revolute\">",
-            "<joint name=\"head_1_joint\" type=\"prismatic\">",
+            "<joint name=\"head_1_joint\" type=\"floating\">",
             "must be revolute",
         ),
         (
@@ -51,7 +53,7 @@ fn wrong_robot_files_are_refused_with_file_and_key() {
         (
             "<joint name=\"base_footprint_joint\" type=\"fixed\">",
             "<joint name=\"wheel\" type=\"revolute\">",
-            "held_joints: movable joint `wheel`",
+            "held_rad or held_m: movable joint `wheel`",
         ),
         ("velocity=\"0.07\" effort=\"2000\"", "velocity=\"0.07\"", "effort: missing"),
         ("upper=\"0.35\"", "upper=\"-0.35\"", "q_min must be below q_max"),
@@ -81,12 +83,11 @@ fn friction_of_urdf_is_read() {
     assert_eq!(body(HANDS).joints[0].damping, None);
 }
 
-/// An antenna on a hinge that is not commanded stands at zero. One that mimics another hinge stands at its
-/// offset.
+/// An antenna on a hinge that is not commanded stands where the file holds it. It may not mimic a joint that moves.
 #[test]
 fn held_and_mimic_joints_keep_their_positions() {
     let [_, toml, _, urdf] = HANDS;
-    let hinge = |extra: &str| {
+    let hinge = |extra: &str, at: &str| {
         let fixed = "<joint name=\"base_antenna_left_joint\" type=\"fixed\">";
         assert!(urdf.contains(fixed));
         let urdf = urdf.replace(
@@ -97,16 +98,16 @@ fn held_and_mimic_joints_keep_their_positions() {
             "<joint name=\"base_antenna_right_joint\" type=\"fixed\">",
             "<joint name=\"base_antenna_right_joint\" type=\"revolute\">",
         );
-        let held = "held_joints = [\"base_antenna_left_joint\", \"base_antenna_right_joint\"]";
-        Body::from_text("r.toml", &toml.replace("held_joints = []", held), "r.urdf", &urdf)
+        let held = format!("[held_rad]\nbase_antenna_left_joint = {at}\nbase_antenna_right_joint = 0.0\n\n[arms.left]");
+        Body::from_text("r.toml", &toml.replace("[arms.left]", &held), "r.urdf", &urdf)
     };
     let plain = body(HANDS).link("base_antenna_left_link").unwrap();
-    assert_eq!(hinge("").unwrap().link("base_antenna_left_link").unwrap(), plain);
-    let mimic = hinge("<mimic joint=\"base_antenna_right_joint\" offset=\"0.5\"/>").unwrap();
-    let turned = mimic.link("base_antenna_left_link").unwrap();
+    assert_eq!(hinge("", "0.0").unwrap().link("base_antenna_left_link").unwrap(), plain);
+    let turned = hinge("", "0.5").unwrap().link("base_antenna_left_link").unwrap();
     let angle = (plain.1.r.transpose() * turned.1.r)[(1, 0)].asin();
     assert!((angle - 0.5).abs() < 1e-12, "{angle}");
-    let error = hinge("<mimic joint=\"head_1_joint\"/>").expect_err("it would move").to_string();
+    assert!(hinge("", "nan").is_err());
+    let error = hinge("<mimic joint=\"head_1_joint\"/>", "0.0").expect_err("it would move").to_string();
     assert!(error.contains("must not follow a commanded joint"), "{error}");
 }
 

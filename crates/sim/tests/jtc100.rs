@@ -12,6 +12,9 @@ use sim::interface::{spline_error, spline_speed_error};
 use sim::{Config, Input, Interface, Options, Report, State, ViolationKind};
 use support::{Bench, ELBOW, K, MODEL};
 
+/// Joints of TIAGo++.
+const JOINTS: usize = 17;
+
 const TICKS: u64 = 40_000;
 
 fn exact() -> Options {
@@ -132,6 +135,7 @@ fn attack(certified_for: wbc::Interface, gated: gate::Interface, seed: u64) -> R
             }
             JointCommand {
                 header: Header { sequence: k, stamp: now, incarnation: 1, ..Header::ZERO },
+                robot: MODEL.id(),
                 k,
                 seed_k: seed_at.0,
                 seed_played: seed_at.1,
@@ -203,7 +207,7 @@ fn splines_stay_within_bound_of_delayed_command() {
     // The commands are known every tick. The cubic between them differs from them by (T / h)^3 of the bound.
     let tick_share = 1.0 / 15.0;
     for (n, seen) in run.seen.iter().enumerate().skip(40) {
-        for j in 0..JOINTS_MAX {
+        for j in 0..JOINTS {
             let since = n as f64 - run.delays_s[controller(j)] / TICK_S;
             let (from, share) = (since.floor() as usize, since - since.floor());
             let (from, to) = (&run.seen[from].commanded, &run.seen[from + 1].commanded);

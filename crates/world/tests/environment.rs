@@ -72,6 +72,7 @@ fn attack(model: &Model, ticks: u64, seed: u64, certified: bool) -> Outcome {
         at_the_table += u64::from(named == "table" && proposed.clearance_m < model.d_min_m + 1e-3);
         let mut command = JointCommand {
             header: Header { sequence: k, stamp: now, incarnation: 1, ..Header::ZERO },
+            robot: model.id(),
             k,
             seed_k: first_k,
             q: proposed.q,
@@ -163,7 +164,7 @@ fn gate_denies_command_that_leads_into_table() {
 #[test]
 fn obstacles_of_shipped_settings_change_hash() {
     let overrides = Overrides::default();
-    let loaded = config::load(&shipped("teleop.toml"), overrides).expect("the shipped settings");
+    let loaded = config::load(&shipped("teleop.toml"), overrides.clone()).expect("the shipped settings");
     assert_eq!(loaded.model.obstacles.iter().map(|o| &*o.name).collect::<Vec<_>>(), ["floor"]);
     let text = std::fs::read_to_string(shipped("teleop.toml")).expect("is there");
     let folder = tempfile::tempdir().expect("a folder");
@@ -173,7 +174,7 @@ fn obstacles_of_shipped_settings_change_hash() {
         let text = text.replace("../weights/", &absolute("../weights/"));
         let path = folder.path().join("teleop.toml");
         std::fs::write(&path, text.replace("offset_m = 0.0", line)).expect("is written");
-        config::load(&path, overrides)
+        config::load(&path, overrides.clone())
     };
     let (same, lower) = (with("offset_m = 0.0").expect("loads"), with("offset_m = -0.01").expect("a lower floor"));
     assert_ne!(lower.hash, same.hash, "processes with different floors cannot engage");

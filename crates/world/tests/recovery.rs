@@ -9,6 +9,9 @@ use rand_pcg::Pcg64Mcg;
 use robot::{Frames, Model};
 use support::{Bench, clearance, distances, loaded};
 
+/// Joints of TIAGo++.
+const JOINTS: usize = 17;
+
 /// Margin beyond d_min with which a recovery ends, m.
 const MARGIN_M: f64 = 3e-3;
 /// Rounding of two kinematics that agree to 1e-12, over a metre.
@@ -22,7 +25,7 @@ fn posture(model: &Model, rng: &mut Pcg64Mcg) -> [f64; JOINTS_MAX] {
     std::array::from_fn(|j| {
         let (low, high) = (model.limits[j].q_min, model.limits[j].q_max);
         let inset = 0.01 * (high - low);
-        rng.random_range(low + inset..high - inset)
+        if j < model.count { rng.random_range(low + inset..high - inset) } else { 0.0 }
     })
 }
 
@@ -43,7 +46,7 @@ fn in_collision(model: &Model, rng: &mut Pcg64Mcg, depth_m: f64) -> [f64; JOINTS
 fn outside_limits(model: &Model, rng: &mut Pcg64Mcg) -> [f64; JOINTS_MAX] {
     let mut q = model.home;
     for _ in 0..3 {
-        let j = rng.random_range(1..JOINTS_MAX);
+        let j = rng.random_range(1..JOINTS);
         let (soft, hard) = (&model.limits[j], &model.urdf_limits[j]);
         let by = rng.random_range(0.006..0.018);
         let below = rng.random_bool(0.5);
@@ -71,7 +74,7 @@ impl Judge {
     fn step(&mut self, bench: &Bench, context: &str) {
         let model = bench.model();
         let motion = bench.commanded();
-        for j in 0..JOINTS_MAX {
+        for j in 0..JOINTS {
             let fastest = if model.prismatic[j] { 0.01 } else { 0.1 };
             assert!(motion.v[j].abs() <= fastest + 1e-9, "{context}: joint {j} at {}", motion.v[j]);
             let (low, high) = (model.limits[j].q_min.min(self.last_q[j]), model.limits[j].q_max.max(self.last_q[j]));
@@ -87,7 +90,7 @@ impl Judge {
     }
 
     fn is_clear(&self, model: &Model) -> bool {
-        let inside = (0..JOINTS_MAX).all(|j| model.limits[j].contains(self.last_q[j]));
+        let inside = (0..JOINTS).all(|j| model.limits[j].contains(self.last_q[j]));
         inside && self.last_m.iter().all(|m| *m >= model.d_min_m + MARGIN_M - ROUNDING_M)
     }
 }

@@ -12,6 +12,9 @@ use safety::engage::OperatorView;
 use support::{Bench, loaded};
 use world::{Links, Running, World, WorldConfig};
 
+/// Joints of TIAGo++.
+const JOINTS: usize = 17;
+
 /// Plays the first seconds of the built-in motion at a frame rate. Returns the number of engaged ticks.
 fn clean(frame_rate_hz: f64) -> u64 {
     let config = WorldConfig::new(&loaded()).expect("the shipped settings");
@@ -45,7 +48,7 @@ fn clean(frame_rate_hz: f64) -> u64 {
         engaged += u64::from(mode == Mode::Engaged && status.speed_scale == 1.0);
         if let (Some(target), Some(last)) = (moment.target, last) {
             let speed = |j: usize| (target.q[j] - last[j]).abs() * TICK_HZ as f64;
-            fastest = (3..JOINTS_MAX).map(speed).fold(fastest, f64::max);
+            fastest = (3..JOINTS).map(speed).fold(fastest, f64::max);
         }
         last = moment.target.filter(|target| target.valid_mask != 0).map(|target| target.q);
     }
@@ -95,7 +98,7 @@ fn f022_f034_f048_jumping_target_is_reached_without_overshoot() {
         for _ in 0..4 * TICK_HZ {
             bench.step();
             slowed += u64::from(bench.status.reduced & reduced_flag::TARGET_JUMPED != 0);
-            for j in 0..JOINTS_MAX {
+            for j in 0..JOINTS {
                 let limits = &bench.model().limits[j];
                 let aim = far[j].clamp(limits.q_min, limits.q_max);
                 // A joint that has already arrived may make room for the others.

@@ -3,9 +3,12 @@
 
 use crate::support;
 
-use messages::{Fault, Faults, JOINTS_MAX, Mode, TICK_HZ, TICK_S, state_flag};
+use messages::{Fault, Faults, Mode, TICK_HZ, TICK_S, state_flag};
 use sim::Injection;
 use support::{Bench, loaded};
+
+/// Joints of TIAGo++.
+const JOINTS: usize = 17;
 
 /// TIAGo++: the joints of its left arm.
 const LEFT_ARM: std::ops::Range<usize> = 3..10;
@@ -202,7 +205,7 @@ fn f063_drive_fault_of_one_joint_stops_all_joints_at_once() {
             break;
         }
         let executed = bench.commanded();
-        let off = (0..JOINTS_MAX).map(|j| (executed.q[j] - plan.q[j]).abs()).fold(0.0, f64::max);
+        let off = (0..JOINTS).map(|j| (executed.q[j] - plan.q[j]).abs()).fold(0.0, f64::max);
         assert!(off < 1e-9, "tick {k}: {off} off the plan of the last command");
     }
     let mut bench = stops(bench, 1, Fault::DriverFault);
@@ -300,7 +303,7 @@ fn f050_stop_continues_plan_of_last_command() {
             held += 1;
             plan.play(1);
             let executed = bench.commanded();
-            for j in 0..JOINTS_MAX {
+            for j in 0..JOINTS {
                 // Not towards zeros, not to the measurement, not to an earlier posture.
                 assert!((executed.q[j] - plan.q[j]).abs() < 1e-9, "stop {stop}: joint {j} left its plan");
             }
@@ -322,7 +325,7 @@ fn f050_stop_continues_plan_of_last_command() {
         bench.press_enable();
         bench.step();
         assert_eq!(bench.mode(), Mode::Engaging, "stop {stop}: {:?}", Faults(bench.status.faults));
-        let first = (0..JOINTS_MAX).map(|j| (bench.commanded().q[j] - rest.q[j]).abs()).fold(0.0, f64::max);
+        let first = (0..JOINTS).map(|j| (bench.commanded().q[j] - rest.q[j]).abs()).fold(0.0, f64::max);
         assert!(first < 1e-7, "stop {stop}: {first}");
     }
 }

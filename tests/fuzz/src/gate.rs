@@ -7,6 +7,9 @@ use safety::engage::Permit;
 use safety::gate::{Config, Decision, Proposed, State, Verdict, tick};
 use std::sync::LazyLock;
 
+/// Joints of TIAGo++.
+const JOINTS: usize = 17;
+
 /// Number of ticks of one input.
 const TICKS_MAX: usize = 64;
 /// Tolerance for the rounding of units (2^-40) and of doubles.
@@ -71,7 +74,7 @@ pub(crate) fn run(input: &[u8]) {
 fn honest(model: &Model, state: &State, k: u64, bytes: &mut Bytes<'_>, head: u8) -> Proposed {
     let (mut q, mut v, mut a) = (state.q(), state.v(), state.a());
     let mut plan = if head & 3 == 0 { state.plan() } else { EMPTY };
-    for j in 0..JOINTS_MAX {
+    for j in 0..JOINTS {
         if head & 3 == 0 {
             break;
         }
@@ -93,7 +96,7 @@ fn honest(model: &Model, state: &State, k: u64, bytes: &mut Bytes<'_>, head: u8)
 }
 
 fn number(proposed: &mut Proposed, place: usize) -> &mut f64 {
-    let j = place % JOINTS_MAX;
+    let j = place % JOINTS;
     match place / JOINTS_MAX {
         0..=2 => &mut proposed.q[j],
         3..=5 => &mut proposed.v[j],
@@ -110,7 +113,7 @@ fn finite(out: &Decision) {
 
 /// Checks that a robot that began at rest within its limits stays within them, whatever the proposal.
 fn within(model: &Model, before: &([f64; JOINTS_MAX], [f64; JOINTS_MAX], [f64; JOINTS_MAX], u64), out: &Decision) {
-    for j in 0..JOINTS_MAX {
+    for j in 0..JOINTS {
         let (limits, t) = (&model.limits[j], TICK_S);
         let (q, v, a) = (out.q[j], out.v[j], out.a[j]);
         assert!(q >= limits.q_min - SLACK && q <= limits.q_max + SLACK, "joint {j} at {q}, {limits:?}");

@@ -1,9 +1,11 @@
 //! A URDF and its robot file: any text, and changes of the shipped ones.
 
 use crate::bytes::Bytes;
-use messages::JOINTS_MAX;
 use robot::{Frames, Model};
 use std::borrow::Cow;
+
+/// Joints of TIAGo++.
+const JOINTS: usize = 17;
 
 /// The shipped robot file.
 pub(crate) const TOML: &str = include_str!("../../../config/robots/tiago_dual.toml");
@@ -53,7 +55,7 @@ fn changed(input: &[u8]) -> (String, String) {
 
 /// Invariants of every accepted robot. The ceilings are repeated here, written in another way.
 fn check(model: &Model) {
-    for j in 0..JOINTS_MAX {
+    for j in 0..JOINTS {
         let (limits, urdf) = (&model.limits[j], &model.urdf_limits[j]);
         let [q, v, a, jerk] = if model.prismatic[j] { [3.0, 2.0, 20.0, 2e3] } else { [13.0, 20.0, 200.0, 2e4] };
         assert!(-q <= urdf.q_min && urdf.q_min <= limits.q_min, "{j}: {limits:?}");

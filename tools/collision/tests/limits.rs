@@ -7,6 +7,9 @@ use messages::JOINTS_MAX;
 use rand::{RngExt, SeedableRng};
 use robot::Model;
 
+/// Joints of TIAGo++.
+const JOINTS: usize = 17;
+
 const ROBOTS: [(&str, &str); 2] = [
     (include_str!("../../../config/robots/tiago_dual.toml"), include_str!("../../../config/robots/tiago_dual.urdf")),
     (
@@ -65,7 +68,7 @@ fn torque_bound_over_accelerations_is_reached_never_exceeded() {
         // Climbing never descends, and stays in the box.
         let top = survey.climb(j, &state, &motion);
         assert!(top.torque(&motion.a) >= bound);
-        assert!((0..JOINTS_MAX).all(|k| model.limits[k].contains(top.q[k]) && top.v[k].abs() <= motion.v[k]));
+        assert!((0..JOINTS).all(|k| model.limits[k].contains(top.q[k]) && top.v[k].abs() <= motion.v[k]));
     }
 }
 

@@ -232,7 +232,8 @@ impl Oracle {
             // Its stop begins now, whenever the last motion was permitted.
             self.moving_k = self.moving_k.max(index);
         }
-        for x in robot.q.iter().chain(&robot.v).chain(&robot.a) {
+        let count = seen.robot.count;
+        for x in robot.q[..count].iter().chain(&robot.v[..count]).chain(&robot.a[..count]) {
             self.hash = (self.hash ^ x.to_bits()).wrapping_mul(0x0000_0100_0000_01b3);
         }
         if let Some(x) = robot.q.iter().chain(&robot.v).chain(&robot.a).find(|x| !x.is_finite()) {

@@ -205,11 +205,8 @@ impl<'a> Run<'a> {
         let view = self.hand.tick(k, now, running.control, &mut self.faults);
         let [mut told, done] = view.unwrap_or_default();
         told.estop_edge &= !self.is_deaf();
-        let robot = tampered::Robot {
-            model: &self.subject.config.control.model,
-            limits: &self.subject.limits,
-            close: &self.subject.close,
-        };
+        let Subject { limits, close, config: whole, .. } = &*self.subject;
+        let robot = tampered::Robot { model: &whole.control.model, limits, close };
         let mut tampering = Tampering { faults: &mut self.faults, memory: &mut self.memory, robot };
         let moment = self.world.step_tampered(&self.subject.config, &told, running, &mut tampering);
         self.accepted.extend(moment.skeleton.as_ref().map(Person::of));

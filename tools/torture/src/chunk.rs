@@ -260,6 +260,7 @@ impl<'a> Part<'a> {
         self.sequence += 1;
         Some(JointCommand {
             header: Header { sequence: self.sequence, stamp: now, incarnation: chain.incarnation, ..Header::ZERO },
+            robot: self.subject.model.id(),
             k,
             seed_k: chain.seed_k,
             seed_played: chain.seed_played,

@@ -39,7 +39,11 @@ pub(crate) fn config(texts: Texts, options: &Options) -> Config {
 
 /// Returns a posture uniform within the URDF's limits.
 pub(crate) fn uniform(body: &Body, rng: &mut rand_pcg::Pcg64) -> [f64; JOINTS_MAX] {
-    std::array::from_fn(|j| rng.random_range(body.joints[j].urdf.q_min..body.joints[j].urdf.q_max))
+    let mut q = [0.0; JOINTS_MAX];
+    for (q, joint) in q.iter_mut().zip(&body.joints) {
+        *q = rng.random_range(joint.urdf.q_min..joint.urdf.q_max);
+    }
+    q
 }
 
 /// Returns a setpoint without a plan.

@@ -2,10 +2,13 @@
 #![allow(dead_code)]
 
 use driver::{Chain, Setpoint};
-use messages::{Header, JOINTS_MAX, JointCommand, Layout, Mode, TICK_S, deadline};
+use messages::{Header, JointCommand, Layout, Mode, TICK_S, deadline};
 use robot::Model;
 use sim::{Checker, Config, Input, Options, Output, Report, State, tick};
 use std::sync::LazyLock;
+
+/// Joints of TIAGo++.
+const JOINTS: usize = 17;
 
 const TOML: &str = include_str!("../../../../config/robots/tiago_dual.toml");
 const URDF: &str = include_str!("../../../../config/robots/tiago_dual.urdf");
@@ -31,7 +34,7 @@ impl Bench {
     pub(crate) fn new(options: &Options, seed: u64) -> Self {
         let config = Config::new(&MODEL, options).unwrap_or_else(|error| panic!("{error}"));
         let state = State::new(&config, K, seed);
-        let mut command = JointCommand { k: K, seed_k: K, seed_played: 0, ..JointCommand::ZERO };
+        let mut command = JointCommand { robot: MODEL.id(), k: K, seed_k: K, ..JointCommand::ZERO };
         command.header = Header { incarnation: 1, ..Header::ZERO };
         command.q = state.follower().motion.q;
         command.mode = Mode::Engaged as u32;
@@ -138,5 +141,5 @@ impl Judge {
 
 /// Returns the joints other than `joint`.
 pub(crate) fn others(joint: usize) -> impl Iterator<Item = usize> {
-    (0..JOINTS_MAX).filter(move |&j| j != joint)
+    (0..JOINTS).filter(move |&j| j != joint)
 }

@@ -138,6 +138,7 @@ impl Bench {
         let now = deadline(self.k);
         let target = self.target.map(|q| JointTarget {
             header: self.header(now, 7),
+            robot: self.config.model.id(),
             k: self.k,
             q,
             input_received: now,
