@@ -70,7 +70,7 @@ pub fn run(cli: &Cli, motion: &Motion, out: &Path) -> Result<(), Failure> {
         let (played, frames) = tick.progress;
         bar.set_length(frames);
         bar.set_position(played);
-        tick.row.map_or(Ok(()), |row| write_row(&mut csv, &row))
+        tick.row.map_or(Ok(()), |row| write_row(&mut csv, &row, loaded.model.count))
     });
     let end = end.and_then(|end| csv.flush().map(|()| end)).map_err(write)?;
     bar.finish();
@@ -83,10 +83,10 @@ pub fn run(cli: &Cli, motion: &Motion, out: &Path) -> Result<(), Failure> {
     }
 }
 
-/// Writes a row of the CSV.
-fn write_row(csv: &mut impl Write, row: &Row) -> std::io::Result<()> {
+/// Writes a row of the CSV, with the robot's `count` joints.
+fn write_row(csv: &mut impl Write, row: &Row, count: usize) -> std::io::Result<()> {
     write!(csv, "{}", row.k as f64 / TICK_HZ as f64)?;
-    for value in row.command.iter().chain(&row.target) {
+    for value in row.command[..count].iter().chain(&row.target[..count]) {
         write!(csv, ",{value}")?;
     }
     writeln!(csv)

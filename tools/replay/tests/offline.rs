@@ -41,6 +41,7 @@ fn check(run: &Run) {
     assert_eq!(run.header[34], "target.arm_right_7_joint");
     for (k, row) in run.rows.iter().enumerate() {
         assert_eq!(row[0], k as f64 / 1500.0, "row {k}");
+        assert_eq!(row.len(), run.header.len(), "row {k}");
         assert!(row.iter().all(|value| value.is_finite()), "row {k}");
     }
     let command = |row: &[f64]| row[1..18].to_vec();
