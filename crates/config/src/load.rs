@@ -163,7 +163,9 @@ pub fn load(config: &Path, overrides: Overrides) -> Result<Loaded, ConfigError> 
         let read = read_weights(&weights_path, &model);
         match read.map_err(|error| named_twin(error, &weights_files, config, "weights.file")) {
             // A new robot moves before it is trained.
-            Err(ConfigError::Weights { .. }) if lacks_weights(overrides.robot.as_ref(), &weights_path) => {
+            Err(ConfigError::Weights { .. } | ConfigError::Read { .. })
+                if lacks_weights(overrides.robot.as_ref(), &weights_path) =>
+            {
                 settings.retarget.method = Method::ClosedForm;
                 None
             }
@@ -246,6 +248,7 @@ pub fn load_model(robot_file: &Path) -> Result<(Model, PathBuf), ConfigError> {
     let urdf_text = read_text(&urdf_path)?;
     let urdf_name = urdf_path.display().to_string();
     let model = Model::from_text(&toml_name, &toml_text, &urdf_name, &urdf_text).map_err(ConfigError::robot)?;
+    model.check_guarded().map_err(ConfigError::robot)?;
     Ok((model, urdf_path))
 }
 

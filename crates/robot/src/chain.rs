@@ -68,7 +68,7 @@ impl Source<'_> {
             } else {
                 (joint.kind == JointType::Revolute, "an arm's joint must be revolute")
             };
-            if !fits || joint.mimics {
+            if !fits || joint.mimics.is_some() {
                 let value = if fits { "mimic".into() } else { kind_of(joint) };
                 return Err(self.joint_kind(joint, value, bound));
             }
@@ -102,6 +102,11 @@ impl Source<'_> {
                     RobotError::unknown(self.toml, table, name, &expected)
                 })?;
                 let joint = &tree.joints[index];
+                let leads = |leader: &String| at.iter().any(|index| tree.joints[*index].name == *leader);
+                if let Some(leader) = joint.mimics.as_ref().filter(|leader| leads(leader)) {
+                    let bound = "a held joint must not follow a commanded one";
+                    return Err(self.joint_kind(joint, format!("mimic of `{leader}`"), bound));
+                }
                 let limited = matches!(joint.kind, JointType::Revolute | JointType::Prismatic);
                 let (lower, upper) =
                     if limited { (joint.limit.lower, joint.limit.upper) } else { (f64::MIN, f64::MAX) };

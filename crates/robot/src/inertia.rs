@@ -1,4 +1,4 @@
-//! Masses of the 18 bodies. The inertials of the URDF's links are merged where joints are fixed or held.
+//! Masses of the bodies. The inertials of the URDF's links are merged where joints are fixed or held.
 
 use crate::error::RobotError;
 use crate::model::{Link, Model};
@@ -68,6 +68,11 @@ pub(crate) fn read(file: &str, link: &urdf_rs::Link) -> Result<Inertia, RobotErr
     for value in [i.ixx, i.ixy, i.ixz, i.iyy, i.iyz, i.izz] {
         if !(value.abs() <= INERTIA_MAX_KG_M2) {
             return refuse("inertia", value, format!("at most {INERTIA_MAX_KG_M2} kg m^2 in magnitude"));
+        }
+    }
+    for value in [i.ixx, i.iyy, i.izz] {
+        if value < 0.0 {
+            return refuse("inertia about an axis", value, "must not be below 0 kg m^2".into());
         }
     }
     for value in inertial.origin.xyz.iter().chain(inertial.origin.rpy.iter()) {

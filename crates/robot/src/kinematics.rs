@@ -1,4 +1,4 @@
-//! Forward kinematics and Jacobians of the 18 bodies.
+//! Forward kinematics and Jacobians of the bodies.
 
 use crate::model::Model;
 use crate::pose::Pose;

@@ -14,14 +14,19 @@ use crate::pose::Pose;
 use crate::urdf::Tree;
 use crate::visual::{MeshVisual, Visual};
 use messages::{JOINTS_MAX, RobotId};
+use nalgebra::Matrix3;
 use sha2::{Digest, Sha256};
 use std::collections::BTreeMap;
+use std::f64::consts::TAU;
 use std::ops::RangeInclusive;
 use std::sync::Arc;
 
 /// Largest weight of a task, and the inverse of a joint's smallest weight. It keeps the quadratic program far
 /// from its rounding.
 const WEIGHT_MAX: f64 = 1e3;
+
+/// Largest element of a rotation matrix minus the identity. It allows for the rounding of the URDF's text.
+const TURN_TOLERANCE: f64 = 1e-6;
 
 /// The two texts from which a model was made, for other readers.
 #[derive(Debug)]
@@ -158,6 +163,25 @@ impl Model {
         RobotId { hash: self.hash, joint_count: self.count as u32, reserved: 0 }
     }
 
+    /// Checks that no arm could collide unseen: upper arm, forearm and hand each have a capsule in a checked pair.
+    /// A robot file before `collision fit` has none.
+    ///
+    /// # Errors
+    /// Returns an error that names the part of the arm.
+    pub fn check_guarded(&self) -> Result<(), RobotError> {
+        for (side, arm) in ["left", "right"].into_iter().zip(&self.arms) {
+            for (part, joints) in [("upper arm", 0..3), ("forearm", 3..5), ("hand", 5..7)] {
+                let moved = |at: usize| arm.joints[joints.clone()].iter().any(|j| j + 1 == self.capsules[at].body);
+                if !self.pairs.iter().any(|pair| moved(pair.a) || moved(pair.b)) {
+                    let key = format!("checked pairs of capsules on the {side} {part}");
+                    let bound = "must be at least 1: run `collision fit`";
+                    return Err(RobotError::value(&self.texts.toml_name, key, "0", bound));
+                }
+            }
+        }
+        Ok(())
+    }
+
     /// A mask with every joint of the robot set.
     pub fn joint_mask(&self) -> u32 {
         (1 << self.count) - 1
@@ -200,8 +224,13 @@ impl Source<'_> {
         let capsules = read_capsules(self.toml, &file.collision.capsules, link_body)?;
         let parent = |body: usize| body.checked_sub(1).map(|j| joint_frames[j].parent);
         let (pairs, allowed) = read_pairs(self.toml, &capsules, &file.collision.allowed, parent)?;
-        let torso_body =
-            link_body(&file.torso_link).ok_or_else(|| self.unknown_link("torso_link", &file.torso_link))?.0;
+        let (torso_body, body_from_torso) =
+            link_body(&file.torso_link).ok_or_else(|| self.unknown_link("torso_link", &file.torso_link))?;
+        // Limb rotations are computed in the frame of the body.
+        if (body_from_torso.r - Matrix3::identity()).amax() > TURN_TOLERANCE {
+            let bound = "must be turned like the link below the last joint above it";
+            return Err(self.value("torso_link", format!("`{}`", file.torso_link), bound));
+        }
         for (side, arm) in [&file.arms.left, &file.arms.right].into_iter().enumerate() {
             self.check_arm(side, arm, &chain, torso_body, (&joint_frames, &links))?;
         }
@@ -244,6 +273,7 @@ impl Source<'_> {
             joint_names: chain.names.clone(),
         };
         self.derive_arms([&file.arms.left, &file.arms.right], &chain, &mut model)?;
+        self.check_masses(&model)?;
         self.check_home(&model)?;
         Ok(model)
     }
@@ -292,15 +322,29 @@ impl Source<'_> {
 
     fn derive_arms(&self, arms: [&ArmEntry; 2], chain: &Chain, model: &mut Model) -> Result<(), RobotError> {
         for (side, arm) in arms.into_iter().enumerate() {
-            if let Some(value) = arm.reference_rad.iter().find(|value| !value.is_finite()) {
+            if let Some(value) = arm.reference_rad.iter().find(|value| !(value.abs() <= TAU)) {
                 let key = format!("arms.{}.reference_rad", ["left", "right"][side]);
-                return Err(self.value(&key, value.to_string(), "must be finite"));
+                return Err(self.value(&key, value.to_string(), "at most 2 pi in magnitude"));
             }
             let joints = std::array::from_fn(|i| chain.arm_start(side) + i);
             model.arms[side] = model.derive_arm(joints, arm.reference_rad, model.torso_body);
         }
         model.check_shoulders(self.urdf)?;
         model.check_mirror(self.toml)
+    }
+
+    /// Refuses arms without mass: their torques would all be zero.
+    fn check_masses(&self, model: &Model) -> Result<(), RobotError> {
+        let inertias = model.inertias();
+        for (side, arm) in ["left", "right"].into_iter().zip(&model.arms) {
+            let mass_kg: f64 = arm.joints.iter().map(|j| inertias[j + 1].mass_kg).sum();
+            if mass_kg <= 0.0 {
+                let key = format!("mass of the {side} arm in kg");
+                let bound = "must be above 0: torques need the <inertial> of the links";
+                return Err(RobotError::value(self.urdf, key, mass_kg.to_string(), bound));
+            }
+        }
+        Ok(())
     }
 
     /// Reads the controllers. Every joint belongs to exactly one.

@@ -32,7 +32,8 @@ pub(crate) struct UrdfJoint {
     pub(crate) axis: Vector3<f64>,
     /// Limits as written. They are checked if the joint is commanded.
     pub(crate) limit: urdf_rs::JointLimit,
-    pub(crate) mimics: bool,
+    /// Name of the joint that this one follows.
+    pub(crate) mimics: Option<String>,
 }
 
 /// All links and joints as one tree.
@@ -166,7 +167,7 @@ fn read_joint(file: &str, joint: &urdf_rs::Joint, links: &HashMap<&str, usize>) 
         parent_from_joint: Pose::from_xyz_rpy(xyz, rpy),
         axis: if joint.joint_type == JointType::Fixed { Vector3::zeros() } else { axis.normalize() },
         limit: joint.limit.clone(),
-        mimics: joint.mimic.is_some(),
+        mimics: joint.mimic.as_ref().map(|leader| leader.joint.clone()),
     })
 }
 

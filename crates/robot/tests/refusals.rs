@@ -210,3 +210,62 @@ fn payload_out_of_range_is_refused_with_key_value_and_bound() {
     let silent = load(&format!("{}{}", &TOML[..begin], &TOML[end..]), URDF).unwrap();
     assert_eq!(silent.payload, [None; 2], "a file that says nothing has empty hands");
 }
+
+#[test]
+fn torso_link_turned_against_its_body_is_refused() {
+    let turned = "<link name=\"turned\"/><joint name=\"turn\" type=\"fixed\"><parent link=\"torso_lift_link\"/>\
+                  <child link=\"turned\"/><origin xyz=\"0 0 0\" rpy=\"0 0 3.14159265\"/></joint></robot>";
+    let toml = TOML.replacen("torso_link = \"torso_lift_link\"", "torso_link = \"turned\"", 1);
+    refused(&toml, &URDF.replacen("</robot>", turned, 1), &["tiago_dual.toml", "torso_link = `turned`"]);
+    let straight = turned.replace("3.14159265", "0");
+    load(&toml, &URDF.replacen("</robot>", &straight, 1)).expect("it is turned like its body");
+}
+
+#[test]
+fn arm_that_no_checked_pair_guards_is_refused() {
+    let mut table: toml::Table = TOML.parse().unwrap();
+    let collision = table["collision"].as_table_mut().unwrap();
+    let of_arm = |one: &toml::Value| one["link"].as_str().unwrap().starts_with("arm_right_");
+    let mut gone = Vec::new();
+    collision["capsules"].as_array_mut().unwrap().retain(|one| {
+        gone.extend(of_arm(one).then(|| one["name"].clone()));
+        !of_arm(one)
+    });
+    for (_, pairs) in collision["allowed"].as_table_mut().unwrap() {
+        let pairs = pairs.as_table_mut().unwrap();
+        pairs.retain(|first, _| !gone.iter().any(|name| name.as_str() == Some(first)));
+        for (_, others) in pairs {
+            others.as_array_mut().unwrap().retain(|second| !gone.contains(second));
+        }
+    }
+    load(TOML, URDF).unwrap().check_guarded().expect("the shipped robot");
+    let error = load(&table.to_string(), URDF).unwrap().check_guarded().unwrap_err().to_string();
+    assert!(error.contains("tiago_dual.toml: checked pairs of capsules on the right upper arm = 0"), "{error}");
+}
+
+#[test]
+fn arm_without_mass_is_refused() {
+    let mut urdf = String::new();
+    let mut rest = URDF;
+    while let Some(at) = rest.find("<inertial>") {
+        urdf.push_str(&rest[..at]);
+        rest = &rest[at + rest[at..].find("</inertial>").unwrap() + "</inertial>".len()..];
+    }
+    urdf.push_str(rest);
+    refused(TOML, &urdf, &["tiago_dual.urdf", "mass of the left arm in kg = 0", "above 0"]);
+    let below = edit(URDF, "<inertial>", "ixx=\"", "ixx=\"-");
+    refused(TOML, &below, &["tiago_dual.urdf", "inertia about an axis", "not be below 0"]);
+}
+
+#[test]
+fn held_joint_that_follows_a_commanded_one_is_refused() {
+    let follower = "<link name=\"f\"/><joint name=\"follower\" type=\"revolute\"><parent link=\"torso_lift_link\"/>\
+                    <child link=\"f\"/><axis xyz=\"0 0 1\"/><limit lower=\"-1\" upper=\"1\" velocity=\"1\" effort=\"1\"/>\
+                    <mimic joint=\"arm_left_4_joint\"/></joint></robot>";
+    let urdf = URDF.replacen("</robot>", follower, 1);
+    let toml = match TOML.contains("[held_rad]") {
+        true => TOML.replacen("[held_rad]", "[held_rad]\nfollower = 0.0", 1),
+        false => format!("{TOML}\n[held_rad]\nfollower = 0.0\n"),
+    };
+    refused(&toml, &urdf, &["follower", "mimic of `arm_left_4_joint`", "must not follow a commanded one"]);
+}
