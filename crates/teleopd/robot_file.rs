@@ -40,12 +40,15 @@ fn new(urdf: &Path, out: Option<&Path>) -> Result<Exit, Failure> {
             out!("  - {note}");
         }
     }
-    out!("\nNext: collision fit --robot {} --meshes DIR, then teleopd doctor --robot {}", out.display(), out.display());
+    let (urdf, file) = (urdf.display(), out.display());
+    out!(
+        "\nNext: collision fit --urdf {urdf} --robot {file} --out NEW.toml, with --meshes DIR if the URDF names meshes"
+    );
     Ok(Exit::Ok)
 }
 
 fn read(file: &Path) -> Result<String, Failure> {
-    std::fs::read_to_string(file).map_err(|error| Failure::new(Exit::NoInput, format!("{}: {error}", file.display())))
+    config::read_text(file).map_err(Failure::with(Exit::NoInput))
 }
 
 /// Writes a new file. A file that exists may hold a person's work, so it stays.

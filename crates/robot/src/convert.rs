@@ -1,6 +1,7 @@
 //! Writes a robot file of format 1 again, in format 2. Format 1 knew one robot: a lift, two head joints, two arms of seven.
 
 use crate::error::RobotError;
+use crate::file::RobotFile;
 use toml::{Table, Value};
 
 /// The body joints' keys of format 1, and the groups of limits with the keys of their joints.
@@ -68,5 +69,7 @@ pub fn convert(file: &str, text: &str) -> Result<String, RobotError> {
     table.insert("body_joints".into(), Value::Array(names(&BODY)?));
     table.insert("arms".into(), Value::Table(arms));
     table.insert("limits".into(), limits);
-    toml::to_string(&table).map_err(|error| syntax(error.to_string()))
+    let text = toml::to_string(&table).map_err(|error| syntax(error.to_string()))?;
+    RobotFile::parse(file, &text)?;
+    Ok(text)
 }

@@ -72,6 +72,31 @@ fn urdf_without_two_arms_is_refused_with_reason() {
 }
 
 #[test]
+fn joint_without_range_or_speed_is_refused_before_it_is_solved() {
+    let at = G1.find("<joint name=\"left_elbow_joint\"").unwrap();
+    let limit = &G1[at + G1[at..].find("<limit").unwrap()..];
+    let limit = &limit[..limit.find("/>").unwrap() + 2];
+    for new in [
+        "",
+        "<limit lower=\"1\" upper=\"-1\" velocity=\"1\" effort=\"1\"/>",
+        "<limit lower=\"nan\" upper=\"1\" velocity=\"1\" effort=\"1\"/>",
+        "<limit lower=\"-1\" upper=\"1\" velocity=\"0\" effort=\"1\"/>",
+    ] {
+        let urdf = format!("{}{}", &G1[..at], G1[at..].replacen(limit, new, 1));
+        let error = draft("r.urdf", &urdf).unwrap_err().to_string();
+        assert!(error.contains("r.urdf") && error.contains("left_elbow_joint"), "{new}: {error}");
+    }
+}
+
+#[test]
+fn names_of_the_urdf_cannot_write_keys_of_the_draft() {
+    let urdf = G1.replacen("<robot name=\"", "<robot name=\"x&quot;&#10;base_height_m = 2.5&#10;#", 1);
+    let file: toml::Table = draft("a\"b.urdf", &urdf).unwrap().toml.parse().unwrap();
+    assert!(file.get("base_height_m").is_none() && file["name"].as_str().unwrap().contains("base_height_m"));
+    assert_eq!(file["urdf"].as_str(), Some("a\"b.urdf"));
+}
+
+#[test]
 fn notes_name_what_was_guessed_and_what_to_decide() {
     let draft = draft("g1.urdf", G1).unwrap();
     let said = |notes: &[String], words: &str| notes.iter().any(|note| note.contains(words));

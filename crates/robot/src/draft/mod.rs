@@ -11,6 +11,10 @@ use messages::{ARM_JOINTS, JOINTS_MAX};
 use std::collections::BTreeMap;
 use urdf_rs::JointType;
 
+/// Bounds of a joint's range, rad or m. It is wider than both margins of the draft, and no joint turns farther.
+const ROOM: f64 = 0.01;
+const RANGE_MAX: f64 = 26.0;
+
 /// A first robot file without collision capsules, and the notes for the person who completes it.
 #[derive(Clone, Debug)]
 pub struct Draft {
@@ -50,6 +54,7 @@ pub fn draft(urdf_name: &str, urdf_text: &str) -> Result<Draft, RobotError> {
         let bound = format!("at most {} body joints", JOINTS_MAX - 2 * ARM_JOINTS);
         return Err(refuse("body joints", body.len().to_string(), &bound));
     }
+    check_limits(urdf_name, &tree, body.iter().chain(arms.iter().flatten()))?;
     let (mut guesses, mut decisions) = (Vec::new(), Vec::new());
     let held = held(&tree, &body, &arms);
     let chains = arms.each_ref().map(|joints| ArmChain::new(&tree, torso_link, joints));
@@ -67,6 +72,23 @@ pub fn draft(urdf_name: &str, urdf_text: &str) -> Result<Draft, RobotError> {
     let found = Found { torso_link, body, arms, held, reference: [left, right], home };
     notes(&tree, &found, &mut guesses, &mut decisions);
     Ok(Draft { toml: write::toml(urdf_name, urdf_text, &tree, &found), guesses, decisions })
+}
+
+/// Refuses a commanded joint without a range or a speed. Postures are solved inside the ranges.
+fn check_limits<'j>(file: &str, tree: &Tree, joints: impl Iterator<Item = &'j usize>) -> Result<(), RobotError> {
+    for joint in joints.map(|joint| &tree.joints[*joint]) {
+        let limit = &joint.limit;
+        if !(limit.upper - limit.lower > ROOM && limit.upper - limit.lower <= RANGE_MAX) {
+            let key = format!("joint `{}`: range from {} to {}", joint.name, limit.lower, limit.upper);
+            let bound = format!("must be above {ROOM}, at most {RANGE_MAX}: <limit> needs lower and upper");
+            return Err(RobotError::value(file, key, (limit.upper - limit.lower).to_string(), bound));
+        }
+        if !(limit.velocity > 0.0) {
+            let key = format!("joint `{}`: <limit> velocity", joint.name);
+            return Err(RobotError::value(file, key, limit.velocity.to_string(), "must be above 0"));
+        }
+    }
+    Ok(())
 }
 
 /// Positions of the movable joints that no list names: zero, or the nearest end of the range.

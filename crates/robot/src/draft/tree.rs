@@ -9,7 +9,7 @@ use urdf_rs::JointType;
 const HEAD_WORDS: [&str; 2] = ["head", "neck"];
 
 fn turns(tree: &Tree, joint: usize) -> bool {
-    tree.joints[joint].kind == JointType::Revolute && !tree.joints[joint].mimics
+    tree.joints[joint].kind == JointType::Revolute && tree.joints[joint].mimics.is_none()
 }
 
 fn below(tree: &Tree, link: usize) -> impl Iterator<Item = usize> {
@@ -68,7 +68,7 @@ pub(super) fn find_arms(tree: &Tree) -> Option<(usize, [[usize; ARM_JOINTS]; 2])
 pub(super) fn body_joints(tree: &Tree, torso: usize, arms: &[[usize; ARM_JOINTS]; 2]) -> Vec<usize> {
     let commandable = |joint: &usize| {
         let joint = &tree.joints[*joint];
-        matches!(joint.kind, JointType::Revolute | JointType::Prismatic) && !joint.mimics
+        matches!(joint.kind, JointType::Revolute | JointType::Prismatic) && joint.mimics.is_none()
     };
     let mut body = Vec::new();
     let mut at = torso;

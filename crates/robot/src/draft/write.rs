@@ -36,11 +36,13 @@ pub(super) fn toml(urdf_name: &str, urdf_text: &str, tree: &Tree, found: &Found)
     let _ = write!(
         out,
         "# A first draft from the URDF alone. Read every line before the robot moves. The unit is the last word of a key.\n\n\
-         format = 2\nname = \"{robot}\"\nurdf = \"{urdf_name}\"\nbase_link = \"{}\"\n\
-         torso_link = \"{}\"   # must be x forward, y left, z up: the frame of the limb rotations\n\
+         format = 2\nname = {}\nurdf = {}\nbase_link = {}\n\
+         torso_link = {}   # must be x forward, y left, z up: the frame of the limb rotations\n\
          # Commanded joints that belong to no arm. They keep the home posture.\nbody_joints = {}\n\n",
-        tree.links[tree.root],
-        tree.links[found.torso_link],
+        quoted(&robot),
+        quoted(urdf_name),
+        quoted(&tree.links[tree.root]),
+        quoted(&tree.links[found.torso_link]),
         list(tree, &found.body),
     );
     held(&mut out, tree, found);
@@ -51,11 +53,11 @@ pub(super) fn toml(urdf_name: &str, urdf_text: &str, tree: &Tree, found: &Found)
         let link = |i: usize| &tree.links[tree.joints[joints[i]].child];
         let _ = write!(
             out,
-            "[arms.{}]\njoints = {}\nupper = \"{}\"\nfore = \"{}\"\nreference_rad = {:?}\n\n",
+            "[arms.{}]\njoints = {}\nupper = {}\nfore = {}\nreference_rad = {:?}\n\n",
             ["left", "right"][side],
             list(tree, joints),
-            link(2),
-            link(4),
+            quoted(link(2)),
+            quoted(link(4)),
             found.reference[side].q,
         );
     }
@@ -85,11 +87,16 @@ pub(super) fn toml(urdf_name: &str, urdf_text: &str, tree: &Tree, found: &Found)
 /// A name as a key of TOML.
 fn key(name: &str) -> String {
     let bare = !name.is_empty() && name.bytes().all(|c| c.is_ascii_alphanumeric() || c == b'_' || c == b'-');
-    if bare { name.to_owned() } else { format!("{name:?}") }
+    if bare { name.to_owned() } else { quoted(name) }
+}
+
+/// A text as a string of TOML.
+fn quoted(text: &str) -> String {
+    toml::Value::String(text.to_owned()).to_string()
 }
 
 fn list(tree: &Tree, joints: &[usize]) -> String {
-    let names: Vec<String> = joints.iter().map(|joint| format!("{:?}", tree.joints[*joint].name)).collect();
+    let names: Vec<String> = joints.iter().map(|joint| quoted(&tree.joints[*joint].name)).collect();
     match names.len() {
         0..=3 => format!("[{}]", names.join(", ")),
         _ => format!("[\n    {},\n]", names.join(",\n    ")),
