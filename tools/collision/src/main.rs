@@ -183,6 +183,10 @@ fn fit(source: &Source, out: Option<&Path>, plan_out: Option<&Path>) -> Result<b
     }
     let scene = texts.scene(source);
     let capsules = fit_all(&texts.plan, &scene)?;
+    if capsules.is_empty() {
+        let cause = "no link has a collision shape: give --meshes, or the manufacturer's URDF";
+        return Err(CollisionError::content(source.urdf[0].display().to_string(), cause));
+    }
     let wide = capsules.iter().map(|capsule| capsule.name.len()).max().unwrap_or(0);
     for capsule in &capsules {
         eprintln!(
@@ -216,7 +220,9 @@ fn fit(source: &Source, out: Option<&Path>, plan_out: Option<&Path>) -> Result<b
         None => println!("{text}"),
     }
     // This comes last, so that an invalid file can be inspected.
-    summary(&Model::from_text(&toml.0, &text, &urdf.0, &urdf.1)?);
+    let model = Model::from_text(&toml.0, &text, &urdf.0, &urdf.1)?;
+    summary(&model);
+    model.check_guarded()?;
     Ok(true)
 }
 
