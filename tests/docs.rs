@@ -61,6 +61,9 @@ const RULES: [(&str, How); 31] = [
     ("cargo run --release -p eval -- --following", Ends(&[0], "--no-optimum")),
 ];
 
+/// Commands of the shell that place the files of a robot of one's own.
+const OWN_FILES: [&str; 3] = ["rm -rf target/own", "cp docs/robots/", "mv target/own/"];
+
 /// Replacements for the reader's own paths.
 const PLACEHOLDERS: [(&str, &str); 2] =
     [(" FOLDER", " {repository}/tools/keyposes/motions"), (" PICTURES", " {work}/pictures")];
@@ -86,7 +89,8 @@ fn blocks(document: &str) -> Vec<Vec<String>> {
 }
 
 fn is_command(line: &str) -> bool {
-    ["cargo ", "target/", "sudo ", "python3 ", "pip ", "venv/"].iter().any(|start| line.starts_with(start))
+    let starts = ["cargo ", "target/", "sudo ", "python3 ", "pip ", "venv/"];
+    starts.iter().chain(&OWN_FILES).any(|start| line.starts_with(start))
 }
 
 fn rule(command: &str) -> How {
@@ -120,7 +124,7 @@ impl Reader {
     fn new() -> Self {
         let work = tempfile::tempdir().expect("a folder");
         let repository = harness::repository();
-        for name in ["config", "tools", "weights"] {
+        for name in ["config", "docs", "tools", "weights"] {
             std::os::unix::fs::symlink(repository.join(name), work.path().join(name)).expect("a link");
         }
         Self { work, repository, beside: VecDeque::new(), started: 0 }
@@ -145,6 +149,12 @@ impl Reader {
 
     /// Returns the program that a command runs, with its arguments.
     fn program(&self, command: &str) -> Option<Command> {
+        if OWN_FILES.iter().any(|start| command.starts_with(start)) {
+            // The folders of the tree are links here. Their copies must not be.
+            let mut shell = Command::new("sh");
+            shell.args(["-c", &command.replace("cp -r ", "cp -rL ")]).current_dir(self.work.path());
+            return Some(shell);
+        }
         let typed = words(command);
         let typed: Vec<&str> = typed.iter().map(String::as_str).collect();
         let (name, arguments) = match typed.as_slice() {
