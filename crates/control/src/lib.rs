@@ -266,7 +266,7 @@ fn too_close_to_start(config: &Config, state: &mut State, robot: &RobotState, me
 
 /// Returns true for values that no retargeting produces: not finite, or far outside any joint's range.
 fn implausible(target: &JointTarget) -> bool {
-    // Ten turns: no joint of a TiaGo++ makes two, and the comparison with limits stays exact.
+    // Ten turns: no supported joint makes two, and the comparison with limits stays exact.
     let far = 20.0 * core::f64::consts::PI;
     target.q.iter().chain(&target.dq).any(|value| !value.is_finite() || value.abs() > far)
 }

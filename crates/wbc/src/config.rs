@@ -49,7 +49,7 @@ pub enum WbcError {
     /// Returned if the home posture lies outside the limits.
     #[error("joint {joint}: home = {value} lies outside [{q_min}, {q_max}]")]
     Home { joint: usize, value: f64, q_min: f64, q_max: f64 },
-    /// Returned if the kinematics are not a tree of 17 joints in order, or could not be reproduced.
+    /// Returned if the kinematics are not a tree with the joints in order, or could not be reproduced.
     #[error("joint {joint}: {what}")]
     Kinematics { joint: usize, what: &'static str },
     /// Returned if the certificate cannot hold a capsule or a pair.
