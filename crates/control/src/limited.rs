@@ -44,8 +44,9 @@ mod tests {
 
     #[test]
     fn status_names_active_limit_only_while_engaged() {
-        let read = |kind| std::fs::read_to_string(format!("../../config/robots/tiago_dual.{kind}")).expect("shipped");
-        let model = Model::from_text("r.toml", &read("toml"), "r.urdf", &read("urdf")).expect("the shipped robot");
+        const TOML: &str = include_str!("../../../config/robots/tiago_dual.toml");
+        const URDF: &str = include_str!("../../../config/robots/tiago_dual.urdf");
+        let model = Model::from_text("r.toml", TOML, "r.urdf", URDF).expect("the shipped robot");
         let wbc = wbc::Config::new(&model, wbc::Options::default()).expect("the shipped robot");
         let mut status = Status { clearance_command_m: 0.5, nearest_pair: [3, 8], ..Status::ZERO };
         let mut said = |motion: &Motion, clearance_m: f64, engaged: bool| {

@@ -224,13 +224,7 @@ impl Source<'_> {
         let capsules = read_capsules(self.toml, &file.collision.capsules, link_body)?;
         let parent = |body: usize| body.checked_sub(1).map(|j| joint_frames[j].parent);
         let (pairs, allowed) = read_pairs(self.toml, &capsules, &file.collision.allowed, parent)?;
-        let (torso_body, body_from_torso) =
-            link_body(&file.torso_link).ok_or_else(|| self.unknown_link("torso_link", &file.torso_link))?;
-        // Limb rotations are computed in the frame of the body.
-        if (body_from_torso.r - Matrix3::identity()).amax() > TURN_TOLERANCE {
-            let bound = "must be turned like the link below the last joint above it";
-            return Err(self.value("torso_link", format!("`{}`", file.torso_link), bound));
-        }
+        let torso_body = self.torso_body(&file.torso_link, link_body(&file.torso_link))?;
         for (side, arm) in [&file.arms.left, &file.arms.right].into_iter().enumerate() {
             self.check_arm(side, arm, &chain, torso_body, (&joint_frames, &links))?;
         }
@@ -331,6 +325,16 @@ impl Source<'_> {
         }
         model.check_shoulders(self.urdf)?;
         model.check_mirror(self.toml)
+    }
+
+    /// Returns the body of the torso's link. Limb rotations are computed in the frame of the body.
+    fn torso_body(&self, name: &str, found: Option<(usize, Pose)>) -> Result<usize, RobotError> {
+        let (body, body_from_torso) = found.ok_or_else(|| self.unknown_link("torso_link", name))?;
+        if (body_from_torso.r - Matrix3::identity()).amax() > TURN_TOLERANCE {
+            let bound = "must be turned like the link below the last joint above it";
+            return Err(self.value("torso_link", format!("`{name}`"), bound));
+        }
+        Ok(body)
     }
 
     /// Refuses arms without mass: their torques would all be zero.

@@ -205,7 +205,7 @@ impl<'a> Run<'a> {
         let view = self.hand.tick(k, now, running.control, &mut self.faults);
         let [mut told, done] = view.unwrap_or_default();
         told.estop_edge &= !self.is_deaf();
-        let Subject { limits, close, config: whole, .. } = &*self.subject;
+        let Subject { limits, close, config: whole, .. } = self.subject;
         let robot = tampered::Robot { model: &whole.control.model, limits, close };
         let mut tampering = Tampering { faults: &mut self.faults, memory: &mut self.memory, robot };
         let moment = self.world.step_tampered(&self.subject.config, &told, running, &mut tampering);
@@ -229,8 +229,7 @@ impl<'a> Run<'a> {
             // After a pause of its driver a robot may carry on by itself, whatever its setpoint.
             self.undriven_until = self.undriven_until.max(k + UNDRIVEN);
         }
-        let truth = *robot.q();
-        let refused = robot.follower().refused;
+        let (truth, refused) = (*robot.q(), robot.follower().refused);
         let seen = Seen {
             tick: k,
             k: grid,
