@@ -22,7 +22,7 @@ pub struct Gimbal {
 }
 
 impl Gimbal {
-    /// Returns the gimbal of `arm`. The first axis has two ends. People reach the one nearer to [`REACHED`].
+    /// Returns the gimbal of `arm`. The first axis has two ends. People reach the one nearer to `REACHED`.
     #[must_use]
     pub fn of(arm: &Arm) -> Self {
         let (reached, bone) = (dot(arm.axes[0], REACHED), arm.axes[2]);

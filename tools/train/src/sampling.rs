@@ -51,7 +51,7 @@ pub struct Mixture {
 }
 
 impl Recorded {
-    /// Returns the share of recorded poses to turn to `gimbal`, so that [`NEAR_GIMBAL`] of all are near it. It is 0
+    /// Returns the share of recorded poses to turn to `gimbal`, so that `NEAR_GIMBAL` of all are near it. It is 0
     /// where people's arms hang at the gimbal, as TIAGo++'s.
     #[must_use]
     pub fn share_to_turn(&self, gimbal: &Gimbal) -> f64 {
