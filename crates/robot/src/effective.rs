@@ -5,47 +5,51 @@ use crate::error::RobotError;
 use crate::file::{Group, Limits, Tighten};
 use crate::limits::{JointLimits, Plausible};
 use crate::model::{NO_JOINT, Source};
-use crate::urdf::Tree;
+use crate::urdf::{Tree, UrdfJoint};
 use messages::JOINTS_MAX;
+use urdf_rs::JointType;
 
 impl Source<'_> {
     /// Returns the limits of the URDF, after a check that all are plausible.
     pub(crate) fn urdf_limits(&self, chain: &Chain, tree: &Tree) -> Result<[JointLimits; JOINTS_MAX], RobotError> {
         let mut limits = [NO_JOINT; JOINTS_MAX];
-        for (j, at) in chain.at.iter().enumerate() {
-            let (joint, plausible) = (&tree.joints[*at], Plausible::of(chain.prismatic[j]));
-            let limit = &joint.limit;
-            let refuse =
-                |key: &str, value: f64, bound: String| Err(self.joint(self.urdf, &joint.name, key, value, bound));
-            for (key, value) in [("limit lower", limit.lower), ("limit upper", limit.upper)] {
-                if !(value.abs() <= plausible.position) {
-                    return refuse(key, value, format!("must be at most {} in magnitude", plausible.position));
-                }
-            }
-            if !(limit.lower < limit.upper) {
-                return refuse("limit lower", limit.lower, format!("must be below limit upper = {}", limit.upper));
-            }
-            let positive = [
-                ("limit velocity", limit.velocity, plausible.speed),
-                ("limit effort", limit.effort, plausible.effort),
-                ("limit acceleration", limit.acceleration.min(limit.deceleration), f64::INFINITY),
-                ("limit jerk", limit.jerk, f64::INFINITY),
-            ];
-            for (key, value, most) in positive {
-                if !(value > 0.0 && value <= most) {
-                    return refuse(key, value, format!("must be above 0 and at most {most}"));
-                }
-            }
-            limits[j] = JointLimits {
-                q_min: limit.lower,
-                q_max: limit.upper,
-                v_max: limit.velocity,
-                a_max: limit.acceleration.min(limit.deceleration),
-                j_max: limit.jerk,
-                effort_max: limit.effort,
-            };
+        for (limits, at) in limits.iter_mut().zip(&chain.at) {
+            *limits = self.limits_of(&tree.joints[*at])?;
         }
         Ok(limits)
+    }
+
+    /// Returns the URDF's limits of a joint, after a check that they are plausible.
+    pub(crate) fn limits_of(&self, joint: &UrdfJoint) -> Result<JointLimits, RobotError> {
+        let (limit, plausible) = (&joint.limit, Plausible::of(joint.kind == JointType::Prismatic));
+        let refuse = |key: &str, value: f64, bound: String| Err(self.joint(self.urdf, &joint.name, key, value, bound));
+        for (key, value) in [("limit lower", limit.lower), ("limit upper", limit.upper)] {
+            if !(value.abs() <= plausible.position) {
+                return refuse(key, value, format!("must be at most {} in magnitude", plausible.position));
+            }
+        }
+        if !(limit.lower < limit.upper) {
+            return refuse("limit lower", limit.lower, format!("must be below limit upper = {}", limit.upper));
+        }
+        let positive = [
+            ("limit velocity", limit.velocity, plausible.speed),
+            ("limit effort", limit.effort, plausible.effort),
+            ("limit acceleration", limit.acceleration.min(limit.deceleration), f64::INFINITY),
+            ("limit jerk", limit.jerk, f64::INFINITY),
+        ];
+        for (key, value, most) in positive {
+            if !(value > 0.0 && value <= most) {
+                return refuse(key, value, format!("must be above 0 and at most {most}"));
+            }
+        }
+        Ok(JointLimits {
+            q_min: limit.lower,
+            q_max: limit.upper,
+            v_max: limit.velocity,
+            a_max: limit.acceleration.min(limit.deceleration),
+            j_max: limit.jerk,
+            effort_max: limit.effort,
+        })
     }
 
     /// Finds the group of each joint, with the group's name.

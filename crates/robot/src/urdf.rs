@@ -38,6 +38,8 @@ pub(crate) struct UrdfJoint {
 
 /// All links and joints as one tree.
 pub(crate) struct Tree {
+    /// The robot's name.
+    pub(crate) name: String,
     pub(crate) links: Vec<String>,
     /// The shapes to draw of each link, in its own frame.
     pub(crate) visuals: Vec<Vec<Visual>>,
@@ -79,7 +81,7 @@ impl Tree {
         let visuals = robot.links.iter().map(|link| crate::visual::read(&link.visual)).collect();
         let meshes = robot.links.iter().map(|link| crate::visual::read_meshes(link, &robot.materials)).collect();
         let inertias = robot.links.iter().map(|link| crate::inertia::read(file, link)).collect::<Result<_, _>>()?;
-        Ok(Self { links, visuals, meshes, inertias, joints, joint_above, root })
+        Ok(Self { name: robot.name, links, visuals, meshes, inertias, joints, joint_above, root })
     }
 
     /// Returns the index of the joint with this name.

@@ -5,15 +5,15 @@ mod tree;
 mod write;
 
 use crate::error::RobotError;
+use crate::model::Source;
 use crate::urdf::Tree;
 use arm::{ArmChain, Posture};
 use messages::{ARM_JOINTS, JOINTS_MAX};
 use std::collections::BTreeMap;
 use urdf_rs::JointType;
 
-/// Bounds of a joint's range, rad or m. It is wider than both margins of the draft, and no joint turns farther.
+/// A joint's range is above this, rad or m: twice the draft's margin at the home posture, and some room.
 const ROOM: f64 = 0.01;
-const RANGE_MAX: f64 = 26.0;
 
 /// A first robot file without collision capsules, and the notes for the person who completes it.
 #[derive(Clone, Debug)]
@@ -71,21 +71,18 @@ pub fn draft(urdf_name: &str, urdf_text: &str) -> Result<Draft, RobotError> {
     let home = [home, std::array::from_fn(|i| signs[i] * home[i])];
     let found = Found { torso_link, body, arms, held, reference: [left, right], home };
     notes(&tree, &found, &mut guesses, &mut decisions);
-    Ok(Draft { toml: write::toml(urdf_name, urdf_text, &tree, &found), guesses, decisions })
+    Ok(Draft { toml: write::toml(urdf_name, &tree, &found), guesses, decisions })
 }
 
-/// Refuses a commanded joint without a range or a speed. Postures are solved inside the ranges.
+/// Refuses limits that a model would refuse, and a range that is no wider than the draft's margins. Postures are solved
+/// inside the ranges.
 fn check_limits<'j>(file: &str, tree: &Tree, joints: impl Iterator<Item = &'j usize>) -> Result<(), RobotError> {
+    let source = Source { toml: file, urdf: file };
     for joint in joints.map(|joint| &tree.joints[*joint]) {
-        let limit = &joint.limit;
-        if !(limit.upper - limit.lower > ROOM && limit.upper - limit.lower <= RANGE_MAX) {
-            let key = format!("joint `{}`: range from {} to {}", joint.name, limit.lower, limit.upper);
-            let bound = format!("must be above {ROOM}, at most {RANGE_MAX}: <limit> needs lower and upper");
-            return Err(RobotError::value(file, key, (limit.upper - limit.lower).to_string(), bound));
-        }
-        if !(limit.velocity > 0.0) {
-            let key = format!("joint `{}`: <limit> velocity", joint.name);
-            return Err(RobotError::value(file, key, limit.velocity.to_string(), "must be above 0"));
+        let limits = source.limits_of(joint)?;
+        let range = limits.q_max - limits.q_min;
+        if range <= ROOM {
+            return Err(source.joint(file, &joint.name, "range", range, format!("must be above {ROOM}")));
         }
     }
     Ok(())

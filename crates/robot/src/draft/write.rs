@@ -29,9 +29,8 @@ struct Group<'a> {
 }
 
 /// Writes the robot file of what was found. `urdf_name` is a file in the same folder.
-pub(super) fn toml(urdf_name: &str, urdf_text: &str, tree: &Tree, found: &Found) -> String {
+pub(super) fn toml(urdf_name: &str, tree: &Tree, found: &Found) -> String {
     let mut out = String::new();
-    let robot = urdf_rs::read_from_string(urdf_text).map_or_else(|_| "robot".to_owned(), |robot| robot.name);
     // Writing to a String cannot fail.
     let _ = write!(
         out,
@@ -39,7 +38,7 @@ pub(super) fn toml(urdf_name: &str, urdf_text: &str, tree: &Tree, found: &Found)
          format = 2\nname = {}\nurdf = {}\nbase_link = {}\n\
          torso_link = {}   # must be x forward, y left, z up: the frame of the limb rotations\n\
          # Commanded joints that belong to no arm. They keep the home posture.\nbody_joints = {}\n\n",
-        quoted(&robot),
+        quoted(&tree.name),
         quoted(urdf_name),
         quoted(&tree.links[tree.root]),
         quoted(&tree.links[found.torso_link]),
