@@ -7,7 +7,8 @@
 //! speeds, accelerations and ranges ([`solver`]). The person's way is known up to the newest skeleton and
 //! predicted beyond it.
 //!
-//! The wrist's joints turn no limb. During the limbs' motion they keep the hands away from the robot.
+//! The robot itself is in the horizon too. An arm keeps off the body and the other arm where the person's posture
+//! would touch them ([`gap`]). The wrist's joints turn no limb, so they keep the hands away first.
 //!
 //! The work is the same in every tick. An iteration of one arm is spread over [`ITERATION_TICKS`] ticks. The arms
 //! take turns, and each starts from its last solution. The result is a wish. Whole-body control treats it like any
@@ -20,6 +21,8 @@
 #![allow(clippy::needless_range_loop, reason = "a joint index runs over several arrays at once")]
 
 pub mod arm;
+pub mod gap;
+mod near;
 mod plan;
 pub mod solver;
 mod tick;

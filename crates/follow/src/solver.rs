@@ -7,7 +7,8 @@
 //! q' = q + d v + d^2 u / 2,   v' = v + d u,   |u| <= A,   |v'| <= V
 //!
 //! minimise  sum over nodes      d (w rho(angle of upper arm) + w rho(angle of forearm) + W_q (q beyond its range)^2
-//!                                  + r_v |v|^2 + r_p |q - prior|^2),   r_p larger at the last node
+//!                                  + r_v |v|^2 + r_p |q - prior|^2    [r_p is larger at the last node]
+//!                                  + W_g sum over gaps max(0, (5 mm - gap(q)) / 15 mm)^2)
 //!         + sum over intervals  d r_a |u / A|^2
 //!
 //! rho(x) = 2 c^2 (sqrt(1 + (x / c)^2) - 1)
@@ -23,6 +24,7 @@
 //! propagation needs only scaled sums of 5 x 5 blocks.
 
 use crate::arm::{Arm, ArmVector, Limbs, ROWS};
+use crate::gap::{GAP_M, Gaps};
 use crate::{LIMB_JOINTS, NODES};
 use nalgebra::SMatrix;
 
@@ -48,11 +50,22 @@ pub struct Weights {
     pub patience: f64,
     /// Weight of a position beyond its range, per rad^2.
     pub range: f64,
+    /// Weight of a gap that is [`GAP_M`] too narrow.
+    pub gap: f64,
 }
 
 impl Default for Weights {
     fn default() -> Self {
-        Self { acceleration: 5e-3, knee: 0.08, velocity: 2e-3, prior: 2e-4, pull: 0.1, patience: 50.0, range: 30.0 }
+        Self {
+            acceleration: 5e-3,
+            knee: 0.08,
+            velocity: 2e-3,
+            prior: 2e-4,
+            pull: 0.1,
+            patience: 50.0,
+            range: 30.0,
+            gap: 0.3,
+        }
     }
 }
 
@@ -123,6 +136,8 @@ pub struct Problem {
     pub pull: f64,
     /// Bounds.
     pub bounds: Bounds,
+    /// Distances to the rest of the robot.
+    pub gaps: Gaps,
 }
 
 /// Working memory of the sweep.
@@ -290,6 +305,9 @@ fn cost(arm: &Arm, weights: &Weights, problem: &Problem, i: usize, state: &State
             + prior * (q - problem.prior[j]).powi(2)
             + weights.acceleration * u * u;
     }
+    for gap in problem.gaps.at_node(i) {
+        sum += weights.gap * gap.missing(&state.q).powi(2);
+    }
     sum * problem.interval_s[i]
 }
 
@@ -324,6 +342,14 @@ fn add_node(value: &mut Value, arm: &Arm, weights: &Weights, problem: &Problem, 
         value.vv[(j, j)] += d * weights.velocity;
         value.q[j] += d * (weights.range * beyond + prior * (q - problem.prior[j]));
         value.qq[(j, j)] += d * (prior + if beyond == 0.0 { 0.0 } else { weights.range });
+    }
+    for gap in problem.gaps.at_node(i) {
+        let missing = gap.missing(&state.q);
+        if missing > 0.0 {
+            let slope = gap.slope() / GAP_M;
+            value.q -= slope * (d * weights.gap * missing);
+            value.qq += slope * slope.transpose() * (d * weights.gap);
+        }
     }
 }
 

@@ -1,6 +1,8 @@
 //! One period of following.
 
 use crate::arm::{Arm, ArmVector, Limbs};
+use crate::gap::{Gap, Gaps, WATCHED};
+use crate::near::Pairs;
 use crate::plan::{Plan, intervals_s, is_finite, node_after};
 use crate::solver::{self, Bounds, Problem, Sweep};
 use crate::wrist::{self, WRIST_FIRST, WRIST_JOINTS, Wrist};
@@ -32,6 +34,9 @@ const STALLED_MAX_S: f64 = 1.0;
 /// Time from one iteration of an arm to its next, s. Both arms take turns.
 const EACH_S: f64 = (ARMS as u64 * ITERATION_TICKS) as f64 * TICK_S;
 
+/// Time between two steps of a wrist, s. Both arms take turns.
+const LOOK_S: f64 = (ARMS * WATCHED.len()) as f64 * TICK_S;
+
 /// Margin to the position limits, rad. Whole-body control keeps the same.
 const INSET_RAD: f64 = 1e-3;
 
@@ -55,6 +60,7 @@ pub struct Config {
     bounds: [Bounds; ARMS],
     weights: Weights,
     wrists: [Wrist; ARMS],
+    pairs: [Pairs; ARMS],
     model: Box<Model>,
 }
 
@@ -73,8 +79,9 @@ impl Config {
             }
         });
         let wrists = first.map(|first| Wrist::new(model, first, v_max));
+        let pairs = first.map(|first| Pairs::new(model, first));
         let arms = [0, 1].map(|side| Arm::of(model, side));
-        Self { arms, first, bounds, weights, wrists, model: Box::new(model.clone()) }
+        Self { arms, first, bounds, weights, wrists, pairs, model: Box::new(model.clone()) }
     }
 }
 
@@ -132,9 +139,10 @@ pub struct State {
     /// Time for which each arm has been stalled, s.
     stalled_s: [f64; ARMS],
     wrists: [wrist::Wish; ARMS],
-    /// Next node of a wrist to evaluate, and its arm.
-    wrist_step: u64,
-    wrist_arm: usize,
+    gaps: [Gaps; ARMS],
+    /// Next watched node to look at, and its arm.
+    look_step: usize,
+    look_arm: usize,
     frames: Box<Frames>,
 }
 
@@ -152,6 +160,7 @@ impl State {
             prior: ArmVector::zeros(),
             pull: 0.0,
             bounds,
+            gaps: Gaps::none(),
         };
         Self {
             plans: std::array::from_fn(|_| Plan::rest(0, ArmVector::zeros())),
@@ -162,8 +171,9 @@ impl State {
             off_at_end_rad: [0.0; ARMS],
             stalled_s: [0.0; ARMS],
             wrists: [wrist::Wish::default(); ARMS],
-            wrist_step: 0,
-            wrist_arm: 0,
+            gaps: [Gaps::none(); ARMS],
+            look_step: 0,
+            look_arm: 0,
             frames: Box::default(),
         }
     }
@@ -183,7 +193,8 @@ impl State {
     /// Drops the plans, because the robot does not follow. The next followed tick starts from its command.
     pub fn forget(&mut self) {
         (self.meant, self.step, self.arm, self.stalled_s) = ([false; ARMS], 0, 0, [0.0; ARMS]);
-        (self.wrist_step, self.wrist_arm) = (0, 0);
+        (self.look_step, self.look_arm) = (0, 0);
+        self.gaps = [Gaps::none(); ARMS];
     }
 }
 
@@ -230,7 +241,7 @@ pub fn tick(config: &Config, state: &mut State, input: Input<'_>) -> Output {
     } else {
         state.arm = 1 - state.arm;
     }
-    keep_hands_clear(config, state, &input);
+    look(config, state, &input);
     let mut output = Output { aims: [None; JOINTS_MAX], wrists: [None; ARMS] };
     for arm in (0..ARMS).filter(|&arm| state.meant[arm]) {
         let u = state.plans[arm].input_at(before);
@@ -245,12 +256,12 @@ pub fn tick(config: &Config, state: &mut State, input: Input<'_>) -> Output {
     output
 }
 
-/// Evaluates the next node of a wrist, in the posture of both arms' plans there.
-fn keep_hands_clear(config: &Config, state: &mut State, input: &Input<'_>) {
-    let arm = state.wrist_arm;
+/// Evaluates the pairs of one arm at its next watched node, in the posture of both arms' plans there.
+fn look(config: &Config, state: &mut State, input: &Input<'_>) {
+    let (arm, step) = (state.look_arm, state.look_step);
     if state.meant[arm] {
         let before = input.k.saturating_sub(1);
-        let until = before + (wrist::watched(state.wrist_step) as u64 + 1) * WAY_NODE_TICKS;
+        let until = before + (WATCHED[step] as u64 + 1) * WAY_NODE_TICKS;
         let mut q = *input.q;
         for other in (0..ARMS).filter(|&other| state.meant[other]) {
             let plan = &state.plans[other];
@@ -261,12 +272,21 @@ fn keep_hands_clear(config: &Config, state: &mut State, input: &Input<'_>) {
             q[wrist..wrist + WRIST_JOINTS].copy_from_slice(&state.wrists[other].q);
         }
         config.model.forward(&q, &mut state.frames);
-        config.wrists[arm].look(&config.model, &state.frames, &mut state.wrists[arm]);
+        let there = part(&q, config.first[arm]);
+        let (gaps, wrist) = (&mut state.gaps[arm], &mut state.wrists[arm]);
+        gaps.clear(step);
+        config.pairs[arm].look(&config.model, &state.frames, |near| {
+            if near.has_limb() {
+                let slope = ArmVector::from_fn(|j, _| near.slope[j]);
+                gaps.insert(step, Gap::new(near.distance_m - config.model.d_min_m, slope, &there));
+            }
+            wrist.add(near);
+        });
     }
-    state.wrist_step += 1;
-    if state.wrist_step == wrist::STEP_TICKS {
-        config.wrists[arm].step(&mut state.wrists[arm], input.speed_scale, wrist::period_s(ARMS));
-        (state.wrist_step, state.wrist_arm) = (0, 1 - arm);
+    state.look_step += 1;
+    if state.look_step == WATCHED.len() {
+        config.wrists[arm].step(&mut state.wrists[arm], input.speed_scale, LOOK_S);
+        (state.look_step, state.look_arm) = (0, 1 - arm);
     }
 }
 
@@ -279,7 +299,7 @@ fn iterate(config: &Config, state: &mut State, input: &Input<'_>) {
     if state.step == 0 {
         let pull = config.weights.pull * (1.0 + config.weights.patience * state.stalled_s[arm]);
         work.problem.pull = pull * state.off_at_end_rad[arm];
-        prepare(config, work, &state.plans[arm], input, arm);
+        prepare(config, work, (&state.plans[arm], &state.gaps[arm]), input, arm);
     } else if state.step <= sweeps {
         let share = NODES / sweeps as usize;
         let from = NODES - (state.step as usize - 1) * share;
@@ -308,7 +328,7 @@ fn iterate(config: &Config, state: &mut State, input: &Input<'_>) {
 
 /// Prepares the problem for the end of the iteration. It starts from the state then: on the plan or, if the wish
 /// was not reached, continued from the command.
-fn prepare(config: &Config, work: &mut Iteration, plan: &Plan, input: &Input<'_>, arm: usize) {
+fn prepare(config: &Config, work: &mut Iteration, (plan, gaps): (&Plan, &Gaps), input: &Input<'_>, arm: usize) {
     let before = input.k.saturating_sub(1);
     work.begin = before + ITERATION_TICKS - 1;
     let commanded = solver::State { q: part(input.q, config.first[arm]), v: part(input.v, config.first[arm]) };
@@ -319,6 +339,7 @@ fn prepare(config: &Config, work: &mut Iteration, plan: &Plan, input: &Input<'_>
     problem.start = plan.continued(from, before, work.begin);
     problem.interval_s = intervals_s(work.begin);
     problem.bounds = Bounds { v_max: bounds.v_max * input.speed_scale, ..*bounds };
+    problem.gaps = *gaps;
     problem.prior = part(input.prior, config.first[arm]);
     let first = node_after(work.begin);
     let mut known = config.arms[arm].limbs(&problem.start.q);

@@ -1,8 +1,7 @@
 //! Keeps the hands clear of the robot. A wrist's two joints turn no limb of the person, so they are free to turn
-//! the hand away during its arm's motion. Then the arm need not stop if a turn of the hand is enough.
+//! the hand away during its arm's motion. Then the arm need not leave the person if a turn of the hand is enough.
 //!
-//! Let w be the positions of joints 6 and 7, and d_p(k, w) the distance of pair p. One capsule of each pair is on
-//! the wrist. The posture is that of both arms' plans at node k:
+//! Let w be the positions of joints 6 and 7, and d_p(k, w) the distance of pair p at node k of both arms' plans:
 //!
 //! ```text
 //! minimise  sum_k sum_p max(0, (R - d_p(k, w)) / R)^2 + r_h |w - home|^2,   |w'| <= V,  w in its range
@@ -11,22 +10,16 @@
 //! A tick evaluates one node of one arm. A Gauss-Newton step follows after the last node. Whole-body control
 //! handles obstacles that are not part of the robot.
 
-use crate::NODES;
-use messages::{JOINTS_MAX, TICK_S};
-use nalgebra::{Matrix2, Vector2, Vector3};
-use robot::{Frames, Model, segment_distance};
+use crate::near::{Near, SEEN_M};
+use messages::JOINTS_MAX;
+use nalgebra::{Matrix2, Vector2};
+use robot::Model;
 
 /// Joints of a wrist.
 pub(crate) const WRIST_JOINTS: usize = 2;
 /// The first of them within an arm.
 pub(crate) const WRIST_FIRST: usize = 5;
 
-/// Nodes that are evaluated: half a second ahead, a tenth apart.
-const WATCHED: [usize; 5] = [0, 5, 11, 17, NODES - 1];
-
-/// Distance below which a pair counts, R, m. Whole-body control slows an arm whose stop comes nearer than about 30
-/// mm.
-const RANGE_M: f64 = 0.06;
 /// Weight of the home posture, r_h, per rad^2. A pair that is 1 mm inside the range at one node bends the wrist by
 /// 0.1 rad.
 const HOME: f64 = 0.003;
@@ -36,22 +29,11 @@ const DAMPING: f64 = 0.5;
 /// Margin to the position limits, rad. Whole-body control keeps 2 mrad.
 const INSET_RAD: f64 = 3e-3;
 
-/// Capsule `hand` is on the arm's wrist, `other` is not.
-#[derive(Clone, Copy, Debug)]
-struct Pair {
-    hand: usize,
-    other: usize,
-    radii_m: f64,
-}
-
 /// Constant data of one wrist.
 #[derive(Clone, Debug)]
 pub(crate) struct Wrist {
     /// Index of joint 6.
     first: usize,
-    pairs: Vec<Pair>,
-    /// Unit axes of both joints, each in the frame of the body that it moves.
-    axes: [Vector3<f64>; WRIST_JOINTS],
     home: Vector2<f64>,
     q_min: Vector2<f64>,
     q_max: Vector2<f64>,
@@ -68,12 +50,13 @@ pub(crate) struct Wish {
     hessian: Matrix2<f64>,
 }
 
-/// Ticks from one step of a wrist to the next, while its nodes are evaluated in turn.
-pub(crate) const STEP_TICKS: u64 = WATCHED.len() as u64;
-
-/// Returns the node that tick `step` of [`STEP_TICKS`] evaluates.
-pub(crate) fn watched(step: u64) -> usize {
-    WATCHED[(step % STEP_TICKS) as usize]
+impl Wish {
+    /// Adds a pair at a node.
+    pub(crate) fn add(&mut self, near: &Near) {
+        let slope = Vector2::new(near.slope[WRIST_FIRST], near.slope[WRIST_FIRST + 1]) / SEEN_M;
+        self.gradient -= slope * ((SEEN_M - near.distance_m) / SEEN_M);
+        self.hessian += slope * slope.transpose();
+    }
 }
 
 impl Wrist {
@@ -81,21 +64,9 @@ impl Wrist {
     /// rad/s.
     pub(crate) fn new(model: &Model, arm_first: usize, v_max: &[f64; JOINTS_MAX]) -> Self {
         let first = arm_first + WRIST_FIRST;
-        let is_hand = |capsule: usize| (first + 1..=first + WRIST_JOINTS).contains(&model.capsules[capsule].body);
-        let pair = |hand: usize, other: usize| {
-            let radii_m = model.capsules[hand].radius_m + model.capsules[other].radius_m;
-            Pair { hand, other, radii_m }
-        };
-        let pairs = model.pairs.iter().filter_map(|&robot::Pair { a, b }| match (is_hand(a), is_hand(b)) {
-            (true, false) => Some(pair(a, b)),
-            (false, true) => Some(pair(b, a)),
-            _ => None,
-        });
         let of = |value: &dyn Fn(usize) -> f64| Vector2::from_fn(|i, _| value(first + i));
         Self {
             first,
-            pairs: pairs.collect(),
-            axes: [0, 1].map(|i| model.joint_at_zero(first + i).1),
             home: of(&|j| model.home[j]),
             q_min: of(&|j| model.limits[j].q_min + INSET_RAD),
             q_max: of(&|j| model.limits[j].q_max - INSET_RAD),
@@ -106,40 +77,6 @@ impl Wrist {
     /// Starts at the wrist's commanded position.
     pub(crate) fn begin(&self, q: &[f64; JOINTS_MAX]) -> Wish {
         Wish { q: [q[self.first], q[self.first + 1]], ..Wish::default() }
-    }
-
-    /// Adds the pairs of the robot's posture with the bodies at `frames`. A pair whose distance is not finite adds
-    /// nothing.
-    pub(crate) fn look(&self, model: &Model, frames: &Frames, wish: &mut Wish) {
-        let end = |capsule: usize| {
-            let capsule = &model.capsules[capsule];
-            let pose = &frames.base_from_body[capsule.body];
-            [pose.transform_point(&capsule.a), pose.transform_point(&capsule.b)]
-        };
-        for pair in &self.pairs {
-            let (hand, other) = (end(pair.hand), end(pair.other));
-            let spheres = ((hand[0] + hand[1]) - (other[0] + other[1])).norm() / 2.0;
-            let halves = ((hand[0] - hand[1]).norm() + (other[0] - other[1]).norm()) / 2.0;
-            if spheres - halves - pair.radii_m >= RANGE_M {
-                continue;
-            }
-            let nearest = segment_distance(&hand[0], &hand[1], &other[0], &other[1]);
-            let point = hand[0] + (hand[1] - hand[0]) * nearest.s;
-            let apart = point - (other[0] + (other[1] - other[0]) * nearest.t);
-            let inside = (RANGE_M + pair.radii_m - nearest.distance_m) / RANGE_M;
-            if !(inside > 0.0 && nearest.distance_m > 0.0) {
-                continue;
-            }
-            let away = apart / nearest.distance_m;
-            let joints = model.capsules[pair.hand].body - self.first;
-            let slope = Vector2::from_fn(|i, _| {
-                let pose = &frames.base_from_body[self.first + i + 1];
-                // Joint 7 does not move a capsule on joint 6.
-                if i < joints { away.dot(&(pose.r * self.axes[i]).cross(&(point - pose.t))) / RANGE_M } else { 0.0 }
-            });
-            wish.gradient -= slope * inside;
-            wish.hessian += slope * slope.transpose();
-        }
     }
 
     /// Takes the step after the last node, `period_s` after the previous step. It is at most `speed_scale` of the
@@ -157,9 +94,4 @@ impl Wrist {
         }
         (wish.gradient, wish.hessian) = (Vector2::zeros(), Matrix2::zeros());
     }
-}
-
-/// Time between two steps of a wrist, s, if `arms` take turns.
-pub(crate) fn period_s(arms: usize) -> f64 {
-    (arms as u64 * STEP_TICKS) as f64 * TICK_S
 }

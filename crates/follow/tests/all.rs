@@ -3,6 +3,7 @@
 
 mod arm;
 mod following;
+mod gap;
 mod hostile;
 mod solver;
 mod support;

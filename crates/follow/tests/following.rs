@@ -1,6 +1,6 @@
 //! The stage with a robot whose command equals the aim: it reaches, keeps up, rises, and does not spin.
 
-use crate::support::{A_MAX, FREE, Robot, V_MAX, arm, node_s, random_q, turned};
+use crate::support::{A_MAX, FREE, Robot, V_MAX, arm, clearance_m, model, node_s, posture, random_q, turned};
 use follow::LIMB_JOINTS;
 use follow::Weights;
 use follow::arm::{ArmVector, Limbs};
@@ -78,7 +78,11 @@ fn slow_person_is_followed_within_one_degree() {
 
 /// Final error of the limbs of a hanging arm that must rise, degrees.
 fn rises(hangs: &[f64; LIMB_JOINTS], raised: &[f64; LIMB_JOINTS], weights: Weights) -> f64 {
-    let mut robot = Robot::at(hangs, weights);
+    arrives(Robot::at(hangs, weights), raised)
+}
+
+/// Final error of the limbs, degrees.
+fn arrives(mut robot: Robot, raised: &[f64; LIMB_JOINTS]) -> f64 {
     robot.propose(raised);
     let person = arm().limbs(&ArmVector::from(*raised));
     for _ in 0..4 * TICK_HZ {
@@ -120,6 +124,24 @@ fn arm_reaches_raised_posture_from_any_hanging_posture() {
     println!("of 80 arms {off} are more than 3 degrees off after 4 s, {impatient_off} without patience");
     assert!(off <= 1, "{off} of 80 arms do not arrive");
     assert!(impatient_off >= 4, "patience is for nothing: {impatient_off} of 80 do not arrive without");
+}
+
+#[test]
+fn solid_arm_reaches_clear_raised_posture_from_clear_hanging_posture() {
+    let (model, mut rng) = (model(), Pcg64::seed_from_u64(78));
+    let is_clear = |q: &[f64; LIMB_JOINTS]| clearance_m(&model, &posture(&model, q), true) > 0.03;
+    let (mut off, mut arms) = (0, 0);
+    while arms < 60 {
+        let any = random_q(&mut rng);
+        let hangs = [rng.random_range(-0.5..0.5), 1.2, any[2], rng.random_range(0.1..0.7), rng.random_range(-0.4..0.4)];
+        let raised: [f64; LIMB_JOINTS] = random_q(&mut rng).into();
+        if is_clear(&hangs) && is_clear(&raised) {
+            arms += 1;
+            off += u32::from(arrives(Robot::solid(&hangs, Weights::default()), &raised) > 3.0);
+        }
+    }
+    println!("of {arms} solid arms {off} are more than 3 degrees off after 4 s");
+    assert!(off <= 2, "{off} of {arms} arms do not arrive");
 }
 
 /// RMS of the joints' and of the limbs' deviations from their means, degrees, for a person who stands with noise.

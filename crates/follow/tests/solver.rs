@@ -2,6 +2,7 @@
 
 use crate::support::{arm, bounds, problem, random_q, random_rotation};
 use follow::arm::{ArmVector, Limbs};
+use follow::gap::Gap;
 use follow::solver::{Problem, State, Sweep, Weights};
 use follow::{LIMB_JOINTS, NODES};
 use rand::{RngExt, SeedableRng};
@@ -40,6 +41,12 @@ fn random_problem(rng: &mut Pcg64) -> Problem {
     }
     problem.prior = random_q(rng);
     problem.pull = rng.random_range(0.0..0.5);
+    for watched in 0..5 {
+        for _ in 0..rng.random_range(0..12) {
+            let slope = ArmVector::from_fn(|_, _| rng.random_range(-0.5..0.5));
+            problem.gaps.insert(watched, Gap::new(rng.random_range(-0.05..0.05), slope, &problem.start.q));
+        }
+    }
     problem
 }
 

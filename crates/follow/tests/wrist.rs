@@ -49,7 +49,7 @@ fn person(q: [f64; LIMB_JOINTS]) -> [Limbs; 2] {
 #[test]
 fn wrist_turns_hanging_hand_away_and_returns_home_when_raised() {
     let model = model();
-    let mut robot = Robot::at(&FREE, Weights::default());
+    let mut robot = Robot::solid(&FREE, Weights::default());
     robot.propose(&HANGING);
     let (mut least_m, mut at_home_m) = (f64::INFINITY, f64::INFINITY);
     for _ in 0..3 * TICK_HZ {
@@ -76,7 +76,7 @@ fn wrist_turns_hanging_hand_away_and_returns_home_when_raised() {
 
 #[test]
 fn wrist_with_target_is_not_moved_by_avoidance() {
-    let mut robot = Robot::at(&FREE, Weights::default());
+    let mut robot = Robot::solid(&FREE, Weights::default());
     robot.valid_mask = ALL_JOINTS;
     let output = robot.step(|_| person(HANGING));
     assert!(output.aims[FIRST[0]].is_some() && output.wrists == [None; 2]);

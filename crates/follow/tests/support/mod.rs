@@ -2,13 +2,14 @@
 #![allow(dead_code, reason = "every test file uses a part of it")]
 
 use follow::arm::{Arm, ArmVector, Limbs};
+use follow::gap::Gaps;
 use follow::solver::{Bounds, Problem, State as ArmState};
 use follow::{Config, Input, LIMB_JOINTS, NODES, Output, State, Weights, tick};
 use messages::{JOINTS_MAX, LIMBS, WAY_NODE_TICKS};
 use nalgebra::{UnitQuaternion, Vector3};
 use rand::RngExt;
 use rand_pcg::Pcg64;
-use robot::Model;
+use robot::{Frames, Model, segment_distance};
 use std::f64::consts::FRAC_PI_2;
 
 /// TIAGo++: the joints of its left arm.
@@ -53,6 +54,7 @@ pub fn problem(q: ArmVector, person: Limbs) -> Problem {
         prior: q,
         pull: 0.0,
         bounds: bounds(),
+        gaps: Gaps::none(),
     }
 }
 
@@ -68,6 +70,35 @@ pub fn model() -> Model {
         }
     }
     model
+}
+
+/// Smallest distance of the checked pairs whose distance a limb's joint changes, m. With `hands`, of all pairs.
+pub fn clearance_m(model: &Model, q: &[f64; JOINTS_MAX], hands: bool) -> f64 {
+    let mut frames = Frames::default();
+    model.forward(q, &mut frames);
+    let is_hand = |capsule: usize| {
+        let body = model.capsules[capsule].body;
+        FIRST.iter().any(|first| (first + LIMB_JOINTS + 1..=first + 7).contains(&body))
+    };
+    let distance = |pair: &robot::Pair| {
+        let [a, b] = [pair.a, pair.b].map(|capsule| {
+            let capsule = &model.capsules[capsule];
+            let pose = &frames.base_from_body[capsule.body];
+            (pose.transform_point(&capsule.a), pose.transform_point(&capsule.b), capsule.radius_m)
+        });
+        segment_distance(&a.0, &a.1, &b.0, &b.1).distance_m - a.2 - b.2
+    };
+    let pairs = model.pairs.iter().filter(|pair| hands || !(is_hand(pair.a) || is_hand(pair.b)));
+    pairs.map(distance).fold(f64::INFINITY, f64::min)
+}
+
+/// The home posture with both arms at `q`.
+pub fn posture(model: &Model, q: &[f64; LIMB_JOINTS]) -> [f64; JOINTS_MAX] {
+    let mut all = model.home;
+    for first in FIRST {
+        all[first..first + LIMB_JOINTS].copy_from_slice(q);
+    }
+    all
 }
 
 pub fn random_q(rng: &mut Pcg64) -> ArmVector {
@@ -121,15 +152,23 @@ pub struct Robot {
 }
 
 impl Robot {
-    /// Starts at rest with both arms at `q`, which retargeting proposes as well.
+    /// Starts at rest with both arms at `q`, which retargeting proposes as well. Its parts may pass through each
+    /// other, so that a person may stand in any posture.
     pub fn at(q: &[f64; LIMB_JOINTS], weights: Weights) -> Self {
-        let model = model();
-        let mut all = model.home;
-        for first in FIRST {
-            all[first..first + LIMB_JOINTS].copy_from_slice(q);
-        }
+        let mut model = model();
+        model.pairs.clear();
+        Self::of(&model, q, weights)
+    }
+
+    /// The same with parts that must not touch.
+    pub fn solid(q: &[f64; LIMB_JOINTS], weights: Weights) -> Self {
+        Self::of(&model(), q, weights)
+    }
+
+    fn of(model: &Model, q: &[f64; LIMB_JOINTS], weights: Weights) -> Self {
+        let all = posture(model, q);
         Self {
-            config: Config::new(&model, &model.limits.each_ref().map(|limits| 0.98 * limits.v_max), weights),
+            config: Config::new(model, &model.limits.each_ref().map(|limits| 0.98 * limits.v_max), weights),
             state: State::new(),
             k: 7_500_017,
             q: all,

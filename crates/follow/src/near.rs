@@ -1,0 +1,96 @@
+//! The parts of the robot near an arm, and how the arm's joints change their distances.
+
+use crate::LIMB_JOINTS;
+use messages::ARM_JOINTS;
+use nalgebra::Vector3;
+use robot::{Frames, Model, segment_distance};
+
+/// Distance below which a pair is seen, m. Whole-body control slows an arm whose stop comes nearer than about 30
+/// mm. A wrist gives way earlier, because that costs no limb.
+pub(crate) const SEEN_M: f64 = 0.06;
+
+/// Capsule `own` is on the arm. `other` is on another body, or nearer to the shoulder on the same arm.
+#[derive(Clone, Copy, Debug)]
+struct Pair {
+    own: usize,
+    other: usize,
+    radii_m: f64,
+    /// The joints of the arm between both capsules: from..to.
+    from: usize,
+    to: usize,
+}
+
+/// A pair that is near, in the posture of the bodies that were looked at.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Near {
+    /// Distance of the surfaces, m. Below zero they intersect.
+    pub(crate) distance_m: f64,
+    /// Its derivative by each joint of the arm, m/rad.
+    pub(crate) slope: [f64; ARM_JOINTS],
+}
+
+/// Constant data of the pairs of one arm.
+#[derive(Clone, Debug)]
+pub(crate) struct Pairs {
+    /// Index of the arm's first joint.
+    first: usize,
+    pairs: Vec<Pair>,
+    /// Unit axis of each joint, in the frame of the body that it moves.
+    axes: [Vector3<f64>; ARM_JOINTS],
+}
+
+impl Near {
+    /// Returns true if a joint that turns a limb changes the distance.
+    pub(crate) fn has_limb(&self) -> bool {
+        self.slope[..LIMB_JOINTS].iter().any(|slope| *slope != 0.0)
+    }
+}
+
+impl Pairs {
+    /// Collects the pairs of the arm that begins with joint `first`.
+    pub(crate) fn new(model: &Model, first: usize) -> Self {
+        // Number of joints of the arm that move the capsule.
+        let joints = |capsule: usize| {
+            let body = model.capsules[capsule].body;
+            if (first + 1..=first + ARM_JOINTS).contains(&body) { body - first } else { 0 }
+        };
+        let pairs = model.pairs.iter().filter_map(|&robot::Pair { a, b }| {
+            let (own, other) = if joints(a) > joints(b) { (a, b) } else { (b, a) };
+            let radii_m = model.capsules[a].radius_m + model.capsules[b].radius_m;
+            let (from, to) = (joints(other), joints(own));
+            (to > from).then_some(Pair { own, other, radii_m, from, to })
+        });
+        Self { first, pairs: pairs.collect(), axes: std::array::from_fn(|i| model.joint_at_zero(first + i).1) }
+    }
+
+    /// Calls `see` for every pair nearer than [`SEEN_M`] with the bodies at `frames`. A pair whose distance is not
+    /// finite, or whose axes meet, is not seen.
+    pub(crate) fn look(&self, model: &Model, frames: &Frames, mut see: impl FnMut(&Near)) {
+        let ends = |capsule: usize| {
+            let capsule = &model.capsules[capsule];
+            let pose = &frames.base_from_body[capsule.body];
+            [pose.transform_point(&capsule.a), pose.transform_point(&capsule.b)]
+        };
+        for pair in &self.pairs {
+            let (own, other) = (ends(pair.own), ends(pair.other));
+            let spheres = ((own[0] + own[1]) - (other[0] + other[1])).norm() / 2.0;
+            let halves = ((own[0] - own[1]).norm() + (other[0] - other[1]).norm()) / 2.0;
+            if spheres - halves - pair.radii_m >= SEEN_M {
+                continue;
+            }
+            let nearest = segment_distance(&own[0], &own[1], &other[0], &other[1]);
+            let distance_m = nearest.distance_m - pair.radii_m;
+            if !(distance_m < SEEN_M && nearest.distance_m > 0.0) {
+                continue;
+            }
+            let point = own[0] + (own[1] - own[0]) * nearest.s;
+            let away = (point - (other[0] + (other[1] - other[0]) * nearest.t)) / nearest.distance_m;
+            let mut slope = [0.0; ARM_JOINTS];
+            for i in pair.from..pair.to {
+                let pose = &frames.base_from_body[self.first + i + 1];
+                slope[i] = away.dot(&(pose.r * self.axes[i]).cross(&(point - pose.t)));
+            }
+            see(&Near { distance_m, slope });
+        }
+    }
+}
