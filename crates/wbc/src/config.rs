@@ -22,6 +22,10 @@ pub const PLANNED_SPEED_SHARE: f64 = 0.98;
 /// simulated wrist reached 1.0513 of its limit under `torture` (one sample in ten million ticks). So the
 /// share is 1.05 - (1.0513 - 0.90), and 0.02 less for rarer events.
 pub const PLANNED_WRIST_SPEED_SHARE: f64 = 0.88;
+/// The same share of a waist or torso that turns. Its arms push it. Planned with 0.98, RB-Y1's simulated torso reached
+/// 1.175 of its limit under `torture` (one million ticks). So the share is 1.05 - (1.175 - 0.98), and 0.02 less for
+/// rarer events.
+pub const PLANNED_BODY_SPEED_SHARE: f64 = 0.83;
 /// Number of joints of an arm before its wrist.
 const BEFORE_WRIST: usize = 4;
 /// Distance kept from position limits, rad or m. It is far above the rounding of a stop's end, and far below
@@ -192,7 +196,7 @@ impl Config {
         let mut load = Load::new(&parts.chain, &parts.masses, &parts.effort_max)?;
         load.carry(&parts.payload);
         Ok(Self {
-            bounds: std::array::from_fn(|j| planned(is_wrist(&parts.chain, j), &parts.limits[j])),
+            bounds: std::array::from_fn(|j| planned(&parts.chain, j, &parts.limits[j])),
             load: options.torque.then_some(load),
             stop_time_max_s: parts.stop_time_max_s,
             hard_range: parts.limits.map(|l| [l.q_min, l.q_max]),
@@ -207,8 +211,8 @@ impl Config {
     }
 
     /// The bounds within which each joint is planned. Position limits are reduced by a micrometre or
-    /// microradian (a wrist's by 2 mrad). Speeds are multiplied by [`PLANNED_SPEED_SHARE`] or
-    /// [`PLANNED_WRIST_SPEED_SHARE`], and the others by [`PLANNED_SHARE`].
+    /// microradian (a wrist's by 2 mrad). Speeds are multiplied by [`PLANNED_SPEED_SHARE`],
+    /// [`PLANNED_WRIST_SPEED_SHARE`] or [`PLANNED_BODY_SPEED_SHARE`], and the others by [`PLANNED_SHARE`].
     pub fn bounds(&self) -> &[Bounds; JOINTS_MAX] {
         &self.bounds
     }
@@ -229,11 +233,21 @@ fn is_wrist(chain: &Chain, j: usize) -> bool {
     chain.hands().iter().any(|hand| (hand + BEFORE_WRIST - ARM_JOINTS..*hand).contains(&j))
 }
 
-/// The bounds within which a joint is planned.
-fn planned(wrist: bool, l: &Bounds) -> Bounds {
-    let (speed_share, inset) = match wrist {
-        true => (PLANNED_WRIST_SPEED_SHARE, WRIST_POSITION_INSET),
-        false => (PLANNED_SPEED_SHARE, POSITION_INSET),
+/// Returns true if the joint turns the shoulders.
+fn turns_shoulders(chain: &Chain, j: usize) -> bool {
+    let [left, right] = chain.arms();
+    let before_hands = chain.hands().iter().fold(0, |all, &hand| all | chain.ancestors(hand));
+    before_hands & !(left | right) & 1 << j != 0 && !chain.links()[j].prismatic
+}
+
+/// The bounds within which joint `j` is planned.
+fn planned(chain: &Chain, j: usize, l: &Bounds) -> Bounds {
+    let (speed_share, inset) = if is_wrist(chain, j) {
+        (PLANNED_WRIST_SPEED_SHARE, WRIST_POSITION_INSET)
+    } else if turns_shoulders(chain, j) {
+        (PLANNED_BODY_SPEED_SHARE, POSITION_INSET)
+    } else {
+        (PLANNED_SPEED_SHARE, POSITION_INSET)
     };
     Bounds {
         q_min: l.q_min + inset,

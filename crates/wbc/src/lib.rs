@@ -55,8 +55,8 @@ pub mod track;
 
 pub use barrier::Program;
 pub use config::{
-    Config, ENGAGE_MARGIN_M, Options, PLANNED_SHARE, PLANNED_SPEED_SHARE, PLANNED_WRIST_SPEED_SHARE, Parts, Tasks,
-    WbcError,
+    Config, ENGAGE_MARGIN_M, Options, PLANNED_BODY_SPEED_SHARE, PLANNED_SHARE, PLANNED_SPEED_SHARE,
+    PLANNED_WRIST_SPEED_SHARE, Parts, Tasks, WbcError,
 };
 pub use interface::{Controllers, Interface, Interpolation};
 pub use messages::Permit;
