@@ -8,7 +8,7 @@ use crate::kinds::{self, Content, Fault, KIND_COUNT, KINDS, LinkFault, Process, 
 use crate::operator_model::OperatorModel;
 use crate::oracle::{Oracle, Person, Seen, Violation};
 use crate::processes::Processes;
-use crate::schedule::{Episode, QUIET_TICKS};
+use crate::schedule::{Episode, QUIET_TICKS, RECOVERY_TICKS};
 use crate::subject::Subject;
 use crate::tampered::{self, Memory, Tampering};
 use bus::FaultPlan;
@@ -88,6 +88,8 @@ pub struct Run<'a> {
     k: u64,
     transitions: Vec<(u64, Transition)>,
     followed_since: Option<u64>,
+    /// The last tick of a recovery.
+    recovered_at: u64,
     /// Index of the kind that counts engagements far from the person's posture.
     elsewhere: usize,
 }
@@ -119,6 +121,7 @@ impl<'a> Run<'a> {
             k: 0,
             transitions: Vec::new(),
             followed_since: None,
+            recovered_at: 0,
             elsewhere: by_name("engage-elsewhere").unwrap_or(0),
         }
     }
@@ -134,7 +137,7 @@ impl<'a> Run<'a> {
         run.world.reseed_links(seed);
         run.client.rebase();
         run.oracle.ticks_in = Default::default();
-        (run.seed, run.k, run.quiet_from) = (seed, 0, u64::MAX);
+        (run.seed, run.k, run.quiet_from, run.recovered_at) = (seed, 0, u64::MAX, 0);
         run.transitions.clear();
         run
     }
@@ -145,8 +148,11 @@ impl<'a> Run<'a> {
         self.bug = bug;
         self.quiet_from = ticks.saturating_sub(QUIET_TICKS);
         let mut violation = None;
-        while self.k < ticks && violation.is_none() {
-            violation = self.tick().err().or_else(|| self.alive(ticks));
+        let mut end = ticks;
+        while self.k < end && violation.is_none() {
+            violation = self.tick().err();
+            end = self.end(ticks, end);
+            violation = violation.or_else(|| self.alive(end));
         }
         Outcome {
             violation,
@@ -157,6 +163,17 @@ impl<'a> Run<'a> {
             back_after: self.followed_since.map(|k| k.saturating_sub(self.quiet_from)),
             transitions: self.transitions,
         }
+    }
+
+    /// Returns the end of a run of `ticks` that would end at `end`: after a slow recovery, the operator has time too.
+    fn end(&mut self, ticks: u64, end: u64) -> u64 {
+        if self.oracle.mode() == Mode::Recovering {
+            self.recovered_at = self.k;
+        }
+        if self.k < end || self.followed_since.is_some() {
+            return end;
+        }
+        (self.recovered_at + QUIET_TICKS).clamp(end, ticks + RECOVERY_TICKS)
     }
 
     /// Once the faults are over, the robot follows again in time, and stays engaged.
@@ -171,7 +188,7 @@ impl<'a> Run<'a> {
         match self.followed_since {
             None if follows => self.followed_since = Some(tick),
             None if tick + 1 == ticks => {
-                return broken("liveness", format!("still {} {QUIET_TICKS} ticks after the last fault", mode.name()));
+                return broken("liveness", format!("still {} at the end", mode.name()));
             }
             // The effect of an earlier fault may still appear during the tenth of a second in which inputs go
             // stale. An operator who releases a robot that held a moment ago stops it on purpose.

@@ -8,6 +8,10 @@ use rand_pcg::Pcg64Mcg;
 /// The last ticks of every run have no faults. Within these 5 s the operator must engage the robot again.
 pub const QUIET_TICKS: u64 = 5 * TICK_HZ;
 
+/// A run whose robot still recovers at the end goes on for as long as this at most: 20 s. An arm that was found
+/// folded into the body turns by up to 1.5 rad, at 0.09 rad/s.
+pub const RECOVERY_TICKS: u64 = 20 * TICK_HZ;
+
 /// The shortest run: some ticks with faults before the quiet ones.
 pub const TICKS_MIN: u64 = QUIET_TICKS + TICK_HZ / 2;
 
