@@ -1,0 +1,227 @@
+"""A TIAGo++ on ROS 2 Humble, played without ROS: controllers, body and judge. See README.md beside this file."""
+
+import argparse
+import csv
+import json
+import select
+import signal
+import sys
+import time
+from collections import deque
+from pathlib import Path
+
+import numpy as np
+
+import body
+import faults
+import robot
+from judge import Judge
+from trajectory import NS_PER_S, Controller
+from wire import Wire
+
+ROBOT = Path(__file__).parents[2] / "config/robots/tiago_dual.toml"
+#: joint_state_broadcaster and state of the controllers, Hz: `update_rate` in the published configuration of TIAGo Pro.
+STATE_HZ = 50
+#: The emergency stop is published on change and at this rate, Hz. It is an assumption.
+EMERGENCY_HZ = 1
+#: `goal` (rad) and `goal_time` (s) of the published configurations: arms and, by assumption, torso; head.
+GOAL, GOAL_HEAD = (0.02, 0.6), (0.5, 2.0)
+#: A peer that is later than this is no robot any more. It is an assumption.
+LATE_MAX_S = 1.0
+
+
+class Peer:
+    def __init__(self, args: argparse.Namespace):
+        self.args = args
+        self.robot = robot.load(args.robot, args.urdf)
+        self.period_s = 1 / args.update_hz
+        self.body = body.Ideal(self.robot) if args.no_physics else body.Body(self.robot, args)
+        self.judge = Judge(self.robot, self.period_s)
+        self.faults = faults.Faults(args.fault, args.seed)
+        self.controllers = {name: Controller(joints, *(GOAL_HEAD if "head" in name else GOAL))
+                            for name, joints in self.robot.controllers.items()}
+        at = {joint: index for index, joint in enumerate(self.robot.joints)}
+        self.places = {name: np.array([at[joint] for joint in joints]) for name, joints in self.robot.controllers.items()}
+        self.command = self.robot.home.copy()
+        self.references = {}
+        #: Commands on their way: when they arrive (s), controller, message.
+        self.waiting: deque = deque()
+        self.emergency = None
+        #: The robot's clock minus the monotonic clock, and the robot's clock at the first update. `run` sets them.
+        self.base_ns = self.begin_clock_ns = 0
+        self.overruns, self.late_max_s = 0, 0.0
+        self.wire = Wire(args.domain, args.interface, args.best_effort, self.robot.controllers, self.robot.urdf)
+        self.trace = csv.writer(args.trace.open("w", buffering=1)) if args.trace else None
+        if self.trace:
+            columns = [f"{joint}.{what}" for joint in self.robot.joints for what in ("reference", "measured")]
+            self.trace.writerow(["monotonic_s", "robot_clock_s", *columns])
+
+    def run(self) -> None:
+        """Updates on a grid of the monotonic clock. The controllers read the time of the grid, as a robot in time would."""
+        print(f"ready on domain {self.args.domain}: {', '.join(self.controllers)}", flush=True)
+        signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
+        begin_ns = time.monotonic_ns()
+        self.base_ns = time.time_ns() - begin_ns
+        self.begin_clock_ns = self.base_ns + begin_ns
+        tick = 0
+        while self.args.seconds is None or tick * self.period_s < self.args.seconds:
+            due_ns = begin_ns + round(tick * self.period_s * NS_PER_S)
+            late_s = (time.monotonic_ns() - due_ns) / NS_PER_S
+            if late_s < 0:
+                time.sleep(-late_s)
+            elif late_s > self.period_s:
+                self.overruns, self.late_max_s = self.overruns + 1, max(self.late_max_s, late_s)
+                if late_s > LATE_MAX_S:
+                    raise SystemExit(f"{late_s:.1f} s behind real time. Give this process more of a core.")
+            if not self.update(tick, due_ns):
+                break
+            tick += 1
+
+    def update(self, tick: int, monotonic_ns: int) -> bool:
+        """One cycle of the controller manager: read, update, write. False once the standard input says the end."""
+        now_s = tick * self.period_s
+        clock_ns = self.base_ns + monotonic_ns + round((self.faults.value("clock", now_s) or 0) * NS_PER_S)
+        self.receive(now_s, clock_ns)
+        emergency = self.faults.active("emergency", now_s)
+        for name, controller in self.controllers.items():
+            if self.faults.active("inactive", now_s, name):
+                # A controller that becomes active again holds the measured position.
+                controller.curve = controller.incoming = None
+                continue
+            self.references[name] = controller.update(clock_ns, self.body.position[self.places[name]])
+            if not emergency:
+                self.command[self.places[name]] = self.references[name].positions
+        if emergency != self.emergency or tick % (self.args.update_hz // EMERGENCY_HZ) == 0:
+            self.press_emergency(emergency, now_s, clock_ns)
+        states_due = tick % (self.args.update_hz // STATE_HZ) == 0
+        if states_due:
+            self.publish(now_s, clock_ns, monotonic_ns)
+        self.body.move(self.command, self.period_s)
+        self.judge.observe(self.command, self.body)
+        return not (states_due and self.args.stdin) or self.read_faults(now_s)
+
+    def receive(self, now_s: float, clock_ns: int) -> None:
+        """Gives each controller the commands that arrived before this update was due, however late this process is."""
+        for name in self.controllers:
+            for message in self.wire.take(name):
+                traffic = self.judge.traffic[name]
+                traffic.received += 1
+                delay_s = self.faults.delay_s(now_s, name)
+                if delay_s is None:
+                    traffic.lost += 1
+                    continue
+                sent_s = (message.sample_info.source_timestamp - self.begin_clock_ns) / NS_PER_S
+                # A sender on another machine has another clock. Then only the time of this update is known.
+                arrival_s = sent_s if now_s < sent_s < now_s + LATE_MAX_S else now_s
+                self.waiting.append((arrival_s + delay_s, name, message))
+        for _ in range(len(self.waiting)):
+            arrival_s, name, message = self.waiting.popleft()
+            if arrival_s > now_s:
+                self.waiting.append((arrival_s, name, message))
+                continue
+            controller = self.controllers[name]
+            controller.joints = self.joints_of(name, now_s)
+            inactive = self.faults.active("inactive", now_s, name)
+            reason = "controller inactive" if inactive else controller.receive(message, clock_ns)
+            self.judge.traffic[name].arrived(now_s, reason)
+
+    def joints_of(self, name: str, now_s: float) -> list[str]:
+        joints = self.robot.controllers[name]
+        return [f"other_{joint}" for joint in joints] if self.faults.active("names", now_s, name) else joints
+
+    def press_emergency(self, pressed: bool, now_s: float, clock_ns: int) -> None:
+        """Brakes hold the joints where they are. On release the controllers hold that posture. Both are assumptions."""
+        if pressed and not self.emergency:
+            self.command = self.body.position.copy()
+        if self.emergency and not pressed:
+            for name, controller in self.controllers.items():
+                controller.hold(clock_ns, self.body.position[self.places[name]])
+        self.emergency = pressed
+        if not self.faults.active("partition", now_s):
+            self.wire.publish_emergency(pressed)
+
+    def publish(self, now_s: float, clock_ns: int, monotonic_ns: int) -> None:
+        position, velocity, zeros = self.body.position, self.body.velocity, [0.0] * len(self.robot.others)
+        for name in self.controllers:
+            self.wire.set_second_publisher(name, self.faults.active("second", now_s, name))
+        if self.trace:
+            pairs = zip(self.command.round(9).tolist(), position.round(9).tolist())
+            clock_s = clock_ns / NS_PER_S
+            self.trace.writerow([f"{monotonic_ns / NS_PER_S:.9f}", f"{clock_s:.9f}", *(value for pair in pairs for value in pair)])
+        if self.faults.active("partition", now_s):
+            return
+        stamp_ns = clock_ns + round((self.faults.value("stamps", now_s) or 0) * NS_PER_S)
+        if self.faults.active("velocities", now_s):
+            velocity = np.full(len(position), np.nan)
+        self.wire.publish_joint_states(stamp_ns, self.robot.joints + self.robot.others, [*position, *zeros],
+                                       [*velocity, *zeros], [*self.body.torque, *zeros])
+        for name, reference in self.references.items():
+            if not self.faults.active("inactive", now_s, name):
+                self.wire.publish_controller_state(name, clock_ns, self.joints_of(name, now_s), reference, position[self.places[name]])
+
+    def read_faults(self, now_s: float) -> bool:
+        """A fault on each line of the standard input, or `clear`. Its end ends the peer."""
+        while select.select([sys.stdin], [], [], 0)[0]:
+            line = sys.stdin.readline()
+            if not line:
+                return False
+            try:
+                self.faults.all = [] if line.strip() == "clear" else [*self.faults.all, faults.parse(line, now_s)]
+            except ValueError as error:
+                print(error, file=sys.stderr, flush=True)
+        return True
+
+    def report(self) -> dict:
+        return {"physics": not self.args.no_physics, "contacts_judged": self.body.sees_contacts,
+                "contacts_unchecked": self.body.unchecked, "seed": self.args.seed, "overruns": self.overruns,
+                "late_max_ms": round(1e3 * self.late_max_s, 1), **self.judge.report()}
+
+
+def arguments() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--robot", type=Path, default=ROBOT, help="robot file: controllers, limits, home")
+    parser.add_argument("--urdf", type=Path, help="the robot as its manufacturer describes it (default: the robot file's)")
+    parser.add_argument("--meshes", type=Path, help="folder that holds the files that the URDF names")
+    parser.add_argument("--domain", type=int, default=0, help="DDS domain")
+    parser.add_argument("--interface", help="network interface, for example lo (default: Cyclone DDS chooses)")
+    parser.add_argument("--best-effort", action="store_true", help="read commands as a robot on Fast DDS does")
+    parser.add_argument("--update-hz", type=int, default=100, help="updates of the controllers: 50, 100, 200, 250, 500 or 1000")
+    parser.add_argument("--no-physics", action="store_true", help="joints are where they are commanded; needs no MuJoCo")
+    parser.add_argument("--joint-friction", action="store_true", help="keep friction and damping of the URDF's joints")
+    parser.add_argument("--feed-forward", type=float, default=0.0, help="share of the commanded velocity that the drives know")
+    parser.add_argument("--ignored", action="append", default=list(body.NO_PARTS), metavar="LINK", help="a link that touches nothing")
+    parser.add_argument("--allowed", action="append", default=[], metavar="LINK,LINK", help="two links that may touch")
+    parser.add_argument("--seconds", type=float, help="end after so long (default: never)")
+    parser.add_argument("--report", type=Path, help="write the judgement here, JSON")
+    parser.add_argument("--trace", type=Path, help="write reference and measured positions here at 50 Hz, CSV")
+    parser.add_argument("--picture", type=Path, help="draw the last posture's collision shapes here, PNG; needs --meshes and EGL")
+    parser.add_argument("--fault", action="append", default=[], help=faults.GRAMMAR)
+    parser.add_argument("--stdin", action="store_true", help="read faults from the standard input, and end with it")
+    parser.add_argument("--seed", type=int, default=1, help="seed of the faults")
+    args = parser.parse_args()
+    if args.update_hz % STATE_HZ or body.STEP_HZ % args.update_hz:
+        parser.error(f"--update-hz is a multiple of {STATE_HZ} that divides {body.STEP_HZ}")
+    if args.picture and (args.no_physics or not args.meshes):
+        parser.error("--picture needs --meshes and the physics")
+    return args
+
+
+def main() -> None:
+    args = arguments()
+    peer = Peer(args)
+    try:
+        peer.run()
+    except KeyboardInterrupt:
+        pass
+    finally:
+        if args.picture:
+            peer.body.picture(args.picture)
+        text = json.dumps(peer.report(), indent=1)
+        if args.report:
+            args.report.write_text(text + "\n")
+        else:
+            print(text)
+
+
+if __name__ == "__main__":
+    main()
