@@ -35,6 +35,8 @@ pub struct Settings {
     pub metrics: MetricsSettings,
     /// The simulated robot.
     pub sim: SimSettings,
+    /// A robot that speaks ROS 2.
+    pub ros2: Ros2Settings,
 }
 
 schema::table! {
@@ -165,8 +167,11 @@ schema::table! {
         /// nothing is relaxed for it.
         kind: DriverKind = DriverKind::Sim;
         /// Program that drives the robot, started in place of the driver of the built-in simulator. Empty for the built-in
-        /// one. A path with a slash is relative to this file.
+        /// one. A path with a slash is relative to this file. `"teleopd-ros2"` drives a robot that speaks ROS 2.
         program: String = String::new();
+        /// Age of a measurement beyond which the robot counts as silent, ms. It is ten periods of a port of 1 kHz. Joint
+        /// states of ROS 2 at 50 Hz need 60.
+        measured_age_max_ms: f64 = 10.0, in [1.0, 100.0];
         /// How long after its deadline command k is due, us. It is at least `control.grace_us`.
         grace_us: f64 = 450.0, in [0.0, GRACE_MAX_US];
         /// Silence of `control` that latches the driver's fault, ms. At least one tick. The stop plan plays from the
@@ -228,6 +233,25 @@ schema::table! {
         spin_us: f64 = 0.0, in [0.0, 200.0];
         /// Keeps every core awake while the daemon runs. It wakes sooner and uses more power.
         cpu_dma_latency: bool = true;
+    }
+}
+
+schema::table! {
+    /// A robot that speaks ROS 2, for the program `teleopd-ros2`.
+    pub struct Ros2Settings {
+        /// DDS domain of the robot (its ROS_DOMAIN_ID).
+        domain_id: u32 = 0, in [0.0, 232.0];
+        /// Network interface, for example `"eth0"`. Empty for all.
+        interface: String = String::new();
+        /// Topic of the measured joint positions.
+        joint_states_topic: String = "/joint_states".to_owned();
+        /// Topic that says whether the robot's emergency stop is pressed. Empty for a robot that has none.
+        emergency_stop_topic: String = "/power/is_emergency".to_owned();
+        /// Time between a setpoint and its execution by the robot's controllers, ms. It is longer than the way of a
+        /// message, one period of the messages (10 ms) and the error of the robot's clock together.
+        delay_ms: f64 = 20.0, in [12.0, 45.0];
+        /// Time by which the robot's servos follow their controllers later, ms.
+        servo_lag_ms: f64 = 0.0, in [0.0, 100.0];
     }
 }
 
@@ -335,12 +359,15 @@ impl Settings {
     }
 
     /// Returns the program that drives the robot in place of the simulated one. `None` if there is none. A path with a
-    /// slash is relative to the settings file `config`. A bare name is searched in PATH.
+    /// slash is relative to the settings file `config`. A bare name is searched beside this program, then in PATH.
     pub fn driver_program(&self, config: &Path) -> Option<PathBuf> {
         let program = Path::new(&self.driver.program);
         match program.components().count() {
             0 => None,
-            1 if !self.driver.program.contains('/') => Some(program.to_owned()),
+            1 if !self.driver.program.contains('/') => {
+                let beside = std::env::current_exe().ok().map(|own| own.with_file_name(program));
+                Some(beside.filter(|beside| beside.is_file()).unwrap_or_else(|| program.to_owned()))
+            }
             _ => Some(config.parent().unwrap_or(Path::new("")).join(program)),
         }
     }
@@ -366,6 +393,7 @@ impl Settings {
             ("realtime", self.realtime.check().and_then(|()| self.realtime.cores.check())),
             ("metrics", self.metrics.check()),
             ("sim", self.sim.check()),
+            ("ros2", self.ros2.check()),
         ];
         for (table, checked) in checked {
             checked.map_err(|error| bound(table, error))?;

@@ -89,7 +89,7 @@ impl Motion {
     }
 
     /// Returns position, velocity and acceleration of joint `j` after `time_s` seconds of the plan.
-    pub(crate) fn ahead(&self, j: usize, time_s: f64) -> [f64; 3] {
+    pub fn ahead(&self, j: usize, time_s: f64) -> [f64; 3] {
         let phases = self.plan.jerk[j].into_iter().zip(self.plan.duration_s[j]);
         let (joint, _) =
             phases.fold(([self.q[j], self.v[j], self.a[j]], time_s), |(now, rest_s), (jerk, duration_s)| {

@@ -76,6 +76,10 @@ pub fn control_config(loaded: &Loaded, realtime: bool) -> Result<control::Config
     })
 }
 
+/// Age by which a measurement is older after a pause that real-time scheduling would prevent, ms: ten cycles of a port
+/// of 1 kHz for each factor.
+const PAUSE_MS: f64 = 10.0;
+
 /// Returns the configuration of the simulated robot. Without real-time scheduling (`realtime` false), two times
 /// are relaxed like the other stale times: the silence that latches the driver's fault, and the age of a
 /// measurement. The plan plays from the first missed tick in any case.
@@ -100,7 +104,7 @@ pub(crate) fn sim_config_of(
         encoder_step_rad: settings.encoder_step_rad,
         watchdog_ms: settings.watchdog_ms,
         reaction: settings.reaction,
-        measured_age_max_ms: driver::MEASURED_AGE_MAX_NS as f64 * 1e-6 * factor,
+        measured_age_max_ms: driver.measured_age_max_ms + PAUSE_MS * (factor - 1.0),
         silence_ticks: (driver.silence_latch_ms * factor * 1e-3 * messages::TICK_HZ as f64).round() as u64,
         hand_speed_max_m_per_s: loaded.settings.safety.hand_speed_m_per_s(),
         payload_kg: [settings.payload_left_kg, settings.payload_right_kg],

@@ -1,0 +1,19 @@
+//! Drives a robot that speaks ROS 2 (Humble), without an installation of ROS: trajectories over DDS, one for each
+//! trajectory controller.
+//!
+//! - [`trajectory`]: the points of a message. The robot plays the certified stop from them when messages end.
+//! - [`clock`]: the robot's clock, from its stamps.
+//! - [`estimate`]: where the robot is now, from samples that are old.
+//! - [`ros`], [`link`]: the messages of ROS 2 and the connection, in a thread of its own.
+//! - [`preflight`]: the checks before a robot may be driven.
+//! - [`port`]: the port of `crates/driver`, wait-free.
+
+#![allow(clippy::needless_range_loop, reason = "a joint index runs over several arrays at once")]
+
+pub mod clock;
+pub mod estimate;
+pub mod link;
+pub mod port;
+pub mod preflight;
+pub mod ros;
+pub mod trajectory;

@@ -1,0 +1,179 @@
+//! The checks before a robot may be driven. Each failure is one sentence with what to do.
+
+use crate::link::{Heard, Link};
+use messages::JOINTS_MAX;
+use robot::Model;
+use safety::monitor;
+
+/// Longest wait for the robot's topics, ns. DDS finds a robot within some seconds.
+const WAIT_NS: u64 = 10_000_000_000;
+/// Time for which the robot is watched once it is found, ns.
+const WATCH_NS: u64 = 1_000_000_000;
+/// Time between two looks, ns.
+const STEP_NS: u64 = 2_000_000;
+/// Least and largest rate of joint states, Hz. Controllers of PAL's robots publish at 50, and the estimate between two
+/// samples is made for no less.
+const RATES_HZ: [f64; 2] = [45.0, 110.0];
+/// A standing joint stays within this, rad or m. It is the band in which `safety` judges rest.
+const STANDS: f64 = 0.005;
+/// Largest difference between the robot's own description and ours, m and rad.
+const SAME: f64 = 1e-6;
+
+/// Waits for the robot and judges it. Returns the sentences of all checks that failed.
+pub fn judge(link: &mut Link, model: &Model, wants_emergency_stop: bool) -> Vec<String> {
+    let began = rt::now();
+    while rt::now().since(began) < WAIT_NS && !is_complete(link, wants_emergency_stop) {
+        step(link);
+    }
+    let (mut from, mut lowest, mut highest) =
+        (None::<Heard>, [f64::INFINITY; JOINTS_MAX], [-f64::INFINITY; JOINTS_MAX]);
+    let began = rt::now();
+    while rt::now().since(began) < WATCH_NS {
+        step(link);
+        if let Some(heard) = &link.heard {
+            from.get_or_insert_with(|| heard.clone());
+            for j in 0..JOINTS_MAX {
+                lowest[j] = lowest[j].min(heard.sample.q[j]);
+                highest[j] = highest[j].max(heard.sample.q[j]);
+            }
+        }
+    }
+    let mut failures = controllers(link);
+    failures.extend(emergency_stop(link, wants_emergency_stop));
+    failures.extend(description(link.urdf.as_deref(), model));
+    match (from, &link.heard) {
+        (Some(from), Some(heard)) => {
+            let rate_hz = rate_hz(&from, heard);
+            if !(RATES_HZ[0]..=RATES_HZ[1]).contains(&rate_hz) {
+                failures.push(format!(
+                    "joint_states comes at {rate_hz:.0} Hz, must be {} to {}: set the update rate of the robot's joint state broadcaster",
+                    RATES_HZ[0], RATES_HZ[1]
+                ));
+            }
+            failures.extend(moving(model, &lowest, &highest));
+            failures.extend(posture(model, &heard.sample.q));
+        }
+        _ => failures.push(link.incomplete.clone().map_or_else(
+            || {
+                "no joint_states arrived: check ros2.domain_id, ros2.interface and ros2.joint_states_topic, and that the \
+                 robot's joint state broadcaster is active"
+                    .to_owned()
+            },
+            |incomplete| format!("{incomplete}: the robot file names a joint that this robot does not report"),
+        )),
+    }
+    if link.disbelieved > 0 {
+        failures.push(format!(
+            "{} stamps of joint_states were more than 20 ms off the others: synchronise the robot's clock, and do not step it",
+            link.disbelieved
+        ));
+    }
+    failures
+}
+
+fn step(link: &mut Link) {
+    link.hear(rt::now());
+    rt::sleep_until(rt::now().plus_ns(STEP_NS));
+}
+
+/// Returns true if nothing is left to wait for.
+fn is_complete(link: &Link, wants_emergency_stop: bool) -> bool {
+    let found = link.controllers(rt::now()).iter().all(|seen| seen.active && seen.readers > 0);
+    found && link.heard.is_some() && link.urdf.is_some() && (link.pressed.is_some() || !wants_emergency_stop)
+}
+
+fn rate_hz(from: &Heard, to: &Heard) -> f64 {
+    let time_s = (to.stamp_ns - from.stamp_ns) as f64 * 1e-9;
+    if time_s > 0.0 { (to.count - from.count) as f64 / time_s } else { 0.0 }
+}
+
+fn controllers(link: &Link) -> Vec<String> {
+    let mut failures = Vec::new();
+    for seen in link.controllers(rt::now()) {
+        let name = &seen.name;
+        if !seen.active {
+            failures.push(format!(
+                "controller `{name}` publishes no state: activate it (ros2 control switch_controllers --activate {name}), or correct the robot file's [[controllers]]"
+            ));
+        } else if seen.other_joints {
+            failures.push(format!(
+                "controller `{name}` has other joints than the robot file names: correct its [[controllers]]"
+            ));
+        }
+        if seen.readers != 1 {
+            failures.push(format!(
+                "{} has {} readers, must have one: run one robot in this domain",
+                seen.topic, seen.readers
+            ));
+        }
+        if seen.publishers > 0 {
+            failures.push(format!(
+                "another program may send to {}: stop it (play_motion, a joystick, another teleopd)",
+                seen.topic
+            ));
+        }
+    }
+    failures
+}
+
+fn emergency_stop(link: &Link, wanted: bool) -> Option<String> {
+    match link.pressed {
+        Some(true) => Some("the emergency stop is pressed: release it when the robot's surroundings are clear".to_owned()),
+        None if wanted => Some(
+            "no message on ros2.emergency_stop_topic: name the robot's topic, or set it to \"\" for a robot that has none"
+                .to_owned(),
+        ),
+        _ => None,
+    }
+}
+
+/// Compares the robot's own description with ours: axes, origins and limits of every joint.
+pub fn description(urdf: Option<&str>, model: &Model) -> Option<String> {
+    let Some(urdf) = urdf else {
+        return Some("no /robot_description arrived: start the robot's state publisher".to_owned());
+    };
+    let texts = &model.texts;
+    let theirs = match Model::from_text(&texts.toml_name, &texts.toml, "/robot_description", urdf) {
+        Ok(theirs) => theirs,
+        Err(error) => return Some(format!("the robot describes itself otherwise than the robot file: {error}")),
+    };
+    (0..model.count).find_map(|j| {
+        let ((ours, our_axis), (other, other_axis)) = (model.joint_at_zero(j), theirs.joint_at_zero(j));
+        let (our_limits, other_limits) = (&model.urdf_limits[j], &theirs.urdf_limits[j]);
+        let limits = [
+            our_limits.q_min - other_limits.q_min,
+            our_limits.q_max - other_limits.q_max,
+            our_limits.v_max - other_limits.v_max,
+        ];
+        let what = if (our_axis - other_axis).norm() > SAME {
+            "axis"
+        } else if (ours.t - other.t).norm() > SAME || (ours.r - other.r).norm() > SAME {
+            "origin"
+        } else if limits.iter().any(|off| off.abs() > SAME) {
+            "limits"
+        } else {
+            return None;
+        };
+        let name = &model.joint_names[j];
+        Some(format!("the {what} of `{name}` differs in /robot_description and our URDF: use the robot's own URDF"))
+    })
+}
+
+fn moving(model: &Model, lowest: &[f64; JOINTS_MAX], highest: &[f64; JOINTS_MAX]) -> Option<String> {
+    let joint = (0..model.count).find(|&j| highest[j] - lowest[j] > STANDS)?;
+    Some(format!("`{}` moves: wait until the robot stands, and stop what moves it", model.joint_names[joint]))
+}
+
+fn posture(model: &Model, q: &[f64; JOINTS_MAX]) -> Option<String> {
+    if let Some(outside) = monitor::outside_limits(model, q) {
+        let name = &model.joint_names[outside.joint];
+        return Some(format!("`{name}` stands {:.3} beyond its limit: move the robot by its own means", outside.by));
+    }
+    let clearance = monitor::measured_clearance(model, &mut robot::Frames::default(), q);
+    let near = !clearance.is_at_least(model.d_min_m);
+    near.then(|| {
+        let [a, b] = clearance.pair.map(|capsule| &model.capsules[capsule as usize].name);
+        let distance_mm = clearance.distance_m * 1e3;
+        format!("{a} and {b} are {distance_mm:.0} mm apart, too close to begin: move the robot by its own means")
+    })
+}
