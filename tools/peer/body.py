@@ -21,6 +21,8 @@ STIFFNESS = {"arm_left": (250, 1500, 600, 1000, 80, 80, 80), "arm_right": (250, 
 SERVO_HZ = 5.0
 #: Share of critical damping at home. It is an assumption.
 DAMPING_RATIO = 0.5
+#: Acceleration at which a geared motor's own rotor takes its whole effort, rad/s^2 and m/s^2. It is an assumption.
+ROTOR_ACCELERATION = 100.0
 #: Links of TIAGo++'s description that are boxes around a hand, and no part of the robot.
 NO_PARTS = ("hand_left_safety_box", "hand_right_safety_box")
 #: MuJoCo needs some mass and inertia of each moving part, kg and kg m^2. The lightest finger has more mass.
@@ -59,14 +61,25 @@ class Body:
         for first, second in self.unchecked:
             spec.add_exclude(bodyname1=first, bodyname2=second)
         self.model = spec.compile()
+        if args.servo_hz:
+            # Rotors behind gears: without them two wrist joints in line would pull each other about.
+            for joint, effort in zip(robot.joints, robot.effort_max):
+                self.model.dof_armature[self.model.joint(joint).dofadr[0]] = effort / ROTOR_ACCELERATION
         self.data = self.at_home(self.model)
         self.q_at = np.array([self.model.joint(joint).qposadr[0] for joint in robot.joints])
         self.v_at = np.array([self.model.joint(joint).dofadr[0] for joint in robot.joints])
         inertia = np.zeros((self.model.nv, self.model.nv))
         mujoco.mj_fullM(self.model, self.data, inertia)
-        inertia = np.diag(inertia)[self.v_at]
-        self.stiffness = np.array([stiffness(joint, m) for joint, m in zip(robot.joints, inertia)])
-        self.damping = 2 * DAMPING_RATIO * np.sqrt(self.stiffness * inertia)
+        inertia = inertia[np.ix_(self.v_at, self.v_at)]
+        alone, inertia = 1 / np.diag(np.linalg.inv(inertia)), np.diag(inertia)
+        if args.servo_hz:
+            # The inertia that a motor feels while the others give way.
+            self.stiffness, ratio = alone * (2 * math.pi * args.servo_hz) ** 2, 1.0
+            inertia = alone
+        else:
+            self.stiffness = np.array([stiffness(joint, m) for joint, m in zip(robot.joints, inertia)])
+            ratio = DAMPING_RATIO
+        self.damping = 2 * ratio * np.sqrt(self.stiffness * inertia)
         #: The link of each shape.
         self.link = [self.model.geom(index).name.rsplit("#")[0] for index in range(self.model.ngeom)]
         self.sees_contacts = bool(self.link)

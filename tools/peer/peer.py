@@ -189,6 +189,8 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--no-physics", action="store_true", help="joints are where they are commanded; needs no MuJoCo")
     parser.add_argument("--joint-friction", action="store_true", help="keep friction and damping of the URDF's joints")
     parser.add_argument("--feed-forward", type=float, default=0.0, help="share of the commanded velocity that the drives know")
+    parser.add_argument("--servo-hz", type=float, help="every joint is a critically damped servo of this frequency at home "
+                        "(default: the stiffnesses of mujoco_menagerie, where a shoulder swings)")
     parser.add_argument("--ignored", action="append", default=list(body.NO_PARTS), metavar="LINK", help="a link that touches nothing")
     parser.add_argument("--allowed", action="append", default=[], metavar="LINK,LINK", help="two links that may touch")
     parser.add_argument("--seconds", type=float, help="end after so long (default: never)")

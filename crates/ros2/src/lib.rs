@@ -5,15 +5,19 @@
 //! - [`clock`]: the robot's clock, from its stamps.
 //! - [`estimate`]: where the robot is now, from samples that are old.
 //! - [`ros`], [`link`]: the messages of ROS 2 and the connection, in a thread of its own.
-//! - [`preflight`]: the checks before a robot may be driven.
+//! - [`preflight`], [`description`]: the checks before a robot may be driven.
+//! - [`smooth`]: keeps steps away from the robot.
 //! - [`port`]: the port of `crates/driver`, wait-free.
 
+#![allow(clippy::neg_cmp_op_on_partial_ord, reason = "NaN differs from everything")]
 #![allow(clippy::needless_range_loop, reason = "a joint index runs over several arrays at once")]
 
 pub mod clock;
+pub mod description;
 pub mod estimate;
 pub mod link;
 pub mod port;
 pub mod preflight;
 pub mod ros;
+pub mod smooth;
 pub mod trajectory;

@@ -3,7 +3,8 @@
 use crate::estimate::{Sample, Sent};
 use crate::link::{Command, Link};
 use crate::preflight;
-use crate::trajectory::{Executed, PERIOD_TICKS};
+use crate::smooth::{Smooth, executed};
+use crate::trajectory::PERIOD_TICKS;
 use config::Loaded;
 use driver::{Driver, Drives, Measured, Motion, Setpoint};
 use messages::{JOINTS_MAX, Stamp, StopPlan, TICK_S};
@@ -33,6 +34,7 @@ pub struct Ros2 {
     news: Consumer<News>,
     newest: News,
     sent: Sent,
+    smooth: Smooth,
     last_k: u64,
     delay_ns: u64,
     expected_ns: u64,
@@ -93,6 +95,7 @@ impl Ros2 {
             news,
             newest,
             sent: Sent::default(),
+            smooth: Smooth::new(model.limits.map(|limits| limits.a_max)),
             last_k: 0,
             delay_ns: (delay_s * 1e9) as u64,
             expected_ns: (expected_s * 1e9) as u64,
@@ -118,12 +121,14 @@ impl Driver for Ros2 {
 
     fn write(&mut self, _now: Stamp, setpoint: &Setpoint, plan: &StopPlan) -> bool {
         let &Setpoint { k, q, v, a } = setpoint;
-        self.sent.note(&Executed { k, q, v });
+        let motion = self.smooth.pass(k, &Motion { q, v, a, plan: *plan }, self.newest.drives.powered);
+        self.sent.note(&executed(k, &motion));
         if k / PERIOD_TICKS == self.last_k / PERIOD_TICKS {
-            return true;
+            return !self.smooth.approaches();
         }
         self.last_k = k;
-        self.commands.push(Command { k, motion: Motion { q, v, a, plan: *plan } }).is_ok() && !self.newest.refused
+        let taken = self.commands.push(Command { k, motion }).is_ok();
+        taken && !self.newest.refused && !self.smooth.approaches()
     }
 }
 

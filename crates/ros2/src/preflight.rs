@@ -1,5 +1,6 @@
 //! The checks before a robot may be driven. Each failure is one sentence with what to do.
 
+use crate::description::difference;
 use crate::link::{Heard, Link};
 use messages::JOINTS_MAX;
 use robot::Model;
@@ -16,9 +17,6 @@ const STEP_NS: u64 = 2_000_000;
 const RATES_HZ: [f64; 2] = [45.0, 110.0];
 /// A standing joint stays within this, rad or m. It is the band in which `safety` judges rest.
 const STANDS: f64 = 0.005;
-/// Largest difference between the robot's own description and ours, m and rad.
-const SAME: f64 = 1e-6;
-
 /// Waits for the robot and judges it. Returns the sentences of all checks that failed.
 pub fn judge(link: &mut Link, model: &Model, wants_emergency_stop: bool) -> Vec<String> {
     let began = rt::now();
@@ -127,36 +125,9 @@ fn emergency_stop(link: &Link, wanted: bool) -> Option<String> {
     }
 }
 
-/// Compares the robot's own description with ours: axes, origins and limits of every joint.
-pub fn description(urdf: Option<&str>, model: &Model) -> Option<String> {
-    let Some(urdf) = urdf else {
-        return Some("no /robot_description arrived: start the robot's state publisher".to_owned());
-    };
-    let texts = &model.texts;
-    let theirs = match Model::from_text(&texts.toml_name, &texts.toml, "/robot_description", urdf) {
-        Ok(theirs) => theirs,
-        Err(error) => return Some(format!("the robot describes itself otherwise than the robot file: {error}")),
-    };
-    (0..model.count).find_map(|j| {
-        let ((ours, our_axis), (other, other_axis)) = (model.joint_at_zero(j), theirs.joint_at_zero(j));
-        let (our_limits, other_limits) = (&model.urdf_limits[j], &theirs.urdf_limits[j]);
-        let limits = [
-            our_limits.q_min - other_limits.q_min,
-            our_limits.q_max - other_limits.q_max,
-            our_limits.v_max - other_limits.v_max,
-        ];
-        let what = if (our_axis - other_axis).norm() > SAME {
-            "axis"
-        } else if (ours.t - other.t).norm() > SAME || (ours.r - other.r).norm() > SAME {
-            "origin"
-        } else if limits.iter().any(|off| off.abs() > SAME) {
-            "limits"
-        } else {
-            return None;
-        };
-        let name = &model.joint_names[j];
-        Some(format!("the {what} of `{name}` differs in /robot_description and our URDF: use the robot's own URDF"))
-    })
+fn description(urdf: Option<&str>, model: &Model) -> Option<String> {
+    let missing = || "no /robot_description arrived: start the robot's state publisher".to_owned();
+    urdf.map_or_else(|| Some(missing()), |urdf| difference(urdf, model))
 }
 
 fn moving(model: &Model, lowest: &[f64; JOINTS_MAX], highest: &[f64; JOINTS_MAX]) -> Option<String> {
