@@ -248,8 +248,8 @@ schema::table! {
         /// Topic that says whether the robot's emergency stop is pressed. Empty for a robot that has none.
         emergency_stop_topic: String = "/power/is_emergency".to_owned();
         /// Time between a setpoint and its execution by the robot's controllers, ms. It is longer than the way of a
-        /// message, one period of the messages (10 ms) and the error of the robot's clock together.
-        delay_ms: f64 = 20.0, in [12.0, 45.0];
+        /// message, the messages that may be lost in a row (5.3 ms each) and the error of the robot's clock together.
+        delay_ms: f64 = 25.0, in [12.0, 45.0];
         /// Time by which the robot's servos follow their controllers later, ms.
         servo_lag_ms: f64 = 0.0, in [0.0, 100.0];
     }

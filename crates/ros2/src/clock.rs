@@ -17,7 +17,7 @@ const PARTS: usize = 10;
 /// Length of a part, ns.
 const PART_NS: u64 = 1_000_000_000;
 /// A stamp that differs by more than this from what the offset expects is not believed, ns. The history of each
-/// trajectory covers 50 ms and the delay takes 20 of them, so an error of 20 ms still hits the history.
+/// trajectory covers 53 ms and the delay takes 25 of them, so an error of 20 ms still hits the history.
 const BELIEVED_NS: i64 = 20_000_000;
 /// Stamps in a row that are not believed before the clock counts as changed. At 50 Hz it is 0.2 s.
 const CHANGED: u32 = 10;
