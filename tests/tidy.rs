@@ -57,6 +57,7 @@ const MAY_DEPEND_ON: &[(&str, &[&str])] = &[
     ("teleopctl", &["bus", "config", "explain", "instance", "messages", "operator", "robot", "rt", "skeleton"]),
     ("view", &["messages", "robot", "doors", "operator", "instance", "explain", "config", "bus", "rt"]),
     ("poses", &["messages", "motion", "retarget", "robot", "rt"]),
+    ("ros2", &["config", "driver", "instance", "messages", "robot", "rt", "safety", "teleopd"]),
 ];
 
 /// For each tool and each crate for tests: the other ones that it may depend on. It may depend on every crate.

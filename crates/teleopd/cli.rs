@@ -110,6 +110,8 @@ pub enum Command {
     /// Five-minute tour: a motion of your own, the page, a Python client and a recording. Each step shows a
     /// command, runs it and checks the result.
     Tour(Tour),
+    /// Checks a robot that speaks ROS 2 before it is driven. Sends nothing. Exits with 1 if a check failed.
+    Preflight(Preflight),
     /// Prints every effective value, its source, and the hash of all values.
     Check(InstanceArgs),
     /// Shows a running instance in a browser on this machine. Prints the address with this run's token.
@@ -153,6 +155,19 @@ pub struct Up {
     /// Print all log lines of the processes, not only warnings and errors.
     #[arg(short, long)]
     pub verbose: bool,
+}
+
+#[derive(Args, Clone, Debug)]
+pub struct Preflight {
+    /// Settings that name the robot and its domain.
+    #[arg(long, value_name = "FILE", default_value_os_t = instance::default_config())]
+    pub config: PathBuf,
+    /// Another robot than that of the settings: its name, or its robot file.
+    #[arg(long, value_name = "NAME|FILE")]
+    pub robot: Option<RobotChoice>,
+    /// Also print the messages that would be sent to the robot as it stands.
+    #[arg(long)]
+    pub dry_run: bool,
 }
 
 /// Options of the page.

@@ -51,6 +51,7 @@ pub fn main() -> ExitCode {
         Command::Up(options) => up::run(&options),
         Command::Demo(options) => demo::run(&options),
         Command::Tour(options) => tour::run(&options),
+        Command::Preflight(options) => preflight(&options),
         Command::Check(place) => check::run(&place),
         Command::View(options) => view::run(&options),
         Command::Doctor(options) => doctor::run(&options),
@@ -81,6 +82,19 @@ pub fn drive_configured<D: driver::Driver>(open: impl Fn(&config::Loaded) -> Res
         open(&process.loaded).map_err(|cause| Failure::new(Exit::Unavailable, cause))
     };
     finish("teleopd", process(&DriverCli::parse().process, |place| process::driver::run(place, open)))
+}
+
+/// Becomes the program that speaks ROS 2. Nothing else here is linked with DDS.
+fn preflight(options: &cli::Preflight) -> Result<Exit, Failure> {
+    let program = programs::ROS2.path()?;
+    let mut command = std::process::Command::new(&program);
+    command.arg("preflight").arg("--config").arg(&options.config);
+    if let Some(robot) = &options.robot {
+        command.arg("--robot").arg(robot.typed());
+    }
+    command.args(options.dry_run.then_some("--dry-run"));
+    let cause = std::os::unix::process::CommandExt::exec(&mut command);
+    Err(Failure::new(Exit::OsErr, format!("{} cannot be started: {cause}", program.display())))
 }
 
 /// Runs one process of an instance to its end.

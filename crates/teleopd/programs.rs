@@ -15,6 +15,7 @@ pub struct Program {
 pub const TELEOPD: Program = Program { names: ["teleopd", "teleopd"], cargo: "--bin teleopd" };
 pub const TELEOPCTL: Program = Program { names: ["teleopctl", "teleopctl"], cargo: "--bin teleopctl" };
 pub const REPLAY: Program = Program { names: ["replay", "teleop-replay"], cargo: "-p replay" };
+pub const ROS2: Program = Program { names: ["teleopd-ros2", "teleopd-ros2"], cargo: "-p ros2" };
 pub const RECORD: Program = Program { names: ["record", "teleop-record"], cargo: "-p record" };
 
 impl Program {

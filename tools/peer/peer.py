@@ -3,6 +3,7 @@
 import argparse
 import csv
 import json
+import os
 import select
 import signal
 import sys
@@ -49,6 +50,7 @@ class Peer:
         self.emergency = None
         #: The robot's clock minus the monotonic clock, and the robot's clock at the first update. `run` sets them.
         self.base_ns = self.begin_clock_ns = 0
+        self.unread = ""
         self.overruns, self.late_max_s = 0, 0.0
         self.wire = Wire(args.domain, args.interface, args.best_effort, self.robot.controllers, self.robot.urdf)
         self.trace = csv.writer(args.trace.open("w", buffering=1)) if args.trace else None
@@ -161,14 +163,17 @@ class Peer:
 
     def read_faults(self, now_s: float) -> bool:
         """A fault on each line of the standard input, or `clear`. Its end ends the peer."""
-        while select.select([sys.stdin], [], [], 0)[0]:
-            line = sys.stdin.readline()
-            if not line:
+        # A buffered reader would keep a second line to itself.
+        while select.select([sys.stdin.fileno()], [], [], 0)[0]:
+            read = os.read(sys.stdin.fileno(), 4096)
+            if not read:
                 return False
-            try:
-                self.faults.all = [] if line.strip() == "clear" else [*self.faults.all, faults.parse(line, now_s)]
-            except ValueError as error:
-                print(error, file=sys.stderr, flush=True)
+            *lines, self.unread = (self.unread + read.decode()).split("\n")
+            for line in lines:
+                try:
+                    self.faults.all = [] if line.strip() == "clear" else [*self.faults.all, faults.parse(line, now_s)]
+                except ValueError as error:
+                    print(error, file=sys.stderr, flush=True)
         return True
 
     def report(self) -> dict:

@@ -14,9 +14,9 @@ use crate::arm::ArmVector;
 pub(crate) const WATCHED: [usize; 5] = [0, 5, 11, 17, NODES - 1];
 /// The watched node that is nearest to each node.
 const NEAREST: [usize; NODES] = nearest_watched();
-/// Width from which a gap costs nothing, m. It is 2 mm more than whole-body
-/// control keeps of its stops, so that a stop is rarely what holds an arm. Wider, arms that hang stood farther from
-/// the body: 0.5 degrees for each millimetre, on six clips with G1.
+/// Width from which a gap costs nothing, m. It is 2 mm more than whole-body control keeps of its stops, so that a stop
+/// is rarely what holds an arm. Wider, hanging arms stood farther from the body: 0.4 degrees for each millimetre, on six
+/// clips with G1.
 const MARGIN_M: f64 = 5e-3;
 /// Width by which a gap is too narrow if it costs its whole weight, m.
 pub const GAP_M: f64 = 0.015;
@@ -90,7 +90,7 @@ impl Gaps {
         &self.gaps[watched][..self.len[watched]]
     }
 
-    /// Drops the gaps at a watched node, before they are evaluated anew.
+    /// Drops the gaps at a watched node, before they are evaluated again.
     pub(crate) fn clear(&mut self, watched: usize) {
         self.len[watched] = 0;
     }

@@ -140,3 +140,30 @@ pub(crate) const AUTHORITY: &[Hazard] = &[
     does("f071", "requests contradict each other", "a stop wins in every combination", "same tick"),
     does("f072", "reset is held", "counts once", "1 reset"),
 ];
+
+pub(crate) const ROS2: &[Hazard] = &[
+    does(
+        "f114",
+        "the network to a robot on ROS 2 is cut, or its driver dies",
+        "every message carries the certified stop, and the robot's controllers play it",
+        "B and the controllers' delay",
+    ),
+    does(
+        "f115",
+        "a robot on ROS 2 is not ready: a controller is inactive, another program commands it, its emergency stop is pressed",
+        "the driver does not start, and says what to do",
+        "at start",
+    ),
+    does(
+        "f116",
+        "the clock of a robot on ROS 2 jumps",
+        "its stamps are not believed, so its measurements age; the clock is taken after ten",
+        "20 ms",
+    ),
+    does(
+        "f117",
+        "a setpoint for a robot on ROS 2 that has power does not continue the last one",
+        "the robot gets the certified stop, then an approach",
+        "0.05 rad/s",
+    ),
+];

@@ -32,7 +32,7 @@ pub struct RobotClock {
 
 impl RobotClock {
     /// Takes the stamp of a message (ns of the robot's clock) that arrived at `received`. Returns false if it is not
-    /// believed. After ten such stamps in a row the clock begins anew.
+    /// believed. After ten such stamps in a row the clock begins again.
     pub fn hear(&mut self, stamp_ns: i64, received: Stamp) -> bool {
         let difference = stamp_ns.saturating_sub_unsigned(received.0);
         if let Some(offset) = self.offset_ns() {
@@ -98,7 +98,7 @@ mod tests {
     }
 
     #[test]
-    fn jump_is_not_believed_and_then_taken() {
+    fn f116_jump_is_not_believed_and_then_taken() {
         for jump_ns in [1_000_000_000_i64, -1_000_000_000] {
             let mut clock = RobotClock::default();
             let mut at = 1_000_000_000;

@@ -1,8 +1,8 @@
 //! Compares the robot's own description with the URDF that the robot file names.
 //!
 //! The robot's own has joints that nobody commands here: wheels, fingers, suspensions. Only the commanded joints count.
-//! With all joints at zero, the axis and the origin of each of them in the frame of the root say where every part of the
-//! robot goes in any posture (product of exponentials). So axes, origins and limits are compared, and no names of links.
+//! The axis and the origin of each of them, with all joints at zero, determine every posture (product of exponentials). So
+//! axes, origins and limits are compared, and no names of links.
 
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use robot::Model;
@@ -59,7 +59,10 @@ pub fn difference(theirs: &str, model: &Model) -> Option<String> {
         } else {
             return None;
         };
-        Some(format!("the {what} of `{name}` differs in {text} and {}: use the robot's own URDF", model.texts.urdf_name))
+        Some(format!(
+            "the {what} of `{name}` differs in {text} and {}: use the robot's own URDF",
+            model.texts.urdf_name
+        ))
     })
 }
 

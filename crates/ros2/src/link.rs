@@ -1,5 +1,5 @@
-//! The connection to the robot over DDS, and what it tells. Everything here may block and allocate. It runs in a thread
-//! beside the driver's loop.
+//! The connection to the robot over DDS. Everything here may block and allocate. It runs in a thread beside the driver's
+//! loop.
 
 use crate::clock::RobotClock;
 use crate::estimate::Sample;
@@ -23,6 +23,7 @@ use dust_dds::infrastructure::sample_info::{ANY_INSTANCE_STATE, ANY_SAMPLE_STATE
 use dust_dds::infrastructure::status::NO_STATUS;
 use dust_dds::infrastructure::time::{Duration, DurationKind};
 use dust_dds::publication::data_writer::DataWriter;
+use dust_dds::publication::publisher::Publisher;
 use dust_dds::subscription::data_reader::DataReader;
 use dust_dds::subscription::subscriber::Subscriber;
 use dust_dds::xtypes::type_support::TypeSupport;
@@ -62,7 +63,7 @@ struct Controller {
     publishers: usize,
 }
 
-/// What a controller shows.
+/// A controller as it shows itself.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Seen {
     /// Its name.
@@ -147,59 +148,68 @@ where
     samples.into_iter().filter_map(|sample| sample.data).collect()
 }
 
+/// Joins a DDS domain.
+fn join(settings: &Ros2Settings) -> Result<DomainParticipant, String> {
+    let factory = DomainParticipantFactory::get_instance();
+    if !settings.interface.is_empty() {
+        factory.get_mut_transport().set_interface_name(Some(settings.interface.clone()));
+    }
+    let configuration = DustDdsConfigurationBuilder::new()
+        .enable_type_information(false)
+        .participant_announcement_interval(ANNOUNCE)
+        .build()
+        .map_err(failed("configuration"))?;
+    *factory.get_mut_configuration() = configuration;
+    let domain = settings.domain_id as i32;
+    factory.create_participant(domain, QosKind::Default, NO_LISTENER, NO_STATUS).map_err(failed("participant"))
+}
+
+impl Controller {
+    fn open(
+        model: &Model,
+        controller: &robot::Controller,
+        (participant, subscriber, publisher): (&DomainParticipant, &Subscriber, &Publisher),
+    ) -> Result<Self, String> {
+        let name = controller.name.clone();
+        let (commands, state) = (format!("/{name}/joint_trajectory"), format!("/{name}/controller_state"));
+        let joints = (0..model.count).filter(|j| controller.joints & 1 << j != 0);
+        let dds = topic(&commands);
+        let topic = participant
+            .create_topic::<JointTrajectory>(&dds, JointTrajectory::NAME, QosKind::Default, NO_LISTENER, NO_STATUS)
+            .map_err(failed(&commands))?;
+        let qos = DataWriterQos { reliability: reliable(), ..DataWriterQos::default() };
+        let writer = publisher
+            .create_datawriter::<JointTrajectory>(&topic, QosKind::Specific(qos), NO_LISTENER, NO_STATUS)
+            .map_err(failed(&commands))?;
+        Ok(Self {
+            name,
+            joints: controller.joints,
+            joint_names: joints.map(|j| model.joint_names[j].clone()).collect(),
+            topic: commands,
+            writer,
+            state: reader(participant, subscriber, &state, QosKind::Default)?,
+            heard: None,
+            other_joints: false,
+            readers: 0,
+            publishers: 0,
+        })
+    }
+}
+
 impl Link {
     /// Joins the robot's domain.
     pub fn open(model: &Model, settings: &Ros2Settings) -> Result<Self, String> {
-        let factory = DomainParticipantFactory::get_instance();
-        if !settings.interface.is_empty() {
-            factory.get_mut_transport().set_interface_name(Some(settings.interface.clone()));
-        }
-        let configuration = DustDdsConfigurationBuilder::new()
-            .enable_type_information(false)
-            .participant_announcement_interval(ANNOUNCE)
-            .build()
-            .map_err(failed("configuration"))?;
-        *factory.get_mut_configuration() = configuration;
-        let domain = settings.domain_id as i32;
-        let participant = factory
-            .create_participant(domain, QosKind::Default, NO_LISTENER, NO_STATUS)
-            .map_err(failed("participant"))?;
+        let participant = join(settings)?;
         let subscriber =
             participant.create_subscriber(QosKind::Default, NO_LISTENER, NO_STATUS).map_err(failed("subscriber"))?;
         let publisher =
             participant.create_publisher(QosKind::Default, NO_LISTENER, NO_STATUS).map_err(failed("publisher"))?;
-        let mut controllers = Vec::new();
-        for controller in &model.controllers {
-            let ros = format!("/{}/joint_trajectory", controller.name);
-            let joint_names =
-                (0..model.count).filter(|j| controller.joints & 1 << j != 0).map(|j| model.joint_names[j].clone());
-            let commands = participant
-                .create_topic::<JointTrajectory>(
-                    &topic(&ros),
-                    JointTrajectory::NAME,
-                    QosKind::Default,
-                    NO_LISTENER,
-                    NO_STATUS,
-                )
-                .map_err(failed(&ros))?;
-            let qos = DataWriterQos { reliability: reliable(), ..DataWriterQos::default() };
-            let writer = publisher
-                .create_datawriter::<JointTrajectory>(&commands, QosKind::Specific(qos), NO_LISTENER, NO_STATUS)
-                .map_err(failed(&ros))?;
-            let state = format!("/{}/controller_state", controller.name);
-            controllers.push(Controller {
-                name: controller.name.clone(),
-                joints: controller.joints,
-                joint_names: joint_names.collect(),
-                topic: ros,
-                writer,
-                state: reader(&participant, &subscriber, &state, QosKind::Default)?,
-                heard: None,
-                other_joints: false,
-                readers: 0,
-                publishers: 0,
-            });
-        }
+        let own = (&participant, &subscriber, &publisher);
+        let controllers = model
+            .controllers
+            .iter()
+            .map(|controller| Controller::open(model, controller, own))
+            .collect::<Result<_, _>>()?;
         let kept = DataReaderQos {
             durability: DurabilityQosPolicy { kind: DurabilityQosPolicyKind::TransientLocal },
             reliability: reliable(),
@@ -324,7 +334,7 @@ impl Link {
         }
     }
 
-    /// What each controller shows at `now`.
+    /// The controllers as they show themselves at `now`.
     pub fn controllers(&self, now: Stamp) -> Vec<Seen> {
         let seen = |controller: &Controller| Seen {
             name: controller.name.clone(),

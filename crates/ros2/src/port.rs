@@ -20,7 +20,7 @@ const STUCK: f64 = 0.02;
 /// Samples in a row that must be the same. At 50 Hz it is 0.1 s.
 const STUCK_SAMPLES: u32 = 5;
 
-/// What the thread tells the loop.
+/// Message from the thread to the loop.
 #[derive(Clone, Copy, Debug)]
 struct News {
     sample: Sample,
@@ -165,7 +165,7 @@ fn serve(mut link: Link, mut commands: Consumer<Command>, mut news: Producer<New
     }
 }
 
-/// What is wrong with the robot's controllers while it is driven.
+/// Returns a sentence on a controller that can no longer be driven.
 fn complaint(link: &Link, now: Stamp) -> Option<String> {
     link.controllers(now).iter().find_map(|seen| {
         let name = &seen.name;

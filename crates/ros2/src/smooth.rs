@@ -108,7 +108,7 @@ mod tests {
     }
 
     #[test]
-    fn step_becomes_a_stop_and_a_slow_approach() {
+    fn f117_step_becomes_a_stop_and_a_slow_approach() {
         for (speed, step) in [(0.0, 0.01), (0.0, -0.2), (1.0, 0.05), (-1.5, 0.0)] {
             let mut smooth = Smooth::new([A; JOINTS_MAX]);
             smooth.pass(10, &moving(0.3, speed), true);

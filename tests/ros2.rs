@@ -1,0 +1,178 @@
+//! The driver `teleopd-ros2` against a peer that another program plays, over DDS. See tools/peer.
+
+use harness::{Rig, repository};
+use messages::Mode;
+use serde_json::Value;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::process::{Child, ChildStdin, Command, Stdio};
+use std::time::{Duration, Instant};
+
+/// Domains of these tests. Tests of one program run at the same time.
+const DOMAINS: [u32; 3] = [41, 42, 43];
+/// Longest time in which the robot is at rest after its driver was killed: the longest stop, the delay of its controllers
+/// and two rows of the trace, s.
+const REST_WITHIN_S: f64 = 0.5 + 0.025 + 0.04;
+
+/// Returns the interpreter of a virtual environment for the peer. The error says why there is none.
+fn python() -> Result<PathBuf, String> {
+    static ONE: std::sync::Mutex<()> = std::sync::Mutex::new(());
+    let _one = ONE.lock();
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("python-peer");
+    let python = folder.join("bin/python");
+    let run = |command: &mut Command| match command.output() {
+        Ok(done) if done.status.success() => Ok(()),
+        Ok(done) => Err(format!("{command:?}: {}", String::from_utf8_lossy(&done.stderr).trim())),
+        Err(error) => Err(format!("{command:?}: {error}")),
+    };
+    if !python.exists() {
+        run(Command::new("python3").args(["-m", "venv"]).arg(&folder))?;
+    }
+    let required =
+        std::fs::read_to_string(repository().join("tools/peer/requirements.txt")).expect("in the repository");
+    // Nothing else is needed without the physics.
+    let wire = required.lines().filter(|line| line.starts_with("cyclonedds") || line.starts_with("numpy"));
+    run(Command::new(&python)
+        .args(["-m", "pip", "install", "--quiet", "--retries", "1", "--timeout", "10"])
+        .args(wire))?;
+    Ok(python)
+}
+
+/// A robot that another program plays. It ends with the test.
+struct Peer {
+    child: Child,
+    faults: Option<ChildStdin>,
+    folder: tempfile::TempDir,
+}
+
+impl Peer {
+    /// Starts it, and waits until its topics exist. Prints why there is none.
+    fn start(domain: u32, more: &[&str]) -> Option<Self> {
+        let python = python().map_err(|why| println!("skipped: no peer on ROS 2: {why}")).ok()?;
+        let folder = tempfile::tempdir().expect("a folder");
+        let file = |name: &str| folder.path().join(name);
+        let mut command = Command::new(python);
+        command.arg(repository().join("tools/peer/peer.py")).args(["--no-physics", "--interface", "lo", "--stdin"]);
+        command.args(["--domain", &domain.to_string()]).args(more);
+        command.arg("--report").arg(file("report.json")).arg("--trace").arg(file("trace.csv"));
+        let log = std::fs::File::create(file("log")).expect("writable");
+        let mut child = command.stdin(Stdio::piped()).stdout(log).spawn().expect("it starts");
+        let give_up = Instant::now() + Duration::from_secs(20);
+        while !std::fs::read_to_string(file("log")).unwrap_or_default().contains("ready") {
+            assert!(Instant::now() < give_up && child.try_wait().expect("a child").is_none(), "the peer is not ready");
+            std::thread::sleep(Duration::from_millis(50));
+        }
+        let faults = child.stdin.take();
+        Some(Self { child, faults, folder })
+    }
+
+    /// Begins a fault.
+    fn fault(&mut self, text: &str) {
+        writeln!(self.faults.as_mut().expect("it runs"), "{text}").expect("the peer reads");
+    }
+
+    /// Ends it, and returns its judgement and the rows of its trace.
+    fn end(mut self) -> (Value, Vec<Vec<f64>>) {
+        drop(self.faults.take());
+        assert!(self.child.wait().expect("a child").success(), "the peer failed");
+        let text = |name: &str| std::fs::read_to_string(self.folder.path().join(name)).expect("written at the end");
+        let number = |field: &str| field.parse().unwrap_or(f64::NAN);
+        let rows = text("trace.csv").lines().skip(1).map(|row| row.split(',').map(number).collect()).collect();
+        (serde_json::from_str(&text("report.json")).expect("JSON"), rows)
+    }
+}
+
+impl Drop for Peer {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+/// An instance whose robot is in this domain.
+fn rig(domain: u32) -> Rig {
+    let beside = PathBuf::from(env!("CARGO_BIN_EXE_teleopd")).with_file_name("teleopd-ros2");
+    assert!(beside.exists(), "{}: build it with cargo build --release -p ros2", beside.display());
+    Rig::with_settings(&format!(
+        "driver.program = \"teleopd-ros2\"\ndriver.measured_age_max_ms = 100.0\nsim.interface = \"jtc100\"\n\
+         ros2.interface = \"lo\"\nros2.servo_lag_ms = 10.0\nros2.domain_id = {domain}"
+    ))
+}
+
+/// True if every controller took every message.
+fn took_all(report: &Value) -> bool {
+    let controllers = report["controllers"].as_object().expect("controllers");
+    controllers.values().all(|one| one["accepted"] == one["received"] && one["accepted"].as_u64() > Some(100))
+}
+
+#[test]
+fn robot_on_ros2_follows_and_takes_every_message() {
+    let Some(peer) = Peer::start(DOMAINS[0], &[]) else { return };
+    let mut rig = rig(DOMAINS[0]);
+    rig.start_all();
+    let (operator, mut observer) = (rig.hand(), rig.eyes());
+    let before = observer.wait("there", |_| true);
+    let client = rig.client(&motion::builtin(), 1);
+    operator.engage_until(Mode::Engaged);
+    client.set_engaged(true);
+    observer.wait_moved(&before, 0.2);
+    operator.release();
+    operator.wait_mode(Mode::Disengaged);
+    observer.wait_at_rest();
+    let figures = rig.end("sim");
+    let violations = figures["violations"].as_object().expect("counts");
+    assert!(violations.len() > 5 && violations.values().all(|count| *count == 0), "{violations:?}");
+    assert!(figures["commands_accepted"].as_u64() > Some(1000), "{figures}");
+    let (report, trace) = peer.end();
+    assert!(took_all(&report), "{report:#}");
+    assert_eq!(report["command"]["position_excess"]["exceeded_updates"], 0, "{report:#}");
+    // The columns after the two clocks are pairs: commanded and measured.
+    let off = |row: &Vec<f64>, column: usize| (row[column] - trace[0][column]).abs();
+    let way = |column: usize| trace.iter().map(|row| off(row, column)).fold(0.0, f64::max);
+    assert!((2..trace[0].len()).any(|column| way(column) > 0.1), "the peer's robot moved");
+}
+
+#[test]
+fn f114_robot_on_ros2_plays_the_certified_stop_when_its_driver_is_killed() {
+    let Some(peer) = Peer::start(DOMAINS[1], &[]) else { return };
+    let mut rig = rig(DOMAINS[1]);
+    rig.start_all();
+    let (operator, mut observer) = (rig.hand(), rig.eyes());
+    let client = rig.client(&motion::builtin(), 1);
+    operator.engage_until(Mode::Engaged);
+    client.set_engaged(true);
+    observer.wait("fast", |robot| robot.v.iter().any(|v| v.abs() > 0.5));
+    rig.kill("sim");
+    let killed_s = rt::now().0 as f64 * 1e-9;
+    std::thread::sleep(Duration::from_millis(1500));
+    let (_, trace) = peer.end();
+    let moves = |pair: &[Vec<f64>]| (2..pair[0].len()).any(|column| (pair[1][column] - pair[0][column]).abs() > 1e-6);
+    let moved: Vec<f64> = trace.windows(2).filter(|pair| moves(pair)).map(|pair| pair[1][0]).collect();
+    let last_s = moved.last().expect("it moved") - killed_s;
+    println!("the peer's robot was at rest {:.0} ms after kill -9 of its driver", last_s * 1e3);
+    assert!(last_s > -0.1 && last_s < REST_WITHIN_S, "at rest {last_s} s after the driver's end");
+}
+
+#[test]
+fn f115_robot_on_ros2_that_is_not_ready_is_refused_with_a_sentence() {
+    let Some(mut peer) = Peer::start(DOMAINS[2], &["--fault", "second/head_controller"]) else { return };
+    peer.fault("emergency");
+    peer.fault("inactive/torso_controller");
+    std::thread::sleep(Duration::from_millis(500));
+    let rig = rig(DOMAINS[2]);
+    let mut preflight = Command::new(env!("CARGO_BIN_EXE_teleopd"));
+    let output = preflight.args(["preflight", "--config"]).arg(rig.folder().join("teleop.toml")).output();
+    let output = output.expect("it runs");
+    let said = String::from_utf8_lossy(&output.stdout);
+    assert_eq!(output.status.code(), Some(1), "{said}");
+    for sentence in [
+        "controller `torso_controller` publishes no state: activate it",
+        "another program may send to /head_controller/joint_trajectory",
+        "the emergency stop is pressed",
+    ] {
+        assert!(said.contains(sentence), "{sentence}: {said}");
+    }
+    let output = rig.run("sim");
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.code() == Some(69) && said.contains("the robot is not ready"), "{said}");
+}
