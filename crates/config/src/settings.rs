@@ -339,6 +339,7 @@ impl Settings {
             Reference::of::<RealtimeSettings>("realtime"),
             Reference::of::<MetricsSettings>("metrics"),
             Reference::of::<SimSettings>("sim"),
+            Reference::of::<Ros2Settings>("ros2"),
         ]
     }
 

@@ -12,6 +12,7 @@
 #![allow(clippy::neg_cmp_op_on_partial_ord, reason = "NaN differs from everything")]
 #![allow(clippy::needless_range_loop, reason = "a joint index runs over several arrays at once")]
 
+pub mod cli;
 pub mod clock;
 pub mod description;
 pub mod estimate;

@@ -1,34 +1,17 @@
 //! The program `teleopd-ros2`: the driver of a robot that speaks ROS 2, and its preflight.
 
 use clap::Parser;
+use ros2::cli::{self, Cli, Preflight};
 use ros2::link::{Command, Link};
 use ros2::port::Ros2;
 use ros2::preflight;
 use rt::{Exit, Failure};
-use std::path::PathBuf;
 use std::process::ExitCode;
 
-/// Check a robot on ROS 2 before it is driven: controllers, description, joint states, emergency stop, posture.
-/// Nothing is sent. Exits with 1 if a check failed
-#[derive(Parser)]
-#[command(name = "teleopd-ros2 preflight", version)]
-struct Preflight {
-    /// Settings file.
-    #[arg(long, default_value_os_t = instance::default_config())]
-    config: PathBuf,
-    /// Another robot than that of the settings: its name, or its robot file.
-    #[arg(long, value_name = "NAME|FILE")]
-    robot: Option<config::RobotChoice>,
-    /// Also print the messages that would be sent to the robot as it stands.
-    #[arg(long)]
-    dry_run: bool,
-}
-
 fn main() -> ExitCode {
-    let mut words = std::env::args_os();
-    if words.nth(1).is_some_and(|word| word == "preflight") {
-        let program = std::iter::once("preflight".into());
-        return rt::finish("teleopd-ros2", preflight(&Preflight::parse_from(program.chain(words))));
+    if std::env::args_os().nth(1).is_some_and(|word| word == "preflight") {
+        let cli::Command::Preflight(options) = Cli::parse().command;
+        return rt::finish("teleopd-ros2", preflight(&options));
     }
     teleopd::drive_configured(Ros2::open)
 }

@@ -2,9 +2,10 @@
 
 use crate::{parse_all, robot_texts};
 use clap::ValueEnum;
-use collision::draw::{Cloud, draw as draw_views};
+use collision::draw::{Cloud, draw as draw_views, draw_row};
 use collision::error::CollisionError;
 use collision::scene::Scene;
+use messages::JOINTS_MAX;
 use robot::Model;
 use std::path::{Path, PathBuf};
 
@@ -20,8 +21,9 @@ enum Pose {
 /// Options of `collision draw`.
 #[derive(clap::Args)]
 pub(crate) struct Draw {
-    /// Robot file.
-    robot: PathBuf,
+    /// Robot file. Several are drawn from the front, side by side.
+    #[arg(required = true)]
+    robot: Vec<PathBuf>,
     /// URDF with meshes or primitives [default: the URDF of the robot file].
     #[arg(long)]
     urdf: Vec<PathBuf>,
@@ -36,11 +38,20 @@ pub(crate) struct Draw {
     pose: Pose,
 }
 
-/// Draws the robot. Always returns true.
+/// Draws the robot or the robots. Always returns true.
 pub(crate) fn draw(options: &Draw) -> Result<bool, CollisionError> {
-    let (toml, urdf) = robot_texts(&options.robot)?;
-    let model = Model::from_text(&toml.0, &toml.1, &urdf.0, &urdf.1)?;
-    let own = options.robot.parent().unwrap_or(Path::new(".")).join(robot::urdf_file(&toml.0, &toml.1)?);
+    let read = |file: &PathBuf| {
+        let (toml, urdf) = robot_texts(file)?;
+        Ok(Model::from_text(&toml.0, &toml.1, &urdf.0, &urdf.1)?)
+    };
+    let models = options.robot.iter().map(read).collect::<Result<Vec<Model>, CollisionError>>()?;
+    let [model] = models.as_slice() else {
+        let robots: Vec<_> = models.iter().map(|model| (model, options.posture(model))).collect();
+        draw_row(&robots, &options.out)?;
+        return Ok(true);
+    };
+    let (toml, file) = (&model.texts.toml, &options.robot[0]);
+    let own = file.parent().unwrap_or(Path::new(".")).join(robot::urdf_file(&model.texts.toml_name, toml)?);
     let shapes = parse_all(if options.urdf.is_empty() { std::slice::from_ref(&own) } else { &options.urdf })?;
     let scene = Scene::new(&shapes, options.meshes.as_deref(), &[]);
     let mut clouds = Vec::new();
@@ -49,12 +60,18 @@ pub(crate) fn draw(options: &Draw) -> Result<bool, CollisionError> {
         let points = scene.points(&link.name)?;
         clouds.push(Cloud { link: link.name.clone(), points });
     }
-    let mut q = model.home;
-    if matches!(options.pose, Pose::Reference) {
-        for arm in &model.arms {
-            arm.joints.iter().zip(&arm.reference).for_each(|(j, position)| q[*j] = *position);
-        }
-    }
-    draw_views(&model, &q, &clouds, &options.out)?;
+    draw_views(model, &options.posture(model), &clouds, &options.out)?;
     Ok(true)
+}
+
+impl Draw {
+    fn posture(&self, model: &Model) -> [f64; JOINTS_MAX] {
+        let mut q = model.home;
+        if matches!(self.pose, Pose::Reference) {
+            for arm in &model.arms {
+                arm.joints.iter().zip(&arm.reference).for_each(|(j, position)| q[*j] = *position);
+            }
+        }
+        q
+    }
 }

@@ -1,4 +1,4 @@
-//! Draws front and side view of a robot: capsules over the corners of their contents.
+//! Draws front and side view of a robot: capsules over the corners of their contents. Draws several robots in a row.
 
 use crate::error::CollisionError;
 use crate::fit::Shape;
@@ -11,6 +11,8 @@ use std::path::Path;
 
 /// Size of the picture, pixels.
 const SIZE: (u32, u32) = (1_600, 900);
+/// Size of a row of robots, pixels.
+const ROW_SIZE: (u32, u32) = (1_400, 420);
 /// Free margin around the robot, m.
 const FREE_M: f64 = 0.1;
 /// Number of corners of a half circle.
@@ -50,34 +52,113 @@ const VIEWS: [View; 2] = [|p| (p.y, p.z), |p| (p.x, p.z)];
 pub fn draw(model: &Model, q: &[f64; JOINTS_MAX], clouds: &[Cloud], out: &Path) -> Result<(), CollisionError> {
     let mut frames = Frames::default();
     model.forward(q, &mut frames);
-    let place = |body: usize, point: &Vector3<f64>| frames.base_from_body[body].transform_point(point);
-    let capsules: Vec<Shape> = model
-        .capsules
-        .iter()
-        .map(|c| Shape { a: place(c.body, &c.a), b: place(c.body, &c.b), radius_m: c.radius_m })
-        .collect();
+    let capsules: Vec<Shape> = placed(model, &frames).into_iter().map(|(shape, _)| shape).collect();
     let mut points = Points::new();
     for cloud in clouds {
         let pose: Option<Pose> = model.link_pose(&frames, &cloud.link);
         points.extend(pose.iter().flat_map(|pose| cloud.points.iter().map(|point| pose.transform_point(point))));
     }
     let points: Points = points.iter().step_by(points.len() / POINTS_MAX + 1).copied().collect();
+    save(out, &Picture::Views { capsules, points })
+}
+
+/// Draws the capsules of several robots from the front, side by side on one floor and in one scale. Arms have their own
+/// colour.
+pub fn draw_row(robots: &[(&Model, [f64; JOINTS_MAX])], out: &Path) -> Result<(), CollisionError> {
+    let mut row: Vec<(Shape, bool)> = Vec::new();
+    let mut right = 0.0;
+    for (model, q) in robots {
+        let mut frames = Frames::default();
+        model.forward(q, &mut frames);
+        let shapes = placed(model, &frames);
+        let lowest = |of: fn(&Vector3<f64>) -> f64| {
+            shapes.iter().map(|(s, _)| of(&s.a).min(of(&s.b)) - s.radius_m).fold(f64::INFINITY, f64::min)
+        };
+        let (left, floor, width) = (lowest(|p| p.y), lowest(|p| p.z), -lowest(|p| -p.y) - lowest(|p| p.y));
+        let shift = Vector3::new(0.0, right - left, -floor);
+        row.extend(shapes.iter().map(|(s, arm)| (Shape { a: s.a + shift, b: s.b + shift, ..*s }, *arm)));
+        right += width + FREE_M;
+    }
+    // The viewer stands in front. What is nearer covers what is behind.
+    row.sort_by(|(s, _), (t, _)| (s.a.x + s.b.x).total_cmp(&(t.a.x + t.b.x)));
+    save(out, &Picture::Row(row))
+}
+
+/// The capsules in the base frame, each with whether it is on an arm.
+fn placed(model: &Model, frames: &Frames) -> Vec<(Shape, bool)> {
+    let shape = |c: &robot::Capsule| {
+        let place = |point| frames.base_from_body[c.body].transform_point(point);
+        let arm = model.arms.iter().any(|arm| arm.joints.iter().any(|j| c.body == j + 1));
+        (Shape { a: place(&c.a), b: place(&c.b), radius_m: c.radius_m }, arm)
+    };
+    model.capsules.iter().map(shape).collect()
+}
+
+/// Content of a picture.
+enum Picture {
+    /// Two views of one robot.
+    Views { capsules: Vec<Shape>, points: Points },
+    /// Front views of several robots, the farthest capsule first.
+    Row(Vec<(Shape, bool)>),
+}
+
+impl Picture {
+    fn draw<B: DrawingBackend>(
+        &self,
+        area: &DrawingArea<B, plotters::coord::Shift>,
+    ) -> Result<(), DrawingAreaErrorKind<B::ErrorType>> {
+        match self {
+            Self::Views { capsules, points } => views(area, capsules, points),
+            Self::Row(row) => front(area, row),
+        }
+    }
+}
+
+fn save(out: &Path, picture: &Picture) -> Result<(), CollisionError> {
     let failed = |cause: String| CollisionError::content(out.display().to_string(), cause);
     std::fs::OpenOptions::new()
         .create(true)
         .append(true)
         .open(out)
         .map_err(|cause| CollisionError::Write { path: out.to_path_buf(), cause })?;
+    let size = if matches!(picture, Picture::Row(_)) { ROW_SIZE } else { SIZE };
     let drawn = match out.extension().and_then(|extension| extension.to_str()) {
         Some("svg") => {
-            let area = SVGBackend::new(out, SIZE).into_drawing_area();
-            views(&area, &capsules, &points).and_then(|()| area.present()).map_err(|error| error.to_string())
+            let area = SVGBackend::new(out, size).into_drawing_area();
+            picture.draw(&area).and_then(|()| area.present()).map_err(|error| error.to_string())
         }
         // The canvas has two points for each pixel.
-        Some("png") => canvas::save(out, (2 * SIZE.0, 2 * SIZE.1), |area| views(area, &capsules, &points)),
+        Some("png") => canvas::save(out, (2 * size.0, 2 * size.1), |area| picture.draw(area)),
         _ => Err("must end in .png or .svg".into()),
     };
     drawn.map_err(failed)
+}
+
+fn front<B: DrawingBackend>(
+    area: &DrawingArea<B, plotters::coord::Shift>,
+    row: &[(Shape, bool)],
+) -> Result<(), DrawingAreaErrorKind<B::ErrorType>> {
+    area.fill(&WHITE)?;
+    let (w, h) = area.dim_in_pixel();
+    let line = w / ROW_SIZE.0;
+    let most = |of: fn(&Vector3<f64>) -> f64| {
+        row.iter().map(|(s, _)| of(&s.a).max(of(&s.b)) + s.radius_m).fold(f64::NEG_INFINITY, f64::max)
+    };
+    let (wide, high) = (most(|p| p.y), most(|p| p.z));
+    let scale = ((wide + 2.0 * FREE_M) / f64::from(w)).max((high + 2.0 * FREE_M) / f64::from(h));
+    let left = 0.5 * (f64::from(w) - wide / scale);
+    for (shape, arm) in row {
+        let ends = [&shape.a, &shape.b].map(|p| (p.y, p.z));
+        let pixel = |(y, z): &(f64, f64)| {
+            ((left + y / scale).round() as i32, (f64::from(h) - (z + FREE_M) / scale).round() as i32)
+        };
+        let corners: Vec<(i32, i32)> = outline(ends, shape.radius_m).iter().map(pixel).collect();
+        let colour = if *arm { RGBColor(90, 140, 230) } else { RGBColor(205, 210, 218) };
+        area.draw(&Polygon::new(corners.clone(), colour.filled()))?;
+        let closed: Vec<(i32, i32)> = corners.iter().chain(corners.first()).copied().collect();
+        area.draw(&PathElement::new(closed, RGBColor(60, 70, 90).stroke_width(line)))?;
+    }
+    Ok(())
 }
 
 fn views<B: DrawingBackend>(

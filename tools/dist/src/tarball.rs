@@ -7,13 +7,14 @@ use std::fs::File;
 use std::path::{Path, PathBuf};
 
 /// Programs of a build, and their names in the archive.
-const PROGRAMS: [(&str, &str); 6] = [
+const PROGRAMS: [(&str, &str); 7] = [
     ("teleopd", "teleopd"),
     ("teleopctl", "teleopctl"),
     ("replay", "teleop-replay"),
     ("latency", "teleop-latency"),
     ("record", "teleop-record"),
     ("say", "teleop-say"),
+    ("teleopd-ros2", "teleopd-ros2"),
 ];
 
 /// Folders of the repository, the extensions of the files that are taken, and their destinations.
