@@ -9,8 +9,8 @@
 //! dq(t) = v_sent(t - E) + dq_sample - v_sent(s - L)
 //! ```
 //!
-//! So the deviation of each sample is what the monitors judge, until the next one. An encoder that is stuck shows a
-//! deviation that grows with every sample.
+//! So the deviation of each sample is what the monitors judge, until the next one. A robot that does not follow what it is
+//! sent is where its newest sample says: then the setpoints follow the robot, and not the other way round.
 
 use crate::trajectory::Executed;
 use messages::{JOINTS_MAX, Stamp, TICK_HZ, TICK_S, deadline, tick_at};
@@ -33,41 +33,40 @@ pub struct Sample {
 #[derive(Clone, Debug)]
 pub struct Sent {
     ring: Box<[Executed]>,
-    newest: Option<u64>,
+    /// The first and the newest index since the last [`forget`](Self::forget).
+    span: Option<[u64; 2]>,
 }
 
 impl Default for Sent {
     fn default() -> Self {
         let nothing = Executed { k: 0, q: [0.0; JOINTS_MAX], v: [0.0; JOINTS_MAX] };
-        Self { ring: vec![nothing; REMEMBERED].into(), newest: None }
+        Self { ring: vec![nothing; REMEMBERED].into(), span: None }
     }
 }
 
 impl Sent {
+    /// Forgets everything. The next setpoint stands for all before it.
+    pub fn forget(&mut self) {
+        self.span = None;
+    }
+
     /// Notes a setpoint. Indices that were left out had a steady velocity.
     pub fn note(&mut self, sent: &Executed) {
-        let before = self.newest.map(|k| self.ring[k as usize % REMEMBERED]);
-        let first = before.map_or(sent.k, |before| before.k + 1).max(sent.k.saturating_sub(REMEMBERED as u64 - 1));
-        for k in first..=sent.k {
+        let [begin, newest] =
+            self.span.filter(|[_, newest]| sent.k > *newest).unwrap_or([sent.k, sent.k.saturating_sub(1)]);
+        for k in (newest + 1).max(sent.k.saturating_sub(REMEMBERED as u64 - 1))..=sent.k {
             let back_s = (sent.k - k) as f64 * TICK_S;
             let q = std::array::from_fn(|j| sent.q[j] - back_s * sent.v[j]);
             self.ring[k as usize % REMEMBERED] = Executed { k, q, v: sent.v };
         }
-        if self.newest.is_none_or(|newest| sent.k > newest) {
-            self.newest = Some(sent.k);
-        }
+        self.span = Some([begin.max(sent.k.saturating_sub(REMEMBERED as u64 - 1)), sent.k]);
     }
 
     /// The setpoint in force at `at`. The oldest one if that is older, and none before the first.
     pub fn at(&self, at: Stamp) -> Option<Executed> {
-        let newest = self.newest?;
-        let k = tick_at(at).min(newest);
+        let [first, newest] = self.span?;
+        let k = tick_at(at).clamp(first, newest);
         let known = self.ring[k as usize % REMEMBERED];
-        if known.k != k {
-            // Before the first one, or forgotten.
-            let oldest = newest.saturating_sub(REMEMBERED as u64 - 1);
-            return (oldest..=newest).map(|k| self.ring[k as usize % REMEMBERED]).find(|known| known.k >= oldest);
-        }
         let rest_s = (at.since(deadline(k)) as f64 * 1e-9).min(TICK_S);
         Some(Executed { q: std::array::from_fn(|j| known.q[j] + rest_s * known.v[j]), ..known })
     }
@@ -123,6 +122,17 @@ mod tests {
     fn sample_stands_for_itself_before_anything_was_sent() {
         let (_, sample, now) = moved(0.1, 1);
         assert_eq!(Sent::default().estimate(&sample, now, 50_000_000, 0), sample);
+    }
+
+    #[test]
+    fn robot_that_does_not_follow_is_where_it_measures() {
+        let (mut sent, sample, now) = moved(0.1, 1);
+        for k in 4_001..4_020 {
+            sent.forget();
+            sent.note(&Executed { k, q: [0.01 * k as f64; JOINTS_MAX], v: [0.0; JOINTS_MAX] });
+            let estimate = sent.estimate(&sample, now, 50_000_000, 10_000_000);
+            assert!((estimate.q[3] - sample.q[3]).abs() < 1e-12 && estimate.dq == sample.dq);
+        }
     }
 
     #[test]

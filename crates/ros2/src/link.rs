@@ -6,9 +6,9 @@ use crate::estimate::Sample;
 use crate::ros::{
     Bool, ControllerState, Header, JointState, JointTrajectory, JointTrajectoryPoint, RosType, Text, Time, topic,
 };
-use crate::trajectory::{Executed, HISTORY, points};
+use crate::smooth::Smooth;
+use crate::trajectory::{Command, Past, points};
 use config::Ros2Settings;
-use driver::Motion;
 use dust_dds::builtin_topics::{PublicationBuiltinTopicData, SubscriptionBuiltinTopicData};
 use dust_dds::configuration::DustDdsConfigurationBuilder;
 use dust_dds::domain::domain_participant::DomainParticipant;
@@ -27,9 +27,8 @@ use dust_dds::publication::publisher::Publisher;
 use dust_dds::subscription::data_reader::DataReader;
 use dust_dds::subscription::subscriber::Subscriber;
 use dust_dds::xtypes::type_support::TypeSupport;
-use messages::{JOINTS_MAX, Stamp};
+use messages::{JOINTS_MAX, Stamp, tick_at};
 use robot::Model;
-use std::collections::VecDeque;
 
 /// Longest time for which a controller may be silent, ns. An active one publishes its state 50 times a second.
 const CONTROLLER_SILENT_NS: u64 = 100_000_000;
@@ -39,15 +38,6 @@ const LOOK_NS: u64 = 250_000_000;
 const ANNOUNCE: std::time::Duration = std::time::Duration::from_millis(500);
 /// Largest number of messages taken at once.
 const TAKEN_MAX: i32 = 16;
-
-/// A setpoint for the robot, with its certified stop.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Command {
-    /// Index.
-    pub k: u64,
-    /// State and stop.
-    pub motion: Motion,
-}
 
 /// One controller of the robot.
 struct Controller {
@@ -113,7 +103,8 @@ pub struct Link {
     pub pressed: Option<bool>,
     /// The robot's own description.
     pub urdf: Option<String>,
-    past: VecDeque<Executed>,
+    past: Past,
+    smooth: Smooth,
     looked: Stamp,
 }
 
@@ -233,7 +224,8 @@ impl Link {
             disbelieved: 0,
             pressed: None,
             urdf: None,
-            past: VecDeque::new(),
+            past: Past::default(),
+            smooth: Smooth::new(model.limits.map(|limits| limits.a_max)),
             looked: Stamp::NONE,
         })
     }
@@ -271,9 +263,13 @@ impl Link {
         let stamp_ns = state.header.stamp.ns();
         if !self.clock.hear(stamp_ns, now) {
             self.disbelieved += 1;
+            if self.clock.offset_ns().is_none() {
+                // The clock is taken again from the next stamp on.
+                self.heard = None;
+            }
             return false;
         }
-        if self.heard.as_ref().is_some_and(|heard| stamp_ns <= heard.stamp_ns) && self.disbelieved == 0 {
+        if self.heard.as_ref().is_some_and(|heard| stamp_ns <= heard.stamp_ns) {
             return false;
         }
         let (mut q, mut dq) = ([0.0; JOINTS_MAX], [0.0; JOINTS_MAX]);
@@ -349,9 +345,8 @@ impl Link {
 
     /// The messages of a command, one for each controller. None while the robot's clock is not known.
     pub fn messages(&self, command: &Command) -> Option<Vec<JointTrajectory>> {
-        let past: Vec<Executed> = self.past.iter().copied().collect();
         let message = |controller: &Controller| {
-            let (first, points) = points(&past, command.k, &command.motion, controller.joints);
+            let (first, points) = points(self.past.points(), command, controller.joints);
             let stamp_ns = self.clock.there_ns(first.plus_ns(self.delay_ns))?;
             Some(JointTrajectory {
                 header: Header { stamp: Time::of_ns(stamp_ns), frame_id: String::new() },
@@ -371,21 +366,18 @@ impl Link {
         self.controllers.iter().map(message).collect()
     }
 
-    /// Sends a command to all controllers, and remembers its point. Returns false if it could not be sent to all.
-    pub fn send(&mut self, command: &Command) -> bool {
+    /// Sends the last of `commands` to all controllers. The others came too late. Returns false if it could not be sent
+    /// to all, or did not continue what the robot executes.
+    pub fn send(&mut self, commands: &[Command], now: Stamp) -> bool {
+        let Some(wanted) = commands.last() else { return !self.smooth.approaches() };
+        let from = self.past.prepare(commands, tick_at(Stamp(now.0.saturating_sub(self.delay_ns))));
+        let command = &self.smooth.pass(from.as_ref(), wanted, self.pressed != Some(true));
         let Some(messages) = self.messages(command) else { return false };
         let mut sent = true;
         for (controller, message) in self.controllers.iter().zip(messages) {
             sent &= controller.writer.write(message, None).is_ok();
         }
-        // A new chain of setpoints has no past here.
-        if self.past.back().is_some_and(|last| last.k >= command.k) {
-            self.past.clear();
-        }
-        self.past.push_back(Executed { k: command.k, q: command.motion.q, v: command.motion.v });
-        while self.past.len() > HISTORY {
-            self.past.pop_front();
-        }
-        sent
+        self.past.sent(command);
+        sent && !self.smooth.approaches()
     }
 }

@@ -2,9 +2,10 @@
 
 use clap::Parser;
 use ros2::cli::{self, Cli, Preflight};
-use ros2::link::{Command, Link};
+use ros2::link::Link;
 use ros2::port::Ros2;
 use ros2::preflight;
+use ros2::trajectory::Command;
 use rt::{Exit, Failure};
 use std::process::ExitCode;
 

@@ -1,10 +1,9 @@
 //! The driver's port: wait-free on the loop's side, DDS in a thread of its own.
 
 use crate::estimate::{Sample, Sent};
-use crate::link::{Command, Link};
+use crate::link::Link;
 use crate::preflight;
-use crate::smooth::{Smooth, executed};
-use crate::trajectory::PERIOD_TICKS;
+use crate::trajectory::{Command, Executed, PERIOD_TICKS};
 use config::Loaded;
 use driver::{Driver, Drives, Measured, Motion, Setpoint};
 use messages::{JOINTS_MAX, Stamp, StopPlan, TICK_S};
@@ -34,7 +33,6 @@ pub struct Ros2 {
     news: Consumer<News>,
     newest: News,
     sent: Sent,
-    smooth: Smooth,
     last_k: u64,
     delay_ns: u64,
     expected_ns: u64,
@@ -52,11 +50,12 @@ struct Stuck {
 
 impl Stuck {
     fn judge(&mut self, measured: &[f64; JOINTS_MAX], sent: &[f64; JOINTS_MAX]) {
+        self.found = false;
         for j in 0..JOINTS_MAX {
             if measured[j] != self.q[j] {
                 (self.q[j], self.sent[j], self.same[j]) = (measured[j], sent[j], 0);
             } else {
-                self.same[j] += 1;
+                self.same[j] = self.same[j].saturating_add(1);
                 self.found |= self.same[j] >= STUCK_SAMPLES && (sent[j] - self.sent[j]).abs() > STUCK;
             }
         }
@@ -95,7 +94,6 @@ impl Ros2 {
             news,
             newest,
             sent: Sent::default(),
-            smooth: Smooth::new(model.limits.map(|limits| limits.a_max)),
             last_k: 0,
             delay_ns: (delay_s * 1e9) as u64,
             expected_ns: (expected_s * 1e9) as u64,
@@ -121,28 +119,30 @@ impl Driver for Ros2 {
 
     fn write(&mut self, _now: Stamp, setpoint: &Setpoint, plan: &StopPlan) -> bool {
         let &Setpoint { k, q, v, a } = setpoint;
-        let motion = self.smooth.pass(k, &Motion { q, v, a, plan: *plan }, self.newest.drives.powered);
-        self.sent.note(&executed(k, &motion));
+        let motion = Motion { q, v, a, plan: *plan };
+        // A robot that does not follow is where it measures.
+        let follows = self.newest.drives.powered && !self.newest.refused;
+        if !follows {
+            self.sent.forget();
+        }
+        self.sent.note(&Executed::of(k, &motion));
         if k / PERIOD_TICKS == self.last_k / PERIOD_TICKS {
-            return !self.smooth.approaches();
+            return follows;
         }
         self.last_k = k;
-        let taken = self.commands.push(Command { k, motion }).is_ok();
-        taken && !self.newest.refused && !self.smooth.approaches()
+        self.commands.push(Command { k, motion }).is_ok() && follows
     }
 }
 
 /// The thread: sends the newest command, and passes on what the robot says.
 fn serve(mut link: Link, mut commands: Consumer<Command>, mut news: Producer<News>) {
-    let mut told = None;
+    let (mut told, mut due) = (None, Vec::with_capacity(RING));
     loop {
         let now = rt::now();
         let heard = link.hear(now);
-        let mut newest = None;
-        while let Ok(command) = commands.pop() {
-            newest = Some(command);
-        }
-        let refused = newest.is_some_and(|command| !link.send(&command));
+        due.clear();
+        due.extend(std::iter::from_fn(|| commands.pop().ok()));
+        let refused = !link.send(&due, rt::now());
         let fault = complaint(&link, now);
         if fault != told {
             if let Some(sentence) = &fault {

@@ -14,6 +14,7 @@
 
 use driver::Motion;
 use messages::{JOINTS_MAX, Stamp, StopPlan, deadline};
+use std::collections::VecDeque;
 
 /// Number of points of the past: 53 ms.
 pub const HISTORY: usize = 10;
@@ -50,11 +51,87 @@ pub struct Point {
     pub velocities: Vec<f64>,
 }
 
-/// The points of the joints in `joints`, and the time of the first one. `past` has the oldest first. `now` is the
-/// present state with its stop.
-pub fn points(past: &[Executed], k: u64, now: &Motion, joints: u32) -> (Stamp, Vec<Point>) {
+/// A setpoint for the robot, with its certified stop.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Command {
+    /// Index.
+    pub k: u64,
+    /// State and stop.
+    pub motion: Motion,
+}
+
+/// The curve that the robot has executed: the points of earlier messages, and the stop of the last one where no message
+/// followed in time.
+#[derive(Clone, Debug, Default)]
+pub struct Past {
+    points: VecDeque<Executed>,
+    last: Option<Command>,
+}
+
+impl Past {
+    /// The points before the next message, the oldest first.
+    pub fn points(&self) -> impl DoubleEndedIterator<Item = &Executed> {
+        self.points.iter()
+    }
+
+    /// Prepares the message of the last of `commands`. The others were not sent. `executing_k` is the index that the
+    /// robot executes when the message arrives.
+    ///
+    /// A robot that has come to the end of the last message plays its stop. That stop is the past then, and what was
+    /// meant to be executed instead is none. Returns the state from which the robot comes, if it was sent anything.
+    pub fn prepare(&mut self, commands: &[Command], executing_k: u64) -> Option<Command> {
+        let (next, last) = (commands.last()?, self.last?);
+        if next.k <= last.k {
+            self.points.clear();
+            return None;
+        }
+        let stops = executing_k + PERIOD_TICKS > last.k;
+        if !stops {
+            let unsent = &commands[..commands.len() - 1];
+            unsent.iter().for_each(|command| self.push(Executed::of(command.k, &command.motion)));
+            return Some(*unsent.last().unwrap_or(&last));
+        }
+        let until = (executing_k + PERIOD_TICKS).min(next.k - 1);
+        let points = until.saturating_sub(last.k) / PERIOD_TICKS;
+        let mut from = last;
+        for _ in 0..points {
+            from.k += PERIOD_TICKS;
+            from.motion.play(PERIOD_TICKS);
+            self.push(Executed::of(from.k, &from.motion));
+        }
+        Some(from)
+    }
+
+    /// Notes that the command was sent.
+    pub fn sent(&mut self, command: &Command) {
+        self.push(Executed::of(command.k, &command.motion));
+        self.last = Some(*command);
+    }
+
+    fn push(&mut self, point: Executed) {
+        self.points.push_back(point);
+        while self.points.len() > HISTORY {
+            self.points.pop_front();
+        }
+    }
+}
+
+impl Executed {
+    /// The state of a motion at an index.
+    pub fn of(k: u64, motion: &Motion) -> Self {
+        Self { k, q: motion.q, v: motion.v }
+    }
+}
+
+/// The points of the joints in `joints`, and the time of the first one. `past` has the oldest first.
+pub fn points<'a>(
+    past: impl DoubleEndedIterator<Item = &'a Executed>,
+    Command { k, motion: now }: &Command,
+    joints: u32,
+) -> (Stamp, Vec<Point>) {
+    let k = *k;
     let chosen = |all: &[f64; JOINTS_MAX]| (0..JOINTS_MAX).filter(|j| joints & 1 << j != 0).map(|j| all[j]).collect();
-    let past = past.iter().filter(|executed| executed.k < k);
+    let past = past.filter(|executed| executed.k < k);
     let past: Vec<&Executed> = past.rev().take(HISTORY).collect::<Vec<_>>().into_iter().rev().collect();
     let first = deadline(past.first().map_or(k, |executed| executed.k));
     let mut points: Vec<Point> = past
@@ -108,7 +185,8 @@ fn times_s(plan: &StopPlan, joints: u32) -> Vec<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use messages::Layout;
+    use crate::smooth::Smooth;
+    use messages::{Layout, TICK_S};
     use rand::{RngExt, SeedableRng};
     use wbc::JointStop;
 
@@ -144,7 +222,7 @@ mod tests {
         let mut rng = rand_pcg::Pcg64::seed_from_u64(3);
         for _ in 0..200 {
             let now = motion(&mut rng);
-            let (first, points) = points(&[], 1_500, &now, LEFT);
+            let (first, points) = points([].iter(), &Command { k: 1_500, motion: now }, LEFT);
             assert_eq!(first, deadline(1_500));
             assert!(points.len() <= POINTS_MAX && points[0].since_first_ns == 0);
             assert!(points.windows(2).all(|pair| pair[0].since_first_ns < pair[1].since_first_ns));
@@ -169,7 +247,8 @@ mod tests {
         let executed = |i: u64| Executed { k: at(i), q: [i as f64; JOINTS_MAX], v: [0.5; JOINTS_MAX] };
         let past: Vec<Executed> = (0..count).map(executed).collect();
         // The newest of them is the present index, which is not its own past.
-        let (first, points) = points(&past, at(count - 1), &motion(&mut rng), 1 << 4 | 1 << 2);
+        let (first, points) =
+            points(past.iter(), &Command { k: at(count - 1), motion: motion(&mut rng) }, 1 << 4 | 1 << 2);
         assert_eq!(first, deadline(at(3)));
         for (i, point) in points[..HISTORY].iter().enumerate() {
             assert_eq!(point.since_first_ns, deadline(at(3 + i as u64)).since(first));
@@ -178,9 +257,56 @@ mod tests {
         assert_eq!(points[HISTORY].since_first_ns, deadline(at(count - 1)).since(first));
     }
 
+    /// A robot that executes messages `delay` ticks behind, and takes each `late(k)` ticks after its command. Returns the
+    /// largest change of its velocity from one update of 10 ms to the next, by the acceleration limit.
+    fn jolt(delay: u64, late: impl Fn(u64) -> u64) -> f64 {
+        let wanted = |k: u64| {
+            let t = k as f64 * TICK_S;
+            let mut motion = Motion::rest([0.4 * (3.0 * t).sin(); JOINTS_MAX]);
+            (motion.v, motion.a) = ([1.2 * (3.0 * t).cos(); JOINTS_MAX], [-3.6 * (3.0 * t).sin(); JOINTS_MAX]);
+            for j in 0..JOINTS_MAX {
+                JointStop::new(motion.v[j], motion.a[j], A, J).store(&mut motion.plan, j);
+            }
+            motion
+        };
+        let (mut past, mut waiting, mut curve) = (Past::default(), Vec::new(), None);
+        let (mut positions, mut ready, mut smooth) = (Vec::new(), 0, Smooth::new([A; JOINTS_MAX]));
+        for k in 1_500..6_000_u64 {
+            if k % PERIOD_TICKS == 0 {
+                waiting.push(Command { k, motion: wanted(k) });
+                ready = ready.max(k + late(k));
+            }
+            if !waiting.is_empty() && k >= ready {
+                let from = past.prepare(&waiting, k - delay);
+                let command = smooth.pass(from.as_ref(), waiting.last().expect("not empty"), true);
+                curve = Some(points(past.points(), &command, 1));
+                past.sent(&command);
+                waiting.clear();
+            }
+            if let (0, Some((first, points))) = (k % 15, &curve) {
+                positions.push(hermite(points, deadline(k - delay).since(*first), 0));
+            }
+        }
+        let speeds: Vec<f64> = positions.windows(2).map(|pair| (pair[1] - pair[0]) / 0.01).collect();
+        speeds[5..].windows(2).map(|pair| (pair[1] - pair[0]).abs() / 0.01).fold(0.0, f64::max) / A
+    }
+
+    #[test]
+    fn robot_that_messages_reach_late_is_taken_back_without_a_step() {
+        // 1.2 rad/s and 3.6 rad/s^2 are less than half of the limit.
+        let in_time = jolt(38, |_| 1);
+        assert!(in_time < 0.46, "{in_time}");
+        let pause = |length: u64| jolt(38, move |k| if k % 500 < PERIOD_TICKS { length } else { 1 });
+        for (length, most) in [(20, 0.46), (35, 0.5), (45, 1.0), (60, 1.5), (300, 3.0)] {
+            let jolt = pause(length);
+            println!("a pause of {length} ticks: {jolt:.2} of the limit");
+            assert!(jolt < most, "a pause of {length} ticks: {jolt} of the limit");
+        }
+    }
+
     #[test]
     fn resting_robot_gets_two_points_and_a_last_one_in_the_future() {
-        let (_, points) = points(&[], 3_000, &Motion::rest([0.3; JOINTS_MAX]), LEFT);
+        let (_, points) = points([].iter(), &Command { k: 3_000, motion: Motion::rest([0.3; JOINTS_MAX]) }, LEFT);
         let times: Vec<u64> = points.iter().map(|point| point.since_first_ns).collect();
         assert_eq!(times, [0, (REST_S * 1e9) as u64]);
         assert!(points.iter().all(|point| point.positions == [0.3; 7] && point.velocities == [0.0; 7]));
