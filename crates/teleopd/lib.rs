@@ -71,15 +71,18 @@ struct DriverCli {
 ///
 /// The robot must answer [`driver::Driver::read`] from the moment it is open. The exit code is one of [`rt::Exit`].
 pub fn drive<D: driver::Driver>(open: impl Fn(&robot::Model) -> Result<D, String>) -> ExitCode {
-    drive_configured(|loaded| open(&loaded.model))
+    drive_configured(|loaded, _| open(&loaded.model))
 }
 
-/// As [`drive`], for a driver that has settings of its own.
-pub fn drive_configured<D: driver::Driver>(open: impl Fn(&config::Loaded) -> Result<D, String>) -> ExitCode {
+/// As [`drive`], for a driver that has settings of its own, and threads. They belong on the given cores, beside the loop.
+/// None: any will do.
+pub fn drive_configured<D: driver::Driver>(
+    open: impl Fn(&config::Loaded, Option<&[usize]>) -> Result<D, String>,
+) -> ExitCode {
     rt::abort_on_panic();
     let _ = rt::flush_denormals();
     let open = |process: &process::Process, _: &bus::Domain| {
-        open(&process.loaded).map_err(|cause| Failure::new(Exit::Unavailable, cause))
+        open(&process.loaded, process.others.as_deref()).map_err(|cause| Failure::new(Exit::Unavailable, cause))
     };
     finish("teleopd", process(&DriverCli::parse().process, |place| process::driver::run(place, open)))
 }

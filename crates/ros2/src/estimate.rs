@@ -50,6 +50,11 @@ impl Sent {
         self.span = None;
     }
 
+    /// Returns true if a setpoint was noted since the last [`forget`](Self::forget).
+    pub fn has_any(&self) -> bool {
+        self.span.is_some()
+    }
+
     /// Notes a setpoint. Indices that were left out had a steady velocity.
     pub fn note(&mut self, sent: &Executed) {
         let [begin, newest] =

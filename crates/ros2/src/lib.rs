@@ -3,10 +3,10 @@
 //!
 //! - [`trajectory`]: the points of a message. The robot plays the certified stop from them when messages end.
 //! - [`clock`]: the robot's clock, from its stamps.
-//! - [`estimate`]: where the robot is now, from samples that are old.
+//! - [`estimate`]: where the robot is now, from samples that are old. [`lag`]: by how much its servos lag.
 //! - [`ros`], [`link`]: the messages of ROS 2 and the connection, in a thread of its own.
 //! - [`preflight`], [`description`]: the checks before a robot may be driven.
-//! - [`smooth`]: keeps steps away from the robot.
+//! - [`join`]: whether the robot executes what it is sent. If not, nothing is sent.
 //! - [`port`]: the port of `crates/driver`, wait-free.
 
 #![allow(clippy::neg_cmp_op_on_partial_ord, reason = "NaN differs from everything")]
@@ -16,9 +16,10 @@ pub mod cli;
 pub mod clock;
 pub mod description;
 pub mod estimate;
+pub mod join;
+pub mod lag;
 pub mod link;
 pub mod port;
 pub mod preflight;
 pub mod ros;
-pub mod smooth;
 pub mod trajectory;

@@ -3,10 +3,10 @@
 
 use crate::clock::RobotClock;
 use crate::estimate::Sample;
+use crate::join::{Joined, Reference, agrees, continues};
 use crate::ros::{
     Bool, ControllerState, Header, JointState, JointTrajectory, JointTrajectoryPoint, RosType, Text, Time, topic,
 };
-use crate::smooth::Smooth;
 use crate::trajectory::{Command, Past, points};
 use config::Ros2Settings;
 use dust_dds::builtin_topics::{PublicationBuiltinTopicData, SubscriptionBuiltinTopicData};
@@ -45,7 +45,8 @@ struct Controller {
     joints: u32,
     joint_names: Vec<String>,
     topic: String,
-    writer: DataWriter<JointTrajectory>,
+    /// None for a preflight, which sends nothing.
+    writer: Option<DataWriter<JointTrajectory>>,
     state: DataReader<ControllerState>,
     heard: Option<Stamp>,
     other_joints: bool,
@@ -89,7 +90,7 @@ pub struct Link {
     controllers: Vec<Controller>,
     states: DataReader<JointState>,
     emergency: Option<DataReader<Bool>>,
-    description: DataReader<Text>,
+    description: Option<DataReader<Text>>,
     builtin: Subscriber,
     /// The robot's clock.
     pub clock: RobotClock,
@@ -104,7 +105,16 @@ pub struct Link {
     /// The robot's own description.
     pub urdf: Option<String>,
     past: Past,
-    smooth: Smooth,
+    joined: Joined,
+    reference: Reference,
+    /// Acceleration limits, rad/s^2 or m/s^2.
+    a_max: [f64; JOINTS_MAX],
+    /// Why the robot departed.
+    departed: Option<String>,
+    /// The participant that reports the joint states.
+    reporter: Option<[u8; 16]>,
+    participant: DomainParticipant,
+    subscriber: Subscriber,
     looked: Stamp,
 }
 
@@ -113,9 +123,11 @@ fn failed(what: &str) -> impl Fn(DdsError) -> String {
     move |error| format!("DDS: {what}: {error:?}")
 }
 
-fn reliable() -> ReliabilityQosPolicy {
-    let max_blocking_time = DurationKind::Finite(Duration::new(0, 10_000_000));
-    ReliabilityQosPolicy { kind: ReliabilityQosPolicyKind::Reliable, max_blocking_time }
+/// Longest time that a message waits until the one before is acknowledged, ns. Then it is lost.
+const BLOCKING_NS: u32 = 1_000_000;
+
+fn reliability(kind: ReliabilityQosPolicyKind) -> ReliabilityQosPolicy {
+    ReliabilityQosPolicy { kind, max_blocking_time: DurationKind::Finite(Duration::new(0, BLOCKING_NS)) }
 }
 
 fn reader<T: TypeSupport + RosType>(
@@ -159,7 +171,8 @@ impl Controller {
     fn open(
         model: &Model,
         controller: &robot::Controller,
-        (participant, subscriber, publisher): (&DomainParticipant, &Subscriber, &Publisher),
+        (participant, subscriber): (&DomainParticipant, &Subscriber),
+        publisher: Option<(&Publisher, ReliabilityQosPolicyKind)>,
     ) -> Result<Self, String> {
         let name = controller.name.clone();
         let (commands, state) = (format!("/{name}/joint_trajectory"), format!("/{name}/controller_state"));
@@ -168,10 +181,13 @@ impl Controller {
         let topic = participant
             .create_topic::<JointTrajectory>(&dds, JointTrajectory::NAME, QosKind::Default, NO_LISTENER, NO_STATUS)
             .map_err(failed(&commands))?;
-        let qos = DataWriterQos { reliability: reliable(), ..DataWriterQos::default() };
-        let writer = publisher
-            .create_datawriter::<JointTrajectory>(&topic, QosKind::Specific(qos), NO_LISTENER, NO_STATUS)
-            .map_err(failed(&commands))?;
+        let writer = publisher.map(|(publisher, kind)| {
+            let qos = DataWriterQos { reliability: reliability(kind), ..DataWriterQos::default() };
+            publisher
+                .create_datawriter::<JointTrajectory>(&topic, QosKind::Specific(qos), NO_LISTENER, NO_STATUS)
+                .map_err(failed(&commands))
+        });
+        let writer = writer.transpose()?;
         Ok(Self {
             name,
             joints: controller.joints,
@@ -188,22 +204,24 @@ impl Controller {
 }
 
 impl Link {
-    /// Joins the robot's domain.
-    pub fn open(model: &Model, settings: &Ros2Settings) -> Result<Self, String> {
+    /// Joins the robot's domain. With `sends`, it may send.
+    pub fn open(model: &Model, settings: &Ros2Settings, sends: bool) -> Result<Self, String> {
         let participant = join(settings)?;
         let subscriber =
             participant.create_subscriber(QosKind::Default, NO_LISTENER, NO_STATUS).map_err(failed("subscriber"))?;
         let publisher =
             participant.create_publisher(QosKind::Default, NO_LISTENER, NO_STATUS).map_err(failed("publisher"))?;
-        let own = (&participant, &subscriber, &publisher);
-        let controllers = model
-            .controllers
-            .iter()
-            .map(|controller| Controller::open(model, controller, own))
-            .collect::<Result<_, _>>()?;
+        let kind = match settings.reliable {
+            true => ReliabilityQosPolicyKind::Reliable,
+            false => ReliabilityQosPolicyKind::BestEffort,
+        };
+        let own = (&participant, &subscriber);
+        let controller =
+            |controller| Controller::open(model, controller, own, sends.then_some((&publisher, kind.clone())));
+        let controllers = model.controllers.iter().map(controller).collect::<Result<_, _>>()?;
         let kept = DataReaderQos {
             durability: DurabilityQosPolicy { kind: DurabilityQosPolicyKind::TransientLocal },
-            reliability: reliable(),
+            reliability: reliability(ReliabilityQosPolicyKind::Reliable),
             ..DataReaderQos::default()
         };
         let emergency = (!settings.emergency_stop_topic.is_empty())
@@ -216,7 +234,7 @@ impl Link {
             controllers,
             states: reader(&participant, &subscriber, &settings.joint_states_topic, QosKind::Default)?,
             emergency,
-            description: reader(&participant, &subscriber, "/robot_description", QosKind::Specific(kept))?,
+            description: Some(reader(&participant, &subscriber, "/robot_description", QosKind::Specific(kept))?),
             builtin: participant.get_builtin_subscriber(),
             clock: RobotClock::default(),
             heard: None,
@@ -225,7 +243,13 @@ impl Link {
             pressed: None,
             urdf: None,
             past: Past::default(),
-            smooth: Smooth::new(model.limits.map(|limits| limits.a_max)),
+            joined: Joined::No,
+            reference: Reference::default(),
+            a_max: model.limits.map(|limits| limits.a_max),
+            departed: None,
+            reporter: None,
+            participant,
+            subscriber,
             looked: Stamp::NONE,
         })
     }
@@ -233,23 +257,24 @@ impl Link {
     /// Takes what arrived. Returns true if a new complete joint state is among it.
     pub fn hear(&mut self, now: Stamp) -> bool {
         let mut news = false;
-        for state in take(&self.states) {
-            news |= self.take_state(&state, now);
-        }
-        for controller in &mut self.controllers {
-            for state in take(&controller.state) {
-                controller.heard = Some(now);
-                let same = |name: &String| state.joint_names.contains(name);
-                let all = controller.joint_names.iter().all(same);
-                controller.other_joints = !all || state.joint_names.len() != controller.joint_names.len();
+        let states = self.states.take(TAKEN_MAX, ANY_SAMPLE_STATE, ANY_VIEW_STATE, ANY_INSTANCE_STATE);
+        for sample in states.unwrap_or_default() {
+            let from: [u8; 16] = sample.sample_info.publication_handle.into();
+            // A robot that started again is another one: its driver must start again, too.
+            if let Some(state) = sample.data
+                && self.reporter.is_none_or(|reporter| reporter == from)
+                && self.take_state(&state, now)
+            {
+                (news, self.reporter) = (true, Some(from));
             }
         }
+        self.hear_controllers(now);
         if let Some(emergency) = &self.emergency
             && let Some(newest) = take(emergency).pop()
         {
             self.pressed = Some(newest.data);
         }
-        if let Some(text) = take(&self.description).pop() {
+        if let Some(text) = self.description.as_ref().and_then(|description| take(description).pop()) {
             self.urdf = Some(text.data);
         }
         if now.since(self.looked) >= LOOK_NS {
@@ -259,23 +284,77 @@ impl Link {
         news
     }
 
+    /// Stops listening to what only the preflight needs.
+    pub fn forget_description(&mut self) {
+        if let Some(description) = self.description.take() {
+            // An error leaves a reader that nobody asks.
+            let _ = self.subscriber.delete_datareader(&description);
+        }
+    }
+
+    fn hear_controllers(&mut self, now: Stamp) {
+        for i in 0..self.controllers.len() {
+            for state in take(&self.controllers[i].state) {
+                let controller = &mut self.controllers[i];
+                controller.heard = Some(now);
+                let place = |name: &String| state.joint_names.iter().position(|other| other == name);
+                let places: Vec<Option<usize>> = controller.joint_names.iter().map(place).collect();
+                let all = places.iter().all(Option::is_some);
+                controller.other_joints = !all || state.joint_names.len() != controller.joint_names.len();
+                let at = self.clock.here(state.header.stamp.ns());
+                let joints: Vec<usize> = (0..JOINTS_MAX).filter(|j| controller.joints & 1 << j != 0).collect();
+                for (j, place) in joints.into_iter().zip(places) {
+                    let positions = &state.reference.positions;
+                    let q = place.and_then(|place| positions.get(place)).copied().unwrap_or(f64::NAN);
+                    self.reference.hear(j, q, now);
+                    self.compare(j, q, at);
+                }
+            }
+        }
+    }
+
+    /// Compares a controller's setpoint with what it was sent.
+    fn compare(&mut self, j: usize, q: f64, at: Option<Stamp>) {
+        let (Joined::Since(since), Some(at)) = (self.joined, at) else { return };
+        let then = Stamp(at.0.saturating_sub(self.delay_ns));
+        if then.since(since) == 0 {
+            return;
+        }
+        if let Some(sent) = self.past.expected(then)
+            && !agrees(q, sent.q[j], sent.v[j])
+        {
+            let (name, off) = (&self.joint_names[j], (q - sent.q[j]) * 1e3);
+            self.depart(format!(
+                "the controller of `{name}` is {off:.1} mrad or mm off what it was sent: messages were lost"
+            ));
+        }
+    }
+
+    fn depart(&mut self, why: String) {
+        if self.joined != Joined::Departed {
+            self.joined = Joined::Departed;
+            self.departed = Some(why);
+            self.past.clear();
+        }
+    }
+
+    /// Why the robot is not sent anything. None while it executes what it is sent.
+    pub fn departed(&self) -> Option<&str> {
+        self.departed.as_deref()
+    }
+
+    /// The controllers' own setpoints, if all are known.
+    pub fn reference(&self) -> &Reference {
+        &self.reference
+    }
+
     fn take_state(&mut self, state: &JointState, now: Stamp) -> bool {
         let stamp_ns = state.header.stamp.ns();
-        if !self.clock.hear(stamp_ns, now) {
-            self.disbelieved += 1;
-            if self.clock.offset_ns().is_none() {
-                // The clock is taken again from the next stamp on.
-                self.heard = None;
-            }
-            return false;
-        }
-        if self.heard.as_ref().is_some_and(|heard| stamp_ns <= heard.stamp_ns) {
-            return false;
-        }
         let (mut q, mut dq) = ([0.0; JOINTS_MAX], [0.0; JOINTS_MAX]);
         for (j, name) in self.joint_names.iter().enumerate() {
-            let Some(i) = state.name.iter().position(|other| other == name) else {
-                self.incomplete = Some(format!("joint_states does not name `{name}`"));
+            let mut places = state.name.iter().enumerate().filter(|(_, other)| *other == name);
+            let (Some((i, _)), None) = (places.next(), places.next()) else {
+                self.incomplete = Some(format!("joint_states does not name `{name}` once"));
                 return false;
             };
             q[j] = state.position.get(i).copied().unwrap_or(f64::NAN);
@@ -284,6 +363,18 @@ impl Link {
                 self.incomplete = Some(format!("joint_states has {} for the position of `{name}`", q[j]));
                 return false;
             }
+        }
+        if !self.clock.hear(stamp_ns, now) {
+            self.disbelieved += 1;
+            if self.clock.offset_ns().is_none() {
+                // The clock is taken again from the next stamp on.
+                self.heard = None;
+                self.depart("the robot's clock jumped".to_owned());
+            }
+            return false;
+        }
+        if self.heard.as_ref().is_some_and(|heard| stamp_ns <= heard.stamp_ns) {
+            return false;
         }
         let measured = self.clock.here(stamp_ns).map_or(now, |here| here.min(now));
         // A robot may report no velocities. Then they are the differences of its positions.
@@ -318,12 +409,26 @@ impl Link {
             .flatten()
             .and_then(|reader| reader.read(i32::MAX, ANY_SAMPLE_STATE, ANY_VIEW_STATE, ALIVE).ok())
             .unwrap_or_default();
+        let there: Vec<Vec<u8>> = self
+            .participant
+            .get_discovered_participants()
+            .unwrap_or_default()
+            .into_iter()
+            .map(|handle| <[u8; 16]>::from(handle)[..12].to_vec())
+            .collect();
+        let there: Vec<&[u8]> = there.iter().map(Vec::as_slice).collect();
         for controller in &mut self.controllers {
             let name = topic(&controller.topic);
-            let own: [u8; 16] = controller.writer.get_instance_handle().into();
-            let publishes =
-                |found: &&PublicationBuiltinTopicData| found.topic_name() == name && found.key().value != own;
-            let reads = |found: &&SubscriptionBuiltinTopicData| found.topic_name() == name;
+            let own: Option<[u8; 16]> = controller.writer.as_ref().map(|writer| writer.get_instance_handle().into());
+            // A publisher whose participant left is gone.
+            let publishes = |found: &&PublicationBuiltinTopicData| {
+                found.topic_name() == name
+                    && Some(found.key().value) != own
+                    && there.contains(&&found.key().value[..12])
+            };
+            let reads = |found: &&SubscriptionBuiltinTopicData| {
+                found.topic_name() == name && there.contains(&&found.key().value[..12])
+            };
             controller.publishers =
                 publications.iter().filter_map(|sample| sample.data.as_ref()).filter(publishes).count();
             controller.readers = subscriptions.iter().filter_map(|sample| sample.data.as_ref()).filter(reads).count();
@@ -366,18 +471,52 @@ impl Link {
         self.controllers.iter().map(message).collect()
     }
 
-    /// Sends the last of `commands` to all controllers. The others came too late. Returns false if it could not be sent
-    /// to all, or did not continue what the robot executes.
+    /// Sends the last of `commands` to all controllers. The others came too late. Returns false if nothing was sent,
+    /// because the robot executes something else.
     pub fn send(&mut self, commands: &[Command], now: Stamp) -> bool {
-        let Some(wanted) = commands.last() else { return !self.smooth.approaches() };
-        let from = self.past.prepare(commands, tick_at(Stamp(now.0.saturating_sub(self.delay_ns))));
-        let command = &self.smooth.pass(from.as_ref(), wanted, self.pressed != Some(true));
+        let Some(command) = commands.last() else { return self.joined != Joined::Departed };
+        let pressed = self.pressed == Some(true);
+        match self.joined {
+            Joined::Since(_) if !pressed => {
+                let from = self.past.prepare(commands, tick_at(Stamp(now.0.saturating_sub(self.delay_ns))));
+                if !from.is_some_and(|from| continues(&self.a_max, &from, command)) {
+                    self.depart("a setpoint did not continue what the robot executes".to_owned());
+                }
+            }
+            Joined::Since(_) => self.depart("the emergency stop is pressed".to_owned()),
+            Joined::No | Joined::Departed => self.join_where_it_stands(command, now),
+        }
+        if !matches!(self.joined, Joined::Since(_)) {
+            return false;
+        }
         let Some(messages) = self.messages(command) else { return false };
-        let mut sent = true;
         for (controller, message) in self.controllers.iter().zip(messages) {
-            sent &= controller.writer.write(message, None).is_ok();
+            // A message that could not be sent is a lost one. The reference will show it.
+            let _ = controller.writer.as_ref().map(|writer| writer.write(message, None));
         }
         self.past.sent(command);
-        sent && !self.smooth.approaches()
+        true
+    }
+
+    fn join_where_it_stands(&mut self, command: &Command, now: Stamp) {
+        let all = self.controllers.iter().fold(0, |all, controller| all | controller.joints);
+        let active = self.controllers(now).iter().all(|seen| seen.active && !seen.other_joints);
+        let meets = self.reference.stands(all, now) && self.reference.meets(&command.motion, self.joint_names.len());
+        if active && meets && self.pressed != Some(true) {
+            self.past.clear();
+            (self.joined, self.departed) = (Joined::Since(now), None);
+        } else {
+            self.joined = Joined::Departed;
+            self.departed.get_or_insert_with(|| "the robot does not stand where the driver begins".to_owned());
+        }
+    }
+
+    /// Notes at `now` that the robot fell silent, if it did.
+    pub fn mind_silence(&mut self, now: Stamp) {
+        let states = self.heard.as_ref().is_some_and(|heard| now.since(heard.sample.measured) <= CONTROLLER_SILENT_NS);
+        if matches!(self.joined, Joined::Since(_)) && !(states && self.controllers(now).iter().all(|seen| seen.active))
+        {
+            self.depart("the robot fell silent".to_owned());
+        }
     }
 }

@@ -21,7 +21,7 @@ fn preflight(options: &Preflight) -> Result<Exit, Failure> {
     let overrides = config::Overrides::robot(options.robot.as_ref());
     let (settings, model) = config::load_robot(&options.config, &overrides).map_err(Failure::with(Exit::Config))?;
     let (model, settings) = (&model, &settings.ros2);
-    let mut link = Link::open(model, settings).map_err(|cause| Failure::new(Exit::Unavailable, cause))?;
+    let mut link = Link::open(model, settings, false).map_err(|cause| Failure::new(Exit::Unavailable, cause))?;
     let failures = preflight::judge(&mut link, model, !settings.emergency_stop_topic.is_empty());
     for seen in link.controllers(rt::now()) {
         let activity = if seen.active { "active" } else { "silent" };

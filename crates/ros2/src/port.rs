@@ -1,14 +1,19 @@
 //! The driver's port: wait-free on the loop's side, DDS in a thread of its own.
 
 use crate::estimate::{Sample, Sent};
+use crate::lag::Lag;
 use crate::link::Link;
 use crate::preflight;
 use crate::trajectory::{Command, Executed, PERIOD_TICKS};
-use config::Loaded;
+use config::{Loaded, Policy, Ros2Settings};
 use driver::{Driver, Drives, Measured, Motion, Setpoint};
 use messages::{JOINTS_MAX, Stamp, StopPlan, TICK_S};
+use robot::Model;
 use rtrb::{Consumer, Producer, RingBuffer};
 
+/// SCHED_FIFO priority of the threads of DDS. It is far below that of the loops. Without it other work delayed messages by
+/// 54 ms on two busy cores.
+const PRIORITY: u8 = 10;
 /// Time between two looks of the thread at DDS, ns.
 const LOOK_NS: u64 = 1_000_000;
 /// Commands and samples in flight. The thread looks once a millisecond, so more than a few means that it stands.
@@ -16,6 +21,9 @@ const RING: usize = 64;
 /// A measurement that stays exactly the same while the joint is commanded to move by more than this counts as stuck,
 /// rad or m. `safety` uses the same distance.
 const STUCK: f64 = 0.02;
+/// Largest difference between a controller's setpoint and the joint that it holds, rad or m. It is the tracking error that
+/// `safety` tolerates.
+const HELD: f64 = 0.05;
 /// Samples in a row that must be the same. At 50 Hz it is 0.1 s.
 const STUCK_SAMPLES: u32 = 5;
 
@@ -23,8 +31,11 @@ const STUCK_SAMPLES: u32 = 5;
 #[derive(Clone, Copy, Debug)]
 struct News {
     sample: Sample,
+    /// The controllers' own setpoints, rad or m.
+    reference: [f64; JOINTS_MAX],
     drives: Drives,
-    refused: bool,
+    /// The robot executes what it is sent.
+    joined: bool,
 }
 
 /// A robot behind trajectory controllers.
@@ -37,6 +48,8 @@ pub struct Ros2 {
     delay_ns: u64,
     expected_ns: u64,
     stuck: Stuck,
+    lag: Lag,
+    servo_lag_ms: f64,
 }
 
 /// Judges whether an encoder is stuck. The estimate moves between samples, so nobody else could see it.
@@ -63,8 +76,8 @@ impl Stuck {
 }
 
 impl Ros2 {
-    /// Connects to the robot of `loaded`, and judges it. The error has the sentences of all checks that failed.
-    pub fn open(loaded: &Loaded) -> Result<Self, String> {
+    /// Connects to the robot of `loaded`, and judges it. The threads of DDS get `cores`. The error has the sentences of all checks that failed.
+    pub fn open(loaded: &Loaded, cores: Option<&[usize]>) -> Result<Self, String> {
         let (model, settings) = (&loaded.model, &loaded.settings.ros2);
         if loaded.settings.sim.interface != config::RobotInterface::Jtc100 {
             return Err(
@@ -72,23 +85,40 @@ impl Ros2 {
                     .into(),
             );
         }
-        let mut link = Link::open(model, settings)?;
-        let failures = preflight::judge(&mut link, model, !settings.emergency_stop_topic.is_empty());
-        if !failures.is_empty() {
-            return Err(format!("the robot is not ready:\n  {}", failures.join("\n  ")));
-        }
-        let heard = link.heard.clone().ok_or("no joint_states arrived")?;
-        let newest = News { sample: heard.sample, drives: Drives::SOUND, refused: false };
         let (commands, from_loop) = RingBuffer::new(RING);
         let (to_loop, news) = RingBuffer::new(RING);
+        let (tell, told) = std::sync::mpsc::channel();
+        let (own, named, cores) = (model.clone(), settings.clone(), cores.map(<[usize]>::to_vec));
+        let fifo = loaded.settings.realtime.policy == Policy::Fifo;
         std::thread::Builder::new()
             .name("ros2-link".into())
-            .spawn(move || serve(link, from_loop, to_loop))
+            .spawn(move || {
+                // The threads of DDS are started from here. On the loops' core they would wait for the loops. Without
+                // rights, or on one core, they take what is left.
+                if let Some(cores) = cores {
+                    let _ = rt::Realtime::keep_to(&cores);
+                }
+                if fifo {
+                    let _ = rt::Realtime::fifo_with_children(PRIORITY);
+                }
+                let ready = ready(&own, &named);
+                let (link, first) = match ready {
+                    Ok((link, first)) => (Some(link), Ok(first)),
+                    Err(cause) => (None, Err(cause)),
+                };
+                // The opener waits for this.
+                let _ = tell.send(first);
+                if let Some(link) = link {
+                    serve(link, from_loop, to_loop);
+                }
+            })
             .map_err(|error| format!("the thread of DDS cannot start: {error}"))?;
+        let newest: News = told.recv().map_err(|_| "the thread of DDS ended")??;
         let delay_s = (settings.delay_ms + settings.servo_lag_ms) * 1e-3;
         let expected_s =
             f64::from(loaded.settings.servo_delay_ticks()) * TICK_S + loaded.settings.sim.interface.delay_s();
-        let stuck = Stuck { q: heard.sample.q, sent: heard.sample.q, same: [0; JOINTS_MAX], found: false };
+        let q = newest.sample.q;
+        let stuck = Stuck { q, sent: q, same: [0; JOINTS_MAX], found: false };
         Ok(Self {
             commands,
             news,
@@ -98,8 +128,23 @@ impl Ros2 {
             delay_ns: (delay_s * 1e9) as u64,
             expected_ns: (expected_s * 1e9) as u64,
             stuck,
+            lag: Lag::default(),
+            servo_lag_ms: settings.servo_lag_ms,
         })
     }
+}
+
+/// Connects to the robot and judges it. Returns the connection and the first news.
+fn ready(model: &Model, settings: &Ros2Settings) -> Result<(Link, News), String> {
+    let mut link = Link::open(model, settings, true)?;
+    let failures = preflight::judge(&mut link, model, !settings.emergency_stop_topic.is_empty());
+    link.forget_description();
+    if !failures.is_empty() {
+        return Err(format!("the robot is not ready:\n  {}", failures.join("\n  ")));
+    }
+    let heard = link.heard.clone().ok_or("no joint_states arrived")?;
+    let first = News { sample: heard.sample, reference: link.reference().q, drives: Drives::SOUND, joined: true };
+    Ok((link, first))
 }
 
 impl Driver for Ros2 {
@@ -107,21 +152,31 @@ impl Driver for Ros2 {
         while let Ok(news) = self.news.pop() {
             self.newest = news;
             let then = Stamp(news.sample.measured.0.saturating_sub(self.delay_ns));
-            if let Some(sent) = self.sent.at(then) {
+            if let Some(sent) = self.sent.at(then).filter(|_| news.joined && news.drives.powered) {
                 self.stuck.judge(&news.sample.q, &sent.q);
+                self.lag.add(&sent, &news.sample.q);
             }
         }
-        let News { sample, drives, refused } = self.newest;
-        let Sample { measured, q, dq } = self.sent.estimate(&sample, now, self.delay_ns, self.expected_ns);
+        let News { sample, reference, drives, joined } = self.newest;
+        let Sample { measured, mut q, dq } = match drives.powered && joined {
+            true => self.sent.estimate(&sample, now, self.delay_ns, self.expected_ns),
+            false => sample,
+        };
+        // Where the driver begins, the controllers already hold the robot. Their setpoint is not the measurement: the
+        // servos' steady error lies between.
+        let near = (0..JOINTS_MAX).all(|j| (reference[j] - sample.q[j]).abs() <= HELD);
+        if drives.powered && near && !(joined && self.sent.has_any()) {
+            q = reference;
+        }
         let drives = Drives { fault: drives.fault || self.stuck.found, ..drives };
-        Measured { stamp: measured, q, dq, drives, unanswered: false, refused }
+        Measured { stamp: measured, q, dq, drives, unanswered: false, refused: !joined }
     }
 
     fn write(&mut self, _now: Stamp, setpoint: &Setpoint, plan: &StopPlan) -> bool {
         let &Setpoint { k, q, v, a } = setpoint;
         let motion = Motion { q, v, a, plan: *plan };
         // A robot that does not follow is where it measures.
-        let follows = self.newest.drives.powered && !self.newest.refused;
+        let follows = self.newest.drives.powered && self.newest.joined;
         if !follows {
             self.sent.forget();
         }
@@ -134,6 +189,14 @@ impl Driver for Ros2 {
     }
 }
 
+impl Drop for Ros2 {
+    fn drop(&mut self) {
+        if let Some(advice) = self.lag.advice(self.servo_lag_ms) {
+            tracing::warn!("{advice}");
+        }
+    }
+}
+
 /// The thread: sends the newest command, and passes on what the robot says.
 fn serve(mut link: Link, mut commands: Consumer<Command>, mut news: Producer<News>) {
     let (mut told, mut due) = (None, Vec::with_capacity(RING));
@@ -142,21 +205,24 @@ fn serve(mut link: Link, mut commands: Consumer<Command>, mut news: Producer<New
         let heard = link.hear(now);
         due.clear();
         due.extend(std::iter::from_fn(|| commands.pop().ok()));
-        let refused = !link.send(&due, rt::now());
+        link.mind_silence(now);
+        let joined = link.send(&due, rt::now());
         let fault = complaint(&link, now);
-        if fault != told {
-            if let Some(sentence) = &fault {
-                tracing::error!("{sentence}");
+        let sentence = fault.clone().or_else(|| link.departed().map(str::to_owned));
+        if sentence != told {
+            match &sentence {
+                Some(sentence) => tracing::error!("nothing is sent to the robot: {sentence}"),
+                None => tracing::warn!("the robot executes again what it is sent"),
             }
-            told.clone_from(&fault);
+            told = sentence;
         }
-        if (heard || refused)
+        if (heard || !joined)
             && let Some(heard) = &link.heard
         {
             let emergency_stop = link.pressed == Some(true);
             let drives = Drives { emergency_stop, fault: fault.is_some(), powered: !emergency_stop };
             // A full ring means that the loop stands. It then reads an old sample, and notices.
-            let _ = news.push(News { sample: heard.sample, drives, refused });
+            let _ = news.push(News { sample: heard.sample, reference: link.reference().q, drives, joined });
         }
         if commands.is_abandoned() {
             return;
@@ -175,6 +241,8 @@ fn complaint(link: &Link, now: Stamp) -> Option<String> {
             Some(format!("controller `{name}` has other joints now"))
         } else if seen.publishers > 0 {
             Some(format!("another program may send to {}", seen.topic))
+        } else if seen.readers > 1 {
+            Some(format!("{} robots read {}", seen.readers, seen.topic))
         } else {
             None
         }

@@ -17,6 +17,9 @@ const STEP_NS: u64 = 2_000_000;
 const RATES_HZ: [f64; 2] = [45.0, 110.0];
 /// A standing joint stays within this, rad or m. It is the band in which `safety` judges rest.
 const STANDS: f64 = 0.005;
+/// Largest difference between a controller's setpoint and the joint that it holds, rad or m. See `port`.
+const HELD: f64 = 0.05;
+
 /// Waits for the robot and judges it. Returns the sentences of all checks that failed.
 pub fn judge(link: &mut Link, model: &Model, wants_emergency_stop: bool) -> Vec<String> {
     let began = rt::now();
@@ -50,6 +53,7 @@ pub fn judge(link: &mut Link, model: &Model, wants_emergency_stop: bool) -> Vec<
             }
             failures.extend(moving(model, &lowest, &highest));
             failures.extend(posture(model, &heard.sample.q));
+            failures.extend(held(model, &link.reference().q, &heard.sample.q));
         }
         _ => failures.push(link.incomplete.clone().map_or_else(
             || {
@@ -133,6 +137,15 @@ fn description(urdf: Option<&str>, model: &Model) -> Option<String> {
 fn moving(model: &Model, lowest: &[f64; JOINTS_MAX], highest: &[f64; JOINTS_MAX]) -> Option<String> {
     let joint = (0..model.count).find(|&j| highest[j] - lowest[j] > STANDS)?;
     Some(format!("`{}` moves: wait until the robot stands, and stop what moves it", model.joint_names[joint]))
+}
+
+/// Compares the controllers' own setpoints with the joints.
+fn held(model: &Model, reference: &[f64; JOINTS_MAX], q: &[f64; JOINTS_MAX]) -> Option<String> {
+    let joint = (0..model.count).find(|&j| !((reference[j] - q[j]).abs() <= HELD))?;
+    let (name, off) = (&model.joint_names[joint], q[joint] - reference[joint]);
+    Some(format!(
+        "`{name}` is {off:.3} from its controller's setpoint: let the controller take the posture that it has"
+    ))
 }
 
 fn posture(model: &Model, q: &[f64; JOINTS_MAX]) -> Option<String> {

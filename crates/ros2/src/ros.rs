@@ -71,6 +71,8 @@ pub struct ControllerState {
     pub header: Header,
     /// Names of the joints.
     pub joint_names: Vec<String>,
+    /// The controller's own setpoint. Older releases call it `desired`.
+    pub reference: JointTrajectoryPoint,
 }
 
 /// `std_msgs/Bool`.

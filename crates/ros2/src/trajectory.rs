@@ -13,7 +13,7 @@
 //! with h = 5.3 ms. The certificate covers 10 ms. If no message follows, the robot plays the certified stop by itself.
 
 use driver::Motion;
-use messages::{JOINTS_MAX, Stamp, StopPlan, deadline};
+use messages::{JOINTS_MAX, Stamp, StopPlan, deadline, tick_at};
 use std::collections::VecDeque;
 
 /// Number of points of the past: 53 ms.
@@ -102,6 +102,31 @@ impl Past {
         Some(from)
     }
 
+    /// What the robot executes at `at` if it got everything: position and velocity. None before the known past.
+    pub fn expected(&self, at: Stamp) -> Option<Executed> {
+        let last = self.last?;
+        let k = tick_at(at);
+        if k >= last.k {
+            let mut motion = last.motion;
+            motion.play(k - last.k);
+            return Some(Executed::of(k, &motion));
+        }
+        let next = self.points.iter().position(|point| point.k > k).filter(|next| *next > 0)?;
+        let (from, to) = (&self.points[next - 1], &self.points[next]);
+        let share = (at.since(deadline(from.k)) as f64 / deadline(to.k).since(deadline(from.k)) as f64).clamp(0.0, 1.0);
+        let between = |from: f64, to: f64| from + share * (to - from);
+        Some(Executed {
+            k,
+            q: std::array::from_fn(|j| between(from.q[j], to.q[j])),
+            v: std::array::from_fn(|j| between(from.v[j], to.v[j])),
+        })
+    }
+
+    /// Forgets everything. The next message has no past.
+    pub fn clear(&mut self) {
+        (self.points, self.last) = (VecDeque::new(), None);
+    }
+
     /// Notes that the command was sent.
     pub fn sent(&mut self, command: &Command) {
         self.push(Executed::of(command.k, &command.motion));
@@ -185,7 +210,7 @@ fn times_s(plan: &StopPlan, joints: u32) -> Vec<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::smooth::Smooth;
+    use crate::join::continues;
     use messages::{Layout, TICK_S};
     use rand::{RngExt, SeedableRng};
     use wbc::JointStop;
@@ -270,21 +295,28 @@ mod tests {
             motion
         };
         let (mut past, mut waiting, mut curve) = (Past::default(), Vec::new(), None);
-        let (mut positions, mut ready, mut smooth) = (Vec::new(), 0, Smooth::new([A; JOINTS_MAX]));
+        let (mut positions, mut ready) = (Vec::new(), 0);
         for k in 1_500..6_000_u64 {
             if k % PERIOD_TICKS == 0 {
                 waiting.push(Command { k, motion: wanted(k) });
-                ready = ready.max(k + late(k));
+                ready = ready.max(k.saturating_add(late(k)));
             }
             if !waiting.is_empty() && k >= ready {
                 let from = past.prepare(&waiting, k - delay);
-                let command = smooth.pass(from.as_ref(), waiting.last().expect("not empty"), true);
+                let command = *waiting.last().expect("not empty");
+                if from.is_some_and(|from| !continues(&[A; JOINTS_MAX], &from, &command)) {
+                    // The robot plays its stop, and gets nothing more.
+                    ready = u64::MAX;
+                    continue;
+                }
                 curve = Some(points(past.points(), &command, 1));
                 past.sent(&command);
                 waiting.clear();
             }
             if let (0, Some((first, points))) = (k % 15, &curve) {
-                positions.push(hermite(points, deadline(k - delay).since(*first), 0));
+                // After its last point the robot holds it.
+                let end_ns = points.last().expect("a point").since_first_ns;
+                positions.push(hermite(points, deadline(k - delay).since(*first).min(end_ns), 0));
             }
         }
         let speeds: Vec<f64> = positions.windows(2).map(|pair| (pair[1] - pair[0]) / 0.01).collect();

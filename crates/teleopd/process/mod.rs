@@ -45,6 +45,8 @@ pub struct Process {
     pub shutdown: Shutdown,
     pub incarnation: u32,
     pub realtime: RealtimeReport,
+    /// Cores of the threads beside the loop. None if any will do.
+    pub others: Option<Vec<usize>>,
     pub probe: Probe,
     housekeeping: Housekeeping,
     manager: ServiceManager,
@@ -86,7 +88,7 @@ impl Process {
         let collector = collector.relaxed(relaxed);
         let (config, others) = realtime::request(&loaded.settings.realtime, priority(&loaded));
         let port = metrics_port(loaded.settings.metrics.port, name);
-        let housekeeping = Housekeeping::start(collector, port, others)?;
+        let housekeeping = Housekeeping::start(collector, port, others.clone())?;
         let realtime = Realtime::apply(&config);
         tracing::info!("{name}: {}", realtime.granted().join("; "));
         for refusal in realtime.refusals() {
@@ -103,6 +105,7 @@ impl Process {
             shutdown,
             incarnation: rt::incarnation(),
             realtime,
+            others,
             probe,
             housekeeping,
             manager,

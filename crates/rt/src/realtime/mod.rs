@@ -147,7 +147,7 @@ impl Realtime {
         let cores = config.cores.as_deref().map_or(Outcome::NotRequested, Self::keep_to);
         let policy = match config.policy {
             Policy::Other => Outcome::NotRequested,
-            Policy::Fifo { priority } => outcome(scheduling::set_fifo(priority)),
+            Policy::Fifo { priority } => outcome(scheduling::set_fifo(priority, false)),
         };
         RealtimeReport {
             cores,
@@ -167,10 +167,16 @@ impl Realtime {
         outcome(scheduling::set_cores(cores))
     }
 
+    /// Sets SCHED_FIFO for the calling thread, and for the threads that it starts.
+    pub fn fifo_with_children(priority: u8) -> Outcome {
+        outcome(scheduling::set_fifo(priority, true))
+    }
+
     /// Returns the result of asking for SCHED_FIFO with `priority`. It is set and read back on a thread that then
     /// ends.
     pub fn try_fifo(priority: u8) -> Result<String, String> {
-        let tried = std::thread::Builder::new().name("try-fifo".into()).spawn(move || scheduling::set_fifo(priority));
+        let tried =
+            std::thread::Builder::new().name("try-fifo".into()).spawn(move || scheduling::set_fifo(priority, false));
         let thread = tried.map_err(|error| format!("cannot start a test thread: {error}"))?;
         thread.join().unwrap_or_else(|_| Err(String::from("the test thread panicked")))
     }

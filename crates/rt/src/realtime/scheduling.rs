@@ -3,12 +3,13 @@
 use super::last_error;
 use crate::limits::{Limits, words};
 
-/// Sets SCHED_FIFO, and succeeds only if it then holds.
-pub(super) fn set_fifo(priority: u8) -> Result<String, String> {
+/// Sets SCHED_FIFO, and succeeds only if it then holds. With `inherited`, threads that are started from here get it too.
+pub(super) fn set_fifo(priority: u8, inherited: bool) -> Result<String, String> {
     let wanted = libc::c_int::from(priority);
     let parameter = libc::sched_param { sched_priority: wanted };
+    let reset = if inherited { 0 } else { libc::SCHED_RESET_ON_FORK };
     // SAFETY: `parameter` is a valid sched_param. pid 0 means the calling thread.
-    let rc = unsafe { libc::sched_setscheduler(0, libc::SCHED_FIFO | libc::SCHED_RESET_ON_FORK, &parameter) };
+    let rc = unsafe { libc::sched_setscheduler(0, libc::SCHED_FIFO | reset, &parameter) };
     if rc != 0 {
         let error = last_error();
         let limit = words(Limits::of_process().rtprio);
