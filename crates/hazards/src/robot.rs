@@ -157,13 +157,13 @@ pub(crate) const ROS2: &[Hazard] = &[
     does(
         "f116",
         "the clock of a robot on ROS 2 jumps",
-        "its stamps are not believed, so its measurements age; the clock is taken after ten",
+        "its stamps are not believed, nothing more is sent, and the driver latches",
         "20 ms",
     ),
     does(
         "f117",
-        "a setpoint for a robot on ROS 2 that has power does not continue the last one",
-        "the robot gets the certified stop, then an approach",
-        "0.05 rad/s",
+        "a robot on ROS 2 executes something else than it was sent: messages were lost, it stopped by itself, or was started again",
+        "it plays its certified stop; nothing is sent until it stands where the driver begins",
+        "2 mrad and 4 ms of motion",
     ),
 ];

@@ -1,4 +1,4 @@
-//! Whether the robot executes what it is sent.
+//! Judges whether the robot executes what it is sent.
 //!
 //! Its controllers publish their own setpoints, the *reference*. A robot that missed messages, was restarted or stopped
 //! by itself shows another reference than it was sent. The next message would then be a step. So nothing is sent to a

@@ -14,6 +14,7 @@
 
 pub mod cli;
 pub mod clock;
+mod dds;
 pub mod description;
 pub mod estimate;
 pub mod join;

@@ -2,31 +2,21 @@
 //! loop.
 
 use crate::clock::RobotClock;
+use crate::dds::{Controller, TAKEN_MAX, failed, join, reader, reliability, take};
 use crate::estimate::Sample;
 use crate::join::{Joined, Reference, agrees, continues};
-use crate::ros::{
-    Bool, ControllerState, Header, JointState, JointTrajectory, JointTrajectoryPoint, RosType, Text, Time, topic,
-};
+use crate::ros::{Bool, Header, JointState, JointTrajectory, JointTrajectoryPoint, Text, Time, topic};
 use crate::trajectory::{Command, Past, points};
 use config::Ros2Settings;
 use dust_dds::builtin_topics::{PublicationBuiltinTopicData, SubscriptionBuiltinTopicData};
-use dust_dds::configuration::DustDdsConfigurationBuilder;
 use dust_dds::domain::domain_participant::DomainParticipant;
-use dust_dds::domain::domain_participant_factory::DomainParticipantFactory;
-use dust_dds::infrastructure::error::DdsError;
 use dust_dds::infrastructure::listener::NO_LISTENER;
-use dust_dds::infrastructure::qos::{DataReaderQos, DataWriterQos, QosKind};
-use dust_dds::infrastructure::qos_policy::{
-    DurabilityQosPolicy, DurabilityQosPolicyKind, ReliabilityQosPolicy, ReliabilityQosPolicyKind,
-};
+use dust_dds::infrastructure::qos::{DataReaderQos, QosKind};
+use dust_dds::infrastructure::qos_policy::{DurabilityQosPolicy, DurabilityQosPolicyKind, ReliabilityQosPolicyKind};
 use dust_dds::infrastructure::sample_info::{ANY_INSTANCE_STATE, ANY_SAMPLE_STATE, ANY_VIEW_STATE, InstanceStateKind};
 use dust_dds::infrastructure::status::NO_STATUS;
-use dust_dds::infrastructure::time::{Duration, DurationKind};
-use dust_dds::publication::data_writer::DataWriter;
-use dust_dds::publication::publisher::Publisher;
 use dust_dds::subscription::data_reader::DataReader;
 use dust_dds::subscription::subscriber::Subscriber;
-use dust_dds::xtypes::type_support::TypeSupport;
 use messages::{JOINTS_MAX, Stamp, tick_at};
 use robot::Model;
 
@@ -34,25 +24,6 @@ use robot::Model;
 const CONTROLLER_SILENT_NS: u64 = 100_000_000;
 /// Time between two looks at who else is on the command topics, ns.
 const LOOK_NS: u64 = 250_000_000;
-/// How often this participant announces itself. A robot that starts later finds it within this time.
-const ANNOUNCE: std::time::Duration = std::time::Duration::from_millis(500);
-/// Largest number of messages taken at once.
-const TAKEN_MAX: i32 = 16;
-
-/// One controller of the robot.
-struct Controller {
-    name: String,
-    joints: u32,
-    joint_names: Vec<String>,
-    topic: String,
-    /// None for a preflight, which sends nothing.
-    writer: Option<DataWriter<JointTrajectory>>,
-    state: DataReader<ControllerState>,
-    heard: Option<Stamp>,
-    other_joints: bool,
-    readers: usize,
-    publishers: usize,
-}
 
 /// A controller as it shows itself.
 #[derive(Clone, Debug, PartialEq)]
@@ -118,91 +89,6 @@ pub struct Link {
     looked: Stamp,
 }
 
-fn failed(what: &str) -> impl Fn(DdsError) -> String {
-    let what = what.to_owned();
-    move |error| format!("DDS: {what}: {error:?}")
-}
-
-/// Longest time that a message waits until the one before is acknowledged, ns. Then it is lost.
-const BLOCKING_NS: u32 = 1_000_000;
-
-fn reliability(kind: ReliabilityQosPolicyKind) -> ReliabilityQosPolicy {
-    ReliabilityQosPolicy { kind, max_blocking_time: DurationKind::Finite(Duration::new(0, BLOCKING_NS)) }
-}
-
-fn reader<T: TypeSupport + RosType>(
-    participant: &DomainParticipant,
-    subscriber: &Subscriber,
-    ros: &str,
-    qos: QosKind<DataReaderQos>,
-) -> Result<DataReader<T>, String> {
-    let topic = participant
-        .create_topic::<T>(&topic(ros), T::NAME, QosKind::Default, NO_LISTENER, NO_STATUS)
-        .map_err(failed(ros))?;
-    subscriber.create_datareader::<T>(&topic, qos, NO_LISTENER, NO_STATUS).map_err(failed(ros))
-}
-
-fn take<T>(reader: &DataReader<T>) -> Vec<T>
-where
-    T: TypeSupport,
-{
-    // An error is an empty reader.
-    let samples = reader.take(TAKEN_MAX, ANY_SAMPLE_STATE, ANY_VIEW_STATE, ANY_INSTANCE_STATE).unwrap_or_default();
-    samples.into_iter().filter_map(|sample| sample.data).collect()
-}
-
-/// Joins a DDS domain.
-fn join(settings: &Ros2Settings) -> Result<DomainParticipant, String> {
-    let factory = DomainParticipantFactory::get_instance();
-    if !settings.interface.is_empty() {
-        factory.get_mut_transport().set_interface_name(Some(settings.interface.clone()));
-    }
-    let configuration = DustDdsConfigurationBuilder::new()
-        .enable_type_information(false)
-        .participant_announcement_interval(ANNOUNCE)
-        .build()
-        .map_err(failed("configuration"))?;
-    *factory.get_mut_configuration() = configuration;
-    let domain = settings.domain_id as i32;
-    factory.create_participant(domain, QosKind::Default, NO_LISTENER, NO_STATUS).map_err(failed("participant"))
-}
-
-impl Controller {
-    fn open(
-        model: &Model,
-        controller: &robot::Controller,
-        (participant, subscriber): (&DomainParticipant, &Subscriber),
-        publisher: Option<(&Publisher, ReliabilityQosPolicyKind)>,
-    ) -> Result<Self, String> {
-        let name = controller.name.clone();
-        let (commands, state) = (format!("/{name}/joint_trajectory"), format!("/{name}/controller_state"));
-        let joints = (0..model.count).filter(|j| controller.joints & 1 << j != 0);
-        let dds = topic(&commands);
-        let topic = participant
-            .create_topic::<JointTrajectory>(&dds, JointTrajectory::NAME, QosKind::Default, NO_LISTENER, NO_STATUS)
-            .map_err(failed(&commands))?;
-        let writer = publisher.map(|(publisher, kind)| {
-            let qos = DataWriterQos { reliability: reliability(kind), ..DataWriterQos::default() };
-            publisher
-                .create_datawriter::<JointTrajectory>(&topic, QosKind::Specific(qos), NO_LISTENER, NO_STATUS)
-                .map_err(failed(&commands))
-        });
-        let writer = writer.transpose()?;
-        Ok(Self {
-            name,
-            joints: controller.joints,
-            joint_names: joints.map(|j| model.joint_names[j].clone()).collect(),
-            topic: commands,
-            writer,
-            state: reader(participant, subscriber, &state, QosKind::Default)?,
-            heard: None,
-            other_joints: false,
-            readers: 0,
-            publishers: 0,
-        })
-    }
-}
-
 impl Link {
     /// Joins the robot's domain. With `sends`, it may send.
     pub fn open(model: &Model, settings: &Ros2Settings, sends: bool) -> Result<Self, String> {
@@ -216,8 +102,7 @@ impl Link {
             false => ReliabilityQosPolicyKind::BestEffort,
         };
         let own = (&participant, &subscriber);
-        let controller =
-            |controller| Controller::open(model, controller, own, sends.then_some((&publisher, kind.clone())));
+        let controller = |controller| Controller::open(model, controller, own, sends.then_some((&publisher, kind)));
         let controllers = model.controllers.iter().map(controller).collect::<Result<_, _>>()?;
         let kept = DataReaderQos {
             durability: DurabilityQosPolicy { kind: DurabilityQosPolicyKind::TransientLocal },

@@ -102,7 +102,7 @@ impl Past {
         Some(from)
     }
 
-    /// What the robot executes at `at` if it got everything: position and velocity. None before the known past.
+    /// Position and velocity that the robot executes at `at` if it got everything. None before the known past.
     pub fn expected(&self, at: Stamp) -> Option<Executed> {
         let last = self.last?;
         let k = tick_at(at);
