@@ -157,6 +157,7 @@ pub struct Up {
     pub verbose: bool,
 }
 
+/// Options of `preflight`, here and in the program that speaks ROS 2.
 #[derive(Args, Clone, Debug)]
 pub struct Preflight {
     /// Settings that name the robot and its domain.

@@ -29,7 +29,7 @@ use rt::{Exit, Failure, finish};
 use std::process::ExitCode;
 
 pub use children::{Children, Output};
-pub use cli::InstanceArgs;
+pub use cli::{InstanceArgs, Preflight};
 pub use process::realtime::placement;
 pub use processes::{PROCESSES, Row, TABLE};
 pub use recorder::Recorder;

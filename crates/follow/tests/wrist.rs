@@ -1,10 +1,10 @@
 //! Wrists keep hands away from the robot, in time, and only there.
 
-use crate::support::{FIRST, FREE, LIMB_MASK, Robot, arm, model};
+use crate::support::{FIRST, FREE, LIMB_MASK, Robot, arm, distance_m, model};
 use follow::arm::{ArmVector, Limbs};
 use follow::{LIMB_JOINTS, Weights};
 use messages::{ALL_JOINTS, JOINTS_MAX, TICK_HZ, TICK_S};
-use robot::{Frames, Model, segment_distance};
+use robot::{Frames, Model};
 use std::f64::consts::FRAC_PI_2;
 
 /// Hanging arms with slightly bent elbows.
@@ -19,15 +19,7 @@ fn hands_clear_m(model: &Model, q: &[f64; JOINTS_MAX]) -> f64 {
             && model.capsules[capsule].name.starts_with("hand")
     };
     let pairs = model.pairs.iter().filter(|pair| is_hand(pair.a) != is_hand(pair.b));
-    let distance = |pair: &robot::Pair| {
-        let [a, b] = [pair.a, pair.b].map(|capsule| {
-            let capsule = &model.capsules[capsule];
-            let pose = &frames.base_from_body[capsule.body];
-            (pose.transform_point(&capsule.a), pose.transform_point(&capsule.b), capsule.radius_m)
-        });
-        segment_distance(&a.0, &a.1, &b.0, &b.1).distance_m - a.2 - b.2
-    };
-    pairs.map(distance).fold(f64::INFINITY, f64::min)
+    pairs.map(|pair| distance_m(model, &frames, pair)).fold(f64::INFINITY, f64::min)
 }
 
 fn wrists(q: &[f64; JOINTS_MAX]) -> [f64; 4] {

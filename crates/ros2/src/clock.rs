@@ -1,7 +1,7 @@
 //! The robot's clock, as its stamps tell it.
 //!
-//! A stamp s that arrives at r has s - r = offset - delay, with a delay that is never negative. So the largest s - r
-//! of the last ten seconds is nearest to the offset:
+//! A stamp s arrives at r. Its delay makes s - r smaller than the offset, and is never negative. So the clock takes the
+//! largest s - r of the last ten seconds:
 //!
 //! ```text
 //! offset = max over the last 10 s of (s - r)

@@ -18,6 +18,9 @@ const STANDS: f64 = 1e-4;
 const STANDS_NS: u64 = 200_000_000;
 /// Distance from a standing reference at which the driver may join, rad or m. A controller at 100 Hz makes 5 rad/s^2 of it.
 const MEETS: f64 = 5e-4;
+/// Largest difference between a controller's setpoint and the joint that it holds, rad or m. It is the tracking error that
+/// `safety` tolerates.
+pub const HELD: f64 = 0.05;
 /// Largest acceleration of the cubic between two points that continue each other, as a share of the limit. The jerk of a
 /// command alone gives 1.1.
 const CONTINUES: f64 = 1.5;

@@ -1,6 +1,7 @@
 //! The driver's port: wait-free on the loop's side, DDS in a thread of its own.
 
 use crate::estimate::{Sample, Sent};
+use crate::join::HELD;
 use crate::lag::Lag;
 use crate::link::Link;
 use crate::preflight;
@@ -21,9 +22,6 @@ const RING: usize = 64;
 /// A measurement that stays exactly the same while the joint is commanded to move by more than this counts as stuck,
 /// rad or m. `safety` uses the same distance.
 const STUCK: f64 = 0.02;
-/// Largest difference between a controller's setpoint and the joint that it holds, rad or m. It is the tracking error that
-/// `safety` tolerates.
-const HELD: f64 = 0.05;
 /// Samples in a row that must be the same. At 50 Hz it is 0.1 s.
 const STUCK_SAMPLES: u32 = 5;
 

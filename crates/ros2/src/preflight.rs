@@ -1,6 +1,7 @@
 //! The checks before a robot may be driven. Each failure is one sentence with what to do.
 
 use crate::description::difference;
+use crate::join::HELD;
 use crate::link::{Heard, Link};
 use messages::JOINTS_MAX;
 use robot::Model;
@@ -17,9 +18,6 @@ const STEP_NS: u64 = 2_000_000;
 const RATES_HZ: [f64; 2] = [45.0, 110.0];
 /// A standing joint stays within this, rad or m. It is the band in which `safety` judges rest.
 const STANDS: f64 = 0.005;
-/// Largest difference between a controller's setpoint and the joint that it holds, rad or m. See `port`.
-const HELD: f64 = 0.05;
-
 /// Waits for the robot and judges it. Returns the sentences of all checks that failed.
 pub fn judge(link: &mut Link, model: &Model, wants_emergency_stop: bool) -> Vec<String> {
     let began = rt::now();

@@ -80,16 +80,18 @@ pub fn clearance_m(model: &Model, q: &[f64; JOINTS_MAX], hands: bool) -> f64 {
         let body = model.capsules[capsule].body;
         FIRST.iter().any(|first| (first + LIMB_JOINTS + 1..=first + 7).contains(&body))
     };
-    let distance = |pair: &robot::Pair| {
-        let [a, b] = [pair.a, pair.b].map(|capsule| {
-            let capsule = &model.capsules[capsule];
-            let pose = &frames.base_from_body[capsule.body];
-            (pose.transform_point(&capsule.a), pose.transform_point(&capsule.b), capsule.radius_m)
-        });
-        segment_distance(&a.0, &a.1, &b.0, &b.1).distance_m - a.2 - b.2
-    };
     let pairs = model.pairs.iter().filter(|pair| hands || !(is_hand(pair.a) || is_hand(pair.b)));
-    pairs.map(distance).fold(f64::INFINITY, f64::min)
+    pairs.map(|pair| distance_m(model, &frames, pair)).fold(f64::INFINITY, f64::min)
+}
+
+/// Distance of a pair with the bodies at `frames`, m.
+pub fn distance_m(model: &Model, frames: &Frames, pair: &robot::Pair) -> f64 {
+    let [a, b] = [pair.a, pair.b].map(|capsule| {
+        let capsule = &model.capsules[capsule];
+        let pose = &frames.base_from_body[capsule.body];
+        (pose.transform_point(&capsule.a), pose.transform_point(&capsule.b), capsule.radius_m)
+    });
+    segment_distance(&a.0, &a.1, &b.0, &b.1).distance_m - a.2 - b.2
 }
 
 /// The home posture with both arms at `q`.
