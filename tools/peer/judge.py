@@ -52,6 +52,8 @@ class Traffic:
         self.rejected: Counter[str] = Counter()
         self.last_s: float | None = None
         self.gap_max_s = 0.0
+        #: Longest time for which the controller's joints still moved after a message that none had followed yet.
+        self.moving_on_s = 0.0
 
     def arrived(self, now_s: float, reason: str | None) -> None:
         """A message that no fault took away, and why the controller refused it."""
@@ -62,9 +64,15 @@ class Traffic:
         self.gap_max_s = max(self.gap_max_s, now_s - (now_s if self.last_s is None else self.last_s))
         self.last_s = now_s
 
+    def moves(self, now_s: float) -> None:
+        """The controller's joints move at `now_s`."""
+        if self.last_s is not None:
+            self.moving_on_s = max(self.moving_on_s, now_s - self.last_s)
+
     def report(self) -> dict:
         return {"received": self.received, "lost_by_fault": self.lost, "accepted": self.accepted,
-                "rejected": dict(self.rejected), "gap_max_ms": round(1e3 * self.gap_max_s, 1)}
+                "rejected": dict(self.rejected), "gap_max_ms": round(1e3 * self.gap_max_s, 1),
+                "moved_after_a_message_max_ms": round(1e3 * self.moving_on_s, 1)}
 
 
 class Judge:
@@ -78,8 +86,13 @@ class Judge:
         self.contacts: dict[str, dict] = {}
         self.touching: set[str] = set()
 
-    def observe(self, command: np.ndarray, body) -> None:
-        """One update. `body` is `body.Body` or `body.Ideal` after it moved."""
+    def observe(self, now_s: float, command: np.ndarray, body) -> None:
+        """One update at `now_s`. `body` is `body.Body` or `body.Ideal` after it moved."""
+        if self.command.before is not None:
+            moving = np.abs(command - self.command.before[0]) > REST * self.period_s
+            for name, joints in self.robot.controllers.items():
+                if any(moving[self.robot.joints.index(joint)] for joint in joints):
+                    self.traffic[name].moves(now_s)
         self.command.observe(self.period_s, command)
         self.measured.observe(self.period_s, body.position, body.velocity)
         rest = np.abs(body.velocity).max() < REST

@@ -99,7 +99,7 @@ class Peer:
         if states_due:
             self.publish(now_s, clock_ns, monotonic_ns)
         self.body.move(self.command, self.period_s)
-        self.judge.observe(self.command, self.body)
+        self.judge.observe(now_s, self.command, self.body)
         return not (states_due and self.args.stdin) or self.read_faults(now_s)
 
     def receive(self, now_s: float, clock_ns: int) -> None:

@@ -23,7 +23,7 @@ DESCRIPTION = os.environ.get("PEER_DESCRIPTION")
 
 def in_mujoco(robot, meshes, allowed=()):
     pytest.importorskip("mujoco")
-    return body.Body(robot, SimpleNamespace(meshes=meshes, ignored=body.NO_PARTS, allowed=allowed, joint_friction=False, feed_forward=0.0))
+    return body.Body(robot, SimpleNamespace(meshes=meshes, ignored=body.NO_PARTS, allowed=allowed, joint_friction=False, feed_forward=0.0, servo_hz=None))
 
 
 def judged(curve):
@@ -75,7 +75,23 @@ def test_hands_that_meet_are_a_contact():
     for share in np.minimum(np.arange(0, 1.5, 0.02), 1.0):
         command = robot.home + share * (inwards - robot.home)
         one.move(command, PERIOD_S)
-        judge.observe(command, one)
+        judge.observe(0.0, command, one)
     contacts = judge.report()["contacts"]
     assert contacts and all("left" in pair and "right" in pair for pair in contacts), contacts
     assert all(row["times"] >= 1 and row["deepest_mm"] > 0 for row in contacts.values())
+
+
+def test_motion_after_the_last_message_is_timed():
+    one, judge = body.Ideal(ROBOT), Judge(ROBOT, PERIOD_S)
+    traffic = judge.traffic["arm_left_controller"]
+    place = ROBOT.joints.index("arm_left_1_joint")
+    for tick in range(100):
+        # Messages until 0.2 s, motion until 0.5 s.
+        if tick * PERIOD_S <= 0.2:
+            traffic.arrived(tick * PERIOD_S, None)
+        command = ROBOT.home.copy()
+        command[place] += 0.1 * min(tick * PERIOD_S, 0.5)
+        judge.observe(tick * PERIOD_S, command, one)
+    moved = {name: row["moved_after_a_message_max_ms"] for name, row in judge.report()["controllers"].items()}
+    assert moved.pop("arm_left_controller") == pytest.approx(300)
+    assert not any(moved.values())
