@@ -57,6 +57,9 @@ pub struct SoakArgs {
     /// Time between two faults, s.
     #[arg(long, value_name = "S", default_value_t = 60.0)]
     pub strike_every: f64,
+    /// Kill control and the driver, too. They are suspended otherwise, so that a slow leak shows.
+    #[arg(long)]
+    pub kill_all: bool,
     /// The others.
     #[command(flatten)]
     pub common: CommonArgs,

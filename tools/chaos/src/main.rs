@@ -113,6 +113,6 @@ fn instance(config: &Path, blows: &[Injection], shutdown: &Shutdown, figures: &m
         }
         outcomes.push(outcome);
     }
-    figures.conclude(rig, witness, &outcomes, &settings.safety);
+    figures.conclude(rig, witness, &outcomes, &settings);
     Ok(())
 }

@@ -26,7 +26,7 @@ const GROWTH_MAX_KIB: u64 = 512;
 /// Time after which a process counts as warm: a tenth of a minute.
 const WARM_AFTER: Duration = Duration::from_secs(6);
 /// Targets in sequence, and true if the target is killed. Control and driver live through the whole soak, so
-/// that a slow leak shows. They are suspended instead.
+/// that a slow leak shows. They are suspended instead, unless all are killed.
 const TURNS: [(Target, bool); 6] = [
     (Target::Ingest, true),
     (Target::Control, false),
@@ -106,6 +106,7 @@ pub fn run(options: &SoakArgs, shutdown: &Shutdown) -> Result<Soaked, Failure> {
             break;
         }
         let (victim, kill) = TURNS[outcomes.len() % TURNS.len()];
+        let kill = kill || options.kill_all;
         let blow = Injection::draw(victim, kill, 1.0, &mut dice);
         if let Err(failure) = strike(&mut rig, &witness, &settings, blow, &mut outcomes) {
             // The results until then are still reported.
@@ -120,7 +121,7 @@ pub fn run(options: &SoakArgs, shutdown: &Shutdown) -> Result<Soaked, Failure> {
     }
     soaked.segments_last = segments(&rig);
     soaked.seconds = begun.elapsed().as_secs_f64();
-    soaked.reports = soaked.figures.conclude(rig, witness, &outcomes, &settings.safety);
+    soaked.reports = soaked.figures.conclude(rig, witness, &outcomes, &settings);
     Ok(soaked)
 }
 

@@ -1,5 +1,6 @@
 //! One fault and its outcome.
 
+use crate::figures::has_robot;
 use crate::injection::{Injection, Kind, Target};
 use crate::monitor::Monitor;
 use crate::rig::Rig;
@@ -77,8 +78,8 @@ fn kill(
     rig.kill(victim);
     if victim == Target::Driver {
         // The robot stops by itself, and control detects the fault.
-        outcome.rested =
-            rig.operator().wait(REST_WITHIN, |status| status.mode == Mode::Faulted as u32) && robot_stands(witness);
+        let faulted = rig.operator().wait(REST_WITHIN, |status| status.mode == Mode::Faulted as u32);
+        outcome.rested = faulted && (!has_robot(settings) || robot_stands(witness));
     } else {
         wait_rest(rig, witness, outcome, struck);
     }
