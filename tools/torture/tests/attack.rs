@@ -1,4 +1,4 @@
-//! The shipped robot withstands a million ticks of attack, and the attacks are shown to be effective.
+//! The shipped robot withstands a long attack, and the attacks are shown to be effective.
 
 use judge::Attack;
 use robot::{BoxEntry, Environment};
@@ -12,7 +12,8 @@ use torture::machine::cores;
 use torture::parallel::in_parallel;
 use torture::stages::Subject;
 
-const TICKS: u64 = 1_000_000;
+/// `.ci/long` has forty times as many.
+const TICKS: u64 = 250_000;
 
 fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")
@@ -41,7 +42,7 @@ fn run(subject: &Subject, seed: u64, ticks: u64, threads: usize) -> Figures {
 }
 
 #[test]
-fn million_hostile_ticks_cause_no_violation() {
+fn hostile_ticks_cause_no_violation() {
     let subject = subject(Changes::default());
     let figures = run(&subject, 7, TICKS, cores());
     println!(
@@ -60,10 +61,10 @@ fn million_hostile_ticks_cause_no_violation() {
         "{:?}",
         figures.attacks.each_ref().map(|a| a.ticks)
     );
-    assert!(figures.attacks[Attack::Gradient as usize].near > 1000, "the gradient attack came near nothing");
+    assert!(figures.attacks[Attack::Gradient as usize].near > 250, "the gradient attack came near nothing");
     assert!(figures.min_clearance_m.0 < subject.model.d_min_m + 1e-4, "{}", figures.min_clearance_m.0);
-    assert!(figures.travelled_rad > 1000.0, "the attack hardly moved the robot: {} rad", figures.travelled_rad);
-    assert!(figures.rollouts > 500 && figures.stops > 50 && figures.latches > 3 && figures.reseeds > 1000);
+    assert!(figures.travelled_rad > 250.0, "the attack hardly moved the robot: {} rad", figures.travelled_rad);
+    assert!(figures.rollouts > 125 && figures.stops > 12 && figures.latches > 0 && figures.reseeds > 250);
     // No motor exceeded its allowed share, and some came close to it.
     let share = figures.torque_share_max.0.max(figures.rollout_torque_share.0);
     assert!(share <= wbc::torque::SHARE + 1e-9 && share > 0.8, "{share}");
@@ -149,9 +150,9 @@ fn joint_step_beyond_its_limits_is_counted() {
 #[test]
 fn known_payload_under_attack_overloads_no_motor() {
     let laden = subject(Changes { payload_kg: 0.5, ..Changes::default() });
-    let figures = run(&laden, 7, 200_000, cores());
+    let figures = run(&laden, 7, 60_000, cores());
     assert!(figures.kept(), "{:?}, {} refused, {} stops late", figures.first, figures.refusals, figures.late_stops);
-    assert!(figures.travelled_rad > 100.0 && figures.rollouts > 100, "{} rad", figures.travelled_rad);
+    assert!(figures.travelled_rad > 100.0 && figures.rollouts > 30, "{} rad", figures.travelled_rad);
     let share = figures.torque_share_max.0.max(figures.rollout_torque_share.0);
     assert!(share <= wbc::torque::SHARE + 1e-9 && share > 0.8, "{share}");
 }
