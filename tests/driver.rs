@@ -44,6 +44,26 @@ fn example_driver_moves_its_robot_within_all_limits() {
 }
 
 #[test]
+fn demo_moves_a_simulator_of_the_users_own_and_no_real_robot() {
+    let program = example().display().to_string();
+    for (kind, code) in [("sim", 0), ("robot", 78)] {
+        let rig = with_program(kind, &program);
+        let report = rig.folder().join("report.json");
+        let mut demo = Command::new(env!("CARGO_BIN_EXE_teleopd"));
+        demo.args(["demo", "--quiet", "--seconds", "1", "--config"]).arg(rig.folder().join("teleop.toml"));
+        let output = demo.arg("--report").arg(&report).output().expect("it runs");
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(code), "{said}");
+        if code != 0 {
+            assert!(said.contains("demo moves a simulated robot only"), "{said}");
+            continue;
+        }
+        let report: Value = serde_json::from_slice(&std::fs::read(&report).expect("written")).expect("JSON");
+        assert!(report["robot"].is_null() && report["limb_error_deg"]["measured"]["mean"].is_number(), "{report:#}");
+    }
+}
+
+#[test]
 fn missing_program_is_refused_by_key_and_name() {
     let rig = with_program("sim", "/nonexistent/driver");
     let output = rig.run("sim");

@@ -9,9 +9,9 @@ use crate::process::bus_failure;
 use crate::processes::PROCESSES;
 use crate::programs::TELEOPD;
 use crate::recorder::Recorder;
-use crate::report::Report;
+use crate::report::{Report, Simulator};
 use client::{ClientError, PlayOptions, Player, Publisher};
-use config::{Loaded, Overrides, RealtimeSettings};
+use config::{DriverKind, Loaded, Overrides, RealtimeSettings};
 use instance::Instance;
 use messages::{Faults, Mode, Status};
 use motion::CalibrationMode;
@@ -39,11 +39,11 @@ pub fn run(options: &cli::Demo) -> Result<Exit, Failure> {
         return Err(Failure::new(Exit::Usage, format!("--seconds {seconds} is outside (0, 86400]")));
     }
     let (motion, loaded) = read(options)?;
-    if loaded.driver_program().is_some() {
-        let text = "demo needs the built-in simulator, but driver.program names another driver; empty it, or run \
-            `teleopd up`";
+    if loaded.settings.driver.kind == DriverKind::Robot {
+        let text = "demo moves a simulated robot only, but driver.kind is \"robot\"; run `teleopd up`";
         return Err(Failure::new(Exit::Config, text));
     }
+    let simulator = if loaded.driver_program().is_some() { Simulator::Own } else { Simulator::BuiltIn };
     let folder = Folder::new(options.run_dir.as_deref(), "demo");
     let instance = instance_in(&folder.path)?;
     let place = cli::InstanceArgs {
@@ -89,7 +89,7 @@ pub fn run(options: &cli::Demo) -> Result<Exit, Failure> {
     if folder.temporary {
         instance.retire();
     }
-    let report = Report::collect(&instance).map_err(|failure| {
+    let report = Report::collect(&instance, simulator).map_err(|failure| {
         let mut causes = trouble.clone();
         causes.push(failure.text);
         Failure::new(failure.exit, causes.join("; "))

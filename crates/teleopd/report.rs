@@ -16,6 +16,15 @@ const FOLLOWED_MIN: f64 = 0.5;
 /// Percentiles of a latency.
 const PERCENTILES: [&str; 4] = ["p50", "p99", "p99_9", "max"];
 
+/// Source of the robot's motion in a demo.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Simulator {
+    /// The built-in one. Its judge keeps figures of the true motion.
+    BuiltIn,
+    /// The program of `driver.program`.
+    Own,
+}
+
 /// Report of a run. Its keys are self-explanatory.
 pub struct Report {
     value: Value,
@@ -23,7 +32,7 @@ pub struct Report {
 
 impl Report {
     /// Reads the reports that the processes wrote to the instance's folder.
-    pub fn collect(instance: &Instance) -> Result<Self, Failure> {
+    pub fn collect(instance: &Instance, simulator: Simulator) -> Result<Self, Failure> {
         let read = |process: &str| -> Result<Value, Failure> {
             let path = instance.report(process);
             let text = std::fs::read_to_string(&path).map_err(|error| {
@@ -33,7 +42,7 @@ impl Report {
                 .map_err(|error| Failure::new(Exit::Failed, format!("{}: {error}", path.display())))
         };
         let (retarget, control, sim) = (read("retarget")?, read("control")?, read("sim")?);
-        let robot = read("robot")?;
+        let robot = if simulator == Simulator::BuiltIn { read("robot")? } else { Value::Null };
         let timelines = [&retarget, &control, &sim].map(|figures| Timeline::from_json(&figures["timeline"]));
         let [Some(of_retarget), Some(of_control), Some(of_driver)] = timelines else {
             return Err(Failure::new(Exit::Failed, "a process wrote no timeline"));
@@ -69,11 +78,11 @@ impl Report {
             "violations": VIOLATIONS.iter().map(|&kind| (kind.to_owned(), sim["violations"][kind].clone())).collect::<Map<_, _>>(),
             "min_clearance_mm": sim["min_clearance_mm"],
             "torque_share_max": sim["torque_share_max"],
-            "robot": {
+            "robot": robot.is_object().then(|| json!({
                 "violations": robot["violations"], "first_violation": robot["first_violation"],
                 "min_clearance_mm": robot["min_clearance_mm"], "speed_ratio_max": robot["speed_ratio_max"],
                 "effort_ratio_max": robot["effort_ratio_max"],
-            },
+            })),
             "followed": followed,
             "limb_error_deg": {
                 "target": limb("target"), "measured": limb("measured"), "throughout": limb("throughout"),
@@ -103,7 +112,9 @@ impl Report {
                 None => complaints.push(format!("{kind} violations were not counted")),
             }
         }
-        for kind in TRUE_VIOLATIONS.map(plant::ViolationKind::name) {
+        // A simulator of the user's own judges its robot by itself.
+        let judged = self.value["robot"].as_object().is_some();
+        for kind in TRUE_VIOLATIONS.map(plant::ViolationKind::name).into_iter().filter(|_| judged) {
             match self.value["robot"]["violations"][kind].as_u64() {
                 Some(0) => {}
                 Some(count) => complaints.push(format!("{count} {kind} violations of the joints' true motion")),
