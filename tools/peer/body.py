@@ -85,6 +85,7 @@ class Body:
         self.sees_contacts = bool(self.link)
         self.allowed = robot.adjacent | {frozenset(pair.split(",")) for pair in args.allowed}
         self.before, self.torque = robot.home.copy(), np.zeros(len(robot.joints))
+        self.speed_before = np.zeros(len(robot.joints))
         self.read(np.zeros(len(robot.joints)))
 
     def described(self, urdf: str, assets: dict[str, bytes]):
@@ -117,8 +118,9 @@ class Body:
         share, self.contacts = np.zeros(len(command)), {}
         steps = max(1, round(period_s * STEP_HZ))
         speed = self.feed_forward * (command - self.before) / period_s
-        # Drives reach a new command within one update, as in cyclic position mode. It is an assumption.
-        for target in np.linspace(self.before, command, steps + 1)[1:]:
+        # Drives reach a new command and its speed within one update, as in cyclic position mode. It is an assumption.
+        targets, speeds = np.linspace(self.before, command, steps + 1), np.linspace(self.speed_before, speed, steps + 1)
+        for target, speed in zip(targets[1:], speeds[1:]):
             self.mujoco.mj_step1(self.model, data)
             wanted = self.stiffness * (target - q[self.q_at]) + self.damping * (speed - v[self.v_at]) + bias[self.v_at]
             np.maximum(share, np.abs(wanted) / effort, out=share)
@@ -127,7 +129,7 @@ class Body:
             data.qfrc_applied[self.v_at] = self.torque
             self.touch()
             self.mujoco.mj_step2(self.model, data)
-        self.before = command.copy()
+        self.before, self.speed_before = command.copy(), speed
         self.saturated_steps = int(self.saturated_steps)
         self.read(np.minimum(share, 1.0))
 
