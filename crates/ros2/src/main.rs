@@ -12,9 +12,20 @@ use std::process::ExitCode;
 fn main() -> ExitCode {
     if std::env::args_os().nth(1).is_some_and(|word| word == "preflight") {
         let cli::Command::Preflight(options) = Cli::parse().command;
+        end_on_panic();
         return rt::finish("teleopd-ros2", preflight(&options));
     }
     teleopd::drive_configured(Ros2::open)
+}
+
+/// Ends the program when a thread of DDS panics. Calls into DDS would wait for ever then.
+fn end_on_panic() {
+    let tell = std::panic::take_hook();
+    std::panic::set_hook(Box::new(move |panic| {
+        tell(panic);
+        eprintln!("teleopd-ros2: DDS failed; a /robot_description of more than 345 kB can cause this");
+        std::process::exit(Exit::Unavailable as i32);
+    }));
 }
 
 fn preflight(options: &Preflight) -> Result<Exit, Failure> {
