@@ -27,7 +27,7 @@ const DEMO: &[i32] = &[0, 2];
 const AT: &str = "--run-dir {work}/run";
 
 /// Rules by the beginning of the command. The first match applies.
-const RULES: [(&str, How); 31] = [
+const RULES: [(&str, How); 32] = [
     ("cargo run --release -- demo --view", Beside("http://", 1, "--view-port 0")),
     ("cargo run --release -- demo", Ends(DEMO, "")),
     ("cargo run --release -- tour", Named("it has a test of its own")),
@@ -51,6 +51,7 @@ const RULES: [(&str, How); 31] = [
     ("cargo run --release -p collision -- fit --urdf target/own", Ends(&[0], "")),
     ("cargo run --release -- doctor --robot", Ends(&[0, 3], "")),
     ("cargo run --release -p collision -- fit", Named("it needs the maker's meshes")),
+    ("cargo run --release -p collision -- cover FILE", Named("it needs the maker's meshes")),
     ("cargo run --release -p collision -- check", Named("it needs the maker's meshes")),
     ("cargo run --release -p train", Named("it takes a quarter of an hour")),
     ("cargo run --release -p torture", Named("it takes ten minutes")),

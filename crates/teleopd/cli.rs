@@ -209,6 +209,12 @@ pub struct Doctor {
     /// is {check, level, found, advice}.
     #[arg(long)]
     pub json: bool,
+    /// Also judge the robot's capsules against the meshes in this folder (runs the program `collision`).
+    #[arg(long, value_name = "DIR", conflicts_with = "json")]
+    pub meshes: Option<PathBuf>,
+    /// The URDF that names the meshes (default: the robot's own).
+    #[arg(long, value_name = "FILE.urdf", requires = "meshes")]
+    pub urdf: Vec<PathBuf>,
 }
 
 #[derive(Args, Clone, Debug)]

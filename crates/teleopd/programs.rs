@@ -17,6 +17,7 @@ pub const TELEOPCTL: Program = Program { names: ["teleopctl", "teleopctl"], carg
 pub const REPLAY: Program = Program { names: ["replay", "teleop-replay"], cargo: "-p replay" };
 pub const ROS2: Program = Program { names: ["teleopd-ros2", "teleopd-ros2"], cargo: "-p ros2" };
 pub const RECORD: Program = Program { names: ["record", "teleop-record"], cargo: "-p record" };
+pub const COLLISION: Program = Program { names: ["collision", "teleop-collision"], cargo: "-p collision" };
 
 impl Program {
     /// Returns the program's path. `None` if it is not built.

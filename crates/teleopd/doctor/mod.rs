@@ -9,9 +9,12 @@ mod robot;
 pub use places::holder;
 
 use crate::cli::Doctor;
-use rt::{Exit, Failure};
+use crate::programs::COLLISION;
+use rt::{Exit, Failure, out};
 use serde_json::{Value, json};
 use std::io::Write;
+use std::path::Path;
+use std::process::Command;
 
 /// Severity of a finding.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -131,7 +134,32 @@ pub fn run(options: &Doctor) -> Result<Exit, Failure> {
     };
     // The reader may have closed the pipe. The exit code still tells the verdict.
     let _ = std::io::stdout().write_all(text.as_bytes());
-    Ok(verdict.exit())
+    if options.meshes.is_none() && options.place.robot.is_some() && !options.json {
+        out!("capsules and meshes: `doctor --meshes DIR` says how far the maker's meshes stick out of the capsules");
+    }
+    match &options.meshes {
+        Some(meshes) if !capsules_cover(options, meshes)? => Ok(Exit::Failed),
+        _ => Ok(verdict.exit()),
+    }
+}
+
+/// Runs `collision cover`, which prints a page of its own. Returns true if every mesh lies in its capsules.
+fn capsules_cover(options: &Doctor, meshes: &Path) -> Result<bool, Failure> {
+    let loaded = options.place.load()?;
+    let program = COLLISION.path()?;
+    let mut command = Command::new(&program);
+    command.arg("cover").arg(loaded.robot_file()).arg("--meshes").arg(meshes);
+    options.urdf.iter().for_each(|urdf| {
+        command.arg("--urdf").arg(urdf);
+    });
+    out!("");
+    let status =
+        command.status().map_err(|error| Failure::new(Exit::OsErr, format!("{}: {error}", program.display())))?;
+    match status.code() {
+        Some(0) => Ok(true),
+        Some(1) => Ok(false),
+        _ => Err(Failure::new(Exit::DataErr, "`collision cover` did not judge the capsules, for the reason above")),
+    }
 }
 
 fn words(findings: &[Finding]) -> String {

@@ -17,14 +17,30 @@ const ROUNDING_M: f64 = 1e-9;
 
 /// Returns how far the worst point of the matter sticks out of all capsules, m. Zero or negative means that all
 /// is contained.
+pub fn sticks_out_m(matter: &Matter, capsules: &[Shape]) -> f64 {
+    worst_point(matter, capsules).map_or(f64::NEG_INFINITY, |(out_m, _)| out_m)
+}
+
+/// Returns the point of the matter that sticks out of all capsules the most, and how far, m. Zero or negative means
+/// that all is contained. `None` without matter.
 ///
 /// The test covers more than vertices. A polygon is contained if its corners lie in one capsule, because
 /// capsules are convex. Otherwise it is halved until that is true, or until it is too small.
-pub fn sticks_out_m(matter: &Matter, capsules: &[Shape]) -> f64 {
-    let mut worst = f64::NEG_INFINITY;
+pub fn worst_point(matter: &Matter, capsules: &[Shape]) -> Option<(f64, Vector3<f64>)> {
+    let mut worst: Option<(f64, Vector3<f64>)> = None;
+    let mut note = |out_m: f64, point: Vector3<f64>| {
+        if worst.is_none_or(|(most_m, _)| out_m > most_m) {
+            worst = Some((out_m, point));
+        }
+    };
+    let farthest = |(out_m, point): (f64, Vector3<f64>), other: (f64, Vector3<f64>)| {
+        if other.0 > out_m { other } else { (out_m, point) }
+    };
     for piece in &matter.pieces {
-        let fits = |shape: &Shape| piece.iter().map(|point| shape.outside_m(point)).fold(f64::NEG_INFINITY, f64::max);
-        worst = worst.max(capsules.iter().map(fits).fold(f64::INFINITY, f64::min));
+        let fits = |shape: &Shape| piece.iter().map(|point| (shape.outside_m(point), *point)).reduce(farthest);
+        let best = capsules.iter().filter_map(fits).min_by(|a, b| a.0.total_cmp(&b.0));
+        let none = piece.first().map(|point| (f64::INFINITY, *point));
+        best.or(none).into_iter().for_each(|(out_m, point)| note(out_m, point));
     }
     let mut open: Vec<Points> = matter.surface.clone();
     while let Some(polygon) = open.pop() {
@@ -36,8 +52,9 @@ pub fn sticks_out_m(matter: &Matter, capsules: &[Shape]) -> f64 {
             continue;
         }
         let reach = |point: &Vector3<f64>| capsules.iter().map(|c| c.outside_m(point)).fold(f64::INFINITY, f64::min);
-        let out = polygon.iter().map(reach).fold(f64::NEG_INFINITY, f64::max);
-        worst = worst.max(out);
+        let (out, point) =
+            polygon.iter().map(|point| (reach(point), *point)).fold((f64::NEG_INFINITY, *first), farthest);
+        note(out, point);
         let inside = |shape: &Shape| polygon.iter().all(|point| shape.outside_m(point) <= ROUNDING_M);
         if out > ROUNDING_M || capsules.iter().any(inside) {
             continue;
@@ -45,7 +62,7 @@ pub fn sticks_out_m(matter: &Matter, capsules: &[Shape]) -> f64 {
         let edge = |i: usize| (polygon[(i + 1) % polygon.len()] - polygon[i]).norm();
         let longest = (0..polygon.len()).max_by(|a, b| edge(*a).total_cmp(&edge(*b))).unwrap_or(0);
         if edge(longest) < EDGE_MIN_M {
-            worst = worst.max(EDGE_MIN_M);
+            note(EDGE_MIN_M, point);
             continue;
         }
         let (p, next) = (polygon[longest], polygon[(longest + 1) % polygon.len()]);

@@ -1,13 +1,13 @@
 //! The command `collision draw`.
 
-use crate::{parse_all, robot_texts};
+use crate::{own_urdf, parse_all, robot_texts};
 use clap::ValueEnum;
 use collision::draw::{Cloud, draw as draw_views, draw_row};
 use collision::error::CollisionError;
 use collision::scene::Scene;
 use messages::JOINTS_MAX;
 use robot::Model;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// A posture.
 #[derive(Clone, Copy, ValueEnum)]
@@ -50,8 +50,7 @@ pub(crate) fn draw(options: &Draw) -> Result<bool, CollisionError> {
         draw_row(&robots, &options.out)?;
         return Ok(true);
     };
-    let (toml, file) = (&model.texts.toml, &options.robot[0]);
-    let own = file.parent().unwrap_or(Path::new(".")).join(robot::urdf_file(&model.texts.toml_name, toml)?);
+    let own = own_urdf(&options.robot[0], &model.texts.toml)?;
     let shapes = parse_all(if options.urdf.is_empty() { std::slice::from_ref(&own) } else { &options.urdf })?;
     let scene = Scene::new(&shapes, options.meshes.as_deref(), &[]);
     let mut clouds = Vec::new();

@@ -8,6 +8,7 @@ use collision::report;
 use messages::ARM_JOINTS;
 use nalgebra::Vector3;
 use robot::{Arm, Model, Pose};
+use rt::out;
 use std::path::PathBuf;
 
 /// Options of `collision limits`.
@@ -70,9 +71,9 @@ pub(crate) fn limits(options: &Limits) -> Result<bool, CollisionError> {
     let dynamics = Dynamics::new(&model, &parsed, &options.payloads(&model))?;
     let sampling = Sampling { states: options.states, seed: options.seed, share: options.share };
     let survey = Survey { model: &model, dynamics: &dynamics, sampling };
-    println!("All joints at their limits in force at once, without whole-body control:");
+    out!("All joints at their limits in force at once, without whole-body control:");
     let _ = surveyed(&survey, &Motion::in_force(&model));
-    println!("At rest:");
+    out!("At rest:");
     let (found, climbed) = surveyed(&survey, &Motion::AT_REST);
     Ok((0..model.count).all(|j| holds(&survey, j, &found[j], climbed[j].as_ref())))
 }
@@ -81,8 +82,8 @@ pub(crate) fn limits(options: &Limits) -> Result<bool, CollisionError> {
 fn surveyed(survey: &Survey<'_>, motion: &Motion) -> (Vec<Found>, Vec<Option<State>>) {
     let found = survey.pass(motion);
     let climbed = survey.climb_all(&found, motion);
-    println!("{}", report::table(survey, motion, &found, &climbed));
-    println!("{}", report::worst_cases(survey, motion, &found));
+    out!("{}", report::table(survey, motion, &found, &climbed));
+    out!("{}", report::worst_cases(survey, motion, &found));
     (found, climbed)
 }
 
@@ -92,9 +93,9 @@ fn holds(survey: &Survey<'_>, j: usize, found: &Found, climbed: Option<&State>) 
     let top = climbed.map_or(0.0, |state| state.bias / survey.effort(j));
     if found.exceeding > 0 {
         let percent = found.exceeding as f64 / states * 100.0;
-        println!("{name}: {percent:.4} % of the postures need more than {share} of the effort limit to be held");
+        out!("{name}: {percent:.4} % of the postures need more than {share} of the effort limit to be held");
     } else if top > share {
-        println!(
+        out!(
             "{name}: no posture that was sampled needs more than {share} of the effort limit, one climbed to {top:.4}"
         );
     }

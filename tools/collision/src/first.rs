@@ -99,9 +99,9 @@ impl Draft {
 }
 
 /// The links' tree, and the robot's bodies.
-struct Tree<'a> {
-    model: &'a Model,
-    urdf: &'a urdf_rs::Robot,
+pub(crate) struct Tree<'a> {
+    pub(crate) model: &'a Model,
+    pub(crate) urdf: &'a urdf_rs::Robot,
 }
 
 impl Tree<'_> {
@@ -110,13 +110,13 @@ impl Tree<'_> {
     }
 
     /// Returns the links from `link` up to the root.
-    fn lineage<'a>(&'a self, link: &'a str) -> Vec<&'a str> {
+    pub(crate) fn lineage<'a>(&'a self, link: &'a str) -> Vec<&'a str> {
         let parent = |link: &&'a str| self.above(link).map(|joint| joint.parent.link.as_str());
         std::iter::successors(Some(link), parent).take(self.urdf.links.len()).collect()
     }
 
     /// Returns the nearest link that the robot has: this one or one above. The shapes' URDF may have more links.
-    fn known<'a>(&'a self, link: &'a str) -> Result<&'a str, CollisionError> {
+    pub(crate) fn known<'a>(&'a self, link: &'a str) -> Result<&'a str, CollisionError> {
         let known = self.lineage(link).into_iter().find(|link| self.model.link_body(link).is_some());
         known.ok_or_else(|| {
             CollisionError::content(&self.urdf.name, format!("link `{link}`: the robot has none above it"))
@@ -143,7 +143,7 @@ impl Tree<'_> {
     }
 
     /// Returns the links of the arms' ends from which hands hang: the parents of their first joints.
-    fn palms(&self) -> Result<Vec<String>, CollisionError> {
+    pub(crate) fn palms(&self) -> Result<Vec<String>, CollisionError> {
         let mut palms: Vec<String> = Vec::new();
         for link in self.urdf.links.iter().filter(|link| !link.collision.is_empty()) {
             let Some(first) = self.uncommanded(&link.name).pop() else { continue };
@@ -161,7 +161,7 @@ impl Tree<'_> {
     }
 
     /// Returns the fingers below these palms. A finger's first joint is free. The others bend together.
-    fn fingers(&self, palms: &[String]) -> Vec<Finger> {
+    pub(crate) fn fingers(&self, palms: &[String]) -> Vec<Finger> {
         let mut chains: Vec<Vec<String>> = Vec::new();
         for link in self.urdf.links.iter().filter(|link| self.below(&link.name, palms)) {
             let mut names: Vec<String> = self.uncommanded(&link.name).iter().map(|joint| joint.name.clone()).collect();

@@ -7,6 +7,7 @@
 //! - `prove`, `fragments`, `judge`, `write`: an allowed pair is on one body, adjacent, or proved clear. The proof is
 //!   branch and bound over the whole box of the limits in force. Samples can only refute.
 //! - `check`: checks containment and every reason again, from a robot file and the meshes.
+//! - `cover`: how far the shape of each link sticks out of its capsules, and how much larger the capsules are.
 //! - `dynamics`, `limits`, `report`: torques by inverse dynamics over random states, and limits that respect
 //!   the motors.
 //! - `draw`: front and side view, with capsules over their contents.
@@ -15,6 +16,7 @@
 #![allow(clippy::neg_cmp_op_on_partial_ord)]
 
 pub mod check;
+pub mod cover;
 pub mod draw;
 pub mod dynamics;
 pub mod error;

@@ -6,10 +6,12 @@
 //!     --out config/robots/tiago_dual.toml
 //! collision check --urdf tiago_dual.urdf --meshes meshes --plan tools/collision/plans/tiago_dual.toml
 //! collision fit --urdf their.urdf --meshes meshes --robot my.toml --plan-out plan.toml --out my.toml
+//! collision cover config/robots/tiago_dual.toml --urdf tiago_dual.urdf --meshes meshes
 //! collision limits config/robots/tiago_dual.toml
 //! collision draw config/robots/tiago_dual.toml --out tiago_dual.png
 //! ```
 
+mod command_cover;
 mod command_draw;
 mod command_limits;
 
@@ -22,7 +24,7 @@ use collision::plan::{Plan, SIDE};
 use collision::scene::{Posture, Scene};
 use collision::write::{Named, bare_model, fit_all, robot_file};
 use robot::{AllowedReason, Frames, Model};
-use rt::{Exit, Failure};
+use rt::{Exit, Failure, err, out};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -54,6 +56,9 @@ enum Command {
         #[command(flatten)]
         source: Source,
     },
+    /// Print how far the shape of each link sticks out of its capsules, the worst first, and how much larger the
+    /// capsules are.
+    Cover(command_cover::Cover),
     /// Print torques by inverse dynamics at the limits in force, or the accelerations that the motors can
     /// always give.
     Limits(command_limits::Limits),
@@ -87,6 +92,7 @@ fn main() -> ExitCode {
     let done = match Arguments::parse().command {
         Command::Fit { source, out, plan_out } => fit(&source, out.as_deref(), plan_out.as_deref()),
         Command::Check { source } => check(&source),
+        Command::Cover(options) => command_cover::cover(&options),
         Command::Limits(options) => command_limits::limits(&options),
         Command::Draw(options) => command_draw::draw(&options),
     };
@@ -126,18 +132,23 @@ struct Head {
 fn read_all(source: &Source) -> Result<Texts, CollisionError> {
     let shapes = parse_all(&source.urdf)?;
     let (toml, urdf) = robot_texts(&source.robot)?;
-    let head: Head =
-        toml::from_str(&toml.1).map_err(|error| CollisionError::content(toml.0.as_str(), error.to_string()))?;
-    let held: Posture = head.held_rad.into_iter().chain(head.held_m).collect();
+    let (base_link, held) = held(&toml)?;
     let (plan, notes) = match &source.plan {
         Some(path) => (Plan::parse(&path.display().to_string(), &read_text(path)?)?, Vec::new()),
         None => {
-            let model = bare_model(&head.base_link, (&toml.0, &toml.1), (&urdf.0, &urdf.1))?;
+            let model = bare_model(&base_link, (&toml.0, &toml.1), (&urdf.0, &urdf.1))?;
             let first = first_plan(&model, &shapes, source.meshes.as_deref(), &held)?;
             (first.plan, first.notes)
         }
     };
     Ok(Texts { plan, notes, shapes, held, toml, urdf })
+}
+
+/// Returns a robot file's base link, and the positions of the joints that nothing commands.
+fn held(toml: &NamedText) -> Result<(String, Posture), CollisionError> {
+    let head: Head =
+        toml::from_str(&toml.1).map_err(|error| CollisionError::content(toml.0.as_str(), error.to_string()))?;
+    Ok((head.base_link, head.held_rad.into_iter().chain(head.held_m).collect()))
 }
 
 /// Returns the first URDF, with the links and joints of the others that it lacks.
@@ -165,10 +176,15 @@ fn parse_all(paths: &[PathBuf]) -> Result<urdf_rs::Robot, CollisionError> {
 fn robot_texts(path: &Path) -> Result<(NamedText, NamedText), CollisionError> {
     let name = |path: &Path| path.display().to_string();
     let toml = (name(path), read_text(path)?);
-    let folder = path.parent().unwrap_or(Path::new("."));
-    let urdf_path = folder.join(robot::urdf_file(&toml.0, &toml.1)?);
+    let urdf_path = own_urdf(path, &toml.1)?;
     let urdf = (name(&urdf_path), read_text(&urdf_path)?);
     Ok((toml, urdf))
+}
+
+/// Returns the path of the URDF that a robot file names.
+fn own_urdf(path: &Path, toml: &str) -> Result<PathBuf, CollisionError> {
+    let folder = path.parent().unwrap_or(Path::new("."));
+    Ok(folder.join(robot::urdf_file(&path.display().to_string(), toml)?))
 }
 
 fn write_text(path: &Path, text: &str) -> Result<(), CollisionError> {
@@ -177,7 +193,7 @@ fn write_text(path: &Path, text: &str) -> Result<(), CollisionError> {
 
 fn fit(source: &Source, out: Option<&Path>, plan_out: Option<&Path>) -> Result<bool, CollisionError> {
     let texts = read_all(source)?;
-    texts.notes.iter().for_each(|note| eprintln!("{note}"));
+    texts.notes.iter().for_each(|note| err!("{note}"));
     if let Some(path) = plan_out {
         write_text(path, &texts.plan.text())?;
     }
@@ -189,7 +205,7 @@ fn fit(source: &Source, out: Option<&Path>, plan_out: Option<&Path>) -> Result<b
     }
     let wide = capsules.iter().map(|capsule| capsule.name.len()).max().unwrap_or(0);
     for capsule in &capsules {
-        eprintln!(
+        err!(
             "{:wide$} radius {:5.1} mm  length {:5.1} mm  volume ratio {:.2}",
             capsule.name,
             capsule.shape.radius_m * 1e3,
@@ -204,20 +220,20 @@ fn fit(source: &Source, out: Option<&Path>, plan_out: Option<&Path>) -> Result<b
             capsule_m3 += capsule.volume_m3;
             hull_m3 += capsule.volume_m3 / capsule.volume_ratio;
         }
-        eprintln!("{:wide$} volume ratio {:.2}", link.unwrap_or("total"), capsule_m3 / hull_m3);
+        err!("{:wide$} volume ratio {:.2}", link.unwrap_or("total"), capsule_m3 / hull_m3);
     }
     let mut ratios: Vec<f64> = capsules.iter().map(|capsule| capsule.volume_ratio).collect();
     ratios.sort_by(f64::total_cmp);
-    eprintln!("{} capsules, median volume ratio {:.2}", ratios.len(), ratios[ratios.len() / 2]);
+    err!("{} capsules, median volume ratio {:.2}", ratios.len(), ratios[ratios.len() / 2]);
     let (toml, urdf) = (&texts.toml, &texts.urdf);
     let decided = robot_file(&texts.plan, &capsules, (&toml.0, &toml.1), (&urdf.0, &urdf.1))?;
     for (a, b, clearance_m) in &decided.near_home {
-        eprintln!("near at home: {a} - {b} {:.1} mm", clearance_m * 1e3);
+        err!("near at home: {a} - {b} {:.1} mm", clearance_m * 1e3);
     }
     let text = decided.text;
     match out {
         Some(path) => write_text(path, &text)?,
-        None => println!("{text}"),
+        None => out!("{text}"),
     }
     // This comes last, so that an invalid file can be inspected.
     let model = Model::from_text(&toml.0, &text, &urdf.0, &urdf.1)?;
@@ -246,7 +262,7 @@ fn check(source: &Source) -> Result<bool, CollisionError> {
         let stem = group.name.replace(SIDE, side);
         let shapes = capsules_in_frame(&model, &group.frame.replace(SIDE, side), |name| belongs(name, &stem));
         let out = sticks_out_m(&scene.matter(group)?, &shapes);
-        println!("{:wide$} {} capsules, worst point {:+.2} mm from the surface", group.name, shapes.len(), out * 1e3);
+        out!("{:wide$} {} capsules, worst point {:+.2} mm from the surface", group.name, shapes.len(), out * 1e3);
         good &= out <= 0.0;
     }
     // The fit is deterministic. It shows again which points each capsule must contain.
@@ -254,7 +270,7 @@ fn check(source: &Source) -> Result<bool, CollisionError> {
     let deviations = deviations_m(&model, &capsules);
     let worst = deviations.iter().max_by(|a, b| a.1.total_cmp(&b.1));
     if let Some((name, deviation_m)) = worst {
-        println!("fitted again: at most {:.3} mm from the file, at {name}", deviation_m * 1e3);
+        out!("fitted again: at most {:.3} mm from the file, at {name}", deviation_m * 1e3);
         good &= *deviation_m <= SAME_FIT_M && capsules.len() == model.capsules.len();
     }
     let names: Vec<String> = capsules.iter().map(|capsule| capsule.name.clone()).collect();
@@ -265,7 +281,7 @@ fn check(source: &Source) -> Result<bool, CollisionError> {
             (AllowedReason::ProvedClear, None) => "NOT PROVED".to_owned(),
             (AllowedReason::ProvedClear, Some(proof)) => format!("proved clear by {proof}"),
         };
-        println!("{} - {}: {why}", reason.names.0, reason.names.1);
+        out!("{} - {}: {why}", reason.names.0, reason.names.1);
         good &= reason.holds();
     }
     summary(&model);
@@ -286,7 +302,7 @@ fn summary(model: &Model) {
     let (clearance_m, index) = model.clearance(&frames);
     let name = |capsule: usize| model.capsules[capsule].name.as_str();
     let count = |reason| model.allowed.iter().filter(|pair| pair.reason == reason).count();
-    eprintln!(
+    err!(
         "{} capsules, {} pairs checked, {} on one body, {} adjacent, {} proved clear",
         model.capsules.len(),
         model.pairs.len(),
@@ -295,8 +311,8 @@ fn summary(model: &Model) {
         count(AllowedReason::ProvedClear)
     );
     if let Some(pair) = model.pairs.get(index) {
-        eprintln!("home: {:.1} mm between {} and {}", clearance_m * 1e3, name(pair.a), name(pair.b));
+        err!("home: {:.1} mm between {} and {}", clearance_m * 1e3, name(pair.a), name(pair.b));
     }
     let share = collision_share(model, 20_000);
-    eprintln!("{:.1} % of uniform configurations are in self-collision by capsules", share * 100.0);
+    err!("{:.1} % of uniform configurations are in self-collision by capsules", share * 100.0);
 }

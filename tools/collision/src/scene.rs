@@ -20,6 +20,8 @@ pub struct Scene<'a> {
     meshes: Option<&'a Path>,
     fingers: &'a [Finger],
     held: Posture,
+    /// Spheres are round. Otherwise their cubes stand for them.
+    round: bool,
 }
 
 /// Joint positions by name, rad or m.
@@ -28,13 +30,19 @@ pub type Posture = HashMap<String, f64>;
 impl<'a> Scene<'a> {
     /// Creates the scene of a parsed URDF.
     pub fn new(robot: &'a urdf_rs::Robot, meshes: Option<&'a Path>, fingers: &'a [Finger]) -> Self {
-        Self { robot, meshes, fingers, held: Posture::new() }
+        Self { robot, meshes, fingers, held: Posture::new(), round: false }
     }
 
     /// The same with these positions of the joints that nothing commands.
     #[must_use]
     pub fn holding(self, held: Posture) -> Self {
         Self { held, ..self }
+    }
+
+    /// The same with round spheres, to judge capsules that a person wrote. A fit takes their cubes.
+    #[must_use]
+    pub fn with_round_spheres(self) -> Self {
+        Self { round: true, ..self }
     }
 
     /// Returns all that the capsules of a group must contain, in the frame of the group's link. For a group of
@@ -98,10 +106,8 @@ impl<'a> Scene<'a> {
     /// Adds everything below the part's link, in all postures of its fingers.
     fn sweep(&self, frame: &str, part: &Part, side: &str, matter: &mut Matter) -> Result<(), CollisionError> {
         let top = part.link.replace(SIDE, side);
-        for link in &self.robot.links {
-            let Some(joints) = self.chain(&top, &link.name).filter(|joints| !joints.is_empty()) else {
-                continue;
-            };
+        for link in self.robot.links.iter().filter(|link| link.name != top) {
+            let Some(poses) = self.poses(frame, &top, &link.name, side)? else { continue };
             let shapes = self.shapes(&link.name, None)?;
             if shapes.is_empty() {
                 continue;
@@ -110,12 +116,27 @@ impl<'a> Scene<'a> {
             let mut corners: Points = shapes.into_iter().flatten().collect();
             corners.sort_by(|a, b| a.x.total_cmp(&b.x).then(a.y.total_cmp(&b.y)).then(a.z.total_cmp(&b.z)));
             corners.dedup();
-            for posture in self.postures(&joints, side)? {
-                let pose = self.pose(frame, &link.name, &posture)?;
+            for pose in poses {
                 matter.pieces.extend(place(std::slice::from_ref(&corners), &pose));
             }
         }
         Ok(())
+    }
+
+    /// Returns the poses of `link` in `frame`, in all postures of the fingers from `top` down to it. `None` if it is
+    /// not below `top`.
+    fn poses(&self, frame: &str, top: &str, link: &str, side: &str) -> Result<Option<Vec<Pose>>, CollisionError> {
+        let Some(joints) = self.chain(top, link) else { return Ok(None) };
+        let postures = self.postures(&joints, side)?;
+        postures.iter().map(|posture| self.pose(frame, link, posture)).collect::<Result<_, _>>().map(Some)
+    }
+
+    /// Returns the polygons of a link in the link's frame, and the link's poses in `frame`: one for each posture of
+    /// the fingers from `top` down to it.
+    pub fn swept(&self, frame: &str, top: &str, link: &str) -> Result<(Vec<Points>, Vec<Pose>), CollisionError> {
+        let poses = self.poses(frame, top, link, "")?;
+        let poses = poses.ok_or_else(|| self.wrong(format!("link `{link}` is not below `{top}`")))?;
+        Ok((self.shapes(link, None)?, poses))
     }
 
     /// Returns the postures of the movable joints of one chain: a grid over the free joint and the common
@@ -215,6 +236,7 @@ impl<'a> Scene<'a> {
         match geometry {
             Geometry::Box { size } => Ok(prism(&rectangle(size[0], size[1]), size[2])),
             Geometry::Cylinder { radius, length } => Ok(prism(&circle(*radius), *length)),
+            Geometry::Sphere { radius } if self.round => Ok(ball(*radius)),
             Geometry::Sphere { radius } => Ok(prism(&rectangle(2.0 * radius, 2.0 * radius), 2.0 * radius)),
             Geometry::Capsule { radius, length } => Ok(prism(&circle(*radius), length + 2.0 * radius)),
             Geometry::Mesh { filename, scale } => {
@@ -222,7 +244,11 @@ impl<'a> Scene<'a> {
                     self.meshes.ok_or_else(|| self.wrong(format!("link `{link}` has a mesh; give --meshes")))?;
                 let below = filename.rsplit_once("/meshes/").map_or(filename.as_str(), |(_, below)| below);
                 let scale = scale.map_or(Vector3::repeat(1.0), |scale| Vector3::from(*scale));
-                let mut triangles = read_mesh(&folder.join(below))?;
+                let path = folder.join(below);
+                // The folder may be the one that has `meshes`, or `meshes` itself.
+                let inner = below.strip_prefix("meshes/").map(|below| folder.join(below));
+                let path = inner.filter(|inner| !path.exists() && inner.exists()).unwrap_or(path);
+                let mut triangles = read_mesh(&path)?;
                 triangles.iter_mut().flatten().for_each(|point| point.component_mul_assign(&scale));
                 // A point 10 m from its link does not belong to a robot. The mesh is probably in millimetres.
                 if triangles.iter().flatten().any(|point| !(point.amax() <= 10.0)) {
@@ -247,6 +273,18 @@ fn circle(radius: f64) -> Vec<[f64; 2]> {
     let step = std::f64::consts::TAU / CIRCLE_CORNERS as f64;
     let outer = radius / (0.5 * step).cos();
     (0..CIRCLE_CORNERS).map(|i| (step * i as f64).sin_cos()).map(|(sin, cos)| [outer * cos, outer * sin]).collect()
+}
+
+/// Returns a polyhedron whose corners lie on the sphere. Its faces lie at most 0.9 % of the radius below it.
+fn ball(radius: f64) -> Vec<Points> {
+    let step = std::f64::consts::TAU / CIRCLE_CORNERS as f64;
+    let at = |ring: usize, corner: usize| {
+        let ((up, out), (sin, cos)) =
+            ((step * ring as f64 - 0.25 * std::f64::consts::TAU).sin_cos(), (step * corner as f64).sin_cos());
+        radius * Vector3::new(out * cos, out * sin, up)
+    };
+    let rings = (0..CIRCLE_CORNERS / 2).flat_map(|ring| (0..CIRCLE_CORNERS).map(move |corner| (ring, corner)));
+    rings.map(|(r, c)| vec![at(r, c), at(r, c + 1), at(r + 1, c + 1), at(r + 1, c)]).collect()
 }
 
 /// Returns the surface of a prism of height `z` on a base around the origin: bottom, top and sides.

@@ -3,6 +3,7 @@
 
 mod command;
 mod containment;
+mod cover;
 mod dynamics;
 mod first;
 mod formats;
