@@ -230,6 +230,8 @@ pub fn tick(config: &Config, state: &mut State, input: Input<'_>) -> Output {
             let start = solver::State { q: part(input.q, config.first[arm]), v: part(input.v, config.first[arm]) };
             state.plans[arm] = Plan::new(before, start, [ArmVector::zeros(); NODES]);
             state.wrists[arm] = config.wrists[arm].begin(input.q);
+            // The gaps that it had are those of another posture.
+            state.gaps[arm] = Gaps::none();
             // An iteration that started before the arm was valid has another start.
             state.step = if state.arm == arm { 0 } else { state.step };
         }
@@ -367,4 +369,44 @@ fn limbs(node: &[[f32; 4]; LIMBS], arm: usize) -> Option<Limbs> {
         UnitQuaternion::try_new(Quaternion::new(w, x, y, z), 0.5)
     };
     rotation(node[2 * arm]).zip(rotation(node[2 * arm + 1])).map(|(upper, fore)| Limbs { upper, fore })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use messages::ALL_JOINTS;
+
+    fn model() -> Model {
+        let toml = include_str!("../../../config/robots/tiago_dual.toml");
+        let urdf = include_str!("../../../config/robots/tiago_dual.urdf");
+        Model::from_text("toml", toml, "urdf", urdf).unwrap()
+    }
+
+    #[test]
+    fn arm_that_becomes_valid_again_has_no_old_gap() {
+        let model = model();
+        let config = Config::new(&model, &model.limits.map(|limits| limits.v_max), Weights::default());
+        let (way, rest) = ([[[0.0, 0.0, 0.0, 1.0]; LIMBS]; NODES], [0.0; JOINTS_MAX]);
+        let input = |k: u64, valid_mask: u32| Input {
+            k,
+            way: &way,
+            way_first: k / WAY_NODE_TICKS,
+            valid_mask,
+            prior: &model.home,
+            q: &model.home,
+            v: &rest,
+            speed_scale: 1.0,
+        };
+        let mut state = State::new();
+        tick(&config, &mut state, input(3000, ALL_JOINTS));
+        tick(&config, &mut state, input(3001, 0));
+        for arm in 0..ARMS {
+            state.gaps[arm].insert(3, Gap::new(-0.1, ArmVector::repeat(1.0), &ArmVector::zeros()));
+        }
+        // One tick looks at one node of one arm, and not at this one.
+        tick(&config, &mut state, input(3002, ALL_JOINTS));
+        for arm in 0..ARMS {
+            assert!(state.gaps[arm].at_node(WATCHED[3]).is_empty(), "arm {arm}");
+        }
+    }
 }

@@ -88,10 +88,31 @@ impl Wrist {
         let step = hessian.cholesky().map_or(Vector2::zeros(), |factor| -factor.solve(&gradient));
         let most = self.v_max * (speed_scale * period_s);
         for i in 0..WRIST_JOINTS {
-            // Unlike `clamp`, this accepts NaN.
-            let step = step[i].max(-most[i]).min(most[i]);
+            // The bounds would make a full step down of NaN. The wrist holds instead.
+            let step = if step[i].is_nan() { 0.0 } else { step[i].max(-most[i]).min(most[i]) };
             wish.q[i] = (wish.q[i] + step).max(self.q_min[i]).min(self.q_max[i]);
         }
         (wish.gradient, wish.hessian) = (Vector2::zeros(), Matrix2::zeros());
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn wrist_holds_on_nan() {
+        let toml = include_str!("../../../config/robots/tiago_dual.toml");
+        let urdf = include_str!("../../../config/robots/tiago_dual.urdf");
+        let model = Model::from_text("toml", toml, "urdf", urdf).unwrap();
+        let wrist = Wrist::new(&model, model.arms[0].joints[0], &model.limits.map(|limits| limits.v_max));
+        let begin = wrist.begin(&model.home);
+        let mut wish = Wish { gradient: Vector2::repeat(f64::NAN), ..begin };
+        wrist.step(&mut wish, 1.0, 0.01);
+        assert_eq!(wish.q, begin.q);
+        // The NaN does not last: the next step pulls a turned wrist back home.
+        wish.q = wish.q.map(|q| q + 0.1);
+        wrist.step(&mut wish, 1.0, 0.01);
+        assert!((0..WRIST_JOINTS).all(|i| wish.q[i] < begin.q[i] + 0.1), "{wish:?}");
     }
 }
