@@ -160,9 +160,18 @@ impl Shown {
         frame.render_widget(self.head(status), head);
         frame.render_widget(Paragraph::new(explain::why(status, &self.names)).wrap(Wrap { trim: true }), why);
         self.draw_age(frame, age);
-        let [left, right] = Layout::horizontal([Constraint::Percentage(50), Constraint::Fill(1)]).areas(body);
-        frame.render_widget(Paragraph::new(self.joints(left.width)), left);
-        frame.render_widget(Paragraph::new(self.figures(status)).wrap(Wrap { trim: true }), right);
+        let figures = Paragraph::new(self.figures(status)).wrap(Wrap { trim: true });
+        let count = self.q.as_ref().map_or(1, Vec::len);
+        if count <= usize::from(body.height) {
+            let [left, right] = Layout::horizontal([Constraint::Percentage(50), Constraint::Fill(1)]).areas(body);
+            frame.render_widget(Paragraph::new(self.joints(left.width)), left);
+            frame.render_widget(figures, right);
+        } else {
+            let [joints, below] =
+                Layout::vertical([Constraint::Length(count.div_ceil(2) as u16), Constraint::Fill(1)]).areas(body);
+            self.draw_in_two_columns(frame, joints);
+            frame.render_widget(figures, below);
+        }
         frame.render_widget(Line::from("q ends").dim(), foot);
     }
 
@@ -199,6 +208,22 @@ impl Shown {
         let fits = self.ages_us.len().saturating_sub(usize::from(chart.width));
         let newest: Vec<u64> = self.ages_us.iter().skip(fits).copied().collect();
         frame.render_widget(Sparkline::default().data(&newest), chart);
+    }
+
+    /// Draws the joints in two columns. The last place says how many do not fit.
+    fn draw_in_two_columns(&self, frame: &mut Frame<'_>, area: Rect) {
+        let columns: [Rect; 2] = Layout::horizontal([Constraint::Percentage(50), Constraint::Fill(1)]).areas(area);
+        let height = usize::from(area.height);
+        let mut bars = self.joints(columns[0].width.min(columns[1].width));
+        if bars.len() > 2 * height && height > 0 {
+            let fit = 2 * height - 1;
+            let left_out = format!("{} more joints: use a higher window", bars.len() - fit);
+            bars.truncate(fit);
+            bars.push(Line::from(left_out).dim());
+        }
+        let right = bars.split_off(bars.len().div_ceil(2));
+        frame.render_widget(Paragraph::new(bars), columns[0]);
+        frame.render_widget(Paragraph::new(right), columns[1]);
     }
 
     /// Returns a bar for each joint, from its lowest to its highest position.
@@ -312,6 +337,21 @@ mod tests {
         assert!(ends.clone().all(|end| end == ends.clone().next().flatten()), "the bars begin together: {text}");
         watch.silent = true;
         assert!(shown(140, 40, &watch).contains("does not answer"));
+    }
+
+    #[test]
+    fn watch_screen_of_24_rows_shows_every_joint() {
+        let (mut watch, now) = (Shown::new(names()), Instant::now());
+        for count in [17, 22, JOINTS_MAX] {
+            watch.note(status(Mode::Engaged, 1000), Some(vec![0.1; count]), now);
+            let text = shown(80, 24, &watch);
+            assert_eq!(text.matches('●').count(), count, "{text}");
+            assert!(text.contains("mm measured") && text.contains("0.100 m"), "{text}");
+        }
+        // A lower window says what it leaves out.
+        let text = shown(80, 14, &watch);
+        let drawn = text.matches('●').count();
+        assert!(drawn < JOINTS_MAX && text.contains(&format!("{} more joints", JOINTS_MAX - drawn)), "{text}");
     }
 
     #[test]

@@ -37,7 +37,8 @@ impl RobotChoice {
     }
 
     fn is_file(&self) -> bool {
-        self.0.contains('/') || self.0.ends_with(ROBOT)
+        // A URDF is no robot file, and the error says so.
+        self.0.contains('/') || [ROBOT, ".urdf", ".xacro"].iter().any(|extension| self.0.ends_with(extension))
     }
 
     /// Returns the robot file. A named robot has its file in the folder of `other`, the file of another robot.

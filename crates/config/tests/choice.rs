@@ -115,6 +115,16 @@ fn unknown_robot_is_refused_with_names_of_the_others() {
 }
 
 #[test]
+fn urdf_in_place_of_a_robot_file_is_told_apart() {
+    let urdf = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/robots/unitree_g1.urdf");
+    let urdf = urdf.to_str().expect("UTF-8");
+    let refused = Folder::new().load(urdf).expect_err("a URDF").to_string();
+    assert!(refused.contains(&format!("`teleopd robot new {urdf}`")), "{refused}");
+    // A URDF in the current folder is a file too, not the name of a robot.
+    assert_eq!(RobotChoice::from("x.urdf").shipped_file().expect("a file"), Path::new("x.urdf"));
+}
+
+#[test]
 fn program_without_settings_finds_robots_of_the_repository() {
     let refused = RobotChoice::from("nobody").shipped_file().expect_err("there is none").to_string();
     assert!(refused.contains("config/robots"), "{refused}");

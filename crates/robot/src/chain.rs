@@ -212,7 +212,7 @@ impl Source<'_> {
 }
 
 fn kind_of(joint: &UrdfJoint) -> String {
-    format!("{:?}", joint.kind).to_lowercase()
+    crate::urdf::kind_name(&joint.kind)
 }
 
 /// Number of joints above a joint.

@@ -180,6 +180,12 @@ struct Format {
 
 impl RobotFile {
     pub(crate) fn parse(file: &str, text: &str) -> Result<Self, RobotError> {
+        // No TOML begins so.
+        if text.trim_start().starts_with('<') {
+            let cause =
+                format!("this is a URDF, not a robot file: `teleopd robot new {file}` writes the robot file beside it");
+            return Err(RobotError::Syntax { file: file.into(), cause });
+        }
         if text.len() > crate::urdf::TEXT_BYTES_MAX {
             let bound = crate::urdf::TEXT_BYTES_MAX;
             return Err(RobotError::TooLong { file: file.into(), bytes: text.len(), bound });

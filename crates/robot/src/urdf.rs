@@ -143,6 +143,11 @@ fn read_joint(file: &str, joint: &urdf_rs::Joint, links: &HashMap<&str, usize>) 
         let key = format!("joint `{}`: {key}", joint.name);
         links.get(name).copied().ok_or_else(|| RobotError::unknown(file, key, name, "a link of this file"))
     };
+    if matches!(joint.joint_type, JointType::Floating | JointType::Planar | JointType::Spherical) {
+        let (file, joint, value) = (file.into(), joint.name.clone(), kind_name(&joint.joint_type));
+        let bound = "a joint must have at most one axis: make it fixed where it stands, or split it".into();
+        return Err(RobotError::JointKind { file, joint, value, bound });
+    }
     let refuse = |key: &str, value: f64, bound: &str| RobotError::Joint {
         file: file.into(),
         joint: joint.name.clone(),
@@ -171,6 +176,11 @@ fn read_joint(file: &str, joint: &urdf_rs::Joint, links: &HashMap<&str, usize>) 
         limit: joint.limit.clone(),
         mimics: joint.mimic.as_ref().map(|leader| leader.joint.clone()),
     })
+}
+
+/// Returns a joint's kind as a URDF writes it.
+pub(crate) fn kind_name(kind: &JointType) -> String {
+    format!("{kind:?}").to_lowercase()
 }
 
 /// Checks that there is one root, and that every other link is below exactly one joint. No loop may exist

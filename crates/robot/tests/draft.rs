@@ -104,3 +104,37 @@ fn notes_name_what_was_guessed_and_what_to_decide() {
     assert!(said(&draft.guesses, "waist_yaw_joint") && said(&draft.guesses, "left_knee_joint"));
     assert!(said(&draft.decisions, "torso_link") && said(&draft.decisions, "assumptions"));
 }
+
+fn retyped(joint: &str, kind: &str) -> String {
+    let open = format!("<joint name=\"{joint}\" type=\"");
+    let at = G1.find(&open).unwrap_or_else(|| panic!("{joint}")) + open.len();
+    let end = at + G1[at..].find('"').unwrap();
+    format!("{}{kind}{}", &G1[..at], &G1[end..])
+}
+
+#[test]
+fn endless_joint_of_an_arm_is_refused_by_name() {
+    let error = draft("r.urdf", &retyped("left_wrist_roll_joint", "continuous")).unwrap_err().to_string();
+    assert!(error.contains("`left_wrist_roll_joint`: type continuous, an arm's joint must be revolute"), "{error}");
+}
+
+#[test]
+fn endless_joint_of_the_body_is_noted_as_standing() {
+    let draft = draft("r.urdf", &retyped("waist_yaw_joint", "continuous")).unwrap();
+    let note = draft.decisions.iter().find(|note| note.contains("without end")).expect("a note");
+    assert!(note.contains(": waist_yaw_joint.") && note.contains("at 0"), "{note}");
+    let file: toml::Table = draft.toml.parse().unwrap();
+    assert_eq!(file["held_rad"]["waist_yaw_joint"].as_float(), Some(0.0));
+    assert!(!file["body_joints"].as_array().unwrap().iter().any(|name| name.as_str() == Some("waist_yaw_joint")));
+}
+
+#[test]
+fn joint_with_several_axes_is_refused_by_name() {
+    for kind in ["floating", "planar"] {
+        let error = draft("r.urdf", &retyped("left_knee_joint", kind)).unwrap_err().to_string();
+        assert!(
+            error.contains(&format!("`left_knee_joint`: type {kind}, a joint must have at most one axis")),
+            "{error}"
+        );
+    }
+}

@@ -75,7 +75,27 @@ pub(crate) fn limits(options: &Limits) -> Result<bool, CollisionError> {
     let _ = surveyed(&survey, &Motion::in_force(&model));
     out!("At rest:");
     let (found, climbed) = surveyed(&survey, &Motion::AT_REST);
-    Ok((0..model.count).all(|j| holds(&survey, j, &found[j], climbed[j].as_ref())))
+    // Every joint has its say, also after one that does not hold.
+    let weak: Vec<usize> = (0..model.count).filter(|j| !holds(&survey, *j, &found[*j], climbed[*j].as_ref())).collect();
+    out!("{}", verdict(&model, options, &weak));
+    Ok(weak.is_empty())
+}
+
+/// Returns the last line of the output.
+fn verdict(model: &Model, options: &Limits, weak: &[usize]) -> String {
+    let (share, load_kg) = (options.share, options.payload_kg);
+    if weak.is_empty() {
+        let states = options.states;
+        return format!(
+            "holds: with {load_kg} kg in each hand, none of {states} postures needs more than {share} of an effort limit"
+        );
+    }
+    let names: Vec<&str> = weak.iter().map(|j| model.joint_names[*j].as_str()).collect();
+    format!(
+        "DOES NOT HOLD: with {load_kg} kg in each hand, some postures need more than {share} of the effort limit of {}. teleopd \
+         refuses these postures. Narrow the ranges under [tighten], or carry less.",
+        names.join(", ")
+    )
 }
 
 /// Prints and returns the results of sampling and climbing.

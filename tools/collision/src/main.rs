@@ -11,6 +11,9 @@
 //! collision draw config/robots/tiago_dual.toml --out tiago_dual.png
 //! ```
 
+// `println` panics if the reader has closed the pipe.
+#![deny(clippy::print_stdout)]
+
 mod command_cover;
 mod command_draw;
 mod command_limits;

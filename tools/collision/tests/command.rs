@@ -1,7 +1,7 @@
 //! Runs `collision limits` as a user does: its results, its output and its exit code.
 
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
+use std::process::{Command, Output, Stdio};
 
 fn robots() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/robots")
@@ -27,6 +27,8 @@ fn worst_torque_found_only_by_climbing_fails_the_check() {
     let output = limits(&robot, &[&few[..], &["--share", "0.85"]].concat());
     assert_eq!(output.status.code(), Some(0), "{}", said(&output));
     let words = said(&output);
+    let last = String::from_utf8_lossy(&output.stdout).lines().last().unwrap_or_default().to_owned();
+    assert!(last.starts_with("holds: with 0 kg in each hand, none of 1000 postures"), "{last}");
     let rest = words.split_once("At rest:").expect("two tables").1;
     let row = rest.lines().find(|line| line.starts_with("arm_left_2_joint ")).expect("a row of the joint");
     let shares: Vec<f64> = row.split_whitespace().skip(5).take(2).map(|word| word.parse().unwrap()).collect();
@@ -44,6 +46,22 @@ fn payload_beyond_the_effort_limit_is_reported() {
     let output = limits(&robot, &["--states", "1000", "--payload-kg", "2"]);
     assert_eq!(output.status.code(), Some(1), "{}", said(&output));
     assert!(said(&output).contains("of the postures need more than 0.85 of the effort limit"), "{}", said(&output));
+    let last = String::from_utf8_lossy(&output.stdout).lines().last().unwrap_or_default().to_owned();
+    assert!(last.starts_with("DOES NOT HOLD: with 2 kg in each hand"), "{last}");
+    assert!(last.contains("arm_left_2_joint"), "{last}");
+}
+
+/// A reader such as `head -1` closes the pipe before the end.
+#[test]
+fn closed_pipe_does_not_end_the_program_with_a_panic() {
+    let robot = robots().join("tiago_dual.toml");
+    let mut command = Command::new(env!("CARGO_BIN_EXE_collision"));
+    // The quickest command. The lint of `main.rs` keeps the others from `println`, which panics.
+    command.arg("cover").arg(robot).stdout(Stdio::piped()).stderr(Stdio::piped());
+    let mut child = command.spawn().expect("collision runs");
+    drop(child.stdout.take());
+    let output = child.wait_with_output().expect("it ends");
+    assert_eq!(output.status.code(), Some(0), "{}", said(&output));
 }
 
 #[test]

@@ -21,6 +21,7 @@ pub mod goals;
 pub mod machine;
 pub mod motions;
 pub mod parallel;
+pub mod progress;
 pub mod report;
 pub mod stages;
 pub mod stop_times;

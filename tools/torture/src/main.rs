@@ -2,19 +2,18 @@
 
 use clap::Parser;
 use config::Overrides;
-use indicatif::{ProgressBar, ProgressStyle};
 use messages::TICK_HZ;
 use rt::{Exit, Failure};
 use sim::ViolationKind;
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::time::Duration;
 use torture::cli::{
     AttackArgs, BenchArgs, Changes, Cli, Command, MotionsArgs, StopTimesArgs, check_counts, check_threads,
 };
 use torture::figures::{Figures, merged};
 use torture::machine::Machine;
 use torture::parallel::{derived_seed, in_parallel};
+use torture::progress::Progress;
 use torture::report;
 use torture::{bench, chunk, goals, motions, stop_times};
 
@@ -32,22 +31,6 @@ fn main() -> ExitCode {
     rt::finish("torture", done)
 }
 
-/// Time between two redraws of the progress on a terminal, even without progress.
-const REDRAWN_EVERY: Duration = Duration::from_secs(10);
-
-fn progress(length: u64, unit: &str) -> ProgressBar {
-    let bar = ProgressBar::new(length);
-    let template = format!("{{wide_bar}} {{pos}}/{{len}} {unit}{{msg}}, {{elapsed}}, {{eta}} left");
-    if let Ok(style) = ProgressStyle::with_template(&template) {
-        bar.set_style(style);
-    }
-    // A part takes long. So the line appears at once, and shows the elapsed time. Without a terminal nothing is
-    // drawn.
-    bar.tick();
-    bar.enable_steady_tick(REDRAWN_EVERY);
-    bar
-}
-
 fn attack(args: &AttackArgs) -> Result<bool, Failure> {
     args.check()?;
     let machine = Machine::now();
@@ -58,10 +41,10 @@ fn attack(args: &AttackArgs) -> Result<bool, Failure> {
     let goals = if without_goals { 0 } else { args.goals };
     let parts = args.ticks.div_ceil(chunk::PART_TICKS);
     let jobs = parts + goals.div_ceil(goals::PART_GOALS);
-    let (bar, visited) = (progress(args.ticks, "ticks"), AtomicU64::new(0));
+    let (bar, visited) = (Progress::new(args.ticks, "ticks"), AtomicU64::new(0));
     let tell_goals = |more: u64| {
         let visited = visited.fetch_add(more, Ordering::Relaxed) + more;
-        bar.set_message(if goals > 0 { format!(", {visited}/{goals} goals") } else { String::new() });
+        bar.note(if goals > 0 { format!(", {visited}/{goals} goals") } else { String::new() });
     };
     tell_goals(0);
     let of_parts = in_parallel(args.threads, jobs as usize, |job| {
@@ -72,7 +55,7 @@ fn attack(args: &AttackArgs) -> Result<bool, Failure> {
         if job < parts {
             let ticks = chunk::PART_TICKS.min(args.ticks - job * chunk::PART_TICKS);
             let figures = chunk::run(&subject, args.seed, job, ticks);
-            bar.inc(ticks);
+            bar.add(ticks);
             return figures;
         }
         let part = job - parts;
@@ -81,7 +64,7 @@ fn attack(args: &AttackArgs) -> Result<bool, Failure> {
         tell_goals(count);
         Figures { goals, ..Figures::default() }
     });
-    bar.finish_and_clear();
+    drop(bar);
     let figures = merged(of_parts);
     let value = report::attack_json(args, &figures, &subject.model, &machine);
     let words = report::attack_words(args, &figures, &subject.model, &machine);
@@ -107,7 +90,9 @@ fn measure_stops(args: &StopTimesArgs) -> Result<bool, Failure> {
     check_counts("--states", args.states, args.threads)?;
     let subject = args.common.subject(Changes::default())?;
     let bounds = subject.wbc.bounds();
-    let times = stop_times::run(bounds, args.states, args.seed, args.threads);
+    let bar = Progress::new(args.states, "states");
+    let times = stop_times::run(bounds, args.states, args.seed, args.threads, |states| bar.add(states));
+    drop(bar);
     let value = report::stop_times_json(&times, bounds, &subject.model, args.seed);
     report::put(&report::stop_times_words(&times, bounds, &subject.model), &value, args.common.json.as_deref())?;
     Ok(times.exceeded() == 0)
@@ -118,9 +103,10 @@ fn play(args: &MotionsArgs) -> Result<bool, Failure> {
     let machine = Machine::now();
     let loaded =
         config::load(&args.config, Overrides::robot(args.robot.as_ref())).map_err(Failure::with(Exit::Config))?;
-    let bar = progress(motion::motion_files(&args.folder).map_err(Failure::with(Exit::NoInput))?.len() as u64, "files");
-    let played = motions::run(&loaded, &args.folder, args.threads, |_| bar.inc(1))?;
-    bar.finish_and_clear();
+    let bar =
+        Progress::new(motion::motion_files(&args.folder).map_err(Failure::with(Exit::NoInput))?.len() as u64, "files");
+    let played = motions::run(&loaded, &args.folder, args.threads, |_| bar.add(1))?;
+    drop(bar);
     report::put(&report::motions_words(&played), &report::motions_json(&played, &machine), args.json.as_deref())?;
     Ok(played.iter().all(|one| one.failed.is_none() && one.violations_total() == 0))
 }
@@ -129,7 +115,9 @@ fn measure_ticks(args: &BenchArgs) -> Result<bool, Failure> {
     check_counts("--ticks", args.ticks, 1)?;
     let machine = Machine::now();
     let subject = args.common.subject(Changes::default())?;
+    let bar = Progress::new(1, "runs");
     let bench = bench::run(&subject, args.ticks.max(TICK_HZ), args.seed);
+    drop(bar);
     let value = report::bench_json(&bench, args.ticks, &subject.model, &machine);
     let words = report::bench_words(&bench, args.ticks, &subject.model, &machine);
     report::put(&words, &value, args.common.json.as_deref())?;

@@ -128,12 +128,14 @@ impl StopTimes {
     }
 }
 
-/// Measures `states` random states and the corners of every joint.
-pub fn run(bounds: &[Bounds], states: u64, seed: u64, threads: usize) -> StopTimes {
+/// Measures `states` random states and the corners of every joint. Gives `done` the number of states of each part.
+pub fn run(bounds: &[Bounds], states: u64, seed: u64, threads: usize, done: impl Fn(u64) + Sync) -> StopTimes {
     let parts = states.div_ceil(PART_STATES) as usize;
     let measured = in_parallel(threads, parts, |part| {
         let count = PART_STATES.min(states - part as u64 * PART_STATES);
-        random(bounds, count, derived_seed(seed, part as u64))
+        let measured = random(bounds, count, derived_seed(seed, part as u64));
+        done(count);
+        measured
     });
     let mut all = corners(bounds);
     measured.iter().for_each(|part| all.merge(part));

@@ -15,14 +15,14 @@ fn subject() -> Subject {
 fn no_state_takes_longer_to_stop_than_its_bound() {
     let subject = subject();
     let bounds = subject.wbc.bounds();
-    let times = run(bounds, 20_000, 3, 2);
+    let times = run(bounds, 20_000, 3, 2, |_| ());
     assert_eq!((times.states, times.exceeded()), (20_000, 0), "{times:?}");
     for (j, (joint, limits)) in times.joints.iter().zip(bounds).enumerate() {
         let (worst, bound) = (joint.stop_s, joint_bound_s(limits));
         assert!(worst > 0.999 * bound, "joint {j}: {worst} s of {bound} s: the bound is loose, or no state was hard");
     }
     // The same on any number of threads.
-    assert_eq!(times, run(bounds, 20_000, 3, 1));
+    assert_eq!(times, run(bounds, 20_000, 3, 1, |_| ()));
 }
 
 #[test]

@@ -44,7 +44,12 @@ struct Found {
 pub fn draft(urdf_name: &str, urdf_text: &str) -> Result<Draft, RobotError> {
     let tree = Tree::parse(urdf_name, urdf_text)?;
     let refuse = |key: &str, value: String, bound: &str| RobotError::value(urdf_name, key, value, bound);
-    let Some((torso_link, arms)) = tree::find_arms(&tree) else {
+    let Some((torso_link, arms)) = tree::find_arms(&tree, false) else {
+        if let Some(joint) = endless_arm_joint(&tree) {
+            let (file, joint, value) = (urdf_name.into(), joint.into(), "continuous".into());
+            let bound = "an arm's joint must be revolute: give it that type and a range that its cables bear".into();
+            return Err(RobotError::JointKind { file, joint, value, bound });
+        }
         let bound =
             "two chains of seven revolute joints must hang on one link: a robot with other arms is not supported";
         return Err(refuse("arms", "none".into(), bound));
@@ -72,6 +77,13 @@ pub fn draft(urdf_name: &str, urdf_text: &str) -> Result<Draft, RobotError> {
     let found = Found { torso_link, body, arms, held, reference: [left, right], home };
     notes(&tree, &found, &mut guesses, &mut decisions);
     Ok(Draft { toml: write::toml(urdf_name, &tree, &found), guesses, decisions })
+}
+
+/// Returns the first joint that turns without end, if two arms would be found with such joints.
+fn endless_arm_joint(tree: &Tree) -> Option<&str> {
+    let (_, arms) = tree::find_arms(tree, true)?;
+    let mut joints = arms.into_iter().flatten().map(|joint| &tree.joints[joint]);
+    joints.find(|joint| joint.kind == JointType::Continuous).map(|joint| joint.name.as_str())
 }
 
 /// Refuses limits that a model would refuse, and a range that is no wider than the draft's margins. Postures are solved
@@ -116,6 +128,15 @@ fn notes(tree: &Tree, found: &Found, guesses: &mut Vec<String>, decisions: &mut 
     if !found.held.is_empty() {
         let held: Vec<usize> = found.held.keys().copied().collect();
         guesses.push(format!("Held where they stand, never commanded: {}.", list(&held)));
+    }
+    let endless: Vec<usize> =
+        found.held.keys().copied().filter(|j| tree.joints[*j].kind == JointType::Continuous).collect();
+    if !endless.is_empty() {
+        decisions.push(format!(
+            "These joints turn without end (continuous): {}. They are taken to stand at 0 and are never commanded. To command \
+             one, make it revolute with a range.",
+            list(&endless)
+        ));
     }
     guesses.push("The T-pose (reference_rad) and the home posture were solved from the axes.".to_owned());
     decisions.extend([

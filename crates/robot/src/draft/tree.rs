@@ -8,24 +8,27 @@ use urdf_rs::JointType;
 /// Words in the name of a joint of a head.
 const HEAD_WORDS: [&str; 2] = ["head", "neck"];
 
-fn turns(tree: &Tree, joint: usize) -> bool {
-    tree.joints[joint].kind == JointType::Revolute && tree.joints[joint].mimics.is_none()
+/// Returns true if the joint may be an arm's. `endless`: joints that turn without end may be, too.
+fn turns(tree: &Tree, joint: usize, endless: bool) -> bool {
+    let joint = &tree.joints[joint];
+    let kind = joint.kind == JointType::Revolute || (endless && joint.kind == JointType::Continuous);
+    kind && joint.mimics.is_none()
 }
 
 fn below(tree: &Tree, link: usize) -> impl Iterator<Item = usize> {
     (0..tree.joints.len()).filter(move |joint| tree.joints[*joint].parent == link)
 }
 
-/// Revolute joints on the longest chain that begins with `joint`.
-fn longest(tree: &Tree, joint: usize) -> Vec<usize> {
+/// Turning joints on the longest chain that begins with `joint`.
+fn longest(tree: &Tree, joint: usize, endless: bool) -> Vec<usize> {
     let mut best = Vec::new();
     for next in below(tree, tree.joints[joint].child) {
-        let chain = longest(tree, next);
+        let chain = longest(tree, next, endless);
         if chain.len() > best.len() {
             best = chain;
         }
     }
-    if turns(tree, joint) {
+    if turns(tree, joint, endless) {
         best.insert(0, joint);
     }
     best
@@ -44,12 +47,12 @@ pub(super) fn pose_below(tree: &Tree, link: usize, joint: usize) -> Pose {
 }
 
 /// The link that carries two arms, and the joints of the left and the right one. If more chains are long enough, it
-/// takes the two highest. `None` if no link carries two.
-pub(super) fn find_arms(tree: &Tree) -> Option<(usize, [[usize; ARM_JOINTS]; 2])> {
+/// takes the two highest. `None` if no link carries two. `endless`: joints that turn without end count too.
+pub(super) fn find_arms(tree: &Tree, endless: bool) -> Option<(usize, [[usize; ARM_JOINTS]; 2])> {
     let mut found = None;
     let mut open = vec![tree.root];
     while let Some(link) = open.pop() {
-        let mut arms: Vec<Vec<usize>> = below(tree, link).map(|joint| longest(tree, joint)).collect();
+        let mut arms: Vec<Vec<usize>> = below(tree, link).map(|joint| longest(tree, joint, endless)).collect();
         arms.retain(|arm| arm.len() >= ARM_JOINTS);
         if arms.len() >= 2 {
             let place = |arm: &Vec<usize>| pose_below(tree, link, arm[0]).t;

@@ -1,0 +1,91 @@
+//! How far a run is: a bar on a terminal, else a line every 10 s on standard error.
+
+use indicatif::{ProgressBar, ProgressStyle};
+use rt::err;
+use std::io::IsTerminal;
+use std::sync::mpsc::{RecvTimeoutError, Sender, channel};
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+/// Time between two lines, or between two redraws of the bar. Assumption: a person waits no longer before wondering.
+const TOLD_EVERY: Duration = Duration::from_secs(10);
+
+/// Progress of a run, shown until it is dropped.
+pub struct Progress {
+    bar: ProgressBar,
+    lines: Option<(Sender<()>, JoinHandle<()>)>,
+}
+
+impl Progress {
+    /// Starts to show how many of `length` units are done. `unit` is a word in the plural.
+    pub fn new(length: u64, unit: &str) -> Self {
+        if std::io::stderr().is_terminal() {
+            let bar = ProgressBar::new(length);
+            let template = format!("{{wide_bar}} {{pos}}/{{len}} {unit}{{msg}}, {{elapsed}}, {{eta}} left");
+            if let Ok(style) = ProgressStyle::with_template(&template) {
+                bar.set_style(style);
+            }
+            // A part takes long. So the line appears at once, and shows the elapsed time.
+            bar.tick();
+            bar.enable_steady_tick(TOLD_EVERY);
+            return Self { bar, lines: None };
+        }
+        Self::in_lines(length, unit, TOLD_EVERY, |line| err!("torture: {line}"))
+    }
+
+    /// Gives a line to `tell` in each period.
+    fn in_lines(length: u64, unit: &str, every: Duration, mut tell: impl FnMut(String) + Send + 'static) -> Self {
+        let bar = ProgressBar::hidden();
+        bar.set_length(length);
+        let (ended, until_ended) = channel::<()>();
+        let (shown, unit) = (bar.clone(), unit.to_owned());
+        let teller = std::thread::spawn(move || {
+            while until_ended.recv_timeout(every) == Err(RecvTimeoutError::Timeout) {
+                let (done, more, s) = (shown.position(), shown.message(), shown.elapsed().as_secs());
+                tell(format!("{done}/{length} {unit}{more}, {s} s"));
+            }
+        });
+        Self { bar, lines: Some((ended, teller)) }
+    }
+
+    /// Adds units that are done.
+    pub fn add(&self, units: u64) {
+        self.bar.inc(units);
+    }
+
+    /// Adds words behind the units.
+    pub fn note(&self, words: String) {
+        self.bar.set_message(words);
+    }
+}
+
+impl Drop for Progress {
+    fn drop(&mut self) {
+        self.bar.finish_and_clear();
+        if let Some((ended, teller)) = self.lines.take() {
+            drop(ended);
+            let _ = teller.join();
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn progress_without_a_terminal_is_told_in_lines_until_the_end() {
+        let (sender, lines) = channel();
+        let progress = Progress::in_lines(40, "ticks", Duration::from_millis(1), move |line| {
+            let _ = sender.send(line);
+        });
+        assert!(lines.recv().unwrap().starts_with("0/40 ticks, 0 s"));
+        progress.add(30);
+        progress.note(", 2/7 goals".to_owned());
+        // This many lines come by themselves, and the figures arrive in one of them.
+        assert!(lines.iter().take(10_000).any(|line| line.starts_with("30/40 ticks, 2/7 goals, ")));
+        drop(progress);
+        // The teller has ended, so the lines do: this does not wait for ever.
+        assert!(lines.iter().all(|line| line.contains("goals")));
+    }
+}
