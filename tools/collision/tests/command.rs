@@ -61,7 +61,8 @@ fn closed_pipe_does_not_end_the_program_with_a_panic() {
     let mut child = command.spawn().expect("collision runs");
     drop(child.stdout.take());
     let output = child.wait_with_output().expect("it ends");
-    assert_eq!(output.status.code(), Some(0), "{}", said(&output));
+    // The boxes of this URDF are for drawing, so they stick out.
+    assert_eq!(output.status.code(), Some(1), "{}", said(&output));
 }
 
 #[test]
