@@ -3,13 +3,18 @@
 use std::io::IsTerminal;
 use std::os::unix::fs::MetadataExt;
 use tracing::level_filters::LevelFilter;
+use tracing_subscriber::filter::Targets;
 use tracing_subscriber::layer::SubscriberExt;
 use tracing_subscriber::util::SubscriberInitExt;
+
+/// A library that logs every message that it receives at INFO. Its warnings are enough.
+const CHATTY: &str = "dust_dds";
 
 /// Sends log lines to the journal, with their fields, if stderr goes there. Otherwise sends them to stderr, one
 /// line each. It sends none below `level`. A process that has installed its own subscriber keeps it.
 pub fn install(level: LevelFilter) {
-    let registry = tracing_subscriber::registry().with(level);
+    let targets = Targets::new().with_default(level).with_target(CHATTY, level.min(LevelFilter::WARN));
+    let registry = tracing_subscriber::registry().with(targets);
     let journal = stderr_is_journal().then(|| tracing_journald::layer().ok()).flatten();
     let _ = match journal {
         Some(journal) => registry.with(journal).try_init(),
