@@ -9,7 +9,7 @@ use std::process::{Child, ChildStdin, Command, Stdio};
 use std::time::{Duration, Instant};
 
 /// Domains of these tests. Tests of one program run at the same time.
-const DOMAINS: [u32; 3] = [41, 42, 43];
+const DOMAINS: [u32; 4] = [41, 42, 43, 121];
 /// Longest time in which the robot is at rest after its driver was killed: the longest stop, the delay of its controllers
 /// and two rows of the trace, s.
 const REST_WITHIN_S: f64 = 0.5 + 0.025 + 0.04;
@@ -46,13 +46,25 @@ struct Peer {
 }
 
 impl Peer {
-    /// Starts it, and waits until its topics exist. Prints why there is none.
+    /// Starts it on the loopback interface. Prints why there is none.
     fn start(domain: u32, more: &[&str]) -> Option<Self> {
+        Self::start_by(&[], "lo", domain, more)
+    }
+
+    /// Starts it by a command that takes a command, and waits until its topics exist.
+    fn start_by(by: &[&str], interface: &str, domain: u32, more: &[&str]) -> Option<Self> {
         let python = python().map_err(|why| println!("skipped: no peer on ROS 2: {why}")).ok()?;
         let folder = tempfile::tempdir().expect("a folder");
         let file = |name: &str| folder.path().join(name);
-        let mut command = Command::new(python);
-        command.arg(repository().join("tools/peer/peer.py")).args(["--no-physics", "--interface", "lo", "--stdin"]);
+        let words: Vec<&std::ffi::OsStr> = by.iter().map(std::ffi::OsStr::new).chain([python.as_os_str()]).collect();
+        let mut command = Command::new(words[0]);
+        command.args(&words[1..]);
+        command.arg(repository().join("tools/peer/peer.py")).args([
+            "--no-physics",
+            "--interface",
+            interface,
+            "--stdin",
+        ]);
         command.args(["--domain", &domain.to_string()]).args(more);
         command.arg("--report").arg(file("report.json")).arg("--trace").arg(file("trace.csv"));
         let log = std::fs::File::create(file("log")).expect("writable");
@@ -91,11 +103,16 @@ impl Drop for Peer {
 
 /// An instance whose robot is in this domain.
 fn rig(domain: u32) -> Rig {
+    rig_at("lo", domain)
+}
+
+/// The same behind a network interface.
+fn rig_at(interface: &str, domain: u32) -> Rig {
     let beside = PathBuf::from(env!("CARGO_BIN_EXE_teleopd")).with_file_name("teleopd-ros2");
     assert!(beside.exists(), "{}: build it with cargo build --release -p ros2", beside.display());
     Rig::with_settings(&format!(
         "driver.program = \"teleopd-ros2\"\ndriver.measured_age_max_ms = 100.0\nsim.interface = \"jtc100\"\n\
-         ros2.interface = \"lo\"\nros2.servo_lag_ms = 10.0\nros2.domain_id = {domain}"
+         ros2.interface = \"{interface}\"\nros2.servo_lag_ms = 10.0\nros2.domain_id = {domain}"
     ))
 }
 
@@ -177,4 +194,107 @@ fn f115_robot_on_ros2_that_is_not_ready_is_refused_with_a_sentence() {
     let output = rig.run("sim");
     let said = String::from_utf8_lossy(&output.stderr);
     assert!(output.status.code() == Some(69) && said.contains("the robot is not ready"), "{said}");
+}
+
+/// A network of one cable between this machine and a network namespace, which loses packets.
+struct Cable;
+
+impl Cable {
+    const NAME: &'static str = "teleopd-loss";
+    /// The ends here and there.
+    const ENDS: [&'static str; 2] = ["teleopd-here", "teleopd-there"];
+    /// Prefix of a command that runs there.
+    const THERE: [&'static str; 4] = ["ip", "netns", "exec", Self::NAME];
+
+    /// Lays it. The error says why it cannot: it needs root, ip(8) and nft(8).
+    fn lay() -> Result<Self, String> {
+        let [here, there] = Self::ENDS;
+        let there_by = |rest: &str| format!("{} {rest}", Self::THERE.join(" "));
+        let cable = Self;
+        shell(&format!("ip netns add {}", Self::NAME))?;
+        shell("nft --version")?;
+        shell(&format!("ip link add {here} type veth peer name {there} netns {}", Self::NAME))?;
+        shell(&format!("ip address add 10.231.7.1/24 dev {here}"))?;
+        shell(&there_by(&format!("ip address add 10.231.7.2/24 dev {there}")))?;
+        shell(&format!("ip link set {here} up"))?;
+        shell(&there_by(&format!("ip link set {there} up")))?;
+        shell(&there_by("ip link set lo up"))?;
+        Ok(cable)
+    }
+
+    /// Loses this share of the packets in each direction, %. Fragments of a datagram are packets of their own.
+    fn lose(&self, percent: u32) {
+        for (end, by) in Self::ENDS.into_iter().zip([String::new(), Self::THERE.join(" ")]) {
+            let drop = format!(
+                "chain in {{ type filter hook ingress device {end} priority 0; numgen random mod 100 < {percent} drop\n}}"
+            );
+            let table = format!("table netdev {end} {{}}\ndelete table netdev {end}\ntable netdev {end} {{ {drop}\n}}");
+            shell(&format!("{by} nft '{table}'")).expect("rules");
+        }
+    }
+}
+
+impl Drop for Cable {
+    fn drop(&mut self) {
+        // What was never laid cannot be taken away.
+        let _ = shell(&format!("nft delete table netdev {}; ip link del {}", Self::ENDS[0], Self::ENDS[0]));
+        let _ = shell(&format!("ip netns del {}", Self::NAME));
+    }
+}
+
+fn shell(command: &str) -> Result<(), String> {
+    let done = Command::new("sh").args(["-c", command]).output().map_err(|error| error.to_string())?;
+    let said = String::from_utf8_lossy(&done.stderr);
+    if done.status.success() { Ok(()) } else { Err(format!("{command}: {}", said.trim())) }
+}
+
+/// Drives the built-in motion for `length` over the cable. Engages again after each stop. Returns the number of stops, why
+/// nothing was sent, and the peer's report.
+fn drive_lossy(domain: u32, reader: &[&str], length: Duration) -> Option<(u32, Vec<String>, Value)> {
+    let peer = Peer::start_by(&Cable::THERE, Cable::ENDS[1], domain, reader)?;
+    let mut rig = rig_at(Cable::ENDS[0], domain);
+    rig.start_all();
+    let client = rig.client(&motion::builtin(), 1);
+    client.set_engaged(true);
+    let mut operator = rig.operator().expect("it answers");
+    let end = Instant::now() + length;
+    let mut stops = 0;
+    while Instant::now() < end {
+        operator.clear(&mut || Ok(())).expect("cleared");
+        operator.enable();
+        let held = operator
+            .reach(Mode::Engaged, &mut || Ok(()))
+            .and_then(|()| operator.hold(end.saturating_duration_since(Instant::now()), &mut || Ok(())));
+        stops += u32::from(held.is_err());
+    }
+    operator.release();
+    rig.eyes().wait_at_rest();
+    let why = |line: &str| line.split_once("nothing is sent to the robot: ").map(|(_, why)| why.to_owned());
+    let whys = rig.log("sim").lines().filter_map(why).collect();
+    rig.end("sim");
+    Some((stops, whys, peer.end().0))
+}
+
+#[test]
+#[ignore = "needs root, ip(8), nft(8) and minutes: cargo test --release --test ros2 -- --ignored lossy --nocapture"]
+fn robot_behind_a_lossy_network_goes_on_following() {
+    let cable = match Cable::lay() {
+        Ok(cable) => cable,
+        Err(why) => return println!("skipped: no lossy network: {why}"),
+    };
+    let seconds = 22;
+    println!("| packets lost, % | robot's readers | stops in {seconds} s | largest gap, ms | acceleration, share |");
+    for (reader, name) in [(&[][..], "reliable"), (&["--best-effort"][..], "best effort")] {
+        for percent in [0, 1, 5, 10] {
+            cable.lose(percent);
+            let driven = drive_lossy(DOMAINS[3], reader, Duration::from_secs(seconds));
+            let Some((stops, whys, report)) = driven else { return };
+            let controllers = report["controllers"].as_object().expect("controllers").values();
+            let gap_ms = controllers.filter_map(|one| one["gap_max_ms"].as_f64()).fold(0.0, f64::max);
+            let acceleration = report["command"]["acceleration_share"]["worst"].as_f64().expect("a number");
+            println!("| {percent} | {name} | {stops} | {gap_ms} | {acceleration:.3} |");
+            // A machine that pauses stops the robot, too. It says so in other words.
+            assert!(whys.is_empty(), "{percent} % lost: {whys:?}");
+        }
+    }
 }

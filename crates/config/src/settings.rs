@@ -252,9 +252,6 @@ schema::table! {
         delay_ms: f64 = 25.0, in [12.0, 45.0];
         /// Time by which the robot's servos follow their controllers later, ms.
         servo_lag_ms: f64 = 0.0, in [0.0, 100.0];
-        /// Sends reliably, which every controller takes. A lost packet then costs up to 200 ms, and the robot stops. False
-        /// for controllers that read best effort (`ros2 topic info -v`): then a lost packet costs nothing.
-        reliable: bool = true;
     }
 }
 

@@ -1,19 +1,26 @@
 //! Topics, readers and writers of DDS.
 
 use crate::ros::{ControllerState, JointTrajectory, RosType, topic};
+use crate::wire::Lossy;
 use config::Ros2Settings;
 use dust_dds::configuration::DustDdsConfigurationBuilder;
+use dust_dds::dds_async::domain_participant_factory::DomainParticipantFactoryAsync;
 use dust_dds::domain::domain_participant::DomainParticipant;
 use dust_dds::domain::domain_participant_factory::DomainParticipantFactory;
 use dust_dds::infrastructure::error::DdsError;
 use dust_dds::infrastructure::listener::NO_LISTENER;
 use dust_dds::infrastructure::qos::{DataReaderQos, DataWriterQos, QosKind};
-use dust_dds::infrastructure::qos_policy::{ReliabilityQosPolicy, ReliabilityQosPolicyKind};
+use dust_dds::infrastructure::qos_policy::{
+    DurabilityQosPolicy, DurabilityQosPolicyKind, HistoryQosPolicy, HistoryQosPolicyKind, ReliabilityQosPolicy,
+    ReliabilityQosPolicyKind,
+};
 use dust_dds::infrastructure::sample_info::{ANY_INSTANCE_STATE, ANY_SAMPLE_STATE, ANY_VIEW_STATE};
 use dust_dds::infrastructure::status::NO_STATUS;
 use dust_dds::infrastructure::time::{Duration, DurationKind};
 use dust_dds::publication::data_writer::DataWriter;
 use dust_dds::publication::publisher::Publisher;
+use dust_dds::rtps_udp_transport::udp_transport::RtpsUdpTransportParticipantFactory;
+use dust_dds::std_runtime::StdRuntime;
 use dust_dds::subscription::data_reader::DataReader;
 use dust_dds::subscription::subscriber::Subscriber;
 use dust_dds::xtypes::type_support::TypeSupport;
@@ -33,7 +40,7 @@ pub(crate) struct Controller {
     pub(crate) topic: String,
     /// None for a preflight, which sends nothing.
     pub(crate) writer: Option<DataWriter<JointTrajectory>>,
-    pub(crate) state: DataReader<ControllerState>,
+    pub(crate) states: [DataReader<ControllerState>; 2],
     pub(crate) heard: Option<Stamp>,
     pub(crate) other_joints: bool,
     pub(crate) readers: usize,
@@ -45,23 +52,46 @@ pub(crate) fn failed(what: &str) -> impl Fn(DdsError) -> String {
     move |error| format!("DDS: {what}: {error:?}")
 }
 
-/// Longest time that a message waits until the one before is acknowledged, ns. Then it is lost.
+/// Messages that may wait for their acknowledgement: 0.34 s of them. So many acknowledgements may be lost in a row.
+const UNACKNOWLEDGED: u32 = 64;
+/// Longest time that a message waits for an acknowledgement if so many are missing, ns. Then it is lost.
 const BLOCKING_NS: u32 = 1_000_000;
 
 pub(crate) fn reliability(kind: ReliabilityQosPolicyKind) -> ReliabilityQosPolicy {
     ReliabilityQosPolicy { kind, max_blocking_time: DurationKind::Finite(Duration::new(0, BLOCKING_NS)) }
 }
 
-pub(crate) fn reader<T: TypeSupport + RosType>(
-    participant: &DomainParticipant,
-    subscriber: &Subscriber,
+/// Quality of service of a reader that asks again for what it missed.
+pub(crate) fn each() -> DataReaderQos {
+    DataReaderQos { reliability: reliability(ReliabilityQosPolicyKind::Reliable), ..DataReaderQos::default() }
+}
+
+/// Quality of service of a reader that also wants the last message of before it came.
+pub(crate) fn kept() -> DataReaderQos {
+    DataReaderQos { durability: DurabilityQosPolicy { kind: DurabilityQosPolicyKind::TransientLocal }, ..each() }
+}
+
+/// Opens readers of one topic, one for each quality of service.
+pub(crate) fn readers<T: TypeSupport + RosType, const COUNT: usize>(
+    member: &Member,
     ros: &str,
-    qos: QosKind<DataReaderQos>,
-) -> Result<DataReader<T>, String> {
-    let topic = participant
+    qos: [DataReaderQos; COUNT],
+) -> Result<[DataReader<T>; COUNT], String> {
+    let topic = member
+        .participant
         .create_topic::<T>(&topic(ros), T::NAME, QosKind::Default, NO_LISTENER, NO_STATUS)
         .map_err(failed(ros))?;
-    subscriber.create_datareader::<T>(&topic, qos, NO_LISTENER, NO_STATUS).map_err(failed(ros))
+    let reader = |qos| member.subscriber.create_datareader::<T>(&topic, qos, NO_LISTENER, NO_STATUS);
+    let readers = qos.map(|qos| reader(QosKind::Specific(qos)).map_err(failed(ros)));
+    let readers = readers.into_iter().collect::<Result<Vec<_>, _>>()?;
+    readers.try_into().map_err(|_| format!("DDS: {ros}: another number of readers"))
+}
+
+/// Opens a reader for each of the members. They get the same messages, each over the network by itself.
+pub(crate) fn twice<T: TypeSupport + RosType>(members: &[Member; 2], ros: &str) -> Result<[DataReader<T>; 2], String> {
+    let [a, b] = members;
+    let open = |member| readers(member, ros, [DataReaderQos::default()]).map(|[reader]| reader);
+    Ok([open(a)?, open(b)?])
 }
 
 pub(crate) fn take<T>(reader: &DataReader<T>) -> Vec<T>
@@ -73,20 +103,40 @@ where
     samples.into_iter().filter_map(|sample| sample.data).collect()
 }
 
-/// Joins a DDS domain.
-pub(crate) fn join(settings: &Ros2Settings) -> Result<DomainParticipant, String> {
-    let factory = DomainParticipantFactory::get_instance();
+/// A participant, with what reads and writes for it.
+pub(crate) struct Member {
+    pub(crate) participant: DomainParticipant,
+    pub(crate) subscriber: Subscriber,
+}
+
+/// Joins a DDS domain as two participants. The robot sends to each of them, so every state comes twice. The first one
+/// does everything else.
+pub(crate) fn join(settings: &Ros2Settings) -> Result<[Member; 2], String> {
+    let mut udp = RtpsUdpTransportParticipantFactory::default();
     if !settings.interface.is_empty() {
-        factory.get_mut_transport().set_interface_name(Some(settings.interface.clone()));
+        udp.set_interface_name(Some(settings.interface.clone()));
     }
     let configuration = DustDdsConfigurationBuilder::new()
         .enable_type_information(false)
         .participant_announcement_interval(ANNOUNCE)
         .build()
         .map_err(failed("configuration"))?;
-    *factory.get_mut_configuration() = configuration;
+    // Process and time make a name that no other participant has.
+    let (process, started) = (std::process::id().to_ne_bytes(), (rt::now().0 as u32).to_ne_bytes());
+    let factory =
+        DomainParticipantFactoryAsync::new(StdRuntime::default(), process, started, Lossy(udp), configuration);
+    // DDS wants a factory that lives as long as the process.
+    let factory = DomainParticipantFactory::new(Box::leak(Box::new(factory)));
     let domain = settings.domain_id as i32;
-    factory.create_participant(domain, QosKind::Default, NO_LISTENER, NO_STATUS).map_err(failed("participant"))
+    let member = || -> Result<Member, String> {
+        let participant = factory
+            .create_participant(domain, QosKind::Default, NO_LISTENER, NO_STATUS)
+            .map_err(failed("participant"))?;
+        let subscriber =
+            participant.create_subscriber(QosKind::Default, NO_LISTENER, NO_STATUS).map_err(failed("subscriber"))?;
+        Ok(Member { participant, subscriber })
+    };
+    Ok([member()?, member()?])
 }
 
 impl Controller {
@@ -94,18 +144,22 @@ impl Controller {
     pub(crate) fn open(
         model: &Model,
         controller: &robot::Controller,
-        (participant, subscriber): (&DomainParticipant, &Subscriber),
-        publisher: Option<(&Publisher, ReliabilityQosPolicyKind)>,
+        members: &[Member; 2],
+        publisher: Option<&Publisher>,
     ) -> Result<Self, String> {
         let name = controller.name.clone();
         let (commands, state) = (format!("/{name}/joint_trajectory"), format!("/{name}/controller_state"));
         let joints = (0..model.count).filter(|j| controller.joints & 1 << j != 0);
         let dds = topic(&commands);
-        let topic = participant
+        let topic = members[0]
+            .participant
             .create_topic::<JointTrajectory>(&dds, JointTrajectory::NAME, QosKind::Default, NO_LISTENER, NO_STATUS)
             .map_err(failed(&commands))?;
-        let writer = publisher.map(|(publisher, kind)| {
-            let qos = DataWriterQos { reliability: reliability(kind), ..DataWriterQos::default() };
+        let writer = publisher.map(|publisher| {
+            // A reader that wants best effort takes a reliable writer too, but not the other way round.
+            let reliability = reliability(ReliabilityQosPolicyKind::Reliable);
+            let history = HistoryQosPolicy { kind: HistoryQosPolicyKind::KeepLast(UNACKNOWLEDGED) };
+            let qos = DataWriterQos { reliability, history, ..DataWriterQos::default() };
             publisher
                 .create_datawriter::<JointTrajectory>(&topic, QosKind::Specific(qos), NO_LISTENER, NO_STATUS)
                 .map_err(failed(&commands))
@@ -117,7 +171,7 @@ impl Controller {
             joint_names: joints.map(|j| model.joint_names[j].clone()).collect(),
             topic: commands,
             writer,
-            state: reader(participant, subscriber, &state, QosKind::Default)?,
+            states: twice(members, &state)?,
             heard: None,
             other_joints: false,
             readers: 0,

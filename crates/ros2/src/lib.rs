@@ -5,6 +5,7 @@
 //! - [`clock`]: the robot's clock, from its stamps.
 //! - [`estimate`]: where the robot is now, from samples that are old. [`lag`]: by how much its servos lag.
 //! - [`ros`], [`link`]: the messages of ROS 2 and the connection, in a thread of its own.
+//! - `wire`: how messages pass a network that loses packets.
 //! - [`preflight`], [`description`]: the checks before a robot may be driven.
 //! - [`join`]: whether the robot executes what it is sent. If not, nothing is sent.
 //! - [`port`]: the port of `crates/driver`, wait-free.
@@ -16,6 +17,7 @@ pub mod cli;
 pub mod clock;
 mod dds;
 pub mod description;
+mod emergency;
 pub mod estimate;
 pub mod join;
 pub mod lag;
@@ -24,3 +26,4 @@ pub mod port;
 pub mod preflight;
 pub mod ros;
 pub mod trajectory;
+mod wire;

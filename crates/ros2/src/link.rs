@@ -2,17 +2,16 @@
 //! loop.
 
 use crate::clock::RobotClock;
-use crate::dds::{Controller, TAKEN_MAX, failed, join, reader, reliability, take};
+use crate::dds::{Controller, Member, TAKEN_MAX, failed, join, kept, readers, take, twice};
+use crate::emergency::EmergencyStop;
 use crate::estimate::Sample;
 use crate::join::{Joined, Reference, agrees, continues};
-use crate::ros::{Bool, Header, JointState, JointTrajectory, JointTrajectoryPoint, Text, Time, topic};
+use crate::ros::{Header, JointState, JointTrajectory, JointTrajectoryPoint, Text, Time, topic};
 use crate::trajectory::{Command, Past, points};
 use config::Ros2Settings;
 use dust_dds::builtin_topics::{PublicationBuiltinTopicData, SubscriptionBuiltinTopicData};
-use dust_dds::domain::domain_participant::DomainParticipant;
 use dust_dds::infrastructure::listener::NO_LISTENER;
-use dust_dds::infrastructure::qos::{DataReaderQos, QosKind};
-use dust_dds::infrastructure::qos_policy::{DurabilityQosPolicy, DurabilityQosPolicyKind, ReliabilityQosPolicyKind};
+use dust_dds::infrastructure::qos::QosKind;
 use dust_dds::infrastructure::sample_info::{ANY_INSTANCE_STATE, ANY_SAMPLE_STATE, ANY_VIEW_STATE, InstanceStateKind};
 use dust_dds::infrastructure::status::NO_STATUS;
 use dust_dds::subscription::data_reader::DataReader;
@@ -59,8 +58,8 @@ pub struct Link {
     prefer_difference: bool,
     delay_ns: u64,
     controllers: Vec<Controller>,
-    states: DataReader<JointState>,
-    emergency: Option<DataReader<Bool>>,
+    states: [DataReader<JointState>; 2],
+    emergency: Option<EmergencyStop>,
     description: Option<DataReader<Text>>,
     builtin: Subscriber,
     /// The robot's clock.
@@ -71,7 +70,7 @@ pub struct Link {
     pub incomplete: Option<String>,
     /// Number of stamps that were not believed.
     pub disbelieved: u64,
-    /// The emergency stop is pressed. None before the first message.
+    /// The emergency stop is pressed. None before the first message, and once its publisher left.
     pub pressed: Option<bool>,
     /// The robot's own description.
     pub urdf: Option<String>,
@@ -84,43 +83,31 @@ pub struct Link {
     departed: Option<String>,
     /// The participant that reports the joint states.
     reporter: Option<[u8; 16]>,
-    participant: DomainParticipant,
-    subscriber: Subscriber,
+    members: [Member; 2],
     looked: Stamp,
 }
 
 impl Link {
     /// Joins the robot's domain. With `sends`, it may send.
     pub fn open(model: &Model, settings: &Ros2Settings, sends: bool) -> Result<Self, String> {
-        let participant = join(settings)?;
-        let subscriber =
-            participant.create_subscriber(QosKind::Default, NO_LISTENER, NO_STATUS).map_err(failed("subscriber"))?;
-        let publisher =
-            participant.create_publisher(QosKind::Default, NO_LISTENER, NO_STATUS).map_err(failed("publisher"))?;
-        let kind = match settings.reliable {
-            true => ReliabilityQosPolicyKind::Reliable,
-            false => ReliabilityQosPolicyKind::BestEffort,
-        };
-        let own = (&participant, &subscriber);
-        let controller = |controller| Controller::open(model, controller, own, sends.then_some((&publisher, kind)));
+        let members = join(settings)?;
+        let publisher = members[0].participant.create_publisher(QosKind::Default, NO_LISTENER, NO_STATUS);
+        let publisher = publisher.map_err(failed("publisher"))?;
+        let controller = |controller| Controller::open(model, controller, &members, sends.then_some(&publisher));
         let controllers = model.controllers.iter().map(controller).collect::<Result<_, _>>()?;
-        let kept = DataReaderQos {
-            durability: DurabilityQosPolicy { kind: DurabilityQosPolicyKind::TransientLocal },
-            reliability: reliability(ReliabilityQosPolicyKind::Reliable),
-            ..DataReaderQos::default()
-        };
         let emergency = (!settings.emergency_stop_topic.is_empty())
-            .then(|| reader(&participant, &subscriber, &settings.emergency_stop_topic, QosKind::Default))
+            .then(|| EmergencyStop::open(&members[0], &settings.emergency_stop_topic))
             .transpose()?;
+        let [description] = readers(&members[0], "/robot_description", [kept()])?;
         Ok(Self {
             joint_names: model.joint_names.clone(),
             prefer_difference: false,
             delay_ns: (settings.delay_ms * 1e6) as u64,
             controllers,
-            states: reader(&participant, &subscriber, &settings.joint_states_topic, QosKind::Default)?,
+            states: twice(&members, &settings.joint_states_topic)?,
             emergency,
-            description: Some(reader(&participant, &subscriber, "/robot_description", QosKind::Specific(kept))?),
-            builtin: participant.get_builtin_subscriber(),
+            description: Some(description),
+            builtin: members[0].participant.get_builtin_subscriber(),
             clock: RobotClock::default(),
             heard: None,
             incomplete: None,
@@ -133,8 +120,7 @@ impl Link {
             a_max: model.limits.map(|limits| limits.a_max),
             departed: None,
             reporter: None,
-            participant,
-            subscriber,
+            members,
             looked: Stamp::NONE,
         })
     }
@@ -142,8 +128,11 @@ impl Link {
     /// Takes what arrived. Returns true if a new complete joint state is among it.
     pub fn hear(&mut self, now: Stamp) -> bool {
         let mut news = false;
-        let states = self.states.take(TAKEN_MAX, ANY_SAMPLE_STATE, ANY_VIEW_STATE, ANY_INSTANCE_STATE);
-        for sample in states.unwrap_or_default() {
+        let samples = |states: &DataReader<JointState>| {
+            states.take(TAKEN_MAX, ANY_SAMPLE_STATE, ANY_VIEW_STATE, ANY_INSTANCE_STATE).unwrap_or_default()
+        };
+        // A state that came twice is older than itself.
+        for sample in self.states.each_ref().map(samples).into_iter().flatten() {
             let from: [u8; 16] = sample.sample_info.publication_handle.into();
             // A robot that started again is another one: its driver must start again, too.
             if let Some(state) = sample.data
@@ -154,10 +143,8 @@ impl Link {
             }
         }
         self.hear_controllers(now);
-        if let Some(emergency) = &self.emergency
-            && let Some(newest) = take(emergency).pop()
-        {
-            self.pressed = Some(newest.data);
+        if let Some(emergency) = &mut self.emergency {
+            emergency.hear();
         }
         if let Some(text) = self.description.as_ref().and_then(|description| take(description).pop()) {
             self.urdf = Some(text.data);
@@ -166,6 +153,7 @@ impl Link {
             self.looked = now;
             self.look_around();
         }
+        self.pressed = self.emergency.as_ref().and_then(EmergencyStop::pressed);
         news
     }
 
@@ -173,13 +161,13 @@ impl Link {
     pub fn forget_description(&mut self) {
         if let Some(description) = self.description.take() {
             // An error leaves a reader that nobody asks.
-            let _ = self.subscriber.delete_datareader(&description);
+            let _ = self.members[0].subscriber.delete_datareader(&description);
         }
     }
 
     fn hear_controllers(&mut self, now: Stamp) {
         for i in 0..self.controllers.len() {
-            for state in take(&self.controllers[i].state) {
+            for state in self.controllers[i].states.each_ref().map(take).into_iter().flatten() {
                 let controller = &mut self.controllers[i];
                 controller.heard = Some(now);
                 let place = |name: &String| state.joint_names.iter().position(|other| other == name);
@@ -294,7 +282,7 @@ impl Link {
             .flatten()
             .and_then(|reader| reader.read(i32::MAX, ANY_SAMPLE_STATE, ANY_VIEW_STATE, ALIVE).ok())
             .unwrap_or_default();
-        let there: Vec<Vec<u8>> = self
+        let there: Vec<Vec<u8>> = self.members[0]
             .participant
             .get_discovered_participants()
             .unwrap_or_default()
@@ -302,6 +290,13 @@ impl Link {
             .map(|handle| <[u8; 16]>::from(handle)[..12].to_vec())
             .collect();
         let there: Vec<&[u8]> = there.iter().map(Vec::as_slice).collect();
+        if let Some(emergency) = &mut self.emergency {
+            let publishes = |found: &&PublicationBuiltinTopicData| {
+                found.topic_name() == emergency.topic && there.contains(&&found.key().value[..12])
+            };
+            let count = publications.iter().filter_map(|sample| sample.data.as_ref()).filter(publishes).count();
+            emergency.note_publishers(count);
+        }
         for controller in &mut self.controllers {
             let name = topic(&controller.topic);
             let own: Option<[u8; 16]> = controller.writer.as_ref().map(|writer| writer.get_instance_handle().into());
@@ -360,13 +355,15 @@ impl Link {
     /// because the robot executes something else.
     pub fn send(&mut self, commands: &[Command], now: Stamp) -> bool {
         let Some(command) = commands.last() else { return self.joined != Joined::Departed };
-        let pressed = self.pressed == Some(true);
         match self.joined {
-            Joined::Since(_) if !pressed => {
+            Joined::Since(_) if self.is_released() => {
                 let from = self.past.prepare(commands, tick_at(Stamp(now.0.saturating_sub(self.delay_ns))));
                 if !from.is_some_and(|from| continues(&self.a_max, &from, command)) {
                     self.depart("a setpoint did not continue what the robot executes".to_owned());
                 }
+            }
+            Joined::Since(_) if self.pressed.is_none() => {
+                self.depart("nobody says whether the emergency stop is pressed: its publisher left".to_owned());
             }
             Joined::Since(_) => self.depart("the emergency stop is pressed".to_owned()),
             Joined::No | Joined::Departed => self.join_where_it_stands(command, now),
@@ -383,11 +380,16 @@ impl Link {
         true
     }
 
+    /// True if the robot's emergency stop is known to be released, or the settings say that it has none.
+    fn is_released(&self) -> bool {
+        self.emergency.is_none() || self.pressed == Some(false)
+    }
+
     fn join_where_it_stands(&mut self, command: &Command, now: Stamp) {
         let all = self.controllers.iter().fold(0, |all, controller| all | controller.joints);
         let active = self.controllers(now).iter().all(|seen| seen.active && !seen.other_joints);
         let meets = self.reference.stands(all, now) && self.reference.meets(&command.motion, self.joint_names.len());
-        if active && meets && self.pressed != Some(true) {
+        if active && meets && self.is_released() {
             self.past.clear();
             (self.joined, self.departed) = (Joined::Since(now), None);
         } else {

@@ -2,7 +2,7 @@
 
 use crate::description::difference;
 use crate::join::HELD;
-use crate::link::{Heard, Link};
+use crate::link::Link;
 use messages::JOINTS_MAX;
 use robot::Model;
 use safety::monitor;
@@ -24,13 +24,15 @@ pub fn judge(link: &mut Link, model: &Model, wants_emergency_stop: bool) -> Vec<
     while rt::now().since(began) < WAIT_NS && !is_complete(link, wants_emergency_stop) {
         step(link);
     }
-    let (mut from, mut lowest, mut highest) =
-        (None::<Heard>, [f64::INFINITY; JOINTS_MAX], [-f64::INFINITY; JOINTS_MAX]);
+    let (mut lowest, mut highest) = ([f64::INFINITY; JOINTS_MAX], [-f64::INFINITY; JOINTS_MAX]);
+    let mut stamps = Vec::new();
     let began = rt::now();
     while rt::now().since(began) < WATCH_NS {
         step(link);
         if let Some(heard) = &link.heard {
-            from.get_or_insert_with(|| heard.clone());
+            if stamps.last() != Some(&heard.stamp_ns) {
+                stamps.push(heard.stamp_ns);
+            }
             for j in 0..JOINTS_MAX {
                 lowest[j] = lowest[j].min(heard.sample.q[j]);
                 highest[j] = highest[j].max(heard.sample.q[j]);
@@ -40,9 +42,9 @@ pub fn judge(link: &mut Link, model: &Model, wants_emergency_stop: bool) -> Vec<
     let mut failures = controllers(link);
     failures.extend(emergency_stop(link, wants_emergency_stop));
     failures.extend(description(link.urdf.as_deref(), model));
-    match (from, &link.heard) {
-        (Some(from), Some(heard)) => {
-            let rate_hz = rate_hz(&from, heard);
+    match &link.heard {
+        Some(heard) => {
+            let rate_hz = rate_hz(&stamps);
             if !(RATES_HZ[0]..=RATES_HZ[1]).contains(&rate_hz) {
                 failures.push(format!(
                     "joint_states comes at {rate_hz:.0} Hz, must be {} to {}: set the update rate of the robot's joint state broadcaster",
@@ -53,7 +55,7 @@ pub fn judge(link: &mut Link, model: &Model, wants_emergency_stop: bool) -> Vec<
             failures.extend(posture(model, &heard.sample.q));
             failures.extend(held(model, &link.reference().q, &heard.sample.q));
         }
-        _ => failures.push(link.incomplete.clone().map_or_else(
+        None => failures.push(link.incomplete.clone().map_or_else(
             || {
                 "no joint_states arrived: check ros2.domain_id, ros2.interface and ros2.joint_states_topic, and that the \
                  robot's joint state broadcaster is active"
@@ -82,9 +84,11 @@ fn is_complete(link: &Link, wants_emergency_stop: bool) -> bool {
     found && link.heard.is_some() && link.urdf.is_some() && (link.pressed.is_some() || !wants_emergency_stop)
 }
 
-fn rate_hz(from: &Heard, to: &Heard) -> f64 {
-    let time_s = (to.stamp_ns - from.stamp_ns) as f64 * 1e-9;
-    if time_s > 0.0 { (to.count - from.count) as f64 / time_s } else { 0.0 }
+/// The rate by the median time between two stamps, Hz. The median does not feel what the network loses.
+fn rate_hz(stamps_ns: &[i64]) -> f64 {
+    let mut gaps_ns: Vec<i64> = stamps_ns.windows(2).map(|pair| pair[1] - pair[0]).collect();
+    gaps_ns.sort_unstable();
+    gaps_ns.get(gaps_ns.len() / 2).map_or(0.0, |gap_ns| 1e9 / *gap_ns as f64)
 }
 
 fn controllers(link: &Link) -> Vec<String> {
@@ -158,4 +162,20 @@ fn posture(model: &Model, q: &[f64; JOINTS_MAX]) -> Option<String> {
         let distance_mm = clearance.distance_m * 1e3;
         format!("{a} and {b} are {distance_mm:.0} mm apart, too close to begin: move the robot by its own means")
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rate_is_that_of_the_sender_however_much_is_lost() {
+        let period_ns = 20_000_000;
+        let arrived =
+            |lost: &dyn Fn(i64) -> bool| (0..50).filter(|n| !lost(*n)).map(|n| n * period_ns).collect::<Vec<_>>();
+        assert_eq!(rate_hz(&arrived(&|_| false)), 50.0);
+        assert_eq!(rate_hz(&arrived(&|n| n % 4 == 1)), 50.0);
+        assert_eq!(rate_hz(&arrived(&|n| n % 2 == 1)), 25.0, "a sender of half the rate");
+        assert_eq!((rate_hz(&[]), rate_hz(&[5])), (0.0, 0.0));
+    }
 }

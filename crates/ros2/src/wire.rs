@@ -1,0 +1,146 @@
+//! Sends over a network that loses packets.
+//!
+//! A setpoint that comes late is worth nothing, because the next one replaces it. But a writer that is reliable announces
+//! all messages that are not acknowledged yet, and its reader waits for each of them. A writer that is not reliable has no
+//! effect on the robot's readers that want one that is. So the writers are reliable, and this transport changes what
+//! they put on the wire:
+//!
+//! - A HEARTBEAT announces the newest message only. RTPS (section 8.4.2.2.4) lets a writer that keeps the last message do
+//!   so. The reader then gives up what it misses, and delivers the newest at once.
+//! - Every datagram goes twice. With the share p of packets lost, p^2 are missing.
+
+use dust_dds::rtps_udp_transport::udp_transport::RtpsUdpTransportParticipantFactory;
+use dust_dds::transport::interface::{
+    RtpsTransportParticipant, TransportDataReceiver, TransportParticipantFactory, WriteMessage,
+};
+use dust_dds::transport::types::Locator;
+
+/// Copies of each datagram.
+const COPIES: usize = 2;
+/// Length of an RTPS header, and of a submessage's header, bytes (RTPS, sections 9.4.4 and 9.4.5.1).
+const HEADER: usize = 20;
+const SUBMESSAGE: usize = 4;
+/// Kind of the submessage HEARTBEAT (RTPS, section 9.4.5.1.1).
+const HEARTBEAT: u8 = 0x07;
+/// Places in a HEARTBEAT: the last byte of the writer's id, the first number, the last number, and its end (RTPS,
+/// section 9.4.5.7).
+const WRITER_KIND: usize = SUBMESSAGE + 7;
+const FIRST: usize = SUBMESSAGE + 8;
+const LAST: usize = SUBMESSAGE + 16;
+const END: usize = SUBMESSAGE + 24;
+/// Set in the kind of an entity that DDS itself uses, for discovery (RTPS, table 9.1).
+const BUILT_IN: u8 = 0xc0;
+
+/// UDP, for a network that loses packets.
+pub struct Lossy(pub RtpsUdpTransportParticipantFactory);
+
+impl TransportParticipantFactory for Lossy {
+    fn create_participant(&self, domain_id: i32, receiver: TransportDataReceiver) -> RtpsTransportParticipant {
+        let udp = self.0.create_participant(domain_id, receiver);
+        RtpsTransportParticipant { message_writer: Box::new(Writer(udp.message_writer)), ..udp }
+    }
+}
+
+struct Writer(Box<dyn WriteMessage + Send + Sync>);
+
+impl WriteMessage for Writer {
+    fn write_buffer_mut(&mut self) -> &mut [u8] {
+        self.0.write_buffer_mut()
+    }
+
+    fn write_message(&mut self, length: usize, to: &[Locator]) {
+        send(self.0.as_mut(), length, to);
+    }
+}
+
+fn send(udp: &mut dyn WriteMessage, length: usize, to: &[Locator]) {
+    if let Some(datagram) = udp.write_buffer_mut().get_mut(..length) {
+        announce_newest(datagram);
+    }
+    for _ in 0..COPIES {
+        udp.write_message(length, to);
+    }
+}
+
+/// Lets each HEARTBEAT of a datagram announce the newest message only. Those of discovery stay as they are.
+fn announce_newest(datagram: &mut [u8]) {
+    let mut rest = datagram.get_mut(HEADER..).unwrap_or_default();
+    while let [kind, flags, low, high, ..] = *rest {
+        let number =
+            |bytes: [u8; 2]| if flags & 1 == 1 { u16::from_le_bytes(bytes) } else { u16::from_be_bytes(bytes) };
+        let length = SUBMESSAGE + usize::from(number([low, high]));
+        if kind == HEARTBEAT && length >= END && rest.len() >= END && rest[WRITER_KIND] & BUILT_IN == 0 {
+            // A writer that has sent nothing yet announces none: its first number is above its last.
+            if is_less(&rest[FIRST..LAST], &rest[LAST..END], flags & 1 == 1) {
+                rest.copy_within(LAST..END, FIRST);
+            }
+        }
+        rest = rest.get_mut(length..).unwrap_or_default();
+    }
+}
+
+/// Compares two sequence numbers: a signed word that is high, then one that is low.
+fn is_less(a: &[u8], b: &[u8], little: bool) -> bool {
+    let words = |bytes: &[u8]| {
+        let word = |i: usize| {
+            let bytes: [u8; 4] = std::array::from_fn(|at| bytes[i + at]);
+            if little { u32::from_le_bytes(bytes) } else { u32::from_be_bytes(bytes) }
+        };
+        (word(0) as i32, word(4))
+    };
+    words(a) < words(b)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A datagram with an INFO_TS and a HEARTBEAT of a writer of this kind.
+    fn datagram(writer: u8, first: u8, last: u8) -> Vec<u8> {
+        let mut bytes = vec![0; HEADER];
+        bytes.extend([0x09, 1, 8, 0, 1, 1, 1, 1, 2, 2, 2, 2]);
+        bytes.extend([HEARTBEAT, 1, 28, 0, 0, 0, 1, 4, 0, 0, 1, writer]);
+        bytes.extend([0, 0, 0, 0, first, 0, 0, 0, 0, 0, 0, 0, last, 0, 0, 0, 9, 0, 0, 0]);
+        bytes
+    }
+
+    #[test]
+    fn heartbeat_announces_the_newest_message_only() {
+        let announced = |writer, first, last| {
+            let mut bytes = datagram(writer, first, last);
+            announce_newest(&mut bytes);
+            bytes
+        };
+        assert_eq!(announced(0x03, 5, 70), datagram(0x03, 70, 70));
+        assert_eq!(announced(0xc2, 5, 70), datagram(0xc2, 5, 70), "discovery needs all");
+        assert_eq!(announced(0x03, 6, 5), datagram(0x03, 6, 5), "nothing was sent yet");
+        for length in 0..datagram(0x03, 5, 70).len() {
+            let mut cut = datagram(0x03, 5, 70);
+            cut.truncate(length);
+            announce_newest(&mut cut);
+            assert_eq!(cut.len(), length);
+        }
+    }
+
+    struct Count(Vec<u8>, usize);
+
+    impl WriteMessage for Count {
+        fn write_buffer_mut(&mut self) -> &mut [u8] {
+            &mut self.0
+        }
+
+        fn write_message(&mut self, length: usize, _to: &[Locator]) {
+            assert_eq!(self.0[..length], datagram(0x03, 70, 70));
+            self.1 += 1;
+            assert!(self.1 <= COPIES);
+        }
+    }
+
+    #[test]
+    fn every_datagram_goes_twice() {
+        let mut count = Count(datagram(0x03, 5, 70), 0);
+        let length = count.0.len();
+        send(&mut count, length, &[]);
+        assert_eq!(count.1, 2);
+    }
+}
