@@ -11,8 +11,8 @@ use dust_dds::infrastructure::error::DdsError;
 use dust_dds::infrastructure::listener::NO_LISTENER;
 use dust_dds::infrastructure::qos::{DataReaderQos, DataWriterQos, QosKind};
 use dust_dds::infrastructure::qos_policy::{
-    DurabilityQosPolicy, DurabilityQosPolicyKind, HistoryQosPolicy, HistoryQosPolicyKind, ReliabilityQosPolicy,
-    ReliabilityQosPolicyKind,
+    DeadlineQosPolicy, DurabilityQosPolicy, DurabilityQosPolicyKind, HistoryQosPolicy, HistoryQosPolicyKind,
+    LivelinessQosPolicy, LivelinessQosPolicyKind, ReliabilityQosPolicy, ReliabilityQosPolicyKind,
 };
 use dust_dds::infrastructure::sample_info::{ANY_INSTANCE_STATE, ANY_SAMPLE_STATE, ANY_VIEW_STATE};
 use dust_dds::infrastructure::status::NO_STATUS;
@@ -61,9 +61,23 @@ pub(crate) fn reliability(kind: ReliabilityQosPolicyKind) -> ReliabilityQosPolic
     ReliabilityQosPolicy { kind, max_blocking_time: DurationKind::Finite(Duration::new(0, BLOCKING_NS)) }
 }
 
+/// An infinite time as dust_dds 0.16 reads it from others. It takes it for less than its own infinite time, and does not match
+/// who says it aloud, as Fast DDS does. So our readers say this time, and [`crate::wire`] makes it infinite again.
+const INFINITE: Duration = Duration::new(i32::MAX, 999_999_999);
+/// Longest time between two messages that our writers promise, s. A reader's infinite time would be less than our own.
+/// Nobody watches it. Assumption.
+const PROMISED_S: i32 = 86_400;
+
+/// Quality of service of a reader of any publisher.
+pub(crate) fn any() -> DataReaderQos {
+    let lease_duration = DurationKind::Finite(INFINITE);
+    let liveliness = LivelinessQosPolicy { kind: LivelinessQosPolicyKind::Automatic, lease_duration };
+    DataReaderQos { liveliness, ..DataReaderQos::default() }
+}
+
 /// Quality of service of a reader that asks again for what it missed.
 pub(crate) fn each() -> DataReaderQos {
-    DataReaderQos { reliability: reliability(ReliabilityQosPolicyKind::Reliable), ..DataReaderQos::default() }
+    DataReaderQos { reliability: reliability(ReliabilityQosPolicyKind::Reliable), ..any() }
 }
 
 /// Quality of service of a reader that also wants the last message of before it came.
@@ -90,7 +104,7 @@ pub(crate) fn readers<T: TypeSupport + RosType, const COUNT: usize>(
 /// Opens a reader for each of the members. They get the same messages, each over the network by itself.
 pub(crate) fn twice<T: TypeSupport + RosType>(members: &[Member; 2], ros: &str) -> Result<[DataReader<T>; 2], String> {
     let [a, b] = members;
-    let open = |member| readers(member, ros, [DataReaderQos::default()]).map(|[reader]| reader);
+    let open = |member| readers(member, ros, [any()]).map(|[reader]| reader);
     Ok([open(a)?, open(b)?])
 }
 
@@ -159,7 +173,8 @@ impl Controller {
             // A reader that wants best effort takes a reliable writer too, but not the other way round.
             let reliability = reliability(ReliabilityQosPolicyKind::Reliable);
             let history = HistoryQosPolicy { kind: HistoryQosPolicyKind::KeepLast(UNACKNOWLEDGED) };
-            let qos = DataWriterQos { reliability, history, ..DataWriterQos::default() };
+            let deadline = DeadlineQosPolicy { period: DurationKind::Finite(Duration::new(PROMISED_S, 0)) };
+            let qos = DataWriterQos { reliability, history, deadline, ..DataWriterQos::default() };
             publisher
                 .create_datawriter::<JointTrajectory>(&topic, QosKind::Specific(qos), NO_LISTENER, NO_STATUS)
                 .map_err(failed(&commands))

@@ -3,9 +3,8 @@
 //! Some robots say it once a second, others when it changes only. So the age of a message says nothing. The end of its
 //! publisher does: nobody would then say that the stop was pressed.
 
-use crate::dds::{Member, each, kept, readers, take};
+use crate::dds::{Member, any, each, kept, readers, take};
 use crate::ros::{Bool, topic};
-use dust_dds::infrastructure::qos::DataReaderQos;
 use dust_dds::subscription::data_reader::DataReader;
 
 /// The topic of an emergency stop.
@@ -43,7 +42,7 @@ impl Said {
 impl EmergencyStop {
     /// Opens the topic, by its name in ROS.
     pub(crate) fn open(member: &Member, ros: &str) -> Result<Self, String> {
-        let readers = readers(member, ros, [kept(), each(), DataReaderQos::default()])?;
+        let readers = readers(member, ros, [kept(), each(), any()])?;
         Ok(Self { topic: topic(ros), readers, said: Said::default() })
     }
 

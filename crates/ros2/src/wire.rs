@@ -7,6 +7,7 @@
 //!
 //! - A HEARTBEAT announces the newest message only. RTPS (section 8.4.2.2.4) lets a writer that keeps the last message do
 //!   so. The reader then gives up what it misses, and delivers the newest at once.
+//! - An infinite liveliness of a reader is announced as such. See `INFINITE` in `dds.rs`.
 //! - Every datagram goes twice. With the share p of packets lost, p^2 are missing.
 
 use dust_dds::rtps_udp_transport::udp_transport::RtpsUdpTransportParticipantFactory;
@@ -30,6 +31,10 @@ const LAST: usize = SUBMESSAGE + 16;
 const END: usize = SUBMESSAGE + 24;
 /// Set in the kind of an entity that DDS itself uses, for discovery (RTPS, table 9.1).
 const BUILT_IN: u8 = 0xc0;
+
+/// The parameter PID_LIVELINESS of discovery, automatic, with the time of `INFINITE` in `dds.rs` (RTPS, sections 9.3.2 and
+/// 9.6.4): its last word counts 2^-32 s.
+const LIVELINESS: [u8; 16] = [0x1b, 0, 12, 0, 0, 0, 0, 0, 0xff, 0xff, 0xff, 0x7f, 0xfc, 0xff, 0xff, 0xff];
 
 /// UDP, for a network that loses packets.
 pub struct Lossy(pub RtpsUdpTransportParticipantFactory);
@@ -56,6 +61,7 @@ impl WriteMessage for Writer {
 fn send(udp: &mut dyn WriteMessage, length: usize, to: &[Locator]) {
     if let Some(datagram) = udp.write_buffer_mut().get_mut(..length) {
         announce_newest(datagram);
+        announce_infinite(datagram);
     }
     for _ in 0..COPIES {
         udp.write_message(length, to);
@@ -76,6 +82,14 @@ fn announce_newest(datagram: &mut [u8]) {
             }
         }
         rest = rest.get_mut(length..).unwrap_or_default();
+    }
+}
+
+/// Lets a reader's liveliness of the longest finite time be infinite.
+fn announce_infinite(datagram: &mut [u8]) {
+    let found = datagram.windows(LIVELINESS.len()).position(|bytes| bytes == LIVELINESS);
+    if let Some(end) = found.and_then(|at| datagram.get_mut(at + LIVELINESS.len() - 4..at + LIVELINESS.len())) {
+        end.fill(0xff);
     }
 }
 
@@ -120,6 +134,16 @@ mod tests {
             announce_newest(&mut cut);
             assert_eq!(cut.len(), length);
         }
+    }
+
+    #[test]
+    fn infinite_liveliness_is_announced_as_infinite() {
+        let mut bytes = [&[7; 21][..], &LIVELINESS, &[7; 3]].concat();
+        announce_infinite(&mut bytes);
+        assert_eq!(bytes, [&[7; 21][..], &LIVELINESS[..12], &[0xff; 4], &[7; 3]].concat());
+        let before = bytes.clone();
+        announce_infinite(&mut bytes);
+        assert_eq!(bytes, before);
     }
 
     struct Count(Vec<u8>, usize);
