@@ -80,6 +80,8 @@ pub struct State {
     last_k: Option<u64>,
     target: Option<(JointTarget, Stamp)>,
     robot: Option<(RobotState, Stamp)>,
+    /// Arrival time of a newer robot state that is about another robot.
+    stranger: Option<Stamp>,
     /// True if the measurement in the newest robot state is implausible.
     feedback_invalid: bool,
     ingest: Option<(InputStatus, Stamp)>,
@@ -134,6 +136,7 @@ impl State {
             last_k: None,
             target: None,
             robot: None,
+            stranger: None,
             feedback_invalid: false,
             ingest: None,
             motion: MotionView::default(),
@@ -173,8 +176,8 @@ pub fn tick(config: &Config, state: &mut State, now: Stamp, input: Input<'_>) ->
         made.about = about.map_or(0, Subject::code);
     }
     state.take_payloads(config, &input.operator.payload, &decided);
-    let target =
-        state.target.filter(|(target, _)| target.flags & target_flag::INPUT_FRESH != 0).map(|(target, _)| target);
+    let own = |target: &JointTarget| target.flags & target_flag::INPUT_FRESH != 0 && target.robot == config.model.id();
+    let target = state.target.map(|(target, _)| target).filter(own);
     let command = match from {
         Continue::Nothing => None,
         Continue::Own | Continue::From(_) => Some(command(config, state, now, &input, &decided, target.as_ref())),
@@ -196,7 +199,8 @@ fn observe(config: &Config, state: &mut State, input: &Input<'_>, missed: u64) -
         jumped: input.target.is_some()
             && state.steps.jumped(&config.model, target.k, &target.q, target.valid_mask, following::person(&target)),
     });
-    let robot = state.robot.map_or(RobotView::default(), |(robot, received)| {
+    let no_robot = RobotView { received: state.stranger.unwrap_or(Stamp::NONE), ..RobotView::default() };
+    let robot = state.robot.map_or(no_robot, |(robot, received)| {
         let clearance = monitor::measured_clearance(&config.model, &mut state.frames, &robot.q_measured);
         // These inhibit a start, and a recovery ends them. In any other motion the certificate and `CollisionNear`
         // protect the robot.
@@ -216,7 +220,7 @@ fn observe(config: &Config, state: &mut State, input: &Input<'_>, missed: u64) -
         RobotView {
             received,
             incarnation: robot.header.incarnation,
-            config_matches: robot.header.config_hash == config.config_hash && robot.robot == config.model.id(),
+            config_matches: robot.header.config_hash == config.config_hash && state.stranger.is_none(),
             commanded: robot.flags & state_flag::COMMANDED != 0,
             driver_fault: robot.flags & state_flag::DRIVER_FAULT != 0,
             emergency_stop: robot.flags & state_flag::EMERGENCY_STOP != 0,
@@ -355,6 +359,12 @@ impl State {
 
     /// Takes a new robot state. A single implausible sample is replaced.
     fn take_robot(&mut self, config: &Config, now: Stamp, robot: &RobotState) {
+        // The joints of another robot mean something else. Nothing but the refusal comes of such a message.
+        if robot.robot != config.model.id() {
+            self.stranger = Some(now);
+            return;
+        }
+        self.stranger = None;
         let mut robot = *robot;
         let first_second = self.status.speed_scale <= engage::SPEED_SCALE_FIRST;
         let sample = monitor::Sample {

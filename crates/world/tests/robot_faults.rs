@@ -402,3 +402,34 @@ fn f055_tracking_error_of_one_joint_stays_within_clearance() {
     assert!(reach_m * safety.tracking_error_now_rad <= margin_m, "{reach_m} m, {margin_m} m");
     assert!(safety.tracking_error_now_m <= margin_m);
 }
+
+/// A driver of another robot writes the state. Its joints mean something else, so nothing of it is believed.
+#[test]
+fn state_of_another_robot_is_refused_and_not_believed() {
+    let strange = |state: &mut messages::RobotState| {
+        state.robot.hash ^= 1;
+        (state.q_measured, state.dq_measured) = ([0.7; messages::JOINTS_MAX], [9.0; messages::JOINTS_MAX]);
+        state.flags |= state_flag::EMERGENCY_STOP;
+    };
+    let mut bench = Bench::at_home(1);
+    let clearance_m = bench.status.clearance_measured_m;
+    for _ in 0..10 {
+        bench.step_measuring(strange);
+    }
+    let faults = Faults(bench.status.faults | bench.status.latched);
+    assert!(faults.has(Fault::ConfigMismatch), "{faults:?}");
+    for fault in [Fault::EmergencyStop, Fault::FeedbackInvalid, Fault::StartOutsideLimits] {
+        assert!(!faults.has(fault), "{faults:?}");
+    }
+    assert!((bench.status.clearance_measured_m - clearance_m).abs() < 1e-3, "{}", bench.status.clearance_measured_m);
+    // The own driver is heard again.
+    bench.settle();
+    bench.engage();
+    // While engaged, the silence of the own driver stops the robot.
+    for _ in 0..STOP_TICKS + TICK_HZ / 10 {
+        bench.step_measuring(strange);
+    }
+    assert_eq!(bench.mode(), Mode::Faulted, "{:?}", Faults(bench.status.faults));
+    assert!(Faults(bench.status.latched).has(Fault::StateStale), "{:?}", Faults(bench.status.latched));
+    bench.assert_no_violations("a state of another robot");
+}
