@@ -28,6 +28,7 @@ mod names;
 mod payload;
 mod points;
 mod pose;
+mod refute;
 mod segment;
 mod shapes;
 mod urdf;

@@ -130,3 +130,10 @@ fn other_robots_stop_in_500_ms_within_urdf_limits() {
         }
     }
 }
+
+#[test]
+fn no_pair_called_clear_meets() {
+    for robot in &ROBOTS {
+        load(robot).check_proved_clear(5_000).unwrap_or_else(|error| panic!("{error}"));
+    }
+}

@@ -243,6 +243,34 @@ fn arm_that_no_checked_pair_guards_is_refused() {
     assert!(error.contains("tiago_dual.toml: checked pairs of capsules on the right upper arm = 0"), "{error}");
 }
 
+/// Adds a pair of capsules to the table of those that are proved clear.
+fn with_proved_clear(first: &str, second: &str) -> String {
+    let mut table: toml::Table = TOML.parse().unwrap();
+    let clear = table["collision"]["allowed"]["proved_clear"].as_table_mut().unwrap();
+    let others = clear.entry(first).or_insert_with(|| toml::Value::Array(Vec::new()));
+    others.as_array_mut().unwrap().push(second.into());
+    table.to_string()
+}
+
+#[test]
+fn pair_that_meets_is_refused_as_proved_clear() {
+    let model = load(TOML, URDF).unwrap();
+    model.check_proved_clear(500).expect("the shipped robot");
+    let names = |pair: &robot::Pair| [pair.a, pair.b].map(|at| model.capsules[at].name.clone());
+    let (mut found, mut of_arms) = (0, 0);
+    for [a, b] in model.pairs.iter().map(names).filter(|[a, b]| a.contains("left") && b.contains("right")) {
+        of_arms += 1;
+        if let Err(error) = load(&with_proved_clear(&a, &b), URDF).unwrap().check_proved_clear(500) {
+            let error = error.to_string();
+            assert!(error.contains("tiago_dual.toml: collision.allowed.proved_clear") && error.contains(&a), "{error}");
+            assert!(error.contains("collision fit"), "{error}");
+            found += 1;
+        }
+    }
+    // Samples prove nothing, but they find most edits that let both arms meet.
+    assert!(of_arms > 20 && found * 4 > of_arms * 3, "{found} of {of_arms}");
+}
+
 #[test]
 fn arm_without_mass_is_refused() {
     let mut urdf = String::new();

@@ -1,0 +1,123 @@
+//! Looks for postures in which pairs meet that a robot file leaves out as proved clear. It cannot prove anything. It
+//! finds a robot file that was edited by hand, or whose ranges were widened after the proof.
+
+use crate::collision::{AllowedPair, AllowedReason};
+use crate::error::RobotError;
+use crate::kinematics::Frames;
+use crate::model::Model;
+use crate::segment::segment_distance;
+use messages::JOINTS_MAX;
+
+/// Pairs with at most this many joints between them may have been proved by the hulls inside. Their capsules may meet.
+/// `collision` has the same bound.
+const HULL_JOINTS_MAX: usize = 3;
+
+/// A pair that no sample found nearer than this is not looked at further, m (chosen).
+const NEAR_M: f64 = 0.3;
+/// Steps towards a nearer posture (chosen).
+const STEPS: u64 = 400;
+
+impl Model {
+    /// Checks the pairs that are left out as proved clear in so many postures, the same in each call. From the nearest
+    /// one it goes on to nearer ones. It skips pairs with three joints or less between them.
+    ///
+    /// # Errors
+    /// Returns an error that names a pair whose capsules meet within the limits in force.
+    pub fn check_proved_clear(&self, postures: u64) -> Result<(), RobotError> {
+        let proved = |pair: &&AllowedPair| pair.reason == AllowedReason::ProvedClear;
+        let far = |pair: &&AllowedPair| {
+            self.joints_between(self.capsules[pair.a].body, self.capsules[pair.b].body) > HULL_JOINTS_MAX
+        };
+        let pairs: Vec<&AllowedPair> = self.allowed.iter().filter(proved).filter(far).collect();
+        let mut nearest = vec![(f64::INFINITY, 0); pairs.len()];
+        let mut frames = Frames::default();
+        for index in 0..postures {
+            self.forward(&self.posture(index), &mut frames);
+            for (pair, nearest) in pairs.iter().zip(&mut nearest) {
+                let apart_m = self.apart_m(pair, &frames);
+                if apart_m < nearest.0 {
+                    *nearest = (apart_m, index);
+                }
+            }
+        }
+        for (pair, (apart_m, index)) in pairs.into_iter().zip(nearest) {
+            let apart_m = if apart_m < NEAR_M { self.nearer_m(pair, apart_m, index, &mut frames) } else { apart_m };
+            if !(apart_m > 0.0) {
+                let [a, b] = [pair.a, pair.b].map(|at| self.capsules[at].name.as_str());
+                let key = format!("collision.allowed.proved_clear: `{a}` and `{b}`");
+                let bound = "must stay apart in every posture within the limits: fit again with `collision fit`, or take \
+                             the pair out of the table";
+                let value = format!("overlap of {:.1} mm", -apart_m * 1e3);
+                return Err(RobotError::value(&self.texts.toml_name, key, value, bound));
+            }
+        }
+        Ok(())
+    }
+
+    /// Distance of two capsules' surfaces, m.
+    fn apart_m(&self, pair: &AllowedPair, frames: &Frames) -> f64 {
+        let ends = |at: usize| {
+            let (capsule, pose) = (&self.capsules[at], &frames.base_from_body[self.capsules[at].body]);
+            (pose.transform_point(&capsule.a), pose.transform_point(&capsule.b), capsule.radius_m)
+        };
+        let ((a0, a1, a_m), (b0, b1, b_m)) = (ends(pair.a), ends(pair.b));
+        segment_distance(&a0, &a1, &b0, &b1).distance_m - a_m - b_m
+    }
+
+    /// Moves single joints from a posture as long as the pair comes nearer. Returns the least distance, m.
+    fn nearer_m(&self, pair: &AllowedPair, apart_m: f64, index: u64, frames: &mut Frames) -> f64 {
+        let (mut q, mut least_m) = (self.posture(index), apart_m);
+        for step in 0..STEPS {
+            // Steps become smaller, from half the range of a joint.
+            let (joint, bits) = (step as usize % self.count, mixed(!step));
+            let size = 0.5 * (1.0 - step as f64 / STEPS as f64) * (2.0 * unit(bits) - 1.0);
+            let limits = &self.limits[joint];
+            let before = q[joint];
+            q[joint] = (before + size * (limits.q_max - limits.q_min)).clamp(limits.q_min, limits.q_max);
+            self.forward(&q, frames);
+            let apart_m = self.apart_m(pair, frames);
+            if apart_m < least_m {
+                least_m = apart_m;
+            } else {
+                q[joint] = before;
+            }
+            if least_m <= 0.0 {
+                break;
+            }
+        }
+        least_m
+    }
+
+    /// A posture within the limits in force. Every second joint of every second posture stands at an end.
+    fn posture(&self, index: u64) -> [f64; JOINTS_MAX] {
+        std::array::from_fn(|j| {
+            let bits = mixed(index.wrapping_mul(JOINTS_MAX as u64).wrapping_add(j as u64));
+            let share = unit(bits);
+            let at_end = index % 2 == 1 && bits & 1 == 1;
+            let limits = &self.limits[j];
+            limits.q_min + if at_end { share.round() } else { share } * (limits.q_max - limits.q_min)
+        })
+    }
+
+    /// Number of joints that decide how two bodies lie to each other.
+    fn joints_between(&self, a: usize, b: usize) -> usize {
+        let chain = |body: usize| std::iter::successors(Some(body), |body| self.parent_body(*body));
+        let of_b: Vec<usize> = chain(b).collect();
+        let up_a = chain(a).take_while(|body| !of_b.contains(body)).count();
+        let common = chain(a).nth(up_a);
+        up_a + of_b.iter().take_while(|body| Some(**body) != common).count()
+    }
+}
+
+/// A number in [0, 1).
+fn unit(bits: u64) -> f64 {
+    (bits >> 11) as f64 / (1_u64 << 53) as f64
+}
+
+/// Mixes the bits of a number (SplitMix64, Steele, Lea and Flood 2014).
+fn mixed(index: u64) -> u64 {
+    let mut z = index.wrapping_add(1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    z ^ (z >> 31)
+}
