@@ -33,7 +33,7 @@ pub use cli::{InstanceArgs, Preflight};
 pub use process::realtime::placement;
 pub use processes::{PROCESSES, Row, TABLE};
 pub use recorder::Recorder;
-pub use report::Report;
+pub use report::{Report, Simulator};
 
 /// Runs the command from the command line. The exit code is one of `rt::Exit`.
 pub fn main() -> ExitCode {

@@ -11,7 +11,7 @@ use rt::{Exit, Failure, Realtime, Shutdown};
 use serde_json::Value;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
-use teleopd::{PROCESSES, Report};
+use teleopd::{PROCESSES, Report, Simulator};
 
 /// Longest time from release to rest: four times the longest stop.
 const REST_WITHIN: Duration = Duration::from_secs(2);
@@ -94,7 +94,7 @@ pub fn run(setup: &Setup, block: Block, shutdown: &Shutdown) -> Result<Outcome, 
     if failures > 0 {
         trouble.push(format!("the bus did not accept {failures} skeletons"));
     }
-    let report = Report::collect(&harness.instance);
+    let report = Report::collect(&harness.instance, Simulator::BuiltIn);
     match &report {
         Ok(report) => trouble.extend(report.complaints()),
         Err(failure) => trouble.push(failure.text.clone()),

@@ -55,7 +55,9 @@ impl Rules {
         let Some(control) = &seen.moment.control else { return Ok(()) };
         self.measured = seen.moment.state_seen.or(self.measured);
         if control.status.gate_denials != self.denials {
-            return Err(("proposal", "whole-body control proposed what the gate denies".into()));
+            let (why, about) = (control.status.denied_why, control.status.denied_about);
+            let detail = format!("whole-body control proposed what the gate denies (reason {why}, about {about})");
+            return Err(("proposal", detail));
         }
         if let Some(target) = &seen.moment.target_seen {
             let sound = target.q.iter().chain(&target.dq).all(|x| x.is_finite());
