@@ -239,7 +239,8 @@ fn named(error: ConfigError, file: &Path, config: &Path, key: &str) -> ConfigErr
     }
 }
 
-/// Postures in which every process looks for pairs that a robot file wrongly leaves out. They take some 10 ms.
+/// Postures in which every process looks for pairs that a robot file wrongly leaves out. The search takes 3 to 44 ms with the
+/// shipped robots (measured 2026-11-26, two shared cores).
 const POSTURES_TRIED: u64 = 500;
 
 /// Reads a robot file and the URDF it names. Returns the model, without obstacles, and the URDF's path.

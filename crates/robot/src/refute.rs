@@ -14,35 +14,33 @@ const HULL_JOINTS_MAX: usize = 3;
 
 /// A pair that no sample found nearer than this is not looked at further, m (chosen).
 const NEAR_M: f64 = 0.3;
-/// Steps towards a nearer posture (chosen).
-const STEPS: u64 = 400;
+/// Number of the nearest samples from which the search goes on (chosen).
+const STARTS: usize = 4;
+/// First step of the search, as a share of a joint's range. It is halved down to the last (chosen).
+const STEP_SHARES: [f64; 2] = [0.25, 0.01];
 
 impl Model {
     /// Checks the pairs that are left out as proved clear in so many postures, the same in each call. From the nearest
-    /// one it goes on to nearer ones. It skips pairs with three joints or less between them.
+    /// ones it goes on to nearer ones. It skips pairs with three joints or less between them.
     ///
     /// # Errors
     /// Returns an error that names a pair whose capsules meet within the limits in force.
     pub fn check_proved_clear(&self, postures: u64) -> Result<(), RobotError> {
-        let proved = |pair: &&AllowedPair| pair.reason == AllowedReason::ProvedClear;
-        let far = |pair: &&AllowedPair| {
-            self.joints_between(self.capsules[pair.a].body, self.capsules[pair.b].body) > HULL_JOINTS_MAX
-        };
-        let pairs: Vec<&AllowedPair> = self.allowed.iter().filter(proved).filter(far).collect();
-        let mut nearest = vec![(f64::INFINITY, 0); pairs.len()];
+        let proved = self.allowed.iter().filter(|pair| pair.reason == AllowedReason::ProvedClear);
+        let joined = proved.map(|pair| (pair, self.joints_between(pair)));
+        let pairs: Vec<_> = joined.filter(|(_, joints)| joints.len() > HULL_JOINTS_MAX).collect();
+        let mut nearest = vec![[(f64::INFINITY, 0); STARTS]; pairs.len()];
         let mut frames = Frames::default();
         for index in 0..postures {
             self.forward(&self.posture(index), &mut frames);
-            for (pair, nearest) in pairs.iter().zip(&mut nearest) {
-                let apart_m = self.apart_m(pair, &frames);
-                if apart_m < nearest.0 {
-                    *nearest = (apart_m, index);
-                }
+            for ((pair, _), nearest) in pairs.iter().zip(&mut nearest) {
+                insert(nearest, (self.apart_m(pair, &frames), index));
             }
         }
-        for (pair, (apart_m, index)) in pairs.into_iter().zip(nearest) {
-            let apart_m = if apart_m < NEAR_M { self.nearer_m(pair, apart_m, index, &mut frames) } else { apart_m };
-            if !(apart_m > 0.0) {
+        for ((pair, joints), nearest) in pairs.iter().zip(nearest) {
+            let starts = nearest.into_iter().filter(|(apart_m, _)| *apart_m < NEAR_M);
+            let mut found = starts.map(|(apart_m, index)| self.nearer_m(pair, joints, apart_m, index, &mut frames));
+            if let Some(apart_m) = found.find(|apart_m| !(*apart_m > 0.0)) {
                 let [a, b] = [pair.a, pair.b].map(|at| self.capsules[at].name.as_str());
                 let key = format!("collision.allowed.proved_clear: `{a}` and `{b}`");
                 let bound = "must stay apart in every posture within the limits: fit again with `collision fit`, or take \
@@ -64,25 +62,26 @@ impl Model {
         segment_distance(&a0, &a1, &b0, &b1).distance_m - a_m - b_m
     }
 
-    /// Moves single joints from a posture as long as the pair comes nearer. Returns the least distance, m.
-    fn nearer_m(&self, pair: &AllowedPair, apart_m: f64, index: u64, frames: &mut Frames) -> f64 {
-        let (mut q, mut least_m) = (self.posture(index), apart_m);
-        for step in 0..STEPS {
-            // Steps become smaller, from half the range of a joint.
-            let (joint, bits) = (step as usize % self.count, mixed(!step));
-            let size = 0.5 * (1.0 - step as f64 / STEPS as f64) * (2.0 * unit(bits) - 1.0);
-            let limits = &self.limits[joint];
-            let before = q[joint];
-            q[joint] = (before + size * (limits.q_max - limits.q_min)).clamp(limits.q_min, limits.q_max);
-            self.forward(&q, frames);
-            let apart_m = self.apart_m(pair, frames);
-            if apart_m < least_m {
-                least_m = apart_m;
-            } else {
-                q[joint] = before;
+    /// Moves one of these joints after the other from a posture, as long as the pair comes nearer, in ever smaller steps.
+    /// Returns the least distance, m.
+    fn nearer_m(&self, pair: &AllowedPair, joints: &[usize], apart_m: f64, index: u64, frames: &mut Frames) -> f64 {
+        let (mut q, mut least_m, mut share) = (self.posture(index), apart_m, STEP_SHARES[0]);
+        while share > STEP_SHARES[1] && least_m > 0.0 {
+            let start_m = least_m;
+            for (&joint, sign) in joints.iter().flat_map(|joint| [(joint, -1.0), (joint, 1.0)]) {
+                let (limits, before) = (&self.limits[joint], q[joint]);
+                let step = sign * share * (limits.q_max - limits.q_min);
+                q[joint] = (before + step).clamp(limits.q_min, limits.q_max);
+                self.forward(&q, frames);
+                let apart_m = self.apart_m(pair, frames);
+                if apart_m < least_m {
+                    least_m = apart_m;
+                } else {
+                    q[joint] = before;
+                }
             }
-            if least_m <= 0.0 {
-                break;
+            if !(least_m < start_m) {
+                share *= 0.5;
             }
         }
         least_m
@@ -99,13 +98,23 @@ impl Model {
         })
     }
 
-    /// Number of joints that decide how two bodies lie to each other.
-    fn joints_between(&self, a: usize, b: usize) -> usize {
-        let chain = |body: usize| std::iter::successors(Some(body), |body| self.parent_body(*body));
-        let of_b: Vec<usize> = chain(b).collect();
-        let up_a = chain(a).take_while(|body| !of_b.contains(body)).count();
-        let common = chain(a).nth(up_a);
-        up_a + of_b.iter().take_while(|body| Some(**body) != common).count()
+    /// Joints that decide how the two bodies of a pair lie to each other.
+    fn joints_between(&self, pair: &AllowedPair) -> Vec<usize> {
+        let chain = |at: usize| -> Vec<usize> {
+            std::iter::successors(Some(self.capsules[at].body), |body| self.parent_body(*body)).collect()
+        };
+        let (of_a, of_b) = (chain(pair.a), chain(pair.b));
+        let alone = of_a.iter().filter(|body| !of_b.contains(body));
+        alone.chain(of_b.iter().filter(|body| !of_a.contains(body))).map(|body| body - 1).collect()
+    }
+}
+
+/// Keeps the nearest samples, the nearest first.
+fn insert(nearest: &mut [(f64, u64); STARTS], sample: (f64, u64)) {
+    let at = nearest.partition_point(|known| known.0 <= sample.0);
+    if at < STARTS {
+        nearest[at..].rotate_right(1);
+        nearest[at] = sample;
     }
 }
 

@@ -137,3 +137,16 @@ fn no_pair_called_clear_meets() {
         load(robot).check_proved_clear(5_000).unwrap_or_else(|error| panic!("{error}"));
     }
 }
+
+/// The 500 samples do not show that these capsules of RB-Y1 meet, by 122 mm. The search from the nearest ones must.
+#[test]
+fn pair_that_meets_in_rare_postures_is_refused_as_clear() {
+    let robot = ROBOTS.iter().find(|robot| robot.name == "rby1a").unwrap();
+    let mut table: toml::Table = robot.toml.parse().unwrap();
+    let clear = table["collision"]["allowed"]["proved_clear"].as_table_mut().unwrap();
+    let others = clear.entry("link_torso_2").or_insert_with(|| toml::Value::Array(Vec::new()));
+    others.as_array_mut().unwrap().push("link_right_arm_4".into());
+    let model = Model::from_text(robot.name, &table.to_string(), robot.name, robot.urdf).unwrap();
+    let error = model.check_proved_clear(500).unwrap_err().to_string();
+    assert!(error.contains("link_torso_2") && error.contains("link_right_arm_4"), "{error}");
+}
