@@ -1,4 +1,4 @@
-//! What the robot says about its emergency stop.
+//! The emergency stop, as the robot reports it.
 //!
 //! Some robots say it once a second, others when it changes only. So the age of a message says nothing. The end of its
 //! publisher does: nobody would then say that the stop was pressed.
@@ -17,7 +17,7 @@ pub(crate) struct EmergencyStop {
     said: Said,
 }
 
-/// What was said.
+/// The state that was said.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct Said {
     pressed: Option<bool>,
