@@ -121,15 +121,6 @@ fn program_that_starts_the_driver_again_is_refused() {
 }
 
 #[test]
-fn demo_with_an_external_driver_is_refused() {
-    let rig = with_program("sim", "driver");
-    let mut demo = Command::new(env!("CARGO_BIN_EXE_teleopd"));
-    let output = demo.args(["demo", "--config"]).arg(rig.folder().join("teleop.toml")).output().expect("demo runs");
-    let said = String::from_utf8_lossy(&output.stderr);
-    assert!(output.status.code() == Some(78) && said.contains("teleopd up"), "{said}");
-}
-
-#[test]
 fn example_driver_stays_short() {
     let text =
         std::fs::read_to_string(harness::repository().join("crates/teleopd/examples/driver.rs")).expect("the example");
