@@ -15,6 +15,7 @@ KINDS = {
     "velocities": None, # joint_states has NaN for every velocity
     "second": None,     # another program publishes on the controller's command topic
     "partition": None,  # nothing passes in either direction
+    "unwatched": None,  # the publisher of the emergency stop leaves
     "emergency": None,  # somebody pressed the emergency stop: brakes hold the joints
 }
 SPEC = re.compile(r"(?P<kind>\w+)(=(?P<value>[-\d.]+))?(/(?P<controller>\w+))?(@(?P<at>[\d.]+))?(\+(?P<duration>[\d.]+))?")

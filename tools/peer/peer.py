@@ -139,7 +139,9 @@ class Peer:
             for name, controller in self.controllers.items():
                 controller.hold(clock_ns, self.body.position[self.places[name]])
         self.emergency = pressed
-        if not self.faults.active("partition", now_s):
+        if self.faults.active("unwatched", now_s):
+            self.wire.is_emergency = None
+        elif not self.faults.active("partition", now_s):
             self.wire.publish_emergency(pressed)
 
     def publish(self, now_s: float, clock_ns: int, monotonic_ns: int) -> None:

@@ -51,7 +51,8 @@ class Wire:
             m.JointTrajectoryPoint(list(reference.positions - measured)), m.JointTrajectoryPoint(wanted[0])))
 
     def publish_emergency(self, pressed: bool) -> None:
-        self.is_emergency.write(m.Bool(pressed))
+        if self.is_emergency:
+            self.is_emergency.write(m.Bool(pressed))
 
     def set_second_publisher(self, controller: str, present: bool) -> None:
         """Another program, with a participant of its own, that could publish on a command topic."""

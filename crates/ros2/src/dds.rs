@@ -29,6 +29,9 @@ use robot::Model;
 
 /// How often this participant announces itself. A robot that starts later finds it within this time.
 const ANNOUNCE: std::time::Duration = std::time::Duration::from_millis(500);
+/// Bytes that may wait in the socket: a large /robot_description arrives at once, and DDS asks for what is lost in a way that
+/// fails. Linux gives no more than net.core.rmem_max.
+const RECEIVED_BYTES: usize = 4 << 20;
 /// Largest number of messages taken at once.
 pub(crate) const TAKEN_MAX: i32 = 16;
 
@@ -130,6 +133,7 @@ pub(crate) fn join(settings: &Ros2Settings) -> Result<[Member; 2], String> {
     if !settings.interface.is_empty() {
         udp.set_interface_name(Some(settings.interface.clone()));
     }
+    udp.set_udp_receive_buffer_size(Some(RECEIVED_BYTES));
     let configuration = DustDdsConfigurationBuilder::new()
         .enable_type_information(false)
         .participant_announcement_interval(ANNOUNCE)
