@@ -207,7 +207,8 @@ fn f114_nothing_is_sent_once_the_publisher_of_the_emergency_stop_left() {
     let left = "its publisher left";
     assert!(!rig.log("sim").contains(left), "{}", rig.log("sim"));
     peer.fault("unwatched");
-    let give_up = Instant::now() + Duration::from_secs(10);
+    // Twice the lease of a participant of Cyclone DDS.
+    let give_up = Instant::now() + Duration::from_secs(20);
     while !rig.log("sim").contains(left) {
         assert!(Instant::now() < give_up, "it goes on: {}", rig.log("sim"));
         std::thread::sleep(Duration::from_millis(50));

@@ -140,7 +140,7 @@ class Peer:
                 controller.hold(clock_ns, self.body.position[self.places[name]])
         self.emergency = pressed
         if self.faults.active("unwatched", now_s):
-            self.wire.is_emergency = None
+            self.wire.leave_emergency()
         elif not self.faults.active("partition", now_s):
             self.wire.publish_emergency(pressed)
 

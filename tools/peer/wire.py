@@ -25,7 +25,10 @@ class Wire:
                          for name in controllers}
         self.states = {name: self._writer(f"{name}/controller_state", m.JointTrajectoryControllerState) for name in controllers}
         self.joint_states = self._writer("joint_states", m.JointState)
-        self.is_emergency = self._writer("power/is_emergency", m.Bool)
+        # Another program publishes it, with a participant of its own.
+        self.watch = DomainParticipant(domain)
+        self.is_emergency = DataWriter(self.watch, Topic(self.watch, "rt/power/is_emergency", m.Bool), m.WRITER)
+        self.is_unwatched = False
         self.description = self._writer("robot_description", m.String, m.LATCHED)
         self.description.write(m.String(description))
         self.second: dict[str, DataWriter] = {}
@@ -51,8 +54,14 @@ class Wire:
             m.JointTrajectoryPoint(list(reference.positions - measured)), m.JointTrajectoryPoint(wanted[0])))
 
     def publish_emergency(self, pressed: bool) -> None:
-        if self.is_emergency:
+        if not self.is_unwatched:
             self.is_emergency.write(m.Bool(pressed))
+
+    def leave_emergency(self) -> None:
+        """The publisher of the emergency stop leaves, for good."""
+        if not self.is_unwatched:
+            self.watch._delete(self.watch._ref)
+            self.is_unwatched = True
 
     def set_second_publisher(self, controller: str, present: bool) -> None:
         """Another program, with a participant of its own, that could publish on a command topic."""

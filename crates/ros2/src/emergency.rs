@@ -1,7 +1,8 @@
 //! The emergency stop, as the robot reports it.
 //!
 //! Some robots say it once a second, others when it changes only. So the age of a message says nothing. The end of its
-//! publisher does: nobody would then say that the stop was pressed.
+//! publisher does: nobody would then say that the stop was pressed. DDS notices that a process ended by the lease of its
+//! participant: 10 s for Cyclone DDS, 20 s for Fast DDS. dust_dds 0.16 does not notice a publisher that leaves alone.
 
 use crate::dds::{Member, any, each, kept, readers, take};
 use crate::ros::{Bool, topic};
