@@ -1,4 +1,4 @@
-//! The emergency stop, as the robot reports it.
+//! The state of the robot's emergency stop, as the robot says it.
 //!
 //! Some robots say it once a second, others when it changes only. So the age of a message says nothing. The end of its
 //! publisher does: nobody would then say that the stop was pressed. DDS notices that a process ended by the lease of its
@@ -18,7 +18,7 @@ pub(crate) struct EmergencyStop {
     said: Said,
 }
 
-/// The state that was said.
+/// The last message that counts.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct Said {
     pressed: Option<bool>,

@@ -23,7 +23,10 @@ fn end_on_panic() {
     let tell = std::panic::take_hook();
     std::panic::set_hook(Box::new(move |panic| {
         tell(panic);
-        eprintln!("teleopd-ros2: DDS failed; a /robot_description of more than 345 kB can cause this");
+        eprintln!(
+            "teleopd-ros2: DDS failed. If /robot_description is larger than 340 kB, give sockets more memory: \
+             sysctl -w net.core.rmem_max=4194304"
+        );
         std::process::exit(Exit::Unavailable as i32);
     }));
 }
