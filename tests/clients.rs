@@ -16,28 +16,17 @@ impl Drop for Client {
     }
 }
 
-/// Returns the interpreter of a virtual environment with the client in it. The error says why there is none.
-fn python() -> Result<PathBuf, String> {
+/// Returns the interpreter of a virtual environment with the client and these packages in it. Prints the reason if there
+/// is none.
+fn python_with(packages: &[&str]) -> Option<PathBuf> {
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("python-client");
-    let python = folder.join("bin/python");
-    let run = |command: &mut Command| match command.output() {
-        Ok(done) if done.status.success() => Ok(()),
-        Ok(done) => Err(format!("{command:?}: {}", String::from_utf8_lossy(&done.stderr).trim())),
-        Err(error) => Err(format!("{command:?}: {error}")),
-    };
-    if !python.exists() {
-        run(Command::new("python3").args(["-m", "venv"]).arg(&folder))?;
-    }
-    let package = repository().join("tools/clients/python");
-    run(Command::new(&python)
-        .args(["-m", "pip", "install", "--quiet", "--retries", "1", "--timeout", "10"])
-        .arg(package))?;
-    Ok(python)
+    let client = repository().join("tools/clients/python");
+    let all = [&[client.to_str().expect("UTF-8")], packages].concat();
+    harness::python(&folder, &all).map_err(|why| println!("skipped: no Python client: {why}")).ok()
 }
 
-/// Like [`python`]. Prints the reason if there is none.
 fn python_or_skip() -> Option<PathBuf> {
-    python().map_err(|why| println!("skipped: no Python client: {why}")).ok()
+    python_with(&[])
 }
 
 #[test]
@@ -105,12 +94,7 @@ fn python_example_without_an_instance_fails_with_advice() {
 /// Uses a video of a drawn figure. It covers everything of the camera's client except MediaPipe's model.
 #[test]
 fn camera_client_with_a_video_moves_the_robot() {
-    let Some(python) = python_or_skip() else { return };
-    let pip = ["-m", "pip", "install", "--quiet", "--retries", "1", "--timeout", "10", "opencv-python-headless"];
-    match Command::new(&python).args(pip).output() {
-        Ok(done) if done.status.success() => {}
-        failed => return println!("skipped: no OpenCV to read a video with: {failed:?}"),
-    }
+    let Some(python) = python_with(&["opencv-python-headless"]) else { return };
     let rig = Rig::whole();
     let (hand, mut eyes) = (rig.hand(), rig.eyes());
     let before = eyes.wait_at_rest();
@@ -129,7 +113,7 @@ fn camera_client_with_a_video_moves_the_robot() {
 
 #[test]
 fn camera_client_without_its_model_is_refused() {
-    let Ok(python) = python() else { return println!("skipped: no Python client; the other test says why") };
+    let Some(python) = python_or_skip() else { return };
     let rig = Rig::empty();
     let said = |arguments: &[&str]| {
         let mut command = Command::new(&python);
@@ -189,7 +173,7 @@ fn log_says_why_all_frames_of_a_client_are_dropped() {
 
 #[test]
 fn python_script_without_a_daemon_fails_with_advice() {
-    let Ok(python) = python() else { return println!("skipped: no Python client; the other test says why") };
+    let Some(python) = python_or_skip() else { return };
     let rig = Rig::empty();
     let done =
         Command::new(python).args(["-m", "replay_publish", "--run-dir"]).arg(rig.folder()).output().expect("it starts");

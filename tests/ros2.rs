@@ -16,26 +16,12 @@ const REST_WITHIN_S: f64 = 0.5 + 0.025 + 0.04;
 
 /// Returns the interpreter of a virtual environment for the peer. The error says why there is none.
 fn python() -> Result<PathBuf, String> {
-    static ONE: std::sync::Mutex<()> = std::sync::Mutex::new(());
-    let _one = ONE.lock();
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("python-peer");
-    let python = folder.join("bin/python");
-    let run = |command: &mut Command| match command.output() {
-        Ok(done) if done.status.success() => Ok(()),
-        Ok(done) => Err(format!("{command:?}: {}", String::from_utf8_lossy(&done.stderr).trim())),
-        Err(error) => Err(format!("{command:?}: {error}")),
-    };
-    if !python.exists() {
-        run(Command::new("python3").args(["-m", "venv"]).arg(&folder))?;
-    }
     let required =
         std::fs::read_to_string(repository().join("tools/peer/requirements.txt")).expect("in the repository");
     // Nothing else is needed without the physics.
     let wire = required.lines().filter(|line| line.starts_with("cyclonedds") || line.starts_with("numpy"));
-    run(Command::new(&python)
-        .args(["-m", "pip", "install", "--quiet", "--retries", "1", "--timeout", "10"])
-        .args(wire))?;
-    Ok(python)
+    harness::python(&folder, &wire.collect::<Vec<_>>())
 }
 
 /// A robot that another program plays. It ends with the test.

@@ -5,10 +5,12 @@
 //! - [`Operator`]: brings the instance to a state in which it can be engaged, engages and holds.
 //! - [`roles`]: the program that uses the harness, run again as another process.
 //! - [`Rig`], [`OperatorSession`], [`StateObserver`]: the same for a test.
+//! - [`python`]: virtual environments of Python.
 //! - [`user`]: a thread with the credentials of another user.
 
 mod observer;
 mod operator;
+mod python;
 mod rig;
 pub mod roles;
 mod running;
@@ -17,6 +19,7 @@ pub mod user;
 
 pub use observer::StateObserver;
 pub use operator::{Look, Operator};
+pub use python::python;
 pub use rig::{OperatorSession, Rig, assert_no_violations, interrupt, modes};
 pub use running::{Harness, publisher};
 pub use settings::write as write_settings;
