@@ -112,6 +112,13 @@ pub enum Command {
     Tour(Tour),
     /// Checks a robot that speaks ROS 2 before it is driven. Sends nothing. Exits with 1 if a check failed.
     Preflight(Preflight),
+    /// The first hour with a robot: preflight, emergency stop, each joint alone, kill -9 of every process, delay. Asks
+    /// before each step, judges it by measurement, and writes a log. Exits with 1 at the first step that fails or is
+    /// refused.
+    Commission(Commission),
+    /// Publishes joint targets in place of `retarget`, as `commission` writes them to the standard input.
+    #[command(hide = true)]
+    Targets(Process),
     /// Prints every effective value, its source, and the hash of all values.
     Check(InstanceArgs),
     /// Shows a running instance in a browser on this machine. Prints the address with this run's token.
@@ -155,6 +162,16 @@ pub struct Up {
     /// Print all log lines of the processes, not only warnings and errors.
     #[arg(short, long)]
     pub verbose: bool,
+}
+
+/// Options of `commission`. No option skips a step or answers a question.
+#[derive(Args, Clone, Debug)]
+pub struct Commission {
+    #[command(flatten)]
+    pub place: InstanceArgs,
+    /// Write the log to this file. Default: commission-DATE.log in the present folder. Fails if the file exists.
+    #[arg(long, value_name = "FILE")]
+    pub log: Option<PathBuf>,
 }
 
 /// Options of `preflight`, here and in the program that speaks ROS 2.

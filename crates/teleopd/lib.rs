@@ -5,6 +5,7 @@
 mod check;
 mod children;
 mod cli;
+mod commission;
 mod demo;
 mod doctor;
 mod figure;
@@ -52,6 +53,8 @@ pub fn main() -> ExitCode {
         Command::Demo(options) => demo::run(&options),
         Command::Tour(options) => tour::run(&options),
         Command::Preflight(options) => preflight(&options),
+        Command::Commission(options) => commission::run(&options),
+        Command::Targets(one) => process(&one, process::targets::run),
         Command::Check(place) => check::run(&place),
         Command::View(options) => view::run(&options),
         Command::Doctor(options) => doctor::run(&options),

@@ -23,6 +23,7 @@ mod processor;
 mod realtime;
 mod say;
 mod shutdown;
+mod switch;
 
 pub use allocation::{
     Allocations, CountingAllocator, allocating_aside, allocating_ourselves, allocations, count_allocations,
@@ -48,3 +49,4 @@ pub use processor::cpu_features;
 pub use realtime::{Outcome, Policy, Realtime, RealtimeConfig, RealtimeReport, is_preempt_rt};
 pub use say::wants_colour;
 pub use shutdown::Shutdown;
+pub use switch::Switch;

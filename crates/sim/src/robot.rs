@@ -54,6 +54,11 @@ impl DriverState {
         self.drive.first_latch()
     }
 
+    /// Returns the newest measurement of the robot.
+    pub fn measured(&self) -> &Measured {
+        self.drive.measured()
+    }
+
     /// Returns the follower.
     pub fn follower(&self) -> &driver::State {
         self.drive.follower()

@@ -121,6 +121,7 @@ pub fn run<D: Driver>(
     let mut timeline = Timeline::new();
     let polled = process.loaded.settings.realtime.hand_off == HandOff::Polled;
     let (mut sequence, mut oldest_command_ns, mut latched) = (0, 0, false);
+    let mut oldest_measured_ns = 0;
     // A starting driver holds the robot where it stands.
     let mut robot = Fresh(open(&process, &core)?);
     let mut state = begin(&config, &mut robot, due, seed)?;
@@ -153,6 +154,7 @@ pub fn run<D: Driver>(
         if let Some(ticks) = out.suspended_ticks {
             process.stood_still(waited_for, ticks * 1_000_000_000 / TICK_HZ);
         }
+        oldest_measured_ns = oldest_measured_ns.max(now.since(state.measured().stamp));
         log_latch(&mut process.probe, state.first_latch(), &mut latched);
         process.probe.record(Metric::WakeUp, deadline(waited_for), now);
         let mut message = out.state;
@@ -170,7 +172,8 @@ pub fn run<D: Driver>(
         }
         process.alive();
     }
-    let report = figures(&process, &state, &timeline, oldest_command_ns);
+    let mut report = figures(&process, &state, &timeline, oldest_command_ns);
+    report["oldest_measured_ms"] = json!(oldest_measured_ns as f64 * 1e-6);
     process.leave(report)
 }
 

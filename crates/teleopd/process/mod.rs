@@ -9,6 +9,7 @@ pub mod realtime;
 pub mod retarget;
 pub mod robot;
 pub mod sim;
+pub mod targets;
 
 mod housekeeping;
 

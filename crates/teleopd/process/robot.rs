@@ -41,6 +41,8 @@ pub fn run(place: &InstanceArgs) -> Result<(), Failure> {
         std::hint::black_box(warm.measure(&config, deadline(k)));
     }
     let (mut body, id) = (Body::new(&config, rt::now(), config.initial(), seed), process.loaded.model.id());
+    // The button of the simulated emergency stop. `teleopd commission` asks a person to press it.
+    let button = rt::Switch::on_signals().map_err(Failure::with(Exit::Software))?;
     process.ready()?;
     let (mut cycle, mut sequence, mut seen_k, mut refused) = (rt::now(), 0, 0, false);
     let mut ending: Option<Stamp> = None;
@@ -52,6 +54,11 @@ pub fn run(place: &InstanceArgs) -> Result<(), Failure> {
         if now.since(cycle) > CYCLE_NS {
             // Missed cycles are skipped. The body moves on through them.
             cycle = now;
+        }
+        match button.turned() {
+            Some(true) => body.inject(plant::Injection::EmergencyStopPressed),
+            Some(false) => body.inject(plant::Injection::EmergencyStopReleased),
+            None => {}
         }
         // Each setpoint acts at the time at which it was sent, whenever this process woke up. If one setpoint of
         // a cycle is refused, the answer to all of them is a refusal.

@@ -1,0 +1,146 @@
+//! The person at the terminal, and the log. Every line that is shown or answered is in the log, with its time.
+
+use super::ports::{Person, Stop};
+use rt::{Shutdown, out};
+use std::fs::File;
+use std::io::{BufRead, IsTerminal, Write};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
+
+/// Polling period for signals while the person is asked.
+const LOOK: Duration = Duration::from_millis(50);
+
+/// Terminal and log.
+pub struct Console {
+    log: File,
+    lines: Receiver<String>,
+    shutdown: Shutdown,
+}
+
+impl Console {
+    /// Opens the console. Lines of the standard input are read in a thread.
+    ///
+    /// # Errors
+    /// Returns an error if no thread can be started.
+    pub fn open(log: File, shutdown: Shutdown) -> std::io::Result<Self> {
+        let (tell, lines) = channel();
+        let read = move || {
+            for line in std::io::stdin().lock().lines().map_while(Result::ok) {
+                if tell.send(line).is_err() {
+                    return;
+                }
+            }
+        };
+        std::thread::Builder::new().name("answers".into()).spawn(read)?;
+        Ok(Self { log, lines, shutdown })
+    }
+
+    /// Writes to the log alone.
+    pub fn note(&mut self, text: &str) {
+        for line in text.lines().filter(|line| !line.is_empty()) {
+            // A full disk shows at the end, where the log is synchronised.
+            let _ = writeln!(self.log, "{} {line}", time_text(SystemTime::now(), true));
+        }
+    }
+
+    /// Makes sure that the log is on the disk.
+    pub fn sync(&self) -> std::io::Result<()> {
+        self.log.sync_all()
+    }
+
+    /// Waits for a line. What was typed before the question on a terminal answers nothing.
+    fn ask(&mut self, question: &str) -> Result<String, Stop> {
+        if std::io::stdin().is_terminal() {
+            while self.lines.try_recv().is_ok() {}
+        }
+        self.say(question);
+        loop {
+            if self.shutdown.requested() {
+                return Err(Stop::Interrupted);
+            }
+            match self.lines.recv_timeout(LOOK) {
+                Ok(line) => {
+                    self.note(&format!("answer: {:?}", line.trim()));
+                    return Ok(line.trim().to_lowercase());
+                }
+                Err(RecvTimeoutError::Timeout) => {}
+                Err(RecvTimeoutError::Disconnected) => {
+                    return Err(Stop::Refused("the standard input ended before an answer".into()));
+                }
+            }
+        }
+    }
+}
+
+impl Person for Console {
+    fn say(&mut self, text: &str) {
+        out!("{text}");
+        self.note(text);
+    }
+
+    fn confirm(&mut self, question: &str) -> Result<(), Stop> {
+        loop {
+            match self.ask(&format!("{question} (Enter, or n to end)"))?.as_str() {
+                "" | "y" => return Ok(()),
+                "n" => return Err(Stop::Refused("the person refused".into())),
+                _ => self.say("Enter goes on, n ends the run."),
+            }
+        }
+    }
+
+    fn saw(&mut self, question: &str, otherwise: &str) -> Result<(), Stop> {
+        loop {
+            match self.ask(&format!("{question} (y/n)"))?.as_str() {
+                "y" => return Ok(()),
+                "n" => return Err(Stop::Failed(otherwise.to_owned())),
+                _ => self.say("Type y or n, then Enter."),
+            }
+        }
+    }
+}
+
+/// Returns a time of UTC, as `2026-11-26T10:15:30.123Z`, or without the time of day as `2026-11-26`.
+pub fn time_text(at: SystemTime, with_time: bool) -> String {
+    let since = at.duration_since(UNIX_EPOCH).unwrap_or_default();
+    let (mut days, second) = (since.as_secs() / 86_400, since.as_secs() % 86_400);
+    let leap = |year: u64| year.is_multiple_of(4) && (!year.is_multiple_of(100) || year.is_multiple_of(400));
+    let mut year = 1970;
+    while days >= 365 + u64::from(leap(year)) {
+        days -= 365 + u64::from(leap(year));
+        year += 1;
+    }
+    let february = 28 + u64::from(leap(year));
+    let mut month = 1;
+    for length in [31, february, 31, 30, 31, 30, 31, 31, 30, 31, 30] {
+        if days < length {
+            break;
+        }
+        days -= length;
+        month += 1;
+    }
+    let date = format!("{year}-{month:02}-{:02}", days + 1);
+    if !with_time {
+        return date;
+    }
+    let (hour, minute) = (second / 3600, second / 60 % 60);
+    format!("{date}T{hour:02}:{minute:02}:{:02}.{:03}Z", second % 60, since.subsec_millis())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn times_are_written_as_dates_of_utc() {
+        for (seconds, text) in [
+            (0, "1970-01-01T00:00:00.250Z"),
+            (951_782_400, "2000-02-29T00:00:00.250Z"),
+            (1_735_689_599, "2024-12-31T23:59:59.250Z"),
+            (1_795_651_200, "2026-11-26T00:00:00.250Z"),
+        ] {
+            let at = UNIX_EPOCH + Duration::from_millis(seconds * 1000 + 250);
+            assert_eq!(time_text(at, true), text);
+            assert!(text.starts_with(&time_text(at, false)));
+        }
+    }
+}

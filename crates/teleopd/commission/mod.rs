@@ -1,0 +1,145 @@
+//! The first hour with a robot: preflight, emergency stop, each joint alone, `kill -9` of every process, delay. The steps
+//! are plain functions over a robot and a person (`session`). The robot of a run is `live`, the person is at `console`.
+
+mod console;
+mod emergency;
+mod joints;
+mod kills;
+mod live;
+pub mod path;
+mod ports;
+mod session;
+#[cfg(test)]
+mod tests;
+mod tracking;
+mod words;
+
+use crate::children::{instance_in, refuse_second};
+use crate::cli;
+use crate::process::may_lack_realtime;
+use crate::programs::ROS2;
+use config::{DriverKind, Loaded, Settings};
+use console::{Console, time_text};
+use live::Live;
+use ports::{Facts, Person, Stop};
+use rt::{Exit, Failure, Shutdown};
+use serde_json::Value;
+use session::{Ended, Session};
+use std::fs::{File, OpenOptions};
+use std::io::IsTerminal;
+use std::path::{Path, PathBuf};
+use std::time::SystemTime;
+
+/// What no step can show.
+const NOT_SHOWN: &str = "\
+What this run cannot show:
+- People, and everything that is not in the robot file or in [environment].
+- Full speed, long ways, payloads, and postures other than this one.
+- retarget's own death in motion: a publisher of joint targets stood in its place, and control sees the same silence.
+- How fast the robot stops when its driver dies: nothing measured then, and you judged it.
+- The network, the machine and the robot on another day.
+- Everything that SAFETY.md says teleopd does not promise.";
+
+/// Share of the largest measured age by which `driver.measured_age_max_ms` is proposed. Assumption: two measurements may
+/// be lost in a row before the robot counts as silent.
+const AGES: f64 = 2.0;
+
+/// Returns true if the settings name the program that speaks ROS 2.
+fn is_ros2(settings: &Settings) -> bool {
+    Path::new(&settings.driver.program).file_name().is_some_and(|name| name == ROS2.name())
+}
+
+/// Runs all steps with a person at the terminal.
+pub fn run(options: &cli::Commission) -> Result<Exit, Failure> {
+    let place = &options.place;
+    let shutdown = Shutdown::on_signals().map_err(Failure::with(Exit::Software))?;
+    let loaded = place.load()?;
+    if loaded.settings.driver.kind == DriverKind::Robot && !std::io::stdin().is_terminal() {
+        let text = format!(
+            "{}: driver.kind = \"robot\": commission asks the person beside the robot, but its input is no terminal. Run \
+             it at a terminal from which you see the robot",
+            place.config.display()
+        );
+        return Err(Failure::new(Exit::Usage, text));
+    }
+    let instance = instance_in(&place.run_dir)?;
+    refuse_second(&instance)?;
+    let (path, log) = open_log(options.log.as_deref())?;
+    let console = Console::open(log, shutdown.clone());
+    let mut console = console.map_err(Failure::with(Exit::OsErr))?;
+    introduce(&mut console, &loaded, place, &path);
+    let facts = Facts::of(&loaded, may_lack_realtime(&loaded.settings));
+    let mut live = Live::new(&loaded, place, instance, shutdown)?;
+    let mut session = Session { robot: &mut live, person: &mut console, facts: &facts, proposals: Vec::new() };
+    let outcome = session.run();
+    let mut proposals = session.proposals;
+    let (trouble, report) = live.end();
+    proposals.extend(report.and_then(|report| age(&report)));
+    let exit = finish(&mut console, outcome, &trouble, &proposals);
+    console.sync().map_err(|error| Failure::unwritable(&path, &error))?;
+    exit
+}
+
+/// Opens the log. It never replaces a file.
+fn open_log(chosen: Option<&Path>) -> Result<(PathBuf, File), Failure> {
+    let now = time_text(SystemTime::now(), true);
+    let named = || PathBuf::from(format!("commission-{}.log", now.replace(':', "").split('.').next().unwrap_or(&now)));
+    let path = chosen.map_or_else(named, Path::to_path_buf);
+    let log = OpenOptions::new().write(true).create_new(true).open(&path);
+    log.map(|log| (path.clone(), log)).map_err(|error| Failure::unwritable(&path, &error))
+}
+
+fn introduce(console: &mut Console, loaded: &Loaded, place: &cli::InstanceArgs, log: &Path) {
+    let kind = if loaded.settings.driver.kind == DriverKind::Robot { "robot" } else { "simulated robot" };
+    console.say(&format!(
+        "Commissioning the {kind} {} by {} (hash {:016x}). The log is {}.\nStand beside the robot, with its emergency stop \
+         in reach. Nobody else is near it. A step that fails or is refused ends the run.",
+        loaded.model.name,
+        place.config.display(),
+        loaded.hash,
+        log.display()
+    ));
+}
+
+/// Returns the proposed largest age of a measurement, by the figures of the driver.
+fn age(report: &Value) -> Option<String> {
+    let oldest_ms = report["oldest_measured_ms"].as_f64()?;
+    let proposed_ms = (AGES * oldest_ms).ceil().clamp(1.0, 100.0);
+    Some(format!(
+        "[driver]\nmeasured_age_max_ms = {proposed_ms:.1}  # the oldest measurement was {oldest_ms:.1} ms old"
+    ))
+}
+
+/// Says how the run ended.
+fn finish(
+    console: &mut Console,
+    outcome: Result<Vec<String>, Ended>,
+    trouble: &[String],
+    proposals: &[String],
+) -> Result<Exit, Failure> {
+    trouble.iter().for_each(|line| console.note(&format!("at the end: {line}")));
+    let Ended { step, why } = match outcome {
+        Ok(summary) => {
+            console.say("\nSummary");
+            summary.iter().for_each(|line| console.say(line));
+            if !proposals.is_empty() {
+                console.say("\nProposed settings");
+                proposals.iter().for_each(|lines| console.say(lines));
+            }
+            console.say(&format!("\n{NOT_SHOWN}"));
+            if trouble.is_empty() {
+                return Ok(Exit::Ok);
+            }
+            let why = Stop::Failed(trouble.join("; "));
+            Ended { step: "the end".into(), why }
+        }
+        Err(ended) => ended,
+    };
+    let (exit, text) = match why {
+        Stop::Failed(why) => (Exit::Failed, format!("failed at {step}: {why}")),
+        Stop::Refused(why) => (Exit::Failed, format!("ended at {step}: {why}")),
+        Stop::Interrupted => (Exit::Interrupted, format!("interrupted at {step}; the robot was stopped")),
+    };
+    console.note(&text);
+    Err(Failure::new(exit, text))
+}
