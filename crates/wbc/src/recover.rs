@@ -29,7 +29,7 @@ use crate::geometry::Geometry;
 use crate::hand::HandSpeed;
 use crate::motion::{JointMotion, Motion};
 use crate::nearest::Nearest;
-use crate::plan::{JointState, JointStop, Planned};
+use crate::plan::{JointState, JointStop, Planned, highest_of_phase, negated};
 use crate::qp::{self, ActiveSet, Problem, Status};
 use crate::tick::Candidate;
 use crate::torque::{self, Load, TorqueScratch};
@@ -308,7 +308,9 @@ impl Attempt {
             let j_stop = j_stop.clamp(STOP_JERK_SHARE * bounds.j_max, bounds.j_max);
             let stop = JointStop::new(after.v, after.a, bounds.a_max, j_stop);
             let (low, high) = stop.extremes(after);
-            let (tick_low, tick_high) = (x.q.min(after.q), x.q.max(after.q));
+            // A joint may turn within the tick.
+            let tick_low = -highest_of_phase(negated(x), -jerk, TICK_S).0;
+            let tick_high = highest_of_phase(x, jerk, TICK_S).0;
             let inside = low.min(tick_low) >= q[0] && high.max(tick_high) <= q[1];
             let slow = after.v.abs().max(after.coasting_velocity(j_stop).abs()) <= speed;
             if !inside || !slow || after.a.abs() > bounds.a_max {

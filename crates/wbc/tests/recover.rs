@@ -7,6 +7,7 @@ use messages::{JOINTS_MAX, Stamp, TICK_S};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use support::{config_of, made_up};
+use wbc::plan::{JointState, JointStop};
 use wbc::{ENGAGE_MARGIN_M, Input, Options, Permit, State, tick};
 
 /// Joints of TIAGo++.
@@ -61,4 +62,37 @@ fn recovery_moves_no_joint_outward_and_most_robots_recover() {
     }
     println!("{clear} of {tried} clear after {:.1} s, {moved:.1} rad", TICKS as f64 * TICK_S);
     assert!(clear as usize * 10 >= tried * 8, "only {clear} of {tried} came back");
+}
+
+/// A joint that comes back may end its stop with a little speed and much deceleration. It then turns within the tick, so
+/// both ends of the tick say nothing about the way between them.
+#[test]
+fn joint_outside_goes_no_further_out_within_a_tick() {
+    let robot = made_up();
+    let config = config_of(&robot, Options::default());
+    let bounds = *config.bounds();
+    let mut rng = Pcg64::seed_from_u64(12);
+    let mut left_plan = 0;
+    for n in 0..2000 {
+        let j = n % JOINTS;
+        let mut start = [0.0; JOINTS_MAX];
+        start[j] = bounds[j].q_min - 1e-3;
+        let mut state = State::at_rest(&config, start);
+        let a_max = bounds[j].a_max.min(0.1);
+        let x = JointState { q: start[j], v: rng.random_range(0.0..1e-5), a: -rng.random_range(0.0..a_max) };
+        let stop = JointStop::new(x.v, x.a, bounds[j].a_max, bounds[j].j_max);
+        let mut planned = *state.planned();
+        planned.set_joint(j, x, stop);
+        state.reseed(&planned);
+        let out = tick(&config, &mut state, Stamp::NONE, Input { k: 0, target: None, permit: Permit::Recover });
+        let after = JointState { q: out.q[j], v: out.v[j], a: out.a[j] };
+        if after == stop.advance(x, TICK_S).0 {
+            continue;
+        }
+        let jerk = (after.a - x.a) / TICK_S;
+        let lowest = (0..=100).map(|i| x.after(jerk, f64::from(i) / 100.0 * TICK_S).q).fold(x.q, f64::min);
+        left_plan += 1;
+        assert!(lowest >= x.q - 1e-15, "joint {j} at {x:?} goes {:e} out", x.q - lowest);
+    }
+    assert!(left_plan > 100, "only {left_plan} left their stop");
 }
