@@ -7,8 +7,11 @@ use crate::network::{Latent, Network};
 use crate::refine::{PRIOR_WEIGHT, refine};
 use crate::resample::Sample;
 
-/// Margin in S_GR by which the previous posture must be better than the network's: one limb off by 11 degrees.
+/// Margin in S_GR by which another posture must be better than the network's: one limb off by 11 degrees.
 const CLEARLY_BETTER: f64 = 0.01;
+/// Margin by which it must be better if it leaves a motion: one limb off by 37 degrees. A person who turns beyond a limit
+/// by less finds the robot at this limit, and not at its other end. Assumption.
+const WORTH_A_LEAP: f64 = 0.1;
 
 /// An arm's pose on its way to a posture, without a previous posture.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -36,21 +39,26 @@ pub fn solve_poses<const N: usize>(
     })
 }
 
-/// Returns the refined start, or the refined previous posture if that is clearly better. Far outside its training
-/// data, the network may turn to the other end of a joint before the person does.
+/// Returns the refined start, or a refined posture that is clearly better: the previous one, or that of the closed form. Far
+/// outside its training data, the network may turn to the other end of a joint before the person does. Where limits leave
+/// no exact posture, it may be in another basin than the best one.
 pub fn posture(arm: &ArmModel, human: &Limbs, start: &ArmQ, previous: Option<&ArmQ>, refine_steps: u32) -> ArmQ {
     let refined = |start: &ArmQ| refine(arm, human, start, start, PRIOR_WEIGHT, refine_steps);
     let found = refined(start);
-    if let Some(previous) = previous.filter(|_| refine_steps > 0) {
-        // Two steps do not repair a posture that is already worse.
-        if arm.s_gr(previous, human) + CLEARLY_BETTER < found.s_gr {
-            let kept = refined(previous);
-            if kept.s_gr + CLEARLY_BETTER < found.s_gr {
-                return kept.q;
-            }
-        }
+    // Nothing is clearly better than this. Without steps the network speaks alone.
+    if refine_steps == 0 || found.s_gr <= CLEARLY_BETTER {
+        return found.q;
     }
-    found.q
+    let better = |start: &ArmQ, by: f64| {
+        // Two steps do not repair a posture that is already worse.
+        let other = (arm.s_gr(start, human) + by < found.s_gr).then(|| refined(start));
+        other.filter(|other| other.s_gr + by < found.s_gr).map(|other| other.q)
+    };
+    let closed = || {
+        let by = if previous.is_some() { WORTH_A_LEAP } else { CLEARLY_BETTER };
+        better(&closed_form(arm, human, previous.unwrap_or(&found.q)), by)
+    };
+    previous.and_then(|previous| better(previous, CLEARLY_BETTER)).or_else(closed).unwrap_or(found.q)
 }
 
 /// Turns the limbs of a sequence of poses into postures.

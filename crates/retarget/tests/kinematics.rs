@@ -8,7 +8,8 @@ use nalgebra::{UnitQuaternion, Vector3};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use retarget::{
-    ARM_Q, ArmModel, ArmQ, Limbs, PRIOR_WEIGHT, closed_form, features, limb_error_deg, oracle, refine, s_gr, slerp,
+    ARM_Q, ArmModel, ArmQ, Limbs, PRIOR_WEIGHT, closed_form, features, limb_error_deg, oracle, posture, refine, s_gr,
+    slerp,
 };
 use support::{arm, random_limbs, random_q};
 
@@ -84,6 +85,22 @@ fn closed_form_reaches_every_reachable_posture() {
         let off = (0..ARM_Q).map(|j| (near[j] - q[j]).abs()).fold(0.0, f64::max);
         assert!(off < 1e-3 || (q[1].abs() - FRAC_PI_2).abs() < 0.05, "{q:?} became {near:?}, {off}");
     }
+}
+
+/// A start in the wrong basin costs no more than the margin, whatever the network says.
+#[test]
+fn posture_from_a_wrong_start_is_at_most_the_margin_worse() {
+    const CLEARLY_BETTER: f64 = 0.01;
+    let (arm, mut rng) = (arm(), Pcg64::seed_from_u64(13));
+    let mut wrong = 0;
+    for _ in 0..5000 {
+        let (human, start) = (arm.forward(&random_q(&mut rng, &arm)), random_q(&mut rng, &arm));
+        let q = posture(&arm, &human, &start, None, 2);
+        assert!(arm.s_gr(&q, &human) <= CLEARLY_BETTER, "{start:?} became {q:?}");
+        wrong += u32::from(refine(&arm, &human, &start, &start, PRIOR_WEIGHT, 2).s_gr > CLEARLY_BETTER);
+        assert_eq!(posture(&arm, &human, &start, None, 0), start, "without steps the network speaks alone");
+    }
+    assert!(wrong > 1000, "only {wrong} starts were wrong");
 }
 
 #[test]
