@@ -74,9 +74,9 @@ impl Figures {
             None => self.trouble.push("a driver wrote no record".to_owned()),
         }
         match reports.get("robot") {
-            Some(record) => self.add_robot(record),
+            Some(record) if has_robot(settings) => self.add_robot(record),
             None if has_robot(settings) => self.trouble.push("a robot wrote no record".to_owned()),
-            None => {}
+            _ => {}
         }
         self.trouble.extend(trouble);
         reports
