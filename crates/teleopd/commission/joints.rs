@@ -100,7 +100,8 @@ fn judge(facts: &Facts, path: &Path, before: &[f64; JOINTS_MAX], samples: &[Samp
     }
     let bound = facts.differs(joint);
     // Written so that NaN differs.
-    if !((moved - path.by).abs() <= bound) {
+    let fits = (moved - path.by).abs() <= bound;
+    if !fits {
         return Err(format!(
             "{name} was commanded {} and is measured to move by {}: they may differ by {} (safety.tracking_error)",
             length(path.by),

@@ -115,7 +115,7 @@ fn bound_s(facts: &Facts, victim: Victim) -> f64 {
 /// Time of the first sample from which on every joint is measured where it ends, s.
 fn rest_s(facts: &Facts, samples: &[Sample]) -> f64 {
     let end = samples[samples.len() - 1];
-    let off =
-        |sample: &&Sample| (0..facts.model.count).any(|j| !((sample.q_measured[j] - end.q_measured[j]).abs() <= RESTS));
+    let rests = |sample: &Sample, j: usize| (sample.q_measured[j] - end.q_measured[j]).abs() <= RESTS;
+    let off = |sample: &&Sample| !(0..facts.model.count).all(|j| rests(sample, j));
     samples.iter().rev().find(off).map_or(samples[0].at_s, |last| last.at_s)
 }

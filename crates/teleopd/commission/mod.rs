@@ -19,7 +19,7 @@ use crate::cli;
 use crate::process::may_lack_realtime;
 use crate::programs::ROS2;
 use config::{DriverKind, Loaded, Settings};
-use console::{Console, time_text};
+use console::{Console, now_text};
 use live::Live;
 use ports::{Facts, Person, Stop};
 use rt::{Exit, Failure, Shutdown};
@@ -28,9 +28,8 @@ use session::{Ended, Session};
 use std::fs::{File, OpenOptions};
 use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
-use std::time::SystemTime;
 
-/// What no step can show.
+/// The text about what no step can show.
 const NOT_SHOWN: &str = "\
 What this run cannot show:
 - People, and everything that is not in the robot file or in [environment].
@@ -82,7 +81,7 @@ pub fn run(options: &cli::Commission) -> Result<Exit, Failure> {
 
 /// Opens the log. It never replaces a file.
 fn open_log(chosen: Option<&Path>) -> Result<(PathBuf, File), Failure> {
-    let now = time_text(SystemTime::now(), true);
+    let now = now_text();
     let named = || PathBuf::from(format!("commission-{}.log", now.replace(':', "").split('.').next().unwrap_or(&now)));
     let path = chosen.map_or_else(named, Path::to_path_buf);
     let log = OpenOptions::new().write(true).create_new(true).open(&path);

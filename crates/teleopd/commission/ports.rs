@@ -1,5 +1,4 @@
-//! What the steps need of a running robot and of the person, and the facts that they compare with. Does no IO and reads
-//! no clock.
+//! The robot and the person as the steps see them, and the facts that they compare with. Does no IO and reads no clock.
 
 use super::path::Path;
 use config::Loaded;
@@ -222,6 +221,7 @@ impl Facts {
         let share = |(j, off): &(usize, f64)| off.abs() / self.stands(*j);
         let worst = joints.map(|j| (j, farthest(j))).max_by(|a, b| share(a).total_cmp(&share(b)))?;
         // Written so that NaN strays.
-        (!(share(&worst) <= 1.0)).then_some(worst)
+        let kept = share(&worst) <= 1.0;
+        (!kept).then_some(worst)
     }
 }

@@ -120,8 +120,7 @@ pub fn run<D: Driver>(
     // A tick ran for its index if a command was executed for it. A plan tick is a deadline that control missed.
     let mut timeline = Timeline::new();
     let polled = process.loaded.settings.realtime.hand_off == HandOff::Polled;
-    let (mut sequence, mut oldest_command_ns, mut latched) = (0, 0, false);
-    let mut oldest_measured_ns = 0;
+    let (mut sequence, mut oldest_command_ns, mut oldest_measured_ns, mut latched) = (0, 0, 0, false);
     // A starting driver holds the robot where it stands.
     let mut robot = Fresh(open(&process, &core)?);
     let mut state = begin(&config, &mut robot, due, seed)?;
@@ -172,8 +171,7 @@ pub fn run<D: Driver>(
         }
         process.alive();
     }
-    let mut report = figures(&process, &state, &timeline, oldest_command_ns);
-    report["oldest_measured_ms"] = json!(oldest_measured_ns as f64 * 1e-6);
+    let report = figures(&process, &state, &timeline, [oldest_command_ns, oldest_measured_ns]);
     process.leave(report)
 }
 
@@ -206,7 +204,12 @@ fn note(probe: &mut Probe, now: Stamp, command: &JointCommand, out: &sim::Output
     }
 }
 
-fn figures(process: &Process, state: &sim::DriverState, timeline: &Timeline, oldest_command_ns: u64) -> Value {
+fn figures(
+    process: &Process,
+    state: &sim::DriverState,
+    timeline: &Timeline,
+    [command_ns, measured_ns]: [u64; 2],
+) -> Value {
     let report = state.report();
     let violations: Map<_, _> =
         report.violations().iter().map(|&(kind, count)| (kind.to_owned(), json!(count))).collect();
@@ -221,7 +224,8 @@ fn figures(process: &Process, state: &sim::DriverState, timeline: &Timeline, old
         },
         "rate_hz": TICK_HZ,
         "commands_accepted": state.follower().accepted,
-        "oldest_command_us": oldest_command_ns as f64 * 1e-3,
+        "oldest_command_us": command_ns as f64 * 1e-3,
+        "oldest_measured_ms": measured_ns as f64 * 1e-6,
         "ended_at_rest": state.at_rest(),
         "first_latch": state.first_latch(),
         "interface": process.loaded.settings.sim.interface.name(),

@@ -77,17 +77,8 @@ pub fn run(place: &InstanceArgs) -> Result<(), Failure> {
         let measured = body.measure(&config, now);
         sequence += 1;
         let header = process.header(sequence, rt::now(), Stamp::NONE);
-        let message = RobotMeasured {
-            header,
-            robot: id,
-            measured: measured.stamp,
-            seen_k,
-            q: measured.q,
-            dq: measured.dq,
-            tau: measured.tau,
-            flags: flags(&measured, refused),
-            ..RobotMeasured::ZERO
-        };
+        let flags = flags(&measured, refused);
+        let message = message(&measured, RobotMeasured { header, robot: id, seen_k, flags, ..RobotMeasured::ZERO });
         process.publish(&mut measurements, &message);
         process.alive();
         if process.shutdown.requested() {
@@ -110,6 +101,11 @@ fn stand_by(mut process: Process) -> Result<(), Failure> {
         process.alive();
     }
     process.leave(json!({}))
+}
+
+/// Returns `message` with what was measured.
+fn message(from: &plant::Measured, message: RobotMeasured) -> RobotMeasured {
+    RobotMeasured { measured: from.stamp, q: from.q, dq: from.dq, tau: from.tau, ..message }
 }
 
 fn flags(measured: &plant::Measured, refused: bool) -> u32 {

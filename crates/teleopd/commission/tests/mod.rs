@@ -13,7 +13,7 @@ const STEP_S: f64 = 0.01;
 /// Delay from a command to its measurement, s: three states.
 const DELAY_STATES: usize = 3;
 
-/// What is wrong with the robot.
+/// The defect of the robot.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 enum Defect {
     #[default]
