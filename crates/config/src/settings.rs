@@ -169,6 +169,10 @@ schema::table! {
         /// Program that drives the robot, started in place of the driver of the built-in simulator. Empty for the built-in
         /// one. A path with a slash is relative to this file. `"teleopd-ros2"` drives a robot that speaks ROS 2.
         program: String = String::new();
+        /// How `teleopd-ros2` commands the robot. `"trajectories"` are for trajectory controllers, which play the certified
+        /// stop when messages end. With `"positions"` and `"arm_sdk"` nobody stops the robot if the driver dies: it holds the
+        /// last position at once, from any speed. It must agree with `[driver]` of the robot file.
+        interface: robot::DriverInterface = robot::DriverInterface::Trajectories;
         /// Age of a measurement beyond which the robot counts as silent, ms. It is ten periods of a port of 1 kHz. Joint
         /// states of ROS 2 at 50 Hz need 60.
         measured_age_max_ms: f64 = 10.0, in [1.0, 100.0];
@@ -250,7 +254,8 @@ schema::table! {
         /// Time between a setpoint and its execution by the robot's controllers, ms. It is longer than the way of a
         /// message, the messages that may be lost in a row (5.3 ms each) and the error of the robot's clock together.
         delay_ms: f64 = 25.0, in [12.0, 45.0];
-        /// Time by which the robot's servos follow their controllers later, ms.
+        /// Time by which the robot's servos follow their controllers later, ms. With `driver.interface = "positions"` or
+        /// `"arm_sdk"` it is the whole time from a message to the motion, and `delay_ms` does not count.
         servo_lag_ms: f64 = 0.0, in [0.0, 100.0];
     }
 }

@@ -3,6 +3,7 @@
 
 use crate::arm::LIMB_JOINTS;
 use crate::error::RobotError;
+use crate::proposal::ProposalEntry;
 use messages::ARM_JOINTS;
 use serde::Deserialize;
 use std::collections::BTreeMap;
@@ -35,6 +36,9 @@ pub(crate) struct RobotFile {
     /// The robot's controllers. Without any, one controller has all joints.
     #[serde(default)]
     pub(crate) controllers: Vec<ControllerEntry>,
+    /// How the robot is driven.
+    #[serde(default)]
+    pub(crate) driver: ProposalEntry,
     pub(crate) limits: Limits,
     /// Limits by joint name. They may only tighten.
     #[serde(default)]

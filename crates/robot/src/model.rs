@@ -11,6 +11,7 @@ use crate::kinematics::{Frames, JointFrame};
 use crate::limits::JointLimits;
 use crate::payload::Payload;
 use crate::pose::Pose;
+use crate::proposal::Proposal;
 use crate::urdf::Tree;
 use crate::visual::{MeshVisual, Visual};
 use messages::{JOINTS_MAX, RobotId};
@@ -61,6 +62,8 @@ pub struct Model {
     pub joint_names: Vec<String>,
     /// The robot's controllers. Every commanded joint belongs to one of them.
     pub controllers: Vec<Controller>,
+    /// How the robot file proposes to drive it.
+    pub driver: Proposal,
     /// True for joints that slide (m), false for joints that turn (rad).
     pub prismatic: [bool; JOINTS_MAX],
     /// Limits in force: the URDF's, tightened by the robot file.
@@ -106,6 +109,8 @@ pub struct Controller {
     pub name: String,
     /// Bit j stands for joint j.
     pub joints: u32,
+    /// The same joints in the order of the robot file.
+    pub order: Vec<usize>,
 }
 
 /// Largest number of controllers. Robots with two arms have one to four, and two more for their grippers.
@@ -241,6 +246,7 @@ impl Source<'_> {
             body_count: chain.body_count,
             lift,
             controllers: self.controllers(&file.controllers, joint_names)?,
+            driver: self.proposal(file.driver, joint_names)?,
             prismatic,
             limits,
             urdf_limits,
@@ -304,7 +310,7 @@ impl Source<'_> {
         RobotError::Joint { file, joint, key, value, bound: bound.into() }
     }
 
-    fn check_names<'n>(
+    pub(crate) fn check_names<'n>(
         &self,
         table: &str,
         mut names: impl Iterator<Item = &'n String>,
@@ -354,7 +360,8 @@ impl Source<'_> {
     /// Reads the controllers. Every joint belongs to exactly one.
     fn controllers(&self, entries: &[ControllerEntry], names: &[String]) -> Result<Vec<Controller>, RobotError> {
         if entries.is_empty() {
-            return Ok(vec![Controller { name: "joints".into(), joints: (1 << names.len()) - 1 }]);
+            let (joints, order) = ((1 << names.len()) - 1, (0..names.len()).collect());
+            return Ok(vec![Controller { name: "joints".into(), joints, order }]);
         }
         if entries.len() > CONTROLLERS_MAX {
             let (file, key) = (self.toml.into(), "controllers".into());
@@ -363,7 +370,11 @@ impl Source<'_> {
         let lists = entries.iter().map(|entry| (format!("controllers `{}`", entry.name), entry.joints.as_slice()));
         let owners = self.partition(lists, names, "a controller")?;
         let masks = |c: usize| owners.iter().enumerate().filter(|(_, owner)| **owner == c).map(|(j, _)| 1 << j).sum();
-        let read = |(c, entry): (usize, &ControllerEntry)| Controller { name: entry.name.clone(), joints: masks(c) };
+        let place = |name: &String| names.iter().position(|known| known == name);
+        let read = |(c, entry): (usize, &ControllerEntry)| {
+            let order = entry.joints.iter().filter_map(place).collect();
+            Controller { name: entry.name.clone(), joints: masks(c), order }
+        };
         Ok(entries.iter().enumerate().map(read).collect())
     }
 

@@ -166,6 +166,48 @@ fn f097_error_in_robot_file_is_refused_with_its_key() {
     }
 }
 
+/// A robot file with motors.
+const G1: &str = include_str!("../../../config/robots/unitree_g1.toml");
+const G1_URDF: &str = include_str!("../../../config/robots/unitree_g1.urdf");
+
+#[test]
+fn f097_error_in_driver_table_is_refused_with_its_key() {
+    let yaw = "waist_yaw_joint = { index = 12, stiffness_n_m_per_rad = 300.0, damping_n_m_s_per_rad = 3.0 }";
+    let cases = [
+        ("interface = \"arm_sdk\"", "interface = \"torques\"", ["torques", "arm_sdk"]),
+        (
+            "interface = \"arm_sdk\"",
+            "interface = \"positions\"",
+            ["driver.interface = \"positions\"", "must be \"arm_sdk\""],
+        ),
+        ("mode_machine = 5", "", ["driver.mode_machine", "rt/lowstate"]),
+        ("mode_machine = 5", "mode_machine = 256", ["256", "u8"]),
+        (yaw, "", ["`waist_yaw_joint`", "must have a motor"]),
+        ("waist_yaw_joint = { index", "left_hip_yaw_joint = { index", ["driver.motors", "left_hip_yaw_joint"]),
+        ("index = 12", "index = 11", ["motor index = 11", "12 to 28"]),
+        ("index = 12", "index = 29", ["motor index = 29", "12 to 28"]),
+        ("index = 12", "index = 13", ["motor index = 13", "another joint"]),
+        ("rad = 300.0", "rad = 401.0", ["stiffness_n_m_per_rad = 401", "at most 400"]),
+        ("rad = 300.0", "rad = 0.0", ["stiffness_n_m_per_rad = 0", "above 0"]),
+        ("damping_n_m_s_per_rad = 3.0", "damping_n_m_s_per_rad = nan", ["damping_n_m_s_per_rad = NaN", "at most 10"]),
+    ];
+    for (old, new, [what, bound]) in cases {
+        refused(&edit(G1, "[driver]", old, new), G1_URDF, &["tiago_dual.toml", what, bound]);
+    }
+}
+
+#[test]
+fn controller_keeps_the_order_of_the_robot_file() {
+    let model = load(TOML, URDF).expect("shipped");
+    let turned =
+        edit(TOML, "[[controllers]]", "\"head_1_joint\", \"head_2_joint\"", "\"head_2_joint\", \"head_1_joint\"");
+    let head =
+        |model: &robot::Model| model.controllers.iter().find(|one| one.name == "head_controller").cloned().unwrap();
+    let (now, then) = (head(&model), head(&load(&turned, URDF).expect("the same joints")));
+    assert_eq!(now.joints, then.joints);
+    assert!(now.order[0] < now.order[1] && then.order == [now.order[1], now.order[0]], "{then:?}");
+}
+
 #[test]
 fn f098_override_that_loosens_limit_is_refused() {
     let with =
