@@ -166,4 +166,10 @@ pub(crate) const ROS2: &[Hazard] = &[
         "it plays its certified stop; nothing is sent until it stands where the driver begins",
         "2 mrad and 4 ms of motion",
     ),
+    does(
+        "f118",
+        "the loop of the driver falls silent before a robot that plays no stop",
+        "the driver's thread plays the certified stop",
+        "10 ms + B",
+    ),
 ];

@@ -1,6 +1,7 @@
 //! Topics, readers and writers of DDS.
 
-use crate::ros::{ControllerState, JointTrajectory, RosType, topic};
+use crate::ros::{ControllerState, Float64MultiArray, JointTrajectory, RosType, topic};
+use crate::unitree::LowCmd;
 use crate::wire::Lossy;
 use config::Ros2Settings;
 use dust_dds::configuration::DustDdsConfigurationBuilder;
@@ -25,7 +26,7 @@ use dust_dds::subscription::data_reader::DataReader;
 use dust_dds::subscription::subscriber::Subscriber;
 use dust_dds::xtypes::type_support::TypeSupport;
 use messages::Stamp;
-use robot::Model;
+use robot::{DriverInterface, Model};
 
 /// How often this participant announces itself. A robot that starts later finds it within this time.
 const ANNOUNCE: std::time::Duration = std::time::Duration::from_millis(500);
@@ -35,15 +36,57 @@ const RECEIVED_BYTES: usize = 4 << 20;
 /// Largest number of messages taken at once.
 pub(crate) const TAKEN_MAX: i32 = 16;
 
+/// A message for a controller.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Message {
+    /// For a trajectory controller.
+    Trajectory(JointTrajectory),
+    /// For a controller that takes positions.
+    Positions(Float64MultiArray),
+    /// For `rt/arm_sdk`.
+    ArmSdk(Box<LowCmd>),
+}
+
+/// Writer of a controller's messages.
+pub(crate) enum Writer {
+    Trajectory(DataWriter<JointTrajectory>),
+    Positions(DataWriter<Float64MultiArray>),
+    ArmSdk(DataWriter<LowCmd>),
+}
+
+impl Writer {
+    /// Sends a message of its own kind. One that could not be sent is a lost one: the robot will show it.
+    pub(crate) fn write(&self, message: Message) {
+        let _ = match (self, message) {
+            (Self::Trajectory(writer), Message::Trajectory(message)) => writer.write(message, None),
+            (Self::Positions(writer), Message::Positions(message)) => writer.write(message, None),
+            (Self::ArmSdk(writer), Message::ArmSdk(message)) => writer.write(*message, None),
+            _ => Ok(()),
+        };
+    }
+
+    /// Its name among all publishers.
+    pub(crate) fn key(&self) -> [u8; 16] {
+        match self {
+            Self::Trajectory(writer) => writer.get_instance_handle().into(),
+            Self::Positions(writer) => writer.get_instance_handle().into(),
+            Self::ArmSdk(writer) => writer.get_instance_handle().into(),
+        }
+    }
+}
+
 /// One controller of the robot.
 pub(crate) struct Controller {
     pub(crate) name: String,
     pub(crate) joints: u32,
+    /// Its joints in its own order.
+    pub(crate) order: Vec<usize>,
     pub(crate) joint_names: Vec<String>,
     pub(crate) topic: String,
     /// None for a preflight, which sends nothing.
-    pub(crate) writer: Option<DataWriter<JointTrajectory>>,
-    pub(crate) states: [DataReader<ControllerState>; 2],
+    pub(crate) writer: Option<Writer>,
+    /// None for a controller that says nothing of itself.
+    pub(crate) states: Option<[DataReader<ControllerState>; 2]>,
     pub(crate) heard: Option<Stamp>,
     pub(crate) other_joints: bool,
     pub(crate) readers: usize,
@@ -157,44 +200,56 @@ pub(crate) fn join(settings: &Ros2Settings) -> Result<[Member; 2], String> {
     Ok([member()?, member()?])
 }
 
+/// Opens a command topic, and a writer if there is a publisher.
+fn writer<T: TypeSupport + RosType>(
+    member: &Member,
+    publisher: Option<&Publisher>,
+    ros: &str,
+) -> Result<Option<DataWriter<T>>, String> {
+    let dds = topic(ros);
+    let topic = member
+        .participant
+        .create_topic::<T>(&dds, T::NAME, QosKind::Default, NO_LISTENER, NO_STATUS)
+        .map_err(failed(ros))?;
+    let open = |publisher: &Publisher| {
+        // A reader that wants best effort takes a reliable writer too, but not the other way round.
+        let reliability = reliability(ReliabilityQosPolicyKind::Reliable);
+        let history = HistoryQosPolicy { kind: HistoryQosPolicyKind::KeepLast(UNACKNOWLEDGED) };
+        let deadline = DeadlineQosPolicy { period: DurationKind::Finite(Duration::new(PROMISED_S, 0)) };
+        let qos = DataWriterQos { reliability, history, deadline, ..DataWriterQos::default() };
+        let qos = QosKind::Specific(qos);
+        publisher.create_datawriter::<T>(&topic, qos, NO_LISTENER, NO_STATUS).map_err(failed(ros))
+    };
+    publisher.map(open).transpose()
+}
+
 impl Controller {
     /// Opens its topics. Without a publisher nothing can be sent.
     pub(crate) fn open(
         model: &Model,
         controller: &robot::Controller,
+        interface: DriverInterface,
         members: &[Member; 2],
         publisher: Option<&Publisher>,
     ) -> Result<Self, String> {
-        let name = controller.name.clone();
-        let (commands, state) = (format!("/{name}/joint_trajectory"), format!("/{name}/controller_state"));
-        let joints = (0..model.count).filter(|j| controller.joints & 1 << j != 0);
-        let dds = topic(&commands);
-        let topic = members[0]
-            .participant
-            .create_topic::<JointTrajectory>(&dds, JointTrajectory::NAME, QosKind::Default, NO_LISTENER, NO_STATUS)
-            .map_err(failed(&commands))?;
-        let writer = publisher.map(|publisher| {
-            // A reader that wants best effort takes a reliable writer too, but not the other way round.
-            let reliability = reliability(ReliabilityQosPolicyKind::Reliable);
-            let history = HistoryQosPolicy { kind: HistoryQosPolicyKind::KeepLast(UNACKNOWLEDGED) };
-            let deadline = DeadlineQosPolicy { period: DurationKind::Finite(Duration::new(PROMISED_S, 0)) };
-            let qos = DataWriterQos { reliability, history, deadline, ..DataWriterQos::default() };
-            publisher
-                .create_datawriter::<JointTrajectory>(&topic, QosKind::Specific(qos), NO_LISTENER, NO_STATUS)
-                .map_err(failed(&commands))
-        });
-        let writer = writer.transpose()?;
-        Ok(Self {
-            name,
-            joints: controller.joints,
-            joint_names: joints.map(|j| model.joint_names[j].clone()).collect(),
-            topic: commands,
-            writer,
-            states: twice(members, &state)?,
-            heard: None,
-            other_joints: false,
-            readers: 0,
-            publishers: 0,
-        })
+        let (member, name, joints, order) =
+            (&members[0], controller.name.clone(), controller.joints, controller.order.clone());
+        let topic = match interface {
+            DriverInterface::Trajectories => format!("/{name}/joint_trajectory"),
+            DriverInterface::Positions => format!("/{name}/commands"),
+            DriverInterface::ArmSdk => format!("/{name}"),
+        };
+        let writer = match interface {
+            DriverInterface::Trajectories => writer(member, publisher, &topic)?.map(Writer::Trajectory),
+            DriverInterface::Positions => writer(member, publisher, &topic)?.map(Writer::Positions),
+            DriverInterface::ArmSdk => writer(member, publisher, &topic)?.map(Writer::ArmSdk),
+        };
+        let states = (interface == DriverInterface::Trajectories)
+            .then(|| twice(members, &format!("/{name}/controller_state")))
+            .transpose()?;
+        let own = (0..model.count).filter(|j| joints & 1 << j != 0);
+        let joint_names = own.map(|j| model.joint_names[j].clone()).collect();
+        let (heard, other_joints, readers, publishers) = (None, false, 0, 0);
+        Ok(Self { name, joints, order, joint_names, topic, writer, states, heard, other_joints, readers, publishers })
     }
 }

@@ -15,9 +15,9 @@ const OFF_S: f64 = 4e-3;
 /// A reference that changes by less than this stands, rad or m.
 const STANDS: f64 = 1e-4;
 /// Time for which a reference must stand before the driver joins it, ns.
-const STANDS_NS: u64 = 200_000_000;
+pub(crate) const STANDS_NS: u64 = 200_000_000;
 /// Distance from a standing reference at which the driver may join, rad or m. A controller at 100 Hz makes 5 rad/s^2 of it.
-const MEETS: f64 = 5e-4;
+pub(crate) const MEETS: f64 = 5e-4;
 /// Largest difference between a controller's setpoint and the joint that it holds, rad or m. It is the tracking error that
 /// `safety` tolerates.
 pub const HELD: f64 = 0.05;

@@ -1,26 +1,37 @@
 //! The connection to the robot over DDS. Everything here may block and allocate. It runs in a thread beside the driver's
 //! loop.
 
+use crate::around;
 use crate::clock::RobotClock;
-use crate::dds::{Controller, Member, TAKEN_MAX, failed, join, kept, readers, take, twice};
+use crate::curves::{self, Curves};
+pub use crate::dds::Message;
+use crate::dds::{Controller, Member, TAKEN_MAX, any, failed, join, kept, readers, take, twice};
 use crate::emergency::EmergencyStop;
 use crate::estimate::Sample;
-use crate::join::{Joined, Reference, agrees, continues};
-use crate::ros::{Header, JointState, JointTrajectory, JointTrajectoryPoint, Text, Time, topic};
-use crate::trajectory::{Command, Past, points};
+use crate::gravity::Gravity;
+use crate::interface::period_ticks;
+use crate::ros::{
+    Float64MultiArray, Header, JointState, JointTrajectory, JointTrajectoryPoint, MultiArrayLayout, Text, Time,
+};
+use crate::stream::{self, Position, Stream};
+use crate::trajectory::Command;
+use crate::unitree::{LowCmd, LowState};
 use config::Ros2Settings;
-use dust_dds::builtin_topics::{PublicationBuiltinTopicData, SubscriptionBuiltinTopicData};
 use dust_dds::infrastructure::listener::NO_LISTENER;
 use dust_dds::infrastructure::qos::QosKind;
-use dust_dds::infrastructure::sample_info::{ANY_INSTANCE_STATE, ANY_SAMPLE_STATE, ANY_VIEW_STATE, InstanceStateKind};
+use dust_dds::infrastructure::sample_info::{ANY_INSTANCE_STATE, ANY_SAMPLE_STATE, ANY_VIEW_STATE};
 use dust_dds::infrastructure::status::NO_STATUS;
 use dust_dds::subscription::data_reader::DataReader;
 use dust_dds::subscription::subscriber::Subscriber;
-use messages::{JOINTS_MAX, Stamp, tick_at};
-use robot::Model;
+use messages::{JOINTS_MAX, Stamp};
+use robot::{DriverInterface, Model, Motor};
 
 /// Longest time for which a controller may be silent, ns. An active one publishes its state 50 times a second.
 const CONTROLLER_SILENT_NS: u64 = 100_000_000;
+/// One tick of `rt/lowstate`, ns. It counts ms in Unitree's simulator (unitree_mujoco). Assumption for the robot.
+const LOW_TICK_NS: i64 = 1_000_000;
+/// Time between two turns without the loop, ns.
+const TURN_NS: u64 = 1_000_000;
 /// Time between two looks at who else is on the command topics, ns.
 const LOOK_NS: u64 = 250_000_000;
 
@@ -52,13 +63,28 @@ pub struct Heard {
     pub count: u64,
 }
 
+/// Readers of the robot's joint states.
+enum States {
+    Joints([DataReader<JointState>; 2]),
+    Low(DataReader<LowState>),
+}
+
+/// Messages that the robot gets, and whether it follows them.
+enum Talk {
+    Curves(Curves),
+    Stream(Stream),
+}
+
 /// The connection.
 pub struct Link {
     joint_names: Vec<String>,
     prefer_difference: bool,
     delay_ns: u64,
     controllers: Vec<Controller>,
-    states: [DataReader<JointState>; 2],
+    states: States,
+    motors: Vec<Motor>,
+    /// None for a robot of ROS, which holds itself.
+    gravity: Option<Gravity>,
     emergency: Option<EmergencyStop>,
     description: Option<DataReader<Text>>,
     builtin: Subscriber,
@@ -74,13 +100,9 @@ pub struct Link {
     pub pressed: Option<bool>,
     /// The robot's own description.
     pub urdf: Option<String>,
-    past: Past,
-    joined: Joined,
-    reference: Reference,
-    /// Acceleration limits, rad/s^2 or m/s^2.
-    a_max: [f64; JOINTS_MAX],
-    /// Why the robot departed.
-    departed: Option<String>,
+    /// Robot type that `rt/lowstate` reports.
+    pub mode_machine: Option<u8>,
+    talk: Talk,
     /// The participant that reports the joint states.
     reporter: Option<[u8; 16]>,
     members: [Member; 2],
@@ -89,24 +111,47 @@ pub struct Link {
 
 impl Link {
     /// Joins the robot's domain. With `sends`, it may send.
-    pub fn open(model: &Model, settings: &Ros2Settings, sends: bool) -> Result<Self, String> {
+    pub fn open(
+        model: &Model,
+        settings: &Ros2Settings,
+        interface: DriverInterface,
+        sends: bool,
+    ) -> Result<Self, String> {
         let members = join(settings)?;
         let publisher = members[0].participant.create_publisher(QosKind::Default, NO_LISTENER, NO_STATUS);
         let publisher = publisher.map_err(failed("publisher"))?;
-        let controller = |controller| Controller::open(model, controller, &members, sends.then_some(&publisher));
-        let controllers = model.controllers.iter().map(controller).collect::<Result<_, _>>()?;
+        let (joints, order) = (model.joint_mask(), (0..model.count).collect());
+        let all = [robot::Controller { name: "arm_sdk".into(), joints, order }];
+        let named = if interface == DriverInterface::ArmSdk { &all } else { model.controllers.as_slice() };
+        let open = |one| Controller::open(model, one, interface, &members, sends.then_some(&publisher));
+        let controllers = named.iter().map(open).collect::<Result<_, _>>()?;
         let emergency = (!settings.emergency_stop_topic.is_empty())
             .then(|| EmergencyStop::open(&members[0], &settings.emergency_stop_topic))
             .transpose()?;
-        let [description] = readers(&members[0], "/robot_description", [kept()])?;
+        let is_ros = interface != DriverInterface::ArmSdk;
+        let describe = || readers(&members[0], "/robot_description", [kept()]).map(|[description]| description);
+        let states = if is_ros {
+            States::Joints(twice(&members, &settings.joint_states_topic)?)
+        } else {
+            // At 500 Hz a lost state is no matter.
+            let [low] = readers(&members[0], "/lowstate", [any()])?;
+            States::Low(low)
+        };
+        let (a_max, delay_ns) = (model.limits.map(|limits| limits.a_max), (settings.delay_ms * 1e6) as u64);
+        let talk = match interface {
+            DriverInterface::Trajectories => Talk::Curves(Curves::new(model.count, delay_ns, a_max)),
+            _ => Talk::Stream(Stream::new(model.count, period_ticks(interface), !is_ros, a_max)),
+        };
         Ok(Self {
             joint_names: model.joint_names.clone(),
             prefer_difference: false,
-            delay_ns: (settings.delay_ms * 1e6) as u64,
+            delay_ns,
             controllers,
-            states: twice(&members, &settings.joint_states_topic)?,
+            states,
+            motors: model.driver.motors.clone(),
+            gravity: (!is_ros).then(|| Gravity::of(model)),
             emergency,
-            description: Some(description),
+            description: is_ros.then(describe).transpose()?,
             builtin: members[0].participant.get_builtin_subscriber(),
             clock: RobotClock::default(),
             heard: None,
@@ -114,11 +159,8 @@ impl Link {
             disbelieved: 0,
             pressed: None,
             urdf: None,
-            past: Past::default(),
-            joined: Joined::No,
-            reference: Reference::default(),
-            a_max: model.limits.map(|limits| limits.a_max),
-            departed: None,
+            mode_machine: None,
+            talk,
             reporter: None,
             members,
             looked: Stamp::NONE,
@@ -128,11 +170,15 @@ impl Link {
     /// Takes what arrived. Returns true if a new complete joint state is among it.
     pub fn hear(&mut self, now: Stamp) -> bool {
         let mut news = false;
-        let samples = |states: &DataReader<JointState>| {
+        let joints = |states: &DataReader<JointState>| {
             states.take(TAKEN_MAX, ANY_SAMPLE_STATE, ANY_VIEW_STATE, ANY_INSTANCE_STATE).unwrap_or_default()
         };
+        let (states, lows) = match &self.states {
+            States::Joints(states) => (states.each_ref().map(joints).into_iter().flatten().collect(), Vec::new()),
+            States::Low(states) => (Vec::new(), take(states)),
+        };
         // A state that came twice is older than itself.
-        for sample in self.states.each_ref().map(samples).into_iter().flatten() {
+        for sample in states {
             let from: [u8; 16] = sample.sample_info.publication_handle.into();
             // A robot that started again is another one: its driver must start again, too.
             if let Some(state) = sample.data
@@ -141,6 +187,12 @@ impl Link {
             {
                 (news, self.reporter) = (true, Some(from));
             }
+        }
+        for state in lows {
+            news |= self.take_low(&state, now);
+        }
+        if let (true, Some(heard), Talk::Stream(stream)) = (news, &self.heard, &mut self.talk) {
+            stream.compare(&heard.sample, &self.joint_names);
         }
         self.hear_controllers(now);
         if let Some(emergency) = &mut self.emergency {
@@ -151,7 +203,7 @@ impl Link {
         }
         if now.since(self.looked) >= LOOK_NS {
             self.looked = now;
-            self.look_around();
+            around::look(&self.builtin, &self.members[0], &mut self.controllers, self.emergency.as_mut());
         }
         self.pressed = self.emergency.as_ref().and_then(EmergencyStop::pressed);
         news
@@ -166,63 +218,92 @@ impl Link {
     }
 
     fn hear_controllers(&mut self, now: Stamp) {
-        for i in 0..self.controllers.len() {
-            for state in self.controllers[i].states.each_ref().map(take).into_iter().flatten() {
-                let controller = &mut self.controllers[i];
+        let Talk::Curves(curves) = &mut self.talk else { return };
+        for controller in &mut self.controllers {
+            let Some(states) = &controller.states else { continue };
+            for state in states.each_ref().map(take).into_iter().flatten() {
                 controller.heard = Some(now);
                 let place = |name: &String| state.joint_names.iter().position(|other| other == name);
                 let places: Vec<Option<usize>> = controller.joint_names.iter().map(place).collect();
                 let all = places.iter().all(Option::is_some);
                 controller.other_joints = !all || state.joint_names.len() != controller.joint_names.len();
                 let at = self.clock.here(state.header.stamp.ns());
-                let joints: Vec<usize> = (0..JOINTS_MAX).filter(|j| controller.joints & 1 << j != 0).collect();
-                for (j, place) in joints.into_iter().zip(places) {
+                let joints = (0..JOINTS_MAX).filter(|j| controller.joints & 1 << j != 0);
+                for (j, place) in joints.zip(places) {
                     let positions = &state.reference.positions;
                     let q = place.and_then(|place| positions.get(place)).copied().unwrap_or(f64::NAN);
-                    self.reference.hear(j, q, now);
-                    self.compare(j, q, at);
+                    curves.hear(j, &self.joint_names[j], q, at, now);
                 }
             }
         }
     }
 
-    /// Compares a controller's setpoint with what it was sent.
-    fn compare(&mut self, j: usize, q: f64, at: Option<Stamp>) {
-        let (Joined::Since(since), Some(at)) = (self.joined, at) else { return };
-        let then = Stamp(at.0.saturating_sub(self.delay_ns));
-        if then.since(since) == 0 {
-            return;
-        }
-        if let Some(sent) = self.past.expected(then)
-            && !agrees(q, sent.q[j], sent.v[j])
-        {
-            let (name, off) = (&self.joint_names[j], (q - sent.q[j]) * 1e3);
-            self.depart(format!(
-                "the controller of `{name}` is {off:.1} mrad or mm off what it was sent: messages were lost"
-            ));
-        }
-    }
-
     fn depart(&mut self, why: String) {
-        if self.joined != Joined::Departed {
-            self.joined = Joined::Departed;
-            self.departed = Some(why);
-            self.past.clear();
+        match &mut self.talk {
+            Talk::Curves(curves) => curves.depart(why),
+            Talk::Stream(stream) => stream.depart(why),
         }
     }
 
-    /// Why the robot is not sent anything. None while it executes what it is sent.
+    /// Why the robot does not follow. None while it executes what it is sent.
     pub fn departed(&self) -> Option<&str> {
-        self.departed.as_deref()
+        match &self.talk {
+            Talk::Curves(curves) => curves.departed(),
+            Talk::Stream(stream) => stream.departed(),
+        }
     }
 
-    /// The controllers' own setpoints, if all are known.
-    pub fn reference(&self) -> &Reference {
-        &self.reference
+    /// Positions at which the robot is held: the controllers' own setpoints, or what they were sent. Before that, the measured
+    /// posture. In rad or m.
+    pub fn held(&self) -> [f64; JOINTS_MAX] {
+        match (&self.talk, &self.heard) {
+            (Talk::Curves(curves), _) => curves.held(),
+            (Talk::Stream(stream), Some(heard)) if stream.is_released() && stream.departed().is_none() => {
+                heard.sample.q
+            }
+            (Talk::Stream(stream), _) => *stream.held(),
+        }
+    }
+
+    /// True if controllers publish their own state.
+    pub const fn has_states(&self) -> bool {
+        matches!(self.talk, Talk::Curves(_))
+    }
+
+    /// Words on a robot that departed.
+    pub const fn consequence(&self) -> &'static str {
+        if self.has_states() { "nothing is sent to the robot" } else { "the robot is stopped and held" }
+    }
+
+    /// True if the robot has a description and controllers of ROS.
+    pub const fn is_ros(&self) -> bool {
+        matches!(self.states, States::Joints(_))
+    }
+
+    /// Takes a state of a Unitree robot.
+    fn take_low(&mut self, state: &LowState, now: Stamp) -> bool {
+        let stamp_ns = i64::from(state.tick) * LOW_TICK_NS;
+        // A tick that stands belongs to a state that stands.
+        if self.heard.as_ref().is_some_and(|before| before.stamp_ns == stamp_ns) {
+            return false;
+        }
+        let (mut q, mut dq) = ([0.0; JOINTS_MAX], [0.0; JOINTS_MAX]);
+        for (j, motor) in self.motors.iter().enumerate() {
+            let Some(motor) = state.motor_state.get(motor.index as usize) else { return false };
+            (q[j], dq[j]) = (f64::from(motor.q), f64::from(motor.dq));
+            if !q[j].is_finite() {
+                self.incomplete = Some(format!("lowstate has {} for the position of `{}`", q[j], self.joint_names[j]));
+                return false;
+            }
+        }
+        if self.mode_machine.is_some_and(|known| known != state.mode_machine) {
+            self.depart(format!("mode_machine became {}", state.mode_machine));
+        }
+        self.mode_machine = Some(state.mode_machine);
+        self.take_sample(stamp_ns, q, dq, now)
     }
 
     fn take_state(&mut self, state: &JointState, now: Stamp) -> bool {
-        let stamp_ns = state.header.stamp.ns();
         let (mut q, mut dq) = ([0.0; JOINTS_MAX], [0.0; JOINTS_MAX]);
         for (j, name) in self.joint_names.iter().enumerate() {
             let mut places = state.name.iter().enumerate().filter(|(_, other)| *other == name);
@@ -237,6 +318,11 @@ impl Link {
                 return false;
             }
         }
+        self.take_sample(state.header.stamp.ns(), q, dq, now)
+    }
+
+    /// Takes a complete state. Returns true if it is newer than the one before, and its stamp is believed.
+    fn take_sample(&mut self, stamp_ns: i64, q: [f64; JOINTS_MAX], mut dq: [f64; JOINTS_MAX], now: Stamp) -> bool {
         if !self.clock.hear(stamp_ns, now) {
             self.disbelieved += 1;
             if self.clock.offset_ns().is_none() {
@@ -265,62 +351,13 @@ impl Link {
         true
     }
 
-    /// Counts who else is on the command topics.
-    fn look_around(&mut self) {
-        const ALIVE: &[InstanceStateKind] = &[InstanceStateKind::Alive];
-        let publications = self
-            .builtin
-            .lookup_datareader::<PublicationBuiltinTopicData>("DCPSPublication")
-            .ok()
-            .flatten()
-            .and_then(|reader| reader.read(i32::MAX, ANY_SAMPLE_STATE, ANY_VIEW_STATE, ALIVE).ok())
-            .unwrap_or_default();
-        let subscriptions = self
-            .builtin
-            .lookup_datareader::<SubscriptionBuiltinTopicData>("DCPSSubscription")
-            .ok()
-            .flatten()
-            .and_then(|reader| reader.read(i32::MAX, ANY_SAMPLE_STATE, ANY_VIEW_STATE, ALIVE).ok())
-            .unwrap_or_default();
-        let there: Vec<Vec<u8>> = self.members[0]
-            .participant
-            .get_discovered_participants()
-            .unwrap_or_default()
-            .into_iter()
-            .map(|handle| <[u8; 16]>::from(handle)[..12].to_vec())
-            .collect();
-        let there: Vec<&[u8]> = there.iter().map(Vec::as_slice).collect();
-        if let Some(emergency) = &mut self.emergency {
-            let publishes = |found: &&PublicationBuiltinTopicData| {
-                found.topic_name() == emergency.topic && there.contains(&&found.key().value[..12])
-            };
-            let count = publications.iter().filter_map(|sample| sample.data.as_ref()).filter(publishes).count();
-            emergency.note_publishers(count);
-        }
-        for controller in &mut self.controllers {
-            let name = topic(&controller.topic);
-            let own: Option<[u8; 16]> = controller.writer.as_ref().map(|writer| writer.get_instance_handle().into());
-            // A publisher whose participant left is gone.
-            let publishes = |found: &&PublicationBuiltinTopicData| {
-                found.topic_name() == name
-                    && Some(found.key().value) != own
-                    && there.contains(&&found.key().value[..12])
-            };
-            let reads = |found: &&SubscriptionBuiltinTopicData| {
-                found.topic_name() == name && there.contains(&&found.key().value[..12])
-            };
-            controller.publishers =
-                publications.iter().filter_map(|sample| sample.data.as_ref()).filter(publishes).count();
-            controller.readers = subscriptions.iter().filter_map(|sample| sample.data.as_ref()).filter(reads).count();
-        }
-    }
-
     /// The controllers as they show themselves at `now`.
     pub fn controllers(&self, now: Stamp) -> Vec<Seen> {
         let seen = |controller: &Controller| Seen {
             name: controller.name.clone(),
             topic: controller.topic.clone(),
-            active: controller.heard.is_some_and(|heard| now.since(heard) <= CONTROLLER_SILENT_NS),
+            active: controller.states.is_none()
+                || controller.heard.is_some_and(|heard| now.since(heard) <= CONTROLLER_SILENT_NS),
             other_joints: controller.other_joints,
             readers: controller.readers,
             publishers: controller.publishers,
@@ -328,82 +365,124 @@ impl Link {
         self.controllers.iter().map(seen).collect()
     }
 
-    /// The messages of a command, one for each controller. None while the robot's clock is not known.
-    pub fn messages(&self, command: &Command) -> Option<Vec<JointTrajectory>> {
-        let message = |controller: &Controller| {
-            let (first, points) = points(self.past.points(), command, controller.joints);
-            let stamp_ns = self.clock.there_ns(first.plus_ns(self.delay_ns))?;
-            Some(JointTrajectory {
-                header: Header { stamp: Time::of_ns(stamp_ns), frame_id: String::new() },
-                joint_names: controller.joint_names.clone(),
-                points: points
-                    .into_iter()
-                    .map(|point| JointTrajectoryPoint {
-                        positions: point.positions,
-                        velocities: point.velocities,
-                        accelerations: Vec::new(),
-                        effort: Vec::new(),
-                        time_from_start: Time::of_ns(point.since_first_ns as i64),
-                    })
-                    .collect(),
-            })
+    /// The messages of a command, one for each controller. None while the robot's clock is not known. A robot with a weight
+    /// would get the weight 0.
+    pub fn messages(&self, command: &Command) -> Option<Vec<Message>> {
+        let position = Position { q: command.motion.q, weight: 0.0 };
+        let message = |controller: &Controller| match &self.talk {
+            Talk::Curves(curves) => self.trajectory(curves, controller, command),
+            Talk::Stream(_) => Some(self.position(controller, &position)),
         };
         self.controllers.iter().map(message).collect()
     }
 
-    /// Sends the last of `commands` to all controllers. The others came too late. Returns false if nothing was sent,
-    /// because the robot executes something else.
+    fn trajectory(&self, curves: &Curves, controller: &Controller, command: &Command) -> Option<Message> {
+        let (first, points) = curves.points(command, controller.joints);
+        let stamp_ns = self.clock.there_ns(first.plus_ns(self.delay_ns))?;
+        Some(Message::Trajectory(JointTrajectory {
+            header: Header { stamp: Time::of_ns(stamp_ns), frame_id: String::new() },
+            joint_names: controller.joint_names.clone(),
+            points: points
+                .into_iter()
+                .map(|point| JointTrajectoryPoint {
+                    positions: point.positions,
+                    velocities: point.velocities,
+                    accelerations: Vec::new(),
+                    effort: Vec::new(),
+                    time_from_start: Time::of_ns(point.since_first_ns as i64),
+                })
+                .collect(),
+        }))
+    }
+
+    fn position(&self, controller: &Controller, Position { q, weight }: &Position) -> Message {
+        let Some(gravity) = &self.gravity else {
+            let data = controller.order.iter().map(|&j| q[j]).collect();
+            let layout = MultiArrayLayout { dim: Vec::new(), data_offset: 0 };
+            return Message::Positions(Float64MultiArray { layout, data });
+        };
+        let mode_machine = self.mode_machine.unwrap_or_default();
+        Message::ArmSdk(Box::new(LowCmd::new(mode_machine, &self.motors, q, &gravity.torques(q), *weight)))
+    }
+
+    /// Sends what is due after the last of `commands`. The others came too late. Returns false if the robot does not follow.
     pub fn send(&mut self, commands: &[Command], now: Stamp) -> bool {
-        let Some(command) = commands.last() else { return self.joined != Joined::Departed };
-        match self.joined {
-            Joined::Since(_) if self.is_released() => {
-                let from = self.past.prepare(commands, tick_at(Stamp(now.0.saturating_sub(self.delay_ns))));
-                if !from.is_some_and(|from| continues(&self.a_max, &from, command)) {
-                    self.depart("a setpoint did not continue what the robot executes".to_owned());
-                }
-            }
-            Joined::Since(_) if self.pressed.is_none() => {
-                self.depart("nobody says whether the emergency stop is pressed: its publisher left".to_owned());
-            }
-            Joined::Since(_) => self.depart("the emergency stop is pressed".to_owned()),
-            Joined::No | Joined::Departed => self.join_where_it_stands(command, now),
-        }
-        if !matches!(self.joined, Joined::Since(_)) {
-            return false;
-        }
-        let Some(messages) = self.messages(command) else { return false };
-        for (controller, message) in self.controllers.iter().zip(messages) {
-            // A message that could not be sent is a lost one. The reference will show it.
-            let _ = controller.writer.as_ref().map(|writer| writer.write(message, None));
-        }
-        self.past.sent(command);
-        true
-    }
-
-    /// True if the robot's emergency stop is known to be released, or the settings say that it has none.
-    fn is_released(&self) -> bool {
-        self.emergency.is_none() || self.pressed == Some(false)
-    }
-
-    fn join_where_it_stands(&mut self, command: &Command, now: Stamp) {
-        let all = self.controllers.iter().fold(0, |all, controller| all | controller.joints);
+        let pressed = if self.emergency.is_none() { Some(false) } else { self.pressed };
         let active = self.controllers(now).iter().all(|seen| seen.active && !seen.other_joints);
-        let meets = self.reference.stands(all, now) && self.reference.meets(&command.motion, self.joint_names.len());
-        if active && meets && self.is_released() {
-            self.past.clear();
-            (self.joined, self.departed) = (Joined::Since(now), None);
-        } else {
-            self.joined = Joined::Departed;
-            self.departed.get_or_insert_with(|| "the robot does not stand where the driver begins".to_owned());
+        match &mut self.talk {
+            Talk::Curves(curves) => {
+                let Some(command) = commands.last() else { return curves.follows() };
+                let joints = self.controllers.iter().fold(0, |all, controller| all | controller.joints);
+                if !curves.prepare(commands, &curves::Known { now, joints, active, pressed }) {
+                    return false;
+                }
+                let Some(messages) = self.messages(command) else { return false };
+                self.write(messages);
+                if let Talk::Curves(curves) = &mut self.talk {
+                    curves.sent(command);
+                }
+                true
+            }
+            Talk::Stream(stream) => {
+                let sample = self.heard.as_ref().map(|heard| &heard.sample);
+                let position = stream.next(commands, &stream::Known { now, sample, pressed });
+                let follows = stream.follows();
+                if let Some(position) = position {
+                    self.write(self.controllers.iter().map(|one| self.position(one, &position)).collect());
+                }
+                follows
+            }
+        }
+    }
+
+    fn write(&self, messages: Vec<Message>) {
+        for (controller, message) in self.controllers.iter().zip(messages) {
+            if let Some(writer) = &controller.writer {
+                writer.write(message);
+            }
         }
     }
 
     /// Notes at `now` that the robot fell silent, if it did.
     pub fn mind_silence(&mut self, now: Stamp) {
         let states = self.heard.as_ref().is_some_and(|heard| now.since(heard.sample.measured) <= CONTROLLER_SILENT_NS);
-        if matches!(self.joined, Joined::Since(_)) && !(states && self.controllers(now).iter().all(|seen| seen.active))
+        if states && self.controllers(now).iter().all(|seen| seen.active) {
+            return;
+        }
+        match &mut self.talk {
+            Talk::Curves(curves) => curves.fall_silent(),
+            Talk::Stream(stream) => stream.depart("the robot fell silent".to_owned()),
+        }
+    }
+
+    /// Takes the robot over at the measured posture, and returns when it follows. A weight takes 5 s to rise. The error says
+    /// why the robot did not stay there. It has been given back then.
+    pub fn begin(&mut self) -> Result<(), String> {
+        let (Talk::Stream(stream), Some(heard)) = (&mut self.talk, &self.heard) else { return Ok(()) };
+        stream.begin(&heard.sample.q, rt::now());
+        self.turn(|stream| stream.follows() || stream.is_released());
+        let why = self.departed().map(|why| format!("the robot was not taken over: {why}"));
+        why.map_or(Ok(()), Err)
+    }
+
+    /// Stops the robot if nobody in it does, and gives it back.
+    pub fn end(&mut self) {
+        if matches!(self.talk, Talk::Stream(_)) {
+            self.depart("the driver ends".to_owned());
+            self.turn(Stream::is_released);
+        }
+    }
+
+    /// Hears and sends without the loop, until the stream is so.
+    fn turn(&mut self, until: impl Fn(&Stream) -> bool) {
+        while let Talk::Stream(stream) = &self.talk
+            && !until(stream)
         {
-            self.depart("the robot fell silent".to_owned());
+            let now = rt::now();
+            self.hear(now);
+            self.mind_silence(now);
+            self.send(&[], now);
+            rt::sleep_until(now.plus_ns(TURN_NS));
         }
     }
 }

@@ -2,6 +2,7 @@
 
 use clap::Parser;
 use ros2::cli::{self, Cli, Preflight};
+use ros2::interface::disagreement;
 use ros2::link::Link;
 use ros2::port::Ros2;
 use ros2::preflight;
@@ -34,8 +35,12 @@ fn end_on_panic() {
 fn preflight(options: &Preflight) -> Result<Exit, Failure> {
     let overrides = config::Overrides::robot(options.robot.as_ref());
     let (settings, model) = config::load_robot(&options.config, &overrides).map_err(Failure::with(Exit::Config))?;
-    let (model, settings) = (&model, &settings.ros2);
-    let mut link = Link::open(model, settings, false).map_err(|cause| Failure::new(Exit::Unavailable, cause))?;
+    let (model, interface, settings) = (&model, settings.driver.interface, &settings.ros2);
+    if let Some(disagreement) = disagreement(interface, model) {
+        return Err(Failure::new(Exit::Config, format!("{}: {disagreement}", options.config.display())));
+    }
+    let mut link =
+        Link::open(model, settings, interface, false).map_err(|cause| Failure::new(Exit::Unavailable, cause))?;
     let failures = preflight::judge(&mut link, model, !settings.emergency_stop_topic.is_empty());
     for seen in link.controllers(rt::now()) {
         let activity = if seen.active { "active" } else { "silent" };

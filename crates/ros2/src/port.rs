@@ -1,16 +1,19 @@
 //! The driver's port: wait-free on the loop's side, DDS in a thread of its own.
 
 use crate::estimate::{Sample, Sent};
+use crate::interface::{disagreement, period_ticks};
 use crate::join::HELD;
 use crate::lag::Lag;
 use crate::link::Link;
 use crate::preflight;
-use crate::trajectory::{Command, Executed, PERIOD_TICKS};
+use crate::trajectory::{Command, Executed};
 use config::{Loaded, Policy, Ros2Settings};
 use driver::{Driver, Drives, Measured, Motion, Setpoint};
 use messages::{JOINTS_MAX, Stamp, StopPlan, TICK_S};
-use robot::Model;
+use robot::{DriverInterface, Model};
 use rtrb::{Consumer, Producer, RingBuffer};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
 
 /// SCHED_FIFO priority of the threads of DDS. It is far below that of the loops. Without it other work delayed messages by
 /// 54 ms on two busy cores.
@@ -25,20 +28,26 @@ const STUCK: f64 = 0.02;
 /// Samples in a row that must be the same. At 50 Hz it is 0.1 s.
 const STUCK_SAMPLES: u32 = 5;
 
+/// Longest time for which the end of the driver waits for its thread: a stop of 0.5 s and a weight that falls for 5 s.
+const END_WITHIN: Duration = Duration::from_millis(6_500);
+
 /// Message from the thread to the loop.
 #[derive(Clone, Copy, Debug)]
 struct News {
     sample: Sample,
-    /// The controllers' own setpoints, rad or m.
+    /// Positions at which the robot is held, rad or m.
     reference: [f64; JOINTS_MAX],
     drives: Drives,
     /// The robot executes what it is sent.
     joined: bool,
 }
 
-/// A robot behind trajectory controllers.
+/// A robot that speaks DDS.
 pub struct Ros2 {
-    commands: Producer<Command>,
+    /// None once the driver ends.
+    commands: Option<Producer<Command>>,
+    thread: Option<JoinHandle<()>>,
+    period_ticks: u64,
     news: Consumer<News>,
     newest: News,
     sent: Sent,
@@ -76,10 +85,13 @@ impl Stuck {
 impl Ros2 {
     /// Connects to the robot of `loaded`, and judges it. The threads of DDS get `cores`. The error has the sentences of all checks that failed.
     pub fn open(loaded: &Loaded, cores: Option<&[usize]>) -> Result<Self, String> {
-        let (model, settings) = (&loaded.model, &loaded.settings.ros2);
+        let (model, settings, interface) = (&loaded.model, &loaded.settings.ros2, loaded.settings.driver.interface);
+        if let Some(disagreement) = disagreement(interface, model) {
+            return Err(format!("{}: {disagreement}", loaded.config_name()));
+        }
         if loaded.settings.sim.interface != config::RobotInterface::Jtc100 {
             return Err(
-                "sim.interface must be \"jtc100\": trajectory controllers are what whole-body control must certify"
+                "sim.interface must be \"jtc100\": delays that differ by 10 ms are what whole-body control must certify"
                     .into(),
             );
         }
@@ -88,7 +100,7 @@ impl Ros2 {
         let (tell, told) = std::sync::mpsc::channel();
         let (own, named, cores) = (model.clone(), settings.clone(), cores.map(<[usize]>::to_vec));
         let fifo = loaded.settings.realtime.policy == Policy::Fifo;
-        std::thread::Builder::new()
+        let thread = std::thread::Builder::new()
             .name("ros2-link".into())
             .spawn(move || {
                 // The threads of DDS are started from here. On the loops' core they would wait for the loops. Without
@@ -99,7 +111,7 @@ impl Ros2 {
                 if fifo {
                     let _ = rt::Realtime::fifo_with_children(PRIORITY);
                 }
-                let ready = ready(&own, &named);
+                let ready = ready(&own, &named, interface);
                 let (link, first) = match ready {
                     Ok((link, first)) => (Some(link), Ok(first)),
                     Err(cause) => (None, Err(cause)),
@@ -112,13 +124,17 @@ impl Ros2 {
             })
             .map_err(|error| format!("the thread of DDS cannot start: {error}"))?;
         let newest: News = told.recv().map_err(|_| "the thread of DDS ended")??;
-        let delay_s = (settings.delay_ms + settings.servo_lag_ms) * 1e-3;
+        // Positions are executed at once.
+        let delay_ms = if interface == DriverInterface::Trajectories { settings.delay_ms } else { 0.0 };
+        let delay_s = (delay_ms + settings.servo_lag_ms) * 1e-3;
         let expected_s =
             f64::from(loaded.settings.servo_delay_ticks()) * TICK_S + loaded.settings.sim.interface.delay_s();
         let q = newest.sample.q;
         let stuck = Stuck { q, sent: q, same: [0; JOINTS_MAX], found: false };
         Ok(Self {
-            commands,
+            commands: Some(commands),
+            thread: Some(thread),
+            period_ticks: period_ticks(interface),
             news,
             newest,
             sent: Sent::default(),
@@ -133,15 +149,16 @@ impl Ros2 {
 }
 
 /// Connects to the robot and judges it. Returns the connection and the first news.
-fn ready(model: &Model, settings: &Ros2Settings) -> Result<(Link, News), String> {
-    let mut link = Link::open(model, settings, true)?;
+fn ready(model: &Model, settings: &Ros2Settings, interface: DriverInterface) -> Result<(Link, News), String> {
+    let mut link = Link::open(model, settings, interface, true)?;
     let failures = preflight::judge(&mut link, model, !settings.emergency_stop_topic.is_empty());
     link.forget_description();
     if !failures.is_empty() {
         return Err(format!("the robot is not ready:\n  {}", failures.join("\n  ")));
     }
+    link.begin()?;
     let heard = link.heard.clone().ok_or("no joint_states arrived")?;
-    let first = News { sample: heard.sample, reference: link.reference().q, drives: Drives::SOUND, joined: true };
+    let first = News { sample: heard.sample, reference: link.held(), drives: Drives::SOUND, joined: true };
     Ok((link, first))
 }
 
@@ -179,16 +196,22 @@ impl Driver for Ros2 {
             self.sent.forget();
         }
         self.sent.note(&Executed::of(k, &motion));
-        if k / PERIOD_TICKS == self.last_k / PERIOD_TICKS {
+        if k / self.period_ticks == self.last_k / self.period_ticks {
             return follows;
         }
         self.last_k = k;
-        self.commands.push(Command { k, motion }).is_ok() && follows
+        self.commands.as_mut().is_some_and(|commands| commands.push(Command { k, motion }).is_ok()) && follows
     }
 }
 
 impl Drop for Ros2 {
     fn drop(&mut self) {
+        // The thread stops a robot that cannot stop by itself, and ends.
+        self.commands = None;
+        let give_up = Instant::now() + END_WITHIN;
+        while self.thread.as_ref().is_some_and(|thread| !thread.is_finished()) && Instant::now() < give_up {
+            std::thread::sleep(Duration::from_millis(1));
+        }
         if let Some(advice) = self.lag.advice(self.servo_lag_ms) {
             tracing::warn!("{advice}");
         }
@@ -209,7 +232,7 @@ fn serve(mut link: Link, mut commands: Consumer<Command>, mut news: Producer<New
         let sentence = fault.clone().or_else(|| link.departed().map(str::to_owned));
         if sentence != told {
             match &sentence {
-                Some(sentence) => tracing::error!("nothing is sent to the robot: {sentence}"),
+                Some(sentence) => tracing::error!("{}: {sentence}", link.consequence()),
                 None => tracing::warn!("the robot executes again what it is sent"),
             }
             told = sentence;
@@ -220,10 +243,10 @@ fn serve(mut link: Link, mut commands: Consumer<Command>, mut news: Producer<New
             let emergency_stop = link.pressed == Some(true);
             let drives = Drives { emergency_stop, fault: fault.is_some(), powered: !emergency_stop };
             // A full ring means that the loop stands. It then reads an old sample, and notices.
-            let _ = news.push(News { sample: heard.sample, reference: link.reference().q, drives, joined });
+            let _ = news.push(News { sample: heard.sample, reference: link.held(), drives, joined });
         }
         if commands.is_abandoned() {
-            return;
+            return link.end();
         }
         rt::sleep_until(now.plus_ns(LOOK_NS));
     }
@@ -239,6 +262,8 @@ fn complaint(link: &Link, now: Stamp) -> Option<String> {
             Some(format!("controller `{name}` has other joints now"))
         } else if seen.publishers > 0 {
             Some(format!("another program may send to {}", seen.topic))
+        } else if seen.readers == 0 && !link.has_states() {
+            Some(format!("nobody reads {} any more", seen.topic))
         } else if seen.readers > 1 {
             Some(format!("{} robots read {}", seen.readers, seen.topic))
         } else {

@@ -14,8 +14,11 @@ const WATCH_NS: u64 = 1_000_000_000;
 /// Time between two looks, ns.
 const STEP_NS: u64 = 2_000_000;
 /// Least and largest rate of joint states, Hz. Controllers of PAL's robots publish at 50, and the estimate between two
-/// samples is made for no less.
+/// samples is made for no less. Those of Reachy 2 publish at 500, and a Unitree robot does (assumption).
 const RATES_HZ: [f64; 2] = [45.0, 110.0];
+const RATES_FAST_HZ: [f64; 2] = [45.0, 1100.0];
+/// A state that is older than this stands, ns.
+const STATE_SILENT_NS: u64 = 100_000_000;
 /// A standing joint stays within this, rad or m. It is the band in which `safety` judges rest.
 const STANDS: f64 = 0.005;
 /// Waits for the robot and judges it. Returns the sentences of all checks that failed.
@@ -41,22 +44,32 @@ pub fn judge(link: &mut Link, model: &Model, wants_emergency_stop: bool) -> Vec<
     }
     let mut failures = controllers(link);
     failures.extend(emergency_stop(link, wants_emergency_stop));
-    failures.extend(description(link.urdf.as_deref(), model));
+    if link.is_ros() {
+        failures.extend(description(link.urdf.as_deref(), model));
+    } else {
+        failures.extend(robot_type(link.mode_machine, model));
+    }
+    let states = if link.is_ros() { "joint_states" } else { "rt/lowstate" };
     match &link.heard {
         Some(heard) => {
             let rate_hz = rate_hz(&stamps);
-            if !(RATES_HZ[0]..=RATES_HZ[1]).contains(&rate_hz) {
+            let [least, most] = if link.has_states() { RATES_HZ } else { RATES_FAST_HZ };
+            if rt::now().since(heard.sample.measured) > STATE_SILENT_NS {
+                failures.push(format!("{states} fell silent, or its tick stands: check the robot's controller"));
+            } else if !(least..=most).contains(&rate_hz) {
                 failures.push(format!(
-                    "joint_states comes at {rate_hz:.0} Hz, must be {} to {}: set the update rate of the robot's joint state broadcaster",
-                    RATES_HZ[0], RATES_HZ[1]
+                    "{states} comes at {rate_hz:.0} Hz, must be {least} to {most}: set the update rate of the robot's joint state broadcaster"
                 ));
             }
             failures.extend(moving(model, &lowest, &highest));
             failures.extend(posture(model, &heard.sample.q));
-            failures.extend(held(model, &link.reference().q, &heard.sample.q));
+            failures.extend(held(model, &link.held(), &heard.sample.q));
         }
         None => failures.push(link.incomplete.clone().map_or_else(
             || {
+                if !link.is_ros() {
+                    return "no rt/lowstate arrived: check ros2.domain_id and ros2.interface, and that the robot is on".to_owned();
+                }
                 "no joint_states arrived: check ros2.domain_id, ros2.interface and ros2.joint_states_topic, and that the \
                  robot's joint state broadcaster is active"
                     .to_owned()
@@ -66,7 +79,7 @@ pub fn judge(link: &mut Link, model: &Model, wants_emergency_stop: bool) -> Vec<
     }
     if link.disbelieved > 0 {
         failures.push(format!(
-            "{} stamps of joint_states were more than 20 ms off the others: synchronise the robot's clock, and do not step it",
+            "{} stamps of {states} were more than 20 ms off the others: synchronise the robot's clock, and do not step it",
             link.disbelieved
         ));
     }
@@ -81,7 +94,8 @@ fn step(link: &mut Link) {
 /// Returns true if nothing is left to wait for.
 fn is_complete(link: &Link, wants_emergency_stop: bool) -> bool {
     let found = link.controllers(rt::now()).iter().all(|seen| seen.active && seen.readers > 0);
-    found && link.heard.is_some() && link.urdf.is_some() && (link.pressed.is_some() || !wants_emergency_stop)
+    let described = link.urdf.is_some() || !link.is_ros();
+    found && link.heard.is_some() && described && (link.pressed.is_some() || !wants_emergency_stop)
 }
 
 /// The rate by the median time between two stamps, Hz. The median does not feel what the network loses.
@@ -104,7 +118,9 @@ fn controllers(link: &Link) -> Vec<String> {
                 "controller `{name}` has other joints than the robot file names: correct its [[controllers]]"
             ));
         }
-        if seen.readers != 1 {
+        if seen.readers == 0 {
+            failures.push(format!("nobody reads {}: start the robot's controller `{name}`", seen.topic));
+        } else if seen.readers > 1 {
             failures.push(format!(
                 "{} has {} readers, must have one: run one robot in this domain",
                 seen.topic, seen.readers
@@ -134,6 +150,13 @@ fn emergency_stop(link: &Link, wanted: bool) -> Option<String> {
 fn description(urdf: Option<&str>, model: &Model) -> Option<String> {
     let missing = || "no /robot_description arrived: start the robot's state publisher".to_owned();
     urdf.map_or_else(|| Some(missing()), |urdf| difference(urdf, model))
+}
+
+fn robot_type(found: Option<u8>, model: &Model) -> Option<String> {
+    let (found, wanted) = (found?, model.driver.mode_machine?);
+    (found != wanted).then(|| {
+        format!("rt/lowstate has mode_machine {found}, the robot file {wanted}: this is another robot, or its waist is locked")
+    })
 }
 
 fn moving(model: &Model, lowest: &[f64; JOINTS_MAX], highest: &[f64; JOINTS_MAX]) -> Option<String> {

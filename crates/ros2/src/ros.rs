@@ -75,6 +75,35 @@ pub struct ControllerState {
     pub reference: JointTrajectoryPoint,
 }
 
+/// `std_msgs/MultiArrayDimension`.
+#[derive(Clone, Debug, DdsType, PartialEq)]
+pub struct MultiArrayDimension {
+    /// Name.
+    pub label: String,
+    /// Number of elements.
+    pub size: u32,
+    /// Elements of this dimension and those below it.
+    pub stride: u32,
+}
+
+/// `std_msgs/MultiArrayLayout`.
+#[derive(Clone, Debug, DdsType, PartialEq)]
+pub struct MultiArrayLayout {
+    /// Empty: a list.
+    pub dim: Vec<MultiArrayDimension>,
+    /// Zero.
+    pub data_offset: u32,
+}
+
+/// `std_msgs/Float64MultiArray`.
+#[derive(Clone, Debug, DdsType, PartialEq)]
+pub struct Float64MultiArray {
+    /// Shape.
+    pub layout: MultiArrayLayout,
+    /// Positions in the order of the controller's joints, rad or m.
+    pub data: Vec<f64>,
+}
+
 /// `std_msgs/Bool`.
 #[derive(Clone, Debug, DdsType, PartialEq)]
 pub struct Bool {
@@ -103,6 +132,7 @@ named! {
     JointState: "sensor_msgs::msg::dds_::JointState_",
     JointTrajectory: "trajectory_msgs::msg::dds_::JointTrajectory_",
     ControllerState: "control_msgs::msg::dds_::JointTrajectoryControllerState_",
+    Float64MultiArray: "std_msgs::msg::dds_::Float64MultiArray_",
     Bool: "std_msgs::msg::dds_::Bool_",
     Text: "std_msgs::msg::dds_::String_",
 }
