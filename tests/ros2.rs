@@ -1,5 +1,8 @@
 //! The driver `teleopd-ros2` against a peer that another program plays, over DDS. See tools/peer.
 
+#[path = "ros2/interfaces.rs"]
+mod interfaces;
+
 use harness::{Rig, repository};
 use messages::Mode;
 use serde_json::Value;
@@ -20,7 +23,8 @@ fn python() -> Result<PathBuf, String> {
     let required =
         std::fs::read_to_string(repository().join("tools/peer/requirements.txt")).expect("in the repository");
     // Nothing else is needed without the physics.
-    let wire = required.lines().filter(|line| line.starts_with("cyclonedds") || line.starts_with("numpy"));
+    let needed = |line: &&str| ["cyclonedds", "numpy", "rosbags"].iter().any(|name| line.starts_with(name));
+    let wire = required.lines().filter(needed);
     harness::python(&folder, &wire.collect::<Vec<_>>())
 }
 
@@ -64,6 +68,16 @@ impl Peer {
         Some(Self { child, faults, folder })
     }
 
+    /// Waits until it prints this.
+    fn wait(&mut self, line: &str) {
+        let give_up = Instant::now() + harness::SOON;
+        while !std::fs::read_to_string(self.folder.path().join("log")).unwrap_or_default().contains(line) {
+            let runs = self.child.try_wait().expect("a child").is_none();
+            assert!(runs && Instant::now() < give_up, "the peer did not print {line:?}");
+            std::thread::sleep(Duration::from_millis(20));
+        }
+    }
+
     /// Begins a fault.
     fn fault(&mut self, text: &str) {
         writeln!(self.faults.as_mut().expect("it runs"), "{text}").expect("the peer reads");
@@ -94,12 +108,23 @@ fn rig(domain: u32) -> Rig {
 
 /// The same behind a network interface.
 fn rig_at(interface: &str, domain: u32) -> Rig {
+    rig_with(interface, domain, "\nros2.servo_lag_ms = 10.0")
+}
+
+/// The same with more settings.
+fn rig_with(interface: &str, domain: u32, more: &str) -> Rig {
     let beside = PathBuf::from(env!("CARGO_BIN_EXE_teleopd")).with_file_name("teleopd-ros2");
     assert!(beside.exists(), "{}: build it with cargo build --release -p ros2", beside.display());
     Rig::with_settings(&format!(
         "driver.program = \"teleopd-ros2\"\ndriver.measured_age_max_ms = 100.0\nsim.interface = \"jtc100\"\n\
-         ros2.interface = \"{interface}\"\nros2.servo_lag_ms = 10.0\nros2.domain_id = {domain}"
+         ros2.interface = \"{interface}\"\nros2.domain_id = {domain}{more}"
     ))
+}
+
+/// Checks that the driver counted no violation of any kind.
+fn assert_no_violations(figures: &Value) {
+    let violations = figures["violations"].as_object().expect("counts");
+    assert!(violations.len() > 5 && violations.values().all(|count| *count == 0), "{violations:?}");
 }
 
 /// True if every controller took every message.
@@ -124,8 +149,7 @@ fn robot_on_ros2_follows_and_takes_every_message() {
     operator.wait_mode(Mode::Disengaged);
     observer.wait_at_rest();
     let figures = rig.end("sim");
-    let violations = figures["violations"].as_object().expect("counts");
-    assert!(violations.len() > 5 && violations.values().all(|count| *count == 0), "{violations:?}");
+    assert_no_violations(&figures);
     assert!(figures["commands_accepted"].as_u64() > Some(1000), "{figures}");
     let (report, trace) = peer.end();
     assert!(took_all(&report), "{report:#}");

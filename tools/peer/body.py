@@ -30,20 +30,25 @@ MASS_MIN, INERTIA_MIN = 1e-5, 1e-8
 
 
 class Ideal:
-    """Every joint is where it is commanded."""
+    """Every joint is where it is commanded, or lags behind by a first order.
+
+    A motor with stiffness k and damping d, without a commanded velocity, lags by d / k if it has no inertia.
+    """
 
     saturated_steps = 0
     contacts: dict[str, float] = {}
     unchecked: list[tuple[str, str]] = []
     sees_contacts = False
 
-    def __init__(self, robot: Robot):
+    def __init__(self, robot: Robot, lag_s: float):
+        self.lag_s = lag_s
         self.position = robot.home.copy()
         self.velocity, self.torque, self.torque_share = np.zeros((3, len(robot.joints)))
 
     def move(self, command: np.ndarray, period_s: float) -> None:
-        self.velocity = (command - self.position) / period_s
-        self.position = command.copy()
+        share = 1.0 if self.lag_s == 0 else 1 - math.exp(-period_s / self.lag_s)
+        moved = share * (command - self.position)
+        self.velocity, self.position = moved / period_s, self.position + moved
 
 
 class Body:

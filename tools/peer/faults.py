@@ -14,6 +14,7 @@ KINDS = {
     "stamps": "s by which the stamps of joint_states are ahead of the robot's clock",
     "velocities": None, # joint_states has NaN for every velocity
     "second": None,     # another program publishes on the controller's command topic
+    "stale": None,      # the counter of a Unitree robot's state stands
     "partition": None,  # nothing passes in either direction
     "unwatched": None,  # the publisher of the emergency stop leaves
     "emergency": None,  # somebody pressed the emergency stop: brakes hold the joints

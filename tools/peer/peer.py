@@ -13,9 +13,13 @@ from pathlib import Path
 
 import numpy as np
 
+import arm_sdk
 import body
+import encoders
 import faults
+import forward
 import robot
+import unitree
 from judge import Judge
 from trajectory import NS_PER_S, Controller
 from wire import Wire
@@ -23,6 +27,8 @@ from wire import Wire
 ROBOT = Path(__file__).parents[2] / "config/robots/tiago_dual.toml"
 #: joint_state_broadcaster and state of the controllers, Hz: `update_rate` in the published configuration of TIAGo Pro.
 STATE_HZ = 50
+#: The peer reports a G1's motors at this rate, Hz, so that half a core is enough. A G1 has 500 (assumption).
+LOW_STATE_HZ = 250
 #: The emergency stop is published on change and at this rate, Hz. It is an assumption.
 EMERGENCY_HZ = 1
 #: `goal` (rad) and `goal_time` (s) of the published configurations: arms and, by assumption, torso; head.
@@ -36,11 +42,13 @@ class Peer:
         self.args = args
         self.robot = robot.load(args.robot, args.urdf)
         self.period_s = 1 / args.update_hz
-        self.body = body.Ideal(self.robot) if args.no_physics else body.Body(self.robot, args)
+        self.body = body.Ideal(self.robot, args.lag_ms / 1e3) if args.no_physics else body.Body(self.robot, args)
         self.judge = Judge(self.robot, self.period_s)
         self.faults = faults.Faults(args.fault, args.seed)
-        self.controllers = {name: Controller(joints, *(GOAL_HEAD if "head" in name else GOAL))
-                            for name, joints in self.robot.controllers.items()}
+        self.state_hz = LOW_STATE_HZ if args.commands == "arm_sdk" else STATE_HZ
+        make = {"trajectories": lambda name, joints: Controller(joints, *(GOAL_HEAD if "head" in name else GOAL)),
+                "positions": lambda _, joints: forward.Controller(joints), "arm_sdk": lambda _, joints: arm_sdk.Controller(joints)}
+        self.controllers = {name: make[args.commands](name, joints) for name, joints in self.robot.controllers.items()}
         at = {joint: index for index, joint in enumerate(self.robot.joints)}
         self.places = {name: np.array([at[joint] for joint in joints]) for name, joints in self.robot.controllers.items()}
         self.command = self.robot.home.copy()
@@ -50,9 +58,12 @@ class Peer:
         self.emergency = None
         #: The robot's clock minus the monotonic clock, and the robot's clock at the first update. `run` sets them.
         self.base_ns = self.begin_clock_ns = 0
-        self.unread = ""
+        self.unread, self.low_tick = "", 0
         self.overruns, self.late_max_s = 0, 0.0
-        self.wire = Wire(args.domain, args.interface, args.best_effort, self.robot.controllers, self.robot.urdf)
+        self.wire = Wire(args.domain, args.interface, args.best_effort, self.robot.controllers, self.robot.urdf,
+                         args.commands)
+        if args.encoders:
+            encoders.Comparison(args.commands, self.wire.kind)
         self.trace = csv.writer(args.trace.open("w", buffering=1)) if args.trace else None
         if self.trace:
             columns = [f"{joint}.{what}" for joint in self.robot.joints for what in ("reference", "measured")]
@@ -95,7 +106,7 @@ class Peer:
                 self.command[self.places[name]] = self.references[name].positions
         if emergency != self.emergency or tick % (self.args.update_hz // EMERGENCY_HZ) == 0:
             self.press_emergency(emergency, now_s, clock_ns)
-        states_due = tick % (self.args.update_hz // STATE_HZ) == 0
+        states_due = tick % (self.args.update_hz // self.state_hz) == 0
         if states_due:
             self.publish(now_s, clock_ns, monotonic_ns)
         self.body.move(self.command, self.period_s)
@@ -108,13 +119,16 @@ class Peer:
             for message in self.wire.take(name):
                 traffic = self.judge.traffic[name]
                 traffic.received += 1
+                info, message = message.sample_info, self.content(message)
                 delay_s = self.faults.delay_s(now_s, name)
                 if delay_s is None:
                     traffic.lost += 1
                     continue
-                sent_s = (message.sample_info.source_timestamp - self.begin_clock_ns) / NS_PER_S
+                sent_s = (info.source_timestamp - self.begin_clock_ns) / NS_PER_S
                 # A sender on another machine has another clock. Then only the time of this update is known.
                 arrival_s = sent_s if now_s < sent_s < now_s + LATE_MAX_S else now_s
+                if self.args.commands == "arm_sdk":
+                    message.sent_s = sent_s
                 self.waiting.append((arrival_s + delay_s, name, message))
         for _ in range(len(self.waiting)):
             arrival_s, name, message = self.waiting.popleft()
@@ -126,6 +140,9 @@ class Peer:
             inactive = self.faults.active("inactive", now_s, name)
             reason = "controller inactive" if inactive else controller.receive(message, clock_ns)
             self.judge.traffic[name].arrived(now_s, reason)
+
+    def content(self, message):
+        return message.data if self.args.commands == "positions" else message
 
     def joints_of(self, name: str, now_s: float) -> list[str]:
         joints = self.robot.controllers[name]
@@ -141,7 +158,7 @@ class Peer:
         self.emergency = pressed
         if self.faults.active("unwatched", now_s):
             self.wire.leave_emergency()
-        elif not self.faults.active("partition", now_s):
+        elif self.args.commands != "arm_sdk" and not self.faults.active("partition", now_s):
             self.wire.publish_emergency(pressed)
 
     def publish(self, now_s: float, clock_ns: int, monotonic_ns: int) -> None:
@@ -157,11 +174,25 @@ class Peer:
         stamp_ns = clock_ns + round((self.faults.value("stamps", now_s) or 0) * NS_PER_S)
         if self.faults.active("velocities", now_s):
             velocity = np.full(len(position), np.nan)
+        if self.args.commands == "arm_sdk":
+            self.wire.publish_low_state(self.low_state(position, velocity, now_s))
+            return
         self.wire.publish_joint_states(stamp_ns, self.robot.joints + self.robot.others, [*position, *zeros],
                                        [*velocity, *zeros], [*self.body.torque, *zeros])
         for name, reference in self.references.items():
-            if not self.faults.active("inactive", now_s, name):
+            if name in self.wire.states and not self.faults.active("inactive", now_s, name):
                 self.wire.publish_controller_state(name, clock_ns, self.joints_of(name, now_s), reference, position[self.places[name]])
+
+    def low_state(self, position, velocity, now_s: float) -> bytes:
+        motors = np.zeros((2, len(arm_sdk.JOINTS)))
+        places = [arm_sdk.JOINTS.index(joint) for joint in self.robot.joints]
+        motors[0, places], motors[1, places] = position, velocity
+        other = self.faults.active("names", now_s)
+        # Its counter stands while the state is stale.
+        stands = self.faults.active("stale", now_s)
+        self.low_tick = self.low_tick if stands else round(1e3 * now_s) + 1
+        mode_machine = arm_sdk.MODE_MACHINE + 1 if other else arm_sdk.MODE_MACHINE
+        return unitree.pack_state(mode_machine, self.low_tick, *motors.tolist())
 
     def read_faults(self, now_s: float) -> bool:
         """A fault on each line of the standard input, or `clear`. Its end ends the peer."""
@@ -179,7 +210,8 @@ class Peer:
         return True
 
     def report(self) -> dict:
-        return {"physics": not self.args.no_physics, "contacts_judged": self.body.sees_contacts,
+        weights = {name: one.report() for name, one in self.controllers.items() if hasattr(one, "report")}
+        return {"arm_sdk": weights, "physics": not self.args.no_physics, "contacts_judged": self.body.sees_contacts,
                 "contacts_unchecked": self.body.unchecked, "seed": self.args.seed, "overruns": self.overruns,
                 "late_max_ms": round(1e3 * self.late_max_s, 1), **self.judge.report()}
 
@@ -192,8 +224,12 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--domain", type=int, default=0, help="DDS domain")
     parser.add_argument("--interface", help="network interface, for example lo (default: Cyclone DDS chooses)")
     parser.add_argument("--best-effort", action="store_true", help="read commands as a robot on Fast DDS does")
+    parser.add_argument("--commands", choices=["trajectories", "positions", "arm_sdk"], default="trajectories",
+                        help="interface of the controllers; arm_sdk is a Unitree G1 that updates at 250 Hz")
+    parser.add_argument("--encoders", action="store_true", help="compare bytes with other encoders; needs rosbags")
     parser.add_argument("--update-hz", type=int, default=100, help="updates of the controllers: 50, 100, 200, 250, 500 or 1000")
     parser.add_argument("--no-physics", action="store_true", help="joints are where they are commanded; needs no MuJoCo")
+    parser.add_argument("--lag-ms", type=float, default=0.0, help="lag of the joints without physics")
     parser.add_argument("--joint-friction", action="store_true", help="keep friction and damping of the URDF's joints")
     parser.add_argument("--feed-forward", type=float, default=0.0, help="share of the commanded velocity that the drives know")
     parser.add_argument("--servo-hz", type=float, help="every joint is a critically damped servo of this frequency at home "
@@ -208,6 +244,8 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--stdin", action="store_true", help="read faults from the standard input, and end with it")
     parser.add_argument("--seed", type=int, default=1, help="seed of the faults")
     args = parser.parse_args()
+    if args.commands == "arm_sdk":
+        args.update_hz = max(args.update_hz, LOW_STATE_HZ)
     if args.update_hz % STATE_HZ or body.STEP_HZ % args.update_hz:
         parser.error(f"--update-hz is a multiple of {STATE_HZ} that divides {body.STEP_HZ}")
     if args.picture and (args.no_physics or not args.meshes):
