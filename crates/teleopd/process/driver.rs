@@ -120,12 +120,12 @@ pub fn run<D: Driver>(
     // A tick ran for its index if a command was executed for it. A plan tick is a deadline that control missed.
     let mut timeline = Timeline::new();
     let polled = process.loaded.settings.realtime.hand_off == HandOff::Polled;
-    let (mut sequence, mut oldest_command_ns, mut oldest_measured_ns, mut latched) = (0, 0, 0, false);
+    let (mut sequence, mut oldest_command_ns, mut oldest_measured_ns) = (0, 0, 0);
     // A starting driver holds the robot where it stands.
     let mut robot = Fresh(open(&process, &core)?);
     let mut state = begin(&config, &mut robot, due, seed)?;
     process.ready()?;
-    let mut ending: Option<Stamp> = None;
+    let (mut latched, mut ending) = (false, None);
     loop {
         let now = rt::now();
         if process.shutdown.requested() {
