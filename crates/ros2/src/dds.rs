@@ -98,7 +98,8 @@ pub(crate) fn failed(what: &str) -> impl Fn(DdsError) -> String {
     move |error| format!("DDS: {what}: {error:?}")
 }
 
-/// Messages that may wait for their acknowledgement: 0.34 s of them. So many acknowledgements may be lost in a row.
+/// Messages that may wait for their acknowledgement: 0.34 s of trajectories, 0.13 s of positions. So many acknowledgements may
+/// be lost in a row.
 const UNACKNOWLEDGED: u32 = 64;
 /// Longest time that a message waits for an acknowledgement if so many are missing, ns. Then it is lost.
 const BLOCKING_NS: u32 = 1_000_000;

@@ -272,7 +272,11 @@ impl Link {
 
     /// Words on a robot that departed.
     pub const fn consequence(&self) -> &'static str {
-        if self.has_states() { "nothing is sent to the robot" } else { "the robot is stopped and held" }
+        match (self.has_states(), self.gravity.is_some()) {
+            (true, _) => "nothing is sent to the robot",
+            (_, true) => "the robot is stopped, and its arms are given back",
+            (_, false) => "the robot is stopped and held",
+        }
     }
 
     /// True if the robot has a description and controllers of ROS.
@@ -467,8 +471,8 @@ impl Link {
 
     /// Stops the robot if nobody in it does, and gives it back.
     pub fn end(&mut self) {
-        if matches!(self.talk, Talk::Stream(_)) {
-            self.depart("the driver ends".to_owned());
+        if let Talk::Stream(stream) = &mut self.talk {
+            stream.end();
             self.turn(Stream::is_released);
         }
     }

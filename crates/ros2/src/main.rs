@@ -43,7 +43,11 @@ fn preflight(options: &Preflight) -> Result<Exit, Failure> {
         Link::open(model, settings, interface, false).map_err(|cause| Failure::new(Exit::Unavailable, cause))?;
     let failures = preflight::judge(&mut link, model, !settings.emergency_stop_topic.is_empty());
     for seen in link.controllers(rt::now()) {
-        let activity = if seen.active { "active" } else { "silent" };
+        let activity = match (link.has_states(), seen.active) {
+            (false, _) => "activity unknown",
+            (true, true) => "active",
+            (true, false) => "silent",
+        };
         println!("{}: {activity}, {} readers, {} other publishers", seen.topic, seen.readers, seen.publishers);
     }
     if let (true, Some(heard)) = (options.dry_run, &link.heard) {
