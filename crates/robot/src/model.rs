@@ -246,7 +246,7 @@ impl Source<'_> {
             body_count: chain.body_count,
             lift,
             controllers: self.controllers(&file.controllers, joint_names)?,
-            driver: self.proposal(file.driver, joint_names)?,
+            driver: self.proposal(file.driver, joint_names, &prismatic)?,
             prismatic,
             limits,
             urdf_limits,

@@ -3,6 +3,7 @@
 
 use crate::error::RobotError;
 use crate::model::Source;
+use messages::JOINTS_MAX;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::ops::RangeInclusive;
@@ -10,10 +11,10 @@ use std::ops::RangeInclusive;
 /// Indices of the motors that `rt/arm_sdk` of Unitree's G1 moves: waist 12 to 14, left arm 15 to 21, right arm 22 to 28.
 /// Source: the example `g1_arm7_sdk_dds_example` of unitree_sdk2.
 pub const ARM_SDK_INDICES: RangeInclusive<u32> = 12..=28;
-/// Largest stiffness (N m/rad) and damping (N m s/rad) of a motor. The examples of unitree_sdk2 and xr_teleoperate have at
-/// most 300 and 3. Assumption: more is a mistake.
-const STIFFNESS_MAX: f64 = 400.0;
-const DAMPING_MAX: f64 = 10.0;
+/// Range of the stiffness (N m/rad) and damping (N m s/rad) of a motor. The examples of unitree_sdk2 and xr_teleoperate have
+/// 40 to 300 and 1 to 3. Assumption: less does not hold an arm, and more is a mistake.
+const STIFFNESS: [f64; 2] = [5.0, 400.0];
+const DAMPING: [f64; 2] = [0.1, 10.0];
 
 /// The interface between a driver and the robot's controllers.
 #[derive(Clone, Copy, Debug, Default, Deserialize, PartialEq, Serialize, Eq)]
@@ -73,7 +74,12 @@ pub(crate) struct ProposalEntry {
 
 impl Source<'_> {
     /// Checks `[driver]`. With `arm_sdk` each commanded joint has a motor of its own.
-    pub(crate) fn proposal(&self, entry: ProposalEntry, names: &[String]) -> Result<Proposal, RobotError> {
+    pub(crate) fn proposal(
+        &self,
+        entry: ProposalEntry,
+        names: &[String],
+        prismatic: &[bool; JOINTS_MAX],
+    ) -> Result<Proposal, RobotError> {
         let ProposalEntry { interface, mode_machine, motors: entries } = entry;
         let missing = |key: &str, bound: &str| self.value(key, "missing".into(), bound);
         let is_arm_sdk = interface == DriverInterface::ArmSdk;
@@ -86,7 +92,12 @@ impl Source<'_> {
         }
         self.check_names("driver.motors", entries.keys(), names)?;
         let mut motors = Vec::new();
-        for name in names.iter().filter(|_| is_arm_sdk) {
+        for (j, name) in names.iter().enumerate().filter(|_| is_arm_sdk) {
+            if prismatic[j] {
+                let bound =
+                    "must be another interface: arm_sdk moves joints that turn, and this robot has one that slides";
+                return Err(self.value("driver.interface", "\"arm_sdk\"".into(), bound));
+            }
             let motor = *entries
                 .get(name)
                 .ok_or_else(|| missing("driver.motors", &format!("joint `{name}` must have a motor")))?;
@@ -98,12 +109,12 @@ impl Source<'_> {
             if motors.iter().any(|other: &Motor| other.index == motor.index) {
                 return joint("motor index", f64::from(motor.index), "belongs to another joint too".into());
             }
-            for (key, value, most) in [
-                ("stiffness_n_m_per_rad", motor.stiffness_n_m_per_rad, STIFFNESS_MAX),
-                ("damping_n_m_s_per_rad", motor.damping_n_m_s_per_rad, DAMPING_MAX),
+            for (key, value, [least, most]) in [
+                ("stiffness_n_m_per_rad", motor.stiffness_n_m_per_rad, STIFFNESS),
+                ("damping_n_m_s_per_rad", motor.damping_n_m_s_per_rad, DAMPING),
             ] {
-                if !(value > 0.0 && value <= most) {
-                    return joint(key, value, format!("must be above 0 and at most {most}"));
+                if !(least..=most).contains(&value) {
+                    return joint(key, value, format!("must be {least} to {most}"));
                 }
             }
             motors.push(motor);

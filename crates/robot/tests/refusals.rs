@@ -187,8 +187,8 @@ fn f097_error_in_driver_table_is_refused_with_its_key() {
         ("index = 12", "index = 11", ["motor index = 11", "12 to 28"]),
         ("index = 12", "index = 29", ["motor index = 29", "12 to 28"]),
         ("index = 12", "index = 13", ["motor index = 13", "another joint"]),
-        ("rad = 300.0", "rad = 401.0", ["stiffness_n_m_per_rad = 401", "at most 400"]),
-        ("rad = 300.0", "rad = 0.0", ["stiffness_n_m_per_rad = 0", "above 0"]),
+        ("rad = 300.0", "rad = 401.0", ["stiffness_n_m_per_rad = 401", "5 to 400"]),
+        ("rad = 300.0", "rad = 0.0", ["stiffness_n_m_per_rad = 0", "5 to 400"]),
         ("damping_n_m_s_per_rad = 3.0", "damping_n_m_s_per_rad = nan", ["damping_n_m_s_per_rad = NaN", "at most 10"]),
     ];
     for (old, new, [what, bound]) in cases {
