@@ -55,6 +55,18 @@ fn answers_for_a_real_robot_must_come_from_a_terminal() {
 }
 
 #[test]
+fn robot_whose_stop_cannot_be_seen_is_refused_before_anything_begins() {
+    let blind = "driver.program = \"teleopd-ros2\"\nsim.interface = \"jtc100\"\nros2.emergency_stop_topic = \"\"";
+    for (settings, named) in [(blind, "ros2.emergency_stop_topic"), ("driver.interface = \"arm_sdk\"", "arm_sdk")] {
+        let rig = Rig::with_settings(settings);
+        let (mut command, log) = commission(&rig, "log");
+        let Output { status, stderr, .. } = command.output().expect("it runs");
+        let said = String::from_utf8_lossy(&stderr);
+        assert!(status.code() == Some(78) && said.contains(named) && !log.exists(), "{said}");
+    }
+}
+
+#[test]
 fn refused_step_ends_the_run_and_is_named_in_the_log() {
     let rig = Rig::empty();
     for (input, why) in [("n\n", "the person refused"), ("", "the standard input ended before an answer")] {

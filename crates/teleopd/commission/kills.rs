@@ -38,9 +38,10 @@ fn one(run: &mut Session<'_>, victim: Victim) -> Result<String, Stop> {
     run.robot.engage()?;
     let path = Path::waves(q, joint, by, facts.speed(joint), WAVES);
     run.robot.play(&path)?;
-    let mut moves = false;
+    let (mut moves, mut before) = (false, q);
     for _ in 0..(2.0 * path.period_s / LOOK_S) as usize {
         let samples = run.robot.watch(LOOK_S)?;
+        before = samples.last().map_or(before, |last| last.q_measured);
         moves = samples.last().is_some_and(|last| last.v[joint].abs() >= FAST * facts.speed(joint));
         if moves {
             break;
@@ -48,7 +49,10 @@ fn one(run: &mut Session<'_>, victim: Victim) -> Result<String, Stop> {
     }
     require(moves, || format!("{joint_name} did not move before the kill. {}", run.robot.why()))?;
     let killed_s = run.robot.kill(victim)?;
-    let found = if victim == Victim::Driver { driver(run)? } else { other(run, victim, killed_s)? };
+    let found = match victim {
+        Victim::Driver => driver(run, &before, (joint, [q[joint], q[joint] + by]))?,
+        _ => other(run, victim, killed_s)?,
+    };
     run.person.say(&found);
     Ok(found)
 }
@@ -65,7 +69,7 @@ fn other(run: &mut Session<'_>, victim: Victim, killed_s: f64) -> Result<String,
         format!("after kill -9 of {name} the robot was at rest {} later, the bound is {}", ms(rest_s), ms(within_s))
     })?;
     run.robot.restart(victim)?;
-    stands_after(run, victim)?;
+    stands_after(run, victim, &samples[samples.len() - 1].q_measured, None)?;
     Ok(format!(
         "kill -9 of {name}: measured within {:.0} mrad or mm of its rest {} later, the bound is {}",
         RESTS * 1e3,
@@ -75,29 +79,45 @@ fn other(run: &mut Session<'_>, victim: Victim, killed_s: f64) -> Result<String,
 }
 
 /// Nothing of ours measures while the driver is dead. The restarted driver measures that the joints stand, and the person
-/// says whether they stopped at once.
-fn driver(run: &mut Session<'_>) -> Result<String, Stop> {
+/// says whether they stopped at once. All joints but the moving one must be where they were `before`, and that one on its
+/// way between two ends.
+fn driver(run: &mut Session<'_>, before: &[f64; JOINTS_MAX], (joint, ends): (usize, [f64; 2])) -> Result<String, Stop> {
     run.robot.pause(run.facts.stop_s + run.facts.delay_s + WATCHED_S)?;
     run.person.saw(
         "The driver was killed, and nothing of ours measures now. Did the robot stop at once?",
         "the person saw that the robot did not stop at once after kill -9 of the driver",
     )?;
     run.robot.restart(Victim::Driver)?;
-    stands_after(run, Victim::Driver)?;
+    let sample = stands_after(run, Victim::Driver, before, Some(joint))?;
+    let (facts, at) = (run.facts, sample.q_measured[joint]);
+    let margin = facts.differs(joint) + facts.stands(joint);
+    let on_way = at >= ends[0].min(ends[1]) - margin && at <= ends[0].max(ends[1]) + margin;
+    require(on_way, || {
+        let (name, off) = (&facts.model.joint_names[joint], facts.words(joint, at - before[joint]));
+        format!("{name} is {off} from where it was when the driver was killed")
+    })?;
     Ok("kill -9 of the driver: the person saw the robot stop, and the restarted driver measures that it stands".into())
 }
 
-/// Requires that a restart moves nothing, and resets.
-fn stands_after(run: &mut Session<'_>, victim: Victim) -> Result<(), Stop> {
+/// Requires that a restart moved nothing away from `before`, and resets. The joint `but` may have gone on before the
+/// restart, and must stand now. Returns the last sample.
+fn stands_after(
+    run: &mut Session<'_>,
+    victim: Victim,
+    before: &[f64; JOINTS_MAX],
+    but: Option<usize>,
+) -> Result<Sample, Stop> {
     let (facts, name) = (run.facts, victim.name());
     let samples = run.robot.watch(WATCHED_S)?;
-    if let Some((joint, off)) = facts.strayed(&samples[0].q_measured, &samples, None) {
+    let strayed = facts.strayed(before, &samples, but);
+    if let Some((joint, off)) = strayed.or_else(|| facts.strayed(&samples[0].q_measured, &samples, None)) {
         let (joint, off) = (&facts.model.joint_names[joint], facts.words(joint, off));
         return Err(Stop::Failed(format!("{joint} moved by {off} after {name} was started again")));
     }
     run.robot.release()?;
     let free = run.robot.mode() == Some(Mode::Disengaged) || run.robot.reset()?;
-    require(free, || format!("the robot cannot be reset after {name} was started again. {}", run.robot.why()))
+    require(free, || format!("the robot cannot be reset after {name} was started again. {}", run.robot.why()))?;
+    Ok(samples[samples.len() - 1])
 }
 
 /// Longest time from the kill to a measured rest, s: until control or the driver notices, the longest stop, the robot's

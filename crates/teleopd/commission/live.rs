@@ -73,12 +73,15 @@ impl<'a> Live<'a> {
 
     /// Stops everything with the robot at rest. Returns what went wrong, and the driver's figures.
     pub fn end(mut self) -> (Vec<String>, Option<Value>) {
+        let mut trouble = Vec::new();
         if let Some(operator) = &self.operator {
             operator.release();
-            operator.wait(MODE_WITHIN, |status| is_off(status) && status.moving == 0);
+            if !operator.wait(MODE_WITHIN, |status| is_off(status) && status.moving == 0) {
+                trouble.push("control did not say that the robot is at rest".to_owned());
+            }
         }
         (self.operator, self.person) = (None, None);
-        let mut trouble: Vec<_> = self.children.end("ingest").err().into_iter().collect();
+        trouble.extend(self.children.end("ingest").err());
         if let Some((mut child, _)) = self.targets.take() {
             crate::starter::ended_within(&mut child, crate::processes::END_WITHIN);
         }

@@ -61,6 +61,7 @@ pub fn run(options: &cli::Commission) -> Result<Exit, Failure> {
         );
         return Err(Failure::new(Exit::Usage, text));
     }
+    refuse_blind(&loaded.settings, &place.config)?;
     let instance = instance_in(&place.run_dir)?;
     refuse_second(&instance)?;
     let (path, log) = open_log(options.log.as_deref())?;
@@ -77,6 +78,19 @@ pub fn run(options: &cli::Commission) -> Result<Exit, Failure> {
     let exit = finish(&mut console, outcome, &trouble, &proposals);
     console.sync().map_err(|error| Failure::unwritable(&path, &error))?;
     exit
+}
+
+/// Refuses a robot on DDS that publishes no emergency stop, or that goes on with a weight after a kill of its driver.
+fn refuse_blind(settings: &Settings, config: &Path) -> Result<(), Failure> {
+    let why = if settings.driver.interface == robot::DriverInterface::ArmSdk {
+        "driver.interface = \"arm_sdk\": a killed driver leaves the arms held, and its restart would not"
+    } else if is_ros2(settings) && settings.ros2.emergency_stop_topic.is_empty() {
+        "ros2.emergency_stop_topic = \"\": commission cannot see whether the emergency stop works"
+    } else {
+        return Ok(());
+    };
+    let text = format!("{}: {why}. Make its checks by hand: SAFETY.md, \"Before it moves hardware\"", config.display());
+    Err(Failure::new(Exit::Config, text))
 }
 
 /// Opens the log. It never replaces a file.
@@ -116,7 +130,7 @@ fn finish(
     trouble: &[String],
     proposals: &[String],
 ) -> Result<Exit, Failure> {
-    trouble.iter().for_each(|line| console.note(&format!("at the end: {line}")));
+    trouble.iter().for_each(|line| console.say(&format!("At the end: {line}")));
     let Ended { step, why } = match outcome {
         Ok(summary) => {
             console.say("\nSummary");
@@ -137,7 +151,12 @@ fn finish(
     let (exit, text) = match why {
         Stop::Failed(why) => (Exit::Failed, format!("failed at {step}: {why}")),
         Stop::Refused(why) => (Exit::Failed, format!("ended at {step}: {why}")),
-        Stop::Interrupted => (Exit::Interrupted, format!("interrupted at {step}; the robot was stopped")),
+        Stop::Interrupted if trouble.is_empty() => {
+            (Exit::Interrupted, format!("interrupted at {step}; the robot was stopped"))
+        }
+        Stop::Interrupted => {
+            (Exit::Interrupted, format!("interrupted at {step}; the robot may not be at rest, see above"))
+        }
     };
     console.note(&text);
     Err(Failure::new(exit, text))

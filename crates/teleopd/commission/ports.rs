@@ -148,7 +148,9 @@ impl Facts {
         let settings = &loaded.settings;
         let (safety, ros2) = (&settings.safety, super::is_ros2(settings));
         let shown_delay_s = f64::from(settings.servo_delay_ticks()) * TICK_S + settings.sim.interface.delay_s();
-        let behind_ms = if ros2 { settings.ros2.delay_ms + settings.ros2.servo_lag_ms } else { 0.0 };
+        let plays_curves = settings.driver.interface == robot::DriverInterface::Trajectories;
+        let curves_ms = if plays_curves { settings.ros2.delay_ms } else { 0.0 };
+        let behind_ms = if ros2 { curves_ms + settings.ros2.servo_lag_ms } else { 0.0 };
         let factor = if relaxed { safety.stale_factor_without_realtime } else { 1.0 };
         Self {
             model: loaded.model.clone(),

@@ -34,6 +34,8 @@ enum Defect {
     Sinks(usize),
     /// The robot goes on after this process was killed.
     GoesOn(Victim),
+    /// This joint jumps while this process starts again.
+    Jumps(Victim, usize),
 }
 
 /// A robot in steps of [`STEP_S`].
@@ -51,6 +53,7 @@ struct Made {
     button: Rc<Cell<bool>>,
     pressed: bool,
     latched: bool,
+    jumped: bool,
 }
 
 impl Made {
@@ -60,8 +63,8 @@ impl Made {
         let facts = Facts::of(&loaded, false);
         let home = facts.model.home;
         let (path, dead, mode, button) = (None, None, Mode::Disengaged, Rc::default());
-        let (past, pressed, latched) = (vec![home], false, false);
-        Self { facts, defect, now_s: 100.0, home, path, dead, past, mode, button, pressed, latched }
+        let (past, pressed, latched, jumped) = (vec![home], false, false, false);
+        Self { facts, defect, now_s: 100.0, home, path, dead, past, mode, button, pressed, latched, jumped }
     }
 
     fn look_at_button(&mut self) {
@@ -87,6 +90,7 @@ impl Made {
             Defect::Half(j) => q[j] = (home[j] + q[j]) / 2.0,
             Defect::Along(a, b) => q[b] += q[a] - home[a],
             Defect::Sinks(j) if self.pressed => q[j] -= 0.01,
+            Defect::Jumps(_, j) if self.jumped => q[j] += 0.3,
             _ => {}
         }
         q
@@ -157,7 +161,8 @@ impl Robot for Made {
         Ok(self.now_s)
     }
 
-    fn restart(&mut self, _: Victim) -> Result<(), Stop> {
+    fn restart(&mut self, victim: Victim) -> Result<(), Stop> {
+        self.jumped |= matches!(self.defect, Defect::Jumps(jumps, _) if jumps == victim);
         Ok(())
     }
 
@@ -227,6 +232,8 @@ fn sound_robot_passes_every_step() {
 fn defects_are_found_at_their_step_with_the_joint_named() {
     let facts = Made::new(Defect::Nothing).facts;
     let [left, right] = [0, 1].map(|arm| facts.model.arms[arm].joints[1]);
+    let (moving, _) = super::kills::free_joint(&facts, &facts.model.home, 0).expect("a joint that moves");
+    let moving_name = facts.model.joint_names[moving].as_str();
     let names = [left, right].map(|joint| facts.model.joint_names[joint].as_str());
     for (defect, step, said, named) in [
         (Defect::Unseen, "step 2", "does not show", ""),
@@ -238,6 +245,9 @@ fn defects_are_found_at_their_step_with_the_joint_named() {
         (Defect::Along(left, right), "step 3", "the bound is 5.0 mrad", names[1]),
         (Defect::GoesOn(Victim::Control), "step 4", "after kill -9 of control", ""),
         (Defect::GoesOn(Victim::Ingest), "step 4", "after kill -9 of ingest", ""),
+        (Defect::Jumps(Victim::Ingest, right), "step 4", "after ingest was started again", names[1]),
+        (Defect::Jumps(Victim::Driver, right), "step 4", "after the driver was started again", names[1]),
+        (Defect::Jumps(Victim::Driver, moving), "step 4", "from where it was when the driver was killed", moving_name),
     ] {
         let (outcome, lines, _) = run(defect, None);
         let ended = outcome.expect_err("a defect");
