@@ -108,8 +108,7 @@ pub fn run<D: Driver>(
     open: impl FnOnce(&Process, &Domain) -> Result<D, Failure>,
 ) -> Result<(), Failure> {
     let mut process = Process::start("sim", place, |loaded| Some(loaded.settings.realtime.priority_driver))?;
-    let config = config(&process)?;
-    let seed = process.loaded.settings.sim.seed;
+    let (config, seed) = (config(&process)?, process.loaded.settings.sim.seed);
     let core = Domain::open(process.instance.core_domain(), "sim").map_err(bus_failure)?;
     let mut commands = core.waking_reader::<JointCommand>(Service::JointCommand).map_err(bus_failure)?;
     let mut states = core.writer::<RobotState>(Service::RobotState).map_err(bus_failure)?;
