@@ -7,7 +7,7 @@
 //! commanded to where it was measured meanwhile. After the last stop the weight falls again. The posture is held meanwhile.
 //!
 //! The controllers report no setpoint, so the robot's joints are compared with what was sent. A joint lags by at most
-//! [`LAG_MAX_NS`], and must be within [`HELD`] of the positions of that time. Smaller errors are for `safety`.
+//! `LAG_MAX_NS`, and must be within `HELD` of the positions of that time. Smaller errors are for `safety`.
 
 use crate::estimate::Sample;
 use crate::join::{HELD, MEETS, STANDS_NS, continues};
