@@ -4,6 +4,9 @@ use crate::join::{Joined, Reference, agrees, continues};
 use crate::trajectory::{Command, Past, Point, points};
 use messages::{JOINTS_MAX, Stamp, tick_at};
 
+/// Time by which the first point of a conversation lies in the past of the robot, ns: 25 ms, as long as the default delay.
+const BEFORE_NS: u64 = 25_000_000;
+
 /// The curves of one robot.
 pub(crate) struct Curves {
     delay_ns: u64,
@@ -103,7 +106,8 @@ impl Curves {
         let stands = self.reference.stands(known.joints, known.now);
         let meets = stands && self.reference.meets(&command.motion, self.count);
         if known.active && meets && known.pressed == Some(false) {
-            self.past.clear();
+            // A controller bridges from the measured position to a first point in the future. This one lies in its past.
+            self.past.begin(command, tick_at(Stamp(self.delay_ns + BEFORE_NS)));
             (self.joined, self.departed) = (Joined::Since(known.now), None);
         } else {
             self.joined = Joined::Departed;
@@ -119,5 +123,31 @@ impl Curves {
     /// Notes that the command was sent.
     pub(crate) fn sent(&mut self, command: &Command) {
         self.past.sent(command);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use driver::Motion;
+    use messages::deadline;
+
+    /// Otherwise its controllers would bridge from where a joint is measured, off by what it lacks.
+    #[test]
+    fn first_message_begins_in_the_past_of_the_robot() {
+        const DELAY_NS: u64 = 25_000_000;
+        let mut curves = Curves::new(1, DELAY_NS, [8.0; JOINTS_MAX]);
+        let (begin, k) = (Stamp(1_000_000_000), 2_000);
+        curves.hear(0, "a", 0.3, None, begin);
+        let now = deadline(k);
+        let command = Command { k, motion: Motion::rest([0.3; JOINTS_MAX]) };
+        let known = Known { now, joints: 1, active: true, pressed: Some(false) };
+        assert!(curves.prepare(std::slice::from_ref(&command), &known));
+        let (first, points) = curves.points(&command, 1);
+        assert!(now.since(first) > DELAY_NS, "{} ns", now.since(first));
+        assert!(points.iter().all(|point| point.positions == [0.3] && point.velocities == [0.0]));
+        curves.sent(&command);
+        let next = Command { k: k + 8, ..command };
+        assert!(curves.prepare(std::slice::from_ref(&next), &Known { now: deadline(k + 8), ..known }));
     }
 }

@@ -122,6 +122,14 @@ impl Past {
         })
     }
 
+    /// Begins with `command`, as if it had rested for `ticks` where it is.
+    pub fn begin(&mut self, command: &Command, ticks: u64) {
+        self.clear();
+        let mut before = Executed::of(command.k.saturating_sub(ticks), &command.motion);
+        before.v = [0.0; JOINTS_MAX];
+        self.push(before);
+    }
+
     /// Forgets everything. The next message has no past.
     pub fn clear(&mut self) {
         (self.points, self.last) = (VecDeque::new(), None);
