@@ -21,6 +21,8 @@ MIDDLE = {0: (0, 0, 0.98), 3: (-0.01, 0, 1.07), 6: (-0.02, 0, 1.17), 9: (-0.02, 
 LEFT = {1: (0, 0.096, 0.928), 4: (0.018, 0.096, 0.499), 7: (0, 0.096, 0.068), 10: (0.14, 0.114, 0.026), 13: (-0.03, 0.053, 1.4),
         16: (-0.04, 0.184, 1.432), 18: (-0.04, 0.51, 1.432), 20: (-0.04, 0.766, 1.432)}
 RATE_HZ = 60
+#: Noise of a tracker: 0.5 mm in `person`.
+NOISE = np.random.default_rng(1)
 #: Time for the operator to engage, and for the robot to come to the person, s.
 SETTLE_S = 15
 #: A move takes MOVE_S of each EVERY_S, s. It turns the arm by MOVE_RAD.
@@ -38,7 +40,8 @@ def person(turned_rad: float) -> list[tuple[float, float, float]]:
     joints = MIDDLE | LEFT | {i + 1: (x, -y, z) for i, (x, y, z) in LEFT.items()}
     for joint, length in ((18, 0.326), (20, 0.582)):
         joints[joint] = (-0.04, 0.184 + length * math.cos(turned_rad), 1.432 + length * math.sin(turned_rad))
-    return [joints[joint] for joint in range(22)]
+    # A tracker that repeats its numbers counts as frozen.
+    return [tuple(x + NOISE.normal(0, 5e-4) for x in joints[joint]) for joint in range(22)]
 
 
 def publish(run_dir: str, moves: int) -> np.ndarray:
