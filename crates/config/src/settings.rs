@@ -378,6 +378,13 @@ impl Settings {
         }
     }
 
+    /// Returns the time by which the joints of a robot on DDS follow their messages, ms. Positions are executed at once, so
+    /// `ros2.delay_ms` belongs to trajectories alone.
+    pub fn ros2_behind_ms(&self) -> f64 {
+        let plays_curves = self.driver.interface == robot::DriverInterface::Trajectories;
+        self.ros2.servo_lag_ms + if plays_curves { self.ros2.delay_ms } else { 0.0 }
+    }
+
     /// Returns the known delay of the servos, ticks. None is assumed of a real robot.
     pub const fn servo_delay_ticks(&self) -> u32 {
         match self.driver.kind {

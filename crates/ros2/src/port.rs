@@ -124,9 +124,7 @@ impl Ros2 {
             })
             .map_err(|error| format!("the thread of DDS cannot start: {error}"))?;
         let newest: News = told.recv().map_err(|_| "the thread of DDS ended")??;
-        // Positions are executed at once.
-        let delay_ms = if interface == DriverInterface::Trajectories { settings.delay_ms } else { 0.0 };
-        let delay_s = (delay_ms + settings.servo_lag_ms) * 1e-3;
+        let delay_s = loaded.settings.ros2_behind_ms() * 1e-3;
         let expected_s =
             f64::from(loaded.settings.servo_delay_ticks()) * TICK_S + loaded.settings.sim.interface.delay_s();
         let q = newest.sample.q;

@@ -9,13 +9,13 @@ use robot::{Frames, Model};
 
 pub use crate::clearance::Clearance;
 pub use feedback::{Feedback, Judged, Sample};
-pub use movement::{Moved, Movement};
+pub use movement::{Moved, Movement, rest_band};
 pub use target::{TargetSteps, far_behind};
 
 /// Distance outside its limits at which a measured joint counts as outside, rad or m. A command may rest at
 /// its limit. The noise of an encoder of 14 bits and a servo's sag lie around it. (TiaGo++ keeps 0.02 rad and
 /// more of soft margin.)
-const OUTSIDE_MARGIN: f64 = 0.005;
+pub const OUTSIDE_MARGIN: f64 = 0.005;
 
 /// Rounding of a commanded position, rad or m. The simulated robot's checker uses the same value.
 const COMMAND_ROUNDING: f64 = 1e-9;

@@ -15,14 +15,8 @@ const TRAVEL_M: f64 = 0.01;
 const SPEED_SHARE: f64 = 0.05;
 /// Postures of a travel whose clearance is computed. Neighbours are 6 mrad apart.
 const LOOKS: u32 = 8;
-/// Room to a limit that a travel leaves, rad or m: the margin within which a measurement counts as inside.
-const LIMIT_ROOM: f64 = 0.005;
-
-/// A standing joint that turns is measured within this, rad. `safety` judges rest by the same band (SAFETY.md,
-/// standstill).
-const STANDS_RAD: f64 = 0.005;
-/// The same for a joint that slides, m: a fifth, like in `safety`.
-const STANDS_M: f64 = 0.001;
+/// Room to a limit that a travel leaves, rad or m.
+const LIMIT_ROOM: f64 = monitor::OUTSIDE_MARGIN;
 
 /// Reason why a run ends early.
 #[derive(Clone, Debug, PartialEq)]
@@ -148,9 +142,7 @@ impl Facts {
         let settings = &loaded.settings;
         let (safety, ros2) = (&settings.safety, super::is_ros2(settings));
         let shown_delay_s = f64::from(settings.servo_delay_ticks()) * TICK_S + settings.sim.interface.delay_s();
-        let plays_curves = settings.driver.interface == robot::DriverInterface::Trajectories;
-        let curves_ms = if plays_curves { settings.ros2.delay_ms } else { 0.0 };
-        let behind_ms = if ros2 { curves_ms + settings.ros2.servo_lag_ms } else { 0.0 };
+        let behind_ms = if ros2 { settings.ros2_behind_ms() } else { 0.0 };
         let factor = if relaxed { safety.stale_factor_without_realtime } else { 1.0 };
         Self {
             model: loaded.model.clone(),
@@ -171,7 +163,7 @@ impl Facts {
 
     /// Largest distance of a standing joint from its place, rad or m.
     pub fn stands(&self, joint: usize) -> f64 {
-        if self.model.prismatic[joint] { STANDS_M } else { STANDS_RAD }
+        monitor::rest_band(&self.model, joint)
     }
 
     /// Largest difference between a commanded and a measured travel, rad or m.

@@ -176,6 +176,11 @@ impl Default for Movement {
     }
 }
 
+/// Largest distance of a joint at rest from its place, rad or m.
+pub fn rest_band(model: &Model, joint: usize) -> f64 {
+    scaled(model, joint, REST_RAD)
+}
+
 /// Bound of a joint, computed from the bound of a revolute joint.
 fn scaled(model: &Model, joint: usize, bound_rad: f64) -> f64 {
     if model.prismatic[joint] { PRISMATIC_SHARE * bound_rad } else { bound_rad }
@@ -300,7 +305,7 @@ impl Movement {
         let (mut still_s, mut restless) = (f64::INFINITY, 0);
         let (mut swings, mut reported) = (None, None);
         for (j, joint) in self.joints.iter_mut().enumerate().take(model.count) {
-            joint.keep_band(sample.q_measured[j], scaled(model, j, REST_RAD), counted_s);
+            joint.keep_band(sample.q_measured[j], rest_band(model, j), counted_s);
             if joint.still_s < still_s {
                 (still_s, restless) = (joint.still_s, j);
             }
