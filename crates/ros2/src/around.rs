@@ -6,6 +6,15 @@ use crate::ros::topic;
 use dust_dds::builtin_topics::{PublicationBuiltinTopicData, SubscriptionBuiltinTopicData};
 use dust_dds::infrastructure::sample_info::{ANY_SAMPLE_STATE, ANY_VIEW_STATE, InstanceStateKind};
 use dust_dds::subscription::subscriber::Subscriber;
+use dust_dds::xtypes::type_support::TypeSupport;
+
+/// Returns what a built-in topic says of those who are there.
+fn alive<T: TypeSupport>(builtin: &Subscriber, name: &str) -> Vec<T> {
+    const ALIVE: &[InstanceStateKind] = &[InstanceStateKind::Alive];
+    let reader = builtin.lookup_datareader::<T>(name).ok().flatten();
+    let samples = reader.and_then(|reader| reader.read(i32::MAX, ANY_SAMPLE_STATE, ANY_VIEW_STATE, ALIVE).ok());
+    samples.unwrap_or_default().into_iter().filter_map(|sample| sample.data).collect()
+}
 
 pub(crate) fn look(
     builtin: &Subscriber,
@@ -13,19 +22,8 @@ pub(crate) fn look(
     controllers: &mut [Controller],
     emergency: Option<&mut EmergencyStop>,
 ) {
-    const ALIVE: &[InstanceStateKind] = &[InstanceStateKind::Alive];
-    let publications = builtin
-        .lookup_datareader::<PublicationBuiltinTopicData>("DCPSPublication")
-        .ok()
-        .flatten()
-        .and_then(|reader| reader.read(i32::MAX, ANY_SAMPLE_STATE, ANY_VIEW_STATE, ALIVE).ok())
-        .unwrap_or_default();
-    let subscriptions = builtin
-        .lookup_datareader::<SubscriptionBuiltinTopicData>("DCPSSubscription")
-        .ok()
-        .flatten()
-        .and_then(|reader| reader.read(i32::MAX, ANY_SAMPLE_STATE, ANY_VIEW_STATE, ALIVE).ok())
-        .unwrap_or_default();
+    let publications = alive::<PublicationBuiltinTopicData>(builtin, "DCPSPublication");
+    let subscriptions = alive::<SubscriptionBuiltinTopicData>(builtin, "DCPSSubscription");
     let there: Vec<Vec<u8>> = member
         .participant
         .get_discovered_participants()
@@ -38,7 +36,7 @@ pub(crate) fn look(
         let publishes = |found: &&PublicationBuiltinTopicData| {
             found.topic_name() == emergency.topic && there.contains(&&found.key().value[..12])
         };
-        let count = publications.iter().filter_map(|sample| sample.data.as_ref()).filter(publishes).count();
+        let count = publications.iter().filter(publishes).count();
         emergency.note_publishers(count);
     }
     for controller in controllers {
@@ -51,7 +49,7 @@ pub(crate) fn look(
         let reads = |found: &&SubscriptionBuiltinTopicData| {
             found.topic_name() == name && there.contains(&&found.key().value[..12])
         };
-        controller.publishers = publications.iter().filter_map(|sample| sample.data.as_ref()).filter(publishes).count();
-        controller.readers = subscriptions.iter().filter_map(|sample| sample.data.as_ref()).filter(reads).count();
+        controller.publishers = publications.iter().filter(publishes).count();
+        controller.readers = subscriptions.iter().filter(reads).count();
     }
 }

@@ -122,12 +122,10 @@ impl Past {
         })
     }
 
-    /// Begins with `command`, as if it had rested for `ticks` where it is.
+    /// Begins with `command`, which is at rest, as if it had rested there for `ticks`.
     pub fn begin(&mut self, command: &Command, ticks: u64) {
         self.clear();
-        let mut before = Executed::of(command.k.saturating_sub(ticks), &command.motion);
-        before.v = [0.0; JOINTS_MAX];
-        self.push(before);
+        self.push(Executed::of(command.k.saturating_sub(ticks), &command.motion));
     }
 
     /// Forgets everything. The next message has no past.
