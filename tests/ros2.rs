@@ -17,6 +17,9 @@ const DOMAINS: [u32; 7] = [41, 42, 43, 121, 122, 123, 124];
 /// and two rows of the trace, s.
 const REST_WITHIN_S: f64 = 0.5 + 0.025 + 0.04;
 
+/// Longest wait for a line of a peer.
+const PRINTS_WITHIN: Duration = Duration::from_secs(20);
+
 /// Returns the interpreter of a virtual environment for the peer. The error says why there is none.
 fn python() -> Result<PathBuf, String> {
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("python-peer");
@@ -26,6 +29,24 @@ fn python() -> Result<PathBuf, String> {
     let needed = |line: &&str| ["cyclonedds", "numpy", "rosbags"].iter().any(|name| line.starts_with(name));
     let wire = required.lines().filter(needed);
     harness::python(&folder, &wire.collect::<Vec<_>>())
+}
+
+/// Waits until a peer printed `text` into its log.
+fn wait_for(peer: &mut Child, log: &Path, text: &str) {
+    let give_up = Instant::now() + PRINTS_WITHIN;
+    while !std::fs::read_to_string(log).unwrap_or_default().contains(text) {
+        let runs = peer.try_wait().expect("a child").is_none();
+        assert!(runs && Instant::now() < give_up, "the peer did not print {text:?}");
+        std::thread::sleep(Duration::from_millis(20));
+    }
+}
+
+/// Runs `teleopd preflight`. Returns its exit code, and what it prints on its two outputs.
+fn preflight(config: &Path) -> (Option<i32>, [String; 2]) {
+    let output = Command::new(env!("CARGO_BIN_EXE_teleopd")).args(["preflight", "--config"]).arg(config).output();
+    let output = output.expect("it runs");
+    let said = [output.stdout, output.stderr].map(|text| String::from_utf8_lossy(&text).into_owned());
+    (output.status.code(), said)
 }
 
 /// A robot that another program plays. It ends with the test.
@@ -59,23 +80,14 @@ impl Peer {
         command.arg("--report").arg(file("report.json")).arg("--trace").arg(file("trace.csv"));
         let log = std::fs::File::create(file("log")).expect("writable");
         let mut child = command.stdin(Stdio::piped()).stdout(log).spawn().expect("it starts");
-        let give_up = Instant::now() + Duration::from_secs(20);
-        while !std::fs::read_to_string(file("log")).unwrap_or_default().contains("ready") {
-            assert!(Instant::now() < give_up && child.try_wait().expect("a child").is_none(), "the peer is not ready");
-            std::thread::sleep(Duration::from_millis(50));
-        }
+        wait_for(&mut child, &file("log"), "ready");
         let faults = child.stdin.take();
         Some(Self { child, faults, folder })
     }
 
     /// Waits until it prints this.
     fn wait(&mut self, line: &str) {
-        let give_up = Instant::now() + harness::SOON;
-        while !std::fs::read_to_string(self.folder.path().join("log")).unwrap_or_default().contains(line) {
-            let runs = self.child.try_wait().expect("a child").is_none();
-            assert!(runs && Instant::now() < give_up, "the peer did not print {line:?}");
-            std::thread::sleep(Duration::from_millis(20));
-        }
+        wait_for(&mut self.child, &self.folder.path().join("log"), line);
     }
 
     /// Begins a fault.
@@ -138,13 +150,7 @@ fn took_all(report: &Value) -> bool {
 fn robot_on_ros2_follows_and_takes_every_message() {
     let Some(peer) = Peer::start(DOMAINS[0], &[]) else { return };
     let mut rig = rig(DOMAINS[0]);
-    rig.start_all();
-    let (operator, mut observer) = (rig.hand(), rig.eyes());
-    let before = observer.wait("there", |_| true);
-    let client = rig.client(&motion::builtin(), 1);
-    operator.engage_until(Mode::Engaged);
-    client.set_engaged(true);
-    observer.wait_moved(&before, 0.2);
+    let (operator, mut observer, _client) = rig.follow_builtin(0.2);
     operator.release();
     operator.wait_mode(Mode::Disengaged);
     observer.wait_at_rest();
@@ -189,11 +195,8 @@ fn f115_robot_on_ros2_that_is_not_ready_is_refused_with_a_sentence() {
     peer.fault("inactive/torso_controller");
     std::thread::sleep(Duration::from_millis(500));
     let rig = rig(DOMAINS[2]);
-    let mut preflight = Command::new(env!("CARGO_BIN_EXE_teleopd"));
-    let output = preflight.args(["preflight", "--config"]).arg(rig.folder().join("teleop.toml")).output();
-    let output = output.expect("it runs");
-    let said = String::from_utf8_lossy(&output.stdout);
-    assert_eq!(output.status.code(), Some(1), "{said}");
+    let (code, [said, _]) = preflight(&rig.folder().join("teleop.toml"));
+    assert_eq!(code, Some(1), "{said}");
     for sentence in [
         "controller `torso_controller` publishes no state: activate it",
         "another program may send to /head_controller/joint_trajectory",
@@ -347,11 +350,7 @@ impl FastPeer {
         command.args(["--domain", &domain.to_string(), "--address", "127.0.0.1", "--reliability", reliability]);
         let file = std::fs::File::create(&log).expect("writable");
         let mut child = command.stdin(Stdio::piped()).stdout(file).spawn().expect("it starts");
-        let give_up = Instant::now() + Duration::from_secs(20);
-        while !std::fs::read_to_string(&log).unwrap_or_default().contains("ready") {
-            assert!(Instant::now() < give_up && child.try_wait().expect("a child").is_none(), "the peer is not ready");
-            std::thread::sleep(Duration::from_millis(50));
-        }
+        wait_for(&mut child, &log, "ready");
         Some(Self { child, log, _folder: folder })
     }
 
@@ -392,11 +391,8 @@ fn robot_on_fast_dds_may_be_driven() {
     for reliability in ["best-effort", "reliable"] {
         let Some(peer) = FastPeer::start(DOMAINS[4], reliability) else { return };
         let rig = rig(DOMAINS[4]);
-        let mut preflight = Command::new(env!("CARGO_BIN_EXE_teleopd"));
-        let output = preflight.args(["preflight", "--config"]).arg(rig.folder().join("teleop.toml")).output();
-        let output = output.expect("it runs");
-        let said = String::from_utf8_lossy(&output.stdout);
-        assert!(output.status.success() && said.contains("may be driven"), "{reliability}: {said}");
+        let (code, [said, _]) = preflight(&rig.folder().join("teleop.toml"));
+        assert!(code == Some(0) && said.contains("may be driven"), "{reliability}: {said}");
         let report = peer.end();
         assert_eq!(report["arm_left_controller"]["messages"], 0, "a preflight sends nothing: {report}");
     }
@@ -408,13 +404,7 @@ fn robot_on_fast_dds_gets_trajectories_that_continue_and_end_at_rest() {
     for reliability in ["best-effort", "reliable"] {
         let Some(peer) = FastPeer::start(DOMAINS[5], reliability) else { return };
         let mut rig = rig(DOMAINS[5]);
-        rig.start_all();
-        let (operator, mut observer) = (rig.hand(), rig.eyes());
-        let before = observer.wait("there", |_| true);
-        let client = rig.client(&motion::builtin(), 1);
-        operator.engage_until(Mode::Engaged);
-        client.set_engaged(true);
-        observer.wait_moved(&before, 0.2);
+        let (operator, mut observer, _client) = rig.follow_builtin(0.2);
         operator.release();
         operator.wait_mode(Mode::Disengaged);
         observer.wait_at_rest();

@@ -1,11 +1,10 @@
 //! Robots that play no stop by themselves: `forward_command_controller`s, and `rt/arm_sdk` of a Unitree G1.
 
-use crate::{Peer, assert_no_violations, rig_with, took_all};
+use crate::{Peer, assert_no_violations, preflight, rig_with, took_all};
 use harness::{Rig, repository};
 use messages::Mode;
 use serde_json::Value;
 use std::path::Path;
-use std::process::Command;
 use std::time::Duration;
 
 /// Domains of these tests. Tests of one program run at the same time.
@@ -83,15 +82,10 @@ fn f115_unitree_robot_that_is_not_ready_is_refused_with_a_sentence() {
     };
     let rig = ARM_SDK.rig(DOMAINS[3]);
     let config = rig.folder().join("teleop.toml");
-    let preflight = |config: &Path| {
-        let output = Command::new(env!("CARGO_BIN_EXE_teleopd")).args(["preflight", "--config"]).arg(config).output();
-        let output = output.expect("it runs");
-        let said = [output.stdout, output.stderr].map(|text| String::from_utf8_lossy(&text).into_owned()).concat();
-        (output.status.code(), said)
-    };
     peer.fault("stale@0.5");
     std::thread::sleep(Duration::from_secs(1));
     let (code, said) = preflight(&config);
+    let said = said.concat();
     for sentence in [
         "another program may send to /arm_sdk",
         "rt/lowstate has mode_machine 6, the robot file 5",
@@ -103,6 +97,7 @@ fn f115_unitree_robot_that_is_not_ready_is_refused_with_a_sentence() {
     let text = std::fs::read_to_string(&config).expect("there").replace("\"arm_sdk\"", "\"trajectories\"");
     std::fs::write(&config, text).expect("writable");
     let (code, said) = preflight(&config);
+    let said = said.concat();
     assert!(code == Some(78) && said.contains("driver.interface = \"trajectories\", must be \"arm_sdk\""), "{said}");
 }
 
@@ -111,13 +106,7 @@ fn f115_unitree_robot_that_is_not_ready_is_refused_with_a_sentence() {
 fn drive(interface: &Interface, domain: u32, kill: bool) -> Option<(Value, f64)> {
     let peer = interface.peer(domain, &[])?;
     let mut rig = interface.rig(domain);
-    rig.start_all();
-    let (operator, mut observer) = (rig.hand(), rig.eyes());
-    let before = observer.wait("there", |_| true);
-    let client = rig.client(&motion::builtin(), 1);
-    operator.engage_until(Mode::Engaged);
-    client.set_engaged(true);
-    observer.wait_moved(&before, 0.2);
+    let (operator, mut observer, _client) = rig.follow_builtin(0.2);
     let mut speed = 0.0;
     if kill {
         let fast = observer.wait("fast", |robot| robot.v.iter().any(|v| v.abs() > 0.5));

@@ -67,6 +67,19 @@ impl Rig {
         self.0.children.start_all().unwrap_or_else(|failure| panic!("{failure}"));
     }
 
+    /// Starts all processes, and lets the robot follow the built-in motion until a joint moved by `by`, rad or m. The client
+    /// publishes, and the operator holds the enable, until they are dropped.
+    pub fn follow_builtin(&mut self, by: f64) -> (OperatorSession, StateObserver, Publisher) {
+        self.start_all();
+        let (operator, mut observer) = (self.hand(), self.eyes());
+        let before = observer.wait("there", |_| true);
+        let client = self.client(&motion::builtin(), 1);
+        operator.engage_until(Mode::Engaged);
+        client.set_engaged(true);
+        observer.wait_moved(&before, by);
+        (operator, observer, client)
+    }
+
     /// Starts a process and waits for READY. With the driver it also starts its robot, unless that still runs.
     pub fn start(&mut self, name: &'static str) {
         if name == DRIVER && self.children.id(ROBOT).is_none() {
