@@ -1,5 +1,6 @@
 """The robot's body: an ideal one, and one in MuJoCo."""
 
+import copy
 import io
 import math
 import os
@@ -22,11 +23,16 @@ SERVO_HZ = 5.0
 #: Share of critical damping at home. It is an assumption.
 DAMPING_RATIO = 0.5
 #: Acceleration at which a geared motor's own rotor takes its whole effort, rad/s^2 and m/s^2. It is an assumption.
-ROTOR_ACCELERATION = 100.0
+ROTOR_ACCELERATION = 200.0
 #: Links of TIAGo++'s description that are boxes around a hand, and no part of the robot.
 NO_PARTS = ("hand_left_safety_box", "hand_right_safety_box")
+#: Meshes are cut into convex slabs of about this thickness, m. It is an assumption.
+SLAB_M = 0.05
 #: MuJoCo needs some mass and inertia of each moving part, kg and kg m^2. The lightest finger has more mass.
 MASS_MIN, INERTIA_MIN = 1e-5, 1e-8
+#: A part lighter than this (kg) has at most this radius of gyration (m). The manufacturer's description gives each part
+#: of a finger 0.001 kg m^2 "to stabilize simulation". Together that is a hand of 25 cm. The radius is an assumption.
+LIGHT_KG, GYRATION_MAX_M = 0.1, 0.03
 
 
 class Ideal:
@@ -191,21 +197,32 @@ def prepared(robot: Robot, args) -> tuple[str, dict[str, bytes]]:
         for unused in link.findall("visual") + ([] if touches else link.findall("collision")):
             link.remove(unused)
         if (inertia := link.find("inertial/inertia")) is not None:
-            repair(inertia)
+            repair(inertia, float(link.find("inertial/mass").get("value")))
         for index, collision in enumerate(link.findall("collision")):
             collision.set("name", f"{link.get('name')}#{index}")
-            if (mesh := collision.find("geometry/mesh")) is not None:
-                scale = mesh.attrib.pop("scale", "1 1 1")
-                name = f"{Path(mesh.get('filename')).stem}_{len(assets)}.stl"
-                assets[name] = stl(found(mesh.get("filename"), args.meshes), [float(part) for part in scale.split()])
+            if (mesh := collision.find("geometry/mesh")) is None:
+                continue
+            scale = mesh.attrib.pop("scale", "1 1 1")
+            path = found(mesh.get("filename"), args.meshes)
+            link.remove(collision)
+            for number, piece in enumerate(pieces(path, [float(part) for part in scale.split()])):
+                name = f"{path.stem}_{len(assets)}.stl"
+                assets[name] = piece
                 mesh.set("filename", name)
+                collision.set("name", f"{link.get('name')}#{index}.{number}")
+                link.append(copy.deepcopy(collision))
     return ElementTree.tostring(root, encoding="unicode"), assets
 
 
-def repair(inertia: ElementTree.Element) -> None:
-    """Raises the smallest moments until a rigid part can have them: each positive, no two below the third in sum."""
+def repair(inertia: ElementTree.Element, mass_kg: float) -> None:
+    """Raises the smallest moments until a rigid part can have them: each positive, no two below the third in sum.
+
+    Before that it lowers those of a light part that no such part has.
+    """
     keys = (("ixx", "ixy", "ixz"), ("ixy", "iyy", "iyz"), ("ixz", "iyz", "izz"))
     moments, axes = np.linalg.eigh(np.array([[float(inertia.get(key)) for key in row] for row in keys]))
+    if mass_kg < LIGHT_KG:
+        moments = np.minimum(moments, mass_kg * GYRATION_MAX_M**2)
     moments = np.maximum(moments, INERTIA_MIN)
     # MuJoCo compares exactly, so rounding gets a millionth.
     moments[:2] += max(0.0, moments[2] * (1 + 1e-6) - moments[0] - moments[1]) / 2
@@ -225,12 +242,35 @@ def found(name: str, meshes: Path) -> Path:
     raise SystemExit(f"no file in {meshes} for the mesh {name}")
 
 
-def stl(path: Path, scale: list[float]) -> bytes:
-    """MuJoCo reads no COLLADA. It collides the convex hull of a mesh."""
+def pieces(path: Path, scale: list[float]) -> list[bytes]:
+    """Convex pieces that contain the surface of a mesh together, as STL: slabs along the axis that leaves them the least volume.
+
+    MuJoCo reads no COLLADA, and collides the convex hull of a mesh. The hull of a torso fills its waist.
+    """
     import trimesh
 
     mesh = trimesh.load(path, force="mesh")
     mesh.apply_transform(np.diag([*scale, 1.0]))
-    buffer = io.BytesIO()
-    mesh.export(buffer, file_type="stl")
-    return buffer.getvalue()
+    choices = [[trimesh.PointCloud(points).convex_hull for points in slabs(mesh, axis)] for axis in range(3)]
+    least = min(choices, key=lambda hulls: sum(hull.volume for hull in hulls))
+    found = []
+    for hull in least:
+        buffer = io.BytesIO()
+        hull.export(buffer, file_type="stl")
+        found.append(buffer.getvalue())
+    return found
+
+
+def slabs(mesh, axis: int) -> list[np.ndarray]:
+    """The corners of a mesh between planes across an axis, and where its edges cross the planes."""
+    bounds = np.linspace(*mesh.bounds[:, axis], max(1, round(mesh.extents[axis] / SLAB_M)) + 1)
+    ends = mesh.vertices[mesh.edges_unique]
+    cuts = []
+    for bound in bounds:
+        high, low = ends[:, 1, axis] - bound, bound - ends[:, 0, axis]
+        crosses = high * low > 0
+        share = (low[crosses] / (high + low)[crosses])[:, None]
+        cuts.append(ends[crosses, 0] + share * (ends[crosses, 1] - ends[crosses, 0]))
+    along = mesh.vertices[:, axis]
+    inside = [mesh.vertices[(first <= along) & (along <= last)] for first, last in zip(bounds, bounds[1:])]
+    return [np.vstack(points) for points in zip(inside, cuts, cuts[1:])]

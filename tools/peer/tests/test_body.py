@@ -82,7 +82,7 @@ def test_hands_that_meet_are_a_contact():
 
 
 def test_motion_after_the_last_message_is_timed():
-    one, judge = body.Ideal(ROBOT), Judge(ROBOT, PERIOD_S)
+    one, judge = body.Ideal(ROBOT, 0.0), Judge(ROBOT, PERIOD_S)
     traffic = judge.traffic["arm_left_controller"]
     place = ROBOT.joints.index("arm_left_1_joint")
     for tick in range(100):
