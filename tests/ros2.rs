@@ -1,5 +1,7 @@
 //! The driver `teleopd-ros2` against a peer that another program plays, over DDS. See tools/peer.
 
+#[path = "ros2/driven.rs"]
+mod driven;
 #[path = "ros2/interfaces.rs"]
 mod interfaces;
 
@@ -12,7 +14,7 @@ use std::process::{Child, ChildStdin, Command, Stdio};
 use std::time::{Duration, Instant};
 
 /// Domains of these tests. Tests of one program run at the same time.
-const DOMAINS: [u32; 7] = [41, 42, 43, 121, 122, 123, 124];
+const DOMAINS: [u32; 8] = [41, 42, 43, 121, 122, 123, 124, 125];
 /// Longest time in which the robot is at rest after its driver was killed: the longest stop, the delay of its controllers
 /// and two rows of the trace, s.
 const REST_WITHIN_S: f64 = 0.5 + 0.025 + 0.04;
@@ -26,7 +28,7 @@ fn python() -> Result<PathBuf, String> {
     let required =
         std::fs::read_to_string(repository().join("tools/peer/requirements.txt")).expect("in the repository");
     // Nothing else is needed without the physics.
-    let needed = |line: &&str| ["cyclonedds", "numpy", "rosbags"].iter().any(|name| line.starts_with(name));
+    let needed = |line: &&str| ["cyclonedds", "numpy", "rosbags", "pytest"].iter().any(|name| line.starts_with(name));
     let wire = required.lines().filter(needed);
     harness::python(&folder, &wire.collect::<Vec<_>>())
 }
@@ -280,11 +282,9 @@ fn shell(command: &str) -> Result<(), String> {
     if done.status.success() { Ok(()) } else { Err(format!("{command}: {}", said.trim())) }
 }
 
-/// Drives the built-in motion for `length` over the cable. Engages again after each stop. Returns the number of stops, why
-/// nothing was sent, and the peer's report.
-fn drive_lossy(domain: u32, reader: &[&str], length: Duration) -> Option<(u32, Vec<String>, Value)> {
-    let peer = Peer::start_by(&Cable::THERE, Cable::ENDS[1], domain, reader)?;
-    let mut rig = rig_at(Cable::ENDS[0], domain);
+/// Lets the robot follow the built-in motion for so long, and engages it again after each stop. Returns the number of stops,
+/// the driver's reasons and the peer's judgement.
+fn drive(peer: Peer, mut rig: Rig, length: Duration) -> (u32, Vec<String>, Value) {
     rig.start_all();
     let client = rig.client(&motion::builtin(), 1);
     client.set_engaged(true);
@@ -304,7 +304,7 @@ fn drive_lossy(domain: u32, reader: &[&str], length: Duration) -> Option<(u32, V
     let why = |line: &str| line.split_once("nothing is sent to the robot: ").map(|(_, why)| why.to_owned());
     let whys = rig.log("sim").lines().filter_map(why).collect();
     rig.end("sim");
-    Some((stops, whys, peer.end().0))
+    (stops, whys, peer.end().0)
 }
 
 #[test]
@@ -319,8 +319,9 @@ fn robot_behind_a_lossy_network_goes_on_following() {
     for (reader, name) in [(&[][..], "reliable"), (&["--best-effort"][..], "best effort")] {
         for percent in [0, 1, 5, 10] {
             cable.lose(percent);
-            let driven = drive_lossy(DOMAINS[3], reader, Duration::from_secs(seconds));
-            let Some((stops, whys, report)) = driven else { return };
+            let Some(peer) = Peer::start_by(&Cable::THERE, Cable::ENDS[1], DOMAINS[3], reader) else { return };
+            let rig = rig_at(Cable::ENDS[0], DOMAINS[3]);
+            let (stops, whys, report) = drive(peer, rig, Duration::from_secs(seconds));
             let controllers = report["controllers"].as_object().expect("controllers").values();
             let gap_ms = controllers.filter_map(|one| one["gap_max_ms"].as_f64()).fold(0.0, f64::max);
             let acceleration = report["command"]["acceleration_share"]["worst"].as_f64().expect("a number");

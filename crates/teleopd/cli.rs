@@ -257,7 +257,7 @@ pub struct Demo {
     /// settings' own. A value with a slash or .toml is a file.
     #[arg(long, value_name = "NAME|FILE")]
     pub robot: Option<RobotChoice>,
-    /// Motion file to replay instead of the built-in motion.
+    /// Motion file to replay instead of the built-in motion, or `pick-and-place`.
     #[arg(long, value_name = "FILE")]
     pub motion: Option<PathBuf>,
     /// Stop after this many seconds of motion (default: the whole motion once).

@@ -131,7 +131,10 @@ fn judged(mut trouble: Vec<String>, report: &Report) -> Result<Exit, Failure> {
 /// Reads all inputs of a run. Checks that its report can be written and its page served.
 fn read(options: &cli::Demo) -> Result<(motion::Motion, Loaded), Failure> {
     let motion = match &options.motion {
-        Some(path) => motion::load(path).map_err(|error| unread(path, error))?,
+        Some(path) => match path.to_str().and_then(motion::builtin_named) {
+            Some(motion) => motion,
+            None => motion::load(path).map_err(|error| unread(path, error))?,
+        },
         None => motion::builtin(),
     };
     let (interface, robot) = (options.interface, options.robot.clone());

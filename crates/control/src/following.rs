@@ -94,16 +94,11 @@ impl Following {
             v,
             speed_scale,
         };
-        let follow::Output { aims, wrists } = follow::tick(&config.follow, &mut self.state, input);
+        let follow::Output { aims } = follow::tick(&config.follow, &mut self.state, input);
         let mut wish = Wish::of_target(target, [0.0; JOINTS_MAX]);
         for (j, aim) in aims.iter().enumerate() {
             if let Some(aim) = aim {
                 (wish.q[j], wish.dq[j], wish.ddq[j]) = (aim.q, aim.v, aim.a);
-            }
-        }
-        for (arm, wrist) in config.model.arms.iter().zip(wrists) {
-            for (j, q) in arm.range().skip(follow::LIMB_JOINTS).zip(wrist.into_iter().flatten()) {
-                wish.q[j] = q;
                 wish.valid_mask |= 1 << j;
             }
         }

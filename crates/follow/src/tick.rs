@@ -37,6 +37,9 @@ const EACH_S: f64 = (ARMS as u64 * ITERATION_TICKS) as f64 * TICK_S;
 /// Time between two steps of a wrist, s. Both arms take turns.
 const LOOK_S: f64 = (ARMS * WATCHED.len()) as f64 * TICK_S;
 
+/// Both joints of a wrist in a mask that begins with them.
+const WRIST_MASK: u32 = (1 << WRIST_JOINTS) - 1;
+
 /// Margin to the position limits, rad. Whole-body control keeps the same.
 const INSET_RAD: f64 = 1e-3;
 
@@ -96,7 +99,7 @@ pub struct Input<'a> {
     pub way_first: u64,
     /// Bit j: joint j is valid.
     pub valid_mask: u32,
-    /// The posture that retargeting proposes, rad.
+    /// The posture that retargeting proposes, rad. It tells where the person's hand points if its wrist is valid.
     pub prior: &'a [f64; JOINTS_MAX],
     /// Commanded positions at tick k - 1.
     pub q: &'a [f64; JOINTS_MAX],
@@ -109,11 +112,8 @@ pub struct Input<'a> {
 /// Result of a tick.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Output {
-    /// Setpoint of each joint that turns a limb. `None` for a joint that is not followed here.
+    /// Setpoint of each joint of an arm that is followed. `None` for the others.
     pub aims: [Option<Aim>; JOINTS_MAX],
-    /// Positions for joints 6 and 7 of each arm, rad. `None` for an arm that is not followed, or whose wrist
-    /// follows a target.
-    pub wrists: [Option<[f64; WRIST_JOINTS]>; ARMS],
 }
 
 /// An iteration in progress.
@@ -244,7 +244,7 @@ pub fn tick(config: &Config, state: &mut State, input: Input<'_>) -> Output {
         state.arm = 1 - state.arm;
     }
     look(config, state, &input);
-    let mut output = Output { aims: [None; JOINTS_MAX], wrists: [None; ARMS] };
+    let mut output = Output { aims: [None; JOINTS_MAX] };
     for arm in (0..ARMS).filter(|&arm| state.meant[arm]) {
         let u = state.plans[arm].input_at(before);
         state.plans[arm].advance(input.k);
@@ -252,8 +252,13 @@ pub fn tick(config: &Config, state: &mut State, input: Input<'_>) -> Output {
         for j in 0..LIMB_JOINTS {
             output.aims[config.first[arm] + j] = Some(Aim { q: there.q[j], v: there.v[j], a: u[j] });
         }
-        let led = input.valid_mask >> (config.first[arm] + WRIST_FIRST) & ((1 << WRIST_JOINTS) - 1) != 0;
-        output.wrists[arm] = (!led).then_some(state.wrists[arm].q);
+        // Looks at this arm since its wrist's last step, of those until its next.
+        let looks = state.look_step + if state.look_arm == arm { WATCHED.len() } else { 0 };
+        let share = looks as f64 / (ARMS * WATCHED.len()) as f64;
+        for i in 0..WRIST_JOINTS {
+            let (q, v) = state.wrists[arm].at(i, share, LOOK_S);
+            output.aims[config.first[arm] + WRIST_FIRST + i] = Some(Aim { q, v, a: 0.0 });
+        }
     }
     output
 }
@@ -261,6 +266,9 @@ pub fn tick(config: &Config, state: &mut State, input: Input<'_>) -> Output {
 /// Evaluates the pairs of one arm at its next watched node, in the posture of both arms' plans there.
 fn look(config: &Config, state: &mut State, input: &Input<'_>) {
     let (arm, step) = (state.look_arm, state.look_step);
+    let first = config.first[arm] + WRIST_FIRST;
+    let led = input.valid_mask >> first & WRIST_MASK == WRIST_MASK;
+    let wanted = led.then(|| [input.prior[first], input.prior[first + 1]]);
     if state.meant[arm] {
         let before = input.k.saturating_sub(1);
         let until = before + (WATCHED[step] as u64 + 1) * WAY_NODE_TICKS;
@@ -282,12 +290,12 @@ fn look(config: &Config, state: &mut State, input: &Input<'_>) {
                 let slope = ArmVector::from_fn(|j, _| near.slope[j]);
                 gaps.insert(step, Gap::new(near.distance_m - config.model.d_min_m, slope, &there));
             }
-            wrist.add(near);
+            wrist.add(near, wanted.is_some());
         });
     }
     state.look_step += 1;
     if state.look_step == WATCHED.len() {
-        config.wrists[arm].step(&mut state.wrists[arm], input.speed_scale, LOOK_S);
+        config.wrists[arm].step(&mut state.wrists[arm], wanted, input.speed_scale, LOOK_S);
         (state.look_step, state.look_arm) = (0, 1 - arm);
     }
 }

@@ -1,6 +1,6 @@
 //! Wrists keep hands away from the robot, in time, and only there.
 
-use crate::support::{FIRST, FREE, LIMB_MASK, Robot, arm, distance_m, model};
+use crate::support::{FIRST, FREE, Robot, arm, distance_m, model};
 use follow::arm::{ArmVector, Limbs};
 use follow::{LIMB_JOINTS, Weights};
 use messages::{ALL_JOINTS, JOINTS_MAX, TICK_HZ, TICK_S};
@@ -67,12 +67,28 @@ fn wrist_turns_hanging_hand_away_and_returns_home_when_raised() {
 }
 
 #[test]
-fn wrist_with_target_is_not_moved_by_avoidance() {
+fn wrist_follows_hand_of_person_and_keeps_it_clear() {
+    let model = model();
     let mut robot = Robot::solid(&FREE, Weights::default());
     robot.valid_mask = ALL_JOINTS;
-    let output = robot.step(|_| person(HANGING));
-    assert!(output.aims[FIRST[0]].is_some() && output.wrists == [None; 2]);
-    robot.valid_mask = LIMB_MASK;
-    let output = robot.step(|_| person(HANGING));
-    assert!(output.wrists.iter().all(Option::is_some));
+    let wanted = [0.4, -0.3, 0.4, -0.3];
+    for (j, q) in [FIRST[0] + 5, FIRST[0] + 6, FIRST[1] + 5, FIRST[1] + 6].into_iter().zip(wanted) {
+        robot.prior[j] = q;
+    }
+    for _ in 0..TICK_HZ {
+        robot.step(|_| person(FREE));
+    }
+    for (now, wanted) in wrists(&robot.q).into_iter().zip(wanted) {
+        assert!((now - wanted).abs() < 1e-3, "{now}, the person asks for {wanted}");
+    }
+    // The hands turn away from the base on the way down, whatever the person's do.
+    robot.propose(&HANGING);
+    let (mut least_m, mut asked_m) = (f64::INFINITY, f64::INFINITY);
+    for _ in 0..3 * TICK_HZ {
+        robot.step(|_| person(HANGING));
+        least_m = least_m.min(hands_clear_m(&model, &robot.q));
+        asked_m = asked_m.min(hands_clear_m(&model, &at_home(&model, &robot.q)));
+    }
+    println!("hands {:.1} mm clear, {:.1} mm with wrists at home", least_m * 1e3, asked_m * 1e3);
+    assert!(least_m > asked_m + 0.01, "{least_m} m, {asked_m} m at home");
 }

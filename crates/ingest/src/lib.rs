@@ -33,6 +33,8 @@ pub struct Config {
     pub calibrations: Vec<((u32, u32), Calibration)>,
     /// Layouts whose positions are filtered.
     pub filter: Filter,
+    /// The person's mirror image is passed on.
+    pub mirror: bool,
     /// The filter.
     pub noise: Noise,
     /// Bounds of a plausible person in layouts of motion capture.
@@ -71,5 +73,9 @@ pub fn tick(config: &Config, state: &mut State, now: Stamp, raw: &RawSkeleton) -
     let known = config.calibrations.iter().find(|(of, _)| *of == (raw.operator_id, raw.layout));
     let stored = known.map(|(_, calibration)| calibration);
     let bounds = if camera { &config.seen } else { &config.measured };
-    skeleton::tick(bounds, &mut state.skeleton, now, skeleton::Input { raw: &frame, stored })
+    let mut out = skeleton::tick(bounds, &mut state.skeleton, now, skeleton::Input { raw: &frame, stored });
+    if config.mirror {
+        out.skeleton = out.skeleton.as_ref().map(skeleton::mirror_image);
+    }
+    out
 }

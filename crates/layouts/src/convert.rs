@@ -3,7 +3,8 @@
 use crate::map::{Layouts, Map, NONE, Sends};
 use crate::neutral::{COLLAR, HIPS_PER_SHOULDERS, OFFSET_M, UP_THE_TRUNK};
 use messages::{
-    HingeCalibration, Layout, RAW_JOINTS_MAX, RawSkeleton, SMPL_JOINTS, SMPL_PARENT, SkeletonLayout, Smpl, raw_flag,
+    HingeCalibration, Layout, RAW_JOINTS_MAX, RawSkeleton, SMPL_JOINTS, SMPL_OTHER_SIDE, SMPL_PARENT, SkeletonLayout,
+    Smpl, raw_flag,
 };
 use nalgebra::{Quaternion, Vector3};
 
@@ -19,9 +20,6 @@ pub enum Refusal {
 /// Largest error of a local rotation's norm, as `skeleton` allows it for global ones. A larger one becomes zero,
 /// and so does every rotation below it in the tree. `skeleton` refuses both because they have no unit norm.
 const NORM_ERROR_MAX: f64 = 1e-3;
-
-/// The joint of the other side, for each joint.
-const OTHER_SIDE: [usize; SMPL_JOINTS] = [0, 2, 1, 3, 5, 4, 6, 8, 7, 9, 11, 10, 12, 14, 13, 15, 17, 16, 19, 18, 21, 20];
 
 /// The person during the conversion: in our axes, m. Quaternions are x y z w in their own fields.
 struct Body {
@@ -175,7 +173,7 @@ impl Body {
 fn from_global(map: &Map, raw: &RawSkeleton, has_rotations: bool, mirrored: bool) -> Body {
     let mut body = Body::NOBODY;
     for joint in 0..SMPL_JOINTS {
-        let [a, b] = map.from[if mirrored { OTHER_SIDE[joint] } else { joint }];
+        let [a, b] = map.from[if mirrored { SMPL_OTHER_SIDE[joint] } else { joint }];
         if has_rotations {
             // A joint without a rotation takes its parent's.
             body.rotation[joint] = if a == NONE { body.rotation[SMPL_PARENT[joint]] } else { rotation(map, raw, a) };

@@ -36,7 +36,7 @@ pub const WAY_NODE_TICKS: u64 = 30;
 message! {
     /// Posture that the arms should have at tick `k`, and the person's motion after that. Any value is allowed:
     /// `control` makes it safe.
-    pub struct JointTarget v 3 size 2160 {
+    pub struct JointTarget v 4 size 2224 {
         /// `origin` of the skeleton that the target was made from.
         pub header: Header,
         /// The robot whose joints these are.
@@ -69,6 +69,9 @@ message! {
         pub way_seen: u32,
         /// Number of nodes in the way: zero or `WAY_NODES`. If it is zero, `control` follows `q` and `dq`.
         pub way_nodes: u32,
+        /// Rotations of the person's left and right hand at the resampled instant, as those of the limbs. Zero for a hand
+        /// that is not known.
+        pub human_hands: [[f64; 4]; 2],
     }
 }
 

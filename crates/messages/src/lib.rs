@@ -38,8 +38,8 @@ pub use person_change::PersonChange;
 pub use port::{RobotMeasured, RobotSetpoint, measured_flag};
 pub use service::{Domain, SERVICES, Service, ServiceRow};
 pub use skeleton::{
-    CUSTOM_LAYOUTS, HingeCalibration, LIMBS, Limb, RAW_JOINTS_MAX, RawSkeleton, SMPL_JOINTS, SMPL_NAMES, SMPL_PARENT,
-    Skeleton, SkeletonLayout, Smpl, calibration_flag, raw_flag, skeleton_flag,
+    CUSTOM_LAYOUTS, HingeCalibration, LIMBS, Limb, RAW_JOINTS_MAX, RawSkeleton, SMPL_JOINTS, SMPL_NAMES,
+    SMPL_OTHER_SIDE, SMPL_PARENT, Skeleton, SkeletonLayout, Smpl, calibration_flag, raw_flag, skeleton_flag,
 };
 pub use status::{FollowingLimit, Status, TRANSITIONS_KEPT, Transition, reduced_flag};
 pub use subject::Subject;

@@ -82,6 +82,10 @@ pub const SMPL_NAMES: [&str; SMPL_JOINTS] = [
 /// Parent of each joint of SMPL-22. The pelvis is its own parent. Parents come before their children.
 pub const SMPL_PARENT: [usize; SMPL_JOINTS] = [0, 0, 0, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 9, 9, 12, 13, 14, 16, 17, 18, 19];
 
+/// The joint of the other side, for each joint of SMPL-22. A joint of the middle is its own.
+pub const SMPL_OTHER_SIDE: [usize; SMPL_JOINTS] =
+    [0, 2, 1, 3, 5, 4, 6, 8, 7, 9, 11, 10, 12, 14, 13, 15, 17, 16, 19, 18, 21, 20];
+
 /// The layouts of `RawSkeleton` that `ingest` understands. The numbers are part of the contract with clients: a
 /// number never changes its meaning.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -138,6 +142,10 @@ pub mod skeleton_flag {
     /// The limb frames rest on a calibration, else on the elbow's momentary plane. The bits above are
     /// `PersonChange::FLAGS`.
     pub const CALIBRATED: u32 = 16;
+    /// The left and the right hand are valid.
+    pub const HAND: [u32; 2] = [256, 512];
+    /// The head is valid.
+    pub const HEAD: u32 = 1024;
 }
 
 message! {
@@ -185,8 +193,8 @@ message! {
 }
 
 message! {
-    /// A validated person: SMPL-22 positions and the four calibrated limb rotations.
-    pub struct Skeleton v 1 size 392 {
+    /// A validated person: SMPL-22 positions, the four calibrated limb rotations, hands and head.
+    pub struct Skeleton v 2 size 440 {
         /// `origin` of the client, on the clock of this machine.
         pub header: Header,
         /// Time at which `ingest` received the frame.
@@ -202,5 +210,10 @@ message! {
         pub limbs: [[f32; 4]; LIMBS],
         /// SMPL-22 positions, m, in the client's world frame (z up).
         pub positions: [[f32; 3]; SMPL_JOINTS],
+        /// Rotations of the left and the right hand, as those of the limbs. A hand that continues its forearm has the
+        /// forearm's.
+        pub hands: [[f32; 4]; 2],
+        /// Rotation of the head relative to the chest, as the difference from its mean so far, x y z w.
+        pub head: [f32; 4],
     }
 }

@@ -12,6 +12,12 @@ const STATURE_M: f64 = 1.75;
 /// flexion of the elbow, and pronation. Positive roll turns the forearm inwards when the arm hangs.
 type ArmPose = [f64; 5];
 
+/// Bend of a hand to its palm and to its thumb, degrees.
+type HandPose = [f64; 2];
+
+/// Turn of the head to the left, then its tilt forward, degrees.
+type HeadPose = [f64; 2];
+
 const T_POSE: ArmPose = [0.0, 0.0, 0.0, 0.0, 0.0];
 const REST: ArmPose = [0.0, 72.0, 0.0, 15.0, 0.0];
 const WAVE: ArmPose = [12.0, 0.0, -85.0, 75.0, 0.0];
@@ -24,19 +30,35 @@ const ARMS_UP: ArmPose = [0.0, -60.0, 0.0, 0.0, 0.0];
 const ARMS_DOWN: ArmPose = [0.0, 60.0, 0.0, 0.0, 0.0];
 const ELBOWS_BENT: ArmPose = [0.0, 0.0, 0.0, 95.0, 0.0];
 
+const REACH: ArmPose = [12.0, 66.0, -4.0, 62.0, 0.0];
+const GRASP: ArmPose = [12.0, 68.0, 16.0, 62.0, 0.0];
+const LIFT: ArmPose = [30.0, 50.0, 14.0, 74.0, 0.0];
+/// The box is moved to the left: the left arm opens, the right one reaches across.
+const OVER_LEFT: [ArmPose; 2] = [[10.0, 52.0, -14.0, 72.0, 0.0], [46.0, 50.0, 36.0, 62.0, 0.0]];
+const DOWN_LEFT: [ArmPose; 2] = [[4.0, 66.0, -14.0, 58.0, 0.0], [34.0, 62.0, 40.0, 56.0, 0.0]];
+const LET_GO: [ArmPose; 2] = [[0.0, 62.0, -34.0, 58.0, 0.0], [30.0, 60.0, 20.0, 60.0, 0.0]];
+
 /// Name of the motion for `teleopctl calibrate`.
 pub const CALIBRATION: &str = "builtin:calibration";
+/// Name of the motion that picks up a box and puts it down.
+pub const PICK_AND_PLACE: &str = "builtin:pick-and-place";
 
 /// A pose of both arms, left and right, reached after `seconds`. The fastest blend stays below 1.9 rad/s in each angle,
 /// because a minimum-jerk blend peaks at 1.875 times its mean speed.
 struct Key {
     seconds: f64,
-    left: ArmPose,
-    right: ArmPose,
+    arms: [ArmPose; 2],
+    hands: [HandPose; 2],
+    head: HeadPose,
 }
 
 const fn key(seconds: f64, left: ArmPose, right: ArmPose) -> Key {
-    Key { seconds, left, right }
+    Key { seconds, arms: [left, right], hands: [[0.0; 2]; 2], head: [0.0; 2] }
+}
+
+/// A key with both hands bent alike to palm and thumb.
+const fn work(seconds: f64, arms: [ArmPose; 2], hand: HandPose, head: HeadPose) -> Key {
+    Key { seconds, arms, hands: [hand; 2], head }
 }
 
 const KEYS: [Key; 19] = [
@@ -76,11 +98,40 @@ const CALIBRATION_KEYS: [Key; 11] = [
     key(1.8, T_POSE, T_POSE),
 ];
 
-/// Returns the built-in motion of this name: `builtin`, or [`CALIBRATION`].
+/// Hands wave and the head looks around for six seconds, so that both are learnt. Then look, reach, grasp a box with both
+/// hands, lift it, move it to the left, put it down and let it go.
+const PICK_AND_PLACE_KEYS: [Key; 22] = [
+    work(0.0, [T_POSE; 2], [0.0, 0.0], [0.0, 0.0]),
+    work(1.0, [T_POSE; 2], [0.0, 0.0], [0.0, 0.0]),
+    work(1.8, [REST; 2], [0.0, 0.0], [0.0, 0.0]),
+    work(1.4, [CHEST; 2], [25.0, 0.0], [25.0, 0.0]),
+    work(1.4, [REST; 2], [-25.0, 0.0], [-25.0, 0.0]),
+    work(1.4, [CHEST; 2], [0.0, 15.0], [0.0, 20.0]),
+    work(1.4, [REST; 2], [0.0, -15.0], [0.0, -10.0]),
+    work(0.8, [REST; 2], [0.0, 0.0], [0.0, 0.0]),
+    work(1.0, [REST; 2], [0.0, 0.0], [0.0, 28.0]),
+    work(1.8, [REACH; 2], [-20.0, 10.0], [0.0, 30.0]),
+    work(1.0, [GRASP; 2], [15.0, 10.0], [0.0, 30.0]),
+    work(0.5, [GRASP; 2], [18.0, 10.0], [0.0, 30.0]),
+    work(1.6, [LIFT; 2], [18.0, 15.0], [0.0, 12.0]),
+    work(0.6, [LIFT; 2], [18.0, 15.0], [35.0, 8.0]),
+    work(2.0, OVER_LEFT, [18.0, 15.0], [35.0, 15.0]),
+    work(1.4, DOWN_LEFT, [15.0, 5.0], [35.0, 28.0]),
+    work(0.6, DOWN_LEFT, [15.0, 5.0], [35.0, 28.0]),
+    work(1.0, LET_GO, [-15.0, 5.0], [35.0, 28.0]),
+    work(2.0, [REST; 2], [0.0, 0.0], [0.0, 5.0]),
+    work(0.6, [REST; 2], [0.0, 0.0], [0.0, 0.0]),
+    work(1.8, [T_POSE; 2], [0.0, 0.0], [0.0, 0.0]),
+    work(0.6, [T_POSE; 2], [0.0, 0.0], [0.0, 0.0]),
+];
+
+/// Returns the built-in motion of this name: `builtin`, [`PICK_AND_PLACE`], or [`CALIBRATION`]. `builtin:` may be left out.
 pub fn builtin_named(name: &str) -> Option<Motion> {
+    let is = |whole: &str| name == whole || whole.strip_prefix("builtin:") == Some(name);
     match name {
         "builtin" => Some(builtin()),
-        CALIBRATION => Some(played(CALIBRATION, &CALIBRATION_KEYS)),
+        _ if is(CALIBRATION) => Some(played(CALIBRATION, &CALIBRATION_KEYS)),
+        _ if is(PICK_AND_PLACE) => Some(played(PICK_AND_PLACE, &PICK_AND_PLACE_KEYS)),
         _ => None,
     }
 }
@@ -100,8 +151,9 @@ fn played(name: &str, keys: &[Key]) -> Motion {
         for i in 0..count {
             let t = i as f64 / count as f64;
             let s = t * t * t * (10.0 + t * (6.0 * t - 15.0));
-            let blend = |a: &ArmPose, b: &ArmPose| std::array::from_fn(|j| a[j] + s * (b[j] - a[j]));
-            frames.push(frame(&blend(&from.left, &to.left), &blend(&from.right, &to.right)));
+            let arms = [0, 1].map(|side| blend(&from.arms[side], &to.arms[side], s));
+            let hands = [0, 1].map(|side| blend(&from.hands[side], &to.hands[side], s));
+            frames.push(frame(&arms, &hands, &blend(&from.head, &to.head, s)));
         }
     }
     sway(&mut frames);
@@ -109,9 +161,14 @@ fn played(name: &str, keys: &[Key]) -> Motion {
     Motion { name: name.to_owned(), frame_rate_hz: RATE_HZ, frames, first: None, has_rotations: true, guesses }
 }
 
+/// Returns the pose at the share `s` of the way.
+fn blend<const N: usize>(from: &[f64; N], to: &[f64; N], s: f64) -> [f64; N] {
+    std::array::from_fn(|j| from[j] + s * (to[j] - from[j]))
+}
+
 /// Returns the T-pose of this person, with nominal bone lengths and an upright torso frame.
 pub(crate) fn t_pose() -> [[f32; 3]; SMPL_JOINTS] {
-    frame(&T_POSE, &T_POSE).positions
+    frame(&[T_POSE; 2], &[[0.0; 2]; 2], &[0.0; 2]).positions
 }
 
 /// Adds a sway of 3 mm, five times in the motion. No real person stands perfectly still. With it, a pause differs
@@ -127,20 +184,23 @@ fn sway(frames: &mut [Frame]) {
     }
 }
 
-/// Returns a standing person with these arms.
-fn frame(left: &ArmPose, right: &ArmPose) -> Frame {
+/// Returns a standing person with these arms, hands and head.
+fn frame(arms: &[ArmPose; 2], hands: &[HandPose; 2], head: &HeadPose) -> Frame {
+    let about = |axis, angle: f64| UnitQuaternion::from_axis_angle(&axis, angle.to_radians());
+    let (x, y, z) = (Vector3::x_axis(), Vector3::y_axis(), Vector3::z_axis());
     let mut out = Frame { positions: standing(), rotations: [[0.0, 0.0, 0.0, 1.0]; SMPL_JOINTS] };
     let joints = [
         [Smpl::LeftShoulder, Smpl::LeftElbow, Smpl::LeftWrist],
         [Smpl::RightShoulder, Smpl::RightElbow, Smpl::RightWrist],
     ];
-    for (side, (pose, [shoulder, elbow, wrist])) in [left, right].into_iter().zip(joints).enumerate() {
-        let [swing, lower, roll, flex, twist] = pose.map(f64::to_radians);
-        let about = |axis, angle| UnitQuaternion::from_axis_angle(&axis, angle);
-        let (x, y, z) = (Vector3::x_axis(), Vector3::y_axis(), Vector3::z_axis());
+    for (side, [shoulder, elbow, wrist]) in joints.into_iter().enumerate() {
+        let [swing, lower, roll, flex, twist] = arms[side];
+        let [to_palm, to_thumb] = hands[side];
         let upper = about(z, -swing) * about(x, -lower) * about(y, roll);
         let fore = upper * about(z, -flex);
-        let rotations = [(shoulder, upper), (elbow, fore), (wrist, fore * about(y, -twist))];
+        // In the T-pose the palm looks down and the thumb forward.
+        let hand = fore * about(y, -twist) * about(x, -to_palm) * about(z, -to_thumb);
+        let rotations = [(shoulder, upper), (elbow, fore), (wrist, hand)];
         for (joint, rotation) in rotations {
             // The right arm is the mirror image of a left one: (x, y, z, w) -> (-x, y, -z, w).
             let q = rotation.cast::<f32>();
@@ -157,6 +217,9 @@ fn frame(left: &ArmPose, right: &ArmPose) -> Frame {
             out.positions[joint as usize] = (parent + bone.cast::<f32>()).into();
         }
     }
+    let [pan, tilt] = *head;
+    let q = (about(z, pan) * about(y, tilt)).cast::<f32>();
+    out.rotations[Smpl::Head as usize] = [q.i, q.j, q.k, q.w];
     out
 }
 

@@ -21,7 +21,7 @@ mod scan;
 mod unpack;
 mod write;
 
-pub use builtin::{CALIBRATION, builtin, builtin_named};
+pub use builtin::{CALIBRATION, PICK_AND_PLACE, builtin, builtin_named};
 pub use bvh::parse_bvh;
 pub use calibrate::{CalibrationMode, calibrate, limbs, raw_frame};
 pub use canonical::Up;

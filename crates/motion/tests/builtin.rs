@@ -1,7 +1,9 @@
 //! Tests that the built-in motion, loops and upsampling are human, smooth and slow enough.
 
 use messages::{HingeCalibration, Layout, Stamp, skeleton_flag};
-use motion::{CalibrationMode, Frame, Motion, builtin, calibrate, limbs, loop_blend, raw_frame, upsample};
+use motion::{
+    CalibrationMode, Frame, Motion, builtin, builtin_named, calibrate, limbs, loop_blend, raw_frame, upsample,
+};
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
 fn rotation(q: [f32; 4]) -> UnitQuaternion<f64> {
@@ -20,7 +22,8 @@ fn accepted(motion: &Motion, frames: usize) -> u64 {
         let out =
             skeleton::tick(&skeleton::Config::default(), &mut state, now, skeleton::Input { raw: &raw, stored: None });
         if let Some(skeleton) = out.skeleton {
-            assert_eq!(skeleton.flags, skeleton_flag::ALL | skeleton_flag::CALIBRATED);
+            let limbs = skeleton_flag::ALL | skeleton_flag::CALIBRATED;
+            assert_eq!(skeleton.flags & limbs, limbs);
         }
     }
     state.accepted()
@@ -43,6 +46,36 @@ fn builtin_motion_is_accepted_and_within_speed_of_robot() {
     let fastest = fastest(&motion);
     assert!(fastest < 3.0, "a limb turns with {fastest:.2} rad/s");
     assert!(fastest > 1.0, "the demo sleeps: {fastest:.2} rad/s");
+}
+
+#[test]
+fn motion_that_picks_up_a_box_shows_hands_and_head_before_it_reaches() {
+    let motion = builtin_named("pick-and-place").expect("built in");
+    assert_eq!(accepted(&motion, 2 * motion.frames.len()), 2 * motion.frames.len() as u64);
+    let fastest = fastest(&motion);
+    assert!((1.0..3.0).contains(&fastest), "a limb turns with {fastest:.2} rad/s");
+    let calibration = calibrate(&motion, CalibrationMode::First10s);
+    let mut state = skeleton::State::new();
+    let known = skeleton_flag::HAND[0] | skeleton_flag::HAND[1] | skeleton_flag::HEAD;
+    let (mut first, mut tilt, mut hands_m) = (None, 0.0_f64, f32::INFINITY);
+    for i in 0..motion.frames.len() {
+        let mut raw = raw_frame(&motion, i, &calibration);
+        raw.header.sequence = i as u64 + 1;
+        raw.header.origin = Stamp(1 + (i as f64 * 1e9 / motion.frame_rate_hz) as u64);
+        let input = skeleton::Input { raw: &raw, stored: None };
+        let out = skeleton::tick(&skeleton::Config::default(), &mut state, raw.header.origin, input);
+        let Some(person) = out.skeleton else { continue };
+        if person.flags & known == known {
+            first.get_or_insert(i);
+            let ahead = rotation(person.head) * Vector3::x();
+            tilt = tilt.max((-ahead.z).asin());
+        }
+        hands_m = hands_m.min((Vector3::from(person.positions[20]) - Vector3::from(person.positions[21])).norm());
+    }
+    // The arms move from 1 s on. The box is reached for at 12 s.
+    assert!(first.is_some_and(|frame| frame < 10 * 60), "hands and head from frame {first:?} on");
+    assert!(tilt > 0.3, "the person looks down by {tilt} rad");
+    assert!((0.1..0.4).contains(&hands_m), "the wrists come within {hands_m} m");
 }
 
 #[test]

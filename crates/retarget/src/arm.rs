@@ -242,6 +242,11 @@ pub fn mirror(limb: [f64; 4]) -> [f64; 4] {
     [-limb[0], limb[1], -limb[2], limb[3]]
 }
 
+/// As [`mirror`], for a rotation.
+pub(crate) fn mirrored(rotation: &UnitQuaternion<f64>) -> UnitQuaternion<f64> {
+    UnitQuaternion::new_unchecked(Quaternion::new(rotation.w, -rotation.i, rotation.j, -rotation.k))
+}
+
 /// Largest deviation of a limb quaternion's squared norm from one. `ingest` normalises in f64, so a larger
 /// deviation means no rotation.
 const NORM_TOLERANCE: f64 = 1e-3;

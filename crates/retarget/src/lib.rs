@@ -12,6 +12,7 @@ mod closed_form;
 mod model;
 mod network;
 mod oracle;
+mod pointing;
 mod posture;
 mod prediction;
 mod ready;
@@ -31,6 +32,7 @@ pub use network::{
     interpolate_latent,
 };
 pub use oracle::oracle;
+pub use pointing::pointed;
 pub use posture::{PostureSolver, SolvedPose, posture, solve_poses};
 pub use prediction::{
     AGES_S, HORIZONS_S, History, PREDICTION_FORMAT, PREDICTION_INPUTS, PREDICTION_OUTPUTS, Prediction,

@@ -52,6 +52,8 @@ impl RobotArms {
             robot: model.id(),
             joints: model.arms.each_ref().map(|arm| std::array::from_fn(|j| arm.joints[j])),
             signs: model.arms.each_ref().map(|arm| std::array::from_fn(|j| arm.signs[j])),
+            wrists: model.wrists,
+            head: model.head,
         }
     }
 }

@@ -7,8 +7,9 @@
 //! freely, and a crossfade hides the move.
 
 use messages::{Service, Skeleton, Stamp, comes_after};
+use nalgebra::UnitQuaternion;
 
-use crate::arm::{Limbs, align};
+use crate::arm::{Limbs, align, slerp};
 use crate::network::{Latent, interpolate_latent};
 use crate::prediction::{AGES_S, Turns};
 use crate::way::{Expected, RATE_OVER_NS};
@@ -178,11 +179,18 @@ pub struct Sample {
     pub latent: Latent,
     /// Limb rotations of a left (or mirrored right) arm.
     pub limbs: Limbs,
+    /// Rotation of its hand, in the same way. `None` if the person's is not known.
+    pub hand: Option<UnitQuaternion<f64>>,
 }
 
 impl Sample {
     fn between(&self, other: &Self, s: f64) -> Self {
-        Self { latent: interpolate_latent(&self.latent, &other.latent, s), limbs: self.limbs.between(&other.limbs, s) }
+        Self {
+            latent: interpolate_latent(&self.latent, &other.latent, s),
+            limbs: self.limbs.between(&other.limbs, s),
+            // A hand that comes or goes is shown as it is known.
+            hand: self.hand.zip(other.hand).map(|(hand, other)| slerp(&hand, &other, s)).or(self.hand).or(other.hand),
+        }
     }
 
     fn aligned_to(&self, other: &Self) -> Self {
@@ -219,7 +227,8 @@ pub struct Track {
 
 impl Default for Track {
     fn default() -> Self {
-        let knot = Knot { source: 0, sample: Sample { latent: Latent::default(), limbs: Limbs::identity() } };
+        let knot =
+            Knot { source: 0, sample: Sample { latent: Latent::default(), limbs: Limbs::identity(), hand: None } };
         let (shown, fade, expected) = (None, None, Expected::default());
         Self { knots: [knot; KNOTS], count: 0, newest: 0, shown, fade, received: Stamp::NONE, expected }
     }

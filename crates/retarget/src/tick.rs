@@ -4,10 +4,15 @@ use messages::{
     Fault, Faults, JOINTS_MAX, JointTarget, LIMBS, Layout, PersonChange, RobotId, Skeleton, Stamp, TICK_HZ, TICK_S,
     WAY_NODE_TICKS, WAY_NODES, skeleton_flag, target_flag,
 };
+use nalgebra::UnitQuaternion;
+use robot::TwoAxes;
 use serde::Deserialize;
 
-use crate::arm::{ARM_Q, ARMS, ArmModel, ArmQ, Limbs, limb_error_deg, mirror, xyzw_from_rotation};
+use crate::arm::{
+    ARM_Q, ARMS, ArmModel, ArmQ, Limbs, limb_error_deg, mirror, mirrored, rotation_from_xyzw, xyzw_from_rotation,
+};
 use crate::network::Latent;
+use crate::pointing::pointed;
 use crate::posture::PostureSolver;
 use crate::prediction::{AGES_S, History, Prediction};
 use crate::ready::Readiness;
@@ -85,6 +90,10 @@ pub struct RobotArms {
     pub joints: [[usize; ARM_Q]; ARMS],
     /// Signs of these joints: q = sign * q of the left arm in the mirrored posture.
     pub signs: [ArmQ; ARMS],
+    /// Joints 6 and 7 of the left and the right arm.
+    pub wrists: [TwoAxes; ARMS],
+    /// The joints that turn the head, if there are any.
+    pub head: Option<TwoAxes>,
 }
 
 /// Constant configuration of the stage.
@@ -96,6 +105,8 @@ pub struct Config {
     robot: RobotId,
     joints: [[usize; ARM_Q]; ARMS],
     signs: [ArmQ; ARMS],
+    wrists: [TwoAxes; ARMS],
+    head: Option<TwoAxes>,
     prediction: Option<Prediction>,
     delay_ns: u64,
 }
@@ -117,6 +128,8 @@ impl Config {
             robot: robot.robot,
             joints: robot.joints,
             signs: robot.signs,
+            wrists: robot.wrists,
+            head: robot.head,
             prediction: None,
             delay_ns: (options.following_delay_ms * 1e6) as u64,
         })
@@ -170,6 +183,8 @@ pub struct State {
     readiness: Readiness,
     forgotten: u64,
     tracks: [Track; ARMS],
+    /// The head, as an upper arm of its own track.
+    head: Track,
     refined: [Option<ArmQ>; ARMS],
     q: [Option<ArmQ>; ARMS],
     dq: [ArmQ; ARMS],
@@ -242,6 +257,7 @@ pub fn tick(config: &Config, state: &mut State, now: Stamp, input: Input<'_>) ->
     let playhead = state.clock.advance(now, config.delay_ns);
     let [left, right] = &mut state.tracks;
     let shown = [left, right].map(|track| track.show(playhead, now));
+    let head = state.head.show(playhead, now).filter(|_| state.head.is_fresh(now));
     let postures = config.solver.next(&shown, &state.refined);
     let ticks = input.k.saturating_sub(state.k);
     for arm in 0..ARMS {
@@ -261,6 +277,10 @@ pub fn tick(config: &Config, state: &mut State, now: Stamp, input: Input<'_>) ->
     let fresh = std::array::from_fn(|arm| meant[arm] && state.tracks[arm].is_fresh(now));
     let ready = state.readiness.judge(now, meant, fresh);
     let mut out = assemble(config, state, fresh, ready, input.k, &shown);
+    point_hands(config, state, &shown, &mut out.target);
+    if let (Some(joints), Some(head)) = (&config.head, head) {
+        set(&mut out.target, joints, pointed(joints, &head.limbs.upper));
+    }
     lay_way(state, input.k, playhead, now);
     let way = &state.way;
     (out.target.way_first, out.target.way_nodes, out.target.way_seen) = (way.first, WAY_NODES as u32, way.seen);
@@ -269,6 +289,26 @@ pub fn tick(config: &Config, state: &mut State, now: Stamp, input: Input<'_>) ->
         > before.limbs_refused + before.network_not_finite;
     out.faults.set(Fault::InputImplausible, dropped);
     out
+}
+
+/// Sets the wrists of the arms whose hand is known. A hand comes as near to the person's as its wrist can bring it from the
+/// target's forearm.
+fn point_hands(config: &Config, state: &State, shown: &[Option<Sample>; ARMS], target: &mut JointTarget) {
+    for (arm, joints) in config.wrists.iter().enumerate() {
+        let Some((hand, q)) = shown[arm].and_then(|sample| sample.hand).zip(state.q[arm]) else { continue };
+        let bend = config.solver.arm.forward(&q).fore.inverse() * hand;
+        let [hand, bend] = [hand, bend].map(|turn| if arm == 0 { turn } else { mirrored(&turn) });
+        target.human_hands[arm] = xyzw_from_rotation(&hand);
+        set(target, joints, pointed(joints, &bend));
+    }
+}
+
+/// Sets two joints of a target.
+fn set(target: &mut JointTarget, joints: &TwoAxes, q: [f64; 2]) {
+    for (j, q) in joints.joints.into_iter().zip(q) {
+        target.q[j] = q;
+        target.valid_mask |= 1 << j;
+    }
 }
 
 /// Computes the way of the arms in use: nodes after tick k, with the playhead's present delay. Nodes lie at fixed
@@ -326,11 +366,16 @@ fn take(config: &Config, state: &mut State, now: Stamp, skeleton: &Skeleton) {
         let Some(limbs) = arms[arm] else { continue };
         let latent = latents[arm];
         if latent.iter().all(|x| x.is_finite()) {
-            state.tracks[arm].push(placed, Sample { latent, limbs }, received, now);
+            let hand = human_hand(skeleton, arm);
+            state.tracks[arm].push(placed, Sample { latent, limbs, hand }, received, now);
             used[arm] = true;
         } else {
             state.counters.network_not_finite += 1;
         }
+    }
+    if let Some(head) = human_head(skeleton) {
+        let limbs = Limbs { upper: head, ..Limbs::identity() };
+        state.head.push(placed, Sample { latent: Latent::default(), limbs, hand: None }, received, now);
     }
     if let Some(prediction) = &config.prediction {
         expect(prediction, &mut state.tracks, used, placed.source);
@@ -385,6 +430,19 @@ fn human_arm(skeleton: &Skeleton, arm: usize, counters: &mut Counters) -> Option
         counters.limbs_refused += 1;
     }
     limbs
+}
+
+/// Returns the hand of one arm as that of a left arm. `None` if it is not marked valid or is no rotation.
+fn human_hand(skeleton: &Skeleton, arm: usize) -> Option<UnitQuaternion<f64>> {
+    let hand = skeleton.hands[arm].map(f64::from);
+    let hand = if arm == 0 { hand } else { mirror(hand) };
+    (skeleton.flags & skeleton_flag::HAND[arm] != 0).then(|| rotation_from_xyzw(hand)).flatten()
+}
+
+/// Returns the head. `None` if it is not marked valid or is no rotation.
+fn human_head(skeleton: &Skeleton) -> Option<UnitQuaternion<f64>> {
+    let valid = skeleton.flags & skeleton_flag::HEAD != 0;
+    valid.then(|| rotation_from_xyzw(skeleton.head.map(f64::from))).flatten()
 }
 
 /// Finite difference over `ticks` ticks, bounded by the velocity limits, rad/s. Zero if there is no previous

@@ -4,6 +4,7 @@
 mod kinematics;
 mod network;
 mod perceptron;
+mod pointing;
 mod prediction;
 mod rate;
 mod resampling;

@@ -26,6 +26,8 @@ pub(crate) struct RobotFile {
     /// Commanded joints that belong to no arm: a lift, a waist, a head. In any order.
     #[serde(default)]
     pub(crate) body_joints: Vec<String>,
+    /// The two body joints that turn the head, from the neck up. They follow the person's head.
+    pub(crate) head_joints: Option<[String; 2]>,
     /// Positions of the movable joints of the URDF that nothing commands, rad.
     #[serde(default)]
     pub(crate) held_rad: BTreeMap<String, f64>,

@@ -32,6 +32,7 @@ mod proposal;
 mod refute;
 mod segment;
 mod shapes;
+mod two_axes;
 mod urdf;
 mod visual;
 
@@ -53,4 +54,5 @@ pub use pose::Pose;
 pub use proposal::{ARM_SDK_INDICES, DriverInterface, Motor, Proposal};
 pub use segment::{SegmentDistance, segment_distance};
 pub use shapes::{Hull, Surface, hull_volume_oracle, segment_distance_oracle};
+pub use two_axes::TwoAxes;
 pub use visual::{Form, MeshVisual, Visual};

@@ -1,6 +1,6 @@
 //! The checked model of one robot.
 
-use crate::arm::Arm;
+use crate::arm::{Arm, LIMB_JOINTS};
 use crate::chain::Chain;
 use crate::collision::{AllowedPair, Capsule, Pair, read_capsules, read_pairs};
 use crate::environment::Obstacle;
@@ -12,6 +12,7 @@ use crate::limits::JointLimits;
 use crate::payload::Payload;
 use crate::pose::Pose;
 use crate::proposal::Proposal;
+use crate::two_axes::TwoAxes;
 use crate::urdf::Tree;
 use crate::visual::{MeshVisual, Visual};
 use messages::{JOINTS_MAX, RobotId};
@@ -74,6 +75,10 @@ pub struct Model {
     pub home: [f64; JOINTS_MAX],
     /// Left and right arm. The right one is checked to be the mirror image of the left, up to a sign per joint.
     pub arms: [Arm; 2],
+    /// Joints 6 and 7 of the left and the right arm. They turn the hand.
+    pub wrists: [TwoAxes; 2],
+    /// The joints that turn the head. None if the robot file names none.
+    pub head: Option<TwoAxes>,
     /// The body whose frame is the torso frame of the limb rotations.
     pub torso_body: usize,
     /// Collision geometry.
@@ -252,6 +257,8 @@ impl Source<'_> {
             urdf_limits,
             home,
             arms: [Arm::blank(); 2],
+            wrists: [TwoAxes::blank(); 2],
+            head: None,
             torso_body,
             capsules,
             pairs,
@@ -273,6 +280,7 @@ impl Source<'_> {
             joint_names: chain.names.clone(),
         };
         self.derive_arms([&file.arms.left, &file.arms.right], &chain, &mut model)?;
+        model.head = self.head(file.head_joints.as_ref(), &model)?;
         self.check_masses(&model)?;
         self.check_home(&model)?;
         Ok(model)
@@ -329,8 +337,23 @@ impl Source<'_> {
             let joints = std::array::from_fn(|i| chain.arm_start(side) + i);
             model.arms[side] = model.derive_arm(joints, arm.reference_rad, model.torso_body);
         }
+        model.wrists = model.arms.map(|arm| {
+            let t_pose: [(usize, f64); LIMB_JOINTS] = std::array::from_fn(|i| (arm.joints[i], arm.reference[i]));
+            model.two_axes([arm.joints[LIMB_JOINTS], arm.joints[LIMB_JOINTS + 1]], &t_pose)
+        });
         model.check_shoulders(self.urdf)?;
         model.check_mirror(self.toml)
+    }
+
+    fn head(&self, names: Option<&[String; 2]>, model: &Model) -> Result<Option<TwoAxes>, RobotError> {
+        let Some(names) = names else { return Ok(None) };
+        self.check_names("head_joints", names.iter(), &model.joint_names[..model.body_count])?;
+        let joints = names.each_ref().map(|name| model.joint_names.iter().position(|other| other == name).unwrap_or(0));
+        if joints[0] == joints[1] || joints.iter().any(|&j| model.prismatic[j]) {
+            let bound = "must name two different joints that turn";
+            return Err(self.value("head_joints", format!("`{}`, `{}`", names[0], names[1]), bound));
+        }
+        Ok(Some(model.two_axes(joints, &[])))
     }
 
     /// Returns the body of the torso's link. Limb rotations are computed in the frame of the body.

@@ -19,6 +19,9 @@ const FORE_SPREAD_MIN: f64 = 0.3;
 /// Above it the rotation does not move with the arm. For a rig the share is zero. For a client that flags
 /// rotations without filling them, it is one.
 const BONE_SHARE_MAX: f64 = 0.2;
+/// Mean resultant length below which the hand's rotation does not show the direction of a straight hand: a hand that
+/// turns evenly over 120 degrees. Assumption.
+const HAND_SPREAD_MIN: f64 = 0.8;
 /// Spread of the bone in the world, as 1 less the mean resultant length. Below this value, 3.6 degrees RMS, the
 /// arm has not moved enough for a decision.
 const BONE_MOVED_MIN: f64 = 0.002;
@@ -44,6 +47,8 @@ struct Arm {
     /// Sum of the bone's directions in the shoulder's frame, and in the world.
     bone: [Vector3<f64>; 2],
     hand_from_shoulder: Matrix3<f64>,
+    /// Sum of the forearm's directions in the hand's frame.
+    hand: Vector3<f64>,
     /// Number of flexed frames, and the fading numbers of flexed frames and of all frames in the sums.
     samples: u32,
     flexed: f64,
@@ -64,6 +69,7 @@ impl Calibrator {
             upper_weight: 0.0,
             bone: [Vector3::zeros(); 2],
             hand_from_shoulder: Matrix3::zeros(),
+            hand: Vector3::zeros(),
             samples: 0,
             flexed: 0.0,
             frames: 0.0,
@@ -94,6 +100,7 @@ impl Calibrator {
             arm.upper *= share;
             arm.bone = arm.bone.map(|sum| sum * share);
             arm.hand_from_shoulder *= share;
+            arm.hand *= share;
             for sum in [&mut arm.upper_weight, &mut arm.flexed, &mut arm.frames] {
                 *sum *= share;
             }
@@ -104,6 +111,15 @@ impl Calibrator {
     /// are known to do so. Those of a new client are not.
     pub(crate) fn carried(&self) -> [bool; 2] {
         self.arms.map(|arm| arm.is_carried())
+    }
+
+    /// Returns the direction in which the left and the right hand point in their own frames, unit vectors. It is the
+    /// forearm's, averaged over all frames. So the middle of a wrist's bends counts as straight.
+    pub(crate) fn hands(&self) -> [Option<Vector3<f64>>; 2] {
+        self.arms.map(|arm| {
+            let shown = arm.frames >= SAMPLES_MIN && arm.hand.norm() >= HAND_SPREAD_MIN * arm.frames;
+            if shown && arm.is_carried() { unit(arm.hand) } else { None }
+        })
     }
 
     /// Returns the estimate of everything added so far. A hinge that the frames do not determine is not flagged
@@ -149,7 +165,9 @@ impl Arm {
         let local = rotate_back(rotations[shoulder], normal)?;
         self.bone[0] += rotate_back(rotations[shoulder], upper)?;
         self.bone[1] += upper;
+        let hand = rotate_back(rotations[wrist], fore)?;
         self.hand_from_shoulder += Matrix3::from_columns(&columns);
+        self.hand += hand;
         self.frames += 1.0;
         if normal.norm() > FLEXED_SIN {
             self.upper += local;

@@ -29,13 +29,16 @@ pub struct LimbFrames {
     /// Rotations relative to the torso frame, as differences from the T-pose, x y z w with w >= 0, indexed by
     /// `Limb`. Identity if the limb is not valid.
     pub rotations: [[f32; 4]; LIMBS],
-    /// Bits of `skeleton_flag`: the valid limbs, and whether all valid ones rest on a calibration.
+    /// Rotations of the left and the right hand, in the same way. A hand that continues its forearm has the forearm's.
+    pub hands: [[f32; 4]; 2],
+    /// Bits of `skeleton_flag`: the valid limbs and hands, and whether all valid limbs rest on a calibration.
     pub flags: u32,
 }
 
 impl LimbFrames {
-    /// Four limbs, none of them valid.
-    pub const NONE: Self = Self { rotations: [[0.0, 0.0, 0.0, 1.0]; LIMBS], flags: 0 };
+    /// Four limbs and two hands, none of them valid.
+    pub const NONE: Self =
+        Self { rotations: [[0.0, 0.0, 0.0, 1.0]; LIMBS], hands: [[0.0, 0.0, 0.0, 1.0]; 2], flags: 0 };
 }
 
 /// Shoulder, elbow, wrist of both arms.
@@ -91,7 +94,7 @@ pub(crate) fn limbs_against(
     usable: u32,
     hold: &mut Hold,
 ) -> LimbFrames {
-    let Reference { hinges: calibration, weight, torso_lean_rad } = reference;
+    let Reference { hinges: calibration, weight, hands, torso_lean_rad } = reference;
     let mut out = LimbFrames::NONE;
     let has = |joint: usize| usable & (1 << joint) != 0;
     let trunk = [Smpl::LeftShoulder, Smpl::RightShoulder, Smpl::LeftHip, Smpl::RightHip];
@@ -133,6 +136,15 @@ pub(crate) fn limbs_against(
         };
         out.rotations[fore_limb] = limb_rotation(side, fore, fore_hinge);
         out.flags |= skeleton_flag::LIMB[fore_limb];
+        // A hand without a hinge of full weight would be twisted against its forearm.
+        let known = calibrated.is_some() && weight[fore_limb] >= 1.0;
+        let Some(straight) = hands[side].filter(|_| known) else { continue };
+        let pointing =
+            rotations.and_then(|all| rotate(all[wrist], straight)).map(|axis| world_from_torso.tr_mul(&axis));
+        let Some(bone) = pointing else { continue };
+        let Some(hinge) = hinge(fore_limb, wrist).and_then(|axis| unit_normal_to(axis, bone)) else { continue };
+        out.hands[side] = limb_rotation(side, bone, hinge);
+        out.flags |= skeleton_flag::HAND[side];
     }
     if out.flags & skeleton_flag::ALL != 0 && all_calibrated {
         out.flags |= skeleton_flag::CALIBRATED;

@@ -3,7 +3,8 @@
 use crate::hinge::Calibrator;
 use crate::limbs::TORSO_LEAN_RAD;
 use crate::person::Person;
-use messages::{CalibrationSource, HingeCalibration, LIMBS, Layout, Stamp, calibration_flag};
+use messages::{CalibrationSource, HingeCalibration, LIMBS, Layout, Smpl, Stamp, calibration_flag};
+use nalgebra::{Matrix3, Quaternion, Rotation3, UnitQuaternion, Vector3, Vector4};
 
 /// Time in which a new valid estimate gains its full weight, s, and in which a lost one loses it. The momentary
 /// and the estimated hinge are at most 90 degrees apart. That makes 45 degrees/s, slower than a forearm turns.
@@ -16,6 +17,8 @@ const PERIOD_MAX_S: f64 = 0.1;
 /// Largest difference between a stored length and the person's, as a share. Assumption: a fifth separates a child
 /// from an adult and one layout from another. It does not separate two adults.
 const LENGTH_DIFFERENCE_MAX: f64 = 0.2;
+/// Smallest number of frames for a mean head: half a second at 20 Hz, the slowest source.
+const HEAD_FRAMES_MIN: u32 = 10;
 /// Largest lean in a calibration, rad: 20 degrees, three and a half times that of a motion capture's T-pose.
 pub const LEAN_MAX_RAD: f64 = 0.35;
 
@@ -35,13 +38,15 @@ pub struct Calibration {
 pub(crate) struct Reference {
     pub(crate) hinges: HingeCalibration,
     pub(crate) weight: [f64; LIMBS],
+    /// Directions of the straight hands in the wrist joints' frames.
+    pub(crate) hands: [Option<Vector3<f64>>; 2],
     pub(crate) torso_lean_rad: f64,
 }
 
 impl Reference {
-    /// Takes these hinges with full weight, and the default lean.
+    /// Takes these hinges with full weight, no hands, and the default lean.
     pub(crate) fn of(hinges: HingeCalibration) -> Self {
-        Self { hinges, weight: [1.0; LIMBS], torso_lean_rad: TORSO_LEAN_RAD }
+        Self { hinges, weight: [1.0; LIMBS], hands: [None; 2], torso_lean_rad: TORSO_LEAN_RAD }
     }
 }
 
@@ -56,6 +61,7 @@ pub(crate) struct Learnt {
     /// True if the stored calibration fits this person. `None` before that is decided.
     stored_fits: Option<bool>,
     source: CalibrationSource,
+    head: Head,
 }
 
 impl Default for Learnt {
@@ -67,6 +73,7 @@ impl Default for Learnt {
             newest: Stamp::NONE,
             stored_fits: None,
             source: CalibrationSource::None,
+            head: Head::default(),
         }
     }
 }
@@ -82,19 +89,21 @@ impl Learnt {
         stored: Option<&Calibration>,
     ) -> Reference {
         self.learn(origin, person);
+        // Whoever knows the hinges, straight hands are always learnt.
+        let hands = self.calibrator.hands();
         if person.calibration.flags != 0 {
             self.source = CalibrationSource::Client;
-            return Reference::of(person.calibration);
+            return Reference { hands, ..Reference::of(person.calibration) };
         }
         let stored = stored.filter(|stored| *self.stored_fits.get_or_insert_with(|| stored.fits(lengths_m)));
         if let Some(stored) = stored {
             self.source = CalibrationSource::Stored;
             let torso_lean_rad = stored.torso_lean_rad.clamp(-LEAN_MAX_RAD, LEAN_MAX_RAD);
-            return Reference { torso_lean_rad, ..Reference::of(stored.hinges) };
+            return Reference { torso_lean_rad, hands, ..Reference::of(stored.hinges) };
         }
         let online = self.weight.iter().all(|&weight| weight >= 0.5);
         self.source = if online { CalibrationSource::Online } else { CalibrationSource::None };
-        Reference { weight: self.weight, ..Reference::of(self.hinges) }
+        Reference { weight: self.weight, hands, ..Reference::of(self.hinges) }
     }
 
     fn learn(&mut self, origin: Stamp, person: &Person) {
@@ -118,6 +127,16 @@ impl Learnt {
         }
     }
 
+    /// Returns the head's rotation in the torso frame as a difference from its mean so far, x y z w. `torso`: axes of the
+    /// torso frame. `None` if the head is not visible, or the client's rotations do not move with the person.
+    pub(crate) fn head(&mut self, person: &Person, torso: &Matrix3<f64>) -> Option<[f32; 4]> {
+        let seen = person.has_rotations && person.has(Smpl::Head as usize);
+        if !seen || !self.calibrator.carried().contains(&true) {
+            return None;
+        }
+        self.head.turn(person.rotations[Smpl::Head as usize], torso)
+    }
+
     /// Source of the newest frame's hinges.
     pub(crate) const fn source(&self) -> CalibrationSource {
         self.source
@@ -132,6 +151,32 @@ impl Learnt {
             }
         }
         estimate
+    }
+}
+
+/// Mean rotation of a head in the torso frame. Rest poses differ between exporters, and people look ahead on average.
+#[derive(Clone, Copy, Debug, Default)]
+struct Head {
+    /// Sum of the quaternions x y z w, each with the sign that is nearer to the sum.
+    sum: Vector4<f64>,
+    frames: u32,
+}
+
+impl Head {
+    /// Adds a rotation x y z w in the world. Returns its difference from the mean.
+    fn turn(&mut self, rotation: [f32; 4], torso: &Matrix3<f64>) -> Option<[f32; 4]> {
+        let [x, y, z, w] = rotation.map(f64::from);
+        let world_from_head = UnitQuaternion::try_new(Quaternion::new(w, x, y, z), 0.5)?;
+        let torso = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(*torso));
+        let head = torso.inverse() * world_from_head;
+        let coords = if head.coords.dot(&self.sum) < 0.0 { -head.coords } else { head.coords };
+        self.sum += coords;
+        self.frames = self.frames.saturating_add(1);
+        let mean = UnitQuaternion::try_new(Quaternion::from(self.sum), 0.5)?;
+        let turn = head * mean.inverse();
+        let sign = if turn.w < 0.0 { -1.0 } else { 1.0 };
+        let turn = [turn.i, turn.j, turn.k, turn.w].map(|c| (c * sign) as f32);
+        (self.frames >= HEAD_FRAMES_MIN).then_some(turn)
     }
 }
 

@@ -2,13 +2,13 @@
 
 use crate::clock::ClientClock;
 use crate::config::{Config, DROP_REASONS, DropReason};
-use crate::limbs::limbs_against;
+use crate::limbs::{limbs_against, torso_rotation};
 use crate::person::Person;
 use crate::reference::Calibration;
 use crate::session::Session;
 use messages::{
     CalibrationSource, HingeCalibration, Layout, PersonChange, RawSkeleton, SMPL_JOINTS, Skeleton, SkeletonLayout,
-    Stamp, raw_flag,
+    Stamp, raw_flag, skeleton_flag,
 };
 
 /// Input of this tick.
@@ -209,6 +209,10 @@ fn look(config: &Config, state: &mut State, now: Stamp, input: Input<'_>) -> Res
     skeleton.operator_id = raw.operator_id ^ trust.persons.wrapping_mul(PERSON_MIX);
     skeleton.flags = limbs.flags | trust.change.flags();
     skeleton.limbs = limbs.rotations;
+    skeleton.hands = limbs.hands;
+    let head = torso_rotation(&person.positions).and_then(|torso| current.learnt_hinges.head(&person, &torso));
+    skeleton.head = head.unwrap_or([0.0, 0.0, 0.0, 1.0]);
+    skeleton.flags |= if head.is_some() { skeleton_flag::HEAD } else { 0 };
     skeleton.positions = person.positions;
     Ok(skeleton)
 }

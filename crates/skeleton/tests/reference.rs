@@ -4,6 +4,7 @@ use crate::person::{Body, about, arm, mirror, person, raw, read, store};
 
 use messages::{
     CalibrationSource, HingeCalibration, LIMBS, Layout, Limb, RawSkeleton, Skeleton, Smpl, calibration_flag,
+    skeleton_flag,
 };
 use nalgebra::UnitQuaternion;
 use skeleton::{Calibration, Calibrator, Config, Input, LEAN_MAX_RAD, Pose, State, TORSO_LEAN_RAD, TPose, tick};
@@ -211,4 +212,61 @@ fn held_t_pose_gives_lengths_and_lean() {
     let mut nowhere = published(&t_pose(136), 136);
     nowhere.positions[Smpl::LeftShoulder as usize] = [f32::NAN; 3];
     assert_eq!((pose.add(&nowhere), pose.measured()), (Pose::Unseen, None));
+}
+
+/// The body with hands bent against their forearms, and with a turned head.
+fn bent(body: &Body, hands: [UnitQuaternion<f64>; 2], head: UnitQuaternion<f64>) -> Body {
+    let mut out = *body;
+    for (side, bend) in hands.into_iter().enumerate() {
+        let wrist = Smpl::LeftWrist as usize + side;
+        out.1[wrist] = store(read(out.1[wrist]) * bend);
+    }
+    out.1[Smpl::Head as usize] = store(head * read(out.1[Smpl::Head as usize]));
+    out
+}
+
+#[test]
+fn hands_and_head_are_those_of_the_person_whatever_the_rig() {
+    let mut state = State::new();
+    let wave = |i: u64, period_s: f64| (std::f64::consts::TAU * i as f64 / RATE as f64 / period_s).sin();
+    let mut seen = [0; 3];
+    for i in 0..30 * RATE {
+        let hands = [about(0, 0.5 * wave(i, 1.7)), about(2, 0.4 * wave(i, 2.3))];
+        let head = about(2, 0.6 * wave(i, 2.0)) * about(1, 0.2 * wave(i, 3.0));
+        let person = accept(&mut state, &raw(&elsewhere(&bent(&moving(i), hands, head)), i), None);
+        if i < 20 * RATE {
+            continue;
+        }
+        // Left and right: the hand against its own forearm.
+        for side in 0..2 {
+            assert_ne!(person.flags & skeleton_flag::HAND[side], 0, "frame {i}");
+            let fore = read(person.limbs[2 * side + 1]);
+            let off = degrees(person.hands[side], fore * hands[side]);
+            assert!(off < 4.0, "frame {i}: hand {side} is {off} degrees off");
+            seen[side] += 1;
+        }
+        let off = degrees(person.head, head);
+        assert!(off < 4.0, "frame {i}: the head is {off} degrees off");
+        seen[2] += 1;
+    }
+    assert_eq!(seen, [10 * RATE; 3]);
+}
+
+#[test]
+fn person_without_rotations_has_neither_hands_nor_head() {
+    let mut state = State::new();
+    for i in 0..10 * RATE {
+        let mut raw = raw(&moving(i), i);
+        raw.flags = 0;
+        let person = accept(&mut state, &raw, None);
+        let known = skeleton_flag::HAND[0] | skeleton_flag::HAND[1] | skeleton_flag::HEAD;
+        assert_eq!(person.flags & known, 0, "frame {i}");
+    }
+    // Rotations that are flagged and never move are no rotations.
+    let mut state = State::new();
+    for i in 0..10 * RATE {
+        let (positions, _) = moving(i);
+        let person = accept(&mut state, &raw(&(positions, [[0.0, 0.0, 0.0, 1.0]; 22]), i), None);
+        assert_eq!(person.flags & (skeleton_flag::HAND[0] | skeleton_flag::HAND[1] | skeleton_flag::HEAD), 0);
+    }
 }

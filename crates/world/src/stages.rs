@@ -16,6 +16,7 @@ pub fn input_config(settings: &IngestSettings, layouts: Layouts, operators: &Ope
         layouts,
         calibrations: operators.calibrations(),
         filter: settings.filter,
+        mirror: settings.mirror,
         noise: Noise {
             rest_cutoff_hz: settings.filter_rest_cutoff_hz,
             cutoff_per_m: settings.filter_cutoff_per_m,

@@ -131,3 +131,34 @@ fn f017_outliers_are_counted_only_where_settings_enable_filter() {
     let (outliers, dropped) = play(Filter::Cameras, 3.0);
     assert!(outliers == 0 && dropped > 0, "what is measured is passed on as it is: {outliers}, {dropped}");
 }
+
+#[test]
+fn mirrored_person_waves_with_other_hand() {
+    let motion = motion::builtin();
+    let calibration = motion::calibrate(&motion, motion::CalibrationMode::First10s);
+    let waving = |mirror: bool| {
+        let mut loaded = support::loaded();
+        loaded.settings.ingest.mirror = mirror;
+        let config = world::input_config(&loaded.settings.ingest, loaded.layouts.clone(), &loaded.operators);
+        let mut state = ingest::State::default();
+        let mut last = None;
+        // The right hand waves from 5 s on.
+        for i in 0..330_u64 {
+            let mut raw = motion::raw_frame(&motion, i as usize, &calibration);
+            (raw.session_nonce, raw.header.sequence) = (7, i + 1);
+            raw.header.origin = Stamp(1_000_000_000 + 16_666_667 * i);
+            last = ingest::tick(&config, &mut state, raw.header.origin.plus_ns(1_000_000), &raw).skeleton;
+        }
+        last.expect("a person")
+    };
+    let (person, image) = (waving(false), waving(true));
+    let heights = |person: &messages::Skeleton| {
+        [Smpl::LeftWrist, Smpl::RightWrist].map(|wrist| person.positions[wrist as usize][2])
+    };
+    let [left, right] = heights(&person);
+    assert!(right > left + 0.3, "the right hand waves: {left} m, {right} m");
+    assert_eq!(heights(&image), [right, left]);
+    let [x, y, z, w] = person.limbs[messages::Limb::RightFore as usize];
+    assert_eq!(image.limbs[messages::Limb::LeftFore as usize], [0.0 - x, y, 0.0 - z, w]);
+    assert_eq!(image.flags, person.flags, "both arms are seen");
+}

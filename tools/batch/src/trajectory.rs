@@ -80,6 +80,7 @@ impl<'a> Trajectory<'a> {
         let between = std::array::from_fn(|arm: usize| Sample {
             latent: interpolate_latent(&from[arm].latent, &to[arm].latent, s),
             limbs: from[arm].limbs.slerp(&to[arm].limbs, s),
+            hand: None,
         });
         Ok((before, between))
     }

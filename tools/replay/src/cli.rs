@@ -10,8 +10,8 @@ use std::path::PathBuf;
 #[command(name = "replay", version)]
 pub struct Cli {
     /// The motion: a motion file (.bvh, .npy, .npz), a recording (.mcap), a joint trajectory of both arms
-    /// (.csv, as `keyposes interpolate` writes), `builtin`, or `builtin:calibration`. The last one performs the
-    /// motions of `teleopctl calibrate`, again and again, even while the robot is not engaged.
+    /// (.csv, as `keyposes interpolate` writes), `builtin`, `pick-and-place`, or `builtin:calibration`. The last one
+    /// performs the motions of `teleopctl calibrate`, again and again, even while the robot is not engaged.
     #[arg(required_unless_present = "compare")]
     pub file: Option<PathBuf>,
     /// 1 is the recorded speed, and 0.1 to 10 are allowed. A slow motion gets additional frames between its

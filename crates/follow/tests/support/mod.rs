@@ -215,11 +215,6 @@ impl Robot {
                 (self.q[j], self.v[j]) = (aim.q, aim.v);
             }
         }
-        for (first, wrist) in FIRST.into_iter().zip(output.wrists) {
-            for (i, q) in wrist.into_iter().flatten().enumerate() {
-                self.q[first + LIMB_JOINTS + i] = q;
-            }
-        }
         output
     }
 

@@ -58,6 +58,14 @@ pub(crate) fn robot() -> RobotArms {
         robot: RobotId { hash: 7, joint_count: 17, reserved: 0 },
         joints: [3, 10].map(|first| std::array::from_fn(|j| first + j)),
         signs: [[1.0; 5]; 2],
+        wrists: [8, 15].map(|first| robot::TwoAxes {
+            joints: [first, first + 1],
+            axes: [-nalgebra::Vector3::z(), -nalgebra::Vector3::y()],
+            home: [0.25; 2],
+            q_min: [-1.4, -2.0],
+            q_max: [1.4, 2.0],
+        }),
+        head: None,
     }
 }
 

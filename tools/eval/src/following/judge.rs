@@ -1,6 +1,7 @@
 //! Measures the robot's distance from the person, and from the best possible motion.
 
 use super::ahead::{self, AHEAD_MS};
+use super::hands::HandError;
 use super::optimum::{improved, least_squares};
 use super::play::{Played, Sample};
 use super::riccati::Joints;
@@ -40,6 +41,12 @@ pub struct Figures {
     /// The same, found by least squares alone.
     #[serde(rename = "optimum_least_squares_deg")]
     pub least_squares_deg: Option<f64>,
+    /// Share of the person's hands that the robot's could take without coming near anything.
+    pub hands_free: Option<f64>,
+    /// Mean error of the free hands, degrees.
+    pub hands_deg: Option<f64>,
+    /// The least that the wrists could reach from the commanded forearms, degrees.
+    pub hands_optimum_deg: Option<f64>,
     /// Mean error of the expectation, at each of `AHEAD_MS` beyond the newest skeleton.
     #[serde(skip)]
     pub expected_deg: [Option<f64>; AHEAD_MS.len()],
@@ -165,6 +172,8 @@ pub fn judge(arm: &ArmModel, played: &Played, delays_ms: &[f64], best: Option<&B
     let tried = (0..=most_ms).step_by(BEST_STEP_MS).map(|ms| ms as f64);
     let tried = tried.filter_map(|ms| mean_deg(arm, played, ms).map(|deg| (deg, ms)));
     let (best_deg, best_ms) = tried.reduce(|a, b| if b.0 < a.0 { b } else { a })?;
+    let free: Vec<&HandError> = played.hands.iter().filter(|hand| hand.free).collect();
+    let hands = |of: fn(&HandError) -> f64| mean(&free.iter().map(|hand| of(hand)).collect::<Vec<_>>());
     Some(Figures {
         name: played.name.clone(),
         seconds: played.ticks as f64 * messages::TICK_S,
@@ -174,6 +183,9 @@ pub fn judge(arm: &ArmModel, played: &Played, delays_ms: &[f64], best: Option<&B
         best_ms,
         optimum_deg: best.and_then(|best| mean(&best.optimum_deg.concat())),
         least_squares_deg: best.and_then(|best| mean(&best.least_squares_deg.concat())),
+        hands_free: (!played.hands.is_empty()).then(|| free.len() as f64 / played.hands.len() as f64),
+        hands_deg: hands(|hand| hand.command_deg),
+        hands_optimum_deg: hands(|hand| hand.optimum_deg),
         expected_deg: ahead::errors_deg(&played.expected, &played.person),
         torque_share_max: played.torque_share_max,
         on_plan_share: played.on_plan as f64 / played.ticks as f64,

@@ -4,6 +4,8 @@
 //! - The *person* at an instant are the four limb rotations of the skeletons that `ingest` passed on,
 //!   interpolated to that instant. The *robot* is the forward kinematics of the command for it.
 //! - The *error* is the mean rotation angle of the four limbs.
+//! - The error of the *hands* is against the target of the same tick, so it is against the person of the following delay
+//!   before. Its optimum is what the wrist could reach from the commanded forearm.
 //! - The *expectation* is the way of a target beyond the newest skeleton. Its error is against the person's
 //!   later motion.
 //! - *At D ms* compares a command with the person D ms before.
@@ -12,6 +14,7 @@
 //!   whenever the robot becomes Engaged.
 
 mod ahead;
+mod hands;
 mod judge;
 pub mod optimum;
 mod person;
@@ -22,6 +25,7 @@ mod riccati;
 mod tracking;
 
 pub use ahead::{AHEAD_MS, Expectation};
+pub use hands::HandError;
 pub(crate) use judge::mean;
 pub use judge::{Best, Figures, bounds_of, errors_deg, judge, limbs_deg};
 pub use person::Person;

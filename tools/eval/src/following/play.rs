@@ -1,6 +1,7 @@
 //! Plays one clip through every stage in virtual time, and records the commands.
 
 use super::ahead::Expectation;
+use super::hands::{self, HandError};
 use super::person::Person;
 use crate::error::EvalError;
 use crate::methods::Posture;
@@ -39,6 +40,8 @@ pub struct Played {
     pub person: Person,
     /// Commands at 50 Hz, in one list for each uninterrupted time in which the robot was Engaged.
     pub spans: Vec<Vec<Sample>>,
+    /// Errors of the hands at each sample, where the person's are known.
+    pub hands: Vec<HandError>,
     /// Expectations of the person at each new skeleton while Engaged.
     pub expected: Vec<Expectation>,
     /// Ticks while Engaged.
@@ -148,6 +151,8 @@ impl Watch<'_> {
                 model.arms.each_ref().map(|arm| arm.mirrored(&std::array::from_fn(|i| all[arm.joints[i]])))
             };
             span.push(Sample { at: deadline(command.k), q: arms(&command.q), v: arms(&command.v) });
+            let hands = moment.target.as_ref().map(|target| hands::errors(&self.stage.loaded.model, target, command));
+            self.played.hands.extend(hands.into_iter().flatten());
         }
     }
 }

@@ -86,6 +86,9 @@ impl Report {
             figure("at ms", 5, 0, "best_ms"),
             figure("optimum", 8, 1, "optimum_deg"),
             figure("ratio", 6, 2, "ratio"),
+            column(["", "free"], 7, move |(row, _): &(Value, u64)| percent(&row["hands_free"])),
+            figure("hands", 6, 1, "hands_deg"),
+            figure("opt.", 5, 1, "hands_optimum_deg"),
             figure("torque", 7, 2, "torque_share_max"),
             column(["", "on plan"], 8, move |(row, _): &(Value, u64)| percent(&row["on_plan_share"])),
             column(["", "viol."], 6, |(_, violations): &(Value, u64)| violations.to_string()),
@@ -135,7 +138,9 @@ impl fmt::Display for Report {
             f,
             "{} clips of {}, settings {}\n\
              command against person while Engaged, mean angle of four limbs, every 20 ms, at recorded speed\n\
-             ratio: the error at {} ms over the optimum, which looks ahead and knows no collisions",
+             ratio: the error at {} ms over the optimum, which looks ahead and knows no collisions\n\
+             hands: those that the robot could take without coming near anything (free), against the person of the following\n\
+             delay before; opt.: what the wrists could reach there",
             self.clips.len(),
             self.folder,
             self.config,

@@ -1,0 +1,45 @@
+//! The image of a person in a mirror.
+
+use messages::{LIMBS, SMPL_JOINTS, SMPL_OTHER_SIDE, Skeleton, skeleton_flag};
+
+/// Returns the person's image in a mirror at the plane y = 0 of the client's world. What the left side did, the right side
+/// does. Limbs, hands and head turn as those of an image.
+///
+/// ```
+/// use messages::{Layout, Limb, Skeleton, skeleton_flag};
+///
+/// let mut person = Skeleton { flags: skeleton_flag::LIMB[Limb::LeftUpper as usize], ..Skeleton::ZERO };
+/// person.limbs[Limb::LeftUpper as usize] = [0.6, 0.0, 0.0, 0.8];
+/// let image = skeleton::mirror_image(&person);
+/// assert_eq!(image.flags, skeleton_flag::LIMB[Limb::RightUpper as usize]);
+/// assert_eq!(image.limbs[Limb::RightUpper as usize], [-0.6, 0.0, 0.0, 0.8]);
+/// assert_eq!(skeleton::mirror_image(&image), person);
+/// ```
+pub fn mirror_image(person: &Skeleton) -> Skeleton {
+    let mut image = *person;
+    for limb in 0..LIMBS {
+        image.limbs[limb] = mirrored(person.limbs[(limb + 2) % LIMBS]);
+    }
+    image.hands = [mirrored(person.hands[1]), mirrored(person.hands[0])];
+    image.head = mirrored(person.head);
+    for joint in 0..SMPL_JOINTS {
+        let [x, y, z] = person.positions[SMPL_OTHER_SIDE[joint]];
+        image.positions[joint] = [x, 0.0 - y, z];
+    }
+    let swapped = [
+        (skeleton_flag::LIMB[0], skeleton_flag::LIMB[2]),
+        (skeleton_flag::LIMB[1], skeleton_flag::LIMB[3]),
+        (skeleton_flag::HAND[0], skeleton_flag::HAND[1]),
+    ];
+    for (left, right) in swapped {
+        image.flags &= !(left | right);
+        image.flags |= if person.flags & left != 0 { right } else { 0 };
+        image.flags |= if person.flags & right != 0 { left } else { 0 };
+    }
+    image
+}
+
+/// The mirror image of a rotation x y z w.
+fn mirrored([x, y, z, w]: [f32; 4]) -> [f32; 4] {
+    [0.0 - x, y, 0.0 - z, w]
+}

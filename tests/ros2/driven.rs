@@ -1,0 +1,35 @@
+//! The peer's own tests, and a robot that is driven for minutes on a machine that does other things.
+
+use crate::{DOMAINS, Peer, drive, python, rig, took_all};
+use harness::repository;
+use std::process::Command;
+use std::time::Duration;
+
+/// Largest acceleration of a setpoint between two updates, as a share of the limit. A stop that begins between two updates
+/// adds to it.
+const ACCELERATION_SHARE_MAX: f64 = 1.1;
+
+#[test]
+fn peer_passes_its_own_tests() {
+    let python = match python() {
+        Ok(python) => python,
+        Err(why) => return println!("skipped: no peer on ROS 2: {why}"),
+    };
+    let peer = repository().join("tools/peer");
+    let tests =
+        Command::new(python).args(["-m", "pytest", "-q", "-p", "no:cacheprovider", "tests"]).current_dir(peer).output();
+    let tests = tests.expect("it runs");
+    assert!(tests.status.success(), "{}", String::from_utf8_lossy(&tests.stdout));
+}
+
+#[test]
+fn robot_on_ros2_is_driven_for_minutes_whatever_the_machine_does() {
+    let Some(peer) = Peer::start(DOMAINS[7], &[]) else { return };
+    let (stops, whys, report) = drive(peer, rig(DOMAINS[7]), Duration::from_secs(100));
+    println!("{stops} stops, because of {whys:?}; late by {} ms at most", report["late_max_ms"]);
+    assert!(took_all(&report), "{report:#}");
+    assert_eq!(report["command"]["position_excess"]["exceeded_updates"], 0, "{report:#}");
+    let acceleration = report["command"]["acceleration_share"]["worst"].as_f64().expect("a number");
+    assert!(acceleration <= ACCELERATION_SHARE_MAX, "{acceleration} of the limit: {report:#}");
+    assert!(report["moving_s"].as_f64() > Some(1.0), "it never moved: {report:#}");
+}
