@@ -161,7 +161,7 @@ class Body:
     def picture(self, path: Path) -> None:
         """The shapes that collide, from the front and above, as a PNG without any other library."""
         camera = self.mujoco.MjvCamera()
-        camera.lookat, camera.distance, camera.azimuth, camera.elevation = (0.1, 0.0, 0.8), 2.6, 180, -15
+        camera.lookat, camera.distance, camera.azimuth, camera.elevation = (0.1, 0.0, 0.85), 3.0, 180, -12
         with self.mujoco.Renderer(self.model, 480, 480) as renderer:
             renderer.update_scene(self.data, camera)
             pixels = renderer.render()
