@@ -1,7 +1,7 @@
 //! A client's frames: any bits, alone and among good ones, in any order and at any time.
 
 use crate::bytes::Bytes;
-use messages::{HingeCalibration, LIMBS, Layout, PersonChange, RAW_JOINTS_MAX, RawSkeleton, Stamp, skeleton_flag};
+use messages::{HingeCalibration, Layout, PersonChange, RAW_JOINTS_MAX, RawSkeleton, Stamp, skeleton_flag};
 use skeleton::{Config, DropReason, Input, State, tick};
 use std::sync::LazyLock;
 
@@ -89,11 +89,14 @@ fn check(config: &Config, now: Stamp, drift_max_ns: u64, raw: &RawSkeleton, pers
     assert!(person.header.origin.since(now) <= config.future_max_ns, "from the future");
     let far = |x: &f32| f64::from(x.abs()) <= config.coordinate_max_m;
     assert!(person.positions.iter().flatten().all(far), "{:?}", person.positions);
-    for limb in 0..LIMBS {
-        let norm = person.limbs[limb].iter().map(|&x| f64::from(x).powi(2)).sum::<f64>().sqrt();
-        assert!((norm - 1.0).abs() <= 1e-6, "limb {limb} has norm {norm}");
-        assert_eq!(person.flags & !(skeleton_flag::ALL | skeleton_flag::CALIBRATED | PersonChange::FLAGS), 0);
+    let turns = person.limbs.iter().chain(&person.hands).chain([&person.head]);
+    for (part, turn) in turns.enumerate() {
+        let norm = turn.iter().map(|&x| f64::from(x).powi(2)).sum::<f64>().sqrt();
+        assert!((norm - 1.0).abs() <= 1e-6, "part {part} has norm {norm}");
     }
+    let [left, right] = skeleton_flag::HAND;
+    let known = skeleton_flag::ALL | skeleton_flag::CALIBRATED | PersonChange::FLAGS | left | right | skeleton_flag::HEAD;
+    assert_eq!(person.flags & !known, 0);
 }
 
 /// Fills a frame with any bits. Missing words are zero.
