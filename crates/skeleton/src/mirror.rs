@@ -1,6 +1,6 @@
 //! The image of a person in a mirror.
 
-use messages::{LIMBS, SMPL_JOINTS, SMPL_OTHER_SIDE, Skeleton, skeleton_flag};
+use messages::{LIMBS, SMPL_OTHER_SIDE, Skeleton, skeleton_flag};
 
 /// Returns the person's image in a mirror at the plane y = 0 of the client's world. What the left side did, the right side
 /// does. Limbs, hands and head turn as those of an image.
@@ -22,10 +22,10 @@ pub fn mirror_image(person: &Skeleton) -> Skeleton {
     }
     image.hands = [mirrored(person.hands[1]), mirrored(person.hands[0])];
     image.head = mirrored(person.head);
-    for joint in 0..SMPL_JOINTS {
-        let [x, y, z] = person.positions[SMPL_OTHER_SIDE[joint]];
-        image.positions[joint] = [x, 0.0 - y, z];
-    }
+    image.positions = SMPL_OTHER_SIDE.map(|joint| {
+        let [x, y, z] = person.positions[joint];
+        [x, 0.0 - y, z]
+    });
     let swapped = [
         (skeleton_flag::LIMB[0], skeleton_flag::LIMB[2]),
         (skeleton_flag::LIMB[1], skeleton_flag::LIMB[3]),

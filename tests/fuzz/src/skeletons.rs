@@ -95,7 +95,8 @@ fn check(config: &Config, now: Stamp, drift_max_ns: u64, raw: &RawSkeleton, pers
         assert!((norm - 1.0).abs() <= 1e-6, "part {part} has norm {norm}");
     }
     let [left, right] = skeleton_flag::HAND;
-    let known = skeleton_flag::ALL | skeleton_flag::CALIBRATED | PersonChange::FLAGS | left | right | skeleton_flag::HEAD;
+    let known =
+        skeleton_flag::ALL | skeleton_flag::CALIBRATED | PersonChange::FLAGS | left | right | skeleton_flag::HEAD;
     assert_eq!(person.flags & !known, 0);
 }
 
