@@ -89,7 +89,7 @@ impl Learnt {
         stored: Option<&Calibration>,
     ) -> Reference {
         self.learn(origin, person);
-        // Whoever knows the hinges, straight hands are always learnt.
+        // Straight hands are always learnt, because no calibration has them.
         let hands = self.calibrator.hands();
         if person.calibration.flags != 0 {
             self.source = CalibrationSource::Client;
