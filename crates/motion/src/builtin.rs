@@ -43,7 +43,7 @@ pub const CALIBRATION: &str = "builtin:calibration";
 /// Name of the motion that picks up a box and puts it down.
 pub const PICK_AND_PLACE: &str = "builtin:pick-and-place";
 
-/// A pose of both arms, left and right, reached after `seconds`. The fastest blend stays below 1.9 rad/s in each angle,
+/// A pose of both arms, left and right, reached after `seconds`. The fastest blend stays below 2.2 rad/s in each angle,
 /// because a minimum-jerk blend peaks at 1.875 times its mean speed.
 struct Key {
     seconds: f64,

@@ -11,9 +11,38 @@
 //! Its magnitude is the cosine of half the angle between them. It is largest at the first singular vectors of M. If these lie
 //! outside of the range, the best point lies on its edge.
 
+use crate::arm::{mirror, rotation_from_xyzw, slerp};
+use messages::{Skeleton, skeleton_flag};
 use nalgebra::{Matrix2, UnitQuaternion, Vector2};
 use robot::TwoAxes;
 use std::f64::consts::{PI, TAU};
+
+/// Time in which a hand or a head that is seen again gets its full turn, and in which a lost one loses it, s. Half a turn
+/// then is as fast as a quick hand (assumption).
+const BLEND_S: f64 = 1.0;
+
+/// A turn that comes and goes without a step.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Blend {
+    turn: UnitQuaternion<f64>,
+    weight: f64,
+}
+
+impl Default for Blend {
+    fn default() -> Self {
+        Self { turn: UnitQuaternion::identity(), weight: 0.0 }
+    }
+}
+
+impl Blend {
+    /// Returns the turn to take after `elapsed_s`. `None` once a lost one is gone.
+    pub(crate) fn next(&mut self, seen: Option<UnitQuaternion<f64>>, elapsed_s: f64) -> Option<UnitQuaternion<f64>> {
+        let share = elapsed_s / BLEND_S;
+        self.weight = (self.weight + if seen.is_some() { share } else { -share }).clamp(0.0, 1.0);
+        self.turn = seen.unwrap_or(self.turn);
+        (self.weight > 0.0).then(|| slerp(&UnitQuaternion::identity(), &self.turn, self.weight))
+    }
+}
 
 /// Returns the positions of both joints, rad, within their limits, that turn by nearly `wanted` in the torso frame. No other
 /// positions within the limits come nearer.
@@ -92,4 +121,17 @@ fn twice_angle(v: Vector2<f64>) -> f64 {
 /// Returns the angle, or one that differs by whole turns, between the bounds.
 fn inside(angle: f64, [min, max]: [f64; 2]) -> Option<f64> {
     [angle, angle - TAU, angle + TAU].into_iter().find(|angle| (min..=max).contains(angle))
+}
+
+/// Returns the hand of one arm as that of a left arm. `None` if it is not marked valid or is no rotation.
+pub(crate) fn human_hand(skeleton: &Skeleton, arm: usize) -> Option<UnitQuaternion<f64>> {
+    let hand = skeleton.hands[arm].map(f64::from);
+    let hand = if arm == 0 { hand } else { mirror(hand) };
+    (skeleton.flags & skeleton_flag::HAND[arm] != 0).then(|| rotation_from_xyzw(hand)).flatten()
+}
+
+/// Returns the head. `None` if it is not marked valid or is no rotation.
+pub(crate) fn human_head(skeleton: &Skeleton) -> Option<UnitQuaternion<f64>> {
+    let valid = skeleton.flags & skeleton_flag::HEAD != 0;
+    valid.then(|| rotation_from_xyzw(skeleton.head.map(f64::from))).flatten()
 }

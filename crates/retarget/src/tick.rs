@@ -8,11 +8,9 @@ use nalgebra::UnitQuaternion;
 use robot::TwoAxes;
 use serde::Deserialize;
 
-use crate::arm::{
-    ARM_Q, ARMS, ArmModel, ArmQ, Limbs, limb_error_deg, mirror, mirrored, rotation_from_xyzw, xyzw_from_rotation,
-};
+use crate::arm::{ARM_Q, ARMS, ArmModel, ArmQ, Limbs, limb_error_deg, mirror, mirrored, xyzw_from_rotation};
 use crate::network::Latent;
-use crate::pointing::pointed;
+use crate::pointing::{Blend, human_hand, human_head, pointed};
 use crate::posture::PostureSolver;
 use crate::prediction::{AGES_S, History, Prediction};
 use crate::ready::Readiness;
@@ -185,6 +183,8 @@ pub struct State {
     tracks: [Track; ARMS],
     /// The head, as an upper arm of its own track.
     head: Track,
+    /// Turns of the left hand, the right hand and the head.
+    blends: [Blend; 3],
     refined: [Option<ArmQ>; ARMS],
     q: [Option<ArmQ>; ARMS],
     dq: [ArmQ; ARMS],
@@ -257,7 +257,10 @@ pub fn tick(config: &Config, state: &mut State, now: Stamp, input: Input<'_>) ->
     let playhead = state.clock.advance(now, config.delay_ns);
     let [left, right] = &mut state.tracks;
     let shown = [left, right].map(|track| track.show(playhead, now));
-    let head = state.head.show(playhead, now).filter(|_| state.head.is_fresh(now));
+    if !state.head.is_fresh(now) {
+        state.head = Track::default();
+    }
+    let head = state.head.show(playhead, now).map(|head| head.limbs.upper);
     let postures = config.solver.next(&shown, &state.refined);
     let ticks = input.k.saturating_sub(state.k);
     for arm in 0..ARMS {
@@ -277,9 +280,11 @@ pub fn tick(config: &Config, state: &mut State, now: Stamp, input: Input<'_>) ->
     let fresh = std::array::from_fn(|arm| meant[arm] && state.tracks[arm].is_fresh(now));
     let ready = state.readiness.judge(now, meant, fresh);
     let mut out = assemble(config, state, fresh, ready, input.k, &shown);
-    point_hands(config, state, &shown, &mut out.target);
+    let elapsed_s = ticks.min(VELOCITY_TICKS_MAX) as f64 * TICK_S;
+    point_hands(config, state, &shown, elapsed_s, &mut out.target);
+    let head = state.blends[ARMS].next(head, elapsed_s);
     if let (Some(joints), Some(head)) = (&config.head, head) {
-        set(&mut out.target, joints, pointed(joints, &head.limbs.upper));
+        set(&mut out.target, joints, pointed(joints, &head));
     }
     lay_way(state, input.k, playhead, now);
     let way = &state.way;
@@ -291,15 +296,25 @@ pub fn tick(config: &Config, state: &mut State, now: Stamp, input: Input<'_>) ->
     out
 }
 
-/// Sets the wrists of the arms whose hand is known. A hand comes as near to the person's as its wrist can bring it from the
+/// Sets the wrists of the arms whose hand is known, or was until now. A hand comes as near to the person's as its wrist can bring it from the
 /// target's forearm.
-fn point_hands(config: &Config, state: &State, shown: &[Option<Sample>; ARMS], target: &mut JointTarget) {
+fn point_hands(
+    config: &Config,
+    state: &mut State,
+    shown: &[Option<Sample>; ARMS],
+    elapsed_s: f64,
+    target: &mut JointTarget,
+) {
     for (arm, joints) in config.wrists.iter().enumerate() {
-        let Some((hand, q)) = shown[arm].and_then(|sample| sample.hand).zip(state.q[arm]) else { continue };
-        let bend = config.solver.arm.forward(&q).fore.inverse() * hand;
-        let [hand, bend] = [hand, bend].map(|turn| if arm == 0 { turn } else { mirrored(&turn) });
-        target.human_hands[arm] = xyzw_from_rotation(&hand);
-        set(target, joints, pointed(joints, &bend));
+        let Some(q) = state.q[arm] else { continue };
+        let own = |turn: UnitQuaternion<f64>| if arm == 0 { turn } else { mirrored(&turn) };
+        let hand = shown[arm].and_then(|sample| sample.hand);
+        let fore = config.solver.arm.forward(&q).fore;
+        let bend = state.blends[arm].next(hand.map(|hand| own(fore.inverse() * hand)), elapsed_s);
+        target.human_hands[arm] = hand.map_or([0.0; 4], |hand| xyzw_from_rotation(&own(hand)));
+        if let Some(bend) = bend {
+            set(target, joints, pointed(joints, &bend));
+        }
     }
 }
 
@@ -430,19 +445,6 @@ fn human_arm(skeleton: &Skeleton, arm: usize, counters: &mut Counters) -> Option
         counters.limbs_refused += 1;
     }
     limbs
-}
-
-/// Returns the hand of one arm as that of a left arm. `None` if it is not marked valid or is no rotation.
-fn human_hand(skeleton: &Skeleton, arm: usize) -> Option<UnitQuaternion<f64>> {
-    let hand = skeleton.hands[arm].map(f64::from);
-    let hand = if arm == 0 { hand } else { mirror(hand) };
-    (skeleton.flags & skeleton_flag::HAND[arm] != 0).then(|| rotation_from_xyzw(hand)).flatten()
-}
-
-/// Returns the head. `None` if it is not marked valid or is no rotation.
-fn human_head(skeleton: &Skeleton) -> Option<UnitQuaternion<f64>> {
-    let valid = skeleton.flags & skeleton_flag::HEAD != 0;
-    valid.then(|| rotation_from_xyzw(skeleton.head.map(f64::from))).flatten()
 }
 
 /// Finite difference over `ticks` ticks, bounded by the velocity limits, rad/s. Zero if there is no previous

@@ -353,7 +353,17 @@ impl Source<'_> {
             let bound = "must name two different joints that turn";
             return Err(self.value("head_joints", format!("`{}`, `{}`", names[0], names[1]), bound));
         }
-        Ok(Some(model.two_axes(joints, &[])))
+        let head = model.two_axes(joints, &[]);
+        let carries = |body: usize, joint: usize| {
+            std::iter::successors(Some(body), |&body| model.parent_body(body)).any(|body| body == joint + 1)
+        };
+        let carried = model.arms.iter().map(|arm| arm.joints[0] + 1).chain([model.torso_body]);
+        let in_a_row = carries(joints[1] + 1, joints[0]) && head.axes[0].cross(&head.axes[1]).norm() > 0.5;
+        if !in_a_row || carried.into_iter().any(|body| carries(body, joints[0])) {
+            let bound = "must be in a row from the neck up, not turn about one axis, and carry neither torso nor arm";
+            return Err(self.value("head_joints", format!("`{}`, `{}`", names[0], names[1]), bound));
+        }
+        Ok(Some(head))
     }
 
     /// Returns the body of the torso's link. Limb rotations are computed in the frame of the body.

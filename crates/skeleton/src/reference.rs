@@ -137,6 +137,11 @@ impl Learnt {
         self.head.turn(person.rotations[Smpl::Head as usize], torso)
     }
 
+    /// Forgets how the head looked. Another person's looks ahead differently.
+    pub(crate) fn forget_head(&mut self) {
+        self.head = Head::default();
+    }
+
     /// Source of the newest frame's hinges.
     pub(crate) const fn source(&self) -> CalibrationSource {
         self.source

@@ -2,7 +2,7 @@
 
 use crate::clock::ClientClock;
 use crate::config::{Config, DROP_REASONS, DropReason};
-use crate::limbs::{limbs_against, torso_rotation};
+use crate::limbs::{limbs_against, torso_rotation_leaning};
 use crate::person::Person;
 use crate::reference::Calibration;
 use crate::session::Session;
@@ -60,13 +60,16 @@ impl Trust {
         }
     }
 
-    fn accept(&mut self, config: &Config, now: Stamp) {
+    /// Returns true if the person may be another one than before.
+    fn accept(&mut self, config: &Config, now: Stamp) -> bool {
         let unseen = self.accepted != Stamp::NONE && now.since(self.accepted) > config.distrust_after_ns;
-        if unseen && self.contradicted {
+        let doubtful = unseen && self.contradicted;
+        if doubtful {
             self.persons = self.persons.wrapping_add(1);
             self.change = if self.named { self.change } else { PersonChange::Doubtful };
         }
         (self.accepted, self.contradicted, self.named) = (now, false, false);
+        doubtful
     }
 }
 
@@ -196,7 +199,8 @@ fn look(config: &Config, state: &mut State, now: Stamp, input: Input<'_>) -> Res
         &mut current.hold,
     );
     match doubts.into_iter().flatten().next() {
-        None => trust.accept(config, now),
+        None if trust.accept(config, now) => current.learnt_hinges.forget_head(),
+        None => {}
         Some(reason) => trust.refuse(reason),
     }
     for reason in doubts.into_iter().flatten() {
@@ -210,7 +214,8 @@ fn look(config: &Config, state: &mut State, now: Stamp, input: Input<'_>) -> Res
     skeleton.flags = limbs.flags | trust.change.flags();
     skeleton.limbs = limbs.rotations;
     skeleton.hands = limbs.hands;
-    let head = torso_rotation(&person.positions).and_then(|torso| current.learnt_hinges.head(&person, &torso));
+    let torso = torso_rotation_leaning(&person.positions, reference.torso_lean_rad);
+    let head = torso.and_then(|torso| current.learnt_hinges.head(&person, &torso));
     skeleton.head = head.unwrap_or([0.0, 0.0, 0.0, 1.0]);
     skeleton.flags |= if head.is_some() { skeleton_flag::HEAD } else { 0 };
     skeleton.positions = person.positions;
