@@ -104,8 +104,8 @@ schema::table! {
         layouts: Vec<String> = Vec::new();
         /// Folder of the files that `teleopctl calibrate` writes, relative to the settings file.
         operators: String = "operators".to_owned();
-        /// The robot moves as the person's image in a mirror. Its left arm follows the person's right one. It is for a
-        /// person who faces the robot.
+        /// The robot moves as the person's image in a mirror. Its left arm follows the person's right one. Set it
+        /// if the person faces the robot.
         mirror: bool = false;
         /// Layouts whose positions are filtered. `"cameras"` filters those that a camera sees, `"all"` filters every one,
         /// `"none"` filters none.

@@ -3,15 +3,12 @@
 use crate::support::{A_MAX, FIRST, FREE, Robot, V_MAX, Way, arm, random_q, way};
 use follow::arm::{ArmVector, Limbs};
 use follow::{LIMB_JOINTS, NODES, Output, Weights};
-use messages::{ALL_JOINTS, TICK_HZ, TICK_S};
+use messages::{ALL_JOINTS, ARM_JOINTS, TICK_HZ, TICK_S};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 
 const LEFT: u32 = 0b1_1111 << FIRST[0];
 const RIGHT: u32 = 0b1_1111 << FIRST[1];
-
-/// Joints of an arm, with its wrist.
-const ARM_JOINTS: usize = LIMB_JOINTS + 2;
 
 /// True for a joint that turns no limb.
 fn is_wrist(j: usize) -> bool {

@@ -34,7 +34,7 @@ impl Limbs {
     /// Takes the upper arm and the forearm (x y z w) of the left (0) or the right (1) arm. `None` if one of them is no
     /// rotation.
     pub fn of_arm(arm: usize, limbs: [[f64; 4]; 2]) -> Option<Self> {
-        let [upper, fore] = limbs.map(|limb| rotation_from_xyzw(if arm == 0 { limb } else { mirror(limb) }));
+        let [upper, fore] = limbs.map(|limb| rotation_of_arm(arm, limb));
         Some(Self { upper: upper?, fore: fore? })
     }
 
@@ -240,6 +240,11 @@ pub fn features(human: &Limbs) -> [f32; FEATURES] {
 /// arm into a left arm and back.
 pub fn mirror(limb: [f64; 4]) -> [f64; 4] {
     [-limb[0], limb[1], -limb[2], limb[3]]
+}
+
+/// Returns the rotation x y z w of the left (0) or the right (1) arm as that of a left one. `None` if it is no rotation.
+pub(crate) fn rotation_of_arm(arm: usize, xyzw: [f64; 4]) -> Option<UnitQuaternion<f64>> {
+    rotation_from_xyzw(if arm == 0 { xyzw } else { mirror(xyzw) })
 }
 
 /// As [`mirror`], for a rotation.

@@ -11,7 +11,7 @@
 //! Its magnitude is the cosine of half the angle between them. It is largest at the first singular vectors of M. If these lie
 //! outside of the range, the best point lies on its edge.
 
-use crate::arm::{mirror, rotation_from_xyzw, slerp};
+use crate::arm::{rotation_from_xyzw, rotation_of_arm, slerp};
 use messages::{Skeleton, skeleton_flag};
 use nalgebra::{Matrix2, UnitQuaternion, Vector2};
 use robot::TwoAxes;
@@ -125,13 +125,33 @@ fn inside(angle: f64, [min, max]: [f64; 2]) -> Option<f64> {
 
 /// Returns the hand of one arm as that of a left arm. `None` if it is not marked valid or is no rotation.
 pub(crate) fn human_hand(skeleton: &Skeleton, arm: usize) -> Option<UnitQuaternion<f64>> {
-    let hand = skeleton.hands[arm].map(f64::from);
-    let hand = if arm == 0 { hand } else { mirror(hand) };
-    (skeleton.flags & skeleton_flag::HAND[arm] != 0).then(|| rotation_from_xyzw(hand)).flatten()
+    let valid = skeleton.flags & skeleton_flag::HAND[arm] != 0;
+    valid.then(|| rotation_of_arm(arm, skeleton.hands[arm].map(f64::from))).flatten()
 }
 
 /// Returns the head. `None` if it is not marked valid or is no rotation.
 pub(crate) fn human_head(skeleton: &Skeleton) -> Option<UnitQuaternion<f64>> {
     let valid = skeleton.flags & skeleton_flag::HEAD != 0;
     valid.then(|| rotation_from_xyzw(skeleton.head.map(f64::from))).flatten()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn turn_comes_and_goes_over_a_second_without_a_step() {
+        let (mut blend, seen) = (Blend::default(), UnitQuaternion::from_euler_angles(0.0, 1.0, 0.0));
+        let (mut before, mut gone) = (UnitQuaternion::identity(), None);
+        for k in 0..300 {
+            let next = blend.next((k < 150).then_some(seen), 0.01);
+            let now = next.unwrap_or_default();
+            let step = now.angle_to(&before);
+            assert!(step <= 0.01 + 1e-9, "step {k}: {step} rad");
+            assert!(!(100..150).contains(&k) || now.angle_to(&seen) < 1e-6, "step {k}: it is not whole");
+            gone = gone.or((next.is_none()).then_some(k));
+            before = now;
+        }
+        assert!(gone.is_some_and(|k| (249..=251).contains(&k)), "gone at step {gone:?}");
+    }
 }

@@ -296,8 +296,8 @@ pub fn tick(config: &Config, state: &mut State, now: Stamp, input: Input<'_>) ->
     out
 }
 
-/// Sets the wrists of the arms whose hand is known, or was until now. A hand comes as near to the person's as its wrist can bring it from the
-/// target's forearm.
+/// Sets the wrists of the arms whose hand is known, or was until now. A hand comes as near to the person's as its wrist
+/// can bring it from the target's forearm.
 fn point_hands(
     config: &Config,
     state: &mut State,

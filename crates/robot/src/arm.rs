@@ -97,8 +97,18 @@ impl Model {
     ) -> [Vector3<f64>; ARM_JOINTS] {
         let mut q = [0.0; JOINTS_MAX];
         (0..LIMB_JOINTS).for_each(|i| q[joints[i]] = reference[i]);
+        self.axes_at(&q, joints, torso)
+    }
+
+    /// Unit axes of these joints in the torso frame, with all joints at the positions `q`.
+    pub(crate) fn axes_at<const N: usize>(
+        &self,
+        q: &[f64; JOINTS_MAX],
+        joints: [usize; N],
+        torso: usize,
+    ) -> [Vector3<f64>; N] {
         let mut frames = Frames::default();
-        self.forward(&q, &mut frames);
+        self.forward(q, &mut frames);
         let torso_from_base = frames.base_from_body[torso].r.transpose();
         joints.map(|j| (torso_from_base * frames.base_from_body[j + 1].r * self.joint_frames[j].axis).normalize())
     }

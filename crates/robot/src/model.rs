@@ -349,18 +349,15 @@ impl Source<'_> {
         let Some(names) = names else { return Ok(None) };
         self.check_names("head_joints", names.iter(), &model.joint_names[..model.body_count])?;
         let joints = names.each_ref().map(|name| model.joint_names.iter().position(|other| other == name).unwrap_or(0));
-        if joints[0] == joints[1] || joints.iter().any(|&j| model.prismatic[j]) {
-            let bound = "must name two different joints that turn";
-            return Err(self.value("head_joints", format!("`{}`, `{}`", names[0], names[1]), bound));
-        }
         let head = model.two_axes(joints, &[]);
-        let carries = |body: usize, joint: usize| {
+        let carries = |joint: usize, body: usize| {
             std::iter::successors(Some(body), |&body| model.parent_body(body)).any(|body| body == joint + 1)
         };
-        let carried = model.arms.iter().map(|arm| arm.joints[0] + 1).chain([model.torso_body]);
-        let in_a_row = carries(joints[1] + 1, joints[0]) && head.axes[0].cross(&head.axes[1]).norm() > 0.5;
-        if !in_a_row || carried.into_iter().any(|body| carries(body, joints[0])) {
-            let bound = "must be in a row from the neck up, not turn about one axis, and carry neither torso nor arm";
+        // One joint twice, or two that turn about the same axis, have no product.
+        let turn = joints.iter().all(|&j| !model.prismatic[j]) && head.axes[0].cross(&head.axes[1]).norm() > 0.5;
+        let mut others = model.arms.iter().map(|arm| arm.joints[0] + 1).chain([model.torso_body]);
+        if !turn || !carries(joints[0], joints[1] + 1) || others.any(|body| carries(joints[0], body)) {
+            let bound = "must turn about two axes, the lower joint first, and carry neither torso nor arm";
             return Err(self.value("head_joints", format!("`{}`, `{}`", names[0], names[1]), bound));
         }
         Ok(Some(head))

@@ -1,9 +1,7 @@
 //! Two joints in a row that turn what a person points: a wrist's last two, or those of a head.
 
-use crate::kinematics::Frames;
 use crate::model::Model;
 use crate::pose::rotation;
-use messages::JOINTS_MAX;
 use nalgebra::{Matrix3, Vector3};
 
 /// Two revolute joints in a row. Rot(n, w) is the rotation by w about n. In the torso frame (x forward, y left, z up)
@@ -40,19 +38,14 @@ impl Model {
     /// Derives the joints of a wrist or a head. `reference`: positions of the arms' joints in the T-pose, on top of the home
     /// posture.
     pub(crate) fn two_axes(&self, joints: [usize; 2], reference: &[(usize, f64)]) -> TwoAxes {
-        let mut q: [f64; JOINTS_MAX] = self.home;
+        let mut q = self.home;
         for &(j, position) in reference {
             q[j] = position;
         }
-        let mut frames = Frames::default();
-        self.forward(&q, &mut frames);
-        let torso_from_base = frames.base_from_body[self.torso_body].r.transpose();
-        let axis =
-            |j: usize| (torso_from_base * frames.base_from_body[j + 1].r * self.joint_frames[j].axis).normalize();
         let limits = joints.map(|j| self.limits[j]);
         TwoAxes {
             joints,
-            axes: joints.map(axis),
+            axes: self.axes_at(&q, joints, self.torso_body),
             home: joints.map(|j| self.home[j]),
             q_min: limits.map(|limits| limits.q_min),
             q_max: limits.map(|limits| limits.q_max),

@@ -120,6 +120,16 @@ fn arms_that_do_not_mirror_each_other_are_refused() {
 }
 
 #[test]
+fn waist_that_carries_the_arms_is_no_head() {
+    let toml = include_str!("../../../config/robots/rby1a.toml");
+    let urdf = include_str!("../../../config/robots/rby1a.urdf");
+    for waist in ["torso_5", "torso_3"] {
+        let toml = edit(toml, "head_joints", "\"head_0\", \"head_1\"", &format!("\"{waist}\", \"head_1\""));
+        refused(&toml, urdf, &["head_joints", waist, "neither torso nor arm"]);
+    }
+}
+
+#[test]
 fn f097_error_in_robot_file_is_refused_with_its_key() {
     let cases = [
         ("[limits.groups.torso]", "soft_margin_m", "soft_margin", "soft_margin"),
@@ -141,6 +151,15 @@ fn f097_error_in_robot_file_is_refused_with_its_key() {
         ("base_link =", "base_footprint", "base_link", "base_link"),
         ("body_joints", "\"head_1_joint\"", "\"head_9_joint\"", "head_9_joint"),
         ("body_joints", "\"head_1_joint\"", "\"head_2_joint\"", "head_2_joint"),
+        (
+            "head_joints",
+            "\"head_1_joint\", \"head_2_joint\"",
+            "\"head_2_joint\", \"head_1_joint\"",
+            "the lower joint first",
+        ),
+        ("head_joints", "\"head_2_joint\"", "\"head_1_joint\"", "two axes"),
+        ("head_joints", "\"head_1_joint\"", "\"torso_lift_joint\"", "must turn about two axes"),
+        ("head_joints", "\"head_1_joint\"", "\"arm_left_1_joint\"", "arm_left_1_joint"),
         ("[arms.left]", "arm_left_3_link", "arm_left_4_link", "arms.left.upper"),
         (
             "[arms.left]",

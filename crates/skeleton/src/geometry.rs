@@ -51,7 +51,11 @@ pub(crate) fn carry(from: Vector3<f64>, to: Vector3<f64>, v: Vector3<f64>) -> Ve
 
 /// Returns the quaternion x y z w, w >= 0, of a rotation matrix.
 pub(crate) fn quaternion(m: &Matrix3<f64>) -> [f32; 4] {
-    let q = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(*m));
+    stored(&UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(*m)))
+}
+
+/// Returns x y z w, w >= 0, of a rotation.
+pub(crate) fn stored(q: &UnitQuaternion<f64>) -> [f32; 4] {
     let sign = if q.w < 0.0 { -1.0 } else { 1.0 };
     [q.i, q.j, q.k, q.w].map(|c| (c * sign) as f32)
 }

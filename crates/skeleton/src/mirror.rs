@@ -43,3 +43,19 @@ pub fn mirror_image(person: &Skeleton) -> Skeleton {
 fn mirrored([x, y, z, w]: [f32; 4]) -> [f32; 4] {
     [0.0 - x, y, 0.0 - z, w]
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use messages::Layout;
+
+    #[test]
+    fn hands_change_sides_and_head_turns_other_way() {
+        let (hand, other, head) = ([0.5, 0.1, -0.2, 0.8], [-0.3, 0.4, 0.6, 0.1], [0.0, 0.2, 0.6, 0.7]);
+        let flags = skeleton_flag::HAND[0] | skeleton_flag::HEAD;
+        let image = mirror_image(&Skeleton { hands: [hand, other], head, flags, ..Skeleton::ZERO });
+        assert_eq!(image.hands, [[0.3, 0.4, -0.6, 0.1], [-0.5, 0.1, 0.2, 0.8]]);
+        assert_eq!(image.head, [0.0, 0.2, -0.6, 0.7]);
+        assert_eq!(image.flags, skeleton_flag::HAND[1] | skeleton_flag::HEAD);
+    }
+}

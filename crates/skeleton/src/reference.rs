@@ -1,5 +1,6 @@
 //! Reference for a person's limbs: the hinges of the elbows, and the lean of the upright trunk.
 
+use crate::geometry::stored;
 use crate::hinge::Calibrator;
 use crate::limbs::TORSO_LEAN_RAD;
 use crate::person::Person;
@@ -178,10 +179,7 @@ impl Head {
         self.sum += coords;
         self.frames = self.frames.saturating_add(1);
         let mean = UnitQuaternion::try_new(Quaternion::from(self.sum), 0.5)?;
-        let turn = head * mean.inverse();
-        let sign = if turn.w < 0.0 { -1.0 } else { 1.0 };
-        let turn = [turn.i, turn.j, turn.k, turn.w].map(|c| (c * sign) as f32);
-        (self.frames >= HEAD_FRAMES_MIN).then_some(turn)
+        (self.frames >= HEAD_FRAMES_MIN).then(|| stored(&(head * mean.inverse())))
     }
 }
 

@@ -1,9 +1,9 @@
 //! Compares the robot's hands with the person's.
 
-use messages::{JOINTS_MAX, JointCommand, JointTarget};
+use messages::{JointCommand, JointTarget};
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion};
 use retarget::{pointed, rotation_from_xyzw};
-use robot::{Frames, Model, segment_distance};
+use robot::{Frames, Model};
 
 /// A hand counts as free if the best posture of its wrist leaves every pair so much clearance, m: twice what commands keep.
 /// Nearer than that, it has to turn away.
@@ -22,7 +22,7 @@ pub struct HandError {
 }
 
 /// Returns the errors of the hands that the target knows, left and right.
-pub fn errors(model: &Model, target: &JointTarget, command: &JointCommand) -> impl Iterator<Item = HandError> {
+pub fn errors(model: &Model, target: &JointTarget, command: &JointCommand) -> Vec<HandError> {
     let of = |(side, hand): (usize, [f64; 4])| {
         let person = rotation_from_xyzw(hand)?;
         let (arm, wrist) = (&model.arms[side], &model.wrists[side]);
@@ -32,26 +32,14 @@ pub fn errors(model: &Model, target: &JointTarget, command: &JointCommand) -> im
         let commanded = wrist.joints.map(|j| command.q[j]);
         let mut there = command.q;
         wrist.joints.into_iter().zip(best).for_each(|(j, q)| there[j] = q);
-        Some(HandError { command_deg: off(commanded), optimum_deg: off(best), free: is_free(model, &there) })
+        let mut frames = Frames::default();
+        model.forward(&there, &mut frames);
+        let (clearance_m, _) = model.clearance(&frames);
+        Some(HandError { command_deg: off(commanded), optimum_deg: off(best), free: clearance_m >= FREE_M })
     };
-    let hands: Vec<HandError> = target.human_hands.into_iter().enumerate().filter_map(of).collect();
-    hands.into_iter()
+    target.human_hands.into_iter().enumerate().filter_map(of).collect()
 }
 
 fn turn(matrix: &Matrix3<f64>) -> UnitQuaternion<f64> {
     UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(*matrix))
-}
-
-/// Returns true if every checked pair keeps [`FREE_M`] at these positions.
-fn is_free(model: &Model, q: &[f64; JOINTS_MAX]) -> bool {
-    let mut frames = Frames::default();
-    model.forward(q, &mut frames);
-    model.pairs.iter().all(|pair| {
-        let [a, b] = [pair.a, pair.b].map(|capsule| {
-            let capsule = &model.capsules[capsule];
-            let pose = &frames.base_from_body[capsule.body];
-            (pose.transform_point(&capsule.a), pose.transform_point(&capsule.b), capsule.radius_m)
-        });
-        segment_distance(&a.0, &a.1, &b.0, &b.1).distance_m - a.2 - b.2 >= FREE_M
-    })
 }
