@@ -191,6 +191,14 @@ fn f114_robot_on_ros2_plays_the_certified_stop_when_its_driver_is_killed() {
 }
 
 #[test]
+fn preflight_of_no_robot_has_one_sentence_on_the_likeliest_cause() {
+    let (code, [said, _]) = preflight(&rig(DOMAINS[6]).folder().join("teleop.toml"));
+    let failed: Vec<&str> = said.lines().filter(|line| line.starts_with("failed: ")).collect();
+    let sentence = format!("nothing was heard of a robot in domain {} on network interface `lo`", DOMAINS[6]);
+    assert!(code == Some(1) && failed.len() == 1 && failed[0].contains(&sentence), "{said}");
+}
+
+#[test]
 fn f115_robot_on_ros2_that_is_not_ready_is_refused_with_a_sentence() {
     let Some(mut peer) = Peer::start(DOMAINS[2], &["--fault", "second/head_controller"]) else { return };
     peer.fault("emergency");

@@ -1,7 +1,7 @@
 //! Topics, readers and writers of DDS.
 
 use crate::ros::{ControllerState, Float64MultiArray, JointTrajectory, RosType, topic};
-use crate::unitree::LowCmd;
+use crate::unitree::{LowCmd, MotorCmd};
 use crate::wire::Lossy;
 use config::Ros2Settings;
 use dust_dds::configuration::DustDdsConfigurationBuilder;
@@ -27,6 +27,7 @@ use dust_dds::subscription::subscriber::Subscriber;
 use dust_dds::xtypes::type_support::TypeSupport;
 use messages::Stamp;
 use robot::{DriverInterface, Model};
+use std::fmt;
 
 /// How often this participant announces itself. A robot that starts later finds it within this time.
 const ANNOUNCE: std::time::Duration = std::time::Duration::from_millis(500);
@@ -45,6 +46,36 @@ pub enum Message {
     Positions(Float64MultiArray),
     /// For `rt/arm_sdk`.
     ArmSdk(Box<LowCmd>),
+}
+
+/// One line for each point or motor, in the message's own units.
+impl fmt::Display for Message {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Trajectory(JointTrajectory { header, joint_names, points }) => {
+                writeln!(
+                    f,
+                    "  stamp {}.{:09} s, joints {}",
+                    header.stamp.sec,
+                    header.stamp.nanosec,
+                    joint_names.join(" ")
+                )?;
+                points.iter().try_for_each(|point| {
+                    let time_s = f64::from(point.time_from_start.sec) + f64::from(point.time_from_start.nanosec) * 1e-9;
+                    writeln!(f, "  {time_s:.4} s: at {:.4?}, speed {:.4?}", point.positions, point.velocities)
+                })
+            }
+            Self::Positions(positions) => writeln!(f, "  {:.4?}", positions.data),
+            Self::ArmSdk(low) => {
+                low.motor_cmd.iter().enumerate().filter(|(_, motor)| motor.kp > 0.0 || motor.q != 0.0).try_for_each(
+                    |(number, motor)| {
+                        let MotorCmd { q, dq, tau, kp, kd, .. } = motor;
+                        writeln!(f, "  motor {number}: q {q:.4}, dq {dq:.4}, tau {tau:.4}, kp {kp}, kd {kd}")
+                    },
+                )
+            }
+        }
+    }
 }
 
 /// Writer of a controller's messages.

@@ -41,7 +41,7 @@ fn preflight(options: &Preflight) -> Result<Exit, Failure> {
     }
     let mut link =
         Link::open(model, settings, interface, false).map_err(|cause| Failure::new(Exit::Unavailable, cause))?;
-    let failures = preflight::judge(&mut link, model, !settings.emergency_stop_topic.is_empty());
+    let failures = preflight::judge(&mut link, model, settings);
     for seen in link.controllers(rt::now()) {
         let activity = match (link.has_states(), seen.active) {
             (false, _) => "activity unknown",
@@ -53,8 +53,9 @@ fn preflight(options: &Preflight) -> Result<Exit, Failure> {
     if let (true, Some(heard)) = (options.dry_run, &link.heard) {
         let motion = driver::Motion::rest(heard.sample.q);
         let command = Command { k: messages::tick_at(rt::now()), motion };
-        for message in link.messages(&command).into_iter().flatten() {
-            println!("{message:#?}");
+        let messages = link.messages(&command).unwrap_or_default();
+        for (seen, message) in link.controllers(rt::now()).iter().zip(messages) {
+            print!("{} would get\n{message}", seen.topic);
         }
     }
     for failure in &failures {

@@ -20,6 +20,8 @@ use std::time::{Duration, Instant};
 const PRIORITY: u8 = 10;
 /// Time between two looks of the thread at DDS, ns.
 const LOOK_NS: u64 = 1_000_000;
+/// Time between two lines of the log on the robot's state, ns. It is a choice.
+const LINE_NS: u64 = 1_000_000_000;
 /// Commands and samples in flight. The thread looks once a millisecond, so more than a few means that it stands.
 const RING: usize = 64;
 /// A measurement that stays exactly the same while the joint is commanded to move by more than this counts as stuck,
@@ -149,7 +151,7 @@ impl Ros2 {
 /// Connects to the robot and judges it. Returns the connection and the first news.
 fn ready(model: &Model, settings: &Ros2Settings, interface: DriverInterface) -> Result<(Link, News), String> {
     let mut link = Link::open(model, settings, interface, true)?;
-    let failures = preflight::judge(&mut link, model, !settings.emergency_stop_topic.is_empty());
+    let failures = preflight::judge(&mut link, model, settings);
     link.forget_description();
     if !failures.is_empty() {
         return Err(format!("the robot is not ready:\n  {}", failures.join("\n  ")));
@@ -216,9 +218,34 @@ impl Drop for Ros2 {
     }
 }
 
+/// Says when the log gets a line on the robot's state. A state that comes and goes gets one line a second.
+#[derive(Debug, Default)]
+struct Complaints {
+    told: Option<String>,
+    told_at: Option<Stamp>,
+    newest: Option<String>,
+    changes: u32,
+}
+
+impl Complaints {
+    /// Takes the state of now. `None` is a sound robot. Returns the number of changes since the last line if a line is due.
+    fn due(&mut self, sentence: &Option<String>, now: Stamp) -> Option<u32> {
+        if *sentence != self.newest {
+            self.newest.clone_from(sentence);
+            self.changes += 1;
+        }
+        let waits = self.told_at.is_some_and(|told_at| now.since(told_at) < LINE_NS);
+        if waits || self.newest == self.told {
+            return None;
+        }
+        (self.told, self.told_at) = (self.newest.clone(), Some(now));
+        Some(std::mem::take(&mut self.changes))
+    }
+}
+
 /// The thread: sends the newest command, and passes on what the robot says.
 fn serve(mut link: Link, mut commands: Consumer<Command>, mut news: Producer<News>) {
-    let (mut told, mut due) = (None, Vec::with_capacity(RING));
+    let (mut complaints, mut due) = (Complaints::default(), Vec::with_capacity(RING));
     loop {
         let now = rt::now();
         let heard = link.hear(now);
@@ -228,12 +255,12 @@ fn serve(mut link: Link, mut commands: Consumer<Command>, mut news: Producer<New
         let joined = link.send(&due, rt::now());
         let fault = complaint(&link, now);
         let sentence = fault.clone().or_else(|| link.departed().map(str::to_owned));
-        if sentence != told {
+        if let Some(changes) = complaints.due(&sentence, now) {
+            let often = if changes > 1 { format!(" ({changes} changes in between)") } else { String::new() };
             match &sentence {
-                Some(sentence) => tracing::error!("{}: {sentence}", link.consequence()),
-                None => tracing::warn!("the robot executes again what it is sent"),
+                Some(sentence) => tracing::error!("{}: {sentence}{often}", link.consequence()),
+                None => tracing::warn!("the robot executes again what it is sent{often}"),
             }
-            told = sentence;
         }
         if (heard || !joined)
             && let Some(heard) = &link.heard
@@ -268,4 +295,26 @@ fn complaint(link: &Link, now: Stamp) -> Option<String> {
             None
         }
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn robot_that_falls_silent_every_20_ms_gets_one_line_a_second() {
+        let mut complaints = Complaints::default();
+        let silent = Some("the robot fell silent".to_owned());
+        let lines: Vec<(u64, u32)> = (0..2_500)
+            .filter_map(|ms| {
+                let state = if (ms / 20) % 2 == 0 { None } else { silent.clone() };
+                complaints.due(&state, Stamp(1 + ms * 1_000_000)).map(|changes| (ms, changes))
+            })
+            .collect();
+        assert_eq!(lines, [(20, 1), (1_040, 51), (2_060, 51)]);
+        // A state that lasts is always told, however short it is after the line before.
+        assert_eq!(complaints.due(&None, Stamp(2_600_000_000)), None);
+        assert!(complaints.due(&None, Stamp(3_100_000_000)).is_some());
+        assert_eq!(complaints.due(&None, Stamp(9_000_000_000)), None, "nothing is new");
+    }
 }

@@ -2,7 +2,8 @@
 
 use crate::description::difference;
 use crate::join::HELD;
-use crate::link::Link;
+use crate::link::{Link, Seen};
+use config::Ros2Settings;
 use messages::JOINTS_MAX;
 use robot::Model;
 use safety::monitor;
@@ -21,8 +22,11 @@ const RATES_FAST_HZ: [f64; 2] = [45.0, 1100.0];
 const STATE_SILENT_NS: u64 = 100_000_000;
 /// A standing joint stays within this, rad or m. It is the band in which `safety` judges rest.
 const STANDS: f64 = 0.005;
-/// Waits for the robot and judges it. Returns the sentences of all checks that failed.
-pub fn judge(link: &mut Link, model: &Model, wants_emergency_stop: bool) -> Vec<String> {
+
+/// Waits for the robot and judges it. Returns the sentences of all checks that failed. A robot of which nothing is heard
+/// has one sentence only, because all others would follow from it.
+pub fn judge(link: &mut Link, model: &Model, settings: &Ros2Settings) -> Vec<String> {
+    let wants_emergency_stop = !settings.emergency_stop_topic.is_empty();
     let began = rt::now();
     while rt::now().since(began) < WAIT_NS && !is_complete(link, wants_emergency_stop) {
         step(link);
@@ -41,6 +45,9 @@ pub fn judge(link: &mut Link, model: &Model, wants_emergency_stop: bool) -> Vec<
                 highest[j] = highest[j].max(heard.sample.q[j]);
             }
         }
+    }
+    if nothing_heard(link) {
+        return vec![nothing(settings)];
     }
     let mut failures = controllers(link);
     failures.extend(emergency_stop(link, wants_emergency_stop));
@@ -84,6 +91,26 @@ pub fn judge(link: &mut Link, model: &Model, wants_emergency_stop: bool) -> Vec<
         ));
     }
     failures
+}
+
+/// Returns true if no message came from the robot, and nobody reads what we would send.
+fn nothing_heard(link: &Link) -> bool {
+    let state = link.heard.is_some() || link.incomplete.is_some() || link.disbelieved > 0;
+    let other = link.urdf.is_some() || link.pressed.is_some();
+    let absent = |seen: &Seen| seen.readers == 0 && seen.publishers == 0 && (!seen.active || !link.has_states());
+    !state && !other && link.controllers(rt::now()).iter().all(absent)
+}
+
+fn nothing(settings: &Ros2Settings) -> String {
+    let interface = match settings.interface.as_str() {
+        "" => "any network interface",
+        name => &format!("network interface `{name}`"),
+    };
+    format!(
+        "nothing was heard of a robot in domain {} on {interface}: switch the robot on, set ros2.domain_id to its \
+         ROS_DOMAIN_ID and ros2.interface to the interface that leads to it, and let the network pass multicast",
+        settings.domain_id
+    )
 }
 
 fn step(link: &mut Link) {
