@@ -33,7 +33,7 @@ pub struct InstanceArgs {
     #[arg(long, value_name = "NAME|FILE")]
     pub robot: Option<RobotChoice>,
     /// Command interface of the simulated robot, overrides sim.interface. direct: takes every command. jtc100:
-    /// four unsynchronised controllers that take points at 100 Hz.
+    /// four unsynchronised controllers that take points at 100 Hz. jtc100-restart: they begin again at each point.
     #[arg(long, value_name = "NAME", value_parser = interface_parser())]
     pub interface: Option<RobotInterface>,
 }
@@ -283,7 +283,7 @@ pub struct Demo {
     #[arg(long, value_name = "DIR")]
     pub run_dir: Option<PathBuf>,
     /// Command interface of the simulated robot, overrides sim.interface. direct: takes every command. jtc100:
-    /// four unsynchronised controllers that take points at 100 Hz.
+    /// four unsynchronised controllers that take points at 100 Hz. jtc100-restart: they begin again at each point.
     #[arg(long, value_name = "NAME", value_parser = interface_parser())]
     pub interface: Option<RobotInterface>,
     /// Print no live line and no figures.

@@ -267,7 +267,8 @@ schema::table! {
     /// The simulated robot.
     pub struct SimSettings {
         /// How the simulated robot takes setpoints. `"direct"` takes every command. `"jtc100"` has four trajectory
-        /// controllers, not synchronised, that take points at 100 Hz.
+        /// controllers, not synchronised, that take points at 100 Hz. `"jtc100-restart"` shows what one point per message
+        /// does to them: they begin again at the measured position, with a step.
         interface: sim::Interface = sim::Interface::Direct;
         /// Seed of the encoders' noise and of the delays of jtc100.
         seed: u64 = 1;

@@ -13,7 +13,7 @@
 //!
 //! hold for every motion that keeps the limit, and a step that breaks one is a violation of jerk.
 //!
-//! With trajectory controllers in between ([`Interface::Jtc100`]) the robot executes their splines, whose
+//! With trajectory controllers in between ([`Interface::Jtc100`](crate::Interface::Jtc100)) the robot executes their splines, whose
 //! acceleration jumps from piece to piece. Their position, velocity and clearance are checked at every index. The
 //! bounds of position and velocity include the amount that a spline may add to a motion within the jerk limit.
 //! Acceleration and jerk are checked for the setpoints that the driver hands to the controllers.
@@ -34,7 +34,7 @@
 
 use crate::clearance::Workspace;
 use crate::config::Config;
-use crate::interface::{Interface, spline_error, spline_speed_error};
+use crate::interface::{spline_error, spline_speed_error};
 use crate::report::{Report, Violation, ViolationKind};
 use driver::Setpoint;
 use messages::{JOINTS_MAX, Mode, TICK_HZ, TICK_S};
@@ -120,7 +120,7 @@ impl Checker {
     pub fn step(&mut self, config: &Config, report: &mut Report, to: &Setpoint, mode: u32) {
         let from = self.last;
         report.steps += 1;
-        if config.interface == Interface::Direct {
+        if !config.interface.has_controllers() {
             for j in 0..config.model.count {
                 check_place(config, report, &from, to, j);
             }
@@ -128,7 +128,7 @@ impl Checker {
         for j in 0..config.model.count {
             check_change(config, report, &from, to, j);
         }
-        if config.interface == Interface::Direct {
+        if !config.interface.has_controllers() {
             self.keep_clear(config, report, to);
         }
         self.check_hands(config, report, to);
@@ -240,7 +240,7 @@ fn note(report: &mut Report, kind: ViolationKind, k: u64, which: usize, value: f
 fn check_place(config: &Config, report: &mut Report, from: &Setpoint, to: &Setpoint, j: usize) {
     let (limits, q) = (&config.limits[j], to.q[j]);
     let (mut slack_q, mut slack_v) = (TOLERANCE_Q, TOLERANCE_V);
-    if config.interface == Interface::Jtc100 {
+    if config.interface.has_controllers() {
         slack_q += spline_error(limits.j_max);
         slack_v += spline_speed_error(limits.j_max);
     }

@@ -17,6 +17,13 @@
 //! and of its derivative. They are 1/96 in the middle, and 0.0323 at 0.23 h from either end. So limits of
 //! position and velocity may be exceeded by these amounts ([`spline_error`], [`spline_speed_error`]). The jerk of
 //! a spline jumps from point to point.
+//!
+//! This is what such a controller does with curves that reach into its past. A controller of ROS 2 Humble that gets one
+//! point per message does something else, [`Interface::Jtc100Restart`]. At each message it begins again at the measured
+//! position with velocity 0, and makes a cubic to the point, which is due D + d_g later. The next message comes before
+//! that. Each restart is a step of the setpoint, from where it was to where the joint is. A joint that follows its
+//! setpoint late never gets there: the robot creeps. Source: the documentation of
+//! `joint_trajectory_controller`, and ros2_controllers#1505.
 
 use crate::cubic::cubic;
 use driver::Setpoint;
@@ -46,6 +53,8 @@ messages::named! {
         Direct => "direct",
         /// The robot has trajectory controllers, not synchronised, that take points at 100 Hz.
         Jtc100 => "jtc100",
+        /// The same for a driver that sends one point per message. The controllers begin again at the measured position.
+        Jtc100Restart => "jtc100-restart",
     }
 }
 
@@ -54,8 +63,13 @@ impl Interface {
     pub const fn delay_s(self) -> f64 {
         match self {
             Self::Direct => 0.0,
-            Self::Jtc100 => 1.5 * POINT_S,
+            Self::Jtc100 | Self::Jtc100Restart => 1.5 * POINT_S,
         }
+    }
+
+    /// Returns true if trajectory controllers take the driver's setpoints.
+    pub const fn has_controllers(self) -> bool {
+        !matches!(self, Self::Direct)
     }
 }
 
@@ -89,11 +103,13 @@ pub(crate) struct Controllers {
     points: [Point; 3],
     /// The driver's last executed setpoint.
     last: Setpoint,
+    /// Measured positions at the newest point, where every controller began again. None if they do not.
+    restarts: Option<[f64; JOINTS_MAX]>,
 }
 
 impl Controllers {
-    /// Creates the controllers of `body`, at rest at `held`.
-    pub(crate) fn new(body: &plant::Body, held: &Setpoint, seed: u64) -> Self {
+    /// Creates the controllers of `body`, at rest at `held`. `restarts`: they begin again at each point.
+    pub(crate) fn new(body: &plant::Body, held: &Setpoint, seed: u64, restarts: bool) -> Self {
         let of = std::array::from_fn(|j| body.joints.get(j).map_or(0, |joint| joint.controller));
         let mut rng = Pcg64::seed_from_u64(seed ^ DELAY_STREAM);
         Self {
@@ -102,6 +118,7 @@ impl Controllers {
             of,
             points: points_before(held),
             last: *held,
+            restarts: restarts.then_some(held.q),
         }
     }
 
@@ -110,6 +127,7 @@ impl Controllers {
     pub(crate) fn hold(&mut self, held: &Setpoint) -> Setpoint {
         self.points = points_before(held);
         self.last = *held;
+        self.restarts = self.restarts.map(|_| held.q);
         self.executed(held.k)
     }
 
@@ -126,9 +144,9 @@ impl Controllers {
         })
     }
 
-    /// Moves the driver on to `to`. `each` gets the setpoint of the joints at every index up to it. If setpoints
-    /// are missing in between, the points are taken from the cubic through both ends.
-    pub(crate) fn advance(&mut self, to: &Setpoint, mut each: impl FnMut(&Setpoint)) {
+    /// Moves the driver on to `to`, while the robot measures `measured`. `each` gets the setpoint of the joints at every
+    /// index up to it. If setpoints are missing in between, the points are taken from the cubic through both ends.
+    pub(crate) fn advance(&mut self, to: &Setpoint, measured: &[f64; JOINTS_MAX], mut each: impl FnMut(&Setpoint)) {
         let from = self.last;
         let gap = to.k.saturating_sub(from.k);
         for k in to.k - gap.min(GAP_MAX_TICKS)..to.k {
@@ -136,6 +154,7 @@ impl Controllers {
             if k.is_multiple_of(POINT_TICKS) {
                 let point = if k == to.k { Point { q: to.q, v: to.v } } else { between(&from, to, share) };
                 self.points = [self.points[1], self.points[2], point];
+                self.restarts = self.restarts.map(|_| *measured);
             }
             each(&self.executed(k));
         }
@@ -148,8 +167,16 @@ impl Controllers {
     fn executed(&self, k: u64) -> Setpoint {
         let mut out = Setpoint { k, q: [0.0; JOINTS_MAX], v: [0.0; JOINTS_MAX], a: [0.0; JOINTS_MAX] };
         for j in 0..JOINTS_MAX {
+            let delay_ticks = self.delay_ticks[self.of[j]];
+            if let Some(restarted) = &self.restarts {
+                let due_ticks = POINT_TICKS as f64 + delay_ticks;
+                let (from, to) = ([restarted[j], 0.0], [self.points[2].q[j], self.points[2].v[j]]);
+                let share = (k % POINT_TICKS) as f64 / due_ticks;
+                [out.q[j], out.v[j], out.a[j]] = cubic(from, to, due_ticks * TICK_S, share);
+                continue;
+            }
             // Ticks since the oldest point: 0 to 29, so that both ends of the piece are known.
-            let since = (k % POINT_TICKS + POINT_TICKS) as f64 - self.delay_ticks[self.of[j]];
+            let since = (k % POINT_TICKS + POINT_TICKS) as f64 - delay_ticks;
             let piece = usize::from(since >= POINT_TICKS as f64);
             let share = since / POINT_TICKS as f64 - piece as f64;
             let end = |point: &Point| [point.q[j], point.v[j]];

@@ -27,6 +27,8 @@ struct Checks {
     report: Report,
     /// The setpoint that the joints were sent last.
     sent: Setpoint,
+    /// The newest measured positions before the tick, rad or m.
+    measured: [f64; JOINTS_MAX],
     /// `Mode` of the command that is executed, as its number.
     mode: u32,
 }
@@ -37,11 +39,13 @@ impl DriverState {
     pub fn new(config: &Config, k: u64, earlier: &Measured, measured: &Measured, seed: u64) -> Option<Self> {
         let drive = Drive::new(&config.follower, k, earlier, measured)?;
         let held = drive.follower().setpoint();
-        let controllers =
-            (config.interface == Interface::Jtc100).then(|| Controllers::new(config.plant.body(), &held, seed));
+        let restarts = config.interface == Interface::Jtc100Restart;
+        let controllers = config.interface.has_controllers();
+        let controllers = controllers.then(|| Controllers::new(config.plant.body(), &held, seed, restarts));
         let checker = Checker::new(config, held);
         let report = Report::default();
-        Some(Self { drive, checks: Checks { controllers, checker, report, sent: held, mode: 0 } })
+        let measured = measured.q;
+        Some(Self { drive, checks: Checks { controllers, checker, report, sent: held, measured, mode: 0 } })
     }
 
     /// The checker's report of the run so far.
@@ -203,7 +207,7 @@ pub fn tick(config: &Config, state: &mut State, now: Stamp, input: Input<'_>) ->
 /// The driver's side of [`tick`], in front of any robot.
 pub fn drive(config: &Config, state: &mut DriverState, now: Stamp, input: Input<'_>, port: &mut impl Driver) -> Output {
     let DriverState { drive, checks } = state;
-    checks.mode = drive.follower().mode;
+    (checks.mode, checks.measured) = (drive.follower().mode, drive.measured().q);
     driver::drive(&config.follower, drive, now, input, port, &mut Watching { config, checks })
 }
 
@@ -215,7 +219,7 @@ struct Watching<'a> {
 
 impl Observer for Watching<'_> {
     fn step(&mut self, step: &Step, command: Option<&JointCommand>) {
-        let Self { config, checks: Checks { controllers, checker, report, sent, mode } } = self;
+        let Self { config, checks: Checks { controllers, checker, report, sent, measured, mode } } = self;
         if step.kind == StepKind::Command {
             *mode = command.map_or(*mode, |command| command.mode);
             if command.is_some_and(|command| command.flags & command_flag::ON_PLAN == 0) {
@@ -233,7 +237,7 @@ impl Observer for Watching<'_> {
         }
         match controllers.as_mut() {
             None => *sent = step.setpoint,
-            Some(controllers) => controllers.advance(&step.setpoint, |executed| {
+            Some(controllers) => controllers.advance(&step.setpoint, measured, |executed| {
                 checker.spline(config, report, executed);
                 *sent = *executed;
             }),

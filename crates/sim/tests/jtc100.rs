@@ -17,8 +17,7 @@ const JOINTS: usize = 17;
 
 const TICKS: u64 = 40_000;
 
-fn exact() -> Options {
-    let interface = Interface::Jtc100;
+fn exact(interface: Interface) -> Options {
     Options { interface, encoder_noise_rad: 0.0, encoder_step_rad: 0.0, delay_ticks: 0, ..Options::default() }
 }
 
@@ -102,11 +101,15 @@ fn far_apart(config: &Config) -> State {
 /// Whole-body control and the gate follow arms that swing side by side. Now and then no command arrives for some
 /// ticks, and the driver plays the plan.
 fn attack(certified_for: wbc::Interface, gated: gate::Interface, seed: u64) -> Run {
+    attack_on(Interface::Jtc100, certified_for, gated, seed)
+}
+
+fn attack_on(interface: Interface, certified_for: wbc::Interface, gated: gate::Interface, seed: u64) -> Run {
     let hand_speed = Options::default().hand_speed_max_m_per_s;
     let wbc_options = wbc::Options::default().interface(certified_for).hand_speed_m_per_s(hand_speed);
     let wbc_config = wbc::Config::new(&MODEL, wbc_options).expect("whole-body control");
     let gate_config = gate::Config::with_interface(&MODEL, &gated).expect("the gate");
-    let sim_config = Config::new(&MODEL, &exact()).expect("the simulated robot");
+    let sim_config = Config::new(&MODEL, &exact(interface)).expect("the simulated robot");
     let mut robot = far_apart(&sim_config);
     let start = robot.follower().motion.q;
     let (mut wbc_state, mut gate_state) = (wbc::State::at_rest(&wbc_config, start), gate::State::at_rest(start));
@@ -222,6 +225,21 @@ fn splines_stay_within_bound_of_delayed_command() {
     assert!(off > 0.3 && off_speed > 0.3, "a bound that nothing comes near: {off} {off_speed}");
 }
 
+/// The largest step of the shoulders' setpoints in one tick, as a share of what their speed limits allow.
+fn largest_step(run: &Run) -> f64 {
+    let step = |pair: &[Seen], j: usize| (pair[1].told.q[j] - pair[0].told.q[j]).abs() / MODEL.limits[j].v_max / TICK_S;
+    let steps = run.seen.windows(2).flat_map(|pair| SHOULDERS.map(|j| step(pair, j)));
+    steps.fold(0.0, f64::max)
+}
+
+#[test]
+fn controllers_that_begin_again_at_each_point_jump() {
+    let run = |interface| attack_on(interface, wbc::Interface::JTC_100_HZ, controllers(), 2);
+    let [curves, points] = [Interface::Jtc100, Interface::Jtc100Restart].map(|interface| largest_step(&run(interface)));
+    println!("largest steps: {curves:.3} of the limit with curves, {points:.3} with points");
+    assert!(curves < 1.01 && points > 3.0, "{curves} {points}");
+}
+
 fn cubic(from: [f64; 2], to: [f64; 2], s: f64) -> [f64; 2] {
     let (d, a, b) = (to[0] - from[0], TICK_S * from[1], TICK_S * to[1]);
     let (c2, c3) = (3.0 * d - 2.0 * a - b, a + b - 2.0 * d);
@@ -230,7 +248,7 @@ fn cubic(from: [f64; 2], to: [f64; 2], s: f64) -> [f64; 2] {
 
 #[test]
 fn controllers_follow_plan_to_rest_when_commands_end() {
-    let mut bench = Bench::new(&exact(), 3);
+    let mut bench = Bench::new(&exact(Interface::Jtc100), 3);
     bench.drive(ELBOW, 50.0, 40);
     let last = bench.command.k;
     assert!(!bench.state.at_rest());

@@ -119,7 +119,7 @@ pub(crate) fn sim_config_of(
 pub(crate) fn certified(interface: RobotInterface) -> wbc::Interface {
     match interface {
         RobotInterface::Direct => wbc::Interface::default(),
-        RobotInterface::Jtc100 => wbc::Interface::JTC_100_HZ,
+        RobotInterface::Jtc100 | RobotInterface::Jtc100Restart => wbc::Interface::JTC_100_HZ,
     }
 }
 
@@ -128,7 +128,7 @@ pub(crate) fn certified(interface: RobotInterface) -> wbc::Interface {
 pub(crate) fn gated(interface: RobotInterface, model: &robot::Model) -> gate::Interface {
     match interface {
         RobotInterface::Direct => gate::Interface::default(),
-        RobotInterface::Jtc100 => {
+        RobotInterface::Jtc100 | RobotInterface::Jtc100Restart => {
             let wbc::Interface { skew_s, period_s, .. } = wbc::Interface::JTC_100_HZ;
             let spline = |j: usize| model.limits[j].j_max * period_s * period_s * period_s / 96.0;
             let of = |j: usize| model.controllers.iter().position(|controller| controller.joints & 1 << j != 0);

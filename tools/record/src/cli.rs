@@ -33,7 +33,7 @@ pub struct Cli {
     /// Set this if the instance was started with this flag. It is part of the settings in the file.
     #[arg(long, conflicts_with = "summary")]
     pub engage_without_realtime: bool,
-    /// Interface with which the instance was started: direct or jtc100.
+    /// Interface with which the instance was started: direct, jtc100 or jtc100-restart.
     #[arg(long, value_name = "NAME", value_parser = interface, conflicts_with = "summary")]
     pub interface: Option<RobotInterface>,
     /// End, as at a signal, when this process is no longer the parent.
