@@ -57,6 +57,15 @@ pub fn run(options: &cli::Demo) -> Result<Exit, Failure> {
     for warning in &motion.guesses.warnings {
         out!("          {warning}");
     }
+    if let Some(program) = loaded.driver_program() {
+        let ros2 = &loaded.settings.ros2;
+        out!(
+            "driver    {}; over ROS 2: domain {}, servo lag {} ms",
+            program.display(),
+            ros2.domain_id,
+            ros2.servo_lag_ms
+        );
+    }
     refuse_second(&instance)?;
     let mut recorder = Recorder::start_if(options.record.as_deref(), &instance, &place)?;
     let mut children = Children::start(&instance, &place, Output::Files)?;
@@ -100,6 +109,23 @@ pub fn run(options: &cli::Demo) -> Result<Exit, Failure> {
     }
     trouble.extend(report.complaints());
     judged(trouble, &report)
+}
+
+/// Prints what is played, and who drives the robot if a program of the settings does.
+fn tell_inputs(motion: &motion::Motion, loaded: &Loaded) {
+    out!("motion    {} ({:.1} s at {:.0} Hz)", motion.name, motion.duration_s(), motion.frame_rate_hz);
+    for warning in &motion.guesses.warnings {
+        out!("          {warning}");
+    }
+    if let Some(program) = loaded.driver_program() {
+        let ros2 = &loaded.settings.ros2;
+        out!(
+            "driver    {}; over ROS 2: domain {}, servo lag {} ms",
+            program.display(),
+            ros2.domain_id,
+            ros2.servo_lag_ms
+        );
+    }
 }
 
 /// Prints the report, and writes it to a file if the user asked for one. Otherwise suggests the next command to
