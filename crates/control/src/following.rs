@@ -90,6 +90,7 @@ impl Following {
             way_first: target.way_first,
             valid_mask: target.valid_mask,
             prior: &target.q,
+            hands: &target.way_hands,
             q,
             v,
             speed_scale,

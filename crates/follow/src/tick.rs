@@ -7,8 +7,8 @@ use crate::plan::{Plan, intervals_s, is_finite, node_after};
 use crate::solver::{self, Bounds, Problem, Sweep};
 use crate::wrist::{self, WRIST_FIRST, WRIST_JOINTS, Wrist};
 use crate::{ITERATION_TICKS, LIMB_JOINTS, NODES};
-use messages::{JOINTS_MAX, LIMBS, TICK_S, WAY_NODE_TICKS};
-use nalgebra::{Quaternion, UnitQuaternion};
+use messages::{HAND_NODES, JOINTS_MAX, LIMBS, TICK_S, WAY_NODE_TICKS};
+use nalgebra::{Quaternion, UnitQuaternion, Vector2};
 use robot::{Frames, Model};
 
 pub use crate::solver::Weights;
@@ -36,9 +36,6 @@ const EACH_S: f64 = (ARMS as u64 * ITERATION_TICKS) as f64 * TICK_S;
 
 /// Time between two steps of a wrist, s. Both arms take turns.
 const LOOK_S: f64 = (ARMS * WATCHED.len()) as f64 * TICK_S;
-
-/// Both joints of a wrist in a mask that begins with them.
-const WRIST_MASK: u32 = (1 << WRIST_JOINTS) - 1;
 
 /// Margin to the position limits, rad. Whole-body control keeps the same.
 const INSET_RAD: f64 = 1e-3;
@@ -81,7 +78,7 @@ impl Config {
                 a_max: of(|l| l.a_max),
             }
         });
-        let wrists = first.map(|first| Wrist::new(model, first, v_max));
+        let wrists = [0, 1].map(|side| Wrist::new(model, side, v_max));
         let pairs = first.map(|first| Pairs::new(model, first));
         let arms = [0, 1].map(|side| Arm::of(model, side));
         Self { arms, first, bounds, weights, wrists, pairs, model: Box::new(model.clone()) }
@@ -99,8 +96,10 @@ pub struct Input<'a> {
     pub way_first: u64,
     /// Bit j: joint j is valid.
     pub valid_mask: u32,
-    /// The posture that retargeting proposes, rad. It tells where the person's hand points if its wrist is valid.
+    /// The posture that retargeting proposes, rad.
     pub prior: &'a [f64; JOINTS_MAX],
+    /// Rotations that both hands should have at the first nodes, as in the message. Zero for a hand that is not known.
+    pub hands: &'a [[[f32; 4]; ARMS]; HAND_NODES],
     /// Commanded positions at tick k - 1.
     pub q: &'a [f64; JOINTS_MAX],
     /// Commanded velocities at tick k - 1.
@@ -216,7 +215,8 @@ impl Default for State {
 /// let config = follow::Config::new(&model, &model.limits.map(|limits| limits.v_max), follow::Weights::default());
 /// let way_first = 3000 / WAY_NODE_TICKS;
 /// let input = follow::Input {
-///     k: 3000, way: t_pose, way_first, valid_mask: ALL_JOINTS, prior: home, q: home, v: rest, speed_scale: 1.0,
+///     k: 3000, way: t_pose, way_first, valid_mask: ALL_JOINTS, prior: home, hands: &[[[0.0; 4]; 2]; 6], q: home, v: rest,
+///     speed_scale: 1.0,
 /// };
 /// let out = follow::tick(&config, &mut follow::State::new(), input);
 /// assert!(out.aims[model.arms[0].joints[0]].is_some());
@@ -266,11 +266,9 @@ pub fn tick(config: &Config, state: &mut State, input: Input<'_>) -> Output {
 /// Evaluates the pairs of one arm at its next watched node, in the posture of both arms' plans there.
 fn look(config: &Config, state: &mut State, input: &Input<'_>) {
     let (arm, step) = (state.look_arm, state.look_step);
-    let first = config.first[arm] + WRIST_FIRST;
-    let led = input.valid_mask >> first & WRIST_MASK == WRIST_MASK;
-    let wanted = led.then(|| [input.prior[first], input.prior[first + 1]]);
+    let before = input.k.saturating_sub(1);
+    let led = rotation(input.hands[0][arm]).is_some();
     if state.meant[arm] {
-        let before = input.k.saturating_sub(1);
         let until = before + (WATCHED[step] as u64 + 1) * WAY_NODE_TICKS;
         let mut q = *input.q;
         for other in (0..ARMS).filter(|&other| state.meant[other]) {
@@ -290,14 +288,29 @@ fn look(config: &Config, state: &mut State, input: &Input<'_>) {
                 let slope = ArmVector::from_fn(|j, _| near.slope[j]);
                 gaps.insert(step, Gap::new(near.distance_m - config.model.d_min_m, slope, &there));
             }
-            wrist.add(near, wanted.is_some());
+            wrist.add(near, led);
         });
     }
     state.look_step += 1;
     if state.look_step == WATCHED.len() {
-        config.wrists[arm].step(&mut state.wrists[arm], wanted, input.speed_scale, LOOK_S);
+        let speed = led.then(|| hand_speed(config, state, input, arm));
+        config.wrists[arm].step(&mut state.wrists[arm], speed, input.speed_scale, LOOK_S);
         (state.look_step, state.look_arm) = (0, 1 - arm);
     }
+}
+
+/// Returns the speed of a wrist that brings its hand nearest to the person's over the nodes that are known, rad/s.
+fn hand_speed(config: &Config, state: &State, input: &Input<'_>, arm: usize) -> Vector2<f64> {
+    let (plan, wrist, before) = (&state.plans[arm], &state.wrists[arm], input.k.saturating_sub(1));
+    let mut course = wrist::Course::default();
+    for (i, hands) in input.hands.iter().enumerate() {
+        let at = input.way_first.saturating_add(i as u64).saturating_mul(WAY_NODE_TICKS);
+        if let Some(hand) = rotation(hands[arm]) {
+            let wanted = config.wrists[arm].pointing(&plan.continued(plan.state, before, at).q, &hand);
+            course.add(wrist, at.saturating_sub(input.k) as f64 * TICK_S, wanted);
+        }
+    }
+    course.speed()
 }
 
 /// Runs a step of the current iteration: the first one prepares it, the last one ends it, those between sweep
@@ -370,13 +383,18 @@ fn part(all: &[f64; JOINTS_MAX], first: usize) -> ArmVector {
 
 /// Returns the limbs of an arm as those of a left arm.
 fn limbs(node: &[[f32; 4]; LIMBS], arm: usize) -> Option<Limbs> {
-    let rotation = |limb: [f32; 4]| {
-        let [x, y, z, w] = limb.map(f64::from);
+    let of_left = |limb: [f32; 4]| {
+        let [x, y, z, w] = limb;
         // The mirror image at the plane between left and right.
-        let (x, z) = if arm == 0 { (x, z) } else { (-x, -z) };
-        UnitQuaternion::try_new(Quaternion::new(w, x, y, z), 0.5)
+        rotation(if arm == 0 { limb } else { [-x, y, -z, w] })
     };
-    rotation(node[2 * arm]).zip(rotation(node[2 * arm + 1])).map(|(upper, fore)| Limbs { upper, fore })
+    of_left(node[2 * arm]).zip(of_left(node[2 * arm + 1])).map(|(upper, fore)| Limbs { upper, fore })
+}
+
+/// Returns the rotation of a message. `None` for zero and for what is no number.
+fn rotation(xyzw: [f32; 4]) -> Option<UnitQuaternion<f64>> {
+    let [x, y, z, w] = xyzw.map(f64::from);
+    UnitQuaternion::try_new(Quaternion::new(w, x, y, z), 0.5)
 }
 
 #[cfg(test)]
@@ -401,6 +419,7 @@ mod tests {
             way_first: k / WAY_NODE_TICKS,
             valid_mask,
             prior: &model.home,
+            hands: &[[[0.0; 4]; ARMS]; HAND_NODES],
             q: &model.home,
             v: &rest,
             speed_scale: 1.0,

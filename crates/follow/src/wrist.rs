@@ -2,20 +2,29 @@
 //! so they may turn the hand away during its arm's motion. Then the arm need not leave the person if a turn of the hand is
 //! enough.
 //!
-//! Let w be the positions of joints 6 and 7, h those that the person's hand asks for (without one: home), and d_p(k, w) the
-//! distance of pair p at node k of both arms' plans:
+//! Let w be the positions of joints 6 and 7, and d_p(k, w) the distance of pair p at node k of both arms' plans. h are the
+//! positions that come nearest to the person's hand from the forearm that the arm's plan has by then. Without a hand h is
+//! home:
 //!
 //! ```text
 //! minimise  sum_k sum_p max(0, (R - d_p(k, w)) / R)^2 + r_h |w - h|^2,   |w'| <= V,  w in its range
 //! ```
 //!
+//! The hand of the person is known for some nodes ahead, at the times t_i. The wrist moves towards h at the constant speed that
+//! comes nearest to all of them, so that it starts in time:
+//!
+//! ```text
+//! v = sum_i t_i (h_i - w) / sum_i t_i^2
+//! ```
+//!
 //! A tick evaluates one node of one arm. A Gauss-Newton step follows after the last node. Whole-body control
 //! handles obstacles that are not part of the robot.
 
+use crate::arm::ArmVector;
 use crate::near::{Near, SEEN_M};
 use messages::JOINTS_MAX;
-use nalgebra::{Matrix2, Vector2};
-use robot::Model;
+use nalgebra::{Matrix2, Rotation3, UnitQuaternion, Vector2};
+use robot::{Arm, Model, TwoAxes};
 
 /// Joints of a wrist.
 pub(crate) const WRIST_JOINTS: usize = 2;
@@ -30,7 +39,9 @@ const WANTED: f64 = 0.003;
 const LED_RANGE_M: f64 = 0.04;
 /// Weight while the person's hand asks for a posture, per rad^2. It is strong enough for a hand near nothing, and weak beside
 /// a pair that touches.
-const LED: f64 = 0.1;
+const LED: f64 = 0.2;
+/// Time in which a wrist that is near nothing goes the way of its speed, s. The cost's h lies so far ahead.
+const AHEAD_S: f64 = 0.08;
 /// Added to the diagonal of a step's matrix, per rad^2.
 const DAMPING: f64 = 0.5;
 
@@ -42,6 +53,8 @@ const INSET_RAD: f64 = 3e-3;
 pub(crate) struct Wrist {
     /// Index of joint 6.
     first: usize,
+    arm: Arm,
+    axes: TwoAxes,
     home: Vector2<f64>,
     q_min: Vector2<f64>,
     q_max: Vector2<f64>,
@@ -79,19 +92,48 @@ impl Wish {
     }
 }
 
+/// Sums over the nodes for which the person's hand is known.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Course {
+    moved: Vector2<f64>,
+    squares: f64,
+}
+
+impl Course {
+    /// Adds that the wrist should be at `wanted` (rad) in `in_s`.
+    pub(crate) fn add(&mut self, wish: &Wish, in_s: f64, wanted: [f64; WRIST_JOINTS]) {
+        self.moved += (Vector2::from(wanted) - Vector2::from(wish.q)) * in_s;
+        self.squares += in_s * in_s;
+    }
+
+    /// Returns the speed, rad/s. Zero if nothing lies ahead.
+    pub(crate) fn speed(&self) -> Vector2<f64> {
+        if self.squares > 0.0 { self.moved / self.squares } else { Vector2::zeros() }
+    }
+}
+
 impl Wrist {
-    /// Creates the wrist of the arm that begins with joint `arm_first`. `v_max`: allowed speeds of all joints,
-    /// rad/s.
-    pub(crate) fn new(model: &Model, arm_first: usize, v_max: &[f64; JOINTS_MAX]) -> Self {
-        let first = arm_first + WRIST_FIRST;
+    /// Creates the wrist of the left (0) or the right arm (1). `v_max`: allowed speeds of all joints, rad/s.
+    pub(crate) fn new(model: &Model, side: usize, v_max: &[f64; JOINTS_MAX]) -> Self {
+        let arm = model.arms[side].clone();
+        let first = arm.joints[WRIST_FIRST];
         let of = |value: &dyn Fn(usize) -> f64| Vector2::from_fn(|i, _| value(first + i));
         Self {
             first,
+            arm,
+            axes: model.wrists[side],
             home: of(&|j| model.home[j]),
             q_min: of(&|j| model.limits[j].q_min + INSET_RAD),
             q_max: of(&|j| model.limits[j].q_max - INSET_RAD),
             v_max: of(&|j| v_max[j]),
         }
+    }
+
+    /// Returns the positions that turn the hand nearest to `hand`, in the torso frame, while the arm is at `q`, rad.
+    pub(crate) fn pointing(&self, q: &ArmVector, hand: &UnitQuaternion<f64>) -> [f64; WRIST_JOINTS] {
+        let (_, fore) = self.arm.limb_rotations(&(*q).into());
+        let fore = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(fore));
+        self.axes.nearest(&(fore.inverse() * hand))
     }
 
     /// Starts at the wrist's commanded position.
@@ -101,15 +143,20 @@ impl Wrist {
     }
 
     /// Takes the step after the last node, `period_s` after the previous step. It is at most `speed_scale` of the
-    /// speeds. `wanted`: the positions that the person's hand asks for, rad. `None` stands for home.
-    pub(crate) fn step(&self, wish: &mut Wish, wanted: Option<[f64; WRIST_JOINTS]>, speed_scale: f64, period_s: f64) {
+    /// speeds. `speed`: that to the person's hand, rad/s. `None` stands for the way home.
+    pub(crate) fn step(&self, wish: &mut Wish, speed: Option<Vector2<f64>>, speed_scale: f64, period_s: f64) {
         wish.before = wish.q;
-        let q = Vector2::from(wish.q);
-        let weight = if wanted.is_some() { LED } else { WANTED };
-        let gradient = wish.gradient + (q - wanted.map_or(self.home, Vector2::from)) * weight;
-        // Far from everything the step is a whole one. Near things it is damped, because the distances bend.
+        let (pull, weight) = match speed {
+            Some(speed) => (speed * AHEAD_S, LED),
+            None => (self.home - Vector2::from(wish.q), WANTED),
+        };
+        // A hand that is near nothing moves at its speed. One that is near things gets away at once.
+        let hurry = (period_s / AHEAD_S * (1.0 + wish.hessian.trace() / LED)).min(1.0);
+        let share = if speed.is_some() { hurry } else { 1.0 };
+        let gradient = wish.gradient - pull * weight;
+        // Near things the step is damped, because the distances bend.
         let hessian = wish.hessian + Matrix2::identity() * (weight + DAMPING * wish.hessian.trace());
-        let step = hessian.cholesky().map_or(Vector2::zeros(), |factor| -factor.solve(&gradient));
+        let step = hessian.cholesky().map_or(Vector2::zeros(), |factor| -factor.solve(&gradient) * share);
         let most = self.v_max * (speed_scale * period_s);
         for i in 0..WRIST_JOINTS {
             // The bounds would make a full step down of NaN. The wrist holds instead.
@@ -129,7 +176,7 @@ mod tests {
         let toml = include_str!("../../../config/robots/tiago_dual.toml");
         let urdf = include_str!("../../../config/robots/tiago_dual.urdf");
         let model = Model::from_text("toml", toml, "urdf", urdf).unwrap();
-        let wrist = Wrist::new(&model, model.arms[0].joints[0], &model.limits.map(|limits| limits.v_max));
+        let wrist = Wrist::new(&model, 0, &model.limits.map(|limits| limits.v_max));
         let begin = wrist.begin(&model.home);
         let mut wish = Wish { gradient: Vector2::repeat(f64::NAN), ..begin };
         wrist.step(&mut wish, None, 1.0, 0.01);

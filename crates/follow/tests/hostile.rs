@@ -184,6 +184,8 @@ fn invalid_target_path_keeps_aims_within_bounds() {
                 2 => way = [[[3.0, 1.0, -2.0, 5.0]; 4]; NODES],
                 _ => hurt(&mut rng, &mut way),
             }
+            // The hands are as bad as the limbs.
+            robot.hands = std::array::from_fn(|i| [way[i][0], way[i][3]]);
             let before = remembered(&robot);
             let output = robot.step_after(1, &way, first);
             let context = format!("seed {seed}, tick {n}");
@@ -191,6 +193,7 @@ fn invalid_target_path_keeps_aims_within_bounds() {
             assert_goes_on(&output, &before, 1, &context);
         }
         // When the errors are over, they have no lasting effect.
+        robot.hands = Default::default();
         for _ in 0..2 * TICK_HZ {
             robot.step(|_| person);
         }

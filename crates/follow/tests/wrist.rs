@@ -3,7 +3,8 @@
 use crate::support::{FIRST, FREE, Robot, arm, distance_m, model};
 use follow::arm::{ArmVector, Limbs};
 use follow::{LIMB_JOINTS, Weights};
-use messages::{ALL_JOINTS, JOINTS_MAX, TICK_HZ, TICK_S};
+use messages::{HAND_NODES, JOINTS_MAX, TICK_HZ, TICK_S, WAY_NODE_TICKS};
+use nalgebra::{Rotation3, UnitQuaternion};
 use robot::{Frames, Model};
 use std::f64::consts::FRAC_PI_2;
 
@@ -38,6 +39,41 @@ fn person(q: [f64; LIMB_JOINTS]) -> [Limbs; 2] {
     [arm().limbs(&ArmVector::from(q)); 2]
 }
 
+/// Hands of a person at `q`, whose wrists are bent as these joints of the robot.
+fn hands(model: &Model, q: [f64; LIMB_JOINTS], wanted: &[f64; 4]) -> [[f32; 4]; 2] {
+    [0, 1].map(|side| {
+        let (_, fore) = model.arms[side].limb_rotations(&q);
+        let hand = fore * model.wrists[side].rotation([wanted[2 * side], wanted[2 * side + 1]]);
+        let hand = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(hand));
+        hand.coords.data.0[0].map(|x| x as f32)
+    })
+}
+
+/// Returns how far the left wrist is from `wanted` after each tick of a swing, and how fast it moves, while `known` nodes of
+/// the hand are known. The swing is slower than the joint's limits.
+fn swing_off(known: usize) -> f64 {
+    let (model, mut robot) = (model(), Robot::at(&FREE, Weights::default()));
+    let wanted = |k: u64| [0.3 * (3.0 * k as f64 * TICK_S).sin(), 0.0, 0.0, 0.0];
+    let mut most = 0.0_f64;
+    for n in 0..2 * TICK_HZ {
+        let first = robot.next_first();
+        let at = |i: usize| (first + i.min(known) as u64) * WAY_NODE_TICKS;
+        robot.hands = std::array::from_fn(|i| hands(&model, FREE, &wanted(at(i))));
+        robot.step(|_| person(FREE));
+        if n > TICK_HZ / 2 {
+            most = most.max((wrists(&robot.q)[0] - wanted(robot.k)[0]).abs());
+        }
+    }
+    most
+}
+
+#[test]
+fn wrist_is_there_when_the_hand_is() {
+    let (blind, seeing) = (swing_off(0), swing_off(HAND_NODES));
+    println!("{seeing:.4} rad off, {blind:.4} if only the first node is known");
+    assert!(seeing < 0.02 && blind > 1.5 * seeing, "{seeing} {blind}");
+}
+
 #[test]
 fn wrist_turns_hanging_hand_away_and_returns_home_when_raised() {
     let model = model();
@@ -70,9 +106,8 @@ fn wrist_turns_hanging_hand_away_and_returns_home_when_raised() {
 fn wrist_follows_hand_of_person_and_keeps_it_clear() {
     let model = model();
     let mut robot = Robot::solid(&FREE, Weights::default());
-    robot.valid_mask = ALL_JOINTS;
     let wanted = [-0.4, -0.3, -0.4, -0.3];
-    robot.prior = with_wrists(&robot.prior, &wanted);
+    robot.hands = [hands(&model, FREE, &wanted); HAND_NODES];
     for _ in 0..TICK_HZ {
         robot.step(|_| person(FREE));
     }
@@ -81,6 +116,7 @@ fn wrist_follows_hand_of_person_and_keeps_it_clear() {
     }
     // On the way down the hands turn away from the base instead of as the person's.
     robot.propose(&HANGING);
+    robot.hands = [hands(&model, HANGING, &wanted); HAND_NODES];
     let (mut least_m, mut asked_m) = (f64::INFINITY, f64::INFINITY);
     for _ in 0..3 * TICK_HZ {
         robot.step(|_| person(HANGING));

@@ -32,11 +32,13 @@ pub mod state_flag {
 pub const WAY_NODES: usize = 24;
 /// Ticks from one node to the next: 30 ticks are 20 ms. Nodes lie at whole multiples of it.
 pub const WAY_NODE_TICKS: u64 = 30;
+/// Nodes of the way that have hands: 120 ms. Nobody predicts a hand beyond the newest skeleton.
+pub const HAND_NODES: usize = 6;
 
 message! {
     /// Posture that the arms should have at tick `k`, and the person's motion after that. Any value is allowed:
     /// `control` makes it safe.
-    pub struct JointTarget v 4 size 2224 {
+    pub struct JointTarget v 5 size 2416 {
         /// `origin` of the skeleton that the target was made from.
         pub header: Header,
         /// The robot whose joints these are.
@@ -72,6 +74,9 @@ message! {
         /// Rotations of the person's left and right hand at the resampled instant, as those of the limbs. Zero for a hand
         /// that is not known.
         pub human_hands: [[f64; 4]; 2],
+        /// Rotations that the robot's left and right hand should have at the first nodes of the way. A hand that comes or goes
+        /// is blended with a straight one. Zero for a hand that is not known.
+        pub way_hands: [[[f32; 4]; 2]; HAND_NODES],
     }
 }
 

@@ -25,7 +25,8 @@ mod subject;
 mod time;
 
 pub use command::{
-    JointCommand, JointTarget, RobotState, StopPlan, WAY_NODE_TICKS, WAY_NODES, command_flag, state_flag, target_flag,
+    HAND_NODES, JointCommand, JointTarget, RobotState, StopPlan, WAY_NODE_TICKS, WAY_NODES, command_flag, state_flag,
+    target_flag,
 };
 pub use fault::{FAULTS, Fault, FaultRow, Faults, Mode, Response};
 pub use input::{CalibrationSource, DROPS_MAX, InputStatus};

@@ -9,6 +9,7 @@
 
 mod arm;
 mod closed_form;
+mod course;
 mod model;
 mod network;
 mod oracle;
@@ -32,7 +33,6 @@ pub use network::{
     interpolate_latent,
 };
 pub use oracle::oracle;
-pub use pointing::pointed;
 pub use posture::{PostureSolver, SolvedPose, posture, solve_poses};
 pub use prediction::{
     AGES_S, HORIZONS_S, History, PREDICTION_FORMAT, PREDICTION_INPUTS, PREDICTION_OUTPUTS, Prediction,

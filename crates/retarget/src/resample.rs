@@ -212,6 +212,14 @@ struct Fade {
     begun: i64,
 }
 
+impl Fade {
+    /// Returns the share of the new sample at `now`, from 0 to 1.
+    fn share(&self, now: Stamp) -> f64 {
+        let s = ((ns(now) - self.begun) as f64 / BLEND_NS as f64).clamp(0.0, 1.0);
+        s * s * (3.0 - 2.0 * s)
+    }
+}
+
 /// Knots of one arm, and what it shows.
 #[derive(Clone, Debug)]
 pub struct Track {
@@ -277,16 +285,22 @@ impl Track {
         }
         let mut sample = self.at(playhead);
         if let Some(fade) = self.fade {
-            let s = (ns(now) - fade.begun) as f64 / BLEND_NS as f64;
-            if s < 1.0 {
-                let s = s.max(0.0);
-                sample = fade.from.between(&sample, s * s * (3.0 - 2.0 * s));
+            let share = fade.share(now);
+            if share < 1.0 {
+                sample = fade.from.between(&sample, share);
             } else {
                 self.fade = None;
             }
         }
         self.shown = Some(sample);
         self.shown
+    }
+
+    /// Returns what [`Track::show`] would show at `playhead` and `now`, and shows nothing. It knows nothing beyond the
+    /// newest knot.
+    pub fn show_ahead(&self, playhead: i64, now: Stamp) -> Option<Sample> {
+        let sample = (self.count > 0).then(|| self.at(playhead))?;
+        Some(self.fade.map_or(sample, |fade| fade.from.between(&sample, fade.share(now))))
     }
 
     /// Returns the arm at source time `source`, shown at `now`: between the knots, or predicted beyond the newest
@@ -309,10 +323,7 @@ impl Track {
 
     /// Applies the crossfade of a restart.
     fn faded(&self, limbs: Limbs, now: Stamp) -> Limbs {
-        let Some(fade) = self.fade else { return limbs };
-        let s = ((ns(now) - fade.begun) as f64 / BLEND_NS as f64).clamp(0.0, 1.0);
-        let s = s * s * (3.0 - 2.0 * s);
-        fade.from.limbs.between(&limbs, s)
+        self.fade.map_or(limbs, |fade| fade.from.limbs.between(&limbs, fade.share(now)))
     }
 
     /// Sets the prediction after the newest knot, until there is a newer one.

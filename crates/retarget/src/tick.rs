@@ -1,16 +1,17 @@
 //! The stage: skeletons in, joint targets out, 1500 times a second.
 
 use messages::{
-    Fault, Faults, JOINTS_MAX, JointTarget, LIMBS, Layout, PersonChange, RobotId, Skeleton, Stamp, TICK_HZ, TICK_S,
-    WAY_NODE_TICKS, WAY_NODES, skeleton_flag, target_flag,
+    Fault, Faults, JOINTS_MAX, JointTarget, LIMBS, Layout, PersonChange, RobotId, Skeleton, Stamp, TICK_S, WAY_NODES,
+    skeleton_flag, target_flag,
 };
 use nalgebra::UnitQuaternion;
 use robot::TwoAxes;
 use serde::Deserialize;
 
 use crate::arm::{ARM_Q, ARMS, ArmModel, ArmQ, Limbs, limb_error_deg, mirror, mirrored, xyzw_from_rotation};
+use crate::course::{Person, Way};
 use crate::network::Latent;
-use crate::pointing::{Blend, human_hand, human_head, pointed};
+use crate::pointing::{Blend, human_hand, human_head};
 use crate::posture::PostureSolver;
 use crate::prediction::{AGES_S, History, Prediction};
 use crate::ready::Readiness;
@@ -200,21 +201,6 @@ pub struct State {
     way: Way,
 }
 
-/// The last computed way.
-#[derive(Clone, Debug, Default)]
-struct Way {
-    /// The first node, in units of `WAY_NODE_TICKS`. 0 before the first way.
-    first: u64,
-    /// Number of skeletons for which it was computed.
-    skeletons: u64,
-    /// The arms in use.
-    meant: [bool; ARMS],
-    /// Limb rotations, x y z w.
-    nodes: [[[f32; 4]; LIMBS]; WAY_NODES],
-    /// The first node that is predicted.
-    seen: u32,
-}
-
 /// The target of one tick, with details.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Output {
@@ -284,12 +270,13 @@ pub fn tick(config: &Config, state: &mut State, now: Stamp, input: Input<'_>) ->
     point_hands(config, state, &shown, elapsed_s, &mut out.target);
     let head = state.blends[ARMS].next(head, elapsed_s);
     if let (Some(joints), Some(head)) = (&config.head, head) {
-        set(&mut out.target, joints, pointed(joints, &head));
+        set(&mut out.target, joints, joints.nearest(&head));
     }
-    lay_way(state, input.k, playhead, now);
-    let way = &state.way;
+    let State { tracks, way, blends: [left, right, _], counters, .. } = state;
+    let person = Person { tracks, blends: [left, right], skeletons: counters.skeletons, meant };
+    way.lay(&person, input.k, playhead, now);
     (out.target.way_first, out.target.way_nodes, out.target.way_seen) = (way.first, WAY_NODES as u32, way.seen);
-    out.target.way = way.nodes;
+    (out.target.way, out.target.way_hands) = (way.nodes, way.hands);
     let dropped = state.counters.limbs_refused + state.counters.network_not_finite
         > before.limbs_refused + before.network_not_finite;
     out.faults.set(Fault::InputImplausible, dropped);
@@ -313,7 +300,7 @@ fn point_hands(
         let bend = state.blends[arm].next(hand.map(|hand| own(fore.inverse() * hand)), elapsed_s);
         target.human_hands[arm] = hand.map_or([0.0; 4], |hand| xyzw_from_rotation(&own(hand)));
         if let Some(bend) = bend {
-            set(target, joints, pointed(joints, &bend));
+            set(target, joints, joints.nearest(&bend));
         }
     }
 }
@@ -323,33 +310,6 @@ fn set(target: &mut JointTarget, joints: &TwoAxes, q: [f64; 2]) {
     for (j, q) in joints.joints.into_iter().zip(q) {
         target.q[j] = q;
         target.valid_mask |= 1 << j;
-    }
-}
-
-/// Computes the way of the arms in use: nodes after tick k, with the playhead's present delay. Nodes lie at fixed
-/// instants. They are computed again for a new skeleton, arm or node, and during the crossfade of a restart.
-fn lay_way(state: &mut State, k: u64, playhead: i64, now: Stamp) {
-    let State { tracks, way, .. } = state;
-    let first = k / WAY_NODE_TICKS + 1;
-    let (skeletons, meant) = (state.counters.skeletons, state.q.map(|q| q.is_some()));
-    let known = (way.first, way.skeletons, way.meant) == (first, skeletons, meant);
-    if known && !tracks.iter().any(Track::is_fading) {
-        return;
-    }
-    *way = Way { first, skeletons, meant, nodes: [[[0.0; 4]; LIMBS]; WAY_NODES], seen: WAY_NODES as u32 };
-    for arm in (0..ARMS).filter(|&arm| meant[arm]) {
-        for i in 0..WAY_NODES {
-            let ticks = (i as u64 + 1) * WAY_NODE_TICKS - k % WAY_NODE_TICKS;
-            let ahead_ns = ticks * 1_000_000_000 / TICK_HZ;
-            let ahead = tracks[arm].ahead(playhead + ahead_ns as i64, now.plus_ns(ahead_ns));
-            let Some((limbs, seen)) = ahead else { continue };
-            let limbs = [limbs.upper, limbs.fore].map(|limb| xyzw_from_rotation(&limb));
-            let limbs = if arm == 0 { limbs } else { limbs.map(mirror) };
-            way.nodes[i][2 * arm..2 * arm + 2].copy_from_slice(&limbs.map(|limb| limb.map(|x| x as f32)));
-            if !seen {
-                way.seen = way.seen.min(i as u32);
-            }
-        }
     }
 }
 

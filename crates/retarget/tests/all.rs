@@ -4,7 +4,6 @@
 mod kinematics;
 mod network;
 mod perceptron;
-mod pointing;
 mod prediction;
 mod rate;
 mod resampling;

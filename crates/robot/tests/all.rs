@@ -6,6 +6,7 @@ mod draft;
 mod environment;
 mod kinematics;
 mod others;
+mod pointing;
 mod refusals;
 mod segments;
 mod shipped;

@@ -5,7 +5,7 @@ use follow::arm::{Arm, ArmVector, Limbs};
 use follow::gap::Gaps;
 use follow::solver::{Bounds, Problem, State as ArmState};
 use follow::{Config, Input, LIMB_JOINTS, NODES, Output, State, Weights, tick};
-use messages::{JOINTS_MAX, LIMBS, WAY_NODE_TICKS};
+use messages::{HAND_NODES, JOINTS_MAX, LIMBS, WAY_NODE_TICKS};
 use nalgebra::{UnitQuaternion, Vector3};
 use rand::RngExt;
 use rand_pcg::Pcg64;
@@ -149,6 +149,7 @@ pub struct Robot {
     pub q: [f64; JOINTS_MAX],
     pub v: [f64; JOINTS_MAX],
     pub prior: [f64; JOINTS_MAX],
+    pub hands: [[[f32; 4]; 2]; HAND_NODES],
     pub valid_mask: u32,
     pub speed_scale: f64,
 }
@@ -176,6 +177,7 @@ impl Robot {
             q: all,
             v: [0.0; JOINTS_MAX],
             prior: all,
+            hands: [[[0.0; 4]; 2]; HAND_NODES],
             valid_mask: LIMB_MASK,
             speed_scale: 1.0,
         }
@@ -205,6 +207,7 @@ impl Robot {
             way_first,
             valid_mask: self.valid_mask,
             prior: &self.prior,
+            hands: &self.hands,
             q: &self.q,
             v: &self.v,
             speed_scale: self.speed_scale,

@@ -1,45 +1,160 @@
-//! Compares the robot's hands with the person's.
+//! Compares the robot's hands with the person's, and with the best that its wrists could do.
+//!
+//! The *optimum* of a hand is the least distance of its wrist's joints from those that the person's hand asks for, at the
+//! robot's own forearm, within the wrist's positions, speeds and accelerations. It looks ahead over the whole series:
+//!
+//! ```text
+//! minimise  sum_i (w_i - h_i)^2,   |w_(i+1) - w_i| <= V dt,   |w_(i+1) - 2 w_i + w_(i-1)| <= A dt^2
+//! ```
+//!
+//! The search is the method of multipliers with alternating directions. It knows no collisions.
 
-use messages::{JointCommand, JointTarget};
-use nalgebra::{Matrix3, Rotation3, UnitQuaternion};
-use retarget::{pointed, rotation_from_xyzw};
-use robot::{Frames, Model};
+use super::play::SAMPLE_TICKS;
+use messages::{JointCommand, JointTarget, TICK_S};
+use nalgebra::{Cholesky, DMatrix, DVector, Dyn, Matrix3, Rotation3, UnitQuaternion};
+use retarget::rotation_from_xyzw;
+use robot::{Frames, JointLimits, Model};
 
 /// A hand counts as free if the best posture of its wrist leaves every pair so much clearance, m: twice what commands keep.
 /// Nearer than that, it has to turn away.
 const FREE_M: f64 = 0.02;
+/// Number of samples before and after it that must be free, too: 0.3 s. A wrist needs as long to turn away by 0.4 rad, and
+/// back.
+const FREE_SAMPLES: usize = 15;
+/// Longest series of the search, samples. Its work grows with the square.
+const SERIES_MAX: usize = 300;
+/// Steps of the search, and the weight of its multipliers. After these no position of the six clips in the book moves by
+/// more than 1 mrad.
+const STEPS: usize = 2000;
+const MULTIPLIER: f64 = 5.0;
+/// Weight of the second differences beside the first, so that both bounds are of one size.
+const SECOND: f64 = 5.0;
+/// Time between two samples, s.
+const SAMPLE_S: f64 = SAMPLE_TICKS as f64 * TICK_S;
+
+/// A hand of the person and the robot's at one instant.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct HandSample {
+    k: u64,
+    side: usize,
+    person: UnitQuaternion<f64>,
+    fore: UnitQuaternion<f64>,
+    commanded: [f64; 2],
+    best: [f64; 2],
+    clear: bool,
+}
 
 /// Errors of one hand, degrees.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HandError {
     /// Rotation angle between the commanded hand and the person's.
     pub command_deg: f64,
-    /// The least that the wrist's joints could reach from the commanded forearm, within their ranges. It knows no
-    /// collisions.
+    /// The same of the optimum.
     pub optimum_deg: f64,
     /// The hand could be there without coming near anything.
     pub free: bool,
 }
 
-/// Returns the errors of the hands that the target knows, left and right.
-pub fn errors(model: &Model, target: &JointTarget, command: &JointCommand) -> Vec<HandError> {
+/// Returns the hands that the target knows.
+pub(crate) fn samples(model: &Model, target: &JointTarget, command: &JointCommand) -> Vec<HandSample> {
     let of = |(side, hand): (usize, [f64; 4])| {
         let person = rotation_from_xyzw(hand)?;
         let (arm, wrist) = (&model.arms[side], &model.wrists[side]);
         let (_, fore) = arm.limb_rotations(&std::array::from_fn(|i| command.q[arm.joints[i]]));
-        let off = |q: [f64; 2]| turn(&(fore * wrist.rotation(q))).angle_to(&person).to_degrees();
-        let best = pointed(wrist, &(turn(&fore).inverse() * person));
+        let fore = turn(&fore);
+        let best = wrist.nearest(&(fore.inverse() * person));
         let commanded = wrist.joints.map(|j| command.q[j]);
         let mut there = command.q;
         wrist.joints.into_iter().zip(best).for_each(|(j, q)| there[j] = q);
         let mut frames = Frames::default();
         model.forward(&there, &mut frames);
-        let (clearance_m, _) = model.clearance(&frames);
-        Some(HandError { command_deg: off(commanded), optimum_deg: off(best), free: clearance_m >= FREE_M })
+        let clear = model.clearance(&frames).0 >= FREE_M;
+        Some(HandSample { k: command.k, side, person, fore, commanded, best, clear })
     };
     target.human_hands.into_iter().enumerate().filter_map(of).collect()
 }
 
+/// Returns the errors of all hands, in series of either side.
+pub(crate) fn errors(model: &Model, samples: &[HandSample]) -> Vec<HandError> {
+    let of_side = |side: usize| samples.iter().filter(|sample| sample.side == side).copied().collect::<Vec<_>>();
+    let sides = [0, 1].map(of_side);
+    let series = sides.iter().flat_map(|side| side.chunk_by(|a, b| a.k + SAMPLE_TICKS == b.k));
+    series.flat_map(|series| series.chunks(SERIES_MAX)).flat_map(|series| errors_of(model, series)).collect()
+}
+
+fn errors_of(model: &Model, series: &[HandSample]) -> Vec<HandError> {
+    let wrist = &model.wrists[series[0].side];
+    let reached = [0, 1].map(|i| {
+        let wanted = DVector::from_iterator(series.len(), series.iter().map(|sample| sample.best[i]));
+        reach(&wanted, &model.limits[wrist.joints[i]])
+    });
+    let off = |sample: &HandSample, q: [f64; 2]| {
+        (sample.fore * turn(&wrist.rotation(q))).angle_to(&sample.person).to_degrees()
+    };
+    let error = |(i, sample): (usize, &HandSample)| HandError {
+        command_deg: off(sample, sample.commanded),
+        optimum_deg: off(sample, [reached[0][i], reached[1][i]]),
+        free: series[i.saturating_sub(FREE_SAMPLES)..series.len().min(i + FREE_SAMPLES + 1)]
+            .iter()
+            .all(|near| near.clear),
+    };
+    series.iter().enumerate().map(error).collect()
+}
+
+/// Returns the positions of one joint that come nearest to `wanted`, rad. `wanted` lies within the range, so they do.
+fn reach(wanted: &DVector<f64>, limits: &JointLimits) -> DVector<f64> {
+    let n = wanted.len();
+    let bounds = |i: usize| {
+        if i + 1 < n { limits.v_max * SAMPLE_S } else { SECOND * limits.a_max * SAMPLE_S * SAMPLE_S }
+    };
+    // Rows: n - 1 first differences, then n - 2 second ones.
+    let rows = (n - 1) + n.saturating_sub(2);
+    let mut differences = DMatrix::zeros(rows, n);
+    for i in 0..n - 1 {
+        (differences[(i, i)], differences[(i, i + 1)]) = (-1.0, 1.0);
+    }
+    for i in 0..n.saturating_sub(2) {
+        let row = n - 1 + i;
+        (differences[(row, i)], differences[(row, i + 1)], differences[(row, i + 2)]) = (SECOND, -2.0 * SECOND, SECOND);
+    }
+    let system = DMatrix::identity(n, n) + differences.transpose() * &differences * MULTIPLIER;
+    let Some(factor): Option<Cholesky<f64, Dyn>> = system.cholesky() else { return wanted.clone() };
+    let inverse = factor.inverse();
+    let mut reached = wanted.clone();
+    let (mut allowed, mut excess) = (DVector::zeros(rows), DVector::zeros(rows));
+    for _ in 0..STEPS {
+        reached = &inverse * (wanted + differences.tr_mul(&(&allowed - &excess)) * MULTIPLIER);
+        let moved = &differences * &reached + &excess;
+        allowed = DVector::from_fn(rows, |i, _| moved[i].clamp(-bounds(i), bounds(i)));
+        excess = moved - &allowed;
+    }
+    reached
+}
+
 fn turn(matrix: &Matrix3<f64>) -> UnitQuaternion<f64> {
     UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(*matrix))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn slow_motion_is_reached_and_step_is_met_halfway_at_full_speed() {
+        let toml = include_str!("../../../../config/robots/tiago_dual.toml");
+        let urdf = include_str!("../../../../config/robots/tiago_dual.urdf");
+        let model = Model::from_text("toml", toml, "urdf", urdf).expect("the shipped robot");
+        let limits = &model.limits[model.wrists[0].joints[0]];
+        let slow = DVector::from_fn(100, |i, _| 0.3 * (i as f64 * SAMPLE_S).sin());
+        assert!((reach(&slow, limits) - &slow).amax() < 1e-3);
+        let step = DVector::from_fn(100, |i, _| if i < 50 { -0.5 } else { 0.5 });
+        let reached = reach(&step, limits);
+        let speeds: Vec<f64> = (1..100).map(|i| (reached[i] - reached[i - 1]) / SAMPLE_S).collect();
+        let fastest = speeds.iter().fold(0.0, |most: f64, v| most.max(v.abs()));
+        let hardest = speeds.windows(2).fold(0.0, |most: f64, v| most.max((v[1] - v[0]).abs() / SAMPLE_S));
+        println!("{fastest:.3} rad/s, {hardest:.2} rad/s^2, {:.3} and {:.3} rad", reached[49], reached[50]);
+        assert!(fastest < limits.v_max * 1.01 && hardest < limits.a_max * 1.02, "{fastest} {hardest}");
+        assert!(fastest > limits.v_max * 0.9, "it hurries: {fastest}");
+        assert!((reached[49] + reached[50]).abs() < 0.01, "as late as early: {} {}", reached[49], reached[50]);
+    }
 }

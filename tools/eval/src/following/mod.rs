@@ -5,7 +5,8 @@
 //!   interpolated to that instant. The *robot* is the forward kinematics of the command for it.
 //! - The *error* is the mean rotation angle of the four limbs.
 //! - The error of the *hands* is against the target of the same tick, so it is against the person of the following delay
-//!   before. Its optimum is what the wrist could reach from the commanded forearm.
+//!   before. Its optimum is the least for any motion of the wrist from the commanded forearm, within its positions, speeds
+//!   and accelerations.
 //! - The *expectation* is the way of a target beyond the newest skeleton. Its error is against the person's
 //!   later motion.
 //! - *At D ms* compares a command with the person D ms before.

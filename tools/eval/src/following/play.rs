@@ -1,7 +1,7 @@
 //! Plays one clip through every stage in virtual time, and records the commands.
 
 use super::ahead::Expectation;
-use super::hands::{self, HandError};
+use super::hands::{self, HandError, HandSample};
 use super::person::Person;
 use crate::error::EvalError;
 use crate::methods::Posture;
@@ -15,7 +15,7 @@ use std::collections::BTreeMap;
 use world::{Moment, Offline, OfflineEnd};
 
 /// Ticks between two judged commands: 50 Hz.
-const SAMPLE_TICKS: u64 = 30;
+pub(super) const SAMPLE_TICKS: u64 = 30;
 /// Ticks between two judged torques: 150 Hz. This is many times the bandwidth of an arm, which takes 5 ms to
 /// full acceleration.
 const TORQUE_TICKS: u64 = 10;
@@ -84,11 +84,12 @@ impl<'a> Stage<'a> {
     /// Returns a sentence as error if the stages reject their settings.
     pub fn play(&self, motion: &Motion, calibration: CalibrationMode) -> Result<Played, String> {
         let options = PlayOptions { speed: 1.0, looped: false, calibration };
-        let mut watch = Watch { stage: self, played: Played::default(), engaged_at: None };
+        let mut watch = Watch { stage: self, played: Played::default(), hands: Vec::new(), engaged_at: None };
         watch.played.name.clone_from(&motion.name);
         let mut offline = Offline::new(self.loaded, motion, options).map_err(|error| error.to_string())?;
         let end = offline.play(|tick| watch.see(tick.moment));
         let mut played = watch.played;
+        played.hands = hands::errors(&self.loaded.model, &watch.hands);
         if let OfflineEnd::Stopped(why) = end {
             played.stopped = Some(why);
         }
@@ -110,6 +111,7 @@ impl<'a> Stage<'a> {
 struct Watch<'a> {
     stage: &'a Stage<'a>,
     played: Played,
+    hands: Vec<HandSample>,
     engaged_at: Option<u64>,
 }
 
@@ -151,8 +153,8 @@ impl Watch<'_> {
                 model.arms.each_ref().map(|arm| arm.mirrored(&std::array::from_fn(|i| all[arm.joints[i]])))
             };
             span.push(Sample { at: deadline(command.k), q: arms(&command.q), v: arms(&command.v) });
-            let hands = moment.target.as_ref().map(|target| hands::errors(&self.stage.loaded.model, target, command));
-            self.played.hands.extend(hands.into_iter().flatten());
+            let hands = moment.target.as_ref().map(|target| hands::samples(&self.stage.loaded.model, target, command));
+            self.hands.extend(hands.into_iter().flatten());
         }
     }
 }

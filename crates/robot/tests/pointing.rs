@@ -3,7 +3,6 @@
 use nalgebra::{Rotation3, UnitQuaternion};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
-use retarget::pointed;
 use robot::{Model, TwoAxes};
 
 const ROBOTS: [&str; 5] = ["tiago_dual", "unitree_g1", "rby1a", "openarm_v10", "franka_fr3_duo"];
@@ -47,7 +46,7 @@ fn reachable_rotation_is_reached_exactly() {
         for _ in 0..500 {
             let q = [0, 1].map(|i| rng.random_range(joints.q_min[i]..joints.q_max[i]));
             let wanted = rotation(&joints, q);
-            let found = pointed(&joints, &wanted);
+            let found = joints.nearest(&wanted);
             assert!(within(&joints, found), "{name}: {found:?}");
             let off = rotation(&joints, found).angle_to(&wanted);
             assert!(off < 1e-6, "{name}: {q:?} became {found:?}, {off} rad off");
@@ -61,7 +60,7 @@ fn nothing_on_a_grid_comes_nearer() {
     for (name, joints) in all() {
         for _ in 0..20 {
             let wanted = random_turn(&mut rng);
-            let found = pointed(&joints, &wanted);
+            let found = joints.nearest(&wanted);
             assert!(within(&joints, found), "{name}: {found:?}");
             let off = rotation(&joints, found).angle_to(&wanted);
             let at = |i: usize, n: u32| joints.q_min[i] + f64::from(n) / 100.0 * (joints.q_max[i] - joints.q_min[i]);
@@ -76,7 +75,7 @@ fn nothing_on_a_grid_comes_nearer() {
 #[test]
 fn straight_hand_keeps_home() {
     for (name, joints) in all() {
-        let found = pointed(&joints, &UnitQuaternion::identity());
+        let found = joints.nearest(&UnitQuaternion::identity());
         assert!((0..2).all(|i| (found[i] - joints.home[i]).abs() < 1e-9), "{name}: {found:?}");
     }
 }
@@ -96,7 +95,7 @@ fn noise_of_half_a_degree_turns_no_joint_far() {
             let [x, y, z]: [f64; 3] = std::array::from_fn(|_| rng.random_range(-1.0..1.0));
             let noise =
                 UnitQuaternion::from_scaled_axis(nalgebra::Vector3::new(x, y, z).normalize() * 0.5_f64.to_radians());
-            let (still, noisy) = (pointed(&joints, &wanted), pointed(&joints, &(noise * wanted)));
+            let (still, noisy) = (joints.nearest(&wanted), joints.nearest(&(noise * wanted)));
             for i in 0..2 {
                 let moved = (noisy[i] - still[i]).abs().to_degrees();
                 (square, largest) = (square + moved * moved, largest.max(moved));

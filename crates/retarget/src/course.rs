@@ -1,0 +1,80 @@
+//! The nodes of the way in the message: what the arms in use do after the target.
+
+use crate::arm::{ARMS, mirror, mirrored, xyzw_from_rotation};
+use crate::pointing::Blend;
+use crate::resample::{Sample, Track};
+use messages::{HAND_NODES, LIMBS, Stamp, TICK_HZ, WAY_NODE_TICKS, WAY_NODES};
+use nalgebra::UnitQuaternion;
+
+/// The last computed way.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Way {
+    /// The first node, in units of `WAY_NODE_TICKS`. 0 before the first way.
+    pub(crate) first: u64,
+    /// Number of skeletons for which it was computed.
+    skeletons: u64,
+    /// The arms in use.
+    meant: [bool; ARMS],
+    /// Limb rotations, x y z w.
+    pub(crate) nodes: [[[f32; 4]; LIMBS]; WAY_NODES],
+    /// The same of the hands.
+    pub(crate) hands: [[[f32; 4]; ARMS]; HAND_NODES],
+    /// The first node that is predicted.
+    pub(crate) seen: u32,
+}
+
+/// What is known of the person.
+pub(crate) struct Person<'a> {
+    /// Both arms.
+    pub(crate) tracks: &'a [Track; ARMS],
+    /// Both hands.
+    pub(crate) blends: [&'a Blend; ARMS],
+    /// Number of skeletons so far.
+    pub(crate) skeletons: u64,
+    /// The arms in use.
+    pub(crate) meant: [bool; ARMS],
+}
+
+impl Way {
+    /// Computes the way of the arms in use: nodes after tick k, with the playhead's present delay. Nodes lie at fixed
+    /// instants. They are computed again for a new skeleton, arm or node, and during the crossfade of a restart.
+    pub(crate) fn lay(&mut self, person: &Person<'_>, k: u64, playhead: i64, now: Stamp) {
+        let Person { tracks, blends, skeletons, meant } = *person;
+        let first = k / WAY_NODE_TICKS + 1;
+        let known = (self.first, self.skeletons, self.meant) == (first, skeletons, meant);
+        if known && !tracks.iter().any(Track::is_fading) {
+            return;
+        }
+        *self = Self { first, skeletons, meant, seen: WAY_NODES as u32, ..Self::default() };
+        for arm in (0..ARMS).filter(|&arm| meant[arm]) {
+            for i in 0..WAY_NODES {
+                let ticks = (i as u64 + 1) * WAY_NODE_TICKS - k % WAY_NODE_TICKS;
+                let ahead_ns = ticks * 1_000_000_000 / TICK_HZ;
+                let (then, by) = (playhead + ahead_ns as i64, now.plus_ns(ahead_ns));
+                let Some((limbs, seen)) = tracks[arm].ahead(then, by) else { continue };
+                let limbs = [limbs.upper, limbs.fore].map(|limb| xyzw_from_rotation(&limb));
+                let limbs = if arm == 0 { limbs } else { limbs.map(mirror) };
+                self.nodes[i][2 * arm..2 * arm + 2].copy_from_slice(&limbs.map(single));
+                if !seen {
+                    self.seen = self.seen.min(i as u32);
+                }
+                if i < HAND_NODES {
+                    let hand = tracks[arm].show_ahead(then, by).and_then(|sample| hand(arm, &sample, blends[arm]));
+                    self.hands[i][arm] = hand.map_or([0.0; 4], |hand| single(xyzw_from_rotation(&hand)));
+                }
+            }
+        }
+    }
+}
+
+/// Returns the hand of the arm in this sample, with the weight that it has now.
+fn hand(arm: usize, sample: &Sample, blend: &Blend) -> Option<UnitQuaternion<f64>> {
+    let own = |turn: UnitQuaternion<f64>| if arm == 0 { turn } else { mirrored(&turn) };
+    let fore = own(sample.limbs.fore);
+    let bend = blend.share(sample.hand.map(|hand| fore.inverse() * own(hand)))?;
+    Some(fore * bend)
+}
+
+fn single(limb: [f64; 4]) -> [f32; 4] {
+    limb.map(|x| x as f32)
+}
