@@ -196,6 +196,9 @@ fn preflight_of_no_robot_has_one_sentence_on_the_likeliest_cause() {
     let failed: Vec<&str> = said.lines().filter(|line| line.starts_with("failed: ")).collect();
     let sentence = format!("nothing was heard of a robot in domain {} on network interface `lo`", DOMAINS[6]);
     assert!(code == Some(1) && failed.len() == 1 && failed[0].contains(&sentence), "{said}");
+    let (code, said) = preflight(&rig_at("nothing0", DOMAINS[6]).folder().join("teleop.toml"));
+    let said = said.concat();
+    assert!(code == Some(69) && said.contains("this machine has no such network interface, only "), "{said}");
 }
 
 #[test]

@@ -16,12 +16,13 @@ fn alive<T: TypeSupport>(builtin: &Subscriber, name: &str) -> Vec<T> {
     samples.unwrap_or_default().into_iter().filter_map(|sample| sample.data).collect()
 }
 
+/// Counts who is on the topics. Returns the number of participants that were discovered, our own two among them.
 pub(crate) fn look(
     builtin: &Subscriber,
     member: &Member,
     controllers: &mut [Controller],
     emergency: Option<&mut EmergencyStop>,
-) {
+) -> usize {
     let publications = alive::<PublicationBuiltinTopicData>(builtin, "DCPSPublication");
     let subscriptions = alive::<SubscriptionBuiltinTopicData>(builtin, "DCPSSubscription");
     let there: Vec<Vec<u8>> = member
@@ -52,4 +53,5 @@ pub(crate) fn look(
         controller.publishers = publications.iter().filter(publishes).count();
         controller.readers = subscriptions.iter().filter(reads).count();
     }
+    there.len()
 }

@@ -206,6 +206,7 @@ pub(crate) struct Member {
 pub(crate) fn join(settings: &Ros2Settings) -> Result<[Member; 2], String> {
     let mut udp = RtpsUdpTransportParticipantFactory::default();
     if !settings.interface.is_empty() {
+        known(&settings.interface)?;
         udp.set_interface_name(Some(settings.interface.clone()));
     }
     udp.set_udp_receive_buffer_size(Some(RECEIVED_BYTES));
@@ -230,6 +231,21 @@ pub(crate) fn join(settings: &Ros2Settings) -> Result<[Member; 2], String> {
         Ok(Member { participant, subscriber })
     };
     Ok([member()?, member()?])
+}
+
+/// Refuses a network interface that this machine does not have.
+fn known(interface: &str) -> Result<(), String> {
+    let entries = std::fs::read_dir("/sys/class/net").into_iter().flatten().flatten();
+    let mut names: Vec<String> = entries.map(|entry| entry.file_name().to_string_lossy().into_owned()).collect();
+    names.sort_unstable();
+    // Without the folder nothing is known.
+    if names.is_empty() || names.iter().any(|name| name == interface) {
+        return Ok(());
+    }
+    Err(format!(
+        "ros2.interface = \"{interface}\": this machine has no such network interface, only {}",
+        names.join(", ")
+    ))
 }
 
 /// Opens a command topic, and a writer if there is a publisher.

@@ -59,9 +59,9 @@ impl Default for Reference {
 impl Reference {
     /// Takes the reference of joint `j` at `now`.
     pub fn hear(&mut self, j: usize, q: f64, now: Stamp) {
-        let moved = (q - self.q[j]).abs() > STANDS;
-        // A NaN moves.
-        if self.known & 1 << j == 0 || moved || q.is_nan() {
+        // A NaN moves, and so does what comes after it.
+        let stands = (q - self.q[j]).abs() <= STANDS;
+        if self.known & 1 << j == 0 || !stands {
             (self.q[j], self.changed) = (q, now);
         }
         self.known |= 1 << j;
@@ -150,6 +150,9 @@ mod tests {
         assert!(!reference.meets(&Motion::rest([0.301; JOINTS_MAX]), 2));
         reference.hear(1, f64::NAN, at(302));
         assert!(!reference.stands(0b11, at(303)) && !reference.meets(&rest, 2));
+        // It does not stay.
+        reference.hear(1, 0.3, at(304));
+        assert!(reference.stands(0b11, at(505)) && reference.meets(&rest, 2));
     }
 
     #[test]

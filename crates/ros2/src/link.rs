@@ -107,6 +107,7 @@ pub struct Link {
     reporter: Option<[u8; 16]>,
     members: [Member; 2],
     looked: Stamp,
+    participants: usize,
 }
 
 impl Link {
@@ -164,6 +165,7 @@ impl Link {
             reporter: None,
             members,
             looked: Stamp::NONE,
+            participants: 0,
         })
     }
 
@@ -203,7 +205,8 @@ impl Link {
         }
         if now.since(self.looked) >= LOOK_NS {
             self.looked = now;
-            around::look(&self.builtin, &self.members[0], &mut self.controllers, self.emergency.as_mut());
+            self.participants =
+                around::look(&self.builtin, &self.members[0], &mut self.controllers, self.emergency.as_mut());
         }
         self.pressed = self.emergency.as_ref().and_then(EmergencyStop::pressed);
         news
@@ -277,6 +280,11 @@ impl Link {
             (_, true) => "the robot is stopped, and its arms are given back",
             (_, false) => "the robot is stopped and held",
         }
+    }
+
+    /// True if somebody else is in the domain, whatever it publishes.
+    pub const fn has_company(&self) -> bool {
+        self.participants > self.members.len()
     }
 
     /// True if the robot has a description and controllers of ROS.

@@ -24,7 +24,7 @@ fn end_on_panic() {
     let tell = std::panic::take_hook();
     std::panic::set_hook(Box::new(move |panic| {
         tell(panic);
-        eprintln!(
+        rt::err!(
             "teleopd-ros2: DDS failed. If /robot_description is larger than 340 kB, give sockets more memory: \
              sysctl -w net.core.rmem_max=4194304"
         );
@@ -35,10 +35,10 @@ fn end_on_panic() {
 fn preflight(options: &Preflight) -> Result<Exit, Failure> {
     let overrides = config::Overrides::robot(options.robot.as_ref());
     let (settings, model) = config::load_robot(&options.config, &overrides).map_err(Failure::with(Exit::Config))?;
-    let (model, interface, settings) = (&model, settings.driver.interface, &settings.ros2);
-    if let Some(disagreement) = disagreement(interface, model) {
+    if let Some(disagreement) = disagreement(&settings, &model) {
         return Err(Failure::new(Exit::Config, format!("{}: {disagreement}", options.config.display())));
     }
+    let (model, interface, settings) = (&model, settings.driver.interface, &settings.ros2);
     let mut link =
         Link::open(model, settings, interface, false).map_err(|cause| Failure::new(Exit::Unavailable, cause))?;
     let failures = preflight::judge(&mut link, model, settings);
@@ -48,21 +48,21 @@ fn preflight(options: &Preflight) -> Result<Exit, Failure> {
             (true, true) => "active",
             (true, false) => "silent",
         };
-        println!("{}: {activity}, {} readers, {} other publishers", seen.topic, seen.readers, seen.publishers);
+        rt::out!("{}: {activity}, {} readers, {} other publishers", seen.topic, seen.readers, seen.publishers);
     }
     if let (true, Some(heard)) = (options.dry_run, &link.heard) {
         let motion = driver::Motion::rest(heard.sample.q);
         let command = Command { k: messages::tick_at(rt::now()), motion };
         let messages = link.messages(&command).unwrap_or_default();
         for (seen, message) in link.controllers(rt::now()).iter().zip(messages) {
-            print!("{} would get\n{message}", seen.topic);
+            rt::out!("{} would get\n{message}", seen.topic);
         }
     }
     for failure in &failures {
-        println!("failed: {failure}");
+        rt::out!("failed: {failure}");
     }
     if failures.is_empty() {
-        println!("{} may be driven", model.name);
+        rt::out!("{} may be driven", model.name);
     }
     Ok(if failures.is_empty() { Exit::Ok } else { Exit::Failed })
 }

@@ -70,7 +70,9 @@ pub fn judge(link: &mut Link, model: &Model, settings: &Ros2Settings) -> Vec<Str
             }
             failures.extend(moving(model, &lowest, &highest));
             failures.extend(posture(model, &heard.sample.q));
-            failures.extend(held(model, &link.held(), &heard.sample.q));
+            if link.controllers(rt::now()).iter().all(|seen| seen.active && !seen.other_joints) {
+                failures.extend(held(model, &link.held(), &heard.sample.q));
+            }
         }
         None => failures.push(link.incomplete.clone().map_or_else(
             || {
@@ -93,12 +95,12 @@ pub fn judge(link: &mut Link, model: &Model, settings: &Ros2Settings) -> Vec<Str
     failures
 }
 
-/// Returns true if no message came from the robot, and nobody reads what we would send.
+/// Returns true if nobody else is in the domain.
 fn nothing_heard(link: &Link) -> bool {
     let state = link.heard.is_some() || link.incomplete.is_some() || link.disbelieved > 0;
     let other = link.urdf.is_some() || link.pressed.is_some();
-    let absent = |seen: &Seen| seen.readers == 0 && seen.publishers == 0 && (!seen.active || !link.has_states());
-    !state && !other && link.controllers(rt::now()).iter().all(absent)
+    let absent = |seen: &Seen| seen.readers == 0 && seen.publishers == 0;
+    !state && !other && !link.has_company() && link.controllers(rt::now()).iter().all(absent)
 }
 
 fn nothing(settings: &Ros2Settings) -> String {
@@ -107,8 +109,8 @@ fn nothing(settings: &Ros2Settings) -> String {
         name => &format!("network interface `{name}`"),
     };
     format!(
-        "nothing was heard of a robot in domain {} on {interface}: switch the robot on, set ros2.domain_id to its \
-         ROS_DOMAIN_ID and ros2.interface to the interface that leads to it, and let the network pass multicast",
+        "nothing was heard of a robot in domain {} on {interface}: switch the robot on, set ros2.domain_id to its DDS \
+         domain (ROS_DOMAIN_ID) and ros2.interface to the interface that leads to it, and let the network pass multicast",
         settings.domain_id
     )
 }
