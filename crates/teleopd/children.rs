@@ -3,6 +3,7 @@
 use crate::cli::InstanceArgs;
 use crate::doctor::holder;
 use crate::processes::{END_WITHIN, PROCESSES, READY_WITHIN};
+use crate::programs::ROS2;
 use crate::starter::{ReadySocket, ended_within};
 use instance::Instance;
 use rt::{Exit, Failure};
@@ -212,6 +213,9 @@ impl Children {
 /// Says that a process ended before it was READY. The driver may be a program of the user's own.
 fn unready(ended: &str, status: ExitStatus, place: &InstanceArgs) -> String {
     let program = config::read_settings(&place.config).map(|settings| settings.driver.program).unwrap_or_default();
+    if ended == "sim" && program.ends_with(ROS2.name()) {
+        return format!("{program} ended before it was ready ({status}): its own words say why");
+    }
     if ended != "sim" || program.is_empty() {
         return format!("{ended} ended before it was ready ({status})");
     }

@@ -53,19 +53,7 @@ pub fn run(options: &cli::Demo) -> Result<Exit, Failure> {
         interface: options.interface,
         robot: options.robot.clone(),
     };
-    out!("motion    {} ({:.1} s at {:.0} Hz)", motion.name, motion.duration_s(), motion.frame_rate_hz);
-    for warning in &motion.guesses.warnings {
-        out!("          {warning}");
-    }
-    if let Some(program) = loaded.driver_program() {
-        let ros2 = &loaded.settings.ros2;
-        out!(
-            "driver    {}; over ROS 2: domain {}, servo lag {} ms",
-            program.display(),
-            ros2.domain_id,
-            ros2.servo_lag_ms
-        );
-    }
+    tell_inputs(&motion, &loaded);
     refuse_second(&instance)?;
     let mut recorder = Recorder::start_if(options.record.as_deref(), &instance, &place)?;
     let mut children = Children::start(&instance, &place, Output::Files)?;

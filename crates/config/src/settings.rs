@@ -428,6 +428,10 @@ impl Settings {
                 cause: "driver.kind = \"robot\" needs driver.program; name the program that drives your robot".into(),
             });
         }
+        if self.driver.kind == DriverKind::Robot && self.sim.interface == sim::Interface::Jtc100Restart {
+            let cause = "sim.interface = \"jtc100-restart\" is for a simulated robot only: nothing certifies it";
+            return Err(ConfigError::Syntax { file: file.to_owned(), cause: cause.into() });
+        }
         // The driver must not miss a command that `control` may still send. The lease must not pass to another client while
         // the robot still moves for the client that fell silent.
         let lease_least_ms = self.safety.input_stale_ms + STOP_LONGEST_MS;

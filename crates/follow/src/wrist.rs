@@ -115,7 +115,7 @@ impl Course {
 impl Wrist {
     /// Creates the wrist of the left (0) or the right arm (1). `v_max`: allowed speeds of all joints, rad/s.
     pub(crate) fn new(model: &Model, side: usize, v_max: &[f64; JOINTS_MAX]) -> Self {
-        let arm = model.arms[side].clone();
+        let arm = model.arms[side];
         let first = arm.joints[WRIST_FIRST];
         let of = |value: &dyn Fn(usize) -> f64| Vector2::from_fn(|i, _| value(first + i));
         Self {

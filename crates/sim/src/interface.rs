@@ -154,7 +154,8 @@ impl Controllers {
             if k.is_multiple_of(POINT_TICKS) {
                 let point = if k == to.k { Point { q: to.q, v: to.v } } else { between(&from, to, share) };
                 self.points = [self.points[1], self.points[2], point];
-                self.restarts = self.restarts.map(|_| *measured);
+                let finite = |j: usize, before: f64| if measured[j].is_finite() { measured[j] } else { before };
+                self.restarts = self.restarts.map(|before| std::array::from_fn(|j| finite(j, before[j])));
             }
             each(&self.executed(k));
         }

@@ -16,7 +16,7 @@ fn allocated() -> u64 {
 #[test]
 fn tick_with_either_interface_allocates_nothing() {
     rt::watch_allocations();
-    for interface in [Interface::Direct, Interface::Jtc100] {
+    for interface in [Interface::Direct, Interface::Jtc100, Interface::Jtc100Restart] {
         allocates_nothing(&Options { interface, ..Options::default() });
     }
 }

@@ -110,6 +110,13 @@ impl<'a> Live<'a> {
         Ok(())
     }
 
+    /// Returns the last error or warning of the driver.
+    fn last_complaint(&self) -> Option<String> {
+        let log = std::fs::read_to_string(self.children.log("sim")).ok()?;
+        let bad = |line: &&str| line.contains("ERROR") || line.contains("WARN");
+        log.lines().rev().find(bad).map(|line| line.trim().to_owned())
+    }
+
     /// Waits for a status for which `done` returns true. Returns false if it does not come.
     fn wait(&self, within: Duration, done: impl Fn(&Status) -> bool) -> Result<bool, Stop> {
         let Some(operator) = &self.operator else { return Ok(false) };
@@ -257,7 +264,8 @@ impl Robot for Live<'_> {
 
     fn why(&mut self) -> String {
         let status = self.operator.as_ref().and_then(OperatorSession::status);
-        status.map_or_else(|| "control does not answer.".into(), |status| explain::why(&status, &self.names))
+        let why = status.map_or_else(|| "control does not answer.".into(), |status| explain::why(&status, &self.names));
+        self.last_complaint().map_or_else(|| why.clone(), |line| format!("{why} The driver's log ends with: {line}"))
     }
 
     fn kill(&mut self, victim: Victim) -> Result<f64, Stop> {

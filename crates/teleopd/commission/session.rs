@@ -27,7 +27,7 @@ const STEPS: [Step; 5] = [
     Step { title: "Preflight", shows: "Checks machine, settings and robot. Nothing moves.", work: preflight },
     Step {
         title: "Emergency stop",
-        shows: "Starts the driver and control. You press the robot's emergency stop, and release it. Nothing moves.",
+        shows: "Starts the driver and control. When you are asked, you press the robot's emergency stop, and release it. Nothing moves.",
         work: emergency::run,
     },
     Step {
