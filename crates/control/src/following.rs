@@ -21,12 +21,26 @@ const AVERAGES_S: [f64; 2] = [0.5, 1.5];
 /// [`ALIGNED_LIMBS_RAD`].
 const FALLEN: f64 = 0.8;
 
+/// Time in which hands and head get their full speed once the arms have theirs, s: as long as the ramp of engaging. Arms
+/// are aligned before they get it. A hand or a head may be anywhere, because engaging does not wait for it.
+const POINTING_RAMP_S: f64 = 2.0;
+
 /// State of the following.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub(super) struct Following {
     state: follow::State,
+    /// Share of the speeds that hands and head may use.
+    pointing_scale: f64,
+    /// Wished positions of the head's joints, rad. `None` before the first tick.
+    head: Option<[f64; 2]>,
     /// Mean limb error over both of [`AVERAGES_S`], rad. `None` before the first tick.
     averages_rad: Option<[f64; 2]>,
+}
+
+impl Default for Following {
+    fn default() -> Self {
+        Self { state: follow::State::default(), pointing_scale: engage::SPEED_SCALE_FIRST, head: None, averages_rad: None }
+    }
 }
 
 /// Motion that whole-body control should reach.
@@ -76,9 +90,10 @@ impl Following {
     ) -> Option<Wish> {
         let engage::Permit::Follow { speed_scale } = permit else {
             self.state.forget();
-            self.averages_rad = None;
+            (self.pointing_scale, self.head, self.averages_rad) = (engage::SPEED_SCALE_FIRST, None, None);
             return target.map(|target| Wish::of_target(target, [0.0; JOINTS_MAX]));
         };
+        self.pointing_scale = (self.pointing_scale + messages::TICK_S / POINTING_RAMP_S).min(speed_scale);
         let target = target?;
         if !has_way(target) {
             let dq = if late { [0.0; JOINTS_MAX] } else { target.dq };
@@ -94,9 +109,11 @@ impl Following {
             q,
             v,
             speed_scale,
+            wrist_speed_scale: self.pointing_scale,
         };
         let follow::Output { aims } = follow::tick(&config.follow, &mut self.state, input);
         let mut wish = Wish::of_target(target, [0.0; JOINTS_MAX]);
+        self.turn_head(config, q, &mut wish);
         for (j, aim) in aims.iter().enumerate() {
             if let Some(aim) = aim {
                 (wish.q[j], wish.dq[j], wish.ddq[j]) = (aim.q, aim.v, aim.a);
@@ -104,6 +121,21 @@ impl Following {
             }
         }
         Some(wish)
+    }
+
+    /// Lets the wish of the head go from the command to the target, or home without one, at the speed that it has.
+    fn turn_head(&mut self, config: &Config, q: &[f64; JOINTS_MAX], wish: &mut Wish) {
+        let Some(head) = &config.model.head else { return };
+        let wished = self.head.get_or_insert(head.joints.map(|j| q[j]));
+        for (now, j) in wished.iter_mut().zip(head.joints) {
+            let most = self.pointing_scale * config.model.limits[j].v_max * messages::TICK_S;
+            let goal = if wish.valid_mask & 1 << j != 0 { wish.q[j] } else { config.model.home[j] };
+            // The bounds would make a step down of NaN. The head holds instead.
+            if !goal.is_nan() {
+                *now = goal.max(*now - most).min(*now + most);
+            }
+            (wish.q[j], wish.valid_mask) = (*now, wish.valid_mask | 1 << j);
+        }
     }
 
     /// Judges how near a command at `q` with velocities `v` is to the target.

@@ -106,6 +106,8 @@ pub struct Input<'a> {
     pub v: &'a [f64; JOINTS_MAX],
     /// Share of the speeds that may be used, (0, 1].
     pub speed_scale: f64,
+    /// The same for the wrists.
+    pub wrist_speed_scale: f64,
 }
 
 /// Result of a tick.
@@ -216,7 +218,7 @@ impl Default for State {
 /// let way_first = 3000 / WAY_NODE_TICKS;
 /// let input = follow::Input {
 ///     k: 3000, way: t_pose, way_first, valid_mask: ALL_JOINTS, prior: home, hands: &[[[0.0; 4]; 2]; 6], q: home, v: rest,
-///     speed_scale: 1.0,
+///     speed_scale: 1.0, wrist_speed_scale: 1.0,
 /// };
 /// let out = follow::tick(&config, &mut follow::State::new(), input);
 /// assert!(out.aims[model.arms[0].joints[0]].is_some());
@@ -294,7 +296,7 @@ fn look(config: &Config, state: &mut State, input: &Input<'_>) {
     state.look_step += 1;
     if state.look_step == WATCHED.len() {
         let speed = led.then(|| hand_speed(config, state, input, arm));
-        config.wrists[arm].step(&mut state.wrists[arm], speed, input.speed_scale, LOOK_S);
+        config.wrists[arm].step(&mut state.wrists[arm], speed, input.wrist_speed_scale, LOOK_S);
         (state.look_step, state.look_arm) = (0, 1 - arm);
     }
 }
@@ -423,6 +425,7 @@ mod tests {
             q: &model.home,
             v: &rest,
             speed_scale: 1.0,
+            wrist_speed_scale: 1.0,
         };
         let mut state = State::new();
         tick(&config, &mut state, input(3000, ALL_JOINTS));

@@ -23,7 +23,7 @@ pub(crate) struct Way {
     pub(crate) seen: u32,
 }
 
-/// What is known of the person.
+/// The person as known so far.
 pub(crate) struct Person<'a> {
     /// Both arms.
     pub(crate) tracks: &'a [Track; ARMS],

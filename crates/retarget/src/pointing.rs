@@ -1,4 +1,4 @@
-//! What the person's hands and head point at.
+//! Hands and head of the person, and how they come and go.
 
 use crate::arm::{rotation_from_xyzw, rotation_of_arm, slerp};
 use messages::{Skeleton, skeleton_flag};

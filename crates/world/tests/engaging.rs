@@ -3,7 +3,8 @@
 
 use crate::support;
 
-use messages::{Faults, JOINTS_MAX, Mode, TICK_HZ, TICK_S};
+use messages::{Faults, JOINTS_MAX, JointTarget, Layout, Mode, TICK_HZ, TICK_S, WAY_NODES};
+use nalgebra::{Matrix3, Rotation3, UnitQuaternion};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use robot::{Frames, Model};
@@ -103,6 +104,62 @@ fn f065_engaging_begins_without_jump_from_any_clear_posture() {
         bench.assert_no_violations(&context);
     }
     assert!(travelled > 0.5 * f64::from(POSTURES), "the robots hardly moved: {travelled} rad");
+}
+
+/// A person as the robot at `q`, with wrists bent by `bent`. x y z w.
+fn person(model: &Model, q: &[f64; JOINTS_MAX], bent: [f64; 2]) -> Box<JointTarget> {
+    let xyzw = |matrix: Matrix3<f64>| {
+        UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(matrix)).coords.data.0[0]
+    };
+    let mut target = Box::new(JointTarget::ZERO);
+    for (side, arm) in model.arms.iter().enumerate() {
+        let (upper, fore) = arm.limb_rotations(&std::array::from_fn(|i| q[arm.joints[i]]));
+        target.human_limbs[2 * side..2 * side + 2].copy_from_slice(&[xyzw(upper), xyzw(fore)]);
+        let hand = xyzw(fore * model.wrists[side].rotation(bent)).map(|x| x as f32);
+        target.way_hands.iter_mut().for_each(|hands| hands[side] = hand);
+    }
+    target.way = [target.human_limbs.map(|limb| limb.map(|x| x as f32)); WAY_NODES];
+    target.way_nodes = WAY_NODES as u32;
+    target
+}
+
+#[test]
+fn hands_and_head_begin_slowly_once_the_arms_are_aligned() {
+    let loaded = loaded();
+    let model = &loaded.model;
+    let mut bench = Bench::new(&loaded, model.home, 1);
+    let bent = [-0.9, -0.8];
+    // The arms are where the person's are, and hands and head are not.
+    let mut there = model.home;
+    let head = model.head.expect("TIAGo++ has one");
+    for (joints, by) in model.wrists.iter().map(|wrist| (wrist.joints, bent)).chain([(head.joints, [0.8, 0.4])]) {
+        joints.into_iter().zip(by).for_each(|(j, by)| there[j] += by);
+    }
+    (bench.target, bench.person) = (Some(there), person(model, &model.home, bent));
+    bench.settle();
+    bench.press_enable();
+    let mut ticks = 0;
+    while bench.mode() != Mode::Engaged {
+        bench.step();
+        ticks += 1;
+        assert!(ticks < 2 * TICK_HZ, "aligned arms engage after a second: {:?}", bench.mode());
+    }
+    let pointing: Vec<usize> = model.wrists.iter().flat_map(|wrist| wrist.joints).chain(head.joints).collect();
+    for n in 0..TICK_HZ {
+        bench.step();
+        let allowed = SLOW + n as f64 / TICK_HZ as f64 / 2.0;
+        for &j in &pointing {
+            let share = bench.commanded().v[j].abs() / model.limits[j].v_max;
+            assert!(share <= allowed + 0.02, "tick {n}: joint {j} at {share:.3} of its speed, {allowed:.3} is due");
+        }
+    }
+    for _ in 0..3 * TICK_HZ {
+        bench.step();
+    }
+    for j in pointing {
+        assert!((bench.commanded().q[j] - there[j]).abs() < 0.02, "joint {j}: {} of {}", bench.commanded().q[j], there[j]);
+    }
+    bench.assert_no_violations("slowly");
 }
 
 #[test]

@@ -211,6 +211,7 @@ impl Robot {
             q: &self.q,
             v: &self.v,
             speed_scale: self.speed_scale,
+            wrist_speed_scale: self.speed_scale,
         };
         let output = tick(&self.config, &mut self.state, input);
         for (j, aim) in output.aims.iter().enumerate() {

@@ -4,7 +4,7 @@
 use config::{Loaded, Overrides};
 use messages::{
     ALL_JOINTS, Faults, Header, JOINTS_MAX, JointTarget, Layout, Mode, RobotState, Stamp, Status, Subject, TICK_HZ,
-    Transition, deadline, target_flag,
+    Transition, WAY_NODE_TICKS, deadline, target_flag,
 };
 use robot::{Frames, Model};
 use safety::engage::OperatorView;
@@ -31,6 +31,8 @@ pub struct Bench {
     /// True if a new robot state has arrived since the last tick of control.
     spoke: bool,
     pub target: Option<[f64; JOINTS_MAX]>,
+    /// The rest of a target. Without a way of the person, the joints are followed.
+    pub person: Box<JointTarget>,
     pub hand: OperatorView,
     pub status: Status,
 }
@@ -51,6 +53,7 @@ impl Bench {
             echo: None,
             spoke: true,
             target: None,
+            person: Box::new(JointTarget::ZERO),
             hand: OperatorView { connected: true, ..OperatorView::default() },
             status: Status::ZERO,
         }
@@ -145,7 +148,8 @@ impl Bench {
             valid_mask: ALL_JOINTS,
             flags: target_flag::INPUT_FRESH,
             session_nonce: 70,
-            ..JointTarget::ZERO
+            way_first: self.k / WAY_NODE_TICKS + 1,
+            ..*self.person
         });
         self.hand.heartbeat_received = now;
         let robot = self.echo.map(|mut state| {
