@@ -26,6 +26,9 @@ pub enum Command {
     Calibrate(CalibrateArgs),
     /// Engages and holds the enable until Ctrl-C. Then releases.
     Engage,
+    /// Holds the clutch until Ctrl-C: the robot stands, and the person moves freely. Then the robot moves slowly to where the
+    /// person is, and follows again.
+    Clutch,
     /// Slowly brings back a robot that is outside its limits or too close to itself, until Ctrl-C. Never engages.
     Recover,
     /// Releases the enable, whichever client holds it. The robot stops and keeps its posture.

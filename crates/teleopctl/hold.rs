@@ -51,6 +51,30 @@ pub fn hold(client: &mut Client, first: &Status, names: &Names, begins: &str) ->
     }
 }
 
+/// Holds the clutch at 50 Hz until Ctrl-C. Returns true if the robot follows again afterwards.
+pub fn clutch(client: &mut Client, first: &Status, names: &Names) -> Result<bool, OperatorError> {
+    let stop = rt::Shutdown::on_signals().expect("signal handlers can be installed");
+    let mut diary = Diary { begun: Instant::now(), shown: first.transition_count, note: None };
+    diary.says("the clutch is held; Ctrl-C lets go, and the robot follows again");
+    let (mut beat, mut let_go_at) = (diary.begun, None);
+    loop {
+        let last = client.heartbeat()?;
+        diary.tells(&last, names);
+        if has_ended(&last) {
+            return Ok(false);
+        }
+        if let_go_at.is_some_and(|at: Instant| at.elapsed() > REFUSED_AFTER) && mode(&last) != Mode::Holding {
+            return Ok(true);
+        }
+        if stop.requested() && let_go_at.is_none() {
+            client.clutch(false);
+            let_go_at = Some(Instant::now());
+        }
+        beat += HEARTBEAT;
+        std::thread::sleep(beat.saturating_duration_since(Instant::now()));
+    }
+}
+
 fn has_ended(status: &Status) -> bool {
     matches!(mode(status), Mode::Disengaged | Mode::Faulted)
 }

@@ -46,6 +46,7 @@ fn obey(client: &mut Client, run_dir: &Path, command: Command) -> Result<bool, O
         Command::Watch => watch::run(client, run_dir),
         Command::Calibrate(args) => calibrate(client, run_dir, &args),
         Command::Engage => engage(client, run_dir),
+        Command::Clutch => clutch(client, run_dir),
         Command::Recover => recover(client, run_dir),
         Command::Release => {
             client.release();
@@ -215,6 +216,18 @@ fn engage(client: &mut Client, run_dir: &Path) -> Result<bool, OperatorError> {
     }
     client.enable();
     hold::hold(client, &first, &names, "the enable is held; Ctrl-C releases it")
+}
+
+/// Holds the clutch until Ctrl-C, or until nobody holds the enable any more.
+fn clutch(client: &mut Client, run_dir: &Path) -> Result<bool, OperatorError> {
+    let first = client.heartbeat()?;
+    let names = instance::read_names(run_dir);
+    if !matches!(mode(&first), Mode::Engaging | Mode::Engaged | Mode::Holding) {
+        out!("nothing to hold: {}", mode(&first).name());
+        return Ok(false);
+    }
+    client.clutch(true);
+    hold::clutch(client, &first, &names)
 }
 
 /// Holds the recovery until Ctrl-C, or until the robot is back.

@@ -39,7 +39,12 @@ pub(super) struct Following {
 
 impl Default for Following {
     fn default() -> Self {
-        Self { state: follow::State::default(), pointing_scale: engage::SPEED_SCALE_FIRST, head: None, averages_rad: None }
+        Self {
+            state: follow::State::default(),
+            pointing_scale: engage::SPEED_SCALE_FIRST,
+            head: None,
+            averages_rad: None,
+        }
     }
 }
 

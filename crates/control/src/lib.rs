@@ -195,6 +195,7 @@ fn observe(config: &Config, state: &mut State, input: &Input<'_>, missed: u64) -
         config_matches: target.header.config_hash == config.config_hash && target.robot == config.model.id(),
         input_fresh: target.flags & target_flag::INPUT_FRESH != 0,
         input_received: target.input_received,
+        clutch: target.flags & target_flag::CLUTCH != 0,
         implausible: implausible(&target),
         jumped: input.target.is_some()
             && state.steps.jumped(&config.model, target.k, &target.q, target.valid_mask, following::person(&target)),

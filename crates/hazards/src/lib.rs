@@ -40,7 +40,7 @@ pub enum Answer {
 }
 
 /// The groups of the list, in its order: title and hazards.
-pub const GROUPS: [(&str, &[Hazard]); 11] = [
+pub const GROUPS: [(&str, &[Hazard]); 12] = [
     ("Contents of a skeleton", input::CONTENT),
     ("Timing of skeletons", input::TIMING),
     ("Network and numbers", robot::NUMBERS),
@@ -52,6 +52,7 @@ pub const GROUPS: [(&str, &[Hazard]); 11] = [
     ("Files", system::FILES),
     ("Intruders", system::INTRUDERS),
     ("A robot on ROS 2", robot::ROS2),
+    ("The clutch", robot::CLUTCH),
 ];
 
 /// Returns every hazard, in the order of the groups.
@@ -78,7 +79,7 @@ mod tests {
         for (index, hazard) in all().enumerate() {
             assert_eq!(hazard.id, format!("f{:03}", index + 1), "{}", hazard.what);
         }
-        assert_eq!(all().count(), 118);
+        assert_eq!(all().count(), 119);
     }
 
     #[test]

@@ -173,3 +173,10 @@ pub(crate) const ROS2: &[Hazard] = &[
         "10 ms + B",
     ),
 ];
+
+pub(crate) const CLUTCH: &[Hazard] = &[does(
+    "f119",
+    "a person lets go of the clutch far from the robot's pose, or the clutch's client dies",
+    "as f065; without a client to let go, the enable is released",
+    "every tick",
+)];

@@ -57,7 +57,7 @@ impl Layouts {
 
 /// See [`Layouts::convert`]. `map` must be that of the frame's layout.
 fn convert(map: &Map, raw: &RawSkeleton) -> Result<RawSkeleton, Refusal> {
-    let known = raw_flag::MIRRORED | raw_flag::ROTATIONS | raw_flag::LOCAL;
+    let known = raw_flag::MIRRORED | raw_flag::ROTATIONS | raw_flag::LOCAL | raw_flag::CLUTCH;
     if raw.joint_count as usize != map.joints || raw.flags & !known != 0 {
         return Err(Refusal::Count);
     }
@@ -90,6 +90,7 @@ fn convert(map: &Map, raw: &RawSkeleton) -> Result<RawSkeleton, Refusal> {
     out.joint_count = SMPL_JOINTS as u32;
     out.flags = if sent == Sends::Positions { 0 } else { raw_flag::ROTATIONS };
     out.flags |= if mirrored && !turned_back { raw_flag::MIRRORED } else { 0 };
+    out.flags |= raw.flags & raw_flag::CLUTCH;
     out.calibration = calibration(map, &raw.calibration);
     for joint in 0..SMPL_JOINTS {
         let q = body.rotation[joint];

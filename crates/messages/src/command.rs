@@ -9,6 +9,8 @@ use crate::time::{Header, Stamp};
 pub mod target_flag {
     /// The input is fresh and has been steady. A person drives every arm whose joints `valid_mask` contains.
     pub const INPUT_FRESH: u32 = 1;
+    /// `raw_flag::CLUTCH` of the newest skeleton.
+    pub const CLUTCH: u32 = 2;
     // Bits 5 to 7 are `PersonChange::FLAGS`.
 }
 

@@ -104,6 +104,7 @@ faults! {
     DeadlineMissed: Stop, 1, "Control missed too many deadlines in a row.";
     DriverFault: Stop, 1, "The driver latched a fault.";
     GateDenied: Stop, 3, "The gate denied commands of whole-body control.";
+    Clutch: Hold, 1, "The clutch is held: the person moves freely, and the robot stands.";
 }
 
 impl Fault {

@@ -11,6 +11,9 @@ pub const HOLDS_ENABLE: u32 = 1;
 /// Value of `OperatorRequest::enable_level` while the recovery is held.
 pub const HOLDS_RECOVERY: u32 = 2;
 
+/// Bit of `OperatorRequest::enable_level` while the clutch is held, with or without one of the others.
+pub const HOLDS_CLUTCH: u32 = 4;
+
 /// Bits of `OperatorRequest::payload_flags`.
 pub mod payload_flag {
     /// The payload is that of the right hand, else that of the left one.
@@ -27,7 +30,7 @@ message! {
     pub struct OperatorRequest v 3 size 72 {
         /// `OPERATOR_VERSION`.
         pub version: u32,
-        /// State of the operator's hold: `HOLDS_ENABLE`, `HOLDS_RECOVERY`, or 0 for nothing.
+        /// State of the operator's hold: `HOLDS_ENABLE`, `HOLDS_RECOVERY`, or 0 for nothing. `HOLDS_CLUTCH` is added to it.
         pub enable_level: u32,
         /// Press edges of the enable or the recovery.
         pub enable_count: u32,

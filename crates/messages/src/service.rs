@@ -77,7 +77,7 @@ pub const SERVICES: [ServiceRow; 9] = [
     row(Service::JointTarget, "teleop/joint_target/5", Domain::Core, "retarget", 1, 1500, 10),
     row(Service::JointCommand, "teleop/joint_command/2", Domain::Core, "control", 1, 1500, 10),
     row(Service::RobotState, "teleop/robot_state/2", Domain::Core, "driver", 1, 1500, 5),
-    row(Service::Status, "teleop/status/8", Domain::Core, "control", 1, 50, 500),
+    row(Service::Status, "teleop/status/9", Domain::Core, "control", 1, 50, 500),
     row(Service::InputStatus, "teleop/input_status/1", Domain::Core, "ingest", 1, 10, 0),
     ServiceRow {
         kept: SETPOINTS_KEPT,

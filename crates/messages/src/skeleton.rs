@@ -123,6 +123,8 @@ pub mod raw_flag {
     /// The rotations are relative to the parent joint, and only the root's position is used. Valid only with
     /// `ROTATIONS`.
     pub const LOCAL: u32 = 4;
+    /// The person holds the clutch: the robot stands until a frame without it.
+    pub const CLUTCH: u32 = 8;
 }
 
 /// Bits of `HingeCalibration::flags`.
@@ -146,6 +148,8 @@ pub mod skeleton_flag {
     pub const HAND: [u32; 2] = [256, 512];
     /// The head is valid.
     pub const HEAD: u32 = 1024;
+    /// `raw_flag::CLUTCH`.
+    pub const CLUTCH: u32 = 2048;
 }
 
 message! {

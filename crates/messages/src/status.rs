@@ -81,7 +81,7 @@ impl Transition {
 
 message! {
     /// State of the control process.
-    pub struct Status v 8 size 832 {
+    pub struct Status v 9 size 832 {
         /// Writer is `control`.
         pub header: Header,
         /// Tick of this status.
@@ -184,8 +184,6 @@ message! {
         pub limited_why: u32,
         /// Joint or pair that the limit concerns: the code of a `Subject`, zero for none.
         pub limited_about: u32,
-        /// Zero.
-        pub reserved: u32,
     }
 }
 

@@ -9,7 +9,7 @@ const PYTHON: &str = "/../../tools/clients/python/teleopd_client/layout.py";
 const C: &str = "/../../tools/clients/c/teleopd.h";
 
 /// Names, values and meanings of the numbers that a frame holds.
-const NUMBERS: [(&str, u64, &str); 13] = [
+const NUMBERS: [(&str, u64, &str); 14] = [
     ("RAW_JOINTS_MAX", RAW_JOINTS_MAX as u64, "the most joints that a frame can carry"),
     ("LIMBS", LIMBS as u64, "left upper arm, left forearm, right upper arm, right forearm"),
     ("LAYOUT_SMPL22", SkeletonLayout::Smpl22 as u64, "SMPL-22, metres, x forward, y left, z up"),
@@ -34,6 +34,7 @@ const NUMBERS: [(&str, u64, &str); 13] = [
         raw_flag::LOCAL as u64,
         "they are relative to the parent joint; of the positions the root's alone counts",
     ),
+    ("FLAG_CLUTCH", raw_flag::CLUTCH as u64, "the robot stands until a frame without it"),
     ("CALIBRATION_ALL", calibration_flag::ALL as u64, "all four hinges of the calibration are valid"),
 ];
 

@@ -3,7 +3,8 @@
 use crate::codec::{self, STATUS_BYTES};
 use crate::error::OperatorError;
 use messages::{
-    HOLDS_ENABLE, HOLDS_RECOVERY, Layout, OPERATOR_VERSION, OperatorRequest, PayloadOrder, Status, payload_flag,
+    HOLDS_CLUTCH, HOLDS_ENABLE, HOLDS_RECOVERY, Layout, OPERATOR_VERSION, OperatorRequest, PayloadOrder, Status,
+    payload_flag,
 };
 use rustix::io::Errno;
 use rustix::net::{self, RecvFlags, SendFlags};
@@ -65,15 +66,21 @@ impl Client {
     }
 
     fn hold(&mut self, what: u32) -> &mut Self {
-        self.request.enable_level = what;
+        self.request.enable_level = what | self.request.enable_level & HOLDS_CLUTCH;
         self.request.enable_count = self.request.enable_count.wrapping_add(1);
         self
     }
 
     /// Releases the enable or the recovery with the next heartbeat. Also withdraws that of another connection.
     pub fn release(&mut self) -> &mut Self {
-        self.request.enable_level = 0;
+        self.request.enable_level &= HOLDS_CLUTCH;
         self.request.release_count = self.request.release_count.wrapping_add(1);
+        self
+    }
+
+    /// Holds the clutch from the next heartbeat on, or lets go of it. The robot stands while any client holds it.
+    pub fn clutch(&mut self, held: bool) -> &mut Self {
+        self.request.enable_level = self.request.enable_level & !HOLDS_CLUTCH | if held { HOLDS_CLUTCH } else { 0 };
         self
     }
 

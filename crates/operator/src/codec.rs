@@ -1,6 +1,6 @@
 //! The bytes on the socket: the fields of the message in their order, little-endian ([`Layout::put`]).
 
-use messages::{HOLDS_RECOVERY, Layout, Message, OPERATOR_VERSION, OperatorRequest, Status};
+use messages::{HOLDS_CLUTCH, HOLDS_RECOVERY, Layout, Message, OPERATOR_VERSION, OperatorRequest, Status};
 
 /// Length of a request.
 pub const REQUEST_BYTES: usize = size_of::<OperatorRequest>();
@@ -18,7 +18,7 @@ pub fn encode_request(request: &OperatorRequest) -> [u8; REQUEST_BYTES] {
 /// the payload report, because a wrong one must not hide an emergency stop in the same request.
 pub fn decode_request(bytes: &[u8]) -> Option<OperatorRequest> {
     let request = OperatorRequest::from_le_bytes(bytes)?;
-    (request.version == OPERATOR_VERSION && request.enable_level <= HOLDS_RECOVERY).then_some(request)
+    (request.version == OPERATOR_VERSION && request.enable_level & !HOLDS_CLUTCH <= HOLDS_RECOVERY).then_some(request)
 }
 
 /// Returns the bytes of a status.

@@ -1,7 +1,7 @@
 //! Merges the requests of many connections into the commands of one operator. Does no IO and reads no clock.
 
 use crate::locks::{Locks, ResetRule};
-use messages::{HOLDS_ENABLE, HOLDS_RECOVERY, OperatorRequest, PayloadOrder, Stamp, payload_flag};
+use messages::{HOLDS_CLUTCH, HOLDS_ENABLE, HOLDS_RECOVERY, OperatorRequest, PayloadOrder, Stamp, payload_flag};
 
 /// Largest number of connections at once.
 pub const CLIENTS_MAX: usize = 16;
@@ -22,6 +22,8 @@ pub struct OperatorView {
     /// True if the holder holds the recovery in place of the enable. There is one holder, and it holds one of the
     /// two.
     pub recover_level: bool,
+    /// True if a connection holds the clutch.
+    pub clutch_level: bool,
     /// Time of the holder's last heartbeat, or of the last holder's if there is none.
     pub heartbeat: Stamp,
     /// Enable edges of a holder.
@@ -72,6 +74,8 @@ pub(crate) struct Merge {
     pub(crate) view: OperatorView,
     /// The connection that holds the enable.
     pub(crate) holder: Option<usize>,
+    /// The connection that holds the clutch, and its last heartbeat. A second one counts once the first lets go.
+    clutch: Option<(usize, Stamp)>,
     /// True if a release arrived in this round. It cancels an enable of the same round, whatever the order of the
     /// seats.
     released: bool,
@@ -85,6 +89,11 @@ impl Merge {
         self.released = false;
         if self.holder.is_some() && now.since(self.view.heartbeat) > lease_ns {
             self.lose();
+        }
+        if let Some((index, heard)) = self.clutch
+            && now.since(heard) > lease_ns
+        {
+            self.lose_clutch(index);
         }
     }
 
@@ -118,7 +127,8 @@ impl Merge {
         self.payload(payloads, request);
         let released_by_another = self.released;
         let held = self.holder == Some(index);
-        let kept = match request.enable_level {
+        let level = request.enable_level & !HOLDS_CLUTCH;
+        let kept = match level {
             HOLDS_ENABLE => self.view.enable_level,
             HOLDS_RECOVERY => self.view.recover_level,
             _ => false,
@@ -129,10 +139,11 @@ impl Merge {
             self.let_go();
         }
         // A grip that is already released grants nothing: edges grant authority, levels withdraw it.
-        if enables > 0 && request.enable_level != 0 {
+        if enables > 0 && level != 0 {
             // A release of the same request came before the edge, because the level is up.
-            self.hold(index, request.enable_level, u64::from(enables), released_by_another);
+            self.hold(index, level, u64::from(enables), released_by_another);
         }
+        self.clutch(index, now, request.enable_level & HOLDS_CLUTCH != 0);
         if self.holder == Some(index) {
             self.view.heartbeat = now;
         }
@@ -193,6 +204,25 @@ impl Merge {
         *counted += edges;
     }
 
+    fn clutch(&mut self, index: usize, now: Stamp, held: bool) {
+        match self.clutch {
+            Some((holder, _)) if holder != index => {}
+            _ => self.clutch = held.then_some((index, now)),
+        }
+        self.view.clutch_level = self.clutch.is_some();
+    }
+
+    /// Handles the loss of the clutch's holder. Nobody let go of it, so the robot must not follow again by itself: the enable
+    /// is released, too.
+    fn lose_clutch(&mut self, index: usize) {
+        if self.clutch.is_some_and(|(holder, _)| holder == index) {
+            (self.clutch, self.view.clutch_level) = (None, false);
+            self.view.release_edges += 1;
+            self.released = true;
+            self.let_go();
+        }
+    }
+
     fn let_go(&mut self) {
         self.holder = None;
         (self.view.enable_level, self.view.recover_level) = (false, false);
@@ -203,10 +233,80 @@ impl Merge {
         if self.holder == Some(index) {
             self.lose();
         }
+        self.lose_clutch(index);
     }
 
     fn lose(&mut self) {
         self.view.holders_lost += 1;
         self.let_go();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use messages::Layout;
+
+    /// A merge with its connections. Each says a level.
+    #[derive(Default)]
+    struct House {
+        merge: Merge,
+        seats: Vec<(Connection, OperatorRequest)>,
+        now: Stamp,
+    }
+
+    impl House {
+        fn new(seats: usize) -> Self {
+            let seat = (Connection::new(Stamp::NONE), OperatorRequest::ZERO);
+            Self { seats: vec![seat; seats], ..Self::default() }
+        }
+
+        fn say(&mut self, index: usize, change: impl Fn(&mut OperatorRequest)) -> OperatorView {
+            self.now = self.now.plus_ns(20_000_000);
+            self.merge.begin(self.now, LEASE_NS);
+            let (seat, request) = &mut self.seats[index];
+            request.sequence += 1;
+            change(request);
+            assert!(self.merge.request(index, 0, seat, self.now, &request.clone()));
+            self.merge.view
+        }
+    }
+
+    fn enable(request: &mut OperatorRequest) {
+        request.enable_level = HOLDS_ENABLE;
+        request.enable_count += 1;
+    }
+
+    #[test]
+    fn f119_any_client_may_hold_the_clutch_and_the_first_counts() {
+        let mut house = House::new(2);
+        house.say(0, enable);
+        let view = house.say(1, |r| r.enable_level = HOLDS_CLUTCH);
+        assert_eq!((view.enable_level, view.clutch_level, view.release_edges), (true, true, 0));
+        // The holder of the enable may hold both.
+        house.say(0, |r| r.enable_level = HOLDS_ENABLE | HOLDS_CLUTCH);
+        house.say(1, |r| r.enable_level = 0);
+        let view = house.say(0, |_| ());
+        assert_eq!((view.enable_level, view.clutch_level, view.release_edges), (true, true, 0));
+        let view = house.say(0, |r| r.enable_level = HOLDS_ENABLE);
+        assert_eq!((view.enable_level, view.clutch_level, view.release_edges), (true, false, 0));
+    }
+
+    #[test]
+    fn f119_clutch_whose_client_is_lost_releases_the_robot() {
+        for dies in [true, false] {
+            let mut house = House::new(2);
+            house.say(0, enable);
+            assert!(house.say(1, |r| r.enable_level = HOLDS_CLUTCH).clutch_level);
+            if dies {
+                house.merge.gone(1);
+            }
+            // The other client goes on. The lost one is silent for longer than the lease.
+            for _ in 0..LEASE_NS / 20_000_000 + 1 {
+                house.say(0, |_| ());
+            }
+            let view = house.merge.view;
+            assert_eq!((view.enable_level, view.clutch_level, view.release_edges), (false, false, 1), "dies: {dies}");
+        }
     }
 }

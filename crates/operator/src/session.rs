@@ -18,6 +18,7 @@ enum Request {
     Enable,
     Release,
     Reset,
+    Clutch(bool),
 }
 
 /// Shared by the session and its thread.
@@ -72,6 +73,11 @@ impl OperatorSession {
     /// Requests a reset of the latched faults.
     pub fn reset(&self) {
         self.request(Request::Reset);
+    }
+
+    /// Holds the clutch, or lets go of it.
+    pub fn clutch(&self, held: bool) {
+        self.request(Request::Clutch(held));
     }
 
     /// Presses the emergency stop. It overtakes other requests.
@@ -137,6 +143,7 @@ fn heartbeats(mut client: Client, requests: &Receiver<Request>, shared: &Shared)
                 Ok(Request::Enable) => _ = client.enable(),
                 Ok(Request::Release) => _ = client.release(),
                 Ok(Request::Reset) => _ = client.reset(),
+                Ok(Request::Clutch(held)) => _ = client.clutch(held),
                 Err(TryRecvError::Empty | TryRecvError::Disconnected) => {}
             }
         }

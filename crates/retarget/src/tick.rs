@@ -197,6 +197,8 @@ pub struct State {
     /// Session of the newest skeleton, without what was forgotten, and why it is another one than before.
     person: u64,
     change: PersonChange,
+    /// The newest skeleton holds the clutch.
+    clutch: bool,
     counters: Counters,
     way: Way,
 }
@@ -334,6 +336,7 @@ fn take(config: &Config, state: &mut State, now: Stamp, skeleton: &Skeleton) {
         return;
     };
     state.counters.skeletons += 1;
+    state.clutch = skeleton.flags & skeleton_flag::CLUTCH != 0;
     let arms = [human_arm(skeleton, 0, &mut state.counters), human_arm(skeleton, 1, &mut state.counters)];
     let latents = config.solver.encode(&arms.map(|limbs| limbs.unwrap_or_else(Limbs::identity)));
     let mut used = [false; ARMS];
@@ -448,6 +451,7 @@ fn assemble(
     target.input_sequence = state.sequence;
     target.session_nonce = state.session;
     target.flags = state.change.flags() | if ready { target_flag::INPUT_FRESH } else { 0 };
+    target.flags |= if state.clutch { target_flag::CLUTCH } else { 0 };
     let latents = shown.map(|sample| sample.map_or(Latent::default(), |sample| sample.latent));
     let mut faults = Faults::NONE;
     faults.set(Fault::InputStale, !ready);

@@ -1,6 +1,7 @@
 //! All integration tests of `safety`, except those that count allocations. They are one program, so that it
 //! is linked once.
 
+mod clutch;
 mod engage;
 mod engage_mutants;
 mod engage_priority;

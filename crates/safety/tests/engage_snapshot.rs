@@ -214,6 +214,7 @@ fn raise(bench: &mut Bench, fault: Fault) {
         Fault::DeadlineMissed => input.deadlines_missed = 10,
         Fault::DriverFault => input.robot.driver_fault = true,
         Fault::GateDenied => input.motion.gate_denied = true,
+        Fault::Clutch => input.operator.clutch_level = true,
     }
     let silence_ms = match fault {
         Fault::NoTarget | Fault::TargetStale => 10,

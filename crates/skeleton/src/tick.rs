@@ -218,6 +218,7 @@ fn look(config: &Config, state: &mut State, now: Stamp, input: Input<'_>) -> Res
     let head = torso.and_then(|torso| current.learnt_hinges.head(&person, &torso));
     skeleton.head = head.unwrap_or([0.0, 0.0, 0.0, 1.0]);
     skeleton.flags |= if head.is_some() { skeleton_flag::HEAD } else { 0 };
+    skeleton.flags |= if raw.flags & raw_flag::CLUTCH != 0 { skeleton_flag::CLUTCH } else { 0 };
     skeleton.positions = person.positions;
     Ok(skeleton)
 }
@@ -226,7 +227,8 @@ fn check_envelope(raw: &RawSkeleton) -> Result<(), DropReason> {
     if raw.layout != SkeletonLayout::Smpl22 as u32 {
         return Err(DropReason::Layout);
     }
-    if raw.joint_count as usize != SMPL_JOINTS || raw.flags & !(raw_flag::MIRRORED | raw_flag::ROTATIONS) != 0 {
+    let known = raw_flag::MIRRORED | raw_flag::ROTATIONS | raw_flag::CLUTCH;
+    if raw.joint_count as usize != SMPL_JOINTS || raw.flags & !known != 0 {
         return Err(DropReason::Count);
     }
     if raw.flags & raw_flag::MIRRORED != 0 {

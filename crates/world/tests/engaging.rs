@@ -157,7 +157,12 @@ fn hands_and_head_begin_slowly_once_the_arms_are_aligned() {
         bench.step();
     }
     for j in pointing {
-        assert!((bench.commanded().q[j] - there[j]).abs() < 0.02, "joint {j}: {} of {}", bench.commanded().q[j], there[j]);
+        assert!(
+            (bench.commanded().q[j] - there[j]).abs() < 0.02,
+            "joint {j}: {} of {}",
+            bench.commanded().q[j],
+            there[j]
+        );
     }
     bench.assert_no_violations("slowly");
 }

@@ -3,7 +3,9 @@
 
 use client::{PlayOptions, Player};
 use config::Overrides;
-use messages::{Fault, JOINTS_MAX, Mode, PersonChange, RawSkeleton, SMPL_JOINTS, Subject, TICK_HZ, Transition};
+use messages::{
+    Fault, JOINTS_MAX, Mode, PersonChange, RawSkeleton, SMPL_JOINTS, Subject, TICK_HZ, Transition, raw_flag,
+};
 use motion::CalibrationMode;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
@@ -148,6 +150,32 @@ fn f021_input_silence_holds_within_100_ms_and_two_ticks() {
     }
 }
 
+/// The person goes on moving under the clutch.
+#[test]
+fn f119_robot_stands_under_the_clutch_of_the_frames_and_then_moves_slowly_to_the_person() {
+    let mut bench = ENGAGED.clone();
+    bench.run(2 * TICK_HZ, &mut under_clutch);
+    assert_eq!((bench.mode, bench.why()), (Mode::Holding, Fault::Clutch as u32));
+    let at = |bench: &Bench| bench.last.and_then(|moment| moment.robot).expect("a robot").q;
+    let (stands, limits) = (at(&bench), CONFIG.control.model.limits);
+    bench.run(TICK_HZ, &mut under_clutch);
+    assert!(at(&bench).iter().zip(&stands).all(|(now, then)| (now - then).abs() < 1e-6), "it stands");
+    let mut ticks = 0;
+    while bench.mode != Mode::Engaging {
+        bench.step(&mut |_| true);
+        ticks += 1;
+        assert!(ticks < TICK_HZ / 5, "{:?}", bench.mode);
+    }
+    for tick in 0..TICK_HZ - 5 {
+        let robot = bench.step(&mut |_| true).robot.expect("a robot");
+        let fastest = robot.v.iter().zip(&limits).fold(0.0, |most: f64, (v, limits)| most.max(v.abs() / limits.v_max));
+        assert!(fastest <= 0.05 + 1e-6, "tick {tick}: {fastest} of a limit");
+    }
+    bench.run(5 * TICK_HZ, &mut |_| true);
+    assert_eq!(bench.mode, Mode::Engaged);
+    bench.assert_no_violations("clutch");
+}
+
 /// 120 ms are known ahead. During a loss of 80 ms the followed person continues, on the straight way to where they
 /// appear next. That costs speed (late input), and nothing else.
 #[test]
@@ -241,6 +269,11 @@ fn lies() -> Vec<Lie> {
             }),
         ),
     ]
+}
+
+fn under_clutch(f: &mut RawSkeleton) -> bool {
+    f.flags |= raw_flag::CLUTCH;
+    true
 }
 
 fn set(number: &mut f32, value: f32) -> bool {

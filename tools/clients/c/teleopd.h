@@ -36,6 +36,8 @@
 #define TELEOP_FLAG_ROTATIONS 2
 /* they are relative to the parent joint; of the positions the root's alone counts */
 #define TELEOP_FLAG_LOCAL 4
+/* the robot stands until a frame without it */
+#define TELEOP_FLAG_CLUTCH 8
 /* all four hinges of the calibration are valid */
 #define TELEOP_CALIBRATION_ALL 15
 /* the service that clients write, and the one that wakes its reader */

@@ -41,6 +41,7 @@ impl Inputs {
                 "enable_edge": operator.enable_edge,
                 "recover_level": operator.recover_level,
                 "recover_edge": operator.recover_edge,
+                "clutch_level": operator.clutch_level,
                 "release_edge": operator.release_edge,
                 "reset_edge": operator.reset_edge,
                 "estop_edge": operator.estop_edge,
@@ -71,6 +72,8 @@ impl Inputs {
                 enable_edge: bit("enable_edge")?,
                 recover_level: bit("recover_level")?,
                 recover_edge: bit("recover_edge")?,
+                // Recordings before the clutch have none.
+                clutch_level: bit("clutch_level").unwrap_or_default(),
                 release_edge: bit("release_edge")?,
                 reset_edge: bit("reset_edge")?,
                 estop_edge: bit("estop_edge")?,
@@ -119,8 +122,13 @@ mod tests {
     fn inputs_are_read_back_exactly_and_bad_json_is_refused() {
         let said = |centre_m| Some(PayloadOrder { mass_kg: 0.1 + 0.2, centre_m });
         let payload = [said(None), said(Some([0.1, -1.0 / 3.0, 1e-300]))];
-        let operator =
-            OperatorView { estop_edge: true, heartbeat_received: Stamp(u64::MAX), payload, ..Default::default() };
+        let operator = OperatorView {
+            estop_edge: true,
+            clutch_level: true,
+            heartbeat_received: Stamp(u64::MAX),
+            payload,
+            ..Default::default()
+        };
         let inputs =
             Inputs { k: u64::MAX - 1, now: Stamp(7), incarnation: 3, operator, realtime_ok: true, target: 3, state: 0 };
         let text = inputs.to_json().to_string();

@@ -77,7 +77,7 @@ impl OperatorModel {
         if !self.has_let_go() {
             self.view.release_edges += 1;
         }
-        (self.view.enable_level, self.view.recover_level) = (false, false);
+        (self.view.enable_level, self.view.recover_level, self.view.clutch_level) = (false, false, false);
         (self.act, self.since) = (Act::Idle, 0);
     }
 
@@ -221,6 +221,7 @@ impl OperatorModel {
                 self.view.estop_edges += some() * some();
                 self.view.enable_level = some() == 0;
                 self.view.recover_level = !self.view.enable_level && some() == 1;
+                self.view.clutch_level = some() == 1;
                 (self.act, self.since) = (Act::Idle, 0);
                 if active.age + 1 >= active.episode.ticks {
                     self.let_go();
@@ -237,7 +238,7 @@ impl OperatorModel {
         if !self.has_let_go() {
             self.view.holders_lost += 1;
         }
-        (self.view.enable_level, self.view.recover_level) = (false, false);
+        (self.view.enable_level, self.view.recover_level, self.view.clutch_level) = (false, false, false);
         (self.act, self.since) = (Act::Idle, 0);
     }
 }

@@ -16,6 +16,8 @@ pub struct OperatorView {
     pub recover_level: bool,
     /// The recovery was pressed since the last tick.
     pub recover_edge: bool,
+    /// The clutch is held, by any connection.
+    pub clutch_level: bool,
     /// The operator requested a release since the last tick.
     pub release_edge: bool,
     /// The operator requested a reset since the last tick.
@@ -44,6 +46,8 @@ pub struct TargetView {
     pub input_fresh: bool,
     /// Time at which `ingest` received the newest skeleton behind it. Zero before the first.
     pub input_received: Stamp,
+    /// `target_flag::CLUTCH`.
+    pub clutch: bool,
     /// It carries values that the network must not produce.
     pub implausible: bool,
     /// It is new, and farther from the previous one than any person moves.

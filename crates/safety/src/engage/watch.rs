@@ -168,6 +168,7 @@ impl Watch {
         seen.set(Fault::DeadlineMissed, input.deadlines_missed >= config.deadlines_missed_max);
         seen.set(Fault::DriverFault, has_state && input.robot.driver_fault);
         seen.set(Fault::GateDenied, input.motion.gate_denied);
+        seen.set(Fault::Clutch, input.operator.clutch_level || input.target.clutch);
         seen
     }
 

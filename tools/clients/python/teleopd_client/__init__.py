@@ -106,13 +106,14 @@ class SkeletonPublisher:
         except TeleopdError as error:
             sys.exit(str(error))
 
-    def publish(self, positions, rotations=None, confidence=None, seen_ns=None, mirrored=False, local=False, calibration=None):
+    def publish(self, positions, rotations=None, confidence=None, seen_ns=None, mirrored=False, local=False, calibration=None, clutch=False):
         """Publishes one frame; answers its sequence number.
 
         positions: a row of three numbers for each joint of the layout, in its unit and axes. rotations: unit quaternions in
         the layout's order, global, or relative to the parent joint if `local`. confidence: one number each (default: 1). seen_ns: when the person was seen, on CLOCK_MONOTONIC
         (`time.monotonic_ns()`, default: now); give the time of capture, because the robot's latency is counted from it.
-        mirrored: the image was (a selfie camera's). calibration: a HingeCalibration, if you have one.
+        mirrored: the image was (a selfie camera's). calibration: a HingeCalibration, if you have one. clutch: the robot stands
+        until a frame without it; then it moves slowly to where the person is.
 
         Raises ValueError for a frame that no layout has; what the numbers say is judged by the daemon.
         """
@@ -134,6 +135,7 @@ class SkeletonPublisher:
             (_layout.FLAG_ROTATIONS if rotations is not None else 0)
             | (_layout.FLAG_MIRRORED if mirrored else 0)
             | (_layout.FLAG_LOCAL if local else 0)
+            | (_layout.FLAG_CLUTCH if clutch else 0)
         )
         frame.calibration = calibration if calibration is not None else HingeCalibration()
         now = time.monotonic_ns()

@@ -26,6 +26,8 @@ FLAG_MIRRORED = 1
 FLAG_ROTATIONS = 2
 #: they are relative to the parent joint; of the positions the root's alone counts
 FLAG_LOCAL = 4
+#: the robot stands until a frame without it
+FLAG_CLUTCH = 8
 #: all four hinges of the calibration are valid
 CALIBRATION_ALL = 15
 #: name of the service that clients write

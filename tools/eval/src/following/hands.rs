@@ -1,7 +1,7 @@
 //! Compares the robot's hands with the person's, and with the best that its wrists could do.
 //!
-//! The *optimum* of a hand is the least distance of its wrist's joints from those that the person's hand asks for, at the
-//! robot's own forearm, within the wrist's positions, speeds and accelerations. It looks ahead over the whole series:
+//! The person's hand asks for positions of the wrist's joints, at the robot's own forearm. The *optimum* is the motion that
+//! stays nearest to them within the wrist's positions, speeds and accelerations. It looks ahead over the whole series:
 //!
 //! ```text
 //! minimise  sum_i (w_i - h_i)^2,   |w_(i+1) - w_i| <= V dt,   |w_(i+1) - 2 w_i + w_(i-1)| <= A dt^2
