@@ -51,7 +51,14 @@ fn page_engages_and_stops_and_releases_when_it_is_silent() {
     assert_eq!(hand.mode(), Some(Mode::Disengaged));
     page.ask("engage");
     page.until(Mode::Engaged, true);
+    // The robot stands under the clutch, and comes again.
+    page.say(&json!({ "do": "clutch", "held": true }));
+    page.until(Mode::Holding, true);
+    page.say(&json!({ "do": "clutch", "held": false }));
+    page.until(Mode::Engaged, true);
     // A closed page releases the enable.
+    page.say(&json!({ "do": "clutch", "held": true }));
+    page.until(Mode::Holding, true);
     drop(page);
     hand.wait_mode(Mode::Disengaged);
     let mut page = viewer.page();

@@ -12,7 +12,7 @@ const KEEP = 100;
 const GONE = 0.6;
 
 const panel = new Panel($);
-let stage = null, broken = null, meshesAre = null, scene = null, frame = null, held = false, keeping = null, isBehind = false, isNew = false;
+let stage = null, broken = null, meshesAre = null, scene = null, frame = null, held = false, clutched = false, keeping = null, isBehind = false, isNew = false;
 // State last sent to the artist.
 let drawnFrame = null, drawnLayers = "";
 // State of a recording: whether it plays, whether it is at its end, and whether the user holds the slider.
@@ -24,8 +24,23 @@ function hold(now) {
   held = now;
   $("engage").setAttribute("aria-pressed", String(now));
   text("engage-key", now ? "E releases" : "E");
+  if (!now) clutched = false;
+  keep();
+}
+
+// Repeats that the enable or the clutch is held.
+function keep() {
+  $("clutch").setAttribute("aria-pressed", String(clutched));
   clearInterval(keeping);
-  if (now) keeping = setInterval(() => wire.ask("keep"), KEEP);
+  if (held || clutched) keeping = setInterval(() => wire.ask("keep"), KEEP);
+}
+
+// Holds the clutch, or lets go of it: the robot stands while the person moves freely.
+function clutch(now) {
+  if (now === clutched) return;
+  clutched = now;
+  wire.ask("clutch", { held: now });
+  keep();
 }
 
 function ask(what) {
@@ -191,6 +206,8 @@ function listen() {
   $("stop").addEventListener("click", () => ask("stop"));
   $("engage").addEventListener("click", () => (held ? ask("release") : engage()));
   $("release").addEventListener("click", () => ask("release"));
+  $("clutch").addEventListener("pointerdown", () => clutch(true));
+  for (const end of ["pointerup", "pointercancel", "pointerleave"]) $("clutch").addEventListener(end, () => clutch(false));
   $("reset").addEventListener("click", () => { text("answer", ""); ask("reset"); });
   $("play").addEventListener("click", () => play(!playing));
   $("at").addEventListener("pointerdown", () => { sliding = true; });
@@ -210,13 +227,18 @@ function listen() {
       return;
     } else if (event.key === "e" && !event.repeat && !held) {
       engage();
+    } else if (event.key === "c" && !event.repeat) {
+      clutch(true);
     } else if (event.key === "r" && !event.repeat) {
       ask("release");
     }
   }, true);
+  document.addEventListener("keyup", (event) => { if (event.key === "c") clutch(false); });
+  // A window that loses the keyboard does not hear that the key was let go.
+  addEventListener("blur", () => { if (clutched) ask("release"); });
   // A hidden page releases the enable, because nobody watches it.
   document.addEventListener("visibilitychange", () => {
-    if (document.hidden && held) ask("release");
+    if (document.hidden && (held || clutched)) ask("release");
     if (document.hidden && mix.on) mix.lead(false);
   });
   // Light and dark themes have different colours.

@@ -20,8 +20,10 @@ const REFUSED_AFTER: Duration = Duration::from_secs(1);
 pub enum OperatorCommand {
     /// Press the enable.
     Engage,
-    /// The enable is still held. Does nothing by itself.
+    /// The enable or the clutch is still held. Does nothing by itself.
     Keep,
+    /// Hold the clutch, or let go of it.
+    Clutch(bool),
     /// Release the enable.
     Release,
     /// Reset the latched faults.
@@ -50,7 +52,7 @@ impl OperatorWorker {
     pub fn new(instance: &Instance) -> std::io::Result<Self> {
         let instance = instance.clone();
         Self::start("hand", |asked, answer| {
-            Grip { instance, client: None, held: None, reset: None, answer }.work(asked)
+            Grip { instance, client: None, held: None, clutch_until: None, reset: None, answer }.work(asked)
         })
     }
 }
@@ -68,6 +70,8 @@ struct Grip {
     instance: Instance,
     client: Option<Client>,
     held: Option<Held>,
+    /// Time at which a held clutch counts as lost.
+    clutch_until: Option<Instant>,
     /// Answers of control since a reset was pressed. `None` once its outcome is known.
     reset: Option<u32>,
     answer: Sender<CommandOutcome>,
@@ -82,12 +86,13 @@ impl Grip {
                 Err(RecvTimeoutError::Timeout) => beat = Instant::now() + HEARTBEAT,
                 Err(RecvTimeoutError::Disconnected) => break,
             }
-            if self.held.is_some_and(|held| held.until < Instant::now()) {
+            let now = Instant::now();
+            if self.held.is_some_and(|held| held.until < now) || self.clutch_until.is_some_and(|until| until < now) {
                 self.let_go("The page stopped answering, so the enable was released.".to_owned());
             }
             self.beat();
         }
-        if self.held.is_some() {
+        if self.held.is_some() || self.clutch_until.is_some() {
             self.let_go(String::new());
             self.beat();
         }
@@ -98,6 +103,7 @@ impl Grip {
             if let Some(held) = &mut self.held {
                 held.until = Instant::now() + HOLD_FOR;
             }
+            self.clutch_until = self.clutch_until.map(|_| Instant::now() + HOLD_FOR);
             return;
         }
         if self.client.is_none() {
@@ -114,6 +120,10 @@ impl Grip {
                 self.held = Some(Held { since: now, until: now + HOLD_FOR, transitions: None });
                 self.say(String::new());
             }
+            OperatorCommand::Clutch(held) => {
+                client.clutch(held);
+                self.clutch_until = held.then(|| Instant::now() + HOLD_FOR);
+            }
             OperatorCommand::Release => self.let_go(String::new()),
             OperatorCommand::Reset => {
                 client.reset();
@@ -127,11 +137,11 @@ impl Grip {
         }
     }
 
-    /// Releases the enable. Like every release, it also withdraws the enable of another connection.
+    /// Releases the enable, and the clutch with it. Like every release, it also withdraws the enable of another connection.
     fn let_go(&mut self, text: String) {
-        self.held = None;
+        (self.held, self.clutch_until) = (None, None);
         if let Some(client) = &mut self.client {
-            client.release();
+            client.release().clutch(false);
         }
         self.say(text);
     }
@@ -146,7 +156,7 @@ impl Grip {
             // One late reply does not end the connection. The socket stays open, and control judges the silence.
             Err(OperatorError::Timeout { .. }) => {}
             Err(error) => {
-                (self.client, self.held) = (None, None);
+                (self.client, self.held, self.clutch_until) = (None, None, None);
                 self.say(format!("The connection to control is lost: {error}"));
             }
         }

@@ -41,6 +41,11 @@ enum Request {
     /// See [`OperatorCommand`]. Only for an instance.
     Engage {},
     Keep {},
+    /// See [`OperatorCommand::Clutch`].
+    Clutch {
+        /// It is held now.
+        held: bool,
+    },
     Release {},
     Reset {},
     Stop {},
@@ -91,6 +96,7 @@ impl PageControl {
             (_, Request::Here {}) => {}
             (Self::OperatorWorker(hand, _), Request::Engage {}) => hand.ask(OperatorCommand::Engage),
             (Self::OperatorWorker(hand, _), Request::Keep {}) => hand.ask(OperatorCommand::Keep),
+            (Self::OperatorWorker(hand, _), Request::Clutch { held }) => hand.ask(OperatorCommand::Clutch(held)),
             (Self::OperatorWorker(hand, _), Request::Release {}) => hand.ask(OperatorCommand::Release),
             (Self::OperatorWorker(hand, _), Request::Reset {}) => hand.ask(OperatorCommand::Reset),
             (Self::OperatorWorker(hand, _), Request::Stop {}) => hand.ask(OperatorCommand::Stop),
