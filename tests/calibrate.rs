@@ -10,8 +10,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-/// Lengths of the test person's upper arm and forearm, m.
-const LENGTHS_M: [f32; 2] = [0.29, 0.24];
+/// Lengths of the test person's upper arm and forearm, m: left, right.
+const LENGTHS_M: [[f32; 2]; 2] = [[0.29, 0.24], [0.3, 0.25]];
 /// Time of the T-pose, and then of the bending elbows, in turns, s.
 const TURN_S: f64 = 4.0;
 
@@ -32,7 +32,7 @@ fn person(at_s: f64) -> RawSkeleton {
         let upper = torso * about(Vector3::x_axis(), (sway - 0.3 * bends) * sign);
         let fore = upper * about(Vector3::z_axis(), -0.6 * sign * bends) * about(Vector3::y_axis(), 0.4 * bends);
         let mut at = Vector3::from(raw.positions[16 + side]).cast::<f64>();
-        for (joint, rotation, length) in [(18, upper, LENGTHS_M[0]), (20, fore, LENGTHS_M[1])] {
+        for (joint, rotation, length) in [(18, upper, LENGTHS_M[side][0]), (20, fore, LENGTHS_M[side][1])] {
             at += rotation * Vector3::y() * (sign * f64::from(length));
             raw.positions[joint + side] = at.cast::<f32>().into();
         }
@@ -94,7 +94,8 @@ fn calibrate(rig: &Rig, name: &str, folder: &std::path::Path) -> Command {
 
 #[test]
 fn calibrated_operator_is_recognised_in_the_next_session() {
-    let mut rig = Rig::with_settings("");
+    // Also where the robot is the person's mirror image: the file names the person's own sides.
+    let mut rig = Rig::with_settings("ingest.mirror = true");
     rig.start_all();
     let hand = rig.hand();
     let place = rig.folder().join("operators");
@@ -102,8 +103,8 @@ fn calibrated_operator_is_recognised_in_the_next_session() {
     let measured = calibrate(&rig, "anna", &place).output().expect("teleopctl runs");
     let said = String::from_utf8_lossy(&measured.stdout);
     assert!(measured.status.success(), "{said}{}", String::from_utf8_lossy(&measured.stderr));
-    assert!(said.contains("upper arms        0.290 m left, 0.290 m right"), "{said}");
-    assert!(said.contains("forearms          0.240 m left, 0.240 m right"), "{said}");
+    assert!(said.contains("upper arms        0.290 m left, 0.300 m right"), "{said}");
+    assert!(said.contains("forearms          0.240 m left, 0.250 m right"), "{said}");
     assert!(said.contains("move both arms up and down") && said.contains("axes from"), "{said}");
     assert!(said.contains("anna is measured. Now end the client, wait a second, and start it again"), "{said}");
     let text = std::fs::read_to_string(place.join("anna.toml")).expect("the file");

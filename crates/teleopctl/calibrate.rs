@@ -6,7 +6,9 @@ use bus::{BusError, Domain, Reader};
 use config::{Operator, Operators};
 use explain::dropped_now;
 use instance::Instance;
-use messages::{CalibrationSource, InputStatus, Layout, Mode, Service, Skeleton, Status, calibration_flag, raw_flag};
+use messages::{
+    CalibrationSource, InputStatus, Layout, Mode, Service, Skeleton, Status, calibration_flag, raw_flag, skeleton_flag,
+};
 use operator::{Client, OperatorError};
 use rt::{err, out};
 use skeleton::{Calibration, Pose, TPose};
@@ -56,10 +58,13 @@ impl StateObserver {
         Ok(Self { skeletons, inputs, input: InputStatus::ZERO, session: 0, _domain: domain })
     }
 
-    /// Returns the person if there is a new frame.
+    /// Returns the person if there is a new frame. Of a mirror image it is the person before the mirror, whose sides the file
+    /// names.
     fn look(&mut self) -> Option<Skeleton> {
         self.input = self.inputs.latest().unwrap_or(self.input);
-        let person = self.skeletons.latest();
+        let seen = self.skeletons.latest();
+        let is_image = |person: &Skeleton| person.flags & skeleton_flag::IMAGE != 0;
+        let person = seen.map(|seen| if is_image(&seen) { skeleton::mirror_image(&seen) } else { seen });
         self.session = person.map_or(self.session, |person| person.session_nonce);
         person
     }

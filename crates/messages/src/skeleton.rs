@@ -150,6 +150,8 @@ pub mod skeleton_flag {
     pub const HEAD: u32 = 1024;
     /// `raw_flag::CLUTCH`.
     pub const CLUTCH: u32 = 2048;
+    /// The person is the mirror image of the one who was seen (`ingest.mirror`).
+    pub const IMAGE: u32 = 4096;
 }
 
 message! {

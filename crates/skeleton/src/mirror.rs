@@ -3,7 +3,7 @@
 use messages::{LIMBS, SMPL_OTHER_SIDE, Skeleton, skeleton_flag};
 
 /// Returns the person's image in a mirror at the plane y = 0 of the client's world. What the left side did, the right side
-/// does. Limbs, hands and head turn as those of an image.
+/// does. Limbs, hands and head turn as those of an image. The image of an image is the person again.
 ///
 /// ```
 /// use messages::{Layout, Limb, Skeleton, skeleton_flag};
@@ -11,7 +11,7 @@ use messages::{LIMBS, SMPL_OTHER_SIDE, Skeleton, skeleton_flag};
 /// let mut person = Skeleton { flags: skeleton_flag::LIMB[Limb::LeftUpper as usize], ..Skeleton::ZERO };
 /// person.limbs[Limb::LeftUpper as usize] = [0.6, 0.0, 0.0, 0.8];
 /// let image = skeleton::mirror_image(&person);
-/// assert_eq!(image.flags, skeleton_flag::LIMB[Limb::RightUpper as usize]);
+/// assert_eq!(image.flags, skeleton_flag::LIMB[Limb::RightUpper as usize] | skeleton_flag::IMAGE);
 /// assert_eq!(image.limbs[Limb::RightUpper as usize], [-0.6, 0.0, 0.0, 0.8]);
 /// assert_eq!(skeleton::mirror_image(&image), person);
 /// ```
@@ -36,6 +36,7 @@ pub fn mirror_image(person: &Skeleton) -> Skeleton {
         image.flags |= if person.flags & left != 0 { right } else { 0 };
         image.flags |= if person.flags & right != 0 { left } else { 0 };
     }
+    image.flags ^= skeleton_flag::IMAGE;
     image
 }
 
@@ -56,6 +57,6 @@ mod tests {
         let image = mirror_image(&Skeleton { hands: [hand, other], head, flags, ..Skeleton::ZERO });
         assert_eq!(image.hands, [[0.3, 0.4, -0.6, 0.1], [-0.5, 0.1, 0.2, 0.8]]);
         assert_eq!(image.head, [0.0, 0.2, -0.6, 0.7]);
-        assert_eq!(image.flags, skeleton_flag::HAND[1] | skeleton_flag::HEAD);
+        assert_eq!(image.flags, skeleton_flag::HAND[1] | skeleton_flag::HEAD | skeleton_flag::IMAGE);
     }
 }
