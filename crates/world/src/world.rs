@@ -105,10 +105,11 @@ pub struct World {
     authority: Authority,
     input: ingest::State,
     skeleton_header: Header,
-    retarget: retarget::State,
+    /// On the heap, as the two below: a stack of 2 MiB holds few copies of a world.
+    retarget: Box<retarget::State>,
     retarget_header: Header,
-    control: control::State,
-    sim: sim::State,
+    control: Box<control::State>,
+    sim: Box<sim::State>,
     sim_header: Header,
     raw: Faulty<RawSkeleton>,
     skeletons: Faulty<Skeleton>,
@@ -154,10 +155,10 @@ impl World {
             authority: Authority::default(),
             input: ingest::State::default(),
             skeleton_header: header(&mut incarnations),
-            retarget: retarget::State::default(),
+            retarget: Box::default(),
             retarget_header: header(&mut incarnations),
-            control: control::State::new(&config.control, incarnations.draw()),
-            sim: sim::State::new(&config.sim, FIRST_TICK - 1, seed),
+            control: Box::new(control::State::new(&config.control, incarnations.draw())),
+            sim: Box::new(sim::State::new(&config.sim, FIRST_TICK - 1, seed)),
             sim_header: header(&mut incarnations),
             raw: Faulty::new(links.raw, seed ^ 1),
             skeletons: Faulty::new(links.skeleton, seed ^ 2),
@@ -217,12 +218,12 @@ impl World {
 
     /// Kills and restarts `control`.
     pub fn restart_control(&mut self, config: &WorldConfig) {
-        self.control = control::State::new(&config.control, self.incarnations.draw());
+        *self.control = control::State::new(&config.control, self.incarnations.draw());
     }
 
     /// Kills and restarts `retarget`.
     pub fn restart_retarget(&mut self) {
-        self.retarget = retarget::State::default();
+        *self.retarget = retarget::State::default();
         self.retarget_header.incarnation = self.incarnations.draw();
         self.retarget_header.sequence = 0;
     }
@@ -234,7 +235,7 @@ impl World {
         let (k, now) = (self.k - 1, deadline(self.k - 1).plus_ns(EXECUTION_AFTER_NS));
         let started = match q {
             None => self.sim.restart_driver(&config.sim, k, now, seed),
-            Some(q) => sim::State::standing(&config.sim, k, q, seed).map(|sim| self.sim = sim).is_some(),
+            Some(q) => sim::State::standing(&config.sim, k, q, seed).map(|sim| *self.sim = sim).is_some(),
         };
         if !started {
             return false;
