@@ -8,6 +8,8 @@ use robot::Names;
 use rt::out;
 use std::time::{Duration, Instant};
 
+/// The signal of Ctrl-C: SIGINT.
+const INTERRUPT: i32 = 2;
 /// Time after which a press without effect counts as refused. It is many times a poll of the socket and a tick.
 const REFUSED_AFTER: Duration = Duration::from_secs(1);
 
@@ -51,7 +53,8 @@ pub fn hold(client: &mut Client, first: &Status, names: &Names, begins: &str) ->
     }
 }
 
-/// Holds the clutch at 50 Hz until Ctrl-C. Returns true if the robot follows again afterwards.
+/// Holds the clutch at 50 Hz until Ctrl-C. Returns true if the robot follows again afterwards. A closed terminal and every
+/// other signal end it without letting go, so the robot is released.
 pub fn clutch(client: &mut Client, first: &Status, names: &Names) -> Result<bool, OperatorError> {
     let stop = rt::Shutdown::on_signals().expect("signal handlers can be installed");
     let mut diary = Diary { begun: Instant::now(), shown: first.transition_count, note: None };
@@ -66,9 +69,13 @@ pub fn clutch(client: &mut Client, first: &Status, names: &Names) -> Result<bool
         if let_go_at.is_some_and(|at: Instant| at.elapsed() > REFUSED_AFTER) && mode(&last) != Mode::Holding {
             return Ok(true);
         }
-        if stop.requested() && let_go_at.is_none() {
-            client.clutch(false);
-            let_go_at = Some(Instant::now());
+        match stop.signal() {
+            Some(signal) if signal != INTERRUPT => return Ok(false),
+            Some(_) if let_go_at.is_none() => {
+                client.clutch(false);
+                let_go_at = Some(Instant::now());
+            }
+            _ => {}
         }
         beat += HEARTBEAT;
         std::thread::sleep(beat.saturating_duration_since(Instant::now()));

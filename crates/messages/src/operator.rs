@@ -3,7 +3,7 @@
 use crate::layout::message;
 
 /// Version of the socket protocol.
-pub const OPERATOR_VERSION: u32 = 3;
+pub const OPERATOR_VERSION: u32 = 4;
 
 /// Value of `OperatorRequest::enable_level` while the enable is held.
 pub const HOLDS_ENABLE: u32 = 1;

@@ -74,8 +74,8 @@ pub(crate) struct Merge {
     pub(crate) view: OperatorView,
     /// The connection that holds the enable.
     pub(crate) holder: Option<usize>,
-    /// The connection that holds the clutch, and its last heartbeat. A second one counts once the first lets go.
-    clutch: Option<(usize, Stamp)>,
+    /// Last heartbeat of each connection that holds the clutch.
+    clutches: [Option<Stamp>; CLIENTS_MAX],
     /// True if a release arrived in this round. It cancels an enable of the same round, whatever the order of the
     /// seats.
     released: bool,
@@ -90,10 +90,10 @@ impl Merge {
         if self.holder.is_some() && now.since(self.view.heartbeat) > lease_ns {
             self.lose();
         }
-        if let Some((index, heard)) = self.clutch
-            && now.since(heard) > lease_ns
-        {
-            self.lose_clutch(index);
+        for index in 0..CLIENTS_MAX {
+            if self.clutches[index].is_some_and(|heard| now.since(heard) > lease_ns) {
+                self.lose_clutch(index);
+            }
         }
     }
 
@@ -205,18 +205,15 @@ impl Merge {
     }
 
     fn clutch(&mut self, index: usize, now: Stamp, held: bool) {
-        match self.clutch {
-            Some((holder, _)) if holder != index => {}
-            _ => self.clutch = held.then_some((index, now)),
-        }
-        self.view.clutch_level = self.clutch.is_some();
+        self.clutches[index] = held.then_some(now);
+        self.view.clutch_level = self.clutches.iter().any(Option::is_some);
     }
 
-    /// Handles the loss of the clutch's holder. Nobody let go of it, so the robot must not follow again by itself: the enable
-    /// is released, too.
+    /// Handles the loss of a connection that may hold the clutch. Nobody let go of it, so the robot must not follow again by
+    /// itself: the enable is released, too.
     fn lose_clutch(&mut self, index: usize) {
-        if self.clutch.is_some_and(|(holder, _)| holder == index) {
-            (self.clutch, self.view.clutch_level) = (None, false);
+        if self.clutches[index].take().is_some() {
+            self.view.clutch_level = self.clutches.iter().any(Option::is_some);
             self.view.release_edges += 1;
             self.released = true;
             self.let_go();
@@ -278,15 +275,14 @@ mod tests {
     }
 
     #[test]
-    fn f119_any_client_may_hold_the_clutch_and_the_first_counts() {
+    fn f119_robot_stands_while_any_client_holds_the_clutch() {
         let mut house = House::new(2);
         house.say(0, enable);
         let view = house.say(1, |r| r.enable_level = HOLDS_CLUTCH);
         assert_eq!((view.enable_level, view.clutch_level, view.release_edges), (true, true, 0));
         // The holder of the enable may hold both.
         house.say(0, |r| r.enable_level = HOLDS_ENABLE | HOLDS_CLUTCH);
-        house.say(1, |r| r.enable_level = 0);
-        let view = house.say(0, |_| ());
+        let view = house.say(1, |r| r.enable_level = 0);
         assert_eq!((view.enable_level, view.clutch_level, view.release_edges), (true, true, 0));
         let view = house.say(0, |r| r.enable_level = HOLDS_ENABLE);
         assert_eq!((view.enable_level, view.clutch_level, view.release_edges), (true, false, 0));
@@ -296,7 +292,9 @@ mod tests {
     fn f119_clutch_whose_client_is_lost_releases_the_robot() {
         for dies in [true, false] {
             let mut house = House::new(2);
+            // The holder of the enable holds the clutch, too, and lets go of it after the other one was lost.
             house.say(0, enable);
+            house.say(0, |r| r.enable_level = HOLDS_ENABLE | HOLDS_CLUTCH);
             assert!(house.say(1, |r| r.enable_level = HOLDS_CLUTCH).clutch_level);
             if dies {
                 house.merge.gone(1);
@@ -305,6 +303,7 @@ mod tests {
             for _ in 0..LEASE_NS / 20_000_000 + 1 {
                 house.say(0, |_| ());
             }
+            house.say(0, |r| r.enable_level = HOLDS_ENABLE);
             let view = house.merge.view;
             assert_eq!((view.enable_level, view.clutch_level, view.release_edges), (false, false, 1), "dies: {dies}");
         }

@@ -319,8 +319,9 @@ fn engaging(input: &Input, elapsed_ns: u64, settled_ns: u64, unreduced: bool) ->
 }
 
 fn holding(input: &Input, active: Faults, elapsed_ns: u64, ended: Option<u32>, gap: bool) -> (Phase, u32) {
-    // A clutch may be held for as long as its operator holds the enable, too.
-    let charged = if active.has(Fault::Clutch) { 0 } else { charged_ns(input.own_gap_ns) };
+    // A clutch may be held for as long as its operator holds the enable, too. Other causes of a hold have their time.
+    let clutch_alone = active.of(Response::Hold) == Faults::NONE.with(Fault::Clutch);
+    let charged = if clutch_alone { 0 } else { charged_ns(input.own_gap_ns) };
     let elapsed_ns = elapsed_ns.saturating_add(charged);
     let fault = || active.of(Response::Release).iter().next().map(|fault| fault as u32);
     let ended = ended.or(if released(input) { Some(Transition::RELEASED) } else { fault() });

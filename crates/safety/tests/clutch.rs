@@ -20,6 +20,12 @@ fn f119_clutch_holds_for_as_long_as_it_is_held_and_the_robot_then_follows_slowly
         let out = bench.step();
         assert_eq!((out.mode, out.permit), (Mode::Engaging, Permit::Follow { speed_scale: 0.05 }));
 
+        // Another cause of the hold has its time, whatever the clutch.
+        side(&mut bench, true);
+        bench.input.target.input_fresh = false;
+        bench.step();
+        assert!(bench.until(Mode::Disengaged, ticks(6000)) <= ticks(5000) + 2);
+
         // A robot without an operator does not wait.
         let mut bench = Bench::engaged();
         side(&mut bench, true);

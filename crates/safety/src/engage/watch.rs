@@ -168,7 +168,9 @@ impl Watch {
         seen.set(Fault::DeadlineMissed, input.deadlines_missed >= config.deadlines_missed_max);
         seen.set(Fault::DriverFault, has_state && input.robot.driver_fault);
         seen.set(Fault::GateDenied, input.motion.gate_denied);
-        seen.set(Fault::Clutch, input.operator.clutch_level || input.target.clutch);
+        // Frames that no longer come hold no clutch: their silence counts.
+        let recent = !target_stale && input_age <= config.input_stale_ns;
+        seen.set(Fault::Clutch, input.operator.clutch_level || input.target.clutch && recent);
         seen
     }
 
