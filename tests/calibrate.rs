@@ -27,12 +27,12 @@ fn person(at_s: f64) -> RawSkeleton {
     let phase = at_s % (2.0 * TURN_S);
     let bends = if phase < TURN_S { 0.0 } else { 1.0 - (std::f64::consts::TAU * (phase - TURN_S) / 2.0).cos() };
     let sway = 0.01 * (3.0 * at_s).sin();
-    for side in 0..2 {
+    for (side, [upper_m, fore_m]) in LENGTHS_M.into_iter().enumerate() {
         let sign = if side == 0 { 1.0 } else { -1.0 };
         let upper = torso * about(Vector3::x_axis(), (sway - 0.3 * bends) * sign);
         let fore = upper * about(Vector3::z_axis(), -0.6 * sign * bends) * about(Vector3::y_axis(), 0.4 * bends);
         let mut at = Vector3::from(raw.positions[16 + side]).cast::<f64>();
-        for (joint, rotation, length) in [(18, upper, LENGTHS_M[side][0]), (20, fore, LENGTHS_M[side][1])] {
+        for (joint, rotation, length) in [(18, upper, upper_m), (20, fore, fore_m)] {
             at += rotation * Vector3::y() * (sign * f64::from(length));
             raw.positions[joint + side] = at.cast::<f32>().into();
         }

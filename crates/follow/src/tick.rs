@@ -393,9 +393,9 @@ fn limbs(node: &[[f32; 4]; LIMBS], arm: usize) -> Option<Limbs> {
     of_left(node[2 * arm]).zip(of_left(node[2 * arm + 1])).map(|(upper, fore)| Limbs { upper, fore })
 }
 
-/// Returns the rotation of a message. `None` for zero and for what is no number.
+/// Returns the rotation of a message. `None` for zero and for what is not finite.
 fn rotation(xyzw: [f32; 4]) -> Option<UnitQuaternion<f64>> {
-    let [x, y, z, w] = xyzw.map(f64::from);
+    let [x, y, z, w] = xyzw.iter().all(|x| x.is_finite()).then(|| xyzw.map(f64::from))?;
     UnitQuaternion::try_new(Quaternion::new(w, x, y, z), 0.5)
 }
 

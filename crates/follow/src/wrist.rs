@@ -40,7 +40,8 @@ const LED_RANGE_M: f64 = 0.04;
 /// Weight while the person's hand asks for a posture, per rad^2. It is strong enough for a hand near nothing, and weak beside
 /// a pair that touches.
 const LED: f64 = 0.2;
-/// Time in which a wrist that is near nothing goes the way of its speed, s. The cost's h lies so far ahead.
+/// Time in which a wrist that is near nothing goes the way of its speed, s. The cost's h lies so far ahead: two thirds of what is
+/// known. 0.05 s gave the same on six clips.
 const AHEAD_S: f64 = 0.08;
 /// Added to the diagonal of a step's matrix, per rad^2.
 const DAMPING: f64 = 0.5;

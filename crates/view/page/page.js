@@ -30,21 +30,30 @@ function hold(now) {
 
 // Repeats that the enable or the clutch is held.
 function keep() {
-  $("clutch").setAttribute("aria-pressed", String(clutched));
+  $("clutch").setAttribute("aria-pressed", String(clutched !== false));
   clearInterval(keeping);
-  if (held || clutched) keeping = setInterval(() => wire.ask("keep"), KEEP);
+  if (held || clutched !== false) keeping = setInterval(() => wire.ask("keep"), KEEP);
 }
 
-// Holds the clutch, or lets go of it: the robot stands while the person moves freely.
-function clutch(now) {
-  if (now === clutched) return;
-  clutched = now;
-  wire.ask("clutch", { held: now });
+// Holds the clutch, or lets go of it: the robot stands while the person moves freely. Only the key or the pointer that
+// holds it lets go of it.
+function clutch(by) {
+  if (clutched !== false || !ask("clutch", { held: true })) return;
+  clutched = by;
   keep();
 }
 
-function ask(what) {
-  if (!wire.ask(what)) text("answer", "Not connected: the request was not sent. The robot's own emergency stop still works.");
+function declutch(by) {
+  if (clutched !== by) return;
+  clutched = false;
+  ask("clutch", { held: false });
+  keep();
+}
+
+function ask(what, more) {
+  const sent = wire.ask(what, more);
+  if (!sent) text("answer", "Not connected: the request was not sent. The robot's own emergency stop still works.");
+  return sent;
 }
 
 function isRecording() {
@@ -206,8 +215,13 @@ function listen() {
   $("stop").addEventListener("click", () => ask("stop"));
   $("engage").addEventListener("click", () => (held ? ask("release") : engage()));
   $("release").addEventListener("click", () => ask("release"));
-  $("clutch").addEventListener("pointerdown", () => clutch(true));
-  for (const end of ["pointerup", "pointercancel", "pointerleave"]) $("clutch").addEventListener(end, () => clutch(false));
+  $("clutch").addEventListener("pointerdown", (event) => {
+    $("clutch").setPointerCapture(event.pointerId);
+    clutch(event.pointerId);
+  });
+  $("clutch").addEventListener("pointerup", (event) => declutch(event.pointerId));
+  // A pointer that is lost did not let go.
+  $("clutch").addEventListener("pointercancel", (event) => { if (clutched === event.pointerId) ask("release"); });
   $("reset").addEventListener("click", () => { text("answer", ""); ask("reset"); });
   $("play").addEventListener("click", () => play(!playing));
   $("at").addEventListener("pointerdown", () => { sliding = true; });
@@ -227,18 +241,18 @@ function listen() {
       return;
     } else if (event.key === "e" && !event.repeat && !held) {
       engage();
-    } else if (event.key === "c" && !event.repeat) {
-      clutch(true);
+    } else if (event.code === "KeyC" && !event.repeat) {
+      clutch("key");
     } else if (event.key === "r" && !event.repeat) {
       ask("release");
     }
   }, true);
-  document.addEventListener("keyup", (event) => { if (event.key === "c") clutch(false); });
+  document.addEventListener("keyup", (event) => { if (event.code === "KeyC") declutch("key"); });
   // A window that loses the keyboard does not hear that the key was let go.
-  addEventListener("blur", () => { if (clutched) ask("release"); });
+  addEventListener("blur", () => { if (clutched !== false) ask("release"); });
   // A hidden page releases the enable, because nobody watches it.
   document.addEventListener("visibilitychange", () => {
-    if (document.hidden && (held || clutched)) ask("release");
+    if (document.hidden && (held || clutched !== false)) ask("release");
     if (document.hidden && mix.on) mix.lead(false);
   });
   // Light and dark themes have different colours.

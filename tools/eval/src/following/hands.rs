@@ -7,7 +7,8 @@
 //! minimise  sum_i (w_i - h_i)^2,   |w_(i+1) - w_i| <= V dt,   |w_(i+1) - 2 w_i + w_(i-1)| <= A dt^2
 //! ```
 //!
-//! The search is the method of multipliers with alternating directions. It knows no collisions.
+//! The search is the method of multipliers with alternating directions, in pieces of 6 s. It knows no collisions. Beyond the
+//! wrist's range, another motion might come nearer to the person by the angle.
 
 use super::play::SAMPLE_TICKS;
 use messages::{JointCommand, JointTarget, TICK_S};
@@ -79,10 +80,17 @@ pub(crate) fn errors(model: &Model, samples: &[HandSample]) -> Vec<HandError> {
     let of_side = |side: usize| samples.iter().filter(|sample| sample.side == side).copied().collect::<Vec<_>>();
     let sides = [0, 1].map(of_side);
     let series = sides.iter().flat_map(|side| side.chunk_by(|a, b| a.k + SAMPLE_TICKS == b.k));
-    series.flat_map(|series| series.chunks(SERIES_MAX)).flat_map(|series| errors_of(model, series)).collect()
+    series.flat_map(|series| errors_of(model, series)).collect()
 }
 
 fn errors_of(model: &Model, series: &[HandSample]) -> Vec<HandError> {
+    let near = |i: usize| &series[i.saturating_sub(FREE_SAMPLES)..series.len().min(i + FREE_SAMPLES + 1)];
+    let free: Vec<bool> = (0..series.len()).map(|i| near(i).iter().all(|sample| sample.clear)).collect();
+    let pieces = series.chunks(SERIES_MAX).zip(free.chunks(SERIES_MAX));
+    pieces.flat_map(|(piece, free)| errors_of_piece(model, piece, free)).collect()
+}
+
+fn errors_of_piece(model: &Model, series: &[HandSample], free: &[bool]) -> Vec<HandError> {
     let wrist = &model.wrists[series[0].side];
     let reached = [0, 1].map(|i| {
         let wanted = DVector::from_iterator(series.len(), series.iter().map(|sample| sample.best[i]));
@@ -94,9 +102,7 @@ fn errors_of(model: &Model, series: &[HandSample]) -> Vec<HandError> {
     let error = |(i, sample): (usize, &HandSample)| HandError {
         command_deg: off(sample, sample.commanded),
         optimum_deg: off(sample, [reached[0][i], reached[1][i]]),
-        free: series[i.saturating_sub(FREE_SAMPLES)..series.len().min(i + FREE_SAMPLES + 1)]
-            .iter()
-            .all(|near| near.clear),
+        free: free[i],
     };
     series.iter().enumerate().map(error).collect()
 }
