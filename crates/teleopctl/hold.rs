@@ -58,7 +58,7 @@ pub fn hold(client: &mut Client, first: &Status, names: &Names, begins: &str) ->
 pub fn clutch(client: &mut Client, first: &Status, names: &Names) -> Result<bool, OperatorError> {
     let stop = rt::Shutdown::on_signals().expect("signal handlers can be installed");
     let mut diary = Diary { begun: Instant::now(), shown: first.transition_count, note: None };
-    diary.says("the clutch is held; Ctrl-C lets go, and the robot follows again");
+    diary.says("the clutch is held; Ctrl-C lets go, and the robot moves slowly to where the person is");
     let (mut beat, mut let_go_at) = (diary.begun, None);
     loop {
         let last = client.heartbeat()?;
@@ -66,13 +66,18 @@ pub fn clutch(client: &mut Client, first: &Status, names: &Names) -> Result<bool
         if has_ended(&last) {
             return Ok(false);
         }
-        if let_go_at.is_some_and(|at: Instant| at.elapsed() > REFUSED_AFTER) && mode(&last) != Mode::Holding {
-            return Ok(true);
+        if let_go_at.is_some_and(|at: Instant| at.elapsed() > REFUSED_AFTER) {
+            // Another clutch, or another cause, may still hold.
+            for fault in Faults(last.faults).iter() {
+                diary.says(&format!("still held by {}: {}", fault.row().name, meaning(fault, &last, names)));
+            }
+            return Ok(mode(&last) != Mode::Holding);
         }
         match stop.signal() {
             Some(signal) if signal != INTERRUPT => return Ok(false),
             Some(_) if let_go_at.is_none() => {
                 client.clutch(false);
+                diary.says("let go");
                 let_go_at = Some(Instant::now());
             }
             _ => {}

@@ -223,7 +223,7 @@ fn clutch(client: &mut Client, run_dir: &Path) -> Result<bool, OperatorError> {
     let first = client.heartbeat()?;
     let names = instance::read_names(run_dir);
     if !matches!(mode(&first), Mode::Engaging | Mode::Engaged | Mode::Holding) {
-        out!("nothing to hold: {}", mode(&first).name());
+        out!("nothing to hold: {}; the clutch is for a robot that follows (teleopctl engage)", mode(&first).name());
         return Ok(false);
     }
     client.clutch(true);
