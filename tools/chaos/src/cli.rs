@@ -14,7 +14,7 @@ const TRIALS_MAX: u64 = 1_000_000;
 const SOAK_HOURS: [f64; 2] = [0.005, 744.0];
 /// Bounds of the time between two faults of a soak. Engaging alone takes some seconds, and at least one fault a
 /// day must occur.
-const STRIKE_EVERY_S: [f64; 2] = [8.0, 86_400.0];
+const STRIKE_EVERY_S: [f64; 2] = [3.0, 86_400.0];
 
 /// Kills and suspends the real processes, a client and an operator at random moments, and watches the robot
 /// come to rest. Exits with 1 if a promise was broken.
@@ -141,7 +141,7 @@ mod tests {
 
     #[test]
     fn option_out_of_bounds_is_refused_by_name() {
-        for (option, value) in [("--hours", "0"), ("--hours", "NaN"), ("--strike-every", "7")] {
+        for (option, value) in [("--hours", "0"), ("--hours", "NaN"), ("--strike-every", "2")] {
             let parsed = Cli::try_parse_from(["chaos", "soak", option, value]).expect("these options exist");
             let Some(Command::Soak(args)) = parsed.command else { panic!("no soak") };
             let failure = args.check().expect_err(value);
