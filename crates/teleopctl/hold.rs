@@ -5,11 +5,9 @@ use explain::meaning;
 use messages::{Faults, Mode, Status, Transition};
 use operator::{Client, OperatorError};
 use robot::Names;
-use rt::out;
+use rt::{Exit, out};
 use std::time::{Duration, Instant};
 
-/// The signal of Ctrl-C: SIGINT.
-const INTERRUPT: i32 = 2;
 /// Time after which a press without effect counts as refused. It is many times a poll of the socket and a tick.
 const REFUSED_AFTER: Duration = Duration::from_secs(1);
 
@@ -74,7 +72,7 @@ pub fn clutch(client: &mut Client, first: &Status, names: &Names) -> Result<bool
             return Ok(mode(&last) != Mode::Holding);
         }
         match stop.signal() {
-            Some(signal) if signal != INTERRUPT => return Ok(false),
+            Some(_) if Exit::after(&stop) != Exit::Interrupted => return Ok(false),
             Some(_) if let_go_at.is_none() => {
                 client.clutch(false);
                 diary.says("let go");

@@ -30,9 +30,9 @@ NO_PARTS = ("hand_left_safety_box", "hand_right_safety_box")
 SLAB_M = 0.05
 #: MuJoCo needs some mass and inertia of each moving part, kg and kg m^2. The lightest finger has more mass.
 MASS_MIN, INERTIA_MIN = 1e-5, 1e-8
-#: A part lighter than this (kg) has at most this radius of gyration (m). The radius is an assumption. Without it each part
-#: of a finger has 0.001 kg m^2, which the manufacturer's description calls a value "to stabilize simulation". All of them
-#: would turn as slowly as a hand with a radius of 25 cm.
+#: A part lighter than this (kg) has at most this radius of gyration (m). The radius is an assumption. The manufacturer's
+#: description gives each part of a finger 0.001 kg m^2. It says that this number only steadies a simulation. A hand of such
+#: fingers would turn as slowly as one with a radius of 25 cm.
 LIGHT_KG, GYRATION_MAX_M = 0.1, 0.03
 
 

@@ -23,7 +23,7 @@ const FALLEN: f64 = 0.8;
 
 /// Time in which hands and head get their full speed once the arms have theirs, s: as long as the ramp of engaging. Arms
 /// are aligned before they get it. A hand or a head may be anywhere, because engaging does not wait for it.
-const POINTING_RAMP_S: f64 = 2.0;
+const POINTING_RAMP_S: f64 = engage::RAMP_NS as f64 / 1e9;
 
 /// State of the following.
 #[derive(Clone, Debug)]

@@ -303,12 +303,14 @@ fn look(config: &Config, state: &mut State, input: &Input<'_>) {
 
 /// Returns the speed of a wrist that brings its hand nearest to the person's over the nodes that are known, rad/s.
 fn hand_speed(config: &Config, state: &State, input: &Input<'_>, arm: usize) -> Vector2<f64> {
-    let (plan, wrist, before) = (&state.plans[arm], &state.wrists[arm], input.k.saturating_sub(1));
+    let (plan, wrist) = (&state.plans[arm], &state.wrists[arm]);
+    let (mut there, mut k) = (plan.state, input.k.saturating_sub(1));
     let mut course = wrist::Course::default();
     for (i, hands) in input.hands.iter().enumerate() {
         let at = input.way_first.saturating_add(i as u64).saturating_mul(WAY_NODE_TICKS);
+        (there, k) = (plan.continued(there, k, at), k.max(at));
         if let Some(hand) = rotation(hands[arm]) {
-            let wanted = config.wrists[arm].pointing(&plan.continued(plan.state, before, at).q, &hand);
+            let wanted = config.wrists[arm].pointing(&there.q, &hand);
             course.add(wrist, at.saturating_sub(input.k) as f64 * TICK_S, wanted);
         }
     }

@@ -143,7 +143,7 @@ impl Merge {
             // A release of the same request came before the edge, because the level is up.
             self.hold(index, level, u64::from(enables), released_by_another);
         }
-        self.clutch(index, now, request.enable_level & HOLDS_CLUTCH != 0);
+        self.set_clutch(index, (request.enable_level & HOLDS_CLUTCH != 0).then_some(now));
         if self.holder == Some(index) {
             self.view.heartbeat = now;
         }
@@ -204,16 +204,16 @@ impl Merge {
         *counted += edges;
     }
 
-    fn clutch(&mut self, index: usize, now: Stamp, held: bool) {
-        self.clutches[index] = held.then_some(now);
+    fn set_clutch(&mut self, index: usize, heard: Option<Stamp>) {
+        self.clutches[index] = heard;
         self.view.clutch_level = self.clutches.iter().any(Option::is_some);
     }
 
     /// Handles the loss of a connection that may hold the clutch. Nobody let go of it, so the robot must not follow again by
     /// itself: the enable is released, too.
     fn lose_clutch(&mut self, index: usize) {
-        if self.clutches[index].take().is_some() {
-            self.view.clutch_level = self.clutches.iter().any(Option::is_some);
+        if self.clutches[index].is_some() {
+            self.set_clutch(index, None);
             self.view.release_edges += 1;
             self.released = true;
             self.let_go();

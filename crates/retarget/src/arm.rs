@@ -247,6 +247,11 @@ pub(crate) fn rotation_of_arm(arm: usize, xyzw: [f64; 4]) -> Option<UnitQuaterni
     rotation_from_xyzw(if arm == 0 { xyzw } else { mirror(xyzw) })
 }
 
+/// Returns the rotation of a left arm as that of the left (0) or the right (1) arm, and the other way round.
+pub(crate) fn on_side(arm: usize, rotation: &UnitQuaternion<f64>) -> UnitQuaternion<f64> {
+    if arm == 0 { *rotation } else { mirrored(rotation) }
+}
+
 /// As [`mirror`], for a rotation.
 pub(crate) fn mirrored(rotation: &UnitQuaternion<f64>) -> UnitQuaternion<f64> {
     UnitQuaternion::new_unchecked(Quaternion::new(rotation.w, -rotation.i, rotation.j, -rotation.k))

@@ -1,6 +1,6 @@
 //! The nodes of the way in the message: what the arms in use do after the target.
 
-use crate::arm::{ARMS, mirror, mirrored, xyzw_from_rotation};
+use crate::arm::{ARMS, on_side, xyzw_from_rotation};
 use crate::pointing::Blend;
 use crate::resample::{Sample, Track};
 use messages::{HAND_NODES, LIMBS, Stamp, TICK_HZ, WAY_NODE_TICKS, WAY_NODES};
@@ -52,15 +52,14 @@ impl Way {
                 let ahead_ns = ticks * 1_000_000_000 / TICK_HZ;
                 let (then, by) = (playhead + ahead_ns as i64, now.plus_ns(ahead_ns));
                 let Some((limbs, seen)) = tracks[arm].ahead(then, by) else { continue };
-                let limbs = [limbs.upper, limbs.fore].map(|limb| xyzw_from_rotation(&limb));
-                let limbs = if arm == 0 { limbs } else { limbs.map(mirror) };
-                self.nodes[i][2 * arm..2 * arm + 2].copy_from_slice(&limbs.map(single));
+                let limbs = [limbs.upper, limbs.fore].map(|limb| single(&on_side(arm, &limb)));
+                self.nodes[i][2 * arm..2 * arm + 2].copy_from_slice(&limbs);
                 if !seen {
                     self.seen = self.seen.min(i as u32);
                 }
                 if i < HAND_NODES {
                     let hand = tracks[arm].show_ahead(then, by).and_then(|sample| hand(arm, &sample, blends[arm]));
-                    self.hands[i][arm] = hand.map_or([0.0; 4], |hand| single(xyzw_from_rotation(&hand)));
+                    self.hands[i][arm] = hand.map_or([0.0; 4], |hand| single(&hand));
                 }
             }
         }
@@ -69,12 +68,11 @@ impl Way {
 
 /// Returns the hand of the arm in this sample, with the weight that it has now.
 fn hand(arm: usize, sample: &Sample, blend: &Blend) -> Option<UnitQuaternion<f64>> {
-    let own = |turn: UnitQuaternion<f64>| if arm == 0 { turn } else { mirrored(&turn) };
-    let fore = own(sample.limbs.fore);
-    let bend = blend.share(sample.hand.map(|hand| fore.inverse() * own(hand)))?;
+    let fore = on_side(arm, &sample.limbs.fore);
+    let bend = blend.share(sample.hand.map(|hand| fore.inverse() * on_side(arm, &hand)))?;
     Some(fore * bend)
 }
 
-fn single(limb: [f64; 4]) -> [f32; 4] {
-    limb.map(|x| x as f32)
+fn single(rotation: &UnitQuaternion<f64>) -> [f32; 4] {
+    xyzw_from_rotation(rotation).map(|x| x as f32)
 }

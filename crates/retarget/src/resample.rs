@@ -280,18 +280,8 @@ impl Track {
 
     /// Returns the arm at source time `playhead`. `None` before its first skeleton.
     pub fn show(&mut self, playhead: i64, now: Stamp) -> Option<Sample> {
-        if self.count == 0 {
-            return None;
-        }
-        let mut sample = self.at(playhead);
-        if let Some(fade) = self.fade {
-            let share = fade.share(now);
-            if share < 1.0 {
-                sample = fade.from.between(&sample, share);
-            } else {
-                self.fade = None;
-            }
-        }
+        let sample = self.show_ahead(playhead, now)?;
+        self.fade = self.fade.filter(|fade| fade.share(now) < 1.0);
         self.shown = Some(sample);
         self.shown
     }
@@ -300,7 +290,8 @@ impl Track {
     /// newest knot.
     pub fn show_ahead(&self, playhead: i64, now: Stamp) -> Option<Sample> {
         let sample = (self.count > 0).then(|| self.at(playhead))?;
-        Some(self.fade.map_or(sample, |fade| fade.from.between(&sample, fade.share(now))))
+        let fade = self.fade.filter(|fade| fade.share(now) < 1.0);
+        Some(fade.map_or(sample, |fade| fade.from.between(&sample, fade.share(now))))
     }
 
     /// Returns the arm at source time `source`, shown at `now`: between the knots, or predicted beyond the newest

@@ -4,11 +4,10 @@ use messages::{
     Fault, Faults, JOINTS_MAX, JointTarget, LIMBS, Layout, PersonChange, RobotId, Skeleton, Stamp, TICK_S, WAY_NODES,
     skeleton_flag, target_flag,
 };
-use nalgebra::UnitQuaternion;
 use robot::TwoAxes;
 use serde::Deserialize;
 
-use crate::arm::{ARM_Q, ARMS, ArmModel, ArmQ, Limbs, limb_error_deg, mirror, mirrored, xyzw_from_rotation};
+use crate::arm::{ARM_Q, ARMS, ArmModel, ArmQ, Limbs, limb_error_deg, on_side, xyzw_from_rotation};
 use crate::course::{Person, Way};
 use crate::network::Latent;
 use crate::pointing::{Blend, human_hand, human_head};
@@ -296,7 +295,7 @@ fn point_hands(
 ) {
     for (arm, joints) in config.wrists.iter().enumerate() {
         let Some(q) = state.q[arm] else { continue };
-        let own = |turn: UnitQuaternion<f64>| if arm == 0 { turn } else { mirrored(&turn) };
+        let own = |turn| on_side(arm, &turn);
         let hand = shown[arm].and_then(|sample| sample.hand);
         let fore = config.solver.arm.forward(&q).fore;
         let bend = state.blends[arm].next(hand.map(|hand| own(fore.inverse() * hand)), elapsed_s);
@@ -440,8 +439,7 @@ fn assemble(
             target.dq[joint] = config.signs[arm][j] * state.dq[arm][j];
             target.valid_mask |= 1 << joint;
         }
-        let limbs = [sample.limbs.upper, sample.limbs.fore].map(|limb| xyzw_from_rotation(&limb));
-        let limbs = if arm == 0 { limbs } else { limbs.map(mirror) };
+        let limbs = [sample.limbs.upper, sample.limbs.fore].map(|limb| xyzw_from_rotation(&on_side(arm, &limb)));
         target.human_limbs[2 * arm..2 * arm + 2].copy_from_slice(&limbs);
         let error = limb_error_deg(&config.solver.arm.forward(&q), &sample.limbs);
         limb_error_rad[2 * arm..2 * arm + 2].copy_from_slice(&error.map(f64::to_radians));

@@ -61,7 +61,7 @@ impl fmt::Display for Message {
                     joint_names.join(" ")
                 )?;
                 points.iter().try_for_each(|point| {
-                    let time_s = f64::from(point.time_from_start.sec) + f64::from(point.time_from_start.nanosec) * 1e-9;
+                    let time_s = point.time_from_start.ns() as f64 * 1e-9;
                     writeln!(f, "  {time_s:.4} s: at {:.4?}, speed {:.4?}", point.positions, point.velocities)
                 })
             }

@@ -2,7 +2,7 @@
 
 use crate::description::difference;
 use crate::join::HELD;
-use crate::link::{Link, Seen};
+use crate::link::Link;
 use config::Ros2Settings;
 use messages::JOINTS_MAX;
 use robot::Model;
@@ -95,12 +95,11 @@ pub fn judge(link: &mut Link, model: &Model, settings: &Ros2Settings) -> Vec<Str
     failures
 }
 
-/// Returns true if nobody else is in the domain.
+/// Returns true if nobody else is in the domain, and nobody was.
 fn nothing_heard(link: &Link) -> bool {
     let state = link.heard.is_some() || link.incomplete.is_some() || link.disbelieved > 0;
     let other = link.urdf.is_some() || link.pressed.is_some();
-    let absent = |seen: &Seen| seen.readers == 0 && seen.publishers == 0;
-    !state && !other && !link.has_company() && link.controllers(rt::now()).iter().all(absent)
+    !state && !other && !link.has_company()
 }
 
 fn nothing(settings: &Ros2Settings) -> String {

@@ -49,7 +49,7 @@ pub const SPEED_SCALE_FIRST: f64 = 0.05;
 /// Duration of this first, slow part, ns.
 const FIRST_NS: u64 = 1_000_000_000;
 /// Duration of the ramp to full speed that follows, ns.
-const RAMP_NS: u64 = 2_000_000_000;
+pub const RAMP_NS: u64 = 2_000_000_000;
 /// Time for which a blocked motion must have settled at full speed scale before the target counts as reached,
 /// ns.
 const SETTLED_NS: u64 = 500_000_000;

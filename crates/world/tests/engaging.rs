@@ -106,6 +106,17 @@ fn f065_engaging_begins_without_jump_from_any_clear_posture() {
     assert!(travelled > 0.5 * f64::from(POSTURES), "the robots hardly moved: {travelled} rad");
 }
 
+/// Runs until the robot is Engaged. Returns the number of ticks, which is below `within`.
+fn until_engaged(bench: &mut Bench, within: u64, context: &str) -> u64 {
+    let mut ticks = 0;
+    while bench.mode() != Mode::Engaged {
+        bench.step();
+        ticks += 1;
+        assert!(ticks < within, "{context}: {:?}", bench.mode());
+    }
+    ticks
+}
+
 /// A person as the robot at `q`, with wrists bent by `bent`. x y z w.
 fn person(model: &Model, q: &[f64; JOINTS_MAX], bent: [f64; 2]) -> Box<JointTarget> {
     let xyzw = |matrix: Matrix3<f64>| {
@@ -138,12 +149,7 @@ fn hands_and_head_begin_slowly_once_the_arms_are_aligned() {
     (bench.target, bench.person) = (Some(there), person(model, &model.home, bent));
     bench.settle();
     bench.press_enable();
-    let mut ticks = 0;
-    while bench.mode() != Mode::Engaged {
-        bench.step();
-        ticks += 1;
-        assert!(ticks < 2 * TICK_HZ, "aligned arms engage after a second: {:?}", bench.mode());
-    }
+    until_engaged(&mut bench, 2 * TICK_HZ, "aligned arms engage after a second");
     let pointing: Vec<usize> = model.wrists.iter().flat_map(|wrist| wrist.joints).chain(head.joints).collect();
     for n in 0..TICK_HZ {
         bench.step();
@@ -179,12 +185,7 @@ fn robot_resumes_fast_after_short_gap_and_slowly_after_long_gap() {
         bench.target = Some(near);
         bench.settle();
         bench.press_enable();
-        let mut ticks = 0;
-        while bench.mode() != Mode::Engaged {
-            bench.step();
-            ticks += 1;
-            assert!(ticks < 5 * TICK_HZ, "{context}: {:?}", bench.mode());
-        }
+        let mut ticks = until_engaged(&mut bench, 5 * TICK_HZ, &context);
         // At full motion the person is lost for a moment and comes back far away.
         let far = target(&loaded.model, &mut rng, n % 2 == 0);
         bench.target = Some(far);
