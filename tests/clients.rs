@@ -180,3 +180,56 @@ fn python_script_without_a_daemon_fails_with_advice() {
     let told = String::from_utf8_lossy(&done.stderr);
     assert!(!done.status.success() && told.contains("teleopd up") && !told.contains("Traceback"), "{told}");
 }
+
+/// A client that closes its hand, and reads what the robot answers until the gripper follows.
+const GRIPS: &str = "\
+import json, sys, time
+sys.path.insert(0, sys.argv[2])
+import own_person
+from teleopd_client import MODES, FeedbackReader, SkeletonPublisher, rate, sentence
+with SkeletonPublisher(sys.argv[1]) as publisher, FeedbackReader(sys.argv[1]) as reader:
+    engaged = None
+    for i in rate(60):
+        closed = engaged is not None and i > engaged + 60
+        publisher.publish(own_person.at(i), closure=(0.5 if closed else 0.0, None))
+        feedback = reader.latest()
+        if feedback is None: continue
+        if engaged is None and MODES[feedback.mode] == 'Engaged': engaged = i
+        if feedback.closure[0] > 0.4: break
+    print(json.dumps({'said': sentence(feedback), 'clearance_m': list(feedback.clearance_m), 'known': feedback.known,
+        'closure': list(feedback.closure), 'towards': [list(way) for way in feedback.towards_nearest]}))
+";
+/// The person of the example, who moves a little.
+const OWN_PERSON: &str = "\
+import math
+MIDDLE = {0: (0, 0, .98), 3: (-.01, 0, 1.07), 6: (-.02, 0, 1.17), 9: (-.02, 0, 1.28), 12: (-.04, 0, 1.47), 15: (0, 0, 1.59)}
+LEFT = {1: (0, .096, .928), 4: (.018, .096, .499), 7: (0, .096, .068), 10: (.14, .114, .026), 13: (-.03, .053, 1.4),
+        16: (-.04, .184, 1.432), 18: (-.04, .51, 1.432), 20: (-.04, .766, 1.432)}
+def at(i):
+    all = {**MIDDLE, **LEFT, **{j + 1: (x, -y, z) for j, (x, y, z) in LEFT.items()}}
+    angle = 0.3 * math.sin(2 * math.pi * i / 240)
+    for joint, length in ((18, .326), (20, .582)):
+        all[joint] = (-.04, .184 + length * math.cos(angle), 1.432 + length * math.sin(angle))
+    return [all[joint] for joint in range(22)]
+";
+
+#[test]
+fn python_client_grips_and_reads_what_the_robot_answers() {
+    let Some(python) = python_or_skip() else { return };
+    let rig = Rig::whole();
+    let hand = rig.hand();
+    std::fs::write(rig.folder().join("own_person.py"), OWN_PERSON).expect("a file");
+    let mut script = Command::new(&python);
+    script.args(["-c", GRIPS]).args([rig.folder(), rig.folder()]).stdin(Stdio::null()).stdout(Stdio::piped());
+    let mut script = Client(script.spawn().expect("it starts"));
+    hand.engage_until(Mode::Engaged);
+    let mut said = String::new();
+    script.0.stdout.take().expect("a pipe").read_to_string(&mut said).expect("its words");
+    let told: serde_json::Value = serde_json::from_str(&said).expect("an answer");
+    assert!(told["said"].as_str().is_some_and(|said| said.len() > 5), "{told}");
+    let clearance = |side: usize| told["clearance_m"][side].as_f64().expect("a number");
+    assert!(clearance(0) > 0.009 && clearance(1) > 0.009 && clearance(0) < 2.0, "{told}");
+    // Status, state and both grippers are known.
+    assert_eq!(told["known"].as_u64().map(|known| known & 15), Some(15), "{told}");
+    assert_eq!(told["closure"][1], 0.0, "the other hand is not known");
+}

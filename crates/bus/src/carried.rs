@@ -5,8 +5,8 @@ use crate::domain::Domain;
 use crate::error::{BusError, PublishError};
 use crate::reader::Sample;
 use messages::{
-    InputStatus, JointCommand, JointTarget, Message, RawSkeleton, RobotMeasured, RobotSetpoint, RobotState, Service,
-    Skeleton, Status,
+    Feedback, InputStatus, JointCommand, JointTarget, Message, RawSkeleton, RobotMeasured, RobotSetpoint, RobotState,
+    Service, Skeleton, Status,
 };
 
 /// The writing end of a service.
@@ -68,5 +68,6 @@ carried!(
     Status,
     InputStatus,
     RobotSetpoint,
-    RobotMeasured
+    RobotMeasured,
+    Feedback
 );

@@ -55,7 +55,7 @@ fn second_writer_is_refused_by_name_until_first_one_leaves() {
     let error = other.writer::<JointTarget>(Service::JointTarget).expect_err("the place is taken");
     assert!(matches!(error, BusError::WriterExists { writers_max: 1, .. }), "{error:?}");
     let text = error.to_string();
-    assert!(text.contains("teleop/joint_target/5") && text.contains("another retarget is already running"), "{text}");
+    assert!(text.contains("teleop/joint_target/6") && text.contains("another retarget is already running"), "{text}");
     assert!(text.contains(place.root().to_str().expect("UTF-8")), "{text}");
     held.publish(&target(5)).expect("the first writer goes on");
     assert_eq!(early.latest(), Some(target(5)));

@@ -150,6 +150,8 @@ schema::table! {
         /// Operators that may reset an emergency stop of an operator. `"anyone"` allows every operator. `"presser"` requires a
         /// reset by every user who pressed it, or by root. SAFETY.md says more.
         emergency_stop_reset: EmergencyStopReset = EmergencyStopReset::Anyone;
+        /// A Disengaged robot opens its grippers. Otherwise they hold what they hold, as in every stop.
+        open_grippers_when_disengaged: bool = false;
     }
 }
 
@@ -298,6 +300,8 @@ schema::table! {
         payload_left_kg: Option<f64> = None, in [0.0, robot::PAYLOAD_MAX_KG];
         /// As `payload_left_kg`, for the right hand, kg.
         payload_right_kg: Option<f64> = None, in [0.0, robot::PAYLOAD_MAX_KG];
+        /// Width of an object between the fingers of each gripper, m. They stop there and press. 0 is nothing.
+        object_width_m: f64 = 0.0, in [0.0, sim::OBJECT_MAX_M];
     }
 }
 

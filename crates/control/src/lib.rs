@@ -5,16 +5,20 @@
 
 mod chain;
 mod commander;
+mod feedback;
 mod following;
+mod gripping;
 mod limited;
 mod payload;
 mod status;
 
 pub use chain::{Continue, Stream};
 pub use commander::{Commanded, Commander};
+pub use feedback::feedback;
 pub use status::STATUS_EVERY;
 
 use following::{Following, Wish};
+use gripping::Gripping;
 use messages::{
     Fault, Header, InputStatus, JOINTS_MAX, JointCommand, JointTarget, Layout, Mode, PersonChange, RobotState, Stamp,
     Status, Subject, reduced_flag, state_flag, target_flag,
@@ -22,7 +26,7 @@ use messages::{
 use retarget::ArmModel;
 use robot::{Frames, Model};
 use safety::engage::{self, MotionView, OperatorView, RobotView, TargetView};
-use safety::{gate, monitor};
+use safety::{gate, gripper, monitor};
 
 /// A command is aligned with its target if no valid joint is farther from it than this, rad: 1.1 degrees. Then the
 /// end of the blend cannot be felt. Assumption.
@@ -50,6 +54,12 @@ pub struct Config {
     pub gate: gate::Config,
     /// Following.
     pub follow: follow::Config,
+    /// The grippers, and the limits that their gate enforces.
+    pub grippers: driver::Grippers,
+    /// See `grippers`.
+    pub gripper_gate: gripper::Config,
+    /// A Disengaged robot opens its grippers. Otherwise they hold what they hold.
+    pub open_grippers_when_disengaged: bool,
     /// Kinematics of the limbs.
     pub arm: ArmModel,
     /// Known delay from a setpoint to its measurement, s. The command's lead over that delay is no tracking error.
@@ -70,6 +80,7 @@ pub struct State {
     engage: engage::State,
     commander: Commander,
     following: Following,
+    gripping: Gripping,
     near: monitor::Near,
     feedback: monitor::Feedback,
     movement: monitor::Movement,
@@ -127,6 +138,7 @@ impl State {
             engage: engage::State::new(),
             commander: Commander::at_rest(&config.wbc, config.model.home),
             following: Following::default(),
+            gripping: Gripping::default(),
             near: monitor::Near::new(),
             feedback: monitor::Feedback::default(),
             movement: monitor::Movement::default(),
@@ -164,6 +176,9 @@ pub fn tick(config: &Config, state: &mut State, now: Stamp, input: Input<'_>) ->
     let from = Stream::prepare(&mut state.stream, echo.as_ref(), input.k, state.incarnation);
     if let Continue::From(motion) = from {
         state.commander.reseed(&motion);
+        if let Some(echo) = &echo {
+            state.gripping.reseed(&echo.grippers);
+        }
     }
 
     let observed = observe(config, state, &input, missed);
@@ -293,6 +308,8 @@ fn command(
     let wanted = wish.as_ref().map(Wish::target);
     let Commanded { motion, denied, proposed } =
         state.commander.tick((&config.wbc, &config.gate), input.k, now, wanted, decided.permit);
+    let (grippers, gripper_denied) = state.gripping.tick(config, decided.mode, target.filter(|_| !late));
+    let denied = denied.or(gripper_denied);
     if let Some(denial) = denied {
         state.status.denied_why = denial.code();
         state.status.denied_about = denial.subject().map_or(0, Subject::code);
@@ -339,6 +356,7 @@ fn command(
         flags: proposed.command_flags(denied),
         reset_count: decided.reset_count,
         reserved: 0,
+        grippers,
     }
 }
 

@@ -2,18 +2,23 @@
 
 use crate::Config;
 use messages::{JOINTS_MAX, JointTarget, LIMBS};
-use retarget::{Limbs, limb_error_deg};
+use retarget::{ArmModel, Limbs, limb_error_deg};
 use robot::Model;
 
 /// Angles between the person's limbs and those of the arms at `q`, rad, indexed by `Limb`. `None` for an arm
 /// without a person.
-pub(super) fn limb_angles(config: &Config, target: &JointTarget, q: &[f64; JOINTS_MAX]) -> [Option<f64>; LIMBS] {
+pub(super) fn limb_angles(
+    model: &Model,
+    arm_model: &ArmModel,
+    target: &JointTarget,
+    q: &[f64; JOINTS_MAX],
+) -> [Option<f64>; LIMBS] {
     let mut angles = [None; LIMBS];
-    for (side, arm) in config.model.arms.iter().enumerate() {
+    for (side, arm) in model.arms.iter().enumerate() {
         let [upper, fore] = [target.human_limbs[2 * side], target.human_limbs[2 * side + 1]];
         let Some(human) = Limbs::of_arm(side, [upper, fore]) else { continue };
         let as_left = arm.mirrored(&core::array::from_fn(|i| q[arm.joints[i]]));
-        let degrees = limb_error_deg(&config.arm.forward(&as_left), &human);
+        let degrees = limb_error_deg(&arm_model.forward(&as_left), &human);
         angles[2 * side..2 * side + 2].copy_from_slice(&degrees.map(|angle| Some(angle.to_radians())));
     }
     angles
@@ -21,7 +26,7 @@ pub(super) fn limb_angles(config: &Config, target: &JointTarget, q: &[f64; JOINT
 
 /// Mean of these angles, rad. Zero without a person.
 pub(super) fn limb_error(config: &Config, target: &JointTarget, q: &[f64; JOINTS_MAX]) -> f64 {
-    let angles = limb_angles(config, target, q);
+    let angles = limb_angles(&config.model, &config.arm, target, q);
     let count = angles.iter().flatten().count();
     angles.iter().flatten().sum::<f64>() / count.max(1) as f64
 }

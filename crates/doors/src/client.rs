@@ -3,8 +3,8 @@
 use crate::error::DoorError;
 use crate::frame::encode_frame;
 use crate::listener::connect;
-use crate::protocol::{ANSWER_BYTES, Hello, Reply, ReplyPacket};
-use messages::RawSkeleton;
+use crate::protocol::{FEEDBACK_BYTES, Hello, Reply, ReplyPacket, WISHES_FEEDBACK};
+use messages::{Feedback, Message, RawSkeleton};
 use rustix::io::Errno;
 use rustix::net::{self, RecvFlags, SendFlags};
 use std::os::fd::OwnedFd;
@@ -23,24 +23,40 @@ pub struct Client {
     socket: OwnedFd,
     session_nonce: u64,
     told: Reply,
+    feedback: Option<Feedback>,
+}
+
+/// A packet of the daemon.
+enum Packet {
+    Reply(ReplyPacket),
+    Feedback(Feedback),
 }
 
 impl Client {
     /// Connects to the socket of `ingest` at `path` and sends a hello. Waits at most 1 s for the reply.
     pub fn attach(path: impl AsRef<Path>) -> Result<Self, DoorError> {
+        Self::attach_as(path, Hello::OURS)
+    }
+
+    /// As [`Client::attach`], and the daemon sends its feedback to this client.
+    pub fn attach_with_feedback(path: impl AsRef<Path>) -> Result<Self, DoorError> {
+        Self::attach_as(path, Hello { wishes: WISHES_FEEDBACK, ..Hello::OURS })
+    }
+
+    fn attach_as(path: impl AsRef<Path>, hello: Hello) -> Result<Self, DoorError> {
         let path = path.as_ref().to_path_buf();
         let socket = connect(&path, DAEMON, TIMEOUT_MS)?;
-        let mut client = Self { path, socket, session_nonce: 0, told: Reply::Granted };
-        match net::send(&client.socket, &Hello::OURS.encode(), SendFlags::NOSIGNAL) {
+        let mut client = Self { path, socket, session_nonce: 0, told: Reply::Granted, feedback: None };
+        match net::send(&client.socket, &hello.encode(), SendFlags::NOSIGNAL) {
             // The daemon has refused already. Its reply says why.
             Ok(_) | Err(Errno::PIPE | Errno::CONNRESET) => {}
             Err(errno) => return Err(client.failed("say hello", errno)),
         }
-        let answer = client.receive(RecvFlags::empty())?.ok_or(DoorError::Timeout {
-            path: client.path.clone(),
-            daemon: DAEMON,
-            timeout_ms: TIMEOUT_MS,
-        })?;
+        // The first packet is the reply to the hello.
+        let Some(Packet::Reply(answer)) = client.receive(RecvFlags::empty())? else {
+            let path = client.path.clone();
+            return Err(DoorError::Timeout { path, daemon: DAEMON, timeout_ms: TIMEOUT_MS });
+        };
         (client.session_nonce, client.told) = (answer.session_nonce, answer.word);
         Ok(client)
     }
@@ -63,7 +79,8 @@ impl Client {
     pub fn listen(&mut self) -> Result<(), DoorError> {
         for _ in 0..ANSWERS_MAX {
             match self.receive(RecvFlags::DONTWAIT)? {
-                Some(answer) => self.told = answer.word,
+                Some(Packet::Reply(answer)) => self.told = answer.word,
+                Some(Packet::Feedback(feedback)) => self.feedback = Some(feedback),
                 None => break,
             }
         }
@@ -75,24 +92,32 @@ impl Client {
         self.told
     }
 
+    /// Returns the newest feedback that [`Client::listen`] or [`Client::publish`] received. `None` before the first.
+    pub fn feedback(&self) -> Option<&Feedback> {
+        self.feedback.as_ref()
+    }
+
     /// Returns the number of this session, which every frame carries.
     pub fn session_nonce(&self) -> u64 {
         self.session_nonce
     }
 
-    /// Receives one reply. Returns `None` if none comes in time. A refusal is an error.
-    fn receive(&self, flags: RecvFlags) -> Result<Option<ReplyPacket>, DoorError> {
-        let mut bytes = [0; ANSWER_BYTES + 1];
+    /// Receives one packet. Returns `None` if none comes in time. A refusal is an error.
+    fn receive(&self, flags: RecvFlags) -> Result<Option<Packet>, DoorError> {
+        let mut bytes = [0; FEEDBACK_BYTES + 1];
         let mut resets = 0;
         loop {
             match net::recv(&self.socket, &mut bytes[..], flags) {
                 Ok((length, _)) => {
+                    if let Some(feedback) = Feedback::from_le_bytes(&bytes[..length]) {
+                        return Ok(Some(Packet::Feedback(feedback)));
+                    }
                     let closed = || DoorError::Closed { path: self.path.clone(), daemon: DAEMON };
                     let answer = ReplyPacket::decode(&bytes[..length]).ok_or_else(closed)?;
                     if answer.word.is_refusal() {
                         return Err(DoorError::Refused { path: self.path.clone(), word: answer.word });
                     }
-                    return Ok(Some(answer));
+                    return Ok(Some(Packet::Reply(answer)));
                 }
                 Err(Errno::INTR) => {}
                 Err(Errno::AGAIN) => return Ok(None),

@@ -19,6 +19,7 @@ pub(crate) struct Connection {
     pub(crate) connection: u64,
     /// The session number, or 0 before the hello.
     pub(crate) session_nonce: u64,
+    pub(crate) wishes_feedback: bool,
     pub(crate) since: Stamp,
     /// Time of the last packet.
     pub(crate) heard: Stamp,
@@ -38,6 +39,7 @@ impl Connection {
             peer,
             connection,
             session_nonce: 0,
+            wishes_feedback: false,
             since: now,
             heard: now,
             bucket: Bucket::default(),

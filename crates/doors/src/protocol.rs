@@ -1,7 +1,7 @@
 //! The packets on the skeleton socket besides the frames themselves.
 
 use crate::bucket::RATE_MAX_HZ;
-use messages::{Layout, Message, RawSkeleton};
+use messages::{Feedback, Layout, Message, RawSkeleton};
 
 /// First 32-bit field of every hello and reply: "TPSK" in memory order.
 const MAGIC: u32 = u32::from_le_bytes(*b"TPSK");
@@ -12,6 +12,9 @@ const PROTOCOL: u32 = 1;
 pub const HELLO_BYTES: usize = 32;
 /// Length of a reply.
 pub const ANSWER_BYTES: usize = 24;
+
+/// Length of a packet of feedback.
+pub const FEEDBACK_BYTES: usize = size_of::<Feedback>();
 
 /// A client's first packet: the layout of the frames that it is going to send.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -26,9 +29,12 @@ pub struct Hello {
     pub bytes: u32,
     /// Hash over names, types, offsets and sizes of the fields of `RawSkeleton`.
     pub layout: u64,
-    /// Zero.
-    pub reserved: u64,
+    /// Zero, or [`WISHES_FEEDBACK`].
+    pub wishes: u64,
 }
+
+/// The client wishes a packet with each `Feedback`.
+pub const WISHES_FEEDBACK: u64 = 1;
 
 impl Hello {
     /// The hello of this build.
@@ -38,14 +44,14 @@ impl Hello {
         version: RawSkeleton::VERSION,
         bytes: size_of::<RawSkeleton>() as u32,
         layout: RawSkeleton::HASH,
-        reserved: 0,
+        wishes: 0,
     };
 
     /// Returns its bytes: the fields in their order, little-endian.
     pub fn encode(self) -> [u8; HELLO_BYTES] {
         let mut bytes = [0; HELLO_BYTES];
         [self.magic, self.protocol, self.version, self.bytes].put(&mut bytes);
-        [self.layout, self.reserved].put(&mut bytes[16..]);
+        [self.layout, self.wishes].put(&mut bytes[16..]);
         bytes
     }
 
@@ -54,8 +60,14 @@ impl Hello {
         if bytes.len() != HELLO_BYTES || u32::get(bytes) != MAGIC {
             Some(Reply::NoHello)
         } else {
-            (bytes != Self::OURS.encode()).then_some(Reply::OtherLayout)
+            let known = [0, WISHES_FEEDBACK].map(|wishes| Self { wishes, ..Self::OURS }.encode());
+            (!known.iter().any(|known| bytes == known)).then_some(Reply::OtherLayout)
         }
+    }
+
+    /// Returns true if the client of this valid hello wishes feedback.
+    pub(crate) fn wishes_feedback(bytes: &[u8]) -> bool {
+        bytes == Self { wishes: WISHES_FEEDBACK, ..Self::OURS }.encode()
     }
 }
 
@@ -179,13 +191,14 @@ mod tests {
             |hello| hello.version += 1,
             |hello| hello.bytes += 4,
             |hello| hello.layout ^= 1,
-            |hello| hello.reserved = 1,
+            |hello| hello.wishes = 2,
         ];
         for change in changes {
             let mut hello = Hello::OURS;
             change(&mut hello);
             assert_eq!(Hello::refusal(&hello.encode()), Some(Reply::OtherLayout), "{hello:?}");
         }
+        assert_eq!(Hello::refusal(&Hello { wishes: WISHES_FEEDBACK, ..Hello::OURS }.encode()), None);
         let other = Hello { magic: 0, ..Hello::OURS };
         assert_eq!(Hello::refusal(&other.encode()), Some(Reply::NoHello));
         assert_eq!(Hello::refusal(&Hello::OURS.encode()[1..]), Some(Reply::NoHello));

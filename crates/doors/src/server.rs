@@ -5,11 +5,11 @@ use crate::error::DoorError;
 use crate::frame::{FRAME_BYTES, decode_frame};
 use crate::listener::{Admission, Listener};
 use crate::nonce::draw_nonce;
-use crate::protocol::{HELLO_BYTES, Hello, Reply, ReplyPacket};
-use messages::{RawSkeleton, Stamp};
+use crate::protocol::{FEEDBACK_BYTES, HELLO_BYTES, Hello, Reply, ReplyPacket};
+use messages::{Feedback, Layout, RawSkeleton, Stamp};
 use rt::Peer;
 use rustix::io::Errno;
-use rustix::net::{self, RecvFlags};
+use rustix::net::{self, RecvFlags, SendFlags};
 use std::os::fd::{AsFd, BorrowedFd};
 use std::path::Path;
 
@@ -119,6 +119,15 @@ impl Server {
         self.seats.iter().flatten().map(|seat| seat.muted_until).filter(|&until| until > now).min()
     }
 
+    /// Sends `feedback` to the clients that wish it, without waiting. A client that does not read loses it.
+    pub fn feed_back(&self, feedback: &Feedback) {
+        let mut bytes = [0; FEEDBACK_BYTES];
+        feedback.put(&mut bytes);
+        for seat in self.seats.iter().flatten().filter(|seat| seat.wishes_feedback) {
+            let _ = net::send(&seat.socket, &bytes, SendFlags::DONTWAIT | SendFlags::NOSIGNAL);
+        }
+    }
+
     /// Hands out the events for the log since the last call.
     pub fn take_notices(&mut self, use_notice: impl FnMut(SocketEvent)) {
         self.notices.iter_mut().filter_map(Option::take).for_each(use_notice);
@@ -209,6 +218,7 @@ impl Server {
                 Some(word) => Err(Some(word)),
                 None => {
                     (seat.session_nonce, seat.heard) = (draw_nonce(), now);
+                    seat.wishes_feedback = Hello::wishes_feedback(&bytes[..length]);
                     seat.say(if held { Reply::GrantedButHeld } else { Reply::Granted });
                     let peer = seat.peer;
                     self.note(Reply::Granted, peer);

@@ -4,7 +4,7 @@ use doors::{
     BURST, CONNECTIONS_MAX, Client, DoorError, FRAME_BYTES, FrameSource, HELLO_WITHIN_NS, Hello, IDLE_NS, LeaseState,
     Reply, ReplyPacket, Server, encode_frame,
 };
-use messages::{Layout, RawSkeleton, Stamp};
+use messages::{Feedback, Layout, RawSkeleton, Stamp};
 use rustix::io::Errno;
 use rustix::net::{AddressFamily, RecvFlags, SendFlags, SocketAddrUnix, SocketType};
 use std::os::fd::OwnedFd;
@@ -333,4 +333,29 @@ fn client_attaches_publishes_and_gets_error_when_server_leaves() {
     let error = (0..3).find_map(|_| client.publish(&RawSkeleton::ZERO).err()).expect("nobody is there");
     assert!(matches!(error, DoorError::Closed { .. }), "{error}");
     assert!(matches!(Client::attach(path), Err(DoorError::NoSocket { .. })));
+}
+
+#[test]
+fn feedback_reaches_the_client_that_wishes_it_alone() {
+    let mut house = House::new();
+    let plain = house.guest();
+    let path = house.path();
+    let attached = std::thread::spawn(move || Client::attach_with_feedback(path));
+    while !attached.is_finished() {
+        house.poll();
+    }
+    let mut client = attached.join().unwrap().expect("a seat");
+    assert_eq!(client.feedback(), None);
+    let mut feedback = Feedback { clearance_m: [0.25, 0.5], ..Feedback::ZERO };
+    feedback.set_sentence("The robot follows.");
+    house.server.feed_back(&Feedback::ZERO);
+    house.server.feed_back(&feedback);
+    client.listen().unwrap();
+    assert_eq!(client.feedback(), Some(&feedback), "the newest one");
+    assert_eq!(plain.answer(), None, "an old client hears nothing that it does not know");
+    // A client that never reads loses feedback, and disturbs nobody.
+    (0..1000).for_each(|_| house.server.feed_back(&feedback));
+    client.publish(&RawSkeleton::ZERO).unwrap();
+    house.poll();
+    assert_eq!(house.used.len(), 1);
 }

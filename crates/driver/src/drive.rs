@@ -2,7 +2,7 @@
 
 use crate::follower::{self, Accepted, Config, State, Step};
 use crate::{Driver, Measured, Refusal, Setpoint};
-use messages::{Faults, Header, JointCommand, Layout, RobotState, Stamp, StopPlan};
+use messages::{Faults, GripperMotion, Header, JointCommand, Layout, RobotState, Stamp, StopPlan};
 
 /// Sees every step that a driver executes, and may replace what the robot is sent. `()` does neither.
 pub trait Observer {
@@ -24,6 +24,8 @@ impl Observer for () {
 #[derive(Clone, Debug)]
 pub struct Drive {
     follower: State,
+    /// The grippers. `None` before the first tick, which holds them where they are.
+    grippers: Option<GripperMotion>,
     measured: Measured,
     sequence: u64,
     port_fault: bool,
@@ -37,7 +39,8 @@ impl Drive {
     /// number of it is not finite.
     pub fn new(config: &Config, k: u64, earlier: &Measured, measured: &Measured) -> Option<Self> {
         let follower = State::begin(config, k, earlier, measured)?;
-        Some(Self { follower, measured: *measured, sequence: 0, port_fault: false, withheld: false, first_latch: None })
+        let (measured, first_latch) = (*measured, None);
+        Some(Self { follower, grippers: None, measured, sequence: 0, port_fault: false, withheld: false, first_latch })
     }
 
     /// The follower.
@@ -112,6 +115,12 @@ pub fn drive(
         moved = true;
     });
     state.withheld = out.withheld;
+    let (gripped, limits) = (port.gripped(), &config.grippers);
+    let grippers = state.grippers.unwrap_or_else(|| limits.at_rest(&gripped));
+    let accepted = input.command.filter(|_| out.accepted.is_some());
+    let grippers = limits.after(&grippers, out.advanced, accepted.map(|command| &command.grippers));
+    state.grippers = Some(grippers);
+    port.grip(&grippers);
     if moved && !out.withheld {
         let executed = state.follower.setpoint();
         let (setpoint, plan) = observer.sent(&executed, &state.follower.motion.plan);
@@ -124,7 +133,11 @@ pub fn drive(
     state.sequence += 1;
     let header = Header { sequence: state.sequence, stamp: now, ..Header::ZERO };
     DriveOutput {
-        state: state.follower.echo(config, header, &state.measured),
+        state: RobotState {
+            grippers,
+            grippers_measured: gripped,
+            ..state.follower.echo(config, header, &state.measured)
+        },
         advanced: out.advanced,
         accepted: out.accepted,
         refused: out.refused,

@@ -2,6 +2,7 @@
 
 use crate::acceptance::{self, GAP_MAX_TICKS, Refusal, Rule};
 use crate::chain::Chain;
+use crate::gripper::Grippers;
 use crate::limits::JointLimits;
 use crate::plan::Motion;
 use crate::port::{Drives, Measured, Setpoint};
@@ -12,12 +13,11 @@ use messages::{
 /// Age of a measurement beyond which a robot counts as silent, ns: ten cycles of a port of 1 kHz. Assumption.
 pub const MEASURED_AGE_MAX_NS: u64 = 10_000_000;
 
-/// Indices without an acceptable command after which the fault latches: 10 ms at 1500 Hz. Universal Robots and
-/// Franka wait for 20 ms.
+/// Indices without an acceptable command after which the fault latches: 10 ms. Universal Robots and Franka wait 20 ms.
 pub const SILENCE_TICKS: u64 = 15;
 
-/// Ticks in a row in which the drives do not follow, after which the driver holds the measured posture. By then the
-/// robot is off the plan. One or two lost setpoints leave it on the plan.
+/// Ticks in a row without following drives, after which the driver holds the measured posture. By then the robot is
+/// off the plan.
 pub const UNDRIVEN_TICKS: u64 = 3;
 
 /// The driver waits at most this many ticks for the robot's answer: 20 ms. By then a robot that took the last
@@ -62,8 +62,9 @@ pub struct Config {
     pub robot: RobotId,
     /// A command beyond these limits is refused. Joints that the robot lacks have [`JointLimits::ABSENT`].
     pub limits: [JointLimits; JOINTS_MAX],
-    /// Delay that the robot's interface adds to the delay of its servos, ticks. A robot that follows lags by that
-    /// much more.
+    /// The grippers.
+    pub grippers: Grippers,
+    /// Delay that the robot's interface adds to the delay of its servos, ticks.
     pub interface_delay_ticks: u64,
     /// Age of a measurement beyond which the robot counts as silent, ns.
     pub measured_age_max_ns: u64,
@@ -76,6 +77,7 @@ impl Config {
             silence_ticks: SILENCE_TICKS,
             robot,
             limits,
+            grippers: Grippers([0.0; 2]),
             interface_delay_ticks: 0,
             measured_age_max_ns: MEASURED_AGE_MAX_NS,
         }

@@ -50,6 +50,7 @@ mod acceptance;
 mod chain;
 mod drive;
 mod follower;
+mod gripper;
 mod limits;
 mod plan;
 mod port;
@@ -62,6 +63,7 @@ pub use follower::{
     Accepted, Config, Input, MEASURED_AGE_MAX_NS, Output, SETTLE_TICKS, SILENCE_TICKS, STILL_TICKS, State, Step,
     StepKind, UNDRIVEN_TICKS, tick, tick_each,
 };
+pub use gripper::{Grippers, RAMP_S as GRIPPER_RAMP_S};
 pub use limits::JointLimits;
 pub use plan::Motion;
 pub use port::{Driver, Drives, Measured, Setpoint};

@@ -1,6 +1,6 @@
 //! The port: the interface that a robot must offer to be driven.
 
-use messages::{JOINTS_MAX, Stamp, StopPlan};
+use messages::{GripperMotion, GripperState, JOINTS_MAX, Layout, Stamp, StopPlan};
 
 /// A measurement of the robot.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -74,4 +74,13 @@ pub trait Driver {
     /// stands.
     /// The follower ensures that: it holds the measured posture as long as the drives are not sound.
     fn write(&mut self, now: Stamp, setpoint: &Setpoint, plan: &StopPlan) -> bool;
+
+    /// Takes the motion of the grippers. Called before each [`Driver::write`], which sends it. A robot without grippers
+    /// ignores it.
+    fn grip(&mut self, _grippers: &GripperMotion) {}
+
+    /// Returns the grippers as last measured. Zeros for a robot without.
+    fn gripped(&self) -> GripperState {
+        GripperState::ZERO
+    }
 }

@@ -40,7 +40,7 @@ pub enum Answer {
 }
 
 /// The groups of the list, in its order: title and hazards.
-pub const GROUPS: [(&str, &[Hazard]); 12] = [
+pub const GROUPS: [(&str, &[Hazard]); 13] = [
     ("Contents of a skeleton", input::CONTENT),
     ("Timing of skeletons", input::TIMING),
     ("Network and numbers", robot::NUMBERS),
@@ -53,6 +53,7 @@ pub const GROUPS: [(&str, &[Hazard]); 12] = [
     ("Intruders", system::INTRUDERS),
     ("A robot on ROS 2", robot::ROS2),
     ("The clutch", robot::CLUTCH),
+    ("Grippers", robot::GRIPPERS),
 ];
 
 /// Returns every hazard, in the order of the groups.
@@ -79,7 +80,7 @@ mod tests {
         for (index, hazard) in all().enumerate() {
             assert_eq!(hazard.id, format!("f{:03}", index + 1), "{}", hazard.what);
         }
-        assert_eq!(all().count(), 119);
+        assert_eq!(all().count(), 121);
     }
 
     #[test]

@@ -180,3 +180,18 @@ pub(crate) const CLUTCH: &[Hazard] = &[does(
     "as f065; without a client to let go, the enable is released",
     "every tick",
 )];
+
+pub(crate) const GRIPPERS: &[Hazard] = &[
+    does(
+        "f120",
+        "the person's hand is open at engaging while the robot holds something, or is seen no more",
+        "hold; a hand takes its gripper over where their closures meet",
+        "every tick",
+    ),
+    does(
+        "f121",
+        "a gripper's command is no number, jumps or is too fast",
+        "deny, brake the grippers and stop the robot",
+        "1 tick + B",
+    ),
+];

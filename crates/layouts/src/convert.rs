@@ -1,10 +1,11 @@
 //! Converts one frame of any layout to SMPL-22.
 
+use crate::closure::closure;
 use crate::map::{Layouts, Map, NONE, Sends};
 use crate::neutral::{COLLAR, HIPS_PER_SHOULDERS, OFFSET_M, UP_THE_TRUNK};
 use messages::{
     HingeCalibration, Layout, RAW_JOINTS_MAX, RawSkeleton, SMPL_JOINTS, SMPL_OTHER_SIDE, SMPL_PARENT, SkeletonLayout,
-    Smpl, raw_flag,
+    Smpl, raw_flag, with_closure,
 };
 use nalgebra::{Quaternion, Vector3};
 
@@ -57,7 +58,7 @@ impl Layouts {
 
 /// See [`Layouts::convert`]. `map` must be that of the frame's layout.
 fn convert(map: &Map, raw: &RawSkeleton) -> Result<RawSkeleton, Refusal> {
-    let known = raw_flag::MIRRORED | raw_flag::ROTATIONS | raw_flag::LOCAL | raw_flag::CLUTCH;
+    let known = raw_flag::MIRRORED | raw_flag::ROTATIONS | raw_flag::LOCAL | raw_flag::CLUTCH | raw_flag::CLOSURE;
     if raw.joint_count as usize != map.joints || raw.flags & !known != 0 {
         return Err(Refusal::Count);
     }
@@ -91,6 +92,8 @@ fn convert(map: &Map, raw: &RawSkeleton) -> Result<RawSkeleton, Refusal> {
     out.flags = if sent == Sends::Positions { 0 } else { raw_flag::ROTATIONS };
     out.flags |= if mirrored && !turned_back { raw_flag::MIRRORED } else { 0 };
     out.flags |= raw.flags & raw_flag::CLUTCH;
+    let [left, right] = closure(raw);
+    out.flags = with_closure(out.flags, if turned_back { [right, left] } else { [left, right] });
     out.calibration = calibration(map, &raw.calibration);
     for joint in 0..SMPL_JOINTS {
         let q = body.rotation[joint];

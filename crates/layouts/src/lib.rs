@@ -15,6 +15,7 @@
 
 mod axes;
 mod builtin;
+mod closure;
 mod convert;
 mod error;
 mod file;

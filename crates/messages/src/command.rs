@@ -11,6 +11,8 @@ pub mod target_flag {
     pub const INPUT_FRESH: u32 = 1;
     /// `raw_flag::CLUTCH` of the newest skeleton.
     pub const CLUTCH: u32 = 2;
+    /// The closure of the left and the right hand is known.
+    pub const CLOSURE: [u32; 2] = [4, 8];
     // Bits 5 to 7 are `PersonChange::FLAGS`.
 }
 
@@ -40,7 +42,7 @@ pub const HAND_NODES: usize = 6;
 message! {
     /// Posture that the arms should have at tick `k`, and the person's motion after that. Any value is allowed:
     /// `control` makes it safe.
-    pub struct JointTarget v 5 size 2416 {
+    pub struct JointTarget v 6 size 2424 {
         /// `origin` of the skeleton that the target was made from.
         pub header: Header,
         /// The robot whose joints these are.
@@ -79,6 +81,28 @@ message! {
         /// Rotations that the robot's left and right hand should have at the first nodes of the way. A hand that comes or goes
         /// is blended with a straight one. Zero for a hand that is not known.
         pub way_hands: [[[f32; 4]; 2]; HAND_NODES],
+        /// Closure of the person's left and right hand at the resampled instant, from 0 (open) to 1 (closed).
+        pub closure: [f32; 2],
+    }
+}
+
+message! {
+    /// Motion of the left and the right gripper, from 0 (open) to 1 (closed). Zero for a hand without a gripper.
+    pub struct GripperMotion v 1 size 32 {
+        /// Closure.
+        pub closure: [f64; 2],
+        /// Its rate, 1/s.
+        pub rate: [f64; 2],
+    }
+}
+
+message! {
+    /// Measured state of the left and the right gripper. Zero for a hand without a gripper.
+    pub struct GripperState v 1 size 32 {
+        /// Closure, from 0 (open) to 1 (closed).
+        pub closure: [f64; 2],
+        /// Force between the fingers, N.
+        pub force_n: [f64; 2],
     }
 }
 
@@ -97,7 +121,7 @@ message! {
 message! {
     /// The state that the robot should have at tick `k`, and the stop to play if no command for tick `k + 1`
     /// arrives.
-    pub struct JointCommand v 2 size 1832 {
+    pub struct JointCommand v 3 size 1864 {
         /// `origin` of the skeleton that the command follows.
         pub header: Header,
         /// The robot whose joints these are.
@@ -126,12 +150,14 @@ message! {
         pub reset_count: u32,
         /// Zero.
         pub reserved: u32,
+        /// The grippers at tick `k`. They are no part of the plan: without a command they brake, and hold what they hold.
+        pub grippers: GripperMotion,
     }
 }
 
 message! {
     /// The robot's state: what it measures, and what its driver executes.
-    pub struct RobotState v 2 size 2224 {
+    pub struct RobotState v 3 size 2288 {
         /// `origin` of the executed command.
         pub header: Header,
         /// The robot whose joints these are.
@@ -167,5 +193,9 @@ message! {
         pub flags: u32,
         /// Zero.
         pub reserved: u32,
+        /// Executed motion of the grippers.
+        pub grippers: GripperMotion,
+        /// The grippers as measured.
+        pub grippers_measured: GripperState,
     }
 }

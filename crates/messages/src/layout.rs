@@ -140,7 +140,7 @@ macro_rules! primitive {
         }
     )*};
 }
-primitive!(u32, u64, i64, f32, f64);
+primitive!(u8, u32, u64, i64, f32, f64);
 
 impl<T: Layout, const N: usize> Layout for [T; N] {
     const HASH: u64 = fnv(fnv(T::HASH, b"array"), &(N as u64).to_le_bytes());

@@ -9,6 +9,7 @@
 
 mod command;
 mod fault;
+mod feedback;
 mod input;
 mod joints;
 mod layout;
@@ -25,10 +26,11 @@ mod subject;
 mod time;
 
 pub use command::{
-    HAND_NODES, JointCommand, JointTarget, RobotState, StopPlan, WAY_NODE_TICKS, WAY_NODES, command_flag, state_flag,
-    target_flag,
+    GripperMotion, GripperState, HAND_NODES, JointCommand, JointTarget, RobotState, StopPlan, WAY_NODE_TICKS,
+    WAY_NODES, command_flag, state_flag, target_flag,
 };
 pub use fault::{FAULTS, Fault, FaultRow, Faults, Mode, Response};
+pub use feedback::{Feedback, SENTENCE_BYTES, feedback_flag};
 pub use input::{CalibrationSource, DROPS_MAX, InputStatus};
 pub use joints::{ALL_JOINTS, ARM_JOINTS, JOINTS_MAX, RobotId};
 pub use layout::{FNV_BASIS, Field, Layout, Message, TypeName, fnv};
@@ -40,7 +42,8 @@ pub use port::{RobotMeasured, RobotSetpoint, measured_flag};
 pub use service::{Domain, SERVICES, Service, ServiceRow};
 pub use skeleton::{
     CUSTOM_LAYOUTS, HingeCalibration, LIMBS, Limb, RAW_JOINTS_MAX, RawSkeleton, SMPL_JOINTS, SMPL_NAMES,
-    SMPL_OTHER_SIDE, SMPL_PARENT, Skeleton, SkeletonLayout, Smpl, calibration_flag, raw_flag, skeleton_flag,
+    SMPL_OTHER_SIDE, SMPL_PARENT, Skeleton, SkeletonLayout, Smpl, calibration_flag, closure_of, raw_flag,
+    skeleton_flag, with_closure,
 };
 pub use status::{FollowingLimit, Status, TRANSITIONS_KEPT, Transition, reduced_flag};
 pub use subject::Subject;

@@ -1,7 +1,7 @@
 //! The port between the driver and a robot in a process of its own. Setpoints go one way and measurements the
 //! other, as on a field bus.
 
-use crate::command::StopPlan;
+use crate::command::{GripperMotion, GripperState, StopPlan};
 use crate::joints::{JOINTS_MAX, RobotId};
 use crate::layout::message;
 use crate::time::{Header, Stamp};
@@ -22,7 +22,7 @@ pub mod measured_flag {
 
 message! {
     /// State that the drives should have at tick `k`.
-    pub struct RobotSetpoint v 2 size 1792 {
+    pub struct RobotSetpoint v 3 size 1824 {
         /// Its stamp is the time at which the driver sent it.
         pub header: Header,
         /// The robot whose joints these are.
@@ -37,12 +37,14 @@ message! {
         pub a: [f64; JOINTS_MAX],
         /// The stop from (q, v, a), for a robot that plays it by itself.
         pub plan: StopPlan,
+        /// The grippers.
+        pub grippers: GripperMotion,
     }
 }
 
 message! {
     /// The robot's measurements.
-    pub struct RobotMeasured v 2 size 656 {
+    pub struct RobotMeasured v 3 size 688 {
         /// Its stamp is the time at which the robot sent it.
         pub header: Header,
         /// The robot whose joints these are.
@@ -61,5 +63,7 @@ message! {
         pub flags: u32,
         /// Zero.
         pub reserved: u32,
+        /// The grippers.
+        pub grippers: GripperState,
     }
 }

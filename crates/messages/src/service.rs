@@ -3,7 +3,7 @@
 /// Shared-memory domain of a service.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Domain {
-    /// Clients publish here, and only `ingest` reads.
+    /// Clients publish here, and `ingest` reads and answers.
     Input,
     /// Only teleopd's own processes open it.
     Core,
@@ -31,6 +31,8 @@ pub enum Service {
     RobotSetpoint = 7,
     /// `RobotMeasured`, written by the simulated robot.
     RobotMeasured = 8,
+    /// `Feedback`, written by `ingest` for any client.
+    Feedback = 9,
 }
 
 /// A row of the service table.
@@ -71,19 +73,20 @@ const fn row(
 const SETPOINTS_KEPT: usize = 128;
 
 /// The one table of services.
-pub const SERVICES: [ServiceRow; 9] = [
+pub const SERVICES: [ServiceRow; 10] = [
     row(Service::RawSkeleton, "teleop/raw_skeleton/1", Domain::Input, "client", 8, 240, 0),
-    row(Service::Skeleton, "teleop/skeleton/2", Domain::Core, "ingest", 1, 240, 100),
-    row(Service::JointTarget, "teleop/joint_target/5", Domain::Core, "retarget", 1, 1500, 10),
-    row(Service::JointCommand, "teleop/joint_command/2", Domain::Core, "control", 1, 1500, 10),
-    row(Service::RobotState, "teleop/robot_state/2", Domain::Core, "driver", 1, 1500, 5),
+    row(Service::Skeleton, "teleop/skeleton/3", Domain::Core, "ingest", 1, 240, 100),
+    row(Service::JointTarget, "teleop/joint_target/6", Domain::Core, "retarget", 1, 1500, 10),
+    row(Service::JointCommand, "teleop/joint_command/3", Domain::Core, "control", 1, 1500, 10),
+    row(Service::RobotState, "teleop/robot_state/3", Domain::Core, "driver", 1, 1500, 5),
     row(Service::Status, "teleop/status/9", Domain::Core, "control", 1, 50, 500),
     row(Service::InputStatus, "teleop/input_status/1", Domain::Core, "ingest", 1, 10, 0),
     ServiceRow {
         kept: SETPOINTS_KEPT,
-        ..row(Service::RobotSetpoint, "teleop/robot_setpoint/2", Domain::Core, "driver", 1, 1500, 10)
+        ..row(Service::RobotSetpoint, "teleop/robot_setpoint/3", Domain::Core, "driver", 1, 1500, 10)
     },
-    row(Service::RobotMeasured, "teleop/robot_measured/2", Domain::Core, "robot", 1, 1000, 10),
+    row(Service::RobotMeasured, "teleop/robot_measured/3", Domain::Core, "robot", 1, 1000, 10),
+    row(Service::Feedback, "teleop/feedback/1", Domain::Input, "ingest", 1, 20, 0),
 ];
 
 impl Service {

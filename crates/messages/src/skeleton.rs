@@ -125,6 +125,34 @@ pub mod raw_flag {
     pub const LOCAL: u32 = 4;
     /// The person holds the clutch: the robot stands until a frame without it.
     pub const CLUTCH: u32 = 8;
+    /// The bytes of [`with_closure`](super::with_closure): bits 16 to 23 and bits 24 to 31.
+    pub const CLOSURE: u32 = 0xffff_0000;
+}
+
+/// Position of the left and of the right hand's byte in `RawSkeleton::flags`.
+const CLOSURE_SHIFT: [u32; 2] = [16, 24];
+/// Largest byte minus one: the byte of a closed hand is 255, that of an open one 1.
+const CLOSURE_STEPS: f32 = 254.0;
+
+/// Returns `flags` with the closure of the left and of the right hand, from 0 (open) to 1 (closed). `None` and NaN stand
+/// for a hand that is not known: its byte is zero. The resolution is 1 / 254.
+///
+/// ```
+/// use messages::{closure_of, with_closure};
+///
+/// let flags = with_closure(messages::raw_flag::ROTATIONS, [Some(1.0), None]);
+/// assert_eq!(closure_of(flags), [Some(1.0), None]);
+/// ```
+pub fn with_closure(flags: u32, closure: [Option<f32>; 2]) -> u32 {
+    let byte = |closure: f32| 1 + (closure.clamp(0.0, 1.0) * CLOSURE_STEPS + 0.5) as u32;
+    let hands = closure.into_iter().zip(CLOSURE_SHIFT);
+    let known = hands.filter_map(|(closure, shift)| Some(byte(closure.filter(|closure| !closure.is_nan())?) << shift));
+    known.fold(flags & !raw_flag::CLOSURE, |flags, bits| flags | bits)
+}
+
+/// Returns what [`with_closure`] wrote.
+pub fn closure_of(flags: u32) -> [Option<f32>; 2] {
+    CLOSURE_SHIFT.map(|shift| (flags >> shift & 0xff).checked_sub(1).map(|step| step as f32 / CLOSURE_STEPS))
 }
 
 /// Bits of `HingeCalibration::flags`.
@@ -152,6 +180,8 @@ pub mod skeleton_flag {
     pub const CLUTCH: u32 = 2048;
     /// The person is the mirror image of the one who was seen (`ingest.mirror`).
     pub const IMAGE: u32 = 4096;
+    /// The closure of the left and the right hand is known.
+    pub const CLOSURE: [u32; 2] = [8192, 16384];
 }
 
 message! {
@@ -200,7 +230,7 @@ message! {
 
 message! {
     /// A validated person: SMPL-22 positions, the four calibrated limb rotations, hands and head.
-    pub struct Skeleton v 2 size 440 {
+    pub struct Skeleton v 3 size 448 {
         /// `origin` of the client, on the clock of this machine.
         pub header: Header,
         /// Time at which `ingest` received the frame.
@@ -221,5 +251,7 @@ message! {
         pub hands: [[f32; 4]; 2],
         /// Rotation of the head relative to the chest, as the difference from its mean so far, x y z w.
         pub head: [f32; 4],
+        /// Closure of the left and the right hand, from 0 (open) to 1 (closed).
+        pub closure: [f32; 2],
     }
 }

@@ -1,15 +1,17 @@
 //! Files that clients in other languages include: the layout of a frame as Python ctypes and as a C header. The
 //! test writes them from the field tables and compares them with the stored files.
 
-use messages::{Header, HingeCalibration, LIMBS, Layout, Message, RAW_JOINTS_MAX, RawSkeleton, Service, raw_flag};
-use messages::{SkeletonLayout, calibration_flag};
+use messages::{
+    Feedback, Header, HingeCalibration, LIMBS, Layout, Message, Mode, RAW_JOINTS_MAX, RawSkeleton, Service, raw_flag,
+};
+use messages::{SENTENCE_BYTES, SkeletonLayout, calibration_flag, feedback_flag};
 use std::fmt::Write;
 
 const PYTHON: &str = "/../../tools/clients/python/teleopd_client/layout.py";
 const C: &str = "/../../tools/clients/c/teleopd.h";
 
 /// Names, values and meanings of the numbers that a frame holds.
-const NUMBERS: [(&str, u64, &str); 14] = [
+const NUMBERS: [(&str, u64, &str); 20] = [
     ("RAW_JOINTS_MAX", RAW_JOINTS_MAX as u64, "the most joints that a frame can carry"),
     ("LIMBS", LIMBS as u64, "left upper arm, left forearm, right upper arm, right forearm"),
     ("LAYOUT_SMPL22", SkeletonLayout::Smpl22 as u64, "SMPL-22, metres, x forward, y left, z up"),
@@ -35,8 +37,16 @@ const NUMBERS: [(&str, u64, &str); 14] = [
         "they are relative to the parent joint; of the positions the root's alone counts",
     ),
     ("FLAG_CLUTCH", raw_flag::CLUTCH as u64, "the robot stands until a frame without it"),
+    ("FLAG_CLOSURE", raw_flag::CLOSURE as u64, "the two bytes of the hands' closures"),
+    ("SENTENCE_BYTES", SENTENCE_BYTES as u64, "the most bytes of a sentence"),
+    ("FEEDBACK_STATUS", feedback_flag::STATUS as u64, "mode, faults, speed_scale and sentence are known"),
+    ("FEEDBACK_STATE", feedback_flag::STATE as u64, "clearances and grippers are known"),
+    ("FEEDBACK_GRIPPER_LEFT", feedback_flag::GRIPPER[0] as u64, "the robot has a left gripper"),
+    ("FEEDBACK_GRIPPER_RIGHT", feedback_flag::GRIPPER[1] as u64, "the robot has a right gripper"),
     ("CALIBRATION_ALL", calibration_flag::ALL as u64, "all four hinges of the calibration are valid"),
 ];
+
+const FEEDBACK: &str = "State of the robot for the person who drives it. Directions: torso, x forward, y left, z up.";
 
 /// Returns the innermost type of a field, and the array lengths, outermost first.
 fn taken_apart(ty: &str) -> (&str, Vec<&str>) {
@@ -55,6 +65,7 @@ fn python_class<M: Message>(out: &mut String, what: &str) {
     for field in M::FIELDS {
         let (base, counts) = taken_apart(field.ty);
         let base = match base {
+            "u8" => "ctypes.c_uint8",
             "u32" => "ctypes.c_uint32",
             "u64" | "Stamp" => "ctypes.c_uint64",
             "f32" => "ctypes.c_float",
@@ -83,6 +94,11 @@ fn python() -> String {
     }
     writeln!(out, "#: name of the service that clients write\nSERVICE = \"{}\"", row.name).unwrap();
     writeln!(out, "#: name of the service that wakes its reader\nEVENT_SERVICE = \"{}/event\"", row.name).unwrap();
+    let modes = Mode::ALL.map(|mode| format!("\"{}\"", mode.name())).join(", ");
+    writeln!(out, "#: names of `Feedback.mode`\nMODES = ({modes})").unwrap();
+    let feedback = Service::Feedback.row().name;
+    writeln!(out, "#: name of the service that tells clients about the robot\nFEEDBACK_SERVICE = \"{feedback}\"")
+        .unwrap();
     writeln!(out, "#: frames a second that a client may publish at most\nRATE_MAX_HZ = {}", row.rate_hz).unwrap();
     python_class::<Header>(&mut out, "What every message begins with. Times are CLOCK_MONOTONIC, ns.");
     python_class::<HingeCalibration>(
@@ -90,6 +106,7 @@ fn python() -> String {
         "Elbow hinge axes, unit vectors in the frames of the joints that carry them.",
     );
     python_class::<RawSkeleton>(&mut out, "A frame of a person.");
+    python_class::<Feedback>(&mut out, FEEDBACK);
     out
 }
 
@@ -110,6 +127,7 @@ fn c_struct<M: Message>(out: &mut String, what: &str) {
     for field in M::FIELDS {
         let (base, counts) = taken_apart(field.ty);
         let base = match base {
+            "u8" => "uint8_t".to_owned(),
             "u32" => "uint32_t".to_owned(),
             "u64" | "Stamp" => "uint64_t".to_owned(),
             "f32" => "float".to_owned(),
@@ -142,6 +160,18 @@ fn c() -> String {
     for (name, value, what) in NUMBERS {
         writeln!(out, "/* {what} */\n#define TELEOP_{name} {value}").unwrap();
     }
+    for mode in Mode::ALL {
+        writeln!(out, "#define TELEOP_MODE_{} {}", mode.name().to_uppercase(), mode as u32).unwrap();
+    }
+    let feedback = Service::Feedback.row().name;
+    writeln!(
+        out,
+        "/* the service that tells clients about the robot */\n#define TELEOP_FEEDBACK_SERVICE \"{feedback}\""
+    )
+    .unwrap();
+    writeln!(out, "/* closure of a hand, 0 (open) to 1 (closed), for a frame's flags */").unwrap();
+    writeln!(out, "#define TELEOP_CLOSURE_LEFT(c) ((uint32_t)(1.5f + 254.0f * (c)) << 16)").unwrap();
+    writeln!(out, "#define TELEOP_CLOSURE_RIGHT(c) ((uint32_t)(1.5f + 254.0f * (c)) << 24)").unwrap();
     writeln!(out, "/* the service that clients write, and the one that wakes its reader */").unwrap();
     writeln!(out, "#define TELEOP_SERVICE \"{0}\"\n#define TELEOP_EVENT_SERVICE \"{0}/event\"", row.name).unwrap();
     c_struct::<Header>(&mut out, "What every message begins with. Times are CLOCK_MONOTONIC, ns.");
@@ -150,6 +180,7 @@ fn c() -> String {
         "Elbow hinge axes, unit vectors in the frames of the joints that carry them.",
     );
     c_struct::<RawSkeleton>(&mut out, "A frame of a person.");
+    c_struct::<Feedback>(&mut out, FEEDBACK);
     out.push_str("\n#endif\n");
     out
 }
@@ -174,6 +205,7 @@ fn c_and_cpp_compilers_accept_header() {
     for (compiler, file) in [("cc", "client.c"), ("c++", "client.cpp")] {
         let source = folder.join(file);
         let text = "#include \"teleopd.h\"\nint main(void) { teleop_raw_skeleton frame; frame.layout = TELEOP_LAYOUT_SMPL22; \
+                    frame.flags = TELEOP_CLOSURE_LEFT(0.5f) | TELEOP_CLOSURE_RIGHT(1.0f); \
                     return frame.layout == 0; }\n";
         std::fs::write(&source, text).unwrap();
         let header = std::path::Path::new(&path(C)).parent().unwrap().to_owned();

@@ -50,15 +50,22 @@ struct Key {
     arms: [ArmPose; 2],
     hands: [HandPose; 2],
     head: HeadPose,
+    /// Closure of both hands.
+    closure: f64,
 }
 
 const fn key(seconds: f64, left: ArmPose, right: ArmPose) -> Key {
-    Key { seconds, arms: [left, right], hands: [[0.0; 2]; 2], head: [0.0; 2] }
+    Key { seconds, arms: [left, right], hands: [[0.0; 2]; 2], head: [0.0; 2], closure: 0.0 }
 }
 
 /// A key with both hands bent alike to palm and thumb.
 const fn work(seconds: f64, arms: [ArmPose; 2], hand: HandPose, head: HeadPose) -> Key {
-    Key { seconds, arms, hands: [hand; 2], head }
+    Key { seconds, arms, hands: [hand; 2], head, closure: 0.0 }
+}
+
+/// The same with both hands on the box.
+const fn hold(seconds: f64, arms: [ArmPose; 2], hand: HandPose, head: HeadPose) -> Key {
+    Key { closure: 0.5, ..work(seconds, arms, hand, head) }
 }
 
 const KEYS: [Key; 19] = [
@@ -111,12 +118,12 @@ const PICK_AND_PLACE_KEYS: [Key; 22] = [
     work(0.8, [REST; 2], [0.0, 0.0], [0.0, 0.0]),
     work(1.0, [REST; 2], [0.0, 0.0], [0.0, 28.0]),
     work(1.8, [REACH; 2], [-20.0, 10.0], [0.0, 30.0]),
-    work(1.0, [GRASP; 2], [15.0, 10.0], [0.0, 30.0]),
-    work(0.5, [GRASP; 2], [18.0, 10.0], [0.0, 30.0]),
-    work(1.6, [LIFT; 2], [18.0, 15.0], [0.0, 12.0]),
-    work(0.6, [LIFT; 2], [18.0, 15.0], [35.0, 8.0]),
-    work(2.0, OVER_LEFT, [18.0, 15.0], [35.0, 15.0]),
-    work(1.4, DOWN_LEFT, [15.0, 5.0], [35.0, 28.0]),
+    hold(1.0, [GRASP; 2], [15.0, 10.0], [0.0, 30.0]),
+    hold(0.5, [GRASP; 2], [18.0, 10.0], [0.0, 30.0]),
+    hold(1.6, [LIFT; 2], [18.0, 15.0], [0.0, 12.0]),
+    hold(0.6, [LIFT; 2], [18.0, 15.0], [35.0, 8.0]),
+    hold(2.0, OVER_LEFT, [18.0, 15.0], [35.0, 15.0]),
+    hold(1.4, DOWN_LEFT, [15.0, 5.0], [35.0, 28.0]),
     work(0.6, DOWN_LEFT, [15.0, 5.0], [35.0, 28.0]),
     work(1.0, LET_GO, [-15.0, 5.0], [35.0, 28.0]),
     work(2.0, [REST; 2], [0.0, 0.0], [0.0, 5.0]),
@@ -153,7 +160,8 @@ fn played(name: &str, keys: &[Key]) -> Motion {
             let s = t * t * t * (10.0 + t * (6.0 * t - 15.0));
             let arms = [0, 1].map(|side| blend(&from.arms[side], &to.arms[side], s));
             let hands = [0, 1].map(|side| blend(&from.hands[side], &to.hands[side], s));
-            frames.push(frame(&arms, &hands, &blend(&from.head, &to.head, s)));
+            let closure = [Some(blend(&[from.closure], &[to.closure], s)[0] as f32); 2];
+            frames.push(Frame { closure, ..frame(&arms, &hands, &blend(&from.head, &to.head, s)) });
         }
     }
     sway(&mut frames);
@@ -188,7 +196,7 @@ fn sway(frames: &mut [Frame]) {
 fn frame(arms: &[ArmPose; 2], hands: &[HandPose; 2], head: &HeadPose) -> Frame {
     let about = |axis, angle: f64| UnitQuaternion::from_axis_angle(&axis, angle.to_radians());
     let (x, y, z) = (Vector3::x_axis(), Vector3::y_axis(), Vector3::z_axis());
-    let mut out = Frame { positions: standing(), rotations: [[0.0, 0.0, 0.0, 1.0]; SMPL_JOINTS] };
+    let mut out = Frame { positions: standing(), ..Frame::ZERO };
     let joints = [
         [Smpl::LeftShoulder, Smpl::LeftElbow, Smpl::LeftWrist],
         [Smpl::RightShoulder, Smpl::RightElbow, Smpl::RightWrist],

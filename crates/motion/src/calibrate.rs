@@ -3,7 +3,7 @@
 use crate::{Frame, Motion};
 use messages::{
     HingeCalibration, LIMBS, Layout, RAW_JOINTS_MAX, RawSkeleton, SMPL_JOINTS, SkeletonLayout, calibration_flag,
-    raw_flag,
+    raw_flag, with_closure,
 };
 use skeleton::{Calibrator, Hold, limbs_from_positions_rotations};
 
@@ -85,6 +85,7 @@ pub fn raw_frame(motion: &Motion, i: usize, calibration: &HingeCalibration) -> R
         return raw;
     }
     let frame = &motion.frames[i % motion.frames.len()];
+    raw.flags = with_closure(raw.flags, frame.closure);
     raw.positions[..SMPL_JOINTS].copy_from_slice(&frame.positions);
     raw.rotations[..SMPL_JOINTS].copy_from_slice(&frame.rotations);
     raw.confidence[..SMPL_JOINTS].fill(1.0);

@@ -2,7 +2,7 @@
 
 use crate::bvh::RigFrame;
 use crate::{Frame, Guesses};
-use messages::{SMPL_JOINTS, Smpl};
+use messages::Smpl;
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 
 /// Units that exporters use, m. The last one is CMU's own unit (the cgspeed release): 0.45 inch divided by
@@ -99,7 +99,7 @@ impl Canonical {
     }
 
     pub(crate) fn apply(&self, frame: &RigFrame) -> Frame {
-        let mut out = Frame { positions: [[0.0; 3]; SMPL_JOINTS], rotations: [[0.0, 0.0, 0.0, 1.0]; SMPL_JOINTS] };
+        let mut out = Frame::ZERO;
         for (joint, pose) in frame.iter().enumerate() {
             let p = self.rotation * (pose.position + self.shift) * self.scale;
             // Rounding alone makes products of many rotations drift from unit length.

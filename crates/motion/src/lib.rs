@@ -60,6 +60,14 @@ pub struct Frame {
     pub positions: [[f32; 3]; SMPL_JOINTS],
     /// Global rotations, x y z w, in the same frame. Identity if the source has none.
     pub rotations: [[f32; 4]; SMPL_JOINTS],
+    /// Closure of the left and the right hand, from 0 (open) to 1 (closed). `None` if the source has none.
+    pub closure: [Option<f32>; 2],
+}
+
+impl Frame {
+    /// Joints at the origin, without rotations or hands.
+    pub const ZERO: Self =
+        Self { positions: [[0.0; 3]; SMPL_JOINTS], rotations: [[0.0, 0.0, 0.0, 1.0]; SMPL_JOINTS], closure: [None; 2] };
 }
 
 /// Guesses of a reader.

@@ -270,7 +270,9 @@ fn frame_of(skeleton: &Skeleton) -> Option<Frame> {
     }
     let torso: Matrix3<f64> = skeleton::torso_rotation(&skeleton.positions)?;
     let torso = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(torso));
-    let mut frame = Frame { positions: skeleton.positions, rotations: [[0.0, 0.0, 0.0, 1.0]; SMPL_JOINTS] };
+    let known = |side: usize| skeleton.flags & skeleton_flag::CLOSURE[side] != 0;
+    let closure = [0, 1].map(|side| Some(skeleton.closure[side]).filter(|closure| known(side) && closure.is_finite()));
+    let mut frame = Frame { positions: skeleton.positions, closure, ..Frame::ZERO };
     const CARRIES: [(Limb, &[Smpl]); LIMBS] = [
         (Limb::LeftUpper, &[Smpl::LeftShoulder]),
         (Limb::LeftFore, &[Smpl::LeftElbow, Smpl::LeftWrist]),

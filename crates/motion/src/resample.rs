@@ -58,6 +58,10 @@ pub fn mix(a: &Frame, b: &Frame, t: f32) -> Frame {
     let hips = slerp(hips_a, hips_b, t);
     let [q_a, q_b, q] = [hips_a, hips_b, hips].map(quaternion);
     let mut out = *a;
+    let hands = a.closure.into_iter().zip(b.closure);
+    for (closure, (from, to)) in out.closure.iter_mut().zip(hands) {
+        *closure = from.zip(to).map(|(from, to)| from + (to - from) * t).or(to);
+    }
     for (joint, &parent) in SMPL_PARENT.iter().enumerate() {
         let in_hips = |q: UnitQuaternion<f64>, frame: &Frame| store(q.inverse() * quaternion(frame.rotations[joint]));
         let local = slerp(in_hips(q_a, a), in_hips(q_b, b), t);

@@ -44,7 +44,7 @@ pub fn save_bvh(motion: &Motion, path: &Path) -> Result<(), MotionError> {
 /// Returns the motion as BVH text. [`crate::parse_bvh`] can read it. Frame 0 of the file is `first`. If the
 /// motion has none, its first frame is written twice, because readers drop frame 0.
 pub fn write_bvh(motion: &Motion) -> String {
-    let zero = Frame { positions: [[0.0; 3]; SMPL_JOINTS], rotations: [[0.0, 0.0, 0.0, 1.0]; SMPL_JOINTS] };
+    let zero = Frame::ZERO;
     let first = motion.first.or(motion.frames.first().copied()).unwrap_or(zero);
     let mut text = String::from("HIERARCHY\n");
     let mut order = Vec::with_capacity(SMPL_JOINTS);

@@ -1,6 +1,6 @@
 //! A standing person with given arms. Key poses are given by angles or by the position of the hand.
 
-use messages::{SMPL_JOINTS, SMPL_PARENT, Smpl};
+use messages::{SMPL_PARENT, Smpl};
 use motion::Frame;
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
@@ -120,7 +120,7 @@ pub fn head(frame: &Frame) -> Vector3<f64> {
 
 /// Returns a person in T-pose with the trunk and legs of the built-in motion.
 pub fn standing() -> Frame {
-    let zero = Frame { positions: [[0.0; 3]; SMPL_JOINTS], rotations: [[0.0, 0.0, 0.0, 1.0]; SMPL_JOINTS] };
+    let zero = Frame::ZERO;
     let trunk = motion::builtin().frames.first().copied().unwrap_or(zero);
     with_arms(&Frame { rotations: zero.rotations, ..trunk }, &[[0.0; 5]; 2])
 }

@@ -43,6 +43,12 @@ pub(crate) fn human_hand(skeleton: &Skeleton, arm: usize) -> Option<UnitQuaterni
     valid.then(|| rotation_of_arm(arm, skeleton.hands[arm].map(f64::from))).flatten()
 }
 
+/// Returns the closure of one arm's hand, from 0 (open) to 1 (closed). `None` if it is not marked known or is no number.
+pub(crate) fn human_closure(skeleton: &Skeleton, arm: usize) -> Option<f64> {
+    let closure = f64::from(skeleton.closure[arm]);
+    (skeleton.flags & skeleton_flag::CLOSURE[arm] != 0 && !closure.is_nan()).then(|| closure.clamp(0.0, 1.0))
+}
+
 /// Returns the head. `None` if it is not marked valid or is no rotation.
 pub(crate) fn human_head(skeleton: &Skeleton) -> Option<UnitQuaternion<f64>> {
     let valid = skeleton.flags & skeleton_flag::HEAD != 0;

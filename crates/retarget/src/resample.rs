@@ -181,6 +181,8 @@ pub struct Sample {
     pub limbs: Limbs,
     /// Rotation of its hand, in the same way. `None` if the person's is not known.
     pub hand: Option<UnitQuaternion<f64>>,
+    /// Closure of its hand, from 0 (open) to 1 (closed). `None` if the person's is not known.
+    pub closure: Option<f64>,
 }
 
 impl Sample {
@@ -190,6 +192,7 @@ impl Sample {
             limbs: self.limbs.between(&other.limbs, s),
             // A hand that comes or goes is shown as it is known.
             hand: self.hand.zip(other.hand).map(|(hand, other)| slerp(&hand, &other, s)).or(self.hand).or(other.hand),
+            closure: self.closure.zip(other.closure).map(|(from, to)| from + (to - from) * s).or(other.closure),
         }
     }
 
@@ -235,8 +238,8 @@ pub struct Track {
 
 impl Default for Track {
     fn default() -> Self {
-        let knot =
-            Knot { source: 0, sample: Sample { latent: Latent::default(), limbs: Limbs::identity(), hand: None } };
+        let limbs = Limbs::identity();
+        let knot = Knot { source: 0, sample: Sample { latent: Latent::default(), limbs, hand: None, closure: None } };
         let (shown, fade, expected) = (None, None, Expected::default());
         Self { knots: [knot; KNOTS], count: 0, newest: 0, shown, fade, received: Stamp::NONE, expected }
     }

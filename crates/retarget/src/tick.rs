@@ -10,7 +10,7 @@ use serde::Deserialize;
 use crate::arm::{ARM_Q, ARMS, ArmModel, ArmQ, Limbs, limb_error_deg, on_side, xyzw_from_rotation};
 use crate::course::{Person, Way};
 use crate::network::Latent;
-use crate::pointing::{Blend, human_hand, human_head};
+use crate::pointing::{Blend, human_closure, human_hand, human_head};
 use crate::posture::PostureSolver;
 use crate::prediction::{AGES_S, History, Prediction};
 use crate::ready::Readiness;
@@ -303,6 +303,10 @@ fn point_hands(
         if let Some(bend) = bend {
             set(target, joints, joints.nearest(&bend));
         }
+        if let Some(closure) = shown[arm].and_then(|sample| sample.closure) {
+            target.closure[arm] = closure as f32;
+            target.flags |= target_flag::CLOSURE[arm];
+        }
     }
 }
 
@@ -344,7 +348,8 @@ fn take(config: &Config, state: &mut State, now: Stamp, skeleton: &Skeleton) {
         let latent = latents[arm];
         if latent.iter().all(|x| x.is_finite()) {
             let hand = human_hand(skeleton, arm);
-            state.tracks[arm].push(placed, Sample { latent, limbs, hand }, received, now);
+            let closure = human_closure(skeleton, arm);
+            state.tracks[arm].push(placed, Sample { latent, limbs, hand, closure }, received, now);
             used[arm] = true;
         } else {
             state.counters.network_not_finite += 1;
@@ -352,7 +357,7 @@ fn take(config: &Config, state: &mut State, now: Stamp, skeleton: &Skeleton) {
     }
     if let Some(head) = human_head(skeleton) {
         let limbs = Limbs { upper: head, ..Limbs::identity() };
-        state.head.push(placed, Sample { latent: Latent::default(), limbs, hand: None }, received, now);
+        state.head.push(placed, Sample { latent: Latent::default(), limbs, hand: None, closure: None }, received, now);
     }
     if let Some(prediction) = &config.prediction {
         expect(prediction, &mut state.tracks, used, placed.source);

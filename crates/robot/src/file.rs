@@ -53,6 +53,9 @@ pub(crate) struct RobotFile {
     /// Payload of the hands. Empty if the file has none.
     #[serde(default)]
     pub(crate) payload: Payloads,
+    /// Grippers. Empty if nothing commands the fingers.
+    #[serde(default)]
+    pub(crate) hands: Hands,
     pub(crate) collision: Collision,
 }
 
@@ -96,6 +99,33 @@ pub(crate) struct PayloadEntry {
     pub(crate) mass_kg: f64,
     /// Centre of mass in the frame of the link that the arm's last joint moves.
     pub(crate) centre_m: [f64; 3],
+}
+
+#[derive(Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct Hands {
+    pub(crate) left: Option<HandEntry>,
+    pub(crate) right: Option<HandEntry>,
+}
+
+/// A gripper: positions of its joints when it is open and when it is closed.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(crate) struct HandEntry {
+    #[serde(default)]
+    pub(crate) controller: String,
+    /// Distance between the fingers of an open hand.
+    pub(crate) opening_m: f64,
+    pub(crate) closing_time_ms: f64,
+    pub(crate) force_max_n: f64,
+    #[serde(default)]
+    pub(crate) open_rad: BTreeMap<String, f64>,
+    #[serde(default)]
+    pub(crate) closed_rad: BTreeMap<String, f64>,
+    #[serde(default)]
+    pub(crate) open_m: BTreeMap<String, f64>,
+    #[serde(default)]
+    pub(crate) closed_m: BTreeMap<String, f64>,
 }
 
 /// Costs of a deviation from the target where the robot is blocked. They never loosen a limit.

@@ -6,6 +6,7 @@ use crate::collision::{AllowedPair, Capsule, Pair, read_capsules, read_pairs};
 use crate::environment::Obstacle;
 use crate::error::RobotError;
 use crate::file::{ArmEntry, ControllerEntry, RobotFile};
+use crate::gripper::Gripper;
 use crate::inertia::Inertia;
 use crate::kinematics::{Frames, JointFrame};
 use crate::limits::JointLimits;
@@ -97,6 +98,8 @@ pub struct Model {
     pub limb_weight: f64,
     /// Payload of the left and the right hand at the start. None if the robot file does not mention a hand.
     pub payload: [Option<Payload>; 2],
+    /// Grippers of the left and the right hand. None if nothing commands the fingers.
+    pub grippers: [Option<Gripper>; 2],
     /// Longest duration of a stop, s.
     pub stop_time_max_s: f64,
     /// Least distance of every checked pair in commands, m.
@@ -271,6 +274,7 @@ impl Source<'_> {
             )?,
             joint_weight,
             payload: self.payloads(&file.payload)?,
+            grippers: self.grippers(file.hands, joint_names)?,
             stop_time_max_s: file.limits.stop_time_max_ms * 1e-3,
             d_min_m: self.millimetres("collision.clearance_min_mm", file.collision.clearance_min_mm)?,
             d_measured_min_m: self

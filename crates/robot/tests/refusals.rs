@@ -358,3 +358,31 @@ fn held_joint_that_follows_a_commanded_one_is_refused() {
     };
     refused(&toml, &urdf, &["follower", "mimic of `arm_left_4_joint`", "must not follow a commanded one"]);
 }
+
+#[test]
+fn gripper_out_of_range_is_refused_with_key_value_and_bound() {
+    let right = "[hands.right]";
+    for (from, to, expected) in [
+        ("closing_time_ms = 2600.0", "closing_time_ms = 10.0", ["hands.right.closing_time_ms = 10", "50 to 10000"]),
+        ("closing_time_ms = 2600.0", "closing_time_ms = nan", ["hands.right.closing_time_ms = NaN", "50 to 10000"]),
+        ("opening_m = 0.1", "opening_m = 0.0", ["hands.right.opening_m = 0", "0.001 to 0.5"]),
+        ("force_max_n = 20.0", "force_max_n = -1.0", ["hands.right.force_max_n = -1", "0.1 to 500"]),
+        ("open_rad = { hand_right_thumb_joint = 0.0", "open_rad = { t = 0.0", ["closed_rad = missing", "`t`"]),
+        (
+            "open_rad = { hand_right_thumb_joint = 0.0, ",
+            "open_rad = { ",
+            ["`hand_right_thumb_joint`", "open hand alone"],
+        ),
+        (
+            "open_rad = { hand_right_thumb",
+            "open_rad = { head_1_joint = 0.0, hand_right_thumb",
+            ["closed_rad", "head_1_joint"],
+        ),
+    ] {
+        refused(&edit(TOML, right, from, to), URDF, &[&["tiago_dual.toml"], &expected[..]].concat());
+    }
+    let model = load(TOML, URDF).unwrap();
+    let gripper = model.grippers[1].as_ref().expect("a Hey5 hand");
+    assert!((gripper.speed - 1.0 / 2.6).abs() < 1e-12 && gripper.fingers.len() == 3);
+    assert_eq!((gripper.closure_at(0.05), gripper.closure_at(0.2), gripper.closure_at(0.0)), (0.5, 0.0, 1.0));
+}

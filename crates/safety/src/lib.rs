@@ -4,6 +4,7 @@
 //! - [`engage`]: the state machine that grants and withdraws authority.
 //! - [`gate`]: the last check of every command, in integers. After a denial all joints play the stored stop
 //!   plan.
+//! - [`gripper`]: the same for the grippers, which have no plan: they brake.
 //! - [`clearance`]: distances of the capsule model, with an implementation of its own.
 //! - [`monitor`]: turns measurements into the flags that `engage` judges.
 //!
@@ -18,4 +19,5 @@
 pub mod clearance;
 pub mod engage;
 pub mod gate;
+pub mod gripper;
 pub mod monitor;

@@ -11,6 +11,7 @@ mod gate;
 mod gate_plan;
 mod gate_state;
 mod gate_way;
+mod gripper;
 mod movement;
 mod recovery;
 mod reduced;

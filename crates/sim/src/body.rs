@@ -2,8 +2,9 @@
 //! `teleopd robot` moves the same body by its own clock.
 
 use crate::config::Config;
+use crate::gripper::Grippers;
 use driver::{Driver, Drives, Measured, Setpoint};
-use messages::{JOINTS_MAX, Stamp, StopPlan};
+use messages::{GripperMotion, GripperState, JOINTS_MAX, Layout, Stamp, StopPlan};
 use plant::{Injection, Judge, Plant};
 
 /// Largest number of calls that bring a body up to the present, of a second each.
@@ -14,6 +15,7 @@ const CATCH_UP_MAX: usize = 10;
 pub struct Body {
     plant: Plant,
     judge: Judge,
+    grippers: Grippers,
 }
 
 impl Body {
@@ -22,7 +24,7 @@ impl Body {
         let mut plant = Plant::new(&config.plant, now, q, seed);
         let judge = Judge::new(&config.plant, q);
         let _ = plant.measure(&config.plant, now);
-        Self { plant, judge }
+        Self { plant, judge, grippers: Grippers::new(now) }
     }
 
     /// Returns the true motion of the joints.
@@ -57,6 +59,16 @@ impl Body {
         self.plant.measure(&config.plant, now)
     }
 
+    /// Takes the motion of the grippers.
+    pub fn grip(&mut self, grippers: &GripperMotion) {
+        self.grippers.receive(grippers);
+    }
+
+    /// Returns the grippers at `now`.
+    pub fn gripped(&mut self, config: &Config, now: Stamp) -> GripperState {
+        self.grippers.measure(&config.model.grippers, config.object_width_m, now)
+    }
+
     /// Switches a fault of the robot on.
     pub fn inject(&mut self, fault: Injection) {
         self.plant.inject(fault);
@@ -74,10 +86,20 @@ pub struct Port<'a> {
     pub config: &'a Config,
     /// Its state.
     pub body: &'a mut Body,
+    /// The grippers as last measured.
+    pub gripped: GripperState,
+}
+
+impl<'a> Port<'a> {
+    /// The port of `body`.
+    pub fn new(config: &'a Config, body: &'a mut Body) -> Self {
+        Self { config, body, gripped: GripperState::ZERO }
+    }
 }
 
 impl Driver for Port<'_> {
     fn read(&mut self, now: Stamp) -> Measured {
+        self.gripped = self.body.gripped(self.config, now);
         let plant::Measured { stamp, q, dq, drives, .. } = self.body.measure(self.config, now);
         let plant::Drives { emergency_stop, fault, powered } = drives;
         Measured { stamp, q, dq, drives: Drives { emergency_stop, fault, powered }, unanswered: false, refused: false }
@@ -86,5 +108,13 @@ impl Driver for Port<'_> {
     fn write(&mut self, now: Stamp, setpoint: &Setpoint, plan: &StopPlan) -> bool {
         let &Setpoint { k, q, v, a } = setpoint;
         self.body.receive(self.config, now, &plant::Setpoint { k, q, v, a, plan: *plan })
+    }
+
+    fn grip(&mut self, grippers: &GripperMotion) {
+        self.body.grip(grippers);
+    }
+
+    fn gripped(&self) -> GripperState {
+        self.gripped
     }
 }

@@ -41,6 +41,8 @@ pub struct Options {
     /// robot file's. The planner of the motion may use another payload: the robot file's, or the operator's
     /// report.
     pub payload_kg: [Option<f64>; 2],
+    /// Width of what lies between the fingers of each gripper, m. Zero for nothing.
+    pub object_width_m: f64,
     /// Speed limit for elbows and hands in the base frame, m/s. A faster command is a violation.
     pub hand_speed_max_m_per_s: f64,
     /// Posture at the start, rad or m. The robot's home if none is given.
@@ -66,6 +68,7 @@ impl Default for Options {
             measured_age_max_ms: 10.0,
             silence_ticks: driver::SILENCE_TICKS,
             payload_kg: [None; 2],
+            object_width_m: 0.0,
             hand_speed_max_m_per_s: 3.0,
             initial: None,
             initial_outside: false,
@@ -104,6 +107,14 @@ pub const fn watchdog_max_ms(reaction: Reaction) -> f64 {
     }
 }
 
+/// Largest width of an object between fingers, m: that of the widest gripper.
+pub const OBJECT_MAX_M: f64 = 0.5;
+
+/// Returns the grippers of `model` in the driver's form.
+pub fn grippers(model: &Model) -> driver::Grippers {
+    driver::Grippers(std::array::from_fn(|side| model.grippers[side].as_ref().map_or(0.0, |gripper| gripper.speed)))
+}
+
 /// Returns the limits of a joint in the driver's form.
 fn last_hop(limits: JointLimits) -> driver::JointLimits {
     let JointLimits { q_min, q_max, v_max, a_max, j_max, .. } = limits;
@@ -121,6 +132,7 @@ pub struct Config {
     pub(crate) body: Body,
     pub(crate) plant: plant::Config,
     pub(crate) hand_speed_max_m_per_s: f64,
+    pub(crate) object_width_m: f64,
     pub(crate) speed_points: [robot::SpeedPoint; 4],
     pub(crate) initial: [f64; JOINTS_MAX],
     pub(crate) initial_outside: bool,
@@ -157,12 +169,14 @@ impl Config {
             interface: options.interface,
             follower: driver::Config {
                 silence_ticks: options.silence_ticks,
+                grippers: grippers(model),
                 measured_age_max_ns: (age_ms * 1e6) as u64,
                 interface_delay_ticks: (options.interface.delay_s() * TICK_HZ as f64) as u64,
                 ..driver::Config::new(model.id(), std::array::from_fn(last_hop))
             },
             limits,
             body: Body::new(model),
+            object_width_m: within("object_width_m", options.object_width_m, 0.0, OBJECT_MAX_M)?,
             hand_speed_max_m_per_s: within("hand_speed_max_m_per_s", options.hand_speed_max_m_per_s, 0.01, 100.0)?,
             speed_points: model.speed_points(),
             initial,

@@ -19,13 +19,16 @@ mod checker;
 mod clearance;
 mod config;
 mod cubic;
+mod gripper;
 pub mod interface;
 mod report;
 mod robot;
 
 pub use body::{Body, Port};
 pub use checker::{Checker, TOLERANCE_A, TOLERANCE_CLEARANCE_M, TOLERANCE_J, TOLERANCE_Q, TOLERANCE_V};
-pub use config::{Config, DELAY_MAX_TICKS, ENCODER_NOISE_MAX_RAD, Options, SimError, watchdog_max_ms};
+pub use config::{
+    Config, DELAY_MAX_TICKS, ENCODER_NOISE_MAX_RAD, OBJECT_MAX_M, Options, SimError, grippers, watchdog_max_ms,
+};
 pub use interface::Interface;
 pub use plant::{Injection, Reaction};
 pub use report::{Report, Violation, ViolationKind};

@@ -101,14 +101,14 @@ impl State {
             return None;
         }
         let mut body = Body::new(config, deadline(k), q, seed);
-        let measured = Port { config, body: &mut body }.read(deadline(k));
+        let measured = Port::new(config, &mut body).read(deadline(k));
         Some(Self { driver: DriverState::new(config, k, &measured, &measured, seed)?, body })
     }
 
     /// Replaces the driver by one that starts at index `k` on the robot as it is. Returns false and changes
     /// nothing if the measurement is no valid posture.
     pub fn restart_driver(&mut self, config: &Config, k: u64, now: Stamp, seed: u64) -> bool {
-        let measured = Port { config, body: &mut self.body }.read(now);
+        let measured = Port::new(config, &mut self.body).read(now);
         let restarted = DriverState::new(config, k, self.driver.drive.measured(), &measured, seed);
         let found = restarted.is_some();
         if let Some(mut restarted) = restarted {
@@ -170,7 +170,7 @@ impl State {
 
     /// Returns the robot's measurement at `now`, as a driver that is about to start reads it.
     pub fn measure(&mut self, config: &Config, now: Stamp) -> Measured {
-        Port { config, body: &mut self.body }.read(now)
+        Port::new(config, &mut self.body).read(now)
     }
 
     /// Switches a fault of the robot on.
@@ -201,7 +201,7 @@ impl State {
 /// ```
 pub fn tick(config: &Config, state: &mut State, now: Stamp, input: Input<'_>) -> Output {
     let State { driver, body } = state;
-    drive(config, driver, now, input, &mut Port { config, body })
+    drive(config, driver, now, input, &mut Port::new(config, body))
 }
 
 /// The driver's side of [`tick`], in front of any robot.

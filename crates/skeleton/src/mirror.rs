@@ -21,6 +21,7 @@ pub fn mirror_image(person: &Skeleton) -> Skeleton {
         image.limbs[limb] = mirrored(person.limbs[(limb + 2) % LIMBS]);
     }
     image.hands = [mirrored(person.hands[1]), mirrored(person.hands[0])];
+    image.closure = [person.closure[1], person.closure[0]];
     image.head = mirrored(person.head);
     image.positions = SMPL_OTHER_SIDE.map(|joint| {
         let [x, y, z] = person.positions[joint];
@@ -30,6 +31,7 @@ pub fn mirror_image(person: &Skeleton) -> Skeleton {
         (skeleton_flag::LIMB[0], skeleton_flag::LIMB[2]),
         (skeleton_flag::LIMB[1], skeleton_flag::LIMB[3]),
         (skeleton_flag::HAND[0], skeleton_flag::HAND[1]),
+        (skeleton_flag::CLOSURE[0], skeleton_flag::CLOSURE[1]),
     ];
     for (left, right) in swapped {
         image.flags &= !(left | right);
@@ -53,10 +55,13 @@ mod tests {
     #[test]
     fn hands_change_sides_and_head_turns_other_way() {
         let (hand, other, head) = ([0.5, 0.1, -0.2, 0.8], [-0.3, 0.4, 0.6, 0.1], [0.0, 0.2, 0.6, 0.7]);
-        let flags = skeleton_flag::HAND[0] | skeleton_flag::HEAD;
-        let image = mirror_image(&Skeleton { hands: [hand, other], head, flags, ..Skeleton::ZERO });
+        let flags = skeleton_flag::HAND[0] | skeleton_flag::HEAD | skeleton_flag::CLOSURE[0];
+        let closure = [0.7, 0.0];
+        let image = mirror_image(&Skeleton { hands: [hand, other], head, closure, flags, ..Skeleton::ZERO });
         assert_eq!(image.hands, [[0.3, 0.4, -0.6, 0.1], [-0.5, 0.1, 0.2, 0.8]]);
         assert_eq!(image.head, [0.0, 0.2, -0.6, 0.7]);
-        assert_eq!(image.flags, skeleton_flag::HAND[1] | skeleton_flag::HEAD | skeleton_flag::IMAGE);
+        assert_eq!(image.closure, [0.0, 0.7]);
+        let flags = skeleton_flag::HAND[1] | skeleton_flag::HEAD | skeleton_flag::CLOSURE[1];
+        assert_eq!(image.flags, flags | skeleton_flag::IMAGE);
     }
 }

@@ -219,6 +219,11 @@ fn look(config: &Config, state: &mut State, now: Stamp, input: Input<'_>) -> Res
     skeleton.head = head.unwrap_or([0.0, 0.0, 0.0, 1.0]);
     skeleton.flags |= if head.is_some() { skeleton_flag::HEAD } else { 0 };
     skeleton.flags |= if raw.flags & raw_flag::CLUTCH != 0 { skeleton_flag::CLUTCH } else { 0 };
+    for (side, closure) in messages::closure_of(raw.flags).into_iter().enumerate() {
+        let Some(closure) = closure else { continue };
+        skeleton.closure[side] = closure;
+        skeleton.flags |= skeleton_flag::CLOSURE[side];
+    }
     skeleton.positions = person.positions;
     Ok(skeleton)
 }
@@ -227,7 +232,7 @@ fn check_envelope(raw: &RawSkeleton) -> Result<(), DropReason> {
     if raw.layout != SkeletonLayout::Smpl22 as u32 {
         return Err(DropReason::Layout);
     }
-    let known = raw_flag::MIRRORED | raw_flag::ROTATIONS | raw_flag::CLUTCH;
+    let known = raw_flag::MIRRORED | raw_flag::ROTATIONS | raw_flag::CLUTCH | raw_flag::CLOSURE;
     if raw.joint_count as usize != SMPL_JOINTS || raw.flags & !known != 0 {
         return Err(DropReason::Count);
     }

@@ -36,6 +36,9 @@ pub fn run(place: &InstanceArgs) -> Result<(), Failure> {
     // Opened last. The socket belongs to this process, because it is now the only writer of skeletons.
     let mut socket = Server::bind(&process.instance.skeleton_socket(), group).map_err(door_failure)?;
 
+    let header = process.header(0, Stamp::NONE, Stamp::NONE);
+    let feedback = super::feedback::start(&process.instance, process.loaded.model.clone(), header)?;
+
     let mut hall = IngestLoop {
         authority: Authority::default(),
         session_nonce: 0,
@@ -72,6 +75,9 @@ pub fn run(place: &InstanceArgs) -> Result<(), Failure> {
         rt::allocating_aside(|| {
             clients.drain(|sample| rt::allocating_ourselves(|| hall.take_sample(&mut process, &sample)))
         });
+        if let Some(feedback) = feedback.take() {
+            socket.feed_back(&feedback);
+        }
         hall.tell(&mut process, &mut socket);
         hall.say(&mut process);
         process.alive();

@@ -11,6 +11,7 @@ pub mod robot;
 pub mod sim;
 pub mod targets;
 
+mod feedback;
 mod housekeeping;
 
 use crate::children::instance_in;

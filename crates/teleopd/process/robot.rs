@@ -65,10 +65,13 @@ pub fn run(place: &InstanceArgs) -> Result<(), Failure> {
         let mut answer = None;
         rt::allocating_aside(|| {
             setpoints.drain(|sample| {
-                let RobotSetpoint { header, robot, k, q, v, a, plan } = sample.message;
+                let RobotSetpoint { header, robot, k, q, v, a, plan, grippers } = sample.message;
                 // A setpoint for another robot is refused like one that jumps.
                 let taken =
                     robot == id && body.receive(&config, header.stamp.min(now), &plant::Setpoint { k, q, v, a, plan });
+                if taken {
+                    body.grip(&grippers);
+                }
                 answer = Some(answer.unwrap_or(false) || !taken);
                 seen_k = k;
             })
@@ -78,7 +81,9 @@ pub fn run(place: &InstanceArgs) -> Result<(), Failure> {
         sequence += 1;
         let header = process.header(sequence, rt::now(), Stamp::NONE);
         let flags = flags(&measured, refused);
-        let message = message(&measured, RobotMeasured { header, robot: id, seen_k, flags, ..RobotMeasured::ZERO });
+        let grippers = body.gripped(&config, now);
+        let told = RobotMeasured { header, robot: id, seen_k, flags, grippers, ..RobotMeasured::ZERO };
+        let message = message(&measured, told);
         process.publish(&mut measurements, &message);
         process.alive();
         if process.shutdown.requested() {

@@ -5,7 +5,10 @@ use super::driver::{ANSWERS_WITHIN_NS, LOOK_NS};
 use crate::cli::InstanceArgs;
 use bus::{Domain, Reader, Writer};
 use driver::{Driver, Drives, Measured, Setpoint};
-use messages::{Header, RobotId, RobotMeasured, RobotSetpoint, Service, Stamp, StopPlan, measured_flag};
+use messages::{
+    GripperMotion, GripperState, Header, Layout, RobotId, RobotMeasured, RobotSetpoint, Service, Stamp, StopPlan,
+    measured_flag,
+};
 use rt::{Exit, Failure};
 use std::os::unix::process::CommandExt;
 use std::process::Command;
@@ -23,6 +26,8 @@ struct RemoteRobot {
     /// Header of the driver's messages. The sender fills in sequence and stamp.
     header: Header,
     robot: RobotId,
+    /// The grippers of the next setpoint.
+    grippers: GripperMotion,
 }
 
 impl RemoteRobot {
@@ -37,7 +42,15 @@ impl RemoteRobot {
                     let text = format!("the robot that answers is {}, this driver is for {robot}", newest.robot);
                     return Err(Failure::new(Exit::Config, text));
                 }
-                return Ok(Self { setpoints, measurements, newest, sent_k: 0, header, robot });
+                return Ok(Self {
+                    setpoints,
+                    measurements,
+                    newest,
+                    sent_k: 0,
+                    header,
+                    robot,
+                    grippers: GripperMotion::ZERO,
+                });
             }
             rt::sleep_until(rt::now().plus_ns(LOOK_NS));
         }
@@ -79,12 +92,21 @@ impl Driver for RemoteRobot {
         self.header.sequence += 1;
         self.header.stamp = now;
         let &Setpoint { k, q, v, a } = setpoint;
-        let message = RobotSetpoint { header: self.header, robot: self.robot, k, q, v, a, plan: *plan };
+        let (header, robot, plan, grippers) = (self.header, self.robot, *plan, self.grippers);
+        let message = RobotSetpoint { header, robot, k, q, v, a, plan, grippers };
         let sent = rt::allocating_aside(|| self.setpoints.publish(&message)).is_ok();
         if sent {
             self.sent_k = k;
         }
         sent && self.newest.flags & measured_flag::REFUSED == 0
+    }
+
+    fn grip(&mut self, grippers: &GripperMotion) {
+        self.grippers = *grippers;
+    }
+
+    fn gripped(&self) -> GripperState {
+        self.newest.grippers
     }
 }
 

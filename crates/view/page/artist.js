@@ -6,7 +6,7 @@ import * as THREE from "./three.module.min.js";
 import { CameraRig } from "./camera.js";
 import { Floor } from "./floor.js";
 import { Person } from "./person.js";
-import { POSE, Robot, bodiesOf, capsulesOf, pieces, shapesOf } from "./robot.js";
+import { POSE, Robot, bodiesOf, capsulesOf, fingersOf, pieces, shapesOf } from "./robot.js";
 import { isHigh, Sharpness } from "./quality.js";
 import { coarse, solid } from "./solid.js";
 
@@ -89,12 +89,12 @@ class Artist {
     }
     const { told, kind, meshes } = this;
     const bodies = bodiesOf(kind === "look" ? pieces(told, meshes) : kind === "capsules" ? capsulesOf(told) : shapesOf(told));
-    const count = told.joints.length + 1;
-    this.robots = { measured: new Robot(bodies, count, (roughness) => this.material(roughness)) };
+    const fingers = kind === "look" ? fingersOf(told, meshes) : [], count = told.joints.length + 1;
+    this.robots = { measured: new Robot(bodies, fingers, count, (roughness) => this.material(roughness)) };
     for (const name of ["target", "command"]) {
       const colour = new THREE.MeshLambertMaterial({ color: this.colours[name], emissive: this.colours[name], emissiveIntensity: 0.3, transparent: true, opacity: 0, depthWrite: false, ...BEHIND });
       const depth = new THREE.MeshBasicMaterial({ colorWrite: false, ...BEHIND });
-      this.robots[name] = new Robot(bodies, count, () => colour, depth);
+      this.robots[name] = new Robot(bodies, fingers, count, () => colour, depth);
       this.ghosts[name] = { material: colour, wished: this.ghosts[name]?.wished ?? 0 };
     }
     for (const robot of Object.values(this.robots)) this.scene.add(robot.group);
@@ -149,7 +149,9 @@ class Artist {
       const robot = this.robots[name];
       if (name === "measured") robot.group.visible = shown.measured;
       else this.fade(robot, this.ghosts[name], shown[name], dt);
-      if (robot.group.visible) robot.pose(frame.poses[name]);
+      if (!robot.group.visible) continue;
+      robot.pose(frame.poses[name]);
+      robot.close([frame.gripLeft, frame.gripRight]);
     }
     this.person.group.visible = shown.person;
     const root = this.rootOf(frame);

@@ -61,6 +61,10 @@ export class Panel {
     figure("late", frame.late, " µs", 0);
     figure("limb-target", frame.limbTarget, "°", 1, person);
     figure("speed", 100 * frame.speed, " %", 0);
+    const measured = (frame.present & PRESENT.measured) !== 0, { grippers } = this.scene;
+    [["grip-left", frame.gripLeft, frame.forceLeft], ["grip-right", frame.gripRight, frame.forceRight]].forEach(([id, grip, force], hand) => {
+      figure(id, 100 * grip, force > 0 ? ` %, ${force.toFixed(0)} N` : " %", 0, measured && grippers[hand]);
+    });
     const part = (n) => this.scene.capsules[n]?.name ?? this.scene.obstacles[n - this.scene.capsules.length]?.name ?? "?";
     this.text("pair", heard ? `${part(frame.pairA)}, ${part(frame.pairB)}` : "");
     this.redraw();
@@ -69,7 +73,7 @@ export class Panel {
 
   // Nothing arrives, so the old numbers disappear.
   silent() {
-    for (const id of ["behind", "delay", "clearance", "age", "late", "limb-target", "speed"]) this.text(id, "–");
+    for (const id of ["behind", "delay", "clearance", "age", "late", "limb-target", "speed", "grip-left", "grip-right"]) this.text(id, "–");
     this.text("pair", "");
     this.status(null);
   }

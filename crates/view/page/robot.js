@@ -15,12 +15,21 @@ const ROUGHNESS = 0.55;
 export function pieces(told, meshes) {
   if (told.parts.length > 0) {
     const drawn = new Set(meshes.map((mesh) => mesh.link));
-    const parts = told.parts.filter((part) => !drawn.has(part.link))
+    const parts = told.parts.filter((part) => !drawn.has(part.link) && !part.motions)
       .map((part) => ({ body: part.body, roughness: part.roughness, geometry: solid(part), matrix: matrixOf(part.matrix), colour: part.colour }));
     return [...parts, ...meshes.map(loaded)];
   }
   const drawn = new Set(meshes.map((mesh) => mesh.body));
   return [...capsulesOf(told).filter((one) => !drawn.has(one.body)), ...meshes.map(loaded)];
+}
+
+// Returns the parts of fingers that move while a hand closes. Each is a mesh of its own.
+export function fingersOf(told, meshes) {
+  const drawn = new Set(meshes.map((mesh) => mesh.link));
+  return told.parts.filter((part) => part.motions && !drawn.has(part.link)).map((part) => ({
+    body: part.body, hand: part.hand, roughness: part.roughness, outer: matrixOf(part.outer), motions: part.motions,
+    geometry: merged([{ geometry: solid(part), matrix: matrixOf(part.inner), colour: part.colour }]),
+  }));
 }
 
 // Returns the capsules that are checked for collision.
@@ -62,7 +71,7 @@ export function bodiesOf(all) {
 export class Robot {
   // `count` is the number of bodies. `material` returns the material for a roughness. A ghost's meshes are drawn
   // twice, first only for their depth.
-  constructor(bodies, count, material, depth = null) {
+  constructor(bodies, fingers, count, material, depth = null) {
     this.group = new THREE.Group();
     this.bodies = Array.from({ length: count }, () => {
       const body = new THREE.Group();
@@ -83,7 +92,33 @@ export class Robot {
       this.meshes.push(mesh);
       this.bodies[body].add(mesh);
     }
+    this.fingers = fingers.map(({ body, geometry, roughness, ...finger }) => {
+      const mesh = new THREE.Mesh(geometry, material(roughness));
+      mesh.matrixAutoUpdate = false;
+      mesh.castShadow = !depth;
+      mesh.renderOrder = depth ? 2 : 0;
+      this.bodies[body].add(mesh);
+      return { mesh, ...finger };
+    });
+    this.close([0, 0]);
     this.box = new THREE.Box3();
+  }
+
+  // Moves the fingers of both hands to these closures.
+  close(closures) {
+    for (const { mesh, hand, outer, motions } of this.fingers) {
+      mesh.matrix.copy(outer);
+      for (const { slide, pivot, axis, turn } of motions) {
+        if (slide) {
+          mesh.matrix.multiply(MOVE.makeTranslation(...slide.map((x) => x * closures[hand])));
+        } else {
+          mesh.matrix.multiply(MOVE.makeTranslation(...pivot));
+          mesh.matrix.multiply(MOVE.makeRotationAxis(PLACE.set(...axis), turn * closures[hand]));
+          mesh.matrix.multiply(MOVE.makeTranslation(...pivot.map((x) => -x)));
+        }
+      }
+      mesh.matrixWorldNeedsUpdate = true;
+    }
   }
 
   // `poses` are the poses of all bodies: position, then quaternion.
@@ -111,4 +146,4 @@ export class Robot {
   }
 }
 
-const [PLACE, ONE] = [new THREE.Vector3(), new THREE.Vector3(1, 1, 1)], TURN = new THREE.Quaternion();
+const [PLACE, ONE] = [new THREE.Vector3(), new THREE.Vector3(1, 1, 1)], TURN = new THREE.Quaternion(), MOVE = new THREE.Matrix4();

@@ -1,9 +1,9 @@
 // The connection. Texts are JSON. Frames are little-endian 32-bit floats in the order of the server's `frame`
 // module.
 
-export const VERSION = 3;
+export const VERSION = 4;
 export const FIELDS = ["version", "at", "mode", "present", "age", "late", "clearance", "pairA", "pairB", "limbTarget",
-  "limbMeasured", "speed", "targetMask", "lag"];
+  "limbMeasured", "speed", "targetMask", "lag", "gripLeft", "gripRight", "forceLeft", "forceRight"];
 export const PRESENT = { person: 1, measured: 2, target: 4, command: 8, pair: 16, lag: 32, otherRobot: 64 };
 const PERSON = 22, POSE = 7;
 // Time before the next attempt to connect, ms.

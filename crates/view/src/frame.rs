@@ -1,7 +1,9 @@
 //! The message that the server sends to a page 60 times a second: one binary frame of little-endian 32-bit
 //! floats.
 
-use messages::{JOINTS_MAX, JointCommand, JointTarget, RobotState, SMPL_JOINTS, Skeleton, Status, deadline};
+use messages::{
+    GripperState, JOINTS_MAX, JointCommand, JointTarget, RobotState, SMPL_JOINTS, Skeleton, Status, deadline,
+};
 use nalgebra::{Rotation3, UnitQuaternion, Vector3};
 use robot::{Frames, Model, Solid, segment_distance};
 
@@ -9,7 +11,7 @@ use robot::{Frames, Model, Solid, segment_distance};
 /// mrad equals 0.25 ms.
 const MOVES_RAD_PER_S: f64 = 0.2;
 /// Version of the order below. The page rejects other versions.
-pub const VERSION: f32 = 3.0;
+pub const VERSION: f32 = 4.0;
 
 /// Bits of `Field::Present`.
 pub mod present {
@@ -61,10 +63,18 @@ pub enum Field {
     TargetMask,
     /// Time by which the measured joints trail the command, ms.
     LagMs,
+    /// Measured closure of the left gripper, 0 to 1.
+    GripLeft,
+    /// The same of the right one.
+    GripRight,
+    /// Force between the fingers of the left gripper, N.
+    ForceLeftN,
+    /// The same of the right one.
+    ForceRightN,
 }
 
 /// Number of fields before the lists.
-pub const FIELDS: usize = Field::LagMs as usize + 1;
+pub const FIELDS: usize = Field::ForceRightN as usize + 1;
 /// Number of floats in a body's pose: position in m, then the quaternion x, y, z, w.
 pub const POSE: usize = 7;
 /// Number of floats in a frame of a robot with `count` joints, in this order: the fields, the two points of the nearest
@@ -139,6 +149,13 @@ pub fn encode(model: &Model, frames: &mut Frames, heard: &LatestMessages, at_s: 
     if let Some(lag_s) = lag_s {
         bits |= present::LAG;
         set(Field::LagMs, lag_s * 1e3);
+    }
+    if let Some(state) = &heard.state {
+        let GripperState { closure, force_n } = state.grippers_measured;
+        set(Field::GripLeft, closure[0]);
+        set(Field::GripRight, closure[1]);
+        set(Field::ForceLeftN, force_n[0]);
+        set(Field::ForceRightN, force_n[1]);
     }
     // A joint without a target is drawn where it is.
     let measured = heard.state.map_or(model.home, |state| state.q_measured);

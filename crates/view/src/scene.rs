@@ -1,6 +1,6 @@
 //! The first message to a page, as JSON: the robot's shapes, joints and obstacles, and the person's bones.
 
-use crate::look::{Part, Shape};
+use crate::look::{FingerMotion, Part, Shape};
 use crate::robot_view::{Mesh, RobotView};
 use messages::{Mode, SMPL_NAMES, SMPL_PARENT};
 use nalgebra::{Rotation3, UnitQuaternion};
@@ -22,6 +22,7 @@ pub fn scene(view: &RobotView) -> Value {
         "parts": view.look.parts.iter().map(part).collect::<Vec<_>>(),
         "meshes": view.meshes.iter().map(mesh).collect::<Vec<_>>(),
         "missing_meshes": view.missing,
+        "grippers": model.grippers.each_ref().map(Option::is_some),
         "shoulders": view.shoulder_bodies(),
         "half_span": half_span_m(model),
         "obstacles": obstacles,
@@ -103,12 +104,25 @@ fn part(part: &Part) -> Value {
             json!({ "form": "lathe", "profile": profile_m, "stretch": stretch, "squareness": squareness })
         }
     };
+    if let Some(closing) = &part.closing {
+        told["hand"] = json!(closing.hand);
+        told["outer"] = json!(closing.body_from_link.as_flattened());
+        told["inner"] = json!(closing.link_from_shape.as_flattened());
+        told["motions"] = closing.motions.iter().map(motion).collect();
+    }
     told["link"] = json!(part.link);
     told["body"] = json!(part.body);
     told["matrix"] = json!(part.body_from_shape.as_flattened());
     told["colour"] = json!(part.colour.text());
     told["roughness"] = json!(part.roughness);
     told
+}
+
+fn motion(motion: &FingerMotion) -> Value {
+    match motion {
+        FingerMotion::Slide { offset_m } => json!({ "slide": offset_m }),
+        FingerMotion::Turn { pivot_m, axis, turn_rad } => json!({ "pivot": pivot_m, "axis": axis, "turn": turn_rad }),
+    }
 }
 
 fn mesh(mesh: &Mesh) -> Value {

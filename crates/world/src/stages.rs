@@ -3,7 +3,7 @@
 use config::{ConfigError, IngestSettings, Loaded, Method, Operators, RobotInterface};
 use layouts::{Layouts, Noise};
 use retarget::ArmModel;
-use safety::{engage, gate};
+use safety::{engage, gate, gripper};
 
 /// Longest motion of a joint in a 30th of a second that the filter smooths, m: 4.5 m/s. After a longer one the
 /// filter restarts at the new position. Few movements are that fast, and none of them needs smoothing.
@@ -66,6 +66,12 @@ pub fn control_config(loaded: &Loaded, realtime: bool) -> Result<control::Config
         gate: gate::Config::with_interface(&model, &gated(interface, &model))
             .and_then(|gate| gate.with_hand_speed(hand_speed))
             .map_err(|error| ConfigError::stage("gate", error))?,
+        grippers: sim::grippers(&model),
+        gripper_gate: gripper::Config {
+            speed: sim::grippers(&model).0,
+            acceleration: sim::grippers(&model).0.map(|speed| speed / driver::GRIPPER_RAMP_S),
+        },
+        open_grippers_when_disengaged: loaded.settings.control.open_grippers_when_disengaged,
         follow: follow::Config::new(&model, &wbc.bounds().map(|bound| bound.v_max), follow::Weights::default()),
         wbc,
         arm: ArmModel::of(&model),
@@ -109,6 +115,7 @@ pub(crate) fn sim_config_of(
         silence_ticks: (driver.silence_latch_ms * factor * 1e-3 * messages::TICK_HZ as f64).round() as u64,
         hand_speed_max_m_per_s: loaded.settings.safety.hand_speed_m_per_s(),
         payload_kg: [settings.payload_left_kg, settings.payload_right_kg],
+        object_width_m: settings.object_width_m,
         initial_outside,
         ..sim::Options::default()
     };

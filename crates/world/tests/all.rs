@@ -4,6 +4,7 @@
 mod engaging;
 mod environment;
 mod files;
+mod grippers;
 mod input_faults;
 mod layouts;
 mod noise;

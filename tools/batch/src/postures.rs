@@ -26,7 +26,7 @@ impl Postures {
     #[must_use]
     pub fn encode(&self, arms: &[Limbs; ARMS]) -> [Sample; ARMS] {
         let latents = self.solver.encode(arms);
-        std::array::from_fn(|arm| Sample { latent: latents[arm], limbs: arms[arm], hand: None })
+        std::array::from_fn(|arm| Sample { latent: latents[arm], limbs: arms[arm], hand: None, closure: None })
     }
 
     /// Returns the joint positions of both arms, rad: see [`PostureSolver::next`]. None if the network's positions are

@@ -81,6 +81,7 @@ impl<'a> Trajectory<'a> {
             latent: interpolate_latent(&from[arm].latent, &to[arm].latent, s),
             limbs: from[arm].limbs.slerp(&to[arm].limbs, s),
             hand: None,
+            closure: None,
         });
         Ok((before, between))
     }

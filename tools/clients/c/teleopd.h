@@ -38,8 +38,31 @@
 #define TELEOP_FLAG_LOCAL 4
 /* the robot stands until a frame without it */
 #define TELEOP_FLAG_CLUTCH 8
+/* the two bytes of the hands' closures */
+#define TELEOP_FLAG_CLOSURE 4294901760
+/* the most bytes of a sentence */
+#define TELEOP_SENTENCE_BYTES 256
+/* mode, faults, speed_scale and sentence are known */
+#define TELEOP_FEEDBACK_STATUS 1
+/* clearances and grippers are known */
+#define TELEOP_FEEDBACK_STATE 2
+/* the robot has a left gripper */
+#define TELEOP_FEEDBACK_GRIPPER_LEFT 4
+/* the robot has a right gripper */
+#define TELEOP_FEEDBACK_GRIPPER_RIGHT 8
 /* all four hinges of the calibration are valid */
 #define TELEOP_CALIBRATION_ALL 15
+#define TELEOP_MODE_DISENGAGED 0
+#define TELEOP_MODE_ENGAGING 1
+#define TELEOP_MODE_ENGAGED 2
+#define TELEOP_MODE_HOLDING 3
+#define TELEOP_MODE_FAULTED 4
+#define TELEOP_MODE_RECOVERING 5
+/* the service that tells clients about the robot */
+#define TELEOP_FEEDBACK_SERVICE "teleop/feedback/1"
+/* closure of a hand, 0 (open) to 1 (closed), for a frame's flags */
+#define TELEOP_CLOSURE_LEFT(c) ((uint32_t)(1.5f + 254.0f * (c)) << 16)
+#define TELEOP_CLOSURE_RIGHT(c) ((uint32_t)(1.5f + 254.0f * (c)) << 24)
 /* the service that clients write, and the one that wakes its reader */
 #define TELEOP_SERVICE "teleop/raw_skeleton/1"
 #define TELEOP_EVENT_SERVICE "teleop/raw_skeleton/1/event"
@@ -101,5 +124,35 @@ TELEOP_ASSERT(offsetof(teleop_raw_skeleton, rotations) == 1216, "rotations");
 TELEOP_ASSERT(offsetof(teleop_raw_skeleton, confidence) == 2752, "confidence");
 TELEOP_ASSERT(offsetof(teleop_raw_skeleton, joint_flags) == 3136, "joint_flags");
 TELEOP_ASSERT(offsetof(teleop_raw_skeleton, calibration) == 3520, "calibration");
+
+/* State of the robot for the person who drives it. Directions: torso, x forward, y left, z up. */
+typedef struct teleop_feedback {
+    teleop_header header;
+    uint64_t faults;
+    uint32_t mode;
+    uint32_t known;
+    float speed_scale;
+    float clearance_m[2];
+    float towards_nearest[2][3];
+    float limb_behind_rad[TELEOP_LIMBS];
+    float closure[2];
+    float force_n[2];
+    uint32_t sentence_bytes;
+    uint8_t sentence[TELEOP_SENTENCE_BYTES];
+} teleop_feedback;
+#define TELEOP_FEEDBACK_TYPE_NAME "teleop.Feedback.v1.6ab268c77bf85042"
+TELEOP_ASSERT(sizeof(teleop_feedback) == 384, "teleop_feedback");
+TELEOP_ASSERT(offsetof(teleop_feedback, header) == 0, "header");
+TELEOP_ASSERT(offsetof(teleop_feedback, faults) == 40, "faults");
+TELEOP_ASSERT(offsetof(teleop_feedback, mode) == 48, "mode");
+TELEOP_ASSERT(offsetof(teleop_feedback, known) == 52, "known");
+TELEOP_ASSERT(offsetof(teleop_feedback, speed_scale) == 56, "speed_scale");
+TELEOP_ASSERT(offsetof(teleop_feedback, clearance_m) == 60, "clearance_m");
+TELEOP_ASSERT(offsetof(teleop_feedback, towards_nearest) == 68, "towards_nearest");
+TELEOP_ASSERT(offsetof(teleop_feedback, limb_behind_rad) == 92, "limb_behind_rad");
+TELEOP_ASSERT(offsetof(teleop_feedback, closure) == 108, "closure");
+TELEOP_ASSERT(offsetof(teleop_feedback, force_n) == 116, "force_n");
+TELEOP_ASSERT(offsetof(teleop_feedback, sentence_bytes) == 124, "sentence_bytes");
+TELEOP_ASSERT(offsetof(teleop_feedback, sentence) == 128, "sentence");
 
 #endif

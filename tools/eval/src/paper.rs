@@ -117,7 +117,7 @@ fn touch(tasks: &[Task], robot: Robot<'_>) -> Option<f64> {
 }
 
 fn hand_to_head(positions: &Positions) -> f64 {
-    let frame = Frame { positions: *positions, rotations: [[0.0, 0.0, 0.0, 1.0]; messages::SMPL_JOINTS] };
+    let frame = Frame { positions: *positions, ..Frame::ZERO };
     let [left, right] = hands(&frame).map(|hand| (hand - head(&frame)).norm());
     0.5 * (left + right)
 }

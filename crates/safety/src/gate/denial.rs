@@ -26,6 +26,8 @@ pub enum Denial {
         /// The joint that carries it: an arm's fifth or seventh.
         joint: usize,
     },
+    /// A gripper is too fast, leaves its range or does not continue. 0 is the left one.
+    Gripper { side: usize },
 }
 
 /// Code of the first check. Each check has one code, in their order.
@@ -35,6 +37,7 @@ const FIRST_CHECK: u32 = 6;
 const ON_THE_WAY: u32 = 15;
 const HAND_SPEED: u32 = 16;
 const ABSENT: u32 = 17;
+const GRIPPER: u32 = 18;
 
 impl Denial {
     /// Code in `Status::denied_why`. Never zero.
@@ -47,6 +50,7 @@ impl Denial {
             Self::ClearanceAtRest { .. } => 5,
             Self::ClearanceOnTheWay { .. } => ON_THE_WAY,
             Self::HandSpeed { .. } => HAND_SPEED,
+            Self::Gripper { .. } => GRIPPER,
             Self::Joint { check: Check::Absent, .. } => ABSENT,
             Self::Joint { check, .. } => FIRST_CHECK + check as u32,
         }
@@ -55,7 +59,7 @@ impl Denial {
     /// The joint or pair that is the subject, if there is one.
     pub const fn subject(self) -> Option<Subject> {
         match self {
-            Self::Seed | Self::Index | Self::Permit => None,
+            Self::Seed | Self::Index | Self::Permit | Self::Gripper { .. } => None,
             Self::Joint { joint, .. } | Self::HandSpeed { joint } => Some(Subject::Joint(joint)),
             Self::ClearanceAtCommand { pair } | Self::ClearanceAtRest { pair } | Self::ClearanceOnTheWay { pair } => {
                 Some(Subject::Pair(pair))
@@ -73,6 +77,7 @@ impl Denial {
             5 => "parts would be too close where the stop ends",
             ON_THE_WAY => "parts would come too close during the stop",
             ABSENT => "a joint that the robot does not have was not at zero",
+            GRIPPER => "a gripper left its range, was too fast, or did not continue its motion",
             HAND_SPEED => "an elbow or a hand was faster than hand_speed_max_m_per_s",
             code => match code.wrapping_sub(FIRST_CHECK) {
                 check if check == Check::Finite as u32 => "a number was NaN or infinite, or beyond every robot's",
@@ -112,6 +117,7 @@ mod tests {
         let mut all = vec![Denial::Seed, Denial::Index, Denial::Permit];
         all.extend([Denial::ClearanceAtCommand { pair }, Denial::ClearanceAtRest { pair }]);
         all.extend([Denial::ClearanceOnTheWay { pair }, Denial::HandSpeed { joint: 9 }]);
+        all.push(Denial::Gripper { side: 1 });
         all.extend(checks.map(|check| Denial::Joint { joint: 4, check }));
         let mut codes: Vec<_> = all.iter().map(|denial| denial.code()).collect();
         let meanings: std::collections::BTreeSet<_> = codes.iter().map(|&code| Denial::meaning(code)).collect();
@@ -122,7 +128,7 @@ mod tests {
         assert_eq!((Denial::meaning(0), Denial::meaning(99)), (None, None));
         assert_eq!(all[3].subject(), Some(Subject::Pair(pair)));
         assert_eq!((all[5].subject(), all[6].subject()), (all[3].subject(), Some(Subject::Joint(9))));
-        assert_eq!(all[7].subject(), Some(Subject::Joint(4)));
+        assert_eq!(all[8].subject(), Some(Subject::Joint(4)));
         assert_eq!(all[0].subject(), None);
     }
 }

@@ -1,7 +1,7 @@
 //! Reads a look from a look file's text and checks every value.
 
-use super::file::{FORMAT, LookFile, MeshEntry, MirrorEntry, PartEntry, ShapeName};
-use super::{Colour, Look, LookError, NamedMesh, Part, Shape, rows};
+use super::file::{ClosingEntry, FORMAT, LookFile, MeshEntry, MirrorEntry, PartEntry, ShapeName};
+use super::{Closing, Colour, FingerMotion, Look, LookError, NamedMesh, Part, Shape, rows};
 use robot::{Model, Pose};
 use std::collections::BTreeMap;
 use std::ops::RangeInclusive;
@@ -21,6 +21,8 @@ const PARTS_MAX: usize = 512;
 const PROFILE_MAX: usize = 64;
 /// Largest number of names of one mesh: files for drawing and for collisions, of several versions.
 const NAMES_MAX: usize = 8;
+/// Largest number of motions of a finger's part: the joints of a finger.
+const MOTIONS_MAX: usize = 4;
 /// Default roughness: painted plastic. Assumption.
 const ROUGHNESS: f64 = 0.55;
 
@@ -93,21 +95,61 @@ impl<'a> Checker<'a> {
             link: entry.link.clone(),
             body,
             body_from_shape: [[0.0; 4]; 3],
+            closing: None,
             shape: self.shape(&key, entry)?,
             colour: self.colour(&format!("{key}.colour"), &entry.colour)?,
             roughness: self.within(&format!("{key}.roughness"), entry.roughness.unwrap_or(ROUGHNESS), &(0.0..=1.0))?,
         };
         let link_from_shape = self.pose(&key, entry.xyz_m, entry.rpy_rad)?;
+        let motions = self.motions(&key, &entry.closing)?;
         let placed = |link: &str, body, body_from_link: &Pose, scale| {
             let body_from_shape = rows(body_from_link, scale, &link_from_shape);
-            Part { link: link.to_owned(), body, body_from_shape, ..part.clone() }
+            let closing = self.closing(&key, body, &motions)?.map(|hand| Closing {
+                hand,
+                body_from_link: rows(body_from_link, scale, &Pose::identity()),
+                link_from_shape: rows(&link_from_shape, [1.0; 3], &Pose::identity()),
+                motions: motions.clone(),
+            });
+            Ok(Part { link: link.to_owned(), body, body_from_shape, closing, ..part.clone() })
         };
-        parts.push(placed(&entry.link, body, &body_from_link, [1.0; 3]));
+        parts.push(placed(&entry.link, body, &body_from_link, [1.0; 3])?);
         if let Some(mirror) = &entry.mirror {
             let (body, body_from_link) = self.link(&format!("{key}.mirror.link"), &mirror.link)?;
-            parts.push(placed(&mirror.link, body, &body_from_link, self.signs(&key, mirror)?));
+            parts.push(placed(&mirror.link, body, &body_from_link, self.signs(&key, mirror)?)?);
         }
         Ok(())
+    }
+
+    /// Reads the motions of a part that closes with its hand.
+    fn motions(&self, key: &str, entries: &[ClosingEntry]) -> Result<Vec<FingerMotion>, LookError> {
+        let key = format!("{key}.closing");
+        if entries.len() > MOTIONS_MAX {
+            return Err(self.value(&key, format!("{} motions", entries.len()), format!("at most {MOTIONS_MAX}")));
+        }
+        let read = |entry: &ClosingEntry| match *entry {
+            ClosingEntry { slide_m: Some(offset_m), pivot_m: None, axis: None, turn_rad: None } => {
+                Ok(FingerMotion::Slide { offset_m: self.all_within(&key, offset_m, &PLACE_M)? })
+            }
+            ClosingEntry { slide_m: None, pivot_m: Some(pivot_m), axis: Some(axis), turn_rad: Some(turn_rad) } => {
+                let pivot_m = self.all_within(&key, pivot_m, &PLACE_M)?;
+                let turn_rad = self.within(&key, turn_rad, &TURN_RAD)?;
+                let length = axis.iter().map(|x| x * x).sum::<f64>().sqrt();
+                self.within(&format!("{key}: length of the axis"), length, &(0.001..=1e3))?;
+                Ok(FingerMotion::Turn { pivot_m, axis: axis.map(|x| x / length), turn_rad })
+            }
+            _ => Err(self.value(&key, "incomplete", "slide_m alone, or pivot_m, axis and turn_rad")),
+        };
+        entries.iter().map(read).collect()
+    }
+
+    /// Returns the hand that moves a part of `body`. `None` for a part without motions.
+    fn closing(&self, key: &str, body: usize, motions: &[FingerMotion]) -> Result<Option<usize>, LookError> {
+        if motions.is_empty() {
+            return Ok(None);
+        }
+        let hand = self.model.arms.iter().position(|arm| arm.joints.last().is_some_and(|joint| joint + 1 == body));
+        hand.map(Some)
+            .ok_or_else(|| self.value(&format!("{key}.closing"), "given", "left out of a link that is no hand"))
     }
 
     fn signs(&self, key: &str, mirror: &MirrorEntry) -> Result<[f64; 3], LookError> {

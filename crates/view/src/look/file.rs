@@ -57,6 +57,9 @@ pub struct PartEntry {
     pub roughness: Option<f64>,
     pub xyz_m: Option<[f64; 3]>,
     pub rpy_rad: Option<[f64; 3]>,
+    /// Motions of the part while the hand closes, from the palm outward.
+    #[serde(default)]
+    pub closing: Vec<ClosingEntry>,
     /// Mirror image of the part on another link.
     pub mirror: Option<MirrorEntry>,
     pub size_m: Option<[f64; 3]>,
@@ -70,6 +73,16 @@ pub struct PartEntry {
     pub profile_m: Option<Vec<[f64; 2]>>,
     pub stretch: Option<[f64; 2]>,
     pub squareness: Option<f64>,
+}
+
+/// A finger's motion from the open to the closed hand, in the frame of the link: a slide, or a turn about an axis.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ClosingEntry {
+    pub slide_m: Option<[f64; 3]>,
+    pub pivot_m: Option<[f64; 3]>,
+    pub axis: Option<[f64; 3]>,
+    pub turn_rad: Option<f64>,
 }
 
 /// Link and axes of a mirror image.

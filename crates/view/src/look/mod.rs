@@ -45,6 +45,29 @@ pub enum Shape {
     },
 }
 
+/// Motion of a finger's part while its hand closes.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Closing {
+    /// 0 for the left hand, 1 for the right one.
+    pub hand: usize,
+    /// Transform from the link's frame to the body's frame. It may mirror.
+    pub body_from_link: [[f64; 4]; 3],
+    /// Transform from the shape's frame to the link's frame.
+    pub link_from_shape: [[f64; 4]; 3],
+    /// Motions in the link's frame, from the palm outward.
+    pub motions: Vec<FingerMotion>,
+}
+
+/// Motion of a part from the open to the closed hand.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[allow(missing_docs, reason = "the variants describe the fields")]
+pub enum FingerMotion {
+    /// By `offset_m`.
+    Slide { offset_m: [f64; 3] },
+    /// By `turn_rad` about the unit vector `axis` through `pivot_m`.
+    Turn { pivot_m: [f64; 3], axis: [f64; 3], turn_rad: f64 },
+}
+
 /// A part of the robot.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Part {
@@ -54,6 +77,9 @@ pub struct Part {
     pub body: usize,
     /// Transform from the shape's frame to the body's frame: rows of a 3 x 4 matrix. It may mirror.
     pub body_from_shape: [[f64; 4]; 3],
+    /// The hand that moves it while it closes, 0 for the left one, and its motions. The part's transform then is the product
+    /// of `body_from_link`, the motions from the palm outward, and `link_from_shape`. `None` for a part that does not move.
+    pub closing: Option<Closing>,
     /// The shape.
     pub shape: Shape,
     /// The colour.

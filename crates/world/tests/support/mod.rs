@@ -33,6 +33,8 @@ pub struct Bench {
     pub target: Option<[f64; JOINTS_MAX]>,
     /// The rest of a target. Without a way of the person, the joints are followed.
     pub person: Box<JointTarget>,
+    /// Flags of the target beside `INPUT_FRESH`.
+    pub more_flags: u32,
     pub hand: OperatorView,
     pub status: Status,
 }
@@ -40,9 +42,14 @@ pub struct Bench {
 impl Bench {
     /// Creates a robot at rest at `initial`, which may be any posture.
     pub fn new(loaded: &Loaded, initial: [f64; JOINTS_MAX], seed: u64) -> Self {
-        let config = world::control_config(loaded, true).expect("control");
         let options = sim::Options { initial: Some(initial), initial_outside: true, ..sim::Options::default() };
-        let sim_config = sim::Config::new(&loaded.model, &options).expect("the simulated robot");
+        Self::with_options(loaded, &options, seed)
+    }
+
+    /// Creates a robot with these options, at rest.
+    pub fn with_options(loaded: &Loaded, options: &sim::Options, seed: u64) -> Self {
+        let config = world::control_config(loaded, true).expect("control");
+        let sim_config = sim::Config::new(&loaded.model, options).expect("the simulated robot");
         Self {
             control: control::State::new(&config, 1),
             robot: sim::State::new(&sim_config, FIRST_K, seed),
@@ -54,6 +61,7 @@ impl Bench {
             spoke: true,
             target: None,
             person: Box::new(JointTarget::ZERO),
+            more_flags: 0,
             hand: OperatorView { connected: true, ..OperatorView::default() },
             status: Status::ZERO,
         }
@@ -146,7 +154,7 @@ impl Bench {
             q,
             input_received: now,
             valid_mask: ALL_JOINTS,
-            flags: target_flag::INPUT_FRESH,
+            flags: target_flag::INPUT_FRESH | self.more_flags,
             session_nonce: 70,
             way_first: self.k / WAY_NODE_TICKS + 1,
             ..*self.person

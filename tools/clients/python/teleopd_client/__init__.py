@@ -21,7 +21,7 @@ import iceoryx2
 
 from . import layout as _layout
 from .layout import *  # noqa: F403
-from .layout import LAYOUT_SMPL22, RAW_JOINTS_MAX, HingeCalibration, RawSkeleton
+from .layout import LAYOUT_SMPL22, RAW_JOINTS_MAX, Feedback, HingeCalibration, RawSkeleton
 
 #: the folder of an instance that was given none
 DEFAULT_RUN_DIR = "/tmp/teleopd"
@@ -49,6 +49,40 @@ def _prefix(run_dir):
     return f"teleop_input_{value & 0xFFFFFFFF:08x}_"
 
 
+def _node(run_dir):
+    """A node in the input domain of an instance, and the instance's folder."""
+    run_dir = os.path.realpath(run_dir)
+    root = os.path.join(run_dir, "input")
+    if not os.path.isdir(root):
+        raise TeleopdError(f"{root}: no such folder: is `teleopd up --run-dir {run_dir}` running?")
+    owner, own = os.stat(root).st_uid, os.geteuid()
+    if own not in (0, owner):
+        raise TeleopdError(
+            f"{run_dir}: this instance belongs to user {owner}, and this program runs as user {own}. Shared memory serves "
+            f"one user. Run this as that user (sudo -u '#{owner}' ...)"
+        )
+    iceoryx2.set_log_level(iceoryx2.LogLevel.Fatal)
+    config = iceoryx2.config.default()
+    config.global_cfg.root_path = iceoryx2.Path.new(root)
+    config.global_cfg.prefix = iceoryx2.FileName.new(_prefix(run_dir))
+    builder = iceoryx2.NodeBuilder.new().config(config)
+    builder = builder.signal_handling_mode(iceoryx2.SignalHandlingMode.Disabled)
+    try:
+        return builder.create(iceoryx2.ServiceType.Ipc), run_dir
+    except Exception as error:
+        raise _no_instance(error, run_dir, "connect", RawSkeleton) from error
+
+
+def _no_instance(error, run_dir, what, message):
+    """The error of a client that cannot `what`."""
+    if "DoesNotExist" in str(error):
+        return TeleopdError(f"no instance of teleopd runs in {run_dir}: start `teleopd up --run-dir {run_dir}`")
+    return TeleopdError(
+        f"{run_dir}: cannot {what} ({type(error).__name__}: {error}): does teleopd run there, as this user, in the version of "
+        f"this module ({message.type_name()})?"
+    )
+
+
 class SkeletonPublisher:
     """A client of a running daemon, of the same user.
 
@@ -59,24 +93,8 @@ class SkeletonPublisher:
     """
 
     def __init__(self, run_dir=DEFAULT_RUN_DIR, layout=LAYOUT_SMPL22, operator_id=0):
-        run_dir = os.path.realpath(run_dir)
-        root = os.path.join(run_dir, "input")
-        if not os.path.isdir(root):
-            raise TeleopdError(f"{root}: no such folder: is `teleopd up --run-dir {run_dir}` running?")
-        owner, own = os.stat(root).st_uid, os.geteuid()
-        if own not in (0, owner):
-            raise TeleopdError(
-                f"{run_dir}: this instance belongs to user {owner}, and this program runs as user {own}. Shared memory serves "
-                f"one user. Run this as that user (sudo -u '#{owner}' ...)"
-            )
-        iceoryx2.set_log_level(iceoryx2.LogLevel.Fatal)
-        config = iceoryx2.config.default()
-        config.global_cfg.root_path = iceoryx2.Path.new(root)
-        config.global_cfg.prefix = iceoryx2.FileName.new(_prefix(run_dir))
-        builder = iceoryx2.NodeBuilder.new().config(config)
-        builder = builder.signal_handling_mode(iceoryx2.SignalHandlingMode.Disabled)
+        self._node, run_dir = _node(run_dir)
         try:
-            self._node = builder.create(iceoryx2.ServiceType.Ipc)
             name = iceoryx2.ServiceName.new(_layout.SERVICE)
             data = self._node.service_builder(name).publish_subscribe(RawSkeleton).open()
             name = iceoryx2.ServiceName.new(_layout.EVENT_SERVICE)
@@ -85,13 +103,7 @@ class SkeletonPublisher:
             self._publisher = publisher.create()
             self._notifier = event.notifier_builder().create()
         except Exception as error:
-            if "DoesNotExist" in str(error):
-                hint = f"start `teleopd up --run-dir {run_dir}`"
-                raise TeleopdError(f"no instance of teleopd runs in {run_dir}: {hint}") from error
-            raise TeleopdError(
-                f"{run_dir}: cannot publish ({type(error).__name__}: {error}): does teleopd run there, as this user, in the "
-                f"version of this module ({RawSkeleton.type_name()})?"
-            ) from error
+            raise _no_instance(error, run_dir, "publish", RawSkeleton) from error
         self._frame = RawSkeleton()
         self._frame.layout = layout
         self._frame.operator_id = operator_id
@@ -106,14 +118,15 @@ class SkeletonPublisher:
         except TeleopdError as error:
             sys.exit(str(error))
 
-    def publish(self, positions, rotations=None, confidence=None, seen_ns=None, mirrored=False, local=False, calibration=None, clutch=False):
+    def publish(self, positions, rotations=None, confidence=None, seen_ns=None, mirrored=False, local=False, calibration=None, clutch=False, closure=(None, None)):
         """Publishes one frame; answers its sequence number.
 
         positions: a row of three numbers for each joint of the layout, in its unit and axes. rotations: unit quaternions in
         the layout's order, global, or relative to the parent joint if `local`. confidence: one number each (default: 1). seen_ns: when the person was seen, on CLOCK_MONOTONIC
         (`time.monotonic_ns()`, default: now); give the time of capture, because the robot's latency is counted from it.
         mirrored: the image was (a selfie camera's). calibration: a HingeCalibration, if you have one. clutch: the robot stands
-        until a frame without it; then it moves slowly to where the person is.
+        until a frame without it; then it moves slowly to where the person is. closure: of the left and of the right hand, 0
+        (open) to 1 (closed), or None if it is not known; the robot's gripper follows it from where the two meet.
 
         Raises ValueError for a frame that no layout has; what the numbers say is judged by the daemon.
         """
@@ -136,6 +149,7 @@ class SkeletonPublisher:
             | (_layout.FLAG_MIRRORED if mirrored else 0)
             | (_layout.FLAG_LOCAL if local else 0)
             | (_layout.FLAG_CLUTCH if clutch else 0)
+            | _closure_bits(closure)
         )
         frame.calibration = calibration if calibration is not None else HingeCalibration()
         now = time.monotonic_ns()
@@ -159,6 +173,59 @@ class SkeletonPublisher:
 
     def __exit__(self, *_):
         self.close()
+
+
+class FeedbackReader:
+    """Reads what the robot does, for a display, a glove or a headset that vibrates.
+
+    run_dir: the `--run-dir` of `teleopd up`. Raises TeleopdError if the daemon does not run, or another version.
+    """
+
+    def __init__(self, run_dir=DEFAULT_RUN_DIR):
+        self._node, run_dir = _node(run_dir)
+        try:
+            name = iceoryx2.ServiceName.new(_layout.FEEDBACK_SERVICE)
+            data = self._node.service_builder(name).publish_subscribe(Feedback).open()
+            self._subscriber = data.subscriber_builder().create()
+        except Exception as error:
+            raise _no_instance(error, run_dir, "read", Feedback) from error
+
+    def latest(self):
+        """The newest `Feedback` that was not read before, or None. It comes 20 times a second.
+
+        Its fields are those of layout.py: angles in rad, lengths in m, forces in N. `sentence(feedback)` is its text.
+        """
+        newest = None
+        while (sample := self._subscriber.receive()) is not None:
+            newest = Feedback.from_buffer_copy(bytes(sample.payload().contents))
+            sample.delete()
+        return newest
+
+    def close(self):
+        """Leaves."""
+        self._subscriber.delete()
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.close()
+
+
+def sentence(feedback):
+    """Why the robot does what it does, in one sentence."""
+    return bytes(feedback.sentence[: feedback.sentence_bytes]).decode("utf-8", "replace")
+
+
+def _closure_bits(closure):
+    """The closures of both hands in a frame's flags: a byte each, 0 for a hand that is not known."""
+    bits = 0
+    for value, shift in zip(closure, (16, 24), strict=True):
+        if value is not None:
+            if not 0.0 <= value <= 1.0:
+                raise ValueError(f"closure: {value}: must be 0 to 1, or None")
+            bits |= (1 + int(value * 254 + 0.5)) << shift
+    return bits
 
 
 def _fill(into, rows, width, what, count):

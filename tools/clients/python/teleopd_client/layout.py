@@ -28,12 +28,28 @@ FLAG_ROTATIONS = 2
 FLAG_LOCAL = 4
 #: the robot stands until a frame without it
 FLAG_CLUTCH = 8
+#: the two bytes of the hands' closures
+FLAG_CLOSURE = 4294901760
+#: the most bytes of a sentence
+SENTENCE_BYTES = 256
+#: mode, faults, speed_scale and sentence are known
+FEEDBACK_STATUS = 1
+#: clearances and grippers are known
+FEEDBACK_STATE = 2
+#: the robot has a left gripper
+FEEDBACK_GRIPPER_LEFT = 4
+#: the robot has a right gripper
+FEEDBACK_GRIPPER_RIGHT = 8
 #: all four hinges of the calibration are valid
 CALIBRATION_ALL = 15
 #: name of the service that clients write
 SERVICE = "teleop/raw_skeleton/1"
 #: name of the service that wakes its reader
 EVENT_SERVICE = "teleop/raw_skeleton/1/event"
+#: names of `Feedback.mode`
+MODES = ("Disengaged", "Engaging", "Engaged", "Holding", "Faulted", "Recovering")
+#: name of the service that tells clients about the robot
+FEEDBACK_SERVICE = "teleop/feedback/1"
 #: frames a second that a client may publish at most
 RATE_MAX_HZ = 240
 
@@ -101,3 +117,30 @@ class RawSkeleton(ctypes.Structure):
 
 
 assert ctypes.sizeof(RawSkeleton) == 3576
+
+
+class Feedback(ctypes.Structure):
+    """State of the robot for the person who drives it. Directions: torso, x forward, y left, z up."""
+
+    _fields_ = [
+        ("header", Header),
+        ("faults", ctypes.c_uint64),
+        ("mode", ctypes.c_uint32),
+        ("known", ctypes.c_uint32),
+        ("speed_scale", ctypes.c_float),
+        ("clearance_m", ctypes.c_float * 2),
+        ("towards_nearest", (ctypes.c_float * 3) * 2),
+        ("limb_behind_rad", ctypes.c_float * LIMBS),
+        ("closure", ctypes.c_float * 2),
+        ("force_n", ctypes.c_float * 2),
+        ("sentence_bytes", ctypes.c_uint32),
+        ("sentence", ctypes.c_uint8 * SENTENCE_BYTES),
+    ]
+
+    @staticmethod
+    def type_name():
+        """The name under which the transport knows the layout."""
+        return "teleop.Feedback.v1.6ab268c77bf85042"
+
+
+assert ctypes.sizeof(Feedback) == 384

@@ -1,0 +1,65 @@
+//! Gripping: the grippers follow the closure of the person's hands.
+
+use crate::Config;
+use messages::{GripperMotion, JointTarget, Layout, Mode, target_flag};
+use safety::{gate, gripper};
+
+/// A hand takes its gripper over at this difference of their closures. Assumption: a person does not see less.
+const TAKEN_WITHIN: f64 = 0.1;
+
+/// State of the grippers.
+#[derive(Clone, Debug)]
+pub(super) struct Gripping {
+    /// The last motion that was sent.
+    sent: GripperMotion,
+    /// The hands that have taken their grippers over.
+    taken: [bool; 2],
+    /// The hands' closures at the last tick of this engagement.
+    seen: [Option<f64>; 2],
+}
+
+impl Default for Gripping {
+    fn default() -> Self {
+        Self { sent: GripperMotion::ZERO, taken: [false; 2], seen: [None; 2] }
+    }
+}
+
+impl Gripping {
+    /// Continues from the motion that the driver executes.
+    pub(super) fn reseed(&mut self, executed: &GripperMotion) {
+        self.sent = *executed;
+    }
+
+    /// Returns the motion of this tick, and the reason if the gate denied another one.
+    ///
+    /// While Engaged, a hand takes its gripper over as soon as their closures meet. So nothing drops at engaging because
+    /// the person's hand is open. A hand that is not known, and every other mode, holds. A Disengaged robot opens its
+    /// grippers if the settings say so.
+    pub(super) fn tick(
+        &mut self,
+        config: &Config,
+        mode: Mode,
+        target: Option<&JointTarget>,
+    ) -> (GripperMotion, Option<gate::Denial>) {
+        let goals = core::array::from_fn(|side| match mode {
+            Mode::Engaged => self.follow(side, target),
+            _ => {
+                (self.taken[side], self.seen[side]) = (false, None);
+                (mode == Mode::Disengaged && config.open_grippers_when_disengaged).then_some(0.0)
+            }
+        });
+        let proposed = config.grippers.toward(&self.sent, goals);
+        let (passed, denied) = gripper::tick(&config.gripper_gate, &self.sent, &proposed);
+        self.sent = passed;
+        (passed, denied)
+    }
+
+    fn follow(&mut self, side: usize, target: Option<&JointTarget>) -> Option<f64> {
+        let known = target.filter(|target| target.flags & target_flag::CLOSURE[side] != 0);
+        let closure = known.map(|target| f64::from(target.closure[side])).filter(|closure| closure.is_finite())?;
+        let (way, before) = (closure - self.sent.closure[side], self.seen[side].replace(closure));
+        let passed = before.is_some_and(|before| (before - self.sent.closure[side]) * way <= 0.0);
+        self.taken[side] |= way.abs() <= TAKEN_WITHIN || passed;
+        self.taken[side].then_some(closure)
+    }
+}

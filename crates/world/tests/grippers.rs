@@ -1,0 +1,111 @@
+//! Grippers that follow the person's hands, with control and the simulated robot together.
+
+use crate::support;
+
+use messages::{GripperMotion, Mode, TICK_HZ, TICK_S, target_flag};
+use support::Bench;
+
+/// Fingers of the shipped robot close at this rate at most, 1/s: 2.6 s (robot file).
+const SPEED: f64 = 1.0 / 2.6;
+/// Rounding of a closure.
+const ROUNDING: f64 = 1e-6;
+
+/// Sets what the person's hands do. The left one is `closure`, the right one is not known.
+fn show(bench: &mut Bench, closure: Option<f32>) {
+    bench.person.closure = [closure.unwrap_or_default(), 0.0];
+    // The bench writes the flags of a target itself, so the closure goes beside them.
+    bench.more_flags = if closure.is_some() { target_flag::CLOSURE[0] } else { 0 };
+}
+
+fn run(bench: &mut Bench, seconds: f64) -> GripperMotion {
+    let mut before = bench.echo().grippers;
+    for _ in 0..(seconds * TICK_HZ as f64) as u64 {
+        bench.step();
+        let now = bench.echo().grippers;
+        for side in 0..2 {
+            let moved = (now.closure[side] - before.closure[side]).abs();
+            assert!(moved <= SPEED * TICK_S + ROUNDING, "a step of {moved}");
+            assert!((now.rate[side] - before.rate[side]).abs() <= SPEED / 0.1 * TICK_S + ROUNDING);
+        }
+        before = now;
+    }
+    before
+}
+
+#[test]
+fn f120_gripper_follows_hand_and_holds_without_it() {
+    let mut bench = Bench::engaged(1);
+    show(&mut bench, Some(0.0));
+    run(&mut bench, 0.2);
+    show(&mut bench, Some(0.6));
+    let closed = run(&mut bench, 3.0);
+    assert!((closed.closure[0] - 0.6).abs() < 0.01 && closed.closure[1] == 0.0, "{closed:?}");
+    show(&mut bench, None);
+    let held = run(&mut bench, 1.0);
+    assert!((held.closure[0] - 0.6).abs() < 0.01 && held.rate[0].abs() < 1e-3, "{held:?}");
+    let measured = bench.echo().grippers_measured;
+    assert!((measured.closure[0] - 0.6).abs() < 0.01, "{measured:?}");
+    bench.assert_no_violations("gripping");
+}
+
+#[test]
+fn f120_engaging_with_another_closure_moves_no_finger() {
+    let mut bench = Bench::at_home(1);
+    show(&mut bench, Some(0.8));
+    bench.engage();
+    let untaken = run(&mut bench, 1.0);
+    assert_eq!(untaken, GripperMotion { closure: [0.0; 2], rate: [0.0; 2] }, "the hands have not met");
+    // The person opens the hand. From there on the gripper follows.
+    show(&mut bench, Some(0.05));
+    run(&mut bench, 0.3);
+    show(&mut bench, Some(0.8));
+    let followed = run(&mut bench, 4.0);
+    assert!((followed.closure[0] - 0.8).abs() < 0.01, "{followed:?}");
+}
+
+#[test]
+fn stop_keeps_the_grip_and_setting_opens_it() {
+    for opens in [false, true] {
+        let mut bench = Bench::at_home(1);
+        bench.config.open_grippers_when_disengaged = opens;
+        show(&mut bench, Some(0.0));
+        bench.engage();
+        run(&mut bench, 0.2);
+        show(&mut bench, Some(1.0));
+        assert!(run(&mut bench, 4.0).closure[0] > 0.99);
+        bench.let_go();
+        let left = run(&mut bench, 4.0);
+        assert_eq!(bench.mode(), Mode::Disengaged);
+        assert!(if opens { left.closure[0] < 0.01 } else { left.closure[0] > 0.99 }, "{opens}: {left:?}");
+    }
+}
+
+#[test]
+fn f121_closure_that_is_no_number_moves_nothing() {
+    let mut bench = Bench::engaged(1);
+    for closure in [f32::NAN, f32::INFINITY, -7.0, 1e30] {
+        show(&mut bench, Some(closure));
+        let now = run(&mut bench, 0.3);
+        assert!((0.0..=1.0).contains(&now.closure[0]), "{closure}: {now:?}");
+    }
+    assert_eq!(bench.mode(), Mode::Engaged);
+}
+
+#[test]
+fn fingers_stop_at_an_object_and_report_their_force() {
+    let loaded = support::loaded();
+    let options = sim::Options { object_width_m: 0.05, ..sim::Options::default() };
+    let mut bench = Bench::with_options(&loaded, &options, 1);
+    bench.target = Some(loaded.model.home);
+    bench.settle();
+    show(&mut bench, Some(0.0));
+    bench.engage();
+    run(&mut bench, 0.2);
+    show(&mut bench, Some(1.0));
+    run(&mut bench, 4.0);
+    let measured = bench.echo().grippers_measured;
+    // 5 cm of the 10 cm of an open hand.
+    assert!((measured.closure[0] - 0.5).abs() < 0.01 && (measured.force_n[0] - 20.0).abs() < 0.1, "{measured:?}");
+    assert_eq!(measured.force_n[1], 0.0);
+    bench.assert_no_violations("an object in the hand");
+}
