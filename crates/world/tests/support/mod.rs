@@ -22,7 +22,7 @@ pub fn loaded() -> Loaded {
 /// Control, the robot, and an operator.
 pub struct Bench {
     pub config: control::Config,
-    control: control::State,
+    control: Box<control::State>,
     sim_config: sim::Config,
     pub robot: sim::State,
     hash: u64,
@@ -51,7 +51,7 @@ impl Bench {
         let config = world::control_config(loaded, true).expect("control");
         let sim_config = sim::Config::new(&loaded.model, options).expect("the simulated robot");
         Self {
-            control: control::State::new(&config, 1),
+            control: Box::new(control::State::new(&config, 1)),
             robot: sim::State::new(&sim_config, FIRST_K, seed),
             sim_config,
             config,
