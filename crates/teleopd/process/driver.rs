@@ -7,7 +7,9 @@ use crate::timeline::Timeline;
 use bus::Domain;
 use config::{DriverKind, HandOff};
 use driver::{Driver, Measured, Setpoint};
-use messages::{JointCommand, Mode, RobotState, Service, Stamp, StopPlan, TICK_HZ, deadline, tick_at};
+use messages::{
+    GripperMotion, GripperState, JointCommand, Mode, RobotState, Service, Stamp, StopPlan, TICK_HZ, deadline, tick_at,
+};
 use rt::{Exit, Failure};
 use serde_json::{Map, Value, json};
 use std::time::Duration;
@@ -99,6 +101,14 @@ impl<D: Driver> Driver for Fresh<D> {
 
     fn write(&mut self, now: Stamp, setpoint: &Setpoint, plan: &StopPlan) -> bool {
         rt::now().since(now) > driver::GAP_MAX_TICKS * 1_000_000_000 / TICK_HZ || self.0.write(now, setpoint, plan)
+    }
+
+    fn grip(&mut self, grippers: &GripperMotion) {
+        self.0.grip(grippers);
+    }
+
+    fn gripped(&self) -> GripperState {
+        self.0.gripped()
     }
 }
 
