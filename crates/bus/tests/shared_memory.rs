@@ -139,11 +139,11 @@ fn domains_with_different_prefixes_do_not_see_each_other() {
 /// A message with the size, name and version of a `JointTarget`, but with two fields exchanged.
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
-struct Exchanged([u64; 302]);
+struct Exchanged([u64; 303]);
 
 impl Layout for Exchanged {
     const HASH: u64 = JointTarget::HASH ^ 1;
-    const ZERO: Self = Self([0; 302]);
+    const ZERO: Self = Self([0; 303]);
     fn put(&self, out: &mut [u8]) {
         self.0.put(out);
     }

@@ -15,8 +15,9 @@ pub use load::{
 pub use operators::{Operator, Operators};
 pub use safety::engage::Settings as SafetySettings;
 pub use settings::{
-    ControlSettings, DoorSettings, DriverKind, DriverSettings, EmergencyStopReset, HandOff, IngestSettings, Method,
-    MetricsSettings, Policy, RealtimeSettings, Reference, RetargetSettings, Ros2Settings, Settings, SimSettings,
+    ControlSettings, DoorSettings, DriverKind, DriverSettings, EmergencyStopReset, FollowingArms, HandOff,
+    IngestSettings, Method, MetricsSettings, Policy, RealtimeSettings, Reference, RetargetSettings, Ros2Settings,
+    Settings, SimSettings,
 };
 pub use sim::Interface as RobotInterface;
 

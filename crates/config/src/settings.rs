@@ -66,6 +66,18 @@ pub enum Method {
     ClosedForm,
 }
 
+/// Arms of the robot that follow the person.
+#[derive(Clone, Copy, Debug, Deserialize, PartialEq, Serialize, Eq)]
+#[serde(rename_all = "kebab-case")]
+pub enum FollowingArms {
+    /// Both arms.
+    Both,
+    /// The left arm alone.
+    Left,
+    /// The right arm alone.
+    Right,
+}
+
 schema::table! {
     /// How skeletons become joint positions.
     pub struct RetargetSettings {
@@ -77,6 +89,9 @@ schema::table! {
         /// Time from the capture of a person to the command that stands for it, ms. A longer delay brings the
         /// robot nearer to the person's motion.
         following_delay_ms: f64 = 120.0, in [0.0, 250.0];
+        /// Arms of the robot that follow, with their hands: `"both"`, `"left"` or `"right"`. The other arm keeps its home
+        /// posture.
+        arms: FollowingArms = FollowingArms::Both;
         /// Network that predicts how a person goes on, as a path without extension, relative to the settings file. It names
         /// `FILE.safetensors` and `FILE.toml`. With `""` there is none, and the turn of each limb fades.
         prediction: String = "../weights/prediction".to_owned();

@@ -1,7 +1,7 @@
 //! Feedback for the person: how near each arm is to something, and how far each limb is behind.
 
 use crate::status::limb_angles;
-use messages::{Feedback, JointTarget, Layout, RobotState, feedback_flag};
+use messages::{Feedback, JointTarget, Layout, RobotState, feedback_flag, state_flag};
 use nalgebra::Vector3;
 use retarget::ArmModel;
 use robot::{Capsule, Frames, Model, Solid, segment_distance};
@@ -17,11 +17,10 @@ pub fn feedback(model: &Model, arm: &ArmModel, state: &RobotState, target: Optio
     model.forward(&state.q_measured, &mut frames);
     let torso = frames.base_from_body[model.torso_body].r;
     for side in 0..2 {
-        if let Some((clearance_m, towards)) = nearest(model, &frames, side) {
-            feedback.clearance_m[side] = clearance_m as f32;
-            feedback.towards_nearest[side] = torso.tr_mul(&towards).map(|x| x as f32).into();
-        }
-        if model.grippers[side].is_some() {
+        let (clearance_m, towards) = nearest(model, &frames, side).unwrap_or((f64::INFINITY, Vector3::zeros()));
+        feedback.clearance_m[side] = clearance_m as f32;
+        feedback.towards_nearest[side] = torso.tr_mul(&towards).map(|x| x as f32).into();
+        if model.grippers[side].is_some() && state.flags & state_flag::GRIPPERS != 0 {
             feedback.known |= feedback_flag::GRIPPER[side];
             feedback.closure[side] = state.grippers_measured.closure[side] as f32;
             feedback.force_n[side] = state.grippers_measured.force_n[side] as f32;
@@ -100,7 +99,7 @@ mod tests {
         let model = Model::from_text("tiago_dual.toml", &read("toml"), "tiago_dual.urdf", &read("urdf")).unwrap();
         let mut state = RobotState { q_measured: [0.0; JOINTS_MAX], ..RobotState::ZERO };
         state.q_measured = model.home;
-        state.grippers_measured.force_n = [3.0, 0.0];
+        (state.grippers_measured.force_n, state.flags) = ([3.0, 0.0], state_flag::GRIPPERS);
         let told = feedback(&model, &ArmModel::of(&model), &state, None);
         let [left, right] = told.towards_nearest;
         assert!((told.clearance_m[0] - told.clearance_m[1]).abs() < 2e-3, "{:?}", told.clearance_m);
@@ -108,5 +107,7 @@ mod tests {
         assert_eq!((told.force_n, told.limb_behind_rad), ([3.0, 0.0], [0.0; 4]));
         let expected = feedback_flag::STATE | feedback_flag::GRIPPER[0] | feedback_flag::GRIPPER[1];
         assert_eq!(told.known, expected);
+        let silent = RobotState { flags: 0, ..state };
+        assert_eq!(feedback(&model, &ArmModel::of(&model), &silent, None).known, feedback_flag::STATE);
     }
 }

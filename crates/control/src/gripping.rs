@@ -27,14 +27,16 @@ impl Default for Gripping {
 impl Gripping {
     /// Continues from the motion that the driver executes.
     pub(super) fn reseed(&mut self, executed: &GripperMotion) {
-        self.sent = *executed;
+        if executed.closure.iter().chain(&executed.rate).all(|value| value.is_finite()) {
+            self.sent = *executed;
+        }
     }
 
     /// Returns the motion of this tick, and the reason if the gate denied another one.
     ///
     /// While Engaged, a hand takes its gripper over as soon as their closures meet. So nothing drops at engaging because
-    /// the person's hand is open. A hand that is not known, and every other mode, holds. A Disengaged robot opens its
-    /// grippers if the settings say so.
+    /// the person's hand is open. A hand that is not known holds, and takes over anew when it is seen again. Without a
+    /// target, and in every other mode, the grippers hold. A Disengaged robot opens them if the settings say so.
     pub(super) fn tick(
         &mut self,
         config: &Config,
@@ -55,8 +57,13 @@ impl Gripping {
     }
 
     fn follow(&mut self, side: usize, target: Option<&JointTarget>) -> Option<f64> {
-        let known = target.filter(|target| target.flags & target_flag::CLOSURE[side] != 0);
-        let closure = known.map(|target| f64::from(target.closure[side])).filter(|closure| closure.is_finite())?;
+        let target = target?;
+        let known = target.flags & target_flag::CLOSURE[side] != 0 && target.closure[side].is_finite();
+        if !known {
+            (self.taken[side], self.seen[side]) = (false, None);
+            return None;
+        }
+        let closure = f64::from(target.closure[side]);
         let (way, before) = (closure - self.sent.closure[side], self.seen[side].replace(closure));
         let passed = before.is_some_and(|before| (before - self.sent.closure[side]) * way <= 0.0);
         self.taken[side] |= way.abs() <= TAKEN_WITHIN || passed;

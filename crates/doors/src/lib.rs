@@ -28,5 +28,5 @@ pub use frame::{FRAME_BYTES, decode_frame, encode_frame};
 pub use group::{group_id, user_name};
 pub use listener::{Admission, Listener, connect};
 pub use nonce::draw_nonce;
-pub use protocol::{ANSWER_BYTES, HELLO_BYTES, Hello, Reply, ReplyPacket};
+pub use protocol::{ANSWER_BYTES, HELLO_BYTES, Hello, Reply, ReplyPacket, WISHES_FEEDBACK};
 pub use server::{CONNECTIONS_MAX, FrameSource, HELLO_WITHIN_NS, IDLE_NS, LeaseState, Server, SocketEvent};

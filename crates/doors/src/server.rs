@@ -26,6 +26,8 @@ pub const IDLE_NS: u64 = 5_000_000_000;
 const DRAIN_MAX: usize = 32;
 /// Notices that are kept until they are taken. Further ones are only counted.
 const NOTICES_MAX: usize = 16;
+/// Send buffer of a client that wishes feedback: some packets of it, with what the kernel adds to each.
+const FEEDBACK_BUFFER_BYTES: usize = 4096;
 /// One byte more than a frame, so that a longer packet shows.
 const BUFFER_BYTES: usize = FRAME_BYTES + 1;
 const DAEMON: &str = "teleopd ingest";
@@ -219,6 +221,10 @@ impl Server {
                 None => {
                     (seat.session_nonce, seat.heard) = (draw_nonce(), now);
                     seat.wishes_feedback = Hello::wishes_feedback(&bytes[..length]);
+                    if seat.wishes_feedback {
+                        // A client that is late then finds new feedback, and not that of minutes ago.
+                        let _ = net::sockopt::set_socket_send_buffer_size(&seat.socket, FEEDBACK_BUFFER_BYTES);
+                    }
                     seat.say(if held { Reply::GrantedButHeld } else { Reply::Granted });
                     let peer = seat.peer;
                     self.note(Reply::Granted, peer);

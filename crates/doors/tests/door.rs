@@ -358,4 +358,13 @@ fn feedback_reaches_the_client_that_wishes_it_alone() {
     client.publish(&RawSkeleton::ZERO).unwrap();
     house.poll();
     assert_eq!(house.used.len(), 1);
+    // What waits for a late client is a few packets, less than half a second.
+    let raw = house.raw();
+    raw.send(&Hello { wishes: doors::WISHES_FEEDBACK, ..Hello::OURS }.encode());
+    (0..3).for_each(|_| house.poll());
+    (0..1000).for_each(|_| house.server.feed_back(&feedback));
+    let mut bytes = [0; 1024];
+    let waiting = std::iter::from_fn(|| rustix::net::recv(&raw.socket, &mut bytes[..], RecvFlags::DONTWAIT).ok());
+    let waiting = waiting.count();
+    assert!((2..=10).contains(&waiting), "{waiting} packets");
 }

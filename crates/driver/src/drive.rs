@@ -2,7 +2,9 @@
 
 use crate::follower::{self, Accepted, Config, State, Step};
 use crate::{Driver, Measured, Refusal, Setpoint};
-use messages::{Faults, GripperMotion, Header, JointCommand, Layout, RobotState, Stamp, StopPlan};
+use messages::{
+    Faults, GripperMotion, GripperState, Header, JointCommand, Layout, RobotState, Stamp, StopPlan, state_flag,
+};
 
 /// Sees every step that a driver executes, and may replace what the robot is sent. `()` does neither.
 pub trait Observer {
@@ -24,7 +26,7 @@ impl Observer for () {
 #[derive(Clone, Debug)]
 pub struct Drive {
     follower: State,
-    /// The grippers. `None` before the first tick, which holds them where they are.
+    /// The grippers. `None` until the robot says where it holds them.
     grippers: Option<GripperMotion>,
     measured: Measured,
     sequence: u64,
@@ -116,11 +118,12 @@ pub fn drive(
     });
     state.withheld = out.withheld;
     let (gripped, limits) = (port.gripped(), &config.grippers);
-    let grippers = state.grippers.unwrap_or_else(|| limits.at_rest(&gripped));
-    let accepted = input.command.filter(|_| out.accepted.is_some());
-    let grippers = limits.after(&grippers, out.advanced, accepted.map(|command| &command.grippers));
-    state.grippers = Some(grippers);
-    port.grip(&grippers);
+    let accepted = input.command.filter(|_| out.accepted.is_some()).map(|command| &command.grippers);
+    let held = state.grippers.or_else(|| limits.at_rest(&gripped?));
+    state.grippers = held.map(|held| limits.after(&held, out.advanced, accepted));
+    if let Some(grippers) = &state.grippers {
+        port.grip(grippers);
+    }
     if moved && !out.withheld {
         let executed = state.follower.setpoint();
         let (setpoint, plan) = observer.sent(&executed, &state.follower.motion.plan);
@@ -133,16 +136,22 @@ pub fn drive(
     state.sequence += 1;
     let header = Header { sequence: state.sequence, stamp: now, ..Header::ZERO };
     DriveOutput {
-        state: RobotState {
-            grippers,
-            grippers_measured: gripped,
-            ..state.follower.echo(config, header, &state.measured)
-        },
+        state: with_grippers(state.follower.echo(config, header, &state.measured), state.grippers, gripped),
         advanced: out.advanced,
         accepted: out.accepted,
         refused: out.refused,
         suspended_ticks: out.suspended_ticks,
         faults: out.faults,
+    }
+}
+
+/// Adds the executed and the measured grippers to the message.
+fn with_grippers(echo: RobotState, executed: Option<GripperMotion>, measured: Option<GripperState>) -> RobotState {
+    RobotState {
+        grippers: executed.unwrap_or(GripperMotion::ZERO),
+        grippers_measured: measured.unwrap_or(GripperState::ZERO),
+        flags: echo.flags | if measured.is_some() { state_flag::GRIPPERS } else { 0 },
+        ..echo
     }
 }
 

@@ -37,6 +37,12 @@ impl Grippers {
     /// Returns true if `next` may follow `now` after one tick. False for NaN, and for any motion of a hand without a
     /// gripper.
     pub fn continues(&self, now: &GripperMotion, next: &GripperMotion) -> bool {
+        self.continues_after(now, next, 1)
+    }
+
+    /// As [`Grippers::continues`], after `ticks` ticks.
+    fn continues_after(&self, now: &GripperMotion, next: &GripperMotion, ticks: u64) -> bool {
+        let elapsed_s = ticks as f64 * TICK_S;
         (0..2).all(|side| {
             let (speed, closure, rate) = (self.0[side], next.closure[side], next.rate[side]);
             let moved = (closure - now.closure[side]).abs();
@@ -44,28 +50,33 @@ impl Grippers {
             let at_end = rate == 0.0 && (closure == 0.0 || closure == 1.0);
             (0.0..=1.0).contains(&closure)
                 && rate.abs() <= speed + ROUNDING
-                && moved <= speed * TICK_S + ROUNDING
-                && ((rate - now.rate[side]).abs() <= speed / RAMP_S * TICK_S + ROUNDING || at_end)
+                && moved <= speed * elapsed_s + ROUNDING
+                && ((rate - now.rate[side]).abs() <= speed / RAMP_S * elapsed_s + ROUNDING || at_end)
         })
     }
 
     /// Returns the motion `ticks` later. A command that continues `now` is taken as it is. Another one is approached.
     /// Without a command the grippers brake, and hold what they hold.
     pub(crate) fn after(&self, now: &GripperMotion, ticks: u64, command: Option<&GripperMotion>) -> GripperMotion {
-        if let Some(command) = command.filter(|command| ticks == 1 && self.continues(now, command)) {
+        let ticks = ticks.min(TICKS_MAX);
+        if let Some(command) = command.filter(|command| ticks > 0 && self.continues_after(now, command, ticks)) {
             return *command;
         }
         let goals = command.map_or([None; 2], |command| command.closure.map(Some));
-        (0..ticks.min(TICKS_MAX)).fold(*now, |now, _| self.toward(&now, goals))
+        (0..ticks).fold(*now, |now, _| self.toward(&now, goals))
     }
 
-    /// Grippers at rest where they are measured.
-    pub(crate) fn at_rest(&self, measured: &GripperState) -> GripperMotion {
-        let closure = core::array::from_fn(|side| {
-            let closure = measured.closure[side];
-            if self.0[side] > 0.0 && (0.0..=1.0).contains(&closure) { closure } else { 0.0 }
-        });
-        GripperMotion { closure, rate: [0.0; 2] }
+    /// Grippers at rest where the robot holds them. `None` while it measures none, or no number.
+    pub(crate) fn at_rest(&self, measured: &GripperState) -> Option<GripperMotion> {
+        let mut rest = GripperMotion { closure: [0.0; 2], rate: [0.0; 2] };
+        for side in (0..2).filter(|&side| self.0[side] > 0.0) {
+            let held = measured.setpoint[side];
+            if !held.is_finite() {
+                return None;
+            }
+            rest.closure[side] = held.clamp(0.0, 1.0);
+        }
+        Some(rest)
     }
 }
 
@@ -146,9 +157,34 @@ mod tests {
         assert!(now.closure[0] > 0.2 && now.rate[0] > 1.0, "{now:?}");
         let stopped = (0..150).fold(now, |now, _| GRIPPERS.after(&now, 1, None));
         assert!(stopped.rate == [0.0; 2] && stopped.closure[0] > now.closure[0] && stopped.closure[0] < 1.0);
+        let nan = GripperMotion { closure: [f64::NAN; 2], ..OPEN };
+        assert!(GRIPPERS.after(&now, u64::MAX, Some(&nan)).closure[0] > 0.0);
+    }
+
+    #[test]
+    fn short_pause_of_the_driver_brakes_no_gripper() {
+        let (mut ahead, mut now) = (OPEN, OPEN);
+        for k in 1..600 {
+            ahead = GRIPPERS.toward(&ahead, [Some(1.0), None]);
+            // Every hundredth command comes after a pause of 1 to 8 ticks.
+            let pause = k / 100 + 2;
+            if k % 100 >= pause || k % 100 == 0 {
+                now = GRIPPERS.after(&now, if k % 100 == pause { pause } else { 1 }, Some(&ahead));
+            }
+            assert!((now.rate[0] - ahead.rate[0]).abs() < 0.2, "{k}: {now:?} {ahead:?}");
+        }
+    }
+
+    #[test]
+    fn grippers_begin_at_the_robots_setpoint() {
+        let pressing = GripperState { closure: [0.5, 0.2], force_n: [20.0, 0.0], setpoint: [1.004, 0.2] };
+        assert_eq!(GRIPPERS.at_rest(&pressing), Some(GripperMotion { closure: [1.0, 0.2], rate: [0.0; 2] }));
+        assert_eq!(GRIPPERS.at_rest(&GripperState { setpoint: [f64::NAN, 0.0], ..pressing }), None);
         assert_eq!(
-            GRIPPERS.after(&now, u64::MAX, Some(&GripperMotion { closure: [f64::NAN; 2], ..OPEN })).closure[0] > 0.0,
-            true
+            Grippers([0.0, 0.5])
+                .at_rest(&GripperState { setpoint: [f64::NAN, 0.2], ..pressing })
+                .map(|rest| rest.closure),
+            Some([0.0, 0.2])
         );
     }
 }

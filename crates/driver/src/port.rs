@@ -1,6 +1,6 @@
 //! The port: the interface that a robot must offer to be driven.
 
-use messages::{GripperMotion, GripperState, JOINTS_MAX, Layout, Stamp, StopPlan};
+use messages::{GripperMotion, GripperState, JOINTS_MAX, Stamp, StopPlan};
 
 /// A measurement of the robot.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -79,8 +79,8 @@ pub trait Driver {
     /// ignores it.
     fn grip(&mut self, _grippers: &GripperMotion) {}
 
-    /// Returns the grippers as last measured. Zeros for a robot without.
-    fn gripped(&self) -> GripperState {
-        GripperState::ZERO
+    /// Returns the grippers as last measured. `None` for a robot that does not measure them.
+    fn gripped(&self) -> Option<GripperState> {
+        None
     }
 }

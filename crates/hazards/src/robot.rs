@@ -191,7 +191,7 @@ pub(crate) const GRIPPERS: &[Hazard] = &[
     does(
         "f121",
         "a gripper's command is no number, jumps or is too fast",
-        "deny, brake the grippers and stop the robot",
+        "the gate denies it, brakes the grippers and stops the robot; the driver approaches it slowly, and NaN not at all",
         "1 tick + B",
     ),
 ];

@@ -24,9 +24,10 @@ pub(crate) fn closure(raw: &RawSkeleton) -> [Option<f32>; 2] {
     [left.or_else(|| of_fingers(raw, left_fingers)), right.or_else(|| of_fingers(raw, right_fingers))]
 }
 
-/// Returns the mean turn of the fingers as a share of [`CLOSED_RAD`], at most 1. `None` if a bone is not seen.
+/// Returns the mean turn of the fingers as a share of [`CLOSED_RAD`], at most 1. `None` if a bone is not seen, or no
+/// finger is turned at all.
 fn of_fingers(raw: &RawSkeleton, bones: core::ops::Range<usize>) -> Option<f32> {
-    let mut turned_rad = 0.0;
+    let (mut turned_rad, mut tracked) = (0.0, false);
     for bone in bones {
         let q = raw.rotations[bone];
         let norm = q.iter().map(|x| x * x).sum::<f32>();
@@ -34,9 +35,11 @@ fn of_fingers(raw: &RawSkeleton, bones: core::ops::Range<usize>) -> Option<f32> 
         if !(raw.confidence[bone] > 0.0 && (norm - 1.0).abs() <= NORM_ERROR_MAX) {
             return None;
         }
+        tracked |= q[3].abs() != 1.0;
         turned_rad += 2.0 * q[3].abs().min(1.0).acos();
     }
-    Some((turned_rad / COUNT / CLOSED_RAD).min(1.0))
+    // Fingers exactly as in the T-pose are those of a program that sees none.
+    tracked.then(|| (turned_rad / COUNT / CLOSED_RAD).min(1.0))
 }
 
 #[cfg(test)]
@@ -59,11 +62,11 @@ mod tests {
     fn fingers_close_hand_and_client_knows_better() {
         let third = CLOSED_RAD / 3.0;
         let [left, right] = closure(&unity(third / 2.0));
-        assert!((left.unwrap() - 0.5).abs() < 1e-4 && right == Some(0.0), "{left:?} {right:?}");
+        assert!((left.unwrap() - 0.5).abs() < 1e-4 && right.is_none(), "{left:?} {right:?}");
         let [fist, _] = closure(&unity(1.5 * third));
         assert_eq!(fist, Some(1.0));
         let told = RawSkeleton { flags: with_closure(0, [Some(0.0), None]), ..unity(third) };
-        assert_eq!(closure(&told), [Some(0.0), Some(0.0)]);
+        assert_eq!(closure(&told), [Some(0.0), None]);
     }
 
     #[test]

@@ -30,6 +30,8 @@ pub mod state_flag {
     pub const COMMANDED: u32 = 2;
     /// The robot's own emergency stop is pressed.
     pub const EMERGENCY_STOP: u32 = 4;
+    /// The robot measures its grippers.
+    pub const GRIPPERS: u32 = 8;
 }
 
 /// Nodes in the way of a target. The way is the person's motion after tick `k`.
@@ -98,11 +100,13 @@ message! {
 
 message! {
     /// Measured state of the left and the right gripper. Zero for a hand without a gripper.
-    pub struct GripperState v 1 size 32 {
+    pub struct GripperState v 1 size 48 {
         /// Closure, from 0 (open) to 1 (closed).
         pub closure: [f64; 2],
         /// Force between the fingers, N.
         pub force_n: [f64; 2],
+        /// Closure that the robot holds by itself. What is held needs more than the measured one, because the fingers press.
+        pub setpoint: [f64; 2],
     }
 }
 
@@ -157,7 +161,7 @@ message! {
 
 message! {
     /// The robot's state: what it measures, and what its driver executes.
-    pub struct RobotState v 3 size 2288 {
+    pub struct RobotState v 3 size 2304 {
         /// `origin` of the executed command.
         pub header: Header,
         /// The robot whose joints these are.

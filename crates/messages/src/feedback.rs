@@ -9,13 +9,13 @@ pub const SENTENCE_BYTES: usize = 256;
 
 /// Bits of `Feedback::known`.
 pub mod feedback_flag {
-    /// `control` publishes its status. Without this bit everything else is zero.
+    /// `control` publishes its status. Without this bit mode, faults, speed and sentence are empty.
     pub const STATUS: u32 = 1;
-    /// The driver publishes the robot's state: clearances, grippers.
+    /// The driver publishes a state that the robot has measured: clearances and limbs mean something.
     pub const STATE: u32 = 2;
-    /// The robot has a gripper on its left, its right hand.
+    /// The left, the right gripper is measured.
     pub const GRIPPER: [u32; 2] = [4, 8];
-    /// Bits 4 to 7: the person has limb i, so `limb_behind_rad` means something.
+    /// Bits 4 to 7: the person's limb i is seen, so `limb_behind_rad` means something.
     pub const LIMB: [u32; super::LIMBS] = [16, 32, 64, 128];
 }
 
@@ -23,7 +23,7 @@ message! {
     /// State of the robot for the person who drives it, 20 times a second. Frame of the directions: the robot's torso, x
     /// forward, y left, z up.
     pub struct Feedback v 1 size 384 {
-        /// `origin` is the newest skeleton's that a command follows.
+        /// `stamp` says how old it is. `origin` is that of the executed command.
         pub header: Header,
         /// Active faults, as bits of `Faults`.
         pub faults: u64,
@@ -33,7 +33,7 @@ message! {
         pub known: u32,
         /// Speed scale in force, 0 to 1.
         pub speed_scale: f32,
-        /// Smallest measured clearance of the left and of the right arm, m.
+        /// Smallest measured clearance of the left and of the right arm, m. Infinite if nothing is checked.
         pub clearance_m: [f32; 2],
         /// Unit vectors from the nearest place of each arm towards what is nearest to it. Zero if nothing is.
         pub towards_nearest: [[f32; 3]; 2],

@@ -44,7 +44,7 @@ message! {
 
 message! {
     /// The robot's measurements.
-    pub struct RobotMeasured v 3 size 688 {
+    pub struct RobotMeasured v 3 size 704 {
         /// Its stamp is the time at which the robot sent it.
         pub header: Header,
         /// The robot whose joints these are.

@@ -11,7 +11,7 @@ const PYTHON: &str = "/../../tools/clients/python/teleopd_client/layout.py";
 const C: &str = "/../../tools/clients/c/teleopd.h";
 
 /// Names, values and meanings of the numbers that a frame holds.
-const NUMBERS: [(&str, u64, &str); 20] = [
+const NUMBERS: [(&str, u64, &str); 24] = [
     ("RAW_JOINTS_MAX", RAW_JOINTS_MAX as u64, "the most joints that a frame can carry"),
     ("LIMBS", LIMBS as u64, "left upper arm, left forearm, right upper arm, right forearm"),
     ("LAYOUT_SMPL22", SkeletonLayout::Smpl22 as u64, "SMPL-22, metres, x forward, y left, z up"),
@@ -40,11 +40,32 @@ const NUMBERS: [(&str, u64, &str); 20] = [
     ("FLAG_CLOSURE", raw_flag::CLOSURE as u64, "the two bytes of the hands' closures"),
     ("SENTENCE_BYTES", SENTENCE_BYTES as u64, "the most bytes of a sentence"),
     ("FEEDBACK_STATUS", feedback_flag::STATUS as u64, "mode, faults, speed_scale and sentence are known"),
-    ("FEEDBACK_STATE", feedback_flag::STATE as u64, "clearances and grippers are known"),
-    ("FEEDBACK_GRIPPER_LEFT", feedback_flag::GRIPPER[0] as u64, "the robot has a left gripper"),
-    ("FEEDBACK_GRIPPER_RIGHT", feedback_flag::GRIPPER[1] as u64, "the robot has a right gripper"),
+    ("FEEDBACK_STATE", feedback_flag::STATE as u64, "clearances and limbs are known"),
+    ("FEEDBACK_LIMB_LEFT_UPPER", feedback_flag::LIMB[0] as u64, "the person's left upper arm is seen"),
+    ("FEEDBACK_LIMB_LEFT_FORE", feedback_flag::LIMB[1] as u64, "the person's left forearm is seen"),
+    ("FEEDBACK_LIMB_RIGHT_UPPER", feedback_flag::LIMB[2] as u64, "the person's right upper arm is seen"),
+    ("FEEDBACK_LIMB_RIGHT_FORE", feedback_flag::LIMB[3] as u64, "the person's right forearm is seen"),
+    ("FEEDBACK_GRIPPER_LEFT", feedback_flag::GRIPPER[0] as u64, "the left gripper is measured"),
+    ("FEEDBACK_GRIPPER_RIGHT", feedback_flag::GRIPPER[1] as u64, "the right gripper is measured"),
     ("CALIBRATION_ALL", calibration_flag::ALL as u64, "all four hinges of the calibration are valid"),
 ];
+
+const C_CLOSURE: &str = "
+/* A frame's flags with the closure of the left and of the right hand, 0 (open) to 1 (closed). NAN for a hand that is not
+ * known. */
+static inline uint32_t teleop_with_closure(uint32_t flags, float left, float right)
+{
+    const float hands[2] = { left, right };
+    int side;
+    flags &= ~(uint32_t)TELEOP_FLAG_CLOSURE;
+    for (side = 0; side < 2; side++) {
+        const float low = hands[side] < 0.0f ? 0.0f : hands[side];
+        const float closure = low > 1.0f ? 1.0f : low;
+        if (closure == closure) flags |= (uint32_t)(1.5f + 254.0f * closure) << (16 + 8 * side);
+    }
+    return flags;
+}
+";
 
 const FEEDBACK: &str = "State of the robot for the person who drives it. Directions: torso, x forward, y left, z up.";
 
@@ -169,9 +190,6 @@ fn c() -> String {
         "/* the service that tells clients about the robot */\n#define TELEOP_FEEDBACK_SERVICE \"{feedback}\""
     )
     .unwrap();
-    writeln!(out, "/* closure of a hand, 0 (open) to 1 (closed), for a frame's flags */").unwrap();
-    writeln!(out, "#define TELEOP_CLOSURE_LEFT(c) ((uint32_t)(1.5f + 254.0f * (c)) << 16)").unwrap();
-    writeln!(out, "#define TELEOP_CLOSURE_RIGHT(c) ((uint32_t)(1.5f + 254.0f * (c)) << 24)").unwrap();
     writeln!(out, "/* the service that clients write, and the one that wakes its reader */").unwrap();
     writeln!(out, "#define TELEOP_SERVICE \"{0}\"\n#define TELEOP_EVENT_SERVICE \"{0}/event\"", row.name).unwrap();
     c_struct::<Header>(&mut out, "What every message begins with. Times are CLOCK_MONOTONIC, ns.");
@@ -181,6 +199,7 @@ fn c() -> String {
     );
     c_struct::<RawSkeleton>(&mut out, "A frame of a person.");
     c_struct::<Feedback>(&mut out, FEEDBACK);
+    out.push_str(C_CLOSURE);
     out.push_str("\n#endif\n");
     out
 }
@@ -205,7 +224,7 @@ fn c_and_cpp_compilers_accept_header() {
     for (compiler, file) in [("cc", "client.c"), ("c++", "client.cpp")] {
         let source = folder.join(file);
         let text = "#include \"teleopd.h\"\nint main(void) { teleop_raw_skeleton frame; frame.layout = TELEOP_LAYOUT_SMPL22; \
-                    frame.flags = TELEOP_CLOSURE_LEFT(0.5f) | TELEOP_CLOSURE_RIGHT(1.0f); \
+                    frame.flags = teleop_with_closure(0, 0.5f, 1.0f); \
                     return frame.layout == 0; }\n";
         std::fs::write(&source, text).unwrap();
         let header = std::path::Path::new(&path(C)).parent().unwrap().to_owned();

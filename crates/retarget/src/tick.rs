@@ -51,13 +51,15 @@ pub struct Options {
     /// Time from the capture of a person to the command that stands for it, ms, 0 to 250. The skeletons of that
     /// time are the way ahead. The longer it is, the nearer the robot follows.
     pub following_delay_ms: f64,
+    /// The arms that follow, left and right. The other one keeps its home posture.
+    pub arms: [bool; ARMS],
 }
 
 impl Default for Options {
     /// Two steps: more steps gain less than 0.02 degrees (`eval`). 120 ms: see the comparison of `eval
     /// --following`.
     fn default() -> Self {
-        Self { method: None, refine_steps: 2, following_delay_ms: 120.0 }
+        Self { method: None, refine_steps: 2, following_delay_ms: 120.0, arms: [true; ARMS] }
     }
 }
 
@@ -107,6 +109,7 @@ pub struct Config {
     head: Option<TwoAxes>,
     prediction: Option<Prediction>,
     delay_ns: u64,
+    follows: [bool; ARMS],
 }
 
 impl Config {
@@ -130,6 +133,7 @@ impl Config {
             head: robot.head,
             prediction: None,
             delay_ns: (options.following_delay_ms * 1e6) as u64,
+            follows: options.arms,
         })
     }
 
@@ -340,7 +344,8 @@ fn take(config: &Config, state: &mut State, now: Stamp, skeleton: &Skeleton) {
     };
     state.counters.skeletons += 1;
     state.clutch = skeleton.flags & skeleton_flag::CLUTCH != 0;
-    let arms = [human_arm(skeleton, 0, &mut state.counters), human_arm(skeleton, 1, &mut state.counters)];
+    let counters = &mut state.counters;
+    let arms = [0, 1].map(|arm| config.follows[arm].then(|| human_arm(skeleton, arm, counters)).flatten());
     let latents = config.solver.encode(&arms.map(|limbs| limbs.unwrap_or_else(Limbs::identity)));
     let mut used = [false; ARMS];
     for arm in 0..ARMS {

@@ -279,3 +279,33 @@ fn nodes_after_restart_fade_like_target() {
         }
     }
 }
+
+#[test]
+fn arm_that_does_not_follow_keeps_home() {
+    let person: Person = |t_s| {
+        let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), 0.5 * (TAU * 0.5 * t_s).sin());
+        [Limbs { upper: turn, fore: turn }; 2]
+    };
+    let closing = source(person, 2.0).into_iter().map(|mut skeleton| {
+        skeleton.flags |= skeleton_flag::CLOSURE[0] | skeleton_flag::CLOSURE[1];
+        skeleton.closure = [0.5, 0.25];
+        skeleton
+    });
+    let skeletons: Vec<Skeleton> = closing.collect();
+    let robot = robot();
+    for side in 0..2 {
+        let mut options = Options { method: Some(Method::ClosedForm), ..Options::default() };
+        options.arms[1 - side] = false;
+        let config = Config::for_arms(&robot, Some(weights(&layers(1, 2, 32))), &options).expect("a configuration");
+        let (_, last) = *run(&config, &skeletons, 2.0).last().expect("targets");
+        for arm in 0..2 {
+            let valid = robot.joints[arm].iter().all(|&joint| last.valid_mask & 1 << joint != 0);
+            let closes = last.flags & messages::target_flag::CLOSURE[arm] != 0;
+            assert_eq!((valid, closes), (arm == side, arm == side), "arm {arm} of {side}");
+            let at_home = robot.joints[arm].iter().all(|&joint| last.q[joint] == robot.home[joint]);
+            assert_eq!(at_home, arm != side);
+        }
+        assert_eq!(last.closure[side], [0.5, 0.25][side]);
+        assert_ne!(last.flags & messages::target_flag::INPUT_FRESH, 0, "one arm is enough");
+    }
+}

@@ -51,7 +51,13 @@ impl Source<'_> {
     /// Reads the grippers of the left and the right hand. `names` are the commanded joints: none of them is a finger's.
     pub(crate) fn grippers(&self, hands: Hands, names: &[String]) -> Result<[Option<Gripper>; 2], RobotError> {
         let read = |side: &str, hand: Option<HandEntry>| hand.map(|hand| self.gripper(side, hand, names)).transpose();
-        Ok([read("left", hands.left)?, read("right", hands.right)?])
+        let grippers = [read("left", hands.left)?, read("right", hands.right)?];
+        if let [Some(left), Some(right)] = &grippers
+            && let Some(twice) = left.fingers.iter().find(|one| right.fingers.iter().any(|two| one.joint == two.joint))
+        {
+            return Err(self.value("hands.right", format!("`{}`", twice.joint), "must be no finger of the left hand"));
+        }
+        Ok(grippers)
     }
 
     fn gripper(&self, side: &str, hand: HandEntry, names: &[String]) -> Result<Gripper, RobotError> {
@@ -76,6 +82,10 @@ impl Source<'_> {
                         format!("`{joint}`"),
                         "must be no commanded joint",
                     ));
+                }
+                if open == closed || fingers.iter().any(|finger: &Finger| finger.joint == joint) {
+                    let bound = "must be there once, and at another position when closed";
+                    return Err(self.value(&key(&format!("open_{unit}")), format!("`{joint}`"), bound));
                 }
                 fingers.push(Finger { joint, open, closed });
             }

@@ -367,6 +367,11 @@ fn gripper_out_of_range_is_refused_with_key_value_and_bound() {
         ("closing_time_ms = 2600.0", "closing_time_ms = nan", ["hands.right.closing_time_ms = NaN", "50 to 10000"]),
         ("opening_m = 0.1", "opening_m = 0.0", ["hands.right.opening_m = 0", "0.001 to 0.5"]),
         ("force_max_n = 20.0", "force_max_n = -1.0", ["hands.right.force_max_n = -1", "0.1 to 500"]),
+        (
+            "hand_right_thumb_joint = 6.28",
+            "hand_right_thumb_joint = 0.0",
+            ["`hand_right_thumb_joint`", "another position"],
+        ),
         ("open_rad = { hand_right_thumb_joint = 0.0", "open_rad = { t = 0.0", ["closed_rad = missing", "`t`"]),
         (
             "open_rad = { hand_right_thumb_joint = 0.0, ",

@@ -4,7 +4,7 @@
 use crate::config::Config;
 use crate::gripper::Grippers;
 use driver::{Driver, Drives, Measured, Setpoint};
-use messages::{GripperMotion, GripperState, JOINTS_MAX, Layout, Stamp, StopPlan};
+use messages::{GripperMotion, GripperState, JOINTS_MAX, Stamp, StopPlan};
 use plant::{Injection, Judge, Plant};
 
 /// Largest number of calls that bring a body up to the present, of a second each.
@@ -87,19 +87,19 @@ pub struct Port<'a> {
     /// Its state.
     pub body: &'a mut Body,
     /// The grippers as last measured.
-    pub gripped: GripperState,
+    pub gripped: Option<GripperState>,
 }
 
 impl<'a> Port<'a> {
     /// The port of `body`.
     pub fn new(config: &'a Config, body: &'a mut Body) -> Self {
-        Self { config, body, gripped: GripperState::ZERO }
+        Self { config, body, gripped: None }
     }
 }
 
 impl Driver for Port<'_> {
     fn read(&mut self, now: Stamp) -> Measured {
-        self.gripped = self.body.gripped(self.config, now);
+        self.gripped = Some(self.body.gripped(self.config, now));
         let plant::Measured { stamp, q, dq, drives, .. } = self.body.measure(self.config, now);
         let plant::Drives { emergency_stop, fault, powered } = drives;
         Measured { stamp, q, dq, drives: Drives { emergency_stop, fault, powered }, unanswered: false, refused: false }
@@ -114,7 +114,7 @@ impl Driver for Port<'_> {
         self.body.grip(grippers);
     }
 
-    fn gripped(&self) -> GripperState {
+    fn gripped(&self) -> Option<GripperState> {
         self.gripped
     }
 }

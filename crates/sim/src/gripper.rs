@@ -38,7 +38,7 @@ impl Grippers {
             let Some(gripper) = gripper else { continue };
             let (end, wished) = (gripper.closure_at(object_m), self.setpoint.closure[side].clamp(0.0, 1.0));
             self.closure[side] += (wished.min(end) - self.closure[side]) * share;
-            state.closure[side] = self.closure[side];
+            (state.closure[side], state.setpoint[side]) = (self.closure[side], wished);
             let squeeze = if object_m > 0.0 { (wished - end).max(0.0) / FULL_FORCE_AT } else { 0.0 };
             state.force_n[side] = gripper.force_max_n * squeeze.min(1.0);
         }

@@ -107,7 +107,7 @@ impl<D: Driver> Driver for Fresh<D> {
         self.0.grip(grippers);
     }
 
-    fn gripped(&self) -> GripperState {
+    fn gripped(&self) -> Option<GripperState> {
         self.0.gripped()
     }
 }

@@ -4,43 +4,49 @@
 use super::bus_failure;
 use bus::{Domain, Reader, Writer};
 use instance::Instance;
-use messages::{Feedback, Header, JointTarget, Layout, RobotState, Service, Stamp, Status, feedback_flag};
+use messages::{
+    Feedback, Header, JointTarget, Layout, RobotState, Service, Stamp, Status, feedback_flag, state_flag, target_flag,
+};
 use retarget::ArmModel;
 use robot::{Model, Names};
-use rt::{Exit, Failure};
-use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use rt::Failure;
+use std::sync::{Arc, Mutex};
 
 /// Period, ns.
 const EVERY_NS: u64 = 50_000_000;
 /// Silence of `control` or of the driver after which nothing is known of it, ns. Status comes 50 times a second.
 const SILENT_NS: u64 = 500_000_000;
 
-/// Feedback that the socket has not sent yet. Only the newest one matters, so one waits at most.
-pub struct FeedbackSource(Receiver<Feedback>);
+/// The newest feedback that the socket has not sent yet.
+#[derive(Clone, Default)]
+pub struct FeedbackSlot(Arc<Mutex<Option<Feedback>>>);
 
-impl FeedbackSource {
+impl FeedbackSlot {
     /// Returns feedback that is new. Never waits.
     pub fn take(&self) -> Option<Feedback> {
-        self.0.try_recv().ok()
+        self.0.try_lock().ok()?.take()
+    }
+
+    fn put(&self, feedback: Feedback) {
+        if let Ok(mut slot) = self.0.lock() {
+            *slot = Some(feedback);
+        }
     }
 }
 
-/// Starts the thread. It ends with the process.
-pub fn start(instance: &Instance, model: Model, header: Header) -> Result<FeedbackSource, Failure> {
-    let core = Domain::open(instance.core_domain(), "feedback").map_err(bus_failure)?;
-    let input = Domain::open(instance.input_domain(), "feedback").map_err(bus_failure)?;
-    let (to_socket, source) = sync_channel(1);
-    let (tell, told) = sync_channel(1);
-    let work = move || match Ports::open(&core, &input) {
-        Ok(ports) => {
-            let _ = tell.send(Ok(()));
-            run(ports, &model, header, &to_socket);
-        }
-        Err(failure) => _ = tell.send(Err(failure)),
+/// Starts the thread. It ends with the process. Skeletons do not depend on it: if it cannot start, for example because a
+/// client has taken the service's place, `ingest` says so and goes on without.
+pub fn start(instance: &Instance, model: Model, header: Header) -> FeedbackSlot {
+    let slot = FeedbackSlot::default();
+    let (own, instance) = (slot.clone(), instance.clone());
+    let work = move || match Ports::open(&instance) {
+        Ok(ports) => run(ports, &model, header, &own),
+        Err(failure) => tracing::warn!("clients get no feedback: {failure}"),
     };
-    std::thread::Builder::new().name("feedback".into()).spawn(work).map_err(Failure::with(Exit::OsErr))?;
-    told.recv().map_err(Failure::with(Exit::Software))??;
-    Ok(FeedbackSource(source))
+    if let Err(error) = std::thread::Builder::new().name("feedback".into()).spawn(work) {
+        tracing::warn!("clients get no feedback: {error}");
+    }
+    slot
 }
 
 /// The thread's ends of the services. They must stay in the thread that opened them.
@@ -49,20 +55,24 @@ struct Ports {
     states: Reader<RobotState>,
     targets: Reader<JointTarget>,
     feedback: Writer<Feedback>,
+    _domains: [Domain; 2],
 }
 
 impl Ports {
-    fn open(core: &Domain, input: &Domain) -> Result<Self, Failure> {
+    fn open(instance: &Instance) -> Result<Self, Failure> {
+        let core = Domain::open(instance.core_domain(), "feedback").map_err(bus_failure)?;
+        let input = Domain::open(instance.input_domain(), "feedback").map_err(bus_failure)?;
         Ok(Self {
             statuses: core.reader(Service::Status).map_err(bus_failure)?,
             states: core.reader(Service::RobotState).map_err(bus_failure)?,
             targets: core.reader(Service::JointTarget).map_err(bus_failure)?,
             feedback: input.writer(Service::Feedback).map_err(bus_failure)?,
+            _domains: [core, input],
         })
     }
 }
 
-fn run(mut ports: Ports, model: &Model, mut header: Header, to_socket: &SyncSender<Feedback>) {
+fn run(mut ports: Ports, model: &Model, mut header: Header, slot: &FeedbackSlot) {
     let (arm, names) = (ArmModel::of(model), Names::of(model));
     let (mut status, mut state, mut target) = (None::<Status>, None::<RobotState>, None::<JointTarget>);
     let mut due = rt::now();
@@ -76,8 +86,13 @@ fn run(mut ports: Ports, model: &Model, mut header: Header, to_socket: &SyncSend
         let fresh = |header: &Header| now.since(header.stamp) <= SILENT_NS;
         let (status, state, target) = (
             status.as_ref().filter(|status| fresh(&status.header)),
-            state.as_ref().filter(|state| fresh(&state.header) && state.robot == model.id()),
-            target.as_ref().filter(|target| fresh(&target.header) && target.robot == model.id()),
+            // A driver that latched may go on with an old measurement.
+            state.as_ref().filter(|state| {
+                fresh(&state.header) && state.robot == model.id() && state.flags & state_flag::DRIVER_FAULT == 0
+            }),
+            target.as_ref().filter(|target| {
+                fresh(&target.header) && target.robot == model.id() && target.flags & target_flag::INPUT_FRESH != 0
+            }),
         );
         let mut feedback = state.map_or(Feedback::ZERO, |state| control::feedback(model, &arm, state, target));
         if let Some(status) = status {
@@ -87,10 +102,10 @@ fn run(mut ports: Ports, model: &Model, mut header: Header, to_socket: &SyncSend
             feedback.set_sentence(&explain::why(status, &names));
         }
         (header.sequence, header.stamp) = (header.sequence + 1, now);
-        header.origin = target.map_or(Stamp::NONE, |target| target.header.origin);
+        header.origin = state.map_or(Stamp::NONE, |state| state.header.origin);
         feedback.header = header;
-        // Nobody may listen, and the socket may be late. The next one comes in 50 ms.
+        // Nobody may listen. The next one comes in 50 ms.
         let _ = ports.feedback.publish(&feedback);
-        let _ = to_socket.try_send(feedback);
+        slot.put(feedback);
     }
 }

@@ -37,7 +37,7 @@ pub fn run(place: &InstanceArgs) -> Result<(), Failure> {
     let mut socket = Server::bind(&process.instance.skeleton_socket(), group).map_err(door_failure)?;
 
     let header = process.header(0, Stamp::NONE, Stamp::NONE);
-    let feedback = super::feedback::start(&process.instance, process.loaded.model.clone(), header)?;
+    let feedback = super::feedback::start(&process.instance, process.loaded.model.clone(), header);
 
     let mut hall = IngestLoop {
         authority: Authority::default(),

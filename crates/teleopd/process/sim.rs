@@ -105,8 +105,8 @@ impl Driver for RemoteRobot {
         self.grippers = *grippers;
     }
 
-    fn gripped(&self) -> GripperState {
-        self.newest.grippers
+    fn gripped(&self) -> Option<GripperState> {
+        Some(self.newest.grippers)
     }
 }
 

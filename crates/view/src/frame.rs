@@ -151,7 +151,7 @@ pub fn encode(model: &Model, frames: &mut Frames, heard: &LatestMessages, at_s: 
         set(Field::LagMs, lag_s * 1e3);
     }
     if let Some(state) = &heard.state {
-        let GripperState { closure, force_n } = state.grippers_measured;
+        let GripperState { closure, force_n, .. } = state.grippers_measured;
         set(Field::GripLeft, closure[0]);
         set(Field::GripRight, closure[1]);
         set(Field::ForceLeftN, force_n[0]);

@@ -1,6 +1,6 @@
 //! Converts the settings into the stages' configurations.
 
-use config::{ConfigError, IngestSettings, Loaded, Method, Operators, RobotInterface};
+use config::{ConfigError, FollowingArms, IngestSettings, Loaded, Method, Operators, RobotInterface};
 use layouts::{Layouts, Noise};
 use retarget::ArmModel;
 use safety::{engage, gate, gripper};
@@ -43,6 +43,8 @@ pub fn retarget_config(loaded: &Loaded) -> Result<retarget::Config, ConfigError>
         }),
         refine_steps: settings.refinement_steps,
         following_delay_ms: settings.following_delay_ms,
+        arms: [FollowingArms::Left, FollowingArms::Right]
+            .map(|arm| [arm, FollowingArms::Both].contains(&settings.arms)),
     };
     retarget::Config::new(&loaded.model, loaded.weights.clone(), &options)
         .map(|config| config.with_prediction(loaded.prediction.clone()))

@@ -43,6 +43,10 @@ fn f120_gripper_follows_hand_and_holds_without_it() {
     show(&mut bench, None);
     let held = run(&mut bench, 1.0);
     assert!((held.closure[0] - 0.6).abs() < 0.01 && held.rate[0].abs() < 1e-3, "{held:?}");
+    // Seen again with another closure, the hand has to meet the gripper first.
+    show(&mut bench, Some(0.0));
+    let untaken = run(&mut bench, 1.0);
+    assert!((untaken.closure[0] - 0.6).abs() < 0.01, "{untaken:?}");
     let measured = bench.echo().grippers_measured;
     assert!((measured.closure[0] - 0.6).abs() < 0.01, "{measured:?}");
     bench.assert_no_violations("gripping");
@@ -108,4 +112,44 @@ fn fingers_stop_at_an_object_and_report_their_force() {
     assert!((measured.closure[0] - 0.5).abs() < 0.01 && (measured.force_n[0] - 20.0).abs() < 0.1, "{measured:?}");
     assert_eq!(measured.force_n[1], 0.0);
     bench.assert_no_violations("an object in the hand");
+}
+
+#[test]
+fn f121_denied_gripper_stops_the_robot() {
+    let mut bench = Bench::at_home(1);
+    // A gate that allows nothing: as if the gripper's law were wrong.
+    bench.config.gripper_gate = safety::gripper::Config::default();
+    show(&mut bench, Some(0.0));
+    bench.engage();
+    run(&mut bench, 0.2);
+    show(&mut bench, Some(1.0));
+    let stopped = (0..TICK_HZ).any(|_| {
+        bench.step();
+        bench.mode() != Mode::Engaged
+    });
+    assert!(stopped && bench.status.gate_denials > 0, "{:?}", bench.mode());
+    assert_eq!(bench.echo().grippers.closure, [0.0; 2]);
+    assert!(safety::gate::Denial::meaning(bench.status.denied_why).is_some_and(|why| why.contains("gripper")));
+}
+
+#[test]
+fn f120_restarted_driver_keeps_what_it_holds() {
+    let loaded = support::loaded();
+    let options = sim::Options { object_width_m: 0.05, ..sim::Options::default() };
+    let mut bench = Bench::with_options(&loaded, &options, 1);
+    bench.target = Some(loaded.model.home);
+    bench.settle();
+    show(&mut bench, Some(0.0));
+    bench.engage();
+    run(&mut bench, 0.2);
+    show(&mut bench, Some(1.0));
+    run(&mut bench, 4.0);
+    bench.let_go();
+    run(&mut bench, 1.0);
+    assert!(bench.restart_driver());
+    for _ in 0..TICK_HZ {
+        bench.step();
+        let force_n = bench.echo().grippers_measured.force_n[0];
+        assert!(force_n > 19.0, "{force_n} N");
+    }
 }

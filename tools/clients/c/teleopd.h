@@ -44,11 +44,19 @@
 #define TELEOP_SENTENCE_BYTES 256
 /* mode, faults, speed_scale and sentence are known */
 #define TELEOP_FEEDBACK_STATUS 1
-/* clearances and grippers are known */
+/* clearances and limbs are known */
 #define TELEOP_FEEDBACK_STATE 2
-/* the robot has a left gripper */
+/* the person's left upper arm is seen */
+#define TELEOP_FEEDBACK_LIMB_LEFT_UPPER 16
+/* the person's left forearm is seen */
+#define TELEOP_FEEDBACK_LIMB_LEFT_FORE 32
+/* the person's right upper arm is seen */
+#define TELEOP_FEEDBACK_LIMB_RIGHT_UPPER 64
+/* the person's right forearm is seen */
+#define TELEOP_FEEDBACK_LIMB_RIGHT_FORE 128
+/* the left gripper is measured */
 #define TELEOP_FEEDBACK_GRIPPER_LEFT 4
-/* the robot has a right gripper */
+/* the right gripper is measured */
 #define TELEOP_FEEDBACK_GRIPPER_RIGHT 8
 /* all four hinges of the calibration are valid */
 #define TELEOP_CALIBRATION_ALL 15
@@ -60,9 +68,6 @@
 #define TELEOP_MODE_RECOVERING 5
 /* the service that tells clients about the robot */
 #define TELEOP_FEEDBACK_SERVICE "teleop/feedback/1"
-/* closure of a hand, 0 (open) to 1 (closed), for a frame's flags */
-#define TELEOP_CLOSURE_LEFT(c) ((uint32_t)(1.5f + 254.0f * (c)) << 16)
-#define TELEOP_CLOSURE_RIGHT(c) ((uint32_t)(1.5f + 254.0f * (c)) << 24)
 /* the service that clients write, and the one that wakes its reader */
 #define TELEOP_SERVICE "teleop/raw_skeleton/1"
 #define TELEOP_EVENT_SERVICE "teleop/raw_skeleton/1/event"
@@ -154,5 +159,20 @@ TELEOP_ASSERT(offsetof(teleop_feedback, closure) == 108, "closure");
 TELEOP_ASSERT(offsetof(teleop_feedback, force_n) == 116, "force_n");
 TELEOP_ASSERT(offsetof(teleop_feedback, sentence_bytes) == 124, "sentence_bytes");
 TELEOP_ASSERT(offsetof(teleop_feedback, sentence) == 128, "sentence");
+
+/* A frame's flags with the closure of the left and of the right hand, 0 (open) to 1 (closed). NAN for a hand that is not
+ * known. */
+static inline uint32_t teleop_with_closure(uint32_t flags, float left, float right)
+{
+    const float hands[2] = { left, right };
+    int side;
+    flags &= ~(uint32_t)TELEOP_FLAG_CLOSURE;
+    for (side = 0; side < 2; side++) {
+        const float low = hands[side] < 0.0f ? 0.0f : hands[side];
+        const float closure = low > 1.0f ? 1.0f : low;
+        if (closure == closure) flags |= (uint32_t)(1.5f + 254.0f * closure) << (16 + 8 * side);
+    }
+    return flags;
+}
 
 #endif

@@ -21,6 +21,10 @@ pub struct Cli {
     /// rejects
     #[arg(long, value_name = "DIR", group = "what")]
     pub refusals: Option<PathBuf>,
+    /// Measure how near the hands come to head, chest and each other in the eleven named motions, compared with the
+    /// person's by the arms' lengths
+    #[arg(long, group = "what")]
+    pub contacts: bool,
     /// --refusals: frames per second, 20 to 240
     #[arg(long, value_name = "HZ", value_delimiter = ',', default_values_t = [20.0, 30.0, 60.0, 120.0])]
     pub rates: Vec<f64>,

@@ -7,6 +7,7 @@
 
 pub mod cli;
 pub mod clips;
+pub mod contacts;
 pub mod error;
 pub mod figures;
 pub mod following;

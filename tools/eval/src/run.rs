@@ -7,7 +7,7 @@ use crate::methods::{Method, Missing, Posture, Solver, prepare};
 use crate::metrics::{Task, measure};
 use crate::report::{Measured, Report, Setting};
 use crate::timing::{Moment, us_per_pose};
-use crate::{following, keyposes, paper, plots, refusals};
+use crate::{contacts, following, keyposes, paper, plots, refusals};
 use rayon::prelude::*;
 use retarget::{ArmIdentity, ArmModel, Weights};
 use robot::Model;
@@ -26,12 +26,15 @@ const TIMED_POSES: usize = 256;
 /// # Errors
 /// Returns the first error, with its file or option.
 pub fn run(cli: &Cli) -> Result<(), EvalError> {
-    // The command line has exactly one of the three folders.
+    // The command line has exactly one of the four.
     if let Some(folder) = &cli.following {
         return following::run(cli, folder);
     }
     if let Some(folder) = &cli.refusals {
         return refusals::run(cli, folder);
+    }
+    if cli.contacts {
+        return contacts::run(cli);
     }
     cli.human.as_deref().map_or(Ok(()), |folder| retargeting(cli, folder))
 }

@@ -83,6 +83,11 @@ impl Bench {
         bench
     }
 
+    /// Replaces the driver's process by a new one.
+    pub fn restart_driver(&mut self) -> bool {
+        self.robot.restart_driver(&self.sim_config, self.k, deadline(self.k), 2)
+    }
+
     /// Presses the enable and waits for Engaged.
     pub fn engage(&mut self) {
         self.press_enable();

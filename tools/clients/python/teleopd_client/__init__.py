@@ -77,6 +77,8 @@ def _no_instance(error, run_dir, what, message):
     """The error of a client that cannot `what`."""
     if "DoesNotExist" in str(error):
         return TeleopdError(f"no instance of teleopd runs in {run_dir}: start `teleopd up --run-dir {run_dir}`")
+    if "ExceedsMaxSupported" in str(error):
+        return TeleopdError(f"{run_dir}: cannot {what}: all places are taken (8 that publish, 16 that read)")
     return TeleopdError(
         f"{run_dir}: cannot {what} ({type(error).__name__}: {error}): does teleopd run there, as this user, in the version of "
         f"this module ({message.type_name()})?"
@@ -193,7 +195,9 @@ class FeedbackReader:
     def latest(self):
         """The newest `Feedback` that was not read before, or None. It comes 20 times a second.
 
-        Its fields are those of layout.py: angles in rad, lengths in m, forces in N. `sentence(feedback)` is its text.
+        Its fields are those of layout.py: angles in rad, lengths in m, forces in N. `sentence(feedback)` is its text. `known`
+        says which of them mean something. `header.stamp` is its time (`time.monotonic_ns()`); nothing comes from a daemon that
+        has ended.
         """
         newest = None
         while (sample := self._subscriber.receive()) is not None:

@@ -34,11 +34,19 @@ FLAG_CLOSURE = 4294901760
 SENTENCE_BYTES = 256
 #: mode, faults, speed_scale and sentence are known
 FEEDBACK_STATUS = 1
-#: clearances and grippers are known
+#: clearances and limbs are known
 FEEDBACK_STATE = 2
-#: the robot has a left gripper
+#: the person's left upper arm is seen
+FEEDBACK_LIMB_LEFT_UPPER = 16
+#: the person's left forearm is seen
+FEEDBACK_LIMB_LEFT_FORE = 32
+#: the person's right upper arm is seen
+FEEDBACK_LIMB_RIGHT_UPPER = 64
+#: the person's right forearm is seen
+FEEDBACK_LIMB_RIGHT_FORE = 128
+#: the left gripper is measured
 FEEDBACK_GRIPPER_LEFT = 4
-#: the robot has a right gripper
+#: the right gripper is measured
 FEEDBACK_GRIPPER_RIGHT = 8
 #: all four hinges of the calibration are valid
 CALIBRATION_ALL = 15
