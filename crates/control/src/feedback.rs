@@ -83,7 +83,6 @@ fn towards(solid: &Solid, a: &Vector3<f64>, b: &Vector3<f64>, distance_m: f64) -
 #[cfg(test)]
 mod tests {
     use super::*;
-    use messages::JOINTS_MAX;
 
     #[test]
     fn obstacle_is_in_its_direction() {
@@ -91,23 +90,5 @@ mod tests {
         let (a, b) = (Vector3::new(0.0, 0.1, 0.0), Vector3::new(0.1, 0.0, 0.3));
         let way = towards(&plane, &a, &b, plane.segment_distance(&a, &b));
         assert!((way + Vector3::x()).norm() < 1e-6, "{way}");
-    }
-
-    #[test]
-    fn arms_that_mirror_have_mirrored_feedback() {
-        let read = |kind| std::fs::read_to_string(format!("../../config/robots/tiago_dual.{kind}")).unwrap();
-        let model = Model::from_text("tiago_dual.toml", &read("toml"), "tiago_dual.urdf", &read("urdf")).unwrap();
-        let mut state = RobotState { q_measured: [0.0; JOINTS_MAX], ..RobotState::ZERO };
-        state.q_measured = model.home;
-        (state.grippers_measured.force_n, state.flags) = ([3.0, 0.0], state_flag::GRIPPERS);
-        let told = feedback(&model, &ArmModel::of(&model), &state, None);
-        let [left, right] = told.towards_nearest;
-        assert!((told.clearance_m[0] - told.clearance_m[1]).abs() < 2e-3, "{:?}", told.clearance_m);
-        assert!(told.clearance_m[0] > 0.01 && (left[1] + right[1]).abs() < 0.1 && left[1] < 0.0, "{left:?} {right:?}");
-        assert_eq!((told.force_n, told.limb_behind_rad), ([3.0, 0.0], [0.0; 4]));
-        let expected = feedback_flag::STATE | feedback_flag::GRIPPER[0] | feedback_flag::GRIPPER[1];
-        assert_eq!(told.known, expected);
-        let silent = RobotState { flags: 0, ..state };
-        assert_eq!(feedback(&model, &ArmModel::of(&model), &silent, None).known, feedback_flag::STATE);
     }
 }

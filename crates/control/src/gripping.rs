@@ -35,7 +35,7 @@ impl Gripping {
     /// Returns the motion of this tick, and the reason if the gate denied another one.
     ///
     /// While Engaged, a hand takes its gripper over as soon as their closures meet. So nothing drops at engaging because
-    /// the person's hand is open. A hand that is not known holds, and takes over anew when it is seen again. Without a
+    /// the person's hand is open. A hand that is not known holds. Seen again, it has to meet the gripper first. Without a
     /// target, and in every other mode, the grippers hold. A Disengaged robot opens them if the settings say so.
     pub(super) fn tick(
         &mut self,

@@ -23,13 +23,13 @@ pub struct Client {
     socket: OwnedFd,
     session_nonce: u64,
     told: Reply,
-    feedback: Option<Feedback>,
+    feedback: Option<Box<Feedback>>,
 }
 
 /// A packet of the daemon.
 enum Packet {
     Reply(ReplyPacket),
-    Feedback(Feedback),
+    Feedback(Box<Feedback>),
 }
 
 impl Client {
@@ -94,7 +94,7 @@ impl Client {
 
     /// Returns the newest feedback that [`Client::listen`] or [`Client::publish`] received. `None` before the first.
     pub fn feedback(&self) -> Option<&Feedback> {
-        self.feedback.as_ref()
+        self.feedback.as_deref()
     }
 
     /// Returns the number of this session, which every frame carries.
@@ -110,7 +110,7 @@ impl Client {
             match net::recv(&self.socket, &mut bytes[..], flags) {
                 Ok((length, _)) => {
                     if let Some(feedback) = Feedback::from_le_bytes(&bytes[..length]) {
-                        return Ok(Some(Packet::Feedback(feedback)));
+                        return Ok(Some(Packet::Feedback(Box::new(feedback))));
                     }
                     let closed = || DoorError::Closed { path: self.path.clone(), daemon: DAEMON };
                     let answer = ReplyPacket::decode(&bytes[..length]).ok_or_else(closed)?;

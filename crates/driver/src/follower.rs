@@ -25,16 +25,14 @@ pub const UNDRIVEN_TICKS: u64 = 3;
 const ANSWER_TICKS: u64 = 30;
 
 /// Once the drives follow again, the driver holds the measured posture for at most this many ticks while a joint
-/// moves. The joint would overshoot a fixed setpoint. 500 ms is the longest stop of the robots. After it the setpoint
-/// stays fixed.
+/// moves. The joint would overshoot a fixed setpoint. 500 ms is the longest stop of the robots.
 pub const SETTLE_TICKS: u64 = TICK_HZ / 2;
 
 /// A reset needs joints that have stood for this many ticks: 50 ms. That is half of what `control` requires before it
-/// passes a reset on, so the driver does not refuse a reset of `control`.
+/// passes a reset on.
 pub const STILL_TICKS: u64 = TICK_HZ / 20;
 
-/// A standing joint is measured near its setpoint. Near is the distance of this many seconds at the joint's largest
-/// speed: 0.05 rad for an arm's joint, the tracking error that `control` tolerates. Assumption.
+/// A standing joint is measured within the way of this many seconds at its largest speed: 0.05 rad for an arm's joint.
 const NEAR_S: f64 = 0.06;
 
 /// Largest noise of a position, rad or m: eight standard deviations of an encoder of 17 bits.
@@ -48,7 +46,7 @@ const STANDING: f64 = 0.15;
 /// Largest speed of a joint without power, as a multiple of its limit. A measurement farther away is not believed.
 /// `safety` uses the same rule.
 const FALL_FACTOR: f64 = 3.0;
-/// A robot without its driver moves for at most this many ticks: 500 ms, the longest stop of the robots.
+/// A robot without its driver moves for at most this many ticks: 500 ms.
 const MOVES_TICKS: u64 = TICK_HZ / 2;
 /// Noise of a measurement, rad or m. `safety` uses the same value.
 pub(crate) const NOISE: f64 = 0.005;

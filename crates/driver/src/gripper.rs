@@ -27,8 +27,8 @@ impl Grippers {
     /// Returns the motion one tick after `now`. Each gripper goes to its goal, or brakes without one. NaN is no goal.
     pub fn toward(&self, now: &GripperMotion, goals: [Option<f64>; 2]) -> GripperMotion {
         let mut next = *now;
-        for side in 0..2 {
-            let (speed, goal) = (self.0[side], goals[side].filter(|goal| !goal.is_nan()));
+        for (side, (speed, goal)) in self.0.into_iter().zip(goals).enumerate() {
+            let goal = goal.filter(|goal| !goal.is_nan());
             (next.closure[side], next.rate[side]) = toward(speed, now.closure[side], now.rate[side], goal);
         }
         next

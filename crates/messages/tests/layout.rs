@@ -2,8 +2,9 @@
 //! It needs a new version number in the message and in its service name.
 
 use messages::{
-    Header, HingeCalibration, InputStatus, JointCommand, JointTarget, Layout, Message, OperatorRequest, RawSkeleton,
-    RobotMeasured, RobotSetpoint, RobotState, SERVICES, Skeleton, Status, StopPlan, Transition, deadline, tick_at,
+    Feedback, GripperMotion, GripperState, Header, HingeCalibration, InputStatus, JointCommand, JointTarget, Layout,
+    Message, OperatorRequest, RawSkeleton, RobotMeasured, RobotSetpoint, RobotState, SERVICES, Skeleton, Status,
+    StopPlan, Transition, deadline, tick_at,
 };
 use std::fmt::Write;
 
@@ -30,6 +31,9 @@ fn snapshot() -> String {
     describe::<OperatorRequest>(&mut out);
     describe::<RobotSetpoint>(&mut out);
     describe::<RobotMeasured>(&mut out);
+    describe::<GripperMotion>(&mut out);
+    describe::<GripperState>(&mut out);
+    describe::<Feedback>(&mut out);
     out
 }
 

@@ -235,7 +235,7 @@ impl Source<'_> {
 
         let link_body = |name: &str| links.iter().find(|link| link.name == name).map(|l| (l.body, l.body_from_link));
         let capsules = read_capsules(self.toml, &file.collision.capsules, link_body)?;
-        let parent = |body: usize| body.checked_sub(1).map(|j| joint_frames[j].parent);
+        let parent = |body: usize| Some(joint_frames[body.checked_sub(1)?].parent);
         let (pairs, allowed) = read_pairs(self.toml, &capsules, &file.collision.allowed, parent)?;
         let torso_body = self.torso_body(&file.torso_link, link_body(&file.torso_link))?;
         for (side, arm) in [&file.arms.left, &file.arms.right].into_iter().enumerate() {
@@ -243,7 +243,6 @@ impl Source<'_> {
         }
         let lift = std::iter::successors(torso_body.checked_sub(1), |j| joint_frames[*j].parent.checked_sub(1))
             .find(|j| prismatic[*j]);
-
         let joint_weight = self.joint_weights(&file.tasks.joint_weight, joint_names)?;
 
         let mut model = Model {

@@ -10,7 +10,9 @@ use messages::{
 use retarget::ArmModel;
 use robot::{Model, Names};
 use rt::Failure;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
+use std::thread::JoinHandle;
 
 /// Period, ns.
 const EVERY_NS: u64 = 50_000_000;
@@ -18,35 +20,44 @@ const EVERY_NS: u64 = 50_000_000;
 const SILENT_NS: u64 = 500_000_000;
 
 /// The newest feedback that the socket has not sent yet.
-#[derive(Clone, Default)]
-pub struct FeedbackSlot(Arc<Mutex<Option<Feedback>>>);
+#[derive(Default)]
+struct Slot {
+    newest: Mutex<Option<Feedback>>,
+    ends: AtomicBool,
+}
 
-impl FeedbackSlot {
+/// The running thread. It ends, and leaves nothing in shared memory, when this is dropped.
+pub struct FeedbackThread {
+    slot: Arc<Slot>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl FeedbackThread {
     /// Returns feedback that is new. Never waits.
     pub fn take(&self) -> Option<Feedback> {
-        self.0.try_lock().ok()?.take()
-    }
-
-    fn put(&self, feedback: Feedback) {
-        if let Ok(mut slot) = self.0.lock() {
-            *slot = Some(feedback);
-        }
+        self.slot.newest.try_lock().ok()?.take()
     }
 }
 
-/// Starts the thread. It ends with the process. Skeletons do not depend on it: if it cannot start, for example because a
+impl Drop for FeedbackThread {
+    fn drop(&mut self) {
+        self.slot.ends.store(true, Ordering::Release);
+        let _ = self.thread.take().map(JoinHandle::join);
+    }
+}
+
+/// Starts the thread. Skeletons do not depend on it: if it cannot start, for example because a
 /// client has taken the service's place, `ingest` says so and goes on without.
-pub fn start(instance: &Instance, model: Model, header: Header) -> FeedbackSlot {
-    let slot = FeedbackSlot::default();
+pub fn start(instance: &Instance, model: Model, header: Header) -> FeedbackThread {
+    let slot = Arc::new(Slot::default());
     let (own, instance) = (slot.clone(), instance.clone());
     let work = move || match Ports::open(&instance) {
         Ok(ports) => run(ports, &model, header, &own),
         Err(failure) => tracing::warn!("clients get no feedback: {failure}"),
     };
-    if let Err(error) = std::thread::Builder::new().name("feedback".into()).spawn(work) {
-        tracing::warn!("clients get no feedback: {error}");
-    }
-    slot
+    let thread = std::thread::Builder::new().name("feedback".into()).spawn(work);
+    let thread = thread.map_err(|error| tracing::warn!("clients get no feedback: {error}")).ok();
+    FeedbackThread { slot, thread }
 }
 
 /// The thread's ends of the services. They must stay in the thread that opened them.
@@ -72,11 +83,11 @@ impl Ports {
     }
 }
 
-fn run(mut ports: Ports, model: &Model, mut header: Header, slot: &FeedbackSlot) {
+fn run(mut ports: Ports, model: &Model, mut header: Header, slot: &Slot) {
     let (arm, names) = (ArmModel::of(model), Names::of(model));
     let (mut status, mut state, mut target) = (None::<Status>, None::<RobotState>, None::<JointTarget>);
     let mut due = rt::now();
-    loop {
+    while !slot.ends.load(Ordering::Acquire) {
         due = due.max(rt::now()).plus_ns(EVERY_NS);
         rt::sleep_until(due);
         status = ports.statuses.latest().or(status);
@@ -106,6 +117,8 @@ fn run(mut ports: Ports, model: &Model, mut header: Header, slot: &FeedbackSlot)
         feedback.header = header;
         // Nobody may listen. The next one comes in 50 ms.
         let _ = ports.feedback.publish(&feedback);
-        slot.put(feedback);
+        if let Ok(mut newest) = slot.newest.lock() {
+            *newest = Some(feedback);
+        }
     }
 }

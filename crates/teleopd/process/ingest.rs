@@ -82,6 +82,7 @@ pub fn run(place: &InstanceArgs) -> Result<(), Failure> {
         hall.say(&mut process);
         process.alive();
     }
+    drop(feedback);
     process.leave(hall.figures(&socket))
 }
 

@@ -55,11 +55,7 @@ pub fn run(place: &InstanceArgs) -> Result<(), Failure> {
             // Missed cycles are skipped. The body moves on through them.
             cycle = now;
         }
-        match button.turned() {
-            Some(true) => body.inject(plant::Injection::EmergencyStopPressed),
-            Some(false) => body.inject(plant::Injection::EmergencyStopReleased),
-            None => {}
-        }
+        press(&mut body, button.turned());
         // Each setpoint acts at the time at which it was sent, whenever this process woke up. If one setpoint of
         // a cycle is refused, the answer to all of them is a refusal.
         let mut answer = None;
@@ -83,8 +79,7 @@ pub fn run(place: &InstanceArgs) -> Result<(), Failure> {
         let flags = flags(&measured, refused);
         let grippers = body.gripped(&config, now);
         let told = RobotMeasured { header, robot: id, seen_k, flags, grippers, ..RobotMeasured::ZERO };
-        let message = message(&measured, told);
-        process.publish(&mut measurements, &message);
+        process.publish(&mut measurements, &message(&measured, told));
         process.alive();
         if process.shutdown.requested() {
             let since = *ending.get_or_insert(now);
@@ -96,6 +91,15 @@ pub fn run(place: &InstanceArgs) -> Result<(), Failure> {
     }
     let report = figures(&config, &body);
     process.leave(report)
+}
+
+/// Presses or releases the emergency stop.
+fn press(body: &mut Body, turned: Option<bool>) {
+    match turned {
+        Some(true) => body.inject(plant::Injection::EmergencyStopPressed),
+        Some(false) => body.inject(plant::Injection::EmergencyStopReleased),
+        None => {}
+    }
 }
 
 /// A driver with a program of its own brings its own robot. This process then simulates nothing.

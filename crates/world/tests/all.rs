@@ -3,6 +3,7 @@
 
 mod engaging;
 mod environment;
+mod feedback;
 mod files;
 mod grippers;
 mod input_faults;

@@ -1,15 +1,17 @@
 //! The skeleton socket for other users: packets of a client, and replies.
 
-use doors::{ANSWER_BYTES, FRAME_BYTES, HELLO_BYTES, Hello, ReplyPacket, decode_frame, encode_frame};
+use doors::{ANSWER_BYTES, FRAME_BYTES, HELLO_BYTES, Hello, ReplyPacket, WISHES_FEEDBACK, decode_frame, encode_frame};
 
 /// Decodes the bytes as a packet of each kind. Also pads or cuts them to the length of a frame.
 pub(crate) fn run(input: &[u8]) {
     let ours = Hello::OURS.encode();
-    assert_eq!(Hello::refusal(input).is_none(), input == ours, "only our own hello is admitted");
+    let feedback = Hello { wishes: WISHES_FEEDBACK, ..Hello::OURS }.encode();
+    let is_ours = |bytes: &[u8]| bytes == ours || bytes == feedback;
+    assert_eq!(Hello::refusal(input).is_none(), is_ours(input), "only our own hello is admitted");
     let mut hello = ours;
     let length = input.len().min(HELLO_BYTES);
     hello[..length].iter_mut().zip(input).for_each(|(byte, change)| *byte ^= change);
-    assert_eq!(Hello::refusal(&hello).is_none(), hello == ours, "only our own hello is admitted");
+    assert_eq!(Hello::refusal(&hello).is_none(), is_ours(&hello), "only our own hello is admitted");
 
     if let Some(answer) = ReplyPacket::decode(input) {
         assert_eq!(ReplyPacket::decode(&answer.encode()).map(|again| again.word), Some(answer.word));

@@ -94,9 +94,10 @@ fn check(config: &Config, now: Stamp, drift_max_ns: u64, raw: &RawSkeleton, pers
         let norm = turn.iter().map(|&x| f64::from(x).powi(2)).sum::<f64>().sqrt();
         assert!((norm - 1.0).abs() <= 1e-6, "part {part} has norm {norm}");
     }
-    let [left, right] = skeleton_flag::HAND;
-    let known =
-        skeleton_flag::ALL | skeleton_flag::CALIBRATED | PersonChange::FLAGS | left | right | skeleton_flag::HEAD;
+    let both = |[left, right]: [u32; 2]| left | right;
+    let hands = both(skeleton_flag::HAND) | both(skeleton_flag::CLOSURE);
+    let known = skeleton_flag::ALL | skeleton_flag::CALIBRATED | PersonChange::FLAGS | hands | skeleton_flag::HEAD;
+    assert!(person.closure.iter().all(|closure| (0.0..=1.0).contains(closure)), "{:?}", person.closure);
     assert_eq!(person.flags & !known, 0);
 }
 

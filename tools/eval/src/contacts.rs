@@ -1,6 +1,6 @@
 //! Contacts: does the robot's hand come as near to head, chest and other hand as the person's does?
 //!
-//! A distance of the person counts while it is below [`NEAR_M`]. With the lengths L of the stretched arms, shoulder to the
+//! A distance of the person counts while it is below 0.3 m. With the lengths L of the stretched arms, shoulder to the
 //! middle of the hand, the error of a frame is
 //!
 //! ```text

@@ -90,3 +90,19 @@ fn posture_table_depends_on_its_seed_alone() {
     assert_eq!(draw(1), draw(1));
     assert_ne!(draw(1), draw(2));
 }
+
+#[test]
+fn contacts_count_where_the_person_touches() {
+    let model =
+        train::files::read_model(std::path::Path::new("../../config/robots/tiago_dual.toml")).expect("the robot");
+    let motions = poses::motions::paper_motions();
+    let of = |name: &str| {
+        let motion = motions.iter().find(|motion| motion.name == name).expect("a named motion");
+        eval::contacts::measure(&model, motion)
+    };
+    assert_eq!(of("t-pose"), eval::contacts::Contacts::default(), "nothing touches");
+    let clap = of("clap");
+    let mean_m = clap.hands.mean_m().expect("hands that meet");
+    assert!(mean_m < 0.05 && clap.hands.max_m >= mean_m && clap.head.count == 0, "{clap:?}");
+    assert!(of("hands-on-head").head.mean_m().is_some_and(|mean_m| mean_m < 0.1));
+}
