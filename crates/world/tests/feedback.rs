@@ -1,4 +1,4 @@
-//! What the robot tells the person.
+//! Clearances, directions and grippers in the feedback for clients.
 
 use crate::support;
 
