@@ -82,7 +82,6 @@ pub fn run(place: &InstanceArgs) -> Result<(), Failure> {
         hall.say(&mut process);
         process.alive();
     }
-    drop(feedback);
     process.leave(hall.figures(&socket))
 }
 
