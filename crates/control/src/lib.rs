@@ -309,6 +309,8 @@ fn command(
     let Commanded { motion, denied, proposed } =
         state.commander.tick((&config.wbc, &config.gate), input.k, now, wanted, decided.permit);
     let (grippers, gripper_denied) = state.gripping.tick(config, decided.mode, target.filter(|_| !late));
+    // A denied gripper stops the robot from the next tick on. The arms' motion of this tick was not denied.
+    let flags = proposed.command_flags(denied.is_some());
     let denied = denied.or(gripper_denied);
     if let Some(denial) = denied {
         state.status.denied_why = denial.code();
@@ -353,7 +355,7 @@ fn command(
         plan: motion.plan,
         target_stamp: target.map_or(Stamp::NONE, |target| target.header.stamp),
         mode: decided.mode as u32,
-        flags: proposed.command_flags(denied),
+        flags,
         reset_count: decided.reset_count,
         reserved: 0,
         grippers,

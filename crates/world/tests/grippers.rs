@@ -2,7 +2,7 @@
 
 use crate::support;
 
-use messages::{GripperMotion, Mode, TICK_HZ, TICK_S, target_flag};
+use messages::{GripperMotion, Mode, TICK_HZ, TICK_S, command_flag, target_flag};
 use support::Bench;
 
 /// Fingers of the shipped robot close at this rate at most, 1/s: 2.6 s (robot file).
@@ -121,8 +121,16 @@ fn f121_denied_gripper_stops_the_robot() {
     bench.config.gripper_gate = safety::gripper::Config::default();
     show(&mut bench, Some(0.0));
     bench.engage();
-    run(&mut bench, 0.2);
+    let elbow = bench.model().arms[0].joints[3];
+    bench.target = bench.target.map(|mut q| {
+        q[elbow] += 0.3;
+        q
+    });
+    run(&mut bench, 0.1);
     show(&mut bench, Some(1.0));
+    bench.step();
+    assert_eq!(bench.status.gate_denials, 1);
+    assert_eq!(bench.command_flags & command_flag::ON_PLAN, 0, "the arms' new motion was not denied");
     let stopped = (0..TICK_HZ).any(|_| {
         bench.step();
         bench.mode() != Mode::Engaged

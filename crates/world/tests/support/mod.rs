@@ -37,6 +37,8 @@ pub struct Bench {
     pub more_flags: u32,
     pub hand: OperatorView,
     pub status: Status,
+    /// Flags of the last command.
+    pub command_flags: u32,
 }
 
 impl Bench {
@@ -64,6 +66,7 @@ impl Bench {
             more_flags: 0,
             hand: OperatorView { connected: true, ..OperatorView::default() },
             status: Status::ZERO,
+            command_flags: 0,
         }
     }
 
@@ -180,6 +183,7 @@ impl Bench {
         let out = control::tick(&self.config, &mut self.control, now, input);
         self.spoke = driver_runs;
         self.status = out.status;
+        self.command_flags = out.command.map_or(0, |command| command.flags);
         let hand = &mut self.hand;
         (hand.enable_edge, hand.recover_edge, hand.release_edge, hand.estop_edge) = (false, false, false, false);
         hand.payload = [None; 2];
