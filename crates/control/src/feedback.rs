@@ -39,10 +39,6 @@ pub fn feedback(model: &Model, arm: &ArmModel, state: &RobotState, target: Optio
 /// without a checked pair.
 fn nearest(model: &Model, frames: &Frames, side: usize) -> Option<(f64, Vector3<f64>)> {
     let on_arm = |capsule: &Capsule| model.arms[side].joints.iter().any(|joint| joint + 1 == capsule.body);
-    let ends = |capsule: &Capsule| {
-        let pose = &frames.base_from_body[capsule.body];
-        (pose.transform_point(&capsule.a), pose.transform_point(&capsule.b))
-    };
     let mut least: Option<(f64, Vector3<f64>)> = None;
     let mut offer = |clearance_m: f64, towards: Vector3<f64>| {
         if least.is_none_or(|(before_m, _)| clearance_m < before_m) {
@@ -56,14 +52,14 @@ fn nearest(model: &Model, frames: &Frames, side: usize) -> Option<(f64, Vector3<
             (true, false) => (&model.capsules[pair.a], &model.capsules[pair.b]),
             (_, true) => (&model.capsules[pair.b], &model.capsules[pair.a]),
         };
-        let ((a, b), (c, d)) = (ends(own), ends(other));
+        let ([a, b], [c, d]) = (own.ends(frames), other.ends(frames));
         let near = segment_distance(&a, &b, &c, &d);
         let way = (c + (d - c) * near.t) - (a + (b - a) * near.s);
         offer(way.norm() - own.radius_m - other.radius_m, way.try_normalize(1e-9).unwrap_or_default());
     }
     for obstacle in &model.obstacles {
         for capsule in model.capsules.iter().filter(|capsule| on_arm(capsule)) {
-            let (a, b) = ends(capsule);
+            let [a, b] = capsule.ends(frames);
             let distance_m = obstacle.solid.segment_distance(&a, &b);
             offer(distance_m - capsule.radius_m, towards(&obstacle.solid, &a, &b, distance_m));
         }

@@ -66,11 +66,7 @@ impl Pairs {
     /// Calls `see` for every pair nearer than [`SEEN_M`] with the bodies at `frames`. A pair whose distance is not
     /// finite, or whose axes meet, is not seen.
     pub(crate) fn look(&self, model: &Model, frames: &Frames, mut see: impl FnMut(&Near)) {
-        let ends = |capsule: usize| {
-            let capsule = &model.capsules[capsule];
-            let pose = &frames.base_from_body[capsule.body];
-            [pose.transform_point(&capsule.a), pose.transform_point(&capsule.b)]
-        };
+        let ends = |capsule: usize| model.capsules[capsule].ends(frames);
         for pair in &self.pairs {
             let (own, other) = (ends(pair.own), ends(pair.other));
             let spheres = ((own[0] + own[1]) - (other[0] + other[1])).norm() / 2.0;

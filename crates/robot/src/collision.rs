@@ -26,6 +26,14 @@ pub struct Capsule {
     pub radius_m: f64,
 }
 
+impl Capsule {
+    /// Returns both ends of its axis in the base frame, m.
+    pub fn ends(&self, frames: &Frames) -> [Vector3<f64>; 2] {
+        let pose = &frames.base_from_body[self.body];
+        [pose.transform_point(&self.a), pose.transform_point(&self.b)]
+    }
+}
+
 /// Two capsules that are checked against each other, with `a < b`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Pair {
@@ -62,14 +70,13 @@ impl Model {
     /// The least clearance of all checked pairs, m, and the index of that pair in `pairs`. It is negative if
     /// the capsules overlap. Without pairs it is infinite, and the index is 0. Never allocates.
     pub fn clearance(&self, frames: &Frames) -> (f64, usize) {
-        let mut ends = [(Vector3::zeros(), Vector3::zeros()); CAPSULES_MAX];
+        let mut ends = [[Vector3::zeros(); 2]; CAPSULES_MAX];
         for (end, capsule) in ends.iter_mut().zip(&self.capsules) {
-            let pose = &frames.base_from_body[capsule.body];
-            *end = (pose.transform_point(&capsule.a), pose.transform_point(&capsule.b));
+            *end = capsule.ends(frames);
         }
         let mut least = (f64::INFINITY, 0);
         for (index, pair) in self.pairs.iter().enumerate() {
-            let ((a0, a1), (b0, b1)) = (&ends[pair.a], &ends[pair.b]);
+            let ([a0, a1], [b0, b1]) = (&ends[pair.a], &ends[pair.b]);
             let radii = self.capsules[pair.a].radius_m + self.capsules[pair.b].radius_m;
             let clearance = segment_distance(a0, a1, b0, b1).distance_m - radii;
             if clearance < least.0 {

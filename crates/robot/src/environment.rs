@@ -149,8 +149,7 @@ impl Model {
         let mut least = (f64::INFINITY, [0; 2]);
         // A capsule on the base cannot come closer to a fixed obstacle.
         for (i, capsule) in self.capsules.iter().enumerate().filter(|(_, capsule)| capsule.body != 0) {
-            let pose = &frames.base_from_body[capsule.body];
-            let (a, b) = (pose.transform_point(&capsule.a), pose.transform_point(&capsule.b));
+            let [a, b] = capsule.ends(frames);
             for (k, obstacle) in self.obstacles.iter().enumerate() {
                 let clearance_m = obstacle.solid.segment_distance(&a, &b) - capsule.radius_m;
                 if clearance_m < least.0 {

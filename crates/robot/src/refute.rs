@@ -54,12 +54,9 @@ impl Model {
 
     /// Distance of two capsules' surfaces, m.
     fn apart_m(&self, pair: &AllowedPair, frames: &Frames) -> f64 {
-        let ends = |at: usize| {
-            let (capsule, pose) = (&self.capsules[at], &frames.base_from_body[self.capsules[at].body]);
-            (pose.transform_point(&capsule.a), pose.transform_point(&capsule.b), capsule.radius_m)
-        };
-        let ((a0, a1, a_m), (b0, b1, b_m)) = (ends(pair.a), ends(pair.b));
-        segment_distance(&a0, &a1, &b0, &b1).distance_m - a_m - b_m
+        let (a, b) = (&self.capsules[pair.a], &self.capsules[pair.b]);
+        let ([a0, a1], [b0, b1]) = (a.ends(frames), b.ends(frames));
+        segment_distance(&a0, &a1, &b0, &b1).distance_m - a.radius_m - b.radius_m
     }
 
     /// Moves one of these joints after the other from a posture, as long as the pair comes nearer, in ever smaller steps.

@@ -207,13 +207,9 @@ fn poses(model: &Model, frames: &mut Frames, q: &[f64; JOINTS_MAX], numbers: &mu
 /// pair is unknown or one of the two is a box.
 fn nearest(model: &Model, frames: &Frames, status: &Status) -> Option<[Vector3<f64>; 2]> {
     let [first, second] = status.nearest_pair_measured.map(|index| index as usize);
-    let ends = |index: usize| {
-        let capsule = model.capsules.get(index)?;
-        let pose = &frames.base_from_body[capsule.body];
-        Some((pose.transform_point(&capsule.a), pose.transform_point(&capsule.b), capsule.radius_m))
-    };
-    let (a, b, radius_m) = ends(first)?;
-    if let Some((c, d, other_m)) = ends(second) {
+    let ends = |index: usize| model.capsules.get(index).map(|capsule| (capsule.ends(frames), capsule.radius_m));
+    let ([a, b], radius_m) = ends(first)?;
+    if let Some(([c, d], other_m)) = ends(second) {
         let near = segment_distance(&a, &b, &c, &d);
         let (p, r) = (a + (b - a) * near.s, c + (d - c) * near.t);
         let along = (r - p).try_normalize(1e-9)?;

@@ -48,11 +48,7 @@ pub fn deciding_joints(model: &Model, a: usize, b: usize) -> (Vec<usize>, Vec<us
 
 /// Returns the clearance of two capsules in a configuration, m.
 pub fn clearance(frames: &Frames, a: &Capsule, b: &Capsule) -> f64 {
-    let ends = |capsule: &Capsule| {
-        let pose = &frames.base_from_body[capsule.body];
-        (pose.transform_point(&capsule.a), pose.transform_point(&capsule.b))
-    };
-    let ((a0, a1), (b0, b1)) = (ends(a), ends(b));
+    let ([a0, a1], [b0, b1]) = (a.ends(frames), b.ends(frames));
     segment_distance(&a0, &a1, &b0, &b1).distance_m - a.radius_m - b.radius_m
 }
 

@@ -68,8 +68,7 @@ pub fn capsules(model: &Model, frames: &Frames, at_ns: u64) -> SceneUpdate {
     let colour = Some(Color { r: 0.2, g: 0.5, b: 0.9, a: 0.5 });
     let (mut cylinders, mut spheres) = (Vec::new(), Vec::new());
     for capsule in &model.capsules {
-        let body = &frames.base_from_body[capsule.body];
-        let (a, b) = (body.transform_point(&capsule.a), body.transform_point(&capsule.b));
+        let [a, b] = capsule.ends(frames);
         let (middle, along, d) = ((a + b) / 2.0, b - a, 2.0 * capsule.radius_m);
         let turn = UnitQuaternion::rotation_between(&nalgebra::Vector3::z(), &along).unwrap_or_default();
         cylinders.push(CylinderPrimitive {

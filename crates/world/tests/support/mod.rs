@@ -231,22 +231,15 @@ impl Bench {
 /// `robot`.
 pub fn distances(model: &Model, frames: &mut Frames, q: &[f64; JOINTS_MAX]) -> Vec<f64> {
     model.forward(q, frames);
-    let axes: Vec<_> = model
-        .capsules
-        .iter()
-        .map(|c| {
-            let pose = &frames.base_from_body[c.body];
-            (pose.r * c.a + pose.t, pose.r * c.b + pose.t)
-        })
-        .collect();
+    let axes: Vec<_> = model.capsules.iter().map(|capsule| capsule.ends(frames)).collect();
     let between = |pair: &robot::Pair| {
         let (a, b) = (&axes[pair.a], &axes[pair.b]);
         let radii = model.capsules[pair.a].radius_m + model.capsules[pair.b].radius_m;
-        robot::segment_distance(&a.0, &a.1, &b.0, &b.1).distance_m - radii
+        robot::segment_distance(&a[0], &a[1], &b[0], &b[1]).distance_m - radii
     };
     let mut out: Vec<f64> = model.pairs.iter().map(between).collect();
     for (axis, capsule) in axes.iter().zip(&model.capsules).filter(|(_, capsule)| capsule.body != 0) {
-        let from = |obstacle: &robot::Obstacle| obstacle.solid.segment_distance(&axis.0, &axis.1) - capsule.radius_m;
+        let from = |obstacle: &robot::Obstacle| obstacle.solid.segment_distance(&axis[0], &axis[1]) - capsule.radius_m;
         out.extend(model.obstacles.iter().map(from));
     }
     out
