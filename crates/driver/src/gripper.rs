@@ -34,14 +34,9 @@ impl Grippers {
         next
     }
 
-    /// Returns true if `next` may follow `now` after one tick. False for NaN, and for any motion of a hand without a
+    /// Returns true if `next` may follow `now` after `ticks` ticks. False for NaN, and for any motion of a hand without a
     /// gripper.
-    pub fn continues(&self, now: &GripperMotion, next: &GripperMotion) -> bool {
-        self.continues_after(now, next, 1)
-    }
-
-    /// As [`Grippers::continues`], after `ticks` ticks.
-    fn continues_after(&self, now: &GripperMotion, next: &GripperMotion, ticks: u64) -> bool {
+    fn continues(&self, now: &GripperMotion, next: &GripperMotion, ticks: u64) -> bool {
         let elapsed_s = ticks as f64 * TICK_S;
         (0..2).all(|side| {
             let (speed, closure, rate) = (self.0[side], next.closure[side], next.rate[side]);
@@ -59,14 +54,14 @@ impl Grippers {
     /// Without a command the grippers brake, and hold what they hold.
     pub(crate) fn after(&self, now: &GripperMotion, ticks: u64, command: Option<&GripperMotion>) -> GripperMotion {
         let ticks = ticks.min(TICKS_MAX);
-        if let Some(command) = command.filter(|command| ticks > 0 && self.continues_after(now, command, ticks)) {
+        if let Some(command) = command.filter(|command| ticks > 0 && self.continues(now, command, ticks)) {
             return *command;
         }
         let goals = command.map_or([None; 2], |command| command.closure.map(Some));
         (0..ticks).fold(*now, |now, _| self.toward(&now, goals))
     }
 
-    /// Grippers at rest where the robot holds them. `None` while it measures none, or no number.
+    /// Returns grippers at rest at the robot's own setpoints. Returns `None` if a setpoint is not finite.
     pub(crate) fn at_rest(&self, measured: &GripperState) -> Option<GripperMotion> {
         let mut rest = GripperMotion { closure: [0.0; 2], rate: [0.0; 2] };
         for side in (0..2).filter(|&side| self.0[side] > 0.0) {
@@ -102,7 +97,7 @@ mod tests {
         let mut now = OPEN;
         for k in 0..1500 {
             let next = GRIPPERS.toward(&now, [Some(0.6), None]);
-            assert!(GRIPPERS.continues(&now, &next), "{k} {now:?} {next:?}");
+            assert!(GRIPPERS.continues(&now, &next, 1), "{k} {now:?} {next:?}");
             assert!(next.closure[0] <= 0.6 && next.closure[0] >= now.closure[0] && next.closure[1] == 0.0);
             now = next;
         }
@@ -125,7 +120,7 @@ mod tests {
                 goal = [one(&mut rng), one(&mut rng)];
             }
             let next = GRIPPERS.toward(&now, goal);
-            assert!(GRIPPERS.continues(&now, &next), "{k}: {goal:?} {now:?} {next:?}");
+            assert!(GRIPPERS.continues(&now, &next, 1), "{k}: {goal:?} {now:?} {next:?}");
             now = next;
         }
     }
@@ -140,9 +135,9 @@ mod tests {
             GripperMotion { closure: [-1e-12, 0.0], ..OPEN },
         ];
         for next in refused {
-            assert!(!GRIPPERS.continues(&OPEN, &next), "{next:?}");
+            assert!(!GRIPPERS.continues(&OPEN, &next, 1), "{next:?}");
         }
-        assert!(!Grippers::default().continues(&OPEN, &GripperMotion { closure: [1e-6, 0.0], ..OPEN }));
+        assert!(!Grippers::default().continues(&OPEN, &GripperMotion { closure: [1e-6, 0.0], ..OPEN }, 1));
     }
 
     #[test]
@@ -151,7 +146,7 @@ mod tests {
         let mut now = OPEN;
         for _ in 0..300 {
             let next = GRIPPERS.after(&now, 1, Some(&step));
-            assert!(GRIPPERS.continues(&now, &next));
+            assert!(GRIPPERS.continues(&now, &next, 1));
             now = next;
         }
         assert!(now.closure[0] > 0.2 && now.rate[0] > 1.0, "{now:?}");

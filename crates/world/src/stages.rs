@@ -57,7 +57,7 @@ pub fn control_config(loaded: &Loaded, realtime: bool) -> Result<control::Config
     let model = loaded.model.clone();
     let (safety, interface) = (&loaded.settings.safety, loaded.settings.sim.interface);
     let tracking = loaded.settings.tracking_error_factor();
-    let hand_speed = safety.hand_speed_m_per_s();
+    let (hand_speed, grippers) = (safety.hand_speed_m_per_s(), sim::grippers(&model));
     let options = wbc::Options::default().interface(certified(interface)).hand_speed_m_per_s(hand_speed);
     let engage = if realtime { engage::Config::new(safety) } else { engage::Config::relaxed(safety) };
     let wbc = wbc::Config::new(&model, options).map_err(|error| ConfigError::stage("whole-body control", error))?;
@@ -68,10 +68,10 @@ pub fn control_config(loaded: &Loaded, realtime: bool) -> Result<control::Config
         gate: gate::Config::with_interface(&model, &gated(interface, &model))
             .and_then(|gate| gate.with_hand_speed(hand_speed))
             .map_err(|error| ConfigError::stage("gate", error))?,
-        grippers: sim::grippers(&model),
+        grippers,
         gripper_gate: gripper::Config {
-            speed: sim::grippers(&model).0,
-            acceleration: sim::grippers(&model).0.map(|speed| speed / driver::GRIPPER_RAMP_S),
+            speed: grippers.0,
+            acceleration: grippers.0.map(|speed| speed / driver::GRIPPER_RAMP_S),
         },
         open_grippers_when_disengaged: loaded.settings.control.open_grippers_when_disengaged,
         follow: follow::Config::new(&model, &wbc.bounds().map(|bound| bound.v_max), follow::Weights::default()),

@@ -95,8 +95,8 @@ fn f121_closure_that_is_no_number_moves_nothing() {
     assert_eq!(bench.mode(), Mode::Engaged);
 }
 
-#[test]
-fn fingers_stop_at_an_object_and_report_their_force() {
+/// Creates an Engaged robot whose left gripper holds an object of 5 cm with all its force.
+fn holding_an_object() -> Bench {
     let loaded = support::loaded();
     let options = sim::Options { object_width_m: 0.05, ..sim::Options::default() };
     let mut bench = Bench::with_options(&loaded, &options, 1);
@@ -107,6 +107,12 @@ fn fingers_stop_at_an_object_and_report_their_force() {
     run(&mut bench, 0.2);
     show(&mut bench, Some(1.0));
     run(&mut bench, 4.0);
+    bench
+}
+
+#[test]
+fn fingers_stop_at_an_object_and_report_their_force() {
+    let bench = holding_an_object();
     let measured = bench.echo().grippers_measured;
     // 5 cm of the 10 cm of an open hand.
     assert!((measured.closure[0] - 0.5).abs() < 0.01 && (measured.force_n[0] - 20.0).abs() < 0.1, "{measured:?}");
@@ -142,16 +148,7 @@ fn f121_denied_gripper_stops_the_robot() {
 
 #[test]
 fn f120_restarted_driver_keeps_what_it_holds() {
-    let loaded = support::loaded();
-    let options = sim::Options { object_width_m: 0.05, ..sim::Options::default() };
-    let mut bench = Bench::with_options(&loaded, &options, 1);
-    bench.target = Some(loaded.model.home);
-    bench.settle();
-    show(&mut bench, Some(0.0));
-    bench.engage();
-    run(&mut bench, 0.2);
-    show(&mut bench, Some(1.0));
-    run(&mut bench, 4.0);
+    let mut bench = holding_an_object();
     bench.let_go();
     run(&mut bench, 1.0);
     assert!(bench.restart_driver());

@@ -42,6 +42,16 @@ pub struct Distances {
     pub hands: f64,
 }
 
+impl Distances {
+    fn between(hands: [Vector3<f64>; 2], head: Option<Vector3<f64>>, chest: Vector3<f64>) -> Self {
+        Self {
+            head: head.map(|head| hands.map(|hand| (hand - head).norm())),
+            chest: hands.map(|hand| (hand - chest).norm()),
+            hands: (hands[0] - hands[1]).norm(),
+        }
+    }
+}
+
 /// Errors of one motion: the sum over the frames and hands in contact, their number, and the largest.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Errors {
@@ -84,12 +94,7 @@ pub struct Contacts {
 pub fn of_person(frame: &Frame) -> Distances {
     let at = |joint: Smpl| Vector3::from(frame.positions[joint as usize]).cast::<f64>();
     let chest = (at(Smpl::LeftShoulder) + at(Smpl::RightShoulder)) / 2.0 + Vector3::x() * CHEST_M;
-    let (hands, head) = (hands(frame), head(frame));
-    Distances {
-        head: Some(hands.map(|hand| (hand - head).norm())),
-        chest: hands.map(|hand| (hand - chest).norm()),
-        hands: (hands[0] - hands[1]).norm(),
-    }
+    Distances::between(hands(frame), Some(head(frame)), chest)
 }
 
 /// Landmarks of a robot.
@@ -138,14 +143,9 @@ impl<'a> Robot<'a> {
             }
         }
         self.model.forward(&q, &mut self.frames);
-        let hands = [self.hand(0), self.hand(1)];
         let forward = self.frames.base_from_body[self.model.torso_body].r * Vector3::x();
         let chest = (self.shoulder(0) + self.shoulder(1)) / 2.0 + forward * (CHEST_M * scale);
-        Distances {
-            head: self.head().map(|head| hands.map(|hand| (hand - head).norm())),
-            chest: hands.map(|hand| (hand - chest).norm()),
-            hands: (hands[0] - hands[1]).norm(),
-        }
+        Distances::between([self.hand(0), self.hand(1)], self.head(), chest)
     }
 }
 
