@@ -190,8 +190,8 @@ pub(crate) const GRIPPERS: &[Hazard] = &[
     ),
     does(
         "f121",
-        "a gripper's command is no number, jumps or is too fast",
-        "the gate denies it, brakes the grippers and stops the robot; the driver approaches it slowly, and NaN not at all",
+        "a command moves a gripper too fast or with a jump, or is NaN",
+        "the gate denies it, brakes the grippers and stops the robot; the driver limits the speed, and ignores NaN",
         "1 tick + B",
     ),
 ];

@@ -43,7 +43,7 @@ pub(crate) fn human_hand(skeleton: &Skeleton, arm: usize) -> Option<UnitQuaterni
     valid.then(|| rotation_of_arm(arm, skeleton.hands[arm].map(f64::from))).flatten()
 }
 
-/// Returns the closure of one arm's hand, from 0 (open) to 1 (closed). `None` if it is not marked known or is no number.
+/// Returns the closure of one arm's hand, from 0 (open) to 1 (closed). `None` if its flag is not set, or if it is NaN.
 pub(crate) fn human_closure(skeleton: &Skeleton, arm: usize) -> Option<f64> {
     let closure = f64::from(skeleton.closure[arm]);
     (skeleton.flags & skeleton_flag::CLOSURE[arm] != 0 && !closure.is_nan()).then(|| closure.clamp(0.0, 1.0))
