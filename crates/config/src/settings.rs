@@ -92,6 +92,9 @@ schema::table! {
         /// Arms of the robot that follow, with their hands: `"both"`, `"left"` or `"right"`. The other arm keeps its home
         /// posture.
         arms: FollowingArms = FollowingArms::Both;
+        /// How much the arms give up of the person's limbs so that hands meet head, chest and each other where the person's
+        /// do. With `0.0`, limbs alone are followed.
+        contact_weight: f64 = 0.0, in [0.0, 1.0];
         /// Network that predicts how a person goes on, as a path without extension, relative to the settings file. It names
         /// `FILE.safetensors` and `FILE.toml`. With `""` there is none, and the turn of each limb fades.
         prediction: String = "../weights/prediction".to_owned();

@@ -4,6 +4,7 @@ use crate::error::PosesError;
 use crate::motions::{guesses, sway_all};
 use crate::person::{standing, with_limbs};
 use motion::{CalibrationMode, Frame, Guesses, Motion};
+use retarget::contact::{Correction, Figure, Memory, Proportions};
 use retarget::{ARM_Q, ARMS, ArmModel, ArmQ, Limbs, oracle, refine};
 use robot::Model;
 use std::path::Path;
@@ -34,13 +35,27 @@ const CONTINUE_STEPS: u32 = 40;
 /// hanging) or two optima are equally good, it takes the one that continues the previous frame. This may cost
 /// at most 1e-6 of S_GR.
 pub fn ground_truth(model: &Model, motion: &Motion) -> Trajectory {
+    ground_truth_touching(model, motion, 0.0)
+}
+
+/// As [`ground_truth`], for limbs that bring the hands to where the person's touch, with this weight from 0 to 1. See
+/// [`retarget::contact`].
+pub fn ground_truth_touching(model: &Model, motion: &Motion, weight: f64) -> Trajectory {
     let arm = ArmModel::of(model);
+    let correction = Correction { robot: Proportions::of(model), weight };
+    let mut memory = Memory::default();
     let calibration = motion::calibrate(motion, CalibrationMode::Rig);
     let home =
         |side: usize| std::array::from_fn(|j| model.arms[side].signs[j] * model.home[model.arms[side].joints[j]]);
     let mut previous: [ArmQ; ARMS] = std::array::from_fn(home);
     let limbs = motion::limbs(motion, &calibration);
-    let rows = limbs.iter().filter_map(Limbs::of_both).map(|arms| {
+    let people = motion.frames.iter().zip(&limbs).filter_map(|(frame, limbs)| Some((frame, Limbs::of_both(limbs)?)));
+    let rows = people.map(|(frame, mut arms)| {
+        let seen = arms.map(Some);
+        if let Some(figure) = Figure::of(&frame.positions, &seen).filter(|_| weight > 0.0) {
+            let touching = correction.apply(&arm, &figure, &seen, 1.0 / motion.frame_rate_hz, &mut memory);
+            arms = std::array::from_fn(|side| touching[side].unwrap_or(arms[side]));
+        }
         previous = std::array::from_fn(|side| best(&arm, &arms[side], &previous[side]));
         own_positions(model, &previous)
     });

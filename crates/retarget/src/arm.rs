@@ -179,7 +179,7 @@ impl ArmModel {
         Linearization { residual: [uv.x, uv.y, uv.z, fv.x, fv.y, fv.z], jacobian }
     }
 
-    fn rotations(&self, q: &ArmQ) -> [Quaternion<f64>; ARM_Q] {
+    pub(crate) fn rotations(&self, q: &ArmQ) -> [Quaternion<f64>; ARM_Q] {
         std::array::from_fn(|j| {
             let (sin, cos) = (0.5 * (q[j] - self.reference[j])).sin_cos();
             let axis = &self.axes[j];

@@ -8,7 +8,9 @@
 #![forbid(clippy::disallowed_macros, clippy::disallowed_methods, clippy::disallowed_types)]
 
 mod arm;
+mod chain;
 mod closed_form;
+pub mod contact;
 mod course;
 mod model;
 mod network;
@@ -27,6 +29,7 @@ pub use arm::{
     ARM_Q, ARMS, ArmModel, ArmQ, FEATURES, Limbs, Linearization, RESIDUALS, features, limb_error_deg, mirror,
     rotation_from_xyzw, s_gr, slerp, xyzw_from_rotation,
 };
+pub use chain::Chain;
 pub use closed_form::{branch as closed_form_branch, closed_form};
 pub use network::{
     Dense, HIDDEN_MAX, LATENT, Latent, Layers, Level, Network, OVERREACH, Perceptron, Precision, WIDTH_MAX,

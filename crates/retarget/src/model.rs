@@ -1,8 +1,12 @@
 //! Conversion of a robot model for the retargeting.
 
-use robot::Model;
+use messages::ARM_JOINTS;
+use nalgebra::Vector3;
+use robot::{Frames, Model};
 
 use crate::arm::{ARM_Q, ArmModel, ArmQ};
+use crate::chain::Chain;
+use crate::contact::Proportions;
 use crate::tick::{Config, ConfigError, Options, RobotArms};
 use crate::weights::{ArmIdentity, Weights, WeightsError};
 
@@ -18,6 +22,35 @@ impl ArmModel {
             std::array::from_fn(|j| bound(&model.limits[arm.joints[j]]))
         };
         Self::new(arm.axes, arm.reference, limit(|limits| limits.q_min), limit(|limits| limits.q_max))
+    }
+}
+
+impl Proportions {
+    /// Measures `model`, with the torso and both wrists at home.
+    pub fn of(model: &Model) -> Self {
+        let arm = &model.arms[0];
+        let mut q = model.home;
+        for arm in &model.arms {
+            arm.joints.iter().zip(arm.reference).for_each(|(&joint, reference)| q[joint] = reference);
+        }
+        let mut frames = Frames::default();
+        model.forward(&q, &mut frames);
+        let shoulder = |side: usize| frames.base_from_body[model.arms[side].joints[1] + 1].t;
+        let middle = (shoulder(0) + shoulder(1)) / 2.0;
+        let torso_from_base = frames.base_from_body[model.torso_body].r.transpose();
+        let own = |at: Vector3<f64>| torso_from_base * (at - middle);
+        let joints: [_; ARM_Q] = std::array::from_fn(|j| own(frames.base_from_body[arm.joints[j] + 1].t));
+        let center = model.payload[0].map_or_else(Vector3::zeros, |payload| payload.center);
+        let hand = own(frames.base_from_body[arm.joints[ARM_JOINTS - 1] + 1].transform_point(&center));
+        let reach_m = (joints[3] - joints[1]).norm() + (hand - joints[3]).norm();
+        let head = model.head.as_ref().and_then(|head| {
+            let body = head.joints[1] + 1;
+            let middles = model.capsules.iter().filter(|capsule| capsule.body == body);
+            let middles = middles.map(|capsule| (capsule.a + capsule.b) / 2.0);
+            let (sum, count) = middles.fold((Vector3::zeros(), 0), |(sum, count), middle| (sum + middle, count + 1));
+            (count > 0).then(|| own(frames.base_from_body[body].transform_point(&(sum / f64::from(count)))))
+        });
+        Self { chain: Chain { joints, hand }, head, reach_m }
     }
 }
 
@@ -54,6 +87,7 @@ impl RobotArms {
             signs: model.arms.each_ref().map(|arm| std::array::from_fn(|j| arm.signs[j])),
             wrists: model.wrists,
             head: model.head,
+            proportions: Proportions::of(model),
         }
     }
 }

@@ -1,7 +1,9 @@
 //! Levenberg-Marquardt on the limb residual. It takes few steps, has a fixed size, and the result is never worse
 //! than the start.
 
-use crate::arm::{ARM_Q, ArmModel, ArmQ, Limbs, RESIDUALS};
+use crate::arm::{ARM_Q, ArmModel, ArmQ, Limbs};
+use crate::chain::Chain;
+use nalgebra::Vector3;
 
 /// Weight of |q - prior|^2 beside S_GR, 1/rad^2. It keeps noise near the gimbal from becoming joint motion. Half a
 /// degree of noise there moves TIAGo++'s joints by 1.89 degrees RMS. With 2e-3 it is 1.70, which costs 0.02 degrees
@@ -33,33 +35,81 @@ pub struct Refined {
     pub accepted: u32,
 }
 
+/// A place to which the middle of a left arm's hand is drawn.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Pull<'a> {
+    /// Way along the arm to the hand.
+    pub(crate) chain: &'a Chain,
+    /// The place in the torso frame, from the middle between the shoulders, m.
+    pub(crate) to: Vector3<f64>,
+    /// Weight of |hand - to|^2 beside S_GR, 1/m^2.
+    pub(crate) weight: f64,
+}
+
 /// Takes at most `steps` Levenberg-Marquardt steps from `start`, which is clamped into the limits. The objective
 /// is S_GR(q, human) + prior_weight |q - prior|^2 within the limits. It never rises. Allocates nothing.
 pub fn refine(arm: &ArmModel, human: &Limbs, start: &ArmQ, prior: &ArmQ, prior_weight: f64, steps: u32) -> Refined {
-    let q = arm.clamp(start);
-    let mut best = evaluate(arm, human, q, prior, prior_weight);
-    let mut damping = DAMPING_START;
-    let mut normal = None;
-    for _ in 0..steps {
-        let (h, g) = *normal.get_or_insert_with(|| normal_equations(arm, human, &best.q, prior, prior_weight));
-        let Some(step) = box_step(arm, &best.q, &h, &g, damping) else {
-            break;
-        };
-        let candidate = evaluate(arm, human, step, prior, prior_weight);
-        if candidate.objective < best.objective {
-            best = Refined { accepted: best.accepted + 1, ..candidate };
-            normal = None;
-            damping = (damping * DAMPING_DOWN).max(DAMPING_MIN);
-        } else {
-            damping *= DAMPING_UP;
-        }
-    }
-    best
+    Objective { arm, human, prior, prior_weight, pull: None }.descend(start, steps)
 }
 
-fn evaluate(arm: &ArmModel, human: &Limbs, q: ArmQ, prior: &ArmQ, prior_weight: f64) -> Refined {
-    let s_gr = arm.s_gr(&q, human);
-    Refined { q, s_gr, objective: s_gr + prior_weight * distance(&q, prior), accepted: 0 }
+/// The objective of a refinement. It is that of [`refine`], and that of the pull.
+pub(crate) struct Objective<'a> {
+    pub(crate) arm: &'a ArmModel,
+    pub(crate) human: &'a Limbs,
+    pub(crate) prior: &'a ArmQ,
+    pub(crate) prior_weight: f64,
+    pub(crate) pull: Option<Pull<'a>>,
+}
+
+impl Objective<'_> {
+    /// See [`refine`].
+    pub(crate) fn descend(&self, start: &ArmQ, steps: u32) -> Refined {
+        let arm = self.arm;
+        let q = arm.clamp(start);
+        let mut best = self.evaluate(q);
+        let mut damping = DAMPING_START;
+        let mut normal = None;
+        for _ in 0..steps {
+            let (h, g) = *normal.get_or_insert_with(|| self.normal_equations(&best.q));
+            let Some(step) = box_step(arm, &best.q, &h, &g, damping) else {
+                break;
+            };
+            let candidate = self.evaluate(step);
+            if candidate.objective < best.objective {
+                best = Refined { accepted: best.accepted + 1, ..candidate };
+                normal = None;
+                damping = (damping * DAMPING_DOWN).max(DAMPING_MIN);
+            } else {
+                damping *= DAMPING_UP;
+            }
+        }
+        best
+    }
+
+    fn evaluate(&self, q: ArmQ) -> Refined {
+        let s_gr = self.arm.s_gr(&q, self.human);
+        let pulled =
+            self.pull.map_or(0.0, |pull| pull.weight * (pull.chain.hand(self.arm, &q) - pull.to).norm_squared());
+        let objective = s_gr + self.prior_weight * distance(&q, self.prior) + pulled;
+        Refined { q, s_gr, objective, accepted: 0 }
+    }
+
+    /// H = J^T J + weight I and g = J^T r + weight (q - prior): half the Gauss-Newton Hessian and half the gradient.
+    fn normal_equations(&self, q: &ArmQ) -> (Matrix, ArmQ) {
+        let at = self.arm.linearize(q, self.human);
+        let mut h = [[0.0; ARM_Q]; ARM_Q];
+        let mut g = [0.0; ARM_Q];
+        add(&mut h, &mut g, &at.jacobian, &at.residual, 1.0);
+        if let Some(pull) = &self.pull {
+            let (hand, columns) = pull.chain.linearize(self.arm, q);
+            add(&mut h, &mut g, &columns, &(hand - pull.to).into(), pull.weight);
+        }
+        for j in 0..ARM_Q {
+            h[j][j] += self.prior_weight;
+            g[j] += self.prior_weight * (q[j] - self.prior[j]);
+        }
+        (h, g)
+    }
 }
 
 /// Returns |a - b|^2, rad^2.
@@ -69,22 +119,15 @@ pub(crate) fn distance(a: &ArmQ, b: &ArmQ) -> f64 {
 
 type Matrix = [[f64; ARM_Q]; ARM_Q];
 
-/// H = J^T J + weight I and g = J^T r + weight (q - prior): half the Gauss-Newton Hessian and half the gradient.
-#[expect(clippy::needless_range_loop, reason = "a matrix is clearer by its indices")]
-fn normal_equations(arm: &ArmModel, human: &Limbs, q: &ArmQ, prior: &ArmQ, prior_weight: f64) -> (Matrix, ArmQ) {
-    let at = arm.linearize(q, human);
-    let dot = |a: &[f64; RESIDUALS], b: &[f64; RESIDUALS]| (0..RESIDUALS).map(|i| a[i] * b[i]).sum::<f64>();
-    let mut h = [[0.0; ARM_Q]; ARM_Q];
-    let mut g = [0.0; ARM_Q];
+/// Adds weight J^T J to `h` and weight J^T r to `g`.
+fn add<const N: usize>(h: &mut Matrix, g: &mut ArmQ, jacobian: &[[f64; N]; ARM_Q], residual: &[f64; N], weight: f64) {
+    let dot = |a: &[f64; N], b: &[f64; N]| weight * (0..N).map(|i| a[i] * b[i]).sum::<f64>();
     for i in 0..ARM_Q {
-        for j in 0..=i {
-            h[i][j] = dot(&at.jacobian[i], &at.jacobian[j]);
-            h[j][i] = h[i][j];
+        for j in 0..ARM_Q {
+            h[i][j] += dot(&jacobian[i], &jacobian[j]);
         }
-        h[i][i] += prior_weight;
-        g[i] = dot(&at.jacobian[i], &at.residual) + prior_weight * (q[i] - prior[i]);
+        g[i] += dot(&jacobian[i], residual);
     }
-    (h, g)
 }
 
 /// Returns the posture after one damped step within the limits. A joint is fixed at its limit if it is there and

@@ -1,6 +1,7 @@
 //! All integration tests of `retarget` except those that count allocations. They are one program, so they are
 //! linked once.
 
+mod contact;
 mod kinematics;
 mod network;
 mod perceptron;

@@ -68,6 +68,14 @@ pub enum EvalError {
     /// The daemon's settings, or a file that they name, are invalid.
     #[error("{0}")]
     Config(#[from] config::ConfigError),
+    /// A motion could not be played through the stages.
+    #[error("{name}: {reason}")]
+    Play {
+        /// The motion.
+        name: String,
+        /// The reason.
+        reason: String,
+    },
     /// A URDF has no masses, which the torques need.
     #[error("{path}: {reason}")]
     Masses {
@@ -95,7 +103,7 @@ impl EvalError {
             Self::File { .. } | Self::Missing { .. } => Exit::NoInput,
             Self::NoClips { .. } | Self::Weights { .. } => Exit::DataErr,
             Self::Clip { .. } | Self::Option { .. } => Exit::Usage,
-            Self::Config(_) | Self::Masses { .. } => Exit::Config,
+            Self::Config(_) | Self::Masses { .. } | Self::Play { .. } => Exit::Config,
             Self::Train(error) => error.exit(),
         }
     }

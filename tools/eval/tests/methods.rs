@@ -93,16 +93,22 @@ fn posture_table_depends_on_its_seed_alone() {
 
 #[test]
 fn contacts_count_where_the_person_touches() {
-    let model =
-        train::files::read_model(std::path::Path::new("../../config/robots/tiago_dual.toml")).expect("the robot");
     let motions = poses::motions::paper_motions();
-    let of = |name: &str| {
-        let motion = motions.iter().find(|motion| motion.name == name).expect("a named motion");
-        eval::contacts::measure(&model, motion)
-    };
-    assert_eq!(of("t-pose"), eval::contacts::Contacts::default(), "nothing touches");
-    let clap = of("clap");
-    let mean_m = clap.hands.mean_m().expect("hands that meet");
-    assert!(mean_m < 0.05 && clap.hands.max_m >= mean_m && clap.head.count == 0, "{clap:?}");
-    assert!(of("hands-on-head").head.mean_m().is_some_and(|mean_m| mean_m < 0.1));
+    for robot in ["tiago_dual", "unitree_g1", "rby1a"] {
+        let path = format!("../../config/robots/{robot}.toml");
+        let model = train::files::read_model(std::path::Path::new(&path)).expect("the robot");
+        let mut worst_m = [0.0_f64; 2];
+        for (motion, weight) in motions.iter().flat_map(|motion| [(motion, 0.0), (motion, 1.0)]) {
+            let contacts = eval::contacts::postures(&model, motion, weight);
+            for errors in [contacts.head, contacts.chest, contacts.hands] {
+                let worst = &mut worst_m[usize::from(weight > 0.0)];
+                *worst = errors.mean_m().map_or(*worst, |mean_m| mean_m.max(*worst));
+                assert!(errors.mean_m().is_none_or(|mean_m| mean_m <= errors.max_m), "{errors:?}");
+            }
+            let touches = contacts != eval::contacts::Contacts::default();
+            assert!(!touches || motion.name != "t-pose", "nothing touches: {contacts:?}");
+        }
+        let [limbs_m, corrected_m] = worst_m;
+        assert!(limbs_m > 0.07 && corrected_m < 0.03, "{robot}: limbs alone {limbs_m} m, corrected {corrected_m} m");
+    }
 }

@@ -8,8 +8,9 @@ use messages::{JOINTS_MAX, Layout, RobotId, Skeleton, Stamp, skeleton_flag};
 use nalgebra::Vector3;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
+use retarget::contact::Proportions;
 use retarget::{
-    ArmIdentity, ArmModel, ArmQ, Dense, LATENT, Layers, Limbs, Manifest, Prediction, RobotArms, Weights, mirror,
+    ArmIdentity, ArmModel, ArmQ, Chain, Dense, LATENT, Layers, Limbs, Manifest, Prediction, RobotArms, Weights, mirror,
     write_weights, xyzw_from_rotation,
 };
 
@@ -66,6 +67,15 @@ pub(crate) fn robot() -> RobotArms {
             q_max: [1.4, 2.0],
         }),
         head: None,
+        proportions: Proportions {
+            // TIAGo++'s: the arm is straight along y.
+            chain: Chain {
+                joints: [-0.125, 0.0, 0.09, 0.311, 0.311].map(|along| Vector3::new(0.0, 0.28 + along, 0.0)),
+                hand: Vector3::new(0.0, 0.9, 0.0),
+            },
+            head: Some(Vector3::new(0.1, 0.0, 0.3)),
+            reach_m: 0.62,
+        },
     }
 }
 

@@ -1,0 +1,136 @@
+//! Hands that touch: their limbs, and the limbs of hands that touch nothing.
+
+use crate::support::{robot, shipped};
+use messages::{SMPL_JOINTS, Smpl};
+use nalgebra::{UnitQuaternion, Vector3};
+use retarget::contact::{Correction, Figure, Memory, Proportions};
+use retarget::{ARM_Q, ArmModel, Limbs};
+
+/// The frame of a person whose torso leans and faces anywhere, as positions. Both arms have these limbs.
+fn person(limbs: &Limbs, torso: &UnitQuaternion<f64>) -> [[f32; 3]; SMPL_JOINTS] {
+    let mut positions = [[0.0; 3]; SMPL_JOINTS];
+    let mut set = |joint: Smpl, at: Vector3<f64>| {
+        positions[joint as usize] = (Vector3::new(1.0, 2.0, 1.4) + torso * at).cast::<f32>().into();
+    };
+    for (side, joints) in [
+        [Smpl::LeftShoulder, Smpl::LeftElbow, Smpl::LeftWrist],
+        [Smpl::RightShoulder, Smpl::RightElbow, Smpl::RightWrist],
+    ]
+    .into_iter()
+    .enumerate()
+    {
+        let own = |v: Vector3<f64>| if side == 0 { v } else { Vector3::new(v.x, -v.y, v.z) };
+        let shoulder = Vector3::y() * 0.18;
+        let elbow = shoulder + limbs.upper * Vector3::y() * 0.3;
+        let places = [shoulder, elbow, elbow + limbs.fore * Vector3::y() * 0.25];
+        joints.into_iter().zip(places).for_each(|(joint, at)| set(joint, own(at)));
+    }
+    set(Smpl::Head, Vector3::new(0.03, 0.0, 0.2));
+    positions
+}
+
+fn turned(forward: f64, down: f64, flexion: f64) -> Limbs {
+    let about = |axis, angle| UnitQuaternion::from_axis_angle(&axis, angle);
+    let upper = about(Vector3::z_axis(), -forward) * about(Vector3::x_axis(), -down);
+    Limbs { upper, fore: upper * about(Vector3::z_axis(), -flexion) }
+}
+
+/// Hands before the chest.
+fn touching() -> Limbs {
+    turned(0.5, 1.0, 2.1)
+}
+
+fn correction() -> Correction {
+    Correction { robot: robot().proportions, weight: 1.0 }
+}
+
+fn distance_deg(a: &Limbs, b: &Limbs) -> f64 {
+    a.upper.angle_to(&b.upper).max(a.fore.angle_to(&b.fore)).to_degrees()
+}
+
+#[test]
+fn figure_does_not_depend_on_where_the_person_faces_or_how_the_torso_leans() {
+    let limbs = touching();
+    let seen = [Some(limbs); 2];
+    let upright = Figure::of(&person(&limbs, &UnitQuaternion::identity()), &seen).expect("a person");
+    let head = upright.head.expect("a head");
+    assert!((head - Vector3::new(0.03, 0.0, 0.2 + 0.3 * 0.025 / 0.186)).norm() < 1e-5, "{head}");
+    for (roll, pitch, yaw) in [(0.0, 0.4, 0.0), (0.3, -0.2, 2.5), (-0.4, 0.1, -1.2)] {
+        let torso = UnitQuaternion::from_euler_angles(roll, pitch, yaw);
+        let figure = Figure::of(&person(&limbs, &torso), &seen).expect("a person");
+        assert!((figure.head.expect("a head") - head).norm() < 1e-5, "{figure:?}");
+        assert!((figure.hands[0].expect("a hand") - upright.hands[0].expect("a hand")).norm() < 1e-5);
+    }
+}
+
+#[test]
+fn limbs_of_hands_that_touch_nothing_stay_to_the_last_bit() {
+    let arm = robot().identity.arm;
+    let limbs = turned(0.2, 0.3, 0.4);
+    let seen = [Some(limbs); 2];
+    let figure = Figure::of(&person(&limbs, &UnitQuaternion::identity()), &seen).expect("a person");
+    let mut memory = Memory::default();
+    for _ in 0..10 {
+        assert_eq!(correction().apply(&arm, &figure, &seen, 0.02, &mut memory), seen);
+    }
+}
+
+#[test]
+fn correction_comes_and_goes_without_a_step() {
+    let (arm, limbs) = (robot().identity.arm, touching());
+    let seen = [Some(limbs); 2];
+    let figure = Figure::of(&person(&limbs, &UnitQuaternion::identity()), &seen).expect("a person");
+    let unseen = Figure { head: None, ..figure };
+    let (mut memory, mut before, mut most_deg) = (Memory::default(), limbs, 0.0_f64);
+    for k in 0..150 {
+        let person = if k < 75 { &figure } else { &unseen };
+        let [left, _] = correction().apply(&arm, person, &seen, 0.01, &mut memory);
+        let left = left.expect("an arm");
+        most_deg = most_deg.max(distance_deg(&left, &limbs));
+        let step_deg = distance_deg(&left, &before);
+        assert!(step_deg < 4.0, "{step_deg} degrees in 10 ms at {k}");
+        before = left;
+    }
+    assert!(most_deg > 5.0, "nothing was corrected: {most_deg} degrees");
+}
+
+#[test]
+fn hand_that_is_nowhere_or_not_finite_leaves_the_limbs() {
+    let limbs = touching();
+    let seen = [Some(limbs); 2];
+    let right = person(&limbs, &UnitQuaternion::identity());
+    assert_eq!(Figure::of(&[[0.0; 3]; SMPL_JOINTS], &seen), None);
+    assert_eq!(Figure::of(&right, &[None; 2]), None);
+    for joint in [Smpl::LeftShoulder, Smpl::RightShoulder, Smpl::LeftElbow, Smpl::LeftWrist, Smpl::Head] {
+        for wrong in [f32::NAN, f32::INFINITY] {
+            let mut positions = right;
+            positions[joint as usize][1] = wrong;
+            assert_eq!(Figure::of(&positions, &seen), None, "{joint:?} {wrong}");
+        }
+    }
+    let one = [Some(limbs), None];
+    let figure = Figure::of(&right, &one).expect("a person");
+    let corrected = correction().apply(&robot().identity.arm, &figure, &one, 0.02, &mut Memory::default());
+    assert!(corrected[0].is_some() && corrected[1].is_none());
+}
+
+#[test]
+fn chain_ends_where_the_robots_kinematics_have_the_hand() {
+    for name in ["tiago_dual", "unitree_g1", "rby1a"] {
+        let model = shipped(name);
+        let (arm, robot) = (ArmModel::of(&model), Proportions::of(&model));
+        let mut frames = robot::Frames::default();
+        for shift in [0.0, 0.2, -0.3] {
+            let left: [f64; ARM_Q] = std::array::from_fn(|j| arm.mid()[j] + shift * arm.half()[j]);
+            let mut q = model.home;
+            model.arms[0].joints.iter().zip(left).for_each(|(&joint, at)| q[joint] = at);
+            model.forward(&q, &mut frames);
+            let body = |joint: usize| frames.base_from_body[model.arms[0].joints[joint] + 1];
+            let center = model.payload[0].map_or_else(Vector3::zeros, |payload| payload.center);
+            let torso = frames.base_from_body[model.torso_body].r.transpose();
+            let seen = torso * (body(6).transform_point(&center) - body(0).t);
+            let chain = robot.chain.hand(&arm, &left) - robot.chain.joints[0];
+            assert!((seen - chain).norm() < 1e-6, "{name}: {seen} {chain}");
+        }
+    }
+}
