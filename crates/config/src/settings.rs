@@ -92,6 +92,9 @@ schema::table! {
         /// Arms of the robot that follow, with their hands: `"both"`, `"left"` or `"right"`. The other arm keeps its home
         /// posture.
         arms: FollowingArms = FollowingArms::Both;
+        /// The lift follows the person's height, slowly: it goes down as the person crouches. A robot without a lift keeps its
+        /// torso, and so does one whose person's legs are not seen.
+        lift_follows: bool = false;
         /// How much the arms give up of the person's limbs so that hands meet head, chest and each other where the person's
         /// do. With `0.0`, limbs alone are followed.
         contact_weight: f64 = 0.0, in [0.0, 1.0];

@@ -10,8 +10,10 @@
 mod arm;
 mod chain;
 mod closed_form;
+mod config;
 pub mod contact;
 mod course;
+mod height;
 mod model;
 mod network;
 mod oracle;
@@ -31,6 +33,8 @@ pub use arm::{
 };
 pub use chain::Chain;
 pub use closed_form::{branch as closed_form_branch, closed_form};
+pub use config::{Config, ConfigError, Method, Options, REFINE_STEPS_MAX, RobotArms};
+pub use height::{Lift, crouch_m};
 pub use network::{
     Dense, HIDDEN_MAX, LATENT, Latent, Layers, Level, Network, OVERREACH, Perceptron, Precision, WIDTH_MAX,
     interpolate_latent,
@@ -43,9 +47,7 @@ pub use prediction::{
 };
 pub use refine::{PRIOR_WEIGHT, Refined, STEP_MAX_RAD, refine};
 pub use resample::{DELAY_MAX_NS, Placed, STALE_NS, Sample, SourceClock, Track};
-pub use tick::{
-    Config, ConfigError, Counters, Input, Method, Options, Output, REFINE_STEPS_MAX, RobotArms, State, tick,
-};
+pub use tick::{Counters, Input, Output, State, tick};
 pub use way::Expected;
 pub use weights::{
     ArmIdentity, FORMAT, HEADER_MAX_BYTES, Manifest, Weights, WeightsError, WriteError, read_layers, sha256_hex,

@@ -6,8 +6,9 @@ use robot::{Frames, Model};
 
 use crate::arm::{ARM_Q, ArmModel, ArmQ};
 use crate::chain::Chain;
+use crate::config::{Config, ConfigError, Options, RobotArms};
 use crate::contact::Proportions;
-use crate::tick::{Config, ConfigError, Options, RobotArms};
+use crate::height::Lift;
 use crate::weights::{ArmIdentity, Weights, WeightsError};
 
 /// Numbers are rounded to this before they enter the hash, rad (axes: dimensionless). It is coarser than the
@@ -87,6 +88,10 @@ impl RobotArms {
             signs: model.arms.each_ref().map(|arm| std::array::from_fn(|j| arm.signs[j])),
             wrists: model.wrists,
             head: model.head,
+            lift: model.lift.map(|joint| {
+                let limits = &model.limits[joint];
+                Lift { joint, home: model.home[joint], q_min: limits.q_min, v_max: limits.v_max }
+            }),
             proportions: Proportions::of(model),
         }
     }

@@ -1,170 +1,33 @@
 //! The stage: skeletons in, joint targets out, 1500 times a second.
 
 use messages::{
-    Fault, Faults, JOINTS_MAX, JointTarget, LIMBS, Layout, PersonChange, RobotId, Skeleton, Stamp, TICK_S, WAY_NODES,
-    skeleton_flag, target_flag,
+    Fault, Faults, JointTarget, LIMBS, Layout, PersonChange, Skeleton, Stamp, TICK_S, WAY_NODES, skeleton_flag,
+    target_flag,
 };
 use robot::TwoAxes;
-use serde::Deserialize;
 
-use crate::arm::{ARM_Q, ARMS, ArmModel, ArmQ, Limbs, limb_error_deg, on_side, xyzw_from_rotation};
-use crate::contact::{Correction, Figure, Memory, Proportions};
+use crate::arm::{ARM_Q, ARMS, ArmQ, Limbs, limb_error_deg, on_side, xyzw_from_rotation};
+use crate::config::Config;
+use crate::contact::{Figure, Memory};
 use crate::course::{Person, Way};
+use crate::height::crouch_m;
 use crate::network::Latent;
 use crate::pointing::{Blend, human_closure, human_hand, human_head};
-use crate::posture::PostureSolver;
 use crate::prediction::{AGES_S, History, Prediction};
 use crate::ready::Readiness;
-use crate::resample::{DELAY_MAX_NS, Sample, SourceClock, Track};
-use crate::weights::{ArmIdentity, Weights};
+use crate::resample::{Sample, SourceClock, Track};
 
-/// Largest number of refinement steps in a tick: about 0.3 us each (measured 2026-11-21), so the tick stays
-/// bounded.
-pub const REFINE_STEPS_MAX: u32 = 16;
 /// Velocities are differences over at most this many ticks. Beyond 10 ms a target is stale (service table).
 const VELOCITY_TICKS_MAX: u64 = 15;
 /// Time without a skeleton after which an arm is no longer used, ns (assumption). The operator goes on with the
 /// other arm, and must enable the robot again.
 const FORGOTTEN_NS: u64 = 10_000_000_000;
+/// Longest time between two skeletons that counts, s. After a pause the lift goes on as slowly.
+const STEP_MAX_S: f64 = 0.1;
 /// Odd, so that different counts give different sessions: the multiplier of Knuth's MMIX generator.
 const FORGOTTEN_MIX: u64 = 6_364_136_223_846_793_005;
 /// Odd as well: the multiplier of MurmurHash3's finaliser.
 const PERSON_MIX: u64 = 0xff51_afd7_ed55_8ccd;
-
-/// Source of a posture before it is refined.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Method {
-    /// Through the shared latent space.
-    Network,
-    /// By geometry: the baseline.
-    ClosedForm,
-}
-
-/// Options of the user.
-#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct Options {
-    /// `None` stands for `Network` if there are weights, else `ClosedForm`.
-    pub method: Option<Method>,
-    /// Levenberg-Marquardt steps per arm and tick, 0 to `REFINE_STEPS_MAX`.
-    pub refine_steps: u32,
-    /// Time from the capture of a person to the command that stands for it, ms, 0 to 250. The skeletons of that
-    /// time are the way ahead. The longer it is, the nearer the robot follows.
-    pub following_delay_ms: f64,
-    /// The arms that follow, left and right. The other one keeps its home posture.
-    pub arms: [bool; ARMS],
-    /// How much hands that touch turn the limbs, 0 to 1. See [`contact`](crate::contact).
-    pub contact_weight: f64,
-}
-
-impl Default for Options {
-    /// Two steps: more steps gain less than 0.02 degrees (`eval`). 120 ms: see the comparison of `eval
-    /// --following`. No contacts: they cost 0.9 degrees of the limbs in clips of everyday motion.
-    fn default() -> Self {
-        Self { method: None, refine_steps: 2, following_delay_ms: 120.0, arms: [true; ARMS], contact_weight: 0.0 }
-    }
-}
-
-/// Reason for which a configuration was refused.
-#[derive(Debug, thiserror::Error)]
-#[allow(missing_docs, reason = "the texts name the fields")]
-pub enum ConfigError {
-    /// The network was asked for and there is none.
-    #[error("method is network, but no weights are given")]
-    NoWeights,
-    /// A number is out of its range.
-    #[error("{key} is {value}, must be {min} to {max}")]
-    Range { key: &'static str, value: f64, min: f64, max: f64 },
-}
-
-/// Data of the robot that a tick needs.
-#[derive(Clone, Debug)]
-pub struct RobotArms {
-    /// Identity and model of the left arm. The right arm is its mirror.
-    pub identity: ArmIdentity,
-    /// Velocity limits of joints 1 to 5, rad/s.
-    pub velocity_max: ArmQ,
-    /// Home posture of all joints. The target shows it for a joint that is not valid.
-    pub home: [f64; JOINTS_MAX],
-    /// Number and order of the robot's joints.
-    pub robot: RobotId,
-    /// Indices of joints 1 to 5 of the left and the right arm.
-    pub joints: [[usize; ARM_Q]; ARMS],
-    /// Signs of these joints: q = sign * q of the left arm in the mirrored posture.
-    pub signs: [ArmQ; ARMS],
-    /// Joints 6 and 7 of the left and the right arm.
-    pub wrists: [TwoAxes; ARMS],
-    /// The joints that turn the head, if there are any.
-    pub head: Option<TwoAxes>,
-    /// Its proportions.
-    pub proportions: Proportions,
-}
-
-/// Constant configuration of the stage.
-#[derive(Clone, Debug)]
-pub struct Config {
-    solver: PostureSolver,
-    velocity_max: ArmQ,
-    home: [f64; JOINTS_MAX],
-    robot: RobotId,
-    joints: [[usize; ARM_Q]; ARMS],
-    signs: [ArmQ; ARMS],
-    wrists: [TwoAxes; ARMS],
-    head: Option<TwoAxes>,
-    prediction: Option<Prediction>,
-    delay_ns: u64,
-    follows: [bool; ARMS],
-    correction: Correction,
-}
-
-impl Config {
-    /// Checks the options. The weights were checked against the robot when they were read.
-    pub fn for_arms(robot: &RobotArms, weights: Option<Weights>, options: &Options) -> Result<Self, ConfigError> {
-        within("refine_steps", f64::from(options.refine_steps), f64::from(REFINE_STEPS_MAX))?;
-        within("following_delay_ms", options.following_delay_ms, DELAY_MAX_NS as f64 * 1e-6)?;
-        within("contact_weight", options.contact_weight, 1.0)?;
-        let network = match (options.method, weights) {
-            (Some(Method::ClosedForm), _) | (None, None) => None,
-            (Some(Method::Network), None) => return Err(ConfigError::NoWeights),
-            (Some(Method::Network) | None, Some(weights)) => Some(weights.network),
-        };
-        Ok(Self {
-            solver: PostureSolver { arm: robot.identity.arm.clone(), network, refine_steps: options.refine_steps },
-            velocity_max: robot.velocity_max,
-            home: robot.home,
-            robot: robot.robot,
-            joints: robot.joints,
-            signs: robot.signs,
-            wrists: robot.wrists,
-            head: robot.head,
-            prediction: None,
-            delay_ns: (options.following_delay_ms * 1e6) as u64,
-            follows: options.arms,
-            correction: Correction { robot: robot.proportions, weight: options.contact_weight },
-        })
-    }
-
-    /// Sets the learnt prediction of the limbs. Without it a limb continues its last turn at a fading rate.
-    #[must_use]
-    pub fn with_prediction(self, prediction: Option<Prediction>) -> Self {
-        Self { prediction, ..self }
-    }
-
-    /// The method in force.
-    pub fn method(&self) -> Method {
-        if self.solver.network.is_some() { Method::Network } else { Method::ClosedForm }
-    }
-
-    /// Model of the left arm. The right arm is its mirror.
-    pub fn arm(&self) -> &ArmModel {
-        &self.solver.arm
-    }
-}
-
-fn within(key: &'static str, value: f64, max: f64) -> Result<(), ConfigError> {
-    if (0.0..=max).contains(&value) { Ok(()) } else { Err(ConfigError::Range { key, value, min: 0.0, max }) }
-}
 
 /// Input of a tick.
 #[derive(Clone, Copy, Debug)]
@@ -193,8 +56,12 @@ pub struct State {
     readiness: Readiness,
     forgotten: u64,
     tracks: [Track; ARMS],
-    /// For the correction of hands that touch, and the time of the last one.
-    touch: (Memory, i64),
+    /// For the correction of hands that touch.
+    touch: Memory,
+    /// Target of the lift, m. `None` until a person's height is known.
+    lift: Option<f64>,
+    /// Source time of the newest skeleton, ns.
+    source: i64,
     /// The head, as an upper arm of its own track.
     head: Track,
     /// Turns of the left hand, the right hand and the head.
@@ -287,6 +154,9 @@ pub fn tick(config: &Config, state: &mut State, now: Stamp, input: Input<'_>) ->
     if let (Some(joints), Some(head)) = (&config.head, head) {
         set(&mut out.target, joints, joints.nearest(&head));
     }
+    if let (Some(lift), Some(q)) = (&config.lift, state.lift) {
+        (out.target.q[lift.joint], out.target.valid_mask) = (q, out.target.valid_mask | 1 << lift.joint);
+    }
     let State { tracks, way, blends: [left, right, _], counters, .. } = state;
     let person = Person { tracks, blends: [left, right], skeletons: counters.skeletons, meant };
     way.lay(&person, input.k, playhead, now);
@@ -356,7 +226,7 @@ fn take(config: &Config, state: &mut State, now: Stamp, skeleton: &Skeleton) {
     state.clutch = skeleton.flags & skeleton_flag::CLUTCH != 0;
     let counters = &mut state.counters;
     let arms = [0, 1].map(|arm| config.follows[arm].then(|| human_arm(skeleton, arm, counters)).flatten());
-    let arms = touch(config, state, skeleton, &arms, placed.source);
+    let arms = embody(config, state, skeleton, &arms, placed.source);
     let latents = config.solver.encode(&arms.map(|limbs| limbs.unwrap_or_else(Limbs::identity)));
     let mut used = [false; ARMS];
     for arm in 0..ARMS {
@@ -392,19 +262,26 @@ fn take(config: &Config, state: &mut State, now: Stamp, skeleton: &Skeleton) {
     }
 }
 
-/// Returns the limbs that bring hands to where the person's touch.
-fn touch(
+/// Takes the person's proportions and height: returns the limbs that bring hands to where the person's touch, and moves the
+/// lift.
+fn embody(
     config: &Config,
     state: &mut State,
     skeleton: &Skeleton,
     arms: &[Option<Limbs>; ARMS],
     source: i64,
 ) -> [Option<Limbs>; ARMS] {
-    let (memory, before) = &mut state.touch;
-    let elapsed_s = source.saturating_sub(std::mem::replace(before, source)).max(0) as f64 * 1e-9;
-    match Figure::of(&skeleton.positions, arms).filter(|_| config.correction.weight > 0.0) {
-        Some(figure) => config.correction.apply(&config.solver.arm, &figure, arms, elapsed_s, memory),
-        None => *arms,
+    let elapsed_s = source.saturating_sub(std::mem::replace(&mut state.source, source)).max(0) as f64 * 1e-9;
+    let Some(figure) = Figure::of(&skeleton.positions, arms) else { return *arms };
+    if let (Some(lift), Some(crouch_m)) = (&config.lift, crouch_m(&skeleton.positions)) {
+        let scale = config.correction.robot.reach_m / figure.reach_m;
+        let before = state.lift.unwrap_or(lift.home);
+        state.lift = Some(lift.next(before, crouch_m * scale, elapsed_s.min(STEP_MAX_S)));
+    }
+    if config.correction.weight > 0.0 {
+        config.correction.apply(&config.solver.arm, &figure, arms, elapsed_s, &mut state.touch)
+    } else {
+        *arms
     }
 }
 

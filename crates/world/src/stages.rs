@@ -45,6 +45,7 @@ pub fn retarget_config(loaded: &Loaded) -> Result<retarget::Config, ConfigError>
         following_delay_ms: settings.following_delay_ms,
         arms: [FollowingArms::Left, FollowingArms::Right]
             .map(|arm| [arm, FollowingArms::Both].contains(&settings.arms)),
+        lift_follows: settings.lift_follows,
         contact_weight: settings.contact_weight,
     };
     retarget::Config::new(&loaded.model, loaded.weights.clone(), &options)

@@ -8,6 +8,7 @@ mod files;
 mod grippers;
 mod input_faults;
 mod layouts;
+mod lift;
 mod noise;
 mod payload;
 mod recovery;

@@ -67,6 +67,7 @@ pub(crate) fn robot() -> RobotArms {
             q_max: [1.4, 2.0],
         }),
         head: None,
+        lift: None,
         proportions: Proportions {
             // TIAGo++'s: the arm is straight along y.
             chain: Chain {
