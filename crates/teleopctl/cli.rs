@@ -25,7 +25,11 @@ pub enum Command {
     /// moves arms and elbows.
     Calibrate(CalibrateArgs),
     /// Engages and holds the enable until Ctrl-C. Then releases.
-    Engage,
+    Engage {
+        /// Only this arm follows. The other one stays where it is.
+        #[arg(long, value_enum, value_name = "SIDE")]
+        arm: Option<Hand>,
+    },
     /// Holds the clutch until Ctrl-C: the robot stands, and the person moves freely. Then the robot moves slowly to where the
     /// person is, and follows again.
     Clutch,
@@ -71,9 +75,9 @@ pub struct PayloadArgs {
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
 pub enum Hand {
-    /// The left hand.
+    /// The left one.
     Left,
-    /// The right hand.
+    /// The right one.
     Right,
 }
 

@@ -8,7 +8,7 @@ mod payload;
 mod watch;
 
 use clap::Parser;
-use cli::{CalibrateArgs, Cli, Command};
+use cli::{CalibrateArgs, Cli, Command, Hand};
 use explain::meaning;
 use messages::{FAULTS, Fault, Faults, Mode, Response, Status};
 use operator::{Client, OperatorError};
@@ -45,7 +45,7 @@ fn obey(client: &mut Client, run_dir: &Path, command: Command) -> Result<bool, O
         Command::Status(args) => status(client, run_dir, args.json),
         Command::Watch => watch::run(client, run_dir),
         Command::Calibrate(args) => calibrate(client, run_dir, &args),
-        Command::Engage => engage(client, run_dir),
+        Command::Engage { arm } => engage(client, run_dir, arm),
         Command::Clutch => clutch(client, run_dir),
         Command::Recover => recover(client, run_dir),
         Command::Release => {
@@ -197,7 +197,7 @@ fn advice(fault: Fault) -> Option<&'static str> {
 }
 
 /// Holds the enable until Ctrl-C.
-fn engage(client: &mut Client, run_dir: &Path) -> Result<bool, OperatorError> {
+fn engage(client: &mut Client, run_dir: &Path, arm: Option<Hand>) -> Result<bool, OperatorError> {
     let first = client.heartbeat()?;
     let names = instance::read_names(run_dir);
     if mode(&first) != Mode::Disengaged {
@@ -214,8 +214,21 @@ fn engage(client: &mut Client, run_dir: &Path) -> Result<bool, OperatorError> {
     if !blocking.is_empty() {
         return Ok(false);
     }
-    client.enable();
-    hold::hold(client, &first, &names, "the enable is held; Ctrl-C releases it")
+    let begins = match arm {
+        None => {
+            client.enable();
+            "the enable is held; Ctrl-C releases it"
+        }
+        Some(Hand::Left) => {
+            client.enable_without(1);
+            "the enable is held for the left arm, the right one stays; Ctrl-C releases it"
+        }
+        Some(Hand::Right) => {
+            client.enable_without(0);
+            "the enable is held for the right arm, the left one stays; Ctrl-C releases it"
+        }
+    };
+    hold::hold(client, &first, &names, begins)
 }
 
 /// Holds the clutch until Ctrl-C, or until nobody holds the enable any more.

@@ -9,6 +9,7 @@ mod feedback;
 mod following;
 mod gripping;
 mod limited;
+mod one_arm;
 mod payload;
 mod status;
 
@@ -192,7 +193,8 @@ pub fn tick(config: &Config, state: &mut State, now: Stamp, input: Input<'_>) ->
     }
     state.take_payloads(config, &input.operator.payload, &decided);
     let own = |target: &JointTarget| target.flags & target_flag::INPUT_FRESH != 0 && target.robot == config.model.id();
-    let target = state.target.map(|(target, _)| target).filter(own);
+    let shown = |target| one_arm::without(&config.model, target, input.operator.left_out);
+    let target = state.target.map(|(target, _)| target).filter(own).map(shown);
     let command = match from {
         Continue::Nothing => None,
         Continue::Own | Continue::From(_) => Some(command(config, state, now, &input, &decided, target.as_ref())),
@@ -304,7 +306,10 @@ fn command(
     let late = decided.reduced & reduced_flag::TARGET_LATE != 0;
     let commanded = state.commander.commanded();
     let from = (&commanded.q, &commanded.v);
-    let wish = state.following.wish(config, input.k, from, decided.permit, target, late);
+    let mut wish = state.following.wish(config, input.k, from, decided.permit, target, late);
+    if let Some(wish) = &mut wish {
+        one_arm::hold(&config.model, wish, &commanded.q, input.operator.left_out);
+    }
     let wanted = wish.as_ref().map(Wish::target);
     let Commanded { motion, denied, proposed } =
         state.commander.tick((&config.wbc, &config.gate), input.k, now, wanted, decided.permit);
@@ -462,6 +467,7 @@ impl State {
             status.state_stamp = received;
         }
         if let Some((target, received)) = self.target {
+            let target = one_arm::without(&config.model, target, input.operator.left_out);
             status.target_stamp = received;
             status.input_age_ns = now.since(target.input_received);
             status.limb_error_target_rad = status::limb_error(config, &target, &target.q);

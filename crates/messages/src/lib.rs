@@ -34,7 +34,9 @@ pub use feedback::{Feedback, SENTENCE_BYTES, feedback_flag};
 pub use input::{CalibrationSource, DROPS_MAX, InputStatus};
 pub use joints::{ALL_JOINTS, ARM_JOINTS, JOINTS_MAX, RobotId};
 pub use layout::{FNV_BASIS, Field, Layout, Message, TypeName, fnv};
-pub use operator::{HOLDS_CLUTCH, HOLDS_ENABLE, HOLDS_RECOVERY, OPERATOR_VERSION, OperatorRequest, payload_flag};
+pub use operator::{
+    HOLDS_CLUTCH, HOLDS_ENABLE, HOLDS_RECOVERY, LEAVES_OUT, OPERATOR_VERSION, OperatorRequest, payload_flag,
+};
 pub use payload::{PayloadOrder, PayloadRefusal};
 pub use permit::Permit;
 pub use person_change::PersonChange;

@@ -14,6 +14,10 @@ pub const HOLDS_RECOVERY: u32 = 2;
 /// Bit of `OperatorRequest::enable_level` while the clutch is held, with or without one of the others.
 pub const HOLDS_CLUTCH: u32 = 4;
 
+/// Bits of `OperatorRequest::enable_level` beside `HOLDS_ENABLE`: the left and the right arm stay where they are. At most
+/// one of them. A change of them while the enable is held is a release.
+pub const LEAVES_OUT: [u32; 2] = [8, 16];
+
 /// Bits of `OperatorRequest::payload_flags`.
 pub mod payload_flag {
     /// The payload is that of the right hand, else that of the left one.
@@ -30,7 +34,8 @@ message! {
     pub struct OperatorRequest v 3 size 72 {
         /// `OPERATOR_VERSION`.
         pub version: u32,
-        /// State of the operator's hold: `HOLDS_ENABLE`, `HOLDS_RECOVERY`, or 0 for nothing. `HOLDS_CLUTCH` is added to it.
+        /// State of the operator's hold: `HOLDS_ENABLE`, `HOLDS_RECOVERY`, or 0 for nothing. `HOLDS_CLUTCH` and
+        /// one of `LEAVES_OUT` are added to it.
         pub enable_level: u32,
         /// Press edges of the enable or the recovery.
         pub enable_count: u32,

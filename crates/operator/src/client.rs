@@ -3,8 +3,8 @@
 use crate::codec::{self, STATUS_BYTES};
 use crate::error::OperatorError;
 use messages::{
-    HOLDS_CLUTCH, HOLDS_ENABLE, HOLDS_RECOVERY, Layout, OPERATOR_VERSION, OperatorRequest, PayloadOrder, Status,
-    payload_flag,
+    HOLDS_CLUTCH, HOLDS_ENABLE, HOLDS_RECOVERY, LEAVES_OUT, Layout, OPERATOR_VERSION, OperatorRequest, PayloadOrder,
+    Status, payload_flag,
 };
 use rustix::io::Errno;
 use rustix::net::{self, RecvFlags, SendFlags};
@@ -55,9 +55,14 @@ impl Client {
         Ok(Self { path, socket, request, timeout_ms })
     }
 
-    /// Presses the enable with the next heartbeat.
+    /// Presses the enable of both arms with the next heartbeat.
     pub fn enable(&mut self) -> &mut Self {
         self.hold(HOLDS_ENABLE)
+    }
+
+    /// Presses the enable with the next heartbeat, without one arm: 0 is the left one, 1 the right one. It stays where it is.
+    pub fn enable_without(&mut self, arm: usize) -> &mut Self {
+        self.hold(HOLDS_ENABLE | LEAVES_OUT[usize::from(arm != 0)])
     }
 
     /// Presses the recovery with the next heartbeat.

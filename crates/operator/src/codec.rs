@@ -1,6 +1,8 @@
 //! The bytes on the socket: the fields of the message in their order, little-endian ([`Layout::put`]).
 
-use messages::{HOLDS_CLUTCH, HOLDS_RECOVERY, Layout, Message, OPERATOR_VERSION, OperatorRequest, Status};
+use messages::{
+    HOLDS_CLUTCH, HOLDS_ENABLE, HOLDS_RECOVERY, LEAVES_OUT, Layout, Message, OPERATOR_VERSION, OperatorRequest, Status,
+};
 
 /// Length of a request.
 pub const REQUEST_BYTES: usize = size_of::<OperatorRequest>();
@@ -18,7 +20,10 @@ pub fn encode_request(request: &OperatorRequest) -> [u8; REQUEST_BYTES] {
 /// the payload report, because a wrong one must not hide an emergency stop in the same request.
 pub fn decode_request(bytes: &[u8]) -> Option<OperatorRequest> {
     let request = OperatorRequest::from_le_bytes(bytes)?;
-    (request.version == OPERATOR_VERSION && request.enable_level & !HOLDS_CLUTCH <= HOLDS_RECOVERY).then_some(request)
+    let [left, right] = LEAVES_OUT;
+    let level = request.enable_level & !HOLDS_CLUTCH;
+    let known = level <= HOLDS_RECOVERY || [HOLDS_ENABLE | left, HOLDS_ENABLE | right].contains(&level);
+    (request.version == OPERATOR_VERSION && known).then_some(request)
 }
 
 /// Returns the bytes of a status.

@@ -24,6 +24,7 @@ impl OperatorEdges {
         self.now.enable_edge |= enabled;
         self.now.recover_level = view.recover_level;
         self.now.recover_edge |= recovers;
+        self.now.left_out = view.left_out;
         self.now.clutch_level = view.clutch_level;
         self.now.release_edge |= view.release_edges != self.seen.release_edges;
         self.now.reset_edge |= view.reset_edges != self.seen.reset_edges;

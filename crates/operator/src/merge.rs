@@ -1,7 +1,9 @@
 //! Merges the requests of many connections into the commands of one operator. Does no IO and reads no clock.
 
 use crate::locks::{Locks, ResetRule};
-use messages::{HOLDS_CLUTCH, HOLDS_ENABLE, HOLDS_RECOVERY, OperatorRequest, PayloadOrder, Stamp, payload_flag};
+use messages::{
+    HOLDS_CLUTCH, HOLDS_ENABLE, HOLDS_RECOVERY, LEAVES_OUT, OperatorRequest, PayloadOrder, Stamp, payload_flag,
+};
 
 /// Largest number of connections at once.
 pub const CLIENTS_MAX: usize = 16;
@@ -22,6 +24,8 @@ pub struct OperatorView {
     /// True if the holder holds the recovery in place of the enable. There is one holder, and it holds one of the
     /// two.
     pub recover_level: bool,
+    /// True for the left and the right arm if the holder of the enable leaves it out.
+    pub left_out: [bool; 2],
     /// True if a connection holds the clutch.
     pub clutch_level: bool,
     /// Time of the holder's last heartbeat, or of the last holder's if there is none.
@@ -127,9 +131,10 @@ impl Merge {
         self.payload(payloads, request);
         let released_by_another = self.released;
         let held = self.holder == Some(index);
-        let level = request.enable_level & !HOLDS_CLUTCH;
+        let left_out = LEAVES_OUT.map(|bit| request.enable_level & bit != 0);
+        let level = request.enable_level & (HOLDS_ENABLE | HOLDS_RECOVERY);
         let kept = match level {
-            HOLDS_ENABLE => self.view.enable_level,
+            HOLDS_ENABLE => self.view.enable_level && left_out == self.view.left_out,
             HOLDS_RECOVERY => self.view.recover_level,
             _ => false,
         };
@@ -141,7 +146,7 @@ impl Merge {
         // A grip that is already released grants nothing: edges grant authority, levels withdraw it.
         if enables > 0 && level != 0 {
             // A release of the same request came before the edge, because the level is up.
-            self.hold(index, level, u64::from(enables), released_by_another);
+            self.hold(index, level, u64::from(enables), released_by_another, left_out);
         }
         self.set_clutch(index, (request.enable_level & HOLDS_CLUTCH != 0).then_some(now));
         if self.holder == Some(index) {
@@ -193,12 +198,13 @@ impl Merge {
         self.view.payload_edges[hand] += u64::from(edges);
     }
 
-    fn hold(&mut self, index: usize, what: u32, edges: u64, released_by_another: bool) {
+    fn hold(&mut self, index: usize, what: u32, edges: u64, released_by_another: bool, left_out: [bool; 2]) {
         if self.holder.is_some_and(|holder| holder != index) || released_by_another {
             self.view.enables_refused += edges;
             return;
         }
         self.holder = Some(index);
+        self.view.left_out = left_out;
         (self.view.enable_level, self.view.recover_level) = (what == HOLDS_ENABLE, what == HOLDS_RECOVERY);
         let counted = if what == HOLDS_ENABLE { &mut self.view.enable_edges } else { &mut self.view.recover_edges };
         *counted += edges;
@@ -286,6 +292,22 @@ mod tests {
         assert_eq!((view.enable_level, view.clutch_level, view.release_edges), (true, true, 0));
         let view = house.say(0, |r| r.enable_level = HOLDS_ENABLE);
         assert_eq!((view.enable_level, view.clutch_level, view.release_edges), (true, false, 0));
+    }
+
+    #[test]
+    fn arm_is_left_out_from_the_edge_on_and_a_change_is_a_release() {
+        let mut house = House::new(1);
+        let view = house.say(0, |r| {
+            r.enable_level = HOLDS_ENABLE | LEAVES_OUT[1];
+            r.enable_count += 1;
+        });
+        assert_eq!((view.enable_level, view.left_out), (true, [false, true]));
+        let view = house.say(0, |r| r.enable_level = HOLDS_ENABLE | LEAVES_OUT[1] | HOLDS_CLUTCH);
+        assert_eq!((view.enable_level, view.left_out, view.release_edges), (true, [false, true], 0));
+        let view = house.say(0, |r| r.enable_level = HOLDS_ENABLE);
+        assert_eq!((view.enable_level, view.left_out, view.release_edges), (false, [false, true], 1));
+        let view = house.say(0, enable);
+        assert_eq!((view.enable_level, view.left_out, view.release_edges), (true, [false; 2], 1));
     }
 
     #[test]

@@ -73,7 +73,8 @@ function play(now) {
 
 function engage() {
   text("answer", "");
-  ask("engage");
+  const arm = $("arms").value;
+  ask("engage", arm === "both" ? undefined : { arm });
 }
 
 // Covers the scene while there is nothing to see. Empty texts uncover it.

@@ -18,8 +18,11 @@ const REFUSED_AFTER: Duration = Duration::from_secs(1);
 /// Request of a page.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum OperatorCommand {
-    /// Press the enable.
-    Engage,
+    /// Press the enable, without the arm that is left out: 0 is the left one, 1 the right one.
+    Engage {
+        /// See above.
+        left_out: Option<usize>,
+    },
     /// The enable or the clutch is still held. Does nothing by itself.
     Keep,
     /// Hold the clutch, or let go of it.
@@ -114,8 +117,11 @@ impl Grip {
         }
         let Some(client) = &mut self.client else { return };
         match ask {
-            OperatorCommand::Engage => {
-                client.enable();
+            OperatorCommand::Engage { left_out } => {
+                match left_out {
+                    None => client.enable(),
+                    Some(arm) => client.enable_without(arm),
+                };
                 let now = Instant::now();
                 self.held = Some(Held { since: now, until: now + HOLD_FOR, transitions: None });
                 self.say(String::new());

@@ -39,7 +39,10 @@ enum Request {
     /// Does nothing. It shows that the page is open.
     Here {},
     /// See [`OperatorCommand`]. Only for an instance.
-    Engage {},
+    Engage {
+        /// The arm that follows alone. Without it, both do.
+        arm: Option<Arm>,
+    },
     Keep {},
     /// See [`OperatorCommand::Clutch`].
     Clutch {
@@ -62,6 +65,14 @@ enum Request {
     Seek {
         to_s: f64,
     },
+}
+
+/// An arm of the robot.
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(rename_all = "lowercase")]
+enum Arm {
+    Left,
+    Right,
 }
 
 /// Data source of a page.
@@ -94,7 +105,13 @@ impl PageControl {
     fn pull(&self, request: Request) -> bool {
         match (self, request) {
             (_, Request::Here {}) => {}
-            (Self::OperatorWorker(hand, _), Request::Engage {}) => hand.ask(OperatorCommand::Engage),
+            (Self::OperatorWorker(hand, _), Request::Engage { arm }) => {
+                let left_out = arm.map(|arm| match arm {
+                    Arm::Left => 1,
+                    Arm::Right => 0,
+                });
+                hand.ask(OperatorCommand::Engage { left_out });
+            }
             (Self::OperatorWorker(hand, _), Request::Keep {}) => hand.ask(OperatorCommand::Keep),
             (Self::OperatorWorker(hand, _), Request::Clutch { held }) => hand.ask(OperatorCommand::Clutch(held)),
             (Self::OperatorWorker(hand, _), Request::Release {}) => hand.ask(OperatorCommand::Release),

@@ -10,6 +10,7 @@ mod input_faults;
 mod layouts;
 mod lift;
 mod noise;
+mod one_arm;
 mod payload;
 mod recovery;
 mod reduced;

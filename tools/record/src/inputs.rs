@@ -41,6 +41,8 @@ impl Inputs {
                 "enable_edge": operator.enable_edge,
                 "recover_level": operator.recover_level,
                 "recover_edge": operator.recover_edge,
+                "left_arm_left_out": operator.left_out[0],
+                "right_arm_left_out": operator.left_out[1],
                 "clutch_level": operator.clutch_level,
                 "release_edge": operator.release_edge,
                 "reset_edge": operator.reset_edge,
@@ -72,7 +74,8 @@ impl Inputs {
                 enable_edge: bit("enable_edge")?,
                 recover_level: bit("recover_level")?,
                 recover_edge: bit("recover_edge")?,
-                // Recordings before the clutch have none.
+                // Older recordings have neither these nor the clutch.
+                left_out: ["left_arm_left_out", "right_arm_left_out"].map(|key| bit(key).unwrap_or_default()),
                 clutch_level: bit("clutch_level").unwrap_or_default(),
                 release_edge: bit("release_edge")?,
                 reset_edge: bit("reset_edge")?,
@@ -125,6 +128,7 @@ mod tests {
         let operator = OperatorView {
             estop_edge: true,
             clutch_level: true,
+            left_out: [false, true],
             heartbeat_received: Stamp(u64::MAX),
             payload,
             ..Default::default()

@@ -78,6 +78,7 @@ impl OperatorModel {
             self.view.release_edges += 1;
         }
         (self.view.enable_level, self.view.recover_level, self.view.clutch_level) = (false, false, false);
+        self.view.left_out = [false; 2];
         (self.act, self.since) = (Act::Idle, 0);
     }
 
@@ -222,6 +223,7 @@ impl OperatorModel {
                 self.view.enable_level = some() == 0;
                 self.view.recover_level = !self.view.enable_level && some() == 1;
                 self.view.clutch_level = some() == 1;
+                self.view.left_out = [some() == 1, some() == 1];
                 (self.act, self.since) = (Act::Idle, 0);
                 if active.age + 1 >= active.episode.ticks {
                     self.let_go();
@@ -239,6 +241,7 @@ impl OperatorModel {
             self.view.holders_lost += 1;
         }
         (self.view.enable_level, self.view.recover_level, self.view.clutch_level) = (false, false, false);
+        self.view.left_out = [false; 2];
         (self.act, self.since) = (Act::Idle, 0);
     }
 }

@@ -16,6 +16,8 @@ pub struct OperatorView {
     pub recover_level: bool,
     /// The recovery was pressed since the last tick.
     pub recover_edge: bool,
+    /// The left and the right arm stay where they are while the enable is held. The state machine does not use them.
+    pub left_out: [bool; 2],
     /// The clutch is held, by any connection.
     pub clutch_level: bool,
     /// The operator requested a release since the last tick.
