@@ -43,9 +43,8 @@ fn arm_that_is_left_out_stays_and_the_other_one_follows() {
             mode = Mode::from_u32(control.status.mode).expect("a mode");
             let Some(command) = control.command else { continue };
             let first = first.get_or_insert(command.q);
-            for side in 0..2 {
-                let far = loaded.model.arms[side].range().map(|j| (command.q[j] - first[j]).abs());
-                moved[side] = far.fold(moved[side], f64::max);
+            for (moved, arm) in moved.iter_mut().zip(&loaded.model.arms) {
+                *moved = arm.range().map(|j| (command.q[j] - first[j]).abs()).fold(*moved, f64::max);
             }
             engaged += u64::from(alone && mode == Mode::Engaged);
             if k == 12 * TICK_HZ {
