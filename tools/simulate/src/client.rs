@@ -37,6 +37,16 @@ pub struct Client {
     stranger_sequence: u64,
 }
 
+/// Ticks for which a hand stays as it is.
+const GRASP: u64 = 400;
+
+/// Closure of a hand in its `n`-th grasp. One of five hands is not known.
+fn closure(n: u64) -> Option<f32> {
+    // The multiplier of Knuth's MMIX generator. Its high bits look random.
+    let drawn = n.wrapping_mul(6_364_136_223_846_793_005) >> 40;
+    Some(drawn % 5).filter(|&step| step < 4).map(|step| step as f32 / 3.0)
+}
+
 impl Client {
     /// Plays `player`.
     pub fn new(player: Player) -> Self {
@@ -92,6 +102,7 @@ impl Client {
         if let Some((_, mut raw)) = self.player.due(now, engaged) {
             self.sequence += 1;
             raw.session_nonce = self.session;
+            raw.flags = messages::with_closure(raw.flags, [0, 1].map(|side| closure(2 * (k / GRASP) + side)));
             self.stamp(&mut raw, now, faults);
             let last = self.last;
             faults.each(as_frame, |active, frame| frames::alter(frame, active, &mut raw, last.as_ref()));

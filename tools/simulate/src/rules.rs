@@ -3,7 +3,7 @@
 use crate::modes::{Broken, follows, moves};
 use crate::oracle::{RESTING, Seen};
 use driver::Refusal;
-use messages::{JointCommand, JointTarget, Mode, RobotState, TICK_HZ, TICK_S, Transition, state_flag};
+use messages::{GripperMotion, JointCommand, JointTarget, Mode, RobotState, TICK_HZ, TICK_S, Transition, state_flag};
 
 /// Rounding of a target's step, rad.
 const ROUNDING: f64 = 1e-6;
@@ -40,6 +40,8 @@ pub struct Rules {
     /// True if the driver has taken a command since it last reported a latched fault.
     hears: bool,
     executed: (u64, u32),
+    /// Tick and motion of the grippers in the last robot state.
+    gripped: Option<(u64, GripperMotion)>,
 }
 
 impl Rules {
@@ -51,6 +53,7 @@ impl Rules {
         self.velocity(seen)?;
         self.refusals(seen)?;
         self.silence(seen)?;
+        self.grippers(seen)?;
         self.stranger(seen);
         let Some(control) = &seen.moment.control else { return Ok(()) };
         self.measured = seen.moment.state_seen.or(self.measured);
@@ -151,6 +154,28 @@ impl Rules {
         (self.silent, self.executed) = (if silent { self.silent + 1 } else { 0 }, executed);
         if self.silent > SILENCE {
             return Err(("silence", format!("no command for {} ticks, but the driver reports nothing", self.silent)));
+        }
+        Ok(())
+    }
+
+    /// The grippers keep their range, their speed and the 0.1 s in which they get it, whatever the hands do.
+    fn grippers(&mut self, seen: &Seen<'_>) -> Result<(), Broken> {
+        let Some(robot) = &seen.moment.robot else { return Ok(()) };
+        let now = robot.grippers;
+        let before = self.gripped.replace((seen.k, now)).filter(|(k, _)| !seen.driver_restarted && *k < seen.k);
+        for side in 0..2 {
+            let (closure, rate) = (now.closure[side], now.rate[side]);
+            let speed = seen.robot.grippers[side].as_ref().map_or(0.0, |gripper| gripper.speed);
+            let at_end = rate == 0.0 && [0.0, 1.0].contains(&closure);
+            let fits = before.is_none_or(|(k, before)| {
+                let elapsed_s = (seen.k - k) as f64 * TICK_S;
+                let (moved, sped) = (closure - before.closure[side], rate - before.rate[side]);
+                moved.abs() <= speed * elapsed_s + ROUNDING
+                    && (at_end || sped.abs() <= speed / driver::GRIPPER_RAMP_S * elapsed_s + ROUNDING)
+            });
+            if !(fits && (0.0..=1.0).contains(&closure) && rate.abs() <= speed + ROUNDING) {
+                return Err(("gripper", format!("hand {side} at {closure} with {rate} 1/s, before {before:?}")));
+            }
         }
         Ok(())
     }
