@@ -64,7 +64,7 @@ class Artist {
     this.person.overlay(this.placing === "overlaid");
     this.scene.add(this.person.group);
     this.scene.remove(this.pair, this.around);
-    this.pair = new THREE.Line(new THREE.BufferGeometry().setAttribute("position", new THREE.BufferAttribute(new Float32Array(6), 3)),
+    this.pair = new THREE.LineSegments(new THREE.BufferGeometry().setAttribute("position", new THREE.BufferAttribute(new Float32Array(12), 3)),
       new THREE.LineBasicMaterial({ color: colours.bad, depthTest: false, toneMapped: false }));
     this.pair.frustumCulled = false;
     this.around = new THREE.Group();
@@ -156,8 +156,14 @@ class Artist {
     this.person.group.visible = shown.person;
     const root = this.rootOf(frame);
     if (shown.person) this.person.update(frame.person, this.placing, root, dt);
-    this.pair.visible = shown.pair && frame.clearance < NEAR_MM;
-    this.pair.geometry.attributes.position.array.set(frame.pair);
+    this.pair.visible = shown.pair;
+    const places = this.pair.geometry.attributes.position.array;
+    places.set(frame.pair);
+    // An arm that is near nothing has a line without length.
+    for (let at = 0; at < 12; at += 6) {
+      const [x, y, z, ...to] = places.subarray(at, at + 6);
+      if (1e3 * Math.hypot(to[0] - x, to[1] - y, to[2] - z) >= NEAR_MM) places.set([x, y, z], at + 3);
+    }
     this.pair.geometry.attributes.position.needsUpdate = true;
   }
 

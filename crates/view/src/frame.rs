@@ -5,13 +5,13 @@ use messages::{
     GripperState, JOINTS_MAX, JointCommand, JointTarget, RobotState, SMPL_JOINTS, Skeleton, Status, deadline,
 };
 use nalgebra::{Rotation3, UnitQuaternion, Vector3};
-use robot::{Frames, Model, Solid, segment_distance};
+use robot::{Frames, Model};
 
 /// Least speed of all joints together at which a lag is measured, rad/s. At this speed the encoder noise of 0.05
 /// mrad equals 0.25 ms.
 const MOVES_RAD_PER_S: f64 = 0.2;
 /// Version of the order below. The page rejects other versions.
-pub const VERSION: f32 = 4.0;
+pub const VERSION: f32 = 5.0;
 
 /// Bits of `Field::Present`.
 pub mod present {
@@ -23,7 +23,7 @@ pub mod present {
     pub const TARGET: u32 = 4;
     /// The messages of `control` arrive: its commands and its status.
     pub const COMMAND: u32 = 8;
-    /// The two points of the nearest pair are valid.
+    /// The arms' nearest places are valid.
     pub const PAIR: u32 = 16;
     /// The robot moves, so its lag can be measured.
     pub const LAG: u32 = 32;
@@ -77,12 +77,12 @@ pub enum Field {
 pub const FIELDS: usize = Field::ForceRightN as usize + 1;
 /// Number of floats in a body's pose: position in m, then the quaternion x, y, z, w.
 pub const POSE: usize = 7;
-/// Number of floats in a frame of a robot with `count` joints, in this order: the fields, the two points of the nearest
-/// pair (m, base frame), and the person's joints (m, their own frame). Then the poses of all bodies in the base frame:
+/// Number of floats in a frame of a robot with `count` joints, in this order: the fields, for each arm the place
+/// that is nearest to something and the place there (m, base frame), and the person's joints (m, their own frame). Then the poses of all bodies in the base frame:
 /// measured, target, commanded. Then the joint positions in the same order, and the measured velocities. A robot has
 /// one body per joint, and its base.
 pub const fn length(count: usize) -> usize {
-    FIELDS + 6 + 3 * SMPL_JOINTS + 3 * (count + 1) * POSE + 4 * count
+    FIELDS + 12 + 3 * SMPL_JOINTS + 3 * (count + 1) * POSE + 4 * count
 }
 
 /// Newest message of every kind. A message is `None` if it never arrived, or if the last one is too old.
@@ -168,10 +168,10 @@ pub fn encode(model: &Model, frames: &mut Frames, heard: &LatestMessages, at_s: 
     bits |= if heard.state.is_some() { present::MEASURED } else { 0 };
     let command = heard.command.map(|command| command.q);
     model.forward(&measured, frames);
-    let pair = heard.status.filter(|_| heard.state.is_some()).and_then(|status| nearest(model, frames, &status));
-    bits |= if pair.is_some() { present::PAIR } else { 0 };
+    let near = heard.state.map_or_else(Default::default, |_| nearest(model, frames));
+    bits |= if heard.state.is_some() { present::PAIR } else { 0 };
     numbers[Field::Present as usize] = bits as f32;
-    numbers.extend(pair.unwrap_or_default().iter().flat_map(|point| point.iter().map(|&x| x as f32)));
+    numbers.extend(near.as_flattened().iter().flat_map(|point| point.iter().map(|&x| x as f32)));
     let person = heard.skeleton.map_or([[0.0; 3]; SMPL_JOINTS], |skeleton| skeleton.positions);
     numbers.extend(person.as_flattened());
     let postures = [measured, target.unwrap_or(measured), command.unwrap_or(measured)];
@@ -203,24 +203,11 @@ fn poses(model: &Model, frames: &mut Frames, q: &[f64; JOINTS_MAX], numbers: &mu
     }
 }
 
-/// Returns the two points that are nearest to each other, on the surfaces, m in the base frame. `None` if the
-/// pair is unknown or one of the two is a box.
-fn nearest(model: &Model, frames: &Frames, status: &Status) -> Option<[Vector3<f64>; 2]> {
-    let [first, second] = status.nearest_pair_measured.map(|index| index as usize);
-    let ends = |index: usize| model.capsules.get(index).map(|capsule| (capsule.ends(frames), capsule.radius_m));
-    let ([a, b], radius_m) = ends(first)?;
-    if let Some(([c, d], other_m)) = ends(second) {
-        let near = segment_distance(&a, &b, &c, &d);
-        let (p, r) = (a + (b - a) * near.s, c + (d - c) * near.t);
-        let along = (r - p).try_normalize(1e-9)?;
-        return Some([p + along * radius_m, r - along * other_m]);
-    }
-    match &model.obstacles.get(second.checked_sub(model.capsules.len())?)?.solid {
-        Solid::HalfSpace { normal, offset_m } => {
-            let low = if normal.dot(&a) < normal.dot(&b) { a } else { b };
-            let height_m = normal.dot(&low) - offset_m;
-            Some([low - normal * radius_m, low - normal * height_m])
-        }
-        Solid::Box { .. } => None,
-    }
+/// Returns for the left and the right arm the place on its surface that is nearest to something, and the place that it is
+/// nearest to, m in the base frame. Zeros if nothing is checked.
+fn nearest(model: &Model, frames: &Frames) -> [[Vector3<f64>; 2]; 2] {
+    [0, 1].map(|side| {
+        let near = model.nearest_to_arm(frames, side);
+        near.map_or([Vector3::zeros(); 2], |near| [near.from, near.from + near.towards * near.clearance_m])
+    })
 }

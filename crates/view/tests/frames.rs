@@ -33,8 +33,8 @@ fn encoded(model: &Model, heard: &LatestMessages) -> Vec<f32> {
 /// TIAGo++: the number of its joints and of its bodies.
 const JOINTS: usize = 17;
 const BODIES: usize = 18;
-/// Start of the lists: the pair, the person, three robots, four lists of joints.
-const PERSON: usize = FIELDS + 6;
+/// Start of the lists: the nearest places, the person, three robots, four lists of joints.
+const PERSON: usize = FIELDS + 12;
 const ROBOTS: usize = PERSON + 3 * SMPL_JOINTS;
 const LISTS: usize = ROBOTS + 3 * BODIES * POSE;
 
@@ -103,18 +103,23 @@ fn frame_carries_measured_target_and_command_postures() {
         assert_eq!(numbers[LISTS + n * JOINTS..][..JOINTS], told, "{what}");
     }
     assert_eq!(numbers[LISTS + 3 * JOINTS], shifted(0.3)[0] as f32);
-    // The distance of the pair's points equals the pair's clearance.
+    // The two places of each arm are as far from each other as its smallest clearance of all checked pairs.
     let mut frames = Frames::default();
     model.forward(&shifted(0.2), &mut frames);
-    let ends = |index: usize| {
-        let (capsule, pose) = (&model.capsules[index], &frames.base_from_body[model.capsules[index].body]);
-        (pose.transform_point(&capsule.a), pose.transform_point(&capsule.b), capsule.radius_m)
-    };
-    let ((a, b, r), (c, d, s)) = (ends(model.pairs[0].a), ends(model.pairs[0].b));
-    let apart = robot::segment_distance(&a, &b, &c, &d).distance_m - r - s;
-    let points: Vec<f64> = numbers[FIELDS..][..6].iter().map(|&x| f64::from(x)).collect();
-    let told = (Vector3::from_row_slice(&points[..3]) - Vector3::from_row_slice(&points[3..])).norm();
-    assert!((told - apart.abs()).abs() < 1e-6, "{told} and {apart}");
+    for (side, places) in numbers[FIELDS..][..12].chunks_exact(6).enumerate() {
+        let on_arm = |index: usize| model.arms[side].joints.iter().any(|j| j + 1 == model.capsules[index].body);
+        let apart = model.pairs.iter().filter(|pair| on_arm(pair.a) || on_arm(pair.b)).map(|pair| {
+            let (one, other) = (&model.capsules[pair.a], &model.capsules[pair.b]);
+            let ([a, b], [c, d]) = (one.ends(&frames), other.ends(&frames));
+            robot::segment_distance(&a, &b, &c, &d).distance_m - one.radius_m - other.radius_m
+        });
+        let least = apart.fold(f64::INFINITY, f64::min);
+        let at = |n: usize| Vector3::from_row_slice(&places[n..n + 3]).cast::<f64>();
+        let told = (at(0) - at(3)).norm();
+        assert!(told <= least.abs() + 1e-6, "arm {side}: {told} and {least}");
+        let near = model.nearest_to_arm(&frames, side).expect("a pair");
+        assert!((told - near.clearance_m.abs()).abs() < 1e-6 && near.clearance_m <= least + 1e-9, "{near:?}");
+    }
 }
 
 /// The joints of another robot are other joints, even if there are as many.

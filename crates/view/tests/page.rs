@@ -65,7 +65,7 @@ fn page_constants_match_frame_layout() {
     assert_eq!((pose, number("VERSION")), (POSE, VERSION as usize));
     // The page computes the length from the number of joints in the scene.
     for joints in [7, 14, 22] {
-        assert_eq!(FIELDS + 6 + 3 * person + 3 * (joints + 1) * pose + 4 * joints, length(joints));
+        assert_eq!(FIELDS + 12 + 3 * person + 3 * (joints + 1) * pose + 4 * joints, length(joints));
     }
     assert!(wire.contains("(joints + 1) * POSE") && wire.contains("4 * joints"));
     assert!(text("/robot.js").contains(&format!("const POSE = {POSE};")));
