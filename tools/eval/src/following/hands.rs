@@ -7,7 +7,8 @@
 //! minimise  sum_i (w_i - h_i)^2,   |w_(i+1) - w_i| <= V dt,   |w_(i+1) - 2 w_i + w_(i-1)| <= A dt^2
 //! ```
 //!
-//! The search is the method of multipliers with alternating directions, in pieces of 6 s. It knows no collisions. Beyond the
+//! The best that *knows* no more than the robot does is the same, again at each sample, over the following delay ahead.
+//! The search of the optimum is the method of multipliers with alternating directions, in pieces of 6 s. It knows no collisions. Beyond the
 //! wrist's range, another motion might come nearer to the person by the angle.
 
 use super::play::SAMPLE_TICKS;
@@ -28,6 +29,9 @@ const SERIES_MAX: usize = 300;
 /// more than 1 mrad.
 const STEPS: usize = 2000;
 const MULTIPLIER: f64 = 5.0;
+/// Steps of each search that knows only what is ahead. After half of them no mean of the six clips in the book differs by more
+/// than 0.1 degrees.
+const FORESEE_STEPS: usize = 60;
 /// Weight of the second differences beside the first, so that both bounds are of one size.
 const SECOND: f64 = 5.0;
 /// Time between two samples, s.
@@ -52,6 +56,8 @@ pub struct HandError {
     pub command_deg: f64,
     /// The same of the optimum.
     pub optimum_deg: f64,
+    /// The same of the best motion that knows the person's hand no farther ahead than the following delay.
+    pub known_deg: f64,
     /// The hand could be there without coming near anything.
     pub free: bool,
 }
@@ -76,25 +82,29 @@ pub(crate) fn samples(model: &Model, target: &JointTarget, command: &JointComman
 }
 
 /// Returns the errors of all hands, in series of either side.
-pub(crate) fn errors(model: &Model, samples: &[HandSample]) -> Vec<HandError> {
+pub(crate) fn errors(model: &Model, samples: &[HandSample], ahead_s: f64) -> Vec<HandError> {
     let of_side = |side: usize| samples.iter().filter(|sample| sample.side == side).copied().collect::<Vec<_>>();
     let sides = [0, 1].map(of_side);
     let series = sides.iter().flat_map(|side| side.chunk_by(|a, b| a.k + SAMPLE_TICKS == b.k));
-    series.flat_map(|series| errors_of(model, series)).collect()
+    series.flat_map(|series| errors_of(model, series, ahead_s)).collect()
 }
 
-fn errors_of(model: &Model, series: &[HandSample]) -> Vec<HandError> {
+fn errors_of(model: &Model, series: &[HandSample], ahead_s: f64) -> Vec<HandError> {
     let near = |i: usize| &series[i.saturating_sub(FREE_SAMPLES)..series.len().min(i + FREE_SAMPLES + 1)];
     let free: Vec<bool> = (0..series.len()).map(|i| near(i).iter().all(|sample| sample.clear)).collect();
     let pieces = series.chunks(SERIES_MAX).zip(free.chunks(SERIES_MAX));
-    pieces.flat_map(|(piece, free)| errors_of_piece(model, piece, free)).collect()
+    pieces.flat_map(|(piece, free)| errors_of_piece(model, piece, free, ahead_s)).collect()
 }
 
-fn errors_of_piece(model: &Model, series: &[HandSample], free: &[bool]) -> Vec<HandError> {
+fn errors_of_piece(model: &Model, series: &[HandSample], free: &[bool], ahead_s: f64) -> Vec<HandError> {
     let wrist = &model.wrists[series[0].side];
     let reached = [0, 1].map(|i| {
         let wanted = DVector::from_iterator(series.len(), series.iter().map(|sample| sample.best[i]));
         reach(&wanted, &model.limits[wrist.joints[i]])
+    });
+    let known = [0, 1].map(|i| {
+        let wanted: Vec<f64> = series.iter().map(|sample| sample.best[i]).collect();
+        foresee(&wanted, (ahead_s / SAMPLE_S).round() as usize, &model.limits[wrist.joints[i]])
     });
     let off = |sample: &HandSample, q: [f64; 2]| {
         (sample.fore * turn(&wrist.rotation(q))).angle_to(&sample.person).to_degrees()
@@ -102,6 +112,7 @@ fn errors_of_piece(model: &Model, series: &[HandSample], free: &[bool]) -> Vec<H
     let error = |(i, sample): (usize, &HandSample)| HandError {
         command_deg: off(sample, sample.commanded),
         optimum_deg: off(sample, [reached[0][i], reached[1][i]]),
+        known_deg: off(sample, [known[0][i], known[1][i]]),
         free: free[i],
     };
     series.iter().enumerate().map(error).collect()
@@ -135,6 +146,44 @@ fn reach(wanted: &DVector<f64>, limits: &JointLimits) -> DVector<f64> {
         excess = moved - &allowed;
     }
     reached
+}
+
+/// Returns the positions of one joint that come nearest to the next `ahead` positions of `wanted`, rad, again at each
+/// sample. Speeds ahead keep the limit, and the next one keeps the acceleration, too.
+fn foresee(wanted: &[f64], ahead: usize, limits: &JointLimits) -> Vec<f64> {
+    let (v_max, change) = (limits.v_max, limits.a_max * SAMPLE_S);
+    let (mut at, mut speed) = (wanted.first().copied().unwrap_or_default(), 0.0_f64);
+    let mut out = Vec::with_capacity(wanted.len());
+    for i in 0..wanted.len() {
+        out.push(at);
+        let next = &wanted[(i + 1).min(wanted.len())..(i + 1 + ahead).min(wanted.len())];
+        let mut speeds: Vec<f64> = vec![speed; next.len()];
+        // Projected gradient on the speeds. 2 / (n dt)^2 is below the inverse of the matrix's largest eigenvalue.
+        let rate = 2.0 / (next.len() as f64 * SAMPLE_S).powi(2);
+        for _ in 0..FORESEE_STEPS {
+            let mut reached = at;
+            let mut off: Vec<f64> = next
+                .iter()
+                .zip(&speeds)
+                .map(|(wanted, speed)| {
+                    reached += speed * SAMPLE_S;
+                    reached - wanted
+                })
+                .collect();
+            for j in (1..off.len()).rev() {
+                off[j - 1] += off[j];
+            }
+            for (speed, slope) in speeds.iter_mut().zip(&off) {
+                *speed = (*speed - rate * slope * SAMPLE_S).clamp(-v_max, v_max);
+            }
+            if let Some(first) = speeds.first_mut() {
+                *first = first.clamp(speed - change, speed + change);
+            }
+        }
+        speed = speeds.first().copied().unwrap_or_default();
+        at += speed * SAMPLE_S;
+    }
+    out
 }
 
 fn turn(matrix: &Matrix3<f64>) -> UnitQuaternion<f64> {

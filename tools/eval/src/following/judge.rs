@@ -47,6 +47,8 @@ pub struct Figures {
     pub hands_deg: Option<f64>,
     /// The least that the wrists could reach from the commanded forearms, degrees.
     pub hands_optimum_deg: Option<f64>,
+    /// Mean error of the best motion that knows the person's hand no farther ahead than the following delay, degrees.
+    pub hands_known_deg: Option<f64>,
     /// Mean error of the expectation, at each of `AHEAD_MS` beyond the newest skeleton.
     #[serde(skip)]
     pub expected_deg: [Option<f64>; AHEAD_MS.len()],
@@ -186,6 +188,7 @@ pub fn judge(arm: &ArmModel, played: &Played, delays_ms: &[f64], best: Option<&B
         hands_free: (!played.hands.is_empty()).then(|| free.len() as f64 / played.hands.len() as f64),
         hands_deg: hands(|hand| hand.command_deg),
         hands_optimum_deg: hands(|hand| hand.optimum_deg),
+        hands_known_deg: hands(|hand| hand.known_deg),
         expected_deg: ahead::errors_deg(&played.expected, &played.person),
         torque_share_max: played.torque_share_max,
         on_plan_share: played.on_plan as f64 / played.ticks as f64,

@@ -89,7 +89,8 @@ impl<'a> Stage<'a> {
         let mut offline = Offline::new(self.loaded, motion, options).map_err(|error| error.to_string())?;
         let end = offline.play(|tick| watch.see(tick.moment));
         let mut played = watch.played;
-        played.hands = hands::errors(&self.loaded.model, &watch.hands);
+        played.hands =
+            hands::errors(&self.loaded.model, &watch.hands, self.loaded.settings.retarget.following_delay_ms / 1e3);
         if let OfflineEnd::Stopped(why) = end {
             played.stopped = Some(why);
         }

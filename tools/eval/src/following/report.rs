@@ -88,6 +88,7 @@ impl Report {
             figure("ratio", 6, 2, "ratio"),
             column(["", "free"], 7, move |(row, _): &(Value, u64)| percent(&row["hands_free"])),
             figure("hands", 6, 1, "hands_deg"),
+            figure("known", 6, 1, "hands_known_deg"),
             figure("opt.", 5, 1, "hands_optimum_deg"),
             figure("torque", 7, 2, "torque_share_max"),
             column(["", "on plan"], 8, move |(row, _): &(Value, u64)| percent(&row["on_plan_share"])),
@@ -140,7 +141,7 @@ impl fmt::Display for Report {
              command against person while Engaged, mean angle of four limbs, every 20 ms, at recorded speed\n\
              ratio: the error at {} ms over the optimum, which looks ahead and knows no collisions\n\
              hands: those that the robot could take without coming near anything (free), against the person of the following\n\
-             delay before; opt.: what the wrists could reach there",
+             delay before; known: the best of wrists that know the hand so far ahead; opt.: of wrists that know all",
             self.clips.len(),
             self.folder,
             self.config,
