@@ -2,6 +2,8 @@
 
 #[path = "ros2/driven.rs"]
 mod driven;
+#[path = "ros2/grippers.rs"]
+mod grippers;
 #[path = "ros2/interfaces.rs"]
 mod interfaces;
 

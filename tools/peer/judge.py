@@ -2,9 +2,12 @@
 
 from collections import Counter
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
-from robot import Robot
+if TYPE_CHECKING:
+    from robot import Robot
 
 #: Rounding, relative to a limit.
 ROUNDING = 1e-6
@@ -15,7 +18,7 @@ REST = 1e-3
 class Motion:
     """The worst of one curve of all joints: position, velocity and acceleration against the limits."""
 
-    def __init__(self, robot: Robot):
+    def __init__(self, robot: "Robot"):
         self.robot = robot
         self.before: tuple[np.ndarray, np.ndarray | None] | None = None
         self.worst = {key: np.zeros(len(robot.joints)) for key in ("position_excess", "velocity_share", "acceleration_share")}
@@ -76,7 +79,7 @@ class Traffic:
 
 
 class Judge:
-    def __init__(self, robot: Robot, period_s: float):
+    def __init__(self, robot: "Robot", period_s: float):
         self.period_s, self.robot = period_s, robot
         self.command, self.measured = Motion(robot), Motion(robot)
         self.traffic = {name: Traffic() for name in robot.controllers}

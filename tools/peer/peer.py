@@ -19,6 +19,7 @@ import body
 import encoders
 import faults
 import forward
+import hands
 import robot
 import unitree
 from judge import Judge
@@ -38,6 +39,32 @@ GOAL, GOAL_HEAD = (0.02, 0.6), (0.5, 2.0)
 LATE_MAX_S = 1.0
 
 
+class Hand:
+    """A gripper with its controller and its judge."""
+
+    def __init__(self, gripper: hands.Gripper, args: argparse.Namespace, period_s: float):
+        self.joints = gripper.joints
+        self.controller = Controller(gripper.joints, *hands.GOAL)
+        self.fingers = hands.Fingers(gripper, args.object_width_m)
+        self.judge = hands.Judge(gripper, period_s)
+        self.command, self.reference = self.fingers.position.copy(), None
+
+    def update(self, clock_ns: int, inactive: bool, emergency: bool) -> None:
+        if inactive:
+            self.controller.curve = self.controller.incoming = None
+            return
+        self.reference = self.controller.update(clock_ns, self.fingers.position)
+        if not emergency:
+            self.command = self.reference.positions
+
+    def press(self, pressed: bool, before: bool | None, clock_ns: int) -> None:
+        """As with the other joints: brakes hold the fingers, and on release the controller holds that posture."""
+        if pressed and not before:
+            self.command = self.fingers.position.copy()
+        if before and not pressed:
+            self.controller.hold(clock_ns, self.fingers.position)
+
+
 class Peer:
     def __init__(self, args: argparse.Namespace):
         self.args = args
@@ -50,6 +77,9 @@ class Peer:
         make = {"trajectories": lambda name, joints: Controller(joints, *(GOAL_HEAD if "head" in name else GOAL)),
                 "positions": lambda _, joints: forward.Controller(joints), "arm_sdk": lambda _, joints: arm_sdk.Controller(joints)}
         self.controllers = {name: make[args.commands](name, joints) for name, joints in self.robot.controllers.items()}
+        # A robot without fingers says nothing of them, and has no controller for them.
+        grippers = {} if args.without_fingers or args.commands != "trajectories" else self.robot.grippers
+        self.hands = {name: Hand(gripper, args, self.period_s) for name, gripper in grippers.items()}
         at = {joint: index for index, joint in enumerate(self.robot.joints)}
         self.places = {name: np.array([at[joint] for joint in joints]) for name, joints in self.robot.controllers.items()}
         self.command = self.robot.home.copy()
@@ -61,13 +91,14 @@ class Peer:
         self.base_ns = self.begin_clock_ns = 0
         self.unread, self.low_tick = "", 0
         self.overruns, self.late_max_s = 0, 0.0
-        self.wire = Wire(args.domain, args.interface, args.best_effort, self.robot.controllers, self.robot.urdf,
-                         args.commands)
+        self.wire = Wire(args.domain, args.interface, args.best_effort, [*self.robot.controllers, *self.hands],
+                         hands.described(self.robot.urdf, grippers), args.commands)
         if args.encoders:
             encoders.Comparison(args.commands, self.wire.kind)
         self.trace = csv.writer(args.trace.open("w", buffering=1)) if args.trace else None
         if self.trace:
-            columns = [f"{joint}.{what}" for joint in self.robot.joints for what in ("reference", "measured")]
+            fingers = [joint for hand in self.hands.values() for joint in hand.joints]
+            columns = [f"{joint}.{what}" for joint in self.robot.joints + fingers for what in ("reference", "measured")]
             self.trace.writerow(["monotonic_s", "robot_clock_s", *columns])
 
     def run(self) -> None:
@@ -108,6 +139,8 @@ class Peer:
             self.references[name] = controller.update(clock_ns, self.body.position[self.places[name]])
             if not emergency:
                 self.command[self.places[name]] = self.references[name].positions
+        for name, hand in self.hands.items():
+            hand.update(clock_ns, self.faults.active("inactive", now_s, name), emergency)
         if emergency != self.emergency or tick % (self.args.update_hz // EMERGENCY_HZ) == 0:
             self.press_emergency(emergency, now_s, clock_ns)
         states_due = tick % (self.args.update_hz // self.state_hz) == 0
@@ -115,13 +148,16 @@ class Peer:
             self.publish(now_s, clock_ns, monotonic_ns)
         self.body.move(self.command, self.period_s)
         self.judge.observe(now_s, self.command, self.body)
+        for hand in self.hands.values():
+            hand.fingers.move(hand.command, self.period_s)
+            hand.judge.observe(now_s, hand.command)
         return not (states_due and self.args.stdin) or self.read_faults(now_s)
 
     def receive(self, now_s: float, clock_ns: int) -> None:
         """Gives each controller the commands that arrived before this update was due, however late this process is."""
-        for name in self.controllers:
+        for name in [*self.controllers, *self.hands]:
             for message in self.wire.take(name):
-                traffic = self.judge.traffic[name]
+                traffic = self.traffic(name)
                 traffic.received += 1
                 info, message = message.sample_info, self.content(message)
                 delay_s = self.faults.delay_s(now_s, name)
@@ -139,17 +175,20 @@ class Peer:
             if arrival_s > now_s:
                 self.waiting.append((arrival_s, name, message))
                 continue
-            controller = self.controllers[name]
+            controller = self.hands[name].controller if name in self.hands else self.controllers[name]
             controller.joints = self.joints_of(name, now_s)
             inactive = self.faults.active("inactive", now_s, name)
             reason = "controller inactive" if inactive else controller.receive(message, clock_ns)
-            self.judge.traffic[name].arrived(now_s, reason)
+            self.traffic(name).arrived(now_s, reason)
+
+    def traffic(self, name: str):
+        return self.hands[name].judge.traffic if name in self.hands else self.judge.traffic[name]
 
     def content(self, message):
         return message.data if self.args.commands == "positions" else message
 
     def joints_of(self, name: str, now_s: float) -> list[str]:
-        joints = self.robot.controllers[name]
+        joints = self.hands[name].joints if name in self.hands else self.robot.controllers[name]
         return [f"other_{joint}" for joint in joints] if self.faults.active("names", now_s, name) else joints
 
     def press_emergency(self, pressed: bool, now_s: float, clock_ns: int) -> None:
@@ -159,6 +198,8 @@ class Peer:
         if self.emergency and not pressed:
             for name, controller in self.controllers.items():
                 controller.hold(clock_ns, self.body.position[self.places[name]])
+        for hand in self.hands.values():
+            hand.press(pressed, self.emergency, clock_ns)
         self.emergency = pressed
         if self.faults.active("unwatched", now_s):
             self.wire.leave_emergency()
@@ -167,10 +208,12 @@ class Peer:
 
     def publish(self, now_s: float, clock_ns: int, monotonic_ns: int) -> None:
         position, velocity, zeros = self.body.position, self.body.velocity, [0.0] * len(self.robot.others)
-        for name in self.controllers:
+        for name in [*self.controllers, *self.hands]:
             self.wire.set_second_publisher(name, self.faults.active("second", now_s, name))
         if self.trace:
-            pairs = zip(self.command.round(9).tolist(), position.round(9).tolist())
+            commands, measured = ([first, *(getattr(part, what) for part in parts)] for first, what, parts in (
+                (self.command, "command", self.hands.values()), (position, "position", [hand.fingers for hand in self.hands.values()])))
+            pairs = zip(np.concatenate(commands).round(9).tolist(), np.concatenate(measured).round(9).tolist())
             clock_s = clock_ns / NS_PER_S
             self.trace.writerow([f"{monotonic_ns / NS_PER_S:.9f}", f"{clock_s:.9f}", *(value for pair in pairs for value in pair)])
         if self.faults.active("partition", now_s):
@@ -181,8 +224,15 @@ class Peer:
         if self.args.commands == "arm_sdk":
             self.wire.publish_low_state(self.low_state(position, velocity, now_s))
             return
-        self.wire.publish_joint_states(stamp_ns, self.robot.joints + self.robot.others, [*position, *zeros],
-                                       [*velocity, *zeros], [*self.body.torque, *zeros])
+        names, values = self.robot.joints + self.robot.others, [[*position, *zeros], [*velocity, *zeros], [*self.body.torque, *zeros]]
+        for hand in self.hands.values():
+            names = names + hand.joints
+            for own, more in zip(values, (hand.fingers.position, hand.fingers.velocity, hand.fingers.effort)):
+                own.extend(more)
+        self.wire.publish_joint_states(stamp_ns, names, *values)
+        for name, hand in self.hands.items():
+            if hand.reference and not self.faults.active("inactive", now_s, name):
+                self.wire.publish_controller_state(name, clock_ns, self.joints_of(name, now_s), hand.reference, hand.fingers.position)
         for name, reference in self.references.items():
             if name in self.wire.states and not self.faults.active("inactive", now_s, name):
                 self.wire.publish_controller_state(name, clock_ns, self.joints_of(name, now_s), reference, position[self.places[name]])
@@ -217,7 +267,8 @@ class Peer:
         weights = {name: one.report() for name, one in self.controllers.items() if hasattr(one, "report")}
         return {"arm_sdk": weights, "physics": not self.args.no_physics, "contacts_judged": self.body.sees_contacts,
                 "contacts_unchecked": self.body.unchecked, "seed": self.args.seed, "overruns": self.overruns,
-                "late_max_ms": round(1e3 * self.late_max_s, 1), **self.judge.report()}
+                "late_max_ms": round(1e3 * self.late_max_s, 1), **self.judge.report(),
+                "hands": {name: hand.judge.report() for name, hand in self.hands.items()}}
 
 
 def arguments() -> argparse.Namespace:
@@ -233,6 +284,8 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--encoders", action="store_true", help="compare bytes with other encoders; needs rosbags")
     parser.add_argument("--update-hz", type=int, default=100, help="updates of the controllers: 50, 100, 200, 250, 500 or 1000")
     parser.add_argument("--no-physics", action="store_true", help="joints are where they are commanded; needs no MuJoCo")
+    parser.add_argument("--object-width-m", type=float, default=0.0, help="an object of this width is between the fingers of each gripper")
+    parser.add_argument("--without-fingers", action="store_true", help="the robot has no grippers, whatever the robot file says")
     parser.add_argument("--lag-ms", type=float, default=0.0, help="lag of the joints without physics")
     parser.add_argument("--joint-friction", action="store_true", help="keep friction and damping of the URDF's joints")
     parser.add_argument("--feed-forward", type=float, default=0.0, help="share of the commanded velocity that the drives know")

@@ -8,6 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
+import hands
+
 MOVABLE = ("revolute", "prismatic", "continuous")
 
 
@@ -29,6 +31,8 @@ class Robot:
     acceleration_max: np.ndarray
     #: Pairs of links that the robot file lets touch, because one joint connects them.
     adjacent: set[frozenset[str]]
+    #: Its grippers, by the name of their controller.
+    grippers: dict[str, hands.Gripper]
 
 
 def load(robot_path: Path, urdf_path: Path | None) -> Robot:
@@ -40,6 +44,8 @@ def load(robot_path: Path, urdf_path: Path | None) -> Robot:
     joints = [joint for names in controllers.values() for joint in names]
     if missing := [joint for joint in joints if joint not in movable]:
         raise SystemExit(f"{urdf_path} has no movable joint {missing[0]}. {robot_path} needs it.")
+    grippers = hands.load(table)
+    fingers = [joint for gripper in grippers.values() for joint in gripper.joints]
     acceleration = {}
     for group in table["limits"]["groups"].values():
         limit = group.get("acceleration_max_rad_per_s2", group.get("acceleration_max_m_per_s2"))
@@ -52,8 +58,8 @@ def load(robot_path: Path, urdf_path: Path | None) -> Robot:
     link = {capsule["name"]: capsule["link"] for capsule in table["collision"]["capsules"]}
     adjacent = table["collision"]["allowed"]["adjacent"]
     return Robot(
-        urdf_path, urdf, controllers, joints, [name for name in movable if name not in joints],
+        urdf_path, urdf, controllers, joints, [name for name in movable if name not in joints + fingers],
         np.array([home[joint] for joint in joints]), limit("lower", -math.inf), limit("upper", math.inf),
         limit("velocity", math.inf), limit("effort", math.inf), np.array([acceleration[joint] for joint in joints]),
-        {frozenset((link[a], link[b])) for a, others in adjacent.items() for b in others},
+        {frozenset((link[a], link[b])) for a, others in adjacent.items() for b in others}, grippers,
     )

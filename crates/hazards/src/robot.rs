@@ -194,4 +194,10 @@ pub(crate) const GRIPPERS: &[Hazard] = &[
         "the gate denies it, brakes the grippers and stops the robot; the driver limits the speed, and ignores NaN",
         "1 tick + B",
     ),
+    does(
+        "f122",
+        "the fingers of a robot on ROS 2 are not where the driver begins or sends them, or its driver dies",
+        "the fingers rest soon after the last message and hold; they get the next one where they stand, and keep their speed",
+        "0.2 s",
+    ),
 ];

@@ -17,10 +17,10 @@ fn alive<T: TypeSupport>(builtin: &Subscriber, name: &str) -> Vec<T> {
 }
 
 /// Counts who is on the topics. Returns the number of participants that were discovered, our own two among them.
-pub(crate) fn look(
+pub(crate) fn look<'a>(
     builtin: &Subscriber,
     member: &Member,
-    controllers: &mut [Controller],
+    controllers: impl Iterator<Item = &'a mut Controller>,
     emergency: Option<&mut EmergencyStop>,
 ) -> usize {
     let publications = alive::<PublicationBuiltinTopicData>(builtin, "DCPSPublication");

@@ -5,7 +5,7 @@ use crate::trajectory::{Command, Past, Point, points};
 use messages::{JOINTS_MAX, Stamp, tick_at};
 
 /// Time by which the first point of a conversation lies in the past of the robot, ns: 25 ms, as long as the default delay.
-const BEFORE_NS: u64 = 25_000_000;
+pub(crate) const BEFORE_NS: u64 = 25_000_000;
 
 /// The curves of one robot.
 pub(crate) struct Curves {

@@ -272,6 +272,20 @@ fn writer<T: TypeSupport + RosType>(
 }
 
 impl Controller {
+    /// Opens the topics of a hand's trajectory controller. Its joints are none of the arms'.
+    pub(crate) fn of_fingers(
+        name: &str,
+        joint_names: Vec<String>,
+        members: &[Member; 2],
+        publisher: Option<&Publisher>,
+    ) -> Result<Self, String> {
+        let (name, topic) = (name.to_owned(), format!("/{name}/joint_trajectory"));
+        let writer = writer(&members[0], publisher, &topic)?.map(Writer::Trajectory);
+        let states = Some(twice(members, &format!("/{name}/controller_state"))?);
+        let (joints, order, heard, other_joints, readers, publishers) = (0, Vec::new(), None, false, 0, 0);
+        Ok(Self { name, joints, order, joint_names, topic, writer, states, heard, other_joints, readers, publishers })
+    }
+
     /// Opens its topics. Without a publisher nothing can be sent.
     pub(crate) fn open(
         model: &Model,

@@ -4,6 +4,7 @@
 //! - [`trajectory`]: the points of a message. The robot plays the certified stop from them when messages end.
 //! - [`stream`]: positions for a robot that plays no stop. [`unitree`]: the messages of `rt/arm_sdk`.
 //! - [`gravity`]: the torques in them. [`interface`]: which of the three it is.
+//! - [`hands`]: the grippers.
 //! - [`clock`]: the robot's clock, from its stamps.
 //! - [`estimate`]: where the robot is now, from samples that are old. [`lag`]: by how much its servos lag.
 //! - [`ros`], [`link`]: the messages of ROS 2 and the connection, in a thread of its own.
@@ -25,6 +26,7 @@ pub mod description;
 mod emergency;
 pub mod estimate;
 pub mod gravity;
+pub mod hands;
 pub mod interface;
 pub mod join;
 pub mod lag;

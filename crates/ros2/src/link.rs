@@ -1,6 +1,10 @@
 //! The connection to the robot over DDS. Everything here may block and allocate. It runs in a thread beside the driver's
 //! loop.
 
+mod hands;
+mod low;
+
+use self::hands::Hands;
 use crate::around;
 use crate::clock::RobotClock;
 use crate::curves::{self, Curves};
@@ -10,9 +14,7 @@ use crate::emergency::EmergencyStop;
 use crate::estimate::Sample;
 use crate::gravity::Gravity;
 use crate::interface::period_ticks;
-use crate::ros::{
-    Float64MultiArray, Header, JointState, JointTrajectory, JointTrajectoryPoint, MultiArrayLayout, Text, Time,
-};
+use crate::ros::{Float64MultiArray, Header, JointState, JointTrajectory, MultiArrayLayout, Text, Time};
 use crate::stream::{self, Position, Stream};
 use crate::trajectory::Command;
 use crate::unitree::{LowCmd, LowState};
@@ -28,8 +30,6 @@ use robot::{DriverInterface, Model, Motor};
 
 /// Longest time for which a controller may be silent, ns. An active one publishes its state 50 times a second.
 const CONTROLLER_SILENT_NS: u64 = 100_000_000;
-/// One tick of `rt/lowstate`, ns. It counts ms in Unitree's simulator (unitree_mujoco). Assumption for the robot.
-const LOW_TICK_NS: i64 = 1_000_000;
 /// Time between two turns without the loop, ns.
 const TURN_NS: u64 = 1_000_000;
 /// Time between two looks at who else is on the command topics, ns.
@@ -50,6 +50,20 @@ pub struct Seen {
     pub readers: usize,
     /// Number of other publishers on its command topic.
     pub publishers: usize,
+}
+
+impl Seen {
+    fn of(controller: &Controller, now: Stamp) -> Self {
+        Self {
+            name: controller.name.clone(),
+            topic: controller.topic.clone(),
+            active: controller.states.is_none()
+                || controller.heard.is_some_and(|heard| now.since(heard) <= CONTROLLER_SILENT_NS),
+            other_joints: controller.other_joints,
+            readers: controller.readers,
+            publishers: controller.publishers,
+        }
+    }
 }
 
 /// The newest state of all joints.
@@ -81,6 +95,7 @@ pub struct Link {
     prefer_difference: bool,
     delay_ns: u64,
     controllers: Vec<Controller>,
+    hands: Hands,
     states: States,
     motors: Vec<Motor>,
     /// None for a robot of ROS, which holds itself.
@@ -126,6 +141,7 @@ impl Link {
         let named = if interface == DriverInterface::ArmSdk { &all } else { model.controllers.as_slice() };
         let open = |one| Controller::open(model, one, interface, &members, sends.then_some(&publisher));
         let controllers = named.iter().map(open).collect::<Result<_, _>>()?;
+        let hands = Hands::open(model, interface, &members, sends.then_some(&publisher))?;
         let emergency = (!settings.emergency_stop_topic.is_empty())
             .then(|| EmergencyStop::open(&members[0], &settings.emergency_stop_topic))
             .transpose()?;
@@ -148,6 +164,7 @@ impl Link {
             prefer_difference: false,
             delay_ns,
             controllers,
+            hands,
             states,
             motors: model.driver.motors.clone(),
             gravity: (!is_ros).then(|| Gravity::of(model)),
@@ -197,6 +214,7 @@ impl Link {
             stream.compare(&heard.sample, &self.joint_names);
         }
         self.hear_controllers(now);
+        self.hands.hear(now);
         if let Some(emergency) = &mut self.emergency {
             emergency.hear();
         }
@@ -205,8 +223,8 @@ impl Link {
         }
         if now.since(self.looked) >= LOOK_NS {
             self.looked = now;
-            self.participants =
-                around::look(&self.builtin, &self.members[0], &mut self.controllers, self.emergency.as_mut());
+            let all = self.controllers.iter_mut().chain(self.hands.controllers());
+            self.participants = around::look(&self.builtin, &self.members[0], all, self.emergency.as_mut());
         }
         self.pressed = self.emergency.as_ref().and_then(EmergencyStop::pressed);
         news
@@ -292,29 +310,6 @@ impl Link {
         matches!(self.states, States::Joints(_))
     }
 
-    /// Takes a state of a Unitree robot.
-    fn take_low(&mut self, state: &LowState, now: Stamp) -> bool {
-        let stamp_ns = i64::from(state.tick) * LOW_TICK_NS;
-        // A tick that stands belongs to a state that stands.
-        if self.heard.as_ref().is_some_and(|before| before.stamp_ns == stamp_ns) {
-            return false;
-        }
-        let (mut q, mut dq) = ([0.0; JOINTS_MAX], [0.0; JOINTS_MAX]);
-        for (j, motor) in self.motors.iter().enumerate() {
-            let Some(motor) = state.motor_state.get(motor.index as usize) else { return false };
-            (q[j], dq[j]) = (f64::from(motor.q), f64::from(motor.dq));
-            if !q[j].is_finite() {
-                self.incomplete = Some(format!("lowstate has {} for the position of `{}`", q[j], self.joint_names[j]));
-                return false;
-            }
-        }
-        if self.mode_machine.is_some_and(|known| known != state.mode_machine) {
-            self.depart(format!("mode_machine became {}", state.mode_machine));
-        }
-        self.mode_machine = Some(state.mode_machine);
-        self.take_sample(stamp_ns, q, dq, now)
-    }
-
     fn take_state(&mut self, state: &JointState, now: Stamp) -> bool {
         let (mut q, mut dq) = ([0.0; JOINTS_MAX], [0.0; JOINTS_MAX]);
         for (j, name) in self.joint_names.iter().enumerate() {
@@ -330,7 +325,11 @@ impl Link {
                 return false;
             }
         }
-        self.take_sample(state.header.stamp.ns(), q, dq, now)
+        let is_newer = self.take_sample(state.header.stamp.ns(), q, dq, now);
+        if is_newer {
+            self.hands.measure(state, now);
+        }
+        is_newer
     }
 
     /// Takes a complete state. Returns true if it is newer than the one before, and its stamp is believed.
@@ -365,16 +364,7 @@ impl Link {
 
     /// The controllers as they show themselves at `now`.
     pub fn controllers(&self, now: Stamp) -> Vec<Seen> {
-        let seen = |controller: &Controller| Seen {
-            name: controller.name.clone(),
-            topic: controller.topic.clone(),
-            active: controller.states.is_none()
-                || controller.heard.is_some_and(|heard| now.since(heard) <= CONTROLLER_SILENT_NS),
-            other_joints: controller.other_joints,
-            readers: controller.readers,
-            publishers: controller.publishers,
-        };
-        self.controllers.iter().map(seen).collect()
+        self.controllers.iter().map(|controller| Seen::of(controller, now)).collect()
     }
 
     /// The messages of a command, one for each controller. None while the robot's clock is not known. A robot with a weight
@@ -394,16 +384,7 @@ impl Link {
         Some(Message::Trajectory(JointTrajectory {
             header: Header { stamp: Time::of_ns(stamp_ns), frame_id: String::new() },
             joint_names: controller.joint_names.clone(),
-            points: points
-                .into_iter()
-                .map(|point| JointTrajectoryPoint {
-                    positions: point.positions,
-                    velocities: point.velocities,
-                    accelerations: Vec::new(),
-                    effort: Vec::new(),
-                    time_from_start: Time::of_ns(point.since_first_ns as i64),
-                })
-                .collect(),
+            points: points.into_iter().map(Into::into).collect(),
         }))
     }
 

@@ -50,6 +50,13 @@ fn preflight(options: &Preflight) -> Result<Exit, Failure> {
         };
         rt::out!("{}: {activity}, {} readers, {} other publishers", seen.topic, seen.readers, seen.publishers);
     }
+    link.describe_hands();
+    for (name, hindrance) in link.hindered_hands(rt::now()) {
+        match hindrance {
+            Some(why) => rt::out!("{name}: the gripper is not driven: {why}"),
+            None => rt::out!("{name}: the gripper may be driven"),
+        }
+    }
     if let (true, Some(heard)) = (options.dry_run, &link.heard) {
         let motion = driver::Motion::rest(heard.sample.q);
         let command = Command { k: messages::tick_at(rt::now()), motion };

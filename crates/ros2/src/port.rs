@@ -4,12 +4,12 @@ use crate::estimate::{Sample, Sent};
 use crate::interface::{disagreement, period_ticks};
 use crate::join::HELD;
 use crate::lag::Lag;
-use crate::link::Link;
+use crate::link::{Link, Seen};
 use crate::preflight;
 use crate::trajectory::{Command, Executed};
 use config::{Loaded, Policy, Ros2Settings};
 use driver::{Driver, Drives, Measured, Motion, Setpoint};
-use messages::{JOINTS_MAX, Stamp, StopPlan, TICK_S};
+use messages::{GripperMotion, GripperState, JOINTS_MAX, Stamp, StopPlan, TICK_S};
 use robot::{DriverInterface, Model};
 use rtrb::{Consumer, Producer, RingBuffer};
 use std::thread::JoinHandle;
@@ -33,6 +33,9 @@ const STUCK_SAMPLES: u32 = 5;
 /// Longest time for which the end of the driver waits for its thread: a stop of 0.5 s and a weight that falls for 5 s.
 const END_WITHIN: Duration = Duration::from_millis(6_500);
 
+/// Message from the loop to the thread. The grippers are none until the driver knows where they are.
+type Order = (Command, Option<GripperMotion>);
+
 /// Message from the thread to the loop.
 #[derive(Clone, Copy, Debug)]
 struct News {
@@ -42,12 +45,15 @@ struct News {
     drives: Drives,
     /// The robot executes what it is sent.
     joined: bool,
+    /// The grippers, if the robot shows them.
+    gripped: Option<GripperState>,
 }
 
 /// A robot that speaks DDS.
 pub struct Ros2 {
     /// None once the driver ends.
-    commands: Option<Producer<Command>>,
+    commands: Option<Producer<Order>>,
+    grippers: Option<GripperMotion>,
     thread: Option<JoinHandle<()>>,
     period_ticks: u64,
     news: Consumer<News>,
@@ -127,6 +133,7 @@ impl Ros2 {
         let stuck = Stuck { q, sent: q, same: [0; JOINTS_MAX], found: false };
         Ok(Self {
             commands: Some(commands),
+            grippers: None,
             thread: Some(thread),
             period_ticks: period_ticks(interface),
             news,
@@ -147,12 +154,14 @@ fn ready(model: &Model, settings: &Ros2Settings, interface: DriverInterface) -> 
     let mut link = Link::open(model, settings, interface, true)?;
     let failures = preflight::judge(&mut link, model, settings);
     link.forget_description();
+    link.describe_hands();
     if !failures.is_empty() {
         return Err(format!("the robot is not ready:\n  {}", failures.join("\n  ")));
     }
     link.begin()?;
     let heard = link.heard.clone().ok_or("no joint_states arrived")?;
-    let first = News { sample: heard.sample, reference: link.held(), drives: Drives::SOUND, joined: true };
+    let gripped = link.gripped(rt::now());
+    let first = News { sample: heard.sample, reference: link.held(), drives: Drives::SOUND, joined: true, gripped };
     Ok((link, first))
 }
 
@@ -166,7 +175,7 @@ impl Driver for Ros2 {
                 self.lag.add(&sent, &news.sample.q);
             }
         }
-        let News { sample, reference, drives, joined } = self.newest;
+        let News { sample, reference, drives, joined, .. } = self.newest;
         let Sample { measured, mut q, dq } = match drives.powered && joined {
             true => self.sent.estimate(&sample, now, self.delay_ns, self.expected_ns),
             false => sample,
@@ -194,7 +203,16 @@ impl Driver for Ros2 {
             return follows;
         }
         self.last_k = k;
-        self.commands.as_mut().is_some_and(|commands| commands.push(Command { k, motion }).is_ok()) && follows
+        let order = (Command { k, motion }, self.grippers);
+        self.commands.as_mut().is_some_and(|commands| commands.push(order).is_ok()) && follows
+    }
+
+    fn grip(&mut self, grippers: &GripperMotion) {
+        self.grippers = Some(*grippers);
+    }
+
+    fn gripped(&self) -> Option<GripperState> {
+        self.newest.gripped
     }
 }
 
@@ -249,15 +267,23 @@ impl Complaints {
 }
 
 /// The thread: sends the newest command, and passes on what the robot says.
-fn serve(mut link: Link, mut commands: Consumer<Command>, mut news: Producer<News>) {
-    let (mut complaints, mut due) = (Complaints::default(), Vec::with_capacity(RING));
+fn serve(mut link: Link, mut commands: Consumer<Order>, mut news: Producer<News>) {
+    let (mut complaints, mut hands, mut due) = (Complaints::default(), Idle::default(), Vec::with_capacity(RING));
     loop {
         let now = rt::now();
         let heard = link.hear(now);
         due.clear();
-        due.extend(std::iter::from_fn(|| commands.pop().ok()));
+        let mut grippers = None;
+        while let Ok((command, motion)) = commands.pop() {
+            due.push(command);
+            grippers = motion;
+        }
         link.mind_silence(now);
         let joined = link.send(&due, rt::now());
+        if let Some(command) = due.last() {
+            link.grip(command.k, grippers.as_ref(), joined, now);
+            hands.tell(&link, now);
+        }
         let fault = complaint(&link, now);
         let sentence = fault.clone().or_else(|| link.departed().map(str::to_owned));
         if let Some(changes) = complaints.due(&sentence, now) {
@@ -273,7 +299,8 @@ fn serve(mut link: Link, mut commands: Consumer<Command>, mut news: Producer<New
             let emergency_stop = link.pressed == Some(true);
             let drives = Drives { emergency_stop, fault: fault.is_some(), powered: !emergency_stop };
             // A full ring means that the loop stands. It then reads an old sample, and notices.
-            let _ = news.push(News { sample: heard.sample, reference: link.held(), drives, joined });
+            let gripped = link.gripped(now);
+            let _ = news.push(News { sample: heard.sample, reference: link.held(), drives, joined, gripped });
         }
         if commands.is_abandoned() {
             return link.end();
@@ -282,24 +309,46 @@ fn serve(mut link: Link, mut commands: Consumer<Command>, mut news: Producer<New
     }
 }
 
-/// Returns a sentence on a controller that can no longer be driven.
+/// Returns a sentence on a controller of the arms that can no longer be driven.
 fn complaint(link: &Link, now: Stamp) -> Option<String> {
-    link.controllers(now).iter().find_map(|seen| {
-        let name = &seen.name;
-        if !seen.active {
+    link.controllers(now).iter().find_map(|seen| seen.fault(!link.has_states()))
+}
+
+impl Seen {
+    /// Returns a sentence if it cannot be driven. With `needs_reader`, somebody must read its commands.
+    pub(crate) fn fault(&self, needs_reader: bool) -> Option<String> {
+        let (name, topic) = (&self.name, &self.topic);
+        if !self.active {
             Some(format!("controller `{name}` fell silent: it was switched off, or the network is cut"))
-        } else if seen.other_joints {
+        } else if self.other_joints {
             Some(format!("controller `{name}` has other joints now"))
-        } else if seen.publishers > 0 {
-            Some(format!("another program may send to {}", seen.topic))
-        } else if seen.readers == 0 && !link.has_states() {
-            Some(format!("nobody reads {} any more", seen.topic))
-        } else if seen.readers > 1 {
-            Some(format!("{} robots read {}", seen.readers, seen.topic))
+        } else if self.publishers > 0 {
+            Some(format!("another program may send to {topic}"))
+        } else if self.readers == 0 && needs_reader {
+            Some(format!("nobody reads {topic} any more"))
+        } else if self.readers > 1 {
+            Some(format!("{} robots read {topic}", self.readers))
         } else {
             None
         }
-    })
+    }
+}
+
+/// Says in the log when a hand is sent nothing, and when it is again.
+#[derive(Debug, Default)]
+struct Idle([Complaints; 2]);
+
+impl Idle {
+    fn tell(&mut self, link: &Link, now: Stamp) {
+        for ((name, why), complaints) in link.hands().zip(&mut self.0) {
+            if complaints.due(&why.map(str::to_owned), now).is_some() {
+                match complaints.told() {
+                    Some(why) => tracing::warn!("nothing is sent to `{name}`: {why}"),
+                    None => tracing::info!("`{name}` executes what it is sent"),
+                }
+            }
+        }
+    }
 }
 
 #[cfg(test)]

@@ -53,6 +53,14 @@ pub struct JointTrajectoryPoint {
     pub time_from_start: Time,
 }
 
+impl From<crate::trajectory::Point> for JointTrajectoryPoint {
+    fn from(point: crate::trajectory::Point) -> Self {
+        let (accelerations, effort) = (Vec::new(), Vec::new());
+        let time_from_start = Time::of_ns(point.since_first_ns as i64);
+        Self { positions: point.positions, velocities: point.velocities, accelerations, effort, time_from_start }
+    }
+}
+
 /// `trajectory_msgs/JointTrajectory`.
 #[derive(Clone, Debug, DdsType, PartialEq)]
 pub struct JointTrajectory {

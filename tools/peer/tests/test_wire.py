@@ -21,6 +21,7 @@ from cyclonedds.pub import DataWriter  # noqa: E402
 from cyclonedds.sub import DataReader  # noqa: E402
 from cyclonedds.topic import Topic  # noqa: E402
 from faults import parse  # noqa: E402
+from hands import described  # noqa: E402
 from robot import load  # noqa: E402
 
 ROBOT = load(PEER.parents[1] / "config/robots/tiago_dual.toml", None)
@@ -120,14 +121,15 @@ def follows(trace, begin_s, seconds, amplitude=0.2):
     rows = trace[(trace[:, 1] > begin_s + 0.1) & (trace[:, 1] < begin_s + seconds)]
     assert len(rows) > 40 * (seconds - 0.1)
     wanted = np.array([wave(clock_s - begin_s - DELAY_S, amplitude)[0] for clock_s in rows[:, 1]])
-    return np.abs(rows[:, 2::2] - wanted).max(), np.abs(rows[:, 3::2] - wanted).max()
+    end = 2 + 2 * len(ROBOT.joints)
+    return np.abs(rows[:, 2:end:2] - wanted).max(), np.abs(rows[:, 3:end:2] - wanted).max()
 
 
 def test_peer_shows_a_robot_and_follows_a_stream(start):
     _, end = start("--no-physics")
     client = Client()
     description = client.reader("robot_description", m.String, m.LATCHED)
-    assert client.wait(description).data == ROBOT.urdf
+    assert client.wait(description).data == described(ROBOT.urdf, ROBOT.grippers)
     assert not client.wait(client.reader("power/is_emergency", m.Bool)).data
     state = client.wait(client.reader("arm_left_controller/controller_state", m.JointTrajectoryControllerState))
     assert state.joint_names == ROBOT.controllers["arm_left_controller"]

@@ -1,0 +1,124 @@
+//! The grippers of a robot on ROS 2: they follow the person's hands, and hold.
+
+use crate::{Peer, assert_no_violations, preflight, rig, took_all};
+use messages::{Mode, state_flag};
+use motion::Motion;
+use serde_json::Value;
+use std::time::Duration;
+
+/// Domains of these tests. Tests of one program run at the same time.
+const DOMAINS: [u32; 3] = [131, 132, 133];
+/// Fingers of both hands of TIAGo++ with Hey5 hands, and their positions when a hand is closed, rad.
+const CLOSED: [f64; 3] = [6.28, 6.8, 9.25];
+/// Least time in which a hand closes, s. Source: the robot file.
+const CLOSING_S: f64 = 2.6;
+/// Longest time in which fingers rest after their driver was killed: the ramp of a gripper, the delay of the robot, two
+/// messages and two rows of the trace, s.
+const REST_WITHIN_S: f64 = 0.1 + 0.025 + 0.022 + 0.04;
+
+/// The built-in motion of a person whose hands are open, then closed so far, and seen no more at the end.
+fn gripping(closure: f32) -> Motion {
+    let mut motion = motion::builtin();
+    let at = |s: f64| (s * motion.frame_rate_hz) as usize;
+    let (closes, lost) = (at(2.0), at(8.0));
+    for (number, frame) in motion.frames.iter_mut().enumerate() {
+        let seen = if number < closes { 0.0 } else { closure };
+        frame.closure = [(number < lost).then_some(seen); 2];
+    }
+    motion
+}
+
+/// Commanded closures of the left hand's fingers in a row of the trace. The last columns are the fingers', in pairs.
+fn closures(row: &[f64]) -> [f64; 3] {
+    let first = row.len() - 4 * CLOSED.len();
+    std::array::from_fn(|i| row[first + 2 * i] / CLOSED[i])
+}
+
+/// Checks what the peer says of the grippers, and that the arms' figures are those without them.
+fn assert_sound(report: &Value) {
+    for (name, hand) in report["hands"].as_object().expect("hands") {
+        assert!(hand["exceeded_updates"] == serde_json::json!({"position": 0, "speed": 0}), "{name}: {hand:#}");
+        assert!(hand["accepted"] == hand["received"] && hand["accepted"].as_u64() > Some(50), "{name}: {hand:#}");
+    }
+    assert!(took_all(report), "{report:#}");
+    assert_eq!(report["command"]["position_excess"]["exceeded_updates"], 0, "{report:#}");
+    let acceleration = report["command"]["acceleration_share"]["worst"].as_f64();
+    assert!(acceleration < Some(1.1), "{acceleration:?}");
+}
+
+#[test]
+#[ignore = "two cores do not hold a robot, its peer and other tests in time: cargo test --release --test ros2 -- --ignored"]
+fn grippers_on_ros2_close_with_the_hands_and_hold() {
+    let Some(peer) = Peer::start(DOMAINS[0], &["--object-width-m", "0.05"]) else { return };
+    let mut rig = rig(DOMAINS[0]);
+    rig.start_all();
+    let (operator, mut observer) = (rig.hand(), rig.eyes());
+    let client = rig.client(&gripping(0.7), 1);
+    operator.engage_until(Mode::Engaged);
+    client.set_engaged(true);
+    let known = observer.wait("known", |robot| robot.flags & state_flag::GRIPPERS != 0);
+    assert_eq!(known.grippers_measured.setpoint, [0.0; 2]);
+    // The object stops the fingers half-way, and they press.
+    let held = observer.wait("holding", |robot| robot.grippers.closure[0] > 0.69);
+    std::thread::sleep(Duration::from_millis(500));
+    let pressing = observer.robot().expect("it was heard").grippers_measured;
+    assert!(pressing.closure.iter().all(|closure| (closure - 0.5).abs() < 0.01), "{pressing:?}");
+    assert!(pressing.force_n.iter().all(|force_n| (force_n - 20.0).abs() < 0.5), "{pressing:?}");
+    // Until the person's hands are seen no more, and then some.
+    std::thread::sleep(Duration::from_millis(5500));
+    let later = observer.robot().expect("it was heard");
+    assert!((later.grippers.closure[0] - held.grippers.closure[0]).abs() < 0.02, "{:?}", later.grippers);
+    assert!(later.grippers_measured.force_n[0] > 19.0, "{:?}", later.grippers_measured);
+    operator.release();
+    operator.wait_mode(Mode::Disengaged);
+    observer.wait_at_rest();
+    assert_no_violations(&rig.end("sim"));
+    let (report, trace) = peer.end();
+    println!("{:#}", report["hands"]);
+    assert_sound(&report);
+    let left: Vec<(f64, [f64; 3])> = trace.iter().map(|row| (row[0], closures(row))).collect();
+    let first = |most: f64| left.iter().find(|(_, at)| at.iter().all(|one| *one > most)).expect("it closes").0;
+    let took_s = first(0.69) - first(0.01);
+    println!("closed by 0.68 in {took_s:.2} s");
+    assert!((0.68 * CLOSING_S..0.68 * CLOSING_S + 0.8).contains(&took_s), "{took_s} s");
+    let (_, end) = left.last().expect("rows");
+    assert!(end.iter().all(|one| (one - 0.7).abs() < 0.01), "they hold: {end:?}");
+}
+
+#[test]
+#[ignore = "two cores do not hold a robot, its peer and other tests in time: cargo test --release --test ros2 -- --ignored"]
+fn f122_grippers_hold_when_their_driver_is_killed() {
+    let Some(peer) = Peer::start(DOMAINS[1], &[]) else { return };
+    let mut rig = rig(DOMAINS[1]);
+    rig.start_all();
+    let (operator, mut observer) = (rig.hand(), rig.eyes());
+    let client = rig.client(&gripping(1.0), 1);
+    operator.engage_until(Mode::Engaged);
+    client.set_engaged(true);
+    observer.wait("half closed", |robot| robot.grippers.closure[0] > 0.4);
+    rig.kill("sim");
+    let killed_s = rt::now().0 as f64 * 1e-9;
+    std::thread::sleep(Duration::from_millis(1500));
+    let (report, trace) = peer.end();
+    assert_sound(&report);
+    let moves = |pair: &[Vec<f64>]| closures(&pair[0]) != closures(&pair[1]);
+    let last_s = trace.windows(2).filter(|pair| moves(pair)).last().expect("they moved")[1][0] - killed_s;
+    let end = closures(trace.last().expect("rows"));
+    println!("the fingers rested {:.0} ms after kill -9 of the driver, at {end:.3?}", last_s * 1e3);
+    assert!(last_s > -0.1 && last_s < REST_WITHIN_S, "at rest {last_s} s after the driver's end");
+    assert!(end.iter().all(|one| (0.4..0.6).contains(one)), "{end:?}");
+}
+
+#[test]
+fn f122_robot_without_fingers_may_be_driven_and_says_so() {
+    for (more, sentence) in [
+        (&[][..], "hand_left_controller: the gripper may be driven"),
+        (&["--without-fingers"], "the gripper is not driven: /robot_description has no joint `hand_left_index_joint`"),
+        (&["--fault", "second/hand_left_controller"], "another program may send to /hand_left_controller/joint_traj"),
+    ] {
+        let Some(peer) = Peer::start(DOMAINS[2], more) else { return };
+        let (code, [said, _]) = preflight(&rig(DOMAINS[2]).folder().join("teleop.toml"));
+        assert!(code == Some(0) && said.contains(sentence) && said.contains("tiago_dual may be driven"), "{said}");
+        peer.end();
+    }
+}
