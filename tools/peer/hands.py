@@ -7,12 +7,17 @@ from pathlib import Path
 
 import numpy as np
 
-from judge import REST, ROUNDING, Traffic
+from judge import REST, Traffic
 
 #: Effort limit of a finger in the robot's description, N m or N. It is an assumption.
 EFFORT_MAX = 16.0
 #: Share of the way beyond an object at which a motor gives its whole effort. It is an assumption: a stiff position loop.
 FULL_EFFORT_AT = 0.1
+#: The cubic between two points dips below both if the fingers begin to move in between: share of the way. The largest seen was 3e-6.
+DIP = 1e-4
+#: Error of a speed, as a share: the driver's estimate of the robot's clock moves by 0.1 ms in an update at most. The largest seen
+#: was 0.0012.
+CLOCK = 0.01
 #: Goal (rad or m) and goal time (s) of a hand's controller. They are assumptions.
 GOAL = (0.02, 0.6)
 
@@ -93,13 +98,12 @@ class Judge:
         low, high = np.minimum(self.gripper.open, self.gripper.closed), np.maximum(self.gripper.open, self.gripper.closed)
         excess = float((np.maximum(low - command, command - high) / self.range).max())
         self.excess = max(self.excess, excess)
-        self.exceeded["position"] += excess > ROUNDING
+        self.exceeded["position"] += excess > DIP
         if self.before is not None:
             speeds = np.abs(command - self.before) / self.period_s
             share = float((speeds / (self.range * self.gripper.speed)).max())
             self.speed = max(self.speed, share)
-            # A finger is commanded at the times of updates, and the driver's points are exact.
-            self.exceeded["speed"] += share > 1 + 1e-3
+            self.exceeded["speed"] += share > 1 + CLOCK
             if speeds.max() > REST * self.range.min():
                 self.traffic.moves(now_s)
         closure = float(((command - self.gripper.open) / (self.gripper.closed - self.gripper.open)).mean())
