@@ -15,8 +15,8 @@ EFFORT_MAX = 16.0
 FULL_EFFORT_AT = 0.1
 #: The cubic between two points dips below both if the fingers begin to move in between: share of the way. The largest seen was 3e-6.
 DIP = 1e-4
-#: Error of a speed, as a share: the driver's estimate of the robot's clock moves by 0.1 ms in an update at most. The largest seen
-#: was 0.0012.
+#: Error of a speed, as a share. The largest seen was 0.0012. The cause is an assumption: the driver's estimate of the robot's clock
+#: changes from message to message.
 CLOCK = 0.01
 #: Goal (rad or m) and goal time (s) of a hand's controller. They are assumptions.
 GOAL = (0.02, 0.6)
