@@ -306,10 +306,8 @@ fn command(
     let late = decided.reduced & reduced_flag::TARGET_LATE != 0;
     let commanded = state.commander.commanded();
     let from = (&commanded.q, &commanded.v);
-    let mut wish = state.following.wish(config, input.k, from, decided.permit, target, late);
-    if let Some(wish) = &mut wish {
-        one_arm::hold(&config.model, wish, &commanded.q, input.operator.left_out);
-    }
+    let wish = state.following.wish(config, input.k, from, decided.permit, target, late);
+    let wish = wish.map(|wish| one_arm::hold(&config.model, wish, &commanded.q, input.operator.left_out));
     let wanted = wish.as_ref().map(Wish::target);
     let Commanded { motion, denied, proposed } =
         state.commander.tick((&config.wbc, &config.gate), input.k, now, wanted, decided.permit);

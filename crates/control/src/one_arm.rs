@@ -17,10 +17,11 @@ pub(super) fn without(model: &Model, mut target: JointTarget, left_out: [bool; 2
 }
 
 /// Lets the arms that are left out stay at the commanded positions `q`, and not go home.
-pub(super) fn hold(model: &Model, wish: &mut Wish, q: &[f64; JOINTS_MAX], left_out: [bool; 2]) {
+pub(super) fn hold(model: &Model, mut wish: Wish, q: &[f64; JOINTS_MAX], left_out: [bool; 2]) -> Wish {
     for side in (0..2).filter(|&side| left_out[side]) {
         for j in model.arms[side].range() {
             (wish.q[j], wish.dq[j], wish.ddq[j], wish.valid_mask) = (q[j], 0.0, 0.0, wish.valid_mask | 1 << j);
         }
     }
+    wish
 }

@@ -124,7 +124,7 @@ fn on_side(side: usize, v: Vector3<f64>) -> Vector3<f64> {
     if side == 0 { v } else { Vector3::new(v.x, -v.y, v.z) }
 }
 
-/// What an arm keeps from one skeleton to the next.
+/// State of an arm from one skeleton to the next.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct Kept {
     /// The posture without a correction, rad.
@@ -133,7 +133,7 @@ struct Kept {
     shares: [f64; 2],
 }
 
-/// What both arms keep from one skeleton to the next.
+/// State of both arms from one skeleton to the next.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Memory {
     arms: [Kept; ARMS],

@@ -1,4 +1,4 @@
-//! What is nearest to an arm.
+//! The place of an arm that is nearest to something else.
 
 use crate::collision::Capsule;
 use crate::kinematics::Frames;

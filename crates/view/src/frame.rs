@@ -203,8 +203,8 @@ fn poses(model: &Model, frames: &mut Frames, q: &[f64; JOINTS_MAX], numbers: &mu
     }
 }
 
-/// Returns for the left and the right arm the place on its surface that is nearest to something, and the place that it is
-/// nearest to, m in the base frame. Zeros if nothing is checked.
+/// Returns two places for each arm, m in the base frame: the one on its surface that is nearest to something, and the one
+/// there. Zeros if nothing is checked.
 fn nearest(model: &Model, frames: &Frames) -> [[Vector3<f64>; 2]; 2] {
     [0, 1].map(|side| {
         let near = model.nearest_to_arm(frames, side);
