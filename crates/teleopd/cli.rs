@@ -213,6 +213,12 @@ pub struct View {
     /// (t-pose, hands-up, ...), FILE.bvh:FRAME or FILE.bvh@TIME_S (default: t-pose, hands-up and box).
     #[arg(long, value_name = "A,B,C", value_delimiter = ',', conflicts_with = "recording")]
     pub key_poses: Option<Vec<String>>,
+    /// Lets the page use your webcam. MODEL is a pose landmarker of MediaPipe, such as pose_landmarker_lite.task.
+    #[arg(long, value_name = "MODEL.task", conflicts_with = "recording")]
+    pub camera: Option<PathBuf>,
+    /// Folder of the library that finds a person in an image (default: where `npm ci --prefix tools/camera` puts it).
+    #[arg(long, value_name = "DIR", requires = "camera", default_value = view::VISION_FOLDER, hide_default_value = true)]
+    pub vision: PathBuf,
     /// Exit as on a signal once this process is no longer the parent.
     #[arg(long, value_name = "PID", conflicts_with = "recording")]
     pub child_of: Option<u32>,

@@ -14,7 +14,7 @@ use std::os::unix::process::CommandExt;
 use std::path::Path;
 use std::process::Command;
 use std::time::Duration;
-use view::{KeyPoses, RobotView, Server, ViewError};
+use view::{KeyPoses, LiveOptions, RobotView, Server, ViewError, VisionFiles};
 
 /// Polling period for signals.
 const LOOK: Duration = Duration::from_millis(50);
@@ -29,7 +29,9 @@ pub fn run(options: &cli::View) -> Result<Exit, Failure> {
     let instance = instance_in(&place.run_dir)?;
     let loaded = place.load()?;
     let key_poses = key_poses(options.key_poses.as_deref(), &loaded)?;
-    let server = serve(&instance, &loaded, key_poses, &options.page)?;
+    let vision = options.camera.as_ref().map(|model| VisionFiles::open(&options.vision, model)).transpose();
+    let vision = vision.map_err(Failure::with(Exit::NoInput))?;
+    let server = serve(&instance, &loaded, LiveOptions { key_poses, vision }, &options.page)?;
     out!(
         "teleopd: shows {} at {}\nteleopd: everyone with this address may operate the robot; Ctrl-C ends the page, not \
          the instance",
@@ -65,7 +67,7 @@ fn recorded(options: &cli::View, recording: &Path) -> Result<Exit, Failure> {
 
 /// Starts a server for `instance`, which was started at `place`. Its pages cannot act as the person.
 pub fn start(instance: &Instance, place: &cli::InstanceArgs, page: &cli::Page) -> Result<Server, Failure> {
-    serve(instance, &place.load()?, None, page)
+    serve(instance, &place.load()?, LiveOptions::default(), page)
 }
 
 /// Returns the failure for a port that cannot be opened. `option` is the option that selects another port.
@@ -79,12 +81,7 @@ pub fn refuse_taken(port: u16, option: &str) -> Result<(), Failure> {
     tried.map(drop).map_err(|error| port_failure(port, option, &error))
 }
 
-fn serve(
-    instance: &Instance,
-    loaded: &Loaded,
-    key_poses: Option<KeyPoses>,
-    page: &cli::Page,
-) -> Result<Server, Failure> {
+fn serve(instance: &Instance, loaded: &Loaded, options: LiveOptions, page: &cli::Page) -> Result<Server, Failure> {
     let view = RobotView::of(loaded, page.meshes.as_deref()).map_err(Failure::with(Exit::Config))?;
     if !view.missing.is_empty() {
         err!("teleopd: {} mesh files are not below --meshes: {}", view.missing.len(), view.missing.join(", "));
@@ -93,7 +90,7 @@ fn serve(
     let served = std::thread::scope(|scope| {
         let serve = || {
             keep_off(&loaded.settings.realtime);
-            Server::live(instance, &view, key_poses, page.port)
+            Server::live(instance, &view, options, page.port)
         };
         scope.spawn(serve).join()
     });

@@ -53,6 +53,11 @@ fn program() -> Option<PathBuf> {
 impl Browser {
     /// Opens `address`. `None` if there is no browser on this machine.
     pub fn open(address: &str) -> Option<Self> {
+        Self::with(address, &[])
+    }
+
+    /// Opens `address` in a browser with these additional arguments.
+    pub fn with(address: &str, arguments: &[&str]) -> Option<Self> {
         let program = program()?;
         let turn = TURN.lock().unwrap_or_else(PoisonError::into_inner);
         let folder = tempfile::tempdir().expect("a folder");
@@ -62,6 +67,7 @@ impl Browser {
             // renders.
             .args(["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--window-size=1280,800"])
             .args(["--disable-background-networking", "--disable-component-update", "--disable-dev-shm-usage"])
+            .args(arguments)
             .arg(format!("--user-data-dir={}", folder.path().display()))
             .arg("about:blank")
             .stdin(Stdio::null())

@@ -40,7 +40,7 @@ pub enum Answer {
 }
 
 /// The groups of the list, in its order: title and hazards.
-pub const GROUPS: [(&str, &[Hazard]); 13] = [
+pub const GROUPS: [(&str, &[Hazard]); 14] = [
     ("Contents of a skeleton", input::CONTENT),
     ("Timing of skeletons", input::TIMING),
     ("Network and numbers", robot::NUMBERS),
@@ -54,6 +54,7 @@ pub const GROUPS: [(&str, &[Hazard]); 13] = [
     ("A robot on ROS 2", robot::ROS2),
     ("The clutch", robot::CLUTCH),
     ("Grippers", robot::GRIPPERS),
+    ("A webcam in a page", input::WEBCAM),
 ];
 
 /// Returns every hazard, in the order of the groups.
@@ -80,7 +81,7 @@ mod tests {
         for (index, hazard) in all().enumerate() {
             assert_eq!(hazard.id, format!("f{:03}", index + 1), "{}", hazard.what);
         }
-        assert_eq!(all().count(), 121);
+        assert_eq!(all().count(), 123);
     }
 
     #[test]

@@ -12,7 +12,7 @@ const KEEP = 100;
 const GONE = 0.6;
 
 const panel = new Panel($);
-let stage = null, broken = null, meshesAre = null, scene = null, frame = null, held = false, clutched = false, keeping = null, isBehind = false, isNew = false;
+let webcam = null, stage = null, broken = null, meshesAre = null, scene = null, frame = null, held = false, clutched = false, keeping = null, isBehind = false, isNew = false;
 // State last sent to the artist.
 let drawnFrame = null, drawnLayers = "";
 // State of a recording: whether it plays, whether it is at its end, and whether the user holds the slider.
@@ -102,6 +102,15 @@ async function loadMeshes({ meshes, missing_meshes: missing }) {
   stage.tell("load", { meshes: drawn });
 }
 
+// Shows the camera's panel, if the server allows a camera.
+async function showCamera({ camera, run_dir: folder }) {
+  $("cam").hidden = !camera;
+  if (!camera || webcam) return;
+  text("cam-calibrate", `teleopctl calibrate NAME --run-dir ${folder}`);
+  const { Webcam } = await import("./webcam.js");
+  webcam ??= new Webcam(wire, $, `/vision/${location.hash.slice(1)}`);
+}
+
 const told = {
   up() {
     $("link").classList.remove("bad");
@@ -110,6 +119,7 @@ const told = {
   down(opened) {
     hold(false);
     mix.told({ on: false });
+    webcam?.stop("The connection was lost, so the camera is off.");
     frame = null;
     $("link").classList.add("bad");
     text("link", "not connected, trying again");
@@ -131,6 +141,7 @@ const told = {
     $("reel").hidden = !recorded;
     $("enable-note").hidden = recorded;
     mix.build(message.about.key_poses);
+    showCamera(message.about);
     if (recorded) {
       text("name", message.about.name);
       $("at").max = message.about.duration_s;
@@ -149,6 +160,7 @@ const told = {
     text("answer", message.text ?? "");
   },
   mix: (message) => mix.told(message),
+  camera: (message) => webcam?.told(message),
   reel: (message) => showPlaying(message.playing),
   frame(message) {
     frame = message;

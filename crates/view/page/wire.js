@@ -74,4 +74,11 @@ export class Wire {
     this.socket.send(JSON.stringify({ do: what, ...more }));
     return true;
   }
+
+  // Sends bytes. Returns true if they were sent.
+  send(bytes) {
+    if (this.socket.readyState !== WebSocket.OPEN) return false;
+    this.socket.send(bytes);
+    return true;
+  }
 }

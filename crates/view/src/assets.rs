@@ -26,7 +26,7 @@ macro_rules! script {
 }
 
 /// All files. three.js 0.185.0 (MIT) is byte for byte as its authors publish it on npm.
-pub const ASSETS: [Asset; 30] = [
+pub const ASSETS: [Asset; 32] = [
     Asset { path: "/", kind: HTML, bytes: include_bytes!("../page/index.html") },
     Asset { path: "/page.css", kind: CSS, bytes: include_bytes!("../page/page.css") },
     script!("page.js"),
@@ -34,6 +34,8 @@ pub const ASSETS: [Asset; 30] = [
     script!("panel.js"),
     script!("sparkline.js"),
     script!("mix.js"),
+    script!("webcam.js"),
+    script!("webcam-worker.js"),
     script!("wire.js"),
     script!("artist.js"),
     script!("camera.js"),

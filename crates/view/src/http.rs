@@ -1,7 +1,8 @@
-//! The few requests that a page makes: for its own files, for the user's meshes, and for the WebSocket.
+//! The few requests that a page makes: for its own files, for the user's meshes and model, and for the WebSocket.
 
 use crate::assets::ASSETS;
-use crate::meshes::MeshFolder;
+use crate::meshes::{MeshFile, MeshFolder};
+use crate::vision::VisionFiles;
 use rustix::rand::{GetRandomFlags, getrandom};
 use std::io::{ErrorKind, Read, Write};
 use std::net::TcpStream;
@@ -23,6 +24,13 @@ pub const POLICY: &str = "Content-Security-Policy: default-src 'none'; \
                       script-src 'self' 'sha256-nW+1Z6nHBWz1iz2Ot2Bj8RgL3F+cXOInaXkhyR7xus0='; style-src 'self'; \
                       connect-src 'self' blob:; img-src 'self' data: blob:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'\r\n\
                       X-Content-Type-Options: nosniff\r\nReferrer-Policy: no-referrer\r\nCache-Control: no-store\r\n";
+
+/// Returns the policy of a server with a camera. WebAssembly may run, and the page may use the camera. Everything else
+/// stays forbidden, so neither an image nor a count of them leaves this machine.
+pub fn camera_policy() -> String {
+    let policy = POLICY.replacen("script-src 'self'", "script-src 'self' 'wasm-unsafe-eval'", 1);
+    format!("{policy}Permissions-Policy: camera=(self), microphone=(), display-capture=()\r\n")
+}
 
 /// Access check. Everyone who has the address with its token may view the page and send requests.
 #[derive(Clone, Debug)]
@@ -84,6 +92,18 @@ pub struct SiteConfig {
     pub key: Key,
     /// The user's meshes.
     pub meshes: Option<Arc<MeshFolder>>,
+    /// The files that find a person in a webcam's image.
+    pub vision: Option<Arc<VisionFiles>>,
+}
+
+impl SiteConfig {
+    /// Returns the head of an answer.
+    fn head(&self, status: &str, kind: &str, length: u64) -> String {
+        let policy = if self.vision.is_some() { camera_policy() } else { POLICY.to_owned() };
+        format!(
+            "HTTP/1.1 {status}\r\nContent-Type: {kind}\r\nContent-Length: {length}\r\n{policy}Connection: close\r\n\r\n"
+        )
+    }
 }
 
 /// Answers one connection. Returns the stream if it is now a page's WebSocket.
@@ -95,53 +115,89 @@ pub fn answer(mut stream: TcpStream, site: &SiteConfig) -> std::io::Result<Optio
     let (request, key) = (read(&mut stream)?, &site.key);
     let host = request.headers().get("host").and_then(|host| host.to_str().ok());
     if !host.is_some_and(|host| key.hosts().iter().any(|own| own == host)) {
-        return refuse(stream, "403 Forbidden", "the host must be 127.0.0.1 or localhost, with this server's port");
+        return refuse(
+            stream,
+            site,
+            "403 Forbidden",
+            "the host must be 127.0.0.1 or localhost, with this server's port",
+        );
     }
     if request.method() != http::Method::GET {
-        return refuse(stream, "405 Method Not Allowed", "only GET is supported");
+        return refuse(stream, site, "405 Method Not Allowed", "only GET is supported");
     }
     if request.uri().path() == "/live" {
         if let Err(why) = key.admits(&request) {
-            return refuse(stream, "403 Forbidden", why);
+            return refuse(stream, site, "403 Forbidden", why);
         }
         return match create_response(&request) {
             Ok(response) => {
                 write_response(&mut stream, &response).map_err(std::io::Error::other)?;
                 Ok(Some(stream))
             }
-            Err(error) => refuse(stream, "400 Bad Request", &error.to_string()),
+            Err(error) => refuse(stream, site, "400 Bad Request", &error.to_string()),
         };
     }
-    if let Some(path) = request.uri().path().strip_prefix("/meshes/") {
-        return mesh(stream, site, path);
+    for folder in [Folder::Meshes, Folder::Vision] {
+        if let Some(path) = request.uri().path().strip_prefix(folder.prefix()) {
+            return user_file(stream, site, folder, path);
+        }
     }
     match ASSETS.iter().find(|asset| asset.path == request.uri().path()) {
-        Some(asset) => send(stream, "200 OK", asset.kind, asset.bytes),
-        None => refuse(stream, "404 Not Found", "no such page"),
+        Some(asset) => send(stream, site, "200 OK", asset.kind, asset.bytes),
+        None => refuse(stream, site, "404 Not Found", "no such page"),
     }
 }
 
-/// Serves a mesh of the user. `path` is the token, then the file's path below the folder. The token stands in the
-/// path because a mesh refers to its textures by relative paths.
-fn mesh(mut stream: TcpStream, site: &SiteConfig, path: &str) -> std::io::Result<Option<TcpStream>> {
-    let Some((token, path)) = path.split_once('/') else { return refuse(stream, "404 Not Found", "no such mesh") };
-    if !site.key.is_token(token) {
-        return refuse(
-            stream,
-            "403 Forbidden",
-            "the token is missing or wrong; open the address that the server printed",
-        );
+/// Files that the user named.
+#[derive(Clone, Copy, Debug)]
+enum Folder {
+    Meshes,
+    Vision,
+}
+
+impl Folder {
+    /// Beginning of the paths in addresses.
+    const fn prefix(self) -> &'static str {
+        match self {
+            Self::Meshes => "/meshes/",
+            Self::Vision => "/vision/",
+        }
     }
-    let Some(folder) = &site.meshes else { return refuse(stream, "404 Not Found", "there is no folder of meshes") };
-    let Some(path) = percent_decoded(path) else { return refuse(stream, "400 Bad Request", "the path is not UTF-8") };
-    match folder.read(&path) {
+
+    fn read(self, site: &SiteConfig, path: &str) -> Result<MeshFile, &'static str> {
+        match self {
+            Self::Meshes => site.meshes.as_ref().ok_or("there is no folder of meshes")?.read(path),
+            Self::Vision => site.vision.as_ref().ok_or("there is no camera")?.read(path),
+        }
+    }
+}
+
+/// Serves a file that the user named. `path` is the token, then the file's path below the folder. The token stands in
+/// the path because such files refer to others by relative paths.
+fn user_file(
+    mut stream: TcpStream,
+    site: &SiteConfig,
+    folder: Folder,
+    path: &str,
+) -> std::io::Result<Option<TcpStream>> {
+    let Some((token, path)) = path.split_once('/') else {
+        return refuse(stream, site, "404 Not Found", "no such file");
+    };
+    if !site.key.is_token(token) {
+        let why = "the token is missing or wrong; open the address that the server printed";
+        return refuse(stream, site, "403 Forbidden", why);
+    }
+    let Some(path) = percent_decoded(path) else {
+        return refuse(stream, site, "400 Bad Request", "the path is not UTF-8");
+    };
+    match folder.read(site, &path) {
         Ok(found) => {
-            stream.write_all(head("200 OK", found.kind, found.bytes).as_bytes())?;
+            stream.write_all(site.head("200 OK", found.kind, found.bytes).as_bytes())?;
             // A file may grow while it is read. Send no byte more than announced.
             std::io::copy(&mut found.file.take(found.bytes), &mut stream)?;
             Ok(None)
         }
-        Err(why) => refuse(stream, "404 Not Found", why),
+        Err(why) => refuse(stream, site, "404 Not Found", why),
     }
 }
 
@@ -160,20 +216,20 @@ fn percent_decoded(path: &str) -> Option<String> {
     String::from_utf8(bytes).ok()
 }
 
-fn refuse(stream: TcpStream, status: &str, why: &str) -> std::io::Result<Option<TcpStream>> {
-    send(stream, status, "text/plain; charset=utf-8", format!("{why}\n").as_bytes())
+fn refuse(stream: TcpStream, site: &SiteConfig, status: &str, why: &str) -> std::io::Result<Option<TcpStream>> {
+    send(stream, site, status, "text/plain; charset=utf-8", format!("{why}\n").as_bytes())
 }
 
-fn send(mut stream: TcpStream, status: &str, kind: &str, body: &[u8]) -> std::io::Result<Option<TcpStream>> {
-    stream.write_all(head(status, kind, body.len() as u64).as_bytes())?;
+fn send(
+    mut stream: TcpStream,
+    site: &SiteConfig,
+    status: &str,
+    kind: &str,
+    body: &[u8],
+) -> std::io::Result<Option<TcpStream>> {
+    stream.write_all(site.head(status, kind, body.len() as u64).as_bytes())?;
     stream.write_all(body)?;
     Ok(None)
-}
-
-fn head(status: &str, kind: &str, length: u64) -> String {
-    format!(
-        "HTTP/1.1 {status}\r\nContent-Type: {kind}\r\nContent-Length: {length}\r\n{POLICY}Connection: close\r\n\r\n"
-    )
 }
 
 /// Reads up to the empty line.

@@ -3,7 +3,7 @@
 //! One thread reads the instance's messages 60 times a second without waking any other process. A thread for
 //! every open page sends the updates. A page can only send requests. They pass through the operator socket like
 //! those of `teleopctl`, and `control` decides. With key poses, a page can also be a client. Its person is a mix
-//! of them, sent over the skeleton socket. The server listens on the loopback interface only. A request must come
+//! of them, or the person in a webcam's image, sent over the skeleton socket. The server listens on the loopback interface only. A request must come
 //! from the server's own page and carry the token of the run.
 
 mod assets;
@@ -22,11 +22,14 @@ mod robot_view;
 mod scene;
 mod server;
 mod shares;
+mod sight;
+mod vision;
+mod webcam;
 mod worker;
 
 pub use assets::{ASSETS, Asset};
 pub use frame::{FIELDS, Field, LatestMessages, POSE, VERSION, encode, length, present};
-pub use http::POLICY;
+pub use http::{POLICY, camera_policy};
 pub use live::{GONE_AFTER_NS, Readers};
 pub use look::{Colour, Look, LookError, NamedMesh, Part, Shape};
 pub use meshes::{MESH_BYTES_MAX, MeshFolder};
@@ -35,8 +38,11 @@ pub use operator_worker::HOLD_FOR;
 pub use recording_view::{RecordingView, RecordingViewBuilder};
 pub use robot_view::{Mesh, RobotView};
 pub use scene::scene;
-pub use server::{PORT, Server};
+pub use server::{LiveOptions, PORT, Server};
 pub use shares::Shares;
+pub use sight::{AGE_MS_MAX, LANDMARKS, NOBODY_BYTES, Person, Refusal, SIGHT_BYTES, Sight};
+pub use vision::{VISION_FOLDER, VisionFiles};
+pub use webcam::IMAGES_PER_S_MAX;
 
 /// Errors that prevent the view from starting.
 #[derive(Debug, thiserror::Error)]

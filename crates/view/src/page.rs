@@ -6,6 +6,8 @@ use crate::mixer::{KeyPoses, MixRequest, Mixed, Mixer};
 use crate::operator_worker::{CommandOutcome, OperatorCommand, OperatorWorker};
 use crate::recording_view::Position;
 use crate::shares::Shares;
+use crate::sight::Sight;
+use crate::webcam::{CameraReport, CameraRequest, Webcam};
 use instance::Instance;
 use serde::Deserialize;
 use serde_json::json;
@@ -59,6 +61,10 @@ enum Request {
         shares: [f64; 3],
     },
     Leave {},
+    /// See [`CameraRequest`]. Only for an instance with a camera. Its images are binary messages.
+    Camera {
+        on: bool,
+    },
     /// See [`Position`]. Only for a recording.
     Play {},
     Pause {},
@@ -78,24 +84,25 @@ enum Arm {
 /// Data source of a page.
 #[derive(Clone, Debug)]
 pub enum PageSource {
-    /// A running instance, with the key poses if the pages may use them.
-    Instance(Instance, Option<Arc<KeyPoses>>),
+    /// A running instance, the key poses if the pages may use them, and true if they may use a webcam.
+    Instance(Instance, Option<Arc<KeyPoses>>, bool),
     /// A recording, with the position being shown.
     Recording(Arc<Position>),
 }
 
 /// Control that a page has over its source.
 enum PageControl {
-    OperatorWorker(OperatorWorker, Option<Mixer>),
+    OperatorWorker(OperatorWorker, Option<Mixer>, Option<Webcam>),
     Position(Arc<Position>),
 }
 
 impl PageControl {
     fn of(behind: &PageSource) -> std::io::Result<Self> {
         Ok(match behind {
-            PageSource::Instance(instance, key_poses) => {
+            PageSource::Instance(instance, key_poses, camera) => {
                 let mixer = key_poses.as_ref().map(|key_poses| Mixer::new(instance, key_poses)).transpose()?;
-                Self::OperatorWorker(OperatorWorker::new(instance)?, mixer)
+                let webcam = camera.then(|| Webcam::new(instance)).transpose()?;
+                Self::OperatorWorker(OperatorWorker::new(instance)?, mixer, webcam)
             }
             PageSource::Recording(position) => Self::Position(position.clone()),
         })
@@ -105,29 +112,39 @@ impl PageControl {
     fn pull(&self, request: Request) -> bool {
         match (self, request) {
             (_, Request::Here {}) => {}
-            (Self::OperatorWorker(hand, _), Request::Engage { arm }) => {
+            (Self::OperatorWorker(hand, ..), Request::Engage { arm }) => {
                 let left_out = arm.map(|arm| match arm {
                     Arm::Left => 1,
                     Arm::Right => 0,
                 });
                 hand.ask(OperatorCommand::Engage { left_out });
             }
-            (Self::OperatorWorker(hand, _), Request::Keep {}) => hand.ask(OperatorCommand::Keep),
-            (Self::OperatorWorker(hand, _), Request::Clutch { held }) => hand.ask(OperatorCommand::Clutch(held)),
-            (Self::OperatorWorker(hand, _), Request::Release {}) => hand.ask(OperatorCommand::Release),
-            (Self::OperatorWorker(hand, _), Request::Reset {}) => hand.ask(OperatorCommand::Reset),
-            (Self::OperatorWorker(hand, _), Request::Stop {}) => hand.ask(OperatorCommand::Stop),
-            (Self::OperatorWorker(_, Some(mixer)), Request::Join {}) => mixer.ask(MixRequest::Join),
-            (Self::OperatorWorker(_, Some(mixer)), Request::Leave {}) => mixer.ask(MixRequest::Leave),
-            (Self::OperatorWorker(_, Some(mixer)), Request::Mix { shares }) => match Shares::nearest(shares) {
+            (Self::OperatorWorker(hand, ..), Request::Keep {}) => hand.ask(OperatorCommand::Keep),
+            (Self::OperatorWorker(hand, ..), Request::Clutch { held }) => hand.ask(OperatorCommand::Clutch(held)),
+            (Self::OperatorWorker(hand, ..), Request::Release {}) => hand.ask(OperatorCommand::Release),
+            (Self::OperatorWorker(hand, ..), Request::Reset {}) => hand.ask(OperatorCommand::Reset),
+            (Self::OperatorWorker(hand, ..), Request::Stop {}) => hand.ask(OperatorCommand::Stop),
+            (Self::OperatorWorker(_, Some(mixer), _), Request::Join {}) => mixer.ask(MixRequest::Join),
+            (Self::OperatorWorker(_, Some(mixer), _), Request::Leave {}) => mixer.ask(MixRequest::Leave),
+            (Self::OperatorWorker(_, Some(mixer), _), Request::Mix { shares }) => match Shares::nearest(shares) {
                 Some(shares) => mixer.ask(MixRequest::Mix(shares)),
                 None => return false,
             },
+            (Self::OperatorWorker(_, _, Some(webcam)), Request::Camera { on }) => {
+                webcam.ask(if on { CameraRequest::Start } else { CameraRequest::Stop });
+            }
             (Self::Position(position), Request::Play {}) => position.play(true),
             (Self::Position(position), Request::Pause {}) => position.play(false),
             (Self::Position(position), Request::Seek { to_s }) => position.seek(to_s),
             _ => return false,
         }
+        true
+    }
+
+    /// Passes an image on. An invalid one is counted, and the page stays open. Returns false if there is no camera.
+    fn see(&self, image: &[u8]) -> bool {
+        let Self::OperatorWorker(_, _, Some(webcam)) = self else { return false };
+        webcam.ask(CameraRequest::Image(rt::now(), Sight::of(image)));
         true
     }
 }
@@ -189,15 +206,23 @@ impl Page {
             self.is_playing = playing;
             self.send(Message::text(json!({ "tell": "reel", "playing": playing }).to_string()))?;
         }
-        while let PageControl::OperatorWorker(hand, _) = &self.lever
+        while let PageControl::OperatorWorker(hand, ..) = &self.lever
             && let Some(CommandOutcome { held, text }) = hand.answer()
         {
             self.send(Message::text(json!({ "tell": "hand", "held": held, "text": text }).to_string()))?;
         }
-        while let PageControl::OperatorWorker(_, Some(mixer)) = &self.lever
+        while let PageControl::OperatorWorker(_, Some(mixer), _) = &self.lever
             && let Some(Mixed { on, shares, text }) = mixer.answer()
         {
             let told = json!({ "tell": "mix", "on": on, "shares": shares.get(), "text": text });
+            self.send(Message::text(told.to_string()))?;
+        }
+        while let PageControl::OperatorWorker(_, _, Some(webcam)) = &self.lever
+            && let Some(CameraReport { on, published, refused, age_ms, text }) = webcam.answer()
+        {
+            let told = json!({
+                "tell": "camera", "on": on, "published": published, "refused": refused, "age_ms": age_ms, "text": text
+            });
             self.send(Message::text(told.to_string()))?;
         }
         Ok(())
@@ -225,7 +250,12 @@ impl Page {
                         return Err(Error::ConnectionClosed);
                     }
                 }
-                Ok(Message::Binary(_)) => return Err(Error::ConnectionClosed),
+                Ok(Message::Binary(image)) => {
+                    self.spoke = Instant::now();
+                    if !self.keeps_measure() || !self.lever.see(&image) {
+                        return Err(Error::ConnectionClosed);
+                    }
+                }
                 Ok(_) if self.keeps_measure() => {}
                 Ok(_) => return Err(Error::ConnectionClosed),
                 Err(error) if waits(&error) => break,

@@ -4,12 +4,12 @@ use crate::ViewError;
 use crate::http::{self, SiteConfig};
 use crate::hub::{Hub, StatusWriter};
 use crate::live::Live;
-use crate::meshes::MeshFolder;
 use crate::mixer::KeyPoses;
 use crate::page;
 use crate::page::PageSource;
 use crate::recording_view::{Position, RecordingView};
 use crate::robot_view::RobotView;
+use crate::vision::VisionFiles;
 use bus::DomainConfig;
 use instance::Instance;
 use robot::Model;
@@ -34,6 +34,15 @@ const END_WITHIN: Duration = Duration::from_secs(1);
 /// Most connections at a time. A page needs eight files at once and one socket, and there may be several pages.
 const CONNECTIONS_MAX: usize = 32;
 
+/// Further abilities of the pages of an instance.
+#[derive(Debug, Default)]
+pub struct LiveOptions {
+    /// A page may be the person that the robot follows, by mixing these.
+    pub key_poses: Option<KeyPoses>,
+    /// A page may be the person that its webcam sees, with the help of these files.
+    pub vision: Option<VisionFiles>,
+}
+
 /// A running server. Dropping it stops it.
 pub struct Server {
     address: String,
@@ -44,20 +53,17 @@ pub struct Server {
 
 impl Server {
     /// Shows `instance`, whose robot is that of `view`, at `port` of the loopback interface. Port 0 picks any
-    /// free one. With `key_poses` a page may be the person that the robot follows, by mixing them.
+    /// free one.
     ///
     /// # Errors
     /// Returns an error if the port is taken, or if the instance's shared memory cannot be opened.
-    pub fn live(
-        instance: &Instance,
-        view: &RobotView,
-        key_poses: Option<KeyPoses>,
-        port: u16,
-    ) -> Result<Self, ViewError> {
+    pub fn live(instance: &Instance, view: &RobotView, options: LiveOptions, port: u16) -> Result<Self, ViewError> {
+        let LiveOptions { key_poses, vision } = options;
         let names = key_poses.as_ref().map(|key_poses| &key_poses.names);
-        let about = json!({ "source": "live", "run_dir": instance.run_dir(), "key_poses": names });
-        let behind = PageSource::Instance(instance.clone(), key_poses.map(Arc::new));
-        let mut server = Self::listen(Hub::new(view, &about), behind, view.folder.clone(), port)?;
+        let camera = vision.is_some();
+        let about = json!({ "source": "live", "run_dir": instance.run_dir(), "key_poses": names, "camera": camera });
+        let behind = PageSource::Instance(instance.clone(), key_poses.map(Arc::new), camera);
+        let mut server = Self::listen(Hub::new(view, &about), behind, view, vision, port)?;
         let (hub, model, domain) = (server.hub.clone(), view.model.clone(), instance.core_domain());
         let (opened, outcome) = channel();
         let thread = server.spawn("view", move |ended| tell(&hub, &model, &domain, &opened, &ended));
@@ -74,21 +80,27 @@ impl Server {
         let about = json!({ "source": "recording", "name": name, "duration_s": recording.duration_s() });
         let position = Arc::new(Position::new(recording.duration_s()));
         let behind = PageSource::Recording(position.clone());
-        let mut server = Self::listen(Hub::new(view, &about), behind, view.folder.clone(), port)?;
+        let mut server = Self::listen(Hub::new(view, &about), behind, view, None, port)?;
         let hub = server.hub.clone();
         let thread = server.spawn("view", move |ended| play(&hub, &recording, &position, &ended));
         thread.map_err(|source| ViewError::Listen { port, source })?;
         Ok(server)
     }
 
-    fn listen(hub: Hub, behind: PageSource, meshes: Option<Arc<MeshFolder>>, port: u16) -> Result<Self, ViewError> {
+    fn listen(
+        hub: Hub,
+        behind: PageSource,
+        view: &RobotView,
+        vision: Option<VisionFiles>,
+        port: u16,
+    ) -> Result<Self, ViewError> {
         let bind = |source| ViewError::Listen { port, source };
         let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, port)).map_err(bind)?;
         listener.set_nonblocking(true).map_err(bind)?;
         let key = http::Key::new(listener.local_addr().map_err(bind)?.port()).map_err(bind)?;
         let (address, hub, ended) = (key.address(), Arc::new(hub), Arc::new(AtomicBool::new(false)));
         let mut server = Self { address, hub: hub.clone(), ended, threads: Vec::new() };
-        let site = SiteConfig { key, meshes };
+        let site = SiteConfig { key, meshes: view.folder.clone(), vision: vision.map(Arc::new) };
         server.spawn("listen", move |ended| accept(&listener, &site, &hub, &behind, &ended)).map_err(bind)?;
         Ok(server)
     }

@@ -6,3 +6,4 @@ mod meshes;
 mod page;
 mod recording_view;
 mod shares;
+mod sight;

@@ -1,0 +1,192 @@
+// The webcam as a client. A worker finds the person in each image, and the server publishes the landmarks. Only the
+// button starts it. Whatever ends it, it stays off until the button is pressed again.
+
+// Landmarks of MediaPipe's layout: shoulder, elbow and wrist of each arm.
+const ARMS = { left: [11, 13, 15], right: [12, 14, 16] };
+const BONES = [[11, 12], [11, 13], [13, 15], [12, 14], [14, 16], [11, 23], [12, 24], [23, 24], [23, 25], [25, 27], [24, 26], [26, 28], [0, 11], [0, 12]];
+const LANDMARKS = 33;
+// A landmark below it is drawn dim, and its arm is called unsure.
+const SURE = 0.5;
+// Without an image for this long, the camera has stalled, ms. The server ends the person after the same time.
+const STALLED = 500;
+// `ingest` drops older images, and engages at no lower rate.
+const [AGE_MAX, RATE_MIN] = [100, 20];
+
+// Returns the message about an image, as `sight.rs` reads it: the times, then the switch and the landmarks.
+export function encode(sent, age, mirrored, marks) {
+  const bytes = new ArrayBuffer(marks ? 16 + 4 * (1 + 4 * LANDMARKS) : 16);
+  new Float64Array(bytes, 0, 2).set([sent, age]);
+  if (marks) new Float32Array(bytes, 16).set([mirrored ? 1 : 0, ...marks.flat()]);
+  return bytes;
+}
+
+// Returns how sure the landmarker is of an arm, from 0 to 1: that of its worst joint.
+export function confidence(marks, arm) {
+  return marks ? Math.min(...ARMS[arm].map((n) => marks[n][3])) : 0;
+}
+
+export class Webcam {
+  // `wire` sends to the server. `$` finds an element. `base` is the address of the user's files.
+  constructor(wire, $, base) {
+    Object.assign(this, { wire, $, base, stream: null, worker: null, run: 0, on: false, asked: false, busy: false, times: [], watch: null });
+    $("cam-on").addEventListener("click", () => (this.stream || this.worker ? this.stop("") : this.start()));
+    $("cam-mirrored").addEventListener("click", () => this.mirror(!this.mirrored));
+    document.addEventListener("visibilitychange", () => { if (document.hidden) this.stop("The page was hidden, so the camera is off."); });
+    // A hidden video shows no images.
+    $("cam").addEventListener("toggle", () => { if (!$("cam").open) this.stop("The panel was closed, so the camera is off."); });
+    this.mirror(false);
+    this.show("off");
+  }
+
+  // The switch says that the image itself is mirrored. The preview always looks like a mirror.
+  mirror(now) {
+    this.mirrored = now;
+    this.$("cam-mirrored").setAttribute("aria-checked", String(now));
+    this.$("cam-view").classList.toggle("turned", !now);
+  }
+
+  text(value) {
+    if (this.$("cam-told").textContent !== value) this.$("cam-told").textContent = value;
+  }
+
+  show(state) {
+    this.$("cam-on").textContent = this.stream || this.worker ? "Stop the camera" : "Start the camera";
+    this.$("cam-state").textContent = state;
+  }
+
+  async start() {
+    const run = ++this.run;
+    this.text("");
+    try {
+      this.worker = new Worker("webcam-worker.js", { type: "module" });
+      this.worker.onmessage = ({ data }) => { if (run === this.run) this.hear(data); };
+      this.worker.onerror = (event) => { if (run === this.run) this.stop(`The landmarker failed: ${event.message ?? "it could not be loaded"}`); };
+      this.show("waiting for the camera");
+      const stream = await navigator.mediaDevices.getUserMedia({ audio: false, video: { width: 640, height: 480, frameRate: { ideal: 30 } } });
+      // It may have been stopped while the user was asked.
+      if (run !== this.run) return stream.getTracks().forEach((track) => track.stop());
+      this.stream = stream;
+      const ended = () => { if (run === this.run) this.stop("The camera ended."); };
+      stream.getVideoTracks().forEach((track) => track.addEventListener("ended", ended));
+      const video = this.$("cam-video");
+      video.srcObject = stream;
+      await video.play();
+      if (run !== this.run) return;
+      this.show("loading the landmarker");
+      this.worker.postMessage({ base: this.base });
+    } catch (error) {
+      if (run === this.run) this.stop(`The camera cannot be used: ${error.message}`);
+    }
+  }
+
+  // Turns everything off. It also tells the server, so that nothing is published any more.
+  stop(why) {
+    if (!this.stream && !this.worker) return;
+    this.run += 1;
+    clearInterval(this.watch);
+    this.worker?.terminate();
+    this.stream?.getTracks().forEach((track) => track.stop());
+    this.$("cam-video").srcObject = null;
+    if (this.asked) this.wire.ask("camera", { on: false });
+    Object.assign(this, { stream: null, worker: null, on: false, asked: false, busy: false, times: [] });
+    this.draw(null);
+    for (const arm of Object.keys(ARMS)) this.showArm(arm, 0, false);
+    this.text(why);
+    this.show("off");
+  }
+
+  hear({ ready, failed, at, inImage, inWorld }) {
+    if (failed) return this.stop(`The landmarker failed: ${failed}`);
+    if (ready) {
+      this.seenAt = performance.now();
+      const run = this.run;
+      this.watch = setInterval(() => this.check(), STALLED / 5);
+      return this.next(run);
+    }
+    this.busy = false;
+    this.report(at, inImage, inWorld);
+  }
+
+  check() {
+    if (performance.now() - this.seenAt > STALLED) this.stop("No image came for half a second: the camera or this machine is too slow. The camera is off.");
+  }
+
+  next(run) {
+    const video = this.$("cam-video");
+    video.requestVideoFrameCallback(async (now, { captureTime }) => {
+      if (run !== this.run) return;
+      this.next(run);
+      // An image that comes while another one is examined is left out. None waits.
+      if (this.busy) return;
+      this.busy = true;
+      try {
+        const image = await createImageBitmap(video);
+        if (run !== this.run) return image.close();
+        // Not every browser says when the image was taken. Then it counts from its arrival.
+        this.worker.postMessage({ image, at: captureTime ?? now }, [image]);
+      } catch (error) {
+        if (run === this.run) this.stop(`The image cannot be read: ${error.message}`);
+      }
+    });
+  }
+
+  report(at, inImage, inWorld) {
+    const now = performance.now(), age = Math.max(0, now - at);
+    this.seenAt = now;
+    this.times = [...this.times.filter((time) => now - time < 1000), now];
+    // The first image asks for the lease. Before that the landmarker loads, which takes seconds.
+    if (!this.asked) this.asked = this.wire.ask("camera", { on: true });
+    if (!this.asked || !this.wire.send(encode(now, age, this.mirrored, inWorld))) return this.stop("Not connected, so the camera is off.");
+    this.age = age;
+    this.draw(inImage);
+    for (const arm of Object.keys(ARMS)) this.showArm(arm, confidence(inWorld, arm), inWorld !== null);
+    this.showState(inWorld !== null);
+  }
+
+  showState(seen) {
+    const rate = this.times.length, notes = [`${rate} images a second`, `${this.age.toFixed(0)} ms old`];
+    const who = this.on ? "leads the robot" : "waits for the lease";
+    const slow = this.times[0] < performance.now() - 900 && rate < RATE_MIN ? `, at least ${RATE_MIN} are needed` : "";
+    const old = this.age > AGE_MAX ? `, at most ${AGE_MAX} ms may be` : "";
+    this.show(`${who}: ${seen ? "" : "nobody is seen, "}${notes[0]}${slow}, ${notes[1]}${old}`);
+  }
+
+  showArm(arm, value, seen) {
+    this.$(`cam-${arm}`).value = value;
+    const word = !seen ? "–" : value < SURE ? `${(100 * value).toFixed(0)} %, unsure` : `${(100 * value).toFixed(0)} %`;
+    this.$(`cam-${arm}-text`).textContent = word;
+  }
+
+  // The server's report. A person that ended by itself turns the camera off.
+  told({ on, refused, text }) {
+    if (text && !on) this.stop(text);
+    else if (this.on && !on) this.stop("The person ended.");
+    else if (this.stream) {
+      this.on = on;
+      this.text(text ? `${text} ${refused} so far.` : "");
+    }
+  }
+
+  draw(marks) {
+    const canvas = this.$("cam-canvas"), video = this.$("cam-video"), pen = canvas.getContext("2d");
+    if (video.videoWidth > 0 && canvas.width !== video.videoWidth) [canvas.width, canvas.height] = [video.videoWidth, video.videoHeight];
+    pen.clearRect(0, 0, canvas.width, canvas.height);
+    if (!marks) return;
+    const colour = getComputedStyle(canvas).getPropertyValue("--person");
+    Object.assign(pen, { lineWidth: canvas.width / 120, lineCap: "round", strokeStyle: colour, fillStyle: colour });
+    const place = ([x, y]) => [x * canvas.width, y * canvas.height], sure = ([, , , visibility]) => visibility >= SURE;
+    for (const [a, b] of BONES) {
+      pen.globalAlpha = sure(marks[a]) && sure(marks[b]) ? 1 : 0.25;
+      pen.beginPath();
+      pen.moveTo(...place(marks[a]));
+      pen.lineTo(...place(marks[b]));
+      pen.stroke();
+    }
+    for (const mark of marks.slice(11)) {
+      pen.globalAlpha = sure(mark) ? 1 : 0.25;
+      pen.beginPath();
+      pen.arc(...place(mark), canvas.width / 90, 0, 2 * Math.PI);
+      pen.fill();
+    }
+  }
+}

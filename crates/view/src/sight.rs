@@ -1,0 +1,110 @@
+//! One image of a webcam as a page reports it: the landmarks of the person, and the age of the image.
+
+use messages::{Layout, RawSkeleton, SkeletonLayout, raw_flag};
+use std::fmt;
+
+/// Landmarks of a person in MediaPipe's layout.
+pub const LANDMARKS: usize = 33;
+/// Bytes of a message: two numbers of double precision, the mirrored switch, and four numbers for each landmark.
+pub const SIGHT_BYTES: usize = 16 + 4 + 16 * LANDMARKS;
+/// Bytes of a message about an image that shows nobody.
+pub const NOBODY_BYTES: usize = 16;
+/// Largest age of an image, ms. `ingest` drops what is older than 100 ms. A larger age than this one is an error.
+pub const AGE_MS_MAX: f64 = 500.0;
+/// Largest coordinate of a landmark, m. Landmarks are relative to the hips. Assumption: a person is smaller.
+const REACH_M_MAX: f32 = 5.0;
+
+/// Reasons for which a message is refused.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Refusal {
+    /// It does not have the length of a message.
+    Length,
+    /// A number is NaN, infinite or out of its bounds.
+    Number,
+    /// The age is negative or too large.
+    Age,
+    /// There were too many within a second.
+    Flood,
+}
+
+impl fmt::Display for Refusal {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Length => "a message does not have 33 landmarks",
+            Self::Number => "a landmark is no number, or out of its bounds",
+            Self::Age => "the image is older than 500 ms, or its age is negative",
+            Self::Flood => "more than 120 images within a second",
+        })
+    }
+}
+
+/// An image.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Sight {
+    /// Time at which the page sent the message, on the page's own clock, ms.
+    pub sent_ms: f64,
+    /// Age of the image at that time, ms.
+    pub age_ms: f64,
+    /// The person. `None` if the image shows nobody.
+    pub person: Option<Box<Person>>,
+}
+
+/// A person in an image.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Person {
+    /// The image itself was mirrored.
+    pub mirrored: bool,
+    /// x, y and z of each landmark, m, and its visibility.
+    pub landmarks: [[f32; 4]; LANDMARKS],
+}
+
+impl Sight {
+    /// Reads a message. All numbers have the little end first.
+    ///
+    /// # Errors
+    /// Returns the reason if a number is missing or out of its bounds.
+    pub fn of(bytes: &[u8]) -> Result<Self, Refusal> {
+        if bytes.len() != SIGHT_BYTES && bytes.len() != NOBODY_BYTES {
+            return Err(Refusal::Length);
+        }
+        let (times, rest) = bytes.split_at(NOBODY_BYTES);
+        let (times, _) = times.as_chunks::<8>();
+        let [sent_ms, age_ms] = [0, 1].map(|n| f64::from_le_bytes(times[n]));
+        if !sent_ms.is_finite() {
+            return Err(Refusal::Number);
+        }
+        if !(0.0..=AGE_MS_MAX).contains(&age_ms) {
+            return Err(Refusal::Age);
+        }
+        let (numbers, _) = rest.as_chunks::<4>();
+        let person = numbers.split_first().map(|(mirrored, marks)| person(f32::from_le_bytes(*mirrored), marks));
+        Ok(Self { sent_ms, age_ms, person: person.transpose()?.map(Box::new) })
+    }
+}
+
+fn person(mirrored: f32, marks: &[[u8; 4]]) -> Result<Person, Refusal> {
+    let (marks, _) = marks.as_chunks::<4>();
+    let landmarks = std::array::from_fn(|n| marks[n].map(f32::from_le_bytes));
+    let is_near = |x: &f32| x.abs() <= REACH_M_MAX;
+    let is_valid =
+        |[x, y, z, visibility]: &[f32; 4]| [x, y, z].into_iter().all(is_near) && (0.0..=1.0).contains(visibility);
+    if ![0.0, 1.0].contains(&mirrored) || !landmarks.iter().all(is_valid) {
+        return Err(Refusal::Number);
+    }
+    Ok(Person { mirrored: mirrored > 0.0, landmarks })
+}
+
+impl Person {
+    /// Returns the frame for `ingest`, without its header.
+    pub fn frame(&self) -> RawSkeleton {
+        let mut frame = RawSkeleton::ZERO;
+        frame.layout = SkeletonLayout::MediaPipe33 as u32;
+        frame.joint_count = LANDMARKS as u32;
+        frame.flags = if self.mirrored { raw_flag::MIRRORED } else { 0 };
+        for (n, [x, y, z, visibility]) in self.landmarks.into_iter().enumerate() {
+            frame.positions[n] = [x, y, z];
+            frame.confidence[n] = visibility;
+        }
+        frame
+    }
+}

@@ -1,0 +1,386 @@
+//! A page with a webcam as a client. The page finds the person in the images, and this thread publishes the landmarks
+//! through the skeleton socket like any client. The lease, validation, the enable and the gate treat it like every client.
+
+use crate::operator_worker::HOLD_FOR;
+use crate::sight::{AGE_MS_MAX, Person, Refusal, Sight};
+use crate::worker::Worker;
+use doors::{Client, DoorError, Reply};
+use instance::Instance;
+use messages::Stamp;
+use std::sync::mpsc::{Receiver, RecvError, RecvTimeoutError, Sender};
+use std::time::{Duration, Instant};
+
+/// Most images of a page within a second. Webcams make 30 or 60.
+pub const IMAGES_PER_S_MAX: u32 = 120;
+/// Time between two reports to the page.
+const TELL_EVERY: Duration = Duration::from_millis(200);
+
+/// Request of a page.
+#[derive(Debug)]
+pub enum CameraRequest {
+    /// Become the client whose person the robot follows.
+    Start,
+    /// An image that arrived at this time, or the reason for which it is refused. Does nothing before a start.
+    Image(Stamp, Result<Sight, Refusal>),
+    /// Stop being the client.
+    Stop,
+}
+
+/// Report to the page.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CameraReport {
+    /// True if the person is published.
+    pub on: bool,
+    /// Persons that were published since the start.
+    pub published: u64,
+    /// Images that were refused since the page opened.
+    pub refused: u64,
+    /// Age of the newest published image, ms, with the time that its message waited.
+    pub age_ms: f64,
+    /// Text for the user, if any.
+    pub text: Option<String>,
+}
+
+/// The webcam of a page. Dropping it ends the person.
+pub type Webcam = Worker<CameraRequest, CameraReport>;
+
+impl Webcam {
+    /// Creates a webcam that connects at the first start.
+    ///
+    /// # Errors
+    /// Returns an error if no thread can be started.
+    pub fn new(instance: &Instance) -> std::io::Result<Self> {
+        let instance = instance.clone();
+        Self::start("webcam", |asked, answer| {
+            let now = Instant::now();
+            let watcher = Watcher {
+                instance,
+                client: None,
+                until: None,
+                delay: TransitDelay::default(),
+                second: (now, 0),
+                told: now,
+                sequence: 0,
+                incarnation: rt::incarnation(),
+                report: CameraReport { on: false, published: 0, refused: 0, age_ms: 0.0, text: None },
+                answer,
+            };
+            watcher.work(asked);
+        })
+    }
+}
+
+/// How long messages wait on their way. The fastest message of a session is the measure for the others, because the
+/// clocks of the page and of this process differ by a constant.
+#[derive(Debug, Default)]
+struct TransitDelay {
+    fastest_ms: Option<f64>,
+}
+
+impl TransitDelay {
+    /// Returns the time that a message waited, ms.
+    fn of(&mut self, sent_ms: f64, arrived: Stamp) -> f64 {
+        let took_ms = arrived.0 as f64 * 1e-6 - sent_ms;
+        let fastest_ms = self.fastest_ms.map_or(took_ms, |fastest| fastest.min(took_ms));
+        self.fastest_ms = Some(fastest_ms);
+        took_ms - fastest_ms
+    }
+}
+
+struct Watcher {
+    instance: Instance,
+    /// The session. It survives a pause, like that of any client that returns to its lease.
+    client: Option<Client>,
+    /// Time at which the page's silence ends the person. `None` while the page is not the client.
+    until: Option<Instant>,
+    delay: TransitDelay,
+    /// Start of the current second, and the images in it.
+    second: (Instant, u32),
+    told: Instant,
+    sequence: u64,
+    incarnation: u32,
+    report: CameraReport,
+    answer: Sender<CameraReport>,
+}
+
+impl Watcher {
+    fn work(mut self, asked: &Receiver<CameraRequest>) {
+        loop {
+            let turn = match self.until {
+                None => asked.recv().map_err(|RecvError| RecvTimeoutError::Disconnected),
+                Some(until) => asked.recv_timeout(until.saturating_duration_since(Instant::now())),
+            };
+            match turn {
+                Ok(CameraRequest::Start) => self.begin(),
+                Ok(CameraRequest::Image(arrived, image)) => self.take(arrived, image),
+                Ok(CameraRequest::Stop) => self.end(None),
+                Err(RecvTimeoutError::Timeout) => {}
+                Err(RecvTimeoutError::Disconnected) => return,
+            }
+            // Runs after every request, because a flood of invalid images is silence too.
+            if self.until.is_some_and(|until| until <= Instant::now()) {
+                self.end(Some(SILENT.to_owned()));
+            }
+        }
+    }
+
+    fn begin(&mut self) {
+        if self.until.is_some() {
+            return;
+        }
+        match self.join() {
+            Ok(()) => {
+                self.until = Some(Instant::now() + HOLD_FOR);
+                (self.delay, self.report.published) = (TransitDelay::default(), 0);
+                self.tell(None);
+            }
+            Err(why) => self.end(Some(why)),
+        }
+    }
+
+    /// Makes sure that there is a session that may move the robot. The error says why there is none. A session that lost
+    /// its lease to another client never gets it back.
+    fn join(&mut self) -> Result<(), String> {
+        let usable = |client: &mut Client| client.listen().is_ok() && client.told() != Reply::NotHolder;
+        self.client = self.client.take().and_then(|mut client| usable(&mut client).then_some(client));
+        if self.client.is_none() {
+            let client = Client::attach(self.instance.skeleton_socket()).map_err(|error| error.to_string())?;
+            if client.told() == Reply::GrantedButHeld {
+                return Err(HELD.to_owned());
+            }
+            self.client = Some(client);
+        }
+        Ok(())
+    }
+
+    fn take(&mut self, arrived: Stamp, image: Result<Sight, Refusal>) {
+        let image = self.within_rate().and(image);
+        let refused = match (image, self.until) {
+            (Err(refusal), _) => Some(refusal),
+            // An image before the start, or after the end, moves nothing. It begins nothing either.
+            (Ok(_), None) => None,
+            (Ok(image), Some(_)) => self.see(arrived, &image).err(),
+        };
+        if let Some(refusal) = refused {
+            self.report.refused += 1;
+            self.tell_sometimes(Some(format!("An image was refused: {refusal}.")));
+        } else {
+            self.tell_sometimes(None);
+        }
+    }
+
+    fn within_rate(&mut self) -> Result<(), Refusal> {
+        if self.second.0.elapsed() > Duration::from_secs(1) {
+            self.second = (Instant::now(), 0);
+        }
+        self.second.1 = self.second.1.saturating_add(1);
+        if self.second.1 > IMAGES_PER_S_MAX { Err(Refusal::Flood) } else { Ok(()) }
+    }
+
+    /// Takes a valid image of a page that is the client.
+    fn see(&mut self, arrived: Stamp, image: &Sight) -> Result<(), Refusal> {
+        let age_ms = image.age_ms + self.delay.of(image.sent_ms, arrived);
+        if age_ms > AGE_MS_MAX {
+            return Err(Refusal::Age);
+        }
+        self.until = Some(Instant::now() + HOLD_FOR);
+        self.report.age_ms = age_ms;
+        // Nothing is published for an image without a person, so `ingest` judges the silence.
+        if let Some(person) = &image.person {
+            let origin = Stamp(arrived.0.saturating_sub((age_ms * 1e6) as u64));
+            match self.publish(person, origin) {
+                Ok(Reply::NotHolder) => {
+                    self.client = None;
+                    self.end(Some(HELD.to_owned()));
+                }
+                // A frame that `ingest` did not read in time is lost. `ingest` judges if there were too many.
+                Ok(_) | Err(DoorError::Timeout { .. }) => self.report.published += 1,
+                Err(error) => {
+                    self.client = None;
+                    self.end(Some(format!("The connection to ingest is lost: {error}")));
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Publishes a person. Returns the newest reply of `ingest`.
+    fn publish(&mut self, person: &Person, origin: Stamp) -> Result<Reply, DoorError> {
+        let Some(client) = &mut self.client else { return Ok(Reply::NotHolder) };
+        let mut frame = person.frame();
+        self.sequence += 1;
+        frame.header.sequence = self.sequence;
+        (frame.header.stamp, frame.header.origin) = (rt::now(), origin);
+        frame.header.incarnation = self.incarnation;
+        client.publish(&frame)?;
+        Ok(client.told())
+    }
+
+    fn end(&mut self, text: Option<String>) {
+        self.until = None;
+        self.tell(text);
+    }
+
+    fn tell_sometimes(&mut self, text: Option<String>) {
+        if self.told.elapsed() >= TELL_EVERY {
+            self.tell(text);
+        }
+    }
+
+    fn tell(&mut self, text: Option<String>) {
+        self.told = Instant::now();
+        let _ = self.answer.send(CameraReport { on: self.until.is_some(), text, ..self.report.clone() });
+    }
+}
+
+/// Message to a page whose person cannot move the robot.
+const HELD: &str = "This page is not the client: another one holds the lease, or held it a moment ago. Start again after \
+    it has disconnected.";
+/// Message to a page that sent no valid image for too long.
+const SILENT: &str = "No image came for half a second, so this page no longer moves the robot. Start the camera again.";
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use doors::{FrameSource, LeaseState, Server};
+    use messages::RawSkeleton;
+    use std::path::Path;
+
+    /// Longest time for any expected event. Only a hang comes near it.
+    const SOON: Duration = Duration::from_secs(20);
+
+    /// A substitute for `ingest` that this thread polls.
+    struct Ingest {
+        server: Server,
+        holds: LeaseState,
+        frames: Vec<RawSkeleton>,
+    }
+
+    impl Ingest {
+        fn at(path: &Path) -> Self {
+            Self { server: Server::bind(path, None).expect("a socket"), holds: LeaseState::Holder, frames: Vec::new() }
+        }
+
+        fn poll(&mut self) {
+            let (frames, holds) = (&mut self.frames, self.holds);
+            self.server.poll(rt::now(), false, |_: FrameSource, frame| {
+                frames.push(*frame);
+                holds
+            });
+            std::thread::sleep(Duration::from_millis(1));
+        }
+
+        /// Returns the next report that `what` accepts.
+        fn report(&mut self, webcam: &Webcam, what: impl Fn(&CameraReport) -> bool) -> CameraReport {
+            let give_up = Instant::now() + SOON;
+            loop {
+                self.poll();
+                if let Some(report) = webcam.answer().filter(&what) {
+                    return report;
+                }
+                assert!(Instant::now() < give_up, "never reported");
+            }
+        }
+
+        fn wait(&mut self, frames: usize) {
+            let give_up = Instant::now() + SOON;
+            while self.frames.len() < frames {
+                self.poll();
+                assert!(Instant::now() < give_up, "only {} frames", self.frames.len());
+            }
+        }
+    }
+
+    fn webcam() -> (tempfile::TempDir, Ingest, Webcam) {
+        let folder = tempfile::tempdir().expect("a folder");
+        let instance = Instance::new(folder.path()).expect("an instance");
+        let ingest = Ingest::at(&instance.skeleton_socket());
+        let webcam = Webcam::new(&instance).expect("a thread");
+        (folder, ingest, webcam)
+    }
+
+    /// An image that the page sent at `sent_ms`, and that arrived `arrived_ms` after an arbitrary time.
+    fn image(sent_ms: f64, age_ms: f64, arrived_ms: u64) -> CameraRequest {
+        let person = Some(Box::new(Person { mirrored: false, landmarks: [[0.5; 4]; 33] }));
+        CameraRequest::Image(Stamp(arrived_ms * 1_000_000), Ok(Sight { sent_ms, age_ms, person }))
+    }
+
+    #[test]
+    fn f122_image_that_waited_gets_its_true_age() {
+        let (_folder, mut ingest, webcam) = webcam();
+        webcam.ask(CameraRequest::Start);
+        assert!(ingest.report(&webcam, |_| true).on);
+        // The page's clock is 9 s behind. The second message waited 80 ms on its way, and the third one 600 ms.
+        for one in [image(1000.0, 30.0, 10_000), image(1033.0, 30.0, 10_113), image(1066.0, 30.0, 10_666)] {
+            webcam.ask(one);
+        }
+        webcam.ask(image(1700.0, 40.0, 10_700));
+        ingest.wait(3);
+        let origins: Vec<_> = ingest.frames.iter().map(|frame| frame.header.origin.0 / 1_000_000).collect();
+        assert_eq!(origins, [9970, 10_003, 10_660]);
+        assert!(ingest.frames.iter().all(|frame| frame.layout == 4 && frame.header.incarnation != 0));
+        assert_eq!(ingest.frames.iter().map(|frame| frame.header.sequence).collect::<Vec<_>>(), [1, 2, 3]);
+        assert_eq!(ingest.report(&webcam, |report| !report.on).refused, 1);
+    }
+
+    #[test]
+    fn flood_or_empty_images_publish_no_more_than_allowed() {
+        let (_folder, mut ingest, webcam) = webcam();
+        webcam.ask(CameraRequest::Start);
+        assert!(ingest.report(&webcam, |_| true).on);
+        for n in 0..2 * u64::from(IMAGES_PER_S_MAX) {
+            webcam.ask(image(n as f64, 1.0, 10_000 + n));
+        }
+        let after = ingest.report(&webcam, |report| !report.on);
+        assert!(after.refused >= u64::from(IMAGES_PER_S_MAX) && after.text.as_deref() == Some(SILENT), "{after:?}");
+        assert!(ingest.frames.len() <= IMAGES_PER_S_MAX as usize, "{}", ingest.frames.len());
+    }
+
+    #[test]
+    fn f123_invalid_or_late_images_keep_no_page_as_the_client() {
+        let (_folder, mut ingest, webcam) = webcam();
+        webcam.ask(image(0.0, 1.0, 10_000));
+        webcam.ask(CameraRequest::Start);
+        assert!(ingest.report(&webcam, |_| true).on);
+        let begun = Instant::now();
+        let ended = loop {
+            webcam.ask(CameraRequest::Image(rt::now(), Err(Refusal::Number)));
+            ingest.poll();
+            if let Some(report) = webcam.answer().filter(|report| !report.on) {
+                break report;
+            }
+            assert!(begun.elapsed() < SOON, "never ended");
+        };
+        assert_eq!(ended.text.as_deref(), Some(SILENT));
+        webcam.ask(image(1.0, 1.0, 10_001));
+        (0..50).for_each(|_| ingest.poll());
+        assert!(ingest.frames.is_empty(), "nothing begins without a start");
+    }
+
+    #[test]
+    fn page_that_lost_the_lease_is_told_and_gets_a_new_session() {
+        let (_folder, mut ingest, webcam) = webcam();
+        webcam.ask(CameraRequest::Start);
+        assert!(ingest.report(&webcam, |_| true).on);
+        ingest.holds = LeaseState::NotHolder;
+        let begun = Instant::now();
+        let mut n = 0;
+        let lost = loop {
+            n += 1;
+            webcam.ask(image(n as f64, 1.0, 10_000 + n));
+            (0..20).for_each(|_| ingest.poll());
+            if let Some(report) = webcam.answer().filter(|report| !report.on) {
+                break report;
+            }
+            assert!(begun.elapsed() < SOON, "never lost");
+        };
+        assert_eq!(lost.text.as_deref(), Some(HELD));
+        ingest.holds = LeaseState::Holder;
+        webcam.ask(CameraRequest::Start);
+        assert!(ingest.report(&webcam, |report| report.on).on);
+        let before = ingest.frames.len();
+        webcam.ask(image(1e4, 1.0, 20_000));
+        ingest.wait(before + 1);
+        assert!(ingest.frames[before].session_nonce != ingest.frames[before - 1].session_nonce);
+    }
+}

@@ -1,0 +1,125 @@
+//! Messages of a page about a webcam's images, and the files that find the person in them.
+
+use messages::{SkeletonLayout, raw_flag};
+use view::{AGE_MS_MAX, LANDMARKS, NOBODY_BYTES, POLICY, Refusal, SIGHT_BYTES, Sight, VisionFiles, camera_policy};
+
+fn message(sent_ms: f64, age_ms: f64, numbers: &[f32]) -> Vec<u8> {
+    let mut bytes = [sent_ms, age_ms].map(f64::to_le_bytes).concat();
+    numbers.iter().for_each(|number| bytes.extend(number.to_le_bytes()));
+    bytes
+}
+
+/// The switch, and landmarks that all differ.
+fn numbers() -> Vec<f32> {
+    let marks = (0..LANDMARKS).flat_map(|n| [0.01 * n as f32, -0.02 * n as f32, 0.03 * n as f32, n as f32 / 40.0]);
+    std::iter::once(1.0).chain(marks).collect()
+}
+
+#[test]
+fn image_becomes_frame_of_mediapipe_layout() {
+    let sight = Sight::of(&message(7.5, 33.0, &numbers())).expect("valid");
+    assert_eq!((sight.sent_ms, sight.age_ms), (7.5, 33.0));
+    let frame = sight.person.expect("a person").frame();
+    assert_eq!((frame.layout, frame.joint_count), (SkeletonLayout::MediaPipe33 as u32, 33));
+    assert_eq!(frame.flags, raw_flag::MIRRORED);
+    assert_eq!((frame.positions[32], frame.confidence[32]), ([0.32, -0.64, 0.03 * 32.0], 0.8));
+    assert!(frame.positions[33..].as_flattened().iter().chain(&frame.confidence[33..]).all(|&x| x == 0.0));
+    let mut plain = numbers();
+    plain[0] = 0.0;
+    let sight = Sight::of(&message(7.5, 33.0, &plain)).expect("valid");
+    assert_eq!(sight.person.map(|person| person.frame().flags), Some(0));
+    assert_eq!(Sight::of(&message(1.0, 2.0, &[])).map(|sight| sight.person), Ok(None));
+}
+
+#[test]
+fn invalid_image_is_refused_with_reason() {
+    let with = |at: usize, number: f32| {
+        let mut bad = numbers();
+        bad[at] = number;
+        message(1.0, 2.0, &bad)
+    };
+    for (bytes, refusal) in [
+        (with(1, f32::NAN), Refusal::Number),
+        (with(132, f32::INFINITY), Refusal::Number),
+        (with(4, 1.01), Refusal::Number),
+        (with(4, -0.01), Refusal::Number),
+        (with(5, 5.1), Refusal::Number),
+        (with(0, 0.5), Refusal::Number),
+        (message(f64::NAN, 2.0, &numbers()), Refusal::Number),
+        (message(1.0, f64::NAN, &numbers()), Refusal::Age),
+        (message(1.0, -1e-3, &numbers()), Refusal::Age),
+        (message(1.0, AGE_MS_MAX + 1e-3, &[]), Refusal::Age),
+        (message(1.0, 2.0, &numbers()[1..]), Refusal::Length),
+        (message(1.0, 2.0, &[0.0]), Refusal::Length),
+        (vec![0; 3], Refusal::Length),
+    ] {
+        assert_eq!(Sight::of(&bytes), Err(refusal), "{} bytes", bytes.len());
+    }
+}
+
+/// Whatever the bytes are, nothing panics, and what is accepted is within its bounds.
+#[test]
+fn any_bytes_are_refused_or_within_bounds() {
+    let mut random = 0x9e37_79b9_7f4a_7c15_u64;
+    let mut next = || {
+        random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (random >> 32) as usize
+    };
+    let mut accepted = 0;
+    for round in 0..20_000 {
+        let mut bytes = message(1.0, 2.0, &numbers());
+        for _ in 0..round % 4 {
+            let at = next() % bytes.len();
+            bytes[at] = next() as u8;
+        }
+        bytes.truncate([SIGHT_BYTES, SIGHT_BYTES, NOBODY_BYTES, next() % SIGHT_BYTES][round / 4 % 4]);
+        let Ok(sight) = Sight::of(&bytes) else { continue };
+        accepted += 1;
+        assert!((0.0..=AGE_MS_MAX).contains(&sight.age_ms) && sight.sent_ms.is_finite());
+        for mark in sight.person.iter().flat_map(|person| person.landmarks) {
+            assert!(mark.iter().all(|x| x.is_finite() && x.abs() <= 5.0));
+        }
+    }
+    assert!(accepted > 5000, "{accepted}");
+}
+
+#[test]
+fn camera_policy_adds_only_webassembly_and_the_camera() {
+    let policy = camera_policy();
+    let (loose, more) = policy.split_once("Permissions-Policy").expect("the camera");
+    assert_eq!(loose.replacen(" 'wasm-unsafe-eval'", "", 1), POLICY);
+    assert!(more.contains("camera=(self)") && more.ends_with("\r\n") && !POLICY.contains("wasm"));
+}
+
+#[test]
+fn only_named_camera_files_are_read() {
+    let folder = tempfile::tempdir().expect("a folder");
+    std::fs::create_dir(folder.path().join("wasm")).expect("a folder");
+    let model = folder.path().join("my pose.task");
+    std::fs::write(&model, b"PK\x03\x04").expect("a model");
+    std::fs::write(folder.path().join("package.json"), b"{}").expect("another file");
+    for name in ["vision_bundle.mjs", "wasm/vision_wasm_module_internal.js", "wasm/vision_wasm_module_internal.wasm"] {
+        let error = VisionFiles::open(folder.path(), &model).expect_err("one is missing").to_string();
+        assert!(error.contains(name) && error.contains("npm ci --prefix tools/camera"), "{error}");
+        std::fs::write(folder.path().join(name), b"//").expect("a file");
+    }
+    let files = VisionFiles::open(folder.path(), &model).expect("all are there");
+    assert_eq!(files.read("model.task").map(|file| file.bytes).ok(), Some(4));
+    assert_eq!(files.read("vision_bundle.mjs").map(|file| file.bytes).ok(), Some(2));
+    for bad in ["package.json", "my pose.task", "../x", "wasm/../package.json", "wasm", "", "/etc/hostname"] {
+        assert!(files.read(bad).is_err(), "{bad}");
+    }
+}
+
+/// The package is pinned by its version and its hash.
+#[test]
+fn camera_library_is_locked_by_hash() {
+    let text = include_str!("../../../tools/camera/package-lock.json");
+    let lock: serde_json::Value = serde_json::from_str(text).expect("JSON");
+    let packages = lock["packages"].as_object().expect("packages");
+    assert_eq!(packages.len(), 2);
+    let library = &packages["node_modules/@mediapipe/tasks-vision"];
+    assert_eq!(packages[""]["dependencies"]["@mediapipe/tasks-vision"], library["version"]);
+    assert!(library["integrity"].as_str().is_some_and(|hash| hash.starts_with("sha512-") && hash.len() == 95));
+    assert_eq!(library["license"], "Apache-2.0");
+}
