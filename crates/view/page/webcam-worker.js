@@ -28,7 +28,8 @@ onmessage = async ({ data: { base, image, at } }) => {
       postMessage({ at, ...look(image, at) });
     }
   } catch (error) {
-    postMessage({ failed: error?.message ?? String(error) });
+    // The library adds where in its sources it failed.
+    postMessage({ failed: (error?.message ?? String(error)).split("\n")[0] });
   } finally {
     image?.close();
   }

@@ -9,6 +9,8 @@ const LANDMARKS = 33;
 const SURE = 0.5;
 // Without an image for this long, the camera has stalled, ms. The server ends the person after the same time.
 const STALLED = 500;
+// The landmarker needs longer for its first image, because it prepares itself, ms.
+const FIRST = 20000;
 // `ingest` drops older images, and engages at no lower rate.
 const [AGE_MAX, RATE_MIN] = [100, 20];
 
@@ -108,7 +110,8 @@ export class Webcam {
   }
 
   check() {
-    if (performance.now() - this.seenAt > STALLED) this.stop("No image came for half a second: the camera or this machine is too slow. The camera is off.");
+    const [limit, time] = this.times.length > 0 ? [STALLED, "half a second"] : [FIRST, "20 s"];
+    if (performance.now() - this.seenAt > limit) this.stop(`No image came for ${time}: the camera or this machine is too slow. The camera is off.`);
   }
 
   next(run) {
@@ -120,7 +123,8 @@ export class Webcam {
       if (this.busy) return;
       this.busy = true;
       try {
-        const image = await createImageBitmap(video);
+        // It copies no pixels, where the browser has it.
+        const image = window.VideoFrame ? new VideoFrame(video) : await createImageBitmap(video);
         if (run !== this.run) return image.close();
         // Not every browser says when the image was taken. Then it counts from its arrival.
         this.worker.postMessage({ image, at: captureTime ?? now }, [image]);

@@ -1,0 +1,359 @@
+//! Tests a page whose webcam sees the person, against the real processes. Tests it as a program, and in a browser if
+//! there is one. A stand-in takes the place of MediaPipe's library.
+
+mod browser;
+mod viewer;
+
+use browser::Browser;
+use harness::{Rig, SOON, assert_no_violations, config, repository};
+use messages::{Mode, Service, Skeleton, Smpl};
+use serde_json::{Value, json};
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
+use tungstenite::Message;
+use view::{LANDMARKS, SIGHT_BYTES};
+use viewer::{Page, Seen, Viewer};
+
+/// Time between two images.
+const PERIOD: Duration = Duration::from_millis(33);
+
+fn library() -> PathBuf {
+    repository().join("tests/webcam/library")
+}
+
+/// Starts a viewer with the stand-in, and with a model that nobody reads.
+fn viewer(rig: &Rig, folder: &Path) -> Viewer {
+    let model = folder.join("pose.task");
+    std::fs::write(&model, b"PK stand-in").expect("a model");
+    let [model, library] = [model, library()].map(|path| path.to_str().expect("UTF-8").to_owned());
+    Viewer::with(rig, &["--camera", &model, "--vision", &library])
+}
+
+/// A message about an image that shows a person whose left arm is raised by `angle`, rad. Real landmarks tremble.
+fn image(sent_ms: f64, age_ms: f64, angle: f32) -> Vec<u8> {
+    let mut marks = [[0.0_f32; 3]; LANDMARKS];
+    (marks[0], marks[7], marks[8]) = ([0.0, -0.65, -0.1], [0.08, -0.65, 0.0], [-0.08, -0.65, 0.0]);
+    for (side, first, reach) in [(1.0, 0, [angle.cos(), -angle.sin()]), (-1.0, 1, [-1.0, 0.0])] {
+        let along = |length: f32| [0.18 * side + length * reach[0], -0.45 + length * reach[1], 0.0];
+        for (n, length) in [(11, 0.0), (13, 0.28), (15, 0.53), (17, 0.6), (19, 0.6), (21, 0.6)] {
+            marks[n + first] = along(length);
+        }
+        for (n, y) in [(23, 0.0), (25, 0.42), (27, 0.85), (29, 0.9), (31, 0.92)] {
+            marks[n + first] = [0.1 * side, y, if n == 31 { -0.12 } else { 0.0 }];
+        }
+    }
+    let mut bytes = [sent_ms, age_ms].map(f64::to_le_bytes).concat();
+    bytes.extend(0_f32.to_le_bytes());
+    for (n, mark) in marks.iter().enumerate() {
+        let tremble = 2e-4 * (0.7 * sent_ms as f32 + n as f32).sin();
+        bytes.extend(mark.map(|x| (x + tremble).to_le_bytes()).concat());
+        bytes.extend(0.9_f32.to_le_bytes());
+    }
+    assert_eq!(bytes.len(), SIGHT_BYTES);
+    bytes
+}
+
+/// A page that sends images by its own clock.
+struct Camera {
+    page: Page,
+    begun: Instant,
+    sent: Option<Instant>,
+    keeps: bool,
+    angle: f32,
+}
+
+impl Camera {
+    fn of(viewer: &Viewer) -> Self {
+        let mut page = viewer.page();
+        assert_eq!(page.told("scene")["about"]["camera"], true);
+        Self { page, begun: Instant::now(), sent: None, keeps: false, angle: 0.0 }
+    }
+
+    fn send(&mut self, bytes: Vec<u8>) {
+        self.page.socket.send(Message::binary(bytes)).expect("the server listens");
+    }
+
+    fn image(&self) -> Vec<u8> {
+        image(self.begun.elapsed().as_secs_f64() * 1e3, 20.0, self.angle)
+    }
+
+    /// Sends images at their rate, and keeps a pressed enable, until `done`.
+    fn until(&mut self, what: &str, mut done: impl FnMut(Option<&Value>) -> bool) {
+        let give_up = Instant::now() + SOON;
+        loop {
+            if self.sent.is_none_or(|at| at.elapsed() >= PERIOD) {
+                self.sent = Some(Instant::now());
+                self.send(self.image());
+                if self.keeps {
+                    self.page.ask("keep");
+                }
+            }
+            let seen = self.page.read();
+            if done(if let Seen::Told(told) = &seen { Some(told) } else { None }) {
+                return;
+            }
+            assert!(Instant::now() < give_up, "never {what}");
+        }
+    }
+
+    fn start(&mut self) {
+        self.page.say(&json!({ "do": "camera", "on": true }));
+    }
+
+    /// Returns the next report of the camera that `what` accepts, without sending anything.
+    fn report(&mut self, what: impl Fn(&Value) -> bool) -> Value {
+        loop {
+            let told = self.page.told("camera");
+            if what(&told) {
+                return told;
+            }
+        }
+    }
+}
+
+fn is_on(told: Option<&Value>) -> bool {
+    told.is_some_and(|told| told["tell"] == "camera" && told["on"] == true)
+}
+
+/// Hazard f123 too: the robot stops, and late images do not start it again.
+#[test]
+fn f123_robot_follows_images_until_they_stop() {
+    let (mut rig, folder) = (Rig::whole(), tempfile::tempdir().expect("a folder"));
+    let viewer = viewer(&rig, folder.path());
+    let (hand, mut camera) = (rig.hand(), Camera::of(&viewer));
+    // An image before the start moves nothing.
+    let first = camera.image();
+    camera.send(first);
+    camera.start();
+    camera.until("the client", is_on);
+    camera.until("free to engage", |_| {
+        hand.status().is_some_and(|status| status.faults == 0 && status.moving == 0 && status.ticks > 750)
+    });
+    camera.page.ask("engage");
+    camera.keeps = true;
+    camera.until("engaged", |_| hand.mode() == Some(Mode::Engaged));
+    let domain = bus::Domain::open(rig.instance.core_domain(), "test").expect("the core domain");
+    let mut skeletons = domain.reader::<Skeleton>(Service::Skeleton).expect("skeletons");
+    let raised = |person: Skeleton| {
+        let [wrist, shoulder] = [Smpl::LeftWrist, Smpl::LeftShoulder].map(|joint| person.positions[joint as usize][2]);
+        wrist - shoulder > 0.3
+    };
+    let begun = Instant::now();
+    camera.until("a turn", |_| begun.elapsed() > Duration::from_millis(100));
+    for step in 1..=30 {
+        camera.angle = step as f32 * 0.03;
+        let now = Instant::now();
+        camera.until("a step", |_| now.elapsed() > PERIOD);
+    }
+    camera.until("the left hand up", |_| skeletons.latest().is_some_and(raised));
+    assert_eq!(hand.mode(), Some(Mode::Engaged));
+    // The camera stalls, and the page answers otherwise.
+    let give_up = Instant::now() + SOON;
+    let text = loop {
+        camera.page.ask("keep");
+        if let Seen::Told(told) = camera.page.read()
+            && told["tell"] == "camera"
+            && told["on"] == false
+        {
+            break told["text"].to_string();
+        }
+        assert!(Instant::now() < give_up, "never silent");
+    };
+    assert!(text.contains("No image came"), "{text}");
+    hand.wait("holding", |status| status.mode == Mode::Holding as u32 || status.mode == Mode::Disengaged as u32);
+    while skeletons.latest().is_some() {}
+    for _ in 0..30 {
+        let late = camera.image();
+        camera.send(late);
+        camera.page.frame();
+    }
+    assert!(skeletons.latest().is_none(), "an image after the end is no person");
+    drop(camera);
+    hand.wait_mode(Mode::Disengaged);
+    drop(viewer);
+    assert_no_violations(&rig.end("sim"));
+}
+
+/// Invalid images are counted. Neither this page nor another one closes.
+#[test]
+fn invalid_images_are_counted_and_close_no_page() {
+    let (rig, folder) = (Rig::whole(), tempfile::tempdir().expect("a folder"));
+    let viewer = viewer(&rig, folder.path());
+    let (mut other, mut camera) = (Camera::of(&viewer), Camera::of(&viewer));
+    camera.start();
+    camera.until("the client", is_on);
+    let good = image(1.0, 20.0, 0.0);
+    let with = |at: usize, number: &[u8]| {
+        let mut bad = good.clone();
+        bad[at..at + number.len()].copy_from_slice(number);
+        bad
+    };
+    let bad = [
+        with(20, &f32::NAN.to_le_bytes()),
+        with(20, &1e9_f32.to_le_bytes()),
+        with(8, &501_f64.to_le_bytes()),
+        with(8, &(-1_f64).to_le_bytes()),
+        with(0, &f64::INFINITY.to_le_bytes()),
+        good[..good.len() - 4].to_vec(),
+        vec![],
+    ];
+    let count = bad.len() as u64;
+    bad.into_iter().for_each(|bytes| camera.send(bytes));
+    camera.until("counted", |told| told.is_some_and(|told| told["refused"].as_u64() == Some(count)));
+    // More images than a webcam makes. What exceeds the rate is counted.
+    for _ in 0..150 {
+        let more = camera.image();
+        camera.send(more);
+    }
+    camera.until("too many", |told| told.is_some_and(|told| told["refused"].as_u64() > Some(count)));
+    // Another page is another client. It learns why it moves nothing, and a closed page gives up the lease.
+    other.start();
+    camera.until("a turn", |told| told.is_some());
+    let told = other.report(|_| true);
+    assert!(told["on"] == false && told["text"].as_str().is_some_and(|text| text.contains("another one")), "{told}");
+    drop(camera);
+    let give_up = Instant::now() + SOON;
+    loop {
+        other.start();
+        if other.report(|_| true)["on"] == true {
+            break;
+        }
+        assert!(Instant::now() < give_up, "the lease ends with the page");
+        std::thread::sleep(Duration::from_millis(50));
+    }
+}
+
+#[test]
+fn camera_files_need_the_token_and_no_other_file_is_served() {
+    let (rig, folder) = (Rig::empty(), tempfile::tempdir().expect("a folder"));
+    let with = viewer(&rig, folder.path());
+    let (token, wrong) = (with.token(), "0".repeat(with.token().len()));
+    let status = |viewer: &Viewer, path: &str| viewer.get(path).lines().next().unwrap_or("").to_owned();
+    for name in ["vision_bundle.mjs", "wasm/vision_wasm_module_internal.js", "model.task"] {
+        assert_eq!(status(&with, &format!("/vision/{token}/{name}")), "HTTP/1.1 200 OK", "{name}");
+        assert_eq!(status(&with, &format!("/vision/{wrong}/{name}")), "HTTP/1.1 403 Forbidden", "{name}");
+        assert_eq!(status(&with, &format!("/vision/{name}")).split(' ').nth(1).map(|code| &code[..1]), Some("4"));
+    }
+    let wasm = with.get(&format!("/vision/{token}/wasm/vision_wasm_module_internal.wasm"));
+    assert!(wasm.contains("Content-Type: application/wasm\r\n"), "browsers compile only this type: {wasm}");
+    for bad in
+        ["../library/vision_bundle.mjs", "wasm/../vision_bundle.mjs", "%2e%2e/webcam.rs", "", "wasm", "pose.task"]
+    {
+        assert_eq!(status(&with, &format!("/vision/{token}/{bad}")), "HTTP/1.1 404 Not Found", "{bad}");
+    }
+    let page = with.get("/");
+    assert!(page.contains("'wasm-unsafe-eval'") && page.contains("Permissions-Policy: camera=(self)"), "{page}");
+    // Without the option there is neither a camera nor a looser policy, and an image ends the page.
+    let without = Viewer::of(&rig);
+    assert_eq!(status(&without, &format!("/vision/{}/vision_bundle.mjs", without.token())), "HTTP/1.1 404 Not Found");
+    let page = without.get("/");
+    assert!(!page.contains("wasm-unsafe-eval") && !page.contains("Permissions-Policy"), "{page}");
+    let mut page = without.page();
+    assert_eq!(page.told("scene")["about"]["camera"], false);
+    page.socket.send(Message::binary(image(0.0, 1.0, 0.0))).expect("it listens");
+    assert!(page.ends());
+}
+
+#[test]
+fn missing_camera_files_give_errors_that_name_the_remedy() {
+    let (rig, folder) = (Rig::empty(), tempfile::tempdir().expect("a folder"));
+    let [model, empty, text] = ["pose.task", "none.task", "text.task"].map(|name| folder.path().join(name));
+    std::fs::write(&model, b"PK stand-in").expect("a model");
+    std::fs::write(&text, b"<html>").expect("no model");
+    for (arguments, code, expected) in [
+        (vec![&empty], 66, "none.task: --camera: no such file; download a pose landmarker"),
+        (vec![&text], 66, "text.task: --camera: not a .task file"),
+        (vec![&model], 66, "vision_bundle.mjs: --vision: no such file; `npm ci --prefix tools/camera`"),
+    ] {
+        let output = Command::new(env!("CARGO_BIN_EXE_teleopd"))
+            .args(["view", "--port", "0", "--config"])
+            .arg(config())
+            .arg("--run-dir")
+            .arg(rig.folder())
+            .arg("--vision")
+            .arg(folder.path())
+            .arg("--camera")
+            .args(&arguments)
+            .stdin(Stdio::null())
+            .output()
+            .expect("it runs");
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.code() == Some(code) && said.contains(expected), "{arguments:?}: {output:?}");
+    }
+    let recorded = Command::new(env!("CARGO_BIN_EXE_teleopd"))
+        .args(["view", "a.mcap", "--camera", "pose.task"])
+        .output()
+        .expect("it runs");
+    assert!(String::from_utf8_lossy(&recorded.stderr).contains("cannot be used with"), "{recorded:?}");
+}
+
+/// Starts the camera until it leads and `more` is true. A camera that stalls on a busy machine goes off, and only a click
+/// starts it again.
+fn leads(browser: &mut Browser, more: &str) {
+    let state = "document.getElementById('cam-state').textContent";
+    let give_up = Instant::now() + 3 * SOON;
+    while browser.evaluate(&format!("{state}.startsWith('leads the robot') && {more}")) != true {
+        if browser.evaluate(state) == "off" {
+            browser.click("#cam-on");
+        }
+        assert!(Instant::now() < give_up, "never leads: {}", browser.evaluate("document.body.innerText"));
+        std::thread::sleep(Duration::from_millis(20));
+    }
+}
+
+#[test]
+fn browser_camera_leads_the_robot_until_it_is_stopped() {
+    let (mut rig, folder) = (Rig::whole(), tempfile::tempdir().expect("a folder"));
+    let (hand, viewer) = (rig.hand(), viewer(&rig, folder.path()));
+    let fake = ["--use-fake-device-for-media-stream=fps=30", "--use-fake-ui-for-media-stream"];
+    let Some(mut browser) = Browser::with(&viewer.address, &fake) else {
+        return println!("skipped: no Chromium in PATH, and TELEOPD_CHROMIUM names none");
+    };
+    // Software draws a small page in time.
+    browser.resize(480, 800);
+    let text = |id: &str| format!("document.getElementById('{id}').textContent");
+    browser.wait(
+        "the panel is there",
+        &format!("!document.getElementById('cam').hidden && {} === 'off'", text("cam-state")),
+    );
+    let free = "!document.getElementById('why').textContent.includes('skeleton')";
+    leads(&mut browser, &format!("{free} && window.teleopd.frame() !== null"));
+    hand.wait("free to engage", |status| status.moving == 0 && status.ticks > 750);
+    assert_eq!(hand.mode(), Some(Mode::Disengaged), "to lead is not to engage");
+    assert_eq!(browser.evaluate(&text("cam-left-text")), "90 %");
+    let painted =
+        "document.getElementById('cam-canvas').getContext('2d').getImageData(0, 0, 640, 480).data.some((x) => x > 0)";
+    browser.wait("the skeleton is drawn", painted);
+    browser.click("#engage");
+    browser.wait("it follows", &format!("{} === 'Engaged'", text("mode")));
+    let posture = "Array.from(window.teleopd.frame().q.measured)";
+    let before = browser.evaluate(posture);
+    browser.wait(
+        "the robot moves",
+        &format!("{before}.some((q, j) => Math.abs(q - window.teleopd.frame().q.measured[j]) > 0.3)"),
+    );
+    println!("{}", browser.evaluate(&text("cam-state")));
+    if let Some(file) = std::env::var_os("TELEOPD_SCREENSHOT") {
+        std::fs::write(file, browser::bytes_of(&browser.screenshot())).expect("the picture");
+    }
+    browser.click("#cam-mirrored");
+    browser.wait("it is mirrored", "document.getElementById('cam-mirrored').getAttribute('aria-checked') === 'true'");
+    browser.click("#cam-mirrored");
+    browser.click("#cam-on");
+    browser.wait("it is off", &format!("{} === 'off'", text("cam-state")));
+    browser.wait("nothing is recorded any more", "document.getElementById('cam-video').srcObject === null");
+    hand.wait("holding", |status| status.mode == Mode::Holding as u32 || status.mode == Mode::Disengaged as u32);
+    // A hidden page turns the camera off. Shown again, it does not turn it on.
+    leads(&mut browser, "true");
+    browser.evaluate(
+        "Object.defineProperty(document, 'hidden', { value: true, configurable: true }); \
+         document.dispatchEvent(new Event('visibilitychange')); delete document.hidden;",
+    );
+    browser.wait("it says why", &format!("{}.includes('hidden')", text("cam-told")));
+    std::thread::sleep(Duration::from_secs(1));
+    assert_eq!(browser.evaluate(&text("cam-state")), "off");
+    drop(browser);
+    drop(viewer);
+    assert_no_violations(&rig.end("sim"));
+}
