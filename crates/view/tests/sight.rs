@@ -57,7 +57,7 @@ fn invalid_image_is_refused_with_reason() {
     }
 }
 
-/// Whatever the bytes are, nothing panics, and what is accepted is within its bounds.
+/// No bytes make it panic, and accepted numbers are within their bounds.
 #[test]
 fn any_bytes_are_refused_or_within_bounds() {
     let mut random = 0x9e37_79b9_7f4a_7c15_u64;
