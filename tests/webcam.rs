@@ -116,9 +116,9 @@ fn is_on(told: Option<&Value>) -> bool {
     told.is_some_and(|told| told["tell"] == "camera" && told["on"] == true)
 }
 
-/// Hazard f123 too: the robot stops, and late images do not start it again.
+/// Hazard f124 too: the robot stops, and late images do not start it again.
 #[test]
-fn f123_robot_follows_images_until_they_stop() {
+fn f124_robot_follows_images_until_they_stop() {
     let (mut rig, folder) = (Rig::whole(), tempfile::tempdir().expect("a folder"));
     let viewer = viewer(&rig, folder.path());
     let (hand, mut camera) = (rig.hand(), Camera::of(&viewer));

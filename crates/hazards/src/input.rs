@@ -72,13 +72,13 @@ pub(crate) const TIMING: &[Hazard] = &[
 
 pub(crate) const WEBCAM: &[Hazard] = &[
     does(
-        "f122",
+        "f123",
         "an image waits in the browser or on its way, and its message says that it is new",
         "the wait is measured against the fastest message and added to the age; then as f020 and f013",
         "500 ms, beyond it refused and counted",
     ),
     does(
-        "f123",
+        "f124",
         "the page is hidden or closed, the camera stalls, or the page sends only invalid images",
         "as f021; the page is no client any more, and only its button starts it again",
         "100 ms + B; 500 ms",

@@ -81,7 +81,7 @@ mod tests {
         for (index, hazard) in all().enumerate() {
             assert_eq!(hazard.id, format!("f{:03}", index + 1), "{}", hazard.what);
         }
-        assert_eq!(all().count(), 123);
+        assert_eq!(all().count(), 124);
     }
 
     #[test]

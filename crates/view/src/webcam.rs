@@ -306,7 +306,7 @@ mod tests {
     }
 
     #[test]
-    fn f122_image_that_waited_gets_its_true_age() {
+    fn f123_image_that_waited_gets_its_true_age() {
         let (_folder, mut ingest, webcam) = webcam();
         webcam.ask(CameraRequest::Start);
         assert!(ingest.report(&webcam, |_| true).on);
@@ -337,7 +337,7 @@ mod tests {
     }
 
     #[test]
-    fn f123_invalid_or_late_images_keep_no_page_as_the_client() {
+    fn f124_invalid_or_late_images_keep_no_page_as_the_client() {
         let (_folder, mut ingest, webcam) = webcam();
         webcam.ask(image(0.0, 1.0, 10_000));
         webcam.ask(CameraRequest::Start);
