@@ -114,24 +114,44 @@ export class Webcam {
     if (performance.now() - this.seenAt > limit) this.stop(`No image came for ${time}: the camera or this machine is too slow. The camera is off.`);
   }
 
+  // Gives each image to the worker until the run ends.
   next(run) {
+    const [track] = this.stream.getVideoTracks();
+    // The camera's own images come even where the page draws slowly. Not every browser has them.
+    if (window.MediaStreamTrackProcessor) return this.read(run, new MediaStreamTrackProcessor({ track, maxBufferSize: 1 }).readable.getReader());
     const video = this.$("cam-video");
     video.requestVideoFrameCallback(async (now, { captureTime }) => {
       if (run !== this.run) return;
       this.next(run);
-      // An image that comes while another one is examined is left out. None waits.
       if (this.busy) return;
-      this.busy = true;
       try {
-        // It copies no pixels, where the browser has it.
-        const image = window.VideoFrame ? new VideoFrame(video) : await createImageBitmap(video);
-        if (run !== this.run) return image.close();
-        // Not every browser says when the image was taken. Then it counts from its arrival.
-        this.worker.postMessage({ image, at: captureTime ?? now }, [image]);
+        this.give(run, await createImageBitmap(video), captureTime ?? now);
       } catch (error) {
         if (run === this.run) this.stop(`The image cannot be read: ${error.message}`);
       }
     });
+  }
+
+  async read(run, reader) {
+    try {
+      for (;;) {
+        const { value, done } = await reader.read();
+        if (done || run !== this.run) return value?.close();
+        this.give(run, value, value.metadata?.().captureTime ?? performance.now());
+      }
+    } catch (error) {
+      if (run === this.run) this.stop(`The image cannot be read: ${error.message}`);
+    } finally {
+      reader.cancel().catch(() => {});
+    }
+  }
+
+  // An image that comes while another one is examined is left out. None waits. Where the browser does not say when an image
+  // was taken, it counts from its arrival.
+  give(run, image, at) {
+    if (this.busy || run !== this.run) return image.close();
+    this.busy = true;
+    this.worker.postMessage({ image, at }, [image]);
   }
 
   report(at, inImage, inWorld) {
