@@ -25,7 +25,7 @@ const NOT_OURS: [(&str, &str); 9] = [
 const SENTENCE_WORDS_MAX: usize = 30;
 
 /// Budget of lines for each part of the tree: the count of 2026-11-25 and 2 % more. Raising one is a decision.
-const BUDGETS: [(&str, usize); 3] = [("product", 69_000), ("tools", 29_600), ("tests", 44_000)];
+const BUDGETS: [(&str, usize); 3] = [("product", 69_000), ("tools", 29_900), ("tests", 44_900)];
 
 fn rust() -> Vec<(String, String)> {
     let mut all = sources::rust_files();
