@@ -356,7 +356,6 @@ fn browser_camera_leads_the_robot_until_it_is_stopped() {
         "the robot moves",
         &format!("{before}.some((q, j) => Math.abs(q - window.teleopd.frame().q.measured[j]) > 0.3)"),
     );
-    println!("{}", browser.evaluate(&text("cam-state")));
     if let Some(file) = std::env::var_os("TELEOPD_SCREENSHOT") {
         std::fs::write(file, browser::bytes_of(&browser.screenshot())).expect("the picture");
     }
