@@ -25,6 +25,9 @@ const FALLEN: f64 = 0.8;
 /// are aligned before they get it. A hand or a head may be anywhere, because engaging does not wait for it.
 const POINTING_RAMP_S: f64 = engage::RAMP_NS as f64 / 1e9;
 
+/// Share of its speed that the lift uses (assumption).
+const LIFT_SPEED: f64 = 0.5;
+
 /// State of the following.
 #[derive(Clone, Debug)]
 pub(super) struct Following {
@@ -33,6 +36,8 @@ pub(super) struct Following {
     pointing_scale: f64,
     /// Wished positions of the head's joints, rad. `None` before the first tick.
     head: Option<[f64; 2]>,
+    /// Wished position of the lift, m. `None` while it has no target.
+    lift_m: Option<f64>,
     /// Mean limb error over both of [`AVERAGES_S`], rad. `None` before the first tick.
     averages_rad: Option<[f64; 2]>,
 }
@@ -43,6 +48,7 @@ impl Default for Following {
             state: follow::State::default(),
             pointing_scale: engage::SPEED_SCALE_FIRST,
             head: None,
+            lift_m: None,
             averages_rad: None,
         }
     }
@@ -96,6 +102,7 @@ impl Following {
         let engage::Permit::Follow { speed_scale } = permit else {
             self.state.forget();
             (self.pointing_scale, self.head, self.averages_rad) = (engage::SPEED_SCALE_FIRST, None, None);
+            self.lift_m = None;
             return target.map(|target| Wish::of_target(target, [0.0; JOINTS_MAX]));
         };
         self.pointing_scale = (self.pointing_scale + messages::TICK_S / POINTING_RAMP_S).min(speed_scale);
@@ -119,6 +126,7 @@ impl Following {
         let follow::Output { aims } = follow::tick(&config.follow, &mut self.state, input);
         let mut wish = Wish::of_target(target, [0.0; JOINTS_MAX]);
         self.turn_head(config, q, &mut wish);
+        self.lift(config, q, speed_scale, &mut wish);
         for (j, aim) in aims.iter().enumerate() {
             if let Some(aim) = aim {
                 (wish.q[j], wish.dq[j], wish.ddq[j]) = (aim.q, aim.v, aim.a);
@@ -126,6 +134,21 @@ impl Following {
             }
         }
         Some(wish)
+    }
+
+    /// Lets the wish of the lift go from the command to its target at half of its speed.
+    fn lift(&mut self, config: &Config, q: &[f64; JOINTS_MAX], speed_scale: f64, wish: &mut Wish) {
+        let Some(j) = config.model.lift.filter(|&j| wish.valid_mask & 1 << j != 0) else {
+            self.lift_m = None;
+            return;
+        };
+        let most = LIFT_SPEED * speed_scale * config.model.limits[j].v_max * messages::TICK_S;
+        let now = self.lift_m.get_or_insert(q[j]);
+        // The bounds would make a step down of NaN. The lift holds instead.
+        if !wish.q[j].is_nan() {
+            *now = wish.q[j].max(*now - most).min(*now + most);
+        }
+        wish.q[j] = *now;
     }
 
     /// Lets the wish of the head go from the command to the target, or home without one, at the speed that it has.
@@ -174,7 +197,8 @@ impl Following {
         Closeness {
             aligned: limbs > 0.0 && worst <= ALIGNED_LIMBS_RAD,
             behind: worst > BEHIND_RAD,
-            settled: slow || (limbs > 0.0 && !falls),
+            // A person who drives no arm that may follow is not followed.
+            settled: limbs > 0.0 && (slow || !falls),
         }
     }
 }

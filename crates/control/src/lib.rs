@@ -81,6 +81,7 @@ pub struct State {
     engage: engage::State,
     commander: Commander,
     following: Following,
+    anchor: one_arm::Anchor,
     gripping: Gripping,
     near: monitor::Near,
     feedback: monitor::Feedback,
@@ -139,6 +140,7 @@ impl State {
             engage: engage::State::new(),
             commander: Commander::at_rest(&config.wbc, config.model.home),
             following: Following::default(),
+            anchor: one_arm::Anchor::default(),
             gripping: Gripping::default(),
             near: monitor::Near::new(),
             feedback: monitor::Feedback::default(),
@@ -307,7 +309,7 @@ fn command(
     let commanded = state.commander.commanded();
     let from = (&commanded.q, &commanded.v);
     let wish = state.following.wish(config, input.k, from, decided.permit, target, late);
-    let wish = wish.map(|wish| one_arm::hold(&config.model, wish, &commanded.q, input.operator.left_out));
+    let wish = state.anchor.hold(&config.model, wish, &commanded.q, input.operator.left_out);
     let wanted = wish.as_ref().map(Wish::target);
     let Commanded { motion, denied, proposed } =
         state.commander.tick((&config.wbc, &config.gate), input.k, now, wanted, decided.permit);

@@ -228,7 +228,7 @@ impl Merge {
 
     fn let_go(&mut self) {
         self.holder = None;
-        (self.view.enable_level, self.view.recover_level) = (false, false);
+        (self.view.enable_level, self.view.recover_level, self.view.left_out) = (false, false, [false; 2]);
     }
 
     /// Handles the end of the connection `index`.
@@ -305,7 +305,7 @@ mod tests {
         let view = house.say(0, |r| r.enable_level = HOLDS_ENABLE | LEAVES_OUT[1] | HOLDS_CLUTCH);
         assert_eq!((view.enable_level, view.left_out, view.release_edges), (true, [false, true], 0));
         let view = house.say(0, |r| r.enable_level = HOLDS_ENABLE);
-        assert_eq!((view.enable_level, view.left_out, view.release_edges), (false, [false, true], 1));
+        assert_eq!((view.enable_level, view.left_out, view.release_edges), (false, [false; 2], 1));
         let view = house.say(0, enable);
         assert_eq!((view.enable_level, view.left_out, view.release_edges), (true, [false; 2], 1));
     }

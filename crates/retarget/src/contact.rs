@@ -34,6 +34,10 @@ pub const FAR_M: f64 = 0.45;
 pub const WEIGHT: f64 = 100.0;
 /// Time in which a correction comes or goes if a hand or the head is seen all at once, s: as a quick clap (assumption).
 const SHARE_S: f64 = 0.1;
+/// Longest time between two skeletons that counts, s.
+const STEP_MAX_S: f64 = 0.04;
+/// Time constant of the length of the person's arm, s. A tracker finds one length again and again (assumption).
+const REACH_S: f64 = 1.0;
 /// Steps of each of the two minima.
 const STEPS: u32 = 8;
 /// Rounds in which a hand between head and chest comes to the right distance of both, in the plane between left and right.
@@ -139,6 +143,8 @@ pub struct Memory {
     arms: [Kept; ARMS],
     /// The last head that was seen.
     head: Option<Vector3<f64>>,
+    /// Low-passed length of the person's stretched arm, m.
+    reach_m: Option<f64>,
 }
 
 /// The robot, and how much of the correction is wanted.
@@ -161,11 +167,20 @@ impl Correction {
         elapsed_s: f64,
         memory: &mut Memory,
     ) -> [Option<Limbs>; ARMS] {
+        let elapsed_s = elapsed_s.min(STEP_MAX_S);
         memory.head = person.head.or(memory.head);
+        // A tracker's lengths differ from arm to arm and from frame to frame.
+        let before_m = memory.reach_m.unwrap_or(person.reach_m);
+        let reach_m = before_m + (person.reach_m - before_m) * (elapsed_s / REACH_S).min(1.0);
+        memory.reach_m = Some(reach_m);
         std::array::from_fn(|side| {
-            let limbs = limbs[side]?;
             let kept = &mut memory.arms[side];
-            let Some(aim) = self.aim(person, memory.head, side, elapsed_s, &mut kept.shares) else {
+            let Some(limbs) = limbs[side] else {
+                *kept = Kept::default();
+                return None;
+            };
+            let person = Figure { reach_m, ..*person };
+            let Some(aim) = self.aim(&person, memory.head, side, elapsed_s, &mut kept.shares) else {
                 kept.posture = None;
                 return Some(limbs);
             };

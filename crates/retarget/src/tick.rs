@@ -272,7 +272,10 @@ fn embody(
     source: i64,
 ) -> [Option<Limbs>; ARMS] {
     let elapsed_s = source.saturating_sub(std::mem::replace(&mut state.source, source)).max(0) as f64 * 1e-9;
-    let Some(figure) = Figure::of(&skeleton.positions, arms) else { return *arms };
+    let Some(figure) = Figure::of(&skeleton.positions, arms) else {
+        state.touch = Memory::default();
+        return *arms;
+    };
     if let (Some(lift), Some(crouch_m)) = (&config.lift, crouch_m(&skeleton.positions)) {
         let scale = config.correction.robot.reach_m / figure.reach_m;
         let before = state.lift.unwrap_or(lift.home);

@@ -20,6 +20,8 @@ const HISTORY: usize = 10;
 /// Ticks between two messages to fingers that rest: 107 ms. A controller whose goal is not reached gives it up. Fingers that
 /// press on something never reach theirs, so messages go on.
 const REPEAT_TICKS: u64 = 10 * PERIOD_TICKS;
+/// Longest time between two points of a conversation, ticks: 43 ms. It is less than half of the time in which fingers brake.
+const GAP_TICKS: u64 = 4 * PERIOD_TICKS;
 /// The last point rests for this long, s. The next message comes before.
 const REST_S: f64 = 0.3;
 /// Largest distance of a controller's setpoint from what it was sent, as a share of the way from open to closed. Two messages
@@ -182,6 +184,11 @@ impl Hand {
         if k < last.k + PERIOD_TICKS {
             return None;
         }
+        // By now the controller has braked the fingers by itself.
+        if self.past.len() > 1 && k > last.k + GAP_TICKS {
+            self.leave("the messages paused".to_owned());
+            return None;
+        }
         self.moves |= self.joined.is_some_and(|joined| (closure - joined).abs() > ROUNDING);
         let elapsed_s = (k - last.k) as f64 * TICK_S;
         let (mut q, mut v) = (last.q.clone(), vec![0.0; last.q.len()]);
@@ -213,6 +220,8 @@ impl Hand {
             "its controller moves the fingers"
         } else if rate != 0.0 {
             "the hand closes or opens: it begins at rest"
+        } else if (self.closure(&self.reference) - closure).abs() > OFF {
+            "its controller holds the fingers elsewhere: the person's hand must meet them"
         } else {
             let (q, v) = (self.reference.clone(), vec![0.0; self.reference.len()]);
             let begin = Moment { k: k.saturating_sub(known.before_ticks.max(PERIOD_TICKS)), end: q.clone(), q, v };

@@ -103,6 +103,15 @@ fn lift_follows_a_crouch_only_if_it_is_set() {
 }
 
 #[test]
+fn lift_goes_down_as_slowly_for_a_person_who_crouches_from_the_start() {
+    let mut motion = motion::builtin();
+    motion.frames.iter_mut().for_each(|frame| crouch(frame, CROUCH_M));
+    let followed = play(&motion, true);
+    let home_m = loaded().model.home[0];
+    assert!(followed.iter().any(|now| now.lift_m < home_m - 0.03), "it stays at home");
+}
+
+#[test]
 fn hanging_arms_hang_on_while_the_lift_goes_down() {
     let followed = play(&hanging(), true);
     let lowest = followed.iter().min_by(|a, b| a.lift_m.total_cmp(&b.lift_m)).expect("a command");

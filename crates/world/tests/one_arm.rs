@@ -10,11 +10,21 @@ use world::{Links, Running, World, WorldConfig};
 /// Largest motion of a joint that only yields to the other arm, rad.
 const STILL_RAD: f64 = 1e-6;
 
+/// Ankles, feet and knees, which the person's height does not move.
+const FEET: [usize; 6] = [4, 5, 7, 8, 10, 11];
+
 #[test]
 fn arm_that_is_left_out_stays_and_the_other_one_follows() {
-    let loaded = loaded();
+    let mut loaded = loaded();
+    loaded.settings.retarget.lift_follows = true;
     let config = WorldConfig::new(&loaded).expect("the shipped settings");
-    let motion = motion::builtin();
+    let mut motion = motion::builtin();
+    // A person with bent knees, whom the lift would follow.
+    for frame in &mut motion.frames {
+        for (joint, at) in frame.positions.iter_mut().enumerate() {
+            at[2] -= if FEET.contains(&joint) { 0.0 } else { 0.2 };
+        }
+    }
     for out in 0..2 {
         let options = PlayOptions { speed: 1.0, looped: true, calibration: CalibrationMode::First10s };
         let mut player = Player::new(&motion, options, 1, 1);
@@ -49,6 +59,8 @@ fn arm_that_is_left_out_stays_and_the_other_one_follows() {
             engaged += u64::from(alone && mode == Mode::Engaged);
             if k == 12 * TICK_HZ {
                 assert!(engaged > 5 * TICK_HZ, "{engaged} ticks");
+                let lift = loaded.model.lift.expect("a lift");
+                assert!((command.q[lift] - first[lift]).abs() < STILL_RAD, "it carries the arm");
                 assert!(moved[out] < STILL_RAD && moved[1 - out] > 0.3, "arm {out} is left out: {moved:?} rad");
             }
         }

@@ -119,8 +119,20 @@ fn f122_nothing_is_sent_to_a_hand_that_does_something_else() {
     let later = k + 40;
     assert!(hand.next(later, &motion(0.0, 0.0), &known(later)).is_none(), "it moves");
     let stands = later + 400;
-    let (_, points) = hand.next(stands, &motion(0.0, 0.0), &known(stands)).expect("it stands");
+    assert!(hand.next(stands, &motion(0.0, 0.0), &known(stands)).is_none(), "the fingers are elsewhere");
+    let (_, points) = hand.next(stands, &motion(0.25, 0.0), &known(stands)).expect("it stands where the hand is");
     assert!(points.iter().all(|point| point.positions == [0.045, 3.0]), "it stays there");
+}
+
+#[test]
+fn f122_pause_of_the_messages_ends_the_conversation() {
+    let (mut hand, k) = standing(&[0.045, 0.0]);
+    let messages = close(&mut hand, k, 0.0, 1.0, 300);
+    let (sent_k, ..) = messages.last().expect("messages");
+    // The controller has braked by then. A longer message would move the fingers at once by what they missed.
+    let late = sent_k + 300;
+    assert!(hand.next(late, &motion(0.4, 1.0 / 0.9), &known(late)).is_none());
+    assert!(hand.idle().is_some_and(|why| why.contains("paused")), "{:?}", hand.idle());
 }
 
 #[test]
