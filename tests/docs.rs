@@ -29,7 +29,7 @@ const DEMO: &[i32] = &[0, 2];
 const AT: &str = "--run-dir {work}/run";
 
 /// Rules by the beginning of the command. The first match applies.
-const RULES: [(&str, How); 36] = [
+const RULES: [(&str, How); 35] = [
     ("cargo run --release -- demo --view", Beside("http://", 1, "--view-port 0")),
     ("cargo run --release -- demo --robot", Ends(DEMO, "")),
     ("cargo run --release -- demo --motion", Ends(DEMO, "")),
@@ -44,7 +44,6 @@ const RULES: [(&str, How); 36] = [
     ("target/release/replay builtin:calibration", Beside("playing in a loop", 1, AT)),
     ("target/release/teleopctl calibrate", Ends(&[0], "--folder {work} --run-dir {work}/run")),
     ("cargo run --release -- view --meshes", Named("it needs the maker's meshes")),
-    ("cargo run --release -- view --camera", Named("it needs a webcam and a model")),
     ("cargo run --release -- view", Beside("http://", 1, "--port 0")),
     ("target/release/say \"clap\" --play", Ends(&[0], "-- --offline {work}/out.csv")),
     ("cargo install", Foreign("it needs a network")),

@@ -10,6 +10,7 @@ use std::time::{Duration, Instant};
 /// Domains of these tests. Tests of one program run at the same time.
 const DOMAINS: [u32; 3] = [131, 132, 133];
 /// Fingers of both hands of TIAGo++ with Hey5 hands, and their positions when a hand is closed, rad.
+#[expect(clippy::approx_constant, reason = "the robot file has 6.28")]
 const CLOSED: [f64; 3] = [6.28, 6.8, 9.25];
 /// Least time in which a hand closes, s. Source: the robot file.
 const CLOSING_S: f64 = 2.6;
@@ -120,7 +121,7 @@ fn f122_grippers_hold_when_their_driver_is_killed() {
     let (report, trace) = peer.end();
     assert_sound(&report);
     let moves = |pair: &[Vec<f64>]| closures(&pair[0]) != closures(&pair[1]);
-    let last_s = trace.windows(2).filter(|pair| moves(pair)).last().expect("they moved")[1][0] - killed_s;
+    let last_s = trace.windows(2).rfind(|pair| moves(pair)).expect("they moved")[1][0] - killed_s;
     let end = closures(trace.last().expect("rows"));
     println!("the fingers rested {:.0} ms after kill -9 of the driver, at {end:.3?}", last_s * 1e3);
     assert!(last_s > -0.1 && last_s < REST_WITHIN_S, "at rest {last_s} s after the driver's end");
