@@ -7,7 +7,7 @@ use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
-/// Folder in which [`INSTALL`] places the library, below the repository.
+/// Folder in which npm places the library, below the repository.
 pub const VISION_FOLDER: &str = "tools/camera/node_modules/@mediapipe/tasks-vision";
 /// Command that installs the library, with its hash checked.
 const INSTALL: &str = "npm ci --prefix tools/camera";
