@@ -144,10 +144,7 @@ impl Following {
         };
         let most = LIFT_SPEED * speed_scale * config.model.limits[j].v_max * messages::TICK_S;
         let now = self.lift_m.get_or_insert(q[j]);
-        // The bounds would make a step down of NaN. The lift holds instead.
-        if !wish.q[j].is_nan() {
-            *now = wish.q[j].max(*now - most).min(*now + most);
-        }
+        *now = toward(*now, wish.q[j], most);
         wish.q[j] = *now;
     }
 
@@ -158,10 +155,7 @@ impl Following {
         for (now, j) in wished.iter_mut().zip(head.joints) {
             let most = self.pointing_scale * config.model.limits[j].v_max * messages::TICK_S;
             let goal = if wish.valid_mask & 1 << j != 0 { wish.q[j] } else { config.model.home[j] };
-            // The bounds would make a step down of NaN. The head holds instead.
-            if !goal.is_nan() {
-                *now = goal.max(*now - most).min(*now + most);
-            }
+            *now = toward(*now, goal, most);
             (wish.q[j], wish.valid_mask) = (*now, wish.valid_mask | 1 << j);
         }
     }
@@ -201,6 +195,11 @@ impl Following {
             settled: limbs > 0.0 && (slow || !falls),
         }
     }
+}
+
+/// Returns a position at most `most` from `now` on the way to `goal`. The bounds would make a step down of NaN, so it holds.
+fn toward(now: f64, goal: f64, most: f64) -> f64 {
+    if goal.is_nan() { now } else { goal.max(now - most).min(now + most) }
 }
 
 /// The person's limbs of a target that has a way. Used to compare one target with the next.

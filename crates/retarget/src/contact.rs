@@ -8,7 +8,7 @@
 //! p' = a' + (p - a) L' / L           a: the middle between the shoulders, or the middle of the head
 //! ```
 //!
-//! of the robot (primes). A correction turns the person's limbs by what the robot's own must turn to come to p':
+//! of the robot (primes). The robot's limbs turn until its hand is at p'. The correction turns the person's limbs by as much:
 //!
 //! ```text
 //! q0 = argmin S_GR(q),   q' = argmin S_GR(q) + w |p(q) - p(q0) - s (p' - p(q0))|^2,   R' = R(q') R(q0)^-1 R

@@ -24,8 +24,8 @@ const REPEAT_TICKS: u64 = 10 * PERIOD_TICKS;
 const GAP_TICKS: u64 = 4 * PERIOD_TICKS;
 /// The last point rests for this long, s. The next message comes before.
 const REST_S: f64 = 0.3;
-/// Largest distance of a controller's setpoint from what it was sent, as a share of the way from open to closed. Two messages
-/// of the fastest gripper are 0.4, and one of PAL's 0.01. Assumption.
+/// Largest distance of a controller's setpoint from what it was sent, as a share of the way from open to closed.
+/// Assumption.
 const OFF: f64 = 0.05;
 /// A setpoint that changes by less than this share of the way stands.
 const STANDS: f64 = 1e-3;

@@ -214,7 +214,7 @@ fn times_s(plan: &StopPlan, joints: u32) -> Vec<f64> {
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::*;
     use crate::join::continues;
     use messages::{Layout, TICK_S};
@@ -240,7 +240,11 @@ mod tests {
     /// The cubic through two points, as a controller computes it.
     fn hermite(points: &[Point], t_ns: u64, i: usize) -> f64 {
         let next = points.iter().position(|point| point.since_first_ns >= t_ns).expect("within the trajectory").max(1);
-        let (from, to) = (&points[next - 1], &points[next]);
+        cubic(&points[next - 1], &points[next], t_ns, i)
+    }
+
+    /// The cubic from one point to the next.
+    pub(crate) fn cubic(from: &Point, to: &Point, t_ns: u64, i: usize) -> f64 {
         let h = (to.since_first_ns - from.since_first_ns) as f64 * 1e-9;
         let s = (t_ns - from.since_first_ns) as f64 * 1e-9 / h;
         let (q0, q1, v0, v1) = (from.positions[i], to.positions[i], from.velocities[i] * h, to.velocities[i] * h);

@@ -2,9 +2,9 @@
 //!
 //! One thread reads the instance's messages 60 times a second without waking any other process. A thread for
 //! every open page sends the updates. A page can only send requests. They pass through the operator socket like
-//! those of `teleopctl`, and `control` decides. With key poses, a page can also be a client. Its person is a mix
-//! of them, or the person in a webcam's image, sent over the skeleton socket. The server listens on the loopback interface only. A request must come
-//! from the server's own page and carry the token of the run.
+//! those of `teleopctl`, and `control` decides. A page can also be a client. Its person is a mix of key poses, or the
+//! person in a webcam's image. The page sends that person over the skeleton socket. The server listens on the loopback
+//! interface only. A request must come from the server's own page and carry the token of the run.
 
 mod assets;
 mod counted;
@@ -21,6 +21,7 @@ mod recording_view;
 mod robot_view;
 mod scene;
 mod server;
+mod session;
 mod shares;
 mod sight;
 mod vision;

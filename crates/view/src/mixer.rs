@@ -2,9 +2,9 @@
 //! client's. A page only sets shares. The lease, validation, the enable and the gate treat it like every client.
 
 use crate::operator_worker::HOLD_FOR;
+use crate::session::Session;
 use crate::shares::Shares;
 use crate::worker::Worker;
-use doors::{Client, DoorError, Reply};
 use instance::Instance;
 use messages::RawSkeleton;
 use std::sync::Arc;
@@ -74,15 +74,12 @@ impl Mixer {
         let (instance, key_poses) = (instance.clone(), key_poses.clone());
         Self::start("mixer", |asked, answer| {
             let person = Person {
-                instance,
+                session: Session::new(instance, HELD),
                 key_poses,
-                client: None,
                 on: None,
                 at: Shares::FIRST,
                 asked: Shares::FIRST,
                 begun: Instant::now(),
-                sequence: 0,
-                incarnation: rt::incarnation(),
                 answer,
             };
             person.work(asked);
@@ -100,16 +97,12 @@ struct On {
 }
 
 struct Person {
-    instance: Instance,
     key_poses: Arc<KeyPoses>,
-    /// The session. It survives a pause, like that of any client that returns to its lease.
-    client: Option<Client>,
+    session: Session,
     on: Option<On>,
     at: Shares,
     asked: Shares,
     begun: Instant,
-    sequence: u64,
-    incarnation: u32,
     answer: Sender<Mixed>,
 }
 
@@ -133,7 +126,7 @@ impl Person {
     fn obey(&mut self, turn: MixRequest) {
         match turn {
             MixRequest::Join if self.on.is_some() => {}
-            MixRequest::Join => match self.join() {
+            MixRequest::Join => match self.session.join() {
                 Ok(()) => {
                     let now = Instant::now();
                     // Continues from the last shares, so that a robot that still follows sees no jump.
@@ -152,21 +145,6 @@ impl Person {
         }
     }
 
-    /// Makes sure that there is a session that may move the robot. The error says why there is none. A session
-    /// that lost its lease to another client never gets it back.
-    fn join(&mut self) -> Result<(), String> {
-        let usable = |client: &mut Client| client.listen().is_ok() && client.told() != Reply::NotHolder;
-        self.client = self.client.take().and_then(|mut client| usable(&mut client).then_some(client));
-        if self.client.is_none() {
-            let client = Client::attach(self.instance.skeleton_socket()).map_err(|error| error.to_string())?;
-            if client.told() == Reply::GrantedButHeld {
-                return Err(HELD.to_owned());
-            }
-            self.client = Some(client);
-        }
-        Ok(())
-    }
-
     /// Publishes a frame if one is due.
     fn advance(&mut self) {
         let now = Instant::now();
@@ -181,38 +159,16 @@ impl Person {
         on.due = (on.due + PERIOD).max(now);
         let before = self.at;
         self.at = self.at.toward(self.asked, STEP);
-        match self.publish(now) {
-            Ok(Reply::NotHolder) => {
-                self.client = None;
-                self.end(Some(HELD.to_owned()));
-            }
-            // A frame that `ingest` did not read in time is lost. `ingest` judges if there were too many.
-            Ok(_) | Err(DoorError::Timeout { .. }) => {
-                let arrives = self.at == self.asked && before != self.at;
-                let moves = before != self.at && self.sequence.is_multiple_of(TELL_EVERY);
-                if arrives || moves {
-                    self.tell(None);
-                }
-            }
-            Err(error) => {
-                self.client = None;
-                self.end(Some(format!("The connection to ingest is lost: {error}")));
-            }
-        }
-    }
-
-    /// Publishes a frame. Returns the newest reply of `ingest`.
-    fn publish(&mut self, now: Instant) -> Result<Reply, DoorError> {
-        let Some(client) = &mut self.client else { return Ok(Reply::NotHolder) };
         let at_s = now.saturating_duration_since(self.begun).as_secs_f64();
-        let mut frame = (self.key_poses.person)(&self.at.get(), at_s);
-        self.sequence += 1;
-        let stamp = rt::now();
-        frame.header.sequence = self.sequence;
-        (frame.header.stamp, frame.header.origin) = (stamp, stamp);
-        frame.header.incarnation = self.incarnation;
-        client.publish(&frame)?;
-        Ok(client.told())
+        let frame = (self.key_poses.person)(&self.at.get(), at_s);
+        if let Err(why) = self.session.publish(frame, rt::now()) {
+            return self.end(Some(why));
+        }
+        let arrives = self.at == self.asked && before != self.at;
+        let moves = before != self.at && self.session.sequence.is_multiple_of(TELL_EVERY);
+        if arrives || moves {
+            self.tell(None);
+        }
     }
 
     fn end(&mut self, text: Option<String>) {

@@ -31,7 +31,7 @@ impl fmt::Display for Refusal {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
             Self::Length => "a message does not have 33 landmarks",
-            Self::Number => "a landmark is no number, or out of its bounds",
+            Self::Number => "a landmark is not a number, or is too far away",
             Self::Age => "the image is older than 500 ms, or its age is negative",
             Self::Flood => "more than 120 images within a second",
         })

@@ -56,7 +56,7 @@ impl VisionFiles {
     /// Opens a file for a page, by its name in the address.
     ///
     /// # Errors
-    /// Returns the reason if the name is none of the few that are served, or if the file is gone.
+    /// Returns the reason if no file of this name is served, or if the file is gone.
     pub fn read(&self, name: &str) -> Result<MeshFile, &'static str> {
         if name == MODEL {
             return opened(&self.model);

@@ -2,9 +2,9 @@
 //! through the skeleton socket like any client. The lease, validation, the enable and the gate treat it like every client.
 
 use crate::operator_worker::HOLD_FOR;
-use crate::sight::{AGE_MS_MAX, Person, Refusal, Sight};
+use crate::session::Session;
+use crate::sight::{AGE_MS_MAX, Refusal, Sight};
 use crate::worker::Worker;
-use doors::{Client, DoorError, Reply};
 use instance::Instance;
 use messages::Stamp;
 use std::sync::mpsc::{Receiver, RecvError, RecvTimeoutError, Sender};
@@ -54,14 +54,11 @@ impl Webcam {
         Self::start("webcam", |asked, answer| {
             let now = Instant::now();
             let watcher = Watcher {
-                instance,
-                client: None,
+                session: Session::new(instance, HELD),
                 until: None,
                 delay: TransitDelay::default(),
                 second: (now, 0),
                 told: now,
-                sequence: 0,
-                incarnation: rt::incarnation(),
                 report: CameraReport { on: false, published: 0, refused: 0, age_ms: 0.0, text: None },
                 answer,
             };
@@ -88,17 +85,13 @@ impl TransitDelay {
 }
 
 struct Watcher {
-    instance: Instance,
-    /// The session. It survives a pause, like that of any client that returns to its lease.
-    client: Option<Client>,
+    session: Session,
     /// Time at which the page's silence ends the person. `None` while the page is not the client.
     until: Option<Instant>,
     delay: TransitDelay,
     /// Start of the current second, and the images in it.
     second: (Instant, u32),
     told: Instant,
-    sequence: u64,
-    incarnation: u32,
     report: CameraReport,
     answer: Sender<CameraReport>,
 }
@@ -128,7 +121,7 @@ impl Watcher {
         if self.until.is_some() {
             return;
         }
-        match self.join() {
+        match self.session.join() {
             Ok(()) => {
                 self.until = Some(Instant::now() + HOLD_FOR);
                 (self.delay, self.report.published) = (TransitDelay::default(), 0);
@@ -136,21 +129,6 @@ impl Watcher {
             }
             Err(why) => self.end(Some(why)),
         }
-    }
-
-    /// Makes sure that there is a session that may move the robot. The error says why there is none. A session that lost
-    /// its lease to another client never gets it back.
-    fn join(&mut self) -> Result<(), String> {
-        let usable = |client: &mut Client| client.listen().is_ok() && client.told() != Reply::NotHolder;
-        self.client = self.client.take().and_then(|mut client| usable(&mut client).then_some(client));
-        if self.client.is_none() {
-            let client = Client::attach(self.instance.skeleton_socket()).map_err(|error| error.to_string())?;
-            if client.told() == Reply::GrantedButHeld {
-                return Err(HELD.to_owned());
-            }
-            self.client = Some(client);
-        }
-        Ok(())
     }
 
     fn take(&mut self, arrived: Stamp, image: Result<Sight, Refusal>) {
@@ -188,32 +166,12 @@ impl Watcher {
         // Nothing is published for an image without a person, so `ingest` judges the silence.
         if let Some(person) = &image.person {
             let origin = Stamp(arrived.0.saturating_sub((age_ms * 1e6) as u64));
-            match self.publish(person, origin) {
-                Ok(Reply::NotHolder) => {
-                    self.client = None;
-                    self.end(Some(HELD.to_owned()));
-                }
-                // A frame that `ingest` did not read in time is lost. `ingest` judges if there were too many.
-                Ok(_) | Err(DoorError::Timeout { .. }) => self.report.published += 1,
-                Err(error) => {
-                    self.client = None;
-                    self.end(Some(format!("The connection to ingest is lost: {error}")));
-                }
+            match self.session.publish(person.frame(), origin) {
+                Ok(()) => self.report.published += 1,
+                Err(why) => self.end(Some(why)),
             }
         }
         Ok(())
-    }
-
-    /// Publishes a person. Returns the newest reply of `ingest`.
-    fn publish(&mut self, person: &Person, origin: Stamp) -> Result<Reply, DoorError> {
-        let Some(client) = &mut self.client else { return Ok(Reply::NotHolder) };
-        let mut frame = person.frame();
-        self.sequence += 1;
-        frame.header.sequence = self.sequence;
-        (frame.header.stamp, frame.header.origin) = (rt::now(), origin);
-        frame.header.incarnation = self.incarnation;
-        client.publish(&frame)?;
-        Ok(client.told())
     }
 
     fn end(&mut self, text: Option<String>) {
@@ -242,6 +200,7 @@ const SILENT: &str = "No image came for half a second, so this page no longer mo
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::sight::Person;
     use doors::{FrameSource, LeaseState, Server};
     use messages::RawSkeleton;
     use std::path::Path;

@@ -1,4 +1,5 @@
 use super::*;
+use crate::trajectory;
 use driver::Grippers;
 use messages::{Layout, tick_at};
 
@@ -30,12 +31,7 @@ fn cubic(points: &[Point], t_ns: u64, i: usize) -> f64 {
     let Some(next) = points.iter().position(|point| point.since_first_ns > t_ns) else {
         return points.last().expect("points").positions[i];
     };
-    let (from, to) = (&points[next - 1], &points[next]);
-    let h = (to.since_first_ns - from.since_first_ns) as f64 * 1e-9;
-    let s = (t_ns - from.since_first_ns) as f64 * 1e-9 / h;
-    let (q0, q1, v0, v1) = (from.positions[i], to.positions[i], from.velocities[i] * h, to.velocities[i] * h);
-    let (a, b) = (q1 - q0 - v0, v1 - v0 - 2.0 * (q1 - q0 - v0));
-    q0 + s * (v0 + s * (a + (s - 1.0) * b))
+    trajectory::tests::cubic(&points[next - 1], &points[next], t_ns, i)
 }
 
 /// Closes a hand as `driver` does for so many ticks. Returns its messages, each with the index at which it was sent.
