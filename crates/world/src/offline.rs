@@ -114,6 +114,13 @@ impl Offline {
         })
     }
 
+    /// Does the same with these faults of the links.
+    #[must_use]
+    pub fn over(mut self, links: Links) -> Self {
+        self.world.set_links(links);
+        self
+    }
+
     /// Plays to the end. `each` gets every tick.
     pub fn play(&mut self, mut each: impl FnMut(&PlayedTick<'_>)) -> OfflineEnd {
         let Ok(end) = self.try_play(|tick| {

@@ -30,6 +30,9 @@ pub fn run(cli: &Cli) -> Result<(), EvalError> {
     if let Some(folder) = &cli.following {
         return following::run(cli, folder);
     }
+    if let Some(folder) = &cli.wires {
+        return following::wires::run(cli, folder);
+    }
     if let Some(folder) = &cli.refusals {
         return refusals::run(cli, folder);
     }

@@ -24,6 +24,7 @@ mod plot;
 mod report;
 mod riccati;
 mod tracking;
+pub(crate) mod wires;
 
 pub use ahead::{AHEAD_MS, Expectation};
 pub use hands::HandError;

@@ -5,6 +5,7 @@ use super::hands::{self, HandError, HandSample};
 use super::person::Person;
 use crate::error::EvalError;
 use crate::methods::Posture;
+use bus::FaultPlan;
 use client::PlayOptions;
 use collision::dynamics::{Dynamics, GRAVITY_M_PER_S2};
 use config::Loaded;
@@ -12,7 +13,7 @@ use follow::solver::State;
 use messages::{JointCommand, Mode, Stamp, command_flag, deadline};
 use motion::{CalibrationMode, Motion};
 use std::collections::BTreeMap;
-use world::{Moment, Offline, OfflineEnd};
+use world::{Links, Moment, Offline, OfflineEnd};
 
 /// Ticks between two judged commands: 50 Hz.
 pub(super) const SAMPLE_TICKS: u64 = 30;
@@ -83,10 +84,19 @@ impl<'a> Stage<'a> {
     /// # Errors
     /// Returns a sentence as error if the stages reject their settings.
     pub fn play(&self, motion: &Motion, calibration: CalibrationMode) -> Result<Played, String> {
+        self.play_over(motion, calibration, FaultPlan::default())
+    }
+
+    /// Does the same while the frames reach `ingest` over a wire with these faults.
+    ///
+    /// # Errors
+    /// Returns a sentence as error if the stages reject their settings.
+    pub fn play_over(&self, motion: &Motion, calibration: CalibrationMode, raw: FaultPlan) -> Result<Played, String> {
         let options = PlayOptions { speed: 1.0, looped: false, calibration };
         let mut watch = Watch { stage: self, played: Played::default(), hands: Vec::new(), engaged_at: None };
         watch.played.name.clone_from(&motion.name);
-        let mut offline = Offline::new(self.loaded, motion, options).map_err(|error| error.to_string())?;
+        let offline = Offline::new(self.loaded, motion, options).map_err(|error| error.to_string())?;
+        let mut offline = offline.over(Links { raw, ..Links::default() });
         let end = offline.play(|tick| watch.see(tick.moment));
         let mut played = watch.played;
         played.hands =
