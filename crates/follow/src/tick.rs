@@ -100,6 +100,8 @@ pub struct Input<'a> {
     pub prior: &'a [f64; JOINTS_MAX],
     /// Rotations that both hands should have at the first nodes, as in the message. Zero for a hand that is not known.
     pub hands: &'a [[[f32; 4]; ARMS]; HAND_NODES],
+    /// Arms whose hand may touch the robot: its wrist turns away later.
+    pub touching: [bool; ARMS],
     /// Commanded positions at tick k - 1.
     pub q: &'a [f64; JOINTS_MAX],
     /// Commanded velocities at tick k - 1.
@@ -217,7 +219,8 @@ impl Default for State {
 /// let config = follow::Config::new(&model, &model.limits.map(|limits| limits.v_max), follow::Weights::default());
 /// let way_first = 3000 / WAY_NODE_TICKS;
 /// let input = follow::Input {
-///     k: 3000, way: t_pose, way_first, valid_mask: ALL_JOINTS, prior: home, hands: &[[[0.0; 4]; 2]; 6], q: home, v: rest,
+///     k: 3000, way: t_pose, way_first, valid_mask: ALL_JOINTS, prior: home, hands: &[[[0.0; 4]; 2]; 6],
+///     touching: [false; 2], q: home, v: rest,
 ///     speed_scale: 1.0, wrist_speed_scale: 1.0,
 /// };
 /// let out = follow::tick(&config, &mut follow::State::new(), input);
@@ -270,6 +273,7 @@ fn look(config: &Config, state: &mut State, input: &Input<'_>) {
     let (arm, step) = (state.look_arm, state.look_step);
     let before = input.k.saturating_sub(1);
     let led = rotation(input.hands[0][arm]).is_some();
+    let range_m = wrist::range_m(led, input.touching[arm]);
     if state.meant[arm] {
         let until = before + (WATCHED[step] as u64 + 1) * WAY_NODE_TICKS;
         let mut q = *input.q;
@@ -290,7 +294,7 @@ fn look(config: &Config, state: &mut State, input: &Input<'_>) {
                 let slope = ArmVector::from_fn(|j, _| near.slope[j]);
                 gaps.insert(step, Gap::new(near.distance_m - config.model.d_min_m, slope, &there));
             }
-            wrist.add(near, led);
+            wrist.add(near, range_m);
         });
     }
     state.look_step += 1;
@@ -424,6 +428,7 @@ mod tests {
             valid_mask,
             prior: &model.home,
             hands: &[[[0.0; 4]; ARMS]; HAND_NODES],
+            touching: [false; ARMS],
             q: &model.home,
             v: &rest,
             speed_scale: 1.0,

@@ -37,6 +37,9 @@ const WANTED: f64 = 0.003;
 /// Distance below which a pair turns a hand that follows the person's, m. Without a person's hand it is [`SEEN_M`]. Six
 /// clips chose it: with 25 mm the arms are 0.2 degrees further from the person, with 60 mm the hands 15 degrees.
 const LED_RANGE_M: f64 = 0.04;
+/// Distance below which a pair turns a hand that may touch, m. With 40 mm a clap of TIAGo++ ended 4.0 cm too far apart, with 20 mm
+/// 2.5 cm.
+const TOUCHING_RANGE_M: f64 = 0.02;
 /// Weight while the person's hand asks for a posture, per rad^2. It is strong enough for a hand near nothing, and weak beside
 /// a pair that touches.
 const LED: f64 = 0.2;
@@ -62,6 +65,17 @@ pub(crate) struct Wrist {
     v_max: Vector2<f64>,
 }
 
+/// Distance below which a pair turns a hand, m. `led`: the person's hand asks for a posture. `touching`: it may touch.
+pub(crate) fn range_m(led: bool, touching: bool) -> f64 {
+    if touching {
+        TOUCHING_RANGE_M
+    } else if led {
+        LED_RANGE_M
+    } else {
+        SEEN_M
+    }
+}
+
 /// Wish of one wrist, and its sums over the nodes so far.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Wish {
@@ -81,9 +95,8 @@ impl Wish {
         (self.before[i] + share * step, step / period_s)
     }
 
-    /// Adds a pair at a node. `led`: the person's hand asks for a posture.
-    pub(crate) fn add(&mut self, near: &Near, led: bool) {
-        let range_m = if led { LED_RANGE_M } else { SEEN_M };
+    /// Adds a pair at a node. Nearer than `range_m` it turns the hand.
+    pub(crate) fn add(&mut self, near: &Near, range_m: f64) {
         if near.distance_m >= range_m {
             return;
         }

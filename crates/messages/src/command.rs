@@ -13,6 +13,8 @@ pub mod target_flag {
     pub const CLUTCH: u32 = 2;
     /// The closure of the left and the right hand is known.
     pub const CLOSURE: [u32; 2] = [4, 8];
+    /// The left, the right hand may touch the robot: the person's is near something.
+    pub const TOUCHING: [u32; 2] = [256, 512];
     // Bits 5 to 7 are `PersonChange::FLAGS`.
 }
 

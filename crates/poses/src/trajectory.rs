@@ -53,7 +53,8 @@ pub fn ground_truth_touching(model: &Model, motion: &Motion, weight: f64) -> Tra
     let rows = people.map(|(frame, mut arms)| {
         let seen = arms.map(Some);
         if let Some(figure) = Figure::of(&frame.positions, &seen).filter(|_| weight > 0.0) {
-            let touching = correction.apply(&arm, &figure, &seen, 1.0 / motion.frame_rate_hz, &mut memory);
+            let touching =
+                correction.apply(&arm, &figure, (&seen, &[None; ARMS]), 1.0 / motion.frame_rate_hz, &mut memory);
             arms = std::array::from_fn(|side| touching[side].unwrap_or(arms[side]));
         }
         previous = std::array::from_fn(|side| best(&arm, &arms[side], &previous[side]));

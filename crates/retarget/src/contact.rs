@@ -5,24 +5,34 @@
 //! stretched arms, shoulder to the middle of the hand, a hand at p of a person stands for
 //!
 //! ```text
-//! p' = a' + (p - a) L' / L           a: the middle between the shoulders, or the middle of the head
+//! p' = a' + (p - a) L' / L           a: the chest, or the middle of the head
 //! ```
 //!
-//! of the robot (primes). The robot's limbs turn until its hand is at p'. The correction turns the person's limbs by as much:
+//! of the robot (primes). From there it is moved until its surface is at the right distance d of what it may touch: the chest,
+//! the head, the other hand.
+//!
+//! ```text
+//! d' = d L' / L
+//! ```
+//!
+//! A robot's hand is thicker than a person's. Its surface is that of its capsules, turned as its forearm and its wrist turn
+//! them. The robot's limbs turn until its hand is at p'. The correction turns the person's limbs by as much:
 //!
 //! ```text
 //! q0 = argmin S_GR(q),   q' = argmin S_GR(q) + w |p(q) - p(q0) - s (p' - p(q0))|^2,   R' = R(q') R(q0)^-1 R
 //! ```
 //!
-//! The share s is zero, and the limbs are the person's own, while the hand is farther than [`FAR_M`] from all of them. The
-//! correction knows no collisions. What follows it keeps the hands off the body, and a thick hand ends farther away.
+//! The share s is zero, and the limbs are the person's own, while the hand is farther than [`FAR_M`] from all of them. Near a
+//! shoulder's gimbal the same limbs leave the hand a choice, so q' is the start of the target's posture. The correction
+//! knows no collisions. What follows it keeps the hands off the body.
 
 use crate::arm::{ARMS, ArmModel, ArmQ, Limbs};
 use crate::chain::Chain;
 use crate::closed_form::closed_form;
 use crate::refine::{Objective, PRIOR_WEIGHT, Pull};
 use messages::{SMPL_JOINTS, Smpl};
-use nalgebra::{UnitQuaternion, Vector3};
+use nalgebra::{Rotation3, UnitQuaternion, Vector3};
+use robot::{TwoAxes, segment_distance};
 
 /// Distance of the person's hand from what it may touch, m, up to which the correction is whole: a box that two hands
 /// hold. Assumption.
@@ -40,10 +50,15 @@ const STEP_MAX_S: f64 = 0.04;
 const REACH_S: f64 = 1.0;
 /// Steps of each of the two minima.
 const STEPS: u32 = 8;
-/// Rounds in which a hand between head and chest comes to the right distance of both, in the plane between left and right.
+/// Rounds in which a hand comes to the right distance of chest, head and other hand. Each moves it half of the way.
 const ROUNDS: u32 = 16;
-/// Distance of the chest's surface before the middle between the shoulders, m (assumption).
-const CHEST_M: f64 = 0.1;
+/// Distance of a person's chest before the middle between the shoulders, m (assumption).
+pub const CHEST_M: f64 = 0.1;
+/// Distance of the surface of a person's hand from its middle, m (assumption).
+pub const HALF_HAND_M: f64 = 0.015;
+/// Distance of a person's scalp and face from the middle of the head, m: half of the mean of breadth and length (ANSUR
+/// 1988, men: 15.2 cm and 19.7 cm).
+pub const HEAD_M: f64 = 0.087;
 /// Half of a hand's length, as a share of the forearm's (Winter, Biomechanics, 4th ed., fig. 4.1: 0.108 and 0.146 of the
 /// stature).
 const HAND_PER_FOREARM: f64 = 0.054 / 0.146;
@@ -58,10 +73,88 @@ const ACROSS_MIN_M2: f64 = 1e-4;
 pub struct Proportions {
     /// The left arm. The right one is its mirror.
     pub chain: Chain,
-    /// The middle of the head from the middle between the shoulders, in the torso frame, m. `None` without a head.
-    pub head: Option<Vector3<f64>>,
+    /// The joints of its wrist.
+    pub wrist: TwoAxes,
+    /// Their place at the reference posture, from the middle between the shoulders, m.
+    pub wrist_at: Vector3<f64>,
+    /// The head. `None` without one.
+    pub head: Option<Part>,
     /// Length of a stretched arm, m.
     pub reach_m: f64,
+    /// The left hand.
+    pub hand: Surface,
+    /// Distance of the chest's surface before the middle between the shoulders, m.
+    pub chest_m: f64,
+}
+
+impl Proportions {
+    /// Returns how the wrist turns the left hand against its forearm if it points it as the person's.
+    fn bend(&self, fore: &UnitQuaternion<f64>, hand: &UnitQuaternion<f64>) -> UnitQuaternion<f64> {
+        let bend = self.wrist.rotation(self.wrist.nearest(&(fore.inverse() * hand)));
+        UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(bend))
+    }
+
+    /// Returns the chain to the middle of a hand that is turned by `bend`.
+    fn bent(&self, bend: &UnitQuaternion<f64>) -> Chain {
+        Chain { hand: self.wrist_at + bend * (self.chain.hand - self.wrist_at), ..self.chain }
+    }
+}
+
+/// Most capsules of a hand or a head that count.
+pub const CAPSULES_MAX: usize = 8;
+
+/// The axis of a capsule from the middle of its part, m, and its radius, m.
+pub type Capsule = ([Vector3<f64>; 2], f64);
+
+/// The surface of a part at the reference posture, in the torso frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Surface {
+    capsules: [Capsule; CAPSULES_MAX],
+    len: usize,
+}
+
+impl Surface {
+    /// A point.
+    pub const POINT: Self = Self { capsules: [([Vector3::new(0.0, 0.0, 0.0); 2], 0.0); CAPSULES_MAX], len: 1 };
+
+    /// Creates a surface of the first [`CAPSULES_MAX`] capsules. A point without one.
+    pub fn new(capsules: impl Iterator<Item = Capsule>) -> Self {
+        let mut surface = Self::POINT;
+        for (i, capsule) in capsules.take(CAPSULES_MAX).enumerate() {
+            (surface.capsules[i], surface.len) = (capsule, i + 1);
+        }
+        surface
+    }
+
+    /// Returns the surface of a left (0) or right (1) part that is turned as `turned` says for a left one.
+    fn turned(mut self, side: usize, turned: &UnitQuaternion<f64>) -> Self {
+        for (ends, _) in &mut self.capsules[..self.len] {
+            *ends = ends.map(|end| on_side(side, turned * end));
+        }
+        self
+    }
+
+    /// Returns the distance of both surfaces, m, if the middle of `other` is at `to` from the middle of this one. Below zero
+    /// they intersect.
+    fn gap_m(&self, other: &Self, to: &Vector3<f64>) -> f64 {
+        let mut least_m = f64::INFINITY;
+        for ([a, b], radius_m) in &self.capsules[..self.len] {
+            for ([c, d], other_m) in &other.capsules[..other.len] {
+                let apart_m = segment_distance(a, b, &(c + to), &(d + to)).distance_m;
+                least_m = least_m.min(apart_m - radius_m - other_m);
+            }
+        }
+        least_m
+    }
+}
+
+/// A part of the robot that a hand may touch.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Part {
+    /// Middle in the torso frame, from the middle between the shoulders, m.
+    pub center: Vector3<f64>,
+    /// Its surface, with its joints at home. Empty for a point.
+    pub surface: Surface,
 }
 
 /// A person's lengths and places, in the torso frame, from the middle between the shoulders, m.
@@ -133,7 +226,9 @@ fn on_side(side: usize, v: Vector3<f64>) -> Vector3<f64> {
 struct Kept {
     /// The posture without a correction, rad.
     posture: Option<ArmQ>,
-    /// Shares of the chest or the other hand, and of the head.
+    /// The posture with it, rad, and its share.
+    touching: Option<(ArmQ, f64)>,
+    /// Shares of the chest and of the head.
     shares: [f64; 2],
 }
 
@@ -141,10 +236,20 @@ struct Kept {
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Memory {
     arms: [Kept; ARMS],
+    /// Share of both hands that are near each other.
+    together: f64,
     /// The last head that was seen.
     head: Option<Vector3<f64>>,
     /// Low-passed length of the person's stretched arm, m.
     reach_m: Option<f64>,
+}
+
+impl Memory {
+    /// Returns the postures that bring the hands to where the person's touch, rad, and their shares from 0 to 1. `None` for an
+    /// arm that is far from everything.
+    pub fn postures(&self) -> [Option<(ArmQ, f64)>; ARMS] {
+        [0, 1].map(|arm| self.arms[arm].touching)
+    }
 }
 
 /// The robot, and how much of the correction is wanted.
@@ -163,7 +268,7 @@ impl Correction {
         &self,
         arm: &ArmModel,
         person: &Figure,
-        limbs: &[Option<Limbs>; ARMS],
+        (limbs, hands): (&[Option<Limbs>; ARMS], &[Option<UnitQuaternion<f64>>; ARMS]),
         elapsed_s: f64,
         memory: &mut Memory,
     ) -> [Option<Limbs>; ARMS] {
@@ -173,24 +278,35 @@ impl Correction {
         let before_m = memory.reach_m.unwrap_or(person.reach_m);
         let reach_m = before_m + (person.reach_m - before_m) * (elapsed_s / REACH_S).min(1.0);
         memory.reach_m = Some(reach_m);
+        for (kept, limbs) in memory.arms.iter_mut().zip(limbs) {
+            if limbs.is_none() {
+                *kept = Kept::default();
+            }
+        }
+        // The forearms as they were turned for the last skeleton: they turn the wrists, and with these the hands' surfaces.
+        let turned = [0, 1].map(|side| {
+            let fore = memory.arms[side].touching.map(|(q, _)| arm.forward(&q)).or(limbs[side])?.fore;
+            Some((fore, hands[side].map_or_else(UnitQuaternion::identity, |hand| self.robot.bend(&fore, &hand))))
+        });
+        let rotations = turned.map(|turned| turned.map(|(fore, bend)| fore * bend));
+        let aims = self.aims(&Figure { reach_m, ..*person }, &rotations, elapsed_s, memory);
         std::array::from_fn(|side| {
             let kept = &mut memory.arms[side];
-            let Some(limbs) = limbs[side] else {
-                *kept = Kept::default();
-                return None;
-            };
-            let person = Figure { reach_m, ..*person };
-            let Some(aim) = self.aim(&person, memory.head, side, elapsed_s, &mut kept.shares) else {
-                kept.posture = None;
+            let limbs = limbs[side]?;
+            let Some(aim) = &aims[side] else {
+                (kept.posture, kept.touching) = (None, None);
                 return Some(limbs);
             };
             let start = kept.posture.unwrap_or_else(|| closed_form(arm, &limbs, &arm.mid()));
             let from = minimum(arm, &limbs, &start, None);
             kept.posture = Some(from);
-            let own = self.robot.chain.hand(arm, &from);
+            let chain = self.robot.bent(&turned[side]?.1);
+            let own = chain.hand(arm, &from);
             let to = own + (on_side(side, aim.to) - own) * (aim.share * self.weight);
-            let pull = Pull { chain: &self.robot.chain, to, weight: WEIGHT };
-            let (from, to) = (arm.forward(&from), arm.forward(&minimum(arm, &limbs, &from, Some(pull))));
+            let pull = Pull { chain: &chain, to, weight: WEIGHT };
+            let touching = minimum(arm, &limbs, &from, Some(pull));
+            kept.touching = Some((touching, aim.share * self.weight));
+            let (from, to) = (arm.forward(&from), arm.forward(&touching));
             Some(Limbs {
                 upper: to.upper * from.upper.inverse() * limbs.upper,
                 fore: to.fore * from.fore.inverse() * limbs.fore,
@@ -198,44 +314,93 @@ impl Correction {
         })
     }
 
-    /// Returns where the hand of this side belongs. `None` if nothing is near, or the hand is not seen.
-    fn aim(
+    /// Returns where both hands belong, and moves the shares. `None` for a hand near nothing.
+    fn aims(
         &self,
         person: &Figure,
-        head: Option<Vector3<f64>>,
-        side: usize,
+        rotations: &[Option<UnitQuaternion<f64>>; ARMS],
         elapsed_s: f64,
-        shares: &mut [f64; 2],
-    ) -> Option<Aim> {
-        let hand = person.hands[side]?;
-        let scale = self.robot.reach_m / person.reach_m;
-        let chest = Vector3::x() * CHEST_M;
-        let near = |place: Option<Vector3<f64>>| place.map_or(0.0, |place| nearness((hand - place).norm()));
-        let wanted = [near(Some(chest)).max(near(person.hands[1 - side])), near(person.head)];
+        memory: &mut Memory,
+    ) -> [Option<Aim>; ARMS] {
+        let (robot, scale) = (&self.robot, self.robot.reach_m / person.reach_m);
         let step = elapsed_s / SHARE_S;
-        for (share, wanted) in shares.iter_mut().zip(wanted) {
-            *share = wanted.clamp(*share - step, *share + step);
-        }
-        let mut places = [(shares[0], chest, chest * scale), (0.0, chest, chest * scale)];
-        if let (Some(from), Some(to)) = (head, self.robot.head) {
-            places[1] = (shares[1], from, to);
-        }
-        let sum: f64 = places.iter().map(|(share, ..)| share).sum();
-        if sum <= 0.0 {
-            return None;
-        }
-        let mut to: Vector3<f64> =
-            places.iter().map(|(share, from, to)| (to + (hand - from) * scale) * (share / sum)).sum();
-        for _ in 0..ROUNDS {
-            for (share, from, place) in &places {
-                let away = to - place;
-                let error = away.norm() - (hand - from).norm() * scale;
-                let along = away.try_normalize(1e-6).unwrap_or_default();
-                to -= Vector3::new(along.x, 0.0, along.z) * (share / 2.0 * error);
+        let toward = |share: &mut f64, wanted: f64| *share = wanted.clamp(*share - step, *share + step);
+        let near =
+            |a: Option<Vector3<f64>>, b: Option<Vector3<f64>>| a.zip(b).map_or(0.0, |(a, b)| nearness((a - b).norm()));
+        let gap_m = |a: Vector3<f64>, b: Vector3<f64>, surfaces_m: f64| ((a - b).norm() - surfaces_m).max(0.0) * scale;
+        toward(&mut memory.together, near(person.hands[0], person.hands[1]));
+        let head = memory.head.zip(robot.head);
+        let chest = (Vector3::x() * CHEST_M, Part { center: Vector3::x() * robot.chest_m, surface: Surface::POINT });
+        let mut touched = [[None; 2]; ARMS];
+        let mut to = [None; ARMS];
+        for side in 0..ARMS {
+            let Some(hand) = person.hands[side] else { continue };
+            let shares = &mut memory.arms[side].shares;
+            toward(&mut shares[0], near(Some(hand), Some(chest.0)));
+            toward(&mut shares[1], near(Some(hand), head.and(person.head)));
+            let touch = |share, (from, part): (Vector3<f64>, Part), person_m: f64| {
+                Some(Touch { share, part, gap_m: gap_m(from, hand, HALF_HAND_M + person_m) })
+            };
+            touched[side] = [touch(shares[0], chest, 0.0), head.and_then(|head| touch(shares[1], head, HEAD_M))];
+            let places = [Some((shares[0].max(memory.together), chest)), head.map(|head| (shares[1], head))];
+            let sum: f64 = places.iter().flatten().map(|(share, _)| share).sum();
+            if sum > 0.0 {
+                let scaled = |(share, (from, part)): (f64, (Vector3<f64>, Part))| {
+                    (part.center + (hand - from) * scale) * (share / sum)
+                };
+                to[side] = Some(places.into_iter().flatten().map(scaled).sum());
             }
         }
-        Some(Aim { to, share: places[0].0.max(places[1].0) })
+        let together_m = person.hands[0].zip(person.hands[1]).map(|(a, b)| gap_m(a, b, 2.0 * HALF_HAND_M));
+        self.part(&mut to, rotations, &touched, (memory.together, together_m));
+        std::array::from_fn(|side| {
+            let [chest, head] = memory.arms[side].shares;
+            Some(Aim { to: to[side]?, share: chest.max(head).max(memory.together) })
+        })
     }
+
+    /// Moves the places of both hands until their surfaces are at the right distances. `together`: that of both hands, m, and
+    /// its share.
+    fn part(
+        &self,
+        to: &mut [Option<Vector3<f64>>; ARMS],
+        rotations: &[Option<UnitQuaternion<f64>>; ARMS],
+        touched: &[[Option<Touch>; 2]; ARMS],
+        (share, together_m): (f64, Option<f64>),
+    ) {
+        let hands =
+            [0, 1].map(|side| self.robot.hand.turned(side, &rotations[side].unwrap_or_else(UnitQuaternion::identity)));
+        for _ in 0..ROUNDS {
+            for (side, to) in to.iter_mut().enumerate() {
+                let Some(to) = to else { continue };
+                for touch in touched[side].iter().flatten() {
+                    let way = *to - touch.part.center;
+                    let gap_m = touch.part.surface.gap_m(&hands[side], &way);
+                    *to += direction(&way) * (touch.share / 2.0 * (touch.gap_m - gap_m));
+                }
+            }
+            if let ([Some(left), Some(right)], Some(wanted_m)) = (&mut *to, together_m) {
+                let way = *left - *right;
+                let apart = direction(&way) * (share / 4.0 * (wanted_m - hands[1].gap_m(&hands[0], &way)));
+                (*left, *right) = (*left + apart, *right - apart);
+            }
+        }
+    }
+}
+
+/// Something that a hand may touch.
+#[derive(Clone, Copy, Debug)]
+struct Touch {
+    /// Share of its distance, from 0 to 1.
+    share: f64,
+    part: Part,
+    /// Distance of the surfaces, m.
+    gap_m: f64,
+}
+
+/// Returns the unit vector along `way`. Zero if that is zero.
+fn direction(way: &Vector3<f64>) -> Vector3<f64> {
+    way.try_normalize(1e-6).unwrap_or_default()
 }
 
 /// Where a hand belongs, m.

@@ -2,18 +2,22 @@
 
 use messages::ARM_JOINTS;
 use nalgebra::Vector3;
-use robot::{Frames, Model};
+use robot::{Frames, Model, segment_distance};
 
 use crate::arm::{ARM_Q, ArmModel, ArmQ};
 use crate::chain::Chain;
 use crate::config::{Config, ConfigError, Options, RobotArms};
-use crate::contact::Proportions;
+use crate::contact::{Part, Proportions, Surface};
 use crate::height::Lift;
 use crate::weights::{ArmIdentity, Weights, WeightsError};
 
 /// Numbers are rounded to this before they enter the hash, rad (axes: dimensionless). It is coarser than the
 /// rounding of a sine on another machine, and finer than any change that matters.
 const HASH_GRAIN: f64 = 1e-7;
+
+/// Steps in which the chest's surface is searched, and their length, m: half a metre, to a millimetre.
+const CHEST_STEPS: u32 = 500;
+const CHEST_STEP_M: f64 = 1e-3;
 
 impl ArmModel {
     /// Takes the left arm of `model`. The right arm is its mirror up to signs, which the model has derived.
@@ -44,15 +48,45 @@ impl Proportions {
         let center = model.payload[0].map_or_else(Vector3::zeros, |payload| payload.center);
         let hand = own(frames.base_from_body[arm.joints[ARM_JOINTS - 1] + 1].transform_point(&center));
         let reach_m = (joints[3] - joints[1]).norm() + (hand - joints[3]).norm();
+        let surface = |body: usize, center: Vector3<f64>| {
+            let capsules = model.capsules.iter().filter(|capsule| capsule.body == body);
+            Surface::new(capsules.map(|capsule| (capsule.ends(&frames).map(|end| own(end) - center), capsule.radius_m)))
+        };
         let head = model.head.as_ref().and_then(|head| {
             let body = head.joints[1] + 1;
             let middles = model.capsules.iter().filter(|capsule| capsule.body == body);
             let middles = middles.map(|capsule| (capsule.a + capsule.b) / 2.0);
             let (sum, count) = middles.fold((Vector3::zeros(), 0), |(sum, count), middle| (sum + middle, count + 1));
-            (count > 0).then(|| own(frames.base_from_body[body].transform_point(&(sum / f64::from(count)))))
+            let center = || own(frames.base_from_body[body].transform_point(&(sum / f64::from(count))));
+            (count > 0).then(center).map(|center| Part { center, surface: surface(body, center) })
         });
-        Self { chain: Chain { joints, hand }, head, reach_m }
+        let wrist = model.wrists[0];
+        let wrist_at = own(frames.base_from_body[wrist.joints[0] + 1].t);
+        let chest_m = chest_m(model, &frames, middle);
+        Self {
+            chain: Chain { joints, hand },
+            wrist,
+            wrist_at,
+            head,
+            reach_m,
+            hand: surface(arm.joints[ARM_JOINTS - 1] + 1, hand),
+            chest_m,
+        }
     }
+}
+
+/// Returns how far the torso's surface is before `from`, in the direction x of the torso, m. Zero if it is not there.
+fn chest_m(model: &Model, frames: &Frames, from: Vector3<f64>) -> f64 {
+    let ahead = frames.base_from_body[model.torso_body].r * Vector3::x();
+    let torso = || model.capsules.iter().filter(|capsule| capsule.body == model.torso_body);
+    let inside = |at: Vector3<f64>| {
+        torso().any(|capsule| {
+            let [a, b] = capsule.ends(frames);
+            segment_distance(&at, &at, &a, &b).distance_m < capsule.radius_m
+        })
+    };
+    let steps = (0..=CHEST_STEPS).rev().map(|step| f64::from(step) * CHEST_STEP_M);
+    steps.into_iter().find(|along_m| inside(from + ahead * *along_m)).unwrap_or(0.0)
 }
 
 impl ArmIdentity {

@@ -102,6 +102,10 @@ impl PostureSolver {
                 Some(decoded) => decoded[n],
                 None => closed_form(&self.arm, limbs, &previous[n].unwrap_or_else(|| self.arm.mid())),
             };
+            let start = match samples[n].and_then(|sample| sample.touching) {
+                Some((q, share)) => std::array::from_fn(|j| start[j] + (q[j] - start[j]) * share),
+                None => start,
+            };
             let finite = start.iter().all(|x| x.is_finite());
             finite.then(|| posture(&self.arm, limbs, &start, previous[n].as_ref(), self.refine_steps))
         })

@@ -9,7 +9,7 @@
 use messages::{Service, Skeleton, Stamp, comes_after};
 use nalgebra::UnitQuaternion;
 
-use crate::arm::{Limbs, align, slerp};
+use crate::arm::{ArmQ, Limbs, align, slerp};
 use crate::network::{Latent, interpolate_latent};
 use crate::prediction::{AGES_S, Turns};
 use crate::way::{Expected, RATE_OVER_NS};
@@ -183,6 +183,9 @@ pub struct Sample {
     pub hand: Option<UnitQuaternion<f64>>,
     /// Closure of its hand, from 0 (open) to 1 (closed). `None` if the person's is not known.
     pub closure: Option<f64>,
+    /// Posture that brings its hand to where the person's touches, rad, and the share of this from 0 to 1. `None` far from
+    /// everything.
+    pub touching: Option<(ArmQ, f64)>,
 }
 
 impl Sample {
@@ -193,6 +196,13 @@ impl Sample {
             // A hand that comes or goes is shown as it is known.
             hand: self.hand.zip(other.hand).map(|(hand, other)| slerp(&hand, &other, s)).or(self.hand).or(other.hand),
             closure: self.closure.zip(other.closure).map(|(from, to)| from + (to - from) * s).or(other.closure),
+            touching: match (self.touching, other.touching) {
+                (Some(from), Some(to)) => {
+                    let q = std::array::from_fn(|j| from.0[j] + (to.0[j] - from.0[j]) * s);
+                    Some((q, from.1 + (to.1 - from.1) * s))
+                }
+                (from, to) => from.or(to),
+            },
         }
     }
 
@@ -239,7 +249,10 @@ pub struct Track {
 impl Default for Track {
     fn default() -> Self {
         let limbs = Limbs::identity();
-        let knot = Knot { source: 0, sample: Sample { latent: Latent::default(), limbs, hand: None, closure: None } };
+        let knot = Knot {
+            source: 0,
+            sample: Sample { latent: Latent::default(), limbs, hand: None, closure: None, touching: None },
+        };
         let (shown, fade, expected) = (None, None, Expected::default());
         Self { knots: [knot; KNOTS], count: 0, newest: 0, shown, fade, received: Stamp::NONE, expected }
     }

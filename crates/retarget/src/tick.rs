@@ -187,6 +187,9 @@ fn point_hands(
         if let Some(bend) = bend {
             set(target, joints, joints.nearest(&bend));
         }
+        if shown[arm].is_some_and(|sample| sample.touching.is_some()) {
+            target.flags |= target_flag::TOUCHING[arm];
+        }
         if let Some(closure) = shown[arm].and_then(|sample| sample.closure) {
             target.closure[arm] = closure as f32;
             target.flags |= target_flag::CLOSURE[arm];
@@ -227,6 +230,7 @@ fn take(config: &Config, state: &mut State, now: Stamp, skeleton: &Skeleton) {
     let counters = &mut state.counters;
     let arms = [0, 1].map(|arm| config.follows[arm].then(|| human_arm(skeleton, arm, counters)).flatten());
     let arms = embody(config, state, skeleton, &arms, placed.source);
+    let touching = state.touch.postures();
     let latents = config.solver.encode(&arms.map(|limbs| limbs.unwrap_or_else(Limbs::identity)));
     let mut used = [false; ARMS];
     for arm in 0..ARMS {
@@ -235,7 +239,12 @@ fn take(config: &Config, state: &mut State, now: Stamp, skeleton: &Skeleton) {
         if latent.iter().all(|x| x.is_finite()) {
             let hand = human_hand(skeleton, arm);
             let closure = human_closure(skeleton, arm);
-            state.tracks[arm].push(placed, Sample { latent, limbs, hand, closure }, received, now);
+            state.tracks[arm].push(
+                placed,
+                Sample { latent, limbs, hand, closure, touching: touching[arm] },
+                received,
+                now,
+            );
             used[arm] = true;
         } else {
             state.counters.network_not_finite += 1;
@@ -243,7 +252,12 @@ fn take(config: &Config, state: &mut State, now: Stamp, skeleton: &Skeleton) {
     }
     if let Some(head) = human_head(skeleton) {
         let limbs = Limbs { upper: head, ..Limbs::identity() };
-        state.head.push(placed, Sample { latent: Latent::default(), limbs, hand: None, closure: None }, received, now);
+        state.head.push(
+            placed,
+            Sample { latent: Latent::default(), limbs, hand: None, closure: None, touching: None },
+            received,
+            now,
+        );
     }
     if let Some(prediction) = &config.prediction {
         expect(prediction, &mut state.tracks, used, placed.source);
@@ -282,7 +296,8 @@ fn embody(
         state.lift = Some(lift.next(before, crouch_m * scale, elapsed_s.min(STEP_MAX_S)));
     }
     if config.correction.weight > 0.0 {
-        config.correction.apply(&config.solver.arm, &figure, arms, elapsed_s, &mut state.touch)
+        let hands = [0, 1].map(|arm| human_hand(skeleton, arm));
+        config.correction.apply(&config.solver.arm, &figure, (arms, &hands), elapsed_s, &mut state.touch)
     } else {
         *arms
     }

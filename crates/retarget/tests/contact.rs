@@ -71,7 +71,7 @@ fn limbs_of_hands_that_touch_nothing_stay_to_the_last_bit() {
     let figure = Figure::of(&person(&limbs, &UnitQuaternion::identity()), &seen).expect("a person");
     let mut memory = Memory::default();
     for _ in 0..10 {
-        assert_eq!(correction().apply(&arm, &figure, &seen, 0.02, &mut memory), seen);
+        assert_eq!(correction().apply(&arm, &figure, (&seen, &[None; 2]), 0.02, &mut memory), seen);
     }
 }
 
@@ -84,7 +84,7 @@ fn correction_comes_and_goes_without_a_step() {
     let (mut memory, mut before, mut most_deg) = (Memory::default(), limbs, 0.0_f64);
     for k in 0..150 {
         let person = if k < 75 { &figure } else { &unseen };
-        let [left, _] = correction().apply(&arm, person, &seen, 0.01, &mut memory);
+        let [left, _] = correction().apply(&arm, person, (&seen, &[None; 2]), 0.01, &mut memory);
         let left = left.expect("an arm");
         most_deg = most_deg.max(distance_deg(&left, &limbs));
         let step_deg = distance_deg(&left, &before);
@@ -110,7 +110,8 @@ fn hand_that_is_nowhere_or_not_finite_leaves_the_limbs() {
     }
     let one = [Some(limbs), None];
     let figure = Figure::of(&right, &one).expect("a person");
-    let corrected = correction().apply(&robot().identity.arm, &figure, &one, 0.02, &mut Memory::default());
+    let corrected =
+        correction().apply(&robot().identity.arm, &figure, (&one, &[None; 2]), 0.02, &mut Memory::default());
     assert!(corrected[0].is_some() && corrected[1].is_none());
 }
 

@@ -26,7 +26,13 @@ impl Postures {
     #[must_use]
     pub fn encode(&self, arms: &[Limbs; ARMS]) -> [Sample; ARMS] {
         let latents = self.solver.encode(arms);
-        std::array::from_fn(|arm| Sample { latent: latents[arm], limbs: arms[arm], hand: None, closure: None })
+        std::array::from_fn(|arm| Sample {
+            latent: latents[arm],
+            limbs: arms[arm],
+            hand: None,
+            closure: None,
+            touching: None,
+        })
     }
 
     /// Returns the joint positions of both arms, rad: see [`PostureSolver::next`]. None if the network's positions are

@@ -82,6 +82,7 @@ impl<'a> Trajectory<'a> {
             limbs: from[arm].limbs.slerp(&to[arm].limbs, s),
             hand: None,
             closure: None,
+            touching: None,
         });
         Ok((before, between))
     }

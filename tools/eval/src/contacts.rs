@@ -1,15 +1,15 @@
 //! Contacts: does the robot's hand come as near to head, chest and other hand as the person's does?
 //!
-//! A distance of the person counts while it is below 0.2 m. With the lengths L of the stretched arms, shoulder to the
-//! middle of the hand, the error of a frame is
+//! Distances d are those of surfaces. One of the person counts while it is below 0.2 m. With the lengths L of the stretched
+//! arms, shoulder to the middle of the hand, the error of a frame is
 //!
 //! ```text
 //! e = | d_robot - d_person L_robot / L_person |          m
 //! ```
 //!
-//! Three robots are compared: the best posture for the person's limbs alone, the best one for limbs that are corrected
-//! so that hands touch (`retarget::contact`), and the command, after all stages. The first two do not move. The command is
-//! compared with the person at the delay of the settings.
+//! Compared are the best posture for the person's limbs alone, the best one for limbs that are corrected so that hands
+//! touch (`retarget::contact`), the command after all stages, and the command while the person's hands rest. The first two do
+//! not move. Commands are compared with the person at the delay of the settings.
 
 use crate::cli::Cli;
 use crate::error::EvalError;
@@ -17,42 +17,36 @@ use crate::run::{show, write_json};
 use crate::table::{self, column, number};
 use client::PlayOptions;
 use config::{Loaded, Overrides};
-use messages::{JOINTS_MAX, Mode, Smpl, deadline};
+use messages::{JOINTS_MAX, Mode, Skeleton, Smpl, deadline};
 use motion::{CalibrationMode, Frame, Motion};
 use nalgebra::Vector3;
 use poses::motions::paper_motions;
 use poses::person::{hands, head};
 use poses::trajectory::ground_truth_touching;
-use robot::{Frames, Model};
+use retarget::contact::{CHEST_M, HALF_HAND_M, HEAD_M, Proportions};
+use robot::{Capsule, Frames, Model, segment_distance};
 use serde::Serialize;
 use serde_json::{Map, json};
 use std::fmt;
 use world::{Offline, OfflineEnd};
 
-/// Distance of the person's below which a contact counts, m: the length of a hand. Assumption.
-const NEAR_M: f64 = 0.3;
-/// Distance of the chest's surface before the middle between the shoulders, m, for a person (`poses::motions`).
-const CHEST_M: f64 = 0.1;
+/// Distance of the person's surfaces below which a contact counts, m: the length of a hand. Assumption.
+const NEAR_M: f64 = 0.2;
 
-/// Distances of both hands, m.
+/// Time for which a hand that rests has not moved, ns: longer than a hand of the robot is behind. Assumption.
+const HELD_NS: u64 = 200_000_000;
+/// Largest change of a distance of a hand that rests, m. Assumption.
+const REST_M: f64 = 0.01;
+
+/// Distances of surfaces, m. Below zero they intersect.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Distances {
-    /// Left and right hand to the middle of the head. `None` for a robot without a head.
+    /// Left and right hand to the head. `None` for a robot without a head.
     pub head: Option<[f64; 2]>,
-    /// Left and right hand to the chest.
+    /// Left and right hand to the place of the chest before the middle between the shoulders.
     pub chest: [f64; 2],
     /// Hand to hand.
     pub hands: f64,
-}
-
-impl Distances {
-    fn between(hands: [Vector3<f64>; 2], head: Option<Vector3<f64>>, chest: Vector3<f64>) -> Self {
-        Self {
-            head: head.map(|head| hands.map(|hand| (hand - head).norm())),
-            chest: hands.map(|hand| (hand - chest).norm()),
-            hands: (hands[0] - hands[1]).norm(),
-        }
-    }
 }
 
 /// Errors of one motion: the sum over the frames and hands in contact, their number, and the largest.
@@ -67,9 +61,9 @@ pub struct Errors {
 }
 
 impl Errors {
-    fn add(&mut self, person_m: f64, robot_m: f64, scale: f64) {
+    fn add(&mut self, person_m: f64, error_m: f64) {
         if person_m < NEAR_M {
-            let error_m = (robot_m - person_m * scale).abs();
+            let error_m = error_m.abs();
             (self.sum_m, self.count, self.max_m) = (self.sum_m + error_m, self.count + 1, self.max_m.max(error_m));
         }
     }
@@ -97,7 +91,13 @@ pub struct Contacts {
 pub fn of_person(frame: &Frame) -> Distances {
     let at = |joint: Smpl| Vector3::from(frame.positions[joint as usize]).cast::<f64>();
     let chest = (at(Smpl::LeftShoulder) + at(Smpl::RightShoulder)) / 2.0 + Vector3::x() * CHEST_M;
-    Distances::between(hands(frame), Some(head(frame)), chest)
+    let (hands, head) = (hands(frame), head(frame));
+    let apart = |a: Vector3<f64>, b: Vector3<f64>, surfaces_m: f64| ((a - b).norm() - surfaces_m).max(0.0);
+    Distances {
+        head: Some(hands.map(|hand| apart(hand, head, HEAD_M + HALF_HAND_M))),
+        chest: hands.map(|hand| apart(hand, chest, HALF_HAND_M)),
+        hands: apart(hands[0], hands[1], 2.0 * HALF_HAND_M),
+    }
 }
 
 /// Landmarks of a robot.
@@ -106,51 +106,44 @@ struct Robot<'a> {
     frames: Frames,
     /// Length of a stretched arm, m.
     reach_m: f64,
-    /// The middle between the shoulders in a T-pose, in the frame of the torso's body, m.
-    middle: Vector3<f64>,
+    /// The place of the chest, in the frame of the torso's body, m.
+    chest: Vector3<f64>,
 }
 
 impl<'a> Robot<'a> {
     fn new(model: &'a Model) -> Self {
-        let mut robot = Self { model, frames: Frames::default(), reach_m: 0.0, middle: Vector3::zeros() };
-        let mut t_pose = model.home;
-        for arm in &model.arms {
-            arm.joints.iter().zip(arm.reference).for_each(|(&joint, reference)| t_pose[joint] = reference);
-        }
-        model.forward(&t_pose, &mut robot.frames);
-        let torso = &robot.frames.base_from_body[model.torso_body];
-        robot.middle = torso.r.transpose() * ((robot.shoulder(0) + robot.shoulder(1)) / 2.0 - torso.t);
-        let arm = &model.arms[0];
-        let elbow = robot.frames.base_from_body[arm.joints[3] + 1].t;
-        robot.reach_m = (elbow - robot.shoulder(0)).norm() + (robot.hand(0) - elbow).norm();
-        robot
+        let mut frames = Frames::default();
+        model.forward(&model.home, &mut frames);
+        let proportions = Proportions::of(model);
+        // The middle between the shoulders: the origins of the arms' second joints, where the first two axes come nearest.
+        let shoulders = [0, 1].map(|side| frames.base_from_body[model.arms[side].joints[1] + 1].t);
+        let torso = &frames.base_from_body[model.torso_body];
+        let middle = torso.r.transpose() * ((shoulders[0] + shoulders[1]) / 2.0 - torso.t);
+        let chest = middle + Vector3::x() * proportions.chest_m;
+        Self { model, frames, reach_m: proportions.reach_m, chest }
     }
 
-    /// The shoulder: the origin of the arm's second joint, where the first two axes come nearest.
-    fn shoulder(&self, side: usize) -> Vector3<f64> {
-        self.frames.base_from_body[self.model.arms[side].joints[1] + 1].t
-    }
-
-    /// Where the hand grasps.
-    fn hand(&self, side: usize) -> Vector3<f64> {
-        let body = self.model.arms[side].joints[6] + 1;
-        let center = self.model.payload[side].map_or_else(Vector3::zeros, |payload| payload.center);
-        self.frames.base_from_body[body].transform_point(&center)
-    }
-
-    /// The middle of the capsules that the head's joints move.
-    fn head(&self) -> Option<Vector3<f64>> {
-        let body = self.model.head.as_ref()?.joints[1] + 1;
-        let capsules: Vec<_> = self.model.capsules.iter().filter(|capsule| capsule.body == body).collect();
-        let sum: Vector3<f64> = capsules.iter().map(|capsule| (capsule.a + capsule.b) / 2.0).sum();
-        (!capsules.is_empty()).then(|| self.frames.base_from_body[body].transform_point(&(sum / capsules.len() as f64)))
-    }
-
-    fn distances(&mut self, q: &[f64; JOINTS_MAX], scale: f64) -> Distances {
+    fn distances(&mut self, q: &[f64; JOINTS_MAX]) -> Distances {
         self.model.forward(q, &mut self.frames);
-        let chest = self.middle + Vector3::x() * (CHEST_M * scale);
-        let chest = self.frames.base_from_body[self.model.torso_body].transform_point(&chest);
-        Distances::between([self.hand(0), self.hand(1)], self.head(), chest)
+        let chest = self.frames.base_from_body[self.model.torso_body].transform_point(&self.chest);
+        let hands = [0, 1].map(|side| self.model.arms[side].joints[6] + 1);
+        let head = self.model.head.as_ref().map(|head| head.joints[1] + 1);
+        let of = |body: usize| self.model.capsules.iter().filter(move |capsule| capsule.body == body);
+        let apart = |hand: usize, other: [Vector3<f64>; 2], radius_m: f64| {
+            let distance = |capsule: &Capsule| {
+                let [a, b] = capsule.ends(&self.frames);
+                segment_distance(&a, &b, &other[0], &other[1]).distance_m - capsule.radius_m - radius_m
+            };
+            of(hand).map(distance).fold(f64::INFINITY, f64::min)
+        };
+        let bodies = |hand: usize, other: usize| {
+            of(other).map(|other| apart(hand, other.ends(&self.frames), other.radius_m)).fold(f64::INFINITY, f64::min)
+        };
+        Distances {
+            head: head.map(|head| hands.map(|hand| bodies(hand, head))),
+            chest: hands.map(|hand| apart(hand, [chest; 2], 0.0)),
+            hands: bodies(hands[0], hands[1]),
+        }
     }
 }
 
@@ -161,17 +154,26 @@ fn person_reach_m(frame: &Frame) -> f64 {
     (elbow - at(Smpl::LeftShoulder)).norm() + (hands(frame)[0] - elbow).norm()
 }
 
+/// Returns true if no distance of the hands has changed since `recent`.
+fn rest(recent: impl Iterator<Item = Frame>, now: &Frame) -> bool {
+    let now = of_person(now);
+    recent.map(|then| of_person(&then)).all(|then| {
+        let moved = |a: f64, b: f64| (a - b).abs() > REST_M;
+        !moved(then.hands, now.hands) && then.chest.into_iter().zip(now.chest).all(|(a, b)| !moved(a, b))
+    })
+}
+
 impl Contacts {
     fn add(&mut self, frame: &Frame, robot: &mut Robot<'_>, q: &[f64; JOINTS_MAX]) {
         let scale = robot.reach_m / person_reach_m(frame);
-        let (person, robot) = (of_person(frame), robot.distances(q, scale));
+        let (person, robot) = (of_person(frame), robot.distances(q));
         for side in 0..2 {
             if let (Some(person), Some(robot)) = (person.head, robot.head) {
-                self.head.add(person[side], robot[side], scale);
+                self.head.add(person[side], robot[side] - person[side] * scale);
             }
-            self.chest.add(person.chest[side], robot.chest[side], scale);
+            self.chest.add(person.chest[side], robot.chest[side] - person.chest[side] * scale);
         }
-        self.hands.add(person.hands, robot.hands, scale);
+        self.hands.add(person.hands, robot.hands - person.hands * scale);
     }
 }
 
@@ -189,22 +191,28 @@ pub fn postures(model: &Model, motion: &Motion, weight: f64) -> Contacts {
     out
 }
 
-/// Plays a motion through all stages, and measures the commands while the robot follows.
+/// Plays a motion through all stages, and measures the commands while the robot follows: all of them, and those for hands
+/// that rest.
 ///
 /// # Errors
 /// Returns a sentence as error if the stages reject their settings, or stop.
-pub fn commands(loaded: &Loaded, motion: &Motion) -> Result<Contacts, String> {
+pub fn commands(loaded: &Loaded, motion: &Motion) -> Result<[Contacts; 2], String> {
     let options = PlayOptions { speed: 1.0, looped: false, calibration: CalibrationMode::Rig };
     let mut offline = Offline::new(loaded, motion, options).map_err(|error| error.to_string())?;
-    let (mut robot, mut out, mut people) = (Robot::new(&loaded.model), Contacts::default(), Vec::new());
+    let (mut robot, mut out, mut people) = (Robot::new(&loaded.model), [Contacts::default(); 2], Vec::new());
     let delay_ns = (loaded.settings.retarget.following_delay_ms * 1e6) as u64;
     let end = offline.play(|tick| {
         people.extend(tick.moment.skeleton);
         let follows = tick.moment.control.as_ref().filter(|control| control.status.mode == Mode::Engaged as u32);
         let Some(command) = follows.and_then(|control| control.command) else { return };
         let shown = people.partition_point(|person| person.header.origin.plus_ns(delay_ns) <= deadline(command.k));
-        if let Some(person) = shown.checked_sub(1).map(|i| &people[i]) {
-            out.add(&Frame { positions: person.positions, ..Frame::ZERO }, &mut robot, &command.q);
+        let Some(person) = shown.checked_sub(1).map(|i| &people[i]) else { return };
+        let frame = |person: &Skeleton| Frame { positions: person.positions, ..Frame::ZERO };
+        out[0].add(&frame(person), &mut robot, &command.q);
+        let recent = people[..shown].iter().rev();
+        let recent = recent.take_while(|then| person.header.origin.since(then.header.origin) <= HELD_NS);
+        if rest(recent.map(frame), &frame(person)) {
+            out[1].add(&frame(person), &mut robot, &command.q);
         }
     });
     match end {
@@ -249,9 +257,11 @@ pub(crate) fn run(cli: &Cli) -> Result<(), EvalError> {
             continue;
         }
         let touching = postures(&loaded.model, motion, 1.0);
-        let commanded =
+        let [commanded, held] =
             commands(&loaded, motion).map_err(|reason| EvalError::Play { name: motion.name.clone(), reason })?;
-        for (what, contacts) in [("limbs alone", limbs), ("corrected", touching), ("commanded", commanded)] {
+        for (what, contacts) in
+            [("limbs alone", limbs), ("corrected", touching), ("commanded", commanded), ("held", held)]
+        {
             rows.push((format!("{}, {what}", motion.name), contacts));
         }
     }

@@ -202,6 +202,7 @@ impl Robot {
             *q += v * ticks.saturating_sub(1) as f64 * messages::TICK_S;
         }
         let input = Input {
+            touching: [false; 2],
             k: self.k,
             way,
             way_first,

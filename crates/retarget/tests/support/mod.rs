@@ -8,7 +8,7 @@ use messages::{JOINTS_MAX, Layout, RobotId, Skeleton, Stamp, skeleton_flag};
 use nalgebra::Vector3;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
-use retarget::contact::Proportions;
+use retarget::contact::{Part, Proportions, Surface};
 use retarget::{
     ArmIdentity, ArmModel, ArmQ, Chain, Dense, LATENT, Layers, Limbs, Manifest, Prediction, RobotArms, Weights, mirror,
     write_weights, xyzw_from_rotation,
@@ -59,13 +59,7 @@ pub(crate) fn robot() -> RobotArms {
         robot: RobotId { hash: 7, joint_count: 17, reserved: 0 },
         joints: [3, 10].map(|first| std::array::from_fn(|j| first + j)),
         signs: [[1.0; 5]; 2],
-        wrists: [8, 15].map(|first| robot::TwoAxes {
-            joints: [first, first + 1],
-            axes: [-nalgebra::Vector3::z(), -nalgebra::Vector3::y()],
-            home: [0.25; 2],
-            q_min: [-1.4, -2.0],
-            q_max: [1.4, 2.0],
-        }),
+        wrists: [8, 15].map(wrist),
         head: None,
         lift: None,
         proportions: Proportions {
@@ -74,9 +68,27 @@ pub(crate) fn robot() -> RobotArms {
                 joints: [-0.125, 0.0, 0.09, 0.311, 0.311].map(|along| Vector3::new(0.0, 0.28 + along, 0.0)),
                 hand: Vector3::new(0.0, 0.9, 0.0),
             },
-            head: Some(Vector3::new(0.1, 0.0, 0.3)),
+            wrist: wrist(8),
+            wrist_at: Vector3::new(0.0, 0.75, 0.0),
+            head: Some(Part { center: Vector3::new(0.1, 0.0, 0.3), surface: ball(0.15) }),
             reach_m: 0.62,
+            hand: ball(0.1),
+            chest_m: 0.15,
         },
+    }
+}
+
+fn ball(radius_m: f64) -> Surface {
+    Surface::new(std::iter::once(([Vector3::zeros(); 2], radius_m)))
+}
+
+fn wrist(first: usize) -> robot::TwoAxes {
+    robot::TwoAxes {
+        joints: [first, first + 1],
+        axes: [-Vector3::z(), -Vector3::y()],
+        home: [0.25; 2],
+        q_min: [-1.4, -2.0],
+        q_max: [1.4, 2.0],
     }
 }
 
