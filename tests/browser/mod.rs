@@ -58,6 +58,23 @@ impl Browser {
 
     /// Opens `address` in a browser with these additional arguments.
     pub fn with(address: &str, arguments: &[&str]) -> Option<Self> {
+        let mut browser = Self::blank(arguments)?;
+        browser.create(address);
+        Some(browser)
+    }
+
+    /// Opens `address` in a page in which `script` runs before the page's own scripts.
+    pub fn injected(address: &str, script: &str) -> Option<Self> {
+        let mut browser = Self::blank(&[])?;
+        browser.create("about:blank");
+        browser.ask("Page.enable", &json!({}));
+        browser.ask("Page.addScriptToEvaluateOnNewDocument", &json!({ "source": script }));
+        browser.ask("Page.navigate", &json!({ "url": address }));
+        Some(browser)
+    }
+
+    /// Starts a browser without a page.
+    fn blank(arguments: &[&str]) -> Option<Self> {
         let program = program()?;
         let turn = TURN.lock().unwrap_or_else(PoisonError::into_inner);
         let folder = tempfile::tempdir().expect("a folder");
@@ -85,13 +102,15 @@ impl Browser {
             }
         };
         let (socket, _) = tungstenite::connect(door).expect("its door");
-        let mut browser =
-            Self { child, socket, session: String::new(), asked: 0, _told: told, _folder: folder, _turn: turn };
-        let target = browser.ask("Target.createTarget", &json!({ "url": address }));
+        Some(Self { child, socket, session: String::new(), asked: 0, _told: told, _folder: folder, _turn: turn })
+    }
+
+    /// Creates the page at `address`, and attaches to it.
+    fn create(&mut self, address: &str) {
+        let target = self.ask("Target.createTarget", &json!({ "url": address }));
         let attach = json!({ "targetId": target["targetId"], "flatten": true });
-        let session = browser.ask("Target.attachToTarget", &attach);
-        browser.session = session["sessionId"].as_str().expect("a session").to_owned();
-        Some(browser)
+        let session = self.ask("Target.attachToTarget", &attach);
+        self.session = session["sessionId"].as_str().expect("a session").to_owned();
     }
 
     /// Sends a request of the DevTools protocol and returns its result.

@@ -12,7 +12,7 @@ const KEEP = 100;
 const GONE = 0.6;
 
 const panel = new Panel($);
-let webcam = null, stage = null, broken = null, meshesAre = null, scene = null, frame = null, held = false, clutched = false, keeping = null, isBehind = false, isNew = false;
+let webcam = null, headset = null, meshesDrawn = [], stage = null, broken = null, meshesAre = null, scene = null, frame = null, held = false, clutched = false, keeping = null, isBehind = false, isNew = false;
 // State last sent to the artist.
 let drawnFrame = null, drawnLayers = "";
 // State of a recording: whether it plays, whether it is at its end, and whether the user holds the slider.
@@ -99,6 +99,7 @@ async function loadMeshes({ meshes, missing_meshes: missing }) {
   const { drawn, failed } = await new MeshLoader(location.hash.slice(1)).load(meshes, (done, all) => text("meshes", `loading ${done + 1} of ${all}`));
   const not = [...failed, ...missing.map((name) => `${name}: not found`)];
   text("meshes", `${drawn.length} drawn${not.length > 0 ? `, not ${not.join("; ")}` : ""}`);
+  meshesDrawn = drawn;
   stage.tell("load", { meshes: drawn });
 }
 
@@ -111,6 +112,21 @@ async function showCamera({ camera, run_dir: folder }) {
   webcam ??= new Webcam(wire, $, `/vision/${location.hash.slice(1)}`);
 }
 
+// What a headset draws.
+function picture() {
+  const isNear = frame !== null && (frame.present & PRESENT.pair) !== 0;
+  return { scene, meshes: meshesDrawn, frame, isNear, text: `${$("mode").textContent}. ${$("why").textContent}` };
+}
+
+// Shows the headset's panel, if this browser has a headset and the page shows an instance.
+async function showHeadset() {
+  if (headset || isRecording() || !navigator.xr) return;
+  const { Headset, offered } = await import("./headset.js");
+  const mode = await offered();
+  $("xr").hidden = mode === null;
+  if (mode !== null) headset ??= new Headset(wire, $, mode, picture);
+}
+
 const told = {
   up() {
     $("link").classList.remove("bad");
@@ -120,6 +136,7 @@ const told = {
     hold(false);
     mix.told({ on: false });
     webcam?.stop("The connection was lost, so the camera is off.");
+    headset?.stop("The connection was lost, so the headset is off.");
     frame = null;
     $("link").classList.add("bad");
     text("link", "not connected, trying again");
@@ -142,6 +159,7 @@ const told = {
     $("enable-note").hidden = recorded;
     mix.build(message.about.key_poses);
     showCamera(message.about);
+    showHeadset();
     if (recorded) {
       text("name", message.about.name);
       $("at").max = message.about.duration_s;
@@ -161,6 +179,7 @@ const told = {
   },
   mix: (message) => mix.told(message),
   camera: (message) => webcam?.told(message),
+  headset: (message) => headset?.told(message),
   reel: (message) => showPlaying(message.playing),
   frame(message) {
     frame = message;
@@ -298,4 +317,5 @@ window.teleopd = {
   boxes: () => stage?.boxes ?? null,
   ghost: () => stage?.ghost ?? 0,
   share: () => stage?.share ?? 1,
+  room: () => headset?.room?.drawn ?? 0,
 };

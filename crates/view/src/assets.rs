@@ -26,7 +26,7 @@ macro_rules! script {
 }
 
 /// All files. three.js 0.185.0 (MIT) is byte for byte as its authors publish it on npm.
-pub const ASSETS: [Asset; 32] = [
+pub const ASSETS: [Asset; 35] = [
     Asset { path: "/", kind: HTML, bytes: include_bytes!("../page/index.html") },
     Asset { path: "/page.css", kind: CSS, bytes: include_bytes!("../page/page.css") },
     script!("page.js"),
@@ -36,6 +36,9 @@ pub const ASSETS: [Asset; 32] = [
     script!("mix.js"),
     script!("webcam.js"),
     script!("webcam-worker.js"),
+    script!("headset.js"),
+    script!("headset-poses.js"),
+    script!("headset-room.js"),
     script!("wire.js"),
     script!("artist.js"),
     script!("camera.js"),

@@ -3,12 +3,13 @@
 //! One thread reads the instance's messages 60 times a second without waking any other process. A thread for
 //! every open page sends the updates. A page can only send requests. They pass through the operator socket like
 //! those of `teleopctl`, and `control` decides. A page can also be a client. Its person is a mix of key poses, or the
-//! person in a webcam's image. The page sends that person over the skeleton socket. The server listens on the loopback
+//! person in a webcam's image, or the person who wears a headset. The page sends that person over the skeleton socket. The server listens on the loopback
 //! interface only. A request must come from the server's own page and carry the token of the run.
 
 mod assets;
 mod counted;
 mod frame;
+mod headset;
 mod http;
 mod hub;
 mod live;
@@ -30,6 +31,7 @@ mod worker;
 
 pub use assets::{ASSETS, Asset};
 pub use frame::{FIELDS, Field, LatestMessages, POSE, VERSION, encode, length, present};
+pub use headset::{BODY_BYTES, HEADSET_BYTES, HeadsetFrame};
 pub use http::{POLICY, camera_policy};
 pub use live::{GONE_AFTER_NS, Readers};
 pub use look::{Colour, Look, LookError, NamedMesh, Part, Shape};

@@ -1,6 +1,7 @@
 //! One open page: sends frames and receives requests.
 
 use crate::counted::Counted;
+use crate::headset::{BODY_BYTES, HEADSET_BYTES, HeadsetClient};
 use crate::hub::{Hub, Seen};
 use crate::mixer::{KeyPoses, MixRequest, Mixed, Mixer};
 use crate::operator_worker::{CommandOutcome, OperatorCommand, OperatorWorker};
@@ -65,6 +66,10 @@ enum Request {
     Camera {
         on: bool,
     },
+    /// The same for a headset.
+    Headset {
+        on: bool,
+    },
     /// See [`Position`]. Only for a recording.
     Play {},
     Pause {},
@@ -92,7 +97,7 @@ pub enum PageSource {
 
 /// Control that a page has over its source.
 enum PageControl {
-    OperatorWorker(OperatorWorker, Option<Mixer>, Option<Webcam>),
+    OperatorWorker(OperatorWorker, Option<Mixer>, Option<Webcam>, Box<HeadsetClient>),
     Position(Arc<Position>),
 }
 
@@ -102,14 +107,15 @@ impl PageControl {
             PageSource::Instance(instance, key_poses, camera) => {
                 let mixer = key_poses.as_ref().map(|key_poses| Mixer::new(instance, key_poses)).transpose()?;
                 let webcam = camera.then(|| Webcam::new(instance)).transpose()?;
-                Self::OperatorWorker(OperatorWorker::new(instance)?, mixer, webcam)
+                let headset = Box::new(HeadsetClient::new(instance)?);
+                Self::OperatorWorker(OperatorWorker::new(instance)?, mixer, webcam, headset)
             }
             PageSource::Recording(position) => Self::Position(position.clone()),
         })
     }
 
     /// Carries out a request. Returns false if this source does not support it.
-    fn pull(&self, request: Request) -> bool {
+    fn pull(&mut self, request: Request) -> bool {
         match (self, request) {
             (_, Request::Here {}) => {}
             (Self::OperatorWorker(hand, ..), Request::Engage { arm }) => {
@@ -119,20 +125,23 @@ impl PageControl {
                 });
                 hand.ask(OperatorCommand::Engage { left_out });
             }
+            // A headset repeats its press by its own messages. The page's clock would repeat it without them.
+            (Self::OperatorWorker(.., headset), Request::Keep {}) if headset.is_held() => {}
             (Self::OperatorWorker(hand, ..), Request::Keep {}) => hand.ask(OperatorCommand::Keep),
             (Self::OperatorWorker(hand, ..), Request::Clutch { held }) => hand.ask(OperatorCommand::Clutch(held)),
             (Self::OperatorWorker(hand, ..), Request::Release {}) => hand.ask(OperatorCommand::Release),
             (Self::OperatorWorker(hand, ..), Request::Reset {}) => hand.ask(OperatorCommand::Reset),
             (Self::OperatorWorker(hand, ..), Request::Stop {}) => hand.ask(OperatorCommand::Stop),
-            (Self::OperatorWorker(_, Some(mixer), _), Request::Join {}) => mixer.ask(MixRequest::Join),
-            (Self::OperatorWorker(_, Some(mixer), _), Request::Leave {}) => mixer.ask(MixRequest::Leave),
-            (Self::OperatorWorker(_, Some(mixer), _), Request::Mix { shares }) => match Shares::nearest(shares) {
+            (Self::OperatorWorker(_, Some(mixer), ..), Request::Join {}) => mixer.ask(MixRequest::Join),
+            (Self::OperatorWorker(_, Some(mixer), ..), Request::Leave {}) => mixer.ask(MixRequest::Leave),
+            (Self::OperatorWorker(_, Some(mixer), ..), Request::Mix { shares }) => match Shares::nearest(shares) {
                 Some(shares) => mixer.ask(MixRequest::Mix(shares)),
                 None => return false,
             },
-            (Self::OperatorWorker(_, _, Some(webcam)), Request::Camera { on }) => {
+            (Self::OperatorWorker(_, _, Some(webcam), _), Request::Camera { on }) => {
                 webcam.ask(if on { CameraRequest::Start } else { CameraRequest::Stop });
             }
+            (Self::OperatorWorker(hand, .., headset), Request::Headset { on }) => headset.turn(on, hand),
             (Self::Position(position), Request::Play {}) => position.play(true),
             (Self::Position(position), Request::Pause {}) => position.play(false),
             (Self::Position(position), Request::Seek { to_s }) => position.seek(to_s),
@@ -141,10 +150,16 @@ impl PageControl {
         true
     }
 
-    /// Passes an image on. An invalid one is counted, and the page stays open. Returns false if there is no camera.
-    fn see(&self, image: &[u8]) -> bool {
-        let Self::OperatorWorker(_, _, Some(webcam)) = self else { return false };
-        webcam.ask(CameraRequest::Image(rt::now(), Sight::of(image)));
+    /// Passes a frame of a headset or an image on. An invalid one is counted, and the page stays open. Returns false if
+    /// there is no camera.
+    fn see(&mut self, bytes: &[u8]) -> bool {
+        let Self::OperatorWorker(hand, _, webcam, headset) = self else { return false };
+        if [HEADSET_BYTES, BODY_BYTES].contains(&bytes.len()) {
+            headset.see(bytes, hand);
+            return true;
+        }
+        let Some(webcam) = webcam else { return false };
+        webcam.ask(CameraRequest::Image(rt::now(), Sight::of(bytes)));
         true
     }
 }
@@ -206,24 +221,29 @@ impl Page {
             self.is_playing = playing;
             self.send(Message::text(json!({ "tell": "reel", "playing": playing }).to_string()))?;
         }
-        while let PageControl::OperatorWorker(hand, ..) = &self.lever
+        while let PageControl::OperatorWorker(hand, .., headset) = &mut self.lever
             && let Some(CommandOutcome { held, text }) = hand.answer()
         {
+            if !held {
+                headset.lost();
+            }
             self.send(Message::text(json!({ "tell": "hand", "held": held, "text": text }).to_string()))?;
         }
-        while let PageControl::OperatorWorker(_, Some(mixer), _) = &self.lever
+        while let PageControl::OperatorWorker(_, Some(mixer), ..) = &self.lever
             && let Some(Mixed { on, shares, text }) = mixer.answer()
         {
             let told = json!({ "tell": "mix", "on": on, "shares": shares.get(), "text": text });
             self.send(Message::text(told.to_string()))?;
         }
-        while let PageControl::OperatorWorker(_, _, Some(webcam)) = &self.lever
-            && let Some(CameraReport { on, published, refused, age_ms, text }) = webcam.answer()
+        while let PageControl::OperatorWorker(_, _, Some(webcam), _) = &self.lever
+            && let Some(report) = webcam.answer()
         {
-            let told = json!({
-                "tell": "camera", "on": on, "published": published, "refused": refused, "age_ms": age_ms, "text": text
-            });
-            self.send(Message::text(told.to_string()))?;
+            self.send(Message::text(told("camera", &report)))?;
+        }
+        while let PageControl::OperatorWorker(hand, .., headset) = &mut self.lever
+            && let Some(report) = headset.answer(hand)
+        {
+            self.send(Message::text(told("headset", &report)))?;
         }
         Ok(())
     }
@@ -272,6 +292,16 @@ impl Page {
     fn flush(&mut self) -> Result<(), Error> {
         or_later(self.socket.flush())
     }
+}
+
+/// Returns the text about a camera or a headset.
+fn told(kind: &str, report: &CameraReport) -> String {
+    let CameraReport { on, published, refused, age_ms, heard_ms, text } = report;
+    let told = json!({
+        "tell": kind, "on": on, "published": published, "refused": refused, "age_ms": age_ms, "heard_ms": heard_ms,
+        "text": text,
+    });
+    told.to_string()
 }
 
 fn or_later(outcome: Result<(), Error>) -> Result<(), Error> {

@@ -30,23 +30,23 @@ pub enum Refusal {
 impl fmt::Display for Refusal {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
-            Self::Length => "a message does not have 33 landmarks",
-            Self::Number => "a landmark is not a number, or is too far away",
-            Self::Age => "the image is older than 500 ms, or its age is negative",
-            Self::Flood => "more than 120 images within a second",
+            Self::Length => "the message has the wrong length",
+            Self::Number => "a number is not finite, or out of its bounds",
+            Self::Age => "it is older than 500 ms, or its age is negative",
+            Self::Flood => "there were too many within a second",
         })
     }
 }
 
-/// An image.
+/// What a page has seen at one moment: an image of a webcam, or the poses of a headset.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Sight {
     /// Time at which the page sent the message, on the page's own clock, ms.
     pub sent_ms: f64,
-    /// Age of the image at that time, ms.
+    /// Its age at that time, ms.
     pub age_ms: f64,
-    /// The person. `None` if the image shows nobody.
-    pub person: Option<Box<Person>>,
+    /// The frame for `ingest`, without its header. `None` if nobody was seen.
+    pub person: Option<Box<RawSkeleton>>,
 }
 
 /// A person in an image.
@@ -67,19 +67,22 @@ impl Sight {
         if bytes.len() != SIGHT_BYTES && bytes.len() != NOBODY_BYTES {
             return Err(Refusal::Length);
         }
-        let (times, rest) = bytes.split_at(NOBODY_BYTES);
-        let (times, _) = times.as_chunks::<8>();
-        let [sent_ms, age_ms] = [0, 1].map(|n| f64::from_le_bytes(times[n]));
-        if !sent_ms.is_finite() {
-            return Err(Refusal::Number);
-        }
-        if !(0.0..=AGE_MS_MAX).contains(&age_ms) {
-            return Err(Refusal::Age);
-        }
+        let (head, rest) = bytes.split_at(NOBODY_BYTES);
+        let [sent_ms, age_ms] = times(head)?;
         let (numbers, _) = rest.as_chunks::<4>();
         let person = numbers.split_first().map(|(mirrored, marks)| person(f32::from_le_bytes(*mirrored), marks));
-        Ok(Self { sent_ms, age_ms, person: person.transpose()?.map(Box::new) })
+        Ok(Self { sent_ms, age_ms, person: person.transpose()?.map(|person| Box::new(person.frame())) })
     }
+}
+
+/// Reads the two numbers of double precision at the beginning of a message: when it was sent, and its age.
+pub(crate) fn times(bytes: &[u8]) -> Result<[f64; 2], Refusal> {
+    let ([sent, age, ..], _) = bytes.as_chunks::<8>() else { return Err(Refusal::Length) };
+    let [sent_ms, age_ms] = [sent, age].map(|number| f64::from_le_bytes(*number));
+    if !sent_ms.is_finite() {
+        return Err(Refusal::Number);
+    }
+    if (0.0..=AGE_MS_MAX).contains(&age_ms) { Ok([sent_ms, age_ms]) } else { Err(Refusal::Age) }
 }
 
 fn person(mirrored: f32, marks: &[[u8; 4]]) -> Result<Person, Refusal> {

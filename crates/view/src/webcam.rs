@@ -1,4 +1,4 @@
-//! A page with a webcam as a client. The page finds the person in the images, and this thread publishes the landmarks
+//! A page with a webcam or a headset as a client. The page sends what it sees, and this thread publishes the person
 //! through the skeleton socket like any client. The lease, validation, the enable and the gate treat it like every client.
 
 use crate::operator_worker::HOLD_FOR;
@@ -12,6 +12,8 @@ use std::time::{Duration, Instant};
 
 /// Most images of a page within a second. Webcams make 30 or 60.
 pub const IMAGES_PER_S_MAX: u32 = 120;
+/// Most frames of a headset within a second. The fastest ones draw 120, and frames come in bursts.
+const POSES_PER_S_MAX: u32 = 180;
 /// Time between two reports to the page.
 const TELL_EVERY: Duration = Duration::from_millis(200);
 
@@ -37,11 +39,13 @@ pub struct CameraReport {
     pub refused: u64,
     /// Age of the newest published image, ms, with the time that its message waited.
     pub age_ms: f64,
+    /// Time at which the page sent the newest image, on its own clock, ms. So the page knows how long its messages need.
+    pub heard_ms: Option<f64>,
     /// Text for the user, if any.
     pub text: Option<String>,
 }
 
-/// The webcam of a page. Dropping it ends the person.
+/// The webcam or the headset of a page. Dropping it ends the person.
 pub type Webcam = Worker<CameraRequest, CameraReport>;
 
 impl Webcam {
@@ -50,16 +54,30 @@ impl Webcam {
     /// # Errors
     /// Returns an error if no thread can be started.
     pub fn new(instance: &Instance) -> std::io::Result<Self> {
+        Self::of(instance, "webcam", IMAGES_PER_S_MAX, SILENT)
+    }
+
+    /// Creates a headset in the same way.
+    ///
+    /// # Errors
+    /// As [`Webcam::new`].
+    pub fn headset(instance: &Instance) -> std::io::Result<Self> {
+        Self::of(instance, "headset", POSES_PER_S_MAX, HEADSET_SILENT)
+    }
+
+    fn of(instance: &Instance, name: &str, per_s_max: u32, silent: &'static str) -> std::io::Result<Self> {
         let instance = instance.clone();
-        Self::start("webcam", |asked, answer| {
+        Self::start(name, move |asked, answer| {
             let now = Instant::now();
             let watcher = Watcher {
+                per_s_max,
+                silent,
                 session: Session::new(instance, HELD),
                 until: None,
                 delay: TransitDelay::default(),
                 second: (now, 0),
                 told: now,
-                report: CameraReport { on: false, published: 0, refused: 0, age_ms: 0.0, text: None },
+                report: CameraReport { on: false, published: 0, refused: 0, age_ms: 0.0, heard_ms: None, text: None },
                 answer,
             };
             watcher.work(asked);
@@ -85,6 +103,10 @@ impl TransitDelay {
 }
 
 struct Watcher {
+    /// Most images within a second.
+    per_s_max: u32,
+    /// Text for a page that was silent.
+    silent: &'static str,
     session: Session,
     /// Time at which the page's silence ends the person. `None` while the page is not the client.
     until: Option<Instant>,
@@ -112,7 +134,7 @@ impl Watcher {
             }
             // Runs after every request, because a flood of invalid images is silence too.
             if self.until.is_some_and(|until| until <= Instant::now()) {
-                self.end(Some(SILENT.to_owned()));
+                self.end(Some(self.silent.to_owned()));
             }
         }
     }
@@ -124,7 +146,7 @@ impl Watcher {
         match self.session.join() {
             Ok(()) => {
                 self.until = Some(Instant::now() + HOLD_FOR);
-                (self.delay, self.report.published) = (TransitDelay::default(), 0);
+                (self.delay, self.report.published, self.report.heard_ms) = (TransitDelay::default(), 0, None);
                 self.tell(None);
             }
             Err(why) => self.end(Some(why)),
@@ -133,6 +155,7 @@ impl Watcher {
 
     fn take(&mut self, arrived: Stamp, image: Result<Sight, Refusal>) {
         let image = self.within_rate().and(image);
+        self.report.heard_ms = image.as_ref().ok().map(|image| image.sent_ms);
         let refused = match (image, self.until) {
             (Err(refusal), _) => Some(refusal),
             // An image before the start, or after the end, moves nothing. It begins nothing either.
@@ -141,7 +164,7 @@ impl Watcher {
         };
         if let Some(refusal) = refused {
             self.report.refused += 1;
-            self.tell_sometimes(Some(format!("An image was refused: {refusal}.")));
+            self.tell_sometimes(Some(format!("A message was refused: {refusal}.")));
         } else {
             self.tell_sometimes(None);
         }
@@ -152,7 +175,7 @@ impl Watcher {
             self.second = (Instant::now(), 0);
         }
         self.second.1 = self.second.1.saturating_add(1);
-        if self.second.1 > IMAGES_PER_S_MAX { Err(Refusal::Flood) } else { Ok(()) }
+        if self.second.1 > self.per_s_max { Err(Refusal::Flood) } else { Ok(()) }
     }
 
     /// Takes a valid image of a page that is the client.
@@ -166,7 +189,7 @@ impl Watcher {
         // Nothing is published for an image without a person, so `ingest` judges the silence.
         if let Some(person) = &image.person {
             let origin = Stamp(arrived.0.saturating_sub((age_ms * 1e6) as u64));
-            match self.session.publish(person.frame(), origin) {
+            match self.session.publish(**person, origin) {
                 Ok(()) => self.report.published += 1,
                 Err(why) => self.end(Some(why)),
             }
@@ -196,6 +219,9 @@ const HELD: &str = "This page is not the client: another one holds the lease, or
     it has disconnected.";
 /// Message to a page that sent no valid image for too long.
 const SILENT: &str = "No image came for half a second, so this page no longer moves the robot. Start the camera again.";
+/// The same for a headset.
+const HEADSET_SILENT: &str = "No pose came for half a second, so this page no longer moves the robot. Start the headset \
+    again.";
 
 #[cfg(test)]
 mod tests {
@@ -260,7 +286,7 @@ mod tests {
 
     /// An image that the page sent at `sent_ms`, and that arrived `arrived_ms` after an arbitrary time.
     fn image(sent_ms: f64, age_ms: f64, arrived_ms: u64) -> CameraRequest {
-        let person = Some(Box::new(Person { mirrored: false, landmarks: [[0.5; 4]; 33] }));
+        let person = Some(Box::new(Person { mirrored: false, landmarks: [[0.5; 4]; 33] }.frame()));
         CameraRequest::Image(Stamp(arrived_ms * 1_000_000), Ok(Sight { sent_ms, age_ms, person }))
     }
 

@@ -1,6 +1,7 @@
 //! One program for all tests, so that it is linked once.
 
 mod frames;
+mod headset;
 mod look;
 mod meshes;
 mod page;

@@ -19,7 +19,7 @@ fn numbers() -> Vec<f32> {
 fn image_becomes_frame_of_mediapipe_layout() {
     let sight = Sight::of(&message(7.5, 33.0, &numbers())).expect("valid");
     assert_eq!((sight.sent_ms, sight.age_ms), (7.5, 33.0));
-    let frame = sight.person.expect("a person").frame();
+    let frame = *sight.person.expect("a person");
     assert_eq!((frame.layout, frame.joint_count), (SkeletonLayout::MediaPipe33 as u32, 33));
     assert_eq!(frame.flags, raw_flag::MIRRORED);
     assert_eq!((frame.positions[32], frame.confidence[32]), ([0.32, -0.64, 0.03 * 32.0], 0.8));
@@ -27,7 +27,7 @@ fn image_becomes_frame_of_mediapipe_layout() {
     let mut plain = numbers();
     plain[0] = 0.0;
     let sight = Sight::of(&message(7.5, 33.0, &plain)).expect("valid");
-    assert_eq!(sight.person.map(|person| person.frame().flags), Some(0));
+    assert_eq!(sight.person.map(|person| person.flags), Some(0));
     assert_eq!(Sight::of(&message(1.0, 2.0, &[])).map(|sight| sight.person), Ok(None));
 }
 
@@ -76,7 +76,7 @@ fn any_bytes_are_refused_or_within_bounds() {
         let Ok(sight) = Sight::of(&bytes) else { continue };
         accepted += 1;
         assert!((0.0..=AGE_MS_MAX).contains(&sight.age_ms) && sight.sent_ms.is_finite());
-        for mark in sight.person.iter().flat_map(|person| person.landmarks) {
+        for mark in sight.person.iter().flat_map(|person| person.positions) {
             assert!(mark.iter().all(|x| x.is_finite() && x.abs() <= 5.0));
         }
     }

@@ -1,0 +1,73 @@
+//! A page whose headset leads the robot: it publishes the person, and its press holds the enable.
+
+use super::Headset;
+use crate::operator_worker::{OperatorCommand, OperatorWorker};
+use crate::webcam::{CameraReport, CameraRequest, Webcam};
+use instance::Instance;
+
+/// The headset of a page. Dropping it ends the person.
+pub struct HeadsetClient {
+    publisher: Webcam,
+    state: Headset,
+    /// True while the page is the client. Only then its press counts.
+    leads: bool,
+}
+
+impl HeadsetClient {
+    /// Creates a headset that connects at the first start.
+    ///
+    /// # Errors
+    /// Returns an error if no thread can be started.
+    pub fn new(instance: &Instance) -> std::io::Result<Self> {
+        Ok(Self { publisher: Webcam::headset(instance)?, state: Headset::default(), leads: false })
+    }
+
+    /// Starts or ends the person. Either one releases a press.
+    pub fn turn(&mut self, on: bool, hand: &OperatorWorker) {
+        self.release(hand);
+        self.state.reset();
+        self.leads = false;
+        self.publisher.ask(if on { CameraRequest::Start } else { CameraRequest::Stop });
+    }
+
+    /// Takes a message. Each one repeats a held press, so the press ends with the messages.
+    pub fn see(&mut self, bytes: &[u8], hand: &OperatorWorker) {
+        let now = rt::now();
+        let before = self.state.is_held();
+        let sight = self.state.step(bytes, now);
+        match (before, self.state.is_held()) {
+            (false, true) if self.leads => hand.ask(OperatorCommand::Engage { left_out: None }),
+            (false, true) => drop(self.state.lose_press()),
+            (true, true) => hand.ask(OperatorCommand::Keep),
+            (true, false) => hand.ask(OperatorCommand::Release),
+            (false, false) => {}
+        }
+        self.publisher.ask(CameraRequest::Image(now, sight));
+    }
+
+    /// Returns the next report of the publisher. A person that ended releases the press.
+    pub fn answer(&mut self, hand: &OperatorWorker) -> Option<CameraReport> {
+        let report = self.publisher.answer()?;
+        self.leads = report.on;
+        if !report.on {
+            self.release(hand);
+        }
+        Some(report)
+    }
+
+    /// Returns true if the headset holds the enable. Then only its messages repeat the press.
+    pub fn is_held(&self) -> bool {
+        self.state.is_held()
+    }
+
+    /// Notes that the enable was released elsewhere. The hand must open before it can press again.
+    pub fn lost(&mut self) {
+        self.state.lose_press();
+    }
+
+    fn release(&mut self, hand: &OperatorWorker) {
+        if self.state.lose_press() {
+            hand.ask(OperatorCommand::Release);
+        }
+    }
+}

@@ -1,0 +1,210 @@
+//! Tests a page whose headset leads the robot, against the real processes and in a browser if there is one. A stand-in takes
+//! the place of the browser's WebXR.
+
+mod browser;
+mod viewer;
+
+use browser::Browser;
+use harness::{Rig, SOON, assert_no_violations};
+use messages::Mode;
+use std::time::{Duration, Instant};
+use view::{BODY_BYTES, HEADSET_BYTES};
+use viewer::{Seen, Viewer};
+
+const MOCK: &str = include_str!("headset/mock.js");
+
+fn text(id: &str) -> String {
+    format!("document.getElementById('{id}').textContent")
+}
+
+/// Opens the page with the stand-in, which `settings` changes. `None` if there is no browser on this machine.
+fn page(viewer: &Viewer, settings: &str) -> Option<Browser> {
+    let script = format!("{MOCK}\n{settings}");
+    let Some(mut browser) = Browser::injected(&viewer.address, &script) else {
+        println!("skipped: no Chromium in PATH, and TELEOPD_CHROMIUM names none");
+        return None;
+    };
+    browser.resize(480, 800);
+    browser.wait("the panel is there", "!document.getElementById('xr').hidden && window.teleopd.frame() !== null");
+    Some(browser)
+}
+
+/// Starts the headset until it leads. A machine that stalls for half a second ends it, and only a click starts it again.
+fn leads(browser: &mut Browser, kind: &str) {
+    let state = text("xr-state");
+    let give_up = Instant::now() + 3 * SOON;
+    while browser.evaluate(&format!("{state}.startsWith('leads the robot with {kind}')")) != true {
+        if browser.evaluate(&format!("{state} === 'off'")) == true {
+            browser.click("#xr-on");
+        }
+        assert!(Instant::now() < give_up, "never leads: {}", browser.evaluate("document.body.innerText"));
+        std::thread::sleep(Duration::from_millis(50));
+    }
+}
+
+/// Presses, by `press` and `open`, until the robot follows, and waits until it moves.
+fn follows(rig: &Rig, browser: &mut Browser, kind: &str, press: &str, open: &str) {
+    let hand = rig.hand();
+    let give_up = Instant::now() + 3 * SOON;
+    while hand.mode() != Some(Mode::Engaged) {
+        leads(browser, kind);
+        browser.evaluate(open);
+        std::thread::sleep(Duration::from_millis(300));
+        browser.evaluate(press);
+        let pressed = Instant::now();
+        // It was pressed for less than half a second, or the input is not yet steady.
+        while hand.mode() != Some(Mode::Engaged) && pressed.elapsed() < Duration::from_secs(6) {
+            std::thread::sleep(Duration::from_millis(50));
+        }
+        assert!(Instant::now() < give_up, "never follows: {}", browser.evaluate("document.body.innerText"));
+    }
+    let before = browser.evaluate("Array.from(window.teleopd.frame().q.measured)");
+    let moves = format!("{before}.some((q, j) => Math.abs(q - window.teleopd.frame().q.measured[j]) > 0.1)");
+    browser.wait("the robot moves", &moves);
+}
+
+fn stops(rig: &Rig) {
+    let stopped = |mode: u32| mode == Mode::Holding as u32 || mode == Mode::Disengaged as u32;
+    let hand = rig.hand();
+    hand.wait("stopped", |status| stopped(status.mode));
+    hand.wait_mode(Mode::Disengaged);
+}
+
+#[test]
+fn f140_held_squeeze_moves_the_robot_and_letting_go_stops_it() {
+    let mut rig = Rig::whole();
+    let viewer = Viewer::of(&rig);
+    let Some(mut browser) = page(&viewer, "mock.inputs = 'controllers';") else { return };
+    leads(&mut browser, "head and controllers");
+    assert_eq!(rig.hand().mode(), Some(Mode::Disengaged), "to lead is not to engage");
+    assert_eq!(browser.evaluate("mock.asked.join(' ')"), "immersive-ar local-floor body-tracking hand-tracking");
+    follows(&rig, &mut browser, "head and controllers", "mock.squeeze = 1", "mock.squeeze = 0");
+    assert!(browser.evaluate("window.teleopd.room()").as_u64().is_some_and(|drawn| drawn > 0), "the robot is drawn");
+    browser.evaluate("mock.squeeze = 0.5");
+    std::thread::sleep(Duration::from_millis(300));
+    browser.evaluate("mock.squeeze = 0");
+    stops(&rig);
+    // A passing press engages nothing. What is a moment here may be long on this machine, so the robot decides.
+    assert_eq!(browser.evaluate("document.getElementById('engage').getAttribute('aria-pressed')"), "false");
+    drop(browser);
+    drop(viewer);
+    assert_no_violations(&rig.end("sim"));
+}
+
+#[test]
+fn f141_session_end_hidden_page_and_lost_head_release() {
+    let mut rig = Rig::whole();
+    let viewer = Viewer::of(&rig);
+    let Some(mut browser) = page(&viewer, "") else { return };
+    let (press, open, kind) = ("mock.pinch = 0.01", "mock.pinch = 0.08", "head and hands");
+    for (ends, off) in [
+        ("mock.head = false", false),
+        ("mock.session.show('visible-blurred')", false),
+        ("mock.session.end()", true),
+        ("mock.session.show('hidden')", true),
+        (
+            "Object.defineProperty(document, 'hidden', { value: true, configurable: true }); \
+             document.dispatchEvent(new Event('visibilitychange')); delete document.hidden;",
+            true,
+        ),
+    ] {
+        follows(&rig, &mut browser, kind, press, open);
+        browser.evaluate(&format!("(() => {{ {ends}; }})()"));
+        stops(&rig);
+        if off {
+            browser.wait("it is off", &format!("{} === 'off' && {} !== ''", text("xr-state"), text("xr-told")));
+        }
+        // The hand is still closed, and the wearer is seen again. Nothing engages by itself.
+        browser.evaluate("(() => { mock.head = true; if (!mock.session.isEnded) mock.session.show('visible'); })()");
+        std::thread::sleep(Duration::from_secs(1));
+        assert_eq!(rig.hand().mode(), Some(Mode::Disengaged), "{ends}");
+    }
+    drop(browser);
+    drop(viewer);
+    assert_no_violations(&rig.end("sim"));
+}
+
+#[test]
+fn tracked_body_moves_the_robot_and_the_button_ends_it() {
+    let mut rig = Rig::whole();
+    let viewer = Viewer::of(&rig);
+    let settings = "mock.features.push('body-tracking'); mock.modes = ['immersive-vr']; mock.inputs = 'controllers';";
+    let Some(mut browser) = page(&viewer, settings) else { return };
+    follows(&rig, &mut browser, "body tracking", "mock.squeeze = 1", "mock.squeeze = 0");
+    assert_eq!(browser.evaluate("mock.asked[0]"), "immersive-vr");
+    browser.click("#xr-on");
+    stops(&rig);
+    assert_eq!(browser.evaluate("mock.session.isEnded"), true);
+    drop(browser);
+    drop(viewer);
+    assert_no_violations(&rig.end("sim"));
+}
+
+/// A message of a wearer who holds both hands ahead, with the left pinch of this distance.
+fn message(sent_ms: f64, pinch_m: f32) -> Vec<u8> {
+    let tremble = 2e-4 * (0.7 * sent_ms as f32).sin();
+    let pose = |x: f32, y: f32, z: f32| [x + tremble, y, z, 0.0, 0.0, 0.0, 1.0, 1.0];
+    let mut numbers = vec![1.75];
+    numbers.extend(pose(0.0, 1.638, 0.0));
+    for (x, pinch) in [(-0.2, pinch_m), (0.2, 0.06)] {
+        numbers.push(0.0);
+        numbers.extend(pose(x, 1.15, -0.4));
+        numbers.extend([pinch, -1.0, -1.0]);
+    }
+    let mut bytes = [sent_ms, 20.0].map(f64::to_le_bytes).concat();
+    numbers.iter().for_each(|number: &f32| bytes.extend(number.to_le_bytes()));
+    assert!(bytes.len() == HEADSET_BYTES && bytes.len() < BODY_BYTES);
+    bytes
+}
+
+/// Without a browser: messages that stop end the press, although the page answers and repeats it.
+#[test]
+fn f141_press_ends_with_the_messages_of_the_headset() {
+    let mut rig = Rig::whole();
+    let viewer = Viewer::of(&rig);
+    let (hand, mut page, begun) = (rig.hand(), viewer.page(), Instant::now());
+    page.told("scene");
+    page.say(&serde_json::json!({ "do": "headset", "on": true }));
+    let give_up = Instant::now() + 3 * SOON;
+    let mut open_until = Instant::now() + Duration::from_secs(2);
+    while hand.mode() != Some(Mode::Engaged) {
+        let pinch_m = if Instant::now() < open_until { 0.08 } else { 0.01 };
+        page.socket
+            .send(tungstenite::Message::binary(message(begun.elapsed().as_secs_f64() * 1e3, pinch_m)))
+            .expect("sent");
+        let turn = Instant::now();
+        while turn.elapsed() < Duration::from_millis(14) {
+            if let Seen::Told(told) = page.read() {
+                // The enable was refused, or a pause of this machine ended the person: open the hand again.
+                if told["tell"] == "hand" && told["held"] == false {
+                    open_until = Instant::now() + Duration::from_secs(1);
+                }
+                if told["tell"] == "headset" && told["on"] == false {
+                    page.say(&serde_json::json!({ "do": "headset", "on": true }));
+                    open_until = Instant::now() + Duration::from_secs(2);
+                }
+            }
+        }
+        assert!(Instant::now() < give_up, "never engaged");
+    }
+    // No message comes any more. The page repeats the press, which does not count.
+    let silent = Instant::now();
+    while silent.elapsed() < Duration::from_secs(2) {
+        page.ask("keep");
+        page.frame();
+    }
+    hand.wait_mode(Mode::Disengaged);
+    // Messages of a closed hand engage nothing, neither before nor after another start.
+    page.say(&serde_json::json!({ "do": "headset", "on": true }));
+    let again = Instant::now();
+    while again.elapsed() < Duration::from_secs(2) {
+        page.socket
+            .send(tungstenite::Message::binary(message(begun.elapsed().as_secs_f64() * 1e3, 0.01)))
+            .expect("sent");
+        page.frame();
+    }
+    assert_eq!(hand.mode(), Some(Mode::Disengaged));
+    drop(page);
+    drop(viewer);
+    assert_no_violations(&rig.end("sim"));
+}
