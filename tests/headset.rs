@@ -5,7 +5,7 @@ mod browser;
 mod viewer;
 
 use browser::Browser;
-use harness::{Rig, SOON, assert_no_violations};
+use harness::{OperatorSession, Rig, SOON, assert_no_violations};
 use messages::Mode;
 use std::time::{Duration, Instant};
 use view::{BODY_BYTES, HEADSET_BYTES};
@@ -43,8 +43,7 @@ fn leads(browser: &mut Browser, kind: &str) {
 }
 
 /// Presses, by `press` and `open`, until the robot follows, and waits until it moves.
-fn follows(rig: &Rig, browser: &mut Browser, kind: &str, press: &str, open: &str) {
-    let hand = rig.hand();
+fn follows(hand: &OperatorSession, browser: &mut Browser, kind: &str, press: &str, open: &str) {
     let give_up = Instant::now() + 3 * SOON;
     while hand.mode() != Some(Mode::Engaged) {
         leads(browser, kind);
@@ -63,9 +62,8 @@ fn follows(rig: &Rig, browser: &mut Browser, kind: &str, press: &str, open: &str
     browser.wait("the robot moves", &moves);
 }
 
-fn stops(rig: &Rig) {
+fn stops(hand: &OperatorSession) {
     let stopped = |mode: u32| mode == Mode::Holding as u32 || mode == Mode::Disengaged as u32;
-    let hand = rig.hand();
     hand.wait("stopped", |status| stopped(status.mode));
     hand.wait_mode(Mode::Disengaged);
 }
@@ -73,17 +71,18 @@ fn stops(rig: &Rig) {
 #[test]
 fn f140_held_squeeze_moves_the_robot_and_letting_go_stops_it() {
     let mut rig = Rig::whole();
-    let viewer = Viewer::of(&rig);
+    let (hand, viewer) = (rig.hand(), Viewer::of(&rig));
+    hand.wait("at rest", |status| status.moving == 0 && status.ticks > 750);
     let Some(mut browser) = page(&viewer, "mock.inputs = 'controllers';") else { return };
     leads(&mut browser, "head and controllers");
-    assert_eq!(rig.hand().mode(), Some(Mode::Disengaged), "to lead is not to engage");
+    assert_eq!(hand.mode(), Some(Mode::Disengaged), "to lead is not to engage");
     assert_eq!(browser.evaluate("mock.asked.join(' ')"), "immersive-ar local-floor body-tracking hand-tracking");
-    follows(&rig, &mut browser, "head and controllers", "mock.squeeze = 1", "mock.squeeze = 0");
+    follows(&hand, &mut browser, "head and controllers", "mock.squeeze = 1", "mock.squeeze = 0");
     assert!(browser.evaluate("window.teleopd.room()").as_u64().is_some_and(|drawn| drawn > 0), "the robot is drawn");
     browser.evaluate("mock.squeeze = 0.5");
     std::thread::sleep(Duration::from_millis(300));
     browser.evaluate("mock.squeeze = 0");
-    stops(&rig);
+    stops(&hand);
     // A passing press engages nothing. What is a moment here may be long on this machine, so the robot decides.
     assert_eq!(browser.evaluate("document.getElementById('engage').getAttribute('aria-pressed')"), "false");
     drop(browser);
@@ -94,7 +93,8 @@ fn f140_held_squeeze_moves_the_robot_and_letting_go_stops_it() {
 #[test]
 fn f141_session_end_hidden_page_and_lost_head_release() {
     let mut rig = Rig::whole();
-    let viewer = Viewer::of(&rig);
+    let (hand, viewer) = (rig.hand(), Viewer::of(&rig));
+    hand.wait("at rest", |status| status.moving == 0 && status.ticks > 750);
     let Some(mut browser) = page(&viewer, "") else { return };
     let (press, open, kind) = ("mock.pinch = 0.01", "mock.pinch = 0.08", "head and hands");
     for (ends, off) in [
@@ -108,16 +108,16 @@ fn f141_session_end_hidden_page_and_lost_head_release() {
             true,
         ),
     ] {
-        follows(&rig, &mut browser, kind, press, open);
+        follows(&hand, &mut browser, kind, press, open);
         browser.evaluate(&format!("(() => {{ {ends}; }})()"));
-        stops(&rig);
+        stops(&hand);
         if off {
             browser.wait("it is off", &format!("{} === 'off' && {} !== ''", text("xr-state"), text("xr-told")));
         }
         // The hand is still closed, and the wearer is seen again. Nothing engages by itself.
         browser.evaluate("(() => { mock.head = true; if (!mock.session.isEnded) mock.session.show('visible'); })()");
         std::thread::sleep(Duration::from_secs(1));
-        assert_eq!(rig.hand().mode(), Some(Mode::Disengaged), "{ends}");
+        assert_eq!(hand.mode(), Some(Mode::Disengaged), "{ends}");
     }
     drop(browser);
     drop(viewer);
@@ -127,13 +127,13 @@ fn f141_session_end_hidden_page_and_lost_head_release() {
 #[test]
 fn tracked_body_moves_the_robot_and_the_button_ends_it() {
     let mut rig = Rig::whole();
-    let viewer = Viewer::of(&rig);
+    let (hand, viewer) = (rig.hand(), Viewer::of(&rig));
     let settings = "mock.features.push('body-tracking'); mock.modes = ['immersive-vr']; mock.inputs = 'controllers';";
     let Some(mut browser) = page(&viewer, settings) else { return };
-    follows(&rig, &mut browser, "body tracking", "mock.squeeze = 1", "mock.squeeze = 0");
+    follows(&hand, &mut browser, "body tracking", "mock.squeeze = 1", "mock.squeeze = 0");
     assert_eq!(browser.evaluate("mock.asked[0]"), "immersive-vr");
     browser.click("#xr-on");
-    stops(&rig);
+    stops(&hand);
     assert_eq!(browser.evaluate("mock.session.isEnded"), true);
     drop(browser);
     drop(viewer);

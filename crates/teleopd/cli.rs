@@ -219,6 +219,13 @@ pub struct View {
     /// Folder of the library that finds a person in an image (default: where `npm ci --prefix tools/camera` puts it).
     #[arg(long, value_name = "DIR", requires = "camera", default_value = view::VISION_FOLDER, hide_default_value = true)]
     pub vision: PathBuf,
+    /// Shows the page to other machines by TLS, for a headset. The first value is the address of this machine to listen at.
+    /// Further ones are names by which it is reached, as in 192.168.1.7,robot.local.
+    #[arg(long, value_name = "ADDRESS", value_delimiter = ',', conflicts_with = "recording")]
+    pub https: Option<Vec<String>>,
+    /// Folder of the certificate, which is made at the first start (default: tls in the run directory).
+    #[arg(long, value_name = "DIR", requires = "https")]
+    pub tls: Option<PathBuf>,
     /// Exit as on a signal once this process is no longer the parent.
     #[arg(long, value_name = "PID", conflicts_with = "recording")]
     pub child_of: Option<u32>,

@@ -14,7 +14,7 @@ use std::os::unix::process::CommandExt;
 use std::path::Path;
 use std::process::Command;
 use std::time::Duration;
-use view::{KeyPoses, LiveOptions, RobotView, Server, ViewError, VisionFiles};
+use view::{KeyPoses, LiveOptions, RobotView, Secure, SecureError, Server, ViewError, VisionFiles};
 
 /// Polling period for signals.
 const LOOK: Duration = Duration::from_millis(50);
@@ -31,7 +31,15 @@ pub fn run(options: &cli::View) -> Result<Exit, Failure> {
     let key_poses = key_poses(options.key_poses.as_deref(), &loaded)?;
     let vision = options.camera.as_ref().map(|model| VisionFiles::open(&options.vision, model)).transpose();
     let vision = vision.map_err(Failure::with(Exit::NoInput))?;
-    let server = serve(&instance, &loaded, LiveOptions { key_poses, vision }, &options.page)?;
+    let tls = options.tls.clone().unwrap_or_else(|| instance.run_dir().join("tls"));
+    let secure = options.https.as_ref().map(|names| Secure::open(names, &tls)).transpose().map_err(|error| {
+        let exit = if matches!(error, SecureError::Name { .. }) { Exit::Usage } else { Exit::CantCreate };
+        Failure::new(exit, error.to_string())
+    })?;
+    if let Some(secure) = &secure {
+        out!("teleopd: browsers that take {} as an authority show no warning", secure.authority.display());
+    }
+    let server = serve(&instance, &loaded, LiveOptions { key_poses, vision, secure }, &options.page)?;
     out!(
         "teleopd: shows {} at {}\nteleopd: everyone with this address may operate the robot; Ctrl-C ends the page, not \
          the instance",

@@ -38,14 +38,18 @@ impl Viewer {
             .expect("it starts");
         let mut told = BufReader::new(child.stdout.take().expect("its words"));
         let mut line = String::new();
-        told.read_line(&mut line).expect("its words");
+        // Words about the certificate come before.
+        while !line.contains(" shows ") {
+            line.clear();
+            assert!(told.read_line(&mut line).expect("its words") > 0, "it ended");
+        }
         let address = line.trim().split(' ').next_back().expect("an address").to_owned();
-        assert!(address.starts_with("http://127.0.0.1:"), "{line}");
+        assert!(address.contains("://127.0.0.1:"), "{line}");
         Self { child, address, _told: told }
     }
 
     pub fn host(&self) -> &str {
-        self.address["http://".len()..].split('/').next().expect("a host")
+        self.address.split('/').nth(2).expect("a host")
     }
 
     pub fn token(&self) -> &str {

@@ -3,8 +3,9 @@
 // assumptions.
 
 import * as THREE from "./three.module.min.js";
+import { isHigh } from "./quality.js";
 import { Robot, bodiesOf, fingersOf, pieces } from "./robot.js";
-import { solid } from "./solid.js";
+import { coarse, solid } from "./solid.js";
 
 // The robot stands this far ahead of the wearer, m, and looks where the wearer looks at the start. Its left is the wearer's.
 const AHEAD_M = 1.5;
@@ -19,7 +20,9 @@ export class Room {
   // `picture` returns what is drawn. The room around is seen through where `isClear`.
   constructor(picture, isClear) {
     this.picture = picture;
-    this.renderer = new THREE.WebGLRenderer({ canvas: document.createElement("canvas"), antialias: true, alpha: true });
+    const isQuick = isHigh(null);
+    if (!isQuick) coarse();
+    this.renderer = new THREE.WebGLRenderer({ canvas: document.createElement("canvas"), antialias: isQuick, alpha: true });
     this.renderer.xr.enabled = true;
     this.renderer.xr.setReferenceSpaceType("local-floor");
     this.scene = new THREE.Scene();
@@ -80,7 +83,7 @@ export class Room {
   build(told, meshes) {
     this.told = told;
     this.base.clear();
-    const material = new THREE.MeshStandardMaterial({ vertexColors: true, roughness: 0.55 });
+    const material = new THREE.MeshLambertMaterial({ vertexColors: true });
     this.robot = new Robot(bodiesOf(pieces(told, meshes)), fingersOf(told, meshes), told.joints.length + 1, () => material);
     this.base.add(this.robot.group);
     const wall = new THREE.MeshStandardMaterial({ color: 0x8090a0, transparent: true, opacity: 0.35 });

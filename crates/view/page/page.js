@@ -231,7 +231,8 @@ function show(now) {
   for (const item of $("legend").children) item.hidden = !shown[item.dataset.layer];
   panel.show(frame, now);
   const layersAre = JSON.stringify(shown);
-  if (isSame(frame, drawnFrame) && layersAre === drawnLayers) return;
+  // The wearer of a headset does not see this picture, and their own one needs the time.
+  if (headset?.session || (isSame(frame, drawnFrame) && layersAre === drawnLayers)) return;
   [drawnFrame, drawnLayers] = [frame, layersAre];
   stage?.update(frame, shown);
 }

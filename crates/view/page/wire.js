@@ -48,7 +48,7 @@ export class Wire {
   }
 
   connect() {
-    const socket = new WebSocket(`ws://${location.host}/live?token=${this.token}`);
+    const socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/live?token=${this.token}`);
     socket.binaryType = "arraybuffer";
     let opened = false;
     socket.onopen = () => { opened = true; this.told.up(); };

@@ -2,10 +2,11 @@
 
 use crate::assets::ASSETS;
 use crate::meshes::{MeshFile, MeshFolder};
+use crate::secure::{PageStream, Secure};
 use crate::vision::VisionFiles;
 use rustix::rand::{GetRandomFlags, getrandom};
+use rustls::ServerConfig;
 use std::io::{ErrorKind, Read, Write};
-use std::net::TcpStream;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 use tungstenite::handshake::server::{Request, create_response, write_response};
@@ -37,38 +38,52 @@ pub fn camera_policy() -> String {
 pub struct Key {
     token: String,
     port: u16,
+    scheme: &'static str,
+    /// Names and addresses of this machine.
+    names: Vec<String>,
 }
 
 impl Key {
-    /// Creates a new token of 128 bits, for a server at `port` of the loopback interface.
+    /// Creates a new token of 128 bits, for a server at `port` of the loopback interface, or of the names of `secure`. Nobody
+    /// guesses it: at a million tries a second, half of them take 5e24 years.
     ///
     /// # Errors
     /// Returns the system's error if the kernel gives no random numbers.
-    pub fn new(port: u16) -> std::io::Result<Self> {
+    pub fn new(port: u16, secure: Option<&Secure>) -> std::io::Result<Self> {
         let mut bytes = [0_u8; 16];
         let length = getrandom(&mut bytes[..], GetRandomFlags::empty())?;
         if length != bytes.len() {
             return Err(ErrorKind::UnexpectedEof.into());
         }
-        Ok(Self { token: bytes.iter().map(|byte| format!("{byte:02x}")).collect(), port })
+        let token = bytes.iter().map(|byte| format!("{byte:02x}")).collect();
+        let (scheme, names) = match secure {
+            None => ("http", ["127.0.0.1", "localhost"].map(str::to_owned).to_vec()),
+            Some(secure) => ("https", secure.names.clone()),
+        };
+        // An IPv6 address stands in brackets.
+        let names = names.into_iter().map(|name| if name.contains(':') { format!("[{name}]") } else { name }).collect();
+        Ok(Self { token, port, scheme, names })
     }
 
     /// Returns the address to open. The token stands after the #. Browsers do not send that part.
     pub fn address(&self) -> String {
-        format!("http://127.0.0.1:{}/#{}", self.port, self.token)
+        format!("{}://{}:{}/#{}", self.scheme, self.names.first().map_or("", String::as_str), self.port, self.token)
     }
 
-    /// The valid host names of this server. Another name in `Host` belongs to a foreign page whose name resolves
-    /// to this server.
-    fn hosts(&self) -> [String; 2] {
-        ["127.0.0.1", "localhost"].map(|host| format!("{host}:{}", self.port))
+    /// Returns true for a valid host name of this server. Another name in `Host` belongs to a foreign page whose name
+    /// resolves to this server.
+    fn is_host(&self, given: &str) -> bool {
+        // Browsers leave out the port of the scheme.
+        let usual = if self.scheme == "https" { 443 } else { 80 };
+        let is_port = |rest: &str| rest == format!(":{}", self.port) || rest.is_empty() && self.port == usual;
+        self.names.iter().any(|name| given.strip_prefix(name.as_str()).is_some_and(is_port))
     }
 
     /// Accepts a WebSocket request that comes from our page with our token. Otherwise the error gives the reason.
     fn admits(&self, request: &Request) -> Result<(), &'static str> {
         let header = |name: &str| request.headers().get(name).and_then(|value| value.to_str().ok());
-        let origins = self.hosts().map(|host| format!("http://{host}"));
-        if !header("origin").is_some_and(|origin| origins.iter().any(|own| own == origin)) {
+        let host = header("origin").and_then(|origin| origin.strip_prefix(self.scheme)?.strip_prefix("://"));
+        if !host.is_some_and(|host| self.is_host(host)) {
             return Err("only this server's own page may send requests");
         }
         let token = request.uri().query().and_then(|query| query.strip_prefix("token="));
@@ -94,6 +109,8 @@ pub struct SiteConfig {
     pub meshes: Option<Arc<MeshFolder>>,
     /// The files that find a person in a webcam's image.
     pub vision: Option<Arc<VisionFiles>>,
+    /// TLS. Without it the server listens on the loopback.
+    pub tls: Option<Arc<ServerConfig>>,
 }
 
 impl SiteConfig {
@@ -110,17 +127,13 @@ impl SiteConfig {
 ///
 /// # Errors
 /// Returns an error if the peer is gone, is too slow, or does not speak HTTP.
-pub fn answer(mut stream: TcpStream, site: &SiteConfig) -> std::io::Result<Option<TcpStream>> {
-    stream.set_write_timeout(Some(PATIENCE))?;
+pub fn answer(mut stream: PageStream, site: &SiteConfig) -> std::io::Result<Option<PageStream>> {
+    stream.socket().set_write_timeout(Some(PATIENCE))?;
     let (request, key) = (read(&mut stream)?, &site.key);
     let host = request.headers().get("host").and_then(|host| host.to_str().ok());
-    if !host.is_some_and(|host| key.hosts().iter().any(|own| own == host)) {
-        return refuse(
-            stream,
-            site,
-            "403 Forbidden",
-            "the host must be 127.0.0.1 or localhost, with this server's port",
-        );
+    if !host.is_some_and(|host| key.is_host(host)) {
+        let why = format!("the host must be {}, with this server's port", key.names.join(" or "));
+        return refuse(stream, site, "403 Forbidden", &why);
     }
     if request.method() != http::Method::GET {
         return refuse(stream, site, "405 Method Not Allowed", "only GET is supported");
@@ -175,11 +188,11 @@ impl Folder {
 /// Serves a file that the user named. `path` is the token, then the file's path below the folder. The token stands in
 /// the path because such files refer to others by relative paths.
 fn user_file(
-    mut stream: TcpStream,
+    mut stream: PageStream,
     site: &SiteConfig,
     folder: Folder,
     path: &str,
-) -> std::io::Result<Option<TcpStream>> {
+) -> std::io::Result<Option<PageStream>> {
     let Some((token, path)) = path.split_once('/') else {
         return refuse(stream, site, "404 Not Found", "no such file");
     };
@@ -195,6 +208,7 @@ fn user_file(
             stream.write_all(site.head("200 OK", found.kind, found.bytes).as_bytes())?;
             // A file may grow while it is read. Send no byte more than announced.
             std::io::copy(&mut found.file.take(found.bytes), &mut stream)?;
+            stream.flush()?;
             Ok(None)
         }
         Err(why) => refuse(stream, site, "404 Not Found", why),
@@ -216,38 +230,38 @@ fn percent_decoded(path: &str) -> Option<String> {
     String::from_utf8(bytes).ok()
 }
 
-fn refuse(stream: TcpStream, site: &SiteConfig, status: &str, why: &str) -> std::io::Result<Option<TcpStream>> {
+fn refuse(stream: PageStream, site: &SiteConfig, status: &str, why: &str) -> std::io::Result<Option<PageStream>> {
     send(stream, site, status, "text/plain; charset=utf-8", format!("{why}\n").as_bytes())
 }
 
 fn send(
-    mut stream: TcpStream,
+    mut stream: PageStream,
     site: &SiteConfig,
     status: &str,
     kind: &str,
     body: &[u8],
-) -> std::io::Result<Option<TcpStream>> {
+) -> std::io::Result<Option<PageStream>> {
     stream.write_all(site.head(status, kind, body.len() as u64).as_bytes())?;
     stream.write_all(body)?;
+    stream.flush()?;
     Ok(None)
 }
 
-/// Reads up to the empty line.
-fn read(stream: &mut TcpStream) -> std::io::Result<Request> {
-    let give_up = Instant::now() + PATIENCE;
+/// Reads up to the empty line. The time limit includes the beginning of TLS.
+fn read(stream: &mut PageStream) -> std::io::Result<Request> {
+    stream.give_up_at(Some(Instant::now() + PATIENCE));
     let mut head = Vec::with_capacity(1024);
     loop {
-        let left = give_up.saturating_duration_since(Instant::now());
-        if left.is_zero() || head.len() >= REQUEST_BYTES {
+        if head.len() >= REQUEST_BYTES {
             return Err(ErrorKind::TimedOut.into());
         }
-        stream.set_read_timeout(Some(left))?;
         let mut part = [0; 1024];
         match stream.read(&mut part)? {
             0 => return Err(ErrorKind::UnexpectedEof.into()),
             length => head.extend_from_slice(&part[..length]),
         }
         if head.windows(4).any(|end| end == b"\r\n\r\n") {
+            stream.give_up_at(None);
             return parse(&head).ok_or_else(|| ErrorKind::InvalidData.into());
         }
     }

@@ -4,7 +4,7 @@
 //! every open page sends the updates. A page can only send requests. They pass through the operator socket like
 //! those of `teleopctl`, and `control` decides. A page can also be a client. Its person is a mix of key poses, or the
 //! person in a webcam's image, or the person who wears a headset. The page sends that person over the skeleton socket. The server listens on the loopback
-//! interface only. A request must come from the server's own page and carry the token of the run.
+//! interface, or with TLS at another address. A request must come from the server's own page and carry the token of the run.
 
 mod assets;
 mod counted;
@@ -21,6 +21,7 @@ mod page;
 mod recording_view;
 mod robot_view;
 mod scene;
+mod secure;
 mod server;
 mod session;
 mod shares;
@@ -41,6 +42,7 @@ pub use operator_worker::HOLD_FOR;
 pub use recording_view::{RecordingView, RecordingViewBuilder};
 pub use robot_view::{Mesh, RobotView};
 pub use scene::scene;
+pub use secure::{Secure, SecureError};
 pub use server::{LiveOptions, PORT, Server};
 pub use shares::Shares;
 pub use sight::{AGE_MS_MAX, LANDMARKS, NOBODY_BYTES, Person, Refusal, SIGHT_BYTES, Sight};
@@ -55,6 +57,6 @@ pub enum ViewError {
     #[error(transparent)]
     Bus(#[from] bus::BusError),
     /// The port cannot be opened.
-    #[error("port {port} of 127.0.0.1: {source}")]
+    #[error("port {port}: {source}")]
     Listen { port: u16, source: std::io::Error },
 }

@@ -6,6 +6,7 @@ use crate::hub::{Hub, Seen};
 use crate::mixer::{KeyPoses, MixRequest, Mixed, Mixer};
 use crate::operator_worker::{CommandOutcome, OperatorCommand, OperatorWorker};
 use crate::recording_view::Position;
+use crate::secure::PageStream;
 use crate::shares::Shares;
 use crate::sight::Sight;
 use crate::webcam::{CameraReport, CameraRequest, Webcam};
@@ -13,7 +14,6 @@ use instance::Instance;
 use serde::Deserialize;
 use serde_json::json;
 use std::io::ErrorKind;
-use std::net::TcpStream;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
@@ -165,9 +165,9 @@ impl PageControl {
 }
 
 /// Serves a page until it closes, or until `ended`.
-pub fn serve(stream: TcpStream, hub: &Hub, behind: &PageSource, ended: &AtomicBool) -> Result<(), Error> {
-    stream.set_nonblocking(true)?;
-    stream.set_nodelay(true)?;
+pub fn serve(mut stream: PageStream, hub: &Hub, behind: &PageSource, ended: &AtomicBool) -> Result<(), Error> {
+    stream.socket().set_nonblocking(true)?;
+    stream.socket().set_nodelay(true)?;
     let config = WebSocketConfig::default()
         .max_message_size(Some(REQUEST_BYTES))
         .max_frame_size(Some(REQUEST_BYTES))
@@ -202,7 +202,7 @@ pub fn serve(stream: TcpStream, hub: &Hub, behind: &PageSource, ended: &AtomicBo
 }
 
 struct Page {
-    socket: WebSocket<TcpStream>,
+    socket: WebSocket<PageStream>,
     lever: PageControl,
     spoke: Instant,
     /// Start of the current second, and the requests in it.

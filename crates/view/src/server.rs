@@ -9,12 +9,13 @@ use crate::page;
 use crate::page::PageSource;
 use crate::recording_view::{Position, RecordingView};
 use crate::robot_view::RobotView;
+use crate::secure::{PageStream, Secure};
 use crate::vision::VisionFiles;
 use bus::DomainConfig;
 use instance::Instance;
 use robot::Model;
 use serde_json::json;
-use std::net::{Ipv4Addr, Shutdown, TcpListener, TcpStream};
+use std::net::{IpAddr, Ipv4Addr, Shutdown, TcpListener, TcpStream};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Sender, channel};
@@ -41,6 +42,8 @@ pub struct LiveOptions {
     pub key_poses: Option<KeyPoses>,
     /// A page may be the person that its webcam sees, with the help of these files.
     pub vision: Option<VisionFiles>,
+    /// The server listens at an address of this machine with TLS, and not on the loopback.
+    pub secure: Option<Secure>,
 }
 
 /// A running server. Dropping it stops it.
@@ -52,18 +55,18 @@ pub struct Server {
 }
 
 impl Server {
-    /// Shows `instance`, whose robot is that of `view`, at `port` of the loopback interface. Port 0 picks any
-    /// free one.
+    /// Shows `instance`, whose robot is that of `view`, at `port` of the loopback interface, or of the address of
+    /// `options.secure`. Port 0 picks any free one.
     ///
     /// # Errors
     /// Returns an error if the port is taken, or if the instance's shared memory cannot be opened.
     pub fn live(instance: &Instance, view: &RobotView, options: LiveOptions, port: u16) -> Result<Self, ViewError> {
-        let LiveOptions { key_poses, vision } = options;
+        let LiveOptions { key_poses, vision, secure } = options;
         let names = key_poses.as_ref().map(|key_poses| &key_poses.names);
         let camera = vision.is_some();
         let about = json!({ "source": "live", "run_dir": instance.run_dir(), "key_poses": names, "camera": camera });
         let behind = PageSource::Instance(instance.clone(), key_poses.map(Arc::new), camera);
-        let mut server = Self::listen(Hub::new(view, &about), behind, view, vision, port)?;
+        let mut server = Self::listen(Hub::new(view, &about), behind, view, (vision, secure), port)?;
         let (hub, model, domain) = (server.hub.clone(), view.model.clone(), instance.core_domain());
         let (opened, outcome) = channel();
         let thread = server.spawn("view", move |ended| tell(&hub, &model, &domain, &opened, &ended));
@@ -80,7 +83,7 @@ impl Server {
         let about = json!({ "source": "recording", "name": name, "duration_s": recording.duration_s() });
         let position = Arc::new(Position::new(recording.duration_s()));
         let behind = PageSource::Recording(position.clone());
-        let mut server = Self::listen(Hub::new(view, &about), behind, view, None, port)?;
+        let mut server = Self::listen(Hub::new(view, &about), behind, view, (None, None), port)?;
         let hub = server.hub.clone();
         let thread = server.spawn("view", move |ended| play(&hub, &recording, &position, &ended));
         thread.map_err(|source| ViewError::Listen { port, source })?;
@@ -91,16 +94,23 @@ impl Server {
         hub: Hub,
         behind: PageSource,
         view: &RobotView,
-        vision: Option<VisionFiles>,
+        (vision, secure): (Option<VisionFiles>, Option<Secure>),
         port: u16,
     ) -> Result<Self, ViewError> {
+        let at = secure.as_ref().map_or(IpAddr::V4(Ipv4Addr::LOCALHOST), |secure| secure.address);
         let bind = |source| ViewError::Listen { port, source };
-        let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, port)).map_err(bind)?;
+        let listener = TcpListener::bind((at, port)).map_err(bind)?;
         listener.set_nonblocking(true).map_err(bind)?;
-        let key = http::Key::new(listener.local_addr().map_err(bind)?.port()).map_err(bind)?;
+        let port = listener.local_addr().map_err(bind)?.port();
+        let key = http::Key::new(port, secure.as_ref()).map_err(bind)?;
         let (address, hub, ended) = (key.address(), Arc::new(hub), Arc::new(AtomicBool::new(false)));
         let mut server = Self { address, hub: hub.clone(), ended, threads: Vec::new() };
-        let site = SiteConfig { key, meshes: view.folder.clone(), vision: vision.map(Arc::new) };
+        let site = SiteConfig {
+            key,
+            meshes: view.folder.clone(),
+            vision: vision.map(Arc::new),
+            tls: secure.map(|secure| secure.config),
+        };
         server.spawn("listen", move |ended| accept(&listener, &site, &hub, &behind, &ended)).map_err(bind)?;
         Ok(server)
     }
@@ -244,6 +254,7 @@ fn answer(
     ended: &AtomicBool,
 ) {
     // A connection that breaks off needs no handling.
+    let Ok(stream) = PageStream::new(stream, site.tls.as_ref()) else { return };
     if let Ok(Some(stream)) = http::answer(stream, site) {
         is_page.store(true, Ordering::Relaxed);
         let _ = page::serve(stream, hub, behind, ended);
