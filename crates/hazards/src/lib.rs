@@ -40,7 +40,7 @@ pub enum Answer {
 }
 
 /// The groups of the list, in its order: title and hazards.
-pub const GROUPS: [(&str, &[Hazard]); 14] = [
+pub const GROUPS: [(&str, &[Hazard]); 16] = [
     ("Contents of a skeleton", input::CONTENT),
     ("Timing of skeletons", input::TIMING),
     ("Network and numbers", robot::NUMBERS),
@@ -55,6 +55,8 @@ pub const GROUPS: [(&str, &[Hazard]); 14] = [
     ("The clutch", robot::CLUTCH),
     ("Grippers", robot::GRIPPERS),
     ("A webcam in a page", input::WEBCAM),
+    ("A headset in a page", input::HEADSET),
+    ("A page for other machines", system::PAGE),
 ];
 
 /// Returns every hazard, in the order of the groups.
@@ -81,7 +83,7 @@ mod tests {
         for (index, hazard) in all().enumerate() {
             assert_eq!(hazard.id, format!("f{:03}", index + 1), "{}", hazard.what);
         }
-        assert_eq!(all().count(), 124);
+        assert_eq!(all().count(), 130);
     }
 
     #[test]
