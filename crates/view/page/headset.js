@@ -55,8 +55,8 @@ export class Headset {
       this.room = new Room(this.picture, this.mode === "immersive-ar");
       await this.room.begin(session, (at, frame) => { if (run === this.run) this.see(at, frame); });
       if (run !== this.run) return;
-      if (!this.wire.ask("headset", { on: true })) return this.stop("Not connected, so the headset is off.");
       this.sending.asked();
+      if (!this.wire.ask("headset", { on: true })) return this.stop("Not connected, so the headset is off.");
       this.show("waits for the lease");
     } catch (error) {
       if (run === this.run) this.stop(`The headset cannot be used: ${error.message}`);
@@ -100,7 +100,7 @@ export class Headset {
   // The server's report. A person that ended by itself turns the headset off.
   told({ on, refused, text, heard_ms: heard }) {
     if (!this.sending) return;
-    this.sending.heard(heard);
+    if (on) this.sending.heard(heard);
     if (!on && (text || this.on)) return this.stop(text ?? "The person ended.");
     this.on = on;
     this.text(text ? `${text} ${refused} so far.` : "");

@@ -38,7 +38,7 @@ impl fmt::Display for Refusal {
     }
 }
 
-/// What a page has seen at one moment: an image of a webcam, or the poses of a headset.
+/// Sight of a page at one moment: an image of a webcam, or the poses of a headset.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Sight {
     /// Time at which the page sent the message, on the page's own clock, ms.

@@ -37,7 +37,7 @@ pub struct Tracked {
     pub confidence: f32,
 }
 
-/// What a hand's pose is about.
+/// Place of a hand that its pose describes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum HandKind {
     /// The wrist of a bare hand: -z points along the hand, y out of its back.

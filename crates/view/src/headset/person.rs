@@ -20,8 +20,8 @@ const CHIN: f64 = 0.870;
 const SHOULDERS: f64 = 0.818;
 const TRUNK: f64 = 0.288;
 const BONES: [f64; 2] = [0.186, 0.146];
-/// Distance of the eyes ahead of the neck, half the breadths of shoulders and hips, and distance from the middle of a grip to
-/// the wrist, as shares of the stature. Assumptions. The breadths are those of the neutral skeleton of `layouts`, and the grip
+/// Distance of the eyes ahead of the neck, half the breadths of shoulders and hips, and distance from a grip's middle to the
+/// wrist. Shares of the stature: assumptions. The breadths are those of the neutral skeleton of `layouts`, and the grip
 /// is in the middle of a hand of 0.108 (Winter, fig. 4.1).
 const EYES_AHEAD: f64 = 0.046;
 const HALF_SHOULDERS: f64 = 0.103;
@@ -53,7 +53,7 @@ const ARMS: [([Smpl; 3], [Limb; 2]); 2] = [
     ([Smpl::RightShoulder, Smpl::RightElbow, Smpl::RightWrist], [Limb::RightUpper, Limb::RightFore]),
 ];
 
-/// What a session has learnt of its person.
+/// Stature and trunk of a session's person.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct UpperBody {
     stature_m: Option<f64>,
