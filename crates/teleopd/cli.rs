@@ -191,7 +191,7 @@ pub struct Preflight {
 /// Options of the page.
 #[derive(Args, Clone, Debug)]
 pub struct Page {
-    /// Port on 127.0.0.1. 0 picks any free port.
+    /// Port on 127.0.0.1, or at the address of --https. 0 picks any free port.
     #[arg(long, value_name = "PORT", default_value_t = view::PORT)]
     pub port: u16,
     /// Draw the robot with your own mesh files (DAE, STL, GLB, OBJ). Searches below this folder for the files

@@ -9,6 +9,7 @@ use instance::Instance;
 use poses::error::PosesError;
 use poses::triangle::{POSES, Triangle};
 use rt::{Exit, Failure, Shutdown, err, out};
+use std::io::ErrorKind;
 use std::net::{Ipv4Addr, TcpListener};
 use std::os::unix::process::CommandExt;
 use std::path::Path;
@@ -94,6 +95,7 @@ fn serve(instance: &Instance, loaded: &Loaded, options: LiveOptions, page: &cli:
     if !view.missing.is_empty() {
         err!("teleopd: {} mesh files are not below --meshes: {}", view.missing.len(), view.missing.join(", "));
     }
+    let https = options.secure.as_ref().map(|secure| secure.address);
     // The server's threads inherit the cores of the thread that starts them.
     let served = std::thread::scope(|scope| {
         let serve = || {
@@ -103,9 +105,14 @@ fn serve(instance: &Instance, loaded: &Loaded, options: LiveOptions, page: &cli:
         scope.spawn(serve).join()
     });
     let served = served.map_err(|_| Failure::new(Exit::Software, "the server of the page could not be started"))?;
-    served.map_err(|error| match error {
-        ViewError::Bus(error) => crate::process::bus_failure(error),
-        ViewError::Listen { port, source } => port_failure(port, "--port", &source),
+    served.map_err(|error| match (error, https) {
+        (ViewError::Bus(error), _) => crate::process::bus_failure(error),
+        (ViewError::Listen { source, .. }, Some(address)) if source.kind() == ErrorKind::AddrNotAvailable => {
+            let text =
+                format!("--https: {address}: no interface of this machine has it; `ip address` lists those that exist");
+            Failure::new(Exit::Unavailable, text)
+        }
+        (ViewError::Listen { port, source }, _) => port_failure(port, "--port", &source),
     })
 }
 

@@ -36,7 +36,8 @@ pub enum SecureError {
 /// Where a page for other machines listens, and what it shows them.
 #[derive(Clone, Debug)]
 pub struct Secure {
-    pub(crate) address: IpAddr,
+    /// Address to listen at.
+    pub address: IpAddr,
     pub(crate) names: Vec<String>,
     pub(crate) config: Arc<ServerConfig>,
     /// File of the certificate of the authority, for browsers.

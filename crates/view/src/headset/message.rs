@@ -132,7 +132,8 @@ impl Numbers<'_> {
         }
         let [i, j, k, w] = [i, j, k, w].map(f64::from);
         let turn = Quaternion::new(w, i, j, k);
-        if !((turn.norm() - 1.0).abs() <= NORM_ERROR_MAX) {
+        let is_unit = (turn.norm() - 1.0).abs() <= NORM_ERROR_MAX;
+        if !is_unit {
             return Err(Refusal::Number);
         }
         let position = Vector3::new(f64::from(x), f64::from(y), f64::from(z));
