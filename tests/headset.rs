@@ -69,7 +69,7 @@ fn stops(hand: &OperatorSession) {
 }
 
 #[test]
-fn f140_held_squeeze_moves_the_robot_and_letting_go_stops_it() {
+fn f131_held_squeeze_moves_the_robot_and_letting_go_stops_it() {
     let mut rig = Rig::whole();
     let (hand, viewer) = (rig.hand(), Viewer::of(&rig));
     hand.wait("at rest", |status| status.moving == 0 && status.ticks > 750);
@@ -91,7 +91,7 @@ fn f140_held_squeeze_moves_the_robot_and_letting_go_stops_it() {
 }
 
 #[test]
-fn f141_session_end_hidden_page_and_lost_head_release() {
+fn f132_session_end_hidden_page_and_lost_head_release() {
     let mut rig = Rig::whole();
     let (hand, viewer) = (rig.hand(), Viewer::of(&rig));
     hand.wait("at rest", |status| status.moving == 0 && status.ticks > 750);
@@ -159,7 +159,7 @@ fn message(sent_ms: f64, pinch_m: f32) -> Vec<u8> {
 
 /// Without a browser: messages that stop end the press, although the page answers and repeats it.
 #[test]
-fn f141_press_ends_with_the_messages_of_the_headset() {
+fn f132_press_ends_with_the_messages_of_the_headset() {
     let mut rig = Rig::whole();
     let viewer = Viewer::of(&rig);
     let (hand, mut page, begun) = (rig.hand(), viewer.page(), Instant::now());

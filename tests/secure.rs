@@ -47,7 +47,7 @@ fn start(rig: &Rig, folder: &Path, names: &str) -> Viewer {
 }
 
 #[test]
-fn f144_page_for_other_machines_needs_tls_its_host_and_the_token() {
+fn f135_page_for_other_machines_needs_tls_its_host_and_the_token() {
     let (rig, folder) = (Rig::empty(), tempfile::tempdir().expect("a folder"));
     let folder = folder.path().join("tls");
     let viewer = start(&rig, &folder, "127.0.0.1,localhost");
@@ -101,7 +101,7 @@ fn browser_takes_page_by_tls_as_secure_and_connects() {
 
 /// A peer that begins TLS and goes on slowly, or not at all, keeps no thread and nobody out.
 #[test]
-fn f145_silent_and_slow_peers_are_closed_and_keep_nobody_out() {
+fn f136_silent_and_slow_peers_are_closed_and_keep_nobody_out() {
     let (rig, folder) = (Rig::empty(), tempfile::tempdir().expect("a folder"));
     let viewer = start(&rig, folder.path(), "127.0.0.1");
     let host = viewer.host().to_owned();

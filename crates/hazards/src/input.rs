@@ -87,25 +87,25 @@ pub(crate) const WEBCAM: &[Hazard] = &[
 
 pub(crate) const HEADSET: &[Hazard] = &[
     does(
-        "f140",
+        "f131",
         "a passing pinch or squeeze, or one from before the session, presses the enable of a headset",
         "it counts only after the hand was seen open, and then closed for 0.5 s",
         "0.5 s",
     ),
     does(
-        "f141",
+        "f132",
         "the headset is taken off, its session ends, the page is hidden or silent, or head or left hand are lost",
         "the enable is released; only another press from an open hand engages",
         "one frame + B where the page still sends; 500 ms + B",
     ),
     does(
-        "f142",
+        "f133",
         "a headset does not see a hand or its own place, or guesses them",
         "confidence 0 for that arm, or no frame; then as f011 and f021",
         "100 ms + B",
     ),
     does(
-        "f143",
+        "f134",
         "a message of a headset is malformed, out of bounds, too old, or one of too many",
         "refused and counted; it holds no press, and other pages go on",
         "1 message",

@@ -137,13 +137,13 @@ pub(crate) const INTRUDERS: &[Hazard] = &[
 
 pub(crate) const PAGE: &[Hazard] = &[
     does(
-        "f144",
+        "f135",
         "another machine of the network listens to the page, or tries to operate the robot without its address",
         "TLS 1.3, the host's name, the page's origin and a token of 128 bits; without --https the page stays on the loopback",
         "every connection",
     ),
     does(
-        "f145",
+        "f136",
         "machines of the network open connections and send slowly, or nothing",
         "each is closed, and the oldest makes room for the next; open pages go on",
         "2 s; 32 connections",

@@ -45,7 +45,7 @@ fn poses_are_read_by_their_places() {
 }
 
 #[test]
-fn f143_invalid_message_of_a_headset_is_refused_with_reason() {
+fn f134_invalid_message_of_a_headset_is_refused_with_reason() {
     let with = |at: usize, number: f32| {
         let mut bad = numbers(22);
         bad[at] = number;

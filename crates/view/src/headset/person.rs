@@ -277,7 +277,7 @@ mod tests {
     }
 
     #[test]
-    fn f142_unseen_hand_or_head_has_no_confidence() {
+    fn f133_unseen_hand_or_head_has_no_confidence() {
         let mut frame = standing(UnitQuaternion::identity());
         frame.hands[0].pose = None;
         let out = UpperBody::default().person(&frame, Stamp(1)).expect("a person");

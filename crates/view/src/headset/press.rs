@@ -100,7 +100,7 @@ mod tests {
     }
 
     #[test]
-    fn f140_passing_or_early_press_holds_nothing() {
+    fn f131_passing_or_early_press_holds_nothing() {
         let mut passing = vec![Some(Open)];
         passing.extend([Some(Closed); 5]);
         passing.push(Some(Open));
@@ -120,7 +120,7 @@ mod tests {
     }
 
     #[test]
-    fn f141_lost_hand_ends_the_press_until_it_was_open() {
+    fn f132_lost_hand_ends_the_press_until_it_was_open() {
         let mut grasps = vec![Some(Open)];
         grasps.extend([Some(Closed); 7]);
         grasps.push(None);
