@@ -1,0 +1,473 @@
+//! Both ends over a wire that loses, delays, repeats and reorders, with two clocks that agree in nothing.
+
+use link::{Down, FRAME_BYTES_MAX, OperatorEnd, Payload, Refusal, RobotEnd, Sent, Taken, Verdict};
+use messages::{
+    HOLDS_CLUTCH, HOLDS_ENABLE, Header, Layout, OPERATOR_VERSION, OperatorRequest, RawSkeleton, Stamp, Status,
+};
+use proptest::prelude::*;
+
+const MS: u64 = 1_000_000;
+/// Step of the time of this world: a heartbeat.
+const STEP: u64 = 20 * MS;
+
+/// A datagram on its way. The time is that of the world.
+#[derive(Clone)]
+struct Flying {
+    arrives: u64,
+    bytes: Vec<u8>,
+    up: bool,
+}
+
+/// What reached the daemon, with the true age.
+#[derive(Default)]
+struct Daemon {
+    connections: usize,
+    requests: Vec<OperatorRequest>,
+    persons: Vec<u64>,
+    stops: usize,
+}
+
+struct World {
+    now: u64,
+    /// The operator's clock minus that of the world, which is the robot's.
+    ahead: i64,
+    delays: [u64; 2],
+    broken: [bool; 2],
+    request: OperatorRequest,
+    operator: OperatorEnd,
+    robot: RobotEnd,
+    flying: Vec<Flying>,
+    daemon: Daemon,
+    refusals: Vec<Refusal>,
+    nonces: u64,
+    captured: Vec<Vec<u8>>,
+    /// Time of the world at which the person of this number was seen.
+    seen: Vec<u64>,
+}
+
+impl World {
+    fn new(delays: [u64; 2]) -> Self {
+        Self {
+            now: 1_000_000 * MS,
+            ahead: -700_000 * MS as i64,
+            delays,
+            broken: [false; 2],
+            request: OperatorRequest { version: OPERATOR_VERSION, ..OperatorRequest::ZERO },
+            operator: OperatorEnd::new(77),
+            robot: RobotEnd::default(),
+            flying: Vec::new(),
+            daemon: Daemon::default(),
+            refusals: Vec::new(),
+            nonces: 0,
+            captured: Vec::new(),
+            seen: Vec::new(),
+        }
+    }
+
+    /// A world whose link has run for a second.
+    fn linked(delay: u64) -> Self {
+        let mut world = Self::new([delay; 2]);
+        world.run(50);
+        world
+    }
+
+    fn theirs(&self) -> Stamp {
+        Stamp(self.now.saturating_add_signed(self.ahead))
+    }
+
+    fn fly(&mut self, bytes: &[u8], up: bool) {
+        let way = usize::from(!up);
+        if up {
+            self.captured.push(bytes.to_vec());
+        }
+        if !self.broken[way] {
+            self.flying.push(Flying { arrives: self.now + self.delays[way], bytes: bytes.to_vec(), up });
+        }
+    }
+
+    fn step(&mut self) {
+        let mut out = [0; FRAME_BYTES_MAX];
+        self.request.sequence += 1;
+        let length = self.operator.heartbeat(&self.request, self.theirs(), &mut out);
+        self.fly(&out[..length], true);
+        let header = Header { sequence: self.seen.len() as u64, origin: self.theirs(), ..Header::ZERO };
+        self.seen.push(self.now);
+        let person = RawSkeleton { header, joint_count: 2, ..RawSkeleton::ZERO };
+        if let Ok(length) = self.operator.person(&person, self.theirs(), &mut out) {
+            self.fly(&out[..length], true);
+        }
+        let ended = self.robot.tick(Stamp(self.now));
+        self.daemon.connections -= usize::from(ended[0]);
+        if let Some(length) = self.robot.answer(0, Stamp(self.now), &mut out) {
+            self.fly(&out[..length], false);
+        }
+        if let Some(length) = self.robot.send(0, Payload::Status(Status::ZERO), Stamp(self.now), &mut out) {
+            self.fly(&out[..length], false);
+        }
+        self.advance(self.now + STEP);
+    }
+
+    fn advance(&mut self, until: u64) {
+        while let Some(next) = (0..self.flying.len()).min_by_key(|&n| self.flying[n].arrives) {
+            if self.flying[next].arrives > until {
+                break;
+            }
+            let Flying { arrives, bytes, up } = self.flying.remove(next);
+            self.now = self.now.max(arrives);
+            if up {
+                self.arrive(&bytes);
+            } else if let Ok(Down::Answer(_)) = self.operator.take(&bytes, self.theirs()) {
+            }
+        }
+        self.now = until;
+    }
+
+    fn arrive(&mut self, bytes: &[u8]) -> Taken {
+        self.nonces += 1;
+        let nonce = self.nonces;
+        let taken = self.robot.take(0, bytes, Stamp(self.now), || nonce);
+        self.daemon.stops += usize::from(taken.stop);
+        match taken.outcome {
+            Err(refusal) => self.refusals.push(refusal),
+            Ok(Sent::Began) => {
+                self.daemon.connections = 1;
+                self.daemon.requests.clear();
+            }
+            Ok(Sent::Request(request)) => self.daemon.requests.push(request),
+            Ok(Sent::Person(person)) => {
+                let truth = self.seen[person.header.sequence as usize];
+                assert!(person.header.origin <= Stamp(truth), "the age is under-estimated");
+                self.daemon.persons.push(self.now - truth);
+            }
+        }
+        taken
+    }
+
+    fn run(&mut self, steps: usize) {
+        (0..steps).for_each(|_| self.step());
+    }
+
+    fn press(&mut self) {
+        self.request.enable_count += 1;
+        self.request.enable_level = HOLDS_ENABLE;
+    }
+
+    fn let_go(&mut self) {
+        self.request.release_count += 1;
+        self.request.enable_level = 0;
+    }
+
+    /// The last request that reached the daemon on the present connection: enable edges and level.
+    fn holds(&self) -> (u32, u32) {
+        let last = self.daemon.requests.last().expect("a request");
+        (last.enable_count, last.enable_level)
+    }
+
+    fn verdict(&self) -> Verdict {
+        self.robot.state(0, Stamp(self.now)).expect("an operator").verdict
+    }
+}
+
+#[test]
+fn pressed_enable_a_release_and_a_payload_arrive_once_and_persons_are_young() {
+    let mut world = World::linked(5 * MS);
+    assert_eq!((world.verdict(), world.holds()), (Verdict::Ready, (0, 0)));
+    world.press();
+    world.run(10);
+    assert_eq!(world.holds(), (1, HOLDS_ENABLE));
+    world.let_go();
+    (world.request.payload_count, world.request.payload_kg) = (1, 0.5);
+    world.run(10);
+    let last = world.daemon.requests.last().expect("a request");
+    assert_eq!((last.enable_count, last.release_count, last.payload_count, last.payload_kg), (1, 1, 1, 0.5));
+    assert!(world.daemon.persons.len() > 15 && world.daemon.persons.iter().all(|age| *age == 5 * MS));
+    assert!(world.operator.is_linked(world.theirs()));
+    let link = world.operator.link(world.theirs());
+    assert_eq!((link.lost, link.answer.map(|answer| answer.verdict)), (0, Some(Verdict::Ready)));
+    assert!(link.round_trip_ns.is_some_and(|ns| ns <= 10 * MS), "{link:?}");
+}
+
+#[test]
+fn f125_partition_is_a_release_and_the_level_held_over_it_engages_nothing() {
+    for broken in [[true, true], [true, false], [false, true]] {
+        let mut world = World::linked(5 * MS);
+        world.press();
+        world.run(10);
+        let before = world.daemon.requests.len();
+        world.broken = broken;
+        world.run(30);
+        assert!(!world.operator.is_linked(world.theirs()) || broken == [true, false], "{broken:?}");
+        if broken[0] {
+            assert_eq!(
+                (world.daemon.connections, world.daemon.requests.len()),
+                (0, before),
+                "the connection is closed"
+            );
+        }
+        // Pressed once more while nothing arrives.
+        world.press();
+        world.run(5);
+        world.broken = [false; 2];
+        world.run(100);
+        assert_eq!(world.verdict(), Verdict::Ready);
+        assert_eq!(world.holds().0, 0, "{broken:?}: no edge in the new session");
+        world.let_go();
+        world.run(2);
+        world.press();
+        world.run(10);
+        assert_eq!(world.holds(), (1, HOLDS_ENABLE), "{broken:?}");
+    }
+}
+
+#[test]
+fn lost_datagrams_lose_no_edge() {
+    let mut world = World::linked(5 * MS);
+    world.press();
+    for n in 0..60 {
+        world.broken[0] = n % 3 != 2;
+        world.step();
+    }
+    assert_eq!(world.holds(), (1, HOLDS_ENABLE));
+    let state = world.robot.state(0, Stamp(world.now)).expect("an operator");
+    assert!(state.lost > 60 && state.received > 60, "{state:?}");
+}
+
+#[test]
+fn f127_enable_pressed_before_the_clocks_are_synchronised_counts_never() {
+    let mut world = World::new([5 * MS; 2]);
+    world.run(2);
+    world.press();
+    world.run(1);
+    assert_eq!(world.verdict(), Verdict::Unsynchronised);
+    assert!(world.refusals.contains(&Refusal::Clock), "a person without a clock");
+    assert!(world.daemon.persons.is_empty());
+    world.run(60);
+    assert_eq!((world.verdict(), world.holds().0), (Verdict::Ready, 0));
+    world.let_go();
+    world.run(1);
+    world.press();
+    world.run(5);
+    assert_eq!(world.holds(), (1, HOLDS_ENABLE));
+}
+
+#[test]
+fn f127_uncertain_clocks_engage_nothing_and_keep_the_clutch() {
+    // 30 ms each way: an uncertainty of 30 ms.
+    let mut world = World::linked(30 * MS);
+    assert_eq!(world.verdict(), Verdict::Uncertain);
+    world.press();
+    world.request.enable_level |= HOLDS_CLUTCH;
+    world.run(10);
+    assert_eq!(world.holds(), (0, HOLDS_CLUTCH));
+    assert!(!world.daemon.persons.is_empty(), "persons are young enough");
+}
+
+#[test]
+fn f126_late_persons_and_requests_are_refused() {
+    let mut world = World::linked(5 * MS);
+    world.press();
+    world.run(10);
+    let before = world.daemon.persons.len();
+    world.delays = [97 * MS, 5 * MS];
+    world.run(20);
+    assert!(world.refusals.iter().filter(|refusal| **refusal == Refusal::Old).count() > 10, "{:?}", world.refusals);
+    assert_eq!(world.daemon.persons.len(), before);
+    assert_eq!(world.daemon.connections, 0, "late heartbeats are none");
+}
+
+#[test]
+fn f126_enable_that_arrives_too_late_does_not_come_with_the_next_heartbeat() {
+    let mut world = World::linked(5 * MS);
+    world.delays[0] = 110 * MS;
+    world.press();
+    world.run(3);
+    world.advance(world.now + 120 * MS);
+    assert!(world.refusals.contains(&Refusal::Old), "{:?}", world.refusals);
+    world.delays[0] = 5 * MS;
+    world.run(3);
+    assert_eq!((world.daemon.connections, world.holds()), (1, (0, HOLDS_ENABLE)), "the same session");
+}
+
+#[test]
+fn f126_replayed_session_changes_nothing() {
+    let mut world = World::linked(5 * MS);
+    world.press();
+    world.run(10);
+    let capture = world.captured.clone();
+    world.let_go();
+    world.run(3);
+    // Within the session.
+    let (requests, persons) = (world.daemon.requests.len(), world.daemon.persons.len());
+    for bytes in capture.iter().rev().take(10) {
+        assert!(matches!(world.arrive(bytes).outcome, Err(Refusal::Order | Refusal::Rate)));
+    }
+    // In the next one.
+    world.broken = [true; 2];
+    world.run(30);
+    world.broken = [false; 2];
+    world.run(30);
+    world.refusals.clear();
+    for bytes in &capture {
+        assert!(world.arrive(bytes).outcome.is_err());
+        world.now += 5 * MS;
+    }
+    assert!(world.refusals.contains(&Refusal::Session) && world.refusals.contains(&Refusal::Order));
+    world.run(30);
+    assert_eq!((world.holds().0, world.daemon.stops), (0, 0));
+    assert!(world.daemon.requests.len() > requests.min(20) && world.daemon.persons.len() > persons);
+}
+
+#[test]
+fn f127_clock_that_jumps_releases_and_has_to_be_synchronised_again() {
+    for jump in [3_600_000 * MS as i64, -3_600_000 * MS as i64, 300 * MS as i64] {
+        let mut world = World::linked(5 * MS);
+        world.ahead = 5_000_000 * MS as i64;
+        world.run(100);
+        world.let_go();
+        world.run(1);
+        world.press();
+        world.run(10);
+        assert_eq!(world.holds(), (1, HOLDS_ENABLE));
+        let jumps = world.robot.refused(0).of(Refusal::Jump);
+        let sent = world.daemon.requests.len();
+        world.ahead += jump;
+        world.run(4);
+        assert!(world.robot.refused(0).of(Refusal::Jump) > jumps, "{jump}: {:?}", world.robot.refused(0));
+        let released = world.daemon.requests.iter().skip(sent).any(|request| request.enable_level == 0);
+        assert!(released || world.daemon.requests.len() < sent, "{jump}: released, or in a new session");
+        world.run(100);
+        assert_eq!(world.verdict(), Verdict::Ready);
+        assert_eq!(world.holds().1, HOLDS_ENABLE, "the level alone grants nothing");
+        let edges = world.holds().0;
+        world.let_go();
+        world.run(1);
+        world.press();
+        world.run(10);
+        assert_eq!(world.holds(), (edges + 1, HOLDS_ENABLE));
+    }
+}
+
+#[test]
+fn f125_emergency_stop_counts_without_clock_session_or_youth() {
+    // Before anything is known.
+    let mut world = World::new([5 * MS; 2]);
+    world.request.estop_count = 1;
+    world.run(1);
+    assert_eq!(world.daemon.stops, 1);
+    world.run(50);
+    // The same press, in a hundred datagrams and another session.
+    let stops =
+        |world: &World| world.daemon.stops + world.daemon.requests.last().map_or(0, |last| last.estop_count as usize);
+    world.broken = [true; 2];
+    world.run(30);
+    world.broken = [false; 2];
+    world.run(50);
+    assert_eq!(stops(&world), 1);
+    // In the session, by the request.
+    world.request.estop_count = 2;
+    world.run(3);
+    assert_eq!(stops(&world), 2);
+    // Too old.
+    world.delays[0] = 500 * MS;
+    world.request.estop_count = 3;
+    world.run(30);
+    assert_eq!(world.daemon.stops, 2);
+    // Of another program of the same operator.
+    let mut rival = OperatorEnd::new(78);
+    let mut out = [0; FRAME_BYTES_MAX];
+    let request = OperatorRequest { estop_count: 1, ..world.request };
+    let length = rival.heartbeat(&request, world.theirs(), &mut out);
+    assert!(world.arrive(&out[..length]).stop);
+    let length = rival.heartbeat(&request, world.theirs(), &mut out);
+    assert!(!world.arrive(&out[..length]).stop, "once");
+}
+
+#[test]
+fn f129_second_program_of_an_operator_waits_until_the_first_is_silent() {
+    let mut world = World::linked(5 * MS);
+    world.press();
+    world.run(10);
+    let mut rival = OperatorEnd::new(78);
+    let mut out = [0; FRAME_BYTES_MAX];
+    let length = rival.heartbeat(&world.request, world.theirs(), &mut out);
+    assert_eq!(world.arrive(&out[..length]).outcome, Err(Refusal::Busy));
+    let length = world.robot.answer_rival(0, Stamp(world.now), &mut out).expect("an answer");
+    let told = rival.take(&out[..length], world.theirs()).expect("an answer");
+    assert!(matches!(told, Down::Answer(answer) if answer.verdict == Verdict::Busy), "{told:?}");
+    assert_eq!(world.robot.answer_rival(0, Stamp(world.now), &mut out), None);
+    world.run(5);
+    assert_eq!(world.holds(), (1, HOLDS_ENABLE), "undisturbed");
+    world.broken = [true; 2];
+    world.run(15);
+    let length = rival.heartbeat(&world.request, world.theirs(), &mut out);
+    assert_eq!(world.arrive(&out[..length]).outcome, Ok(Sent::Began));
+    let length = world.robot.answer(0, Stamp(world.now), &mut out).expect("an answer");
+    rival.take(&out[..length], world.theirs()).expect("the session");
+    assert!(rival.is_linked(world.theirs()));
+}
+
+#[test]
+fn f128_flood_is_refused_above_the_rate_and_disturbs_no_other_operator() {
+    let mut world = World::linked(5 * MS);
+    let mut flood = OperatorEnd::new(5);
+    let mut out = [0; FRAME_BYTES_MAX];
+    let mut admitted = 0;
+    for n in 0..10_000_u64 {
+        // 10,000 datagrams in a second, from another place.
+        let length = flood.heartbeat(&world.request, Stamp(1 + n), &mut out);
+        let taken = world.robot.take(1, &out[..length], Stamp(world.now + n * MS / 10), || 9);
+        admitted += u64::from(taken.outcome != Err(Refusal::Rate));
+    }
+    assert!((250..=266).contains(&admitted), "{admitted}");
+    assert_eq!(world.robot.refused(1).of(Refusal::Rate), 10_000 - admitted);
+    world.press();
+    world.run(10);
+    assert_eq!((world.holds(), world.robot.refused(0).of(Refusal::Rate)), ((1, HOLDS_ENABLE), 0));
+}
+
+#[test]
+fn restarted_robot_end_gets_a_new_session_and_engages_nothing() {
+    let mut world = World::linked(5 * MS);
+    world.press();
+    world.run(10);
+    world.robot = RobotEnd::default();
+    world.daemon = Daemon::default();
+    world.run(60);
+    assert_eq!((world.verdict(), world.holds().0), (Verdict::Ready, 0));
+    assert!(world.operator.is_linked(world.theirs()));
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(60))]
+    /// Loss, jitter, reordering and repeats, with a press now and then.
+    #[test]
+    fn no_wire_makes_a_person_old_or_an_edge_out_of_nothing(
+        wire in prop::collection::vec((0_u64..160, 0_u64..160, 0_u8..10, any::<bool>()), 400),
+        ahead_ms in -900_000_i64..900_000,
+    ) {
+        let mut world = World::new([0; 2]);
+        world.ahead = ahead_ms * MS as i64;
+        let mut presses = 0;
+        for (n, (there, back, luck, calm)) in wire.into_iter().enumerate() {
+            let calm = calm || n % 100 < 50;
+            world.delays = if calm { [2 * MS; 2] } else { [there * MS, back * MS] };
+            world.broken = [luck < 2 && !calm, luck == 1 && !calm];
+            if n % 40 == 39 {
+                world.let_go();
+            }
+            if n % 40 == 0 {
+                world.press();
+                presses += 1;
+            }
+            world.step();
+            if luck == 9 {
+                let again = world.captured[world.captured.len() / 2].clone();
+                world.arrive(&again);
+            }
+            prop_assert!(world.daemon.persons.iter().all(|age| *age <= 100 * MS));
+            let edges = world.daemon.requests.last().map_or(0, |last| last.enable_count);
+            prop_assert!(edges <= presses);
+        }
+        prop_assert!(!world.daemon.persons.is_empty());
+    }
+}
