@@ -40,7 +40,7 @@ pub enum Answer {
 }
 
 /// The groups of the list, in its order: title and hazards.
-pub const GROUPS: [(&str, &[Hazard]); 16] = [
+pub const GROUPS: [(&str, &[Hazard]); 17] = [
     ("Contents of a skeleton", input::CONTENT),
     ("Timing of skeletons", input::TIMING),
     ("Network and numbers", robot::NUMBERS),
@@ -55,6 +55,7 @@ pub const GROUPS: [(&str, &[Hazard]); 16] = [
     ("The clutch", robot::CLUTCH),
     ("Grippers", robot::GRIPPERS),
     ("A webcam in a page", input::WEBCAM),
+    ("A link between two machines", system::LINK),
     ("A headset in a page", input::HEADSET),
     ("A page for other machines", system::PAGE),
 ];
@@ -83,7 +84,7 @@ mod tests {
         for (index, hazard) in all().enumerate() {
             assert_eq!(hazard.id, format!("f{:03}", index + 1), "{}", hazard.what);
         }
-        assert_eq!(all().count(), 130);
+        assert_eq!(all().count(), 136);
     }
 
     #[test]

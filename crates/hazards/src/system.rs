@@ -135,6 +135,45 @@ pub(crate) const INTRUDERS: &[Hazard] = &[
     does("f113", "a dependency was changed", "locked by hash, licences and sources checked in CI", "every build"),
 ];
 
+pub(crate) const LINK: &[Hazard] = &[
+    does(
+        "f125",
+        "the link to an operator's machine is cut, or its end is killed",
+        "a release; the level that is held over it engages nothing in the next session",
+        "100 ms + B; session over after 200 ms",
+    ),
+    does(
+        "f126",
+        "datagrams of a link come late, twice, in another order, or from an earlier session",
+        "refused and counted; ages are judged on the robot's clock and never under-estimated",
+        "100 ms",
+    ),
+    does(
+        "f127",
+        "the operator's clock is not synchronised, too uncertain, or jumps",
+        "nothing is engaged, the enable counts as released and must be pressed again; the emergency stop counts",
+        "1 datagram; uncertainty above 20 ms",
+    ),
+    does(
+        "f128",
+        "an operator's machine floods the link, or sends what is no datagram",
+        "refused and counted; the newest packet alone waits, and 250 a second are read",
+        "0 queued; others undisturbed",
+    ),
+    does(
+        "f129",
+        "a second program uses an operator's certificate",
+        "refused while the first one is heard; its emergency stop counts",
+        "200 ms after the last heartbeat",
+    ),
+    does(
+        "f130",
+        "a stranger without a certificate, or an operator in another one's name, reaches the port",
+        "TLS refuses the first, access control the second",
+        "0 datagrams read",
+    ),
+];
+
 pub(crate) const PAGE: &[Hazard] = &[
     does(
         "f135",
