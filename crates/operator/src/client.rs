@@ -123,19 +123,24 @@ impl Client {
 
     /// Sends a request unchanged and returns the reply.
     pub fn exchange(&mut self, request: &OperatorRequest) -> Result<Status, OperatorError> {
-        self.drop_late_replies()?;
-        loop {
-            match net::send(&self.socket, &codec::encode_request(request), SendFlags::NOSIGNAL) {
-                Ok(_) => break,
-                Err(Errno::INTR) => continue,
-                Err(errno) => return Err(self.failed("send a request", errno)),
-            }
-        }
+        self.send(request)?;
         loop {
             match self.receive(RecvFlags::empty()) {
                 Err(Errno::INTR) => continue,
                 Err(errno) => return Err(self.failed("receive a reply", errno)),
                 Ok(reply) => return reply,
+            }
+        }
+    }
+
+    /// Sends a request unchanged and waits for no reply. The next call drops it.
+    pub fn send(&mut self, request: &OperatorRequest) -> Result<(), OperatorError> {
+        self.drop_late_replies()?;
+        loop {
+            match net::send(&self.socket, &codec::encode_request(request), SendFlags::NOSIGNAL) {
+                Ok(_) => return Ok(()),
+                Err(Errno::INTR) => continue,
+                Err(errno) => return Err(self.failed("send a request", errno)),
             }
         }
     }
