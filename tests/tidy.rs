@@ -68,6 +68,8 @@ const MAY_USE: &[(&str, &[&str])] = &[
     ("fuzz-targets", &["bridge"]),
     ("batch", &[]),
     ("bridge", &[]),
+    ("option-ext", &[]),
+    ("webpki-roots", &[]),
     ("canvas", &[]),
     ("chaos", &["harness", "teleopd"]),
     ("collision", &["canvas"]),

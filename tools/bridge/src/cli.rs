@@ -1,19 +1,21 @@
 //! The command line.
 
+use crate::link::Name;
 use clap::{Args, Parser, Subcommand};
 use std::net::{IpAddr, SocketAddr};
 use std::path::PathBuf;
 
-/// Receives from a motion capture program, and publishes the person that it sends.
+/// Receives from a motion capture program, and publishes the person that it sends. Links an operator's machine to the
+/// robot's.
 #[derive(Debug, Parser)]
 #[command(name = "bridge", version)]
 pub struct Cli {
-    /// The motion capture program.
+    /// The motion capture program, or the link.
     #[command(subcommand)]
     pub program: Program,
 }
 
-/// The supported motion capture programs.
+/// The supported motion capture programs, and the link.
 #[derive(Debug, Subcommand)]
 pub enum Program {
     /// Xsens MVN: its network streamer, with "Position + Orientation (Quaternion)" selected.
@@ -36,6 +38,80 @@ pub enum Program {
         /// Allowed senders, and output.
         #[command(flatten)]
         to: To,
+    },
+    /// A link between an operator's machine and the robot's.
+    #[command(subcommand)]
+    Link(Link),
+}
+
+/// The ends of a link, and its certificates.
+#[derive(Debug, Subcommand)]
+pub enum Link {
+    /// The robot's end: runs beside teleopd, as a client of it.
+    Robot(LinkRobot),
+    /// The operator's end: clients on this machine find the robot in its folder.
+    Operator(LinkOperator),
+    /// Makes the certificates, at the robot.
+    #[command(subcommand)]
+    Pair(Pair),
+}
+
+/// Arguments of the robot's end.
+#[derive(Args, Debug)]
+pub struct LinkRobot {
+    /// Folder with the keys that `bridge link pair` made.
+    #[arg(long, value_name = "DIR", default_value = "link-keys")]
+    pub keys: PathBuf,
+    /// Address to listen on: quic/HOST:PORT.
+    #[arg(long, value_name = "ADDRESS")]
+    pub listen: Vec<String>,
+    /// Address of a router to connect to: quic/HOST:PORT.
+    #[arg(long, value_name = "ADDRESS", required_unless_present = "listen")]
+    pub connect: Vec<String>,
+    /// Folder of the running instance.
+    #[arg(long, value_name = "DIR", default_value_os_t = instance::default_run_dir())]
+    pub run_dir: PathBuf,
+}
+
+/// Arguments of the operator's end.
+#[derive(Args, Debug)]
+pub struct LinkOperator {
+    /// Bundle that `bridge link pair operator` made.
+    #[arg(long, value_name = "FILE")]
+    pub bundle: PathBuf,
+    /// Address of the robot, or of a router: quic/HOST:PORT.
+    #[arg(long, value_name = "ADDRESS", required = true)]
+    pub connect: Vec<String>,
+    /// Folder for the sockets of this end. No instance of teleopd may run there.
+    #[arg(long, value_name = "DIR")]
+    pub run_dir: PathBuf,
+}
+
+/// Owner of the certificate to make.
+#[derive(Debug, Subcommand)]
+pub enum Pair {
+    /// The robot: its authority and its certificate. Once, at first.
+    Robot {
+        /// Name of the robot: a-z, 0-9, - and _.
+        #[arg(long)]
+        name: Name,
+        /// Folder for the keys.
+        #[arg(long, value_name = "DIR", default_value = "link-keys")]
+        keys: PathBuf,
+    },
+    /// An operator: a bundle to copy to the operator's machine.
+    Operator {
+        /// Name of the operator: a-z, 0-9, - and _.
+        #[arg(long)]
+        name: Name,
+        /// Folder with the robot's keys.
+        #[arg(long, value_name = "DIR", default_value = "link-keys")]
+        keys: PathBuf,
+    },
+    /// Prints the names and the code of a bundle, to compare.
+    Show {
+        /// The bundle.
+        bundle: PathBuf,
     },
 }
 

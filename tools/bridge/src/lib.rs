@@ -5,6 +5,7 @@
 //! and counted. `ingest` judges whether a person is plausible, as for every other client.
 
 pub mod cli;
+pub mod link;
 mod mvn;
 mod senders;
 mod users;

@@ -26,6 +26,7 @@ fn main() -> ExitCode {
     let outcome = match Cli::parse().program {
         Program::Mvn { bind, character, to } => run(bind, &to, Mvn::new(character)),
         Program::Vmc { bind, to } => run(bind, &to, Vmc::new()),
+        Program::Link(command) => bridge::link::run(&command),
     };
     rt::finish("bridge", outcome)
 }

@@ -1,0 +1,147 @@
+//! Files with certificates and keys. Each begins with lines that name the robot and, for an operator, the operator.
+
+use rt::{Exit, Failure};
+use sha2::{Digest, Sha256};
+use std::os::unix::fs::MetadataExt;
+use std::path::Path;
+use std::str::FromStr;
+
+/// Longest name: bytes.
+const NAME_BYTES_MAX: usize = 32;
+/// Longest file: three blocks of less than 1 KiB.
+const FILE_BYTES_MAX: u64 = 1 << 16;
+const CERTIFICATE: &str = "CERTIFICATE";
+const PRIVATE_KEY: &str = "PRIVATE KEY";
+
+/// Name of a robot or of an operator: part of the keys on the wire, of a certificate and of file names.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Name(String);
+
+impl Name {
+    /// The name as text.
+    pub fn as_str(&self) -> &str {
+        &self.0
+    }
+}
+
+impl FromStr for Name {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let known = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '-' || c == '_';
+        if (1..=NAME_BYTES_MAX).contains(&text.len()) && text.chars().all(known) {
+            Ok(Self(text.to_owned()))
+        } else {
+            Err(format!("a name has 1 to {NAME_BYTES_MAX} characters of a-z, 0-9, - and _"))
+        }
+    }
+}
+
+impl std::fmt::Display for Name {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(&self.0)
+    }
+}
+
+/// Certificate and key of one end, and the authority that it trusts.
+#[derive(Clone)]
+pub struct Keys {
+    /// The robot.
+    pub robot: Name,
+    /// The operator whose end it is. `None` for the robot's.
+    pub operator: Option<Name>,
+    /// The operators whom the robot's end admits. Empty for an operator's.
+    pub operators: Vec<Name>,
+    /// Certificate of this end, PEM.
+    pub certificate: String,
+    /// Its key, PEM.
+    pub key: String,
+    /// Certificate of the robot's authority, PEM.
+    pub authority: String,
+}
+
+impl Keys {
+    /// Reads the robot's keys from the folder that `bridge link pair` fills.
+    ///
+    /// # Errors
+    /// Returns an error that names the file.
+    pub fn of_robot(folder: &Path) -> Result<Self, Failure> {
+        let own = read_secret(&folder.join(super::pair::ROBOT))?;
+        let mut operators = Vec::new();
+        let listed = folder.join(super::pair::OPERATORS);
+        for entry in std::fs::read_dir(&listed).into_iter().flatten().flatten() {
+            let file = entry.file_name();
+            let name = file.to_string_lossy().strip_suffix(".pem").and_then(|name| name.parse().ok());
+            operators.extend(name);
+        }
+        operators.sort_by(|a: &Name, b| a.0.cmp(&b.0));
+        Self::of(&folder.join(super::pair::ROBOT), &own, operators)
+    }
+
+    /// Reads an operator's bundle.
+    ///
+    /// # Errors
+    /// Returns an error that names the file.
+    pub fn of_operator(bundle: &Path) -> Result<Self, Failure> {
+        let keys = Self::of(bundle, &read_secret(bundle)?, Vec::new())?;
+        if keys.operator.is_none() {
+            return Err(wrong(
+                bundle,
+                "has no line \"operator: NAME\". Give the bundle that bridge link pair operator made",
+            ));
+        }
+        Ok(keys)
+    }
+
+    fn of(path: &Path, text: &str, operators: Vec<Name>) -> Result<Self, Failure> {
+        let named = |key: &str| -> Result<Option<Name>, Failure> {
+            let line = text.lines().find_map(|line| line.strip_prefix(key));
+            line.map(|name| name.trim().parse().map_err(|error| wrong(path, format!("{key} {error}")))).transpose()
+        };
+        let missing = |what: &str| wrong(path, format!("has no {what}"));
+        let (certificates, keys) = (blocks(text, CERTIFICATE), blocks(text, PRIVATE_KEY));
+        let [certificate, authority] = certificates[..] else { return Err(missing("two certificates")) };
+        let [key] = keys[..] else { return Err(missing("private key")) };
+        Ok(Self {
+            robot: named("robot:")?.ok_or_else(|| missing("line \"robot: NAME\""))?,
+            operator: named("operator:")?,
+            operators,
+            certificate: certificate.to_owned(),
+            key: key.to_owned(),
+            authority: authority.to_owned(),
+        })
+    }
+
+    /// Returns a short code of both certificates, to compare by eye: the first 8 bytes of their SHA-256.
+    pub fn code(&self) -> String {
+        let hash = Sha256::new().chain_update(&self.certificate).chain_update(&self.authority).finalize();
+        let pairs: Vec<_> = hash.iter().take(8).map(|byte| format!("{byte:02x}")).collect();
+        pairs.chunks(2).map(|two| two.concat()).collect::<Vec<_>>().join("-")
+    }
+}
+
+/// Returns the PEM blocks with this label.
+fn blocks<'a>(text: &'a str, label: &str) -> Vec<&'a str> {
+    let (begin, end) = (format!("-----BEGIN {label}-----"), format!("-----END {label}-----"));
+    let starts = text.match_indices(&begin).map(|(at, _)| at);
+    starts.filter_map(|at| text[at..].find(&end).map(|length| &text[at..at + length + end.len()])).collect()
+}
+
+/// Reads a file that only its owner may read.
+fn read_secret(path: &Path) -> Result<String, Failure> {
+    let unreadable = |error| Failure::new(Exit::NoInput, rt::unreadable(path, &error));
+    let about = std::fs::metadata(path).map_err(unreadable)?;
+    if about.mode() & 0o077 != 0 {
+        let text =
+            format!("holds a key that others may read (mode {:04o}). Run chmod 600 on it", about.mode() & 0o7777);
+        return Err(wrong(path, text));
+    }
+    if about.len() > FILE_BYTES_MAX {
+        return Err(wrong(path, format!("has {} bytes; keys have at most {FILE_BYTES_MAX}", about.len())));
+    }
+    std::fs::read_to_string(path).map_err(unreadable)
+}
+
+fn wrong(path: &Path, text: impl std::fmt::Display) -> Failure {
+    Failure::new(Exit::DataErr, format!("{}: {text}", path.display()))
+}

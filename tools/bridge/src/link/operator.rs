@@ -1,0 +1,175 @@
+//! The operator's end.
+
+use super::heartbeat::Heartbeat;
+use super::keys::{Keys, Name};
+use super::report::{Report, of_robot};
+use super::wire::{Publisher, Slot, Wire, config, key, put};
+use crate::cli::LinkOperator;
+use doors::{CONNECTIONS_MAX, FrameSource, LeaseState, draw_nonce};
+use instance::Instance;
+use link::{Down, FRAME_BYTES_MAX, OperatorEnd, Unsendable};
+use messages::{RawSkeleton, Service, Stamp, Status};
+use rt::{Exit, Failure, Shutdown, out};
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use std::path::PathBuf;
+use std::sync::Arc;
+
+/// Time between two heartbeats, ns: 50 Hz, as every client of the operator socket sends.
+const BEAT_NS: u64 = 20_000_000;
+/// Longest wait, ns. Clients of the operator socket are served after it.
+const WAIT_NS: i64 = 2_000_000;
+/// Silence after which another client may take the person's place, ns. `ingest` keeps a silent client's lease as long.
+const SILENT_NS: u64 = 1_000_000_000;
+/// Silence of the robot's status that closes the operator socket, ns.
+const GONE_NS: u64 = Service::Status.row().stale_after_ms as u64 * 1_000_000;
+
+/// State of the operator's end.
+struct Operator {
+    end: OperatorEnd,
+    heartbeat: Heartbeat,
+    due: Stamp,
+    up: [Publisher; 2],
+    answers: Arc<Slot>,
+    persons: doors::Server,
+    socket: PathBuf,
+    /// There while the robot answers. Otherwise a client would hold what the robot does not hear.
+    operators: Option<operator::Server>,
+    status: Option<(Status, Stamp)>,
+    /// Session of the local client whose person goes up, and the time of its last frame.
+    holder: (u64, Stamp),
+    unsendable: Option<Unsendable>,
+    robot: Name,
+    report: Report,
+}
+
+/// Runs the operator's end until a signal.
+///
+/// # Errors
+/// Returns an error if bundle, folder or addresses cannot be used.
+pub fn run(args: &LinkOperator) -> Result<(), Failure> {
+    let shutdown = Shutdown::on_signals().map_err(Failure::with(Exit::Software))?;
+    let keys = Keys::of_operator(&args.bundle)?;
+    let unusable = |error| Failure::new(Exit::CantCreate, format!("{}: {error}", args.run_dir.display()));
+    let instance = Instance::new(&args.run_dir).map_err(unusable)?;
+    let persons = doors::Server::bind(&instance.skeleton_socket(), None).map_err(Failure::with(Exit::Unavailable))?;
+    let wire = Wire::open(&config(&keys, &[], &super::addresses(&args.connect)?))?;
+    let Some(name) = &keys.operator else { return Ok(()) };
+    out!("bridge: operator {name} of robot {}, code {}", keys.robot, keys.code());
+    out!("bridge: clients find the robot with --run-dir {}", instance.run_dir().display());
+    let publisher = |what: &str| wire.publisher(key(&keys.robot, what, name));
+    let mut operator = Operator {
+        end: OperatorEnd::new(draw_nonce()),
+        heartbeat: Heartbeat::new(),
+        due: Stamp::NONE,
+        up: [publisher("operator")?, publisher("person")?],
+        answers: wire.receive(key(&keys.robot, "answer", name))?,
+        persons,
+        socket: instance.operator_socket(),
+        operators: None,
+        status: None,
+        holder: (0, Stamp::NONE),
+        unsendable: None,
+        robot: keys.robot.clone(),
+        report: Report::default(),
+    };
+    while !shutdown.requested() {
+        operator.wait(&wire);
+        wire.calm();
+        operator.round(rt::now())?;
+    }
+    operator.heartbeat.withdraw();
+    operator.beat(rt::now());
+    Ok(())
+}
+
+impl Operator {
+    /// Waits until a person or a datagram arrives, at most [`WAIT_NS`].
+    fn wait(&self, wire: &Wire) {
+        let (sockets, count) = self.persons.descriptors(rt::now());
+        let mut all = [const { None }; CONNECTIONS_MAX + 2];
+        for (place, socket) in all.iter_mut().zip(sockets.iter().take(count).copied().chain([wire.event()])) {
+            *place = Some(PollFd::from_borrowed_fd(socket, PollFlags::IN));
+        }
+        let mut all: Vec<_> = all.into_iter().flatten().collect();
+        let _ = poll(&mut all, Some(&Timespec { tv_sec: 0, tv_nsec: WAIT_NS }));
+    }
+
+    fn round(&mut self, now: Stamp) -> Result<(), Failure> {
+        while let Some(bytes) = self.answers.take() {
+            match self.end.take(&bytes, now) {
+                Ok(Down::Status(status)) => self.status = Some((status, now)),
+                Ok(Down::Feedback(feedback)) => self.persons.feed_back(&feedback),
+                Ok(Down::Answer(_)) | Err(_) => {}
+            }
+        }
+        self.send_persons(now);
+        let pressed = self.serve(now)?;
+        if pressed || now >= self.due {
+            self.beat(now);
+        }
+        self.tell(now);
+        Ok(())
+    }
+
+    /// Sends the persons that have arrived, of one client at a time.
+    fn send_persons(&mut self, now: Stamp) {
+        let (mut newest, mut holder) = (None, self.holder);
+        let held = now.since(holder.1) < SILENT_NS;
+        self.persons.poll(now, held, |source: FrameSource, frame: &RawSkeleton| {
+            if source.session_nonce != holder.0 && now.since(holder.1) < SILENT_NS {
+                return LeaseState::NotHolder;
+            }
+            holder = (source.session_nonce, now);
+            newest = Some(*frame);
+            LeaseState::Holder
+        });
+        self.holder = holder;
+        let Some(person) = newest else { return };
+        let mut bytes = [0; FRAME_BYTES_MAX];
+        match self.end.person(&person, now, &mut bytes) {
+            Ok(length) => put(&self.up[1], &bytes[..length]),
+            Err(Unsendable::NoSession) => {}
+            Err(error) => {
+                if self.unsendable != Some(error) {
+                    out!("bridge: a person cannot be sent: {error}");
+                }
+                self.unsendable = Some(error);
+            }
+        }
+    }
+
+    /// Serves the clients of the operator socket. Returns true if something must go up at once.
+    fn serve(&mut self, now: Stamp) -> Result<bool, Failure> {
+        let status = self.status.filter(|(_, at)| now.since(*at) <= GONE_NS && self.end.is_linked(now));
+        let Some((status, _)) = status else {
+            if self.operators.take().is_some() {
+                // Clients see the end of their connection, and have to press again.
+                self.heartbeat.restart();
+                return Ok(true);
+            }
+            return Ok(false);
+        };
+        if self.operators.is_none() {
+            self.operators = Some(operator::Server::bind(&self.socket)?);
+        }
+        let view = self.operators.as_mut().map(|operators| operators.poll(now, &status));
+        Ok(view.is_some_and(|view| self.heartbeat.note(&view)))
+    }
+
+    fn beat(&mut self, now: Stamp) {
+        self.heartbeat.beat();
+        self.due = now.plus_ns(BEAT_NS);
+        let mut bytes = [0; FRAME_BYTES_MAX];
+        let length = self.end.heartbeat(&self.heartbeat.request, now, &mut bytes);
+        put(&self.up[0], &bytes[..length]);
+    }
+
+    fn tell(&mut self, now: Stamp) {
+        let link = self.end.link(now);
+        let state = match link.answer {
+            None => "no answer. Is bridge link robot running, and does it admit this operator?",
+            Some(answer) => answer.verdict.name(),
+        };
+        self.report.tell(now, &format!("{}: {state}", self.robot), || of_robot(&link));
+    }
+}

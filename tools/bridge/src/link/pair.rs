@@ -1,0 +1,128 @@
+//! Makes the certificates of a link. All of it happens at the robot: its authority signs the certificates of its operators.
+
+use super::keys::{Keys, Name};
+use rcgen::{
+    BasicConstraints, CertificateParams, DistinguishedName, DnType, ExtendedKeyUsagePurpose, IsCa, Issuer, KeyPair,
+    KeyUsagePurpose,
+};
+use rt::{Exit, Failure, out};
+use std::fs::{DirBuilder, OpenOptions};
+use std::io::Write;
+use std::os::unix::fs::{DirBuilderExt, OpenOptionsExt};
+use std::path::Path;
+
+/// File with the robot's certificate, its key and its authority.
+pub(super) const ROBOT: &str = "robot.pem";
+/// File with the authority's key. It never leaves the robot.
+const AUTHORITY_KEY: &str = "authority-key.pem";
+/// Folder with one certificate for each operator. A file that is removed removes the operator.
+pub(super) const OPERATORS: &str = "operators";
+
+/// Makes the authority and the certificate of the robot `name` in the folder `keys`.
+///
+/// # Errors
+/// Returns an error if a file exists already, or cannot be written.
+pub fn pair_robot(name: &Name, keys: &Path) -> Result<(), Failure> {
+    let failed = Failure::with(Exit::Software);
+    DirBuilder::new().recursive(true).mode(0o700).create(keys).map_err(|error| unwritable(keys, &error))?;
+    let key = KeyPair::generate().map_err(&failed)?;
+    let authority = authority_of(name).self_signed(&key).map_err(&failed)?.pem();
+    write_new(&keys.join(AUTHORITY_KEY), &key.serialize_pem())?;
+    let issuer = Issuer::new(authority_of(name), key);
+    // At a router the robot is a client, too.
+    let purposes = vec![ExtendedKeyUsagePurpose::ServerAuth, ExtendedKeyUsagePurpose::ClientAuth];
+    let (certificate, own_key) = sign(name, purposes, &issuer)?;
+    write_new(&keys.join(ROBOT), &format!("robot: {name}\n{certificate}{own_key}{authority}"))?;
+    out!("bridge: {} holds the keys of robot {name}, code {}", keys.display(), Keys::of_robot(keys)?.code());
+    out!("bridge: next: bridge link pair operator --name NAME --keys {}", keys.display());
+    Ok(())
+}
+
+/// Makes the bundle of the operator `name` in the folder `keys` of a robot.
+///
+/// # Errors
+/// Returns an error if the operator or the bundle exists already, or a file cannot be written.
+pub fn pair_operator(name: &Name, keys: &Path) -> Result<(), Failure> {
+    let robot = Keys::of_robot(keys)?;
+    if *name == robot.robot {
+        let text = format!("{name}: the robot has this name. Give the operator another one");
+        return Err(Failure::new(Exit::Usage, text));
+    }
+    let path = keys.join(AUTHORITY_KEY);
+    let key =
+        std::fs::read_to_string(&path).map_err(|error| Failure::new(Exit::NoInput, rt::unreadable(&path, &error)))?;
+    let key =
+        KeyPair::from_pem(&key).map_err(|error| Failure::new(Exit::DataErr, format!("{}: {error}", path.display())))?;
+    let issuer = Issuer::new(authority_of(&robot.robot), key);
+    // No server: an operator cannot present itself as the robot.
+    let (certificate, own_key) = sign(name, vec![ExtendedKeyUsagePurpose::ClientAuth], &issuer)?;
+    let operators = keys.join(OPERATORS);
+    DirBuilder::new().recursive(true).mode(0o700).create(&operators).map_err(|error| unwritable(&operators, &error))?;
+    let bundle = keys.join(format!("{name}.bundle"));
+    let text = format!("robot: {}\noperator: {name}\n{certificate}{own_key}{}\n", robot.robot, robot.authority);
+    write_new(&operators.join(format!("{name}.pem")), &certificate)?;
+    write_new(&bundle, &text)?;
+    let code = Keys::of_operator(&bundle)?.code();
+    out!("bridge: copy {} to the operator's machine, with scp, and remove it here", bundle.display());
+    out!("bridge: code {code}; bridge link pair show must print the same there");
+    out!("bridge: a robot end that runs admits {name} after its next start");
+    Ok(())
+}
+
+/// Prints the names and the code of a bundle.
+///
+/// # Errors
+/// Returns an error that names the file.
+pub fn show(bundle: &Path) -> Result<(), Failure> {
+    let keys = Keys::of_operator(bundle)?;
+    let operator = keys.operator.as_ref().map(Name::as_str).unwrap_or_default();
+    out!("bridge: operator {operator} of robot {}, code {}", keys.robot, keys.code());
+    Ok(())
+}
+
+fn named(name: &str) -> CertificateParams {
+    let mut params = CertificateParams::default();
+    params.distinguished_name = DistinguishedName::new();
+    params.distinguished_name.push(DnType::CommonName, name);
+    params
+}
+
+fn authority_of(robot: &Name) -> CertificateParams {
+    let mut params = named(&format!("{robot} authority"));
+    params.is_ca = IsCa::Ca(BasicConstraints::Constrained(0));
+    params.key_usages = vec![KeyUsagePurpose::KeyCertSign];
+    params
+}
+
+/// Returns a certificate and its key, PEM.
+fn sign(
+    name: &Name,
+    purposes: Vec<ExtendedKeyUsagePurpose>,
+    issuer: &Issuer<'_, KeyPair>,
+) -> Result<(String, String), Failure> {
+    let failed = Failure::with(Exit::Software);
+    let key = KeyPair::generate().map_err(&failed)?;
+    let mut params = named(name.as_str());
+    params.extended_key_usages = purposes;
+    params.key_usages = vec![KeyUsagePurpose::DigitalSignature];
+    let certificate = params.signed_by(&key, issuer).map_err(&failed)?;
+    Ok((certificate.pem(), key.serialize_pem()))
+}
+
+/// Writes a file that only its owner may read. An existing one is never replaced.
+fn write_new(path: &Path, text: &str) -> Result<(), Failure> {
+    let file = OpenOptions::new().write(true).create_new(true).mode(0o600).open(path);
+    let written = file.and_then(|mut file| file.write_all(text.as_bytes()).and_then(|()| file.sync_all()));
+    written.map_err(|error| match error.kind() {
+        std::io::ErrorKind::AlreadyExists => {
+            let text =
+                format!("{}: exists. Keys are never replaced; remove it, or give another --keys", path.display());
+            Failure::new(Exit::CantCreate, text)
+        }
+        _ => unwritable(path, &error),
+    })
+}
+
+fn unwritable(path: &Path, error: &std::io::Error) -> Failure {
+    Failure::new(Exit::CantCreate, rt::unwritable(path, error))
+}

@@ -1,0 +1,73 @@
+//! The robot's end on the skeleton socket: one client for each operator.
+
+use doors::{Client, DoorError};
+use messages::{Feedback, RawSkeleton, Stamp};
+use std::path::{Path, PathBuf};
+use std::thread::JoinHandle;
+
+/// Time until a failed connection is tried again, ns.
+const RETRY_NS: u64 = 500_000_000;
+
+/// An operator's client of `ingest`. A connection takes up to a second, so a thread makes it.
+pub(super) struct Person {
+    socket: PathBuf,
+    client: Option<Client>,
+    coming: Option<JoinHandle<Result<Client, DoorError>>>,
+    retry: Stamp,
+    /// Session of the client at the operator's machine. A new one is a new one here, too.
+    of: u64,
+    told: u64,
+    /// Why there is no connection.
+    pub(super) why: Option<String>,
+}
+
+impl Person {
+    pub(super) fn new(socket: &Path) -> Self {
+        Self { socket: socket.to_owned(), client: None, coming: None, retry: Stamp::NONE, of: 0, told: 0, why: None }
+    }
+
+    /// Publishes a person. Before the connection is there, it is lost.
+    pub(super) fn publish(&mut self, person: &RawSkeleton, now: Stamp) {
+        if person.session_nonce != self.of {
+            (self.of, self.client) = (person.session_nonce, None);
+        }
+        if let Some(coming) = self.coming.take_if(|coming| coming.is_finished()) {
+            match coming.join() {
+                Ok(Ok(client)) => (self.client, self.why) = (Some(client), None),
+                Ok(Err(error)) => (self.why, self.retry) = (Some(error.to_string()), now.plus_ns(RETRY_NS)),
+                Err(_) => self.retry = now.plus_ns(RETRY_NS),
+            }
+        }
+        match &mut self.client {
+            Some(client) => match client.publish(person) {
+                Ok(()) | Err(DoorError::Timeout { .. }) => {}
+                Err(error) => {
+                    (self.client, self.why, self.retry) = (None, Some(error.to_string()), now.plus_ns(RETRY_NS));
+                }
+            },
+            None if self.coming.is_none() && now >= self.retry => {
+                let socket = self.socket.clone();
+                let attach = move || Client::attach_with_feedback(socket);
+                self.coming = std::thread::Builder::new().name("attach".into()).spawn(attach).ok();
+            }
+            None => {}
+        }
+    }
+
+    /// Returns a feedback that is newer than the last one.
+    pub(super) fn feedback(&mut self) -> Option<Feedback> {
+        let client = self.client.as_mut()?;
+        if let Err(error) = client.listen() {
+            (self.client, self.why) = (None, Some(error.to_string()));
+            return None;
+        }
+        let feedback = client.feedback().filter(|feedback| feedback.header.sequence != self.told)?;
+        self.told = feedback.header.sequence;
+        Some(*feedback)
+    }
+
+    /// Ends the connection.
+    pub(super) fn leave(&mut self) {
+        self.client = None;
+    }
+}

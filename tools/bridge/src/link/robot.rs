@@ -1,0 +1,230 @@
+//! The robot's end.
+
+use super::keys::{Keys, Name};
+use super::person::Person;
+use super::report::{Report, of_operator};
+use super::wire::{Publisher, Slot, Wire, config, key, put, status_key};
+use crate::cli::LinkRobot;
+use doors::draw_nonce;
+use instance::Instance;
+use link::{FRAME_BYTES_MAX, OPERATORS_MAX, Payload, RobotEnd, Sent};
+use messages::{Layout, Message, OperatorRequest, Stamp, Status};
+use operator::{Client, OperatorSession};
+use rt::{Exit, Failure, Shutdown, out};
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use std::path::PathBuf;
+use std::sync::Arc;
+
+/// Longest wait for a datagram, ns. Silence and a new status are noticed after it.
+const WAIT_NS: i64 = 5_000_000;
+/// Time between two answers without a cause, ns: 10 a second, for the clocks.
+const ANSWER_EVERY_NS: u64 = 100_000_000;
+/// Longest wait for room in the operator socket, ms. `control` reads it 1500 times a second.
+const SEND_MS: u64 = 20;
+/// Time between two attempts to reach `control` for its status, ns.
+const RETRY_NS: u64 = 500_000_000;
+/// Bytes before a status on its key: its version and its length, 32 bits each.
+const STATUS_HEAD_BYTES: usize = 8;
+
+/// One operator.
+struct Operator {
+    name: Name,
+    slots: [Arc<Slot>; 2],
+    answers: Publisher,
+    person: Person,
+    control: Option<Client>,
+    answered: Stamp,
+    report: Report,
+}
+
+/// State of the robot's end.
+struct Robot {
+    end: RobotEnd,
+    operators: Vec<Operator>,
+    operator_socket: PathBuf,
+    /// Connection for the status, and for an emergency stop without a session.
+    watch: Option<OperatorSession>,
+    retry: Stamp,
+    status: Publisher,
+    /// Number of the last status that was sent.
+    told: u64,
+}
+
+/// Runs the robot's end until a signal.
+///
+/// # Errors
+/// Returns an error if keys, folder or addresses cannot be used.
+pub fn run(args: &LinkRobot) -> Result<(), Failure> {
+    let shutdown = Shutdown::on_signals().map_err(Failure::with(Exit::Software))?;
+    let mut keys = Keys::of_robot(&args.keys)?;
+    if keys.operators.len() > OPERATORS_MAX {
+        let text = format!("{}: {} operators; at most {OPERATORS_MAX}", args.keys.display(), keys.operators.len());
+        return Err(Failure::new(Exit::Config, text));
+    }
+    if keys.operators.is_empty() {
+        let text = format!("{}: no operator. Run bridge link pair operator first", args.keys.display());
+        return Err(Failure::new(Exit::Config, text));
+    }
+    if !args.run_dir.is_dir() {
+        let text = format!("{}: no instance of teleopd runs there", args.run_dir.display());
+        return Err(Failure::new(Exit::Unavailable, text));
+    }
+    let instance = Instance::unmade(&args.run_dir);
+    let wire = Wire::open(&config(&keys, &super::addresses(&args.listen)?, &super::addresses(&args.connect)?))?;
+    let admitted: Vec<_> = keys.operators.iter().map(Name::as_str).collect();
+    out!("bridge: robot {} admits {}, code {}", keys.robot, admitted.join(", "), keys.code());
+    let names = std::mem::take(&mut keys.operators);
+    let operators = names.into_iter().map(|name| Operator::new(&wire, &keys.robot, name, &instance));
+    let mut robot = Robot {
+        end: RobotEnd::default(),
+        operators: operators.collect::<Result<_, _>>()?,
+        operator_socket: instance.operator_socket(),
+        watch: None,
+        retry: Stamp::NONE,
+        status: wire.publisher(status_key(&keys.robot))?,
+        told: 0,
+    };
+    while !shutdown.requested() {
+        let mut event = [PollFd::from_borrowed_fd(wire.event(), PollFlags::IN)];
+        let _ = poll(&mut event, Some(&Timespec { tv_sec: 0, tv_nsec: WAIT_NS }));
+        wire.calm();
+        robot.round();
+    }
+    Ok(())
+}
+
+impl Operator {
+    fn new(wire: &Wire, robot: &Name, name: Name, instance: &Instance) -> Result<Self, Failure> {
+        Ok(Self {
+            // The order of use: an emergency stop comes before a person.
+            slots: [wire.receive(key(robot, "operator", &name))?, wire.receive(key(robot, "person", &name))?],
+            answers: wire.publisher(key(robot, "answer", &name))?,
+            person: Person::new(&instance.skeleton_socket()),
+            control: None,
+            answered: Stamp::NONE,
+            report: Report::default(),
+            name,
+        })
+    }
+}
+
+impl Robot {
+    fn round(&mut self) {
+        for at in 0..self.operators.len() {
+            for slot in 0..2 {
+                while let Some(bytes) = self.operators[at].slots[slot].take() {
+                    self.take(at, &bytes);
+                }
+            }
+        }
+        let now = rt::now();
+        let ended = self.end.tick(now);
+        for (operator, _) in self.operators.iter_mut().zip(ended).filter(|(_, ended)| *ended) {
+            // With the connection goes what it holds: a partition is a release.
+            operator.control = None;
+            operator.person.leave();
+            operator.answered = Stamp::NONE;
+        }
+        self.tell_status(now);
+        for at in 0..self.operators.len() {
+            self.answer(at, now);
+        }
+    }
+
+    fn take(&mut self, at: usize, bytes: &[u8]) {
+        let now = rt::now();
+        let taken = self.end.take(at, bytes, now, draw_nonce);
+        if taken.stop {
+            out!("bridge: {} pressed the emergency stop outside a session", self.operators[at].name);
+            self.stop();
+        }
+        let operator = &mut self.operators[at];
+        match taken.outcome {
+            Ok(Sent::Person(person)) => operator.person.publish(&person, now),
+            Ok(Sent::Request(request)) => self.relay(at, &request),
+            Ok(Sent::Began) => {
+                operator.control = None;
+                operator.answered = Stamp::NONE;
+            }
+            Err(_) => {}
+        }
+    }
+
+    /// Sends a request to `control`. Each session has a connection of its own.
+    fn relay(&mut self, at: usize, request: &OperatorRequest) {
+        let operator = &mut self.operators[at];
+        if operator.control.is_none() && request.sequence == 1 {
+            operator.control = Client::connect_within(&self.operator_socket, SEND_MS).ok();
+        }
+        let sent = operator.control.as_mut().is_some_and(|control| control.send(request).is_ok());
+        if !sent {
+            operator.control = None;
+            self.end.end(at);
+        }
+    }
+
+    /// Presses the emergency stop for an operator without a session.
+    fn stop(&mut self) {
+        match &self.watch {
+            Some(watch) if !watch.is_cut_off() => watch.estop(),
+            _ => {
+                let pressed = Client::connect_within(&self.operator_socket, SEND_MS)
+                    .and_then(|mut client| client.estop().heartbeat());
+                if let Err(error) = pressed {
+                    out!("bridge: the emergency stop did not arrive: {error}");
+                }
+            }
+        }
+    }
+
+    /// Sends a status that is newer than the last one.
+    fn tell_status(&mut self, now: Stamp) {
+        if self.watch.as_ref().is_none_or(OperatorSession::is_cut_off) {
+            if now >= self.retry {
+                self.watch = OperatorSession::connect(&self.operator_socket).ok();
+                self.retry = now.plus_ns(RETRY_NS);
+            }
+            return;
+        }
+        let Some(status) = self.watch.as_ref().and_then(OperatorSession::status) else { return };
+        if status.header.sequence == self.told {
+            return;
+        }
+        self.told = status.header.sequence;
+        let mut out = [0; FRAME_BYTES_MAX];
+        for (at, operator) in self.operators.iter().enumerate() {
+            if let Some(length) = self.end.send(at, Payload::Status(status), now, &mut out) {
+                put(&operator.answers, &out[..length]);
+            }
+        }
+        let mut plain = [0; STATUS_HEAD_BYTES + size_of::<Status>()];
+        [Status::VERSION, size_of::<Status>() as u32].put(&mut plain);
+        status.put(&mut plain[STATUS_HEAD_BYTES..]);
+        put(&self.status, &plain);
+    }
+
+    fn answer(&mut self, at: usize, now: Stamp) {
+        let operator = &mut self.operators[at];
+        let mut out = [0; FRAME_BYTES_MAX];
+        if let Some(length) = self.end.answer_rival(at, now, &mut out) {
+            put(&operator.answers, &out[..length]);
+        }
+        if now.since(operator.answered) >= ANSWER_EVERY_NS
+            && let Some(length) = self.end.answer(at, now, &mut out)
+        {
+            operator.answered = now;
+            put(&operator.answers, &out[..length]);
+        }
+        if let Some(feedback) = operator.person.feedback()
+            && let Some(length) = self.end.send(at, Payload::Feedback(feedback), now, &mut out)
+        {
+            put(&operator.answers, &out[..length]);
+        }
+        if let Some(state) = self.end.state(at, now) {
+            let (trip, refused) = (self.end.round_trip_ns(at), self.end.refused(at));
+            let why = operator.person.why.as_ref().map_or(String::new(), |why| format!("; {why}"));
+            let said = format!("{}: {}", operator.name, state.verdict.name());
+            operator.report.tell(now, &said, || of_operator(&state, trip, &refused) + &why);
+        }
+    }
+}

@@ -1,0 +1,204 @@
+//! The session of zenoh: its settings, what each end may put, and a slot for the newest datagram of each key.
+
+use super::keys::{Keys, Name};
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD;
+use rt::{Exit, Failure};
+use rustix::event::{EventfdFlags, eventfd};
+use serde_json::{Value, json};
+use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
+use std::sync::{Arc, Mutex, PoisonError};
+use zenoh::Wait;
+
+/// Silence after which a connection is given up, ms. The sessions of `link` end sooner.
+const LEASE_MS: u32 = 500;
+/// Time between two attempts to connect, ms.
+const RETRY_MS: [u32; 2] = [200, 1000];
+
+/// Returns a key on the wire: `teleop/ROBOT/WHAT/NAME`.
+pub fn key(robot: &Name, what: &str, name: &Name) -> String {
+    format!("teleop/{robot}/{what}/{name}")
+}
+
+/// Returns the key of the robot's status, for every holder of a certificate.
+pub(super) fn status_key(robot: &Name) -> String {
+    format!("teleop/{robot}/status")
+}
+
+/// Returns the settings of zenoh. Without certificates nothing listens or connects, and nothing is discovered.
+pub fn config(keys: &Keys, listen: &[String], connect: &[String]) -> Value {
+    let pem = |text: &str| STANDARD.encode(text);
+    // One connection carries both: declarations on a stream, and datagrams as such.
+    let mixed = |all: &[String], mixed: &str| -> Vec<String> {
+        all.iter().map(|endpoint| format!("{endpoint}?mixed_rel={mixed}")).collect()
+    };
+    json!({
+        "mode": "peer",
+        "listen": { "endpoints": mixed(listen, "auto") },
+        "connect": {
+            "endpoints": mixed(connect, "1"),
+            "retry": { "period_init_ms": RETRY_MS[0], "period_max_ms": RETRY_MS[1], "period_increase_factor": 2 },
+        },
+        "scouting": { "multicast": { "enabled": false }, "gossip": { "enabled": false } },
+        "transport": { "link": {
+            "protocols": ["quic"],
+            "tx": { "lease": LEASE_MS, "keep_alive": 4 },
+            "tls": {
+                "enable_mtls": true,
+                "root_ca_certificate_base64": pem(&keys.authority),
+                "listen_certificate_base64": pem(&keys.certificate),
+                "listen_private_key_base64": pem(&keys.key),
+                "connect_certificate_base64": pem(&keys.certificate),
+                "connect_private_key_base64": pem(&keys.key),
+                // The authority belongs to one robot, and it alone has a certificate for a server.
+                "verify_name_on_connect": false,
+            },
+        } },
+        "qos": { "publication": [{
+            "key_exprs": ["teleop/**"],
+            "config": {
+                "reliability": "best_effort", "congestion_control": "drop", "priority": "real_time", "express": true,
+            },
+        }] },
+        "access_control": access(keys),
+    })
+}
+
+/// Returns who may do what, by the common name of the certificate at the other end. Nobody may do anything else.
+fn access(keys: &Keys) -> Value {
+    let (robot, status) = (&keys.robot, status_key(&keys.robot));
+    let rule = |id: &str, messages: &[&str], flow: &str, key_exprs: &[String]| {
+        let flows = [flow];
+        json!({ "id": id, "messages": messages, "flows": flows, "permission": "allow", "key_exprs": key_exprs })
+    };
+    let (mut rules, mut subjects, mut policies) = (Vec::new(), Vec::new(), Vec::new());
+    let mut admit = |subject: Value, of_subject: Vec<Value>| {
+        let ids: Vec<_> = of_subject.iter().map(|rule| rule["id"].clone()).collect();
+        policies.push(json!({ "rules": ids, "subjects": [subject["id"]] }));
+        subjects.push(subject);
+        rules.extend(of_subject);
+    };
+    if let Some(own) = &keys.operator {
+        // The other end is the robot, or a router.
+        let up = [key(robot, "person", own), key(robot, "operator", own)];
+        let down = [key(robot, "answer", own), status.clone()];
+        let of_robot = vec![
+            rule("put-up", &["put"], "egress", &up),
+            rule("want-up", &["declare_subscriber"], "ingress", &up),
+            rule("put-down", &["put"], "ingress", &down),
+            rule("want-down", &["declare_subscriber"], "egress", &down),
+        ];
+        admit(json!({ "id": "robot" }), of_robot);
+    }
+    for name in &keys.operators {
+        let up = [key(robot, "person", name), key(robot, "operator", name)];
+        let answer = [key(robot, "answer", name)];
+        let of_operator = vec![
+            rule(&format!("{name}-put-up"), &["put"], "ingress", &up),
+            rule(&format!("{name}-want-up"), &["declare_subscriber"], "egress", &up),
+            rule(&format!("{name}-put-down"), &["put"], "egress", &answer),
+            rule(&format!("{name}-want-down"), &["declare_subscriber"], "ingress", &answer),
+        ];
+        admit(json!({ "id": name.as_str(), "cert_common_names": [name.as_str()] }), of_operator);
+    }
+    if keys.operator.is_none() {
+        let of_all = vec![
+            rule("all-put-status", &["put"], "egress", std::slice::from_ref(&status)),
+            rule("all-want-status", &["declare_subscriber"], "ingress", std::slice::from_ref(&status)),
+        ];
+        admit(json!({ "id": "all" }), of_all);
+    }
+    json!({
+        "enabled": true, "default_permission": "deny", "rules": rules, "subjects": subjects, "policies": policies,
+    })
+}
+
+/// Kinds of datagrams that have a place of their own before they are decoded.
+const KINDS: usize = 8;
+/// Place of a datagram's kind: the third number.
+const KIND_AT: usize = 8;
+
+/// The newest datagram of each kind of a key. There is no queue: a newer one replaces it.
+#[derive(Debug, Default)]
+pub struct Slot(Mutex<[Option<Vec<u8>>; KINDS]>);
+
+impl Slot {
+    /// Takes a datagram that arrived since the last calls.
+    pub fn take(&self) -> Option<Vec<u8>> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).iter_mut().find_map(Option::take)
+    }
+
+    fn put(&self, bytes: Vec<u8>) {
+        let kind = usize::from(bytes.get(KIND_AT).copied().unwrap_or_default()) % KINDS;
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)[kind] = Some(bytes);
+    }
+}
+
+/// A session, and the event that wakes the loop when a datagram arrives.
+pub struct Wire {
+    session: zenoh::Session,
+    event: Arc<OwnedFd>,
+}
+
+/// A key on which this end puts.
+pub type Publisher = zenoh::pubsub::Publisher<'static>;
+
+impl Wire {
+    /// Opens a session.
+    ///
+    /// # Errors
+    /// Returns an error if an address cannot be used.
+    pub fn open(settings: &Value) -> Result<Self, Failure> {
+        let failed = Failure::with(Exit::Unavailable);
+        let config = zenoh::Config::from_json5(&settings.to_string()).map_err(Failure::with(Exit::Usage))?;
+        let session = zenoh::open(config).wait().map_err(&failed)?;
+        let event = eventfd(0, EventfdFlags::CLOEXEC | EventfdFlags::NONBLOCK).map_err(Failure::with(Exit::OsErr))?;
+        Ok(Self { session, event: Arc::new(event) })
+    }
+
+    /// Keeps the newest datagram of `key` in the slot that is returned.
+    ///
+    /// # Errors
+    /// Returns an error if the session is closed.
+    pub fn receive(&self, key: String) -> Result<Arc<Slot>, Failure> {
+        let slot = Arc::new(Slot::default());
+        let (of_callback, event) = (Arc::clone(&slot), Arc::clone(&self.event));
+        let take = move |sample: zenoh::sample::Sample| {
+            let payload = sample.payload();
+            if payload.len() <= link::FRAME_BYTES_MAX {
+                of_callback.put(payload.to_bytes().into_owned());
+                let _ = rustix::io::write(&*event, &1_u64.to_ne_bytes());
+            }
+        };
+        self.session
+            .declare_subscriber(key)
+            .callback(take)
+            .background()
+            .wait()
+            .map_err(Failure::with(Exit::Software))?;
+        Ok(slot)
+    }
+
+    /// Returns a publisher for `key`.
+    ///
+    /// # Errors
+    /// Returns an error if the session is closed.
+    pub fn publisher(&self, key: String) -> Result<Publisher, Failure> {
+        self.session.declare_publisher(key).wait().map_err(Failure::with(Exit::Software))
+    }
+
+    /// The event: readable after a datagram, until [`Wire::calm`].
+    pub(super) fn event(&self) -> BorrowedFd<'_> {
+        self.event.as_fd()
+    }
+
+    /// Makes the event wait for the next datagram.
+    pub(super) fn calm(&self) {
+        let _ = rustix::io::read(&*self.event, &mut [0_u8; 8]);
+    }
+}
+
+/// Sends a datagram. One that cannot be sent at once is lost.
+pub fn put(publisher: &Publisher, bytes: &[u8]) {
+    let _ = publisher.put(bytes).wait();
+}
