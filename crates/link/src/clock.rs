@@ -59,7 +59,7 @@ impl Measured {
     }
 }
 
-/// What is known of the other end's clock.
+/// The other end's clock, as far as it is known.
 #[derive(Clone, Copy, Debug)]
 pub struct Clock {
     places: [Measured; PLACES],

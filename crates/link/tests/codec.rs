@@ -67,7 +67,7 @@ fn every_kind_survives_the_round_trip() {
     }
 }
 
-/// What a network carries in one datagram: QUIC guarantees 1,200 bytes, of which zenoh leaves 1,150 to its messages.
+/// One datagram holds them on any network: QUIC guarantees 1,200 bytes, of which zenoh leaves 1,150 to its messages.
 #[test]
 fn layouts_of_most_trackers_fit_into_one_datagram() {
     for (joints, flags) in [(24, raw_flag::ROTATIONS), (28, raw_flag::ROTATIONS), (33, 0), (55, 0)] {

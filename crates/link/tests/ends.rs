@@ -18,7 +18,7 @@ struct Flying {
     up: bool,
 }
 
-/// What reached the daemon, with the true age.
+/// The daemon: everything that reached it, with the true ages.
 #[derive(Default)]
 struct Daemon {
     connections: usize,

@@ -1,0 +1,184 @@
+//! Time that a person takes from the operator's skeleton socket to the robot's, over the loopback, beside one socket alone,
+//! shared memory, and an echo of zenoh in Python. `cargo test --release -p bridge --test link_latency -- --ignored --nocapture`
+
+use bus::Domain;
+use doors::LeaseState;
+use instance::Instance;
+use messages::{Header, Layout, RawSkeleton, Service, raw_flag};
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use std::net::UdpSocket;
+use std::path::Path;
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+
+/// Frames of a measurement, and the time between two: 100 Hz.
+const FRAMES: u64 = 1000;
+const PERIOD: Duration = Duration::from_millis(10);
+/// Bars for what the link adds, one way, ms: half, and 99 of 100.
+const BARS_MS: [f64; 2] = [0.5, 2.0];
+
+fn person(sequence: u64) -> RawSkeleton {
+    let now = rt::now();
+    let header = Header { sequence, stamp: now, origin: now, ..Header::ZERO };
+    RawSkeleton { header, flags: raw_flag::ROTATIONS, joint_count: 24, ..RawSkeleton::ZERO }
+}
+
+/// Median and 99th percentile, ms.
+fn quantiles(mut times: Vec<f64>) -> [f64; 2] {
+    times.sort_by(f64::total_cmp);
+    [50, 99].map(|share| times.get(times.len() * share / 100).copied().unwrap_or(f64::NAN))
+}
+
+fn tell(what: &str, times: Vec<f64>) -> [f64; 2] {
+    let count = times.len();
+    let [half, most] = quantiles(times);
+    println!("{what}: p50 {half:.3} ms, p99 {most:.3} ms, {count} of {FRAMES}");
+    [half, most]
+}
+
+/// Publishes at `from` and receives at `to`.
+fn over_sockets(from: &Path, server: &mut doors::Server) -> Vec<f64> {
+    let mut client = None;
+    let (mut sent, mut times) = (vec![Instant::now(); FRAMES as usize + 1], Vec::new());
+    let (mut next, mut sequence) = (Instant::now(), 0);
+    let begun = Instant::now();
+    while sequence < FRAMES && begun.elapsed() < Duration::from_secs(60) {
+        if client.is_none() {
+            // The hello is answered below when both ends are the same server.
+            let path = from.to_owned();
+            let coming = std::thread::spawn(move || doors::Client::attach(path));
+            while !coming.is_finished() {
+                server.poll(rt::now(), false, |_, _| LeaseState::Holder);
+                std::thread::sleep(Duration::from_millis(1));
+            }
+            client = coming.join().expect("it ends").ok();
+            continue;
+        }
+        if Instant::now() >= next {
+            next = Instant::now() + PERIOD;
+            sequence += 1;
+            sent[sequence as usize] = Instant::now();
+            if client.as_mut().is_some_and(|client| client.publish(&person(sequence)).is_err()) {
+                client = None;
+            }
+        }
+        let (sockets, count) = server.descriptors(rt::now());
+        let mut all: Vec<_> =
+            sockets[..count].iter().map(|socket| PollFd::from_borrowed_fd(*socket, PollFlags::IN)).collect();
+        let left = next.saturating_duration_since(Instant::now()).min(PERIOD);
+        let _ = poll(&mut all, Some(&Timespec { tv_sec: 0, tv_nsec: left.subsec_nanos().into() }));
+        server.poll(rt::now(), false, |_, frame| {
+            if let Some(sent) = sent.get(frame.header.sequence as usize) {
+                times.push(sent.elapsed().as_secs_f64() * 1e3);
+            }
+            LeaseState::Holder
+        });
+    }
+    times
+}
+
+fn over_shared_memory() -> Vec<f64> {
+    let folder = tempfile::tempdir().expect("a folder");
+    let instance = Instance::new(folder.path()).expect("an instance");
+    let domain = Domain::open(instance.input_domain(), "test").expect("a domain");
+    let mut writer = domain.writer::<RawSkeleton>(Service::RawSkeleton).expect("a writer");
+    let mut reader = domain.reader::<RawSkeleton>(Service::RawSkeleton).expect("a reader");
+    let mut times = Vec::new();
+    for sequence in 1..=FRAMES {
+        let sent = Instant::now();
+        let _ = writer.publish(&person(sequence));
+        while reader.latest().is_none() && sent.elapsed() < PERIOD {}
+        times.push(sent.elapsed().as_secs_f64() * 1e3);
+        std::thread::sleep(Duration::from_millis(1));
+    }
+    instance.retire();
+    times
+}
+
+/// Half of the way there and back between two sessions in Python, over TCP without certificates.
+const PYTHON: &str = r#"
+import sys, threading, time, zenoh
+port, frames = sys.argv[1], int(sys.argv[2])
+def session(listen, connect):
+    text = '{mode:"peer",listen:{endpoints:%s},connect:{endpoints:%s},scouting:{multicast:{enabled:false}}}' % (listen, connect)
+    return zenoh.open(zenoh.Config.from_json5(text))
+address = '["tcp/127.0.0.1:%s"]' % port
+with session(address, '[]') as far, session('[]', address) as near:
+    back, got = far.declare_publisher("back"), threading.Event()
+    far.declare_subscriber("there", lambda sample: back.put(bytes(sample.payload)))
+    near.declare_subscriber("back", lambda sample: got.set())
+    there = near.declare_publisher("there")
+    time.sleep(1)
+    for _ in range(frames):
+        got.clear()
+        begun = time.perf_counter()
+        there.put(bytes(896))
+        if got.wait(1):
+            print((time.perf_counter() - begun) * 500)
+        time.sleep(0.005)
+"#;
+
+fn over_python() -> Option<Vec<f64>> {
+    let port = UdpSocket::bind("127.0.0.1:0").ok()?.local_addr().ok()?.port().to_string();
+    let done = Command::new("python3").args(["-c", PYTHON, &port, &FRAMES.to_string()]).output().ok()?;
+    let lines = String::from_utf8_lossy(&done.stdout).into_owned();
+    let times: Vec<f64> = lines.lines().filter_map(|line| line.parse().ok()).collect();
+    (!times.is_empty()).then_some(times)
+}
+
+struct Ends([Child; 2]);
+
+impl Drop for Ends {
+    fn drop(&mut self) {
+        for end in &mut self.0 {
+            let _ = end.kill();
+            let _ = end.wait();
+        }
+    }
+}
+
+#[test]
+#[ignore = "a measurement: it needs an idle machine"]
+fn link_adds_half_a_millisecond_one_way() {
+    let folders = [0; 3].map(|_| tempfile::tempdir().expect("a folder"));
+    let [keys, daemon, local] = folders.each_ref().map(|folder| folder.path().to_str().expect("text"));
+    let bridge = |arguments: &[&str]| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_bridge"));
+        command.arg("link").args(arguments).stdout(Stdio::null());
+        command
+    };
+    for arguments in [["pair", "robot", "--name", "tiago"], ["pair", "operator", "--name", "anna"]] {
+        assert!(bridge(&[&arguments[..], &["--keys", keys]].concat()).status().expect("it runs").success());
+    }
+    let mut control = operator::Server::bind(folders[1].path().join("operator.sock")).expect("a socket");
+    std::thread::spawn(move || {
+        for k in 0.. {
+            let header = Header { sequence: k / 20, stamp: rt::now(), ..Header::ZERO };
+            control.poll(rt::now(), &messages::Status { header, ..messages::Status::ZERO });
+            std::thread::sleep(Duration::from_millis(1));
+        }
+    });
+    let mut server = doors::Server::bind(&folders[1].path().join("skeleton.sock"), None).expect("a socket");
+    let direct = tell("one socket", over_sockets(&folders[1].path().join("skeleton.sock"), &mut server));
+    let port = UdpSocket::bind("127.0.0.1:0").and_then(|socket| socket.local_addr()).expect("a port").port();
+    let address = format!("quic/127.0.0.1:{port}");
+    let bundle = format!("{keys}/anna.bundle");
+    let _ends = Ends([
+        bridge(&["robot", "--keys", keys, "--listen", &address, "--run-dir", daemon]).spawn().expect("it starts"),
+        bridge(&["operator", "--bundle", &bundle, "--connect", &address, "--run-dir", local])
+            .spawn()
+            .expect("it starts"),
+    ]);
+    while operator::Client::connect(folders[2].path().join("operator.sock")).is_err() {
+        std::thread::sleep(Duration::from_millis(50));
+    }
+    let linked = tell("both sockets and the link", over_sockets(&folders[2].path().join("skeleton.sock"), &mut server));
+    tell("shared memory", over_shared_memory());
+    match over_python() {
+        Some(times) => _ = tell("zenoh in Python over TCP, half of an echo", times),
+        None => println!("zenoh in Python: skipped, this Python has no eclipse-zenoh"),
+    }
+    let added = [0, 1].map(|n| linked[n] - direct[n]);
+    println!("the link adds: p50 {:.3} ms, p99 {:.3} ms", added[0], added[1]);
+    assert!(added[0] <= BARS_MS[0] && added[1] <= BARS_MS[1], "{added:?}, bars {BARS_MS:?}");
+}
