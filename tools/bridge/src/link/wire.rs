@@ -164,11 +164,10 @@ impl Wire {
         let slot = Arc::new(Slot::default());
         let (of_callback, event) = (Arc::clone(&slot), Arc::clone(&self.event));
         let take = move |sample: zenoh::sample::Sample| {
-            let payload = sample.payload();
-            if payload.len() <= link::FRAME_BYTES_MAX {
-                of_callback.put(payload.to_bytes().into_owned());
-                let _ = rustix::io::write(&*event, &1_u64.to_ne_bytes());
-            }
+            let bytes = sample.payload().to_bytes();
+            // One byte more than a datagram, so that a longer one is counted as such.
+            of_callback.put(bytes.iter().copied().take(link::FRAME_BYTES_MAX + 1).collect());
+            let _ = rustix::io::write(&*event, &1_u64.to_ne_bytes());
         };
         self.session
             .declare_subscriber(key)
