@@ -24,8 +24,9 @@ const NOT_OURS: [(&str, &str); 9] = [
 /// Longest sentence, words. A formula counts as none.
 const SENTENCE_WORDS_MAX: usize = 30;
 
-/// Budget of lines for each part of the tree: the count of 2026-11-25 and 2 % more. Raising one is a decision.
-const BUDGETS: [(&str, usize); 3] = [("product", 69_000), ("tools", 29_900), ("tests", 44_900)];
+/// Budget of lines for each part of the tree: the count of 2026-11-27, with the link and the headset, and some
+/// more. Raising one is a decision.
+const BUDGETS: [(&str, usize); 3] = [("product", 71_300), ("tools", 31_500), ("tests", 48_000)];
 
 fn rust() -> Vec<(String, String)> {
     let mut all = sources::rust_files();
