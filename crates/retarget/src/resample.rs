@@ -201,7 +201,10 @@ impl Sample {
                     let q = std::array::from_fn(|j| from.0[j] + (to.0[j] - from.0[j]) * s);
                     Some((q, from.1 + (to.1 - from.1) * s))
                 }
-                (from, to) => from.or(to),
+                // It comes and goes with the time between the two.
+                (Some((q, share)), None) => Some((q, share * (1.0 - s))),
+                (None, Some((q, share))) => Some((q, share * s)),
+                (None, None) => None,
             },
         }
     }

@@ -229,6 +229,10 @@ fn take(config: &Config, state: &mut State, now: Stamp, skeleton: &Skeleton) {
     state.clutch = skeleton.flags & skeleton_flag::CLUTCH != 0;
     let counters = &mut state.counters;
     let arms = [0, 1].map(|arm| config.follows[arm].then(|| human_arm(skeleton, arm, counters)).flatten());
+    if placed.restart {
+        // Another person has other lengths.
+        state.touch = Memory::default();
+    }
     let arms = embody(config, state, skeleton, &arms, placed.source);
     let touching = state.touch.postures();
     let latents = config.solver.encode(&arms.map(|limbs| limbs.unwrap_or_else(Limbs::identity)));
