@@ -84,16 +84,35 @@ impl Grip {
     fn work(mut self, asked: &Receiver<OperatorCommand>) {
         let mut beat = Instant::now();
         loop {
+            let mut pressed = false;
             match asked.recv_timeout(beat.saturating_duration_since(Instant::now())) {
-                Ok(ask) => self.obey(ask),
-                Err(RecvTimeoutError::Timeout) => beat = Instant::now() + HEARTBEAT,
+                // Everything that waits is obeyed before the next exchange, which may take long. So a release overtakes the
+                // repetitions before it.
+                Ok(ask) => {
+                    for ask in std::iter::once(ask).chain(asked.try_iter()) {
+                        // A press has an exchange of its own after a release.
+                        if pressed && matches!(ask, OperatorCommand::Engage { .. }) {
+                            self.beat();
+                        }
+                        pressed |= ask != OperatorCommand::Keep;
+                        self.obey(ask);
+                    }
+                }
+                Err(RecvTimeoutError::Timeout) => {}
                 Err(RecvTimeoutError::Disconnected) => break,
             }
             let now = Instant::now();
+            let due = now >= beat;
+            if due {
+                beat = now + HEARTBEAT;
+            }
             if self.held.is_some_and(|held| held.until < now) || self.clutch_until.is_some_and(|until| until < now) {
                 self.let_go("The page stopped answering, so the enable was released.".to_owned());
+                pressed = true;
             }
-            self.beat();
+            if due || pressed {
+                self.beat();
+            }
         }
         if self.held.is_some() || self.clutch_until.is_some() {
             self.let_go(String::new());

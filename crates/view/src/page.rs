@@ -225,7 +225,7 @@ impl Page {
             && let Some(CommandOutcome { held, text }) = hand.answer()
         {
             if !held {
-                headset.lost();
+                headset.lost(hand);
             }
             self.send(Message::text(json!({ "tell": "hand", "held": held, "text": text }).to_string()))?;
         }

@@ -82,12 +82,18 @@ impl Secure {
     }
 }
 
-/// Makes an authority and the certificate of a page, and writes them. The names come last, so that a part of a certificate is
-/// made again.
+/// Makes an authority and the certificate of a page, and writes them. The names go first and come last, so that a part of a
+/// certificate is made again.
 fn make(names: &[String], folder: &Path) -> Result<(), SecureError> {
     let failed = |name: &str, why: String| SecureError::File { file: folder.join(name), why };
     let made = signed(names).map_err(|error| failed(PAGE, error.to_string()))?;
     DirBuilder::new().recursive(true).mode(0o700).create(folder).map_err(|error| failed("", error.to_string()))?;
+    let removed = std::fs::remove_file(folder.join(NAMES));
+    if let Err(error) = removed
+        && error.kind() != ErrorKind::NotFound
+    {
+        return Err(failed(NAMES, error.to_string()));
+    }
     let files = [(AUTHORITY, made.authority, 0o644), (PAGE, made.page, 0o644), (KEY, made.key, 0o600)];
     for (name, text, mode) in files.into_iter().chain([(NAMES, names.join("\n"), 0o644)]) {
         let file = folder.join(name);

@@ -87,14 +87,14 @@ impl Webcam {
 
 /// How long messages wait on their way. The fastest message of a session is the measure for the others, because the
 /// clocks of the page and of this process differ by a constant.
-#[derive(Debug, Default)]
-struct TransitDelay {
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct TransitDelay {
     fastest_ms: Option<f64>,
 }
 
 impl TransitDelay {
     /// Returns the time that a message waited, ms.
-    fn of(&mut self, sent_ms: f64, arrived: Stamp) -> f64 {
+    pub(crate) fn of(&mut self, sent_ms: f64, arrived: Stamp) -> f64 {
         let took_ms = arrived.0 as f64 * 1e-6 - sent_ms;
         let fastest_ms = self.fastest_ms.map_or(took_ms, |fastest| fastest.min(took_ms));
         self.fastest_ms = Some(fastest_ms);

@@ -38,6 +38,7 @@ impl HeadsetClient {
         match (before, self.state.is_held()) {
             (false, true) if self.leads => hand.ask(OperatorCommand::Engage { left_out: None }),
             (false, true) => drop(self.state.lose_press()),
+            (true, true) if !self.state.repeats_press() => {}
             (true, true) => hand.ask(OperatorCommand::Keep),
             (true, false) => hand.ask(OperatorCommand::Release),
             (false, false) => {}
@@ -60,9 +61,10 @@ impl HeadsetClient {
         self.state.is_held()
     }
 
-    /// Notes that the enable was released elsewhere. The hand must open before it can press again.
-    pub fn lost(&mut self) {
-        self.state.lose_press();
+    /// Notes that the enable is not held. The hand must open before it can press again. A press that is on its way at that
+    /// moment is taken back, so that the hand does not let go of nothing.
+    pub fn lost(&mut self, hand: &OperatorWorker) {
+        self.release(hand);
     }
 
     fn release(&mut self, hand: &OperatorWorker) {
