@@ -163,7 +163,7 @@ pub(crate) const LINK: &[Hazard] = &[
     does(
         "f129",
         "a second program uses an operator's certificate",
-        "refused while the first one is heard; its emergency stop counts",
+        "refused while the first one is heard",
         "200 ms after the last heartbeat",
     ),
     does(

@@ -37,7 +37,7 @@ pub enum Sent {
 /// Result of a datagram.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Taken {
-    /// The operator pressed the emergency stop, and `outcome` does not carry it.
+    /// The operator pressed the emergency stop. A request of `outcome` carries it, too.
     pub stop: bool,
     /// Use of the datagram, or the reason for refusing it.
     pub outcome: Result<Sent, Refusal>,
@@ -154,18 +154,19 @@ impl Seat {
             Kind::Answer | Kind::Status | Kind::Feedback => return Err(Refusal::Kind),
         };
         if !bucket.take(now, PERIOD_NS) {
+            // The emergency stop has no rate.
+            if let (Kind::Operator, Payload::Operator(request)) = (head.kind, Frame::get(bytes)?.payload) {
+                *stop = self.is_new_stop(head.client, request.estop_count);
+            }
             return Err(Refusal::Rate);
         }
         match Frame::get(bytes)?.payload {
             Payload::Operator(request) => {
                 *stop = self.is_new_stop(head.client, request.estop_count);
-                let sent = match head.session {
+                match head.session {
                     0 => self.begin(&head, &request, now, draw),
                     _ => self.relay(&head, &request, now, *stop),
-                }?;
-                // The request carries it.
-                *stop &= !matches!(sent, Sent::Request(_));
-                Ok(sent)
+                }
             }
             Payload::Person(person) => self.place(&head, person, now),
             Payload::Answer(_) | Payload::Status(_) | Payload::Feedback(_) => Err(Refusal::Kind),

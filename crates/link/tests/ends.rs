@@ -126,7 +126,8 @@ impl World {
         self.nonces += 1;
         let nonce = self.nonces;
         let taken = self.robot.take(0, bytes, Stamp(self.now), || nonce);
-        self.daemon.stops += usize::from(taken.stop);
+        let carried = matches!(taken.outcome, Ok(Sent::Request(_)));
+        self.daemon.stops += usize::from(taken.stop && !carried);
         match taken.outcome {
             Err(refusal) => self.refusals.push(refusal),
             Ok(Sent::Began) => {

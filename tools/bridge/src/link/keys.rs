@@ -50,8 +50,8 @@ pub struct Keys {
     pub robot: Name,
     /// The operator whose end it is. `None` for the robot's.
     pub operator: Option<Name>,
-    /// The operators whom the robot's end admits. Empty for an operator's.
-    pub operators: Vec<Name>,
+    /// The operators whom the robot's end admits, and the common names of their certificates. Empty for an operator's.
+    pub operators: Vec<(Name, String)>,
     /// Certificate of this end, PEM.
     pub certificate: String,
     /// Its key, PEM.
@@ -71,10 +71,17 @@ impl Keys {
         let listed = folder.join(super::pair::OPERATORS);
         for entry in std::fs::read_dir(&listed).into_iter().flatten().flatten() {
             let file = entry.file_name();
-            let name = file.to_string_lossy().strip_suffix(".pem").and_then(|name| name.parse().ok());
-            operators.extend(name);
+            let name = file.to_string_lossy().strip_suffix(".pem").and_then(|name| name.parse::<Name>().ok());
+            let Some(name) = name else { continue };
+            let path = entry.path();
+            let text = std::fs::read_to_string(&path)
+                .map_err(|error| Failure::new(Exit::NoInput, rt::unreadable(&path, &error)))?;
+            let common_name = text.lines().find_map(|line| line.strip_prefix(super::pair::COMMON_NAME));
+            let common_name = common_name.map(str::trim).filter(|common| common.starts_with(name.as_str()));
+            let common_name = common_name.ok_or_else(|| wrong(&path, "has no line \"common name: NAME.NUMBER\""))?;
+            operators.push((name, common_name.to_owned()));
         }
-        operators.sort_by(|a: &Name, b| a.0.cmp(&b.0));
+        operators.sort_by(|(a, _): &(Name, String), (b, _)| a.0.cmp(&b.0));
         Self::of(&folder.join(super::pair::ROBOT), &own, operators)
     }
 
@@ -93,7 +100,7 @@ impl Keys {
         Ok(keys)
     }
 
-    fn of(path: &Path, text: &str, operators: Vec<Name>) -> Result<Self, Failure> {
+    fn of(path: &Path, text: &str, operators: Vec<(Name, String)>) -> Result<Self, Failure> {
         let named = |key: &str| -> Result<Option<Name>, Failure> {
             let line = text.lines().find_map(|line| line.strip_prefix(key));
             line.map(|name| name.trim().parse().map_err(|error| wrong(path, format!("{key} {error}")))).transpose()

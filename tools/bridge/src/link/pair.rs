@@ -18,6 +18,9 @@ const AUTHORITY_KEY: &str = "authority-key.pem";
 /// Folder with one certificate for each operator. A file that is removed removes the operator.
 pub(super) const OPERATORS: &str = "operators";
 
+/// Beginning of the line with a certificate's common name, in an operator's file.
+pub(super) const COMMON_NAME: &str = "common name:";
+
 /// Makes the authority and the certificate of the robot `name` in the folder `keys`.
 ///
 /// # Errors
@@ -31,7 +34,7 @@ pub fn pair_robot(name: &Name, keys: &Path) -> Result<(), Failure> {
     let issuer = Issuer::new(authority_of(name), key);
     // At a router the robot is a client, too.
     let purposes = vec![ExtendedKeyUsagePurpose::ServerAuth, ExtendedKeyUsagePurpose::ClientAuth];
-    let (certificate, own_key) = sign(name, purposes, &issuer)?;
+    let (certificate, own_key) = sign(name.as_str(), purposes, &issuer)?;
     write_new(&keys.join(ROBOT), &format!("robot: {name}\n{certificate}{own_key}{authority}"))?;
     out!("bridge: {} holds the keys of robot {name}, code {}", keys.display(), Keys::of_robot(keys)?.code());
     out!("bridge: next: bridge link pair operator --name NAME --keys {}", keys.display());
@@ -55,13 +58,16 @@ pub fn pair_operator(name: &Name, keys: &Path) -> Result<(), Failure> {
         KeyPair::from_pem(&key).map_err(|error| Failure::new(Exit::DataErr, format!("{}: {error}", path.display())))?;
     let issuer = Issuer::new(authority_of(&robot.robot), key);
     // No server: an operator cannot present itself as the robot.
-    let (certificate, own_key) = sign(name, vec![ExtendedKeyUsagePurpose::ClientAuth], &issuer)?;
+    // A number of its own, so that an operator who was removed does not come back with the next one of this name.
+    let common_name = format!("{name}.{:016x}", doors::draw_nonce());
+    let (certificate, own_key) = sign(&common_name, vec![ExtendedKeyUsagePurpose::ClientAuth], &issuer)?;
     let operators = keys.join(OPERATORS);
     DirBuilder::new().recursive(true).mode(0o700).create(&operators).map_err(|error| unwritable(&operators, &error))?;
     let bundle = keys.join(format!("{name}.bundle"));
     let text = format!("robot: {}\noperator: {name}\n{certificate}{own_key}{}\n", robot.robot, robot.authority);
-    write_new(&operators.join(format!("{name}.pem")), &certificate)?;
+    // The bundle first: where an old one lies, nobody is admitted by it.
     write_new(&bundle, &text)?;
+    write_new(&operators.join(format!("{name}.pem")), &format!("{COMMON_NAME} {common_name}\n{certificate}"))?;
     let code = Keys::of_operator(&bundle)?.code();
     out!("bridge: copy {} to the operator's machine, with scp, and remove it here", bundle.display());
     out!("bridge: code {code}; bridge link pair show must print the same there");
@@ -96,13 +102,13 @@ fn authority_of(robot: &Name) -> CertificateParams {
 
 /// Returns a certificate and its key, PEM.
 fn sign(
-    name: &Name,
+    common_name: &str,
     purposes: Vec<ExtendedKeyUsagePurpose>,
     issuer: &Issuer<'_, KeyPair>,
 ) -> Result<(String, String), Failure> {
     let failed = Failure::with(Exit::Software);
     let key = KeyPair::generate().map_err(&failed)?;
-    let mut params = named(name.as_str());
+    let mut params = named(common_name);
     params.extended_key_usages = purposes;
     params.key_usages = vec![KeyUsagePurpose::DigitalSignature];
     let certificate = params.signed_by(&key, issuer).map_err(&failed)?;

@@ -3,7 +3,7 @@
 use super::keys::{Keys, Name};
 use super::person::Person;
 use super::report::{Report, of_operator};
-use super::wire::{Publisher, Slot, Wire, config, key, put, status_key};
+use super::wire::{KINDS, Publisher, Slot, Wire, config, key, put, status_key};
 use crate::cli::LinkRobot;
 use doors::draw_nonce;
 use instance::Instance;
@@ -21,6 +21,8 @@ const WAIT_NS: i64 = 5_000_000;
 const ANSWER_EVERY_NS: u64 = 100_000_000;
 /// Longest wait for room in the operator socket, ms. `control` reads it 1500 times a second.
 const SEND_MS: u64 = 20;
+/// Time between two attempts to send an emergency stop, ns.
+const STOP_RETRY_NS: u64 = 100_000_000;
 /// Time between two attempts to reach `control` for its status, ns.
 const RETRY_NS: u64 = 500_000_000;
 /// Bytes before a status on its key: its version and its length, 32 bits each.
@@ -42,8 +44,10 @@ struct Robot {
     end: RobotEnd,
     operators: Vec<Operator>,
     operator_socket: PathBuf,
-    /// Connection for the status, and for an emergency stop without a session.
+    /// Connection for the status.
     watch: Option<OperatorSession>,
+    /// Time of the next attempt at an emergency stop that has not arrived at `control` yet.
+    stop_due: Option<Stamp>,
     retry: Stamp,
     status: Publisher,
     /// Number of the last status that was sent.
@@ -71,15 +75,16 @@ pub fn run(args: &LinkRobot) -> Result<(), Failure> {
     }
     let instance = Instance::unmade(&args.run_dir);
     let wire = Wire::open(&config(&keys, &super::addresses(&args.listen)?, &super::addresses(&args.connect)?))?;
-    let admitted: Vec<_> = keys.operators.iter().map(Name::as_str).collect();
+    let admitted: Vec<_> = keys.operators.iter().map(|(name, _)| name.as_str()).collect();
     out!("bridge: robot {} admits {}, code {}", keys.robot, admitted.join(", "), keys.code());
     let names = std::mem::take(&mut keys.operators);
-    let operators = names.into_iter().map(|name| Operator::new(&wire, &keys.robot, name, &instance));
+    let operators = names.into_iter().map(|(name, _)| Operator::new(&wire, &keys.robot, name, &instance));
     let mut robot = Robot {
         end: RobotEnd::default(),
         operators: operators.collect::<Result<_, _>>()?,
         operator_socket: instance.operator_socket(),
         watch: None,
+        stop_due: None,
         retry: Stamp::NONE,
         status: wire.publisher(status_key(&keys.robot))?,
         told: 0,
@@ -112,7 +117,9 @@ impl Robot {
     fn round(&mut self) {
         for at in 0..self.operators.len() {
             for slot in 0..2 {
-                while let Some(bytes) = self.operators[at].slots[slot].take() {
+                // No more than fit into the slot, so that no operator keeps the others waiting.
+                for _ in 0..KINDS {
+                    let Some(bytes) = self.operators[at].slots[slot].take() else { break };
                     self.take(at, &bytes);
                 }
             }
@@ -125,6 +132,9 @@ impl Robot {
             operator.person.leave();
             operator.answered = Stamp::NONE;
         }
+        if self.stop_due.is_some_and(|due| now >= due) {
+            self.stop_due = (!self.stop()).then(|| now.plus_ns(STOP_RETRY_NS));
+        }
         self.tell_status(now);
         for at in 0..self.operators.len() {
             self.answer(at, now);
@@ -135,13 +145,18 @@ impl Robot {
         let now = rt::now();
         let taken = self.end.take(at, bytes, now, draw_nonce);
         if taken.stop {
-            out!("bridge: {} pressed the emergency stop outside a session", self.operators[at].name);
-            self.stop();
+            out!("bridge: {} pressed the emergency stop", self.operators[at].name);
+            self.stop_due = Some(now);
         }
         let operator = &mut self.operators[at];
         match taken.outcome {
             Ok(Sent::Person(person)) => operator.person.publish(&person, now),
-            Ok(Sent::Request(request)) => self.relay(at, &request),
+            Ok(Sent::Request(request)) => {
+                if self.relay(at, &request) && taken.stop {
+                    // The request carried the stop.
+                    self.stop_due = None;
+                }
+            }
             Ok(Sent::Began) => {
                 operator.control = None;
                 operator.answered = Stamp::NONE;
@@ -150,8 +165,8 @@ impl Robot {
         }
     }
 
-    /// Sends a request to `control`. Each session has a connection of its own.
-    fn relay(&mut self, at: usize, request: &OperatorRequest) {
+    /// Sends a request to `control`. Each session has a connection of its own. Returns false if that failed.
+    fn relay(&mut self, at: usize, request: &OperatorRequest) -> bool {
         let operator = &mut self.operators[at];
         if operator.control.is_none() && request.sequence == 1 {
             operator.control = Client::connect_within(&self.operator_socket, SEND_MS).ok();
@@ -161,20 +176,17 @@ impl Robot {
             operator.control = None;
             self.end.end(at);
         }
+        sent
     }
 
-    /// Presses the emergency stop for an operator without a session.
-    fn stop(&mut self) {
-        match &self.watch {
-            Some(watch) if !watch.is_cut_off() => watch.estop(),
-            _ => {
-                let pressed = Client::connect_within(&self.operator_socket, SEND_MS)
-                    .and_then(|mut client| client.estop().heartbeat());
-                if let Err(error) = pressed {
-                    out!("bridge: the emergency stop did not arrive: {error}");
-                }
-            }
+    /// Presses the emergency stop on a connection of its own. Returns false if it did not arrive, and is to be repeated.
+    fn stop(&mut self) -> bool {
+        let pressed =
+            Client::connect_within(&self.operator_socket, SEND_MS).and_then(|mut client| client.estop().heartbeat());
+        if let Err(error) = &pressed {
+            out!("bridge: the emergency stop did not arrive, and is sent again: {error}");
         }
+        pressed.is_ok()
     }
 
     /// Sends a status that is newer than the last one.

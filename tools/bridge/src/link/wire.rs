@@ -12,6 +12,8 @@ use zenoh::Wait;
 
 /// Silence after which a connection is given up, ms. The sessions of `link` end sooner.
 const LEASE_MS: u32 = 500;
+/// Longest message that is put together from fragments, bytes: many times the longest frame.
+const MESSAGE_BYTES_MAX: u32 = 65_536;
 /// Time between two attempts to connect, ms.
 const RETRY_MS: [u32; 2] = [200, 1000];
 
@@ -43,6 +45,7 @@ pub fn config(keys: &Keys, listen: &[String], connect: &[String]) -> Value {
         "transport": { "link": {
             "protocols": ["quic"],
             "tx": { "lease": LEASE_MS, "keep_alive": 4 },
+            "rx": { "max_message_size": MESSAGE_BYTES_MAX },
             "tls": {
                 "enable_mtls": true,
                 "root_ca_certificate_base64": pem(&keys.authority),
@@ -90,16 +93,17 @@ fn access(keys: &Keys) -> Value {
         ];
         admit(json!({ "id": "robot" }), of_robot);
     }
-    for name in &keys.operators {
+    for (name, common_name) in &keys.operators {
         let up = [key(robot, "person", name), key(robot, "operator", name)];
         let answer = [key(robot, "answer", name)];
         let of_operator = vec![
-            rule(&format!("{name}-put-up"), &["put"], "ingress", &up),
-            rule(&format!("{name}-want-up"), &["declare_subscriber"], "egress", &up),
-            rule(&format!("{name}-put-down"), &["put"], "egress", &answer),
-            rule(&format!("{name}-want-down"), &["declare_subscriber"], "ingress", &answer),
+            rule(&format!("operator-{name}-put-up"), &["put"], "ingress", &up),
+            rule(&format!("operator-{name}-want-up"), &["declare_subscriber"], "egress", &up),
+            rule(&format!("operator-{name}-put-down"), &["put"], "egress", &answer),
+            rule(&format!("operator-{name}-want-down"), &["declare_subscriber"], "ingress", &answer),
         ];
-        admit(json!({ "id": name.as_str(), "cert_common_names": [name.as_str()] }), of_operator);
+        let id = format!("operator-{name}");
+        admit(json!({ "id": id, "cert_common_names": [common_name] }), of_operator);
     }
     if keys.operator.is_none() {
         let of_all = vec![
@@ -114,7 +118,7 @@ fn access(keys: &Keys) -> Value {
 }
 
 /// Kinds of datagrams that have a place of their own before they are decoded.
-const KINDS: usize = 8;
+pub(super) const KINDS: usize = 8;
 /// Place of a datagram's kind: the third number.
 const KIND_AT: usize = 8;
 
