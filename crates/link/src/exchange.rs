@@ -83,15 +83,21 @@ impl Exchange {
         *echo == Echo::default() || kept == Some(&(echo.sequence, echo.sent))
     }
 
+    /// Returns true if a frame of this kind that is not older was taken before.
+    pub(crate) fn is_repeated(&self, head: &Head) -> bool {
+        let last = self.last.get(head.kind as usize - 1);
+        last.is_some_and(|last| *last != 0 && !comes_after(head.sequence, *last))
+    }
+
     /// Takes the head of a frame that arrived in the present session.
     ///
     /// # Errors
     /// Returns the reason for refusing it.
     pub(crate) fn take(&mut self, head: &Head, now: Stamp) -> Result<(), Refusal> {
-        let Some(last) = self.last.get_mut(head.kind as usize - 1) else { return Err(Refusal::Kind) };
-        if *last != 0 && !comes_after(head.sequence, *last) {
+        if self.is_repeated(head) {
             return Err(Refusal::Order);
         }
+        let Some(last) = self.last.get_mut(head.kind as usize - 1) else { return Err(Refusal::Kind) };
         *last = head.sequence;
         self.loss.note(head.sequence);
         if self.echo.sequence == 0 || comes_after(head.sequence, self.echo.sequence) {

@@ -153,6 +153,10 @@ impl Seat {
             Kind::Person => &mut self.buckets[1],
             Kind::Answer | Kind::Status | Kind::Feedback => return Err(Refusal::Kind),
         };
+        // What comes again must not cost the operator a token. Its emergency stop counted the first time.
+        if head.client == self.client && self.exchange.is_repeated(&head) {
+            return Err(Refusal::Order);
+        }
         if !bucket.take(now, PERIOD_NS) {
             // The emergency stop has no rate.
             if let (Kind::Operator, Payload::Operator(request)) = (head.kind, Frame::get(bytes)?.payload) {

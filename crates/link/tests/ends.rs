@@ -312,10 +312,24 @@ fn f126_replayed_session_changes_nothing() {
         assert!(world.arrive(bytes).outcome.is_err());
         world.now += 5 * MS;
     }
-    assert!(world.refusals.contains(&Refusal::Session) && world.refusals.contains(&Refusal::Order));
+    // Copies cost no token, so the operator keeps its rate.
+    assert!(world.refusals.iter().all(|refusal| *refusal == Refusal::Order), "{:?}", world.refusals);
     world.run(30);
     assert_eq!((world.holds().0, world.daemon.stops), (0, 0));
     assert!(world.daemon.requests.len() > requests.min(20) && world.daemon.persons.len() > persons);
+}
+
+#[test]
+fn f126_new_datagram_with_another_session_number_is_refused() {
+    let mut world = World::linked(5 * MS);
+    let mut out = [0; FRAME_BYTES_MAX];
+    world.press();
+    let length = world.operator.heartbeat(&world.request, world.theirs(), &mut out);
+    // The session's number is the 16th byte and the seven after it.
+    out[16] ^= 64;
+    assert_eq!(world.arrive(&out[..length]).outcome, Err(Refusal::Session));
+    out[16] ^= 64;
+    assert!(matches!(world.arrive(&out[..length]).outcome, Ok(Sent::Request(_))));
 }
 
 #[test]
