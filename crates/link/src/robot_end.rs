@@ -51,6 +51,8 @@ struct Session {
     heard: Stamp,
     /// True once a datagram carried the session's number.
     used: bool,
+    /// Jumps of the operator's clock that are dealt with.
+    jumps: u64,
     /// Counters of the operator's last request.
     seen: OperatorRequest,
     /// The last request that went on.
@@ -225,7 +227,14 @@ impl Seat {
         let repeated = self.session.filter(|session| live && !session.used);
         let nonce = repeated.map_or_else(draw, |session| session.nonce);
         let relayed = OperatorRequest { version: OPERATOR_VERSION, ..OperatorRequest::ZERO };
-        self.session = Some(Session { nonce, heard: now, used: false, seen: *request, relayed });
+        self.session = Some(Session {
+            nonce,
+            heard: now,
+            used: false,
+            jumps: self.exchange.clock.jumps(),
+            seen: *request,
+            relayed,
+        });
         Ok(Sent::Began)
     }
 
@@ -253,7 +262,8 @@ impl Seat {
 
     fn relay(&mut self, head: &Head, request: &OperatorRequest, now: Stamp, stop: bool) -> Result<Sent, Refusal> {
         let checked = self.check(head, now);
-        let uncertainty_ns = self.exchange.clock.uncertainty_ns(now);
+        let clock = &self.exchange.clock;
+        let (uncertainty_ns, jumps) = (clock.uncertainty_ns(now), clock.jumps());
         let is_old = self.is_old(head, now);
         let Some(session) = &mut self.session else { return Err(Refusal::Session) };
         if let Err(refusal) = checked {
@@ -277,7 +287,9 @@ impl Seat {
         ) else {
             return Err(Refusal::Value);
         };
-        let may_engage = uncertainty_ns.is_some_and(|uncertainty_ns| uncertainty_ns <= UNCERTAINTY_MAX_NS);
+        let is_certain = uncertainty_ns.is_some_and(|uncertainty_ns| uncertainty_ns <= UNCERTAINTY_MAX_NS);
+        // The clocks may be synchronised again before the next request. A jump is a release all the same.
+        let may_engage = is_certain && session.jumps == jumps;
         // An enable that may not count is consumed: it has to be pressed again.
         let (level, enables) =
             if may_engage { (request.enable_level, enables) } else { (request.enable_level & HOLDS_CLUTCH, 0) };
@@ -292,16 +304,18 @@ impl Seat {
             version: OPERATOR_VERSION,
             ..*request
         };
-        (session.seen, session.relayed, session.heard) = (*request, relayed, now);
+        (session.seen, session.relayed, session.heard, session.jumps) = (*request, relayed, now, jumps);
         Ok(Sent::Request(relayed))
     }
 
     /// Places a person on this machine's clock, at the earliest time it can have been.
     fn place(&mut self, head: &Head, person: RawSkeleton, now: Stamp) -> Result<Sent, Refusal> {
         self.check(head, now)?;
-        // A person is never newer than the datagram.
-        let origin = person.header.origin.min(head.sent);
-        let origin = self.exchange.clock.earliest(origin, now).ok_or(Refusal::Clock)?;
+        if person.header.origin > head.sent {
+            // It was seen before the clock was set back. How long before is not known.
+            return Err(Refusal::Jump);
+        }
+        let origin = self.exchange.clock.earliest(person.header.origin, now).ok_or(Refusal::Clock)?;
         if now.since(origin) > AGE_MAX_NS {
             return Err(Refusal::Old);
         }
