@@ -100,8 +100,8 @@ impl Daemon {
 
     fn take(&mut self, request: OperatorRequest) {
         let holds = request.enable_level & HOLDS_ENABLE != 0;
-        self.enabled = holds && (self.enabled || request.enable_count != self.last.enable_count);
-        self.enabled &= request.release_count == self.last.release_count;
+        let is_kept = self.enabled && request.release_count == self.last.release_count;
+        self.enabled = holds && (is_kept || request.enable_count != self.last.enable_count);
         self.stops += request.estop_count - self.last.estop_count;
         self.last = request;
     }
