@@ -1,6 +1,9 @@
 //! Both ends of a link as real processes over the loopback, between clients and the sockets of a daemon. The daemon is its
 //! two socket servers, which merge requests and check frames as `control` and `ingest` do.
 
+#[path = "link/relay.rs"]
+mod relay;
+
 use bridge::link::{Keys, Wire, config, key};
 use doors::LeaseState;
 use messages::{Feedback, Header, Layout, Message, RawSkeleton, Status};

@@ -1,0 +1,155 @@
+//! Both ends with a UDP relay between them that delays, reorders, loses and breaks the wire, from a seed.
+
+use super::*;
+use std::net::SocketAddr;
+
+/// Faults of the wire, the same in both ways.
+#[derive(Clone, Copy, Default)]
+struct Faults {
+    delay_ms: u64,
+    /// A datagram takes up to this much longer. So it may overtake others.
+    jitter_ms: u64,
+    loss_percent: u64,
+    is_cut: bool,
+}
+
+/// A relay in front of the robot's end.
+struct Relay {
+    address: String,
+    faults: Arc<Mutex<Faults>>,
+    ends: Arc<AtomicBool>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Relay {
+    fn start(to: &str, faults: Faults) -> Self {
+        let to: SocketAddr = to.strip_prefix("quic/").expect("an address").parse().expect("an address");
+        let near = socket();
+        let address = format!("quic/{}", near.local_addr().expect("its address"));
+        let (faults, ends) = (Arc::new(Mutex::new(faults)), Arc::new(AtomicBool::new(false)));
+        let (of_thread, until) = (Arc::clone(&faults), Arc::clone(&ends));
+        let thread = std::thread::spawn(move || carry(&near, to, &of_thread, &until));
+        Self { address, faults, ends, thread: Some(thread) }
+    }
+
+    fn set(&self, faults: Faults) {
+        *self.faults.lock().expect("whole") = faults;
+    }
+}
+
+impl Drop for Relay {
+    fn drop(&mut self) {
+        self.ends.store(true, Ordering::Relaxed);
+        if let Some(thread) = self.thread.take() {
+            let _ = thread.join();
+        }
+    }
+}
+
+fn socket() -> UdpSocket {
+    let socket = UdpSocket::bind("127.0.0.1:0").expect("a port");
+    socket.set_nonblocking(true).expect("its mode");
+    socket
+}
+
+/// Carries datagrams until the end. Each address of an operator's end has a socket of its own towards the robot's.
+fn carry(near: &UdpSocket, to: SocketAddr, faults: &Mutex<Faults>, until: &AtomicBool) {
+    let mut peers: Vec<(SocketAddr, UdpSocket)> = Vec::new();
+    let mut flying: Vec<(Instant, usize, bool, Vec<u8>)> = Vec::new();
+    let (mut dice, mut bytes) = (20_261_127_u64, [0; 2048]);
+    while !until.load(Ordering::Relaxed) {
+        let now = faults.lock().expect("whole").to_owned();
+        let mut send = |peer: usize, up: bool, bytes: &[u8]| {
+            // Knuth's MMIX generator.
+            dice = dice.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            if !now.is_cut && (dice >> 33) % 100 >= now.loss_percent {
+                let jitter_us = (dice >> 20) % (now.jitter_ms * 1000 + 1);
+                let due = Instant::now() + Duration::from_micros(now.delay_ms * 1000 + jitter_us);
+                flying.push((due, peer, up, bytes.to_vec()));
+            }
+        };
+        while let Ok((length, from)) = near.recv_from(&mut bytes) {
+            let known = peers.iter().position(|(address, _)| *address == from);
+            let peer = known.unwrap_or(peers.len());
+            if known.is_none() {
+                peers.push((from, socket()));
+            }
+            send(peer, true, &bytes[..length]);
+        }
+        for (n, (_, far)) in peers.iter().enumerate() {
+            while let Ok((length, _)) = far.recv_from(&mut bytes) {
+                send(n, false, &bytes[..length]);
+            }
+        }
+        flying.sort_by_key(|(due, ..)| *due);
+        let due = flying.partition_point(|(due, ..)| *due <= Instant::now());
+        for (_, peer, up, bytes) in flying.drain(..due) {
+            let (address, far) = &peers[peer];
+            let _ = if up { far.send_to(&bytes, to) } else { near.send_to(&bytes, address) };
+        }
+        std::thread::sleep(Duration::from_micros(500));
+    }
+}
+
+fn oldest_ms(world: &World) -> u64 {
+    world.daemon.seen.lock().expect("whole").oldest_ns / 1_000_000
+}
+
+#[test]
+fn f125_bad_wire_follows_and_partition_of_five_seconds_is_a_release_that_heals_unengaged() {
+    let faults = Faults { delay_ms: 5, jitter_ms: 30, loss_percent: 5, is_cut: false };
+    let mut world = World::new(&["anna"]);
+    let relay = Relay::start(&world.address, faults);
+    world.address.clone_from(&relay.address);
+    let folder = tempfile::tempdir().expect("a folder");
+    let _end = world.operator(&world.bundle("anna"), folder.path());
+    let before = hand(folder.path());
+    world.robot.wait_line("anna: ready");
+    let (ends, thread) = publisher(folder.path());
+    press(&world, &before);
+    let persons = world.daemon.persons();
+    wait("persons go on", || world.daemon.persons() > persons + 50);
+    relay.set(Faults { is_cut: true, ..faults });
+    wait("released", || !world.daemon.view().enable_level);
+    let edges = world.daemon.view().enable_edges;
+    std::thread::sleep(Duration::from_secs(5));
+    assert!(!folder.path().join("operator.sock").exists() || before.is_cut_off(), "clients are told");
+    let persons = world.daemon.persons();
+    relay.set(faults);
+    // The connection is made again without anybody's help. The enable is not.
+    wait("persons go on after it", || world.daemon.persons() > persons + 50);
+    assert_eq!((world.daemon.view().enable_level, world.daemon.view().enable_edges), (false, edges));
+    let after = hand(folder.path());
+    press(&world, &after);
+    after.estop();
+    wait("the emergency stop arrives", || world.daemon.view().estop_edges == 1);
+    ends.store(true, Ordering::Relaxed);
+    thread.join().expect("it ends");
+    assert!(oldest_ms(&world) <= 100, "{} ms", oldest_ms(&world));
+}
+
+#[test]
+fn f127_long_way_engages_nothing_until_it_is_short() {
+    for delay_ms in [50, 150] {
+        let mut world = World::new(&["anna"]);
+        let relay = Relay::start(&world.address, Faults { delay_ms, ..Faults::default() });
+        world.address.clone_from(&relay.address);
+        let folder = tempfile::tempdir().expect("a folder");
+        let _end = world.operator(&world.bundle("anna"), folder.path());
+        let socket = folder.path().join("operator.sock");
+        let until = Instant::now() + Duration::from_secs(5);
+        while Instant::now() < until {
+            // Over such a way the socket comes and goes.
+            if let Some(hand) = operator::Client::connect(&socket).ok().and(OperatorSession::connect(&socket).ok()) {
+                hand.enable();
+                std::thread::sleep(Duration::from_millis(200));
+            }
+            assert_eq!(world.daemon.view().enable_edges, 0, "{delay_ms} ms");
+            std::thread::sleep(Duration::from_millis(20));
+        }
+        assert!(!world.robot.lines.lock().expect("whole").join("\n").contains(": ready"), "{delay_ms} ms");
+        relay.set(Faults { delay_ms: 2, ..Faults::default() });
+        world.robot.wait_line("anna: ready");
+        press(&world, &hand(folder.path()));
+    }
+}
