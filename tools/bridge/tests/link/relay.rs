@@ -91,6 +91,20 @@ fn carry(near: &UdpSocket, to: SocketAddr, faults: &Mutex<Faults>, until: &Atomi
     }
 }
 
+/// Presses until it arrives. A client whose connection ends with the link's session connects again.
+fn engage(world: &World, folder: &Path) -> OperatorSession {
+    let give_up = Instant::now() + SOON;
+    loop {
+        let hand = hand(folder);
+        hand.enable();
+        std::thread::sleep(Duration::from_millis(500));
+        if world.daemon.view().enable_level {
+            return hand;
+        }
+        assert!(Instant::now() < give_up, "{:?}, {:?}", world.daemon.view(), world.robot.lines);
+    }
+}
+
 fn oldest_ms(world: &World) -> u64 {
     world.daemon.seen.lock().expect("whole").oldest_ns / 1_000_000
 }
@@ -103,10 +117,9 @@ fn f125_bad_wire_follows_and_partition_of_five_seconds_is_a_release_that_heals_u
     world.address.clone_from(&relay.address);
     let folder = tempfile::tempdir().expect("a folder");
     let _end = world.operator(&world.bundle("anna"), folder.path());
-    let before = hand(folder.path());
     world.robot.wait_line("anna: ready");
     let (ends, thread) = publisher(folder.path());
-    press(&world, &before);
+    let before = engage(&world, folder.path());
     let persons = world.daemon.persons();
     wait("persons go on", || world.daemon.persons() > persons + 50);
     relay.set(Faults { is_cut: true, ..faults });
@@ -119,8 +132,7 @@ fn f125_bad_wire_follows_and_partition_of_five_seconds_is_a_release_that_heals_u
     // The connection is made again without anybody's help. The enable is not.
     wait("persons go on after it", || world.daemon.persons() > persons + 50);
     assert_eq!((world.daemon.view().enable_level, world.daemon.view().enable_edges), (false, edges));
-    let after = hand(folder.path());
-    press(&world, &after);
+    let after = engage(&world, folder.path());
     after.estop();
     wait("the emergency stop arrives", || world.daemon.view().estop_edges == 1);
     ends.store(true, Ordering::Relaxed);
@@ -150,6 +162,6 @@ fn f127_long_way_engages_nothing_until_it_is_short() {
         assert!(!world.robot.lines.lock().expect("whole").join("\n").contains(": ready"), "{delay_ms} ms");
         relay.set(Faults { delay_ms: 2, ..Faults::default() });
         world.robot.wait_line("anna: ready");
-        press(&world, &hand(folder.path()));
+        engage(&world, folder.path());
     }
 }
