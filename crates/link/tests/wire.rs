@@ -25,7 +25,7 @@ struct Case {
     drift_ppm: i64,
     /// Time that the camera takes. Each person takes up to 8 ms more.
     camera_ms: u64,
-    /// Whether a press must engage. The round trip of the fastest datagrams is then below 40 ms.
+    /// True if a press must engage. The round trip of the fastest datagrams is then below 40 ms.
     engages: bool,
 }
 

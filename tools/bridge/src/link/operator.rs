@@ -126,7 +126,8 @@ impl Operator {
         self.holder = holder;
         let Some(person) = newest else { return };
         let mut bytes = [0; FRAME_BYTES_MAX];
-        match self.end.person(&person, now, &mut bytes) {
+        // The person may be younger than this round, and is refused if it seems younger than the datagram.
+        match self.end.person(&person, rt::now(), &mut bytes) {
             Ok(length) => put(&self.up[1], &bytes[..length]),
             Err(Unsendable::NoSession) => {}
             Err(error) => {
