@@ -249,7 +249,7 @@ impl World {
     fn take(&mut self, bytes: &[u8]) {
         let now = self.now;
         let taken = self.robot.take(0, bytes, Stamp(now), || now);
-        self.daemon.stops += u32::from(taken.stop);
+        self.daemon.stops += u32::from(taken.stop && !matches!(taken.outcome, Ok(Sent::Request(_))));
         match taken.outcome {
             Ok(Sent::Began) => {
                 self.daemon.reconnect();
