@@ -7,9 +7,9 @@
 //! e = | d_robot - d_person L_robot / L_person |          m
 //! ```
 //!
-//! Compared are the best posture for the person's limbs alone, the best one for limbs that are corrected so that hands
-//! touch (`retarget::contact`), the command after all stages, and the command while the person's hands rest. The first two do
-//! not move. Commands are compared with the person at the delay of the settings.
+//! Four robots are compared. Two are postures: the best one for the person's limbs alone, and the best one for limbs that are
+//! corrected so that hands touch (`retarget::contact`). They do not move. Two are commands, after all stages: all of them, and
+//! those while the person's hands rest. Commands are compared with the person at the delay of the settings.
 
 use crate::cli::Cli;
 use crate::error::EvalError;
