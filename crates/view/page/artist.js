@@ -5,10 +5,11 @@
 import * as THREE from "./three.module.min.js";
 import { CameraRig } from "./camera.js";
 import { Floor } from "./floor.js";
+import { NearLines, around } from "./near.js";
 import { Person } from "./person.js";
 import { POSE, Robot, bodiesOf, capsulesOf, fingersOf, pieces, shapesOf } from "./robot.js";
 import { isHigh, Sharpness } from "./quality.js";
-import { coarse, solid } from "./solid.js";
+import { coarse } from "./solid.js";
 
 // Distance of the person from the robot's stretched hand, m: to the robot's left, or behind it in the view from the
 // left. In a narrow window they stand closer.
@@ -18,8 +19,6 @@ const GHOST = 0.42;
 const BEHIND = { polygonOffset: true, polygonOffsetFactor: 3, polygonOffsetUnits: 150 };
 // Fade time of a ghost, s.
 const FADE_S = 0.2;
-// If two figures are nearer than this, a line joins their nearest points, mm.
-const NEAR_MM = 150;
 // Frames further apart than this are not consecutive, s.
 const JUMP_S = 1;
 // Number of capsules per body that cast a shadow.
@@ -63,19 +62,9 @@ class Artist {
     this.person = new Person(colours.person, this.isHigh);
     this.person.overlay(this.placing === "overlaid");
     this.scene.add(this.person.group);
-    this.scene.remove(this.pair, this.around);
-    this.pair = new THREE.LineSegments(new THREE.BufferGeometry().setAttribute("position", new THREE.BufferAttribute(new Float32Array(12), 3)),
-      new THREE.LineBasicMaterial({ color: colours.bad, depthTest: false, toneMapped: false }));
-    this.pair.frustumCulled = false;
-    this.around = new THREE.Group();
-    const wall = new THREE.MeshStandardMaterial({ color: 0x8090a0, transparent: true, opacity: 0.35 });
-    for (const obstacle of told.obstacles.filter((one) => one.form === "box")) {
-      const mesh = new THREE.Mesh(solid(obstacle), wall), [x, y, z, ...turn] = obstacle.pose;
-      mesh.position.set(x, y, z);
-      mesh.quaternion.set(...turn);
-      this.around.add(mesh);
-    }
-    this.scene.add(this.pair, this.around);
+    if (this.near) this.scene.remove(this.near.lines, this.around);
+    [this.near, this.around] = [new NearLines(colours.bad), around(told)];
+    this.scene.add(this.near.lines, this.around);
     this.casting = casting(told.capsules);
     this.standing = standing(told.capsules.filter((one) => one.body === 0));
     this.buildRobots();
@@ -156,15 +145,7 @@ class Artist {
     this.person.group.visible = shown.person;
     const root = this.rootOf(frame);
     if (shown.person) this.person.update(frame.person, this.placing, root, dt);
-    this.pair.visible = shown.pair;
-    const places = this.pair.geometry.attributes.position.array;
-    places.set(frame.pair);
-    // An arm that is near nothing has a line without length.
-    for (let at = 0; at < 12; at += 6) {
-      const [x, y, z, ...to] = places.subarray(at, at + 6);
-      if (1e3 * Math.hypot(to[0] - x, to[1] - y, to[2] - z) >= NEAR_MM) places.set([x, y, z], at + 3);
-    }
-    this.pair.geometry.attributes.position.needsUpdate = true;
+    this.near.show(frame.pair, shown.pair);
   }
 
   rootOf(frame) {

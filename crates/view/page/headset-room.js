@@ -3,14 +3,13 @@
 // assumptions.
 
 import * as THREE from "./three.module.min.js";
+import { NearLines, around } from "./near.js";
 import { isHigh } from "./quality.js";
 import { Robot, bodiesOf, fingersOf, pieces } from "./robot.js";
-import { coarse, solid } from "./solid.js";
+import { coarse } from "./solid.js";
 
 // The robot stands this far ahead of the wearer, m, and looks where the wearer looks at the start. Its left is the wearer's.
 const AHEAD_M = 1.5;
-// Two figures that are nearer than this are joined by a line, mm.
-const NEAR_MM = 150;
 // Size of the text's plane, m, and of its picture, pixels.
 const [WIDE_M, HIGH_M, PIXELS] = [1.0, 0.2, 1024];
 // Our axes (x ahead, y left, z up) in those of WebXR (x right, y up, z back).
@@ -86,17 +85,8 @@ export class Room {
     const material = new THREE.MeshLambertMaterial({ vertexColors: true });
     this.robot = new Robot(bodiesOf(pieces(told, meshes)), fingersOf(told, meshes), told.joints.length + 1, () => material);
     this.base.add(this.robot.group);
-    const wall = new THREE.MeshStandardMaterial({ color: 0x8090a0, transparent: true, opacity: 0.35 });
-    for (const obstacle of told.obstacles.filter((one) => one.form === "box")) {
-      const mesh = new THREE.Mesh(solid(obstacle), wall), [x, y, z, ...turn] = obstacle.pose;
-      mesh.position.set(x, y, z);
-      mesh.quaternion.set(...turn);
-      this.base.add(mesh);
-    }
-    this.pair = new THREE.LineSegments(new THREE.BufferGeometry().setAttribute("position", new THREE.BufferAttribute(new Float32Array(12), 3)),
-      new THREE.LineBasicMaterial({ color: 0xff4050, depthTest: false, toneMapped: false }));
-    this.pair.frustumCulled = false;
-    this.base.add(this.pair);
+    this.near = new NearLines(0xff4050);
+    this.base.add(around(told), this.near.lines);
   }
 
   // Places the robot ahead of the wearer, once the head is tracked.
@@ -119,22 +109,10 @@ export class Room {
     if (newest && this.robot) {
       this.robot.pose(newest.poses.measured);
       this.robot.close([newest.gripLeft, newest.gripRight]);
-      this.join(newest.pair, isNear);
+      this.near.show(newest.pair, isNear);
     }
     this.say(text);
     this.renderer.render(this.scene, this.camera);
     this.drawn += 1;
-  }
-
-  // Joins the nearest points of what is near. An arm that is near nothing has a line without length.
-  join(pair, isNear) {
-    this.pair.visible = isNear;
-    const places = this.pair.geometry.attributes.position.array;
-    places.set(pair);
-    for (let at = 0; at < 12; at += 6) {
-      const [x, y, z, ...to] = places.subarray(at, at + 6);
-      if (1e3 * Math.hypot(to[0] - x, to[1] - y, to[2] - z) >= NEAR_MM) places.set([x, y, z], at + 3);
-    }
-    this.pair.geometry.attributes.position.needsUpdate = true;
   }
 }

@@ -26,7 +26,7 @@ macro_rules! script {
 }
 
 /// All files. three.js 0.185.0 (MIT) is byte for byte as its authors publish it on npm.
-pub const ASSETS: [Asset; 35] = [
+pub const ASSETS: [Asset; 36] = [
     Asset { path: "/", kind: HTML, bytes: include_bytes!("../page/index.html") },
     Asset { path: "/page.css", kind: CSS, bytes: include_bytes!("../page/page.css") },
     script!("page.js"),
@@ -45,6 +45,7 @@ pub const ASSETS: [Asset; 35] = [
     script!("floor.js"),
     script!("person.js"),
     script!("tube.js"),
+    script!("near.js"),
     script!("robot.js"),
     script!("solid.js"),
     script!("quality.js"),
