@@ -4,7 +4,7 @@ mod browser;
 mod viewer;
 
 use browser::Browser;
-use harness::{Rig, SOON, config};
+use harness::{Rig, SOON};
 use rustls::pki_types::pem::PemObject;
 use rustls::pki_types::{CertificateDer, ServerName};
 use rustls::{ClientConfig, ClientConnection, RootCertStore, StreamOwned};
@@ -12,7 +12,6 @@ use std::io::{Read, Write};
 use std::net::TcpStream;
 use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
-use std::process::{Command, Output, Stdio};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 use tungstenite::client::IntoClientRequest;
@@ -127,18 +126,6 @@ fn f136_silent_and_slow_peers_are_closed_and_keep_nobody_out() {
     drop(silent);
 }
 
-fn refused(rig: &Rig, arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_teleopd"))
-        .args(["view", "--port", "0", "--config"])
-        .arg(config())
-        .arg("--run-dir")
-        .arg(rig.folder())
-        .args(arguments)
-        .stdin(Stdio::null())
-        .output()
-        .expect("it runs")
-}
-
 #[test]
 fn certificate_is_kept_for_its_names_and_its_key_is_private() {
     let (rig, folder) = (Rig::empty(), tempfile::tempdir().expect("a folder"));
@@ -166,7 +153,7 @@ fn certificate_is_kept_for_its_names_and_its_key_is_private() {
         ("127.0.0.1,a b", 64, "--https: a b: a name has letters"),
     ] {
         let tls = if code == 69 { elsewhere.path().to_str().expect("UTF-8") } else { tls };
-        let output = refused(&rig, &["--https", names, "--tls", tls]);
+        let output = viewer::command(&rig, &["--https", names, "--tls", tls]).output().expect("it runs");
         let said = String::from_utf8_lossy(&output.stderr);
         assert!(output.status.code() == Some(code) && said.contains(expected), "{names}: {output:?}");
     }

@@ -26,16 +26,7 @@ impl Viewer {
 
     /// Starts it with these additional arguments.
     pub fn with(rig: &Rig, arguments: &[&str]) -> Self {
-        let mut child = Command::new(env!("CARGO_BIN_EXE_teleopd"))
-            .args(["view", "--port", "0", "--config"])
-            .arg(config())
-            .arg("--run-dir")
-            .arg(rig.folder())
-            .args(arguments)
-            .stdin(Stdio::null())
-            .stdout(Stdio::piped())
-            .spawn()
-            .expect("it starts");
+        let mut child = command(rig, arguments).stdout(Stdio::piped()).spawn().expect("it starts");
         let mut told = BufReader::new(child.stdout.take().expect("its words"));
         let mut line = String::new();
         // Words about the certificate come before.
@@ -73,6 +64,14 @@ impl Viewer {
     pub fn page(&self) -> Page {
         Page::at(&self.address)
     }
+}
+
+/// Returns the command that starts it with these additional arguments.
+pub fn command(rig: &Rig, arguments: &[&str]) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_teleopd"));
+    command.args(["view", "--port", "0", "--config"]).arg(config()).arg("--run-dir").arg(rig.folder()).args(arguments);
+    command.stdin(Stdio::null());
+    command
 }
 
 impl Drop for Viewer {

@@ -88,23 +88,21 @@ fn make(names: &[String], folder: &Path) -> Result<(), SecureError> {
     let failed = |name: &str, why: String| SecureError::File { file: folder.join(name), why };
     let made = signed(names).map_err(|error| failed(PAGE, error.to_string()))?;
     DirBuilder::new().recursive(true).mode(0o700).create(folder).map_err(|error| failed("", error.to_string()))?;
-    let removed = std::fs::remove_file(folder.join(NAMES));
-    if let Err(error) = removed
-        && error.kind() != ErrorKind::NotFound
-    {
-        return Err(failed(NAMES, error.to_string()));
-    }
+    remove(&folder.join(NAMES)).map_err(|error| failed(NAMES, error.to_string()))?;
     let files = [(AUTHORITY, made.authority, 0o644), (PAGE, made.page, 0o644), (KEY, made.key, 0o600)];
     for (name, text, mode) in files.into_iter().chain([(NAMES, names.join("\n"), 0o644)]) {
         let file = folder.join(name);
-        let gone = std::fs::remove_file(&file)
-            .or_else(|error| if error.kind() == ErrorKind::NotFound { Ok(()) } else { Err(error) });
-        let written = gone.and_then(|()| {
+        let written = remove(&file).and_then(|()| {
             OpenOptions::new().write(true).create_new(true).mode(mode).open(&file)?.write_all(text.as_bytes())
         });
         written.map_err(|error| failed(name, error.to_string()))?;
     }
     Ok(())
+}
+
+/// Removes a file, if there is one.
+fn remove(file: &Path) -> std::io::Result<()> {
+    std::fs::remove_file(file).or_else(|error| if error.kind() == ErrorKind::NotFound { Ok(()) } else { Err(error) })
 }
 
 /// Texts of a new certificate.

@@ -1,5 +1,6 @@
 //! Messages of a page about a headset's poses.
 
+use crate::{damage, message, random};
 use view::{AGE_MS_MAX, BODY_BYTES, HEADSET_BYTES, HeadsetFrame, Refusal};
 
 const POSE: [f32; 8] = [0.1, 1.6, -0.2, 0.0, 0.0, 0.0, 1.0, 1.0];
@@ -15,12 +16,6 @@ fn numbers(joints: usize) -> Vec<f32> {
     all.extend([-1.0, 0.25, 0.75]);
     (0..joints).for_each(|_| all.extend(POSE));
     all
-}
-
-fn message(sent_ms: f64, age_ms: f64, numbers: &[f32]) -> Vec<u8> {
-    let mut bytes = [sent_ms, age_ms].map(f64::to_le_bytes).concat();
-    numbers.iter().for_each(|number| bytes.extend(number.to_le_bytes()));
-    bytes
 }
 
 #[test]
@@ -77,18 +72,11 @@ fn f134_invalid_message_of_a_headset_is_refused_with_reason() {
 /// No bytes make it panic, and accepted poses are within their bounds.
 #[test]
 fn any_bytes_of_a_headset_are_refused_or_within_bounds() {
-    let mut random = 0x9e37_79b9_7f4a_7c15_u64;
-    let mut next = || {
-        random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (random >> 32) as usize
-    };
+    let mut next = random();
     let mut accepted = 0;
     for round in 0..20_000 {
         let mut bytes = message(1.0, 2.0, &numbers(22 * (round % 2)));
-        for _ in 0..round % 4 {
-            let at = next() % bytes.len();
-            bytes[at] = next() as u8;
-        }
+        damage(&mut bytes, round % 4, &mut next);
         let Ok(frame) = HeadsetFrame::of(&bytes) else { continue };
         accepted += 1;
         let body = frame.body.iter().flat_map(|body| body.iter().flatten());

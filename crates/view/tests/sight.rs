@@ -1,13 +1,8 @@
 //! Messages of a page about a webcam's images, and the files that find the person in them.
 
+use crate::{damage, message, random};
 use messages::{SkeletonLayout, raw_flag};
 use view::{AGE_MS_MAX, LANDMARKS, NOBODY_BYTES, POLICY, Refusal, SIGHT_BYTES, Sight, VisionFiles, camera_policy};
-
-fn message(sent_ms: f64, age_ms: f64, numbers: &[f32]) -> Vec<u8> {
-    let mut bytes = [sent_ms, age_ms].map(f64::to_le_bytes).concat();
-    numbers.iter().for_each(|number| bytes.extend(number.to_le_bytes()));
-    bytes
-}
 
 /// The switch, and landmarks that all differ.
 fn numbers() -> Vec<f32> {
@@ -60,18 +55,11 @@ fn invalid_image_is_refused_with_reason() {
 /// No bytes make it panic, and accepted numbers are within their bounds.
 #[test]
 fn any_bytes_are_refused_or_within_bounds() {
-    let mut random = 0x9e37_79b9_7f4a_7c15_u64;
-    let mut next = || {
-        random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (random >> 32) as usize
-    };
+    let mut next = random();
     let mut accepted = 0;
     for round in 0..20_000 {
         let mut bytes = message(1.0, 2.0, &numbers());
-        for _ in 0..round % 4 {
-            let at = next() % bytes.len();
-            bytes[at] = next() as u8;
-        }
+        damage(&mut bytes, round % 4, &mut next);
         bytes.truncate([SIGHT_BYTES, SIGHT_BYTES, NOBODY_BYTES, next() % SIGHT_BYTES][round / 4 % 4]);
         let Ok(sight) = Sight::of(&bytes) else { continue };
         accepted += 1;
