@@ -111,7 +111,7 @@ pub fn errors_deg(arm: &ArmModel, played: &Played, span: &[Sample], delay_ms: f6
 }
 
 /// Returns the mean error over all spans.
-fn mean_deg(arm: &ArmModel, played: &Played, delay_ms: f64) -> Option<f64> {
+pub(super) fn mean_deg(arm: &ArmModel, played: &Played, delay_ms: f64) -> Option<f64> {
     let all: Vec<f64> =
         played.spans.iter().flat_map(|span| errors_deg(arm, played, span, delay_ms)).map(|(_, deg)| deg).collect();
     mean(&all)

@@ -4,7 +4,7 @@
 //! delays beyond that, and all that comes after the newest frame, is predicted. `ingest` refuses frames that are too old, so a
 //! slow wire does not move the robot at all.
 
-use super::judge::{errors_deg, mean};
+use super::judge::{mean, mean_deg};
 use super::play::{Played, Stage};
 use crate::cli::Cli;
 use crate::clips::chosen;
@@ -64,11 +64,7 @@ impl Wire {
 
     fn of(plan: &FaultPlan, played: &[Played], arm: &ArmModel, judged_ms: f64) -> Self {
         let error_deg = |delay_ms: f64| {
-            let clip = |played: &Played| {
-                let all = played.spans.iter().flat_map(|span| errors_deg(arm, played, span, delay_ms));
-                mean(&all.map(|(_, deg)| deg).collect::<Vec<_>>())
-            };
-            mean(&played.iter().filter_map(clip).collect::<Vec<_>>())
+            mean(&played.iter().filter_map(|played| mean_deg(arm, played, delay_ms)).collect::<Vec<_>>())
         };
         let seconds: Vec<f64> = played.iter().map(|played| played.ticks as f64 / TICK_HZ as f64).collect();
         Self {
