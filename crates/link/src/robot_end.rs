@@ -159,17 +159,16 @@ impl Seat {
         if head.client == self.client && self.exchange.is_repeated(&head) {
             return Err(Refusal::Order);
         }
-        if !bucket.take(now, PERIOD_NS) {
-            // The emergency stop has no rate.
-            if let (Kind::Operator, Payload::Operator(request)) = (head.kind, Frame::get(bytes)?.payload) {
-                *stop = self.is_new_stop(head.client, request.estop_count);
-            }
+        let within_rate = bucket.take(now, PERIOD_NS);
+        if !within_rate && head.kind == Kind::Person {
             return Err(Refusal::Rate);
         }
         match Frame::get(bytes)?.payload {
             Payload::Operator(request) => {
+                // The emergency stop has no rate.
                 *stop = self.is_new_stop(head.client, request.estop_count);
                 match head.session {
+                    _ if !within_rate => Err(Refusal::Rate),
                     0 => self.begin(&head, &request, now, draw),
                     _ => self.relay(&head, &request, now, *stop),
                 }
