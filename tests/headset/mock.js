@@ -3,7 +3,7 @@
 // page calls it as it would call a real one.
 (() => {
   const mock = {
-    // What is granted, and which inputs the wearer uses: "hands", "controllers" or "none".
+    // The sessions and features that the browser grants, and the wearer's inputs: "hands", "controllers" or "none".
     modes: ["immersive-ar", "immersive-vr"], features: ["hand-tracking"], inputs: "hands",
     // Where thumb and index finger are, m, and the left squeeze and right trigger.
     pinch: 0.08, squeeze: 0, trigger: 0,

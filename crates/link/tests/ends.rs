@@ -387,7 +387,7 @@ fn f125_emergency_stop_counts_without_clock_session_or_youth() {
     world.request.estop_count = 3;
     world.run(30);
     assert_eq!(world.daemon.stops, 2);
-    // Of another program of the same operator.
+    // A second program of the same operator presses it.
     let mut rival = OperatorEnd::new(78);
     let mut out = [0; FRAME_BYTES_MAX];
     let request = OperatorRequest { estop_count: 1, ..world.request };

@@ -407,7 +407,7 @@ fn partition(world: &mut World, ways: [bool; 2], ms: u64) {
     world.run(bound.min(ms) - bound.min(ms) / 2);
     if bound < ms {
         world.run_released((ms - bound) / 2);
-        // Who presses into a broken wire has to press again.
+        // A press during the cut is lost. The operator has to press again.
         world.request.enable_count += 1;
         world.run_released((ms - bound) - (ms - bound) / 2);
     }

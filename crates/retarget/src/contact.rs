@@ -8,8 +8,8 @@
 //! p' = a' + (p - a) L' / L           a: the chest, or the middle of the head
 //! ```
 //!
-//! of the robot (primes). From there it is moved until its surface is at the right distance d of what it may touch: the chest,
-//! the head, the other hand.
+//! of the robot. A prime marks what is the robot's. The hand then moves along the line to what it may touch: the chest, the
+//! head, the other hand. It stops where the distance d of the surfaces is the person's:
 //!
 //! ```text
 //! d' = d L' / L

@@ -123,7 +123,7 @@ impl UpperBody {
     /// Returns the trunk's turn about the vertical, rad.
     fn turn(&mut self, head: &Tracked, now: Stamp) -> f64 {
         let (look, up) = (head.rotation * -Vector3::z(), head.rotation * Vector3::y());
-        // Who looks down has the crown ahead, and who looks up has it behind.
+        // The crown tells the direction of a wearer who looks straight down or up. It points ahead of the one, and behind the other.
         let flat = look - up * look.y;
         let wished = (-flat.x).atan2(-flat.z);
         let (before, at) = self.trunk.unwrap_or((wished, now));
@@ -266,7 +266,7 @@ mod tests {
             let moved = (at(&after, Smpl::LeftShoulder) - at(&before, Smpl::LeftShoulder)).norm();
             assert!(moved < 0.01, "{moved}");
         }
-        // Who turns round is followed.
+        // The trunk follows a wearer who turns round.
         let turn = UnitQuaternion::from_euler_angles(0.0, 3.0, 0.0);
         frame = standing(turn);
         let mut last = before;

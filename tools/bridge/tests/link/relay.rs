@@ -126,7 +126,7 @@ fn f125_bad_wire_follows_and_partition_of_five_seconds_is_a_release_that_heals_u
     wait("released", || !world.daemon.view().enable_level);
     let edges = world.daemon.view().enable_edges;
     std::thread::sleep(Duration::from_secs(5));
-    assert!(!folder.path().join("operator.sock").exists() || before.is_cut_off(), "clients are told");
+    assert!(!folder.path().join("operator.sock").exists() || before.is_cut_off(), "clients see that the link is cut");
     let persons = world.daemon.persons();
     relay.set(faults);
     // The connection is made again without anybody's help. The enable is not.
