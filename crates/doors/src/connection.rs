@@ -1,8 +1,7 @@
 //! State of one connection.
 
-use crate::bucket::Bucket;
 use crate::protocol::{Reply, ReplyPacket};
-use messages::Stamp;
+use messages::{Bucket, Stamp};
 use rt::Peer;
 use rustix::net::{self, SendFlags};
 use std::os::fd::OwnedFd;

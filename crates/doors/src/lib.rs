@@ -10,7 +10,6 @@
 //! connection, or with the reason for a refusal. Then every packet is one `RawSkeleton`. This crate does not
 //! decide which of several clients moves the robot. `ingest::Authority` does.
 
-mod bucket;
 mod client;
 mod connection;
 mod error;
@@ -21,12 +20,12 @@ mod nonce;
 mod protocol;
 mod server;
 
-pub use bucket::{BURST, Bucket, RATE_MAX_HZ};
 pub use client::Client;
 pub use error::DoorError;
 pub use frame::{FRAME_BYTES, decode_frame, encode_frame};
 pub use group::{group_id, user_name};
 pub use listener::{Admission, Listener, connect};
+pub use messages::{BURST, Bucket, RATE_MAX_HZ};
 pub use nonce::draw_nonce;
 pub use protocol::{ANSWER_BYTES, HELLO_BYTES, Hello, Reply, ReplyPacket, WISHES_FEEDBACK};
 pub use server::{CONNECTIONS_MAX, FrameSource, HELLO_WITHIN_NS, IDLE_NS, LeaseState, Server, SocketEvent};

@@ -1,7 +1,6 @@
 //! The packets on the skeleton socket besides the frames themselves.
 
-use crate::bucket::RATE_MAX_HZ;
-use messages::{Feedback, Layout, Message, RawSkeleton};
+use messages::{Feedback, Layout, Message, RATE_MAX_HZ, RawSkeleton};
 
 /// First 32-bit field of every hello and reply: "TPSK" in memory order.
 const MAGIC: u32 = u32::from_le_bytes(*b"TPSK");

@@ -14,7 +14,6 @@
 
 #![forbid(clippy::disallowed_macros, clippy::disallowed_methods, clippy::disallowed_types)]
 
-mod bucket;
 mod clock;
 mod codec;
 mod exchange;

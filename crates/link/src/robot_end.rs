@@ -1,10 +1,11 @@
 //! The robot's end: sessions of operators, and what of their datagrams may go on to the daemon.
 
-use crate::bucket::Bucket;
 use crate::codec::{Answer, Echo, FRAME_BYTES_MAX, Frame, Head, Kind, Payload, Verdict};
 use crate::exchange::Exchange;
 use crate::{Refusal, Refused};
-use messages::{HOLDS_CLUTCH, Header, Layout, OPERATOR_VERSION, OperatorRequest, RawSkeleton, Service, Stamp};
+use messages::{
+    Bucket, EDGES_MAX, HOLDS_CLUTCH, Header, Layout, OPERATOR_VERSION, OperatorRequest, RawSkeleton, Service, Stamp,
+};
 
 /// Operators at once: as many as the skeleton socket has places.
 pub const OPERATORS_MAX: usize = 8;
@@ -15,10 +16,6 @@ pub const SILENCE_NS: u64 = 200_000_000;
 pub const UNCERTAINTY_MAX_NS: u64 = 20_000_000;
 /// Age that is accepted, ns: the one from which a person is stale.
 const AGE_MAX_NS: u64 = Service::Skeleton.row().stale_after_ms as u64 * 1_000_000;
-/// Time between two datagrams of a kind, ns: 250 a second, as the skeleton socket takes.
-const PERIOD_NS: u64 = 4_000_000;
-/// Most edges that one request may count, as `operator` has it.
-const EDGES_MAX: u32 = 1000;
 /// Ends of an operator whose emergency stops are remembered.
 const CLIENTS_KEPT: usize = 4;
 
@@ -159,7 +156,7 @@ impl Seat {
         if head.client == self.client && self.exchange.is_repeated(&head) {
             return Err(Refusal::Order);
         }
-        let within_rate = bucket.take(now, PERIOD_NS);
+        let within_rate = bucket.take(now);
         if !within_rate && head.kind == Kind::Person {
             return Err(Refusal::Rate);
         }

@@ -7,6 +7,7 @@
 #![forbid(clippy::disallowed_macros, clippy::disallowed_methods, clippy::disallowed_types)]
 #![no_std]
 
+mod bucket;
 mod command;
 mod fault;
 mod feedback;
@@ -25,6 +26,7 @@ mod status;
 mod subject;
 mod time;
 
+pub use bucket::{BURST, Bucket, RATE_MAX_HZ};
 pub use command::{
     GripperMotion, GripperState, HAND_NODES, JointCommand, JointTarget, RobotState, StopPlan, WAY_NODE_TICKS,
     WAY_NODES, command_flag, state_flag, target_flag,
@@ -35,7 +37,7 @@ pub use input::{CalibrationSource, DROPS_MAX, InputStatus};
 pub use joints::{ALL_JOINTS, ARM_JOINTS, JOINTS_MAX, RobotId};
 pub use layout::{FNV_BASIS, Field, Layout, Message, TypeName, fnv};
 pub use operator::{
-    HOLDS_CLUTCH, HOLDS_ENABLE, HOLDS_RECOVERY, LEAVES_OUT, OPERATOR_VERSION, OperatorRequest, payload_flag,
+    EDGES_MAX, HOLDS_CLUTCH, HOLDS_ENABLE, HOLDS_RECOVERY, LEAVES_OUT, OPERATOR_VERSION, OperatorRequest, payload_flag,
 };
 pub use payload::{PayloadOrder, PayloadRefusal};
 pub use permit::Permit;

@@ -18,6 +18,9 @@ pub const HOLDS_CLUTCH: u32 = 4;
 /// one of them. A change of them while the enable is held is a release.
 pub const LEAVES_OUT: [u32; 2] = [8, 16];
 
+/// Most edges that one request may count. A larger count comes from a broken counter and not from a person.
+pub const EDGES_MAX: u32 = 1000;
+
 /// Bits of `OperatorRequest::payload_flags`.
 pub mod payload_flag {
     /// The payload is that of the right hand, else that of the left one.

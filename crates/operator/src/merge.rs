@@ -2,7 +2,8 @@
 
 use crate::locks::{Locks, ResetRule};
 use messages::{
-    HOLDS_CLUTCH, HOLDS_ENABLE, HOLDS_RECOVERY, LEAVES_OUT, OperatorRequest, PayloadOrder, Stamp, payload_flag,
+    EDGES_MAX, HOLDS_CLUTCH, HOLDS_ENABLE, HOLDS_RECOVERY, LEAVES_OUT, OperatorRequest, PayloadOrder, Stamp,
+    payload_flag,
 };
 
 /// Largest number of connections at once.
@@ -10,9 +11,6 @@ pub const CLIENTS_MAX: usize = 16;
 
 /// Age of the holder's heartbeat at which the enable is withdrawn: 100 ms, five heartbeats at 50 Hz.
 pub const LEASE_NS: u64 = 100_000_000;
-
-/// Most edges that one request may count. A larger count comes from a broken counter and not from a person.
-const EDGES_MAX: u32 = 1000;
 
 /// The commands of all operators together. Counters only grow, from the start of the server.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
