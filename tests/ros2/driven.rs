@@ -16,10 +16,14 @@ fn peer_passes_its_own_tests() {
         Err(why) => return println!("skipped: no peer on ROS 2: {why}"),
     };
     let peer = repository().join("tools/peer");
-    let tests =
-        Command::new(python).args(["-m", "pytest", "-q", "-p", "no:cacheprovider", "tests"]).current_dir(peer).output();
+    let tests = Command::new(python)
+        .args(["-m", "pytest", "-q", "-rs", "-p", "no:cacheprovider", "tests"])
+        .current_dir(peer)
+        .output();
     let tests = tests.expect("it runs");
-    assert!(tests.status.success(), "{}", String::from_utf8_lossy(&tests.stdout));
+    let said = String::from_utf8_lossy(&tests.stdout);
+    assert!(tests.status.success(), "{said}");
+    said.lines().filter_map(|line| line.strip_prefix("SKIPPED")).for_each(|why| println!("skipped: {why}"));
 }
 
 #[test]

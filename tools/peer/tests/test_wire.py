@@ -30,6 +30,10 @@ DESCRIPTION = os.environ.get("PEER_DESCRIPTION")
 DOMAIN = 100 + os.getpid() % 100
 #: How far behind the client the robot executes.
 DELAY_S = 0.02
+#: A machine that keeps the client or the peer for longer than this was no robot. A message holds for 40 ms.
+LATE_MAX_S = 0.015
+#: Runs of a measurement at most, until nobody was late in one.
+RUNS = 5
 CONFIGURATION = '<CycloneDDS><Domain><General><Interfaces><NetworkInterface name="lo" multicast="true"/></Interfaces></General></Domain></CycloneDDS>'
 
 
@@ -43,6 +47,8 @@ class Client:
                          for name in ROBOT.controllers}
         self.joint_states = self.reader("joint_states", m.JointState)
         self.clock_s = None
+        #: How late the last stream wrote a message, at most.
+        self.late_s = 0.0
 
     def topic(self, name, kind):
         return Topic(self.participant, f"rt/{name}", kind)
@@ -58,6 +64,12 @@ class Client:
             time.sleep(0.005)
         raise TimeoutError("no message")
 
+    def wait_until(self, reader, condition):
+        """Waits for a message for which the condition holds, among those of 5 s."""
+        end_s = time.monotonic() + 5
+        while not condition(self.wait(reader)):
+            assert time.monotonic() < end_s, "no such message"
+
     def see_clock(self, wait_s=0.0):
         """The robot's clock minus the monotonic clock: the largest is from the message that took the shortest time."""
         time.sleep(wait_s)
@@ -69,9 +81,10 @@ class Client:
         """Every 10 ms: two points of the past, now, and two of the future. Returns when it began on the robot's clock."""
         for _ in range(100):
             self.see_clock(wait_s=0.002)
-        begin_s = time.monotonic()
+        begin_s, self.late_s = time.monotonic(), 0.0
         for k in range(round(100 * seconds)):
             time.sleep(max(0, begin_s + k / 100 - time.monotonic()))
+            self.late_s = max(self.late_s, time.monotonic() - begin_s - k / 100)
             self.see_clock()
             stamp = m.time_of(round((begin_s + self.clock_s + (k - 2) / 100 + DELAY_S) * m.NS_PER_S))
             curve = [wave((k + i) / 100, amplitude) for i in range(-2, 3)]
@@ -116,6 +129,15 @@ def start(tmp_path):
         process.kill()
 
 
+def in_time(run):
+    """Runs a measurement until nobody was late. `run` returns a client, a report and more, which this returns."""
+    for _ in range(RUNS):
+        client, report, *more = run()
+        if client.late_s < LATE_MAX_S and report["late_max_ms"] < 1e3 * LATE_MAX_S:
+            return report, *more
+    pytest.skip(f"this machine was late in each of {RUNS} runs")
+
+
 def follows(trace, begin_s, seconds, amplitude=0.2):
     """Largest difference, in rad or m, of reference and of measured from the wave while it streamed."""
     rows = trace[(trace[:, 1] > begin_s + 0.1) & (trace[:, 1] < begin_s + seconds)]
@@ -125,8 +147,8 @@ def follows(trace, begin_s, seconds, amplitude=0.2):
     return np.abs(rows[:, 2:end:2] - wanted).max(), np.abs(rows[:, 3:end:2] - wanted).max()
 
 
-def test_peer_shows_a_robot_and_follows_a_stream(start):
-    _, end = start("--no-physics")
+def test_peer_shows_a_robot(start):
+    start("--no-physics")
     client = Client()
     description = client.reader("robot_description", m.String, m.LATCHED)
     assert client.wait(description).data == described(ROBOT.urdf, ROBOT.grippers)
@@ -134,8 +156,16 @@ def test_peer_shows_a_robot_and_follows_a_stream(start):
     state = client.wait(client.reader("arm_left_controller/controller_state", m.JointTrajectoryControllerState))
     assert state.joint_names == ROBOT.controllers["arm_left_controller"]
     assert set(ROBOT.joints) <= set(client.wait(client.joint_states).name)
-    begin_s = client.stream(2.0)
-    report, trace = end()
+
+
+def test_peer_follows_a_stream(start):
+    def run():
+        _, end = start("--no-physics")
+        client = Client()
+        begin_s = client.stream(2.0)
+        return client, *end(), begin_s
+
+    report, trace, begin_s = in_time(run)
     reference, measured = follows(trace, begin_s, 2.0)
     print(f"reference {1e3 * reference:.3f} mrad, measured {1e3 * measured:.3f} mrad, late {report['late_max_ms']} ms")
     # A joint is where it was commanded one update ago.
@@ -151,9 +181,14 @@ def test_body_follows_and_touches_nothing(start):
     if not DESCRIPTION:
         print("without meshes: PEER_DESCRIPTION names no folder with tiago_dual.urdf and meshes")
     described = ["--urdf", f"{DESCRIPTION}/tiago_dual.urdf", "--meshes", DESCRIPTION] if DESCRIPTION else []
-    _, end = start(*described)
-    begin_s = Client().stream(3.0)
-    report, trace = end()
+
+    def run():
+        _, end = start(*described)
+        client = Client()
+        begin_s = client.stream(3.0)
+        return client, *end(), begin_s
+
+    report, trace, begin_s = in_time(run)
     reference, measured = follows(trace, begin_s, 3.0)
     print(f"reference {1e3 * reference:.3f} mrad, measured {1e3 * measured:.1f} mrad, late {report['late_max_ms']} ms, "
           f"overruns {report['overruns']}, torque {report['torque_share']['worst']:.2f}, contacts {report['contacts']}")
@@ -175,21 +210,23 @@ def test_faults_at_run_time(start):
     def say(line):
         process.stdin.write(line + "\n")
         process.stdin.flush()
-        time.sleep(0.2)
-        client.joint_states.take(8), state.take(8)
 
     before_s = client.clock_s
     say("clear")
     say("stamps=1")
-    assert m.nanoseconds(client.wait(client.joint_states).header.stamp) / m.NS_PER_S - time.monotonic() > before_s + 0.9
+    client.wait_until(client.joint_states,
+                      lambda said: m.nanoseconds(said.header.stamp) / m.NS_PER_S - time.monotonic() > before_s + 0.9)
     say("clear")
     say("names/arm_left_controller")
-    assert client.wait(state).joint_names[0] == "other_arm_left_1_joint"
+    client.wait_until(state, lambda said: said.joint_names[0] == "other_arm_left_1_joint")
     client.stream(0.3)
     say("clear")
+    client.wait_until(state, lambda said: said.joint_names[0] == "arm_left_1_joint")
     say("partition+1.2")
     with pytest.raises(TimeoutError):
-        client.wait(state, 0.3)
+        # It begins once the peer has read its line.
+        for _ in range(50):
+            client.wait(state, 0.3)
     client.stream(0.3)
     time.sleep(0.7)
     assert client.wait(state).joint_names[0] == "arm_left_1_joint"
