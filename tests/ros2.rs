@@ -305,10 +305,12 @@ fn drive(peer: Peer, mut rig: Rig, length: Duration) -> (u32, Vec<String>, Value
     let end = Instant::now() + length;
     let mut stops = 0;
     while Instant::now() < end {
-        operator.clear(&mut || Ok(())).expect("cleared");
-        operator.enable();
         let held = operator
-            .reach(Mode::Engaged, &mut || Ok(()))
+            .clear(&mut || Ok(()))
+            .and_then(|()| {
+                operator.enable();
+                operator.reach(Mode::Engaged, &mut || Ok(()))
+            })
             .and_then(|()| operator.hold(end.saturating_duration_since(Instant::now()), &mut || Ok(())));
         stops += u32::from(held.is_err());
     }
