@@ -14,7 +14,8 @@ pub struct StateObserver {
 }
 
 impl StateObserver {
-    pub(crate) fn of(instance: &Instance) -> Self {
+    /// Observes an instance.
+    pub fn of(instance: &Instance) -> Self {
         let domain = Domain::open(instance.core_domain(), "eyes").expect("the core domain");
         let states = domain.reader(Service::RobotState).expect("robot states");
         Self { states, latest: None, _domain: domain }

@@ -36,7 +36,11 @@ impl std::ops::Deref for Operator {
 }
 
 impl Operator {
-    pub(crate) fn connect(socket: PathBuf) -> Result<Self, Failure> {
+    /// Connects to an operator socket.
+    ///
+    /// # Errors
+    /// Returns an error if it does not answer.
+    pub fn connect(socket: PathBuf) -> Result<Self, Failure> {
         Ok(Self { session: OperatorSession::connect(&socket)?, socket })
     }
 

@@ -1,0 +1,162 @@
+//! All processes of teleopd with their simulated robot, led over a link by the clients of an operator's machine. Each end of
+//! the link is killed, and the emergency stop is pressed.
+
+use client::Transport;
+use harness::{Harness, Operator, StateObserver, assert_no_violations, publisher};
+use messages::Mode;
+use std::net::UdpSocket;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, ExitCode, Stdio};
+use std::time::{Duration, Instant};
+
+/// Generous: the machine may be busy.
+const SOON: Duration = Duration::from_secs(25);
+/// Time for which nothing may engage by itself.
+const WATCHED: Duration = Duration::from_secs(2);
+/// Presses of the enable at most. A machine that pauses ends an engagement.
+const PRESSES: usize = 8;
+/// A joint that is this far from where it was has followed, rad or m.
+const MOVED: f64 = 0.2;
+
+/// A process of `bridge link`.
+struct End(Child);
+
+impl End {
+    fn start(arguments: &[&str]) -> Self {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_bridge"));
+        Self(command.arg("link").args(arguments).stdout(Stdio::null()).spawn().expect("it starts"))
+    }
+}
+
+impl Drop for End {
+    /// The end of a process that cannot say goodbye.
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+fn text(path: &Path) -> &str {
+    path.to_str().expect("text")
+}
+
+/// The operator's machine: the folder of its end, and the person there.
+struct Place {
+    folder: tempfile::TempDir,
+    bundle: PathBuf,
+    address: String,
+}
+
+impl Place {
+    fn start(&self) -> End {
+        let (bundle, folder) = (text(&self.bundle), text(self.folder.path()));
+        End::start(&["operator", "--bundle", bundle, "--connect", &self.address, "--run-dir", folder])
+    }
+
+    /// Connects an operator, once the link is there.
+    fn hand(&self) -> Operator {
+        let give_up = Instant::now() + SOON;
+        loop {
+            match Operator::connect(self.folder.path().join("operator.sock")) {
+                Ok(hand) => return hand,
+                Err(error) => assert!(Instant::now() < give_up, "{error}"),
+            }
+            std::thread::sleep(Duration::from_millis(50));
+        }
+    }
+
+    /// A new client lets the robot follow the built-in motion. Then this returns the operator who holds the enable, and the
+    /// client.
+    fn lead(&self, eyes: &mut StateObserver) -> (Operator, client::Publisher) {
+        let mut hand = self.hand();
+        let person = Transport::Socket(self.folder.path().join("skeleton.sock"));
+        let client = publisher(person, &motion::builtin(), 0).expect("the skeleton socket answers");
+        let before = eyes.wait("there", |_| true);
+        let engaged = (0..PRESSES).any(|_| {
+            let free = hand.clear(&mut || Ok(()));
+            hand.enable();
+            let reached = free.and_then(|()| hand.reach(Mode::Engaged, &mut || Ok(())));
+            if let Err(failure) = &reached {
+                println!("again: {failure}");
+            }
+            reached.is_ok()
+        });
+        assert!(engaged, "{}", hand.describe());
+        client.set_engaged(true);
+        eyes.wait_moved(&before, MOVED);
+        (hand, client)
+    }
+}
+
+/// Asserts that the robot is released, comes to rest, and stays so.
+fn assert_released(local: &Operator, eyes: &mut StateObserver, what: &str) {
+    let released = |mode| !matches!(mode, Some(Mode::Engaged | Mode::Engaging));
+    let give_up = Instant::now() + SOON;
+    while !released(local.mode()) {
+        assert!(Instant::now() < give_up, "{what}: never released");
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    let at = eyes.wait_at_rest();
+    let watched = Instant::now() + WATCHED;
+    while Instant::now() < watched {
+        assert!(released(local.mode()), "{what}: it engaged by itself");
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    let then = eyes.wait("there", |state| state.header.sequence > at.header.sequence);
+    assert_eq!(at.q, then.q, "{what}: it moved");
+}
+
+fn robot_is_led_over_a_link() {
+    let mut robot = Harness::start(&harness::config(), None).expect("it starts");
+    let (keys, folder) = (tempfile::tempdir().expect("a folder"), tempfile::tempdir().expect("a folder"));
+    for words in [["robot", "--name", "tiago"], ["operator", "--name", "anna"]] {
+        let mut pair = Command::new(env!("CARGO_BIN_EXE_bridge"));
+        pair.args(["link", "pair"]).args(words).args(["--keys", text(keys.path())]).stdout(Stdio::null());
+        assert!(pair.status().expect("it runs").success());
+    }
+    let port = UdpSocket::bind("127.0.0.1:0").and_then(|socket| socket.local_addr()).expect("a port").port();
+    let address = format!("quic/127.0.0.1:{port}");
+    let run_dir = robot.folder().to_owned();
+    let of_robot =
+        || End::start(&["robot", "--keys", text(keys.path()), "--listen", &address, "--run-dir", text(&run_dir)]);
+    let place = Place { folder, bundle: keys.path().join("anna.bundle"), address: address.clone() };
+    let (local, mut eyes) = (robot.operator().expect("it answers"), StateObserver::of(&robot.instance));
+
+    let (far, near) = (of_robot(), place.start());
+    let led = place.lead(&mut eyes);
+    drop(near);
+    assert_released(&local, &mut eyes, "the operator's end was killed");
+    drop(led);
+
+    let near = place.start();
+    let led = place.lead(&mut eyes);
+    drop(far);
+    assert_released(&local, &mut eyes, "the robot's end was killed");
+    let far = of_robot();
+    assert_released(&local, &mut eyes, "the robot's end is back");
+    drop(led);
+
+    let (hand, _client) = place.lead(&mut eyes);
+    hand.estop();
+    let give_up = Instant::now() + SOON;
+    while local.mode() != Some(Mode::Faulted) {
+        assert!(Instant::now() < give_up, "{}", local.describe());
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    eyes.wait_at_rest();
+    drop((near, far));
+    robot.children.end("sim").expect("it ends");
+    let mut figures = robot.report("sim").expect("its figures");
+    robot.children.end("robot").expect("it ends");
+    figures["robot"] = robot.report("robot").expect("its figures");
+    assert_no_violations(&figures);
+}
+
+fn main() -> ExitCode {
+    if let Some(ended) = harness::roles::main() {
+        return ended;
+    }
+    robot_is_led_over_a_link();
+    println!("test robot_is_led_over_a_link ... ok");
+    ExitCode::SUCCESS
+}
