@@ -116,7 +116,7 @@ fn package(folder: &Path) -> Result<PathBuf, String> {
     if !built.ends_with("release") {
         return Err("the package takes release builds".into());
     }
-    for needed in ["dist", "replay", "latency", "record", "say"] {
+    for needed in ["dist", "replay", "latency", "record", "say", "bridge"] {
         if !built.join(needed).exists() {
             return Err(format!("{needed} is not built (cargo build --release --workspace)"));
         }
@@ -153,6 +153,7 @@ fn package_holds_its_files_and_its_settings_are_accepted() {
         "usr/share/man/man1/teleop-latency.1.gz",
         "usr/share/man/man1/teleop-record.1.gz",
         "usr/share/man/man1/teleop-say.1.gz",
+        "usr/share/man/man1/teleop-bridge-link.1.gz",
         "usr/share/teleopd/motions/captions.tsv",
         "usr/share/teleopd/motions/synonyms.txt",
         "usr/share/teleopd/motions/clap.bvh",

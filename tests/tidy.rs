@@ -73,7 +73,7 @@ const MAY_USE: &[(&str, &[&str])] = &[
     ("canvas", &[]),
     ("chaos", &["harness", "teleopd"]),
     ("collision", &["canvas"]),
-    ("dist", &["latency", "record"]),
+    ("dist", &["bridge", "latency", "record"]),
     ("eval", &["collision", "train"]),
     ("keyposes", &[]),
     ("latency", &["canvas", "harness", "teleopd"]),

@@ -19,7 +19,7 @@ mod teleopd;
 
 /// Returns every program of the package under its installed name. In /usr/bin the names `replay` and `latency`
 /// alone would be too general.
-pub fn programs() -> [Command; 7] {
+pub fn programs() -> [Command; 8] {
     [
         teleopd::Cli::command(),
         teleopctl::Cli::command(),
@@ -27,6 +27,7 @@ pub fn programs() -> [Command; 7] {
         latency::cli::Cli::command().name("teleop-latency"),
         record::cli::Cli::command().name("teleop-record"),
         say::Cli::command().name("teleop-say"),
+        bridge::cli::Cli::command().name("teleop-bridge"),
         ros2::cli::Cli::command(),
     ]
 }

@@ -7,13 +7,14 @@ use std::fs::File;
 use std::path::{Path, PathBuf};
 
 /// Programs of a build, and their names in the archive.
-const PROGRAMS: [(&str, &str); 7] = [
+const PROGRAMS: [(&str, &str); 8] = [
     ("teleopd", "teleopd"),
     ("teleopctl", "teleopctl"),
     ("replay", "teleop-replay"),
     ("latency", "teleop-latency"),
     ("record", "teleop-record"),
     ("say", "teleop-say"),
+    ("bridge", "teleop-bridge"),
     ("teleopd-ros2", "teleopd-ros2"),
 ];
 
