@@ -144,7 +144,7 @@ class Artist {
     }
     this.person.group.visible = shown.person;
     const root = this.rootOf(frame);
-    if (shown.person) this.person.update(frame.person, this.placing, root, dt);
+    if (shown.person) this.person.update(frame.person, frame.turns, this.placing, root, dt);
     this.near.show(frame.pair, shown.pair);
   }
 

@@ -34,6 +34,11 @@ const TROUSERS_END = 6, COLLAR = 16;
 // Computed joints: the trunk's curve, and the upper end of the neck.
 const [HIP, WAIST, RIBS, CHEST, SKULL] = [22, 23, 24, 25, 26], MADE = 5;
 
+// Places in the server's `turns`: a hand has four numbers of a rotation and its closure.
+const HAND_FLOATS = 5, HEAD_AT = 10;
+// From the wrist to the knuckles, m, and how far the fingers of a fist are bent, rad.
+const KNUCKLES_M = 0.075, CLOSED_RAD = 2.3;
+
 // Limbs that cast a shadow: from joint to joint, with a radius in m.
 const SHADOWS = [...[0, 1].flatMap((side) => [[SHOULDERS[side], ELBOWS[side], 0.05], [ELBOWS[side], WRISTS[side], 0.045], [HIPS[side], KNEES[side], 0.085],
   [KNEES[side], ANKLES[side], 0.06], [ANKLES[side], FEET[side], 0.06]]), [PELVIS, NECK, 0.15], [HEAD, HEAD, 0.11]];
@@ -71,18 +76,20 @@ export class Person {
     };
     const paint = (c) => `#${c.getHexString()}`;
     const dark = paint(shaded(colour, 0.06).lerp(new THREE.Color("#20262e"), 0.6));
-    this.hands = [0, 1].map((side) => rigid(hand(paint(skin), side === 0 ? 1 : -1)));
+    this.hands = [0, 1].map(() => rigid(palm(paint(skin))));
+    this.fingers = [0, 1].map(() => rigid(fingers(paint(skin))));
     this.shoes = [0, 1].map(() => rigid(shoe(dark)));
     this.head = rigid(head(paint(skin), dark));
-    const meshes = [this.trunk.mesh, ...this.arms.map((arm) => arm.mesh), ...this.legs.map((leg) => leg.mesh), ...this.hands, ...this.shoes, this.head];
+    const meshes = [this.trunk.mesh, ...this.arms.map((arm) => arm.mesh), ...this.legs.map((leg) => leg.mesh), ...this.hands, ...this.fingers, ...this.shoes, this.head];
     for (const mesh of meshes) [mesh.castShadow, mesh.receiveShadow] = [true, true];
     this.group.add(...meshes);
   }
 
-  // `positions` are the joints in the client's frame. `placing` tells where they go: beside, overlaid or world.
+  // `positions` are the joints in the client's frame. `turns` are hands and head, as the server sends them. `placing` tells where they go: beside, overlaid or world.
   // `root` is a place in the robot's frame. It is for the pelvis, or for the middle of the shoulders of an
   // overlaid person.
-  update(positions, placing, root, dt) {
+  update(positions, turns, placing, root, dt) {
+    this.turns = turns;
     if (Math.hypot(positions[0] - this.raw[0], positions[1] - this.raw[1]) > JUMP_M) this.start = null;
     this.raw.set(positions);
     for (let n = 0; n < JOINTS; n += 1) this.joints[n].fromArray(positions, 3 * n);
@@ -151,20 +158,48 @@ export class Person {
       this.placeHand(side);
       this.placeShoe(side);
     }
-    // The head points up from the neck. The face points where the chest points.
-    A.subVectors(joints[SKULL], joints[NECK]).normalize();
-    B.copy(front).addScaledVector(A, -front.dot(A)).normalize();
+    if (this.isKnown(HEAD_AT)) {
+      this.turned(B.set(1, 0, 0), HEAD_AT);
+      this.turned(A.set(0, 0, 1), HEAD_AT);
+    } else {
+      // The head points up from the neck. The face points where the chest points.
+      A.subVectors(joints[SKULL], joints[NECK]).normalize();
+      B.copy(front).addScaledVector(A, -front.dot(A)).normalize();
+    }
     this.rigid(this.head, joints[SKULL], B, C.crossVectors(A, B), A);
   }
 
-  // The thumb points forwards, or upwards if the arm itself points forwards.
+  // Returns true if the rotation at this place of `turns` is known.
+  isKnown(at) {
+    return this.turns[at] !== 0 || this.turns[at + 1] !== 0 || this.turns[at + 2] !== 0 || this.turns[at + 3] !== 0;
+  }
+
+  // Turns a direction of the T-pose by the rotation at this place, from the chest's frame to the scene's.
+  turned(direction, at) {
+    const { front, shoulders } = this, { x, y, z } = direction.applyQuaternion(Q.fromArray(this.turns, at).normalize());
+    D.crossVectors(front, shoulders);
+    return direction.copy(front).multiplyScalar(x).addScaledVector(shoulders, y).addScaledVector(D, z);
+  }
+
+  // In the T-pose the left arm points left and the right arm right, and both thumbs forwards. Without a rotation the hand
+  // continues its forearm, and its thumb points forwards, or upwards if the arm itself points forwards.
   placeHand(side) {
-    const { joints, front } = this;
-    A.subVectors(joints[WRISTS[side]], joints[ELBOWS[side]]).normalize();
-    const along = Math.abs(A.dot(front));
-    B.copy(front).multiplyScalar(1 - along).setZ(B.z + along);
-    B.addScaledVector(A, -A.dot(B)).normalize();
-    this.rigid(this.hands[side], joints[WRISTS[side]], A, B, C.crossVectors(A, B));
+    const { joints, front, size } = this, at = HAND_FLOATS * side, wrist = joints[WRISTS[side]];
+    if (this.isKnown(at)) {
+      this.turned(A.set(0, 1 - 2 * side, 0), at);
+      this.turned(B.set(1, 0, 0), at);
+    } else {
+      A.subVectors(wrist, joints[ELBOWS[side]]).normalize();
+      const along = Math.abs(A.dot(front));
+      B.copy(front).multiplyScalar(1 - along).setZ(B.z + along);
+      B.addScaledVector(A, -A.dot(B)).normalize();
+    }
+    this.rigid(this.hands[side], wrist, A, B, C.crossVectors(A, B));
+    // The fingers bend from the knuckles towards the palm.
+    D.copy(wrist).addScaledVector(A, KNUCKLES_M * size);
+    const bend = CLOSED_RAD * this.turns[at + 4] * (1 - 2 * side);
+    A.multiplyScalar(Math.cos(bend)).addScaledVector(C, Math.sin(bend));
+    this.rigid(this.fingers[side], D, A, B, C.crossVectors(A, B));
   }
 
   // The sole is level if the shin is upright, although the line from ankle to toes slopes down.
@@ -222,16 +257,20 @@ export class Person {
   }
 }
 
-const SCALE = new THREE.Vector3();
+const SCALE = new THREE.Vector3(), Q = new THREE.Quaternion();
 
-// Builds a hand along x from the wrist, with the thumb towards y. Both hands have the same shape: in their frames the
-// thumb is on the same side.
-function hand(colour) {
-  const palm = ellipsoid([0.058, 0.04, 0.019]).translate(0.045, 0, 0);
-  const fingers = capsule([0.075, 0, 0], [0.15, 0, 0], 0.024, 0.016).scale(1, 1.35, 0.62);
+// Builds a hand without its fingers along x from the wrist, with the thumb towards y. Both hands have the same shape: in
+// their frames the thumb is on the same side.
+function palm(colour) {
+  const middle = ellipsoid([0.058, 0.04, 0.019]).translate(0.045, 0, 0);
   const thumb = capsule([0.03, 0.03, 0], [0.085, 0.056, 0], 0.015, 0.011);
   const wrist = capsule([-0.02, 0, 0], [0.02, 0, 0], 0.027, 0.026);
-  return [palm, fingers, thumb, wrist].map((geometry) => ({ geometry, colour }));
+  return [middle, thumb, wrist].map((geometry) => ({ geometry, colour }));
+}
+
+// Builds four fingers along x from the knuckles.
+function fingers(colour) {
+  return [{ geometry: capsule([0, 0, 0], [0.075, 0, 0], 0.024, 0.016).scale(1, 1.35, 0.62), colour }];
 }
 
 // Builds a shoe along x from the heel to the toes, with the sole at z = 0.

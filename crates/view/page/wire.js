@@ -1,11 +1,11 @@
 // The connection. Texts are JSON. Frames are little-endian 32-bit floats in the order of the server's `frame`
 // module.
 
-export const VERSION = 5;
+export const VERSION = 6;
 export const FIELDS = ["version", "at", "mode", "present", "age", "late", "clearance", "pairA", "pairB", "limbTarget",
   "limbMeasured", "speed", "targetMask", "lag", "gripLeft", "gripRight", "forceLeft", "forceRight"];
 export const PRESENT = { person: 1, measured: 2, target: 4, command: 8, pair: 16, lag: 32, otherRobot: 64 };
-const PERSON = 22, POSE = 7;
+const PERSON = 22, TURNS = 14, POSE = 7;
 // Time before the next attempt to connect, ms.
 const AGAIN = 500;
 // Period of the heartbeat of a passive page, ms. The server waits ten seconds for it.
@@ -15,7 +15,7 @@ const HERE = 2000;
 export function decode(buffer, joints) {
   const all = new Float32Array(buffer);
   if (all[0] !== VERSION) throw new Error(`frames of version ${all[0]}, not ${VERSION}: load the page again`);
-  const poses = (joints + 1) * POSE, length = FIELDS.length + 12 + 3 * PERSON + 3 * poses + 4 * joints;
+  const poses = (joints + 1) * POSE, length = FIELDS.length + 12 + 3 * PERSON + TURNS + 3 * poses + 4 * joints;
   if (all.length !== length) throw new Error(`a frame of ${all.length} numbers, not ${length}`);
   const frame = { all };
   FIELDS.forEach((name, n) => { frame[name] = all[n]; });
@@ -23,6 +23,7 @@ export function decode(buffer, joints) {
   const take = (count) => all.subarray(at, at += count);
   frame.pair = take(12);
   frame.person = take(3 * PERSON);
+  frame.turns = take(TURNS);
   frame.poses = { measured: take(poses), target: take(poses), command: take(poses) };
   frame.q = { measured: take(joints), target: take(joints), command: take(joints) };
   frame.v = take(joints);

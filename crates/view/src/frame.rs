@@ -3,6 +3,7 @@
 
 use messages::{
     GripperState, JOINTS_MAX, JointCommand, JointTarget, RobotState, SMPL_JOINTS, Skeleton, Status, deadline,
+    skeleton_flag,
 };
 use nalgebra::{Rotation3, UnitQuaternion, Vector3};
 use robot::{Frames, Model};
@@ -11,7 +12,7 @@ use robot::{Frames, Model};
 /// mrad equals 0.25 ms.
 const MOVES_RAD_PER_S: f64 = 0.2;
 /// Version of the order below. The page rejects other versions.
-pub const VERSION: f32 = 5.0;
+pub const VERSION: f32 = 6.0;
 
 /// Bits of `Field::Present`.
 pub mod present {
@@ -77,12 +78,15 @@ pub enum Field {
 pub const FIELDS: usize = Field::ForceRightN as usize + 1;
 /// Number of floats in a body's pose: position in m, then the quaternion x, y, z, w.
 pub const POSE: usize = 7;
+/// Number of floats for the person's hands and head: for the left and the right hand, rotation and closure as in
+/// `Skeleton`, then the head's rotation. A rotation that is not known is zero, and so is a closure.
+pub const TURNS: usize = 14;
 /// Number of floats in a frame of a robot with `count` joints, in this order: the fields, for each arm the place
-/// that is nearest to something and the place there (m, base frame), and the person's joints (m, their own frame). Then the poses of all bodies in the base frame:
-/// measured, target, commanded. Then the joint positions in the same order, and the measured velocities. A robot has
+/// that is nearest to something and the place there (m, base frame), the person's joints (m, their own frame), and
+/// their hands and head ([`TURNS`]). Then the poses of all bodies in the base frame: measured, target, commanded. Then the joint positions in the same order, and the measured velocities. A robot has
 /// one body per joint, and its base.
 pub const fn length(count: usize) -> usize {
-    FIELDS + 12 + 3 * SMPL_JOINTS + 3 * (count + 1) * POSE + 4 * count
+    FIELDS + 12 + 3 * SMPL_JOINTS + TURNS + 3 * (count + 1) * POSE + 4 * count
 }
 
 /// Newest message of every kind. A message is `None` if it never arrived, or if the last one is too old.
@@ -174,6 +178,7 @@ pub fn encode(model: &Model, frames: &mut Frames, heard: &LatestMessages, at_s: 
     numbers.extend(near.as_flattened().iter().flat_map(|point| point.iter().map(|&x| x as f32)));
     let person = heard.skeleton.map_or([[0.0; 3]; SMPL_JOINTS], |skeleton| skeleton.positions);
     numbers.extend(person.as_flattened());
+    numbers.extend(heard.skeleton.as_ref().map_or([0.0; TURNS], turns));
     let postures = [measured, target.unwrap_or(measured), command.unwrap_or(measured)];
     for q in &postures {
         poses(model, frames, q, &mut numbers);
@@ -184,6 +189,19 @@ pub fn encode(model: &Model, frames: &mut Frames, heard: &LatestMessages, at_s: 
     out.clear();
     // NaN and infinite values become 0, because nothing can be drawn there.
     out.extend(numbers.iter().flat_map(|&x| if x.is_finite() { x } else { 0.0 }.to_le_bytes()));
+}
+
+/// Returns the floats of [`TURNS`].
+fn turns(skeleton: &Skeleton) -> [f32; TURNS] {
+    let known = |bit: u32| if skeleton.flags & bit == 0 { 0.0 } else { 1.0 };
+    let mut turns = [0.0; TURNS];
+    for side in 0..2 {
+        let (hand, closure) = (known(skeleton_flag::HAND[side]), known(skeleton_flag::CLOSURE[side]));
+        turns[5 * side..][..4].copy_from_slice(&skeleton.hands[side].map(|x| x * hand));
+        turns[5 * side + 4] = skeleton.closure[side] * closure;
+    }
+    turns[10..].copy_from_slice(&skeleton.head.map(|x| x * known(skeleton_flag::HEAD)));
+    turns
 }
 
 /// Returns the least-squares time by which the measured joints trail the command, s: the sum of (q_c - q) v over

@@ -31,7 +31,7 @@ mod webcam;
 mod worker;
 
 pub use assets::{ASSETS, Asset};
-pub use frame::{FIELDS, Field, LatestMessages, POSE, VERSION, encode, length, present};
+pub use frame::{FIELDS, Field, LatestMessages, POSE, TURNS, VERSION, encode, length, present};
 pub use headset::{BODY_BYTES, HEADSET_BYTES, HeadsetFrame};
 pub use http::{POLICY, camera_policy};
 pub use live::{GONE_AFTER_NS, Readers};

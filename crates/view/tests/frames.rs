@@ -2,11 +2,12 @@
 
 use messages::{
     JOINTS_MAX, JointCommand, JointTarget, Layout, Mode, RobotState, SMPL_JOINTS, Skeleton, Stamp, Status, deadline,
+    skeleton_flag,
 };
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use robot::{Frames, Model};
 use std::path::Path;
-use view::{FIELDS, Field, LatestMessages, POSE, RobotView, encode, length, present, scene};
+use view::{FIELDS, Field, LatestMessages, POSE, RobotView, TURNS, encode, length, present, scene};
 
 pub fn loaded() -> config::Loaded {
     let config = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/teleop.toml");
@@ -33,9 +34,10 @@ fn encoded(model: &Model, heard: &LatestMessages) -> Vec<f32> {
 /// TIAGo++: the number of its joints and of its bodies.
 const JOINTS: usize = 17;
 const BODIES: usize = 18;
-/// Start of the lists: the nearest places, the person, three robots, four lists of joints.
+/// Start of the lists: the nearest places, the person, hands and head, three robots, four lists of joints.
 const PERSON: usize = FIELDS + 12;
-const ROBOTS: usize = PERSON + 3 * SMPL_JOINTS;
+const HANDS: usize = PERSON + 3 * SMPL_JOINTS;
+const ROBOTS: usize = HANDS + TURNS;
 const LISTS: usize = ROBOTS + 3 * BODIES * POSE;
 
 fn poses_are_those_of(model: &Model, numbers: &[f32], q: &[f64; JOINTS_MAX], what: &str) {
@@ -135,6 +137,20 @@ fn messages_of_another_robot_are_not_shown() {
     let numbers = encoded(&model, &heard);
     assert_eq!(numbers[Field::Present as usize] as u32, present::OTHER_ROBOT | present::PERSON);
     poses_are_those_of(&model, &numbers[ROBOTS..], &model.home, "home");
+}
+
+#[test]
+fn hands_and_head_are_there_where_they_are_known() {
+    let mut skeleton = Skeleton::ZERO;
+    skeleton.hands = [[0.1, 0.2, 0.3, 0.9], [0.4, 0.5, 0.6, 0.8]];
+    (skeleton.closure, skeleton.head) = ([0.25, 0.75], [0.0, 0.0, 0.6, 0.8]);
+    skeleton.flags = skeleton_flag::HAND[1] | skeleton_flag::CLOSURE[0];
+    let heard = LatestMessages { skeleton: Some(skeleton), ..LatestMessages::default() };
+    let known = [0.0, 0.0, 0.0, 0.0, 0.25, 0.4, 0.5, 0.6, 0.8, 0.0, 0.0, 0.0, 0.0, 0.0];
+    assert_eq!(encoded(&model(), &heard)[HANDS..ROBOTS], known);
+    skeleton.flags = skeleton_flag::HEAD;
+    let heard = LatestMessages { skeleton: Some(skeleton), ..LatestMessages::default() };
+    assert_eq!(encoded(&model(), &heard)[HANDS + 10..ROBOTS], skeleton.head);
 }
 
 #[test]

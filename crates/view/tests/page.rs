@@ -1,7 +1,7 @@
 //! Tests the page's files.
 
 use sha2::{Digest, Sha256};
-use view::{ASSETS, FIELDS, POSE, VERSION, length};
+use view::{ASSETS, FIELDS, POSE, TURNS, VERSION, length};
 
 fn text(path: &str) -> &'static str {
     let asset = ASSETS.iter().find(|asset| asset.path == path).expect("a file of the page");
@@ -62,10 +62,10 @@ fn page_constants_match_frame_layout() {
     let fields = wire.split_once("FIELDS = [").and_then(|(_, after)| after.split_once(']')).expect("fields").0;
     assert_eq!(fields.split(',').count(), FIELDS);
     let (person, pose) = (number("PERSON"), number("POSE"));
-    assert_eq!((pose, number("VERSION")), (POSE, VERSION as usize));
+    assert_eq!((pose, number("TURNS"), number("VERSION")), (POSE, TURNS, VERSION as usize));
     // The page computes the length from the number of joints in the scene.
     for joints in [7, 14, 22] {
-        assert_eq!(FIELDS + 12 + 3 * person + 3 * (joints + 1) * pose + 4 * joints, length(joints));
+        assert_eq!(FIELDS + 12 + 3 * person + TURNS + 3 * (joints + 1) * pose + 4 * joints, length(joints));
     }
     assert!(wire.contains("(joints + 1) * POSE") && wire.contains("4 * joints"));
     assert!(text("/robot.js").contains(&format!("const POSE = {POSE};")));
