@@ -28,6 +28,14 @@ pub fn run(options: &cli::View) -> Result<Exit, Failure> {
     let shutdown = Shutdown::on_signals().map_err(Failure::with(Exit::Software))?;
     let place = &options.place;
     let instance = instance_in(&place.run_dir)?;
+    if let Some(robot) = doors::linked_robot(instance.run_dir()) {
+        let text = format!(
+            "{}: an operator's end of a link to robot {robot} runs there. A page needs the shared memory of the robot's \
+             machine: run view there, with --https for this browser",
+            instance.run_dir().display()
+        );
+        return Err(Failure::new(Exit::Unavailable, text));
+    }
     let loaded = place.load()?;
     let key_poses = key_poses(options.key_poses.as_deref(), &loaded)?;
     let vision = options.camera.as_ref().map(|model| VisionFiles::open(&options.vision, model)).transpose();

@@ -2,18 +2,42 @@
 
 use crate::protocol::Reply;
 use rustix::io::Errno;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+
+/// File beside the sockets of a link's end at an operator's machine. It holds the name of the robot.
+pub const LINK_FILE: &str = "link";
+
+/// Returns the robot to which a link leads that serves the sockets of this folder.
+pub fn linked_robot(run_dir: &Path) -> Option<String> {
+    std::fs::read_to_string(run_dir.join(LINK_FILE)).ok()
+}
+
+fn link_of(socket: &Path) -> Option<String> {
+    let robot = linked_robot(socket.parent()?)?;
+    Some(format!(
+        "The link to robot {robot} is down, and nothing reaches the robot. See the lines of bridge link operator. Use the \
+         robot's own emergency stop"
+    ))
+}
+
+fn absent(socket: &Path, daemon: &str) -> String {
+    link_of(socket).unwrap_or_else(|| format!("Is {daemon} running? `teleopd up` starts everything"))
+}
+
+fn ended(socket: &Path, daemon: &str) -> String {
+    link_of(socket).unwrap_or_else(|| format!("{daemon} ended without removing it; start it again"))
+}
 
 /// Returned when a socket cannot be made or reached. `daemon` is the process that the socket belongs to.
 #[derive(Debug, thiserror::Error)]
 #[allow(missing_docs, reason = "the texts name the fields")]
 pub enum DoorError {
     /// The socket does not exist.
-    #[error("{}: no such socket. Is {daemon} running? `teleopd up` starts everything", path.display())]
+    #[error("{}: no such socket. {}", path.display(), absent(path, daemon))]
     NoSocket { path: PathBuf, daemon: &'static str },
     /// The socket file exists, but no process listens on it.
     #[error(
-        "{}: no process listens on this socket. {daemon} ended without removing it; start it again", path.display()
+        "{}: no process listens on this socket. {}", path.display(), ended(path, daemon)
     )]
     NobodyAnswers { path: PathBuf, daemon: &'static str },
     /// The file system forbids it.

@@ -66,6 +66,8 @@ messages::named! {
         NoSession = 4 => "no session",
         /// Another program of this operator has the session.
         Busy = 5 => "another program of this operator has the session",
+        /// There is nothing to operate.
+        NoDaemon = 6 => "teleopd does not run at the robot",
     }
 }
 
@@ -89,6 +91,8 @@ pub struct Head {
     pub session: u64,
     /// Number of the operator's end, drawn at its start. It is never zero.
     pub client: u64,
+    /// Emergency stops of the operator's end that the robot's end has heard. The operator's end sends it back.
+    pub stops_heard: u32,
     /// Counts the datagrams of this sender from 1.
     pub sequence: u64,
     /// Time of sending, on the sender's CLOCK_MONOTONIC.
@@ -147,7 +151,7 @@ fn tail_mut(bytes: &mut [u8], from: usize) -> &mut [u8] {
 
 impl Head {
     fn put(&self, out: &mut [u8]) {
-        [MAGIC, PROTOCOL, self.kind as u32, 0].put(out);
+        [MAGIC, PROTOCOL, self.kind as u32, self.stops_heard].put(out);
         let Echo { sequence, sent, received } = self.echo;
         [self.session, self.client, self.sequence, self.sent.0, sequence, sent.0, received.0].put(tail_mut(out, 16));
     }
@@ -160,7 +164,7 @@ impl Head {
         if bytes.len() < HEAD_BYTES || bytes.len() > FRAME_BYTES_MAX {
             return Err(Refusal::Length);
         }
-        let [magic, protocol, kind, reserved] = <[u32; 4]>::get(bytes);
+        let [magic, protocol, kind, stops_heard] = <[u32; 4]>::get(bytes);
         let [session, client, sequence, sent, echo, echo_sent, received] = <[u64; 7]>::get(tail(bytes, 16));
         if magic != MAGIC {
             return Err(Refusal::Magic);
@@ -169,11 +173,11 @@ impl Head {
             return Err(Refusal::Version);
         }
         let kind = Kind::ALL.into_iter().find(|known| *known as u32 == kind).ok_or(Refusal::Kind)?;
-        if reserved != 0 || client == 0 || sequence == 0 {
+        if client == 0 || sequence == 0 {
             return Err(Refusal::Value);
         }
         let echo = Echo { sequence: echo, sent: Stamp(echo_sent), received: Stamp(received) };
-        Ok(Self { kind, session, client, sequence, sent: Stamp(sent), echo })
+        Ok(Self { kind, session, client, stops_heard, sequence, sent: Stamp(sent), echo })
     }
 }
 

@@ -64,7 +64,7 @@ impl Exchange {
         if let Some(place) = self.sent.get_mut((self.sequence % KEPT as u64) as usize) {
             *place = (self.sequence, now);
         }
-        Head { kind, session, client, sequence: self.sequence, sent: now, echo: self.echo }
+        Head { kind, session, client, stops_heard: 0, sequence: self.sequence, sent: now, echo: self.echo }
     }
 
     /// Handles the other end's new count: its numbers begin again, and its loss with them.

@@ -45,6 +45,8 @@ pub struct OperatorEnd {
     asked: u64,
     heard: Stamp,
     answer: Option<(Answer, Stamp)>,
+    /// Emergency stops of this end that the robot's end has heard.
+    stops_heard: u32,
     exchange: Exchange,
     refused: Refused,
 }
@@ -58,6 +60,7 @@ impl OperatorEnd {
             asked: 0,
             heard: Stamp::NONE,
             answer: None,
+            stops_heard: 0,
             exchange: Exchange::default(),
             refused: Refused::default(),
         }
@@ -89,6 +92,7 @@ impl OperatorEnd {
 
     fn put(&mut self, payload: Payload, now: Stamp, out: &mut [u8; FRAME_BYTES_MAX]) -> Result<usize, Unsendable> {
         let head = self.exchange.head(payload.kind(), self.session, self.client, now);
+        let head = Head { stops_heard: self.stops_heard, ..head };
         Frame { head, payload }.put(out)
     }
 
@@ -124,7 +128,7 @@ impl OperatorEnd {
             Ok(()) | Err(Refusal::Jump) => {}
             Err(refusal) => return Err(refusal),
         }
-        self.heard = now;
+        (self.heard, self.stops_heard) = (now, head.stops_heard);
         Ok(match payload {
             Payload::Answer(answer) => {
                 self.answer = Some((answer, now));

@@ -73,6 +73,8 @@ struct Seat {
 /// State of the robot's end. The place of each operator is chosen by the caller, who knows their names.
 #[derive(Clone, Debug, Default)]
 pub struct RobotEnd {
+    /// Set by the caller: `control` sends no status.
+    pub daemon_gone: bool,
     seats: [Seat; OPERATORS_MAX],
 }
 
@@ -108,17 +110,18 @@ impl RobotEnd {
 
     /// Writes the answer for the operator at place `at`. Returns its length. `None` if there is no such operator.
     pub fn answer(&mut self, at: usize, now: Stamp, out: &mut [u8; FRAME_BYTES_MAX]) -> Option<usize> {
-        let seat = self.seats.get_mut(at)?;
-        let answer = seat.state(now);
-        seat.put(Payload::Answer(answer), now, out)
+        let answer = self.seats.get(at)?.state(now, self.daemon_gone);
+        self.seats.get_mut(at)?.put(Payload::Answer(answer), now, out)
     }
 
     /// Writes the answer for a second program of the operator at place `at`, if there is one.
     pub fn answer_rival(&mut self, at: usize, now: Stamp, out: &mut [u8; FRAME_BYTES_MAX]) -> Option<usize> {
+        let gone = self.daemon_gone;
         let seat = self.seats.get_mut(at)?;
         let (client, echo) = seat.rival.take()?;
-        let payload = Payload::Answer(Answer { verdict: Verdict::Busy, ..seat.state(now) });
-        let head = Head { client, session: 0, echo, ..seat.exchange.head(Kind::Answer, 0, client, now) };
+        let payload = Payload::Answer(Answer { verdict: Verdict::Busy, ..seat.state(now, gone) });
+        let stops_heard = seat.stops_heard(client);
+        let head = Head { stops_heard, echo, ..seat.exchange.head(Kind::Answer, 0, client, now) };
         Frame { head, payload }.put(out).ok()
     }
 
@@ -130,7 +133,10 @@ impl RobotEnd {
 
     /// Returns the state of the operator at place `at`. `None` if none was ever there.
     pub fn state(&self, at: usize, now: Stamp) -> Option<Answer> {
-        self.seats.get(at).filter(|seat| seat.client != 0 || seat.refused.total() > 0).map(|seat| seat.state(now))
+        self.seats
+            .get(at)
+            .filter(|seat| seat.client != 0 || seat.refused.total() > 0)
+            .map(|seat| seat.state(now, self.daemon_gone))
     }
 
     /// Returns the datagrams of the operator at place `at` that were refused, by reason.
@@ -163,7 +169,7 @@ impl Seat {
         match Frame::get(bytes)?.payload {
             Payload::Operator(request) => {
                 // The emergency stop has no rate.
-                *stop = self.is_new_stop(head.client, request.estop_count);
+                *stop = self.is_new_stop(&head, request.estop_count);
                 match head.session {
                     _ if !within_rate => Err(Refusal::Rate),
                     0 => self.begin(&head, &request, now, draw),
@@ -175,14 +181,14 @@ impl Seat {
         }
     }
 
-    /// Returns true if the operator's end `client` has pressed the emergency stop since its last request. The count begins
-    /// with the start of that end and not with the session.
-    fn is_new_stop(&mut self, client: u64, count: u32) -> bool {
-        let known = self.stops.iter().position(|(known, _)| *known == client);
+    /// Returns true if the operator's end has pressed the emergency stop since its last request. The count begins with the
+    /// start of that end and not with the session. What an earlier start of this end has heard does not count again.
+    fn is_new_stop(&mut self, head: &Head, count: u32) -> bool {
+        let known = self.stops.iter().position(|(known, _)| *known == head.client);
         let place = known.unwrap_or(self.next_stop);
         let Some(stop) = self.stops.get_mut(place) else { return count > 0 };
         if known.is_none() {
-            *stop = (client, 0);
+            *stop = (head.client, head.stops_heard);
             self.next_stop = (place + 1) % CLIENTS_KEPT;
         }
         let edges = count.wrapping_sub(stop.1);
@@ -191,6 +197,11 @@ impl Seat {
             stop.1 = count;
         }
         newer
+    }
+
+    /// Returns the emergency stops that were heard from an operator's end.
+    fn stops_heard(&self, client: u64) -> u32 {
+        self.stops.iter().find(|(known, _)| *known == client).map_or(0, |(_, count)| *count)
     }
 
     /// Begins a session. What was pressed before counts for nothing in it.
@@ -319,9 +330,10 @@ impl Seat {
         Ok(Sent::Person(RawSkeleton { header, ..person }))
     }
 
-    fn state(&self, now: Stamp) -> Answer {
+    fn state(&self, now: Stamp, daemon_gone: bool) -> Answer {
         let uncertainty_ns = self.exchange.clock.uncertainty_ns(now);
         let verdict = match (self.session, uncertainty_ns) {
+            _ if daemon_gone => Verdict::NoDaemon,
             (None, _) => Verdict::NoSession,
             (_, None) => Verdict::Unsynchronised,
             (_, Some(ns)) if ns > UNCERTAINTY_MAX_NS => Verdict::Uncertain,
@@ -342,7 +354,10 @@ impl Seat {
             return None;
         }
         let session = self.session.map_or(0, |session| session.nonce);
-        let head = self.exchange.head(payload.kind(), session, self.client, now);
+        let head = Head {
+            stops_heard: self.stops_heard(self.client),
+            ..self.exchange.head(payload.kind(), session, self.client, now)
+        };
         Frame { head, payload }.put(out).ok()
     }
 }

@@ -398,6 +398,27 @@ fn f125_emergency_stop_counts_without_clock_session_or_youth() {
 }
 
 #[test]
+fn f125_emergency_stop_that_was_heard_is_not_repeated_by_a_restart() {
+    let mut world = World::linked(5 * MS);
+    world.request.estop_count = 1;
+    world.run(20);
+    for heard in [true, false] {
+        // The way down carries what was heard. Cut, the press may have been lost with the robot's end.
+        world.broken[1] = !heard;
+        world.request.estop_count += u32::from(!heard);
+        world.run(5);
+        (world.robot, world.daemon) = (RobotEnd::default(), Daemon::default());
+        world.broken[1] = false;
+        world.run(40);
+        assert_eq!(world.daemon.stops, usize::from(!heard), "heard {heard}");
+        world.request.estop_count += 1;
+        world.run(20);
+        let relayed = world.daemon.requests.last().map_or(0, |last| last.estop_count as usize);
+        assert_eq!(world.daemon.stops + relayed, 1 + usize::from(!heard), "the next press, heard {heard}");
+    }
+}
+
+#[test]
 fn f129_second_program_of_an_operator_waits_until_the_first_is_silent() {
     let mut world = World::linked(5 * MS);
     world.press();

@@ -58,6 +58,7 @@ pub enum Link {
 
 /// Arguments of the robot's end.
 #[derive(Args, Debug)]
+#[group(required = true, multiple = true, args = ["listen", "connect"])]
 pub struct LinkRobot {
     /// Folder with the keys that `bridge link pair` made.
     #[arg(long, value_name = "DIR", default_value = "link-keys")]
@@ -66,7 +67,7 @@ pub struct LinkRobot {
     #[arg(long, value_name = "ADDRESS")]
     pub listen: Vec<String>,
     /// Address of a router to connect to: quic/HOST:PORT.
-    #[arg(long, value_name = "ADDRESS", required_unless_present = "listen")]
+    #[arg(long, value_name = "ADDRESS")]
     pub connect: Vec<String>,
     /// Folder of the running instance.
     #[arg(long, value_name = "DIR", default_value_os_t = instance::default_run_dir())]

@@ -55,6 +55,8 @@ fn place(cli: &Cli) -> Result<(Instance, Transport), Failure> {
     };
     let way = match &cli.socket {
         Some(socket) => Transport::Socket(socket.clone()),
+        // Shared memory does not reach over a link.
+        None if doors::linked_robot(instance.run_dir()).is_some() => Transport::Socket(instance.skeleton_socket()),
         None => Transport::Domain(instance.input_domain()),
     };
     Ok((instance, way))

@@ -66,7 +66,13 @@ impl Keys {
     /// # Errors
     /// Returns an error that names the file.
     pub fn of_robot(folder: &Path) -> Result<Self, Failure> {
-        let own = read_secret(&folder.join(super::pair::ROBOT))?;
+        let file = folder.join(super::pair::ROBOT);
+        if !file.exists() {
+            let text =
+                format!("{}: no keys of a robot. Run bridge link pair robot --name NAME first", folder.display());
+            return Err(Failure::new(Exit::NoInput, text));
+        }
+        let own = read_secret(&file)?;
         let mut operators = Vec::new();
         let listed = folder.join(super::pair::OPERATORS);
         for entry in std::fs::read_dir(&listed).into_iter().flatten().flatten() {
@@ -82,7 +88,7 @@ impl Keys {
             operators.push((name, common_name.to_owned()));
         }
         operators.sort_by(|(a, _): &(Name, String), (b, _)| a.0.cmp(&b.0));
-        Self::of(&folder.join(super::pair::ROBOT), &own, operators)
+        Self::of(&file, &own, operators)
     }
 
     /// Reads an operator's bundle.
@@ -138,15 +144,16 @@ fn blocks<'a>(text: &'a str, label: &str) -> Vec<&'a str> {
 fn read_secret(path: &Path) -> Result<String, Failure> {
     let unreadable = |error| Failure::new(Exit::NoInput, rt::unreadable(path, &error));
     let about = std::fs::metadata(path).map_err(unreadable)?;
-    if about.mode() & 0o077 != 0 {
+    if about.len() > FILE_BYTES_MAX {
+        return Err(wrong(path, format!("has {} bytes; keys have at most {FILE_BYTES_MAX}", about.len())));
+    }
+    let text = std::fs::read_to_string(path).map_err(unreadable)?;
+    if about.mode() & 0o077 != 0 && text.contains(PRIVATE_KEY) {
         let text =
             format!("holds a key that others may read (mode {:04o}). Run chmod 600 on it", about.mode() & 0o7777);
         return Err(wrong(path, text));
     }
-    if about.len() > FILE_BYTES_MAX {
-        return Err(wrong(path, format!("has {} bytes; keys have at most {FILE_BYTES_MAX}", about.len())));
-    }
-    std::fs::read_to_string(path).map_err(unreadable)
+    Ok(text)
 }
 
 fn wrong(path: &Path, text: impl std::fmt::Display) -> Failure {

@@ -21,7 +21,8 @@ pub use robot::run as run_robot;
 pub use wire::{Publisher, Slot, Wire, config, key, put};
 
 use crate::cli::{Link, Pair};
-use rt::Failure;
+use rt::{Failure, out};
+use std::net::ToSocketAddrs;
 use std::os::unix::process::CommandExt;
 use std::process::Command;
 
@@ -57,6 +58,16 @@ fn share_one_thread() -> Result<(), Failure> {
     let failed = Failure::with(rt::Exit::OsErr);
     let own = std::env::current_exe().map_err(&failed)?;
     Err(failed(Command::new(own).args(std::env::args_os().skip(1)).env(RUNTIME, ONE_THREAD).exec()))
+}
+
+/// Tells which hosts have no address now. zenoh goes on asking for them in silence.
+fn tell_unknown(addresses: &[String]) {
+    for address in addresses {
+        let host = address.trim_start_matches("quic/");
+        if let Err(error) = host.to_socket_addrs() {
+            out!("bridge: {address}: {error}. It is tried again and again");
+        }
+    }
 }
 
 /// Checks addresses of the command line.

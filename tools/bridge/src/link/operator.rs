@@ -40,6 +40,7 @@ struct Operator {
     unsendable: Option<Unsendable>,
     robot: Name,
     report: Report,
+    started: Stamp,
 }
 
 /// Runs the operator's end until a signal.
@@ -52,10 +53,12 @@ pub fn run(args: &LinkOperator) -> Result<(), Failure> {
     let unusable = |error| Failure::new(Exit::CantCreate, format!("{}: {error}", args.run_dir.display()));
     let instance = Instance::new(&args.run_dir).map_err(unusable)?;
     let persons = doors::Server::bind(&instance.skeleton_socket(), None).map_err(Failure::with(Exit::Unavailable))?;
-    let wire = Wire::open(&config(&keys, &[], &super::addresses(&args.connect)?))?;
+    let addresses = super::addresses(&args.connect)?;
+    let wire = Wire::open(&config(&keys, &[], &addresses))?;
     let Some(name) = &keys.operator else { return Ok(()) };
     out!("bridge: operator {name} of robot {}, code {}", keys.robot, keys.code());
     out!("bridge: clients find the robot with --run-dir {}", instance.run_dir().display());
+    super::tell_unknown(&addresses);
     let publisher = |what: &str| wire.publisher(key(&keys.robot, what, name));
     let mut operator = Operator {
         end: OperatorEnd::new(draw_nonce()),
@@ -71,12 +74,16 @@ pub fn run(args: &LinkOperator) -> Result<(), Failure> {
         unsendable: None,
         robot: keys.robot.clone(),
         report: Report::default(),
+        started: rt::now(),
     };
+    let marker = instance.run_dir().join(doors::LINK_FILE);
+    instance::write_anew(&marker, keys.robot.as_str().as_bytes()).map_err(unusable)?;
     while !shutdown.requested() {
         operator.wait(&wire);
         wire.calm();
         operator.round(rt::now())?;
     }
+    let _ = std::fs::remove_file(&marker);
     operator.heartbeat.withdraw();
     operator.beat(rt::now());
     Ok(())
@@ -168,7 +175,9 @@ impl Operator {
     fn tell(&mut self, now: Stamp) {
         let link = self.end.link(now);
         let state = match link.answer {
-            None => "no answer. Is bridge link robot running, and does it admit this operator?",
+            // A connection takes a moment.
+            None if now.since(self.started) < SILENT_NS => return,
+            None => "no answer. Is bridge link robot running, does UDP reach it, and does it admit this operator?",
             Some(answer) => answer.verdict.name(),
         };
         self.report.tell(now, &format!("{}: {state}", self.robot), || of_robot(&link));

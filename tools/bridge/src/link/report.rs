@@ -5,7 +5,7 @@ use messages::Stamp;
 use rt::out;
 
 /// Time between two lines, ns, and the shortest one if the state changes.
-const EVERY_NS: u64 = 10_000_000_000;
+const EVERY_NS: u64 = 60_000_000_000;
 const CHANGE_EVERY_NS: u64 = 1_000_000_000;
 
 /// The last line of one subject.
@@ -16,7 +16,7 @@ pub(super) struct Report {
 }
 
 impl Report {
-    /// Prints the line if it differs from the last one, at most every 10 s, or every second if `state` changes.
+    /// Prints the line if it differs from the last one, at most every minute, or every second if `state` changes.
     pub(super) fn tell(&mut self, now: Stamp, state: &str, details: impl FnOnce() -> String) {
         let changed = !self.text.starts_with(state);
         let every_ns = if changed { CHANGE_EVERY_NS } else { EVERY_NS };
@@ -53,6 +53,9 @@ fn time(what: &str, ns: Option<u64>) -> String {
 }
 
 fn lost(received: u64, lost: u64) -> String {
+    if received + lost == 0 {
+        return "nothing yet".into();
+    }
     let share = 100.0 * lost as f64 / (received + lost).max(1) as f64;
     format!("{share:.1} % lost")
 }

@@ -25,6 +25,8 @@ const SEND_MS: u64 = 20;
 const STOP_RETRY_NS: u64 = 100_000_000;
 /// Time between two attempts to reach `control` for its status, ns.
 const RETRY_NS: u64 = 500_000_000;
+/// Silence after which `control` releases what an operator holds, ns.
+const RELEASED_AFTER_NS: u64 = operator::LEASE_NS;
 /// Bytes before a status on its key: its version and its length, 32 bits each.
 const STATUS_HEAD_BYTES: usize = 8;
 
@@ -36,6 +38,9 @@ struct Operator {
     person: Person,
     control: Option<Client>,
     answered: Stamp,
+    /// Time of the last request, and whether it held something.
+    asked: Stamp,
+    holds: bool,
     report: Report,
 }
 
@@ -107,9 +112,22 @@ impl Operator {
             person: Person::new(&instance.skeleton_socket()),
             control: None,
             answered: Stamp::NONE,
+            asked: Stamp::NONE,
+            holds: false,
             report: Report::default(),
             name,
         })
+    }
+}
+
+impl Operator {
+    /// Tells why the robot was released, if requests that held something came too late.
+    fn tell_silence(&mut self, now: Stamp) {
+        let silent_ns = now.since(self.asked);
+        if self.holds && silent_ns > RELEASED_AFTER_NS {
+            out!("bridge: nothing came from {} for {} ms: the robot is released", self.name, silent_ns / 1_000_000);
+            self.holds = false;
+        }
     }
 }
 
@@ -127,6 +145,7 @@ impl Robot {
         let now = rt::now();
         let ended = self.end.tick(now);
         for (operator, _) in self.operators.iter_mut().zip(ended).filter(|(_, ended)| *ended) {
+            operator.tell_silence(now);
             // With the connection goes what it holds: a partition is a release.
             operator.control = None;
             operator.person.leave();
@@ -134,6 +153,10 @@ impl Robot {
         }
         if self.stop_due.is_some_and(|due| now >= due) {
             self.stop_due = (!self.stop()).then(|| now.plus_ns(STOP_RETRY_NS));
+        }
+        if self.stop_due.is_some() {
+            // An answer would tell that the emergency stop has arrived.
+            return;
         }
         self.tell_status(now);
         for at in 0..self.operators.len() {
@@ -152,6 +175,8 @@ impl Robot {
         match taken.outcome {
             Ok(Sent::Person(person)) => operator.person.publish(&person, now),
             Ok(Sent::Request(request)) => {
+                operator.tell_silence(now);
+                (operator.asked, operator.holds) = (now, request.enable_level != 0);
                 if self.relay(at, &request) && taken.stop {
                     // The request carried the stop.
                     self.stop_due = None;
@@ -160,6 +185,7 @@ impl Robot {
             Ok(Sent::Began) => {
                 operator.control = None;
                 operator.answered = Stamp::NONE;
+                operator.holds = false;
             }
             Err(_) => {}
         }
@@ -191,7 +217,8 @@ impl Robot {
 
     /// Sends a status that is newer than the last one.
     fn tell_status(&mut self, now: Stamp) {
-        if self.watch.as_ref().is_none_or(OperatorSession::is_cut_off) {
+        self.end.daemon_gone = self.watch.as_ref().is_none_or(OperatorSession::is_cut_off);
+        if self.end.daemon_gone {
             if now >= self.retry {
                 self.watch = OperatorSession::connect(&self.operator_socket).ok();
                 self.retry = now.plus_ns(RETRY_NS);

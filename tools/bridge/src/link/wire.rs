@@ -155,7 +155,16 @@ impl Wire {
     pub fn open(settings: &Value) -> Result<Self, Failure> {
         let failed = Failure::with(Exit::Unavailable);
         let config = zenoh::Config::from_json5(&settings.to_string()).map_err(Failure::with(Exit::Usage))?;
-        let session = zenoh::open(config).wait().map_err(&failed)?;
+        let session = zenoh::open(config).wait().map_err(|error| {
+            // The text of zenoh names its own sources.
+            let text = error.to_string();
+            let taken = text.contains("Address already in use");
+            failed(if taken {
+                format!("{}: another program listens there", settings["listen"]["endpoints"])
+            } else {
+                text
+            })
+        })?;
         let event = eventfd(0, EventfdFlags::CLOEXEC | EventfdFlags::NONBLOCK).map_err(Failure::with(Exit::OsErr))?;
         Ok(Self { session, event: Arc::new(event) })
     }
