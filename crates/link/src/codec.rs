@@ -106,6 +106,8 @@ pub struct Head {
 pub struct Answer {
     /// State.
     pub verdict: Verdict,
+    /// Another client holds the lease of `ingest`. The robot does not see this operator's person.
+    pub led_by_other: bool,
     /// Uncertainty of the clocks, ns. The largest number while they are not synchronised.
     pub uncertainty_ns: u64,
     /// Datagrams of this operator's end that arrived.
@@ -206,7 +208,7 @@ impl Frame {
             Payload::Operator(request) => put_whole(request, body),
             Payload::Person(person) => put_person(person, body)?,
             Payload::Answer(answer) => {
-                [answer.verdict as u32, 0].put(body);
+                [answer.verdict as u32, u32::from(answer.led_by_other)].put(body);
                 [answer.uncertainty_ns, answer.received, answer.lost, answer.refused].put(tail_mut(body, 8));
                 ANSWER_BYTES
             }
@@ -251,13 +253,13 @@ fn get_answer(body: &[u8]) -> Result<Answer, Refusal> {
     if body.len() != ANSWER_BYTES {
         return Err(Refusal::Length);
     }
-    let [verdict, reserved] = <[u32; 2]>::get(body);
+    let [verdict, led_by_other] = <[u32; 2]>::get(body);
     let [uncertainty_ns, received, lost, refused] = <[u64; 4]>::get(tail(body, 8));
     let verdict = Verdict::ALL.into_iter().find(|known| *known as u32 == verdict).ok_or(Refusal::Value)?;
-    if reserved != 0 {
+    if led_by_other > 1 {
         return Err(Refusal::Value);
     }
-    Ok(Answer { verdict, uncertainty_ns, received, lost, refused })
+    Ok(Answer { verdict, led_by_other: led_by_other == 1, uncertainty_ns, received, lost, refused })
 }
 
 /// Returns the length of a person with `joints` joints.

@@ -75,6 +75,8 @@ struct Seat {
 pub struct RobotEnd {
     /// Set by the caller: `control` sends no status.
     pub daemon_gone: bool,
+    /// Set by the caller: another client than this operator's holds the lease of `ingest`.
+    pub led_by_other: [bool; OPERATORS_MAX],
     seats: [Seat; OPERATORS_MAX],
 }
 
@@ -110,7 +112,7 @@ impl RobotEnd {
 
     /// Writes the answer for the operator at place `at`. Returns its length. `None` if there is no such operator.
     pub fn answer(&mut self, at: usize, now: Stamp, out: &mut [u8; FRAME_BYTES_MAX]) -> Option<usize> {
-        let answer = self.seats.get(at)?.state(now, self.daemon_gone);
+        let answer = self.answer_of(at, now)?;
         self.seats.get_mut(at)?.put(Payload::Answer(answer), now, out)
     }
 
@@ -133,10 +135,8 @@ impl RobotEnd {
 
     /// Returns the state of the operator at place `at`. `None` if none was ever there.
     pub fn state(&self, at: usize, now: Stamp) -> Option<Answer> {
-        self.seats
-            .get(at)
-            .filter(|seat| seat.client != 0 || seat.refused.total() > 0)
-            .map(|seat| seat.state(now, self.daemon_gone))
+        self.seats.get(at).filter(|seat| seat.client != 0 || seat.refused.total() > 0)?;
+        self.answer_of(at, now)
     }
 
     /// Returns the datagrams of the operator at place `at` that were refused, by reason.
@@ -147,6 +147,13 @@ impl RobotEnd {
     /// Returns the time on the way to the operator at place `at` and back, ns.
     pub fn round_trip_ns(&self, at: usize) -> Option<u64> {
         self.seats.get(at)?.exchange.clock.round_trip_ns()
+    }
+}
+
+impl RobotEnd {
+    fn answer_of(&self, at: usize, now: Stamp) -> Option<Answer> {
+        let answer = self.seats.get(at)?.state(now, self.daemon_gone);
+        Some(Answer { led_by_other: *self.led_by_other.get(at)?, ..answer })
     }
 }
 
@@ -342,6 +349,7 @@ impl Seat {
         let loss = &self.exchange.loss;
         Answer {
             verdict,
+            led_by_other: false,
             uncertainty_ns: uncertainty_ns.unwrap_or(u64::MAX),
             received: loss.received,
             lost: loss.lost(),

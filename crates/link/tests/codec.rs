@@ -48,7 +48,8 @@ fn request() -> OperatorRequest {
 }
 
 fn payloads() -> Vec<Payload> {
-    let answer = Answer { verdict: Verdict::Ready, uncertainty_ns: 1, received: 2, lost: 3, refused: 4 };
+    let answer =
+        Answer { verdict: Verdict::Ready, led_by_other: true, uncertainty_ns: 1, received: 2, lost: 3, refused: 4 };
     vec![
         Payload::Operator(request()),
         Payload::Person(person(24, raw_flag::ROTATIONS, 0.0)),

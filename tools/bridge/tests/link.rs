@@ -5,7 +5,7 @@
 mod relay;
 
 use bridge::link::{Keys, Wire, config, key};
-use doors::LeaseState;
+use doors::{LeaseState, Reply};
 use messages::{Feedback, Header, Layout, Message, RawSkeleton, Status};
 use operator::{OperatorSession, OperatorView};
 use std::io::{BufRead, BufReader};
@@ -25,6 +25,8 @@ const SOON: Duration = Duration::from_secs(20);
 struct Seen {
     view: OperatorView,
     persons: u64,
+    /// Another client leads the robot.
+    led_by_other: bool,
     /// The greatest age of a person, ns.
     oldest_ns: u64,
 }
@@ -56,7 +58,7 @@ impl Daemon {
                 ingest.poll(now, false, |_, frame| {
                     seen.persons += 1;
                     seen.oldest_ns = seen.oldest_ns.max(now.since(frame.header.origin));
-                    LeaseState::Holder
+                    if seen.led_by_other { LeaseState::NotHolder } else { LeaseState::Holder }
                 });
                 drop(seen);
                 ingest.feed_back(&Feedback { header, mode: 3, ..Feedback::ZERO });
@@ -212,6 +214,27 @@ fn publisher(folder: &Path) -> (Arc<AtomicBool>, JoinHandle<u64>) {
         felt
     };
     (ends, std::thread::spawn(publish))
+}
+
+#[test]
+fn client_hears_that_another_one_leads_the_robot() {
+    let world = World::new(&["anna"]);
+    let folder = tempfile::tempdir().expect("a folder");
+    let _end = world.operator(&world.bundle("anna"), folder.path());
+    let _hand = hand(folder.path());
+    let mut client = doors::Client::attach(folder.path().join("skeleton.sock")).expect("it answers");
+    for (led_by_other, word) in [(false, Reply::Holder), (true, Reply::NotHolder), (false, Reply::Holder)] {
+        world.daemon.seen.lock().expect("whole").led_by_other = led_by_other;
+        let (begun, mut sequence) = (Instant::now(), 0);
+        while client.told() != word {
+            assert!(begun.elapsed() < SOON, "it hears {:?} and not {word:?}", client.told());
+            sequence += 1;
+            let now = rt::now();
+            let header = Header { sequence, stamp: now, origin: now, ..Header::ZERO };
+            client.publish(&RawSkeleton { header, joint_count: 24, ..RawSkeleton::ZERO }).expect("it is sent");
+            std::thread::sleep(Duration::from_millis(20));
+        }
+    }
 }
 
 #[test]

@@ -71,7 +71,7 @@ fn is_lease_held(instance: &Instance) -> bool {
 pub fn run(cli: &Cli, motion: &Motion) -> Result<(), Failure> {
     let shutdown = Shutdown::on_signals().map_err(Failure::with(Exit::Failed))?;
     let (instance, way) = place(cli)?;
-    if cli.socket.is_none() && is_lease_held(&instance) {
+    if is_lease_held(&instance) {
         out!("{HELD}");
     }
     // The person moves during calibration, although the robot is not engaged.

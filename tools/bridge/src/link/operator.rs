@@ -2,7 +2,7 @@
 
 use super::heartbeat::Heartbeat;
 use super::keys::{Keys, Name};
-use super::report::{Report, of_robot};
+use super::report::{Report, of_robot, state_name};
 use super::wire::{Publisher, Slot, Wire, config, key, put};
 use crate::cli::LinkOperator;
 use doors::{CONNECTIONS_MAX, FrameSource, LeaseState, draw_nonce};
@@ -121,14 +121,16 @@ impl Operator {
     /// Sends the persons that have arrived, of one client at a time.
     fn send_persons(&mut self, now: Stamp) {
         let (mut newest, mut holder) = (None, self.holder);
-        let held = now.since(holder.1) < SILENT_NS;
+        let led_by_other = self.end.link(now).answer.is_some_and(|answer| answer.led_by_other);
+        let held = led_by_other || now.since(holder.1) < SILENT_NS;
         self.persons.poll(now, held, |source: FrameSource, frame: &RawSkeleton| {
             if source.session_nonce != holder.0 && now.since(holder.1) < SILENT_NS {
                 return LeaseState::NotHolder;
             }
             holder = (source.session_nonce, now);
             newest = Some(*frame);
-            LeaseState::Holder
+            // It is sent all the same: the robot takes it once the other is silent.
+            if led_by_other { LeaseState::NotHolder } else { LeaseState::Holder }
         });
         self.holder = holder;
         let Some(person) = newest else { return };
@@ -177,8 +179,10 @@ impl Operator {
         let state = match link.answer {
             // A connection takes a moment.
             None if now.since(self.started) < SILENT_NS => return,
-            None => "no answer. Is bridge link robot running, does UDP reach it, and does it admit this operator?",
-            Some(answer) => answer.verdict.name(),
+            None => {
+                "no answer. Is bridge link robot running, does UDP reach it, and does it admit this operator?".into()
+            }
+            Some(answer) => state_name(&answer),
         };
         self.report.tell(now, &format!("{}: {state}", self.robot), || of_robot(&link));
     }

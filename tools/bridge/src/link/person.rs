@@ -1,6 +1,6 @@
 //! The robot's end on the skeleton socket: one client for each operator.
 
-use doors::{Client, DoorError};
+use doors::{Client, DoorError, Reply};
 use messages::{Feedback, RawSkeleton, Stamp};
 use std::path::{Path, PathBuf};
 use std::thread::JoinHandle;
@@ -64,6 +64,11 @@ impl Person {
         let feedback = client.feedback().filter(|feedback| feedback.header.sequence != self.told)?;
         self.told = feedback.header.sequence;
         Some(*feedback)
+    }
+
+    /// Returns true if another client holds the lease.
+    pub(super) fn is_led_by_other(&self) -> bool {
+        self.client.as_ref().is_some_and(|client| matches!(client.told(), Reply::NotHolder | Reply::GrantedButHeld))
     }
 
     /// Ends the connection.

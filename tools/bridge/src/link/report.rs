@@ -30,6 +30,12 @@ impl Report {
     }
 }
 
+/// Returns the state in words.
+pub(super) fn state_name(answer: &Answer) -> String {
+    let led = if answer.led_by_other { ", but another client's person leads the robot" } else { "" };
+    format!("{}{led}", answer.verdict.name())
+}
+
 /// Figures of an operator, at the robot.
 pub(super) fn of_operator(answer: &Answer, round_trip_ns: Option<u64>, refused: &Refused) -> String {
     let certain = (answer.uncertainty_ns < u64::MAX).then_some(answer.uncertainty_ns);

@@ -2,7 +2,7 @@
 
 use super::keys::{Keys, Name};
 use super::person::Person;
-use super::report::{Report, of_operator};
+use super::report::{Report, of_operator, state_name};
 use super::wire::{KINDS, Publisher, Slot, Wire, config, key, put, status_key};
 use crate::cli::LinkRobot;
 use doors::draw_nonce;
@@ -248,6 +248,9 @@ impl Robot {
         if let Some(length) = self.end.answer_rival(at, now, &mut out) {
             put(&operator.answers, &out[..length]);
         }
+        if let Some(led) = self.end.led_by_other.get_mut(at) {
+            *led = operator.person.is_led_by_other();
+        }
         if now.since(operator.answered) >= ANSWER_EVERY_NS
             && let Some(length) = self.end.answer(at, now, &mut out)
         {
@@ -262,7 +265,7 @@ impl Robot {
         if let Some(state) = self.end.state(at, now) {
             let (trip, refused) = (self.end.round_trip_ns(at), self.end.refused(at));
             let why = operator.person.why.as_ref().map_or(String::new(), |why| format!("; {why}"));
-            let said = format!("{}: {}", operator.name, state.verdict.name());
+            let said = format!("{}: {}", operator.name, state_name(&state));
             operator.report.tell(now, &said, || of_operator(&state, trip, &refused) + &why);
         }
     }
