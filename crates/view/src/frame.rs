@@ -81,10 +81,10 @@ pub const POSE: usize = 7;
 /// Number of floats for the person's hands and head: for the left and the right hand, rotation and closure as in
 /// `Skeleton`, then the head's rotation. A rotation that is not known is zero, and so is a closure.
 pub const TURNS: usize = 14;
-/// Number of floats in a frame of a robot with `count` joints, in this order: the fields, for each arm the place
-/// that is nearest to something and the place there (m, base frame), the person's joints (m, their own frame), and
-/// their hands and head ([`TURNS`]). Then the poses of all bodies in the base frame: measured, target, commanded. Then the joint positions in the same order, and the measured velocities. A robot has
-/// one body per joint, and its base.
+/// Number of floats in a frame of a robot with `count` joints. The fields come first. Then, for each arm, the place that
+/// is nearest to something and the place there (m, base frame). Then the person's joints (m, their own frame), hands and
+/// head ([`TURNS`]). Then the poses of all bodies in the base frame: measured, target, commanded. Then the joint positions
+/// in the same order, and the measured velocities. A robot has one body per joint, and its base.
 pub const fn length(count: usize) -> usize {
     FIELDS + 12 + 3 * SMPL_JOINTS + TURNS + 3 * (count + 1) * POSE + 4 * count
 }

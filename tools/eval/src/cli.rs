@@ -32,7 +32,7 @@ pub struct Cli {
     /// --refusals: frames per second, 20 to 240
     #[arg(long, value_name = "HZ", value_delimiter = ',', default_values_t = [20.0, 30.0, 60.0, 120.0])]
     pub rates: Vec<f64>,
-    /// Settings file of --following, --wires and --refusals
+    /// Settings file of --following, --wires, --refusals and --contacts
     #[arg(long, value_name = "FILE", default_value = "config/teleop.toml")]
     pub config: PathBuf,
     /// --following and --wires: judged delay between person and command, ms. --following also judges 60 and 200

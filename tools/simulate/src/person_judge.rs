@@ -4,7 +4,7 @@
 
 use crate::modes::Broken;
 use crate::oracle::Seen;
-use messages::{JOINTS_MAX, Mode, Smpl, TICK_HZ};
+use messages::{JOINTS_MAX, Mode, Smpl, TICK_HZ, target_flag};
 use nalgebra::{Matrix3, Vector3};
 
 /// Ticks of following before the first judgement (`SETTLED`) and between judgements (`JUDGED`). By then the
@@ -49,7 +49,9 @@ impl PersonJudge {
             let bone = Vector3::y() * if side == 0 { 1.0 } else { -1.0 };
             for (limb, rotation) in [upper, fore].into_iter().enumerate() {
                 let cos = (rotation * bone).dot(&person[2 * side + limb]);
-                self.angles[2 * side + limb] += cos.clamp(-1.0, 1.0).acos();
+                // A hand that touches as the person's does costs its limbs something (`retarget.contact_weight`).
+                let is_own = target.flags & target_flag::TOUCHING[side] == 0;
+                self.angles[2 * side + limb] += if is_own { cos.clamp(-1.0, 1.0).acos() } else { 0.0 };
             }
         }
         for j in (0..seen.robot.count).filter(|&j| target.valid_mask & 1 << j != 0) {
