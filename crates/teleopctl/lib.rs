@@ -111,7 +111,9 @@ fn status(client: &mut Client, run_dir: &Path, json: bool) -> Result<bool, Opera
     out!("why               {}", explain::why(&status, &names));
     out!("ticks             {} ({} deadlines missed)", status.ticks, status.missed_deadlines);
     match explain::input_age_ms(&status) {
-        Some(age_ms) => out!("input age         {age_ms:.1} ms"),
+        Some(age_ms) => {
+            out!("input age         {age_ms:.1} ms, {:.1} % of the frames lost", 0.1 * f64::from(status.lost_permille));
+        }
         None => out!("input             none yet"),
     }
     out!(

@@ -462,6 +462,9 @@ impl State {
         let ingest = self.ingest.as_ref().filter(|(_, received)| now.since(*received) <= INGEST_GONE_NS);
         let dropped = ingest.filter(|(ingest, _)| now.since(ingest.dropped_at) <= DROPPED_NOW_NS);
         status.input_drop = dropped.map_or(0, |(ingest, _)| ingest.dropped_why);
+        status.lost_permille = ingest.map_or(0, |(ingest, _)| ingest.lost_permille);
+        let [left, right] = input.operator.left_out.map(u32::from);
+        status.left_out = left | right << 1;
         status.calibration = ingest.map_or(0, |(ingest, _)| ingest.calibration);
         if let Some((_, received)) = self.robot {
             status.state_stamp = received;

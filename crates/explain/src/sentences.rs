@@ -169,8 +169,13 @@ pub fn why(status: &Status, names: &Names) -> String {
 /// Says how closely the robot follows, and which limit keeps it from the person.
 pub(crate) fn follows(status: &Status, names: &Names) -> String {
     let degrees = status.limb_error_measured_rad.to_degrees();
+    let who = match status.left_out {
+        1 => "The robot's right arm",
+        2 => "The robot's left arm",
+        _ => "The robot",
+    };
     if degrees.is_nan() || degrees < BEHIND_DEG {
-        return "The robot follows.".into();
+        return format!("{who} follows.");
     }
     let about = subject(Subject::of(status.limited_about), names);
     let limit = about.and_then(|about| match FollowingLimit::from_u32(status.limited_why) {
@@ -179,7 +184,7 @@ pub(crate) fn follows(status: &Status, names: &Names) -> String {
         FollowingLimit::Clearance => Some(format!(": {about} are as close as they may be")),
         FollowingLimit::Range => Some(format!(": {about} is at the end of its range")),
     });
-    format!("The robot follows, {degrees:.0} degrees behind{}.", limit.unwrap_or_default())
+    format!("{who} follows, {degrees:.0} degrees behind{}.", limit.unwrap_or_default())
 }
 
 /// Name in reports of the limit that keeps the command from the person.
@@ -443,6 +448,8 @@ mod tests {
         (status.moving, status.unsteady_joint) = (0, 0);
         status.mode = Mode::Engaged as u32;
         assert_eq!(super::why(&status, &names), "The robot follows.");
+        let right_alone = Status { left_out: 1, ..status };
+        assert_eq!(super::why(&right_alone, &names), "The robot's right arm follows.");
         status.limb_error_measured_rad = 0.41;
         assert_eq!(super::why(&status, &names), "The robot follows, 23 degrees behind.");
         (status.limited_why, status.limited_about) = (FollowingLimit::Speed as u32, Subject::Joint(3).code());

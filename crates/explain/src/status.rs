@@ -19,6 +19,16 @@ pub fn note(status: &Status) -> Option<&'static str> {
     }
 }
 
+/// Names the arms that the operator leaves out.
+fn left_out(status: &Status) -> Vec<&'static str> {
+    ["left", "right"]
+        .into_iter()
+        .enumerate()
+        .filter(|(side, _)| status.left_out & 1 << side != 0)
+        .map(|(_, name)| name)
+        .collect()
+}
+
 /// Names the reasons for a reduced speed.
 fn reduced(status: &Status) -> Vec<&'static str> {
     reduced_flag::NAMES.iter().filter(|(flag, _)| status.reduced & flag != 0).map(|(_, name)| *name).collect()
@@ -93,6 +103,8 @@ pub fn status_json(status: &Status, names: &Names) -> Value {
         "transitions": transitions,
     });
     all["limited"] = limited(status, names);
+    all["lost_percent"] = json!(0.1 * f64::from(status.lost_permille));
+    all["left_out"] = json!(left_out(status));
     all
 }
 

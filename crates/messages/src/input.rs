@@ -47,7 +47,7 @@ impl CalibrationSource {
 
 message! {
     /// State of the client that holds the lease, and counts of accepted and dropped frames.
-    pub struct InputStatus v 1 size 392 {
+    pub struct InputStatus v 2 size 392 {
         /// Writer is `ingest`.
         pub header: Header,
         /// Frames accepted since start.
@@ -66,8 +66,8 @@ message! {
         pub operator_id: u32,
         /// `raw_flag` bits of the newest frame.
         pub flags: u32,
-        /// Zero.
-        pub reserved: u32,
+        /// Share of the client's newest 128 frames that never came, by the gaps in `header.sequence`: 1/1000.
+        pub lost_permille: u32,
         /// Estimate from this session's movements so far, in the joint frames of SMPL-22.
         pub online: HingeCalibration,
     }

@@ -79,8 +79,8 @@ pub const SERVICES: [ServiceRow; 10] = [
     row(Service::JointTarget, "teleop/joint_target/6", Domain::Core, "retarget", 1, 1500, 10),
     row(Service::JointCommand, "teleop/joint_command/3", Domain::Core, "control", 1, 1500, 10),
     row(Service::RobotState, "teleop/robot_state/3", Domain::Core, "driver", 1, 1500, 5),
-    row(Service::Status, "teleop/status/9", Domain::Core, "control", 1, 50, 500),
-    row(Service::InputStatus, "teleop/input_status/1", Domain::Core, "ingest", 1, 10, 0),
+    row(Service::Status, "teleop/status/10", Domain::Core, "control", 1, 50, 500),
+    row(Service::InputStatus, "teleop/input_status/2", Domain::Core, "ingest", 1, 10, 0),
     ServiceRow {
         kept: SETPOINTS_KEPT,
         ..row(Service::RobotSetpoint, "teleop/robot_setpoint/3", Domain::Core, "driver", 1, 1500, 10)

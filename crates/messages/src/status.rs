@@ -81,7 +81,7 @@ impl Transition {
 
 message! {
     /// State of the control process.
-    pub struct Status v 9 size 832 {
+    pub struct Status v 10 size 840 {
         /// Writer is `control`.
         pub header: Header,
         /// Tick of this status.
@@ -184,6 +184,10 @@ message! {
         pub limited_why: u32,
         /// Joint or pair that the limit concerns: the code of a `Subject`, zero for none.
         pub limited_about: u32,
+        /// Arms that the operator leaves out while the enable is held: bit 0 the left one, bit 1 the right one.
+        pub left_out: u32,
+        /// `InputStatus::lost_permille`, of the last second.
+        pub lost_permille: u32,
     }
 }
 

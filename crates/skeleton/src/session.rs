@@ -30,6 +30,9 @@ pub(crate) struct Session {
     pub(crate) operator_id: u32,
     incarnation: u32,
     sequence: u64,
+    /// The newest 128 numbers of frames, the newest in bit 0: 1 came, 0 did not. And how many numbers there were, up to 128.
+    came: u128,
+    numbers: u32,
     origin: Stamp,
     pub(crate) hold: Hold,
     pub(crate) learnt_hinges: Learnt,
@@ -60,6 +63,8 @@ impl Session {
             operator_id: raw.operator_id,
             incarnation: raw.header.incarnation,
             sequence: 0,
+            came: 0,
+            numbers: 0,
             origin: Stamp::NONE,
             hold: Hold::default(),
             learnt_hinges: Learnt::default(),
@@ -83,8 +88,8 @@ impl Session {
 impl Session {
     /// Forgets the person, but not which frames were received.
     pub(crate) fn forget(&mut self, raw: &RawSkeleton) {
-        let Self { sequence, origin, .. } = *self;
-        *self = Self { sequence, origin, ..Self::new(raw) };
+        let Self { sequence, came, numbers, origin, .. } = *self;
+        *self = Self { sequence, came, numbers, origin, ..Self::new(raw) };
     }
 
     /// Refuses frames that were received before. Forgets the person after a gap, and then returns true.
@@ -101,10 +106,24 @@ impl Session {
         if gap {
             self.forget(raw);
         }
+        self.note_number(if same_writer { raw.header.sequence.wrapping_sub(self.sequence) } else { 1 });
         self.incarnation = raw.header.incarnation;
         self.sequence = raw.header.sequence;
         self.origin = origin;
         Ok(gap)
+    }
+
+    /// Notes a frame whose number is `further` than that of the one before.
+    fn note_number(&mut self, further: u64) {
+        let further = u32::try_from(further).unwrap_or(u32::MAX);
+        self.came = self.came.checked_shl(further).unwrap_or(0) | 1;
+        self.numbers = self.numbers.saturating_add(further).min(u128::BITS);
+    }
+
+    /// Returns the share of the newest numbers whose frames did not come, 1/1000.
+    pub(crate) fn lost_permille(&self) -> u32 {
+        let lost = self.numbers.saturating_sub(self.came.count_ones());
+        (1000 * lost).checked_div(self.numbers).unwrap_or(0)
     }
 
     /// Checks a frame against the previous ones. An error in one arm concerns that arm only: the frame is used

@@ -124,6 +124,11 @@ impl State {
         self.session.map_or(CalibrationSource::None, |session| session.learnt_hinges.source())
     }
 
+    /// Share of the client's newest 128 frames that never came, 1/1000.
+    pub fn lost_permille(&self) -> u32 {
+        self.session.map_or(0, |session| session.lost_permille())
+    }
+
     /// Estimate of the hinges from this session's movements so far.
     pub fn online(&self) -> HingeCalibration {
         self.session.map_or(HingeCalibration::ZERO, |session| session.learnt_hinges.estimate())

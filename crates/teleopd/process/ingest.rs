@@ -255,6 +255,7 @@ impl IngestLoop {
             self.status.dropped[reason as usize] = skeleton.dropped(reason);
         }
         self.status.calibration = skeleton.calibration() as u32;
+        self.status.lost_permille = skeleton.lost_permille();
         self.status.online = skeleton.online();
         process.publish(&mut self.statuses, &self.status);
     }

@@ -12,7 +12,7 @@ const EVERY_MS = 100;
 export class Panel {
   // `$` finds an element.
   constructor($) {
-    Object.assign(this, { $, scene: null, rows: [], shownAt: 0, lag: null, events: 0 });
+    Object.assign(this, { $, scene: null, rows: [], shownAt: 0, lag: null, lost: 0, events: 0 });
     const line = (name, least) => new Sparkline(document.querySelector(`[data-line=${name}]`), { least });
     this.lines = { behind: line("behind", 10), delay: line("delay", 200), clearance: line("clearance", 100) };
   }
@@ -57,7 +57,7 @@ export class Panel {
     figure("behind", frame.limbMeasured, "°", 1, person);
     figure("delay", frame.delay, " ms", 0, person);
     figure("clearance", frame.clearance, " mm", 0);
-    figure("age", frame.age, " ms", 1, heard && frame.age > 0);
+    figure("age", frame.age, this.lost > 0 ? ` ms, ${this.lost.toFixed(1)} % lost` : " ms", 1, heard && frame.age > 0);
     figure("late", frame.late, " µs", 0);
     figure("limb-target", frame.limbTarget, "°", 1, person);
     figure("speed", 100 * frame.speed, " %", 0);
@@ -84,6 +84,7 @@ export class Panel {
   }
 
   status(status) {
+    this.lost = status?.lost_percent ?? 0;
     const limited = status?.limited;
     const why = { speed: "at its highest speed", clearance: "as close as they may be", range: "at the end of its range" }[limited?.by];
     this.text("limit", why ? `${limited.about ?? ""} ${why}`.trim() : "");

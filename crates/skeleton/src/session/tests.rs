@@ -150,6 +150,25 @@ fn person_is_forgotten_after_gap_and_frame_order_is_not() {
     assert_eq!(session.check_order(&config, &frame(60, 8)), Ok(false));
 }
 
+#[test]
+fn numbers_that_did_not_come_are_the_share_of_lost_frames() {
+    let config = Config::default();
+    let mut session = Session::new(&frame(0, 0));
+    assert_eq!(session.lost_permille(), 0);
+    let mut lost_after = |numbers: &[u64]| {
+        for &number in numbers {
+            session.check_order(&config, &frame(10 * number, number)).expect("in order");
+        }
+        session.lost_permille()
+    };
+    // The number of the first frame says nothing.
+    assert_eq!(lost_after(&[7, 8, 9, 10]), 0);
+    assert_eq!(lost_after(&[12]), 1000 / 6);
+    assert_eq!(lost_after(&(13..=138).collect::<Vec<_>>()), 1000 / 128);
+    assert_eq!(lost_after(&[139]), 0);
+    assert_eq!(lost_after(&[1_000_000]), 1000 * 127 / 128);
+}
+
 /// A body whose limbs all have this length.
 fn limbs(length: f64, ns: u64) -> Body {
     Body { origin: Stamp(ns), arms: Default::default(), lengths: [Some(length); LIMBS] }
