@@ -134,15 +134,15 @@ fn certificate_is_kept_for_its_names_and_its_key_is_private() {
     let mode = |name: &str| folder.path().join(name).metadata().expect("a file").permissions().mode() & 0o777;
     let first = read("page.pem");
     assert_eq!((mode("page-key.pem"), first.matches("BEGIN CERTIFICATE").count()), (0o600, 2));
-    let keys = std::fs::read_dir(folder.path()).expect("a folder").flatten();
-    let keys = keys.filter(|file| std::fs::read_to_string(file.path()).is_ok_and(|text| text.contains("PRIVATE KEY")));
-    assert_eq!(keys.count(), 1, "the authority's key is nowhere");
+    assert_eq!(mode("ca-key.pem"), 0o600);
     drop(start(&rig, folder.path(), "127.0.0.1"));
     assert_eq!(read("page.pem"), first);
+    let authority = read("ca.pem");
     drop(start(&rig, folder.path(), "127.0.0.1,robot.local"));
     assert_ne!(read("page.pem"), first);
+    assert_eq!(read("ca.pem"), authority, "a browser has taken it");
     let key = folder.path().join("page-key.pem");
-    let elsewhere = tempfile::tempdir().expect("a folder");
+    let before = read("page.pem");
     std::fs::set_permissions(&key, std::fs::Permissions::from_mode(0o644)).expect("it is ours");
     let tls = folder.path().to_str().expect("UTF-8");
     for (names, code, expected) in [
@@ -152,9 +152,40 @@ fn certificate_is_kept_for_its_names_and_its_key_is_private() {
         ("robot.local", 64, "--https: robot.local: the first name must be an IP address"),
         ("127.0.0.1,a b", 64, "--https: a b: a name has letters"),
     ] {
-        let tls = if code == 69 { elsewhere.path().to_str().expect("UTF-8") } else { tls };
         let output = viewer::command(&rig, &["--https", names, "--tls", tls]).output().expect("it runs");
         let said = String::from_utf8_lossy(&output.stderr);
         assert!(output.status.code() == Some(code) && said.contains(expected), "{names}: {output:?}");
     }
+    assert_eq!(read("page.pem"), before, "an address that cannot be used changes no certificate");
+}
+
+/// A certificate for other names is signed by the authority that browsers already know.
+#[test]
+fn other_names_keep_the_authority_and_are_told() {
+    let (rig, folder) = (Rig::empty(), tempfile::tempdir().expect("a folder"));
+    let said = |names: &str| {
+        let viewer = start(&rig, folder.path(), names);
+        let get = format!("GET / HTTP/1.1\r\nHost: {}\r\n\r\n", viewer.host());
+        (ask(connect(&viewer, folder.path(), "127.0.0.1"), &get), viewer.said.clone())
+    };
+    let news = "new certificate, because the names changed: ";
+    assert!(!said("127.0.0.1").1.contains(news));
+    let authority = std::fs::read(folder.path().join("ca.pem")).expect("the authority");
+    let (page, words) = said("127.0.0.1,robot.local");
+    assert!(page.starts_with("HTTP/1.1 200 OK"), "the known authority signed it: {page}");
+    let expected = format!("{news}127.0.0.1 became 127.0.0.1, robot.local; the authority stays\n");
+    assert!(words.contains(&expected), "{words}");
+    assert_eq!(std::fs::read(folder.path().join("ca.pem")).expect("the authority"), authority);
+    // A folder of an older teleopd has no key of the authority.
+    std::fs::remove_file(folder.path().join("ca-key.pem")).expect("a file");
+    let (page, words) = said("127.0.0.1,robot.local");
+    assert!(page.starts_with("HTTP/1.1 200 OK") && !words.contains(news), "{words}");
+    let (page, words) = said("127.0.0.1");
+    assert!(page.starts_with("HTTP/1.1 200 OK") && words.contains("browsers must take ca.pem again"), "{words}");
+    // Nor does a foreign key sign anything.
+    std::fs::copy(folder.path().join("page-key.pem"), folder.path().join("ca-key.pem")).expect("a key");
+    let tls = folder.path().to_str().expect("UTF-8");
+    let refused = viewer::command(&rig, &["--https", "127.0.0.1,a", "--tls", tls]).output().expect("it runs");
+    let text = String::from_utf8_lossy(&refused.stderr);
+    assert!(refused.status.code() == Some(73) && text.contains("it is not the key of ca.pem"), "{refused:?}");
 }

@@ -10,7 +10,7 @@ use poses::error::PosesError;
 use poses::triangle::{POSES, Triangle};
 use rt::{Exit, Failure, Shutdown, err, out};
 use std::io::ErrorKind;
-use std::net::{Ipv4Addr, TcpListener};
+use std::net::{IpAddr, Ipv4Addr, TcpListener};
 use std::os::unix::process::CommandExt;
 use std::path::Path;
 use std::process::Command;
@@ -41,11 +41,17 @@ pub fn run(options: &cli::View) -> Result<Exit, Failure> {
     let vision = options.camera.as_ref().map(|model| VisionFiles::open(&options.vision, model)).transpose();
     let vision = vision.map_err(Failure::with(Exit::NoInput))?;
     let tls = options.tls.clone().unwrap_or_else(|| instance.run_dir().join("tls"));
-    let secure = options.https.as_ref().map(|names| Secure::open(names, &tls)).transpose().map_err(|error| {
-        let exit = if matches!(error, SecureError::Name { .. }) { Exit::Usage } else { Exit::CantCreate };
-        Failure::new(exit, error.to_string())
+    let port = options.page.port;
+    let secure = options.https.as_ref().map(|names| Secure::open(names, &tls, port)).transpose();
+    let secure = secure.map_err(|error| match error {
+        SecureError::Name { .. } => Failure::new(Exit::Usage, error.to_string()),
+        SecureError::Address { address, source } => listen_failure(Some(address), port, &source),
+        SecureError::File { .. } => Failure::new(Exit::CantCreate, error.to_string()),
     })?;
     if let Some(secure) = &secure {
+        if let Some(made) = &secure.made {
+            out!("teleopd: {made}");
+        }
         out!("teleopd: browsers that take {} as an authority show no warning", secure.authority.display());
     }
     let server = serve(&instance, &loaded, LiveOptions { key_poses, vision, secure }, &options.page)?;
@@ -113,15 +119,22 @@ fn serve(instance: &Instance, loaded: &Loaded, options: LiveOptions, page: &cli:
         scope.spawn(serve).join()
     });
     let served = served.map_err(|_| Failure::new(Exit::Software, "the server of the page could not be started"))?;
-    served.map_err(|error| match (error, https) {
-        (ViewError::Bus(error), _) => crate::process::bus_failure(error),
-        (ViewError::Listen { source, .. }, Some(address)) if source.kind() == ErrorKind::AddrNotAvailable => {
+    served.map_err(|error| match error {
+        ViewError::Bus(error) => crate::process::bus_failure(error),
+        ViewError::Listen { port, source } => listen_failure(https, port, &source),
+    })
+}
+
+/// Returns the failure of a page that cannot listen at `port`, of the loopback or of the address of `--https`.
+fn listen_failure(https: Option<IpAddr>, port: u16, error: &std::io::Error) -> Failure {
+    match https {
+        Some(address) if error.kind() == ErrorKind::AddrNotAvailable => {
             let text =
                 format!("--https: {address}: no interface of this machine has it; `ip address` lists those that exist");
             Failure::new(Exit::Unavailable, text)
         }
-        (ViewError::Listen { port, source }, _) => port_failure(port, "--port", &source),
-    })
+        _ => port_failure(port, "--port", error),
+    }
 }
 
 /// Returns the key poses that the user named, or the default ones. `None` if the instance has no network and the

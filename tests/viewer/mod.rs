@@ -16,6 +16,8 @@ use tungstenite::{Message, WebSocket};
 pub struct Viewer {
     child: Child,
     pub address: String,
+    /// What it said until it told the address.
+    pub said: String,
     _told: BufReader<ChildStdout>,
 }
 
@@ -28,15 +30,16 @@ impl Viewer {
     pub fn with(rig: &Rig, arguments: &[&str]) -> Self {
         let mut child = command(rig, arguments).stdout(Stdio::piped()).spawn().expect("it starts");
         let mut told = BufReader::new(child.stdout.take().expect("its words"));
-        let mut line = String::new();
+        let (mut said, mut line) = (String::new(), String::new());
         // Words about the certificate come before.
         while !line.contains(" shows ") {
             line.clear();
             assert!(told.read_line(&mut line).expect("its words") > 0, "it ended");
+            said.push_str(&line);
         }
         let address = line.trim().split(' ').next_back().expect("an address").to_owned();
         assert!(address.contains("://127.0.0.1:"), "{line}");
-        Self { child, address, _told: told }
+        Self { child, address, said, _told: told }
     }
 
     pub fn host(&self) -> &str {

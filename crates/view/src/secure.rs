@@ -1,20 +1,23 @@
 //! A page for other machines: the stream of a connection with or without TLS, and the certificate. Only TLS leaves the
 //! loopback. A headset needs it, too, because browsers offer WebXR to secure pages alone.
 
-use rcgen::{BasicConstraints, CertificateParams, DnType, IsCa, Issuer, KeyPair, KeyUsagePurpose, date_time_ymd};
+use rcgen::{
+    BasicConstraints, CertificateParams, DnType, IsCa, Issuer, KeyPair, KeyUsagePurpose, PublicKeyData, date_time_ymd,
+};
 use rustls::pki_types::pem::PemObject;
 use rustls::pki_types::{CertificateDer, PrivateKeyDer};
 use rustls::{ServerConfig, ServerConnection, StreamOwned};
 use std::fs::{DirBuilder, OpenOptions};
 use std::io::{Error, ErrorKind, Read, Write};
-use std::net::{IpAddr, TcpStream};
+use std::net::{IpAddr, TcpListener, TcpStream};
 use std::os::unix::fs::{DirBuilderExt, OpenOptionsExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// Files of the certificate below its folder. The authority signs once, and its key is never written.
+/// Files of the certificate below its folder. The authority outlives the names, so a browser that took it stays content.
 const AUTHORITY: &str = "ca.pem";
+const AUTHORITY_KEY: &str = "ca-key.pem";
 const PAGE: &str = "page.pem";
 const KEY: &str = "page-key.pem";
 const NAMES: &str = "names";
@@ -28,6 +31,9 @@ pub enum SecureError {
     /// A name or an address cannot be used.
     #[error("--https: {value}: {why}")]
     Name { value: String, why: &'static str },
+    /// Nothing can listen at the address.
+    #[error("{address}: {source}")]
+    Address { address: IpAddr, source: Error },
     /// A file of the certificate cannot be read, written or used.
     #[error("{}: {why}", file.display())]
     File { file: PathBuf, why: String },
@@ -42,15 +48,17 @@ pub struct Secure {
     pub(crate) config: Arc<ServerConfig>,
     /// File of the certificate of the authority, for browsers.
     pub authority: PathBuf,
+    /// What was made again, and why. `None` if the certificate was kept, or is the first one.
+    pub made: Option<String>,
 }
 
 impl Secure {
     /// Takes the certificate in `folder` for these names, and makes one if there is none or if it has other names. The first
-    /// name is the IP address to listen at.
+    /// name is the IP address to listen at. Writes nothing if nothing can listen at its `port`.
     ///
     /// # Errors
-    /// Returns an error if a name cannot be used, or if a file cannot be read, written or used.
-    pub fn open(names: &[String], folder: &Path) -> Result<Self, SecureError> {
+    /// Returns an error if a name cannot be used, if nothing can listen, or if a file cannot be read, written or used.
+    pub fn open(names: &[String], folder: &Path, port: u16) -> Result<Self, SecureError> {
         let refused = |value: &str, why| SecureError::Name { value: value.to_owned(), why };
         let first = names.first().map_or("", String::as_str);
         let address: IpAddr =
@@ -62,14 +70,10 @@ impl Secure {
         if let Some(name) = names.iter().find(|name| name.is_empty() || !is_plain(name)) {
             return Err(refused(name, "a name has letters, digits, dots and hyphens only"));
         }
+        TcpListener::bind((address, port)).map_err(|source| SecureError::Address { address, source })?;
         let failed = |name: &str, why: String| SecureError::File { file: folder.join(name), why };
-        if std::fs::read_to_string(folder.join(NAMES)).ok() != Some(names.join("\n")) {
-            make(names, folder)?;
-        }
-        let mode = folder.join(KEY).metadata().map_err(|error| failed(KEY, error.to_string()))?.permissions().mode();
-        if mode & 0o077 != 0 {
-            return Err(failed(KEY, format!("others may read this key (mode {:o}); it must be 600", mode & 0o777)));
-        }
+        let made = renewed(names, folder)?;
+        check_private(folder, KEY)?;
         let key = PrivateKeyDer::from_pem_file(folder.join(KEY)).map_err(|error| failed(KEY, error.to_string()))?;
         let chain = CertificateDer::pem_file_iter(folder.join(PAGE)).and_then(Iterator::collect::<Result<Vec<_>, _>>);
         let chain = chain.map_err(|error| failed(PAGE, error.to_string()))?;
@@ -78,26 +82,53 @@ impl Secure {
             .with_protocol_versions(&[&rustls::version::TLS13])
             .and_then(|builder| builder.with_no_client_auth().with_single_cert(chain, key));
         let config = Arc::new(config.map_err(|error| failed(PAGE, error.to_string()))?);
-        Ok(Self { address, names: names.to_vec(), config, authority: folder.join(AUTHORITY) })
+        Ok(Self { address, names: names.to_vec(), config, authority: folder.join(AUTHORITY), made })
     }
 }
 
-/// Makes an authority and the certificate of a page, and writes them. The names go first and come last, so that a part of a
-/// certificate is made again.
-fn make(names: &[String], folder: &Path) -> Result<(), SecureError> {
+/// Makes the certificate of a page, if there is none for these names, and returns what to say about it. The names go first
+/// and come last, so that a part of a certificate is made again.
+fn renewed(names: &[String], folder: &Path) -> Result<Option<String>, SecureError> {
     let failed = |name: &str, why: String| SecureError::File { file: folder.join(name), why };
-    let made = signed(names).map_err(|error| failed(PAGE, error.to_string()))?;
-    DirBuilder::new().recursive(true).mode(0o700).create(folder).map_err(|error| failed("", error.to_string()))?;
-    remove(&folder.join(NAMES)).map_err(|error| failed(NAMES, error.to_string()))?;
-    let files = [(AUTHORITY, made.authority, 0o644), (PAGE, made.page, 0o644), (KEY, made.key, 0o600)];
-    for (name, text, mode) in files.into_iter().chain([(NAMES, names.join("\n"), 0o644)]) {
-        let file = folder.join(name);
-        let written = remove(&file).and_then(|()| {
-            OpenOptions::new().write(true).create_new(true).mode(mode).open(&file)?.write_all(text.as_bytes())
-        });
-        written.map_err(|error| failed(name, error.to_string()))?;
+    let before = std::fs::read_to_string(folder.join(NAMES)).ok();
+    if before.as_deref() == Some(&names.join("\n")) {
+        return Ok(None);
     }
-    Ok(())
+    DirBuilder::new().recursive(true).mode(0o700).create(folder).map_err(|error| failed("", error.to_string()))?;
+    let (authority, is_kept) = Signer::in_folder(folder)?;
+    let (page, key) = authority.page(names).map_err(|error| failed(PAGE, error.to_string()))?;
+    remove(&folder.join(NAMES)).map_err(|error| failed(NAMES, error.to_string()))?;
+    for (name, text, mode) in [(PAGE, page, 0o644), (KEY, key, 0o600), (NAMES, names.join("\n"), 0o644)] {
+        write(folder, name, &text, mode)?;
+    }
+    let authority = if is_kept {
+        "the authority stays".to_owned()
+    } else {
+        format!("the authority is new, because {AUTHORITY_KEY} is missing, so browsers must take {AUTHORITY} again")
+    };
+    let [before, now] = [before.map(|before| before.replace('\n', ", ")), Some(names.join(", "))];
+    let changed = before.zip(now).map(|(before, now)| format!("the names changed: {before} became {now}; {authority}"));
+    Ok(changed.map(|why| format!("new certificate, because {why}")))
+}
+
+/// Refuses a key that others may read.
+fn check_private(folder: &Path, name: &str) -> Result<(), SecureError> {
+    let file = folder.join(name);
+    let why = match file.metadata().map(|data| data.permissions().mode()) {
+        Ok(mode) if mode & 0o077 == 0 => return Ok(()),
+        Ok(mode) => format!("others may read this key (mode {:o}); it must be 600", mode & 0o777),
+        Err(error) => error.to_string(),
+    };
+    Err(SecureError::File { file, why })
+}
+
+/// Replaces a file.
+fn write(folder: &Path, name: &str, text: &str, mode: u32) -> Result<(), SecureError> {
+    let file = folder.join(name);
+    let written = remove(&file).and_then(|()| {
+        OpenOptions::new().write(true).create_new(true).mode(mode).open(&file)?.write_all(text.as_bytes())
+    });
+    written.map_err(|error| SecureError::File { file, why: error.to_string() })
 }
 
 /// Removes a file, if there is one.
@@ -105,29 +136,62 @@ fn remove(file: &Path) -> std::io::Result<()> {
     std::fs::remove_file(file).or_else(|error| if error.kind() == ErrorKind::NotFound { Ok(()) } else { Err(error) })
 }
 
-/// Texts of a new certificate.
-struct Made {
-    authority: String,
-    page: String,
-    key: String,
+/// Sets the years and the name of a certificate.
+fn valid(mut params: CertificateParams, name: &str) -> CertificateParams {
+    let [from, to] = YEARS.map(|year| date_time_ymd(year, 1, 1));
+    (params.not_before, params.not_after) = (from, to);
+    params.distinguished_name.push(DnType::CommonName, name);
+    params
 }
 
-fn signed(names: &[String]) -> Result<Made, rcgen::Error> {
-    let valid = |mut params: CertificateParams, name: &str| {
-        let [from, to] = YEARS.map(|year| date_time_ymd(year, 1, 1));
-        (params.not_before, params.not_after) = (from, to);
-        params.distinguished_name.push(DnType::CommonName, name);
-        params
-    };
-    let mut authority = valid(CertificateParams::new(Vec::new())?, "teleopd page of this machine");
-    authority.is_ca = IsCa::Ca(BasicConstraints::Constrained(0));
-    authority.key_usages = vec![KeyUsagePurpose::KeyCertSign];
-    let signer = KeyPair::generate()?;
-    let root = authority.self_signed(&signer)?;
-    let key = KeyPair::generate()?;
-    let page = valid(CertificateParams::new(names.to_vec())?, &names[0]);
-    let page = page.signed_by(&key, &Issuer::new(authority, signer))?;
-    Ok(Made { authority: root.pem(), page: page.pem() + &root.pem(), key: key.serialize_pem() })
+/// The authority with its key.
+struct Signer {
+    params: CertificateParams,
+    key: KeyPair,
+    pem: String,
+}
+
+impl Signer {
+    /// Takes the authority in `folder`, or makes one there. Returns true beside it if it was there.
+    fn in_folder(folder: &Path) -> Result<(Self, bool), SecureError> {
+        let failed = |name: &str, why: String| SecureError::File { file: folder.join(name), why };
+        let unusable = |error: rcgen::Error| failed(AUTHORITY_KEY, error.to_string());
+        let mut params = valid(CertificateParams::new(Vec::new()).map_err(unusable)?, "teleopd page of this machine");
+        params.is_ca = IsCa::Ca(BasicConstraints::Constrained(0));
+        params.key_usages = vec![KeyUsagePurpose::KeyCertSign];
+        if [AUTHORITY, AUTHORITY_KEY].iter().all(|name| folder.join(name).exists()) {
+            check_private(folder, AUTHORITY_KEY)?;
+            let read = |name: &str| {
+                std::fs::read_to_string(folder.join(name)).map_err(|error| failed(name, error.to_string()))
+            };
+            let (pem, key) = (read(AUTHORITY)?, KeyPair::from_pem(&read(AUTHORITY_KEY)?).map_err(unusable)?);
+            let root = CertificateDer::from_pem_slice(pem.as_bytes());
+            let root = root.map_err(|error| failed(AUTHORITY, error.to_string()))?;
+            let public = key.der_bytes();
+            if !root.windows(public.len()).any(|bytes| bytes == public) {
+                return Err(failed(
+                    AUTHORITY_KEY,
+                    format!("it is not the key of {AUTHORITY}; remove both for new ones"),
+                ));
+            }
+            return Ok((Self { params, key, pem }, true));
+        }
+        let key = KeyPair::generate().map_err(unusable)?;
+        let pem = params.self_signed(&key).map_err(unusable)?.pem();
+        // Without its certificate, a key that was written alone is made again.
+        remove(&folder.join(AUTHORITY)).map_err(|error| failed(AUTHORITY, error.to_string()))?;
+        write(folder, AUTHORITY_KEY, &key.serialize_pem(), 0o600)?;
+        write(folder, AUTHORITY, &pem, 0o644)?;
+        Ok((Self { params, key, pem }, false))
+    }
+
+    /// Signs a new certificate of the page. Returns its chain and its key.
+    fn page(&self, names: &[String]) -> Result<(String, String), rcgen::Error> {
+        let key = KeyPair::generate()?;
+        let page = valid(CertificateParams::new(names.to_vec())?, &names[0]);
+        let page = page.signed_by(&key, &Issuer::from_params(&self.params, &self.key))?;
+        Ok((page.pem() + &self.pem, key.serialize_pem()))
+    }
 }
 
 /// A socket that gives up at a time. A peer that sends a byte now and then holds no thread for longer.
