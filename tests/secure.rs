@@ -8,6 +8,7 @@ use harness::{Rig, SOON};
 use rustls::pki_types::pem::PemObject;
 use rustls::pki_types::{CertificateDer, ServerName};
 use rustls::{ClientConfig, ClientConnection, RootCertStore, StreamOwned};
+use sha2::{Digest, Sha256};
 use std::io::{Read, Write};
 use std::net::TcpStream;
 use std::os::unix::fs::PermissionsExt;
@@ -64,6 +65,12 @@ fn f135_page_for_other_machines_needs_tls_its_host_and_the_token() {
     assert_eq!(three.split_once("\r\n\r\n").map(|(_, body)| body.len()), length);
     let foreign = ask(connect(&viewer, &folder, "localhost"), &get("/", "elsewhere.example"));
     assert!(foreign.starts_with("HTTP/1.1 403"), "{foreign}");
+    // It tells the fingerprint of the certificate that it shows.
+    let mut tls = connect(&viewer, &folder, "localhost");
+    tls.write_all(get("/", &host).as_bytes()).expect("it reads");
+    let shown = tls.conn.peer_certificates().expect("a certificate")[0].clone();
+    let told: Vec<String> = Sha256::digest(&shown).iter().map(|byte| format!("{byte:02X}")).collect();
+    assert!(viewer.said.contains(&format!("  {}\n", told.join(":"))), "{}", viewer.said);
     // Neither HTTP without TLS nor another name is answered.
     assert!(!viewer.get("/").contains("HTTP/1.1 200"));
     assert_eq!(ask(connect(&viewer, &folder, "elsewhere.example"), &get("/", &host)), "");

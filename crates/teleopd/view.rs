@@ -52,6 +52,11 @@ pub fn run(options: &cli::View) -> Result<Exit, Failure> {
         if let Some(made) = &secure.made {
             out!("teleopd: {made}");
         }
+        out!(
+            "teleopd: where a browser warns of an unknown certificate, go on only if its SHA-256 fingerprint is:\n\
+             teleopd:   {}",
+            secure.fingerprint
+        );
         out!("teleopd: browsers that take {} as an authority show no warning", secure.authority.display());
     }
     let server = serve(&instance, &loaded, LiveOptions { key_poses, vision, secure }, &options.page)?;

@@ -7,6 +7,7 @@ use rcgen::{
 use rustls::pki_types::pem::PemObject;
 use rustls::pki_types::{CertificateDer, PrivateKeyDer};
 use rustls::{ServerConfig, ServerConnection, StreamOwned};
+use sha2::{Digest, Sha256};
 use std::fs::{DirBuilder, OpenOptions};
 use std::io::{Error, ErrorKind, Read, Write};
 use std::net::{IpAddr, TcpListener, TcpStream};
@@ -50,6 +51,8 @@ pub struct Secure {
     pub authority: PathBuf,
     /// What was made again, and why. `None` if the certificate was kept, or is the first one.
     pub made: Option<String>,
+    /// The certificate's SHA-256 fingerprint, as browsers show it: AA:BB:...
+    pub fingerprint: String,
 }
 
 impl Secure {
@@ -77,13 +80,18 @@ impl Secure {
         let key = PrivateKeyDer::from_pem_file(folder.join(KEY)).map_err(|error| failed(KEY, error.to_string()))?;
         let chain = CertificateDer::pem_file_iter(folder.join(PAGE)).and_then(Iterator::collect::<Result<Vec<_>, _>>);
         let chain = chain.map_err(|error| failed(PAGE, error.to_string()))?;
+        let fingerprint = fingerprint(chain.first().ok_or_else(|| failed(PAGE, "it holds no certificate".into()))?);
         let provider = Arc::new(rustls::crypto::ring::default_provider());
         let config = ServerConfig::builder_with_provider(provider)
             .with_protocol_versions(&[&rustls::version::TLS13])
             .and_then(|builder| builder.with_no_client_auth().with_single_cert(chain, key));
         let config = Arc::new(config.map_err(|error| failed(PAGE, error.to_string()))?);
-        Ok(Self { address, names: names.to_vec(), config, authority: folder.join(AUTHORITY), made })
+        Ok(Self { address, names: names.to_vec(), config, authority: folder.join(AUTHORITY), made, fingerprint })
     }
+}
+
+fn fingerprint(certificate: &[u8]) -> String {
+    Sha256::digest(certificate).iter().map(|byte| format!("{byte:02X}")).collect::<Vec<_>>().join(":")
 }
 
 /// Makes the certificate of a page, if there is none for these names, and returns what to say about it. The names go first
