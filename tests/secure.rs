@@ -71,8 +71,10 @@ fn f135_page_for_other_machines_needs_tls_its_host_and_the_token() {
     let shown = tls.conn.peer_certificates().expect("a certificate")[0].clone();
     let told: Vec<String> = Sha256::digest(&shown).iter().map(|byte| format!("{byte:02X}")).collect();
     assert!(viewer.said.contains(&format!("  {}\n", told.join(":"))), "{}", viewer.said);
-    // Neither HTTP without TLS nor another name is answered.
-    assert!(!viewer.get("/").contains("HTTP/1.1 200"));
+    // HTTP without TLS gets one sentence, and another name no answer.
+    let plain = viewer.get("/");
+    assert!(plain.starts_with("HTTP/1.1 400") && plain.contains("this page is served by TLS"), "{plain}");
+    assert!(!plain.contains("</html>"), "{plain}");
     assert_eq!(ask(connect(&viewer, &folder, "elsewhere.example"), &get("/", &host)), "");
     let upgrade = |token: &str, origin: &str| {
         let mut request = format!("wss://{host}/live?token={token}").into_client_request().expect("a request");

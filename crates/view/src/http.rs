@@ -129,6 +129,14 @@ impl SiteConfig {
 /// Returns an error if the peer is gone, is too slow, or does not speak HTTP.
 pub fn answer(mut stream: PageStream, site: &SiteConfig) -> std::io::Result<Option<PageStream>> {
     stream.socket().set_write_timeout(Some(PATIENCE))?;
+    stream.give_up_at(Some(Instant::now() + PATIENCE));
+    if stream.lacks_tls()? {
+        let mut stream = stream.without_tls();
+        read(&mut stream)?;
+        let why =
+            "this page is served by TLS: open the whole address that the view printed, with https at its beginning";
+        return refuse(stream, site, "400 Bad Request", why);
+    }
     let (request, key) = (read(&mut stream)?, &site.key);
     let host = request.headers().get("host").and_then(|host| host.to_str().ok());
     if !host.is_some_and(|host| key.is_host(host)) {
@@ -247,9 +255,8 @@ fn send(
     Ok(None)
 }
 
-/// Reads up to the empty line. The time limit includes the beginning of TLS.
+/// Reads up to the empty line, and ends the time limit, which includes the beginning of TLS.
 fn read(stream: &mut PageStream) -> std::io::Result<Request> {
-    stream.give_up_at(Some(Instant::now() + PATIENCE));
     let mut head = Vec::with_capacity(1024);
     loop {
         if head.len() >= REQUEST_BYTES {

@@ -213,13 +213,16 @@ impl TimedSocket {
         let left = self.give_up.map(|give_up| give_up.saturating_duration_since(Instant::now()));
         if left.is_some_and(|left| left.is_zero()) { Err(ErrorKind::TimedOut.into()) } else { Ok(left) }
     }
+
+    /// Limits the next read to the time that is left.
+    fn limit(&self) -> Result<(), Error> {
+        self.left()?.map_or(Ok(()), |left| self.socket.set_read_timeout(Some(left)))
+    }
 }
 
 impl Read for TimedSocket {
     fn read(&mut self, bytes: &mut [u8]) -> Result<usize, Error> {
-        if let Some(left) = self.left()? {
-            self.socket.set_read_timeout(Some(left))?;
-        }
+        self.limit()?;
         self.socket.read(bytes)
     }
 }
@@ -268,6 +271,22 @@ impl PageStream {
     /// Sets the time at which reading gives up. `None` waits for ever.
     pub(crate) fn give_up_at(&mut self, at: Option<Instant>) {
         self.timed().give_up = at;
+    }
+
+    /// Returns true if TLS is expected, and the peer begins with a letter, as HTTP does. Waits for its first byte.
+    pub(crate) fn lacks_tls(&mut self) -> Result<bool, Error> {
+        let Kind::Tls(stream) = &self.0 else { return Ok(false) };
+        let mut first = [0];
+        stream.sock.limit()?;
+        Ok(stream.sock.socket.peek(&mut first)? == 1 && first[0].is_ascii_alphabetic())
+    }
+
+    /// Returns the same connection without TLS, of which nothing may have been sent.
+    pub(crate) fn without_tls(self) -> Self {
+        match self.0 {
+            Kind::Tls(stream) => Self(Kind::Plain(stream.into_parts().1)),
+            plain @ Kind::Plain(_) => Self(plain),
+        }
     }
 
     /// Returns the socket, for its options.
