@@ -140,6 +140,29 @@ fn tracked_body_moves_the_robot_and_the_button_ends_it() {
     assert_no_violations(&rig.end("sim"));
 }
 
+/// A page without the button says why, below everything else.
+#[test]
+fn page_without_a_headset_says_why() {
+    let rig = Rig::empty();
+    let viewer = Viewer::of(&rig);
+    let without = "Object.defineProperty(navigator, 'xr', { value: undefined });";
+    let insecure = format!("{without} Object.defineProperty(window, 'isSecureContext', {{ value: false }});");
+    let none = "Object.defineProperty(navigator, 'xr', { value: { isSessionSupported: async () => false } });";
+    for (script, expected) in [
+        (without, "This browser has no WebXR"),
+        (&insecure, "A headset needs https or localhost: see --https."),
+        (none, "This browser has WebXR, but finds no headset."),
+    ] {
+        let Some(mut browser) = Browser::injected(&viewer.address, script) else {
+            return println!("skipped: no Chromium in PATH, and TELEOPD_CHROMIUM names none");
+        };
+        browser.wait("it says why", &format!("{}.startsWith({expected:?})", text("xr-none")));
+        assert_eq!(browser.evaluate("document.getElementById('xr').hidden"), true);
+    }
+    let Some(mut browser) = page(&viewer, "") else { return };
+    browser.wait("it says nothing", &format!("{} === ''", text("xr-none")));
+}
+
 /// A message of a wearer who holds both hands ahead, with the left pinch of this distance.
 fn message(sent_ms: f64, pinch_m: f32) -> Vec<u8> {
     let tremble = 2e-4 * (0.7 * sent_ms as f32).sin();

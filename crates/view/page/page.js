@@ -118,12 +118,14 @@ function picture() {
   return { scene, meshes: meshesDrawn, frame, isNear, text: `${$("mode").textContent}. ${$("why").textContent}` };
 }
 
-// Shows the headset's panel, if this browser has a headset and the page shows an instance.
+// Shows the headset's panel, if this browser has a headset and the page shows an instance. Otherwise says why not.
 async function showHeadset() {
-  if (headset || isRecording() || !navigator.xr) return;
+  if (headset || isRecording()) return;
+  if (!navigator.xr) return text("xr-none", isSecureContext ? "This browser has no WebXR, so no headset." : "A headset needs https or localhost: see --https.");
   const { Headset, offered } = await import("./headset.js");
   const mode = await offered();
   $("xr").hidden = mode === null;
+  text("xr-none", mode === null ? "This browser has WebXR, but finds no headset." : "");
   if (mode !== null) headset ??= new Headset(wire, $, mode, picture);
 }
 
