@@ -18,6 +18,9 @@ use viewer::{Page, Seen, Viewer};
 /// Time between two images.
 const PERIOD: Duration = Duration::from_millis(33);
 
+/// Passes for a pose landmarker at the start.
+const MODEL: &[u8] = b"PK pose_detector.tflite pose_landmarks_detector.tflite";
+
 fn library() -> PathBuf {
     repository().join("tests/webcam/library")
 }
@@ -25,7 +28,7 @@ fn library() -> PathBuf {
 /// Starts a viewer with the stand-in, and with a model that nobody reads.
 fn viewer(rig: &Rig, folder: &Path) -> Viewer {
     let model = folder.join("pose.task");
-    std::fs::write(&model, b"PK stand-in").expect("a model");
+    std::fs::write(&model, MODEL).expect("a model");
     let [model, library] = [model, library()].map(|path| path.to_str().expect("UTF-8").to_owned());
     Viewer::with(rig, &["--camera", &model, "--vision", &library])
 }
@@ -258,12 +261,22 @@ fn camera_files_need_the_token_and_no_other_file_is_served() {
 #[test]
 fn missing_camera_files_give_errors_that_name_the_remedy() {
     let (rig, folder) = (Rig::empty(), tempfile::tempdir().expect("a folder"));
-    let [model, empty, text] = ["pose.task", "none.task", "text.task"].map(|name| folder.path().join(name));
-    std::fs::write(&model, b"PK stand-in").expect("a model");
+    let [model, empty, text, hand, part] = ["pose.task", "none.task", "text.task", "hand_landmarker.task", "part.task"]
+        .map(|name| folder.path().join(name));
+    std::fs::write(&model, MODEL).expect("a model");
+    std::fs::write(&hand, b"PK hand_detector.tflite hand_landmarks_detector.tflite").expect("another model");
+    std::fs::write(&part, [MODEL, &[0; 1 << 18]].concat()).expect("a model without its end");
+    let page = "https://ai.google.dev/edge/mediapipe/solutions/vision/pose_landmarker#models";
     std::fs::write(&text, b"<html>").expect("no model");
     for (arguments, code, expected) in [
-        (vec![&empty], 66, "none.task: --camera: no such file; download a pose landmarker"),
-        (vec![&text], 66, "text.task: --camera: not a .task file"),
+        (vec![&empty], 66, "none.task: --camera: no such file; download pose_landmarker_lite.task"),
+        (vec![&text], 66, "text.task: --camera: it is no .task file, which is a zip archive; download"),
+        (
+            vec![&hand],
+            66,
+            "hand_landmarker.task: --camera: it holds no pose_detector.tflite, so it is no pose landmarker",
+        ),
+        (vec![&part], 66, "part.task: --camera: it holds no pose_detector.tflite"),
         (vec![&model], 66, "vision_bundle.mjs: --vision: no such file; `npm ci --prefix tools/camera`"),
     ] {
         let output = Command::new(env!("CARGO_BIN_EXE_teleopd"))
@@ -280,12 +293,36 @@ fn missing_camera_files_give_errors_that_name_the_remedy() {
             .expect("it runs");
         let said = String::from_utf8_lossy(&output.stderr);
         assert!(output.status.code() == Some(code) && said.contains(expected), "{arguments:?}: {output:?}");
+        assert_eq!(said.contains(page), arguments != [&model], "{said}");
     }
     let recorded = Command::new(env!("CARGO_BIN_EXE_teleopd"))
         .args(["view", "a.mcap", "--camera", "pose.task"])
         .output()
         .expect("it runs");
     assert!(String::from_utf8_lossy(&recorded.stderr).contains("cannot be used with"), "{recorded:?}");
+}
+
+#[test]
+fn page_says_what_to_do_about_a_camera_that_cannot_be_used() {
+    let (rig, folder) = (Rig::empty(), tempfile::tempdir().expect("a folder"));
+    let viewer = viewer(&rig, folder.path());
+    let script =
+        "navigator.mediaDevices.getUserMedia = async () => { throw new DOMException('Refused', window.why); };";
+    let Some(mut browser) = Browser::injected(&viewer.address, script) else {
+        return println!("skipped: no Chromium in PATH, and TELEOPD_CHROMIUM names none");
+    };
+    let text = |id: &str| format!("document.getElementById('{id}').textContent");
+    for (why, remedy) in [
+        ("NotAllowedError", ". Allow the camera beside the address bar, then press the button again."),
+        ("NotFoundError", ". No camera was found: plug one in, then press the button again."),
+        ("AbortError", ""),
+    ] {
+        browser.wait("it is off", &format!("{} === 'off'", text("cam-state")));
+        browser.evaluate(&format!("window.why = '{why}'"));
+        browser.click("#cam-on");
+        let expected = format!("The camera cannot be used: Refused{remedy}");
+        browser.wait("it says what to do", &format!("{} === {expected:?}", text("cam-told")));
+    }
 }
 
 /// Starts the camera until it leads and `more` is true. A camera that stalls on a busy machine goes off, and only a click

@@ -27,6 +27,13 @@ export function confidence(marks, arm) {
   return marks ? Math.min(...ARMS[arm].map((n) => marks[n][3])) : 0;
 }
 
+// What to do about an error of the browser, by its name.
+const REMEDIES = {
+  NotAllowedError: "Allow the camera beside the address bar, then press the button again.",
+  NotFoundError: "No camera was found: plug one in, then press the button again.",
+  NotReadableError: "Another program may use it: end that one, then press the button again.",
+};
+
 export class Webcam {
   // `wire` sends to the server. `$` finds an element. `base` is the address of the user's files.
   constructor(wire, $, base) {
@@ -77,7 +84,7 @@ export class Webcam {
       this.show("loading the landmarker");
       this.worker.postMessage({ base: this.base });
     } catch (error) {
-      if (run === this.run) this.stop(`The camera cannot be used: ${error.message}`);
+      if (run === this.run) this.stop(`The camera cannot be used: ${[error.message, REMEDIES[error.name]].filter(Boolean).join(". ")}`);
     }
   }
 

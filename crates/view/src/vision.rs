@@ -4,7 +4,7 @@
 use crate::look::LookError;
 use crate::meshes::{MESH_BYTES_MAX, MeshFile};
 use std::fs::File;
-use std::io::Read;
+use std::io::{Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
 /// Folder in which npm places the library, below the repository.
@@ -20,7 +20,15 @@ const LIBRARY: [(&str, &str); 3] = [
 /// Name of the model in the page's address.
 const MODEL: &str = "model.task";
 /// First bytes of a model. A `.task` file is a zip archive.
-const ARCHIVE: [u8; 2] = *b"PK";
+const ARCHIVE: &[u8] = b"PK";
+/// Files in a pose landmarker, which the library names where one is missing. Their names stand in the zip archive's
+/// directory, at its end.
+const IN_MODEL: [&str; 2] = ["pose_detector.tflite", "pose_landmarks_detector.tflite"];
+/// Bytes at the end of a zip archive that hold its directory: twice the longest comment after it, 64 KiB.
+const DIRECTORY_BYTES: u64 = 128 << 10;
+/// How to get a model.
+const DOWNLOAD: &str = "download pose_landmarker_lite.task or pose_landmarker_full.task from \
+                        https://ai.google.dev/edge/mediapipe/solutions/vision/pose_landmarker#models";
 
 /// The library and the model.
 #[derive(Debug)]
@@ -36,15 +44,7 @@ impl VisionFiles {
     /// Returns an error that names the first missing file, and says how to get it.
     pub fn open(folder: &Path, model: &Path) -> Result<Self, LookError> {
         let failed = |file: &Path, cause: String| LookError::Read { file: file.display().to_string(), cause };
-        let mut start = [0; ARCHIVE.len()];
-        let read = opened(model).and_then(|mut found| found.file.read_exact(&mut start).map_err(|_| "it is empty"));
-        read.map_err(|why| {
-            let get = "download a pose landmarker (pose_landmarker_lite.task or pose_landmarker_full.task) from MediaPipe's makers";
-            failed(model, format!("--camera: {why}; {get}"))
-        })?;
-        if start != ARCHIVE {
-            return Err(failed(model, "--camera: not a .task file; it must be a pose landmarker of MediaPipe".into()));
-        }
+        check_model(model).map_err(|why| failed(model, format!("--camera: {why}; {DOWNLOAD}")))?;
         for (name, _) in LIBRARY {
             let file = folder.join(name);
             let get = || format!("`{INSTALL}` in the repository installs it; --vision names another folder");
@@ -63,6 +63,24 @@ impl VisionFiles {
         }
         let (name, kind) = *LIBRARY.iter().find(|(own, _)| *own == name).ok_or("no such file of the camera")?;
         Ok(MeshFile { kind, ..opened(&self.folder.join(name))? })
+    }
+}
+
+/// Refuses a model that the library would refuse in the page.
+fn check_model(model: &Path) -> Result<(), String> {
+    let MeshFile { mut file, bytes, .. } = opened(model)?;
+    let (mut start, mut end) = (Vec::new(), Vec::new());
+    let read = file.by_ref().take(ARCHIVE.len() as u64).read_to_end(&mut start);
+    let read = read.and_then(|_| file.seek(SeekFrom::Start(bytes.saturating_sub(DIRECTORY_BYTES))));
+    let read = read.and_then(|_| file.take(DIRECTORY_BYTES).read_to_end(&mut end));
+    read.map_err(|error| error.to_string())?;
+    if start != ARCHIVE {
+        return Err("it is no .task file, which is a zip archive".into());
+    }
+    let holds = |name: &&str| end.windows(name.len()).any(|bytes| bytes == name.as_bytes());
+    match IN_MODEL.iter().find(|name| !holds(name)) {
+        Some(name) => Err(format!("it holds no {name}, so it is no pose landmarker, or only a part of one")),
+        None => Ok(()),
     }
 }
 

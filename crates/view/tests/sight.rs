@@ -84,7 +84,8 @@ fn only_named_camera_files_are_read() {
     let folder = tempfile::tempdir().expect("a folder");
     std::fs::create_dir(folder.path().join("wasm")).expect("a folder");
     let model = folder.path().join("my pose.task");
-    std::fs::write(&model, b"PK\x03\x04").expect("a model");
+    let bytes = b"PK\x03\x04 pose_detector.tflite pose_landmarks_detector.tflite";
+    std::fs::write(&model, bytes).expect("a model");
     std::fs::write(folder.path().join("package.json"), b"{}").expect("another file");
     for name in ["vision_bundle.mjs", "wasm/vision_wasm_module_internal.js", "wasm/vision_wasm_module_internal.wasm"] {
         let error = VisionFiles::open(folder.path(), &model).expect_err("one is missing").to_string();
@@ -92,7 +93,7 @@ fn only_named_camera_files_are_read() {
         std::fs::write(folder.path().join(name), b"//").expect("a file");
     }
     let files = VisionFiles::open(folder.path(), &model).expect("all are there");
-    assert_eq!(files.read("model.task").map(|file| file.bytes).ok(), Some(4));
+    assert_eq!(files.read("model.task").map(|file| file.bytes).ok(), Some(bytes.len() as u64));
     assert_eq!(files.read("vision_bundle.mjs").map(|file| file.bytes).ok(), Some(2));
     for bad in ["package.json", "my pose.task", "../x", "wasm/../package.json", "wasm", "", "/etc/hostname"] {
         assert!(files.read(bad).is_err(), "{bad}");
