@@ -16,7 +16,7 @@ use tungstenite::{Message, WebSocket};
 pub struct Viewer {
     child: Child,
     pub address: String,
-    /// What it said until it told the address.
+    /// Words that it printed until the address.
     pub said: String,
     _told: BufReader<ChildStdout>,
 }

@@ -49,7 +49,7 @@ pub struct Secure {
     pub(crate) config: Arc<ServerConfig>,
     /// File of the certificate of the authority, for browsers.
     pub authority: PathBuf,
-    /// What was made again, and why. `None` if the certificate was kept, or is the first one.
+    /// Sentence about what was made again, and why. `None` if the certificate was kept, or is the first one.
     pub made: Option<String>,
     /// The certificate's SHA-256 fingerprint, as browsers show it: AA:BB:...
     pub fingerprint: String,
