@@ -1,6 +1,8 @@
 //! Both ends of a link as real processes over the loopback, between clients and the sockets of a daemon. The daemon is its
 //! two socket servers, which merge requests and check frames as `control` and `ingest` do.
 
+#[path = "link/cable.rs"]
+mod cable;
 #[path = "link/relay.rs"]
 mod relay;
 
@@ -94,12 +96,11 @@ struct End {
 
 impl End {
     fn start(arguments: &[&str]) -> Self {
-        let mut child = Command::new(env!("CARGO_BIN_EXE_bridge"))
-            .arg("link")
-            .args(arguments)
-            .stdout(Stdio::piped())
-            .spawn()
-            .expect("it starts");
+        Self::start_by(Command::new(env!("CARGO_BIN_EXE_bridge")), arguments)
+    }
+
+    fn start_by(mut program: Command, arguments: &[&str]) -> Self {
+        let mut child = program.arg("link").args(arguments).stdout(Stdio::piped()).spawn().expect("it starts");
         let (lines, output) = (Arc::new(Mutex::new(Vec::new())), child.stdout.take().expect("its output"));
         let of_thread = Arc::clone(&lines);
         std::thread::spawn(move || {
@@ -144,10 +145,15 @@ struct World {
 
 impl World {
     fn new(operators: &[&str]) -> Self {
+        Self::at("127.0.0.1", operators)
+    }
+
+    /// A robot whose end listens at this address.
+    fn at(host: &str, operators: &[&str]) -> Self {
         let keys = keys("tiago", operators);
         let daemon = Daemon::start();
-        let port = UdpSocket::bind("127.0.0.1:0").and_then(|socket| socket.local_addr()).expect("a port").port();
-        let address = format!("quic/127.0.0.1:{port}");
+        let port = UdpSocket::bind((host, 0)).and_then(|socket| socket.local_addr()).expect("a port").port();
+        let address = format!("quic/{host}:{port}");
         let robot = End::start(&[
             "robot",
             "--keys",
@@ -166,7 +172,12 @@ impl World {
     }
 
     fn operator(&self, bundle: &Path, folder: &Path) -> End {
-        End::start(&["operator", "--bundle", text(bundle), "--connect", &self.address, "--run-dir", text(folder)])
+        self.operator_by(Command::new(env!("CARGO_BIN_EXE_bridge")), bundle, folder)
+    }
+
+    fn operator_by(&self, program: Command, bundle: &Path, folder: &Path) -> End {
+        let arguments = ["operator", "--bundle", text(bundle), "--connect", &self.address, "--run-dir", text(folder)];
+        End::start_by(program, &arguments)
     }
 }
 

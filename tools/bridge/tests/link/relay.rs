@@ -92,7 +92,7 @@ fn carry(near: &UdpSocket, to: SocketAddr, faults: &Mutex<Faults>, until: &Atomi
 }
 
 /// Presses until it arrives. A client whose connection ends with the link's session connects again.
-fn engage(world: &World, folder: &Path) -> OperatorSession {
+pub fn engage(world: &World, folder: &Path) -> OperatorSession {
     let give_up = Instant::now() + SOON;
     loop {
         let hand = hand(folder);
@@ -105,7 +105,7 @@ fn engage(world: &World, folder: &Path) -> OperatorSession {
     }
 }
 
-fn oldest_ms(world: &World) -> u64 {
+pub fn oldest_ms(world: &World) -> u64 {
     world.daemon.seen.lock().expect("whole").oldest_ns / 1_000_000
 }
 
