@@ -51,6 +51,8 @@ pub enum Link {
     Robot(LinkRobot),
     /// The operator's end: clients on this machine find the robot in its folder.
     Operator(LinkOperator),
+    /// A router between a robot and its operators. It passes on what the robot would admit.
+    Router(LinkRouter),
     /// Makes the certificates, at the robot.
     #[command(subcommand)]
     Pair(Pair),
@@ -88,6 +90,20 @@ pub struct LinkOperator {
     pub run_dir: PathBuf,
 }
 
+/// Arguments of a router.
+#[derive(Args, Debug)]
+pub struct LinkRouter {
+    /// Bundle that `bridge link pair router` made.
+    #[arg(long, value_name = "FILE")]
+    pub bundle: PathBuf,
+    /// Copy of the folder `operators` of the robot's keys.
+    #[arg(long, value_name = "DIR")]
+    pub operators: PathBuf,
+    /// Address to listen on: quic/HOST:PORT.
+    #[arg(long, value_name = "ADDRESS", required = true)]
+    pub listen: Vec<String>,
+}
+
 /// Owner of the certificate to make.
 #[derive(Debug, Subcommand)]
 pub enum Pair {
@@ -105,6 +121,12 @@ pub enum Pair {
         /// Name of the operator: a-z, 0-9, - and _.
         #[arg(long)]
         name: Name,
+        /// Folder with the robot's keys.
+        #[arg(long, value_name = "DIR", default_value = "link-keys")]
+        keys: PathBuf,
+    },
+    /// A router, where robot and operators reach only a third machine.
+    Router {
         /// Folder with the robot's keys.
         #[arg(long, value_name = "DIR", default_value = "link-keys")]
         keys: PathBuf,

@@ -5,6 +5,8 @@
 mod cable;
 #[path = "link/relay.rs"]
 mod relay;
+#[path = "link/router.rs"]
+mod router;
 
 use bridge::link::{Keys, Wire, config, key};
 use doors::{LeaseState, Reply};
@@ -197,6 +199,11 @@ fn keys(robot: &str, operators: &[&str]) -> tempfile::TempDir {
     folder
 }
 
+fn opened(settings: &serde_json::Value) -> Wire {
+    let shutdown = rt::Shutdown::on_signals().expect("a handler");
+    Wire::open(settings, &shutdown, || ()).expect("a session").expect("no signal")
+}
+
 /// Connects an operator's client once the socket is there.
 fn hand(folder: &Path) -> OperatorSession {
     let socket = folder.join("operator.sock");
@@ -344,7 +351,7 @@ fn f128_hostile_packets_of_one_operator_leave_another_undisturbed() {
     let (ends, thread) = publisher(folder.path());
     world.robot.wait_line("bert: ready");
     let own = Keys::of_operator(&world.bundle("anna")).expect("a bundle");
-    let wire = Wire::open(&config(&own, &[], std::slice::from_ref(&world.address))).expect("a session");
+    let wire = opened(&config(&own, &[], std::slice::from_ref(&world.address)));
     let name = own.operator.as_ref().expect("a name");
     let to = ["operator", "person"].map(|what| wire.publisher(key(&own.robot, what, name)).expect("a publisher"));
     let before = world.daemon.persons();

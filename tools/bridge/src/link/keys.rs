@@ -52,6 +52,8 @@ pub struct Keys {
     pub operator: Option<Name>,
     /// The operators whom the robot's end admits, and the common names of their certificates. Empty for an operator's.
     pub operators: Vec<(Name, String)>,
+    /// Common name of the router's certificate, where the robot's end admits one.
+    pub router: Option<String>,
     /// Certificate of this end, PEM.
     pub certificate: String,
     /// Its key, PEM.
@@ -72,23 +74,10 @@ impl Keys {
                 format!("{}: no keys of a robot. Run bridge link pair robot --name NAME first", folder.display());
             return Err(Failure::new(Exit::NoInput, text));
         }
-        let own = read_secret(&file)?;
-        let mut operators = Vec::new();
-        let listed = folder.join(super::pair::OPERATORS);
-        for entry in std::fs::read_dir(&listed).into_iter().flatten().flatten() {
-            let file = entry.file_name();
-            let name = file.to_string_lossy().strip_suffix(".pem").and_then(|name| name.parse::<Name>().ok());
-            let Some(name) = name else { continue };
-            let path = entry.path();
-            let text = std::fs::read_to_string(&path)
-                .map_err(|error| Failure::new(Exit::NoInput, rt::unreadable(&path, &error)))?;
-            let common_name = text.lines().find_map(|line| line.strip_prefix(super::pair::COMMON_NAME));
-            let common_name = common_name.map(str::trim).filter(|common| common.starts_with(name.as_str()));
-            let common_name = common_name.ok_or_else(|| wrong(&path, "has no line \"common name: NAME.NUMBER\""))?;
-            operators.push((name, common_name.to_owned()));
-        }
-        operators.sort_by(|(a, _): &(Name, String), (b, _)| a.0.cmp(&b.0));
-        Self::of(&file, &own, operators)
+        let own = Self::of(&file, &read_secret(&file)?, operators(&folder.join(super::pair::OPERATORS))?)?;
+        let router = folder.join(super::pair::ROUTER);
+        let router = router.exists().then(|| common_name(&router, "router")).transpose()?;
+        Ok(Self { router, ..own })
     }
 
     /// Reads an operator's bundle.
@@ -106,6 +95,18 @@ impl Keys {
         Ok(keys)
     }
 
+    /// Reads a router's bundle, and the folder with the certificates of the operators whom it admits.
+    ///
+    /// # Errors
+    /// Returns an error that names the file.
+    pub fn of_router(bundle: &Path, listed: &Path) -> Result<Self, Failure> {
+        let text = read_secret(bundle)?;
+        if !text.contains(super::pair::IS_ROUTER) {
+            return Err(wrong(bundle, "is no router's bundle. Give the one that bridge link pair router made"));
+        }
+        Self::of(bundle, &text, operators(listed)?)
+    }
+
     fn of(path: &Path, text: &str, operators: Vec<(Name, String)>) -> Result<Self, Failure> {
         let named = |key: &str| -> Result<Option<Name>, Failure> {
             let line = text.lines().find_map(|line| line.strip_prefix(key));
@@ -119,6 +120,7 @@ impl Keys {
             robot: named("robot:")?.ok_or_else(|| missing("line \"robot: NAME\""))?,
             operator: named("operator:")?,
             operators,
+            router: None,
             certificate: certificate.to_owned(),
             key: key.to_owned(),
             authority: authority.to_owned(),
@@ -131,6 +133,29 @@ impl Keys {
         let pairs: Vec<_> = hash.iter().take(8).map(|byte| format!("{byte:02x}")).collect();
         pairs.chunks(2).map(|two| two.concat()).collect::<Vec<_>>().join("-")
     }
+}
+
+/// Returns the operators whose certificates lie in this folder, with their common names.
+fn operators(listed: &Path) -> Result<Vec<(Name, String)>, Failure> {
+    let mut operators = Vec::new();
+    for entry in std::fs::read_dir(listed).into_iter().flatten().flatten() {
+        let file = entry.file_name();
+        let name = file.to_string_lossy().strip_suffix(".pem").and_then(|name| name.parse::<Name>().ok());
+        let Some(name) = name else { continue };
+        let common_name = common_name(&entry.path(), name.as_str())?;
+        operators.push((name, common_name));
+    }
+    operators.sort_by(|(a, _): &(Name, String), (b, _)| a.0.cmp(&b.0));
+    Ok(operators)
+}
+
+/// Returns the common name in a file that admits the holder of a certificate.
+fn common_name(path: &Path, name: &str) -> Result<String, Failure> {
+    let unreadable = |error| Failure::new(Exit::NoInput, rt::unreadable(path, &error));
+    let text = std::fs::read_to_string(path).map_err(unreadable)?;
+    let common_name = text.lines().find_map(|line| line.strip_prefix(super::pair::COMMON_NAME));
+    let common_name = common_name.map(str::trim).filter(|common| common.starts_with(name));
+    common_name.map(str::to_owned).ok_or_else(|| wrong(path, "has no line \"common name: NAME.NUMBER\""))
 }
 
 /// Returns the PEM blocks with this label.

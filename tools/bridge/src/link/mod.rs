@@ -12,12 +12,14 @@ mod pair;
 mod person;
 mod report;
 mod robot;
+mod router;
 mod wire;
 
 pub use keys::{Keys, Name};
 pub use operator::run as run_operator;
-pub use pair::{pair_operator, pair_robot, show};
+pub use pair::{pair_operator, pair_robot, pair_router, show};
 pub use robot::run as run_robot;
+pub use router::run as run_router;
 pub use wire::{Publisher, Slot, Wire, config, key, put};
 
 use crate::cli::{Link, Pair};
@@ -35,14 +37,16 @@ const ONE_THREAD: &str = "(rx: (handover: net), acc: (handover: net), tx: (hando
 /// # Errors
 /// Returns the message for the user.
 pub fn run(command: &Link) -> Result<(), Failure> {
-    if matches!(command, Link::Robot(_) | Link::Operator(_)) {
+    if !matches!(command, Link::Pair(_)) {
         share_one_thread()?;
     }
     match command {
         Link::Robot(args) => run_robot(args),
         Link::Operator(args) => run_operator(args),
+        Link::Router(args) => run_router(args),
         Link::Pair(Pair::Robot { name, keys }) => pair_robot(name, keys),
         Link::Pair(Pair::Operator { name, keys }) => pair_operator(name, keys),
+        Link::Pair(Pair::Router { keys }) => pair_router(keys),
         Link::Pair(Pair::Show { bundle }) => show(bundle),
     }
 }

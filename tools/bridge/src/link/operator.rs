@@ -23,6 +23,8 @@ const SILENT_NS: u64 = 1_000_000_000;
 /// Silence of the robot's status that closes the operator socket, ns.
 const GONE_NS: u64 = Service::Status.row().stale_after_ms as u64 * 1_000_000;
 
+const NO_ANSWER: &str = "no answer. Is bridge link robot running, does UDP reach it, and does it admit this operator?";
+
 /// State of the operator's end.
 struct Operator {
     end: OperatorEnd,
@@ -54,11 +56,18 @@ pub fn run(args: &LinkOperator) -> Result<(), Failure> {
     let instance = Instance::new(&args.run_dir).map_err(unusable)?;
     let persons = doors::Server::bind(&instance.skeleton_socket(), None).map_err(Failure::with(Exit::Unavailable))?;
     let addresses = super::addresses(&args.connect)?;
-    let wire = Wire::open(&config(&keys, &[], &addresses))?;
     let Some(name) = &keys.operator else { return Ok(()) };
     out!("bridge: operator {name} of robot {}, code {}", keys.robot, keys.code());
     out!("bridge: clients find the robot with --run-dir {}", instance.run_dir().display());
     super::tell_unknown(&addresses);
+    let marker = instance.run_dir().join(doors::LINK_FILE);
+    instance::write_anew(&marker, keys.robot.as_str().as_bytes()).map_err(unusable)?;
+    let mut report = Report::default();
+    let waits = || report.tell(rt::now(), &format!("{}: {NO_ANSWER}", keys.robot), String::new);
+    let Some(wire) = Wire::open(&config(&keys, &[], &addresses), &shutdown, waits)? else {
+        let _ = std::fs::remove_file(&marker);
+        return Ok(());
+    };
     let publisher = |what: &str| wire.publisher(key(&keys.robot, what, name));
     let mut operator = Operator {
         end: OperatorEnd::new(draw_nonce()),
@@ -73,11 +82,9 @@ pub fn run(args: &LinkOperator) -> Result<(), Failure> {
         holder: (0, Stamp::NONE),
         unsendable: None,
         robot: keys.robot.clone(),
-        report: Report::default(),
+        report,
         started: rt::now(),
     };
-    let marker = instance.run_dir().join(doors::LINK_FILE);
-    instance::write_anew(&marker, keys.robot.as_str().as_bytes()).map_err(unusable)?;
     while !shutdown.requested() {
         operator.wait(&wire);
         wire.calm();
@@ -179,9 +186,7 @@ impl Operator {
         let state = match link.answer {
             // A connection takes a moment.
             None if now.since(self.started) < SILENT_NS => return,
-            None => {
-                "no answer. Is bridge link robot running, does UDP reach it, and does it admit this operator?".into()
-            }
+            None => NO_ANSWER.into(),
             Some(answer) => state_name(&answer),
         };
         self.report.tell(now, &format!("{}: {state}", self.robot), || of_robot(&link));

@@ -18,6 +18,12 @@ const AUTHORITY_KEY: &str = "authority-key.pem";
 /// Folder with one certificate for each operator. A file that is removed removes the operator.
 pub(super) const OPERATORS: &str = "operators";
 
+/// File that admits a router at the robot. A router whose file is removed is removed.
+pub(super) const ROUTER: &str = "router.pem";
+const ROUTER_NAME: &str = "router";
+/// Line of a router's bundle.
+pub(super) const IS_ROUTER: &str = "router: yes";
+
 /// Beginning of the line with a certificate's common name, in an operator's file.
 pub(super) const COMMON_NAME: &str = "common name:";
 
@@ -26,6 +32,9 @@ pub(super) const COMMON_NAME: &str = "common name:";
 /// # Errors
 /// Returns an error if a file exists already, or cannot be written.
 pub fn pair_robot(name: &Name, keys: &Path) -> Result<(), Failure> {
+    if name.as_str() == ROUTER_NAME {
+        return Err(Failure::new(Exit::Usage, format!("{name}: a router has this name. Give the robot another one")));
+    }
     let failed = Failure::with(Exit::Software);
     DirBuilder::new().recursive(true).mode(0o700).create(keys).map_err(|error| unwritable(keys, &error))?;
     let key = KeyPair::generate().map_err(&failed)?;
@@ -47,32 +56,63 @@ pub fn pair_robot(name: &Name, keys: &Path) -> Result<(), Failure> {
 /// Returns an error if the operator or the bundle exists already, or a file cannot be written.
 pub fn pair_operator(name: &Name, keys: &Path) -> Result<(), Failure> {
     let robot = Keys::of_robot(keys)?;
-    if *name == robot.robot {
-        let text = format!("{name}: the robot has this name. Give the operator another one");
+    if *name == robot.robot || name.as_str() == ROUTER_NAME {
+        let text = format!("{name}: the robot or its router has this name. Give the operator another one");
         return Err(Failure::new(Exit::Usage, text));
     }
+    let operators = keys.join(OPERATORS);
+    DirBuilder::new().recursive(true).mode(0o700).create(&operators).map_err(|error| unwritable(&operators, &error))?;
+    let bundle = keys.join(format!("{name}.bundle"));
+    // No server: an operator cannot present itself as the robot.
+    let purposes = vec![ExtendedKeyUsagePurpose::ClientAuth];
+    let admits = operators.join(format!("{name}.pem"));
+    admit(keys, &robot, name.as_str(), purposes, &format!("operator: {name}"), &bundle, &admits)?;
+    let code = Keys::of_operator(&bundle)?.code();
+    out!("bridge: copy {} to the operator's machine, with scp, and remove it here", bundle.display());
+    out!("bridge: code {code}; bridge link pair show must print the same there");
+    out!("bridge: a robot end that runs admits {name} after its next start");
+    Ok(())
+}
+
+/// Makes the bundle of a router in the folder `keys` of a robot.
+///
+/// # Errors
+/// Returns an error if the router or the bundle exists already, or a file cannot be written.
+pub fn pair_router(keys: &Path) -> Result<(), Failure> {
+    let robot = Keys::of_robot(keys)?;
+    let bundle = keys.join(format!("{ROUTER_NAME}.bundle"));
+    // A server for operators and robot.
+    let purposes = vec![ExtendedKeyUsagePurpose::ServerAuth, ExtendedKeyUsagePurpose::ClientAuth];
+    admit(keys, &robot, ROUTER_NAME, purposes, IS_ROUTER, &bundle, &keys.join(ROUTER))?;
+    out!("bridge: copy {} to the router's machine, with scp, and remove it here", bundle.display());
+    out!("bridge: copy the folder {} beside it, again for each new operator", keys.join(OPERATORS).display());
+    out!("bridge: a robot end that runs admits the router after its next start");
+    Ok(())
+}
+
+/// Signs a certificate with a name of its own. Writes the secret bundle, and the file that admits it at the robot.
+fn admit(
+    keys: &Path,
+    robot: &Keys,
+    name: &str,
+    purposes: Vec<ExtendedKeyUsagePurpose>,
+    role: &str,
+    bundle: &Path,
+    admits: &Path,
+) -> Result<(), Failure> {
     let path = keys.join(AUTHORITY_KEY);
     let key =
         std::fs::read_to_string(&path).map_err(|error| Failure::new(Exit::NoInput, rt::unreadable(&path, &error)))?;
     let key =
         KeyPair::from_pem(&key).map_err(|error| Failure::new(Exit::DataErr, format!("{}: {error}", path.display())))?;
     let issuer = Issuer::new(authority_of(&robot.robot), key);
-    // No server: an operator cannot present itself as the robot.
-    // A number of its own, so that an operator who was removed does not come back with the next one of this name.
+    // A number of its own, so that one who was removed does not come back with the next one of this name.
     let common_name = format!("{name}.{:016x}", doors::draw_nonce());
-    let (certificate, own_key) = sign(&common_name, vec![ExtendedKeyUsagePurpose::ClientAuth], &issuer)?;
-    let operators = keys.join(OPERATORS);
-    DirBuilder::new().recursive(true).mode(0o700).create(&operators).map_err(|error| unwritable(&operators, &error))?;
-    let bundle = keys.join(format!("{name}.bundle"));
-    let text = format!("robot: {}\noperator: {name}\n{certificate}{own_key}{}\n", robot.robot, robot.authority);
+    let (certificate, own_key) = sign(&common_name, purposes, &issuer)?;
+    let text = format!("robot: {}\n{role}\n{certificate}{own_key}{}\n", robot.robot, robot.authority);
     // The bundle first: where an old one lies, nobody is admitted by it.
-    write_new(&bundle, &text)?;
-    write_new(&operators.join(format!("{name}.pem")), &format!("{COMMON_NAME} {common_name}\n{certificate}"))?;
-    let code = Keys::of_operator(&bundle)?.code();
-    out!("bridge: copy {} to the operator's machine, with scp, and remove it here", bundle.display());
-    out!("bridge: code {code}; bridge link pair show must print the same there");
-    out!("bridge: a robot end that runs admits {name} after its next start");
-    Ok(())
+    write_new(bundle, &text)?;
+    write_new(admits, &format!("{COMMON_NAME} {common_name}\n{certificate}"))
 }
 
 /// Prints the names and the code of a bundle.

@@ -79,7 +79,10 @@ pub fn run(args: &LinkRobot) -> Result<(), Failure> {
         return Err(Failure::new(Exit::Unavailable, text));
     }
     let instance = Instance::unmade(&args.run_dir);
-    let wire = Wire::open(&config(&keys, &super::addresses(&args.listen)?, &super::addresses(&args.connect)?))?;
+    let settings = config(&keys, &super::addresses(&args.listen)?, &super::addresses(&args.connect)?);
+    let mut report = Report::default();
+    let waits = || report.tell(rt::now(), "no answer of the router. Does bridge link router run there?", String::new);
+    let Some(wire) = Wire::open(&settings, &shutdown, waits)? else { return Ok(()) };
     let admitted: Vec<_> = keys.operators.iter().map(|(name, _)| name.as_str()).collect();
     out!("bridge: robot {} admits {}, code {}", keys.robot, admitted.join(", "), keys.code());
     let names = std::mem::take(&mut keys.operators);

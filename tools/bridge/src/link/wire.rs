@@ -3,7 +3,7 @@
 use super::keys::{Keys, Name};
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
-use rt::{Exit, Failure};
+use rt::{Exit, Failure, Shutdown};
 use rustix::event::{EventfdFlags, eventfd};
 use serde_json::{Value, json};
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
@@ -14,6 +14,8 @@ use zenoh::Wait;
 const LEASE_MS: u32 = 500;
 /// Longest message that is put together from fragments, bytes: many times the longest frame.
 const MESSAGE_BYTES_MAX: u32 = 65_536;
+/// Time after which the program looks for a signal while it connects, ms.
+const CONNECT_MS: u32 = 1000;
 /// Time between two attempts to connect, ms.
 const RETRY_MS: [u32; 2] = [200, 1000];
 
@@ -35,10 +37,12 @@ pub fn config(keys: &Keys, listen: &[String], connect: &[String]) -> Value {
         all.iter().map(|endpoint| format!("{endpoint}?mixed_rel={mixed}")).collect()
     };
     json!({
-        "mode": "peer",
+        // A router passes nothing on between peers.
+        "mode": if listen.is_empty() { "client" } else { "peer" },
         "listen": { "endpoints": mixed(listen, "auto") },
         "connect": {
             "endpoints": mixed(connect, "1"),
+            "timeout_ms": CONNECT_MS, "exit_on_failure": true,
             "retry": { "period_init_ms": RETRY_MS[0], "period_max_ms": RETRY_MS[1], "period_increase_factor": 2 },
         },
         "scouting": { "multicast": { "enabled": false }, "gossip": { "enabled": false } },
@@ -63,12 +67,20 @@ pub fn config(keys: &Keys, listen: &[String], connect: &[String]) -> Value {
                 "reliability": "best_effort", "congestion_control": "drop", "priority": "real_time", "express": true,
             },
         }] },
-        "access_control": access(keys),
+        "access_control": access(keys, false),
     })
 }
 
+/// Returns the settings of a router, which connects to nobody.
+pub fn router_config(keys: &Keys, listen: &[String]) -> Value {
+    let mut settings = config(keys, listen, &[]);
+    settings["mode"] = json!("router");
+    settings["access_control"] = access(keys, true);
+    settings
+}
+
 /// Returns who may do what, by the common name of the certificate at the other end. Nobody may do anything else.
-fn access(keys: &Keys) -> Value {
+fn access(keys: &Keys, is_router: bool) -> Value {
     let (robot, status) = (&keys.robot, status_key(&keys.robot));
     let rule = |id: &str, messages: &[&str], flow: &str, key_exprs: &[String]| {
         let flows = [flow];
@@ -103,7 +115,20 @@ fn access(keys: &Keys) -> Value {
             rule(&format!("operator-{name}-want-down"), &["declare_subscriber"], "ingress", &answer),
         ];
         let id = format!("operator-{name}");
-        admit(json!({ "id": id, "cert_common_names": [common_name] }), of_operator);
+        // What comes by a router was admitted there.
+        let names: Vec<_> = [Some(common_name), keys.router.as_ref()].into_iter().flatten().collect();
+        admit(json!({ "id": id, "cert_common_names": names }), of_operator);
+    }
+    if is_router {
+        let all = |what: &str| keys.operators.iter().map(|(name, _)| key(robot, what, name)).collect::<Vec<_>>();
+        let (up, down) = ([all("person"), all("operator")].concat(), [all("answer"), vec![status.clone()]].concat());
+        let of_robot = vec![
+            rule("robot-put-down", &["put"], "ingress", &down),
+            rule("robot-want-down", &["declare_subscriber"], "egress", &down),
+            rule("robot-put-up", &["put"], "egress", &up),
+            rule("robot-want-up", &["declare_subscriber"], "ingress", &up),
+        ];
+        admit(json!({ "id": "robot", "cert_common_names": [robot.as_str()] }), of_robot);
     }
     if keys.operator.is_none() {
         let of_all = vec![
@@ -148,25 +173,27 @@ pub struct Wire {
 pub type Publisher = zenoh::pubsub::Publisher<'static>;
 
 impl Wire {
-    /// Opens a session.
+    /// Opens a session. Where the other end does not answer, it tries again and again, and calls `waits` each time. `None`
+    /// after a signal.
     ///
     /// # Errors
     /// Returns an error if an address cannot be used.
-    pub fn open(settings: &Value) -> Result<Self, Failure> {
-        let failed = Failure::with(Exit::Unavailable);
-        let config = zenoh::Config::from_json5(&settings.to_string()).map_err(Failure::with(Exit::Usage))?;
-        let session = zenoh::open(config).wait().map_err(|error| {
-            // The text of zenoh names its own sources.
-            let text = error.to_string();
-            let taken = text.contains("Address already in use");
-            failed(if taken {
-                format!("{}: another program listens there", settings["listen"]["endpoints"])
-            } else {
-                text
-            })
-        })?;
+    pub fn open(settings: &Value, shutdown: &Shutdown, mut waits: impl FnMut()) -> Result<Option<Self>, Failure> {
         let event = eventfd(0, EventfdFlags::CLOEXEC | EventfdFlags::NONBLOCK).map_err(Failure::with(Exit::OsErr))?;
-        Ok(Self { session, event: Arc::new(event) })
+        while !shutdown.requested() {
+            let config = zenoh::Config::from_json5(&settings.to_string()).map_err(Failure::with(Exit::Usage))?;
+            // The texts of zenoh name its own sources.
+            match zenoh::open(config).wait().map_err(|error| error.to_string()) {
+                Ok(session) => return Ok(Some(Self { session, event: Arc::new(event) })),
+                Err(text) if text.contains("Unable to connect") => waits(),
+                Err(text) if text.contains("Address already in use") => {
+                    let text = format!("{}: another program listens there", settings["listen"]["endpoints"]);
+                    return Err(Failure::new(Exit::Unavailable, text));
+                }
+                Err(text) => return Err(Failure::new(Exit::Unavailable, text)),
+            }
+        }
+        Ok(None)
     }
 
     /// Keeps the newest datagram of `key` in the slot that is returned.

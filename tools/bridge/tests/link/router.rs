@@ -1,0 +1,62 @@
+//! Robot and operators that reach only a router.
+
+use super::relay::{engage, oldest_ms};
+use super::*;
+
+#[test]
+fn router_carries_what_the_robot_admits_and_its_end_is_a_release() {
+    let keys = keys("tiago", &["anna", "bob"]);
+    let made = bridge(&["pair", "router", "--keys", text(keys.path())]);
+    assert!(made.status.success(), "{made:?}");
+    // The router has not been told of Bob.
+    let admitted = tempfile::tempdir().expect("a folder");
+    std::fs::copy(keys.path().join("operators/anna.pem"), admitted.path().join("anna.pem")).expect("a copy");
+    let port = UdpSocket::bind("127.0.0.1:0").and_then(|socket| socket.local_addr()).expect("a port").port();
+    let address = format!("quic/127.0.0.1:{port}");
+    let bundle = keys.path().join("router.bundle");
+    let route = || {
+        let end = End::start(&[
+            "router",
+            "--bundle",
+            text(&bundle),
+            "--operators",
+            text(admitted.path()),
+            "--listen",
+            &address,
+        ]);
+        end.wait_line("admits anna");
+        end
+    };
+    let daemon = Daemon::start();
+    let robot = End::start(&[
+        "robot",
+        "--keys",
+        text(keys.path()),
+        "--connect",
+        &address,
+        "--run-dir",
+        text(daemon.folder.path()),
+    ]);
+    let router = route();
+    let world = World { daemon, keys, address: address.clone(), robot };
+    let folders = [(); 2].map(|()| tempfile::tempdir().expect("a folder"));
+    let _anna = world.operator(&world.bundle("anna"), folders[0].path());
+    let bob = world.operator(&world.bundle("bob"), folders[1].path());
+    world.robot.wait_line("anna: ready");
+    let (ends, thread) = publisher(folders[0].path());
+    let _hand = engage(&world, folders[0].path());
+    let before = world.daemon.persons();
+    wait("persons come", || world.daemon.persons() > before + 50);
+    bob.wait_line("no answer");
+    assert!(!folders[1].path().join("operator.sock").exists());
+
+    drop(router);
+    wait("released", || !world.daemon.view().enable_level);
+    let (edges, before) = (world.daemon.view().enable_edges, world.daemon.persons());
+    let _router = route();
+    wait("persons come again", || world.daemon.persons() > before + 50);
+    assert_eq!((world.daemon.view().enable_level, world.daemon.view().enable_edges), (false, edges), "by itself");
+    ends.store(true, Ordering::Relaxed);
+    thread.join().expect("it ends");
+    assert!(oldest_ms(&world) <= 100, "{} ms", oldest_ms(&world));
+}
