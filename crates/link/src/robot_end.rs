@@ -73,6 +73,8 @@ struct Seat {
 /// State of the robot's end. The place of each operator is chosen by the caller, who knows their names.
 #[derive(Clone, Debug, Default)]
 pub struct RobotEnd {
+    /// Set by the caller: an emergency stop has not reached `control` yet. No operator's end is told that it was heard.
+    pub stop_waits: bool,
     /// Set by the caller: `control` sends no status.
     pub daemon_gone: bool,
     /// Set by the caller: another client than this operator's holds the lease of `ingest`.
@@ -113,16 +115,17 @@ impl RobotEnd {
     /// Writes the answer for the operator at place `at`. Returns its length. `None` if there is no such operator.
     pub fn answer(&mut self, at: usize, now: Stamp, out: &mut [u8; FRAME_BYTES_MAX]) -> Option<usize> {
         let answer = self.answer_of(at, now)?;
-        self.seats.get_mut(at)?.put(Payload::Answer(answer), now, out)
+        let stop_waits = self.stop_waits;
+        self.seats.get_mut(at)?.put(Payload::Answer(answer), stop_waits, now, out)
     }
 
     /// Writes the answer for a second program of the operator at place `at`, if there is one.
     pub fn answer_rival(&mut self, at: usize, now: Stamp, out: &mut [u8; FRAME_BYTES_MAX]) -> Option<usize> {
-        let gone = self.daemon_gone;
+        let (gone, stop_waits) = (self.daemon_gone, self.stop_waits);
         let seat = self.seats.get_mut(at)?;
         let (client, echo) = seat.rival.take()?;
         let payload = Payload::Answer(Answer { verdict: Verdict::Busy, ..seat.state(now, gone) });
-        let stops_heard = seat.stops_heard(client);
+        let stops_heard = if stop_waits { 0 } else { seat.stops_heard(client) };
         let head = Head { stops_heard, echo, ..seat.exchange.head(Kind::Answer, 0, client, now) };
         Frame { head, payload }.put(out).ok()
     }
@@ -130,7 +133,7 @@ impl RobotEnd {
     /// Writes a status or a feedback for the operator at place `at`. Returns its length. `None` without a session.
     pub fn send(&mut self, at: usize, payload: Payload, now: Stamp, out: &mut [u8; FRAME_BYTES_MAX]) -> Option<usize> {
         let seat = self.seats.get_mut(at).filter(|seat| seat.session.is_some())?;
-        seat.put(payload, now, out)
+        seat.put(payload, self.stop_waits, now, out)
     }
 
     /// Returns the state of the operator at place `at`. `None` if none was ever there.
@@ -357,15 +360,19 @@ impl Seat {
         }
     }
 
-    fn put(&mut self, payload: Payload, now: Stamp, out: &mut [u8; FRAME_BYTES_MAX]) -> Option<usize> {
+    fn put(
+        &mut self,
+        payload: Payload,
+        stop_waits: bool,
+        now: Stamp,
+        out: &mut [u8; FRAME_BYTES_MAX],
+    ) -> Option<usize> {
         if self.client == 0 {
             return None;
         }
+        let stops_heard = if stop_waits { 0 } else { self.stops_heard(self.client) };
         let session = self.session.map_or(0, |session| session.nonce);
-        let head = Head {
-            stops_heard: self.stops_heard(self.client),
-            ..self.exchange.head(payload.kind(), session, self.client, now)
-        };
+        let head = Head { stops_heard, ..self.exchange.head(payload.kind(), session, self.client, now) };
         Frame { head, payload }.put(out).ok()
     }
 }

@@ -257,6 +257,17 @@ fn f125_emergency_stop_that_was_heard_is_not_repeated_by_a_restart() {
 }
 
 #[test]
+fn f125_emergency_stop_that_waits_for_the_daemon_is_repeated_by_a_restart() {
+    let mut world = World::linked(5 * MS);
+    world.request.estop_count = 1;
+    world.robot.stop_waits = true;
+    world.run(20);
+    (world.robot, world.daemon) = (RobotEnd::default(), Daemon::default());
+    world.run(20);
+    assert_eq!(world.daemon.stops, 1);
+}
+
+#[test]
 fn f129_second_program_of_an_operator_waits_until_the_first_is_silent() {
     let mut world = World::linked(5 * MS);
     world.press();

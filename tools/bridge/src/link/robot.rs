@@ -157,10 +157,7 @@ impl Robot {
         if self.stop_due.is_some_and(|due| now >= due) {
             self.stop_due = (!self.stop()).then(|| now.plus_ns(STOP_RETRY_NS));
         }
-        if self.stop_due.is_some() {
-            // An answer would tell that the emergency stop has arrived.
-            return;
-        }
+        self.end.stop_waits = self.stop_due.is_some();
         self.tell_status(now);
         for at in 0..self.operators.len() {
             self.answer(at, now);
