@@ -175,7 +175,7 @@ fn reader_with_other_layout_of_same_size_is_refused() {
 fn reader_of_another_services_message_is_refused() {
     let place = Place::new("wrong");
     let error = place.open().reader::<JointTarget>(Service::Status).expect_err("it carries Status");
-    assert_eq!(error.to_string(), "service teleop/status/9: the message is JointTarget, expected Status");
+    assert_eq!(error.to_string(), "service teleop/status/10: the message is JointTarget, expected Status");
 }
 
 #[test]

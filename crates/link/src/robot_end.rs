@@ -66,7 +66,8 @@ struct Seat {
     refused: Refused,
     /// The newest datagram of a second program of this operator.
     rival: Option<(u64, Echo)>,
-    stops: [(u64, u32); CLIENTS_KEPT],
+    /// An operator's end, its emergency stops that were heard, and those of them that `control` has.
+    stops: [(u64, u32, u32); CLIENTS_KEPT],
     next_stop: usize,
 }
 
@@ -125,7 +126,7 @@ impl RobotEnd {
         let seat = self.seats.get_mut(at)?;
         let (client, echo) = seat.rival.take()?;
         let payload = Payload::Answer(Answer { verdict: Verdict::Busy, ..seat.state(now, gone) });
-        let stops_heard = if stop_waits { 0 } else { seat.stops_heard(client) };
+        let stops_heard = seat.stops_heard(client, stop_waits);
         let head = Head { stops_heard, echo, ..seat.exchange.head(Kind::Answer, 0, client, now) };
         Frame { head, payload }.put(out).ok()
     }
@@ -194,11 +195,11 @@ impl Seat {
     /// Returns true if the operator's end has pressed the emergency stop since its last request. The count begins with the
     /// start of that end and not with the session. What an earlier start of this end has heard does not count again.
     fn is_new_stop(&mut self, head: &Head, count: u32) -> bool {
-        let known = self.stops.iter().position(|(known, _)| *known == head.client);
+        let known = self.stops.iter().position(|(known, ..)| *known == head.client);
         let place = known.unwrap_or(self.next_stop);
         let Some(stop) = self.stops.get_mut(place) else { return count > 0 };
         if known.is_none() {
-            *stop = (head.client, head.stops_heard);
+            *stop = (head.client, head.stops_heard, head.stops_heard);
             self.next_stop = (place + 1) % CLIENTS_KEPT;
         }
         let edges = count.wrapping_sub(stop.1);
@@ -209,9 +210,12 @@ impl Seat {
         newer
     }
 
-    /// Returns the emergency stops that were heard from an operator's end.
-    fn stops_heard(&self, client: u64) -> u32 {
-        self.stops.iter().find(|(known, _)| *known == client).map_or(0, |(_, count)| *count)
+    /// Returns the emergency stops of an operator's end that `control` has.
+    fn stops_heard(&mut self, client: u64, stop_waits: bool) -> u32 {
+        if !stop_waits {
+            self.stops.iter_mut().for_each(|(_, count, relayed)| *relayed = *count);
+        }
+        self.stops.iter().find(|(known, ..)| *known == client).map_or(0, |(.., relayed)| *relayed)
     }
 
     /// Begins a session. What was pressed before counts for nothing in it.
@@ -370,7 +374,7 @@ impl Seat {
         if self.client == 0 {
             return None;
         }
-        let stops_heard = if stop_waits { 0 } else { self.stops_heard(self.client) };
+        let stops_heard = self.stops_heard(self.client, stop_waits);
         let session = self.session.map_or(0, |session| session.nonce);
         let head = Head { stops_heard, ..self.exchange.head(payload.kind(), session, self.client, now) };
         Frame { head, payload }.put(out).ok()

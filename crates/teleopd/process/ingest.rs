@@ -36,6 +36,9 @@ pub fn run(place: &InstanceArgs) -> Result<(), Failure> {
     // Opened last. The socket belongs to this process, because it is now the only writer of skeletons.
     let mut socket = Server::bind(&process.instance.skeleton_socket(), group).map_err(door_failure)?;
 
+    // Left behind by a killed end of a link. The sockets here are this instance's now.
+    let _ = std::fs::remove_file(process.instance.run_dir().join(doors::LINK_FILE));
+
     let header = process.header(0, Stamp::NONE, Stamp::NONE);
     let feedback = super::feedback::start(&process.instance, process.loaded.model.clone(), header);
 

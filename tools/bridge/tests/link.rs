@@ -284,7 +284,7 @@ fn f125_killed_operator_end_is_a_release_and_its_restart_engages_nothing() {
     wait("pressed again", || world.daemon.view().enable_level);
     assert_eq!(world.daemon.view().enable_edges, 2);
     hand_after.estop();
-    wait("the emergency stop arrives", || world.daemon.view().estop_edges == 1);
+    wait("the emergency stop arrives", || world.daemon.view().estop_edges >= 1);
     assert!(world.daemon.seen.lock().expect("whole").oldest_ns <= 100_000_000);
 }
 

@@ -52,7 +52,7 @@ pub struct Keys {
     pub operator: Option<Name>,
     /// The operators whom the robot's end admits, and the common names of their certificates. Empty for an operator's.
     pub operators: Vec<(Name, String)>,
-    /// Common name of the router's certificate, where the robot's end admits one.
+    /// Common name of the router's certificate, where the robot's end or an operator's admits one.
     pub router: Option<String>,
     /// Certificate of this end, PEM.
     pub certificate: String,
@@ -120,7 +120,10 @@ impl Keys {
             robot: named("robot:")?.ok_or_else(|| missing("line \"robot: NAME\""))?,
             operator: named("operator:")?,
             operators,
-            router: None,
+            router: text
+                .lines()
+                .find_map(|line| line.strip_prefix(super::pair::BY_ROUTER))
+                .map(|name| name.trim().into()),
             certificate: certificate.to_owned(),
             key: key.to_owned(),
             authority: authority.to_owned(),
@@ -154,7 +157,11 @@ fn common_name(path: &Path, name: &str) -> Result<String, Failure> {
     let unreadable = |error| Failure::new(Exit::NoInput, rt::unreadable(path, &error));
     let text = std::fs::read_to_string(path).map_err(unreadable)?;
     let common_name = text.lines().find_map(|line| line.strip_prefix(super::pair::COMMON_NAME));
-    let common_name = common_name.map(str::trim).filter(|common| common.starts_with(name));
+    let is_own = |common: &&str| {
+        let number = common.strip_prefix(name).and_then(|rest| rest.strip_prefix('.'));
+        number.is_some_and(|number| number.len() == 16 && number.chars().all(|c| c.is_ascii_hexdigit()))
+    };
+    let common_name = common_name.map(str::trim).filter(is_own);
     common_name.map(str::to_owned).ok_or_else(|| wrong(path, "has no line \"common name: NAME.NUMBER\""))
 }
 

@@ -8,7 +8,7 @@ use crate::cli::LinkOperator;
 use doors::{CONNECTIONS_MAX, FrameSource, LeaseState, draw_nonce};
 use instance::Instance;
 use link::{Down, FRAME_BYTES_MAX, OperatorEnd, Unsendable};
-use messages::{RawSkeleton, Service, Stamp, Status};
+use messages::{Layout, RawSkeleton, Service, Stamp, Status};
 use rt::{Exit, Failure, Shutdown, out};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use std::path::PathBuf;
@@ -60,14 +60,11 @@ pub fn run(args: &LinkOperator) -> Result<(), Failure> {
     out!("bridge: operator {name} of robot {}, code {}", keys.robot, keys.code());
     out!("bridge: clients find the robot with --run-dir {}", instance.run_dir().display());
     super::tell_unknown(&addresses);
-    let marker = instance.run_dir().join(doors::LINK_FILE);
-    instance::write_anew(&marker, keys.robot.as_str().as_bytes()).map_err(unusable)?;
+    let marker = Marker(instance.run_dir().join(doors::LINK_FILE));
+    instance::write_anew(&marker.0, keys.robot.as_str().as_bytes()).map_err(unusable)?;
     let mut report = Report::default();
     let waits = || report.tell(rt::now(), &format!("{}: {NO_ANSWER}", keys.robot), String::new);
-    let Some(wire) = Wire::open(&config(&keys, &[], &addresses), &shutdown, waits)? else {
-        let _ = std::fs::remove_file(&marker);
-        return Ok(());
-    };
+    let Some(wire) = Wire::open(&config(&keys, &[], &addresses), &shutdown, waits)? else { return Ok(()) };
     let publisher = |what: &str| wire.publisher(key(&keys.robot, what, name));
     let mut operator = Operator {
         end: OperatorEnd::new(draw_nonce()),
@@ -90,10 +87,17 @@ pub fn run(args: &LinkOperator) -> Result<(), Failure> {
         wire.calm();
         operator.round(rt::now())?;
     }
-    let _ = std::fs::remove_file(&marker);
-    operator.heartbeat.withdraw();
-    operator.beat(rt::now());
+    operator.leave(rt::now());
     Ok(())
+}
+
+/// The file that tells whose sockets these are. It goes with this program.
+struct Marker(PathBuf);
+
+impl Drop for Marker {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_file(&self.0);
+    }
 }
 
 impl Operator {
@@ -159,18 +163,31 @@ impl Operator {
     fn serve(&mut self, now: Stamp) -> Result<bool, Failure> {
         let status = self.status.filter(|(_, at)| now.since(*at) <= GONE_NS && self.end.is_linked(now));
         let Some((status, _)) = status else {
-            if self.operators.take().is_some() {
-                // Clients see the end of their connection, and have to press again.
-                self.heartbeat.restart();
-                return Ok(true);
-            }
-            return Ok(false);
+            return Ok(self.close(now));
         };
         if self.operators.is_none() {
             self.operators = Some(operator::Server::bind(&self.socket)?);
         }
         let view = self.operators.as_mut().map(|operators| operators.poll(now, &status));
         Ok(view.is_some_and(|view| self.heartbeat.note(&view)))
+    }
+
+    /// Closes the operator socket: clients see the end of their connection, and have to press again. Returns false if it
+    /// was closed. An emergency stop that waits in it still counts.
+    fn close(&mut self, now: Stamp) -> bool {
+        let Some(mut operators) = self.operators.take() else { return false };
+        let status = self.status.map_or(Status::ZERO, |(status, _)| status);
+        self.heartbeat.note(&operators.poll(now, &status));
+        self.heartbeat.restart();
+        true
+    }
+
+    /// Releases, and tells it once.
+    fn leave(&mut self, now: Stamp) {
+        if !self.close(now) {
+            self.heartbeat.withdraw();
+        }
+        self.beat(now);
     }
 
     fn beat(&mut self, now: Stamp) {

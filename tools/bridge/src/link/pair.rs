@@ -21,6 +21,8 @@ pub(super) const OPERATORS: &str = "operators";
 /// File that admits a router at the robot. A router whose file is removed is removed.
 pub(super) const ROUTER: &str = "router.pem";
 const ROUTER_NAME: &str = "router";
+/// Beginning of the line with the router's common name, in an operator's bundle.
+pub(super) const BY_ROUTER: &str = "by router:";
 /// Line of a router's bundle.
 pub(super) const IS_ROUTER: &str = "router: yes";
 
@@ -66,7 +68,8 @@ pub fn pair_operator(name: &Name, keys: &Path) -> Result<(), Failure> {
     // No server: an operator cannot present itself as the robot.
     let purposes = vec![ExtendedKeyUsagePurpose::ClientAuth];
     let admits = operators.join(format!("{name}.pem"));
-    admit(keys, &robot, name.as_str(), purposes, &format!("operator: {name}"), &bundle, &admits)?;
+    let router = robot.router.as_ref().map_or(String::new(), |router| format!("\n{BY_ROUTER} {router}"));
+    admit(keys, &robot, name.as_str(), purposes, &format!("operator: {name}{router}"), &bundle, &admits)?;
     let code = Keys::of_operator(&bundle)?.code();
     out!("bridge: copy {} to the operator's machine, with scp, and remove it here", bundle.display());
     out!("bridge: code {code}; bridge link pair show must print the same there");

@@ -8,7 +8,7 @@ use crate::cli::LinkRobot;
 use doors::draw_nonce;
 use instance::Instance;
 use link::{FRAME_BYTES_MAX, OPERATORS_MAX, Payload, RobotEnd, Sent};
-use messages::{Layout, Message, OperatorRequest, Stamp, Status};
+use messages::{Layout, Message, OperatorRequest, Service, Stamp, Status};
 use operator::{Client, OperatorSession};
 use rt::{Exit, Failure, Shutdown, out};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
@@ -21,12 +21,16 @@ const WAIT_NS: i64 = 5_000_000;
 const ANSWER_EVERY_NS: u64 = 100_000_000;
 /// Longest wait for room in the operator socket, ms. `control` reads it 1500 times a second.
 const SEND_MS: u64 = 20;
+/// Longest wait for the answer of `control` to an emergency stop, ms. Only a hung one takes as long.
+const STOP_MS: u64 = 100;
 /// Time between two attempts to send an emergency stop, ns.
 const STOP_RETRY_NS: u64 = 100_000_000;
 /// Time between two attempts to reach `control` for its status, ns.
 const RETRY_NS: u64 = 500_000_000;
 /// Silence after which `control` releases what an operator holds, ns.
 const RELEASED_AFTER_NS: u64 = operator::LEASE_NS;
+/// Silence of its status after which `control` counts as gone, ns.
+const GONE_NS: u64 = Service::Status.row().stale_after_ms as u64 * 1_000_000;
 /// Bytes before a status on its key: its version and its length, 32 bits each.
 const STATUS_HEAD_BYTES: usize = 8;
 
@@ -57,6 +61,7 @@ struct Robot {
     status: Publisher,
     /// Number of the last status that was sent.
     told: u64,
+    told_at: Stamp,
 }
 
 /// Runs the robot's end until a signal.
@@ -96,6 +101,7 @@ pub fn run(args: &LinkRobot) -> Result<(), Failure> {
         retry: Stamp::NONE,
         status: wire.publisher(status_key(&keys.robot))?,
         told: 0,
+        told_at: Stamp::NONE,
     };
     while !shutdown.requested() {
         let mut event = [PollFd::from_borrowed_fd(wire.event(), PollFlags::IN)];
@@ -177,10 +183,7 @@ impl Robot {
             Ok(Sent::Request(request)) => {
                 operator.tell_silence(now);
                 (operator.asked, operator.holds) = (now, request.enable_level != 0);
-                if self.relay(at, &request) && taken.stop {
-                    // The request carried the stop.
-                    self.stop_due = None;
-                }
+                self.relay(at, &request);
             }
             Ok(Sent::Began) => {
                 operator.control = None;
@@ -191,8 +194,8 @@ impl Robot {
         }
     }
 
-    /// Sends a request to `control`. Each session has a connection of its own. Returns false if that failed.
-    fn relay(&mut self, at: usize, request: &OperatorRequest) -> bool {
+    /// Sends a request to `control`, which may not read it. Each session has a connection of its own.
+    fn relay(&mut self, at: usize, request: &OperatorRequest) {
         let operator = &mut self.operators[at];
         if operator.control.is_none() && request.sequence == 1 {
             operator.control = Client::connect_within(&self.operator_socket, SEND_MS).ok();
@@ -202,13 +205,12 @@ impl Robot {
             operator.control = None;
             self.end.end(at);
         }
-        sent
     }
 
     /// Presses the emergency stop on a connection of its own. Returns false if it did not arrive, and is to be repeated.
     fn stop(&mut self) -> bool {
         let pressed =
-            Client::connect_within(&self.operator_socket, SEND_MS).and_then(|mut client| client.estop().heartbeat());
+            Client::connect_within(&self.operator_socket, STOP_MS).and_then(|mut client| client.estop().heartbeat());
         if let Err(error) = &pressed {
             out!("bridge: the emergency stop did not arrive, and is sent again: {error}");
         }
@@ -217,8 +219,9 @@ impl Robot {
 
     /// Sends a status that is newer than the last one.
     fn tell_status(&mut self, now: Stamp) {
-        self.end.daemon_gone = self.watch.as_ref().is_none_or(OperatorSession::is_cut_off);
-        if self.end.daemon_gone {
+        let is_cut_off = self.watch.as_ref().is_none_or(OperatorSession::is_cut_off);
+        self.end.daemon_gone = is_cut_off || now.since(self.told_at) > GONE_NS;
+        if is_cut_off {
             if now >= self.retry {
                 self.watch = OperatorSession::connect(&self.operator_socket).ok();
                 self.retry = now.plus_ns(RETRY_NS);
@@ -229,7 +232,7 @@ impl Robot {
         if status.header.sequence == self.told {
             return;
         }
-        self.told = status.header.sequence;
+        (self.told, self.told_at) = (status.header.sequence, now);
         let mut out = [0; FRAME_BYTES_MAX];
         for (at, operator) in self.operators.iter().enumerate() {
             if let Some(length) = self.end.send(at, Payload::Status(status), now, &mut out) {

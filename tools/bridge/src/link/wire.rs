@@ -42,7 +42,7 @@ pub fn config(keys: &Keys, listen: &[String], connect: &[String]) -> Value {
         "listen": { "endpoints": mixed(listen, "auto") },
         "connect": {
             "endpoints": mixed(connect, "1"),
-            "timeout_ms": CONNECT_MS, "exit_on_failure": true,
+            "timeout_ms": if listen.is_empty() { CONNECT_MS } else { 0 }, "exit_on_failure": listen.is_empty(),
             "retry": { "period_init_ms": RETRY_MS[0], "period_max_ms": RETRY_MS[1], "period_increase_factor": 2 },
         },
         "scouting": { "multicast": { "enabled": false }, "gossip": { "enabled": false } },
@@ -57,7 +57,7 @@ pub fn config(keys: &Keys, listen: &[String], connect: &[String]) -> Value {
                 "listen_private_key_base64": pem(&keys.key),
                 "connect_certificate_base64": pem(&keys.certificate),
                 "connect_private_key_base64": pem(&keys.key),
-                // The authority belongs to one robot, and it alone has a certificate for a server.
+                // The authority belongs to one robot. Only it and its router have a certificate for a server.
                 "verify_name_on_connect": false,
             },
         } },
@@ -103,7 +103,9 @@ fn access(keys: &Keys, is_router: bool) -> Value {
             rule("put-down", &["put"], "ingress", &down),
             rule("want-down", &["declare_subscriber"], "egress", &down),
         ];
-        admit(json!({ "id": "robot" }), of_robot);
+        // Nobody else with a certificate of this authority may stand in for it.
+        let names: Vec<_> = [Some(robot.as_str()), keys.router.as_deref()].into_iter().flatten().collect();
+        admit(json!({ "id": "robot", "cert_common_names": names }), of_robot);
     }
     for (name, common_name) in &keys.operators {
         let up = [key(robot, "person", name), key(robot, "operator", name)];

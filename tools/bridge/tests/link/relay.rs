@@ -134,7 +134,7 @@ fn f125_bad_wire_follows_and_partition_of_five_seconds_is_a_release_that_heals_u
     assert_eq!((world.daemon.view().enable_level, world.daemon.view().enable_edges), (false, edges));
     let after = engage(&world, folder.path());
     after.estop();
-    wait("the emergency stop arrives", || world.daemon.view().estop_edges == 1);
+    wait("the emergency stop arrives", || world.daemon.view().estop_edges >= 1);
     ends.store(true, Ordering::Relaxed);
     thread.join().expect("it ends");
     assert!(oldest_ms(&world) <= 100, "{} ms", oldest_ms(&world));

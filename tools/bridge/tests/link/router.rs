@@ -5,9 +5,11 @@ use super::*;
 
 #[test]
 fn router_carries_what_the_robot_admits_and_its_end_is_a_release() {
-    let keys = keys("tiago", &["anna", "bob"]);
-    let made = bridge(&["pair", "router", "--keys", text(keys.path())]);
-    assert!(made.status.success(), "{made:?}");
+    let keys = keys("tiago", &[]);
+    for words in [&["router"][..], &["operator", "--name", "anna"], &["operator", "--name", "bob"]] {
+        let made = bridge(&[&["pair"], words, &["--keys", text(keys.path())]].concat());
+        assert!(made.status.success(), "{made:?}");
+    }
     // The router has not been told of Bob.
     let admitted = tempfile::tempdir().expect("a folder");
     std::fs::copy(keys.path().join("operators/anna.pem"), admitted.path().join("anna.pem")).expect("a copy");
