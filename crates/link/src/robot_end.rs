@@ -74,7 +74,7 @@ struct Seat {
 /// State of the robot's end. The place of each operator is chosen by the caller, who knows their names.
 #[derive(Clone, Debug, Default)]
 pub struct RobotEnd {
-    /// Set by the caller: an emergency stop has not reached `control` yet. No operator's end is told that it was heard.
+    /// Set by the caller: an emergency stop has not reached `control` yet. No answer says that it was heard.
     pub stop_waits: bool,
     /// Set by the caller: `control` sends no status.
     pub daemon_gone: bool,
