@@ -25,27 +25,31 @@ impl Cable {
         shell(&format!("ip address add {ROBOT_HOST}/24 dev {robot} && ip link set {robot} up"))?;
         there(&format!("ip address add 10.231.8.2/24 dev {hand}"))?;
         there(&format!("ip link set {hand} up"))?;
+        // Not every kernel has them.
+        cable.lose(0)?;
+        cable.narrow("10mbit", "50ms")?;
+        cable.widen()?;
         Ok(cable)
     }
 
     /// Drops this share of the packets in each way, %.
-    fn lose(&self, percent: u32) {
+    fn lose(&self, percent: u32) -> Result<(), String> {
         let which = if percent < 100 { format!("numgen random mod 100 < {percent}") } else { String::new() };
         for (end, run) in ENDS.into_iter().zip([shell as fn(&str) -> _, there]) {
             let drop = format!("chain in {{ type filter hook ingress device {end} priority 0; {which} drop\n}}");
             let table = format!("table netdev {end} {{}}\ndelete table netdev {end}\ntable netdev {end} {{ {drop}\n}}");
-            run(&format!("nft '{table}'")).expect("rules");
+            run(&format!("nft '{table}'"))?;
         }
+        Ok(())
     }
 
     /// Lets the operator's end send at this rate, with a queue of so long.
-    fn narrow(&self, rate: &str, queue: &str) {
+    fn narrow(&self, rate: &str, queue: &str) -> Result<(), String> {
         there(&format!("tc qdisc replace dev {} root tbf rate {rate} burst 3000 latency {queue}", ENDS[1]))
-            .expect("a rate");
     }
 
-    fn widen(&self) {
-        there(&format!("tc qdisc del dev {} root", ENDS[1])).expect("no rate");
+    fn widen(&self) -> Result<(), String> {
+        there(&format!("tc qdisc del dev {} root", ENDS[1]))
     }
 
     /// Lets packets of this length through, bytes.
@@ -98,28 +102,28 @@ fn f126_cable_that_is_narrow_lossy_short_or_cut_lets_no_old_person_through() {
     follows(&world, "short packets", 100);
     cable.limit_length(1500);
 
-    cable.lose(5);
+    cable.lose(5).expect("rules");
     let hand = engage(&world, folder.path());
     follows(&world, "5 % lost", 100);
-    cable.lose(20);
+    cable.lose(20).expect("rules");
     std::thread::sleep(Duration::from_secs(5));
-    cable.lose(0);
+    cable.lose(0).expect("rules");
     drop(hand);
     let _hand = engage(&world, folder.path());
 
     // Persons and heartbeats are 0.5 Mbit/s. They wait in the queue until they are too old.
-    cable.narrow("64kbit", "2s");
+    cable.narrow("64kbit", "2s").expect("a rate");
     wait("released by a narrow cable", || !world.daemon.view().enable_level);
     let edges = world.daemon.view().enable_edges;
     std::thread::sleep(Duration::from_secs(5));
-    cable.widen();
+    cable.widen().expect("no rate");
     follows(&world, "wide again", 100);
     assert_eq!((world.daemon.view().enable_level, world.daemon.view().enable_edges), (false, edges), "by itself");
 
     let _hand = engage(&world, folder.path());
-    cable.lose(100);
+    cable.lose(100).expect("rules");
     wait("released by a cut", || !world.daemon.view().enable_level);
-    cable.lose(0);
+    cable.lose(0).expect("rules");
     follows(&world, "whole again", 100);
     assert!(!world.daemon.view().enable_level, "by itself");
     ends.store(true, Ordering::Relaxed);
