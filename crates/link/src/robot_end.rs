@@ -152,9 +152,7 @@ impl RobotEnd {
     pub fn round_trip_ns(&self, at: usize) -> Option<u64> {
         self.seats.get(at)?.exchange.clock.round_trip_ns()
     }
-}
 
-impl RobotEnd {
     fn answer_of(&self, at: usize, now: Stamp) -> Option<Answer> {
         let answer = self.seats.get(at)?.state(now, self.daemon_gone);
         Some(Answer { led_by_other: *self.led_by_other.get(at)?, ..answer })

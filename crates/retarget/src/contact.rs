@@ -8,8 +8,8 @@
 //! p' = a' + (p - a) L' / L           a: the chest, or the middle of the head
 //! ```
 //!
-//! of the robot. A prime marks what is the robot's. The hand then moves along the line to what it may touch: the chest, the
-//! head, the other hand. It stops where the distance d of the surfaces is the person's:
+//! of the robot. A prime marks a length of the robot. The hand may touch the chest, the head or the other hand. It
+//! moves along the line to that part. It stops where the distance d of the surfaces is the person's:
 //!
 //! ```text
 //! d' = d L' / L

@@ -1,4 +1,4 @@
-// What is around and near the robot: the obstacles, and lines to what is nearest. The page's picture and a headset's draw it.
+// Draws the obstacles, and a line from each arm to the nearest part. The page and a headset use it.
 
 import * as THREE from "./three.module.min.js";
 import { solid } from "./solid.js";

@@ -23,11 +23,14 @@ pub use router::run as run_router;
 pub use wire::{Publisher, Slot, Wire, config, key, put};
 
 use crate::cli::{Link, Pair};
+use messages::Service;
 use rt::{Failure, out};
 use std::net::ToSocketAddrs;
 use std::os::unix::process::CommandExt;
 use std::process::Command;
 
+/// Silence of its status after which `control` counts as gone, ns. It also closes the operator socket of the operator's end.
+const STATUS_GONE_NS: u64 = Service::Status.row().stale_after_ms as u64 * 1_000_000;
 /// Variable from which zenoh reads the threads of its tasks.
 const RUNTIME: &str = "ZENOH_RUNTIME";
 const ONE_THREAD: &str = "(rx: (handover: net), acc: (handover: net), tx: (handover: net), app: (handover: net))";

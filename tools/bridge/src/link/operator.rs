@@ -8,7 +8,7 @@ use crate::cli::LinkOperator;
 use doors::{CONNECTIONS_MAX, FrameSource, LeaseState, draw_nonce};
 use instance::Instance;
 use link::{Down, FRAME_BYTES_MAX, OperatorEnd, Unsendable};
-use messages::{Layout, RawSkeleton, Service, Stamp, Status};
+use messages::{Layout, RawSkeleton, Stamp, Status};
 use rt::{Exit, Failure, Shutdown, out};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use std::path::PathBuf;
@@ -20,8 +20,6 @@ const BEAT_NS: u64 = 20_000_000;
 const WAIT_NS: i64 = 2_000_000;
 /// Silence after which another client may take the person's place, ns. `ingest` keeps a silent client's lease as long.
 const SILENT_NS: u64 = 1_000_000_000;
-/// Silence of the robot's status that closes the operator socket, ns.
-const GONE_NS: u64 = Service::Status.row().stale_after_ms as u64 * 1_000_000;
 
 const NO_ANSWER: &str = "no answer. Is bridge link robot running, does UDP reach it, and does it admit this operator?";
 
@@ -161,7 +159,7 @@ impl Operator {
 
     /// Serves the clients of the operator socket. Returns true if something must go up at once.
     fn serve(&mut self, now: Stamp) -> Result<bool, Failure> {
-        let status = self.status.filter(|(_, at)| now.since(*at) <= GONE_NS && self.end.is_linked(now));
+        let status = self.status.filter(|(_, at)| now.since(*at) <= super::STATUS_GONE_NS && self.end.is_linked(now));
         let Some((status, _)) = status else {
             return Ok(self.close(now));
         };

@@ -88,7 +88,7 @@ pub fn pair_router(keys: &Path) -> Result<(), Failure> {
     let purposes = vec![ExtendedKeyUsagePurpose::ServerAuth, ExtendedKeyUsagePurpose::ClientAuth];
     admit(keys, &robot, ROUTER_NAME, purposes, IS_ROUTER, &bundle, &keys.join(ROUTER))?;
     out!("bridge: copy {} to the router's machine, with scp, and remove it here", bundle.display());
-    out!("bridge: copy the folder {} beside it, again for each new operator", keys.join(OPERATORS).display());
+    out!("bridge: copy the folder {} beside it; replace it and restart after a change", keys.join(OPERATORS).display());
     out!("bridge: a robot end that runs admits the router after its next start");
     Ok(())
 }

@@ -8,7 +8,7 @@ use crate::cli::LinkRobot;
 use doors::draw_nonce;
 use instance::Instance;
 use link::{FRAME_BYTES_MAX, OPERATORS_MAX, Payload, RobotEnd, Sent};
-use messages::{Layout, Message, OperatorRequest, Service, Stamp, Status};
+use messages::{Layout, Message, OperatorRequest, Stamp, Status};
 use operator::{Client, OperatorSession};
 use rt::{Exit, Failure, Shutdown, out};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
@@ -29,8 +29,6 @@ const STOP_RETRY_NS: u64 = 100_000_000;
 const RETRY_NS: u64 = 500_000_000;
 /// Silence after which `control` releases what an operator holds, ns.
 const RELEASED_AFTER_NS: u64 = operator::LEASE_NS;
-/// Silence of its status after which `control` counts as gone, ns.
-const GONE_NS: u64 = Service::Status.row().stale_after_ms as u64 * 1_000_000;
 /// Bytes before a status on its key: its version and its length, 32 bits each.
 const STATUS_HEAD_BYTES: usize = 8;
 
@@ -127,9 +125,7 @@ impl Operator {
             name,
         })
     }
-}
 
-impl Operator {
     /// Tells why the robot was released, if requests that held something came too late.
     fn tell_silence(&mut self, now: Stamp) {
         let silent_ns = now.since(self.asked);
@@ -220,7 +216,7 @@ impl Robot {
     /// Sends a status that is newer than the last one.
     fn tell_status(&mut self, now: Stamp) {
         let is_cut_off = self.watch.as_ref().is_none_or(OperatorSession::is_cut_off);
-        self.end.daemon_gone = is_cut_off || now.since(self.told_at) > GONE_NS;
+        self.end.daemon_gone = is_cut_off || now.since(self.told_at) > super::STATUS_GONE_NS;
         if is_cut_off {
             if now >= self.retry {
                 self.watch = OperatorSession::connect(&self.operator_socket).ok();
