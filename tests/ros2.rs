@@ -7,7 +7,7 @@ mod grippers;
 #[path = "ros2/interfaces.rs"]
 mod interfaces;
 
-use harness::{Rig, repository};
+use harness::{Cable, Rig, repository, shell};
 use messages::Mode;
 use serde_json::Value;
 use std::io::Write;
@@ -243,58 +243,6 @@ fn f114_nothing_is_sent_once_the_publisher_of_the_emergency_stop_left() {
     }
 }
 
-/// A network of one cable between this machine and a network namespace, which loses packets.
-struct Cable;
-
-impl Cable {
-    const NAME: &'static str = "teleopd-loss";
-    /// The ends here and there.
-    const ENDS: [&'static str; 2] = ["teleopd-here", "teleopd-there"];
-    /// Prefix of a command that runs there.
-    const THERE: [&'static str; 4] = ["ip", "netns", "exec", Self::NAME];
-
-    /// Lays it. The error says why it cannot: it needs root, ip(8) and nft(8).
-    fn lay() -> Result<Self, String> {
-        let [here, there] = Self::ENDS;
-        let there_by = |rest: &str| format!("{} {rest}", Self::THERE.join(" "));
-        let cable = Self;
-        shell(&format!("ip netns add {}", Self::NAME))?;
-        shell("nft --version")?;
-        shell(&format!("ip link add {here} type veth peer name {there} netns {}", Self::NAME))?;
-        shell(&format!("ip address add 10.231.7.1/24 dev {here}"))?;
-        shell(&there_by(&format!("ip address add 10.231.7.2/24 dev {there}")))?;
-        shell(&format!("ip link set {here} up"))?;
-        shell(&there_by(&format!("ip link set {there} up")))?;
-        shell(&there_by("ip link set lo up"))?;
-        Ok(cable)
-    }
-
-    /// Loses this share of the packets in each direction, %. Fragments of a datagram are packets of their own.
-    fn lose(&self, percent: u32) {
-        for (end, by) in Self::ENDS.into_iter().zip([String::new(), Self::THERE.join(" ")]) {
-            let drop = format!(
-                "chain in {{ type filter hook ingress device {end} priority 0; numgen random mod 100 < {percent} drop\n}}"
-            );
-            let table = format!("table netdev {end} {{}}\ndelete table netdev {end}\ntable netdev {end} {{ {drop}\n}}");
-            shell(&format!("{by} nft '{table}'")).expect("rules");
-        }
-    }
-}
-
-impl Drop for Cable {
-    fn drop(&mut self) {
-        // What was never laid cannot be taken away.
-        let _ = shell(&format!("nft delete table netdev {}; ip link del {}", Self::ENDS[0], Self::ENDS[0]));
-        let _ = shell(&format!("ip netns del {}", Self::NAME));
-    }
-}
-
-fn shell(command: &str) -> Result<(), String> {
-    let done = Command::new("sh").args(["-c", command]).output().map_err(|error| error.to_string())?;
-    let said = String::from_utf8_lossy(&done.stderr);
-    if done.status.success() { Ok(()) } else { Err(format!("{command}: {}", said.trim())) }
-}
-
 /// Lets the robot follow the built-in motion for so long, and engages it again after each stop. Returns the number of stops,
 /// the driver's reasons and the peer's judgement.
 fn drive(peer: Peer, mut rig: Rig, length: Duration) -> (u32, Vec<String>, Value) {
@@ -325,7 +273,7 @@ fn drive(peer: Peer, mut rig: Rig, length: Duration) -> (u32, Vec<String>, Value
 #[test]
 #[ignore = "needs root, ip(8), nft(8) and minutes: cargo test --release --test ros2 -- --ignored lossy --nocapture"]
 fn robot_behind_a_lossy_network_goes_on_following() {
-    let cable = match Cable::lay() {
+    let cable = match Cable::lay("teleopd-loss", ["teleopd-here", "teleopd-there"], 7) {
         Ok(cable) => cable,
         Err(why) => return println!("skipped: no lossy network: {why}"),
     };
@@ -333,9 +281,9 @@ fn robot_behind_a_lossy_network_goes_on_following() {
     println!("| packets lost, % | robot's readers | stops in {seconds} s | largest gap, ms | acceleration, share |");
     for (reader, name) in [(&[][..], "reliable"), (&["--best-effort"][..], "best effort")] {
         for percent in [0, 1, 5, 10] {
-            cable.lose(percent);
-            let Some(peer) = Peer::start_by(&Cable::THERE, Cable::ENDS[1], DOMAINS[3], reader) else { return };
-            let rig = rig_at(Cable::ENDS[0], DOMAINS[3]);
+            cable.lose(percent).expect("rules");
+            let Some(peer) = Peer::start_by(&cable.prefix(), cable.ends[1], DOMAINS[3], reader) else { return };
+            let rig = rig_at(cable.ends[0], DOMAINS[3]);
             let (stops, whys, report) = drive(peer, rig, Duration::from_secs(seconds));
             let controllers = report["controllers"].as_object().expect("controllers").values();
             let gap_ms = controllers.filter_map(|one| one["gap_max_ms"].as_f64()).fold(0.0, f64::max);

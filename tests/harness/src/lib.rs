@@ -5,9 +5,11 @@
 //! - [`Operator`]: brings the instance to a state in which it can be engaged, engages and holds.
 //! - [`roles`]: the program that uses the harness, run again as another process.
 //! - [`Rig`], [`OperatorSession`], [`StateObserver`]: the same for a test.
+//! - [`Cable`]: a network namespace.
 //! - [`python`]: virtual environments of Python.
 //! - [`user`]: a thread with the credentials of another user.
 
+mod cable;
 mod observer;
 mod operator;
 mod python;
@@ -17,6 +19,7 @@ mod running;
 mod settings;
 pub mod user;
 
+pub use cable::{Cable, shell};
 pub use observer::StateObserver;
 pub use operator::{Look, Operator};
 pub use python::python;

@@ -156,15 +156,7 @@ impl World {
         let daemon = Daemon::start();
         let port = UdpSocket::bind((host, 0)).and_then(|socket| socket.local_addr()).expect("a port").port();
         let address = format!("quic/{host}:{port}");
-        let robot = End::start(&[
-            "robot",
-            "--keys",
-            text(keys.path()),
-            "--listen",
-            &address,
-            "--run-dir",
-            text(daemon.folder.path()),
-        ]);
+        let robot = robot_end(&keys, "--listen", &address, &daemon);
         robot.wait_line("admits");
         Self { daemon, keys, address, robot }
     }
@@ -181,6 +173,11 @@ impl World {
         let arguments = ["operator", "--bundle", text(bundle), "--connect", &self.address, "--run-dir", text(folder)];
         End::start_by(program, &arguments)
     }
+}
+
+/// Starts a robot's end that listens at the address or connects to it.
+fn robot_end(keys: &tempfile::TempDir, way: &str, address: &str, daemon: &Daemon) -> End {
+    End::start(&["robot", "--keys", text(keys.path()), way, address, "--run-dir", text(daemon.folder.path())])
 }
 
 fn text(path: &Path) -> &str {

@@ -30,15 +30,7 @@ fn router_carries_what_the_robot_admits_and_its_end_is_a_release() {
         end
     };
     let daemon = Daemon::start();
-    let robot = End::start(&[
-        "robot",
-        "--keys",
-        text(keys.path()),
-        "--connect",
-        &address,
-        "--run-dir",
-        text(daemon.folder.path()),
-    ]);
+    let robot = robot_end(&keys, "--connect", &address, &daemon);
     let router = route();
     let world = World { daemon, keys, address: address.clone(), robot };
     let folders = [(); 2].map(|()| tempfile::tempdir().expect("a folder"));
