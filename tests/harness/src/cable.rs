@@ -60,7 +60,7 @@ impl Cable {
         Ok(())
     }
 
-    /// What was never laid cannot be taken away.
+    /// Takes the cable away. What was never laid cannot be taken away.
     fn take_away(&self) {
         let _ = shell(&format!("nft delete table netdev {}", self.ends[0]));
         let _ = shell(&format!("ip link del {}", self.ends[0]));
