@@ -24,7 +24,7 @@ const BELIEVED_NS: i64 = 20_000_000;
 const CHANGED: u32 = 10;
 
 /// Time after the first stamp in which the offset is taken at once, ns. No robot is driven yet.
-const SETTLES_NS: u64 = 1_000_000_000;
+pub(crate) const SETTLES_NS: u64 = 1_000_000_000;
 /// Largest rate of the offset after that, ns per ns.
 const RATE: f64 = 200e-6;
 

@@ -1,8 +1,9 @@
 //! The conversation with trajectory controllers: what they were sent, and whether they execute it.
 
+use crate::clock::SETTLES_NS;
 use crate::join::{Joined, Reference, agrees, continues};
 use crate::trajectory::{Command, Past, Point, points};
-use messages::{JOINTS_MAX, Stamp, tick_at};
+use messages::{JOINTS_MAX, Stamp, deadline, tick_at};
 
 /// Time by which the first point of a conversation lies in the past of the robot, ns: 25 ms, as long as the default delay.
 pub(crate) const BEFORE_NS: u64 = 25_000_000;
@@ -17,6 +18,8 @@ pub(crate) struct Curves {
     a_max: [f64; JOINTS_MAX],
     count: usize,
     departed: Option<String>,
+    /// The robot executes the last message from this time on, by a clock that is known.
+    executed: Stamp,
 }
 
 /// State of the controllers at a look.
@@ -32,13 +35,13 @@ pub(crate) struct Known {
 impl Curves {
     pub(crate) fn new(count: usize, delay_ns: u64, a_max: [f64; JOINTS_MAX]) -> Self {
         let (past, joined, reference) = (Past::default(), Joined::No, Reference::default());
-        Self { delay_ns, past, joined, reference, a_max, count, departed: None }
+        Self { delay_ns, past, joined, reference, a_max, count, departed: None, executed: Stamp::NONE }
     }
 
     /// Takes the setpoint `q` of the controller of joint `j`, which `name` names. `at` is its own time.
-    pub(crate) fn hear(&mut self, j: usize, name: &str, q: f64, at: Option<Stamp>, now: Stamp) {
-        self.reference.hear(j, q, now);
-        let (Joined::Since(since), Some(at)) = (self.joined, at) else { return };
+    pub(crate) fn hear(&mut self, j: usize, name: &str, q: f64, at: Stamp) {
+        self.reference.hear(j, q, at);
+        let Joined::Since(since) = self.joined else { return };
         let then = Stamp(at.0.saturating_sub(self.delay_ns));
         if then.since(since) == 0 {
             return;
@@ -59,6 +62,12 @@ impl Curves {
             self.departed = Some(why);
             self.past.clear();
         }
+    }
+
+    /// Forgets what was heard until `now`, because its times mean nothing any more. A new offset is exact once it has settled.
+    pub(crate) fn lose_clock(&mut self, now: Stamp) {
+        self.reference = Reference::default();
+        self.executed = self.executed.max(now.plus_ns(SETTLES_NS));
     }
 
     pub(crate) fn departed(&self) -> Option<&str> {
@@ -103,7 +112,7 @@ impl Curves {
     }
 
     fn join_where_it_stands(&mut self, command: &Command, known: &Known) {
-        let stands = self.reference.stands(known.joints, known.now);
+        let stands = self.reference.stands(known.joints, self.executed);
         let meets = stands && self.reference.meets(&command.motion, self.count);
         if known.active && meets && known.pressed == Some(false) {
             // A controller bridges from the measured position to a first point in the future. This one lies in its past.
@@ -123,6 +132,7 @@ impl Curves {
     /// Notes that the command was sent.
     pub(crate) fn sent(&mut self, command: &Command) {
         self.past.sent(command);
+        self.executed = deadline(command.k).plus_ns(self.delay_ns);
     }
 }
 
@@ -130,7 +140,6 @@ impl Curves {
 mod tests {
     use super::*;
     use driver::Motion;
-    use messages::deadline;
 
     /// Otherwise its controllers would bridge from where a joint is measured, off by what it lacks.
     #[test]
@@ -138,8 +147,9 @@ mod tests {
         const DELAY_NS: u64 = 25_000_000;
         let mut curves = Curves::new(1, DELAY_NS, [8.0; JOINTS_MAX]);
         let (begin, k) = (Stamp(1_000_000_000), 2_000);
-        curves.hear(0, "a", 0.3, None, begin);
         let now = deadline(k);
+        curves.hear(0, "a", 0.3, begin);
+        curves.hear(0, "a", 0.3, now);
         let command = Command { k, motion: Motion::rest([0.3; JOINTS_MAX]) };
         let known = Known { now, joints: 1, active: true, pressed: Some(false) };
         assert!(curves.prepare(std::slice::from_ref(&command), &known));
@@ -149,5 +159,37 @@ mod tests {
         curves.sent(&command);
         let next = Command { k: k + 8, ..command };
         assert!(curves.prepare(std::slice::from_ref(&next), &Known { now: deadline(k + 8), ..known }));
+    }
+
+    /// A robot that stood, was sent a motion and fell silent may move meanwhile.
+    #[test]
+    fn f117_silent_robot_is_joined_after_it_was_seen_to_stand_since_the_last_message() {
+        const DELAY_NS: u64 = 25_000_000;
+        let mut curves = Curves::new(1, DELAY_NS, [8.0; JOINTS_MAX]);
+        let rest = |k: u64| Command { k, motion: Motion::rest([0.3; JOINTS_MAX]) };
+        let known = |k: u64| Known { now: deadline(k), joints: 1, active: true, pressed: Some(false) };
+        (0..=30).for_each(|n| curves.hear(0, "a", 0.3, deadline(2_000 + 15 * n)));
+        assert!(curves.prepare(&[rest(2_450)], &known(2_450)));
+        curves.sent(&rest(2_450));
+        curves.fall_silent();
+        // The robot executes that message from 2_487.5 on, and 200 ms are 300 ticks.
+        for (heard, joins) in [(2_455, false), (2_480, false), (2_786, false), (2_788, true)] {
+            curves.hear(0, "a", 0.3, deadline(heard));
+            assert_eq!(curves.prepare(&[rest(3_500)], &known(3_500)), joins, "{heard}");
+        }
+    }
+    /// Late stamps make a new offset too small. Setpoints then seem newer than they are.
+    #[test]
+    fn f117_robot_whose_clock_jumped_is_joined_after_the_new_clock_settled() {
+        let mut curves = Curves::new(1, 25_000_000, [8.0; JOINTS_MAX]);
+        let rest = Command { k: 9_000, motion: Motion::rest([0.3; JOINTS_MAX]) };
+        let known = Known { now: deadline(9_000), joints: 1, active: true, pressed: Some(false) };
+        (0..=30).for_each(|n| curves.hear(0, "a", 0.3, deadline(2_000 + 15 * n)));
+        curves.lose_clock(deadline(2_450));
+        // 1 s and 200 ms are 1800 ticks.
+        for (heard, joins) in [(2_451, false), (4_240, false), (4_251, true)] {
+            curves.hear(0, "a", 0.3, deadline(heard));
+            assert_eq!(curves.prepare(&[rest], &known), joins, "{heard}");
+        }
     }
 }

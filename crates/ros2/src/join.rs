@@ -46,30 +46,35 @@ pub struct Reference {
     pub q: [f64; JOINTS_MAX],
     /// Bit j: joint j was heard.
     known: u32,
-    /// Time of the last change.
+    /// Time of the last change, by the robot's own stamps.
     changed: Stamp,
+    /// Time of the newest setpoint of each joint, by the robot's own stamps.
+    newest: [Stamp; JOINTS_MAX],
 }
 
 impl Default for Reference {
     fn default() -> Self {
-        Self { q: [0.0; JOINTS_MAX], known: 0, changed: Stamp::NONE }
+        Self { q: [0.0; JOINTS_MAX], known: 0, changed: Stamp::NONE, newest: [Stamp::NONE; JOINTS_MAX] }
     }
 }
 
 impl Reference {
-    /// Takes the reference of joint `j` at `now`.
-    pub fn hear(&mut self, j: usize, q: f64, now: Stamp) {
+    /// Takes the reference of joint `j` that the robot had at `at`, by this machine's clock.
+    pub fn hear(&mut self, j: usize, q: f64, at: Stamp) {
         // A NaN moves, and so does what comes after it.
         let stands = (q - self.q[j]).abs() <= STANDS;
         if self.known & 1 << j == 0 || !stands {
-            (self.q[j], self.changed) = (q, now);
+            (self.q[j], self.changed) = (q, self.changed.max(at));
         }
+        self.newest[j] = self.newest[j].max(at);
         self.known |= 1 << j;
     }
 
-    /// True if the reference of all `joints` is known and has stood for long enough.
-    pub fn stands(&self, joints: u32, now: Stamp) -> bool {
-        self.known & joints == joints && now.since(self.changed) >= STANDS_NS
+    /// True if setpoints of all `joints` show that they stood for long enough after `since`. A silent robot shows nothing.
+    pub fn stands(&self, joints: u32, since: Stamp) -> bool {
+        let from = self.changed.max(since);
+        let shown = |j: usize| self.newest[j].since(from) >= STANDS_NS;
+        self.known & joints == joints && (0..JOINTS_MAX).filter(|j| joints & 1 << j != 0).all(shown)
     }
 
     /// True if every joint of `all` stands where the driver wants to begin.
@@ -138,21 +143,32 @@ mod tests {
         let mut reference = Reference::default();
         let at = |ms: u64| Stamp(1_000 * MS + ms * MS);
         let rest = Motion::rest([0.3; JOINTS_MAX]);
-        assert!(!reference.stands(0b11, at(500)), "unknown");
-        for ms in (0..400).step_by(20) {
+        assert!(!reference.stands(0b11, Stamp::NONE), "unknown");
+        for ms in (0..300).step_by(20) {
             reference.hear(0, 0.3, at(ms));
             reference.hear(1, if ms < 100 { 0.2 } else { 0.3 + 1e-5 }, at(ms));
         }
         assert!(
-            !reference.stands(0b11, at(290)) && reference.stands(0b11, at(301)) && !reference.stands(0b111, at(301))
+            !reference.stands(0b11, Stamp::NONE),
+            "it was seen to stand from 100 ms to 280 ms, whatever came later"
+        );
+        reference.hear(0, 0.3, at(300));
+        assert!(!reference.stands(0b11, Stamp::NONE), "joint 1 is silent");
+        reference.hear(1, 0.3, at(300));
+        assert!(reference.stands(0b11, Stamp::NONE) && !reference.stands(0b111, Stamp::NONE));
+        assert!(
+            reference.stands(0b11, at(100)) && !reference.stands(0b11, at(101)),
+            "before that it executed a message"
         );
         assert!(reference.meets(&rest, 2) && !reference.meets(&moving(0.3, 0.1), 2));
         assert!(!reference.meets(&Motion::rest([0.301; JOINTS_MAX]), 2));
         reference.hear(1, f64::NAN, at(302));
-        assert!(!reference.stands(0b11, at(303)) && !reference.meets(&rest, 2));
+        reference.hear(0, 0.3, at(505));
+        assert!(!reference.stands(0b11, Stamp::NONE) && !reference.meets(&rest, 2));
         // It does not stay.
         reference.hear(1, 0.3, at(304));
-        assert!(reference.stands(0b11, at(505)) && reference.meets(&rest, 2));
+        reference.hear(1, 0.3, at(505));
+        assert!(reference.stands(0b11, Stamp::NONE) && reference.meets(&rest, 2));
     }
 
     #[test]

@@ -248,12 +248,13 @@ impl Link {
                 let places: Vec<Option<usize>> = controller.joint_names.iter().map(place).collect();
                 let all = places.iter().all(Option::is_some);
                 controller.other_joints = !all || state.joint_names.len() != controller.joint_names.len();
-                let at = self.clock.here(state.header.stamp.ns());
+                // A stamp that is not believed shows neither a motion nor a rest.
+                let Some(at) = self.clock.here(state.header.stamp.ns()).map(|at| at.min(now)) else { continue };
                 let joints = (0..JOINTS_MAX).filter(|j| controller.joints & 1 << j != 0);
                 for (j, place) in joints.zip(places) {
                     let positions = &state.reference.positions;
                     let q = place.and_then(|place| positions.get(place)).copied().unwrap_or(f64::NAN);
-                    curves.hear(j, &self.joint_names[j], q, at, now);
+                    curves.hear(j, &self.joint_names[j], q, at);
                 }
             }
         }
@@ -340,6 +341,9 @@ impl Link {
                 // The clock is taken again from the next stamp on.
                 self.heard = None;
                 self.depart("the robot's clock jumped".to_owned());
+                if let Talk::Curves(curves) = &mut self.talk {
+                    curves.lose_clock(now);
+                }
             }
             return false;
         }
