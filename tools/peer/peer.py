@@ -120,7 +120,8 @@ class Peer:
             elif late_s > self.period_s:
                 self.overruns, self.late_max_s = self.overruns + 1, max(self.late_max_s, late_s)
                 if late_s > LATE_MAX_S:
-                    raise SystemExit(f"{late_s:.1f} s behind real time. Give this process more of a core.")
+                    print(f"{late_s:.1f} s behind real time. Give this process more of a core.", file=sys.stderr)
+                    sys.exit(os.EX_TEMPFAIL)
             if not self.update(tick, due_ns):
                 break
             tick += 1
