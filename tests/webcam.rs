@@ -6,7 +6,7 @@ mod viewer;
 
 use browser::Browser;
 use harness::{Rig, SOON, assert_no_violations, config, repository};
-use messages::{Mode, Service, Skeleton, Smpl};
+use messages::{CalibrationSource, Mode, Service, Skeleton, Smpl};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
@@ -178,6 +178,38 @@ fn f124_robot_follows_images_until_they_stop() {
     assert_no_violations(&rig.end("sim"));
 }
 
+/// The T-pose of the page's person becomes a file, and the page's next lease uses it. A wrong name or an engaged robot is said.
+#[test]
+fn page_measures_its_person_and_uses_the_measurement() {
+    let mut rig = Rig::with_settings("");
+    rig.start_all();
+    let folder = tempfile::tempdir().expect("a folder");
+    let viewer = viewer(&rig, folder.path());
+    let (hand, mut camera) = (rig.hand(), Camera::of(&viewer));
+    camera.start();
+    camera.until("the client", is_on);
+    let mut measure = |name: &str| {
+        camera.page.say(&json!({ "do": "calibrate", "name": name }));
+        let (mut said, mut end) = (String::new(), Value::Null);
+        camera.until("measured", |told| {
+            let Some(told) = told.filter(|told| told["tell"] == "calibrate") else { return false };
+            said += told["text"].as_str().unwrap_or_default();
+            end = told.clone();
+            told["on"] == false
+        });
+        (end["written"] == true, said)
+    };
+    let (written, said) = measure("../anna");
+    assert!(!written && said.contains("letters, digits"), "{said}");
+    let (written, said) = measure("anna");
+    assert!(written && said.contains("hold still") && said.contains("anna is measured"), "{said}");
+    let file = std::fs::read_to_string(rig.folder().join("operators/anna.toml")).expect("the file");
+    assert!(file.contains("layout = 4"), "{file}");
+    camera.until("calibrated from the file", |_| {
+        hand.status().is_some_and(|status| status.calibration == CalibrationSource::Stored as u32)
+    });
+}
+
 /// Invalid images are counted. Neither this page nor another one closes.
 #[test]
 fn invalid_images_are_counted_and_close_no_page() {
@@ -347,7 +379,8 @@ fn leads(browser: &mut Browser, more: &str) -> bool {
 
 #[test]
 fn browser_camera_leads_the_robot_until_it_is_stopped() {
-    let (mut rig, folder) = (Rig::whole(), tempfile::tempdir().expect("a folder"));
+    let (mut rig, folder) = (Rig::with_settings(""), tempfile::tempdir().expect("a folder"));
+    rig.start_all();
     let (hand, viewer) = (rig.hand(), viewer(&rig, folder.path()));
     // Without a graphics card the robot's picture would take the time of the camera's images. The page works without it.
     let fake = ["--use-fake-device-for-media-stream=fps=30", "--use-fake-ui-for-media-stream", "--disable-gpu"];
@@ -371,6 +404,13 @@ fn browser_camera_leads_the_robot_until_it_is_stopped() {
     let painted =
         "document.getElementById('cam-canvas').getContext('2d').getImageData(0, 0, 640, 480).data.some((x) => x > 0)";
     browser.wait("the skeleton is drawn", painted);
+    // The stand-in's person waves, so it is never in a T-pose for 2 s.
+    browser.evaluate("document.getElementById('cal-name').value = 'anna'");
+    browser.click("#cal-on");
+    browser.wait("it measures", &format!("{} === 'Stop calibrating'", text("cal-on")));
+    browser.wait("it gives a hint", &format!("{}.length > 0", text("cal-told")));
+    browser.click("#cal-on");
+    browser.wait("it stopped", &format!("{} === 'Stopped. Nothing was written.'", text("cal-told")));
     browser.click("#engage");
     let give_up = Instant::now() + SOON;
     while hand.mode() != Some(Mode::Engaged) {

@@ -94,7 +94,7 @@ pub fn run(client: &mut Client, run_dir: &Path, job: &Job<'_>) -> Result<bool, O
     let posed = wait(client, &mut eyes, |eyes, status| match eyes.look().map(|person| pose.add(&person)) {
         Some(Pose::Held(ns)) if ns >= HOLD_NS => Step::Done,
         Some(Pose::Held(ns)) => Step::Going(format!("hold still: {:.1} of {:.0} s", s(ns), s(HOLD_NS))),
-        Some(pose) => Step::Wrong(hint(pose).to_owned()),
+        Some(pose) => Step::Going(hint(pose).to_owned()),
         None => Step::Silent(dropped_now(status)),
     })?;
     let (Some(mut calibration), true) = (pose.measured(), posed) else { return Ok(false) };
@@ -174,10 +174,8 @@ fn store(operator: &Operator, folder: &Path) -> bool {
 /// Progress of a step.
 enum Step {
     Done,
-    /// Frames arrive. The text tells the progress.
+    /// Frames arrive. The text tells the progress, or the problem.
     Going(String),
-    /// Frames arrive. The text tells the problem.
-    Wrong(String),
     /// No frame arrived just now. The text tells why frames are dropped, if they are.
     Silent(Option<String>),
 }
@@ -195,13 +193,12 @@ fn wait(
     while begun.elapsed() < PATIENCE {
         match look(eyes, &status) {
             Step::Done => return Ok(true),
-            Step::Going(progress) => heard = line.shows(&progress, false),
-            Step::Wrong(hint) => heard = line.shows(&hint, true),
+            Step::Going(progress) => heard = line.shows(&progress),
             Step::Silent(why) if heard.elapsed() > TELL => {
                 if why.is_none() && !std::mem::replace(&mut hinted, true) {
                     line.says(NOBODY);
                 }
-                line.shows(why.as_deref().unwrap_or("no skeletons arrive"), true);
+                line.shows(why.as_deref().unwrap_or("no skeletons arrive"));
             }
             Step::Silent(_) => {}
         }
@@ -221,8 +218,8 @@ fn wait(
     Ok(false)
 }
 
-/// A line that shows the progress of a step. In a terminal it is redrawn in place. Elsewhere each problem is a
-/// new line, once a second at most.
+/// A line that shows the progress of a step. In a terminal it is redrawn in place. Elsewhere it is a new line, once a second
+/// at most.
 struct Progress {
     terminal: bool,
     drawn: Option<Instant>,
@@ -235,11 +232,11 @@ impl Progress {
     }
 
     /// Shows `text`, unless the last update is too recent. Returns the present time.
-    fn shows(&mut self, text: &str, wrong: bool) -> Instant {
+    fn shows(&mut self, text: &str) -> Instant {
         let now = Instant::now();
         let every = if self.terminal { DRAW } else { TELL };
         let soon = self.drawn.is_some_and(|drawn| now - drawn < every);
-        if soon || text == self.last || !(self.terminal || wrong) {
+        if soon || text == self.last {
             return now;
         }
         if self.terminal {

@@ -59,7 +59,12 @@ pub fn run(options: &cli::View) -> Result<Exit, Failure> {
         );
         out!("teleopd: browsers that take {} as an authority show no warning", secure.authority.display());
     }
-    let server = serve(&instance, &loaded, LiveOptions { key_poses, vision, secure }, &options.page)?;
+    let server = serve(
+        &instance,
+        &loaded,
+        LiveOptions { key_poses, vision, operators: loaded.operators_dir.clone(), secure },
+        &options.page,
+    )?;
     out!(
         "teleopd: shows {} at {}\nteleopd: everyone with this address may operate the robot; Ctrl-C ends the page, not \
          the instance",

@@ -1,7 +1,7 @@
 //! `teleopd view` of an instance, and its page as seen by a program.
 #![allow(dead_code)]
 
-use harness::{Rig, SOON, config};
+use harness::{Rig, SOON};
 use messages::Mode;
 use serde_json::{Value, json};
 use std::io::{BufRead, BufReader, Read, Write};
@@ -72,7 +72,12 @@ impl Viewer {
 /// Returns the command that starts it with these additional arguments.
 pub fn command(rig: &Rig, arguments: &[&str]) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_teleopd"));
-    command.args(["view", "--port", "0", "--config"]).arg(config()).arg("--run-dir").arg(rig.folder()).args(arguments);
+    command
+        .args(["view", "--port", "0", "--config"])
+        .arg(&rig.place.config)
+        .arg("--run-dir")
+        .arg(rig.folder())
+        .args(arguments);
     command.stdin(Stdio::null());
     command
 }

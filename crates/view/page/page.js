@@ -104,10 +104,9 @@ async function loadMeshes({ meshes, missing_meshes: missing }) {
 }
 
 // Shows the camera's panel, if the server allows a camera.
-async function showCamera({ camera, run_dir: folder }) {
+async function showCamera({ camera }) {
   $("cam").hidden = !camera;
   if (!camera || webcam) return;
-  text("cam-calibrate", `teleopctl calibrate NAME --run-dir ${folder}`);
   const { Webcam } = await import("./webcam.js");
   webcam ??= new Webcam(wire, $, `/vision/${location.hash.slice(1)}`);
 }
@@ -138,6 +137,7 @@ const told = {
     hold(false);
     mix.told({ on: false });
     webcam?.stop("The connection was lost, so the camera is off.");
+    webcam?.calibration({ on: false, written: false });
     headset?.stop("The connection was lost, so the headset is off.");
     frame = null;
     $("link").classList.add("bad");
@@ -181,6 +181,7 @@ const told = {
   },
   mix: (message) => mix.told(message),
   camera: (message) => webcam?.told(message),
+  calibrate: (message) => webcam?.calibration(message),
   headset: (message) => headset?.told(message),
   reel: (message) => showPlaying(message.playing),
   frame(message) {

@@ -37,8 +37,12 @@ const REMEDIES = {
 export class Webcam {
   // `wire` sends to the server. `$` finds an element. `base` is the address of the user's files.
   constructor(wire, $, base) {
-    Object.assign(this, { wire, $, base, stream: null, worker: null, run: 0, on: false, asked: false, busy: false, times: [], watch: null });
+    Object.assign(this, { wire, $, base, stream: null, worker: null, run: 0, on: false, asked: false, busy: false, times: [], watch: null, measures: false });
     $("cam-on").addEventListener("click", () => (this.stream || this.worker ? this.stop("") : this.start()));
+    $("cal").addEventListener("submit", (event) => {
+      event.preventDefault();
+      this.wire.ask("calibrate", this.measures ? {} : { name: $("cal-name").value });
+    });
     $("cam-mirrored").addEventListener("click", () => this.mirror(!this.mirrored));
     document.addEventListener("visibilitychange", () => { if (document.hidden) this.stop("The page was hidden, so the camera is off."); });
     // A hidden video shows no images.
@@ -196,6 +200,15 @@ export class Webcam {
       this.on = on;
       this.text(text ? `${text} ${refused} so far.` : "");
     }
+  }
+
+  // The report about a measurement. The server takes a written one into use.
+  calibration({ on, written, text }) {
+    this.measures = on;
+    this.$("cal-on").textContent = on ? "Stop calibrating" : "Calibrate";
+    this.$("cal-name").disabled = on;
+    if (text) this.$("cal-told").textContent = text;
+    if (written) this.$("cal-told").textContent = "Measured, and used from the client's next start on. This camera starts anew by itself.";
   }
 
   draw(marks) {

@@ -7,6 +7,7 @@
 //! interface, or with TLS at another address. A request must come from the server's own page and carry the token of the run.
 
 mod assets;
+mod calibration;
 mod counted;
 mod frame;
 mod headset;

@@ -1,5 +1,6 @@
 //! One open page: sends frames and receives requests.
 
+use crate::calibration::{CalibrationReport, CalibrationRequest, CalibrationWorker};
 use crate::counted::Counted;
 use crate::headset::{BODY_BYTES, HEADSET_BYTES, HeadsetClient};
 use crate::hub::{Hub, Seen};
@@ -14,6 +15,7 @@ use instance::Instance;
 use serde::Deserialize;
 use serde_json::json;
 use std::io::ErrorKind;
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
@@ -36,7 +38,7 @@ const SILENT_MAX: Duration = Duration::from_secs(10);
 
 /// Requests of a page. The empty braces are intended. Only in variants with braces, even empty ones, does serde
 /// reject unknown keys.
-#[derive(Clone, Copy, Debug, Deserialize)]
+#[derive(Clone, Debug, Deserialize)]
 #[serde(tag = "do", rename_all = "lowercase", deny_unknown_fields)]
 enum Request {
     /// Does nothing. It shows that the page is open.
@@ -66,6 +68,11 @@ enum Request {
     Camera {
         on: bool,
     },
+    /// See [`CalibrationRequest`]. Only for an instance with a camera.
+    Calibrate {
+        /// The operator's name. Without it, the measurement stops.
+        name: Option<String>,
+    },
     /// The same for a headset.
     Headset {
         on: bool,
@@ -89,24 +96,28 @@ enum Arm {
 /// Data source of a page.
 #[derive(Clone, Debug)]
 pub enum PageSource {
-    /// A running instance, the key poses if the pages may use them, and true if they may use a webcam.
-    Instance(Instance, Option<Arc<KeyPoses>>, bool),
+    /// A running instance, the key poses if the pages may use them, and the folder of the operators' files if they may use a
+    /// webcam.
+    Instance(Instance, Option<Arc<KeyPoses>>, Option<PathBuf>),
     /// A recording, with the position being shown.
     Recording(Arc<Position>),
 }
 
 /// Control that a page has over its source.
 enum PageControl {
-    OperatorWorker(OperatorWorker, Option<Mixer>, Option<Webcam>, Box<HeadsetClient>),
+    OperatorWorker(OperatorWorker, Option<Mixer>, Option<(Webcam, CalibrationWorker)>, Box<HeadsetClient>),
     Position(Arc<Position>),
 }
 
 impl PageControl {
     fn of(behind: &PageSource) -> std::io::Result<Self> {
         Ok(match behind {
-            PageSource::Instance(instance, key_poses, camera) => {
+            PageSource::Instance(instance, key_poses, operators) => {
                 let mixer = key_poses.as_ref().map(|key_poses| Mixer::new(instance, key_poses)).transpose()?;
-                let webcam = camera.then(|| Webcam::new(instance)).transpose()?;
+                let webcam = match operators {
+                    Some(folder) => Some((Webcam::new(instance)?, CalibrationWorker::new(instance, folder)?)),
+                    None => None,
+                };
                 let headset = Box::new(HeadsetClient::new(instance)?);
                 Self::OperatorWorker(OperatorWorker::new(instance)?, mixer, webcam, headset)
             }
@@ -138,7 +149,10 @@ impl PageControl {
                 Some(shares) => mixer.ask(MixRequest::Mix(shares)),
                 None => return false,
             },
-            (Self::OperatorWorker(_, _, Some(webcam), _), Request::Camera { on }) => {
+            (Self::OperatorWorker(_, _, Some((_, measurer)), _), Request::Calibrate { name }) => {
+                measurer.ask(name.map_or(CalibrationRequest::Stop, CalibrationRequest::Start));
+            }
+            (Self::OperatorWorker(_, _, Some((webcam, _)), _), Request::Camera { on }) => {
                 webcam.ask(if on { CameraRequest::Start } else { CameraRequest::Stop });
             }
             (Self::OperatorWorker(hand, .., headset), Request::Headset { on }) => headset.turn(on, hand),
@@ -158,7 +172,7 @@ impl PageControl {
             headset.see(bytes, hand);
             return true;
         }
-        let Some(webcam) = webcam else { return false };
+        let Some((webcam, _)) = webcam else { return false };
         webcam.ask(CameraRequest::Image(rt::now(), Sight::of(bytes)));
         true
     }
@@ -235,10 +249,19 @@ impl Page {
             let told = json!({ "tell": "mix", "on": on, "shares": shares.get(), "text": text });
             self.send(Message::text(told.to_string()))?;
         }
-        while let PageControl::OperatorWorker(_, _, Some(webcam), _) = &self.lever
+        while let PageControl::OperatorWorker(_, _, Some((webcam, _)), _) = &self.lever
             && let Some(report) = webcam.answer()
         {
             self.send(Message::text(told("camera", &report)))?;
+        }
+        while let PageControl::OperatorWorker(_, _, Some((webcam, measurer)), _) = &self.lever
+            && let Some(CalibrationReport { on, written, text }) = measurer.answer()
+        {
+            if written {
+                webcam.ask(CameraRequest::Renew);
+            }
+            let told = json!({ "tell": "calibrate", "on": on, "written": written, "text": text });
+            self.send(Message::text(told.to_string()))?;
         }
         while let PageControl::OperatorWorker(hand, .., headset) = &mut self.lever
             && let Some(report) = headset.answer(hand)

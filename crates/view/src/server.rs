@@ -16,6 +16,7 @@ use instance::Instance;
 use robot::Model;
 use serde_json::json;
 use std::net::{IpAddr, Ipv4Addr, Shutdown, TcpListener, TcpStream};
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Sender, channel};
@@ -42,6 +43,8 @@ pub struct LiveOptions {
     pub key_poses: Option<KeyPoses>,
     /// A page may be the person that its webcam sees, with the help of these files.
     pub vision: Option<VisionFiles>,
+    /// Folder of the operators' files. Such a page may measure its person.
+    pub operators: PathBuf,
     /// The server listens at an address of this machine with TLS, and not on the loopback.
     pub secure: Option<Secure>,
 }
@@ -61,11 +64,12 @@ impl Server {
     /// # Errors
     /// Returns an error if the port is taken, or if the instance's shared memory cannot be opened.
     pub fn live(instance: &Instance, view: &RobotView, options: LiveOptions, port: u16) -> Result<Self, ViewError> {
-        let LiveOptions { key_poses, vision, secure } = options;
+        let LiveOptions { key_poses, vision, operators, secure } = options;
         let names = key_poses.as_ref().map(|key_poses| &key_poses.names);
         let camera = vision.is_some();
         let about = json!({ "source": "live", "run_dir": instance.run_dir(), "key_poses": names, "camera": camera });
-        let behind = PageSource::Instance(instance.clone(), key_poses.map(Arc::new), camera);
+        let operators = camera.then_some(operators);
+        let behind = PageSource::Instance(instance.clone(), key_poses.map(Arc::new), operators);
         let mut server = Self::listen(Hub::new(view, &about), behind, view, (vision, secure), port)?;
         let (hub, model, domain) = (server.hub.clone(), view.model.clone(), instance.core_domain());
         let (opened, outcome) = channel();

@@ -36,6 +36,11 @@ impl Session {
         Ok(())
     }
 
+    /// Gives the lease back. The next join begins a new session.
+    pub(crate) fn leave(&mut self) {
+        self.client = None;
+    }
+
     /// Publishes a frame that was captured at `origin`. The error says why the session has ended.
     pub(crate) fn publish(&mut self, mut frame: RawSkeleton, origin: Stamp) -> Result<(), String> {
         let Some(client) = &mut self.client else { return Err(self.held.to_owned()) };

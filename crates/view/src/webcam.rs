@@ -14,6 +14,8 @@ use std::time::{Duration, Instant};
 pub const IMAGES_PER_S_MAX: u32 = 120;
 /// Most frames of a headset within a second. The fastest ones draw 120, and frames come in bursts.
 const POSES_PER_S_MAX: u32 = 180;
+/// Time after which nobody holds a lease that was given back: a second, and a margin.
+const LEASE_ENDS: Duration = Duration::from_millis(1_500);
 /// Time between two reports to the page.
 const TELL_EVERY: Duration = Duration::from_millis(200);
 
@@ -24,6 +26,8 @@ pub enum CameraRequest {
     Start,
     /// An image that arrived at this time, or the reason for which it is refused. Does nothing before a start.
     Image(Stamp, Result<Sight, Refusal>),
+    /// Become a new client, if this page is one. `ingest` reads the operators' files as a lease begins.
+    Renew,
     /// Stop being the client.
     Stop,
 }
@@ -74,6 +78,7 @@ impl Webcam {
                 silent,
                 session: Session::new(instance, HELD),
                 until: None,
+                renewed: None,
                 delay: TransitDelay::default(),
                 second: (now, 0),
                 told: now,
@@ -110,6 +115,8 @@ struct Watcher {
     session: Session,
     /// Time at which the page's silence ends the person. `None` while the page is not the client.
     until: Option<Instant>,
+    /// Time at which a new session begins in place of the one before.
+    renewed: Option<Instant>,
     delay: TransitDelay,
     /// Start of the current second, and the images in it.
     second: (Instant, u32),
@@ -128,6 +135,7 @@ impl Watcher {
             match turn {
                 Ok(CameraRequest::Start) => self.begin(),
                 Ok(CameraRequest::Image(arrived, image)) => self.take(arrived, image),
+                Ok(CameraRequest::Renew) => self.renew(),
                 Ok(CameraRequest::Stop) => self.end(None),
                 Err(RecvTimeoutError::Timeout) => {}
                 Err(RecvTimeoutError::Disconnected) => return,
@@ -150,6 +158,13 @@ impl Watcher {
                 self.tell(None);
             }
             Err(why) => self.end(Some(why)),
+        }
+    }
+
+    fn renew(&mut self) {
+        if self.until.is_some() {
+            self.session.leave();
+            self.renewed = Some(Instant::now() + LEASE_ENDS);
         }
     }
 
@@ -186,6 +201,17 @@ impl Watcher {
         }
         self.until = Some(Instant::now() + HOLD_FOR);
         self.report.age_ms = age_ms;
+        match self.renewed {
+            Some(at) if at > Instant::now() => return Ok(()),
+            Some(_) => {
+                self.renewed = None;
+                if let Err(why) = self.session.join() {
+                    self.end(Some(why));
+                    return Ok(());
+                }
+            }
+            None => {}
+        }
         // Nothing is published for an image without a person, so `ingest` judges the silence.
         if let Some(person) = &image.person {
             let origin = Stamp(arrived.0.saturating_sub((age_ms * 1e6) as u64));
@@ -198,7 +224,7 @@ impl Watcher {
     }
 
     fn end(&mut self, text: Option<String>) {
-        self.until = None;
+        (self.until, self.renewed) = (None, None);
         self.tell(text);
     }
 

@@ -1,0 +1,215 @@
+//! Measures the operator of a page. `teleopctl calibrate` does it, and the page shows what it prints.
+
+use crate::worker::Worker;
+use instance::Instance;
+use std::io::{BufRead, BufReader, PipeReader, Read};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::sync::mpsc::{Receiver, RecvError, RecvTimeoutError, Sender};
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+/// Longest line that is shown, bytes. The program's own lines are shorter.
+const LINE_BYTES: u64 = 1 << 10;
+/// Time between two looks whether the program has ended.
+const LOOK: Duration = Duration::from_millis(50);
+
+/// Request of a page.
+#[derive(Debug)]
+pub enum CalibrationRequest {
+    /// Measure the person under this name.
+    Start(String),
+    /// Stop measuring. Nothing is written then.
+    Stop,
+}
+
+/// Report to the page.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct CalibrationReport {
+    /// A measurement runs.
+    pub on: bool,
+    /// The file was written. False until the measurement ends.
+    pub written: bool,
+    /// A line for the user.
+    pub text: Option<String>,
+}
+
+/// The measurements of a page. Dropping it stops one that runs.
+pub type CalibrationWorker = Worker<CalibrationRequest, CalibrationReport>;
+
+impl CalibrationWorker {
+    /// Measures persons of `instance`, and writes their files to `folder`.
+    ///
+    /// # Errors
+    /// Returns an error if no thread can be started.
+    pub fn new(instance: &Instance, folder: &Path) -> std::io::Result<Self> {
+        let program = std::env::current_exe()?.with_file_name("teleopctl");
+        let (run_dir, folder) = (instance.run_dir().to_owned(), folder.to_owned());
+        Self::start("calibration", move |asked, answer| Measurer { program, run_dir, folder, answer }.work(asked))
+    }
+}
+
+/// A program that measures, and the thread that passes its lines on.
+struct Measurement {
+    child: Child,
+    lines: JoinHandle<()>,
+}
+
+impl Measurement {
+    /// Ends the program if it still runs.
+    fn end(mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+        let _ = self.lines.join();
+    }
+}
+
+struct Measurer {
+    program: PathBuf,
+    run_dir: PathBuf,
+    folder: PathBuf,
+    answer: Sender<CalibrationReport>,
+}
+
+impl Measurer {
+    fn work(self, asked: &Receiver<CalibrationRequest>) {
+        let mut running: Option<Measurement> = None;
+        loop {
+            let request = match &running {
+                None => asked.recv().map_err(|RecvError| RecvTimeoutError::Disconnected),
+                Some(_) => asked.recv_timeout(LOOK),
+            };
+            match request {
+                Ok(CalibrationRequest::Start(name)) if running.is_none() => match self.begin(&name) {
+                    Ok(measurement) => running = Some(measurement),
+                    Err(error) => self.tell(false, Some(format!("{}: {error}", self.program.display()))),
+                },
+                Ok(CalibrationRequest::Start(_)) | Err(RecvTimeoutError::Timeout) => {}
+                Ok(CalibrationRequest::Stop) => {
+                    if let Some(measurement) = running.take() {
+                        measurement.end();
+                        self.tell(false, Some("Stopped. Nothing was written.".to_owned()));
+                    }
+                }
+                Err(RecvTimeoutError::Disconnected) => {
+                    return running.into_iter().for_each(Measurement::end);
+                }
+            }
+            if let Some(Ok(Some(status))) = running.as_mut().map(|running| running.child.try_wait()) {
+                // Its last lines come first.
+                running.take().into_iter().for_each(Measurement::end);
+                self.tell(status.success(), None);
+            }
+        }
+    }
+
+    /// Starts the program. A thread passes its lines on.
+    fn begin(&self, name: &str) -> std::io::Result<Measurement> {
+        let (lines, writer) = std::io::pipe()?;
+        let mut command = Command::new(&self.program);
+        command.args(["calibrate", "--run-dir"]).arg(&self.run_dir).arg("--folder").arg(&self.folder);
+        // A name that looks like an option is a name.
+        command.arg("--").arg(name).stdin(Stdio::null()).stdout(writer.try_clone()?).stderr(writer);
+        let child = command.spawn()?;
+        // The lines end once no process can write any.
+        drop(command);
+        let _ = self.answer.send(CalibrationReport { on: true, written: false, text: None });
+        let answer = self.answer.clone();
+        Ok(Measurement { child, lines: std::thread::spawn(move || pass_on(lines, &answer)) })
+    }
+
+    fn tell(&self, written: bool, text: Option<String>) {
+        let _ = self.answer.send(CalibrationReport { on: false, written, text });
+    }
+}
+
+fn pass_on(lines: PipeReader, answer: &Sender<CalibrationReport>) {
+    let mut lines = BufReader::new(lines);
+    loop {
+        let mut line = Vec::new();
+        match lines.by_ref().take(LINE_BYTES).read_until(b'\n', &mut line) {
+            Ok(0) | Err(_) => return,
+            Ok(_) => {}
+        }
+        let text = String::from_utf8_lossy(&line).trim().trim_start_matches("teleopctl: ").to_owned();
+        if answer.send(CalibrationReport { on: true, written: false, text: Some(text) }).is_err() {
+            return;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::os::unix::fs::PermissionsExt;
+    use std::time::Instant;
+
+    /// Longest time for any expected event. Only a hang comes near it.
+    const SOON: Duration = Duration::from_secs(20);
+
+    /// A measurer whose program is this shell script.
+    fn measurer(folder: &Path, script: &str) -> CalibrationWorker {
+        let program = folder.join("program");
+        std::fs::write(&program, format!("#!/bin/sh\n{script}\n")).expect("a script");
+        std::fs::set_permissions(&program, std::fs::Permissions::from_mode(0o755)).expect("a program");
+        let own = folder.to_owned();
+        let work = move |asked: &Receiver<_>, answer| {
+            Measurer { program, run_dir: "/run/there".into(), folder: own, answer }.work(asked);
+        };
+        Worker::start("calibration", work).expect("a thread")
+    }
+
+    /// The reports until the measurement ended.
+    fn reports(worker: &CalibrationWorker) -> Vec<CalibrationReport> {
+        let (give_up, mut all) = (Instant::now() + SOON, Vec::new());
+        while all.last().is_none_or(|last: &CalibrationReport| last.on) {
+            all.extend(worker.answer());
+            assert!(Instant::now() < give_up, "{all:?}");
+        }
+        all
+    }
+
+    #[test]
+    fn page_gets_every_line_before_the_end_and_names_are_no_options() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let worker = measurer(folder.path(), r#"echo "$@"; echo "teleopctl: oh" >&2; test "$7" = --help"#);
+        worker.ask(CalibrationRequest::Start("--help".to_owned()));
+        let [begin, said, error, end] = reports(&worker).try_into().expect("four reports");
+        assert!(begin.on && begin.text.is_none());
+        let expected = format!("calibrate --run-dir /run/there --folder {} -- --help", folder.path().display());
+        assert_eq!((said.text, error.text.as_deref()), (Some(expected), Some("oh")));
+        assert!(end.written && !said.written && !error.written);
+    }
+
+    #[test]
+    fn measurement_stops_with_its_page_and_writes_nothing() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let script = format!("echo begun; sleep 1; sleep 1; touch {}/written", folder.path().display());
+        for closes in [false, true] {
+            let worker = measurer(folder.path(), &script);
+            worker.ask(CalibrationRequest::Start("anna".to_owned()));
+            worker.ask(CalibrationRequest::Start("berta".to_owned()));
+            let give_up = Instant::now() + SOON;
+            while worker.answer().is_none_or(|report| report.text.as_deref() != Some("begun")) {
+                assert!(Instant::now() < give_up, "it never began");
+            }
+            if !closes {
+                worker.ask(CalibrationRequest::Stop);
+                let end = reports(&worker).pop().expect("a report");
+                assert_eq!(end.text.as_deref(), Some("Stopped. Nothing was written."));
+            }
+        }
+        std::thread::sleep(Duration::from_millis(2_500));
+        assert!(!folder.path().join("written").exists());
+    }
+
+    #[test]
+    fn missing_program_is_named() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let worker = measurer(folder.path(), "");
+        std::fs::remove_file(folder.path().join("program")).expect("it was there");
+        worker.ask(CalibrationRequest::Start("anna".to_owned()));
+        let text = reports(&worker).pop().and_then(|report| report.text).unwrap_or_default();
+        assert!(text.contains("program: ") && text.contains("No such file"), "{text}");
+    }
+}
