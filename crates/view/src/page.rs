@@ -103,9 +103,15 @@ pub enum PageSource {
     Recording(Arc<Position>),
 }
 
+/// A page's webcam, and the measurements of its person.
+struct Camera {
+    webcam: Webcam,
+    measurer: CalibrationWorker,
+}
+
 /// Control that a page has over its source.
 enum PageControl {
-    OperatorWorker(OperatorWorker, Option<Mixer>, Option<(Webcam, CalibrationWorker)>, Box<HeadsetClient>),
+    OperatorWorker(OperatorWorker, Option<Mixer>, Option<Box<Camera>>, Box<HeadsetClient>),
     Position(Arc<Position>),
 }
 
@@ -114,12 +120,13 @@ impl PageControl {
         Ok(match behind {
             PageSource::Instance(instance, key_poses, operators) => {
                 let mixer = key_poses.as_ref().map(|key_poses| Mixer::new(instance, key_poses)).transpose()?;
-                let webcam = match operators {
-                    Some(folder) => Some((Webcam::new(instance)?, CalibrationWorker::new(instance, folder)?)),
-                    None => None,
+                let camera = |folder: &PathBuf| -> std::io::Result<_> {
+                    let measurer = CalibrationWorker::new(instance, folder)?;
+                    Ok(Box::new(Camera { webcam: Webcam::new(instance)?, measurer }))
                 };
+                let camera = operators.as_ref().map(camera).transpose()?;
                 let headset = Box::new(HeadsetClient::new(instance)?);
-                Self::OperatorWorker(OperatorWorker::new(instance)?, mixer, webcam, headset)
+                Self::OperatorWorker(OperatorWorker::new(instance)?, mixer, camera, headset)
             }
             PageSource::Recording(position) => Self::Position(position.clone()),
         })
@@ -149,11 +156,11 @@ impl PageControl {
                 Some(shares) => mixer.ask(MixRequest::Mix(shares)),
                 None => return false,
             },
-            (Self::OperatorWorker(_, _, Some((_, measurer)), _), Request::Calibrate { name }) => {
-                measurer.ask(name.map_or(CalibrationRequest::Stop, CalibrationRequest::Start));
+            (Self::OperatorWorker(_, _, Some(camera), _), Request::Calibrate { name }) => {
+                camera.measurer.ask(name.map_or(CalibrationRequest::Stop, CalibrationRequest::Start));
             }
-            (Self::OperatorWorker(_, _, Some((webcam, _)), _), Request::Camera { on }) => {
-                webcam.ask(if on { CameraRequest::Start } else { CameraRequest::Stop });
+            (Self::OperatorWorker(_, _, Some(camera), _), Request::Camera { on }) => {
+                camera.webcam.ask(if on { CameraRequest::Start } else { CameraRequest::Stop });
             }
             (Self::OperatorWorker(hand, .., headset), Request::Headset { on }) => headset.turn(on, hand),
             (Self::Position(position), Request::Play {}) => position.play(true),
@@ -167,13 +174,13 @@ impl PageControl {
     /// Passes a frame of a headset or an image on. An invalid one is counted, and the page stays open. Returns false if
     /// there is no camera.
     fn see(&mut self, bytes: &[u8]) -> bool {
-        let Self::OperatorWorker(hand, _, webcam, headset) = self else { return false };
+        let Self::OperatorWorker(hand, _, camera, headset) = self else { return false };
         if [HEADSET_BYTES, BODY_BYTES].contains(&bytes.len()) {
             headset.see(bytes, hand);
             return true;
         }
-        let Some((webcam, _)) = webcam else { return false };
-        webcam.ask(CameraRequest::Image(rt::now(), Sight::of(bytes)));
+        let Some(camera) = camera else { return false };
+        camera.webcam.ask(CameraRequest::Image(rt::now(), Sight::of(bytes)));
         true
     }
 }
@@ -249,16 +256,16 @@ impl Page {
             let told = json!({ "tell": "mix", "on": on, "shares": shares.get(), "text": text });
             self.send(Message::text(told.to_string()))?;
         }
-        while let PageControl::OperatorWorker(_, _, Some((webcam, _)), _) = &self.lever
-            && let Some(report) = webcam.answer()
+        while let PageControl::OperatorWorker(_, _, Some(camera), _) = &self.lever
+            && let Some(report) = camera.webcam.answer()
         {
             self.send(Message::text(told("camera", &report)))?;
         }
-        while let PageControl::OperatorWorker(_, _, Some((webcam, measurer)), _) = &self.lever
-            && let Some(CalibrationReport { on, written, text }) = measurer.answer()
+        while let PageControl::OperatorWorker(_, _, Some(camera), _) = &self.lever
+            && let Some(CalibrationReport { on, written, text }) = camera.measurer.answer()
         {
             if written {
-                webcam.ask(CameraRequest::Renew);
+                camera.webcam.ask(CameraRequest::Renew);
             }
             let told = json!({ "tell": "calibrate", "on": on, "written": written, "text": text });
             self.send(Message::text(told.to_string()))?;
