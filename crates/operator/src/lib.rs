@@ -28,6 +28,6 @@ pub use codec::{REQUEST_BYTES, STATUS_BYTES, decode_request, decode_status, enco
 pub use edges::OperatorEdges;
 pub use error::OperatorError;
 pub use locks::ResetRule;
-pub use merge::{CLIENTS_MAX, LEASE_NS, OperatorView};
+pub use merge::{CLIENTS_MAX, Connection, LEASE_NS, Merge, OperatorView};
 pub use server::{AuditEvent, AuditRecord, Server};
 pub use session::OperatorSession;

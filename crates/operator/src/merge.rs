@@ -58,22 +58,23 @@ pub struct OperatorView {
 
 /// State of one connection: its last request and its time.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Connection {
+pub struct Connection {
     last: OperatorRequest,
     pub(crate) heard: Stamp,
 }
 
 impl Connection {
     /// Creates the state of a connection that has sent nothing yet.
-    pub(crate) fn new(now: Stamp) -> Self {
+    pub fn new(now: Stamp) -> Self {
         Self { last: messages::Layout::ZERO, heard: now }
     }
 }
 
 /// The state of the merge.
 #[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Merge {
-    pub(crate) view: OperatorView,
+pub struct Merge {
+    /// The commands of all operators together.
+    pub view: OperatorView,
     /// The connection that holds the enable.
     pub(crate) holder: Option<usize>,
     /// Last heartbeat of each connection that holds the clutch.
@@ -87,7 +88,7 @@ pub(crate) struct Merge {
 
 impl Merge {
     /// Begins a round. It withdraws the enable if its holder has been silent for longer than `lease_ns`.
-    pub(crate) fn begin(&mut self, now: Stamp, lease_ns: u64) {
+    pub fn begin(&mut self, now: Stamp, lease_ns: u64) {
         self.released = false;
         if self.holder.is_some() && now.since(self.view.heartbeat) > lease_ns {
             self.lose();
@@ -101,7 +102,7 @@ impl Merge {
 
     /// Takes a request of the connection `index` of user `uid`. Returns `false` if it is invalid. Then no part of
     /// it counts.
-    pub(crate) fn request(
+    pub fn request(
         &mut self,
         index: usize,
         uid: u32,
@@ -154,7 +155,7 @@ impl Merge {
     }
 
     /// Takes only the emergency stop of a request from a client without a place. Returns true if there is one.
-    pub(crate) fn stop_alone(&mut self, uid: u32, request: &OperatorRequest) -> bool {
+    pub fn stop_alone(&mut self, uid: u32, request: &OperatorRequest) -> bool {
         let stops = (1..=EDGES_MAX).contains(&request.estop_count);
         self.stop(uid, if stops { request.estop_count } else { 0 });
         stops
@@ -230,7 +231,7 @@ impl Merge {
     }
 
     /// Handles the end of the connection `index`.
-    pub(crate) fn gone(&mut self, index: usize) {
+    pub fn gone(&mut self, index: usize) {
         if self.holder == Some(index) {
             self.lose();
         }

@@ -46,6 +46,10 @@ pub struct Cli {
     /// Use this schedule instead of the one that the seed draws. The format is the one that a failure prints.
     #[arg(long, value_name = "LIST", requires = "replay")]
     pub faults: Option<String>,
+    /// Put the operator and the person at another machine. The wires of their link lose, delay, reorder, repeat and break
+    /// besides, and the clocks drift and jump.
+    #[arg(long)]
+    pub link: bool,
     /// Settings file.
     #[arg(long, default_value = CONFIG)]
     pub config: PathBuf,

@@ -19,6 +19,7 @@ pub mod operator_model;
 pub mod oracle;
 pub mod person_judge;
 pub mod processes;
+mod remote;
 pub mod report;
 pub mod rules;
 pub mod run;

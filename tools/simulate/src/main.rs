@@ -29,7 +29,8 @@ fn main() -> ExitCode {
 fn begin(cli: &Cli) -> Result<bool, Failure> {
     let plan = cli.plan().map_err(Failure::with(Exit::Usage))?;
     let mut figures = cli.json.as_deref().map(Figures::open).transpose().map_err(Failure::with(Exit::CantCreate))?;
-    let subject = Subject::load(&cli.config, cli.robot.as_ref()).map_err(Failure::with(Exit::Config))?;
+    let mut subject = Subject::load(&cli.config, cli.robot.as_ref()).map_err(Failure::with(Exit::Config))?;
+    subject.is_remote = cli.link;
     match cli.replay {
         Some(seed) => replay(cli, &plan, &subject, seed, figures.as_mut()),
         None => campaign(cli, &plan, &subject, figures.as_mut()),

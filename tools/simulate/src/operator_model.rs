@@ -2,6 +2,7 @@
 
 use crate::active::{Active, Faults};
 use crate::kinds::{Fault, OperatorFault as Of};
+use crate::remote::Remote;
 use messages::{Fault as Reason, Faults as Reasons, Mode, Stamp, Status, TICK_HZ};
 use operator::OperatorEdges;
 use rand::RngExt;
@@ -130,8 +131,16 @@ impl OperatorModel {
     }
 
     /// Advances to the next tick, at `now`. Returns two views if `control` runs: the one that `control`
-    /// receives, and the true one that the oracle uses. Edges wait until `control` runs.
-    pub fn tick(&mut self, k: u64, now: Stamp, runs: bool, faults: &mut Faults) -> Option<[OperatorView; 2]> {
+    /// receives, and the true one that the oracle uses. Edges wait until `control` runs. An operator at another machine is
+    /// what arrives of him.
+    pub fn tick(
+        &mut self,
+        k: u64,
+        now: Stamp,
+        runs: bool,
+        faults: &mut Faults,
+        remote: Option<&mut Remote>,
+    ) -> Option<[OperatorView; 2]> {
         self.since += 1;
         self.silent += 1;
         let mut speaks = true;
@@ -149,9 +158,10 @@ impl OperatorModel {
             self.view.heartbeat = now;
             self.silent = 0;
         }
+        let arrived = remote.map_or(self.view, |remote| remote.view(k, now, speaks, &self.view));
         runs.then(|| {
-            self.edges.note(&self.view);
-            let (view, before, is) = (self.edges.take(), self.told, self.view);
+            self.edges.note(&arrived);
+            let (view, before, is) = (self.edges.take(), self.told, arrived);
             self.told = is;
             let done = OperatorView {
                 enable_level: is.enable_level,

@@ -1,5 +1,6 @@
 //! One run: the world, the person, the operator, the faults of a schedule and the oracle, tick by tick.
 
+mod receive;
 mod start;
 
 use crate::active::{Active, Faults};
@@ -8,6 +9,7 @@ use crate::kinds::{self, Content, Fault, KIND_COUNT, KINDS, LinkFault, Process, 
 use crate::operator_model::OperatorModel;
 use crate::oracle::{Oracle, Person, Seen, Violation};
 use crate::processes::Processes;
+use crate::remote::Remote;
 use crate::schedule::{Episode, QUIET_TICKS, RECOVERY_TICKS};
 use crate::subject::Subject;
 use crate::tampered::{self, Memory, Tampering};
@@ -67,6 +69,8 @@ pub struct Run<'a> {
     world: World,
     client: Client,
     hand: OperatorModel,
+    /// The way of the person and the operator to the robot, if they are at another machine.
+    remote: Option<Box<Remote>>,
     faults: Faults,
     processes: Processes,
     memory: Memory,
@@ -104,6 +108,7 @@ impl<'a> Run<'a> {
             subject,
             client: Client::new(subject.player.clone()),
             hand: OperatorModel::new(),
+            remote: subject.is_remote.then(|| Box::new(Remote::new(seed))),
             faults: Faults::new(&[]),
             processes: Processes::default(),
             memory: Memory::default(),
@@ -135,6 +140,7 @@ impl<'a> Run<'a> {
     pub fn branch(&self, seed: u64) -> Self {
         let mut run = self.clone();
         run.world.reseed_links(seed);
+        run.remote.iter_mut().for_each(|remote| remote.reseed(seed));
         run.client.rebase();
         run.oracle.ticks_in = Default::default();
         (run.seed, run.k, run.quiet_from, run.recovered_at) = (seed, 0, u64::MAX, 0);
@@ -219,7 +225,8 @@ impl<'a> Run<'a> {
         let (running, started) = self.processes.at(k);
         self.start(started)?;
         self.receive(running.ingest);
-        let view = self.hand.tick(k, now, running.control, &mut self.faults);
+        let view = self.hand.tick(k, now, running.control, &mut self.faults, self.remote.as_deref_mut());
+        self.check_remote()?;
         let [mut told, done] = view.unwrap_or_default();
         told.estop_edge &= !self.is_deaf();
         let Subject { limits, close, config: whole, .. } = self.subject;
@@ -306,23 +313,6 @@ impl<'a> Run<'a> {
     fn is_deaf(&self) -> bool {
         let lost = |fault| matches!(fault, Fault::Link(2, LinkFault::Drop));
         self.bug == Some(Bug::DeafWhileTargetsAreLost) && self.faults.active.iter().any(|active| lost(active.fault))
-    }
-
-    /// Delivers the person's frames of this tick. `ingest` is draining when frames after the first arrive.
-    fn receive(&mut self, ingest_runs: bool) {
-        let engaged = self.oracle.mode() == Mode::Engaged;
-        let now = self.world.now();
-        self.accepted.clear();
-        self.drained.clear();
-        self.client.tick(self.k, now, engaged, &mut self.faults, &mut self.frames);
-        for (n, raw) in self.frames.iter().enumerate() {
-            if n > 0 && ingest_runs {
-                let passed = self.world.drain_raw(&self.subject.config);
-                self.accepted.extend(passed.as_ref().map(Person::of));
-                self.drained.extend(passed);
-            }
-            self.world.publish(raw);
-        }
     }
 
     fn begin_episodes(&mut self, k: u64) {

@@ -37,6 +37,8 @@ pub struct Subject {
     pub home: [f64; JOINTS_MAX],
     /// The person's motion.
     pub player: Player,
+    /// True if the operator and the person are at another machine, see `remote.rs`.
+    pub is_remote: bool,
     /// Postures slightly outside the limits.
     pub outside: Vec<[f64; JOINTS_MAX]>,
     /// Postures slightly too close to self-collision.
@@ -56,6 +58,7 @@ impl Subject {
         Ok(Self {
             limits: model.limits,
             home: model.home,
+            is_remote: false,
             player: Player::new(&motion::builtin(), play, 1, 1),
             outside: outside(model),
             close: close(model),

@@ -55,6 +55,16 @@ fn campaign_results_do_not_depend_on_the_number_of_threads() {
     assert_eq!(one, three);
 }
 
+/// Wires and clocks are bad beside all other faults. What arrives is judged by the true times.
+#[test]
+fn f126_operator_and_person_over_bad_wires_break_no_promise() {
+    let mut subject = subject();
+    subject.is_remote = true;
+    let sum = campaign::run(&subject, &plan(3, 15_000, 2), || {}).expect("a campaign");
+    assert!(sum.failures.is_empty(), "{}", told(&sum));
+    assert!(sum.ticks_in[Mode::Engaged as usize] > 2_000, "{:?}", sum.ticks_in);
+}
+
 #[test]
 fn planted_bug_is_found_and_its_schedule_is_shrunk() {
     let subject = subject();

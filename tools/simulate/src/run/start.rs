@@ -18,6 +18,7 @@ impl Run<'_> {
         if started[ProcessId::Control as usize] {
             self.world.restart_control(&self.subject.config);
             self.hand.reconnect();
+            self.remote.iter_mut().for_each(|remote| remote.reconnect());
         }
         if started[ProcessId::Driver as usize] {
             self.check_that_robot_stands(self.k)?;

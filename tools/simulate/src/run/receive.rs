@@ -1,0 +1,34 @@
+//! What arrives from the person and the operator.
+
+use super::{Run, Violation};
+use crate::oracle::Person;
+use messages::Mode;
+
+impl Run<'_> {
+    /// Delivers the person's frames of this tick. `ingest` is draining when frames after the first arrive.
+    pub(super) fn receive(&mut self, ingest_runs: bool) {
+        let engaged = self.oracle.mode() == Mode::Engaged;
+        let now = self.world.now();
+        self.accepted.clear();
+        self.drained.clear();
+        self.client.tick(self.k, now, engaged, &mut self.faults, &mut self.frames);
+        if let Some(remote) = &mut self.remote {
+            remote.change(self.k, self.k >= self.quiet_from);
+            remote.carry(self.k, now, &mut self.frames);
+        }
+        for (n, raw) in self.frames.iter().enumerate() {
+            if n > 0 && ingest_runs {
+                let passed = self.world.drain_raw(&self.subject.config);
+                self.accepted.extend(passed.as_ref().map(Person::of));
+                self.drained.extend(passed);
+            }
+            self.world.publish(raw);
+        }
+    }
+
+    /// Returns an error if the link has passed on what is too old.
+    pub(super) fn check_remote(&mut self) -> Result<(), Violation> {
+        let broken = self.remote.as_mut().and_then(|remote| remote.broken.take());
+        broken.map_or(Ok(()), |(invariant, detail)| Err(Violation { tick: self.k, invariant, detail }))
+    }
+}
