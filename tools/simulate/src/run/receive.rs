@@ -1,4 +1,4 @@
-//! What arrives from the person and the operator.
+//! Receives what arrives from the person and the operator.
 
 use super::{Run, Violation};
 use crate::oracle::Person;
