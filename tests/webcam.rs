@@ -377,6 +377,17 @@ fn leads(browser: &mut Browser, more: &str) -> bool {
     true
 }
 
+/// The stand-in's person waves, so it is never in a T-pose for 2 s.
+fn calibrates_until_stopped(browser: &mut Browser) {
+    let text = |id: &str| format!("document.getElementById('{id}').textContent");
+    browser.evaluate("document.getElementById('cal-name').value = 'anna'");
+    browser.click("#cal-on");
+    browser.wait("it measures", &format!("{} === 'Stop calibrating'", text("cal-on")));
+    browser.wait("it gives a hint", &format!("{}.length > 0", text("cal-told")));
+    browser.click("#cal-on");
+    browser.wait("it stopped", &format!("{} === 'Stopped. Nothing was written.'", text("cal-told")));
+}
+
 #[test]
 fn browser_camera_leads_the_robot_until_it_is_stopped() {
     let (mut rig, folder) = (Rig::with_settings(""), tempfile::tempdir().expect("a folder"));
@@ -404,13 +415,7 @@ fn browser_camera_leads_the_robot_until_it_is_stopped() {
     let painted =
         "document.getElementById('cam-canvas').getContext('2d').getImageData(0, 0, 640, 480).data.some((x) => x > 0)";
     browser.wait("the skeleton is drawn", painted);
-    // The stand-in's person waves, so it is never in a T-pose for 2 s.
-    browser.evaluate("document.getElementById('cal-name').value = 'anna'");
-    browser.click("#cal-on");
-    browser.wait("it measures", &format!("{} === 'Stop calibrating'", text("cal-on")));
-    browser.wait("it gives a hint", &format!("{}.length > 0", text("cal-told")));
-    browser.click("#cal-on");
-    browser.wait("it stopped", &format!("{} === 'Stopped. Nothing was written.'", text("cal-told")));
+    calibrates_until_stopped(&mut browser);
     browser.click("#engage");
     let give_up = Instant::now() + SOON;
     while hand.mode() != Some(Mode::Engaged) {

@@ -225,8 +225,7 @@ impl<'a> Run<'a> {
         let (running, started) = self.processes.at(k);
         self.start(started)?;
         self.receive(running.ingest);
-        let view = self.hand.tick(k, now, running.control, &mut self.faults, self.remote.as_deref_mut());
-        self.check_remote()?;
+        let view = self.operate(now, running.control)?;
         let [mut told, done] = view.unwrap_or_default();
         told.estop_edge &= !self.is_deaf();
         let Subject { limits, close, config: whole, .. } = self.subject;

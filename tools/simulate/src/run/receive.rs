@@ -2,7 +2,8 @@
 
 use super::{Run, Violation};
 use crate::oracle::Person;
-use messages::Mode;
+use messages::{Mode, Stamp};
+use safety::engage::OperatorView;
 
 impl Run<'_> {
     /// Delivers the person's frames of this tick. `ingest` is draining when frames after the first arrive.
@@ -26,9 +27,13 @@ impl Run<'_> {
         }
     }
 
-    /// Returns an error if the link has passed on what is too old.
-    pub(super) fn check_remote(&mut self) -> Result<(), Violation> {
+    /// Lets the operator act, and returns the views of [`OperatorModel::tick`]. The error says what the link passed on too
+    /// late.
+    ///
+    /// [`OperatorModel::tick`]: crate::operator_model::OperatorModel::tick
+    pub(super) fn operate(&mut self, now: Stamp, control_runs: bool) -> Result<Option<[OperatorView; 2]>, Violation> {
+        let views = self.hand.tick(self.k, now, control_runs, &mut self.faults, self.remote.as_deref_mut());
         let broken = self.remote.as_mut().and_then(|remote| remote.broken.take());
-        broken.map_or(Ok(()), |(invariant, detail)| Err(Violation { tick: self.k, invariant, detail }))
+        broken.map_or(Ok(views), |(invariant, detail)| Err(Violation { tick: self.k, invariant, detail }))
     }
 }
