@@ -377,6 +377,10 @@ fn leads(browser: &mut Browser, more: &str) -> bool {
     true
 }
 
+/// True if the canvas over the preview is not empty.
+const PAINTED: &str =
+    "document.getElementById('cam-canvas').getContext('2d').getImageData(0, 0, 640, 480).data.some((x) => x > 0)";
+
 /// The stand-in's person waves, so it is never in a T-pose for 2 s.
 fn calibrates_until_stopped(browser: &mut Browser) {
     let text = |id: &str| format!("document.getElementById('{id}').textContent");
@@ -412,9 +416,7 @@ fn browser_camera_leads_the_robot_until_it_is_stopped() {
     hand.wait("free to engage", |status| status.moving == 0 && status.ticks > 750);
     assert_eq!(hand.mode(), Some(Mode::Disengaged), "to lead is not to engage");
     assert_eq!(browser.evaluate(&text("cam-left-text")), "90 %");
-    let painted =
-        "document.getElementById('cam-canvas').getContext('2d').getImageData(0, 0, 640, 480).data.some((x) => x > 0)";
-    browser.wait("the skeleton is drawn", painted);
+    browser.wait("the skeleton is drawn", PAINTED);
     calibrates_until_stopped(&mut browser);
     browser.click("#engage");
     let give_up = Instant::now() + SOON;
