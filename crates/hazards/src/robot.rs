@@ -163,7 +163,7 @@ pub(crate) const ROS2: &[Hazard] = &[
     does(
         "f117",
         "a robot on ROS 2 executes something else than it was sent: messages were lost, it stopped by itself, or was started again",
-        "it plays its certified stop; nothing is sent until it stands where the driver begins",
+        "it plays its certified stop; nothing is sent until it was seen to stand where the driver begins, for 0.2 s after the last message",
         "2 mrad and 4 ms of motion",
     ),
     does(
