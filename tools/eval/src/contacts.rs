@@ -12,18 +12,23 @@
 //! those while the person's hands rest. Commands are compared with the person at the delay of the settings.
 
 use crate::cli::Cli;
+use crate::clips::Human;
 use crate::error::EvalError;
+use crate::following::optimum::optimum;
+use crate::following::{NODE_S, Person, bounds_of};
 use crate::run::{show, write_json};
 use crate::table::{self, column, number};
 use client::PlayOptions;
 use config::{Loaded, Overrides};
-use messages::{JOINTS_MAX, Mode, Skeleton, Smpl, deadline};
+use follow::solver::State;
+use messages::{JOINTS_MAX, JointCommand, Mode, SMPL_JOINTS, Smpl, deadline};
 use motion::{CalibrationMode, Frame, Motion};
 use nalgebra::Vector3;
 use poses::motions::paper_motions;
 use poses::person::{hands, head};
 use poses::trajectory::ground_truth_touching;
-use retarget::contact::{CHEST_M, HALF_HAND_M, HEAD_M, Proportions};
+use retarget::ArmModel;
+use retarget::contact::{CHEST_M, Correction, HALF_HAND_M, HEAD_M, Proportions};
 use robot::{Capsule, Frames, Model, segment_distance};
 use serde::Serialize;
 use serde_json::{Map, json};
@@ -191,34 +196,100 @@ pub fn postures(model: &Model, motion: &Motion, weight: f64) -> Contacts {
     out
 }
 
-/// Plays a motion through all stages, and measures the commands while the robot follows: all of them, and those for hands
-/// that rest.
-///
-/// # Errors
-/// Returns a sentence as error if the stages reject their settings, or stop.
-pub fn commands(loaded: &Loaded, motion: &Motion) -> Result<[Contacts; 2], String> {
-    let options = PlayOptions { speed: 1.0, looped: false, calibration: CalibrationMode::Rig };
-    let mut offline = Offline::new(loaded, motion, options).map_err(|error| error.to_string())?;
-    let (mut robot, mut out, mut people) = (Robot::new(&loaded.model), [Contacts::default(); 2], Vec::new());
-    let delay_ns = (loaded.settings.retarget.following_delay_ms * 1e6) as u64;
-    let end = offline.play(|tick| {
-        people.extend(tick.moment.skeleton);
-        let follows = tick.moment.control.as_ref().filter(|control| control.status.mode == Mode::Engaged as u32);
-        let Some(command) = follows.and_then(|control| control.command) else { return };
-        let shown = people.partition_point(|person| person.header.origin.plus_ns(delay_ns) <= deadline(command.k));
-        let Some(person) = shown.checked_sub(1).map(|i| &people[i]) else { return };
-        let frame = |person: &Skeleton| Frame { positions: person.positions, ..Frame::ZERO };
-        out[0].add(&frame(person), &mut robot, &command.q);
-        let recent = people[..shown].iter().rev();
-        let recent = recent.take_while(|then| person.header.origin.since(then.header.origin) <= HELD_NS);
-        if rest(recent.map(frame), &frame(person)) {
-            out[1].add(&frame(person), &mut robot, &command.q);
+/// A motion that all stages have played.
+#[derive(Clone, Debug, Default)]
+pub struct Played {
+    person: Person,
+    /// Commands while the robot follows, one list for each uninterrupted time.
+    spans: Vec<Vec<JointCommand>>,
+    delay_ns: u64,
+}
+
+impl Played {
+    /// Plays a motion through all stages.
+    ///
+    /// # Errors
+    /// Returns a sentence as error if the stages reject their settings, or stop.
+    pub fn of(loaded: &Loaded, motion: &Motion) -> Result<Self, String> {
+        let options = PlayOptions { speed: 1.0, looped: false, calibration: CalibrationMode::Rig };
+        let mut offline = Offline::new(loaded, motion, options).map_err(|error| error.to_string())?;
+        let delay_ns = (loaded.settings.retarget.following_delay_ms * 1e6) as u64;
+        let (mut played, mut follows) = (Self { delay_ns, ..Self::default() }, false);
+        let end = offline.play(|tick| {
+            tick.moment.skeleton.iter().for_each(|skeleton| played.person.add(skeleton));
+            let control = tick.moment.control.as_ref();
+            let engaged = control.filter(|control| control.status.mode == Mode::Engaged as u32);
+            let command = engaged.and_then(|control| control.command);
+            if command.is_some() && !follows {
+                played.spans.push(Vec::new());
+            }
+            follows = command.is_some();
+            if let Some(span) = played.spans.last_mut() {
+                span.extend(command);
+            }
+        });
+        match end {
+            OfflineEnd::Stopped(why) => Err(why),
+            _ => Ok(played),
         }
-    });
-    match end {
-        OfflineEnd::Stopped(why) => Err(why),
-        _ => Ok(out),
     }
+
+    /// Measures the commands at the delay of the settings: all of them, and those for hands that rest.
+    #[must_use]
+    pub fn commands(&self, model: &Model) -> [Contacts; 2] {
+        let (mut robot, mut out) = (Robot::new(model), [Contacts::default(); 2]);
+        let people: Vec<_> = self.person.seen().map(|(at, positions)| (at, frame(positions))).collect();
+        for (i, (at, person)) in people.iter().enumerate() {
+            let due = |command: &&JointCommand| deadline(command.k) >= at.plus_ns(self.delay_ns);
+            let span = self.spans.iter().find(|span| span.last().as_ref().is_some_and(due));
+            let Some(span) = span.filter(|span| !span.first().as_ref().is_some_and(due)) else { continue };
+            let Some(command) = span.iter().find(due) else { continue };
+            out[0].add(person, &mut robot, &command.q);
+            let recent = people[..i].iter().rev().take_while(|(then, _)| at.since(*then) <= HELD_NS);
+            if rest(recent.map(|(_, then)| *then), person) {
+                out[1].add(person, &mut robot, &command.q);
+            }
+        }
+        out
+    }
+
+    /// Measures the best motions for the corrected limbs, at the person's own instants: those that look ahead, within the
+    /// positions, speeds and accelerations in force, from where the robot began to follow. They know no collisions.
+    #[must_use]
+    pub fn optimum(&self, model: &Model) -> Contacts {
+        let (arm, bounds) = (ArmModel::of(model), bounds_of(model));
+        let goal = self.person.touching(&arm, &Correction { robot: Proportions::of(model), weight: 1.0 });
+        let (mut robot, mut out) = (Robot::new(model), Contacts::default());
+        for span in &self.spans {
+            let (Some(first), Some(last)) = (span.first(), span.last()) else { continue };
+            let (from, to) = (deadline(first.k), deadline(last.k));
+            let nodes = (0..).map(|k| from.plus_ns(k * (NODE_S * 1e9) as u64)).take_while(|at| *at <= to);
+            let path: Vec<Human> = nodes.filter_map(|at| goal.at(at)).collect();
+            let motions = [0, 1].map(|side| {
+                let own = |all: &[f64]| {
+                    let arm = &model.arms[side];
+                    arm.mirrored(&std::array::from_fn(|i| all[arm.joints[i]])).into()
+                };
+                let start = State { q: own(&first.q), v: own(&first.v) };
+                let path: Vec<_> = path.iter().map(|limbs| limbs[side]).collect();
+                (start, optimum(&arm, &bounds[side], &path, start))
+            });
+            for (at, positions) in self.person.seen().filter(|(at, _)| (from..to).contains(at)) {
+                let mut q = model.home;
+                for (arm, (start, motion)) in model.arms.iter().zip(&motions) {
+                    let Some(state) = motion.at(*start, at.since(from) as f64 * 1e-9) else { continue };
+                    let own = arm.mirrored(&state.q.into());
+                    arm.joints.iter().zip(own).for_each(|(&joint, at)| q[joint] = at);
+                }
+                out.add(&frame(positions), &mut robot, &q);
+            }
+        }
+        out
+    }
+}
+
+fn frame(positions: &[[f32; 3]; SMPL_JOINTS]) -> Frame {
+    Frame { positions: *positions, ..Frame::ZERO }
 }
 
 /// Contacts of all motions, by name.
@@ -257,11 +328,17 @@ pub(crate) fn run(cli: &Cli) -> Result<(), EvalError> {
             continue;
         }
         let touching = postures(&loaded.model, motion, 1.0);
-        let [commanded, held] =
-            commands(&loaded, motion).map_err(|reason| EvalError::Play { name: motion.name.clone(), reason })?;
-        for (what, contacts) in
-            [("limbs alone", limbs), ("corrected", touching), ("commanded", commanded), ("held", held)]
-        {
+        let played = Played::of(&loaded, motion)
+            .map_err(|reason| EvalError::Play { name: motion.name.clone(), reason })?;
+        let [commanded, held] = played.commands(&loaded.model);
+        let optimum = played.optimum(&loaded.model);
+        for (what, contacts) in [
+            ("limbs alone", limbs),
+            ("corrected", touching),
+            ("optimum", optimum),
+            ("commanded", commanded),
+            ("held", held),
+        ] {
             rows.push((format!("{}, {what}", motion.name), contacts));
         }
     }

@@ -98,7 +98,7 @@ fn commanded_hands_come_as_near_to_each_other_as_the_persons() {
     let motions = poses::motions::paper_motions();
     let motion = motions.iter().find(|motion| motion.name == "hands-to-chest").expect("the motion");
     let error_m = |loaded: &config::Loaded| {
-        let [_, held] = eval::contacts::commands(loaded, motion).expect("it is played");
+        let [_, held] = eval::contacts::Played::of(loaded, motion).expect("it is played").commands(&loaded.model);
         held.hands.mean_m().expect("hands that rest")
     };
     let limbs_m = error_m(&loaded);

@@ -3,7 +3,8 @@
 
 use crate::clips::Human;
 use messages::{SMPL_JOINTS, Skeleton, Stamp, skeleton_flag};
-use retarget::Limbs;
+use retarget::contact::{Correction, Figure, Memory};
+use retarget::{ArmModel, Limbs};
 
 /// One person's limbs and joints, in the order of their origins.
 #[derive(Clone, Debug, Default)]
@@ -39,6 +40,25 @@ impl Person {
         let (from, to) = (self.origins[before], self.origins[after]);
         let share = at.since(from) as f64 / to.since(from) as f64;
         Some([0, 1].map(|arm| self.limbs[before][arm].slerp(&next[arm], share)))
+    }
+
+    /// Returns the person whose limbs bring the robot's hands to where this person's touch.
+    #[must_use]
+    pub fn touching(&self, arm: &ArmModel, correction: &Correction) -> Self {
+        let (mut out, mut memory, mut before) = (self.clone(), Memory::default(), None);
+        for ((limbs, positions), origin) in out.limbs.iter_mut().zip(&self.positions).zip(&self.origins) {
+            let seen = limbs.map(Some);
+            let elapsed_s = before.replace(*origin).map_or(0.0, |before| origin.since(before) as f64 * 1e-9);
+            let Some(figure) = Figure::of(positions, &seen) else { continue };
+            let touching = correction.apply(arm, &figure, (&seen, &[None; 2]), elapsed_s, &mut memory);
+            *limbs = [0, 1].map(|side| touching[side].unwrap_or(limbs[side]));
+        }
+        out
+    }
+
+    /// Returns the capture times and the joints of all skeletons.
+    pub fn seen(&self) -> impl Iterator<Item = (Stamp, &[[f32; 3]; SMPL_JOINTS])> {
+        self.origins.iter().copied().zip(&self.positions)
     }
 
     /// Returns the capture time of the last skeleton.

@@ -90,6 +90,14 @@ impl Motion {
         Self { states: states.collect(), a }
     }
 
+    /// Returns the state `after_s` after the start. None beyond the motion.
+    #[must_use]
+    pub fn at(&self, start: State, after_s: f64) -> Option<State> {
+        let node = (after_s / NODE_S) as usize;
+        let before = if node == 0 { start } else { *self.states.get(node - 1)? };
+        Some(before.after(self.a.get(node)?, after_s - node as f64 * NODE_S))
+    }
+
     /// Returns the motion after a share of a change.
     fn moved(&self, changes: &[Change], share: f64) -> Self {
         let states = self.states.iter().zip(changes);
