@@ -29,6 +29,9 @@ pub struct Cli {
     /// person's by the arms' lengths
     #[arg(long, group = "what")]
     pub contacts: bool,
+    /// --contacts: 1 is the recorded speed, and 0.1 to 10 are allowed
+    #[arg(long, value_name = "FACTOR", default_value_t = 1.0)]
+    pub speed: f64,
     /// --refusals: frames per second, 20 to 240
     #[arg(long, value_name = "HZ", value_delimiter = ',', default_values_t = [20.0, 30.0, 60.0, 120.0])]
     pub rates: Vec<f64>,

@@ -7,9 +7,11 @@
 //! e = | d_robot - d_person L_robot / L_person |          m
 //! ```
 //!
-//! Four robots are compared. Two are postures: the best one for the person's limbs alone, and the best one for limbs that are
-//! corrected so that hands touch (`retarget::contact`). They do not move. Two are commands, after all stages: all of them, and
-//! those while the person's hands rest. Commands are compared with the person at the delay of the settings.
+//! Five robots are compared. Two are postures: the best one for the person's limbs alone, and the best one for limbs that are
+//! corrected so that hands touch (`retarget::contact`). They do not move. The *optimum* is the best motion for the corrected
+//! limbs within the robot's limits, which looks ahead (`following::optimum`). It is judged at the person's own instants. It
+//! is the best for limbs, not for distances, and these three know no collisions. Two are commands, after all stages: all of
+//! them, and those while the person's hands rest. Commands are compared with the person at the delay of the settings.
 
 use crate::cli::Cli;
 use crate::clips::Human;
@@ -33,6 +35,7 @@ use robot::{Capsule, Frames, Model, segment_distance};
 use serde::Serialize;
 use serde_json::{Map, json};
 use std::fmt;
+use std::ops::RangeInclusive;
 use world::{Offline, OfflineEnd};
 
 /// Distance of the person's surfaces below which a contact counts, m: the length of a hand. Assumption.
@@ -40,6 +43,8 @@ const NEAR_M: f64 = 0.2;
 
 /// Time for which a hand that rests has not moved, ns: longer than a hand of the robot is behind. Assumption.
 const HELD_NS: u64 = 200_000_000;
+/// Allowed multiples of the recorded speed, as for `replay`.
+const SPEED: RangeInclusive<f64> = 0.1..=10.0;
 /// Largest change of a distance of a hand that rests, m. Assumption.
 const REST_M: f64 = 0.01;
 
@@ -206,12 +211,12 @@ pub struct Played {
 }
 
 impl Played {
-    /// Plays a motion through all stages.
+    /// Plays a motion through all stages, at a multiple of its recorded speed.
     ///
     /// # Errors
     /// Returns a sentence as error if the stages reject their settings, or stop.
-    pub fn of(loaded: &Loaded, motion: &Motion) -> Result<Self, String> {
-        let options = PlayOptions { speed: 1.0, looped: false, calibration: CalibrationMode::Rig };
+    pub fn of(loaded: &Loaded, motion: &Motion, speed: f64) -> Result<Self, String> {
+        let options = PlayOptions { speed, looped: false, calibration: CalibrationMode::Rig };
         let mut offline = Offline::new(loaded, motion, options).map_err(|error| error.to_string())?;
         let delay_ns = (loaded.settings.retarget.following_delay_ms * 1e6) as u64;
         let (mut played, mut follows) = (Self { delay_ns, ..Self::default() }, false);
@@ -320,6 +325,10 @@ impl fmt::Display for Table {
 
 /// Runs `eval --contacts`.
 pub(crate) fn run(cli: &Cli) -> Result<(), EvalError> {
+    if !SPEED.contains(&cli.speed) {
+        let expected = format!("{} to {}", SPEED.start(), SPEED.end());
+        return Err(EvalError::Option { option: "speed", value: cli.speed.to_string(), expected });
+    }
     let loaded = config::load(&cli.config, Overrides::robot(cli.robot.as_ref()))?;
     let mut rows = Vec::new();
     for motion in &paper_motions() {
@@ -328,7 +337,7 @@ pub(crate) fn run(cli: &Cli) -> Result<(), EvalError> {
             continue;
         }
         let touching = postures(&loaded.model, motion, 1.0);
-        let played = Played::of(&loaded, motion)
+        let played = Played::of(&loaded, motion, cli.speed)
             .map_err(|reason| EvalError::Play { name: motion.name.clone(), reason })?;
         let [commanded, held] = played.commands(&loaded.model);
         let optimum = played.optimum(&loaded.model);

@@ -98,7 +98,7 @@ fn commanded_hands_come_as_near_to_each_other_as_the_persons() {
     let motions = poses::motions::paper_motions();
     let motion = motions.iter().find(|motion| motion.name == "hands-to-chest").expect("the motion");
     let error_m = |loaded: &config::Loaded| {
-        let [_, held] = eval::contacts::Played::of(loaded, motion).expect("it is played").commands(&loaded.model);
+        let [_, held] = eval::contacts::Played::of(loaded, motion, 1.0).expect("it is played").commands(&loaded.model);
         held.hands.mean_m().expect("hands that rest")
     };
     let limbs_m = error_m(&loaded);
@@ -106,6 +106,23 @@ fn commanded_hands_come_as_near_to_each_other_as_the_persons() {
     loaded.settings.retarget.contact_weight = 1.0;
     let touching_m = error_m(&loaded);
     assert!(touching_m < 0.03, "{touching_m} m");
+}
+
+#[test]
+fn optimum_of_contacts_reaches_slow_ones_and_misses_fast_ones() {
+    let loaded =
+        config::load(std::path::Path::new("../../config/teleop.toml"), config::Overrides::default()).expect("settings");
+    let motions = poses::motions::paper_motions();
+    let excess_m = |name: &str| {
+        let motion = motions.iter().find(|motion| motion.name == name).expect("the motion");
+        let played = eval::contacts::Played::of(&loaded, motion, 1.0).expect("it is played");
+        let postures = eval::contacts::postures(&loaded.model, motion, 1.0);
+        let mean_m = |contacts: eval::contacts::Contacts| contacts.hands.mean_m().expect("hands that touch");
+        mean_m(played.optimum(&loaded.model)) - mean_m(postures)
+    };
+    let [clap_m, box_m] = ["clap", "box"].map(excess_m);
+    assert!(clap_m.abs() < 0.005, "{clap_m} m");
+    assert!(box_m > 0.02, "{box_m} m");
 }
 
 #[test]
