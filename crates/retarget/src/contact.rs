@@ -48,8 +48,9 @@ const SHARE_S: f64 = 0.1;
 const STEP_MAX_S: f64 = 0.04;
 /// Time constant of the length of the person's arm, s. A tracker finds one length again and again (assumption).
 const REACH_S: f64 = 1.0;
-/// Steps of each of the two minima.
-const STEPS: u32 = 8;
+/// Steps of each of the two minima. With 8, the far posture of a hand in guard was not reached, and a resting arm leapt by 10
+/// degrees in one frame.
+const STEPS: u32 = 12;
 /// Rounds in which a hand comes to the right distance of chest, head and other hand. Each moves it half of the way.
 const ROUNDS: u32 = 16;
 /// Distance of a person's chest before the middle between the shoulders, m (assumption).

@@ -6,7 +6,7 @@ use eval::sew::sew;
 use nalgebra::{Quaternion, UnitQuaternion};
 use rand::RngExt;
 use rand_pcg::Pcg64;
-use retarget::{ArmModel, ArmQ, Limbs, closed_form, s_gr};
+use retarget::{ArmModel, ArmQ, Limbs, closed_form, limb_error_deg, s_gr};
 use std::path::Path;
 use train::files::read_model;
 
@@ -123,6 +123,31 @@ fn optimum_of_contacts_reaches_slow_ones_and_misses_fast_ones() {
     let [clap_m, box_m] = ["clap", "box"].map(excess_m);
     assert!(clap_m.abs() < 0.005, "{clap_m} m");
     assert!(box_m > 0.02, "{box_m} m");
+}
+
+#[test]
+fn limbs_of_a_resting_arm_do_not_leap_when_the_other_hand_leaves() {
+    let model =
+        train::files::read_model(std::path::Path::new("../../config/robots/tiago_dual.toml")).expect("the robot");
+    let arm = retarget::ArmModel::of(&model);
+    let motions = poses::motions::paper_motions();
+    let motion = motions.iter().find(|motion| motion.name == "box").expect("the motion");
+    let calibration = motion::calibrate(motion, motion::CalibrationMode::Rig);
+    let people: Vec<_> = motion::limbs(motion, &calibration).iter().filter_map(Limbs::of_both).collect();
+    let postures = poses::trajectory::ground_truth_touching(&model, motion, 1.0).q;
+    let mut resting = 0;
+    for (person, posture) in people.windows(2).zip(postures.windows(2)) {
+        let turned = |from: &Limbs, to: &Limbs| limb_error_deg(from, to).into_iter().fold(0.0, f64::max);
+        let person_deg = [0, 1].map(|side| turned(&person[0][side], &person[1][side]));
+        for side in 0..2 {
+            let [from, to] = [0, 1].map(|i| arm.forward(&model.arms[side].mirrored(&posture[i][side])));
+            if person_deg[side] < 1e-3 && person_deg[1 - side] > 0.1 {
+                resting += 1;
+                assert!(turned(&from, &to) < 6.0, "{} degrees in one frame", turned(&from, &to));
+            }
+        }
+    }
+    assert!(resting > 50, "{resting}");
 }
 
 #[test]
