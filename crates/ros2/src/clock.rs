@@ -72,6 +72,11 @@ impl RobotClock {
         true
     }
 
+    /// True once the offset no longer changes at once.
+    pub fn is_settled(&self, now: Stamp) -> bool {
+        self.force.is_some_and(|(.., begun)| now.since(begun) > SETTLES_NS)
+    }
+
     /// The robot's clock minus this machine's, ns. None before the first stamp.
     pub fn offset_ns(&self) -> Option<i64> {
         self.force.map(|(offset, ..)| offset)
@@ -136,5 +141,18 @@ mod tests {
         clock.hear(1_000, Stamp(400));
         assert_eq!((clock.there_ns(Stamp(500)), clock.here(1_100)), (Some(1_100), Some(Stamp(500))));
         assert_eq!(clock.here(-10_000), None, "before this machine's origin");
+    }
+
+    #[test]
+    fn f116_clock_settles_a_second_after_its_first_stamp_and_after_each_new_beginning() {
+        let mut clock = RobotClock::default();
+        let at = |ms: u64| Stamp(5_000_000_000 + ms * 1_000_000);
+        let stamp = |ms: u64, ahead_s: i64| at(ms).0.cast_signed() + ahead_s * 1_000_000_000;
+        assert!(!clock.is_settled(at(0)) && clock.hear(stamp(0, 7), at(0)));
+        assert!(!clock.is_settled(at(1_000)) && clock.is_settled(at(1_001)));
+        // After ten stamps that are not believed it begins again. Silence settles nothing.
+        (0..10).for_each(|n| assert!(!clock.hear(stamp(1_100 + 20 * n, 9), at(1_100 + 20 * n))));
+        assert!(!clock.is_settled(at(4_000)) && clock.hear(stamp(4_000, 9), at(4_000)));
+        assert!(!clock.is_settled(at(4_500)) && clock.is_settled(at(5_001)));
     }
 }

@@ -27,7 +27,7 @@ pub(crate) struct Known {
     pub(crate) now: Stamp,
     /// Bit j: a controller has joint j.
     pub(crate) joints: u32,
-    /// All are active, with the joints of the robot file.
+    /// All are active, with the joints of the robot file, and their clock has settled.
     pub(crate) active: bool,
     pub(crate) pressed: Option<bool>,
 }

@@ -59,14 +59,18 @@ impl Default for Reference {
 }
 
 impl Reference {
-    /// Takes the reference of joint `j` that the robot had at `at`, by this machine's clock.
+    /// Takes the reference of joint `j` that the robot had at `at`, by this machine's clock. An older one than the newest says
+    /// nothing.
     pub fn hear(&mut self, j: usize, q: f64, at: Stamp) {
+        if at < self.newest[j] {
+            return;
+        }
         // A NaN moves, and so does what comes after it.
         let stands = (q - self.q[j]).abs() <= STANDS;
         if self.known & 1 << j == 0 || !stands {
             (self.q[j], self.changed) = (q, self.changed.max(at));
         }
-        self.newest[j] = self.newest[j].max(at);
+        self.newest[j] = at;
         self.known |= 1 << j;
     }
 
@@ -169,6 +173,14 @@ mod tests {
         reference.hear(1, 0.3, at(304));
         reference.hear(1, 0.3, at(505));
         assert!(reference.stands(0b11, Stamp::NONE) && reference.meets(&rest, 2));
+        // A setpoint of long ago comes late.
+        reference.hear(1, 0.26, at(100));
+        assert!(reference.stands(0b11, Stamp::NONE) && reference.meets(&rest, 2));
+        // A joint that moved later counts for all.
+        reference.hear(0, 0.29, at(600));
+        reference.hear(1, 0.2, at(550));
+        reference.hear(1, 0.2, at(780));
+        assert!(!reference.stands(0b10, Stamp::NONE));
     }
 
     #[test]

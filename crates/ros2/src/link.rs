@@ -405,7 +405,8 @@ impl Link {
     /// Sends what is due after the last of `commands`. The others came too late. Returns false if the robot does not follow.
     pub fn send(&mut self, commands: &[Command], now: Stamp) -> bool {
         let pressed = if self.emergency.is_none() { Some(false) } else { self.pressed };
-        let active = self.controllers(now).iter().all(|seen| seen.active && !seen.other_joints);
+        let active = self.controllers(now).iter().all(|seen| seen.active && !seen.other_joints)
+            && (!self.has_states() || self.clock.is_settled(now));
         match &mut self.talk {
             Talk::Curves(curves) => {
                 let Some(command) = commands.last() else { return curves.follows() };
