@@ -28,6 +28,15 @@ impl End {
         let mut command = Command::new(env!("CARGO_BIN_EXE_bridge"));
         Self(command.arg("link").args(arguments).stdout(Stdio::null()).spawn().expect("it starts"))
     }
+
+    /// Suspends the process for longer than a session lasts without it, and for less than the lease of its person.
+    fn pause(&self, length: Duration) {
+        for signal in ["-STOP", "-CONT"] {
+            let sent = Command::new("kill").args([signal, &self.0.id().to_string()]).status();
+            assert!(sent.expect("kill(1) runs").success());
+            std::thread::sleep(if signal == "-STOP" { length } else { Duration::ZERO });
+        }
+    }
 }
 
 impl Drop for End {
@@ -70,10 +79,18 @@ impl Place {
     /// A new client lets the robot follow the built-in motion. Then this returns the operator who holds the enable, and the
     /// client.
     fn lead(&self, eyes: &mut StateObserver) -> (Operator, client::Publisher) {
-        let mut hand = self.hand();
         let person = Transport::Socket(self.folder.path().join("skeleton.sock"));
+        drop(self.hand());
         let client = publisher(person, &motion::builtin(), 0).expect("the skeleton socket answers");
         let before = eyes.wait("there", |_| true);
+        let hand = self.engage();
+        client.set_engaged(true);
+        eyes.wait_moved(&before, MOVED);
+        (hand, client)
+    }
+
+    fn engage(&self) -> Operator {
+        let mut hand = self.hand();
         let engaged = (0..PRESSES).any(|_| {
             let free = hand.clear(&mut || Ok(()));
             hand.enable();
@@ -84,9 +101,7 @@ impl Place {
             reached.is_ok()
         });
         assert!(engaged, "{}", hand.describe());
-        client.set_engaged(true);
-        eyes.wait_moved(&before, MOVED);
-        (hand, client)
+        hand
     }
 }
 
@@ -126,7 +141,12 @@ fn robot_is_led_over_a_link() {
     let (local, mut eyes) = (robot.operator().expect("it answers"), StateObserver::of(&robot.instance));
 
     let (far, near) = (of_robot(), place.start());
-    let led = place.lead(&mut eyes);
+    let (hand, client) = place.lead(&mut eyes);
+    near.pause(Duration::from_millis(400));
+    assert_released(&local, &mut eyes, "the operator's end paused");
+    drop(hand);
+    // The same client goes on, because nobody else has taken its lease.
+    let led = (place.engage(), client);
     drop(near);
     assert_released(&local, &mut eyes, "the operator's end was killed");
     drop(led);

@@ -7,6 +7,8 @@ use std::thread::JoinHandle;
 
 /// Time until a failed connection is tried again, ns.
 const RETRY_NS: u64 = 500_000_000;
+/// Time without persons after which the connection ends, ns: the longest `ingest.authority_timeout_ms`.
+const IDLE_NS: u64 = 60_000_000_000;
 
 /// An operator's client of `ingest`. A connection takes up to a second, so a thread makes it.
 pub(super) struct Person {
@@ -14,6 +16,8 @@ pub(super) struct Person {
     client: Option<Client>,
     coming: Option<JoinHandle<Result<Client, DoorError>>>,
     retry: Stamp,
+    /// Time of the last person.
+    published: Stamp,
     /// Session of the client at the operator's machine. A new one is a new one here, too.
     of: u64,
     told: u64,
@@ -23,11 +27,13 @@ pub(super) struct Person {
 
 impl Person {
     pub(super) fn new(socket: &Path) -> Self {
-        Self { socket: socket.to_owned(), client: None, coming: None, retry: Stamp::NONE, of: 0, told: 0, why: None }
+        let (retry, published) = (Stamp::NONE, Stamp::NONE);
+        Self { socket: socket.to_owned(), client: None, coming: None, retry, published, of: 0, told: 0, why: None }
     }
 
     /// Publishes a person. Before the connection is there, it is lost.
     pub(super) fn publish(&mut self, person: &RawSkeleton, now: Stamp) {
+        self.published = now;
         if person.session_nonce != self.of {
             (self.of, self.client) = (person.session_nonce, None);
         }
@@ -71,8 +77,11 @@ impl Person {
         self.client.as_ref().is_some_and(|client| matches!(client.told(), Reply::NotHolder | Reply::GrantedButHeld))
     }
 
-    /// Ends the connection.
-    pub(super) fn leave(&mut self) {
-        self.client = None;
+    /// Ends a connection without persons, once its lease is surely over. A person who returns before keeps the lease: a new
+    /// connection would be another client, and refused for good.
+    pub(super) fn rest(&mut self, now: Stamp) {
+        if now.since(self.published) > IDLE_NS {
+            self.client = None;
+        }
     }
 }

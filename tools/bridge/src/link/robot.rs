@@ -153,7 +153,6 @@ impl Robot {
             operator.tell_silence(now);
             // With the connection goes what it holds: a partition is a release.
             operator.control = None;
-            operator.person.leave();
             operator.answered = Stamp::NONE;
         }
         if self.stop_due.is_some_and(|due| now >= due) {
@@ -162,6 +161,7 @@ impl Robot {
         self.end.stop_waits = self.stop_due.is_some();
         self.tell_status(now);
         for at in 0..self.operators.len() {
+            self.operators[at].person.rest(now);
             self.answer(at, now);
         }
     }
