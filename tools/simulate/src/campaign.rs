@@ -40,6 +40,8 @@ pub struct Plan {
     pub until_found: bool,
     /// Kinds that schedules may hold.
     pub kinds: Vec<usize>,
+    /// The operator and the person are at another machine, see `remote.rs`.
+    pub is_remote: bool,
     /// A bug planted on purpose.
     pub bug: Option<Bug>,
 }

@@ -89,7 +89,16 @@ impl Cli {
             kinds = (0..KIND_COUNT).collect();
         }
         let (first_seed, seeds, ticks, jobs) = (self.first_seed, self.seeds, self.ticks, self.jobs);
-        Ok(Plan { first_seed, seeds, ticks, jobs, until_found: self.until_found, kinds, bug: None })
+        Ok(Plan {
+            first_seed,
+            seeds,
+            ticks,
+            jobs,
+            until_found: self.until_found,
+            kinds,
+            is_remote: self.link,
+            bug: None,
+        })
     }
 
     /// Lists all faults.

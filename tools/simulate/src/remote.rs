@@ -27,6 +27,11 @@ const DRIFT_NS_PER_MS: i64 = 500;
 /// Largest jump of the operator's clock, ns. It jumps in one of `JUMPS_IN` changes.
 const JUMP_NS: i64 = 10_000 * MS as i64;
 const JUMPS_IN: u32 = 12;
+/// One of this many changes makes all wires good.
+const GOOD_IN: u32 = 3;
+/// Time within which a stop and a release arrive over good wires, ns: a new session takes two ways and two heartbeats. It is an
+/// assumption for all that a session may need.
+const ARRIVES_NS: u64 = 500 * MS;
 
 /// A datagram on a wire.
 #[derive(Clone, Copy)]
@@ -35,6 +40,8 @@ struct Packet {
     bytes: [u8; FRAME_BYTES_MAX],
     /// True time at which it was sent.
     sent: Stamp,
+    /// Time at which its person was seen, as the client says, on the robot's clock.
+    origin: Stamp,
 }
 
 /// The link and both of its ends.
@@ -53,10 +60,18 @@ pub struct Remote {
     /// True time of the newest press.
     pressed: Stamp,
     presses: u64,
+    /// True time of a press of the emergency stop that has not arrived yet, and the stops that have.
+    stop: Option<Stamp>,
+    stops: u64,
+    /// True time at which the operator last held the enable.
+    held: Stamp,
+    /// True time at which the wires were last bad or the operator silent.
+    hindered: Stamp,
     /// The operator's clock minus the robot's, ns, and its drift.
     offset_ns: i64,
     drift_ns_per_ms: i64,
     changes: u64,
+    are_bad: bool,
     rng: Pcg64Mcg,
     /// The first broken promise.
     pub(crate) broken: Option<(&'static str, String)>,
@@ -76,9 +91,14 @@ impl Remote {
             seen: OperatorView::default(),
             pressed: Stamp::NONE,
             presses: 0,
+            stop: None,
+            stops: 0,
+            held: Stamp::NONE,
+            hindered: Stamp::NONE,
             offset_ns: rng.random_range(0..1_000_000_000_000),
             drift_ns_per_ms: rng.random_range(-DRIFT_NS_PER_MS..=DRIFT_NS_PER_MS),
             changes: 0,
+            are_bad: false,
             rng,
             broken: None,
         }
@@ -95,19 +115,25 @@ impl Remote {
     /// `control` starts again: the robot's end loses its connection.
     pub(crate) fn reconnect(&mut self) {
         (self.merge, self.seen, self.presses) = (Merge::default(), OperatorView::default(), 0);
+        (self.stop, self.stops) = (None, 0);
         self.robot.end(0);
     }
 
     /// Changes the wires at tick `k` once they have been as they are for long enough. Wires of quiet times are good.
-    pub(crate) fn change(&mut self, k: u64, quiet: bool) {
+    pub(crate) fn change(&mut self, k: u64, now: Stamp, quiet: bool) {
         if quiet {
             return self.wires.iter_mut().for_each(|wire| wire.set_plan(FaultPlan::default()));
+        }
+        if self.are_bad {
+            self.hindered = now;
         }
         if k < self.changes {
             return;
         }
         self.changes = k + (STAYS as f64 * self.rng.random::<f64>().powi(3)) as u64;
         let plans = [bad(&mut self.rng), bad(&mut self.rng)];
+        self.are_bad = self.rng.random_range(0..GOOD_IN) != 0;
+        let plans = if self.are_bad { plans } else { [FaultPlan::default(); 2] };
         // In half of the cases both ways are alike.
         let down = plans[usize::from(self.rng.random::<bool>())];
         for (line, wire) in self.wires.iter_mut().enumerate() {
@@ -127,7 +153,7 @@ impl Remote {
     fn send(&mut self, line: usize, length: usize, bytes: &[u8; FRAME_BYTES_MAX], sent: Stamp) {
         if length > 0 {
             // A wire takes everything.
-            let _ = self.wires[line].publish(&Packet { length, bytes: *bytes, sent });
+            let _ = self.wires[line].publish(&Packet { length, bytes: *bytes, sent, origin: Stamp::NONE });
         }
     }
 
@@ -137,10 +163,11 @@ impl Remote {
         let theirs = self.theirs(now);
         let ahead = theirs.0.cast_signed() - now.0.cast_signed();
         for mut person in frames.drain(..) {
-            person.header.origin = now_plus(person.header.origin, ahead);
+            let origin = person.header.origin;
+            person.header.origin = now_plus(origin, ahead);
             person.header.stamp = now_plus(person.header.stamp, ahead);
             if let Ok(length) = self.operator.person(&person, theirs, &mut out) {
-                let _ = self.wires[1].publish(&Packet { length, bytes: out, sent: now });
+                let _ = self.wires[1].publish(&Packet { length, bytes: out, sent: now, origin });
             }
         }
         self.wires.iter_mut().for_each(|wire| wire.advance(now));
@@ -192,6 +219,10 @@ impl Remote {
                     let age_ms = now.since(packet.sent) / MS;
                     self.broken = Some(("person over the link", format!("it was sent {age_ms} ms ago")));
                 }
+                if person.header.origin > packet.origin.max(Stamp(1)) {
+                    let new_us = person.header.origin.since(packet.origin) / 1_000;
+                    self.broken = Some(("origin over the link", format!("{new_us} us too new")));
+                }
                 frames.push(person);
             }
             Err(_) => {}
@@ -213,6 +244,7 @@ impl Remote {
         self.merge.begin(now, LEASE_NS);
         self.merge.view.connections = 1;
         let arrived = self.merge.view;
+        self.judge(now, speaks, view, &arrived);
         let engaged = arrived.enable_edges + arrived.recover_edges;
         if engaged > self.presses {
             self.presses = engaged;
@@ -224,6 +256,27 @@ impl Remote {
         arrived
     }
 
+    /// Judges that what stops the robot arrives in time over good wires.
+    fn judge(&mut self, now: Stamp, speaks: bool, view: &OperatorView, arrived: &OperatorView) {
+        if arrived.estop_edges > self.stops {
+            (self.stops, self.stop) = (arrived.estop_edges, None);
+        }
+        if !speaks {
+            self.hindered = now;
+        }
+        if view.enable_level {
+            self.held = now;
+        }
+        let hindered = self.hindered;
+        let is_late = |since: Stamp| now.since(since.max(hindered)) > ARRIVES_NS;
+        if self.stop.is_some_and(is_late) {
+            self.broken = Some(("stop over the link", "it does not arrive".to_owned()));
+        }
+        if arrived.enable_level && is_late(self.held) {
+            self.broken = Some(("release over the link", "it does not arrive".to_owned()));
+        }
+    }
+
     /// Turns what the operator does into the request of the next heartbeat. A counter of a new operator begins at zero.
     fn press(&mut self, now: Stamp, view: &OperatorView) {
         let since = |new: u64, old: u64| (if new >= old { new - old } else { new }) as u32;
@@ -231,6 +284,9 @@ impl Remote {
         let presses = since(view.enable_edges, seen.enable_edges) + since(view.recover_edges, seen.recover_edges);
         if presses > 0 {
             self.pressed = now;
+        }
+        if view.estop_edges > seen.estop_edges {
+            self.stop = Some(now);
         }
         let request = &mut self.request;
         request.enable_count = request.enable_count.wrapping_add(presses);

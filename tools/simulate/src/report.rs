@@ -106,8 +106,9 @@ fn failure_words(failure: &Failure, plan: &Plan, config: &Path) -> String {
         config if config == Path::new(CONFIG) => String::new(),
         config => format!(" --config {}", quoted(&config.display().to_string())),
     };
+    let link = if plan.is_remote { " --link" } else { "" };
     format!(
-        "seed {}, tick {}, invariant {}: {}\n  {schedule} ({} of {} episodes), tick {}, {}: {}\n  simulate{settings} \
+        "seed {}, tick {}, invariant {}: {}\n  {schedule} ({} of {} episodes), tick {}, {}: {}\n  simulate{settings}{link} \
          --ticks {} --replay {} --faults {}",
         failure.seed,
         v.tick,
@@ -158,7 +159,16 @@ mod tests {
         let violation = Violation { tick: 7, invariant: "joint limits", detail: "of joint 3".to_owned() };
         let smallest = violation.clone();
         let mut failure = Failure { seed: 4, violation, schedule: vec![], shrunk: true, smallest, episodes: 9 };
-        let plan = Plan { first_seed: 1, seeds: 9, ticks: 9000, jobs: 1, until_found: false, kinds: vec![], bug: None };
+        let plan = Plan {
+            first_seed: 1,
+            seeds: 9,
+            ticks: 9000,
+            jobs: 1,
+            until_found: false,
+            kinds: vec![],
+            is_remote: false,
+            bug: None,
+        };
         let told = |failure: &Failure, config: &str| failure_words(failure, &plan, Path::new(config));
         let shipped = told(&failure, CONFIG);
         assert!(shipped.contains("  smallest schedule (0 of 9 episodes)"), "{shipped}");

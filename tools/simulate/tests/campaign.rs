@@ -21,7 +21,16 @@ fn subject() -> Subject {
 }
 
 fn plan(seeds: u64, ticks: u64, jobs: usize) -> Plan {
-    Plan { first_seed: 1, seeds, ticks, jobs, until_found: false, kinds: (0..KIND_COUNT).collect(), bug: None }
+    Plan {
+        first_seed: 1,
+        seeds,
+        ticks,
+        jobs,
+        until_found: false,
+        kinds: (0..KIND_COUNT).collect(),
+        is_remote: false,
+        bug: None,
+    }
 }
 
 fn told(sum: &Summary) -> String {

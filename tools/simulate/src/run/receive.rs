@@ -14,7 +14,7 @@ impl Run<'_> {
         self.drained.clear();
         self.client.tick(self.k, now, engaged, &mut self.faults, &mut self.frames);
         if let Some(remote) = &mut self.remote {
-            remote.change(self.k, self.k >= self.quiet_from);
+            remote.change(self.k, now, self.k >= self.quiet_from);
             remote.carry(self.k, now, &mut self.frames);
         }
         for (n, raw) in self.frames.iter().enumerate() {
