@@ -178,7 +178,7 @@ fn f124_robot_follows_images_until_they_stop() {
     assert_no_violations(&rig.end("sim"));
 }
 
-/// The T-pose of the page's person becomes a file, and the page's next lease uses it. A wrong name or an engaged robot is said.
+/// The T-pose of the page's person becomes a file, and the page's next lease uses it. A second person has another file.
 #[test]
 fn page_measures_its_person_and_uses_the_measurement() {
     let mut rig = Rig::with_settings("");
@@ -188,26 +188,39 @@ fn page_measures_its_person_and_uses_the_measurement() {
     let (hand, mut camera) = (rig.hand(), Camera::of(&viewer));
     camera.start();
     camera.until("the client", is_on);
-    let mut measure = |name: &str| {
-        camera.page.say(&json!({ "do": "calibrate", "name": name }));
-        let (mut said, mut end) = (String::new(), Value::Null);
-        camera.until("measured", |told| {
-            let Some(told) = told.filter(|told| told["tell"] == "calibrate") else { return false };
-            said += told["text"].as_str().unwrap_or_default();
-            end = told.clone();
-            told["on"] == false
-        });
-        (end["written"] == true, said)
-    };
-    let (written, said) = measure("../anna");
+    let (written, said) = measure(&mut camera, "../anna");
     assert!(!written && said.contains("letters, digits"), "{said}");
-    let (written, said) = measure("anna");
-    assert!(written && said.contains("hold still") && said.contains("anna is measured"), "{said}");
-    let file = std::fs::read_to_string(rig.folder().join("operators/anna.toml")).expect("the file");
-    assert!(file.contains("layout = 4"), "{file}");
-    camera.until("calibrated from the file", |_| {
-        hand.status().is_some_and(|status| status.calibration == CalibrationSource::Stored as u32)
+    for name in ["anna", "berta"] {
+        let begun = Instant::now();
+        camera.until("a second later", |_| begun.elapsed() > Duration::from_secs(1));
+        let (written, said) = measure(&mut camera, name);
+        assert!(written && said.contains("hold still") && said.contains("is measured"), "{said}");
+        let file = std::fs::read_to_string(rig.folder().join(format!("operators/{name}.toml"))).expect("the file");
+        assert!(file.contains("layout = 4"), "{file}");
+        camera.until("calibrated from the file", |_| {
+            hand.status().is_some_and(|status| status.calibration == CalibrationSource::Stored as u32)
+        });
+    }
+    // Nothing is measured while the robot moves.
+    camera.until("free to engage", |_| hand.status().is_some_and(|status| status.faults == 0 && status.moving == 0));
+    camera.page.ask("engage");
+    camera.keeps = true;
+    camera.until("engaged", |_| hand.mode() == Some(Mode::Engaged));
+    let (written, said) = measure(&mut camera, "berta");
+    assert!(!written && said.contains("robot"), "{said}");
+}
+
+/// Measures the person of a camera. Returns true if the file was written, and all that the page was told.
+fn measure(camera: &mut Camera, name: &str) -> (bool, String) {
+    camera.page.say(&json!({ "do": "calibrate", "name": name }));
+    let (mut said, mut end) = (String::new(), Value::Null);
+    camera.until("measured", |told| {
+        let Some(told) = told.filter(|told| told["tell"] == "calibrate") else { return false };
+        said += told["text"].as_str().unwrap_or_default();
+        end = told.clone();
+        told["on"] == false
     });
+    (end["written"] == true, said)
 }
 
 /// Invalid images are counted. Neither this page nor another one closes.

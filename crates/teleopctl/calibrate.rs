@@ -39,6 +39,14 @@ pub struct Job<'a> {
     pub name: &'a str,
     /// Folder of the operators' files.
     pub folder: PathBuf,
+    /// Process for which the measurement is made. Without it, nothing is written any more.
+    pub child_of: Option<u32>,
+}
+
+impl Job<'_> {
+    fn is_orphaned(&self) -> bool {
+        self.child_of.is_some_and(|id| std::os::unix::process::parent_id() != id)
+    }
 }
 
 /// Reads the instance's data about the person.
@@ -91,7 +99,7 @@ pub fn run(client: &mut Client, run_dir: &Path, job: &Job<'_>) -> Result<bool, O
     };
     out!("Stand upright with both arms straight out to the sides, and hold still for 2 s.");
     let mut pose = TPose::default();
-    let posed = wait(client, &mut eyes, |eyes, status| match eyes.look().map(|person| pose.add(&person)) {
+    let posed = wait(client, &mut eyes, job, |eyes, status| match eyes.look().map(|person| pose.add(&person)) {
         Some(Pose::Held(ns)) if ns >= HOLD_NS => Step::Done,
         Some(Pose::Held(ns)) => Step::Going(format!("hold still: {:.1} of {:.0} s", s(ns), s(HOLD_NS))),
         Some(pose) => Step::Going(hint(pose).to_owned()),
@@ -107,7 +115,7 @@ pub fn run(client: &mut Client, run_dir: &Path, job: &Job<'_>) -> Result<bool, O
     if eyes.input.flags & raw_flag::ROTATIONS != 0 {
         out!("Good. Now move both arms up and down, and bend and stretch the elbows a few times.");
         let begun = eyes.input.online.samples;
-        let flexed = wait(client, &mut eyes, |eyes, status| {
+        let flexed = wait(client, &mut eyes, job, |eyes, status| {
             let seen = eyes.look().is_some();
             let online = eyes.input.online;
             let bent = online.samples.saturating_sub(begun);
@@ -133,8 +141,20 @@ pub fn run(client: &mut Client, run_dir: &Path, job: &Job<'_>) -> Result<bool, O
         err!("teleopctl: the person changed after the T-pose; nothing was written");
         return Ok(false);
     }
+    if !may_go_on(job, &client.heartbeat()?) {
+        return Ok(false);
+    }
     let operator = Operator { name: job.name.to_owned(), operator_id, layout, calibration };
     Ok(store(&operator, &job.folder))
+}
+
+/// Returns false, and says why, if the robot was engaged or the caller has ended meanwhile.
+fn may_go_on(job: &Job<'_>, status: &Status) -> bool {
+    let is_free = mode(status) == Mode::Disengaged;
+    if !is_free {
+        err!("teleopctl: the robot is {} now; nothing was written", mode(status).name());
+    }
+    is_free && !job.is_orphaned()
 }
 
 /// Returns the reason why this person cannot have a file of that name.
@@ -185,6 +205,7 @@ enum Step {
 fn wait(
     client: &mut Client,
     eyes: &mut StateObserver,
+    job: &Job<'_>,
     mut look: impl FnMut(&mut StateObserver, &Status) -> Step,
 ) -> Result<bool, OperatorError> {
     let begun = Instant::now();
@@ -205,10 +226,9 @@ fn wait(
         if asked.elapsed() > TELL {
             asked = Instant::now();
             status = client.heartbeat()?;
-            if mode(&status) != Mode::Disengaged {
+            if mode(&status) != Mode::Disengaged || job.is_orphaned() {
                 drop(line);
-                err!("teleopctl: the robot is {} now; nothing was written", mode(&status).name());
-                return Ok(false);
+                return Ok(may_go_on(job, &status));
             }
         }
         std::thread::sleep(LOOK);

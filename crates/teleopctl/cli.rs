@@ -58,6 +58,9 @@ pub struct CalibrateArgs {
     /// Folder to write to, instead of the one in the settings.
     #[arg(long, value_name = "DIR")]
     pub folder: Option<PathBuf>,
+    /// End when the process with this number is no longer the parent.
+    #[arg(long, value_name = "PID", hide = true)]
+    pub child_of: Option<u32>,
 }
 
 #[derive(Args, Debug)]

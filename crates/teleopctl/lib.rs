@@ -167,7 +167,7 @@ fn calibrate(client: &mut Client, run_dir: &Path, args: &CalibrateArgs) -> Resul
             }
         },
     };
-    calibrate::run(client, run_dir, &calibrate::Job { name: &args.name, folder })
+    calibrate::run(client, run_dir, &calibrate::Job { name: &args.name, folder, child_of: args.child_of })
 }
 
 /// Explains why a command cannot begin in this mode. Lists the latched faults and how to clear them.

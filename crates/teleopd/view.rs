@@ -15,7 +15,7 @@ use std::os::unix::process::CommandExt;
 use std::path::Path;
 use std::process::Command;
 use std::time::Duration;
-use view::{KeyPoses, LiveOptions, RobotView, Secure, SecureError, Server, ViewError, VisionFiles};
+use view::{KeyPoses, LiveOptions, Measuring, RobotView, Secure, SecureError, Server, ViewError, VisionFiles};
 
 /// Polling period for signals.
 const LOOK: Duration = Duration::from_millis(50);
@@ -59,10 +59,12 @@ pub fn run(options: &cli::View) -> Result<Exit, Failure> {
         );
         out!("teleopd: browsers that take {} as an authority show no warning", secure.authority.display());
     }
+    let lease = Duration::from_secs_f64(loaded.settings.ingest.authority_timeout_ms * 1e-3);
+    let measuring = Measuring { operators: loaded.operators_dir.clone(), lease };
     let server = serve(
         &instance,
         &loaded,
-        LiveOptions { key_poses, vision, operators: loaded.operators_dir.clone(), secure },
+        LiveOptions { key_poses, vision, measuring: Some(measuring), secure },
         &options.page,
     )?;
     out!(

@@ -13,6 +13,8 @@ const STALLED = 500;
 const FIRST = 20000;
 // `ingest` drops older images, and engages at no lower rate.
 const [AGE_MAX, RATE_MIN] = [100, 20];
+// Where the browser keeps the person's name.
+const NAME = "teleopd-person";
 
 // Returns the message about an image, as `sight.rs` reads it: the times, then the switch and the landmarks.
 export function encode(sent, age, mirrored, marks) {
@@ -41,14 +43,23 @@ export class Webcam {
     $("cam-on").addEventListener("click", () => (this.stream || this.worker ? this.stop("") : this.start()));
     $("cal").addEventListener("submit", (event) => {
       event.preventDefault();
-      this.wire.ask("calibrate", this.measures ? {} : { name: $("cal-name").value });
+      if (!this.measures && !this.on) return ($("cal-told").textContent = "Start the camera first, and wait until it leads the robot.");
+      this.wire.ask("calibrate", this.measures ? {} : { name: this.name() });
     });
     $("cam-mirrored").addEventListener("click", () => this.mirror(!this.mirrored));
     document.addEventListener("visibilitychange", () => { if (document.hidden) this.stop("The page was hidden, so the camera is off."); });
     // A hidden video shows no images.
     $("cam").addEventListener("toggle", () => { if (!$("cam").open) this.stop("The panel was closed, so the camera is off."); });
+    $("cal-name").value = localStorage.getItem(NAME) ?? "";
+    $("cal-name").addEventListener("change", () => localStorage.setItem(NAME, this.name() ?? ""));
     this.mirror(false);
     this.show("off");
+  }
+
+  // The person's name, or none. Its measurement is used.
+  name() {
+    const { value, validity } = this.$("cal-name");
+    return validity.valid ? value : undefined;
   }
 
   // The switch says that the image itself is mirrored. The preview always looks like a mirror.
@@ -170,7 +181,7 @@ export class Webcam {
     this.seenAt = now;
     this.times = [...this.times.filter((time) => now - time < 1000), now];
     // The first image asks for the lease. Before that the landmarker loads, which takes seconds.
-    if (!this.asked) this.asked = this.wire.ask("camera", { on: true });
+    if (!this.asked) this.asked = this.wire.ask("camera", { on: true, name: this.name() });
     if (!this.asked || !this.wire.send(encode(now, age, this.mirrored, inWorld))) return this.stop("Not connected, so the camera is off.");
     this.age = age;
     this.draw(inImage);
@@ -208,7 +219,7 @@ export class Webcam {
     this.$("cal-on").textContent = on ? "Stop calibrating" : "Calibrate";
     this.$("cal-name").disabled = on;
     if (text) this.$("cal-told").textContent = text;
-    if (written) this.$("cal-told").textContent = "Measured, and used from the client's next start on. This camera starts anew by itself.";
+    if (written) this.$("cal-told").textContent = "Measured. The camera uses it from now on.";
   }
 
   draw(marks) {

@@ -7,12 +7,14 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::sync::mpsc::{Receiver, RecvError, RecvTimeoutError, Sender};
 use std::thread::JoinHandle;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// Longest line that is shown, bytes. The program's own lines are shorter.
 const LINE_BYTES: u64 = 1 << 10;
 /// Time between two looks whether the program has ended.
 const LOOK: Duration = Duration::from_millis(50);
+/// Shortest time between two starts. Nobody stands in a T-pose sooner.
+const PAUSE: Duration = Duration::from_secs(1);
 
 /// Request of a page.
 #[derive(Debug)]
@@ -32,6 +34,24 @@ pub struct CalibrationReport {
     pub written: bool,
     /// A line for the user.
     pub text: Option<String>,
+}
+
+/// Returns the number by which `ingest` knows the person of a page with this name: FNV-1a in 32 bits. 0 is a person without a
+/// name.
+pub fn operator_id(name: &str) -> u32 {
+    match name.bytes().fold(0x811c_9dc5_u32, |hash, byte| (hash ^ u32::from(byte)).wrapping_mul(0x0100_0193)) {
+        _ if name.is_empty() => 0,
+        hash => hash.max(1),
+    }
+}
+
+/// What the pages of an instance need to measure their persons.
+#[derive(Clone, Debug)]
+pub struct Measuring {
+    /// Folder of the operators' files.
+    pub operators: PathBuf,
+    /// Silence after which a lease ends: `ingest.authority_timeout_ms`.
+    pub lease: Duration,
 }
 
 /// The measurements of a page. Dropping it stops one that runs.
@@ -56,11 +76,12 @@ struct Measurement {
 }
 
 impl Measurement {
-    /// Ends the program if it still runs.
-    fn end(mut self) {
+    /// Ends the program if it still runs. Returns true if it had written the file.
+    fn end(mut self) -> bool {
         let _ = self.child.kill();
-        let _ = self.child.wait();
+        let written = self.child.wait().is_ok_and(|status| status.success());
         let _ = self.lines.join();
+        written
     }
 }
 
@@ -73,32 +94,40 @@ struct Measurer {
 
 impl Measurer {
     fn work(self, asked: &Receiver<CalibrationRequest>) {
-        let mut running: Option<Measurement> = None;
+        let (mut running, mut begun): (Option<Measurement>, Option<Instant>) = (None, None);
         loop {
             let request = match &running {
                 None => asked.recv().map_err(|RecvError| RecvTimeoutError::Disconnected),
                 Some(_) => asked.recv_timeout(LOOK),
             };
             match request {
-                Ok(CalibrationRequest::Start(name)) if running.is_none() => match self.begin(&name) {
-                    Ok(measurement) => running = Some(measurement),
-                    Err(error) => self.tell(false, Some(format!("{}: {error}", self.program.display()))),
-                },
-                Ok(CalibrationRequest::Start(_)) | Err(RecvTimeoutError::Timeout) => {}
+                Ok(CalibrationRequest::Start(_)) if running.is_some() => {}
+                Ok(CalibrationRequest::Start(_)) if begun.is_some_and(|begun| begun.elapsed() < PAUSE) => {
+                    self.tell(false, Some("Once a second at most: press again.".to_owned()));
+                }
+                Ok(CalibrationRequest::Start(name)) => {
+                    begun = Some(Instant::now());
+                    match self.begin(&name) {
+                        Ok(measurement) => running = Some(measurement),
+                        Err(error) => self.tell(false, Some(self.cannot_start(&error))),
+                    }
+                }
+                Err(RecvTimeoutError::Timeout) => {}
                 Ok(CalibrationRequest::Stop) => {
                     if let Some(measurement) = running.take() {
-                        measurement.end();
-                        self.tell(false, Some("Stopped. Nothing was written.".to_owned()));
+                        let written = measurement.end();
+                        self.tell(written, (!written).then(|| "Stopped. Nothing was written.".to_owned()));
                     }
                 }
                 Err(RecvTimeoutError::Disconnected) => {
-                    return running.into_iter().for_each(Measurement::end);
+                    let _ = running.map(Measurement::end);
+                    return;
                 }
             }
-            if let Some(Ok(Some(status))) = running.as_mut().map(|running| running.child.try_wait()) {
+            if let Some(measurement) = running.take_if(|running| matches!(running.child.try_wait(), Ok(Some(_)))) {
                 // Its last lines come first.
-                running.take().into_iter().for_each(Measurement::end);
-                self.tell(status.success(), None);
+                let written = measurement.end();
+                self.tell(written, None);
             }
         }
     }
@@ -108,14 +137,30 @@ impl Measurer {
         let (lines, writer) = std::io::pipe()?;
         let mut command = Command::new(&self.program);
         command.args(["calibrate", "--run-dir"]).arg(&self.run_dir).arg("--folder").arg(&self.folder);
+        // A server that is killed cannot end it.
+        command.args(["--child-of", &std::process::id().to_string()]);
         // A name that looks like an option is a name.
         command.arg("--").arg(name).stdin(Stdio::null()).stdout(writer.try_clone()?).stderr(writer);
-        let child = command.spawn()?;
+        let mut child = command.spawn()?;
         // The lines end once no process can write any.
         drop(command);
         let _ = self.answer.send(CalibrationReport { on: true, written: false, text: None });
         let answer = self.answer.clone();
-        Ok(Measurement { child, lines: std::thread::spawn(move || pass_on(lines, &answer)) })
+        let thread = std::thread::Builder::new().name("lines".into()).spawn(move || pass_on(lines, &answer));
+        match thread {
+            Ok(lines) => Ok(Measurement { child, lines }),
+            Err(error) => {
+                let _ = child.kill();
+                let _ = child.wait();
+                Err(error)
+            }
+        }
+    }
+
+    fn cannot_start(&self, error: &std::io::Error) -> String {
+        let missing = error.kind() == std::io::ErrorKind::NotFound;
+        let remedy = if missing { ". Build it: cargo build --release --bin teleopctl" } else { "" };
+        format!("{}: {error}{remedy}", self.program.display())
     }
 
     fn tell(&self, written: bool, text: Option<String>) {
@@ -142,7 +187,6 @@ fn pass_on(lines: PipeReader, answer: &Sender<CalibrationReport>) {
 mod tests {
     use super::*;
     use std::os::unix::fs::PermissionsExt;
-    use std::time::Instant;
 
     /// Longest time for any expected event. Only a hang comes near it.
     const SOON: Duration = Duration::from_secs(20);
@@ -172,11 +216,12 @@ mod tests {
     #[test]
     fn page_gets_every_line_before_the_end_and_names_are_no_options() {
         let folder = tempfile::tempdir().expect("a folder");
-        let worker = measurer(folder.path(), r#"echo "$@"; echo "teleopctl: oh" >&2; test "$7" = --help"#);
+        let worker = measurer(folder.path(), r#"echo "$@"; echo "teleopctl: oh" >&2; test "$9" = --help"#);
         worker.ask(CalibrationRequest::Start("--help".to_owned()));
         let [begin, said, error, end] = reports(&worker).try_into().expect("four reports");
         assert!(begin.on && begin.text.is_none());
-        let expected = format!("calibrate --run-dir /run/there --folder {} -- --help", folder.path().display());
+        let (folder, own) = (folder.path().display(), std::process::id());
+        let expected = format!("calibrate --run-dir /run/there --folder {folder} --child-of {own} -- --help");
         assert_eq!((said.text, error.text.as_deref()), (Some(expected), Some("oh")));
         assert!(end.written && !said.written && !error.written);
     }

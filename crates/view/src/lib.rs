@@ -32,6 +32,7 @@ mod webcam;
 mod worker;
 
 pub use assets::{ASSETS, Asset};
+pub use calibration::Measuring;
 pub use frame::{FIELDS, Field, LatestMessages, POSE, TURNS, VERSION, encode, length, present};
 pub use headset::{BODY_BYTES, HEADSET_BYTES, HeadsetFrame};
 pub use http::{POLICY, camera_policy};

@@ -1,6 +1,6 @@
 //! One open page: sends frames and receives requests.
 
-use crate::calibration::{CalibrationReport, CalibrationRequest, CalibrationWorker};
+use crate::calibration::{CalibrationReport, CalibrationRequest, CalibrationWorker, Measuring, operator_id};
 use crate::counted::Counted;
 use crate::headset::{BODY_BYTES, HEADSET_BYTES, HeadsetClient};
 use crate::hub::{Hub, Seen};
@@ -15,7 +15,6 @@ use instance::Instance;
 use serde::Deserialize;
 use serde_json::json;
 use std::io::ErrorKind;
-use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
@@ -67,6 +66,8 @@ enum Request {
     /// See [`CameraRequest`]. Only for an instance with a camera. Its images are binary messages.
     Camera {
         on: bool,
+        /// The person's name. Without it, no measurement is used.
+        name: Option<String>,
     },
     /// See [`CalibrationRequest`]. Only for an instance with a camera.
     Calibrate {
@@ -96,9 +97,8 @@ enum Arm {
 /// Data source of a page.
 #[derive(Clone, Debug)]
 pub enum PageSource {
-    /// A running instance, the key poses if the pages may use them, and the folder of the operators' files if they may use a
-    /// webcam.
-    Instance(Instance, Option<Arc<KeyPoses>>, Option<PathBuf>),
+    /// A running instance, the key poses if the pages may use them, and what they need to measure if they may use a webcam.
+    Instance(Instance, Option<Arc<KeyPoses>>, Option<Measuring>),
     /// A recording, with the position being shown.
     Recording(Arc<Position>),
 }
@@ -118,13 +118,13 @@ enum PageControl {
 impl PageControl {
     fn of(behind: &PageSource) -> std::io::Result<Self> {
         Ok(match behind {
-            PageSource::Instance(instance, key_poses, operators) => {
+            PageSource::Instance(instance, key_poses, measuring) => {
                 let mixer = key_poses.as_ref().map(|key_poses| Mixer::new(instance, key_poses)).transpose()?;
-                let camera = |folder: &PathBuf| -> std::io::Result<_> {
-                    let measurer = CalibrationWorker::new(instance, folder)?;
-                    Ok(Box::new(Camera { webcam: Webcam::new(instance)?, measurer }))
+                let camera = |Measuring { operators, lease }: &Measuring| -> std::io::Result<_> {
+                    let measurer = CalibrationWorker::new(instance, operators)?;
+                    Ok(Box::new(Camera { webcam: Webcam::new(instance, *lease)?, measurer }))
                 };
-                let camera = operators.as_ref().map(camera).transpose()?;
+                let camera = measuring.as_ref().map(camera).transpose()?;
                 let headset = Box::new(HeadsetClient::new(instance)?);
                 Self::OperatorWorker(OperatorWorker::new(instance)?, mixer, camera, headset)
             }
@@ -157,10 +157,14 @@ impl PageControl {
                 None => return false,
             },
             (Self::OperatorWorker(_, _, Some(camera), _), Request::Calibrate { name }) => {
+                if let Some(name) = &name {
+                    camera.webcam.ask(CameraRequest::Person(operator_id(name)));
+                }
                 camera.measurer.ask(name.map_or(CalibrationRequest::Stop, CalibrationRequest::Start));
             }
-            (Self::OperatorWorker(_, _, Some(camera), _), Request::Camera { on }) => {
-                camera.webcam.ask(if on { CameraRequest::Start } else { CameraRequest::Stop });
+            (Self::OperatorWorker(_, _, Some(camera), _), Request::Camera { on, name }) => {
+                let person = operator_id(&name.unwrap_or_default());
+                camera.webcam.ask(if on { CameraRequest::Start(person) } else { CameraRequest::Stop });
             }
             (Self::OperatorWorker(hand, .., headset), Request::Headset { on }) => headset.turn(on, hand),
             (Self::Position(position), Request::Play {}) => position.play(true),

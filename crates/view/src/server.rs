@@ -1,6 +1,7 @@
 //! The listener, the thread that reads the instance, and one thread per page.
 
 use crate::ViewError;
+use crate::calibration::Measuring;
 use crate::http::{self, SiteConfig};
 use crate::hub::{Hub, StatusWriter};
 use crate::live::Live;
@@ -16,7 +17,6 @@ use instance::Instance;
 use robot::Model;
 use serde_json::json;
 use std::net::{IpAddr, Ipv4Addr, Shutdown, TcpListener, TcpStream};
-use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Sender, channel};
@@ -43,8 +43,8 @@ pub struct LiveOptions {
     pub key_poses: Option<KeyPoses>,
     /// A page may be the person that its webcam sees, with the help of these files.
     pub vision: Option<VisionFiles>,
-    /// Folder of the operators' files. Such a page may measure its person.
-    pub operators: PathBuf,
+    /// Such a page may also measure its person, with the help of these.
+    pub measuring: Option<Measuring>,
     /// The server listens at an address of this machine with TLS, and not on the loopback.
     pub secure: Option<Secure>,
 }
@@ -64,12 +64,12 @@ impl Server {
     /// # Errors
     /// Returns an error if the port is taken, or if the instance's shared memory cannot be opened.
     pub fn live(instance: &Instance, view: &RobotView, options: LiveOptions, port: u16) -> Result<Self, ViewError> {
-        let LiveOptions { key_poses, vision, operators, secure } = options;
+        let LiveOptions { key_poses, vision, measuring, secure } = options;
         let names = key_poses.as_ref().map(|key_poses| &key_poses.names);
         let camera = vision.is_some();
         let about = json!({ "source": "live", "run_dir": instance.run_dir(), "key_poses": names, "camera": camera });
-        let operators = camera.then_some(operators);
-        let behind = PageSource::Instance(instance.clone(), key_poses.map(Arc::new), operators);
+        let measuring = measuring.filter(|_| camera);
+        let behind = PageSource::Instance(instance.clone(), key_poses.map(Arc::new), measuring);
         let mut server = Self::listen(Hub::new(view, &about), behind, view, (vision, secure), port)?;
         let (hub, model, domain) = (server.hub.clone(), view.model.clone(), instance.core_domain());
         let (opened, outcome) = channel();

@@ -6,7 +6,7 @@ use crate::session::Session;
 use crate::sight::{AGE_MS_MAX, Refusal, Sight};
 use crate::worker::Worker;
 use instance::Instance;
-use messages::Stamp;
+use messages::{RawSkeleton, Stamp};
 use std::sync::mpsc::{Receiver, RecvError, RecvTimeoutError, Sender};
 use std::time::{Duration, Instant};
 
@@ -14,16 +14,18 @@ use std::time::{Duration, Instant};
 pub const IMAGES_PER_S_MAX: u32 = 120;
 /// Most frames of a headset within a second. The fastest ones draw 120, and frames come in bursts.
 const POSES_PER_S_MAX: u32 = 180;
-/// Time after which nobody holds a lease that was given back: a second, and a margin.
-const LEASE_ENDS: Duration = Duration::from_millis(1_500);
+/// Time after the end of a lease until the next one is asked for. Assumption: `ingest` reads its sockets far more often.
+const LEASE_MARGIN: Duration = Duration::from_millis(500);
 /// Time between two reports to the page.
 const TELL_EVERY: Duration = Duration::from_millis(200);
 
 /// Request of a page.
 #[derive(Debug)]
 pub enum CameraRequest {
-    /// Become the client whose person the robot follows.
-    Start,
+    /// Become the client whose person the robot follows. `ingest` knows the person by this number.
+    Start(u32),
+    /// The person has this number now. Another one is another person.
+    Person(u32),
     /// An image that arrived at this time, or the reason for which it is refused. Does nothing before a start.
     Image(Stamp, Result<Sight, Refusal>),
     /// Become a new client, if this page is one. `ingest` reads the operators' files as a lease begins.
@@ -53,12 +55,12 @@ pub struct CameraReport {
 pub type Webcam = Worker<CameraRequest, CameraReport>;
 
 impl Webcam {
-    /// Creates a webcam that connects at the first start.
+    /// Creates a webcam that connects at the first start. A lease ends after `lease` of silence.
     ///
     /// # Errors
     /// Returns an error if no thread can be started.
-    pub fn new(instance: &Instance) -> std::io::Result<Self> {
-        Self::of(instance, "webcam", IMAGES_PER_S_MAX, SILENT)
+    pub fn new(instance: &Instance, lease: Duration) -> std::io::Result<Self> {
+        Self::of(instance, "webcam", lease, IMAGES_PER_S_MAX, SILENT)
     }
 
     /// Creates a headset in the same way.
@@ -66,10 +68,16 @@ impl Webcam {
     /// # Errors
     /// As [`Webcam::new`].
     pub fn headset(instance: &Instance) -> std::io::Result<Self> {
-        Self::of(instance, "headset", POSES_PER_S_MAX, HEADSET_SILENT)
+        Self::of(instance, "headset", Duration::ZERO, POSES_PER_S_MAX, HEADSET_SILENT)
     }
 
-    fn of(instance: &Instance, name: &str, per_s_max: u32, silent: &'static str) -> std::io::Result<Self> {
+    fn of(
+        instance: &Instance,
+        name: &str,
+        lease: Duration,
+        per_s_max: u32,
+        silent: &'static str,
+    ) -> std::io::Result<Self> {
         let instance = instance.clone();
         Self::start(name, move |asked, answer| {
             let now = Instant::now();
@@ -79,6 +87,8 @@ impl Webcam {
                 session: Session::new(instance, HELD),
                 until: None,
                 renewed: None,
+                lease,
+                person: 0,
                 delay: TransitDelay::default(),
                 second: (now, 0),
                 told: now,
@@ -117,6 +127,10 @@ struct Watcher {
     until: Option<Instant>,
     /// Time at which a new session begins in place of the one before.
     renewed: Option<Instant>,
+    /// Silence after which a lease ends.
+    lease: Duration,
+    /// Number of the person.
+    person: u32,
     delay: TransitDelay,
     /// Start of the current second, and the images in it.
     second: (Instant, u32),
@@ -133,7 +147,12 @@ impl Watcher {
                 Some(until) => asked.recv_timeout(until.saturating_duration_since(Instant::now())),
             };
             match turn {
-                Ok(CameraRequest::Start) => self.begin(),
+                Ok(CameraRequest::Start(person)) => self.begin(person),
+                Ok(CameraRequest::Person(person)) if person == self.person => {}
+                Ok(CameraRequest::Person(person)) => {
+                    self.person = person;
+                    self.renew();
+                }
                 Ok(CameraRequest::Image(arrived, image)) => self.take(arrived, image),
                 Ok(CameraRequest::Renew) => self.renew(),
                 Ok(CameraRequest::Stop) => self.end(None),
@@ -147,9 +166,14 @@ impl Watcher {
         }
     }
 
-    fn begin(&mut self) {
+    fn begin(&mut self, person: u32) {
         if self.until.is_some() {
             return;
+        }
+        if self.person != person {
+            // Another person is another client.
+            self.session.leave();
+            self.person = person;
         }
         match self.session.join() {
             Ok(()) => {
@@ -164,7 +188,7 @@ impl Watcher {
     fn renew(&mut self) {
         if self.until.is_some() {
             self.session.leave();
-            self.renewed = Some(Instant::now() + LEASE_ENDS);
+            self.renewed = Some(Instant::now() + self.lease + LEASE_MARGIN);
         }
     }
 
@@ -215,7 +239,7 @@ impl Watcher {
         // Nothing is published for an image without a person, so `ingest` judges the silence.
         if let Some(person) = &image.person {
             let origin = Stamp(arrived.0.saturating_sub((age_ms * 1e6) as u64));
-            match self.session.publish(**person, origin) {
+            match self.session.publish(RawSkeleton { operator_id: self.person, ..**person }, origin) {
                 Ok(()) => self.report.published += 1,
                 Err(why) => self.end(Some(why)),
             }
@@ -254,7 +278,6 @@ mod tests {
     use super::*;
     use crate::sight::Person;
     use doors::{FrameSource, LeaseState, Server};
-    use messages::RawSkeleton;
     use std::path::Path;
 
     /// Longest time for any expected event. Only a hang comes near it.
@@ -306,7 +329,7 @@ mod tests {
         let folder = tempfile::tempdir().expect("a folder");
         let instance = Instance::new(folder.path()).expect("an instance");
         let ingest = Ingest::at(&instance.skeleton_socket());
-        let webcam = Webcam::new(&instance).expect("a thread");
+        let webcam = Webcam::new(&instance, Duration::from_secs(1)).expect("a thread");
         (folder, ingest, webcam)
     }
 
@@ -319,7 +342,7 @@ mod tests {
     #[test]
     fn f123_image_that_waited_gets_its_true_age() {
         let (_folder, mut ingest, webcam) = webcam();
-        webcam.ask(CameraRequest::Start);
+        webcam.ask(CameraRequest::Start(0));
         assert!(ingest.report(&webcam, |_| true).on);
         // The page's clock is 9 s behind. The second message waited 80 ms on its way, and the third one 600 ms.
         for one in [image(1000.0, 30.0, 10_000), image(1033.0, 30.0, 10_113), image(1066.0, 30.0, 10_666)] {
@@ -337,7 +360,7 @@ mod tests {
     #[test]
     fn flood_or_empty_images_publish_no_more_than_allowed() {
         let (_folder, mut ingest, webcam) = webcam();
-        webcam.ask(CameraRequest::Start);
+        webcam.ask(CameraRequest::Start(0));
         assert!(ingest.report(&webcam, |_| true).on);
         for n in 0..2 * u64::from(IMAGES_PER_S_MAX) {
             webcam.ask(image(n as f64, 1.0, 10_000 + n));
@@ -351,7 +374,7 @@ mod tests {
     fn f124_invalid_or_late_images_keep_no_page_as_the_client() {
         let (_folder, mut ingest, webcam) = webcam();
         webcam.ask(image(0.0, 1.0, 10_000));
-        webcam.ask(CameraRequest::Start);
+        webcam.ask(CameraRequest::Start(0));
         assert!(ingest.report(&webcam, |_| true).on);
         let begun = Instant::now();
         let ended = loop {
@@ -371,7 +394,7 @@ mod tests {
     #[test]
     fn page_that_lost_the_lease_is_told_and_gets_a_new_session() {
         let (_folder, mut ingest, webcam) = webcam();
-        webcam.ask(CameraRequest::Start);
+        webcam.ask(CameraRequest::Start(0));
         assert!(ingest.report(&webcam, |_| true).on);
         ingest.holds = LeaseState::NotHolder;
         let begun = Instant::now();
@@ -387,7 +410,7 @@ mod tests {
         };
         assert_eq!(lost.text.as_deref(), Some(HELD));
         ingest.holds = LeaseState::Holder;
-        webcam.ask(CameraRequest::Start);
+        webcam.ask(CameraRequest::Start(0));
         assert!(ingest.report(&webcam, |report| report.on).on);
         let before = ingest.frames.len();
         webcam.ask(image(1e4, 1.0, 20_000));

@@ -27,7 +27,7 @@ impl HeadsetClient {
         self.release(hand);
         self.state.reset();
         self.leads = false;
-        self.publisher.ask(if on { CameraRequest::Start } else { CameraRequest::Stop });
+        self.publisher.ask(if on { CameraRequest::Start(0) } else { CameraRequest::Stop });
     }
 
     /// Takes a message. Each one repeats a held press, so the press ends with the messages.
