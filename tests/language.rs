@@ -26,7 +26,7 @@ const SENTENCE_WORDS_MAX: usize = 30;
 
 /// Budget of lines for each part of the tree: the count of 2026-11-27, with the link and the headset, and some
 /// more. Raising one is a decision.
-const BUDGETS: [(&str, usize); 3] = [("product", 71_700), ("tools", 31_900), ("tests", 48_300)];
+const BUDGETS: [(&str, usize); 3] = [("product", 72_000), ("tools", 32_200), ("tests", 48_300)];
 
 fn rust() -> Vec<(String, String)> {
     let mut all = sources::rust_files();

@@ -45,7 +45,7 @@ pub fn operator_id(name: &str) -> u32 {
     }
 }
 
-/// What the pages of an instance need to measure their persons.
+/// Data with which the pages of an instance measure their persons.
 #[derive(Clone, Debug)]
 pub struct Measuring {
     /// Folder of the operators' files.
