@@ -90,6 +90,14 @@ pub fn run(client: &mut Client, run_dir: &Path, job: &Job<'_>) -> Result<bool, O
         err!("teleopctl: {}", only_disengaged(&status, "calibrated to", &instance::read_names(run_dir)));
         return Ok(false);
     }
+    if let Some(robot) = operator::linked_robot(run_dir) {
+        err!(
+            "teleopctl: {}: an operator's end of a link to robot {robot} runs there, and persons are measured at the \
+             robot's machine",
+            run_dir.display()
+        );
+        return Ok(false);
+    }
     let mut eyes = match StateObserver::open(run_dir) {
         Ok(eyes) => eyes,
         Err(error) => {

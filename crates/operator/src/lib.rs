@@ -25,6 +25,7 @@ mod session;
 
 pub use client::{Client, reset_refusal};
 pub use codec::{REQUEST_BYTES, STATUS_BYTES, decode_request, decode_status, encode_request, encode_status};
+pub use doors::linked_robot;
 pub use edges::OperatorEdges;
 pub use error::OperatorError;
 pub use locks::ResetRule;

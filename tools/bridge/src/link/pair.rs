@@ -164,8 +164,11 @@ fn write_new(path: &Path, text: &str) -> Result<(), Failure> {
     let written = file.and_then(|mut file| file.write_all(text.as_bytes()).and_then(|()| file.sync_all()));
     written.map_err(|error| match error.kind() {
         std::io::ErrorKind::AlreadyExists => {
-            let text =
-                format!("{}: exists. Keys are never replaced; remove it, or give another --keys", path.display());
+            let text = format!(
+                "{}: exists. Keys are never replaced. Give another --keys for another robot. To pair an operator again, \
+                 remove the .bundle and the .pem of that name. Without the authority's key, nobody can be added",
+                path.display()
+            );
             Failure::new(Exit::CantCreate, text)
         }
         _ => unwritable(path, &error),
