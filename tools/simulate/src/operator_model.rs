@@ -14,6 +14,9 @@ const LOOK: u64 = TICK_HZ / 50;
 const REST: u64 = TICK_HZ * 3 / 10;
 /// How long the operator waits for a requested change, ticks: 0.2 s.
 const WAIT: u64 = TICK_HZ / 5;
+/// How long every second press of an operator at another machine is held without effect, ticks: 1 s. A session of the link ends
+/// and begins in less.
+const REMOTE_WAIT: u64 = TICK_HZ;
 /// How long the operator waits for a robot that holds, ticks: 0.8 s.
 const HOLD: u64 = TICK_HZ * 4 / 5;
 /// Age at which the operator server revokes the enable of a silent client, ticks: `operator::LEASE_NS`.
@@ -39,11 +42,12 @@ pub struct OperatorModel {
     silent: u64,
     mode: Mode,
     reasons: Reasons,
+    is_remote: bool,
 }
 
 impl OperatorModel {
     /// Creates an operator who has just connected.
-    pub(crate) fn new() -> Self {
+    pub(crate) fn new(is_remote: bool) -> Self {
         Self {
             view: operator::OperatorView { connections: 1, ..Default::default() },
             edges: OperatorEdges::default(),
@@ -53,12 +57,13 @@ impl OperatorModel {
             silent: 0,
             mode: Mode::Disengaged,
             reasons: Reasons::NONE,
+            is_remote,
         }
     }
 
     /// `control` restarted: the operator connects again.
     pub fn reconnect(&mut self) {
-        *self = Self::new();
+        *self = Self::new(self.is_remote);
     }
 
     /// The operator reads the status.
@@ -113,7 +118,9 @@ impl OperatorModel {
             }
             Act::Idle => {}
             Act::Enabling => {
-                let refused = matches!(self.mode, Mode::Disengaged | Mode::Faulted) && self.since > WAIT;
+                let is_patient = self.is_remote && self.view.enable_edges.is_multiple_of(2);
+                let wait = if is_patient { REMOTE_WAIT } else { WAIT };
+                let refused = matches!(self.mode, Mode::Disengaged | Mode::Faulted) && self.since > wait;
                 let held_up = self.mode == Mode::Holding && self.since > HOLD;
                 if matches!(self.mode, Mode::Engaging | Mode::Engaged) {
                     self.since = 0;

@@ -20,13 +20,14 @@ const ANSWER: u64 = TICK_HZ / 10;
 const AGE_MAX_NS: u64 = 100 * MS;
 /// Oldest press that may engage, ns: the longest silence of a session, and the time until the next heartbeat and tick.
 const PRESS_AGE_MAX_NS: u64 = SILENCE_NS + 21 * MS;
-/// Longest time for which the wires stay as they are, ticks. Half of the times are below an eighth of it.
-const STAYS: u64 = 4 * TICK_HZ;
+/// Longest time for which the wires stay as they are, ticks. It is longer than the clock keeps its best exchange. Half of the
+/// times are below a sixteenth of it.
+const STAYS: u64 = 12 * TICK_HZ;
 /// Largest drift of the operator's clock against the robot's, ns per ms: 500 ppm, more than crystals have.
 const DRIFT_NS_PER_MS: i64 = 500;
 /// Largest jump of the operator's clock, ns. It jumps in one of `JUMPS_IN` changes.
 const JUMP_NS: i64 = 10_000 * MS as i64;
-const JUMPS_IN: u32 = 12;
+const JUMPS_IN: u32 = 6;
 /// One of this many changes makes all wires good.
 const GOOD_IN: u32 = 3;
 /// Time within which a stop and a release arrive over good wires, ns: a new session takes two ways and two heartbeats. It is an
@@ -130,7 +131,7 @@ impl Remote {
         if k < self.changes {
             return;
         }
-        self.changes = k + (STAYS as f64 * self.rng.random::<f64>().powi(3)) as u64;
+        self.changes = k + (STAYS as f64 * self.rng.random::<f64>().powi(4)) as u64;
         let plans = [bad(&mut self.rng), bad(&mut self.rng)];
         self.are_bad = self.rng.random_range(0..GOOD_IN) != 0;
         let plans = if self.are_bad { plans } else { [FaultPlan::default(); 2] };

@@ -107,7 +107,7 @@ impl<'a> Run<'a> {
             world,
             subject,
             client: Client::new(subject.player.clone()),
-            hand: OperatorModel::new(),
+            hand: OperatorModel::new(subject.is_remote),
             remote: subject.is_remote.then(|| Box::new(Remote::new(seed))),
             faults: Faults::new(&[]),
             processes: Processes::default(),
