@@ -85,17 +85,8 @@ impl StateObserver {
 
 /// Measures the operator and writes the file. Returns false if that was not possible.
 pub fn run(client: &mut Client, run_dir: &Path, job: &Job<'_>) -> Result<bool, OperatorError> {
-    let status = client.heartbeat()?;
-    if mode(&status) != Mode::Disengaged {
-        err!("teleopctl: {}", only_disengaged(&status, "calibrated to", &instance::read_names(run_dir)));
-        return Ok(false);
-    }
-    if let Some(robot) = operator::linked_robot(run_dir) {
-        err!(
-            "teleopctl: {}: an operator's end of a link to robot {robot} runs there, and persons are measured at the \
-             robot's machine",
-            run_dir.display()
-        );
+    if let Some(why) = refusal(&client.heartbeat()?, run_dir) {
+        err!("teleopctl: {why}");
         return Ok(false);
     }
     let mut eyes = match StateObserver::open(run_dir) {
@@ -154,6 +145,18 @@ pub fn run(client: &mut Client, run_dir: &Path, job: &Job<'_>) -> Result<bool, O
     }
     let operator = Operator { name: job.name.to_owned(), operator_id, layout, calibration };
     Ok(store(&operator, &job.folder))
+}
+
+/// Returns the reason why nobody can be measured now.
+fn refusal(status: &Status, run_dir: &Path) -> Option<String> {
+    if mode(status) != Mode::Disengaged {
+        return Some(only_disengaged(status, "calibrated to", &instance::read_names(run_dir)));
+    }
+    let robot = operator::linked_robot(run_dir)?;
+    let folder = run_dir.display();
+    Some(format!(
+        "{folder}: an operator's end of a link to robot {robot} runs there, and persons are measured at the robot's machine"
+    ))
 }
 
 /// Returns false, and says why, if the robot was engaged or the caller has ended meanwhile.
