@@ -124,7 +124,7 @@ pub fn demanded(seeds: u64, ticks: u64) -> u64 {
 
 /// Runs a seed with a schedule. Every other seed begins engaged, as a branch of one run.
 pub fn single(engaged: &Run<'_>, subject: &Subject, seed: u64, plan: &Plan, episodes: &[Episode]) -> Outcome {
-    let run = if seed.is_multiple_of(2) { engaged.branch(seed) } else { Run::cold(subject, seed) };
+    let run = if seed.is_multiple_of(2) { engaged.branch(seed) } else { Run::cold(subject, seed, plan.is_remote) };
     run.run(episodes, plan.ticks, plan.bug)
 }
 
@@ -136,7 +136,7 @@ pub fn drawn(seed: u64, plan: &Plan) -> Vec<Episode> {
 /// Runs all seeds, or those up to the first that breaks a promise. The summary does not depend on the number of
 /// threads. Calls `done` after every run.
 pub fn run(subject: &Subject, plan: &Plan, done: impl Fn() + Sync) -> Result<Summary, String> {
-    let engaged = subject.engaged()?;
+    let engaged = subject.engaged(plan.is_remote)?;
     let pool = ThreadPoolBuilder::new().num_threads(plan.jobs).build().map_err(|error| error.to_string())?;
     let last = plan.first_seed.checked_add(plan.seeds).ok_or("the last seed is too large")?;
     let one = |seed| {

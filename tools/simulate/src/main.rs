@@ -29,8 +29,7 @@ fn main() -> ExitCode {
 fn begin(cli: &Cli) -> Result<bool, Failure> {
     let plan = cli.plan().map_err(Failure::with(Exit::Usage))?;
     let mut figures = cli.json.as_deref().map(Figures::open).transpose().map_err(Failure::with(Exit::CantCreate))?;
-    let mut subject = Subject::load(&cli.config, cli.robot.as_ref()).map_err(Failure::with(Exit::Config))?;
-    subject.is_remote = cli.link;
+    let subject = Subject::load(&cli.config, cli.robot.as_ref()).map_err(Failure::with(Exit::Config))?;
     match cli.replay {
         Some(seed) => replay(cli, &plan, &subject, seed, figures.as_mut()),
         None => campaign(cli, &plan, &subject, figures.as_mut()),
@@ -88,7 +87,7 @@ fn replay(
     };
     println!("{}", schedule::to_text(&episodes));
     let start = Instant::now();
-    let engaged = subject.engaged().map_err(Failure::with(Exit::Software))?;
+    let engaged = subject.engaged(plan.is_remote).map_err(Failure::with(Exit::Software))?;
     let outcome = campaign::single(&engaged, subject, seed, plan, &episodes);
     print!("{}", report::replay_words(seed, &outcome));
     let holds = outcome.violation.is_none();

@@ -42,12 +42,11 @@ pub struct OperatorModel {
     silent: u64,
     mode: Mode,
     reasons: Reasons,
-    is_remote: bool,
 }
 
 impl OperatorModel {
     /// Creates an operator who has just connected.
-    pub(crate) fn new(is_remote: bool) -> Self {
+    pub(crate) fn new() -> Self {
         Self {
             view: operator::OperatorView { connections: 1, ..Default::default() },
             edges: OperatorEdges::default(),
@@ -57,13 +56,12 @@ impl OperatorModel {
             silent: 0,
             mode: Mode::Disengaged,
             reasons: Reasons::NONE,
-            is_remote,
         }
     }
 
     /// `control` restarted: the operator connects again.
     pub fn reconnect(&mut self) {
-        *self = Self::new(self.is_remote);
+        *self = Self::new();
     }
 
     /// The operator reads the status.
@@ -100,8 +98,8 @@ impl OperatorModel {
         (self.act, self.since) = (Act::Recovering, 0);
     }
 
-    /// Decides what a sensible person does next.
-    fn decide(&mut self) {
+    /// Decides what a sensible person does next, at another machine or here.
+    fn decide(&mut self, is_remote: bool) {
         let start = Reasons::NONE.with(Reason::StartOutsideLimits).with(Reason::StartInCollision);
         match self.act {
             Act::Idle if self.since < REST => {}
@@ -118,7 +116,7 @@ impl OperatorModel {
             }
             Act::Idle => {}
             Act::Enabling => {
-                let is_patient = self.is_remote && self.view.enable_edges.is_multiple_of(2);
+                let is_patient = is_remote && self.view.enable_edges.is_multiple_of(2);
                 let wait = if is_patient { REMOTE_WAIT } else { WAIT };
                 let refused = matches!(self.mode, Mode::Disengaged | Mode::Faulted) && self.since > wait;
                 let held_up = self.mode == Mode::Holding && self.since > HOLD;
@@ -158,7 +156,7 @@ impl OperatorModel {
             self.suffer(active, of, &mut speaks)
         });
         if decides {
-            self.decide();
+            self.decide(remote.is_some());
         }
         if speaks {
             self.view.connections = 1;

@@ -151,10 +151,10 @@ impl Remote {
         now_plus(now, self.offset_ns.saturating_add(drift))
     }
 
-    fn send(&mut self, line: usize, length: usize, bytes: &[u8; FRAME_BYTES_MAX], sent: Stamp) {
-        if length > 0 {
+    fn send(&mut self, line: usize, packet: &Packet) {
+        if packet.length > 0 {
             // A wire takes everything.
-            let _ = self.wires[line].publish(&Packet { length, bytes: *bytes, sent, origin: Stamp::NONE });
+            let _ = self.wires[line].publish(packet);
         }
     }
 
@@ -168,7 +168,7 @@ impl Remote {
             person.header.origin = now_plus(origin, ahead);
             person.header.stamp = now_plus(person.header.stamp, ahead);
             if let Ok(length) = self.operator.person(&person, theirs, &mut out) {
-                let _ = self.wires[1].publish(&Packet { length, bytes: out, sent: now, origin });
+                self.send(1, &Packet { length, bytes: out, sent: now, origin });
             }
         }
         self.wires.iter_mut().for_each(|wire| wire.advance(now));
@@ -187,7 +187,7 @@ impl Remote {
         if k.is_multiple_of(HEARTBEAT)
             && let Some(length) = self.robot.send(0, Payload::Status(Status::ZERO), now, &mut out)
         {
-            self.send(3, length, &out, now);
+            self.send(3, &Packet { length, bytes: out, sent: now, origin: now });
         }
         for line in 2..4 {
             if let Some(packet) = self.wires[line].latest() {
@@ -199,7 +199,7 @@ impl Remote {
     fn answer(&mut self, now: Stamp) {
         let mut out = [0; FRAME_BYTES_MAX];
         if let Some(length) = self.robot.answer(0, now, &mut out) {
-            self.send(2, length, &out, now);
+            self.send(2, &Packet { length, bytes: out, sent: now, origin: now });
         }
     }
 
@@ -240,7 +240,7 @@ impl Remote {
             self.request.sequence += 1;
             let mut out = [0; FRAME_BYTES_MAX];
             let length = self.operator.heartbeat(&self.request, self.theirs(now), &mut out);
-            self.send(0, length, &out, now);
+            self.send(0, &Packet { length, bytes: out, sent: now, origin: now });
         }
         self.merge.begin(now, LEASE_NS);
         self.merge.view.connections = 1;

@@ -99,16 +99,17 @@ pub struct Run<'a> {
 }
 
 impl<'a> Run<'a> {
-    /// Creates a run with a robot at rest at home, and an operator about to engage.
-    pub fn cold(subject: &'a Subject, seed: u64) -> Self {
+    /// Creates a run with a robot at rest at home, and an operator about to engage. With `is_remote`, the operator and the
+    /// person are at another machine.
+    pub fn cold(subject: &'a Subject, seed: u64, is_remote: bool) -> Self {
         let world = World::new(&subject.config, seed, Links::default());
         Self {
             oracle: Oracle::new(&subject.config.control.model, tick_at(world.now())),
             world,
             subject,
             client: Client::new(subject.player.clone()),
-            hand: OperatorModel::new(subject.is_remote),
-            remote: subject.is_remote.then(|| Box::new(Remote::new(seed))),
+            hand: OperatorModel::new(),
+            remote: is_remote.then(|| Box::new(Remote::new(seed))),
             faults: Faults::new(&[]),
             processes: Processes::default(),
             memory: Memory::default(),

@@ -37,8 +37,6 @@ pub struct Subject {
     pub home: [f64; JOINTS_MAX],
     /// The person's motion.
     pub player: Player,
-    /// True if the operator and the person are at another machine, see `remote.rs`.
-    pub is_remote: bool,
     /// Postures slightly outside the limits.
     pub outside: Vec<[f64; JOINTS_MAX]>,
     /// Postures slightly too close to self-collision.
@@ -58,7 +56,6 @@ impl Subject {
         Ok(Self {
             limits: model.limits,
             home: model.home,
-            is_remote: false,
             player: Player::new(&motion::builtin(), play, 1, 1),
             outside: outside(model),
             close: close(model),
@@ -67,9 +64,10 @@ impl Subject {
         })
     }
 
-    /// Returns a run that has engaged and moved for three seconds.
-    pub fn engaged(&self) -> Result<Run<'_>, String> {
-        let mut run = Run::cold(self, 1).quiet();
+    /// Returns a run that has engaged and moved for three seconds. With `is_remote`, the operator and the person are at
+    /// another machine, see `remote.rs`.
+    pub fn engaged(&self, is_remote: bool) -> Result<Run<'_>, String> {
+        let mut run = Run::cold(self, 1, is_remote).quiet();
         let mut left = ENGAGED_WITHIN;
         let mut moved = 0;
         while moved < MOVED {

@@ -41,7 +41,7 @@ fn told(sum: &Summary) -> String {
 #[test]
 fn replay_is_bit_identical_and_another_seed_differs() {
     let (subject, plan) = (subject(), plan(1, 9000, 1));
-    let engaged = subject.engaged().expect("a clean start");
+    let engaged = subject.engaged(false).expect("a clean start");
     let mut hashes = vec![];
     for seed in [4, 5] {
         let drawn = campaign::drawn(seed, &plan);
@@ -67,9 +67,8 @@ fn campaign_results_do_not_depend_on_the_number_of_threads() {
 /// Wires and clocks are bad beside all other faults. What arrives is judged by the true times.
 #[test]
 fn f126_operator_and_person_over_bad_wires_break_no_promise() {
-    let mut subject = subject();
-    subject.is_remote = true;
-    let sum = campaign::run(&subject, &plan(3, 15_000, 2), || {}).expect("a campaign");
+    let plan = Plan { is_remote: true, ..plan(3, 15_000, 2) };
+    let sum = campaign::run(&subject(), &plan, || {}).expect("a campaign");
     assert!(sum.failures.is_empty(), "{}", told(&sum));
     assert!(sum.ticks_in[Mode::Engaged as usize] > 2_000, "{:?}", sum.ticks_in);
 }
@@ -89,7 +88,7 @@ fn planted_bug_is_found_and_its_schedule_is_shrunk() {
         episode("delay-raw", 120, 500, 5),
         episode("noise-burst", 160, 90, 6),
     ];
-    let engaged = subject.engaged().expect("a clean start");
+    let engaged = subject.engaged(false).expect("a clean start");
     let fails = |some: &[Episode]| campaign::single(&engaged, &subject, 2, &plan, some).violation;
     let found = fails(&all).expect("the bug is found");
     assert_eq!(found.invariant, "emergency stop");
@@ -150,7 +149,7 @@ fn malformed_schedule_is_refused_with_its_wrong_part() {
 #[test]
 fn schedule_of_a_fixed_bug_breaks_no_promise() {
     let subject = subject();
-    let engaged = subject.engaged().expect("it engages");
+    let engaged = subject.engaged(false).expect("it engages");
     let episodes = schedule::from_text("release@1250+600:76faa591,sequence-wrap@4366+18:f5f0c95d").expect("a schedule");
     let outcome = campaign::single(&engaged, &subject, 1097, &plan(1, 12_000, 1), &episodes);
     assert_eq!(outcome.violation, None);
