@@ -43,12 +43,6 @@ pub struct Job<'a> {
     pub child_of: Option<u32>,
 }
 
-impl Job<'_> {
-    fn is_orphaned(&self) -> bool {
-        self.child_of.is_some_and(|id| std::os::unix::process::parent_id() != id)
-    }
-}
-
 /// Reads the instance's data about the person.
 struct StateObserver {
     skeletons: Reader<Skeleton>,
@@ -165,7 +159,7 @@ fn may_go_on(job: &Job<'_>, status: &Status) -> bool {
     if !is_free {
         err!("teleopctl: the robot is {} now; nothing was written", mode(status).name());
     }
-    is_free && !job.is_orphaned()
+    is_free && !rt::is_orphaned(job.child_of)
 }
 
 /// Returns the reason why this person cannot have a file of that name.
@@ -237,7 +231,7 @@ fn wait(
         if asked.elapsed() > TELL {
             asked = Instant::now();
             status = client.heartbeat()?;
-            if mode(&status) != Mode::Disengaged || job.is_orphaned() {
+            if mode(&status) != Mode::Disengaged || rt::is_orphaned(job.child_of) {
                 drop(line);
                 return Ok(may_go_on(job, &status));
             }

@@ -76,8 +76,7 @@ pub fn run(options: &cli::View) -> Result<Exit, Failure> {
     if operator::Client::connect(instance.operator_socket()).is_err() {
         out!("teleopd: no instance runs there yet; the page waits for one (`teleopd up` starts it)");
     }
-    let orphaned = || options.child_of.is_some_and(|id| std::os::unix::process::parent_id() != id);
-    while !shutdown.requested() && !orphaned() {
+    while !shutdown.requested() && !rt::is_orphaned(options.child_of) {
         if server.has_ended() {
             return Err(Failure::new(Exit::Software, "the server of the page ended by itself"));
         }

@@ -11,6 +11,11 @@ pub fn die_with_parent() {
     }
 }
 
+/// Returns true if this process was started for the process `child_of`, and that one is no longer its parent.
+pub fn is_orphaned(child_of: Option<u32>) -> bool {
+    child_of.is_some_and(|id| std::os::unix::process::parent_id() != id)
+}
+
 /// Sends SIGTERM to the process `id`. It is no error if the process is gone already.
 pub fn terminate(id: u32) {
     send(id, libc::SIGTERM);

@@ -29,7 +29,7 @@ pub use allocation::{
     Allocations, CountingAllocator, allocating_aside, allocating_ourselves, allocations, count_allocations,
     watch_allocations,
 };
-pub use children::{die_with_parent, resume, suspend, terminate};
+pub use children::{die_with_parent, is_orphaned, resume, suspend, terminate};
 pub use clock::{SleepWatch, now, sleep_until};
 pub use cpu_time::cpu_time_ns;
 pub use denormals::flush_denormals;

@@ -116,8 +116,7 @@ fn record(cli: &Cli, out: &Path) -> Result<(), Failure> {
     let begun = rt::now();
     let end = cli.seconds.map(|seconds| begun.plus_ns((seconds * 1e9) as u64));
     let (mut warned, mut failed) = (false, false);
-    let orphaned = || cli.child_of.is_some_and(|id| std::os::unix::process::parent_id() != id);
-    while !shutdown.requested() && !orphaned() && end.is_none_or(|end| rt::now() < end) {
+    while !shutdown.requested() && !rt::is_orphaned(cli.child_of) && end.is_none_or(|end| rt::now() < end) {
         attached.look(&mut |entry| queue.add(entry));
         if let (false, Some(hash)) = (warned, attached.other_settings()) {
             warned = true;
