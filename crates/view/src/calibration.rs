@@ -2,6 +2,7 @@
 
 use crate::worker::Worker;
 use instance::Instance;
+use messages::{FNV_BASIS, fnv};
 use std::io::{BufRead, BufReader, PipeReader, Read};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
@@ -36,13 +37,10 @@ pub struct CalibrationReport {
     pub text: Option<String>,
 }
 
-/// Returns the number by which `ingest` knows the person of a page with this name: FNV-1a in 32 bits. 0 is a person without a
+/// Returns the number by which `ingest` knows the person of a page with this name, from its hash. 0 is a person without a
 /// name.
 pub fn operator_id(name: &str) -> u32 {
-    match name.bytes().fold(0x811c_9dc5_u32, |hash, byte| (hash ^ u32::from(byte)).wrapping_mul(0x0100_0193)) {
-        _ if name.is_empty() => 0,
-        hash => hash.max(1),
-    }
+    if name.is_empty() { 0 } else { (fnv(FNV_BASIS, name.as_bytes()) as u32).max(1) }
 }
 
 /// Data with which the pages of an instance measure their persons.
