@@ -347,6 +347,11 @@ fn missing_camera_files_give_errors_that_name_the_remedy() {
     assert!(String::from_utf8_lossy(&recorded.stderr).contains("cannot be used with"), "{recorded:?}");
 }
 
+/// The script for the text of an element.
+fn text(id: &str) -> String {
+    format!("document.getElementById('{id}').textContent")
+}
+
 #[test]
 fn page_says_what_to_do_about_a_camera_that_cannot_be_used() {
     let (rig, folder) = (Rig::empty(), tempfile::tempdir().expect("a folder"));
@@ -356,7 +361,6 @@ fn page_says_what_to_do_about_a_camera_that_cannot_be_used() {
     let Some(mut browser) = Browser::injected(&viewer.address, script) else {
         return println!("skipped: no Chromium in PATH, and TELEOPD_CHROMIUM names none");
     };
-    let text = |id: &str| format!("document.getElementById('{id}').textContent");
     for (why, remedy) in [
         ("NotAllowedError", ". Allow the camera beside the address bar, then press the button again."),
         ("NotFoundError", ". No camera was found: plug one in, then press the button again."),
@@ -396,7 +400,6 @@ const PAINTED: &str =
 
 /// The stand-in's person waves, so it is never in a T-pose for 2 s.
 fn calibrates_until_stopped(browser: &mut Browser) {
-    let text = |id: &str| format!("document.getElementById('{id}').textContent");
     browser.evaluate("document.getElementById('cal-name').value = 'anna'");
     browser.click("#cal-on");
     browser.wait("it measures", &format!("{} === 'Stop calibrating'", text("cal-on")));
@@ -417,7 +420,6 @@ fn browser_camera_leads_the_robot_until_it_is_stopped() {
     };
     // Software draws a small page in time.
     browser.resize(480, 800);
-    let text = |id: &str| format!("document.getElementById('{id}').textContent");
     browser.wait(
         "the panel is there",
         &format!("!document.getElementById('cam').hidden && {} === 'off'", text("cam-state")),
