@@ -8,8 +8,8 @@
 //! p' = a' + (p - a) L' / L           a: the chest, or the middle of the head
 //! ```
 //!
-//! of the robot. A prime marks a length of the robot. The hand may touch the chest, the head or the other hand. It
-//! moves along the line to that part. It stops where the distance d of the surfaces is the person's:
+//! of the robot. L, p and a are the person's, and L', p' and a' are the robot's. The robot's hand then goes on toward the
+//! part that it touches: the chest, the head or the other hand. It stops where the distance d of the surfaces is the person's:
 //!
 //! ```text
 //! d' = d L' / L

@@ -178,6 +178,7 @@ mod tests {
             assert_eq!(curves.prepare(&[rest(3_500)], &known(3_500)), joins, "{heard}");
         }
     }
+
     /// Late stamps make a new offset too small. Setpoints then seem newer than they are.
     #[test]
     fn f117_robot_whose_clock_jumped_is_joined_after_the_new_clock_settled() {
