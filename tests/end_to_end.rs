@@ -34,6 +34,29 @@ fn robot_engages_follows_and_stops_at_rest() {
     assert!(!modes.contains(&"Faulted".to_owned()), "{modes:?}");
 }
 
+/// A robot whose measurements pause is unseen, and not implausible. Without real-time scheduling that happens.
+#[test]
+fn f052_pause_of_the_robot_is_no_implausible_feedback() {
+    let mut rig = Rig::empty();
+    let (hand, mut eyes, _client) = rig.follow_builtin(0.5);
+    for _ in 0..20 {
+        rig.signal("robot", "STOP");
+        std::thread::sleep(Duration::from_millis(60));
+        rig.signal("robot", "CONT");
+        std::thread::sleep(Duration::from_millis(400));
+    }
+    if hand.raised(Fault::DriverFault) == 0 {
+        for fault in [Fault::FeedbackInvalid, Fault::VelocityError, Fault::TrackingError, Fault::StandstillLost] {
+            assert_eq!(hand.raised(fault), 0, "{fault:?}: {}", rig.log("control"));
+        }
+    } else {
+        println!("skipped: this machine paused the robot for so long that setpoints were lost");
+    }
+    hand.release();
+    eyes.wait_at_rest();
+    assert_no_violations(&rig.end("sim"));
+}
+
 #[test]
 fn emergency_stop_latches_in_every_moving_mode() {
     for mode in [Mode::Engaging, Mode::Engaged] {

@@ -5,7 +5,7 @@ mod browser;
 mod viewer;
 
 use browser::Browser;
-use harness::{OperatorSession, Rig, SOON, assert_no_violations};
+use harness::{Operator, OperatorSession, Rig, SOON, assert_no_violations};
 use messages::Mode;
 use std::time::{Duration, Instant};
 use view::{BODY_BYTES, HEADSET_BYTES};
@@ -48,6 +48,7 @@ fn follows(hand: &OperatorSession, browser: &mut Browser, kind: &str, press: &st
     while hand.mode() != Some(Mode::Engaged) {
         leads(browser, kind);
         browser.evaluate(open);
+        recovers(hand);
         std::thread::sleep(Duration::from_millis(300));
         browser.evaluate(press);
         let pressed = Instant::now();
@@ -62,9 +63,19 @@ fn follows(hand: &OperatorSession, browser: &mut Browser, kind: &str, press: &st
     browser.wait("the robot moves", &moves);
 }
 
+/// Resets a driver that has latched because this machine paused.
+fn recovers(hand: &OperatorSession) {
+    if hand.status().as_ref().is_some_and(Operator::is_paused) {
+        hand.wait("measured at rest", |status| status.moving == 0);
+        hand.reset();
+        hand.wait_mode(Mode::Disengaged);
+    }
+}
+
 fn stops(hand: &OperatorSession) {
     let stopped = |mode: u32| mode == Mode::Holding as u32 || mode == Mode::Disengaged as u32;
-    hand.wait("stopped", |status| stopped(status.mode));
+    hand.wait("stopped", |status| stopped(status.mode) || Operator::is_paused(status));
+    recovers(hand);
     hand.wait_mode(Mode::Disengaged);
 }
 

@@ -88,6 +88,8 @@ pub struct State {
     movement: monitor::Movement,
     /// Movement of the newest robot state.
     moved: monitor::Moved,
+    /// The largest errors of tracking, of the revolute and of the prismatic joints.
+    tracking: [monitor::Farthest; 2],
     steps: monitor::TargetSteps,
     stream: Option<Stream>,
     last_k: Option<u64>,
@@ -146,6 +148,7 @@ impl State {
             feedback: monitor::Feedback::default(),
             movement: monitor::Movement::default(),
             moved: monitor::Moved::default(),
+            tracking: [monitor::Farthest::default(); 2],
             steps: monitor::TargetSteps::default(),
             stream: None,
             last_k: None,
@@ -232,8 +235,7 @@ fn observe(config: &Config, state: &mut State, input: &Input<'_>, missed: u64) -
         let in_collision = may_start && too_close_to_start(config, state, &robot, clearance);
         let recovers = state.engage.mode() == Mode::Recovering;
         state.note_measured(clearance, outside);
-        let (angle_rad, length_m) =
-            monitor::tracking_error(&config.model, &robot.q, &robot.v, &robot.q_measured, config.servo_lag_s);
+        let [angle_rad, length_m] = state.tracking;
         state.note_tracking(config, angle_rad, length_m);
         let near = angle_rad.error <= config.tracking_max[0] && length_m.error <= config.tracking_max[1];
         let moved = state.moved;
@@ -383,7 +385,7 @@ impl State {
         Header { sequence: self.sequence, stamp, origin, config_hash, incarnation, reserved: 0 }
     }
 
-    /// Takes a new robot state. A single implausible sample is replaced.
+    /// Takes a new robot state. A single implausible sample is replaced, and an old one is not judged.
     fn take_robot(&mut self, config: &Config, now: Stamp, robot: &RobotState) {
         // The joints of another robot mean something else. Nothing but the refusal comes of such a message.
         if robot.robot != config.model.id() {
@@ -392,6 +394,15 @@ impl State {
         }
         self.stranger = None;
         let mut robot = *robot;
+        if self.robot.is_some_and(|(before, _)| before.header.incarnation != robot.header.incarnation) {
+            self.movement = monitor::Movement::default();
+        }
+        if let (true, Some((before, _))) = (robot.flags & state_flag::UNSEEN != 0, &self.robot) {
+            // Nothing new is measured, so nothing is judged. The joints would look frozen.
+            robot.q_measured = before.q_measured;
+            self.robot = Some((robot, now));
+            return;
+        }
         let first_second = self.status.speed_scale <= engage::SPEED_SCALE_FIRST;
         let sample = monitor::Sample {
             k: robot.executed_k.saturating_add(robot.plan_ticks_played),
@@ -403,12 +414,12 @@ impl State {
             begins: self.engage.mode() == Mode::Engaging && first_second,
         };
         let judged = self.feedback.judge(&config.model, &sample, config.servo_lag_s);
-        if self.robot.is_some_and(|(before, _)| before.header.incarnation != robot.header.incarnation) {
-            self.movement = monitor::Movement::default();
-        }
         let believed = monitor::Sample { q_measured: &judged.q_measured, ..sample };
         self.moved = self.movement.judge(&config.model, &believed, config.servo_lag_s);
         (robot.q_measured, self.feedback_invalid) = (judged.q_measured, judged.invalid);
+        let (angle_rad, length_m) =
+            monitor::tracking_error(&config.model, &robot.q, &robot.v, &robot.q_measured, config.servo_lag_s);
+        self.tracking = [angle_rad, length_m];
         self.robot = Some((robot, now));
     }
 

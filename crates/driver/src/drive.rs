@@ -104,7 +104,8 @@ pub fn drive(
     state.measured = port.read(now);
     let (measured, was_latched) = (&state.measured, state.follower.latched);
     let port_refused = if state.withheld { measured.refused } else { state.port_fault };
-    let unheard = measured.apart_ns(now) > config.measured_age_max_ns;
+    let apart_ns = measured.apart_ns(now);
+    let (unseen, unheard) = (apart_ns > config.unseen_ns, apart_ns > config.measured_age_max_ns);
     let follow = follower::Input {
         due_k: input.due_k,
         command: input.command,
@@ -136,7 +137,7 @@ pub fn drive(
     state.sequence += 1;
     let header = Header { sequence: state.sequence, stamp: now, ..Header::ZERO };
     DriveOutput {
-        state: with_grippers(state.follower.echo(config, header, &state.measured), state.grippers, gripped),
+        state: completed(state.follower.echo(config, header, &state.measured), unseen, state.grippers, gripped),
         advanced: out.advanced,
         accepted: out.accepted,
         refused: out.refused,
@@ -145,12 +146,18 @@ pub fn drive(
     }
 }
 
-/// Adds the executed and the measured grippers to the message.
-fn with_grippers(echo: RobotState, executed: Option<GripperMotion>, measured: Option<GripperState>) -> RobotState {
+/// Adds to the message whether the robot is unseen, and the executed and the measured grippers.
+fn completed(
+    echo: RobotState,
+    unseen: bool,
+    executed: Option<GripperMotion>,
+    measured: Option<GripperState>,
+) -> RobotState {
+    let flags = [(unseen, state_flag::UNSEEN), (measured.is_some(), state_flag::GRIPPERS)];
     RobotState {
         grippers: executed.unwrap_or(GripperMotion::ZERO),
         grippers_measured: measured.unwrap_or(GripperState::ZERO),
-        flags: echo.flags | if measured.is_some() { state_flag::GRIPPERS } else { 0 },
+        flags: flags.iter().filter(|(present, _)| *present).fold(echo.flags, |all, (_, flag)| all | flag),
         ..echo
     }
 }

@@ -66,6 +66,8 @@ pub struct Config {
     pub interface_delay_ticks: u64,
     /// Age of a measurement beyond which the robot counts as silent, ns.
     pub measured_age_max_ns: u64,
+    /// Age of a measurement beyond which it says nothing of the robot any more, ns. Not above `measured_age_max_ns`.
+    pub unseen_ns: u64,
 }
 
 impl Config {
@@ -78,6 +80,7 @@ impl Config {
             grippers: Grippers([0.0; 2]),
             interface_delay_ticks: 0,
             measured_age_max_ns: MEASURED_AGE_MAX_NS,
+            unseen_ns: MEASURED_AGE_MAX_NS,
         }
     }
 }

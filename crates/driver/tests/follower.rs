@@ -4,8 +4,8 @@ mod bench;
 
 use bench::{Bench, CONFIG, K, measured};
 use driver::{
-    Accepted, Chain, GAP_MAX_TICKS, Input, Motion, Refusal, SETTLE_TICKS, SILENCE_TICKS, STILL_TICKS, State, reseed,
-    tick,
+    Accepted, Chain, Config, Drive, DriveInput, Driver, GAP_MAX_TICKS, Input, Measured, Motion, Refusal, SETTLE_TICKS,
+    SILENCE_TICKS, STILL_TICKS, Setpoint, State, drive, reseed, tick,
 };
 use messages::{
     Fault, Faults, Header, JOINTS_MAX, JointCommand, Layout, Stamp, StopPlan, TICK_S, deadline, state_flag,
@@ -383,4 +383,31 @@ fn hold_of_nan_posture_is_refused() {
     let mut q = [0.0; JOINTS_MAX];
     q[7] = f64::NAN;
     assert_eq!(State::hold(K, &q), None);
+}
+
+/// A port that measured once.
+struct Silent(Measured);
+
+impl Driver for Silent {
+    fn read(&mut self, _: Stamp) -> Measured {
+        self.0
+    }
+
+    fn write(&mut self, _: Stamp, _: &Setpoint, _: &StopPlan) -> bool {
+        true
+    }
+}
+
+#[test]
+fn f052_old_measurement_is_flagged_before_it_latches() {
+    let config = Config { unseen_ns: 10_000_000, measured_age_max_ns: 200_000_000, ..CONFIG };
+    let start = Measured { stamp: deadline(K), ..measured() };
+    let mut state = Drive::new(&config, K, &start, &start).expect("finite");
+    for n in 1..400 {
+        let (now, input) = (deadline(K + n), DriveInput { due_k: K + n, command: None });
+        let out = drive(&config, &mut state, now, input, &mut Silent(start), &mut ());
+        let age_ns = now.since(start.stamp);
+        assert_eq!(out.state.flags & state_flag::UNSEEN != 0, age_ns > 10_000_000, "{age_ns} ns");
+        assert_eq!(out.faults.has(Fault::DriverFault), age_ns > 200_000_000, "{age_ns} ns");
+    }
 }

@@ -34,6 +34,9 @@ pub mod state_flag {
     pub const EMERGENCY_STOP: u32 = 4;
     /// The robot measures its grippers.
     pub const GRIPPERS: u32 = 8;
+    /// The robot is unseen: its newest measurement is older than `driver.measured_age_max_ms`. Without real-time scheduling
+    /// the driver goes on for longer than that.
+    pub const UNSEEN: u32 = 16;
 }
 
 /// Nodes in the way of a target. The way is the person's motion after tick `k`.

@@ -33,8 +33,11 @@ pub struct Options {
     pub watchdog_ms: f64,
     /// The robot's reaction to that silence.
     pub reaction: Reaction,
-    /// Age of a measurement beyond which the driver counts the robot as silent, ms.
+    /// Age of a measurement beyond which the robot is unseen, ms.
     pub measured_age_max_ms: f64,
+    /// Time by which a measurement may be older still before the driver counts the robot as silent, ms. Zero with real-time
+    /// scheduling.
+    pub pause_ms: f64,
     /// Ticks without an acceptable command after which the driver latches its fault.
     pub silence_ticks: u64,
     /// True payload of the left and the right hand, kg. Without a value it is the robot file's. The centre is the
@@ -66,6 +69,7 @@ impl Default for Options {
             watchdog_ms: 10.0,
             reaction: Reaction::Play,
             measured_age_max_ms: 10.0,
+            pause_ms: 0.0,
             silence_ticks: driver::SILENCE_TICKS,
             payload_kg: [None; 2],
             object_width_m: 0.0,
@@ -149,7 +153,8 @@ impl Config {
         let noise = within("encoder_noise_rad", options.encoder_noise_rad, 0.0, ENCODER_NOISE_MAX_RAD)?;
         let step = within("encoder_step_rad", options.encoder_step_rad, 0.0, 0.01)?;
         within("watchdog_ms", options.watchdog_ms, 1.0, watchdog_max_ms(options.reaction))?;
-        let age_ms = within("measured_age_max_ms", options.measured_age_max_ms, 1.0, 1000.0)?;
+        let unseen_ms = within("measured_age_max_ms", options.measured_age_max_ms, 1.0, 100.0)?;
+        let pause_ms = within("pause_ms", options.pause_ms, 0.0, 1000.0)?;
         within("silence_ticks", options.silence_ticks as f64, 1.0, 10.0 * TICK_HZ as f64)?;
         let limits: [JointLimits; JOINTS_MAX] =
             std::array::from_fn(|j| strictest(&model.urdf_limits[j], &model.limits[j]));
@@ -170,7 +175,8 @@ impl Config {
             follower: driver::Config {
                 silence_ticks: options.silence_ticks,
                 grippers: grippers(model),
-                measured_age_max_ns: (age_ms * 1e6) as u64,
+                measured_age_max_ns: ((unseen_ms + pause_ms) * 1e6) as u64,
+                unseen_ns: (unseen_ms * 1e6) as u64,
                 interface_delay_ticks: (options.interface.delay_s() * TICK_HZ as f64) as u64,
                 ..driver::Config::new(model.id(), std::array::from_fn(last_hop))
             },

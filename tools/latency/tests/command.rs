@@ -59,7 +59,10 @@ fn short_run_reports_every_figure_and_they_agree() {
     let _turn = turn();
     let folder = tempfile::tempdir().unwrap();
     let (json, plot) = (folder.path().join("latency.json"), folder.path().join("latency.png"));
-    let output = latency(&["--seconds", "5", "--json", json.to_str().unwrap(), "--plot", plot.to_str().unwrap()]);
+    let arguments = ["--seconds", "5", "--json", json.to_str().unwrap(), "--plot", plot.to_str().unwrap()];
+    // If the machine pauses, the driver latches, and there is nothing to measure.
+    let paused = |output: &Output| String::from_utf8_lossy(&output.stderr).contains("DriverFault");
+    let output = (0..3).map(|_| latency(&arguments)).find(|output| !paused(output)).expect("a run without a pause");
     let (words, said) = (String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
     assert_eq!(output.status.code(), Some(0), "{said}");
     assert!(words.starts_with("ratios"), "{words}");
