@@ -39,7 +39,7 @@ fn robot_engages_follows_and_stops_at_rest() {
 fn f052_pause_of_the_robot_is_no_implausible_feedback() {
     let mut rig = Rig::empty();
     let (hand, mut eyes, _client) = rig.follow_builtin(0.5);
-    for _ in 0..20 {
+    for _ in 0..8 {
         rig.signal("robot", "STOP");
         std::thread::sleep(Duration::from_millis(60));
         rig.signal("robot", "CONT");

@@ -2,6 +2,7 @@
 
 use crate::error::DoorError;
 use rt::Peer;
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::fs::{self, FileType, FlockOperation, Gid, Mode, OFlags};
 use rustix::io::Errno;
 use rustix::net::sockopt::{self, Timeout};
@@ -68,6 +69,11 @@ impl Listener {
 
     /// Accepts a waiting connection. Returns `None` if there is none.
     pub fn accept(&self) -> Option<Admission> {
+        // accept(2) creates a socket before it looks whether a connection waits: ten times the time of poll(2).
+        let mut waiting = [PollFd::new(&self.socket, PollFlags::IN)];
+        if poll(&mut waiting, Some(&Timespec { tv_sec: 0, tv_nsec: 0 })).ok()? == 0 {
+            return None;
+        }
         let socket = net::accept_with(&self.socket, SocketFlags::CLOEXEC | SocketFlags::NONBLOCK).ok()?;
         let peer = Peer::of(socket.as_fd()).ok()?;
         let known = peer.uid == 0 || peer.uid == self.uid || peer.is_member(socket.as_fd(), self.gid);

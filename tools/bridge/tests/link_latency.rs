@@ -4,11 +4,12 @@
 use bus::Domain;
 use doors::LeaseState;
 use instance::Instance;
-use messages::{Header, Layout, RawSkeleton, Service, raw_flag};
+use messages::{Header, Layout, RawSkeleton, Service, Stamp, raw_flag};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use std::net::UdpSocket;
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
 /// Frames of a measurement, and the time between two: 100 Hz.
@@ -36,45 +37,48 @@ fn tell(what: &str, times: Vec<f64>) -> [f64; 2] {
     [half, most]
 }
 
-/// Publishes at `from` and receives at `to`.
-fn over_sockets(from: &Path, server: &mut doors::Server) -> Vec<f64> {
-    let mut client = None;
-    let (mut sent, mut times) = (vec![Instant::now(); FRAMES as usize + 1], Vec::new());
-    let (mut next, mut sequence) = (Instant::now(), 0);
-    let begun = Instant::now();
-    while sequence < FRAMES && begun.elapsed() < Duration::from_secs(60) {
-        if client.is_none() {
-            // The hello is answered below when both ends are the same server.
-            let path = from.to_owned();
-            let coming = std::thread::spawn(move || doors::Client::attach(path));
-            while !coming.is_finished() {
-                server.poll(rt::now(), false, |_, _| LeaseState::Holder);
-                std::thread::sleep(Duration::from_millis(1));
-            }
-            client = coming.join().expect("it ends").ok();
-            continue;
-        }
-        if Instant::now() >= next {
-            next = Instant::now() + PERIOD;
-            sequence += 1;
-            sent[sequence as usize] = Instant::now();
-            if client.as_mut().is_some_and(|client| client.publish(&person(sequence)).is_err()) {
-                client = None;
-            }
-        }
-        let (sockets, count) = server.descriptors(rt::now());
-        let mut all: Vec<_> =
-            sockets[..count].iter().map(|socket| PollFd::from_borrowed_fd(*socket, PollFlags::IN)).collect();
-        let left = next.saturating_duration_since(Instant::now()).min(PERIOD);
-        let _ = poll(&mut all, Some(&Timespec { tv_sec: 0, tv_nsec: left.subsec_nanos().into() }));
-        server.poll(rt::now(), false, |_, frame| {
-            if let Some(sent) = sent.get(frame.header.sequence as usize) {
-                times.push(sent.elapsed().as_secs_f64() * 1e3);
-            }
-            LeaseState::Holder
-        });
+/// Sends the frames to the socket at `to`, and notes when.
+fn send(to: &Path, sent: &[AtomicU64]) {
+    let (mut next, mut client) = (Instant::now(), None);
+    for (sequence, at) in sent.iter().enumerate() {
+        let client = client.get_or_insert_with(|| doors::Client::attach(to).expect("the socket answers"));
+        next += PERIOD;
+        std::thread::sleep(next.saturating_duration_since(Instant::now()));
+        next = next.max(Instant::now());
+        at.store(rt::now().0, Ordering::Release);
+        let _ = client.publish(&person(sequence as u64));
     }
+}
+
+/// Sends to the socket `from` in a thread of its own, and waits at `server`. Returns the times between.
+fn over_sockets(from: &Path, server: &mut doors::Server) -> Vec<f64> {
+    let sent: Vec<_> = (0..FRAMES).map(|_| AtomicU64::new(0)).collect();
+    let mut times = Vec::new();
+    std::thread::scope(|scope| {
+        let sender = scope.spawn(|| send(from, &sent));
+        while !sender.is_finished() {
+            let (sockets, count) = server.descriptors(rt::now());
+            let mut all: Vec<_> =
+                sockets[..count].iter().map(|socket| PollFd::from_borrowed_fd(*socket, PollFlags::IN)).collect();
+            let _ = poll(&mut all, Some(&Timespec { tv_sec: 0, tv_nsec: 5_000_000 }));
+            server.poll(rt::now(), false, |_, frame| {
+                let at = sent.get(frame.header.sequence as usize).map_or(0, |at| at.load(Ordering::Acquire));
+                if at != 0 {
+                    times.push(rt::now().since(Stamp(at)) as f64 * 1e-6);
+                }
+                LeaseState::Holder
+            });
+        }
+    });
     times
+}
+
+/// Time that the host of a virtual machine took from its cores since it started, and all time, in the units of /proc/stat.
+fn stolen() -> [f64; 2] {
+    let text = std::fs::read_to_string("/proc/stat").unwrap_or_default();
+    let line = text.lines().next().unwrap_or_default();
+    let times: Vec<f64> = line.split_whitespace().skip(1).take(8).filter_map(|time| time.parse().ok()).collect();
+    [times.get(7).copied().unwrap_or_default(), times.iter().sum()]
 }
 
 fn over_shared_memory() -> Vec<f64> {
@@ -172,7 +176,10 @@ fn link_adds_half_a_millisecond_one_way() {
     while operator::Client::connect(folders[2].path().join("operator.sock")).is_err() {
         std::thread::sleep(Duration::from_millis(50));
     }
+    let before = stolen();
     let linked = tell("both sockets and the link", over_sockets(&folders[2].path().join("skeleton.sock"), &mut server));
+    let [taken, all] = [0, 1].map(|n| stolen()[n] - before[n]);
+    println!("meanwhile the host took {:.1} % of the cores", 100.0 * taken / all);
     tell("shared memory", over_shared_memory());
     match over_python() {
         Some(times) => _ = tell("zenoh in Python over TCP, half of an echo", times),

@@ -69,7 +69,7 @@ pub fn run(args: &LinkOperator) -> Result<(), Failure> {
         heartbeat: Heartbeat::new(),
         due: Stamp::NONE,
         up: [publisher("operator")?, publisher("person")?],
-        answers: wire.receive(key(&keys.robot, "answer", name))?,
+        answers: wire.receive(key(&keys.robot, "answer", name), |_| false)?,
         persons,
         socket: instance.operator_socket(),
         operators: None,
@@ -111,6 +111,7 @@ impl Operator {
     }
 
     fn round(&mut self, now: Stamp) -> Result<(), Failure> {
+        self.send_persons(now);
         while let Some(bytes) = self.answers.take() {
             match self.end.take(&bytes, now) {
                 Ok(Down::Status(status)) => self.status = Some((status, now)),
@@ -118,7 +119,6 @@ impl Operator {
                 Ok(Down::Answer(_)) | Err(_) => {}
             }
         }
-        self.send_persons(now);
         let pressed = self.serve(now)?;
         if pressed || now >= self.due {
             self.beat(now);

@@ -3,17 +3,17 @@
 use super::keys::{Keys, Name};
 use super::person::Person;
 use super::report::{Report, of_operator, state_name};
-use super::wire::{KINDS, Publisher, Slot, Wire, config, key, put, status_key};
+use super::wire::{KINDS, Publisher, Slot, Wire, config, key, kind, put, status_key};
 use crate::cli::LinkRobot;
 use doors::draw_nonce;
 use instance::Instance;
-use link::{FRAME_BYTES_MAX, OPERATORS_MAX, Payload, RobotEnd, Sent};
+use link::{FRAME_BYTES_MAX, Kind, OPERATORS_MAX, Payload, RobotEnd, Sent};
 use messages::{Layout, Message, OperatorRequest, Stamp, Status};
 use operator::{Client, OperatorSession};
 use rt::{Exit, Failure, Shutdown, out};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use std::path::PathBuf;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// Longest wait for a datagram, ns. Silence and a new status are noticed after it.
 const WAIT_NS: i64 = 5_000_000;
@@ -89,10 +89,9 @@ pub fn run(args: &LinkRobot) -> Result<(), Failure> {
     let admitted: Vec<_> = keys.operators.iter().map(|(name, _)| name.as_str()).collect();
     out!("bridge: robot {} admits {}, code {}", keys.robot, admitted.join(", "), keys.code());
     let names = std::mem::take(&mut keys.operators);
-    let operators = names.into_iter().map(|(name, _)| Operator::new(&wire, &keys.robot, name, &instance));
-    let mut robot = Robot {
+    let robot = Arc::new(Mutex::new(Robot {
         end: RobotEnd::default(),
-        operators: operators.collect::<Result<_, _>>()?,
+        operators: Vec::new(),
         operator_socket: instance.operator_socket(),
         watch: None,
         stop_due: None,
@@ -100,21 +99,51 @@ pub fn run(args: &LinkRobot) -> Result<(), Failure> {
         status: wire.publisher(status_key(&keys.robot))?,
         told: 0,
         told_at: Stamp::NONE,
-    };
+    }));
+    for (at, (name, _)) in names.into_iter().enumerate() {
+        let operator = Operator::new(&wire, &keys.robot, name, &instance, at, &robot)?;
+        locked(&robot).operators.push(operator);
+    }
     while !shutdown.requested() {
         let mut event = [PollFd::from_borrowed_fd(wire.event(), PollFlags::IN)];
         let _ = poll(&mut event, Some(&Timespec { tv_sec: 0, tv_nsec: WAIT_NS }));
         wire.calm();
-        robot.round();
+        locked(&robot).round();
     }
     Ok(())
 }
 
+fn locked(robot: &Mutex<Robot>) -> MutexGuard<'_, Robot> {
+    robot.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
 impl Operator {
-    fn new(wire: &Wire, robot: &Name, name: Name, instance: &Instance) -> Result<Self, Failure> {
+    /// The operator at place `at` of `shared`. A person is taken in the thread of zenoh: that saves a change of threads, on
+    /// which it would wait for the scheduler. While a round has the lock, it waits for the next round.
+    fn new(
+        wire: &Wire,
+        robot: &Name,
+        name: Name,
+        instance: &Instance,
+        at: usize,
+        shared: &Arc<Mutex<Robot>>,
+    ) -> Result<Self, Failure> {
+        let shared = Arc::downgrade(shared);
+        let takes = move |bytes: &[u8]| {
+            let robot = shared.upgrade().filter(|_| kind(bytes) == Kind::Person as usize);
+            let Some(mut robot) = robot.as_ref().and_then(|robot| robot.try_lock().ok()) else { return false };
+            let known = at < robot.operators.len();
+            if known {
+                robot.take(at, bytes);
+            }
+            known
+        };
         Ok(Self {
             // The order of use: an emergency stop comes before a person.
-            slots: [wire.receive(key(robot, "operator", &name))?, wire.receive(key(robot, "person", &name))?],
+            slots: [
+                wire.receive(key(robot, "operator", &name), |_| false)?,
+                wire.receive(key(robot, "person", &name), takes)?,
+            ],
             answers: wire.publisher(key(robot, "answer", &name))?,
             person: Person::new(&instance.skeleton_socket()),
             control: None,

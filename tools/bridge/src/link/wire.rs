@@ -160,9 +160,14 @@ impl Slot {
     }
 
     fn put(&self, bytes: Vec<u8>) {
-        let kind = usize::from(bytes.get(KIND_AT).copied().unwrap_or_default()) % KINDS;
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)[kind] = Some(bytes);
+        let place = kind(&bytes) % KINDS;
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)[place] = Some(bytes);
     }
+}
+
+/// Returns the number of a datagram's kind, before it is decoded.
+pub(super) fn kind(bytes: &[u8]) -> usize {
+    bytes.get(KIND_AT).copied().unwrap_or_default().into()
 }
 
 /// A session, and the event that wakes the loop when a datagram arrives.
@@ -198,18 +203,26 @@ impl Wire {
         Ok(None)
     }
 
-    /// Keeps the newest datagram of `key` in the slot that is returned.
+    /// Keeps the newest datagram of `key` in the slot that is returned, unless `takes` has taken it at once, in the thread of
+    /// zenoh. `takes` may not wait, and may not put.
     ///
     /// # Errors
     /// Returns an error if the session is closed.
-    pub fn receive(&self, key: String) -> Result<Arc<Slot>, Failure> {
+    pub fn receive(
+        &self,
+        key: String,
+        takes: impl Fn(&[u8]) -> bool + Send + Sync + 'static,
+    ) -> Result<Arc<Slot>, Failure> {
         let slot = Arc::new(Slot::default());
         let (of_callback, event) = (Arc::clone(&slot), Arc::clone(&self.event));
         let take = move |sample: zenoh::sample::Sample| {
             let bytes = sample.payload().to_bytes();
             // One byte more than a datagram, so that a longer one is counted as such.
-            of_callback.put(bytes.iter().copied().take(link::FRAME_BYTES_MAX + 1).collect());
-            let _ = rustix::io::write(&*event, &1_u64.to_ne_bytes());
+            let bytes = &bytes[..bytes.len().min(link::FRAME_BYTES_MAX + 1)];
+            if !takes(bytes) {
+                of_callback.put(bytes.to_vec());
+                let _ = rustix::io::write(&*event, &1_u64.to_ne_bytes());
+            }
         };
         self.session
             .declare_subscriber(key)
