@@ -5,7 +5,7 @@ use crate::chain::Chain;
 use crate::gripper::Grippers;
 use crate::limits::JointLimits;
 use crate::plan::Motion;
-use crate::port::{Drives, Measured, Setpoint};
+use crate::port::{Drives, ENCODER_NOISE, Measured, NOISE, Setpoint};
 use messages::{
     Fault, Faults, Header, JOINTS_MAX, JointCommand, Layout, RobotId, RobotState, Stamp, TICK_HZ, TICK_S, state_flag,
 };
@@ -35,9 +35,6 @@ pub const STILL_TICKS: u64 = TICK_HZ / 20;
 /// A standing joint is measured within the way of this many seconds at its largest speed: 0.05 rad for an arm's joint.
 const NEAR_S: f64 = 0.06;
 
-/// Largest noise of a position, rad or m: eight standard deviations of an encoder of 17 bits.
-pub(crate) const ENCODER_NOISE: f64 = 4e-4;
-
 /// A joint stands if it is measured slower than this share of its largest speed: 0.1 rad/s for an arm's joint, 0.01
 /// m/s for the torso. That is several times the noise of the simulated drives' velocities. A servo of 5 Hz takes such
 /// a joint over within some 3 mrad, 0.3 mm. Assumption.
@@ -48,8 +45,6 @@ const STANDING: f64 = 0.15;
 const FALL_FACTOR: f64 = 3.0;
 /// A robot without its driver moves for at most this many ticks: 500 ms.
 const MOVES_TICKS: u64 = TICK_HZ / 2;
-/// Noise of a measurement, rad or m. `safety` uses the same value.
-pub(crate) const NOISE: f64 = 0.005;
 
 /// Settings of the follower.
 #[derive(Clone, Copy, Debug, PartialEq)]

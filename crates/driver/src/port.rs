@@ -2,6 +2,11 @@
 
 use messages::{GripperMotion, GripperState, JOINTS_MAX, Stamp, StopPlan};
 
+/// Largest noise of a position, rad or m: eight standard deviations of an encoder of 17 bits.
+pub(crate) const ENCODER_NOISE: f64 = 4e-4;
+/// Noise of a measurement, rad or m. `safety` uses the same value.
+pub(crate) const NOISE: f64 = 0.005;
+
 /// A measurement of the robot.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Measured {

@@ -1,10 +1,10 @@
 //! Restarts a driver that was suspended while the robot moved: it continues from the measured motion.
 
 use crate::acceptance::GAP_MAX_TICKS;
-use crate::follower::{Config, ENCODER_NOISE, Input, NOISE, State, Step, StepKind};
+use crate::follower::{Config, Input, State, Step, StepKind};
 use crate::limits::JointLimits;
 use crate::plan::Motion;
-use crate::port::Measured;
+use crate::port::{ENCODER_NOISE, Measured, NOISE};
 use messages::{JOINTS_MAX, Stamp, TICK_HZ, TICK_S};
 
 /// Largest noise of a measured speed, rad/s or m/s: eight standard deviations of the simulated drives' noise.
