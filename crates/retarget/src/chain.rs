@@ -19,7 +19,7 @@ impl Chain {
     }
 
     /// The hand, and its derivative by each joint, m/rad: w_j x (hand - c_j) for an axis w_j through c_j.
-    pub(crate) fn linearize(&self, arm: &ArmModel, q: &ArmQ) -> (Vector3<f64>, [[f64; 3]; ARM_Q]) {
+    pub fn linearize(&self, arm: &ArmModel, q: &ArmQ) -> (Vector3<f64>, [[f64; 3]; ARM_Q]) {
         let rotations = arm.rotations(q);
         let ends = |j: usize| self.joints.get(j + 1).unwrap_or(&self.hand) - self.joints[j];
         let (mut at, mut turned) = (self.joints[0], nalgebra::UnitQuaternion::identity());

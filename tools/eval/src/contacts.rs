@@ -8,16 +8,16 @@
 //! ```
 //!
 //! Five robots are compared. Two are postures: the best one for the person's limbs alone, and the best one for limbs that are
-//! corrected so that hands touch (`retarget::contact`). They do not move. The *optimum* is the best motion for the corrected
-//! limbs within the robot's limits, which looks ahead (`following::optimum`). It is judged at the person's own instants. It
-//! is the best for limbs, not for distances, and these three know no collisions. Two are commands, after all stages: all of
+//! corrected so that hands touch (`retarget::contact`). They do not move. The *optimum* is the best motion within the robot's
+//! limits for the corrected limbs, and for the places of the hands where these touch. It looks ahead (`following::optimum`),
+//! and is judged at the person's own instants. These three know no collisions. Two are commands, after all stages: all of
 //! them, and those while the person's hands rest. Commands are compared with the person at the delay of the settings.
 
 use crate::cli::Cli;
 use crate::clips::Human;
 use crate::error::EvalError;
-use crate::following::optimum::optimum;
-use crate::following::{NODE_S, Person, bounds_of};
+use crate::following::optimum::optimum_touching;
+use crate::following::{HandPath, NODE_S, Person, bounds_of};
 use crate::run::{show, write_json};
 use crate::table::{self, column, number};
 use client::PlayOptions;
@@ -258,18 +258,20 @@ impl Played {
         out
     }
 
-    /// Measures the best motions for the corrected limbs, at the person's own instants: those that look ahead, within the
-    /// positions, speeds and accelerations in force, from where the robot began to follow. They know no collisions.
+    /// Measures the best motions for the corrected limbs and hands, at the person's own instants: those that look ahead, within
+    /// the positions, speeds and accelerations in force, from where the robot began to follow. They know no collisions.
     #[must_use]
     pub fn optimum(&self, model: &Model) -> Contacts {
         let (arm, bounds) = (ArmModel::of(model), bounds_of(model));
-        let goal = self.person.touching(&arm, &Correction { robot: Proportions::of(model), weight: 1.0 });
+        let proportions = Proportions::of(model);
+        let (goal, hands) = self.person.touching(&arm, &Correction { robot: proportions, weight: 1.0 });
         let (mut robot, mut out) = (Robot::new(model), Contacts::default());
         for span in &self.spans {
             let (Some(first), Some(last)) = (span.first(), span.last()) else { continue };
             let (from, to) = (deadline(first.k), deadline(last.k));
             let nodes = (0..).map(|k| from.plus_ns(k * (NODE_S * 1e9) as u64)).take_while(|at| *at <= to);
-            let path: Vec<Human> = nodes.filter_map(|at| goal.at(at)).collect();
+            let nodes: Vec<_> = nodes.collect();
+            let path: Vec<Human> = nodes.iter().filter_map(|at| goal.at(*at)).collect();
             let motions = [0, 1].map(|side| {
                 let own = |all: &[f64]| {
                     let arm = &model.arms[side];
@@ -277,7 +279,9 @@ impl Played {
                 };
                 let start = State { q: own(&first.q), v: own(&first.v) };
                 let path: Vec<_> = path.iter().map(|limbs| limbs[side]).collect();
-                (start, optimum(&arm, &bounds[side], &path, start))
+                let to: Vec<_> = nodes.iter().skip(1).map(|at| hands.at(*at, side)).collect();
+                let hand = HandPath { chain: &proportions.chain, to: &to };
+                (start, optimum_touching(&arm, &bounds[side], &path, start, hand))
             });
             for (at, positions) in self.person.seen().filter(|(at, _)| (from..to).contains(at)) {
                 let mut q = model.home;

@@ -120,9 +120,11 @@ fn optimum_of_contacts_reaches_slow_ones_and_misses_fast_ones() {
         let mean_m = |contacts: eval::contacts::Contacts| contacts.hands.mean_m().expect("hands that touch");
         mean_m(played.optimum(&loaded.model)) - mean_m(postures)
     };
-    let [clap_m, box_m] = ["clap", "box"].map(excess_m);
+    let [clap_m, box_m, cross_m] = ["clap", "box", "cross-arms"].map(excess_m);
     assert!(clap_m.abs() < 0.005, "{clap_m} m");
-    assert!(box_m > 0.02, "{box_m} m");
+    // The best for limbs alone misses by 3.5 cm more.
+    assert!(box_m.abs() < 0.01, "{box_m} m");
+    assert!(cross_m > 0.03, "{cross_m} m");
 }
 
 #[test]

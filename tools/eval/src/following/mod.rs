@@ -30,11 +30,11 @@ pub use ahead::{AHEAD_MS, Expectation};
 pub use hands::HandError;
 pub(crate) use judge::mean;
 pub use judge::{Best, Figures, bounds_of, errors_deg, judge, limbs_deg};
-pub use person::Person;
+pub use person::{Hands, Person, Place};
 pub use play::{Played, Sample, Stage};
 pub use report::Report;
 pub use riccati::Joints;
-pub use tracking::{Motion, NODE_S};
+pub use tracking::{HandPath, Motion, NODE_S};
 
 use crate::cli::Cli;
 use crate::clips::{chosen, stem};

@@ -8,7 +8,7 @@
 //! resulting motion can be executed. The true optimum has the same error or less.
 
 use super::riccati::Joints;
-use super::tracking::{Loss, Motion, NODE_S, Task, brake};
+use super::tracking::{HandPath, Loss, Motion, NODE_S, Task, brake};
 use follow::solver::{Bounds, State};
 use retarget::{ArmModel, Limbs, limb_error_deg};
 
@@ -21,7 +21,7 @@ const WINDOWS: [(usize, usize); 3] = [(100, 50), (50, 25), (25, 5)];
 #[must_use]
 pub fn least_squares(arm: &ArmModel, bounds: &Bounds, path: &[Limbs], start: State) -> Motion {
     let Some(goal) = path.get(1..) else { return Motion::from(start, Vec::new()) };
-    let task = Task { arm, bounds, goal, start };
+    let task = Task { arm, bounds, goal, start, hand: None };
     let found = WINDOWS.map(|(nodes, kept)| search(&task, nodes, kept));
     let best = found.into_iter().map(|motion| (error_deg(arm, &motion, goal), motion));
     best.reduce(|a, b| if b.0 < a.0 { b } else { a }).map_or(Motion::from(start, Vec::new()), |(_, best)| best)
@@ -37,10 +37,19 @@ pub fn optimum(arm: &ArmModel, bounds: &Bounds, path: &[Limbs], start: State) ->
 #[must_use]
 pub fn improved(arm: &ArmModel, bounds: &Bounds, path: &[Limbs], start: State, best: Motion) -> Motion {
     let goal = path.get(1..).unwrap_or_default();
-    let task = Task { arm, bounds, goal, start };
+    let task = Task { arm, bounds, goal, start, hand: None };
     let bounds = task.bounds_around(&best);
     let polished = Task { bounds: &bounds, ..task }.improve(best.clone(), Loss::Angle);
     if error_deg(arm, &polished, goal) < error_deg(arm, &best, goal) { polished } else { best }
+}
+
+/// Returns the motion of [`optimum`], improved by the places of the hand as well: what a hand that touches can reach.
+#[must_use]
+pub fn optimum_touching(arm: &ArmModel, bounds: &Bounds, path: &[Limbs], start: State, hand: HandPath<'_>) -> Motion {
+    let (best, goal) = (optimum(arm, bounds, path, start), path.get(1..).unwrap_or_default());
+    let task = Task { arm, bounds, goal, start, hand: Some(hand) };
+    let bounds = task.bounds_around(&best);
+    Task { bounds: &bounds, ..task }.improve(best, Loss::Angle)
 }
 
 /// Returns the sum of both limbs' angles over all nodes, degrees.

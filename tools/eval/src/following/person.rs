@@ -3,8 +3,28 @@
 
 use crate::clips::Human;
 use messages::{SMPL_JOINTS, Skeleton, Stamp, skeleton_flag};
+use nalgebra::Vector3;
 use retarget::contact::{Correction, Figure, Memory};
 use retarget::{ArmModel, Limbs};
+
+/// The place of a hand that touches, m, and its share from 0 to 1.
+pub type Place = Option<(Vector3<f64>, f64)>;
+
+/// The places of both hands at the skeletons.
+#[derive(Clone, Debug)]
+pub struct Hands {
+    origins: Vec<Stamp>,
+    places: Vec<[Place; 2]>,
+}
+
+impl Hands {
+    /// Returns the place of a hand at the newest skeleton at `at`.
+    #[must_use]
+    pub fn at(&self, at: Stamp, side: usize) -> Place {
+        let after = self.origins.partition_point(|origin| *origin <= at);
+        self.places.get(after.saturating_sub(1))?[side]
+    }
+}
 
 /// One person's limbs and joints, in the order of their origins.
 #[derive(Clone, Debug, Default)]
@@ -42,18 +62,22 @@ impl Person {
         Some([0, 1].map(|arm| self.limbs[before][arm].slerp(&next[arm], share)))
     }
 
-    /// Returns the person whose limbs bring the robot's hands to where this person's touch.
+    /// Returns the person whose limbs bring the robot's hands to where this person's touch, and the places of these hands.
     #[must_use]
-    pub fn touching(&self, arm: &ArmModel, correction: &Correction) -> Self {
+    pub fn touching(&self, arm: &ArmModel, correction: &Correction) -> (Self, Hands) {
         let (mut out, mut memory, mut before) = (self.clone(), Memory::default(), None);
-        for ((limbs, positions), origin) in out.limbs.iter_mut().zip(&self.positions).zip(&self.origins) {
+        let place = |(q, share)| (correction.robot.chain.hand(arm, &q), share);
+        let skeletons = out.limbs.iter_mut().zip(&self.positions).zip(&self.origins);
+        let hands = skeletons.map(|((limbs, positions), origin)| {
             let seen = limbs.map(Some);
             let elapsed_s = before.replace(*origin).map_or(0.0, |before| origin.since(before) as f64 * 1e-9);
-            let Some(figure) = Figure::of(positions, &seen) else { continue };
+            let Some(figure) = Figure::of(positions, &seen) else { return [None; 2] };
             let touching = correction.apply(arm, &figure, (&seen, &[None; 2]), elapsed_s, &mut memory);
             *limbs = [0, 1].map(|side| touching[side].unwrap_or(limbs[side]));
-        }
-        out
+            memory.postures().map(|posture| posture.map(place))
+        });
+        let hands = Hands { origins: self.origins.clone(), places: hands.collect() };
+        (out, hands)
     }
 
     /// Returns the capture times and the joints of all skeletons.
