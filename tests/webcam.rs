@@ -12,11 +12,8 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 use tungstenite::Message;
-use view::{LANDMARKS, SIGHT_BYTES};
-use viewer::{Page, Seen, Viewer};
-
-/// Time between two images.
-const PERIOD: Duration = Duration::from_millis(33);
+use viewer::camera::{Camera, PERIOD, image};
+use viewer::{Seen, Viewer};
 
 /// Passes for a pose landmarker at the start.
 const MODEL: &[u8] = b"PK pose_detector.tflite pose_landmarks_detector.tflite";
@@ -31,88 +28,6 @@ fn viewer(rig: &Rig, folder: &Path) -> Viewer {
     std::fs::write(&model, MODEL).expect("a model");
     let [model, library] = [model, library()].map(|path| path.to_str().expect("UTF-8").to_owned());
     Viewer::with(rig, &["--camera", &model, "--vision", &library])
-}
-
-/// A message about an image that shows a person whose left arm is raised by `angle`, rad. Real landmarks tremble.
-fn image(sent_ms: f64, age_ms: f64, angle: f32) -> Vec<u8> {
-    let mut marks = [[0.0_f32; 3]; LANDMARKS];
-    (marks[0], marks[7], marks[8]) = ([0.0, -0.65, -0.1], [0.08, -0.65, 0.0], [-0.08, -0.65, 0.0]);
-    for (side, first, reach) in [(1.0, 0, [angle.cos(), -angle.sin()]), (-1.0, 1, [-1.0, 0.0])] {
-        let along = |length: f32| [0.18 * side + length * reach[0], -0.45 + length * reach[1], 0.0];
-        for (n, length) in [(11, 0.0), (13, 0.28), (15, 0.53), (17, 0.6), (19, 0.6), (21, 0.6)] {
-            marks[n + first] = along(length);
-        }
-        for (n, y) in [(23, 0.0), (25, 0.42), (27, 0.85), (29, 0.9), (31, 0.92)] {
-            marks[n + first] = [0.1 * side, y, if n == 31 { -0.12 } else { 0.0 }];
-        }
-    }
-    let mut bytes = [sent_ms, age_ms].map(f64::to_le_bytes).concat();
-    bytes.extend(0_f32.to_le_bytes());
-    for (n, mark) in marks.iter().enumerate() {
-        let tremble = 2e-4 * (0.7 * sent_ms as f32 + n as f32).sin();
-        bytes.extend(mark.map(|x| (x + tremble).to_le_bytes()).concat());
-        bytes.extend(0.9_f32.to_le_bytes());
-    }
-    assert_eq!(bytes.len(), SIGHT_BYTES);
-    bytes
-}
-
-/// A page that sends images by its own clock.
-struct Camera {
-    page: Page,
-    begun: Instant,
-    sent: Option<Instant>,
-    keeps: bool,
-    angle: f32,
-}
-
-impl Camera {
-    fn of(viewer: &Viewer) -> Self {
-        let mut page = viewer.page();
-        assert_eq!(page.told("scene")["about"]["camera"], true);
-        Self { page, begun: Instant::now(), sent: None, keeps: false, angle: 0.0 }
-    }
-
-    fn send(&mut self, bytes: Vec<u8>) {
-        self.page.socket.send(Message::binary(bytes)).expect("the server listens");
-    }
-
-    fn image(&self) -> Vec<u8> {
-        image(self.begun.elapsed().as_secs_f64() * 1e3, 20.0, self.angle)
-    }
-
-    /// Sends images at their rate, and keeps a pressed enable, until `done`.
-    fn until(&mut self, what: &str, mut done: impl FnMut(Option<&Value>) -> bool) {
-        let give_up = Instant::now() + SOON;
-        loop {
-            if self.sent.is_none_or(|at| at.elapsed() >= PERIOD) {
-                self.sent = Some(Instant::now());
-                self.send(self.image());
-                if self.keeps {
-                    self.page.ask("keep");
-                }
-            }
-            let seen = self.page.read();
-            if done(if let Seen::Told(told) = &seen { Some(told) } else { None }) {
-                return;
-            }
-            assert!(Instant::now() < give_up, "never {what}");
-        }
-    }
-
-    fn start(&mut self) {
-        self.page.say(&json!({ "do": "camera", "on": true }));
-    }
-
-    /// Returns the next report of the camera that `what` accepts, without sending anything.
-    fn report(&mut self, what: impl Fn(&Value) -> bool) -> Value {
-        loop {
-            let told = self.page.told("camera");
-            if what(&told) {
-                return told;
-            }
-        }
-    }
 }
 
 fn is_on(told: Option<&Value>) -> bool {
@@ -208,6 +123,39 @@ fn page_measures_its_person_and_uses_the_measurement() {
     camera.until("engaged", |_| hand.mode() == Some(Mode::Engaged));
     let (written, said) = measure(&mut camera, "berta");
     assert!(!written && said.contains("robot"), "{said}");
+}
+
+/// A server that dies takes its measurement with it, and nothing is written.
+#[test]
+fn measurement_ends_with_a_killed_server() {
+    let mut rig = Rig::with_settings("");
+    rig.start_all();
+    let folder = tempfile::tempdir().expect("a folder");
+    let viewer = viewer(&rig, folder.path());
+    let mut camera = Camera::of(&viewer);
+    camera.start();
+    camera.until("the client", is_on);
+    camera.page.say(&json!({ "do": "calibrate", "name": "carla" }));
+    camera.until("measuring", |told| {
+        told.is_some_and(|told| told["tell"] == "calibrate" && told["text"].to_string().contains("hold still"))
+    });
+    let server = viewer.id().to_string();
+    assert_eq!(measurers(&server), 1);
+    // SIGKILL.
+    drop(viewer);
+    let give_up = Instant::now() + SOON;
+    while measurers(&server) > 0 {
+        assert!(Instant::now() < give_up, "it still measures");
+        std::thread::sleep(Duration::from_millis(50));
+    }
+    assert!(!rig.folder().join("operators/carla.toml").exists());
+}
+
+/// Counts the measurements for the server with this process id.
+fn measurers(server: &str) -> usize {
+    let processes = std::fs::read_dir("/proc").expect("/proc").flatten();
+    let words = processes.filter_map(|process| std::fs::read(process.path().join("cmdline")).ok());
+    words.filter(|words| words.split(|byte| *byte == 0).any(|word| word == server.as_bytes())).count()
 }
 
 /// Measures the person of a camera. Returns true if the file was written, and all that the page was told.

@@ -1,6 +1,8 @@
 //! `teleopd view` of an instance, and its page as seen by a program.
 #![allow(dead_code)]
 
+pub mod camera;
+
 use harness::{Rig, SOON};
 use messages::Mode;
 use serde_json::{Value, json};
@@ -40,6 +42,11 @@ impl Viewer {
         let address = line.trim().split(' ').next_back().expect("an address").to_owned();
         assert!(address.contains("://127.0.0.1:"), "{line}");
         Self { child, address, said, _told: told }
+    }
+
+    /// Returns the process id.
+    pub fn id(&self) -> u32 {
+        self.child.id()
     }
 
     pub fn host(&self) -> &str {
