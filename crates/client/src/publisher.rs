@@ -135,7 +135,8 @@ impl Publisher {
         self.shared.set_engaged(engaged);
     }
 
-    /// Returns true if the last frame has been published. Then `progress` and `failures` are final.
+    /// Returns true if the last frame has been published, or the daemon has closed the socket. Then `progress`, `failures` and
+    /// `told` are final.
     pub fn finished(&self) -> bool {
         self.shared.finished()
     }
@@ -170,9 +171,14 @@ fn publish(mut port: Port, mut player: Player, shared: &Shared, told: &LastReply
     while !shared.stopped() {
         if let Some((_, frame)) = player.due(now(), shared.engaged()) {
             let outcome = port.publish(&frame);
-            shared.publish(player.progress().0, outcome.is_err(), player.finished());
+            // A socket that the daemon has closed takes no other frame.
+            let closed = matches!(outcome, Err(ClientError::Door(DoorError::Closed { .. })));
+            shared.publish(player.progress().0, outcome.is_err(), player.finished() || closed);
             let said = outcome.err().map(|error| error.to_string()).or_else(|| port.told().map(str::to_owned));
             *told.lock().unwrap_or_else(|poisoned| poisoned.into_inner()) = said;
+            if closed {
+                return;
+            }
         }
         let wait_ns = player.next_due().since(now());
         // Short sleeps, so stopping never waits for a slow frame rate.

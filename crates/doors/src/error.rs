@@ -15,9 +15,14 @@ pub fn linked_robot(run_dir: &Path) -> Option<String> {
 fn link_of(socket: &Path) -> Option<String> {
     let robot = linked_robot(socket.parent()?)?;
     Some(format!(
-        "The link to robot {robot} is down, and nothing reaches the robot. See the lines of bridge link operator. Use the \
+        "The link to robot {robot} is down, and nothing reaches the robot. See the lines of teleop-bridge link operator. Use the \
          robot's own emergency stop"
     ))
+}
+
+/// Returns what a link's socket adds to an error, if this one belongs to a link.
+pub fn hint(socket: &Path) -> String {
+    link_of(socket).map_or(String::new(), |text| format!(". {text}"))
 }
 
 fn absent(socket: &Path, daemon: &str) -> String {
@@ -66,13 +71,13 @@ pub enum DoorError {
     #[error("{}: the path is too long; a Unix socket's path has at most 107 bytes. Give a shorter one", path.display())]
     PathTooLong { path: PathBuf },
     /// The daemon did not reply in time.
-    #[error("{}: {daemon} did not reply within {timeout_ms} ms", path.display())]
+    #[error("{}: {daemon} did not reply within {timeout_ms} ms{}", path.display(), hint(path))]
     Timeout { path: PathBuf, daemon: &'static str, timeout_ms: u64 },
     /// The daemon refused this client.
     #[error("{}: refused: {}", path.display(), word.meaning())]
     Refused { path: PathBuf, word: Reply },
     /// The daemon ended the connection.
-    #[error("{}: {daemon} closed the connection", path.display())]
+    #[error("{}: {daemon} closed the connection{}", path.display(), hint(path))]
     Closed { path: PathBuf, daemon: &'static str },
     /// Any other error of the kernel.
     #[error("{}: cannot {action}: {source}", path.display())]

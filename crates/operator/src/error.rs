@@ -12,12 +12,12 @@ pub enum OperatorError {
     #[error(transparent)]
     Door(#[from] DoorError),
     /// `control` did not reply in time.
-    #[error("{}: teleopd control did not reply within {timeout_ms} ms", path.display())]
+    #[error("{}: teleopd control did not reply within {timeout_ms} ms{}", path.display(), doors::hint(path))]
     Timeout { path: PathBuf, timeout_ms: u64 },
     /// The server ended the connection.
     #[error(
         "{}: teleopd control closed the connection. It ended, all its connections are in use, it does not admit this \
-         user, or its version differs from this client's", path.display()
+         user, or its version differs from this client's{}", path.display(), doors::hint(path)
     )]
     Closed { path: PathBuf },
     /// A reply has the wrong length.

@@ -8,7 +8,7 @@ use std::path::PathBuf;
 /// Receives from a motion capture program, and publishes the person that it sends. Links an operator's machine to the
 /// robot's.
 #[derive(Debug, Parser)]
-#[command(name = "bridge", version)]
+#[command(name = "teleop-bridge", version)]
 pub struct Cli {
     /// The motion capture program, or the link.
     #[command(subcommand)]
@@ -60,13 +60,12 @@ pub enum Link {
 
 /// Arguments of the robot's end.
 #[derive(Args, Debug)]
-#[group(required = true, multiple = true, args = ["listen", "connect"])]
 pub struct LinkRobot {
-    /// Folder with the keys that `bridge link pair` made.
+    /// Folder with the keys that `teleop-bridge link pair` made.
     #[arg(long, value_name = "DIR", default_value = "link-keys")]
     pub keys: PathBuf,
     /// Address to listen on: quic/HOST:PORT.
-    #[arg(long, value_name = "ADDRESS")]
+    #[arg(long, value_name = "ADDRESS", required_unless_present = "connect")]
     pub listen: Vec<String>,
     /// Address of a router to connect to: quic/HOST:PORT.
     #[arg(long, value_name = "ADDRESS")]
@@ -79,7 +78,7 @@ pub struct LinkRobot {
 /// Arguments of the operator's end.
 #[derive(Args, Debug)]
 pub struct LinkOperator {
-    /// Bundle that `bridge link pair operator` made.
+    /// Bundle that `teleop-bridge link pair operator` made.
     #[arg(long, value_name = "FILE")]
     pub bundle: PathBuf,
     /// Address of the robot, or of a router: quic/HOST:PORT.
@@ -93,7 +92,7 @@ pub struct LinkOperator {
 /// Arguments of a router.
 #[derive(Args, Debug)]
 pub struct LinkRouter {
-    /// Bundle that `bridge link pair router` made.
+    /// Bundle that `teleop-bridge link pair router` made.
     #[arg(long, value_name = "FILE")]
     pub bundle: PathBuf,
     /// Copy of the folder `operators` of the robot's keys.

@@ -20,12 +20,12 @@ const NOISE: f64 = 1e-3;
 /// A joint that is this far from where it was has followed, rad or m.
 const MOVED: f64 = 0.2;
 
-/// A process of `bridge link`.
+/// A process of `teleop-bridge link`.
 struct End(Child);
 
 impl End {
     fn start(arguments: &[&str]) -> Self {
-        let mut command = Command::new(env!("CARGO_BIN_EXE_bridge"));
+        let mut command = Command::new(env!("CARGO_BIN_EXE_teleop-bridge"));
         Self(command.arg("link").args(arguments).stdout(Stdio::null()).spawn().expect("it starts"))
     }
 
@@ -128,7 +128,7 @@ fn robot_is_led_over_a_link() {
     let mut robot = Harness::start(&harness::config(), None).expect("it starts");
     let (keys, folder) = (tempfile::tempdir().expect("a folder"), tempfile::tempdir().expect("a folder"));
     for words in [["robot", "--name", "tiago"], ["operator", "--name", "anna"]] {
-        let mut pair = Command::new(env!("CARGO_BIN_EXE_bridge"));
+        let mut pair = Command::new(env!("CARGO_BIN_EXE_teleop-bridge"));
         pair.args(["link", "pair"]).args(words).args(["--keys", text(keys.path())]).stdout(Stdio::null());
         assert!(pair.status().expect("it runs").success());
     }

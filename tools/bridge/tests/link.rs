@@ -90,7 +90,7 @@ impl Drop for Daemon {
     }
 }
 
-/// A process of `bridge link` and its lines.
+/// A process of `teleop-bridge link` and its lines.
 struct End {
     child: Child,
     lines: Arc<Mutex<Vec<String>>>,
@@ -98,7 +98,7 @@ struct End {
 
 impl End {
     fn start(arguments: &[&str]) -> Self {
-        Self::start_by(Command::new(env!("CARGO_BIN_EXE_bridge")), arguments)
+        Self::start_by(Command::new(env!("CARGO_BIN_EXE_teleop-bridge")), arguments)
     }
 
     fn start_by(mut program: Command, arguments: &[&str]) -> Self {
@@ -134,7 +134,7 @@ fn wait(what: &str, done: impl Fn() -> bool) {
 }
 
 fn bridge(arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_bridge")).arg("link").args(arguments).output().expect("it runs")
+    Command::new(env!("CARGO_BIN_EXE_teleop-bridge")).arg("link").args(arguments).output().expect("it runs")
 }
 
 /// A robot with its keys, its daemon and its end of the link.
@@ -166,7 +166,7 @@ impl World {
     }
 
     fn operator(&self, bundle: &Path, folder: &Path) -> End {
-        self.operator_by(Command::new(env!("CARGO_BIN_EXE_bridge")), bundle, folder)
+        self.operator_by(Command::new(env!("CARGO_BIN_EXE_teleop-bridge")), bundle, folder)
     }
 
     fn operator_by(&self, program: Command, bundle: &Path, folder: &Path) -> End {

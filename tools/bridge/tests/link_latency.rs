@@ -147,7 +147,7 @@ fn link_adds_half_a_millisecond_one_way() {
     let folders = [0; 3].map(|_| tempfile::tempdir().expect("a folder"));
     let [keys, daemon, local] = folders.each_ref().map(|folder| folder.path().to_str().expect("text"));
     let bridge = |arguments: &[&str]| {
-        let mut command = Command::new(env!("CARGO_BIN_EXE_bridge"));
+        let mut command = Command::new(env!("CARGO_BIN_EXE_teleop-bridge"));
         command.arg("link").args(arguments).stdout(Stdio::null());
         command
     };

@@ -51,7 +51,7 @@ fn mvn(sample: u32) -> Vec<u8> {
 
 /// Starts a bridge. Returns it, the address on which it listens, and the rest of its output.
 fn start(folder: &std::path::Path, arguments: &[&str]) -> (Child, String, std::io::Lines<BufReader<ChildStdout>>) {
-    let mut bridge = Command::new(env!("CARGO_BIN_EXE_bridge"))
+    let mut bridge = Command::new(env!("CARGO_BIN_EXE_teleop-bridge"))
         .args(arguments)
         .arg("--run-dir")
         .arg(folder)
@@ -161,7 +161,7 @@ fn packets_of_another_user_are_dropped_unless_any_user_is_set() {
 
 #[test]
 fn bridge_without_an_instance_exits_with_an_error() {
-    let output = Command::new(env!("CARGO_BIN_EXE_bridge"))
+    let output = Command::new(env!("CARGO_BIN_EXE_teleop-bridge"))
         .args(["vmc", "--bind", "127.0.0.1:0", "--run-dir", "/nowhere/at/all"])
         .output()
         .expect("it runs");

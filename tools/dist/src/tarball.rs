@@ -14,7 +14,7 @@ const PROGRAMS: [(&str, &str); 8] = [
     ("latency", "teleop-latency"),
     ("record", "teleop-record"),
     ("say", "teleop-say"),
-    ("bridge", "teleop-bridge"),
+    ("teleop-bridge", "teleop-bridge"),
     ("teleopd-ros2", "teleopd-ros2"),
 ];
 

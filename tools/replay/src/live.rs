@@ -43,6 +43,11 @@ fn bar_of(frames: u64) -> ProgressBar {
     bar
 }
 
+/// Prints a line above the bar. Without a terminal there is no bar.
+fn say(bar: &ProgressBar, line: &str) {
+    if bar.is_hidden() { out!("{line}") } else { bar.println(line) }
+}
+
 /// Returns the instance, and the transport.
 fn place(cli: &Cli) -> Result<(Instance, Transport), Failure> {
     let instance = match &cli.socket {
@@ -94,7 +99,7 @@ pub fn run(cli: &Cli, motion: &Motion) -> Result<(), Failure> {
         out!("holding the first frame until the robot is engaged (`teleopctl engage`)");
     }
     let bar = bar_of(publisher.progress().1);
-    let (mut mode, mut told) = (None, None);
+    let (mut mode, mut told, mut unanswered) = (None, None, None);
     let names = instance::read_names(instance.run_dir());
     // `followed` is true once the robot has followed. `ended` is the reason why it stopped following.
     let (mut followed, mut ended) = (false, None);
@@ -104,35 +109,40 @@ pub fn run(cli: &Cli, motion: &Motion) -> Result<(), Failure> {
                 Ok(status) => {
                     let now = Mode::from_u32(status.mode);
                     if now != mode {
-                        bar.println(now.map_or("unknown mode", Mode::name));
+                        say(&bar, now.map_or("unknown mode", Mode::name));
                         mode = now;
                         let follows = matches!(now, Some(Mode::Engaged | Mode::Engaging));
                         let why = explain::why_stopped(&status, &names).filter(|_| followed && !follows);
-                        why.iter().for_each(|why| bar.println(why));
+                        why.iter().for_each(|why| say(&bar, why));
                         ended = if follows { None } else { why.or(ended) };
                         followed |= now == Some(Mode::Engaged);
                     }
                     publisher.set_engaged(at_once || now == Some(Mode::Engaged));
                 }
-                Err(error) => bar.println(error.to_string()),
+                Err(error) => {
+                    let error = Some(error.to_string());
+                    error.iter().filter(|_| error != unanswered).for_each(|error| say(&bar, error));
+                    unanswered = error;
+                }
             }
         }
         if publisher.told() != told {
             told = publisher.told();
-            told.iter().for_each(|told| bar.println(told));
+            told.iter().for_each(|told| say(&bar, told));
         }
         bar.set_position(publisher.progress().0);
         std::thread::sleep(LOOK);
     }
     bar.finish();
+    if publisher.failures() > 0 {
+        let why = publisher.told().map_or(String::new(), |why| format!("; the last one: {why}"));
+        return Err(Failure::new(Exit::Failed, format!("{} frames were not accepted{why}", publisher.failures())));
+    }
     if let (Some(why), false) = (ended, shutdown.requested()) {
         return Err(Failure::new(Exit::Failed, format!("the robot did not follow to the end of the motion: {why}")));
     }
     if !shutdown.requested() {
         out!("the motion is over: no more skeletons are sent, so the robot stops");
-    }
-    if publisher.failures() > 0 {
-        return Err(Failure::new(Exit::Failed, format!("{} frames were not accepted", publisher.failures())));
     }
     Ok(())
 }

@@ -98,3 +98,35 @@ fn second_client_is_told_that_another_holds_the_lease() {
     assert!(told(&second) && second.len() > 1, "{second:?}");
     assert!(!told(&only) && only.len() > 1, "{only:?}");
 }
+
+#[test]
+fn closed_skeleton_socket_ends_replay_with_the_reason() {
+    let folder = tempfile::Builder::new().prefix("tr").tempdir().expect("a folder");
+    let instance = Instance::new(folder.path()).expect("an instance");
+    std::fs::write(folder.path().join(doors::LINK_FILE), "tiago").expect("a link's file");
+    let mut door = doors::Server::bind(&instance.skeleton_socket(), None).expect("a skeleton socket");
+    let mut server = Server::bind(instance.operator_socket()).expect("an operator socket");
+    let mut replay = Command::new(env!("CARGO_BIN_EXE_replay"));
+    replay.args(["builtin", "--loop", "--run-dir"]).arg(folder.path()).stdout(Stdio::null()).stderr(Stdio::piped());
+    let mut replay = replay.spawn().expect("replay runs");
+    let (begun, mut heard) = (Instant::now(), false);
+    while !heard {
+        assert!(begun.elapsed() < Duration::from_secs(30), "replay publishes nothing");
+        door.poll(rt::now(), false, |_, _| {
+            heard = true;
+            LeaseState::Holder
+        });
+        server.poll(rt::now(), &Status::ZERO);
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    drop((door, server));
+    let give_up = Instant::now() + Duration::from_secs(30);
+    while replay.try_wait().expect("a process").is_none() {
+        assert!(Instant::now() < give_up, "replay goes on without a reader");
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    let output = replay.wait_with_output().expect("its words");
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(!output.status.success() && said.contains("closed the connection"), "{said}");
+    assert!(said.contains("The link to robot tiago is down"), "{said}");
+}

@@ -63,15 +63,17 @@ pub struct Keys {
 }
 
 impl Keys {
-    /// Reads the robot's keys from the folder that `bridge link pair` fills.
+    /// Reads the robot's keys from the folder that `teleop-bridge link pair` fills.
     ///
     /// # Errors
     /// Returns an error that names the file.
     pub fn of_robot(folder: &Path) -> Result<Self, Failure> {
         let file = folder.join(super::pair::ROBOT);
         if !file.exists() {
-            let text =
-                format!("{}: no keys of a robot. Run bridge link pair robot --name NAME first", folder.display());
+            let text = format!(
+                "{}: no keys of a robot. Run teleop-bridge link pair robot --name NAME first",
+                folder.display()
+            );
             return Err(Failure::new(Exit::NoInput, text));
         }
         let own = Self::of(&file, &read_secret(&file)?, operators(&folder.join(super::pair::OPERATORS))?)?;
@@ -89,7 +91,7 @@ impl Keys {
         if keys.operator.is_none() {
             return Err(wrong(
                 bundle,
-                "has no line \"operator: NAME\". Give the bundle that bridge link pair operator made",
+                "has no line \"operator: NAME\". Give the bundle that teleop-bridge link pair operator made",
             ));
         }
         Ok(keys)
@@ -102,7 +104,7 @@ impl Keys {
     pub fn of_router(bundle: &Path, listed: &Path) -> Result<Self, Failure> {
         let text = read_secret(bundle)?;
         if !text.contains(super::pair::IS_ROUTER) {
-            return Err(wrong(bundle, "is no router's bundle. Give the one that bridge link pair router made"));
+            return Err(wrong(bundle, "is no router's bundle. Give the one that teleop-bridge link pair router made"));
         }
         Self::of(bundle, &text, operators(listed)?)
     }

@@ -35,7 +35,7 @@ const STATUS_GONE_NS: u64 = Service::Status.row().stale_after_ms as u64 * 1_000_
 const RUNTIME: &str = "ZENOH_RUNTIME";
 const ONE_THREAD: &str = "(rx: (handover: net), acc: (handover: net), tx: (handover: net), app: (handover: net))";
 
-/// Runs a command of `bridge link`.
+/// Runs a command of `teleop-bridge link`.
 ///
 /// # Errors
 /// Returns the message for the user.

@@ -21,7 +21,8 @@ const WAIT_NS: i64 = 2_000_000;
 /// Silence after which another client may take the person's place, ns. `ingest` keeps a silent client's lease as long.
 const SILENT_NS: u64 = 1_000_000_000;
 
-const NO_ANSWER: &str = "no answer. Is bridge link robot running, does UDP reach it, and does it admit this operator?";
+const NO_ANSWER: &str =
+    "no answer. Is teleop-bridge link robot running, does UDP reach it, and does it admit this operator?";
 
 /// State of the operator's end.
 struct Operator {

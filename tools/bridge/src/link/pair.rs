@@ -48,7 +48,7 @@ pub fn pair_robot(name: &Name, keys: &Path) -> Result<(), Failure> {
     let (certificate, own_key) = sign(name.as_str(), purposes, &issuer)?;
     write_new(&keys.join(ROBOT), &format!("robot: {name}\n{certificate}{own_key}{authority}"))?;
     out!("bridge: {} holds the keys of robot {name}, code {}", keys.display(), Keys::of_robot(keys)?.code());
-    out!("bridge: next: bridge link pair operator --name NAME --keys {}", keys.display());
+    out!("bridge: next: teleop-bridge link pair operator --name NAME --keys {}", keys.display());
     Ok(())
 }
 
@@ -72,7 +72,7 @@ pub fn pair_operator(name: &Name, keys: &Path) -> Result<(), Failure> {
     admit(keys, &robot, name.as_str(), purposes, &format!("operator: {name}{router}"), &bundle, &admits)?;
     let code = Keys::of_operator(&bundle)?.code();
     out!("bridge: copy {} to the operator's machine, with scp, and remove it here", bundle.display());
-    out!("bridge: code {code}; bridge link pair show must print the same there");
+    out!("bridge: code {code}; teleop-bridge link pair show must print the same there");
     out!("bridge: a robot end that runs admits {name} after its next start");
     Ok(())
 }

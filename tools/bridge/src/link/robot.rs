@@ -74,7 +74,7 @@ pub fn run(args: &LinkRobot) -> Result<(), Failure> {
         return Err(Failure::new(Exit::Config, text));
     }
     if keys.operators.is_empty() {
-        let text = format!("{}: no operator. Run bridge link pair operator first", args.keys.display());
+        let text = format!("{}: no operator. Run teleop-bridge link pair operator first", args.keys.display());
         return Err(Failure::new(Exit::Config, text));
     }
     if !args.run_dir.is_dir() {
@@ -84,10 +84,14 @@ pub fn run(args: &LinkRobot) -> Result<(), Failure> {
     let instance = Instance::unmade(&args.run_dir);
     let settings = config(&keys, &super::addresses(&args.listen)?, &super::addresses(&args.connect)?);
     let mut report = Report::default();
-    let waits = || report.tell(rt::now(), "no answer of the router. Does bridge link router run there?", String::new);
+    let waits =
+        || report.tell(rt::now(), "no answer of the router. Does teleop-bridge link router run there?", String::new);
     let Some(wire) = Wire::open(&settings, &shutdown, waits)? else { return Ok(()) };
     let admitted: Vec<_> = keys.operators.iter().map(|(name, _)| name.as_str()).collect();
-    out!("bridge: robot {} admits {}, code {}", keys.robot, admitted.join(", "), keys.code());
+    out!("bridge: robot {} (code {}) admits {}", keys.robot, keys.code(), admitted.join(", "));
+    if Client::connect(instance.operator_socket()).is_err() {
+        out!("bridge: teleopd does not answer in {} yet", args.run_dir.display());
+    }
     let names = std::mem::take(&mut keys.operators);
     let robot = Arc::new(Mutex::new(Robot {
         end: RobotEnd::default(),

@@ -45,7 +45,7 @@ fn f126_cable_that_is_narrow_lossy_short_or_cut_lets_no_old_person_through() {
     let world = World::at(&cable.host, &["anna"]);
     let folder = tempfile::tempdir().expect("a folder");
     let mut by = Command::new(cable.prefix()[0]);
-    by.args(&cable.prefix()[1..]).arg(env!("CARGO_BIN_EXE_bridge"));
+    by.args(&cable.prefix()[1..]).arg(env!("CARGO_BIN_EXE_teleop-bridge"));
     // IPv6's shortest packet. QUIC begins with 1,200 bytes.
     limit_length(&cable, 1280);
     let _end = world.operator_by(by, &world.bundle("anna"), folder.path());
