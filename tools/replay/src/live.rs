@@ -134,15 +134,19 @@ pub fn run(cli: &Cli, motion: &Motion) -> Result<(), Failure> {
         std::thread::sleep(LOOK);
     }
     bar.finish();
-    if publisher.failures() > 0 {
-        let why = publisher.told().map_or(String::new(), |why| format!("; the last one: {why}"));
-        return Err(Failure::new(Exit::Failed, format!("{} frames were not accepted{why}", publisher.failures())));
-    }
-    if let (Some(why), false) = (ended, shutdown.requested()) {
-        return Err(Failure::new(Exit::Failed, format!("the robot did not follow to the end of the motion: {why}")));
-    }
+    tell_end(&publisher, ended.filter(|_| !shutdown.requested()))?;
     if !shutdown.requested() {
         out!("the motion is over: no more skeletons are sent, so the robot stops");
     }
     Ok(())
+}
+
+/// Returns the reason for which the robot did not see or follow the whole motion as error.
+fn tell_end(publisher: &Publisher, ended: Option<String>) -> Result<(), Failure> {
+    if publisher.failures() > 0 {
+        let why = publisher.told().map_or(String::new(), |why| format!("; the last one: {why}"));
+        return Err(Failure::new(Exit::Failed, format!("{} frames were not accepted{why}", publisher.failures())));
+    }
+    let missed = |why| Failure::new(Exit::Failed, format!("the robot did not follow to the end of the motion: {why}"));
+    ended.map_or(Ok(()), |why| Err(missed(why)))
 }
