@@ -37,24 +37,32 @@ fn robot_engages_follows_and_stops_at_rest() {
 /// A robot whose measurements pause is unseen, and not implausible. Without real-time scheduling that happens.
 #[test]
 fn f052_pause_of_the_robot_is_no_implausible_feedback() {
-    let mut rig = Rig::empty();
-    let (hand, mut eyes, _client) = rig.follow_builtin(0.5);
-    for _ in 0..8 {
-        rig.signal("robot", "STOP");
-        std::thread::sleep(Duration::from_millis(60));
-        rig.signal("robot", "CONT");
-        std::thread::sleep(Duration::from_millis(400));
-    }
-    if hand.raised(Fault::DriverFault) == 0 {
+    // A machine that adds 140 ms to a pause loses setpoints, or latches the driver.
+    for _ in 0..3 {
+        let mut rig = Rig::empty();
+        let (hand, mut eyes, _client) = rig.follow_builtin(0.5);
+        if hand.status().is_some_and(|status| status.realtime != 0) {
+            return println!("skipped: with real-time scheduling the driver latches after 10 ms");
+        }
+        for _ in 0..6 {
+            rig.signal("robot", "STOP");
+            std::thread::sleep(Duration::from_millis(60));
+            rig.signal("robot", "CONT");
+            std::thread::sleep(Duration::from_millis(400));
+        }
+        if hand.raised(Fault::DriverFault) > 0 {
+            continue;
+        }
         for fault in [Fault::FeedbackInvalid, Fault::VelocityError, Fault::TrackingError, Fault::StandstillLost] {
             assert_eq!(hand.raised(fault), 0, "{fault:?}: {}", rig.log("control"));
         }
-    } else {
-        println!("skipped: this machine paused the robot for so long that setpoints were lost");
+        hand.wait_mode(Mode::Engaged);
+        hand.release();
+        eyes.wait_at_rest();
+        assert_no_violations(&rig.end("sim"));
+        return;
     }
-    hand.release();
-    eyes.wait_at_rest();
-    assert_no_violations(&rig.end("sim"));
+    panic!("the driver latched in each of three runs");
 }
 
 #[test]

@@ -6,7 +6,7 @@ mod viewer;
 
 use browser::Browser;
 use harness::{Operator, OperatorSession, Rig, SOON, assert_no_violations};
-use messages::Mode;
+use messages::{Fault, Mode};
 use std::time::{Duration, Instant};
 use view::{BODY_BYTES, HEADSET_BYTES};
 use viewer::{Seen, Viewer};
@@ -67,6 +67,7 @@ fn follows(hand: &OperatorSession, browser: &mut Browser, kind: &str, press: &st
 fn recovers(hand: &OperatorSession) {
     if hand.status().as_ref().is_some_and(Operator::is_paused) {
         hand.wait("measured at rest", |status| status.moving == 0);
+        assert!(hand.raised(Fault::DriverFault) <= 3, "the driver latches too often");
         hand.reset();
         hand.wait_mode(Mode::Disengaged);
     }

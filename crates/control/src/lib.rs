@@ -394,14 +394,19 @@ impl State {
         }
         self.stranger = None;
         let mut robot = *robot;
-        if self.robot.is_some_and(|(before, _)| before.header.incarnation != robot.header.incarnation) {
-            self.movement = monitor::Movement::default();
-        }
-        if let (true, Some((before, _))) = (robot.flags & state_flag::UNSEEN != 0, &self.robot) {
-            // Nothing new is measured, so nothing is judged. The joints would look frozen.
-            robot.q_measured = before.q_measured;
-            self.robot = Some((robot, now));
-            return;
+        match self.robot {
+            Some((before, _)) if before.header.incarnation != robot.header.incarnation => {
+                self.movement = monitor::Movement::default();
+            }
+            Some((before, seen)) if robot.flags & state_flag::UNSEEN != 0 => {
+                // Nothing new is measured, so nothing is judged. The joints would look frozen. The state ages from the last
+                // measurement on, and nothing begins.
+                robot.q_measured = before.q_measured;
+                self.moved.at_rest = false;
+                self.robot = Some((robot, seen));
+                return;
+            }
+            _ => {}
         }
         let first_second = self.status.speed_scale <= engage::SPEED_SCALE_FIRST;
         let sample = monitor::Sample {

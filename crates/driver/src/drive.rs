@@ -101,11 +101,13 @@ pub fn drive(
     port: &mut impl Driver,
     observer: &mut impl Observer,
 ) -> DriveOutput {
+    let before = state.measured.stamp;
     state.measured = port.read(now);
     let (measured, was_latched) = (&state.measured, state.follower.latched);
     let port_refused = if state.withheld { measured.refused } else { state.port_fault };
     let apart_ns = measured.apart_ns(now);
-    let (unseen, unheard) = (apart_ns > config.unseen_ns, apart_ns > config.measured_age_max_ns);
+    let unseen = measured.stamp == before && apart_ns > config.unseen_ns;
+    let unheard = apart_ns > config.measured_age_max_ns;
     let follow = follower::Input {
         due_k: input.due_k,
         command: input.command,

@@ -61,7 +61,7 @@ pub struct Config {
     pub interface_delay_ticks: u64,
     /// Age of a measurement beyond which the robot counts as silent, ns.
     pub measured_age_max_ns: u64,
-    /// Age of a measurement beyond which it says nothing of the robot any more, ns. Not above `measured_age_max_ns`.
+    /// Age of a repeated measurement beyond which the robot is unseen, ns. Not above `measured_age_max_ns`.
     pub unseen_ns: u64,
 }
 

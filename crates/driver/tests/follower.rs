@@ -385,7 +385,7 @@ fn hold_of_nan_posture_is_refused() {
     assert_eq!(State::hold(K, &q), None);
 }
 
-/// A port that measured once.
+/// A port that measured once, or measures late.
 struct Silent(Measured);
 
 impl Driver for Silent {
@@ -409,5 +409,13 @@ fn f052_old_measurement_is_flagged_before_it_latches() {
         let age_ns = now.since(start.stamp);
         assert_eq!(out.state.flags & state_flag::UNSEEN != 0, age_ns > 10_000_000, "{age_ns} ns");
         assert_eq!(out.faults.has(Fault::DriverFault), age_ns > 200_000_000, "{age_ns} ns");
+    }
+    // New measurements are judged, however late they are.
+    let mut state = Drive::new(&config, K, &start, &start).expect("finite");
+    for n in 1..400 {
+        let (now, input) = (deadline(K + n + 60), DriveInput { due_k: K + n, command: None });
+        let late = Measured { stamp: deadline(K + n), ..start };
+        let out = drive(&config, &mut state, now, input, &mut Silent(late), &mut ());
+        assert_eq!(out.state.flags & state_flag::UNSEEN, 0);
     }
 }

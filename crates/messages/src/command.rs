@@ -34,8 +34,8 @@ pub mod state_flag {
     pub const EMERGENCY_STOP: u32 = 4;
     /// The robot measures its grippers.
     pub const GRIPPERS: u32 = 8;
-    /// The robot is unseen: its newest measurement is older than `driver.measured_age_max_ms`. Without real-time scheduling
-    /// the driver goes on for longer than that.
+    /// The robot is unseen: no measurement has come, and the last one is older than `driver.measured_age_max_ms`. Without
+    /// real-time scheduling the driver goes on for 190 ms more.
     pub const UNSEEN: u32 = 16;
 }
 

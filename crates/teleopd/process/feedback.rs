@@ -99,7 +99,8 @@ fn run(mut ports: Ports, model: &Model, mut header: Header, slot: &Slot) {
             status.as_ref().filter(|status| fresh(&status.header)),
             // A driver that latched may go on with an old measurement.
             state.as_ref().filter(|state| {
-                fresh(&state.header) && state.robot == model.id() && state.flags & state_flag::DRIVER_FAULT == 0
+                let old = state.flags & (state_flag::DRIVER_FAULT | state_flag::UNSEEN) != 0;
+                fresh(&state.header) && state.robot == model.id() && !old
             }),
             target.as_ref().filter(|target| {
                 fresh(&target.header) && target.robot == model.id() && target.flags & target_flag::INPUT_FRESH != 0
