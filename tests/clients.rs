@@ -61,8 +61,10 @@ fn python_example_publishes_until_interrupted() {
     let Some(python) = python_or_skip() else { return };
     let rig = Rig::whole();
     let hand = rig.hand();
-    let mut script = Command::new(&python);
-    script.arg(&example).arg(rig.folder()).stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+    // Tests in the background of a shell ignore Ctrl-C, and so would the script.
+    let mut script = Command::new("env");
+    script.arg("--default-signal=INT").arg(&python).arg(&example).arg(rig.folder());
+    script.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
     let mut script = Client(script.spawn().expect("it starts"));
     // Nothing inhibits engaging once a plausible person is visible.
     hand.wait("free to engage", |status| status.faults == 0 && status.moving == 0 && status.ticks > 750);

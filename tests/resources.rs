@@ -53,12 +53,18 @@ fn f085_process_without_room_in_shared_memory_does_not_start() {
 
 #[test]
 fn f085_shared_memory_filled_later_disturbs_no_process() {
+    let paused = (0..2).all(|_| demo_with_shared_memory_filled() == Err("paused"));
+    assert!(!paused || demo_with_shared_memory_filled().is_ok(), "the machine pauses too often");
+}
+
+/// Runs a demo, and fills the shared memory after its start. Returns an error if this machine suspended the driver.
+fn demo_with_shared_memory_filled() -> Result<(), &'static str> {
     let rig = Rig::empty();
     let run_dir = rig.folder().join("run");
     let report = rig.folder().join("report.json");
     let (folder, file) = (run_dir.to_str().unwrap().to_owned(), report.to_str().unwrap().to_owned());
     let arguments = ["demo", "--seconds", "5", "--report", &file, "--run-dir", &folder];
-    let Some(child) = with_small_files_at(Path::new("/dev/shm"), "24m", &arguments) else { return };
+    let Some(child) = with_small_files_at(Path::new("/dev/shm"), "24m", &arguments) else { return Ok(()) };
     let give_up = Instant::now() + SOON;
     while !run_dir.join("operator.sock").exists() {
         assert!(Instant::now() < give_up, "the demo never began");
@@ -68,11 +74,16 @@ fn f085_shared_memory_filled_later_disturbs_no_process() {
     std::thread::sleep(Duration::from_secs(1));
     fill(child.id(), Path::new("/dev/shm"));
     let (output, told) = end(child);
+    if told.contains("the driver was suspended for too long") {
+        println!("again: {told}");
+        return Err("paused");
+    }
     assert!(output.status.success(), "{told}");
     let report: serde_json::Value = serde_json::from_str(&std::fs::read_to_string(report).unwrap()).unwrap();
     for kind in ["position", "velocity", "acceleration", "jerk", "clearance"] {
         assert_eq!(report["violations"][kind], 0, "{report:#}");
     }
+    Ok(())
 }
 
 #[test]
