@@ -8,11 +8,11 @@
 //! p' = a' + (p - a) L' / L           a: the chest, or the middle of the head
 //! ```
 //!
-//! of the robot. L, p and a are the person's, and L', p' and a' are the robot's. The robot's hand then goes on toward the
-//! part that it touches: the chest, the head or the other hand. It stops where the distance d of the surfaces is the person's:
+//! of the robot. L, p and a belong to the person. L', p' and a' belong to the robot. From there the robot's hand moves toward
+//! the part that it touches: the chest, the head or the other hand. It stops at this distance of the surfaces:
 //!
 //! ```text
-//! d' = d L' / L
+//! d' = d L' / L          d: the person's distance of the surfaces
 //! ```
 //!
 //! A robot's hand is thicker than a person's. Its surface is that of its capsules, turned as its forearm and its wrist turn
