@@ -1,8 +1,9 @@
 //! One arm with two limb rotations: kinematics, and the rotation from the person's limbs to the robot's.
 
 use crate::LIMB_JOINTS;
+use messages::ARM_JOINTS;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
-use robot::Model;
+use robot::{Frames, Model};
 
 /// Positions, velocities or accelerations of joints 1 to 5 of one arm.
 pub type ArmVector = nalgebra::SVector<f64, LIMB_JOINTS>;
@@ -34,6 +35,8 @@ pub struct Arm {
     axes: [Vector3<f64>; LIMB_JOINTS],
     /// Joint positions of the T-pose, rad.
     reference: [f64; LIMB_JOINTS],
+    /// From the shoulder to the elbow, and from there to the middle of the hand, while the arm is at `reference`, m.
+    lengths_m: [Vector3<f64>; 2],
 }
 
 /// Error of the robot's limbs, and its derivative by the joints.
@@ -45,17 +48,35 @@ pub struct Error {
     pub jacobian: [[f64; ROWS]; LIMB_JOINTS],
 }
 
+/// Place of the robot's hand from where the person's limbs would have it, and its derivative by the joints.
+#[derive(Clone, Copy, Debug)]
+pub struct Hand {
+    /// Torso frame, m.
+    pub off_m: Vector3<f64>,
+    /// Derivative by joint j, m/rad.
+    pub by_joint: [Vector3<f64>; LIMB_JOINTS],
+}
+
 impl Arm {
-    /// Creates an arm from unit axes in the torso frame at the reference posture (rad).
-    pub fn new(axes: [Vector3<f64>; LIMB_JOINTS], reference: [f64; LIMB_JOINTS]) -> Self {
-        Self { axes: axes.map(|axis| axis.normalize()), reference }
+    /// Creates an arm from unit axes in the torso frame at the reference posture (rad). `lengths_m`: from the shoulder to the
+    /// elbow, and from there to the middle of the hand, in that frame and posture, m.
+    pub fn new(axes: [Vector3<f64>; LIMB_JOINTS], reference: [f64; LIMB_JOINTS], lengths_m: [Vector3<f64>; 2]) -> Self {
+        Self { axes: axes.map(|axis| axis.normalize()), reference, lengths_m }
     }
 
     /// Takes the left (0) or the right arm (1) of `model`. A right arm is taken as the left arm that mirrors it, in the
     /// right arm's own joint positions: an axis of the sign -1 points the other way.
     pub fn of(model: &Model, side: usize) -> Self {
-        let arm = &model.arms[side];
-        Self::new(std::array::from_fn(|j| model.arms[0].axes[j] * arm.signs[j]), arm.reference)
+        let (left, arm) = (&model.arms[0], &model.arms[side]);
+        let (mut q, mut frames) = (model.home, Frames::default());
+        left.joints.iter().zip(left.reference).for_each(|(&joint, reference)| q[joint] = reference);
+        model.forward(&q, &mut frames);
+        let body = |j: usize| &frames.base_from_body[left.joints[j] + 1];
+        let center = model.payload[0].map_or_else(Vector3::zeros, |payload| payload.center);
+        let [shoulder, elbow, hand] = [body(1).t, body(3).t, body(ARM_JOINTS - 1).transform_point(&center)];
+        let torso_from_base = frames.base_from_body[model.torso_body].r.transpose();
+        let lengths_m = [elbow - shoulder, hand - elbow].map(|length| torso_from_base * length);
+        Self::new(std::array::from_fn(|j| left.axes[j] * arm.signs[j]), arm.reference, lengths_m)
     }
 
     /// Rotations of the limbs: U = R1 R2 R3 and F = U R4 R5 with Ri = Rot(axis i, q i - reference i).
@@ -110,6 +131,29 @@ impl Arm {
             }
         }
         error
+    }
+
+    /// The robot's hand at `q`, seen from where it would be with the person's limbs:
+    ///
+    /// ```text
+    /// p = U u + F f - U_person u - F_person f,   dp / dq_j = w_j x (U u + F f), without U u for j > 3
+    /// ```
+    ///
+    /// u reaches from the shoulder to the elbow, and f from there to the hand. The person's limbs do not tell single joints. So
+    /// p leaves out how the first one moves the shoulder (TIAGo++: 13 cm from its axis), and by how much the forearm's axis
+    /// passes the elbow's (3 cm). The wrist is at home.
+    pub fn hand(&self, q: &ArmVector, person: &Limbs) -> Hand {
+        let turns: [_; LIMB_JOINTS] = std::array::from_fn(|j| self.turn(j, q));
+        let upper = turns[0] * turns[1] * turns[2];
+        let [u, f] = &self.lengths_m;
+        let (to_elbow, to_hand) = (rotate(&upper, u), rotate(&(upper * turns[3] * turns[4]), f));
+        let mut so_far = Quaternion::identity();
+        let by_joint = std::array::from_fn(|j| {
+            let axis = rotate(&so_far, &self.axes[j]);
+            so_far *= turns[j];
+            axis.cross(&if j < 3 { to_elbow + to_hand } else { to_hand })
+        });
+        Hand { off_m: to_elbow + to_hand - person.upper * u - person.fore * f, by_joint }
     }
 
     fn turn(&self, j: usize, q: &ArmVector) -> Quaternion<f64> {

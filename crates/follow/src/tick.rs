@@ -100,7 +100,7 @@ pub struct Input<'a> {
     pub prior: &'a [f64; JOINTS_MAX],
     /// Rotations that both hands should have at the first nodes, as in the message. Zero for a hand that is not known.
     pub hands: &'a [[[f32; 4]; ARMS]; HAND_NODES],
-    /// Arms whose hand may touch the robot: its wrist turns away later.
+    /// Arms whose hand may touch the robot: its place counts, and its wrist turns away later.
     pub touching: [bool; ARMS],
     /// Commanded positions at tick k - 1.
     pub q: &'a [f64; JOINTS_MAX],
@@ -164,6 +164,7 @@ impl State {
             pull: 0.0,
             bounds,
             gaps: Gaps::none(),
+            touching: false,
         };
         Self {
             plans: std::array::from_fn(|_| Plan::rest(0, ArmVector::zeros())),
@@ -371,6 +372,7 @@ fn prepare(config: &Config, work: &mut Iteration, (plan, gaps): (&Plan, &Gaps), 
     problem.interval_s = intervals_s(work.begin);
     problem.bounds = Bounds { v_max: bounds.v_max * input.speed_scale, ..*bounds };
     problem.gaps = *gaps;
+    problem.touching = input.touching[arm];
     problem.prior = part(input.prior, config.first[arm]);
     let first = node_after(work.begin);
     let mut known = config.arms[arm].limbs(&problem.start.q);

@@ -7,6 +7,7 @@ use follow::arm::{Arm, ArmVector, Limbs};
 use nalgebra::{UnitQuaternion, Vector3};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
+use robot::Frames;
 use std::f64::consts::PI;
 
 #[test]
@@ -107,6 +108,38 @@ fn limb_error_is_zero_at_own_posture_and_ignores_sign() {
             assert!((missing.norm() - angle).abs() < 1e-12);
             let [robot, person] = [arm.limbs(&q), person].map(|l| if limb == 0 { l.upper } else { l.fore });
             assert!((UnitQuaternion::from_scaled_axis(missing) * person).angle_to(&robot) < 1e-7);
+        }
+    }
+}
+
+#[test]
+fn hand_is_that_of_the_robot_and_its_derivative_matches_central_differences() {
+    const STEP: f64 = 1e-6;
+    let (model, mut rng) = (model(), Pcg64::seed_from_u64(5));
+    let arm = Arm::of(&model, 0);
+    let center = model.payload[0].expect("TIAGo++ has one").center;
+    let place = |q: &ArmVector| {
+        let (mut all, mut frames) = (model.home, Frames::default());
+        (0..LIMB_JOINTS).for_each(|j| all[model.arms[0].joints[j]] = q[j]);
+        model.forward(&all, &mut frames);
+        frames.base_from_body[model.arms[0].joints[6] + 1].transform_point(&center)
+    };
+    for _ in 0..500 {
+        let (q, other) = (random_q(&mut rng), random_q(&mut rng));
+        let person = arm.limbs(&other);
+        let hand = arm.hand(&q, &person);
+        assert!(arm.hand(&other, &person).off_m.norm() < 1e-12);
+        // What it leaves out: the first joint, and the fifth one away from its reference.
+        let [from, to] = [other, q].map(|at| ArmVector::from([q[0], at[1], at[2], at[3], 0.0]));
+        let off_m = arm.hand(&to, &arm.limbs(&from)).off_m - (place(&to) - place(&from));
+        assert!(off_m.norm() < 0.004, "{off_m}");
+        for (j, by_joint) in hand.by_joint.iter().enumerate() {
+            let [after, before] = [STEP, -STEP].map(|by| {
+                let mut q = q;
+                q[j] += by;
+                arm.hand(&q, &person).off_m
+            });
+            assert!((by_joint - (after - before) / (2.0 * STEP)).norm() < 1e-8, "joint {j}");
         }
     }
 }

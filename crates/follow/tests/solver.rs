@@ -41,6 +41,7 @@ fn random_problem(rng: &mut Pcg64) -> Problem {
     }
     problem.prior = random_q(rng);
     problem.pull = rng.random_range(0.0..0.5);
+    problem.touching = rng.random_bool(0.5);
     for watched in 0..5 {
         for _ in 0..rng.random_range(0..12) {
             let slope = ArmVector::from_fn(|_, _| rng.random_range(-0.5..0.5));
@@ -158,4 +159,26 @@ fn joint_with_target_beyond_range_ends_at_range_end() {
             assert!(sign * (last - end) > -0.05, "joint {j} stays {} rad inside", sign * (end - last));
         }
     }
+}
+
+#[test]
+fn hand_that_may_touch_ends_nearer_to_its_place() {
+    let (arm, mut rng) = (arm(), Pcg64::seed_from_u64(17));
+    let (mut apart_m, mut nearer) = ([0.0; 2], 0);
+    for _ in 0..200 {
+        // The forearm's rotation is one that two joints cannot give.
+        let person = arm.limbs(&random_q(&mut rng));
+        let person = Limbs { fore: person.fore * random_rotation(&mut rng).powf(0.3), ..person };
+        let ends_m = [false, true].map(|touching| {
+            let problem = Problem { touching, ..problem(random_q(&mut Pcg64::seed_from_u64(18)), person) };
+            let mut sweep = Sweep::default();
+            for _ in 0..30 {
+                iterate(&mut sweep, &Weights::default(), &problem);
+            }
+            arm.hand(&sweep.nodes()[NODES - 1].q, &person).off_m.norm()
+        });
+        nearer += u32::from(ends_m[1] < ends_m[0]);
+        apart_m = std::array::from_fn(|i| apart_m[i] + ends_m[i] / 200.0);
+    }
+    assert!(apart_m[1] < 0.9 * apart_m[0] && nearer > 150, "{apart_m:?} m, nearer {nearer} times");
 }

@@ -32,7 +32,7 @@ pub type Way = [[[f32; 4]; LIMBS]; NODES];
 /// Axes, reference and ranges of a TiaGo++.
 pub fn arm() -> Arm {
     let (x, y, z) = (Vector3::x(), Vector3::y(), Vector3::z());
-    Arm::new([-z, -x, y, -z, -y], [0.0, 0.0, FRAC_PI_2, 0.0, 0.0])
+    Arm::new([-z, -x, y, -z, -y], [0.0, 0.0, FRAC_PI_2, 0.0, 0.0], [y * 0.31, y * 0.41])
 }
 
 pub fn bounds() -> Bounds {
@@ -55,6 +55,7 @@ pub fn problem(q: ArmVector, person: Limbs) -> Problem {
         pull: 0.0,
         bounds: bounds(),
         gaps: Gaps::none(),
+        touching: false,
     }
 }
 
