@@ -15,7 +15,7 @@ const REFUSED_AFTER: Duration = Duration::from_secs(1);
 /// recovered.
 pub fn hold(client: &mut Client, first: &Status, names: &Names, begins: &str) -> Result<bool, OperatorError> {
     let stop = rt::Shutdown::on_signals().expect("signal handlers can be installed");
-    let mut diary = Diary { begun: Instant::now(), shown: first.transition_count, note: None };
+    let mut diary = Diary { begun: Instant::now(), shown: first.transition_count, note: None, let_go: false };
     diary.says(begins);
     let mut beat = diary.begun;
     while !stop.requested() {
@@ -34,6 +34,7 @@ pub fn hold(client: &mut Client, first: &Status, names: &Names, begins: &str) ->
         std::thread::sleep(beat.saturating_duration_since(Instant::now()));
     }
     client.release();
+    diary.let_go = true;
     let give_up = Instant::now() + EFFECT_WITHIN;
     // Control made the reply to the request before it read the request.
     client.heartbeat()?;
@@ -55,7 +56,7 @@ pub fn hold(client: &mut Client, first: &Status, names: &Names, begins: &str) ->
 /// other signal end it without letting go, so the robot is released.
 pub fn clutch(client: &mut Client, first: &Status, names: &Names) -> Result<bool, OperatorError> {
     let stop = rt::Shutdown::on_signals().expect("signal handlers can be installed");
-    let mut diary = Diary { begun: Instant::now(), shown: first.transition_count, note: None };
+    let mut diary = Diary { begun: Instant::now(), shown: first.transition_count, note: None, let_go: false };
     diary.says("the clutch is held; Ctrl-C lets go, and the robot moves slowly to where the person is");
     let (mut beat, mut let_go_at) = (diary.begun, None);
     loop {
@@ -105,6 +106,8 @@ struct Diary {
     /// Number of transitions already printed.
     shown: u32,
     note: Option<&'static str>,
+    /// This program let go of the enable.
+    let_go: bool,
 }
 
 impl Diary {
@@ -115,7 +118,7 @@ impl Diary {
     /// Prints the news in `status`.
     fn tells(&mut self, status: &Status, names: &Names) {
         for made in explain::newest_transitions(status, status.transition_count.saturating_sub(self.shown)) {
-            self.says(&change(made, status, names));
+            self.says(&change(made, status, names, self.let_go));
         }
         self.shown = self.shown.max(status.transition_count);
         let note = explain::note(status);
@@ -127,13 +130,16 @@ impl Diary {
 }
 
 /// Describes a change of mode in plain words.
-fn change(made: &Transition, status: &Status, names: &Names) -> String {
+fn change(made: &Transition, status: &Status, names: &Names, let_go: bool) -> String {
     let why = explain::fault_behind(made, status, names);
     match (Mode::from_u32(made.to), made.why, why) {
         (Some(Mode::Engaging), ..) => "engaging: the robot moves to the person's posture slowly".into(),
         (Some(Mode::Engaged), ..) => "engaged: the robot follows".into(),
         (Some(Mode::Recovering), ..) => "recovering: the robot moves back slowly".into(),
         (Some(Mode::Holding), _, Some(why)) => format!("holding because of {why}"),
+        (Some(Mode::Holding), Transition::RELEASED, None) if !let_go => {
+            "releasing: the robot stops. Another client or the page released it, or the link to it was silent".into()
+        }
         (Some(Mode::Holding), _, None) => "releasing: the robot stops".into(),
         (Some(Mode::Disengaged), _, Some(why)) => format!("released because of {why}"),
         (Some(Mode::Disengaged), Transition::RECOVERED, None) => "recovered: the robot may be engaged".into(),
@@ -157,14 +163,14 @@ mod tests {
     fn mode_changes_are_reported_in_plain_words() {
         let (status, names) = (Status::ZERO, Names::default());
         let said = |from: Mode, to: Mode, why: u32| {
-            change(&Transition { k: 1, from: from as u32, to: to as u32, why, about: 0 }, &status, &names)
+            change(&Transition { k: 1, from: from as u32, to: to as u32, why, about: 0 }, &status, &names, false)
         };
         let stale = Fault::InputStale;
         assert!(said(Mode::Disengaged, Mode::Engaging, Transition::ENABLED).starts_with("engaging: "));
         assert!(said(Mode::Engaging, Mode::Engaged, Transition::ALIGNED).starts_with("engaged: "));
         let held = said(Mode::Engaged, Mode::Holding, stale as u32);
         assert_eq!(held, format!("holding because of InputStale: {}", stale.row().meaning));
-        assert!(said(Mode::Engaged, Mode::Holding, Transition::RELEASED).starts_with("releasing: "));
+        assert!(said(Mode::Engaged, Mode::Holding, Transition::RELEASED).contains("link to it was silent"));
         assert!(said(Mode::Holding, Mode::Disengaged, Transition::AT_REST).starts_with("released: "));
         assert!(said(Mode::Holding, Mode::Disengaged, Fault::HoldTimeout as u32).starts_with("released because of "));
         assert!(said(Mode::Recovering, Mode::Disengaged, Transition::RECOVERED).starts_with("recovered: "));

@@ -59,7 +59,7 @@ messages::named! {
         /// There is a session, and it may engage.
         Ready = 1 => "ready",
         /// There is a session, but the clocks are not synchronised. It engages nothing.
-        Unsynchronised = 2 => "clocks not synchronised",
+        Unsynchronised = 2 => "synchronising the clocks",
         /// There is a session, but the clocks are too uncertain. It engages nothing.
         Uncertain = 3 => "clocks too uncertain to engage",
         /// There is no session.

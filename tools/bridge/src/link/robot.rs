@@ -77,10 +77,6 @@ pub fn run(args: &LinkRobot) -> Result<(), Failure> {
         let text = format!("{}: no operator. Run teleop-bridge link pair operator first", args.keys.display());
         return Err(Failure::new(Exit::Config, text));
     }
-    if !args.run_dir.is_dir() {
-        let text = format!("{}: no instance of teleopd runs there", args.run_dir.display());
-        return Err(Failure::new(Exit::Unavailable, text));
-    }
     let instance = Instance::unmade(&args.run_dir);
     let settings = config(&keys, &super::addresses(&args.listen)?, &super::addresses(&args.connect)?);
     let mut report = Report::default();
