@@ -26,6 +26,14 @@ impl Limbs {
     pub fn identity() -> Self {
         Self { upper: UnitQuaternion::identity(), fore: UnitQuaternion::identity() }
     }
+
+    /// Angles between these limbs and the person's, rad: upper arm, forearm.
+    pub fn angles(&self, person: &Self) -> [f64; 2] {
+        [(self.upper, person.upper), (self.fore, person.fore)].map(|(robot, person)| {
+            let (w, v) = between(&robot, &person);
+            2.0 * v.norm().atan2(w)
+        })
+    }
 }
 
 /// Five revolute joints that turn two limbs. Joints 1 to 3 turn the upper arm, 4 and 5 the forearm.
@@ -46,15 +54,6 @@ pub struct Error {
     pub rotation: [f64; ROWS],
     /// Column j: derivative by joint j.
     pub jacobian: [[f64; ROWS]; LIMB_JOINTS],
-}
-
-/// Place of the robot's hand from where the person's limbs would have it, and its derivative by the joints.
-#[derive(Clone, Copy, Debug)]
-pub struct Hand {
-    /// Torso frame, m.
-    pub off_m: Vector3<f64>,
-    /// Derivative by joint j, m/rad.
-    pub by_joint: [Vector3<f64>; LIMB_JOINTS],
 }
 
 impl Arm {
@@ -89,11 +88,7 @@ impl Arm {
 
     /// Angles between the robot's limbs at `q` and the person's, rad: upper arm, forearm.
     pub fn angles(&self, q: &ArmVector, person: &Limbs) -> [f64; 2] {
-        let limbs = self.limbs(q);
-        [(limbs.upper, person.upper), (limbs.fore, person.fore)].map(|(robot, person)| {
-            let (w, v) = between(&robot, &person);
-            2.0 * v.norm().atan2(w)
-        })
+        self.limbs(q).angles(person)
     }
 
     /// Errors of both limbs with their Jacobian. Let w_j be the axis of joint j in the torso frame. Then d log(R
@@ -133,27 +128,32 @@ impl Arm {
         error
     }
 
-    /// The robot's hand at `q`, seen from where it would be with the person's limbs:
+    /// The hand of a robot with these limbs, seen from where it would be with the person's, torso frame, m:
     ///
     /// ```text
-    /// p = U u + F f - U_person u - F_person f,   dp / dq_j = w_j x (U u + F f), without U u for j > 3
+    /// p = U u + F f - U_person u - F_person f
     /// ```
     ///
     /// u reaches from the shoulder to the elbow, and f from there to the hand. The person's limbs do not tell single joints. So
     /// p leaves out how the first one moves the shoulder (TIAGo++: 13 cm from its axis), and by how much the forearm's axis
     /// passes the elbow's (3 cm). The wrist is at home.
-    pub fn hand(&self, q: &ArmVector, person: &Limbs) -> Hand {
+    pub fn hand_off_m(&self, robot: &Limbs, person: &Limbs) -> Vector3<f64> {
+        let [u, f] = &self.lengths_m;
+        robot.upper * u + robot.fore * f - person.upper * u - person.fore * f
+    }
+
+    /// Derivative of [`Arm::hand_off_m`] by each joint, m/rad: dp / dq_j = w_j x (U u + F f), without U u for j > 3.
+    pub fn hand_jacobian(&self, q: &ArmVector) -> [Vector3<f64>; LIMB_JOINTS] {
         let turns: [_; LIMB_JOINTS] = std::array::from_fn(|j| self.turn(j, q));
         let upper = turns[0] * turns[1] * turns[2];
-        let [u, f] = &self.lengths_m;
-        let (to_elbow, to_hand) = (rotate(&upper, u), rotate(&(upper * turns[3] * turns[4]), f));
+        let to_hand = rotate(&(upper * turns[3] * turns[4]), &self.lengths_m[1]);
+        let from_shoulder = rotate(&upper, &self.lengths_m[0]) + to_hand;
         let mut so_far = Quaternion::identity();
-        let by_joint = std::array::from_fn(|j| {
+        std::array::from_fn(|j| {
             let axis = rotate(&so_far, &self.axes[j]);
             so_far *= turns[j];
-            axis.cross(&if j < 3 { to_elbow + to_hand } else { to_hand })
-        });
-        Hand { off_m: to_elbow + to_hand - person.upper * u - person.fore * f, by_joint }
+            axis.cross(if j < 3 { &from_shoulder } else { &to_hand })
+        })
     }
 
     fn turn(&self, j: usize, q: &ArmVector) -> Quaternion<f64> {

@@ -18,7 +18,7 @@
 //! The angle is that of the rotation from the person's limb to the robot's. rho is its square below c and grows in
 //! proportion beyond. So a limb that cannot keep up pulls no harder when it falls further behind. With the square
 //! alone, weights that smooth a dance would leave a raised arm wrong by degrees. The distance of the hand is that of
-//! [`Arm::hand`]. There the errors of both limbs add up.
+//! [`Arm::hand_off_m`]. There the errors of both limbs add up.
 //!
 //! One iteration is a Gauss-Newton sweep backward over the nodes by a Riccati recursion. Inputs at their bounds
 //! are held there, as in control-limited DDP (Tassa, Mansard, Todorov 2014). A rollout forward follows with a few
@@ -309,11 +309,12 @@ fn prior_weight(weights: &Weights, problem: &Problem, i: usize) -> f64 {
 }
 
 fn cost(arm: &Arm, weights: &Weights, problem: &Problem, i: usize, state: &State, input: &ArmVector) -> f64 {
-    let [upper, fore] = arm.angles(&state.q, &problem.person[i]);
+    let limbs = arm.limbs(&state.q);
+    let [upper, fore] = limbs.angles(&problem.person[i]);
     let mut sum = problem.weight[i] * (loss(upper * upper, weights.knee) + loss(fore * fore, weights.knee));
     if problem.touching {
-        let hand = arm.hand(&state.q, &problem.person[i]);
-        sum += problem.weight[i] * weights.hand * loss(hand.off_m.norm_squared(), HAND_KNEE_M);
+        let off_m = arm.hand_off_m(&limbs, &problem.person[i]);
+        sum += problem.weight[i] * weights.hand * loss(off_m.norm_squared(), HAND_KNEE_M);
     }
     let bounds = &problem.bounds;
     let prior = prior_weight(weights, problem, i);
@@ -354,12 +355,13 @@ fn add_node(value: &mut Value, arm: &Arm, weights: &Weights, problem: &Problem, 
         }
     }
     if problem.touching {
-        let hand = arm.hand(&state.q, &problem.person[i]);
-        let w = w * weights.hand * loss_slope(hand.off_m.norm_squared(), HAND_KNEE_M);
+        let off_m = arm.hand_off_m(&arm.limbs(&state.q), &problem.person[i]);
+        let jacobian = arm.hand_jacobian(&state.q);
+        let w = w * weights.hand * loss_slope(off_m.norm_squared(), HAND_KNEE_M);
         for j in 0..LIMB_JOINTS {
-            value.q[j] += w * hand.by_joint[j].dot(&hand.off_m);
+            value.q[j] += w * jacobian[j].dot(&off_m);
             for k in 0..LIMB_JOINTS {
-                value.qq[(j, k)] += w * hand.by_joint[j].dot(&hand.by_joint[k]);
+                value.qq[(j, k)] += w * jacobian[j].dot(&jacobian[k]);
             }
         }
     }

@@ -175,7 +175,7 @@ fn hand_that_may_touch_ends_nearer_to_its_place() {
             for _ in 0..30 {
                 iterate(&mut sweep, &Weights::default(), &problem);
             }
-            arm.hand(&sweep.nodes()[NODES - 1].q, &person).off_m.norm()
+            arm.hand_off_m(&arm.limbs(&sweep.nodes()[NODES - 1].q), &person).norm()
         });
         nearer += u32::from(ends_m[1] < ends_m[0]);
         apart_m = std::array::from_fn(|i| apart_m[i] + ends_m[i] / 200.0);
