@@ -24,9 +24,9 @@ const NOT_OURS: [(&str, &str); 9] = [
 /// Longest sentence, words. A formula counts as none.
 const SENTENCE_WORDS_MAX: usize = 30;
 
-/// Budget of lines for each part of the tree: the count of 2026-11-27, with the link and the headset, and some
+/// Budget of lines for each part of the tree: the count of 2026-11-28, with the hand in following, and some
 /// more. Raising one is a decision.
-const BUDGETS: [(&str, usize); 3] = [("product", 72_000), ("tools", 32_200), ("tests", 48_300)];
+const BUDGETS: [(&str, usize); 3] = [("product", 72_000), ("tools", 32_200), ("tests", 48_500)];
 
 fn rust() -> Vec<(String, String)> {
     let mut all = sources::rust_files();

@@ -35,7 +35,7 @@ struct Seen {
     oldest_us: u32,
 }
 
-/// A person who is seen now. The robot's end places the origin anew, so the number of the person has the true one.
+/// A person who is seen now. The robot's end writes its own origin, so the number of the person has the true one.
 fn person(sequence: u64) -> RawSkeleton {
     let now = rt::now();
     let header = Header { sequence, stamp: now, origin: now, ..Header::ZERO };
