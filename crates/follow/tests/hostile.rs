@@ -178,6 +178,7 @@ fn invalid_target_path_keeps_aims_within_bounds() {
         for n in 0..800 {
             let first = robot.next_first();
             let mut way = way(first, |_| person);
+            robot.touching = rng.random();
             match seed % 4 {
                 0 => way = [[[0.0; 4]; 4]; NODES],
                 1 => way = [[[f32::NAN; 4]; 4]; NODES],
@@ -221,6 +222,9 @@ fn arm_that_becomes_valid_again_begins_at_command() {
         let mut rng = Pcg64::seed_from_u64(300 + seed);
         let (mut robot, person) = moving(seed);
         for n in 0..1500 {
+            if rng.random_bool(0.02) {
+                robot.touching = rng.random();
+            }
             if rng.random_bool(0.05) {
                 robot.valid_mask = [0, LEFT, RIGHT, LEFT | RIGHT, ALL_JOINTS, LEFT & LEFT << 1][rng.random_range(0..6)];
             }

@@ -152,6 +152,7 @@ pub struct Robot {
     pub prior: [f64; JOINTS_MAX],
     pub hands: [[[f32; 4]; 2]; HAND_NODES],
     pub valid_mask: u32,
+    pub touching: [bool; 2],
     pub speed_scale: f64,
 }
 
@@ -180,6 +181,7 @@ impl Robot {
             prior: all,
             hands: [[[0.0; 4]; 2]; HAND_NODES],
             valid_mask: LIMB_MASK,
+            touching: [false; 2],
             speed_scale: 1.0,
         }
     }
@@ -203,7 +205,7 @@ impl Robot {
             *q += v * ticks.saturating_sub(1) as f64 * messages::TICK_S;
         }
         let input = Input {
-            touching: [false; 2],
+            touching: self.touching,
             k: self.k,
             way,
             way_first,
