@@ -114,12 +114,16 @@ impl Operator {
     fn round(&mut self, now: Stamp) -> Result<(), Failure> {
         self.send_persons(now);
         while let Some(bytes) = self.answers.take() {
+            // It may be younger than this round. Taken before it arrived, it would show a clock that jumps.
+            let now = rt::now();
             match self.end.take(&bytes, now) {
                 Ok(Down::Status(status)) => self.status = Some((status, now)),
                 Ok(Down::Feedback(feedback)) => self.persons.feed_back(&feedback),
                 Ok(Down::Answer(_)) | Err(_) => {}
             }
         }
+        // What is sent now echoes what was taken, and is not older.
+        let now = rt::now();
         let pressed = self.serve(now)?;
         if pressed || now >= self.due {
             self.beat(now);

@@ -77,6 +77,9 @@ pub fn run(args: &LinkRobot) -> Result<(), Failure> {
         let text = format!("{}: no operator. Run teleop-bridge link pair operator first", args.keys.display());
         return Err(Failure::new(Exit::Config, text));
     }
+    if args.run_dir.exists() && !args.run_dir.is_dir() {
+        return Err(Failure::new(Exit::Usage, format!("{}: not a folder", args.run_dir.display())));
+    }
     let instance = Instance::unmade(&args.run_dir);
     let settings = config(&keys, &super::addresses(&args.listen)?, &super::addresses(&args.connect)?);
     let mut report = Report::default();
@@ -159,7 +162,8 @@ impl Operator {
     fn tell_silence(&mut self, now: Stamp) {
         let silent_ns = now.since(self.asked);
         if self.holds && silent_ns > RELEASED_AFTER_NS {
-            out!("bridge: nothing came from {} for {} ms: the robot is released", self.name, silent_ns / 1_000_000);
+            let (silent_ms, most_ms) = (silent_ns / 1_000_000, RELEASED_AFTER_NS / 1_000_000);
+            out!("bridge: nothing came from {} for {silent_ms} ms; {most_ms} ms release the robot", self.name);
             self.holds = false;
         }
     }
