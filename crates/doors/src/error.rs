@@ -15,14 +15,19 @@ pub fn linked_robot(run_dir: &Path) -> Option<String> {
 fn link_of(socket: &Path) -> Option<String> {
     let robot = linked_robot(socket.parent()?)?;
     Some(format!(
-        "The link to robot {robot} is down, and nothing reaches the robot. See the lines of teleop-bridge link operator. Use the \
-         robot's own emergency stop"
+        "Nothing reaches robot {robot}, which its link leads to and which releases by itself. See the lines of teleop-bridge link \
+         operator, and start it again if it has ended. Use the robot's own emergency stop"
     ))
 }
 
 /// Returns what a link's socket adds to an error, if this one belongs to a link.
 pub fn hint(socket: &Path) -> String {
     link_of(socket).map_or(String::new(), |text| format!(". {text}"))
+}
+
+/// Returns what an error of this socket means: the link's text if it belongs to a link.
+pub fn linked_or(socket: &Path, otherwise: &str) -> String {
+    link_of(socket).unwrap_or_else(|| otherwise.to_owned())
 }
 
 fn absent(socket: &Path, daemon: &str) -> String {

@@ -21,7 +21,7 @@ mod protocol;
 mod server;
 
 pub use client::Client;
-pub use error::{DoorError, LINK_FILE, hint, linked_robot};
+pub use error::{DoorError, LINK_FILE, hint, linked_or, linked_robot};
 pub use frame::{FRAME_BYTES, decode_frame, encode_frame};
 pub use group::{group_id, user_name};
 pub use listener::{Admission, Listener, connect};

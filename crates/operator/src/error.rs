@@ -4,6 +4,9 @@ use doors::DoorError;
 use rustix::io::Errno;
 use std::path::PathBuf;
 
+const CLOSED: &str =
+    "It ended, all its connections are in use, it does not admit this user, or its version differs from this client's";
+
 /// Returned when a socket cannot be opened or an exchange fails.
 #[derive(Debug, thiserror::Error)]
 #[allow(missing_docs, reason = "the texts name the fields")]
@@ -16,8 +19,7 @@ pub enum OperatorError {
     Timeout { path: PathBuf, timeout_ms: u64 },
     /// The server ended the connection.
     #[error(
-        "{}: teleopd control closed the connection. It ended, all its connections are in use, it does not admit this \
-         user, or its version differs from this client's{}", path.display(), doors::hint(path)
+        "{}: teleopd control closed the connection. {}", path.display(), doors::linked_or(path, CLOSED)
     )]
     Closed { path: PathBuf },
     /// A reply has the wrong length.
