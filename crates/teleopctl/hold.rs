@@ -11,6 +11,10 @@ use std::time::{Duration, Instant};
 /// Time after which a press without effect counts as refused. It is many times a poll of the socket and a tick.
 const REFUSED_AFTER: Duration = Duration::from_secs(1);
 
+/// Text for a release that this program did not cause.
+const ELSEWHERE: &str =
+    "Another client released it, the page, or the end of teleopd; or its link or this program was silent";
+
 /// Holds the enable or the recovery at 50 Hz until Ctrl-C. Returns true if the operator released it or the robot
 /// recovered.
 pub fn hold(client: &mut Client, first: &Status, names: &Names, begins: &str) -> Result<bool, OperatorError> {
@@ -138,13 +142,14 @@ fn change(made: &Transition, status: &Status, names: &Names, let_go: bool) -> St
         (Some(Mode::Recovering), ..) => "recovering: the robot moves back slowly".into(),
         (Some(Mode::Holding), _, Some(why)) => format!("holding because of {why}"),
         (Some(Mode::Holding), Transition::RELEASED, None) if !let_go => {
-            "releasing: the robot stops. Another client or the page released it, or the link to it was silent".into()
+            format!("releasing: the robot stops. {ELSEWHERE}")
         }
         (Some(Mode::Holding), _, None) => "releasing: the robot stops".into(),
         (Some(Mode::Disengaged), _, Some(why)) => format!("released because of {why}"),
         (Some(Mode::Disengaged), Transition::RECOVERED, None) => "recovered: the robot may be engaged".into(),
         (Some(Mode::Disengaged), Transition::BLOCKED, None) => "released: the recovery found no path".into(),
         (Some(Mode::Disengaged), Transition::RESET, None) => "reset: the robot may be engaged".into(),
+        (Some(Mode::Disengaged), Transition::RELEASED, None) if !let_go => format!("released. {ELSEWHERE}"),
         (Some(Mode::Disengaged), _, None) => "released: the robot is at rest and keeps its posture".into(),
         (Some(Mode::Faulted), _, why) => {
             let why = why.unwrap_or_else(|| format!("{}.", made.why_name()));
@@ -170,7 +175,8 @@ mod tests {
         assert!(said(Mode::Engaging, Mode::Engaged, Transition::ALIGNED).starts_with("engaged: "));
         let held = said(Mode::Engaged, Mode::Holding, stale as u32);
         assert_eq!(held, format!("holding because of InputStale: {}", stale.row().meaning));
-        assert!(said(Mode::Engaged, Mode::Holding, Transition::RELEASED).contains("link to it was silent"));
+        assert!(said(Mode::Engaged, Mode::Holding, Transition::RELEASED).ends_with(ELSEWHERE));
+        assert!(said(Mode::Holding, Mode::Disengaged, Transition::RELEASED).ends_with(ELSEWHERE));
         assert!(said(Mode::Holding, Mode::Disengaged, Transition::AT_REST).starts_with("released: "));
         assert!(said(Mode::Holding, Mode::Disengaged, Fault::HoldTimeout as u32).starts_with("released because of "));
         assert!(said(Mode::Recovering, Mode::Disengaged, Transition::RECOVERED).starts_with("recovered: "));
