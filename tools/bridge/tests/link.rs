@@ -404,8 +404,17 @@ fn keys_are_private_and_never_replaced() {
     std::fs::set_permissions(&bundle, std::os::unix::fs::PermissionsExt::from_mode(0o644)).expect("its mode");
     let open = bridge(&["pair", "show", text(&bundle)]);
     assert!(String::from_utf8_lossy(&open.stderr).contains("chmod 600"), "{open:?}");
-    let plain = bridge(&["operator", "--bundle", "x", "--connect", "tcp/127.0.0.1:7447", "--run-dir", keys]);
-    assert!(!plain.status.success());
+    let file = text(&bundle);
+    for (address, run_dir, why) in [
+        ("tcp/127.0.0.1:7447", keys, "not an address of a link"),
+        ("quic/127.0.0.1", keys, "not an address of a link"),
+        ("quic/127.0.0.1:70000", keys, "not an address of a link"),
+        ("quic/127.0.0.1:7447", file, "not a folder"),
+    ] {
+        let refused = bridge(&["robot", "--keys", keys, "--listen", address, "--run-dir", run_dir]);
+        let told = String::from_utf8_lossy(&refused.stderr).into_owned();
+        assert!(refused.status.code() == Some(64) && told.contains(why), "{told}");
+    }
 }
 
 /// Reads one status as any program with a certificate can.

@@ -79,7 +79,11 @@ fn tell_unknown(addresses: &[String]) {
 
 /// Checks addresses of the command line.
 fn addresses(all: &[String]) -> Result<Vec<String>, Failure> {
-    let secure = |address: &&String| address.starts_with("quic/") && !address.contains(['?', '#']);
+    let secure = |address: &&String| {
+        let port =
+            address.strip_prefix("quic/").and_then(|host| host.rsplit_once(':')).map(|(_, port)| port.parse::<u16>());
+        matches!(port, Some(Ok(_))) && !address.contains(['?', '#'])
+    };
     match all.iter().find(|address| !secure(address)) {
         None => Ok(all.to_vec()),
         Some(address) => {
