@@ -1,5 +1,7 @@
 //! Time that a person takes from the operator's skeleton socket to the robot's, over the loopback, beside one socket alone,
 //! shared memory, and an echo of zenoh in Python. `cargo test --release -p bridge --test link_latency -- --ignored --nocapture`
+//!
+//! On a virtual machine, `taskset -c 1` before it leaves out the time in which the host wakes a sleeping core.
 
 use bus::Domain;
 use doors::LeaseState;
