@@ -212,6 +212,17 @@ mod tests {
     }
 
     #[test]
+    fn frame_that_is_taken_and_answered_at_a_stale_time_looks_like_a_jump() {
+        let (clock, now) = synchronised(7 * MS);
+        let fresh = exchange(now.0, MS, 0, MS, 7 * MS);
+        let stale = Sample { t2: Stamp(fresh.t2.0 - 5 * MS), t3: Stamp(fresh.t3.0 - 5 * MS), ..fresh };
+        for (sample, jumps) in [(fresh, 0), (stale, 1)] {
+            let clock = &mut clock.clone();
+            assert_eq!((clock.take(sample), clock.jumps()), (jumps == 0, jumps));
+        }
+    }
+
+    #[test]
     fn impossible_exchange_is_refused_and_changes_nothing() {
         let (clock, now) = synchronised(7 * MS);
         let before = clock.offset(now);

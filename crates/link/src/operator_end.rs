@@ -96,7 +96,7 @@ impl OperatorEnd {
         Frame { head, payload }.put(out)
     }
 
-    /// Takes a datagram of the robot.
+    /// Takes a datagram of the robot. `now` may not be before its arrival: that looks like a jump of the clock.
     ///
     /// # Errors
     /// Returns the reason for refusing it.

@@ -114,7 +114,7 @@ impl Operator {
     fn round(&mut self, now: Stamp) -> Result<(), Failure> {
         self.send_persons(now);
         while let Some(bytes) = self.answers.take() {
-            // It may be younger than this round. Taken before it arrived, it would show a clock that jumps.
+            // An answer may arrive after this round began. A time before its arrival would look like a jump of the clock.
             let now = rt::now();
             match self.end.take(&bytes, now) {
                 Ok(Down::Status(status)) => self.status = Some((status, now)),
@@ -122,7 +122,7 @@ impl Operator {
                 Ok(Down::Answer(_)) | Err(_) => {}
             }
         }
-        // What is sent now echoes what was taken, and is not older.
+        // The next frame echoes these answers. Its time may not be before theirs.
         let now = rt::now();
         let pressed = self.serve(now)?;
         if pressed || now >= self.due {
