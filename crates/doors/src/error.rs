@@ -31,11 +31,11 @@ pub fn linked_or(socket: &Path, otherwise: &str) -> String {
 }
 
 fn absent(socket: &Path, daemon: &str) -> String {
-    link_of(socket).unwrap_or_else(|| format!("Is {daemon} running? `teleopd up` starts everything"))
+    linked_or(socket, &format!("Is {daemon} running? `teleopd up` starts everything"))
 }
 
 fn ended(socket: &Path, daemon: &str) -> String {
-    link_of(socket).unwrap_or_else(|| format!("{daemon} ended without removing it; start it again"))
+    linked_or(socket, &format!("{daemon} ended without removing it; start it again"))
 }
 
 /// Returned when a socket cannot be made or reached. `daemon` is the process that the socket belongs to.
