@@ -8,8 +8,8 @@
 //! p' = a' + (p - a) L' / L           a: the chest, or the middle of the head
 //! ```
 //!
-//! of the robot. L, p and a belong to the person. L', p' and a' belong to the robot. From there the robot's hand moves toward
-//! the part that it touches: the chest, the head or the other hand. It stops at this distance of the surfaces:
+//! of the robot. Letters without a prime belong to the person. Those with a prime belong to the robot. The robot's hand leaves
+//! p' toward the part that it touches: the chest, the head or the other hand. It stops at this distance of the surfaces:
 //!
 //! ```text
 //! d' = d L' / L          d: the person's distance of the surfaces
