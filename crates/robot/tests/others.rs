@@ -86,6 +86,26 @@ fn other_robots_shoulder_and_elbow_axes_are_orthogonal() {
 }
 
 #[test]
+fn other_robots_hands_grasp_at_mirrored_places_between_their_capsules() {
+    for robot in &ROBOTS {
+        let model = load(robot);
+        let mut frames = Frames::default();
+        model.forward(&model.home, &mut frames);
+        let places = [0, 1].map(|side| {
+            let body = model.arms[side].joints[ARM_JOINTS - 1] + 1;
+            let at = frames.base_from_body[body].transform_point(&model.payload[side].expect("a hand").center);
+            let hand = model.capsules.iter().filter(|capsule| capsule.body == body);
+            let ends = hand.flat_map(|capsule| capsule.ends(&frames).map(|end| (end - at).norm()));
+            let away_m = ends.fold(f64::INFINITY, f64::min);
+            assert!(away_m < 0.1, "{}: the hand grasps {away_m} m from its capsules", robot.name);
+            at
+        });
+        let mirrored = nalgebra::Vector3::new(places[1].x, -places[1].y, places[1].z);
+        assert!((places[0] - mirrored).norm() < 1e-3, "{}: {places:?}", robot.name);
+    }
+}
+
+#[test]
 fn other_robots_home_keeps_minimum_clearance() {
     for robot in &ROBOTS {
         let model = load(robot);
