@@ -16,7 +16,10 @@
 //! ```
 //!
 //! A robot's hand is thicker than a person's. Its surface is that of its capsules, turned as its forearm and its wrist turn
-//! them. The robot's limbs turn until its hand is at p'. The correction turns the person's limbs by as much:
+//! them. So are its forearms. Where a person's cross, both hands leave each other until each robot's forearm keeps
+//! [`APART_M`] from the other one and its hand. The left one is on the person's side of the right one.
+//!
+//! The robot's limbs turn until its hand is at p'. The correction turns the person's limbs by as much:
 //!
 //! ```text
 //! q0 = argmin S_GR(q),   q' = argmin S_GR(q) + w |p(q) - p(q0) - s (p' - p(q0))|^2,   R' = R(q') R(q0)^-1 R
@@ -24,12 +27,13 @@
 //!
 //! The share s is zero, and the limbs are the person's own, while the hand is farther than [`FAR_M`] from all of them. Near a
 //! shoulder's gimbal the same limbs leave the hand a choice, so q' is the start of the target's posture. The correction
-//! knows no collisions. What follows it keeps the hands off the body.
+//! knows no other collisions. What follows it keeps the arms off the body.
 
 use crate::arm::{ARMS, ArmModel, ArmQ, Limbs};
 use crate::chain::Chain;
 use crate::closed_form::closed_form;
 use crate::refine::{Objective, PRIOR_WEIGHT, Pull};
+use crate::surface::{Shape, Surface, on_side};
 use messages::{SMPL_JOINTS, Smpl};
 use nalgebra::{Rotation3, UnitQuaternion, Vector3};
 use robot::{TwoAxes, segment_distance};
@@ -42,6 +46,14 @@ pub const FAR_M: f64 = 0.45;
 /// Weight of a squared distance of the hand beside S_GR, 1/m^2. Of 40, 100 and 400, it leaves at most
 /// 1.5 cm on the eleven named motions and turns the limbs least.
 pub const WEIGHT: f64 = 100.0;
+/// Distance of a robot's forearm from the other forearm and its hand, m: twice what following keeps (`control`: least clearance
+/// 10 mm and 5 mm), so that it is not in the way of an arm that is behind. Of 2 and 3 cm, 3 brought crossed hands nearer, by up to 1 cm.
+pub const APART_M: f64 = 0.03;
+/// Distance of a person's forearms from axis to axis, m, from which they have no part in it, and up to which they have all of it
+/// (assumptions). Forearms that lie on each other are 8 cm apart.
+const CROSS_M: [f64; 2] = [0.25, 0.15];
+/// Distance of the axes below which they do not tell which forearm is on which side, m (assumption).
+const UNTOLD_M: f64 = 0.03;
 /// Time in which a correction comes or goes if a hand or the head is seen all at once, s: as a quick clap (assumption).
 const SHARE_S: f64 = 0.1;
 /// Longest time between two skeletons that counts, s.
@@ -84,6 +96,8 @@ pub struct Proportions {
     pub reach_m: f64,
     /// The left hand.
     pub hand: Surface,
+    /// The left forearm, from the first joint of the wrist.
+    pub forearm: Surface,
     /// Distance of the chest's surface before the middle between the shoulders, m.
     pub chest_m: f64,
 }
@@ -95,57 +109,18 @@ impl Proportions {
         UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(bend))
     }
 
+    /// Returns the left (0) or right (1) arm's surfaces from the middle of its hand. `turned`: of the left arm that
+    /// mirrors it, the forearm and how the wrist bends.
+    fn shape(&self, side: usize, turned: Option<(UnitQuaternion<f64>, UnitQuaternion<f64>)>) -> Shape {
+        let (fore, bend) = turned.unwrap_or_default();
+        let hand = fore * bend;
+        let wrist = on_side(side, hand * (self.wrist_at - self.chain.hand));
+        Shape { hand: self.hand.turned(side, &hand), forearm: self.forearm.turned(side, &fore).moved(&wrist) }
+    }
+
     /// Returns the chain to the middle of a hand that is turned by `bend`.
     fn bent(&self, bend: &UnitQuaternion<f64>) -> Chain {
         Chain { hand: self.wrist_at + bend * (self.chain.hand - self.wrist_at), ..self.chain }
-    }
-}
-
-/// Most capsules of a hand or a head that count.
-pub const CAPSULES_MAX: usize = 8;
-
-/// The axis of a capsule from the middle of its part, m, and its radius, m.
-pub type Capsule = ([Vector3<f64>; 2], f64);
-
-/// The surface of a part at the reference posture, in the torso frame.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Surface {
-    capsules: [Capsule; CAPSULES_MAX],
-    len: usize,
-}
-
-impl Surface {
-    /// A point.
-    pub const POINT: Self = Self { capsules: [([Vector3::new(0.0, 0.0, 0.0); 2], 0.0); CAPSULES_MAX], len: 1 };
-
-    /// Creates a surface of the first [`CAPSULES_MAX`] capsules. A point without one.
-    pub fn new(capsules: impl Iterator<Item = Capsule>) -> Self {
-        let mut surface = Self::POINT;
-        for (i, capsule) in capsules.take(CAPSULES_MAX).enumerate() {
-            (surface.capsules[i], surface.len) = (capsule, i + 1);
-        }
-        surface
-    }
-
-    /// Returns the surface of a left (0) or right (1) part that is turned as `turned` says for a left one.
-    fn turned(mut self, side: usize, turned: &UnitQuaternion<f64>) -> Self {
-        for (ends, _) in &mut self.capsules[..self.len] {
-            *ends = ends.map(|end| on_side(side, turned * end));
-        }
-        self
-    }
-
-    /// Returns the distance of both surfaces, m, if the middle of `other` is at `to` from the middle of this one. Below zero
-    /// they intersect.
-    fn gap_m(&self, other: &Self, to: &Vector3<f64>) -> f64 {
-        let mut least_m = f64::INFINITY;
-        for ([a, b], radius_m) in &self.capsules[..self.len] {
-            for ([c, d], other_m) in &other.capsules[..other.len] {
-                let apart_m = segment_distance(a, b, &(c + to), &(d + to)).distance_m;
-                least_m = least_m.min(apart_m - radius_m - other_m);
-            }
-        }
-        least_m
     }
 }
 
@@ -163,6 +138,8 @@ pub struct Part {
 pub struct Figure {
     /// Middle of the left and of the right hand.
     pub hands: [Option<Vector3<f64>>; ARMS],
+    /// Elbow of the left and of the right arm.
+    pub elbows: [Option<Vector3<f64>>; ARMS],
     /// Middle of the head.
     pub head: Option<Vector3<f64>>,
     /// Length of the stretched arm.
@@ -181,7 +158,7 @@ impl Figure {
         let across = at(Smpl::LeftShoulder) - at(Smpl::RightShoulder);
         let left = across.try_normalize(1e-6)?;
         let mut reach_m = None;
-        let (mut hands, mut cosine, mut sine) = ([None; ARMS], 0.0, 0.0);
+        let (mut hands, mut elbows, mut cosine, mut sine) = ([None; ARMS], [None; ARMS], 0.0, 0.0);
         // Any front and up of the world across the shoulders' line. The limbs then tell by what angle they lean.
         let front = left.cross(&if left.z.abs() < 0.9 { Vector3::z() } else { Vector3::x() }).normalize();
         let up = front.cross(&left);
@@ -199,7 +176,9 @@ impl Figure {
                 sine += z * torso.x - x * torso.z;
             }
             let half = Vector3::y() * (across.norm() / 2.0);
-            hands[side] = Some(on_side(side, half) + torso_upper + own(&limbs.fore, hand_m));
+            let elbow = on_side(side, half) + torso_upper;
+            elbows[side] = Some(elbow);
+            hands[side] = Some(elbow + own(&limbs.fore, hand_m));
         }
         let length = cosine.hypot(sine);
         let seen = positions[Smpl::Head as usize] != [0.0; 3];
@@ -212,14 +191,9 @@ impl Figure {
         });
         let finite = |place: Vector3<f64>| place.iter().all(|x| x.is_finite());
         let reach_m = reach_m.filter(|reach_m: &f64| *reach_m > 0.0 && reach_m.is_finite())?;
-        let all = hands.into_iter().chain([head]).flatten().all(finite);
-        all.then_some(Self { hands, head, reach_m })
+        let all = hands.into_iter().chain(elbows).chain([head]).flatten().all(finite);
+        all.then_some(Self { hands, elbows, head, reach_m })
     }
-}
-
-/// Returns the vector of a left arm as that of the left (0) or the right (1) arm, and the other way round.
-fn on_side(side: usize, v: Vector3<f64>) -> Vector3<f64> {
-    if side == 0 { v } else { Vector3::new(v.x, -v.y, v.z) }
 }
 
 /// State of an arm from one skeleton to the next.
@@ -231,6 +205,8 @@ struct Kept {
     touching: Option<(ArmQ, f64)>,
     /// Shares of the chest and of the head.
     shares: [f64; 2],
+    /// From 0 to 1 within [`SHARE_S`] after the arm was first seen.
+    seen: f64,
 }
 
 /// State of both arms from one skeleton to the next.
@@ -280,17 +256,16 @@ impl Correction {
         let reach_m = before_m + (person.reach_m - before_m) * (elapsed_s / REACH_S).min(1.0);
         memory.reach_m = Some(reach_m);
         for (kept, limbs) in memory.arms.iter_mut().zip(limbs) {
-            if limbs.is_none() {
-                *kept = Kept::default();
-            }
+            let seen = (kept.seen + elapsed_s / SHARE_S).min(1.0);
+            *kept = if limbs.is_some() { Kept { seen, ..*kept } } else { Kept::default() };
         }
         // The forearms as they were turned for the last skeleton: they turn the wrists, and with these the hands' surfaces.
         let turned = [0, 1].map(|side| {
             let fore = memory.arms[side].touching.map(|(q, _)| arm.forward(&q)).or(limbs[side])?.fore;
             Some((fore, hands[side].map_or_else(UnitQuaternion::identity, |hand| self.robot.bend(&fore, &hand))))
         });
-        let rotations = turned.map(|turned| turned.map(|(fore, bend)| fore * bend));
-        let aims = self.aims(&Figure { reach_m, ..*person }, &rotations, elapsed_s, memory);
+        let shapes = [0, 1].map(|side| self.robot.shape(side, turned[side]));
+        let aims = self.aims(&Figure { reach_m, ..*person }, &shapes, elapsed_s, memory);
         std::array::from_fn(|side| {
             let kept = &mut memory.arms[side];
             let limbs = limbs[side]?;
@@ -319,15 +294,16 @@ impl Correction {
     fn aims(
         &self,
         person: &Figure,
-        rotations: &[Option<UnitQuaternion<f64>>; ARMS],
+        shapes: &[Shape; ARMS],
         elapsed_s: f64,
         memory: &mut Memory,
     ) -> [Option<Aim>; ARMS] {
         let (robot, scale) = (&self.robot, self.robot.reach_m / person.reach_m);
         let step = elapsed_s / SHARE_S;
         let toward = |share: &mut f64, wanted: f64| *share = wanted.clamp(*share - step, *share + step);
-        let near =
-            |a: Option<Vector3<f64>>, b: Option<Vector3<f64>>| a.zip(b).map_or(0.0, |(a, b)| nearness((a - b).norm()));
+        let near = |a: Option<Vector3<f64>>, b: Option<Vector3<f64>>| {
+            a.zip(b).map_or(0.0, |(a, b)| smooth((a - b).norm(), [FAR_M, NEAR_M]))
+        };
         let gap_m = |a: Vector3<f64>, b: Vector3<f64>, surfaces_m: f64| ((a - b).norm() - surfaces_m).max(0.0) * scale;
         toward(&mut memory.together, near(person.hands[0], person.hands[1]));
         let head = memory.head.zip(robot.head);
@@ -353,40 +329,63 @@ impl Correction {
             }
         }
         let together_m = person.hands[0].zip(person.hands[1]).map(|(a, b)| gap_m(a, b, 2.0 * HALF_HAND_M));
-        self.part(&mut to, rotations, &touched, (memory.together, together_m));
+        let pair = together_m.map(|gap_m| Pair { share: memory.together, gap_m, crossing: crossing(person) });
+        // A second arm that is seen all at once turns the first one without a step.
+        let seen = memory.arms[0].seen.min(memory.arms[1].seen);
+        let mut alone = to;
+        if seen < 1.0 {
+            self.part(&mut alone, shapes, &touched, None);
+        }
+        self.part(&mut to, shapes, &touched, pair);
+        for (to, alone) in to.iter_mut().zip(alone) {
+            *to = to.zip(alone).map(|(to, alone)| alone + (to - alone) * seen);
+        }
         std::array::from_fn(|side| {
             let [chest, head] = memory.arms[side].shares;
             Some(Aim { to: to[side]?, share: chest.max(head).max(memory.together) })
         })
     }
 
-    /// Moves the places of both hands until their surfaces are at the right distances. `together`: that of both hands, m, and
-    /// its share.
+    /// Moves the places of both hands until their surfaces are at the right distances.
     fn part(
         &self,
         to: &mut [Option<Vector3<f64>>; ARMS],
-        rotations: &[Option<UnitQuaternion<f64>>; ARMS],
+        shapes: &[Shape; ARMS],
         touched: &[[Option<Touch>; 2]; ARMS],
-        (share, together_m): (f64, Option<f64>),
+        pair: Option<Pair>,
     ) {
-        let hands =
-            [0, 1].map(|side| self.robot.hand.turned(side, &rotations[side].unwrap_or_else(UnitQuaternion::identity)));
+        let [left_arm, right_arm] = shapes;
         for _ in 0..ROUNDS {
             for (side, to) in to.iter_mut().enumerate() {
                 let Some(to) = to else { continue };
                 for touch in touched[side].iter().flatten() {
                     let way = *to - touch.part.center;
-                    let gap_m = touch.part.surface.gap_m(&hands[side], &way);
+                    let gap_m = touch.part.surface.gap_m(&shapes[side].hand, &way);
                     *to += direction(&way) * (touch.share / 2.0 * (touch.gap_m - gap_m));
                 }
             }
-            if let ([Some(left), Some(right)], Some(wanted_m)) = (&mut *to, together_m) {
-                let way = *left - *right;
-                let apart = direction(&way) * (share / 4.0 * (wanted_m - hands[1].gap_m(&hands[0], &way)));
-                (*left, *right) = (*left + apart, *right - apart);
-            }
+            let ([Some(left), Some(right)], Some(pair)) = (&mut *to, pair) else { continue };
+            let way = *left - *right;
+            let gap_m = right_arm.hand.gap_m(&left_arm.hand, &way);
+            let apart = direction(&way) * (pair.share / 4.0 * (pair.gap_m - gap_m));
+            (*left, *right) = (*left + apart, *right - apart);
+            let (normal, share) = pair.crossing;
+            let crossing_m = right_arm.crossing_m(left_arm, &(*left - *right));
+            let apart = normal * (share / 2.0 * (APART_M - crossing_m).max(0.0));
+            (*left, *right) = (*left + apart, *right - apart);
         }
     }
+}
+
+/// Returns the direction from a person's right forearm to the left one where they are nearest, and the share of this from 0
+/// to 1.
+fn crossing(person: &Figure) -> (Vector3<f64>, f64) {
+    let [Some((a, b)), Some((c, d))] = [0, 1].map(|side| person.elbows[side].zip(person.hands[side])) else {
+        return (Vector3::zeros(), 0.0);
+    };
+    let near = segment_distance(&a, &b, &c, &d);
+    let way = a + (b - a) * near.s - (c + (d - c) * near.t);
+    (direction(&way), smooth(near.distance_m, CROSS_M) * smooth(near.distance_m, [0.0, UNTOLD_M]))
 }
 
 /// Something that a hand may touch.
@@ -397,6 +396,17 @@ struct Touch {
     part: Part,
     /// Distance of the surfaces, m.
     gap_m: f64,
+}
+
+/// Both hands.
+#[derive(Clone, Copy, Debug)]
+struct Pair {
+    /// Share of their distance, from 0 to 1.
+    share: f64,
+    /// Distance of their surfaces, m.
+    gap_m: f64,
+    /// The person's crossing.
+    crossing: (Vector3<f64>, f64),
 }
 
 /// Returns the unit vector along `way`. Zero if that is zero.
@@ -415,8 +425,8 @@ fn minimum(arm: &ArmModel, human: &Limbs, start: &ArmQ, pull: Option<Pull<'_>>) 
     Objective { arm, human, prior: start, prior_weight: PRIOR_WEIGHT, pull }.descend(start, STEPS).q
 }
 
-/// From 1 at [`NEAR_M`] to 0 at [`FAR_M`], with a continuous slope.
-fn nearness(distance_m: f64) -> f64 {
-    let s = ((FAR_M - distance_m) / (FAR_M - NEAR_M)).clamp(0.0, 1.0);
+/// From 0 at the first of two places to 1 at the second, with a continuous slope.
+fn smooth(at: f64, [zero, one]: [f64; 2]) -> f64 {
+    let s = ((at - zero) / (one - zero)).clamp(0.0, 1.0);
     s * s * (3.0 - 2.0 * s)
 }

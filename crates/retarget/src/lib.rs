@@ -23,6 +23,7 @@ mod prediction;
 mod ready;
 mod refine;
 mod resample;
+pub mod surface;
 mod tick;
 mod way;
 mod weights;

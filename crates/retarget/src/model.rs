@@ -7,8 +7,9 @@ use robot::{Frames, Model, segment_distance};
 use crate::arm::{ARM_Q, ArmModel, ArmQ};
 use crate::chain::Chain;
 use crate::config::{Config, ConfigError, Options, RobotArms};
-use crate::contact::{Part, Proportions, Surface};
+use crate::contact::{Part, Proportions};
 use crate::height::Lift;
+use crate::surface::Surface;
 use crate::weights::{ArmIdentity, Weights, WeightsError};
 
 /// Numbers are rounded to this before they enter the hash, rad (axes: dimensionless). It is coarser than the
@@ -48,20 +49,20 @@ impl Proportions {
         let center = model.payload[0].map_or_else(Vector3::zeros, |payload| payload.center);
         let hand = own(frames.base_from_body[arm.joints[ARM_JOINTS - 1] + 1].transform_point(&center));
         let reach_m = (joints[3] - joints[1]).norm() + (hand - joints[3]).norm();
-        let surface = |body: usize, center: Vector3<f64>| {
-            let capsules = model.capsules.iter().filter(|capsule| capsule.body == body);
+        let surface = |bodies: &[usize], center: Vector3<f64>| {
+            let capsules = model.capsules.iter().filter(|capsule| bodies.contains(&capsule.body));
             Surface::new(capsules.map(|capsule| (capsule.ends(&frames).map(|end| own(end) - center), capsule.radius_m)))
         };
+        let wrist = model.wrists[0];
+        let wrist_at = own(frames.base_from_body[wrist.joints[0] + 1].t);
         let head = model.head.as_ref().and_then(|head| {
             let body = head.joints[1] + 1;
             let middles = model.capsules.iter().filter(|capsule| capsule.body == body);
             let middles = middles.map(|capsule| (capsule.a + capsule.b) / 2.0);
             let (sum, count) = middles.fold((Vector3::zeros(), 0), |(sum, count), middle| (sum + middle, count + 1));
             let center = || own(frames.base_from_body[body].transform_point(&(sum / f64::from(count))));
-            (count > 0).then(center).map(|center| Part { center, surface: surface(body, center) })
+            (count > 0).then(center).map(|center| Part { center, surface: surface(&[body], center) })
         });
-        let wrist = model.wrists[0];
-        let wrist_at = own(frames.base_from_body[wrist.joints[0] + 1].t);
         let chest_m = chest_m(model, &frames, middle);
         Self {
             chain: Chain { joints, hand },
@@ -69,7 +70,8 @@ impl Proportions {
             wrist_at,
             head,
             reach_m,
-            hand: surface(arm.joints[ARM_JOINTS - 1] + 1, hand),
+            hand: surface(&[arm.joints[ARM_JOINTS - 1] + 1], hand),
+            forearm: surface(&[arm.joints[3] + 1, arm.joints[4] + 1], wrist_at),
             chest_m,
         }
     }

@@ -8,7 +8,8 @@ use messages::{JOINTS_MAX, Layout, RobotId, Skeleton, Stamp, skeleton_flag};
 use nalgebra::Vector3;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
-use retarget::contact::{Part, Proportions, Surface};
+use retarget::contact::{Part, Proportions};
+use retarget::surface::Surface;
 use retarget::{
     ArmIdentity, ArmModel, ArmQ, Chain, Dense, LATENT, Layers, Limbs, Manifest, Prediction, RobotArms, Weights, mirror,
     write_weights, xyzw_from_rotation,
@@ -73,6 +74,7 @@ pub(crate) fn robot() -> RobotArms {
             head: Some(Part { center: Vector3::new(0.1, 0.0, 0.3), surface: ball(0.15) }),
             reach_m: 0.62,
             hand: ball(0.1),
+            forearm: ball(0.07),
             chest_m: 0.15,
         },
     }
