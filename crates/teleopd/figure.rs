@@ -274,13 +274,8 @@ mod tests {
         ] {
             let overrides = config::Overrides::robot(Some(&name.into()));
             let (_, model) = config::load_robot(&config, &overrides).unwrap_or_else(|error| panic!("{error}"));
-            // The T-pose.
-            let mut q = model.home;
-            for arm in &model.arms {
-                arm.joints.iter().zip(arm.reference).for_each(|(joint, reference)| q[*joint] = reference);
-            }
             let mut frames = robot::Frames::default();
-            let canvas = robot(&model, &mut frames, &q);
+            let canvas = robot(&model, &mut frames, &model.t_pose());
             println!("{}", picture(&human(&motion::builtin().frames[0].positions), &canvas, false));
             let rows = ROWS * 4;
             assert!(any(&canvas, 0..2 * COLUMNS, rows - 2..rows), "{name} stands on the floor");

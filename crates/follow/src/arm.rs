@@ -1,7 +1,6 @@
 //! One arm with two limb rotations: kinematics, and the rotation from the person's limbs to the robot's.
 
 use crate::LIMB_JOINTS;
-use messages::ARM_JOINTS;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use robot::{Frames, Model};
 
@@ -67,14 +66,11 @@ impl Arm {
     /// right arm's own joint positions: an axis of the sign -1 points the other way.
     pub fn of(model: &Model, side: usize) -> Self {
         let (left, arm) = (&model.arms[0], &model.arms[side]);
-        let (mut q, mut frames) = (model.home, Frames::default());
-        left.joints.iter().zip(left.reference).for_each(|(&joint, reference)| q[joint] = reference);
-        model.forward(&q, &mut frames);
-        let body = |j: usize| &frames.base_from_body[left.joints[j] + 1];
-        let center = model.payload[0].map_or_else(Vector3::zeros, |payload| payload.center);
-        let [shoulder, elbow, hand] = [body(1).t, body(3).t, body(ARM_JOINTS - 1).transform_point(&center)];
+        let mut frames = Frames::default();
+        model.forward(&model.t_pose(), &mut frames);
+        let [shoulder, elbow] = [1, 3].map(|j| frames.base_from_body[left.joints[j] + 1].t);
         let torso_from_base = frames.base_from_body[model.torso_body].r.transpose();
-        let lengths_m = [elbow - shoulder, hand - elbow].map(|length| torso_from_base * length);
+        let lengths_m = [elbow - shoulder, model.hand(&frames, 0) - elbow].map(|length| torso_from_base * length);
         Self::new(std::array::from_fn(|j| left.axes[j] * arm.signs[j]), arm.reference, lengths_m)
     }
 

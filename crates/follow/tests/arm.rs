@@ -117,12 +117,11 @@ fn hand_is_that_of_the_robot_and_its_derivative_matches_central_differences() {
     const STEP: f64 = 1e-6;
     let (model, mut rng) = (model(), Pcg64::seed_from_u64(5));
     let arm = Arm::of(&model, 0);
-    let center = model.payload[0].expect("TIAGo++ has one").center;
     let place = |q: &ArmVector| {
         let (mut all, mut frames) = (model.home, Frames::default());
         (0..LIMB_JOINTS).for_each(|j| all[model.arms[0].joints[j]] = q[j]);
         model.forward(&all, &mut frames);
-        frames.base_from_body[model.arms[0].joints[6] + 1].transform_point(&center)
+        model.hand(&frames, 0)
     };
     for _ in 0..500 {
         let (q, other) = (random_q(&mut rng), random_q(&mut rng));

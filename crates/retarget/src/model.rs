@@ -35,19 +35,14 @@ impl Proportions {
     /// Measures `model`, with the torso and both wrists at home.
     pub fn of(model: &Model) -> Self {
         let arm = &model.arms[0];
-        let mut q = model.home;
-        for arm in &model.arms {
-            arm.joints.iter().zip(arm.reference).for_each(|(&joint, reference)| q[joint] = reference);
-        }
         let mut frames = Frames::default();
-        model.forward(&q, &mut frames);
+        model.forward(&model.t_pose(), &mut frames);
         let shoulder = |side: usize| frames.base_from_body[model.arms[side].joints[1] + 1].t;
         let middle = (shoulder(0) + shoulder(1)) / 2.0;
         let torso_from_base = frames.base_from_body[model.torso_body].r.transpose();
         let own = |at: Vector3<f64>| torso_from_base * (at - middle);
         let joints: [_; ARM_Q] = std::array::from_fn(|j| own(frames.base_from_body[arm.joints[j] + 1].t));
-        let center = model.payload[0].map_or_else(Vector3::zeros, |payload| payload.center);
-        let hand = own(frames.base_from_body[arm.joints[ARM_JOINTS - 1] + 1].transform_point(&center));
+        let hand = own(model.hand(&frames, 0));
         let reach_m = (joints[3] - joints[1]).norm() + (hand - joints[3]).norm();
         let surface = |bodies: &[usize], center: Vector3<f64>| {
             let capsules = model.capsules.iter().filter(|capsule| bodies.contains(&capsule.body));

@@ -209,9 +209,8 @@ fn chain_ends_where_the_robots_kinematics_have_the_hand() {
             model.arms[0].joints.iter().zip(left).for_each(|(&joint, at)| q[joint] = at);
             model.forward(&q, &mut frames);
             let body = |joint: usize| frames.base_from_body[model.arms[0].joints[joint] + 1];
-            let center = model.payload[0].map_or_else(Vector3::zeros, |payload| payload.center);
             let torso = frames.base_from_body[model.torso_body].r.transpose();
-            let seen = torso * (body(6).transform_point(&center) - body(0).t);
+            let seen = torso * (model.hand(&frames, 0) - body(0).t);
             let chain = robot.chain.hand(&arm, &left) - robot.chain.joints[0];
             assert!((seen - chain).norm() < 1e-6, "{name}: {seen} {chain}");
         }

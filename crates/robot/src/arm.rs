@@ -74,6 +74,22 @@ impl Arm {
 }
 
 impl Model {
+    /// Positions of all joints in the T-pose: both arms at their reference postures, wrists and torso at home.
+    pub fn t_pose(&self) -> [f64; JOINTS_MAX] {
+        let mut q = self.home;
+        for arm in &self.arms {
+            arm.joints.iter().zip(arm.reference).for_each(|(&joint, reference)| q[joint] = reference);
+        }
+        q
+    }
+
+    /// The middle of the left (0) or right (1) hand, base frame, m: where it grasps, which is the centre of its payload. The
+    /// origin of the last joint if the robot's file names none.
+    pub fn hand(&self, frames: &Frames, side: usize) -> Vector3<f64> {
+        let center = self.payload[side].map_or_else(Vector3::zeros, |payload| payload.center);
+        frames.base_from_body[self.arms[side].joints[ARM_JOINTS - 1] + 1].transform_point(&center)
+    }
+
     /// Derives the arm with these joints, whose T-pose is `reference` and whose shoulder is on the body
     /// `torso`.
     pub(crate) fn derive_arm(&self, joints: [usize; ARM_JOINTS], reference: [f64; LIMB_JOINTS], torso: usize) -> Arm {

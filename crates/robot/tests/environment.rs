@@ -87,11 +87,8 @@ fn obstacles_follow_capsules_in_names_and_keep_robot_hash() {
     let names = [0, count - 1, count, count + 1, count + 2].map(|index| model.shape_name(index));
     assert_eq!(names, [&*model.capsules[0].name, &*model.capsules[count as usize - 1].name, "floor", "table", "?"]);
     let mut frames = Frames::default();
-    let mut q = model.home;
     // The T-pose, with the torso low and high, is clear of the floor and of the table.
-    for arm in &model.arms {
-        arm.joints.iter().zip(arm.reference).for_each(|(j, position)| q[*j] = position);
-    }
+    let mut q = model.t_pose();
     for lift in [model.limits[0].q_min, model.limits[0].q_max] {
         q[0] = lift;
         model.forward(&q, &mut frames);

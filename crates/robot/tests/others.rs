@@ -93,7 +93,7 @@ fn other_robots_hands_grasp_at_mirrored_places_between_their_capsules() {
         model.forward(&model.home, &mut frames);
         let places = [0, 1].map(|side| {
             let body = model.arms[side].joints[ARM_JOINTS - 1] + 1;
-            let at = frames.base_from_body[body].transform_point(&model.payload[side].expect("a hand").center);
+            let at = model.hand(&frames, side);
             let hand = model.capsules.iter().filter(|capsule| capsule.body == body);
             let ends = hand.flat_map(|capsule| capsule.ends(&frames).map(|end| (end - at).norm()));
             let away_m = ends.fold(f64::INFINITY, f64::min);

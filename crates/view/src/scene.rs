@@ -38,12 +38,8 @@ pub fn scene(view: &RobotView) -> Value {
 
 /// Returns how far the robot reaches to its side in the T-pose, m. The page places the person by it.
 fn half_span_m(model: &Model) -> f64 {
-    let mut q = model.home;
-    for arm in &model.arms {
-        arm.joints.iter().zip(arm.reference).for_each(|(joint, reference)| q[*joint] = reference);
-    }
     let mut frames = Frames::default();
-    model.forward(&q, &mut frames);
+    model.forward(&model.t_pose(), &mut frames);
     let reach = |capsule: &Capsule| {
         let ends = [capsule.a, capsule.b].map(|end| frames.base_from_body[capsule.body].transform_point(&end).y.abs());
         ends[0].max(ends[1]) + capsule.radius_m

@@ -65,12 +65,6 @@ pub(crate) fn draw(options: &Draw) -> Result<bool, CollisionError> {
 
 impl Draw {
     fn posture(&self, model: &Model) -> [f64; JOINTS_MAX] {
-        let mut q = model.home;
-        if matches!(self.pose, Pose::Reference) {
-            for arm in &model.arms {
-                arm.joints.iter().zip(&arm.reference).for_each(|(j, position)| q[*j] = *position);
-            }
-        }
-        q
+        if matches!(self.pose, Pose::Reference) { model.t_pose() } else { model.home }
     }
 }
