@@ -16,8 +16,8 @@
 //! ```
 //!
 //! A robot's hand is thicker than a person's. Its surface is that of its capsules, turned as its forearm and its wrist turn
-//! them. So are its forearms. Where a person's cross, both hands leave each other until each robot's forearm keeps
-//! [`APART_M`] from the other one and its hand. The left one is on the person's side of the right one.
+//! them. So are its forearms. Where a person's cross, both hands leave each other along the shortest way between the person's
+//! forearms, until each robot's forearm keeps [`APART_M`] from the other one and its hand.
 //!
 //! The robot's limbs turn until its hand is at p'. The correction turns the person's limbs by as much:
 //!
@@ -26,7 +26,8 @@
 //! ```
 //!
 //! The share s is zero, and the limbs are the person's own, while the hand is farther than [`FAR_M`] from all of them. Near a
-//! shoulder's gimbal the same limbs leave the hand a choice, so q' is the start of the target's posture. The correction
+//! shoulder's gimbal the same limbs leave the hand a choice, so q' is the start of the target's posture. The search for q'
+//! begins at its last value: it does not leap between two minima while the person stands still. The correction
 //! knows no other collisions. What follows it keeps the arms off the body.
 
 use crate::arm::{ARMS, ArmModel, ArmQ, Limbs};
@@ -46,7 +47,7 @@ pub const FAR_M: f64 = 0.45;
 /// Weight of a squared distance of the hand beside S_GR, 1/m^2. Of 40, 100 and 400, it leaves at most
 /// 1.5 cm on the eleven named motions and turns the limbs least.
 pub const WEIGHT: f64 = 100.0;
-/// Distance of a robot's forearm from the other forearm and its hand, m: twice what following keeps (`control`: least clearance
+/// Distance to which a robot's forearm is led from the other forearm and its hand, m: twice what following keeps (`control`: least clearance
 /// 10 mm and 5 mm), so that it is not in the way of an arm that is behind. Of 2 and 3 cm, 3 brought crossed hands nearer, by up to 1 cm.
 pub const APART_M: f64 = 0.03;
 /// Distance of a person's forearms from axis to axis, m, from which they have no part in it, and up to which they have all of it
@@ -56,6 +57,12 @@ const CROSS_M: [f64; 2] = [0.25, 0.15];
 const UNTOLD_M: f64 = 0.03;
 /// Time in which a correction comes or goes if a hand or the head is seen all at once, s: as a quick clap (assumption).
 const SHARE_S: f64 = 0.1;
+/// Time constant of the way by which a hand leaves the other arm, s. Its forearm turns with it, and with that the way: without a
+/// time constant, G1's still arms swung by 2 degrees.
+const APART_S: f64 = 0.02;
+/// Largest speed at which a hand leaves the other arm, m/s. An arm that is seen or lost all at once turns the other one no
+/// faster. Assumption: as a hand on its way.
+const APART_MAX_M_PER_S: f64 = 1.0;
 /// Longest time between two skeletons that counts, s.
 const STEP_MAX_S: f64 = 0.04;
 /// Time constant of the length of the person's arm, s. A tracker finds one length again and again (assumption).
@@ -96,7 +103,7 @@ pub struct Proportions {
     pub reach_m: f64,
     /// The left hand.
     pub hand: Surface,
-    /// The left forearm, from the first joint of the wrist.
+    /// The left forearm, from the first joint of the wrist. The body between both joints of the wrist counts to nothing.
     pub forearm: Surface,
     /// Distance of the chest's surface before the middle between the shoulders, m.
     pub chest_m: f64,
@@ -205,8 +212,6 @@ struct Kept {
     touching: Option<(ArmQ, f64)>,
     /// Shares of the chest and of the head.
     shares: [f64; 2],
-    /// From 0 to 1 within [`SHARE_S`] after the arm was first seen.
-    seen: f64,
 }
 
 /// State of both arms from one skeleton to the next.
@@ -215,6 +220,8 @@ pub struct Memory {
     arms: [Kept; ARMS],
     /// Share of both hands that are near each other.
     together: f64,
+    /// The way by which each hand leaves the other arm, m.
+    apart: [Vector3<f64>; ARMS],
     /// The last head that was seen.
     head: Option<Vector3<f64>>,
     /// Low-passed length of the person's stretched arm, m.
@@ -256,8 +263,9 @@ impl Correction {
         let reach_m = before_m + (person.reach_m - before_m) * (elapsed_s / REACH_S).min(1.0);
         memory.reach_m = Some(reach_m);
         for (kept, limbs) in memory.arms.iter_mut().zip(limbs) {
-            let seen = (kept.seen + elapsed_s / SHARE_S).min(1.0);
-            *kept = if limbs.is_some() { Kept { seen, ..*kept } } else { Kept::default() };
+            if limbs.is_none() {
+                *kept = Kept::default();
+            }
         }
         // The forearms as they were turned for the last skeleton: they turn the wrists, and with these the hands' surfaces.
         let turned = [0, 1].map(|side| {
@@ -274,13 +282,14 @@ impl Correction {
                 return Some(limbs);
             };
             let start = kept.posture.unwrap_or_else(|| closed_form(arm, &limbs, &arm.mid()));
-            let from = minimum(arm, &limbs, &start, None);
+            let from = minimum(arm, &limbs, (&start, &start), None);
             kept.posture = Some(from);
             let chain = self.robot.bent(&turned[side]?.1);
             let own = chain.hand(arm, &from);
             let to = own + (on_side(side, aim.to) - own) * (aim.share * self.weight);
             let pull = Pull { chain: &chain, to, weight: WEIGHT };
-            let touching = minimum(arm, &limbs, &from, Some(pull));
+            let start = kept.touching.map_or(from, |(q, _)| q);
+            let touching = minimum(arm, &limbs, (&from, &start), Some(pull));
             kept.touching = Some((touching, aim.share * self.weight));
             let (from, to) = (arm.forward(&from), arm.forward(&touching));
             Some(Limbs {
@@ -330,15 +339,14 @@ impl Correction {
         }
         let together_m = person.hands[0].zip(person.hands[1]).map(|(a, b)| gap_m(a, b, 2.0 * HALF_HAND_M));
         let pair = together_m.map(|gap_m| Pair { share: memory.together, gap_m, crossing: crossing(person) });
-        // A second arm that is seen all at once turns the first one without a step.
-        let seen = memory.arms[0].seen.min(memory.arms[1].seen);
         let mut alone = to;
-        if seen < 1.0 {
-            self.part(&mut alone, shapes, &touched, None);
-        }
+        self.part(&mut alone, shapes, &touched, None);
         self.part(&mut to, shapes, &touched, pair);
-        for (to, alone) in to.iter_mut().zip(alone) {
-            *to = to.zip(alone).map(|(to, alone)| alone + (to - alone) * seen);
+        for ((to, alone), apart) in to.iter_mut().zip(alone).zip(&mut memory.apart) {
+            let wanted = to.zip(alone).map_or_else(Vector3::zeros, |(to, alone)| to - alone);
+            let step = (wanted - *apart) * (elapsed_s / (APART_S + elapsed_s));
+            *apart += step.cap_magnitude(APART_MAX_M_PER_S * elapsed_s);
+            *to = alone.map(|alone| alone + *apart);
         }
         std::array::from_fn(|side| {
             let [chest, head] = memory.arms[side].shares;
@@ -421,8 +429,8 @@ struct Aim {
     share: f64,
 }
 
-fn minimum(arm: &ArmModel, human: &Limbs, start: &ArmQ, pull: Option<Pull<'_>>) -> ArmQ {
-    Objective { arm, human, prior: start, prior_weight: PRIOR_WEIGHT, pull }.descend(start, STEPS).q
+fn minimum(arm: &ArmModel, human: &Limbs, (prior, start): (&ArmQ, &ArmQ), pull: Option<Pull<'_>>) -> ArmQ {
+    Objective { arm, human, prior, prior_weight: PRIOR_WEIGHT, pull }.descend(start, STEPS).q
 }
 
 /// From 0 at the first of two places to 1 at the second, with a continuous slope.

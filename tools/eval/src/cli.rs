@@ -45,7 +45,7 @@ pub struct Cli {
     #[arg(long)]
     pub no_optimum: bool,
     /// The robot: a name of config/robots, or a robot file [default: tiago_dual, or the robot of the settings for
-    /// --following and --refusals]
+    /// --following, --refusals and --contacts]
     #[arg(long, value_name = "NAME|FILE")]
     pub robot: Option<RobotChoice>,
     /// Our weights, with or without .safetensors. The manifest must be in the same folder [default: those with the
