@@ -62,7 +62,7 @@ const SHARE_S: f64 = 0.1;
 const APART_S: f64 = 0.02;
 /// Largest speed at which a hand leaves the other arm, m/s. An arm that is seen or lost all at once turns the other one no
 /// faster. Assumption: as a hand on its way.
-const APART_MAX_M_PER_S: f64 = 1.0;
+const APART_MAX_M_PER_S: f64 = 2.0;
 /// Longest time between two skeletons that counts, s.
 const STEP_MAX_S: f64 = 0.04;
 /// Time constant of the length of the person's arm, s. A tracker finds one length again and again (assumption).
