@@ -47,8 +47,9 @@ pub const FAR_M: f64 = 0.45;
 /// Weight of a squared distance of the hand beside S_GR, 1/m^2. Of 40, 100 and 400, it leaves at most
 /// 1.5 cm on the eleven named motions and turns the limbs least.
 pub const WEIGHT: f64 = 100.0;
-/// Distance to which a robot's forearm is led from the other forearm and its hand, m: twice what following keeps (`control`: least clearance
-/// 10 mm and 5 mm), so that it is not in the way of an arm that is behind. Of 2 and 3 cm, 3 brought crossed hands nearer, by up to 1 cm.
+/// Distance to which a robot's forearm is led from the other forearm and its hand, m: twice what following keeps
+/// (`control`: least clearance 10 mm and 5 mm), so that it is not in the way of an arm that is behind. Of 2 and 3 cm, 3 brought
+/// crossed hands nearer, by up to 1 cm.
 pub const APART_M: f64 = 0.03;
 /// Distance of a person's forearms from axis to axis, m, from which they have no part in it, and up to which they have all of it
 /// (assumptions). Forearms that lie on each other are 8 cm apart.
@@ -117,7 +118,7 @@ impl Proportions {
     }
 
     /// Returns the left (0) or right (1) arm's surfaces from the middle of its hand. `turned`: of the left arm that
-    /// mirrors it, the forearm and how the wrist bends.
+    /// mirrors it, the forearm and how the wrist bends. `None` for an arm that is not seen.
     fn shape(&self, side: usize, turned: Option<(UnitQuaternion<f64>, UnitQuaternion<f64>)>) -> Shape {
         let (fore, bend) = turned.unwrap_or_default();
         let hand = fore * bend;

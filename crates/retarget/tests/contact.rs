@@ -6,8 +6,13 @@ use nalgebra::{UnitQuaternion, Vector3};
 use retarget::contact::{Correction, Figure, Memory, Proportions};
 use retarget::{ARM_Q, ArmModel, Limbs};
 
-/// The frame of a person whose torso leans and faces anywhere, as positions. Both arms have these limbs.
-fn person(limbs: &Limbs, torso: &UnitQuaternion<f64>) -> [[f32; 3]; SMPL_JOINTS] {
+/// Lengths of the person's arms, shoulder to elbow and elbow to wrist, and half of the distance of the shoulders, m.
+const UPPER_M: f64 = 0.3;
+const FORE_M: f64 = 0.25;
+const SHOULDER_M: f64 = 0.18;
+
+/// The frame of a person whose torso leans and faces anywhere, as positions. `limbs`: of both arms, as left arms.
+fn person(limbs: &[Limbs; 2], torso: &UnitQuaternion<f64>) -> [[f32; 3]; SMPL_JOINTS] {
     let mut positions = [[0.0; 3]; SMPL_JOINTS];
     let mut set = |joint: Smpl, at: Vector3<f64>| {
         positions[joint as usize] = (Vector3::new(1.0, 2.0, 1.4) + torso * at).cast::<f32>().into();
@@ -19,14 +24,18 @@ fn person(limbs: &Limbs, torso: &UnitQuaternion<f64>) -> [[f32; 3]; SMPL_JOINTS]
     .into_iter()
     .enumerate()
     {
-        let own = |v: Vector3<f64>| if side == 0 { v } else { Vector3::new(v.x, -v.y, v.z) };
-        let shoulder = Vector3::y() * 0.18;
-        let elbow = shoulder + limbs.upper * Vector3::y() * 0.3;
-        let places = [shoulder, elbow, elbow + limbs.fore * Vector3::y() * 0.25];
-        joints.into_iter().zip(places).for_each(|(joint, at)| set(joint, own(at)));
+        let shoulder = Vector3::y() * SHOULDER_M;
+        let elbow = shoulder + limbs[side].upper * Vector3::y() * UPPER_M;
+        let places = [shoulder, elbow, elbow + limbs[side].fore * Vector3::y() * FORE_M];
+        joints.into_iter().zip(places).for_each(|(joint, at)| set(joint, on_side(side, at)));
     }
     set(Smpl::Head, Vector3::new(0.03, 0.0, 0.2));
     positions
+}
+
+/// Returns the vector of a left arm as that of the left (0) or the right (1) arm, and the other way round.
+fn on_side(side: usize, v: Vector3<f64>) -> Vector3<f64> {
+    if side == 0 { v } else { Vector3::new(v.x, -v.y, v.z) }
 }
 
 fn turned(forward: f64, down: f64, flexion: f64) -> Limbs {
@@ -52,12 +61,12 @@ fn distance_deg(a: &Limbs, b: &Limbs) -> f64 {
 fn figure_does_not_depend_on_where_the_person_faces_or_how_the_torso_leans() {
     let limbs = touching();
     let seen = [Some(limbs); 2];
-    let upright = Figure::of(&person(&limbs, &UnitQuaternion::identity()), &seen).expect("a person");
+    let upright = Figure::of(&person(&[limbs; 2], &UnitQuaternion::identity()), &seen).expect("a person");
     let head = upright.head.expect("a head");
     assert!((head - Vector3::new(0.03, 0.0, 0.2 + 0.3 * 0.025 / 0.186)).norm() < 1e-5, "{head}");
     for (roll, pitch, yaw) in [(0.0, 0.4, 0.0), (0.3, -0.2, 2.5), (-0.4, 0.1, -1.2)] {
         let torso = UnitQuaternion::from_euler_angles(roll, pitch, yaw);
-        let figure = Figure::of(&person(&limbs, &torso), &seen).expect("a person");
+        let figure = Figure::of(&person(&[limbs; 2], &torso), &seen).expect("a person");
         assert!((figure.head.expect("a head") - head).norm() < 1e-5, "{figure:?}");
         assert!((figure.hands[0].expect("a hand") - upright.hands[0].expect("a hand")).norm() < 1e-5);
     }
@@ -68,7 +77,7 @@ fn limbs_of_hands_that_touch_nothing_stay_to_the_last_bit() {
     let arm = robot().identity.arm;
     let limbs = turned(0.2, 0.3, 0.4);
     let seen = [Some(limbs); 2];
-    let figure = Figure::of(&person(&limbs, &UnitQuaternion::identity()), &seen).expect("a person");
+    let figure = Figure::of(&person(&[limbs; 2], &UnitQuaternion::identity()), &seen).expect("a person");
     let mut memory = Memory::default();
     for _ in 0..10 {
         assert_eq!(correction().apply(&arm, &figure, (&seen, &[None; 2]), 0.02, &mut memory), seen);
@@ -79,7 +88,7 @@ fn limbs_of_hands_that_touch_nothing_stay_to_the_last_bit() {
 fn correction_comes_and_goes_without_a_step() {
     let (arm, limbs) = (robot().identity.arm, touching());
     let seen = [Some(limbs); 2];
-    let figure = Figure::of(&person(&limbs, &UnitQuaternion::identity()), &seen).expect("a person");
+    let figure = Figure::of(&person(&[limbs; 2], &UnitQuaternion::identity()), &seen).expect("a person");
     let unseen = Figure { head: None, ..figure };
     let (mut memory, mut before, mut most_deg) = (Memory::default(), limbs, 0.0_f64);
     for k in 0..150 {
@@ -109,20 +118,13 @@ fn arms_apart_m(model: &robot::Model, q: &[f64; messages::JOINTS_MAX]) -> f64 {
     gaps.fold(f64::INFINITY, f64::min)
 }
 
-/// Arms that cross before the chest. The left one is above.
-fn crossed() -> [Option<Limbs>; 2] {
-    [turned(1.6, 0.5, 1.5), turned(1.6, 0.6, 1.5)].map(Some)
-}
-
-/// TIAGo++, and a person whose arms cross before the chest.
+/// TIAGo++, and a person whose arms cross before the chest. The left one is above.
 fn crossing() -> (robot::Model, Correction, [Option<Limbs>; 2], Figure) {
     let model = shipped("tiago_dual");
     let correction = Correction { robot: Proportions::of(&model), weight: 1.0 };
-    let limbs = crossed();
-    let [mut positions, right] = limbs.map(|limbs| person(&limbs.expect("an arm"), &UnitQuaternion::identity()));
-    for joint in [Smpl::RightShoulder, Smpl::RightElbow, Smpl::RightWrist] {
-        positions[joint as usize] = right[joint as usize];
-    }
+    let limbs = [turned(1.6, 0.5, 1.5), turned(1.6, 0.6, 1.5)];
+    let positions = person(&limbs, &UnitQuaternion::identity());
+    let limbs = limbs.map(Some);
     let figure = Figure::of(&positions, &limbs).expect("a person");
     (model, correction, limbs, figure)
 }
@@ -155,35 +157,21 @@ fn forearms_of_crossed_arms_stay_apart_with_the_left_one_on_the_persons_side() {
     assert!(blind_m < -0.05, "these arms do not need the correction: {blind_m} m apart");
 }
 
-/// A person whose wrists lie at these places in the torso frame, arms folded at the elbows.
-fn folded(wrists: [Vector3<f64>; 2]) -> ([Option<Limbs>; 2], [[f32; 3]; SMPL_JOINTS]) {
-    let mut positions = [[0.0; 3]; SMPL_JOINTS];
-    let own = |side: usize, v: Vector3<f64>| if side == 0 { v } else { Vector3::new(v.x, -v.y, v.z) };
-    let mut limbs = [None; 2];
-    for side in 0..2 {
-        let (shoulder, wrist) = (Vector3::y() * 0.18, own(side, wrists[side]));
-        // The elbow hangs: shoulder, elbow and wrist form a triangle with the sides 0.3 and 0.25.
-        let way = wrist - shoulder;
-        let along_m = (way.norm_squared() + 0.3 * 0.3 - 0.25 * 0.25) / (2.0 * way.norm());
-        let down = (-Vector3::z() + way * (way.z / way.norm_squared())).normalize();
-        let elbow = shoulder + way.normalize() * along_m + down * (0.09 - along_m * along_m).sqrt();
-        let frame = |y: Vector3<f64>| {
-            let z = (wrist - elbow).cross(&(elbow - shoulder)).normalize();
-            let y = y.normalize();
-            let turned = nalgebra::Matrix3::from_columns(&[y.cross(&z), y, z]);
-            UnitQuaternion::from_matrix(&turned)
-        };
-        limbs[side] = Some(Limbs { upper: frame(elbow - shoulder), fore: frame(wrist - elbow) });
-        let joints = [
-            [Smpl::LeftShoulder, Smpl::LeftElbow, Smpl::LeftWrist],
-            [Smpl::RightShoulder, Smpl::RightElbow, Smpl::RightWrist],
-        ];
-        for (joint, at) in joints[side].into_iter().zip([shoulder, elbow, wrist]) {
-            positions[joint as usize] = own(side, at).cast::<f32>().into();
-        }
-    }
-    positions[Smpl::Head as usize] = [0.03, 0.0, 0.2];
-    (limbs, positions)
+/// Limbs of a left arm whose elbow hangs and whose wrist lies at this place in the torso frame.
+fn folded(wrist: Vector3<f64>) -> Limbs {
+    let shoulder = Vector3::y() * SHOULDER_M;
+    // Shoulder, elbow and wrist form a triangle.
+    let way = wrist - shoulder;
+    let along_m = (way.norm_squared() + UPPER_M * UPPER_M - FORE_M * FORE_M) / (2.0 * way.norm());
+    let down = (-Vector3::z() + way * (way.z / way.norm_squared())).normalize();
+    let elbow = shoulder + way.normalize() * along_m + down * (UPPER_M * UPPER_M - along_m * along_m).sqrt();
+    let (upper, fore) = (elbow - shoulder, wrist - elbow);
+    let hinge = fore.cross(&upper).normalize();
+    let frame = |along: Vector3<f64>| {
+        let y = along.normalize();
+        UnitQuaternion::from_matrix(&nalgebra::Matrix3::from_columns(&[y.cross(&hinge), y, hinge]))
+    };
+    Limbs { upper: frame(upper), fore: frame(fore) }
 }
 
 #[test]
@@ -196,8 +184,10 @@ fn still_person_whose_arms_cross_has_still_limbs() {
         let places = of([0.24, 0.28, 0.32])
             .flat_map(|x| of([0.02, 0.08, 0.14]).flat_map(move |y| of([0.04, 0.08, 0.12]).map(move |z| [x, y, z])));
         for [ahead, across, above] in places {
-            let at = |side: f64| Vector3::new(ahead, -side * across, -0.14 + side * above / 2.0);
-            let (limbs, positions) = folded([at(1.0), at(-1.0)]);
+            // Each wrist lies beyond the middle. The left one is above.
+            let limbs = [above, -above].map(|above| folded(Vector3::new(ahead, -across, -0.14 + above / 2.0)));
+            let positions = person(&limbs, &UnitQuaternion::identity());
+            let limbs = limbs.map(Some);
             let figure = Figure::of(&positions, &limbs).expect("a person");
             let (mut memory, mut before, mut most_deg) = (Memory::default(), limbs, 0.0_f64);
             for k in 0..300 {
@@ -237,7 +227,7 @@ fn arm_that_is_seen_or_lost_all_at_once_across_the_other_one_turns_it_without_a_
 fn hand_that_is_nowhere_or_not_finite_leaves_the_limbs() {
     let limbs = touching();
     let seen = [Some(limbs); 2];
-    let right = person(&limbs, &UnitQuaternion::identity());
+    let right = person(&[limbs; 2], &UnitQuaternion::identity());
     assert_eq!(Figure::of(&[[0.0; 3]; SMPL_JOINTS], &seen), None);
     assert_eq!(Figure::of(&right, &[None; 2]), None);
     for joint in [Smpl::LeftShoulder, Smpl::RightShoulder, Smpl::LeftElbow, Smpl::LeftWrist, Smpl::Head] {

@@ -36,10 +36,15 @@ fn load(robot: &Robot) -> Model {
     Model::from_text(robot.name, robot.toml, robot.name, robot.urdf).unwrap_or_else(|error| panic!("{error}"))
 }
 
-/// Returns the axis of each joint of an arm in the base frame, at home.
-fn axes(model: &Model, side: usize) -> [nalgebra::Vector3<f64>; ARM_JOINTS] {
+fn at_home(model: &Model) -> Frames {
     let mut frames = Frames::default();
     model.forward(&model.home, &mut frames);
+    frames
+}
+
+/// Returns the axis of each joint of an arm in the base frame, at home.
+fn axes(model: &Model, side: usize) -> [nalgebra::Vector3<f64>; ARM_JOINTS] {
+    let frames = at_home(model);
     model.arms[side].joints.map(|j| frames.base_from_body[j + 1].r * model.joint_at_zero(j).1)
 }
 
@@ -89,8 +94,7 @@ fn other_robots_shoulder_and_elbow_axes_are_orthogonal() {
 fn other_robots_hands_grasp_at_mirrored_places_between_their_capsules() {
     for robot in &ROBOTS {
         let model = load(robot);
-        let mut frames = Frames::default();
-        model.forward(&model.home, &mut frames);
+        let frames = at_home(&model);
         let places = [0, 1].map(|side| {
             let body = model.arms[side].joints[ARM_JOINTS - 1] + 1;
             let at = model.hand(&frames, side);
@@ -109,8 +113,7 @@ fn other_robots_hands_grasp_at_mirrored_places_between_their_capsules() {
 fn other_robots_home_keeps_minimum_clearance() {
     for robot in &ROBOTS {
         let model = load(robot);
-        let mut frames = Frames::default();
-        model.forward(&model.home, &mut frames);
+        let frames = at_home(&model);
         let (clearance_m, _) = model.clearance(&frames);
         assert!(clearance_m >= model.d_min_m, "{}: {clearance_m}", robot.name);
     }

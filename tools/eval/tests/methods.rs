@@ -118,7 +118,9 @@ fn optimum_of_contacts_reaches_slow_ones_and_misses_fast_ones() {
         let played = eval::contacts::Played::of(&loaded, motion, 1.0).expect("it is played");
         let postures = eval::contacts::postures(&loaded.model, motion, 1.0);
         let mean_m = |contacts: eval::contacts::Contacts| contacts.hands.mean_m().expect("hands that touch");
-        mean_m(played.optimum(&loaded.model)) - mean_m(postures)
+        let optimum_m = mean_m(played.optimum(&loaded.model));
+        assert!(name != "cross-arms" || optimum_m > 0.03, "{optimum_m} m");
+        optimum_m - mean_m(postures)
     };
     let [clap_m, box_m, cross_m] = ["clap", "box", "cross-arms"].map(excess_m);
     assert!(clap_m.abs() < 0.005, "{clap_m} m");
