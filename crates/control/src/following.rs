@@ -2,7 +2,7 @@
 
 use crate::status::limb_angles;
 use crate::{Config, aligned};
-use messages::{JOINTS_MAX, JointTarget, LIMBS, WAY_NODES, target_flag};
+use messages::{JOINTS_MAX, JointTarget, LIMBS, WAY_NODES};
 use safety::{engage, monitor};
 
 /// Limbs nearer to the person's than this are aligned, rad: 2 degrees. Retargeting itself leaves as much.
@@ -118,7 +118,7 @@ impl Following {
             valid_mask: target.valid_mask,
             prior: &target.q,
             hands: &target.way_hands,
-            touching: target_flag::TOUCHING.map(|flag| target.flags & flag != 0),
+            places: &target.way_places,
             q,
             v,
             speed_scale,

@@ -42,8 +42,9 @@ pub struct Arm {
     axes: [Vector3<f64>; LIMB_JOINTS],
     /// Joint positions of the T-pose, rad.
     reference: [f64; LIMB_JOINTS],
-    /// From the shoulder to the elbow, and from there to the middle of the hand, while the arm is at `reference`, m.
-    lengths_m: [Vector3<f64>; 2],
+    /// From the origin of each joint to that of the next one, and to the middle of the hand with the wrist at home, while the arm
+    /// is at `reference`, torso frame, m.
+    links_m: [Vector3<f64>; LIMB_JOINTS],
 }
 
 /// Error of the robot's limbs, and its derivative by the joints.
@@ -56,10 +57,14 @@ pub struct Error {
 }
 
 impl Arm {
-    /// Creates an arm from unit axes in the torso frame at the reference posture (rad). `lengths_m`: from the shoulder to the
-    /// elbow, and from there to the middle of the hand, in that frame and posture, m.
-    pub fn new(axes: [Vector3<f64>; LIMB_JOINTS], reference: [f64; LIMB_JOINTS], lengths_m: [Vector3<f64>; 2]) -> Self {
-        Self { axes: axes.map(|axis| axis.normalize()), reference, lengths_m }
+    /// Creates an arm from unit axes in the torso frame at the reference posture (rad). `links_m`: from each joint to the next
+    /// one, and from the last one to the middle of the hand, in that frame and posture, m.
+    pub fn new(
+        axes: [Vector3<f64>; LIMB_JOINTS],
+        reference: [f64; LIMB_JOINTS],
+        links_m: [Vector3<f64>; LIMB_JOINTS],
+    ) -> Self {
+        Self { axes: axes.map(|axis| axis.normalize()), reference, links_m }
     }
 
     /// Takes the left (0) or the right arm (1) of `model`. A right arm is taken as the left arm that mirrors it, in the
@@ -68,10 +73,13 @@ impl Arm {
         let (left, arm) = (&model.arms[0], &model.arms[side]);
         let mut frames = Frames::default();
         model.forward(&model.t_pose(), &mut frames);
-        let [shoulder, elbow] = [1, 3].map(|j| frames.base_from_body[left.joints[j] + 1].t);
+        let origin = |j: usize| match j {
+            LIMB_JOINTS => model.hand(&frames, 0),
+            _ => frames.base_from_body[left.joints[j] + 1].t,
+        };
         let torso_from_base = frames.base_from_body[model.torso_body].r.transpose();
-        let lengths_m = [elbow - shoulder, model.hand(&frames, 0) - elbow].map(|length| torso_from_base * length);
-        Self::new(std::array::from_fn(|j| left.axes[j] * arm.signs[j]), arm.reference, lengths_m)
+        let links_m = std::array::from_fn(|j| torso_from_base * (origin(j + 1) - origin(j)));
+        Self::new(std::array::from_fn(|j| left.axes[j] * arm.signs[j]), arm.reference, links_m)
     }
 
     /// Rotations of the limbs: U = R1 R2 R3 and F = U R4 R5 with Ri = Rot(axis i, q i - reference i).
@@ -124,32 +132,27 @@ impl Arm {
         error
     }
 
-    /// The hand of a robot with these limbs, seen from where it would be with the person's, torso frame, m:
-    ///
-    /// ```text
-    /// p = U u + F f - U_person u - F_person f
-    /// ```
-    ///
-    /// u reaches from the shoulder to the elbow, and f from there to the hand. The person's limbs do not tell single joints. So
-    /// p leaves out how the first one moves the shoulder (TIAGo++: 13 cm from its axis), and by how much the forearm's axis
-    /// passes the elbow's (3 cm). The wrist is at home.
-    pub fn hand_off_m(&self, robot: &Limbs, person: &Limbs) -> Vector3<f64> {
-        let [u, f] = &self.lengths_m;
-        robot.upper * u + robot.fore * f - person.upper * u - person.fore * f
+    /// Place of the middle of the hand with the wrist at home, torso frame, from the origin of the first joint, m: the sum of the
+    /// links, each turned by the joints before it.
+    pub fn hand(&self, q: &ArmVector) -> Vector3<f64> {
+        let (mut so_far, mut at) = (Quaternion::identity(), Vector3::zeros());
+        for j in 0..LIMB_JOINTS {
+            so_far *= self.turn(j, q);
+            at += rotate(&so_far, &self.links_m[j]);
+        }
+        at
     }
 
-    /// Derivative of [`Arm::hand_off_m`] by each joint, m/rad: dp / dq_j = w_j x (U u + F f), without U u for j > 3.
-    pub fn hand_jacobian(&self, q: &ArmVector) -> [Vector3<f64>; LIMB_JOINTS] {
-        let turns: [_; LIMB_JOINTS] = std::array::from_fn(|j| self.turn(j, q));
-        let upper = turns[0] * turns[1] * turns[2];
-        let to_hand = rotate(&(upper * turns[3] * turns[4]), &self.lengths_m[1]);
-        let from_shoulder = rotate(&upper, &self.lengths_m[0]) + to_hand;
-        let mut so_far = Quaternion::identity();
-        std::array::from_fn(|j| {
-            let axis = rotate(&so_far, &self.axes[j]);
-            so_far *= turns[j];
-            axis.cross(if j < 3 { &from_shoulder } else { &to_hand })
-        })
+    /// That place, and its derivative by each joint, m/rad: w_j x (hand - c_j) for the axis w_j of joint j through c_j.
+    pub fn hand_jacobian(&self, q: &ArmVector) -> (Vector3<f64>, [Vector3<f64>; LIMB_JOINTS]) {
+        let (mut so_far, mut at) = (Quaternion::identity(), Vector3::zeros());
+        let turned: [_; LIMB_JOINTS] = std::array::from_fn(|j| {
+            let (axis, origin) = (rotate(&so_far, &self.axes[j]), at);
+            so_far *= self.turn(j, q);
+            at += rotate(&so_far, &self.links_m[j]);
+            (axis, origin)
+        });
+        (at, turned.map(|(axis, origin)| axis.cross(&(at - origin))))
     }
 
     fn turn(&self, j: usize, q: &ArmVector) -> Quaternion<f64> {

@@ -9,7 +9,7 @@
 //! minimise  sum over nodes      d (w rho(angle of upper arm) + w rho(angle of forearm) + W_q (q beyond its range)^2
 //!                                  + r_v |v|^2 + r_p |q - prior|^2    [r_p is larger at the last node]
 //!                                  + W_g sum over gaps max(0, (5 mm - gap(q)) / 15 mm)^2
-//!                                  + w W_h rho(distance of the hand)    [of a hand that may touch])
+//!                                  + w W_h s rho(distance of the hand)  [of a hand that touches, from its place, with the weight s])
 //!         + sum over intervals  d r_a |u / A|^2
 //!
 //! rho(x) = 2 c^2 (sqrt(1 + (x / c)^2) - 1)
@@ -17,8 +17,8 @@
 //!
 //! The angle is that of the rotation from the person's limb to the robot's. rho is its square below c and grows in
 //! proportion beyond. So a limb that cannot keep up pulls no harder when it falls further behind. With the square
-//! alone, weights that smooth a dance would leave a raised arm wrong by degrees. The distance of the hand is that of
-//! [`Arm::hand_off_m`]. There the errors of both limbs add up.
+//! alone, weights that smooth a dance would leave a raised arm wrong by degrees. The hand is that of
+//! [`Arm::hand`]: the errors of all joints add up there.
 //!
 //! One iteration is a Gauss-Newton sweep backward over the nodes by a Riccati recursion. Inputs at their bounds
 //! are held there, as in control-limited DDP (Tassa, Mansard, Todorov 2014). A rollout forward follows with a few
@@ -28,7 +28,7 @@
 use crate::arm::{Arm, ArmVector, Limbs, ROWS};
 use crate::gap::{GAP_M, Gaps};
 use crate::{LIMB_JOINTS, NODES};
-use nalgebra::SMatrix;
+use nalgebra::{SMatrix, Vector3};
 
 type Block = SMatrix<f64, LIMB_JOINTS, LIMB_JOINTS>;
 
@@ -58,8 +58,8 @@ pub struct Weights {
     pub range: f64,
     /// Weight of a gap that is [`GAP_M`] too narrow.
     pub gap: f64,
-    /// Weight of the place of a hand that may touch, per m^2. Of 10, 30 and 100, this one left the boxer's hands nearest to
-    /// head and chest, and all others' as near as without.
+    /// Weight of the place of a hand that touches, per m^2. Of 5, 10, 15, 20 and 40, this one left the boxer's hands nearest to
+    /// head, chest and each other, and turned the limbs of everyday motion no further.
     pub hand: f64,
 }
 
@@ -74,7 +74,7 @@ impl Default for Weights {
             patience: 50.0,
             range: 30.0,
             gap: 0.3,
-            hand: 10.0,
+            hand: 20.0,
         }
     }
 }
@@ -148,8 +148,8 @@ pub struct Problem {
     pub bounds: Bounds,
     /// Distances to the rest of the robot.
     pub gaps: Gaps,
-    /// The hand may touch, so its place counts.
-    pub touching: bool,
+    /// Place of the hand at each node, as in [`Arm::hand`], m, and its weight from 0 to 1. `None` for one that touches nothing.
+    pub places: [Option<(Vector3<f64>, f64)>; NODES],
 }
 
 /// Working memory of the sweep.
@@ -309,12 +309,11 @@ fn prior_weight(weights: &Weights, problem: &Problem, i: usize) -> f64 {
 }
 
 fn cost(arm: &Arm, weights: &Weights, problem: &Problem, i: usize, state: &State, input: &ArmVector) -> f64 {
-    let limbs = arm.limbs(&state.q);
-    let [upper, fore] = limbs.angles(&problem.person[i]);
+    let [upper, fore] = arm.angles(&state.q, &problem.person[i]);
     let mut sum = problem.weight[i] * (loss(upper * upper, weights.knee) + loss(fore * fore, weights.knee));
-    if problem.touching {
-        let off_m = arm.hand_off_m(&limbs, &problem.person[i]);
-        sum += problem.weight[i] * weights.hand * loss(off_m.norm_squared(), HAND_KNEE_M);
+    if let Some((place, weight)) = problem.places[i] {
+        let off_m = arm.hand(&state.q) - place;
+        sum += problem.weight[i] * weights.hand * weight * loss(off_m.norm_squared(), HAND_KNEE_M);
     }
     let bounds = &problem.bounds;
     let prior = prior_weight(weights, problem, i);
@@ -354,10 +353,10 @@ fn add_node(value: &mut Value, arm: &Arm, weights: &Weights, problem: &Problem, 
             }
         }
     }
-    if problem.touching {
-        let off_m = arm.hand_off_m(&arm.limbs(&state.q), &problem.person[i]);
-        let jacobian = arm.hand_jacobian(&state.q);
-        let w = w * weights.hand * loss_slope(off_m.norm_squared(), HAND_KNEE_M);
+    if let Some((place, weight)) = problem.places[i] {
+        let (hand, jacobian) = arm.hand_jacobian(&state.q);
+        let off_m = hand - place;
+        let w = w * weights.hand * weight * loss_slope(off_m.norm_squared(), HAND_KNEE_M);
         for j in 0..LIMB_JOINTS {
             value.q[j] += w * jacobian[j].dot(&off_m);
             for k in 0..LIMB_JOINTS {

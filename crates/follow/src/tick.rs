@@ -8,7 +8,7 @@ use crate::solver::{self, Bounds, Problem, Sweep};
 use crate::wrist::{self, WRIST_FIRST, WRIST_JOINTS, Wrist};
 use crate::{ITERATION_TICKS, LIMB_JOINTS, NODES};
 use messages::{HAND_NODES, JOINTS_MAX, LIMBS, TICK_S, WAY_NODE_TICKS};
-use nalgebra::{Quaternion, UnitQuaternion, Vector2};
+use nalgebra::{Quaternion, UnitQuaternion, Vector2, Vector3};
 use robot::{Frames, Model};
 
 pub use crate::solver::Weights;
@@ -100,8 +100,8 @@ pub struct Input<'a> {
     pub prior: &'a [f64; JOINTS_MAX],
     /// Rotations that both hands should have at the first nodes, as in the message. Zero for a hand that is not known.
     pub hands: &'a [[[f32; 4]; ARMS]; HAND_NODES],
-    /// Arms whose hand may touch the robot: its place counts, and its wrist turns away later.
-    pub touching: [bool; ARMS],
+    /// Places of both hands at the nodes, and their weights, as in the message. Where a hand has one, its wrist turns away later.
+    pub places: &'a [[[f32; 4]; ARMS]; NODES],
     /// Commanded positions at tick k - 1.
     pub q: &'a [f64; JOINTS_MAX],
     /// Commanded velocities at tick k - 1.
@@ -164,7 +164,7 @@ impl State {
             pull: 0.0,
             bounds,
             gaps: Gaps::none(),
-            touching: false,
+            places: [None; NODES],
         };
         Self {
             plans: std::array::from_fn(|_| Plan::rest(0, ArmVector::zeros())),
@@ -221,7 +221,7 @@ impl Default for State {
 /// let way_first = 3000 / WAY_NODE_TICKS;
 /// let input = follow::Input {
 ///     k: 3000, way: t_pose, way_first, valid_mask: ALL_JOINTS, prior: home, hands: &[[[0.0; 4]; 2]; 6],
-///     touching: [false; 2], q: home, v: rest,
+///     places: &[[[0.0; 4]; 2]; follow::NODES], q: home, v: rest,
 ///     speed_scale: 1.0, wrist_speed_scale: 1.0,
 /// };
 /// let out = follow::tick(&config, &mut follow::State::new(), input);
@@ -274,7 +274,7 @@ fn look(config: &Config, state: &mut State, input: &Input<'_>) {
     let (arm, step) = (state.look_arm, state.look_step);
     let before = input.k.saturating_sub(1);
     let led = rotation(input.hands[0][arm]).is_some();
-    let range_m = wrist::range_m(led, input.touching[arm]);
+    let range_m = wrist::range_m(led, place(input.places[0][arm], arm).is_some());
     if state.meant[arm] {
         let until = before + (WATCHED[step] as u64 + 1) * WAY_NODE_TICKS;
         let mut q = *input.q;
@@ -372,7 +372,6 @@ fn prepare(config: &Config, work: &mut Iteration, (plan, gaps): (&Plan, &Gaps), 
     problem.interval_s = intervals_s(work.begin);
     problem.bounds = Bounds { v_max: bounds.v_max * input.speed_scale, ..*bounds };
     problem.gaps = *gaps;
-    problem.touching = input.touching[arm];
     problem.prior = part(input.prior, config.first[arm]);
     let first = node_after(work.begin);
     let mut known = config.arms[arm].limbs(&problem.start.q);
@@ -382,6 +381,7 @@ fn prepare(config: &Config, work: &mut Iteration, (plan, gaps): (&Plan, &Gaps), 
         // arm's own.
         known = limbs(&input.way[node], arm).unwrap_or(known);
         problem.person[i] = known;
+        problem.places[i] = place(input.places[node][arm], arm);
     }
     work.sweep.input = plan.inputs_from(work.begin);
     work.sweep.begin(&config.arms[arm], &config.weights, problem);
@@ -399,6 +399,12 @@ fn limbs(node: &[[f32; 4]; LIMBS], arm: usize) -> Option<Limbs> {
         rotation(if arm == 0 { limb } else { [-x, y, -z, w] })
     };
     of_left(node[2 * arm]).zip(of_left(node[2 * arm + 1])).map(|(upper, fore)| Limbs { upper, fore })
+}
+
+/// Returns the place of an arm's hand, as that of a left arm, and its weight. `None` for no weight and for what is not finite.
+fn place([x, y, z, weight]: [f32; 4], arm: usize) -> Option<(Vector3<f64>, f64)> {
+    let place = Vector3::new(x, if arm == 0 { y } else { -y }, z).cast::<f64>();
+    (weight > 0.0 && weight <= 1.0 && place.iter().all(|x| x.is_finite())).then_some((place, f64::from(weight)))
 }
 
 /// Returns the rotation of a message. `None` for zero and for what is not finite.
@@ -430,7 +436,7 @@ mod tests {
             valid_mask,
             prior: &model.home,
             hands: &[[[0.0; 4]; ARMS]; HAND_NODES],
-            touching: [false; ARMS],
+            places: &[[[0.0; 4]; ARMS]; NODES],
             q: &model.home,
             v: &rest,
             speed_scale: 1.0,

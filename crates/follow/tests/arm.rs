@@ -125,18 +125,15 @@ fn hand_is_that_of_the_robot_and_its_derivative_matches_central_differences() {
     };
     for _ in 0..500 {
         let (q, other) = (random_q(&mut rng), random_q(&mut rng));
-        let person = arm.limbs(&other);
-        let off_m = |q: &ArmVector| arm.hand_off_m(&arm.limbs(q), &person);
-        assert!(off_m(&other).norm() < 1e-12);
-        // What it leaves out: the first joint, and the fifth one away from its reference.
-        let [from, to] = [other, q].map(|at| ArmVector::from([q[0], at[1], at[2], at[3], 0.0]));
-        let moved_m = arm.hand_off_m(&arm.limbs(&to), &arm.limbs(&from));
-        assert!((moved_m - (place(&to) - place(&from))).norm() < 0.004, "{moved_m}");
-        for (j, by_joint) in arm.hand_jacobian(&q).iter().enumerate() {
+        let moved_m = arm.hand(&q) - arm.hand(&other);
+        assert!((moved_m - (place(&q) - place(&other))).norm() < 1e-9, "{moved_m}");
+        let (hand, jacobian) = arm.hand_jacobian(&q);
+        assert_eq!(hand, arm.hand(&q));
+        for (j, by_joint) in jacobian.iter().enumerate() {
             let [after, before] = [STEP, -STEP].map(|by| {
                 let mut q = q;
                 q[j] += by;
-                off_m(&q)
+                arm.hand(&q)
             });
             assert!((by_joint - (after - before) / (2.0 * STEP)).norm() < 1e-8, "joint {j}");
         }

@@ -178,12 +178,15 @@ fn invalid_target_path_keeps_aims_within_bounds() {
         for n in 0..800 {
             let first = robot.next_first();
             let mut way = way(first, |_| person);
-            robot.touching = rng.random();
+            robot.places = std::array::from_fn(|_| std::array::from_fn(|_| rng.random_range(-1.0..2.0)));
             match seed % 4 {
                 0 => way = [[[0.0; 4]; 4]; NODES],
                 1 => way = [[[f32::NAN; 4]; 4]; NODES],
                 2 => way = [[[3.0, 1.0, -2.0, 5.0]; 4]; NODES],
                 _ => hurt(&mut rng, &mut way),
+            }
+            if seed % 8 > 3 {
+                robot.places = [[f32::NAN, 1e30, f32::INFINITY, 1.0], [-1e30, 1e30, 1e38, 1.0]];
             }
             // The hands are as bad as the limbs.
             robot.hands = std::array::from_fn(|i| [way[i][0], way[i][3]]);
@@ -194,7 +197,7 @@ fn invalid_target_path_keeps_aims_within_bounds() {
             assert_goes_on(&output, &before, 1, &context);
         }
         // When the errors are over, they have no lasting effect.
-        robot.hands = Default::default();
+        (robot.hands, robot.places) = Default::default();
         for _ in 0..2 * TICK_HZ {
             robot.step(|_| person);
         }
@@ -223,7 +226,7 @@ fn arm_that_becomes_valid_again_begins_at_command() {
         let (mut robot, person) = moving(seed);
         for n in 0..1500 {
             if rng.random_bool(0.02) {
-                robot.touching = rng.random();
+                robot.places = std::array::from_fn(|_| std::array::from_fn(|_| rng.random_range(-1.0..2.0)));
             }
             if rng.random_bool(0.05) {
                 robot.valid_mask = [0, LEFT, RIGHT, LEFT | RIGHT, ALL_JOINTS, LEFT & LEFT << 1][rng.random_range(0..6)];

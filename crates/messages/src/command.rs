@@ -49,7 +49,7 @@ pub const HAND_NODES: usize = 6;
 message! {
     /// Posture that the arms should have at tick `k`, and the person's motion after that. Any value is allowed:
     /// `control` makes it safe.
-    pub struct JointTarget v 6 size 2424 {
+    pub struct JointTarget v 7 size 3192 {
         /// `origin` of the skeleton that the target was made from.
         pub header: Header,
         /// The robot whose joints these are.
@@ -88,6 +88,10 @@ message! {
         /// Rotations that the robot's left and right hand should have at the first nodes of the way. A hand that comes or goes
         /// is blended with a straight one. Zero for a hand that is not known.
         pub way_hands: [[[f32; 4]; 2]; HAND_NODES],
+        /// Places that the middle of the robot's left and right hand should have at the nodes of the way, with the wrist at home: x y
+        /// z in the torso frame from the origin of the arm's first joint, m, and the weight of this from 0 to 1. Zero for a hand
+        /// that touches nothing.
+        pub way_places: [[[f32; 4]; 2]; WAY_NODES],
         /// Closure of the person's left and right hand at the resampled instant, from 0 (open) to 1 (closed).
         pub closure: [f32; 2],
     }

@@ -46,7 +46,7 @@ pub struct Options {
 
 impl Default for Options {
     /// Two steps: more steps gain less than 0.02 degrees (`eval`). 120 ms: see the comparison of `eval
-    /// --following`. No contacts: they cost 0.4 degrees of the limbs in clips of everyday motion.
+    /// --following`. No contacts: they cost 5 degrees of the limbs in clips of everyday motion.
     fn default() -> Self {
         Self {
             method: None,

@@ -17,7 +17,8 @@
 //!
 //! A robot's hand is thicker than a person's. Its surface is that of its capsules, turned as its forearm and its wrist turn
 //! them. So are its forearms. Where a person's cross, both hands leave each other along the shortest way between the person's
-//! forearms, until each robot's forearm keeps [`APART_M`] from the other one and its hand.
+//! forearms, until each robot's forearm keeps [`APART_M`] from the other one and its hand. If they cross before the chest, both
+//! arms also leave the torso's front by as much.
 //!
 //! The robot's limbs turn until its hand is at p'. The correction turns the person's limbs by as much:
 //!
@@ -25,10 +26,10 @@
 //! q0 = argmin S_GR(q),   q' = argmin S_GR(q) + w |p(q) - p(q0) - s (p' - p(q0))|^2,   R' = R(q') R(q0)^-1 R
 //! ```
 //!
-//! The share s is zero, and the limbs are the person's own, while the hand is farther than [`FAR_M`] from all of them. Near a
-//! shoulder's gimbal the same limbs leave the hand a choice, so q' is the start of the target's posture. The search for q'
-//! begins at its last value: it does not leap between two minima while the person stands still. The correction
-//! knows no other collisions. What follows it keeps the arms off the body.
+//! Every person is grown to the size of one adult first. The share s is zero, and the limbs are the person's own, while the hand
+//! is farther than [`FAR_M`] from all of them. Near a shoulder's gimbal the same limbs leave the hand a choice, so q' is the
+//! start of the target's posture. The search for q' begins at its last value: it does not leap between two minima while the
+//! person stands still. The correction knows no other collisions. What follows it keeps the arms off the rest of the robot.
 
 use crate::arm::{ARMS, ArmModel, ArmQ, Limbs};
 use crate::chain::Chain;
@@ -39,6 +40,9 @@ use messages::{SMPL_JOINTS, Smpl};
 use nalgebra::{Rotation3, UnitQuaternion, Vector3};
 use robot::{TwoAxes, segment_distance};
 
+/// Length of a stretched arm to which every person is grown, m: a child's hands touch as an adult's. Stature of 1.75 m (Winter,
+/// Biomechanics, 4th ed., fig. 4.1: 0.186 + 0.146 + 0.054 of it). All lengths of a person below are those of this adult.
+const ADULT_REACH_M: f64 = 0.676;
 /// Distance of the person's hand from what it may touch, m, up to which the correction is whole: a box that two hands
 /// hold. Assumption.
 pub const NEAR_M: f64 = 0.3;
@@ -108,6 +112,8 @@ pub struct Proportions {
     pub forearm: Surface,
     /// Distance of the chest's surface before the middle between the shoulders, m.
     pub chest_m: f64,
+    /// How far the torso reaches before that middle and to its left, m.
+    pub torso_m: [f64; 2],
 }
 
 impl Proportions {
@@ -202,6 +208,17 @@ impl Figure {
         let all = hands.into_iter().chain(elbows).chain([head]).flatten().all(finite);
         all.then_some(Self { hands, elbows, head, reach_m })
     }
+
+    /// Returns the person with all lengths multiplied.
+    fn grown(&self, by: f64) -> Self {
+        let grown = |place: Option<Vector3<f64>>| place.map(|place| place * by);
+        Self {
+            hands: self.hands.map(grown),
+            elbows: self.elbows.map(grown),
+            head: grown(self.head),
+            reach_m: self.reach_m * by,
+        }
+    }
 }
 
 /// State of an arm from one skeleton to the next.
@@ -258,11 +275,12 @@ impl Correction {
         memory: &mut Memory,
     ) -> [Option<Limbs>; ARMS] {
         let elapsed_s = elapsed_s.min(STEP_MAX_S);
-        memory.head = person.head.or(memory.head);
         // A tracker's lengths differ from arm to arm and from frame to frame.
         let before_m = memory.reach_m.unwrap_or(person.reach_m);
         let reach_m = before_m + (person.reach_m - before_m) * (elapsed_s / REACH_S).min(1.0);
         memory.reach_m = Some(reach_m);
+        let person = person.grown(ADULT_REACH_M / reach_m);
+        memory.head = person.head.or(memory.head);
         for (kept, limbs) in memory.arms.iter_mut().zip(limbs) {
             if limbs.is_none() {
                 *kept = Kept::default();
@@ -274,7 +292,7 @@ impl Correction {
             Some((fore, hands[side].map_or_else(UnitQuaternion::identity, |hand| self.robot.bend(&fore, &hand))))
         });
         let shapes = [0, 1].map(|side| self.robot.shape(side, turned[side]));
-        let aims = self.aims(&Figure { reach_m, ..*person }, &shapes, elapsed_s, memory);
+        let aims = self.aims(&person, &shapes, elapsed_s, memory);
         std::array::from_fn(|side| {
             let kept = &mut memory.arms[side];
             let limbs = limbs[side]?;
@@ -308,7 +326,7 @@ impl Correction {
         elapsed_s: f64,
         memory: &mut Memory,
     ) -> [Option<Aim>; ARMS] {
-        let (robot, scale) = (&self.robot, self.robot.reach_m / person.reach_m);
+        let (robot, scale) = (&self.robot, self.robot.reach_m / ADULT_REACH_M);
         let step = elapsed_s / SHARE_S;
         let toward = |share: &mut f64, wanted: f64| *share = wanted.clamp(*share - step, *share + step);
         let near = |a: Option<Vector3<f64>>, b: Option<Vector3<f64>>| {
@@ -378,23 +396,29 @@ impl Correction {
             let gap_m = right_arm.hand.gap_m(&left_arm.hand, &way);
             let apart = direction(&way) * (pair.share / 4.0 * (pair.gap_m - gap_m));
             (*left, *right) = (*left + apart, *right - apart);
-            let (normal, share) = pair.crossing;
+            let Crossing { normal, share, before } = pair.crossing;
             let crossing_m = right_arm.crossing_m(left_arm, &(*left - *right));
             let apart = normal * (share / 2.0 * (APART_M - crossing_m).max(0.0));
             (*left, *right) = (*left + apart, *right - apart);
+            for (to, arm) in [(left, left_arm), (right, right_arm)] {
+                let before_m = arm.before_m(to, &self.robot.torso_m);
+                to.x += before / 2.0 * (APART_M - before_m).max(0.0);
+            }
         }
     }
 }
 
-/// Returns the direction from a person's right forearm to the left one where they are nearest, and the share of this from 0
-/// to 1.
-fn crossing(person: &Figure) -> (Vector3<f64>, f64) {
+/// Returns how a person's forearms cross.
+fn crossing(person: &Figure) -> Crossing {
     let [Some((a, b)), Some((c, d))] = [0, 1].map(|side| person.elbows[side].zip(person.hands[side])) else {
-        return (Vector3::zeros(), 0.0);
+        return Crossing::default();
     };
     let near = segment_distance(&a, &b, &c, &d);
-    let way = a + (b - a) * near.s - (c + (d - c) * near.t);
-    (direction(&way), smooth(near.distance_m, CROSS_M) * smooth(near.distance_m, [0.0, UNTOLD_M]))
+    let (left, right) = (a + (b - a) * near.s, c + (d - c) * near.t);
+    let middle = (left + right) / 2.0;
+    let share = smooth(near.distance_m, CROSS_M) * smooth(near.distance_m, [0.0, UNTOLD_M]);
+    let before = share * smooth(middle.x, [0.0, CHEST_M]) * smooth(-middle.z, [0.0, CHEST_M]);
+    Crossing { normal: direction(&(left - right)), share, before }
 }
 
 /// Something that a hand may touch.
@@ -414,8 +438,19 @@ struct Pair {
     share: f64,
     /// Distance of their surfaces, m.
     gap_m: f64,
-    /// The person's crossing.
-    crossing: (Vector3<f64>, f64),
+    /// The person's forearms.
+    crossing: Crossing,
+}
+
+/// Forearms of a person that cross. Without a share they do not.
+#[derive(Clone, Copy, Debug, Default)]
+struct Crossing {
+    /// Direction from the right one to the left one where they are nearest.
+    normal: Vector3<f64>,
+    /// Share of this from 0 to 1.
+    share: f64,
+    /// Share of this before the chest, from 0 to 1.
+    before: f64,
 }
 
 /// Returns the unit vector along `way`. Zero if that is zero.

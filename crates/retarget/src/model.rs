@@ -19,6 +19,9 @@ const HASH_GRAIN: f64 = 1e-7;
 /// Steps in which the chest's surface is searched, and their length, m: half a metre, to a millimetre.
 const CHEST_STEPS: u32 = 500;
 const CHEST_STEP_M: f64 = 1e-3;
+/// Height against the shoulders below which a capsule must reach to be a part of the torso's front, m. What holds the shoulders
+/// does not (assumption).
+const TORSO_M: f64 = -0.1;
 
 impl ArmModel {
     /// Takes the left arm of `model`. The right arm is its mirror up to signs, which the model has derived.
@@ -59,6 +62,7 @@ impl Proportions {
             (count > 0).then(center).map(|center| Part { center, surface: surface(&[body], center) })
         });
         let chest_m = chest_m(model, &frames, middle);
+        let torso_m = torso_m(model, &frames, own);
         Self {
             chain: Chain { joints, hand },
             wrist,
@@ -68,8 +72,18 @@ impl Proportions {
             hand: surface(&[arm.joints[ARM_JOINTS - 1] + 1], hand),
             forearm: surface(&[arm.joints[3] + 1, arm.joints[4] + 1], wrist_at),
             chest_m,
+            torso_m,
         }
     }
+}
+
+/// Returns how far the torso reaches before the middle between the shoulders and to its left, m. `own`: the place in the torso
+/// frame from there.
+fn torso_m(model: &Model, frames: &Frames, own: impl Fn(Vector3<f64>) -> Vector3<f64>) -> [f64; 2] {
+    let torso = model.capsules.iter().filter(|capsule| capsule.body == model.torso_body);
+    let below = torso.filter(|capsule| capsule.ends(frames).iter().any(|end| own(*end).z < TORSO_M));
+    let ends = below.flat_map(|capsule| capsule.ends(frames).map(|end| own(end) + Vector3::repeat(capsule.radius_m)));
+    ends.fold([0.0; 2], |[x, y], end| [end.x.max(x), end.y.max(y)])
 }
 
 /// Returns how far the torso's surface is before `from`, in the direction x of the torso, m. Zero if it is not there.

@@ -6,6 +6,9 @@ use robot::segment_distance;
 /// Most capsules of a hand or a head that count.
 pub const CAPSULES_MAX: usize = 8;
 
+/// Slope of a torso's sides: what is beside it may be as far behind its front as twice the distance. Assumption.
+const STEEP: f64 = 2.0;
+
 /// The axis of a capsule from the middle of its part, m, and its radius, m.
 pub type Capsule = ([Vector3<f64>; 2], f64);
 
@@ -45,6 +48,20 @@ impl Surface {
         self
     }
 
+    /// Returns how far it is before a torso, m, if its middle is at `at`: the least x - front + STEEP max(0, |y| - side).
+    fn before_m(&self, at: &Vector3<f64>, [front_m, side_m]: &[f64; 2]) -> f64 {
+        let mut least_m = f64::INFINITY;
+        for ([a, b], radius_m) in &self.capsules[..self.len] {
+            // Along the axis it falls and rises in straight lines, and turns at the torso's sides.
+            let side = |y_m: f64| ((y_m - at.y - a.y) / (b.y - a.y)).clamp(0.0, 1.0);
+            for along in [0.0, 1.0, side(*side_m), side(-side_m)].into_iter().filter(|along| along.is_finite()) {
+                let on = at + a + (b - a) * along;
+                least_m = least_m.min(on.x + STEEP * (on.y.abs() - side_m).max(0.0) - radius_m - front_m);
+            }
+        }
+        least_m
+    }
+
     /// Returns the distance of both surfaces, m, if the middle of `other` is at `to` from the middle of this one. Below zero
     /// they intersect.
     pub(crate) fn gap_m(&self, other: &Self, to: &Vector3<f64>) -> f64 {
@@ -72,6 +89,11 @@ impl Shape {
     pub(crate) fn crossing_m(&self, other: &Self, to: &Vector3<f64>) -> f64 {
         let pairs = [(&self.forearm, &other.forearm), (&self.forearm, &other.hand), (&self.hand, &other.forearm)];
         pairs.map(|(own, other)| own.gap_m(other, to)).into_iter().fold(f64::INFINITY, f64::min)
+    }
+
+    /// Returns how far both are before a torso that reaches so far ahead and to its sides, m, if the hand is at `at`.
+    pub(crate) fn before_m(&self, at: &Vector3<f64>, torso_m: &[f64; 2]) -> f64 {
+        self.hand.before_m(at, torso_m).min(self.forearm.before_m(at, torso_m))
     }
 }
 

@@ -158,10 +158,11 @@ pub fn tick(config: &Config, state: &mut State, now: Stamp, input: Input<'_>) ->
         (out.target.q[lift.joint], out.target.valid_mask) = (q, out.target.valid_mask | 1 << lift.joint);
     }
     let State { tracks, way, blends: [left, right, _], counters, .. } = state;
-    let person = Person { tracks, blends: [left, right], skeletons: counters.skeletons, meant };
+    let robot = (&config.solver.arm, &config.correction.robot.chain);
+    let person = Person { tracks, blends: [left, right], skeletons: counters.skeletons, meant, robot };
     way.lay(&person, input.k, playhead, now);
     (out.target.way_first, out.target.way_nodes, out.target.way_seen) = (way.first, WAY_NODES as u32, way.seen);
-    (out.target.way, out.target.way_hands) = (way.nodes, way.hands);
+    (out.target.way, out.target.way_hands, out.target.way_places) = (way.nodes, way.hands, way.places);
     let dropped = state.counters.limbs_refused + state.counters.network_not_finite
         > before.limbs_refused + before.network_not_finite;
     out.faults.set(Fault::InputImplausible, dropped);

@@ -1,15 +1,21 @@
 //! Hands that touch: their limbs, and the limbs of hands that touch nothing.
 
 use crate::support::{robot, shipped};
-use messages::{SMPL_JOINTS, Smpl};
+use crate::way::START_NS;
+use messages::{SMPL_JOINTS, Smpl, WAY_NODES};
 use nalgebra::{UnitQuaternion, Vector3};
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64;
 use retarget::contact::{Correction, Figure, Memory, Proportions};
-use retarget::{ARM_Q, ArmModel, Limbs};
+use retarget::{ARM_Q, ArmModel, Config, Limbs, Method, Options};
 
 /// Lengths of the person's arms, shoulder to elbow and elbow to wrist, and half of the distance of the shoulders, m.
 const UPPER_M: f64 = 0.3;
 const FORE_M: f64 = 0.25;
 const SHOULDER_M: f64 = 0.18;
+
+/// Standard deviation of a tracker's joints, m.
+const NOISE_M: f64 = 0.005;
 
 /// The frame of a person whose torso leans and faces anywhere, as positions. `limbs`: of both arms, as left arms.
 fn person(limbs: &[Limbs; 2], torso: &UnitQuaternion<f64>) -> [[f32; 3]; SMPL_JOINTS] {
@@ -70,6 +76,23 @@ fn figure_does_not_depend_on_where_the_person_faces_or_how_the_torso_leans() {
         assert!((figure.head.expect("a head") - head).norm() < 1e-5, "{figure:?}");
         assert!((figure.hands[0].expect("a hand") - upright.hands[0].expect("a hand")).norm() < 1e-5);
     }
+}
+
+#[test]
+fn child_touches_as_an_adult() {
+    let (arm, limbs) = (robot().identity.arm, touching());
+    let seen = [Some(limbs); 2];
+    let adult = person(&[limbs; 2], &UnitQuaternion::identity());
+    let corrected = [1.0, 0.5].map(|size| {
+        let positions = adult.map(|at| if at == [0.0; 3] { at } else { at.map(|x| x * size) });
+        let (figure, mut memory) = (Figure::of(&positions, &seen).expect("a person"), Memory::default());
+        (0..60).for_each(|_| {
+            correction().apply(&arm, &figure, (&seen, &[None; 2]), 0.02, &mut memory);
+        });
+        correction().apply(&arm, &figure, (&seen, &[None; 2]), 0.02, &mut memory)[0].expect("an arm")
+    });
+    assert!(distance_deg(&corrected[0], &corrected[1]) < 0.01, "{corrected:?}");
+    assert!(distance_deg(&corrected[0], &limbs) > 5.0, "nothing was corrected");
 }
 
 #[test]
@@ -165,7 +188,11 @@ fn folded(wrist: Vector3<f64>) -> Limbs {
     let along_m = (way.norm_squared() + UPPER_M * UPPER_M - FORE_M * FORE_M) / (2.0 * way.norm());
     let down = (-Vector3::z() + way * (way.z / way.norm_squared())).normalize();
     let elbow = shoulder + way.normalize() * along_m + down * (UPPER_M * UPPER_M - along_m * along_m).sqrt();
-    let (upper, fore) = (elbow - shoulder, wrist - elbow);
+    limbs_of(elbow - shoulder, wrist - elbow)
+}
+
+/// Limbs of a left arm with these ways from shoulder to elbow and from elbow to wrist, in the torso frame.
+fn limbs_of(upper: Vector3<f64>, fore: Vector3<f64>) -> Limbs {
     let hinge = fore.cross(&upper).normalize();
     let frame = |along: Vector3<f64>| {
         let y = along.normalize();
@@ -180,12 +207,7 @@ fn still_person_whose_arms_cross_has_still_limbs() {
         let model = shipped(name);
         let arm = ArmModel::of(&model);
         let correction = Correction { robot: Proportions::of(&model), weight: 1.0 };
-        let of = |values: [f64; 3]| values.into_iter();
-        let places = of([0.24, 0.28, 0.32])
-            .flat_map(|x| of([0.02, 0.08, 0.14]).flat_map(move |y| of([0.04, 0.08, 0.12]).map(move |z| [x, y, z])));
-        for [ahead, across, above] in places {
-            // Each wrist lies beyond the middle. The left one is above.
-            let limbs = [above, -above].map(|above| folded(Vector3::new(ahead, -across, -0.14 + above / 2.0)));
+        for (fold, limbs) in folds().enumerate() {
             let positions = person(&limbs, &UnitQuaternion::identity());
             let limbs = limbs.map(Some);
             let figure = Figure::of(&positions, &limbs).expect("a person");
@@ -197,9 +219,109 @@ fn still_person_whose_arms_cross_has_still_limbs() {
                 }
                 before = out;
             }
-            assert!(most_deg < 0.1, "{name}, {ahead} {across} {above}: {most_deg} degrees a frame");
+            assert!(most_deg < 0.1, "{name}, {fold}: {most_deg} degrees a frame");
         }
     }
+}
+
+/// Places of the left wrist of a person who folds the arms. The left one is above the right one by the last number, m.
+fn folds() -> impl Iterator<Item = [Limbs; 2]> {
+    let of = |values: [f64; 3]| values.into_iter();
+    let places = of([0.24, 0.28, 0.32])
+        .flat_map(move |x| of([0.02, 0.08, 0.14]).flat_map(move |y| of([0.04, 0.08, 0.12]).map(move |z| [x, y, z])));
+    // Each wrist lies beyond the middle.
+    places.map(|[ahead, across, above]| {
+        [above, -above].map(|above| folded(Vector3::new(ahead, -across, -0.14 + above / 2.0)))
+    })
+}
+
+#[test]
+fn noise_of_folded_arms_is_not_magnified() {
+    for name in ["tiago_dual", "unitree_g1", "rby1a", "openarm_v10", "franka_fr3_duo"] {
+        let model = shipped(name);
+        let (arm, correction) = (ArmModel::of(&model), Correction { robot: Proportions::of(&model), weight: 1.0 });
+        let mut rng = Pcg64::seed_from_u64(5);
+        let (mut seen, mut turned) = (Vec::new(), Vec::new());
+        for clean in folds() {
+            let (mut memory, mut before) = (Memory::default(), None);
+            for k in 0..100 {
+                let limbs = clean.map(|limbs| {
+                    // The sum of twelve is close to a normal distribution.
+                    let mut noise =
+                        || Vector3::from_fn(|_, _| (0..12).map(|_| rng.random_range(-0.5..0.5)).sum::<f64>() * NOISE_M);
+                    let (elbow, wrist) = (noise(), noise());
+                    let fore = limbs.fore * Vector3::y() * FORE_M + wrist - elbow;
+                    limbs_of(limbs.upper * Vector3::y() * UPPER_M + elbow, fore)
+                });
+                let positions = person(&limbs, &UnitQuaternion::identity());
+                let limbs = limbs.map(Some);
+                let figure = Figure::of(&positions, &limbs).expect("a person");
+                let out = correction.apply(&arm, &figure, (&limbs, &[None; 2]), 1.0 / 60.0, &mut memory);
+                let now = [limbs, out].map(|limbs| limbs.map(|limbs| limbs.expect("an arm")));
+                if let Some([limbs, out]) = before.replace(now).filter(|_| k >= 40) {
+                    for side in 0..2 {
+                        seen.push(distance_deg(&now[0][side], &limbs[side]));
+                        turned.push(distance_deg(&now[1][side], &out[side]));
+                    }
+                }
+            }
+        }
+        let of = |values: &mut Vec<f64>, percent: usize| {
+            values.sort_by(f64::total_cmp);
+            values[values.len() * percent / 100]
+        };
+        for (percent, times) in [(50, 1.25), (99, 2.25)] {
+            let (seen, turned) = (of(&mut seen, percent), of(&mut turned, percent));
+            assert!(turned < times * seen, "{name}: {turned} degrees a frame of {seen}, at {percent} %");
+        }
+    }
+}
+
+#[test]
+fn way_has_the_places_of_hands_that_touch() {
+    let person_at: crate::way::Person = |t_s| [turned(0.5, 1.0, 2.1 + 0.2 * (3.0 * t_s).sin()); 2];
+    let model = shipped("tiago_dual");
+    let options = Options { method: Some(Method::ClosedForm), contact_weight: 1.0, ..Options::default() };
+    let config = Config::new(&model, None, &options).expect("a configuration");
+    let (arm, correction) = (ArmModel::of(&model), Correction { robot: Proportions::of(&model), weight: 1.0 });
+    let chain = &correction.robot.chain;
+    let mut memory = Memory::default();
+    let (mut skeletons, mut places) = (crate::way::source_at(person_at, 3.0, 60.0), Vec::new());
+    for skeleton in &mut skeletons {
+        let t_s = (skeleton.received.0 - START_NS) as f64 * 1e-9;
+        let limbs = person_at(t_s);
+        skeleton.positions = person(&limbs, &UnitQuaternion::identity());
+        let limbs = limbs.map(Some);
+        let figure = Figure::of(&skeleton.positions, &limbs).expect("a person");
+        correction.apply(&arm, &figure, (&limbs, &[None; 2]), 1.0 / 60.0, &mut memory);
+        let (q, share) = memory.postures()[0].expect("a hand that touches");
+        places.push((t_s, chain.hand(&arm, &q) - chain.joints[0], share));
+    }
+    let (mut seen, mut ahead_m, mut still_m) = (0, Vec::new(), Vec::new());
+    for (now, target) in &crate::way::run(&config, &skeletons, 2.4)[1500..] {
+        for i in 0..WAY_NODES {
+            let t_s = crate::way::shown_s(*now, target, i);
+            let after = places.partition_point(|place| place.0 < t_s);
+            let ((from_s, from, share), (to_s, to, _)) = (places[after - 1], places[after]);
+            let expected = from + (to - from) * ((t_s - from_s) / (to_s - from_s));
+            let [left, right] = target.way_places[i].map(|[x, y, z, _]| Vector3::new(x, y, z).cast::<f64>());
+            assert!((left - on_side(1, right)).norm() < 1e-5, "a person who is a mirror image: {left} {right}");
+            let off_m = (left - expected).norm();
+            if i < target.way_seen as usize {
+                let weight = f64::from(target.way_places[i][0][3]);
+                assert!((weight - share * share).abs() < 0.01, "node {i}: {weight}");
+                assert!(off_m < 2e-3, "node {i}: {off_m} m off");
+                seen += 1;
+            } else if i == target.way_seen as usize + 4 {
+                ahead_m.push(off_m);
+                let newest = target.way_places[target.way_seen as usize - 1][0];
+                still_m.push((Vector3::new(newest[0], newest[1], newest[2]).cast::<f64>() - expected).norm());
+            }
+        }
+    }
+    let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
+    let (ahead_m, still_m) = (mean(&ahead_m), mean(&still_m));
+    assert!(seen > 1000 && ahead_m < 0.7 * still_m, "100 ms ahead: {ahead_m} m, of a hand that stands {still_m} m");
 }
 
 #[test]

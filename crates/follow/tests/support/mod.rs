@@ -32,7 +32,7 @@ pub type Way = [[[f32; 4]; LIMBS]; NODES];
 /// Axes, reference and ranges of a TiaGo++.
 pub fn arm() -> Arm {
     let (x, y, z) = (Vector3::x(), Vector3::y(), Vector3::z());
-    Arm::new([-z, -x, y, -z, -y], [0.0, 0.0, FRAC_PI_2, 0.0, 0.0], [y * 0.31, y * 0.41])
+    Arm::new([-z, -x, y, -z, -y], [0.0, 0.0, FRAC_PI_2, 0.0, 0.0], [y * 0.125, y * 0.09, y * 0.221, y * 0.0, y * 0.41])
 }
 
 pub fn bounds() -> Bounds {
@@ -55,7 +55,7 @@ pub fn problem(q: ArmVector, person: Limbs) -> Problem {
         pull: 0.0,
         bounds: bounds(),
         gaps: Gaps::none(),
-        touching: false,
+        places: [None; NODES],
     }
 }
 
@@ -152,7 +152,8 @@ pub struct Robot {
     pub prior: [f64; JOINTS_MAX],
     pub hands: [[[f32; 4]; 2]; HAND_NODES],
     pub valid_mask: u32,
-    pub touching: [bool; 2],
+    /// At every node.
+    pub places: [[f32; 4]; 2],
     pub speed_scale: f64,
 }
 
@@ -181,7 +182,7 @@ impl Robot {
             prior: all,
             hands: [[[0.0; 4]; 2]; HAND_NODES],
             valid_mask: LIMB_MASK,
-            touching: [false; 2],
+            places: [[0.0; 4]; 2],
             speed_scale: 1.0,
         }
     }
@@ -205,7 +206,7 @@ impl Robot {
             *q += v * ticks.saturating_sub(1) as f64 * messages::TICK_S;
         }
         let input = Input {
-            touching: self.touching,
+            places: &[self.places; NODES],
             k: self.k,
             way,
             way_first,

@@ -75,6 +75,7 @@ pub(crate) fn robot() -> RobotArms {
             reach_m: 0.62,
             hand: ball(0.1),
             forearm: ball(0.07),
+            torso_m: [0.1, 0.15],
             chest_m: 0.15,
         },
     }
