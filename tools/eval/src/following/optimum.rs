@@ -15,6 +15,8 @@ use retarget::{ArmModel, Limbs, limb_error_deg};
 /// Nodes of a window, and the number of nodes that are kept. The times are 2 s and 1 s, 1 s and 0.5 s, 0.5 s
 /// and 0.1 s.
 const WINDOWS: [(usize, usize); 3] = [(100, 50), (50, 25), (25, 5)];
+/// The same of the search by angles and hands: 1.2 s and 0.1 s.
+const TOUCHING_WINDOW: (usize, usize) = (60, 5);
 
 /// Returns a motion of one arm from the start. The start belongs to the first limbs of the path, and the
 /// motion's states to the others.
@@ -22,7 +24,7 @@ const WINDOWS: [(usize, usize); 3] = [(100, 50), (50, 25), (25, 5)];
 pub fn least_squares(arm: &ArmModel, bounds: &Bounds, path: &[Limbs], start: State) -> Motion {
     let Some(goal) = path.get(1..) else { return Motion::from(start, Vec::new()) };
     let task = Task { arm, bounds, goal, start, hand: None };
-    let found = WINDOWS.map(|(nodes, kept)| search(&task, nodes, kept));
+    let found = WINDOWS.map(|window| search(&task, window, Loss::Square));
     let best = found.into_iter().map(|motion| (error_deg(arm, &motion, goal), motion));
     best.reduce(|a, b| if b.0 < a.0 { b } else { a }).map_or(Motion::from(start, Vec::new()), |(_, best)| best)
 }
@@ -43,13 +45,17 @@ pub fn improved(arm: &ArmModel, bounds: &Bounds, path: &[Limbs], start: State, b
     if error_deg(arm, &polished, goal) < error_deg(arm, &best, goal) { polished } else { best }
 }
 
-/// Returns the motion of [`optimum`], improved by the places of the hand as well: what a hand that touches can reach.
+/// Returns the best motion that is found for the places of the hand as well: what a hand that touches can reach. One search
+/// improves [`optimum`], and one goes through the path in windows.
 #[must_use]
 pub fn optimum_touching(arm: &ArmModel, bounds: &Bounds, path: &[Limbs], start: State, hand: HandPath<'_>) -> Motion {
     let (best, goal) = (optimum(arm, bounds, path, start), path.get(1..).unwrap_or_default());
     let task = Task { arm, bounds, goal, start, hand: Some(hand) };
-    let bounds = task.bounds_around(&best);
-    Task { bounds: &bounds, ..task }.improve(best, Loss::Angle)
+    let [best, other] = [best, search(&task, TOUCHING_WINDOW, Loss::Angle)].map(|motion| {
+        let bounds = task.bounds_around(&motion);
+        Task { bounds: &bounds, ..task }.improve(motion, Loss::Angle)
+    });
+    if task.loss(&other, Loss::Angle) < task.loss(&best, Loss::Angle) { other } else { best }
 }
 
 /// Returns the sum of both limbs' angles over all nodes, degrees.
@@ -59,16 +65,17 @@ pub fn error_deg(arm: &ArmModel, motion: &Motion, goal: &[Limbs]) -> f64 {
     nodes.map(|(state, goal)| limb_error_deg(&arm.forward(&state.q.into()), goal).iter().sum::<f64>()).sum()
 }
 
-fn search(whole: &Task<'_>, nodes: usize, kept: usize) -> Motion {
+fn search(whole: &Task<'_>, (nodes, kept): (usize, usize), loss: Loss) -> Motion {
     let mut all: Vec<Joints> = Vec::with_capacity(whole.goal.len());
     let (mut at, mut left) = (whole.start, Vec::new());
     while all.len() < whole.goal.len() {
         let rest = &whole.goal[all.len()..];
         let goal = &rest[..nodes.min(rest.len())];
         let guess = Motion::from(at, extended(at, left, goal.len(), whole.bounds));
-        let task = Task { goal, start: at, ..*whole };
+        let hand = whole.hand.map(|hand| hand.from(all.len()));
+        let task = Task { goal, start: at, hand, ..*whole };
         let bounds = task.bounds_around(&guess);
-        let mut found = Task { bounds: &bounds, ..task }.improve(guess, Loss::Square);
+        let mut found = Task { bounds: &bounds, ..task }.improve(guess, loss);
         let kept = if goal.len() == rest.len() { goal.len() } else { kept };
         at = found.states[kept - 1];
         left = found.a.split_off(kept);

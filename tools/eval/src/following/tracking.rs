@@ -73,6 +73,12 @@ pub struct HandPath<'a> {
 }
 
 impl HandPath<'_> {
+    /// Returns the path from node k on.
+    #[must_use]
+    pub fn from(self, k: usize) -> Self {
+        Self { to: self.to.get(k..).unwrap_or_default(), ..self }
+    }
+
     /// Returns the cost of the hand's distance at node k.
     fn loss(&self, arm: &ArmModel, k: usize, q: &ArmQ) -> f64 {
         let Some(Some((to, share))) = self.to.get(k) else { return 0.0 };
@@ -201,7 +207,9 @@ impl Task<'_> {
         bounds
     }
 
-    fn loss(&self, motion: &Motion, loss: Loss) -> f64 {
+    /// Returns the cost of a motion, without barriers.
+    #[must_use]
+    pub fn loss(&self, motion: &Motion, loss: Loss) -> f64 {
         let nodes = motion.states.iter().zip(self.goal).enumerate();
         nodes
             .map(|(k, (state, goal))| {
