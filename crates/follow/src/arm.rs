@@ -42,8 +42,8 @@ pub struct Arm {
     axes: [Vector3<f64>; LIMB_JOINTS],
     /// Joint positions of the T-pose, rad.
     reference: [f64; LIMB_JOINTS],
-    /// From the origin of each joint to that of the next one, and to the middle of the hand with the wrist at home, while the arm
-    /// is at `reference`, torso frame, m.
+    /// From the origin of each joint to that of the next one, while the arm is at `reference`, torso frame, m. The last one ends in
+    /// the middle of the hand, with the wrist at home.
     links_m: [Vector3<f64>; LIMB_JOINTS],
 }
 

@@ -301,8 +301,11 @@ fn frame(positions: &[[f32; 3]; SMPL_JOINTS]) -> Frame {
     Frame { positions: *positions, ..Frame::ZERO }
 }
 
-/// Contacts of all motions, by name.
-struct Table(Vec<(String, Contacts)>);
+/// Contacts of all motions, by name, and what was measured.
+struct Table {
+    rows: Vec<(String, Contacts)>,
+    measured: String,
+}
 
 impl fmt::Display for Table {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -320,10 +323,11 @@ impl fmt::Display for Table {
             max(|row| row.head),
             mean("chest", |row| row.chest),
             max(|row| row.chest),
-            mean("hands", |row| row.hands),
+            mean("other hand", |row| row.hands),
             max(|row| row.hands),
         ];
-        table::write(f, ("motion", 30), &columns, self.0.iter().map(|(name, row)| (name.as_str(), row)))
+        table::write(f, ("motion", 30), &columns, self.rows.iter().map(|(name, row)| (name.as_str(), row)))?;
+        writeln!(f, "{}", self.measured)
     }
 }
 
@@ -355,8 +359,17 @@ pub(crate) fn run(cli: &Cli) -> Result<(), EvalError> {
             rows.push((format!("{}, {what}", motion.name), contacts));
         }
     }
-    let table = Table(rows);
+    let measured = format!(
+        "{}, contact_weight {}, speed {}, settings {}\n\
+         distance of the hands' surfaces from head, chest and each other, against the person's by the arms' lengths, while that\n\
+         is below 20 cm; limbs alone and corrected: best postures; optimum: best motion, which looks ahead; held: at rest for 0.2 s",
+        loaded.model.name,
+        loaded.settings.retarget.contact_weight,
+        cli.speed,
+        cli.config.display()
+    );
+    let table = Table { rows, measured };
     show(&table);
-    let json: Map<_, _> = table.0.iter().map(|(name, row)| (name.clone(), json!(row))).collect();
+    let json: Map<_, _> = table.rows.iter().map(|(name, row)| (name.clone(), json!(row))).collect();
     write_json(cli, &json.into())
 }
