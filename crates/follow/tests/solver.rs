@@ -42,12 +42,10 @@ fn random_problem(rng: &mut Pcg64) -> Problem {
     }
     problem.prior = random_q(rng);
     problem.pull = rng.random_range(0.0..0.5);
-    if rng.random_bool(0.5) {
-        problem.places = std::array::from_fn(|_| {
-            let place = Vector3::from_fn(|_, _| rng.random_range(-0.8..0.8));
-            rng.random_bool(0.8).then(|| (place, rng.random_range(0.0..1.0)))
-        });
-    }
+    let touching = rng.random_bool(0.5);
+    problem.places = std::array::from_fn(|_| {
+        touching.then(|| (Vector3::from_fn(|_, _| rng.random_range(-0.8..0.8)), rng.random_range(0.0..1.0)))
+    });
     for watched in 0..5 {
         for _ in 0..rng.random_range(0..12) {
             let slope = ArmVector::from_fn(|_, _| rng.random_range(-0.5..0.5));

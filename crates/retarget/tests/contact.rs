@@ -86,10 +86,8 @@ fn child_touches_as_an_adult() {
     let corrected = [1.0, 0.5].map(|size| {
         let positions = adult.map(|at| if at == [0.0; 3] { at } else { at.map(|x| x * size) });
         let (figure, mut memory) = (Figure::of(&positions, &seen).expect("a person"), Memory::default());
-        (0..60).for_each(|_| {
-            correction().apply(&arm, &figure, (&seen, &[None; 2]), 0.02, &mut memory);
-        });
-        correction().apply(&arm, &figure, (&seen, &[None; 2]), 0.02, &mut memory)[0].expect("an arm")
+        let all = (0..60).map(|_| correction().apply(&arm, &figure, (&seen, &[None; 2]), 0.02, &mut memory));
+        all.last().expect("frames")[0].expect("an arm")
     });
     assert!(distance_deg(&corrected[0], &corrected[1]) < 0.01, "{corrected:?}");
     assert!(distance_deg(&corrected[0], &limbs) > 5.0, "nothing was corrected");
@@ -253,8 +251,7 @@ fn noise_of_folded_arms_is_not_magnified() {
                     let fore = limbs.fore * Vector3::y() * FORE_M + wrist - elbow;
                     limbs_of(limbs.upper * Vector3::y() * UPPER_M + elbow, fore)
                 });
-                let positions = person(&limbs, &UnitQuaternion::identity());
-                let limbs = limbs.map(Some);
+                let (positions, limbs) = (person(&limbs, &UnitQuaternion::identity()), limbs.map(Some));
                 let figure = Figure::of(&positions, &limbs).expect("a person");
                 let out = correction.apply(&arm, &figure, (&limbs, &[None; 2]), 1.0 / 60.0, &mut memory);
                 let now = [limbs, out].map(|limbs| limbs.map(|limbs| limbs.expect("an arm")));
@@ -289,9 +286,8 @@ fn way_has_the_places_of_hands_that_touch() {
     let (mut skeletons, mut places) = (crate::way::source_at(person_at, 3.0, 60.0), Vec::new());
     for skeleton in &mut skeletons {
         let t_s = (skeleton.received.0 - START_NS) as f64 * 1e-9;
-        let limbs = person_at(t_s);
-        skeleton.positions = person(&limbs, &UnitQuaternion::identity());
-        let limbs = limbs.map(Some);
+        skeleton.positions = person(&person_at(t_s), &UnitQuaternion::identity());
+        let limbs = person_at(t_s).map(Some);
         let figure = Figure::of(&skeleton.positions, &limbs).expect("a person");
         correction.apply(&arm, &figure, (&limbs, &[None; 2]), 1.0 / 60.0, &mut memory);
         let (q, share) = memory.postures()[0].expect("a hand that touches");

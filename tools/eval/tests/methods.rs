@@ -91,12 +91,19 @@ fn posture_table_depends_on_its_seed_alone() {
     assert_ne!(draw(1), draw(2));
 }
 
+fn loaded() -> config::Loaded {
+    config::load(std::path::Path::new("../../config/teleop.toml"), config::Overrides::default()).expect("settings")
+}
+
+/// A motion of the eleven.
+fn named(name: &str) -> motion::Motion {
+    poses::motions::paper_motions().into_iter().find(|motion| motion.name == name).expect("the motion")
+}
+
 #[test]
 fn commanded_hands_come_as_near_to_each_other_as_the_persons() {
-    let mut loaded =
-        config::load(std::path::Path::new("../../config/teleop.toml"), config::Overrides::default()).expect("settings");
-    let motions = poses::motions::paper_motions();
-    let motion = motions.iter().find(|motion| motion.name == "hands-to-chest").expect("the motion");
+    let mut loaded = loaded();
+    let motion = &named("hands-to-chest");
     let error_m = |loaded: &config::Loaded| {
         let [_, held] = eval::contacts::Played::of(loaded, motion, 1.0).expect("it is played").commands(&loaded.model);
         held.hands.mean_m().expect("hands that rest")
@@ -110,11 +117,9 @@ fn commanded_hands_come_as_near_to_each_other_as_the_persons() {
 
 #[test]
 fn boxers_fists_are_commanded_near_head_and_each_other() {
-    let mut loaded =
-        config::load(std::path::Path::new("../../config/teleop.toml"), config::Overrides::default()).expect("settings");
+    let mut loaded = loaded();
     loaded.settings.retarget.contact_weight = 1.0;
-    let motions = poses::motions::paper_motions();
-    let motion = motions.iter().find(|motion| motion.name == "box").expect("the motion");
+    let motion = &named("box");
     let played = eval::contacts::Played::of(&loaded, motion, 1.0).expect("it is played");
     let [commanded, held] = played.commands(&loaded.model);
     let mean_m = |errors: eval::contacts::Errors| errors.mean_m().expect("a contact");
@@ -127,8 +132,7 @@ fn boxers_fists_are_commanded_near_head_and_each_other() {
 fn forearms_of_corrected_arms_that_cross_lie_before_the_torso() {
     let model =
         train::files::read_model(std::path::Path::new("../../config/robots/tiago_dual.toml")).expect("the robot");
-    let motions = poses::motions::paper_motions();
-    let motion = motions.iter().find(|motion| motion.name == "cross-arms").expect("the motion");
+    let motion = &named("cross-arms");
     let parts = |first: usize| model.capsules.iter().filter(move |capsule| capsule.body == first);
     let mut least_m = f64::INFINITY;
     for posture in poses::trajectory::ground_truth_touching(&model, motion, 1.0).q {
@@ -151,12 +155,10 @@ fn forearms_of_corrected_arms_that_cross_lie_before_the_torso() {
 
 #[test]
 fn optimum_of_contacts_reaches_slow_ones_and_misses_fast_ones() {
-    let loaded =
-        config::load(std::path::Path::new("../../config/teleop.toml"), config::Overrides::default()).expect("settings");
-    let motions = poses::motions::paper_motions();
+    let loaded = loaded();
     let mut chest_m = None;
     let mut excess_m = |name: &str| {
-        let motion = motions.iter().find(|motion| motion.name == name).expect("the motion");
+        let motion = &named(name);
         let played = eval::contacts::Played::of(&loaded, motion, 1.0).expect("it is played");
         let postures = eval::contacts::postures(&loaded.model, motion, 1.0);
         let mean_m = |contacts: eval::contacts::Contacts| contacts.hands.mean_m().expect("hands that touch");
@@ -181,8 +183,7 @@ fn limbs_of_a_resting_arm_do_not_leap_when_the_other_hand_leaves() {
     let model =
         train::files::read_model(std::path::Path::new("../../config/robots/tiago_dual.toml")).expect("the robot");
     let arm = retarget::ArmModel::of(&model);
-    let motions = poses::motions::paper_motions();
-    let motion = motions.iter().find(|motion| motion.name == "box").expect("the motion");
+    let motion = &named("box");
     let calibration = motion::calibrate(motion, motion::CalibrationMode::Rig);
     let people: Vec<_> = motion::limbs(motion, &calibration).iter().filter_map(Limbs::of_both).collect();
     let postures = poses::trajectory::ground_truth_touching(&model, motion, 1.0).q;
