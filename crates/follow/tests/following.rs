@@ -3,7 +3,7 @@
 use crate::support::{A_MAX, FREE, Robot, V_MAX, arm, clearance_m, model, node_s, posture, random_q, turned};
 use follow::LIMB_JOINTS;
 use follow::Weights;
-use follow::arm::{ArmVector, Limbs};
+use follow::arm::{Arm, ArmVector, Limbs};
 use messages::{TICK_HZ, TICK_S};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
@@ -228,4 +228,24 @@ fn aim_restarts_at_command_that_stands_still() {
     // more than its motion until the next plan.
     assert!(farthest < 0.1, "aims ran {farthest} rad away");
     assert!(farthest > 1e-3, "and they do aim at something");
+}
+
+#[test]
+fn both_hands_that_touch_go_to_their_places() {
+    let model = model();
+    let limbs = [0, 1].map(|side| Arm::of(&model, side).limbs(&ArmVector::from(FREE)));
+    let place = Arm::of(&model, 0).hand(&ArmVector::from(FREE.map(|q| q + 0.1))).cast::<f32>();
+    let off_m = |weight: f32| {
+        let mut robot = Robot::at(&FREE, Weights::default());
+        robot.places = [[place.x, place.y, place.z, weight], [place.x, -place.y, place.z, weight]];
+        (0..TICK_HZ).for_each(|_| {
+            robot.step(|_| limbs);
+        });
+        [0, 1].map(|side| (Arm::of(&model, side).hand(&robot.arm(side)) - place.cast()).norm())
+    };
+    let (without_m, with_m) = (off_m(0.0), off_m(1.0));
+    assert!(
+        (0..2).all(|side| with_m[side] < 0.3 * without_m[side]),
+        "{with_m:?} m off, {without_m:?} without a weight"
+    );
 }

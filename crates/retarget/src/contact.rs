@@ -28,8 +28,10 @@
 //!
 //! Every person is grown to the size of one adult first. The share s is zero, and the limbs are the person's own, while the hand
 //! is farther than [`FAR_M`] from all of them. Near a shoulder's gimbal the same limbs leave the hand a choice, so q' is the
-//! start of the target's posture. The search for q' begins at its last value: it does not leap between two minima while the
-//! person stands still. The correction knows no other collisions. What follows it keeps the arms off the rest of the robot.
+//! start of the target's posture. The search for q' begins at its last value, so it does not leap between two minima. Still
+//! persons have still limbs, with two exceptions: where arms cross right above the head of TIAGo++, and where the forearms of
+//! TIAGo++ or FR3 lie in line, they may swing by up to 4 degrees a frame at 60 Hz. The correction knows no other collisions. What
+//! follows it keeps the arms off the rest of the robot.
 
 use crate::arm::{ARMS, ArmModel, ArmQ, Limbs};
 use crate::chain::Chain;
@@ -62,9 +64,10 @@ const CROSS_M: [f64; 2] = [0.25, 0.15];
 const UNTOLD_M: f64 = 0.03;
 /// Time in which a correction comes or goes if a hand or the head is seen all at once, s: as a quick clap (assumption).
 const SHARE_S: f64 = 0.1;
-/// Time constant of the way by which a hand leaves the other arm, s. Its forearm turns with it, and with that the way: without a
-/// time constant, G1's still arms swung by 2 degrees.
+/// Time constant of the way by which a hand leaves the other arm, s, and the most of it that one skeleton makes good. Its forearm
+/// turns with it, and with that the way: without them still arms swung, G1's by 2 degrees, and OpenArm's by 7 at 20 Hz.
 const APART_S: f64 = 0.02;
+const APART_SHARE_MAX: f64 = 0.5;
 /// Largest speed at which a hand leaves the other arm, m/s. An arm that is seen or lost all at once turns the other one no
 /// faster. Assumption: as a hand on its way.
 const APART_MAX_M_PER_S: f64 = 2.0;
@@ -72,6 +75,8 @@ const APART_MAX_M_PER_S: f64 = 2.0;
 const STEP_MAX_S: f64 = 0.04;
 /// Time constant of the length of the person's arm, s. A tracker finds one length again and again (assumption).
 const REACH_S: f64 = 1.0;
+/// Most by which the length of one skeleton counts, as a factor: a wild one does not shrink the person for long (assumption).
+const REACH_MOST: f64 = 2.0;
 /// Steps of each of the two minima. With 8, the far posture of a hand in guard was not reached, and a resting arm leapt by 10
 /// degrees in one frame.
 const STEPS: u32 = 12;
@@ -277,7 +282,8 @@ impl Correction {
         let elapsed_s = elapsed_s.min(STEP_MAX_S);
         // A tracker's lengths differ from arm to arm and from frame to frame.
         let before_m = memory.reach_m.unwrap_or(person.reach_m);
-        let reach_m = before_m + (person.reach_m - before_m) * (elapsed_s / REACH_S).min(1.0);
+        let seen_m = person.reach_m.clamp(before_m / REACH_MOST, before_m * REACH_MOST);
+        let reach_m = before_m + (seen_m - before_m) * (elapsed_s / REACH_S).min(1.0);
         memory.reach_m = Some(reach_m);
         let person = person.grown(ADULT_REACH_M / reach_m);
         memory.head = person.head.or(memory.head);
@@ -363,7 +369,7 @@ impl Correction {
         self.part(&mut to, shapes, &touched, pair);
         for ((to, alone), apart) in to.iter_mut().zip(alone).zip(&mut memory.apart) {
             let wanted = to.zip(alone).map_or_else(Vector3::zeros, |(to, alone)| to - alone);
-            let step = (wanted - *apart) * (elapsed_s / (APART_S + elapsed_s));
+            let step = (wanted - *apart) * (elapsed_s / (APART_S + elapsed_s)).min(APART_SHARE_MAX);
             *apart += step.cap_magnitude(APART_MAX_M_PER_S * elapsed_s);
             *to = alone.map(|alone| alone + *apart);
         }

@@ -199,25 +199,46 @@ fn limbs_of(upper: Vector3<f64>, fore: Vector3<f64>) -> Limbs {
     Limbs { upper: frame(upper), fore: frame(fore) }
 }
 
+/// Arms whose forearms lie in line, upright beside each other, and crossed over the head.
+fn in_line() -> Vec<[Limbs; 2]> {
+    let of = |elbow: [f64; 3], wrist: [f64; 3]| {
+        let (elbow, wrist) = (Vector3::from(elbow), Vector3::from(wrist));
+        limbs_of(elbow - Vector3::y() * SHOULDER_M, wrist - elbow)
+    };
+    let stacked = |x: f64, z: f64, by: f64| [by, -by].map(|by| of([x, 0.15, z + by], [x, -0.08, z + 0.02 + by]));
+    let upright = [of([0.2, 0.06, -0.25], [0.35, 0.06, -0.02]); 2];
+    vec![
+        stacked(0.15, -0.12, 0.025),
+        stacked(0.25, -0.12, 0.025),
+        stacked(-0.05, 0.28, 0.05),
+        stacked(0.05, 0.28, 0.05),
+        upright,
+    ]
+}
+
 #[test]
 fn still_person_whose_arms_cross_has_still_limbs() {
     for name in ["tiago_dual", "unitree_g1", "rby1a", "openarm_v10", "franka_fr3_duo"] {
         let model = shipped(name);
         let arm = ArmModel::of(&model);
         let correction = Correction { robot: Proportions::of(&model), weight: 1.0 };
-        for (fold, limbs) in folds().enumerate() {
-            let positions = person(&limbs, &UnitQuaternion::identity());
-            let limbs = limbs.map(Some);
-            let figure = Figure::of(&positions, &limbs).expect("a person");
-            let (mut memory, mut before, mut most_deg) = (Memory::default(), limbs, 0.0_f64);
-            for k in 0..300 {
-                let out = correction.apply(&arm, &figure, (&limbs, &[None; 2]), 1.0 / 60.0, &mut memory);
-                for (now, before) in out.iter().flatten().zip(before.iter().flatten()).filter(|_| k >= 200) {
-                    most_deg = most_deg.max(distance_deg(now, before));
+        for (fold, limbs) in folds().chain(in_line()).enumerate() {
+            for rate_hz in [20.0, 60.0] {
+                let positions = person(&limbs, &UnitQuaternion::identity());
+                let limbs = limbs.map(Some);
+                let figure = Figure::of(&positions, &limbs).expect("a person");
+                let (mut memory, mut before, mut most_deg) = (Memory::default(), limbs, 0.0_f64);
+                for k in 0..300 {
+                    let out = correction.apply(&arm, &figure, (&limbs, &[None; 2]), 1.0 / rate_hz, &mut memory);
+                    for (now, before) in out.iter().flatten().zip(before.iter().flatten()).filter(|_| k >= 200) {
+                        most_deg = most_deg.max(distance_deg(now, before));
+                    }
+                    before = out;
                 }
-                before = out;
+                // TIAGo++'s arms above its head swing: see the documentation of `contact`.
+                let known = name == "tiago_dual" && (29..31).contains(&fold);
+                assert!(most_deg < 0.1 || known, "{name}, {fold} at {rate_hz} Hz: {most_deg} degrees a frame");
             }
-            assert!(most_deg < 0.1, "{name}, {fold}: {most_deg} degrees a frame");
         }
     }
 }
@@ -231,6 +252,21 @@ fn folds() -> impl Iterator<Item = [Limbs; 2]> {
     places.map(|[ahead, across, above]| {
         [above, -above].map(|above| folded(Vector3::new(ahead, -across, -0.14 + above / 2.0)))
     })
+}
+
+#[test]
+fn arms_that_cross_over_the_head_do_not_leave_the_torso() {
+    let model = shipped("unitree_g1");
+    let (arm, robot) = (ArmModel::of(&model), Proportions::of(&model));
+    let [with, without] = [robot.torso_m, [-9.0, 0.0]].map(|torso_m| {
+        let correction = Correction { robot: Proportions { torso_m, ..robot }, weight: 1.0 };
+        [2, 3].map(|over| {
+            let limbs = in_line()[over];
+            let figure = Figure::of(&person(&limbs, &UnitQuaternion::identity()), &limbs.map(Some)).expect("a person");
+            correction.apply(&arm, &figure, (&limbs.map(Some), &[None; 2]), 0.02, &mut Memory::default())
+        })
+    });
+    assert_eq!(with, without);
 }
 
 #[test]
@@ -276,7 +312,7 @@ fn noise_of_folded_arms_is_not_magnified() {
 
 #[test]
 fn way_has_the_places_of_hands_that_touch() {
-    let person_at: crate::way::Person = |t_s| [turned(0.5, 1.0, 2.1 + 0.2 * (3.0 * t_s).sin()); 2];
+    let person_at: crate::way::Person = |t_s| [turned(0.5, 1.0, 1.8 + 0.4 * (3.0 * t_s).sin()); 2];
     let model = shipped("tiago_dual");
     let options = Options { method: Some(Method::ClosedForm), contact_weight: 1.0, ..Options::default() };
     let config = Config::new(&model, None, &options).expect("a configuration");
@@ -293,13 +329,14 @@ fn way_has_the_places_of_hands_that_touch() {
         let (q, share) = memory.postures()[0].expect("a hand that touches");
         places.push((t_s, chain.hand(&arm, &q) - chain.joints[0], share));
     }
-    let (mut seen, mut ahead_m, mut still_m) = (0, Vec::new(), Vec::new());
+    let (mut seen, mut partial, mut ahead_m, mut still_m) = (0, 0, Vec::new(), Vec::new());
     for (now, target) in &crate::way::run(&config, &skeletons, 2.4)[1500..] {
         for i in 0..WAY_NODES {
             let t_s = crate::way::shown_s(*now, target, i);
             let after = places.partition_point(|place| place.0 < t_s);
-            let ((from_s, from, share), (to_s, to, _)) = (places[after - 1], places[after]);
-            let expected = from + (to - from) * ((t_s - from_s) / (to_s - from_s));
+            let ((from_s, from, first), (to_s, to, last)) = (places[after - 1], places[after]);
+            let along = (t_s - from_s) / (to_s - from_s);
+            let (expected, share) = (from + (to - from) * along, first + (last - first) * along);
             let [left, right] = target.way_places[i].map(|[x, y, z, _]| Vector3::new(x, y, z).cast::<f64>());
             assert!((left - on_side(1, right)).norm() < 1e-5, "a person who is a mirror image: {left} {right}");
             let off_m = (left - expected).norm();
@@ -308,6 +345,7 @@ fn way_has_the_places_of_hands_that_touch() {
                 assert!((weight - share * share).abs() < 0.01, "node {i}: {weight}");
                 assert!(off_m < 2e-3, "node {i}: {off_m} m off");
                 seen += 1;
+                partial += u32::from(share < 0.7);
             } else if i == target.way_seen as usize + 4 {
                 ahead_m.push(off_m);
                 let newest = target.way_places[target.way_seen as usize - 1][0];
@@ -317,7 +355,10 @@ fn way_has_the_places_of_hands_that_touch() {
     }
     let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
     let (ahead_m, still_m) = (mean(&ahead_m), mean(&still_m));
-    assert!(seen > 1000 && ahead_m < 0.7 * still_m, "100 ms ahead: {ahead_m} m, of a hand that stands {still_m} m");
+    assert!(
+        seen > 1000 && partial > 1000 && ahead_m < 0.7 * still_m,
+        "100 ms ahead: {ahead_m} m, of a hand that stands {still_m} m"
+    );
 }
 
 #[test]
