@@ -1,6 +1,7 @@
 //! Limits that keep the command from the person.
 
 use driver::Motion;
+use follow::LIMB_JOINTS;
 use messages::{FollowingLimit, Status, Subject};
 use robot::Model;
 
@@ -14,10 +15,11 @@ const AT_END_RAD: f64 = 0.01;
 const AT_CLEARANCE_M: f64 = 1e-3;
 
 /// Writes into `status` the limit that the command `motion` has reached. Only limits that an operator can see
-/// count: the arm joint nearest to its highest speed, the nearest pair, or a joint at the end of its range.
+/// count: the joint nearest to its highest speed, the nearest pair, or a joint at the end of its range. Wrists turn no limb, so
+/// no limb is behind because of them.
 pub(super) fn note(status: &mut Status, engaged: bool, motion: &Motion, wbc: &wbc::Config, model: &Model) {
     let bounds = wbc.bounds();
-    let arms = || model.body_count..model.count;
+    let arms = || model.arms.iter().flat_map(|arm| &arm.joints[..LIMB_JOINTS]).copied();
     let speed = |j: usize| motion.v[j].abs() / bounds[j].v_max;
     let fastest = arms().max_by(|&a, &b| speed(a).total_cmp(&speed(b))).filter(|&j| speed(j) >= AT_SPEED);
     let close = status.clearance_command_m <= model.d_min_m + AT_CLEARANCE_M;
@@ -58,6 +60,8 @@ mod tests {
         assert_eq!(said(&motion, 0.5, true), (FollowingLimit::None, None));
         motion.q[LEFT_ARM.start] = wbc.bounds()[LEFT_ARM.start].q_min + 0.005;
         assert_eq!(said(&motion, 0.5, true), (FollowingLimit::Range, Some(Subject::Joint(LEFT_ARM.start))));
+        assert_eq!(said(&motion, 0.0105, true), (FollowingLimit::Clearance, Some(Subject::Pair([3, 8]))));
+        motion.v[LEFT_ARM.start + 5] = wbc.bounds()[LEFT_ARM.start + 5].v_max;
         assert_eq!(said(&motion, 0.0105, true), (FollowingLimit::Clearance, Some(Subject::Pair([3, 8]))));
         motion.v[LEFT_ARM.start + 2] = -0.97 * wbc.bounds()[LEFT_ARM.start + 2].v_max;
         assert_eq!(said(&motion, 0.0105, true), (FollowingLimit::Speed, Some(Subject::Joint(LEFT_ARM.start + 2))));
