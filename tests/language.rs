@@ -26,7 +26,7 @@ const SENTENCE_WORDS_MAX: usize = 30;
 
 /// Budget of lines for each part of the tree: the count of 2026-11-28, with the hand in following, and some
 /// more. Raising one is a decision.
-const BUDGETS: [(&str, usize); 3] = [("product", 72_100), ("tools", 32_200), ("tests", 48_700)];
+const BUDGETS: [(&str, usize); 3] = [("product", 72_100), ("tools", 32_200), ("tests", 48_800)];
 
 fn rust() -> Vec<(String, String)> {
     let mut all = sources::rust_files();

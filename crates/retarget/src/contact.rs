@@ -29,9 +29,9 @@
 //! Every person is grown to the size of one adult first. The share s is zero, and the limbs are the person's own, while the hand
 //! is farther than [`FAR_M`] from all of them. Near a shoulder's gimbal the same limbs leave the hand a choice, so q' is the
 //! start of the target's posture. The search for q' begins at its last value, so it does not leap between two minima. Still
-//! persons have still limbs, with two exceptions: where arms cross right above the head of TIAGo++, and where the forearms of
-//! TIAGo++ or FR3 lie in line, they may swing by up to 4 degrees a frame at 60 Hz. The correction knows no other collisions. What
-//! follows it keeps the arms off the rest of the robot.
+//! persons have still limbs, with two exceptions. Arms that cross right above the head of TIAGo++, and forearms of TIAGo++ or FR3
+//! in line, may swing by up to 4 degrees a frame at 60 Hz. The correction knows no other collisions. What follows it keeps the
+//! arms off the rest of the robot.
 
 use crate::arm::{ARMS, ArmModel, ArmQ, Limbs};
 use crate::chain::Chain;
