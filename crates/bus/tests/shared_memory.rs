@@ -55,7 +55,7 @@ fn second_writer_is_refused_by_name_until_first_one_leaves() {
     let error = other.writer::<JointTarget>(Service::JointTarget).expect_err("the place is taken");
     assert!(matches!(error, BusError::WriterExists { writers_max: 1, .. }), "{error:?}");
     let text = error.to_string();
-    assert!(text.contains("teleop/joint_target/6") && text.contains("another retarget is already running"), "{text}");
+    assert!(text.contains("teleop/joint_target/7") && text.contains("another retarget is already running"), "{text}");
     assert!(text.contains(place.root().to_str().expect("UTF-8")), "{text}");
     held.publish(&target(5)).expect("the first writer goes on");
     assert_eq!(early.latest(), Some(target(5)));
@@ -139,11 +139,11 @@ fn domains_with_different_prefixes_do_not_see_each_other() {
 /// A message with the size, name and version of a `JointTarget`, but with two fields exchanged.
 #[derive(Clone, Copy, Debug)]
 #[repr(C)]
-struct Exchanged([u64; 303]);
+struct Exchanged([u64; 399]);
 
 impl Layout for Exchanged {
     const HASH: u64 = JointTarget::HASH ^ 1;
-    const ZERO: Self = Self([0; 303]);
+    const ZERO: Self = Self([0; 399]);
     fn put(&self, out: &mut [u8]) {
         self.0.put(out);
     }

@@ -76,7 +76,7 @@ const SETPOINTS_KEPT: usize = 128;
 pub const SERVICES: [ServiceRow; 10] = [
     row(Service::RawSkeleton, "teleop/raw_skeleton/1", Domain::Input, "client", 8, 240, 0),
     row(Service::Skeleton, "teleop/skeleton/3", Domain::Core, "ingest", 1, 240, 100),
-    row(Service::JointTarget, "teleop/joint_target/6", Domain::Core, "retarget", 1, 1500, 10),
+    row(Service::JointTarget, "teleop/joint_target/7", Domain::Core, "retarget", 1, 1500, 10),
     row(Service::JointCommand, "teleop/joint_command/3", Domain::Core, "control", 1, 1500, 10),
     row(Service::RobotState, "teleop/robot_state/3", Domain::Core, "driver", 1, 1500, 5),
     row(Service::Status, "teleop/status/10", Domain::Core, "control", 1, 50, 500),
