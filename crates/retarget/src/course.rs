@@ -37,8 +37,8 @@ pub(crate) struct Person<'a> {
     pub(crate) skeletons: u64,
     /// The arms in use.
     pub(crate) meant: [bool; ARMS],
-    /// The robot's left arm.
-    pub(crate) robot: (&'a ArmModel, &'a Chain),
+    /// The robot's left arm. `None` if no hand is brought to where the person's touches.
+    pub(crate) robot: Option<(&'a ArmModel, &'a Chain)>,
 }
 
 impl Way {
@@ -58,8 +58,10 @@ impl Way {
                 let ahead_ns = ticks * 1_000_000_000 / TICK_HZ;
                 let (then, by) = (playhead + ahead_ns as i64, now.plus_ns(ahead_ns));
                 let Some((limbs, seen)) = tracks[arm].ahead(then, by) else { continue };
-                let shown = tracks[arm].show_ahead(then, by);
-                self.places[i][arm] = shown.and_then(|shown| place(robot, arm, &shown, &limbs)).unwrap_or_default();
+                let needed = i < HAND_NODES || robot.is_some();
+                let shown = needed.then(|| tracks[arm].show_ahead(then, by)).flatten();
+                let place = robot.zip(shown).and_then(|(robot, shown)| place(robot, arm, &shown, &limbs));
+                self.places[i][arm] = place.unwrap_or_default();
                 let limbs = [limbs.upper, limbs.fore].map(|limb| single(&on_side(arm, &limb)));
                 self.nodes[i][2 * arm..2 * arm + 2].copy_from_slice(&limbs);
                 if !seen {

@@ -158,7 +158,8 @@ pub fn tick(config: &Config, state: &mut State, now: Stamp, input: Input<'_>) ->
         (out.target.q[lift.joint], out.target.valid_mask) = (q, out.target.valid_mask | 1 << lift.joint);
     }
     let State { tracks, way, blends: [left, right, _], counters, .. } = state;
-    let robot = (&config.solver.arm, &config.correction.robot.chain);
+    let touches = config.correction.weight > 0.0;
+    let robot = touches.then_some((&config.solver.arm, &config.correction.robot.chain));
     let person = Person { tracks, blends: [left, right], skeletons: counters.skeletons, meant, robot };
     way.lay(&person, input.k, playhead, now);
     (out.target.way_first, out.target.way_nodes, out.target.way_seen) = (way.first, WAY_NODES as u32, way.seen);
