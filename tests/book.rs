@@ -57,7 +57,7 @@ fn comment(out: &mut String, text: &str) {
 fn settings_file() -> String {
     let mut out = String::from(
         "# teleopd, all settings. The last word of a key is its unit. Nothing here can loosen a limit of the robot.\n\
-         # cargo test --release --test book compares this file with the sources.\n",
+         # cargo test --release --test rules book compares this file with the sources.\n",
     );
     for table in Settings::reference() {
         writeln!(out).unwrap();
@@ -102,7 +102,7 @@ fn compare(file: &str, before: &str, page: String) {
     if std::env::var_os("TELEOPD_WRITE_DOCS").is_some() {
         return std::fs::write(harness::repository().join(file), page).expect("it is written");
     }
-    let again = "TELEOPD_WRITE_DOCS=1 cargo test --release --test book";
+    let again = "TELEOPD_WRITE_DOCS=1 cargo test --release --test rules book";
     assert!(before == page, "{file} does not say what the sources say; {again} writes it");
 }
 
@@ -116,7 +116,7 @@ fn check(chapter: &str, name: &str, table: &str) {
         let page = format!("{before}{begin}{table}{end}{after}");
         return std::fs::write(harness::repository().join(chapter), page).expect("the chapter is written");
     }
-    let again = "TELEOPD_WRITE_DOCS=1 cargo test --release --test book";
+    let again = "TELEOPD_WRITE_DOCS=1 cargo test --release --test rules book";
     assert!(stands == table, "{chapter} does not say what the sources say; {again} writes it");
 }
 

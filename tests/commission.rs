@@ -86,7 +86,7 @@ fn refused_step_ends_the_run_and_is_named_in_the_log() {
 }
 
 #[test]
-#[ignore = "it takes more than two minutes: cargo test --release --test commission -- --ignored"]
+#[ignore = "it takes more than two minutes: cargo test --release --test system commission -- --ignored"]
 fn simulated_robot_passes_every_step() {
     let rig = Rig::empty();
     let (mut command, log) = commission(&rig, "log");

@@ -1,15 +1,12 @@
 //! Tests a page whose headset leads the robot, against the real processes and in a browser if there is one. A stand-in takes
 //! the place of the browser's WebXR.
 
-mod browser;
-mod viewer;
-
-use browser::Browser;
+use crate::browser::Browser;
+use crate::viewer::{Seen, Viewer};
 use harness::{Operator, OperatorSession, Rig, SOON, assert_no_violations};
 use messages::{Fault, Mode};
 use std::time::{Duration, Instant};
 use view::{BODY_BYTES, HEADSET_BYTES};
-use viewer::{Seen, Viewer};
 
 const MOCK: &str = include_str!("headset/mock.js");
 

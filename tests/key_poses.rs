@@ -1,10 +1,8 @@
 //! Tests a page whose person is a mix of three key poses, against the real processes. Tests it as a program, and
 //! in a browser if there is one.
 
-mod browser;
-mod viewer;
-
-use browser::Browser;
+use crate::browser::Browser;
+use crate::viewer::{Page, Seen, Viewer};
 use harness::{Rig, SOON, assert_no_violations, config};
 use messages::{JOINTS_MAX, Mode, Service, Skeleton};
 use poses::triangle::{POSES, Triangle};
@@ -13,7 +11,6 @@ use serde_json::{Value, json};
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 use tungstenite::Message;
-use viewer::{Page, Seen, Viewer};
 
 const CORNERS: [[f64; 3]; 3] = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
 
@@ -303,7 +300,7 @@ fn browser_handle_is_moved_by_mouse_and_by_keys() {
     assert_eq!(browser.evaluate(spoken), "t-pose 0 %, hands-up 100 %, box 0 %");
     hand.wait_mode(Mode::Engaged);
     if let Some(file) = std::env::var_os("TELEOPD_SCREENSHOT") {
-        std::fs::write(file, browser::bytes_of(&browser.screenshot())).expect("the picture");
+        std::fs::write(file, crate::browser::bytes_of(&browser.screenshot())).expect("the picture");
     }
     // The handle has had the focus since it was pressed.
     for _ in 0..10 {

@@ -1,10 +1,7 @@
 //! The driver `teleopd-ros2` against a peer that another program plays, over DDS. See tools/peer.
 
-#[path = "ros2/driven.rs"]
 mod driven;
-#[path = "ros2/grippers.rs"]
 mod grippers;
-#[path = "ros2/interfaces.rs"]
 mod interfaces;
 
 use harness::{Cable, Rig, repository, shell};
@@ -162,7 +159,7 @@ fn took_all(report: &Value) -> bool {
 }
 
 #[test]
-#[ignore = "two cores do not hold a robot, its peer and other tests in time: cargo test --release --test ros2 -- --ignored"]
+#[ignore = "two cores do not hold a robot, its peer and other tests in time: cargo test --release --test system ros2 -- --ignored"]
 fn robot_on_ros2_follows_and_takes_every_message() {
     let Some(peer) = Peer::start(DOMAINS[0], &[]) else { return };
     let mut rig = rig(DOMAINS[0]);
@@ -183,7 +180,7 @@ fn robot_on_ros2_follows_and_takes_every_message() {
 }
 
 #[test]
-#[ignore = "two cores do not hold a robot, its peer and other tests in time: cargo test --release --test ros2 -- --ignored"]
+#[ignore = "two cores do not hold a robot, its peer and other tests in time: cargo test --release --test system ros2 -- --ignored"]
 fn f114_robot_on_ros2_plays_the_certified_stop_when_its_driver_is_killed() {
     let Some(peer) = Peer::start(DOMAINS[1], &[]) else { return };
     let mut rig = rig(DOMAINS[1]);
@@ -237,7 +234,7 @@ fn f115_robot_on_ros2_that_is_not_ready_is_refused_with_a_sentence() {
 }
 
 #[test]
-#[ignore = "two cores do not hold a robot, its peer and other tests in time: cargo test --release --test ros2 -- --ignored"]
+#[ignore = "two cores do not hold a robot, its peer and other tests in time: cargo test --release --test system ros2 -- --ignored"]
 fn f114_nothing_is_sent_once_the_publisher_of_the_emergency_stop_left() {
     let Some(mut peer) = Peer::start(DOMAINS[6], &[]) else { return };
     let mut rig = rig(DOMAINS[6]);
@@ -283,7 +280,7 @@ fn drive(peer: Peer, mut rig: Rig, length: Duration) -> (u32, Vec<String>, Optio
 }
 
 #[test]
-#[ignore = "needs root, ip(8), nft(8) and minutes: cargo test --release --test ros2 -- --ignored lossy --nocapture"]
+#[ignore = "needs root, ip(8), nft(8) and minutes: cargo test --release --test system lossy -- --ignored --nocapture"]
 fn robot_behind_a_lossy_network_goes_on_following() {
     let cable = match Cable::lay("teleopd-loss", ["teleopd-here", "teleopd-there"], 7) {
         Ok(cable) => cable,
@@ -376,7 +373,7 @@ fn robot_on_fast_dds_may_be_driven() {
 }
 
 #[test]
-#[ignore = "two cores do not hold a robot, its peer and other tests in time: cargo test --release --test ros2 -- --ignored"]
+#[ignore = "two cores do not hold a robot, its peer and other tests in time: cargo test --release --test system ros2 -- --ignored"]
 fn robot_on_fast_dds_gets_trajectories_that_continue_and_end_at_rest() {
     for reliability in ["best-effort", "reliable"] {
         let Some(peer) = FastPeer::start(DOMAINS[5], reliability) else { return };

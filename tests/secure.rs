@@ -1,9 +1,7 @@
 //! Tests the page for other machines: TLS, certificate, token and hosts.
 
-mod browser;
-mod viewer;
-
-use browser::Browser;
+use crate::browser::Browser;
+use crate::viewer::Viewer;
 use harness::{Rig, SOON};
 use rustls::pki_types::pem::PemObject;
 use rustls::pki_types::{CertificateDer, ServerName};
@@ -16,7 +14,6 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 use tungstenite::client::IntoClientRequest;
-use viewer::Viewer;
 
 type Tls = StreamOwned<ClientConnection, TcpStream>;
 
@@ -161,7 +158,7 @@ fn certificate_is_kept_for_its_names_and_its_key_is_private() {
         ("robot.local", 64, "--https: robot.local: the first name must be an IP address"),
         ("127.0.0.1,a b", 64, "--https: a b: a name has letters"),
     ] {
-        let output = viewer::command(&rig, &["--https", names, "--tls", tls]).output().expect("it runs");
+        let output = crate::viewer::command(&rig, &["--https", names, "--tls", tls]).output().expect("it runs");
         let said = String::from_utf8_lossy(&output.stderr);
         assert!(output.status.code() == Some(code) && said.contains(expected), "{names}: {output:?}");
     }
@@ -194,7 +191,7 @@ fn other_names_keep_the_authority_and_are_told() {
     // Nor does a foreign key sign anything.
     std::fs::copy(folder.path().join("page-key.pem"), folder.path().join("ca-key.pem")).expect("a key");
     let tls = folder.path().to_str().expect("UTF-8");
-    let refused = viewer::command(&rig, &["--https", "127.0.0.1,a", "--tls", tls]).output().expect("it runs");
+    let refused = crate::viewer::command(&rig, &["--https", "127.0.0.1,a", "--tls", tls]).output().expect("it runs");
     let text = String::from_utf8_lossy(&refused.stderr);
     assert!(refused.status.code() == Some(73) && text.contains("it is not the key of ca.pem"), "{refused:?}");
 }

@@ -1,9 +1,7 @@
 //! Project rules as tests: direction of dependencies, bans in the pure crates, lengths, and tables that must name
 //! each other.
 
-mod sources;
-
-use sources::{root, rust_files};
+use crate::sources::{root, rust_files};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 use std::process::Command;

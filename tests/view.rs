@@ -1,11 +1,8 @@
 //! Tests the page on the loopback interface against the real processes: as a program, and in a browser if there
 //! is one.
 
-mod appearance;
-mod browser;
-mod viewer;
-
-use browser::Browser;
+use crate::browser::Browser;
+use crate::viewer::{Page, Viewer};
 use harness::{Rig, assert_no_violations, config};
 use messages::{Layout, Mode, Status};
 use serde_json::json;
@@ -14,7 +11,6 @@ use std::net::TcpStream;
 use std::process::{Command, Stdio};
 use std::time::Duration;
 use tungstenite::Message;
-use viewer::{Page, Viewer};
 
 fn first_line(answer: &str) -> &str {
     answer.lines().next().unwrap_or("")
@@ -241,7 +237,7 @@ fn browser_shows_the_robot_moving_and_space_stops_it() {
 
 #[test]
 fn browser_recording_stops_at_its_end_and_plays_again() {
-    let shown = appearance::shown();
+    let shown = crate::appearance::shown();
     let mut builder = view::RecordingViewBuilder::new(&shown.model);
     let heard = view::LatestMessages { status: Some(Status::ZERO), ..view::LatestMessages::default() };
     // 2.8 becomes smaller in single precision.

@@ -1,10 +1,9 @@
 //! Tests a page whose webcam sees the person, against the real processes. Tests it as a program, and in a browser if
 //! there is one. A stand-in takes the place of MediaPipe's library.
 
-mod browser;
-mod viewer;
-
-use browser::Browser;
+use crate::browser::Browser;
+use crate::viewer::camera::{Camera, PERIOD, image};
+use crate::viewer::{Seen, Viewer};
 use harness::{Rig, SOON, assert_no_violations, config, repository};
 use messages::{CalibrationSource, Mode, Service, Skeleton, Smpl};
 use serde_json::{Value, json};
@@ -12,8 +11,6 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 use tungstenite::Message;
-use viewer::camera::{Camera, PERIOD, image};
-use viewer::{Seen, Viewer};
 
 /// Passes for a pose landmarker at the start.
 const MODEL: &[u8] = b"PK pose_detector.tflite pose_landmarks_detector.tflite";
@@ -404,7 +401,7 @@ fn browser_camera_leads_the_robot_until_it_is_stopped() {
         &format!("{before}.some((q, j) => Math.abs(q - window.teleopd.frame().q.measured[j]) > 0.3)"),
     );
     if let Some(file) = std::env::var_os("TELEOPD_SCREENSHOT") {
-        std::fs::write(file, browser::bytes_of(&browser.screenshot())).expect("the picture");
+        std::fs::write(file, crate::browser::bytes_of(&browser.screenshot())).expect("the picture");
     }
     browser.click("#cam-mirrored");
     browser.wait("it is mirrored", "document.getElementById('cam-mirrored').getAttribute('aria-checked') === 'true'");

@@ -1,6 +1,7 @@
 //! The grippers of a robot on ROS 2: they follow the person's hands, and hold.
 
-use crate::{Peer, assert_no_violations, preflight, rig, took_all};
+use super::{Peer, preflight, rig, took_all};
+use harness::assert_no_violations;
 use harness::{Operator, StateObserver};
 use messages::{Mode, RobotState, state_flag};
 use motion::Motion;
@@ -65,7 +66,7 @@ fn engage_until(operator: &mut Operator, observer: &mut StateObserver, done: imp
 }
 
 #[test]
-#[ignore = "two cores do not hold a robot, its peer and other tests in time: cargo test --release --test ros2 -- --ignored"]
+#[ignore = "two cores do not hold a robot, its peer and other tests in time: cargo test --release --test system ros2 -- --ignored"]
 fn grippers_on_ros2_close_with_the_hands_and_hold() {
     let Some(peer) = Peer::start(DOMAINS[0], &["--object-width-m", "0.05"]) else { return };
     let mut rig = rig(DOMAINS[0]);
@@ -106,7 +107,7 @@ fn grippers_on_ros2_close_with_the_hands_and_hold() {
 }
 
 #[test]
-#[ignore = "two cores do not hold a robot, its peer and other tests in time: cargo test --release --test ros2 -- --ignored"]
+#[ignore = "two cores do not hold a robot, its peer and other tests in time: cargo test --release --test system ros2 -- --ignored"]
 fn f122_grippers_hold_when_their_driver_is_killed() {
     let Some(peer) = Peer::start(DOMAINS[1], &[]) else { return };
     let mut rig = rig(DOMAINS[1]);

@@ -1,6 +1,7 @@
 //! Robots that play no stop by themselves: `forward_command_controller`s, and `rt/arm_sdk` of a Unitree G1.
 
-use crate::{Peer, assert_no_violations, preflight, rig_with, took_all};
+use super::{Peer, preflight, rig_with, took_all};
+use harness::assert_no_violations;
 use harness::{Rig, repository};
 use messages::Mode;
 use serde_json::Value;
@@ -124,7 +125,7 @@ fn drive(interface: &Interface, domain: u32, kill: bool) -> Option<(Value, f64)>
 }
 
 #[test]
-#[ignore = "two cores do not hold a robot, its peer and other tests in time: cargo test --release --test ros2 -- --ignored"]
+#[ignore = "two cores do not hold a robot, its peer and other tests in time: cargo test --release --test system ros2 -- --ignored"]
 fn robot_that_takes_positions_or_arm_sdk_follows_and_takes_every_message() {
     println!("| interface | acceleration, share of the limit | messages | largest gap, ms |");
     for (interface, domain) in [(POSITIONS, DOMAINS[1]), (ARM_SDK, DOMAINS[2])] {
@@ -145,7 +146,7 @@ fn robot_that_takes_positions_or_arm_sdk_follows_and_takes_every_message() {
 }
 
 #[test]
-#[ignore = "two cores do not hold a robot, its peer and other tests in time: cargo test --release --test ros2 -- --ignored"]
+#[ignore = "two cores do not hold a robot, its peer and other tests in time: cargo test --release --test system ros2 -- --ignored"]
 fn robot_without_a_dead_man_holds_at_once_when_its_driver_is_killed() {
     for (interface, domain) in [(POSITIONS, DOMAINS[4]), (ARM_SDK, DOMAINS[5])] {
         let Some((report, speed)) = drive(&interface, domain, true) else { return };
