@@ -66,8 +66,6 @@ const MAY_USE: &[(&str, &[&str])] = &[
     ("fuzz-targets", &["bridge"]),
     ("batch", &[]),
     ("bridge", &[]),
-    ("option-ext", &[]),
-    ("webpki-roots", &[]),
     ("canvas", &[]),
     ("chaos", &["harness", "teleopd"]),
     ("collision", &["canvas"]),
