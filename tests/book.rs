@@ -2,7 +2,7 @@
 //! With `TELEOPD_WRITE_DOCS=1` the tests write them. Otherwise they compare.
 
 use config::{Reference, Settings};
-use hazards::{Answer, GROUPS};
+use hazards::{Answer, Group, Hazard, groups};
 use schema::Key;
 use std::fmt::Write;
 
@@ -82,12 +82,11 @@ fn settings_file() -> String {
 
 fn hazards_table() -> String {
     let mut out = String::new();
-    for (title, hazards) in GROUPS {
+    for Group { title, hazards } in groups() {
         writeln!(out, "\n### {title}\n\n| id | what goes wrong | reaction | bound |\n|---|---|---|---|")
             .expect("a string");
-        for hazard in hazards {
-            let (id, what) = (hazard.id, hazard.what);
-            match hazard.answer {
+        for Hazard { id, what, answer } in hazards {
+            match answer {
                 Answer::Does { does, within } => writeln!(out, "| {id} | {what} | {does} | {within} |"),
                 Answer::Struck { because } => writeln!(out, "| {id} | {what} | does not apply: {because} | |"),
             }

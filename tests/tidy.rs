@@ -377,7 +377,7 @@ fn every_hazard_id_in_a_test_name_is_in_the_list() {
     let names = test_names();
     assert!(names.len() > 500, "only {} tests were found", names.len());
     let carried: BTreeSet<&str> = names.iter().flat_map(|name| hazard_ids(name)).collect();
-    let known: BTreeSet<&str> = hazards::all().map(|hazard| hazard.id).collect();
+    let known: BTreeSet<&str> = hazards::all().map(|hazard| hazard.id.as_str()).collect();
     let unknown: Vec<_> = carried.difference(&known).collect();
     assert!(unknown.is_empty(), "tests name ids that are not in the list: {unknown:?}");
 }
@@ -388,9 +388,9 @@ fn every_answered_hazard_has_a_test_and_no_struck_one_has() {
     let carried: BTreeSet<&str> = names.iter().flat_map(|name| hazard_ids(name)).collect();
     let (mut bare, mut struck) = (Vec::new(), Vec::new());
     for hazard in hazards::all() {
-        match (hazard.answer, carried.contains(hazard.id)) {
-            (hazards::Answer::Does { .. }, false) => bare.push((hazard.id, hazard.what)),
-            (hazards::Answer::Struck { .. }, true) => struck.push((hazard.id, hazard.what)),
+        match (&hazard.answer, carried.contains(hazard.id.as_str())) {
+            (hazards::Answer::Does { .. }, false) => bare.push((&hazard.id, &hazard.what)),
+            (hazards::Answer::Struck { .. }, true) => struck.push((&hazard.id, &hazard.what)),
             _ => {}
         }
     }

@@ -1,16 +1,16 @@
 //! Prints the list as a table in Markdown.
 
-use hazards::{Answer, GROUPS};
+use hazards::{Answer, Group, Hazard, groups};
 use std::io::Write;
 
 fn main() {
     let mut out = String::new();
-    for (title, hazards) in GROUPS {
+    for Group { title, hazards } in groups() {
         out += &format!("\n**{title}**\n\n| id | what goes wrong | what teleopd does | within |\n|---|---|---|---|\n");
-        for hazard in hazards {
-            out += &match hazard.answer {
-                Answer::Does { does, within } => format!("| {} | {} | {does} | {within} |\n", hazard.id, hazard.what),
-                Answer::Struck { because } => format!("| {} | {} | struck: {because} | |\n", hazard.id, hazard.what),
+        for Hazard { id, what, answer } in hazards {
+            out += &match answer {
+                Answer::Does { does, within } => format!("| {id} | {what} | {does} | {within} |\n"),
+                Answer::Struck { because } => format!("| {id} | {what} | struck: {because} | |\n"),
             };
         }
     }
