@@ -89,7 +89,7 @@ const COMPUTING: [&str; 3] = ["collision", "eval", "keyposes"];
 /// Chapters of each further reader. They need nothing that a chapter of another reader makes. The first reader has all
 /// others.
 const READERS: [&[&str]; 3] = [
-    &["clients.md"],
+    &["motion-files.md", "live-clients.md", "two-machines.md"],
     &["own-robot.md"],
     &["robots.md", "retargeting.md", "following.md", "real-time.md", "evidence.md"],
 ];

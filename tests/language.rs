@@ -1,7 +1,7 @@
 //! Plain English as a test: how a doc comment begins, words that hide who acts, and the length of sentences. And the
 //! budgets of lines.
 
-use crate::sources::root;
+use crate::sources::{self, root};
 
 /// A doc comment that begins so names no subject.
 const NO_SUBJECT: [&str; 8] = ["Of", "What", "Who", "Whom", "Whose", "Whoever", "Whether", "Whatever"];
