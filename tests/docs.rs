@@ -402,7 +402,7 @@ fn links_of_the_documents_lead_to_files_and_headings() {
 }
 
 #[test]
-fn book_lists_every_chapter_and_readme_stays_short() {
+fn book_lists_every_chapter_and_first_pages_stay_short() {
     let folder = harness::repository().join("docs/src");
     let listed = chapters();
     for entry in std::fs::read_dir(&folder).expect("docs/src") {
@@ -410,8 +410,10 @@ fn book_lists_every_chapter_and_readme_stays_short() {
         let is_chapter = path.extension().is_some_and(|ending| ending == "md") && !path.ends_with("SUMMARY.md");
         assert!(!is_chapter || listed.contains(&path), "{} stands in no table of contents", path.display());
     }
-    let words = read(&harness::repository().join("README.md")).split_whitespace().count();
-    assert!(words <= 700, "README has {words} words");
+    for (name, most) in [("README.md", 700), ("SAFETY.md", 3000)] {
+        let words = read(&harness::repository().join(name)).split_whitespace().count();
+        assert!(words <= most, "{name} has {words} words, at most {most}");
+    }
 }
 
 /// Returns the numbers of a text, without the marks that end a sentence.

@@ -169,7 +169,7 @@ schema::table! {
         /// Lets a machine without real-time scheduling engage. It counts with a simulated driver only.
         engage_without_realtime: bool = false;
         /// Operators that may reset an emergency stop of an operator. `"anyone"` allows every operator. `"presser"` requires a
-        /// reset by every user who pressed it, or by root. SAFETY.md says more.
+        /// reset by every user who pressed it, or by root. docs/src/operating.md says more.
         emergency_stop_reset: EmergencyStopReset = EmergencyStopReset::Anyone;
         /// A Disengaged robot opens its grippers. Otherwise they hold what they hold, as in every stop.
         open_grippers_when_disengaged: bool = false;

@@ -6,7 +6,7 @@ use crate::oracle::Seen;
 use messages::{Fault, Faults, JOINTS_MAX, Mode, TICK_HZ, TICK_S, Transition};
 use std::collections::VecDeque;
 
-/// Ticks over which a speed is measured: 20 ms, as in SAFETY.md.
+/// Ticks over which a speed is measured: 20 ms, as in docs/src/stopping.md.
 const SPEED_TICKS: usize = TICK_HZ as usize / 50;
 /// Ticks over which a mean is taken: 0.3 s.
 const MEAN_TICKS: usize = 3 * TICK_HZ as usize / 10;
