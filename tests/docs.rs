@@ -386,7 +386,7 @@ fn anchors(document: &str) -> Vec<String> {
 #[test]
 fn links_of_the_documents_lead_to_files_and_headings() {
     let root = harness::repository();
-    let own = ["README.md", "SAFETY.md", "ARCHITECTURE.md", "CONTRIBUTING.md", "docs/src/SUMMARY.md"];
+    let own = ["README.md", "SAFETY.md", "SECURITY.md", "ARCHITECTURE.md", "CONTRIBUTING.md", "docs/src/SUMMARY.md"];
     let mut count = 0;
     for document in own.iter().map(|name| root.join(name)).chain(chapters()) {
         for link in links(&read(&document)) {

@@ -36,8 +36,8 @@ fn rust() -> Vec<(String, String)> {
 fn documents() -> Vec<(String, String)> {
     let chapters = std::fs::read_dir(root().join("docs/src")).expect("the book").flatten();
     let chapters = chapters.map(|entry| format!("docs/src/{}", entry.file_name().to_string_lossy()));
-    let pages = ["README.md", "ARCHITECTURE.md", "SAFETY.md", "CONTRIBUTING.md", "CHANGELOG.md"].map(str::to_owned);
-    let names = chapters.filter(|name| name.ends_with(".md")).chain(pages);
+    let pages = ["README.md", "ARCHITECTURE.md", "SAFETY.md", "SECURITY.md", "CONTRIBUTING.md", "CHANGELOG.md"];
+    let names = chapters.filter(|name| name.ends_with(".md")).chain(pages.map(str::to_owned));
     names.map(|name| (name.clone(), std::fs::read_to_string(root().join(&name)).expect(&name))).collect()
 }
 
