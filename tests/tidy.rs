@@ -26,7 +26,7 @@ const MAY_DEPEND_ON: &[(&str, &[&str])] = &[
     ("layouts", &["messages"]),
     ("link", &["messages"]),
     ("skeleton", &["messages"]),
-    ("retarget", &["messages", "robot"]),
+    ("retarget", &["messages", "robot", "schema"]),
     ("follow", &["messages", "robot"]),
     ("wbc", &["messages", "robot"]),
     ("safety", &["messages", "robot", "schema"]),

@@ -2,7 +2,8 @@
 
 use crate::ConfigError;
 use crate::load::twins;
-use crate::settings::{Method, Settings};
+use crate::settings::Settings;
+use retarget::Method;
 use std::path::{Path, PathBuf};
 
 /// Extension of a robot file.

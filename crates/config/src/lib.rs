@@ -13,11 +13,11 @@ pub use load::{
     Loaded, Overrides, lacks_weights, load, load_model, load_robot, load_weights, read_settings, read_text,
 };
 pub use operators::{Operator, Operators};
+pub use retarget::{FollowingArms, Method, Settings as RetargetSettings};
 pub use safety::engage::Settings as SafetySettings;
 pub use settings::{
-    ControlSettings, DoorSettings, DriverKind, DriverSettings, EmergencyStopReset, FollowingArms, HandOff,
-    IngestSettings, Method, MetricsSettings, Policy, RealtimeSettings, Reference, RetargetSettings, Ros2Settings,
-    Settings, SimSettings,
+    ControlSettings, DoorSettings, DriverKind, DriverSettings, EmergencyStopReset, HandOff, IngestSettings,
+    MetricsSettings, Policy, RealtimeSettings, Reference, Ros2Settings, Settings, SimSettings,
 };
 pub use sim::Interface as RobotInterface;
 

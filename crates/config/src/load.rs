@@ -4,9 +4,10 @@
 use crate::ConfigError;
 use crate::choice::RobotChoice;
 use crate::operators::Operators;
-use crate::settings::{Method, Settings};
+use crate::settings::Settings;
 use layouts::{Layouts, Map};
 use messages::{FNV_BASIS, fnv};
+use retarget::Method;
 use robot::Model;
 use sim::Interface as RobotInterface;
 use std::io::Read;

@@ -18,7 +18,7 @@ pub struct Settings {
     /// The trained weights.
     pub weights: WeightsFile,
     /// How skeletons become joint positions.
-    pub retarget: RetargetSettings,
+    pub retarget: retarget::Settings,
     /// Groups of the sockets.
     pub doors: DoorSettings,
     /// The layouts that clients may send, and how their positions are filtered.
@@ -53,54 +53,6 @@ schema::table! {
         /// Trained weights, as a path without extension, relative to the settings file. It names `FILE.safetensors` and
         /// `FILE.toml`.
         file: String = "../weights/tiago_dual".to_owned();
-    }
-}
-
-/// How a skeleton becomes joint positions.
-#[derive(Clone, Copy, Debug, Deserialize, PartialEq, Serialize, Eq)]
-#[serde(rename_all = "kebab-case")]
-pub enum Method {
-    /// The shared latent space.
-    Network,
-    /// The geometric baseline.
-    ClosedForm,
-}
-
-/// Arms of the robot that follow the person.
-#[derive(Clone, Copy, Debug, Deserialize, PartialEq, Serialize, Eq)]
-#[serde(rename_all = "kebab-case")]
-pub enum FollowingArms {
-    /// Both arms.
-    Both,
-    /// The left arm alone.
-    Left,
-    /// The right arm alone.
-    Right,
-}
-
-schema::table! {
-    /// How skeletons become joint positions.
-    pub struct RetargetSettings {
-        /// Method that turns a skeleton into joint positions. `"network"` is the trained latent space, `"closed-form"` the
-        /// geometric baseline.
-        method: Method = Method::Network;
-        /// Levenberg-Marquardt steps after the network.
-        refinement_steps: u32 = 2, in [0.0, 10.0];
-        /// Time from the capture of a person to the command that stands for it, ms. A longer delay brings the
-        /// robot nearer to the person's motion.
-        following_delay_ms: f64 = 120.0, in [0.0, 250.0];
-        /// Arms of the robot that follow, with their hands: `"both"`, `"left"` or `"right"`. The other arm keeps its home
-        /// posture.
-        arms: FollowingArms = FollowingArms::Both;
-        /// The lift follows the person's height, slowly: it goes down as the person crouches. A robot without a lift keeps its
-        /// torso, and so does one whose person's legs are not seen.
-        lift_follows: bool = false;
-        /// How much the arms give up of the person's limbs so that hands meet head, chest and each other where the person's
-        /// do. With `0.0`, limbs alone are followed.
-        contact_weight: f64 = 0.0, in [0.0, 1.0];
-        /// Network that predicts how a person goes on, as a path without extension, relative to the settings file. It names
-        /// `FILE.safetensors` and `FILE.toml`. With `""` there is none, and the turn of each limb fades.
-        prediction: String = "../weights/prediction".to_owned();
     }
 }
 
@@ -364,7 +316,7 @@ impl Settings {
             Reference::of::<robot::PlaneEntry>("environment.planes"),
             Reference::of::<robot::BoxEntry>("environment.boxes"),
             Reference::of::<WeightsFile>("weights"),
-            Reference::of::<RetargetSettings>("retarget"),
+            Reference::of::<retarget::Settings>("retarget"),
             Reference::of::<DoorSettings>("doors"),
             Reference::of::<IngestSettings>("ingest"),
             Reference::of::<ControlSettings>("control"),

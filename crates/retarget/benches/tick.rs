@@ -6,7 +6,7 @@ use messages::{Layout, Skeleton, deadline, skeleton_flag};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use retarget::{
-    ArmModel, ArmQ, Config, Input, Level, Limbs, Manifest, Network, Options, PRIOR_WEIGHT, Precision, State, Weights,
+    ArmModel, ArmQ, Config, Input, Level, Limbs, Manifest, Network, PRIOR_WEIGHT, Precision, Settings, State, Weights,
     features, read_layers, refine, solve_poses, tick, xyzw_from_rotation,
 };
 use robot::Model;
@@ -41,8 +41,8 @@ fn shipped() -> Shipped {
 fn ticks(criterion: &mut Criterion) {
     let Shipped { model, manifest, tensors, limbs, .. } = shipped();
     let weights = Weights::from_bytes(&manifest, &tensors, &model).expect("weights of the shipped robot");
-    let options = Options { refine_steps: REFINE_STEPS, ..Options::default() };
-    let config = Config::new(&model, Some(weights), &options).expect("options are in range");
+    let settings = Settings { refinement_steps: REFINE_STEPS, ..Settings::default() };
+    let config = Config::new(&model, Some(weights), &settings).expect("settings are in range");
     let mut skeleton = Skeleton { flags: skeleton_flag::ALL, ..Skeleton::ZERO };
     for (n, arm) in limbs.iter().enumerate() {
         let limbs = [arm.upper, arm.fore].map(|limb| xyzw_from_rotation(&limb).map(|x| x as f32));

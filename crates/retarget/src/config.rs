@@ -1,8 +1,8 @@
-//! Configuration of the stage: the robot's arms, and the options of the user.
+//! Configuration of the stage: the robot's arms, and the settings of the user.
 
 use messages::{JOINTS_MAX, RobotId};
 use robot::TwoAxes;
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 
 use crate::arm::{ARM_Q, ARMS, ArmModel, ArmQ};
 use crate::contact::{Correction, Proportions};
@@ -12,50 +12,64 @@ use crate::prediction::Prediction;
 use crate::resample::DELAY_MAX_NS;
 use crate::weights::{ArmIdentity, Weights};
 
-/// Largest number of refinement steps in a tick: about 0.3 us each (measured 2026-11-21), so the tick stays
-/// bounded.
-pub const REFINE_STEPS_MAX: u32 = 16;
-/// Source of a posture before it is refined.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+/// Largest number of refinement steps in a tick, at about 0.3 us each (measured 2026-11-21). From the third step on, a step
+/// gains less than 0.02 degrees (`eval`).
+pub const REFINEMENT_STEPS_MAX: u32 = 10;
+/// Longest following delay, ms.
+const DELAY_MAX_MS: f64 = DELAY_MAX_NS as f64 * 1e-6;
+
+/// How a skeleton becomes joint positions.
+#[derive(Clone, Copy, Debug, Deserialize, PartialEq, Serialize, Eq)]
 #[serde(rename_all = "kebab-case")]
 pub enum Method {
-    /// Through the shared latent space.
+    /// The shared latent space.
     Network,
-    /// By geometry: the baseline.
+    /// The geometric baseline.
     ClosedForm,
 }
 
-/// Options of the user.
-#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct Options {
-    /// `None` stands for `Network` if there are weights, else `ClosedForm`.
-    pub method: Option<Method>,
-    /// Levenberg-Marquardt steps per arm and tick, 0 to `REFINE_STEPS_MAX`.
-    pub refine_steps: u32,
-    /// Time from the capture of a person to the command that stands for it, ms, 0 to 250. The skeletons of that
-    /// time are the way ahead. The longer it is, the nearer the robot follows.
-    pub following_delay_ms: f64,
-    /// The arms that follow, left and right. The other one keeps its home posture.
-    pub arms: [bool; ARMS],
-    /// The lift follows the person's height.
-    pub lift_follows: bool,
-    /// How much hands that touch turn the limbs, 0 to 1. See [`contact`](crate::contact).
-    pub contact_weight: f64,
+/// Arms of the robot that follow the person.
+#[derive(Clone, Copy, Debug, Deserialize, PartialEq, Serialize, Eq)]
+#[serde(rename_all = "kebab-case")]
+pub enum FollowingArms {
+    /// Both arms.
+    Both,
+    /// The left arm alone.
+    Left,
+    /// The right arm alone.
+    Right,
 }
 
-impl Default for Options {
-    /// Two steps: more steps gain less than 0.02 degrees (`eval`). 120 ms: see the comparison of `eval
-    /// --following`. No contacts: they cost 5 degrees of the limbs in clips of everyday motion.
-    fn default() -> Self {
-        Self {
-            method: None,
-            refine_steps: 2,
-            following_delay_ms: 120.0,
-            arms: [true; ARMS],
-            lift_follows: false,
-            contact_weight: 0.0,
-        }
+impl FollowingArms {
+    /// Returns true for the left and the right arm if it follows.
+    pub fn sides(self) -> [bool; ARMS] {
+        [self != Self::Right, self != Self::Left]
+    }
+}
+
+schema::table! {
+    /// How skeletons become joint positions.
+    pub struct Settings {
+        /// Method that turns a skeleton into joint positions. `"network"` is the trained latent space, `"closed-form"` the
+        /// geometric baseline.
+        method: Method = Method::Network;
+        /// Levenberg-Marquardt steps after the network.
+        refinement_steps: u32 = 2, in [0.0, REFINEMENT_STEPS_MAX as f64];
+        /// Time from the capture of a person to the command that stands for it, ms. A longer delay brings the
+        /// robot nearer to the person's motion.
+        following_delay_ms: f64 = 120.0, in [0.0, DELAY_MAX_MS];
+        /// Arms of the robot that follow, with their hands: `"both"`, `"left"` or `"right"`. The other arm keeps its home
+        /// posture.
+        arms: FollowingArms = FollowingArms::Both;
+        /// The lift follows the person's height, slowly: it goes down as the person crouches. A robot without a lift keeps its
+        /// torso, and so does one whose person's legs are not seen.
+        lift_follows: bool = false;
+        /// How much the arms give up of the person's limbs so that hands meet head, chest and each other where the person's
+        /// do. With `0.0`, limbs alone are followed.
+        contact_weight: f64 = 0.0, in [0.0, 1.0];
+        /// Network that predicts how a person goes on, as a path without extension, relative to the settings file. It names
+        /// `FILE.safetensors` and `FILE.toml`. With `""` there is none, and the turn of each limb fades.
+        prediction: String = "../weights/prediction".to_owned();
     }
 }
 
@@ -67,8 +81,8 @@ pub enum ConfigError {
     #[error("method is network, but no weights are given")]
     NoWeights,
     /// A number is out of its range.
-    #[error("{key} is {value}, must be {min} to {max}")]
-    Range { key: &'static str, value: f64, min: f64, max: f64 },
+    #[error(transparent)]
+    OutOfRange(#[from] schema::OutOfBounds),
 }
 
 /// Data of the robot that a tick needs.
@@ -115,18 +129,19 @@ pub struct Config {
 }
 
 impl Config {
-    /// Checks the options. The weights were checked against the robot when they were read.
-    pub fn for_arms(robot: &RobotArms, weights: Option<Weights>, options: &Options) -> Result<Self, ConfigError> {
-        within("refine_steps", f64::from(options.refine_steps), f64::from(REFINE_STEPS_MAX))?;
-        within("following_delay_ms", options.following_delay_ms, DELAY_MAX_NS as f64 * 1e-6)?;
-        within("contact_weight", options.contact_weight, 1.0)?;
-        let network = match (options.method, weights) {
-            (Some(Method::ClosedForm), _) | (None, None) => None,
-            (Some(Method::Network), None) => return Err(ConfigError::NoWeights),
-            (Some(Method::Network) | None, Some(weights)) => Some(weights.network),
+    /// Checks the settings. The weights were checked against the robot when they were read.
+    ///
+    /// # Errors
+    /// Returns an error for a value outside its bounds, and for the network without weights.
+    pub fn for_arms(robot: &RobotArms, weights: Option<Weights>, settings: &Settings) -> Result<Self, ConfigError> {
+        settings.check()?;
+        let network = match (settings.method, weights) {
+            (Method::ClosedForm, _) => None,
+            (Method::Network, None) => return Err(ConfigError::NoWeights),
+            (Method::Network, Some(weights)) => Some(weights.network),
         };
         Ok(Self {
-            solver: PostureSolver { arm: robot.identity.arm.clone(), network, refine_steps: options.refine_steps },
+            solver: PostureSolver { arm: robot.identity.arm.clone(), network, refine_steps: settings.refinement_steps },
             velocity_max: robot.velocity_max,
             home: robot.home,
             robot: robot.robot,
@@ -135,10 +150,10 @@ impl Config {
             wrists: robot.wrists,
             head: robot.head,
             prediction: None,
-            delay_ns: (options.following_delay_ms * 1e6) as u64,
-            follows: options.arms,
-            lift: robot.lift.filter(|_| options.lift_follows),
-            correction: Correction { robot: robot.proportions, weight: options.contact_weight },
+            delay_ns: (settings.following_delay_ms * 1e6) as u64,
+            follows: settings.arms.sides(),
+            lift: robot.lift.filter(|_| settings.lift_follows),
+            correction: Correction { robot: robot.proportions, weight: settings.contact_weight },
         })
     }
 
@@ -157,8 +172,4 @@ impl Config {
     pub fn arm(&self) -> &ArmModel {
         &self.solver.arm
     }
-}
-
-fn within(key: &'static str, value: f64, max: f64) -> Result<(), ConfigError> {
-    if (0.0..=max).contains(&value) { Ok(()) } else { Err(ConfigError::Range { key, value, min: 0.0, max }) }
 }

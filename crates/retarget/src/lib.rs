@@ -34,7 +34,7 @@ pub use arm::{
 };
 pub use chain::Chain;
 pub use closed_form::{branch as closed_form_branch, closed_form};
-pub use config::{Config, ConfigError, Method, Options, REFINE_STEPS_MAX, RobotArms};
+pub use config::{Config, ConfigError, FollowingArms, Method, REFINEMENT_STEPS_MAX, RobotArms, Settings};
 pub use height::{Lift, crouch_m};
 pub use network::{
     Dense, HIDDEN_MAX, LATENT, Latent, Layers, Level, Network, OVERREACH, Perceptron, Precision, WIDTH_MAX,

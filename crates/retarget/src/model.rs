@@ -6,7 +6,7 @@ use robot::{Frames, Model, segment_distance};
 
 use crate::arm::{ARM_Q, ArmModel, ArmQ};
 use crate::chain::Chain;
-use crate::config::{Config, ConfigError, Options, RobotArms};
+use crate::config::{Config, ConfigError, RobotArms, Settings};
 use crate::contact::{Part, Proportions};
 use crate::height::Lift;
 use crate::surface::Surface;
@@ -150,8 +150,8 @@ impl Weights {
 }
 
 impl Config {
-    /// Checks the options. See `Config::for_arms`.
-    pub fn new(model: &Model, weights: Option<Weights>, options: &Options) -> Result<Self, ConfigError> {
-        Self::for_arms(&RobotArms::of(model), weights, options)
+    /// Checks the settings. See `Config::for_arms`.
+    pub fn new(model: &Model, weights: Option<Weights>, settings: &Settings) -> Result<Self, ConfigError> {
+        Self::for_arms(&RobotArms::of(model), weights, settings)
     }
 }

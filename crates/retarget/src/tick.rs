@@ -107,10 +107,10 @@ pub struct Output {
 /// ```
 /// # let read = |kind| std::fs::read_to_string(format!("../../config/robots/tiago_dual.{kind}"));
 /// # let model = robot::Model::from_text("tiago_dual.toml", &read("toml")?, "tiago_dual.urdf", &read("urdf")?)?;
-/// use retarget::{Config, Input, Method, Options, State, tick};
+/// use retarget::{Config, Input, Method, Settings, State, tick};
 ///
-/// let config = Config::new(&model, None, &Options::default())?;
-/// assert_eq!(config.method(), Method::ClosedForm); // There are no weights.
+/// let settings = Settings { method: Method::ClosedForm, ..Settings::default() };
+/// let config = Config::new(&model, None, &settings)?; // It needs no weights.
 /// let out = tick(&config, &mut State::default(), messages::deadline(7), Input { k: 7, skeleton: None });
 /// assert_eq!(out.fresh, [false; 2]); // Nobody is there.
 /// assert_eq!(out.target.q, model.home);

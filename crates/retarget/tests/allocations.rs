@@ -5,7 +5,7 @@ mod support;
 use messages::{Skeleton, Stamp, deadline};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
-use retarget::{Config, Input, Method, Options, State, tick};
+use retarget::{Config, Input, Method, Settings, State, tick};
 use support::{arm, layers, prediction, random_q, robot, skeleton, weights};
 
 #[global_allocator]
@@ -17,8 +17,10 @@ fn allocated() -> u64 {
 }
 
 fn config(method: Method, delay_ms: f64) -> Config {
-    let options = Options { method: Some(method), following_delay_ms: delay_ms, ..Options::default() };
-    Config::for_arms(&robot(), Some(weights(&layers(1, 6, 128))), &options).unwrap().with_prediction(Some(prediction()))
+    let settings = Settings { method, following_delay_ms: delay_ms, ..Settings::default() };
+    Config::for_arms(&robot(), Some(weights(&layers(1, 6, 128))), &settings)
+        .unwrap()
+        .with_prediction(Some(prediction()))
 }
 
 #[test]

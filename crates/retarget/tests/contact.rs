@@ -7,7 +7,7 @@ use nalgebra::{UnitQuaternion, Vector3};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use retarget::contact::{Correction, Figure, Memory, Proportions};
-use retarget::{ARM_Q, ArmModel, Config, Limbs, Method, Options};
+use retarget::{ARM_Q, ArmModel, Config, Limbs, Method, Settings};
 
 /// Lengths of the person's arms, shoulder to elbow and elbow to wrist, and half of the distance of the shoulders, m.
 const UPPER_M: f64 = 0.3;
@@ -314,8 +314,8 @@ fn noise_of_folded_arms_is_not_magnified() {
 fn way_has_the_places_of_hands_that_touch() {
     let person_at: crate::way::Person = |t_s| [turned(0.5, 1.0, 1.8 + 0.4 * (3.0 * t_s).sin()); 2];
     let model = shipped("tiago_dual");
-    let options = Options { method: Some(Method::ClosedForm), contact_weight: 1.0, ..Options::default() };
-    let config = Config::new(&model, None, &options).expect("a configuration");
+    let settings = Settings { method: Method::ClosedForm, contact_weight: 1.0, ..Settings::default() };
+    let config = Config::new(&model, None, &settings).expect("a configuration");
     let (arm, correction) = (ArmModel::of(&model), Correction { robot: Proportions::of(&model), weight: 1.0 });
     let chain = &correction.robot.chain;
     let mut memory = Memory::default();

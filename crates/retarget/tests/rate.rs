@@ -9,7 +9,7 @@ use nalgebra::{Quaternion, UnitQuaternion};
 use proptest::prelude::*;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
-use retarget::{ArmQ, Config, Input, Method, Options, Output, State, tick};
+use retarget::{ArmQ, Config, Input, Method, Output, Settings, State, tick};
 use support::{layers, robot, skeleton, weights};
 
 const START_NS: u64 = 5_000_000_000;
@@ -21,8 +21,8 @@ fn human(t_s: f64) -> [ArmQ; 2] {
 }
 
 fn config() -> Config {
-    let options = Options { method: Some(Method::ClosedForm), ..Options::default() };
-    Config::for_arms(&robot(), Some(weights(&layers(1, 2, 32))), &options).expect("a configuration")
+    let settings = Settings { method: Method::ClosedForm, ..Settings::default() };
+    Config::for_arms(&robot(), Some(weights(&layers(1, 2, 32))), &settings).expect("a configuration")
 }
 
 /// A skeleton for every arrival (ms, frames that arrived at once). A reader sees only the newest of a burst.

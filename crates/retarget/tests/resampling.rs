@@ -8,7 +8,7 @@ use messages::{Skeleton, Stamp, TICK_S, deadline, skeleton_flag, target_flag};
 use nalgebra::{Quaternion, UnitQuaternion};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
-use retarget::{ArmQ, Config, Input, Method, Options, Output, State, tick};
+use retarget::{ArmQ, Config, Input, Method, Output, Settings, State, tick};
 use support::{layers, robot, skeleton, weights};
 
 const START_NS: u64 = 5_000_000_000;
@@ -27,8 +27,8 @@ fn human(t_s: f64) -> [ArmQ; 2] {
 }
 
 fn config(method: Method, delay_ms: f64) -> Config {
-    let options = Options { method: Some(method), following_delay_ms: delay_ms, ..Options::default() };
-    Config::for_arms(&robot(), Some(weights(&layers(1, 2, 32))), &options).unwrap()
+    let settings = Settings { method, following_delay_ms: delay_ms, ..Settings::default() };
+    Config::for_arms(&robot(), Some(weights(&layers(1, 2, 32))), &settings).unwrap()
 }
 
 /// (arrival, skeleton), sorted by arrival.

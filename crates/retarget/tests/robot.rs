@@ -2,7 +2,7 @@
 
 use crate::support;
 
-use retarget::{ArmIdentity, ArmModel, Config, Manifest, Options, Weights, write_weights};
+use retarget::{ArmIdentity, ArmModel, Config, Manifest, Method, Settings, Weights, write_weights};
 use robot::Model;
 
 fn shipped(edit: impl Fn(String) -> String) -> Model {
@@ -30,7 +30,7 @@ fn f094_f101_weights_fit_only_their_arm_regardless_of_comments() {
     let commented = shipped(|text| text + "\n# A comment.\n");
     assert_ne!(commented.hash, model.hash);
     let weights = Weights::from_bytes(&text, &bytes, &commented).expect("a comment changes nothing");
-    assert!(Config::new(&model, Some(weights), &Options::default()).is_ok());
+    assert!(Config::new(&model, Some(weights), &Settings::default()).is_ok());
 
     let mut longer = model.clone();
     longer.limits[5].q_max -= 0.01;
@@ -52,18 +52,18 @@ fn f094_shipped_weights_are_accepted_on_this_machine() {
 #[test]
 fn missing_weights_or_options_out_of_range_are_refused() {
     let model = shipped(|text| text);
-    let refuse = |options: Options| Config::new(&model, None, &options).map(|_| ()).unwrap_err().to_string();
-    let network = Options { method: Some(retarget::Method::Network), ..Options::default() };
-    assert!(refuse(network).contains("no weights"));
-    let refused = refuse(Options { following_delay_ms: 250.1, ..Options::default() });
-    assert_eq!(refused, "following_delay_ms is 250.1, must be 0 to 250");
+    let refuse = |settings: Settings| Config::new(&model, None, &settings).map(|_| ()).unwrap_err().to_string();
+    let closed_form = Settings { method: Method::ClosedForm, ..Settings::default() };
+    assert!(refuse(Settings::default()).contains("no weights"));
+    let refused = refuse(Settings { following_delay_ms: 250.1, ..closed_form.clone() });
+    assert_eq!(refused, "following_delay_ms = 250.1 is outside [0, 250]");
     for delay_ms in [f64::NAN, -1.0] {
-        let refused = refuse(Options { following_delay_ms: delay_ms, ..Options::default() });
+        let refused = refuse(Settings { following_delay_ms: delay_ms, ..closed_form.clone() });
         assert!(refused.contains("following_delay_ms"), "{refused}");
     }
     for delay_ms in [0.0, 250.0] {
-        let options = Options { following_delay_ms: delay_ms, ..Options::default() };
-        assert!(Config::new(&model, None, &options).is_ok(), "{delay_ms} ms");
+        let settings = Settings { following_delay_ms: delay_ms, ..closed_form.clone() };
+        assert!(Config::new(&model, None, &settings).is_ok(), "{delay_ms} ms");
     }
-    assert!(refuse(Options { refine_steps: 17, ..Options::default() }).contains("refine_steps is 17"));
+    assert!(refuse(Settings { refinement_steps: 11, ..closed_form }).contains("refinement_steps = 11"));
 }

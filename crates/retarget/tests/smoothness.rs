@@ -10,7 +10,7 @@ use nalgebra::{UnitQuaternion, Vector3};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use retarget::{
-    ArmModel, ArmQ, Config, Input, Limbs, Network, Options, State, Weights, mirror, solve_poses, tick,
+    ArmModel, ArmQ, Config, Input, Limbs, Network, Settings, State, Weights, mirror, solve_poses, tick,
     xyzw_from_rotation,
 };
 
@@ -125,8 +125,8 @@ fn output_is_continuous_when_joint_crosses_its_limit() {
     const STEP_DEG: f64 = 0.1;
     let model = model();
     let arm = ArmModel::of(&model);
-    let options = Options { following_delay_ms: 0.0, ..Options::default() };
-    let config = Config::new(&model, Some(shipped(&model)), &options).expect("a configuration");
+    let settings = Settings { following_delay_ms: 0.0, ..Settings::default() };
+    let config = Config::new(&model, Some(shipped(&model)), &settings).expect("a configuration");
     let mut rng = Pcg64::seed_from_u64(42);
     let mut amplifications = Vec::new();
     let mut worst = [0.0_f64; 5];

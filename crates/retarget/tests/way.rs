@@ -6,7 +6,9 @@ use std::f64::consts::TAU;
 
 use messages::{JointTarget, Skeleton, Stamp, TICK_S, WAY_NODE_TICKS, WAY_NODES, deadline, skeleton_flag};
 use nalgebra::{UnitQuaternion, Vector3};
-use retarget::{Config, Input, Limbs, Method, Options, State, mirror, rotation_from_xyzw, tick, xyzw_from_rotation};
+use retarget::{
+    Config, FollowingArms, Input, Limbs, Method, Settings, State, mirror, rotation_from_xyzw, tick, xyzw_from_rotation,
+};
 use support::{layers, robot, weights};
 
 pub(crate) const START_NS: u64 = 5_000_000_000;
@@ -16,9 +18,8 @@ pub(crate) const DELAY_MS: u64 = 120;
 const SINGLE: f64 = 2e-3;
 
 pub(crate) fn config(delay_ms: u64) -> Config {
-    let options =
-        Options { method: Some(Method::ClosedForm), following_delay_ms: delay_ms as f64, ..Options::default() };
-    Config::for_arms(&robot(), Some(weights(&layers(1, 2, 32))), &options).expect("a configuration")
+    let settings = Settings { method: Method::ClosedForm, following_delay_ms: delay_ms as f64, ..Settings::default() };
+    Config::for_arms(&robot(), Some(weights(&layers(1, 2, 32))), &settings).expect("a configuration")
 }
 
 pub(crate) type Person = fn(f64) -> [Limbs; 2];
@@ -294,9 +295,9 @@ fn arm_that_does_not_follow_keeps_home() {
     let skeletons: Vec<Skeleton> = closing.collect();
     let robot = robot();
     for side in 0..2 {
-        let mut options = Options { method: Some(Method::ClosedForm), ..Options::default() };
-        options.arms[1 - side] = false;
-        let config = Config::for_arms(&robot, Some(weights(&layers(1, 2, 32))), &options).expect("a configuration");
+        let arms = [FollowingArms::Left, FollowingArms::Right][side];
+        let settings = Settings { method: Method::ClosedForm, arms, ..Settings::default() };
+        let config = Config::for_arms(&robot, Some(weights(&layers(1, 2, 32))), &settings).expect("a configuration");
         let (_, last) = *run(&config, &skeletons, 2.0).last().expect("targets");
         for arm in 0..2 {
             let valid = robot.joints[arm].iter().all(|&joint| last.valid_mask & 1 << joint != 0);

@@ -1,6 +1,6 @@
 //! Converts the settings into the stages' configurations.
 
-use config::{ConfigError, FollowingArms, IngestSettings, Loaded, Method, Operators, RobotInterface};
+use config::{ConfigError, IngestSettings, Loaded, Operators, RobotInterface};
 use layouts::{Layouts, Noise};
 use retarget::ArmModel;
 use safety::{engage, gate, gripper};
@@ -35,20 +35,7 @@ pub fn input_config(settings: &IngestSettings, layouts: Layouts, operators: &Ope
 
 /// Returns the configuration of the retargeting stage.
 pub fn retarget_config(loaded: &Loaded) -> Result<retarget::Config, ConfigError> {
-    let settings = &loaded.settings.retarget;
-    let options = retarget::Options {
-        method: Some(match settings.method {
-            Method::Network => retarget::Method::Network,
-            Method::ClosedForm => retarget::Method::ClosedForm,
-        }),
-        refine_steps: settings.refinement_steps,
-        following_delay_ms: settings.following_delay_ms,
-        arms: [FollowingArms::Left, FollowingArms::Right]
-            .map(|arm| [arm, FollowingArms::Both].contains(&settings.arms)),
-        lift_follows: settings.lift_follows,
-        contact_weight: settings.contact_weight,
-    };
-    retarget::Config::new(&loaded.model, loaded.weights.clone(), &options)
+    retarget::Config::new(&loaded.model, loaded.weights.clone(), &loaded.settings.retarget)
         .map(|config| config.with_prediction(loaded.prediction.clone()))
         .map_err(|error| ConfigError::stage("retarget", error))
 }

@@ -57,7 +57,7 @@ pub struct Cli {
     #[arg(long, value_enum, default_value_t)]
     pub method: Method,
     /// Levenberg-Marquardt steps of the refinement.
-    #[arg(long, default_value_t = 2, value_parser = clap::value_parser!(u32).range(0..=i64::from(retarget::REFINE_STEPS_MAX)))]
+    #[arg(long, default_value_t = 2, value_parser = clap::value_parser!(u32).range(0..=i64::from(retarget::REFINEMENT_STEPS_MAX)))]
     pub refine_steps: u32,
     /// Source of the elbow hinges. Use none for motions without rotations.
     #[arg(long, value_name = "clip|first-10s|none", default_value = "clip", value_parser = calibration)]

@@ -6,7 +6,7 @@ use indicatif::ProgressBar;
 use messages::{JOINTS_MAX, LIMBS, Layout, Skeleton, Stamp, skeleton_flag};
 use motion::{CalibrationMode, Motion, builtin, npy::Npz};
 use nalgebra::UnitQuaternion;
-use retarget::{ARMS, Limbs, Options, mirror, xyzw_from_rotation};
+use retarget::{ARMS, Limbs, Settings, mirror, xyzw_from_rotation};
 use rt::Shutdown;
 use std::path::{Path, PathBuf};
 
@@ -68,15 +68,15 @@ fn rows(path: &Path) -> Vec<Vec<f64>> {
 }
 
 /// Returns the live stage's result for a motion, skeleton by skeleton.
-fn by_the_stage(motion: &Motion, options: Options) -> Vec<[f64; JOINTS_MAX]> {
-    stage_joints(motion::limbs(motion, &motion::calibrate(motion, CalibrationMode::Clip)), options)
+fn by_the_stage(motion: &Motion, settings: &Settings) -> Vec<[f64; JOINTS_MAX]> {
+    stage_joints(motion::limbs(motion, &motion::calibrate(motion, CalibrationMode::Clip)), settings)
 }
 
 /// Returns the daemon's joints for these limbs, one tick for each.
-fn stage_joints(limbs: Vec<[[f32; 4]; LIMBS]>, options: Options) -> Vec<[f64; JOINTS_MAX]> {
+fn stage_joints(limbs: Vec<[[f32; 4]; LIMBS]>, settings: &Settings) -> Vec<[f64; JOINTS_MAX]> {
     let (model, _) = config::load_model(&robot()).expect("the robot");
     let weights = config::load_weights(&weights(), &model).expect("the weights");
-    let config = retarget::Config::new(&model, Some(weights), &options).expect("a configuration");
+    let config = retarget::Config::new(&model, Some(weights), settings).expect("a configuration");
     let mut state = retarget::State::default();
     let posture = |(i, limbs): (usize, [[f32; 4]; 4])| {
         let k = 1 + 25 * i as u64;
@@ -97,10 +97,10 @@ fn batch_results_equal_the_live_stage_bit_for_bit() {
     for (word, method) in [("network", retarget::Method::Network), ("closed-form", retarget::Method::ClosedForm)] {
         let summary = go(&input, &out, &["--method", word, "--recursive", "--overwrite"]);
         assert_eq!((summary.made, summary.failed.len()), (2, 0));
-        let options = Options { method: Some(method), following_delay_ms: 0.0, ..Options::default() };
+        let settings = Settings { method, following_delay_ms: 0.0, ..Settings::default() };
         for name in ["a", "more/b"] {
             let motion = motion::load(&input.join(name).with_extension("bvh")).expect("read");
-            let wanted = by_the_stage(&motion, options);
+            let wanted = by_the_stage(&motion, &settings);
             let got = rows(&out.join(name).with_extension("csv"));
             assert_eq!(got.len(), motion.frames.len());
             for (i, (row, q)) in got.iter().zip(&wanted).enumerate() {
@@ -116,11 +116,11 @@ fn batch_results_equal_the_live_stage_bit_for_bit() {
 fn named_motions_give_the_joints_of_the_daemon() {
     let (_folder, _, out) = folders();
     let motions = repository().join("tools/keyposes/motions");
-    let options = Options { following_delay_ms: 0.0, ..Options::default() };
+    let settings = Settings { following_delay_ms: 0.0, ..Settings::default() };
     let made = go(&motions, &out, &[]).made;
     assert!(made >= 11, "{made} motions");
     for file in motion::list(&motions, false).expect("motions").files {
-        let wanted = by_the_stage(&motion::load(&file).expect("read"), options);
+        let wanted = by_the_stage(&motion::load(&file).expect("read"), &settings);
         let got = rows(&out.join(file.file_name().expect("a name")).with_extension("csv"));
         assert_eq!(got.len(), wanted.len());
         for (i, (row, q)) in got.iter().zip(&wanted).enumerate() {
@@ -143,9 +143,9 @@ fn extreme_poses_give_the_joints_of_the_daemon() {
         [upper, fore, right[0], right[1]].map(|limb| limb.map(|x| x as f32))
     };
     let limbs: Vec<_> = (0..FRAMES).map(|i| published(synthetic(i))).collect();
-    let options = Options { following_delay_ms: 0.0, ..Options::default() };
+    let settings = Settings { following_delay_ms: 0.0, ..Settings::default() };
     let (mut previous, mut kept) = (None, 0);
-    for (i, (limbs, wanted)) in limbs.iter().zip(stage_joints(limbs.clone(), options)).enumerate() {
+    for (i, (limbs, wanted)) in limbs.iter().zip(stage_joints(limbs.clone(), &settings)).enumerate() {
         let samples = postures.encode(&Limbs::of_both(limbs).expect("rotations"));
         let q = postures.posture(&samples, previous.as_ref()).expect("finite");
         kept += usize::from(postures.posture(&samples, None) != Some(q));

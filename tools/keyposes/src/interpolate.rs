@@ -4,7 +4,7 @@ use crate::error::{KeyposesError, within};
 use poses::keys::Keys;
 use poses::motions::minimum_jerk;
 use poses::trajectory::{Trajectory, joint_names, own_positions};
-use retarget::{ARMS, Limbs, Network, REFINE_STEPS_MAX};
+use retarget::{ARMS, Limbs, Network, REFINEMENT_STEPS_MAX};
 use robot::Model;
 
 /// Space in which the line between two poses is straight.
@@ -44,7 +44,7 @@ pub fn interpolate(
     within("number of poses", poses.len() as f64, 2.0, 1000.0)?;
     let seconds = within("--seconds", options.seconds, 0.05, 60.0)?;
     let rate_hz = within("--rate", options.rate_hz, 1.0, 1500.0)?;
-    within("--refine-steps", f64::from(options.refine_steps), 0.0, f64::from(REFINE_STEPS_MAX))?;
+    within("--refine-steps", f64::from(options.refine_steps), 0.0, f64::from(REFINEMENT_STEPS_MAX))?;
     let keys = Keys::new(model, network, poses, options.refine_steps);
     let per_piece = (seconds * rate_hz).round().max(1.0);
     let rows = per_piece as usize * (poses.len() - 1);
