@@ -1,40 +1,37 @@
 //! Turns the counters of the operator socket into the edges of one tick.
 
+use crate::merge::OperatorCounts;
 use safety::engage::OperatorView;
 
 /// Edges since the last tick, and the present level.
 #[derive(Clone, Debug, Default)]
 pub struct OperatorEdges {
-    seen: crate::OperatorView,
+    seen: OperatorCounts,
     now: OperatorView,
     /// True if the last holder fell silent or disconnected, and no operator has enabled since.
     lost: bool,
 }
 
 impl OperatorEdges {
-    /// Takes the socket's view. Edges add up until [`OperatorEdges::take`] returns them.
-    pub fn note(&mut self, view: &crate::OperatorView) {
-        let enabled = view.enable_edges != self.seen.enable_edges;
-        let recovers = view.recover_edges != self.seen.recover_edges;
+    /// Adds the edges since the last counts. They add up until [`OperatorEdges::drain`] returns them.
+    pub fn add(&mut self, counts: &OperatorCounts) {
+        let (seen, last) = (&self.seen, &self.now);
+        let enabled = counts.enable_edges != seen.enable_edges;
+        let recovers = counts.recover_edges != seen.recover_edges;
         // A lost holder did not release the hold. The state machine must see silence, not a release.
-        self.lost = (self.lost && !enabled && !recovers) || view.holders_lost != self.seen.holders_lost;
-        self.now.connected = view.connections > 0 && !self.lost;
-        self.now.enable_level = view.enable_level;
-        self.now.heartbeat_received = view.heartbeat;
-        self.now.enable_edge |= enabled;
-        self.now.recover_level = view.recover_level;
-        self.now.recover_edge |= recovers;
-        self.now.left_out = view.left_out;
-        self.now.clutch_level = view.clutch_level;
-        self.now.release_edge |= view.release_edges != self.seen.release_edges;
-        self.now.reset_edge |= view.reset_edges != self.seen.reset_edges;
-        self.now.estop_edge |= view.estop_edges != self.seen.estop_edges;
-        for (hand, said) in self.now.payload.iter_mut().enumerate() {
-            if view.payload_edges[hand] != self.seen.payload_edges[hand] {
-                *said = view.payload[hand];
-            }
-        }
-        self.seen = *view;
+        self.lost = (self.lost && !enabled && !recovers) || counts.holders_lost != seen.holders_lost;
+        let reported = |hand: usize| counts.payload_edges[hand] != seen.payload_edges[hand];
+        self.now = OperatorView {
+            connected: counts.connections > 0 && !self.lost,
+            enable_edge: last.enable_edge || enabled,
+            recover_edge: last.recover_edge || recovers,
+            release_edge: last.release_edge || counts.release_edges != seen.release_edges,
+            reset_edge: last.reset_edge || counts.reset_edges != seen.reset_edges,
+            estop_edge: last.estop_edge || counts.estop_edges != seen.estop_edges,
+            payload: [0, 1].map(|hand| if reported(hand) { counts.held.payload[hand] } else { last.payload[hand] }),
+            ..counts.held
+        };
+        self.seen = *counts;
     }
 
     /// Releases the robot because the process is about to end, whatever the operators hold.
@@ -52,7 +49,7 @@ impl OperatorEdges {
     }
 
     /// Returns the view for this tick and clears its edges.
-    pub fn take(&mut self) -> OperatorView {
+    pub fn drain(&mut self) -> OperatorView {
         let view = self.now;
         self.now = OperatorView {
             enable_edge: false,
@@ -75,41 +72,41 @@ mod tests {
     #[test]
     fn operator_edge_is_taken_exactly_once() {
         let mut edges = OperatorEdges::default();
-        let mut view = crate::OperatorView { connections: 1, ..Default::default() };
-        edges.note(&view);
-        view.estop_edges = 1;
-        edges.note(&view);
-        edges.note(&view);
-        assert!(edges.take().estop_edge);
-        assert!(!edges.take().estop_edge);
-        let said = |mass_kg| [None, Some(PayloadOrder { mass_kg, centre_m: None })];
-        (view.payload, view.payload_edges) = (said(0.5), [0, 1]);
-        edges.note(&view);
-        edges.note(&view);
-        assert_eq!(edges.take().payload, said(0.5));
-        assert_eq!(edges.take().payload, [None; 2]);
-        (view.payload, view.payload_edges) = (said(0.25), [0, 3]);
-        edges.note(&view);
-        assert_eq!(edges.take().payload, said(0.25));
+        let mut counts = OperatorCounts { connections: 1, ..Default::default() };
+        edges.add(&counts);
+        counts.estop_edges = 1;
+        edges.add(&counts);
+        edges.add(&counts);
+        assert!(edges.drain().estop_edge);
+        assert!(!edges.drain().estop_edge);
+        let reported = |mass_kg| [None, Some(PayloadOrder { mass_kg, centre_m: None })];
+        (counts.held.payload, counts.payload_edges) = (reported(0.5), [0, 1]);
+        edges.add(&counts);
+        edges.add(&counts);
+        assert_eq!(edges.drain().payload, reported(0.5));
+        assert_eq!(edges.drain().payload, [None; 2]);
+        (counts.held.payload, counts.payload_edges) = (reported(0.25), [0, 3]);
+        edges.add(&counts);
+        assert_eq!(edges.drain().payload, reported(0.25));
     }
 
     #[test]
     fn lost_holder_counts_as_disconnected_and_release_does_not() {
         let mut edges = OperatorEdges::default();
-        let mut view =
-            crate::OperatorView { connections: 2, enable_level: true, enable_edges: 1, ..Default::default() };
-        edges.note(&view);
-        assert!(edges.take().connected);
-        (view.enable_level, view.release_edges) = (false, 1);
-        edges.note(&view);
-        let released = edges.take();
+        let mut counts = OperatorCounts { connections: 2, enable_edges: 1, ..Default::default() };
+        counts.held.enable_level = true;
+        edges.add(&counts);
+        assert!(edges.drain().connected);
+        (counts.held.enable_level, counts.release_edges) = (false, 1);
+        edges.add(&counts);
+        let released = edges.drain();
         assert!(released.connected && released.release_edge && !released.enable_level);
-        (view.enable_level, view.enable_edges) = (true, 2);
-        edges.note(&view);
-        edges.take();
-        (view.enable_level, view.holders_lost) = (false, 1);
-        edges.note(&view);
-        let lost = edges.take();
+        (counts.held.enable_level, counts.enable_edges) = (true, 2);
+        edges.add(&counts);
+        edges.drain();
+        (counts.held.enable_level, counts.holders_lost) = (false, 1);
+        edges.add(&counts);
+        let lost = edges.drain();
         assert!(!lost.connected && !lost.release_edge);
     }
 }

@@ -29,6 +29,6 @@ pub use doors::linked_robot;
 pub use edges::OperatorEdges;
 pub use error::OperatorError;
 pub use locks::ResetRule;
-pub use merge::{CLIENTS_MAX, Connection, LEASE_NS, Merge, OperatorView};
+pub use merge::{CLIENTS_MAX, Connection, LEASE_NS, Merge, OperatorCounts};
 pub use server::{AuditEvent, AuditRecord, Server};
 pub use session::OperatorSession;

@@ -5,6 +5,7 @@ use messages::{
     EDGES_MAX, HOLDS_CLUTCH, HOLDS_ENABLE, HOLDS_RECOVERY, LEAVES_OUT, OperatorRequest, PayloadOrder, Stamp,
     payload_flag,
 };
+use safety::engage::OperatorView;
 
 /// Largest number of connections at once.
 pub const CLIENTS_MAX: usize = 16;
@@ -14,20 +15,13 @@ pub const LEASE_NS: u64 = 100_000_000;
 
 /// The commands of all operators together. Counters only grow, from the start of the server.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct OperatorView {
+pub struct OperatorCounts {
+    /// What the operators hold now. There is one holder, and it holds the enable or the recovery. The heartbeat is that
+    /// of the holder, or of the last one. The payloads are the last report of each hand. No edge is set, because the
+    /// counters below count them.
+    pub held: OperatorView,
     /// Open connections.
     pub connections: u32,
-    /// True if the holder's level holds the enable.
-    pub enable_level: bool,
-    /// True if the holder holds the recovery in place of the enable. There is one holder, and it holds one of the
-    /// two.
-    pub recover_level: bool,
-    /// True for the left and the right arm if the holder of the enable leaves it out.
-    pub left_out: [bool; 2],
-    /// True if a connection holds the clutch.
-    pub clutch_level: bool,
-    /// Time of the holder's last heartbeat, or of the last holder's if there is none.
-    pub heartbeat: Stamp,
     /// Enable edges of a holder.
     pub enable_edges: u64,
     /// Recovery edges of a holder.
@@ -44,8 +38,6 @@ pub struct OperatorView {
     pub estop_edges: u64,
     /// Number of payload reports for the left and the right hand.
     pub payload_edges: [u64; 2],
-    /// The last payload report of each hand. `None` before the first one.
-    pub payload: [Option<PayloadOrder>; 2],
     /// Holders that disconnected or timed out while holding.
     pub holders_lost: u64,
     /// Enable and recovery edges of connections other than the holder's.
@@ -74,7 +66,7 @@ impl Connection {
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Merge {
     /// The commands of all operators together.
-    pub view: OperatorView,
+    pub counts: OperatorCounts,
     /// The connection that holds the enable.
     pub(crate) holder: Option<usize>,
     /// Last heartbeat of each connection that holds the clutch.
@@ -90,7 +82,7 @@ impl Merge {
     /// Begins a round. It withdraws the enable if its holder has been silent for longer than `lease_ns`.
     pub fn begin(&mut self, now: Stamp, lease_ns: u64) {
         self.released = false;
-        if self.holder.is_some() && now.since(self.view.heartbeat) > lease_ns {
+        if self.holder.is_some() && now.since(self.counts.held.heartbeat_received) > lease_ns {
             self.lose();
         }
         for index in 0..CLIENTS_MAX {
@@ -120,7 +112,7 @@ impl Merge {
             edges(request.payload_count, last.payload_count),
             request.sequence > last.sequence,
         ) else {
-            self.view.requests_refused += 1;
+            self.counts.requests_refused += 1;
             return false;
         };
         (seat.last, seat.heard) = (*request, now);
@@ -133,12 +125,12 @@ impl Merge {
         let left_out = LEAVES_OUT.map(|bit| request.enable_level & bit != 0);
         let level = request.enable_level & (HOLDS_ENABLE | HOLDS_RECOVERY);
         let kept = match level {
-            HOLDS_ENABLE => self.view.enable_level && left_out == self.view.left_out,
-            HOLDS_RECOVERY => self.view.recover_level,
+            HOLDS_ENABLE => self.counts.held.enable_level && left_out == self.counts.held.left_out,
+            HOLDS_RECOVERY => self.counts.held.recover_level,
             _ => false,
         };
         if releases > 0 || (held && !kept) {
-            self.view.release_edges += u64::from(releases.max(1));
+            self.counts.release_edges += u64::from(releases.max(1));
             self.released = true;
             self.let_go();
         }
@@ -149,7 +141,7 @@ impl Merge {
         }
         self.set_clutch(index, (request.enable_level & HOLDS_CLUTCH != 0).then_some(now));
         if self.holder == Some(index) {
-            self.view.heartbeat = now;
+            self.counts.held.heartbeat_received = now;
         }
         true
     }
@@ -162,20 +154,20 @@ impl Merge {
     }
 
     fn stop(&mut self, uid: u32, edges: u32) {
-        self.view.estop_edges += u64::from(edges);
+        self.counts.estop_edges += u64::from(edges);
         if edges > 0 && self.rule == ResetRule::Presser {
             self.locks.add(uid);
         }
-        self.view.reset_first_by = self.locks.first_by();
+        self.counts.reset_first_by = self.locks.first_by();
     }
 
     fn reset(&mut self, uid: u32, edges: u32) {
         if edges > 0 {
             self.locks.remove(uid);
         }
-        self.view.reset_first_by = self.locks.first_by();
+        self.counts.reset_first_by = self.locks.first_by();
         let admitted = self.locks.are_gone();
-        let counted = if admitted { &mut self.view.reset_edges } else { &mut self.view.resets_refused };
+        let counted = if admitted { &mut self.counts.reset_edges } else { &mut self.counts.resets_refused };
         *counted += u64::from(edges);
     }
 
@@ -193,25 +185,27 @@ impl Merge {
         };
         // A report with a NaN, an infinity or an unknown flag is passed on as a mass that `control` refuses.
         let known = numbers && request.payload_flags <= payload_flag::ALL;
-        self.view.payload[hand] = Some(if known { order } else { PayloadOrder { mass_kg: -1.0, centre_m: None } });
-        self.view.payload_edges[hand] += u64::from(edges);
+        self.counts.held.payload[hand] =
+            Some(if known { order } else { PayloadOrder { mass_kg: -1.0, centre_m: None } });
+        self.counts.payload_edges[hand] += u64::from(edges);
     }
 
     fn hold(&mut self, index: usize, what: u32, edges: u64, released_by_another: bool, left_out: [bool; 2]) {
         if self.holder.is_some_and(|holder| holder != index) || released_by_another {
-            self.view.enables_refused += edges;
+            self.counts.enables_refused += edges;
             return;
         }
         self.holder = Some(index);
-        self.view.left_out = left_out;
-        (self.view.enable_level, self.view.recover_level) = (what == HOLDS_ENABLE, what == HOLDS_RECOVERY);
-        let counted = if what == HOLDS_ENABLE { &mut self.view.enable_edges } else { &mut self.view.recover_edges };
+        self.counts.held.left_out = left_out;
+        (self.counts.held.enable_level, self.counts.held.recover_level) =
+            (what == HOLDS_ENABLE, what == HOLDS_RECOVERY);
+        let counted = if what == HOLDS_ENABLE { &mut self.counts.enable_edges } else { &mut self.counts.recover_edges };
         *counted += edges;
     }
 
     fn set_clutch(&mut self, index: usize, heard: Option<Stamp>) {
         self.clutches[index] = heard;
-        self.view.clutch_level = self.clutches.iter().any(Option::is_some);
+        self.counts.held.clutch_level = self.clutches.iter().any(Option::is_some);
     }
 
     /// Handles the loss of a connection that may hold the clutch. Nobody let go of it, so the robot must not follow again by
@@ -219,7 +213,7 @@ impl Merge {
     fn lose_clutch(&mut self, index: usize) {
         if self.clutches[index].is_some() {
             self.set_clutch(index, None);
-            self.view.release_edges += 1;
+            self.counts.release_edges += 1;
             self.released = true;
             self.let_go();
         }
@@ -227,7 +221,8 @@ impl Merge {
 
     fn let_go(&mut self) {
         self.holder = None;
-        (self.view.enable_level, self.view.recover_level, self.view.left_out) = (false, false, [false; 2]);
+        (self.counts.held.enable_level, self.counts.held.recover_level, self.counts.held.left_out) =
+            (false, false, [false; 2]);
     }
 
     /// Handles the end of the connection `index`.
@@ -239,7 +234,7 @@ impl Merge {
     }
 
     fn lose(&mut self) {
-        self.view.holders_lost += 1;
+        self.counts.holders_lost += 1;
         self.let_go();
     }
 }
@@ -249,28 +244,28 @@ mod tests {
     use super::*;
     use messages::Layout;
 
-    /// A merge with its connections. Each says a level.
+    /// A merge with its connections.
     #[derive(Default)]
-    struct House {
+    struct Clients {
         merge: Merge,
         seats: Vec<(Connection, OperatorRequest)>,
         now: Stamp,
     }
 
-    impl House {
+    impl Clients {
         fn new(seats: usize) -> Self {
             let seat = (Connection::new(Stamp::NONE), OperatorRequest::ZERO);
             Self { seats: vec![seat; seats], ..Self::default() }
         }
 
-        fn say(&mut self, index: usize, change: impl Fn(&mut OperatorRequest)) -> OperatorView {
+        fn send(&mut self, index: usize, change: impl Fn(&mut OperatorRequest)) -> OperatorCounts {
             self.now = self.now.plus_ns(20_000_000);
             self.merge.begin(self.now, LEASE_NS);
             let (seat, request) = &mut self.seats[index];
             request.sequence += 1;
             change(request);
             assert!(self.merge.request(index, 0, seat, self.now, &request.clone()));
-            self.merge.view
+            self.merge.counts
         }
     }
 
@@ -281,52 +276,56 @@ mod tests {
 
     #[test]
     fn f119_robot_stands_while_any_client_holds_the_clutch() {
-        let mut house = House::new(2);
-        house.say(0, enable);
-        let view = house.say(1, |r| r.enable_level = HOLDS_CLUTCH);
-        assert_eq!((view.enable_level, view.clutch_level, view.release_edges), (true, true, 0));
+        let mut clients = Clients::new(2);
+        clients.send(0, enable);
+        let view = clients.send(1, |r| r.enable_level = HOLDS_CLUTCH);
+        assert_eq!((view.held.enable_level, view.held.clutch_level, view.release_edges), (true, true, 0));
         // The holder of the enable may hold both.
-        house.say(0, |r| r.enable_level = HOLDS_ENABLE | HOLDS_CLUTCH);
-        let view = house.say(1, |r| r.enable_level = 0);
-        assert_eq!((view.enable_level, view.clutch_level, view.release_edges), (true, true, 0));
-        let view = house.say(0, |r| r.enable_level = HOLDS_ENABLE);
-        assert_eq!((view.enable_level, view.clutch_level, view.release_edges), (true, false, 0));
+        clients.send(0, |r| r.enable_level = HOLDS_ENABLE | HOLDS_CLUTCH);
+        let view = clients.send(1, |r| r.enable_level = 0);
+        assert_eq!((view.held.enable_level, view.held.clutch_level, view.release_edges), (true, true, 0));
+        let view = clients.send(0, |r| r.enable_level = HOLDS_ENABLE);
+        assert_eq!((view.held.enable_level, view.held.clutch_level, view.release_edges), (true, false, 0));
     }
 
     #[test]
     fn arm_is_left_out_from_the_edge_on_and_a_change_is_a_release() {
-        let mut house = House::new(1);
-        let view = house.say(0, |r| {
+        let mut clients = Clients::new(1);
+        let view = clients.send(0, |r| {
             r.enable_level = HOLDS_ENABLE | LEAVES_OUT[1];
             r.enable_count += 1;
         });
-        assert_eq!((view.enable_level, view.left_out), (true, [false, true]));
-        let view = house.say(0, |r| r.enable_level = HOLDS_ENABLE | LEAVES_OUT[1] | HOLDS_CLUTCH);
-        assert_eq!((view.enable_level, view.left_out, view.release_edges), (true, [false, true], 0));
-        let view = house.say(0, |r| r.enable_level = HOLDS_ENABLE);
-        assert_eq!((view.enable_level, view.left_out, view.release_edges), (false, [false; 2], 1));
-        let view = house.say(0, enable);
-        assert_eq!((view.enable_level, view.left_out, view.release_edges), (true, [false; 2], 1));
+        assert_eq!((view.held.enable_level, view.held.left_out), (true, [false, true]));
+        let view = clients.send(0, |r| r.enable_level = HOLDS_ENABLE | LEAVES_OUT[1] | HOLDS_CLUTCH);
+        assert_eq!((view.held.enable_level, view.held.left_out, view.release_edges), (true, [false, true], 0));
+        let view = clients.send(0, |r| r.enable_level = HOLDS_ENABLE);
+        assert_eq!((view.held.enable_level, view.held.left_out, view.release_edges), (false, [false; 2], 1));
+        let view = clients.send(0, enable);
+        assert_eq!((view.held.enable_level, view.held.left_out, view.release_edges), (true, [false; 2], 1));
     }
 
     #[test]
     fn f119_clutch_whose_client_is_lost_releases_the_robot() {
         for dies in [true, false] {
-            let mut house = House::new(2);
+            let mut clients = Clients::new(2);
             // The holder of the enable holds the clutch, too, and lets go of it after the other one was lost.
-            house.say(0, enable);
-            house.say(0, |r| r.enable_level = HOLDS_ENABLE | HOLDS_CLUTCH);
-            assert!(house.say(1, |r| r.enable_level = HOLDS_CLUTCH).clutch_level);
+            clients.send(0, enable);
+            clients.send(0, |r| r.enable_level = HOLDS_ENABLE | HOLDS_CLUTCH);
+            assert!(clients.send(1, |r| r.enable_level = HOLDS_CLUTCH).held.clutch_level);
             if dies {
-                house.merge.gone(1);
+                clients.merge.gone(1);
             }
             // The other client goes on. The lost one is silent for longer than the lease.
             for _ in 0..LEASE_NS / 20_000_000 + 1 {
-                house.say(0, |_| ());
+                clients.send(0, |_| ());
             }
-            house.say(0, |r| r.enable_level = HOLDS_ENABLE);
-            let view = house.merge.view;
-            assert_eq!((view.enable_level, view.clutch_level, view.release_edges), (false, false, 1), "dies: {dies}");
+            clients.send(0, |r| r.enable_level = HOLDS_ENABLE);
+            let view = clients.merge.counts;
+            assert_eq!(
+                (view.held.enable_level, view.held.clutch_level, view.release_edges),
+                (false, false, 1),
+                "dies: {dies}"
+            );
         }
     }
 }

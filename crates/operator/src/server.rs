@@ -4,7 +4,7 @@ use crate::client::DAEMON;
 use crate::codec::{self, REQUEST_BYTES};
 use crate::error::OperatorError;
 use crate::locks::ResetRule;
-use crate::merge::{CLIENTS_MAX, Connection, LEASE_NS, Merge, OperatorView};
+use crate::merge::{CLIENTS_MAX, Connection, LEASE_NS, Merge, OperatorCounts};
 use doors::{Admission, Listener};
 use messages::{Stamp, Status};
 use rt::Peer;
@@ -21,7 +21,7 @@ const REQUESTS_MAX: usize = 8;
 const IDLE_NS: u64 = 200_000_000;
 
 /// Log records that are kept until they are taken. Further actions are only counted.
-const ORDERS_MAX: usize = 32;
+const RECORDS_MAX: usize = 32;
 
 /// An action of one process at the socket, for the log.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -50,7 +50,7 @@ pub enum AuditEvent {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct AuditRecord {
     /// The action.
-    pub deed: AuditEvent,
+    pub event: AuditEvent,
     /// The process that connected.
     pub peer: Peer,
 }
@@ -61,7 +61,7 @@ pub struct Server {
     clients: [Option<(OwnedFd, Peer, Connection)>; CLIENTS_MAX],
     merge: Merge,
     lease_ns: u64,
-    orders: [Option<AuditRecord>; ORDERS_MAX],
+    records: [Option<AuditRecord>; RECORDS_MAX],
 }
 
 impl Server {
@@ -78,7 +78,7 @@ impl Server {
             clients: [const { None }; CLIENTS_MAX],
             merge: Merge::default(),
             lease_ns: LEASE_NS,
-            orders: [None; ORDERS_MAX],
+            records: [None; RECORDS_MAX],
         })
     }
 
@@ -97,7 +97,7 @@ impl Server {
 
     /// Takes new connections and all requests that have arrived, replies to each with `status`, and returns the
     /// merged commands. `now` is the time of CLOCK_MONOTONIC.
-    pub fn poll(&mut self, now: Stamp, status: &Status) -> OperatorView {
+    pub fn poll(&mut self, now: Stamp, status: &Status) -> OperatorCounts {
         self.merge.begin(now, self.lease_ns);
         if self.connections() as usize == CLIENTS_MAX {
             // Connections that may lose their place are served first.
@@ -105,13 +105,13 @@ impl Server {
         }
         self.accept(now, &self.reply(status));
         self.serve_all(now, &codec::encode_status(&self.reply(status)));
-        self.merge.view.connections = self.connections();
-        self.merge.view
+        self.merge.counts.connections = self.connections();
+        self.merge.counts
     }
 
     /// Returns the status completed with the data of the socket itself.
     fn reply(&self, status: &Status) -> Status {
-        let OperatorView { reset_first_by, resets_refused, .. } = self.merge.view;
+        let OperatorCounts { reset_first_by, resets_refused, .. } = self.merge.counts;
         let resets_refused = u32::try_from(resets_refused).unwrap_or(u32::MAX);
         Status { operators: self.connections(), reset_first_by, resets_refused, ..*status }
     }
@@ -126,13 +126,13 @@ impl Server {
     }
 
     /// Hands out the log records since the last call.
-    pub fn take_orders(&mut self, use_order: impl FnMut(AuditRecord)) {
-        self.orders.iter_mut().filter_map(Option::take).for_each(use_order);
+    pub fn drain_records(&mut self, use_record: impl FnMut(AuditRecord)) {
+        self.records.iter_mut().filter_map(Option::take).for_each(use_record);
     }
 
-    fn note(&mut self, deed: AuditEvent, peer: Peer) {
-        if let Some(free) = self.orders.iter_mut().find(|order| order.is_none()) {
-            *free = Some(AuditRecord { deed, peer });
+    fn record(&mut self, event: AuditEvent, peer: Peer) {
+        if let Some(free) = self.records.iter_mut().find(|record| record.is_none()) {
+            *free = Some(AuditRecord { event, peer });
         }
     }
 
@@ -148,8 +148,8 @@ impl Server {
             match self.listener.accept() {
                 None => return,
                 Some(Admission::Forbidden(_, peer)) => {
-                    self.merge.view.connections_refused += 1;
-                    self.note(AuditEvent::Forbidden, peer);
+                    self.merge.counts.connections_refused += 1;
+                    self.record(AuditEvent::Forbidden, peer);
                 }
                 Some(Admission::Admitted(socket, peer)) => match self.place(now, peer, &mut may_displace) {
                     Some(index) => {
@@ -158,7 +158,7 @@ impl Server {
                             self.merge.gone(index);
                         }
                         self.clients[index] = Some((socket, peer, Connection::new(now)));
-                        self.note(AuditEvent::Connected, peer);
+                        self.record(AuditEvent::Connected, peer);
                     }
                     None => self.turn_away(&socket, peer, reply),
                 },
@@ -168,13 +168,13 @@ impl Server {
 
     /// Takes only an emergency stop from a client that gets no place.
     fn turn_away(&mut self, socket: &OwnedFd, peer: Peer, reply: &Status) {
-        self.merge.view.connections_refused += 1;
+        self.merge.counts.connections_refused += 1;
         let mut bytes = [0; REQUEST_BYTES + 1];
         for _ in 0..REQUESTS_MAX {
             let Ok((length, _)) = net::recv(socket, &mut bytes[..], RecvFlags::DONTWAIT) else { return };
             if codec::decode_request(&bytes[..length]).is_some_and(|request| self.merge.stop_alone(peer.uid, &request))
             {
-                self.note(AuditEvent::EmergencyStop, peer);
+                self.record(AuditEvent::EmergencyStop, peer);
                 let _ = net::send(socket, &codec::encode_status(reply), SendFlags::DONTWAIT | SendFlags::NOSIGNAL);
                 return;
             }
@@ -224,20 +224,20 @@ impl Server {
         let Some((_, peer, _)) = self.clients[index] else {
             return true;
         };
-        let before = self.merge.view;
+        let before = self.merge.counts;
         let stays = self.take_requests(index, now, reply);
-        let view = self.merge.view;
-        for (is, was, deed) in [
-            (view.enable_edges, before.enable_edges, AuditEvent::Enabled),
-            (view.recover_edges, before.recover_edges, AuditEvent::Recovers),
-            (view.estop_edges, before.estop_edges, AuditEvent::EmergencyStop),
-            (view.reset_edges, before.reset_edges, AuditEvent::Reset),
-            (view.payload_edges[0], before.payload_edges[0], AuditEvent::PayloadLeft),
-            (view.payload_edges[1], before.payload_edges[1], AuditEvent::PayloadRight),
-            (view.resets_refused, before.resets_refused, AuditEvent::ResetRefused),
+        let counts = self.merge.counts;
+        for (is, was, event) in [
+            (counts.enable_edges, before.enable_edges, AuditEvent::Enabled),
+            (counts.recover_edges, before.recover_edges, AuditEvent::Recovers),
+            (counts.estop_edges, before.estop_edges, AuditEvent::EmergencyStop),
+            (counts.reset_edges, before.reset_edges, AuditEvent::Reset),
+            (counts.payload_edges[0], before.payload_edges[0], AuditEvent::PayloadLeft),
+            (counts.payload_edges[1], before.payload_edges[1], AuditEvent::PayloadRight),
+            (counts.resets_refused, before.resets_refused, AuditEvent::ResetRefused),
         ] {
             if is > was {
-                self.note(deed, peer);
+                self.record(event, peer);
             }
         }
         stays
@@ -254,7 +254,7 @@ impl Server {
                 Ok((0, _)) => return false,
                 Ok((length, _)) => {
                     let Some(request) = codec::decode_request(&bytes[..length]) else {
-                        self.merge.view.requests_refused += 1;
+                        self.merge.counts.requests_refused += 1;
                         return false;
                     };
                     if !self.merge.request(index, peer.uid, seat, now, &request) {

@@ -108,7 +108,7 @@ fn request_with_wrong_length_version_or_level_is_refused() {
     assert_eq!(decode_request(&encode_request(&OperatorRequest { enable_level: 3, ..good })), None);
     // An invalid payload report must not hide the rest of the request.
     let odd = OperatorRequest { payload_flags: 4, payload_kg: f64::NAN, estop_count: good.estop_count + 1, ..good };
-    let heard = decode_request(&encode_request(&odd)).expect("the emergency stop is heard");
-    assert_eq!(heard.estop_count, odd.estop_count);
+    let received = decode_request(&encode_request(&odd)).expect("the emergency stop is heard");
+    assert_eq!(received.estop_count, odd.estop_count);
     assert_eq!(decode_status(&[0; STATUS_BYTES - 1]), None);
 }

@@ -4,7 +4,7 @@ use doors::DoorError;
 use messages::{
     HOLDS_ENABLE, HOLDS_RECOVERY, Layout, OPERATOR_VERSION, OperatorRequest, PayloadOrder, Stamp, Status, payload_flag,
 };
-use operator::{CLIENTS_MAX, Client, LEASE_NS, OperatorError, OperatorView, REQUEST_BYTES, Server};
+use operator::{CLIENTS_MAX, Client, LEASE_NS, OperatorCounts, OperatorError, REQUEST_BYTES, Server};
 use rustix::net::{AddressFamily, SendFlags, SocketAddrUnix, SocketType};
 use std::io::{BufRead, BufReader, Lines, Write};
 use std::os::fd::OwnedFd;
@@ -17,14 +17,14 @@ use tempfile::TempDir;
 const CROWD_AT: &str = "TELEOP_TEST_CROWD_AT";
 
 /// A server in a folder of its own. Its clock stands still unless a test moves it.
-struct House {
+struct Rig {
     _folder: TempDir,
     path: PathBuf,
     server: Server,
     now: Stamp,
 }
 
-impl House {
+impl Rig {
     fn new() -> Self {
         let folder = TempDir::new().unwrap();
         let path = folder.path().join("control.sock");
@@ -34,17 +34,17 @@ impl House {
 
     /// Creates a server with `count` connections, of which the first `forgotten` have been silent for a second.
     fn with_forgotten(count: usize, forgotten: usize) -> (Self, Vec<Raw>) {
-        let mut house = Self::new();
-        let mut clients: Vec<Raw> = (0..count).map(|_| house.raw()).collect();
-        clients.iter_mut().for_each(|client| client.say(|_| {}));
-        house.poll();
-        house.now = Stamp(house.now.0 + 1_000_000_000);
-        clients.iter_mut().skip(forgotten).for_each(|client| client.say(|_| {}));
-        house.poll();
-        (house, clients)
+        let mut rig = Self::new();
+        let mut clients: Vec<Raw> = (0..count).map(|_| rig.raw()).collect();
+        clients.iter_mut().for_each(|client| client.send(|_| {}));
+        rig.poll();
+        rig.now = Stamp(rig.now.0 + 1_000_000_000);
+        clients.iter_mut().skip(forgotten).for_each(|client| client.send(|_| {}));
+        rig.poll();
+        (rig, clients)
     }
 
-    fn poll(&mut self) -> OperatorView {
+    fn poll(&mut self) -> OperatorCounts {
         self.server.poll(self.now, &Status { k: 42, ..Status::ZERO })
     }
 
@@ -79,7 +79,7 @@ impl Raw {
         }
     }
 
-    fn say(&mut self, change: impl Fn(&mut OperatorRequest)) {
+    fn send(&mut self, change: impl Fn(&mut OperatorRequest)) {
         change(&mut self.request);
         self.request.sequence += 1;
         self.send(&operator::encode_request(&self.request));
@@ -90,7 +90,7 @@ impl Raw {
     }
 
     fn press(&mut self) {
-        self.say(|r| (r.enable_level, r.enable_count) = (1, r.enable_count + 1));
+        self.send(|r| (r.enable_level, r.enable_count) = (1, r.enable_count + 1));
     }
 }
 
@@ -134,38 +134,38 @@ fn child_process_that_floods_connections() {
         let count: usize = line.unwrap().parse().unwrap();
         all.extend((0..count).map(|_| Raw::connect(Path::new(&path))));
         all.retain(Raw::is_kept);
-        all.iter_mut().for_each(|client| client.say(|_| {}));
+        all.iter_mut().for_each(|client| client.send(|_| {}));
         println!("\nkept {}", all.len());
     }
 }
 
 #[test]
 fn process_with_all_connections_yields_one_to_each_other() {
-    let mut house = House::new();
-    let mut crowd = ConnectionFlood::at(&house.path);
+    let mut rig = Rig::new();
+    let mut crowd = ConnectionFlood::at(&rig.path);
     crowd.come(CLIENTS_MAX);
-    assert_eq!(house.poll().connections, CLIENTS_MAX as u32);
-    let mut others = [ConnectionFlood::at(&house.path), ConnectionFlood::at(&house.path)];
-    let mut own = house.raw();
-    own.say(|r| r.reset_count += 1);
+    assert_eq!(rig.poll().connections, CLIENTS_MAX as u32);
+    let mut others = [ConnectionFlood::at(&rig.path), ConnectionFlood::at(&rig.path)];
+    let mut own = rig.raw();
+    own.send(|r| r.reset_count += 1);
     // More connections of the process with all places come before and after them.
     crowd.come(5);
     others.iter_mut().for_each(|other| assert_eq!(other.come(1), 1));
     crowd.come(5);
-    let view = house.poll();
-    assert_eq!((view.connections, view.reset_edges), (CLIENTS_MAX as u32, 1));
+    let counts = rig.poll();
+    assert_eq!((counts.connections, counts.reset_edges), (CLIENTS_MAX as u32, 1));
     // However long it goes on, a client with one place keeps it and is served, also after a second of silence.
     for round in 1..=20 {
-        house.now = Stamp(house.now.0 + 1_000_000_000);
+        rig.now = Stamp(rig.now.0 + 1_000_000_000);
         crowd.come(10);
-        own.say(|r| r.reset_count += 1);
-        let view = house.poll();
+        own.send(|r| r.reset_count += 1);
+        let counts = rig.poll();
         assert!(own.is_kept(), "round {round}");
-        assert_eq!((view.connections, view.reset_edges), (CLIENTS_MAX as u32, 1 + round));
+        assert_eq!((counts.connections, counts.reset_edges), (CLIENTS_MAX as u32, 1 + round));
     }
-    let mut second = house.raw();
-    second.say(|_| {});
-    house.poll();
+    let mut second = rig.raw();
+    second.send(|_| {});
+    rig.poll();
     assert!(own.is_kept() && second.is_kept(), "the crowd still has more than two");
     others.iter_mut().for_each(|other| assert_eq!(other.come(0), 1));
     assert_eq!(crowd.come(0), CLIENTS_MAX - 4);
@@ -173,135 +173,148 @@ fn process_with_all_connections_yields_one_to_each_other() {
 
 #[test]
 fn first_enable_edge_holds_and_second_client_is_refused() {
-    let mut house = House::new();
-    let (mut first, mut second) = (house.raw(), house.raw());
+    let mut rig = Rig::new();
+    let (mut first, mut second) = (rig.raw(), rig.raw());
     first.press();
-    second.say(|_| {});
-    let view = house.poll();
-    assert_eq!((view.connections, view.enable_level, view.enable_edges), (2, true, 1));
+    second.send(|_| {});
+    let counts = rig.poll();
+    assert_eq!((counts.connections, counts.held.enable_level, counts.enable_edges), (2, true, 1));
     second.press();
-    let view = house.poll();
-    assert_eq!((view.enable_level, view.enable_edges, view.enables_refused), (true, 1, 1));
+    let counts = rig.poll();
+    assert_eq!((counts.held.enable_level, counts.enable_edges, counts.enables_refused), (true, 1, 1));
     // A client may release a grip that it does not hold. A level that stays up grants nothing.
-    first.say(|r| (r.enable_level, r.release_count) = (0, 1));
-    assert!(!house.poll().enable_level);
-    second.say(|_| {});
-    let view = house.poll();
-    assert_eq!((view.enable_level, view.enable_edges, view.release_edges), (false, 1, 1));
+    first.send(|r| (r.enable_level, r.release_count) = (0, 1));
+    assert!(!rig.poll().enable_level);
+    second.send(|_| {});
+    let counts = rig.poll();
+    assert_eq!((counts.held.enable_level, counts.enable_edges, counts.release_edges), (false, 1, 1));
     second.press();
-    let view = house.poll();
-    assert_eq!((view.enable_level, view.enable_edges), (true, 2));
+    let counts = rig.poll();
+    assert_eq!((counts.held.enable_level, counts.enable_edges), (true, 2));
 }
 
 #[test]
 fn client_holds_either_recovery_or_enable() {
-    let mut house = House::new();
-    let (mut first, mut second) = (house.raw(), house.raw());
-    first.say(|r| (r.enable_level, r.enable_count) = (HOLDS_RECOVERY, 1));
-    let view = house.poll();
-    assert_eq!((view.recover_level, view.recover_edges, view.enable_level, view.enable_edges), (true, 1, false, 0));
+    let mut rig = Rig::new();
+    let (mut first, mut second) = (rig.raw(), rig.raw());
+    first.send(|r| (r.enable_level, r.enable_count) = (HOLDS_RECOVERY, 1));
+    let counts = rig.poll();
+    assert_eq!(
+        (counts.held.recover_level, counts.recover_edges, counts.held.enable_level, counts.enable_edges),
+        (true, 1, false, 0)
+    );
     second.press();
-    let view = house.poll();
-    assert_eq!((view.recover_level, view.enable_level, view.enables_refused), (true, false, 1), "there is one holder");
+    let counts = rig.poll();
+    assert_eq!(
+        (counts.held.recover_level, counts.held.enable_level, counts.enables_refused),
+        (true, false, 1),
+        "there is one holder"
+    );
     // A changed level without an edge is a release. With an edge it is a new grip.
-    first.say(|r| r.enable_level = HOLDS_ENABLE);
-    let view = house.poll();
-    assert_eq!((view.recover_level, view.enable_level, view.release_edges), (false, false, 1));
-    first.say(|r| (r.enable_level, r.enable_count) = (HOLDS_RECOVERY, 2));
-    assert!(house.poll().recover_level);
+    first.send(|r| r.enable_level = HOLDS_ENABLE);
+    let counts = rig.poll();
+    assert_eq!((counts.held.recover_level, counts.held.enable_level, counts.release_edges), (false, false, 1));
+    first.send(|r| (r.enable_level, r.enable_count) = (HOLDS_RECOVERY, 2));
+    assert!(rig.poll().recover_level);
     first.press();
-    let view = house.poll();
-    assert_eq!((view.recover_level, view.enable_level, view.release_edges, view.enable_edges), (false, true, 2, 1));
-    first.say(|r| (r.enable_level, r.enable_count) = (HOLDS_RECOVERY, r.enable_count + 1));
-    house.poll();
+    let counts = rig.poll();
+    assert_eq!(
+        (counts.held.recover_level, counts.held.enable_level, counts.release_edges, counts.enable_edges),
+        (false, true, 2, 1)
+    );
+    first.send(|r| (r.enable_level, r.enable_count) = (HOLDS_RECOVERY, r.enable_count + 1));
+    rig.poll();
     drop(first);
-    let view = house.poll();
-    assert_eq!((view.recover_level, view.holders_lost), (false, 1));
+    let counts = rig.poll();
+    assert_eq!((counts.held.recover_level, counts.holders_lost), (false, 1));
 }
 
 #[test]
 fn any_client_may_stop_reset_and_release() {
-    let mut house = House::new();
-    let (mut holder, mut other) = (house.raw(), house.raw());
+    let mut rig = Rig::new();
+    let (mut holder, mut other) = (rig.raw(), rig.raw());
     holder.press();
-    house.poll();
-    other.say(|r| r.estop_count += 1);
-    other.say(|r| r.reset_count += 2);
-    let view = house.poll();
-    assert_eq!((view.estop_edges, view.reset_edges, view.enable_level), (1, 2, true));
-    other.say(|r| r.release_count += 1);
-    let view = house.poll();
-    assert_eq!((view.release_edges, view.enable_level, view.holders_lost), (1, false, 0));
+    rig.poll();
+    other.send(|r| r.estop_count += 1);
+    other.send(|r| r.reset_count += 2);
+    let counts = rig.poll();
+    assert_eq!((counts.estop_edges, counts.reset_edges, counts.held.enable_level), (1, 2, true));
+    other.send(|r| r.release_count += 1);
+    let counts = rig.poll();
+    assert_eq!((counts.release_edges, counts.held.enable_level, counts.holders_lost), (1, false, 0));
 }
 
 #[test]
 fn release_wins_over_enable_of_same_round_in_any_order() {
     for releaser_first in [true, false] {
-        let mut house = House::new();
-        let (mut a, mut b) = (house.raw(), house.raw());
-        a.say(|_| {});
-        house.poll();
+        let mut rig = Rig::new();
+        let (mut a, mut b) = (rig.raw(), rig.raw());
+        a.send(|_| {});
+        rig.poll();
         let (releaser, presser) = if releaser_first { (&mut a, &mut b) } else { (&mut b, &mut a) };
-        releaser.say(|r| r.release_count += 1);
+        releaser.send(|r| r.release_count += 1);
         presser.press();
-        let view = house.poll();
-        assert_eq!((view.enable_level, view.release_edges), (false, 1), "{releaser_first}");
+        let counts = rig.poll();
+        assert_eq!((counts.held.enable_level, counts.release_edges), (false, 1), "{releaser_first}");
     }
 }
 
 #[test]
 fn enable_released_before_its_heartbeat_grants_nothing() {
-    let mut house = House::new();
-    let mut client = house.raw();
-    client.say(|r| (r.enable_count, r.release_count) = (1, 1));
-    let view = house.poll();
-    assert_eq!((view.enable_level, view.enable_edges, view.release_edges), (false, 0, 1));
+    let mut rig = Rig::new();
+    let mut client = rig.raw();
+    client.send(|r| (r.enable_count, r.release_count) = (1, 1));
+    let counts = rig.poll();
+    assert_eq!((counts.held.enable_level, counts.enable_edges, counts.release_edges), (false, 0, 1));
     // The client released and pressed between two heartbeats. Both edges count, and it holds the enable.
-    client.say(|r| (r.enable_level, r.enable_count, r.release_count) = (1, 2, 2));
-    let view = house.poll();
-    assert_eq!((view.enable_level, view.enable_edges, view.release_edges), (true, 1, 2));
+    client.send(|r| (r.enable_level, r.enable_count, r.release_count) = (1, 2, 2));
+    let counts = rig.poll();
+    assert_eq!((counts.held.enable_level, counts.enable_edges, counts.release_edges), (true, 1, 2));
 }
 
 #[test]
 fn holder_that_disconnects_or_falls_silent_loses_enable() {
-    let mut house = House::new();
-    let mut client = house.raw();
+    let mut rig = Rig::new();
+    let mut client = rig.raw();
     client.press();
-    house.poll();
+    rig.poll();
     drop(client);
-    let view = house.poll();
-    assert_eq!((view.enable_level, view.release_edges, view.holders_lost, view.connections), (false, 0, 1, 0));
+    let counts = rig.poll();
+    assert_eq!(
+        (counts.held.enable_level, counts.release_edges, counts.holders_lost, counts.connections),
+        (false, 0, 1, 0)
+    );
 
-    let mut client = house.raw();
+    let mut client = rig.raw();
     client.press();
-    assert!(house.poll().enable_level);
-    let heard = house.now;
-    house.now = Stamp(heard.0 + LEASE_NS);
-    assert!(house.poll().enable_level, "a heartbeat as old as the lease is not too old");
-    house.now = Stamp(heard.0 + LEASE_NS + 1);
-    let view = house.poll();
-    assert_eq!((view.enable_level, view.heartbeat, view.holders_lost), (false, heard, 2));
-    client.say(|_| {});
-    assert!(!house.poll().enable_level, "after a lapse it takes a new edge");
+    assert!(rig.poll().enable_level);
+    let received = rig.now;
+    rig.now = Stamp(received.0 + LEASE_NS);
+    assert!(rig.poll().enable_level, "a heartbeat as old as the lease is not too old");
+    rig.now = Stamp(received.0 + LEASE_NS + 1);
+    let counts = rig.poll();
+    assert_eq!((counts.held.enable_level, counts.held.heartbeat_received, counts.holders_lost), (false, received, 2));
+    client.send(|_| {});
+    assert!(!rig.poll().enable_level, "after a lapse it takes a new edge");
     client.press();
-    assert!(house.poll().enable_level);
+    assert!(rig.poll().enable_level);
 }
 
 #[test]
 fn last_request_of_client_that_left_replies_unread_counts() {
-    let mut house = House::new();
-    let mut client = house.raw();
-    client.say(|_| {});
-    house.poll();
-    client.say(|r| r.estop_count += 1);
+    let mut rig = Rig::new();
+    let mut client = rig.raw();
+    client.send(|_| {});
+    rig.poll();
+    client.send(|r| r.estop_count += 1);
     drop(client);
-    let view = house.poll();
-    assert_eq!((view.estop_edges, view.connections), (1, 0));
+    let counts = rig.poll();
+    assert_eq!((counts.estop_edges, counts.connections), (1, 0));
 }
 
 #[test]
 fn invalid_request_is_refused_counted_and_disconnected() {
-    let house = &mut House::new();
+    let rig = &mut Rig::new();
     let good = OperatorRequest { version: OPERATOR_VERSION, sequence: 1, ..OperatorRequest::ZERO };
     let bytes = operator::encode_request(&good);
     let long = [0_u8; REQUEST_BYTES * 40];
@@ -311,74 +324,86 @@ fn invalid_request_is_refused_counted_and_disconnected() {
     let back = operator::encode_request(&OperatorRequest { reset_count: u32::MAX, ..good });
     let nonsense: [&[u8]; 7] = [&bytes[..31], &bytes[..1], &long, &old, &level, &stuck, &back];
     for (count, bytes) in nonsense.into_iter().enumerate() {
-        let client = house.raw();
+        let client = rig.raw();
         client.send(bytes);
-        let view = house.poll();
-        assert_eq!((view.requests_refused, view.connections), (count as u64 + 1, 0), "{} bytes", bytes.len());
-        assert_eq!((view.reset_edges, view.enable_level), (0, false));
+        let counts = rig.poll();
+        assert_eq!((counts.requests_refused, counts.connections), (count as u64 + 1, 0), "{} bytes", bytes.len());
+        assert_eq!((counts.reset_edges, counts.held.enable_level), (0, false));
     }
 }
 
 #[test]
 fn full_server_drops_idlest_client_and_never_holder() {
-    let mut house = House::new();
-    let mut clients: Vec<Raw> = (0..CLIENTS_MAX).map(|_| house.raw()).collect();
-    clients.iter_mut().for_each(|client| client.say(|_| {}));
+    let mut rig = Rig::new();
+    let mut clients: Vec<Raw> = (0..CLIENTS_MAX).map(|_| rig.raw()).collect();
+    clients.iter_mut().for_each(|client| client.send(|_| {}));
     clients[0].press();
-    assert_eq!(house.poll().connections, CLIENTS_MAX as u32);
+    assert_eq!(rig.poll().connections, CLIENTS_MAX as u32);
     // Fifteen busy clients do not keep an emergency stop out, and the last request of the displaced one counts.
-    house.now = Stamp(house.now.0 + 20_000_000);
-    clients.iter_mut().skip(2).for_each(|client| client.say(|_| {}));
-    house.poll();
-    house.now = Stamp(house.now.0 + 10_000_000);
-    clients[1].say(|r| r.reset_count += 1);
-    let mut late = house.raw();
-    late.say(|r| r.estop_count += 1);
-    let view = house.poll();
-    let seen = (view.connections, view.connections_refused, view.estop_edges, view.reset_edges, view.enable_level);
+    rig.now = Stamp(rig.now.0 + 20_000_000);
+    clients.iter_mut().skip(2).for_each(|client| client.send(|_| {}));
+    rig.poll();
+    rig.now = Stamp(rig.now.0 + 10_000_000);
+    clients[1].send(|r| r.reset_count += 1);
+    let mut late = rig.raw();
+    late.send(|r| r.estop_count += 1);
+    let counts = rig.poll();
+    let seen = (
+        counts.connections,
+        counts.connections_refused,
+        counts.estop_edges,
+        counts.reset_edges,
+        counts.held.enable_level,
+    );
     assert_eq!(seen, (CLIENTS_MAX as u32, 0, 1, 1, true));
     // One of a waiting crowd gets in. A stop of the others counts, and nothing else.
-    let mut crowd: Vec<Raw> = (0..8).map(|_| house.raw()).collect();
-    crowd.iter_mut().for_each(|client| client.say(|r| (r.estop_count, r.reset_count, r.release_count) = (1, 1, 1)));
-    let view = house.poll();
-    let seen = (view.connections_refused, view.estop_edges, view.reset_edges, view.release_edges, view.enable_level);
+    let mut crowd: Vec<Raw> = (0..8).map(|_| rig.raw()).collect();
+    crowd.iter_mut().for_each(|client| client.send(|r| (r.estop_count, r.reset_count, r.release_count) = (1, 1, 1)));
+    let counts = rig.poll();
+    let seen = (
+        counts.connections_refused,
+        counts.estop_edges,
+        counts.reset_edges,
+        counts.release_edges,
+        counts.held.enable_level,
+    );
     assert_eq!(seen, (7, 9, 2, 1, false));
     // A stop counts in a later request than the first, too.
-    let mut crowd: Vec<Raw> = (0..8).map(|_| house.raw()).collect();
+    let mut crowd: Vec<Raw> = (0..8).map(|_| rig.raw()).collect();
     crowd.iter_mut().for_each(|client| {
-        client.say(|_| {});
-        client.say(|r| r.estop_count += 1);
+        client.send(|_| {});
+        client.send(|r| r.estop_count += 1);
     });
-    assert_eq!(house.poll().estop_edges, 9 + 8);
+    assert_eq!(rig.poll().estop_edges, 9 + 8);
 }
 
 /// A stop counts from a client that loses its place in the same round. An enable that it pressed there passes to
 /// nobody.
 #[test]
 fn displaced_client_loses_enable_but_its_stop_counts() {
-    let (mut house, mut clients) = House::with_forgotten(CLIENTS_MAX - 1, 2);
+    let (mut rig, mut clients) = Rig::with_forgotten(CLIENTS_MAX - 1, 2);
     // One place is free, so no client is served before the server accepts.
-    clients[0].say(|r| r.estop_count += 1);
+    clients[0].send(|r| r.estop_count += 1);
     clients[1].press();
-    let _crowd: Vec<Raw> = (0..3).map(|_| house.raw()).collect();
-    let view = house.poll();
-    assert_eq!((view.connections_refused, view.estop_edges, view.enable_edges), (0, 1, 1));
-    assert_eq!((view.enable_level, view.holders_lost), (false, 1));
+    let _crowd: Vec<Raw> = (0..3).map(|_| rig.raw()).collect();
+    let counts = rig.poll();
+    assert_eq!((counts.connections_refused, counts.estop_edges, counts.enable_edges), (0, 1, 1));
+    assert_eq!((counts.held.enable_level, counts.holders_lost), (false, 1));
 }
 
 #[test]
 fn idle_clients_are_dropped_for_as_many_new_clients() {
-    let (mut house, _clients) = House::with_forgotten(CLIENTS_MAX, 3);
-    let mut crowd: Vec<Raw> = (0..3).map(|_| house.raw()).collect();
-    crowd.iter_mut().for_each(|client| client.say(|r| r.estop_count += 1));
-    let view = house.poll();
-    assert_eq!((view.connections, view.connections_refused, view.estop_edges), (CLIENTS_MAX as u32, 0, 3));
+    let (mut rig, _clients) = Rig::with_forgotten(CLIENTS_MAX, 3);
+    let mut crowd: Vec<Raw> = (0..3).map(|_| rig.raw()).collect();
+    crowd.iter_mut().for_each(|client| client.send(|r| r.estop_count += 1));
+    let counts = rig.poll();
+    assert_eq!((counts.connections, counts.connections_refused, counts.estop_edges), (CLIENTS_MAX as u32, 0, 3));
 }
 
 #[test]
 fn client_gets_status_for_each_heartbeat() {
-    let mut house = House::new();
-    let mut client = Client::connect(&house.path).unwrap();
+    let mut rig = Rig::new();
+    let mut client = Client::connect(&rig.path).unwrap();
     let asking = std::thread::spawn(move || {
         client.enable();
         let first = client.heartbeat();
@@ -386,35 +411,35 @@ fn client_gets_status_for_each_heartbeat() {
         (client, first, second)
     });
     while !asking.is_finished() {
-        house.poll();
+        rig.poll();
         std::thread::yield_now();
     }
     let (_client, first, second) = asking.join().unwrap();
     assert_eq!((first.unwrap().k, second.unwrap().operators), (42, 1));
-    let view = house.poll();
-    assert_eq!((view.enable_edges, view.reset_edges, view.enable_level), (1, 1, true));
+    let counts = rig.poll();
+    assert_eq!((counts.enable_edges, counts.reset_edges, counts.held.enable_level), (1, 1, true));
 }
 
 #[test]
 fn late_reply_is_dropped_by_next_request() {
-    let mut house = House::new();
-    let mut client = Client::connect_within(&house.path, 20).unwrap();
+    let mut rig = Rig::new();
+    let mut client = Client::connect_within(&rig.path, 20).unwrap();
     assert!(matches!(client.heartbeat(), Err(OperatorError::Timeout { timeout_ms: 20, .. })));
-    house.poll();
+    rig.poll();
     assert!(matches!(client.heartbeat(), Err(OperatorError::Timeout { .. })), "the reply to the first is dropped");
-    drop(house);
+    drop(rig);
     let error = client.heartbeat().unwrap_err();
     assert!(matches!(error, OperatorError::Closed { .. } | OperatorError::Timeout { .. }), "{error}");
 }
 
 #[test]
 fn socket_has_mode_0660_and_is_removed_with_its_server() {
-    let house = House::new();
-    let metadata = std::fs::metadata(&house.path).unwrap();
+    let rig = Rig::new();
+    let metadata = std::fs::metadata(&rig.path).unwrap();
     assert!(metadata.file_type().is_socket());
     assert_eq!(metadata.permissions().mode() & 0o777, 0o660);
-    let path = house.path.clone();
-    drop(house.server);
+    let path = rig.path.clone();
+    drop(rig.server);
     assert!(!path.exists());
     let error = Client::connect(&path).err().unwrap();
     assert!(matches!(error, OperatorError::Door(DoorError::NoSocket { .. })));
@@ -482,19 +507,19 @@ fn connect_error_names_forbidden_socket() {
 
 #[test]
 fn payload_of_each_hand_is_newest_report_of_any_client() {
-    let mut house = House::new();
-    let mut clients = [house.raw(), house.raw()];
-    let say = |client: &mut Raw, flags: u32, kg: f64| {
-        client.say(|r| (r.payload_count, r.payload_flags, r.payload_kg) = (r.payload_count + 1, flags, kg));
+    let mut rig = Rig::new();
+    let mut clients = [rig.raw(), rig.raw()];
+    let send = |client: &mut Raw, flags: u32, kg: f64| {
+        client.send(|r| (r.payload_count, r.payload_flags, r.payload_kg) = (r.payload_count + 1, flags, kg));
     };
-    say(&mut clients[0], 0, 0.5);
-    say(&mut clients[1], payload_flag::RIGHT | payload_flag::CENTRE, 0.25);
+    send(&mut clients[0], 0, 0.5);
+    send(&mut clients[1], payload_flag::RIGHT | payload_flag::CENTRE, 0.25);
     let order = |mass_kg, centre_m| Some(PayloadOrder { mass_kg, centre_m });
-    let view = house.poll();
-    assert_eq!((view.payload_edges, view.payload), ([1, 1], [order(0.5, None), order(0.25, Some([0.0; 3]))]));
-    assert!(!view.enable_level && view.enable_edges == 0);
-    say(&mut clients[1], 0, 0.75);
-    clients[0].say(|_| {});
-    let view = house.poll();
-    assert_eq!((view.payload_edges, view.payload[0]), ([2, 1], order(0.75, None)));
+    let counts = rig.poll();
+    assert_eq!((counts.payload_edges, counts.held.payload), ([1, 1], [order(0.5, None), order(0.25, Some([0.0; 3]))]));
+    assert!(!counts.held.enable_level && counts.enable_edges == 0);
+    send(&mut clients[1], 0, 0.75);
+    clients[0].send(|_| {});
+    let counts = rig.poll();
+    assert_eq!((counts.payload_edges, counts.held.payload[0]), ([2, 1], order(0.75, None)));
 }

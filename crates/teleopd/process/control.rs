@@ -111,7 +111,7 @@ impl Control {
                 k,
                 target: None,
                 robot: Some(&resting),
-                operator: OperatorEdges::default().take(),
+                operator: OperatorEdges::default().drain(),
                 ingest: None,
                 realtime_ok: false,
             };
@@ -181,7 +181,7 @@ impl Control {
             k,
             target: target.as_ref(),
             robot: robot.as_ref(),
-            operator: self.edges.take(),
+            operator: self.edges.drain(),
             ingest: ingest.as_ref(),
             realtime_ok: self.process.realtime_ok(),
         };
@@ -234,15 +234,15 @@ impl Control {
             self.process.publish(&mut self.statuses, &self.status);
         }
         if k.is_multiple_of(SERVE_EVERY) {
-            let view = self.server.poll(rt::now(), &self.status);
-            self.edges.note(&view);
-            self.status.reset_first_by = view.reset_first_by;
-            self.status.resets_refused = u32::try_from(view.resets_refused).unwrap_or(u32::MAX);
+            let counts = self.server.poll(rt::now(), &self.status);
+            self.edges.add(&counts);
+            self.status.reset_first_by = counts.reset_first_by;
+            self.status.resets_refused = u32::try_from(counts.resets_refused).unwrap_or(u32::MAX);
             self.look_for_sleep(k);
             let probe = &mut self.process.probe;
-            probe.counters().set(Counter::Refused, view.connections_refused + view.requests_refused);
-            self.server.take_orders(|AuditRecord { deed, peer }| {
-                probe.event(Event::Audit { what: deed_name(deed), uid: peer.uid, pid: peer.pid });
+            probe.counters().set(Counter::Refused, counts.connections_refused + counts.requests_refused);
+            self.server.drain_records(|AuditRecord { event, peer }| {
+                probe.event(Event::Audit { what: audit_name(event), uid: peer.uid, pid: peer.pid });
             });
         }
     }
@@ -265,8 +265,8 @@ impl Control {
     }
 }
 
-fn deed_name(deed: AuditEvent) -> &'static str {
-    match deed {
+fn audit_name(event: AuditEvent) -> &'static str {
+    match event {
         AuditEvent::Connected => "connected",
         AuditEvent::Forbidden => "refused: only the daemon's user and members of the socket's group may connect",
         AuditEvent::Enabled => "pressed the enable",

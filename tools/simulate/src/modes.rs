@@ -230,7 +230,7 @@ impl Modes {
         if operator.estop_edge && mode != Mode::Faulted {
             return Err(("emergency stop", format!("pressed, but the mode is {}", mode.name())));
         }
-        let stops = Faults(control.status.faults).of(Response::Stop);
+        let stops = Faults(control.status.faults).with_response(Response::Stop);
         if !stops.is_empty() && mode != Mode::Faulted {
             return Err(("fault", format!("a fault that stops, but the mode is {}", mode.name())));
         }
@@ -241,7 +241,7 @@ impl Modes {
             return Err(("release", format!("released, but the mode is {}", mode.name())));
         }
         let faults = Faults(control.status.faults);
-        if !faults.of(Response::Hold).union(faults.of(Response::Release)).is_empty() {
+        if !faults.with_response(Response::Hold).union(faults.with_response(Response::Release)).is_empty() {
             return Err(("fault", format!("a fault that holds, but the mode is {}", mode.name())));
         }
         let now = control.status.header.stamp;

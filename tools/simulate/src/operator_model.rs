@@ -32,10 +32,10 @@ enum Act {
 /// State of the operator.
 #[derive(Clone)]
 pub struct OperatorModel {
-    view: operator::OperatorView,
+    view: operator::OperatorCounts,
     edges: OperatorEdges,
     /// The view that control received last.
-    told: operator::OperatorView,
+    told: operator::OperatorCounts,
     act: Act,
     since: u64,
     /// Ticks since the last heartbeat got through.
@@ -48,9 +48,9 @@ impl OperatorModel {
     /// Creates an operator who has just connected.
     pub(crate) fn new() -> Self {
         Self {
-            view: operator::OperatorView { connections: 1, ..Default::default() },
+            view: operator::OperatorCounts { connections: 1, ..Default::default() },
             edges: OperatorEdges::default(),
-            told: operator::OperatorView::default(),
+            told: operator::OperatorCounts::default(),
             act: Act::Idle,
             since: 0,
             silent: 0,
@@ -74,27 +74,28 @@ impl OperatorModel {
 
     /// Returns true if neither enable nor recover is held.
     pub fn has_let_go(&self) -> bool {
-        !self.view.enable_level && !self.view.recover_level
+        !self.view.held.enable_level && !self.view.held.recover_level
     }
 
     fn let_go(&mut self) {
         if !self.has_let_go() {
             self.view.release_edges += 1;
         }
-        (self.view.enable_level, self.view.recover_level, self.view.clutch_level) = (false, false, false);
-        self.view.left_out = [false; 2];
+        (self.view.held.enable_level, self.view.held.recover_level, self.view.held.clutch_level) =
+            (false, false, false);
+        self.view.held.left_out = [false; 2];
         (self.act, self.since) = (Act::Idle, 0);
     }
 
     fn enable(&mut self) {
         self.view.enable_edges += 1;
-        self.view.enable_level = true;
+        self.view.held.enable_level = true;
         (self.act, self.since) = (Act::Enabling, 0);
     }
 
     fn recover(&mut self) {
         self.view.recover_edges += 1;
-        self.view.recover_level = true;
+        self.view.held.recover_level = true;
         (self.act, self.since) = (Act::Recovering, 0);
     }
 
@@ -160,24 +161,23 @@ impl OperatorModel {
         }
         if speaks {
             self.view.connections = 1;
-            self.view.heartbeat = now;
+            self.view.held.heartbeat_received = now;
             self.silent = 0;
         }
         let arrived = remote.map_or(self.view, |remote| remote.view(k, now, speaks, &self.view));
         runs.then(|| {
-            self.edges.note(&arrived);
-            let (view, before, is) = (self.edges.take(), self.told, arrived);
+            self.edges.add(&arrived);
+            let (view, before, is) = (self.edges.drain(), self.told, arrived);
             self.told = is;
             let done = OperatorView {
-                enable_level: is.enable_level,
+                connected: view.connected,
                 enable_edge: is.enable_edges != before.enable_edges,
-                recover_level: is.recover_level,
                 recover_edge: is.recover_edges != before.recover_edges,
                 release_edge: is.release_edges != before.release_edges,
                 reset_edge: is.reset_edges != before.reset_edges,
                 estop_edge: is.estop_edges != before.estop_edges,
-                heartbeat_received: is.heartbeat,
-                ..view
+                payload: view.payload,
+                ..is.held
             };
             [view, done]
         })
@@ -186,7 +186,7 @@ impl OperatorModel {
     fn suffer(&mut self, active: &mut Active, of: Of, speaks: &mut bool) -> bool {
         let moving = matches!(self.mode, Mode::Engaging | Mode::Engaged);
         match of {
-            Of::Release if self.view.enable_level && active.rng.random_range(0..20) == 0 => self.let_go(),
+            Of::Release if self.view.held.enable_level && active.rng.random_range(0..20) == 0 => self.let_go(),
             Of::Silent => {
                 *speaks = false;
                 // In half of the episodes the server notices the silence. In the others, control notices it by
@@ -222,7 +222,7 @@ impl OperatorModel {
                 return false;
             }
             Of::Stuck => {
-                self.view.enable_level = active.age + 1 < active.episode.ticks;
+                self.view.held.enable_level = active.age + 1 < active.episode.ticks;
                 let pressed = active.age.is_multiple_of(100);
                 self.view.enable_edges += u64::from(pressed);
                 (self.act, self.since) = (Act::Idle, 0);
@@ -235,10 +235,10 @@ impl OperatorModel {
                 self.view.release_edges += some();
                 self.view.reset_edges += some();
                 self.view.estop_edges += some() * some();
-                self.view.enable_level = some() == 0;
-                self.view.recover_level = !self.view.enable_level && some() == 1;
-                self.view.clutch_level = some() == 1;
-                self.view.left_out = [some() == 1, some() == 1];
+                self.view.held.enable_level = some() == 0;
+                self.view.held.recover_level = !self.view.held.enable_level && some() == 1;
+                self.view.held.clutch_level = some() == 1;
+                self.view.held.left_out = [some() == 1, some() == 1];
                 (self.act, self.since) = (Act::Idle, 0);
                 if active.age + 1 >= active.episode.ticks {
                     self.let_go();
@@ -255,8 +255,9 @@ impl OperatorModel {
         if !self.has_let_go() {
             self.view.holders_lost += 1;
         }
-        (self.view.enable_level, self.view.recover_level, self.view.clutch_level) = (false, false, false);
-        self.view.left_out = [false; 2];
+        (self.view.held.enable_level, self.view.held.recover_level, self.view.held.clutch_level) =
+            (false, false, false);
+        self.view.held.left_out = [false; 2];
         (self.act, self.since) = (Act::Idle, 0);
     }
 }

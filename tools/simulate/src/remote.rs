@@ -7,7 +7,7 @@ use messages::{
     HOLDS_CLUTCH, HOLDS_ENABLE, HOLDS_RECOVERY, LEAVES_OUT, Layout, OPERATOR_VERSION, OperatorRequest, RawSkeleton,
     Stamp, Status, TICK_HZ,
 };
-use operator::{Connection, LEASE_NS, Merge, OperatorView};
+use operator::{Connection, LEASE_NS, Merge, OperatorCounts};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
@@ -57,7 +57,7 @@ pub struct Remote {
     connection: Connection,
     request: OperatorRequest,
     /// The operator's counters before this look.
-    seen: OperatorView,
+    seen: OperatorCounts,
     /// True time of the newest press.
     pressed: Stamp,
     presses: u64,
@@ -89,7 +89,7 @@ impl Remote {
             merge: Merge::default(),
             connection: Connection::new(Stamp::NONE),
             request: OperatorRequest { version: OPERATOR_VERSION, ..OperatorRequest::ZERO },
-            seen: OperatorView::default(),
+            seen: OperatorCounts::default(),
             pressed: Stamp::NONE,
             presses: 0,
             stop: None,
@@ -115,7 +115,7 @@ impl Remote {
 
     /// `control` starts again: the robot's end loses its connection.
     pub(crate) fn reconnect(&mut self) {
-        (self.merge, self.seen, self.presses) = (Merge::default(), OperatorView::default(), 0);
+        (self.merge, self.seen, self.presses) = (Merge::default(), OperatorCounts::default(), 0);
         (self.stop, self.stops) = (None, 0);
         self.robot.end(0);
     }
@@ -234,7 +234,7 @@ impl Remote {
     }
 
     /// Sends the operator's heartbeat, if he speaks and it is due. Returns the view that arrived.
-    pub(crate) fn view(&mut self, k: u64, now: Stamp, speaks: bool, view: &OperatorView) -> OperatorView {
+    pub(crate) fn view(&mut self, k: u64, now: Stamp, speaks: bool, view: &OperatorCounts) -> OperatorCounts {
         self.press(now, view);
         if speaks && k.is_multiple_of(HEARTBEAT) {
             self.request.sequence += 1;
@@ -243,8 +243,8 @@ impl Remote {
             self.send(0, &Packet { length, bytes: out, sent: now, origin: now });
         }
         self.merge.begin(now, LEASE_NS);
-        self.merge.view.connections = 1;
-        let arrived = self.merge.view;
+        self.merge.counts.connections = 1;
+        let arrived = self.merge.counts;
         self.judge(now, speaks, view, &arrived);
         let engaged = arrived.enable_edges + arrived.recover_edges;
         if engaged > self.presses {
@@ -258,14 +258,14 @@ impl Remote {
     }
 
     /// Judges that what stops the robot arrives in time over good wires.
-    fn judge(&mut self, now: Stamp, speaks: bool, view: &OperatorView, arrived: &OperatorView) {
+    fn judge(&mut self, now: Stamp, speaks: bool, view: &OperatorCounts, arrived: &OperatorCounts) {
         if arrived.estop_edges > self.stops {
             (self.stops, self.stop) = (arrived.estop_edges, None);
         }
         if !speaks {
             self.hindered = now;
         }
-        if view.enable_level {
+        if view.held.enable_level {
             self.held = now;
         }
         let hindered = self.hindered;
@@ -273,13 +273,13 @@ impl Remote {
         if self.stop.is_some_and(is_late) {
             self.broken = Some(("stop over the link", "it does not arrive".to_owned()));
         }
-        if arrived.enable_level && is_late(self.held) {
+        if arrived.held.enable_level && is_late(self.held) {
             self.broken = Some(("release over the link", "it does not arrive".to_owned()));
         }
     }
 
     /// Turns what the operator does into the request of the next heartbeat. A counter of a new operator begins at zero.
-    fn press(&mut self, now: Stamp, view: &OperatorView) {
+    fn press(&mut self, now: Stamp, view: &OperatorCounts) {
         let since = |new: u64, old: u64| (if new >= old { new - old } else { new }) as u32;
         let seen = &self.seen;
         let presses = since(view.enable_edges, seen.enable_edges) + since(view.recover_edges, seen.recover_edges);
@@ -295,11 +295,11 @@ impl Remote {
         request.reset_count = request.reset_count.wrapping_add(since(view.reset_edges, seen.reset_edges));
         request.estop_count = request.estop_count.wrapping_add(since(view.estop_edges, seen.estop_edges));
         let holds = [
-            (view.enable_level, HOLDS_ENABLE),
-            (view.recover_level, HOLDS_RECOVERY),
-            (view.clutch_level, HOLDS_CLUTCH),
-            (view.enable_level && view.left_out == [true, false], LEAVES_OUT[0]),
-            (view.enable_level && view.left_out == [false, true], LEAVES_OUT[1]),
+            (view.held.enable_level, HOLDS_ENABLE),
+            (view.held.recover_level, HOLDS_RECOVERY),
+            (view.held.clutch_level, HOLDS_CLUTCH),
+            (view.held.enable_level && view.held.left_out == [true, false], LEAVES_OUT[0]),
+            (view.held.enable_level && view.held.left_out == [false, true], LEAVES_OUT[1]),
         ];
         request.enable_level = holds.into_iter().filter(|(is, _)| *is).map(|(_, bit)| bit).sum();
         self.seen = *view;
