@@ -314,7 +314,7 @@ fn stopped_anew(first: &Status, now: &Status) -> bool {
 /// Explains why a reset had no effect: the persisting faults, or the missing condition.
 fn not_reset(status: &Status, names: &Names) -> String {
     let mut text = format!("not reset within {} s: {}", EFFECT_WITHIN.as_secs(), mode(status).name());
-    let persists = Faults(status.faults).of(Response::Stop);
+    let persists = Faults(status.faults).with_response(Response::Stop);
     for fault in persists.iter() {
         text += &format!("\n{} persists: {}", fault.row().name, meaning(fault, status, names));
     }

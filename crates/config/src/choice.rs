@@ -1,7 +1,7 @@
 //! The robot that a command line chooses, in place of the one that the settings name.
 
 use crate::ConfigError;
-use crate::load::twins;
+use crate::load::weight_files;
 use crate::settings::Settings;
 use retarget::Method;
 use std::path::{Path, PathBuf};
@@ -68,7 +68,7 @@ impl RobotChoice {
     /// weights.
     pub fn weights_beside(&self, others: &Path) -> PathBuf {
         let own = self.own_weights(others);
-        if twins(&own)[0].exists() { own } else { others.to_path_buf() }
+        if weight_files(&own)[0].exists() { own } else { others.to_path_buf() }
     }
 
     /// Returns the robot file of a program that reads no settings.
@@ -105,7 +105,7 @@ impl RobotChoice {
         settings.robot.file = file.to_string_lossy().into_owned();
         let others = PathBuf::from(&settings.weights.file);
         // Without a network nothing is lost if there are no weights. The settings' own would be refused.
-        let has_own = twins(&folder.join(self.own_weights(&others)))[0].exists();
+        let has_own = weight_files(&folder.join(self.own_weights(&others)))[0].exists();
         if has_own || settings.retarget.method == Method::ClosedForm {
             settings.weights.file = self.own_weights(&others).to_string_lossy().into_owned();
         }

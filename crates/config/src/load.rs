@@ -159,10 +159,10 @@ pub fn load(config: &Path, overrides: Overrides) -> Result<Loaded, ConfigError> 
     let folder = config.parent().unwrap_or(Path::new("."));
 
     let weights_path = folder.join(&settings.weights.file);
-    let weights_files = twins(&weights_path);
+    let weights_files = weight_files(&weights_path);
     let weights = if settings.retarget.method == Method::Network || weights_files[0].exists() {
         let read = read_weights(&weights_path, &model);
-        match read.map_err(|error| named_twin(error, &weights_files, config, "weights.file")) {
+        match read.map_err(|error| name_weights(error, &weights_files, config, "weights.file")) {
             // A new robot moves before it is trained.
             Err(ConfigError::Weights { .. } | ConfigError::Read { .. })
                 if lacks_weights(overrides.robot.as_ref(), &weights_path) =>
@@ -176,12 +176,12 @@ pub fn load(config: &Path, overrides: Overrides) -> Result<Loaded, ConfigError> 
         None
     };
     let prediction_path = folder.join(&settings.retarget.prediction);
-    let prediction_files = twins(&prediction_path);
+    let prediction_files = weight_files(&prediction_path);
     let prediction = if settings.retarget.prediction.is_empty() {
         None
     } else {
         let read = read_prediction(&prediction_path);
-        Some(read.map_err(|error| named_twin(error, &prediction_files, config, "retarget.prediction"))?)
+        Some(read.map_err(|error| name_weights(error, &prediction_files, config, "retarget.prediction"))?)
     };
 
     // The obstacles are part of the text.
@@ -218,12 +218,12 @@ pub fn lacks_weights(robot: Option<&RobotChoice>, read: &Path) -> bool {
 }
 
 /// Paths of the manifest and the tensors of `base`.
-pub(crate) fn twins(base: &Path) -> [PathBuf; 2] {
+pub(crate) fn weight_files(base: &Path) -> [PathBuf; 2] {
     ["toml", "safetensors"].map(|extension| with_extension(base, extension))
 }
 
 /// Adds the settings key to the error if either file could not be read. See [`named`].
-fn named_twin(error: ConfigError, files: &[PathBuf; 2], config: &Path, key: &str) -> ConfigError {
+fn name_weights(error: ConfigError, files: &[PathBuf; 2], config: &Path, key: &str) -> ConfigError {
     files.iter().fold(error, |error, file| named(error, file, config, key))
 }
 
@@ -266,22 +266,22 @@ pub fn load_weights(base: &Path, model: &Model) -> Result<retarget::Weights, Con
 
 /// Reads the weights and the manifest's text.
 fn read_weights(base: &Path, model: &Model) -> Result<(retarget::Weights, String), ConfigError> {
-    read_twins(base, |manifest, tensors| retarget::Weights::from_bytes(manifest, tensors, model))
+    read_weight_files(base, |manifest, tensors| retarget::Weights::from_bytes(manifest, tensors, model))
 }
 
 /// Reads `<base>.safetensors` and `<base>.toml` of a prediction, and the manifest's text.
 fn read_prediction(base: &Path) -> Result<(retarget::Prediction, String), ConfigError> {
-    read_twins(base, retarget::Prediction::read)
+    read_weight_files(base, retarget::Prediction::read)
 }
 
 /// Applies `read` to the manifest and the tensors of `base`.
-fn read_twins<T>(
+fn read_weight_files<T>(
     base: &Path,
     read: impl FnOnce(&str, &[u8]) -> Result<T, retarget::WeightsError>,
 ) -> Result<(T, String), ConfigError> {
     // `base` may be the name of the tensors or the name without extension.
     let stem = base.to_str().and_then(|text| text.strip_suffix(".safetensors"));
-    let [manifest_path, tensors_path] = twins(stem.map_or(base, Path::new));
+    let [manifest_path, tensors_path] = weight_files(stem.map_or(base, Path::new));
     let manifest = read_text(&manifest_path)?;
     let tensors = read_bytes(&tensors_path, WEIGHTS_BYTES_MAX)?;
     let value = read(&manifest, &tensors).map_err(|error| {

@@ -45,7 +45,7 @@ struct PerLimb<T> {
 }
 
 impl<T: Copy> PerLimb<T> {
-    fn of([left_upper, left_fore, right_upper, right_fore]: [T; LIMBS]) -> Self {
+    fn from_limbs([left_upper, left_fore, right_upper, right_fore]: [T; LIMBS]) -> Self {
         Self { left_upper, left_fore, right_upper, right_fore }
     }
 
@@ -186,9 +186,9 @@ impl Operator {
             operator_id: self.operator_id,
             layout: self.layout,
             torso_lean_deg: rounded(torso_lean_rad.to_degrees(), 1e2),
-            lengths_m: PerLimb::of(lengths_m.map(|length| rounded(length, 1e4))),
+            lengths_m: PerLimb::from_limbs(lengths_m.map(|length| rounded(length, 1e4))),
             samples: known.then_some(hinges.samples),
-            hinges: known.then(|| PerLimb::of(axes)),
+            hinges: known.then(|| PerLimb::from_limbs(axes)),
         };
         let text = toml::to_string(&file).unwrap_or_default();
         format!(

@@ -302,7 +302,7 @@ pub struct Reference {
 }
 
 impl Reference {
-    fn of<T: Table>(name: &'static str) -> Self {
+    fn for_table<T: Table>(name: &'static str) -> Self {
         let defaults = toml::Table::try_from(T::default()).unwrap_or_default();
         Self { name, meaning: T::MEANING, keys: T::KEYS, defaults }
     }
@@ -312,20 +312,20 @@ impl Settings {
     /// Returns all tables in the order of the file.
     pub fn reference() -> Vec<Reference> {
         vec![
-            Reference::of::<RobotFile>("robot"),
-            Reference::of::<robot::PlaneEntry>("environment.planes"),
-            Reference::of::<robot::BoxEntry>("environment.boxes"),
-            Reference::of::<WeightsFile>("weights"),
-            Reference::of::<retarget::Settings>("retarget"),
-            Reference::of::<DoorSettings>("doors"),
-            Reference::of::<IngestSettings>("ingest"),
-            Reference::of::<ControlSettings>("control"),
-            Reference::of::<DriverSettings>("driver"),
-            Reference::of::<safety::engage::Settings>("safety"),
-            Reference::of::<RealtimeSettings>("realtime"),
-            Reference::of::<MetricsSettings>("metrics"),
-            Reference::of::<SimSettings>("sim"),
-            Reference::of::<Ros2Settings>("ros2"),
+            Reference::for_table::<RobotFile>("robot"),
+            Reference::for_table::<robot::PlaneEntry>("environment.planes"),
+            Reference::for_table::<robot::BoxEntry>("environment.boxes"),
+            Reference::for_table::<WeightsFile>("weights"),
+            Reference::for_table::<retarget::Settings>("retarget"),
+            Reference::for_table::<DoorSettings>("doors"),
+            Reference::for_table::<IngestSettings>("ingest"),
+            Reference::for_table::<ControlSettings>("control"),
+            Reference::for_table::<DriverSettings>("driver"),
+            Reference::for_table::<safety::engage::Settings>("safety"),
+            Reference::for_table::<RealtimeSettings>("realtime"),
+            Reference::for_table::<MetricsSettings>("metrics"),
+            Reference::for_table::<SimSettings>("sim"),
+            Reference::for_table::<Ros2Settings>("ros2"),
         ]
     }
 

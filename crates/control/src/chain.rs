@@ -1,15 +1,15 @@
 //! State from which the next command continues: the chain that `control` sends, compared with what the driver
 //! executes.
 
-use driver::{Chain, ChainView, Motion, Seed};
-use messages::RobotState;
+use driver::{Chain, ChainView, PlanPlayback, Seed};
+use messages::{JointMotion, RobotState};
 
 /// The sender's record of its command stream. The sender is `control`, or a test program in its place.
 #[derive(Clone, Copy, Debug)]
 pub struct Stream {
     chain: Chain,
     last_k: u64,
-    last: Motion,
+    last: JointMotion,
 }
 
 /// Action before the command of this tick. The large variant is not boxed, because a box would allocate in the
@@ -20,7 +20,7 @@ pub enum Continue {
     /// Continue from the own last command: the driver executes it, or still can.
     Own,
     /// Continue from this state instead. Whole-body control and the gate must take it over.
-    From(Motion),
+    From(JointMotion),
     /// Nothing to continue from. Either there is no driver, or it moved when this process started, or the index
     /// was already executed.
     Nothing,
@@ -63,7 +63,7 @@ impl Stream {
     }
 
     /// Notes the command of index `k`.
-    pub fn sent(&mut self, k: u64, motion: Motion) {
+    pub fn sent(&mut self, k: u64, motion: JointMotion) {
         (self.last_k, self.last) = (k, motion);
     }
 

@@ -1,7 +1,6 @@
 //! Whole-body control proposes a command, and the gate accepts or denies it.
 
-use driver::Motion;
-use messages::{JOINTS_MAX, PayloadRefusal, Stamp};
+use messages::{JOINTS_MAX, JointMotion, PayloadRefusal, Stamp};
 use safety::{engage, gate};
 
 /// Whole-body control and the gate, with their state.
@@ -15,7 +14,7 @@ pub struct Commander {
 #[derive(Clone, Copy, Debug)]
 pub struct Commanded {
     /// The motion to send.
-    pub motion: Motion,
+    pub motion: JointMotion,
     /// Reason of the gate's denial, if it denied the proposal. Then `motion` is the next point of the stored plan.
     pub denied: Option<gate::Denial>,
     /// The proposal of whole-body control.
@@ -29,9 +28,9 @@ impl Commander {
     }
 
     /// Continues from the state that the driver executes. Never allocates.
-    pub fn reseed(&mut self, motion: &Motion) {
-        self.wbc.reseed(&planned(motion));
-        self.gate.reseed(&motion.q, &motion.v, &motion.a, &motion.plan);
+    pub fn reseed(&mut self, motion: &JointMotion) {
+        self.wbc.reseed(motion);
+        self.gate.reseed(motion);
     }
 
     /// Sets the payloads of the hands from now on; see [`wbc::State::carry`].
@@ -52,11 +51,12 @@ impl Commander {
     }
 
     /// The last motion that the gate returned.
-    pub fn commanded(&self) -> Motion {
-        Motion { q: self.gate.q(), v: self.gate.v(), a: self.gate.a(), plan: self.gate.plan() }
+    pub fn commanded(&self) -> JointMotion {
+        self.gate.motion()
     }
 
-    /// Runs a tick of whole-body control alone. The gate does not check this proposal.
+    /// Limits the reference of tick `k`: whole-body control proposes a motion with a certified stop. Never allocates,
+    /// blocks, reads a clock or panics.
     pub fn propose(
         &mut self,
         config: &wbc::Config,
@@ -68,19 +68,17 @@ impl Commander {
         wbc::tick(config, &mut self.wbc, now, wbc::Input { k, target, permit })
     }
 
-    /// Computes the command of tick `k`. Never allocates, blocks, reads a clock or panics.
-    pub fn tick(
+    /// Passes the proposal of tick `k` through the gate. Never allocates, blocks, reads a clock or panics.
+    pub fn check(
         &mut self,
-        (wbc, gate): (&wbc::Config, &gate::Config),
+        gate: &gate::Config,
         k: u64,
         now: Stamp,
-        target: Option<wbc::Target<'_>>,
+        proposed: wbc::Output,
         permit: engage::Permit,
     ) -> Commanded {
-        let proposed = self.propose(wbc, k, now, target, permit);
-        let wbc::Output { q, v, a, plan, .. } = proposed;
-        let decision = gate::tick(gate, &mut self.gate, now, gate::Proposed { k, permit, q, v, a, plan });
-        let motion = Motion { q: decision.q, v: decision.v, a: decision.a, plan: decision.plan };
+        let decision = gate::tick(gate, &mut self.gate, now, gate::Proposed { k, permit, motion: proposed.motion });
+        let motion = decision.motion;
         let denied = match decision.verdict {
             gate::Verdict::Deny(denial) => Some(denial),
             gate::Verdict::Accept | gate::Verdict::OnPlan => None,
@@ -89,12 +87,8 @@ impl Commander {
         // one tick, and it would show at the end of a phase.
         let renamed = decision.verdict == gate::Verdict::OnPlan && proposed.candidate != wbc::Candidate::Plan;
         if denied.is_some() || renamed {
-            self.wbc.reseed(&planned(&motion));
+            self.wbc.reseed(&motion);
         }
         Commanded { motion, denied, proposed }
     }
-}
-
-fn planned(motion: &Motion) -> wbc::Planned {
-    wbc::Planned { q: motion.q, v: motion.v, a: motion.a, plan: motion.plan }
 }

@@ -1,6 +1,7 @@
 //! Feedback for the person: how near each arm is to something, and how far each limb is behind.
 
 use crate::status::limb_angles;
+use crate::target::limbs;
 use messages::{Feedback, JointTarget, Layout, RobotState, feedback_flag, state_flag};
 use nalgebra::Vector3;
 use retarget::ArmModel;
@@ -24,7 +25,8 @@ pub fn feedback(model: &Model, arm: &ArmModel, state: &RobotState, target: Optio
             feedback.force_n[side] = state.grippers_measured.force_n[side] as f32;
         }
     }
-    let behind = target.map(|target| limb_angles(model, arm, target, &state.q_measured)).unwrap_or_default();
+    let person = target.map(|target| [0, 1].map(|side| limbs(target, side))).unwrap_or_default();
+    let behind = limb_angles(model, arm, &person, &state.q_measured);
     for (limb, angle) in behind.into_iter().enumerate() {
         let Some(angle) = angle else { continue };
         feedback.limb_behind_rad[limb] = angle as f32;

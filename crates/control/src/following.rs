@@ -1,10 +1,15 @@
-//! Following: the command follows the limbs if the target has a way of the person, else the joints.
+//! Following: the command follows the limbs if the target has the person's motion ahead, else the joints.
 
+use crate::Config;
 use crate::status::limb_angles;
-use crate::{Config, aligned};
-use messages::{JOINTS_MAX, JointTarget, LIMBS, WAY_NODES};
+use crate::target::Target;
+use messages::JOINTS_MAX;
+use robot::Model;
 use safety::{engage, monitor};
 
+/// A command is aligned with its target if no valid joint is farther from it than this, rad: 1.1 degrees. Then the
+/// end of the blend cannot be felt. Assumption.
+const ALIGNED_RAD: f64 = 0.02;
 /// Limbs nearer to the person's than this are aligned, rad: 2 degrees. Retargeting itself leaves as much.
 const ALIGNED_LIMBS_RAD: f64 = 0.035;
 /// A limb farther from the person's than this is far behind, rad: 15 degrees.
@@ -34,9 +39,9 @@ pub(super) struct Following {
     state: follow::State,
     /// Share of the speeds that hands and head may use.
     pointing_scale: f64,
-    /// Wished positions of the head's joints, rad. `None` before the first tick.
+    /// Reference positions of the head's joints, rad. `None` before the first tick.
     head: Option<[f64; 2]>,
-    /// Wished position of the lift, m. `None` while it has no target.
+    /// Reference position of the lift, m. `None` while it has no target.
     lift_m: Option<f64>,
     /// Mean limb error over both of [`AVERAGES_S`], rad. `None` before the first tick.
     averages_rad: Option<[f64; 2]>,
@@ -55,7 +60,7 @@ impl Default for Following {
 }
 
 /// Motion that whole-body control should reach.
-pub(super) struct Wish {
+pub(super) struct Reference {
     pub(super) q: [f64; JOINTS_MAX],
     pub(super) dq: [f64; JOINTS_MAX],
     pub(super) ddq: [f64; JOINTS_MAX],
@@ -63,14 +68,14 @@ pub(super) struct Wish {
     pub(super) valid_mask: u32,
 }
 
-impl Wish {
+impl Reference {
     /// Takes the positions and the valid joints of a target, with the velocities `dq`.
-    fn of_target(target: &JointTarget, dq: [f64; JOINTS_MAX]) -> Self {
+    fn from_target(target: &Target, dq: [f64; JOINTS_MAX]) -> Self {
         Self { q: target.q, dq, ddq: [0.0; JOINTS_MAX], valid_mask: target.valid_mask }
     }
 
     /// Converts it to the input of whole-body control.
-    pub(super) fn target(&self) -> wbc::Target<'_> {
+    pub(super) fn as_target(&self) -> wbc::Target<'_> {
         wbc::Target { q: &self.q, dq: &self.dq, ddq: &self.ddq, valid_mask: self.valid_mask }
     }
 }
@@ -82,82 +87,77 @@ pub(super) struct Closeness {
     pub(super) settled: bool,
 }
 
-/// Returns true if the command follows the limbs.
-fn has_way(target: &JointTarget) -> bool {
-    target.way_nodes as usize == WAY_NODES
-}
-
 impl Following {
-    /// Returns the wish of tick `k`. `None` while there is no target. If `late`, the target is where the person
+    /// Returns the reference of tick `k`. `None` while there is no target. If `late`, the target is where the person
     /// was, and its velocities are not used.
-    pub(super) fn wish(
+    pub(super) fn reference(
         &mut self,
         config: &Config,
         k: u64,
         (q, v): (&[f64; JOINTS_MAX], &[f64; JOINTS_MAX]),
         permit: engage::Permit,
-        target: Option<&JointTarget>,
+        target: Option<&Target>,
         late: bool,
-    ) -> Option<Wish> {
+    ) -> Option<Reference> {
         let engage::Permit::Follow { speed_scale } = permit else {
             self.state.forget();
             (self.pointing_scale, self.head, self.averages_rad) = (engage::SPEED_SCALE_FIRST, None, None);
             self.lift_m = None;
-            return target.map(|target| Wish::of_target(target, [0.0; JOINTS_MAX]));
+            return target.map(|target| Reference::from_target(target, [0.0; JOINTS_MAX]));
         };
         self.pointing_scale = (self.pointing_scale + messages::TICK_S / POINTING_RAMP_S).min(speed_scale);
         let target = target?;
-        if !has_way(target) {
+        let Some(ahead) = &target.ahead else {
             let dq = if late { [0.0; JOINTS_MAX] } else { target.dq };
-            return Some(Wish::of_target(target, dq));
-        }
+            return Some(Reference::from_target(target, dq));
+        };
         let input = follow::Input {
             k,
-            way: &target.way,
-            way_first: target.way_first,
+            way: &ahead.limbs,
+            way_first: ahead.first_node,
             valid_mask: target.valid_mask,
             prior: &target.q,
-            hands: &target.way_hands,
-            places: &target.way_places,
+            hands: &ahead.hands,
+            places: &ahead.places,
             q,
             v,
             speed_scale,
             wrist_speed_scale: self.pointing_scale,
         };
         let follow::Output { aims } = follow::tick(&config.follow, &mut self.state, input);
-        let mut wish = Wish::of_target(target, [0.0; JOINTS_MAX]);
-        self.turn_head(config, q, &mut wish);
-        self.lift(config, q, speed_scale, &mut wish);
+        let mut reference = Reference::from_target(target, [0.0; JOINTS_MAX]);
+        self.turn_head(config, q, &mut reference);
+        self.lift(config, q, speed_scale, &mut reference);
         for (j, aim) in aims.iter().enumerate() {
             if let Some(aim) = aim {
-                (wish.q[j], wish.dq[j], wish.ddq[j]) = (aim.q, aim.v, aim.a);
-                wish.valid_mask |= 1 << j;
+                (reference.q[j], reference.dq[j], reference.ddq[j]) = (aim.q, aim.v, aim.a);
+                reference.valid_mask |= 1 << j;
             }
         }
-        Some(wish)
+        Some(reference)
     }
 
-    /// Lets the wish of the lift go from the command to its target at half of its speed.
-    fn lift(&mut self, config: &Config, q: &[f64; JOINTS_MAX], speed_scale: f64, wish: &mut Wish) {
-        let Some(j) = config.model.lift.filter(|&j| wish.valid_mask & 1 << j != 0) else {
+    /// Moves the reference of the lift from the command to its target at half of its speed.
+    fn lift(&mut self, config: &Config, q: &[f64; JOINTS_MAX], speed_scale: f64, reference: &mut Reference) {
+        let Some(j) = config.model.lift.filter(|&j| reference.valid_mask & 1 << j != 0) else {
             self.lift_m = None;
             return;
         };
         let most = LIFT_SPEED * speed_scale * config.model.limits[j].v_max * messages::TICK_S;
         let now = self.lift_m.get_or_insert(q[j]);
-        *now = toward(*now, wish.q[j], most);
-        wish.q[j] = *now;
+        *now = toward(*now, reference.q[j], most);
+        reference.q[j] = *now;
     }
 
-    /// Lets the wish of the head go from the command to the target, or home without one, at the speed that it has.
-    fn turn_head(&mut self, config: &Config, q: &[f64; JOINTS_MAX], wish: &mut Wish) {
+    /// Moves the reference of the head from the command to the target, or home without one, at the speed that it has.
+    fn turn_head(&mut self, config: &Config, q: &[f64; JOINTS_MAX], reference: &mut Reference) {
         let Some(head) = &config.model.head else { return };
-        let wished = self.head.get_or_insert(head.joints.map(|j| q[j]));
-        for (now, j) in wished.iter_mut().zip(head.joints) {
+        let positions = self.head.get_or_insert(head.joints.map(|j| q[j]));
+        for (now, j) in positions.iter_mut().zip(head.joints) {
             let most = self.pointing_scale * config.model.limits[j].v_max * messages::TICK_S;
-            let goal = if wish.valid_mask & 1 << j != 0 { wish.q[j] } else { config.model.home[j] };
+            let goal = if reference.valid_mask & 1 << j != 0 { reference.q[j] } else { config.model.home[j] };
             *now = toward(*now, goal, most);
-            (wish.q[j], wish.valid_mask) = (*now, wish.valid_mask | 1 << j);
+            (reference.q[j], reference.valid_mask) = (*now, reference.valid_mask | 1 << j);
         }
     }
 
@@ -165,22 +165,22 @@ impl Following {
     pub(super) fn closeness(
         &mut self,
         config: &Config,
-        target: Option<&JointTarget>,
+        target: Option<&Target>,
         q: &[f64; JOINTS_MAX],
         v: &[f64; JOINTS_MAX],
     ) -> Closeness {
         let slow = v.iter().all(|v| v.abs() <= SETTLED_SPEED);
         let Some(target) = target else { return Closeness { aligned: false, behind: false, settled: slow } };
-        if !has_way(target) {
+        if target.ahead.is_none() {
             return Closeness {
-                aligned: aligned(&config.model, target, q),
+                aligned: joints_aligned(&config.model, target, q),
                 behind: monitor::far_behind(&config.model, &target.q, target.valid_mask, q),
                 settled: slow,
             };
         }
         let mut sum = 0.0;
         let (mut limbs, mut worst) = (0.0_f64, 0.0_f64);
-        for angle in limb_angles(&config.model, &config.arm, target, q).into_iter().flatten() {
+        for angle in limb_angles(&config.model, &config.arm, &target.limbs, q).into_iter().flatten() {
             (sum, limbs, worst) = (sum + angle, limbs + 1.0, worst.max(angle));
         }
         let mean = sum / limbs.max(1.0);
@@ -203,7 +203,11 @@ fn toward(now: f64, goal: f64, most: f64) -> f64 {
     if goal.is_nan() { now } else { goal.max(now - most).min(now + most) }
 }
 
-/// The person's limbs of a target that has a way. Used to compare one target with the next.
-pub(super) fn person(target: &JointTarget) -> Option<&[[f64; 4]; LIMBS]> {
-    has_way(target).then_some(&target.human_limbs)
+/// Returns true if every valid joint of a command at `q` is near its target, as far as the limits let it reach the
+/// target.
+fn joints_aligned(model: &Model, target: &Target, q: &[f64; JOINTS_MAX]) -> bool {
+    (0..model.count).filter(|j| target.valid_mask & 1 << j != 0).all(|j| {
+        let limits = &model.limits[j];
+        (target.q[j].clamp(limits.q_min, limits.q_max) - q[j]).abs() <= ALIGNED_RAD
+    })
 }

@@ -1,7 +1,8 @@
 //! Gripping: the grippers follow the closure of the person's hands.
 
 use crate::Config;
-use messages::{GripperMotion, JointTarget, Layout, Mode, target_flag};
+use crate::target::Target;
+use messages::{GripperMotion, Layout, Mode};
 use safety::{gate, gripper};
 
 /// A hand takes its gripper over at this difference of their closures. Assumption: a person does not see less.
@@ -41,7 +42,7 @@ impl Gripping {
         &mut self,
         config: &Config,
         mode: Mode,
-        target: Option<&JointTarget>,
+        target: Option<&Target>,
     ) -> (GripperMotion, Option<gate::Denial>) {
         let goals = core::array::from_fn(|side| match mode {
             Mode::Engaged => self.follow(side, target),
@@ -56,17 +57,14 @@ impl Gripping {
         (passed, denied)
     }
 
-    fn follow(&mut self, side: usize, target: Option<&JointTarget>) -> Option<f64> {
-        let target = target?;
-        let known = target.flags & target_flag::CLOSURE[side] != 0 && target.closure[side].is_finite();
-        if !known {
+    fn follow(&mut self, side: usize, target: Option<&Target>) -> Option<f64> {
+        let Some(closure) = target?.closure[side] else {
             (self.taken[side], self.seen[side]) = (false, None);
             return None;
-        }
-        let closure = f64::from(target.closure[side]);
-        let (way, before) = (closure - self.sent.closure[side], self.seen[side].replace(closure));
-        let passed = before.is_some_and(|before| (before - self.sent.closure[side]) * way <= 0.0);
-        self.taken[side] |= way.abs() <= TAKEN_WITHIN || passed;
+        };
+        let (to_go, before) = (closure - self.sent.closure[side], self.seen[side].replace(closure));
+        let passed = before.is_some_and(|before| (before - self.sent.closure[side]) * to_go <= 0.0);
+        self.taken[side] |= to_go.abs() <= TAKEN_WITHIN || passed;
         self.taken[side].then_some(closure)
     }
 }

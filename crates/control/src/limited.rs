@@ -1,8 +1,7 @@
 //! Limits that keep the command from the person.
 
-use driver::Motion;
 use follow::LIMB_JOINTS;
-use messages::{FollowingLimit, Status, Subject};
+use messages::{FollowingLimit, JointMotion, Status, Subject};
 use robot::Model;
 
 /// A joint is at its highest speed from this share of it. Assumption.
@@ -17,7 +16,7 @@ const AT_CLEARANCE_M: f64 = 1e-3;
 /// Writes into `status` the limit that the command `motion` has reached. Only limits that an operator can see
 /// count: the joint nearest to its highest speed, the nearest pair, or a joint at the end of its range. Wrists turn no limb, so
 /// no limb is behind because of them.
-pub(super) fn note(status: &mut Status, engaged: bool, motion: &Motion, wbc: &wbc::Config, model: &Model) {
+pub(super) fn report(status: &mut Status, engaged: bool, motion: &JointMotion, wbc: &wbc::Config, model: &Model) {
     let bounds = wbc.bounds();
     let arms = || model.arms.iter().flat_map(|arm| &arm.joints[..LIMB_JOINTS]).copied();
     let speed = |j: usize| motion.v[j].abs() / bounds[j].v_max;
@@ -36,8 +35,7 @@ pub(super) fn note(status: &mut Status, engaged: bool, motion: &Motion, wbc: &wb
 
 #[cfg(test)]
 mod tests {
-    use super::note;
-    use driver::Motion;
+    use super::report;
     use messages::{FollowingLimit, Layout, Status, Subject};
     use robot::Model;
 
@@ -51,22 +49,22 @@ mod tests {
         let model = Model::from_text("r.toml", TOML, "r.urdf", URDF).expect("the shipped robot");
         let wbc = wbc::Config::new(&model, wbc::Options::default()).expect("the shipped robot");
         let mut status = Status { clearance_command_m: 0.5, nearest_pair: [3, 8], ..Status::ZERO };
-        let mut said = |motion: &Motion, clearance_m: f64, engaged: bool| {
+        let mut reported = |motion: &JointMotion, clearance_m: f64, engaged: bool| {
             status.clearance_command_m = clearance_m;
-            note(&mut status, engaged, motion, &wbc, &model);
-            (FollowingLimit::from_u32(status.limited_why), Subject::of(status.limited_about))
+            report(&mut status, engaged, motion, &wbc, &model);
+            (FollowingLimit::from_u32(status.limited_why), Subject::from_code(status.limited_about))
         };
-        let mut motion = Motion::rest(model.home);
-        assert_eq!(said(&motion, 0.5, true), (FollowingLimit::None, None));
+        let mut motion = JointMotion::rest(model.home);
+        assert_eq!(reported(&motion, 0.5, true), (FollowingLimit::None, None));
         motion.q[LEFT_ARM.start] = wbc.bounds()[LEFT_ARM.start].q_min + 0.005;
-        assert_eq!(said(&motion, 0.5, true), (FollowingLimit::Range, Some(Subject::Joint(LEFT_ARM.start))));
-        assert_eq!(said(&motion, 0.0105, true), (FollowingLimit::Clearance, Some(Subject::Pair([3, 8]))));
+        assert_eq!(reported(&motion, 0.5, true), (FollowingLimit::Range, Some(Subject::Joint(LEFT_ARM.start))));
+        assert_eq!(reported(&motion, 0.0105, true), (FollowingLimit::Clearance, Some(Subject::Pair([3, 8]))));
         motion.v[LEFT_ARM.start + 5] = wbc.bounds()[LEFT_ARM.start + 5].v_max;
-        assert_eq!(said(&motion, 0.0105, true), (FollowingLimit::Clearance, Some(Subject::Pair([3, 8]))));
+        assert_eq!(reported(&motion, 0.0105, true), (FollowingLimit::Clearance, Some(Subject::Pair([3, 8]))));
         motion.v[LEFT_ARM.start + 2] = -0.97 * wbc.bounds()[LEFT_ARM.start + 2].v_max;
-        assert_eq!(said(&motion, 0.0105, true), (FollowingLimit::Speed, Some(Subject::Joint(LEFT_ARM.start + 2))));
+        assert_eq!(reported(&motion, 0.0105, true), (FollowingLimit::Speed, Some(Subject::Joint(LEFT_ARM.start + 2))));
         assert_eq!(
-            said(&motion, 0.0105, false),
+            reported(&motion, 0.0105, false),
             (FollowingLimit::None, None),
             "a robot that does not follow is behind nobody"
         );

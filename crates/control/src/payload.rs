@@ -1,14 +1,15 @@
-//! Payloads of the hands: `control` takes or refuses an operator's orders.
+//! Payloads of the hands: `control` executes or refuses an operator's orders.
 
-use crate::{Config, State};
+use crate::Config;
+use crate::tick::State;
 use messages::{Mode, PayloadOrder, PayloadRefusal, Status};
 use robot::Payload;
 use safety::engage;
 
 impl State {
-    /// Takes the operator's orders for the hands, or refuses them. A payload changes only while the robot is
+    /// Executes the operator's orders for the hands, or refuses them. A payload changes only while the robot is
     /// Disengaged and at rest. So no motion was certified with another payload.
-    pub(super) fn take_payloads(
+    pub(super) fn set_payloads(
         &mut self,
         config: &Config,
         orders: &[Option<PayloadOrder>; 2],
@@ -16,9 +17,9 @@ impl State {
     ) {
         for (hand, order) in orders.iter().enumerate() {
             let Some(order) = order else { continue };
-            let taken = self.carry(config, hand, order, decided);
-            let status = &mut self.status;
-            let (count, why, joint) = match taken {
+            let carried = self.carry(config, hand, order, decided);
+            let status = &mut self.report.status;
+            let (count, why, joint) = match carried {
                 Ok(None) => (&mut status.payloads_taken, 0, None),
                 // The load is in the hand whether the arm can hold it or not. It counts, and nothing starts.
                 Ok(joint) => (&mut status.payloads_taken, PayloadRefusal::Overload as u32, joint),
@@ -37,9 +38,9 @@ impl State {
         order: &PayloadOrder,
         decided: &engage::Output,
     ) -> Result<Option<usize>, PayloadRefusal> {
-        let said = order.centre_m.map(Into::into).or(config.model.payload[hand].map(|payload| payload.center));
+        let center = order.centre_m.map(Into::into).or(config.model.payload[hand].map(|payload| payload.center));
         // A mass of zero needs no centre.
-        let center = said.or((order.mass_kg == 0.0).then(Default::default));
+        let center = center.or((order.mass_kg == 0.0).then(Default::default));
         let one = Payload::new(order.mass_kg, center.unwrap_or_default())?;
         if center.is_none() {
             return Err(PayloadRefusal::NoCentre);
@@ -57,7 +58,7 @@ impl State {
 }
 
 /// Writes the payloads of the hands into the status.
-pub(super) fn note(status: &mut Status, payload: &[Payload; 2]) {
+pub(super) fn report(status: &mut Status, payload: &[Payload; 2]) {
     status.payload_kg = payload.map(|hand| hand.mass_kg);
     status.payload_centre_m = payload.map(|hand| hand.center.into());
 }

@@ -1,7 +1,8 @@
-//! Figures that control publishes about the motion.
+//! Errors of the limbs and of the torso, for the status.
 
 use crate::Config;
-use messages::{JOINTS_MAX, JointTarget, LIMBS};
+use crate::following::Reference;
+use messages::{JOINTS_MAX, LIMBS};
 use retarget::{ArmModel, Limbs, limb_error_deg};
 use robot::Model;
 
@@ -10,33 +11,32 @@ use robot::Model;
 pub(super) fn limb_angles(
     model: &Model,
     arm_model: &ArmModel,
-    target: &JointTarget,
+    limbs: &[Option<Limbs>; 2],
     q: &[f64; JOINTS_MAX],
 ) -> [Option<f64>; LIMBS] {
     let mut angles = [None; LIMBS];
     for (side, arm) in model.arms.iter().enumerate() {
-        let [upper, fore] = [target.human_limbs[2 * side], target.human_limbs[2 * side + 1]];
-        let Some(human) = Limbs::of_arm(side, [upper, fore]) else { continue };
+        let Some(human) = &limbs[side] else { continue };
         let as_left = arm.mirrored(&core::array::from_fn(|i| q[arm.joints[i]]));
-        let degrees = limb_error_deg(&arm_model.forward(&as_left), &human);
+        let degrees = limb_error_deg(&arm_model.forward(&as_left), human);
         angles[2 * side..2 * side + 2].copy_from_slice(&degrees.map(|angle| Some(angle.to_radians())));
     }
     angles
 }
 
 /// Mean of these angles, rad. Zero without a person.
-pub(super) fn limb_error(config: &Config, target: &JointTarget, q: &[f64; JOINTS_MAX]) -> f64 {
-    let angles = limb_angles(&config.model, &config.arm, target, q);
+pub(super) fn limb_error(config: &Config, limbs: &[Option<Limbs>; 2], q: &[f64; JOINTS_MAX]) -> f64 {
+    let angles = limb_angles(&config.model, &config.arm, limbs, q);
     let count = angles.iter().flatten().count();
     angles.iter().flatten().sum::<f64>() / count.max(1) as f64
 }
 
 /// Distance that the torso has to rise to its target, m. Without a target for it, to its home position. Zero without
 /// a lift.
-pub(super) fn torso_to_go(model: &Model, target: &wbc::Target<'_>, q: &[f64; JOINTS_MAX]) -> f64 {
+pub(super) fn torso_to_go(model: &Model, reference: &Reference, q: &[f64; JOINTS_MAX]) -> f64 {
     let Some(lift) = model.lift else { return 0.0 };
     let limits = &model.limits[lift];
-    let aim = if target.valid_mask & 1 << lift != 0 { target.q[lift] } else { model.home[lift] };
+    let aim = if reference.valid_mask & 1 << lift != 0 { reference.q[lift] } else { model.home[lift] };
     let to_go = aim.clamp(limits.q_min, limits.q_max) - q[lift];
     if to_go.is_finite() { to_go } else { 0.0 }
 }

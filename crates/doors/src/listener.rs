@@ -75,7 +75,7 @@ impl Listener {
             return None;
         }
         let socket = net::accept_with(&self.socket, SocketFlags::CLOEXEC | SocketFlags::NONBLOCK).ok()?;
-        let peer = Peer::of(socket.as_fd()).ok()?;
+        let peer = Peer::from_socket(socket.as_fd()).ok()?;
         let known = peer.uid == 0 || peer.uid == self.uid || peer.is_member(socket.as_fd(), self.gid);
         Some(if known { Admission::Admitted(socket, peer) } else { Admission::Forbidden(socket, peer) })
     }

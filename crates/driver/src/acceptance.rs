@@ -3,8 +3,8 @@
 use crate::chain::Chain;
 use crate::follower::{Config, State};
 use crate::limits::Point;
-use crate::plan::Motion;
-use messages::{JointCommand, Stamp, TICK_HZ, TICK_S, deadline, tick_at};
+use crate::plan::{PlanPlayback, residue_at_end};
+use messages::{JointCommand, JointMotion, Stamp, TICK_HZ, TICK_S, deadline, tick_at};
 
 /// The largest gap between two setpoints that is still one motion, ticks: 5.3 ms. A drive that carries on by
 /// itself over the gap is then off by less than J t^3 / 3. That is 2e-5 rad at the 400 rad/s^3 of an arm. Its own
@@ -95,7 +95,7 @@ pub(crate) fn plausible(config: &Config, now: Stamp, command: &JointCommand) -> 
         return Err(Refusal::TooOld);
     }
     let short = |d: &[f64; 3]| d.iter().all(|&d| d >= 0.0) && d.iter().sum::<f64>() <= PLAN_MAX_S;
-    let stops = motion_of(command).residue_at_end() <= REST_TOLERANCE;
+    let stops = residue_at_end(&command.motion()) <= REST_TOLERANCE;
     if plan.duration_s.iter().all(short) && stops { Ok(()) } else { Err(Refusal::NotAStop) }
 }
 
@@ -137,7 +137,7 @@ pub(crate) fn judge(config: &Config, state: &State, command: &JointCommand) -> R
 /// Checks that every joint continues within its limits.
 /// A command for the state of another driver fails here, for example of one that died in the tick in which
 /// this one started.
-fn continues(config: &Config, from: &Motion, from_k: u64, command: &JointCommand) -> Result<(), Refusal> {
+fn continues(config: &Config, from: &JointMotion, from_k: u64, command: &JointCommand) -> Result<(), Refusal> {
     let dt_s = (command.k - from_k) as f64 * TICK_S;
     for (j, limits) in config.limits.iter().enumerate() {
         let before = Point { q: from.q[j], v: from.v[j], a: from.a[j] };
@@ -145,9 +145,4 @@ fn continues(config: &Config, from: &Motion, from_k: u64, command: &JointCommand
         limits.continues(before, after, dt_s)?;
     }
     Ok(())
-}
-
-/// Returns the motion that a command asks for.
-pub(crate) fn motion_of(command: &JointCommand) -> Motion {
-    Motion { q: command.q, v: command.v, a: command.a, plan: command.plan }
 }

@@ -1,8 +1,8 @@
 //! The other end of the protocol: how `control` finds the state to continue from.
 //! `control` runs this code, so the model test proves the code that runs.
 
-use crate::plan::Motion;
-use messages::{JointCommand, RobotState};
+use crate::plan::PlanPlayback;
+use messages::{JointCommand, JointMotion, RobotState};
 
 /// The name of a chain.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -37,7 +37,7 @@ pub struct Seed {
     /// Plan ticks played after that command. `control` writes it into every command of the chain.
     pub seed_played: u64,
     /// The state that the first command continues from, one tick before it, and the rest of the plan.
-    pub motion: Motion,
+    pub motion: JointMotion,
 }
 
 /// Returns the seed for a first command of index `k`: the driver's state advanced along its plan to index
@@ -54,7 +54,7 @@ pub struct Seed {
 pub fn reseed(echo: &RobotState, k: u64) -> Option<Seed> {
     let index = echo.executed_k.checked_add(echo.plan_ticks_played)?;
     let missing = k.checked_sub(1)?.checked_sub(index)?;
-    let mut motion = Motion { q: echo.q, v: echo.v, a: echo.a, plan: echo.plan };
+    let mut motion = echo.motion();
     motion.play(missing);
     Some(Seed { seed_k: echo.executed_k, seed_played: echo.plan_ticks_played + missing, motion })
 }

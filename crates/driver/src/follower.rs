@@ -4,10 +4,11 @@ use crate::acceptance::{self, GAP_MAX_TICKS, Refusal, Rule};
 use crate::chain::Chain;
 use crate::gripper::Grippers;
 use crate::limits::JointLimits;
-use crate::plan::Motion;
+use crate::plan::play_tick;
 use crate::port::{Drives, ENCODER_NOISE, Measured, NOISE, Setpoint};
 use messages::{
-    Fault, Faults, Header, JOINTS_MAX, JointCommand, Layout, RobotId, RobotState, Stamp, TICK_HZ, TICK_S, state_flag,
+    Fault, Faults, Header, JOINTS_MAX, JointCommand, JointMotion, Layout, RobotId, RobotState, Stamp, TICK_HZ, TICK_S,
+    state_flag,
 };
 
 /// Age of a measurement beyond which a robot counts as silent, ns: ten cycles of a port of 1 kHz. Assumption.
@@ -84,7 +85,7 @@ impl Config {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct State {
     /// The executed motion, at index `executed_k + plan_ticks_played`.
-    pub motion: Motion,
+    pub motion: JointMotion,
     /// Index of the last accepted command. Before the first one: the index at which holding began.
     pub executed_k: u64,
     /// Plan ticks played since that index.
@@ -129,7 +130,7 @@ impl State {
     /// after another one ended. Then no identity is given twice.
     pub fn hold(k: u64, q: &[f64; JOINTS_MAX]) -> Option<Self> {
         q.iter().all(|q| q.is_finite()).then_some(Self {
-            motion: Motion::rest(*q),
+            motion: JointMotion::rest(*q),
             executed_k: k,
             plan_ticks_played: 0,
             chain: None,
@@ -186,14 +187,11 @@ impl State {
             reset_count: self.reset.map_or(0, |(_, count)| count),
             q_measured: measured.q,
             dq_measured: measured.dq,
-            q: self.motion.q,
-            v: self.motion.v,
-            a: self.motion.a,
-            plan: self.motion.plan,
             commands_refused: self.refused.iter().sum(),
             flags,
             ..RobotState::ZERO
         }
+        .with_motion(&self.motion)
     }
 }
 
@@ -354,7 +352,7 @@ impl State {
         let edge = self.reset.is_some_and(|(writer, count)| writer == incarnation && count != command.reset_count);
         self.reset = Some((incarnation, command.reset_count));
         let stands = self.still_ticks >= STILL_TICKS;
-        if edge && self.latched && self.motion.at_rest() && driven && !self.holds_measured && stands {
+        if edge && self.latched && self.motion.is_at_rest() && driven && !self.holds_measured && stands {
             self.latched = false;
             self.silent = None;
         }
@@ -366,7 +364,7 @@ impl State {
         if let Rule::New { play_ticks } = rule {
             self.play(play_ticks, each);
         }
-        self.motion = acceptance::motion_of(command);
+        self.motion = command.motion();
         self.executed_k = command.k;
         self.plan_ticks_played = 0;
         self.chain = Some(Chain::of(command));
@@ -387,10 +385,10 @@ impl State {
     pub(crate) fn play(&mut self, ticks: u64, each: &mut impl FnMut(&Step)) {
         let mut left = ticks;
         while left > 0 {
-            let at_rest = self.motion.at_rest();
+            let at_rest = self.motion.is_at_rest();
             let (played, kind) = if at_rest { (left, StepKind::Rest) } else { (1, StepKind::Plan) };
             if !at_rest {
-                self.motion.play_tick();
+                play_tick(&mut self.motion);
             }
             self.plan_ticks_played = self.plan_ticks_played.saturating_add(played);
             left -= played;
@@ -464,9 +462,10 @@ impl State {
         self.holds_measured &= self.settle_ticks > 0;
         // A refused setpoint changes nothing here: the setpoint follows the joints until they stand.
         let settles = self.holds_measured && (undriven || !complained);
-        let stopped = drives.fault && self.motion.at_rest() && !self.holds_measured;
-        let near =
-            powered && !self.motion.at_rest() && input.measured.is_none_or(|measured| self.is_near(config, measured));
+        let stopped = drives.fault && self.motion.is_at_rest() && !self.holds_measured;
+        let near = powered
+            && !self.motion.is_at_rest()
+            && input.measured.is_none_or(|measured| self.is_near(config, measured));
         let left = self.undriven >= UNDRIVEN_TICKS && !near;
         let unanswered = powered && input.measured.is_some_and(|measured| measured.unanswered);
         self.awaited = if left { self.awaited.saturating_add(1) } else { 0 };
@@ -477,7 +476,7 @@ impl State {
         // Only a deviation larger than the noise moves the held posture.
         let at = |j: usize| held[j].clamp(standing[j] - ENCODER_NOISE, standing[j] + ENCODER_NOISE);
         self.holds_measured = true;
-        self.motion = Motion::rest(core::array::from_fn(|j| config.limits[j].within(at(j), NOISE)));
+        self.motion = JointMotion::rest(core::array::from_fn(|j| config.limits[j].within(at(j), NOISE)));
         (self.executed_k, self.plan_ticks_played, self.chain) = (self.index(), 0, None);
         each(&Step { kind: StepKind::Measured, setpoint: self.setpoint() });
         false

@@ -65,6 +65,6 @@ pub use follower::{
 };
 pub use gripper::{Grippers, RAMP_S as GRIPPER_RAMP_S};
 pub use limits::JointLimits;
-pub use plan::Motion;
+pub use plan::PlanPlayback;
 pub use port::{Driver, Drives, Measured, Setpoint};
 pub use suspension::{STANDS_WITHIN_TICKS, START_AFTER_TICKS, STOOD_FOR_NS, Standstill};

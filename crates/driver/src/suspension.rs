@@ -3,9 +3,9 @@
 use crate::acceptance::GAP_MAX_TICKS;
 use crate::follower::{Config, Input, State, Step, StepKind};
 use crate::limits::JointLimits;
-use crate::plan::Motion;
+use crate::plan::{PlanPlayback, duration_s, slowed, stopping};
 use crate::port::{ENCODER_NOISE, Measured, NOISE};
-use messages::{JOINTS_MAX, Stamp, TICK_HZ, TICK_S};
+use messages::{JOINTS_MAX, JointMotion, Stamp, TICK_HZ, TICK_S};
 
 /// Largest noise of a measured speed, rad/s or m/s: eight standard deviations of the simulated drives' noise.
 /// Assumption.
@@ -110,7 +110,7 @@ impl State {
         });
         if confirmed && v.iter().any(|&v| v != 0.0) {
             let q = core::array::from_fn(|j| arrival(config, j, measured.q[j], v[j]));
-            state.motion = Motion::stopping(&config.limits, q, &v, &[0.0; JOINTS_MAX]);
+            state.motion = stopping(&config.limits, q, &v, &[0.0; JOINTS_MAX]);
             state.holds_measured = false;
             state.latched = true;
         }
@@ -120,7 +120,7 @@ impl State {
     /// Returns the number of ticks for which the driver was suspended, if it is too large for one motion.
     pub(crate) fn suspension(&self, due_k: u64) -> Option<u64> {
         let ticks = due_k.saturating_sub(self.index());
-        (ticks > GAP_MAX_TICKS && !self.motion.at_rest()).then_some(ticks)
+        (ticks > GAP_MAX_TICKS && !self.motion.is_at_rest()).then_some(ticks)
     }
 
     /// Continues after the driver was suspended for `ticks` while the robot moved.
@@ -176,7 +176,7 @@ impl State {
     ///
     /// Speeds, accelerations and jerks are c, c^2 and c^3 times the certified ones. Torques lie between the
     /// certified ones and those that hold the posture.
-    fn rejoined(&self, config: &Config, now: Stamp, ticks: u64, measured: &Measured) -> Option<Motion> {
+    fn rejoined(&self, config: &Config, now: Stamp, ticks: u64, measured: &Measured) -> Option<JointMotion> {
         let delay_ticks = age_ticks(now, measured) + config.interface_delay_ticks;
         let apart = |s: u64| {
             let seen_s = s.saturating_sub(delay_ticks) as f64 * TICK_S;
@@ -187,7 +187,7 @@ impl State {
             let apart = apart(s);
             if apart <= best.1 { (s, apart) } else { best }
         };
-        let last = ticks.min((self.motion.duration_s() / TICK_S) as u64 + 1);
+        let last = ticks.min((duration_s(&self.motion.plan) / TICK_S) as u64 + 1);
         let (s, apart) = (0..=last).fold((0, f64::INFINITY), nearest);
         let mut motion = self.motion;
         motion.play(s);
@@ -199,13 +199,13 @@ impl State {
         let share = if along < planned { along / planned } else { 1.0 };
         let is_as_fast = |j: usize| (measured.dq[j] - share * motion.v[j]).abs() <= as_fast(&config.limits[j]);
         let near = apart <= 1.0 && moves(measured);
-        let fits = near && (0..JOINTS_MAX).all(is_as_fast) && motion.duration_s() <= share * STOP_MAX_S;
-        fits.then(|| motion.slowed(share))
+        let fits = near && (0..JOINTS_MAX).all(is_as_fast) && duration_s(&motion.plan) <= share * STOP_MAX_S;
+        fits.then(|| slowed(&motion, share))
     }
 
     /// Returns the stop from the measured posture after `ticks`, with the measured positions and velocities and the
     /// accelerations of the plan. Returns `None` if the measurement is impossible.
-    fn place(&mut self, config: &Config, now: Stamp, ticks: u64, measured: &Measured) -> Option<Motion> {
+    fn place(&mut self, config: &Config, now: Stamp, ticks: u64, measured: &Measured) -> Option<JointMotion> {
         let mut planned = self.motion;
         planned.play(ticks);
         let (elapsed_s, age_s) = (ticks as f64 * TICK_S, now.since(measured.stamp) as f64 * 1e-9);
@@ -223,7 +223,7 @@ impl State {
         let v = core::array::from_fn(speed);
         let believed = self.believe(config, self.index() + ticks, measured)?;
         let q = core::array::from_fn(|j| arrival(config, j, believed[j] + age_s * v[j], v[j]));
-        Some(Motion::stopping(&config.limits, q, &v, &planned.a))
+        Some(stopping(&config.limits, q, &v, &planned.a))
     }
 
     /// Returns true if the robot is as near its setpoints as a robot that follows them. Each joint lags by the

@@ -4,8 +4,8 @@
 mod bench;
 
 use bench::{Bench, K, measured};
-use driver::{Config, GAP_MAX_TICKS, Input, JointLimits, Measured, Motion, tick};
-use messages::{JOINTS_MAX, Layout, RobotId, Stamp, TICK_S, deadline};
+use driver::{Config, GAP_MAX_TICKS, Input, JointLimits, Measured, tick};
+use messages::{JOINTS_MAX, JointMotion, Layout, RobotId, Stamp, TICK_S, deadline};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 
@@ -38,13 +38,13 @@ fn stop(v: f64, a: f64) -> Option<([f64; 3], [f64; 3])> {
 struct Joint {
     /// Positions and velocities, backward in time.
     past: Vec<(f64, f64)>,
-    motion: Motion,
+    motion: JointMotion,
     index: usize,
 }
 
 impl Joint {
     /// Creates a joint with random jerks within the limits.
-    fn new(rng: &mut Pcg64, motion: &Motion, index: usize) -> Self {
+    fn new(rng: &mut Pcg64, motion: &JointMotion, index: usize) -> Self {
         let (mut q, mut v, mut a) = (motion.q[index], motion.v[index], motion.a[index]);
         let mut jerk = 0.0;
         let mut step = |n: usize| {
@@ -86,8 +86,8 @@ impl Joint {
 }
 
 /// Returns a random motion, or `None` if one of its joints cannot be stopped in time.
-fn motion(rng: &mut Pcg64) -> Option<Motion> {
-    let mut motion = Motion::rest([0.0; JOINTS_MAX]);
+fn motion(rng: &mut Pcg64) -> Option<JointMotion> {
+    let mut motion = JointMotion::rest([0.0; JOINTS_MAX]);
     for j in 0..MOVING {
         (motion.v[j], motion.a[j]) =
             (rng.random_range(-1.0..1.0) * LIMITS.v_max, rng.random_range(-1.0..1.0) * LIMITS.a_max);

@@ -4,11 +4,11 @@ mod bench;
 
 use bench::{Bench, CONFIG, K, measured};
 use driver::{
-    Accepted, Chain, Config, Drive, DriveInput, Driver, GAP_MAX_TICKS, Input, Measured, Motion, Refusal, SETTLE_TICKS,
-    SILENCE_TICKS, STILL_TICKS, Setpoint, State, drive, reseed, tick,
+    Accepted, Chain, Config, Drive, DriveInput, Driver, GAP_MAX_TICKS, Input, Measured, PlanPlayback, Refusal,
+    SETTLE_TICKS, SILENCE_TICKS, STILL_TICKS, Setpoint, State, drive, reseed, tick,
 };
 use messages::{
-    Fault, Faults, Header, JOINTS_MAX, JointCommand, Layout, Stamp, StopPlan, TICK_S, deadline, state_flag,
+    Fault, Faults, Header, JOINTS_MAX, JointCommand, JointMotion, Layout, Stamp, StopPlan, TICK_S, deadline, state_flag,
 };
 
 impl Bench {
@@ -28,7 +28,7 @@ impl Bench {
         for k in K + 6..K + 200 {
             self.tick(k, None);
         }
-        assert!(self.state.latched && self.state.motion.at_rest());
+        assert!(self.state.latched && self.state.motion.is_at_rest());
         K + 199
     }
 }
@@ -135,7 +135,7 @@ fn driver_late_by_few_ticks_continues_without_fault() {
     assert_eq!((out.accepted.map(|a| a.k), out.faults), (Some(newest.k), Faults::NONE));
     let out = bench.tick(newest.k + GAP_MAX_TICKS, None);
     assert_eq!((out.advanced, out.suspended_ticks, out.faults), (GAP_MAX_TICKS, None, Faults::NONE));
-    let mut on_plan = Motion { q: newest.q, v: newest.v, a: newest.a, plan: newest.plan };
+    let mut on_plan = newest.motion();
     on_plan.play(GAP_MAX_TICKS);
     assert_eq!(bench.state.motion, on_plan);
 }
@@ -159,7 +159,7 @@ fn reset_edge_in_motion_clears_nothing_later() {
     for k in K + 6..K + 25 {
         bench.tick(k, None);
     }
-    assert!(bench.state.latched && !bench.state.motion.at_rest());
+    assert!(bench.state.latched && !bench.state.motion.is_at_rest());
     let mut reset = bench.command(K + 25);
     reset.reset_count = 1;
     assert_eq!(bench.tick(K + 25, Some(&reset)).refused, Some(Refusal::Latched));

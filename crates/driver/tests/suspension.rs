@@ -3,8 +3,8 @@
 mod bench;
 
 use bench::{Bench, CONFIG, K, LIMITS, measured};
-use driver::{GAP_MAX_TICKS, Input, Motion, Refusal, SILENCE_TICKS, State, tick};
-use messages::{Fault, Faults, JOINTS_MAX, Layout, RobotId, Stamp, TICK_S, deadline};
+use driver::{GAP_MAX_TICKS, Input, PlanPlayback, Refusal, SILENCE_TICKS, State, tick};
+use messages::{Fault, Faults, JOINTS_MAX, JointMotion, Layout, RobotId, Stamp, TICK_S, deadline};
 
 /// Returns a measurement at index `k` with joint 3 at `q` and speed `v`.
 fn measured_at(k: u64, q: f64, v: f64) -> driver::Measured {
@@ -36,7 +36,7 @@ fn suspended_driver_resumes_from_measured_posture_and_stops() {
         assert_eq!(out.faults.has(Fault::DriverFault), gap > SILENCE_TICKS, "{gap}");
         // From there it stops within the limits, and ends at rest.
         let (mut from, mut ticks) = (bench.state.motion, 0);
-        while !bench.state.motion.at_rest() {
+        while !bench.state.motion.is_at_rest() {
             ticks += 1;
             bench.tick(k + ticks, None);
             let to = bench.state.motion;
@@ -85,8 +85,8 @@ fn suspended_driver_continues_certified_stop_if_robot_played_it() {
 }
 
 /// Returns a motion of two joints that stop, the second one later and along another path.
-fn both() -> Motion {
-    let mut motion = Motion::rest(measured().q);
+fn both() -> JointMotion {
+    let mut motion = JointMotion::rest(measured().q);
     (motion.v[3], motion.v[5]) = (1.0, -1.2);
     (motion.plan.jerk[3], motion.plan.duration_s[3]) = ([-100.0, 100.0, 0.0], [0.1, 0.1, 0.0]);
     (motion.plan.jerk[5], motion.plan.duration_s[5]) = ([50.0, 0.0, -50.0], [0.08, 0.22, 0.08]);
@@ -121,7 +121,7 @@ fn suspended_driver_follows_stop_path_at_speed_of_slower_robot() {
             assert!((out.executed.v[j] - v).abs() < 1e-12, "{gap}, {behind}: {}", out.executed.v[j]);
         }
         let mut ticks = 0;
-        while !bench.state.motion.at_rest() {
+        while !bench.state.motion.is_at_rest() {
             ticks += 1;
             bench.tick(k + ticks, None);
             let q = bench.state.motion.q;
@@ -176,7 +176,7 @@ fn suspended_driver_whose_plan_brakes_continues_braking() {
     let out = tick(&CONFIG, &mut bench.state, deadline(K + 5 + gap), input);
     assert_eq!((out.executed.q[3], out.executed.v[3], out.executed.a[3]), (now.q[3], v, planned.a[3]));
     let (mut end, mut largest) = (bench.state.motion, 0.0_f64);
-    while !end.at_rest() {
+    while !end.is_at_rest() {
         end.play(1);
         largest = largest.max(end.a[3].abs());
     }
@@ -221,7 +221,7 @@ fn suspended_driver_holds_robot_that_stopped_before_plan_end() {
             bench.follow(K + 5);
             let mut planned = bench.state.motion;
             planned.play(gap);
-            assert!(planned.at_rest());
+            assert!(planned.is_at_rest());
             let now = measured_at(K + 5 + gap, planned.q[3] - short, 0.0);
             let input = Input { due_k: K + 5 + gap, command: None, port_fault: false, measured: Some(&now) };
             let out = tick(&CONFIG, &mut bench.state, now.stamp, input);
@@ -245,7 +245,7 @@ fn starting_driver_uses_speed_only_if_positions_confirm_it() {
         (-1.5 * elapsed_s, 1.5, "it goes the other way"),
         (2.6 * elapsed_s, 2.6, "faster than any joint"),
     ] {
-        assert_eq!(begun(moved, v), Motion::rest(measured_at(K, 0.5 + moved, v).q), "{why}");
+        assert_eq!(begun(moved, v), JointMotion::rest(measured_at(K, 0.5 + moved, v).q), "{why}");
     }
     let (earlier, now) = (measured_at(K, 0.5, 1.5), measured_at(K + 9, 0.5 + 1.5 * elapsed_s, 1.5));
     assert!(State::begin(&CONFIG, K + 9, &earlier, &now).unwrap().latched, "nobody proved that stop");
@@ -338,7 +338,7 @@ fn suspended_driver_near_limit_resumes_without_speed_step() {
     for played in [0, 20, 40, 80, 120, 160] {
         for gap in [GAP_MAX_TICKS + 1, 12, 16, 30] {
             let (v, a) = (1.9, limits.a_max);
-            let mut stop = Motion::rest([0.0; JOINTS_MAX]);
+            let mut stop = JointMotion::rest([0.0; JOINTS_MAX]);
             stop.v[3] = v;
             stop.plan.jerk[3] = [-limits.j_max, 0.0, limits.j_max];
             stop.plan.duration_s[3] = [a / limits.j_max, v / a - a / limits.j_max, a / limits.j_max];
@@ -394,5 +394,5 @@ fn suspended_machine_resumes_at_rest_in_bounded_steps() {
     driver::tick_each(&CONFIG, &mut bench.state, deadline(K + (1 << 40)), input, |_| steps += 1);
     // The ticks of a plan of 0.1 s, and one for all the rest.
     assert!(steps <= 152, "{steps}");
-    assert_eq!((bench.state.index(), bench.state.motion), (K + (1 << 40), Motion::rest(bench.state.motion.q)));
+    assert_eq!((bench.state.index(), bench.state.motion), (K + (1 << 40), JointMotion::rest(bench.state.motion.q)));
 }

@@ -57,7 +57,7 @@ fn ended_by(status: &Status, names: &Names) -> Option<String> {
     if since.iter().any(|made| made.why == Transition::RESET || made.why == Transition::RELEASED) {
         return None;
     }
-    let faults = || since.iter().filter_map(|made| Some((Fault::from_u32(made.why)?, Subject::of(made.about))));
+    let faults = || since.iter().filter_map(|made| Some((Fault::from_u32(made.why)?, Subject::from_code(made.about))));
     let said = |(fault, about): (Fault, Option<Subject>)| match about {
         Some(Subject::Person(change)) => change.meaning().to_owned(),
         about => {

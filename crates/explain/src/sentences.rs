@@ -43,7 +43,7 @@ impl Severity {
         }
     }
 
-    fn of(fault: Fault) -> Self {
+    fn from_fault(fault: Fault) -> Self {
         match fault.row().response {
             Response::Inhibit => Self::Note,
             Response::Hold | Response::Release => Self::Warning,
@@ -65,7 +65,7 @@ pub struct Sentence {
 /// restarted `control`, it gives the present mode and faults.
 pub fn sentences(before: Option<&Status>, now: &Status, names: &Names) -> Vec<Sentence> {
     let say = |gravity, text| Sentence { gravity, text };
-    let of = |fault| say(Severity::of(fault), named(fault, now, names));
+    let of = |fault| say(Severity::from_fault(fault), named(fault, now, names));
     let Some(before) = before.filter(|before| before.header.incarnation == now.header.incarnation) else {
         let mut all = vec![say(Severity::Note, format!("The robot is {}.", mode_name(now.mode)))];
         all.extend(Faults(now.faults).iter().map(of));
@@ -80,7 +80,7 @@ pub fn sentences(before: Option<&Status>, now: &Status, names: &Names) -> Vec<Se
     for made in newest_transitions(now, made) {
         let fault = Fault::from_u32(made.why);
         told = fault.map_or(told, |fault| told.with(fault));
-        all.push(say(fault.map_or(Severity::Note, Severity::of), changed(made, now, names)));
+        all.push(say(fault.map_or(Severity::Note, Severity::from_fault), changed(made, now, names)));
     }
     for row in &FAULTS {
         let count = now.fault_counts[row.fault.index()].wrapping_sub(before.fault_counts[row.fault.index()]);
@@ -95,7 +95,7 @@ pub fn sentences(before: Option<&Status>, now: &Status, names: &Names) -> Vec<Se
     }
     let refused = now.fallbacks.wrapping_sub(before.fallbacks);
     if refused > 0 {
-        let about = Subject::of(now.refused_about);
+        let about = Subject::from_code(now.refused_about);
         let why = match about {
             Some(Subject::Joint(_)) => "would have needed more than its share of the effort limit",
             _ => "would have come too close",
@@ -177,7 +177,7 @@ pub(crate) fn follows(status: &Status, names: &Names) -> String {
     if degrees.is_nan() || degrees < BEHIND_DEG {
         return format!("{who} follows.");
     }
-    let about = subject(Subject::of(status.limited_about), names);
+    let about = subject(Subject::from_code(status.limited_about), names);
     let limit = about.and_then(|about| match FollowingLimit::from_u32(status.limited_why) {
         FollowingLimit::None => None,
         FollowingLimit::Speed => Some(format!(": {about} is at its highest speed")),
@@ -313,7 +313,7 @@ pub(crate) fn subject(subject: Option<Subject>, names: &Names) -> Option<String>
 /// Reason of the gate's last denial, with the joint or the pair. `None` if it never denied a command.
 pub(crate) fn denied(status: &Status, names: &Names) -> Option<String> {
     let why = Denial::meaning(status.denied_why)?;
-    let about = subject(Subject::of(status.denied_about), names);
+    let about = subject(Subject::from_code(status.denied_about), names);
     Some(about.map_or(why.into(), |about| format!("{why} ({about})")))
 }
 
@@ -330,7 +330,7 @@ pub(crate) fn dropped(status: &Status) -> Option<(&'static str, &'static str)> {
 
 /// The fault behind a change of mode, by its name, and what it was about. None if no fault made the change.
 pub fn fault_behind(made: &Transition, status: &Status, names: &Names) -> Option<String> {
-    let (fault, about) = (Fault::from_u32(made.why)?, Subject::of(made.about));
+    let (fault, about) = (Fault::from_u32(made.why)?, Subject::from_code(made.about));
     if let Some(Subject::Person(change)) = about {
         return Some(format!("{}: {}", fault.row().name, change.meaning()));
     }

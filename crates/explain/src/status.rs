@@ -36,7 +36,7 @@ fn reduced(status: &Status) -> Vec<&'static str> {
 
 /// The limit that keeps the command from the person, as JSON.
 fn limited(status: &Status, names: &Names) -> Value {
-    json!({ "by": sentences::limit_name(status), "about": sentences::subject(Subject::of(status.limited_about), names) })
+    json!({ "by": sentences::limit_name(status), "about": sentences::subject(Subject::from_code(status.limited_about), names) })
 }
 
 /// Age of the newest frame, ms. `None` before the first one. `control` counts an age from the reception of the
@@ -87,7 +87,7 @@ pub fn status_json(status: &Status, names: &Names) -> Value {
         "payload_refused": sentences::payload_refused(status, names),
         "unsteady_joint": status.unsteady_joint.checked_sub(1),
         "denied": sentences::denied(status, names),
-        "refused": sentences::subject(Subject::of(status.refused_about), names),
+        "refused": sentences::subject(Subject::from_code(status.refused_about), names),
         "input_drop": sentences::dropped(status).map(|(name, _)| name),
         "calibration": sentences::calibration_name(status),
         "limb_error_target_deg": status.limb_error_target_rad.to_degrees(),

@@ -167,7 +167,7 @@ impl Faults {
     }
 
     /// Returns the faults of the set that have this response.
-    pub fn of(self, response: Response) -> Self {
+    pub fn with_response(self, response: Response) -> Self {
         let mut out = Self::NONE;
         for row in &FAULTS {
             if row.response == response && self.has(row.fault) {

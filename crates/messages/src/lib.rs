@@ -14,6 +14,7 @@ mod feedback;
 mod input;
 mod joints;
 mod layout;
+mod motion;
 mod named;
 mod operator;
 mod payload;
@@ -36,6 +37,7 @@ pub use feedback::{Feedback, SENTENCE_BYTES, feedback_flag};
 pub use input::{CalibrationSource, DROPS_MAX, InputStatus};
 pub use joints::{ALL_JOINTS, ARM_JOINTS, JOINTS_MAX, RobotId};
 pub use layout::{FNV_BASIS, Field, Layout, Message, TypeName, fnv};
+pub use motion::JointMotion;
 pub use operator::{
     EDGES_MAX, HOLDS_CLUTCH, HOLDS_ENABLE, HOLDS_RECOVERY, LEAVES_OUT, OPERATOR_VERSION, OperatorRequest, payload_flag,
 };

@@ -32,7 +32,7 @@ impl PersonChange {
     }
 
     /// Reads the change from `flags`. Returns the default for bits that no cause has.
-    pub fn of_flags(flags: u32) -> Self {
+    pub fn from_flags(flags: u32) -> Self {
         Self::ALL.get((flags >> SHIFT & 7) as usize).copied().unwrap_or_default()
     }
 

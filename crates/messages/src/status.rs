@@ -208,7 +208,7 @@ impl Status {
             Fault::StartInCollision | Fault::CollisionNear => Some(Subject::Pair(self.nearest_pair_measured)),
             Fault::TrackingError => joint(self.tracking_joint),
             Fault::VelocityError | Fault::StandstillLost => joint(self.unsteady_joint),
-            Fault::GateDenied => Subject::of(self.denied_about),
+            Fault::GateDenied => Subject::from_code(self.denied_about),
             _ => None,
         }
     }

@@ -34,7 +34,7 @@ impl Subject {
     }
 
     /// Decodes a subject. Returns `None` for a code that no subject has.
-    pub const fn of(code: u32) -> Option<Self> {
+    pub const fn from_code(code: u32) -> Option<Self> {
         match code {
             0 => None,
             code if code & PAIR != 0 => {
@@ -62,14 +62,14 @@ mod tests {
         let others =
             [Subject::Joint(0), Subject::Joint(JOINTS_MAX - 1), Subject::Pair([0, 0]), Subject::Pair([3, PART_MAX])];
         for subject in people.into_iter().chain(others) {
-            assert_eq!(Subject::of(subject.code()), Some(subject));
+            assert_eq!(Subject::from_code(subject.code()), Some(subject));
         }
         for code in [0, JOINTS_MAX as u32 + 1, PERSON | PersonChange::ALL.len() as u32, PAIR | PERSON] {
-            assert_eq!(Subject::of(code), None, "{code:#x}");
+            assert_eq!(Subject::from_code(code), None, "{code:#x}");
         }
         for change in PersonChange::ALL {
-            assert_eq!(PersonChange::of_flags(change.flags() | !PersonChange::FLAGS), change);
+            assert_eq!(PersonChange::from_flags(change.flags() | !PersonChange::FLAGS), change);
         }
-        assert_eq!(PersonChange::of_flags(PersonChange::FLAGS), PersonChange::FirstOfIngest, "bits of no cause");
+        assert_eq!(PersonChange::from_flags(PersonChange::FLAGS), PersonChange::FirstOfIngest, "bits of no cause");
     }
 }

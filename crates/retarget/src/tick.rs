@@ -277,7 +277,7 @@ fn take(config: &Config, state: &mut State, now: Stamp, skeleton: &Skeleton) {
         state.session = session;
         let person = self::session(skeleton, 0);
         if person != std::mem::replace(&mut state.person, person) {
-            state.change = PersonChange::of_flags(skeleton.flags);
+            state.change = PersonChange::from_flags(skeleton.flags);
         }
     }
 }

@@ -139,7 +139,6 @@ impl Curves {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use driver::Motion;
 
     /// Otherwise its controllers would bridge from where a joint is measured, off by what it lacks.
     #[test]
@@ -150,7 +149,7 @@ mod tests {
         let now = deadline(k);
         curves.hear(0, "a", 0.3, begin);
         curves.hear(0, "a", 0.3, now);
-        let command = Command { k, motion: Motion::rest([0.3; JOINTS_MAX]) };
+        let command = Command { k, motion: JointMotion::rest([0.3; JOINTS_MAX]) };
         let known = Known { now, joints: 1, active: true, pressed: Some(false) };
         assert!(curves.prepare(std::slice::from_ref(&command), &known));
         let (first, points) = curves.points(&command, 1);
@@ -166,7 +165,7 @@ mod tests {
     fn f117_silent_robot_is_joined_after_it_was_seen_to_stand_since_the_last_message() {
         const DELAY_NS: u64 = 25_000_000;
         let mut curves = Curves::new(1, DELAY_NS, [8.0; JOINTS_MAX]);
-        let rest = |k: u64| Command { k, motion: Motion::rest([0.3; JOINTS_MAX]) };
+        let rest = |k: u64| Command { k, motion: JointMotion::rest([0.3; JOINTS_MAX]) };
         let known = |k: u64| Known { now: deadline(k), joints: 1, active: true, pressed: Some(false) };
         (0..=30).for_each(|n| curves.hear(0, "a", 0.3, deadline(2_000 + 15 * n)));
         assert!(curves.prepare(&[rest(2_450)], &known(2_450)));
@@ -183,7 +182,7 @@ mod tests {
     #[test]
     fn f117_robot_whose_clock_jumped_is_joined_after_the_new_clock_settled() {
         let mut curves = Curves::new(1, 25_000_000, [8.0; JOINTS_MAX]);
-        let rest = Command { k: 9_000, motion: Motion::rest([0.3; JOINTS_MAX]) };
+        let rest = Command { k: 9_000, motion: JointMotion::rest([0.3; JOINTS_MAX]) };
         let known = Known { now: deadline(9_000), joints: 1, active: true, pressed: Some(false) };
         (0..=30).for_each(|n| curves.hear(0, "a", 0.3, deadline(2_000 + 15 * n)));
         curves.lose_clock(deadline(2_450));

@@ -5,8 +5,7 @@
 //! robot that departed. It plays its certified stop. The driver joins it again where its reference stands.
 
 use crate::trajectory::Command;
-use driver::Motion;
-use messages::{JOINTS_MAX, Stamp, TICK_S};
+use messages::{JOINTS_MAX, JointMotion, Stamp, TICK_S};
 
 /// Largest difference between a reference and what was sent, rad or m, and per speed, s: the error of the robot's clock
 /// and the phase of its updates. Assumption.
@@ -82,8 +81,8 @@ impl Reference {
     }
 
     /// True if every joint of `all` stands where the driver wants to begin.
-    pub fn meets(&self, wanted: &Motion, count: usize) -> bool {
-        wanted.at_rest() && (0..count).all(|j| (wanted.q[j] - self.q[j]).abs() <= MEETS)
+    pub fn meets(&self, wanted: &JointMotion, count: usize) -> bool {
+        wanted.is_at_rest() && (0..count).all(|j| (wanted.q[j] - self.q[j]).abs() <= MEETS)
     }
 }
 
@@ -116,8 +115,8 @@ mod tests {
     const A: f64 = 8.0;
     const MS: u64 = 1_000_000;
 
-    fn moving(q: f64, v: f64) -> Motion {
-        let mut motion = Motion::rest([q; JOINTS_MAX]);
+    fn moving(q: f64, v: f64) -> JointMotion {
+        let mut motion = JointMotion::rest([q; JOINTS_MAX]);
         let mut plan = StopPlan::ZERO;
         for j in 0..JOINTS_MAX {
             motion.v[j] = v;
@@ -136,7 +135,7 @@ mod tests {
         };
         assert!((100..700).all(|k| continues(&a_max, &at(k - 8), &at(k))));
         for (speed, step) in [(0.0, 0.01), (0.0, -0.2), (1.0, 0.05), (-1.5, 0.0)] {
-            let held = Command { k: 18, motion: Motion::rest([0.3 + step; JOINTS_MAX]) };
+            let held = Command { k: 18, motion: JointMotion::rest([0.3 + step; JOINTS_MAX]) };
             assert!(!continues(&a_max, &Command { k: 10, motion: moving(0.3, speed) }, &held), "{speed}, {step}");
         }
         assert!(!continues(&a_max, &at(9), &at(9)) && !continues(&a_max, &at(10), &at(9)), "an index only grows");
@@ -146,7 +145,7 @@ mod tests {
     fn driver_joins_only_a_reference_that_stands_where_it_begins() {
         let mut reference = Reference::default();
         let at = |ms: u64| Stamp(1_000 * MS + ms * MS);
-        let rest = Motion::rest([0.3; JOINTS_MAX]);
+        let rest = JointMotion::rest([0.3; JOINTS_MAX]);
         assert!(!reference.stands(0b11, Stamp::NONE), "unknown");
         for ms in (0..300).step_by(20) {
             reference.hear(0, 0.3, at(ms));
@@ -165,7 +164,7 @@ mod tests {
             "before that it executed a message"
         );
         assert!(reference.meets(&rest, 2) && !reference.meets(&moving(0.3, 0.1), 2));
-        assert!(!reference.meets(&Motion::rest([0.301; JOINTS_MAX]), 2));
+        assert!(!reference.meets(&JointMotion::rest([0.301; JOINTS_MAX]), 2));
         reference.hear(1, f64::NAN, at(302));
         reference.hear(0, 0.3, at(505));
         assert!(!reference.stands(0b11, Stamp::NONE) && !reference.meets(&rest, 2));

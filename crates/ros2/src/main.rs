@@ -58,7 +58,7 @@ fn preflight(options: &Preflight) -> Result<Exit, Failure> {
         }
     }
     if let (true, Some(heard)) = (options.dry_run, &link.heard) {
-        let motion = driver::Motion::rest(heard.sample.q);
+        let motion = messages::JointMotion::rest(heard.sample.q);
         let command = Command { k: messages::tick_at(rt::now()), motion };
         let messages = link.messages(&command).unwrap_or_default();
         for (seen, message) in link.controllers(rt::now()).iter().zip(messages) {

@@ -8,8 +8,8 @@ use crate::link::{Link, Seen};
 use crate::preflight;
 use crate::trajectory::{Command, Executed};
 use config::{Loaded, Policy, Ros2Settings};
-use driver::{Driver, Drives, Measured, Motion, Setpoint};
-use messages::{GripperMotion, GripperState, JOINTS_MAX, Stamp, StopPlan, TICK_S};
+use driver::{Driver, Drives, Measured, Setpoint};
+use messages::{GripperMotion, GripperState, JOINTS_MAX, JointMotion, Stamp, StopPlan, TICK_S};
 use robot::{DriverInterface, Model};
 use rtrb::{Consumer, Producer, RingBuffer};
 use std::thread::JoinHandle;
@@ -192,7 +192,7 @@ impl Driver for Ros2 {
 
     fn write(&mut self, _now: Stamp, setpoint: &Setpoint, plan: &StopPlan) -> bool {
         let &Setpoint { k, q, v, a } = setpoint;
-        let motion = Motion { q, v, a, plan: *plan };
+        let motion = JointMotion { q, v, a, plan: *plan };
         // A robot that does not follow is where it measures.
         let follows = self.newest.drives.powered && self.newest.joined;
         if !follows {

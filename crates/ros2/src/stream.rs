@@ -12,8 +12,8 @@
 use crate::estimate::Sample;
 use crate::join::{HELD, MEETS, STANDS_NS, continues};
 use crate::trajectory::Command;
-use driver::Motion;
-use messages::{JOINTS_MAX, Stamp, TICK_S, tick_at};
+use driver::PlanPlayback;
+use messages::{JOINTS_MAX, JointMotion, Stamp, TICK_S, tick_at};
 use std::collections::VecDeque;
 
 /// Longest lag of a joint behind what was sent, ns: the most that `ros2.servo_lag_ms` may be, and two samples at 50 Hz.
@@ -98,7 +98,7 @@ impl Stream {
             weighs,
             a_max,
             phase: Phase::Released,
-            last: Command { k: 0, motion: Motion::rest([0.0; JOINTS_MAX]) },
+            last: Command { k: 0, motion: JointMotion::rest([0.0; JOINTS_MAX]) },
             sent_k: 0,
             commanded: false,
             weight: 0.0,
@@ -112,7 +112,7 @@ impl Stream {
     /// Begins at the measured posture.
     pub fn begin(&mut self, measured: &[f64; JOINTS_MAX], now: Stamp) {
         let k = tick_at(now);
-        self.last = Command { k, motion: Motion::rest(*measured) };
+        self.last = Command { k, motion: JointMotion::rest(*measured) };
         (self.sent_k, self.commanded, self.departed) = (k, false, None);
         self.recent = VecDeque::from([(Stamp(now.0.saturating_sub(REMEMBERED_NS)), *measured)]);
         (self.phase, self.weight) = if self.weighs { (Phase::Rising, 0.0) } else { (Phase::Following, 1.0) };
@@ -235,7 +235,7 @@ impl Stream {
     fn take(&mut self, command: Option<&Command>, k: u64) -> Option<()> {
         let Some(command) = command else {
             // A robot that stands is held without the loop, too.
-            if !self.commanded || self.last.motion.at_rest() {
+            if !self.commanded || self.last.motion.is_at_rest() {
                 return (k >= self.sent_k + self.period_ticks).then_some(());
             }
             if k <= self.last.k + LOOP_SILENT_TICKS {
@@ -248,7 +248,7 @@ impl Stream {
         self.commanded = true;
         let moved = |j: usize| (command.motion.q[j] - self.last.motion.q[j]).abs();
         if self.has_stood(k) || (0..self.count).any(|j| !(moved(j) <= HELD)) {
-            self.last.motion = Motion::rest(self.last.motion.q);
+            self.last.motion = JointMotion::rest(self.last.motion.q);
             self.depart("this machine paused in motion, or a setpoint jumped".to_owned());
         } else if !continues(&self.a_max, &self.last, command) {
             self.depart("a setpoint did not continue what the robot executes".to_owned());
@@ -261,13 +261,13 @@ impl Stream {
 
     /// True if this thread paused in motion for so long that the robot stands meanwhile. It may not be set in motion again.
     fn has_stood(&self, k: u64) -> bool {
-        !self.last.motion.at_rest() && k > self.sent_k + STOOD_TICKS
+        !self.last.motion.is_at_rest() && k > self.sent_k + STOOD_TICKS
     }
 
     fn stop(&mut self, k: u64) {
         if self.has_stood(k) {
-            self.last.motion = Motion::rest(self.last.motion.q);
-        } else if !self.last.motion.at_rest() {
+            self.last.motion = JointMotion::rest(self.last.motion.q);
+        } else if !self.last.motion.is_at_rest() {
             // After a short pause the stop goes on where it was.
             self.last.motion.play((k - self.sent_k).min(2 * self.period_ticks));
         } else if self.weighs && self.weight > 0.0 {
@@ -281,7 +281,7 @@ impl Stream {
         if known.pressed == Some(false) {
             self.phase = Phase::Stopping;
         } else if let Some(sample) = known.sample.filter(|sample| known.now.since(sample.measured) <= FRESH_NS) {
-            self.last.motion = Motion::rest(sample.q);
+            self.last.motion = JointMotion::rest(sample.q);
         }
     }
 
@@ -294,7 +294,7 @@ impl Stream {
             (0..self.count).all(|j| (a[j] - b[j]).abs() <= most)
         };
         let stands = near(&sample.q, self.held(), HELD);
-        let meets = command.motion.at_rest() && near(&command.motion.q, self.held(), MEETS);
+        let meets = command.motion.is_at_rest() && near(&command.motion.q, self.held(), MEETS);
         if !self.weighs && self.departed.is_some() && known.pressed == Some(false) && stands && meets {
             let held = *self.held();
             self.begin(&held, known.now);

@@ -12,8 +12,8 @@
 //! motion is that cubic, so the stop is exact. Between two points of the history a joint is off by at most J h^3 / 96
 //! with h = 5.3 ms. The certificate covers 10 ms. If no message follows, the robot plays the certified stop by itself.
 
-use driver::Motion;
-use messages::{JOINTS_MAX, Stamp, StopPlan, deadline, tick_at};
+use driver::PlanPlayback;
+use messages::{JOINTS_MAX, JointMotion, Stamp, StopPlan, deadline, tick_at};
 use std::collections::VecDeque;
 
 /// Number of points of the past: 53 ms.
@@ -57,7 +57,7 @@ pub struct Command {
     /// Index.
     pub k: u64,
     /// State and stop.
-    pub motion: Motion,
+    pub motion: JointMotion,
 }
 
 /// The curve that the robot has executed: the points of earlier messages, and the stop of the last one where no message
@@ -149,7 +149,7 @@ impl Past {
 
 impl Executed {
     /// The state of a motion at an index.
-    pub fn of(k: u64, motion: &Motion) -> Self {
+    pub fn of(k: u64, motion: &JointMotion) -> Self {
         Self { k, q: motion.q, v: motion.v }
     }
 }
@@ -184,7 +184,7 @@ pub fn points<'a>(
     }
     // The stop ends at rest. What is left of the velocity is rounding.
     for point in points.iter_mut().rev().take(2) {
-        if now.at_rest() || point.since_first_ns > present_ns {
+        if now.is_at_rest() || point.since_first_ns > present_ns {
             point.velocities.fill(0.0);
         }
     }
@@ -226,8 +226,8 @@ pub(crate) mod tests {
     const LEFT: u32 = 0b111_1111 << 3;
 
     /// A motion with any velocities and accelerations, and its stop.
-    fn motion(rng: &mut rand_pcg::Pcg64) -> Motion {
-        let mut motion = Motion::rest(std::array::from_fn(|_| rng.random_range(-1.0..1.0)));
+    fn motion(rng: &mut rand_pcg::Pcg64) -> JointMotion {
+        let mut motion = JointMotion::rest(std::array::from_fn(|_| rng.random_range(-1.0..1.0)));
         let mut plan = StopPlan::ZERO;
         for j in 0..JOINTS_MAX {
             (motion.v[j], motion.a[j]) = (rng.random_range(-2.0..2.0), rng.random_range(-A..A));
@@ -297,7 +297,7 @@ pub(crate) mod tests {
     fn jolt(delay: u64, late: impl Fn(u64) -> u64) -> f64 {
         let wanted = |k: u64| {
             let t = k as f64 * TICK_S;
-            let mut motion = Motion::rest([0.4 * (3.0 * t).sin(); JOINTS_MAX]);
+            let mut motion = JointMotion::rest([0.4 * (3.0 * t).sin(); JOINTS_MAX]);
             (motion.v, motion.a) = ([1.2 * (3.0 * t).cos(); JOINTS_MAX], [-3.6 * (3.0 * t).sin(); JOINTS_MAX]);
             for j in 0..JOINTS_MAX {
                 JointStop::new(motion.v[j], motion.a[j], A, J).store(&mut motion.plan, j);
@@ -348,7 +348,7 @@ pub(crate) mod tests {
 
     #[test]
     fn resting_robot_gets_two_points_and_a_last_one_in_the_future() {
-        let (_, points) = points([].iter(), &Command { k: 3_000, motion: Motion::rest([0.3; JOINTS_MAX]) }, LEFT);
+        let (_, points) = points([].iter(), &Command { k: 3_000, motion: JointMotion::rest([0.3; JOINTS_MAX]) }, LEFT);
         let times: Vec<u64> = points.iter().map(|point| point.since_first_ns).collect();
         assert_eq!(times, [0, (REST_S * 1e9) as u64]);
         assert!(points.iter().all(|point| point.positions == [0.3; 7] && point.velocities == [0.0; 7]));

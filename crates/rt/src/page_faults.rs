@@ -13,12 +13,12 @@ pub struct PageFaults {
 impl PageFaults {
     /// Returns the faults of the whole process.
     pub fn of_process() -> Self {
-        Self::of(libc::RUSAGE_SELF)
+        Self::from_usage(libc::RUSAGE_SELF)
     }
 
     /// Returns the faults of the calling thread.
     pub fn of_thread() -> Self {
-        Self::of(libc::RUSAGE_THREAD)
+        Self::from_usage(libc::RUSAGE_THREAD)
     }
 
     /// Returns the faults since `earlier`.
@@ -26,7 +26,7 @@ impl PageFaults {
         Self { major: self.major.saturating_sub(earlier.major), minor: self.minor.saturating_sub(earlier.minor) }
     }
 
-    fn of(who: libc::c_int) -> Self {
+    fn from_usage(who: libc::c_int) -> Self {
         let mut usage = std::mem::MaybeUninit::<libc::rusage>::zeroed();
         // SAFETY: `usage` is writable memory of the right size, and all-zero bits are a valid rusage.
         let usage = unsafe {

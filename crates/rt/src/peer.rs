@@ -23,7 +23,7 @@ pub struct Peer {
 
 impl Peer {
     /// Returns the peer of a connected socket.
-    pub fn of(socket: BorrowedFd<'_>) -> Result<Self> {
+    pub fn from_socket(socket: BorrowedFd<'_>) -> Result<Self> {
         let mut found = [libc::ucred { pid: 0, uid: 0, gid: 0 }];
         let bytes = ask(socket, libc::SO_PEERCRED, &mut found)?;
         if bytes != size_of::<libc::ucred>() {

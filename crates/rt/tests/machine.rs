@@ -113,7 +113,7 @@ fn incarnations_differ_and_are_never_zero() {
 #[test]
 fn peer_of_socket_pair_is_this_process() {
     let (one, _other) = UnixStream::pair().unwrap();
-    let peer = Peer::of(one.as_fd()).unwrap();
+    let peer = Peer::from_socket(one.as_fd()).unwrap();
     assert_eq!(peer.pid, std::process::id());
     assert!(peer.is_member(one.as_fd(), peer.gid));
     assert!(!peer.is_member(one.as_fd(), u32::MAX - 1));
@@ -122,7 +122,7 @@ fn peer_of_socket_pair_is_this_process() {
 #[test]
 fn file_that_is_no_socket_has_no_peer() {
     let file = std::fs::File::open("/dev/null").unwrap();
-    assert!(Peer::of(file.as_fd()).is_err());
+    assert!(Peer::from_socket(file.as_fd()).is_err());
 }
 
 fn refused(result: std::io::Result<File>) -> Error {

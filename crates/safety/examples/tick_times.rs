@@ -6,7 +6,7 @@ mod support;
 use std::time::Instant;
 
 use messages::Stamp;
-use safety::gate::{Config, State, tick};
+use safety::gate::{Config, Proposed, State, tick};
 use support::motion::{T, joint, resting, set_joint, stop_from, store};
 use support::{Bench, model};
 
@@ -24,12 +24,12 @@ fn main() {
     let mut last = resting(0, model.home);
     for k in 1..=TICKS {
         // All joints swing by a little, so that every tick is a new motion with both clearance checks.
-        let mut next = resting(k, last.q);
+        let mut next = resting(k, last.motion.q);
         for j in 0..JOINTS {
             let share = 0.02 * if (k / 15) % 4 == 0 || (k / 15) % 4 == 3 { 1.0 } else { -1.0 };
             let to = joint(&last, j).after(share * model.limits[j].j_max, T);
             set_joint(&mut next, j, to);
-            store(&mut next.plan, j, &stop_from(to, model.limits[j].a_max, model.limits[j].j_max));
+            store(&mut next.motion.plan, j, &stop_from(to, model.limits[j].a_max, model.limits[j].j_max));
         }
         let start = Instant::now();
         let decision = tick(&config, &mut gate, Stamp(0), next);
@@ -38,8 +38,7 @@ fn main() {
         let start = Instant::now();
         bench.step();
         engage_ns.push(start.elapsed().as_nanos() as u64);
-        last = resting(k, decision.q);
-        (last.v, last.a, last.plan) = (decision.v, decision.a, decision.plan);
+        last = Proposed { motion: decision.motion, ..resting(k, decision.motion.q) };
     }
     for (name, mut times) in [("gate", gate_ns), ("engage", engage_ns)] {
         times.sort_unstable();

@@ -183,7 +183,7 @@ pub fn tick(config: &Config, state: &mut State, now: Stamp, input: Input) -> Out
         jumps_on: state.reduced.jumps_on(config, &input),
     };
     let active = state.watch.judge(config, mode, now, &input);
-    let stops = active.of(Response::Stop);
+    let stops = active.with_response(Response::Stop);
     state.latched = state.latched.union(stops);
     let (share, why_reduced) = state.reduced.judge(config, state.watch.ages, &input);
 
@@ -289,10 +289,10 @@ fn disengaged(state: &State, input: &Input, active: Faults) -> (Phase, u32) {
 fn withdrawn(input: &Input, active: Faults, gap: bool) -> Option<(Phase, u32)> {
     // The cause is reported at this transition. The later transition at rest has no other cause.
     let ended = Some(Transition::AT_REST);
-    if let Some(fault) = active.of(Response::Release).iter().next() {
+    if let Some(fault) = active.with_response(Response::Release).iter().next() {
         return Some((Phase::holding(ended), fault as u32));
     }
-    if let Some(fault) = active.of(Response::Hold).iter().next() {
+    if let Some(fault) = active.with_response(Response::Hold).iter().next() {
         let ended = released(input).then_some(Transition::RELEASED);
         return Some((Phase::Holding { elapsed_ns: 0, ended, gap }, fault as u32));
     }
@@ -320,10 +320,10 @@ fn engaging(input: &Input, elapsed_ns: u64, settled_ns: u64, unreduced: bool) ->
 
 fn holding(input: &Input, active: Faults, elapsed_ns: u64, ended: Option<u32>, gap: bool) -> (Phase, u32) {
     // A clutch may be held for as long as its operator holds the enable, too. Other causes of a hold have their time.
-    let clutch_alone = active.of(Response::Hold) == Faults::NONE.with(Fault::Clutch);
+    let clutch_alone = active.with_response(Response::Hold) == Faults::NONE.with(Fault::Clutch);
     let charged = if clutch_alone { 0 } else { charged_ns(input.own_gap_ns) };
     let elapsed_ns = elapsed_ns.saturating_add(charged);
-    let fault = || active.of(Response::Release).iter().next().map(|fault| fault as u32);
+    let fault = || active.with_response(Response::Release).iter().next().map(|fault| fault as u32);
     let ended = ended.or(if released(input) { Some(Transition::RELEASED) } else { fault() });
     match ended {
         _ if !input.at_rest() => (Phase::Holding { elapsed_ns, ended, gap }, 0),

@@ -33,7 +33,7 @@ mod stop;
 mod stored;
 mod way;
 
-use messages::{JOINTS_MAX, Stamp, StopPlan};
+use messages::{JOINTS_MAX, JointMotion, Stamp};
 use robot::Model;
 
 pub use check::{Check, ConfigError};
@@ -145,7 +145,8 @@ impl State {
     /// Continues from the state that the driver reports, with the stop that it would play from there. This is
     /// the state of the tick before the next one. The robot is where it is, so a seed need not lie within the
     /// limits. But it must be finite and come to rest. Every command is denied until a usable seed arrives.
-    pub fn reseed(&mut self, q: &[f64; JOINTS_MAX], v: &[f64; JOINTS_MAX], a: &[f64; JOINTS_MAX], plan: &StopPlan) {
+    pub fn reseed(&mut self, seed: &JointMotion) {
+        let JointMotion { q, v, a, plan } = seed;
         let mut origin = [Point::default(); JOINTS_MAX];
         let mut phases = [Phases::default(); JOINTS_MAX];
         self.seed_refused = true;
@@ -168,28 +169,9 @@ impl State {
         self.denials
     }
 
-    /// Positions last sent, rad or m.
-    pub fn q(&self) -> [f64; JOINTS_MAX] {
-        self.sent().q
-    }
-
-    /// Velocities last sent, rad/s or m/s.
-    pub fn v(&self) -> [f64; JOINTS_MAX] {
-        self.sent().v
-    }
-
-    /// Accelerations last sent, rad/s^2 or m/s^2.
-    pub fn a(&self) -> [f64; JOINTS_MAX] {
-        self.sent().a
-    }
-
-    /// The rest of the stop from there.
-    pub fn plan(&self) -> StopPlan {
-        self.sent().plan
-    }
-
-    fn sent(&self) -> Decision {
-        play(&self.stored, Verdict::OnPlan, f64::NAN)
+    /// The motion last sent, and the rest of its stop.
+    pub fn motion(&self) -> JointMotion {
+        motion(&self.stored)
     }
 }
 
@@ -200,14 +182,8 @@ pub struct Proposed {
     pub k: u64,
     /// Permit of the state machine at this tick.
     pub permit: Permit,
-    /// Positions, rad or m.
-    pub q: [f64; JOINTS_MAX],
-    /// Velocities, rad/s or m/s.
-    pub v: [f64; JOINTS_MAX],
-    /// Accelerations, rad/s^2 or m/s^2.
-    pub a: [f64; JOINTS_MAX],
-    /// The stop from there.
-    pub plan: StopPlan,
+    /// The motion and its stop.
+    pub motion: JointMotion,
 }
 
 /// Decision of the gate.
@@ -226,14 +202,8 @@ pub enum Verdict {
 pub struct Decision {
     /// Verdict on the proposal.
     pub verdict: Verdict,
-    /// Positions, rad or m.
-    pub q: [f64; JOINTS_MAX],
-    /// Velocities, rad/s or m/s.
-    pub v: [f64; JOINTS_MAX],
-    /// Accelerations, rad/s^2 or m/s^2.
-    pub a: [f64; JOINTS_MAX],
-    /// The stop from there.
-    pub plan: StopPlan,
+    /// The motion and its stop.
+    pub motion: JointMotion,
     /// Least clearance of the command by the gate's own measure, m. NaN if a plan is played and the gate
     /// measured none.
     pub clearance_m: f64,
@@ -252,15 +222,15 @@ impl Decision {
 /// ```
 /// # let read = |kind| std::fs::read_to_string(format!("../../config/robots/tiago_dual.{kind}"));
 /// # let model = robot::Model::from_text("tiago_dual.toml", &read("toml")?, "tiago_dual.urdf", &read("urdf")?)?;
-/// use messages::{Layout, StopPlan};
+/// use messages::JointMotion;
 /// use safety::{engage::Permit, gate::{Config, Proposed, State, tick}};
 ///
 /// let (config, mut state) = (Config::new(&model)?, State::at_rest(model.home));
-/// let (zero, permit) = ([0.0; messages::JOINTS_MAX], Permit::Follow { speed_scale: 1.0 });
-/// let mut jump = Proposed { k: 1, permit, q: model.home, v: zero, a: zero, plan: StopPlan::ZERO };
-/// jump.q[3] += 0.1; // In one tick.
+/// let permit = Permit::Follow { speed_scale: 1.0 };
+/// let mut jump = Proposed { k: 1, permit, motion: JointMotion::rest(model.home) };
+/// jump.motion.q[3] += 0.1; // In one tick.
 /// let sent = tick(&config, &mut state, messages::deadline(1), jump);
-/// assert!(!sent.accepted() && (sent.q[3] - model.home[3]).abs() < 1e-9);
+/// assert!(!sent.accepted() && (sent.motion.q[3] - model.home[3]).abs() < 1e-9);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 pub fn tick(config: &Config, state: &mut State, _now: Stamp, proposed: Proposed) -> Decision {
@@ -279,7 +249,7 @@ pub fn tick(config: &Config, state: &mut State, _now: Stamp, proposed: Proposed)
     state.stored = passed.stored;
     state.k = Some(state.k.map_or(proposed.k, |last| last.max(proposed.k)));
     // The judged, rounded values are sent, and not the proposal's own bits.
-    play(&passed.stored, passed.verdict, passed.clearance_m)
+    Decision { verdict: passed.verdict, motion: motion(&passed.stored), clearance_m: passed.clearance_m }
 }
 
 /// A command that may be sent, and the verdict on it.
@@ -306,15 +276,16 @@ fn judge(
     let mut next = [Point::default(); JOINTS_MAX];
     let mut phases = [Phases::default(); JOINTS_MAX];
     let mut all_on_plan = true;
+    let asked = &proposed.motion;
     for j in 0..config.count {
-        let point = Point::quantised(proposed.q[j], proposed.v[j], proposed.a[j]);
-        let stop = quantised_phases(&proposed.plan, j);
+        let point = Point::quantised(asked.q[j], asked.v[j], asked.a[j]);
+        let stop = quantised_phases(&asked.plan, j);
         let denial = Denial::Joint { joint: j, check: Check::Finite };
         (next[j], phases[j]) = point.zip(stop).ok_or(denial)?;
         let (plan_point, plan_rest) = on_plan.joint(j);
         all_on_plan &= next[j].is_near(plan_point, check::SLACK) && same_stop(&phases[j], &plan_rest);
     }
-    if let Some(joint) = (config.count..JOINTS_MAX).find(|&j| !is_absent(proposed, j)) {
+    if let Some(joint) = (config.count..JOINTS_MAX).find(|&j| !is_absent(asked, j)) {
         return Err(Denial::Joint { joint, check: Check::Absent });
     }
     if all_on_plan {
@@ -352,23 +323,15 @@ fn judge(
     Ok(Passed { verdict: Verdict::Accept, stored: Stored::new(next, phases), clearance_m })
 }
 
-/// Returns true if a proposal has nothing but zeros for a joint.
-fn is_absent(proposed: &Proposed, j: usize) -> bool {
-    let plan = &proposed.plan;
-    let phases = plan.jerk[j].iter().chain(&plan.duration_s[j]);
-    [proposed.q[j], proposed.v[j], proposed.a[j]].iter().chain(phases).all(|x| *x == 0.0)
+/// Returns true if a motion has nothing but zeros for a joint.
+fn is_absent(motion: &JointMotion, j: usize) -> bool {
+    let phases = motion.plan.jerk[j].iter().chain(&motion.plan.duration_s[j]);
+    [motion.q[j], motion.v[j], motion.a[j]].iter().chain(phases).all(|x| *x == 0.0)
 }
 
-/// Returns the command that plays `stored`.
-fn play(stored: &Stored, verdict: Verdict, clearance_m: f64) -> Decision {
-    let mut out = Decision {
-        verdict,
-        q: [0.0; JOINTS_MAX],
-        v: [0.0; JOINTS_MAX],
-        a: [0.0; JOINTS_MAX],
-        plan: StopPlan { jerk: [[0.0; 3]; JOINTS_MAX], duration_s: [[0.0; 3]; JOINTS_MAX] },
-        clearance_m,
-    };
+/// Returns the motion that plays `stored`.
+fn motion(stored: &Stored) -> JointMotion {
+    let mut out = JointMotion::rest([0.0; JOINTS_MAX]);
     for j in 0..JOINTS_MAX {
         let (point, rest) = stored.joint(j);
         out.q[j] = point.q as f64 / UNITS;

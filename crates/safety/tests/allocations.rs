@@ -43,12 +43,12 @@ fn engage_and_gate_ticks_allocate_nothing() {
         bench.step();
         let mut proposed = resting(k, model.home);
         // Both clearance checks run, because the command is new. It serves no other purpose.
-        proposed.a[1] = if k % 2 == 0 { 1e-7 } else { f64::from_bits(rng.next_u64()) };
+        proposed.motion.a[1] = if k % 2 == 0 { 1e-7 } else { f64::from_bits(rng.next_u64()) };
         tick(&config, &mut gate, Stamp(k), proposed);
-        let clearance = monitor::measured_clearance(&model, &mut frames, &proposed.q);
+        let clearance = monitor::measured_clearance(&model, &mut frames, &proposed.motion.q);
         near.update(&model, clearance.distance_m);
-        monitor::outside_limits(&model, &proposed.q);
-        monitor::tracking_error(&model, &proposed.q, &proposed.v, &proposed.q, 0.0);
+        monitor::outside_limits(&model, &proposed.motion.q);
+        monitor::tracking_error(&model, &proposed.motion.q, &proposed.motion.v, &proposed.motion.q, 0.0);
     }
     assert_eq!(allocated(), before);
 }

@@ -82,7 +82,7 @@ fn minded(out: &Output) -> Faults {
 fn legal(hand: Hand, set: u32, from: Mode, out: &Output, pending: bool) -> bool {
     let has = |bit: u32| set & 1 << bit != 0;
     let (level, at_rest) = (has(15), has(16));
-    let stop = !out.active.of(Response::Stop).is_empty();
+    let stop = !out.active.with_response(Response::Stop).is_empty();
     match (from, out.mode) {
         (from, to) if from == to => true,
         (_, Mode::Faulted) => stop,
@@ -94,7 +94,11 @@ fn legal(hand: Hand, set: u32, from: Mode, out: &Output, pending: bool) -> bool 
             has(13)
                 || !level
                 || hand == Hand::Recovery
-                || !out.active.of(Response::Hold).union(out.active.of(Response::Release)).is_empty()
+                || !out
+                    .active
+                    .with_response(Response::Hold)
+                    .union(out.active.with_response(Response::Release))
+                    .is_empty()
         }
         (Mode::Disengaged, Mode::Recovering) => {
             let asked = hand == Hand::Recovery && has(12) && level && !has(13);
@@ -102,7 +106,7 @@ fn legal(hand: Hand, set: u32, from: Mode, out: &Output, pending: bool) -> bool 
         }
         (Mode::Recovering, Mode::Holding) => {
             let faults = minded(out);
-            let withdrawn = faults.of(Response::Hold).union(faults.of(Response::Release));
+            let withdrawn = faults.with_response(Response::Hold).union(faults.with_response(Response::Release));
             has(13) || !level || hand == Hand::Enable || !withdrawn.is_empty()
         }
         (Mode::Recovering, Mode::Disengaged) => at_rest && has(17) && !has(11),
@@ -154,7 +158,7 @@ fn f071_stop_wins_in_every_combination_of_events() {
             seen[from as usize][out.mode as usize] += 1;
             let context = || format!("{from:?} {hand:?} {set:019b} {out:?}");
             let wanted_stop = set & 0b1_1111 != 0;
-            assert_eq!(wanted_stop, !out.active.of(Response::Stop).is_empty(), "{}", context());
+            assert_eq!(wanted_stop, !out.active.with_response(Response::Stop).is_empty(), "{}", context());
             if wanted_stop {
                 assert!(out.mode == Mode::Faulted && out.permit == Permit::Stop, "{}", context());
                 assert!(from == Mode::Faulted || set & 1 == 0 || bench.state.cause() == Some(Fault::EmergencyStop));
@@ -162,12 +166,14 @@ fn f071_stop_wins_in_every_combination_of_events() {
             if out.permit == Permit::Recover {
                 let held = bench.input.operator.recover_level && set & (1 << 13 | 1 << 8) == 0;
                 assert!(out.mode == Mode::Recovering && held && !bench.input.operator.enable_level, "{}", context());
-                let calm = [Response::Hold, Response::Release].into_iter().all(|r| minded(&out).of(r).is_empty());
+                let calm =
+                    [Response::Hold, Response::Release].into_iter().all(|r| minded(&out).with_response(r).is_empty());
                 assert!(calm, "{}", context());
             } else if out.permit != Permit::Stop {
                 assert!(matches!(out.mode, Mode::Engaging | Mode::Engaged), "{}", context());
                 assert!(bench.input.operator.enable_level && set & (1 << 13 | 1 << 8) == 0, "{}", context());
-                let calm = [Response::Hold, Response::Release].into_iter().all(|r| out.active.of(r).is_empty());
+                let calm =
+                    [Response::Hold, Response::Release].into_iter().all(|r| out.active.with_response(r).is_empty());
                 assert!(calm, "{}", context());
             }
             assert!(legal(hand, set, from, &out, *pending), "{}", context());

@@ -3,7 +3,7 @@
 use crate::support;
 
 use judge::joint::{Joint, Stop, stop_of};
-use messages::{JOINTS_MAX, Stamp, StopPlan};
+use messages::{JOINTS_MAX, JointMotion, Stamp, StopPlan};
 use rand::{Rng, RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use robot::{Frames, JointLimits, Model, Pose};
@@ -34,9 +34,9 @@ fn seeded(model: &Model, j: usize, x: Joint) -> (State, Stop) {
     let stop = stop_from(x, l.a_max, l.j_max);
     let mut seed = resting(0, model.home);
     set_joint(&mut seed, j, x);
-    store(&mut seed.plan, j, &stop);
+    store(&mut seed.motion.plan, j, &stop);
     let mut state = State::at_rest(model.home);
-    state.reseed(&seed.q, &seed.v, &seed.a, &seed.plan);
+    state.reseed(&seed.motion);
     (state, stop)
 }
 
@@ -45,7 +45,7 @@ fn with_jerk(model: &Model, j: usize, x: Joint, jerk: f64) -> Proposed {
     let mut next = resting(1, model.home);
     let to = x.after(jerk, T);
     set_joint(&mut next, j, to);
-    store(&mut next.plan, j, &stop_from(to, l.a_max, l.j_max));
+    store(&mut next.motion.plan, j, &stop_from(to, l.a_max, l.j_max));
     next
 }
 
@@ -160,7 +160,7 @@ fn step_off_constant_jerk_beyond_slack_is_denied() {
     for (units, accepted) in [(0.0, true), (60.0, true), (70.0, false), (-60.0, true), (-70.0, false)] {
         for field in 0..2 {
             let mut p = with_jerk(&model, 1, x, 10.0);
-            let value = if field == 0 { &mut p.q[1] } else { &mut p.v[1] };
+            let value = if field == 0 { &mut p.motion.q[1] } else { &mut p.motion.v[1] };
             *value += units * unit;
             // The plan of a faster state ends faster by as much. This is below the bound of rest.
             let decision = decide(&config, &mut state.clone(), p);
@@ -179,7 +179,7 @@ fn plan_that_ends_moving_or_late_is_denied() {
     let l = &model.limits[j];
     let with = |change: &dyn Fn(&mut StopPlan)| {
         let mut p = with_jerk(&model, j, x, 0.0);
-        change(&mut p.plan);
+        change(&mut p.motion.plan);
         decide(&config, &mut state.clone(), p)
     };
     assert!(with(&|_| {}).accepted());
@@ -221,7 +221,7 @@ fn denial_makes_all_joints_play_stored_plan_together() {
             };
             let to = x.after(jerk, T);
             set_joint(&mut next, j, to);
-            store(&mut next.plan, j, &stop_from(to, l.a_max, l.j_max));
+            store(&mut next.motion.plan, j, &stop_from(to, l.a_max, l.j_max));
         }
         if k == 60 {
             break;
@@ -233,24 +233,24 @@ fn denial_makes_all_joints_play_stored_plan_together() {
     for n in 1..1500 {
         let mut bad = last;
         bad.k = 59 + n;
-        bad.v[4] = f64::NAN;
+        bad.motion.v[4] = f64::NAN;
         let decision = decide(&config, &mut state, bad);
         assert_eq!(decision.verdict, Verdict::Deny(Denial::Joint { joint: 4, check: Check::Finite }));
         for j in 0..JOINTS {
-            let expected = joint(&last, j).play(&stop_of(&last.plan, j), n as f64 * T);
-            let got = Joint { q: decision.q[j], v: decision.v[j], a: decision.a[j] };
+            let expected = joint(&last, j).play(&stop_of(&last.motion.plan, j), n as f64 * T);
+            let got = Joint { q: decision.motion.q[j], v: decision.motion.v[j], a: decision.motion.a[j] };
             // The rest of the plan leads to the same posture.
-            let rest = got.play(&stop_of(&decision.plan, j), 1e3).q;
+            let rest = got.play(&stop_of(&decision.motion.plan, j), 1e3).q;
             assert!(
                 (got.q - expected.q).abs() < 1e-11 && (got.v - expected.v).abs() < 1e-10,
                 "{n} {j} {got:?} {expected:?}"
             );
-            assert!((rest - expected.play(&stop_of(&last.plan, j), 0.0).q).abs() < 1.0);
-            assert!((rest - joint(&last, j).play(&stop_of(&last.plan, j), 1e3).q).abs() < 1e-10, "{n} {j}");
+            assert!((rest - expected.play(&stop_of(&last.motion.plan, j), 0.0).q).abs() < 1.0);
+            assert!((rest - joint(&last, j).play(&stop_of(&last.motion.plan, j), 1e3).q).abs() < 1e-10, "{n} {j}");
         }
     }
     assert_eq!(state.denials(), 1499);
-    assert!(state.v().iter().chain(&state.a()).all(|value| *value == 0.0) && state.plan() == NO_PLAN);
+    assert!(state.motion().is_at_rest());
 }
 
 #[test]
@@ -263,8 +263,8 @@ fn new_motion_without_permit_is_denied() {
     assert_eq!(decide(&config, &mut state.clone(), new).verdict, Verdict::Deny(Denial::Permit));
     let mut along = Proposed { permit: Permit::Stop, ..resting(1, model.home) };
     set_joint(&mut along, 1, x.play(&stop, T));
-    store(&mut along.plan, 1, &stop);
-    along.plan.duration_s[1][0] -= T;
+    store(&mut along.motion.plan, 1, &stop);
+    along.motion.plan.duration_s[1][0] -= T;
     assert_eq!(decide(&config, &mut state.clone(), along).verdict, Verdict::OnPlan);
 }
 
@@ -319,17 +319,17 @@ fn invalid_seed_denies_until_a_valid_one_comes() {
     let mut moving = still;
     moving[3] = 0.1;
     for (v, a) in [(bad, still), (still, bad), (moving, still)] {
-        state.reseed(&model.home, &v, &a, &NO_PLAN);
+        state.reseed(&JointMotion { v, a, ..JointMotion::rest(model.home) });
         let decision = decide(&config, &mut state, resting(1, model.home));
         assert_eq!(decision.verdict, Verdict::Deny(Denial::Seed));
-        assert!(decision.q == state.q() && decision.v == still, "stays where it was");
+        assert!(decision.motion.q == state.motion().q && decision.motion.v == still, "stays where it was");
     }
-    state.reseed(&model.home, &still, &still, &NO_PLAN);
+    state.reseed(&JointMotion::rest(model.home));
     assert!(decide(&config, &mut state, resting(7, model.home)).accepted());
     // The robot may be outside its limits. Then it may rest there, but not move.
     let mut outside = model.home;
     outside[1] = model.limits[1].q_max + 0.2;
-    state.reseed(&outside, &still, &still, &NO_PLAN);
+    state.reseed(&JointMotion::rest(outside));
     assert_eq!(decide(&config, &mut state, resting(1, outside)).verdict, Verdict::OnPlan);
     let from = Joint { q: outside[1], v: 0.0, a: 0.0 };
     let mut out = with_jerk(&model, 1, from, -10.0);
@@ -378,13 +378,13 @@ fn f045_self_collision_is_denied_at_command_and_at_rest() {
         let mut seed = resting(0, q);
         let x = Joint { q: q[j] + to_contact - at - margin_m / slope, v, a: 0.0 };
         set_joint(&mut seed, j, x);
-        store(&mut seed.plan, j, &stop_from(x, l.a_max, l.j_max));
+        store(&mut seed.motion.plan, j, &stop_from(x, l.a_max, l.j_max));
         let mut state = State::at_rest(q);
-        state.reseed(&seed.q, &seed.v, &seed.a, &seed.plan);
+        state.reseed(&seed.motion);
         let mut next = resting(1, q);
         let to = x.after(jerk, T);
         set_joint(&mut next, j, to);
-        store(&mut next.plan, j, &stop_from(to, l.a_max, l.j_max));
+        store(&mut next.motion.plan, j, &stop_from(to, l.a_max, l.j_max));
         decide(&config, &mut state, next).verdict
     };
     // The slack is 1 nm. Half of it is allowed, and twice of it is not.
@@ -403,8 +403,8 @@ fn robot_in_self_collision_may_rest_but_not_move() {
     q[j] += to_contact + 0.01;
     let mut state = State::at_rest(q);
     assert_eq!(decide(&config, &mut state, resting(1, q)).verdict, Verdict::OnPlan);
-    let x = Joint { q: state.q()[j], v: 0.0, a: 0.0 };
-    let mut away = resting(2, state.q());
+    let x = Joint { q: state.motion().q[j], v: 0.0, a: 0.0 };
+    let mut away = resting(2, state.motion().q);
     let to = x.after(-10.0, T);
     set_joint(&mut away, j, to);
     store(&mut away.plan, j, &stop_from(to, model.limits[j].a_max, model.limits[j].j_max));
@@ -454,20 +454,21 @@ fn random_bits_are_denied_and_robot_rests_at_home() {
             _ => f64::from_bits(rng.next_u64()),
         };
         let mut list = || -> [f64; JOINTS_MAX] { std::array::from_fn(|_| bits()) };
-        let (q, v, a) = (list(), list(), list());
+        let [q, v, a] = [list(), list(), list()];
         let plan = StopPlan {
             jerk: std::array::from_fn(|_| std::array::from_fn(|_| bits())),
             duration_s: std::array::from_fn(|_| std::array::from_fn(|_| bits())),
         };
+        let motion = JointMotion { q, v, a, plan };
         if n % 3 == 0 {
-            state.reseed(&q, &v, &a, &plan);
+            state.reseed(&motion);
         }
         let k = if n % 2 == 0 { n } else { bits().to_bits() };
         let permit = if n % 5 == 0 { Permit::Stop } else { Permit::Follow { speed_scale: bits() } };
-        let sent = decide(&config, &mut state, Proposed { k, permit, q, v, a, plan });
+        let sent = decide(&config, &mut state, Proposed { k, permit, motion });
         assert!(!sent.accepted());
-        let at_home = (0..JOINTS).all(|j| (sent.q[j] - model.home[j]).abs() < 1e-12 && sent.v[j] == 0.0);
-        assert!(at_home && sent.plan == NO_PLAN, "random bits come to rest nowhere, so no seed was taken");
+        let at_home = (0..JOINTS).all(|j| (sent.motion.q[j] - model.home[j]).abs() < 1e-12 && sent.motion.v[j] == 0.0);
+        assert!(at_home && sent.motion.plan == NO_PLAN, "random bits come to rest nowhere, so no seed was taken");
     }
 }
 

@@ -17,7 +17,7 @@ const JOINTS: usize = 17;
 /// Goes one tick along the plan. Durations shrink, phases are used up, and the end is exact rest.
 fn advance(p: &mut Proposed) {
     for j in 0..JOINTS {
-        let (mut x, mut stop, mut left) = (joint(p, j), stop_of(&p.plan, j), T);
+        let (mut x, mut stop, mut left) = (joint(p, j), stop_of(&p.motion.plan, j), T);
         for (jerk, duration) in &mut stop {
             let t = left.min(*duration);
             x = x.after(*jerk, t);
@@ -28,7 +28,7 @@ fn advance(p: &mut Proposed) {
             (x.v, x.a) = (0.0, 0.0);
         }
         set_joint(p, j, x);
-        store(&mut p.plan, j, &stop);
+        store(&mut p.motion.plan, j, &stop);
     }
     p.k += 1;
 }
@@ -45,15 +45,15 @@ fn f64_motion_stays_on_plan_from_any_state_to_rest() {
             let a = rng.random_range(-l.a_max..l.a_max);
             let x = Joint { q: model.home[j], v: rng.random_range(-l.v_max..l.v_max), a };
             set_joint(&mut p, j, x);
-            store(&mut p.plan, j, &stop_from(x, l.a_max, l.j_max));
+            store(&mut p.motion.plan, j, &stop_from(x, l.a_max, l.j_max));
         }
         let mut state = State::at_rest(model.home);
-        state.reseed(&p.q, &p.v, &p.a, &p.plan);
+        state.reseed(&p.motion);
         for _ in 0..1500 {
             advance(&mut p);
             let decision = tick(&config, &mut state, Stamp(0), p);
             assert_eq!(decision.verdict, Verdict::OnPlan, "tick {}", p.k);
         }
-        assert!(state.v().iter().chain(&state.a()).all(|value| *value == 0.0));
+        assert!(state.motion().is_at_rest());
     }
 }

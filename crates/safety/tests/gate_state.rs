@@ -3,7 +3,7 @@
 use crate::support;
 
 use judge::joint::{Joint, stop_of};
-use messages::{JOINTS_MAX, Stamp};
+use messages::{JOINTS_MAX, JointMotion, Stamp};
 use safety::clearance::clearance;
 use safety::engage::Permit;
 use safety::gate::{Check, Config, Denial, Proposed, State, Verdict, tick};
@@ -21,14 +21,19 @@ fn moving(model: &robot::Model, k: u64) -> Proposed {
         let share = 0.02 + 0.01 * j as f64;
         let x = Joint { q: model.home[j], v: -share * l.v_max, a: share * l.a_max };
         set_joint(&mut p, j, x);
-        store(&mut p.plan, j, &stop_from(x, l.a_max, l.j_max));
+        store(&mut p.motion.plan, j, &stop_from(x, l.a_max, l.j_max));
     }
     p
 }
 
+/// Returns the proposal with positions that are no numbers.
+fn nowhere(p: &Proposed) -> Proposed {
+    Proposed { motion: JointMotion { q: [f64::NAN; JOINTS_MAX], ..p.motion }, ..*p }
+}
+
 fn seeded(p: &Proposed) -> State {
     let mut state = State::at_rest([0.0; JOINTS_MAX]);
-    state.reseed(&p.q, &p.v, &p.a, &p.plan);
+    state.reseed(&p.motion);
     state
 }
 
@@ -39,7 +44,7 @@ fn going_on(model: &robot::Model, p: &Proposed) -> Proposed {
         let l = &model.limits[j];
         let to = joint(p, j).after(0.0, T);
         set_joint(&mut next, j, to);
-        store(&mut next.plan, j, &stop_from(to, l.a_max, l.j_max));
+        store(&mut next.motion.plan, j, &stop_from(to, l.a_max, l.j_max));
     }
     next
 }
@@ -51,10 +56,14 @@ fn gate_state_matches_last_sent_command() {
     let seed = moving(&model, 5);
     let mut state = seeded(&seed);
     let is_at = |state: &State, p: &Proposed| {
-        let (q, v, a, plan) = (state.q(), state.v(), state.a(), state.plan());
+        let JointMotion { q, v, a, plan } = state.motion();
         for j in 0..JOINTS {
-            assert!((q[j] - p.q[j]).abs() < 1e-11 && (v[j] - p.v[j]).abs() < 1e-11 && (a[j] - p.a[j]).abs() < 1e-11);
-            for (got, expected) in stop_of(&plan, j).into_iter().zip(stop_of(&p.plan, j)) {
+            assert!(
+                (q[j] - p.motion.q[j]).abs() < 1e-11
+                    && (v[j] - p.motion.v[j]).abs() < 1e-11
+                    && (a[j] - p.motion.a[j]).abs() < 1e-11
+            );
+            for (got, expected) in stop_of(&plan, j).into_iter().zip(stop_of(&p.motion.plan, j)) {
                 assert!((got.0 - expected.0).abs() < 1e-11 && (got.1 - expected.1).abs() < 1e-13);
             }
         }
@@ -65,19 +74,24 @@ fn gate_state_matches_last_sent_command() {
     assert_eq!((decision.verdict, state.denials()), (Verdict::Accept, 0));
     is_at(&state, &next);
     let mut frames = robot::Frames { base_from_body: [robot::Pose::identity(); JOINTS_MAX + 1] };
-    let expected = clearance(&model, &mut frames, &next.q).distance_m;
+    let expected = clearance(&model, &mut frames, &next.motion.q).distance_m;
     assert!((decision.clearance_m - expected).abs() < 1e-12, "of the command, not of where it rests");
 
     // After three denials the stored plan has advanced by three ticks, and no clearance was measured.
     for n in 1..=3 {
-        let bad = Proposed { k: next.k + n, q: [f64::NAN; JOINTS_MAX], ..next };
+        let bad = Proposed { k: next.k + n, ..nowhere(&next) };
         let decision = tick(&config, &mut state, Stamp(0), bad);
         assert_eq!(decision.verdict, Verdict::Deny(Denial::Joint { joint: 0, check: Check::Finite }));
         assert!(!decision.accepted() && decision.clearance_m.is_nan() && state.denials() == n);
         for j in 0..JOINTS {
-            let expected = joint(&next, j).play(&stop_of(&next.plan, j), n as f64 * T);
-            assert!((state.q()[j] - expected.q).abs() < 1e-10 && (state.v()[j] - expected.v).abs() < 1e-10);
-            assert_eq!((decision.q[j], decision.v[j], decision.a[j]), (state.q()[j], state.v()[j], state.a()[j]));
+            let expected = joint(&next, j).play(&stop_of(&next.motion.plan, j), n as f64 * T);
+            assert!(
+                (state.motion().q[j] - expected.q).abs() < 1e-10 && (state.motion().v[j] - expected.v).abs() < 1e-10
+            );
+            assert_eq!(
+                (decision.motion.q[j], decision.motion.v[j], decision.motion.a[j]),
+                (state.motion().q[j], state.motion().v[j], state.motion().a[j])
+            );
         }
     }
 }
@@ -95,13 +109,16 @@ fn late_command_is_denied_and_plan_is_played_on() {
         let decision = tick(&config, &mut state, Stamp(0), Proposed { k: next.k + late, ..next });
         assert_eq!(decision.verdict, Verdict::Deny(Denial::Index));
         for j in 0..JOINTS {
-            let expected = joint(&next, j).play(&stop_of(&next.plan, j), late as f64 * T);
-            assert!((decision.q[j] - expected.q).abs() < 1e-9 && (decision.v[j] - expected.v).abs() < 1e-9, "{late}");
+            let expected = joint(&next, j).play(&stop_of(&next.motion.plan, j), late as f64 * T);
+            assert!(
+                (decision.motion.q[j] - expected.q).abs() < 1e-9 && (decision.motion.v[j] - expected.v).abs() < 1e-9,
+                "{late}"
+            );
         }
         // An index that has passed plays the plan neither forward nor back.
-        let before = state.q();
+        let before = state.motion().q;
         let decision = tick(&config, &mut state, Stamp(0), Proposed { k: next.k, ..next });
-        assert_eq!((decision.verdict, decision.q), (Verdict::Deny(Denial::Index), before));
+        assert_eq!((decision.verdict, decision.motion.q), (Verdict::Deny(Denial::Index), before));
     }
 }
 
@@ -115,8 +132,8 @@ fn every_single_joint_off_its_plan_denies_all() {
         let mut on_plan = Proposed { k: seed.k + 1, permit: Permit::Stop, ..seed };
         let mut state = seeded(&seed);
         // The command that the gate itself would send is the plan's next point.
-        let plan = tick(&config, &mut state.clone(), Stamp(0), Proposed { q: [f64::NAN; JOINTS_MAX], ..on_plan });
-        (on_plan.q, on_plan.v, on_plan.a, on_plan.plan) = (plan.q, plan.v, plan.a, plan.plan);
+        let plan = tick(&config, &mut state.clone(), Stamp(0), nowhere(&on_plan));
+        on_plan.motion = plan.motion;
         assert_eq!(tick(&config, &mut state.clone(), Stamp(0), on_plan).verdict, Verdict::OnPlan);
         let mut off = on_plan;
         off.v[j] += 1e-9;
@@ -128,7 +145,7 @@ fn every_single_joint_off_its_plan_denies_all() {
         wrong.v[j] += 1e-9;
         let decision = tick(&config, &mut state, Stamp(0), wrong);
         assert_eq!(decision.verdict, Verdict::Deny(Denial::Joint { joint: j, check: Check::Step }));
-        assert_eq!((decision.q, decision.v), (plan.q, plan.v), "joint {j} denies all");
+        assert_eq!((decision.motion.q, decision.motion.v), (plan.motion.q, plan.motion.v), "joint {j} denies all");
     }
 }
 
@@ -142,16 +159,19 @@ fn seed_with_one_invalid_joint_is_refused_as_a_whole() {
     for j in 0..JOINTS {
         let mut state = seeded(&seed);
         let mut endless = seed;
-        endless.plan.duration_s[j] = [0.0; 3];
-        state.reseed(&endless.q, &endless.v, &endless.a, &endless.plan);
+        endless.motion.plan.duration_s[j] = [0.0; 3];
+        state.reseed(&endless.motion);
         let next = going_on(&model, &seed);
         assert_eq!(tick(&config, &mut state, Stamp(0), next).verdict, Verdict::Deny(Denial::Seed), "{j}");
     }
     let mut nowhere = model.home;
     nowhere[7] = f64::NAN;
     let mut state = State::at_rest(nowhere);
-    assert_eq!((state.q()[7], state.q()[0], state.plan()), (0.0, State::at_rest(model.home).q()[0], NO_PLAN));
-    let resting = resting(1, state.q());
+    assert_eq!(
+        (state.motion().q[7], state.motion().q[0], state.motion().plan),
+        (0.0, State::at_rest(model.home).motion().q[0], NO_PLAN)
+    );
+    let resting = resting(1, state.motion().q);
     let verdict = tick(&config, &mut state, Stamp(0), resting).verdict;
     assert_eq!(verdict, Verdict::Deny(Denial::Seed), "nothing passes before a position that is one");
 }
@@ -163,7 +183,7 @@ fn recovery(model: &robot::Model, q: [f64; JOINTS_MAX], j: usize, jerk: f64) -> 
     let to = Joint { q: q[j], v: 0.0, a: 0.0 }.after(jerk, T);
     let stop = stop_from(to, model.limits[j].a_max, model.limits[j].j_max);
     set_joint(&mut next, j, to);
-    store(&mut next.plan, j, &stop);
+    store(&mut next.motion.plan, j, &stop);
     rest[j] = to.play(&stop, 1e3).q;
     (next, rest)
 }
@@ -187,7 +207,7 @@ fn recovery_that_reduces_least_clearance_is_denied() {
         for (joint, jerk) in [(2, 10.0), (j, l.j_max / 2.0), (j, -l.j_max / 2.0)] {
             let (next, rest) = recovery(&model, q, joint, jerk);
             let verdict = tick(&config, &mut State::at_rest(q), Stamp(0), next).verdict;
-            let after = distance(&next.q).min(distance(&rest));
+            let after = distance(&next.motion.q).min(distance(&rest));
             if after == least {
                 assert_eq!(verdict, Verdict::Accept);
                 left += 1;
@@ -213,12 +233,12 @@ fn recovery_that_reduces_least_clearance_is_denied() {
 fn joint_that_the_robot_lacks_takes_no_value() {
     type Break = fn(&mut Proposed);
     let cases: [Break; 6] = [
-        |p| p.q[JOINTS] = 0.1,
-        |p| p.v[JOINTS] = 0.1,
-        |p| p.a[JOINTS] = -0.1,
-        |p| p.plan.jerk[JOINTS][2] = 1.0,
-        |p| p.plan.duration_s[JOINTS][0] = 0.1,
-        |p| p.q[JOINTS] = f64::NAN,
+        |p| p.motion.q[JOINTS] = 0.1,
+        |p| p.motion.v[JOINTS] = 0.1,
+        |p| p.motion.a[JOINTS] = -0.1,
+        |p| p.motion.plan.jerk[JOINTS][2] = 1.0,
+        |p| p.motion.plan.duration_s[JOINTS][0] = 0.1,
+        |p| p.motion.q[JOINTS] = f64::NAN,
     ];
     let model = model();
     let config = Config::new(&model).unwrap();
@@ -230,6 +250,10 @@ fn joint_that_the_robot_lacks_takes_no_value() {
         let decision = tick(&config, &mut state, Stamp(0), next);
         let expected = Verdict::Deny(Denial::Joint { joint: JOINTS, check: Check::Absent });
         assert_eq!(decision.verdict, expected, "case {n}");
-        assert_eq!((decision.q[JOINTS], decision.v[JOINTS], decision.a[JOINTS]), (0.0, 0.0, 0.0), "case {n}");
+        assert_eq!(
+            (decision.motion.q[JOINTS], decision.motion.v[JOINTS], decision.motion.a[JOINTS]),
+            (0.0, 0.0, 0.0),
+            "case {n}"
+        );
     }
 }

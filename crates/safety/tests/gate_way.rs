@@ -26,7 +26,7 @@ fn fast(model: &Model, rng: &mut Pcg64) -> (Proposed, Proposed) {
         let x = Joint { q: q[j], v, a: 0.0 };
         for (proposed, x) in [(&mut before, x), (&mut next, x.after(0.0, T))] {
             set_joint(proposed, j, x);
-            store(&mut proposed.plan, j, &stop_from(x, l.a_max, l.j_max));
+            store(&mut proposed.motion.plan, j, &stop_from(x, l.a_max, l.j_max));
         }
     }
     (before, next)
@@ -34,12 +34,12 @@ fn fast(model: &Model, rng: &mut Pcg64) -> (Proposed, Proposed) {
 
 /// The posture at time `t` after a proposal.
 fn later(proposed: &Proposed, t: f64) -> [f64; JOINTS_MAX] {
-    std::array::from_fn(|j| joint(proposed, j).play(&stop_of(&proposed.plan, j), t).q)
+    std::array::from_fn(|j| joint(proposed, j).play(&stop_of(&proposed.motion.plan, j), t).q)
 }
 
 fn verdict(config: &Config, before: &Proposed, next: &Proposed) -> Verdict {
-    let mut state = State::at_rest(before.q);
-    state.reseed(&before.q, &before.v, &before.a, &before.plan);
+    let mut state = State::at_rest(before.motion.q);
+    state.reseed(&before.motion);
     tick(config, &mut state, Stamp(0), *next).verdict
 }
 
@@ -70,7 +70,7 @@ fn stop_through_obstacle_is_denied_with_clear_ends() {
         let solid = Solid::Box { center, r: nalgebra::Matrix3::identity(), half_m: nalgebra::Vector3::repeat(1e-3) };
         model.obstacles = vec![Obstacle { name: "grain".into(), solid }];
         let mut clear = |q: &[f64; JOINTS_MAX]| clearance(&model, &mut frames, q).distance_m > model.d_min_m + 1e-6;
-        if !clear(&next.q) || !clear(&later(&next, 1e3)) {
+        if !clear(&next.motion.q) || !clear(&later(&next, 1e3)) {
             continue;
         }
         let among = Config::new(&model).expect("the gate");

@@ -9,7 +9,7 @@ use safety::engage::Permit;
 use safety::gate::{Check, Config, Denial, Proposed, State, Verdict, tick};
 use safety::monitor;
 use support::model;
-use support::motion::{NO_PLAN, T, resting, set_joint, stop_from, store};
+use support::motion::{T, resting, set_joint, stop_from, store};
 
 /// Joints of TIAGo++.
 const JOINTS: usize = 17;
@@ -22,10 +22,10 @@ const JERK: f64 = 50.0;
 
 /// A tick with jerk `j` of joint `joint` from `x`, under `permit`.
 fn step(model: &Model, q: &[f64; JOINTS_MAX], joint: usize, x: Joint, j: f64, permit: Permit) -> Proposed {
-    let mut proposed = Proposed { permit, plan: NO_PLAN, ..resting(1, *q) };
+    let mut proposed = Proposed { permit, ..resting(1, *q) };
     let next = x.after(j, T);
     set_joint(&mut proposed, joint, next);
-    store(&mut proposed.plan, joint, &stop_from(next, model.limits[joint].a_max, model.limits[joint].j_max));
+    store(&mut proposed.motion.plan, joint, &stop_from(next, model.limits[joint].a_max, model.limits[joint].j_max));
     proposed
 }
 
@@ -72,7 +72,7 @@ fn recovery_faster_than_its_speed_is_denied_for_every_joint() {
                 denied = Some(denial);
                 break;
             }
-            x = Joint { q: decision.q[j], v: decision.v[j], a: decision.a[j] };
+            x = Joint { q: decision.motion.q[j], v: decision.motion.v[j], a: decision.motion.a[j] };
             fastest = fastest.max(x.v.abs());
         }
         let speed =

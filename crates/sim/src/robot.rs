@@ -75,7 +75,7 @@ impl DriverState {
 
     /// Returns true if the driver and all controllers are at rest.
     pub fn at_rest(&self) -> bool {
-        self.follower().motion.at_rest() && self.checks.controllers.as_ref().is_none_or(Controllers::at_rest)
+        self.follower().motion.is_at_rest() && self.checks.controllers.as_ref().is_none_or(Controllers::at_rest)
     }
 }
 

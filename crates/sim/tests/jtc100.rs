@@ -130,11 +130,11 @@ fn attack_on(interface: Interface, certified_for: wbc::Interface, gated: gate::I
             let target = wbc::Target { q: &q, dq: &dq, ddq: &[0.0; JOINTS_MAX], valid_mask: ALL_JOINTS };
             let permit = wbc::Permit::Follow { speed_scale: 1.0 };
             let proposed = wbc::tick(&wbc_config, &mut wbc_state, now, wbc::Input { k, target: Some(target), permit });
-            let wbc::Output { q, v, a, plan, .. } = proposed;
             let permit = engage::Permit::Follow { speed_scale: 1.0 };
-            let made = gate::tick(&gate_config, &mut gate_state, now, gate::Proposed { k, permit, q, v, a, plan });
+            let made =
+                gate::tick(&gate_config, &mut gate_state, now, gate::Proposed { k, permit, motion: proposed.motion });
             if !made.accepted() {
-                wbc_state.reseed(&wbc::Planned { q: made.q, v: made.v, a: made.a, plan: made.plan });
+                wbc_state.reseed(&made.motion);
             }
             JointCommand {
                 header: Header { sequence: k, stamp: now, incarnation: 1, ..Header::ZERO },
@@ -142,22 +142,18 @@ fn attack_on(interface: Interface, certified_for: wbc::Interface, gated: gate::I
                 k,
                 seed_k: seed_at.0,
                 seed_played: seed_at.1,
-                q: made.q,
-                v: made.v,
-                a: made.a,
-                plan: made.plan,
                 mode: Mode::Engaged as u32,
                 ..JointCommand::ZERO
             }
+            .with_motion(&made.motion)
         });
         let out = sim::tick(&sim_config, &mut robot, now, Input { due_k: k, command: command.as_ref() });
         assert_eq!(out.accepted.is_some(), command.is_some(), "tick {k}: {:?}", out.refused);
         if silent > 0 {
             silent -= 1;
             let driver = robot.follower();
-            let (motion, planned) = (driver.motion, driver.motion.plan);
-            wbc_state.reseed(&wbc::Planned { q: motion.q, v: motion.v, a: motion.a, plan: planned });
-            gate_state.reseed(&motion.q, &motion.v, &motion.a, &planned);
+            wbc_state.reseed(&driver.motion);
+            gate_state.reseed(&driver.motion);
             seed_at = (driver.executed_k, driver.plan_ticks_played);
         }
         seen.push(Seen { commanded: robot.follower().setpoint(), told: *robot.told() });
@@ -255,7 +251,7 @@ fn controllers_follow_plan_to_rest_when_commands_end() {
     let mut rests = [None; 2];
     for k in last + 1..last + 1500 {
         bench.tick(k, None);
-        for (rest, now) in rests.iter_mut().zip([bench.state.follower().motion.at_rest(), bench.state.at_rest()]) {
+        for (rest, now) in rests.iter_mut().zip([bench.state.follower().motion.is_at_rest(), bench.state.at_rest()]) {
             *rest = rest.or(now.then_some(k));
         }
     }

@@ -60,7 +60,7 @@ fn main() {
         }] += 1;
         evaluations += u64::from(out.evaluations);
         most = most.max(out.evaluations);
-        checker.command(k, &sent(&out), out.on_plan, k.is_multiple_of(dense));
+        checker.command(k, &out.motion, out.on_plan, k.is_multiple_of(dense));
     }
     times.sort_unstable();
     let at = |share: f64| times[((times.len() - 1) as f64 * share) as usize] as f64 / 1e3;

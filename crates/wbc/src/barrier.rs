@@ -32,10 +32,10 @@ use crate::clearance::Anchor;
 use crate::config::Config;
 use crate::geometry::Geometry;
 use crate::interval::Bounds;
-use crate::motion::{JointMotion, Motion};
 use crate::nearest::Nearest;
 use crate::plan::{JointState, JointStop};
 use crate::qp::{self, ActiveSet, Problem, ROWS_MAX, Status};
+use crate::trajectory::{JointTrajectory, Trajectory};
 use messages::{JOINTS_MAX, TICK_S};
 
 /// Share of a pair's remaining distance that a tick may use up. With it the stop comes within 1 % of the
@@ -76,7 +76,7 @@ pub enum Program {
 
 /// The wanted jerk of a joint, and the range for this tick.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Wish {
+pub(crate) struct JerkRange {
     /// The state before the tick.
     pub x: JointState,
     /// Bounds of the tick.
@@ -98,7 +98,7 @@ struct Span {
     z: [f64; 2],
     /// dp/dz.
     scale: f64,
-    motion: [JointMotion; 2],
+    motion: [JointTrajectory; 2],
 }
 
 /// A pair at a sample.
@@ -135,23 +135,23 @@ impl Barrier {
         }
     }
 
-    /// Changes the jerks of `wishes` so that they keep the rows. `now` is the posture before the tick, and
+    /// Changes the jerks of `ranges` so that they keep the rows. `now` is the posture before the tick, and
     /// `plan` is the plan in force there.
     pub(crate) fn apply(
         &mut self,
         config: &Config,
         now: &Anchor,
-        plan: &Motion,
-        wishes: &mut [Option<Wish>; JOINTS_MAX],
+        plan: &Trajectory,
+        ranges: &mut [Option<JerkRange>; JOINTS_MAX],
     ) -> Program {
         self.find_near(&config.geometry, now, plan);
         if self.rows.len == 0 {
             return Program::Idle;
         }
-        self.span(wishes, plan);
+        self.span(ranges, plan);
         self.keep_reachable(&config.geometry);
         self.make_rows(&config.geometry, plan);
-        if !self.wishes_break_a_row(wishes) {
+        if !self.wanted_breaks_a_row(ranges) {
             return Program::Idle;
         }
         self.weigh(config, now);
@@ -159,15 +159,15 @@ impl Barrier {
             return Program::Infeasible;
         };
         for j in 0..config.count() {
-            if let Some(wish) = &mut wishes[j] {
-                wish.jerk = self.spans[j].jerk_at(wish, z[j]);
+            if let Some(range) = &mut ranges[j] {
+                range.jerk = self.spans[j].jerk_at(range, z[j]);
             }
         }
         Program::Solved
     }
 
     /// Poses the samples and lists the near pairs. The ones with the least distance left come first.
-    fn find_near(&mut self, geometry: &Geometry, now: &Anchor, plan: &Motion) {
+    fn find_near(&mut self, geometry: &Geometry, now: &Anchor, plan: &Trajectory) {
         let end_s = plan.end_s();
         self.rows.clear();
         let moving = end_s > 0.0;
@@ -199,13 +199,13 @@ impl Barrier {
     }
 
     /// Sets the range of each joint. A joint without a wanted jerk stays on its plan.
-    fn span(&mut self, wishes: &[Option<Wish>; JOINTS_MAX], plan: &Motion) {
+    fn span(&mut self, ranges: &[Option<JerkRange>; JOINTS_MAX], plan: &Trajectory) {
         for j in 0..self.problem.count {
             let plan_stop = plan.joints[j].at(f64::INFINITY).q;
-            self.spans[j] = wishes[j].as_ref().map_or_else(Span::default, |wish| Span::new(wish, plan_stop));
+            self.spans[j] = ranges[j].as_ref().map_or_else(Span::default, |range| Span::new(range, plan_stop));
             (self.problem.lower[j], self.problem.upper[j]) = (self.spans[j].z[0], self.spans[j].z[1]);
-            let reference = |wish: &Wish| self.spans[j].reference(wish);
-            self.problem.reference[j] = wishes[j].as_ref().map_or(0.0, reference);
+            let reference = |range: &JerkRange| self.spans[j].reference(range);
+            self.problem.reference[j] = ranges[j].as_ref().map_or(0.0, reference);
         }
     }
 
@@ -223,7 +223,7 @@ impl Barrier {
         });
     }
 
-    fn make_rows(&mut self, geometry: &Geometry, plan: &Motion) {
+    fn make_rows(&mut self, geometry: &Geometry, plan: &Trajectory) {
         let end_s = plan.end_s();
         self.problem.row_count = self.rows.len;
         for k in 0..self.rows.len {
@@ -246,11 +246,11 @@ impl Barrier {
         }
     }
 
-    fn wishes_break_a_row(&self, wishes: &[Option<Wish>; JOINTS_MAX]) -> bool {
+    fn wanted_breaks_a_row(&self, ranges: &[Option<JerkRange>; JOINTS_MAX]) -> bool {
         let p = &self.problem;
-        let wished: [f64; JOINTS_MAX] =
-            std::array::from_fn(|j| wishes[j].as_ref().map_or(0.0, |wish| self.spans[j].z_at(wish, wish.jerk)));
-        (0..p.row_count).any(|k| (0..p.count).map(|j| p.rows[k][j] * wished[j]).sum::<f64>() < p.least[k])
+        let wanted: [f64; JOINTS_MAX] =
+            std::array::from_fn(|j| ranges[j].as_ref().map_or(0.0, |range| self.spans[j].z_at(range, range.jerk)));
+        (0..p.row_count).any(|k| (0..p.count).map(|j| p.rows[k][j] * wanted[j]).sum::<f64>() < p.least[k])
     }
 
     /// Computes H, the cost of a deviation.
@@ -304,7 +304,7 @@ impl Barrier {
     }
 }
 
-impl Wish {
+impl JerkRange {
     /// The state after a tick of jerk `j`, and the stop from there.
     #[inline]
     pub(crate) fn tick(&self, j: f64) -> (JointState, JointStop) {
@@ -321,18 +321,18 @@ impl Wish {
 }
 
 impl Span {
-    fn new(wish: &Wish, plan_stop: f64) -> Self {
-        let Some(jerk) = wish.bounds.interval(wish.x) else {
+    fn new(range: &JerkRange, plan_stop: f64) -> Self {
+        let Some(jerk) = range.bounds.interval(range.x) else {
             return Self::default();
         };
-        let motion = jerk.map(|j| JointMotion::tick_then_stop(wish.x, j, &wish.tick(j).1));
+        let motion = jerk.map(|j| JointTrajectory::tick_then_stop(range.x, j, &range.tick(j).1));
         let stop = motion.map(|motion| motion.at(f64::INFINITY).q);
         // There is nothing to choose unless the range is at least a billionth of the jerk limit, and the stop
         // moves at all.
-        if jerk[1] - jerk[0] < 1e-9 * wish.bounds.j_max || stop[1] <= stop[0] {
+        if jerk[1] - jerk[0] < 1e-9 * range.bounds.j_max || stop[1] <= stop[0] {
             return Self::default();
         }
-        let scale = (stop[1] - stop[0]) / (jerk[1] - jerk[0]) * wish.bounds.j_max;
+        let scale = (stop[1] - stop[0]) / (jerk[1] - jerk[0]) * range.bounds.j_max;
         // The plan need not have a constant jerk over the tick. Staying on it is always allowed.
         let z = [((stop[0] - plan_stop) / scale).min(0.0), ((stop[1] - plan_stop) / scale).max(0.0)];
         Self { jerk, stop, plan_stop, z, scale, motion }
@@ -346,21 +346,21 @@ impl Span {
         (self.motion[1].at(time).q - self.motion[0].at(time).q) / (self.stop[1] - self.stop[0])
     }
 
-    fn z_at(&self, wish: &Wish, jerk: f64) -> f64 {
-        if self.scale == 0.0 { 0.0 } else { (wish.stop_after(jerk) - self.plan_stop) / self.scale }
+    fn z_at(&self, range: &JerkRange, jerk: f64) -> f64 {
+        if self.scale == 0.0 { 0.0 } else { (range.stop_after(jerk) - self.plan_stop) / self.scale }
     }
 
     /// z of the wanted jerk. Beyond the admissible range, z continues linearly in the jerk. So a wanted jerk
     /// far outside the range weighs as much as it would in velocities.
-    fn reference(&self, wish: &Wish) -> f64 {
-        self.z_at(wish, wish.jerk) + (wish.wanted - wish.jerk) / wish.bounds.j_max
+    fn reference(&self, range: &JerkRange) -> f64 {
+        self.z_at(range, range.jerk) + (range.wanted - range.jerk) / range.bounds.j_max
     }
 
     /// The jerk whose stop is at `z`, found by a bracketed secant. Returns the given jerk if it already stops
     /// there.
-    fn jerk_at(&self, wish: &Wish, z: f64) -> f64 {
-        if self.scale == 0.0 || (z - self.z_at(wish, wish.jerk)).abs() < UNCHANGED {
-            return wish.jerk;
+    fn jerk_at(&self, range: &JerkRange, z: f64) -> f64 {
+        if self.scale == 0.0 || (z - self.z_at(range, range.jerk)).abs() < UNCHANGED {
+            return range.jerk;
         }
         let goal = self.plan_stop + z * self.scale;
         if goal <= self.stop[0] {
@@ -374,7 +374,7 @@ impl Span {
         for step in 0..INVERSION_STEPS {
             let share = if step % 3 == 2 { 0.5 } else { -low.1 / (high.1 - low.1) };
             let jerk = low.0 + share * (high.0 - low.0);
-            let off = wish.stop_after(jerk) - goal;
+            let off = range.stop_after(jerk) - goal;
             if off.abs() <= accuracy {
                 return jerk;
             }

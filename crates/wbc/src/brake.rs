@@ -21,9 +21,9 @@
 use crate::chain::{JointSet, Placements, joints};
 use crate::config::Config;
 use crate::dynamics::PerJoint;
-use crate::plan::{JointState, Planned};
+use crate::plan::{JointState, PlannedMotion};
 use crate::torque::Load;
-use messages::{JOINTS_MAX, TICK_S};
+use messages::{JOINTS_MAX, JointMotion, TICK_S};
 
 /// Share of the limits that is used for planning. The rest is for changes of M and h on the way, and for the
 /// proof's bound between samples.
@@ -56,7 +56,7 @@ fn resting(q: &PerJoint) -> [JointState; JOINTS_MAX] {
 }
 
 impl Bearing {
-    pub(crate) fn new(config: &Config, load: &Load, places: &Placements, before: &Planned) -> Self {
+    pub(crate) fn new(config: &Config, load: &Load, places: &Placements, before: &JointMotion) -> Self {
         let chain = &config.geometry.chain;
         let matrix = load.dynamics.mass_matrix(chain, places, chain.arms()[0] | chain.arms()[1]);
         let coasting = std::array::from_fn(|j| JointState { a: 0.0, ..before.joint(j) });
@@ -101,7 +101,7 @@ impl Bearing {
     }
 
     /// The largest brake of each joint, rad/s^2 or m/s^2.
-    pub(crate) fn brakes(&self, config: &Config, before: &Planned) -> PerJoint {
+    pub(crate) fn brakes(&self, config: &Config, before: &JointMotion) -> PerJoint {
         std::array::from_fn(|j| {
             let bounds = &config.bounds[j];
             if self.share[j] >= 1.0 {
@@ -123,14 +123,14 @@ impl Bearing {
         })
     }
 
-    /// Share of the step from the accelerations `plan` to `wished` that an arm can take.
-    pub(crate) fn step(&self, load: &Load, arm: JointSet, plan: &PerJoint, wished: &PerJoint) -> f64 {
+    /// Share of the step from the accelerations `plan` to `wanted` that an arm can take.
+    pub(crate) fn step(&self, load: &Load, arm: JointSet, plan: &PerJoint, wanted: &PerJoint) -> f64 {
         let mut share = 1.0_f64;
         for j in joints(arm) {
             let (mut from, mut change) = (self.moving[j], 0.0);
             for k in joints(arm) {
                 from += self.matrix[j][k] * plan[k];
-                change += self.matrix[j][k] * (wished[k] - plan[k]);
+                change += self.matrix[j][k] * (wanted[k] - plan[k]);
             }
             let bound = (PLANNED * load.limit[j]).max(from.abs());
             let room = if change >= 0.0 { bound - from } else { bound + from };

@@ -31,7 +31,7 @@
 //!
 //! *B.* Let J_k = dx/dq_k. For a revolute joint J_k = z_k x (x - o_k). Its length is at most the reach R_k,
 //! the largest distance of the point from the joint's axis over all configurations (see
-//! [`Chain::reach`](crate::chain::Chain::reach)). For a prismatic joint J_k = z_k and R_k = 1. For i before k
+//! [`KinematicChain::reach`](crate::chain::KinematicChain::reach)). For a prismatic joint J_k = z_k and R_k = 1. For i before k
 //! in the chain, dJ_k/dq_i = dJ_i/dq_k = z_i x J_k if i is revolute, because everything after it, J_k and x,
 //! turns with it. It is 0 if i is prismatic. dJ_k/dq_k is z_k x J_k if k is revolute, else 0. Hence, with
 //! |q_k''| <= a_k, |q_k'| <= v_k, and w_k = v_k for a revolute, 0 for a prismatic joint,
@@ -50,7 +50,7 @@
 //! *v_k, a_k.* Over a segment |q''| is largest at its ends or where the jerk changes, because it is linear in
 //! between. |q'| exceeds the larger of its ends' by at most a_k dt / 2 (the nearer end) and by J dt^2 / 8
 //! (its chord). The lesser of the two is added. See
-//! [`JointMotion::swing`](crate::motion::JointMotion::swing).
+//! [`JointTrajectory::swing`](crate::trajectory::JointTrajectory::swing).
 //!
 //! *Path.* Over a segment in which joint k travels the path L_k, the distance falls by at most sum_k R_k L_k
 //! (of both sides). A pair with more to spare needs no further proof. L_k is v_k dt on a segment. For the
@@ -84,8 +84,8 @@
 use crate::chain::{JointSet, Placement, Placements, joints};
 use crate::clearance::Anchor;
 use crate::geometry::{Geometry, Segment, Side};
-use crate::motion::{Motion, Swing};
 use crate::plan::JointState;
+use crate::trajectory::{Swing, Trajectory};
 use messages::JOINTS_MAX;
 use nalgebra::Vector3;
 
@@ -219,7 +219,7 @@ pub(crate) enum Purpose {
 /// changes are not checked, because they continue a certified plan.
 pub(crate) fn certify(
     geometry: &Geometry,
-    motion: &Motion,
+    motion: &Trajectory,
     purpose: Purpose,
     fresh: JointSet,
     anchor: &Anchor,
@@ -265,7 +265,7 @@ fn speed(x: &JointState) -> [f64; 2] {
 
 struct Proof<'a> {
     geometry: &'a Geometry,
-    motion: &'a Motion,
+    motion: &'a Trajectory,
     purpose: Purpose,
     s: &'a mut Scratch,
 }
@@ -401,7 +401,7 @@ impl Proof<'_> {
     fn deviation(&self, pair: usize, speed: impl Fn(usize) -> [f64; 2]) -> f64 {
         match &self.geometry.deviation {
             Some(deviation) if self.purpose == Purpose::Decision => {
-                deviation.of(self.geometry, &self.geometry.pairs[pair], speed)
+                deviation.loss_m(self.geometry, &self.geometry.pairs[pair], speed)
             }
             _ => 0.0,
         }

@@ -58,7 +58,7 @@ impl Placement {
 
 /// One joint of the tree.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Link {
+pub struct KinematicLink {
     /// Body relative to which the joint moves.
     pub parent: usize,
     /// Pose of the joint's own body in its parent's frame at position zero. Its origin lies on the axis.
@@ -82,10 +82,10 @@ struct Turn {
 
 /// The tree, with precomputed values for its forward kinematics.
 #[derive(Clone, Debug)]
-pub struct Chain {
+pub struct KinematicChain {
     /// Number of joints. The arrays are longer: the entries beyond it are not used.
     count: usize,
-    links: [Link; JOINTS_MAX],
+    links: [KinematicLink; JOINTS_MAX],
     turns: [Turn; JOINTS_MAX],
     /// Joints between the base and each body.
     ancestors: [JointSet; BODIES],
@@ -94,10 +94,10 @@ pub struct Chain {
 /// Poses of all bodies in the base frame.
 pub type Placements = [Placement; BODIES];
 
-impl Chain {
+impl KinematicChain {
     /// Creates the tree of these joints: body, left arm, right arm. Each parent must be a body of smaller index than
     /// the joint's own.
-    pub fn new(given: &[Link]) -> Result<Self, WbcError> {
+    pub fn new(given: &[KinematicLink]) -> Result<Self, WbcError> {
         let count = given.len();
         if !(2 * ARM_JOINTS..=JOINTS_MAX).contains(&count) {
             return Err(WbcError::Kinematics {
@@ -105,14 +105,14 @@ impl Chain {
                 what: "is not there: two arms need 14 joints, at most 24",
             });
         }
-        let none = Link {
+        let none = KinematicLink {
             parent: 0,
             parent_from_body: Placement::identity(),
             axis: Vector3::z(),
             prismatic: false,
             stroke: 0.0,
         };
-        let links: [Link; JOINTS_MAX] = std::array::from_fn(|j| given.get(j).copied().unwrap_or(none));
+        let links: [KinematicLink; JOINTS_MAX] = std::array::from_fn(|j| given.get(j).copied().unwrap_or(none));
         let turns = links.map(|link| {
             let r = link.parent_from_body.r;
             let k = link.axis.cross_matrix();
@@ -132,7 +132,7 @@ impl Chain {
     }
 
     /// The joints.
-    pub fn links(&self) -> &[Link] {
+    pub fn links(&self) -> &[KinematicLink] {
         &self.links[..self.count]
     }
 

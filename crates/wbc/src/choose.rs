@@ -1,7 +1,7 @@
 //! The decision of one tick: the wanted and the admissible motion of each joint, and the first candidate that
 //! is proved.
 
-use crate::barrier::{Barrier, Program, Wish};
+use crate::barrier::{Barrier, JerkRange, Program};
 use crate::brake::Bearing;
 use crate::certificate::{Purpose, Scratch, certify};
 use crate::chain::{JointSet, joints};
@@ -9,12 +9,12 @@ use crate::clearance::Anchor;
 use crate::config::Config;
 use crate::dynamics::PerJoint;
 use crate::interval::Bounds;
-use crate::motion::{JointMotion, Motion};
-use crate::plan::{JointState, JointStop, Planned};
+use crate::plan::{JointState, JointStop, PlannedMotion};
 use crate::tick::{Candidate, Input};
 use crate::torque::{self, Load, TorqueScratch};
 use crate::track::{JointAim, wanted_jerk, wanted_velocity};
-use messages::{JOINTS_MAX, TICK_S};
+use crate::trajectory::{JointTrajectory, Trajectory};
+use messages::{JOINTS_MAX, JointMotion, TICK_S};
 
 /// Shares of the way from the plan's jerk to the wanted one that are tried. The share 0 is the plan itself,
 /// which needs no proof.
@@ -28,7 +28,7 @@ pub(crate) type Aims = [Option<JointAim>; JOINTS_MAX];
 
 /// A certified decision.
 pub(crate) struct Choice {
-    pub(crate) next: Planned,
+    pub(crate) next: JointMotion,
     pub(crate) candidate: Candidate,
     pub(crate) fresh: JointSet,
     pub(crate) program: Program,
@@ -43,7 +43,7 @@ pub(crate) struct Choice {
 }
 
 impl Choice {
-    pub(crate) fn plan(next: Planned) -> Self {
+    pub(crate) fn plan(next: JointMotion) -> Self {
         Self {
             next,
             candidate: Candidate::Plan,
@@ -85,16 +85,16 @@ pub(crate) fn aims(config: &Config, input: &Input<'_>) -> Aims {
 
 /// The wanted jerk of every joint at its share `scales` of its speed. None means that the joint plays its
 /// plan.
-fn wishes(
+fn ranges(
     config: &Config,
-    before: &Planned,
+    before: &JointMotion,
     aims: &Aims,
     scales: &PerJoint,
     brakes: &PerJoint,
-) -> [Option<Wish>; JOINTS_MAX] {
+) -> [Option<JerkRange>; JOINTS_MAX] {
     std::array::from_fn(|j| {
         let scale = scales[j];
-        let (x, stop) = (before.joint(j), JointStop::of(&before.plan, j));
+        let (x, stop) = (before.joint(j), JointStop::from_plan(&before.plan, j));
         let nominal = Bounds { brake: brakes[j], ..config.bounds[j] };
         let bounds = relaxed(&nominal, config.hard_range[j], scale, x, &stop);
         // The requested speed is limited by the scale, not by the speed that the state makes unavoidable.
@@ -110,30 +110,36 @@ fn wishes(
         let approach = Bounds { a_max: brakes[j], ..asked };
         let Some(velocity) = wanted_velocity(x, aim, &approach) else {
             // The joint stays where it rests, unless it must make room.
-            return (x.v == 0.0 && x.a == 0.0).then_some(Wish { x, bounds, wanted: 0.0, jerk: 0.0 });
+            return (x.v == 0.0 && x.a == 0.0).then_some(JerkRange { x, bounds, wanted: 0.0, jerk: 0.0 });
         };
         let wanted = wanted_jerk(x, velocity, aim.ddq, &asked);
         let jerk = bounds.nearest_admissible(x, wanted)?;
-        Some(Wish { x, bounds, wanted, jerk })
+        Some(JerkRange { x, bounds, wanted, jerk })
     })
 }
 
 /// One attempt: a group of joints takes new jerks, and the others play the plan.
 struct Attempt {
-    next: Planned,
-    motion: Motion,
+    next: JointMotion,
+    motion: Trajectory,
     fresh: JointSet,
 }
 
 impl Attempt {
-    fn new(wishes: &[Option<Wish>; JOINTS_MAX], plan: &Motion, on_plan: &Planned, group: JointSet, step: f64) -> Self {
+    fn new(
+        ranges: &[Option<JerkRange>; JOINTS_MAX],
+        plan: &Trajectory,
+        on_plan: &JointMotion,
+        group: JointSet,
+        step: f64,
+    ) -> Self {
         let mut attempt = Self { next: *on_plan, motion: plan.clone(), fresh: 0 };
         for j in joints(group) {
-            let Some(wish) = &wishes[j] else { continue };
-            let Some(jerk) = stepped(wish, on_plan.a[j], step) else { continue };
-            let (after, stop) = wish.tick(jerk);
+            let Some(range) = &ranges[j] else { continue };
+            let Some(jerk) = stepped(range, on_plan.a[j], step) else { continue };
+            let (after, stop) = range.tick(jerk);
             attempt.next.set_joint(j, after, stop);
-            attempt.motion.joints[j] = JointMotion::tick_then_stop(wish.x, jerk, &stop);
+            attempt.motion.joints[j] = JointTrajectory::tick_then_stop(range.x, jerk, &stop);
             attempt.fresh |= 1 << j;
         }
         attempt
@@ -154,31 +160,31 @@ pub(crate) struct Chooser<'a> {
 impl Chooser<'_> {
     /// Returns the first candidate that is proved. The first is all joints as wanted, with changes where a
     /// pair is near. Then comes a smaller step, then each arm alone, and then the plan.
-    pub(crate) fn choose(&mut self, before: &Planned, on_plan: &Planned, aims: &Aims, scale: f64) -> Choice {
-        let plan = Motion::stops(before);
+    pub(crate) fn choose(&mut self, before: &JointMotion, on_plan: &JointMotion, aims: &Aims, scale: f64) -> Choice {
+        let plan = Trajectory::stops(before);
         self.torque.begin_tick();
         let load = self.load;
         let bearing = load.map(|load| Bearing::new(self.config, load, &self.anchor.placements, before));
         let nominal = || self.config.bounds.map(|bounds| bounds.brake);
         let brakes = bearing.as_ref().map_or_else(nominal, |bearing| bearing.brakes(self.config, before));
         let scales = self.scales(before, aims, bearing.as_ref(), scale);
-        let mut wishes = wishes(self.config, before, aims, &scales, &brakes);
+        let mut ranges = ranges(self.config, before, aims, &scales, &brakes);
         let mut choice = Choice::plan(*on_plan);
         if self.config.certificate {
-            choice.program = self.barrier.apply(self.config, self.anchor, &plan, &mut wishes);
+            choice.program = self.barrier.apply(self.config, self.anchor, &plan, &mut ranges);
             if choice.program == Program::Infeasible {
                 return choice;
             }
         }
-        for wish in &mut wishes {
-            *wish = wish.filter(|wish| wish.x.v != 0.0 || wish.x.a != 0.0 || wish.jerk != 0.0);
+        for range in &mut ranges {
+            *range = range.filter(|range| range.x.v != 0.0 || range.x.a != 0.0 || range.jerk != 0.0);
         }
         if let (Some(load), Some(bearing)) = (load, &bearing) {
-            hold_back(self.config.geometry.chain.arms(), load, bearing, on_plan, &mut wishes);
+            hold_back(self.config.geometry.chain.arms(), load, bearing, on_plan, &mut ranges);
         }
         let mut first = None;
         for step in STEPS {
-            let attempt = Attempt::new(&wishes, &plan, on_plan, self.config.geometry.chain.all(), step);
+            let attempt = Attempt::new(&ranges, &plan, on_plan, self.config.geometry.chain.all(), step);
             if self.too_fast(&mut choice, &attempt) {
                 continue;
             }
@@ -193,7 +199,7 @@ impl Chooser<'_> {
             if first.is_some_and(|between| between & !group == 0) {
                 continue;
             }
-            let attempt = Attempt::new(&wishes, &plan, on_plan, group, 1.0);
+            let attempt = Attempt::new(&ranges, &plan, on_plan, group, 1.0);
             if attempt.fresh != 0
                 && !self.too_fast(&mut choice, &attempt)
                 && self.blamed(&mut choice, &attempt).is_none()
@@ -206,7 +212,7 @@ impl Chooser<'_> {
 
     /// Each joint's share of its speed. It is the scale, or less if the bound on elbows and hands requires
     /// it.
-    fn scales(&self, before: &Planned, aims: &Aims, bearing: Option<&Bearing>, scale: f64) -> PerJoint {
+    fn scales(&self, before: &JointMotion, aims: &Aims, bearing: Option<&Bearing>, scale: f64) -> PerJoint {
         let bounds = &self.config.bounds;
         let scales = bearing.map_or([1.0; JOINTS_MAX], |bearing| bearing.speeds(self.config)).map(|s| s.min(scale));
         let Some(hand) = &self.config.hand else { return scales };
@@ -266,35 +272,35 @@ fn hold_back(
     arms: [JointSet; 2],
     load: &Load,
     bearing: &Bearing,
-    on_plan: &Planned,
-    wishes: &mut [Option<Wish>; JOINTS_MAX],
+    on_plan: &JointMotion,
+    ranges: &mut [Option<JerkRange>; JOINTS_MAX],
 ) {
-    let mut wished = on_plan.a;
+    let mut wanted = on_plan.a;
     for j in 0..JOINTS_MAX {
-        if let Some(wish) = &wishes[j] {
-            wished[j] = wish.x.a + wish.jerk * TICK_S;
+        if let Some(range) = &ranges[j] {
+            wanted[j] = range.x.a + range.jerk * TICK_S;
         }
     }
     for arm in arms {
-        let share = bearing.step(load, arm, &on_plan.a, &wished);
+        let share = bearing.step(load, arm, &on_plan.a, &wanted);
         if share >= 1.0 {
             continue;
         }
         for j in joints(arm) {
-            if let Some(wish) = &mut wishes[j] {
-                wish.jerk = stepped(wish, on_plan.a[j], share).unwrap_or(wish.jerk);
+            if let Some(range) = &mut ranges[j] {
+                range.jerk = stepped(range, on_plan.a[j], share).unwrap_or(range.jerk);
             }
         }
     }
 }
 
-/// The jerk at share `step` of the way from the plan's mean jerk over the tick to the wished one.
-fn stepped(wish: &Wish, plan_a: f64, step: f64) -> Option<f64> {
+/// The jerk at share `step` of the way from the plan's mean jerk over the tick to the wanted one.
+fn stepped(range: &JerkRange, plan_a: f64, step: f64) -> Option<f64> {
     if step == 1.0 {
-        return Some(wish.jerk);
+        return Some(range.jerk);
     }
-    let plan = (plan_a - wish.x.a) / TICK_S;
-    wish.bounds.nearest_admissible(wish.x, plan + step * (wish.jerk - plan))
+    let plan = (plan_a - range.x.a) / TICK_S;
+    range.bounds.nearest_admissible(range.x, plan + step * (range.jerk - plan))
 }
 
 /// The bounds of this tick. The plan may already go beyond the planned range or the scaled speed, at a limit

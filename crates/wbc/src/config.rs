@@ -1,7 +1,7 @@
 //! Configuration of the stage: limits with the planning margin, the collision model, and the switches for
 //! tests.
 
-use crate::chain::{BODIES, Chain};
+use crate::chain::{BODIES, KinematicChain};
 use crate::dynamics::Mass;
 use crate::geometry::{BodyCapsule, Geometry};
 use crate::hand::HandSpeed;
@@ -155,7 +155,7 @@ pub struct Config {
 #[derive(Clone, Debug)]
 pub struct Parts {
     /// The kinematic tree.
-    pub chain: Chain,
+    pub chain: KinematicChain,
     /// The robot's controllers.
     pub controllers: Controllers,
     /// The limits of each joint, without any planning margin.
@@ -229,19 +229,19 @@ impl Config {
     }
 }
 
-fn is_wrist(chain: &Chain, j: usize) -> bool {
+fn is_wrist(chain: &KinematicChain, j: usize) -> bool {
     chain.hands().iter().any(|hand| (hand + BEFORE_WRIST - ARM_JOINTS..*hand).contains(&j))
 }
 
 /// Returns true if the joint turns the shoulders.
-fn turns_shoulders(chain: &Chain, j: usize) -> bool {
+fn turns_shoulders(chain: &KinematicChain, j: usize) -> bool {
     let [left, right] = chain.arms();
     let before_hands = chain.hands().iter().fold(0, |all, &hand| all | chain.ancestors(hand));
     before_hands & !(left | right) & 1 << j != 0 && !chain.links()[j].prismatic
 }
 
 /// The bounds within which joint `j` is planned.
-fn planned(chain: &Chain, j: usize, l: &Bounds) -> Bounds {
+fn planned(chain: &KinematicChain, j: usize, l: &Bounds) -> Bounds {
     let (speed_share, inset) = if is_wrist(chain, j) {
         (PLANNED_WRIST_SPEED_SHARE, WRIST_POSITION_INSET)
     } else if turns_shoulders(chain, j) {

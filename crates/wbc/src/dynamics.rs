@@ -13,7 +13,7 @@
 //! The base accelerates upwards by g, which represents gravity. A joint's torque is the moment (or force)
 //! along its axis of all bodies that it carries.
 
-use crate::chain::{BODIES, Chain, JointSet, Placements, joints};
+use crate::chain::{BODIES, JointSet, KinematicChain, Placements, joints};
 use crate::plan::JointState;
 use messages::JOINTS_MAX;
 use nalgebra::{Matrix3, Vector3};
@@ -76,7 +76,7 @@ fn point_inertia(mass: f64, r: &Vector3<f64>) -> Matrix3<f64> {
 }
 
 impl Dynamics {
-    pub(crate) fn new(chain: &Chain, masses: &[Mass; BODIES]) -> Self {
+    pub(crate) fn new(chain: &KinematicChain, masses: &[Mass; BODIES]) -> Self {
         let moments = |m: &Mass| Moments {
             mass: m.mass_kg,
             first: m.center * m.mass_kg,
@@ -100,7 +100,13 @@ impl Dynamics {
 
     /// Torques (N m, N) of the joints of `set` in the motion `x`. For each joint whose torque is needed,
     /// `set` must contain its ancestors and everything that hangs on it. Other entries stay as they are.
-    pub(crate) fn torques(&self, chain: &Chain, x: &[JointState; JOINTS_MAX], set: JointSet, out: &mut PerJoint) {
+    pub(crate) fn torques(
+        &self,
+        chain: &KinematicChain,
+        x: &[JointState; JOINTS_MAX],
+        set: JointSet,
+        out: &mut PerJoint,
+    ) {
         let mut turned = [Turned::default(); JOINTS_MAX];
         let mut carried = [Carried::default(); BODIES];
         carried[0].ddx.z = GRAVITY_M_PER_S2;
@@ -140,7 +146,12 @@ impl Dynamics {
 
     /// The mass matrix (kg m^2, kg m, kg) of the joints of `set` at `places`, by composite bodies in the base
     /// frame. Other entries are zero. `set` must contain everything that hangs on each of its joints.
-    pub(crate) fn mass_matrix(&self, chain: &Chain, places: &Placements, set: JointSet) -> [PerJoint; JOINTS_MAX] {
+    pub(crate) fn mass_matrix(
+        &self,
+        chain: &KinematicChain,
+        places: &Placements,
+        set: JointSet,
+    ) -> [PerJoint; JOINTS_MAX] {
         let mut composite = [Moments::default(); BODIES];
         let mut matrix = [[0.0; JOINTS_MAX]; JOINTS_MAX];
         let mut left = set;
@@ -181,7 +192,7 @@ impl Dynamics {
 }
 
 /// Angular velocity, and velocity of the point at the base's origin, per unit speed of joint `j`.
-fn unit_motion(chain: &Chain, places: &Placements, j: usize) -> (Vector3<f64>, Vector3<f64>) {
+fn unit_motion(chain: &KinematicChain, places: &Placements, j: usize) -> (Vector3<f64>, Vector3<f64>) {
     let (link, place) = (&chain.links()[j], &places[j + 1]);
     let axis = place.r * link.axis;
     if link.prismatic { (Vector3::zeros(), axis) } else { (axis, place.t.cross(&axis)) }

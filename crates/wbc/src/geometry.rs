@@ -1,12 +1,12 @@
 //! The collision model for the certificate: capsules on bodies, solids on the base, and the pairs that must
 //! stay apart. For each pair it lists the joints that change its distance.
 
-use crate::chain::{BODIES, Chain, JointSet, Placements, joints};
+use crate::chain::{BODIES, JointSet, KinematicChain, Placements, joints};
 use crate::config::WbcError;
 use crate::interface::{Controllers, Deviation, Interface};
 use crate::interval::Bounds;
-use crate::motion::Swing;
 use crate::solid;
+use crate::trajectory::Swing;
 use messages::JOINTS_MAX;
 use nalgebra::Vector3;
 use robot::Solid;
@@ -84,7 +84,7 @@ impl Shape {
     #[inline]
     pub(crate) fn curves(
         &self,
-        chain: &Chain,
+        chain: &KinematicChain,
         swings: &[Swing; JOINTS_MAX],
         curve: &mut [f64; JOINTS_MAX + 1],
         path: &mut [f64; JOINTS_MAX + 1],
@@ -106,7 +106,7 @@ impl Shape {
 /// The collision model.
 #[derive(Clone, Debug)]
 pub struct Geometry {
-    pub(crate) chain: Chain,
+    pub(crate) chain: KinematicChain,
     pub(crate) shapes: Vec<Shape>,
     pub(crate) pairs: Vec<CheckedPair>,
     pub(crate) obstacles: Vec<Solid>,
@@ -121,7 +121,12 @@ pub const CAPSULES_MAX: usize = 128;
 
 impl Geometry {
     /// Creates the model of these capsules on `chain`. `pairs` are indices into `capsules`.
-    pub fn new(chain: Chain, capsules: &[BodyCapsule], pairs: &[[usize; 2]], d_min_m: f64) -> Result<Self, WbcError> {
+    pub fn new(
+        chain: KinematicChain,
+        capsules: &[BodyCapsule],
+        pairs: &[[usize; 2]],
+        d_min_m: f64,
+    ) -> Result<Self, WbcError> {
         let at_most = |what, value, bound| {
             if value <= bound { Ok(()) } else { Err(WbcError::Collision { what, value, bound }) }
         };
@@ -229,7 +234,7 @@ fn obstacle(solid: &Solid) -> Shape {
     Shape { capsule, chain: Vec::new(), reach: Vec::new(), sphere }
 }
 
-fn shape(chain: &Chain, capsule: BodyCapsule) -> Shape {
+fn shape(chain: &KinematicChain, capsule: BodyCapsule) -> Shape {
     let joints: Vec<usize> = joints(chain.ancestors(capsule.body)).collect();
     // A norm is convex, so its largest value along the axis is at an end.
     let farthest = |j: usize| chain.reach(j, capsule.body, &capsule.a).max(chain.reach(j, capsule.body, &capsule.b));
@@ -237,7 +242,7 @@ fn shape(chain: &Chain, capsule: BodyCapsule) -> Shape {
     Shape { capsule, chain: joints, reach, sphere: (capsule.a - capsule.b).norm() / 2.0 + capsule.radius_m }
 }
 
-fn checked_pair(chain: &Chain, shapes: &[Shape], a: usize, b: usize) -> CheckedPair {
+fn checked_pair(chain: &KinematicChain, shapes: &[Shape], a: usize, b: usize) -> CheckedPair {
     let (body_a, body_b) = (shapes[a].capsule.body, shapes[b].capsule.body);
     let (set_a, set_b) = (chain.ancestors(body_a), chain.ancestors(body_b));
     let shared = set_a & set_b;

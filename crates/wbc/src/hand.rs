@@ -6,7 +6,7 @@
 //!
 //! *By levers.* The length of J_k is the distance l_k of the point from the joint's axis, and 1 for a
 //! prismatic joint. While the joints after k move by L_i, that distance grows by at most the sum of R_i L_i,
-//! with the reaches R_i of [`Chain::reach`]. Joints before k carry both the point and the axis, and k itself
+//! with the reaches R_i of [`KinematicChain::reach`]. Joints before k carry both the point and the axis, and k itself
 //! turns the point about the axis. Let V_k be the largest speed of joint k on the way. Then |p'| <= sum_k
 //! (l_k + sum_{i after k} R_i L_i) V_k at every instant. This needs no kinematics. It counts joints that move
 //! the point in opposite directions as if they moved it in the same one.
@@ -18,10 +18,10 @@
 //! To make this succeed, joints get only a share of their wanted velocities w. The share keeps |sum_k J_k
 //! w_k| below the bound.
 
-use crate::chain::{Chain, Placements, joints};
+use crate::chain::{KinematicChain, Placements, joints};
 use crate::interval::Bounds;
-use crate::motion::{Motion, Swing};
 use crate::plan::JointState;
+use crate::trajectory::{Swing, Trajectory};
 use messages::JOINTS_MAX;
 use nalgebra::Vector3;
 
@@ -60,7 +60,7 @@ impl HandSpeed {
     /// Returns None if joints within `limits` cannot move a point faster than `max_m_per_s`. A point is a
     /// body and a place in its frame, m.
     pub(crate) fn new(
-        chain: &Chain,
+        chain: &KinematicChain,
         limits: &[Bounds; JOINTS_MAX],
         points: impl Iterator<Item = (usize, Vector3<f64>)>,
         max_m_per_s: f64,
@@ -78,7 +78,12 @@ impl HandSpeed {
 
     /// Share of the velocities `wanted` that keeps the bound at `places`, per joint. It is one for joints
     /// that do not move a point which would be too fast.
-    pub(crate) fn shares(&self, chain: &Chain, places: &Placements, wanted: &[f64; JOINTS_MAX]) -> [f64; JOINTS_MAX] {
+    pub(crate) fn shares(
+        &self,
+        chain: &KinematicChain,
+        places: &Placements,
+        wanted: &[f64; JOINTS_MAX],
+    ) -> [f64; JOINTS_MAX] {
         let mut shares = [1.0; JOINTS_MAX];
         let planned = (self.max_m_per_s - MARGIN_M_PER_S).max(SHARE_MIN * self.max_m_per_s);
         for point in &self.points {
@@ -93,7 +98,7 @@ impl HandSpeed {
     }
 
     /// Returns true if every point keeps the bound at every instant of `motion`, which begins at `places`.
-    pub(crate) fn is_kept(&self, chain: &Chain, places: &Placements, motion: &Motion) -> bool {
+    pub(crate) fn is_kept(&self, chain: &KinematicChain, places: &Placements, motion: &Trajectory) -> bool {
         let paths = paths(motion);
         let fastest: [f64; JOINTS_MAX] = std::array::from_fn(|j| motion.joints[j].fastest());
         // Written so that NaN is refused.
@@ -101,7 +106,7 @@ impl HandSpeed {
         self.points.iter().all(by_levers) || self.is_kept_by_segments(chain, places, motion)
     }
 
-    fn is_kept_by_segments(&self, chain: &Chain, places: &Placements, motion: &Motion) -> bool {
+    fn is_kept_by_segments(&self, chain: &KinematicChain, places: &Placements, motion: &Trajectory) -> bool {
         let needed = self.points.iter().fold(0, |set, point| set | chain.ancestors(point.body));
         let end_s = motion.end_s();
         let at = |t: f64| -> [JointState; JOINTS_MAX] { std::array::from_fn(|j| motion.joints[j].at(t)) };
@@ -141,7 +146,7 @@ impl HandSpeed {
     }
 }
 
-fn paths(motion: &Motion) -> [f64; JOINTS_MAX] {
+fn paths(motion: &Trajectory) -> [f64; JOINTS_MAX] {
     std::array::from_fn(|j| motion.joints[j].path())
 }
 
@@ -149,7 +154,7 @@ impl Point {
     /// The bound by levers, m/s, while joint j is no faster than `speed(j)` and moves by `paths`.
     fn fastest(
         &self,
-        chain: &Chain,
+        chain: &KinematicChain,
         places: &Placements,
         paths: &[f64; JOINTS_MAX],
         speed: impl Fn(usize) -> f64,
@@ -166,7 +171,7 @@ impl Point {
     }
 
     /// The velocity p', m/s.
-    fn velocity(&self, chain: &Chain, places: &Placements, speed: impl Fn(usize) -> f64) -> Vector3<f64> {
+    fn velocity(&self, chain: &KinematicChain, places: &Placements, speed: impl Fn(usize) -> f64) -> Vector3<f64> {
         let at = places[self.body].point(&self.at);
         self.joints.iter().fold(Vector3::zeros(), |sum, &j| {
             let (link, place) = (&chain.links()[j], &places[j + 1]);
@@ -176,7 +181,7 @@ impl Point {
     }
 
     /// The bound B on |p''|, m/s^2, while speeds and accelerations of the joints stay within `swings`.
-    fn acceleration(&self, chain: &Chain, swings: &[Swing; JOINTS_MAX]) -> f64 {
+    fn acceleration(&self, chain: &KinematicChain, swings: &[Swing; JOINTS_MAX]) -> f64 {
         let (mut bound, mut turning) = (0.0, 0.0);
         // Goes from the base to the tip. `turning` is the sum of the speeds of the joints before.
         for (&j, reach) in self.joints.iter().zip(&self.reach) {

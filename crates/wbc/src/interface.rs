@@ -151,7 +151,7 @@ impl Deviation {
             fastest: [l.v_max, l.a_max],
         });
         let deviation = Self { skew_s: s, controllers: controllers.clone(), joints };
-        let at_rest = |pair| deviation.of(geometry, pair, |_| [0.0; 2]);
+        let at_rest = |pair| deviation.loss_m(geometry, pair, |_| [0.0; 2]);
         let value = geometry.pairs.iter().map(at_rest).fold(0.0, f64::max);
         if value > REST_MAX_M {
             return Err(WbcError::Interface { key: "deviation at rest in m", value, bound: REST_MAX_M });
@@ -161,7 +161,7 @@ impl Deviation {
 
     /// Largest loss of a pair, m, while `speed` bounds |velocity| and |acceleration| of each joint.
     #[inline]
-    pub(crate) fn of(&self, geometry: &Geometry, pair: &CheckedPair, speed: impl Fn(usize) -> [f64; 2]) -> f64 {
+    pub(crate) fn loss_m(&self, geometry: &Geometry, pair: &CheckedPair, speed: impl Fn(usize) -> [f64; 2]) -> f64 {
         let s = self.skew_s;
         let (mut lags, mut spline) = ([0.0; CONTROLLERS_MAX], 0.0);
         for side in [pair.a, pair.b] {
@@ -184,6 +184,6 @@ impl Deviation {
 
     /// Largest loss of a pair at any speed and acceleration, m.
     pub(crate) fn largest(&self, geometry: &Geometry, pair: &CheckedPair) -> f64 {
-        self.of(geometry, pair, |j| self.joints[j].fastest)
+        self.loss_m(geometry, pair, |j| self.joints[j].fastest)
     }
 }

@@ -14,7 +14,7 @@
 //! - `choose`: the decision, from the wanted jerk to the proof.
 //! - `recover`: the way back from outside the limits, or from too little clearance.
 //! - [`chain`], [`geometry`]: kinematics and the collision model for the proof.
-//! - [`motion`]: the motion to be proved.
+//! - [`trajectory`]: the motion to be proved.
 //! - [`torque`]: the proof that the motors can perform it, with its derivation. [`dynamics`]: the dynamics
 //!   that it uses.
 //! - [`certificate`]: the proof of clearance, with its derivation. [`interface`]: the distance that a robot's
@@ -43,7 +43,6 @@ mod hand;
 pub mod interface;
 pub mod interval;
 mod model;
-pub mod motion;
 mod nearest;
 pub mod plan;
 pub mod qp;
@@ -52,6 +51,7 @@ mod solid;
 mod tick;
 pub mod torque;
 pub mod track;
+pub mod trajectory;
 
 pub use barrier::Program;
 pub use config::{
@@ -59,8 +59,8 @@ pub use config::{
     PLANNED_WRIST_SPEED_SHARE, Parts, Tasks, WbcError,
 };
 pub use interface::{Controllers, Interface, Interpolation};
-pub use messages::Permit;
-pub use plan::{JointState, JointStop, Planned};
+pub use messages::{JointMotion, Permit};
+pub use plan::{JointState, JointStop, PlannedMotion};
 pub use tick::{
     Candidate, Input, Output, State, Target, certify_plan, certify_rest, certify_torque, overloaded_at_rest, tick,
     torques,

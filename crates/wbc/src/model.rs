@@ -1,6 +1,6 @@
 //! Extracts the parts of a robot model that this stage needs.
 
-use crate::chain::{Chain, Link, Placement};
+use crate::chain::{KinematicChain, KinematicLink, Placement};
 use crate::config::{Config, Options, Parts, Tasks, WbcError};
 use crate::dynamics::Mass;
 use crate::geometry::BodyCapsule;
@@ -18,7 +18,7 @@ impl Config {
     /// Creates the configuration for a robot. Its kinematics are checked against the model's at three
     /// postures.
     pub fn new(model: &Model, options: Options) -> Result<Self, WbcError> {
-        let parts = Parts::of(model)?;
+        let parts = Parts::from_model(model)?;
         check_kinematics(model, &parts.chain)?;
         let limits = parts.limits;
         let config = Self::from_parts(parts, options)?;
@@ -33,7 +33,7 @@ impl Config {
 
 impl Parts {
     /// Extracts the parts of a robot model.
-    pub fn of(model: &Model) -> Result<Self, WbcError> {
+    pub fn from_model(model: &Model) -> Result<Self, WbcError> {
         let limits = model.limits.each_ref().map(|l| Bounds {
             q_min: l.q_min,
             q_max: l.q_max,
@@ -44,7 +44,7 @@ impl Parts {
         });
         let link = |j: usize| {
             let (pose, axis) = model.joint_at_zero(j);
-            Link {
+            KinematicLink {
                 parent: model.parent_body(j + 1).unwrap_or(0),
                 parent_from_body: Placement { r: pose.r, t: pose.t },
                 axis,
@@ -52,11 +52,11 @@ impl Parts {
                 stroke: limits[j].q_min.abs().max(limits[j].q_max.abs()),
             }
         };
-        let links: Vec<Link> = (0..model.count).map(link).collect();
+        let links: Vec<KinematicLink> = (0..model.count).map(link).collect();
         let capsule = |c: &robot::Capsule| BodyCapsule { body: c.body, a: c.a, b: c.b, radius_m: c.radius_m };
         let mass = |i: Inertia| Mass { mass_kg: i.mass_kg, center: i.center, about_center: i.about_center };
         Ok(Self {
-            chain: Chain::new(&links)?,
+            chain: KinematicChain::new(&links)?,
             controllers: Controllers::new(model.controllers.iter().map(|controller| controller.joints)),
             limits,
             home: model.home,
@@ -64,7 +64,7 @@ impl Parts {
             pairs: model.pairs.iter().map(|p| [p.a, p.b]).collect(),
             obstacles: model.obstacles.iter().map(|obstacle| obstacle.solid).collect(),
             d_min_m: model.d_min_m,
-            tasks: Tasks::of(model),
+            tasks: Tasks::from_model(model),
             masses: model.inertias().map(mass),
             payload: model.payload.map(Option::unwrap_or_default),
             effort_max: model.limits.each_ref().map(|l| l.effort_max),
@@ -73,7 +73,7 @@ impl Parts {
     }
 }
 
-fn check_kinematics(model: &Model, chain: &Chain) -> Result<(), WbcError> {
+fn check_kinematics(model: &Model, chain: &KinematicChain) -> Result<(), WbcError> {
     let mut frames = Frames::default();
     let mut placements = [Placement::identity(); JOINTS_MAX + 1];
     for share in [0.1, 0.5, 0.8] {
@@ -93,7 +93,7 @@ fn check_kinematics(model: &Model, chain: &Chain) -> Result<(), WbcError> {
 
 impl Tasks {
     /// Returns the costs that the robot file gives.
-    fn of(model: &Model) -> Self {
+    fn from_model(model: &Model) -> Self {
         // An upper arm moves with the arm's third joint, and a forearm with its fifth.
         let limbs = |start: usize| [start + 3, start + 5];
         Self {

@@ -13,7 +13,7 @@
 //! Without the cap, a_p follows from v + a^2 / (2 J) = a_p^2 / J. The stop is time-optimal. So the rest of it
 //! after some time is the stop of the state at that time, and a tick along the plan never lengthens it.
 
-use messages::{JOINTS_MAX, StopPlan};
+use messages::{JOINTS_MAX, JointMotion, StopPlan};
 
 /// Position, velocity and acceleration of one joint. Rad or m, and seconds.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -80,7 +80,7 @@ impl JointStop {
     }
 
     /// Reads the stop of joint `j` from a plan.
-    pub fn of(plan: &StopPlan, j: usize) -> Self {
+    pub fn from_plan(plan: &StopPlan, j: usize) -> Self {
         Self { jerk: plan.jerk[j], duration_s: plan.duration_s[j] }
     }
 
@@ -181,56 +181,44 @@ fn zero_velocity(v: f64, a: f64, j: f64) -> [f64; 2] {
     [shifted / j, 2.0 * v / shifted]
 }
 
-/// Motion of all joints at one instant with the stop that follows. A command carries it.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Planned {
-    /// Joint positions, rad or m.
-    pub q: [f64; JOINTS_MAX],
-    /// Joint velocities, rad/s or m/s.
-    pub v: [f64; JOINTS_MAX],
-    /// Joint accelerations, rad/s^2 or m/s^2.
-    pub a: [f64; JOINTS_MAX],
-    /// The stop from (q, v, a).
-    pub plan: StopPlan,
+/// What whole-body control does with a motion and its stop.
+pub trait PlannedMotion {
+    /// State of joint `j`.
+    fn joint(&self, j: usize) -> JointState;
+
+    /// Sets state and stop of joint `j`.
+    fn set_joint(&mut self, j: usize, x: JointState, stop: JointStop);
+
+    /// The motion after `dt` seconds of the plan, all joints together.
+    #[must_use]
+    fn advanced(&self, dt: f64) -> Self;
+
+    /// Posture at which the plan comes to rest.
+    fn rest_posture(&self) -> [f64; JOINTS_MAX];
 }
 
-impl Planned {
-    /// Creates the plan of a robot at rest at `q`.
-    pub const fn at_rest(q: [f64; JOINTS_MAX]) -> Self {
-        const NOTHING: StopPlan = StopPlan { jerk: [[0.0; 3]; JOINTS_MAX], duration_s: [[0.0; 3]; JOINTS_MAX] };
-        Self { q, v: [0.0; JOINTS_MAX], a: [0.0; JOINTS_MAX], plan: NOTHING }
-    }
-
-    /// State of joint `j`.
+impl PlannedMotion for JointMotion {
     #[inline]
-    pub fn joint(&self, j: usize) -> JointState {
+    fn joint(&self, j: usize) -> JointState {
         JointState { q: self.q[j], v: self.v[j], a: self.a[j] }
     }
 
-    /// Sets state and stop of joint `j`.
     #[inline]
-    pub fn set_joint(&mut self, j: usize, x: JointState, stop: JointStop) {
+    fn set_joint(&mut self, j: usize, x: JointState, stop: JointStop) {
         (self.q[j], self.v[j], self.a[j]) = (x.q, x.v, x.a);
         stop.store(&mut self.plan, j);
     }
 
-    /// The state after `dt` seconds of the plan, all joints together.
-    pub fn advanced(&self, dt: f64) -> Self {
+    fn advanced(&self, dt: f64) -> Self {
         let mut next = *self;
         for j in 0..JOINTS_MAX {
-            let (x, stop) = JointStop::of(&self.plan, j).advance(self.joint(j), dt);
+            let (x, stop) = JointStop::from_plan(&self.plan, j).advance(self.joint(j), dt);
             next.set_joint(j, x, stop);
         }
         next
     }
 
-    /// Posture at which the plan comes to rest.
-    pub fn rest_posture(&self) -> [f64; JOINTS_MAX] {
-        std::array::from_fn(|j| JointStop::of(&self.plan, j).stop_position(self.joint(j)))
-    }
-
-    /// Returns true if every joint stands still and nothing is left to play.
-    pub fn is_at_rest(&self) -> bool {
-        (0..JOINTS_MAX).all(|j| self.joint(j).is_at_rest() && JointStop::of(&self.plan, j).is_done())
+    fn rest_posture(&self) -> [f64; JOINTS_MAX] {
+        std::array::from_fn(|j| JointStop::from_plan(&self.plan, j).stop_position(self.joint(j)))
     }
 }

@@ -27,13 +27,13 @@ use crate::clearance::Anchor;
 use crate::config::{Config, ENGAGE_MARGIN_M, PLANNED_SHARE};
 use crate::geometry::Geometry;
 use crate::hand::HandSpeed;
-use crate::motion::{JointMotion, Motion};
 use crate::nearest::Nearest;
-use crate::plan::{JointState, JointStop, Planned, highest_of_phase, negated};
+use crate::plan::{JointState, JointStop, PlannedMotion, highest_of_phase, negated};
 use crate::qp::{self, ActiveSet, Problem, Status};
 use crate::tick::Candidate;
 use crate::torque::{self, Load, TorqueScratch};
-use messages::{JOINTS_MAX, TICK_S};
+use crate::trajectory::{JointTrajectory, Trajectory};
+use messages::{JOINTS_MAX, JointMotion, TICK_S};
 use robot::Solid;
 
 /// Largest speed of a recovery, rad/s and m/s. Assumption: a hand at 0.9 m then moves at 90 mm/s. This is below
@@ -114,8 +114,8 @@ impl Recovery {
         config: &Config,
         (scratch, torque, load): (&mut Scratch, &mut TorqueScratch, Option<&Load>),
         anchor: &Anchor,
-        before: &Planned,
-        on_plan: &Planned,
+        before: &JointMotion,
+        on_plan: &JointMotion,
     ) -> Choice {
         let mut choice = Choice::plan(*on_plan);
         torque.begin_tick();
@@ -230,7 +230,7 @@ impl Recovery {
     }
 
     /// Returns true if no pair nearer than the goal comes closer at any tick to rest.
-    fn only_opens(&mut self, geometry: &Geometry, anchor: &Anchor, motion: &Motion) -> bool {
+    fn only_opens(&mut self, geometry: &Geometry, anchor: &Anchor, motion: &Trajectory) -> bool {
         let goal = geometry.d_min_m + GOAL_M;
         let near = &mut self.near[..self.near_count];
         if near.is_empty() {
@@ -266,7 +266,7 @@ fn is_within_box(geometry: &Geometry, anchor: &Anchor, pair: usize) -> bool {
     is_box && anchor.measure(geometry, pair) <= ROUNDING_M - checked.radii
 }
 
-fn reach(config: &Config, before: &Planned) -> [Reach; JOINTS_MAX] {
+fn reach(config: &Config, before: &JointMotion) -> [Reach; JOINTS_MAX] {
     std::array::from_fn(|j| {
         let (x, bounds) = (before.joint(j), &config.bounds[j]);
         let slides = config.geometry.chain.links().get(j).is_some_and(|link| link.prismatic);
@@ -278,8 +278,8 @@ fn reach(config: &Config, before: &Planned) -> [Reach; JOINTS_MAX] {
 
 /// One attempt of a recovery step.
 struct Attempt {
-    next: Planned,
-    motion: Motion,
+    next: JointMotion,
+    motion: Trajectory,
     fresh: u32,
 }
 
@@ -289,11 +289,11 @@ impl Attempt {
     fn new(
         config: &Config,
         reach: &[Reach; JOINTS_MAX],
-        before: &Planned,
-        on_plan: &Planned,
+        before: &JointMotion,
+        on_plan: &JointMotion,
         wanted: &[f64; JOINTS_MAX],
     ) -> Option<Self> {
-        let mut attempt = Self { next: *on_plan, motion: Motion::stops(before), fresh: 0 };
+        let mut attempt = Self { next: *on_plan, motion: Trajectory::stops(before), fresh: 0 };
         for j in 0..config.count() {
             let (Reach { x, q, speed }, bounds) = (reach[j], &config.bounds[j]);
             if wanted[j] == 0.0 && x.is_at_rest() {
@@ -317,7 +317,7 @@ impl Attempt {
                 return None;
             }
             attempt.next.set_joint(j, after, stop);
-            attempt.motion.joints[j] = JointMotion::tick_then_stop(x, jerk, &stop);
+            attempt.motion.joints[j] = JointTrajectory::tick_then_stop(x, jerk, &stop);
             attempt.fresh |= 1 << j;
         }
         debug_assert!(attempt.fresh & !config.geometry.chain.all() == 0);

@@ -7,11 +7,11 @@ use crate::choose::{Aims, Choice, Chooser, aims};
 use crate::clearance::Anchor;
 use crate::config::{Config, ENGAGE_MARGIN_M};
 use crate::dynamics::PerJoint;
-use crate::motion::Motion;
-use crate::plan::{JointState, Planned};
+use crate::plan::{JointState, PlannedMotion};
 use crate::recover::Recovery;
 use crate::torque::{self, Load, TorqueScratch, TorqueVerdict};
-use messages::{JOINTS_MAX, PayloadRefusal, Permit, Stamp, StopPlan, TICK_S, command_flag};
+use crate::trajectory::Trajectory;
+use messages::{JOINTS_MAX, JointMotion, PayloadRefusal, Permit, Stamp, TICK_S, command_flag};
 use robot::Payload;
 
 /// A joint within this distance of its target counts as on target, rad or m. It is half the limb error that a
@@ -59,14 +59,8 @@ pub enum Candidate {
 /// Decision of a tick: the command of tick k, complete in every case.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Output {
-    /// Joint positions, rad or m.
-    pub q: [f64; JOINTS_MAX],
-    /// Joint velocities, rad/s or m/s.
-    pub v: [f64; JOINTS_MAX],
-    /// Joint accelerations, rad/s^2 or m/s^2.
-    pub a: [f64; JOINTS_MAX],
-    /// The certified stop from there.
-    pub plan: StopPlan,
+    /// The motion, with its certified stop.
+    pub motion: JointMotion,
     /// The joints that took a new decision.
     pub candidate: Candidate,
     /// Bit j is set if joint j is at the next point of the previous plan, without a new decision.
@@ -106,7 +100,7 @@ impl Output {
 /// State of the stage: the last command with its certified plan, and working memory.
 #[derive(Clone, Debug)]
 pub struct State {
-    planned: Planned,
+    planned: JointMotion,
     anchor: Anchor,
     barrier: Barrier,
     recovery: Recovery,
@@ -120,7 +114,7 @@ impl State {
     /// Creates the state of a robot at rest at `q`.
     pub fn at_rest(config: &Config, q: [f64; JOINTS_MAX]) -> Self {
         Self {
-            planned: Planned::at_rest(q),
+            planned: JointMotion::rest(q),
             anchor: Anchor::new(&config.geometry, q),
             barrier: Barrier::new(&config.geometry, q),
             recovery: Recovery::new(&config.geometry, q),
@@ -131,7 +125,7 @@ impl State {
     }
 
     /// Continues from another state with its certified plan, as reported by the driver. Never allocates.
-    pub fn reseed(&mut self, planned: &Planned) {
+    pub fn reseed(&mut self, planned: &JointMotion) {
         self.planned = *planned;
     }
 
@@ -161,7 +155,7 @@ impl State {
     }
 
     /// The last command with its plan.
-    pub fn planned(&self) -> &Planned {
+    pub fn planned(&self) -> &JointMotion {
         &self.planned
     }
 }
@@ -219,12 +213,12 @@ pub fn certify_rest(config: &Config, q: &[f64; JOINTS_MAX]) -> (bool, f64, [u32;
 
 /// Proves that a plan keeps d_min from now to rest, whatever computed it. Do not call it in a tick, because
 /// it allocates.
-pub fn certify_plan(config: &Config, planned: &Planned) -> Verdict {
+pub fn certify_plan(config: &Config, planned: &JointMotion) -> Verdict {
     let anchor = Anchor::new(&config.geometry, planned.q);
     let mut scratch = Scratch::new(&config.geometry);
     certify(
         &config.geometry,
-        &Motion::stops(planned),
+        &Trajectory::stops(planned),
         Purpose::Decision,
         config.geometry.chain.all(),
         &anchor,
@@ -246,11 +240,11 @@ pub fn torques(config: &Config, q: &PerJoint, v: &PerJoint, a: &PerJoint) -> Opt
 }
 
 /// Proves that the torques of a plan keep their limits from now to rest, whatever computed it.
-pub fn certify_torque(config: &Config, planned: &Planned) -> TorqueVerdict {
+pub fn certify_torque(config: &Config, planned: &JointMotion) -> TorqueVerdict {
     let Some(load) = &config.load else { return TorqueVerdict { blamed: None, evaluations: 0 } };
     let mut scratch = TorqueScratch::new();
     let chain = &config.geometry.chain;
-    torque::prove(load, chain, &Motion::stops(planned), chain.all(), &mut scratch)
+    torque::prove(load, chain, &Trajectory::stops(planned), chain.all(), &mut scratch)
 }
 
 fn nearest_pair(config: &Config, anchor: &Anchor) -> [u32; 2] {
@@ -265,10 +259,7 @@ fn output(config: &Config, state: &State, choice: &Choice, aims: &Aims) -> Outpu
     let at_rest = next.is_at_rest();
     let on_target = (0..config.count()).all(|j| aims[j].is_some_and(|aim| (aim.q - next.q[j]).abs() <= ON_TARGET));
     Output {
-        q: next.q,
-        v: next.v,
-        a: next.a,
-        plan: next.plan,
+        motion: *next,
         candidate: choice.candidate,
         on_plan: config.geometry.chain.all() & !choice.fresh,
         clearance_m: state.anchor.clearance_m,

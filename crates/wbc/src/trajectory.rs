@@ -1,8 +1,8 @@
 //! The motion that a candidate would start: a tick, then the stop. Each joint has a chain of constant-jerk
 //! pieces.
 
-use crate::plan::{JointState, JointStop, Planned};
-use messages::{JOINTS_MAX, TICK_S};
+use crate::plan::{JointState, JointStop, PlannedMotion};
+use messages::{JOINTS_MAX, JointMotion, TICK_S};
 
 /// A tick, three phases, and the rest after them.
 const KNOTS: usize = 5;
@@ -17,7 +17,7 @@ struct Knot {
 
 /// The motion of one joint from now to rest.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct JointMotion {
+pub struct JointTrajectory {
     knots: [Knot; KNOTS],
     len: usize,
     /// Largest |jerk|.
@@ -55,7 +55,7 @@ pub struct Arc {
     pub kink_t: f64,
 }
 
-impl JointMotion {
+impl JointTrajectory {
     /// Creates the motion of a tick of jerk `j` from `x`, then `stop`.
     pub fn tick_then_stop(x: JointState, j: f64, stop: &JointStop) -> Self {
         let mut motion = Self::default();
@@ -193,15 +193,19 @@ fn monotone_path(from: JointState, to: JointState, dt: f64) -> f64 {
 
 /// The motion of all joints, played together.
 #[derive(Clone, Debug)]
-pub struct Motion {
+pub struct Trajectory {
     /// One per joint.
-    pub joints: [JointMotion; JOINTS_MAX],
+    pub joints: [JointTrajectory; JOINTS_MAX],
 }
 
-impl Motion {
+impl Trajectory {
     /// Creates the motion of all joints on their stops.
-    pub fn stops(planned: &Planned) -> Self {
-        Self { joints: std::array::from_fn(|j| JointMotion::stop(planned.joint(j), &JointStop::of(&planned.plan, j))) }
+    pub fn stops(planned: &JointMotion) -> Self {
+        Self {
+            joints: std::array::from_fn(|j| {
+                JointTrajectory::stop(planned.joint(j), &JointStop::from_plan(&planned.plan, j))
+            }),
+        }
     }
 
     /// Time at which the last joint comes to rest, s from now.

@@ -7,7 +7,7 @@ use messages::{ALL_JOINTS, JOINTS_MAX, Stamp, TICK_S};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use support::{D_MIN_M, config, config_of, home, input, limits, made_up, motion, sent};
-use wbc::{Candidate, Input, JointStop, Options, Permit, Planned, State, Target, certify_plan, certify_rest, tick};
+use wbc::{Candidate, Input, JointMotion, JointStop, Options, Permit, State, Target, certify_plan, certify_rest, tick};
 
 /// Joints of TIAGo++.
 const JOINTS: usize = 17;
@@ -20,8 +20,8 @@ fn attack(robot: &Robot, options: Options, seed: u64, ticks: u64, dense: u64) ->
     for k in 0..ticks {
         attacker.next(k, &state.planned().q);
         let out = tick(config, &mut state, Stamp::NONE, input(k, &attacker));
-        checker.command(k, &sent(&out), out.on_plan, k.is_multiple_of(dense));
-        let exact = (robot.clearance(&out.q) - out.clearance_m).abs();
+        checker.command(k, &out.motion, out.on_plan, k.is_multiple_of(dense));
+        let exact = (robot.clearance(&out.motion.q) - out.clearance_m).abs();
         assert!(exact < 1e-6 || !k.is_multiple_of(64), "k {k}: reported clearance is off by {exact}");
     }
     checker
@@ -63,8 +63,8 @@ fn attack_without_certificate_breaks_clearance() {
 }
 
 /// A random motion of all joints, with its stop, near the limits of speed and acceleration.
-fn random_plan(rng: &mut Pcg64) -> Planned {
-    let mut planned = Planned::at_rest([0.0; JOINTS_MAX]);
+fn random_plan(rng: &mut Pcg64) -> JointMotion {
+    let mut planned = JointMotion::rest([0.0; JOINTS_MAX]);
     for (j, l) in limits().iter().enumerate() {
         let mut x = wbc::JointState { q: rng.random_range(l.q_min..=l.q_max), ..Default::default() };
         x.v = l.v_max * rng.random_range(-1.0..=1.0);
@@ -89,7 +89,7 @@ fn certified_plan_keeps_clearance_at_every_sample() {
         }
         certified += 1;
         let mut least = f64::INFINITY;
-        for q in Rollout::new(&motion(&planned)).postures(2e-3) {
+        for q in Rollout::new(&planned).postures(2e-3) {
             least = least.min(robot.clearance(&q));
         }
         assert!(least >= D_MIN_M, "{least} on a certified plan");
@@ -153,7 +153,7 @@ fn scaled_speed_is_never_exceeded_from_rest() {
         let permit = Permit::Follow { speed_scale: 0.05 };
         let out = tick(&config, &mut state, Stamp::NONE, Input { k, target: Some(target), permit });
         for (j, l) in limits().iter().enumerate() {
-            fastest = fastest.max(out.v[j].abs() / l.v_max);
+            fastest = fastest.max(out.motion.v[j].abs() / l.v_max);
         }
     }
     assert!(fastest <= 0.05, "{fastest}");
@@ -187,7 +187,7 @@ fn f033_nan_missing_target_or_stop_ends_at_rest_on_plan() {
         for _ in 0..900 {
             out = tick(&config, &mut state, Stamp::NONE, input);
         }
-        let off = (0..JOINTS).fold(0.0_f64, |m, j| m.max((out.q[j] - expected[j]).abs()));
+        let off = (0..JOINTS).fold(0.0_f64, |m, j| m.max((out.motion.q[j] - expected[j]).abs()));
         assert!(out.at_rest && off < 1e-9, "ending {i}: off {off}");
     }
 }
@@ -206,7 +206,7 @@ fn still_target_is_reached_at_exact_rest() {
         out = tick(&config, &mut state, Stamp::NONE, input);
     }
     assert!(out.at_rest && out.on_target && out.settled);
-    assert!((0..JOINTS).all(|j| (out.q[j] - q[j]).abs() < 1e-8));
+    assert!((0..JOINTS).all(|j| (out.motion.q[j] - q[j]).abs() < 1e-8));
 }
 
 #[test]
@@ -223,8 +223,8 @@ fn other_arm_reaches_target_while_one_is_blocked() {
     for _ in 0..6000 {
         out = tick(&config, &mut state, Stamp::NONE, input);
     }
-    let left_off = (3..10).fold(0.0_f64, |m, j| m.max((out.q[j] - q[j]).abs()));
-    let right_off = (10..17).fold(0.0_f64, |m, j| m.max((out.q[j] - q[j]).abs()));
+    let left_off = (3..10).fold(0.0_f64, |m, j| m.max((out.motion.q[j] - q[j]).abs()));
+    let right_off = (10..17).fold(0.0_f64, |m, j| m.max((out.motion.q[j] - q[j]).abs()));
     assert!(left_off > 0.02 && right_off < 1e-3, "left {left_off}, right {right_off}");
     assert!(!out.on_target);
 }
@@ -245,7 +245,7 @@ fn reseeded_state_continues_given_plan() {
     fresh.reseed(&seen);
     let out = tick(&config, &mut fresh, Stamp::NONE, Input { permit: Permit::Stop, ..input });
     let next = seen.advanced(TICK_S);
-    assert_eq!((out.q, out.v, out.a, out.plan), (next.q, next.v, next.a, next.plan));
+    assert_eq!(out.motion, next);
 }
 
 #[test]

@@ -5,9 +5,9 @@ use messages::JOINTS_MAX;
 use nalgebra::{Rotation3, UnitVector3, Vector3};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
-use wbc::chain::{Chain, Link, Placement};
+use wbc::chain::{KinematicChain, KinematicLink, Placement};
 use wbc::geometry::{BodyCapsule, Geometry};
-use wbc::motion::Swing;
+use wbc::trajectory::Swing;
 
 /// Joints of TIAGo++.
 const JOINTS: usize = 17;
@@ -17,7 +17,7 @@ fn vector(rng: &mut Pcg64, size: f64) -> Vector3<f64> {
 }
 
 /// One serial chain. The offsets of joints that do not matter here are zero.
-fn links(rng: &mut Pcg64) -> [Link; JOINTS_MAX] {
+fn links(rng: &mut Pcg64) -> [KinematicLink; JOINTS_MAX] {
     let straight = rng.random_bool(0.3);
     std::array::from_fn(|j| {
         let mut axis = UnitVector3::new_normalize(vector(rng, 1.0) + Vector3::new(1e-3, 0.0, 0.0));
@@ -31,7 +31,7 @@ fn links(rng: &mut Pcg64) -> [Link; JOINTS_MAX] {
         if straight && prismatic {
             axis = Vector3::y_axis();
         }
-        Link {
+        KinematicLink {
             parent: j,
             parent_from_body: Placement { r: turn.into_inner(), t: offset },
             axis: axis.into_inner(),
@@ -50,7 +50,7 @@ fn curve_bound_is_never_below_point_acceleration() {
         let body = rng.random_range(1..=JOINTS);
         let point = vector(&mut rng, 0.2);
         let capsule = BodyCapsule { body, a: point, b: point, radius_m: 0.01 };
-        let chain = Chain::new(&links).unwrap();
+        let chain = KinematicChain::new(&links).unwrap();
         let geometry = Geometry::new(chain.clone(), &[capsule], &[], 0.01).unwrap();
         let moving: Vec<usize> = (0..rng.random_range(1..4)).map(|_| rng.random_range(0..body)).collect();
         let mut pick = |size: f64| -> [f64; JOINTS_MAX] {

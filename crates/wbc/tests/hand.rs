@@ -4,7 +4,7 @@ use messages::{ALL_JOINTS, JOINTS_MAX, Stamp, TICK_S};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use robot::{Frames, Model};
-use wbc::{Candidate, Config, Input, Options, Permit, Planned, State, Target, tick};
+use wbc::{Candidate, Config, Input, JointMotion, Options, Permit, State, Target, tick};
 
 fn model() -> Model {
     Model::from_text(
@@ -23,7 +23,7 @@ fn points(model: &Model, q: &[f64; JOINTS_MAX]) -> [nalgebra::Vector3<f64>; 4] {
 }
 
 /// Speed of the fastest point of a plan, m/s, from its displacement in a quarter of a tick.
-fn fastest(model: &Model, planned: &Planned) -> f64 {
+fn fastest(model: &Model, planned: &JointMotion) -> f64 {
     let dt = TICK_S / 4.0;
     let mut last = points(model, &planned.q);
     let mut most = 0.0_f64;
@@ -77,7 +77,7 @@ fn follow(max: f64, ticks_a_goal: u64, goals: u64) -> Run {
             run.fallbacks += u32::from(out.fallbacks > 0);
             run.fresh += u32::from(out.candidate != Candidate::Plan);
             on_target |= out.on_target;
-            let now = points(&model, &out.q);
+            let now = points(&model, &out.motion.q);
             run.fastest = last.iter().zip(&now).fold(run.fastest, |most, (a, b)| most.max((b - a).norm() / TICK_S));
             last = now;
             if k % 50 == 0 {

@@ -9,8 +9,8 @@ use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use support::{D_MIN_M, config_of, input, made_up, motion, parts, sent};
 use wbc::{
-    Config, Input, Interface, Interpolation, Options, Output, Permit, Planned, State, Target, WbcError, certify_rest,
-    tick,
+    Config, Input, Interface, Interpolation, JointMotion, Options, Output, Permit, State, Target, WbcError,
+    certify_rest, tick,
 };
 
 /// First joint, and one past the last joint, of each controller.
@@ -23,7 +23,7 @@ const TICKS: u64 = 5000;
 const SIDE_BY_SIDE: [f64; 7] = [0.6574, 0.7151, 0.8337, 1.5033, -0.4189, 0.1196, -0.4295];
 
 /// The commands of one run, one for each tick.
-struct Trace(Vec<Planned>);
+struct Trace(Vec<JointMotion>);
 
 impl Trace {
     /// Records a run under attack.
@@ -65,7 +65,7 @@ impl Trace {
         let mut trace = vec![*state.planned()];
         for k in 0..TICKS {
             let out = tick(&config, &mut state, k);
-            checker.command(k, &sent(&out), out.on_plan, false);
+            checker.command(k, &out.motion, out.on_plan, false);
             trace.push(*state.planned());
         }
         assert_eq!(checker.violations, 0, "{:#?}", checker.first);

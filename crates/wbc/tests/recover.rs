@@ -48,13 +48,17 @@ fn recovery_moves_no_joint_outward_and_most_robots_recover() {
             let out = tick(&config, &mut state, Stamp::NONE, Input { k, target: None, permit });
             for j in 0..JOINTS {
                 let (low, high) = (bounds[j].q_min.min(last[j]), bounds[j].q_max.max(last[j]));
-                assert!(out.q[j] >= low && out.q[j] <= high, "tick {k}: joint {j} at {}", out.q[j]);
-                assert!(out.v[j].abs() <= 0.1, "tick {k}: joint {j} at {}", out.v[j]);
-                moved += (out.q[j] - last[j]).abs();
+                assert!(
+                    out.motion.q[j] >= low && out.motion.q[j] <= high,
+                    "tick {k}: joint {j} at {}",
+                    out.motion.q[j]
+                );
+                assert!(out.motion.v[j].abs() <= 0.1, "tick {k}: joint {j} at {}", out.motion.v[j]);
+                moved += (out.motion.q[j] - last[j]).abs();
             }
-            let now = robot.clearance(&out.q);
+            let now = robot.clearance(&out.motion.q);
             assert!(now >= least.min(goal) - 1e-9, "tick {k}: from {least} to {now}");
-            (least, last) = (now, out.q);
+            (least, last) = (now, out.motion.q);
         }
         let motion = state.planned();
         assert!(motion.is_at_rest(), "{} s after the stop", STOP_TICKS as f64 * TICK_S);
@@ -85,7 +89,7 @@ fn joint_outside_goes_no_further_out_within_a_tick() {
         planned.set_joint(j, x, stop);
         state.reseed(&planned);
         let out = tick(&config, &mut state, Stamp::NONE, Input { k: 0, target: None, permit: Permit::Recover });
-        let after = JointState { q: out.q[j], v: out.v[j], a: out.a[j] };
+        let after = JointState { q: out.motion.q[j], v: out.motion.v[j], a: out.motion.a[j] };
         if after == stop.advance(x, TICK_S).0 {
             continue;
         }

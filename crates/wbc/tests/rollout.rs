@@ -40,7 +40,7 @@ fn stops(robot: &Robot, seed: u64, ticks: u64, count: usize) -> Vec<Rollout> {
         attacker.next(k, &state.planned().q);
         let out = tick(&config, &mut state, Stamp::NONE, input(k, &attacker));
         if rng.random_range(0..ticks) < count as u64 {
-            stops.push(Rollout::new(&sent(&out)));
+            stops.push(Rollout::new(&out.motion));
         }
     }
     stops

@@ -21,7 +21,7 @@ fn model() -> Model {
 }
 
 fn config(model: &Model, change: impl FnOnce(&mut Tasks)) -> Config {
-    let mut parts = Parts::of(model).expect("the parts of the robot");
+    let mut parts = Parts::from_model(model).expect("the parts of the robot");
     change(&mut parts.tasks);
     Config::from_parts(parts, Options::default()).expect("whole-body control")
 }
@@ -82,11 +82,11 @@ fn slide(model: &Model, config: &Config) -> Outcome {
         let (mut first, mut last) = (None, model.home);
         follow(config, &mut state, &wanted, 7500, |out| {
             assert!(out.clearance_m >= model.d_min_m, "{}", out.clearance_m);
-            last = out.q;
+            last = out.motion.q;
             outcome.infeasible += u64::from(out.program == Program::Infeasible);
             if out.program == Program::Solved {
                 outcome.solved += 1;
-                first.get_or_insert(out.q);
+                first.get_or_insert(out.motion.q);
             }
         });
         outcome.first_rad += limb_error(model, &first.expect("the target is blocked"), &wanted) / COUNT as f64;

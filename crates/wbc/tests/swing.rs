@@ -3,10 +3,10 @@
 
 use messages::JOINTS_MAX;
 use nalgebra::{Matrix3, Vector3};
-use wbc::chain::{Chain, Link, Placement};
+use wbc::chain::{KinematicChain, KinematicLink, Placement};
 use wbc::geometry::BodyCapsule;
 use wbc::interval::Bounds;
-use wbc::{Config, JointState, JointStop, Options, Parts, Planned, certify_plan};
+use wbc::{Config, JointMotion, JointState, JointStop, Options, Parts, certify_plan};
 
 const REACH_M: f64 = 0.5;
 const RADIUS_M: f64 = 0.02;
@@ -18,7 +18,7 @@ const BOUNDS: Bounds = Bounds { q_min: -6.0, q_max: 6.0, v_max: 8.0, a_max: 20.0
 /// Joint 0 turns a carrier, and joint 1 on it swings a ball about the same kind of axis. The post stands on
 /// body `post`.
 fn robot(post: usize, gap_m: f64, angle: f64) -> Config {
-    let link = |j: usize| Link {
+    let link = |j: usize| KinematicLink {
         parent: usize::from(j == 1),
         parent_from_body: Placement { r: Matrix3::identity(), t: Vector3::zeros() },
         axis: Vector3::z(),
@@ -29,7 +29,7 @@ fn robot(post: usize, gap_m: f64, angle: f64) -> Config {
     let away = Vector3::new(angle.cos(), angle.sin(), 0.0) * (REACH_M + 2.0 * RADIUS_M + gap_m);
     let capsule = |body, p| BodyCapsule { body, a: p, b: p, radius_m: RADIUS_M };
     let parts = Parts {
-        chain: Chain::new(&(0..17).map(link).collect::<Vec<_>>()).unwrap(),
+        chain: KinematicChain::new(&(0..17).map(link).collect::<Vec<_>>()).unwrap(),
         controllers: wbc::Controllers::new([(1 << 17) - 1]),
         limits: [BOUNDS; JOINTS_MAX],
         home: [0.0; JOINTS_MAX],
@@ -47,8 +47,8 @@ fn robot(post: usize, gap_m: f64, angle: f64) -> Config {
 }
 
 /// A swing at the highest speed from -0.4 rad, while the carrier turns too.
-fn swing(carrier: f64) -> Planned {
-    let mut planned = Planned::at_rest([0.0; JOINTS_MAX]);
+fn swing(carrier: f64) -> JointMotion {
+    let mut planned = JointMotion::rest([0.0; JOINTS_MAX]);
     for (j, q, v) in [(0, 0.3, carrier), (1, -0.4, BOUNDS.v_max)] {
         planned.set_joint(j, JointState { q, v, a: 0.0 }, JointStop::new(v, 0.0, BOUNDS.a_max, BOUNDS.j_max));
     }

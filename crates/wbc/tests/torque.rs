@@ -7,7 +7,9 @@ use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use robot::{Model, Payload};
 use wbc::torque::SHARE;
-use wbc::{Config, Input, Options, Parts, Permit, Planned, State, Target, certify_torque, overloaded_at_rest, tick};
+use wbc::{
+    Config, Input, JointMotion, Options, Parts, Permit, State, Target, certify_torque, overloaded_at_rest, tick,
+};
 
 /// Joints of TIAGo++.
 const JOINTS: usize = 17;
@@ -30,7 +32,7 @@ fn share(model: &Model, dynamics: &Dynamics<'_>, q: &PerJoint, v: &PerJoint, a: 
 }
 
 /// The largest ratio on the way of a plan.
-fn share_of_plan(model: &Model, dynamics: &Dynamics<'_>, planned: &Planned) -> f64 {
+fn share_of_plan(model: &Model, dynamics: &Dynamics<'_>, planned: &JointMotion) -> f64 {
     let mut most = 0.0_f64;
     for n in 0..400 {
         let later = planned.advanced(f64::from(n) * STEP_S);
@@ -126,9 +128,9 @@ fn follow_laden(
             let out = tick(&config, &mut state, Stamp(0), input);
             run.refused += u32::from(out.overloads > 0);
             run.fresh += u32::from(out.on_plan != ALL_JOINTS);
-            run.executed = run.executed.max(share(model, &dynamics, &out.q, &out.v, &out.a).0);
+            run.executed = run.executed.max(share(model, &dynamics, &out.motion.q, &out.motion.v, &out.motion.a).0);
             on_target |= out.on_target;
-            let lengths = out.plan.duration_s.iter().map(|phases| phases.iter().sum());
+            let lengths = out.motion.plan.duration_s.iter().map(|phases| phases.iter().sum());
             run.longest_s = lengths.fold(run.longest_s, f64::max);
             if run.ticks % 40 == 0 {
                 run.planned = run.planned.max(share_of_plan(model, &dynamics, state.planned()));
@@ -164,7 +166,7 @@ fn plans_without_torque_proof_overload_motors() {
 
 /// The shipped robot with so much more mass in its hands that it cannot hold them out.
 fn laden(model: &Model, mass_kg: f64) -> Config {
-    let mut parts = Parts::of(model).unwrap();
+    let mut parts = Parts::from_model(model).unwrap();
     for body in [10, 17] {
         parts.masses[body].mass_kg += mass_kg;
     }
@@ -216,7 +218,7 @@ fn overloaded_robot_is_not_moved() {
                 valid_mask: ALL_JOINTS,
             });
             let out = tick(&config, &mut state, Stamp(0), Input { k, target, permit });
-            assert_eq!(out.q[3..], start[3..], "{permit:?}");
+            assert_eq!(out.motion.q[3..], start[3..], "{permit:?}");
         }
     }
 }
@@ -226,7 +228,7 @@ fn plan_with_too_much_torque_is_not_certified() {
     let (model, _) = shipped();
     let config = Config::new(&model, Options::default()).unwrap();
     let bounds = &config.bounds()[4];
-    let mut planned = Planned::at_rest(stretched(&model));
+    let mut planned = JointMotion::rest(stretched(&model));
     assert_eq!(certify_torque(&config, &planned).blamed, None);
     // The joint moves down at half the speed, and then stops as sharply as the limits allow.
     let x = wbc::JointState { q: planned.q[4], v: 1.0, a: 0.0 };

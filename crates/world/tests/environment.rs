@@ -2,6 +2,7 @@
 //! simulated robot's checker judges. Further tests check the settings that describe the obstacles.
 
 use config::Overrides;
+use driver::PlanPlayback;
 use messages::{ALL_JOINTS, Header, JOINTS_MAX, JointCommand, Layout, Mode, deadline};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
@@ -75,21 +76,17 @@ fn attack(model: &Model, ticks: u64, seed: u64, certified: bool) -> Outcome {
             robot: model.id(),
             k,
             seed_k: first_k,
-            q: proposed.q,
-            v: proposed.v,
-            a: proposed.a,
-            plan: proposed.plan,
             mode: Mode::Engaged as u32,
             ..JointCommand::ZERO
-        };
+        }
+        .with_motion(&proposed.motion);
         if certified {
             let permit = engage::Permit::Follow { speed_scale: 1.0 };
-            let offer = gate::Proposed { k, permit, q: command.q, v: command.v, a: command.a, plan: command.plan };
+            let offer = gate::Proposed { k, permit, motion: proposed.motion };
             let decision = gate::tick(&gate_config, &mut gate_state, now, offer);
-            (command.q, command.v, command.a, command.plan) = (decision.q, decision.v, decision.a, decision.plan);
+            command = command.with_motion(&decision.motion);
             if !decision.accepted() {
-                let (q, v, a, plan) = (decision.q, decision.v, decision.a, decision.plan);
-                wbc_state.reseed(&wbc::Planned { q, v, a, plan });
+                wbc_state.reseed(&decision.motion);
             }
         }
         let out = sim::tick(&sim_config, &mut robot, now, sim::Input { due_k: k, command: Some(&command) });
@@ -144,15 +141,14 @@ fn gate_denies_command_that_leads_into_table() {
         let target = wbc::Target { q: &q, dq: &[0.0; JOINTS_MAX], ddq: &[0.0; JOINTS_MAX], valid_mask: ALL_JOINTS };
         let proposed = wbc::tick(&wbc_config, &mut wbc_state, now, wbc::Input { k, target: Some(target), permit });
         let permit = engage::Permit::Follow { speed_scale: 1.0 };
-        let wbc::Output { q, v, a, plan, .. } = proposed;
-        let decision = gate::tick(&gate_config, &mut gate_state, now, gate::Proposed { k, permit, q, v, a, plan });
-        let (q, v, a, plan) = (decision.q, decision.v, decision.a, decision.plan);
-        wbc_state.reseed(&wbc::Planned { q, v, a, plan });
+        let offer = gate::Proposed { k, permit, motion: proposed.motion };
+        let decision = gate::tick(&gate_config, &mut gate_state, now, offer);
+        wbc_state.reseed(&decision.motion);
         // The gate judges every command, and the posture in which its plan ends.
-        let mut motion = driver::Motion { q, v, a, plan };
+        let mut motion = decision.motion;
         if !decision.accepted() {
             motion.play(2 * TICKS);
-            assert!(motion.at_rest());
+            assert!(motion.is_at_rest());
         }
         model.forward(&motion.q, &mut frames);
         least_m = least_m.min(model.obstacle_clearance(&frames).0);

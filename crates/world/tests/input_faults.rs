@@ -351,7 +351,7 @@ fn each_change_of_the_person_is_named_by_its_cause() {
         let changed = |made: &&Transition| made.why == Fault::PersonChanged as u32;
         let about: Vec<_> = explain::newest_transitions(&status, u32::MAX)
             .filter(changed)
-            .map(|made| Subject::of(made.about))
+            .map(|made| Subject::from_code(made.about))
             .collect();
         assert_eq!(about, [Some(Subject::Person(change))]);
     }

@@ -2,6 +2,7 @@
 //! together.
 
 use crate::support;
+use driver::PlanPlayback;
 
 use messages::{Fault, Faults, Mode, TICK_HZ, TICK_S, state_flag};
 use sim::Injection;
@@ -200,7 +201,7 @@ fn f063_drive_fault_of_one_joint_stops_all_joints_at_once() {
     for k in 1..STOP_TICKS {
         swing(&mut bench, FAST + k);
         plan.play(1);
-        if plan.at_rest() {
+        if plan.is_at_rest() {
             // From here on the joint is held where its brake has stopped it.
             break;
         }
@@ -310,7 +311,7 @@ fn f050_stop_continues_plan_of_last_command() {
         }
         assert!(held > STOP_TICKS, "stop {stop}");
         let rest = bench.commanded();
-        assert!(rest.at_rest() && (rest.q[ELBOW] - engaged_at).abs() > 0.01, "it went on, and came to rest");
+        assert!(rest.is_at_rest() && (rest.q[ELBOW] - engaged_at).abs() > 0.01, "it went on, and came to rest");
         bench.assert_no_violations("a stop");
         // A new engagement starts there, not where the last one started.
         bench.let_go();

@@ -116,7 +116,7 @@ fn f064_arm_sinking_without_power_faults_and_is_not_reset() {
         for _ in 0..2 * TICK_HZ {
             bench.step();
         }
-        let stops = Faults(bench.status.faults).of(Response::Stop);
+        let stops = Faults(bench.status.faults).with_response(Response::Stop);
         assert_eq!(stops, Faults::NONE.with(Fault::DriverFault), "{sag}");
         bench.hand.reset_edge = true;
         bench.step();

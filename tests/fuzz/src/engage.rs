@@ -169,11 +169,11 @@ fn check(view: &Input, before: Mode, out: &Output) {
     assert!(!moves || operator.enable_level && !operator.release_edge, "moves though it was let go");
     let resets = before == Mode::Faulted && out.mode != Mode::Faulted;
     assert!(!resets || out.mode == Mode::Disengaged && rests && !operator.enable_level, "left Faulted");
-    if !out.active.of(Response::Stop).is_empty() {
+    if !out.active.with_response(Response::Stop).is_empty() {
         assert_eq!(out.mode, Mode::Faulted, "{:?}", out.active);
     }
     assert!(!operator.estop_edge || out.active.has(Fault::EmergencyStop), "an emergency stop was missed");
     for response in [Response::Hold, Response::Release] {
-        assert!(!moves || out.active.of(response).is_empty(), "moves with {:?}", out.active);
+        assert!(!moves || out.active.with_response(response).is_empty(), "moves with {:?}", out.active);
     }
 }

@@ -1,7 +1,7 @@
 //! The final check of every command, under any proposal and any seed.
 
 use crate::bytes::Bytes;
-use messages::{JOINTS_MAX, Stamp, StopPlan, TICK_S};
+use messages::{JOINTS_MAX, JointMotion, Layout, Stamp, StopPlan, TICK_S};
 use robot::Model;
 use safety::engage::Permit;
 use safety::gate::{Config, Decision, Proposed, State, Verdict, tick};
@@ -21,8 +21,6 @@ static ROBOT: LazyLock<(Model, Config)> = LazyLock::new(|| {
     let config = Config::new(&model).expect("its limits");
     (model, config)
 });
-
-const EMPTY: StopPlan = StopPlan { jerk: [[0.0; 3]; JOINTS_MAX], duration_s: [[0.0; 3]; JOINTS_MAX] };
 
 /// Runs the input. Each tick starts with a byte: the proposal, the number of its overwritten numbers, and the
 /// permit. A proposal is an honest step, whose jerks follow, or the last state again. Any 64 bits can overwrite a
@@ -55,13 +53,14 @@ pub(crate) fn run(input: &[u8]) {
             (proposed.k, judged) = (bytes.u64(), false);
         }
         if head == 0xfe {
-            state.reseed(&bytes.joints(), &bytes.joints(), &bytes.joints(), &proposed.plan);
+            let [q, v, a] = [bytes.joints(), bytes.joints(), bytes.joints()];
+            state.reseed(&JointMotion { q, v, a, plan: proposed.motion.plan });
             judged = false;
         }
-        let before = (state.q(), state.v(), state.a(), state.denials());
+        let (before, denials) = (state.motion(), state.denials());
         let out = tick(config, &mut state, Stamp(1), proposed);
         finite(&out);
-        assert_eq!(state.denials() - before.3, u64::from(!out.accepted()), "every denial is counted");
+        assert_eq!(state.denials() - denials, u64::from(!out.accepted()), "every denial is counted");
         assert!(out.verdict != Verdict::Accept || proposed.permit != Permit::Stop, "moved without a permit");
         if judged {
             within(model, &before, &out);
@@ -72,8 +71,10 @@ pub(crate) fn run(input: &[u8]) {
 /// Returns one tick with these jerks from the last state, and a stop from there. Or it returns the last state
 /// again.
 fn honest(model: &Model, state: &State, k: u64, bytes: &mut Bytes<'_>, head: u8) -> Proposed {
-    let (mut q, mut v, mut a) = (state.q(), state.v(), state.a());
-    let mut plan = if head & 3 == 0 { state.plan() } else { EMPTY };
+    let JointMotion { mut q, mut v, mut a, mut plan } = state.motion();
+    if head & 3 != 0 {
+        plan = StopPlan::ZERO;
+    }
     for j in 0..JOINTS {
         if head & 3 == 0 {
             break;
@@ -92,37 +93,38 @@ fn honest(model: &Model, state: &State, k: u64, bytes: &mut Bytes<'_>, head: u8)
         plan.jerk[j] = [-a[j].signum() * most, -speed.signum() * most, speed.signum() * most];
         plan.duration_s[j] = [a[j].abs() / most, half, half];
     }
-    Proposed { k, permit: Permit::Stop, q, v, a, plan }
+    Proposed { k, permit: Permit::Stop, motion: JointMotion { q, v, a, plan } }
 }
 
 fn number(proposed: &mut Proposed, place: usize) -> &mut f64 {
     let j = place % JOINTS;
     match place / JOINTS_MAX {
-        0..=2 => &mut proposed.q[j],
-        3..=5 => &mut proposed.v[j],
-        6..=8 => &mut proposed.a[j],
-        i @ 9..=11 => &mut proposed.plan.jerk[j][i - 9],
-        i => &mut proposed.plan.duration_s[j][i % 3],
+        0..=2 => &mut proposed.motion.q[j],
+        3..=5 => &mut proposed.motion.v[j],
+        6..=8 => &mut proposed.motion.a[j],
+        i @ 9..=11 => &mut proposed.motion.plan.jerk[j][i - 9],
+        i => &mut proposed.motion.plan.duration_s[j][i % 3],
     }
 }
 
 fn finite(out: &Decision) {
-    let plan = out.plan.jerk.iter().chain(&out.plan.duration_s).flatten();
-    assert!(out.q.iter().chain(&out.v).chain(&out.a).chain(plan).all(|x| x.is_finite()), "{out:?}");
+    let JointMotion { q, v, a, plan } = &out.motion;
+    let phases = plan.jerk.iter().chain(&plan.duration_s).flatten();
+    assert!(q.iter().chain(v).chain(a).chain(phases).all(|x| x.is_finite()), "{out:?}");
 }
 
 /// Checks that a robot that began at rest within its limits stays within them, whatever the proposal.
-fn within(model: &Model, before: &([f64; JOINTS_MAX], [f64; JOINTS_MAX], [f64; JOINTS_MAX], u64), out: &Decision) {
+fn within(model: &Model, before: &JointMotion, out: &Decision) {
     for j in 0..JOINTS {
         let (limits, t) = (&model.limits[j], TICK_S);
-        let (q, v, a) = (out.q[j], out.v[j], out.a[j]);
+        let (q, v, a) = (out.motion.q[j], out.motion.v[j], out.motion.a[j]);
         assert!(q >= limits.q_min - SLACK && q <= limits.q_max + SLACK, "joint {j} at {q}, {limits:?}");
         assert!(v.abs() <= limits.v_max + SLACK, "joint {j} at {v} per second, {limits:?}");
         assert!(a.abs() <= limits.a_max + SLACK, "joint {j}: acceleration {a}, {limits:?}");
-        let (dq, dv) = (q - before.0[j], v - before.1[j]);
+        let (dq, dv) = (q - before.q[j], v - before.v[j]);
         assert!(dq.abs() <= limits.v_max * t + SLACK, "joint {j} jumps by {dq}");
         assert!(dv.abs() <= limits.a_max * t + SLACK, "joint {j}: speed jumps by {dv}");
-        let da = (a - before.2[j]).abs();
+        let da = (a - before.a[j]).abs();
         assert!(da <= limits.j_max * t + 1e-6, "joint {j}: acceleration jumps by {da}");
     }
 }

@@ -4,8 +4,7 @@ use crate::joint::stop_of;
 use crate::limits::{self, Slack};
 use crate::robot::Robot;
 use crate::rollout::{Rollout, joint_of};
-use driver::Motion;
-use messages::JOINTS_MAX;
+use messages::{JOINTS_MAX, JointMotion};
 
 /// Rounding of positions, velocities and accelerations that another formula recomputes. Limits hold exactly.
 const SLACK: Slack = Slack { state: 0.0, jerk: 0.0, step: 1e-11, rest: 1e-9 };
@@ -17,7 +16,7 @@ const TOLD: usize = 8;
 /// Judges a sequence of commands.
 pub struct Checker<'a> {
     robot: &'a Robot,
-    before: Motion,
+    before: JointMotion,
     /// Smallest clearance seen, m.
     pub clearance_m: f64,
     /// Number of violations.
@@ -28,7 +27,7 @@ pub struct Checker<'a> {
 
 impl<'a> Checker<'a> {
     /// Begins with a robot that moves as `start` says.
-    pub fn new(robot: &'a Robot, start: Motion) -> Self {
+    pub fn new(robot: &'a Robot, start: JointMotion) -> Self {
         Self { robot, before: start, clearance_m: f64::INFINITY, violations: 0, first: Vec::new() }
     }
 
@@ -41,7 +40,7 @@ impl<'a> Checker<'a> {
 
     /// Judges the command of tick `k`. The joints of the mask `on_plan` play the plan before, the others begin a new
     /// motion. `dense` also judges the postures of the command's plan every millisecond.
-    pub fn command(&mut self, k: u64, now: &Motion, on_plan: u32, dense: bool) {
+    pub fn command(&mut self, k: u64, now: &JointMotion, on_plan: u32, dense: bool) {
         for (j, limits) in self.robot.limits.iter().enumerate() {
             let (last, next) = (joint_of(&self.before, j), joint_of(now, j));
             let step = if on_plan & 1 << j == 0 {

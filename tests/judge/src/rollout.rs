@@ -5,8 +5,8 @@
 use crate::joint::{Joint, Stop, duration_s, stop_of};
 use crate::limits::{Slack, plan};
 use crate::robot::Robot;
-use driver::Motion;
-use messages::JOINTS_MAX;
+use driver::PlanPlayback;
+use messages::{JOINTS_MAX, JointMotion};
 use sim::{TOLERANCE_CLEARANCE_M, TOLERANCE_J, TOLERANCE_Q, ViolationKind};
 
 /// Time between two judged instants, s. In a millisecond no point of the robot moves more than a few
@@ -26,7 +26,7 @@ pub struct Rollout([(Joint, Stop); JOINTS_MAX]);
 
 impl Rollout {
     /// Takes the motion of a command.
-    pub fn new(motion: &Motion) -> Self {
+    pub fn new(motion: &JointMotion) -> Self {
         Self(std::array::from_fn(|j| (joint_of(motion, j), stop_of(&motion.plan, j))))
     }
 
@@ -54,7 +54,7 @@ impl Rollout {
 }
 
 /// Returns one joint of a motion.
-pub(crate) fn joint_of(motion: &Motion, j: usize) -> Joint {
+pub(crate) fn joint_of(motion: &JointMotion, j: usize) -> Joint {
     Joint { q: motion.q[j], v: motion.v[j], a: motion.a[j] }
 }
 
@@ -71,7 +71,7 @@ pub struct Rolled {
 
 /// Judges the plan of `motion` from now to rest. The first instant after now is `offset` (0 to 1) of a step
 /// later. `sim` is the simulated robot, and no torque may exceed `share_max` of its effort limit.
-pub fn roll(robot: &Robot, sim: &sim::Config, share_max: f64, motion: &Motion, offset: f64) -> Rolled {
+pub fn roll(robot: &Robot, sim: &sim::Config, share_max: f64, motion: &JointMotion, offset: f64) -> Rolled {
     let rollout = Rollout::new(motion);
     let violations = [0; ViolationKind::ALL.len()];
     let mut rolled = Rolled { violations, min_clearance_m: f64::INFINITY, torque_share: 0.0 };
@@ -114,8 +114,8 @@ mod tests {
     }
 
     /// A stop of joint `j` from `v` with `jerk`, then `-jerk`. Each phase lasts sqrt(v / jerk).
-    fn stop(robot: &Robot, j: usize, v: f64, jerk: f64) -> Motion {
-        let mut motion = Motion::rest(robot.home);
+    fn stop(robot: &Robot, j: usize, v: f64, jerk: f64) -> JointMotion {
+        let mut motion = JointMotion::rest(robot.home);
         let t = (v / jerk).sqrt();
         motion.v[j] = v;
         motion.plan.jerk[j] = [-jerk, jerk, 0.0];
@@ -126,7 +126,7 @@ mod tests {
     #[test]
     fn rollout_at_rest_has_no_violation_and_the_models_clearance() {
         let (robot, sim) = shipped();
-        let rolled = roll(&robot, &sim, SHARE, &Motion::rest(robot.home), 0.5);
+        let rolled = roll(&robot, &sim, SHARE, &JointMotion::rest(robot.home), 0.5);
         let (model, mut frames) = (robot.model().unwrap(), Frames::default());
         model.forward(&robot.home, &mut frames);
         assert_eq!(rolled.violations, [0; ViolationKind::ALL.len()]);
@@ -136,7 +136,7 @@ mod tests {
     #[test]
     fn rollout_reports_every_kind_of_bad_plan() {
         let (robot, sim) = shipped();
-        let kinds = |motion: &Motion| roll(&robot, &sim, SHARE, motion, 0.3).violations.map(|n| n > 0);
+        let kinds = |motion: &JointMotion| roll(&robot, &sim, SHARE, motion, 0.3).violations.map(|n| n > 0);
         let limits = &robot.limits[4];
         // The peak of the acceleration is sqrt(v jerk). It is A if v is A^2 / jerk.
         let (gentle, full) = (0.9 * limits.j_max, limits.a_max * limits.a_max / limits.j_max);
@@ -160,7 +160,7 @@ mod tests {
             over.plan.duration_s[4] = [2.0 * v / a, (a + back) / limits.j_max, back / limits.j_max];
             assert!(kinds(&over)[ViolationKind::Position as usize], "jerk {jerk:e}");
         }
-        let mut nowhere = Motion::rest(robot.home);
+        let mut nowhere = JointMotion::rest(robot.home);
         nowhere.q[4] = f64::NAN;
         assert!(kinds(&nowhere)[ViolationKind::Position as usize]);
         // A stretched arm that falls at half its speed cannot brake at the full rate.
@@ -171,7 +171,7 @@ mod tests {
         falling.plan.duration_s[4] = [rise, 0.98 / limits.a_max - rise, rise];
         assert!(kinds(&falling)[ViolationKind::Torque as usize]);
         // Slow motion from home with the left arm across the body leads into a collision.
-        let mut through = Motion::rest(robot.home);
+        let mut through = JointMotion::rest(robot.home);
         (through.v[3], through.plan.duration_s[3]) = (1.5, [3.0, 0.0, 0.0]);
         (through.v[10], through.plan.duration_s[10]) = (1.5, [3.0, 0.0, 0.0]);
         assert!(kinds(&through)[ViolationKind::Clearance as usize]);

@@ -85,7 +85,7 @@ fn users(to: &To) -> std::io::Result<Option<u32>> {
         return Ok(None);
     }
     let (own, _) = UnixStream::pair()?;
-    Ok(Some(Peer::of(own.as_fd())?.uid))
+    Ok(Some(Peer::from_socket(own.as_fd())?.uid))
 }
 
 /// State of the receiver.

@@ -6,9 +6,9 @@ use crate::parallel::derived_seed;
 use crate::stages::{Stages, Subject, permit, target};
 use crate::stop_times;
 use control::{Continue, Stream};
-use driver::{Motion, Refusal};
+use driver::Refusal;
 use judge::Attacker;
-use messages::{Header, JOINTS_MAX, JointCommand, Layout, Mode, RobotState, TICK_S, deadline, state_flag};
+use messages::{Header, JOINTS_MAX, JointCommand, JointMotion, Layout, Mode, RobotState, TICK_S, deadline, state_flag};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use robot::Frames;
@@ -247,8 +247,7 @@ impl<'a> Part<'a> {
             figures.denied_for.note(reason(&denial), || format!("part {}, tick {k}: {denial:?}", self.part));
         }
         let flags = out.proposed.command_flags(out.denied.is_some());
-        let Motion { q, v, a, plan } = out.motion;
-        let longest = plan.duration_s.iter().map(|phases| phases.iter().sum::<f64>()).fold(0.0, f64::max);
+        let longest = out.motion.plan.duration_s.iter().map(|phases| phases.iter().sum::<f64>()).fold(0.0, f64::max);
         figures.worst_stop_s.merge(Most(longest));
         let proved = !self.recovers && !self.is_own_motion();
         if self.rng.random_range(0..ROLLED_EVERY) == 0 && proved {
@@ -258,24 +257,21 @@ impl<'a> Part<'a> {
         stream.sent(k, out.motion);
         let chain = stream.chain();
         self.sequence += 1;
-        Some(JointCommand {
+        let command = JointCommand {
             header: Header { sequence: self.sequence, stamp: now, incarnation: chain.incarnation, ..Header::ZERO },
             robot: self.subject.model.id(),
             k,
             seed_k: chain.seed_k,
             seed_played: chain.seed_played,
-            q,
-            v,
-            a,
-            plan,
             mode: if self.recovers { Mode::Recovering } else { Mode::Engaged } as u32,
             reset_count: self.reset_count,
             flags,
             ..JointCommand::ZERO
-        })
+        };
+        Some(command.with_motion(&out.motion))
     }
 
-    fn roll(&mut self, motion: &Motion) {
+    fn roll(&mut self, motion: &JointMotion) {
         let offset = self.rng.random_range(0.0..1.0);
         let rolled = judge::roll(&self.subject.robot, &self.subject.sim, wbc::torque::SHARE, motion, offset);
         self.figures.rollouts += 1;
@@ -311,7 +307,7 @@ impl<'a> Part<'a> {
             self.watched = None;
             return;
         }
-        let at_rest = self.robot.follower().motion.at_rest();
+        let at_rest = self.robot.follower().motion.is_at_rest();
         let bound_s = stop_times::stop_bound_s(self.subject.wbc.bounds(), v_before);
         let watched = *self.watched.get_or_insert(Watched { began_k: k - 1, bound_s, done: at_rest });
         if at_rest && !watched.done {

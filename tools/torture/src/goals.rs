@@ -3,8 +3,7 @@
 use crate::figures::Goals;
 use crate::parallel::derived_seed;
 use crate::stages::{Stages, Subject};
-use driver::Motion;
-use messages::{ALL_JOINTS, JOINTS_MAX, TICK_HZ, deadline};
+use messages::{ALL_JOINTS, JOINTS_MAX, JointMotion, TICK_HZ, deadline};
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
 use safety::engage::Permit;
@@ -44,6 +43,6 @@ fn go(stages: &mut Stages<'_>, k: &mut u64, q: &[f64; JOINTS_MAX]) -> bool {
     })
 }
 
-fn standing(motion: &Motion) -> bool {
+fn standing(motion: &JointMotion) -> bool {
     motion.v.iter().chain(&motion.a).all(|x| *x == 0.0)
 }

@@ -4,9 +4,8 @@ use crate::cli::Changes;
 use crate::error::rejected;
 use config::{Overrides, RobotChoice, RobotInterface};
 use control::{Commanded, Commander};
-use driver::Motion;
 use judge::Attacker;
-use messages::{JOINTS_MAX, Stamp};
+use messages::{JOINTS_MAX, JointMotion, Stamp};
 use robot::{Model, Payload};
 use rt::{Exit, Failure};
 use safety::engage::Permit;
@@ -111,7 +110,7 @@ impl<'a> Stages<'a> {
     }
 
     /// Continues from the state that the driver executes.
-    pub fn reseed(&mut self, motion: &Motion) {
+    pub fn reseed(&mut self, motion: &JointMotion) {
         self.commander.reseed(motion);
     }
 
@@ -119,13 +118,10 @@ impl<'a> Stages<'a> {
     pub fn tick(&mut self, k: u64, now: Stamp, target: Option<wbc::Target<'_>>, permit: Permit) -> (Commanded, u64) {
         let Self { subject, commander } = self;
         let begun = Instant::now();
+        let proposed = commander.propose(&subject.wbc, k, now, target, permit);
         let out = match &subject.gate {
-            Some(gate) => commander.tick((&subject.wbc, gate), k, now, target, permit),
-            None => {
-                let proposed = commander.propose(&subject.wbc, k, now, target, permit);
-                let wbc::Output { q, v, a, plan, .. } = proposed;
-                Commanded { motion: Motion { q, v, a, plan }, denied: None, proposed }
-            }
+            Some(gate) => commander.check(gate, k, now, proposed, permit),
+            None => Commanded { motion: proposed.motion, denied: None, proposed },
         };
         (out, u64::try_from(begun.elapsed().as_nanos()).unwrap_or(u64::MAX))
     }

@@ -1,9 +1,9 @@
 //! Checks what the capsules represent. The manufacturer's collision meshes stay apart while the robot is attacked. The
 //! test runs only if the meshes are present.
 
-use driver::Motion;
+use driver::PlanPlayback;
 use judge::{Attacker, Meshes};
-use messages::{JOINTS_MAX, deadline};
+use messages::{JOINTS_MAX, JointMotion, deadline};
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
 use std::path::Path;
@@ -15,7 +15,7 @@ const TICKS: u64 = 30_000;
 const EVERY: u64 = 45;
 
 /// Returns the posture at which the plan of a command rests.
-fn rest(motion: &Motion) -> [f64; JOINTS_MAX] {
+fn rest(motion: &JointMotion) -> [f64; JOINTS_MAX] {
     let mut motion = *motion;
     motion.play(u64::MAX);
     motion.q

@@ -1,7 +1,7 @@
 //! A driver's follower, and the valid command stream to it.
 
-use driver::{Chain, Config, Input, JointLimits, Motion, Output, State, tick};
-use messages::{Header, JOINTS_MAX, JointCommand, Layout, RobotId, Stamp, TICK_S, deadline};
+use driver::{Chain, Config, Input, JointLimits, Output, State, tick};
+use messages::{Header, JOINTS_MAX, JointCommand, JointMotion, Layout, RobotId, Stamp, TICK_S, deadline};
 
 pub(crate) const K: u64 = 1000;
 pub(crate) const LIMITS: JointLimits = JointLimits { q_min: -3.0, q_max: 3.0, v_max: 2.0, a_max: 25.0, j_max: 500.0 };
@@ -19,7 +19,7 @@ impl Bench {
     pub(crate) fn new() -> Self {
         let mut bench = Self::at_rest();
         let command = bench.command(K);
-        bench.state.motion = Motion { q: command.q, v: command.v, a: command.a, plan: command.plan };
+        bench.state.motion = command.motion();
         bench
     }
 

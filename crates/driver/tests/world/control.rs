@@ -1,8 +1,8 @@
 //! A `control` that moves at random and records every command that it sent.
 
 use super::V_MAX;
-use driver::{Chain, ChainView, Motion, Seed, on_chain, reseed};
-use messages::{Header, JOINTS_MAX, JointCommand, Layout, RobotState, StopPlan, TICK_S, state_flag};
+use driver::{Chain, ChainView, PlanPlayback, Seed, on_chain, reseed};
+use messages::{Header, JOINTS_MAX, JointCommand, JointMotion, Layout, RobotState, StopPlan, TICK_S, state_flag};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use std::collections::HashMap;
@@ -25,7 +25,7 @@ pub(crate) struct Control {
     pub(crate) reset_count: u32,
     rng: Pcg64,
     sequence: u64,
-    stream: Option<(Chain, u64, Motion)>,
+    stream: Option<(Chain, u64, JointMotion)>,
 }
 
 impl Control {
@@ -79,19 +79,16 @@ impl Control {
             k,
             seed_k: chain.seed_k,
             seed_played: chain.seed_played,
-            q: motion.q,
-            v: motion.v,
-            a: motion.a,
-            plan: motion.plan,
             reset_count: self.reset_count,
             ..JointCommand::ZERO
-        };
+        }
+        .with_motion(&motion);
         assert!(motion.v.iter().all(|v| v.abs() < V_MAX), "the test's own motion is honest");
         self.sent.insert((self.incarnation, k), (command, made));
         Some(command)
     }
 
-    fn next(&mut self, base: &Motion) -> (Motion, Made) {
+    fn next(&mut self, base: &JointMotion) -> (JointMotion, Made) {
         let mut motion = *base;
         if self.rng.random_range(0..10) == 0 {
             motion.play(1);

@@ -3,8 +3,8 @@
 
 use super::Tally;
 use super::control::{Control, Made};
-use driver::{Chain, Motion, Setpoint, State, Step, StepKind};
-use messages::{JOINTS_MAX, JointCommand, TICK_S};
+use driver::{Chain, Setpoint, State, Step, StepKind};
+use messages::{JOINTS_MAX, JointCommand, JointMotion, TICK_S};
 
 /// Rounding of a few hundred additions of numbers around 1.
 const ROUNDING: f64 = 1e-9;
@@ -12,7 +12,7 @@ const ROUNDING: f64 = 1e-9;
 #[derive(Clone)]
 pub(crate) struct Oracle {
     /// Motion of the last accepted command or of the start, its index, and its chain.
-    base: Motion,
+    base: JointMotion,
     base_k: u64,
     chain: Option<Chain>,
     /// Plan ticks since then.
@@ -46,8 +46,8 @@ impl Oracle {
                 tally.commands += 1;
                 assert_eq!(step.setpoint.k, command.k);
                 self.lineage(control, command);
-                same(&step.setpoint, &motion_of(command), "the command");
-                (self.base, self.base_k, self.played) = (motion_of(command), command.k, 0);
+                same(&step.setpoint, &command.motion(), "the command");
+                (self.base, self.base_k, self.played) = (command.motion(), command.k, 0);
                 self.chain = Some(Chain::of(command));
             }
         }
@@ -66,7 +66,7 @@ impl Oracle {
             }
             let before = control.sent.get(&(sent.header.incarnation, sent.k - 1));
             let &(before, before_made) = before.expect("a chain is contiguous back to what is executed");
-            continues(&sent, &made, &motion_of(&before), 0);
+            continues(&sent, &made, &before.motion(), 0);
             (sent, made) = (before, before_made);
         }
         assert_eq!(sent.k, self.last.k + 1, "the first of what was skipped continues the executed index");
@@ -75,7 +75,7 @@ impl Oracle {
 }
 
 /// Checks that `sent` is what `made` makes of plan tick `played` of `base`.
-fn continues(sent: &JointCommand, made: &Made, base: &Motion, played: u64) {
+fn continues(sent: &JointCommand, made: &Made, base: &JointMotion, played: u64) {
     let setpoint = Setpoint { k: sent.k, q: sent.q, v: sent.v, a: sent.a };
     let expected = match made {
         Made::OnPlan => on_plan(base, played + 1),
@@ -94,7 +94,7 @@ fn continues(sent: &JointCommand, made: &Made, base: &Motion, played: u64) {
 }
 
 /// Returns the state `ticks` ticks along the plan of `base`, in closed form from its beginning.
-fn on_plan(base: &Motion, ticks: u64) -> Motion {
+fn on_plan(base: &JointMotion, ticks: u64) -> JointMotion {
     let mut out = *base;
     if ticks == 0 {
         return out;
@@ -116,11 +116,7 @@ fn on_plan(base: &Motion, ticks: u64) -> Motion {
     out
 }
 
-fn motion_of(command: &JointCommand) -> Motion {
-    Motion { q: command.q, v: command.v, a: command.a, plan: command.plan }
-}
-
-fn same(executed: &Setpoint, expected: &Motion, what: &str) {
+fn same(executed: &Setpoint, expected: &JointMotion, what: &str) {
     for j in 0..JOINTS_MAX {
         let near = |x: f64, y: f64, scale: f64| (x - y).abs() <= ROUNDING * scale;
         let equal = near(executed.q[j], expected.q[j], 1.0)

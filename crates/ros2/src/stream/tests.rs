@@ -66,8 +66,8 @@ impl Rig {
 }
 
 /// A motion with 2 rad/s^2 from rest at 0.3 rad, `t` seconds after it began.
-fn moving(t: f64) -> Motion {
-    let mut motion = Motion::rest([0.3 + t * t; JOINTS_MAX]);
+fn moving(t: f64) -> JointMotion {
+    let mut motion = JointMotion::rest([0.3 + t * t; JOINTS_MAX]);
     let mut plan = StopPlan::ZERO;
     (motion.v, motion.a) = ([2.0 * t; JOINTS_MAX], [2.0; JOINTS_MAX]);
     for j in 0..JOINTS_MAX {
@@ -92,7 +92,7 @@ fn weight_rises_and_falls_slowly_where_the_robot_is_held() {
     assert!(rig.stream.is_released() && rig.stream.weight == 0.0);
     assert!((rig.rate() - WEIGHT_RATE_PER_S).abs() < 1e-9, "{}", rig.rate());
     let count = rig.sent.len();
-    rig.turn(&[Command { k: rig.k + PERIOD, motion: Motion::rest([0.3; JOINTS_MAX]) }]);
+    rig.turn(&[Command { k: rig.k + PERIOD, motion: JointMotion::rest([0.3; JOINTS_MAX]) }]);
     assert!(rig.sent.len() == count && !rig.stream.follows(), "it was given back for good");
 }
 
@@ -192,7 +192,7 @@ fn pressed_robot_gets_where_it_is_and_is_joined_again_there() {
     assert!(rig.stream.is_released());
     let names = ["a".to_owned(), "b".to_owned()];
     rig.stream.compare(&rig.sample(0.0), &names);
-    let command = |k: u64, q: f64| [Command { k, motion: Motion::rest([q; JOINTS_MAX]) }];
+    let command = |k: u64, q: f64| [Command { k, motion: JointMotion::rest([q; JOINTS_MAX]) }];
     rig.turn(&command(rig.k + PERIOD, 0.25));
     assert!(!rig.stream.follows(), "it has not stood yet");
     rig.turn_for(0.3);

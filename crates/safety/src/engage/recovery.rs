@@ -38,7 +38,11 @@ pub(super) fn begins(input: &Input, active: Faults) -> bool {
 /// any fault outside [`BORNE`]. It never resumes.
 pub(super) fn next(input: &Input, active: Faults, blocked_ns: u64) -> (Phase, u32) {
     let minded = minded(active);
-    let withdrawn = minded.of(Response::Release).iter().next().or_else(|| minded.of(Response::Hold).iter().next());
+    let withdrawn = minded
+        .with_response(Response::Release)
+        .iter()
+        .next()
+        .or_else(|| minded.with_response(Response::Hold).iter().next());
     if let Some(fault) = withdrawn {
         return (Phase::holding(Some(Transition::AT_REST)), fault as u32);
     }

@@ -84,7 +84,7 @@ impl Deviation {
     }
 
     /// Largest loss of a pair's distance at an instant at which the joints are at `x`, m.
-    pub(super) fn of(&self, body: &Body, pair: usize, x: &[Point; JOINTS_MAX]) -> f64 {
+    pub(super) fn loss_m(&self, body: &Body, pair: usize, x: &[Point; JOINTS_MAX]) -> f64 {
         let mut lags = [None; JOINTS_MAX];
         let mut lost = 0.0;
         for (j, lever) in body.between(pair) {

@@ -174,7 +174,7 @@ impl Ways {
 
     /// Distance that a pair keeps, m, of its `distance_m` while the joints are at `x`.
     fn kept(&self, asked: Asked, pair: usize, x: &[Point; JOINTS_MAX], distance_m: f64) -> f64 {
-        distance_m - self.deviation(asked).map_or(0.0, |deviation| deviation.of(&self.body, pair, x))
+        distance_m - self.deviation(asked).map_or(0.0, |deviation| deviation.loss_m(&self.body, pair, x))
     }
 
     /// Judges the command. Returns its clearance and the number of pairs that it leaves open. They are listed

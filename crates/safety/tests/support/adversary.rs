@@ -78,8 +78,7 @@ impl Adversary {
     }
 
     fn sent(&self) -> Proposed {
-        let (q, v, a, plan) = (self.state.q(), self.state.v(), self.state.a(), self.state.plan());
-        Proposed { k: self.k, permit: Permit::Follow { speed_scale: 1.0 }, q, v, a, plan }
+        Proposed { k: self.k, permit: Permit::Follow { speed_scale: 1.0 }, motion: self.state.motion() }
     }
 
     /// A proposal at the edge of the allowed range. Every joint goes as far in its direction as a few tries
@@ -87,7 +86,7 @@ impl Adversary {
     fn at_the_edge(&mut self, last: &Proposed) -> Proposed {
         let mut next = Proposed { k: self.k + 1, ..*last };
         for j in 0..JOINTS {
-            let (x, before, l) = (joint(last, j), stop_of(&last.plan, j), self.robot.limits[j]);
+            let (x, before, l) = (joint(last, j), stop_of(&last.motion.plan, j), self.robot.limits[j]);
             // The direction changes every second or so. This is long enough to reach any place in the range,
             // and its edge.
             if self.rng.random_bool(0.001) {
@@ -106,7 +105,7 @@ impl Adversary {
                 }
             }
             set_joint(&mut next, j, chosen);
-            store(&mut next.plan, j, &stop);
+            store(&mut next.motion.plan, j, &stop);
         }
         next
     }
@@ -119,21 +118,21 @@ impl Adversary {
         let bits = f64::from_bits(self.rng.next_u64());
         let phase = self.rng.random_range(0..3);
         match self.rng.random_range(0..14) {
-            0 => p.q[j] += size,
-            1 => p.v[j] += size,
-            2 => p.a[j] += size,
-            3 => p.q[j] = bits,
-            4 => p.v[j] = bits,
-            5 => p.a[j] = bits,
-            6 => p.plan.jerk[j][phase] = bits,
-            7 => p.plan.duration_s[j][phase] = bits,
-            8 => p.plan.duration_s[j][phase] += size,
-            9 => p.plan.jerk[j][phase] *= 1.0 + size,
-            10 => p.plan = StopPlan { jerk: [[0.0; 3]; JOINTS_MAX], duration_s: [[0.0; 3]; JOINTS_MAX] },
-            11 => p.q[j] = [l.q_min, l.q_max][phase % 2] + size * 1e-3,
+            0 => p.motion.q[j] += size,
+            1 => p.motion.v[j] += size,
+            2 => p.motion.a[j] += size,
+            3 => p.motion.q[j] = bits,
+            4 => p.motion.v[j] = bits,
+            5 => p.motion.a[j] = bits,
+            6 => p.motion.plan.jerk[j][phase] = bits,
+            7 => p.motion.plan.duration_s[j][phase] = bits,
+            8 => p.motion.plan.duration_s[j][phase] += size,
+            9 => p.motion.plan.jerk[j][phase] *= 1.0 + size,
+            10 => p.motion.plan = StopPlan::ZERO,
+            11 => p.motion.q[j] = [l.q_min, l.q_max][phase % 2] + size * 1e-3,
             12 => p.k = p.k.wrapping_add(self.rng.random_range(0..4)),
             _ => {
-                let x = Joint { q: p.q[j], v: p.v[j], a: p.a[j] }.after(size, T);
+                let x = Joint { q: p.motion.q[j], v: p.motion.v[j], a: p.motion.a[j] }.after(size, T);
                 set_joint(p, j, x);
             }
         }
@@ -176,11 +175,11 @@ impl Adversary {
     }
 
     fn is_wrong(&self, last: &Proposed, p: &Proposed) -> bool {
-        (0..JOINTS).any(|j| self.broken(j, last, joint(p, j), &p.plan).is_some())
+        (0..JOINTS).any(|j| self.broken(j, last, joint(p, j), &p.motion.plan).is_some())
     }
 
     fn broken(&self, j: usize, last: &Proposed, next: Joint, plan: &StopPlan) -> Option<Breach> {
-        let (limits, before) = (&self.robot.limits[j], stop_of(&last.plan, j));
+        let (limits, before) = (&self.robot.limits[j], stop_of(&last.motion.plan, j));
         judge::limits::tick(limits, joint(last, j), &before, next, &stop_of(plan, j), Slack::of(GRANTED))
     }
 
@@ -189,16 +188,16 @@ impl Adversary {
     fn judge_as_a_whole(&mut self, last: &Proposed, proposed: &Proposed, sent: &Decision) {
         let passed = proposed.k.saturating_sub(self.k) as f64 * T;
         for j in 0..JOINTS {
-            let got = Joint { q: sent.q[j], v: sent.v[j], a: sent.a[j] };
+            let got = Joint { q: sent.motion.q[j], v: sent.motion.v[j], a: sent.motion.a[j] };
             let (expected, plan) = if sent.accepted() {
                 // A joint without a remaining stop is at rest by definition.
-                let stop = stop_of(&proposed.plan, j);
+                let stop = stop_of(&proposed.motion.plan, j);
                 (joint(proposed, j).play(&stop, 0.0), stop)
             } else {
-                let stop = stop_of(&last.plan, j);
+                let stop = stop_of(&last.motion.plan, j);
                 (joint(last, j).play(&stop, passed), rest_of(&stop, passed))
             };
-            let rest = got.play(&stop_of(&sent.plan, j), 1e3).q - expected.play(&plan, 1e3).q;
+            let rest = got.play(&stop_of(&sent.motion.plan, j), 1e3).q - expected.play(&plan, 1e3).q;
             // NaN counts as not near.
             let near = [got.q - expected.q, got.v - expected.v, got.a - expected.a, rest];
             if !near.iter().all(|difference| difference.abs() <= GRANTED) {
@@ -211,14 +210,14 @@ impl Adversary {
     fn judge(&mut self, last: &Proposed, sent: &Decision) {
         let mut rest = [0.0; JOINTS_MAX];
         for (j, rest) in rest.iter_mut().enumerate() {
-            let next = Joint { q: sent.q[j], v: sent.v[j], a: sent.a[j] };
-            *rest = next.play(&stop_of(&sent.plan, j), 1e3).q;
-            if let Some(Breach { what, .. }) = self.broken(j, last, next, &sent.plan) {
+            let next = Joint { q: sent.motion.q[j], v: sent.motion.v[j], a: sent.motion.a[j] };
+            *rest = next.play(&stop_of(&sent.motion.plan, j), 1e3).q;
+            if let Some(Breach { what, .. }) = self.broken(j, last, next, &sent.motion.plan) {
                 self.report.violations.push(format!("tick {} joint {j}: {what}: {last:?} {sent:?}", self.report.ticks));
             }
         }
         if sent.verdict == Verdict::Accept {
-            for q in [&sent.q, &rest] {
+            for q in [&sent.motion.q, &rest] {
                 let clearance = self.robot.clearance(q);
                 if clearance < self.robot.d_min_m - 1e-8 {
                     self.report.violations.push(format!("tick {}: clearance {clearance}", self.report.ticks));

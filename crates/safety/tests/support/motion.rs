@@ -1,7 +1,7 @@
 //! Proposals for the gate in plain `f64`.
 
 use judge::joint::{Joint, Stop};
-use messages::{JOINTS_MAX, StopPlan, TICK_S};
+use messages::{JOINTS_MAX, JointMotion, Layout, StopPlan, TICK_S};
 use safety::engage::Permit;
 use safety::gate::Proposed;
 
@@ -38,17 +38,17 @@ pub fn store(plan: &mut StopPlan, j: usize, stop: &Stop) {
     }
 }
 
-pub const NO_PLAN: StopPlan = StopPlan { jerk: [[0.0; 3]; JOINTS_MAX], duration_s: [[0.0; 3]; JOINTS_MAX] };
+pub const NO_PLAN: StopPlan = StopPlan::ZERO;
 
 pub fn resting(k: u64, q: [f64; JOINTS_MAX]) -> Proposed {
     let permit = Permit::Follow { speed_scale: 1.0 };
-    Proposed { k, permit, q, v: [0.0; JOINTS_MAX], a: [0.0; JOINTS_MAX], plan: NO_PLAN }
+    Proposed { k, permit, motion: JointMotion::rest(q) }
 }
 
 pub fn joint(p: &Proposed, j: usize) -> Joint {
-    Joint { q: p.q[j], v: p.v[j], a: p.a[j] }
+    Joint { q: p.motion.q[j], v: p.motion.v[j], a: p.motion.a[j] }
 }
 
 pub fn set_joint(p: &mut Proposed, j: usize, x: Joint) {
-    (p.q[j], p.v[j], p.a[j]) = (x.q, x.v, x.a);
+    (p.motion.q[j], p.motion.v[j], p.motion.a[j]) = (x.q, x.v, x.a);
 }

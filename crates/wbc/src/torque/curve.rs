@@ -1,10 +1,10 @@
 //! Bounds the difference between a torque and its chord, as derived in the parent module. The tables are made
 //! once.
 
-use crate::chain::{BODIES, Chain, JointSet, joints};
+use crate::chain::{BODIES, JointSet, KinematicChain, joints};
 use crate::config::WbcError;
 use crate::dynamics::{GRAVITY_M_PER_S2, Mass, PerJoint};
-use crate::motion::Arc;
+use crate::trajectory::Arc;
 use messages::JOINTS_MAX;
 use nalgebra::{Matrix3, Vector3};
 use robot::Payload;
@@ -70,7 +70,7 @@ fn second_moments(mass: &Mass, axis: &Vector3<f64>) -> [f64; 2] {
 }
 
 impl Carried {
-    fn new(chain: &Chain, body: usize, mass: &Mass) -> Self {
+    fn new(chain: &KinematicChain, body: usize, mass: &Mass) -> Self {
         let set = chain.ancestors(body);
         let of =
             |slides: bool| -> Vec<usize> { joints(set).filter(|&j| chain.links()[j].prismatic == slides).collect() };
@@ -120,7 +120,7 @@ impl Carried {
 }
 
 impl Curves {
-    pub(crate) fn new(chain: &Chain, masses: &[Mass; BODIES]) -> Result<Self, WbcError> {
+    pub(crate) fn new(chain: &KinematicChain, masses: &[Mass; BODIES]) -> Result<Self, WbcError> {
         for (joint, link) in chain.links().iter().enumerate() {
             if link.prismatic && joints(chain.ancestors(link.parent)).any(|k| !chain.links()[k].prismatic) {
                 return Err(WbcError::Kinematics { joint, what: "is prismatic, but attached to a revolute joint" });

@@ -79,13 +79,13 @@ mod curve;
 #[cfg(test)]
 mod tests;
 
-use crate::chain::{BODIES, Chain, JointSet, joints};
+use crate::chain::{BODIES, JointSet, KinematicChain, joints};
 use crate::config::WbcError;
 use crate::dynamics::{Dynamics, Mass, PerJoint};
-use crate::motion::{Arc, Motion};
-use crate::plan::{JointState, Planned};
+use crate::plan::{JointState, PlannedMotion};
+use crate::trajectory::{Arc, Trajectory};
 use curve::Curves;
-use messages::JOINTS_MAX;
+use messages::{JOINTS_MAX, JointMotion};
 use robot::Payload;
 
 /// Share of each effort limit that a motion may need. The rest is for rotors, friction, and the servo's
@@ -115,7 +115,11 @@ pub(crate) struct Load {
 }
 
 impl Load {
-    pub(crate) fn new(chain: &Chain, masses: &[Mass; BODIES], effort_max: &PerJoint) -> Result<Self, WbcError> {
+    pub(crate) fn new(
+        chain: &KinematicChain,
+        masses: &[Mass; BODIES],
+        effort_max: &PerJoint,
+    ) -> Result<Self, WbcError> {
         let related = std::array::from_fn(|j| {
             let below = (0..chain.count()).filter(|&k| chain.ancestors(k + 1) & 1 << j != 0);
             below.fold(chain.ancestors(j + 1), |set, k| set | 1 << k)
@@ -144,8 +148,8 @@ impl Load {
 
     /// The first joint that needs more than its limit to hold `q` at rest, with its torque and the limit, N m
     /// or N.
-    pub(crate) fn overloaded_at_rest(&self, chain: &Chain, q: &PerJoint) -> Option<(usize, f64, f64)> {
-        let still = Planned::at_rest(*q);
+    pub(crate) fn overloaded_at_rest(&self, chain: &KinematicChain, q: &PerJoint) -> Option<(usize, f64, f64)> {
+        let still = JointMotion::rest(*q);
         let torques = self.torques(chain, &std::array::from_fn(|j| still.joint(j)));
         let over = (0..chain.count()).find(|&j| {
             let kept = torques[j].abs() <= self.limit[j];
@@ -172,7 +176,7 @@ impl Load {
     }
 
     /// Torques of all joints, N m or N.
-    pub(crate) fn torques(&self, chain: &Chain, x: &[JointState; JOINTS_MAX]) -> PerJoint {
+    pub(crate) fn torques(&self, chain: &KinematicChain, x: &[JointState; JOINTS_MAX]) -> PerJoint {
         let mut torques = [0.0; JOINTS_MAX];
         self.dynamics.torques(chain, x, chain.all(), &mut torques);
         torques
@@ -223,8 +227,8 @@ pub struct TorqueVerdict {
 /// these are not checked, because they continue a proved plan.
 pub(crate) fn prove(
     load: &Load,
-    chain: &Chain,
-    motion: &Motion,
+    chain: &KinematicChain,
+    motion: &Trajectory,
     fresh: JointSet,
     scratch: &mut TorqueScratch,
 ) -> TorqueVerdict {
@@ -239,8 +243,8 @@ pub(crate) fn prove(
 
 struct Proof<'a> {
     load: &'a Load,
-    chain: &'a Chain,
-    motion: &'a Motion,
+    chain: &'a KinematicChain,
+    motion: &'a Trajectory,
     s: &'a mut TorqueScratch,
 }
 

@@ -2,8 +2,9 @@
 
 use super::*;
 use crate::interval::Bounds;
-use crate::plan::{JointStop, Planned};
+use crate::plan::{JointStop, PlannedMotion};
 use crate::{Config, Options};
+use messages::JointMotion;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 
@@ -19,8 +20,8 @@ fn shipped() -> Config {
 const JOINTS: usize = 17;
 
 /// A state within the limits, with a stop of any strength.
-fn state(bounds: &[Bounds; JOINTS_MAX], rng: &mut Pcg64) -> Planned {
-    let mut planned = Planned::at_rest([0.0; JOINTS_MAX]);
+fn state(bounds: &[Bounds; JOINTS_MAX], rng: &mut Pcg64) -> JointMotion {
+    let mut planned = JointMotion::rest([0.0; JOINTS_MAX]);
     let still = rng.random_range(0.0..1.0);
     for j in 0..JOINTS {
         let b = &bounds[j];
@@ -58,7 +59,7 @@ fn samples_are_within_the_bound(payload: &[Payload; 2]) {
     let all = (1 << JOINTS) - 1;
     let mut closest = [0.0_f64; JOINTS_MAX];
     for _ in 0..4_000 {
-        let motion = Motion::stops(&state(&config.bounds, &mut rng));
+        let motion = Trajectory::stops(&state(&config.bounds, &mut rng));
         let t0 = rng.random_range(0.0..0.3);
         let dt = 10.0_f64.powf(rng.random_range(-3.0..-1.0));
         let at = |t: f64| motion.joints.each_ref().map(|joint| joint.at(t));
@@ -93,7 +94,7 @@ fn proved_motion_keeps_torque_limits_and_most_refused_do_not() {
     let (mut proved, mut refused, mut needlessly) = (0, 0, 0);
     for _ in 0..2_000 {
         let planned = state(&config.bounds, &mut rng);
-        let motion = Motion::stops(&planned);
+        let motion = Trajectory::stops(&planned);
         scratch.begin_tick();
         let verdict = prove(load, chain, &motion, (1 << JOINTS) - 1, &mut scratch);
         assert!(verdict.evaluations <= EVALUATIONS_MAX + 2);

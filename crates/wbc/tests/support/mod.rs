@@ -2,16 +2,15 @@
 #![allow(dead_code, reason = "each test file uses its own part")]
 #![allow(unreachable_pub, reason = "an example includes this file too")]
 
-use driver::Motion;
 use judge::{Attacker, Robot, TreeJoint};
-use messages::JOINTS_MAX;
+use messages::{JOINTS_MAX, JointMotion};
 use nalgebra::{Matrix3, Vector3};
 use robot::JointLimits;
-use wbc::chain::{Chain, Link, Placement};
+use wbc::chain::{KinematicChain, KinematicLink, Placement};
 use wbc::dynamics::Mass;
 use wbc::geometry::BodyCapsule;
 use wbc::interval::Bounds;
-use wbc::{Config, Controllers, Input, Options, Output, Parts, Permit, Planned, Target, Tasks};
+use wbc::{Config, Controllers, Input, JointMotion, Options, Output, Parts, Permit, Target, Tasks};
 
 /// The robot resembles no product. It has the proportions of a person on a column, and d_min is 10 mm.
 pub const D_MIN_M: f64 = 0.01;
@@ -125,11 +124,11 @@ pub fn pairs(capsules: &[BodyCapsule]) -> Vec<[usize; 2]> {
 }
 
 /// The tree in the form that the crate uses.
-pub fn chain() -> Chain {
+pub fn chain() -> KinematicChain {
     let limits = limits();
     let link = |j: usize| {
         let (parent, origin, axis, prismatic) = joint_rows()[j];
-        Link {
+        KinematicLink {
             parent,
             parent_from_body: Placement { r: Matrix3::identity(), t: Vector3::from(origin) },
             axis: Vector3::from(axis),
@@ -137,7 +136,7 @@ pub fn chain() -> Chain {
             stroke: limits[j].q_min.abs().max(limits[j].q_max.abs()),
         }
     };
-    Chain::new(&(0..JOINTS).map(link).collect::<Vec<_>>()).expect("a tree in order")
+    KinematicChain::new(&(0..JOINTS).map(link).collect::<Vec<_>>()).expect("a tree in order")
 }
 
 /// The robot's parts.
@@ -189,16 +188,6 @@ pub fn made_up() -> Robot {
 /// The configuration for the invented robot, or for one of a model.
 pub fn config_of(robot: &Robot, options: Options) -> Config {
     robot.model().map_or_else(|| config(options), |model| Config::new(model, options).expect("a valid robot"))
-}
-
-/// A motion in the form that `judge` takes.
-pub fn motion(&Planned { q, v, a, plan }: &Planned) -> Motion {
-    Motion { q, v, a, plan }
-}
-
-/// A command in the same form.
-pub fn sent(&Output { q, v, a, plan, .. }: &Output) -> Motion {
-    Motion { q, v, a, plan }
 }
 
 /// The input of tick `k` that the attacker gives.

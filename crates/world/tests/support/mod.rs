@@ -111,7 +111,7 @@ impl Bench {
         Mode::from_u32(self.status.mode).expect("a mode")
     }
 
-    pub fn commanded(&self) -> driver::Motion {
+    pub fn commanded(&self) -> messages::JointMotion {
         self.robot.follower().motion
     }
 
@@ -131,7 +131,7 @@ impl Bench {
     pub fn joint_of_last(&self) -> Option<usize> {
         let kept = messages::TRANSITIONS_KEPT;
         let newest: Transition = self.status.transitions[(self.status.transition_count as usize + kept - 1) % kept];
-        match Subject::of(newest.about) {
+        match Subject::from_code(newest.about) {
             Some(Subject::Joint(joint)) => Some(joint),
             Some(Subject::Pair(_) | Subject::Person(_)) | None => None,
         }

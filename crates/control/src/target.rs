@@ -1,0 +1,132 @@
+//! A `JointTarget` enters the tick here, and only here. On its arrival it is checked. In each tick, it is reduced to
+//! the arms that follow.
+
+use crate::Config;
+use messages::{HAND_NODES, JOINTS_MAX, JointTarget, LIMBS, PersonChange, Stamp, Subject, WAY_NODES, target_flag};
+use retarget::Limbs;
+use robot::Model;
+use safety::engage::TargetView;
+use safety::monitor::TargetSteps;
+
+/// The newest target, and what the check on its arrival found.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Targets {
+    newest: Option<JointTarget>,
+    view: TargetView,
+    steps: TargetSteps,
+}
+
+/// The target as it counts in one tick: without the arms that the operator leaves out.
+pub(super) struct Target {
+    /// The input is fresh, and the joints are those of this robot.
+    pub(super) may_be_followed: bool,
+    /// Time at which the target was published.
+    pub(super) stamp: Stamp,
+    /// `origin` of the skeleton behind it.
+    pub(super) origin: Stamp,
+    /// Arrival time of the target, and of the skeleton behind it.
+    pub(super) received: Stamp,
+    pub(super) input_received: Stamp,
+    /// Joint positions, rad or m.
+    pub(super) q: [f64; JOINTS_MAX],
+    /// Joint velocities, rad/s or m/s.
+    pub(super) dq: [f64; JOINTS_MAX],
+    /// Bit j: joint j is valid.
+    pub(super) valid_mask: u32,
+    /// The person's limbs of the left and the right arm. `None` for an arm without a person.
+    pub(super) limbs: [Option<Limbs>; 2],
+    /// The person's motion ahead. `None` if the joints are followed.
+    pub(super) ahead: Option<Ahead>,
+    /// Closure of the left and the right hand, from 0 to 1. `None` for a hand that is not known.
+    pub(super) closure: [Option<f64>; 2],
+}
+
+/// The person's motion ahead, at the nodes after the target's tick. See `JointTarget`.
+pub(super) struct Ahead {
+    pub(super) first_node: u64,
+    pub(super) limbs: [[[f32; 4]; LIMBS]; WAY_NODES],
+    pub(super) hands: [[[f32; 4]; 2]; HAND_NODES],
+    pub(super) places: [[[f32; 4]; 2]; WAY_NODES],
+}
+
+impl Targets {
+    /// Checks a new target, and keeps it. Without one, the newest target stays.
+    pub(super) fn receive(&mut self, config: &Config, now: Stamp, target: Option<&JointTarget>) {
+        self.view.jumped = false;
+        let Some(target) = target else { return };
+        let limbs = has_motion_ahead(target).then_some(&target.human_limbs);
+        self.view = TargetView {
+            received: now,
+            incarnation: target.header.incarnation,
+            session_nonce: target.session_nonce,
+            config_matches: target.header.config_hash == config.config_hash && target.robot == config.model.id(),
+            input_fresh: target.flags & target_flag::INPUT_FRESH != 0,
+            input_received: target.input_received,
+            clutch: target.flags & target_flag::CLUTCH != 0,
+            implausible: implausible(target),
+            jumped: self.steps.jumped(&config.model, target.k, &target.q, target.valid_mask, limbs),
+        };
+        self.newest = Some(*target);
+    }
+
+    /// What engagement sees of the newest target.
+    pub(super) fn view(&self) -> TargetView {
+        self.view
+    }
+
+    /// The change of the person that the newest target reports.
+    pub(super) fn person_change(&self) -> Option<Subject> {
+        self.newest.as_ref().map(|target| Subject::Person(PersonChange::of_flags(target.flags)))
+    }
+
+    /// Reduces the newest target: no joint of an arm that is left out is valid, and nobody drives the arm. `None`
+    /// before the first target.
+    pub(super) fn reduced(&self, model: &Model, left_out: [bool; 2]) -> Option<Target> {
+        let target = self.newest.as_ref()?;
+        let left_joints: u32 = (0..2)
+            .filter(|&side| left_out[side])
+            .flat_map(|side| model.arms[side].range())
+            .fold(0, |joints, j| joints | 1 << j);
+        let of_arm = |side: usize| (!left_out[side]).then_some(side);
+        Some(Target {
+            may_be_followed: self.view.input_fresh && target.robot == model.id(),
+            stamp: target.header.stamp,
+            origin: target.header.origin,
+            received: self.view.received,
+            input_received: target.input_received,
+            q: target.q,
+            dq: target.dq,
+            valid_mask: target.valid_mask & !left_joints,
+            limbs: core::array::from_fn(|side| of_arm(side).and_then(|side| limbs(target, side))),
+            ahead: has_motion_ahead(target).then_some(Ahead {
+                first_node: target.way_first,
+                limbs: target.way,
+                hands: target.way_hands,
+                places: target.way_places,
+            }),
+            closure: core::array::from_fn(|side| of_arm(side).and_then(|side| closure(target, side))),
+        })
+    }
+}
+
+/// The person's limbs of an arm. `None` without a person.
+pub(super) fn limbs(target: &JointTarget, side: usize) -> Option<Limbs> {
+    Limbs::of_arm(side, [target.human_limbs[2 * side], target.human_limbs[2 * side + 1]])
+}
+
+fn closure(target: &JointTarget, side: usize) -> Option<f64> {
+    let known = target.flags & target_flag::CLOSURE[side] != 0 && target.closure[side].is_finite();
+    known.then_some(f64::from(target.closure[side]))
+}
+
+/// Returns true if the command follows the limbs, and not the joints.
+fn has_motion_ahead(target: &JointTarget) -> bool {
+    target.way_nodes as usize == WAY_NODES
+}
+
+/// Returns true for values that no retargeting produces: not finite, or far outside any joint's range.
+fn implausible(target: &JointTarget) -> bool {
+    // Ten turns: no supported joint makes two, and the comparison with limits stays exact.
+    let far = 20.0 * core::f64::consts::PI;
+    target.q.iter().chain(&target.dq).any(|value| !value.is_finite() || value.abs() > far)
+}
