@@ -36,7 +36,7 @@ pub(super) fn report(status: &mut Status, engaged: bool, motion: &JointMotion, w
 #[cfg(test)]
 mod tests {
     use super::report;
-    use messages::{FollowingLimit, Layout, Status, Subject};
+    use messages::{FollowingLimit, JointMotion, Layout, Status, Subject};
     use robot::Model;
 
     /// TIAGo++: the joints of its left arm.

@@ -76,7 +76,7 @@ impl Targets {
 
     /// The change of the person that the newest target reports.
     pub(super) fn person_change(&self) -> Option<Subject> {
-        self.newest.as_ref().map(|target| Subject::Person(PersonChange::of_flags(target.flags)))
+        self.newest.as_ref().map(|target| Subject::Person(PersonChange::from_flags(target.flags)))
     }
 
     /// Reduces the newest target: no joint of an arm that is left out is valid, and nobody drives the arm. `None`

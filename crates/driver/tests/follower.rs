@@ -8,7 +8,7 @@ use driver::{
     SETTLE_TICKS, SILENCE_TICKS, STILL_TICKS, Setpoint, State, drive, reseed, tick,
 };
 use messages::{
-    Fault, Faults, Header, JOINTS_MAX, JointCommand, JointMotion, Layout, Stamp, StopPlan, TICK_S, deadline, state_flag,
+    Fault, Faults, Header, JOINTS_MAX, JointCommand, Layout, Stamp, StopPlan, TICK_S, deadline, state_flag,
 };
 
 impl Bench {

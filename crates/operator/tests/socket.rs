@@ -82,10 +82,10 @@ impl Raw {
     fn send(&mut self, change: impl Fn(&mut OperatorRequest)) {
         change(&mut self.request);
         self.request.sequence += 1;
-        self.send(&operator::encode_request(&self.request));
+        self.send_bytes(&operator::encode_request(&self.request));
     }
 
-    fn send(&self, bytes: &[u8]) {
+    fn send_bytes(&self, bytes: &[u8]) {
         rustix::net::send(&self.socket, bytes, SendFlags::empty()).unwrap();
     }
 
@@ -184,7 +184,7 @@ fn first_enable_edge_holds_and_second_client_is_refused() {
     assert_eq!((counts.held.enable_level, counts.enable_edges, counts.enables_refused), (true, 1, 1));
     // A client may release a grip that it does not hold. A level that stays up grants nothing.
     first.send(|r| (r.enable_level, r.release_count) = (0, 1));
-    assert!(!rig.poll().enable_level);
+    assert!(!rig.poll().held.enable_level);
     second.send(|_| {});
     let counts = rig.poll();
     assert_eq!((counts.held.enable_level, counts.enable_edges, counts.release_edges), (false, 1, 1));
@@ -215,7 +215,7 @@ fn client_holds_either_recovery_or_enable() {
     let counts = rig.poll();
     assert_eq!((counts.held.recover_level, counts.held.enable_level, counts.release_edges), (false, false, 1));
     first.send(|r| (r.enable_level, r.enable_count) = (HOLDS_RECOVERY, 2));
-    assert!(rig.poll().recover_level);
+    assert!(rig.poll().held.recover_level);
     first.press();
     let counts = rig.poll();
     assert_eq!(
@@ -287,17 +287,17 @@ fn holder_that_disconnects_or_falls_silent_loses_enable() {
 
     let mut client = rig.raw();
     client.press();
-    assert!(rig.poll().enable_level);
+    assert!(rig.poll().held.enable_level);
     let received = rig.now;
     rig.now = Stamp(received.0 + LEASE_NS);
-    assert!(rig.poll().enable_level, "a heartbeat as old as the lease is not too old");
+    assert!(rig.poll().held.enable_level, "a heartbeat as old as the lease is not too old");
     rig.now = Stamp(received.0 + LEASE_NS + 1);
     let counts = rig.poll();
     assert_eq!((counts.held.enable_level, counts.held.heartbeat_received, counts.holders_lost), (false, received, 2));
     client.send(|_| {});
-    assert!(!rig.poll().enable_level, "after a lapse it takes a new edge");
+    assert!(!rig.poll().held.enable_level, "after a lapse it takes a new edge");
     client.press();
-    assert!(rig.poll().enable_level);
+    assert!(rig.poll().held.enable_level);
 }
 
 #[test]
@@ -325,7 +325,7 @@ fn invalid_request_is_refused_counted_and_disconnected() {
     let nonsense: [&[u8]; 7] = [&bytes[..31], &bytes[..1], &long, &old, &level, &stuck, &back];
     for (count, bytes) in nonsense.into_iter().enumerate() {
         let client = rig.raw();
-        client.send(bytes);
+        client.send_bytes(bytes);
         let counts = rig.poll();
         assert_eq!((counts.requests_refused, counts.connections), (count as u64 + 1, 0), "{} bytes", bytes.len());
         assert_eq!((counts.reset_edges, counts.held.enable_level), (0, false));

@@ -139,6 +139,7 @@ impl Curves {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use messages::JointMotion;
 
     /// Otherwise its controllers would bridge from where a joint is measured, off by what it lacks.
     #[test]

@@ -407,7 +407,7 @@ fn robot_in_self_collision_may_rest_but_not_move() {
     let mut away = resting(2, state.motion().q);
     let to = x.after(-10.0, T);
     set_joint(&mut away, j, to);
-    store(&mut away.plan, j, &stop_from(to, model.limits[j].a_max, model.limits[j].j_max));
+    store(&mut away.motion.plan, j, &stop_from(to, model.limits[j].a_max, model.limits[j].j_max));
     assert!(matches!(decide(&config, &mut state, away).verdict, Verdict::Deny(Denial::ClearanceAtCommand { .. })));
 }
 

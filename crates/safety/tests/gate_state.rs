@@ -136,13 +136,13 @@ fn every_single_joint_off_its_plan_denies_all() {
         on_plan.motion = plan.motion;
         assert_eq!(tick(&config, &mut state.clone(), Stamp(0), on_plan).verdict, Verdict::OnPlan);
         let mut off = on_plan;
-        off.v[j] += 1e-9;
+        off.motion.v[j] += 1e-9;
         assert_eq!(tick(&config, &mut state.clone(), Stamp(0), off).verdict, Verdict::Deny(Denial::Permit), "{j}");
         let mut longer = on_plan;
-        longer.plan.duration_s[j] = [0.1; 3];
+        longer.motion.plan.duration_s[j] = [0.1; 3];
         assert_eq!(tick(&config, &mut state.clone(), Stamp(0), longer).verdict, Verdict::Deny(Denial::Permit), "{j}");
         let mut wrong = going_on(&model, &seed);
-        wrong.v[j] += 1e-9;
+        wrong.motion.v[j] += 1e-9;
         let decision = tick(&config, &mut state, Stamp(0), wrong);
         assert_eq!(decision.verdict, Verdict::Deny(Denial::Joint { joint: j, check: Check::Step }));
         assert_eq!((decision.motion.q, decision.motion.v), (plan.motion.q, plan.motion.v), "joint {j} denies all");

@@ -9,7 +9,7 @@ use messages::Stamp;
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
 use std::time::Instant;
-use support::{config_of, input, made_up, motion, sent};
+use support::{config_of, input, made_up};
 use wbc::{Candidate, Options, State, tick};
 
 fn text(name: &str) -> Option<String> {
@@ -32,7 +32,7 @@ fn main() {
     let robot = text("--robot").map_or_else(made_up, |path| Robot::load(&path));
     let config = config_of(&robot, options);
     let mut state = State::at_rest(&config, robot.home);
-    let mut checker = Checker::new(&robot, motion(state.planned()));
+    let mut checker = Checker::new(&robot, *state.planned());
     let mut attacker = Attacker::new(&robot, Pcg64::seed_from_u64(seed));
     let mut times = Vec::with_capacity(ticks as usize);
     let (mut candidates, mut evaluations, mut most) = ([0_u64; 4], 0_u64, 0);

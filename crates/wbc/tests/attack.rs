@@ -6,8 +6,11 @@ use judge::{Attacker, Checker, Robot, Rollout};
 use messages::{ALL_JOINTS, JOINTS_MAX, Stamp, TICK_S};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
-use support::{D_MIN_M, config, config_of, home, input, limits, made_up, motion, sent};
-use wbc::{Candidate, Input, JointMotion, JointStop, Options, Permit, State, Target, certify_plan, certify_rest, tick};
+use support::{D_MIN_M, config, config_of, home, input, limits, made_up};
+use wbc::{
+    Candidate, Input, JointMotion, JointStop, Options, Permit, PlannedMotion, State, Target, certify_plan,
+    certify_rest, tick,
+};
 
 /// Joints of TIAGo++.
 const JOINTS: usize = 17;
@@ -15,7 +18,7 @@ const JOINTS: usize = 17;
 fn attack(robot: &Robot, options: Options, seed: u64, ticks: u64, dense: u64) -> Checker<'_> {
     let config = &config_of(robot, options);
     let mut state = State::at_rest(config, robot.home);
-    let mut checker = Checker::new(robot, motion(state.planned()));
+    let mut checker = Checker::new(robot, *state.planned());
     let mut attacker = Attacker::new(robot, Pcg64::seed_from_u64(seed));
     for k in 0..ticks {
         attacker.next(k, &state.planned().q);
@@ -124,9 +127,9 @@ fn certificate_does_not_alter_smooth_motion_without_obstacle() {
         let [with, without] = [0, 1].map(|i| tick(&configs[i], &mut states[i], Stamp::NONE, input));
         assert_eq!(with.candidate, Candidate::All);
         for (j, wanted) in q.iter().enumerate().take(JOINTS) {
-            assert!((with.q[j] - without.q[j]).abs() < 1e-9, "k {k} joint {j}");
+            assert!((with.motion.q[j] - without.motion.q[j]).abs() < 1e-9, "k {k} joint {j}");
             if k >= 1500 {
-                squares += (with.q[j] - wanted).powi(2);
+                squares += (with.motion.q[j] - wanted).powi(2);
                 count += 1.0;
             }
         }

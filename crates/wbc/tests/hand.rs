@@ -4,7 +4,7 @@ use messages::{ALL_JOINTS, JOINTS_MAX, Stamp, TICK_S};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use robot::{Frames, Model};
-use wbc::{Candidate, Config, Input, JointMotion, Options, Permit, State, Target, tick};
+use wbc::{Candidate, Config, Input, JointMotion, Options, Permit, PlannedMotion, State, Target, tick};
 
 fn model() -> Model {
     Model::from_text(

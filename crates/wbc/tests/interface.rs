@@ -7,7 +7,7 @@ use judge::{Attacker, Checker, Robot};
 use messages::{ALL_JOINTS, JOINTS_MAX, Stamp, TICK_S};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
-use support::{D_MIN_M, config_of, input, made_up, motion, parts, sent};
+use support::{D_MIN_M, config_of, input, made_up, parts};
 use wbc::{
     Config, Input, Interface, Interpolation, JointMotion, Options, Output, Permit, State, Target, WbcError,
     certify_rest, tick,
@@ -61,7 +61,7 @@ impl Trace {
     ) -> Self {
         let config = config_of(robot, options);
         let mut state = State::at_rest(&config, start);
-        let mut checker = Checker::new(robot, motion(state.planned()));
+        let mut checker = Checker::new(robot, *state.planned());
         let mut trace = vec![*state.planned()];
         for k in 0..TICKS {
             let out = tick(&config, &mut state, k);

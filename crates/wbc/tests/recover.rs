@@ -8,7 +8,7 @@ use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use support::{config_of, made_up};
 use wbc::plan::{JointState, JointStop};
-use wbc::{ENGAGE_MARGIN_M, Input, Options, Permit, State, tick};
+use wbc::{ENGAGE_MARGIN_M, Input, Options, Permit, PlannedMotion, State, tick};
 
 /// Joints of TIAGo++.
 const JOINTS: usize = 17;

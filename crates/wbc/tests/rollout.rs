@@ -10,7 +10,7 @@ use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use robot::Model;
 use std::path::Path;
-use support::{config_of, input, sent};
+use support::{config_of, input};
 use wbc::{Options, State, tick};
 
 const STEP_S: f64 = 1e-4;

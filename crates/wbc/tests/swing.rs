@@ -6,7 +6,7 @@ use nalgebra::{Matrix3, Vector3};
 use wbc::chain::{KinematicChain, KinematicLink, Placement};
 use wbc::geometry::BodyCapsule;
 use wbc::interval::Bounds;
-use wbc::{Config, JointMotion, JointState, JointStop, Options, Parts, certify_plan};
+use wbc::{Config, JointMotion, JointState, JointStop, Options, Parts, PlannedMotion, certify_plan};
 
 const REACH_M: f64 = 0.5;
 const RADIUS_M: f64 = 0.02;

@@ -8,7 +8,8 @@ use rand_pcg::Pcg64;
 use robot::{Model, Payload};
 use wbc::torque::SHARE;
 use wbc::{
-    Config, Input, JointMotion, Options, Parts, Permit, State, Target, certify_torque, overloaded_at_rest, tick,
+    Config, Input, JointMotion, Options, Parts, Permit, PlannedMotion, State, Target, certify_torque,
+    overloaded_at_rest, tick,
 };
 
 /// Joints of TIAGo++.

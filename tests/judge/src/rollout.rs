@@ -5,7 +5,6 @@
 use crate::joint::{Joint, Stop, duration_s, stop_of};
 use crate::limits::{Slack, plan};
 use crate::robot::Robot;
-use driver::PlanPlayback;
 use messages::{JOINTS_MAX, JointMotion};
 use sim::{TOLERANCE_CLEARANCE_M, TOLERANCE_J, TOLERANCE_Q, ViolationKind};
 

@@ -1,7 +1,7 @@
 //! A driver's follower, and the valid command stream to it.
 
 use driver::{Chain, Config, Input, JointLimits, Output, State, tick};
-use messages::{Header, JOINTS_MAX, JointCommand, JointMotion, Layout, RobotId, Stamp, TICK_S, deadline};
+use messages::{Header, JOINTS_MAX, JointCommand, Layout, RobotId, Stamp, TICK_S, deadline};
 
 pub(crate) const K: u64 = 1000;
 pub(crate) const LIMITS: JointLimits = JointLimits { q_min: -3.0, q_max: 3.0, v_max: 2.0, a_max: 25.0, j_max: 500.0 };

@@ -105,7 +105,7 @@ fn f118_silent_loop_lets_the_thread_play_the_stop() {
         let before = rig.stream.held()[0];
         rig.turn_for(1.0);
         assert!(rig.stream.departed().expect("it departed").contains("silent"));
-        assert!(rig.stream.last.motion.at_rest() && rig.stream.held()[0] > before + 1e-3, "it stops ahead");
+        assert!(rig.stream.last.motion.is_at_rest() && rig.stream.held()[0] > before + 1e-3, "it stops ahead");
         assert_eq!(rig.stream.is_released(), !weighs);
     }
 }

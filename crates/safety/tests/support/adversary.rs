@@ -4,7 +4,7 @@
 use judge::Robot;
 use judge::joint::{Joint, rest_of, stop_of};
 use judge::limits::{Breach, Slack};
-use messages::{JOINTS_MAX, Stamp, StopPlan};
+use messages::{JOINTS_MAX, Layout, Stamp, StopPlan};
 use rand::{Rng, RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use robot::Model;

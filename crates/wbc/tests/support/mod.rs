@@ -3,14 +3,14 @@
 #![allow(unreachable_pub, reason = "an example includes this file too")]
 
 use judge::{Attacker, Robot, TreeJoint};
-use messages::{JOINTS_MAX, JointMotion};
+use messages::JOINTS_MAX;
 use nalgebra::{Matrix3, Vector3};
 use robot::JointLimits;
 use wbc::chain::{KinematicChain, KinematicLink, Placement};
 use wbc::dynamics::Mass;
 use wbc::geometry::BodyCapsule;
 use wbc::interval::Bounds;
-use wbc::{Config, Controllers, Input, JointMotion, Options, Output, Parts, Permit, Target, Tasks};
+use wbc::{Config, Controllers, Input, Options, Parts, Permit, Target, Tasks};
 
 /// The robot resembles no product. It has the proportions of a person on a column, and d_min is 10 mm.
 pub const D_MIN_M: f64 = 0.01;
