@@ -7,6 +7,8 @@ mod cable;
 mod relay;
 #[path = "link/router.rs"]
 mod router;
+#[path = "link/trust.rs"]
+mod trust;
 
 use bridge::link::{Keys, Wire, config, key};
 use doors::{LeaseState, Reply};

@@ -24,7 +24,7 @@ pub fn key(robot: &Name, what: &str, name: &Name) -> String {
     format!("teleop/{robot}/{what}/{name}")
 }
 
-/// Returns the key of the robot's status, for every holder of a certificate.
+/// Returns the key of the robot's status, for every operator with a certificate.
 pub(super) fn status_key(robot: &Name) -> String {
     format!("teleop/{robot}/status")
 }
@@ -57,7 +57,8 @@ pub fn config(keys: &Keys, listen: &[String], connect: &[String]) -> Value {
                 "listen_private_key_base64": pem(&keys.key),
                 "connect_certificate_base64": pem(&keys.certificate),
                 "connect_private_key_base64": pem(&keys.key),
-                // The authority belongs to one robot. Only it and its router have a certificate for a server.
+                // The authority belongs to one robot. Only it and its router have a certificate for a server. zenoh trusts
+                // public authorities too. They certify no name of `pair`, and `access` requires one.
                 "verify_name_on_connect": false,
             },
         } },
@@ -132,12 +133,13 @@ fn access(keys: &Keys, is_router: bool) -> Value {
         ];
         admit(json!({ "id": "robot", "cert_common_names": [robot.as_str()] }), of_robot);
     }
-    if keys.operator.is_none() {
-        let of_all = vec![
-            rule("all-put-status", &["put"], "egress", std::slice::from_ref(&status)),
-            rule("all-want-status", &["declare_subscriber"], "ingress", std::slice::from_ref(&status)),
+    let readers: Vec<_> = keys.operators.iter().map(|(_, name)| name).chain(&keys.router).collect();
+    if keys.operator.is_none() && !readers.is_empty() {
+        let of_status = vec![
+            rule("put-status", &["put"], "egress", std::slice::from_ref(&status)),
+            rule("want-status", &["declare_subscriber"], "ingress", std::slice::from_ref(&status)),
         ];
-        admit(json!({ "id": "all" }), of_all);
+        admit(json!({ "id": "readers", "cert_common_names": readers }), of_status);
     }
     json!({
         "enabled": true, "default_permission": "deny", "rules": rules, "subjects": subjects, "policies": policies,

@@ -1,0 +1,36 @@
+//! A server whose certificate another trusted authority signed. zenoh trusts the public authorities too.
+
+use super::*;
+use std::sync::atomic::AtomicU64;
+
+/// Long enough for a hundred puts.
+const WAIT: Duration = Duration::from_secs(2);
+
+/// Hazard f130.
+#[test]
+fn server_of_another_trusted_authority_gets_status_only_by_name() {
+    let folders = [keys("tiago", &["anna"]), keys("stranger", &[])];
+    let mut both = folders.each_ref().map(|folder| Keys::of_robot(folder.path()).expect("keys"));
+    let authorities = both.each_ref().map(|keys| keys.authority.as_str()).join("\n");
+    both.iter_mut().for_each(|keys| keys.authority.clone_from(&authorities));
+    let [robot, stranger] = both;
+    let port = UdpSocket::bind("127.0.0.1:0").and_then(|socket| socket.local_addr()).expect("a port").port();
+    let address = [format!("quic/127.0.0.1:{port}")];
+    let mut listening = config(&stranger, &address, &[]);
+    listening["access_control"] = serde_json::json!({ "enabled": false });
+    let server = opened(&listening);
+    let received = Arc::new(AtomicU64::new(0));
+    let count = Arc::clone(&received);
+    let take = move |_: &[u8]| count.fetch_add(1, Ordering::Relaxed) < u64::MAX;
+    server.receive("teleop/tiago/status".into(), take).expect("a session");
+    for (router, is_admitted) in [(None, false), (Some("stranger".to_owned()), true)] {
+        let wire = opened(&config(&Keys { router, ..robot.clone() }, &[], &address));
+        let status = wire.publisher("teleop/tiago/status".into()).expect("a publisher");
+        let start = Instant::now();
+        while start.elapsed() < WAIT && received.load(Ordering::Relaxed) == 0 {
+            bridge::link::put(&status, b"status");
+            std::thread::sleep(Duration::from_millis(20));
+        }
+        assert_eq!(received.load(Ordering::Relaxed) > 0, is_admitted);
+    }
+}
