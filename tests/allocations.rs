@@ -32,14 +32,14 @@ fn f076_no_stage_allocates_in_a_tick() {
     let loaded = config::load(&path, Overrides::default()).expect("settings");
     let retarget_config = world::retarget_config(&loaded).expect("retarget");
     let control_config = world::control_config(&loaded, true).expect("control");
-    let sim_config = world::sim_config(&loaded, true).expect("sim");
+    let robot_config = world::simulated_config(&loaded, false).expect("simulated robot");
     let play = PlayOptions { speed: 1.0, looped: true, calibration: CalibrationMode::First10s };
     let mut player = Player::new(&motion::builtin(), play, 5, 1);
     let skeleton_config = skeleton::Config::default();
     let mut skeleton_state = skeleton::State::new();
     let mut retarget_state = retarget::State::default();
     let mut control_state = control::State::new(&control_config, 2);
-    let mut sim_state = sim::State::new(&sim_config, TICK_HZ - 1, 1);
+    let mut robot_state = world::simulated::State::new(&robot_config, TICK_HZ - 1, 1);
     let (mut mode, mut engaged, mut counts) = (Mode::Disengaged, 0, [0; 4]);
     let mut robot: Option<RobotState> = None;
     let (said, mut in_payload) = (Some(PayloadOrder { mass_kg: 0.3, centre_m: None }), 0);
@@ -87,13 +87,14 @@ fn f076_no_stage_allocates_in_a_tick() {
         mode = Mode::from_u32(out.status.mode).expect("a mode");
         engaged += u64::from(counting && mode == Mode::Engaged);
         let command: Option<JointCommand> = out.command;
-        let input = sim::Input { due_k: k, command: command.as_ref() };
-        let (out, counted) =
-            count_allocations(|| sim::tick(&sim_config, &mut sim_state, Stamp(now.0 + 100_000), input));
+        let input = driver::DriveInput { due_k: k, command: command.as_ref() };
+        let (out, counted) = count_allocations(|| {
+            world::simulated::tick(&robot_config, &mut robot_state, Stamp(now.0 + 100_000), input)
+        });
         note(3, counted.allocated);
         robot = Some(RobotState { header: Header { incarnation: 4, ..header }, ..out.state });
     }
     assert_eq!(in_payload, 0, "allocations of a payload that is taken");
-    assert_eq!(counts, [0; 4], "allocations of skeleton, retarget, control, sim");
+    assert_eq!(counts, [0; 4], "allocations of skeleton, retarget, control, driver");
     assert_eq!(engaged, TICKS, "the ticks counted are ticks in motion");
 }

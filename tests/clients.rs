@@ -48,7 +48,7 @@ fn python_script_moves_the_robot() {
     drop(script);
     hand.wait_mode(Mode::Disengaged);
     eyes.wait_at_rest();
-    assert_no_violations(&rig.end("sim"));
+    assert_no_violations(&rig.end("driver"));
     let figures = rig.end("ingest");
     assert!(figures["accepted"].as_u64() > Some(60) && figures["dropped"] == serde_json::json!({}), "{figures:#}");
 }

@@ -45,7 +45,8 @@ fn signal(name: &str, id: &str) {
 
 #[test]
 fn answers_for_a_real_robot_must_come_from_a_terminal() {
-    let rig = Rig::with_settings("driver.kind = \"robot\"\ndriver.program = \"/bin/true\"");
+    let rig =
+        Rig::with_settings("driver.kind = \"robot\"\ndriver.program = \"/bin/true\"\ndriver.interface = \"jtc100\"");
     let (mut command, log) = commission(&rig, "log");
     let Output { status, stderr, .. } = command.output().expect("it runs");
     let said = String::from_utf8_lossy(&stderr);
@@ -56,8 +57,8 @@ fn answers_for_a_real_robot_must_come_from_a_terminal() {
 
 #[test]
 fn robot_whose_stop_cannot_be_seen_is_refused_before_anything_begins() {
-    let blind = "driver.program = \"teleopd-ros2\"\nsim.interface = \"jtc100\"\nros2.emergency_stop_topic = \"\"";
-    for (settings, named) in [(blind, "ros2.emergency_stop_topic"), ("driver.interface = \"arm_sdk\"", "arm_sdk")] {
+    let blind = "driver.program = \"teleopd-ros2\"\ndriver.interface = \"jtc100\"\nros2.emergency_stop_topic = \"\"";
+    for (settings, named) in [(blind, "ros2.emergency_stop_topic"), ("ros2.setpoints = \"arm_sdk\"", "arm_sdk")] {
         let rig = Rig::with_settings(settings);
         let (mut command, log) = commission(&rig, "log");
         let Output { status, stderr, .. } = command.output().expect("it runs");

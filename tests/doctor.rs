@@ -296,7 +296,7 @@ fn f086_doctor_names_live_instance_and_leftovers_of_dead_one() {
     let control = rig.id("control");
     patient.shows("instance", "note", &[&format!("process {control} ")], "");
     patient.shows("shared memory", "ok", &["all in use"], "");
-    for name in ["ingest", "retarget", "control", "sim", "robot"] {
+    for name in ["ingest", "retarget", "control", "driver", "robot"] {
         rig.kill(name);
     }
     patient.shows("instance", "ok", &[], "");
@@ -340,7 +340,7 @@ fn f086_leftovers_of_killed_processes_are_gone_after_next_run() {
     rig.start_all();
     let again: Vec<_> = shared_memory(&rig).into_iter().filter(|name| left.contains(name)).collect();
     assert_eq!(again, Vec::<String>::new(), "the start has collected it");
-    for name in ["ingest", "retarget", "control", "sim"] {
+    for name in ["ingest", "retarget", "control", "driver"] {
         rig.end(name);
     }
     assert_eq!(shared_memory(&rig), Vec::<String>::new());

@@ -195,7 +195,7 @@ fn f068_second_client_on_socket_or_bus_does_not_get_the_lease() {
     assert_eq!(ingest["holder"]["pid"], std::process::id());
     assert!(ingest["without_authority"].as_u64().unwrap() > 150, "{ingest:#}");
     assert_eq!(ingest["telemetry"]["allocations"]["loop"], 0, "{ingest:#}");
-    assert_no_violations(&rig.end("sim"));
+    assert_no_violations(&rig.end("driver"));
 }
 
 /// Another writer is another client, even with the same session number.
@@ -292,7 +292,7 @@ fn f069_f070_next_client_waits_for_lease_and_needs_new_enable() {
         let ingest = rig.end("ingest");
         assert_eq!(ingest["leases"], 2, "{ingest:#}");
         assert_eq!(ingest["holder"]["pid"], std::process::id(), "{ingest:#}");
-        assert_no_violations(&rig.end("sim"));
+        assert_no_violations(&rig.end("driver"));
     }
 }
 
@@ -316,7 +316,7 @@ fn f070_reconnected_client_does_not_engage_on_a_held_enable() {
     let released = modes.iter().position(|mode| mode == "Disengaged");
     assert_eq!(released, Some(modes.len() - 1), "{control:#}");
     assert!(modes.iter().any(|mode| mode == "Engaged") && modes[modes.len() - 2] == "Holding", "{control:#}");
-    assert_no_violations(&rig.end("sim"));
+    assert_no_violations(&rig.end("driver"));
 }
 
 /// Publishes as fast as `period` and the socket allow, until `end`. Returns the number of offered and accepted
@@ -370,7 +370,7 @@ fn f023_flood_by_another_client_costs_the_holder_no_frame() {
     let looked_at = ingest["without_authority"].as_u64().unwrap();
     assert!(looked_at <= 16 + 250 * 5, "{looked_at} frames of the flood were looked at");
     assert!(after_kb <= before_kb + 256, "{before_kb} -> {after_kb} kB");
-    assert_no_violations(&rig.end("sim"));
+    assert_no_violations(&rig.end("driver"));
 }
 
 #[test]

@@ -16,7 +16,7 @@ use std::time::{Duration, Instant};
 /// SIGBUS of signal(7): access to memory whose file was truncated.
 const SIGBUS: i32 = 7;
 /// Processes that share no memory with clients.
-const CORE: [&str; 3] = ["sim", "control", "retarget"];
+const CORE: [&str; 3] = ["driver", "control", "retarget"];
 
 /// A group that every Linux has, for operators. The users below exist on no machine.
 const OPERATORS: &str = "sys";
@@ -51,7 +51,7 @@ fn assert_the_core_lives_and_rests(rig: &mut Rig, hand: &harness::OperatorSessio
     hand.wait_mode(Mode::Disengaged);
     eyes.wait_at_rest();
     assert!(CORE.iter().all(|name| rig.runs(name)));
-    assert_no_violations(&rig.end("sim"));
+    assert_no_violations(&rig.end("driver"));
 }
 
 #[test]
@@ -128,7 +128,7 @@ fn f088_client_with_all_bus_places_does_not_disturb_the_holder() {
     let ingest = rig.end("ingest");
     assert_eq!((&ingest["leases"], &ingest["publish_failures"]), (&1.into(), &0.into()), "{ingest:#}");
     assert!(ingest["over_quota"]["shared memory"].as_u64().unwrap() > 1000, "{ingest:#}");
-    assert_no_violations(&rig.end("sim"));
+    assert_no_violations(&rig.end("driver"));
 }
 
 /// Draws a random unit quaternion, x y z w.
@@ -178,9 +178,9 @@ fn f109_false_but_valid_skeletons_keep_robot_within_its_limits() {
     drop(writer);
     hand.wait_mode(Mode::Disengaged);
     rig.end("control");
-    let sim = rig.end("sim");
-    assert_no_violations(&sim);
-    assert!(sim["min_clearance_mm"].as_f64().unwrap() >= 10.0, "{sim:#}");
+    let driver = rig.end("driver");
+    assert_no_violations(&driver);
+    assert!(driver["min_clearance_mm"].as_f64().unwrap() >= 10.0, "{driver:#}");
 }
 
 /// A process that connects to the operator socket as fast as it can. It keeps its newest 64 connections open.

@@ -18,7 +18,8 @@ fn example() -> PathBuf {
 }
 
 fn with_program(kind: &str, program: &str) -> Rig {
-    Rig::with_settings(&format!("driver.kind = {kind:?}\ndriver.program = {program:?}"))
+    let interface = "driver.interface = \"direct\"";
+    Rig::with_settings(&format!("driver.kind = {kind:?}\ndriver.program = {program:?}\n{interface}"))
 }
 
 #[test]
@@ -36,7 +37,7 @@ fn example_driver_moves_its_robot_within_all_limits() {
     operator.release();
     operator.wait_mode(Mode::Disengaged);
     observer.wait_at_rest();
-    let figures = rig.end("sim");
+    let figures = rig.end("driver");
     let violations = figures["violations"].as_object().expect("counts");
     assert!(violations.len() > 5 && violations.values().all(|count| *count == 0), "{violations:?}");
     assert!(figures["commands_accepted"].as_u64() > Some(1000) && figures["first_latch"].is_null(), "{figures}");
@@ -66,10 +67,24 @@ fn demo_moves_a_simulator_of_the_users_own_and_no_real_robot() {
 #[test]
 fn missing_program_is_refused_by_key_and_name() {
     let rig = with_program("sim", "/nonexistent/driver");
-    let output = rig.run("sim");
+    let output = rig.run("driver");
     let said = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(78), "{said}");
     assert!(said.contains("driver.program = \"/nonexistent/driver\"") && said.contains("No such file"), "{said}");
+}
+
+/// The example declares that its robot takes every setpoint.
+#[test]
+fn interface_that_the_program_does_not_declare_is_refused() {
+    let rig = with_program("sim", &example().display().to_string());
+    for interface in ["jtc100", "jtc100-restart"] {
+        let mut driver = Command::new(env!("CARGO_BIN_EXE_teleopd"));
+        driver.args(["driver", "--interface", interface, "--config"]).arg(rig.folder().join("teleop.toml"));
+        let output = driver.arg("--run-dir").arg(rig.folder()).output().expect("it runs");
+        let error = String::from_utf8_lossy(&output.stderr);
+        let sentence = format!("driver.interface = \"{interface}\", must be \"direct\"");
+        assert!(output.status.code() == Some(78) && error.contains(&sentence), "{error}");
+    }
 }
 
 #[test]
@@ -97,7 +112,7 @@ fn real_robot_without_a_program_is_refused() {
 fn driver_of_real_robot_without_realtime_ends_before_ready() {
     let mut driver = Command::new("timeout");
     let rig = with_program("robot", &example().display().to_string());
-    driver.args(["10", env!("CARGO_BIN_EXE_teleopd"), "sim", "--config"]).arg(rig.folder().join("teleop.toml"));
+    driver.args(["10", env!("CARGO_BIN_EXE_teleopd"), "driver", "--config"]).arg(rig.folder().join("teleop.toml"));
     let output = driver.arg("--run-dir").arg(rig.folder()).arg("--engage-without-realtime").output().expect("it runs");
     if output.status.code() == Some(124) {
         println!("skipped: this machine grants real-time scheduling");
@@ -111,13 +126,13 @@ fn driver_of_real_robot_without_realtime_ends_before_ready() {
 #[test]
 fn program_that_starts_the_driver_again_is_refused() {
     let script = tempfile::Builder::new().suffix(".sh").tempfile().expect("a file");
-    let text = format!("#!/bin/sh\nexec {} sim \"$@\"\n", env!("CARGO_BIN_EXE_teleopd"));
+    let text = format!("#!/bin/sh\nexec {} driver \"$@\"\n", env!("CARGO_BIN_EXE_teleopd"));
     std::fs::write(script.path(), text).expect("a script");
     std::fs::set_permissions(script.path(), PermissionsExt::from_mode(0o755)).expect("its mode");
     let script = script.into_temp_path();
-    let output = with_program("sim", &script.display().to_string()).run("sim");
+    let output = with_program("sim", &script.display().to_string()).run("driver");
     let said = String::from_utf8_lossy(&output.stderr);
-    assert!(output.status.code() == Some(78) && said.contains("starts `teleopd sim` again"), "{said}");
+    assert!(output.status.code() == Some(78) && said.contains("starts `teleopd driver` again"), "{said}");
 }
 
 #[test]

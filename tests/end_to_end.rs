@@ -19,11 +19,11 @@ fn robot_engages_follows_and_stops_at_rest() {
     hand.wait_mode(Mode::Disengaged);
     eyes.wait_at_rest();
     let control = rig.end("control");
-    let sim = rig.end("sim");
-    assert_no_violations(&sim);
-    let step = sim["engage"]["max_step_rad"].as_f64().unwrap();
+    let driver = rig.end("driver");
+    assert_no_violations(&driver);
+    let step = driver["engage"]["max_step_rad"].as_f64().unwrap();
     assert!(step < 1e-4, "the first step of engaging was {step} rad");
-    let ratio = sim["engage"]["first_second_velocity_ratio"].as_f64().unwrap();
+    let ratio = driver["engage"]["first_second_velocity_ratio"].as_f64().unwrap();
     assert!(ratio > 0.0 && ratio <= 0.05, "the first second ran at {ratio} of the velocity limit");
     let modes = modes(&control);
     assert_eq!(modes[0], "Engaging");
@@ -59,7 +59,7 @@ fn f052_pause_of_the_robot_is_no_implausible_feedback() {
         hand.wait_mode(Mode::Engaged);
         hand.release();
         eyes.wait_at_rest();
-        assert_no_violations(&rig.end("sim"));
+        assert_no_violations(&rig.end("driver"));
         return;
     }
     panic!("the driver latched in each of three runs");
@@ -90,7 +90,7 @@ fn emergency_stop_latches_in_every_moving_mode() {
         hand.wait("measured at rest", |status| status.moving == 0);
         other.reset();
         hand.wait_mode(Mode::Disengaged);
-        assert_no_violations(&rig.end("sim"));
+        assert_no_violations(&rig.end("driver"));
     }
 }
 
@@ -128,7 +128,7 @@ fn reset_right_after_a_stop_waits_for_rest() {
     let (code, said) = teleopctl(&rig, "reset");
     assert!(code == Some(0) && said.contains("reset: Disengaged"), "{said}");
     hand.wait_mode(Mode::Disengaged);
-    assert_no_violations(&rig.end("sim"));
+    assert_no_violations(&rig.end("driver"));
 }
 
 #[test]
@@ -142,7 +142,7 @@ fn refused_reset_names_the_held_enable_or_the_fault() {
     let (code, said) = teleopctl(&rig, "reset");
     assert!(code == Some(1) && said.contains("teleopctl release"), "{said}");
     assert_eq!(hand.mode(), Some(Mode::Faulted));
-    rig.kill("sim");
+    rig.kill("driver");
     hand.wait("told of it", |status| Faults(status.faults).has(Fault::StateStale));
     hand.release();
     let (code, said) = teleopctl(&rig, "reset");
@@ -168,7 +168,7 @@ fn dead_input_process_causes_hold_and_then_disengage() {
         rig.start(process);
         std::thread::sleep(Duration::from_secs(1));
         assert_eq!(hand.mode(), Some(Mode::Disengaged));
-        assert_no_violations(&rig.end("sim"));
+        assert_no_violations(&rig.end("driver"));
     }
 }
 
@@ -190,7 +190,7 @@ fn f070_f073_restarted_process_with_held_enable_moves_nothing() {
         eyes.wait_at_rest();
         std::thread::sleep(Duration::from_secs(1));
         assert_eq!(modes(&rig.end("control"))[before..], ["Holding", "Disengaged"], "{process}");
-        assert_no_violations(&rig.end("sim"));
+        assert_no_violations(&rig.end("driver"));
     }
 }
 
@@ -216,7 +216,7 @@ fn f058_f073_dead_control_leaves_robot_on_its_certified_stop() {
     hand.reset();
     hand.wait_mode(Mode::Disengaged);
     eyes.wait("unlatched", |state| state.flags & state_flag::DRIVER_FAULT == 0);
-    assert_no_violations(&rig.end("sim"));
+    assert_no_violations(&rig.end("driver"));
 }
 
 #[test]
@@ -227,7 +227,7 @@ fn dead_driver_causes_the_faulted_mode() {
     hand.engage_until(Mode::Engaged);
     client.set_engaged(true);
     std::thread::sleep(Duration::from_millis(300));
-    rig.kill("sim");
+    rig.kill("driver");
     hand.wait_mode(Mode::Faulted);
     assert!(hand.raised(Fault::StateStale) > 0);
 }
@@ -238,7 +238,7 @@ const OLDEST_US: f64 = 2e6 / messages::TICK_HZ as f64;
 #[test]
 fn f074_suspended_process_stops_robot_and_sends_nothing_old() {
     // The driver latches the silence of a suspended control. Control latches the silence of a suspended driver.
-    let latched = [("control", Fault::DeadlineMissed), ("retarget", Fault::TargetStale), ("sim", Fault::StateStale)];
+    let latched = [("control", Fault::DeadlineMissed), ("retarget", Fault::TargetStale), ("driver", Fault::StateStale)];
     for (process, fault) in latched {
         let mut rig = Rig::whole();
         let (hand, mut eyes) = (rig.hand(), rig.eyes());
@@ -249,7 +249,7 @@ fn f074_suspended_process_stops_robot_and_sends_nothing_old() {
         rig.signal(process, "STOP");
         // Longer than every stale time. These are relaxed without real-time scheduling (20 x 20 ms).
         std::thread::sleep(Duration::from_millis(700));
-        if process != "sim" {
+        if process != "driver" {
             eyes.wait_at_rest();
         }
         rig.signal(process, "CONT");
@@ -259,9 +259,9 @@ fn f074_suspended_process_stops_robot_and_sends_nothing_old() {
             hand.wait_mode(Mode::Faulted);
             eyes.wait_at_rest();
         }
-        let sim = rig.end("sim");
-        assert_no_violations(&sim);
-        let age = &sim["oldest_command_us"];
+        let driver = rig.end("driver");
+        assert_no_violations(&driver);
+        let age = &driver["oldest_command_us"];
         assert!(
             age.as_f64().is_some_and(|us| us <= OLDEST_US),
             "{process}: a command was executed {age} us after its deadline"
@@ -280,7 +280,7 @@ fn silent_operator_disengages_the_robot() {
     other.wait_mode(Mode::Disengaged);
     assert!(other.raised(Fault::OperatorSilent) > 0);
     eyes.wait_at_rest();
-    assert_no_violations(&rig.end("sim"));
+    assert_no_violations(&rig.end("driver"));
 }
 
 /// Same effect as a panic (`rt::abort_on_panic`).
@@ -293,7 +293,7 @@ fn f075_aborted_control_leaves_robot_on_its_certified_stop() {
     rig.signal("control", "ABRT");
     eyes.wait("told by the driver", |state| state.flags & state_flag::DRIVER_FAULT != 0);
     eyes.wait_at_rest();
-    assert_no_violations(&rig.end("sim"));
+    assert_no_violations(&rig.end("driver"));
 }
 
 #[test]
@@ -327,9 +327,9 @@ fn f087_run_folder_of_another_user_is_refused_by_its_path() {
         std::fs::set_permissions(path, std::os::unix::fs::PermissionsExt::from_mode(0o755)).unwrap();
     }
     let refused = |run_dir: &std::path::Path| {
-        let mut sim = Command::new(&program);
-        sim.args(["sim", "--engage-without-realtime", "--config"]).arg(&settings).arg("--run-dir").arg(run_dir);
-        let output = sim.uid(65534).gid(65534).output().expect("another user can run it");
+        let mut driver = Command::new(&program);
+        driver.args(["driver", "--engage-without-realtime", "--config"]).arg(&settings).arg("--run-dir").arg(run_dir);
+        let output = driver.uid(65534).gid(65534).output().expect("another user can run it");
         let told = String::from_utf8_lossy(&output.stderr).into_owned();
         assert_eq!(output.status.code(), Some(69), "{told}");
         told
@@ -353,9 +353,9 @@ fn f073_f084_killed_supervisor_leaves_the_robot_at_rest() {
     client.set_engaged(true);
     eyes.wait("moving", |state| state.v.iter().any(|v| v.abs() > 0.2));
     rig.kill("up");
-    let sim = rig.figures("sim");
-    assert_eq!(sim["ended_at_rest"], true, "{sim:#}");
-    assert_no_violations(&sim);
+    let driver = rig.figures("driver");
+    assert_eq!(driver["ended_at_rest"], true, "{driver:#}");
+    assert_no_violations(&driver);
     rig.figures("control");
 }
 
@@ -384,19 +384,19 @@ fn f068_second_client_does_not_get_the_lease() {
     drop(second);
     let ingest = rig.end("ingest");
     assert!(ingest["without_authority"].as_u64().unwrap() > 100, "{ingest:#}");
-    assert_no_violations(&rig.end("sim"));
+    assert_no_violations(&rig.end("driver"));
 }
 
 #[test]
 fn f092_second_writer_of_the_core_domain_is_refused() {
     let mut rig = Rig::empty();
-    rig.start("sim");
+    rig.start("driver");
     rig.start("control");
     let running = format!("teleopd: an instance already runs in {}", rig.folder().display());
     let expected = [
-        ("sim", "driver is already running"),
+        ("driver", "driver is already running"),
         ("control", "operator.sock"),
-        ("sim", running.as_str()),
+        ("driver", running.as_str()),
         ("up", &running),
     ];
     for (name, said) in expected {
@@ -414,19 +414,20 @@ fn metrics_are_served_on_the_loopback_where_a_port_is_set() {
     let other = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
     let port = other.local_addr().unwrap().port();
     let mut rig = Rig::with_settings(&format!("metrics.port = {}", port - 3));
-    let refused = rig.run("sim");
+    let refused = rig.run("driver");
     let said = String::from_utf8_lossy(&refused.stderr);
     assert!(refused.status.code() == Some(75) && said.contains("metrics.port"), "{said}");
     drop(other);
-    rig.start("sim");
+    rig.start("driver");
     let scrape = || {
         let mut stream = std::net::TcpStream::connect(("127.0.0.1", port)).expect("the driver listens");
         stream.write_all(b"GET /metrics HTTP/1.1\r\n\r\n").unwrap();
         let mut text = String::new();
         stream.read_to_string(&mut text).unwrap();
         assert!(text.starts_with("HTTP/1.1 200 OK"), "{text}");
-        let line =
-            text.lines().find_map(|line| line.strip_prefix("teleop_ticks_total{process=\"sim\"} ").map(str::to_owned));
+        let line = text
+            .lines()
+            .find_map(|line| line.strip_prefix("teleop_ticks_total{process=\"driver\"} ").map(str::to_owned));
         line.unwrap_or_else(|| panic!("no ticks in {text}")).parse::<u64>().expect("a number")
     };
     let before = scrape();
@@ -444,13 +445,18 @@ fn f097_f098_bad_setting_is_refused_with_its_key() {
         .replace("robots/tiago_dual.toml", &robot.display().to_string())
         .replace("../weights/", &weights.display().to_string());
     let path = folder.path().join("teleop.toml");
-    let check = |text: String| {
+    let check_with = |text: String, options: &[&str]| {
         std::fs::write(&path, text).unwrap();
-        let output =
-            Command::new(env!("CARGO_BIN_EXE_teleopd")).arg("check").arg("--config").arg(&path).output().unwrap();
+        let mut check = Command::new(env!("CARGO_BIN_EXE_teleopd"));
+        let output = check.arg("check").args(options).arg("--config").arg(&path).output().unwrap();
         (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned())
     };
+    let check = |text: String| check_with(text, &[]);
     assert_eq!(check(text.clone()).0, Some(0));
+    let real = text.replace("kind = \"sim\"", "kind = \"robot\"").replace("program = \"\"", "program = \"/bin/true\"");
+    assert_eq!(check_with(real.clone(), &["--interface", "jtc100"]).0, Some(0));
+    let (code, error) = check_with(real, &["--interface", "jtc100-restart"]);
+    assert!(code == Some(78) && error.contains("--interface jtc100-restart sets it"), "{error}");
     for (from, to, named) in [
         ("hold_timeout_ms", "hold_timeout_s", "hold_timeout_s"),
         ("tracking_error_rad = 0.005", "tracking_error_rad = 0.4", "tracking_error_rad"),

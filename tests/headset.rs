@@ -96,7 +96,7 @@ fn f131_held_squeeze_moves_the_robot_and_letting_go_stops_it() {
     assert_eq!(browser.evaluate("document.getElementById('engage').getAttribute('aria-pressed')"), "false");
     drop(browser);
     drop(viewer);
-    assert_no_violations(&rig.end("sim"));
+    assert_no_violations(&rig.end("driver"));
 }
 
 #[test]
@@ -130,7 +130,7 @@ fn f132_session_end_hidden_page_and_lost_head_release() {
     }
     drop(browser);
     drop(viewer);
-    assert_no_violations(&rig.end("sim"));
+    assert_no_violations(&rig.end("driver"));
 }
 
 #[test]
@@ -146,7 +146,7 @@ fn tracked_body_moves_the_robot_and_the_button_ends_it() {
     assert_eq!(browser.evaluate("mock.session.isEnded"), true);
     drop(browser);
     drop(viewer);
-    assert_no_violations(&rig.end("sim"));
+    assert_no_violations(&rig.end("driver"));
 }
 
 /// A page without the button says why, below everything else.
@@ -238,5 +238,5 @@ fn f132_press_ends_with_the_messages_of_the_headset() {
     assert_eq!(hand.mode(), Some(Mode::Disengaged));
     drop(page);
     drop(viewer);
-    assert_no_violations(&rig.end("sim"));
+    assert_no_violations(&rig.end("driver"));
 }

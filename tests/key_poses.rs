@@ -157,7 +157,7 @@ fn robot_follows_the_dragged_handle_until_the_page_is_silent() {
     drop(page);
     hand.wait_mode(Mode::Disengaged);
     drop(viewer);
-    assert_no_violations(&rig.end("sim"));
+    assert_no_violations(&rig.end("driver"));
 }
 
 #[test]
@@ -313,5 +313,5 @@ fn browser_handle_is_moved_by_mouse_and_by_keys() {
     hand.wait("holding", |status| status.mode == Mode::Holding as u32 || status.mode == Mode::Disengaged as u32);
     drop(browser);
     drop(viewer);
-    assert_no_violations(&rig.end("sim"));
+    assert_no_violations(&rig.end("driver"));
 }

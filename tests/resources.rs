@@ -45,7 +45,9 @@ fn end(child: Child) -> (Output, String) {
 fn f085_process_without_room_in_shared_memory_does_not_start() {
     let rig = Rig::empty();
     let folder = rig.folder().to_str().unwrap().to_owned();
-    let Some(child) = with_small_files_at(Path::new("/dev/shm"), "1m", &["sim", "--run-dir", &folder]) else { return };
+    let Some(child) = with_small_files_at(Path::new("/dev/shm"), "1m", &["driver", "--run-dir", &folder]) else {
+        return;
+    };
     let (output, told) = end(child);
     assert_eq!(output.status.code(), Some(69), "{told}");
     assert!(told.contains("/dev/shm: 1048576 bytes are free"), "{told}");
@@ -137,7 +139,7 @@ fn f081_running_processes_open_no_more_descriptors() {
 fn f081_too_few_descriptors_are_refused_at_the_start() {
     let rig = Rig::empty();
     let output = Command::new("prlimit")
-        .args(["--nofile=12", env!("CARGO_BIN_EXE_teleopd"), "sim", "--config"])
+        .args(["--nofile=12", env!("CARGO_BIN_EXE_teleopd"), "driver", "--config"])
         .arg(config())
         .arg("--run-dir")
         .arg(rig.folder())
@@ -171,5 +173,5 @@ fn f077_busy_cores_break_no_limit_and_the_robot_comes_to_rest() {
     hand.release();
     hand.wait("released", |status| [Mode::Disengaged, Mode::Faulted].iter().any(|&mode| status.mode == mode as u32));
     eyes.wait_at_rest();
-    harness::assert_no_violations(&rig.end("sim"));
+    harness::assert_no_violations(&rig.end("driver"));
 }

@@ -141,7 +141,7 @@ fn rig_with(interface: &str, domain: u32, more: &str) -> Rig {
     let beside = PathBuf::from(env!("CARGO_BIN_EXE_teleopd")).with_file_name("teleopd-ros2");
     assert!(beside.exists(), "{}: build it with cargo build --release -p ros2", beside.display());
     Rig::with_settings(&format!(
-        "driver.program = \"teleopd-ros2\"\ndriver.measured_age_max_ms = 100.0\nsim.interface = \"jtc100\"\n\
+        "driver.program = \"teleopd-ros2\"\ndriver.measured_age_max_ms = 100.0\ndriver.interface = \"jtc100\"\n\
          ros2.interface = \"{interface}\"\nros2.domain_id = {domain}{more}"
     ))
 }
@@ -167,7 +167,7 @@ fn robot_on_ros2_follows_and_takes_every_message() {
     operator.release();
     operator.wait_mode(Mode::Disengaged);
     observer.wait_at_rest();
-    let figures = rig.end("sim");
+    let figures = rig.end("driver");
     assert_no_violations(&figures);
     assert!(figures["commands_accepted"].as_u64() > Some(1000), "{figures}");
     let (report, trace) = peer.end();
@@ -190,7 +190,7 @@ fn f114_robot_on_ros2_plays_the_certified_stop_when_its_driver_is_killed() {
     operator.engage_until(Mode::Engaged);
     client.set_engaged(true);
     observer.wait("fast", |robot| robot.v.iter().any(|v| v.abs() > 0.5));
-    rig.kill("sim");
+    rig.kill("driver");
     let killed_s = rt::now().0 as f64 * 1e-9;
     std::thread::sleep(Duration::from_millis(1500));
     let (_, trace) = peer.end();
@@ -228,7 +228,7 @@ fn f115_robot_on_ros2_that_is_not_ready_is_refused_with_a_sentence() {
     ] {
         assert!(said.contains(sentence), "{sentence}: {said}");
     }
-    let output = rig.run("sim");
+    let output = rig.run("driver");
     let said = String::from_utf8_lossy(&output.stderr);
     assert!(output.status.code() == Some(69) && said.contains("the robot is not ready"), "{said}");
 }
@@ -242,12 +242,12 @@ fn f114_nothing_is_sent_once_the_publisher_of_the_emergency_stop_left() {
     // Longer than the time between two of its messages.
     std::thread::sleep(Duration::from_millis(1500));
     let left = "its publisher left";
-    assert!(!rig.log("sim").contains(left), "{}", rig.log("sim"));
+    assert!(!rig.log("driver").contains(left), "{}", rig.log("driver"));
     peer.fault("unwatched");
     // Twice the lease of a participant of Cyclone DDS.
     let give_up = Instant::now() + Duration::from_secs(20);
-    while !rig.log("sim").contains(left) {
-        assert!(Instant::now() < give_up, "it goes on: {}", rig.log("sim"));
+    while !rig.log("driver").contains(left) {
+        assert!(Instant::now() < give_up, "it goes on: {}", rig.log("driver"));
         std::thread::sleep(Duration::from_millis(50));
     }
 }
@@ -274,8 +274,8 @@ fn drive(peer: Peer, mut rig: Rig, length: Duration) -> (u32, Vec<String>, Optio
     operator.release();
     rig.eyes().wait_at_rest();
     let why = |line: &str| line.split_once("nothing is sent to the robot: ").map(|(_, why)| why.to_owned());
-    let whys = rig.log("sim").lines().filter_map(why).collect();
-    rig.end("sim");
+    let whys = rig.log("driver").lines().filter_map(why).collect();
+    rig.end("driver");
     (stops, whys, peer.end_in_time().map(|(report, _)| report))
 }
 
@@ -382,7 +382,7 @@ fn robot_on_fast_dds_gets_trajectories_that_continue_and_end_at_rest() {
         operator.release();
         operator.wait_mode(Mode::Disengaged);
         observer.wait_at_rest();
-        rig.end("sim");
+        rig.end("driver");
         let report = peer.end();
         println!("{reliability}: {report}");
         for one in report.as_object().expect("controllers").values() {

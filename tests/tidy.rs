@@ -9,7 +9,7 @@ use std::process::Command;
 /// Crates that never do IO, never read a clock and never block.
 const PURE: [&str; 16] = [
     "schema", "messages", "robot", "layouts", "skeleton", "retarget", "follow", "wbc", "safety", "driver", "plant",
-    "sim", "ingest", "explain", "control", "link",
+    "checker", "ingest", "explain", "control", "link",
 ];
 
 /// Packages that a pure crate must not depend on, even indirectly.
@@ -22,7 +22,7 @@ const MAY_DEPEND_ON: &[(&str, &[&str])] = &[
     ("schema", &[]),
     ("robot", &["messages", "schema"]),
     ("driver", &["messages"]),
-    ("plant", &["messages"]),
+    ("plant", &["driver", "messages"]),
     ("layouts", &["messages"]),
     ("link", &["messages"]),
     ("skeleton", &["messages"]),
@@ -30,7 +30,7 @@ const MAY_DEPEND_ON: &[(&str, &[&str])] = &[
     ("follow", &["messages", "robot"]),
     ("wbc", &["messages", "robot"]),
     ("safety", &["messages", "robot", "schema"]),
-    ("sim", &["messages", "robot", "driver", "plant"]),
+    ("checker", &["messages", "robot", "driver", "plant"]),
     ("rt", &["messages"]),
     ("bus", &["messages"]),
     ("telemetry", &["messages", "rt"]),
@@ -43,14 +43,17 @@ const MAY_DEPEND_ON: &[(&str, &[&str])] = &[
     ("explain", &["messages", "robot", "safety", "skeleton"]),
     (
         "config",
-        &["ingest", "instance", "layouts", "messages", "retarget", "robot", "safety", "schema", "sim", "skeleton"],
+        &[
+            "driver", "ingest", "instance", "layouts", "messages", "plant", "retarget", "robot", "safety", "schema",
+            "skeleton",
+        ],
     ),
     ("control", &["driver", "follow", "messages", "retarget", "robot", "safety", "wbc"]),
     (
         "world",
         &[
-            "messages", "robot", "driver", "layouts", "retarget", "follow", "wbc", "safety", "plant", "sim", "motion",
-            "bus", "client", "ingest", "config", "control", "skeleton",
+            "messages", "robot", "driver", "layouts", "retarget", "follow", "wbc", "safety", "plant", "checker",
+            "motion", "bus", "client", "ingest", "config", "control", "skeleton",
         ],
     ),
     ("teleopctl", &["bus", "config", "explain", "instance", "messages", "operator", "robot", "rt", "skeleton"]),

@@ -75,7 +75,7 @@ fn page_engages_and_stops_and_releases_when_it_is_silent() {
     }
     drop(page);
     drop(viewer);
-    assert_no_violations(&rig.end("sim"));
+    assert_no_violations(&rig.end("driver"));
 }
 
 #[test]
@@ -232,7 +232,7 @@ fn browser_shows_the_robot_moving_and_space_stops_it() {
     browser.wait("it is let go", "document.getElementById('engage').getAttribute('aria-pressed') === 'false'");
     drop(browser);
     drop(viewer);
-    assert_no_violations(&rig.end("sim"));
+    assert_no_violations(&rig.end("driver"));
 }
 
 #[test]

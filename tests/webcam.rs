@@ -87,7 +87,7 @@ fn f124_robot_follows_images_until_they_stop() {
     drop(camera);
     hand.wait_mode(Mode::Disengaged);
     drop(viewer);
-    assert_no_violations(&rig.end("sim"));
+    assert_no_violations(&rig.end("driver"));
 }
 
 /// The T-pose of the page's person becomes a file, and the page's next lease uses it. A second person has another file.
@@ -421,5 +421,5 @@ fn browser_camera_leads_the_robot_until_it_is_stopped() {
     assert_eq!(browser.evaluate(&text("cam-state")), "off");
     drop(browser);
     drop(viewer);
-    assert_no_violations(&rig.end("sim"));
+    assert_no_violations(&rig.end("driver"));
 }

@@ -18,7 +18,8 @@ pub fn run(place: &InstanceArgs) -> Result<Exit, Failure> {
     let loaded = place.load()?;
     world::control_config(&loaded, true).map_err(Failure::with(Exit::Config))?;
     world::retarget_config(&loaded).map_err(Failure::with(Exit::Config))?;
-    world::sim_config(&loaded, true).map_err(Failure::with(Exit::Config))?;
+    world::driver_config(&loaded, true).map_err(Failure::with(Exit::Config))?;
+    world::robot_config(&loaded).map_err(Failure::with(Exit::Config))?;
     let doors = &loaded.settings.doors;
     door_group(place, "doors.skeleton_group", &doors.skeleton_group)?;
     door_group(place, "doors.operator_group", &doors.operator_group)?;
@@ -34,7 +35,7 @@ pub fn run(place: &InstanceArgs) -> Result<Exit, Failure> {
     for (key, value) in loaded.effective() {
         let overridden = match key.as_str() {
             "control.engage_without_realtime" => place.engage_without_realtime,
-            "sim.interface" => place.interface.is_some(),
+            "driver.interface" => place.interface.is_some(),
             "robot.file" => place.robot.is_some(),
             "weights.file" => {
                 let own = place.robot.as_ref().map(|robot| format!("/{}\"", robot.name()));
@@ -42,7 +43,11 @@ pub fn run(place: &InstanceArgs) -> Result<Exit, Failure> {
             }
             _ => false,
         };
-        let from = if overridden { "command line".to_owned() } else { source.to_string() };
+        let from = match key.as_str() {
+            _ if overridden => "command line".to_owned(),
+            "driver.interface" if loaded.settings.driver.interface.is_none() => "default".to_owned(),
+            _ => source.to_string(),
+        };
         out!("{key:<44} {value:<28} {from}");
     }
     out!("\n{:<28} {:>9} {:>9} {:>9} {:>9} {:>9} {:>9}", "joint", "q_min", "q_max", "v_max", "a_max", "j_max", "home");

@@ -212,11 +212,13 @@ impl Children {
 
 /// Says that a process ended before it was READY. The driver may be a program of the user's own.
 fn unready(ended: &str, status: ExitStatus, place: &InstanceArgs) -> String {
-    let program = config::read_settings(&place.config).map(|settings| settings.driver.program).unwrap_or_default();
-    if ended == "sim" && program.ends_with(ROS2.name()) {
+    let program = config::read_settings(&place.config, &place.overrides())
+        .map(|settings| settings.driver.program)
+        .unwrap_or_default();
+    if ended == "driver" && program.ends_with(ROS2.name()) {
         return format!("{program} ended before it was ready ({status}): its own words say why");
     }
-    if ended != "sim" || program.is_empty() {
+    if ended != "driver" || program.is_empty() {
         return format!("{ended} ended before it was ready ({status})");
     }
     format!(

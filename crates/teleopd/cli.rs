@@ -2,7 +2,7 @@
 
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{Args, Parser, Subcommand};
-use config::{Loaded, Overrides, RobotChoice, RobotInterface};
+use config::{Interface, Loaded, Overrides, RobotChoice};
 use instance::Instance;
 use rt::{Exit, Failure};
 use std::path::PathBuf;
@@ -32,15 +32,15 @@ pub struct InstanceArgs {
     /// settings' own. A value with a slash or .toml is a file.
     #[arg(long, value_name = "NAME|FILE")]
     pub robot: Option<RobotChoice>,
-    /// Command interface of the simulated robot, overrides sim.interface. direct: takes every command. jtc100:
+    /// How the robot interpolates between setpoints, overrides driver.interface. direct: takes every setpoint. jtc100:
     /// four unsynchronised controllers that take points at 100 Hz. jtc100-restart: they begin again at each point.
     #[arg(long, value_name = "NAME", value_parser = interface_parser())]
-    pub interface: Option<RobotInterface>,
+    pub interface: Option<Interface>,
 }
 
-fn interface_parser() -> impl TypedValueParser<Value = RobotInterface> {
-    let find = |name: String| RobotInterface::ALL.into_iter().find(|interface| interface.name() == name);
-    PossibleValuesParser::new(RobotInterface::ALL.map(RobotInterface::name))
+fn interface_parser() -> impl TypedValueParser<Value = Interface> {
+    let find = |name: String| Interface::ALL.into_iter().find(|interface| interface.name() == name);
+    PossibleValuesParser::new(Interface::ALL.map(Interface::name))
         .try_map(move |name| find(name).ok_or("unknown interface"))
 }
 
@@ -92,9 +92,9 @@ pub enum Command {
     Retarget(Process),
     /// Runs whole-body control and the safety gate. Owns the operator socket.
     Control(Process),
-    /// Runs the driver of the simulated robot.
-    Sim(Process),
-    /// Simulates the robot's body: joints, motors, encoders and its own watchdog. With `new` or `convert`: writes a
+    /// Drives the robot: runs the program that `driver.program` names, or else the driver of the simulated robot.
+    Driver(Process),
+    /// Simulates the robot: joints, motors, encoders and its own watchdog. With `new` or `convert`: writes a
     /// robot file.
     #[command(args_conflicts_with_subcommands = true)]
     Robot {
@@ -295,10 +295,10 @@ pub struct Demo {
     /// Keep the run's folder here: socket, registry, process reports. Default: a temporary folder.
     #[arg(long, value_name = "DIR")]
     pub run_dir: Option<PathBuf>,
-    /// Command interface of the simulated robot, overrides sim.interface. direct: takes every command. jtc100:
+    /// How the robot interpolates between setpoints, overrides driver.interface. direct: takes every setpoint. jtc100:
     /// four unsynchronised controllers that take points at 100 Hz. jtc100-restart: they begin again at each point.
     #[arg(long, value_name = "NAME", value_parser = interface_parser())]
-    pub interface: Option<RobotInterface>,
+    pub interface: Option<Interface>,
     /// Print no live line and no figures.
     #[arg(long)]
     pub quiet: bool,

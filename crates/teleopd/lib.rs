@@ -48,7 +48,7 @@ pub fn main() -> ExitCode {
         Command::Control(one) => process(&one, process::control::run),
         Command::Robot { process: one, file: None } => process(&one, process::robot::run),
         Command::Robot { file: Some(file), .. } => robot_file::run(&file),
-        Command::Sim(one) => process(&one, process::sim::run),
+        Command::Driver(one) => process(&one, process::remote::run),
         Command::Up(options) => up::run(&options),
         Command::Demo(options) => demo::run(&options),
         Command::Tour(options) => tour::run(&options),
@@ -62,7 +62,7 @@ pub fn main() -> ExitCode {
     finish("teleopd", outcome)
 }
 
-/// The command line of a driver's program: that of `teleopd sim`.
+/// The command line of a driver's program: that of `teleopd driver`.
 #[derive(Debug, Parser)]
 struct DriverCli {
     #[command(flatten)]
@@ -70,16 +70,22 @@ struct DriverCli {
 }
 
 /// The main function of a driver's own program. It reads the command line and the settings, opens the robot, and drives it
-/// until a signal ends it and the robot is at rest. `open` connects to the robot of this model; its error ends the program.
+/// until a signal ends it and the robot is at rest. `interface` declares how the robot interpolates between setpoints. The
+/// program ends if `driver.interface` of the settings is another one. `open` connects to the robot of this model. Its error
+/// ends the program.
 ///
 /// The robot must answer [`driver::Driver::read`] from the moment it is open. The exit code is one of [`rt::Exit`].
-pub fn drive<D: driver::Driver>(open: impl Fn(&robot::Model) -> Result<D, String>) -> ExitCode {
-    drive_configured(|loaded, _| open(&loaded.model))
+pub fn drive<D: driver::Driver>(
+    interface: driver::Interface,
+    open: impl Fn(&robot::Model) -> Result<D, String>,
+) -> ExitCode {
+    drive_configured(interface, |loaded, _| open(&loaded.model))
 }
 
 /// As [`drive`], for a driver that has settings of its own, and threads. They belong on the given cores, beside the loop.
 /// None: any will do.
 pub fn drive_configured<D: driver::Driver>(
+    interface: driver::Interface,
     open: impl Fn(&config::Loaded, Option<&[usize]>) -> Result<D, String>,
 ) -> ExitCode {
     rt::abort_on_panic();
@@ -87,7 +93,7 @@ pub fn drive_configured<D: driver::Driver>(
     let open = |process: &process::Process, _: &bus::Domain| {
         open(&process.loaded, process.others.as_deref()).map_err(|cause| Failure::new(Exit::Unavailable, cause))
     };
-    finish("teleopd", process(&DriverCli::parse().process, |place| process::driver::run(place, open)))
+    finish("teleopd", process(&DriverCli::parse().process, |place| process::driver::run(place, Some(interface), open)))
 }
 
 /// Becomes the program that speaks ROS 2. Nothing else here is linked with DDS.

@@ -17,12 +17,12 @@ pub struct Row {
     pub restarts: bool,
 }
 
-/// The processes in starting order: each finds its peers running. The driver `sim` needs a robot, and `control`
+/// The processes in starting order: each finds its peers running. The driver needs a robot, and `control`
 /// needs the driver's state. `retarget` needs no other process. `ingest` starts last and lets clients in.
 pub const TABLE: [Row; 5] = [
     Row { name: "robot", after: None, realtime: true, restarts: false },
-    Row { name: "sim", after: Some("robot"), realtime: true, restarts: false },
-    Row { name: "control", after: Some("sim"), realtime: true, restarts: false },
+    Row { name: "driver", after: Some("robot"), realtime: true, restarts: false },
+    Row { name: "control", after: Some("driver"), realtime: true, restarts: false },
     Row { name: "retarget", after: Some("control"), realtime: true, restarts: true },
     Row { name: "ingest", after: Some("retarget"), realtime: false, restarts: true },
 ];

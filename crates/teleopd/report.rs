@@ -41,9 +41,9 @@ impl Report {
             serde_json::from_str(&text)
                 .map_err(|error| Failure::new(Exit::Failed, format!("{}: {error}", path.display())))
         };
-        let (retarget, control, sim) = (read("retarget")?, read("control")?, read("sim")?);
+        let (retarget, control, driver) = (read("retarget")?, read("control")?, read("driver")?);
         let robot = if simulator == Simulator::BuiltIn { read("robot")? } else { Value::Null };
-        let timelines = [&retarget, &control, &sim].map(|figures| Timeline::from_json(&figures["timeline"]));
+        let timelines = [&retarget, &control, &driver].map(|figures| Timeline::from_json(&figures["timeline"]));
         let [Some(of_retarget), Some(of_control), Some(of_driver)] = timelines else {
             return Err(Failure::new(Exit::Failed, "a process wrote no timeline"));
         };
@@ -72,12 +72,12 @@ impl Report {
             "ticks": ticks,
             "missed_deadlines": missed,
             "latency_us": {
-                "skeleton_to_command": percentiles(&sim["telemetry"]["metrics"]["skeleton_to_command"]),
-                "target_to_command": percentiles(&sim["telemetry"]["metrics"]["target_to_command"]),
+                "skeleton_to_command": percentiles(&driver["telemetry"]["metrics"]["skeleton_to_command"]),
+                "target_to_command": percentiles(&driver["telemetry"]["metrics"]["target_to_command"]),
             },
-            "violations": VIOLATIONS.iter().map(|&kind| (kind.to_owned(), sim["violations"][kind].clone())).collect::<Map<_, _>>(),
-            "min_clearance_mm": sim["min_clearance_mm"],
-            "torque_share_max": sim["torque_share_max"],
+            "violations": VIOLATIONS.iter().map(|&kind| (kind.to_owned(), driver["violations"][kind].clone())).collect::<Map<_, _>>(),
+            "min_clearance_mm": driver["min_clearance_mm"],
+            "torque_share_max": driver["torque_share_max"],
             "robot": robot.is_object().then(|| json!({
                 "violations": robot["violations"], "first_violation": robot["first_violation"],
                 "min_clearance_mm": robot["min_clearance_mm"], "speed_ratio_max": robot["speed_ratio_max"],
@@ -88,8 +88,8 @@ impl Report {
                 "target": limb("target"), "measured": limb("measured"), "throughout": limb("throughout"),
             },
             "tracking_error_rad": { "rms": control["tracking_error_rad"]["rms"], "max": control["tracking_error_rad"]["max"] },
-            "engage": sim["engage"],
-            "first_latch": sim["first_latch"],
+            "engage": driver["engage"],
+            "first_latch": driver["first_latch"],
             "faults": control["status"]["fault_counts"],
             "faults_before_engaging": control["faults_before_engaging"],
             "mode_transitions": transitions,

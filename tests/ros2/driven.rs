@@ -1,7 +1,7 @@
 //! The peer's own tests, and a robot that is driven for minutes on a machine that does other things.
 
-use super::{DOMAINS, Peer, drive, rig, took_all};
-use harness::{python, repository};
+use super::{DOMAINS, Peer, drive, python, rig, took_all};
+use harness::repository;
 use std::process::Command;
 use std::time::Duration;
 

@@ -91,7 +91,7 @@ fn grippers_on_ros2_close_with_the_hands_and_hold() {
     assert!(later.grippers_measured.force_n[0] > 19.0, "{:?}", later.grippers_measured);
     operator.release();
     observer.wait_at_rest();
-    assert_no_violations(&rig.end("sim"));
+    assert_no_violations(&rig.end("driver"));
     let (report, trace) = peer.end();
     println!("{:#}", report["hands"]);
     assert_sound(&report);
@@ -116,7 +116,7 @@ fn f122_grippers_hold_when_their_driver_is_killed() {
     let client = rig.client(&gripping(1.0), 1);
     client.set_engaged(true);
     engage_until(&mut operator, &mut observer, |robot| robot.grippers.closure[0] > 0.3 && robot.grippers.rate[0] > 0.3);
-    rig.kill("sim");
+    rig.kill("driver");
     let killed_s = rt::now().0 as f64 * 1e-9;
     std::thread::sleep(Duration::from_millis(1500));
     let (report, trace) = peer.end();

@@ -45,7 +45,7 @@ impl Interface {
         std::fs::create_dir_all(&folder).expect("writable");
         let mut text = std::fs::read_to_string(file("toml")).expect("there");
         if !text.contains("\n[driver]\n") {
-            text += &format!("\n[driver]\ninterface = \"{}\"\n", self.name);
+            text += &format!("\n[driver]\nsetpoints = \"{}\"\n", self.name);
         }
         // Springs that lag by 37.5 ms follow no faster motion within the tolerance of the monitors.
         for (limit, slower) in [("velocity_max_rad_per_s = 6.0", "2.0"), ("acceleration_max_rad_per_s2 = 25.0", "8.0")]
@@ -56,7 +56,7 @@ impl Interface {
         std::fs::copy(file("urdf"), folder.join(format!("{name}.urdf"))).expect("writable");
         let (robot, weights) = (folder.join(name), repository().join("weights").join(name));
         let more = format!(
-            "\nrobot.file = \"{}.toml\"\nweights.file = \"{}\"\ndriver.interface = \"{}\"{}",
+            "\nrobot.file = \"{}.toml\"\nweights.file = \"{}\"\nros2.setpoints = \"{}\"{}",
             robot.display(),
             weights.display(),
             self.name,
@@ -71,7 +71,7 @@ fn messages_have_the_bytes_of_independent_encoders() {
     for (interface, domain) in [TRAJECTORIES, POSITIONS, ARM_SDK].into_iter().zip(DOMAINS) {
         let Some(mut peer) = interface.peer(domain, &["--encoders"]) else { return };
         let mut rig = interface.rig(domain);
-        rig.start("sim");
+        rig.start("driver");
         peer.wait("20 messages agree");
     }
 }
@@ -99,7 +99,7 @@ fn f115_unitree_robot_that_is_not_ready_is_refused_with_a_sentence() {
     std::fs::write(&config, text).expect("writable");
     let (code, said) = preflight(&config);
     let said = said.concat();
-    assert!(code == Some(78) && said.contains("driver.interface = \"trajectories\", must be \"arm_sdk\""), "{said}");
+    assert!(code == Some(78) && said.contains("ros2.setpoints = \"trajectories\", must be \"arm_sdk\""), "{said}");
 }
 
 /// Drives the built-in motion for two seconds, or until a joint is fast and the driver is killed. Returns the peer's report, and
@@ -111,7 +111,7 @@ fn drive(interface: &Interface, domain: u32, kill: bool) -> Option<(Value, f64)>
     let mut speed = 0.0;
     if kill {
         let fast = observer.wait("fast", |robot| robot.v.iter().any(|v| v.abs() > 0.5));
-        rig.kill("sim");
+        rig.kill("driver");
         speed = fast.v.iter().fold(0.0, |most: f64, v| most.max(v.abs()));
         std::thread::sleep(Duration::from_millis(1500));
     } else {
@@ -119,7 +119,7 @@ fn drive(interface: &Interface, domain: u32, kill: bool) -> Option<(Value, f64)>
         operator.release();
         operator.wait_mode(Mode::Disengaged);
         observer.wait_at_rest();
-        assert_no_violations(&rig.end("sim"));
+        assert_no_violations(&rig.end("driver"));
     }
     Some((peer.end().0, speed))
 }

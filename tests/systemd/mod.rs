@@ -70,7 +70,7 @@ fn open_the_loopback(units: &Path) {
 /// Adds examples/driver.conf to a copy of the units.
 fn open_the_driver(units: &Path) {
     let example = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/systemd/examples/driver.conf");
-    std::fs::copy(example, units.join("teleop@sim.service.d/driver.conf")).expect("a drop-in");
+    std::fs::copy(example, units.join("teleop@driver.service.d/driver.conf")).expect("a drop-in");
 }
 
 #[test]
@@ -206,9 +206,9 @@ fn target_starts_all_and_its_stop_brings_the_robot_to_rest() {
         std::fs::metadata(&figures).and_then(|metadata| metadata.modified()).expect("figures")
     });
     assert!(ends.is_sorted_by(|earlier_start, later_start| earlier_start >= later_start), "{ends:?}");
-    let sim = machine.figures("run/teleop/sim.json");
-    assert_eq!(sim["ended_at_rest"], true, "{sim:#}");
-    let violations = sim["violations"].as_object().expect("violations");
+    let driver = machine.figures("run/teleop/driver.json");
+    assert_eq!(driver["ended_at_rest"], true, "{driver:#}");
+    let violations = driver["violations"].as_object().expect("violations");
     assert!(violations.values().all(|count| *count == 0), "{violations:?}");
     let control = machine.figures("run/teleop/control.json");
     let modes = control["mode_transitions"].as_array().expect("transitions");
@@ -249,8 +249,8 @@ fn f082_watchdog_ends_hung_process_and_control_stays_ended() {
     }
     machine.wait(&system, &unit("ingest"), "ActiveState", "failed");
     machine.run(&[], &["systemctl", "stop", "teleop.target"]);
-    machine.wait(&system, &unit("sim"), "ActiveState", "inactive");
-    assert_eq!(machine.figures("run/teleop/sim.json")["ended_at_rest"], true);
+    machine.wait(&system, &unit("driver"), "ActiveState", "inactive");
+    assert_eq!(machine.figures("run/teleop/driver.json")["ended_at_rest"], true);
 }
 
 #[test]
@@ -271,5 +271,5 @@ fn user_without_root_starts_and_stops_every_process() {
         machine.wait(&user, &unit(process), "ActiveState", "inactive");
         assert_eq!(machine.property(&user, &unit(process), "Result"), "success");
     }
-    assert_eq!(machine.figures("run/user/1000/teleop/sim.json")["ended_at_rest"], true);
+    assert_eq!(machine.figures("run/user/1000/teleop/driver.json")["ended_at_rest"], true);
 }

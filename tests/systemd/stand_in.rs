@@ -164,9 +164,9 @@ fn processes_notify_the_service_manager_unless_they_hang() {
         let status = service.end();
         assert!(status.success() && status.signal().is_none(), "{}: {status}", service.name);
     }
-    let text = std::fs::read_to_string(folder.path().join("sim.json")).expect("figures");
-    let sim: serde_json::Value = serde_json::from_str(&text).expect("JSON");
-    assert_eq!(sim["ended_at_rest"], true, "{sim:#}");
+    let text = std::fs::read_to_string(folder.path().join("driver.json")).expect("figures");
+    let driver: serde_json::Value = serde_json::from_str(&text).expect("JSON");
+    assert_eq!(driver["ended_at_rest"], true, "{driver:#}");
     if let Ok(instance) = instance::Instance::new(folder.path()) {
         instance.retire();
     }

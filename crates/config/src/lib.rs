@@ -9,6 +9,7 @@ mod settings;
 
 pub use choice::RobotChoice;
 pub use cores::Cores;
+pub use driver::Interface;
 pub use load::{
     Loaded, Overrides, lacks_weights, load, load_model, load_robot, load_weights, read_settings, read_text,
 };
@@ -19,7 +20,6 @@ pub use settings::{
     ControlSettings, DoorSettings, DriverKind, DriverSettings, EmergencyStopReset, HandOff, IngestSettings,
     MetricsSettings, Policy, RealtimeSettings, Reference, Ros2Settings, Settings, SimSettings,
 };
-pub use sim::Interface as RobotInterface;
 
 /// Reason for which an instance cannot start. The text names file, key, value and bound.
 #[derive(Debug, thiserror::Error)]

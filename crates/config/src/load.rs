@@ -5,11 +5,11 @@ use crate::ConfigError;
 use crate::choice::RobotChoice;
 use crate::operators::Operators;
 use crate::settings::Settings;
+use driver::Interface;
 use layouts::{Layouts, Map};
 use messages::{FNV_BASIS, fnv};
 use retarget::Method;
 use robot::Model;
-use sim::Interface as RobotInterface;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
@@ -68,6 +68,10 @@ impl Loaded {
             for (key, value) in keys.as_table().into_iter().flatten() {
                 all.push((format!("{table}.{key}"), value.to_string()));
             }
+            // It has a default for a simulated robot alone.
+            if table == "driver" && self.settings.driver.interface.is_none() {
+                all.push(("driver.interface".to_owned(), format!("\"{}\"", self.settings.interface().name())));
+            }
         }
         all
     }
@@ -78,8 +82,8 @@ impl Loaded {
 pub struct Overrides {
     /// `control.engage_without_realtime = true`.
     pub engage_without_realtime: bool,
-    /// `sim.interface`, in place of the one in the file.
-    pub interface: Option<RobotInterface>,
+    /// `driver.interface`, in place of the one in the file.
+    pub interface: Option<Interface>,
     /// `robot.file` and `weights.file`, in place of those in the file.
     pub robot: Option<RobotChoice>,
 }
@@ -96,21 +100,31 @@ impl Overrides {
     /// Returns an error if there is no robot with the chosen name.
     pub fn apply(&self, config: &Path, settings: &mut Settings) -> Result<(), ConfigError> {
         settings.control.engage_without_realtime |= self.engage_without_realtime;
-        settings.sim.interface = self.interface.unwrap_or(settings.sim.interface);
+        settings.driver.interface = self.interface.or(settings.driver.interface);
         self.robot.as_ref().map_or(Ok(()), |robot| robot.apply(config, settings))
+    }
+
+    /// Adds the option to an error of a value that it gave.
+    fn named(&self, error: ConfigError) -> ConfigError {
+        match (error, self.interface) {
+            (ConfigError::Syntax { file, cause }, Some(interface)) if cause.starts_with("driver.interface") => {
+                ConfigError::Syntax { file, cause: format!("{cause} (--interface {} sets it)", interface.name()) }
+            }
+            (error, _) => error,
+        }
     }
 }
 
-/// Reads and checks the settings file alone.
+/// Reads the settings file alone, applies the overrides, and checks the result.
 ///
 /// # Errors
 /// Returns an error if the file cannot be read, or if a value is invalid.
-pub fn read_settings(config: &Path) -> Result<Settings, ConfigError> {
-    parse_settings(config).map(|(settings, _)| settings)
+pub fn read_settings(config: &Path, overrides: &Overrides) -> Result<Settings, ConfigError> {
+    parse_settings(config, overrides).map(|(settings, _)| settings)
 }
 
-/// Returns the settings, and the text of their file.
-fn parse_settings(config: &Path) -> Result<(Settings, String), ConfigError> {
+/// Returns the settings in force, checked, and the text of their file.
+fn parse_settings(config: &Path, overrides: &Overrides) -> Result<(Settings, String), ConfigError> {
     let text = read_text(config).map_err(|error| match error {
         ConfigError::Read { file, cause } => {
             let is_default = config == instance::default_config();
@@ -120,7 +134,10 @@ fn parse_settings(config: &Path) -> Result<(Settings, String), ConfigError> {
         }
         other => other,
     })?;
-    let settings = Settings::parse(&config.display().to_string(), &text)?;
+    let file = config.display().to_string();
+    let mut settings = Settings::parse_unchecked(&file, &text)?;
+    overrides.apply(config, &mut settings)?;
+    settings.check(&file).map_err(|error| overrides.named(error))?;
     Ok((settings, text))
 }
 
@@ -141,8 +158,7 @@ pub fn load_robot(config: &Path, overrides: &Overrides) -> Result<(Settings, Mod
 }
 
 fn place(config: &Path, overrides: &Overrides) -> Result<Placed, ConfigError> {
-    let (mut settings, text) = parse_settings(config)?;
-    overrides.apply(config, &mut settings)?;
+    let (settings, text) = parse_settings(config, overrides)?;
     let robot_path = config.parent().unwrap_or(Path::new(".")).join(&settings.robot.file);
     let (model, urdf_path) = load_model(&robot_path).map_err(|error| match overrides.robot {
         Some(_) => error,
@@ -187,7 +203,7 @@ pub fn load(config: &Path, overrides: Overrides) -> Result<Loaded, ConfigError> 
     // The obstacles are part of the text.
     let mut hash = fnv(FNV_BASIS, text.as_bytes());
     hash = fnv(hash, &[u8::from(settings.control.engage_without_realtime)]);
-    hash = fnv(hash, settings.sim.interface.name().as_bytes());
+    hash = fnv(hash, settings.interface().name().as_bytes());
     hash = fnv(hash, &model.hash.to_le_bytes());
     let mut layouts = Layouts::default();
     for name in &settings.ingest.layouts {

@@ -2,6 +2,7 @@
 
 use crate::ConfigError;
 use crate::cores::Cores;
+use driver::Interface;
 use ingest::Filter;
 use schema::{Key, OutOfBounds, Table};
 use serde::{Deserialize, Serialize};
@@ -147,10 +148,12 @@ schema::table! {
         /// Program that drives the robot, started in place of the driver of the built-in simulator. Empty for the built-in
         /// one. A path with a slash is relative to this file. `"teleopd-ros2"` drives a robot that speaks ROS 2.
         program: String = String::new();
-        /// How `teleopd-ros2` commands the robot. `"trajectories"` are for trajectory controllers, which play the certified
-        /// stop when messages end. With `"positions"` and `"arm_sdk"` nobody stops the robot if the driver dies: it holds the
-        /// last position at once, from any speed. It must agree with `[driver]` of the robot file.
-        interface: robot::DriverInterface = robot::DriverInterface::Trajectories;
+        /// How the robot interpolates between setpoints. Whole-body control certifies that motion. `"direct"` takes every
+        /// setpoint at its index. `"jtc100"` has trajectory controllers, not synchronised, that take points at 100 Hz. A
+        /// simulated robot has `"direct"` if this key is missing. With `kind = "robot"` the key is required, and the program
+        /// must declare the same. `"jtc100-restart"` is for a simulated robot only: its controllers begin again at the measured
+        /// position with each point, in a step.
+        interface: Option<Interface> = None;
         /// Age of a measurement beyond which the robot counts as silent, ms. It is ten periods of a port of 1 kHz. Joint
         /// states of ROS 2 at 50 Hz need 60.
         measured_age_max_ms: f64 = 10.0, in [1.0, 100.0];
@@ -185,7 +188,7 @@ pub enum HandOff {
 schema::table! {
     /// Prometheus text on the loopback interface.
     pub struct MetricsSettings {
-        /// Port of the Prometheus text on 127.0.0.1. `ingest` has this port, and retarget, control, sim and
+        /// Port of the Prometheus text on 127.0.0.1. `ingest` has this port, and retarget, control, driver and
         /// robot have the next four. 0 serves none.
         port: u32 = 0, in [0.0, 65_531.0];
     }
@@ -225,6 +228,10 @@ schema::table! {
         domain_id: u32 = 0, in [0.0, 232.0];
         /// Network interface, for example `"eth0"`. Empty for all.
         interface: String = String::new();
+        /// Setpoints that `teleopd-ros2` sends. `"trajectories"` are for trajectory controllers, which play the certified
+        /// stop when messages end. With `"positions"` and `"arm_sdk"` nobody stops the robot if the driver dies: it holds the
+        /// last position at once, from any speed. It must agree with `[driver]` of the robot file.
+        setpoints: robot::SetpointKind = robot::SetpointKind::Trajectories;
         /// Topic of the measured joint positions.
         joint_states_topic: String = "/joint_states".to_owned();
         /// Topic that says whether the robot's emergency stop is pressed. Empty for a robot that has none.
@@ -232,7 +239,7 @@ schema::table! {
         /// Time between a setpoint and its execution by the robot's controllers, ms. It is longer than the way of a
         /// message, the messages that may be lost in a row (5.3 ms each) and the error of the robot's clock together.
         delay_ms: f64 = 25.0, in [12.0, 45.0];
-        /// Time by which the robot's servos follow their controllers later, ms. With `driver.interface = "positions"` or
+        /// Time by which the robot's servos follow their controllers later, ms. With `setpoints = "positions"` or
         /// `"arm_sdk"` it is the whole time from a message to the motion, and `delay_ms` does not count.
         servo_lag_ms: f64 = 0.0, in [0.0, 100.0];
     }
@@ -241,10 +248,6 @@ schema::table! {
 schema::table! {
     /// The simulated robot.
     pub struct SimSettings {
-        /// How the simulated robot takes setpoints. `"direct"` takes every command. `"jtc100"` has four trajectory
-        /// controllers, not synchronised, that take points at 100 Hz. `"jtc100-restart"` shows what one point per message
-        /// does to them: they begin again at the measured position, with a step.
-        interface: sim::Interface = sim::Interface::Direct;
         /// Seed of the encoders' noise and of the delays of jtc100.
         seed: u64 = 1;
         /// Natural frequency of a joint's closed position loop, Hz. Assumption for a geared arm joint.
@@ -256,16 +259,16 @@ schema::table! {
         tracking_error_factor: f64 = 7.0, in [1.0, 10.0];
         /// Delay between driver and robot, in ticks of 1/1500 s. Assumption of one field-bus cycle of 1 ms,
         /// rounded up.
-        delay_ticks: u32 = 2, in [0.0, sim::DELAY_MAX_TICKS as f64];
+        delay_ticks: u32 = 2, in [0.0, plant::DELAY_MAX_TICKS as f64];
         /// Silence of the driver after which the robot reacts by itself, ms. At most 20 with `reaction = "play"`.
         /// Assumption.
         watchdog_ms: f64 = 10.0, in [1.0, 1000.0];
         /// Reaction of the robot by itself after that. `"play"` plays the certified stop that came with the last setpoint. Behind
         /// jtc100 no stop comes, and the joints brake alone. `"hold"` brakes each joint alone. `"damp"` lets the motors
         /// damp. Real robots differ.
-        reaction: sim::Reaction = sim::Reaction::Play;
+        reaction: plant::Reaction = plant::Reaction::Play;
         /// Standard deviation of the encoders' noise, rad. Assumption of one step of the encoder.
-        encoder_noise_rad: f64 = 4.8e-5, in [0.0, sim::ENCODER_NOISE_MAX_RAD];
+        encoder_noise_rad: f64 = 4.8e-5, in [0.0, plant::ENCODER_NOISE_MAX_RAD];
         /// Step of the encoders, rad. Assumption of 17 bits per turn.
         encoder_step_rad: f64 = 4.8e-5, in [0.0, 0.01];
         /// Mass that the left hand truly carries, kg. Without it the robot file's value counts. `control` learns a
@@ -274,7 +277,7 @@ schema::table! {
         /// As `payload_left_kg`, for the right hand, kg.
         payload_right_kg: Option<f64> = None, in [0.0, robot::PAYLOAD_MAX_KG];
         /// Width of an object between the fingers of each gripper, m. They stop there and press. 0 is nothing.
-        object_width_m: f64 = 0.0, in [0.0, sim::OBJECT_MAX_M];
+        object_width_m: f64 = 0.0, in [0.0, plant::OBJECT_MAX_M];
     }
 }
 
@@ -330,11 +333,46 @@ impl Settings {
     }
 
     /// Parses `text` and checks its bounds. Errors name `file`.
+    ///
+    /// # Errors
+    /// Returns an error if a key is unknown, missing or moved, or if a value is invalid.
     pub fn parse(file: &str, text: &str) -> Result<Self, ConfigError> {
-        let settings: Self = toml::from_str(text)
-            .map_err(|error| ConfigError::Syntax { file: file.to_owned(), cause: error.to_string() })?;
+        let settings = Self::parse_unchecked(file, text)?;
         settings.check(file)?;
         Ok(settings)
+    }
+
+    /// Parses `text`. Its values are not checked yet, because the command line may replace some of them.
+    pub(crate) fn parse_unchecked(file: &str, text: &str) -> Result<Self, ConfigError> {
+        let syntax = |cause: String| ConfigError::Syntax { file: file.to_owned(), cause };
+        let table: toml::Table = toml::from_str(text).map_err(|error| syntax(error.to_string()))?;
+        let moved = moved_keys(&table);
+        if !moved.is_empty() {
+            return Err(syntax(format!("{}; move each key, with its value", moved.join("; "))));
+        }
+        toml::from_str(text).map_err(|error| syntax(error.to_string()))
+    }
+
+    /// How the robot interpolates between setpoints.
+    pub fn interface(&self) -> Interface {
+        self.driver.interface.unwrap_or_default()
+    }
+
+    /// Refuses an interface other than the one that the driver's program declares for its robot.
+    ///
+    /// # Errors
+    /// Returns a sentence that names the key, its value, and the value that is allowed.
+    pub fn check_declared(&self, declared: Interface) -> Result<(), String> {
+        let configured = self.interface();
+        if configured == declared {
+            return Ok(());
+        }
+        Err(format!(
+            "driver.interface = \"{}\", must be \"{}\": this driver declares that its robot interpolates so, and whole-body \
+             control must certify that motion",
+            configured.name(),
+            declared.name()
+        ))
     }
 
     /// Factor on the bounds of the tracking error. It is one, except for a simulated robot.
@@ -362,7 +400,7 @@ impl Settings {
     /// Returns the time by which the joints of a robot on DDS follow their messages, ms. Positions are executed at once, so
     /// `ros2.delay_ms` belongs to trajectories alone.
     pub fn ros2_behind_ms(&self) -> f64 {
-        let plays_curves = self.driver.interface == robot::DriverInterface::Trajectories;
+        let plays_curves = self.ros2.setpoints == robot::SetpointKind::Trajectories;
         self.ros2.servo_lag_ms + if plays_curves { self.ros2.delay_ms } else { 0.0 }
     }
 
@@ -374,7 +412,8 @@ impl Settings {
         }
     }
 
-    fn check(&self, file: &str) -> Result<(), ConfigError> {
+    /// Checks every value, and values that must fit together.
+    pub(crate) fn check(&self, file: &str) -> Result<(), ConfigError> {
         let bound = |table: &str, OutOfBounds { key, value, low, high }| {
             let key = format!("{table}.{key}");
             ConfigError::Bound { file: file.to_owned(), key, value, low, high }
@@ -399,16 +438,7 @@ impl Settings {
             let (value, most) = (self.ingest.layouts.len(), LAYOUTS_MAX);
             return Err(ConfigError::TooMany { file: file.to_owned(), key: "ingest.layouts", value, most });
         }
-        if self.driver.kind == DriverKind::Robot && self.driver.program.is_empty() {
-            return Err(ConfigError::Syntax {
-                file: file.to_owned(),
-                cause: "driver.kind = \"robot\" needs driver.program; name the program that drives your robot".into(),
-            });
-        }
-        if self.driver.kind == DriverKind::Robot && self.sim.interface == sim::Interface::Jtc100Restart {
-            let cause = "sim.interface = \"jtc100-restart\" is for a simulated robot only: nothing certifies it";
-            return Err(ConfigError::Syntax { file: file.to_owned(), cause: cause.into() });
-        }
+        self.check_driver().map_err(|cause| ConfigError::Syntax { file: file.to_owned(), cause: cause.into() })?;
         // The driver must not miss a command that `control` may still send. The lease must not pass to another client while
         // the robot still moves for the client that fell silent.
         let lease_least_ms = self.safety.input_stale_ms + STOP_LONGEST_MS;
@@ -421,7 +451,7 @@ impl Settings {
                 return Err(ConfigError::TooShort { file: file.to_owned(), key, value, least, because });
             }
         }
-        let (watchdog_ms, most) = (self.sim.watchdog_ms, sim::watchdog_max_ms(self.sim.reaction));
+        let (watchdog_ms, most) = (self.sim.watchdog_ms, self.sim.reaction.watchdog_max_ms());
         if watchdog_ms > most {
             let cause =
                 format!("sim.watchdog_ms = {watchdog_ms} is above {most}, the most with sim.reaction = \"play\"");
@@ -429,4 +459,37 @@ impl Settings {
         }
         Ok(())
     }
+
+    /// Checks what a real robot requires of `[driver]`.
+    fn check_driver(&self) -> Result<(), &'static str> {
+        match (self.driver.kind, self.driver.interface) {
+            (DriverKind::Sim, _) => Ok(()),
+            (DriverKind::Robot, _) if self.driver.program.is_empty() => {
+                Err("driver.kind = \"robot\" needs driver.program; name the program that drives your robot")
+            }
+            (DriverKind::Robot, None) => Err("driver.kind = \"robot\" needs driver.interface; say how your robot \
+                                              interpolates between setpoints, \"direct\" or \"jtc100\""),
+            (DriverKind::Robot, Some(Interface::Jtc100Restart)) => {
+                Err("driver.interface = \"jtc100-restart\" is for a simulated robot only: nothing certifies it")
+            }
+            (DriverKind::Robot, Some(Interface::Direct | Interface::Jtc100)) => Ok(()),
+        }
+    }
+}
+
+/// Keys that files of before 0.1.0 have at another place: table, key, the values that belong to the old meaning, and the new
+/// place.
+const MOVED: [(&str, &str, &[&str], &str); 2] = [
+    ("sim", "interface", &[], "driver.interface"),
+    ("driver", "interface", &["trajectories", "positions", "arm_sdk"], "ros2.setpoints"),
+];
+
+/// Returns a sentence for each key of `table` that has moved.
+fn moved_keys(table: &toml::Table) -> Vec<String> {
+    let found = MOVED.iter().filter_map(|(section, key, values, place)| {
+        let value = table.get(*section)?.get(*key)?;
+        let is_old = values.is_empty() || value.as_str().is_some_and(|value| values.contains(&value));
+        is_old.then(|| format!("{section}.{key} = {value} is now {place}"))
+    });
+    found.collect()
 }

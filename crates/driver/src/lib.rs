@@ -51,6 +51,7 @@ mod chain;
 mod drive;
 mod follower;
 mod gripper;
+mod interface;
 mod limits;
 mod plan;
 mod port;
@@ -64,6 +65,7 @@ pub use follower::{
     StepKind, UNDRIVEN_TICKS, tick, tick_each,
 };
 pub use gripper::{Grippers, RAMP_S as GRIPPER_RAMP_S};
+pub use interface::{Interface, POINT_S, POINT_TICKS};
 pub use limits::JointLimits;
 pub use plan::PlanPlayback;
 pub use port::{Driver, Drives, Measured, Setpoint};

@@ -1,9 +1,7 @@
 //! Robots that carried on by themselves while their driver was suspended: random motions, delays, and
 //! measurements of any age.
 
-mod bench;
-
-use bench::{Bench, K, measured};
+use crate::bench::{Bench, K, measured};
 use driver::{Config, GAP_MAX_TICKS, Input, JointLimits, Measured, tick};
 use messages::{JOINTS_MAX, JointMotion, Layout, RobotId, Stamp, TICK_S, deadline};
 use rand::{RngExt, SeedableRng};

@@ -1,8 +1,6 @@
 //! Refusals of the follower, its latch, and its reset.
 
-mod bench;
-
-use bench::{Bench, CONFIG, K, measured};
+use crate::bench::{Bench, CONFIG, K, measured};
 use driver::{
     Accepted, Chain, Config, Drive, DriveInput, Driver, GAP_MAX_TICKS, Input, Measured, PlanPlayback, Refusal,
     SETTLE_TICKS, SILENCE_TICKS, STILL_TICKS, Setpoint, State, drive, reseed, tick,

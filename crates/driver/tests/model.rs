@@ -1,11 +1,9 @@
 //! The executed motion is continuous for every timing of the two processes. It follows once both are on time again.
 
-mod world;
-
+use crate::world::{FIRST_K, Moment, World};
 use messages::JOINTS_MAX;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
-use world::{FIRST_K, Moment, World};
 
 /// Ticks on time after which every index is executed by its own command. The driver shows a lost chain in its
 /// next echo, `control` reseeds, and the driver takes the new chain. There are two such rounds if the first one

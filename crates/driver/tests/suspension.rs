@@ -1,8 +1,6 @@
 //! A driver that was suspended while the robot moved, or that starts on a moving robot.
 
-mod bench;
-
-use bench::{Bench, CONFIG, K, LIMITS, measured};
+use crate::bench::{Bench, CONFIG, K, LIMITS, measured};
 use driver::{GAP_MAX_TICKS, Input, PlanPlayback, Refusal, SILENCE_TICKS, State, tick};
 use messages::{Fault, Faults, JOINTS_MAX, JointMotion, Layout, RobotId, Stamp, TICK_S, deadline};
 

@@ -3,14 +3,22 @@
 use crate::description::{Body, JointKind};
 use crate::dynamics::Dynamics;
 use crate::error::PlantError;
-use crate::kinematics::Frames;
-use crate::motor::Motor;
+use crate::gripper::Gripper;
+use crate::links::{Links, OPTIONS, Payload};
 use crate::plant::{DELAY_MAX_NS, STEP_NS};
-use messages::{ARM_JOINTS, JOINTS_MAX, TICK_HZ};
+use messages::{JOINTS_MAX, TICK_HZ};
 use nalgebra::{Matrix3, Vector3};
 
-/// Name of the options in errors.
-const OPTIONS: &str = "plant options";
+/// The longest transport delay that settings allow, ticks: 20 ms, the cycle of the slowest interface that the robot
+/// offers.
+pub const DELAY_MAX_TICKS: u32 = 30;
+
+/// Largest standard deviation of the encoders' noise that settings allow, rad or m. The driver takes changes up to 0.4 mrad
+/// for noise, four times as much.
+pub const ENCODER_NOISE_MAX_RAD: f64 = 1e-4;
+
+/// Largest width of an object between fingers, m: that of the widest gripper.
+pub const OBJECT_MAX_M: f64 = 0.5;
 
 /// Reaction of the drives when setpoints stay away for longer than the watchdog allows. Real robots differ.
 #[derive(Clone, Copy, Debug, Default, serde::Deserialize, PartialEq, serde::Serialize, Eq)]
@@ -25,13 +33,16 @@ pub enum Reaction {
     Play,
 }
 
-/// A point mass in a hand. The drives' model does not contain it.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Payload {
-    /// The link whose origin is the place of the mass.
-    pub link: String,
-    /// Mass, kg.
-    pub mass_kg: f64,
+impl Reaction {
+    /// Returns the longest watchdog time that settings allow, ms. Until the watchdog fires, drives carry the last
+    /// acceleration on. Then the played stop begins where it should be by that time. At 9.6 rad/s^2 and 20 ms their speeds
+    /// differ by 0.2 rad/s. At 100 ms the robot goes 70 mrad beyond the end of the stop.
+    pub const fn watchdog_max_ms(self) -> f64 {
+        match self {
+            Self::Play => 20.0,
+            Self::Hold | Self::Damp => 1000.0,
+        }
+    }
 }
 
 /// An obstacle around the robot, in the base frame, m.
@@ -73,6 +84,10 @@ pub struct Options {
     pub hands_kg: [Option<f64>; 2],
     /// Obstacles around the robot.
     pub obstacles: Vec<Obstacle>,
+    /// The grippers of the left and the right hand.
+    pub grippers: [Option<Gripper>; 2],
+    /// Width of the object between the fingers of each gripper, m. Zero for none.
+    pub object_width_m: f64,
     /// The robot may start outside its limits or too close to itself. The judge then counts only motion further out.
     pub initial_outside: bool,
 }
@@ -92,26 +107,17 @@ impl Default for Options {
             payloads: Vec::new(),
             hands_kg: [None; 2],
             obstacles: Vec::new(),
+            grippers: [None; 2],
+            object_width_m: 0.0,
             initial_outside: false,
         }
     }
 }
 
-/// A load that the drives' model does not contain.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Load {
-    pub(crate) body: usize,
-    pub(crate) place: Vector3<f64>,
-    pub(crate) mass_kg: f64,
-}
-
 /// Settings of a robot's body, checked.
 #[derive(Clone, Debug)]
 pub struct Config {
-    pub(crate) body: Body,
-    pub(crate) dynamics: Dynamics,
-    pub(crate) motors: [Motor; JOINTS_MAX],
-    pub(crate) loads: Vec<Load>,
+    pub(crate) links: Links,
     pub(crate) obstacles: Vec<Obstacle>,
     /// Natural frequency of the position loops, rad/s.
     pub(crate) omega: f64,
@@ -122,6 +128,8 @@ pub struct Config {
     pub(crate) reaction: Reaction,
     pub(crate) noise: f64,
     pub(crate) encoder_step: f64,
+    pub(crate) grippers: [Option<Gripper>; 2],
+    pub(crate) object_width_m: f64,
     pub(crate) initial_outside: bool,
 }
 
@@ -138,7 +146,7 @@ impl Config {
     }
 
     /// Creates the settings for a robot that was read before.
-    pub fn new(mut body: Body, options: &Options) -> Result<Self, PlantError> {
+    pub fn new(body: Body, options: &Options) -> Result<Self, PlantError> {
         let within = |key: &str, value: f64, least: f64, most: f64| {
             let bound = || format!("must be between {least} and {most}");
             let inside = value >= least && value <= most;
@@ -154,35 +162,8 @@ impl Config {
         within("encoder_noise_rad", options.encoder_noise_rad, 0.0, 0.01)?;
         within("encoder_step_rad", options.encoder_step_rad, 0.0, 0.01)?;
         within("friction_compensated", options.friction_compensated, 0.0, 1.0)?;
-        let mut loads = Vec::new();
-        for payload in &options.payloads {
-            let mass_kg = within("payload mass_kg", payload.mass_kg, 0.0, 20.0)?;
-            let at = body.link(&payload.link);
-            let (pose_body, pose) =
-                at.ok_or_else(|| PlantError::unknown(OPTIONS, "payload link", &payload.link, "a link of the URDF"))?;
-            loads.push(Load { body: pose_body, place: pose.t, mass_kg });
-            body.add_payload(&payload.link, mass_kg);
-        }
-        let count = body.joints.len();
-        // The arms come last, and body 1 + j moves with joint j.
-        for (side, last) in [count - ARM_JOINTS, count].into_iter().enumerate() {
-            let key = ["hands_kg left", "hands_kg right"][side];
-            let said = body.payloads[side].map_or(0.0, |(mass_kg, _)| mass_kg);
-            let mass_kg = within(key, options.hands_kg[side].unwrap_or(said), 0.0, 20.0)?;
-            if mass_kg > 0.0 {
-                let file =
-                    ["payload.left.centre_m of the robot file", "payload.right.centre_m of the robot file"][side];
-                let (_, place) = body.payloads[side].ok_or_else(|| PlantError::missing(OPTIONS, file))?;
-                loads.push(Load { body: last, place, mass_kg });
-                body.add_mass(last, place, mass_kg);
-            }
-        }
-        let motors: [Motor; JOINTS_MAX] = std::array::from_fn(|j| body.joints.get(j).map_or(Motor::NONE, Motor::new));
         Ok(Self {
-            dynamics: Dynamics::new(&body, motors.map(|motor| motor.armature)),
-            body,
-            motors,
-            loads,
+            links: Links::new(body, &options.payloads, options.hands_kg)?,
             obstacles: options.obstacles.clone(),
             omega: std::f64::consts::TAU * natural_hz,
             damping_ratio: options.damping_ratio,
@@ -192,35 +173,35 @@ impl Config {
             reaction: options.reaction,
             noise: options.encoder_noise_rad,
             encoder_step: options.encoder_step_rad,
+            grippers: options.grippers,
+            object_width_m: within("object_width_m", options.object_width_m, 0.0, OBJECT_MAX_M)?,
             initial_outside: options.initial_outside,
         })
     }
 
     /// Returns the robot.
     pub fn body(&self) -> &Body {
-        &self.body
+        &self.links.body
     }
 
     /// Returns the dynamics with payloads and rotors.
     pub fn dynamics(&self) -> &Dynamics {
-        &self.dynamics
+        &self.links.dynamics
     }
 
-    /// Returns the torques of the links in a motion, N m or N. See [`Dynamics::torques`].
-    pub fn torques(&self, q: &[f64; JOINTS_MAX], v: &[f64; JOINTS_MAX], a: &[f64; JOINTS_MAX]) -> [f64; JOINTS_MAX] {
-        let mut frames = Frames::default();
-        self.body.forward(q, &mut frames);
-        self.dynamics.torques(&self.dynamics.at(&frames), v, a)
+    /// Returns the links with all that they carry.
+    pub fn links(&self) -> &Links {
+        &self.links
     }
 
     /// Returns the home posture, rad or m.
     pub fn home(&self) -> &[f64; JOINTS_MAX] {
-        &self.body.home
+        &self.links.body.home
     }
 
     /// Returns `turning` for a joint that turns, and `sliding` for one that slides.
     pub(crate) fn by_kind(&self, j: usize, turning: f64, sliding: f64) -> f64 {
-        match self.body.joints[j].kind {
+        match self.links.body.joints[j].kind {
             JointKind::Revolute => turning,
             JointKind::Prismatic => sliding,
         }

@@ -59,17 +59,17 @@ impl Judge {
             time_left_s: [[0.0; JOINTS_MAX]; 2],
             gap_end: Stamp::NONE,
             outside: [[0.0; JOINTS_MAX]; 2],
-            clearance_m: config.body.d_min_m,
+            clearance_m: config.links.body.d_min_m,
             frames: Frames::default(),
-            segments: vec![[Vector3::zeros(); 2]; config.body.capsules.len()],
+            segments: vec![[Vector3::zeros(); 2]; config.links.body.capsules.len()],
         };
         if config.initial_outside {
-            for (j, joint) in config.body.joints.iter().enumerate() {
+            for (j, joint) in config.links.body.joints.iter().enumerate() {
                 for (outside, limits) in judge.outside.iter_mut().zip([&joint.urdf, &joint.limits]) {
                     outside[j] = (limits.q_min - q[j]).max(q[j] - limits.q_max).max(0.0);
                 }
             }
-            judge.clearance_m = judge.clearance(config, q).0.min(config.body.d_min_m);
+            judge.clearance_m = judge.clearance(config, q).0.min(config.links.body.d_min_m);
         }
         judge
     }
@@ -82,7 +82,7 @@ impl Judge {
     /// Compares the truth with the limits.
     pub fn look(&mut self, config: &Config, truth: &Truth) {
         self.report.looks += 1;
-        for (j, joint) in config.body.joints.iter().enumerate() {
+        for (j, joint) in config.links.body.joints.iter().enumerate() {
             let (q, v, tau) = (truth.q[j], truth.v[j], truth.tau[j]);
             let report = &mut self.report;
             let margin = config.by_kind(j, SERVO_MARGIN_RAD, SERVO_MARGIN_M);
@@ -121,7 +121,7 @@ impl Judge {
         if !clear {
             self.report.note(ViolationKind::Clearance, truth.stamp, pair, clearance_m, bound);
         }
-        self.clearance_m = self.clearance_m.max(clearance_m.min(config.body.d_min_m));
+        self.clearance_m = self.clearance_m.max(clearance_m.min(config.links.body.d_min_m));
     }
 
     /// Compares a setpoint that the robot took with the one before, in wall time. `begins` says that it is the
@@ -146,7 +146,7 @@ impl Judge {
         if slept {
             self.gap_end = now;
         }
-        for (j, joint) in config.body.joints.iter().enumerate() {
+        for (j, joint) in config.links.body.joints.iter().enumerate() {
             let rows = [
                 (ViolationKind::SetpointStep, (setpoint.q[j] - q[j]).abs(), joint.limits.v_max),
                 (ViolationKind::SetpointChange, (setpoint.v[j] - v[j]).abs(), joint.limits.a_max),
@@ -165,7 +165,7 @@ impl Judge {
 
     /// Returns the least clearance at `q`, m, and the index of that pair as in [`crate::Violation::which`].
     pub fn clearance(&mut self, config: &Config, q: &[f64; JOINTS_MAX]) -> (f64, usize) {
-        let body = &config.body;
+        let body = &config.links.body;
         body.forward(q, &mut self.frames);
         for (segment, capsule) in self.segments.iter_mut().zip(&body.capsules) {
             *segment = capsule.ends.map(|end| self.frames.base_from_body[capsule.body].point(&end));

@@ -2,7 +2,7 @@
 //! allocates after construction. The same seed and the same calls give the same run.
 //!
 //! This crate is the second, independent reader of the URDF and of the robot file. It shares no code with `robot`,
-//! `driver`, `safety` or `wbc`, so it can contradict them.
+//! `safety` or `wbc`, so it can contradict them. From `driver` it has the port alone.
 //!
 //! # Words
 //!
@@ -43,29 +43,35 @@ mod description;
 mod distance;
 mod dynamics;
 mod error;
+mod gripper;
 mod injection;
 mod judge;
 mod kinematics;
+mod links;
 mod motor;
 mod noise;
 mod plant;
 mod pose;
 mod report;
+mod robot;
 mod robot_file;
 mod urdf;
 
-pub use config::{Config, Obstacle, Options, Payload, Reaction};
+pub use config::{Config, DELAY_MAX_TICKS, ENCODER_NOISE_MAX_RAD, OBJECT_MAX_M, Obstacle, Options, Reaction};
 pub use description::{Body, Capsule, Inertia, Joint, JointKind, Limits};
 pub use distance::{segment_box, segment_plane, segment_segment};
 pub use dynamics::{Drive, Dynamics, GRAVITY_M_PER_S2, Posture};
 pub use error::PlantError;
+pub use gripper::Gripper;
 pub use injection::Injection;
 pub use judge::{
     CLEARANCE_MARGIN_M, JITTER_ALLOWANCE_NS, JUDGE_STEPS, Judge, SERVO_MARGIN_M, SERVO_MARGIN_RAD, SPEED_OVERSHOOT,
 };
 pub use kinematics::Frames;
+pub use links::{Links, Payload};
 pub use plant::{
-    CATCH_UP_NS, Drives, Measured, NEAR_M, NEAR_M_PER_S, NEAR_RAD, NEAR_RAD_PER_S, Plant, STEP_NS, Setpoint, Truth,
+    CATCH_UP_NS, Measured, NEAR_M, NEAR_M_PER_S, NEAR_RAD, NEAR_RAD_PER_S, Plant, STEP_NS, Setpoint, Truth,
 };
 pub use pose::Pose;
 pub use report::{Report, Violation, ViolationKind};
+pub use robot::{Port, Robot};

@@ -7,6 +7,7 @@ use crate::injection::{Injected, Injection};
 use crate::judge::{JUDGE_STEPS, Judge};
 use crate::kinematics::Frames;
 use crate::noise::Noise;
+use driver::Drives;
 use messages::{JOINTS_MAX, Stamp, StopPlan};
 use nalgebra::Vector3;
 
@@ -45,17 +46,6 @@ pub struct Setpoint {
     pub a: [f64; JOINTS_MAX],
     /// The stop from (q, v, a). Only [`Reaction::Play`] uses it.
     pub plan: StopPlan,
-}
-
-/// State that the drives report.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Drives {
-    /// The robot's own emergency stop is pressed.
-    pub emergency_stop: bool,
-    /// Any drive reports a fault.
-    pub fault: bool,
-    /// The motors have power.
-    pub powered: bool,
 }
 
 /// A measurement of the robot.
@@ -140,7 +130,7 @@ impl Plant {
             a: zero,
             plan: StopPlan { jerk: [[0.0; 3]; JOINTS_MAX], duration_s: [[0.0; 3]; JOINTS_MAX] },
         };
-        let drives = Drives { emergency_stop: false, fault: false, powered: true };
+        let drives = Drives::SOUND;
         let mut plant = Self {
             truth: Truth { stamp: now, q: *q, v: zero, tau: zero },
             steps: 0,
@@ -279,7 +269,7 @@ impl Plant {
     fn sample(&mut self, config: &Config) {
         let measured = &mut self.measured;
         measured.stamp = self.truth.stamp;
-        for j in 0..config.body.joints.len() {
+        for j in 0..config.links.body.joints.len() {
             let (noise_q, noise_v) = self.noise.pair();
             if self.injected.is_frozen(j) {
                 continue;
@@ -299,7 +289,7 @@ impl Plant {
     }
 
     fn is_near(&self, config: &Config, setpoint: &Setpoint) -> bool {
-        (0..config.body.joints.len()).all(|j| {
+        (0..config.links.body.joints.len()).all(|j| {
             let near = config.by_kind(j, NEAR_RAD, NEAR_M);
             let near_speed = config.by_kind(j, NEAR_RAD_PER_S, NEAR_M_PER_S);
             (setpoint.q[j] - self.truth.q[j]).abs() <= near && (setpoint.v[j] - self.truth.v[j]).abs() <= near_speed
@@ -317,7 +307,7 @@ impl Plant {
     fn step(&mut self, config: &Config) {
         self.switch(config);
         let (posture, pushes) = self.drives(config);
-        let a = config.dynamics.accelerations(&posture, &self.truth.v, &pushes);
+        let a = config.links.dynamics.accelerations(&posture, &self.truth.v, &pushes);
         for ((q, v), a) in self.truth.q.iter_mut().zip(&mut self.truth.v).zip(a) {
             *v += a * STEP_S;
             *q += *v * STEP_S;
@@ -355,7 +345,7 @@ impl Plant {
         }
         if let Mode::Holding { .. } = self.mode {
             for j in 0..JOINTS_MAX {
-                let (v, change) = (self.held.1[j], config.motors[j].stopping * STEP_S);
+                let (v, change) = (self.held.1[j], config.links.motors[j].stopping * STEP_S);
                 let slower = v - v.clamp(-change, change);
                 self.held.0[j] += (v + slower) / 2.0 * STEP_S;
                 self.held.1[j] = slower;
@@ -366,12 +356,12 @@ impl Plant {
     /// Returns the posture, and the drive of each joint in this step.
     fn drives(&mut self, config: &Config) -> (crate::dynamics::Posture, [Drive; JOINTS_MAX]) {
         let mut frames = Frames::default();
-        config.body.forward(&self.truth.q, &mut frames);
-        let posture = config.dynamics.at(&frames);
-        let (mut gravity, diagonal) = config.dynamics.gravity_and_diagonal(&posture);
+        config.links.body.forward(&self.truth.q, &mut frames);
+        let posture = config.links.dynamics.at(&frames);
+        let (mut gravity, diagonal) = config.links.dynamics.gravity_and_diagonal(&posture);
         forget_loads(config, &frames, &mut gravity);
         let pushes = std::array::from_fn(|j| {
-            let (motor, q, v) = (&config.motors[j], self.truth.q[j], self.truth.v[j]);
+            let (motor, q, v) = (&config.links.motors[j], self.truth.q[j], self.truth.v[j]);
             if let Some(speed) = self.injected.braked_to(j) {
                 self.truth.tau[j] = 0.0;
                 return Drive::Acceleration(((speed - v) / STEP_S).clamp(-motor.braking, motor.braking));
@@ -448,7 +438,7 @@ impl Plant {
 
     /// Applies the mechanical stops. A joint that reaches one loses its speed there.
     fn stay_inside(&mut self, config: &Config) {
-        for (j, joint) in config.body.joints.iter().enumerate() {
+        for (j, joint) in config.links.body.joints.iter().enumerate() {
             let (q, v) = (&mut self.truth.q[j], &mut self.truth.v[j]);
             if *q < joint.urdf.q_min || *q > joint.urdf.q_max {
                 *q = q.clamp(joint.urdf.q_min, joint.urdf.q_max);
@@ -460,12 +450,12 @@ impl Plant {
 
 /// Removes the loads from the drives' gravity model, because the drives do not know them.
 fn forget_loads(config: &Config, frames: &Frames, gravity: &mut [f64; JOINTS_MAX]) {
-    for load in &config.loads {
+    for load in &config.links.loads {
         let p = frames.base_from_body[load.body].point(&load.place);
         let weight = Vector3::new(0.0, 0.0, load.mass_kg * GRAVITY_M_PER_S2);
         let mut body = load.body;
         while body > 0 {
-            let (joint, pose) = (&config.body.joints[body - 1], &frames.base_from_body[body]);
+            let (joint, pose) = (&config.links.body.joints[body - 1], &frames.base_from_body[body]);
             let axis = pose.r * joint.axis;
             gravity[body - 1] -= match joint.kind {
                 JointKind::Revolute => axis.dot(&(p - pose.t).cross(&weight)),

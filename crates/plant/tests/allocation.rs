@@ -1,14 +1,8 @@
 //! Nothing allocates after construction.
 
-#[allow(dead_code)]
-mod support;
-
+use crate::support::{HANDS, START, Sines, TICK_NS, config};
 use plant::{Injection, Judge, Obstacle, Options, Plant, Reaction};
 use rand::SeedableRng;
-use support::{HANDS, START, Sines, TICK_NS, config};
-
-#[global_allocator]
-static ALLOCATOR: rt::CountingAllocator = rt::CountingAllocator;
 
 /// Returns the number of new blocks of this thread since counting began.
 fn allocated() -> u64 {

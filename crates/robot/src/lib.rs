@@ -55,7 +55,7 @@ pub use near::NearestToArm;
 pub use payload::{PAYLOAD_MAX_KG, PAYLOAD_REACH_MAX_M, Payload};
 pub use points::SpeedPoint;
 pub use pose::Pose;
-pub use proposal::{ARM_SDK_INDICES, DriverInterface, Motor, Proposal};
+pub use proposal::{ARM_SDK_INDICES, Motor, Proposal, SetpointKind};
 pub use segment::{SegmentDistance, segment_distance};
 pub use shapes::{Hull, Surface, hull_volume_oracle, segment_distance_oracle};
 pub use two_axes::TwoAxes;

@@ -1,4 +1,4 @@
-//! The robot file's `[driver]`: through which interface the robot is driven. It is a proposal. The settings choose the
+//! The robot file's `[driver]`: which setpoints its controllers take. It is a proposal. The settings choose the
 //! driver, so a robot file never makes hardware move.
 
 use crate::error::RobotError;
@@ -16,10 +16,10 @@ pub const ARM_SDK_INDICES: RangeInclusive<u32> = 12..=28;
 const STIFFNESS: [f64; 2] = [5.0, 400.0];
 const DAMPING: [f64; 2] = [0.1, 10.0];
 
-/// The interface between a driver and the robot's controllers.
+/// The setpoints that the robot's controllers take.
 #[derive(Clone, Copy, Debug, Default, Deserialize, PartialEq, Serialize, Eq)]
 #[serde(rename_all = "snake_case")]
-pub enum DriverInterface {
+pub enum SetpointKind {
     /// Trajectory controllers of ROS 2. They play the certified stop by themselves.
     #[default]
     Trajectories,
@@ -29,7 +29,7 @@ pub enum DriverInterface {
     ArmSdk,
 }
 
-impl DriverInterface {
+impl SetpointKind {
     /// Its name in files.
     pub const fn name(self) -> &'static str {
         match self {
@@ -55,18 +55,20 @@ pub struct Motor {
 /// How the robot is driven. Without `[driver]` it is by trajectories.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Proposal {
-    /// The interface.
-    pub interface: DriverInterface,
-    /// The robot type that `rt/lowstate` reports. None unless the interface is `arm_sdk`.
+    /// The setpoints that it takes.
+    pub setpoints: SetpointKind,
+    /// The robot type that `rt/lowstate` reports. None without `arm_sdk`.
     pub mode_machine: Option<u8>,
-    /// One motor for each commanded joint. Empty unless the interface is `arm_sdk`.
+    /// One motor for each commanded joint. Empty without `arm_sdk`.
     pub motors: Vec<Motor>,
 }
 
 #[derive(Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(crate) struct ProposalEntry {
-    interface: DriverInterface,
+    // Robot files of before 0.1.0 call it `interface`.
+    #[serde(alias = "interface")]
+    setpoints: SetpointKind,
     mode_machine: Option<u8>,
     #[serde(default)]
     motors: BTreeMap<String, Motor>,
@@ -80,12 +82,12 @@ impl Source<'_> {
         names: &[String],
         prismatic: &[bool; JOINTS_MAX],
     ) -> Result<Proposal, RobotError> {
-        let ProposalEntry { interface, mode_machine, motors: entries } = entry;
+        let ProposalEntry { setpoints, mode_machine, motors: entries } = entry;
         let missing = |key: &str, bound: &str| self.value(key, "missing".into(), bound);
-        let is_arm_sdk = interface == DriverInterface::ArmSdk;
+        let is_arm_sdk = setpoints == SetpointKind::ArmSdk;
         if !is_arm_sdk && (mode_machine.is_some() || !entries.is_empty()) {
             let bound = "must be \"arm_sdk\" for mode_machine and motors";
-            return Err(self.value("driver.interface", format!("\"{}\"", interface.name()), bound));
+            return Err(self.value("driver.setpoints", format!("\"{}\"", setpoints.name()), bound));
         }
         if is_arm_sdk && mode_machine.is_none() {
             return Err(missing("driver.mode_machine", "must be the robot type that rt/lowstate reports"));
@@ -94,9 +96,8 @@ impl Source<'_> {
         let mut motors = Vec::new();
         for (j, name) in names.iter().enumerate().filter(|_| is_arm_sdk) {
             if prismatic[j] {
-                let bound =
-                    "must be another interface: arm_sdk moves joints that turn, and this robot has one that slides";
-                return Err(self.value("driver.interface", "\"arm_sdk\"".into(), bound));
+                let bound = "must be another kind: arm_sdk moves joints that turn, and this robot has one that slides";
+                return Err(self.value("driver.setpoints", "\"arm_sdk\"".into(), bound));
             }
             let motor = *entries
                 .get(name)
@@ -119,6 +120,6 @@ impl Source<'_> {
             }
             motors.push(motor);
         }
-        Ok(Proposal { interface, mode_machine, motors })
+        Ok(Proposal { setpoints, mode_machine, motors })
     }
 }

@@ -197,7 +197,7 @@ fn f097_error_in_driver_table_is_refused_with_its_key() {
         (
             "interface = \"arm_sdk\"",
             "interface = \"positions\"",
-            ["driver.interface = \"positions\"", "must be \"arm_sdk\""],
+            ["driver.setpoints = \"positions\"", "must be \"arm_sdk\""],
         ),
         ("mode_machine = 5", "", ["driver.mode_machine", "rt/lowstate"]),
         ("mode_machine = 5", "mode_machine = 256", ["256", "u8"]),

@@ -26,7 +26,7 @@ use dust_dds::subscription::data_reader::DataReader;
 use dust_dds::subscription::subscriber::Subscriber;
 use dust_dds::xtypes::type_support::TypeSupport;
 use messages::Stamp;
-use robot::{DriverInterface, Model};
+use robot::{Model, SetpointKind};
 use std::fmt;
 
 /// How often this participant announces itself. A robot that starts later finds it within this time.
@@ -290,23 +290,23 @@ impl Controller {
     pub(crate) fn open(
         model: &Model,
         controller: &robot::Controller,
-        interface: DriverInterface,
+        interface: SetpointKind,
         members: &[Member; 2],
         publisher: Option<&Publisher>,
     ) -> Result<Self, String> {
         let (member, name, joints, order) =
             (&members[0], controller.name.clone(), controller.joints, controller.order.clone());
         let topic = match interface {
-            DriverInterface::Trajectories => format!("/{name}/joint_trajectory"),
-            DriverInterface::Positions => format!("/{name}/commands"),
-            DriverInterface::ArmSdk => format!("/{name}"),
+            SetpointKind::Trajectories => format!("/{name}/joint_trajectory"),
+            SetpointKind::Positions => format!("/{name}/commands"),
+            SetpointKind::ArmSdk => format!("/{name}"),
         };
         let writer = match interface {
-            DriverInterface::Trajectories => writer(member, publisher, &topic)?.map(Writer::Trajectory),
-            DriverInterface::Positions => writer(member, publisher, &topic)?.map(Writer::Positions),
-            DriverInterface::ArmSdk => writer(member, publisher, &topic)?.map(Writer::ArmSdk),
+            SetpointKind::Trajectories => writer(member, publisher, &topic)?.map(Writer::Trajectory),
+            SetpointKind::Positions => writer(member, publisher, &topic)?.map(Writer::Positions),
+            SetpointKind::ArmSdk => writer(member, publisher, &topic)?.map(Writer::ArmSdk),
         };
-        let states = (interface == DriverInterface::Trajectories)
+        let states = (interface == SetpointKind::Trajectories)
             .then(|| twice(members, &format!("/{name}/controller_state")))
             .transpose()?;
         let own = (0..model.count).filter(|j| joints & 1 << j != 0);

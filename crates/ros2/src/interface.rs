@@ -2,7 +2,8 @@
 
 use crate::trajectory::PERIOD_TICKS;
 use config::Settings;
-use robot::{DriverInterface, Model};
+use driver::Interface;
+use robot::{Model, SetpointKind};
 
 /// Ticks between two positions: 2 ms. Source: the controllers of Reachy 2 update at 500 Hz (reachy2_core,
 /// `reachy_full_kit_controllers.yaml`). A slower controller takes the newest one.
@@ -11,11 +12,11 @@ const POSITIONS_TICKS: u64 = 3;
 const ARM_SDK_TICKS: u64 = 6;
 
 /// Ticks between two messages.
-pub const fn period_ticks(interface: DriverInterface) -> u64 {
+pub const fn period_ticks(interface: SetpointKind) -> u64 {
     match interface {
-        DriverInterface::Trajectories => PERIOD_TICKS,
-        DriverInterface::Positions => POSITIONS_TICKS,
-        DriverInterface::ArmSdk => ARM_SDK_TICKS,
+        SetpointKind::Trajectories => PERIOD_TICKS,
+        SetpointKind::Positions => POSITIONS_TICKS,
+        SetpointKind::ArmSdk => ARM_SDK_TICKS,
     }
 }
 
@@ -23,26 +24,26 @@ pub const fn period_ticks(interface: DriverInterface) -> u64 {
 /// is under way, and one may be lost.
 const AGE_MAX_LEAST_MS: f64 = 60.0;
 
+/// How every robot behind this driver interpolates: its controllers' delays differ by up to 10 ms.
+pub const INTERFACE: Interface = Interface::Jtc100;
+
 /// Returns a sentence on the first setting that does not suit the robot. An interface without a certified stop must be named
 /// by the settings and by the robot file.
 pub fn disagreement(settings: &Settings, model: &Model) -> Option<String> {
-    let (wanted, interface, file) = (model.driver.interface, settings.driver.interface, &model.texts.toml_name);
-    if wanted != interface {
+    let (wanted, setpoints, file) = (model.driver.setpoints, settings.ros2.setpoints, &model.texts.toml_name);
+    if wanted != setpoints {
         return Some(format!(
-            "driver.interface = \"{}\", must be \"{}\" as in [driver] of {file}. The page `A robot on ROS 2` of the book \
+            "ros2.setpoints = \"{}\", must be \"{}\" as in [driver] of {file}. The page `A robot on ROS 2` of the book \
              says how such a robot stops",
-            interface.name(),
+            setpoints.name(),
             wanted.name()
         ));
     }
-    if settings.sim.interface != config::RobotInterface::Jtc100 {
-        return Some(format!(
-            "sim.interface = \"{}\", must be \"jtc100\": delays that differ by 10 ms are what whole-body control must certify",
-            settings.sim.interface.name()
-        ));
+    if let Err(refusal) = settings.check_declared(INTERFACE) {
+        return Some(refusal);
     }
     let age_ms = settings.driver.measured_age_max_ms;
-    (interface == DriverInterface::Trajectories && age_ms < AGE_MAX_LEAST_MS).then(|| {
+    (setpoints == SetpointKind::Trajectories && age_ms < AGE_MAX_LEAST_MS).then(|| {
         format!(
             "driver.measured_age_max_ms = {age_ms}, must be {AGE_MAX_LEAST_MS} or more: joint states come every 20 ms"
         )

@@ -26,7 +26,7 @@ use dust_dds::infrastructure::status::NO_STATUS;
 use dust_dds::subscription::data_reader::DataReader;
 use dust_dds::subscription::subscriber::Subscriber;
 use messages::{JOINTS_MAX, Stamp};
-use robot::{DriverInterface, Model, Motor};
+use robot::{Model, Motor, SetpointKind};
 
 /// Longest time for which a controller may be silent, ns. An active one publishes its state 50 times a second.
 const CONTROLLER_SILENT_NS: u64 = 100_000_000;
@@ -127,25 +127,20 @@ pub struct Link {
 
 impl Link {
     /// Joins the robot's domain. With `sends`, it may send.
-    pub fn open(
-        model: &Model,
-        settings: &Ros2Settings,
-        interface: DriverInterface,
-        sends: bool,
-    ) -> Result<Self, String> {
+    pub fn open(model: &Model, settings: &Ros2Settings, interface: SetpointKind, sends: bool) -> Result<Self, String> {
         let members = join(settings)?;
         let publisher = members[0].participant.create_publisher(QosKind::Default, NO_LISTENER, NO_STATUS);
         let publisher = publisher.map_err(failed("publisher"))?;
         let (joints, order) = (model.joint_mask(), (0..model.count).collect());
         let all = [robot::Controller { name: "arm_sdk".into(), joints, order }];
-        let named = if interface == DriverInterface::ArmSdk { &all } else { model.controllers.as_slice() };
+        let named = if interface == SetpointKind::ArmSdk { &all } else { model.controllers.as_slice() };
         let open = |one| Controller::open(model, one, interface, &members, sends.then_some(&publisher));
         let controllers = named.iter().map(open).collect::<Result<_, _>>()?;
         let hands = Hands::open(model, interface, &members, sends.then_some(&publisher))?;
         let emergency = (!settings.emergency_stop_topic.is_empty())
             .then(|| EmergencyStop::open(&members[0], &settings.emergency_stop_topic))
             .transpose()?;
-        let is_ros = interface != DriverInterface::ArmSdk;
+        let is_ros = interface != SetpointKind::ArmSdk;
         let describe = || readers(&members[0], "/robot_description", [kept()]).map(|[description]| description);
         let states = if is_ros {
             States::Joints(twice(&members, &settings.joint_states_topic)?)
@@ -156,7 +151,7 @@ impl Link {
         };
         let (a_max, delay_ns) = (model.limits.map(|limits| limits.a_max), (settings.delay_ms * 1e6) as u64);
         let talk = match interface {
-            DriverInterface::Trajectories => Talk::Curves(Curves::new(model.count, delay_ns, a_max)),
+            SetpointKind::Trajectories => Talk::Curves(Curves::new(model.count, delay_ns, a_max)),
             _ => Talk::Stream(Stream::new(model.count, period_ticks(interface), !is_ros, a_max)),
         };
         Ok(Self {

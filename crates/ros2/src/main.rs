@@ -2,7 +2,7 @@
 
 use clap::Parser;
 use ros2::cli::{self, Cli, Preflight};
-use ros2::interface::disagreement;
+use ros2::interface::{INTERFACE, disagreement};
 use ros2::link::Link;
 use ros2::port::Ros2;
 use ros2::preflight;
@@ -16,7 +16,7 @@ fn main() -> ExitCode {
         end_on_panic();
         return rt::finish("teleopd-ros2", preflight(&options));
     }
-    teleopd::drive_configured(Ros2::open)
+    teleopd::drive_configured(INTERFACE, Ros2::open)
 }
 
 /// Ends the program when a thread of DDS panics. Calls into DDS would wait for ever then.
@@ -38,7 +38,7 @@ fn preflight(options: &Preflight) -> Result<Exit, Failure> {
     if let Some(disagreement) = disagreement(&settings, &model) {
         return Err(Failure::new(Exit::Config, format!("{}: {disagreement}", options.config.display())));
     }
-    let (model, interface, settings) = (&model, settings.driver.interface, &settings.ros2);
+    let (model, interface, settings) = (&model, settings.ros2.setpoints, &settings.ros2);
     let mut link =
         Link::open(model, settings, interface, false).map_err(|cause| Failure::new(Exit::Unavailable, cause))?;
     let failures = preflight::judge(&mut link, model, settings);

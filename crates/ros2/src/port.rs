@@ -10,7 +10,7 @@ use crate::trajectory::{Command, Executed};
 use config::{Loaded, Policy, Ros2Settings};
 use driver::{Driver, Drives, Measured, Setpoint};
 use messages::{GripperMotion, GripperState, JOINTS_MAX, JointMotion, Stamp, StopPlan, TICK_S};
-use robot::{DriverInterface, Model};
+use robot::{Model, SetpointKind};
 use rtrb::{Consumer, Producer, RingBuffer};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
@@ -93,7 +93,7 @@ impl Stuck {
 impl Ros2 {
     /// Connects to the robot of `loaded`, and judges it. The threads of DDS get `cores`. The error has the sentences of all checks that failed.
     pub fn open(loaded: &Loaded, cores: Option<&[usize]>) -> Result<Self, String> {
-        let (model, settings, interface) = (&loaded.model, &loaded.settings.ros2, loaded.settings.driver.interface);
+        let (model, settings, interface) = (&loaded.model, &loaded.settings.ros2, loaded.settings.ros2.setpoints);
         if let Some(disagreement) = disagreement(&loaded.settings, model) {
             return Err(format!("{}: {disagreement}", loaded.config_name()));
         }
@@ -128,7 +128,7 @@ impl Ros2 {
         let newest: News = told.recv().map_err(|_| "the thread of DDS ended")??;
         let delay_s = loaded.settings.ros2_behind_ms() * 1e-3;
         let expected_s =
-            f64::from(loaded.settings.servo_delay_ticks()) * TICK_S + loaded.settings.sim.interface.delay_s();
+            f64::from(loaded.settings.servo_delay_ticks()) * TICK_S + loaded.settings.interface().delay_s();
         let q = newest.sample.q;
         let stuck = Stuck { q, sent: q, same: [0; JOINTS_MAX], found: false };
         Ok(Self {
@@ -150,7 +150,7 @@ impl Ros2 {
 }
 
 /// Connects to the robot and judges it. Returns the connection and the first news.
-fn ready(model: &Model, settings: &Ros2Settings, interface: DriverInterface) -> Result<(Link, News), String> {
+fn ready(model: &Model, settings: &Ros2Settings, interface: SetpointKind) -> Result<(Link, News), String> {
     let mut link = Link::open(model, settings, interface, true)?;
     let failures = preflight::judge(&mut link, model, settings);
     link.forget_description();

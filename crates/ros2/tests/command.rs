@@ -9,7 +9,7 @@ fn settings_that_the_driver_refuses_are_refused_by_the_preflight() {
     let mut program = Command::new(env!("CARGO_BIN_EXE_teleopd-ros2"));
     let output = program.args(["preflight", "--config", config]).output().expect("it runs");
     let said = String::from_utf8_lossy(&output.stderr);
-    let sentence = "sim.interface = \"direct\", must be \"jtc100\"";
+    let sentence = "driver.interface = \"direct\", must be \"jtc100\"";
     assert!(output.status.code() == Some(78) && said.contains(sentence), "{said}");
 }
 

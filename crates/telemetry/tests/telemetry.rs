@@ -33,7 +33,7 @@ fn samples_become_histograms_and_one_row_per_second() {
 
 #[test]
 fn full_ring_drops_samples_and_counts_them() {
-    let (mut probe, mut collector) = channel("sim");
+    let (mut probe, mut collector) = channel("driver");
     for _ in 0..RING_CAPACITY + 10 {
         probe.record_ns(Metric::WakeUp, second(1), 1);
     }

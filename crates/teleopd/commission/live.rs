@@ -86,7 +86,7 @@ impl<'a> Live<'a> {
             crate::starter::ended_within(&mut child, crate::processes::END_WITHIN);
         }
         trouble.extend(self.children.stop());
-        let report = std::fs::read_to_string(self.instance.report("sim"));
+        let report = std::fs::read_to_string(self.instance.report("driver"));
         (trouble, report.ok().and_then(|text| serde_json::from_str(&text).ok()))
     }
 
@@ -112,7 +112,7 @@ impl<'a> Live<'a> {
 
     /// Returns the last error or warning of the driver.
     fn last_complaint(&self) -> Option<String> {
-        let log = std::fs::read_to_string(self.children.log("sim")).ok()?;
+        let log = std::fs::read_to_string(self.children.log("driver")).ok()?;
         let bad = |line: &&str| line.contains("ERROR") || line.contains("WARN");
         log.lines().rev().find(bad).map(|line| line.trim().to_owned())
     }
@@ -181,7 +181,7 @@ impl Robot for Live<'_> {
     }
 
     fn begin(&mut self) -> Result<(), Stop> {
-        for name in ["robot", "sim", "control"] {
+        for name in ["robot", "driver", "control"] {
             self.children.start_one(name).map_err(failed)?;
         }
         self.start_targets()?;
@@ -273,7 +273,7 @@ impl Robot for Live<'_> {
         match victim {
             Victim::Ingest => self.children.kill("ingest"),
             Victim::Control => self.children.kill("control"),
-            Victim::Driver => self.children.kill("sim"),
+            Victim::Driver => self.children.kill("driver"),
             Victim::Targets => {
                 let (mut child, _) =
                     self.targets.take().ok_or_else(|| Stop::Failed("there is no publisher of targets".into()))?;
@@ -288,7 +288,7 @@ impl Robot for Live<'_> {
         match victim {
             Victim::Ingest => self.children.start_one("ingest").map_err(failed),
             Victim::Targets => self.start_targets(),
-            Victim::Driver => self.children.start_one("sim").map_err(failed),
+            Victim::Driver => self.children.start_one("driver").map_err(failed),
             Victim::Control => {
                 self.operator = None;
                 self.children.start_one("control").map_err(failed)?;

@@ -82,8 +82,8 @@ pub fn run(options: &cli::Commission) -> Result<Exit, Failure> {
 
 /// Refuses a robot on DDS that publishes no emergency stop, or that goes on with a weight after a kill of its driver.
 fn refuse_blind(settings: &Settings, config: &Path) -> Result<(), Failure> {
-    let why = if settings.driver.interface == robot::DriverInterface::ArmSdk {
-        "driver.interface = \"arm_sdk\": a killed driver leaves the arms held, and its restart would not"
+    let why = if settings.ros2.setpoints == robot::SetpointKind::ArmSdk {
+        "ros2.setpoints = \"arm_sdk\": a killed driver leaves the arms held, and its restart would not"
     } else if is_ros2(settings) && settings.ros2.emergency_stop_topic.is_empty() {
         "ros2.emergency_stop_topic = \"\": commission cannot see whether the emergency stop works"
     } else {

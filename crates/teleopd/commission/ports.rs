@@ -55,7 +55,7 @@ pub enum Victim {
     Targets,
     /// `control`.
     Control,
-    /// The driver: `sim`.
+    /// The driver.
     Driver,
 }
 
@@ -141,7 +141,7 @@ impl Facts {
     pub fn of(loaded: &Loaded, relaxed: bool) -> Self {
         let settings = &loaded.settings;
         let (safety, ros2) = (&settings.safety, super::is_ros2(settings));
-        let shown_delay_s = f64::from(settings.servo_delay_ticks()) * TICK_S + settings.sim.interface.delay_s();
+        let shown_delay_s = f64::from(settings.servo_delay_ticks()) * TICK_S + settings.interface().delay_s();
         let behind_ms = if ros2 { settings.ros2_behind_ms() } else { 0.0 };
         let factor = if relaxed { safety.stale_factor_without_realtime } else { 1.0 };
         Self {

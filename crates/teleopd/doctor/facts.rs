@@ -114,13 +114,7 @@ const CPU_DMA_LATENCY: &str = "/dev/cpu_dma_latency";
 
 fn files(place: &InstanceArgs) -> Files {
     let config = place.config.display().to_string();
-    let settings = config::read_text(&place.config)
-        .map_err(|error| error.to_string())
-        .and_then(|text| Settings::parse(&config, &text).map_err(|error| error.to_string()))
-        .and_then(|mut settings| {
-            let applied = place.overrides().apply(&place.config, &mut settings);
-            applied.map(|()| settings).map_err(|error| error.to_string())
-        });
+    let settings = config::read_settings(&place.config, &place.overrides()).map_err(|error| error.to_string());
     let mut files = Files { settings, config, robot: None, weights: None, stages: None };
     let Ok(settings) = &files.settings else { return files };
     let folder = place.config.parent().unwrap_or(Path::new("."));
@@ -152,7 +146,8 @@ fn stages(place: &InstanceArgs) -> Result<String, String> {
     let loaded = config::load(&place.config, place.overrides()).map_err(|error| error.to_string())?;
     world::control_config(&loaded, true).map_err(|error| error.to_string())?;
     world::retarget_config(&loaded).map_err(|error| error.to_string())?;
-    world::sim_config(&loaded, true).map_err(|error| error.to_string())?;
+    world::driver_config(&loaded, true).map_err(|error| error.to_string())?;
+    world::robot_config(&loaded).map_err(|error| error.to_string())?;
     Ok(format!("accepted by every stage, hash {:016x}", loaded.hash))
 }
 

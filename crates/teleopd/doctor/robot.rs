@@ -17,7 +17,8 @@ const EVERY: usize = 12;
 /// Returns an error with EX_CONFIG if a stage refuses the robot.
 pub fn page(loaded: &Loaded) -> Result<String, Failure> {
     let control = world::control_config(loaded, true).map_err(Failure::with(Exit::Config))?;
-    world::sim_config(loaded, true).map_err(Failure::with(Exit::Config))?;
+    world::driver_config(loaded, true).map_err(Failure::with(Exit::Config))?;
+    world::robot_config(loaded).map_err(Failure::with(Exit::Config))?;
     let model = &loaded.model;
     let still = [0.0; JOINTS_MAX];
     let torques = wbc::torques(&control.wbc, &model.home, &still, &still);

@@ -6,9 +6,10 @@ use crate::cli::InstanceArgs;
 use crate::timeline::Timeline;
 use bus::Domain;
 use config::{DriverKind, HandOff};
-use driver::{Driver, Measured, Setpoint};
+use driver::{DriveInput, DriveOutput, Driver, Drives, Interface, Measured, Setpoint};
 use messages::{
-    GripperMotion, GripperState, JointCommand, Mode, RobotState, Service, Stamp, StopPlan, TICK_HZ, deadline, tick_at,
+    GripperMotion, GripperState, JOINTS_MAX, JointCommand, Mode, RobotState, Service, Stamp, StopPlan, TICK_HZ,
+    deadline, tick_at,
 };
 use rt::{Exit, Failure};
 use serde_json::{Map, Value, json};
@@ -48,22 +49,22 @@ fn wait_until_it_stands(robot: &mut impl Driver) -> Result<(), Failure> {
 
 /// Waits until the robot stands, and begins to hold it there.
 fn begin(
-    config: &sim::Config,
+    config: &checker::Config,
     robot: &mut impl Driver,
     due: impl Fn(Stamp) -> u64,
     seed: u64,
-) -> Result<sim::DriverState, Failure> {
+) -> Result<checker::State, Failure> {
     wait_until_it_stands(robot)?;
     let earlier = robot.read(rt::now());
     rt::sleep_until(rt::now().plus_ns(CONFIRM_NS));
     let measured = robot.read(rt::now());
-    sim::DriverState::new(config, due(rt::now()) + 3, &earlier, &measured, seed)
+    checker::State::new(config, due(rt::now()) + 3, &earlier, &measured, seed)
         .ok_or_else(|| Failure::new(Exit::Unavailable, "the robot measures NaN or infinite positions"))
 }
 
 /// If the driver was suspended while the robot moved, waits for a measurement made after now. Waits no longer than
 /// [`NEWS_WITHIN_NS`], and not beyond the time at which its pause latches. The robot may have been kept from its core too.
-fn wait_if_suspended(robot: &mut impl Driver, state: &sim::DriverState, due_k: u64) {
+fn wait_if_suspended(robot: &mut impl Driver, state: &checker::State, due_k: u64) {
     if due_k.saturating_sub(state.follower().index()) <= driver::GAP_MAX_TICKS || state.at_rest() {
         return;
     }
@@ -77,17 +78,22 @@ fn wait_if_suspended(robot: &mut impl Driver, state: &sim::DriverState, due_k: u
 }
 
 /// The settings of the driver, and of the checker of its steps. A real robot needs real-time rights. Only the built-in
-/// robot has the simulated interface: other drivers send what whole-body control certified.
-fn config(process: &Process) -> Result<sim::Config, Failure> {
+/// robot has simulated controllers: other drivers send what whole-body control certified. `declared` is the interface that a
+/// driver's own program declares. None is the simulated robot, which has every interface.
+fn config(process: &Process, declared: Option<Interface>) -> Result<checker::Config, Failure> {
     let (loaded, realtime) = (&process.loaded, process.realtime.is_realtime());
+    if let Some(declared) = declared {
+        let refused = |cause: String| Failure::new(Exit::Config, format!("{}: {cause}", loaded.config_name()));
+        loaded.settings.check_declared(declared).map_err(refused)?;
+    }
     if loaded.settings.driver.kind == DriverKind::Robot && !realtime {
         let refusals = process.realtime.refusals().join("; ");
         let text =
             format!("driver.kind = \"robot\": the driver of a real robot needs real-time scheduling: {refusals}");
         return Err(Failure::new(Exit::Unavailable, text));
     }
-    let config = world::sim_config(loaded, realtime).map_err(Failure::with(Exit::Config))?;
-    Ok(if loaded.driver_program().is_some() { config.without_simulated_interface() } else { config })
+    let config = world::driver_config(loaded, realtime).map_err(Failure::with(Exit::Config))?;
+    Ok(if loaded.driver_program().is_some() { config.without_simulated_controllers() } else { config })
 }
 
 /// A robot that gets no setpoint of before a pause. If the process was suspended since `now`, or `read` took too long,
@@ -112,18 +118,20 @@ impl<D: Driver> Driver for Fresh<D> {
     }
 }
 
-/// Opens the robot, drives it until shutdown, and then until it is at rest.
+/// Opens the robot, drives it until shutdown, and then until it is at rest. `declared` is the interface that a driver's own
+/// program declares.
 pub fn run<D: Driver>(
     place: &InstanceArgs,
+    declared: Option<Interface>,
     open: impl FnOnce(&Process, &Domain) -> Result<D, Failure>,
 ) -> Result<(), Failure> {
-    let mut process = Process::start("sim", place, |loaded| Some(loaded.settings.realtime.priority_driver))?;
-    let (config, seed) = (config(&process)?, process.loaded.settings.sim.seed);
-    let core = Domain::open(process.instance.core_domain(), "sim").map_err(bus_failure)?;
+    let mut process = Process::start("driver", place, |loaded| Some(loaded.settings.realtime.priority_driver))?;
+    let (config, seed) = (config(&process, declared)?, process.loaded.settings.sim.seed);
+    let core = Domain::open(process.instance.core_domain(), "driver").map_err(bus_failure)?;
     let mut commands = core.waking_reader::<JointCommand>(Service::JointCommand).map_err(bus_failure)?;
     let mut states = core.writer::<RobotState>(Service::RobotState).map_err(bus_failure)?;
 
-    warm_up(&config, seed);
+    warm_up(&config, process.loaded.model.home, seed);
     let grace_ns = (process.loaded.settings.driver.grace_us * 1e3) as u64;
     let due = |now: Stamp| tick_at(Stamp(now.0.saturating_sub(grace_ns)));
     // A tick ran for its index if a command was executed for it. A plan tick is a deadline that control missed.
@@ -154,8 +162,8 @@ pub fn run<D: Driver>(
         wait_if_suspended(&mut robot, &state, due(rt::now()));
         let command = rt::allocating_aside(|| commands.latest()).filter(|_| ending.is_none());
         let now = rt::now();
-        let input = sim::Input { due_k: due(now), command: command.as_ref() };
-        let out = sim::drive(&config, &mut state, now, input, &mut robot);
+        let input = DriveInput { due_k: due(now), command: command.as_ref() };
+        let out = checker::drive(&config, &mut state, now, input, &mut robot);
         if out.advanced == 0 {
             continue;
         }
@@ -191,16 +199,33 @@ fn log_latch(probe: &mut Probe, cause: Option<&'static str>, logged: &mut bool) 
     }
 }
 
-/// Runs warm-up ticks with a separate driver and robot.
-fn warm_up(config: &sim::Config, seed: u64) {
-    let mut state = sim::State::new(config, 0, seed);
+/// A robot that stays where it is.
+struct Still([f64; JOINTS_MAX]);
+
+impl Driver for Still {
+    fn read(&mut self, now: Stamp) -> Measured {
+        let (q, dq) = (self.0, [0.0; JOINTS_MAX]);
+        Measured { stamp: now, q, dq, drives: Drives::SOUND, unanswered: false, refused: false }
+    }
+
+    fn write(&mut self, _: Stamp, _: &Setpoint, _: &StopPlan) -> bool {
+        true
+    }
+}
+
+/// Runs warm-up ticks with a driver of their own, on a robot that stays at `q`.
+fn warm_up(config: &checker::Config, q: [f64; JOINTS_MAX], seed: u64) {
+    let mut robot = Still(q);
+    let measured = robot.read(deadline(0));
+    let Some(mut state) = checker::State::new(config, 0, &measured, &measured, seed) else { return };
     for k in 1..=WARM_TICKS {
-        std::hint::black_box(sim::tick(config, &mut state, deadline(k), sim::Input { due_k: k, command: None }));
+        let input = DriveInput { due_k: k, command: None };
+        std::hint::black_box(checker::drive(config, &mut state, deadline(k), input, &mut robot));
     }
 }
 
 /// Records the latency of the command that was executed at `now`.
-fn note(probe: &mut Probe, now: Stamp, command: &JointCommand, out: &sim::Output) {
+fn note(probe: &mut Probe, now: Stamp, command: &JointCommand, out: &DriveOutput) {
     let Some(accepted) = out.accepted else { return };
     probe.record(Metric::CommandToDriver, command.header.stamp, now);
     if let Some(age_ns) = accepted.origin_age_ns {
@@ -215,7 +240,7 @@ fn note(probe: &mut Probe, now: Stamp, command: &JointCommand, out: &sim::Output
 
 fn figures(
     process: &Process,
-    state: &sim::DriverState,
+    state: &checker::State,
     timeline: &Timeline,
     [command_ns, measured_ns]: [u64; 2],
 ) -> Value {
@@ -237,7 +262,7 @@ fn figures(
         "oldest_measured_ms": measured_ns as f64 * 1e-6,
         "ended_at_rest": state.at_rest(),
         "first_latch": state.first_latch(),
-        "interface": process.loaded.settings.sim.interface.name(),
+        "interface": process.loaded.settings.interface().name(),
     });
     if let Some(delays_s) = state.delays_s() {
         figures["controller_delays_ms"] = json!(delays_s.iter().map(|delay_s| delay_s * 1e3).collect::<Vec<_>>());
@@ -248,15 +273,14 @@ fn figures(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use messages::{JOINTS_MAX, Layout};
+    use messages::Layout;
 
     /// A robot that counts what it is sent.
     struct Counting(u32);
 
     impl Driver for Counting {
         fn read(&mut self, now: Stamp) -> Measured {
-            let (q, drives) = ([0.0; JOINTS_MAX], driver::Drives::SOUND);
-            Measured { stamp: now, q, dq: q, drives, unanswered: false, refused: false }
+            Still([0.0; JOINTS_MAX]).read(now)
         }
 
         fn write(&mut self, _: Stamp, _: &Setpoint, _: &StopPlan) -> bool {

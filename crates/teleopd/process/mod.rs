@@ -6,9 +6,9 @@ pub mod control;
 pub mod driver;
 pub mod ingest;
 pub mod realtime;
+pub mod remote;
 pub mod retarget;
 pub mod robot;
-pub mod sim;
 pub mod targets;
 
 mod feedback;

@@ -1,13 +1,13 @@
-//! The simulated robot's body, with its own clock and watchdog. Takes setpoints from the driver as if from a
+//! The simulated robot, with its own clock and watchdog. Takes setpoints from the driver as if from a
 //! field bus. Moves the joints, measures them, and judges their true motion.
 
 use super::{Process, WARM_TICKS, bus_failure};
 use crate::cli::InstanceArgs;
 use bus::Domain;
 use messages::{Layout, RobotMeasured, RobotSetpoint, Service, Stamp, deadline, measured_flag};
+use plant::Robot;
 use rt::{Exit, Failure};
 use serde_json::{Map, Value, json};
-use sim::Body;
 use telemetry::Metric;
 
 /// Cycle of the port, ns: 1 ms, as with EtherCAT in many robots.
@@ -29,18 +29,17 @@ pub fn run(place: &InstanceArgs) -> Result<(), Failure> {
     if process.loaded.driver_program().is_some() {
         return stand_by(process);
     }
-    let config =
-        world::sim_config(&process.loaded, process.realtime.is_realtime()).map_err(Failure::with(Exit::Config))?;
+    let (config, initial) = world::robot_config(&process.loaded).map_err(Failure::with(Exit::Config))?;
     let seed = process.loaded.settings.sim.seed;
     let core = Domain::open(process.instance.core_domain(), "robot").map_err(bus_failure)?;
     let mut setpoints = core.reader::<RobotSetpoint>(Service::RobotSetpoint).map_err(bus_failure)?;
     let mut measurements = core.writer::<RobotMeasured>(Service::RobotMeasured).map_err(bus_failure)?;
 
-    let mut warm = Body::new(&config, deadline(0), config.initial(), seed);
+    let mut warm = Robot::new(&config, deadline(0), &initial, seed);
     for k in 1..=WARM_TICKS {
         std::hint::black_box(warm.measure(&config, deadline(k)));
     }
-    let (mut body, id) = (Body::new(&config, rt::now(), config.initial(), seed), process.loaded.model.id());
+    let (mut robot, id) = (Robot::new(&config, rt::now(), &initial, seed), process.loaded.model.id());
     // The button of the simulated emergency stop. `teleopd commission` asks a person to press it.
     let button = rt::Switch::on_signals().map_err(Failure::with(Exit::Software))?;
     process.ready()?;
@@ -55,49 +54,49 @@ pub fn run(place: &InstanceArgs) -> Result<(), Failure> {
             // Missed cycles are skipped. The body moves on through them.
             cycle = now;
         }
-        press(&mut body, button.turned());
+        press(&mut robot, button.turned());
         // Each setpoint acts at the time at which it was sent, whenever this process woke up. If one setpoint of
         // a cycle is refused, the answer to all of them is a refusal.
         let mut answer = None;
         rt::allocating_aside(|| {
             setpoints.drain(|sample| {
-                let RobotSetpoint { header, robot, k, q, v, a, plan, grippers } = sample.message;
+                let RobotSetpoint { header, robot: addressee, k, q, v, a, plan, grippers } = sample.message;
                 // A setpoint for another robot is refused like one that jumps.
-                let taken =
-                    robot == id && body.receive(&config, header.stamp.min(now), &plant::Setpoint { k, q, v, a, plan });
+                let taken = addressee == id
+                    && robot.receive(&config, header.stamp.min(now), &plant::Setpoint { k, q, v, a, plan });
                 if taken {
-                    body.grip(&grippers);
+                    robot.grip(&grippers);
                 }
                 answer = Some(answer.unwrap_or(false) || !taken);
                 seen_k = k;
             })
         });
         refused = answer.unwrap_or(refused);
-        let measured = body.measure(&config, now);
+        let measured = robot.measure(&config, now);
         sequence += 1;
         let header = process.header(sequence, rt::now(), Stamp::NONE);
         let flags = flags(&measured, refused);
-        let grippers = body.gripped(&config, now);
-        let told = RobotMeasured { header, robot: id, seen_k, flags, grippers, ..RobotMeasured::ZERO };
-        process.publish(&mut measurements, &message(&measured, told));
+        let grippers = robot.gripped(&config, now);
+        let answer = RobotMeasured { header, robot: id, seen_k, flags, grippers, ..RobotMeasured::ZERO };
+        process.publish(&mut measurements, &message(&measured, answer));
         process.alive();
         if process.shutdown.requested() {
             let since = *ending.get_or_insert(now);
-            let stands = body.truth().v.iter().all(|v| v.abs() <= STANDING);
+            let stands = robot.truth().v.iter().all(|v| v.abs() <= STANDING);
             if stands || now.since(since) > END_WITHIN_NS {
                 break;
             }
         }
     }
-    let report = figures(&config, &body);
+    let report = figures(&process.loaded.model.joint_names, &robot);
     process.leave(report)
 }
 
 /// Presses or releases the emergency stop.
-fn press(body: &mut Body, turned: Option<bool>) {
+fn press(robot: &mut Robot, turned: Option<bool>) {
     match turned {
-        Some(true) => body.inject(plant::Injection::EmergencyStopPressed),
-        Some(false) => body.inject(plant::Injection::EmergencyStopReleased),
+        Some(true) => robot.inject(plant::Injection::EmergencyStopPressed),
+        Some(false) => robot.inject(plant::Injection::EmergencyStopReleased),
         None => {}
     }
 }
@@ -131,13 +130,13 @@ fn flags(measured: &plant::Measured, refused: bool) -> u32 {
     .sum()
 }
 
-fn figures(config: &sim::Config, body: &Body) -> Value {
-    let judged = body.judged();
+fn figures(joint_names: &[String], robot: &Robot) -> Value {
+    let judged = robot.judged();
     let violations: Map<_, _> =
         plant::ViolationKind::ALL.map(|kind| (kind.name().to_owned(), json!(judged.count(kind)))).into_iter().collect();
     let greatest = |ratios: &[f64]| ratios.iter().copied().fold(0.0, f64::max);
     let first = judged.first.map(|first| {
-        let name = config.joint_names().get(first.which).filter(|_| first.kind != plant::ViolationKind::Clearance);
+        let name = joint_names.get(first.which).filter(|_| first.kind != plant::ViolationKind::Clearance);
         json!({
             "kind": first.kind.name(), "which": first.which, "joint": name, "at_s": first.at.0 as f64 * 1e-9,
             "value": first.value, "bound": first.bound,

@@ -2,11 +2,12 @@
 //! replay and for simulation.
 
 mod offline;
+pub mod simulated;
 mod stages;
 mod tamper;
 mod world;
 
 pub use offline::{Offline, OfflineEnd, OfflineReport, PlayedTick, Row};
-pub use stages::{control_config, input_config, retarget_config, sim_config};
+pub use stages::{control_config, driver_config, input_config, retarget_config, robot_config, simulated_config};
 pub use tamper::{Tamper, Untampered};
 pub use world::{Links, Moment, Running, World, WorldConfig};

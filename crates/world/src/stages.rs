@@ -1,7 +1,10 @@
 //! Converts the settings into the stages' configurations.
 
-use config::{ConfigError, IngestSettings, Loaded, Operators, RobotInterface};
+use crate::simulated;
+use config::{ConfigError, DriverKind, IngestSettings, Loaded, Operators, Settings};
+use driver::Interface;
 use layouts::{Layouts, Noise};
+use messages::JOINTS_MAX;
 use retarget::ArmModel;
 use safety::{engage, gate, gripper};
 
@@ -44,9 +47,9 @@ pub fn retarget_config(loaded: &Loaded) -> Result<retarget::Config, ConfigError>
 /// are relaxed by the factor of the settings.
 pub fn control_config(loaded: &Loaded, realtime: bool) -> Result<control::Config, ConfigError> {
     let model = loaded.model.clone();
-    let (safety, interface) = (&loaded.settings.safety, loaded.settings.sim.interface);
+    let (safety, interface) = (&loaded.settings.safety, loaded.settings.interface());
     let tracking = loaded.settings.tracking_error_factor();
-    let (hand_speed, grippers) = (safety.hand_speed_m_per_s(), sim::grippers(&model));
+    let (hand_speed, grippers) = (safety.hand_speed_m_per_s(), checker::grippers(&model));
     let options = wbc::Options::default().interface(certified(interface)).hand_speed_m_per_s(hand_speed);
     let engage = if realtime { engage::Config::new(safety) } else { engage::Config::relaxed(safety) };
     let wbc = wbc::Config::new(&model, options).map_err(|error| ConfigError::stage("whole-body control", error))?;
@@ -78,56 +81,85 @@ pub fn control_config(loaded: &Loaded, realtime: bool) -> Result<control::Config
 /// of 1 kHz for each factor.
 const PAUSE_MS: f64 = 10.0;
 
-/// Returns the configuration of the simulated robot. Without real-time scheduling (`realtime` false), two times
-/// are relaxed like the other stale times: the silence that latches the driver's fault, and the age of a
+/// Returns the configuration of the driver and of the checker of its steps. Without real-time scheduling (`realtime` false),
+/// two times are relaxed like the other stale times: the silence that latches the driver's fault, and the age of a
 /// measurement. The plan plays from the first missed tick in any case.
-pub fn sim_config(loaded: &Loaded, realtime: bool) -> Result<sim::Config, ConfigError> {
-    sim_config_of(loaded, realtime, false)
+///
+/// # Errors
+/// Returns an error if the checker refuses a setting, or the robot's files.
+pub fn driver_config(loaded: &Loaded, realtime: bool) -> Result<checker::Config, ConfigError> {
+    checker::Config::new(&loaded.model, &driver_options(loaded, realtime, false))
+        .map_err(|error| ConfigError::stage("driver", error))
 }
 
-/// As [`sim_config`]; for `initial_outside` see [`sim::Options`].
-pub(crate) fn sim_config_of(
-    loaded: &Loaded,
-    realtime: bool,
-    initial_outside: bool,
-) -> Result<sim::Config, ConfigError> {
-    let (settings, driver) = (&loaded.settings.sim, &loaded.settings.driver);
-    let factor = if realtime { 1.0 } else { loaded.settings.safety.stale_factor_without_realtime };
-    let options = sim::Options {
-        interface: settings.interface,
-        natural_frequency_hz: settings.natural_frequency_hz,
-        damping_ratio: settings.damping_ratio,
-        delay_ticks: settings.delay_ticks,
-        encoder_noise_rad: settings.encoder_noise_rad,
-        encoder_step_rad: settings.encoder_step_rad,
-        watchdog_ms: settings.watchdog_ms,
-        reaction: settings.reaction,
+/// Returns the configuration of the simulated robot, and its posture at the start, rad or m.
+///
+/// # Errors
+/// Returns an error if the simulated robot refuses a setting, or the robot's files.
+pub fn robot_config(loaded: &Loaded) -> Result<(plant::Config, [f64; JOINTS_MAX]), ConfigError> {
+    simulated::robot_config(&loaded.model, &robot_options(loaded, false), None)
+        .map_err(|error| ConfigError::stage("simulated robot", error))
+}
+
+/// Returns the configuration of the simulated robot and of its driver in one thread. With `initial_outside` the robot may
+/// start outside its limits, see [`checker::Options`].
+///
+/// # Errors
+/// Returns an error if a setting or the robot's files are refused.
+pub fn simulated_config(loaded: &Loaded, initial_outside: bool) -> Result<simulated::Config, ConfigError> {
+    let (driver, robot) = (driver_options(loaded, true, initial_outside), robot_options(loaded, initial_outside));
+    simulated::Config::new(&loaded.model, &simulated::Options { driver, robot, initial: None })
+        .map_err(|error| ConfigError::stage("simulated robot", error))
+}
+
+fn driver_options(loaded: &Loaded, realtime: bool, initial_outside: bool) -> checker::Options {
+    let Settings { driver, safety, sim, .. } = &loaded.settings;
+    let factor = if realtime { 1.0 } else { safety.stale_factor_without_realtime };
+    checker::Options {
+        interface: loaded.settings.interface(),
         measured_age_max_ms: driver.measured_age_max_ms,
         pause_ms: PAUSE_MS * (factor - 1.0),
         silence_ticks: (driver.silence_latch_ms * factor * 1e-3 * messages::TICK_HZ as f64).round() as u64,
-        hand_speed_max_m_per_s: loaded.settings.safety.hand_speed_m_per_s(),
-        payload_kg: [settings.payload_left_kg, settings.payload_right_kg],
+        hand_speed_max_m_per_s: safety.hand_speed_m_per_s(),
+        payload_kg: match driver.kind {
+            DriverKind::Sim => [sim.payload_left_kg, sim.payload_right_kg],
+            DriverKind::Robot => [None; 2],
+        },
+        initial_outside,
+    }
+}
+
+fn robot_options(loaded: &Loaded, initial_outside: bool) -> plant::Options {
+    let settings = &loaded.settings.sim;
+    plant::Options {
+        natural_frequency_hz: settings.natural_frequency_hz,
+        damping_ratio: settings.damping_ratio,
+        delay_ns: (f64::from(settings.delay_ticks) * messages::TICK_S * 1e9).round() as u64,
+        encoder_noise_rad: settings.encoder_noise_rad,
+        encoder_step_rad: settings.encoder_step_rad,
+        watchdog_ns: (settings.watchdog_ms * 1e6) as u64,
+        reaction: settings.reaction,
+        hands_kg: [settings.payload_left_kg, settings.payload_right_kg],
         object_width_m: settings.object_width_m,
         initial_outside,
-        ..sim::Options::default()
-    };
-    sim::Config::new(&loaded.model, &options).map_err(|error| ConfigError::stage("sim", error))
+        ..plant::Options::default()
+    }
 }
 
 /// Converts an interface for the certificate.
-pub(crate) fn certified(interface: RobotInterface) -> wbc::Interface {
+pub(crate) fn certified(interface: Interface) -> wbc::Interface {
     match interface {
-        RobotInterface::Direct => wbc::Interface::default(),
-        RobotInterface::Jtc100 | RobotInterface::Jtc100Restart => wbc::Interface::JTC_100_HZ,
+        Interface::Direct => wbc::Interface::default(),
+        Interface::Jtc100 | Interface::Jtc100Restart => wbc::Interface::JTC_100_HZ,
     }
 }
 
 /// Converts an interface for the gate, with the model's controllers. A spline through points every
 /// h deviates from a motion with the jerk limit J by at most J h^3 / 96.
-pub(crate) fn gated(interface: RobotInterface, model: &robot::Model) -> gate::Interface {
+pub(crate) fn gated(interface: Interface, model: &robot::Model) -> gate::Interface {
     match interface {
-        RobotInterface::Direct => gate::Interface::default(),
-        RobotInterface::Jtc100 | RobotInterface::Jtc100Restart => {
+        Interface::Direct => gate::Interface::default(),
+        Interface::Jtc100 | Interface::Jtc100Restart => {
             let wbc::Interface { skew_s, period_s, .. } = wbc::Interface::JTC_100_HZ;
             let spline = |j: usize| model.limits[j].j_max * period_s * period_s * period_s / 96.0;
             let of = |j: usize| model.controllers.iter().position(|controller| controller.joints & 1 << j != 0);

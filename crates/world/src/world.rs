@@ -1,9 +1,12 @@
 //! All stages in one thread with virtual time. The ticks are those of the processes, in the same order, over links
 //! that may be faulty. `replay --offline` and `simulate` use it.
 
+use crate::simulated;
+use crate::stages::simulated_config;
 use crate::tamper::{Tamper, Untampered};
 use bus::{FaultCounts, FaultPlan, Faulty, Latest, Publish};
 use config::{ConfigError, Loaded};
+use driver::DriveInput;
 use ingest::Authority;
 use messages::{Header, JOINTS_MAX, JointCommand, JointTarget, RawSkeleton, RobotState, Skeleton, Stamp, deadline};
 use safety::engage::OperatorView;
@@ -37,7 +40,7 @@ pub struct WorldConfig {
     retarget: retarget::Config,
     /// Configuration of the control tick.
     pub control: control::Config,
-    sim: sim::Config,
+    robot: simulated::Config,
     config_hash: u64,
     authority_timeout_ns: u64,
 }
@@ -49,7 +52,7 @@ impl WorldConfig {
             input: crate::input_config(&loaded.settings.ingest, loaded.layouts.clone(), &loaded.operators),
             retarget: crate::retarget_config(loaded)?,
             control: crate::control_config(loaded, true)?,
-            sim: crate::sim_config(loaded, true)?,
+            robot: simulated_config(loaded, false)?,
             config_hash: loaded.hash,
             authority_timeout_ns: (loaded.settings.ingest.authority_timeout_ms * 1e6) as u64,
         })
@@ -58,8 +61,7 @@ impl WorldConfig {
     /// As [`WorldConfig::new`], but the robot may be outside its limits or too close to itself when its driver
     /// starts. That is no violation. Going further out is one.
     pub fn recoverable(loaded: &Loaded) -> Result<Self, ConfigError> {
-        let sim = crate::stages::sim_config_of(loaded, true, true)?;
-        Ok(Self { sim, ..Self::new(loaded)? })
+        Ok(Self { robot: simulated_config(loaded, true)?, ..Self::new(loaded)? })
     }
 }
 
@@ -109,8 +111,8 @@ pub struct World {
     retarget: Box<retarget::State>,
     retarget_header: Header,
     control: Box<control::State>,
-    sim: Box<sim::State>,
-    sim_header: Header,
+    robot: Box<simulated::State>,
+    driver_header: Header,
     raw: Faulty<RawSkeleton>,
     skeletons: Faulty<Skeleton>,
     targets: Faulty<JointTarget>,
@@ -158,8 +160,8 @@ impl World {
             retarget: Box::default(),
             retarget_header: header(&mut incarnations),
             control: Box::new(control::State::new(&config.control, incarnations.draw())),
-            sim: Box::new(sim::State::new(&config.sim, FIRST_TICK - 1, seed)),
-            sim_header: header(&mut incarnations),
+            robot: Box::new(simulated::State::new(&config.robot, FIRST_TICK - 1, seed)),
+            driver_header: header(&mut incarnations),
             raw: Faulty::new(links.raw, seed ^ 1),
             skeletons: Faulty::new(links.skeleton, seed ^ 2),
             targets: Faulty::new(links.target, seed ^ 3),
@@ -234,35 +236,35 @@ impl World {
     pub fn restart_driver(&mut self, config: &WorldConfig, q: Option<&[f64; JOINTS_MAX]>, seed: u64) -> bool {
         let (k, now) = (self.k - 1, deadline(self.k - 1).plus_ns(EXECUTION_AFTER_NS));
         let started = match q {
-            None => self.sim.restart_driver(&config.sim, k, now, seed),
-            Some(q) => sim::State::standing(&config.sim, k, q, seed).map(|sim| *self.sim = sim).is_some(),
+            None => self.robot.restart_driver(&config.robot, k, now, seed),
+            Some(q) => simulated::State::standing(&config.robot, k, q, seed).map(|robot| *self.robot = robot).is_some(),
         };
         if !started {
             return false;
         }
-        self.sim_header.incarnation = self.incarnations.draw();
-        self.sim_header.sequence = 0;
+        self.driver_header.incarnation = self.incarnations.draw();
+        self.driver_header.sequence = 0;
         true
     }
 
     /// Returns the robot's current measurement, as a driver that is about to start reads it.
     pub fn measure_robot(&mut self, config: &WorldConfig) -> driver::Measured {
-        self.sim.measure(&config.sim, self.now())
+        self.robot.measure(&config.robot, self.now())
     }
 
     /// The checker's report of the executed commands.
-    pub fn report(&self) -> &sim::Report {
-        self.sim.report()
+    pub fn report(&self) -> &checker::Report {
+        self.robot.report()
     }
 
     /// Judgement of the joints' true motion.
     pub fn judged(&self) -> &plant::Report {
-        self.sim.judged()
+        self.robot.judged()
     }
 
     /// The simulated robot, so that tests can inject its faults.
-    pub fn sim_mut(&mut self) -> &mut sim::State {
-        &mut self.sim
+    pub fn robot_mut(&mut self) -> &mut simulated::State {
+        &mut self.robot
     }
 
     /// Lets `ingest` take the newest frame now. A client that publishes faster than the tick needs it for every
@@ -307,7 +309,7 @@ impl World {
         let robot = if running.driver {
             Some(self.drive(config, execution_at, tamper))
         } else {
-            self.sim.advance(&config.sim, execution_at);
+            self.robot.advance(&config.robot, execution_at);
             None
         };
         self.k += 1;
@@ -364,10 +366,10 @@ impl World {
 
     fn drive(&mut self, config: &WorldConfig, now: Stamp, tamper: &mut impl Tamper) -> RobotState {
         let command = self.commands.latest();
-        let input = sim::Input { due_k: self.k, command: command.as_ref() };
-        let mut state = sim::tick(&config.sim, &mut self.sim, now, input).state;
-        self.sim_header.sequence += 1;
-        state.header = Header { stamp: now, origin: state.header.origin, ..self.sim_header };
+        let input = DriveInput { due_k: self.k, command: command.as_ref() };
+        let mut state = simulated::tick(&config.robot, &mut self.robot, now, input).state;
+        self.driver_header.sequence += 1;
+        state.header = Header { stamp: now, origin: state.header.origin, ..self.driver_header };
         let mut sent = state;
         if tamper.state(&mut sent) {
             let _ = self.states.publish(&sent);

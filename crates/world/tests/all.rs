@@ -1,5 +1,4 @@
-//! All integration tests of `world` except those that count allocations. They are one program, so they are
-//! linked once.
+//! All integration tests of `world`. They are one program, so they are linked once.
 
 mod engaging;
 mod environment;
@@ -11,10 +10,16 @@ mod layouts;
 mod lift;
 mod noise;
 mod one_arm;
+mod overrides;
 mod payload;
 mod recovery;
 mod reduced;
 mod robot_faults;
 mod robot_interface;
+mod simulated;
 mod standstill;
 mod support;
+
+/// Counts the allocations of each thread.
+#[global_allocator]
+static ALLOCATOR: rt::CountingAllocator = rt::CountingAllocator;

@@ -9,6 +9,7 @@ use rand_pcg::Pcg64Mcg;
 use robot::{BoxEntry, Environment, Model, PlaneEntry};
 use safety::{engage, gate};
 use std::path::{Path, PathBuf};
+use world::simulated;
 
 const TICKS: u64 = 100_000;
 
@@ -49,13 +50,14 @@ struct Outcome {
 
 fn attack(model: &Model, ticks: u64, seed: u64, certified: bool) -> Outcome {
     let options = if certified { wbc::Options::default() } else { wbc::Options::without_certificate_for_tests() };
-    let options = options.hand_speed_m_per_s(sim::Options::default().hand_speed_max_m_per_s);
+    let options = options.hand_speed_m_per_s(checker::Options::default().hand_speed_max_m_per_s);
     let wbc_config = wbc::Config::new(model, options).expect("whole-body control");
     let gate_config = gate::Config::new(model).expect("the gate");
-    let exact = sim::Options { encoder_noise_rad: 0.0, encoder_step_rad: 0.0, ..sim::Options::default() };
-    let sim_config = sim::Config::new(model, &exact).expect("the simulated robot");
+    let exact = plant::Options { encoder_noise_rad: 0.0, encoder_step_rad: 0.0, ..plant::Options::default() };
+    let options = simulated::Options { robot: exact, ..simulated::Options::default() };
+    let robot_config = simulated::Config::new(model, &options).expect("the simulated robot");
     let first_k = 1500;
-    let mut robot = sim::State::new(&sim_config, first_k, seed);
+    let mut robot = simulated::State::new(&robot_config, first_k, seed);
     let start = robot.follower().motion;
     let mut wbc_state = wbc::State::at_rest(&wbc_config, start.q);
     let mut gate_state = gate::State::at_rest(start.q);
@@ -89,12 +91,13 @@ fn attack(model: &Model, ticks: u64, seed: u64, certified: bool) -> Outcome {
                 wbc_state.reseed(&decision.motion);
             }
         }
-        let out = sim::tick(&sim_config, &mut robot, now, sim::Input { due_k: k, command: Some(&command) });
+        let out =
+            simulated::tick(&robot_config, &mut robot, now, driver::DriveInput { due_k: k, command: Some(&command) });
         assert!(out.accepted.is_some(), "tick {k}: the driver refused: {:?}", out.refused);
     }
     Outcome {
         violations: robot.report().violations_total(),
-        clearance_violations: robot.report().violations_of(sim::ViolationKind::Clearance),
+        clearance_violations: robot.report().violations_of(checker::ViolationKind::Clearance),
         denials: gate_state.denials(),
         at_the_table,
     }
@@ -154,7 +157,7 @@ fn gate_denies_command_that_leads_into_table() {
         least_m = least_m.min(model.obstacle_clearance(&frames).0);
     }
     assert!(gate_state.denials() > 0, "never denied anything, {least_m} m");
-    assert!(least_m >= model.d_min_m - sim::TOLERANCE_CLEARANCE_M, "{least_m} m");
+    assert!(least_m >= model.d_min_m - checker::TOLERANCE_CLEARANCE_M, "{least_m} m");
 }
 
 #[test]

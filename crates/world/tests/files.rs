@@ -3,11 +3,11 @@
 use config::{Loaded, Overrides, Settings, load};
 use std::path::{Path, PathBuf};
 
-fn repository() -> PathBuf {
+pub fn repository() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")
 }
 
-fn shipped() -> toml::Table {
+pub fn shipped() -> toml::Table {
     std::fs::read_to_string(repository().join("config/teleop.toml")).expect("shipped").parse().expect("TOML")
 }
 
@@ -23,9 +23,10 @@ fn refusal(table: &toml::Table) -> String {
 fn thresholds(settings: Settings) -> String {
     let loaded = load(&repository().join("config/teleop.toml"), Overrides::default()).expect("shipped");
     let loaded = Loaded { settings, ..loaded };
-    let sim = world::sim_config(&loaded, true).map(|_| ());
+    let driver = world::driver_config(&loaded, true).map(|_| ());
+    let robot = world::robot_config(&loaded).map(|_| ());
     let retarget = world::retarget_config(&loaded).map(|_| ());
-    let refused = world::control_config(&loaded, true).map(|_| ()).and(sim).and(retarget);
+    let refused = world::control_config(&loaded, true).map(|_| ()).and(driver).and(robot).and(retarget);
     refused.map_or_else(|error| error.to_string(), |()| "accepted".into())
 }
 

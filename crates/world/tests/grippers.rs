@@ -98,7 +98,8 @@ fn f121_closure_that_is_no_number_moves_nothing() {
 /// Creates an Engaged robot whose left gripper holds an object of 5 cm with all its force.
 fn holding_an_object() -> Bench {
     let loaded = support::loaded();
-    let options = sim::Options { object_width_m: 0.05, ..sim::Options::default() };
+    let robot = plant::Options { object_width_m: 0.05, ..plant::Options::default() };
+    let options = world::simulated::Options { robot, ..Default::default() };
     let mut bench = Bench::with_options(&loaded, &options, 1);
     bench.target = Some(loaded.model.home);
     bench.settle();

@@ -5,7 +5,7 @@ use crate::support;
 use driver::PlanPlayback;
 
 use messages::{Fault, Faults, Mode, TICK_HZ, TICK_S, state_flag};
-use sim::Injection;
+use plant::Injection;
 use support::{Bench, loaded};
 
 /// Joints of TIAGo++.

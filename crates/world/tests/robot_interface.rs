@@ -2,7 +2,7 @@
 //! trajectory points, and one with other hands.
 
 use client::PlayOptions;
-use config::{Loaded, Overrides, RobotInterface};
+use config::{Interface, Loaded, Overrides};
 use std::path::{Path, PathBuf};
 use world::{Offline, OfflineEnd, OfflineReport};
 
@@ -10,7 +10,7 @@ fn shipped(file: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config").join(file)
 }
 
-fn load(config: &Path, interface: Option<RobotInterface>) -> Loaded {
+fn load(config: &Path, interface: Option<Interface>) -> Loaded {
     config::load(config, Overrides { interface, ..Overrides::default() }).unwrap_or_else(|error| panic!("{error}"))
 }
 
@@ -34,7 +34,7 @@ fn assert_clean(report: &OfflineReport) {
 #[test]
 fn trajectory_controllers_follow_builtin_motion_without_fault() {
     let config = shipped("teleop.toml");
-    let [direct, points] = [None, Some(RobotInterface::Jtc100)].map(|interface| load(&config, interface));
+    let [direct, points] = [None, Some(Interface::Jtc100)].map(|interface| load(&config, interface));
     assert_ne!(direct.hash, points.hash, "processes started for different interfaces cannot engage");
     assert_clean(&replay(&points));
 }

@@ -3,7 +3,7 @@
 use crate::support;
 
 use messages::{Fault, Faults, Mode, Response, RobotState, TICK_HZ, TICK_S};
-use sim::Injection;
+use plant::Injection;
 use std::f64::consts::TAU;
 use support::Bench;
 

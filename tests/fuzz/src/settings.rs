@@ -42,7 +42,7 @@ pub(crate) fn run(input: &[u8]) {
     };
     // The parts may reject or accept the settings, but must not panic.
     let _ = world::retarget_config(&loaded);
-    let _ = world::sim_config(&loaded, true);
+    let _ = world::simulated_config(&loaded, false);
     if world::control_config(&loaded, true).is_ok() {
         ceilings(&loaded.settings.safety);
     }

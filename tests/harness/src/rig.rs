@@ -12,7 +12,7 @@ use std::process::{Child, Command, ExitStatus, Output};
 use std::time::{Duration, Instant};
 
 /// The driver's process and its robot's process.
-const DRIVER: &str = "sim";
+const DRIVER: &str = "driver";
 const ROBOT: &str = "robot";
 /// The command that starts the processes of an instance.
 const UP: &str = "up";

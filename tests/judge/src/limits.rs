@@ -2,9 +2,9 @@
 //! holds, so NaN breaks it.
 
 use crate::joint::{Joint, Stop, duration_s};
+use checker::ViolationKind;
 use messages::TICK_S;
 use robot::JointLimits;
-use sim::ViolationKind;
 
 /// A broken limit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

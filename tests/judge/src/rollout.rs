@@ -5,8 +5,8 @@
 use crate::joint::{Joint, Stop, duration_s, stop_of};
 use crate::limits::{Slack, plan};
 use crate::robot::Robot;
+use checker::{TOLERANCE_CLEARANCE_M, TOLERANCE_J, TOLERANCE_Q, ViolationKind};
 use messages::{JOINTS_MAX, JointMotion};
-use sim::{TOLERANCE_CLEARANCE_M, TOLERANCE_J, TOLERANCE_Q, ViolationKind};
 
 /// Time between two judged instants, s. In a millisecond no point of the robot moves more than a few
 /// millimetres. The first instant is drawn at random for every plan.
@@ -69,8 +69,8 @@ pub struct Rolled {
 }
 
 /// Judges the plan of `motion` from now to rest. The first instant after now is `offset` (0 to 1) of a step
-/// later. `sim` is the simulated robot, and no torque may exceed `share_max` of its effort limit.
-pub fn roll(robot: &Robot, sim: &sim::Config, share_max: f64, motion: &JointMotion, offset: f64) -> Rolled {
+/// later. The torques are those of `checker`, and no torque may exceed `share_max` of its effort limit.
+pub fn roll(robot: &Robot, checker: &checker::Config, share_max: f64, motion: &JointMotion, offset: f64) -> Rolled {
     let rollout = Rollout::new(motion);
     let violations = [0; ViolationKind::ALL.len()];
     let mut rolled = Rolled { violations, min_clearance_m: f64::INFINITY, torque_share: 0.0 };
@@ -80,7 +80,7 @@ pub fn roll(robot: &Robot, sim: &sim::Config, share_max: f64, motion: &JointMoti
         }
     }
     for joints in rollout.instants(offset * STEP_S, STEP_S) {
-        let share = torque_share(robot, sim, &joints);
+        let share = torque_share(robot, checker, &joints);
         rolled.torque_share = rolled.torque_share.max(share);
         let bearable = share <= share_max + TOLERANCE_TORQUE;
         rolled.violations[ViolationKind::Torque as usize] += u64::from(!bearable);
@@ -93,8 +93,8 @@ pub fn roll(robot: &Robot, sim: &sim::Config, share_max: f64, motion: &JointMoti
 }
 
 /// Returns the largest torque over its effort limit.
-fn torque_share(robot: &Robot, sim: &sim::Config, joints: &[Joint; JOINTS_MAX]) -> f64 {
-    let torques = sim.torques(&joints.map(|x| x.q), &joints.map(|x| x.v), &joints.map(|x| x.a));
+fn torque_share(robot: &Robot, checker: &checker::Config, joints: &[Joint; JOINTS_MAX]) -> f64 {
+    let torques = checker.torques(&joints.map(|x| x.q), &joints.map(|x| x.v), &joints.map(|x| x.a));
     let shares = torques.iter().zip(&robot.limits).map(|(torque, limits)| torque.abs() / limits.effort_max);
     shares.fold(0.0, f64::max)
 }
@@ -106,10 +106,10 @@ mod tests {
 
     const SHARE: f64 = 0.85;
 
-    fn shipped() -> (Robot, sim::Config) {
+    fn shipped() -> (Robot, checker::Config) {
         let robot = Robot::load(concat!(env!("CARGO_MANIFEST_DIR"), "/../../config/robots/tiago_dual.toml"));
-        let sim = sim::Config::new(robot.model().unwrap(), &sim::Options::default()).unwrap();
-        (robot, sim)
+        let checker = checker::Config::new(robot.model().unwrap(), &checker::Options::default()).unwrap();
+        (robot, checker)
     }
 
     /// A stop of joint `j` from `v` with `jerk`, then `-jerk`. Each phase lasts sqrt(v / jerk).
@@ -124,8 +124,8 @@ mod tests {
 
     #[test]
     fn rollout_at_rest_has_no_violation_and_the_models_clearance() {
-        let (robot, sim) = shipped();
-        let rolled = roll(&robot, &sim, SHARE, &JointMotion::rest(robot.home), 0.5);
+        let (robot, checker) = shipped();
+        let rolled = roll(&robot, &checker, SHARE, &JointMotion::rest(robot.home), 0.5);
         let (model, mut frames) = (robot.model().unwrap(), Frames::default());
         model.forward(&robot.home, &mut frames);
         assert_eq!(rolled.violations, [0; ViolationKind::ALL.len()]);
@@ -134,8 +134,8 @@ mod tests {
 
     #[test]
     fn rollout_reports_every_kind_of_bad_plan() {
-        let (robot, sim) = shipped();
-        let kinds = |motion: &JointMotion| roll(&robot, &sim, SHARE, motion, 0.3).violations.map(|n| n > 0);
+        let (robot, checker) = shipped();
+        let kinds = |motion: &JointMotion| roll(&robot, &checker, SHARE, motion, 0.3).violations.map(|n| n > 0);
         let limits = &robot.limits[4];
         // The peak of the acceleration is sqrt(v jerk). It is A if v is A^2 / jerk.
         let (gentle, full) = (0.9 * limits.j_max, limits.a_max * limits.a_max / limits.j_max);

@@ -168,8 +168,8 @@ fn robot_is_led_over_a_link() {
     }
     eyes.wait_at_rest();
     drop((near, far));
-    robot.children.end("sim").expect("it ends");
-    let mut figures = robot.report("sim").expect("its figures");
+    robot.children.end("driver").expect("it ends");
+    let mut figures = robot.report("driver").expect("its figures");
     robot.children.end("robot").expect("it ends");
     figures["robot"] = robot.report("robot").expect("its figures");
     assert_no_violations(&figures);

@@ -77,7 +77,7 @@ pub struct TrialsArgs {
     /// Seed of the targets and moments. The machine's own timing differs from run to run.
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
-    /// Hit only this one: ingest, retarget, control, sim, client or operator.
+    /// Hit only this one: ingest, retarget, control, driver, client or operator.
     #[arg(long, value_name = "NAME")]
     pub only: Option<String>,
     /// Share of the faults that wait until the robot is engaged. The others occur while it engages.
@@ -129,7 +129,7 @@ impl TrialsArgs {
         let Some(name) = &self.only else { return Ok(Target::ALL.to_vec()) };
         let found = Target::ALL.iter().find(|victim| victim.name() == name);
         found.map(|&victim| vec![victim]).ok_or_else(|| {
-            let names = "must be ingest, retarget, control, sim, client or operator";
+            let names = "must be ingest, retarget, control, driver, client or operator";
             Failure::new(Exit::Usage, format!("--only {name}: {names}"))
         })
     }

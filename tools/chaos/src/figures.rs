@@ -4,9 +4,9 @@ use crate::injection::{Kind, Target};
 use crate::monitor::{Monitor, Seen};
 use crate::rig::Rig;
 use crate::trial::Outcome;
+use checker::ViolationKind;
 use config::Settings;
 use serde_json::{Map, Value, json};
-use sim::ViolationKind;
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 

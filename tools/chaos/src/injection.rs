@@ -24,7 +24,7 @@ pub enum Target {
     Retarget,
     /// `control`.
     Control,
-    /// The driver: `sim`.
+    /// The driver.
     Driver,
     /// The client that publishes skeletons.
     Client,
@@ -43,7 +43,7 @@ impl Target {
             Self::Ingest => "ingest",
             Self::Retarget => "retarget",
             Self::Control => "control",
-            Self::Driver => "sim",
+            Self::Driver => "driver",
             Self::Client => "client",
             Self::Operator => "operator",
         }

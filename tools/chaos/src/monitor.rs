@@ -3,9 +3,9 @@
 //! that dies loses its own record, but this record remains.
 
 use bus::{Domain, DomainConfig};
+use checker::{Checker, Config, Report, ViolationKind};
 use driver::Setpoint;
 use messages::{Mode, RobotMeasured, RobotState, Service};
-use sim::{Checker, Config, Report, ViolationKind};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard};
 use std::thread::JoinHandle;

@@ -37,7 +37,7 @@ impl Rig {
         let rig = Self::start(config)?;
         let place = &rig.harness.place;
         let loaded = place.load()?;
-        let limits = world::sim_config(&loaded, true).map_err(Failure::with(Exit::Config))?;
+        let limits = world::driver_config(&loaded, true).map_err(Failure::with(Exit::Config))?;
         let monitor = Monitor::start(rig.harness.instance.core_domain(), limits);
         Ok((rig, monitor.map_err(Failure::with(Exit::Unavailable))?, loaded.settings))
     }

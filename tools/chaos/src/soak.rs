@@ -284,9 +284,9 @@ mod tests {
     #[test]
     fn growth_false_stop_and_broken_trial_become_complaints() {
         let mut soaked = Soaked { segments_first: 10, segments_last: 10, ..Soaked::default() };
-        soaked.growth.insert("sim", Holding { resident_kib: GROWTH_MAX_KIB, descriptors: 0, threads: 0 });
+        soaked.growth.insert("driver", Holding { resident_kib: GROWTH_MAX_KIB, descriptors: 0, threads: 0 });
         assert!(soaked.complaints().is_empty());
-        soaked.growth.insert("sim", Holding { resident_kib: GROWTH_MAX_KIB + 1, descriptors: 1, threads: 2 });
+        soaked.growth.insert("driver", Holding { resident_kib: GROWTH_MAX_KIB + 1, descriptors: 1, threads: 2 });
         soaked.segments_last = 11;
         soaked.false_stops.push("12 s: Holding TargetStale".into());
         soaked.figures.add_trouble("no rest".into());

@@ -63,12 +63,12 @@ fn f036_f058_f067_f069_f070_f073_f074_robot_rests_after_faults() {
     let other = std::thread::spawn(|| half(4));
     let halves = [half(3), other.join().expect("the other half")];
     let told = || format!("{}\n{}", halves[0].1, halves[1].1);
-    for victim in ["ingest", "retarget", "control", "sim", "client", "operator"] {
+    for victim in ["ingest", "retarget", "control", "driver", "client", "operator"] {
         let sum = |what: &str| halves.iter().filter_map(|half| half.0["victims"][victim][what].as_u64()).sum::<u64>();
         assert_eq!(sum("kills"), 4, "{victim}: {}", told());
         // Most faults must hit a moving robot, or they show nothing.
         assert!(sum("moving") >= 3, "{victim}: {}", told());
-        assert!(victim == "sim" || sum("rests") >= 4, "{victim}: {}", told());
+        assert!(victim == "driver" || sum("rests") >= 4, "{victim}: {}", told());
     }
 }
 

@@ -14,12 +14,12 @@ pub const HOPS: [(&str, &str); 9] = [
     ("retarget_work", "retarget"),
     ("target_to_control", "control"),
     ("control_work", "control"),
-    ("command_to_driver", "sim"),
-    ("skeleton_to_command", "sim"),
-    ("target_to_command", "sim"),
+    ("command_to_driver", "driver"),
+    ("skeleton_to_command", "driver"),
+    ("target_to_command", "driver"),
 ];
 /// Loops whose wake-ups are reported, with their process.
-pub const LOOPS: [(&str, &str); 3] = [("retarget", "retarget"), ("control", "control"), ("driver", "sim")];
+pub const LOOPS: [(&str, &str); 3] = [("retarget", "retarget"), ("control", "control"), ("driver", "driver")];
 
 /// Report of a process about itself, over all blocks.
 #[derive(Clone, Debug, Default)]
@@ -253,7 +253,7 @@ mod tests {
         assert_eq!(all.total(|process| process.transport_allocations), 300);
         assert_eq!(all.total(|process| process.major_faults), 20);
         let json = all.to_json();
-        assert_eq!(json["processes"]["sim"]["cpu"], 0.25);
+        assert_eq!(json["processes"]["driver"]["cpu"], 0.25);
         assert_eq!(json["processes"]["ingest"]["ready_after_ms"], 3_000.0);
         assert_eq!(json["hops_us"]["target_to_command"]["count"], 20);
     }
@@ -271,8 +271,8 @@ mod tests {
         assert!(error.contains("control: control_work: buckets"), "{error}");
         let error = broken("retarget/telemetry/major_faults", Value::Null);
         assert!(error.contains("retarget: telemetry.major_faults"), "{error}");
-        let error = broken("sim/telemetry/metrics/target_to_command/buckets", json!([]));
-        assert!(error.contains("sim counted no target_to_command"), "{error}");
+        let error = broken("driver/telemetry/metrics/target_to_command/buckets", json!([]));
+        assert!(error.contains("driver counted no target_to_command"), "{error}");
         let error = broken("ingest/accepted", json!("many"));
         assert!(error.contains("ingest: accepted"), "{error}");
     }

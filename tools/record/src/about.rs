@@ -41,7 +41,7 @@ pub fn about(loaded: &Loaded, overrides: &Overrides, origin: Origin) -> (BTreeMa
         ("robot_hash".to_owned(), format!("{:016x}", loaded.model.hash)),
         ("tick_hz".to_owned(), messages::TICK_HZ.to_string()),
         ("engage_without_realtime".to_owned(), overrides.engage_without_realtime.to_string()),
-        ("interface".to_owned(), loaded.settings.sim.interface.name().to_owned()),
+        ("interface".to_owned(), loaded.settings.interface().name().to_owned()),
     ]);
     let mut files = Vec::new();
     for path in &loaded.files {

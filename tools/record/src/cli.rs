@@ -1,7 +1,7 @@
 //! The command line.
 
 use clap::Parser;
-use config::{Overrides, RobotChoice, RobotInterface};
+use config::{Interface, Overrides, RobotChoice};
 use std::path::PathBuf;
 
 /// Records a running instance as an MCAP file, or summarises a recording.
@@ -35,7 +35,7 @@ pub struct Cli {
     pub engage_without_realtime: bool,
     /// Interface with which the instance was started: direct, jtc100 or jtc100-restart.
     #[arg(long, value_name = "NAME", value_parser = interface, conflicts_with = "summary")]
-    pub interface: Option<RobotInterface>,
+    pub interface: Option<Interface>,
     /// End, as at a signal, when this process is no longer the parent.
     #[arg(long, value_name = "PID", conflicts_with = "summary")]
     pub child_of: Option<u32>,
@@ -65,7 +65,7 @@ impl Cli {
     }
 }
 
-fn interface(text: &str) -> Result<RobotInterface, String> {
-    let found = RobotInterface::ALL.into_iter().find(|interface| interface.name() == text);
-    found.ok_or_else(|| format!("must be one of {}", RobotInterface::ALL.map(RobotInterface::name).join(", ")))
+fn interface(text: &str) -> Result<Interface, String> {
+    let found = Interface::ALL.into_iter().find(|interface| interface.name() == text);
+    found.ok_or_else(|| format!("must be one of {}", Interface::ALL.map(Interface::name).join(", ")))
 }

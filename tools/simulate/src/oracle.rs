@@ -13,10 +13,10 @@ use crate::movement::Movement;
 use crate::person_judge::PersonJudge;
 use crate::rules::Rules;
 use crate::true_motion::TrueMotion;
+use checker::{Report, ViolationKind};
 use messages::{JOINTS_MAX, Mode, RawSkeleton, RobotState, Skeleton, TICK_HZ, TICK_S};
 use robot::{JointLimits, Model};
 use safety::engage::OperatorView;
-use sim::{Report, ViolationKind};
 use world::Moment;
 
 /// Longest stop, ticks: 500 ms, as the robots promise.

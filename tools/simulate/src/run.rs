@@ -15,10 +15,10 @@ use crate::subject::Subject;
 use crate::tampered::{self, Memory, Tampering};
 use bus::FaultPlan;
 use messages::{Mode, RawSkeleton, Skeleton, TICK_HZ, Transition, tick_at};
+use plant::Injection;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use robot::JointLimits;
-use sim::Injection;
 use world::{Links, Moment, World};
 
 /// An engagement is "from elsewhere" if a joint is farther than this from its target, rad. That is ten times
@@ -248,8 +248,8 @@ impl<'a> Run<'a> {
         if self.has(|_| true) {
             self.faulty_until = k + FAULTY;
         }
-        let robot = self.world.sim_mut();
-        if robot.refused() {
+        let robot = self.world.robot_mut();
+        if robot.driver().refused() {
             // After a pause of its driver a robot may carry on by itself, whatever its setpoint.
             self.undriven_until = self.undriven_until.max(k + UNDRIVEN);
         }
@@ -340,11 +340,11 @@ impl<'a> Run<'a> {
         }
         let robots = |fault| if let Fault::Robot(robot) = fault { Some(robot) } else { None };
         let count = self.subject.config.control.model.count;
-        let sim = self.world.sim_mut();
+        let simulated = self.world.robot_mut();
         faults.each(robots, |active, robot| {
             if robot == Robot::EncoderSpike && active.acts() {
                 let (joint, by) = (active.rng.random_range(0..count), active.rng.random_range(-0.5..0.5));
-                sim.inject(Injection::EncoderSpike { joint, by });
+                simulated.inject(Injection::EncoderSpike { joint, by });
                 return true;
             }
             robot != Robot::EncoderSpike
@@ -397,11 +397,11 @@ impl<'a> Run<'a> {
         if wanted == self.injected {
             return;
         }
-        self.world.sim_mut().repair();
+        self.world.robot_mut().repair();
         for active in self.faults.active.iter().filter(|a| matches!(a.fault, Fault::Robot(_))) {
             let limits = &self.subject.limits;
             inject(
-                self.world.sim_mut(),
+                self.world.robot_mut(),
                 &limits[..self.subject.config.control.model.count],
                 active.fault,
                 active.episode.param,
@@ -418,11 +418,11 @@ impl<'a> Run<'a> {
     }
 }
 
-fn inject(sim: &mut sim::State, limits: &[JointLimits], fault: Fault, param: u64, strength: f64) {
+fn inject(simulated: &mut world::simulated::State, limits: &[JointLimits], fault: Fault, param: u64, strength: f64) {
     let Fault::Robot(robot) = fault else { return };
     let mut rng = Pcg64Mcg::seed_from_u64(param ^ 1);
     let (joint, with) = (rng.random_range(0..limits.len()), rng.random_range(0..limits.len()));
-    sim.inject(match robot {
+    simulated.inject(match robot {
         Robot::EncoderSpike => return,
         Robot::EncoderJump => Injection::EncoderJump { joint, by: strength - 0.5 },
         Robot::Frozen if param.is_multiple_of(2) => Injection::FrozenEncoder { joint },

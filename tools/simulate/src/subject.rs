@@ -2,7 +2,7 @@
 
 use crate::run::Run;
 use client::{PlayOptions, Player};
-use config::{ConfigError, Overrides, RobotChoice, RobotInterface};
+use config::{ConfigError, Interface, Overrides, RobotChoice};
 use messages::{JOINTS_MAX, Mode, TICK_HZ};
 use motion::CalibrationMode;
 use rand::{RngExt, SeedableRng};
@@ -47,8 +47,8 @@ impl Subject {
     /// Loads a settings file, with another robot if one is chosen.
     pub fn load(config: &Path, robot: Option<&RobotChoice>) -> Result<Self, ConfigError> {
         let loaded = config::load(config, Overrides::robot(robot))?;
-        if loaded.settings.sim.interface == RobotInterface::Jtc100Restart {
-            let cause = "sim.interface = \"jtc100-restart\" breaks limits on purpose; simulate looks for what breaks them otherwise";
+        if loaded.settings.interface() == Interface::Jtc100Restart {
+            let cause = "driver.interface = \"jtc100-restart\" breaks limits on purpose; simulate looks for what breaks them otherwise";
             return Err(ConfigError::Syntax { file: config.display().to_string(), cause: cause.into() });
         }
         let model = &loaded.model;

@@ -5,6 +5,7 @@ use crate::figures::{Figures, Least, Merge, Most, Place};
 use crate::parallel::derived_seed;
 use crate::stages::{Stages, Subject, permit, target};
 use crate::stop_times;
+use checker::{TOLERANCE_CLEARANCE_M, ViolationKind};
 use control::{Continue, Stream};
 use driver::Refusal;
 use judge::Attacker;
@@ -15,7 +16,7 @@ use robot::Frames;
 use safety::engage::Permit;
 use safety::gate::Denial;
 use safety::monitor;
-use sim::{TOLERANCE_CLEARANCE_M, ViolationKind};
+use world::simulated;
 
 /// Ticks of one part. Parts are independent, so the figures do not depend on how many threads run them.
 pub const PART_TICKS: u64 = 100_000;
@@ -84,7 +85,7 @@ struct Part<'a> {
     part: u64,
     subject: &'a Subject,
     stages: Stages<'a>,
-    robot: sim::State,
+    robot: simulated::State,
     attacker: Attacker<'a>,
     rng: Pcg64,
     stream: Option<Stream>,
@@ -125,9 +126,9 @@ pub fn run(subject: &Subject, seed: u64, part: u64, ticks: u64) -> Figures {
 
 impl<'a> Part<'a> {
     fn new(subject: &'a Subject, part: u64, seed: u64) -> Self {
-        let mut robot = sim::State::new(&subject.sim, FIRST_K, seed);
-        let input = sim::Input { due_k: FIRST_K, command: None };
-        let echo = sim::tick(&subject.sim, &mut robot, deadline(FIRST_K), input).state;
+        let mut robot = simulated::State::new(&subject.simulated, FIRST_K, seed);
+        let input = driver::DriveInput { due_k: FIRST_K, command: None };
+        let echo = simulated::tick(&subject.simulated, &mut robot, deadline(FIRST_K), input).state;
         let q = robot.follower().motion.q;
         Self {
             part,
@@ -273,7 +274,8 @@ impl<'a> Part<'a> {
 
     fn roll(&mut self, motion: &JointMotion) {
         let offset = self.rng.random_range(0.0..1.0);
-        let rolled = judge::roll(&self.subject.robot, &self.subject.sim, wbc::torque::SHARE, motion, offset);
+        let rolled =
+            judge::roll(&self.subject.robot, self.subject.simulated.driver(), wbc::torque::SHARE, motion, offset);
         self.figures.rollouts += 1;
         self.figures.min_clearance_m.merge(Least(rolled.min_clearance_m));
         self.figures.rollout_torque_share.merge(Most(rolled.torque_share));
@@ -283,8 +285,8 @@ impl<'a> Part<'a> {
     /// The driver executes the due command, and the simulated robot's checker judges every step of it.
     fn drive(&mut self, k: u64, command: Option<&JointCommand>) {
         let was_latched = self.latched();
-        let input = sim::Input { due_k: k, command };
-        let out = sim::tick(&self.subject.sim, &mut self.robot, deadline(k), input);
+        let input = driver::DriveInput { due_k: k, command };
+        let out = simulated::tick(&self.subject.simulated, &mut self.robot, deadline(k), input);
         self.echo = out.state;
         self.figures.latches += u64::from(!was_latched && self.latched());
         // A driver that was suspended rightly takes no command of its old chain.

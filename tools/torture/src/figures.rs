@@ -1,8 +1,8 @@
 //! Figures of runs, and their merge.
 
+use checker::{Violation, ViolationKind};
 use judge::Attack;
 use rt::Histogram;
-use sim::{Violation, ViolationKind};
 use std::collections::BTreeMap;
 
 /// Number of kinds of violations of true motion.

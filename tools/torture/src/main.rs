@@ -1,10 +1,10 @@
 //! The command line program of the library.
 
+use checker::ViolationKind;
 use clap::Parser;
 use config::Overrides;
 use messages::TICK_HZ;
 use rt::{Exit, Failure};
-use sim::ViolationKind;
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicU64, Ordering};
 use torture::cli::{

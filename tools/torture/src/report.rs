@@ -6,12 +6,12 @@ use crate::figures::{AttackFigures, Durations, Figures, Goals, KINDS, Place, Rea
 use crate::machine::Machine;
 use crate::motions::Played;
 use crate::stop_times::{JointWorst, StopTimes, joint_bound_s};
+use checker::ViolationKind;
 use judge::Attack;
 use messages::TICK_HZ;
 use robot::Model;
 use rt::Failure;
 use serde_json::{Map, Value, json};
-use sim::ViolationKind;
 use std::path::Path;
 use wbc::interval::Bounds;
 use world::OfflineReport;

@@ -2,7 +2,7 @@
 
 use crate::cli::Changes;
 use crate::error::rejected;
-use config::{Overrides, RobotChoice, RobotInterface};
+use config::{Interface, Overrides, RobotChoice};
 use control::{Commanded, Commander};
 use judge::Attacker;
 use messages::{JOINTS_MAX, JointMotion, Stamp};
@@ -13,6 +13,7 @@ use safety::gate;
 use std::fmt::Display;
 use std::path::Path;
 use std::time::Instant;
+use world::simulated;
 
 /// A robot, with the configuration of every stage.
 #[derive(Clone, Debug)]
@@ -25,8 +26,8 @@ pub struct Subject {
     pub wbc: wbc::Config,
     /// Configuration of the gate. Without a gate the proposals are sent.
     pub gate: Option<gate::Config>,
-    /// Configuration of the simulated robot. Its encoders are exact, because the commands are judged.
-    pub sim: sim::Config,
+    /// Configuration of the simulated robot and its driver. The encoders are exact, because the commands are judged.
+    pub simulated: simulated::Config,
     /// True if the driver also pauses for longer than one motion lasts.
     pub pauses: bool,
 }
@@ -40,11 +41,11 @@ impl Subject {
     pub fn load(config: &Path, robot: Option<&RobotChoice>, changes: Changes) -> Result<Self, Failure> {
         let loaded = config::load_robot(config, &Overrides::robot(robot));
         let (settings, model) = loaded.map_err(Failure::with(Exit::Config))?;
-        match settings.sim.interface {
-            RobotInterface::Direct => Self::of(model, config, settings.safety.hand_speed_m_per_s(), changes),
+        match settings.interface() {
+            Interface::Direct => Self::of(model, config, settings.safety.hand_speed_m_per_s(), changes),
             other => {
                 let cause = "must be \"direct\"; no other interface is tested";
-                Err(rejected(config, format!("sim.interface = \"{}\", {cause}", other.name())))
+                Err(rejected(config, format!("driver.interface = \"{}\", {cause}", other.name())))
             }
         }
     }
@@ -60,14 +61,21 @@ impl Subject {
         }
         let robot = judge::Robot::of(model.clone());
         let payload_kg = Some(changes.payload_kg).filter(|&mass_kg| mass_kg > 0.0);
-        let exact = sim::Options {
-            encoder_noise_rad: 0.0,
-            encoder_step_rad: 0.0,
-            hand_speed_max_m_per_s: hand_speed,
-            payload_kg: [payload_kg; 2],
-            ..sim::Options::default()
+        let exact = simulated::Options {
+            driver: checker::Options {
+                hand_speed_max_m_per_s: hand_speed,
+                payload_kg: [payload_kg; 2],
+                ..checker::Options::default()
+            },
+            robot: plant::Options {
+                encoder_noise_rad: 0.0,
+                encoder_step_rad: 0.0,
+                hands_kg: [payload_kg; 2],
+                ..plant::Options::default()
+            },
+            initial: None,
         };
-        let sim = made(file, "simulated robot", sim::Config::new(&model, &exact))?;
+        let simulated = made(file, "simulated robot", simulated::Config::new(&model, &exact))?;
         let gate = gate::Config::new(&model).and_then(|gate| gate.with_hand_speed(hand_speed));
         let gate = Some(made(file, "gate", gate)?).filter(|_| !changes.no_certificate || changes.keep_gate);
         if let Some(mass_kg) = payload_kg.filter(|_| !changes.untold) {
@@ -81,7 +89,7 @@ impl Subject {
         let wbc = wbc::Config::new(&model, options.hand_speed_m_per_s(hand_speed));
         // With an unknown payload arms give way, and a driver that pauses would find the robot off its path. So it does
         // not pause.
-        Ok(Self { wbc: made(file, "whole-body control", wbc)?, gate, sim, robot, pauses: !changes.untold, model })
+        Ok(Self { wbc: made(file, "whole-body control", wbc)?, gate, simulated, robot, pauses: !changes.untold, model })
     }
 }
 

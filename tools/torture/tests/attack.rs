@@ -1,8 +1,8 @@
 //! The shipped robot withstands a long attack, and the attacks are shown to be effective.
 
+use checker::ViolationKind;
 use judge::Attack;
 use robot::{BoxEntry, Environment};
-use sim::ViolationKind;
 use std::path::{Path, PathBuf};
 use torture::chunk::{self, PART_TICKS};
 use torture::cli::Changes;
@@ -136,13 +136,13 @@ fn violation_of_true_motion_counts_as_a_broken_promise() {
 fn joint_step_beyond_its_limits_is_counted() {
     // The checker that judges the attack gets a step that no driver would take.
     let subject = subject(Changes::default());
-    let held = sim::State::new(&subject.sim, 1500, 1).follower().setpoint();
-    let mut checker = sim::Checker::new(&subject.sim, held);
-    let mut report = sim::Report::default();
+    let held = world::simulated::State::new(&subject.simulated, 1500, 1).follower().setpoint();
+    let mut checker = checker::Checker::new(subject.simulated.driver(), held);
+    let mut report = checker::Report::default();
     let mut to = driver::Setpoint { k: held.k + 1, ..held };
     // The last joint of TIAGo++.
     to.q[16] += 1e-4;
-    checker.step(&subject.sim, &mut report, &to, messages::Mode::Engaged as u32);
+    checker.step(subject.simulated.driver(), &mut report, &to, messages::Mode::Engaged as u32);
     assert!(report.violations_of(ViolationKind::Jerk) > 0, "{:?}", report.violations());
 }
 

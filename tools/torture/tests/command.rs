@@ -99,13 +99,13 @@ fn interface_other_than_direct_is_refused() {
     let same = place("direct.toml", &direct);
     let output = torture(&[&short[..], &[&same]].concat());
     assert_eq!(output.status.code(), Some(0), "{}", said(&output));
-    let other = direct.replace("interface = \"direct\"", "interface = \"jtc100\"");
+    let other = direct.replace("# interface = \"direct\"", "interface = \"jtc100\"");
     assert_ne!(other, direct);
     let other = place("jtc100.toml", &other);
     for arguments in [&short[..], &["stop-times", "--states", "10", "--config"], &["bench", "--config"]] {
         let output = torture(&[arguments, &[&other]].concat());
         assert_eq!(output.status.code(), Some(78), "{}", said(&output));
-        let words = ["jtc100.toml", "sim.interface = \"jtc100\"", "must be \"direct\""];
+        let words = ["jtc100.toml", "driver.interface = \"jtc100\"", "must be \"direct\""];
         assert!(words.iter().all(|word| said(&output).contains(word)), "{}", said(&output));
     }
 }

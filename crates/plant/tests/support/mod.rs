@@ -100,7 +100,7 @@ impl Sines {
     /// Returns the largest torque of tick `k` over its effort limit.
     fn torque_share(&self, config: &Config, k: u64) -> f64 {
         let at = self.at(k);
-        let torques = config.torques(&at.q, &at.v, &at.a).into_iter().zip(&config.body().joints);
+        let torques = config.links().torques(&at.q, &at.v, &at.a).into_iter().zip(&config.body().joints);
         torques.map(|(torque, joint)| torque.abs() / joint.limits.effort_max).fold(0.0, f64::max)
     }
 

@@ -7,7 +7,7 @@ use crate::hands::{Hand, Known};
 use crate::ros::{Header, JointState, JointTrajectory, Time};
 use dust_dds::publication::publisher::Publisher;
 use messages::{GripperMotion, GripperState, Layout, Stamp, tick_at};
-use robot::{DriverInterface, Model};
+use robot::{Model, SetpointKind};
 
 /// A hand and its controller.
 struct Own {
@@ -36,14 +36,14 @@ pub(super) struct Hands {
 impl Hands {
     pub(super) fn open(
         model: &Model,
-        interface: DriverInterface,
+        interface: SetpointKind,
         members: &[Member; 2],
         publisher: Option<&Publisher>,
     ) -> Result<Self, String> {
         let mut all = Vec::new();
         for (side, gripper) in model.grippers.iter().enumerate() {
             let Some(gripper) = gripper.as_ref().filter(|gripper| !gripper.controller.is_empty()) else { continue };
-            if interface != DriverInterface::Trajectories {
+            if interface != SetpointKind::Trajectories {
                 continue;
             }
             let names = gripper.fingers.iter().map(|finger| finger.joint.clone()).collect();

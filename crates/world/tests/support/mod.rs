@@ -9,6 +9,7 @@ use messages::{
 use robot::{Frames, Model};
 use safety::engage::OperatorView;
 use std::path::Path;
+use world::simulated;
 
 /// Tick at which virtual time begins. A stamp of zero means "never".
 const FIRST_K: u64 = 1500;
@@ -23,8 +24,8 @@ pub fn loaded() -> Loaded {
 pub struct Bench {
     pub config: control::Config,
     control: Box<control::State>,
-    sim_config: sim::Config,
-    pub robot: sim::State,
+    robot_config: simulated::Config,
+    pub robot: simulated::State,
     hash: u64,
     k: u64,
     echo: Option<RobotState>,
@@ -44,18 +45,22 @@ pub struct Bench {
 impl Bench {
     /// Creates a robot at rest at `initial`, which may be any posture.
     pub fn new(loaded: &Loaded, initial: [f64; JOINTS_MAX], seed: u64) -> Self {
-        let options = sim::Options { initial: Some(initial), initial_outside: true, ..sim::Options::default() };
+        let options = simulated::Options {
+            driver: checker::Options { initial_outside: true, ..checker::Options::default() },
+            robot: plant::Options { initial_outside: true, ..plant::Options::default() },
+            initial: Some(initial),
+        };
         Self::with_options(loaded, &options, seed)
     }
 
     /// Creates a robot with these options, at rest.
-    pub fn with_options(loaded: &Loaded, options: &sim::Options, seed: u64) -> Self {
+    pub fn with_options(loaded: &Loaded, options: &simulated::Options, seed: u64) -> Self {
         let config = world::control_config(loaded, true).expect("control");
-        let sim_config = sim::Config::new(&loaded.model, options).expect("the simulated robot");
+        let robot_config = simulated::Config::new(&loaded.model, options).expect("the simulated robot");
         Self {
             control: Box::new(control::State::new(&config, 1)),
-            robot: sim::State::new(&sim_config, FIRST_K, seed),
-            sim_config,
+            robot: simulated::State::new(&robot_config, FIRST_K, seed),
+            robot_config,
             config,
             hash: loaded.hash,
             k: FIRST_K,
@@ -88,7 +93,7 @@ impl Bench {
 
     /// Replaces the driver's process by a new one.
     pub fn restart_driver(&mut self) -> bool {
-        self.robot.restart_driver(&self.sim_config, self.k, deadline(self.k), 2)
+        self.robot.restart_driver(&self.robot_config, self.k, deadline(self.k), 2)
     }
 
     /// Presses the enable and waits for Engaged.
@@ -190,8 +195,8 @@ impl Bench {
         if !driver_runs {
             return;
         }
-        let input = sim::Input { due_k: self.k, command: out.command.as_ref() };
-        let mut state = sim::tick(&self.sim_config, &mut self.robot, now, input).state;
+        let input = driver::DriveInput { due_k: self.k, command: out.command.as_ref() };
+        let mut state = simulated::tick(&self.robot_config, &mut self.robot, now, input).state;
         state.header = self.header(now, 9);
         self.echo = Some(state);
     }

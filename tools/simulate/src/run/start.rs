@@ -40,7 +40,7 @@ impl Run<'_> {
         if self.processes.gave_up_waiting() || self.processes.moved_to.is_some() || self.encoders_lie() {
             return Ok(());
         }
-        let truth = self.world.sim_mut().truth().v;
+        let truth = self.world.robot_mut().truth().v;
         match truth.iter().position(|v| v.abs() > STANDS) {
             Some(j) => {
                 let detail = format!("joint {j} moves at {}", truth[j]);

@@ -1,24 +1,23 @@
 //! Four controllers that are not synchronised, with commands under attack.
 
-mod support;
-
-use driver::Setpoint;
+use super::{Bench, ELBOW, K, MODEL, behind, exact};
+use checker::{Report, ViolationKind, spline_error, spline_speed_error};
+use driver::{DriveInput, Interface, Setpoint};
 use messages::{ALL_JOINTS, Header, JOINTS_MAX, JointCommand, Layout, Mode, TICK_S, deadline};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use robot::Frames;
 use safety::{engage, gate};
-use sim::interface::{spline_error, spline_speed_error};
-use sim::{Config, Input, Interface, Options, Report, State, ViolationKind};
-use support::{Bench, ELBOW, K, MODEL};
+use world::simulated::{Config, Options, State, tick};
 
 /// Joints of TIAGo++.
 const JOINTS: usize = 17;
 
 const TICKS: u64 = 40_000;
 
-fn exact(interface: Interface) -> Options {
-    Options { interface, encoder_noise_rad: 0.0, encoder_step_rad: 0.0, delay_ticks: 0, ..Options::default() }
+fn ideal(interface: Interface) -> Options {
+    let robot = plant::Options { delay_ns: 0, ..exact() };
+    Options { driver: behind(interface), robot, initial: None }
 }
 
 /// First joint of either arm. Its axis is upright.
@@ -68,7 +67,7 @@ fn controller_of_body(body: usize) -> usize {
 /// Record of one tick.
 struct Seen {
     commanded: Setpoint,
-    told: Setpoint,
+    sent: Setpoint,
 }
 
 struct Run {
@@ -94,7 +93,7 @@ fn controllers() -> gate::Interface {
 
 /// Returns a robot whose arms have delays at least 9 ms apart: about one in a hundred.
 fn far_apart(config: &Config) -> State {
-    let apart = |robot: &State| robot.delays_s().is_some_and(|delays| (delays[2] - delays[3]).abs() > 9e-3);
+    let apart = |robot: &State| robot.driver().delays_s().is_some_and(|delays| (delays[2] - delays[3]).abs() > 9e-3);
     (0..).map(|seed| State::new(config, K, seed)).find(apart).expect("there are many")
 }
 
@@ -105,12 +104,12 @@ fn attack(certified_for: wbc::Interface, gated: gate::Interface, seed: u64) -> R
 }
 
 fn attack_on(interface: Interface, certified_for: wbc::Interface, gated: gate::Interface, seed: u64) -> Run {
-    let hand_speed = Options::default().hand_speed_max_m_per_s;
+    let hand_speed = checker::Options::default().hand_speed_max_m_per_s;
     let wbc_options = wbc::Options::default().interface(certified_for).hand_speed_m_per_s(hand_speed);
     let wbc_config = wbc::Config::new(&MODEL, wbc_options).expect("whole-body control");
     let gate_config = gate::Config::with_interface(&MODEL, &gated).expect("the gate");
-    let sim_config = Config::new(&MODEL, &exact(interface)).expect("the simulated robot");
-    let mut robot = far_apart(&sim_config);
+    let robot_config = Config::new(&MODEL, &ideal(interface)).expect("the simulated robot");
+    let mut robot = far_apart(&robot_config);
     let start = robot.follower().motion.q;
     let (mut wbc_state, mut gate_state) = (wbc::State::at_rest(&wbc_config, start), gate::State::at_rest(start));
     let mut rng = Pcg64::seed_from_u64(seed);
@@ -147,7 +146,7 @@ fn attack_on(interface: Interface, certified_for: wbc::Interface, gated: gate::I
             }
             .with_motion(&made.motion)
         });
-        let out = sim::tick(&sim_config, &mut robot, now, Input { due_k: k, command: command.as_ref() });
+        let out = tick(&robot_config, &mut robot, now, DriveInput { due_k: k, command: command.as_ref() });
         assert_eq!(out.accepted.is_some(), command.is_some(), "tick {k}: {:?}", out.refused);
         if silent > 0 {
             silent -= 1;
@@ -156,9 +155,9 @@ fn attack_on(interface: Interface, certified_for: wbc::Interface, gated: gate::I
             gate_state.reseed(&driver.motion);
             seed_at = (driver.executed_k, driver.plan_ticks_played);
         }
-        seen.push(Seen { commanded: robot.follower().setpoint(), told: *robot.told() });
+        seen.push(Seen { commanded: robot.follower().setpoint(), sent: *robot.sent() });
     }
-    let delays_s = robot.delays_s().expect("four controllers");
+    let delays_s = robot.driver().delays_s().expect("four controllers");
     Run { report: robot.report().clone(), denials: gate_state.denials(), delays_s, seen }
 }
 
@@ -212,8 +211,8 @@ fn splines_stay_within_bound_of_delayed_command() {
             let (from, to) = (&run.seen[from].commanded, &run.seen[from + 1].commanded);
             let [q, v] = cubic([from.q[j], from.v[j]], [to.q[j], to.v[j]], share);
             let (bound, speed_bound) = (spline_error(MODEL.limits[j].j_max), spline_speed_error(MODEL.limits[j].j_max));
-            off = off.max((seen.told.q[j] - q).abs() / bound - f64::powi(tick_share, 3));
-            off_speed = off_speed.max((seen.told.v[j] - v).abs() / speed_bound - f64::powi(tick_share, 2));
+            off = off.max((seen.sent.q[j] - q).abs() / bound - f64::powi(tick_share, 3));
+            off_speed = off_speed.max((seen.sent.v[j] - v).abs() / speed_bound - f64::powi(tick_share, 2));
         }
     }
     println!("positions reach {off:.3}, velocities {off_speed:.3} of their bounds");
@@ -223,7 +222,7 @@ fn splines_stay_within_bound_of_delayed_command() {
 
 /// The largest step of the shoulders' setpoints in one tick, as a share of what their speed limits allow.
 fn largest_step(run: &Run) -> f64 {
-    let step = |pair: &[Seen], j: usize| (pair[1].told.q[j] - pair[0].told.q[j]).abs() / MODEL.limits[j].v_max / TICK_S;
+    let step = |pair: &[Seen], j: usize| (pair[1].sent.q[j] - pair[0].sent.q[j]).abs() / MODEL.limits[j].v_max / TICK_S;
     let steps = run.seen.windows(2).flat_map(|pair| SHOULDERS.map(|j| step(pair, j)));
     steps.fold(0.0, f64::max)
 }
@@ -244,7 +243,7 @@ fn cubic(from: [f64; 2], to: [f64; 2], s: f64) -> [f64; 2] {
 
 #[test]
 fn controllers_follow_plan_to_rest_when_commands_end() {
-    let mut bench = Bench::new(&exact(Interface::Jtc100), 3);
+    let mut bench = Bench::new(&ideal(Interface::Jtc100), 3);
     bench.drive(ELBOW, 50.0, 40);
     let last = bench.command.k;
     assert!(!bench.state.at_rest());
@@ -257,7 +256,7 @@ fn controllers_follow_plan_to_rest_when_commands_end() {
     }
     let [driver, all] = rests.map(|k| k.expect("comes to rest"));
     assert!((1..=45).contains(&(all - driver)), "driver {driver}, controllers {all}");
-    let off = (bench.state.told().q[ELBOW] - bench.state.follower().motion.q[ELBOW]).abs();
+    let off = (bench.state.sent().q[ELBOW] - bench.state.follower().motion.q[ELBOW]).abs();
     assert!(off < 1e-6, "{off}");
     assert_eq!(bench.violated(), [""; 0], "{:?}", bench.state.report().first_violation());
 }

@@ -1,14 +1,16 @@
 //! A simulated robot on a bench, and valid commands to it.
-#![allow(dead_code)]
 
-use driver::{Chain, Setpoint};
+mod allocation;
+mod body;
+mod checks;
+mod jtc100;
+
+use checker::{Checker, Report};
+use driver::{DriveInput, DriveOutput, Interface, Setpoint};
 use messages::{Header, JointCommand, Layout, Mode, TICK_S, deadline};
 use robot::Model;
-use sim::{Checker, Config, Input, Options, Output, Report, State, tick};
 use std::sync::LazyLock;
-
-/// Joints of TIAGo++.
-const JOINTS: usize = 17;
+use world::simulated::{Config, Options, State, tick};
 
 const TOML: &str = include_str!("../../../../config/robots/tiago_dual.toml");
 const URDF: &str = include_str!("../../../../config/robots/tiago_dual.urdf");
@@ -22,6 +24,21 @@ pub(crate) const ELBOW: usize = 6;
 pub(crate) static MODEL: LazyLock<Model> = LazyLock::new(|| {
     Model::from_text("tiago_dual.toml", TOML, "tiago_dual.urdf", URDF).unwrap_or_else(|error| panic!("{error}"))
 });
+
+/// Encoders without noise and step, and servos without delay.
+pub(crate) fn ideal() -> Options {
+    Options { robot: plant::Options { delay_ns: 0, ..exact() }, ..Options::default() }
+}
+
+/// Encoders without noise and step.
+pub(crate) fn exact() -> plant::Options {
+    plant::Options { encoder_noise_rad: 0.0, encoder_step_rad: 0.0, ..plant::Options::default() }
+}
+
+/// A driver of a robot with this interface.
+pub(crate) fn behind(interface: Interface) -> checker::Options {
+    checker::Options { interface, ..checker::Options::default() }
+}
 
 /// A stream of commands to a simulated robot, made of constant jerks of one joint.
 pub(crate) struct Bench {
@@ -43,7 +60,7 @@ impl Bench {
 
     /// Creates a bench with encoders without noise and step, and servos without delay.
     pub(crate) fn ideal() -> Self {
-        Self::new(&Options { encoder_noise_rad: 0.0, encoder_step_rad: 0.0, delay_ticks: 0, ..Options::default() }, 1)
+        Self::new(&ideal(), 1)
     }
 
     /// Returns the next command: `joint` moves with this jerk for one tick. Its plan is the stop from there.
@@ -67,12 +84,12 @@ impl Bench {
     }
 
     /// Runs the tick in which the command of index `k` is due.
-    pub(crate) fn tick(&mut self, k: u64, command: Option<&JointCommand>) -> Output {
-        tick(&self.config, &mut self.state, deadline(k), Input { due_k: k, command })
+    pub(crate) fn tick(&mut self, k: u64, command: Option<&JointCommand>) -> DriveOutput {
+        tick(&self.config, &mut self.state, deadline(k), DriveInput { due_k: k, command })
     }
 
     /// Sends a command with this jerk for each of `ticks` ticks.
-    pub(crate) fn drive(&mut self, joint: usize, jerk: f64, ticks: u64) -> Output {
+    pub(crate) fn drive(&mut self, joint: usize, jerk: f64, ticks: u64) -> DriveOutput {
         let mut out = None;
         for _ in 0..ticks {
             let command = self.next(joint, jerk);
@@ -83,21 +100,9 @@ impl Bench {
         out.expect("at least one tick")
     }
 
-    /// Sends the command as it is, with the next index.
-    pub(crate) fn send(&mut self) -> Output {
-        self.command.k += 1;
-        self.command.header.sequence += 1;
-        let command = self.command;
-        self.tick(command.k, Some(&command))
-    }
-
     /// Returns the names of the kinds of violation that occurred.
     pub(crate) fn violated(&self) -> Vec<&'static str> {
         self.state.report().violations().iter().filter(|(_, count)| *count > 0).map(|(name, _)| *name).collect()
-    }
-
-    pub(crate) fn chain(&self) -> Chain {
-        Chain::of(&self.command)
     }
 }
 
@@ -111,12 +116,12 @@ pub(crate) struct Judge {
 impl Judge {
     pub(crate) fn new(options: &Options) -> Self {
         let bench = Bench::new(options, 1);
-        let checker = Checker::new(&bench.config, bench.state.follower().setpoint());
+        let checker = Checker::new(bench.config.driver(), bench.state.follower().setpoint());
         Self { report: Report::default(), checker, bench }
     }
 
     pub(crate) fn ideal() -> Self {
-        Self::new(&Options { encoder_noise_rad: 0.0, encoder_step_rad: 0.0, delay_ticks: 0, ..Options::default() })
+        Self::new(&ideal())
     }
 
     /// Shows the checker a motion of this jerk for each of `ticks` ticks.
@@ -130,16 +135,11 @@ impl Judge {
     /// Shows the checker the command as it is.
     pub(crate) fn show(&mut self) {
         let JointCommand { k, q, v, a, mode, .. } = self.bench.command;
-        self.checker.step(&self.bench.config, &mut self.report, &Setpoint { k, q, v, a }, mode);
+        self.checker.step(self.bench.config.driver(), &mut self.report, &Setpoint { k, q, v, a }, mode);
     }
 
     /// Returns the names of the kinds of violation that occurred.
     pub(crate) fn violated(&self) -> Vec<&'static str> {
         self.report.violations().iter().filter(|(_, count)| *count > 0).map(|(name, _)| *name).collect()
     }
-}
-
-/// Returns the joints other than `joint`.
-pub(crate) fn others(joint: usize) -> impl Iterator<Item = usize> {
-    (0..JOINTS).filter(move |&j| j != joint)
 }

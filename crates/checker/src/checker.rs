@@ -13,7 +13,7 @@
 //!
 //! hold for every motion that keeps the limit, and a step that breaks one is a violation of jerk.
 //!
-//! With trajectory controllers in between ([`Interface::Jtc100`](crate::Interface::Jtc100)) the robot executes their splines, whose
+//! With trajectory controllers in between ([`Interface::Jtc100`](driver::Interface::Jtc100)) the robot executes their splines, whose
 //! acceleration jumps from piece to piece. Their position, velocity and clearance are checked at every index. The
 //! bounds of position and velocity include the amount that a spline may add to a motion within the jerk limit.
 //! Acceleration and jerk are checked for the setpoints that the driver hands to the controllers.
@@ -21,7 +21,7 @@
 //! The speed of elbows and hands is checked for the driver's steps, by their way from index to index, whatever
 //! the interface.
 //!
-//! The torque of every executed point comes from the body's own dynamics ([`plant`]), by its position, velocity
+//! The torque of every executed point comes from the dynamics of [`plant::Links`], by its position, velocity
 //! and acceleration. It is the torque of the links alone, and is compared with the whole effort limit.
 //!
 //! A driver that begins where it finds the robot stops by itself, and no proof covers that stop. Until it has
@@ -34,7 +34,7 @@
 
 use crate::clearance::Workspace;
 use crate::config::Config;
-use crate::interface::{spline_error, spline_speed_error};
+use crate::controllers::{spline_error, spline_speed_error};
 use crate::report::{Report, Violation, ViolationKind};
 use driver::Setpoint;
 use messages::{JOINTS_MAX, Mode, TICK_HZ, TICK_S};
@@ -262,7 +262,7 @@ fn check_place(config: &Config, report: &mut Report, from: &Setpoint, to: &Setpo
 
 /// Checks the torques that the links' motion needs from the motors.
 fn check_torques(config: &Config, report: &mut Report, to: &Setpoint) {
-    let torques = config.plant.torques(&to.q, &to.v, &to.a);
+    let torques = config.links.torques(&to.q, &to.v, &to.a);
     for (j, torque) in torques.into_iter().enumerate() {
         let effort = config.limits[j].effort_max;
         report.torque_share_max[j] = report.torque_share_max[j].max(torque.abs() / effort);

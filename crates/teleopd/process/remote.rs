@@ -1,4 +1,4 @@
-//! The port of the simulated robot: `teleopd robot`, a process of its own.
+//! The driver's port to the simulated robot, which is a process of its own: `teleopd robot`.
 
 use super::bus_failure;
 use super::driver::{ANSWERS_WITHIN_NS, LOOK_NS};
@@ -112,10 +112,10 @@ impl Driver for RemoteRobot {
 
 /// Drives the simulated robot, or becomes the program that the settings name in place of this one.
 pub fn run(place: &InstanceArgs) -> Result<(), Failure> {
-    let settings = config::read_settings(&place.config).map_err(Failure::with(Exit::Config))?;
+    let settings = config::read_settings(&place.config, &place.overrides()).map_err(Failure::with(Exit::Config))?;
     if let Some(program) = settings.driver_program(&place.config) {
         if std::env::var_os(STARTED).is_some() {
-            let text = format!("driver.program = {:?} starts `teleopd sim` again", settings.driver.program);
+            let text = format!("driver.program = {:?} starts `teleopd driver` again", settings.driver.program);
             return Err(Failure::new(Exit::Config, text));
         }
         // A child of `up` ends with it, whatever program it becomes.
@@ -130,7 +130,7 @@ pub fn run(place: &InstanceArgs) -> Result<(), Failure> {
         );
         return Err(Failure::new(Exit::Config, text));
     }
-    super::driver::run(place, |process, core| {
+    super::driver::run(place, None, |process, core| {
         RemoteRobot::find(core, process.header(0, Stamp::NONE, Stamp::NONE), process.loaded.model.id())
     })
 }

@@ -1,14 +1,29 @@
 //! The simulated grippers: fingers that follow their setpoint and stop at an object.
 
 use messages::{GripperMotion, GripperState, Layout, Stamp};
-use robot::Gripper;
 
 /// Time constant of the fingers' servos, s. Assumption.
 const SERVO_S: f64 = 0.03;
 /// Closure beyond the object at which the motor gives its full force. Assumption: a stiff position loop.
 const FULL_FORCE_AT: f64 = 0.1;
 
-/// Both grippers of a body.
+/// A gripper of the robot.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Gripper {
+    /// Opening of the open fingers, m.
+    pub opening_m: f64,
+    /// Largest force of the fingers, N.
+    pub force_max_n: f64,
+}
+
+impl Gripper {
+    /// Returns the closure at which the fingers touch an object of this width, m: 0 is open, 1 is closed.
+    fn closure_at(&self, width_m: f64) -> f64 {
+        (1.0 - width_m / self.opening_m).clamp(0.0, 1.0)
+    }
+}
+
+/// Both grippers of a robot.
 #[derive(Clone, Debug)]
 pub(crate) struct Grippers {
     closure: [f64; 2],
@@ -36,10 +51,10 @@ impl Grippers {
         let mut state = GripperState::ZERO;
         for (side, gripper) in robot.iter().enumerate() {
             let Some(gripper) = gripper else { continue };
-            let (end, wished) = (gripper.closure_at(object_m), self.setpoint.closure[side].clamp(0.0, 1.0));
-            self.closure[side] += (wished.min(end) - self.closure[side]) * share;
-            (state.closure[side], state.setpoint[side]) = (self.closure[side], wished);
-            let squeeze = if object_m > 0.0 { (wished - end).max(0.0) / FULL_FORCE_AT } else { 0.0 };
+            let (end, target) = (gripper.closure_at(object_m), self.setpoint.closure[side].clamp(0.0, 1.0));
+            self.closure[side] += (target.min(end) - self.closure[side]) * share;
+            (state.closure[side], state.setpoint[side]) = (self.closure[side], target);
+            let squeeze = if object_m > 0.0 { (target - end).max(0.0) / FULL_FORCE_AT } else { 0.0 };
             state.force_n[side] = gripper.force_max_n * squeeze.min(1.0);
         }
         state
@@ -50,14 +65,12 @@ impl Grippers {
 mod tests {
     use super::*;
 
-    fn gripper() -> Gripper {
-        Gripper { controller: String::new(), fingers: Vec::new(), opening_m: 0.09, force_max_n: 16.0, speed: 2.0 }
-    }
+    const GRIPPER: Gripper = Gripper { opening_m: 0.09, force_max_n: 16.0 };
 
     fn settled(object_m: f64, closure: f64) -> GripperState {
         let mut grippers = Grippers::new(Stamp(0));
         grippers.receive(&GripperMotion { closure: [closure, closure], rate: [0.0; 2] });
-        grippers.measure(&[Some(gripper()), None], object_m, Stamp(1_000_000_000))
+        grippers.measure(&[Some(GRIPPER), None], object_m, Stamp(1_000_000_000))
     }
 
     #[test]

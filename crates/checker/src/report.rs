@@ -1,4 +1,4 @@
-//! Report on a run of the simulated robot.
+//! The checker's report on a run.
 
 use messages::JOINTS_MAX;
 

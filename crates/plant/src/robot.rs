@@ -1,39 +1,42 @@
-//! The robot's body behind the driver's port, in the driver's own thread and with virtual time. The process
-//! `teleopd robot` moves the same body by its own clock.
+//! The simulated robot: joints, grippers and a judge. [`Port`] puts it behind the driver's port, in the driver's own thread
+//! and with virtual time. The process `teleopd robot` moves the same robot by its own clock.
 
 use crate::config::Config;
 use crate::gripper::Grippers;
-use driver::{Driver, Drives, Measured, Setpoint};
+use crate::injection::Injection;
+use crate::judge::Judge;
+use crate::plant::{self, Plant, STEP_NS, Truth};
+use crate::report::Report;
+use driver::{Driver, Measured, Setpoint};
 use messages::{GripperMotion, GripperState, JOINTS_MAX, Stamp, StopPlan};
-use plant::{Injection, Judge, Plant};
 
-/// Largest number of calls that bring a body up to the present, of a second each.
+/// Largest number of calls that bring a robot up to the present, of a second each.
 const CATCH_UP_MAX: usize = 10;
 
-/// The joints, and the judge of their true motion.
+/// The joints, the judge of their true motion, and the grippers.
 #[derive(Clone, Debug)]
-pub struct Body {
+pub struct Robot {
     plant: Plant,
     judge: Judge,
     grippers: Grippers,
 }
 
-impl Body {
-    /// Creates a body at rest at `q` at the time `now`. `seed` is the seed of the noise.
+impl Robot {
+    /// Creates a robot at rest at `q` at the time `now`. `seed` is the seed of the noise.
     pub fn new(config: &Config, now: Stamp, q: &[f64; JOINTS_MAX], seed: u64) -> Self {
-        let mut plant = Plant::new(&config.plant, now, q, seed);
-        let judge = Judge::new(&config.plant, q);
-        let _ = plant.measure(&config.plant, now);
+        let mut plant = Plant::new(config, now, q, seed);
+        let judge = Judge::new(config, q);
+        let _ = plant.measure(config, now);
         Self { plant, judge, grippers: Grippers::new(now) }
     }
 
     /// Returns the true motion of the joints.
-    pub fn truth(&self) -> &plant::Truth {
+    pub fn truth(&self) -> &Truth {
         self.plant.truth()
     }
 
     /// Returns the judge's report.
-    pub fn judged(&self) -> &plant::Report {
+    pub fn judged(&self) -> &Report {
         self.judge.report()
     }
 
@@ -41,8 +44,8 @@ impl Body {
     /// longer time goes on in the next call.
     pub fn advance(&mut self, config: &Config, now: Stamp) {
         for _ in 0..CATCH_UP_MAX {
-            self.plant.advance_judged(&config.plant, now, &mut self.judge);
-            if self.plant.behind_ns(now) < plant::STEP_NS {
+            self.plant.advance_judged(config, now, &mut self.judge);
+            if self.plant.behind_ns(now) < STEP_NS {
                 break;
             }
         }
@@ -50,13 +53,13 @@ impl Body {
 
     /// Takes a setpoint at `now`. See [`Plant::receive`].
     pub fn receive(&mut self, config: &Config, now: Stamp, setpoint: &plant::Setpoint) -> bool {
-        self.plant.receive_judged(&config.plant, now, setpoint, &mut self.judge)
+        self.plant.receive_judged(config, now, setpoint, &mut self.judge)
     }
 
     /// Returns the newest sample at `now`.
     pub fn measure(&mut self, config: &Config, now: Stamp) -> plant::Measured {
         self.advance(config, now);
-        self.plant.measure(&config.plant, now)
+        self.plant.measure(config, now)
     }
 
     /// Takes the motion of the grippers.
@@ -66,7 +69,7 @@ impl Body {
 
     /// Returns the grippers at `now`.
     pub fn gripped(&mut self, config: &Config, now: Stamp) -> GripperState {
-        self.grippers.measure(&config.model.grippers, config.object_width_m, now)
+        self.grippers.measure(&config.grippers, config.object_width_m, now)
     }
 
     /// Switches a fault of the robot on.
@@ -80,38 +83,35 @@ impl Body {
     }
 }
 
-/// The body behind the driver's port.
+/// The robot behind the driver's port.
 pub struct Port<'a> {
-    /// The settings of the simulated robot.
-    pub config: &'a Config,
-    /// Its state.
-    pub body: &'a mut Body,
+    config: &'a Config,
+    robot: &'a mut Robot,
     /// The grippers as last measured.
-    pub gripped: Option<GripperState>,
+    gripped: Option<GripperState>,
 }
 
 impl<'a> Port<'a> {
-    /// The port of `body`.
-    pub fn new(config: &'a Config, body: &'a mut Body) -> Self {
-        Self { config, body, gripped: None }
+    /// The port of `robot`.
+    pub const fn new(config: &'a Config, robot: &'a mut Robot) -> Self {
+        Self { config, robot, gripped: None }
     }
 }
 
 impl Driver for Port<'_> {
     fn read(&mut self, now: Stamp) -> Measured {
-        self.gripped = Some(self.body.gripped(self.config, now));
-        let plant::Measured { stamp, q, dq, drives, .. } = self.body.measure(self.config, now);
-        let plant::Drives { emergency_stop, fault, powered } = drives;
-        Measured { stamp, q, dq, drives: Drives { emergency_stop, fault, powered }, unanswered: false, refused: false }
+        self.gripped = Some(self.robot.gripped(self.config, now));
+        let plant::Measured { stamp, q, dq, drives, .. } = self.robot.measure(self.config, now);
+        Measured { stamp, q, dq, drives, unanswered: false, refused: false }
     }
 
     fn write(&mut self, now: Stamp, setpoint: &Setpoint, plan: &StopPlan) -> bool {
         let &Setpoint { k, q, v, a } = setpoint;
-        self.body.receive(self.config, now, &plant::Setpoint { k, q, v, a, plan: *plan })
+        self.robot.receive(self.config, now, &plant::Setpoint { k, q, v, a, plan: *plan })
     }
 
     fn grip(&mut self, grippers: &GripperMotion) {
-        self.body.grip(grippers);
+        self.robot.grip(grippers);
     }
 
     fn gripped(&self) -> Option<GripperState> {

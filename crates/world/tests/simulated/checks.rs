@@ -1,14 +1,13 @@
 //! The checker counts everything outside the limits and nothing inside them.
 
-mod support;
-
+use super::{Bench, ELBOW, Judge, K, MODEL, exact, ideal};
+use checker::{Checker, Report, ViolationKind};
 use driver::Setpoint;
 use messages::{JOINTS_MAX, JointCommand, Layout, Mode, TICK_S};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use robot::Frames;
-use sim::{Checker, Options, Report, SimError, ViolationKind};
-use support::{Bench, ELBOW, Judge, K, MODEL};
+use world::simulated::{Config, Options};
 
 /// TIAGo++: the joints of its right arm.
 const RIGHT_ARM: std::ops::Range<usize> = 10..17;
@@ -65,12 +64,12 @@ fn torque_beyond_effort_limit_is_counted() {
     const LIFTS: usize = 4;
     let mut initial = MODEL.home;
     initial[3..10].copy_from_slice(&[0.3, 0.0, 1.57, 0.2, 0.0, 0.0, 0.0]);
-    let exact = Options { initial: Some(initial), encoder_noise_rad: 0.0, encoder_step_rad: 0.0, ..Options::default() };
+    let exact = Options { initial: Some(initial), robot: exact(), ..Options::default() };
     let effort = MODEL.limits[LIFTS].effort_max;
     let torque = |judge: &Judge, up: f64| {
         let mut a = [0.0; JOINTS_MAX];
         a[LIFTS] = -up;
-        judge.bench.config.torques(&judge.bench.command.q, &[0.0; JOINTS_MAX], &a)[LIFTS].abs()
+        judge.bench.config.driver().torques(&judge.bench.command.q, &[0.0; JOINTS_MAX], &a)[LIFTS].abs()
     };
     let judge = Judge::new(&exact);
     let (still, one) = (torque(&judge, 0.0), torque(&judge, 1.0));
@@ -94,7 +93,11 @@ fn payload_too_heavy_for_motor_is_counted() {
     let mut initial = MODEL.home;
     initial[3..10].copy_from_slice(&[0.3, 0.0, 1.57, 0.2, 0.0, 0.0, 0.0]);
     for (payload_kg, counted) in [([None, None], false), ([Some(0.5), None], false), ([Some(4.0), None], true)] {
-        let mut judge = Judge::new(&Options { initial: Some(initial), payload_kg, ..Options::default() });
+        let mut judge = Judge::new(&Options {
+            driver: checker::Options { payload_kg, ..checker::Options::default() },
+            initial: Some(initial),
+            ..Options::default()
+        });
         judge.bench.command.k += 1;
         judge.show();
         assert_eq!(judge.report.violations_of(ViolationKind::Torque) > 0, counted, "{payload_kg:?}");
@@ -120,8 +123,8 @@ fn hand_faster_than_its_bound_is_counted() {
     let fastest = (hand(&bench.command.q) - from).norm() / TICK_S;
     assert!(fastest > 0.01 && bench.violated() == [""; 0], "{fastest} {:?}", bench.violated());
     for (bound, expected) in [(fastest + 1e-6, vec![]), (fastest - 1e-6, vec!["hand speed"])] {
-        let exact = Options { encoder_noise_rad: 0.0, encoder_step_rad: 0.0, delay_ticks: 0, ..Options::default() };
-        let mut bench = Bench::new(&Options { hand_speed_max_m_per_s: bound, ..exact }, 1);
+        let driver = checker::Options { hand_speed_max_m_per_s: bound, ..checker::Options::default() };
+        let mut bench = Bench::new(&Options { driver, ..ideal() }, 1);
         bench.drive(ELBOW, 40.0, ticks);
         assert_eq!(bench.violated(), expected, "{bound}");
     }
@@ -169,7 +172,7 @@ fn position_outside_limits_is_counted() {
     let mut initial = MODEL.home;
     let q_max = MODEL.limits[ELBOW].q_max;
     initial[ELBOW] = q_max - 2e-4;
-    let exact = Options { initial: Some(initial), encoder_noise_rad: 0.0, encoder_step_rad: 0.0, ..Options::default() };
+    let exact = Options { initial: Some(initial), robot: exact(), ..Options::default() };
     let mut judge = Judge::new(&exact);
     judge.drive(ELBOW, 100.0, 20);
     assert!(judge.bench.command.q[ELBOW] < q_max);
@@ -202,8 +205,8 @@ fn clearance_matches_robot_model_and_is_counted_below_bound() {
         assert_eq!(report.violations_of(ViolationKind::Clearance), 0);
         let mut commanded = Report::default();
         let at = |k, q| Setpoint { k, q, v: [0.0; JOINTS_MAX], a: [0.0; JOINTS_MAX] };
-        let mut checker = Checker::new(&bench.config, at(K, MODEL.home));
-        checker.step(&bench.config, &mut commanded, &at(K + 1, initial), Mode::Engaged as u32);
+        let mut checker = Checker::new(bench.config.driver(), at(K, MODEL.home));
+        checker.step(bench.config.driver(), &mut commanded, &at(K + 1, initial), Mode::Engaged as u32);
         MODEL.forward(&initial, &mut frames);
         let (expected, _) = MODEL.clearance(&frames);
         assert_eq!(commanded.violations_of(ViolationKind::Clearance) > 0, expected < MODEL.d_min_m);
@@ -240,14 +243,16 @@ fn engage_figures_measure_first_second_only() {
 
 #[test]
 fn options_out_of_bounds_are_refused_by_name() {
-    let error = |options: Options| sim::Config::new(&MODEL, &options).unwrap_err();
-    let delay = error(Options { delay_ticks: 32, ..Options::default() });
-    assert!(matches!(delay, SimError::OutOfBounds { key: "delay_ticks", .. }), "{delay}");
-    let nan = error(Options { damping_ratio: f64::NAN, ..Options::default() });
-    assert!(matches!(nan, SimError::Body(_)), "{nan}");
+    let error = |options: Options| Config::new(&MODEL, &options).unwrap_err().to_string();
+    let driver = checker::Options { silence_ticks: 0, ..checker::Options::default() };
+    let silence = error(Options { driver, ..Options::default() });
+    assert_eq!(silence, "silence_ticks = 0: must be between 1 and 15000");
+    let robot = plant::Options { damping_ratio: f64::NAN, ..plant::Options::default() };
+    let nan = error(Options { robot, ..Options::default() });
+    assert!(nan.contains("damping_ratio = NaN"), "{nan}");
     let mut initial = MODEL.home;
     initial[ELBOW] = MODEL.limits[ELBOW].q_max;
     let outside = error(Options { initial: Some(initial), ..Options::default() });
-    assert!(outside.to_string().contains("arm_left_4_joint"), "{outside}");
+    assert!(outside.contains("arm_left_4_joint"), "{outside}");
     assert_eq!(JointCommand::ZERO.mode, Mode::Disengaged as u32);
 }

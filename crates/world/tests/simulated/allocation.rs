@@ -1,12 +1,8 @@
 //! No tick allocates.
 
-mod support;
-
-use sim::{Interface, Options};
-use support::{Bench, ELBOW};
-
-#[global_allocator]
-static ALLOCATOR: rt::CountingAllocator = rt::CountingAllocator;
+use super::{Bench, ELBOW, behind};
+use driver::Interface;
+use world::simulated::Options;
 
 /// Returns the number of new blocks of this thread since counting began.
 fn allocated() -> u64 {
@@ -17,7 +13,7 @@ fn allocated() -> u64 {
 fn tick_with_either_interface_allocates_nothing() {
     rt::watch_allocations();
     for interface in [Interface::Direct, Interface::Jtc100, Interface::Jtc100Restart] {
-        allocates_nothing(&Options { interface, ..Options::default() });
+        allocates_nothing(&Options { driver: behind(interface), ..Options::default() });
     }
 }
 

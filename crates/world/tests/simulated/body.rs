@@ -1,11 +1,10 @@
 //! Driver and body together: delays, deaths and failures, and the joints' true motion after them.
 
-mod support;
-
-use driver::GAP_MAX_TICKS;
+use super::{Bench, ELBOW, behind};
+use driver::{GAP_MAX_TICKS, Interface};
 use messages::{Fault, JOINTS_MAX, TICK_HZ, deadline};
-use sim::{Injection, Interface, Options, Reaction};
-use support::{Bench, ELBOW};
+use plant::{Injection, Reaction};
+use world::simulated::Options;
 
 /// Accelerates the elbow to 0.12 rad/s, by 2.4 rad/s^2.
 fn accelerate(bench: &mut Bench) {
@@ -95,16 +94,17 @@ fn suspended_driver_resumes_at_robot_position_without_violation() {
         [(Reaction::Hold, direct), (Reaction::Damp, direct), (Reaction::Play, direct), (Reaction::Hold, jtc100)]
     {
         for gap in [2, 8, 9, 14, 16, 30, 83, 150, 600, 2250] {
-            let mut bench = Bench::new(&Options { reaction, interface, ..Options::default() }, gap);
+            let robot = plant::Options { reaction, ..plant::Options::default() };
+            let mut bench = Bench::new(&Options { driver: behind(interface), robot, initial: None }, gap);
             cruise(&mut bench);
             for _ in 0..gap {
                 bench.next(ELBOW, 0.0);
             }
             let newest = bench.command;
-            let before = bench.state.told().q[ELBOW];
+            let before = bench.state.sent().q[ELBOW];
             let out = bench.tick(newest.k, Some(&newest));
-            assert_eq!(bench.state.told().k, newest.k, "{interface:?} {gap}: the setpoint is that of before the pause");
-            let step = (bench.state.told().q[ELBOW] - bench.state.q()[ELBOW]).abs();
+            assert_eq!(bench.state.sent().k, newest.k, "{interface:?} {gap}: the setpoint is that of before the pause");
+            let step = (bench.state.sent().q[ELBOW] - bench.state.q()[ELBOW]).abs();
             assert!(step < 2e-3, "{reaction:?} {gap}: the setpoint is {step} rad from the robot, from {before}");
             assert_eq!(out.suspended_ticks.is_some(), gap > GAP_MAX_TICKS);
             for n in 1..TICK_HZ {
@@ -112,9 +112,9 @@ fn suspended_driver_resumes_at_robot_position_without_violation() {
             }
             let judged = bench.state.judged();
             assert_eq!(judged.total(), 0, "{reaction:?} {gap}: {:?}", judged.first);
-            let (told, truth) = (bench.state.told(), bench.state.truth());
+            let (sent, truth) = (bench.state.sent(), bench.state.truth());
             assert!(bench.state.at_rest() && truth.v.iter().all(|v| v.abs() < 1e-3), "{reaction:?} {gap}: {truth:?}");
-            assert!((told.q[ELBOW] - truth.q[ELBOW]).abs() < 2e-3, "{reaction:?} {gap}");
+            assert!((sent.q[ELBOW] - truth.q[ELBOW]).abs() < 2e-3, "{reaction:?} {gap}");
         }
     }
 }
@@ -126,7 +126,7 @@ fn suspended_driver_moves_no_fast_robot_that_has_stopped() {
     let (brake, jerk) = (9.8, 392.0);
     for interface in [Interface::Direct, Interface::Jtc100] {
         for gap in [9, 12, 15, 16, 20, 30, 45, 90, 150, 400, 600, 2250] {
-            let mut bench = Bench::new(&Options { interface, ..Options::default() }, gap);
+            let mut bench = Bench::new(&Options { driver: behind(interface), ..Options::default() }, gap);
             bench.drive(ELBOW, 390.0, 37);
             bench.drive(ELBOW, 0.0, 250);
             bench.drive(ELBOW, -390.0, 37);
@@ -161,7 +161,8 @@ fn suspended_driver_moves_no_fast_robot_that_has_stopped() {
 #[test]
 fn robot_whose_driver_died_stops_by_itself() {
     for reaction in [Reaction::Hold, Reaction::Damp, Reaction::Play] {
-        let mut bench = Bench::new(&Options { reaction, ..Options::default() }, 3);
+        let robot = plant::Options { reaction, ..plant::Options::default() };
+        let mut bench = Bench::new(&Options { robot, ..Options::default() }, 3);
         cruise(&mut bench);
         let (k, from) = (bench.command.k, bench.state.q()[ELBOW]);
         assert!(bench.state.truth().v[ELBOW] > 0.1);

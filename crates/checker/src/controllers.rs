@@ -1,4 +1,4 @@
-//! The interface between the driver and the joints.
+//! Trajectory controllers between the driver and the joints, simulated.
 //!
 //! Some robots take no setpoints. They have joint trajectory controllers (TIAGo++ four: torso, head, left arm, right arm)
 //! that take trajectory points. [`Interface::Jtc100`] is a driver for them. Every h = 10 ms of the index it hands
@@ -26,52 +26,17 @@
 //! `joint_trajectory_controller`, and ros2_controllers#1505.
 
 use crate::cubic::cubic;
-use driver::Setpoint;
-use messages::{JOINTS_MAX, TICK_HZ, TICK_S};
+use driver::{Interface, POINT_S, POINT_TICKS, Setpoint};
+use messages::{JOINTS_MAX, TICK_S};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use robot::CONTROLLERS_MAX;
-
-/// Ticks between two trajectory points: 10 ms.
-pub const POINT_TICKS: u64 = TICK_HZ / 100;
-/// Seconds between two trajectory points.
-const POINT_S: f64 = POINT_TICKS as f64 * TICK_S;
 
 /// Ticks of a gap between two setpoints that are executed one by one. After that many ticks every controller is
 /// at its end.
 const GAP_MAX_TICKS: u64 = 1500;
 /// Separates the draw of the delays from the draw of the noise.
 const DELAY_STREAM: u64 = 0x4a54_4331_3030_687a;
-
-messages::named! {
-    /// The way in which the robot takes the driver's setpoints. The names stand in settings and on the command line.
-    #[derive(Clone, Copy, Debug, Default, serde::Deserialize, PartialEq, serde::Serialize, Eq)]
-    #[serde(rename_all = "kebab-case")]
-    pub enum Interface {
-        /// The robot takes every setpoint at its index.
-        #[default]
-        Direct => "direct",
-        /// The robot has trajectory controllers, not synchronised, that take points at 100 Hz.
-        Jtc100 => "jtc100",
-        /// The same for a driver that sends one point per message. The controllers begin again at the measured position.
-        Jtc100Restart => "jtc100-restart",
-    }
-}
-
-impl Interface {
-    /// Returns the delay that it adds on average, s.
-    pub const fn delay_s(self) -> f64 {
-        match self {
-            Self::Direct => 0.0,
-            Self::Jtc100 | Self::Jtc100Restart => 1.5 * POINT_S,
-        }
-    }
-
-    /// Returns true if trajectory controllers take the driver's setpoints.
-    pub const fn has_controllers(self) -> bool {
-        !matches!(self, Self::Direct)
-    }
-}
 
 /// Returns the largest distance of the spline from a motion of this jerk, rad or m.
 pub fn spline_error(j_max: f64) -> f64 {
@@ -98,7 +63,7 @@ pub(crate) struct Controllers {
     /// Number of controllers.
     count: usize,
     /// Number of each joint's controller.
-    of: [usize; JOINTS_MAX],
+    controller: [usize; JOINTS_MAX],
     /// The last three points. The newest is that of the last multiple of a period.
     points: [Point; 3],
     /// The driver's last executed setpoint.
@@ -108,18 +73,23 @@ pub(crate) struct Controllers {
 }
 
 impl Controllers {
-    /// Creates the controllers of `body`, at rest at `held`. `restarts`: they begin again at each point.
-    pub(crate) fn new(body: &plant::Body, held: &Setpoint, seed: u64, restarts: bool) -> Self {
-        let of = std::array::from_fn(|j| body.joints.get(j).map_or(0, |joint| joint.controller));
+    /// Creates the controllers of the joints of `body`, at rest at `held`. Returns `None` for an interface without any.
+    pub(crate) fn new(interface: Interface, body: &plant::Body, held: &Setpoint, seed: u64) -> Option<Self> {
+        let restarts = match interface {
+            Interface::Direct => return None,
+            Interface::Jtc100 => None,
+            Interface::Jtc100Restart => Some(held.q),
+        };
+        let controller = std::array::from_fn(|j| body.joints.get(j).map_or(0, |joint| joint.controller));
         let mut rng = Pcg64::seed_from_u64(seed ^ DELAY_STREAM);
-        Self {
+        Some(Self {
             delay_ticks: std::array::from_fn(|_| rng.random_range(0.0..=POINT_TICKS as f64)),
-            count: of.iter().max().map_or(1, |last| last + 1).min(CONTROLLERS_MAX),
-            of,
+            count: controller.iter().max().map_or(1, |last| last + 1).min(CONTROLLERS_MAX),
+            controller,
             points: points_before(held),
             last: *held,
-            restarts: restarts.then_some(held.q),
-        }
+            restarts,
+        })
     }
 
     /// Puts the controllers at `held`, without moving there, as if `held` had come with its speed. Controllers do
@@ -168,7 +138,7 @@ impl Controllers {
     fn executed(&self, k: u64) -> Setpoint {
         let mut out = Setpoint { k, q: [0.0; JOINTS_MAX], v: [0.0; JOINTS_MAX], a: [0.0; JOINTS_MAX] };
         for j in 0..JOINTS_MAX {
-            let delay_ticks = self.delay_ticks[self.of[j]];
+            let delay_ticks = self.delay_ticks[self.controller[j]];
             if let Some(restarted) = &self.restarts {
                 let due_ticks = POINT_TICKS as f64 + delay_ticks;
                 let (from, to) = ([restarted[j], 0.0], [self.points[2].q[j], self.points[2].v[j]]);
