@@ -35,26 +35,26 @@ pub struct RobotClock {
     parts: [Option<(u64, i64)>; PARTS],
     /// The offset in force, ns, the time at which it was set, and the time of the first stamp.
     force: Option<(i64, Stamp, Stamp)>,
-    disbelieved: u32,
+    rejected_stamps: u32,
 }
 
 impl RobotClock {
     /// Takes the stamp of a message (ns of the robot's clock) that arrived at `received`. Returns false if it is not
     /// believed. After ten such stamps in a row the clock begins again.
-    pub fn hear(&mut self, stamp_ns: i64, received: Stamp) -> bool {
+    pub fn receive(&mut self, stamp_ns: i64, received: Stamp) -> bool {
         let difference = stamp_ns.saturating_sub_unsigned(received.0);
         if let Some(offset) = self.offset_ns() {
             // A stamp may be late by a delay, but not early.
             let early = difference.saturating_sub(offset);
             if !(-5 * BELIEVED_NS..=BELIEVED_NS).contains(&early) {
-                self.disbelieved += 1;
-                if self.disbelieved >= CHANGED {
+                self.rejected_stamps += 1;
+                if self.rejected_stamps >= CHANGED {
                     *self = Self::default();
                 }
                 return false;
             }
         }
-        self.disbelieved = 0;
+        self.rejected_stamps = 0;
         let number = received.0 / PART_NS;
         let part = &mut self.parts[(number % PARTS as u64) as usize];
         *part = match *part {
@@ -110,7 +110,7 @@ mod tests {
             // The robot's clock is 1.7e18 ns ahead, and gains 200 ppm.
             let offset = 1_700_000_000_000_000_000 + (sent / 5_000) as i64;
             let received = Stamp(sent + rng.random_range(50_000..4 * MS));
-            assert!(clock.hear(offset + sent as i64, received), "sample {n}");
+            assert!(clock.receive(offset + sent as i64, received), "sample {n}");
             if n > 20 {
                 let error = clock.offset_ns().expect("known") - offset;
                 assert!((-2_500_000..=100_000).contains(&error), "sample {n}: {error} ns");
@@ -125,7 +125,7 @@ mod tests {
             let mut at = 1_000_000_000;
             let mut hear = |clock: &mut RobotClock, offset: i64| {
                 at += 20 * MS;
-                clock.hear(at as i64 + offset, Stamp(at + MS))
+                clock.receive(at as i64 + offset, Stamp(at + MS))
             };
             assert!((0..50).all(|_| hear(&mut clock, 7)));
             let refused = (0..50).filter(|_| !hear(&mut clock, 7 + jump_ns)).count();
@@ -138,7 +138,7 @@ mod tests {
     fn time_goes_there_and_back() {
         let mut clock = RobotClock::default();
         assert_eq!((clock.here(5), clock.there_ns(Stamp(5))), (None, None));
-        clock.hear(1_000, Stamp(400));
+        clock.receive(1_000, Stamp(400));
         assert_eq!((clock.there_ns(Stamp(500)), clock.here(1_100)), (Some(1_100), Some(Stamp(500))));
         assert_eq!(clock.here(-10_000), None, "before this machine's origin");
     }
@@ -148,11 +148,11 @@ mod tests {
         let mut clock = RobotClock::default();
         let at = |ms: u64| Stamp(5_000_000_000 + ms * 1_000_000);
         let stamp = |ms: u64, ahead_s: i64| at(ms).0.cast_signed() + ahead_s * 1_000_000_000;
-        assert!(!clock.is_settled(at(0)) && clock.hear(stamp(0, 7), at(0)));
+        assert!(!clock.is_settled(at(0)) && clock.receive(stamp(0, 7), at(0)));
         assert!(!clock.is_settled(at(1_000)) && clock.is_settled(at(1_001)));
         // After ten stamps that are not believed it begins again. Silence settles nothing.
-        (0..10).for_each(|n| assert!(!clock.hear(stamp(1_100 + 20 * n, 9), at(1_100 + 20 * n))));
-        assert!(!clock.is_settled(at(4_000)) && clock.hear(stamp(4_000, 9), at(4_000)));
+        (0..10).for_each(|n| assert!(!clock.receive(stamp(1_100 + 20 * n, 9), at(1_100 + 20 * n))));
+        assert!(!clock.is_settled(at(4_000)) && clock.receive(stamp(4_000, 9), at(4_000)));
         assert!(!clock.is_settled(at(4_500)) && clock.is_settled(at(5_001)));
     }
 }

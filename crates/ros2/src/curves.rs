@@ -1,8 +1,8 @@
 //! The conversation with trajectory controllers: what they were sent, and whether they execute it.
 
 use crate::clock::SETTLES_NS;
-use crate::join::{Joined, Reference, agrees, continues};
-use crate::trajectory::{Command, Past, Point, points};
+use crate::reference::{Joined, Reference, agrees, continues};
+use crate::trajectory::{Command, History, Point, points};
 use messages::{JOINTS_MAX, Stamp, deadline, tick_at};
 
 /// Time by which the first point of a conversation lies in the past of the robot, ns: 25 ms, as long as the default delay.
@@ -11,7 +11,7 @@ pub(crate) const BEFORE_NS: u64 = 25_000_000;
 /// The curves of one robot.
 pub(crate) struct Curves {
     delay_ns: u64,
-    past: Past,
+    past: History,
     joined: Joined,
     reference: Reference,
     /// Acceleration limits, rad/s^2 or m/s^2.
@@ -23,7 +23,7 @@ pub(crate) struct Curves {
 }
 
 /// State of the controllers at a look.
-pub(crate) struct Known {
+pub(crate) struct Observation {
     pub(crate) now: Stamp,
     /// Bit j: a controller has joint j.
     pub(crate) joints: u32,
@@ -34,13 +34,13 @@ pub(crate) struct Known {
 
 impl Curves {
     pub(crate) fn new(count: usize, delay_ns: u64, a_max: [f64; JOINTS_MAX]) -> Self {
-        let (past, joined, reference) = (Past::default(), Joined::No, Reference::default());
+        let (past, joined, reference) = (History::default(), Joined::No, Reference::default());
         Self { delay_ns, past, joined, reference, a_max, count, departed: None, executed: Stamp::NONE }
     }
 
     /// Takes the setpoint `q` of the controller of joint `j`, which `name` names. `at` is its own time.
-    pub(crate) fn hear(&mut self, j: usize, name: &str, q: f64, at: Stamp) {
-        self.reference.hear(j, q, at);
+    pub(crate) fn receive(&mut self, j: usize, name: &str, q: f64, at: Stamp) {
+        self.reference.receive(j, q, at);
         let Joined::Since(since) = self.joined else { return };
         let then = Stamp(at.0.saturating_sub(self.delay_ns));
         if then.since(since) == 0 {
@@ -92,7 +92,7 @@ impl Curves {
     }
 
     /// Prepares the message of the last of `commands`. Returns true if it may be sent.
-    pub(crate) fn prepare(&mut self, commands: &[Command], known: &Known) -> bool {
+    pub(crate) fn prepare(&mut self, commands: &[Command], known: &Observation) -> bool {
         let Some(command) = commands.last() else { return false };
         match (self.joined, known.pressed) {
             (Joined::Since(_), Some(false)) => {
@@ -111,7 +111,7 @@ impl Curves {
         matches!(self.joined, Joined::Since(_))
     }
 
-    fn join_where_it_stands(&mut self, command: &Command, known: &Known) {
+    fn join_where_it_stands(&mut self, command: &Command, known: &Observation) {
         let stands = self.reference.stands(known.joints, self.executed);
         let meets = stands && self.reference.meets(&command.motion, self.count);
         if known.active && meets && known.pressed == Some(false) {
@@ -148,17 +148,17 @@ mod tests {
         let mut curves = Curves::new(1, DELAY_NS, [8.0; JOINTS_MAX]);
         let (begin, k) = (Stamp(1_000_000_000), 2_000);
         let now = deadline(k);
-        curves.hear(0, "a", 0.3, begin);
-        curves.hear(0, "a", 0.3, now);
+        curves.receive(0, "a", 0.3, begin);
+        curves.receive(0, "a", 0.3, now);
         let command = Command { k, motion: JointMotion::rest([0.3; JOINTS_MAX]) };
-        let known = Known { now, joints: 1, active: true, pressed: Some(false) };
+        let known = Observation { now, joints: 1, active: true, pressed: Some(false) };
         assert!(curves.prepare(std::slice::from_ref(&command), &known));
         let (first, points) = curves.points(&command, 1);
         assert!(now.since(first) > DELAY_NS, "{} ns", now.since(first));
         assert!(points.iter().all(|point| point.positions == [0.3] && point.velocities == [0.0]));
         curves.sent(&command);
         let next = Command { k: k + 8, ..command };
-        assert!(curves.prepare(std::slice::from_ref(&next), &Known { now: deadline(k + 8), ..known }));
+        assert!(curves.prepare(std::slice::from_ref(&next), &Observation { now: deadline(k + 8), ..known }));
     }
 
     /// A robot that stood, was sent a motion and fell silent may move meanwhile.
@@ -167,14 +167,14 @@ mod tests {
         const DELAY_NS: u64 = 25_000_000;
         let mut curves = Curves::new(1, DELAY_NS, [8.0; JOINTS_MAX]);
         let rest = |k: u64| Command { k, motion: JointMotion::rest([0.3; JOINTS_MAX]) };
-        let known = |k: u64| Known { now: deadline(k), joints: 1, active: true, pressed: Some(false) };
-        (0..=30).for_each(|n| curves.hear(0, "a", 0.3, deadline(2_000 + 15 * n)));
+        let known = |k: u64| Observation { now: deadline(k), joints: 1, active: true, pressed: Some(false) };
+        (0..=30).for_each(|n| curves.receive(0, "a", 0.3, deadline(2_000 + 15 * n)));
         assert!(curves.prepare(&[rest(2_450)], &known(2_450)));
         curves.sent(&rest(2_450));
         curves.fall_silent();
         // The robot executes that message from 2_487.5 on, and 200 ms are 300 ticks.
         for (heard, joins) in [(2_455, false), (2_480, false), (2_786, false), (2_788, true)] {
-            curves.hear(0, "a", 0.3, deadline(heard));
+            curves.receive(0, "a", 0.3, deadline(heard));
             assert_eq!(curves.prepare(&[rest(3_500)], &known(3_500)), joins, "{heard}");
         }
     }
@@ -184,12 +184,12 @@ mod tests {
     fn f117_robot_whose_clock_jumped_is_joined_after_the_new_clock_settled() {
         let mut curves = Curves::new(1, 25_000_000, [8.0; JOINTS_MAX]);
         let rest = Command { k: 9_000, motion: JointMotion::rest([0.3; JOINTS_MAX]) };
-        let known = Known { now: deadline(9_000), joints: 1, active: true, pressed: Some(false) };
-        (0..=30).for_each(|n| curves.hear(0, "a", 0.3, deadline(2_000 + 15 * n)));
+        let known = Observation { now: deadline(9_000), joints: 1, active: true, pressed: Some(false) };
+        (0..=30).for_each(|n| curves.receive(0, "a", 0.3, deadline(2_000 + 15 * n)));
         curves.lose_clock(deadline(2_450));
         // 1 s and 200 ms are 1800 ticks.
         for (heard, joins) in [(2_451, false), (4_240, false), (4_251, true)] {
-            curves.hear(0, "a", 0.3, deadline(heard));
+            curves.receive(0, "a", 0.3, deadline(heard));
             assert_eq!(curves.prepare(&[rest], &known), joins, "{heard}");
         }
     }

@@ -2,7 +2,7 @@
 
 use crate::ros::{ControllerState, Float64MultiArray, JointTrajectory, RosType, topic};
 use crate::unitree::{LowCmd, MotorCmd};
-use crate::wire::Lossy;
+use crate::wire::LossTolerantUdp;
 use config::Ros2Settings;
 use dust_dds::configuration::DustDdsConfigurationBuilder;
 use dust_dds::dds_async::domain_participant_factory::DomainParticipantFactoryAsync;
@@ -29,10 +29,10 @@ use messages::Stamp;
 use robot::{Model, SetpointKind};
 use std::fmt;
 
-/// How often this participant announces itself. A robot that starts later finds it within this time.
+/// Period of this participant's announcements. A robot that starts later discovers it within this time.
 const ANNOUNCE: std::time::Duration = std::time::Duration::from_millis(500);
-/// Bytes that may wait in the socket: a large /robot_description arrives at once, and DDS asks for what is lost in a way that
-/// fails. Linux gives no more than net.core.rmem_max.
+/// Size of the socket's receive buffer, bytes. A large /robot_description arrives in one burst, and dust_dds fails to request
+/// lost parts of it. Linux grants at most net.core.rmem_max.
 const RECEIVED_BYTES: usize = 4 << 20;
 /// Largest number of messages taken at once.
 pub(crate) const TAKEN_MAX: i32 = 16;
@@ -86,7 +86,7 @@ pub(crate) enum Writer {
 }
 
 impl Writer {
-    /// Sends a message of its own kind. One that could not be sent is a lost one: the robot will show it.
+    /// Sends a message of this writer's kind. An error counts as a lost message, which the robot's reference shows.
     pub(crate) fn write(&self, message: Message) {
         let _ = match (self, message) {
             (Self::Trajectory(writer), Message::Trajectory(message)) => writer.write(message, None),
@@ -96,7 +96,7 @@ impl Writer {
         };
     }
 
-    /// Its name among all publishers.
+    /// Returns the instance handle, which identifies this writer among all publishers.
     pub(crate) fn key(&self) -> [u8; 16] {
         match self {
             Self::Trajectory(writer) => writer.get_instance_handle().into(),
@@ -110,15 +110,15 @@ impl Writer {
 pub(crate) struct Controller {
     pub(crate) name: String,
     pub(crate) joints: u32,
-    /// Its joints in its own order.
+    /// Indices of its joints, in the controller's order.
     pub(crate) order: Vec<usize>,
     pub(crate) joint_names: Vec<String>,
     pub(crate) topic: String,
     /// None for a preflight, which sends nothing.
     pub(crate) writer: Option<Writer>,
-    /// None for a controller that says nothing of itself.
+    /// One reader of its state per member. None for a controller that publishes no state.
     pub(crate) states: Option<[DataReader<ControllerState>; 2]>,
-    pub(crate) heard: Option<Stamp>,
+    pub(crate) last_message: Option<Stamp>,
     pub(crate) other_joints: bool,
     pub(crate) readers: usize,
     pub(crate) publishers: usize,
@@ -129,38 +129,42 @@ pub(crate) fn failed(what: &str) -> impl Fn(DdsError) -> String {
     move |error| format!("DDS: {what}: {error:?}")
 }
 
-/// Messages that may wait for their acknowledgement: 0.34 s of trajectories, 0.13 s of positions. So many acknowledgements may
-/// be lost in a row.
+/// Depth of a writer's history, messages: 0.34 s of trajectories, 0.13 s of positions. As many acknowledgements in a row may
+/// be lost.
 const UNACKNOWLEDGED: u32 = 64;
-/// Longest time that a message waits for an acknowledgement if so many are missing, ns. Then it is lost.
+/// Longest time for which a write blocks on a full history, ns. The message is lost then.
 const BLOCKING_NS: u32 = 1_000_000;
 
 pub(crate) fn reliability(kind: ReliabilityQosPolicyKind) -> ReliabilityQosPolicy {
     ReliabilityQosPolicy { kind, max_blocking_time: DurationKind::Finite(Duration::new(0, BLOCKING_NS)) }
 }
 
-/// An infinite time as dust_dds 0.16 reads it from others. It takes it for less than its own infinite time, and does not match
-/// who says it aloud, as Fast DDS does. So our readers say this time, and [`crate::wire`] makes it infinite again.
+/// Lease duration that our readers request: the longest finite duration of DDS. dust_dds 0.16 reads a peer's explicit infinite
+/// duration as this one, which is shorter than its own infinite duration. So it refuses the match, for example with Fast DDS.
+/// With this request it matches, and [`crate::wire`] announces the request as infinite.
 const INFINITE: Duration = Duration::new(i32::MAX, 999_999_999);
-/// Longest time between two messages that our writers promise, s. A reader's infinite time would be less than our own.
-/// Nobody watches it. Assumption.
+/// Deadline that our writers offer, s. dust_dds would read a reader's infinite deadline as one shorter than our infinite offer.
+/// No reader monitors it. Assumption: a day is longer than any time between two messages.
 const PROMISED_S: i32 = 86_400;
 
-/// Quality of service of a reader of any publisher.
-pub(crate) fn any() -> DataReaderQos {
+/// Quality of service of a reader that matches every publisher.
+pub(crate) fn best_effort_qos() -> DataReaderQos {
     let lease_duration = DurationKind::Finite(INFINITE);
     let liveliness = LivelinessQosPolicy { kind: LivelinessQosPolicyKind::Automatic, lease_duration };
     DataReaderQos { liveliness, ..DataReaderQos::default() }
 }
 
-/// Quality of service of a reader that asks again for what it missed.
-pub(crate) fn each() -> DataReaderQos {
-    DataReaderQos { reliability: reliability(ReliabilityQosPolicyKind::Reliable), ..any() }
+/// Quality of service of a reader that requests lost messages again.
+pub(crate) fn reliable_qos() -> DataReaderQos {
+    DataReaderQos { reliability: reliability(ReliabilityQosPolicyKind::Reliable), ..best_effort_qos() }
 }
 
-/// Quality of service of a reader that also wants the last message of before it came.
-pub(crate) fn kept() -> DataReaderQos {
-    DataReaderQos { durability: DurabilityQosPolicy { kind: DurabilityQosPolicyKind::TransientLocal }, ..each() }
+/// Quality of service of a reader that also receives the last message published before it joined.
+pub(crate) fn transient_local_qos() -> DataReaderQos {
+    DataReaderQos {
+        durability: DurabilityQosPolicy { kind: DurabilityQosPolicyKind::TransientLocal },
+        ..reliable_qos()
+    }
 }
 
 /// Opens readers of one topic, one for each quality of service.
@@ -179,34 +183,37 @@ pub(crate) fn readers<T: TypeSupport + RosType, const COUNT: usize>(
     readers.try_into().map_err(|_| format!("DDS: {ros}: another number of readers"))
 }
 
-/// Opens a reader for each of the members. They get the same messages, each over the network by itself.
-pub(crate) fn twice<T: TypeSupport + RosType>(members: &[Member; 2], ros: &str) -> Result<[DataReader<T>; 2], String> {
+/// Opens one reader per member. Both receive the same messages, each in datagrams of its own.
+pub(crate) fn reader_pair<T: TypeSupport + RosType>(
+    members: &[Member; 2],
+    ros: &str,
+) -> Result<[DataReader<T>; 2], String> {
     let [a, b] = members;
-    let open = |member| readers(member, ros, [any()]).map(|[reader]| reader);
+    let open = |member| readers(member, ros, [best_effort_qos()]).map(|[reader]| reader);
     Ok([open(a)?, open(b)?])
 }
 
-pub(crate) fn take<T>(reader: &DataReader<T>) -> Vec<T>
+pub(crate) fn take_messages<T>(reader: &DataReader<T>) -> Vec<T>
 where
     T: TypeSupport,
 {
-    // An error is an empty reader.
+    // A reader in error counts as empty.
     let samples = reader.take(TAKEN_MAX, ANY_SAMPLE_STATE, ANY_VIEW_STATE, ANY_INSTANCE_STATE).unwrap_or_default();
     samples.into_iter().filter_map(|sample| sample.data).collect()
 }
 
-/// A participant, with what reads and writes for it.
+/// A participant and its subscriber.
 pub(crate) struct Member {
     pub(crate) participant: DomainParticipant,
     pub(crate) subscriber: Subscriber,
 }
 
-/// Joins a DDS domain as two participants. The robot sends to each of them, so every state comes twice. The first one
-/// does everything else.
-pub(crate) fn join(settings: &Ros2Settings) -> Result<[Member; 2], String> {
+/// Joins a DDS domain as two participants. The robot sends every state to both, so one lost datagram loses no state. The first
+/// participant also reads all other topics, and writes.
+pub(crate) fn join_domain(settings: &Ros2Settings) -> Result<[Member; 2], String> {
     let mut udp = RtpsUdpTransportParticipantFactory::default();
     if !settings.interface.is_empty() {
-        known(&settings.interface)?;
+        check_network_interface(&settings.interface)?;
         udp.set_interface_name(Some(settings.interface.clone()));
     }
     udp.set_udp_receive_buffer_size(Some(RECEIVED_BYTES));
@@ -215,11 +222,16 @@ pub(crate) fn join(settings: &Ros2Settings) -> Result<[Member; 2], String> {
         .participant_announcement_interval(ANNOUNCE)
         .build()
         .map_err(failed("configuration"))?;
-    // Process and time make a name that no other participant has.
+    // Process id and time make a unique GUID prefix.
     let (process, started) = (std::process::id().to_ne_bytes(), (rt::now().0 as u32).to_ne_bytes());
-    let factory =
-        DomainParticipantFactoryAsync::new(StdRuntime::default(), process, started, Lossy(udp), configuration);
-    // DDS wants a factory that lives as long as the process.
+    let factory = DomainParticipantFactoryAsync::new(
+        StdRuntime::default(),
+        process,
+        started,
+        LossTolerantUdp(udp),
+        configuration,
+    );
+    // dust_dds requires a factory that lives as long as the process.
     let factory = DomainParticipantFactory::new(Box::leak(Box::new(factory)));
     let domain = settings.domain_id as i32;
     let member = || -> Result<Member, String> {
@@ -234,11 +246,11 @@ pub(crate) fn join(settings: &Ros2Settings) -> Result<[Member; 2], String> {
 }
 
 /// Refuses a network interface that this machine does not have.
-fn known(interface: &str) -> Result<(), String> {
+fn check_network_interface(interface: &str) -> Result<(), String> {
     let entries = std::fs::read_dir("/sys/class/net").into_iter().flatten().flatten();
     let mut names: Vec<String> = entries.map(|entry| entry.file_name().to_string_lossy().into_owned()).collect();
     names.sort_unstable();
-    // Without the folder nothing is known.
+    // Without this folder the interface cannot be checked.
     if names.is_empty() || names.iter().any(|name| name == interface) {
         return Ok(());
     }
@@ -260,7 +272,7 @@ fn writer<T: TypeSupport + RosType>(
         .create_topic::<T>(&dds, T::NAME, QosKind::Default, NO_LISTENER, NO_STATUS)
         .map_err(failed(ros))?;
     let open = |publisher: &Publisher| {
-        // A reader that wants best effort takes a reliable writer too, but not the other way round.
+        // A best-effort reader matches a reliable writer. A reliable reader matches no best-effort writer.
         let reliability = reliability(ReliabilityQosPolicyKind::Reliable);
         let history = HistoryQosPolicy { kind: HistoryQosPolicyKind::KeepLast(UNACKNOWLEDGED) };
         let deadline = DeadlineQosPolicy { period: DurationKind::Finite(Duration::new(PROMISED_S, 0)) };
@@ -272,7 +284,7 @@ fn writer<T: TypeSupport + RosType>(
 }
 
 impl Controller {
-    /// Opens the topics of a hand's trajectory controller. Its joints are none of the arms'.
+    /// Opens the topics of a hand's trajectory controller. It has none of the arms' joints.
     pub(crate) fn of_fingers(
         name: &str,
         joint_names: Vec<String>,
@@ -281,12 +293,24 @@ impl Controller {
     ) -> Result<Self, String> {
         let (name, topic) = (name.to_owned(), format!("/{name}/joint_trajectory"));
         let writer = writer(&members[0], publisher, &topic)?.map(Writer::Trajectory);
-        let states = Some(twice(members, &format!("/{name}/controller_state"))?);
-        let (joints, order, heard, other_joints, readers, publishers) = (0, Vec::new(), None, false, 0, 0);
-        Ok(Self { name, joints, order, joint_names, topic, writer, states, heard, other_joints, readers, publishers })
+        let states = Some(reader_pair(members, &format!("/{name}/controller_state"))?);
+        let (joints, order, last_message, other_joints, readers, publishers) = (0, Vec::new(), None, false, 0, 0);
+        Ok(Self {
+            name,
+            joints,
+            order,
+            joint_names,
+            topic,
+            writer,
+            states,
+            last_message,
+            other_joints,
+            readers,
+            publishers,
+        })
     }
 
-    /// Opens its topics. Without a publisher nothing can be sent.
+    /// Opens the controller's topics. Without a publisher it has no writer.
     pub(crate) fn open(
         model: &Model,
         controller: &robot::Controller,
@@ -307,11 +331,23 @@ impl Controller {
             SetpointKind::ArmSdk => writer(member, publisher, &topic)?.map(Writer::ArmSdk),
         };
         let states = (interface == SetpointKind::Trajectories)
-            .then(|| twice(members, &format!("/{name}/controller_state")))
+            .then(|| reader_pair(members, &format!("/{name}/controller_state")))
             .transpose()?;
         let own = (0..model.count).filter(|j| joints & 1 << j != 0);
         let joint_names = own.map(|j| model.joint_names[j].clone()).collect();
-        let (heard, other_joints, readers, publishers) = (None, false, 0, 0);
-        Ok(Self { name, joints, order, joint_names, topic, writer, states, heard, other_joints, readers, publishers })
+        let (last_message, other_joints, readers, publishers) = (None, false, 0, 0);
+        Ok(Self {
+            name,
+            joints,
+            order,
+            joint_names,
+            topic,
+            writer,
+            states,
+            last_message,
+            other_joints,
+            readers,
+            publishers,
+        })
     }
 }

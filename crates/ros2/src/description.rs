@@ -26,12 +26,13 @@ pub fn difference(theirs: &str, model: &Model) -> Option<String> {
     };
     let (our_joints, their_joints) = (by_child(&ours), by_child(&theirs));
     // Both are compared in the frame of the first joint's parent link, so that a root above ours does not matter.
-    let shared = model.joint_names[..model.count].first().and_then(|name| named(&ours, name))?.parent.link.clone();
+    let shared =
+        model.joint_names[..model.count].first().and_then(|name| joint_named(&ours, name))?.parent.link.clone();
     let base = |joints: &HashMap<&str, &Joint>| pose(joints, &shared);
     let (our_base, their_base) = (base(&our_joints)?, base(&their_joints)?);
     model.joint_names[..model.count].iter().find_map(|name| {
-        let our = named(&ours, name)?;
-        let Some(their) = named(&theirs, name) else {
+        let our = joint_named(&ours, name)?;
+        let Some(their) = joint_named(&theirs, name) else {
             return Some(format!("{text} has no joint `{name}`: this is another robot"));
         };
         let place = |joints, joint: &Joint, base: &Isometry3<f64>| {
@@ -70,7 +71,7 @@ fn by_child(robot: &Robot) -> HashMap<&str, &Joint> {
     robot.joints.iter().map(|joint| (joint.child.link.as_str(), joint)).collect()
 }
 
-fn named<'a>(robot: &'a Robot, name: &str) -> Option<&'a Joint> {
+fn joint_named<'a>(robot: &'a Robot, name: &str) -> Option<&'a Joint> {
     robot.joints.iter().find(|joint| joint.name == name)
 }
 
@@ -134,11 +135,11 @@ mod tests {
         for (from, to, what) in edits {
             let other = urdf.replacen(joint, &joint.replace(&from, &to), 1);
             assert_ne!(&other, urdf, "{what}");
-            let said = difference(&other, &model).expect(what);
-            assert!(said.contains(&format!("the {what} of `arm_left_3_joint`")), "{said}");
+            let error = difference(&other, &model).expect(what);
+            assert!(error.contains(&format!("the {what} of `arm_left_3_joint`")), "{error}");
         }
-        let said = difference(&urdf.replace("arm_left_3_joint", "arm_left_03_joint"), &model).expect("no such joint");
-        assert!(said.contains("no joint `arm_left_3_joint`"), "{said}");
+        let error = difference(&urdf.replace("arm_left_3_joint", "arm_left_03_joint"), &model).expect("no such joint");
+        assert!(error.contains("no joint `arm_left_3_joint`"), "{error}");
         assert!(difference("<robot", &model).expect("no URDF").contains("no URDF"));
     }
 }

@@ -4,7 +4,7 @@
 //! publisher does: nobody would then say that the stop was pressed. DDS notices that a process ended by the lease of its
 //! participant: 10 s for Cyclone DDS, 20 s for Fast DDS. dust_dds 0.16 does not notice a publisher that leaves alone.
 
-use crate::dds::{Member, any, each, kept, readers, take};
+use crate::dds::{Member, best_effort_qos, readers, reliable_qos, take_messages, transient_local_qos};
 use crate::ros::{Bool, topic};
 use dust_dds::subscription::data_reader::DataReader;
 
@@ -15,21 +15,21 @@ pub(crate) struct EmergencyStop {
     /// The first gets what was said before it came, if the publisher keeps that. The second gets each message, if the
     /// publisher is reliable. The last takes any publisher, and may miss messages.
     readers: [DataReader<Bool>; 3],
-    said: Said,
+    last: LastMessage,
 }
 
 /// The last message that counts.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-struct Said {
+struct LastMessage {
     pressed: Option<bool>,
     /// The best reader that heard it.
     by: Option<usize>,
 }
 
-impl Said {
+impl LastMessage {
     /// Takes what a reader heard. Each of them counts if it says pressed, and only the best one if it says released: another
     /// may be late.
-    fn hear(&mut self, reader: usize, pressed: bool) {
+    fn receive(&mut self, reader: usize, pressed: bool) {
         let is_best = self.by.is_none_or(|by| reader <= by);
         if pressed || is_best {
             self.pressed = Some(pressed);
@@ -43,26 +43,26 @@ impl Said {
 impl EmergencyStop {
     /// Opens the topic, by its name in ROS.
     pub(crate) fn open(member: &Member, ros: &str) -> Result<Self, String> {
-        let readers = readers(member, ros, [kept(), each(), any()])?;
-        Ok(Self { topic: topic(ros), readers, said: Said::default() })
+        let readers = readers(member, ros, [transient_local_qos(), reliable_qos(), best_effort_qos()])?;
+        Ok(Self { topic: topic(ros), readers, last: LastMessage::default() })
     }
 
     /// True while it is pressed. None before the first message, and once its publisher left.
     pub(crate) fn pressed(&self) -> Option<bool> {
-        self.said.pressed
+        self.last.pressed
     }
 
     /// Takes what arrived.
-    pub(crate) fn hear(&mut self) {
-        for (reader, messages) in self.readers.each_ref().map(take).into_iter().enumerate() {
-            messages.iter().for_each(|message| self.said.hear(reader, message.data));
+    pub(crate) fn receive(&mut self) {
+        for (reader, messages) in self.readers.each_ref().map(take_messages).into_iter().enumerate() {
+            messages.iter().for_each(|message| self.last.receive(reader, message.data));
         }
     }
 
     /// Notes how many publishers the topic has.
-    pub(crate) fn note_publishers(&mut self, count: usize) {
+    pub(crate) fn set_publisher_count(&mut self, count: usize) {
         if count == 0 {
-            self.said = Said::default();
+            self.last = LastMessage::default();
         }
     }
 }
@@ -73,15 +73,15 @@ mod tests {
 
     #[test]
     fn pressed_counts_from_anyone_and_released_from_the_best_reader() {
-        let mut said = Said::default();
-        said.hear(2, false);
-        assert_eq!(said.pressed, Some(false));
-        said.hear(1, true);
-        said.hear(2, false);
-        assert_eq!(said.pressed, Some(true), "a worse reader may be late");
-        said.hear(1, false);
-        assert_eq!(said.pressed, Some(false));
-        said.hear(2, true);
-        assert_eq!(said.pressed, Some(true), "a better reader may be late, too");
+        let mut last = LastMessage::default();
+        last.receive(2, false);
+        assert_eq!(last.pressed, Some(false));
+        last.receive(1, true);
+        last.receive(2, false);
+        assert_eq!(last.pressed, Some(true), "a worse reader may be late");
+        last.receive(1, false);
+        assert_eq!(last.pressed, Some(false));
+        last.receive(2, true);
+        assert_eq!(last.pressed, Some(true), "a better reader may be late, too");
     }
 }

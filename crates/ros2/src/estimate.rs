@@ -33,7 +33,7 @@ pub struct Sample {
 #[derive(Clone, Debug)]
 pub struct Sent {
     ring: Box<[Executed]>,
-    /// The first and the newest index since the last [`forget`](Self::forget).
+    /// The first and the newest index since the last [`clear`](Self::clear).
     span: Option<[u64; 2]>,
 }
 
@@ -46,17 +46,17 @@ impl Default for Sent {
 
 impl Sent {
     /// Forgets everything. The next setpoint stands for all before it.
-    pub fn forget(&mut self) {
+    pub fn clear(&mut self) {
         self.span = None;
     }
 
-    /// Returns true if a setpoint was noted since the last [`forget`](Self::forget).
+    /// Returns true if a setpoint was noted since the last [`clear`](Self::clear).
     pub fn has_any(&self) -> bool {
         self.span.is_some()
     }
 
     /// Notes a setpoint. Indices that were left out had a steady velocity.
-    pub fn note(&mut self, sent: &Executed) {
+    pub fn push(&mut self, sent: &Executed) {
         let [begin, newest] =
             self.span.filter(|[_, newest]| sent.k > *newest).unwrap_or([sent.k, sent.k.saturating_sub(1)]);
         for k in (newest + 1).max(sent.k.saturating_sub(REMEMBERED as u64 - 1))..=sent.k {
@@ -101,7 +101,7 @@ mod tests {
 
     fn moved(off: f64, left_out: u64) -> (Sent, Sample, Stamp) {
         let mut sent = Sent::default();
-        (1_000..=4_000).filter(|k| k % left_out == 0).for_each(|k| sent.note(&state(k)));
+        (1_000..=4_000).filter(|k| k % left_out == 0).for_each(|k| sent.push(&state(k)));
         let now = deadline(4_000);
         // The robot is 50 ms late, its sample 25 ms old.
         let measured = Stamp(now.0 - 25_000_000);
@@ -133,8 +133,8 @@ mod tests {
     fn robot_that_does_not_follow_is_where_it_measures() {
         let (mut sent, sample, now) = moved(0.1, 1);
         for k in 4_001..4_020 {
-            sent.forget();
-            sent.note(&Executed { k, q: [0.01 * k as f64; JOINTS_MAX], v: [0.0; JOINTS_MAX] });
+            sent.clear();
+            sent.push(&Executed { k, q: [0.01 * k as f64; JOINTS_MAX], v: [0.0; JOINTS_MAX] });
             let estimate = sent.estimate(&sample, now, 50_000_000, 10_000_000);
             assert!((estimate.q[3] - sample.q[3]).abs() < 1e-12 && estimate.dq == sample.dq);
         }
@@ -144,7 +144,7 @@ mod tests {
     fn standing_robot_is_where_it_measures_whatever_was_sent_before() {
         let mut sent = Sent::default();
         for k in 10_000..10_005 {
-            sent.note(&Executed { k, q: [0.5; JOINTS_MAX], v: [0.0; JOINTS_MAX] });
+            sent.push(&Executed { k, q: [0.5; JOINTS_MAX], v: [0.0; JOINTS_MAX] });
         }
         let sample = Sample { measured: deadline(9_990), q: [0.51; JOINTS_MAX], dq: [0.0; JOINTS_MAX] };
         let estimate = sent.estimate(&sample, deadline(10_005), 50_000_000, 10_000_000);

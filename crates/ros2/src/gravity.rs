@@ -24,7 +24,7 @@ pub struct Gravity {
 
 impl Gravity {
     /// Masses of the URDF's links, and of the payloads in the robot file.
-    pub fn of(model: &Model) -> Self {
+    pub fn new(model: &Model) -> Self {
         let mut bodies = model.inertias();
         for (arm, payload) in model.arms.iter().zip(&model.payload) {
             if let Some(payload) = payload {
@@ -70,7 +70,7 @@ mod tests {
         let model = Model::from_text("unitree_g1.toml", toml, "unitree_g1.urdf", urdf).expect("the shipped robot");
         assert_eq!(model.count, MUJOCO.len());
         let q = std::array::from_fn(|j| 0.1 * (j + 1) as f64 * if j % 2 == 0 { 1.0 } else { -1.0 });
-        let torques = Gravity::of(&model).torques(&q);
+        let torques = Gravity::new(&model).torques(&q);
         for (j, (torque, expected)) in torques.iter().zip(MUJOCO).enumerate() {
             let (name, error) = (&model.joint_names[j], torque - expected);
             assert!(error.abs() < 1e-3 * expected.abs().max(1.0), "{name}: {torque} is not {expected}");

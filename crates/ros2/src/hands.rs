@@ -16,7 +16,7 @@ use std::collections::VecDeque;
 /// Ticks between two points: 10.7 ms. It is every second message of the arms.
 pub const PERIOD_TICKS: u64 = 2 * crate::trajectory::PERIOD_TICKS;
 /// Number of points of the past: 107 ms. The robot executes up to 45 ms behind.
-const HISTORY: usize = 10;
+const HISTORY_POINTS: usize = 10;
 /// Ticks between two messages to fingers that rest: 107 ms. A controller whose goal is not reached gives it up. Fingers that
 /// press on something never reach theirs, so messages go on.
 const REPEAT_TICKS: u64 = 10 * PERIOD_TICKS;
@@ -30,7 +30,7 @@ const OFF: f64 = 0.05;
 /// A setpoint that changes by less than this share of the way stands.
 const STANDS: f64 = 1e-3;
 /// Time for which a setpoint must stand before the hand is joined, ns. It is that of the arms.
-const STANDS_NS: u64 = crate::join::STANDS_NS;
+const STANDS_NS: u64 = crate::reference::STANDS_NS;
 /// Age at which a measurement is not known any more, ns.
 const OLD_NS: u64 = 100_000_000;
 /// Rounding of a position, rad or m.
@@ -38,7 +38,7 @@ const ROUNDING: f64 = 1e-9;
 
 /// The fingers at a point of their way.
 #[derive(Clone, Debug)]
-struct Moment {
+struct FingerPoint {
     k: u64,
     q: Vec<f64>,
     v: Vec<f64>,
@@ -48,7 +48,7 @@ struct Moment {
 
 /// State of a hand and of its controller at a look.
 #[derive(Clone, Copy, Debug)]
-pub struct Known {
+pub struct Observation {
     /// Time of the look.
     pub now: Stamp,
     /// The arms execute what they are sent.
@@ -74,7 +74,7 @@ pub struct Hand {
     joined: Option<f64>,
     /// The closure has changed since then.
     moves: bool,
-    past: VecDeque<Moment>,
+    past: VecDeque<FingerPoint>,
     sent_k: u64,
     /// Why nothing is sent. None while it is joined.
     idle: Option<String>,
@@ -146,7 +146,7 @@ impl Hand {
 
     /// Takes the controller's own setpoint, in the order of the robot file. One that is not where the fingers were sent ends
     /// the conversation.
-    pub fn hear(&mut self, reference: &[f64], now: Stamp) {
+    pub fn receive(&mut self, reference: &[f64], now: Stamp) {
         if reference.len() != self.fingers().len() || reference.iter().any(|q| !q.is_finite()) {
             return;
         }
@@ -170,13 +170,14 @@ impl Hand {
     }
 
     /// Returns the time of the first point and the points of the message that is due at index `k`, if one is.
-    pub fn next(&mut self, k: u64, motion: &GripperMotion, known: &Known) -> Option<(Stamp, Vec<Point>)> {
+    pub fn next(&mut self, k: u64, motion: &GripperMotion, known: &Observation) -> Option<(Stamp, Vec<Point>)> {
         let (closure, rate) = (motion.closure[self.side], motion.rate[self.side]);
         if !known.follows {
             self.leave("the arms do not follow".to_owned());
             return None;
         }
-        if !(closure.is_finite() && rate.is_finite()) || (self.joined.is_none() && !self.join(k, closure, rate, known))
+        if !(closure.is_finite() && rate.is_finite())
+            || (self.joined.is_none() && !self.begin_where_held(k, closure, rate, known))
         {
             return None;
         }
@@ -200,10 +201,10 @@ impl Hand {
         }
         let (end, stop_s) = self.rest(&q, &v);
         let rests = stop_s == 0.0 && self.past.iter().all(|moment| moment.q == q);
-        self.past.push_back(Moment { k, q, v, end });
+        self.past.push_back(FingerPoint { k, q, v, end });
         let repeats = k < self.sent_k + REPEAT_TICKS;
         let message = (!rests || !repeats).then(|| self.points(stop_s));
-        while self.past.len() > HISTORY {
+        while self.past.len() > HISTORY_POINTS {
             self.past.pop_front();
         }
         if message.is_some() {
@@ -213,7 +214,7 @@ impl Hand {
     }
 
     /// Begins where the controller holds the fingers, if they stand and the commanded gripper rests.
-    fn join(&mut self, k: u64, closure: f64, rate: f64, known: &Known) -> bool {
+    fn begin_where_held(&mut self, k: u64, closure: f64, rate: f64, known: &Observation) -> bool {
         let why = if self.reference.is_empty() {
             "its controller does not say where it holds the fingers"
         } else if known.now.since(self.changed) < STANDS_NS {
@@ -224,7 +225,7 @@ impl Hand {
             "its controller holds the fingers elsewhere: the person's hand must meet them"
         } else {
             let (q, v) = (self.reference.clone(), vec![0.0; self.reference.len()]);
-            let begin = Moment { k: k.saturating_sub(known.before_ticks.max(PERIOD_TICKS)), end: q.clone(), q, v };
+            let begin = FingerPoint { k: k.saturating_sub(known.before_ticks.max(PERIOD_TICKS)), end: q.clone(), q, v };
             (self.past, self.sent_k) = (VecDeque::from([begin]), 0);
             (self.joined, self.moves, self.idle) = (Some(closure), false, None);
             return true;
@@ -256,7 +257,7 @@ impl Hand {
             positions: positions.to_vec(),
             velocities: velocities.to_vec(),
         };
-        let since = |moment: &Moment| deadline(moment.k).since(first);
+        let since = |moment: &FingerPoint| deadline(moment.k).since(first);
         let mut points: Vec<Point> =
             self.past.iter().map(|moment| point(since(moment), &moment.q, &moment.v)).collect();
         if let Some(now) = self.past.back() {

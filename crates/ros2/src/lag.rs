@@ -60,7 +60,7 @@ mod tests {
 
     #[test]
     fn lag_of_moving_joints_is_found_and_named() {
-        for (lag_s, said) in [(0.012, Some("22 ms")), (-0.008, Some("2 ms")), (0.001, None)] {
+        for (lag_s, expected) in [(0.012, Some("22 ms")), (-0.008, Some("2 ms")), (0.001, None)] {
             let mut lag = Lag::default();
             for n in 0..200 {
                 let t = f64::from(n) * 0.02;
@@ -69,8 +69,8 @@ mod tests {
             }
             assert!((lag.additional_s().expect("enough") - lag_s).abs() < 1e-3);
             let advice = lag.advice(10.0);
-            assert_eq!(advice.is_some(), said.is_some(), "{advice:?}");
-            assert!(said.is_none_or(|said| advice.expect("differs").contains(said)));
+            assert_eq!(advice.is_some(), expected.is_some(), "{advice:?}");
+            assert!(expected.is_none_or(|expected| advice.expect("differs").contains(expected)));
         }
     }
 

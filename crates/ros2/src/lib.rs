@@ -17,22 +17,22 @@
 #![allow(clippy::neg_cmp_op_on_partial_ord, reason = "NaN differs from everything")]
 #![allow(clippy::needless_range_loop, reason = "a joint index runs over several arrays at once")]
 
-mod around;
 pub mod cli;
 pub mod clock;
+pub mod connection;
 mod curves;
 mod dds;
 pub mod description;
+mod discovery;
 mod emergency;
 pub mod estimate;
 pub mod gravity;
 pub mod hands;
 pub mod interface;
-pub mod join;
 pub mod lag;
-pub mod link;
 pub mod port;
 pub mod preflight;
+pub mod reference;
 pub mod ros;
 pub mod stream;
 pub mod trajectory;

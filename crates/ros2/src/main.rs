@@ -2,8 +2,8 @@
 
 use clap::Parser;
 use ros2::cli::{self, Cli, Preflight};
+use ros2::connection::Connection;
 use ros2::interface::{INTERFACE, disagreement};
-use ros2::link::Link;
 use ros2::port::Ros2;
 use ros2::preflight;
 use ros2::trajectory::Command;
@@ -39,29 +39,29 @@ fn preflight(options: &Preflight) -> Result<Exit, Failure> {
         return Err(Failure::new(Exit::Config, format!("{}: {disagreement}", options.config.display())));
     }
     let (model, interface, settings) = (&model, settings.ros2.setpoints, &settings.ros2);
-    let mut link =
-        Link::open(model, settings, interface, false).map_err(|cause| Failure::new(Exit::Unavailable, cause))?;
-    let failures = preflight::judge(&mut link, model, settings);
-    for seen in link.controllers(rt::now()) {
-        let activity = match (link.has_states(), seen.active) {
+    let mut connection =
+        Connection::open(model, settings, interface, false).map_err(|cause| Failure::new(Exit::Unavailable, cause))?;
+    let failures = preflight::judge(&mut connection, model, settings);
+    for seen in connection.controllers(rt::now()) {
+        let activity = match (connection.has_states(), seen.active) {
             (false, _) => "activity unknown",
             (true, true) => "active",
             (true, false) => "silent",
         };
         rt::out!("{}: {activity}, {} readers, {} other publishers", seen.topic, seen.readers, seen.publishers);
     }
-    link.describe_hands();
-    for (name, hindrance) in link.hindered_hands(rt::now()) {
+    connection.describe_hands();
+    for (name, hindrance) in connection.hindered_hands(rt::now()) {
         match hindrance {
             Some(why) => rt::out!("{name}: the gripper is not driven: {why}"),
             None => rt::out!("{name}: the gripper may be driven"),
         }
     }
-    if let (true, Some(heard)) = (options.dry_run, &link.heard) {
+    if let (true, Some(heard)) = (options.dry_run, &connection.latest) {
         let motion = messages::JointMotion::rest(heard.sample.q);
         let command = Command { k: messages::tick_at(rt::now()), motion };
-        let messages = link.messages(&command).unwrap_or_default();
-        for (seen, message) in link.controllers(rt::now()).iter().zip(messages) {
+        let messages = connection.messages(&command).unwrap_or_default();
+        for (seen, message) in connection.controllers(rt::now()).iter().zip(messages) {
             rt::out!("{} would get\n{message}", seen.topic);
         }
     }

@@ -1,8 +1,8 @@
 //! The checks before a robot may be driven. Each failure is one sentence with what to do.
 
+use crate::connection::Connection;
 use crate::description::difference;
-use crate::join::HELD;
-use crate::link::Link;
+use crate::reference::HELD;
 use config::Ros2Settings;
 use messages::JOINTS_MAX;
 use robot::Model;
@@ -25,18 +25,18 @@ const STANDS: f64 = 0.005;
 
 /// Waits for the robot and judges it. Returns the sentences of all checks that failed. A robot of which nothing is heard
 /// has one sentence only, because all others would follow from it.
-pub fn judge(link: &mut Link, model: &Model, settings: &Ros2Settings) -> Vec<String> {
+pub fn judge(connection: &mut Connection, model: &Model, settings: &Ros2Settings) -> Vec<String> {
     let wants_emergency_stop = !settings.emergency_stop_topic.is_empty();
     let began = rt::now();
-    while rt::now().since(began) < WAIT_NS && !is_complete(link, wants_emergency_stop) {
-        step(link);
+    while rt::now().since(began) < WAIT_NS && !is_complete(connection, wants_emergency_stop) {
+        step(connection);
     }
     let (mut lowest, mut highest) = ([f64::INFINITY; JOINTS_MAX], [-f64::INFINITY; JOINTS_MAX]);
     let mut stamps = Vec::new();
     let began = rt::now();
     while rt::now().since(began) < WATCH_NS {
-        step(link);
-        if let Some(heard) = &link.heard {
+        step(connection);
+        if let Some(heard) = &connection.latest {
             if stamps.last() != Some(&heard.stamp_ns) {
                 stamps.push(heard.stamp_ns);
             }
@@ -46,21 +46,21 @@ pub fn judge(link: &mut Link, model: &Model, settings: &Ros2Settings) -> Vec<Str
             }
         }
     }
-    if nothing_heard(link) {
+    if nothing_heard(connection) {
         return vec![nothing(settings)];
     }
-    let mut failures = controllers(link);
-    failures.extend(emergency_stop(link, wants_emergency_stop));
-    if link.is_ros() {
-        failures.extend(description(link.urdf.as_deref(), model));
+    let mut failures = controllers(connection);
+    failures.extend(emergency_stop(connection, wants_emergency_stop));
+    if connection.is_ros() {
+        failures.extend(description(connection.urdf.as_deref(), model));
     } else {
-        failures.extend(robot_type(link.mode_machine, model));
+        failures.extend(robot_type(connection.mode_machine, model));
     }
-    let states = if link.is_ros() { "joint_states" } else { "rt/lowstate" };
-    match &link.heard {
+    let states = if connection.is_ros() { "joint_states" } else { "rt/lowstate" };
+    match &connection.latest {
         Some(heard) => {
             let rate_hz = rate_hz(&stamps);
-            let [least, most] = if link.has_states() { RATES_HZ } else { RATES_FAST_HZ };
+            let [least, most] = if connection.has_states() { RATES_HZ } else { RATES_FAST_HZ };
             if rt::now().since(heard.sample.measured) > STATE_SILENT_NS {
                 failures.push(format!("{states} fell silent, or its tick stands: check the robot's controller"));
             } else if !(least..=most).contains(&rate_hz) {
@@ -70,13 +70,13 @@ pub fn judge(link: &mut Link, model: &Model, settings: &Ros2Settings) -> Vec<Str
             }
             failures.extend(moving(model, &lowest, &highest));
             failures.extend(posture(model, &heard.sample.q));
-            if link.controllers(rt::now()).iter().all(|seen| seen.active && !seen.other_joints) {
-                failures.extend(held(model, &link.held(), &heard.sample.q));
+            if connection.controllers(rt::now()).iter().all(|seen| seen.active && !seen.other_joints) {
+                failures.extend(held(model, &connection.held(), &heard.sample.q));
             }
         }
-        None => failures.push(link.incomplete.clone().map_or_else(
+        None => failures.push(connection.incomplete.clone().map_or_else(
             || {
-                if !link.is_ros() {
+                if !connection.is_ros() {
                     return "no rt/lowstate arrived: check ros2.domain_id and ros2.interface, and that the robot is on".to_owned();
                 }
                 "no joint_states arrived: check ros2.domain_id, ros2.interface and ros2.joint_states_topic, and that the \
@@ -86,20 +86,20 @@ pub fn judge(link: &mut Link, model: &Model, settings: &Ros2Settings) -> Vec<Str
             |incomplete| format!("{incomplete}: the robot file names a joint that this robot does not report"),
         )),
     }
-    if link.disbelieved > 0 {
+    if connection.rejected_stamps > 0 {
         failures.push(format!(
             "{} stamps of {states} were more than 20 ms off the others: synchronise the robot's clock, and do not step it",
-            link.disbelieved
+            connection.rejected_stamps
         ));
     }
     failures
 }
 
 /// Returns true if nobody else is in the domain, and nobody was.
-fn nothing_heard(link: &Link) -> bool {
-    let state = link.heard.is_some() || link.incomplete.is_some() || link.disbelieved > 0;
-    let other = link.urdf.is_some() || link.pressed.is_some();
-    !state && !other && !link.has_company()
+fn nothing_heard(connection: &Connection) -> bool {
+    let state = connection.latest.is_some() || connection.incomplete.is_some() || connection.rejected_stamps > 0;
+    let other = connection.urdf.is_some() || connection.pressed.is_some();
+    !state && !other && !connection.has_company()
 }
 
 fn nothing(settings: &Ros2Settings) -> String {
@@ -114,16 +114,16 @@ fn nothing(settings: &Ros2Settings) -> String {
     )
 }
 
-fn step(link: &mut Link) {
-    link.hear(rt::now());
+fn step(connection: &mut Connection) {
+    connection.receive(rt::now());
     rt::sleep_until(rt::now().plus_ns(STEP_NS));
 }
 
 /// Returns true if nothing is left to wait for.
-fn is_complete(link: &Link, wants_emergency_stop: bool) -> bool {
-    let found = link.controllers(rt::now()).iter().all(|seen| seen.active && seen.readers > 0);
-    let described = link.urdf.is_some() || !link.is_ros();
-    found && link.heard.is_some() && described && (link.pressed.is_some() || !wants_emergency_stop)
+fn is_complete(connection: &Connection, wants_emergency_stop: bool) -> bool {
+    let found = connection.controllers(rt::now()).iter().all(|seen| seen.active && seen.readers > 0);
+    let described = connection.urdf.is_some() || !connection.is_ros();
+    found && connection.latest.is_some() && described && (connection.pressed.is_some() || !wants_emergency_stop)
 }
 
 /// The rate by the median time between two stamps, Hz. The median does not feel what the network loses.
@@ -133,9 +133,9 @@ fn rate_hz(stamps_ns: &[i64]) -> f64 {
     gaps_ns.get(gaps_ns.len() / 2).map_or(0.0, |gap_ns| 1e9 / *gap_ns as f64)
 }
 
-fn controllers(link: &Link) -> Vec<String> {
+fn controllers(connection: &Connection) -> Vec<String> {
     let mut failures = Vec::new();
-    for seen in link.controllers(rt::now()) {
+    for seen in connection.controllers(rt::now()) {
         let name = &seen.name;
         if !seen.active {
             failures.push(format!(
@@ -164,8 +164,8 @@ fn controllers(link: &Link) -> Vec<String> {
     failures
 }
 
-fn emergency_stop(link: &Link, wanted: bool) -> Option<String> {
-    match link.pressed {
+fn emergency_stop(connection: &Connection, wanted: bool) -> Option<String> {
+    match connection.pressed {
         Some(true) => Some("the emergency stop is pressed: release it when the robot's surroundings are clear".to_owned()),
         None if wanted => Some(
             "no message on ros2.emergency_stop_topic: name the robot's topic, or set it to \"\" for a robot that has none"

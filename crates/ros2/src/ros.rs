@@ -56,7 +56,7 @@ pub struct JointTrajectoryPoint {
 impl From<crate::trajectory::Point> for JointTrajectoryPoint {
     fn from(point: crate::trajectory::Point) -> Self {
         let (accelerations, effort) = (Vec::new(), Vec::new());
-        let time_from_start = Time::of_ns(point.since_first_ns as i64);
+        let time_from_start = Time::from_ns(point.since_first_ns as i64);
         Self { positions: point.positions, velocities: point.velocities, accelerations, effort, time_from_start }
     }
 }
@@ -152,7 +152,7 @@ pub fn topic(ros: &str) -> String {
 
 impl Time {
     /// Converts nanoseconds.
-    pub fn of_ns(ns: i64) -> Self {
+    pub fn from_ns(ns: i64) -> Self {
         let (sec, nanosec) = (ns.div_euclid(1_000_000_000), ns.rem_euclid(1_000_000_000));
         Self { sec: sec.clamp(i64::from(i32::MIN), i64::from(i32::MAX)) as i32, nanosec: nanosec as u32 }
     }
@@ -170,9 +170,9 @@ mod tests {
     #[test]
     fn times_convert_there_and_back() {
         for ns in [0, 1, -1, 999_999_999, 1_000_000_000, -1_500_000_000, 1_795_000_000_123_456_789] {
-            assert_eq!(Time::of_ns(ns).ns(), ns);
+            assert_eq!(Time::from_ns(ns).ns(), ns);
         }
-        assert!(Time::of_ns(-1).nanosec == 999_999_999 && Time::of_ns(-1).sec == -1);
+        assert!(Time::from_ns(-1).nanosec == 999_999_999 && Time::from_ns(-1).sec == -1);
     }
 
     #[test]

@@ -10,7 +10,7 @@
 //! `LAG_MAX_NS`, and must be within `HELD` of the positions of that time. Smaller errors are for `safety`.
 
 use crate::estimate::Sample;
-use crate::join::{HELD, MEETS, STANDS_NS, continues};
+use crate::reference::{HELD, MEETS, STANDS_NS, continues};
 use crate::trajectory::Command;
 use driver::PlanPlayback;
 use messages::{JOINTS_MAX, JointMotion, Stamp, TICK_S, tick_at};
@@ -58,7 +58,7 @@ pub struct Position {
 
 /// State of the robot at a look.
 #[derive(Clone, Copy, Debug)]
-pub struct Known<'a> {
+pub struct Observation<'a> {
     /// Time of the look.
     pub now: Stamp,
     /// The newest measurement.
@@ -181,7 +181,7 @@ impl Stream {
     }
 
     /// Returns the position that the robot gets now, if it gets one. `commands` are those of the loop since the last call.
-    pub fn next(&mut self, commands: &[Command], known: &Known) -> Option<Position> {
+    pub fn next(&mut self, commands: &[Command], known: &Observation) -> Option<Position> {
         let k = tick_at(known.now);
         // A departed robot may sag, too. Its last position would lift it at the release of the emergency stop.
         let departed = self.departed.is_some() && matches!(self.phase, Phase::Released | Phase::Stopping);
@@ -190,8 +190,8 @@ impl Stream {
         }
         match self.phase {
             Phase::Released => return self.rejoin(commands.last()?, known),
-            Phase::Following if known.pressed != Some(false) => self.feel(known.pressed),
-            Phase::Following => self.take(commands.last(), k)?,
+            Phase::Following if known.pressed != Some(false) => self.react_to_emergency_stop(known.pressed),
+            Phase::Following => self.follow_loop(commands.last(), k)?,
             _ if k < self.sent_k + self.period_ticks => return None,
             Phase::Rising => self.rise(known.pressed, k),
             Phase::Stopping => self.stop(k),
@@ -212,7 +212,7 @@ impl Stream {
 
     fn rise(&mut self, pressed: Option<bool>, k: u64) {
         if pressed != Some(false) {
-            return self.feel(pressed);
+            return self.react_to_emergency_stop(pressed);
         }
         self.weight = (self.weight + self.step(k)).min(1.0);
         if self.weight == 1.0 {
@@ -221,7 +221,7 @@ impl Stream {
     }
 
     /// Reacts to an emergency stop that is not known to be released.
-    fn feel(&mut self, pressed: Option<bool>) {
+    fn react_to_emergency_stop(&mut self, pressed: Option<bool>) {
         if pressed.is_none() {
             return self.depart("nobody says whether the emergency stop is pressed: its publisher left".to_owned());
         }
@@ -232,7 +232,7 @@ impl Stream {
     }
 
     /// Takes the loop's newest command. None if nothing is due.
-    fn take(&mut self, command: Option<&Command>, k: u64) -> Option<()> {
+    fn follow_loop(&mut self, command: Option<&Command>, k: u64) -> Option<()> {
         let Some(command) = command else {
             // A robot that stands is held without the loop, too.
             if !self.commanded || self.last.motion.is_at_rest() {
@@ -277,7 +277,7 @@ impl Stream {
         }
     }
 
-    fn rest_at(&mut self, known: &Known) {
+    fn rest_at(&mut self, known: &Observation) {
         if known.pressed == Some(false) {
             self.phase = Phase::Stopping;
         } else if let Some(sample) = known.sample.filter(|sample| known.now.since(sample.measured) <= FRESH_NS) {
@@ -286,7 +286,7 @@ impl Stream {
     }
 
     /// Follows the loop again where the robot stands and is held. A robot with a weight was given back for good.
-    fn rejoin(&mut self, command: &Command, known: &Known) -> Option<Position> {
+    fn rejoin(&mut self, command: &Command, known: &Observation) -> Option<Position> {
         let (stood, _) = self.stood.filter(|(since, _)| known.now.since(*since) >= STANDS_NS)?;
         let fresh = |sample: &&Sample| known.now.since(sample.measured) <= FRESH_NS;
         let sample = known.sample.filter(|sample| sample.measured >= stood).filter(fresh)?;

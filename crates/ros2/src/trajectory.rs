@@ -1,33 +1,34 @@
-//! The trajectory of one controller: what was executed, the present point, and the certified stop.
+//! The message of one trajectory controller. For the command of index k its points are
 //!
-//! A trajectory controller that gets one point for each message starts again from the measured position, and creeps.
-//! One that gets a stamped curve whose beginning lies in the past reads the curve at its own time. So each message
-//! holds
+//! ```text
+//! (q, v) at k - 8 n,  n = 10 ... 1    executed before, 5.3 ms apart (HISTORY_POINTS)
+//! (q, v) at k                         the command
+//! (q, v) at each change of a joint's jerk in the certified stop
+//! (q, 0) at the stop's end + 0.2 s    at rest
+//! ```
 //!
-//! - the last [`HISTORY`] points of earlier messages, 5.3 ms apart,
-//! - the point of the present index,
-//! - the certified stop from there, with a point wherever a joint's jerk changes, and a last point at rest.
+//! A controller interpolates neighbouring points by the cubic through q and v. Where the jerk is constant the motion is that
+//! cubic, so the stop is exact. Between two executed points a joint is off by at most J h^3 / 96 with h = 5.3 ms. The
+//! certificate covers h = 10 ms. If no message follows, the robot plays the certified stop by itself.
 //!
-//! Controllers put a cubic through positions and velocities of neighbouring points. Where the jerk is constant the
-//! motion is that cubic, so the stop is exact. Between two points of the history a joint is off by at most J h^3 / 96
-//! with h = 5.3 ms. The certificate covers 10 ms. If no message follows, the robot plays the certified stop by itself.
+//! The executed points make the controller continue: it reads a stamped curve that begins in its past at its own time. With
+//! one point per message it starts again from the measured position each time, and the robot creeps.
 
 use driver::PlanPlayback;
 use messages::{JOINTS_MAX, JointMotion, Stamp, StopPlan, deadline, tick_at};
 use std::collections::VecDeque;
 
-/// Number of points of the past: 53 ms.
-pub const HISTORY: usize = 10;
-/// Ticks between two messages: 5.3 ms. A robot that runs 25 ms behind misses nothing if four in a row are lost. The
-/// stop begins gently: after six it is 2e-5 rad off, which no servo shows.
+/// Number of executed points: 53 ms.
+pub const HISTORY_POINTS: usize = 10;
+/// Ticks between two messages: 5.3 ms. A robot with a delay of 25 ms misses no motion if four messages in a row are lost.
+/// After six it is 2e-5 rad off, because the stop begins gently. No servo shows that.
 pub const PERIOD_TICKS: u64 = 8;
-/// The last point rests for this long, s. It is never in the past when a message arrives: a controller would reject
-/// the message.
+/// Time from the end of the stop to the last point, s. A controller rejects a message whose last point lies in its past.
 const REST_S: f64 = 0.2;
-/// Switches of the jerk nearer than this are one, s. A joint is then off by less than 1e-12 rad.
+/// Changes of the jerk closer than this are merged, s. A joint is then off by less than 1e-12 rad.
 const ALIKE_S: f64 = 1e-5;
-/// Largest number of points: past, present, three switches for each of seven joints, and the rest.
-pub const POINTS_MAX: usize = HISTORY + 1 + 3 * JOINTS_MAX + 1;
+/// Largest number of points: executed, present, three changes of jerk for each joint, and rest.
+pub const POINTS_MAX: usize = HISTORY_POINTS + 1 + 3 * JOINTS_MAX + 1;
 
 /// The state of all joints at an index.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -60,25 +61,24 @@ pub struct Command {
     pub motion: JointMotion,
 }
 
-/// The curve that the robot has executed: the points of earlier messages, and the stop of the last one where no message
-/// followed in time.
+/// The executed curve: the points of earlier messages, and the stop of the last message where none followed in time.
 #[derive(Clone, Debug, Default)]
-pub struct Past {
+pub struct History {
     points: VecDeque<Executed>,
     last: Option<Command>,
 }
 
-impl Past {
+impl History {
     /// The points before the next message, the oldest first.
     pub fn points(&self) -> impl DoubleEndedIterator<Item = &Executed> {
         self.points.iter()
     }
 
-    /// Prepares the message of the last of `commands`. The others were not sent. `executing_k` is the index that the
-    /// robot executes when the message arrives.
+    /// Prepares the message of the last command. The other commands were not sent. `executing_k` is the index that the robot
+    /// executes when the message arrives.
     ///
-    /// A robot that has come to the end of the last message plays its stop. That stop is the past then, and what was
-    /// meant to be executed instead is none. Returns the state from which the robot comes, if it was sent anything.
+    /// A robot that has executed the last message plays its stop. The history then has that stop, and not the commands that were
+    /// not sent. Returns the state that the new message must continue. None if nothing was sent before.
     pub fn prepare(&mut self, commands: &[Command], executing_k: u64) -> Option<Command> {
         let (next, last) = (commands.last()?, self.last?);
         if next.k <= last.k {
@@ -88,7 +88,7 @@ impl Past {
         let stops = executing_k + PERIOD_TICKS > last.k;
         if !stops {
             let unsent = &commands[..commands.len() - 1];
-            unsent.iter().for_each(|command| self.push(Executed::of(command.k, &command.motion)));
+            unsent.iter().for_each(|command| self.push(Executed::new(command.k, &command.motion)));
             return Some(*unsent.last().unwrap_or(&last));
         }
         let until = (executing_k + PERIOD_TICKS).min(next.k - 1);
@@ -97,19 +97,19 @@ impl Past {
         for _ in 0..points {
             from.k += PERIOD_TICKS;
             from.motion.play(PERIOD_TICKS);
-            self.push(Executed::of(from.k, &from.motion));
+            self.push(Executed::new(from.k, &from.motion));
         }
         Some(from)
     }
 
-    /// Position and velocity that the robot executes at `at` if it got everything. None before the known past.
+    /// Returns the state that a robot executes at `at` if it received every message. None before the first point.
     pub fn expected(&self, at: Stamp) -> Option<Executed> {
         let last = self.last?;
         let k = tick_at(at);
         if k >= last.k {
             let mut motion = last.motion;
             motion.play(k - last.k);
-            return Some(Executed::of(k, &motion));
+            return Some(Executed::new(k, &motion));
         }
         let next = self.points.iter().position(|point| point.k > k).filter(|next| *next > 0)?;
         let (from, to) = (&self.points[next - 1], &self.points[next]);
@@ -122,26 +122,26 @@ impl Past {
         })
     }
 
-    /// Begins with `command`, which is at rest, as if it had rested there for `ticks`.
+    /// Restarts the history with `command`, which is at rest, as if the robot had rested there for `ticks`.
     pub fn begin(&mut self, command: &Command, ticks: u64) {
         self.clear();
-        self.push(Executed::of(command.k.saturating_sub(ticks), &command.motion));
+        self.push(Executed::new(command.k.saturating_sub(ticks), &command.motion));
     }
 
-    /// Forgets everything. The next message has no past.
+    /// Removes all points. The next message has no executed points.
     pub fn clear(&mut self) {
         (self.points, self.last) = (VecDeque::new(), None);
     }
 
-    /// Notes that the command was sent.
+    /// Adds a command that was sent.
     pub fn sent(&mut self, command: &Command) {
-        self.push(Executed::of(command.k, &command.motion));
+        self.push(Executed::new(command.k, &command.motion));
         self.last = Some(*command);
     }
 
     fn push(&mut self, point: Executed) {
         self.points.push_back(point);
-        while self.points.len() > HISTORY {
+        while self.points.len() > HISTORY_POINTS {
             self.points.pop_front();
         }
     }
@@ -149,12 +149,12 @@ impl Past {
 
 impl Executed {
     /// The state of a motion at an index.
-    pub fn of(k: u64, motion: &JointMotion) -> Self {
+    pub fn new(k: u64, motion: &JointMotion) -> Self {
         Self { k, q: motion.q, v: motion.v }
     }
 }
 
-/// The points of the joints in `joints`, and the time of the first one. `past` has the oldest first.
+/// Returns the time of the first point, and the points of the joints in the mask `joints`. `past` begins with the oldest.
 pub fn points<'a>(
     past: impl DoubleEndedIterator<Item = &'a Executed>,
     Command { k, motion: now }: &Command,
@@ -163,7 +163,7 @@ pub fn points<'a>(
     let k = *k;
     let chosen = |all: &[f64; JOINTS_MAX]| (0..JOINTS_MAX).filter(|j| joints & 1 << j != 0).map(|j| all[j]).collect();
     let past = past.filter(|executed| executed.k < k);
-    let past: Vec<&Executed> = past.rev().take(HISTORY).collect::<Vec<_>>().into_iter().rev().collect();
+    let past: Vec<&Executed> = past.rev().take(HISTORY_POINTS).collect::<Vec<_>>().into_iter().rev().collect();
     let first = deadline(past.first().map_or(k, |executed| executed.k));
     let mut points: Vec<Point> = past
         .iter()
@@ -182,7 +182,7 @@ pub fn points<'a>(
             velocities: chosen(&state.map(|[_, v, _]| v)),
         });
     }
-    // The stop ends at rest. What is left of the velocity is rounding.
+    // The stop ends at rest. Any remaining velocity is a rounding error.
     for point in points.iter_mut().rev().take(2) {
         if now.is_at_rest() || point.since_first_ns > present_ns {
             point.velocities.fill(0.0);
@@ -191,7 +191,7 @@ pub fn points<'a>(
     (first, points)
 }
 
-/// Times of the stop at which points are needed, s: now, each switch of a joint's jerk, and a rest after the end.
+/// Returns the times of the points in the stop, s: now, each change of a joint's jerk, and rest after the end.
 fn times_s(plan: &StopPlan, joints: u32) -> Vec<f64> {
     let mut times = vec![0.0];
     for j in (0..JOINTS_MAX).filter(|j| joints & 1 << j != 0) {
@@ -216,7 +216,7 @@ fn times_s(plan: &StopPlan, joints: u32) -> Vec<f64> {
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
-    use crate::join::continues;
+    use crate::reference::continues;
     use messages::{Layout, TICK_S};
     use rand::{RngExt, SeedableRng};
     use wbc::JointStop;
@@ -277,7 +277,7 @@ pub(crate) mod tests {
     #[test]
     fn past_comes_first_at_its_own_times_and_only_the_newest_points() {
         let mut rng = rand_pcg::Pcg64::seed_from_u64(4);
-        let count = HISTORY as u64 + 4;
+        let count = HISTORY_POINTS as u64 + 4;
         let at = |i: u64| 1_500 + PERIOD_TICKS * i;
         let executed = |i: u64| Executed { k: at(i), q: [i as f64; JOINTS_MAX], v: [0.5; JOINTS_MAX] };
         let past: Vec<Executed> = (0..count).map(executed).collect();
@@ -285,11 +285,11 @@ pub(crate) mod tests {
         let (first, points) =
             points(past.iter(), &Command { k: at(count - 1), motion: motion(&mut rng) }, 1 << 4 | 1 << 2);
         assert_eq!(first, deadline(at(3)));
-        for (i, point) in points[..HISTORY].iter().enumerate() {
+        for (i, point) in points[..HISTORY_POINTS].iter().enumerate() {
             assert_eq!(point.since_first_ns, deadline(at(3 + i as u64)).since(first));
             assert_eq!((point.positions.clone(), point.velocities.clone()), (vec![(3 + i) as f64; 2], vec![0.5; 2]));
         }
-        assert_eq!(points[HISTORY].since_first_ns, deadline(at(count - 1)).since(first));
+        assert_eq!(points[HISTORY_POINTS].since_first_ns, deadline(at(count - 1)).since(first));
     }
 
     /// A robot that executes messages `delay` ticks behind, and takes each `late(k)` ticks after its command. Returns the
@@ -304,7 +304,7 @@ pub(crate) mod tests {
             }
             motion
         };
-        let (mut past, mut waiting, mut curve) = (Past::default(), Vec::new(), None);
+        let (mut past, mut waiting, mut curve) = (History::default(), Vec::new(), None);
         let (mut positions, mut ready) = (Vec::new(), 0);
         for k in 1_500..6_000_u64 {
             if k % PERIOD_TICKS == 0 {

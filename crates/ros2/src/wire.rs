@@ -1,14 +1,16 @@
-//! Sends over a network that loses packets.
+//! A UDP transport for a network that loses packets. Each datagram is sent [`COPIES`] = 2 times:
 //!
-//! A setpoint that comes late is worth nothing, because the next one replaces it. But a writer that is reliable announces
-//! all messages that are not acknowledged yet, and its reader waits for each of them. A writer that is not reliable has no
-//! effect on the robot's readers that want one that is. So the writers are reliable, and this transport changes what
-//! they put on the wire:
+//! ```text
+//! p_lost = p^2        p: share of the datagrams that the network loses
+//! ```
 //!
-//! - A HEARTBEAT announces the newest message only. RTPS (section 8.4.2.2.4) lets a writer that keeps the last message do
-//!   so. The reader then gives up what it misses, and delivers the newest at once.
-//! - An infinite liveliness of a reader is announced as such. See `INFINITE` in `dds.rs`.
-//! - Every datagram goes twice. With the share p of packets lost, p^2 are missing.
+//! A late setpoint is useless, because the next one replaces it. A best-effort writer matches no reliable reader of a robot,
+//! so our writers are reliable. But a reliable writer announces all messages that are not acknowledged yet, and its reader
+//! waits for each of them. So this transport changes two submessages:
+//!
+//! - A HEARTBEAT announces the newest message only. RTPS (section 8.4.2.2.4) allows this for a writer that keeps the last
+//!   message. The reader then skips lost messages, and delivers the newest at once.
+//! - A reader's liveliness lease of `INFINITE` (`dds.rs`) is announced as infinite.
 
 use dust_dds::rtps_udp_transport::udp_transport::RtpsUdpTransportParticipantFactory;
 use dust_dds::transport::interface::{
@@ -23,23 +25,23 @@ const HEADER: usize = 20;
 const SUBMESSAGE: usize = 4;
 /// Kind of the submessage HEARTBEAT (RTPS, section 9.4.5.1.1).
 const HEARTBEAT: u8 = 0x07;
-/// Places in a HEARTBEAT: the last byte of the writer's id, the first number, the last number, and its end (RTPS,
+/// Offsets in a HEARTBEAT, bytes: the last byte of the writer's id, the first sequence number, the last one, and the end (RTPS,
 /// section 9.4.5.7).
 const WRITER_KIND: usize = SUBMESSAGE + 7;
 const FIRST: usize = SUBMESSAGE + 8;
 const LAST: usize = SUBMESSAGE + 16;
 const END: usize = SUBMESSAGE + 24;
-/// Set in the kind of an entity that DDS itself uses, for discovery (RTPS, table 9.1).
+/// Bits in the kind of a built-in entity, which DDS uses for discovery (RTPS, table 9.1).
 const BUILT_IN: u8 = 0xc0;
 
 /// The parameter PID_LIVELINESS of discovery, automatic, with the time of `INFINITE` in `dds.rs` (RTPS, sections 9.3.2 and
 /// 9.6.4): its last word counts 2^-32 s.
 const LIVELINESS: [u8; 16] = [0x1b, 0, 12, 0, 0, 0, 0, 0, 0xff, 0xff, 0xff, 0x7f, 0xfc, 0xff, 0xff, 0xff];
 
-/// UDP, for a network that loses packets.
-pub struct Lossy(pub RtpsUdpTransportParticipantFactory);
+/// UDP with every datagram sent twice.
+pub struct LossTolerantUdp(pub RtpsUdpTransportParticipantFactory);
 
-impl TransportParticipantFactory for Lossy {
+impl TransportParticipantFactory for LossTolerantUdp {
     fn create_participant(&self, domain_id: i32, receiver: TransportDataReceiver) -> RtpsTransportParticipant {
         let udp = self.0.create_participant(domain_id, receiver);
         RtpsTransportParticipant { message_writer: Box::new(Writer(udp.message_writer)), ..udp }
@@ -68,7 +70,7 @@ fn send(udp: &mut dyn WriteMessage, length: usize, to: &[Locator]) {
     }
 }
 
-/// Lets each HEARTBEAT of a datagram announce the newest message only. Those of discovery stay as they are.
+/// Makes each HEARTBEAT of a datagram announce the newest message only. HEARTBEATs of discovery stay unchanged.
 fn announce_newest(datagram: &mut [u8]) {
     let mut rest = datagram.get_mut(HEADER..).unwrap_or_default();
     while let [kind, flags, low, high, ..] = *rest {
@@ -76,7 +78,7 @@ fn announce_newest(datagram: &mut [u8]) {
             |bytes: [u8; 2]| if flags & 1 == 1 { u16::from_le_bytes(bytes) } else { u16::from_be_bytes(bytes) };
         let length = SUBMESSAGE + usize::from(number([low, high]));
         if kind == HEARTBEAT && length >= END && rest.len() >= END && rest[WRITER_KIND] & BUILT_IN == 0 {
-            // A writer that has sent nothing yet announces none: its first number is above its last.
+            // Before a writer's first message, its first number is above its last. Both stay unchanged.
             if is_less(&rest[FIRST..LAST], &rest[LAST..END], flags & 1 == 1) {
                 rest.copy_within(LAST..END, FIRST);
             }
@@ -85,7 +87,7 @@ fn announce_newest(datagram: &mut [u8]) {
     }
 }
 
-/// Lets a reader's liveliness of the longest finite time be infinite.
+/// Replaces a reader's liveliness lease of `INFINITE` by an infinite one.
 fn announce_infinite(datagram: &mut [u8]) {
     let found = datagram.windows(LIVELINESS.len()).position(|bytes| bytes == LIVELINESS);
     if let Some(end) = found.and_then(|at| datagram.get_mut(at + LIVELINESS.len() - 4..at + LIVELINESS.len())) {
@@ -93,7 +95,7 @@ fn announce_infinite(datagram: &mut [u8]) {
     }
 }
 
-/// Compares two sequence numbers: a signed word that is high, then one that is low.
+/// Returns true if a < b for the sequence numbers 2^32 high + low. `high` is signed, and comes first.
 fn is_less(a: &[u8], b: &[u8], little: bool) -> bool {
     let words = |bytes: &[u8]| {
         let word = |i: usize| {

@@ -8,9 +8,9 @@ fn settings_that_the_driver_refuses_are_refused_by_the_preflight() {
     let config = concat!(env!("CARGO_MANIFEST_DIR"), "/../../config/teleop.toml");
     let mut program = Command::new(env!("CARGO_BIN_EXE_teleopd-ros2"));
     let output = program.args(["preflight", "--config", config]).output().expect("it runs");
-    let said = String::from_utf8_lossy(&output.stderr);
+    let error = String::from_utf8_lossy(&output.stderr);
     let sentence = "driver.interface = \"direct\", must be \"jtc100\"";
-    assert!(output.status.code() == Some(78) && said.contains(sentence), "{said}");
+    assert!(output.status.code() == Some(78) && error.contains(sentence), "{error}");
 }
 
 #[test]

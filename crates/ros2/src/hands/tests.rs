@@ -14,12 +14,12 @@ fn gripper() -> Gripper {
 /// A hand whose controller has held the fingers at `reference` for long enough, at this index.
 fn standing(reference: &[f64]) -> (Hand, u64) {
     let mut hand = Hand::new(0, gripper());
-    hand.hear(reference, deadline(1_000));
+    hand.receive(reference, deadline(1_000));
     (hand, (1_000 + tick_at(Stamp(STANDS_NS)) + 2).next_multiple_of(PERIOD_TICKS))
 }
 
-fn known(k: u64) -> Known {
-    Known { now: deadline(k), follows: true, before_ticks: BEFORE_TICKS }
+fn known(k: u64) -> Observation {
+    Observation { now: deadline(k), follows: true, before_ticks: BEFORE_TICKS }
 }
 
 fn motion(closure: f64, rate: f64) -> GripperMotion {
@@ -55,7 +55,7 @@ fn each_message_ends_at_rest_and_keeps_the_speed() {
     assert!(messages.len() > 80, "{}", messages.len());
     let v_max = [0.045 / 0.9, 6.0 / 0.9];
     for (sent_k, first, points) in &messages {
-        assert!(points.len() <= HISTORY + 3 && deadline(*sent_k).since(*first) > 45_000_000);
+        assert!(points.len() <= HISTORY_POINTS + 3 && deadline(*sent_k).since(*first) > 45_000_000);
         assert!(points.windows(2).all(|pair| pair[1].since_first_ns > pair[0].since_first_ns));
         assert!(points.last().is_some_and(|last| last.velocities == [0.0, 0.0]));
         let end_ns = points.last().expect("points").since_first_ns;
@@ -104,13 +104,13 @@ fn f122_joining_moves_no_finger_until_the_closure_changes() {
 #[test]
 fn f122_nothing_is_sent_to_a_hand_that_does_something_else() {
     let (mut hand, k) = standing(&[0.045, 0.0]);
-    assert!(hand.next(k, &motion(0.0, 0.0), &Known { follows: false, ..known(k) }).is_none(), "the arms stand");
+    assert!(hand.next(k, &motion(0.0, 0.0), &Observation { follows: false, ..known(k) }).is_none(), "the arms stand");
     assert!(hand.next(k, &motion(0.0, 0.1), &known(k)).is_none(), "it does not rest");
     assert!(hand.next(k, &motion(f64::NAN, 0.0), &known(k)).is_none());
     assert!(hand.next(k, &motion(0.0, 0.0), &known(k)).is_some());
-    hand.hear(&[0.045, 0.1], deadline(k + 10));
+    hand.receive(&[0.045, 0.1], deadline(k + 10));
     assert_eq!(hand.idle(), None, "within the tolerance");
-    hand.hear(&[0.045, 3.0], deadline(k + 20));
+    hand.receive(&[0.045, 3.0], deadline(k + 20));
     assert!(hand.idle().is_some_and(|why| why.contains("`b` is not where it was sent")));
     let later = k + 40;
     assert!(hand.next(later, &motion(0.0, 0.0), &known(later)).is_none(), "it moves");

@@ -26,17 +26,17 @@ impl Rig {
         Sample { measured: deadline(self.k), q, dq: [0.0; JOINTS_MAX] }
     }
 
-    fn turn(&mut self, commands: &[Command]) {
+    fn step(&mut self, commands: &[Command]) {
         self.k += PERIOD;
         let sample = self.sample(0.0);
-        let known = Known { now: deadline(self.k), sample: Some(&sample), pressed: self.pressed };
+        let known = Observation { now: deadline(self.k), sample: Some(&sample), pressed: self.pressed };
         if let Some(position) = self.stream.next(commands, &known) {
             self.sent.push((self.k, position));
         }
     }
 
     fn turn_for(&mut self, seconds: f64) {
-        (0..(seconds / TICK_S) as u64 / PERIOD).for_each(|_| self.turn(&[]));
+        (0..(seconds / TICK_S) as u64 / PERIOD).for_each(|_| self.step(&[]));
     }
 
     /// Lets the loop command a motion that speeds up to 0.4 rad/s.
@@ -44,7 +44,7 @@ impl Rig {
         let begin = self.k;
         for _ in 0..50 {
             let k = self.k + PERIOD;
-            self.turn(&[Command { k, motion: moving((k - begin) as f64 * TICK_S) }]);
+            self.step(&[Command { k, motion: moving((k - begin) as f64 * TICK_S) }]);
         }
         assert!(self.stream.follows() && self.stream.last.motion.v[0] > 0.3);
     }
@@ -92,7 +92,7 @@ fn weight_rises_and_falls_slowly_where_the_robot_is_held() {
     assert!(rig.stream.is_released() && rig.stream.weight == 0.0);
     assert!((rig.rate() - WEIGHT_RATE_PER_S).abs() < 1e-9, "{}", rig.rate());
     let count = rig.sent.len();
-    rig.turn(&[Command { k: rig.k + PERIOD, motion: JointMotion::rest([0.3; JOINTS_MAX]) }]);
+    rig.step(&[Command { k: rig.k + PERIOD, motion: JointMotion::rest([0.3; JOINTS_MAX]) }]);
     assert!(rig.sent.len() == count && !rig.stream.follows(), "it was given back for good");
 }
 
@@ -113,7 +113,7 @@ fn f118_silent_loop_lets_the_thread_play_the_stop() {
 #[test]
 fn stop_of_the_thread_keeps_the_acceleration() {
     let mut rig = Rig::new(false);
-    rig.turn(&[]);
+    rig.step(&[]);
     rig.speed_up();
     rig.stream.depart("the robot fell silent".to_owned());
     rig.turn_for(1.0);
@@ -126,7 +126,7 @@ fn joint_that_is_not_where_it_was_sent_departs() {
     // Behind, the way of the last 0.14 s comes on top: 0.05 rad at the end of this motion.
     for (off, departs) in [(0.0, false), (0.04, false), (-0.08, false), (0.06, true), (-0.12, true), (f64::NAN, true)] {
         let mut rig = Rig::new(false);
-        rig.turn(&[]);
+        rig.step(&[]);
         rig.speed_up();
         let sample = rig.sample(off);
         rig.stream.compare(&sample, &names);
@@ -134,7 +134,7 @@ fn joint_that_is_not_where_it_was_sent_departs() {
     }
     // A joint that lags by 0.1 s is where it was sent then, and no farther.
     let mut rig = Rig::new(false);
-    rig.turn(&[]);
+    rig.step(&[]);
     rig.speed_up();
     let sample = Sample { q: rig.sent[rig.sent.len() - 26].1.q, ..rig.sample(0.0) };
     rig.stream.compare(&sample, &names);
@@ -145,13 +145,13 @@ fn joint_that_is_not_where_it_was_sent_departs() {
 fn jump_or_step_of_the_speed_is_never_sent() {
     for (off, v) in [(0.2, 0.0), (0.01, 0.0), (0.0, -0.4)] {
         let mut rig = Rig::new(false);
-        rig.turn(&[]);
+        rig.step(&[]);
         rig.speed_up();
         let mut command = rig.stream.last;
         command.k = rig.k + PERIOD;
         command.motion.q = command.motion.q.map(|q| q + off);
         command.motion.v = command.motion.v.map(|before| before + v);
-        rig.turn(&[command]);
+        rig.step(&[command]);
         assert!(!rig.stream.follows(), "{off}, {v}");
         let step = rig.sent[rig.sent.len() - 1].1.q[0] - rig.sent[rig.sent.len() - 2].1.q[0];
         assert!(step.abs() < 0.003, "{off}, {v}: {step}");
@@ -162,14 +162,14 @@ fn jump_or_step_of_the_speed_is_never_sent() {
 fn robot_that_stood_during_a_pause_is_not_set_in_motion_again() {
     for has_command in [false, true] {
         let mut rig = Rig::new(false);
-        rig.turn(&[]);
+        rig.step(&[]);
         rig.speed_up();
         let last = rig.sent[rig.sent.len() - 1].1.q;
         rig.k += STOOD_TICKS;
         let mut command = rig.stream.last;
         command.k = rig.k + PERIOD;
         command.motion.q = command.motion.q.map(|q| q + 0.01);
-        rig.turn(if has_command { std::slice::from_ref(&command) } else { &[] });
+        rig.step(if has_command { std::slice::from_ref(&command) } else { &[] });
         assert!(!rig.stream.follows());
         rig.turn_for(0.5);
         assert!(rig.stream.is_released() && rig.sent[rig.sent.len() - 1].1.q == last, "{has_command}");
@@ -179,13 +179,13 @@ fn robot_that_stood_during_a_pause_is_not_set_in_motion_again() {
 #[test]
 fn pressed_robot_gets_where_it_is_and_is_joined_again_there() {
     let mut rig = Rig::new(false);
-    rig.turn(&[]);
+    rig.step(&[]);
     rig.speed_up();
     rig.pressed = Some(true);
     rig.turn_for(0.1);
     let sagged = Sample { q: [0.25; JOINTS_MAX], ..rig.sample(0.0) };
     rig.k += PERIOD;
-    let known = Known { now: deadline(rig.k), sample: Some(&sagged), pressed: Some(true) };
+    let known = Observation { now: deadline(rig.k), sample: Some(&sagged), pressed: Some(true) };
     assert_eq!(rig.stream.next(&[], &known).expect("it is due").q, sagged.q);
     rig.pressed = Some(false);
     rig.turn_for(0.1);
@@ -193,23 +193,23 @@ fn pressed_robot_gets_where_it_is_and_is_joined_again_there() {
     let names = ["a".to_owned(), "b".to_owned()];
     rig.stream.compare(&rig.sample(0.0), &names);
     let command = |k: u64, q: f64| [Command { k, motion: JointMotion::rest([q; JOINTS_MAX]) }];
-    rig.turn(&command(rig.k + PERIOD, 0.25));
+    rig.step(&command(rig.k + PERIOD, 0.25));
     assert!(!rig.stream.follows(), "it has not stood yet");
     rig.turn_for(0.3);
-    rig.turn(&command(rig.k + PERIOD, 0.26));
+    rig.step(&command(rig.k + PERIOD, 0.26));
     assert!(!rig.stream.follows(), "the loop is elsewhere");
     let stale = Sample { measured: deadline(rig.k - 100), ..rig.sample(0.0) };
-    let known = Known { now: deadline(rig.k), sample: Some(&stale), pressed: Some(false) };
+    let known = Observation { now: deadline(rig.k), sample: Some(&stale), pressed: Some(false) };
     rig.stream.next(&command(rig.k, 0.25), &known);
     assert!(!rig.stream.follows(), "nothing was heard of it");
-    rig.turn(&command(rig.k + PERIOD, 0.25));
+    rig.step(&command(rig.k + PERIOD, 0.25));
     assert!(rig.stream.follows() && rig.stream.departed().is_none());
 }
 
 #[test]
 fn robot_that_sags_before_its_stop_shows_gets_where_it_is() {
     let mut rig = Rig::new(false);
-    rig.turn(&[]);
+    rig.step(&[]);
     rig.speed_up();
     rig.stream.depart("a joint is elsewhere".to_owned());
     rig.turn_for(1.0);
@@ -218,7 +218,7 @@ fn robot_that_sags_before_its_stop_shows_gets_where_it_is() {
     let look = |rig: &mut Rig, q: f64| {
         rig.k += PERIOD;
         let sagged = Sample { q: [q; JOINTS_MAX], ..rig.sample(0.0) };
-        let known = Known { now: deadline(rig.k), sample: Some(&sagged), pressed: Some(true) };
+        let known = Observation { now: deadline(rig.k), sample: Some(&sagged), pressed: Some(true) };
         rig.stream.next(&[], &known).map(|position| position.q)
     };
     assert_eq!(look(&mut rig, 0.2), Some([0.2; JOINTS_MAX]));

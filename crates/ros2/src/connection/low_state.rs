@@ -1,18 +1,18 @@
 //! States of a Unitree robot.
 
-use super::Link;
+use super::Connection;
 use crate::unitree::LowState;
 use messages::{JOINTS_MAX, Stamp};
 
 /// One tick of `rt/lowstate`, ns. It counts ms in Unitree's simulator (unitree_mujoco). Assumption for the robot.
 const LOW_TICK_NS: i64 = 1_000_000;
 
-impl Link {
+impl Connection {
     /// Takes a state of a Unitree robot.
-    pub(super) fn take_low(&mut self, state: &LowState, now: Stamp) -> bool {
+    pub(super) fn receive_low_state(&mut self, state: &LowState, now: Stamp) -> bool {
         let stamp_ns = i64::from(state.tick) * LOW_TICK_NS;
         // A tick that stands belongs to a state that stands.
-        if self.heard.as_ref().is_some_and(|before| before.stamp_ns == stamp_ns) {
+        if self.latest.as_ref().is_some_and(|before| before.stamp_ns == stamp_ns) {
             return false;
         }
         let (mut q, mut dq) = ([0.0; JOINTS_MAX], [0.0; JOINTS_MAX]);
@@ -28,6 +28,6 @@ impl Link {
             self.depart(format!("mode_machine became {}", state.mode_machine));
         }
         self.mode_machine = Some(state.mode_machine);
-        self.take_sample(stamp_ns, q, dq, now)
+        self.receive_sample(stamp_ns, q, dq, now)
     }
 }

@@ -60,7 +60,7 @@ impl Default for Reference {
 impl Reference {
     /// Takes the reference of joint `j` that the robot had at `at`, by this machine's clock. An older one than the newest says
     /// nothing.
-    pub fn hear(&mut self, j: usize, q: f64, at: Stamp) {
+    pub fn receive(&mut self, j: usize, q: f64, at: Stamp) {
         if at < self.newest[j] {
             return;
         }
@@ -148,16 +148,16 @@ mod tests {
         let rest = JointMotion::rest([0.3; JOINTS_MAX]);
         assert!(!reference.stands(0b11, Stamp::NONE), "unknown");
         for ms in (0..300).step_by(20) {
-            reference.hear(0, 0.3, at(ms));
-            reference.hear(1, if ms < 100 { 0.2 } else { 0.3 + 1e-5 }, at(ms));
+            reference.receive(0, 0.3, at(ms));
+            reference.receive(1, if ms < 100 { 0.2 } else { 0.3 + 1e-5 }, at(ms));
         }
         assert!(
             !reference.stands(0b11, Stamp::NONE),
             "it was seen to stand from 100 ms to 280 ms, whatever came later"
         );
-        reference.hear(0, 0.3, at(300));
+        reference.receive(0, 0.3, at(300));
         assert!(!reference.stands(0b11, Stamp::NONE), "joint 1 is silent");
-        reference.hear(1, 0.3, at(300));
+        reference.receive(1, 0.3, at(300));
         assert!(reference.stands(0b11, Stamp::NONE) && !reference.stands(0b111, Stamp::NONE));
         assert!(
             reference.stands(0b11, at(100)) && !reference.stands(0b11, at(101)),
@@ -165,20 +165,20 @@ mod tests {
         );
         assert!(reference.meets(&rest, 2) && !reference.meets(&moving(0.3, 0.1), 2));
         assert!(!reference.meets(&JointMotion::rest([0.301; JOINTS_MAX]), 2));
-        reference.hear(1, f64::NAN, at(302));
-        reference.hear(0, 0.3, at(505));
+        reference.receive(1, f64::NAN, at(302));
+        reference.receive(0, 0.3, at(505));
         assert!(!reference.stands(0b11, Stamp::NONE) && !reference.meets(&rest, 2));
         // It does not stay.
-        reference.hear(1, 0.3, at(304));
-        reference.hear(1, 0.3, at(505));
+        reference.receive(1, 0.3, at(304));
+        reference.receive(1, 0.3, at(505));
         assert!(reference.stands(0b11, Stamp::NONE) && reference.meets(&rest, 2));
         // A setpoint of long ago comes late.
-        reference.hear(1, 0.26, at(100));
+        reference.receive(1, 0.26, at(100));
         assert!(reference.stands(0b11, Stamp::NONE) && reference.meets(&rest, 2));
         // A joint that moved later counts for all.
-        reference.hear(0, 0.29, at(600));
-        reference.hear(1, 0.2, at(550));
-        reference.hear(1, 0.2, at(780));
+        reference.receive(0, 0.29, at(600));
+        reference.receive(1, 0.2, at(550));
+        reference.receive(1, 0.2, at(780));
         assert!(!reference.stands(0b10, Stamp::NONE));
     }
 

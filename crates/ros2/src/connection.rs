@@ -2,14 +2,17 @@
 //! loop.
 
 mod hands;
-mod low;
+mod low_state;
 
 use self::hands::Hands;
-use crate::around;
 use crate::clock::RobotClock;
 use crate::curves::{self, Curves};
 pub use crate::dds::Message;
-use crate::dds::{Controller, Member, TAKEN_MAX, any, failed, join, kept, readers, take, twice};
+use crate::dds::{
+    Controller, Member, TAKEN_MAX, best_effort_qos, failed, join_domain, reader_pair, readers, take_messages,
+    transient_local_qos,
+};
+use crate::discovery;
 use crate::emergency::EmergencyStop;
 use crate::estimate::Sample;
 use crate::gravity::Gravity;
@@ -37,7 +40,7 @@ const LOOK_NS: u64 = 250_000_000;
 
 /// A controller as it shows itself.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Seen {
+pub struct ControllerStatus {
     /// Its name.
     pub name: String,
     /// Its command topic, as ROS names it.
@@ -52,13 +55,13 @@ pub struct Seen {
     pub publishers: usize,
 }
 
-impl Seen {
-    fn of(controller: &Controller, now: Stamp) -> Self {
+impl ControllerStatus {
+    fn new(controller: &Controller, now: Stamp) -> Self {
         Self {
             name: controller.name.clone(),
             topic: controller.topic.clone(),
             active: controller.states.is_none()
-                || controller.heard.is_some_and(|heard| now.since(heard) <= CONTROLLER_SILENT_NS),
+                || controller.last_message.is_some_and(|heard| now.since(heard) <= CONTROLLER_SILENT_NS),
             other_joints: controller.other_joints,
             readers: controller.readers,
             publishers: controller.publishers,
@@ -68,7 +71,7 @@ impl Seen {
 
 /// The newest state of all joints.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Heard {
+pub struct LatestState {
     /// The sample, by this machine's clock.
     pub sample: Sample,
     /// Stamp of the robot's clock, ns.
@@ -84,13 +87,13 @@ enum States {
 }
 
 /// Messages that the robot gets, and whether it follows them.
-enum Talk {
+enum Sender {
     Curves(Curves),
     Stream(Stream),
 }
 
 /// The connection.
-pub struct Link {
+pub struct Connection {
     joint_names: Vec<String>,
     prefer_difference: bool,
     delay_ns: u64,
@@ -106,18 +109,18 @@ pub struct Link {
     /// The robot's clock.
     pub clock: RobotClock,
     /// The newest state of all joints.
-    pub heard: Option<Heard>,
+    pub latest: Option<LatestState>,
     /// Sentence on the last joint state that was not complete.
     pub incomplete: Option<String>,
     /// Number of stamps that were not believed.
-    pub disbelieved: u64,
+    pub rejected_stamps: u64,
     /// The emergency stop is pressed. None before the first message, and once its publisher left.
     pub pressed: Option<bool>,
     /// The robot's own description.
     pub urdf: Option<String>,
     /// Robot type that `rt/lowstate` reports.
     pub mode_machine: Option<u8>,
-    talk: Talk,
+    sender: Sender,
     /// The participant that reports the joint states.
     reporter: Option<[u8; 16]>,
     members: [Member; 2],
@@ -125,10 +128,10 @@ pub struct Link {
     participants: usize,
 }
 
-impl Link {
+impl Connection {
     /// Joins the robot's domain. With `sends`, it may send.
     pub fn open(model: &Model, settings: &Ros2Settings, interface: SetpointKind, sends: bool) -> Result<Self, String> {
-        let members = join(settings)?;
+        let members = join_domain(settings)?;
         let publisher = members[0].participant.create_publisher(QosKind::Default, NO_LISTENER, NO_STATUS);
         let publisher = publisher.map_err(failed("publisher"))?;
         let (joints, order) = (model.joint_mask(), (0..model.count).collect());
@@ -141,18 +144,19 @@ impl Link {
             .then(|| EmergencyStop::open(&members[0], &settings.emergency_stop_topic))
             .transpose()?;
         let is_ros = interface != SetpointKind::ArmSdk;
-        let describe = || readers(&members[0], "/robot_description", [kept()]).map(|[description]| description);
+        let describe =
+            || readers(&members[0], "/robot_description", [transient_local_qos()]).map(|[description]| description);
         let states = if is_ros {
-            States::Joints(twice(&members, &settings.joint_states_topic)?)
+            States::Joints(reader_pair(&members, &settings.joint_states_topic)?)
         } else {
             // At 500 Hz a lost state is no matter.
-            let [low] = readers(&members[0], "/lowstate", [any()])?;
+            let [low] = readers(&members[0], "/lowstate", [best_effort_qos()])?;
             States::Low(low)
         };
         let (a_max, delay_ns) = (model.limits.map(|limits| limits.a_max), (settings.delay_ms * 1e6) as u64);
-        let talk = match interface {
-            SetpointKind::Trajectories => Talk::Curves(Curves::new(model.count, delay_ns, a_max)),
-            _ => Talk::Stream(Stream::new(model.count, period_ticks(interface), !is_ros, a_max)),
+        let sender = match interface {
+            SetpointKind::Trajectories => Sender::Curves(Curves::new(model.count, delay_ns, a_max)),
+            _ => Sender::Stream(Stream::new(model.count, period_ticks(interface), !is_ros, a_max)),
         };
         Ok(Self {
             joint_names: model.joint_names.clone(),
@@ -162,18 +166,18 @@ impl Link {
             hands,
             states,
             motors: model.driver.motors.clone(),
-            gravity: (!is_ros).then(|| Gravity::of(model)),
+            gravity: (!is_ros).then(|| Gravity::new(model)),
             emergency,
             description: is_ros.then(describe).transpose()?,
             builtin: members[0].participant.get_builtin_subscriber(),
             clock: RobotClock::default(),
-            heard: None,
+            latest: None,
             incomplete: None,
-            disbelieved: 0,
+            rejected_stamps: 0,
             pressed: None,
             urdf: None,
             mode_machine: None,
-            talk,
+            sender,
             reporter: None,
             members,
             looked: Stamp::NONE,
@@ -182,14 +186,14 @@ impl Link {
     }
 
     /// Takes what arrived. Returns true if a new complete joint state is among it.
-    pub fn hear(&mut self, now: Stamp) -> bool {
-        let mut news = false;
+    pub fn receive(&mut self, now: Stamp) -> bool {
+        let mut is_new = false;
         let joints = |states: &DataReader<JointState>| {
             states.take(TAKEN_MAX, ANY_SAMPLE_STATE, ANY_VIEW_STATE, ANY_INSTANCE_STATE).unwrap_or_default()
         };
         let (states, lows) = match &self.states {
             States::Joints(states) => (states.each_ref().map(joints).into_iter().flatten().collect(), Vec::new()),
-            States::Low(states) => (Vec::new(), take(states)),
+            States::Low(states) => (Vec::new(), take_messages(states)),
         };
         // A state that came twice is older than itself.
         for sample in states {
@@ -197,32 +201,33 @@ impl Link {
             // A robot that started again is another one: its driver must start again, too.
             if let Some(state) = sample.data
                 && self.reporter.is_none_or(|reporter| reporter == from)
-                && self.take_state(&state, now)
+                && self.receive_joint_state(&state, now)
             {
-                (news, self.reporter) = (true, Some(from));
+                (is_new, self.reporter) = (true, Some(from));
             }
         }
         for state in lows {
-            news |= self.take_low(&state, now);
+            is_new |= self.receive_low_state(&state, now);
         }
-        if let (true, Some(heard), Talk::Stream(stream)) = (news, &self.heard, &mut self.talk) {
+        if let (true, Some(heard), Sender::Stream(stream)) = (is_new, &self.latest, &mut self.sender) {
             stream.compare(&heard.sample, &self.joint_names);
         }
-        self.hear_controllers(now);
-        self.hands.hear(now);
+        self.receive_controllers(now);
+        self.hands.receive(now);
         if let Some(emergency) = &mut self.emergency {
-            emergency.hear();
+            emergency.receive();
         }
-        if let Some(text) = self.description.as_ref().and_then(|description| take(description).pop()) {
+        if let Some(text) = self.description.as_ref().and_then(|description| take_messages(description).pop()) {
             self.urdf = Some(text.data);
         }
         if now.since(self.looked) >= LOOK_NS {
             self.looked = now;
             let all = self.controllers.iter_mut().chain(self.hands.controllers());
-            self.participants = around::look(&self.builtin, &self.members[0], all, self.emergency.as_mut());
+            self.participants =
+                discovery::count_endpoints(&self.builtin, &self.members[0], all, self.emergency.as_mut());
         }
         self.pressed = self.emergency.as_ref().and_then(EmergencyStop::pressed);
-        news
+        is_new
     }
 
     /// Stops listening to what only the preflight needs.
@@ -233,12 +238,12 @@ impl Link {
         }
     }
 
-    fn hear_controllers(&mut self, now: Stamp) {
-        let Talk::Curves(curves) = &mut self.talk else { return };
+    fn receive_controllers(&mut self, now: Stamp) {
+        let Sender::Curves(curves) = &mut self.sender else { return };
         for controller in &mut self.controllers {
             let Some(states) = &controller.states else { continue };
-            for state in states.each_ref().map(take).into_iter().flatten() {
-                controller.heard = Some(now);
+            for state in states.each_ref().map(take_messages).into_iter().flatten() {
+                controller.last_message = Some(now);
                 let place = |name: &String| state.joint_names.iter().position(|other| other == name);
                 let places: Vec<Option<usize>> = controller.joint_names.iter().map(place).collect();
                 let all = places.iter().all(Option::is_some);
@@ -249,42 +254,42 @@ impl Link {
                 for (j, place) in joints.zip(places) {
                     let positions = &state.reference.positions;
                     let q = place.and_then(|place| positions.get(place)).copied().unwrap_or(f64::NAN);
-                    curves.hear(j, &self.joint_names[j], q, at);
+                    curves.receive(j, &self.joint_names[j], q, at);
                 }
             }
         }
     }
 
     fn depart(&mut self, why: String) {
-        match &mut self.talk {
-            Talk::Curves(curves) => curves.depart(why),
-            Talk::Stream(stream) => stream.depart(why),
+        match &mut self.sender {
+            Sender::Curves(curves) => curves.depart(why),
+            Sender::Stream(stream) => stream.depart(why),
         }
     }
 
     /// Why the robot does not follow. None while it executes what it is sent.
     pub fn departed(&self) -> Option<&str> {
-        match &self.talk {
-            Talk::Curves(curves) => curves.departed(),
-            Talk::Stream(stream) => stream.departed(),
+        match &self.sender {
+            Sender::Curves(curves) => curves.departed(),
+            Sender::Stream(stream) => stream.departed(),
         }
     }
 
     /// Positions at which the robot is held: the controllers' own setpoints, or what they were sent. Before that, the measured
     /// posture. In rad or m.
     pub fn held(&self) -> [f64; JOINTS_MAX] {
-        match (&self.talk, &self.heard) {
-            (Talk::Curves(curves), _) => curves.held(),
-            (Talk::Stream(stream), Some(heard)) if stream.is_released() && stream.departed().is_none() => {
+        match (&self.sender, &self.latest) {
+            (Sender::Curves(curves), _) => curves.held(),
+            (Sender::Stream(stream), Some(heard)) if stream.is_released() && stream.departed().is_none() => {
                 heard.sample.q
             }
-            (Talk::Stream(stream), _) => *stream.held(),
+            (Sender::Stream(stream), _) => *stream.held(),
         }
     }
 
     /// True if controllers publish their own state.
     pub const fn has_states(&self) -> bool {
-        matches!(self.talk, Talk::Curves(_))
+        matches!(self.sender, Sender::Curves(_))
     }
 
     /// Words on a robot that departed.
@@ -306,7 +311,7 @@ impl Link {
         matches!(self.states, States::Joints(_))
     }
 
-    fn take_state(&mut self, state: &JointState, now: Stamp) -> bool {
+    fn receive_joint_state(&mut self, state: &JointState, now: Stamp) -> bool {
         let (mut q, mut dq) = ([0.0; JOINTS_MAX], [0.0; JOINTS_MAX]);
         for (j, name) in self.joint_names.iter().enumerate() {
             let mut places = state.name.iter().enumerate().filter(|(_, other)| *other == name);
@@ -321,7 +326,7 @@ impl Link {
                 return false;
             }
         }
-        let is_newer = self.take_sample(state.header.stamp.ns(), q, dq, now);
+        let is_newer = self.receive_sample(state.header.stamp.ns(), q, dq, now);
         if is_newer {
             self.hands.measure(state, now);
         }
@@ -329,26 +334,26 @@ impl Link {
     }
 
     /// Takes a complete state. Returns true if it is newer than the one before, and its stamp is believed.
-    fn take_sample(&mut self, stamp_ns: i64, q: [f64; JOINTS_MAX], mut dq: [f64; JOINTS_MAX], now: Stamp) -> bool {
-        if !self.clock.hear(stamp_ns, now) {
-            self.disbelieved += 1;
+    fn receive_sample(&mut self, stamp_ns: i64, q: [f64; JOINTS_MAX], mut dq: [f64; JOINTS_MAX], now: Stamp) -> bool {
+        if !self.clock.receive(stamp_ns, now) {
+            self.rejected_stamps += 1;
             if self.clock.offset_ns().is_none() {
                 // The clock is taken again from the next stamp on.
-                self.heard = None;
+                self.latest = None;
                 self.depart("the robot's clock jumped".to_owned());
-                if let Talk::Curves(curves) = &mut self.talk {
+                if let Sender::Curves(curves) = &mut self.sender {
                     curves.lose_clock(now);
                 }
             }
             return false;
         }
-        if self.heard.as_ref().is_some_and(|heard| stamp_ns <= heard.stamp_ns) {
+        if self.latest.as_ref().is_some_and(|heard| stamp_ns <= heard.stamp_ns) {
             return false;
         }
         let measured = self.clock.here(stamp_ns).map_or(now, |here| here.min(now));
         // A robot may report no velocities. Then they are the differences of its positions.
         self.prefer_difference |= dq[..self.joint_names.len()].iter().any(|dq| !dq.is_finite());
-        let before = self.heard.as_ref();
+        let before = self.latest.as_ref();
         if self.prefer_difference {
             let since_s = before.map_or(0.0, |before| (stamp_ns - before.stamp_ns) as f64 * 1e-9);
             dq = std::array::from_fn(|j| match before {
@@ -357,22 +362,22 @@ impl Link {
             });
         }
         let count = before.map_or(0, |before| before.count) + 1;
-        self.heard = Some(Heard { sample: Sample { measured, q, dq }, stamp_ns, count });
+        self.latest = Some(LatestState { sample: Sample { measured, q, dq }, stamp_ns, count });
         true
     }
 
     /// The controllers as they show themselves at `now`.
-    pub fn controllers(&self, now: Stamp) -> Vec<Seen> {
-        self.controllers.iter().map(|controller| Seen::of(controller, now)).collect()
+    pub fn controllers(&self, now: Stamp) -> Vec<ControllerStatus> {
+        self.controllers.iter().map(|controller| ControllerStatus::new(controller, now)).collect()
     }
 
     /// The messages of a command, one for each controller. None while the robot's clock is not known. A robot with a weight
     /// would get the weight 0.
     pub fn messages(&self, command: &Command) -> Option<Vec<Message>> {
         let position = Position { q: command.motion.q, weight: 0.0 };
-        let message = |controller: &Controller| match &self.talk {
-            Talk::Curves(curves) => self.trajectory(curves, controller, command),
-            Talk::Stream(_) => Some(self.position(controller, &position)),
+        let message = |controller: &Controller| match &self.sender {
+            Sender::Curves(curves) => self.trajectory(curves, controller, command),
+            Sender::Stream(_) => Some(self.position(controller, &position)),
         };
         self.controllers.iter().map(message).collect()
     }
@@ -381,7 +386,7 @@ impl Link {
         let (first, points) = curves.points(command, controller.joints);
         let stamp_ns = self.clock.there_ns(first.plus_ns(self.delay_ns))?;
         Some(Message::Trajectory(JointTrajectory {
-            header: Header { stamp: Time::of_ns(stamp_ns), frame_id: String::new() },
+            header: Header { stamp: Time::from_ns(stamp_ns), frame_id: String::new() },
             joint_names: controller.joint_names.clone(),
             points: points.into_iter().map(Into::into).collect(),
         }))
@@ -402,23 +407,23 @@ impl Link {
         let pressed = if self.emergency.is_none() { Some(false) } else { self.pressed };
         let active = self.controllers(now).iter().all(|seen| seen.active && !seen.other_joints)
             && (!self.has_states() || self.clock.is_settled(now));
-        match &mut self.talk {
-            Talk::Curves(curves) => {
+        match &mut self.sender {
+            Sender::Curves(curves) => {
                 let Some(command) = commands.last() else { return curves.follows() };
                 let joints = self.controllers.iter().fold(0, |all, controller| all | controller.joints);
-                if !curves.prepare(commands, &curves::Known { now, joints, active, pressed }) {
+                if !curves.prepare(commands, &curves::Observation { now, joints, active, pressed }) {
                     return false;
                 }
                 let Some(messages) = self.messages(command) else { return false };
                 self.write(messages);
-                if let Talk::Curves(curves) = &mut self.talk {
+                if let Sender::Curves(curves) = &mut self.sender {
                     curves.sent(command);
                 }
                 true
             }
-            Talk::Stream(stream) => {
-                let sample = self.heard.as_ref().map(|heard| &heard.sample);
-                let position = stream.next(commands, &stream::Known { now, sample, pressed });
+            Sender::Stream(stream) => {
+                let sample = self.latest.as_ref().map(|heard| &heard.sample);
+                let position = stream.next(commands, &stream::Observation { now, sample, pressed });
                 let follows = stream.follows();
                 if let Some(position) = position {
                     self.write(self.controllers.iter().map(|one| self.position(one, &position)).collect());
@@ -437,43 +442,43 @@ impl Link {
     }
 
     /// Notes at `now` that the robot fell silent, if it did.
-    pub fn mind_silence(&mut self, now: Stamp) {
-        let states = self.heard.as_ref().is_some_and(|heard| now.since(heard.sample.measured) <= CONTROLLER_SILENT_NS);
+    pub fn check_silence(&mut self, now: Stamp) {
+        let states = self.latest.as_ref().is_some_and(|heard| now.since(heard.sample.measured) <= CONTROLLER_SILENT_NS);
         if states && self.controllers(now).iter().all(|seen| seen.active) {
             return;
         }
-        match &mut self.talk {
-            Talk::Curves(curves) => curves.fall_silent(),
-            Talk::Stream(stream) => stream.depart("the robot fell silent".to_owned()),
+        match &mut self.sender {
+            Sender::Curves(curves) => curves.fall_silent(),
+            Sender::Stream(stream) => stream.depart("the robot fell silent".to_owned()),
         }
     }
 
     /// Takes the robot over at the measured posture, and returns when it follows. A weight takes 5 s to rise. The error says
     /// why the robot did not stay there. It has been given back then.
     pub fn begin(&mut self) -> Result<(), String> {
-        let (Talk::Stream(stream), Some(heard)) = (&mut self.talk, &self.heard) else { return Ok(()) };
+        let (Sender::Stream(stream), Some(heard)) = (&mut self.sender, &self.latest) else { return Ok(()) };
         stream.begin(&heard.sample.q, rt::now());
-        self.turn(|stream| stream.follows() || stream.is_released());
+        self.run_until(|stream| stream.follows() || stream.is_released());
         let why = self.departed().map(|why| format!("the robot was not taken over: {why}"));
         why.map_or(Ok(()), Err)
     }
 
     /// Stops the robot if nobody in it does, and gives it back.
     pub fn end(&mut self) {
-        if let Talk::Stream(stream) = &mut self.talk {
+        if let Sender::Stream(stream) = &mut self.sender {
             stream.end();
-            self.turn(Stream::is_released);
+            self.run_until(Stream::is_released);
         }
     }
 
     /// Hears and sends without the loop, until the stream is so.
-    fn turn(&mut self, until: impl Fn(&Stream) -> bool) {
-        while let Talk::Stream(stream) = &self.talk
+    fn run_until(&mut self, until: impl Fn(&Stream) -> bool) {
+        while let Sender::Stream(stream) = &self.sender
             && !until(stream)
         {
             let now = rt::now();
-            self.hear(now);
-            self.mind_silence(now);
+            self.receive(now);
+            self.check_silence(now);
             self.send(&[], now);
             rt::sleep_until(now.plus_ns(TURN_NS));
         }

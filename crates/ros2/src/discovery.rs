@@ -17,7 +17,7 @@ fn alive<T: TypeSupport>(builtin: &Subscriber, name: &str) -> Vec<T> {
 }
 
 /// Counts who is on the topics. Returns the number of participants that were discovered, our own two among them.
-pub(crate) fn look<'a>(
+pub(crate) fn count_endpoints<'a>(
     builtin: &Subscriber,
     member: &Member,
     controllers: impl Iterator<Item = &'a mut Controller>,
@@ -38,7 +38,7 @@ pub(crate) fn look<'a>(
             found.topic_name() == emergency.topic && there.contains(&&found.key().value[..12])
         };
         let count = publications.iter().filter(publishes).count();
-        emergency.note_publishers(count);
+        emergency.set_publisher_count(count);
     }
     for controller in controllers {
         let name = topic(&controller.topic);

@@ -1,32 +1,32 @@
 //! The grippers' topics: what their controllers and the joint states say, and the messages that they get.
 
-use super::{Link, Seen};
+use super::{Connection, ControllerStatus};
 use crate::curves::BEFORE_NS;
-use crate::dds::{Controller, Member, Message, take};
-use crate::hands::{Hand, Known};
+use crate::dds::{Controller, Member, Message, take_messages};
+use crate::hands::{Hand, Observation};
 use crate::ros::{Header, JointState, JointTrajectory, Time};
 use dust_dds::publication::publisher::Publisher;
 use messages::{GripperMotion, GripperState, Layout, Stamp, tick_at};
 use robot::{Model, SetpointKind};
 
 /// A hand and its controller.
-struct Own {
+struct DrivenHand {
     side: usize,
     hand: Hand,
     controller: Controller,
 }
 
-impl Own {
+impl DrivenHand {
     /// Why it can be sent nothing at `now`.
     fn hindrance(&self, missing: Option<&str>, now: Stamp) -> Option<String> {
-        missing.map(str::to_owned).or_else(|| Seen::of(&self.controller, now).fault(true))
+        missing.map(str::to_owned).or_else(|| ControllerStatus::new(&self.controller, now).fault(true))
     }
 }
 
 /// The hands of one robot. Empty for a robot without trajectory controllers, and for one without grippers.
 #[derive(Default)]
 pub(super) struct Hands {
-    all: Vec<Own>,
+    all: Vec<DrivenHand>,
     /// Why the description does not allow the grippers.
     refused: Option<String>,
     /// Why the newest joint state did not have all fingers.
@@ -48,7 +48,7 @@ impl Hands {
             }
             let names = gripper.fingers.iter().map(|finger| finger.joint.clone()).collect();
             let controller = Controller::of_fingers(&gripper.controller, names, members, publisher)?;
-            all.push(Own { side, hand: Hand::new(side, gripper.clone()), controller });
+            all.push(DrivenHand { side, hand: Hand::new(side, gripper.clone()), controller });
         }
         let lacking = Some("joint_states has not named the fingers yet".to_owned());
         Ok(Self { all, refused: None, lacking })
@@ -113,11 +113,11 @@ impl Hands {
     }
 
     /// Takes what their controllers published.
-    pub(super) fn hear(&mut self, now: Stamp) {
-        for Own { hand, controller, .. } in &mut self.all {
+    pub(super) fn receive(&mut self, now: Stamp) {
+        for DrivenHand { hand, controller, .. } in &mut self.all {
             let Some(states) = &controller.states else { continue };
-            for state in states.each_ref().map(take).into_iter().flatten() {
-                controller.heard = Some(now);
+            for state in states.each_ref().map(take_messages).into_iter().flatten() {
+                controller.last_message = Some(now);
                 let q = |name: &String| {
                     let place = state.joint_names.iter().position(|other| other == name)?;
                     state.reference.positions.get(place).copied()
@@ -125,13 +125,13 @@ impl Hands {
                 let reference: Option<Vec<f64>> = controller.joint_names.iter().map(q).collect();
                 controller.other_joints =
                     reference.is_none() || state.joint_names.len() != controller.joint_names.len();
-                hand.hear(&reference.unwrap_or_default(), now);
+                hand.receive(&reference.unwrap_or_default(), now);
             }
         }
     }
 }
 
-impl Link {
+impl Connection {
     /// Takes the robot's description for the grippers.
     pub fn describe_hands(&mut self) {
         self.hands.describe(self.urdf.as_deref());
@@ -160,13 +160,13 @@ impl Link {
                 continue;
             }
             let Some(motion) = motion else { continue };
-            let Some((first, points)) = own.hand.next(k, motion, &Known { now, follows, before_ticks }) else {
+            let Some((first, points)) = own.hand.next(k, motion, &Observation { now, follows, before_ticks }) else {
                 continue;
             };
             let Some(stamp_ns) = self.clock.there_ns(first.plus_ns(self.delay_ns)) else { continue };
             if let Some(writer) = &own.controller.writer {
                 writer.write(Message::Trajectory(JointTrajectory {
-                    header: Header { stamp: Time::of_ns(stamp_ns), frame_id: String::new() },
+                    header: Header { stamp: Time::from_ns(stamp_ns), frame_id: String::new() },
                     joint_names: own.controller.joint_names.clone(),
                     points: points.into_iter().map(Into::into).collect(),
                 }));
