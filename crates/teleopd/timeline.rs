@@ -21,7 +21,7 @@ impl Timeline {
     }
 
     /// Records that tick `k` ran. `k` must not decrease.
-    pub fn note(&mut self, k: u64) {
+    pub fn add(&mut self, k: u64) {
         let room = self.runs.len() < RUNS_MAX;
         match self.runs.last_mut() {
             Some((first, length)) if *first + *length == k => *length += 1,
@@ -72,9 +72,9 @@ mod tests {
     fn ticks_are_counted_in_any_window_with_gaps() {
         let mut timeline = Timeline::new();
         for k in (10..20).chain(25..30).chain(31..40) {
-            timeline.note(k);
+            timeline.add(k);
         }
-        timeline.note(39);
+        timeline.add(39);
         assert_eq!(timeline.span(), Some((10, 39)));
         assert_eq!(timeline.ticks_within(10, 39), 24);
         assert_eq!(timeline.ticks_within(0, 9), 0);

@@ -73,7 +73,7 @@ pub struct Checker {
     mode: u32,
     /// Index at which Engaging last began from rest.
     engaged_k: Option<u64>,
-    room: Workspace,
+    workspace: Workspace,
     /// Least clearance that is no violation, m.
     allowed_m: f64,
     frames: Frames,
@@ -88,18 +88,28 @@ type Points = [[f64; 3]; 4];
 impl Checker {
     /// Begins with the setpoint that is held at the start.
     pub fn new(config: &Config, held: Setpoint) -> Self {
-        let mut room = config.body.workspace();
-        let allowed_m = allowed(config, &held, &mut room);
+        let mut workspace = config.body.workspace();
+        let allowed_m = allowed(config, &held, &mut workspace);
         let mut frames = Frames::default();
         let points = points(config, &mut frames, &held.q);
         let mode = Mode::Disengaged as u32;
         let own_stop_until_k = own_stop_end(config, &held);
-        Self { last: held, splined: held, mode, engaged_k: None, room, allowed_m, frames, own_stop_until_k, points }
+        Self {
+            last: held,
+            splined: held,
+            mode,
+            engaged_k: None,
+            workspace,
+            allowed_m,
+            frames,
+            own_stop_until_k,
+            points,
+        }
     }
 
     /// Begins again at `held`. No command led a robot without drives to where it was found.
     pub fn hold(&mut self, config: &Config, held: &Setpoint) {
-        self.allowed_m = allowed(config, held, &mut self.room);
+        self.allowed_m = allowed(config, held, &mut self.workspace);
         (self.last, self.splined, self.engaged_k) = (*held, *held, None);
         self.points = points(config, &mut self.frames, &held.q);
         self.own_stop_until_k = own_stop_end(config, held);
@@ -107,10 +117,10 @@ impl Checker {
 
     /// Takes the step to index `k` as a new motion that `control` has proved. The driver's own stop no longer
     /// excuses it.
-    pub(crate) fn obey(&mut self, config: &Config, k: u64) {
+    pub(crate) fn accept(&mut self, config: &Config, k: u64) {
         if k <= self.own_stop_until_k {
             self.own_stop_until_k = k.saturating_sub(1);
-            let (clearance_m, _) = config.body.clearance(&config.model, &self.last.q, &mut self.room);
+            let (clearance_m, _) = config.body.clearance(&config.model, &self.last.q, &mut self.workspace);
             self.allowed_m = self.allowed_m.max(clearance_m.min(config.body.d_min_m));
         }
     }
@@ -150,14 +160,14 @@ impl Checker {
     }
 
     fn keep_clear(&mut self, config: &Config, report: &mut Report, to: &Setpoint) {
-        let (clearance_m, pair) = config.body.clearance(&config.model, &to.q, &mut self.room);
+        let (clearance_m, pair) = config.body.clearance(&config.model, &to.q, &mut self.workspace);
         report.min_clearance_m = report.min_clearance_m.min(clearance_m);
         if self.allowed_m >= config.body.d_min_m {
             report.min_proved_clearance_m = report.min_proved_clearance_m.min(clearance_m);
         }
         let clear = clearance_m >= self.allowed_m - TOLERANCE_CLEARANCE_M;
         if !clear {
-            note(report, ViolationKind::Clearance, to.k, pair, clearance_m, self.allowed_m);
+            count(report, ViolationKind::Clearance, to.k, pair, clearance_m, self.allowed_m);
         }
         if to.k > self.own_stop_until_k {
             self.allowed_m = self.allowed_m.max(clearance_m.min(config.body.d_min_m));
@@ -172,7 +182,7 @@ impl Checker {
             let moved_m = (0..3).map(|i| (to_point[i] - from[i]).powi(2)).sum::<f64>().sqrt();
             let slow = moved_m <= config.hand_speed_max_m_per_s * dt + TOLERANCE_HAND_M;
             if !slow {
-                note(report, ViolationKind::HandSpeed, to.k, i, moved_m / dt, config.hand_speed_max_m_per_s);
+                count(report, ViolationKind::HandSpeed, to.k, i, moved_m / dt, config.hand_speed_max_m_per_s);
             }
         }
         self.points = now;
@@ -205,8 +215,8 @@ impl Checker {
 
 /// Returns the least clearance that is allowed in an unproved stop from `held`, m. It is the bound for the
 /// joints' true motion, or the present clearance if that is less.
-fn allowed(config: &Config, held: &Setpoint, room: &mut Workspace) -> f64 {
-    let (clearance_m, _) = config.body.clearance(&config.model, &held.q, room);
+fn allowed(config: &Config, held: &Setpoint, workspace: &mut Workspace) -> f64 {
+    let (clearance_m, _) = config.body.clearance(&config.model, &held.q, workspace);
     let margin_m = if held.v == [0.0; JOINTS_MAX] { 0.0 } else { CLEARANCE_MARGIN_M };
     clearance_m.min(config.body.d_min_m - margin_m)
 }
@@ -230,7 +240,7 @@ fn points(config: &Config, frames: &mut Frames, q: &[f64; JOINTS_MAX]) -> Points
     })
 }
 
-fn note(report: &mut Report, kind: ViolationKind, k: u64, which: usize, value: f64, limit: f64) {
+fn count(report: &mut Report, kind: ViolationKind, k: u64, which: usize, value: f64, limit: f64) {
     report.counts[kind as usize] += 1;
     report.first.get_or_insert(Violation { kind, k, which, value, limit });
 }
@@ -251,12 +261,12 @@ fn check_place(config: &Config, report: &mut Report, from: &Setpoint, to: &Setpo
     let inside = q >= q_min - slack_q && q <= q_max + slack_q;
     if !inside {
         let limit = if q < q_min { q_min } else { q_max };
-        note(report, ViolationKind::Position, to.k, j, q, limit);
+        count(report, ViolationKind::Position, to.k, j, q, limit);
     }
     let peak = peak_velocity(from, to, j);
     let slow = peak <= limits.v_max + slack_v;
     if !slow {
-        note(report, ViolationKind::Velocity, to.k, j, peak, limits.v_max);
+        count(report, ViolationKind::Velocity, to.k, j, peak, limits.v_max);
     }
 }
 
@@ -268,7 +278,7 @@ fn check_torques(config: &Config, report: &mut Report, to: &Setpoint) {
         report.torque_share_max[j] = report.torque_share_max[j].max(torque.abs() / effort);
         let within = torque.abs() <= effort;
         if !within {
-            note(report, ViolationKind::Torque, to.k, j, torque, effort);
+            count(report, ViolationKind::Torque, to.k, j, torque, effort);
         }
     }
 }
@@ -279,7 +289,7 @@ fn check_change(config: &Config, report: &mut Report, from: &Setpoint, to: &Setp
     let (q, v, a) = (to.q[j], to.v[j], to.a[j]);
     let gentle = a.abs() <= limits.a_max + TOLERANCE_A;
     if !gentle {
-        note(report, ViolationKind::Acceleration, to.k, j, a, limits.a_max);
+        count(report, ViolationKind::Acceleration, to.k, j, a, limits.a_max);
     }
     let dt = to.k.saturating_sub(from.k) as f64 * TICK_S;
     let jerk = (a - from.a[j]).abs() / dt;
@@ -290,7 +300,7 @@ fn check_change(config: &Config, report: &mut Report, from: &Setpoint, to: &Setp
         && off_q <= limits.j_max * dt * dt * dt / 12.0 + TOLERANCE_Q;
     if !within {
         let needed = jerk.max(4.0 * off_v / (dt * dt)).max(12.0 * off_q / (dt * dt * dt));
-        note(report, ViolationKind::Jerk, to.k, j, needed, limits.j_max);
+        count(report, ViolationKind::Jerk, to.k, j, needed, limits.j_max);
     }
 }
 

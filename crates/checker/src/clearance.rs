@@ -73,11 +73,11 @@ impl Body {
         &self,
         model: &Model,
         q: &[f64; messages::JOINTS_MAX],
-        room: &mut Workspace,
+        workspace: &mut Workspace,
     ) -> (f64, usize) {
-        model.forward(q, &mut room.frames);
-        for (axis, capsule) in room.axes.iter_mut().zip(&self.capsules) {
-            let pose = &room.frames.base_from_body[capsule.body];
+        model.forward(q, &mut workspace.frames);
+        for (axis, capsule) in workspace.axes.iter_mut().zip(&self.capsules) {
+            let pose = &workspace.frames.base_from_body[capsule.body];
             for (out, p) in axis.iter_mut().zip(&capsule.ends) {
                 *out = std::array::from_fn(|row| {
                     pose.r[(row, 0)] * p[0] + pose.r[(row, 1)] * p[1] + pose.r[(row, 2)] * p[2] + pose.t[row]
@@ -86,7 +86,7 @@ impl Body {
         }
         let mut least = (f64::INFINITY, 0);
         for (index, pair) in self.pairs.iter().enumerate() {
-            let (a, b) = (&room.axes[pair.a], &room.axes[pair.b]);
+            let (a, b) = (&workspace.axes[pair.a], &workspace.axes[pair.b]);
             // Balls around the capsules: a pair whose balls are farther apart than the least so far cannot be
             // nearer.
             let reach = self.capsules[pair.a].half_length_m + self.capsules[pair.b].half_length_m + pair.radii_m;
@@ -100,7 +100,9 @@ impl Body {
                 least = (clearance, index);
             }
         }
-        for (i, (axis, capsule)) in room.axes.iter().zip(&self.capsules).enumerate().filter(|(_, (_, c))| c.body != 0) {
+        for (i, (axis, capsule)) in
+            workspace.axes.iter().zip(&self.capsules).enumerate().filter(|(_, (_, c))| c.body != 0)
+        {
             for (k, obstacle) in self.obstacles.iter().enumerate() {
                 let clearance = obstacle.distance(axis) - capsule.radius_m;
                 if clearance < least.0 {

@@ -101,22 +101,22 @@ pub fn drive(
 ) -> DriveOutput {
     let State { drive, checks } = state;
     (checks.mode, checks.measured) = (drive.follower().mode, drive.measured().q);
-    driver::drive(&config.follower, drive, now, input, port, &mut Watching { config, checks })
+    driver::drive(&config.follower, drive, now, input, port, &mut CheckingObserver { config, checks })
 }
 
 /// The checker while the driver's tick runs.
-struct Watching<'a> {
+struct CheckingObserver<'a> {
     config: &'a Config,
     checks: &'a mut Checks,
 }
 
-impl Observer for Watching<'_> {
+impl Observer for CheckingObserver<'_> {
     fn step(&mut self, step: &Step, command: Option<&JointCommand>) {
         let Self { config, checks: Checks { controllers, checker, report, sent, measured, mode } } = self;
         if step.kind == StepKind::Command {
             *mode = command.map_or(*mode, |command| command.mode);
             if command.is_some_and(|command| command.flags & command_flag::ON_PLAN == 0) {
-                checker.obey(config, step.setpoint.k);
+                checker.accept(config, step.setpoint.k);
             }
         }
         if step.kind == StepKind::Measured {

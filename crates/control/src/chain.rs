@@ -1,13 +1,13 @@
 //! State from which the next command continues: the chain that `control` sends, compared with what the driver
 //! executes.
 
-use driver::{Chain, ChainView, PlanPlayback, Seed};
+use driver::{ChainView, CommandChain, PlanPlayback, Seed};
 use messages::{JointMotion, RobotState};
 
 /// The sender's record of its command stream. The sender is `control`, or a test program in its place.
 #[derive(Clone, Copy, Debug)]
 pub struct Stream {
-    chain: Chain,
+    chain: CommandChain,
     last_k: u64,
     last: JointMotion,
 }
@@ -57,7 +57,7 @@ impl Stream {
 
     fn begin(stream: &mut Option<Self>, seed: Option<Seed>, incarnation: u32) -> Continue {
         let Some(seed) = seed else { return Continue::Nothing };
-        let chain = Chain { incarnation, seed_k: seed.seed_k, seed_played: seed.seed_played };
+        let chain = CommandChain { incarnation, seed_k: seed.seed_k, seed_played: seed.seed_played };
         *stream = Some(Self { chain, last_k: seed.seed_k + seed.seed_played, last: seed.motion });
         Continue::From(seed.motion)
     }
@@ -68,7 +68,7 @@ impl Stream {
     }
 
     /// The chain that is being sent.
-    pub fn chain(&self) -> Chain {
+    pub fn chain(&self) -> CommandChain {
         self.chain
     }
 }

@@ -1,6 +1,6 @@
 //! Judges if a command continues from the executed state.
 
-use crate::chain::Chain;
+use crate::chain::CommandChain;
 use crate::follower::{Config, State};
 use crate::limits::Point;
 use crate::plan::{PlanPlayback, residue_at_end};
@@ -108,7 +108,7 @@ pub(crate) fn judge(config: &Config, state: &State, command: &JointCommand) -> R
     if command.k.saturating_sub(state.index()) > GAP_MAX_TICKS {
         return Err(Refusal::Gap);
     }
-    if state.chain == Some(Chain::of(command)) {
+    if state.chain == Some(CommandChain::from_command(command)) {
         if played > 0 {
             return Err(Refusal::ChainLeft);
         }

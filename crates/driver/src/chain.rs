@@ -6,7 +6,7 @@ use messages::{JointCommand, JointMotion, RobotState};
 
 /// The name of a chain.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Chain {
+pub struct CommandChain {
     /// Incarnation of the writer.
     pub incarnation: u32,
     /// Index of the command from which the chain continues.
@@ -15,9 +15,9 @@ pub struct Chain {
     pub seed_played: u64,
 }
 
-impl Chain {
+impl CommandChain {
     /// Returns the chain that `command` belongs to.
-    pub const fn of(command: &JointCommand) -> Self {
+    pub const fn from_command(command: &JointCommand) -> Self {
         Self { incarnation: command.header.incarnation, seed_k: command.seed_k, seed_played: command.seed_played }
     }
 
@@ -77,8 +77,8 @@ pub enum ChainView {
 /// `Lost` is certain too, because an identity never returns. A chain is lost in three cases.
 /// The driver has played on past its last command, has passed its seed, or executes a state that the chain
 /// does not begin from.
-pub fn on_chain(echo: &RobotState, chain: &Chain, last_sent_k: u64) -> ChainView {
-    if Chain::executed(echo) == *chain {
+pub fn on_chain(echo: &RobotState, chain: &CommandChain, last_sent_k: u64) -> ChainView {
+    if CommandChain::executed(echo) == *chain {
         let continues = echo.plan_ticks_played == 0 && echo.executed_k <= last_sent_k;
         return if continues { ChainView::Following } else { ChainView::Lost };
     }

@@ -1,7 +1,7 @@
 //! The command follower: executes commands that continue, plays the plan when there is none, and latches on silence.
 
 use crate::acceptance::{self, GAP_MAX_TICKS, Refusal, Rule};
-use crate::chain::Chain;
+use crate::chain::CommandChain;
 use crate::gripper::Grippers;
 use crate::limits::JointLimits;
 use crate::plan::play_tick;
@@ -90,8 +90,8 @@ pub struct State {
     pub executed_k: u64,
     /// Plan ticks played since that index.
     pub plan_ticks_played: u64,
-    /// Chain of the last accepted command.
-    pub chain: Option<Chain>,
+    /// CommandChain of the last accepted command.
+    pub chain: Option<CommandChain>,
     /// True while only the plan is executed, until a reset edge at rest.
     pub latched: bool,
     /// Refused commands, by reason.
@@ -165,7 +165,7 @@ impl State {
 
     /// Returns the message to publish. It copies `header`, but takes the origin of the executed command.
     pub fn echo(&self, config: &Config, header: Header, measured: &Measured) -> RobotState {
-        let chain = self.chain.unwrap_or(Chain { incarnation: 0, seed_k: 0, seed_played: 0 });
+        let chain = self.chain.unwrap_or(CommandChain { incarnation: 0, seed_k: 0, seed_played: 0 });
         let mut flags = 0;
         if self.latched {
             flags |= state_flag::DRIVER_FAULT;
@@ -311,7 +311,7 @@ pub fn tick_each(
     let mut refused = None;
     if let Some(command) = state.look_at(input.command) {
         match state.listen(config, now, command, driven) {
-            Ok(rule) => accepted = Some(state.take(now, command, rule, &mut each)),
+            Ok(rule) => accepted = Some(state.execute(now, command, rule, &mut each)),
             Err(reason) => {
                 state.refused[reason as usize] += 1;
                 refused = Some(reason);
@@ -360,14 +360,14 @@ impl State {
     }
 
     /// Executes an acceptable command.
-    fn take(&mut self, now: Stamp, command: &JointCommand, rule: Rule, each: &mut impl FnMut(&Step)) -> Accepted {
+    fn execute(&mut self, now: Stamp, command: &JointCommand, rule: Rule, each: &mut impl FnMut(&Step)) -> Accepted {
         if let Rule::New { play_ticks } = rule {
             self.play(play_ticks, each);
         }
         self.motion = command.motion();
         self.executed_k = command.k;
         self.plan_ticks_played = 0;
-        self.chain = Some(Chain::of(command));
+        self.chain = Some(CommandChain::from_command(command));
         self.accepted += 1;
         self.mode = command.mode;
         let origin = command.header.origin;

@@ -9,7 +9,7 @@
 //! - **Identity**: the index `c` of the last accepted command and the number `n` of ticks of its stop plan played
 //!   since. The executed state is that of index `c + n`. An identity names a state: no two states of one driver
 //!   share it.
-//! - **Chain**: a run of commands in which every command continues the one before by one tick. Its name is its
+//! - **Command chain**: a run of commands in which every command continues the one before by one tick. Its name is its
 //!   writer's incarnation and its seed. The seed is the identity (`seed_k`, `seed_played`) whose state its first
 //!   command continues. That command has index `seed_k + seed_played + 1`.
 //!
@@ -58,7 +58,7 @@ mod port;
 mod suspension;
 
 pub use acceptance::{GAP_MAX_TICKS, PLAN_MAX_S, REST_TOLERANCE, Refusal};
-pub use chain::{Chain, ChainView, Seed, on_chain, reseed};
+pub use chain::{ChainView, CommandChain, Seed, on_chain, reseed};
 pub use drive::{Drive, DriveInput, DriveOutput, Observer, drive};
 pub use follower::{
     Accepted, Config, Input, MEASURED_AGE_MAX_NS, Output, SETTLE_TICKS, SILENCE_TICKS, STILL_TICKS, State, Step,

@@ -91,8 +91,8 @@ impl JointLimits {
             let phases = jerks.into_iter().zip(durations_s);
             phases.fold([0.0, speed, -braking], |now, (jerk, t)| after(now, jerk, t))[0]
         };
-        let wished = v.abs().min(self.v_max);
-        let speed = largest(wished, |speed| way(speed) <= room);
+        let target = v.abs().min(self.v_max);
+        let speed = largest(target, |speed| way(speed) <= room);
         // A speed as small as this is rounding.
         if speed <= ROUNDING { 0.0 } else { speed.copysign(v) }
     }

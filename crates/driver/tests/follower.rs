@@ -2,7 +2,7 @@
 
 use crate::bench::{Bench, CONFIG, K, measured};
 use driver::{
-    Accepted, Chain, Config, Drive, DriveInput, Driver, GAP_MAX_TICKS, Input, Measured, PlanPlayback, Refusal,
+    Accepted, CommandChain, Config, Drive, DriveInput, Driver, GAP_MAX_TICKS, Input, Measured, PlanPlayback, Refusal,
     SETTLE_TICKS, SILENCE_TICKS, STILL_TICKS, Setpoint, State, drive, reseed, tick,
 };
 use messages::{
@@ -91,7 +91,7 @@ fn command_with_left_chain_or_passed_seed_is_refused() {
     bench.tick(K + 6, None);
     let late = bench.command(K + 7);
     assert_eq!(bench.tick(K + 7, Some(&late)).refused, Some(Refusal::ChainLeft));
-    bench.chain = Chain { seed_k: K + 5, seed_played: 1, ..bench.chain };
+    bench.chain = CommandChain { seed_k: K + 5, seed_played: 1, ..bench.chain };
     let passed = bench.command(K + 8);
     assert_eq!(bench.tick(K + 8, Some(&passed)).refused, Some(Refusal::SeedPassed));
 }

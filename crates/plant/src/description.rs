@@ -88,7 +88,7 @@ pub struct Capsule {
 
 /// Place of a link of the URDF.
 #[derive(Clone, Debug)]
-struct Link {
+struct LinkPlace {
     name: String,
     body: usize,
     body_from_link: Pose,
@@ -112,7 +112,7 @@ pub struct Body {
     /// Payloads of the left and the right hand in the robot file: mass (kg), and place in the frame of the arm's
     /// last body (m). They are not in `inertias`.
     pub payloads: [Option<(f64, Vector3<f64>)>; 2],
-    links: Vec<Link>,
+    links: Vec<LinkPlace>,
 }
 
 impl Inertia {
@@ -295,7 +295,7 @@ struct Tree<'a> {
 
 impl Tree<'_> {
     /// Returns the body of every link and the link's pose in it.
-    fn links(&self, toml: &str, file: &RobotFile) -> Result<Vec<Link>, PlantError> {
+    fn links(&self, toml: &str, file: &RobotFile) -> Result<Vec<LinkPlace>, PlantError> {
         let index = |name: &str, joint: &RawJoint| {
             let known = self.urdf.links.iter().position(|link| link.name == name);
             known.ok_or_else(|| {
@@ -336,17 +336,22 @@ impl Tree<'_> {
     }
 
     /// Climbs from a link to the commanded joint above it.
-    fn locate(&self, start: usize, above: &[Option<(usize, usize)>], file: &RobotFile) -> Result<Link, PlantError> {
+    fn locate(
+        &self,
+        start: usize,
+        above: &[Option<(usize, usize)>],
+        file: &RobotFile,
+    ) -> Result<LinkPlace, PlantError> {
         let name = self.urdf.links[start].name.clone();
         let (mut link, mut pose) = (start, Pose::identity());
         for _ in 0..=above.len() {
             let Some((place, parent)) = above[link] else {
                 // The frame of the base is on the floor.
                 pose.t.z += file.base_height_m;
-                return Ok(Link { name, body: 0, body_from_link: pose });
+                return Ok(LinkPlace { name, body: 0, body_from_link: pose });
             };
             if let Some(j) = self.at.iter().position(|commanded| *commanded == place) {
-                return Ok(Link { name, body: j + 1, body_from_link: pose });
+                return Ok(LinkPlace { name, body: j + 1, body_from_link: pose });
             }
             pose = self.held(&self.urdf.joints[place], file)?.then(&pose);
             link = parent;
@@ -387,7 +392,13 @@ impl Tree<'_> {
         Err(PlantError::value(self.file, &key, format!("{:?}", joint.axis), "must have length 1"))
     }
 
-    fn joint(&self, j: usize, links: &[Link], stricter: &Stricter, controller: usize) -> Result<Joint, PlantError> {
+    fn joint(
+        &self,
+        j: usize,
+        links: &[LinkPlace],
+        stricter: &Stricter,
+        controller: usize,
+    ) -> Result<Joint, PlantError> {
         let raw = &self.urdf.joints[self.at[j]];
         let key = |what: &str| format!("joint `{}`: {what}", raw.name);
         let kind = match raw.kind.as_str() {

@@ -64,8 +64,8 @@ impl Dynamics {
             let pose = &frames.base_from_body[j + 1];
             let axis = pose.r * self.axis[j];
             match self.kind[j] {
-                JointKind::Revolute => join(&axis, &pose.t.cross(&axis)),
-                JointKind::Prismatic => join(&Vector3::zeros(), &axis),
+                JointKind::Revolute => spatial_vector(&axis, &pose.t.cross(&axis)),
+                JointKind::Prismatic => spatial_vector(&Vector3::zeros(), &axis),
             }
         });
         // The base stands still, so its inertia stays zero.
@@ -123,7 +123,7 @@ impl Dynamics {
             let moved = posture.subspace[j] * v[j];
             velocity[j + 1] = velocity[self.parent[j]] + moved;
             coriolis[j] = cross_motion(&velocity[j + 1], &moved);
-            articulated[j + 1] = spatial(&posture.inertia[j + 1]);
+            articulated[j + 1] = spatial_inertia(&posture.inertia[j + 1]);
             let momentum = articulated[j + 1] * velocity[j + 1];
             bias[j + 1] = cross_force(&velocity[j + 1], &momentum);
         }
@@ -172,7 +172,7 @@ impl Dynamics {
             let (s, parent) = (&posture.subspace[j], self.parent[j]);
             velocity[j + 1] = velocity[parent] + s * v[j];
             acceleration[j + 1] = acceleration[parent] + s * a[j] + cross_motion(&velocity[j + 1], &(s * v[j]));
-            let inertia = spatial(&posture.inertia[j + 1]);
+            let inertia = spatial_inertia(&posture.inertia[j + 1]);
             force[j + 1] = inertia * acceleration[j + 1] + cross_force(&velocity[j + 1], &(inertia * velocity[j + 1]));
         }
         let mut torques = [0.0; JOINTS_MAX];
@@ -192,7 +192,7 @@ impl Dynamics {
         for j in 0..self.count {
             let inertia = &posture.inertia[j + 1];
             velocity[j + 1] = velocity[self.parent[j]] + posture.subspace[j] * v[j];
-            let body = velocity[j + 1].dot(&(spatial(inertia) * velocity[j + 1]));
+            let body = velocity[j + 1].dot(&(spatial_inertia(inertia) * velocity[j + 1]));
             kinetic += 0.5 * (body + self.armature[j] * v[j] * v[j]);
             potential += GRAVITY_M_PER_S2 * inertia.moment.z;
         }
@@ -200,7 +200,7 @@ impl Dynamics {
     }
 }
 
-fn join(angular: &Vector3<f64>, linear: &Vector3<f64>) -> Vector6<f64> {
+fn spatial_vector(angular: &Vector3<f64>, linear: &Vector3<f64>) -> Vector6<f64> {
     Vector6::new(angular.x, angular.y, angular.z, linear.x, linear.y, linear.z)
 }
 
@@ -209,7 +209,7 @@ fn split(x: &Vector6<f64>) -> (Vector3<f64>, Vector3<f64>) {
 }
 
 /// Returns the spatial inertia [J, h x; (h x)^T, m 1] about the base's origin.
-fn spatial(inertia: &Inertia) -> Matrix6<f64> {
+fn spatial_inertia(inertia: &Inertia) -> Matrix6<f64> {
     let (j, h, m) = (&inertia.about_origin, &inertia.moment, inertia.mass_kg);
     let mut out = Matrix6::zeros();
     for row in 0..3 {
@@ -228,11 +228,11 @@ fn spatial(inertia: &Inertia) -> Matrix6<f64> {
 /// Returns v x m for motions: (w x m_w, w x m_v + v x m_w).
 fn cross_motion(v: &Vector6<f64>, m: &Vector6<f64>) -> Vector6<f64> {
     let ((w, v), (mw, mv)) = (split(v), split(m));
-    join(&w.cross(&mw), &(w.cross(&mv) + v.cross(&mw)))
+    spatial_vector(&w.cross(&mw), &(w.cross(&mv) + v.cross(&mw)))
 }
 
 /// Returns v x* f for forces: (w x n + v x f, w x f).
 fn cross_force(v: &Vector6<f64>, f: &Vector6<f64>) -> Vector6<f64> {
     let ((w, v), (n, f)) = (split(v), split(f));
-    join(&(w.cross(&n) + v.cross(&f)), &w.cross(&f))
+    spatial_vector(&(w.cross(&n) + v.cross(&f)), &w.cross(&f))
 }

@@ -94,7 +94,7 @@ impl Judge {
                 let inside = beyond <= *outside + margin;
                 if !inside {
                     let bound = if q < limits.q_min { limits.q_min } else { limits.q_max };
-                    report.note(kind, truth.stamp, j, q, bound);
+                    report.count_violation(kind, truth.stamp, j, q, bound);
                 }
                 *outside = outside.min(beyond.max(0.0));
             }
@@ -105,7 +105,7 @@ impl Judge {
             for (kind, value, bound) in rows {
                 let within = value <= bound;
                 if !within {
-                    report.note(kind, truth.stamp, j, value, bound);
+                    report.count_violation(kind, truth.stamp, j, value, bound);
                 }
             }
             report.q_min[j] = report.q_min[j].min(q);
@@ -119,7 +119,7 @@ impl Judge {
         let bound = self.clearance_m - CLEARANCE_MARGIN_M;
         let clear = clearance_m >= bound;
         if !clear {
-            self.report.note(ViolationKind::Clearance, truth.stamp, pair, clearance_m, bound);
+            self.report.count_violation(ViolationKind::Clearance, truth.stamp, pair, clearance_m, bound);
         }
         self.clearance_m = self.clearance_m.max(clearance_m.min(config.links.body.d_min_m));
     }
@@ -156,7 +156,7 @@ impl Judge {
                 let available_s = carried_s + elapsed_s;
                 let within = change <= rate * available_s + ROUNDING;
                 if !within {
-                    self.report.note(kind, now, j, change, rate * available_s);
+                    self.report.count_violation(kind, now, j, change, rate * available_s);
                 }
                 left_s[j] = (available_s - change / rate).max(0.0);
             }

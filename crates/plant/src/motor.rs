@@ -82,11 +82,11 @@ impl Motor {
     /// Returns the acceleration that the position loop asks for. `reference` has position, velocity and
     /// acceleration of the reference. `q` and `v` are the joint's position and velocity.
     ///
-    /// a = a_ref + 2 zeta omega (v_wish - v), v_wish = v_ref + omega / (2 zeta) (q_ref - q) within the speed
+    /// a = a_ref + 2 zeta omega (v_target - v), v_target = v_ref + omega / (2 zeta) (q_ref - q) within the speed
     /// limit. This second-order loop approaches from afar no faster than the motor may turn.
     pub(crate) fn follow(&self, omega: f64, zeta: f64, reference: [f64; 3], q: f64, v: f64) -> f64 {
         let [q_ref, v_ref, a_ref] = reference;
-        let wish = (v_ref + omega / (2.0 * zeta) * (q_ref - q)).clamp(-self.v_max, self.v_max);
-        a_ref + 2.0 * zeta * omega * (wish - v)
+        let target = (v_ref + omega / (2.0 * zeta) * (q_ref - q)).clamp(-self.v_max, self.v_max);
+        a_ref + 2.0 * zeta * omega * (target - v)
     }
 }

@@ -366,14 +366,14 @@ impl Plant {
                 self.truth.tau[j] = 0.0;
                 return Drive::Acceleration(((speed - v) / STEP_S).clamp(-motor.braking, motor.braking));
             }
-            let (wish, help) = match self.reference(j) {
+            let (acceleration, help) = match self.reference(j) {
                 None => (-motor.damping_rate * v, 0.0),
                 Some(reference) => (
                     motor.follow(config.omega, config.damping_ratio, reference, q, v),
                     config.friction_compensated * motor.friction(reference[1]),
                 ),
             };
-            let torque = diagonal[j] * wish + gravity[j] + help;
+            let torque = diagonal[j] * acceleration + gravity[j] + help;
             self.truth.tau[j] = torque.clamp(-motor.effort_max, motor.effort_max);
             Drive::Torque(self.truth.tau[j] - motor.friction(v))
         });

@@ -93,7 +93,7 @@ impl Report {
         self.counts.iter().sum()
     }
 
-    pub(crate) fn note(&mut self, kind: ViolationKind, at: Stamp, which: usize, value: f64, bound: f64) {
+    pub(crate) fn count_violation(&mut self, kind: ViolationKind, at: Stamp, which: usize, value: f64, bound: f64) {
         self.counts[kind as usize] += 1;
         self.first.get_or_insert(Violation { kind, at, which, value, bound });
     }

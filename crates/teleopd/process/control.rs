@@ -221,7 +221,7 @@ impl Control {
         }
         let Status { reset_first_by, resets_refused, .. } = self.status;
         self.status = Status { reset_first_by, resets_refused, ..out.status };
-        self.timeline.note(k);
+        self.timeline.add(k);
         self.following.note(out, robot);
         let counters = self.process.probe.counters();
         counters.set(Counter::Mode, u64::from(out.status.mode));

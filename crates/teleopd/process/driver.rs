@@ -178,12 +178,12 @@ pub fn run<D: Driver>(
         message.header = process.header(sequence, rt::now(), message.header.origin);
         process.publish(&mut states, &message);
         if let Some(command) = &command {
-            note(&mut process.probe, now, command, &out);
+            record_latency(&mut process.probe, now, command, &out);
         }
         if let Some(accepted) = out.accepted {
             let last = timeline.span().map_or(accepted.k, |(_, last)| last + 1);
             process.missed(accepted.k.saturating_sub(last));
-            timeline.note(accepted.k);
+            timeline.add(accepted.k);
             oldest_command_ns = oldest_command_ns.max(now.since(deadline(accepted.k)));
         }
         process.alive();
@@ -225,7 +225,7 @@ fn warm_up(config: &checker::Config, q: [f64; JOINTS_MAX], seed: u64) {
 }
 
 /// Records the latency of the command that was executed at `now`.
-fn note(probe: &mut Probe, now: Stamp, command: &JointCommand, out: &DriveOutput) {
+fn record_latency(probe: &mut Probe, now: Stamp, command: &JointCommand, out: &DriveOutput) {
     let Some(accepted) = out.accepted else { return };
     probe.record(Metric::CommandToDriver, command.header.stamp, now);
     if let Some(age_ns) = accepted.origin_age_ns {

@@ -18,7 +18,7 @@ use telemetry::{Counter, Event, Metric};
 const WAIT: Duration = Duration::from_millis(10);
 
 /// Logs the first frame of a client without the lease, then every 600th: once in ten seconds at 60 Hz.
-const TOLD_EVERY: u64 = 600;
+const LOGGED_EVERY: u64 = 600;
 /// Time between two `InputStatus`: ten a second.
 const STATUS_EVERY_NS: u64 = 100_000_000;
 /// Half a period of the tick grid, ns.
@@ -42,7 +42,7 @@ pub fn run(place: &InstanceArgs) -> Result<(), Failure> {
     let header = process.header(0, Stamp::NONE, Stamp::NONE);
     let feedback = super::feedback::start(&process.instance, process.loaded.model.clone(), header);
 
-    let mut hall = IngestLoop {
+    let mut ingest_loop = IngestLoop {
         authority: Authority::default(),
         session_nonce: 0,
         quotas: Quotas::default(),
@@ -72,20 +72,20 @@ pub fn run(place: &InstanceArgs) -> Result<(), Failure> {
             wait(&mut clients, &socket);
         }
         let now = rt::now();
-        hall.authority.look(now);
-        let held = hall.authority.is_held(now, hall.timeout_ns);
-        socket.poll(now, held, |from, frame| hall.take_packet(&mut process, from, frame));
+        ingest_loop.authority.look(now);
+        let held = ingest_loop.authority.is_held(now, ingest_loop.timeout_ns);
+        socket.poll(now, held, |from, frame| ingest_loop.receive_packet(&mut process, from, frame));
         rt::allocating_aside(|| {
-            clients.drain(|sample| rt::allocating_ourselves(|| hall.take_sample(&mut process, &sample)))
+            clients.drain(|sample| rt::allocating_ourselves(|| ingest_loop.receive_sample(&mut process, &sample)))
         });
         if let Some(feedback) = feedback.take() {
             socket.feed_back(&feedback);
         }
-        hall.tell(&mut process, &mut socket);
-        hall.say(&mut process);
+        ingest_loop.report(&mut process, &mut socket);
+        ingest_loop.publish_status(&mut process);
         process.alive();
     }
-    process.leave(hall.figures(&socket))
+    process.leave(ingest_loop.figures(&socket))
 }
 
 fn door_failure(error: DoorError) -> Failure {
@@ -104,16 +104,16 @@ fn wait(clients: &mut WakingReader<RawSkeleton>, socket: &Server) {
 /// Token buckets of the publishers on shared memory. There are as many as possible writers.
 #[derive(Default)]
 struct Quotas {
-    of: [(Option<PublisherId>, Bucket, Stamp); Service::RawSkeleton.row().writers_max],
+    publishers: [(Option<PublisherId>, Bucket, Stamp); Service::RawSkeleton.row().writers_max],
     over: u64,
 }
 
 impl Quotas {
     /// Returns true if `publisher` has a token left. A new publisher replaces the one that was silent longest.
     fn admits(&mut self, now: Stamp, publisher: PublisherId) -> bool {
-        let known = self.of.iter().position(|(id, ..)| *id == Some(publisher));
-        let oldest = (0..self.of.len()).min_by_key(|&i| self.of[i].2).unwrap_or_default();
-        let place = &mut self.of[known.unwrap_or(oldest)];
+        let known = self.publishers.iter().position(|(id, ..)| *id == Some(publisher));
+        let oldest = (0..self.publishers.len()).min_by_key(|&i| self.publishers[i].2).unwrap_or_default();
+        let place = &mut self.publishers[known.unwrap_or(oldest)];
         if known.is_none() {
             *place = (Some(publisher), Bucket::default(), now);
         }
@@ -160,7 +160,7 @@ impl Dropped {
     }
 
     /// Once a second has passed, reports each reason with the number of frames it cost.
-    fn turn(&mut self, now: Stamp, state: &skeleton::State, mut tell: impl FnMut(DropReason, u64)) {
+    fn turn(&mut self, now: Stamp, state: &skeleton::State, mut report: impl FnMut(DropReason, u64)) {
         if now.since(self.since) < SECOND_NS {
             return;
         }
@@ -171,14 +171,14 @@ impl Dropped {
             // The first frame of a session, or of another person, is never used. That is not an error.
             let expected = matches!(reason, DropReason::SessionChanged | DropReason::OperatorChanged);
             if frames > u64::from(expected) {
-                tell(reason, frames);
+                report(reason, frames);
             }
         }
     }
 }
 
 impl IngestLoop {
-    fn take_sample(&mut self, process: &mut Process, sample: &Sample<RawSkeleton>) {
+    fn receive_sample(&mut self, process: &mut Process, sample: &Sample<RawSkeleton>) {
         let now = rt::now();
         if self.quotas.admits(now, sample.publisher) {
             let claim = ClientIdentity {
@@ -188,11 +188,11 @@ impl IngestLoop {
                 port: sample.publisher.0,
                 session_nonce: sample.message.session_nonce,
             };
-            self.take(process, now, claim, &sample.message);
+            self.process_frame(process, now, claim, &sample.message);
         }
     }
 
-    fn take_packet(&mut self, process: &mut Process, from: FrameSource, frame: &RawSkeleton) -> LeaseState {
+    fn receive_packet(&mut self, process: &mut Process, from: FrameSource, frame: &RawSkeleton) -> LeaseState {
         let claim = ClientIdentity {
             door: ingest::Door::Socket,
             uid: from.peer.uid,
@@ -200,16 +200,16 @@ impl IngestLoop {
             port: u128::from(from.connection),
             session_nonce: from.session_nonce,
         };
-        if self.take(process, rt::now(), claim, frame) { LeaseState::Holder } else { LeaseState::NotHolder }
+        if self.process_frame(process, rt::now(), claim, frame) { LeaseState::Holder } else { LeaseState::NotHolder }
     }
 
     /// Returns true if the frame's session holds the lease.
-    fn take(&mut self, process: &mut Process, now: Stamp, claim: ClientIdentity, raw: &RawSkeleton) -> bool {
+    fn process_frame(&mut self, process: &mut Process, now: Stamp, claim: ClientIdentity, raw: &RawSkeleton) -> bool {
         process.probe.record(Metric::PublishedToIngest, raw.header.stamp, now);
         let grants = self.authority.grants();
         if !self.authority.admits_claim(now, claim, self.timeout_ns) {
             let frames = self.authority.frames_refused();
-            if frames % TOLD_EVERY == 1 {
+            if frames % LOGGED_EVERY == 1 {
                 process.probe.event(Event::WithoutAuthority { frames });
             }
             return false;
@@ -246,7 +246,7 @@ impl IngestLoop {
     }
 
     /// Publishes ten times a second who holds the lease and how many frames were used or dropped.
-    fn say(&mut self, process: &mut Process) {
+    fn publish_status(&mut self, process: &mut Process) {
         let now = rt::now();
         if now.since(self.status.header.stamp) < STATUS_EVERY_NS {
             return;
@@ -264,7 +264,7 @@ impl IngestLoop {
     }
 
     /// Updates counters and writes log lines for this round.
-    fn tell(&mut self, process: &mut Process, socket: &mut Server) {
+    fn report(&mut self, process: &mut Process, socket: &mut Server) {
         let counters = process.probe.counters();
         counters.set(Counter::WithoutAuthority, self.authority.frames_refused());
         counters.set(Counter::OverQuota, self.quotas.over + socket.over_quota());
@@ -314,7 +314,7 @@ mod tests {
     fn drops_are_reported_once_a_second_by_reason() {
         let mut state = skeleton::State::default();
         let mut dropped = Dropped::since(Stamp(0));
-        let told = |dropped: &mut Dropped, state: &skeleton::State, ms: u64| {
+        let reports = |dropped: &mut Dropped, state: &skeleton::State, ms: u64| {
             let mut all = Vec::new();
             dropped.turn(Stamp(ms * 1_000_000), state, |reason, frames| all.push((reason, frames)));
             all
@@ -322,11 +322,11 @@ mod tests {
         state.refuse(DropReason::SessionChanged);
         (0..150).for_each(|_| _ = state.refuse(DropReason::Size));
         state.refuse(DropReason::Old);
-        assert_eq!(told(&mut dropped, &state, 999), []);
-        assert_eq!(told(&mut dropped, &state, 1000), [(DropReason::Old, 1), (DropReason::Size, 150)]);
-        assert_eq!(told(&mut dropped, &state, 2000), [], "nothing more");
+        assert_eq!(reports(&mut dropped, &state, 999), []);
+        assert_eq!(reports(&mut dropped, &state, 1000), [(DropReason::Old, 1), (DropReason::Size, 150)]);
+        assert_eq!(reports(&mut dropped, &state, 2000), [], "nothing more");
         state.refuse(DropReason::Size);
-        assert_eq!(told(&mut dropped, &state, 2999), []);
-        assert_eq!(told(&mut dropped, &state, 3000), [(DropReason::Size, 1)]);
+        assert_eq!(reports(&mut dropped, &state, 2999), []);
+        assert_eq!(reports(&mut dropped, &state, 3000), [(DropReason::Size, 1)]);
     }
 }

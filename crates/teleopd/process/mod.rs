@@ -151,17 +151,17 @@ impl Process {
     /// Publishes `message`. A failure is counted and logged, and this message is lost.
     pub fn publish<M: Message>(&mut self, writer: &mut Writer<M>, message: &M) {
         let published = rt::allocating_aside(|| writer.publish(message));
-        self.note(published.is_err());
+        self.count_publish_failure(published.is_err());
     }
 
     /// Publishes `message` and wakes its readers.
     pub fn publish_and_wake<M: Message>(&mut self, writer: &mut Writer<M>, message: &M) {
         self.publish(writer, message);
         let woken = rt::allocating_aside(|| writer.notify());
-        self.note(woken.is_err());
+        self.count_publish_failure(woken.is_err());
     }
 
-    fn note(&mut self, failed: bool) {
+    fn count_publish_failure(&mut self, failed: bool) {
         if failed {
             self.probe.counters().add(Counter::PublishFailures, 1);
             self.probe.event(Event::PublishFailed);

@@ -41,7 +41,7 @@ pub fn run(place: &InstanceArgs) -> Result<(), Failure> {
         if !process.is_old(tick.k, stamp) {
             process.publish_and_wake(&mut targets, &target);
         }
-        timeline.note(tick.k);
+        timeline.add(tick.k);
         process.probe.record(Metric::RetargetWork, tick.woke, stamp);
         process.alive();
     }

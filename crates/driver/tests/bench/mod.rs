@@ -1,6 +1,6 @@
 //! A driver's follower, and the valid command stream to it.
 
-use driver::{Chain, Config, Input, JointLimits, Output, State, tick};
+use driver::{CommandChain, Config, Input, JointLimits, Output, State, tick};
 use messages::{Header, JOINTS_MAX, JointCommand, Layout, RobotId, Stamp, TICK_S, deadline};
 
 pub(crate) const K: u64 = 1000;
@@ -11,7 +11,7 @@ pub(crate) const CONFIG: Config = Config::new(RobotId::ZERO, [LIMITS; JOINTS_MAX
 pub(crate) struct Bench {
     pub(crate) state: State,
     pub(crate) sequence: u64,
-    pub(crate) chain: Chain,
+    pub(crate) chain: CommandChain,
 }
 
 impl Bench {
@@ -25,7 +25,7 @@ impl Bench {
 
     pub(crate) fn at_rest() -> Self {
         let state = State::hold(K, &[0.0; JOINTS_MAX]).unwrap();
-        Self { state, sequence: 0, chain: Chain { incarnation: 1, seed_k: K, seed_played: 0 } }
+        Self { state, sequence: 0, chain: CommandChain { incarnation: 1, seed_k: K, seed_played: 0 } }
     }
 
     /// Returns a command of index `k`. Joint 3 moves at 1 rad/s and stops within 0.1 s.

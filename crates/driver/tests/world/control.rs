@@ -1,7 +1,7 @@
 //! A `control` that moves at random and records every command that it sent.
 
 use super::V_MAX;
-use driver::{Chain, ChainView, PlanPlayback, Seed, on_chain, reseed};
+use driver::{ChainView, CommandChain, PlanPlayback, Seed, on_chain, reseed};
 use messages::{Header, JOINTS_MAX, JointCommand, JointMotion, Layout, RobotState, StopPlan, TICK_S, state_flag};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
@@ -25,7 +25,7 @@ pub(crate) struct Control {
     pub(crate) reset_count: u32,
     rng: Pcg64,
     sequence: u64,
-    stream: Option<(Chain, u64, JointMotion)>,
+    stream: Option<(CommandChain, u64, JointMotion)>,
 }
 
 impl Control {
@@ -67,7 +67,8 @@ impl Control {
             },
         };
         if let Some(seed) = seed {
-            let chain = Chain { incarnation: self.incarnation, seed_k: seed.seed_k, seed_played: seed.seed_played };
+            let chain =
+                CommandChain { incarnation: self.incarnation, seed_k: seed.seed_k, seed_played: seed.seed_played };
             self.stream = Some((chain, k - 1, seed.motion));
         }
         let (chain, _, base) = self.stream.expect("set above or before");

@@ -3,7 +3,7 @@
 
 use super::Tally;
 use super::control::{Control, Made};
-use driver::{Chain, Setpoint, State, Step, StepKind};
+use driver::{CommandChain, Setpoint, State, Step, StepKind};
 use messages::{JOINTS_MAX, JointCommand, JointMotion, TICK_S};
 
 /// Rounding of a few hundred additions of numbers around 1.
@@ -14,7 +14,7 @@ pub(crate) struct Oracle {
     /// Motion of the last accepted command or of the start, its index, and its chain.
     base: JointMotion,
     base_k: u64,
-    chain: Option<Chain>,
+    chain: Option<CommandChain>,
     /// Plan ticks since then.
     played: u64,
     last: Setpoint,
@@ -48,7 +48,7 @@ impl Oracle {
                 self.lineage(control, command);
                 same(&step.setpoint, &command.motion(), "the command");
                 (self.base, self.base_k, self.played) = (command.motion(), command.k, 0);
-                self.chain = Some(Chain::of(command));
+                self.chain = Some(CommandChain::from_command(command));
             }
         }
         self.last = step.setpoint;
@@ -58,9 +58,9 @@ impl Oracle {
     fn lineage(&self, control: &Control, command: &JointCommand) {
         let (mut sent, mut made) = control.sent[&(command.header.incarnation, command.k)];
         loop {
-            assert_eq!(Chain::of(&sent), Chain::of(command), "one chain has no gap");
+            assert_eq!(CommandChain::from_command(&sent), CommandChain::from_command(command), "one chain has no gap");
             let first = sent.k == sent.seed_k + sent.seed_played + 1;
-            let after_base = self.chain == Some(Chain::of(command)) && sent.k == self.base_k + 1;
+            let after_base = self.chain == Some(CommandChain::from_command(command)) && sent.k == self.base_k + 1;
             if first || after_base {
                 break;
             }
