@@ -121,7 +121,7 @@ fn f106_f111_group_members_connect_only_to_their_own_socket() {
         by_group(skeletons).into_iter().take(1).chain([User { groups: &[skeletons], ..User::stranger(SOMEBODY) }])
     {
         member.does(|| {
-            assert_eq!(Client::attach(&skeleton).expect("a member").told(), Reply::Granted);
+            assert_eq!(Client::attach(&skeleton).expect("a member").last_reply(), Reply::Granted);
             assert!(operator::Client::connect(&operator).is_err(), "no operator");
         });
     }
@@ -187,8 +187,8 @@ fn f068_second_client_on_socket_or_bus_does_not_get_the_lease() {
     std::thread::sleep(Duration::from_secs(2));
     // No other client interferes. Otherwise the robot would disengage, and not engage again.
     hand.wait_mode(Mode::Engaged);
-    assert_eq!(first.told().as_deref(), Some(Reply::Holder.meaning()));
-    assert_eq!(by_socket.told().as_deref(), Some(Reply::NotHolder.meaning()));
+    assert_eq!(first.last_reply().as_deref(), Some(Reply::Holder.meaning()));
+    assert_eq!(by_socket.last_reply().as_deref(), Some(Reply::NotHolder.meaning()));
     assert_eq!(first.failures(), 0);
     let ingest = rig.end("ingest");
     assert_eq!((ingest["leases"].as_u64(), &ingest["holder"]["door"]), (Some(1), &"socket".into()), "{ingest:#}");
@@ -257,7 +257,7 @@ fn wait_for_lease(rig: &Rig) -> (Publisher, Duration) {
         let newcomer = rig.socket_client(&motion::builtin()).expect("the door is open");
         newcomer.set_engaged(true);
         std::thread::sleep(Duration::from_millis(60));
-        if newcomer.told().as_deref() == Some(Reply::Holder.meaning()) {
+        if newcomer.last_reply().as_deref() == Some(Reply::Holder.meaning()) {
             return (newcomer, since.elapsed());
         }
         assert!(since.elapsed() < harness::SOON, "the lease never ends");
@@ -361,7 +361,7 @@ fn f023_flood_by_another_client_costs_the_holder_no_frame() {
     });
     let after_kb = resident_kb(id);
     assert_eq!(hand.raised(Fault::InputStale), stale, "no frame of the holder came late");
-    assert_eq!((holder.failures(), holder.told().as_deref()), (0, Some(Reply::Holder.meaning())));
+    assert_eq!((holder.failures(), holder.last_reply().as_deref()), (0, Some(Reply::Holder.meaning())));
     drop(holder);
     let ingest = rig.end("ingest");
     let over = ingest["over_quota"]["socket"].as_u64().unwrap();

@@ -125,7 +125,7 @@ impl Diary {
             self.says(&change(made, status, names, self.let_go));
         }
         self.shown = self.shown.max(status.transition_count);
-        let note = explain::note(status);
+        let note = explain::activity(status);
         if let Some(note) = note.filter(|_| note != self.note) {
             self.says(&format!("{note}: {:.0} mm to go", status.torso_to_go_m.abs() * 1e3));
         }

@@ -112,7 +112,7 @@ fn fits() -> bool {
 fn line(status: &Status, (frame, frames): (u64, u64), rate_hz: f64) -> String {
     let line = format!(
         "{:<14} {frame:>4}/{frames} {rate_hz:4.0} Hz, input {:.0} ms, nearest {:.0} mm, {:.1} deg behind",
-        explain::note(status).unwrap_or(explain::mode_name(status.mode)),
+        explain::activity(status).unwrap_or(explain::mode_name(status.mode)),
         status.input_age_ns as f64 * 1e-6,
         status.clearance_command_m * 1e3,
         status.limb_error_measured_rad.to_degrees(),

@@ -142,10 +142,10 @@ impl Domain {
     /// Creates a reader of `service` that can wait for `Writer::notify`. It costs the writer a system call per
     /// wake-up.
     pub fn waking_reader<M: Carried>(&self, service: Service) -> Result<WakingReader<M>, BusError> {
-        Ok(WakingReader::new(self.reader(service)?, self.ear(service)?))
+        Ok(WakingReader::new(self.reader(service)?, self.wake_listener(service)?))
     }
 
-    fn ear(&self, service: Service) -> Result<Box<dyn WakeListener>, BusError> {
+    fn wake_listener(&self, service: Service) -> Result<Box<dyn WakeListener>, BusError> {
         let listener = self.event_service(service)?.listener_builder().create();
         let listener = listener.map_err(|error| self.service_error(service, format!("listener: {error:?}"), 1))?;
         Ok(Box::new(IpcWakeListener { listener, _presence: self.presence.clone() }))

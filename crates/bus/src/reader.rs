@@ -61,7 +61,7 @@ impl<M: Message> Reader<M> {
     pub fn latest_sample(&mut self) -> Option<Sample<M>> {
         let mut newest = None;
         // A writer that has left is read before its successor, so the last message is the newest.
-        self.take(self.waiting_max + 1, |sample| newest = Some(sample));
+        self.receive_up_to(self.waiting_max + 1, |sample| newest = Some(sample));
         newest
     }
 
@@ -69,7 +69,7 @@ impl<M: Message> Reader<M> {
     /// each writer as the service keeps (one in most cases) and returns their number. A writer that publishes
     /// during the call may be seen twice. The rest waits for the next call.
     pub fn drain(&mut self, use_sample: impl FnMut(Sample<M>)) -> usize {
-        self.take(self.waiting_max, use_sample)
+        self.receive_up_to(self.waiting_max, use_sample)
     }
 
     /// Returns the number of polls that failed because a writer could not be connected. This reader gets none of
@@ -78,7 +78,7 @@ impl<M: Message> Reader<M> {
         self.failures
     }
 
-    fn take(&mut self, most: usize, mut use_sample: impl FnMut(Sample<M>)) -> usize {
+    fn receive_up_to(&mut self, most: usize, mut use_sample: impl FnMut(Sample<M>)) -> usize {
         for taken in 0..most {
             match self.port.receive() {
                 Ok(Some(sample)) => use_sample(sample),
@@ -146,7 +146,7 @@ pub enum Wake {
 /// A listener for `Writer::notify`.
 pub(crate) trait WakeListener {
     /// Takes the wake-ups that have been sent and returns their number.
-    fn take(&mut self) -> Result<u64, Unconnected>;
+    fn drain(&mut self) -> Result<u64, Unconnected>;
     /// Returns a descriptor that is readable while there are any.
     fn descriptor(&self) -> BorrowedFd<'_>;
 }
@@ -159,7 +159,7 @@ pub(crate) struct IpcWakeListener {
 }
 
 impl WakeListener for IpcWakeListener {
-    fn take(&mut self) -> Result<u64, Unconnected> {
+    fn drain(&mut self) -> Result<u64, Unconnected> {
         self.listener.try_wait(|_| {}).map_err(|_| Unconnected)
     }
 
@@ -172,7 +172,7 @@ impl WakeListener for IpcWakeListener {
 /// A reader that can also wait.
 pub struct WakingReader<M: Message> {
     reader: Reader<M>,
-    ear: Box<dyn WakeListener>,
+    wake_listener: Box<dyn WakeListener>,
     failures: u64,
 }
 
@@ -183,8 +183,8 @@ impl<M: Message> fmt::Debug for WakingReader<M> {
 }
 
 impl<M: Message> WakingReader<M> {
-    pub(crate) fn new(reader: Reader<M>, ear: Box<dyn WakeListener>) -> Self {
-        Self { reader, ear, failures: 0 }
+    pub(crate) fn new(reader: Reader<M>, wake_listener: Box<dyn WakeListener>) -> Self {
+        Self { reader, wake_listener, failures: 0 }
     }
 
     /// Waits until a writer calls `notify`, `timeout` is over, or a signal arrives. A wake-up sent since the last
@@ -204,7 +204,7 @@ impl<M: Message> WakingReader<M> {
         if self.collect() {
             return Wake::Event;
         }
-        let descriptor = self.ear.descriptor();
+        let descriptor = self.wake_listener.descriptor();
         let timeout = Timespec { tv_sec: timeout.as_secs() as i64, tv_nsec: i64::from(timeout.subsec_nanos()) };
         let also = &also[..also.len().min(ALSO_MAX)];
         let mut looked_at: [PollFd<'_>; 1 + ALSO_MAX] = std::array::from_fn(|i| {
@@ -247,7 +247,7 @@ impl<M: Message> WakingReader<M> {
 
     /// Takes all wake-ups that have been sent. Returns true if there was one.
     fn collect(&mut self) -> bool {
-        match self.ear.take() {
+        match self.wake_listener.drain() {
             Ok(count) => count > 0,
             Err(Unconnected) => {
                 self.failures += 1;

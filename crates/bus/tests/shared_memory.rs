@@ -144,8 +144,8 @@ struct Exchanged([u64; 399]);
 impl Layout for Exchanged {
     const HASH: u64 = JointTarget::HASH ^ 1;
     const ZERO: Self = Self([0; 399]);
-    fn put(&self, out: &mut [u8]) {
-        self.0.put(out);
+    fn write_to(&self, out: &mut [u8]) {
+        self.0.write_to(out);
     }
     fn get(bytes: &[u8]) -> Self {
         Self(Layout::get(bytes))

@@ -79,10 +79,10 @@ impl Port {
     }
 
     /// The daemon's last reply. `None` in shared memory, where the daemon does not reply.
-    pub fn told(&self) -> Option<&'static str> {
+    pub fn last_reply(&self) -> Option<&'static str> {
         match &self.0 {
             Open::Bus(_) => None,
-            Open::Socket(client) => Some(client.told().meaning()),
+            Open::Socket(client) => Some(client.last_reply().meaning()),
         }
     }
 }
@@ -91,7 +91,7 @@ impl Port {
 #[derive(Debug)]
 pub struct Publisher {
     shared: Arc<Shared>,
-    told: LastReply,
+    last_reply: LastReply,
     frames: u64,
     thread: Option<JoinHandle<()>>,
 }
@@ -105,8 +105,8 @@ impl Publisher {
     /// As `start`, with any destination. On the socket `ingest` assigns the session.
     pub fn start_on(way: Transport, player: Player, now: fn() -> Stamp) -> Result<Self, ClientError> {
         let shared = Arc::new(Shared::default());
-        let told = LastReply::default();
-        let (frames, twin, said) = (player.progress().1, Arc::clone(&shared), Arc::clone(&told));
+        let last_reply = LastReply::default();
+        let (frames, thread_shared, thread_reply) = (player.progress().1, Arc::clone(&shared), Arc::clone(&last_reply));
         let (opened, outcome) = channel();
         let thread = std::thread::Builder::new()
             .name("client".into())
@@ -115,7 +115,7 @@ impl Publisher {
                 match Port::open(way, "replay") {
                     Ok(port) => {
                         let _ = opened.send(Ok(()));
-                        publish(port, player, &twin, &said, now);
+                        publish(port, player, &thread_shared, &thread_reply, now);
                     }
                     Err(error) => _ = opened.send(Err(error)),
                 }
@@ -124,7 +124,7 @@ impl Publisher {
         // The thread always answers, with success or failure: opening a domain ends within 5 s, attaching to a
         // socket within 1 s.
         match outcome.recv() {
-            Ok(Ok(())) => Ok(Self { shared, told, frames, thread: Some(thread) }),
+            Ok(Ok(())) => Ok(Self { shared, last_reply, frames, thread: Some(thread) }),
             Ok(Err(error)) => Err(error),
             Err(RecvError) => unreachable!("the client's thread answers before it ends"),
         }
@@ -136,7 +136,7 @@ impl Publisher {
     }
 
     /// Returns true if the last frame has been published, or the daemon has closed the socket. Then `progress`, `failures` and
-    /// `told` are final.
+    /// `last_reply` are final.
     pub fn finished(&self) -> bool {
         self.shared.finished()
     }
@@ -148,8 +148,8 @@ impl Publisher {
 
     /// The daemon's last reply to this client, or the reason for which the last frame was not taken. In shared
     /// memory there are no replies.
-    pub fn told(&self) -> Option<String> {
-        self.told.lock().unwrap_or_else(|poisoned| poisoned.into_inner()).clone()
+    pub fn last_reply(&self) -> Option<String> {
+        self.last_reply.lock().unwrap_or_else(|poisoned| poisoned.into_inner()).clone()
     }
 
     /// Number of frames that were not taken.
@@ -167,15 +167,15 @@ impl Drop for Publisher {
     }
 }
 
-fn publish(mut port: Port, mut player: Player, shared: &Shared, told: &LastReply, now: fn() -> Stamp) {
+fn publish(mut port: Port, mut player: Player, shared: &Shared, last_reply: &LastReply, now: fn() -> Stamp) {
     while !shared.stopped() {
         if let Some((_, frame)) = player.due(now(), shared.engaged()) {
             let outcome = port.publish(&frame);
             // A socket that the daemon has closed takes no other frame.
             let closed = matches!(outcome, Err(ClientError::Door(DoorError::Closed { .. })));
             shared.publish(player.progress().0, outcome.is_err(), player.finished() || closed);
-            let said = outcome.err().map(|error| error.to_string()).or_else(|| port.told().map(str::to_owned));
-            *told.lock().unwrap_or_else(|poisoned| poisoned.into_inner()) = said;
+            let reply = outcome.err().map(|error| error.to_string()).or_else(|| port.last_reply().map(str::to_owned));
+            *last_reply.lock().unwrap_or_else(|poisoned| poisoned.into_inner()) = reply;
             if closed {
                 return;
             }

@@ -277,9 +277,9 @@ mod tests {
             ("bert", 3, 1, Some(twin_of)),
             ("anna", 4, 1, Some(of_another)),
         ] {
-            let said = all.refuses(name, person, layout);
-            assert_eq!(said.is_some(), why.is_some(), "{name}: {said:?}");
-            assert!(said.is_none_or(|said| said.contains(why.unwrap_or_default())), "{name}");
+            let refusal = all.refuses(name, person, layout);
+            assert_eq!(refusal.is_some(), why.is_some(), "{name}: {refusal:?}");
+            assert!(refusal.is_none_or(|refusal| refusal.contains(why.unwrap_or_default())), "{name}");
         }
         // The file's name counts, not the name inside it.
         std::fs::rename(place.join("anna.toml"), place.join("old.toml")).unwrap();
@@ -291,9 +291,9 @@ mod tests {
         );
         assert!(full.refuses("anna", 3, 1).is_some_and(|why| why.contains("64 files")));
         assert_eq!(full.refuses("7", 107, 1), None);
-        let mut twin = anna();
-        twin.name = "bert".into();
-        twin.write(&place).unwrap();
+        let mut other = anna();
+        other.name = "bert".into();
+        other.write(&place).unwrap();
         let error = Operators::read(&place).unwrap_err().to_string();
         assert!(error.contains("bert.toml") && error.contains("\"anna\""), "{error}");
     }
@@ -302,7 +302,7 @@ mod tests {
     fn invalid_operator_file_is_refused_with_key_value_and_bound() {
         let good = anna().to_toml();
         parse("a.toml", &good).unwrap();
-        for (from, to, said) in [
+        for (from, to, text) in [
             ("left_upper = 0.31", "left_upper = 31.0", "a.toml: lengths_m.left_upper = 31 is outside [0.1, 0.6]"),
             ("left_upper = 0.31", "left_upper = nan", "lengths_m.left_upper = NaN"),
             ("torso_lean_deg = 3.44", "torso_lean_deg = 90.0", "torso_lean_deg = 90 is outside"),
@@ -314,7 +314,7 @@ mod tests {
             let bad = good.replace(from, to);
             assert_ne!(bad, good, "{from}");
             let error = parse("a.toml", &bad).unwrap_err().to_string();
-            assert!(error.starts_with("a.toml: ") && error.contains(said), "{to}: {error}");
+            assert!(error.starts_with("a.toml: ") && error.contains(text), "{to}: {error}");
         }
     }
 }

@@ -49,9 +49,9 @@ fn missing_or_broken_prediction_is_refused_by_name() {
     // Without a prediction the turn of each limb fades.
     let none = loaded("").expect("loads");
     assert!(none.prediction.is_none());
-    let said = loaded("mine").expect_err("there is no such file");
+    let error = loaded("mine").expect_err("there is no such file");
     for part in ["mine.toml", "No such file", "retarget.prediction in ", "teleop.toml"] {
-        assert!(said.contains(part), "{part}: {said}");
+        assert!(error.contains(part), "{part}: {error}");
     }
     for extension in ["safetensors", "toml"] {
         let from = repository().join("weights/prediction").with_extension(extension);
@@ -61,6 +61,6 @@ fn missing_or_broken_prediction_is_refused_by_name() {
     assert!(whole.prediction.is_some() && whole.files.contains(&base.with_extension("safetensors")));
     assert_ne!(whole.hash, none.hash, "processes with different predictions cannot engage");
     std::fs::write(base.with_extension("safetensors"), b"nothing").expect("overwritten");
-    let said = loaded("mine").expect_err("broken");
-    assert!(said.contains("mine.safetensors") && said.contains("sha256"), "{said}");
+    let error = loaded("mine").expect_err("broken");
+    assert!(error.contains("mine.safetensors") && error.contains("sha256"), "{error}");
 }

@@ -3,7 +3,7 @@
 use crate::error::DoorError;
 use crate::frame::encode_frame;
 use crate::listener::connect;
-use crate::protocol::{FEEDBACK_BYTES, Hello, Reply, ReplyPacket, WISHES_FEEDBACK};
+use crate::protocol::{FEEDBACK_BYTES, Hello, REQUESTS_FEEDBACK, Reply, ReplyPacket};
 use messages::{Feedback, Message, RawSkeleton};
 use rustix::io::Errno;
 use rustix::net::{self, RecvFlags, SendFlags};
@@ -22,7 +22,7 @@ pub struct Client {
     path: PathBuf,
     socket: OwnedFd,
     session_nonce: u64,
-    told: Reply,
+    last_reply: Reply,
     feedback: Option<Box<Feedback>>,
 }
 
@@ -40,13 +40,13 @@ impl Client {
 
     /// As [`Client::attach`], and the daemon sends its feedback to this client.
     pub fn attach_with_feedback(path: impl AsRef<Path>) -> Result<Self, DoorError> {
-        Self::attach_as(path, Hello { wishes: WISHES_FEEDBACK, ..Hello::OURS })
+        Self::attach_as(path, Hello { requests: REQUESTS_FEEDBACK, ..Hello::OURS })
     }
 
     fn attach_as(path: impl AsRef<Path>, hello: Hello) -> Result<Self, DoorError> {
         let path = path.as_ref().to_path_buf();
         let socket = connect(&path, DAEMON, TIMEOUT_MS)?;
-        let mut client = Self { path, socket, session_nonce: 0, told: Reply::Granted, feedback: None };
+        let mut client = Self { path, socket, session_nonce: 0, last_reply: Reply::Granted, feedback: None };
         match net::send(&client.socket, &hello.encode(), SendFlags::NOSIGNAL) {
             // The daemon has refused already. Its reply says why.
             Ok(_) | Err(Errno::PIPE | Errno::CONNRESET) => {}
@@ -57,7 +57,7 @@ impl Client {
             let path = client.path.clone();
             return Err(DoorError::Timeout { path, daemon: DAEMON, timeout_ms: TIMEOUT_MS });
         };
-        (client.session_nonce, client.told) = (answer.session_nonce, answer.word);
+        (client.session_nonce, client.last_reply) = (answer.session_nonce, answer.word);
         Ok(client)
     }
 
@@ -79,7 +79,7 @@ impl Client {
     pub fn listen(&mut self) -> Result<(), DoorError> {
         for _ in 0..ANSWERS_MAX {
             match self.receive(RecvFlags::DONTWAIT)? {
-                Some(Packet::Reply(answer)) => self.told = answer.word,
+                Some(Packet::Reply(answer)) => self.last_reply = answer.word,
                 Some(Packet::Feedback(feedback)) => self.feedback = Some(feedback),
                 None => break,
             }
@@ -88,8 +88,8 @@ impl Client {
     }
 
     /// Returns the daemon's last reply.
-    pub fn told(&self) -> Reply {
-        self.told
+    pub fn last_reply(&self) -> Reply {
+        self.last_reply
     }
 
     /// Returns the newest feedback that [`Client::listen`] or [`Client::publish`] received. `None` before the first.

@@ -7,7 +7,7 @@ use rustix::net::{self, SendFlags};
 use std::os::fd::OwnedFd;
 
 /// Interval at which a client gets the reason again while its frames are ignored: twice a second.
-const TELL_EVERY_NS: u64 = 500_000_000;
+const REPEAT_NS: u64 = 500_000_000;
 
 /// One connection.
 #[derive(Debug)]
@@ -18,7 +18,7 @@ pub(crate) struct Connection {
     pub(crate) connection: u64,
     /// The session number, or 0 before the hello.
     pub(crate) session_nonce: u64,
-    pub(crate) wishes_feedback: bool,
+    pub(crate) requests_feedback: bool,
     pub(crate) since: Stamp,
     /// Time of the last packet.
     pub(crate) heard: Stamp,
@@ -28,7 +28,7 @@ pub(crate) struct Connection {
     /// True if the buffer holds a frame that found no token.
     pub(crate) pending: bool,
     standing: Option<(Reply, Stamp)>,
-    told_of_quota: Option<Stamp>,
+    quota_sent: Option<Stamp>,
 }
 
 impl Connection {
@@ -38,45 +38,45 @@ impl Connection {
             peer,
             connection,
             session_nonce: 0,
-            wishes_feedback: false,
+            requests_feedback: false,
             since: now,
             heard: now,
             bucket: Bucket::default(),
             muted_until: Stamp::NONE,
             pending: false,
             standing: None,
-            told_of_quota: None,
+            quota_sent: None,
         }
     }
 
     /// Sends `word`. A client that does not read loses it.
-    pub(crate) fn say(&self, word: Reply) {
+    pub(crate) fn send(&self, word: Reply) {
         let nonce = if word.is_refusal() { 0 } else { self.session_nonce };
-        say(&self.socket, ReplyPacket::new(word, nonce));
+        send(&self.socket, ReplyPacket::new(word, nonce));
     }
 
     /// Reports to the client if it holds the lease: when that changes, and repeatedly while it does not.
-    pub(crate) fn tell_standing(&mut self, now: Stamp, word: Reply) {
+    pub(crate) fn send_standing(&mut self, now: Stamp, word: Reply) {
         let last = self.standing;
-        let again = word == Reply::NotHolder && last.is_some_and(|(_, at)| now.since(at) >= TELL_EVERY_NS);
+        let again = word == Reply::NotHolder && last.is_some_and(|(_, at)| now.since(at) >= REPEAT_NS);
         if again || last.map(|(word, _)| word) != Some(word) {
-            self.say(word);
+            self.send(word);
             self.standing = Some((word, now));
         }
     }
 
     /// Reports to the client that frames are dropped. Returns `true` if it sent the reply now.
-    pub(crate) fn tell_quota(&mut self, now: Stamp) -> bool {
-        let due = self.told_of_quota.is_none_or(|at| now.since(at) >= TELL_EVERY_NS);
+    pub(crate) fn send_quota(&mut self, now: Stamp) -> bool {
+        let due = self.quota_sent.is_none_or(|at| now.since(at) >= REPEAT_NS);
         if due {
-            self.say(Reply::OverQuota);
-            self.told_of_quota = Some(now);
+            self.send(Reply::OverQuota);
+            self.quota_sent = Some(now);
         }
         due
     }
 }
 
 /// Sends a reply without waiting. A client that does not read loses the reply and nothing else.
-pub(crate) fn say(socket: &OwnedFd, answer: ReplyPacket) {
+pub(crate) fn send(socket: &OwnedFd, answer: ReplyPacket) {
     let _ = net::send(socket, &answer.encode(), SendFlags::DONTWAIT | SendFlags::NOSIGNAL);
 }

@@ -8,7 +8,7 @@ pub const FRAME_BYTES: usize = size_of::<RawSkeleton>();
 /// Returns the bytes of a frame.
 pub fn encode_frame(frame: &RawSkeleton) -> [u8; FRAME_BYTES] {
     let mut bytes = [0; FRAME_BYTES];
-    frame.put(&mut bytes);
+    frame.write_to(&mut bytes);
     bytes
 }
 

@@ -27,5 +27,5 @@ pub use group::{group_id, user_name};
 pub use listener::{Admission, Listener, connect};
 pub use messages::{BURST, Bucket, RATE_MAX_HZ};
 pub use nonce::draw_nonce;
-pub use protocol::{ANSWER_BYTES, HELLO_BYTES, Hello, Reply, ReplyPacket, WISHES_FEEDBACK};
+pub use protocol::{ANSWER_BYTES, HELLO_BYTES, Hello, REQUESTS_FEEDBACK, Reply, ReplyPacket};
 pub use server::{CONNECTIONS_MAX, FrameSource, HELLO_WITHIN_NS, IDLE_NS, LeaseState, Server, SocketEvent};

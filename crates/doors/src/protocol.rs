@@ -28,12 +28,12 @@ pub struct Hello {
     pub bytes: u32,
     /// Hash over names, types, offsets and sizes of the fields of `RawSkeleton`.
     pub layout: u64,
-    /// Zero, or [`WISHES_FEEDBACK`].
-    pub wishes: u64,
+    /// Zero, or [`REQUESTS_FEEDBACK`].
+    pub requests: u64,
 }
 
-/// The client wishes a packet with each `Feedback`.
-pub const WISHES_FEEDBACK: u64 = 1;
+/// The client requests a packet with each `Feedback`.
+pub const REQUESTS_FEEDBACK: u64 = 1;
 
 impl Hello {
     /// The hello of this build.
@@ -43,14 +43,14 @@ impl Hello {
         version: RawSkeleton::VERSION,
         bytes: size_of::<RawSkeleton>() as u32,
         layout: RawSkeleton::HASH,
-        wishes: 0,
+        requests: 0,
     };
 
     /// Returns its bytes: the fields in their order, little-endian.
     pub fn encode(self) -> [u8; HELLO_BYTES] {
         let mut bytes = [0; HELLO_BYTES];
-        [self.magic, self.protocol, self.version, self.bytes].put(&mut bytes);
-        [self.layout, self.wishes].put(&mut bytes[16..]);
+        [self.magic, self.protocol, self.version, self.bytes].write_to(&mut bytes);
+        [self.layout, self.requests].write_to(&mut bytes[16..]);
         bytes
     }
 
@@ -59,14 +59,14 @@ impl Hello {
         if bytes.len() != HELLO_BYTES || u32::get(bytes) != MAGIC {
             Some(Reply::NoHello)
         } else {
-            let known = [0, WISHES_FEEDBACK].map(|wishes| Self { wishes, ..Self::OURS }.encode());
+            let known = [0, REQUESTS_FEEDBACK].map(|requests| Self { requests, ..Self::OURS }.encode());
             (!known.iter().any(|known| bytes == known)).then_some(Reply::OtherLayout)
         }
     }
 
-    /// Returns true if the client of this valid hello wishes feedback.
-    pub(crate) fn wishes_feedback(bytes: &[u8]) -> bool {
-        bytes == Self { wishes: WISHES_FEEDBACK, ..Self::OURS }.encode()
+    /// Returns true if the client of this valid hello requests feedback.
+    pub(crate) fn requests_feedback(bytes: &[u8]) -> bool {
+        bytes == Self { requests: REQUESTS_FEEDBACK, ..Self::OURS }.encode()
     }
 }
 
@@ -152,8 +152,8 @@ impl ReplyPacket {
     /// Returns its bytes: the fields in their order, little-endian.
     pub fn encode(self) -> [u8; ANSWER_BYTES] {
         let mut bytes = [0; ANSWER_BYTES];
-        [MAGIC, self.word as u32, self.rate_max_hz, 0].put(&mut bytes);
-        self.session_nonce.put(&mut bytes[16..]);
+        [MAGIC, self.word as u32, self.rate_max_hz, 0].write_to(&mut bytes);
+        self.session_nonce.write_to(&mut bytes[16..]);
         bytes
     }
 
@@ -190,14 +190,14 @@ mod tests {
             |hello| hello.version += 1,
             |hello| hello.bytes += 4,
             |hello| hello.layout ^= 1,
-            |hello| hello.wishes = 2,
+            |hello| hello.requests = 2,
         ];
         for change in changes {
             let mut hello = Hello::OURS;
             change(&mut hello);
             assert_eq!(Hello::refusal(&hello.encode()), Some(Reply::OtherLayout), "{hello:?}");
         }
-        assert_eq!(Hello::refusal(&Hello { wishes: WISHES_FEEDBACK, ..Hello::OURS }.encode()), None);
+        assert_eq!(Hello::refusal(&Hello { requests: REQUESTS_FEEDBACK, ..Hello::OURS }.encode()), None);
         let other = Hello { magic: 0, ..Hello::OURS };
         assert_eq!(Hello::refusal(&other.encode()), Some(Reply::NoHello));
         assert_eq!(Hello::refusal(&Hello::OURS.encode()[1..]), Some(Reply::NoHello));

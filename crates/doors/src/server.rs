@@ -1,6 +1,6 @@
 //! The end of the skeleton socket in `ingest`.
 
-use crate::connection::{Connection, say};
+use crate::connection::{Connection, send};
 use crate::error::DoorError;
 use crate::frame::{FRAME_BYTES, decode_frame};
 use crate::listener::{Admission, Listener};
@@ -25,8 +25,8 @@ pub const IDLE_NS: u64 = 5_000_000_000;
 /// is configured otherwise.
 const DRAIN_MAX: usize = 32;
 /// Notices that are kept until they are taken. Further ones are only counted.
-const NOTICES_MAX: usize = 16;
-/// Send buffer of a client that wishes feedback: some packets of it, with what the kernel adds to each.
+const EVENTS_MAX: usize = 16;
+/// Send buffer of a client that requested feedback: some packets of it, with what the kernel adds to each.
 const FEEDBACK_BUFFER_BYTES: usize = 4096;
 /// One byte more than a frame, so that a longer packet shows.
 const BUFFER_BYTES: usize = FRAME_BYTES + 1;
@@ -71,8 +71,8 @@ pub struct Server {
     holder: usize,
     connections: u64,
     over_quota: u64,
-    said: [u64; Reply::ALL.len()],
-    notices: [Option<SocketEvent>; NOTICES_MAX],
+    replies: [u64; Reply::ALL.len()],
+    events: [Option<SocketEvent>; EVENTS_MAX],
 }
 
 impl Server {
@@ -87,8 +87,8 @@ impl Server {
             holder: 0,
             connections: 0,
             over_quota: 0,
-            said: [0; Reply::ALL.len()],
-            notices: [None; NOTICES_MAX],
+            replies: [0; Reply::ALL.len()],
+            events: [None; EVENTS_MAX],
         })
     }
 
@@ -121,18 +121,18 @@ impl Server {
         self.seats.iter().flatten().map(|seat| seat.muted_until).filter(|&until| until > now).min()
     }
 
-    /// Sends `feedback` to the clients that wish it, without waiting. A client that does not read loses it.
+    /// Sends `feedback` to the clients that requested it, without waiting. A client that does not read loses it.
     pub fn feed_back(&self, feedback: &Feedback) {
         let mut bytes = [0; FEEDBACK_BYTES];
-        feedback.put(&mut bytes);
-        for seat in self.seats.iter().flatten().filter(|seat| seat.wishes_feedback) {
+        feedback.write_to(&mut bytes);
+        for seat in self.seats.iter().flatten().filter(|seat| seat.requests_feedback) {
             let _ = net::send(&seat.socket, &bytes, SendFlags::DONTWAIT | SendFlags::NOSIGNAL);
         }
     }
 
     /// Hands out the events for the log since the last call.
-    pub fn take_notices(&mut self, use_notice: impl FnMut(SocketEvent)) {
-        self.notices.iter_mut().filter_map(Option::take).for_each(use_notice);
+    pub fn drain_events(&mut self, use_event: impl FnMut(SocketEvent)) {
+        self.events.iter_mut().filter_map(Option::take).for_each(use_event);
     }
 
     /// Returns the number of frames that were dropped because a connection sent more than the rate.
@@ -141,8 +141,8 @@ impl Server {
     }
 
     /// Returns how often `word` was sent when a connection began or ended.
-    pub fn said(&self, word: Reply) -> u64 {
-        self.said[place(word)]
+    pub fn reply_count(&self, word: Reply) -> u64 {
+        self.replies[place(word)]
     }
 
     /// Returns the number of open connections.
@@ -150,17 +150,17 @@ impl Server {
         self.seats.iter().flatten().count()
     }
 
-    fn note(&mut self, word: Reply, peer: Peer) {
-        self.said[place(word)] += 1;
-        if let Some(free) = self.notices.iter_mut().find(|notice| notice.is_none()) {
+    fn record(&mut self, word: Reply, peer: Peer) {
+        self.replies[place(word)] += 1;
+        if let Some(free) = self.events.iter_mut().find(|event| event.is_none()) {
             *free = Some(SocketEvent { word, peer });
         }
     }
 
     fn close(&mut self, index: usize, refusal: Option<Reply>) {
         if let (Some(seat), Some(word)) = (self.seats[index].take(), refusal) {
-            seat.say(word);
-            self.note(word, seat.peer);
+            seat.send(word);
+            self.record(word, seat.peer);
         }
     }
 
@@ -180,8 +180,8 @@ impl Server {
                     }
                 },
             };
-            say(&socket, ReplyPacket::new(refusal, 0));
-            self.note(refusal, peer);
+            send(&socket, ReplyPacket::new(refusal, 0));
+            self.record(refusal, peer);
         }
     }
 
@@ -220,14 +220,14 @@ impl Server {
                 Some(word) => Err(Some(word)),
                 None => {
                     (seat.session_nonce, seat.heard) = (draw_nonce(), now);
-                    seat.wishes_feedback = Hello::wishes_feedback(&bytes[..length]);
-                    if seat.wishes_feedback {
+                    seat.requests_feedback = Hello::requests_feedback(&bytes[..length]);
+                    if seat.requests_feedback {
                         // A client that is late then finds new feedback, and not that of minutes ago.
                         let _ = net::sockopt::set_socket_send_buffer_size(&seat.socket, FEEDBACK_BUFFER_BYTES);
                     }
-                    seat.say(if held { Reply::GrantedButHeld } else { Reply::Granted });
+                    seat.send(if held { Reply::GrantedButHeld } else { Reply::Granted });
                     let peer = seat.peer;
-                    self.note(Reply::Granted, peer);
+                    self.record(Reply::Granted, peer);
                     Ok(())
                 }
             },
@@ -260,7 +260,7 @@ impl Server {
             }
             self.over_quota += u64::from(seat.pending);
             (seat.heard, seat.pending) = (now, true);
-            if !hurried && seat.bucket.take(now) {
+            if !hurried && seat.bucket.admit(now) {
                 if deliver(seat, buffer, now, use_frame)? {
                     self.holder = index;
                 }
@@ -269,15 +269,15 @@ impl Server {
             }
         }
         if seat.pending {
-            if seat.bucket.take(now) {
+            if seat.bucket.admit(now) {
                 if deliver(seat, buffer, now, use_frame)? {
                     self.holder = index;
                 }
             } else {
                 seat.muted_until = seat.bucket.next();
-                if seat.tell_quota(now) {
+                if seat.send_quota(now) {
                     let peer = seat.peer;
-                    self.note(Reply::OverQuota, peer);
+                    self.record(Reply::OverQuota, peer);
                 }
             }
         }
@@ -299,7 +299,7 @@ fn deliver(
     }
     let arrival = FrameSource { connection: seat.connection, peer: seat.peer, session_nonce: seat.session_nonce };
     let standing = use_frame(arrival, &frame);
-    seat.tell_standing(now, if standing == LeaseState::Holder { Reply::Holder } else { Reply::NotHolder });
+    seat.send_standing(now, if standing == LeaseState::Holder { Reply::Holder } else { Reply::NotHolder });
     Ok(standing == LeaseState::Holder)
 }
 

@@ -35,7 +35,7 @@ fn f023_server_allocates_nothing_during_floods_and_reconnects() {
                 if round % 3 == 0 { LeaseState::Holder } else { LeaseState::NotHolder }
             });
             server.descriptors(now);
-            server.take_notices(|_| {});
+            server.drain_events(|_| {});
         }
         rustix::net::send(&socket, b"no frame", SendFlags::DONTWAIT).unwrap();
         now = now.plus_ns(1_000_000_000);

@@ -10,12 +10,12 @@ const PERIOD_NS: u64 = 1_000_000_000 / RATE_MAX_HZ;
 #[test]
 fn f023_bucket_passes_one_burst_and_then_250_frames_per_second() {
     let (mut bucket, start) = (Bucket::default(), Stamp(5_000_000_000));
-    let at_once = (0..1000).filter(|_| bucket.take(start)).count();
+    let at_once = (0..1000).filter(|_| bucket.admit(start)).count();
     assert_eq!(at_once as u64, BURST);
     let mut passed = 0;
     // 10 kHz for ten seconds.
     for i in 1..=100_000 {
-        passed += u64::from(bucket.take(start.plus_ns(i * 100_000)));
+        passed += u64::from(bucket.admit(start.plus_ns(i * 100_000)));
     }
     assert_eq!(passed, 10 * RATE_MAX_HZ);
 }
@@ -24,7 +24,7 @@ fn f023_bucket_passes_one_burst_and_then_250_frames_per_second() {
 fn tracker_at_240_hz_loses_no_frame() {
     let mut bucket = Bucket::default();
     let period_ns = 1_000_000_000 / 240;
-    assert!((0..100_000_u64).all(|i| bucket.take(Stamp(1 + i * period_ns))));
+    assert!((0..100_000_u64).all(|i| bucket.admit(Stamp(1 + i * period_ns))));
 }
 
 proptest! {
@@ -34,7 +34,7 @@ proptest! {
         let (mut bucket, mut now, mut taken) = (Bucket::default(), Stamp(1), Vec::new());
         for step in steps {
             now = now.plus_ns(step);
-            if bucket.take(now) {
+            if bucket.admit(now) {
                 taken.push(now);
             }
         }

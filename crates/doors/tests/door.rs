@@ -100,7 +100,7 @@ impl Raw {
     }
 
     /// Returns the last reply.
-    fn told(&self) -> Option<Reply> {
+    fn last_reply(&self) -> Option<Reply> {
         std::iter::from_fn(|| self.answer()).last().map(|answer| answer.word)
     }
 
@@ -131,22 +131,22 @@ fn f070_every_connection_gets_its_own_nonzero_session_number() {
 fn f068_second_client_gets_not_holder_reply_twice_a_second() {
     let mut house = House::new();
     let (mut first, mut second) = (house.guest(), house.guest());
-    let mut told = Vec::new();
+    let mut replies = Vec::new();
     for _ in 0..100 {
         first.frame().unwrap();
         house.later(10 * MS);
         second.frame().unwrap();
         house.later(10 * MS);
-        told.extend(second.answer().map(|answer| answer.word));
+        replies.extend(second.answer().map(|answer| answer.word));
     }
-    assert_eq!(first.told(), Some(Reply::Holder));
-    assert_eq!(told, [Reply::NotHolder; 4], "in two seconds");
+    assert_eq!(first.last_reply(), Some(Reply::Holder));
+    assert_eq!(replies, [Reply::NotHolder; 4], "in two seconds");
     assert_eq!(house.used.len(), 200);
     let third = house.raw();
     third.send(&Hello::OURS.encode());
     house.poll();
     house.poll();
-    assert_eq!(third.told(), Some(Reply::GrantedButHeld));
+    assert_eq!(third.last_reply(), Some(Reply::GrantedButHeld));
 }
 
 #[test]
@@ -158,7 +158,7 @@ fn f068_client_with_forged_session_number_is_disconnected() {
     forger.nonce = holder.nonce;
     forger.frame().unwrap();
     house.poll();
-    assert_eq!(forger.told(), Some(Reply::ForgedSession));
+    assert_eq!(forger.last_reply(), Some(Reply::ForgedSession));
     assert!(forger.is_closed());
     assert_eq!(house.used.len(), 1, "nothing of it went through");
 }
@@ -182,18 +182,18 @@ fn f018_f111_client_with_invalid_hello_or_frame_is_disconnected() {
         raw.send(bytes);
         house.poll();
         house.poll();
-        assert_eq!(raw.told(), Some(word));
+        assert_eq!(raw.last_reply(), Some(word));
         assert!(raw.is_closed());
     }
     for bytes in [&engage[..], &[0; FRAME_BYTES - 1], &[0; FRAME_BYTES + 1], &[0; 65536]] {
         let guest = house.guest();
         guest.send(bytes);
         house.poll();
-        assert_eq!(guest.told(), Some(Reply::WrongSize));
+        assert_eq!(guest.last_reply(), Some(Reply::WrongSize));
         assert!(guest.is_closed());
     }
     assert_eq!((house.used.len(), house.server.connections()), (0, 0));
-    assert_eq!(house.server.said(Reply::WrongSize), 4);
+    assert_eq!(house.server.reply_count(Reply::WrongSize), 4);
 }
 
 #[test]
@@ -202,9 +202,9 @@ fn f088_ninth_client_is_refused_until_half_open_ones_time_out() {
     let silent: Vec<_> = (0..CONNECTIONS_MAX).map(|_| (house.raw(), house.poll()).0).collect();
     let ninth = house.raw();
     house.poll();
-    assert_eq!(ninth.told(), Some(Reply::Full));
+    assert_eq!(ninth.last_reply(), Some(Reply::Full));
     house.later(HELLO_WITHIN_NS + 1);
-    assert!(silent.iter().all(|raw| raw.told() == Some(Reply::Late) && raw.is_closed()));
+    assert!(silent.iter().all(|raw| raw.last_reply() == Some(Reply::Late) && raw.is_closed()));
     house.guest();
 }
 
@@ -222,12 +222,12 @@ fn f088_idle_client_is_dropped_for_new_one_and_busy_ones_stay() {
     late.send(&Hello::OURS.encode());
     house.poll();
     house.poll();
-    assert_eq!(late.told(), Some(Reply::GrantedButHeld));
-    assert_eq!(guests[0].told(), Some(Reply::Idle));
+    assert_eq!(late.last_reply(), Some(Reply::GrantedButHeld));
+    assert_eq!(guests[0].last_reply(), Some(Reply::Idle));
     assert!(guests[1..].iter().all(|guest| !guest.is_closed()));
     let more = house.raw();
     house.poll();
-    assert_eq!(more.told(), Some(Reply::Full), "nobody else was idle");
+    assert_eq!(more.last_reply(), Some(Reply::Full), "nobody else was idle");
 }
 
 #[test]
@@ -247,7 +247,7 @@ fn f088_holder_loses_no_frame_during_a_thousand_connects() {
     assert_eq!(house.used.len(), 1000, "every frame of the holder was used in its round");
     house.poll();
     assert_eq!(house.server.connections(), 1);
-    assert_eq!(holder.told(), Some(Reply::Holder));
+    assert_eq!(holder.last_reply(), Some(Reply::Holder));
 }
 
 #[test]
@@ -295,8 +295,8 @@ fn f023_flood_is_limited_to_250_hz_and_other_client_is_served() {
     assert!((2300..=most).contains(&of(flood.nonce)), "{}", of(flood.nonce));
     assert_eq!(lagged, 0, "what is used is what the kernel's queue held last");
     assert!(house.server.over_quota() > 20_000, "{}", house.server.over_quota());
-    assert_eq!(flood.told(), Some(Reply::OverQuota));
-    assert_eq!(holder.told(), Some(Reply::Holder));
+    assert_eq!(flood.last_reply(), Some(Reply::OverQuota));
+    assert_eq!(holder.last_reply(), Some(Reply::Holder));
 }
 
 #[test]
@@ -325,7 +325,7 @@ fn client_attaches_publishes_and_gets_error_when_server_leaves() {
     client.publish(&RawSkeleton::ZERO).unwrap();
     house.poll();
     client.listen().unwrap();
-    assert_eq!((client.told(), house.used.len()), (Reply::Holder, 1));
+    assert_eq!((client.last_reply(), house.used.len()), (Reply::Holder, 1));
     assert_eq!(house.used[0].0.session_nonce, client.session_nonce());
     assert_eq!(house.used[0].0.peer.pid, std::process::id());
     let path = house.path();
@@ -336,7 +336,7 @@ fn client_attaches_publishes_and_gets_error_when_server_leaves() {
 }
 
 #[test]
-fn feedback_reaches_the_client_that_wishes_it_alone() {
+fn feedback_reaches_the_client_that_requests_it_alone() {
     let mut house = House::new();
     let plain = house.guest();
     let path = house.path();
@@ -360,7 +360,7 @@ fn feedback_reaches_the_client_that_wishes_it_alone() {
     assert_eq!(house.used.len(), 1);
     // What waits for a late client is a few packets, less than half a second.
     let raw = house.raw();
-    raw.send(&Hello { wishes: doors::WISHES_FEEDBACK, ..Hello::OURS }.encode());
+    raw.send(&Hello { requests: doors::REQUESTS_FEEDBACK, ..Hello::OURS }.encode());
     (0..3).for_each(|_| house.poll());
     (0..1000).for_each(|_| house.server.feed_back(&feedback));
     let mut bytes = [0; 1024];

@@ -58,7 +58,7 @@ fn ended_by(status: &Status, names: &Names) -> Option<String> {
         return None;
     }
     let faults = || since.iter().filter_map(|made| Some((Fault::from_u32(made.why)?, Subject::from_code(made.about))));
-    let said = |(fault, about): (Fault, Option<Subject>)| match about {
+    let sentence = |(fault, about): (Fault, Option<Subject>)| match about {
         Some(Subject::Person(change)) => change.meaning().to_owned(),
         about => {
             let was = subject(about, names).map_or(String::new(), |was| format!(" It was {was}."));
@@ -68,7 +68,7 @@ fn ended_by(status: &Status, names: &Names) -> Option<String> {
     let first = faults().next()?;
     // Whatever stopped the robot first: another person keeps it from going on.
     let person = faults().skip(1).find(|(fault, _)| *fault == Fault::PersonChanged);
-    Some(core::iter::once(first).chain(person).map(said).collect::<Vec<_>>().join(" "))
+    Some(core::iter::once(first).chain(person).map(sentence).collect::<Vec<_>>().join(" "))
 }
 
 #[cfg(test)]

@@ -12,4 +12,4 @@ pub use sentences::{
     BEHIND_DEG, Sentence, Severity, calibration_name, dropped_now, fault_behind, meaning, mode_name,
     newest_transitions, not_at_rest, payload, payload_refused, sentences, why, why_stopped,
 };
-pub use status::{input_age_ms, note, status_json};
+pub use status::{activity, input_age_ms, status_json};

@@ -64,34 +64,34 @@ pub struct Sentence {
 /// Lists everything that happened after `before`, up to `now`. Without `before`, or if `now` comes from a
 /// restarted `control`, it gives the present mode and faults.
 pub fn sentences(before: Option<&Status>, now: &Status, names: &Names) -> Vec<Sentence> {
-    let say = |gravity, text| Sentence { gravity, text };
-    let of = |fault| say(Severity::from_fault(fault), named(fault, now, names));
+    let sentence = |gravity, text| Sentence { gravity, text };
+    let of_fault = |fault| sentence(Severity::from_fault(fault), named(fault, now, names));
     let Some(before) = before.filter(|before| before.header.incarnation == now.header.incarnation) else {
-        let mut all = vec![say(Severity::Note, format!("The robot is {}.", mode_name(now.mode)))];
-        all.extend(Faults(now.faults).iter().map(of));
+        let mut all = vec![sentence(Severity::Note, format!("The robot is {}.", mode_name(now.mode)))];
+        all.extend(Faults(now.faults).iter().map(of_fault));
         return all;
     };
     let mut all = Vec::new();
     let made = now.transition_count.wrapping_sub(before.transition_count);
     if made > KEPT {
-        all.push(say(Severity::Warning, format!("{} mode changes were missed.", made - KEPT)));
+        all.push(sentence(Severity::Warning, format!("{} mode changes were missed.", made - KEPT)));
     }
-    let mut told = Faults::NONE;
+    let mut listed = Faults::NONE;
     for made in newest_transitions(now, made) {
         let fault = Fault::from_u32(made.why);
-        told = fault.map_or(told, |fault| told.with(fault));
-        all.push(say(fault.map_or(Severity::Note, Severity::from_fault), changed(made, now, names)));
+        listed = fault.map_or(listed, |fault| listed.with(fault));
+        all.push(sentence(fault.map_or(Severity::Note, Severity::from_fault), changed(made, now, names)));
     }
     for row in &FAULTS {
         let count = now.fault_counts[row.fault.index()].wrapping_sub(before.fault_counts[row.fault.index()]);
-        if count > 0 && !told.has(row.fault) {
-            all.push(of(row.fault));
+        if count > 0 && !listed.has(row.fault) {
+            all.push(of_fault(row.fault));
         }
     }
     let denied = now.gate_denials.wrapping_sub(before.gate_denials);
     if denied > 0 {
         let why = self::denied(now, names).map_or(String::new(), |why| format!(", the last one because {why}"));
-        all.push(say(Severity::Error, format!("The gate denied {denied} commands{why}.")));
+        all.push(sentence(Severity::Error, format!("The gate denied {denied} commands{why}.")));
     }
     let refused = now.fallbacks.wrapping_sub(before.fallbacks);
     if refused > 0 {
@@ -101,25 +101,25 @@ pub fn sentences(before: Option<&Status>, now: &Status, names: &Names) -> Vec<Se
             _ => "would have come too close",
         };
         let why = subject(about, names).map_or(String::new(), |which| format!(": {which} {why}"));
-        all.push(say(Severity::Note, format!("{refused} motions were refused; the plan continued{why}.")));
+        all.push(sentence(Severity::Note, format!("{refused} motions were refused; the plan continued{why}.")));
     }
     if let Some((name, meaning)) = dropped(now).filter(|_| now.input_drop != before.input_drop) {
-        all.push(say(Severity::Warning, format!("Frames of the person are dropped: {name}: {meaning}.")));
+        all.push(sentence(Severity::Warning, format!("Frames of the person are dropped: {name}: {meaning}.")));
     }
     if now.calibration != before.calibration {
-        all.push(say(Severity::Note, format!("Calibration of the person: {}.", calibration_name(now))));
+        all.push(sentence(Severity::Note, format!("Calibration of the person: {}.", calibration_name(now))));
     }
     if now.payloads_taken != before.payloads_taken {
-        all.push(say(Severity::Note, format!("The hands carry {}.", payload(now))));
+        all.push(sentence(Severity::Note, format!("The hands carry {}.", payload(now))));
     }
     let answered = [now.payloads_taken != before.payloads_taken, now.payloads_refused != before.payloads_refused];
     if let Some(why) = payload_refused(now, names).filter(|_| answered.contains(&true)) {
         let what = if answered[1] { "was refused" } else { "is too much" };
-        all.push(say(Severity::Warning, format!("The payload {what}: {why}.")));
+        all.push(sentence(Severity::Warning, format!("The payload {what}: {why}.")));
     }
     for (flag, name) in reduced_flag::NAMES {
         if now.reduced & flag != 0 && before.reduced & flag == 0 {
-            all.push(say(Severity::Warning, format!("The speed is reduced: {name}.")));
+            all.push(sentence(Severity::Warning, format!("The speed is reduced: {name}.")));
         }
     }
     all
@@ -143,12 +143,12 @@ pub fn why_stopped(status: &Status, names: &Names) -> Option<String> {
         // Whatever stopped the robot before: the operator has let go, and knows it.
         let let_go = status.mode == Mode::Disengaged as u32
             && newest_transitions(status, KEPT).skip(since).any(|made| made.why == Transition::RELEASED);
-        let mut told = Faults::NONE;
+        let mut listed = Faults::NONE;
         for made in newest_transitions(status, KEPT).skip(since).filter(|_| !let_go) {
-            told = Fault::from_u32(made.why).map_or(told, |fault| told.with(fault));
+            listed = Fault::from_u32(made.why).map_or(listed, |fault| listed.with(fault));
             all.push(changed(made, status, names));
         }
-        let others = Faults(status.faults | status.latched).iter().filter(|&fault| !told.has(fault));
+        let others = Faults(status.faults | status.latched).iter().filter(|&fault| !listed.has(fault));
         all.extend(others.map(|fault| named(fault, status, names)));
         all.extend(not_at_rest(status, names));
     }
@@ -334,8 +334,8 @@ pub fn fault_behind(made: &Transition, status: &Status, names: &Names) -> Option
     if let Some(Subject::Person(change)) = about {
         return Some(format!("{}: {}", fault.row().name, change.meaning()));
     }
-    let told = status.about(fault).filter(|_| Faults(status.faults | status.latched).has(fault));
-    let was = subject(about.filter(|&was| told != Some(was)), names);
+    let current = status.about(fault).filter(|_| Faults(status.faults | status.latched).has(fault));
+    let was = subject(about.filter(|&was| current != Some(was)), names);
     Some(named(fault, status, names) + &was.map_or(String::new(), |was| format!(" It was {was}.")))
 }
 
@@ -378,7 +378,8 @@ mod tests {
         (status.denied_why, status.denied_about) = (denial.code(), denial.subject().map_or(0, Subject::code));
         (status.fallbacks, status.refused_about) = (7, Subject::Pair([5, 6]).code());
         (status.input_drop, status.calibration) = (DropReason::Size as u32 + 1, CalibrationSource::Online as u32);
-        let texts: Vec<_> = sentences(Some(&before), &status, &names).into_iter().map(|said| said.text).collect();
+        let texts: Vec<_> =
+            sentences(Some(&before), &status, &names).into_iter().map(|sentence| sentence.text).collect();
         assert_eq!(texts.len(), 7, "{texts:?}");
         assert_eq!(texts[0], "Engaging after Disengaged: enabled.");
         assert!(texts[1].starts_with("Holding after Engaging: CollisionNear"), "{texts:?}");
@@ -475,25 +476,25 @@ mod tests {
             nearest_pair_measured: [3, 30],
             ..Status::ZERO
         };
-        let said = |fault| meaning(fault, &status, &Names::default());
+        let text = |fault| meaning(fault, &status, &Names::default());
         let lost = Faults::NONE.with(Fault::TrackingError).0;
         let behind = Status { latched: lost, tracking_joint: 4, tracking_error: 0.06, ..Status::ZERO };
         let behind = meaning(Fault::TrackingError, &behind, &Names::default());
         assert!(behind.ends_with("joint 3 is 0.0600 rad or m from its command."), "{behind}");
         for fault in [Fault::VelocityError, Fault::StandstillLost] {
             let swings = Status { latched: Faults::NONE.with(fault).0, unsteady_joint: 7, ..Status::ZERO };
-            let said = meaning(fault, &swings, &Names::default());
-            assert_eq!(said, format!("{} It is joint 6.", fault.row().meaning));
+            let text = meaning(fault, &swings, &Names::default());
+            assert_eq!(text, format!("{} It is joint 6.", fault.row().meaning));
             let over = Status { unsteady_joint: 0, ..swings };
             assert_eq!(meaning(fault, &over, &Names::default()), fault.row().meaning);
         }
-        let outside = said(Fault::StartOutsideLimits);
+        let outside = text(Fault::StartOutsideLimits);
         assert!(outside.contains("joint 5 is 0.0123 rad or m below"), "{outside}");
-        let close = said(Fault::StartInCollision);
+        let close = text(Fault::StartInCollision);
         assert!(
             close.contains("part 3 and part 30 are 4.2 mm apart") && close.contains("teleopctl recover"),
             "{close}"
         );
-        assert_eq!(said(Fault::NoTarget), Fault::NoTarget.row().meaning);
+        assert_eq!(text(Fault::NoTarget), Fault::NoTarget.row().meaning);
     }
 }

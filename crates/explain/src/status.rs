@@ -5,11 +5,11 @@ use messages::{FAULTS, Faults, Mode, Stamp, Status, Subject, reduced_flag};
 use robot::Names;
 use serde_json::{Value, json};
 
-/// Distance of the torso from its target above which [`note`] mentions it, m: 70 ms at its highest speed.
+/// Distance of the torso from its target above which [`activity`] mentions it, m: 70 ms at its highest speed.
 const TORSO_FAR_M: f64 = 0.005;
 
 /// Names a slow motion in progress, for the operator. The torso's whole stroke takes 5 s.
-pub fn note(status: &Status) -> Option<&'static str> {
+pub fn activity(status: &Status) -> Option<&'static str> {
     if status.torso_to_go_m > TORSO_FAR_M {
         Some("raising torso")
     } else if status.torso_to_go_m < -TORSO_FAR_M {
@@ -76,7 +76,7 @@ pub fn status_json(status: &Status, names: &Names) -> Value {
         "joint_outside": status.joint_outside.checked_sub(1),
         "outside_by": status.outside_by,
         "torso_to_go_m": status.torso_to_go_m,
-        "note": note(status),
+        "note": activity(status),
         "tracking_error": status.tracking_error,
         "tracking_joint": status.tracking_joint.checked_sub(1),
         "at_rest": status.moving == 0,

@@ -152,10 +152,11 @@ fn tail_mut(bytes: &mut [u8], from: usize) -> &mut [u8] {
 }
 
 impl Head {
-    fn put(&self, out: &mut [u8]) {
-        [MAGIC, PROTOCOL, self.kind as u32, self.stops_heard].put(out);
+    fn write_to(&self, out: &mut [u8]) {
+        [MAGIC, PROTOCOL, self.kind as u32, self.stops_heard].write_to(out);
         let Echo { sequence, sent, received } = self.echo;
-        [self.session, self.client, self.sequence, self.sent.0, sequence, sent.0, received.0].put(tail_mut(out, 16));
+        [self.session, self.client, self.sequence, self.sent.0, sequence, sent.0, received.0]
+            .write_to(tail_mut(out, 16));
     }
 
     /// Returns the head of a datagram, before its payload is looked at.
@@ -201,15 +202,15 @@ impl Frame {
     ///
     /// # Errors
     /// Returns the reason why a person cannot be sent.
-    pub fn put(&self, out: &mut [u8; FRAME_BYTES_MAX]) -> Result<usize, Unsendable> {
-        Head { kind: self.payload.kind(), ..self.head }.put(out);
+    pub fn write_to(&self, out: &mut [u8; FRAME_BYTES_MAX]) -> Result<usize, Unsendable> {
+        Head { kind: self.payload.kind(), ..self.head }.write_to(out);
         let body = tail_mut(out, HEAD_BYTES);
         let length = match &self.payload {
             Payload::Operator(request) => put_whole(request, body),
             Payload::Person(person) => put_person(person, body)?,
             Payload::Answer(answer) => {
-                [answer.verdict as u32, u32::from(answer.led_by_other)].put(body);
-                [answer.uncertainty_ns, answer.received, answer.lost, answer.refused].put(tail_mut(body, 8));
+                [answer.verdict as u32, u32::from(answer.led_by_other)].write_to(body);
+                [answer.uncertainty_ns, answer.received, answer.lost, answer.refused].write_to(tail_mut(body, 8));
                 ANSWER_BYTES
             }
             Payload::Status(status) => put_whole(status, body),
@@ -237,7 +238,7 @@ impl Frame {
 }
 
 fn put_whole<T: Layout>(value: &T, out: &mut [u8]) -> usize {
-    value.put(out);
+    value.write_to(out);
     size_of::<T>()
 }
 
@@ -282,21 +283,21 @@ fn put_person(person: &RawSkeleton, out: &mut [u8]) -> Result<usize, Unsendable>
     let header = &person.header;
     let has_calibration = person.calibration != HingeCalibration::ZERO;
     let extras = if has_calibration { HAS_CALIBRATION } else { 0 };
-    [header.sequence, header.stamp.0, header.origin.0, person.session_nonce].put(out);
+    [header.sequence, header.stamp.0, header.origin.0, person.session_nonce].write_to(out);
     [person.layout, person.operator_id, person.flags, person.joint_count, header.incarnation, extras]
-        .put(tail_mut(out, 32));
+        .write_to(tail_mut(out, 32));
     let mut at = PERSON_BYTES;
     if has_calibration {
-        person.calibration.put(tail_mut(out, at));
+        person.calibration.write_to(tail_mut(out, at));
         at += CALIBRATION_BYTES;
     }
     let joint = person.positions.iter().zip(&person.rotations).zip(&person.confidence);
     for ((position, rotation), confidence) in joint.take(joints) {
         let [x, y, z] = *position;
-        [x, y, z, *confidence].put(tail_mut(out, at));
+        [x, y, z, *confidence].write_to(tail_mut(out, at));
         at += POINT_BYTES;
         if person.flags & raw_flag::ROTATIONS != 0 {
-            rotation.put(tail_mut(out, at));
+            rotation.write_to(tail_mut(out, at));
             at += ROTATION_BYTES;
         }
     }

@@ -71,7 +71,7 @@ impl OperatorEnd {
         if self.session != 0 && now.since(self.heard) > SILENCE_NS {
             (self.session, self.asked) = (0, self.exchange.sequence());
         }
-        self.put(Payload::Operator(*request), now, out).unwrap_or_default()
+        self.write_to(Payload::Operator(*request), now, out).unwrap_or_default()
     }
 
     /// Writes a person and returns the length.
@@ -87,13 +87,13 @@ impl OperatorEnd {
         if self.session == 0 {
             return Err(Unsendable::NoSession);
         }
-        self.put(Payload::Person(*person), now, out)
+        self.write_to(Payload::Person(*person), now, out)
     }
 
-    fn put(&mut self, payload: Payload, now: Stamp, out: &mut [u8; FRAME_BYTES_MAX]) -> Result<usize, Unsendable> {
+    fn write_to(&mut self, payload: Payload, now: Stamp, out: &mut [u8; FRAME_BYTES_MAX]) -> Result<usize, Unsendable> {
         let head = self.exchange.head(payload.kind(), self.session, self.client, now);
         let head = Head { stops_heard: self.stops_heard, ..head };
-        Frame { head, payload }.put(out)
+        Frame { head, payload }.write_to(out)
     }
 
     /// Takes a datagram of the robot. `now` may not be before its arrival: that looks like a jump of the clock.

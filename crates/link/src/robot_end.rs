@@ -117,7 +117,7 @@ impl RobotEnd {
     pub fn answer(&mut self, at: usize, now: Stamp, out: &mut [u8; FRAME_BYTES_MAX]) -> Option<usize> {
         let answer = self.answer_of(at, now)?;
         let stop_waits = self.stop_waits;
-        self.seats.get_mut(at)?.put(Payload::Answer(answer), stop_waits, now, out)
+        self.seats.get_mut(at)?.write_to(Payload::Answer(answer), stop_waits, now, out)
     }
 
     /// Writes the answer for a second program of the operator at place `at`, if there is one.
@@ -128,13 +128,13 @@ impl RobotEnd {
         let payload = Payload::Answer(Answer { verdict: Verdict::Busy, ..seat.state(now, gone) });
         let stops_heard = seat.stops_heard(client, stop_waits);
         let head = Head { stops_heard, echo, ..seat.exchange.head(Kind::Answer, 0, client, now) };
-        Frame { head, payload }.put(out).ok()
+        Frame { head, payload }.write_to(out).ok()
     }
 
     /// Writes a status or a feedback for the operator at place `at`. Returns its length. `None` without a session.
     pub fn send(&mut self, at: usize, payload: Payload, now: Stamp, out: &mut [u8; FRAME_BYTES_MAX]) -> Option<usize> {
         let seat = self.seats.get_mut(at).filter(|seat| seat.session.is_some())?;
-        seat.put(payload, self.stop_waits, now, out)
+        seat.write_to(payload, self.stop_waits, now, out)
     }
 
     /// Returns the state of the operator at place `at`. `None` if none was ever there.
@@ -171,7 +171,7 @@ impl Seat {
         if head.client == self.client && self.exchange.is_repeated(&head) {
             return Err(Refusal::Order);
         }
-        let within_rate = bucket.take(now);
+        let within_rate = bucket.admit(now);
         if !within_rate && head.kind == Kind::Person {
             return Err(Refusal::Rate);
         }
@@ -362,7 +362,7 @@ impl Seat {
         }
     }
 
-    fn put(
+    fn write_to(
         &mut self,
         payload: Payload,
         stop_waits: bool,
@@ -375,6 +375,6 @@ impl Seat {
         let stops_heard = self.stops_heard(self.client, stop_waits);
         let session = self.session.map_or(0, |session| session.nonce);
         let head = Head { stops_heard, ..self.exchange.head(payload.kind(), session, self.client, now) };
-        Frame { head, payload }.put(out).ok()
+        Frame { head, payload }.write_to(out).ok()
     }
 }

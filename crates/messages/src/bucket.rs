@@ -18,7 +18,7 @@ pub struct Bucket {
 
 impl Bucket {
     /// Takes a token. Returns `false` if there is none.
-    pub fn take(&mut self, now: Stamp) -> bool {
+    pub fn admit(&mut self, now: Stamp) -> bool {
         let admitted = now >= self.next();
         if admitted {
             self.spent_until = self.spent_until.max(now).plus_ns(PERIOD_NS);

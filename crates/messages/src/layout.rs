@@ -22,7 +22,7 @@ pub trait Layout: Copy {
     const ZERO: Self;
     /// Writes the value into the first `size_of::<Self>()` bytes of `out`, numbers little-endian. Further bytes
     /// keep their value. If `out` is too short, a number that does not fit is not written at all.
-    fn put(&self, out: &mut [u8]);
+    fn write_to(&self, out: &mut [u8]);
     /// Returns the value whose bytes [`Layout::put`] wrote. A number with missing bytes is zero.
     fn get(bytes: &[u8]) -> Self;
 }
@@ -129,7 +129,7 @@ macro_rules! primitive {
         impl Layout for $t {
             const HASH: u64 = fnv(FNV_BASIS, stringify!($t).as_bytes());
             const ZERO: Self = 0 as $t;
-            fn put(&self, out: &mut [u8]) {
+            fn write_to(&self, out: &mut [u8]) {
                 if let Some(place) = out.first_chunk_mut() {
                     *place = self.to_le_bytes();
                 }
@@ -145,9 +145,9 @@ primitive!(u8, u32, u64, i64, f32, f64);
 impl<T: Layout, const N: usize> Layout for [T; N] {
     const HASH: u64 = fnv(fnv(T::HASH, b"array"), &(N as u64).to_le_bytes());
     const ZERO: Self = [T::ZERO; N];
-    fn put(&self, out: &mut [u8]) {
+    fn write_to(&self, out: &mut [u8]) {
         for (i, value) in self.iter().enumerate() {
-            value.put(tail_mut(out, i * size_of::<T>()));
+            value.write_to(tail_mut(out, i * size_of::<T>()));
         }
     }
     fn get(bytes: &[u8]) -> Self {
@@ -176,8 +176,8 @@ macro_rules! message {
                 hash
             };
             const ZERO: Self = Self { $($field: <$ty as $crate::Layout>::ZERO,)* };
-            fn put(&self, out: &mut [u8]) {
-                $($crate::Layout::put(
+            fn write_to(&self, out: &mut [u8]) {
+                $($crate::Layout::write_to(
                     &self.$field,
                     $crate::layout::tail_mut(out, core::mem::offset_of!($name, $field)),
                 );)*

@@ -15,8 +15,8 @@ pub struct Stamp(pub u64);
 impl Layout for Stamp {
     const HASH: u64 = fnv(FNV_BASIS, b"Stamp");
     const ZERO: Self = Self(0);
-    fn put(&self, out: &mut [u8]) {
-        self.0.put(out);
+    fn write_to(&self, out: &mut [u8]) {
+        self.0.write_to(out);
     }
     fn get(bytes: &[u8]) -> Self {
         Self(u64::get(bytes))

@@ -99,8 +99,8 @@ impl Client {
     /// called several times before a heartbeat, only the last report is sent.
     pub fn payload(&mut self, hand: usize, order: &PayloadOrder) -> &mut Self {
         let right = if hand == 0 { 0 } else { payload_flag::RIGHT };
-        let said = if order.centre_m.is_some() { payload_flag::CENTRE } else { 0 };
-        self.request.payload_flags = right | said;
+        let centre = if order.centre_m.is_some() { payload_flag::CENTRE } else { 0 };
+        self.request.payload_flags = right | centre;
         self.request.payload_kg = order.mass_kg;
         self.request.payload_centre_m = order.centre_m.unwrap_or_default();
         self.request.payload_count = self.request.payload_count.wrapping_add(1);

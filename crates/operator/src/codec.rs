@@ -12,7 +12,7 @@ pub const STATUS_BYTES: usize = size_of::<Status>();
 /// Returns the bytes of a request.
 pub fn encode_request(request: &OperatorRequest) -> [u8; REQUEST_BYTES] {
     let mut bytes = [0; REQUEST_BYTES];
-    request.put(&mut bytes);
+    request.write_to(&mut bytes);
     bytes
 }
 
@@ -29,7 +29,7 @@ pub fn decode_request(bytes: &[u8]) -> Option<OperatorRequest> {
 /// Returns the bytes of a status.
 pub fn encode_status(status: &Status) -> [u8; STATUS_BYTES] {
     let mut bytes = [0; STATUS_BYTES];
-    status.put(&mut bytes);
+    status.write_to(&mut bytes);
     bytes
 }
 

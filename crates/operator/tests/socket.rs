@@ -114,8 +114,8 @@ impl ConnectionFlood {
     /// Opens `count` more connections and sends a request on all that the server keeps. Returns their number.
     fn come(&mut self, count: usize) -> usize {
         writeln!(self.orders, "{count}").unwrap();
-        let mut said = self.answers.by_ref().map(|line| line.unwrap());
-        said.find_map(|line| line.strip_prefix("kept ")?.parse().ok()).expect("the crowd has come")
+        let mut lines = self.answers.by_ref().map(|line| line.unwrap());
+        lines.find_map(|line| line.strip_prefix("kept ")?.parse().ok()).expect("the crowd has come")
     }
 }
 

@@ -30,7 +30,7 @@ thread_local! {
 
 const NONE: Allocations = Allocations { allocated: 0, freed: 0, bytes: 0 };
 
-fn note(allocated: u64, freed: u64, bytes: usize) {
+fn count(allocated: u64, freed: u64, bytes: usize) {
     if ARMED.get() {
         let cell = if IS_ASIDE.get() { &ASIDE } else { &COUNT };
         let count = cell.get();
@@ -47,25 +47,25 @@ fn note(allocated: u64, freed: u64, bytes: usize) {
 // cells, and neither allocates nor unwinds.
 unsafe impl GlobalAlloc for CountingAllocator {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-        note(1, 0, layout.size());
+        count(1, 0, layout.size());
         // SAFETY: the caller's promises about `layout` are exactly those that `System` asks for.
         unsafe { System.alloc(layout) }
     }
 
     unsafe fn alloc_zeroed(&self, layout: Layout) -> *mut u8 {
-        note(1, 0, layout.size());
+        count(1, 0, layout.size());
         // SAFETY: as for `alloc`.
         unsafe { System.alloc_zeroed(layout) }
     }
 
     unsafe fn realloc(&self, block: *mut u8, layout: Layout, new_size: usize) -> *mut u8 {
-        note(1, 1, new_size);
+        count(1, 1, new_size);
         // SAFETY: `block` came from this allocator, thus from `System`, with this `layout`.
         unsafe { System.realloc(block, layout, new_size) }
     }
 
     unsafe fn dealloc(&self, block: *mut u8, layout: Layout) {
-        note(0, 1, 0);
+        count(0, 1, 0);
         // SAFETY: `block` came from this allocator, thus from `System`, with this `layout`.
         unsafe { System.dealloc(block, layout) }
     }

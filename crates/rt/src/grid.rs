@@ -48,9 +48,9 @@ impl TickGrid {
         deadline(self.next_k)
     }
 
-    /// Takes index `k`, for a stage that something other than its deadline wakes. Returns how many indices were
-    /// skipped, or `None` if `k` has already been taken or skipped.
-    pub fn take(&mut self, k: u64) -> Option<u64> {
+    /// Begins index `k`, for a stage that something other than its deadline wakes. Returns how many indices were
+    /// skipped, or `None` if `k` has already begun or was skipped.
+    pub fn begin(&mut self, k: u64) -> Option<u64> {
         let skipped = k.checked_sub(self.next_k)?;
         self.missed += skipped;
         self.ticks += 1;
@@ -62,7 +62,7 @@ impl TickGrid {
     pub fn wake(&mut self, woke: Stamp) -> Option<Tick> {
         let waited_for = self.next_deadline();
         let k = tick_at(woke);
-        let missed = self.take(k)?;
+        let missed = self.begin(k)?;
         Some(Tick { k, woke, late_ns: woke.since(waited_for), missed })
     }
 

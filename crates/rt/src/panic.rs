@@ -4,9 +4,9 @@
 /// nothing more is sent. A process that goes on after a bug is worse than a silent one, and silence stops the
 /// robot.
 pub fn abort_on_panic() {
-    let told = std::panic::take_hook();
+    let default_hook = std::panic::take_hook();
     std::panic::set_hook(Box::new(move |panic| {
-        told(panic);
+        default_hook(panic);
         std::process::abort();
     }));
 }

@@ -68,13 +68,13 @@ fn core_map_of_machine_has_an_allowed_core() {
 
 #[test]
 fn cpu_features_match_proc_cpuinfo() {
-    let said = cpu_features();
+    let features = cpu_features();
     let shown = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
     let flags = shown.lines().find(|line| line.starts_with("flags")).unwrap_or_default();
     for (ours, theirs) in [("avx2", "avx2"), ("fma", "fma"), ("avx512f", "avx512f"), ("sse4.2", "sse4_2")] {
         let has = |text: &str, name: &str| text.split([' ', ')']).any(|word| word == name);
         if !flags.is_empty() {
-            assert_eq!(has(&said, ours), has(flags, theirs), "{ours}: {said}");
+            assert_eq!(has(&features, ours), has(flags, theirs), "{ours}: {features}");
         }
     }
 }
@@ -162,5 +162,5 @@ fn file_error_gives_advice_without_error_number() {
     let ours = Error::other("the folder belongs to user 7");
     assert!(unwritable(&file, &ours).ends_with("the folder belongs to user 7"), "our own words stay");
     let other = Error::from_raw_os_error(5);
-    assert!(unwritable(&file, &other).contains("os error 5"), "what is not known is said as it is");
+    assert!(unwritable(&file, &other).contains("os error 5"), "what is not known is printed as it is");
 }

@@ -33,11 +33,11 @@ proptest! {
 #[test]
 fn tick_index_is_taken_only_once() {
     let mut grid = TickGrid::starting_at(10);
-    assert_eq!(grid.take(9), None);
-    assert_eq!(grid.take(10), Some(0));
-    assert_eq!(grid.take(10), None);
+    assert_eq!(grid.begin(9), None);
+    assert_eq!(grid.begin(10), Some(0));
+    assert_eq!(grid.begin(10), None);
     assert_eq!(grid.wake(deadline(10).plus_ns(5)), None);
-    assert_eq!(grid.take(14), Some(3));
+    assert_eq!(grid.begin(14), Some(3));
     assert_eq!((grid.ticks(), grid.missed(), grid.elapsed(), grid.next_k()), (2, 3, 5, 15));
 }
 
@@ -70,8 +70,8 @@ fn quantiles_match_sorted_values_within_0_1_percent() {
     values.iter().for_each(|&ns| histogram.record_ns(ns));
     for quantile in [0.5, 0.9, 0.99, 0.999, 1.0] {
         let exact = values[(quantile * values.len() as f64).ceil() as usize - 1] as f64 * 1e-3;
-        let told = histogram.quantile_us(quantile);
-        assert!((told - exact).abs() <= 1e-3 * exact, "quantile {quantile}: {told} us, exact {exact} us");
+        let reported = histogram.quantile_us(quantile);
+        assert!((reported - exact).abs() <= 1e-3 * exact, "quantile {quantile}: {reported} us, exact {exact} us");
     }
     assert_eq!(histogram.max_us(), 1_370.0);
     let json = histogram.to_json();

@@ -37,12 +37,12 @@ impl Axis {
     }
 
     /// Distance between the balls around two capsules, m. It is never more than the distance of the capsules.
-    pub(crate) fn around(&self, other: &Self) -> f64 {
+    pub(crate) fn bound_m(&self, other: &Self) -> f64 {
         (self.middle - other.middle).norm() - self.half_m - other.half_m - self.radius_m - other.radius_m
     }
 
     /// Distance between the ball around the capsule and a ball of `radius_m` about `center`, m.
-    pub(crate) fn around_point(&self, center: &Vector3<f64>, radius_m: f64) -> f64 {
+    pub(crate) fn point_bound_m(&self, center: &Vector3<f64>, radius_m: f64) -> f64 {
         (self.middle - center).norm() - self.half_m - radius_m - self.radius_m
     }
 }
@@ -62,7 +62,7 @@ pub fn clearance(model: &Model, frames: &mut Frames, q: &[f64; JOINTS_MAX]) -> C
     let mut least = Clearance { distance_m: f64::INFINITY, pair: [0; 2] };
     for pair in nearest_balls(model, &axes).into_iter().chain(&model.pairs) {
         let (first, second) = (&axes[pair.a], &axes[pair.b]);
-        if first.around(second) >= least.distance_m {
+        if first.bound_m(second) >= least.distance_m {
             continue;
         }
         let distance_m = between_segments(&first.ends, &second.ends) - first.radius_m - second.radius_m;
@@ -78,9 +78,9 @@ pub fn clearance(model: &Model, frames: &mut Frames, q: &[f64; JOINTS_MAX]) -> C
 fn nearest_balls<'a>(model: &'a Model, axes: &[Axis; CAPSULES_MAX]) -> Option<&'a Pair> {
     let (mut nearest, mut least_m) = (None, f64::INFINITY);
     for pair in &model.pairs {
-        let around_m = axes[pair.a].around(&axes[pair.b]);
-        if around_m < least_m {
-            (nearest, least_m) = (Some(pair), around_m);
+        let bound_m = axes[pair.a].bound_m(&axes[pair.b]);
+        if bound_m < least_m {
+            (nearest, least_m) = (Some(pair), bound_m);
         }
     }
     nearest
@@ -97,7 +97,7 @@ fn from_obstacles(model: &Model, axes: &[Axis; CAPSULES_MAX], mut least: Clearan
             let distance_m = match &obstacle.solid {
                 Solid::HalfSpace { normal, offset_m } => above_plane(&axis.ends, normal, *offset_m),
                 Solid::Box { center, r, half_m } => {
-                    if axis.around_point(center, half_m.norm()) >= least.distance_m {
+                    if axis.point_bound_m(center, half_m.norm()) >= least.distance_m {
                         continue;
                     }
                     from_box(&axis.ends.map(|end| r.tr_mul(&(end - center))), half_m)

@@ -64,7 +64,7 @@ impl Collector {
                 Entry::Missed(count) => Missed::add(&mut self.missed, Instant::now(), count),
                 Entry::Event(event) => {
                     if self.limit.admits(event.kind()) {
-                        self.put(Line::Event(event));
+                        self.push(Line::Event(event));
                     }
                 }
             }
@@ -72,18 +72,18 @@ impl Collector {
         let now = Instant::now();
         if let Some(held_back) = self.limit.turn(now) {
             if let Some(missed) = self.missed.take_if(|missed| missed.is_due(now)) {
-                self.put(Line::Missed(missed, now));
+                self.push(Line::Missed(missed, now));
             }
             for (kind, count) in held_back.into_iter().enumerate().filter(|&(_, count)| count > 0) {
-                self.put(Line::HeldBack { kind, count });
+                self.push(Line::HeldBack { kind, count });
             }
         }
         taken
     }
 
-    fn put(&mut self, line: Line) {
+    fn push(&mut self, line: Line) {
         if let Some(lines) = &mut self.lines {
-            lines.put(line);
+            lines.push(line);
         }
     }
 
@@ -96,7 +96,7 @@ impl Collector {
     pub fn into_json(mut self) -> Value {
         self.drain();
         if let Some(missed) = self.missed.take() {
-            self.put(Line::Missed(missed, Instant::now()));
+            self.push(Line::Missed(missed, Instant::now()));
         }
         let log_lines_lost = self.lines.take().map_or(0, Lines::finish);
         let mut metrics = Map::new();

@@ -42,7 +42,7 @@ impl Lines {
         Some(Self { sender, done, lost: 0 })
     }
 
-    pub(crate) fn put(&mut self, line: Line) {
+    pub(crate) fn push(&mut self, line: Line) {
         if self.sender.try_send(line).is_err() {
             self.lost += 1;
         }

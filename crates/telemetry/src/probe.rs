@@ -40,7 +40,7 @@ pub fn channel(process: &'static str) -> (Probe, Collector) {
 impl Probe {
     /// Records a duration of `ns` that ended at `at`.
     pub fn record_ns(&mut self, metric: Metric, at: Stamp, ns: u64) {
-        self.put(Entry::Sample { metric, at, ns });
+        self.push(Entry::Sample { metric, at, ns });
     }
 
     /// Records the time from `from` to `to`. It is zero if `to` is earlier.
@@ -52,12 +52,12 @@ impl Probe {
     /// give one log line.
     pub fn missed(&mut self, count: u64) {
         self.counters.add(Counter::MissedDeadlines, count);
-        self.put(Entry::Missed(count));
+        self.push(Entry::Missed(count));
     }
 
     /// Records an event for the log.
     pub fn event(&mut self, event: Event) {
-        self.put(Entry::Event(event));
+        self.push(Entry::Event(event));
     }
 
     /// Returns the counters of this process.
@@ -65,7 +65,7 @@ impl Probe {
         &self.counters
     }
 
-    fn put(&mut self, entry: Entry) {
+    fn push(&mut self, entry: Entry) {
         if self.ring.push(entry).is_err() {
             self.counters.add(Counter::RingDropped, 1);
         }

@@ -269,9 +269,9 @@ impl IngestLoop {
         counters.set(Counter::WithoutAuthority, self.authority.frames_refused());
         counters.set(Counter::OverQuota, self.quotas.over + socket.over_quota());
         let refused = Reply::ALL.into_iter().filter(|word| word.is_refusal());
-        counters.set(Counter::Refused, refused.map(|word| socket.said(word)).sum());
+        counters.set(Counter::Refused, refused.map(|word| socket.reply_count(word)).sum());
         counters.set(Counter::Outliers, self.state.outliers());
-        socket.take_notices(|SocketEvent { word, peer }| {
+        socket.drain_events(|SocketEvent { word, peer }| {
             let refused = word.is_refusal() || word == Reply::OverQuota;
             process.probe.event(Event::Visitor { what: word.meaning(), refused, uid: peer.uid, pid: peer.pid });
         });
@@ -283,7 +283,7 @@ impl IngestLoop {
 
     fn figures(&self, socket: &Server) -> serde_json::Value {
         let reasons = DropReason::ALL.iter().map(|&reason| (reason.name(), self.state.skeleton.dropped(reason)));
-        let words = Reply::ALL.into_iter().map(|word| (word.name(), socket.said(word)));
+        let words = Reply::ALL.into_iter().map(|word| (word.name(), socket.reply_count(word)));
         let holder = self.authority.holder().map(|claim| {
             let ClientIdentity { door, uid, pid, .. } = claim;
             json!({ "door": door.name(), "uid": uid, "pid": pid })

@@ -24,11 +24,11 @@ impl Session {
     /// Makes sure that there is a session that may move the robot. The error says why there is none. A session
     /// that lost its lease to another client never gets it back.
     pub(crate) fn join(&mut self) -> Result<(), String> {
-        let usable = |client: &mut Client| client.listen().is_ok() && client.told() != Reply::NotHolder;
+        let usable = |client: &mut Client| client.listen().is_ok() && client.last_reply() != Reply::NotHolder;
         self.client = self.client.take().and_then(|mut client| usable(&mut client).then_some(client));
         if self.client.is_none() {
             let client = Client::attach(self.instance.skeleton_socket()).map_err(|error| error.to_string())?;
-            if client.told() == Reply::GrantedButHeld {
+            if client.last_reply() == Reply::GrantedButHeld {
                 return Err(self.held.to_owned());
             }
             self.client = Some(client);
@@ -48,7 +48,7 @@ impl Session {
         frame.header.sequence = self.sequence;
         (frame.header.stamp, frame.header.origin) = (rt::now(), origin);
         frame.header.incarnation = self.incarnation;
-        let ended = match client.publish(&frame).map(|_| client.told()) {
+        let ended = match client.publish(&frame).map(|_| client.last_reply()) {
             Ok(Reply::NotHolder) => self.held.to_owned(),
             // A frame that `ingest` did not read in time is lost. `ingest` judges if there were too many.
             Ok(_) | Err(DoorError::Timeout { .. }) => return Ok(()),

@@ -88,7 +88,7 @@ fn hands(mass_kg: f64) -> Vec<judge::dynamics::Payload> {
 }
 
 /// The same payload in the form that the stage uses.
-fn told(model: &Model, mass_kg: f64) -> [Payload; 2] {
+fn payloads(model: &Model, mass_kg: f64) -> [Payload; 2] {
     ["hand_left_grasping_frame", "hand_right_grasping_frame"].map(|link| {
         let (_, pose) = model.link_body(link).expect("a link of the URDF");
         Payload { mass_kg, center: pose.t }
@@ -96,18 +96,18 @@ fn told(model: &Model, mass_kg: f64) -> [Payload; 2] {
 }
 
 /// Follows postures anywhere within the limits or stretched out, each until it is reached or for a moment.
-/// The hands really carry `true_kg`, and the stage uses `told_kg`.
+/// The hands really carry `true_kg`, and the stage uses `reported_kg`.
 fn follow_laden(
     model: &Model,
     urdf: &urdf_rs::Robot,
     options: Options,
     goals: u32,
-    (true_kg, told_kg): (f64, f64),
+    (true_kg, reported_kg): (f64, f64),
 ) -> Run {
     let dynamics = Dynamics::new(model, urdf, &hands(true_kg)).unwrap();
     let config = Config::new(model, options).unwrap();
     let mut state = State::at_rest(&config, model.home);
-    assert_eq!(state.carry(&config, &told(model, told_kg)), Ok(None), "home can be held");
+    assert_eq!(state.carry(&config, &payloads(model, reported_kg)), Ok(None), "home can be held");
     let mut rng = Pcg64::seed_from_u64(62);
     let mut run = Run::default();
     for goal in 0..goals {
@@ -265,7 +265,7 @@ fn unreported_payload_overloads_motors() {
 #[test]
 fn payload_set_at_run_time_acts_like_one_in_robot_file() {
     let (model, urdf) = shipped();
-    let payload = told(&model, 0.7);
+    let payload = payloads(&model, 0.7);
     let mut laden = model.clone();
     laden.payload = payload.map(Some);
     let configs = [&model, &laden].map(|model| Config::new(model, Options::default()).unwrap());
@@ -300,7 +300,7 @@ fn payload_set_at_run_time_acts_like_one_in_robot_file() {
 fn payload_of_1_kg_overloads_joint_of_stretched_arm() {
     let (model, _) = shipped();
     let config = Config::new(&model, Options::default()).unwrap();
-    let [left, right] = told(&model, 1.0);
+    let [left, right] = payloads(&model, 1.0);
     for (payload, joint) in [([left, Payload::EMPTY], 4), ([Payload::EMPTY, right], 11)] {
         let mut state = State::at_rest(&config, stretched(&model));
         assert_eq!(state.carry(&config, &payload), Ok(Some(joint)));
@@ -323,7 +323,7 @@ fn payload_is_refused_in_motion() {
     for (k, permit) in (0..).zip([Permit::Follow { speed_scale: 1.0 }, Permit::Stop].iter().flat_map(|p| [*p; 20])) {
         tick(&config, &mut state, Stamp(0), Input { k, target, permit });
         let at_rest = state.planned().is_at_rest();
-        let refused = state.carry(&config, &told(&model, 0.1)) == Err(PayloadRefusal::Moving);
+        let refused = state.carry(&config, &payloads(&model, 0.1)) == Err(PayloadRefusal::Moving);
         assert_eq!(refused, !at_rest, "tick {k}");
         assert!(!at_rest || k > 20, "it moves");
     }

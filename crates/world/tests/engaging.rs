@@ -239,14 +239,14 @@ fn status_reports_raising_torso_while_engaging() {
     let mut bench = Bench::new(&loaded, start, 1);
     bench.target = Some(loaded.model.home);
     bench.settle();
-    assert_eq!(explain::note(&bench.status), None, "nothing moves yet");
+    assert_eq!(explain::activity(&bench.status), None, "nothing moves yet");
     bench.press_enable();
     bench.step();
     bench.step();
-    assert_eq!(explain::note(&bench.status), Some("raising torso"));
+    assert_eq!(explain::activity(&bench.status), Some("raising torso"));
     assert!((bench.status.torso_to_go_m - 0.05).abs() < 1e-3, "{}", bench.status.torso_to_go_m);
     let mut ticks = 0;
-    while explain::note(&bench.status).is_some() {
+    while explain::activity(&bench.status).is_some() {
         bench.step();
         ticks += 1;
         assert!(ticks < 10 * TICK_HZ, "{} m to go", bench.status.torso_to_go_m);

@@ -1,11 +1,13 @@
 //! The skeleton socket for other users: packets of a client, and replies.
 
-use doors::{ANSWER_BYTES, FRAME_BYTES, HELLO_BYTES, Hello, ReplyPacket, WISHES_FEEDBACK, decode_frame, encode_frame};
+use doors::{
+    ANSWER_BYTES, FRAME_BYTES, HELLO_BYTES, Hello, REQUESTS_FEEDBACK, ReplyPacket, decode_frame, encode_frame,
+};
 
 /// Decodes the bytes as a packet of each kind. Also pads or cuts them to the length of a frame.
 pub(crate) fn run(input: &[u8]) {
     let ours = Hello::OURS.encode();
-    let feedback = Hello { wishes: WISHES_FEEDBACK, ..Hello::OURS }.encode();
+    let feedback = Hello { requests: REQUESTS_FEEDBACK, ..Hello::OURS }.encode();
     let is_ours = |bytes: &[u8]| bytes == ours || bytes == feedback;
     assert_eq!(Hello::refusal(input).is_none(), is_ours(input), "only our own hello is admitted");
     let mut hello = ours;

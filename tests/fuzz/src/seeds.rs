@@ -51,7 +51,7 @@ pub(crate) fn recording(changes: &[u8]) -> Vec<u8> {
         skeleton.header.origin = Stamp(1_000_000_000 + i as u64 * 16_666_667);
         skeleton.flags = messages::skeleton_flag::ALL;
         let mut bytes = vec![0; size_of::<Skeleton>()];
-        skeleton.put(&mut bytes);
+        skeleton.write_to(&mut bytes);
         frames.extend(bytes);
     }
     for change in changes.chunks_exact(6) {

@@ -259,8 +259,8 @@ fn client_hears_that_another_one_leads_the_robot() {
     for (led_by_other, word) in [(false, Reply::Holder), (true, Reply::NotHolder), (false, Reply::Holder)] {
         world.daemon.seen.lock().expect("whole").led_by_other = led_by_other;
         let (begun, mut sequence) = (Instant::now(), 0);
-        while client.told() != word {
-            assert!(begun.elapsed() < SOON, "it hears {:?} and not {word:?}", client.told());
+        while client.last_reply() != word {
+            assert!(begun.elapsed() < SOON, "it hears {:?} and not {word:?}", client.last_reply());
             sequence += 1;
             client.publish(&person(sequence)).expect("it is sent");
             std::thread::sleep(Duration::from_millis(20));

@@ -242,7 +242,7 @@ impl Stages {
 fn same<M: Layout>(a: &M, b: &M) -> bool {
     let bytes = |message: &M| {
         let mut bytes = vec![0; size_of::<M>()];
-        message.put(&mut bytes);
+        message.write_to(&mut bytes);
         bytes
     };
     bytes(a) == bytes(b)

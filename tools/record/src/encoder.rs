@@ -167,7 +167,7 @@ impl RecordingEncoder {
         let always = self.rates.full || topic == Topic::Skeleton || topic == Topic::StatusRaw;
         if always || self.kept[topic as usize].due(at_ns, self.period_ns()) {
             let mut data = vec![0; size_of::<M>()];
-            message.put(&mut data);
+            message.write_to(&mut data);
             write(Entry { topic, sequence: header.sequence as u32, log_time: at_ns, data });
         }
         at_ns

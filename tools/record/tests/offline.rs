@@ -13,7 +13,7 @@ use world::{Links, Running, World, WorldConfig};
 
 fn bytes<M: Layout>(message: &M) -> Vec<u8> {
     let mut bytes = vec![0; size_of::<M>()];
-    message.put(&mut bytes);
+    message.write_to(&mut bytes);
     bytes
 }
 

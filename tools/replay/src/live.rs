@@ -69,7 +69,7 @@ fn place(cli: &Cli) -> Result<(Instance, Transport), Failure> {
 
 /// Returns true if a client holds the lease now. Shared memory gives no answer, so this asks at the skeleton socket.
 fn is_lease_held(instance: &Instance) -> bool {
-    doors::Client::attach(instance.skeleton_socket()).is_ok_and(|door| door.told() == Reply::GrantedButHeld)
+    doors::Client::attach(instance.skeleton_socket()).is_ok_and(|door| door.last_reply() == Reply::GrantedButHeld)
 }
 
 /// Publishes until the end of the motion, or until Ctrl-C.
@@ -126,8 +126,8 @@ pub fn run(cli: &Cli, motion: &Motion) -> Result<(), Failure> {
                 }
             }
         }
-        if publisher.told() != told {
-            told = publisher.told();
+        if publisher.last_reply() != told {
+            told = publisher.last_reply();
             told.iter().for_each(|told| say(&bar, told));
         }
         bar.set_position(publisher.progress().0);
@@ -144,7 +144,7 @@ pub fn run(cli: &Cli, motion: &Motion) -> Result<(), Failure> {
 /// Returns the reason for which the robot did not see or follow the whole motion as error.
 fn tell_end(publisher: &Publisher, ended: Option<String>) -> Result<(), Failure> {
     if publisher.failures() > 0 {
-        let why = publisher.told().map_or(String::new(), |why| format!("; the last one: {why}"));
+        let why = publisher.last_reply().map_or(String::new(), |why| format!("; the last one: {why}"));
         return Err(Failure::new(Exit::Failed, format!("{} frames were not accepted{why}", publisher.failures())));
     }
     let missed = |why| Failure::new(Exit::Failed, format!("the robot did not follow to the end of the motion: {why}"));

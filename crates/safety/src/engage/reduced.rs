@@ -86,7 +86,7 @@ impl Reduced {
 
     /// Notes whether the target jumped. Returns true once it has jumped repeatedly for too long.
     pub(super) fn jumps_on(&mut self, config: &Config, input: &Input) -> bool {
-        self.jumps.note(config, input, charged_ns(input.own_gap_ns));
+        self.jumps.update(config, input, charged_ns(input.own_gap_ns));
         self.jumps.jumping_ns > config.target_jump_hold_ns
     }
 }
@@ -104,7 +104,7 @@ struct Jumps {
 }
 
 impl Jumps {
-    fn note(&mut self, config: &Config, input: &Input, charged_ns: u64) {
+    fn update(&mut self, config: &Config, input: &Input, charged_ns: u64) {
         let jumps = input.target.jumped;
         // `motion.behind` is of the previous tick, so it says nothing about a jump at this tick. A target
         // that goes on without a jump is the person, even one so fast that the robot never catches up.
@@ -134,7 +134,7 @@ pub(super) struct Lateness {
 
 impl Lateness {
     /// Notes tick `k`. Returns the number of late ticks within the last second.
-    pub(super) fn note(&mut self, k: u64, late: bool) -> u32 {
+    pub(super) fn update(&mut self, k: u64, late: bool) -> u32 {
         let part = k / PART_TICKS;
         // A gap of a second or more clears every part.
         for passed in 1..=part.saturating_sub(self.part).min(PARTS as u64) {

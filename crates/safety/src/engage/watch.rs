@@ -103,7 +103,7 @@ impl Watch {
     /// The debounced faults that hold at this tick. Call exactly once a tick.
     pub(super) fn judge(&mut self, config: &Config, mode: ModeView, now: Stamp, input: &Input) -> Faults {
         self.note_enable(config, input);
-        let late = self.lateness.note(input.k, input.deadlines_missed > 0);
+        let late = self.lateness.update(input.k, input.deadlines_missed > 0);
         let mut seen = self.conditions(config, mode, now, input);
         seen.set(Fault::DeadlinesLate, late >= config.deadlines_late_per_s_max);
         let mut active = Faults::NONE;

@@ -278,12 +278,12 @@ impl Body {
     pub(super) fn at_most(&self, pair: usize, axes: &[Axis; CAPSULES_MAX]) -> f64 {
         let Pair { a, other, .. } = &self.pairs[pair];
         match *other {
-            Other::Capsule(b, _) => axes[*a].around(&axes[b]),
+            Other::Capsule(b, _) => axes[*a].bound_m(&axes[b]),
             Other::Obstacle(k) => match &self.obstacles[k] {
                 Solid::HalfSpace { normal, offset_m } => {
                     above_plane(&axes[*a].ends, normal, *offset_m) - axes[*a].radius_m
                 }
-                Solid::Box { center, half_m, .. } => axes[*a].around_point(center, half_m.norm()),
+                Solid::Box { center, half_m, .. } => axes[*a].point_bound_m(center, half_m.norm()),
             },
         }
     }

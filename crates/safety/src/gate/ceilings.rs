@@ -10,7 +10,7 @@ const JERK: i64 = 1 << 60;
 const TIME: i64 = 1 << 52;
 
 /// Returns zero, one, and values on both sides of a ceiling, with both signs.
-fn around(ceiling: i64, clamped: bool) -> Vec<i64> {
+fn values_near(ceiling: i64, clamped: bool) -> Vec<i64> {
     let beyond = if clamped { ceiling + 1 } else { ceiling };
     [0, 1, ceiling / 3, ceiling - 1, ceiling, beyond].into_iter().flat_map(|x| [x, -x]).collect()
 }
@@ -30,10 +30,10 @@ const TIMES: [i64; 6] = [0, 1, 3, 1 << 10, (1 << 20) - 1, TIME >> 32];
 
 #[test]
 fn integration_at_ceilings_matches_clamped_formula() {
-    for q in around(MOTION, true) {
-        for v in around(MOTION, true) {
-            for a in around(ACCELERATION, true) {
-                for end in around(ACCELERATION, true) {
+    for q in values_near(MOTION, true) {
+        for v in values_near(MOTION, true) {
+            for a in values_near(ACCELERATION, true) {
+                for end in values_near(ACCELERATION, true) {
                     for m in TIMES {
                         let got = Point { q, v, a }.reaching(end, m << 32);
                         let [q, v, a, end, m] = [q, v, a, end, m].map(i128::from);
@@ -55,8 +55,8 @@ fn integration_at_ceilings_matches_clamped_formula() {
 
 #[test]
 fn acceleration_at_ceilings_matches_clamped_formula() {
-    for a in around(ACCELERATION, true) {
-        for jerk in around(JERK, false) {
+    for a in values_near(ACCELERATION, true) {
+        for jerk in values_near(JERK, false) {
             for t in [0, 1, TICK, TIME / 3, TIME - 1, TIME] {
                 let got = Point { q: 0, v: 0, a }.after(jerk, t).a;
                 let exact = i128::from(a) + divided(i128::from(jerk) * i128::from(t), 1 << 48);
@@ -71,10 +71,10 @@ fn acceleration_at_ceilings_matches_clamped_formula() {
 fn checks_at_ceilings_never_overflow() {
     let widest = Limits { q: [-MOTION, MOTION], v: MOTION, a: ACCELERATION, jerk: JERK, stop: 3 * TIME };
     let least = Limits { q: [0, 1], v: 1, a: 1, jerk: 1, stop: TICK };
-    let points: Vec<Point> = around(MOTION, true)
+    let points: Vec<Point> = values_near(MOTION, true)
         .into_iter()
-        .flat_map(|q| around(MOTION, true).into_iter().map(move |v| (q, v)))
-        .flat_map(|(q, v)| around(ACCELERATION, true).into_iter().map(move |a| Point { q, v, a }))
+        .flat_map(|q| values_near(MOTION, true).into_iter().map(move |v| (q, v)))
+        .flat_map(|(q, v)| values_near(ACCELERATION, true).into_iter().map(move |a| Point { q, v, a }))
         .step_by(13)
         .collect();
     for limits in [widest, least] {
@@ -87,7 +87,7 @@ fn checks_at_ceilings_never_overflow() {
                     let _ = limits.slow(*last, *next, *last, scale);
                 }
             }
-            for jerk in around(JERK, false) {
+            for jerk in values_near(JERK, false) {
                 for duration in [0, 1, TICK, TIME] {
                     let stop = [Phase { jerk, duration }, Phase { jerk: -jerk, duration }, Phase { jerk, duration }];
                     let rests = comes_to_rest(*last, &stop);
@@ -109,9 +109,9 @@ fn checks_at_ceilings_never_overflow() {
 /// The turning point of a phase lies within its reported extremes, at any size.
 #[test]
 fn extremes_at_ceilings_contain_every_velocity_between() {
-    for v in around(MOTION, true) {
-        for a in around(ACCELERATION, true) {
-            for jerk in around(JERK, false).into_iter().step_by(3) {
+    for v in values_near(MOTION, true) {
+        for a in values_near(ACCELERATION, true) {
+            for jerk in values_near(JERK, false).into_iter().step_by(3) {
                 for duration in [1, TICK, TIME / 1000, TIME] {
                     let start = Point { q: 0, v, a };
                     let (end, extremes) = Phase { jerk, duration }.play(start);

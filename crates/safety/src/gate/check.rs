@@ -190,7 +190,7 @@ impl Limits {
             if end.a.abs() > self.a + SLACK || self.within(&extremes).is_err() {
                 return Err(Check::PlanLimits);
             }
-            stop.note(i, end, &extremes);
+            stop.record(i, end, &extremes);
         }
         at_rest(stop.end()).then_some(stop).ok_or(Check::Braking)
     }

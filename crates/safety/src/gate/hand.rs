@@ -115,7 +115,7 @@ mod tests {
                 let mut stop = Stop::new(next[j], &phases);
                 for (i, phase) in phases.iter().enumerate() {
                     let (end, extremes) = phase.play(stop.end());
-                    stop.note(i, end, &extremes);
+                    stop.record(i, end, &extremes);
                 }
                 stop
             });

@@ -178,7 +178,7 @@ struct Tally {
 }
 
 impl Tally {
-    fn note(&mut self, got: Result<(), Check>, surely: &[(Check, bool)], maybe: &[(Check, bool)], what: &str) {
+    fn record(&mut self, got: Result<(), Check>, surely: &[(Check, bool)], maybe: &[(Check, bool)], what: &str) {
         let (sure, possible) = (surely.iter().any(|(_, bad)| *bad), maybe.iter().any(|(_, bad)| *bad));
         match got {
             Ok(()) => {
@@ -212,7 +212,7 @@ fn every_lattice_step_is_judged_by_exact_physics() {
             let got = limits.step(last.point(), next, elsewhere);
             let surely = STRONG.step_fails(last, next, i128::from(SLACK) + ROUNDING);
             let maybe = STRONG.step_fails(last, next, i128::from(SLACK) - ROUNDING);
-            tally.note(got, &surely, &maybe, "a step");
+            tally.record(got, &surely, &maybe, "a step");
         }
     }
     assert!(tally.admitted > 1000 && tally.denied.len() == 5 && tally.undecided == 0, "{tally:?}");
@@ -239,7 +239,7 @@ fn step_checks_allow_exactly_the_slack() {
             let got = limits.step(last.point(), next, elsewhere);
             let surely = STRONG.step_fails(last, next, i128::from(SLACK) + ROUNDING);
             let maybe = STRONG.step_fails(last, next, i128::from(SLACK) - ROUNDING);
-            tally.note(got, &surely, &maybe, "a moved step");
+            tally.record(got, &surely, &maybe, "a moved step");
         }
     }
     assert!(tally.admitted > 1000 && tally.denied.len() == 5 && tally.undecided == 0, "{tally:?}");
@@ -291,7 +291,7 @@ fn every_lattice_stop_is_judged_by_exact_physics() {
                 let got = limits.stop(point, &quantised).map(|stop| stop.end().q);
                 let (surely, rest) = bounds.stop_fails(start, &stop, i128::from(SLACK) + ROUNDING);
                 let (maybe, _) = bounds.stop_fails(start, &stop, i128::from(SLACK) - ROUNDING);
-                tally.note(got.map(|_| ()), &surely, &maybe, "a stop");
+                tally.record(got.map(|_| ()), &surely, &maybe, "a stop");
                 let got = got.ok();
                 assert!(got.is_none_or(|got| (i128::from(got) - rest.q).abs() <= ROUNDING), "{got:?} {rest:?}");
             }

@@ -22,7 +22,7 @@ impl Stop {
     }
 
     /// Notes that phase `i` leads to `end`, by way of `extremes`.
-    pub(super) fn note(&mut self, i: usize, end: Point, extremes: &Extremes) {
+    pub(super) fn record(&mut self, i: usize, end: Point, extremes: &Extremes) {
         self.points[i + 1..].fill(end);
         self.q = [self.q[0].min(extremes.q[0]), self.q[1].max(extremes.q[1])];
         self.v = self.v.max(extremes.v[1]).max(-extremes.v[0]);

@@ -131,7 +131,7 @@ struct Lasting {
 }
 
 impl Lasting {
-    fn note(&mut self, is_so: bool, counted_s: f64) {
+    fn update(&mut self, is_so: bool, counted_s: f64) {
         let more = Self { time_s: self.time_s + counted_s, samples: self.samples.saturating_add(1) };
         *self = if is_so { more } else { Self::default() };
     }
@@ -338,7 +338,7 @@ impl Movement {
             (sample.q_measured[*j] - place).abs() > scaled(model, *j, PLACE_RAD)
         };
         let joint = (0..model.count).find(far);
-        self.far.note(joint.is_some(), counted_s);
+        self.far.update(joint.is_some(), counted_s);
         joint.filter(|_| self.far.is_for(FAR_S, FAR_SAMPLES))
     }
 }
@@ -353,7 +353,7 @@ impl Joint {
     /// Returns true if the joint has been too fast for long enough.
     fn is_fast(&mut self, measured: f64, reported: f64, v_max: f64, counted_s: f64) -> bool {
         let fast = FAST_SHARE * v_max;
-        self.fast.note(measured.abs() > fast, counted_s);
+        self.fast.update(measured.abs() > fast, counted_s);
         let needed_s = if reported.abs() > fast { FAST_REPORTED_S } else { FAST_S };
         self.fast.is_for(needed_s, FAST_SAMPLES)
     }

@@ -74,7 +74,9 @@ impl Person {
 
     /// Returns true if another client holds the lease.
     pub(super) fn is_led_by_other(&self) -> bool {
-        self.client.as_ref().is_some_and(|client| matches!(client.told(), Reply::NotHolder | Reply::GrantedButHeld))
+        self.client
+            .as_ref()
+            .is_some_and(|client| matches!(client.last_reply(), Reply::NotHolder | Reply::GrantedButHeld))
     }
 
     /// Ends a connection without persons, once its lease is surely over. A person who returns before keeps the lease: a new

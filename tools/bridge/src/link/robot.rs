@@ -269,8 +269,8 @@ impl Robot {
             }
         }
         let mut plain = [0; STATUS_HEAD_BYTES + size_of::<Status>()];
-        [Status::VERSION, size_of::<Status>() as u32].put(&mut plain);
-        status.put(&mut plain[STATUS_HEAD_BYTES..]);
+        [Status::VERSION, size_of::<Status>() as u32].write_to(&mut plain);
+        status.write_to(&mut plain[STATUS_HEAD_BYTES..]);
         put(&self.status, &plain);
     }
 

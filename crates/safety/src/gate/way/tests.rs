@@ -122,7 +122,7 @@ fn stop_of(start: Point, phases: &Phases) -> Stop {
     let mut stop = Stop::new(start, phases);
     for (i, phase) in phases.iter().enumerate() {
         let (end, extremes) = phase.play(stop.end());
-        stop.note(i, end, &extremes);
+        stop.record(i, end, &extremes);
     }
     stop
 }
@@ -176,7 +176,7 @@ fn stop_verdict_matches_all_distances_at_all_samples() {
     let mut model = shipped();
     let mut rng = Pcg64::seed_from_u64(33);
     let mut own = ways(&model, &Interface::default());
-    let mut told = std::collections::BTreeMap::<&str, u32>::new();
+    let mut counts = std::collections::BTreeMap::<&str, u32>::new();
     let mut hint = 0;
     for n in 0..8000 {
         if n % 50 == 0 {
@@ -188,7 +188,7 @@ fn stop_verdict_matches_all_distances_at_all_samples() {
         let Some(expected) = expected(&model, &next, &phases) else { continue };
         let stops = std::array::from_fn(|j| stop_of(next[j], &phases[j]));
         let got = own.judge(&next, &stops, ASKED, &mut hint);
-        let said = match got {
+        let verdict = match got {
             Ok(clearance_m) => {
                 assert!((clearance_m - least_m(&model, &played(&Stored::new(next, phases), 0))).abs() < 1e-9, "{n}");
                 "clear"
@@ -198,10 +198,10 @@ fn stop_verdict_matches_all_distances_at_all_samples() {
             Err(Denial::ClearanceOnTheWay { .. }) => "way",
             Err(other) => panic!("{other:?}"),
         };
-        assert_eq!(said, expected, "{n}: {got:?}");
-        *told.entry(said).or_default() += 1;
+        assert_eq!(verdict, expected, "{n}: {got:?}");
+        *counts.entry(verdict).or_default() += 1;
     }
-    assert!(told.len() == 4 && told.values().all(|&count| count > 100), "{told:?}");
+    assert!(counts.len() == 4 && counts.values().all(|&count| count > 100), "{counts:?}");
 }
 
 /// A pair for which no sample is computed is clear at every instant, between samples too.

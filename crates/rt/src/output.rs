@@ -6,8 +6,8 @@ use std::ffi::OsStr;
 /// Returns true if text for a stream should be coloured. `is_terminal` says if the stream is a terminal. There is
 /// no colour if the user sets NO_COLOR (see no-color.org), or if the terminal has none.
 pub fn wants_colour(is_terminal: bool) -> bool {
-    let says = |name: &str| std::env::var_os(name).unwrap_or_default();
-    colours(is_terminal, &says("NO_COLOR"), &says("TERM"))
+    let variable = |name: &str| std::env::var_os(name).unwrap_or_default();
+    colours(is_terminal, &variable("NO_COLOR"), &variable("TERM"))
 }
 
 fn colours(is_terminal: bool, no_color: &OsStr, term: &OsStr) -> bool {
