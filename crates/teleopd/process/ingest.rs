@@ -118,7 +118,7 @@ impl Quotas {
             *place = (Some(publisher), Bucket::default(), now);
         }
         place.2 = now;
-        let admitted = place.1.take(now);
+        let admitted = place.1.admit(now);
         self.over += u64::from(!admitted);
         admitted
     }
