@@ -1,9 +1,10 @@
 """Times one tick of placo's inverse kinematics beside one tick of our control on the same robot file.
 
-    python3 -m venv /tmp/placo && /tmp/placo/bin/pip install placo
+    python3 -m venv /tmp/placo && /tmp/placo/bin/pip install -r tools/torture/requirements.txt
     cargo build --release -p torture
     /tmp/placo/bin/python tools/torture/bench_placo.py [--rounds 5] [--ticks 20000] [--pairs 22]
 
+Releases of placo differ, so only the version in `requirements.txt` is accepted, and it is printed.
 placo: the 17 joints' task with joint limits, velocity limits and avoidance of self-collision over the nearest pairs of
 the robot file's capsules (its cylinders have the same ends and radii), one quadratic program per tick. It keeps first
 order limits of this instant: no acceleration, no jerk, no stop plan and no gate, and it checks 22 pairs.
@@ -12,6 +13,7 @@ Both follow the same sines about the home posture. The two run in turns; what is
 """
 
 import argparse
+import importlib.metadata
 import json
 import math
 import statistics
@@ -31,6 +33,22 @@ RATE_HZ = 1500
 # The same as in `src/bench.rs`.
 WAVE_RAD = 0.2
 WARM_TICKS = 2000
+REQUIREMENTS = Path(__file__).with_name("requirements.txt")
+
+
+def placo_version() -> str:
+    """The installed version of placo. Exits if `requirements.txt` pins another one."""
+    version = importlib.metadata.version("placo")
+    if f"placo=={version}" not in REQUIREMENTS.read_text().splitlines():
+        raise SystemExit(f"placo {version} is installed: pip install -r {REQUIREMENTS}")
+    return version
+
+
+def commanded_joints(robot: dict) -> list:
+    """The commanded joints of a robot file (format 2) in the order of messages: body, left arm, right arm. The file
+    names a body joint after those above it."""
+    arms = robot["arms"]
+    return [*robot["body_joints"], *arms["left"]["joints"], *arms["right"]["joints"]]
 
 
 def capsule_urdf(urdf: Path, robot: dict) -> tuple[str, dict]:
@@ -107,8 +125,8 @@ class Placo:
     def __init__(self, robot_file: Path, pairs: int):
         robot = tomllib.loads(robot_file.read_text())
         urdf = robot_file.parent / robot["urdf"]
-        self.names = list(robot["joints"].values())
-        self.home = {**robot["home_m"], **robot["home_rad"]}
+        self.names = commanded_joints(robot)
+        self.home = {**robot.get("home_m", {}), **robot["home_rad"]}
         text, geometry = capsule_urdf(urdf, robot)
         chosen = nearest_pairs(text, robot, geometry, self.home, pairs)
         with tempfile.TemporaryDirectory() as folder:
@@ -163,6 +181,7 @@ def main():
     options = parser.parse_args()
     if not options.binary.exists():
         raise SystemExit(f"{options.binary}: build it with `cargo build --release -p torture`")
+    version = placo_version()
     theirs = Placo(options.robot, options.pairs)
     rows = []
     for _ in range(options.rounds):
@@ -175,9 +194,9 @@ def main():
     smooth, jumps = median(lambda row: row[2]["p50"]), median(lambda row: row[3]["p50"])
     smooth_p99, jumps_p99 = median(lambda row: row[2]["p99"]), median(lambda row: row[3]["p99"])
     print(f"medians of {options.rounds} rounds of {options.ticks} ticks, in turns")
-    print(f"placo {theirs.pairs:3} pairs             p50 {placo_p50:6.1f}  p99 {placo_p99:6.1f} us")
-    print(f"ours  {measured['pairs']:3} pairs, smooth     p50 {smooth:6.1f}  p99 {smooth_p99:6.1f} us")
-    print(f"ours  {measured['pairs']:3} pairs, jumps      p50 {jumps:6.1f}  p99 {jumps_p99:6.1f} us")
+    print(f"placo {version}: {theirs.pairs} pairs".ljust(28) + f"p50 {placo_p50:6.1f}  p99 {placo_p99:6.1f} us")
+    print(f"ours: {measured['pairs']} pairs, smooth".ljust(28) + f"p50 {smooth:6.1f}  p99 {smooth_p99:6.1f} us")
+    print(f"ours: {measured['pairs']} pairs, jumps".ljust(28) + f"p50 {jumps:6.1f}  p99 {jumps_p99:6.1f} us")
     print(f"p50 ratio, ours smooth to placo {smooth / placo_p50:.2f}, jumps to placo {jumps / placo_p50:.2f}")
 
 
