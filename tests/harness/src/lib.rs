@@ -27,8 +27,6 @@ pub use rig::{OperatorSession, Rig, assert_no_violations, interrupt, modes};
 pub use running::{Harness, publisher};
 pub use settings::write as write_settings;
 
-use rt::{Exit, Failure};
-use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -44,39 +42,4 @@ pub fn repository() -> PathBuf {
 /// Returns the settings file of the source tree.
 pub fn config() -> PathBuf {
     repository().join("config/teleop.toml")
-}
-
-/// Parses the command line. An invalid one ends the program with EX_USAGE of sysexits(3).
-pub fn parse<C: clap::Parser>() -> C {
-    C::try_parse().unwrap_or_else(|error| {
-        // Help and version also come this way. They are not errors.
-        let _ = error.print();
-        std::process::exit(if error.use_stderr() { Exit::Usage as i32 } else { 0 })
-    })
-}
-
-/// The failure of a run that a signal ended.
-pub fn interrupted() -> Failure {
-    Failure::new(Exit::Interrupted, "interrupted; the robot was stopped")
-}
-
-/// Opens a file before a run, so that an unwritable file is reported then. Its content stays.
-///
-/// # Errors
-/// Returns an error with EX_CANTCREAT that names the file.
-pub fn check_writable(path: &Path) -> Result<(), Failure> {
-    std::fs::OpenOptions::new()
-        .append(true)
-        .create(true)
-        .open(path)
-        .map_err(|error| Failure::unwritable(path, &error))?;
-    Ok(())
-}
-
-/// Writes the figures of a run.
-///
-/// # Errors
-/// Returns an error with EX_CANTCREAT that names the file.
-pub fn write_json(path: &Path, figures: &Value) -> Result<(), Failure> {
-    std::fs::write(path, format!("{figures:#}\n")).map_err(|error| Failure::unwritable(path, &error))
 }

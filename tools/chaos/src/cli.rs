@@ -2,8 +2,8 @@
 
 use crate::injection::Target;
 use clap::{Args, Parser, Subcommand};
-use rt::{Exit, Failure};
-use std::fmt::Display;
+use report::{check_bounds, out_of_bounds};
+use rt::Failure;
 use std::path::PathBuf;
 
 /// Upper bound on the trials. More would take a month at some seconds each, so a larger value is a typing
@@ -94,17 +94,9 @@ impl SoakArgs {
     /// # Errors
     /// Returns an error that names the option, its value and the bound.
     pub fn check(&self) -> Result<(), Failure> {
-        within("--hours", self.hours, SOAK_HOURS)?;
-        within("--strike-every", self.strike_every, STRIKE_EVERY_S)
+        check_bounds("--hours", self.hours, SOAK_HOURS)?;
+        check_bounds("--strike-every", self.strike_every, STRIKE_EVERY_S)
     }
-}
-
-/// Refuses a value out of its bounds.
-fn within<T: PartialOrd + Display>(option: &str, value: T, [low, high]: [T; 2]) -> Result<(), Failure> {
-    if (&low..=&high).contains(&&value) {
-        return Ok(());
-    }
-    Err(Failure::new(Exit::Usage, format!("{option} {value} is outside [{low}, {high}]")))
 }
 
 impl TrialsArgs {
@@ -114,30 +106,29 @@ impl TrialsArgs {
     /// Returns an error that names the option, its value and the bound.
     pub fn check(&self) -> Result<(), Failure> {
         let total = self.kills.saturating_add(self.suspends);
-        within("--kills", self.kills, [0, TRIALS_MAX])?;
-        within("--suspends", self.suspends, [0, TRIALS_MAX])?;
-        within("--kills and --suspends", total, [1, TRIALS_MAX])?;
-        within("--engaged", self.engaged, [0.0, 1.0])?;
-        self.victims().map(|_| ())
+        check_bounds("--kills", self.kills, [0, TRIALS_MAX])?;
+        check_bounds("--suspends", self.suspends, [0, TRIALS_MAX])?;
+        check_bounds("--kills and --suspends", total, [1, TRIALS_MAX])?;
+        check_bounds("--engaged", self.engaged, [0.0, 1.0])?;
+        self.targets().map(|_| ())
     }
 
     /// Returns the targets of the faults.
     ///
     /// # Errors
     /// Returns an error that names an unknown target.
-    pub fn victims(&self) -> Result<Vec<Target>, Failure> {
+    pub fn targets(&self) -> Result<Vec<Target>, Failure> {
         let Some(name) = &self.only else { return Ok(Target::ALL.to_vec()) };
-        let found = Target::ALL.iter().find(|victim| victim.name() == name);
-        found.map(|&victim| vec![victim]).ok_or_else(|| {
-            let names = "must be ingest, retarget, control, driver, client or operator";
-            Failure::new(Exit::Usage, format!("--only {name}: {names}"))
-        })
+        let found = Target::ALL.iter().find(|target| target.name() == name);
+        let names = "ingest, retarget, control, driver, client or operator";
+        found.map(|&target| vec![target]).ok_or_else(|| out_of_bounds("--only", name, names))
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use rt::Exit;
 
     #[test]
     fn option_out_of_bounds_is_refused_by_name() {

@@ -6,13 +6,14 @@ use crate::rig::Rig;
 use crate::trial::Outcome;
 use checker::ViolationKind;
 use config::Settings;
+use report::table::{self, column};
 use serde_json::{Map, Value, json};
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
-/// Figures of one target.
+/// TrialFigures of one target.
 #[derive(Clone, Debug, Default)]
-struct OfTarget {
+struct TargetFigures {
     kills: u64,
     suspends: u64,
     moving: u64,
@@ -27,10 +28,10 @@ pub(crate) fn has_robot(settings: &Settings) -> bool {
     settings.driver.program.is_empty()
 }
 
-/// Figures of a run.
+/// TrialFigures of a run.
 #[derive(Clone, Debug, Default)]
-pub struct Figures {
-    victims: BTreeMap<Target, OfTarget>,
+pub struct TrialFigures {
+    targets: BTreeMap<Target, TargetFigures>,
     /// Violations that the monitor saw, by kind.
     witnessed: [u64; ViolationKind::ALL.len()],
     states: u64,
@@ -49,25 +50,25 @@ pub struct Figures {
     trouble: Vec<String>,
 }
 
-impl Figures {
+impl TrialFigures {
     /// Ends an instance. Adds its trials, and what its monitor and its processes saw. Returns the reports of the
     /// processes.
     pub fn conclude(
         &mut self,
         rig: Rig,
-        witness: Monitor,
+        monitor: Monitor,
         outcomes: &[Outcome],
         settings: &Settings,
     ) -> Map<String, Value> {
-        self.add_seen(&witness.seen());
-        drop(witness);
+        self.add_seen(&monitor.seen());
+        drop(monitor);
         self.clients_begun_anew += rig.clients_begun_anew();
         let (trouble, reports) = rig.end();
         // With real-time scheduling, no stale time was relaxed.
         let realtime = reports.get(Target::Control.name()).is_some_and(|control| control["realtime"] == true);
         let factor = if realtime { 1.0 } else { settings.safety.stale_factor_without_realtime };
         for outcome in outcomes {
-            self.add(outcome, outcome.blow.victim.rest_within_ticks(&settings.safety, factor));
+            self.add(outcome, outcome.fault.target.rest_within_ticks(&settings.safety, factor));
         }
         match reports.get(Target::Driver.name()) {
             Some(record) => self.add_record(record),
@@ -84,8 +85,8 @@ impl Figures {
 
     /// Adds a trial, in which the robot had to be at rest after `bound_ticks`.
     fn add(&mut self, outcome: &Outcome, bound_ticks: u64) {
-        let of = self.victims.entry(outcome.blow.victim).or_default();
-        match outcome.blow.kind {
+        let of = self.targets.entry(outcome.fault.target).or_default();
+        match outcome.fault.kind {
             Kind::Kill { .. } => of.kills += 1,
             Kind::Suspend { .. } => of.suspends += 1,
         }
@@ -95,7 +96,7 @@ impl Figures {
         of.bound_ticks = bound_ticks;
         of.rest_after_ticks.extend(outcome.rest_after_ticks);
         if !outcome.rested {
-            self.trouble.push(format!("no rest after {:?}", outcome.blow));
+            self.trouble.push(format!("no rest after {:?}", outcome.fault));
         }
     }
 
@@ -143,12 +144,12 @@ impl Figures {
 
     /// Kills so far.
     pub fn kills(&self) -> u64 {
-        self.victims.values().map(|of| of.kills).sum()
+        self.targets.values().map(|of| of.kills).sum()
     }
 
     /// Suspensions so far.
     pub fn suspends(&self) -> u64 {
-        self.victims.values().map(|of| of.suspends).sum()
+        self.targets.values().map(|of| of.suspends).sum()
     }
 
     /// Returns everything that must not have happened. A late rest is reported but not judged, because it
@@ -169,15 +170,15 @@ impl Figures {
         }
         zero("states were not finite".into(), self.not_finite);
         zero("states moved without an enable".into(), self.moved_without_enable);
-        for (victim, of) in &self.victims {
-            zero(format!("faults of {} were not followed by rest", victim.name()), of.not_rested);
+        for (target, of) in &self.targets {
+            zero(format!("faults of {} were not followed by rest", target.name()), of.not_rested);
         }
         complaints
     }
 
     /// Returns the figures as JSON.
     pub fn to_json(&self) -> Value {
-        let victims = self.victims.iter().map(|(victim, of)| {
+        let targets = self.targets.iter().map(|(target, of)| {
             let mut ticks = of.rest_after_ticks.clone();
             ticks.sort_unstable();
             let value = json!({
@@ -190,12 +191,12 @@ impl Figures {
                 "bound_ticks": of.bound_ticks,
                 "beyond_bound": of.late,
             });
-            (victim.name().to_owned(), value)
+            (target.name().to_owned(), value)
         });
         json!({
             "kills": self.kills(),
             "suspends": self.suspends(),
-            "victims": victims.collect::<Map<_, _>>(),
+            "victims": targets.collect::<Map<_, _>>(),
             "states_witnessed": self.states,
             "violations_witnessed": by_kind(&self.witnessed),
             "violations_recorded": by_kind(&self.recorded),
@@ -217,32 +218,27 @@ impl Figures {
     }
 
     /// Returns the figures as text.
-    pub fn words(&self) -> String {
+    pub fn text(&self) -> String {
         let value = self.to_json();
-        let mut out = String::new();
+        let mut out = format!("{} kills, {} suspensions\n", self.kills(), self.suspends());
+        let count =
+            |head, width, key: &'static str| column(["", head], width, move |figures: &Value| figures[key].to_string());
+        let rest = |head, width, key: &'static str| {
+            column(["", head], width, move |figures: &Value| ticks(&figures["rest_after_ticks"][key]))
+        };
+        let columns = [
+            count("kills", 6, "kills"),
+            count("suspends", 8, "suspends"),
+            count("moving", 7, "moving"),
+            count("rests", 6, "rests"),
+            rest("to rest: p50", 13, "p50"),
+            rest("max", 10, "max"),
+            count("late", 6, "beyond_bound"),
+            column(["", "bound"], 10, |figures: &Value| ticks(&figures["bound_ticks"])),
+        ];
+        let rows = value["victims"].as_object().into_iter().flatten().map(|(name, figures)| (name.as_str(), figures));
         // Writing to a String cannot fail.
-        let _ = writeln!(out, "{} kills, {} suspensions", self.kills(), self.suspends());
-        let _ = writeln!(
-            out,
-            "{:<10} {:>6} {:>8} {:>7} {:>6} {:>13} {:>10} {:>6} {:>10}",
-            "", "kills", "suspends", "moving", "rests", "to rest: p50", "max", "late", "bound"
-        );
-        for (name, of) in value["victims"].as_object().into_iter().flatten() {
-            let number = |key: &str| of[key].to_string();
-            let rest = &of["rest_after_ticks"];
-            let _ = writeln!(
-                out,
-                "{name:<10} {:>6} {:>8} {:>7} {:>6} {:>13} {:>10} {:>6} {:>10}",
-                number("kills"),
-                number("suspends"),
-                number("moving"),
-                number("rests"),
-                ticks(&rest["p50"]),
-                ticks(&rest["max"]),
-                number("beyond_bound"),
-                ticks(&of["bound_ticks"])
-            );
-        }
+        let _ = table::write(&mut out, ("", 10), &columns, rows);
         let _ = writeln!(out, "witnessed {} states: violations {}", self.states, value["violations_witnessed"]);
         let _ = writeln!(out, "{} records of drivers: violations {}", self.records, value["violations_recorded"]);
         let _ = writeln!(
@@ -276,15 +272,15 @@ mod tests {
     use crate::injection::Injection;
     use std::time::Duration;
 
-    fn outcome(victim: Target, rest_after_ticks: Option<u64>) -> Outcome {
+    fn outcome(target: Target, rest_after_ticks: Option<u64>) -> Outcome {
         let kind = Kind::Kill { held_on: Duration::ZERO };
-        let blow = Injection { victim, kind, engaged: false, phase: Duration::ZERO };
-        Outcome { blow, moving: true, rest_after_ticks, rested: rest_after_ticks.is_some() }
+        let fault = Injection { target, kind, engaged: false, phase: Duration::ZERO };
+        Outcome { fault, moving: true, rest_after_ticks, rested: rest_after_ticks.is_some() }
     }
 
     #[test]
     fn each_forbidden_outcome_becomes_a_complaint() {
-        let mut figures = Figures::default();
+        let mut figures = TrialFigures::default();
         figures.add(&outcome(Target::Control, Some(40)), 752);
         assert!(figures.complaints().is_empty());
         figures.add(&outcome(Target::Ingest, None), 902);
@@ -298,7 +294,7 @@ mod tests {
 
     #[test]
     fn late_rest_is_counted_but_is_no_complaint() {
-        let mut figures = Figures::default();
+        let mut figures = TrialFigures::default();
         figures.add(&outcome(Target::Control, Some(753)), 752);
         assert_eq!(figures.to_json()["victims"]["control"]["beyond_bound"], 1);
         assert!(figures.complaints().is_empty());
@@ -306,11 +302,11 @@ mod tests {
 
     #[test]
     fn summary_line_names_ticks_and_shows_missing_times_as_dash() {
-        let mut figures = Figures::default();
+        let mut figures = TrialFigures::default();
         figures.add(&outcome(Target::Ingest, None), 902);
-        let words = figures.words();
-        let line = words.lines().find(|line| line.starts_with("ingest")).expect("a line");
-        let said: Vec<_> = line.split_whitespace().collect();
-        assert_eq!(said, ["ingest", "1", "0", "1", "0", "-", "-", "0", "902", "ticks"], "{words}");
+        let text = figures.text();
+        let line = text.lines().find(|line| line.starts_with("ingest")).expect("a line");
+        let cells: Vec<_> = line.split_whitespace().collect();
+        assert_eq!(cells, ["ingest", "1", "0", "1", "0", "-", "-", "0", "902", "ticks"], "{text}");
     }
 }

@@ -84,7 +84,7 @@ pub enum Kind {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Injection {
     /// Target of the fault.
-    pub victim: Target,
+    pub target: Target,
     /// Kind of the fault.
     pub kind: Kind,
     /// True if the fault waits until the robot is engaged.
@@ -94,8 +94,8 @@ pub struct Injection {
 }
 
 impl Injection {
-    /// Draws a fault for `victim`. A share `engaged_share` of all draws waits until the robot is engaged.
-    pub fn draw(victim: Target, kill: bool, engaged_share: f64, dice: &mut Pcg64Mcg) -> Self {
+    /// Draws a fault for `target`. A share `engaged_share` of all draws waits until the robot is engaged.
+    pub fn draw(target: Target, kill: bool, engaged_share: f64, dice: &mut Pcg64Mcg) -> Self {
         let mut uniform = || dice.random::<f64>();
         let engaged = uniform() < engaged_share;
         let phase = Duration::from_secs_f64(uniform() * PHASE_MAX_S[usize::from(engaged)]);
@@ -106,7 +106,7 @@ impl Injection {
             let [low, high] = SUSPENDED_MS;
             Kind::Suspend { length: Duration::from_secs_f64(low * (high / low).powf(uniform()) * 1e-3) }
         };
-        Self { victim, kind, engaged, phase }
+        Self { target, kind, engaged, phase }
     }
 }
 
@@ -121,13 +121,13 @@ mod tests {
             let mut dice = Pcg64Mcg::seed_from_u64(seed);
             (0..1000).map(|n| Injection::draw(Target::ALL[n % 6], n % 2 == 0, 0.5, &mut dice)).collect::<Vec<_>>()
         };
-        let blows = draw(1);
-        assert_eq!(blows, draw(1));
-        assert_ne!(blows, draw(2));
-        assert!(blows.iter().any(|blow| blow.engaged) && blows.iter().any(|blow| !blow.engaged));
-        for blow in blows {
-            assert!(blow.phase.as_secs_f64() <= PHASE_MAX_S[usize::from(blow.engaged)]);
-            match blow.kind {
+        let faults = draw(1);
+        assert_eq!(faults, draw(1));
+        assert_ne!(faults, draw(2));
+        assert!(faults.iter().any(|fault| fault.engaged) && faults.iter().any(|fault| !fault.engaged));
+        for fault in faults {
+            assert!(fault.phase.as_secs_f64() <= PHASE_MAX_S[usize::from(fault.engaged)]);
+            match fault.kind {
                 Kind::Kill { held_on } => assert!(held_on.as_secs_f64() <= HELD_ON_MAX_MS * 1e-3),
                 Kind::Suspend { length } => {
                     let ms = length.as_secs_f64() * 1e3;

@@ -2,7 +2,7 @@
 //! the client and the operator.
 
 use chaos::cli::{Cli, Command, CommonArgs, SoakArgs, TrialsArgs};
-use chaos::figures::Figures;
+use chaos::figures::TrialFigures;
 use chaos::injection::{Injection, Target};
 use chaos::rig::Rig;
 use chaos::{soak, trial};
@@ -10,8 +10,8 @@ use harness::roles;
 use rand::seq::SliceRandom;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
+use report::JsonOutput;
 use rt::{Exit, Failure, Shutdown};
-use serde_json::Value;
 use std::path::Path;
 use std::process::ExitCode;
 
@@ -20,99 +20,101 @@ use std::process::ExitCode;
 static ALLOCATOR: rt::CountingAllocator = rt::CountingAllocator;
 
 /// Number of faults per instance. After that, the instance ends in order and its driver's record is read.
-const BLOWS_OF_AN_INSTANCE: usize = 20;
+const FAULTS_PER_INSTANCE: usize = 20;
 
 fn main() -> ExitCode {
     rt::abort_on_panic();
     if let Some(ended) = roles::main() {
         return ended;
     }
-    let Cli { command, trials } = harness::parse();
+    let Cli { command, trials } = report::parse();
     rt::finish(
         "chaos",
         match command {
-            None => strike(&trials),
-            Some(Command::Soak(args)) => soak(&args),
+            None => run_trials(&trials),
+            Some(Command::Soak(args)) => run_soak(&args),
         },
     )
 }
 
 /// Runs all trials, several per instance. Returns true if every promise was kept.
-fn strike(options: &TrialsArgs) -> Result<bool, Failure> {
+fn run_trials(options: &TrialsArgs) -> Result<bool, Failure> {
     options.check()?;
-    let shutdown = begin(&options.common)?;
-    let mut figures = Figures::default();
-    for (number, blows) in drawn(options)?.chunks(BLOWS_OF_AN_INSTANCE).enumerate() {
-        instance(&options.common.config, blows, &shutdown, &mut figures)?;
+    let (shutdown, json) = begin(&options.common)?;
+    let mut figures = TrialFigures::default();
+    for (number, faults) in drawn(options)?.chunks(FAULTS_PER_INSTANCE).enumerate() {
+        instance(&options.common.config, faults, &shutdown, &mut figures)?;
         eprintln!("instance {}: {} kills, {} suspensions so far", number + 1, figures.kills(), figures.suspends());
         if shutdown.requested() {
             break;
         }
     }
-    end(&options.common, &shutdown, &figures.to_json(), &figures.words())?;
+    json.write(&figures.text(), &figures.to_json())?;
+    end(&shutdown)?;
     Ok(figures.complaints().is_empty())
 }
 
 /// Returns true if nothing grew, and every promise was kept.
-fn soak(options: &SoakArgs) -> Result<bool, Failure> {
+fn run_soak(options: &SoakArgs) -> Result<bool, Failure> {
     options.check()?;
-    let shutdown = begin(&options.common)?;
+    let (shutdown, json) = begin(&options.common)?;
     let soaked = soak::run(options, &shutdown)?;
-    end(&options.common, &shutdown, &soaked.to_json(), &soaked.words())?;
+    json.write(&soaked.text(), &soaked.to_json())?;
+    end(&shutdown)?;
     Ok(soaked.complaints().is_empty())
 }
 
 /// Refuses an unwritable file before the run.
-fn begin(options: &CommonArgs) -> Result<Shutdown, Failure> {
-    options.json.as_deref().map_or(Ok(()), harness::check_writable)?;
-    Shutdown::on_signals().map_err(Failure::with(Exit::OsErr))
+fn begin(options: &CommonArgs) -> Result<(Shutdown, JsonOutput), Failure> {
+    let json = JsonOutput::open(options.json.as_deref())?;
+    Ok((Shutdown::on_signals().map_err(Failure::with(Exit::OsErr))?, json))
 }
 
-fn end(options: &CommonArgs, shutdown: &Shutdown, figures: &Value, words: &str) -> Result<(), Failure> {
-    options.json.as_deref().map_or(Ok(()), |path| harness::write_json(path, figures))?;
-    rt::out!("{}", words.trim_end());
-    if shutdown.requested() {
-        return Err(harness::interrupted());
-    }
-    Ok(())
+fn end(shutdown: &Shutdown) -> Result<(), Failure> {
+    if shutdown.requested() { Err(report::interrupted()) } else { Ok(()) }
 }
 
 /// Draws every target equally often, in random order. The driver's deaths come last, because each destroys the
 /// driver's record of everything before. The robot's record survives them.
 fn drawn(options: &TrialsArgs) -> Result<Vec<Injection>, Failure> {
-    let victims = options.victims()?;
+    let targets = options.targets()?;
     let mut dice = Pcg64Mcg::seed_from_u64(options.seed);
     let mut all = Vec::new();
     for (count, kill) in [(options.kills, true), (options.suspends, false)] {
-        let first: usize = dice.random_range(0..victims.len());
+        let first: usize = dice.random_range(0..targets.len());
         for n in 0..count as usize {
-            all.push((victims[(first + n) % victims.len()], kill));
+            all.push((targets[(first + n) % targets.len()], kill));
         }
     }
     all.shuffle(&mut dice);
-    all.sort_by_key(|&(victim, kill)| kill && victim == Target::Driver);
-    Ok(all.into_iter().map(|(victim, kill)| Injection::draw(victim, kill, options.engaged, &mut dice)).collect())
+    all.sort_by_key(|&(target, kill)| kill && target == Target::Driver);
+    Ok(all.into_iter().map(|(target, kill)| Injection::draw(target, kill, options.engaged, &mut dice)).collect())
 }
 
-fn instance(config: &Path, blows: &[Injection], shutdown: &Shutdown, figures: &mut Figures) -> Result<(), Failure> {
-    let (mut rig, witness, settings) = Rig::watched(config)?;
+fn instance(
+    config: &Path,
+    faults: &[Injection],
+    shutdown: &Shutdown,
+    figures: &mut TrialFigures,
+) -> Result<(), Failure> {
+    let (mut rig, monitor, settings) = Rig::watched(config)?;
     let (mut outcomes, mut moved) = (Vec::new(), 0);
-    for &blow in blows.iter().take_while(|_| !shutdown.requested()) {
-        let outcome = match trial::run(&mut rig, &witness, &settings, blow) {
+    for &fault in faults.iter().take_while(|_| !shutdown.requested()) {
+        let outcome = match trial::run(&mut rig, &monitor, &settings, fault) {
             Err(stuck) if stuck.exit == Exit::Failed => {
                 // The next instance continues. The results of this one are kept.
-                figures.add_trouble(format!("{stuck}, before or after {blow:?}"));
+                figures.add_trouble(format!("{stuck}, before or after {fault:?}"));
                 break;
             }
             outcome => outcome?,
         };
         // Motion until the next enable is attributed to this fault.
-        let moved_before = std::mem::replace(&mut moved, witness.seen().moved_without_enable);
+        let moved_before = std::mem::replace(&mut moved, monitor.seen().moved_without_enable);
         if moved > moved_before {
             figures.add_trouble(format!("motion without an enable after {outcome:?}"));
         }
         outcomes.push(outcome);
     }
-    figures.conclude(rig, witness, &outcomes, &settings);
+    figures.conclude(rig, monitor, &outcomes, &settings);
     Ok(())
 }

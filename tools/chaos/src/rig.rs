@@ -78,8 +78,8 @@ impl Rig {
     ///
     /// # Errors
     /// Returns an error with `Exit::Failed` if the mode does not come.
-    pub fn engage(&mut self, victim: Target, mode: Mode) -> Result<(), Failure> {
-        if victim == Target::Operator {
+    pub fn engage(&mut self, target: Target, mode: Mode) -> Result<(), Failure> {
+        if target == Target::Operator {
             self.hand = Some(roles::start(roles::OPERATOR, &self.harness.instance)?);
         } else {
             self.operator.enable();
@@ -87,22 +87,22 @@ impl Rig {
         self.operator.reach(mode, &mut || Ok(()))
     }
 
-    /// Returns the process id of `victim`.
+    /// Returns the process id of `target`.
     ///
     /// # Errors
     /// Returns an error with `Exit::Failed` if it does not run.
-    pub fn id(&self, victim: Target) -> Result<u32, Failure> {
-        let id = match victim {
+    pub fn id(&self, target: Target) -> Result<u32, Failure> {
+        let id = match target {
             Target::Client => Some(self.client.id()),
             Target::Operator => self.hand.as_ref().map(Child::id),
             process => self.harness.children.id(process.name()),
         };
-        id.ok_or_else(|| Failure::new(Exit::Failed, format!("{} does not run", victim.name())))
+        id.ok_or_else(|| Failure::new(Exit::Failed, format!("{} does not run", target.name())))
     }
 
-    /// Kills `victim` with SIGKILL.
-    pub fn kill(&mut self, victim: Target) {
-        match victim {
+    /// Kills `target` with SIGKILL.
+    pub fn kill(&mut self, target: Target) {
+        match target {
             Target::Client => end(&mut self.client),
             Target::Operator => self.let_go(),
             process => self.harness.children.kill(process.name()),
@@ -113,8 +113,8 @@ impl Rig {
     ///
     /// # Errors
     /// Returns an error if it does not start.
-    pub fn revive(&mut self, victim: Target) -> Result<(), Failure> {
-        match victim {
+    pub fn revive(&mut self, target: Target) -> Result<(), Failure> {
+        match target {
             Target::Client => self.client = roles::start(roles::CLIENT, &self.harness.instance)?,
             Target::Operator => {}
             process => self.harness.children.start_one(process.name())?,

@@ -2,7 +2,7 @@
 //! that may grow: memory, file descriptors, threads, segments. A stop that no fault explains is a false stop.
 
 use crate::cli::SoakArgs;
-use crate::figures::Figures;
+use crate::figures::TrialFigures;
 use crate::injection::{Injection, Target};
 use crate::monitor::Monitor;
 use crate::rig::Rig;
@@ -12,6 +12,7 @@ use messages::{Mode, Status};
 use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
 use rt::{Failure, Shutdown};
+use serde::Serialize;
 use serde_json::{Map, Value, json};
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -37,7 +38,7 @@ const TURNS: [(Target, bool); 6] = [
 ];
 
 /// Resources that a process holds.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 struct Holding {
     resident_kib: u64,
     descriptors: u64,
@@ -45,7 +46,7 @@ struct Holding {
 }
 
 impl Holding {
-    fn of(id: u32) -> Option<Self> {
+    fn read(id: u32) -> Option<Self> {
         let status = std::fs::read_to_string(format!("/proc/{id}/status")).ok()?;
         let number = |key: &str| {
             let line = status.lines().find_map(|line| line.strip_prefix(key)?.strip_prefix(':'));
@@ -84,7 +85,7 @@ pub struct Soaked {
     segments_first: usize,
     segments_last: usize,
     false_stops: Vec<String>,
-    figures: Figures,
+    figures: TrialFigures,
     reports: Map<String, Value>,
 }
 
@@ -95,46 +96,46 @@ pub struct Soaked {
 pub fn run(options: &SoakArgs, shutdown: &Shutdown) -> Result<Soaked, Failure> {
     let (length, every) = (options.hours * 3600.0, Duration::from_secs_f64(options.strike_every));
     let length = Duration::from_secs_f64(length);
-    let (mut rig, witness, settings) = Rig::watched(&options.common.config)?;
+    let (mut rig, monitor, settings) = Rig::watched(&options.common.config)?;
     let mut dice = Pcg64Mcg::seed_from_u64(1);
     let (mut soaked, mut outcomes) = (Soaked::default(), Vec::new());
-    trial::engage(&mut rig, &witness, Target::Ingest, Mode::Engaged)?;
+    trial::engage(&mut rig, &monitor, Target::Ingest, Mode::Engaged)?;
     let begun = Instant::now();
     loop {
         clean(&mut rig, &mut soaked, begun, (begun.elapsed() + every).min(length), shutdown);
         if begun.elapsed() >= length || shutdown.requested() {
             break;
         }
-        let (victim, kill) = TURNS[outcomes.len() % TURNS.len()];
+        let (target, kill) = TURNS[outcomes.len() % TURNS.len()];
         let kill = kill || options.kill_all;
-        let blow = Injection::draw(victim, kill, 1.0, &mut dice);
-        if let Err(failure) = strike(&mut rig, &witness, &settings, blow, &mut outcomes) {
+        let fault = Injection::draw(target, kill, 1.0, &mut dice);
+        if let Err(failure) = strike(&mut rig, &monitor, &settings, fault, &mut outcomes) {
             // The results until then are still reported.
-            soaked.figures.add_trouble(format!("after {blow:?}: {failure}"));
+            soaked.figures.add_trouble(format!("after {fault:?}: {failure}"));
             break;
         }
         let held = if kill { "killed" } else { "suspended" };
-        eprintln!("{:.0} s: {} was {held}", begun.elapsed().as_secs_f64(), victim.name());
+        eprintln!("{:.0} s: {} was {held}", begun.elapsed().as_secs_f64(), target.name());
     }
     if let Err(failure) = rig.clear() {
         soaked.figures.add_trouble(failure.text);
     }
     soaked.segments_last = segments(&rig);
     soaked.seconds = begun.elapsed().as_secs_f64();
-    soaked.reports = soaked.figures.conclude(rig, witness, &outcomes, &settings);
+    soaked.reports = soaked.figures.conclude(rig, monitor, &outcomes, &settings);
     Ok(soaked)
 }
 
 /// Injects a fault, and follows the person again.
 fn strike(
     rig: &mut Rig,
-    witness: &Monitor,
+    monitor: &Monitor,
     settings: &Settings,
-    blow: Injection,
+    fault: Injection,
     outcomes: &mut Vec<Outcome>,
 ) -> Result<(), Failure> {
-    outcomes.push(trial::run(rig, witness, settings, blow)?);
-    trial::engage(rig, witness, Target::Ingest, Mode::Engaged)
+    outcomes.push(trial::run(rig, monitor, settings, fault)?);
+    trial::engage(rig, monitor, Target::Ingest, Mode::Engaged)
 }
 
 /// Follows the person, engaged, for `until` after the begin. Every stop in this time is a false one.
@@ -142,13 +143,13 @@ fn clean(rig: &mut Rig, soaked: &mut Soaked, begun: Instant, until: Duration, sh
     let first = segments(rig);
     soaked.segments_first = if soaked.segments_first == 0 { first } else { soaked.segments_first };
     let engaged = Instant::now();
-    let mut told = rig.operator().status().map_or(0, |status| status.transition_count);
+    let mut counted = rig.operator().status().map_or(0, |status| status.transition_count);
     while begun.elapsed() < until && !shutdown.requested() {
         std::thread::sleep(LOOK.min(until.saturating_sub(begun.elapsed())));
         for name in PROCESSES {
             soaked.look(name, rig.harness().children.id(name));
         }
-        soaked.note_stops(begun.elapsed(), rig.operator().status(), &mut told);
+        soaked.count_stops(begun.elapsed(), rig.operator().status(), &mut counted);
     }
     soaked.engaged_s += engaged.elapsed().as_secs_f64();
     rig.release();
@@ -160,22 +161,22 @@ fn segments(rig: &Rig) -> usize {
 }
 
 impl Soaked {
-    /// Adds the transitions after number `told` that left Engaged. A stop counts even if the robot continued by
+    /// Adds the transitions after number `counted` that left Engaged. A stop counts even if the robot continued by
     /// itself.
-    fn note_stops(&mut self, at: Duration, status: Option<Status>, told: &mut u32) {
+    fn count_stops(&mut self, at: Duration, status: Option<Status>, counted: &mut u32) {
         let Some(status) = status else {
             return self.false_stops.push(format!("{:.0} s: no answer", at.as_secs_f64()));
         };
-        for transition in explain::newest_transitions(&status, status.transition_count.saturating_sub(*told)) {
+        for transition in explain::newest_transitions(&status, status.transition_count.saturating_sub(*counted)) {
             if transition.from == Mode::Engaged as u32 {
                 self.false_stops.push(format!("{:.0} s: {}", at.as_secs_f64(), transition.why_name()));
             }
         }
-        *told = status.transition_count;
+        *counted = status.transition_count;
     }
 
     fn look(&mut self, name: &'static str, id: Option<u32>) {
-        let Some((id, holding)) = id.and_then(|id| Some((id, Holding::of(id)?))) else { return };
+        let Some((id, holding)) = id.and_then(|id| Some((id, Holding::read(id)?))) else { return };
         let born = Life { id, since: Instant::now(), warm: None, most: holding };
         let life = self.lives.entry(name).or_insert(born);
         if life.id != id {
@@ -217,17 +218,11 @@ impl Soaked {
 
     /// Returns the results as JSON.
     pub fn to_json(&self) -> Value {
-        let growth = self.growth.iter().map(|(&name, grown)| {
-            let value = json!({
-                "resident_kib": grown.resident_kib, "descriptors": grown.descriptors, "threads": grown.threads,
-            });
-            (name.to_owned(), value)
-        });
         json!({
             "seconds": self.seconds,
             "engaged_s": self.engaged_s,
             "false_stops": self.false_stops,
-            "growth": growth.collect::<Map<_, _>>(),
+            "growth": self.growth,
             "segments": { "first": self.segments_first, "last": self.segments_last },
             "trials": self.figures.to_json(),
             "processes": self.reports,
@@ -236,8 +231,8 @@ impl Soaked {
     }
 
     /// Returns the results as text.
-    pub fn words(&self) -> String {
-        let mut out = self.figures.words();
+    pub fn text(&self) -> String {
+        let mut out = self.figures.text();
         // Writing to a String cannot fail.
         let _ = writeln!(out, "{:.0} s, {:.0} s of them engaged and clean", self.seconds, self.engaged_s);
         for (name, grown) in &self.growth {
@@ -261,13 +256,13 @@ mod tests {
 
     #[test]
     fn process_holdings_are_read_from_proc() {
-        let own = Holding::of(std::process::id()).expect("this process exists");
+        let own = Holding::read(std::process::id()).expect("this process exists");
         assert!(own.resident_kib > 100 && own.descriptors >= 3 && own.threads >= 1, "{own:?}");
-        assert_eq!(Holding::of(u32::MAX), None);
+        assert_eq!(Holding::read(u32::MAX), None);
     }
 
     #[test]
-    fn false_stop_is_noted_once_with_its_cause() {
+    fn false_stop_is_counted_once_with_its_cause() {
         let mut status: Status = Layout::ZERO;
         let step =
             |from: Mode, to: Mode, why: u32| Transition { from: from as u32, to: to as u32, why, ..Layout::ZERO };
@@ -275,9 +270,9 @@ mod tests {
         status.transitions[1] = step(Mode::Engaged, Mode::Holding, Fault::TargetStale as u32);
         status.transitions[2] = step(Mode::Holding, Mode::Engaging, Transition::CLEARED);
         status.transition_count = 3;
-        let (mut soaked, mut told) = (Soaked::default(), 1);
-        soaked.note_stops(Duration::from_secs(7), Some(status), &mut told);
-        soaked.note_stops(Duration::from_secs(8), Some(status), &mut told);
+        let (mut soaked, mut counted) = (Soaked::default(), 1);
+        soaked.count_stops(Duration::from_secs(7), Some(status), &mut counted);
+        soaked.count_stops(Duration::from_secs(8), Some(status), &mut counted);
         assert_eq!(soaked.false_stops, ["7 s: TargetStale"]);
     }
 
@@ -290,11 +285,11 @@ mod tests {
         soaked.segments_last = 11;
         soaked.false_stops.push("12 s: Holding TargetStale".into());
         soaked.figures.add_trouble("no rest".into());
-        let told = soaked.complaints().join("; ");
+        let complaints = soaked.complaints().join("; ");
         for part in
             ["grew by 513", "1 descriptors", "2 threads", "11 segments", "no injected fault explains", "no rest"]
         {
-            assert!(told.contains(part), "{part}: {told}");
+            assert!(complaints.contains(part), "{part}: {complaints}");
         }
     }
 }

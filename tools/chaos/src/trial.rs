@@ -23,7 +23,7 @@ const WATCHED: Duration = Duration::from_millis(250);
 #[derive(Clone, Copy, Debug)]
 pub struct Outcome {
     /// The fault.
-    pub blow: Injection,
+    pub fault: Injection,
     /// True if the robot moved in the tick of the fault.
     pub moving: bool,
     /// Ticks from the fault to rest, by the driver's own count. None if the driver died, or if nothing had to
@@ -37,12 +37,12 @@ pub struct Outcome {
 ///
 /// # Errors
 /// Returns an error if several attempts do not reach the mode.
-pub fn engage(rig: &mut Rig, witness: &Monitor, victim: Target, mode: Mode) -> Result<(), Failure> {
+pub fn engage(rig: &mut Rig, monitor: &Monitor, target: Target, mode: Mode) -> Result<(), Failure> {
     let mut tries = 0;
     loop {
         rig.clear()?;
-        witness.must_rest(false);
-        match rig.engage(victim, mode) {
+        monitor.must_rest(false);
+        match rig.engage(target, mode) {
             Err(failure) if failure.exit == Exit::Failed && tries < TRIES_MAX => tries += 1,
             engaged => return engaged,
         }
@@ -54,13 +54,13 @@ pub fn engage(rig: &mut Rig, witness: &Monitor, victim: Target, mode: Mode) -> R
 ///
 /// # Errors
 /// Returns an error if the instance does not reach the state for the fault, or does not come back.
-pub fn run(rig: &mut Rig, witness: &Monitor, settings: &Settings, blow: Injection) -> Result<Outcome, Failure> {
-    engage(rig, witness, blow.victim, if blow.engaged { Mode::Engaged } else { Mode::Engaging })?;
-    std::thread::sleep(blow.phase);
-    let mut outcome = Outcome { blow, moving: !witness.seen().at_rest(), rest_after_ticks: None, rested: true };
-    match blow.kind {
-        Kind::Kill { held_on } => kill(rig, witness, settings, &mut outcome, held_on)?,
-        Kind::Suspend { length } => suspend(rig, witness, &settings.safety, &mut outcome, length)?,
+pub fn run(rig: &mut Rig, monitor: &Monitor, settings: &Settings, fault: Injection) -> Result<Outcome, Failure> {
+    engage(rig, monitor, fault.target, if fault.engaged { Mode::Engaged } else { Mode::Engaging })?;
+    std::thread::sleep(fault.phase);
+    let mut outcome = Outcome { fault, moving: !monitor.seen().at_rest(), rest_after_ticks: None, rested: true };
+    match fault.kind {
+        Kind::Kill { held_on } => kill(rig, monitor, settings, &mut outcome, held_on)?,
+        Kind::Suspend { length } => suspend(rig, monitor, &settings.safety, &mut outcome, length)?,
     }
     rig.release();
     Ok(outcome)
@@ -68,51 +68,51 @@ pub fn run(rig: &mut Rig, witness: &Monitor, settings: &Settings, blow: Injectio
 
 fn kill(
     rig: &mut Rig,
-    witness: &Monitor,
+    monitor: &Monitor,
     settings: &Settings,
     outcome: &mut Outcome,
     held_on: Duration,
 ) -> Result<(), Failure> {
-    let victim = outcome.blow.victim;
+    let target = outcome.fault.target;
     let struck = tick_at(rt::now());
-    rig.kill(victim);
-    if victim == Target::Driver {
+    rig.kill(target);
+    if target == Target::Driver {
         // The robot stops by itself, and control detects the fault.
         let faulted = rig.operator().wait(REST_WITHIN, |status| status.mode == Mode::Faulted as u32);
-        outcome.rested = faulted && (!has_robot(settings) || robot_stands(witness));
+        outcome.rested = faulted && (!has_robot(settings) || robot_stands(monitor));
     } else {
-        wait_rest(rig, witness, outcome, struck);
+        wait_rest(rig, monitor, outcome, struck);
     }
     // The robot must stay at rest when the process returns, even though the enable is still held.
-    witness.must_rest(outcome.rested);
+    monitor.must_rest(outcome.rested);
     std::thread::sleep(held_on);
-    if victim == Target::Client {
+    if target == Target::Client {
         // `ingest` refuses for good a session that begins while another one still holds the lease.
         std::thread::sleep(Duration::from_secs_f64(settings.ingest.authority_timeout_ms * 1e-3));
     }
-    rig.revive(victim)?;
+    rig.revive(target)?;
     std::thread::sleep(WATCHED);
     Ok(())
 }
 
 fn suspend(
     rig: &mut Rig,
-    witness: &Monitor,
+    monitor: &Monitor,
     safety: &SafetySettings,
     outcome: &mut Outcome,
     length: Duration,
 ) -> Result<(), Failure> {
-    let victim = outcome.blow.victim;
-    let bound_ticks = victim.rest_within_ticks(safety, safety.stale_factor_without_realtime);
-    let id = rig.id(victim)?;
+    let target = outcome.fault.target;
+    let bound_ticks = target.rest_within_ticks(safety, safety.stale_factor_without_realtime);
+    let id = rig.id(target)?;
     let struck = tick_at(rt::now());
     rt::suspend(id);
     // A suspended driver executes nothing. For any other target, a long suspension is a silence like that of a
     // death.
-    let must_rest = victim != Target::Driver && length.as_secs_f64() * TICK_HZ as f64 > bound_ticks as f64;
+    let must_rest = target != Target::Driver && length.as_secs_f64() * TICK_HZ as f64 > bound_ticks as f64;
     let resume_at = Instant::now() + length;
     if must_rest {
-        wait_rest(rig, witness, outcome, struck);
+        wait_rest(rig, monitor, outcome, struck);
     }
     std::thread::sleep(resume_at.saturating_duration_since(Instant::now()));
     rt::resume(id);
@@ -121,10 +121,10 @@ fn suspend(
 }
 
 /// Waits until the measured robot is at rest.
-fn robot_stands(witness: &Monitor) -> bool {
+fn robot_stands(monitor: &Monitor) -> bool {
     let give_up = Instant::now() + REST_WITHIN;
     while Instant::now() < give_up {
-        if witness.seen().robot_stands() {
+        if monitor.seen().robot_stands() {
             return true;
         }
         std::thread::sleep(LOOK);
@@ -135,13 +135,13 @@ fn robot_stands(witness: &Monitor) -> bool {
 /// Waits until the driver reports rest at a tick after the fault was detected. Earlier rest does not count. A
 /// person who stands still lets an engaged robot rest, and commands from before the detection are still to be
 /// executed.
-fn wait_rest(rig: &mut Rig, witness: &Monitor, outcome: &mut Outcome, struck: u64) {
+fn wait_rest(rig: &mut Rig, monitor: &Monitor, outcome: &mut Outcome, struck: u64) {
     let give_up = Instant::now() + REST_WITHIN;
     let mut noticed = None;
     while Instant::now() < give_up {
-        let seen = witness.seen();
+        let seen = monitor.seen();
         noticed = noticed.or_else(|| {
-            if outcome.blow.victim == Target::Control {
+            if outcome.fault.target == Target::Control {
                 return seen.latest.filter(|state| state.flags & state_flag::DRIVER_FAULT != 0).map(|_| seen.k());
             }
             let status = rig.operator().status()?;

@@ -33,25 +33,25 @@ fn half(seed: u64) -> (Value, String) {
         "--json",
         file.to_str().unwrap(),
     ]);
-    let told = format!("{}{}", String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
-    assert!(output.status.success(), "{told}");
+    let printed = format!("{}{}", String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
+    assert!(output.status.success(), "{printed}");
     let figures: Value = serde_json::from_str(&std::fs::read_to_string(file).unwrap()).expect("JSON");
     assert_eq!((&figures["kills"], &figures["suspends"]), (&12.into(), &8.into()));
-    assert_no_violations(&figures, &told);
-    assert!(figures["states_witnessed"].as_u64() > Some(5_000), "{told}");
-    (figures, told)
+    assert_no_violations(&figures, &printed);
+    assert!(figures["states_witnessed"].as_u64() > Some(5_000), "{printed}");
+    (figures, printed)
 }
 
-fn assert_no_violations(figures: &Value, told: &str) {
+fn assert_no_violations(figures: &Value, printed: &str) {
     for kind in ["position", "velocity", "acceleration", "jerk", "clearance"] {
-        assert_eq!(figures["violations_witnessed"][kind], 0, "{told}");
-        assert_eq!(figures["violations_recorded"][kind], 0, "{told}");
+        assert_eq!(figures["violations_witnessed"][kind], 0, "{printed}");
+        assert_eq!(figures["violations_recorded"][kind], 0, "{printed}");
     }
     for (kind, count) in figures["violations_of_true_motion"].as_object().expect("the judge's counts") {
-        assert_eq!(count, 0, "{kind}: {told}");
+        assert_eq!(count, 0, "{kind}: {printed}");
     }
-    assert_eq!(figures["robot_records"], 1, "{told}");
-    assert_eq!(figures["moved_without_enable"], 0, "{told}");
+    assert_eq!(figures["robot_records"], 1, "{printed}");
+    assert_eq!(figures["moved_without_enable"], 0, "{printed}");
 }
 
 /// Kills every process, a client and an operator four times each, and suspends some more, at random moments
@@ -62,13 +62,13 @@ fn f036_f058_f067_f069_f070_f073_f074_robot_rests_after_faults() {
     let _turn = TURN.lock().unwrap_or_else(PoisonError::into_inner);
     let other = std::thread::spawn(|| half(4));
     let halves = [half(3), other.join().expect("the other half")];
-    let told = || format!("{}\n{}", halves[0].1, halves[1].1);
-    for victim in ["ingest", "retarget", "control", "driver", "client", "operator"] {
-        let sum = |what: &str| halves.iter().filter_map(|half| half.0["victims"][victim][what].as_u64()).sum::<u64>();
-        assert_eq!(sum("kills"), 4, "{victim}: {}", told());
+    let printed = || format!("{}\n{}", halves[0].1, halves[1].1);
+    for target in ["ingest", "retarget", "control", "driver", "client", "operator"] {
+        let sum = |what: &str| halves.iter().filter_map(|half| half.0["victims"][target][what].as_u64()).sum::<u64>();
+        assert_eq!(sum("kills"), 4, "{target}: {}", printed());
         // Most faults must hit a moving robot, or they show nothing.
-        assert!(sum("moving") >= 3, "{victim}: {}", told());
-        assert!(victim == "driver" || sum("rests") >= 4, "{victim}: {}", told());
+        assert!(sum("moving") >= 3, "{target}: {}", printed());
+        assert!(target == "driver" || sum("rests") >= 4, "{target}: {}", printed());
     }
 }
 
@@ -76,8 +76,8 @@ fn f036_f058_f067_f069_f070_f073_f074_robot_rests_after_faults() {
 fn run_without_injections_is_refused_by_option_name() {
     let output = chaos(&["--kills", "0"]);
     assert_eq!(output.status.code(), Some(64));
-    let told = String::from_utf8_lossy(&output.stderr);
-    assert!(told.contains("--kills and --suspends 0 is outside [1, 1000000]"), "{told}");
+    let printed = String::from_utf8_lossy(&output.stderr);
+    assert!(printed.contains("--kills and --suspends = 0: must be 1 to 1000000"), "{printed}");
 }
 
 /// A short soak: all watched figures are present, and nothing grows. Stops that no fault explains depend on the
@@ -88,12 +88,12 @@ fn f079_f090_short_soak_reports_every_figure_and_no_growth() {
     let folder = tempfile::tempdir().unwrap();
     let json = folder.path().join("soak.json");
     let output = chaos(&["soak", "--hours", "0.006", "--strike-every", "8", "--json", json.to_str().unwrap()]);
-    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    let printed = String::from_utf8_lossy(&output.stderr).into_owned();
     let figures: Value = serde_json::from_str(&std::fs::read_to_string(&json).unwrap())
-        .unwrap_or_else(|error| panic!("{error}: {said}"));
+        .unwrap_or_else(|error| panic!("{error}: {printed}"));
     let trials = &figures["trials"];
-    assert!(count(trials, "/kills") + count(trials, "/suspends") >= 1, "{said}");
-    assert!(figures["engaged_s"].as_f64() > Some(1.0), "{said}");
+    assert!(count(trials, "/kills") + count(trials, "/suspends") >= 1, "{printed}");
+    assert!(figures["engaged_s"].as_f64() > Some(1.0), "{printed}");
     for process in teleopd::PROCESSES {
         for what in ["descriptors", "threads"] {
             assert_eq!(count(&figures, &format!("/growth/{process}/{what}")), 0, "{figures:#}");
@@ -104,9 +104,9 @@ fn f079_f090_short_soak_reports_every_figure_and_no_growth() {
         );
     }
     assert_eq!(count(&figures, "/segments/first"), count(&figures, "/segments/last"));
-    assert_no_violations(trials, &said);
+    assert_no_violations(trials, &printed);
     let complaints = figures["complaints"].as_array().expect("a list");
     let explained = figures["false_stops"].as_array().expect("a list").len();
     assert_eq!(complaints.len(), explained, "{figures:#}");
-    assert_eq!(output.status.code(), Some(if complaints.is_empty() { 0 } else { 1 }), "{said}");
+    assert_eq!(output.status.code(), Some(if complaints.is_empty() { 0 } else { 1 }), "{printed}");
 }

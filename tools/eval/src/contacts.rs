@@ -18,8 +18,9 @@ use crate::clips::Human;
 use crate::error::EvalError;
 use crate::following::optimum::optimum_touching;
 use crate::following::{HandPath, NODE_S, Person, bounds_of};
-use crate::run::{show, write_json};
-use crate::table::{self, column, number};
+use crate::run::write_json;
+use ::report::print;
+use ::report::table::{self, column, number};
 use client::PlayOptions;
 use config::{Loaded, Overrides};
 use follow::solver::State;
@@ -369,7 +370,7 @@ pub(crate) fn run(cli: &Cli) -> Result<(), EvalError> {
         cli.config.display()
     );
     let table = Table { rows, measured };
-    show(&table);
+    print(&table);
     let json: Map<_, _> = table.rows.iter().map(|(name, row)| (name.clone(), json!(row))).collect();
     write_json(cli, &json.into())
 }

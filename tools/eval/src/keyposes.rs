@@ -18,7 +18,7 @@
 use crate::clips::Human;
 use crate::methods::Posture;
 use crate::metrics::Task;
-use crate::table::{self, column, number};
+use ::report::table::{self, column, number};
 use nalgebra::SVector;
 use rand::RngExt;
 use rand_pcg::Pcg64;

@@ -21,5 +21,4 @@ pub mod refusals;
 pub mod report;
 pub mod run;
 pub mod sew;
-mod table;
 pub mod timing;

@@ -4,8 +4,9 @@
 use crate::cli::Cli;
 use crate::clips::chosen;
 use crate::error::EvalError;
-use crate::run::{show, write_json};
-use crate::table::{self, column};
+use crate::run::write_json;
+use ::report::print;
+use ::report::table::{self, column};
 use config::Overrides;
 use messages::{RawSkeleton, Stamp};
 use motion::{CalibrationMode, Motion};
@@ -127,7 +128,7 @@ pub fn run(cli: &Cli, folder: &Path) -> Result<(), EvalError> {
         rates.push((rate, all));
     }
     let (folder, motions) = (folder.display().to_string(), motions.len());
-    show(&fmt::from_fn(|f| {
+    print(&fmt::from_fn(|f| {
         show_rates(f, &rates)?;
         writeln!(f, "{worst}{motions} motions of {folder}, at recorded speed")
     }));

@@ -3,7 +3,7 @@
 use crate::cli::Cli;
 use crate::methods::Missing;
 use crate::metrics::{Figures, Task};
-use crate::table::{self, column, number};
+use ::report::table::{self, column, number};
 use retarget::Weights;
 use serde::Serialize;
 use serde_json::{Map, Value, json};

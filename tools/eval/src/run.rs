@@ -8,12 +8,11 @@ use crate::metrics::{Task, measure};
 use crate::report::{Measured, Report, Setting};
 use crate::timing::{Moment, us_per_pose};
 use crate::{contacts, following, keyposes, paper, plots, refusals};
+use ::report::print;
 use rayon::prelude::*;
 use retarget::{ArmIdentity, ArmModel, Weights};
 use robot::Model;
 use serde_json::{Value, json};
-use std::fmt::Display;
-use std::io::Write;
 use std::path::Path;
 use train::clips::{VALIDATION_EVERY, motion_files};
 use train::files::read_model;
@@ -66,11 +65,11 @@ fn retargeting(cli: &Cli, human: &Path) -> Result<(), EvalError> {
     }
     let tasks = tasks(&identity.arm, clips, cli.frame, cli.stride);
     let report = report(cli, human, &identity.arm, weights.as_ref(), &methods, &tasks);
-    show(&report);
+    print(&report);
     let mut json = report.json();
     if let (true, Some(weights)) = (cli.keyposes, &weights) {
         let interpolation = keyposes::measure(&identity.arm, &weights.network, &tasks);
-        show(&interpolation);
+        print(&interpolation);
         json["keyposes"] = json!(interpolation);
     }
     named_motions(cli, &model, &methods, &mut json)?;
@@ -80,7 +79,7 @@ fn retargeting(cli: &Cli, human: &Path) -> Result<(), EvalError> {
         let shown = shown.map(|(name, solver)| (name, postures(solver, &identity.arm, &tasks)));
         let shown = shown.as_ref().map(|(name, postures)| (*name, postures.as_slice()));
         for path in plots::draw_all(folder, &report, &identity.arm, &tasks, shown)? {
-            show(&format!("wrote {}\n", path.display()));
+            print(&format!("wrote {}\n", path.display()));
         }
     }
     write_json(cli, &json)
@@ -91,13 +90,8 @@ pub(crate) fn write_json(cli: &Cli, json: &Value) -> Result<(), EvalError> {
     let Some(path) = &cli.json else { return Ok(()) };
     let failed = |source| EvalError::File { path: path.clone(), action: "write", source };
     std::fs::write(path, format!("{json:#}\n")).map_err(failed)?;
-    show(&format!("wrote {}\n", path.display()));
+    print(&format!("wrote {}\n", path.display()));
     Ok(())
-}
-
-/// Prints a text. A closed output is not an error.
-pub(crate) fn show(what: &dyn Display) {
-    let _ = std::io::stdout().write_all(what.to_string().as_bytes());
 }
 
 /// Computes the table of the named motions and the figure, if requested.
@@ -108,12 +102,12 @@ fn named_motions(cli: &Cli, model: &Model, methods: &[Method], json: &mut Value)
     let tasks = paper::named_tasks(model);
     if cli.paper_table {
         let table = paper::table(model, methods, &tasks);
-        show(&table);
+        print(&table);
         json["paper_table"] = json!(table);
     }
     if let Some(path) = &cli.figure3 {
         paper::figure(path, model, methods, &tasks)?;
-        show(&format!("wrote {}\n", path.display()));
+        print(&format!("wrote {}\n", path.display()));
     }
     Ok(())
 }

@@ -1,7 +1,8 @@
 //! The command line.
 
 use clap::{Parser, ValueEnum};
-use rt::{Exit, Failure};
+use report::{check_bounds, out_of_bounds};
+use rt::Failure;
 use std::path::PathBuf;
 use std::str::FromStr;
 
@@ -105,19 +106,12 @@ impl Cli {
     /// # Errors
     /// Returns an error that names the option, its value and the bound.
     pub fn check(&self) -> Result<(), Failure> {
-        let bounds = [
-            ("--seconds", self.seconds, SECONDS_MIN, SECONDS_MAX),
-            ("--rate-hz", self.rate_hz, RATE_HZ[0], RATE_HZ[1]),
-            ("--load", self.load as f64, 0.0, LOAD_MAX as f64),
-        ];
-        for (option, value, low, high) in bounds {
-            if !(low..=high).contains(&value) {
-                return Err(Failure::new(Exit::Usage, format!("{option} {value}: must be from {low} to {high}")));
-            }
-        }
+        check_bounds("--seconds", self.seconds, [SECONDS_MIN, SECONDS_MAX])?;
+        check_bounds("--rate-hz", self.rate_hz, RATE_HZ)?;
+        check_bounds("--load", self.load, [0, LOAD_MAX])?;
         match &self.plot {
             Some(path) if path.extension().is_none_or(|extension| extension != "png") => {
-                Err(Failure::new(Exit::Usage, format!("--plot {}: must end in .png", path.display())))
+                Err(out_of_bounds("--plot", path.display(), "a file that ends in .png"))
             }
             _ => Ok(()),
         }
@@ -127,6 +121,7 @@ impl Cli {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use rt::Exit;
 
     fn parsed(arguments: &[&str]) -> Cli {
         Cli::try_parse_from(["latency"].iter().chain(arguments)).expect("these options exist")

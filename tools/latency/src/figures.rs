@@ -44,7 +44,7 @@ pub struct Process {
 
 /// Figures of all blocks of one variant.
 #[derive(Clone, Debug)]
-pub struct Figures {
+pub struct VariantFigures {
     hops: Vec<Distribution>,
     wake_ups: Vec<Distribution>,
     processes: Vec<(&'static str, Process)>,
@@ -62,7 +62,7 @@ pub struct Figures {
     pub blocks: u64,
 }
 
-impl Figures {
+impl VariantFigures {
     /// Merges the blocks of one variant.
     ///
     /// # Errors
@@ -243,7 +243,7 @@ mod tests {
 
     #[test]
     fn merged_figures_are_the_sums_of_their_blocks() {
-        let all = Figures::merge(&[outcome(1_000), outcome(3_000)]).expect("whole reports");
+        let all = VariantFigures::merge(&[outcome(1_000), outcome(3_000)]).expect("whole reports");
         assert_eq!((all.missed, all.ticks), ([10, 12, 14], [200, 202, 204]));
         assert_eq!((all.published, all.accepted, all.blocks, all.wall_s), (20, 18, 2, 4.0));
         for (name, hop) in all.hops().chain(all.wake_ups()) {
@@ -265,7 +265,7 @@ mod tests {
             let (process, pointer) = path.split_once('/').unwrap();
             let (_, report) = one.processes.iter_mut().find(|(name, _)| *name == process).unwrap();
             *report.pointer_mut(&format!("/{pointer}")).unwrap() = with;
-            Figures::merge(&[one]).expect_err(path).to_string()
+            VariantFigures::merge(&[one]).expect_err(path).to_string()
         };
         let error = broken("control/telemetry/metrics/control_work", Value::Null);
         assert!(error.contains("control: control_work: buckets"), "{error}");

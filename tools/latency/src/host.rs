@@ -14,16 +14,12 @@ impl Host {
     /// Describes this machine now.
     pub fn now() -> Self {
         let cpuinfo = text("/proc/cpuinfo").unwrap_or_default();
-        let field = |name: &str| {
-            let line = cpuinfo.lines().find(|line| line.to_lowercase().starts_with(name))?;
-            line.split_once(':').map(|(_, value)| value.trim().to_owned())
-        };
-        let guest = field("flags").is_some_and(|flags| flags.split(' ').any(|flag| flag == "hypervisor"));
-        let allowed = std::thread::available_parallelism().map_or(1, usize::from);
+        let flags = cpuinfo.lines().find(|line| line.starts_with("flags"));
+        let guest = flags.is_some_and(|flags| flags.split(' ').any(|flag| flag == "hypervisor"));
         let facts = vec![
             ("host", text("/proc/sys/kernel/hostname").unwrap_or_else(unknown)),
-            ("processor", field("model name").or_else(|| field("cpu model")).unwrap_or_else(unknown)),
-            ("cores", allowed.to_string()),
+            ("processor", report::processor()),
+            ("cores", report::cores().to_string()),
             ("virtual", if guest { "yes" } else { "no, according to the processor" }.into()),
             ("kernel", text("/proc/sys/kernel/osrelease").unwrap_or_else(unknown)),
             ("version", text("/proc/sys/kernel/version").unwrap_or_else(unknown)),
@@ -32,14 +28,14 @@ impl Host {
             ("isolated", text("/sys/devices/system/cpu/isolated").unwrap_or_else(|| "none".into())),
             ("clock", text("/sys/devices/system/clocksource/clocksource0/current_clocksource").unwrap_or_else(unknown)),
         ];
-        Self { facts, load_before: load() }
+        Self { facts, load_before: report::load_average() }
     }
 
     /// Returns name and value of every fact, including the load before the run and now.
     pub fn rows(&self) -> Vec<(&'static str, String)> {
         let mut rows = self.facts.clone();
         rows.push(("load_average_before", self.load_before.clone()));
-        rows.push(("load_average_after", load()));
+        rows.push(("load_average_after", report::load_average()));
         rows
     }
 
@@ -76,10 +72,4 @@ fn preemption() -> String {
 
 fn governor() -> String {
     text("/sys/devices/system/cpu/cpu0/cpufreq/scaling_governor").unwrap_or_else(|| "none (no cpufreq)".into())
-}
-
-fn load() -> String {
-    let text = text("/proc/loadavg").unwrap_or_default();
-    let three: Vec<&str> = text.split_whitespace().take(3).collect();
-    if three.is_empty() { unknown() } else { three.join(" ") }
 }

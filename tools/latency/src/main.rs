@@ -2,9 +2,9 @@
 //! probe.
 
 use latency::cli::Cli;
-use latency::{plot, reference, report, run, watched};
+use latency::{plot, reference, report as text, run, watched};
+use report::JsonOutput;
 use rt::{Exit, Failure, Shutdown};
-use serde_json::Value;
 use std::process::ExitCode;
 
 /// Counts what the loops allocate after READY.
@@ -21,29 +21,23 @@ fn main() -> ExitCode {
         reference::probe_main(arguments);
         return ExitCode::SUCCESS;
     }
-    rt::finish("latency", measure(&harness::parse()))
+    rt::finish("latency", measure(&report::parse()))
 }
 
 fn measure(options: &Cli) -> Result<(), Failure> {
     options.check()?;
-    for path in [&options.json, &options.plot].into_iter().flatten() {
-        harness::check_writable(path)?;
-    }
+    let json = JsonOutput::open(options.json.as_deref())?;
+    options.plot.as_deref().map(report::open_before_run).transpose()?;
     let shutdown = Shutdown::on_signals().map_err(Failure::with(Exit::Failed))?;
-    let put = |figures: &Value| options.json.as_deref().map_or(Ok(()), |path| harness::write_json(path, figures));
-    let words = if options.watched {
+    if options.watched {
         let measured = watched::run(options, &shutdown)?;
-        put(&measured.to_json())?;
-        measured.words()
-    } else {
-        let measured = run::run(options, &shutdown)?;
-        put(&measured.to_json(options))?;
-        if let Some(path) = &options.plot {
-            let unwritten = |cause| Failure::new(Exit::CantCreate, format!("{}: {cause}", path.display()));
-            plot::draw(path, &measured).map_err(unwritten)?;
-        }
-        report::words(&measured)
-    };
-    rt::out!("{}", words.trim_end());
+        return json.write(&measured.text(), &measured.to_json());
+    }
+    let measured = run::run(options, &shutdown)?;
+    json.write(&text::text(&measured), &measured.to_json(options))?;
+    if let Some(path) = &options.plot {
+        let unwritten = |cause| Failure::new(Exit::CantCreate, format!("{}: {cause}", path.display()));
+        plot::draw(path, &measured).map_err(unwritten)?;
+    }
     Ok(())
 }

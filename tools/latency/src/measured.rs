@@ -3,7 +3,7 @@
 use crate::blocks::{Block, Kind};
 use crate::cli::{Cli, Pin, Policy};
 use crate::distribution::Distribution;
-use crate::figures::Figures;
+use crate::figures::VariantFigures;
 use crate::host::Host;
 use crate::reference::Spec;
 use messages::Stamp;
@@ -16,9 +16,9 @@ const BEYOND: [(&str, f64); 2] = [("p50", 0.5), ("p99", 0.99)];
 #[derive(Clone, Debug)]
 pub struct Measured {
     /// Figures of the processes that events wake.
-    pub events: Figures,
+    pub events: VariantFigures,
     /// Figures of the polled processes.
-    pub polled: Figures,
+    pub polled: VariantFigures,
     /// Wake-ups of cyclictest, if it is installed.
     pub cyclictest: Option<Distribution>,
     /// Wake-ups of our own probe.
@@ -108,12 +108,12 @@ impl Measured {
         let found = self.events.processes().iter().find(|(name, _)| *name == "retarget");
         let lines = found.map(|(_, process)| process.realtime.as_slice()).unwrap_or_default();
         let line = lines.iter().find_map(|line| line.strip_prefix(heading)?.strip_prefix(": "));
-        line.unwrap_or("not told").to_owned()
+        line.unwrap_or("unknown").to_owned()
     }
 }
 
 /// Returns the quotient of two durations. None if either is missing or the divisor is zero.
-fn ratio(over: Option<f64>, under: Option<f64>) -> Option<f64> {
+pub(crate) fn ratio(over: Option<f64>, under: Option<f64>) -> Option<f64> {
     let (over, under) = (over?, under?);
     (under > 0.0).then(|| over / under)
 }

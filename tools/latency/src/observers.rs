@@ -26,7 +26,7 @@ const FRAMES_PER_S_MIN: f64 = 30.0;
 /// Programs that run beside the processes.
 pub struct Observers {
     view: Child,
-    _told: BufReader<ChildStdout>,
+    _stdout: BufReader<ChildStdout>,
     page: JoinHandle<u64>,
     end: Arc<AtomicBool>,
     recorder: Recorder,
@@ -55,8 +55,8 @@ impl Observers {
             .stdout(Stdio::piped())
             .spawn()
             .map_err(|error| failed(error.to_string()))?;
-        let mut told = BufReader::new(view.stdout.take().ok_or_else(|| failed("no words".into()))?);
-        let opened = open(&mut told);
+        let mut stdout = BufReader::new(view.stdout.take().ok_or_else(|| failed("no words".into()))?);
+        let opened = open(&mut stdout);
         let socket = opened.map_err(|cause| {
             let _ = view.kill();
             let _ = view.wait();
@@ -65,7 +65,7 @@ impl Observers {
         let end = Arc::new(AtomicBool::new(false));
         let twin = Arc::clone(&end);
         let page = std::thread::spawn(move || look(socket, &twin));
-        Ok(Self { view, _told: told, page, end, recorder, begun: Instant::now() })
+        Ok(Self { view, _stdout: stdout, page, end, recorder, begun: Instant::now() })
     }
 
     /// Ends both. Returns the problems.
@@ -88,9 +88,9 @@ impl Observers {
 type Page = WebSocket<MaybeTlsStream<TcpStream>>;
 
 /// Opens the page at the address that the view printed.
-fn open(told: &mut BufReader<ChildStdout>) -> Result<Page, String> {
+fn open(stdout: &mut BufReader<ChildStdout>) -> Result<Page, String> {
     let mut line = String::new();
-    told.read_line(&mut line).map_err(|error| error.to_string())?;
+    stdout.read_line(&mut line).map_err(|error| error.to_string())?;
     let address = line.trim().split(' ').next_back().unwrap_or_default();
     let (origin, token) = address.split_once("/#").ok_or_else(|| format!("no address: {line}"))?;
     let host = origin.trim_start_matches("http://");
@@ -106,15 +106,15 @@ fn open(told: &mut BufReader<ChildStdout>) -> Result<Page, String> {
 
 /// Reads frames until `end`. Returns their number.
 fn look(mut socket: Page, end: &AtomicBool) -> u64 {
-    let (mut frames, mut said) = (0, Instant::now());
+    let (mut frames, mut reported_at) = (0, Instant::now());
     while !end.load(Ordering::Relaxed) {
         match socket.read() {
             Ok(Message::Binary(_)) => frames += 1,
             Ok(_) => {}
             Err(_) => break,
         }
-        if said.elapsed() > HERE {
-            said = Instant::now();
+        if reported_at.elapsed() > HERE {
+            reported_at = Instant::now();
             let _ = socket.send(Message::text(r#"{"do":"here"}"#));
         }
     }

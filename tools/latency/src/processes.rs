@@ -52,11 +52,11 @@ impl Outcome {
 
 /// Parses the lines in which a process reports the granted properties: `cores: cores [1, 2]`.
 fn cores_of<'a>(mut lines: impl Iterator<Item = &'a str>) -> Option<Vec<usize>> {
-    let told = lines.find_map(|line| line.strip_prefix("cores: "))?;
-    if told.contains("REFUSED") {
+    let cores_line = lines.find_map(|line| line.strip_prefix("cores: "))?;
+    if cores_line.contains("REFUSED") {
         return None;
     }
-    let (_, list) = told.split_once('[')?;
+    let (_, list) = cores_line.split_once('[')?;
     let (list, _) = list.split_once(']')?;
     list.split(',').map(|core| core.trim().parse().ok()).collect()
 }
@@ -88,7 +88,7 @@ pub fn run(setup: &Setup, block: Block, shutdown: &Shutdown) -> Result<Outcome, 
     trouble.extend(harness.children.stop());
     let Driven { wall_s, published, failures, ended } = driven?;
     if shutdown.requested() {
-        return Err(harness::interrupted());
+        return Err(::report::interrupted());
     }
     trouble.extend(ended.err().map(|failure| failure.text));
     if failures > 0 {
@@ -119,7 +119,7 @@ fn drive(harness: &mut Harness, rate_hz: f64, seconds: f64, shutdown: &Shutdown)
     let client = Client::start(harness.instance.input_domain(), rate_hz);
     let client = client.map_err(Failure::with(Exit::Unavailable))?;
     let mut operator = harness.operator()?;
-    let mut look = || if shutdown.requested() { Err(harness::interrupted()) } else { harness.watch() };
+    let mut look = || if shutdown.requested() { Err(::report::interrupted()) } else { harness.watch() };
     let ended = engage_and_hold(&mut operator, &client, seconds, &mut look);
     operator.release();
     operator.wait(REST_WITHIN, |status| {

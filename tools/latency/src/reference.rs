@@ -78,8 +78,8 @@ pub fn run_cyclictest(program: &Path, spec: &Spec, seconds: f64) -> Result<Distr
 fn output(mut command: Command, name: &str) -> Result<String, Failure> {
     let output = command.stdin(Stdio::null()).output().map_err(|error| unmeasured(name, error))?;
     if !output.status.success() {
-        let said = String::from_utf8_lossy(&output.stderr);
-        return Err(unmeasured(name, format!("{}: {}", output.status, said.trim())));
+        let stderr = String::from_utf8_lossy(&output.stderr);
+        return Err(unmeasured(name, format!("{}: {}", output.status, stderr.trim())));
     }
     Ok(String::from_utf8_lossy(&output.stdout).into_owned())
 }

@@ -1,12 +1,13 @@
 //! Formats the report as text: ratios first, then the machine of the measurement, then every figure.
 
 use crate::distribution::{Distribution, QUANTILES};
-use crate::figures::{Figures, LOOPS};
+use crate::figures::{LOOPS, Process, VariantFigures};
 use crate::measured::Measured;
+use report::table::{self, column};
 use std::fmt::Write;
 
 /// Formats the report.
-pub fn words(all: &Measured) -> String {
+pub fn text(all: &Measured) -> String {
     let mut out = String::new();
     // Writing to a String cannot fail.
     let _ = ratios(&mut out, all)
@@ -19,19 +20,19 @@ pub fn words(all: &Measured) -> String {
 
 fn ratios(out: &mut String, all: &Measured) -> std::fmt::Result {
     let (name, reference) = all.reference();
-    let told = |figure: Option<f64>| figure.map_or("unknown".into(), |figure| format!("{figure:.2}"));
+    let ratio_text = |figure: Option<f64>| figure.map_or("unknown".into(), |figure| format!("{figure:.2}"));
     writeln!(out, "ratios")?;
     let mut references = vec![(name, reference)];
     if name == "cyclictest" {
         references.push(("own probe", &all.probe));
     }
     for (name, reference) in references {
-        let [p50, p99] = [0.5, 0.99].map(|quantile| told(all.wake_up_ratio(reference, quantile)));
+        let [p50, p99] = [0.5, 0.99].map(|quantile| ratio_text(all.wake_up_ratio(reference, quantile)));
         writeln!(out, "  {:<44} p50 {p50}, p99 {p99}", format!("wake-up of retarget / {name}"))?;
     }
     for hop in ["skeleton_to_command", "target_to_command"] {
         let label = format!("{}, median: polled / events", spaced(hop));
-        writeln!(out, "  {label:<44} {}", told(all.times_below_polled(hop)))?;
+        writeln!(out, "  {label:<44} {}", ratio_text(all.times_below_polled(hop)))?;
     }
     let beyond = |quantile| all.beyond_work_us(quantile).map_or("unknown".into(), |us| format!("{us:.1} us"));
     writeln!(out, "  {:<44} p50 {}, p99 {}", "target to command beyond control's work", beyond(0.5), beyond(0.99))
@@ -60,41 +61,40 @@ fn machine(out: &mut String, all: &Measured) -> std::fmt::Result {
 
 fn hops(out: &mut String, all: &Measured) -> std::fmt::Result {
     for (title, figures) in [("woken by events", &all.events), ("polled", &all.polled)] {
-        heading(out, &format!("hops, {title}, us"))?;
-        for (name, distribution) in figures.hops() {
-            row(out, &spaced(name), distribution)?;
-        }
+        let rows: Vec<_> = figures.hops().map(|(name, distribution)| (spaced(name), distribution)).collect();
+        distributions(out, &format!("hops, {title}, us"), &rows)?;
         writeln!(out, "  {} of {} skeletons published were accepted", figures.accepted, figures.published)?;
     }
     Ok(())
 }
 
 fn wake_ups(out: &mut String, all: &Measured) -> std::fmt::Result {
-    heading(out, "wake-up after the deadline, us")?;
+    let mut rows: Vec<(String, &Distribution)> = Vec::new();
     for (title, figures) in [("events", &all.events), ("polled", &all.polled)] {
-        for (name, distribution) in figures.wake_ups() {
-            row(out, &format!("{name}, {title}"), distribution)?;
-        }
+        rows.extend(figures.wake_ups().map(|(name, distribution)| (format!("{name}, {title}"), distribution)));
     }
-    if let Some(cyclictest) = &all.cyclictest {
-        row(out, "cyclictest", cyclictest)?;
-    }
-    row(out, "own probe", &all.probe)
+    rows.extend(all.cyclictest.as_ref().map(|distribution| ("cyclictest".to_owned(), distribution)));
+    rows.push(("own probe".to_owned(), &all.probe));
+    distributions(out, "wake-up after the deadline, us", &rows)
 }
 
-fn heading(out: &mut String, title: &str) -> std::fmt::Result {
-    writeln!(out, "\n{title:<32} {:>9} {:>9} {:>9} {:>9} {:>9} {:>9}", "p50", "p99", "p99.9", "p99.99", "max", "count")
-}
-
-fn row(out: &mut String, label: &str, distribution: &Distribution) -> std::fmt::Result {
-    write!(out, "  {label:<30}")?;
-    for quantile in QUANTILES {
-        match distribution.quantile_us(quantile) {
-            Some(us) => write!(out, " {us:>9.1}")?,
-            None => write!(out, " {:>9}", "none")?,
+/// Writes a table of distributions.
+fn distributions(out: &mut String, title: &str, rows: &[(String, &Distribution)]) -> std::fmt::Result {
+    let quantile_us = |quantile| {
+        move |distribution: &&Distribution| {
+            distribution.quantile_us(quantile).map_or("none".into(), |us| format!("{us:.1}"))
         }
-    }
-    writeln!(out, " {:>9.1} {:>9}", distribution.max_us(), distribution.count())
+    };
+    let mut columns: Vec<_> = ["p50", "p99", "p99.9", "p99.99"]
+        .into_iter()
+        .zip(QUANTILES)
+        .map(|(head, quantile)| column(["", head], 9, quantile_us(quantile)))
+        .collect();
+    columns.push(column(["", "max"], 9, |distribution: &&Distribution| format!("{:.1}", distribution.max_us())));
+    columns.push(column(["", "count"], 9, |distribution: &&Distribution| distribution.count().to_string()));
+    let names: Vec<String> = rows.iter().map(|(name, _)| format!("  {name}")).collect();
+    out.push('\n');
+    table::write(out, (title, 32), &columns, names.iter().map(String::as_str).zip(rows.iter().map(|(_, row)| row)))
 }
 
 fn processes(out: &mut String, all: &Measured) -> std::fmt::Result {
@@ -113,25 +113,22 @@ fn processes(out: &mut String, all: &Measured) -> std::fmt::Result {
     Ok(())
 }
 
-fn process_table(out: &mut String, figures: &Figures) -> std::fmt::Result {
-    let [allocations, transport, major, minor] = ["allocations", "(transport)", "major", "minor faults"];
-    writeln!(
-        out,
-        "  {:<10} {:>7} {:>10} {allocations:>12} {transport:>12} {major:>7} {minor:>13}",
-        "", "CPU, %", "ready, ms"
-    )?;
-    for (name, one) in figures.processes() {
-        writeln!(
-            out,
-            "  {name:<10} {:>7.1} {:>10.0} {:>12} {:>12} {:>7} {:>13}",
-            100.0 * one.cpu_s / figures.wall_s,
-            one.ready_after_ms,
-            one.allocations,
-            one.transport_allocations,
-            one.major_faults,
-            one.minor_faults,
-        )?;
-    }
+fn process_table(out: &mut String, figures: &VariantFigures) -> std::fmt::Result {
+    let count = |head, width, count: fn(&Process) -> u64| {
+        column(["", head], width, move |process: &Process| count(process).to_string())
+    };
+    let wall_s = figures.wall_s;
+    let columns = [
+        column(["", "CPU, %"], 7, move |process: &Process| format!("{:.1}", 100.0 * process.cpu_s / wall_s)),
+        column(["", "ready, ms"], 10, |process: &Process| format!("{:.0}", process.ready_after_ms)),
+        count("allocations", 12, |process| process.allocations),
+        count("(transport)", 12, |process| process.transport_allocations),
+        count("major", 7, |process| process.major_faults),
+        count("minor faults", 13, |process| process.minor_faults),
+    ];
+    let names: Vec<String> = figures.processes().iter().map(|(name, _)| format!("  {name}")).collect();
+    let rows = names.iter().map(String::as_str).zip(figures.processes().iter().map(|(_, process)| process));
+    table::write(out, ("", 12), &columns, rows)?;
     let dropped = figures.total(|process| process.ring_dropped);
     if dropped > 0 { writeln!(out, "  {dropped} samples found no room on their way out of the loops") } else { Ok(()) }
 }

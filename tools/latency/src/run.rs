@@ -4,7 +4,7 @@ use crate::blocks::{self, Kind};
 use crate::cli::{Cli, Compare, Pin, Policy};
 use crate::distribution::Distribution;
 use crate::error::{invalid, unmeasured};
-use crate::figures::Figures;
+use crate::figures::VariantFigures;
 use crate::host::Host;
 use crate::load::Load;
 use crate::measured::Measured;
@@ -58,13 +58,13 @@ pub fn run(options: &Cli, shutdown: &Shutdown) -> Result<Measured, Failure> {
             }
         }
         if shutdown.requested() {
-            return Err(harness::interrupted());
+            return Err(::report::interrupted());
         }
     }
     drop(load);
     let of = |kind| {
         let mine: Vec<_> = outcomes.iter().filter(|outcome| outcome.kind == kind).cloned().collect();
-        Figures::merge(&mine)
+        VariantFigures::merge(&mine)
     };
     let cyclictest = (bare.count() > 0).then_some(bare);
     Ok(Measured {
@@ -83,7 +83,7 @@ pub fn run(options: &Cli, shutdown: &Shutdown) -> Result<Measured, Failure> {
 /// Maps errors to an interruption if shutdown was requested. Ctrl-C reaches a reference too, so its error then
 /// is not its own.
 fn unless_ended<T>(result: Result<T, Failure>, shutdown: &Shutdown) -> Result<T, Failure> {
-    if shutdown.requested() { Err(harness::interrupted()) } else { result }
+    if shutdown.requested() { Err(::report::interrupted()) } else { result }
 }
 
 /// Specification of the references. It requests the same properties as retarget. The cores are known after the

@@ -4,8 +4,9 @@ use crate::blocks::{self, Kind};
 use crate::cli::Cli;
 use crate::distribution::Distribution;
 use crate::error::unmeasured;
-use crate::figures::Figures;
+use crate::figures::VariantFigures;
 use crate::load::Load;
+use crate::measured::ratio;
 use crate::processes::{self, Setup};
 use crate::settings::Changes;
 use rt::{Failure, Shutdown};
@@ -19,9 +20,9 @@ const QUANTILES: [(&str, f64); 4] = [("p50", 0.5), ("p90", 0.9), ("p99", 0.99), 
 /// one and the others.
 #[derive(Clone, Debug)]
 pub struct ObserverCost {
-    alone: Figures,
-    watched: Figures,
-    halves: [Figures; 2],
+    alone: VariantFigures,
+    watched: VariantFigures,
+    halves: [VariantFigures; 2],
 }
 
 /// One compared figure: both variants, and both halves of the blocks alone.
@@ -54,13 +55,13 @@ pub fn run(options: &Cli, shutdown: &Shutdown) -> Result<ObserverCost, Failure> 
         let outcome = processes::run(&setup, *block, shutdown)?;
         if block.kind == Kind::ObserverCost { &mut watched } else { &mut alone }.push(outcome);
         if shutdown.requested() {
-            return Err(harness::interrupted());
+            return Err(::report::interrupted());
         }
     }
     drop(load);
     let half = |n: usize| alone.iter().skip(n).step_by(2).cloned().collect::<Vec<_>>();
-    let halves = [Figures::merge(&half(0))?, Figures::merge(&half(1))?];
-    Ok(ObserverCost { alone: Figures::merge(&alone)?, watched: Figures::merge(&watched)?, halves })
+    let halves = [VariantFigures::merge(&half(0))?, VariantFigures::merge(&half(1))?];
+    Ok(ObserverCost { alone: VariantFigures::merge(&alone)?, watched: VariantFigures::merge(&watched)?, halves })
 }
 
 impl ObserverCost {
@@ -83,8 +84,8 @@ impl ObserverCost {
         let rows = self.rows().into_iter().map(|row| {
             let quantiles = QUANTILES.map(|(label, q)| {
                 let [alone, watched, ratio, chance] = row.at(q);
-                let told = json!({ "alone_us": alone, "watched_us": watched, "ratio": ratio, "chance": chance });
-                (label.to_owned(), told)
+                let row = json!({ "alone_us": alone, "watched_us": watched, "ratio": ratio, "chance": chance });
+                (label.to_owned(), row)
             });
             (row.name, Value::Object(quantiles.into_iter().collect()))
         });
@@ -96,7 +97,7 @@ impl ObserverCost {
     }
 
     /// Returns a table.
-    pub fn words(&self) -> String {
+    pub fn text(&self) -> String {
         let mut out = format!(
             "{} blocks alone, {} beside a page and a recorder, in turns; us alone, us watched, ratio,\n\
              and in brackets that of one half of the blocks alone to the other: chance\n",
@@ -120,9 +121,4 @@ impl ObserverCost {
         out.push('\n');
         out
     }
-}
-
-fn ratio(over: Option<f64>, under: Option<f64>) -> Option<f64> {
-    let (over, under) = (over?, under?);
-    (under > 0.0).then(|| over / under)
 }

@@ -62,16 +62,16 @@ fn short_run_reports_every_figure_and_they_agree() {
     let arguments = ["--seconds", "5", "--json", json.to_str().unwrap(), "--plot", plot.to_str().unwrap()];
     // If the machine pauses, the driver latches, and there is nothing to measure.
     let paused = |output: &Output| {
-        let said = String::from_utf8_lossy(&output.stderr);
-        let paused = output.status.code() == Some(1) && said.contains("DriverFault");
+        let stderr = String::from_utf8_lossy(&output.stderr);
+        let paused = output.status.code() == Some(1) && stderr.contains("DriverFault");
         if paused {
-            println!("again: {said}");
+            println!("again: {stderr}");
         }
         paused
     };
     let output = (0..3).map(|_| latency(&arguments)).find(|output| !paused(output)).expect("a run without a pause");
-    let (words, said) = (String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
-    assert_eq!(output.status.code(), Some(0), "{said}");
+    let (words, stderr) = (String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
+    assert_eq!(output.status.code(), Some(0), "{stderr}");
     assert!(words.starts_with("ratios"), "{words}");
     assert!(HOPS.iter().all(|hop| words.contains(&hop.replace('_', " "))), "{words}");
     let image = std::fs::read(&plot).unwrap();
@@ -141,9 +141,9 @@ fn invalid_options_exit_with_the_usage_code() {
         [&["--seconds", "0"][..], &["--seconds", "x"], &["--pin", "first"], &["--policy", "idle"], &["--plot", "a.jpg"]]
     {
         let output = latency(arguments);
-        let said = String::from_utf8_lossy(&output.stderr);
-        assert_eq!(output.status.code(), Some(64), "{arguments:?}: {said}");
-        assert!(said.contains(arguments[0]), "{said}");
+        let stderr = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(64), "{arguments:?}: {stderr}");
+        assert!(stderr.contains(arguments[0]), "{stderr}");
     }
     assert_eq!(Command::new(env!("CARGO_BIN_EXE_latency")).arg("--help").output().unwrap().status.code(), Some(0));
 }
@@ -152,9 +152,9 @@ fn invalid_options_exit_with_the_usage_code() {
 fn requested_cyclictest_missing_is_refused_with_package_name() {
     let folder = tempfile::tempdir().unwrap();
     let output = command(&["--compare", "cyclictest"]).env("PATH", folder.path()).output().unwrap();
-    let said = String::from_utf8_lossy(&output.stderr);
-    assert_eq!(output.status.code(), Some(69), "{said}");
-    assert!(said.contains("rt-tests"), "{said}");
+    let stderr = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(69), "{stderr}");
+    assert!(stderr.contains("rt-tests"), "{stderr}");
 }
 
 #[test]

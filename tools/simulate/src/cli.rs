@@ -5,6 +5,8 @@ use crate::kinds::{KIND_COUNT, KINDS, named};
 use crate::schedule::TICKS_MIN;
 use clap::Parser;
 use config::RobotChoice;
+use report::{check_bounds, cores, out_of_bounds};
+use rt::Failure;
 use std::path::PathBuf;
 
 /// Longest run: 19 hours of robot time. A larger value is a typing error.
@@ -61,27 +63,22 @@ pub struct Cli {
     pub list: bool,
 }
 
-fn cores() -> usize {
-    std::thread::available_parallelism().map_or(1, std::num::NonZero::get)
-}
-
 impl Cli {
-    /// Returns the runs to do. The error names option, value and bound.
-    pub fn plan(&self) -> Result<Plan, String> {
-        let within = |option, value: u64, low: u64, high: u64| {
-            let inside = (low..=high).contains(&value);
-            if inside { Ok(()) } else { Err(format!("{option} = {value}: must be between {low} and {high}")) }
-        };
-        within("--seeds", self.seeds, 1, 1_000_000_000)?;
-        within("--ticks", self.ticks, TICKS_MIN, TICKS_MAX)?;
-        within("--jobs", self.jobs as u64, 1, JOBS_MAX as u64)?;
+    /// Returns the runs to do.
+    ///
+    /// # Errors
+    /// Returns an error that names the option, its value and the bounds.
+    pub fn plan(&self) -> Result<Plan, Failure> {
+        check_bounds("--seeds", self.seeds, [1, 1_000_000_000])?;
+        check_bounds("--ticks", self.ticks, [TICKS_MIN, TICKS_MAX])?;
+        check_bounds("--jobs", self.jobs, [1, JOBS_MAX])?;
         let mut kinds = vec![];
         for text in &self.fault {
-            let of = named(text);
-            if of.is_empty() {
-                return Err(format!("--fault = {text}: no fault has this name or identity; see --list"));
+            let found = named(text);
+            if found.is_empty() {
+                return Err(out_of_bounds("--fault", text, "a name or an identity of --list"));
             }
-            kinds.extend(of);
+            kinds.extend(found);
         }
         kinds.sort_unstable();
         kinds.dedup();

@@ -1,16 +1,12 @@
 //! The command line program of the library.
 
+use ::report::{JsonOutput, Progress};
 use clap::Parser;
-use indicatif::{ProgressBar, ProgressStyle};
 use rt::{Exit, Failure};
-use serde_json::Value;
 use simulate::campaign::{self, Plan};
 use simulate::cli::Cli;
 use simulate::subject::Subject;
 use simulate::{report, schedule};
-use std::fs::{File, OpenOptions};
-use std::io::Write;
-use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Instant;
 
@@ -27,58 +23,27 @@ fn main() -> ExitCode {
 }
 
 fn begin(cli: &Cli) -> Result<bool, Failure> {
-    let plan = cli.plan().map_err(Failure::with(Exit::Usage))?;
-    let mut figures = cli.json.as_deref().map(Figures::open).transpose().map_err(Failure::with(Exit::CantCreate))?;
+    let plan = cli.plan()?;
+    let json = JsonOutput::open(cli.json.as_deref())?;
     let subject = Subject::load(&cli.config, cli.robot.as_ref()).map_err(Failure::with(Exit::Config))?;
     match cli.replay {
-        Some(seed) => replay(cli, &plan, &subject, seed, figures.as_mut()),
-        None => campaign(cli, &plan, &subject, figures.as_mut()),
+        Some(seed) => replay(cli, &plan, &subject, seed, json),
+        None => campaign(cli, &plan, &subject, json),
     }
 }
 
-/// The file that receives the figures. It is opened before the run, so that no run is wasted on an unwritable
-/// file. Its old content stays until the figures are written.
-struct Figures(PathBuf, File);
-
-impl Figures {
-    fn open(path: &Path) -> Result<Self, String> {
-        let file = OpenOptions::new().write(true).create(true).truncate(false).open(path);
-        Ok(Self(path.to_owned(), file.map_err(|error| format!("{}: {error}", path.display()))?))
-    }
-
-    fn write(&mut self, figures: &Value) -> Result<(), Failure> {
-        let Self(path, file) = self;
-        // A pipe or a terminal has no length.
-        let regular = file.metadata().is_ok_and(|file| file.is_file());
-        let cut = if regular { file.set_len(0) } else { Ok(()) };
-        let written = cut.and_then(|()| file.write_all(format!("{figures:#}\n").as_bytes()));
-        written.map_err(|error| Failure::new(Exit::CantCreate, format!("{}: {error}", path.display())))
-    }
-}
-
-fn campaign(cli: &Cli, plan: &Plan, subject: &Subject, figures: Option<&mut Figures>) -> Result<bool, Failure> {
-    let bar = ProgressBar::new(plan.seeds);
-    if let Ok(style) = ProgressStyle::with_template("{wide_bar} {pos}/{len} runs, {elapsed}, {eta} left") {
-        bar.set_style(style);
-    }
+fn campaign(cli: &Cli, plan: &Plan, subject: &Subject, json: JsonOutput) -> Result<bool, Failure> {
+    let progress = Progress::new("simulate", plan.seeds, "runs");
     let start = Instant::now();
-    let sum = campaign::run(subject, plan, || bar.inc(1)).map_err(Failure::with(Exit::Software))?;
-    bar.finish_and_clear();
+    let sum = campaign::run(subject, plan, || progress.add(1)).map_err(Failure::with(Exit::Software))?;
+    drop(progress);
     let wall_s = start.elapsed().as_secs_f64();
-    print!("{}", report::words(plan, &sum, &cli.config, wall_s));
-    if let Some(figures) = figures {
-        figures.write(&report::json(plan, &sum, subject.hash, wall_s))?;
-    }
+    let figures = report::json(plan, &sum, subject.hash, wall_s);
+    json.write(&report::text(plan, &sum, &cli.config, wall_s), &figures)?;
     Ok(sum.holds())
 }
 
-fn replay(
-    cli: &Cli,
-    plan: &Plan,
-    subject: &Subject,
-    seed: u64,
-    figures: Option<&mut Figures>,
-) -> Result<bool, Failure> {
+fn replay(cli: &Cli, plan: &Plan, subject: &Subject, seed: u64, json: JsonOutput) -> Result<bool, Failure> {
     let episodes = match &cli.faults {
         Some(text) => {
             schedule::from_text(text).map_err(|cause| Failure::new(Exit::Usage, format!("--faults: {cause}")))?
@@ -89,11 +54,8 @@ fn replay(
     let start = Instant::now();
     let engaged = subject.engaged(plan.is_remote).map_err(Failure::with(Exit::Software))?;
     let outcome = campaign::single(&engaged, subject, seed, plan, &episodes);
-    print!("{}", report::replay_words(seed, &outcome));
-    let holds = outcome.violation.is_none();
-    if let Some(figures) = figures {
-        let (plan, sum) = campaign::alone(plan, seed, &episodes, outcome);
-        figures.write(&report::json(&plan, &sum, subject.hash, start.elapsed().as_secs_f64()))?;
-    }
+    let (text, holds) = (report::replay_text(seed, &outcome), outcome.violation.is_none());
+    let (plan, sum) = campaign::alone(plan, seed, &episodes, outcome);
+    json.write(&text, &report::json(&plan, &sum, subject.hash, start.elapsed().as_secs_f64()))?;
     Ok(holds)
 }

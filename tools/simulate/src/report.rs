@@ -15,8 +15,8 @@ fn modes(ticks_in: &[u64; Mode::ALL.len()]) -> Value {
 }
 
 fn share(ticks_in: &[u64; Mode::ALL.len()], modes: &[Mode]) -> f64 {
-    let of = modes.iter().map(|&mode| ticks_in[mode as usize]).sum::<u64>();
-    of as f64 / ticks_in.iter().sum::<u64>().max(1) as f64
+    let ticks = modes.iter().map(|&mode| ticks_in[mode as usize]).sum::<u64>();
+    ticks as f64 / ticks_in.iter().sum::<u64>().max(1) as f64
 }
 
 fn failure_json(failure: &Failure) -> Value {
@@ -62,10 +62,10 @@ pub fn json(plan: &Plan, sum: &Summary, settings: u64, wall_s: f64) -> Value {
 }
 
 /// Formats a campaign as text. `config` is the settings file, as the user gave it.
-pub fn words(plan: &Plan, sum: &Summary, config: &Path, wall_s: f64) -> String {
+pub fn text(plan: &Plan, sum: &Summary, config: &Path, wall_s: f64) -> String {
     let mut out = String::new();
     for failure in &sum.failures {
-        let _ = writeln!(out, "{}", failure_words(failure, plan, config));
+        let _ = writeln!(out, "{}", failure_text(failure, plan, config));
     }
     let us = wall_s * 1e6 * plan.jobs as f64 / sum.ticks.max(1) as f64;
     let _ = writeln!(
@@ -98,7 +98,7 @@ pub fn words(plan: &Plan, sum: &Summary, config: &Path, wall_s: f64) -> String {
     out
 }
 
-fn failure_words(failure: &Failure, plan: &Plan, config: &Path) -> String {
+fn failure_text(failure: &Failure, plan: &Plan, config: &Path) -> String {
     let v = &failure.violation;
     let schedule = if failure.shrunk { "smallest schedule" } else { "schedule" };
     // A seed reproduces a run only with the same settings.
@@ -132,7 +132,7 @@ fn quoted(text: &str) -> String {
 }
 
 /// Formats a single run as text.
-pub fn replay_words(seed: u64, outcome: &Outcome) -> String {
+pub fn replay_text(seed: u64, outcome: &Outcome) -> String {
     let mut out = String::new();
     for (tick, made) in &outcome.transitions {
         let mode = |number| Mode::from_u32(number).map_or("no mode", Mode::name);
@@ -169,14 +169,14 @@ mod tests {
             is_remote: false,
             bug: None,
         };
-        let told = |failure: &Failure, config: &str| failure_words(failure, &plan, Path::new(config));
-        let shipped = told(&failure, CONFIG);
+        let text = |failure: &Failure, config: &str| failure_text(failure, &plan, Path::new(config));
+        let shipped = text(&failure, CONFIG);
         assert!(shipped.contains("  smallest schedule (0 of 9 episodes)"), "{shipped}");
         assert!(shipped.ends_with("\n  simulate --ticks 9000 --replay 4 --faults none"), "{shipped}");
         failure.shrunk = false;
-        let own = told(&failure, "/tmp/it's mine.toml");
+        let own = text(&failure, "/tmp/it's mine.toml");
         assert!(own.contains("\n  schedule (") && !own.contains("smallest"), "{own}");
         assert!(own.contains("simulate --config '/tmp/it'\\''s mine.toml' --ticks"), "{own}");
-        assert!(told(&failure, "own.toml").contains("simulate --config own.toml --ticks"));
+        assert!(text(&failure, "own.toml").contains("simulate --config own.toml --ticks"));
     }
 }

@@ -1,8 +1,7 @@
 //! One part of an attack: runs the stages, the driver's follower and the simulated robot's checker for some
 //! ticks.
 
-use crate::figures::{Figures, Least, Merge, Most, Place};
-use crate::parallel::derived_seed;
+use crate::figures::{Least, Merge, Most, Place, RunFigures};
 use crate::stages::{Stages, Subject, permit, target};
 use crate::stop_times;
 use checker::{TOLERANCE_CLEARANCE_M, ViolationKind};
@@ -12,6 +11,7 @@ use judge::Attacker;
 use messages::{Header, JOINTS_MAX, JointCommand, JointMotion, Layout, Mode, RobotState, TICK_S, deadline, state_flag};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
+use report::derived_seed;
 use robot::Frames;
 use safety::engage::Permit;
 use safety::gate::Denial;
@@ -98,11 +98,11 @@ struct Part<'a> {
     recovers: bool,
     frames: Frames,
     last_q: [f64; JOINTS_MAX],
-    figures: Figures,
+    figures: RunFigures,
 }
 
 /// Runs part `part` of an attack with seed `seed` over `ticks` ticks, from rest in the home posture.
-pub fn run(subject: &Subject, seed: u64, part: u64, ticks: u64) -> Figures {
+pub fn run(subject: &Subject, seed: u64, part: u64, ticks: u64) -> RunFigures {
     let seed = derived_seed(seed, part);
     let mut run = Part::new(subject, part, seed);
     for k in FIRST_K + 1..=FIRST_K + ticks {
@@ -146,7 +146,7 @@ impl<'a> Part<'a> {
             recovers: false,
             frames: Frames::default(),
             last_q: q,
-            figures: Figures::default(),
+            figures: RunFigures::default(),
         }
     }
 
@@ -245,7 +245,7 @@ impl<'a> Part<'a> {
         if let Some(denial) = out.denied {
             figures.denials += 1;
             of_attack.denials += 1;
-            figures.denied_for.note(reason(&denial), || format!("part {}, tick {k}: {denial:?}", self.part));
+            figures.denied_for.count(reason(&denial), || format!("part {}, tick {k}: {denial:?}", self.part));
         }
         let flags = out.proposed.command_flags(out.denied.is_some());
         let longest = out.motion.plan.duration_s.iter().map(|phases| phases.iter().sum::<f64>()).fold(0.0, f64::max);
@@ -294,7 +294,7 @@ impl<'a> Part<'a> {
         let refused = out.refused.filter(|&refusal| refusal != Refusal::Latched && !suspended);
         if let Some(refusal) = refused {
             self.figures.refusals += 1;
-            self.figures.refused_for.note(format!("{refusal:?}"), || format!("part {}, tick {k}", self.part));
+            self.figures.refused_for.count(format!("{refusal:?}"), || format!("part {}, tick {k}", self.part));
         }
         for j in (0..self.subject.model.count).filter(|&j| !self.subject.model.prismatic[j]) {
             self.figures.travelled_rad += (out.state.q[j] - self.last_q[j]).abs();

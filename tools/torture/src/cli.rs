@@ -1,14 +1,12 @@
 //! The command line.
 
 use crate::chunk::PART_TICKS;
-use crate::error::bad_option;
-use crate::machine::cores;
 use crate::stages::Subject;
 use clap::{Args, Parser, Subcommand};
 use config::RobotChoice;
 use messages::TICK_HZ;
+use report::{check_bounds, cores, out_of_bounds};
 use rt::Failure;
-use std::fmt::Display;
 use std::path::PathBuf;
 
 /// Longest run: 21 years of robot time. A larger value is a typing error.
@@ -135,16 +133,9 @@ pub struct StopTimesArgs {
 pub struct MotionsArgs {
     /// Folder of motion files (.bvh, .npy, .npz).
     pub folder: PathBuf,
-    /// Settings file.
-    #[arg(long, default_value = "config/teleop.toml")]
-    pub config: PathBuf,
-    /// Another robot than that of the settings: its name, or its robot file.
-    #[arg(long, value_name = "NAME|FILE")]
-    pub robot: Option<RobotChoice>,
-    /// Also write the figures to this file as JSON. `-` is standard output, and the text then goes to standard
-    /// error.
-    #[arg(long)]
-    pub json: Option<PathBuf>,
+    /// Options of every command.
+    #[command(flatten)]
+    pub common: Common,
     /// Number of threads.
     #[arg(long, default_value_t = cores())]
     pub threads: usize,
@@ -164,20 +155,12 @@ pub struct BenchArgs {
     pub common: Common,
 }
 
-/// Checks that the value of an option is within its bounds.
-///
-/// # Errors
-/// Returns an error that names the option, its value and the bounds.
-fn within<T: PartialOrd + Display>(option: &str, value: T, low: T, high: T) -> Result<(), Failure> {
-    if value >= low && value <= high { Ok(()) } else { Err(bad_option(option, value, format!("{low} to {high}"))) }
-}
-
 /// Checks a number of ticks or states, and of threads.
 ///
 /// # Errors
 /// Returns an error that names the option, its value and the bounds.
 pub fn check_counts(option: &str, count: u64, threads: usize) -> Result<(), Failure> {
-    within(option, count, 1, TICKS_MAX)?;
+    check_bounds(option, count, [1, TICKS_MAX])?;
     check_threads(threads)
 }
 
@@ -186,7 +169,7 @@ pub fn check_counts(option: &str, count: u64, threads: usize) -> Result<(), Fail
 /// # Errors
 /// Returns an error that names the option, its value and the bounds.
 pub fn check_threads(threads: usize) -> Result<(), Failure> {
-    within("--threads", threads, 1, THREADS_MAX)
+    check_bounds("--threads", threads, [1, THREADS_MAX])
 }
 
 impl AttackArgs {
@@ -197,16 +180,16 @@ impl AttackArgs {
     pub fn check(&self) -> Result<(), Failure> {
         if self.rate != TICK_HZ {
             let bound = format!("{TICK_HZ}: the tick rate is built into every stage and message (messages::TICK_HZ)");
-            return Err(bad_option("--rate", self.rate, bound));
+            return Err(out_of_bounds("--rate", self.rate, bound));
         }
-        within("--payload-kg", self.changes.payload_kg, 0.0, robot::PAYLOAD_MAX_KG)?;
+        check_bounds("--payload-kg", self.changes.payload_kg, [0.0, robot::PAYLOAD_MAX_KG])?;
         check_counts("--ticks", self.ticks, self.threads)?;
-        within("--goals", self.goals, 0, TICKS_MAX)?;
+        check_bounds("--goals", self.goals, [0, TICKS_MAX])?;
         let parts = self.ticks.div_ceil(PART_TICKS);
         match self.part.filter(|&part| part >= parts) {
             Some(part) => {
                 let bound = format!("below {parts}, the number of parts of {PART_TICKS} ticks in --ticks");
-                Err(bad_option("--part", part, bound))
+                Err(out_of_bounds("--part", part, bound))
             }
             None => Ok(()),
         }

@@ -82,7 +82,7 @@ pub struct Reasons(pub BTreeMap<String, (u64, String)>);
 
 impl Reasons {
     /// Counts one. `text` says where it was.
-    pub fn note(&mut self, reason: String, text: impl FnOnce() -> String) {
+    pub fn count(&mut self, reason: String, text: impl FnOnce() -> String) {
         self.0.entry(reason).or_insert_with(|| (0, text())).0 += 1;
     }
 }
@@ -171,7 +171,7 @@ figures! {
     }
 
     /// Figures of a run.
-    Figures {
+    RunFigures {
         /// Ticks of the grid.
         ticks: u64,
         /// Violations by kind: executed steps and rolled-out plans.
@@ -253,7 +253,7 @@ figures! {
     }
 }
 
-impl Figures {
+impl RunFigures {
     /// Returns the number of violations of the joints' true motion, of all kinds.
     pub fn true_violations_total(&self) -> u64 {
         self.true_violations.iter().sum()

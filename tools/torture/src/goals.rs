@@ -1,11 +1,11 @@
 //! Counts how many collision-free random postures the robot reaches through both stages.
 
 use crate::figures::Goals;
-use crate::parallel::derived_seed;
 use crate::stages::{Stages, Subject};
 use messages::{ALL_JOINTS, JOINTS_MAX, JointMotion, TICK_HZ, deadline};
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
+use report::derived_seed;
 use safety::engage::Permit;
 
 /// Goals that one job visits in sequence, from home.

@@ -1,5 +1,6 @@
 //! The command line program of the library.
 
+use ::report::{JsonOutput, Machine, Progress, derived_seed, in_parallel};
 use checker::ViolationKind;
 use clap::Parser;
 use config::Overrides;
@@ -10,12 +11,8 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use torture::cli::{
     AttackArgs, BenchArgs, Changes, Cli, Command, MotionsArgs, StopTimesArgs, check_counts, check_threads,
 };
-use torture::figures::{Figures, merged};
-use torture::machine::Machine;
-use torture::parallel::{derived_seed, in_parallel};
-use torture::progress::Progress;
-use torture::report;
-use torture::{bench, chunk, goals, motions, stop_times};
+use torture::figures::{RunFigures, merged};
+use torture::{bench, chunk, goals, motions, report, stop_times};
 
 fn main() -> ExitCode {
     rt::abort_on_panic();
@@ -33,7 +30,8 @@ fn main() -> ExitCode {
 
 fn attack(args: &AttackArgs) -> Result<bool, Failure> {
     args.check()?;
-    let machine = Machine::now();
+    let json = JsonOutput::open(args.common.json.as_deref())?;
+    let machine = Machine::before_run();
     let Changes { no_certificate, keep_gate, no_torque, payload_kg, untold } = args.changes;
     let subject = args.common.subject(args.changes)?;
     // With a load, some postures cannot be held.
@@ -41,16 +39,16 @@ fn attack(args: &AttackArgs) -> Result<bool, Failure> {
     let goals = if without_goals { 0 } else { args.goals };
     let parts = args.ticks.div_ceil(chunk::PART_TICKS);
     let jobs = parts + goals.div_ceil(goals::PART_GOALS);
-    let (bar, visited) = (Progress::new(args.ticks, "ticks"), AtomicU64::new(0));
-    let tell_goals = |more: u64| {
+    let (bar, visited) = (Progress::new("torture", args.ticks, "ticks"), AtomicU64::new(0));
+    let show_goals = |more: u64| {
         let visited = visited.fetch_add(more, Ordering::Relaxed) + more;
-        bar.note(if goals > 0 { format!(", {visited}/{goals} goals") } else { String::new() });
+        bar.set_message(if goals > 0 { format!(", {visited}/{goals} goals") } else { String::new() });
     };
-    tell_goals(0);
-    let of_parts = in_parallel(args.threads, jobs as usize, |job| {
+    show_goals(0);
+    let parts_figures = in_parallel(args.threads, jobs as usize, |job| {
         let job = job as u64;
         if args.part.is_some_and(|part| part != job) {
-            return Figures::default();
+            return RunFigures::default();
         }
         if job < parts {
             let ticks = chunk::PART_TICKS.min(args.ticks - job * chunk::PART_TICKS);
@@ -61,14 +59,13 @@ fn attack(args: &AttackArgs) -> Result<bool, Failure> {
         let part = job - parts;
         let count = goals::PART_GOALS.min(goals - part * goals::PART_GOALS);
         let goals = goals::run(&subject, derived_seed(args.seed, u64::MAX / 2), part, count);
-        tell_goals(count);
-        Figures { goals, ..Figures::default() }
+        show_goals(count);
+        RunFigures { goals, ..RunFigures::default() }
     });
     drop(bar);
-    let figures = merged(of_parts);
-    let value = report::attack_json(args, &figures, &subject.model, &machine);
-    let words = report::attack_words(args, &figures, &subject.model, &machine);
-    report::put(&words, &value, args.common.json.as_deref())?;
+    let (figures, machine) = (merged(parts_figures), machine.after_run());
+    let text = report::attack_text(args, &figures, &subject.model, &machine);
+    json.write(&text, &report::attack_json(args, &figures, &subject.model, &machine))?;
     // Without a proof, the same attacks must find what it prevents.
     let (found, nothing) = if keep_gate {
         return Ok(figures.denials > 0);
@@ -88,38 +85,44 @@ fn attack(args: &AttackArgs) -> Result<bool, Failure> {
 
 fn measure_stops(args: &StopTimesArgs) -> Result<bool, Failure> {
     check_counts("--states", args.states, args.threads)?;
+    let json = JsonOutput::open(args.common.json.as_deref())?;
     let subject = args.common.subject(Changes::default())?;
     let bounds = subject.wbc.bounds();
-    let bar = Progress::new(args.states, "states");
+    let bar = Progress::new("torture", args.states, "states");
     let times = stop_times::run(bounds, args.states, args.seed, args.threads, |states| bar.add(states));
     drop(bar);
-    let value = report::stop_times_json(&times, bounds, &subject.model, args.seed);
-    report::put(&report::stop_times_words(&times, bounds, &subject.model), &value, args.common.json.as_deref())?;
+    let figures = report::stop_times_json(&times, bounds, &subject.model, args.seed);
+    json.write(&report::stop_times_text(&times, bounds, &subject.model), &figures)?;
     Ok(times.exceeded() == 0)
 }
 
 fn play(args: &MotionsArgs) -> Result<bool, Failure> {
     check_threads(args.threads)?;
-    let machine = Machine::now();
-    let loaded =
-        config::load(&args.config, Overrides::robot(args.robot.as_ref())).map_err(Failure::with(Exit::Config))?;
-    let bar =
-        Progress::new(motion::motion_files(&args.folder).map_err(Failure::with(Exit::NoInput))?.len() as u64, "files");
+    let json = JsonOutput::open(args.common.json.as_deref())?;
+    let machine = Machine::before_run();
+    let loaded = config::load(&args.common.config, Overrides::robot(args.common.robot.as_ref()))
+        .map_err(Failure::with(Exit::Config))?;
+    let bar = Progress::new(
+        "torture",
+        motion::motion_files(&args.folder).map_err(Failure::with(Exit::NoInput))?.len() as u64,
+        "files",
+    );
     let played = motions::run(&loaded, &args.folder, args.threads, |_| bar.add(1))?;
     drop(bar);
-    report::put(&report::motions_words(&played), &report::motions_json(&played, &machine), args.json.as_deref())?;
+    json.write(&report::motions_text(&played), &report::motions_json(&played, &machine.after_run()))?;
     Ok(played.iter().all(|one| one.failed.is_none() && one.violations_total() == 0))
 }
 
 fn measure_ticks(args: &BenchArgs) -> Result<bool, Failure> {
     check_counts("--ticks", args.ticks, 1)?;
-    let machine = Machine::now();
+    let json = JsonOutput::open(args.common.json.as_deref())?;
+    let machine = Machine::before_run();
     let subject = args.common.subject(Changes::default())?;
-    let bar = Progress::new(1, "runs");
+    let bar = Progress::new("torture", 1, "runs");
     let bench = bench::run(&subject, args.ticks.max(TICK_HZ), args.seed);
     drop(bar);
-    let value = report::bench_json(&bench, args.ticks, &subject.model, &machine);
-    let words = report::bench_words(&bench, args.ticks, &subject.model, &machine);
-    report::put(&words, &value, args.common.json.as_deref())?;
+    let machine = machine.after_run();
+    let figures = report::bench_json(&bench, args.ticks, &subject.model, &machine);
+    json.write(&report::bench_text(&bench, args.ticks, &subject.model, &machine), &figures)?;
     Ok(true)
 }

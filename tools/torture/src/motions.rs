@@ -1,10 +1,10 @@
 //! Plays recorded motions through every stage, from the first frame to rest, in virtual time.
 
-use crate::parallel::in_parallel;
 use client::PlayOptions;
 use config::Loaded;
 use messages::{Mode, TICK_HZ};
 use motion::CalibrationMode;
+use report::in_parallel;
 use rt::{Exit, Failure};
 use std::path::{Path, PathBuf};
 use world::{Offline, OfflineEnd, OfflineReport};

@@ -2,19 +2,17 @@
 
 use crate::bench::Bench;
 use crate::cli::AttackArgs;
-use crate::figures::{AttackFigures, Durations, Figures, Goals, KINDS, Place, Reasons, TRUE_KINDS};
-use crate::machine::Machine;
+use crate::figures::{AttackFigures, Durations, Goals, KINDS, Place, Reasons, RunFigures, TRUE_KINDS};
 use crate::motions::Played;
 use crate::stop_times::{JointWorst, StopTimes, joint_bound_s};
 use checker::ViolationKind;
 use judge::Attack;
 use messages::TICK_HZ;
+use report::Machine;
+use report::table::{self, column, number};
 use robot::Model;
-use rt::Failure;
 use serde_json::{Map, Value, json};
-use std::path::Path;
 use wbc::interval::Bounds;
-use world::OfflineReport;
 
 /// Counts with their names.
 type Named<const N: usize> = [(&'static str, u64); N];
@@ -31,7 +29,7 @@ fn named_json<const N: usize>(named: Named<N>) -> Value {
     Value::Object(named.into_iter().map(|(name, count)| (name.to_owned(), json!(count))).collect())
 }
 
-fn named_words<const N: usize>(named: Named<N>) -> String {
+fn named_text<const N: usize>(named: Named<N>) -> String {
     named.map(|(name, count)| format!("{name} {count}")).join(", ")
 }
 
@@ -43,7 +41,7 @@ fn by_reason(Reasons(counts): &Reasons) -> Value {
 }
 
 /// Joins lines to a text.
-fn text(lines: &[String]) -> String {
+fn joined(lines: &[String]) -> String {
     lines.join("\n") + "\n"
 }
 
@@ -51,18 +49,18 @@ fn reason_lines<'a>(word: &'a str, Reasons(counts): &'a Reasons) -> impl Iterato
     counts.iter().map(move |(reason, (count, first))| format!("  {word} for {reason}: {count}, first {first}"))
 }
 
-fn durations<const DIGITS: u8>(of: &Durations<DIGITS>) -> Value {
-    let q = |share| of.quantile_us(share);
-    json!({ "p50": q(0.5), "p99": q(0.99), "p99_99": q(0.9999), "max": of.max_us() })
+fn durations_json<const DIGITS: u8>(durations: &Durations<DIGITS>) -> Value {
+    let q = |share| durations.quantile_us(share);
+    json!({ "p50": q(0.5), "p99": q(0.99), "p99_99": q(0.9999), "max": durations.max_us() })
 }
 
-fn in_words(of: &Durations) -> String {
-    let [p50, p99, p99_99] = [0.5, 0.99, 0.9999].map(|share| of.quantile_us(share));
-    format!("p50 {p50:.1}, p99 {p99:.1}, p99.99 {p99_99:.1}, max {:.1} us", of.max_us())
+fn duration_text(durations: &Durations) -> String {
+    let [p50, p99, p99_99] = [0.5, 0.99, 0.9999].map(|share| durations.quantile_us(share));
+    format!("p50 {p50:.1}, p99 {p99:.1}, p99.99 {p99_99:.1}, max {:.1} us", durations.max_us())
 }
 
 /// Formats an attack as JSON.
-pub fn attack_json(args: &AttackArgs, figures: &Figures, model: &Model, machine: &Machine) -> Value {
+pub fn attack_json(args: &AttackArgs, figures: &RunFigures, model: &Model, machine: &Machine) -> Value {
     let goals = &figures.goals;
     let attacks: Map<String, Value> = Attack::ALL
         .iter()
@@ -74,7 +72,7 @@ pub fn attack_json(args: &AttackArgs, figures: &Figures, model: &Model, machine:
                 "denials": of.denials,
                 "fallbacks": of.fallbacks,
                 "share_within_1_mm": of.near_share(),
-                "tick_us": durations(&of.tick),
+                "tick_us": durations_json(&of.tick),
             });
             (attack.name().to_owned(), value)
         })
@@ -104,7 +102,7 @@ pub fn attack_json(args: &AttackArgs, figures: &Figures, model: &Model, machine:
         "min_clearance_mm": figures.min_clearance_m.0 * 1e3,
         "clearance_required_mm": model.d_min_m * 1e3,
         "min_unproved_clearance_mm": figures.min_unproved_clearance_m.0 * 1e3,
-        "tick_us": durations(&figures.tick),
+        "tick_us": durations_json(&figures.tick),
         "fallbacks": figures.fallbacks,
         "fallbacks_for_torque": figures.overloads, "torque_share_max": figures.torque_share_max.0,
         "torque_share_max_of_plans": figures.rollout_torque_share.0,
@@ -128,12 +126,12 @@ pub fn attack_json(args: &AttackArgs, figures: &Figures, model: &Model, machine:
         "travelled_rad": figures.travelled_rad,
         "attacks": attacks,
         "threads": args.threads,
-        "machine": machine.to_json(),
+        "machine": machine,
     })
 }
 
 /// Formats an attack as text.
-pub fn attack_words(args: &AttackArgs, f: &Figures, model: &Model, machine: &Machine) -> String {
+pub fn attack_text(args: &AttackArgs, f: &RunFigures, model: &Model, machine: &Machine) -> String {
     let (name, pairs, obstacles) = (&model.name, model.pairs.len(), model.obstacles.len());
     let without = match (args.changes.no_certificate, args.changes.keep_gate, args.changes.no_torque) {
         (false, _, false) => "",
@@ -144,7 +142,7 @@ pub fn attack_words(args: &AttackArgs, f: &Figures, model: &Model, machine: &Mac
     let attack = format!("{name}: {} ticks at {TICK_HZ} Hz, seed {}", f.ticks, args.seed);
     let mut lines = vec![
         format!("{attack}, {pairs} checked pairs, {obstacles} obstacles{without}"),
-        format!("violations        {}", named_words(commanded(&f.violations))),
+        format!("violations        {}", named_text(commanded(&f.violations))),
     ];
     lines.extend(f.first.map(|Place { violation: v, part, .. }| {
         let (kind, k, which) = (v.kind.name(), v.k, v.which);
@@ -152,7 +150,7 @@ pub fn attack_words(args: &AttackArgs, f: &Figures, model: &Model, machine: &Mac
     }));
     let (ratio, true_mm) = (f.true_speed_ratio_max.0, f.true_clearance_min_m.0 * 1e3);
     lines.extend([
-        format!("true motion       {}", named_words(true_motion(&f.true_violations))),
+        format!("true motion       {}", named_text(true_motion(&f.true_violations))),
         format!("  speed at most {ratio:.3} of its limit, clearance at least {true_mm:.2} mm"),
     ]);
     lines.extend(f.first_true.map(|(v, part)| {
@@ -162,21 +160,21 @@ pub fn attack_words(args: &AttackArgs, f: &Figures, model: &Model, machine: &Mac
     let [least, required, unproved] =
         [f.min_clearance_m.0, model.d_min_m, f.min_unproved_clearance_m.0].map(|m| m * 1e3);
     let (executed, planned) = (f.torque_share_max.0, f.rollout_torque_share.0);
-    let Figures { fallbacks, overloads, denials, .. } = f;
+    let RunFigures { fallbacks, overloads, denials, .. } = f;
     lines.extend([
         format!(
             "least clearance   {least:.4} mm (at least {required:.1} mm is required); {unproved:.4} mm with stops of the \
              driver's own, which are not proved"
         ),
-        format!("control tick      {}", in_words(&f.tick)),
+        format!("control tick      {}", duration_text(&f.tick)),
         format!("largest torque    {executed:.3} of the effort limit executed, {planned:.3} in plans"),
         format!("fallbacks         {fallbacks}, of them for torque {overloads}, denied by the gate {denials}"),
     ]);
     lines.extend(reason_lines("denied", &f.denied_for));
     let [plan_ms, watched_ms] = [f.worst_stop_s.0, f.worst_watched_stop_s.0].map(|s| s * 1e3);
-    let Figures { stops, gentle_stops, late_stops, rollouts, .. } = f;
+    let RunFigures { stops, gentle_stops, late_stops, rollouts, .. } = f;
     let broken: u64 = f.rollout_violations.iter().sum();
-    let Figures { missed, lost, overslept, latches, reseeds, recoveries, refusals, .. } = f;
+    let RunFigures { missed, lost, overslept, latches, reseeds, recoveries, refusals, .. } = f;
     lines.extend([
         format!(
             "stops             longest plan {plan_ms:.1} ms; {stops} watched to rest, longest {watched_ms:.1} ms, \
@@ -196,7 +194,7 @@ pub fn attack_words(args: &AttackArgs, f: &Figures, model: &Model, machine: &Mac
         lines.push(format!("goals             {reached} of {goals} reached within 8 s, {returned} times back home"));
     }
     lines.push(format!("machine           {machine}, {} threads", args.threads));
-    text(&lines)
+    joined(&lines)
 }
 
 fn attack_line(attack: Attack, of: &AttackFigures) -> String {
@@ -236,7 +234,7 @@ pub fn stop_times_json(times: &StopTimes, bounds: &[Bounds], model: &Model, seed
 }
 
 /// Formats stop times as text.
-pub fn stop_times_words(times: &StopTimes, bounds: &[Bounds], model: &Model) -> String {
+pub fn stop_times_text(times: &StopTimes, bounds: &[Bounds], model: &Model) -> String {
     let mut lines = vec![format!("{:22} {:>9} {:>9}   at v, a", "joint", "worst ms", "bound ms")];
     for ((name, of), bounds) in model.joint_names.iter().zip(&times.joints).zip(bounds) {
         let (worst, bound) = (of.stop_s * 1e3, joint_bound_s(bounds) * 1e3);
@@ -249,7 +247,7 @@ pub fn stop_times_words(times: &StopTimes, bounds: &[Bounds], model: &Model) -> 
         "{states} states and the corners: longest stop {worst:.3} ms, bound {bound:.3} ms; of the bound at its own \
          velocities at most {share:.1} %; {beyond} beyond"
     ));
-    text(&lines)
+    joined(&lines)
 }
 
 /// Formats motions as JSON.
@@ -276,35 +274,38 @@ pub fn motions_json(played: &[Played], machine: &Machine) -> Value {
         "violations": played.iter().map(Played::violations_total).sum::<u64>(),
         "failed": played.iter().filter(|one| one.failed.is_some()).count(),
         "runs": files,
-        "machine": machine.to_json(),
+        "machine": machine,
     })
 }
 
 /// Formats motions as a table.
-pub fn motions_words(played: &[Played]) -> String {
-    let mut lines = vec![format!(
-        "{:24} {:>8} {:>11} {:>13} {:>9} {:>9} {:>7} {:>10} {:>5}",
-        "file", "time s", "violations", "clearance mm", "limbs deg", "robot deg", "torque", "refusals %", "holds"
-    )];
-    for one in played {
-        let name = one.file.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned());
-        let OfflineReport { min_clearance_mm, torque_share_max, .. } = one.report;
-        let (limbs, robot) = (one.report.limb_error_deg_mean, one.report.limb_error_measured_deg_mean);
-        let (time, violations, holds) = (one.duration_s(), one.violations_total(), one.holds());
-        let (refusals, failed) = (one.fallbacks_per_tick() * 100.0, one.failed.as_deref().unwrap_or(""));
-        lines.push(format!(
-            "{name:24} {time:8.1} {violations:11} {min_clearance_mm:13.2} {limbs:9.2} {robot:9.2} {torque_share_max:7.3} \
-             {refusals:10.3} {holds:5}  {failed}"
-        ));
-    }
+pub fn motions_text(played: &[Played]) -> String {
+    let figure = |head, width, digits, figure: fn(&Played) -> f64| {
+        column(["", head], width, move |one: &Played| number(figure(one), digits))
+    };
+    let columns = [
+        figure("time s", 8, 1, Played::duration_s),
+        column(["", "violations"], 11, |one: &Played| one.violations_total().to_string()),
+        figure("clearance mm", 13, 2, |one| one.report.min_clearance_mm),
+        figure("limbs deg", 9, 2, |one| one.report.limb_error_deg_mean),
+        figure("robot deg", 9, 2, |one| one.report.limb_error_measured_deg_mean),
+        figure("torque", 7, 3, |one| one.report.torque_share_max),
+        figure("refusals %", 10, 3, |one| one.fallbacks_per_tick() * 100.0),
+        column(["", "holds"], 5, |one: &Played| one.holds().to_string()),
+        column(["", ""], 0, |one: &Played| format!(" {}", one.failed.as_deref().unwrap_or(""))),
+    ];
+    let names = played.iter().map(|one| one.file.file_name().unwrap_or_default().to_string_lossy());
+    let names: Vec<_> = names.collect();
+    let mut out = String::new();
+    let rows = names.iter().map(|name| &**name).zip(played);
+    // Writing to a String cannot fail.
+    let _ = table::write(&mut out, ("file", 24), &columns, rows);
     let violations: u64 = played.iter().map(Played::violations_total).sum();
     let failed = played.iter().filter(|one| one.failed.is_some()).count();
     let least = played.iter().map(|one| one.report.min_clearance_mm).fold(f64::INFINITY, f64::min);
     let (files, time_s) = (played.len(), played.iter().map(Played::duration_s).sum::<f64>());
-    lines.push(format!(
-        "{files} files, {time_s:.0} s: {violations} violations, least clearance {least:.2} mm, {failed} failed"
-    ));
-    text(&lines)
+    let least = format!("least clearance {least:.2} mm");
+    out + &format!("{files} files, {time_s:.0} s: {violations} violations, {least}, {failed} failed\n")
 }
 
 /// Formats a bench as JSON.
@@ -313,35 +314,18 @@ pub fn bench_json(bench: &Bench, ticks: u64, model: &Model, machine: &Machine) -
         "robot": model.name,
         "ticks": ticks,
         "pairs": model.pairs.len(),
-        "smooth_us": durations(&bench.smooth),
-        "jumps_us": durations(&bench.jumps),
-        "machine": machine.to_json(),
+        "smooth_us": durations_json(&bench.smooth),
+        "jumps_us": durations_json(&bench.jumps),
+        "machine": machine,
     })
 }
 
 /// Formats a bench as text.
-pub fn bench_words(bench: &Bench, ticks: u64, model: &Model, machine: &Machine) -> String {
+pub fn bench_text(bench: &Bench, ticks: u64, model: &Model, machine: &Machine) -> String {
     format!(
         "control tick (whole-body control and gate), {} checked pairs, {ticks} ticks each\nsmooth, in the open   {}\njumping targets       {}\n{machine}\n",
         model.pairs.len(),
-        in_words(&bench.smooth),
-        in_words(&bench.jumps)
+        duration_text(&bench.smooth),
+        duration_text(&bench.jumps)
     )
-}
-
-/// Prints the text, and writes the JSON if a path is given.
-///
-/// # Errors
-/// Returns an error that names the file that cannot be written.
-pub fn put(words: &str, value: &Value, json: Option<&Path>) -> Result<(), Failure> {
-    use std::io::Write;
-    // The output may be closed. The exit code still reports the result.
-    if json.is_some_and(|path| path.as_os_str() == "-") {
-        let _ = std::io::stderr().write_all(words.as_bytes());
-        let _ = writeln!(std::io::stdout(), "{value:#}");
-        return Ok(());
-    }
-    let _ = std::io::stdout().write_all(words.as_bytes());
-    let Some(path) = json else { return Ok(()) };
-    std::fs::write(path, format!("{value:#}\n")).map_err(|cause| Failure::unwritable(path, &cause))
 }

@@ -24,10 +24,10 @@
 //! B(v) = 2 h + max_j D_j(v_j) + h
 //! ```
 
-use crate::parallel::{derived_seed, in_parallel};
 use messages::{JOINTS_MAX, TICK_S};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
+use report::{derived_seed, in_parallel};
 use wbc::interval::Bounds;
 use wbc::{JointState, JointStop};
 
@@ -101,7 +101,7 @@ impl StopTimes {
         self.joints.iter().map(|joint| joint.stop_s).fold(0.0, f64::max)
     }
 
-    fn note(&mut self, bounds: &[Bounds], j: usize, x: JointState) -> f64 {
+    fn record(&mut self, bounds: &[Bounds], j: usize, x: JointState) -> f64 {
         let stop_s = JointStop::new(x.v, x.a, bounds[j].a_max, bounds[j].j_max).total_s();
         let (bound, bound_at) = (joint_bound_s(&bounds[j]), joint_bound_at_s(&bounds[j], x.v));
         let worst = &mut self.joints[j];
@@ -149,7 +149,7 @@ fn random(bounds: &[Bounds], states: u64, seed: u64) -> StopTimes {
         let (mut longest, mut bound) = (0.0_f64, 0.0_f64);
         for j in 0..bounds.len() {
             let Some(x) = admitted(&bounds[j], &mut rng) else { continue };
-            longest = longest.max(out.note(bounds, j, x));
+            longest = longest.max(out.record(bounds, j, x));
             bound = bound.max(joint_bound_at_s(&bounds[j], x.v));
         }
         out.share_of_bound = out.share_of_bound.max(longest / bound);
@@ -185,7 +185,7 @@ fn corners(bounds: &[Bounds]) -> StopTimes {
                 let after = JointState { q: 0.5 * (b.q_min + b.q_max), v: sign * v * INSIDE, a: sign * a * INSIDE };
                 let before = after.after(0.0, -TICK_S);
                 if b.admits(before, 0.0) {
-                    out.note(bounds, j, before.after(0.0, TICK_S));
+                    out.record(bounds, j, before.after(0.0, TICK_S));
                 }
             }
         }

@@ -2,14 +2,13 @@
 
 use checker::ViolationKind;
 use judge::Attack;
+use report::{cores, in_parallel};
 use robot::{BoxEntry, Environment};
 use std::path::{Path, PathBuf};
 use torture::chunk::{self, PART_TICKS};
 use torture::cli::Changes;
-use torture::figures::{Figures, Merge, merged};
+use torture::figures::{Merge, RunFigures, merged};
 use torture::goals;
-use torture::machine::cores;
-use torture::parallel::in_parallel;
 use torture::stages::Subject;
 
 /// `.ci/long` has forty times as many.
@@ -34,7 +33,7 @@ fn below_a_shelf() -> Subject {
     Subject::of(model, &file, 3.0, Changes::default()).unwrap()
 }
 
-fn run(subject: &Subject, seed: u64, ticks: u64, threads: usize) -> Figures {
+fn run(subject: &Subject, seed: u64, ticks: u64, threads: usize) -> RunFigures {
     let parts = ticks.div_ceil(PART_TICKS);
     merged(in_parallel(threads, parts as usize, |part| {
         chunk::run(subject, seed, part as u64, PART_TICKS.min(ticks - part as u64 * PART_TICKS))
@@ -96,7 +95,7 @@ fn attack_figures_do_not_depend_on_the_number_of_threads() {
     let subject = subject(Changes::default());
     let figures =
         [1, 3].map(|threads| merged(in_parallel(threads, 3, |part| chunk::run(&subject, 11, part as u64, 3000))));
-    let told = figures.each_ref().map(|f| {
+    let compared = figures.each_ref().map(|f| {
         let counts = [f.ticks, f.fallbacks, f.denials, f.missed, f.lost, f.reseeds, f.rollouts, f.stops];
         (
             f.violations,
@@ -107,7 +106,7 @@ fn attack_figures_do_not_depend_on_the_number_of_threads() {
             f.attacks.each_ref().map(|a| a.near),
         )
     });
-    assert_eq!(told[0], told[1]);
+    assert_eq!(compared[0], compared[1]);
     let other = chunk::run(&subject, 12, 0, 3000);
     assert_ne!(other.travelled_rad, chunk::run(&subject, 11, 0, 3000).travelled_rad, "another seed, another run");
 }
@@ -124,9 +123,9 @@ fn most_goals_are_reached() {
 
 #[test]
 fn violation_of_true_motion_counts_as_a_broken_promise() {
-    let mut figures = Figures::default();
+    let mut figures = RunFigures::default();
     assert!(figures.kept());
-    let mut part = Figures::default();
+    let mut part = RunFigures::default();
     part.true_violations[plant::ViolationKind::Velocity as usize] = 1;
     figures.merge(part);
     assert!(!figures.kept() && figures.true_violations_total() == 1);

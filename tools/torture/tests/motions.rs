@@ -1,10 +1,9 @@
 //! Plays recorded motions through every stage, if the files are present.
 
 use config::Overrides;
+use report::{cores, in_parallel};
 use std::path::Path;
-use torture::machine::cores;
 use torture::motions::play;
-use torture::parallel::in_parallel;
 
 /// One file of this many is played here. The command plays all.
 const EVERY: usize = 12;

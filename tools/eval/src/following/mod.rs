@@ -39,7 +39,8 @@ pub use tracking::{HandPath, Motion, NODE_S};
 use crate::cli::Cli;
 use crate::clips::{chosen, stem};
 use crate::error::EvalError;
-use crate::run::{show, write_json};
+use crate::run::write_json;
+use ::report::print;
 use config::Overrides;
 use rayon::prelude::*;
 use retarget::ArmModel;
@@ -99,6 +100,6 @@ pub fn run(cli: &Cli, folder: &Path) -> Result<(), EvalError> {
     let folder = folder.display().to_string();
     let config = cli.config.display().to_string();
     let report = Report { folder, config, delay_ms: cli.delay_ms, delays_ms, clips, skipped };
-    show(&report);
+    print(&report);
     write_json(cli, &report.json())
 }

@@ -2,7 +2,7 @@
 
 use super::ahead::AHEAD_MS;
 use super::judge::{Figures, mean};
-use crate::table::{self, Column, column, number};
+use ::report::table::{self, Column, column, number};
 use serde_json::{Map, Value, json};
 use std::fmt;
 

@@ -10,8 +10,9 @@ use crate::cli::Cli;
 use crate::clips::chosen;
 use crate::error::EvalError;
 use crate::plots::{legend, name_line, paint_file};
-use crate::run::{show, write_json};
-use crate::table::{self, column, number};
+use crate::run::write_json;
+use ::report::print;
+use ::report::table::{self, column, number};
 use bus::FaultPlan;
 use config::Overrides;
 use messages::TICK_HZ;
@@ -133,7 +134,7 @@ pub(crate) fn run(cli: &Cli, folder: &Path) -> Result<(), EvalError> {
     if let Some(folder) = &cli.plot {
         draw(&folder.join("wires.svg"), &table)?;
     }
-    show(&table);
+    print(&table);
     write_json(cli, &json!(table.wires))
 }
 

@@ -52,12 +52,12 @@ pub fn draw(path: &Path, measured: &Measured) -> Result<(), String> {
 
 fn headline(area: &Area<'_>, measured: &Measured) -> Drawn {
     let (name, reference) = measured.reference();
-    let told = |figure: Option<f64>| figure.map_or("?".into(), |figure| format!("{figure:.2}"));
+    let ratio_text = |figure: Option<f64>| figure.map_or("?".into(), |figure| format!("{figure:.2}"));
     let title = format!(
         "skeleton to command: median {} times below polled; wake-up / {name}: p50 {}, p99 {}",
-        told(measured.times_below_polled("skeleton_to_command")),
-        told(measured.wake_up_ratio(reference, 0.5)),
-        told(measured.wake_up_ratio(reference, 0.99)),
+        ratio_text(measured.times_below_polled("skeleton_to_command")),
+        ratio_text(measured.wake_up_ratio(reference, 0.5)),
+        ratio_text(measured.wake_up_ratio(reference, 0.99)),
     );
     area.draw(&Text::new(title, (60, 36), text(HUGE)))?;
     let facts = measured.host.rows();

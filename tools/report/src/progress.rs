@@ -8,7 +8,7 @@ use std::thread::JoinHandle;
 use std::time::Duration;
 
 /// Time between two lines, or between two redraws of the bar. Assumption: a person waits no longer before wondering.
-const TOLD_EVERY: Duration = Duration::from_secs(10);
+const PERIOD: Duration = Duration::from_secs(10);
 
 /// Progress of a run, shown until it is dropped.
 pub struct Progress {
@@ -17,8 +17,9 @@ pub struct Progress {
 }
 
 impl Progress {
-    /// Starts to show how many of `length` units are done. `unit` is a word in the plural.
-    pub fn new(length: u64, unit: &str) -> Self {
+    /// Starts to show how many of `length` units are done. `unit` is a word in the plural. Lines begin with the name
+    /// of the program.
+    pub fn new(program: &'static str, length: u64, unit: &str) -> Self {
         if std::io::stderr().is_terminal() {
             let bar = ProgressBar::new(length);
             let template = format!("{{wide_bar}} {{pos}}/{{len}} {unit}{{msg}}, {{elapsed}}, {{eta}} left");
@@ -27,25 +28,25 @@ impl Progress {
             }
             // A part takes long. So the line appears at once, and shows the elapsed time.
             bar.tick();
-            bar.enable_steady_tick(TOLD_EVERY);
+            bar.enable_steady_tick(PERIOD);
             return Self { bar, lines: None };
         }
-        Self::in_lines(length, unit, TOLD_EVERY, |line| err!("torture: {line}"))
+        Self::in_lines(length, unit, PERIOD, move |line| err!("{program}: {line}"))
     }
 
-    /// Gives a line to `tell` in each period.
-    fn in_lines(length: u64, unit: &str, every: Duration, mut tell: impl FnMut(String) + Send + 'static) -> Self {
+    /// Gives a line to `print` in each period.
+    fn in_lines(length: u64, unit: &str, every: Duration, mut print: impl FnMut(String) + Send + 'static) -> Self {
         let bar = ProgressBar::hidden();
         bar.set_length(length);
         let (ended, until_ended) = channel::<()>();
         let (shown, unit) = (bar.clone(), unit.to_owned());
-        let teller = std::thread::spawn(move || {
+        let printer = std::thread::spawn(move || {
             while until_ended.recv_timeout(every) == Err(RecvTimeoutError::Timeout) {
                 let (done, more, s) = (shown.position(), shown.message(), shown.elapsed().as_secs());
-                tell(format!("{done}/{length} {unit}{more}, {s} s"));
+                print(format!("{done}/{length} {unit}{more}, {s} s"));
             }
         });
-        Self { bar, lines: Some((ended, teller)) }
+        Self { bar, lines: Some((ended, printer)) }
     }
 
     /// Adds units that are done.
@@ -54,7 +55,7 @@ impl Progress {
     }
 
     /// Adds words behind the units.
-    pub fn note(&self, words: String) {
+    pub fn set_message(&self, words: String) {
         self.bar.set_message(words);
     }
 }
@@ -62,9 +63,9 @@ impl Progress {
 impl Drop for Progress {
     fn drop(&mut self) {
         self.bar.finish_and_clear();
-        if let Some((ended, teller)) = self.lines.take() {
+        if let Some((ended, printer)) = self.lines.take() {
             drop(ended);
-            let _ = teller.join();
+            let _ = printer.join();
         }
     }
 }
@@ -74,18 +75,18 @@ mod tests {
     use super::*;
 
     #[test]
-    fn progress_without_a_terminal_is_told_in_lines_until_the_end() {
+    fn progress_without_a_terminal_is_printed_in_lines() {
         let (sender, lines) = channel();
         let progress = Progress::in_lines(40, "ticks", Duration::from_millis(1), move |line| {
             let _ = sender.send(line);
         });
         assert!(lines.recv().unwrap().starts_with("0/40 ticks, 0 s"));
         progress.add(30);
-        progress.note(", 2/7 goals".to_owned());
+        progress.set_message(", 2/7 goals".to_owned());
         // This many lines come by themselves, and the figures arrive in one of them.
         assert!(lines.iter().take(10_000).any(|line| line.starts_with("30/40 ticks, 2/7 goals, ")));
         drop(progress);
-        // The teller has ended, so the lines do: this does not wait for ever.
+        // The printer has ended, so the lines do: this does not wait for ever.
         assert!(lines.iter().all(|line| line.contains("goals")));
     }
 }

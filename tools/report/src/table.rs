@@ -3,19 +3,19 @@
 use std::fmt;
 
 /// A column, to the right of the names.
-pub(crate) struct Column<'a, R> {
+pub struct Column<'a, R> {
     head: [String; 2],
     width: usize,
     text: Box<dyn Fn(&R) -> String + 'a>,
 }
 
 /// Creates a column. `text` formats the value of a row.
-pub(crate) fn column<'a, R>(head: [&str; 2], width: usize, text: impl Fn(&R) -> String + 'a) -> Column<'a, R> {
+pub fn column<'a, R>(head: [&str; 2], width: usize, text: impl Fn(&R) -> String + 'a) -> Column<'a, R> {
     Column { head: head.map(str::to_owned), width, text: Box::new(text) }
 }
 
 /// Formats a figure, or a dash.
-pub(crate) fn number(value: impl Into<Option<f64>>, digits: usize) -> String {
+pub fn number(value: impl Into<Option<f64>>, digits: usize) -> String {
     match value.into() {
         Some(value) if value.is_finite() => format!("{value:.digits$}"),
         _ => "-".to_owned(),
@@ -24,8 +24,11 @@ pub(crate) fn number(value: impl Into<Option<f64>>, digits: usize) -> String {
 
 /// Writes a table. The names are `width` characters wide and have the head `name`. An empty first line of heads is
 /// left out.
-pub(crate) fn write<'r, R: 'r>(
-    f: &mut fmt::Formatter<'_>,
+///
+/// # Errors
+/// Returns the error of `f`.
+pub fn write<'r, R: 'r>(
+    f: &mut impl fmt::Write,
     (name, width): (&str, usize),
     columns: &[Column<'_, R>],
     rows: impl Iterator<Item = (&'r str, &'r R)>,
