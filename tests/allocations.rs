@@ -42,7 +42,7 @@ fn f076_no_stage_allocates_in_a_tick() {
     let mut robot_state = world::simulated::State::new(&robot_config, TICK_HZ - 1, 1);
     let (mut mode, mut engaged, mut counts) = (Mode::Disengaged, 0, [0; 4]);
     let mut robot: Option<RobotState> = None;
-    let (said, mut in_payload) = (Some(PayloadOrder { mass_kg: 0.3, centre_m: None }), 0);
+    let (printed, mut in_payload) = (Some(PayloadOrder { mass_kg: 0.3, centre_m: None }), 0);
     for tick in 0..BEFORE + TICKS {
         let (k, now) = (TICK_HZ + tick, deadline(TICK_HZ + tick));
         let counting = tick >= BEFORE;
@@ -67,7 +67,7 @@ fn f076_no_stage_allocates_in_a_tick() {
             enable_level: tick > TICK_HZ,
             enable_edge: tick == TICK_HZ + 1,
             heartbeat_received: now,
-            payload: [said.filter(|_| tick == PAYLOAD_AT || counting && tick % 1000 == 0), None],
+            payload: [printed.filter(|_| tick == PAYLOAD_AT || counting && tick % 1000 == 0), None],
             ..OperatorView::default()
         };
         let input = control::Input {

@@ -1,7 +1,7 @@
 //! Tests `teleopctl calibrate` on a real instance. It measures an operator, and the next session uses the result.
 
 use client::{Port, Transport};
-use harness::{Rig, SOON};
+use harness::{Pace, Rig, holds_for, in_real_time, wait_until};
 use messages::{CalibrationSource, HingeCalibration, Layout, RawSkeleton, raw_flag};
 use nalgebra::{UnitQuaternion, Vector3};
 use std::process::{Command, Stdio};
@@ -61,6 +61,7 @@ impl Client {
         let thread = std::thread::spawn(move || {
             let mut port = Port::open(way, "calibrated").expect("the input domain");
             let (begun, incarnation) = (Instant::now(), rt::incarnation());
+            let mut pace = Pace::new(Duration::from_millis(16));
             let mut sequence = 0;
             while !twin.load(Ordering::Relaxed) {
                 let mut raw = person(begun.elapsed().as_secs_f64());
@@ -69,7 +70,7 @@ impl Client {
                 (raw.header.sequence, raw.header.incarnation) = (sequence, incarnation);
                 (raw.header.origin, raw.header.stamp) = (rt::now(), rt::now());
                 port.publish(&raw).expect("taken");
-                std::thread::sleep(Duration::from_millis(16));
+                pace.wait();
             }
         });
         Self { end, thread: Some(thread) }
@@ -97,28 +98,29 @@ fn calibrated_operator_is_recognised_in_the_next_session() {
     // Also where the robot is the person's mirror image: the file names the person's own sides.
     let mut rig = Rig::with_settings("ingest.mirror = true");
     rig.start_all();
-    let hand = rig.hand();
+    let operator = rig.operator_session();
     let place = rig.folder().join("operators");
     let client = Client::start(&rig, 1);
     let measured = calibrate(&rig, "anna", &place).output().expect("teleopctl runs");
-    let said = String::from_utf8_lossy(&measured.stdout);
-    assert!(measured.status.success(), "{said}{}", String::from_utf8_lossy(&measured.stderr));
-    assert!(said.contains("upper arms        0.290 m left, 0.300 m right"), "{said}");
-    assert!(said.contains("forearms          0.240 m left, 0.250 m right"), "{said}");
-    assert!(said.contains("move both arms up and down") && said.contains("axes from"), "{said}");
-    assert!(said.contains("anna is measured. Now end the client, wait a second, and start it again"), "{said}");
+    let printed = harness::stdout(&measured);
+    assert!(measured.status.success(), "{printed}{}", harness::stderr(&measured));
+    assert!(printed.contains("upper arms        0.290 m left, 0.300 m right"), "{printed}");
+    assert!(printed.contains("forearms          0.240 m left, 0.250 m right"), "{printed}");
+    assert!(printed.contains("move both arms up and down") && printed.contains("axes from"), "{printed}");
+    assert!(printed.contains("anna is measured. Now end the client, wait a second, and start it again"), "{printed}");
     let text = std::fs::read_to_string(place.join("anna.toml")).expect("the file");
     assert!(text.contains("operator_id = 5") && text.contains("layout = 1") && text.contains("[hinges]"), "{text}");
     // The current session continues unchanged. The next one begins with the stored measurement.
-    let online = hand.wait("estimated online", |status| status.calibration == CalibrationSource::Online as u32);
+    let online = operator.wait("estimated online", |status| status.calibration == CalibrationSource::Online as u32);
     assert_ne!(online.calibration, CalibrationSource::Stored as u32);
     drop(client);
-    std::thread::sleep(Duration::from_millis(1500));
+    // The lease ends a second after its client.
+    operator.wait_control(Duration::from_millis(1500));
     let _client = Client::start(&rig, 2);
-    hand.wait("calibrated from the file", |status| status.calibration == CalibrationSource::Stored as u32);
+    operator.wait("calibrated from the file", |status| status.calibration == CalibrationSource::Stored as u32);
     // The next start would reject the same person under another name.
     let refused = calibrate(&rig, "bert", &place).output().expect("teleopctl runs");
-    let why = String::from_utf8_lossy(&refused.stderr);
+    let why = harness::stderr(&refused);
     assert!(
         !refused.status.success() && why.contains("operator_id 5 with layout 1 belongs to anna.toml already"),
         "{why}"
@@ -134,36 +136,34 @@ fn built_in_calibration_motion_is_measured_as_a_person() {
     let client = rig.client(&motion::builtin_named(motion::CALIBRATION).expect("the motion"), 7);
     client.set_engaged(true);
     let measured = calibrate(&rig, "anna", &place).output().expect("teleopctl runs");
-    let said = String::from_utf8_lossy(&measured.stdout).into_owned() + &String::from_utf8_lossy(&measured.stderr);
-    assert!(measured.status.success() && said.contains("axes from "), "{said}");
-    assert!(said.contains("upper arms        0.326 m left, 0.326 m right"), "{said}");
+    let printed = harness::stdout(&measured) + &harness::stderr(&measured);
+    assert!(measured.status.success() && printed.contains("axes from "), "{printed}");
+    assert!(printed.contains("upper arms        0.326 m left, 0.326 m right"), "{printed}");
     assert!(place.join("anna.toml").exists());
 }
 
 #[test]
 fn calibration_without_person_waits_and_while_engaged_fails() {
-    let mut rig = Rig::with_settings("");
-    rig.start_all();
-    let place = rig.folder().join("operators");
-    let mut waiting =
-        calibrate(&rig, "anna", &place).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("it runs");
-    std::thread::sleep(Duration::from_millis(2500));
-    assert!(waiting.try_wait().expect("its state").is_none(), "it waits for somebody");
-    let hand = rig.hand();
-    let client = rig.client(&motion::builtin(), 9);
-    hand.engage_until(messages::Mode::Engaged);
-    client.set_engaged(true);
-    let give_up = Instant::now() + SOON;
-    while waiting.try_wait().expect("its state").is_none() {
-        assert!(Instant::now() < give_up, "it goes on though the robot is engaged");
-        std::thread::sleep(Duration::from_millis(20));
-    }
-    let ended = waiting.wait_with_output().expect("its words");
-    let (said, why) = (String::from_utf8_lossy(&ended.stdout), String::from_utf8_lossy(&ended.stderr));
-    assert!(said.contains("no skeletons arrive") && said.contains("replay builtin:calibration"), "{said}");
-    assert!(!ended.status.success() && why.contains("nothing was written"), "{why}");
-    let refused = calibrate(&rig, "anna", &place).output().expect("teleopctl runs");
-    let why = String::from_utf8_lossy(&refused.stderr);
-    assert!(!refused.status.success() && why.contains("only a disengaged robot can be calibrated to"), "{why}");
-    assert!(!place.exists());
+    in_real_time(|| {
+        let mut rig = Rig::with_settings("");
+        rig.start_all();
+        let place = rig.folder().join("operators");
+        let mut waiting =
+            calibrate(&rig, "anna", &place).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("it runs");
+        let waits = holds_for(Duration::from_millis(2500), || waiting.try_wait().expect("its state").is_none());
+        assert!(waits, "it waits for somebody");
+        let operator = rig.operator_session();
+        let client = rig.client(&motion::builtin(), 9);
+        operator.engage_until(messages::Mode::Engaged);
+        client.set_engaged(true);
+        wait_until("ended by the engaged robot", || waiting.try_wait().expect("its state").is_some());
+        let ended = waiting.wait_with_output().expect("its words");
+        let (printed, why) = (harness::stdout(&ended), harness::stderr(&ended));
+        assert!(printed.contains("no skeletons arrive") && printed.contains("replay builtin:calibration"), "{printed}");
+        assert!(!ended.status.success() && why.contains("nothing was written"), "{why}");
+        let refused = calibrate(&rig, "anna", &place).output().expect("teleopctl runs");
+        let why = harness::stderr(&refused);
+        assert!(!refused.status.success() && why.contains("only a disengaged robot can be calibrated to"), "{why}");
+        assert!(!place.exists());
+    });
 }

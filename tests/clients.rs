@@ -1,6 +1,6 @@
 //! Tests clients in other languages, from the folder that users get, against the real processes.
 
-use harness::{Rig, assert_no_violations, repository};
+use harness::{Rig, in_real_time, repository, soon, wait_until};
 use messages::Mode;
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -31,50 +31,54 @@ fn python_or_skip() -> Option<PathBuf> {
 
 #[test]
 fn python_script_moves_the_robot() {
-    let Some(python) = python_or_skip() else { return };
-    let mut rig = Rig::whole();
-    let (hand, mut eyes) = (rig.hand(), rig.eyes());
-    let before = eyes.wait_at_rest();
-    let script = Command::new(&python)
-        .args(["-m", "replay_publish", "--run-dir"])
-        .arg(rig.folder())
-        .current_dir(rig.folder())
-        .stdin(Stdio::null())
-        .spawn();
-    let script = Client(script.expect("it starts"));
-    hand.engage_until(Mode::Engaged);
-    eyes.wait_moved(&before, 0.5);
-    // After the script ends, no frames arrive.
-    drop(script);
-    hand.wait_mode(Mode::Disengaged);
-    eyes.wait_at_rest();
-    assert_no_violations(&rig.end("driver"));
-    let figures = rig.end("ingest");
-    assert!(figures["accepted"].as_u64() > Some(60) && figures["dropped"] == serde_json::json!({}), "{figures:#}");
+    in_real_time(|| {
+        let Some(python) = python_or_skip() else { return };
+        let mut rig = Rig::whole();
+        let (operator, mut observer) = (rig.operator_session(), rig.state_observer());
+        let before = observer.wait_at_rest();
+        let script = Command::new(&python)
+            .args(["-m", "replay_publish", "--run-dir"])
+            .arg(rig.folder())
+            .current_dir(rig.folder())
+            .stdin(Stdio::null())
+            .spawn();
+        let script = Client(script.expect("it starts"));
+        operator.engage_until(Mode::Engaged);
+        observer.wait_moved(&before, 0.5);
+        // After the script ends, no frames arrive.
+        drop(script);
+        operator.wait_mode(Mode::Disengaged);
+        observer.wait_at_rest();
+        rig.end_without_violations();
+        let figures = rig.end("ingest");
+        assert!(figures["accepted"].as_u64() > Some(60) && figures["dropped"] == serde_json::json!({}), "{figures:#}");
+    });
 }
 
 #[test]
 fn python_example_publishes_until_interrupted() {
-    let example = repository().join("tools/clients/python/examples/own.py");
-    let text = std::fs::read_to_string(&example).expect("the example");
-    assert!(text.lines().count() <= 27 && !text.contains("numpy"), "it is a first example");
-    let Some(python) = python_or_skip() else { return };
-    let rig = Rig::whole();
-    let hand = rig.hand();
-    // Tests in the background of a shell ignore Ctrl-C, and so would the script.
-    let mut script = Command::new("env");
-    script.arg("--default-signal=INT").arg(&python).arg(&example).arg(rig.folder());
-    script.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
-    let mut script = Client(script.spawn().expect("it starts"));
-    // Nothing inhibits engaging once a plausible person is visible.
-    hand.wait("free to engage", |status| status.faults == 0 && status.moving == 0 && status.ticks > 750);
-    harness::interrupt(&script.0);
-    let (mut said, mut wrong) = (String::new(), String::new());
-    script.0.stdout.take().expect("a pipe").read_to_string(&mut said).expect("its words");
-    script.0.stderr.take().expect("a pipe").read_to_string(&mut wrong).expect("its words");
-    let expected = format!("publishing 60 frames a second to {}; Ctrl-C ends\n", rig.folder().display());
-    let ended = script.0.wait().expect("it ends");
-    assert!(ended.success() && said == expected && wrong.is_empty(), "{said}{wrong}");
+    in_real_time(|| {
+        let example = repository().join("tools/clients/python/examples/own.py");
+        let text = std::fs::read_to_string(&example).expect("the example");
+        assert!(text.lines().count() <= 27 && !text.contains("numpy"), "it is a first example");
+        let Some(python) = python_or_skip() else { return };
+        let rig = Rig::whole();
+        let operator = rig.operator_session();
+        // Tests in the background of a shell ignore Ctrl-C, and so would the script.
+        let mut script = Command::new("env");
+        script.arg("--default-signal=INT").arg(&python).arg(&example).arg(rig.folder());
+        script.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+        let mut script = Client(script.spawn().expect("it starts"));
+        // Nothing inhibits engaging once a plausible person is visible.
+        operator.wait_free();
+        harness::interrupt(&script.0);
+        let (mut printed, mut wrong) = (String::new(), String::new());
+        script.0.stdout.take().expect("a pipe").read_to_string(&mut printed).expect("its words");
+        script.0.stderr.take().expect("a pipe").read_to_string(&mut wrong).expect("its words");
+        let expected = format!("publishing 60 frames a second to {}; Ctrl-C ends\n", rig.folder().display());
+        let ended = script.0.wait().expect("it ends");
+        assert!(ended.success() && printed == expected && wrong.is_empty(), "{printed}{wrong}");
+    });
 }
 
 #[test]
@@ -83,49 +87,51 @@ fn python_example_without_an_instance_fails_with_advice() {
     let rig = Rig::empty();
     let example = repository().join("tools/clients/python/examples/own.py");
     let done = Command::new(&python).arg(&example).arg(rig.folder()).stdin(Stdio::null()).output().expect("it starts");
-    let said = String::from_utf8_lossy(&done.stderr).into_owned();
-    assert!(!done.status.success() && said.lines().count() == 1, "{said}");
-    assert!(said.contains("no such folder: is `teleopd up --run-dir "), "{said}");
+    let printed = harness::stderr(&done);
+    assert!(!done.status.success() && printed.lines().count() == 1, "{printed}");
+    assert!(printed.contains("no such folder: is `teleopd up --run-dir "), "{printed}");
     // The state that an instance leaves after its end.
     std::fs::create_dir(rig.folder().join("input")).expect("a folder");
     let done = Command::new(&python).arg(&example).arg(rig.folder()).stdin(Stdio::null()).output().expect("it starts");
-    let said = String::from_utf8_lossy(&done.stderr).into_owned();
-    assert!(said.contains("no instance of teleopd runs in ") && said.contains("start `teleopd up"), "{said}");
+    let printed = harness::stderr(&done);
+    assert!(printed.contains("no instance of teleopd runs in ") && printed.contains("start `teleopd up"), "{printed}");
 }
 
 /// Uses a video of a drawn figure. It covers everything of the camera's client except MediaPipe's model.
 #[test]
 fn camera_client_with_a_video_moves_the_robot() {
-    let Some(python) = python_with(&["opencv-python-headless"]) else { return };
-    let rig = Rig::whole();
-    let (hand, mut eyes) = (rig.hand(), rig.eyes());
-    let before = eyes.wait_at_rest();
-    let script = Command::new(&python)
-        .arg(repository().join("tests/camera.py"))
-        .args([rig.folder(), rig.folder()])
-        .stdin(Stdio::null())
-        .stdout(Stdio::null())
-        .spawn();
-    let script = Client(script.expect("it starts"));
-    hand.engage_until(Mode::Engaged);
-    eyes.wait_moved(&before, 0.5);
-    drop(script);
-    hand.wait_mode(Mode::Disengaged);
+    in_real_time(|| {
+        let Some(python) = python_with(&["opencv-python-headless"]) else { return };
+        let rig = Rig::whole();
+        let (operator, mut observer) = (rig.operator_session(), rig.state_observer());
+        let before = observer.wait_at_rest();
+        let script = Command::new(&python)
+            .arg(repository().join("tests/camera.py"))
+            .args([rig.folder(), rig.folder()])
+            .stdin(Stdio::null())
+            .stdout(Stdio::null())
+            .spawn();
+        let script = Client(script.expect("it starts"));
+        operator.engage_until(Mode::Engaged);
+        observer.wait_moved(&before, 0.5);
+        drop(script);
+        operator.wait_mode(Mode::Disengaged);
+    });
 }
 
 #[test]
 fn camera_client_without_its_model_is_refused() {
     let Some(python) = python_or_skip() else { return };
     let rig = Rig::empty();
-    let said = |arguments: &[&str]| {
+    let printed = |arguments: &[&str]| {
         let mut command = Command::new(&python);
         command.args(["-m", "mediapipe_camera", "--run-dir"]).arg(rig.folder()).args(arguments);
         let done = command.output().expect("it starts");
-        (done.status.code(), String::from_utf8_lossy(&done.stderr).into_owned())
+        (done.status.code(), harness::stderr(&done))
     };
-    let (code, text) = said(&["--model", "none.task"]);
+    let (code, text) = printed(&["--model", "none.task"]);
     assert!(code == Some(1) && text.contains("none.task: no such file") && !text.contains("Traceback"), "{text}");
-    assert_eq!(said(&[]).0, Some(2), "a model is required");
+    assert_eq!(printed(&[]).0, Some(2), "a model is required");
 }
 
 #[test]
@@ -143,14 +149,10 @@ fn python_script_in_the_background_ends_on_sigint() {
         heard.display()
     );
     let mut shell = Client(Command::new("sh").arg("-c").arg(line).spawn().expect("a shell"));
-    let give_up = std::time::Instant::now() + harness::SOON;
-    while shell.0.try_wait().expect("its state").is_none() {
-        assert!(std::time::Instant::now() < give_up, "it goes on");
-        std::thread::sleep(std::time::Duration::from_millis(50));
-    }
-    let said = std::fs::read_to_string(&heard).expect("what it said");
+    wait_until("ended", || shell.0.try_wait().expect("its state").is_some());
+    let printed = std::fs::read_to_string(&heard).expect("what it said");
     let expected = format!("publishing to {}; Ctrl-C ends\n", rig.folder().display());
-    assert_eq!(said, expected);
+    assert_eq!(printed, expected);
 }
 
 #[test]
@@ -161,16 +163,15 @@ fn log_says_why_all_frames_of_a_client_are_dropped() {
         frame.positions.iter_mut().flatten().for_each(|metres| *metres *= 0.3);
     }
     let _client = rig.client(&small, 51);
-    let give_up = std::time::Instant::now() + harness::SOON;
-    let told = loop {
-        let log = rig.log("ingest");
-        if let Some(line) = log.lines().find(|line| line.contains("dropped within a second: Size (")) {
-            break line.to_owned();
-        }
-        assert!(std::time::Instant::now() < give_up, "{log}");
-        std::thread::sleep(std::time::Duration::from_millis(50));
-    };
-    assert!(told.contains("WARN") && told.contains("hips to shoulders"), "{told}");
+    let mut printed = None;
+    let is_logged = soon(|| {
+        printed =
+            rig.log("ingest").lines().find(|line| line.contains("dropped within a second: Size (")).map(str::to_owned);
+        printed.is_some()
+    });
+    assert!(is_logged, "{}", rig.log("ingest"));
+    let printed = printed.expect("a line");
+    assert!(printed.contains("WARN") && printed.contains("hips to shoulders"), "{printed}");
 }
 
 #[test]
@@ -179,8 +180,8 @@ fn python_script_without_a_daemon_fails_with_advice() {
     let rig = Rig::empty();
     let done =
         Command::new(python).args(["-m", "replay_publish", "--run-dir"]).arg(rig.folder()).output().expect("it starts");
-    let told = String::from_utf8_lossy(&done.stderr);
-    assert!(!done.status.success() && told.contains("teleopd up") && !told.contains("Traceback"), "{told}");
+    let printed = harness::stderr(&done);
+    assert!(!done.status.success() && printed.contains("teleopd up") && !printed.contains("Traceback"), "{printed}");
 }
 
 /// A client that closes its hand, and reads what the robot answers until the gripper follows.
@@ -217,21 +218,23 @@ def at(i):
 
 #[test]
 fn python_client_grips_and_reads_what_the_robot_answers() {
-    let Some(python) = python_or_skip() else { return };
-    let rig = Rig::whole();
-    let hand = rig.hand();
-    std::fs::write(rig.folder().join("own_person.py"), OWN_PERSON).expect("a file");
-    let mut script = Command::new(&python);
-    script.args(["-c", GRIPS]).args([rig.folder(), rig.folder()]).stdin(Stdio::null()).stdout(Stdio::piped());
-    let mut script = Client(script.spawn().expect("it starts"));
-    hand.engage_until(Mode::Engaged);
-    let mut said = String::new();
-    script.0.stdout.take().expect("a pipe").read_to_string(&mut said).expect("its words");
-    let told: serde_json::Value = serde_json::from_str(&said).expect("an answer");
-    assert!(told["said"].as_str().is_some_and(|said| said.len() > 5), "{told}");
-    let clearance = |side: usize| told["clearance_m"][side].as_f64().expect("a number");
-    assert!(clearance(0) > 0.009 && clearance(1) > 0.009 && clearance(0) < 2.0, "{told}");
-    // Status, state and both grippers are known.
-    assert_eq!(told["known"].as_u64().map(|known| known & 15), Some(15), "{told}");
-    assert_eq!(told["closure"][1], 0.0, "the other hand is not known");
+    in_real_time(|| {
+        let Some(python) = python_or_skip() else { return };
+        let rig = Rig::whole();
+        let operator = rig.operator_session();
+        std::fs::write(rig.folder().join("own_person.py"), OWN_PERSON).expect("a file");
+        let mut script = Command::new(&python);
+        script.args(["-c", GRIPS]).args([rig.folder(), rig.folder()]).stdin(Stdio::null()).stdout(Stdio::piped());
+        let mut script = Client(script.spawn().expect("it starts"));
+        operator.engage_until(Mode::Engaged);
+        let mut printed = String::new();
+        script.0.stdout.take().expect("a pipe").read_to_string(&mut printed).expect("its words");
+        let printed: serde_json::Value = serde_json::from_str(&printed).expect("an answer");
+        assert!(printed["said"].as_str().is_some_and(|printed| printed.len() > 5), "{printed}");
+        let clearance = |side: usize| printed["clearance_m"][side].as_f64().expect("a number");
+        assert!(clearance(0) > 0.009 && clearance(1) > 0.009 && clearance(0) < 2.0, "{printed}");
+        // Status, state and both grippers are known.
+        assert_eq!(printed["known"].as_u64().map(|known| known & 15), Some(15), "{printed}");
+        assert_eq!(printed["closure"][1], 0.0, "the other hand is not known");
+    });
 }

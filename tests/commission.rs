@@ -49,9 +49,9 @@ fn answers_for_a_real_robot_must_come_from_a_terminal() {
         Rig::with_settings("driver.kind = \"robot\"\ndriver.program = \"/bin/true\"\ndriver.interface = \"jtc100\"");
     let (mut command, log) = commission(&rig, "log");
     let Output { status, stderr, .. } = command.output().expect("it runs");
-    let said = String::from_utf8_lossy(&stderr);
-    assert_eq!(status.code(), Some(64), "{said}");
-    assert!(said.contains("driver.kind = \"robot\"") && said.contains("its input is no terminal"), "{said}");
+    let printed = String::from_utf8_lossy(&stderr);
+    assert_eq!(status.code(), Some(64), "{printed}");
+    assert!(printed.contains("driver.kind = \"robot\"") && printed.contains("its input is no terminal"), "{printed}");
     assert!(!log.exists(), "nothing began");
 }
 
@@ -62,8 +62,8 @@ fn robot_whose_stop_cannot_be_seen_is_refused_before_anything_begins() {
         let rig = Rig::with_settings(settings);
         let (mut command, log) = commission(&rig, "log");
         let Output { status, stderr, .. } = command.output().expect("it runs");
-        let said = String::from_utf8_lossy(&stderr);
-        assert!(status.code() == Some(78) && said.contains(named) && !log.exists(), "{said}");
+        let printed = String::from_utf8_lossy(&stderr);
+        assert!(status.code() == Some(78) && printed.contains(named) && !log.exists(), "{printed}");
     }
 }
 

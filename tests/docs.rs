@@ -2,6 +2,7 @@
 //! network are not run. Then the test checks that the program knows the options. Long commands get shorter inputs.
 //! Several readers share the documents. The time of each command is printed.
 
+use harness::within;
 use std::collections::VecDeque;
 use std::fs::File;
 use std::path::{Path, PathBuf};
@@ -272,12 +273,12 @@ impl Reader {
                 let mut program = self.program(filled).expect("a program");
                 program.args(words(&self.fill(more)));
                 let (mut child, log) = self.start(program);
-                let give_up = Instant::now() + WITHIN;
-                while !read(&log).contains(mark) {
-                    let ended = child.try_wait().expect("it can be waited for");
-                    assert!(ended.is_none() && Instant::now() < give_up, "{command}: {ended:?}\n{}", read(&log));
-                    std::thread::sleep(Duration::from_millis(20));
-                }
+                let mut ended = None;
+                let printed = within(WITHIN, || {
+                    ended = child.try_wait().expect("it can be waited for");
+                    ended.is_some() || read(&log).contains(mark)
+                });
+                assert!(printed && ended.is_none(), "{command}: {ended:?}\n{}", read(&log));
                 self.beside.push_front((command.to_owned(), child, blocks));
                 // No reader types the next command sooner, and nothing engages before half a second of skeletons.
                 std::thread::sleep(TYPED_IN);
@@ -289,14 +290,13 @@ impl Reader {
     fn end(&mut self, command: &str, mut program: Command, more: &str) -> (Option<i32>, String) {
         program.args(words(&self.fill(more)));
         let (mut child, log) = self.start(program);
-        let give_up = Instant::now() + WITHIN;
-        loop {
-            if let Some(status) = child.try_wait().expect("it can be waited for") {
-                return (status.code(), read(&log));
-            }
-            assert!(Instant::now() < give_up, "{command} goes on: {}", read(&log));
-            std::thread::sleep(Duration::from_millis(20));
-        }
+        let mut status = None;
+        let ended = within(WITHIN, || {
+            status = child.try_wait().expect("it can be waited for");
+            status.is_some()
+        });
+        assert!(ended, "{command} goes on: {}", read(&log));
+        (status.expect("an end").code(), read(&log))
     }
 
     fn start(&mut self, mut program: Command) -> (Child, PathBuf) {

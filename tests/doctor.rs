@@ -1,12 +1,13 @@
 //! Tests `teleopd doctor` on machines and instances that are really broken.
 
-use harness::Rig;
+use harness::{Rig, holds_for, wait_until};
 use instance::Instance;
 use serde_json::Value;
 use std::collections::BTreeSet;
 use std::os::unix::fs::{MetadataExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
+use std::time::Duration;
 
 /// EX_CONFIG of sysexits(3).
 const EX_CONFIG: i32 = 78;
@@ -50,7 +51,7 @@ impl Patient {
     fn findings(&self, before: &str) -> Vec<Value> {
         let output = self.shell(before, "--json");
         let all: Value = serde_json::from_slice(&output.stdout)
-            .unwrap_or_else(|error| panic!("{error}: {}", String::from_utf8_lossy(&output.stderr)));
+            .unwrap_or_else(|error| panic!("{error}: {}", harness::stderr(&output)));
         let (simulator, robot) = (all["simulator"] == true, all["robot"] == true);
         let all = all["findings"].as_array().expect("an array").clone();
         for finding in &all {
@@ -105,7 +106,7 @@ fn doctor_finds_no_problem_in_a_sound_setup_and_writes_nothing() {
     }
     assert_eq!(files_below(patient.folder.path()), before, "it looked, no more");
     let words = patient.shell("", "");
-    let text = String::from_utf8_lossy(&words.stdout).into_owned();
+    let text = harness::stdout(&words);
     assert!(text.contains("\nfine for the simulator\n"), "{text}");
     assert!(text.contains("\nready for a robot") || text.contains("\nnot ready for a robot: "), "{text}");
     // Other instances may start and stop between the two runs.
@@ -179,13 +180,12 @@ fn closed_output_pipe_ends_no_program() {
     assert!(std::fs::read_to_string(report).expect("a report").contains("min_clearance_mm"));
     let place = rig.folder().to_str().expect("UTF-8");
     let mut up = unheard(teleopd).args(["up", "--engage-without-realtime", "--run-dir", place]).spawn().expect("up");
-    let give_up = std::time::Instant::now() + harness::SOON;
-    while run(unheard(env!("CARGO_BIN_EXE_teleopctl")).args(["status", "--run-dir", place])) != Some(0) {
-        assert!(std::time::Instant::now() < give_up && up.try_wait().expect("its state").is_none(), "up is not ready");
-        std::thread::sleep(std::time::Duration::from_millis(50));
-    }
+    wait_until("ready", || {
+        assert!(up.try_wait().expect("its state").is_none(), "up has ended");
+        run(unheard(env!("CARGO_BIN_EXE_teleopctl")).args(["status", "--run-dir", place])) == Some(0)
+    });
     // By then the last process runs, and `ready in` is printed or lost.
-    std::thread::sleep(std::time::Duration::from_secs(1));
+    assert!(holds_for(Duration::from_secs(1), || up.try_wait().expect("its state").is_none()), "up has ended");
     rt::terminate(up.id());
     assert_eq!(up.wait().expect("it ends").code(), Some(0));
 }
@@ -201,15 +201,15 @@ fn old_report_survives_a_refused_demo() {
         let mut command = Command::new(env!("CARGO_BIN_EXE_teleopd"));
         command.arg("demo").arg("--motion").arg(motion).args(["--config", config]).arg("--report").arg(report);
         let output = command.current_dir(harness::repository()).output().expect("it runs");
-        (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned())
+        (output.status.code(), harness::stderr(&output))
     };
     let shipped = "config/teleop.toml";
     let unmade = folder.path().join("new.json");
     for report in [&report, &unmade] {
-        let (code, said) = demo(&motion, shipped, report);
-        assert!(code == Some(66) && said.contains("bad.bvh"), "{said}");
-        let (code, said) = demo(&arms, shipped, report);
-        assert!(code == Some(66) && said.contains("arms.csv") && said.contains("only `replay`"), "{said}");
+        let (code, printed) = demo(&motion, shipped, report);
+        assert!(code == Some(66) && printed.contains("bad.bvh"), "{printed}");
+        let (code, printed) = demo(&arms, shipped, report);
+        assert!(code == Some(66) && printed.contains("arms.csv") && printed.contains("only `replay`"), "{printed}");
     }
     assert_eq!(std::fs::read_to_string(&report).expect("still there"), "of yesterday");
     assert!(!unmade.exists());
@@ -224,8 +224,11 @@ fn demo_with_a_taken_port_ends_before_anything_starts() {
     let mut demo = Command::new(env!("CARGO_BIN_EXE_teleopd"));
     demo.args(["demo", "--view", "--view-port", &port, "--run-dir"]).arg(&run_dir).current_dir(harness::repository());
     let output = demo.output().expect("it runs");
-    let said = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert!(output.status.code() == Some(69) && said.contains(&port) && said.contains("--view-port 0"), "{said}");
+    let printed = harness::stderr(&output);
+    assert!(
+        output.status.code() == Some(69) && printed.contains(&port) && printed.contains("--view-port 0"),
+        "{printed}"
+    );
     assert!(!run_dir.exists(), "no process was started");
 }
 
@@ -238,8 +241,11 @@ fn demo_that_would_record_over_a_file_is_refused_once() {
         let mut demo = Command::new(env!("CARGO_BIN_EXE_teleopd"));
         demo.arg("demo").arg("--record").arg(file).arg("--run-dir").arg(folder.path().join("run"));
         let output = demo.current_dir(harness::repository()).output().expect("it runs");
-        let said = String::from_utf8_lossy(&output.stderr).into_owned();
-        assert!(output.status.code() == Some(73) && said.contains(expected) && said.lines().count() == 1, "{said}");
+        let printed = harness::stderr(&output);
+        assert!(
+            output.status.code() == Some(73) && printed.contains(expected) && printed.lines().count() == 1,
+            "{printed}"
+        );
     }
     assert_eq!(std::fs::read_to_string(&kept).expect("still there"), "of yesterday");
 }
@@ -253,19 +259,19 @@ fn settings_copied_alone_are_refused_by_key_and_path() {
         let mut command = Command::new(env!("CARGO_BIN_EXE_teleopd"));
         let output = command.arg("check").arg("--config").arg(&config).output().expect("it runs");
         assert_eq!(output.status.code(), Some(EX_CONFIG));
-        String::from_utf8_lossy(&output.stderr).into_owned()
+        harness::stderr(&output)
     };
-    let said = check();
+    let printed = check();
     for words in
         ["robots/tiago_dual.toml: No such file", "robot.file in ", "mine.toml", "relative to the settings file"]
     {
-        assert!(said.contains(words), "{words}: {said}");
+        assert!(printed.contains(words), "{words}: {printed}");
     }
     let robots = format!("\"{}/config/robots/", harness::repository().display());
     let text = std::fs::read_to_string(&config).expect("settings").replace("\"robots/", &robots);
     std::fs::write(&config, text).expect("settings");
-    let said = check();
-    assert!(said.contains("weights.file in ") && said.contains("tiago_dual.toml: No such file"), "{said}");
+    let printed = check();
+    assert!(printed.contains("weights.file in ") && printed.contains("tiago_dual.toml: No such file"), "{printed}");
 }
 
 #[test]
@@ -285,7 +291,7 @@ fn doctor_reports_the_open_file_limit_of_its_process() {
     let patient = Patient::new();
     patient.shows("open files", "problem", &["64 at most", "ulimit -n"], "ulimit -n 64;");
     let output = Command::new("sh").arg("-c").arg("ulimit -n 64; ulimit -n").output().expect("a shell");
-    assert_eq!(String::from_utf8_lossy(&output.stdout).trim(), "64", "the shell can lower it");
+    assert_eq!(harness::stdout(&output).trim(), "64", "the shell can lower it");
 }
 
 #[test]
@@ -319,14 +325,11 @@ fn shared_memory(rig: &Rig) -> Vec<String> {
 fn f086_leftovers_of_killed_processes_are_gone_after_next_run() {
     let mut rig = Rig::empty();
     rig.start_up();
-    let give_up = std::time::Instant::now() + harness::SOON;
     let up = rig.id("up").to_string();
     let children = || std::fs::read_to_string(format!("/proc/{up}/task/{up}/children")).expect("its children");
     // The last of the five processes opens its socket once it has created everything.
-    while children().split_whitespace().count() < 5 || !rig.instance.skeleton_socket().exists() {
-        assert!(std::time::Instant::now() < give_up, "{:?}", shared_memory(&rig));
-        std::thread::sleep(std::time::Duration::from_millis(20));
-    }
+    let are_started = || children().split_whitespace().count() == 5 && rig.instance.skeleton_socket().exists();
+    wait_until("five processes", are_started);
     let children = children();
     let processes: Vec<&str> = std::iter::once(up.as_str()).chain(children.split_whitespace()).collect();
     assert_eq!(processes.len(), 6, "{processes:?}");

@@ -4,7 +4,7 @@
 
 use bus::Domain;
 use harness::user::{User, can_be_another};
-use harness::{Rig, assert_no_violations};
+use harness::{Operator, Pace, Rig, in_real_time, soon};
 use messages::{Layout, Mode, RawSkeleton, Service, Skeleton, skeleton_flag};
 use rand::{RngExt, SeedableRng};
 use std::fs::{File, OpenOptions};
@@ -35,100 +35,93 @@ fn input_segments(rig: &Rig) -> Vec<File> {
     ours.filter_map(|entry| OpenOptions::new().read(true).write(true).open(entry.path()).ok()).collect()
 }
 
-/// Starts a rig that is engaged and moves for a client of the socket. Damage to shared memory then affects only
-/// `ingest`.
-fn moving() -> (Rig, harness::OperatorSession, harness::StateObserver, client::Publisher) {
-    let rig = Rig::whole();
-    let (hand, mut eyes) = (rig.hand(), rig.eyes());
-    let client = rig.socket_client(&motion::builtin()).expect("the door is open");
-    hand.engage_until(Mode::Engaged);
-    client.set_engaged(true);
-    eyes.wait("moving", |state| state.v.iter().any(|v| v.abs() > 0.2));
-    (rig, hand, eyes, client)
-}
-
-fn assert_the_core_lives_and_rests(rig: &mut Rig, hand: &harness::OperatorSession, eyes: &mut harness::StateObserver) {
-    hand.wait_mode(Mode::Disengaged);
-    eyes.wait_at_rest();
+fn assert_the_core_lives_and_rests(
+    rig: &mut Rig,
+    operator: &harness::OperatorSession,
+    observer: &mut harness::StateObserver,
+) {
+    operator.wait_mode(Mode::Disengaged);
+    observer.wait_at_rest();
     assert!(CORE.iter().all(|name| rig.runs(name)));
-    assert_no_violations(&rig.end("driver"));
+    rig.end_without_violations();
 }
 
 #[test]
 fn f091_truncated_segments_end_only_ingest_and_the_robot_rests() {
-    let (mut rig, hand, mut eyes, _client) = moving();
-    let segments = input_segments(&rig);
-    assert!(segments.len() >= 2, "{} segments", segments.len());
-    segments.iter().for_each(|file| file.set_len(0).expect("the same user may"));
-    let ended = rig.ended("ingest");
-    assert_eq!(ended.signal(), Some(SIGBUS), "{ended}: {}", rig.log("ingest"));
-    hand.wait_mode(Mode::Holding);
-    assert_the_core_lives_and_rests(&mut rig, &hand, &mut eyes);
+    in_real_time(|| {
+        let (mut rig, operator, mut observer, _client) = Rig::moving(Rig::socket_client);
+        let segments = input_segments(&rig);
+        assert!(segments.len() >= 2, "{} segments", segments.len());
+        segments.iter().for_each(|file| file.set_len(0).expect("the same user may"));
+        let ended = rig.ended("ingest");
+        assert_eq!(ended.signal(), Some(SIGBUS), "{ended}: {}", rig.log("ingest"));
+        operator.wait_mode(Mode::Holding);
+        assert_the_core_lives_and_rests(&mut rig, &operator, &mut observer);
+    });
 }
 
 #[test]
 fn f089_million_bit_flips_in_input_domain_leave_core_running() {
-    let (mut rig, hand, mut eyes, client) = moving();
-    let segments = input_segments(&rig);
-    let sizes: Vec<u64> = segments.iter().map(|file| file.metadata().map_or(0, |data| data.len())).collect();
-    let mut random = rand_pcg::Pcg64::seed_from_u64(89);
-    let mut flips = 0_u64;
-    while flips < 1_000_000 {
-        let which = random.random_range(0..segments.len());
-        if sizes[which] == 0 {
-            continue;
+    in_real_time(|| {
+        let (mut rig, operator, mut observer, client) = Rig::moving(Rig::socket_client);
+        let segments = input_segments(&rig);
+        let sizes: Vec<u64> = segments.iter().map(|file| file.metadata().map_or(0, |data| data.len())).collect();
+        let mut random = rand_pcg::Pcg64::seed_from_u64(89);
+        let mut flips = 0_u64;
+        while flips < 1_000_000 {
+            let which = random.random_range(0..segments.len());
+            if sizes[which] == 0 {
+                continue;
+            }
+            let (mut byte, at) = ([0], random.random_range(0..sizes[which]));
+            if segments[which].read_at(&mut byte, at).is_ok() {
+                byte[0] ^= 1 << random.random_range(0..8);
+                let _ = segments[which].write_at(&byte, at);
+            }
+            flips += 1;
+            if flips.is_multiple_of(50_000) {
+                assert!(CORE.iter().all(|name| rig.runs(name)), "after {flips} flips");
+            }
         }
-        let (mut byte, at) = ([0], random.random_range(0..sizes[which]));
-        if segments[which].read_at(&mut byte, at).is_ok() {
-            byte[0] ^= 1 << random.random_range(0..8);
-            let _ = segments[which].write_at(&byte, at);
+        println!("ingest {}", if rig.runs("ingest") { "lives" } else { "has died" });
+        // `ingest` may be dead, hung or alive. Without the person the robot rests.
+        drop(client);
+        if rig.runs("ingest") {
+            rig.kill("ingest");
         }
-        flips += 1;
-        if flips.is_multiple_of(50_000) {
-            assert!(CORE.iter().all(|name| rig.runs(name)), "after {flips} flips");
-        }
-    }
-    println!("ingest {}", if rig.runs("ingest") { "lives" } else { "has died" });
-    // `ingest` may be dead, hung or alive. Without the person the robot rests.
-    drop(client);
-    if rig.runs("ingest") {
-        rig.kill("ingest");
-    }
-    assert_the_core_lives_and_rests(&mut rig, &hand, &mut eyes);
+        assert_the_core_lives_and_rests(&mut rig, &operator, &mut observer);
+    });
 }
 
 #[test]
 fn f088_client_with_all_bus_places_does_not_disturb_the_holder() {
-    let mut rig = Rig::whole();
-    let (hand, mut eyes) = (rig.hand(), rig.eyes());
-    let holder = rig.client(&motion::builtin(), 88);
-    hand.engage_until(Mode::Engaged);
-    holder.set_engaged(true);
-    eyes.wait("moving", |state| state.v.iter().any(|v| v.abs() > 0.2));
-    let stale = hand.raised(messages::Fault::InputStale);
-    let rogue = Domain::open(rig.instance.input_domain(), "rogue").expect("the same user");
-    let mut places: Vec<bus::Writer<RawSkeleton>> =
-        std::iter::from_fn(|| rogue.writer(Service::RawSkeleton).ok()).collect();
-    assert_eq!(places.len(), 7, "eight in all");
-    let mut frame = motion::raw_frame(&motion::builtin(), 0, &messages::HingeCalibration::ZERO);
-    let until = Instant::now() + Duration::from_secs(3);
-    // Each writes at about 1 kHz, 7 kHz together, and each wakes ingest.
-    while Instant::now() < until {
-        for (session, writer) in places.iter_mut().enumerate() {
-            frame.session_nonce = 1000 + session as u64;
-            frame.header.sequence += 1;
-            (frame.header.stamp, frame.header.origin) = (rt::now(), rt::now());
-            let _ = writer.publish(&frame).is_ok() && writer.notify().is_ok();
+    in_real_time(|| {
+        let (mut rig, operator, _, holder) = Rig::moving(Rig::shared_memory_client);
+        let stale = operator.raised(messages::Fault::InputStale);
+        let rogue = Domain::open(rig.instance.input_domain(), "rogue").expect("the same user");
+        let mut places: Vec<bus::Writer<RawSkeleton>> =
+            std::iter::from_fn(|| rogue.writer(Service::RawSkeleton).ok()).collect();
+        assert_eq!(places.len(), 7, "eight in all");
+        let mut frame = motion::raw_frame(&motion::builtin(), 0, &messages::HingeCalibration::ZERO);
+        let (until, mut pace) = (Instant::now() + Duration::from_secs(3), Pace::new(Duration::from_millis(1)));
+        // Each writes at about 1 kHz, 7 kHz together, and each wakes ingest.
+        while Instant::now() < until {
+            for (session, writer) in places.iter_mut().enumerate() {
+                frame.session_nonce = 1000 + session as u64;
+                frame.header.sequence += 1;
+                (frame.header.stamp, frame.header.origin) = (rt::now(), rt::now());
+                let _ = writer.publish(&frame).is_ok() && writer.notify().is_ok();
+            }
+            pace.wait();
         }
-        std::thread::sleep(Duration::from_millis(1));
-    }
-    hand.wait_mode(Mode::Engaged);
-    assert_eq!(hand.raised(messages::Fault::InputStale), stale);
-    drop(holder);
-    let ingest = rig.end("ingest");
-    assert_eq!((&ingest["leases"], &ingest["publish_failures"]), (&1.into(), &0.into()), "{ingest:#}");
-    assert!(ingest["over_quota"]["shared memory"].as_u64().unwrap() > 1000, "{ingest:#}");
-    assert_no_violations(&rig.end("driver"));
+        operator.wait_mode(Mode::Engaged);
+        assert_eq!(operator.raised(messages::Fault::InputStale), stale);
+        drop(holder);
+        let ingest = rig.end("ingest");
+        assert_eq!((&ingest["leases"], &ingest["publish_failures"]), (&1.into(), &0.into()), "{ingest:#}");
+        assert!(ingest["over_quota"]["shared memory"].as_u64().unwrap() > 1000, "{ingest:#}");
+        rig.end_without_violations();
+    });
 }
 
 /// Draws a random unit quaternion, x y z w.
@@ -144,7 +137,7 @@ fn f109_false_but_valid_skeletons_keep_robot_within_its_limits() {
     for name in CORE {
         rig.start(name);
     }
-    let hand = rig.hand();
+    let operator = rig.operator_session();
     let core = Domain::open(rig.instance.core_domain(), "ingest").expect("as ingest would");
     let mut writer = core.writer::<Skeleton>(Service::Skeleton).expect("ingest does not run");
     let loaded =
@@ -156,7 +149,7 @@ fn f109_false_but_valid_skeletons_keep_robot_within_its_limits() {
     skeleton.flags = skeleton_flag::ALL | skeleton_flag::CALIBRATED;
     skeleton.limbs = [[0.0, 0.0, 0.0, 1.0]; 4];
     let (mut engaged, until) = (0_u64, Instant::now() + Duration::from_secs(8));
-    let mut asked = false;
+    let (mut asked, mut pace) = (false, Pace::new(Duration::from_millis(10)));
     while Instant::now() < until {
         skeleton.header.sequence += 1;
         let now = rt::now();
@@ -166,20 +159,19 @@ fn f109_false_but_valid_skeletons_keep_robot_within_its_limits() {
             skeleton.limbs = std::array::from_fn(|_| rotation(&mut random));
         }
         writer.publish(&skeleton).and_then(|_| writer.notify()).expect("it goes out");
-        let status = hand.status();
+        let status = operator.status();
         engaged += u64::from(status.is_some_and(|status| status.mode == Mode::Engaged as u32));
-        if !asked && status.is_some_and(|status| status.faults == 0 && status.moving == 0 && status.ticks > 750) {
-            hand.enable();
+        if !asked && status.as_ref().is_some_and(Operator::is_free) {
+            operator.enable();
             asked = true;
         }
-        std::thread::sleep(Duration::from_millis(10));
+        pace.wait();
     }
-    assert!(engaged > 100, "engaged for {engaged} frames, {:?}", hand.status().map(|status| status.faults));
+    assert!(engaged > 100, "engaged for {engaged} frames, {:?}", operator.status().map(|status| status.faults));
     drop(writer);
-    hand.wait_mode(Mode::Disengaged);
+    operator.wait_mode(Mode::Disengaged);
     rig.end("control");
-    let driver = rig.end("driver");
-    assert_no_violations(&driver);
+    let driver = rig.end_without_violations();
     assert!(driver["min_clearance_mm"].as_f64().unwrap() >= 10.0, "{driver:#}");
 }
 
@@ -222,23 +214,23 @@ fn teleopctl(rig: &Rig, command: &str) -> Output {
 #[test]
 fn status_and_reset_are_answered_while_one_process_floods() {
     let rig = Rig::whole();
-    let hand = rig.hand();
-    hand.wait_mode(Mode::Disengaged);
+    let operator = rig.operator_session();
+    operator.wait_mode(Mode::Disengaged);
     let _flood = Flood::at(&rig);
-    hand.wait("crowded", |status| status.operators == operator::CLIENTS_MAX as u32);
+    operator.wait("crowded", |status| status.operators == operator::CLIENTS_MAX as u32);
     let mut lost = Vec::new();
     for round in 0..10 {
         for (command, becomes) in [("status", None), ("estop", Some(Mode::Faulted)), ("reset", Some(Mode::Disengaged))]
         {
-            let mut said = String::new();
+            let mut printed = String::new();
             let answered = (0..TRIES_MAX).any(|_| {
                 let output = teleopctl(&rig, command);
-                said = String::from_utf8_lossy(&[output.stdout, output.stderr].concat()).into_owned();
-                lost.extend((!output.status.success()).then(|| format!("{command}: {said}")));
+                printed = String::from_utf8_lossy(&[output.stdout, output.stderr].concat()).into_owned();
+                lost.extend((!output.status.success()).then(|| format!("{command}: {printed}")));
                 output.status.success()
             });
-            assert!(answered, "round {round}, {command}: {said}");
-            becomes.map(|mode| hand.wait_mode(mode));
+            assert!(answered, "round {round}, {command}: {printed}");
+            becomes.map(|mode| operator.wait_mode(mode));
         }
     }
     println!("{} of 30 were lost: {lost:#?}", lost.len());
@@ -250,7 +242,7 @@ fn only_the_user_who_pressed_the_stop_or_root_resets_it() {
     if !can_be_another() {
         return;
     }
-    let Some(operators) = doors::group_id(OPERATORS) else { return println!("skipped: no group {}", OPERATORS) };
+    let Some(operators) = doors::group_id(OPERATORS) else { return println!("skipped: no group {OPERATORS}") };
     let changes = format!("doors.operator_group = {OPERATORS:?}\ncontrol.emergency_stop_reset = \"presser\"");
     let mut rig = Rig::with_settings(&changes);
     rig.open_to_others();
@@ -264,34 +256,31 @@ fn only_the_user_who_pressed_the_stop_or_root_resets_it() {
         let output = user.does(|| teleopctl.output().expect("it runs"));
         (output.status.success(), String::from_utf8_lossy(&[output.stdout, output.stderr].concat()).into_owned())
     };
-    let hand = rig.hand();
-    hand.wait_mode(Mode::Disengaged);
+    let operator = rig.operator_session();
+    operator.wait_mode(Mode::Disengaged);
     for (presser, resetter) in [(SOMEBODY, SOMEBODY), (SOMEBODY, 0), (0, 0)] {
-        let (stopped, said) = teleopctl(presser, "estop");
-        assert!(stopped, "{said}");
-        let (reset, said) = teleopctl(ANOTHER, "reset");
+        let (stopped, printed) = teleopctl(presser, "estop");
+        assert!(stopped, "{printed}");
+        let (reset, printed) = teleopctl(ANOTHER, "reset");
         let sentence = match presser {
             0 => "reset refused: the emergency stop was pressed by user root (0); only root may reset it".to_owned(),
             uid => format!("reset refused: the emergency stop was pressed by user {uid}; only this user or root may"),
         };
-        assert!(!reset && said.contains(&sentence), "{said}");
-        assert_eq!(hand.wait("told", |status| status.reset_first_by == presser + 1).mode, Mode::Faulted as u32);
-        let (_, said) = teleopctl(ANOTHER, "status");
-        assert!(said.contains(&format!("Only user {presser} or root may reset it.")), "{said}");
-        let (reset, said) = teleopctl(resetter, "reset");
-        assert!(reset && said.contains("reset: Disengaged"), "{said}");
-        assert_eq!(hand.wait_mode(Mode::Disengaged).reset_first_by, 0);
+        assert!(!reset && printed.contains(&sentence), "{printed}");
+        assert_eq!(operator.wait("told", |status| status.reset_first_by == presser + 1).mode, Mode::Faulted as u32);
+        let (_, printed) = teleopctl(ANOTHER, "status");
+        assert!(printed.contains(&format!("Only user {presser} or root may reset it.")), "{printed}");
+        let (reset, printed) = teleopctl(resetter, "reset");
+        assert!(reset && printed.contains("reset: Disengaged"), "{printed}");
+        assert_eq!(operator.wait_mode(Mode::Disengaged).reset_first_by, 0);
     }
-    let give_up = Instant::now() + harness::SOON;
-    while !rig.log("control").contains(&format!("of user {ANOTHER}: pressed reset, refused")) {
-        assert!(Instant::now() < give_up, "{}", rig.log("control"));
-        std::thread::sleep(Duration::from_millis(20));
-    }
+    let refused = format!("of user {ANOTHER}: pressed reset, refused");
+    assert!(soon(|| rig.log("control").contains(&refused)), "{}", rig.log("control"));
     // A second user's press does not bypass the first one's.
     assert!(teleopctl(SOMEBODY, "estop").0 && teleopctl(ANOTHER, "estop").0);
     assert!(!teleopctl(ANOTHER, "reset").0);
-    let (reset, said) = teleopctl(SOMEBODY, "reset");
-    assert!(reset, "{said}");
+    let (reset, printed) = teleopctl(SOMEBODY, "reset");
+    assert!(reset, "{printed}");
     // The robot's own emergency stop belongs to no user.
-    hand.wait_mode(Mode::Disengaged);
+    operator.wait_mode(Mode::Disengaged);
 }

@@ -1,6 +1,6 @@
 //! A driver's own program in place of the simulated robot: the example of docs/src/drivers.md, compiled and run.
 
-use harness::Rig;
+use harness::{Rig, in_real_time};
 use messages::Mode;
 use serde_json::Value;
 use std::os::unix::fs::PermissionsExt;
@@ -24,53 +24,61 @@ fn with_program(kind: &str, program: &str) -> Rig {
 
 #[test]
 fn example_driver_moves_its_robot_within_all_limits() {
-    let mut rig = with_program("sim", &example().display().to_string());
-    rig.start_all();
-    let (operator, mut observer) = (rig.hand(), rig.eyes());
-    let before = observer.wait("there", |_| true);
-    let client = rig.client(&motion::builtin(), 1);
-    operator.engage_until(Mode::Engaged);
-    client.set_engaged(true);
-    let moved = observer.wait_moved(&before, 0.1);
-    let away = moved.q.iter().zip(&moved.q_measured).map(|(q, measured)| (q - measured).abs()).fold(0.0, f64::max);
-    assert!(away > 0.0 && away < 0.05, "measured {away} from the setpoint: its own servos follow");
-    operator.release();
-    operator.wait_mode(Mode::Disengaged);
-    observer.wait_at_rest();
-    let figures = rig.end("driver");
-    let violations = figures["violations"].as_object().expect("counts");
-    assert!(violations.len() > 5 && violations.values().all(|count| *count == 0), "{violations:?}");
-    assert!(figures["commands_accepted"].as_u64() > Some(1000) && figures["first_latch"].is_null(), "{figures}");
-    assert_eq!(figures["robot"]["looks"], Value::Null, "the simulated body judges nothing");
+    in_real_time(|| {
+        let mut rig = with_program("sim", &example().display().to_string());
+        rig.start_all();
+        let (operator, mut observer) = (rig.operator_session(), rig.state_observer());
+        let before = observer.wait("there", |_| true);
+        let client = rig.client(&motion::builtin(), 1);
+        operator.engage_until(Mode::Engaged);
+        client.set_engaged(true);
+        let moved = observer.wait_moved(&before, 0.1);
+        let away = moved.q.iter().zip(&moved.q_measured).map(|(q, measured)| (q - measured).abs()).fold(0.0, f64::max);
+        assert!(away > 0.0 && away < 0.05, "measured {away} from the setpoint: its own servos follow");
+        operator.release();
+        operator.wait_mode(Mode::Disengaged);
+        observer.wait_at_rest();
+        let figures = rig.end_without_violations();
+        assert!(figures["commands_accepted"].as_u64() > Some(1000) && figures["first_latch"].is_null(), "{figures}");
+        assert_eq!(figures["robot"]["looks"], Value::Null, "the simulated body judges nothing");
+    });
 }
 
 #[test]
 fn demo_moves_a_simulator_of_the_users_own_and_no_real_robot() {
-    let program = example().display().to_string();
-    for (kind, code) in [("sim", 0), ("robot", 78)] {
-        let rig = with_program(kind, &program);
-        let report = rig.folder().join("report.json");
-        let mut demo = Command::new(env!("CARGO_BIN_EXE_teleopd"));
-        demo.args(["demo", "--quiet", "--seconds", "1", "--config"]).arg(rig.folder().join("teleop.toml"));
-        let output = demo.arg("--report").arg(&report).output().expect("it runs");
-        let said = String::from_utf8_lossy(&output.stderr);
-        assert_eq!(output.status.code(), Some(code), "{said}");
-        if code != 0 {
-            assert!(said.contains("demo moves a simulated robot only"), "{said}");
-            continue;
+    in_real_time(|| {
+        let program = example().display().to_string();
+        for (kind, code) in [("sim", 0), ("robot", 78)] {
+            let rig = with_program(kind, &program);
+            let report = rig.folder().join("report.json");
+            let mut demo = Command::new(env!("CARGO_BIN_EXE_teleopd"));
+            demo.args(["demo", "--quiet", "--seconds", "1", "--config"]).arg(rig.folder().join("teleop.toml"));
+            let output = demo.arg("--report").arg(&report).output().expect("it runs");
+            let printed = harness::stderr(&output);
+            assert_eq!(output.status.code(), Some(code), "{printed}");
+            if code != 0 {
+                assert!(printed.contains("demo moves a simulated robot only"), "{printed}");
+                continue;
+            }
+            let report: Value = serde_json::from_slice(&std::fs::read(&report).expect("written")).expect("JSON");
+            assert!(
+                report["robot"].is_null() && report["limb_error_deg"]["measured"]["mean"].is_number(),
+                "{report:#}"
+            );
         }
-        let report: Value = serde_json::from_slice(&std::fs::read(&report).expect("written")).expect("JSON");
-        assert!(report["robot"].is_null() && report["limb_error_deg"]["measured"]["mean"].is_number(), "{report:#}");
-    }
+    });
 }
 
 #[test]
 fn missing_program_is_refused_by_key_and_name() {
     let rig = with_program("sim", "/nonexistent/driver");
     let output = rig.run("driver");
-    let said = String::from_utf8_lossy(&output.stderr);
-    assert_eq!(output.status.code(), Some(78), "{said}");
-    assert!(said.contains("driver.program = \"/nonexistent/driver\"") && said.contains("No such file"), "{said}");
+    let printed = harness::stderr(&output);
+    assert_eq!(output.status.code(), Some(78), "{printed}");
+    assert!(
+        printed.contains("driver.program = \"/nonexistent/driver\"") && printed.contains("No such file"),
+        "{printed}"
+    );
 }
 
 /// The example declares that its robot takes every setpoint.
@@ -81,7 +89,7 @@ fn interface_that_the_program_does_not_declare_is_refused() {
         let mut driver = Command::new(env!("CARGO_BIN_EXE_teleopd"));
         driver.args(["driver", "--interface", interface, "--config"]).arg(rig.folder().join("teleop.toml"));
         let output = driver.arg("--run-dir").arg(rig.folder()).output().expect("it runs");
-        let error = String::from_utf8_lossy(&output.stderr);
+        let error = harness::stderr(&output);
         let sentence = format!("driver.interface = \"{interface}\", must be \"direct\"");
         assert!(output.status.code() == Some(78) && error.contains(&sentence), "{error}");
     }
@@ -93,19 +101,19 @@ fn program_that_ends_before_ready_is_named_by_up() {
     let mut up = Command::new(env!("CARGO_BIN_EXE_teleopd"));
     up.args(["up", "--config"]).arg(rig.folder().join("teleop.toml"));
     let output = up.arg("--run-dir").arg(rig.folder()).arg("--engage-without-realtime").output().expect("it runs");
-    let said = String::from_utf8_lossy(&output.stderr);
-    assert_eq!(output.status.code(), Some(70), "{said}");
+    let printed = harness::stderr(&output);
+    assert_eq!(output.status.code(), Some(70), "{printed}");
     let sentence = "driver.program = \"/bin/true\" ended before it was ready (exit status: 0)";
-    assert!(said.contains(sentence) && said.contains("docs/src/drivers.md"), "{said}");
+    assert!(printed.contains(sentence) && printed.contains("docs/src/drivers.md"), "{printed}");
 }
 
 #[test]
 fn real_robot_without_a_program_is_refused() {
     let rig = with_program("robot", "");
     let output = rig.run("control");
-    let said = String::from_utf8_lossy(&output.stderr);
-    assert_eq!(output.status.code(), Some(78), "{said}");
-    assert!(said.contains("driver.kind = \"robot\" needs driver.program"), "{said}");
+    let printed = harness::stderr(&output);
+    assert_eq!(output.status.code(), Some(78), "{printed}");
+    assert!(printed.contains("driver.kind = \"robot\" needs driver.program"), "{printed}");
 }
 
 #[test]
@@ -118,9 +126,9 @@ fn driver_of_real_robot_without_realtime_ends_before_ready() {
         println!("skipped: this machine grants real-time scheduling");
         return;
     }
-    let said = String::from_utf8_lossy(&output.stderr);
-    assert_eq!(output.status.code(), Some(69), "{said}");
-    assert!(said.contains("driver.kind = \"robot\"") && said.contains("needs real-time scheduling"), "{said}");
+    let printed = harness::stderr(&output);
+    assert_eq!(output.status.code(), Some(69), "{printed}");
+    assert!(printed.contains("driver.kind = \"robot\"") && printed.contains("needs real-time scheduling"), "{printed}");
 }
 
 #[test]
@@ -131,8 +139,8 @@ fn program_that_starts_the_driver_again_is_refused() {
     std::fs::set_permissions(script.path(), PermissionsExt::from_mode(0o755)).expect("its mode");
     let script = script.into_temp_path();
     let output = with_program("sim", &script.display().to_string()).run("driver");
-    let said = String::from_utf8_lossy(&output.stderr);
-    assert!(output.status.code() == Some(78) && said.contains("starts `teleopd driver` again"), "{said}");
+    let printed = harness::stderr(&output);
+    assert!(output.status.code() == Some(78) && printed.contains("starts `teleopd driver` again"), "{printed}");
 }
 
 #[test]

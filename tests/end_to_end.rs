@@ -1,235 +1,231 @@
 //! Tests real processes over real shared memory: the user's view, and the death of a process.
 
-use harness::{Rig, assert_no_violations, config, modes, repository};
+use harness::{Rig, assert_no_violations, config, in_real_time, modes, repository, wait_until};
 use messages::{Fault, Faults, Mode, state_flag};
 use std::process::Command;
 use std::time::Duration;
 
+/// Time in which an operator's thread sends an order: five heartbeats.
+const SENDS: Duration = Duration::from_millis(100);
+
 #[test]
 fn robot_engages_follows_and_stops_at_rest() {
-    let mut rig = Rig::whole();
-    let (hand, mut eyes) = (rig.hand(), rig.eyes());
-    let before = eyes.wait_at_rest();
-    let client = rig.client(&motion::builtin(), 11);
-    hand.engage_until(Mode::Engaged);
-    client.set_engaged(true);
-    eyes.wait_moved(&before, 0.5);
-    std::thread::sleep(Duration::from_secs(4));
-    hand.release();
-    hand.wait_mode(Mode::Disengaged);
-    eyes.wait_at_rest();
-    let control = rig.end("control");
-    let driver = rig.end("driver");
-    assert_no_violations(&driver);
-    let step = driver["engage"]["max_step_rad"].as_f64().unwrap();
-    assert!(step < 1e-4, "the first step of engaging was {step} rad");
-    let ratio = driver["engage"]["first_second_velocity_ratio"].as_f64().unwrap();
-    assert!(ratio > 0.0 && ratio <= 0.05, "the first second ran at {ratio} of the velocity limit");
-    let modes = modes(&control);
-    assert_eq!(modes[0], "Engaging");
-    assert!(modes.iter().any(|mode| mode == "Engaged"), "{modes:?}");
-    assert_eq!(modes[modes.len() - 2..], ["Holding", "Disengaged"], "{modes:?}");
-    // Disengaged occurs once: nothing else released the robot.
-    assert_eq!(modes.iter().position(|mode| mode == "Disengaged"), Some(modes.len() - 1), "{modes:?}");
-    assert!(!modes.contains(&"Faulted".to_owned()), "{modes:?}");
+    in_real_time(|| {
+        let mut rig = Rig::whole();
+        let (operator, mut observer) = (rig.operator_session(), rig.state_observer());
+        let before = observer.wait_at_rest();
+        let client = rig.client(&motion::builtin(), 11);
+        operator.engage_until(Mode::Engaged);
+        client.set_engaged(true);
+        observer.wait_moved(&before, 0.5);
+        operator.wait_control(Duration::from_secs(4));
+        operator.release();
+        operator.wait_mode(Mode::Disengaged);
+        observer.wait_at_rest();
+        let control = rig.end("control");
+        let driver = rig.end_without_violations();
+        let step = driver["engage"]["max_step_rad"].as_f64().unwrap();
+        assert!(step < 1e-4, "the first step of engaging was {step} rad");
+        let ratio = driver["engage"]["first_second_velocity_ratio"].as_f64().unwrap();
+        assert!(ratio > 0.0 && ratio <= 0.05, "the first second ran at {ratio} of the velocity limit");
+        let modes = modes(&control);
+        assert_eq!(modes[0], "Engaging");
+        assert!(modes.iter().any(|mode| mode == "Engaged"), "{modes:?}");
+        assert_eq!(modes[modes.len() - 2..], ["Holding", "Disengaged"], "{modes:?}");
+        // Disengaged occurs once: nothing else released the robot.
+        assert_eq!(modes.iter().position(|mode| mode == "Disengaged"), Some(modes.len() - 1), "{modes:?}");
+        assert!(!modes.contains(&"Faulted".to_owned()), "{modes:?}");
+    });
 }
 
 /// A robot whose measurements pause is unseen, and not implausible. Without real-time scheduling that happens.
 #[test]
 fn f052_pause_of_the_robot_is_no_implausible_feedback() {
-    // A machine that adds 140 ms to a pause loses setpoints, or latches the driver.
-    for _ in 0..3 {
+    in_real_time(|| {
         let mut rig = Rig::empty();
-        let (hand, mut eyes, _client) = rig.follow_builtin(0.5);
-        if hand.status().is_some_and(|status| status.realtime != 0) {
+        let (operator, mut observer, _client) = rig.follow_builtin(0.5);
+        if operator.status().is_some_and(|status| status.realtime != 0) {
             return println!("skipped: with real-time scheduling the driver latches after 10 ms");
         }
         for _ in 0..6 {
             rig.signal("robot", "STOP");
-            std::thread::sleep(Duration::from_millis(60));
+            operator.wait_control(Duration::from_millis(60));
             rig.signal("robot", "CONT");
-            std::thread::sleep(Duration::from_millis(400));
+            operator.wait_control(Duration::from_millis(400));
         }
-        if hand.raised(Fault::DriverFault) > 0 {
-            continue;
+        for fault in [
+            Fault::DriverFault,
+            Fault::FeedbackInvalid,
+            Fault::VelocityError,
+            Fault::TrackingError,
+            Fault::StandstillLost,
+        ] {
+            assert_eq!(operator.raised(fault), 0, "{fault:?}: {}", rig.log("control"));
         }
-        for fault in [Fault::FeedbackInvalid, Fault::VelocityError, Fault::TrackingError, Fault::StandstillLost] {
-            assert_eq!(hand.raised(fault), 0, "{fault:?}: {}", rig.log("control"));
-        }
-        hand.wait_mode(Mode::Engaged);
-        hand.release();
-        eyes.wait_at_rest();
-        assert_no_violations(&rig.end("driver"));
-        return;
-    }
-    panic!("the driver latched in each of three runs");
+        operator.wait_mode(Mode::Engaged);
+        operator.release();
+        observer.wait_at_rest();
+        rig.end_without_violations();
+    });
 }
 
 #[test]
 fn emergency_stop_latches_in_every_moving_mode() {
-    for mode in [Mode::Engaging, Mode::Engaged] {
-        let mut rig = Rig::whole();
-        let (hand, mut eyes) = (rig.hand(), rig.eyes());
-        let client = rig.client(&motion::builtin(), 12);
-        hand.engage_until(mode);
-        client.set_engaged(true);
-        std::thread::sleep(Duration::from_millis(300));
-        // Any connection may stop the robot, not only the one that holds the enable.
-        rig.hand().estop();
-        let other = rig.hand();
-        other.estop();
-        hand.wait_mode(Mode::Faulted);
-        eyes.wait_at_rest();
-        assert_eq!(hand.raised(Fault::EmergencyStop).min(1), 1);
-        // The enable is still held, so a reset does nothing.
-        other.reset();
-        std::thread::sleep(Duration::from_millis(300));
-        assert_eq!(hand.mode(), Some(Mode::Faulted));
-        hand.release();
-        std::thread::sleep(Duration::from_millis(100));
-        hand.wait("measured at rest", |status| status.moving == 0);
-        other.reset();
-        hand.wait_mode(Mode::Disengaged);
-        assert_no_violations(&rig.end("driver"));
-    }
+    in_real_time(|| {
+        for mode in [Mode::Engaging, Mode::Engaged] {
+            let mut rig = Rig::whole();
+            let (operator, mut observer) = (rig.operator_session(), rig.state_observer());
+            let client = rig.client(&motion::builtin(), 12);
+            operator.engage_until(mode);
+            client.set_engaged(true);
+            operator.wait_control(Duration::from_millis(300));
+            // Any connection may stop the robot, not only the one that holds the enable.
+            rig.operator_session().estop();
+            let other = rig.operator_session();
+            other.estop();
+            operator.wait_mode(Mode::Faulted);
+            observer.wait_at_rest();
+            assert_eq!(operator.raised(Fault::EmergencyStop).min(1), 1);
+            // The enable is still held, so a reset does nothing.
+            other.reset();
+            operator.assert_stays(Mode::Faulted, Duration::from_millis(300));
+            operator.release();
+            operator.wait_control(SENDS);
+            operator.wait("measured at rest", |status| status.moving == 0);
+            other.reset();
+            operator.wait_mode(Mode::Disengaged);
+            rig.end_without_violations();
+        }
+    });
 }
 
 /// Runs `teleopctl` like an operator.
 fn teleopctl(rig: &Rig, command: &str) -> (Option<i32>, String) {
     let mut called = Command::new(env!("CARGO_BIN_EXE_teleopctl"));
     let output = called.arg(command).arg("--run-dir").arg(rig.folder()).output().expect("it runs");
-    (output.status.code(), String::from_utf8_lossy(&output.stdout).into_owned())
+    (output.status.code(), harness::stdout(&output))
 }
 
 #[test]
 fn refused_engage_is_answered_with_advice() {
-    let rig = Rig::whole();
-    let hand = rig.hand();
-    hand.wait("told that nobody publishes", |status| Faults(status.faults).has(Fault::InputStale));
-    let (code, said) = teleopctl(&rig, "engage");
-    assert!(code == Some(1) && said.contains("which client holds the lease"), "{said}");
-    let _client = rig.client(&motion::builtin(), 33);
-    hand.engage_until(Mode::Engaging);
-    let (code, said) = teleopctl(&rig, "engage");
-    assert!(code == Some(1) && said.contains("another operator") && said.contains("teleopctl release"), "{said}");
+    in_real_time(|| {
+        let rig = Rig::whole();
+        let operator = rig.operator_session();
+        operator.wait("without input", |status| Faults(status.faults).has(Fault::InputStale));
+        let (code, printed) = teleopctl(&rig, "engage");
+        assert!(code == Some(1) && printed.contains("which client holds the lease"), "{printed}");
+        let _client = rig.client(&motion::builtin(), 33);
+        operator.engage_until(Mode::Engaging);
+        let (code, printed) = teleopctl(&rig, "engage");
+        assert!(
+            code == Some(1) && printed.contains("another operator") && printed.contains("teleopctl release"),
+            "{printed}"
+        );
+    });
 }
 
 #[test]
 fn reset_right_after_a_stop_waits_for_rest() {
-    let mut rig = Rig::whole();
-    let (hand, mut eyes) = (rig.hand(), rig.eyes());
-    let client = rig.client(&motion::builtin(), 31);
-    hand.engage_until(Mode::Engaged);
-    client.set_engaged(true);
-    eyes.wait("moving", |state| state.v.iter().any(|v| v.abs() > 0.2));
-    assert_eq!(teleopctl(&rig, "estop").0, Some(0));
-    hand.release();
-    std::thread::sleep(Duration::from_millis(50));
-    let (code, said) = teleopctl(&rig, "reset");
-    assert!(code == Some(0) && said.contains("reset: Disengaged"), "{said}");
-    hand.wait_mode(Mode::Disengaged);
-    assert_no_violations(&rig.end("driver"));
+    in_real_time(|| {
+        let (mut rig, operator, _, _client) = Rig::moving(Rig::shared_memory_client);
+        assert_eq!(teleopctl(&rig, "estop").0, Some(0));
+        operator.release();
+        operator.wait_control(SENDS);
+        let (code, printed) = teleopctl(&rig, "reset");
+        assert!(code == Some(0) && printed.contains("reset: Disengaged"), "{printed}");
+        operator.wait_mode(Mode::Disengaged);
+        rig.end_without_violations();
+    });
 }
 
 #[test]
 fn refused_reset_names_the_held_enable_or_the_fault() {
-    let mut rig = Rig::whole();
-    let hand = rig.hand();
-    let _client = rig.client(&motion::builtin(), 32);
-    hand.engage_until(Mode::Engaging);
-    assert_eq!(teleopctl(&rig, "estop").0, Some(0));
-    // The enable is still held.
-    let (code, said) = teleopctl(&rig, "reset");
-    assert!(code == Some(1) && said.contains("teleopctl release"), "{said}");
-    assert_eq!(hand.mode(), Some(Mode::Faulted));
-    rig.kill("driver");
-    hand.wait("told of it", |status| Faults(status.faults).has(Fault::StateStale));
-    hand.release();
-    let (code, said) = teleopctl(&rig, "reset");
-    assert!(code == Some(1) && said.contains("StateStale persists"), "{said}");
+    in_real_time(|| {
+        let mut rig = Rig::whole();
+        let operator = rig.operator_session();
+        let _client = rig.client(&motion::builtin(), 32);
+        operator.engage_until(Mode::Engaging);
+        assert_eq!(teleopctl(&rig, "estop").0, Some(0));
+        // The enable is still held.
+        let (code, printed) = teleopctl(&rig, "reset");
+        assert!(code == Some(1) && printed.contains("teleopctl release"), "{printed}");
+        assert_eq!(operator.mode(), Some(Mode::Faulted));
+        rig.kill("driver");
+        operator.wait("without state", |status| Faults(status.faults).has(Fault::StateStale));
+        operator.release();
+        let (code, printed) = teleopctl(&rig, "reset");
+        assert!(code == Some(1) && printed.contains("StateStale persists"), "{printed}");
+    });
 }
 
 #[test]
 fn dead_input_process_causes_hold_and_then_disengage() {
-    for (process, fault) in [("ingest", Fault::InputStale), ("retarget", Fault::TargetStale)] {
-        let mut rig = Rig::whole();
-        let (hand, mut eyes) = (rig.hand(), rig.eyes());
-        let client = rig.client(&motion::builtin(), 13);
-        hand.engage_until(Mode::Engaged);
-        client.set_engaged(true);
-        std::thread::sleep(Duration::from_millis(700));
-        rig.kill(process);
-        hand.wait_mode(Mode::Holding);
-        eyes.wait_at_rest();
-        // Without real-time scheduling, a dead retarget first shows as stale input, and later as a stale target.
-        hand.wait("told which stream is stale", |status| status.fault_counts[fault.index()] > 0);
-        hand.wait_mode(Mode::Disengaged);
-        // A restart alone never engages, even while the enable is held.
-        rig.start(process);
-        std::thread::sleep(Duration::from_secs(1));
-        assert_eq!(hand.mode(), Some(Mode::Disengaged));
-        assert_no_violations(&rig.end("driver"));
-    }
+    in_real_time(|| {
+        for (process, fault) in [("ingest", Fault::InputStale), ("retarget", Fault::TargetStale)] {
+            let (mut rig, operator, mut observer, _client) = Rig::moving(Rig::shared_memory_client);
+            rig.kill(process);
+            operator.wait_mode(Mode::Holding);
+            observer.wait_at_rest();
+            // Without real-time scheduling, a dead retarget first shows as stale input, and later as a stale target.
+            operator.wait("faulted for the stale stream", |status| status.fault_counts[fault.index()] > 0);
+            operator.wait_mode(Mode::Disengaged);
+            // A restart alone never engages, even while the enable is held.
+            rig.start(process);
+            operator.assert_stays(Mode::Disengaged, Duration::from_secs(1));
+            rig.end_without_violations();
+        }
+    });
 }
 
 #[test]
 fn f070_f073_restarted_process_with_held_enable_moves_nothing() {
-    for process in ["ingest", "retarget"] {
-        let mut rig = Rig::whole();
-        let (hand, mut eyes) = (rig.hand(), rig.eyes());
-        let client = rig.client(&motion::builtin(), 18);
-        hand.engage_until(Mode::Engaged);
-        client.set_engaged(true);
-        std::thread::sleep(Duration::from_millis(700));
-        let before = hand.wait_mode(Mode::Engaged).transition_count as usize;
-        rig.kill(process);
-        hand.wait_mode(Mode::Holding);
-        // Restart well before the hold times out. The person is visible again, and the enable is still held.
-        rig.start(process);
-        hand.wait_mode(Mode::Disengaged);
-        eyes.wait_at_rest();
-        std::thread::sleep(Duration::from_secs(1));
-        assert_eq!(modes(&rig.end("control"))[before..], ["Holding", "Disengaged"], "{process}");
-        assert_no_violations(&rig.end("driver"));
-    }
+    in_real_time(|| {
+        for process in ["ingest", "retarget"] {
+            let (mut rig, operator, mut observer, _client) = Rig::moving(Rig::shared_memory_client);
+            let before = operator.wait_mode(Mode::Engaged).transition_count as usize;
+            rig.kill(process);
+            operator.wait_mode(Mode::Holding);
+            // Restart well before the hold times out. The person is visible again, and the enable is still held.
+            rig.start(process);
+            operator.wait_mode(Mode::Disengaged);
+            observer.wait_at_rest();
+            operator.assert_stays(Mode::Disengaged, Duration::from_secs(1));
+            assert_eq!(modes(&rig.end("control"))[before..], ["Holding", "Disengaged"], "{process}");
+            rig.end_without_violations();
+        }
+    });
 }
 
 #[test]
 fn f058_f073_dead_control_leaves_robot_on_its_certified_stop() {
-    let mut rig = Rig::whole();
-    let (hand, mut eyes) = (rig.hand(), rig.eyes());
-    let client = rig.client(&motion::builtin(), 14);
-    hand.engage_until(Mode::Engaged);
-    client.set_engaged(true);
-    eyes.wait("moving", |state| state.v.iter().any(|v| v.abs() > 0.2));
-    rig.kill("control");
-    let latched = eyes.wait("latched", |state| state.flags & state_flag::DRIVER_FAULT != 0);
-    assert!(latched.plan_ticks_played >= 15, "{}", latched.plan_ticks_played);
-    eyes.wait_at_rest();
-    drop(hand);
-    // A new control takes over the resting robot. It stays faulted until a reset.
-    rig.start("control");
-    let hand = rig.hand();
-    hand.wait_mode(Mode::Faulted);
-    assert!(hand.raised(Fault::DriverFault) > 0);
-    hand.wait("measured at rest", |status| status.moving == 0);
-    hand.reset();
-    hand.wait_mode(Mode::Disengaged);
-    eyes.wait("unlatched", |state| state.flags & state_flag::DRIVER_FAULT == 0);
-    assert_no_violations(&rig.end("driver"));
+    in_real_time(|| {
+        let (mut rig, operator, mut observer, _client) = Rig::moving(Rig::shared_memory_client);
+        rig.kill("control");
+        let latched = observer.wait("latched", |state| state.flags & state_flag::DRIVER_FAULT != 0);
+        assert!(latched.plan_ticks_played >= 15, "{}", latched.plan_ticks_played);
+        observer.wait_at_rest();
+        drop(operator);
+        // A new control takes over the resting robot. It stays faulted until a reset.
+        rig.start("control");
+        let operator = rig.operator_session();
+        operator.wait_mode(Mode::Faulted);
+        assert!(operator.raised(Fault::DriverFault) > 0);
+        operator.wait("measured at rest", |status| status.moving == 0);
+        operator.reset();
+        operator.wait_mode(Mode::Disengaged);
+        observer.wait("unlatched", |state| state.flags & state_flag::DRIVER_FAULT == 0);
+        rig.end_without_violations();
+    });
 }
 
 #[test]
 fn dead_driver_causes_the_faulted_mode() {
-    let mut rig = Rig::whole();
-    let hand = rig.hand();
-    let client = rig.client(&motion::builtin(), 15);
-    hand.engage_until(Mode::Engaged);
-    client.set_engaged(true);
-    std::thread::sleep(Duration::from_millis(300));
-    rig.kill("driver");
-    hand.wait_mode(Mode::Faulted);
-    assert!(hand.raised(Fault::StateStale) > 0);
+    in_real_time(|| {
+        let (mut rig, operator, _, _client) = Rig::moving(Rig::shared_memory_client);
+        rig.kill("driver");
+        operator.wait_mode(Mode::Faulted);
+        assert!(operator.raised(Fault::StateStale) > 0);
+    });
 }
 
 /// Two ticks: the age of the oldest command that may still be executed.
@@ -237,63 +233,62 @@ const OLDEST_US: f64 = 2e6 / messages::TICK_HZ as f64;
 
 #[test]
 fn f074_suspended_process_stops_robot_and_sends_nothing_old() {
-    // The driver latches the silence of a suspended control. Control latches the silence of a suspended driver.
-    let latched = [("control", Fault::DeadlineMissed), ("retarget", Fault::TargetStale), ("driver", Fault::StateStale)];
-    for (process, fault) in latched {
-        let mut rig = Rig::whole();
-        let (hand, mut eyes) = (rig.hand(), rig.eyes());
-        let client = rig.client(&motion::builtin(), 17);
-        hand.engage_until(Mode::Engaged);
-        client.set_engaged(true);
-        eyes.wait("moving", |state| state.v.iter().any(|v| v.abs() > 0.2));
-        rig.signal(process, "STOP");
-        // Longer than every stale time. These are relaxed without real-time scheduling (20 x 20 ms).
-        std::thread::sleep(Duration::from_millis(700));
-        if process != "driver" {
-            eyes.wait_at_rest();
+    in_real_time(|| {
+        // The driver latches the silence of a suspended control. Control latches the silence of a suspended driver.
+        let latched =
+            [("control", Fault::DeadlineMissed), ("retarget", Fault::TargetStale), ("driver", Fault::StateStale)];
+        for (process, fault) in latched {
+            let (mut rig, operator, mut observer, _client) = Rig::moving(Rig::shared_memory_client);
+            rig.signal(process, "STOP");
+            // Longer than every stale time, which are relaxed without real-time scheduling (20 x 20 ms). The length of the
+            // suspension is the test's input.
+            std::thread::sleep(Duration::from_millis(700));
+            if process != "driver" {
+                observer.wait_at_rest();
+            }
+            rig.signal(process, "CONT");
+            operator.wait("faulted", |status| status.fault_counts[fault.index()] > 0);
+            // A resumed retarget is the enabled one. A hold may end, slowly. The others latch.
+            if process != "retarget" {
+                operator.wait_mode(Mode::Faulted);
+                observer.wait_at_rest();
+            }
+            let driver = rig.end_without_violations();
+            let age = &driver["oldest_command_us"];
+            assert!(
+                age.as_f64().is_some_and(|us| us <= OLDEST_US),
+                "{process}: a command was executed {age} us after its deadline"
+            );
         }
-        rig.signal(process, "CONT");
-        hand.wait("told why", |status| status.fault_counts[fault.index()] > 0);
-        // A resumed retarget is the enabled one. A hold may end, slowly. The others latch.
-        if process != "retarget" {
-            hand.wait_mode(Mode::Faulted);
-            eyes.wait_at_rest();
-        }
-        let driver = rig.end("driver");
-        assert_no_violations(&driver);
-        let age = &driver["oldest_command_us"];
-        assert!(
-            age.as_f64().is_some_and(|us| us <= OLDEST_US),
-            "{process}: a command was executed {age} us after its deadline"
-        );
-    }
+    });
 }
 
 #[test]
 fn silent_operator_disengages_the_robot() {
-    let mut rig = Rig::whole();
-    let (hand, other, mut eyes) = (rig.hand(), rig.hand(), rig.eyes());
-    let client = rig.client(&motion::builtin(), 16);
-    hand.engage_until(Mode::Engaged);
-    client.set_engaged(true);
-    hand.fall_silent();
-    other.wait_mode(Mode::Disengaged);
-    assert!(other.raised(Fault::OperatorSilent) > 0);
-    eyes.wait_at_rest();
-    assert_no_violations(&rig.end("driver"));
+    in_real_time(|| {
+        let (mut rig, operator, mut observer, _client) = Rig::moving(Rig::shared_memory_client);
+        let other = rig.operator_session();
+        operator.fall_silent();
+        other.wait_mode(Mode::Disengaged);
+        assert!(other.raised(Fault::OperatorSilent) > 0);
+        observer.wait_at_rest();
+        rig.end_without_violations();
+    });
 }
 
 /// Same effect as a panic (`rt::abort_on_panic`).
 #[test]
 fn f075_aborted_control_leaves_robot_on_its_certified_stop() {
-    let mut rig = Rig::whole();
-    let (hand, mut eyes) = (rig.hand(), rig.eyes());
-    let _client = rig.client(&motion::builtin(), 11);
-    hand.engage_until(Mode::Engaging);
-    rig.signal("control", "ABRT");
-    eyes.wait("told by the driver", |state| state.flags & state_flag::DRIVER_FAULT != 0);
-    eyes.wait_at_rest();
-    assert_no_violations(&rig.end("driver"));
+    in_real_time(|| {
+        let mut rig = Rig::whole();
+        let (operator, mut observer) = (rig.operator_session(), rig.state_observer());
+        let _client = rig.client(&motion::builtin(), 11);
+        operator.engage_until(Mode::Engaging);
+        rig.signal("control", "ABRT");
+        observer.wait("latched", |state| state.flags & state_flag::DRIVER_FAULT != 0);
+        observer.wait_at_rest();
+        rig.end_without_violations();
+    });
 }
 
 #[test]
@@ -301,13 +296,12 @@ fn f083_control_without_driver_or_person_does_not_engage() {
     for (partners, missing) in [(&["control"][..], Fault::NoRobotState), (&teleopd::PROCESSES[..], Fault::InputStale)] {
         let mut rig = Rig::empty();
         partners.iter().for_each(|name| rig.start(name));
-        let hand = rig.hand();
-        hand.wait("told what is missing", |status| Faults(status.faults).has(missing));
-        hand.enable();
-        std::thread::sleep(Duration::from_millis(300));
-        let status = hand.status().unwrap();
+        let operator = rig.operator_session();
+        operator.wait("without a partner", |status| Faults(status.faults).has(missing));
+        operator.enable();
+        let status = operator.wait_control(Duration::from_millis(300));
         let engaging = status.transitions.iter().any(|one| one.to == Mode::Engaging as u32);
-        assert!(!engaging, "{missing:?}: {:?}", hand.mode());
+        assert!(!engaging, "{missing:?}: {:?}", operator.mode());
     }
 }
 
@@ -330,61 +324,63 @@ fn f087_run_folder_of_another_user_is_refused_by_its_path() {
         let mut driver = Command::new(&program);
         driver.args(["driver", "--engage-without-realtime", "--config"]).arg(&settings).arg("--run-dir").arg(run_dir);
         let output = driver.uid(65534).gid(65534).output().expect("another user can run it");
-        let told = String::from_utf8_lossy(&output.stderr).into_owned();
-        assert_eq!(output.status.code(), Some(69), "{told}");
-        told
+        let printed = harness::stderr(&output);
+        assert_eq!(output.status.code(), Some(69), "{printed}");
+        printed
     };
-    let told = refused(&folder.join("inside"));
-    assert!(told.contains(folder.to_str().unwrap()) && told.contains("Permission denied"), "{told}");
+    let printed = refused(&folder.join("inside"));
+    assert!(printed.contains(folder.to_str().unwrap()) && printed.contains("Permission denied"), "{printed}");
     // In the folder of an instance that already exists.
     std::fs::DirBuilder::new().create(folder.join("core")).unwrap();
-    let told = refused(&folder);
+    let printed = refused(&folder);
     let whose = "this instance belongs to user 0, and this program runs as user 65534";
-    assert!(told.contains(whose) && told.contains("sudo -u '#0'") && told.contains("skeleton.sock"), "{told}");
+    assert!(
+        printed.contains(whose) && printed.contains("sudo -u '#0'") && printed.contains("skeleton.sock"),
+        "{printed}"
+    );
 }
 
 #[test]
 fn f073_f084_killed_supervisor_leaves_the_robot_at_rest() {
-    let mut rig = Rig::empty();
-    rig.start_up();
-    let (hand, mut eyes) = (rig.hand(), rig.eyes());
-    let client = rig.client(&motion::builtin(), 19);
-    hand.engage_until(Mode::Engaged);
-    client.set_engaged(true);
-    eyes.wait("moving", |state| state.v.iter().any(|v| v.abs() > 0.2));
-    rig.kill("up");
-    let driver = rig.figures("driver");
-    assert_eq!(driver["ended_at_rest"], true, "{driver:#}");
-    assert_no_violations(&driver);
-    rig.figures("control");
+    in_real_time(|| {
+        let mut rig = Rig::empty();
+        rig.start_up();
+        let (operator, mut observer) = (rig.operator_session(), rig.state_observer());
+        let client = rig.shared_memory_client();
+        operator.engage_until(Mode::Engaged);
+        client.set_engaged(true);
+        observer.wait_moving();
+        rig.kill("up");
+        let driver = rig.figures("driver");
+        assert_eq!(driver["ended_at_rest"], true, "{driver:#}");
+        assert_no_violations(&driver);
+        rig.figures("control");
+    });
 }
 
 #[test]
 fn f068_second_client_does_not_get_the_lease() {
-    let mut rig = Rig::whole();
-    let hand = rig.hand();
-    let first = rig.client(&motion::builtin(), 17);
-    hand.engage_until(Mode::Engaged);
-    first.set_engaged(true);
-    let second = rig.client(&motion::builtin(), 18);
-    second.set_engaged(true);
-    std::thread::sleep(Duration::from_secs(1));
-    // The second client does not interfere. Otherwise the robot would disengage, and not engage again.
-    hand.wait_mode(Mode::Engaged);
-    drop(first);
-    hand.wait_mode(Mode::Holding);
-    hand.wait_mode(Mode::Disengaged);
-    // The second client still publishes, long after the first has left. It moves nothing by itself.
-    std::thread::sleep(Duration::from_millis(1500));
-    hand.release();
-    std::thread::sleep(Duration::from_millis(300));
-    hand.enable();
-    std::thread::sleep(Duration::from_millis(500));
-    assert_eq!(hand.mode(), Some(Mode::Disengaged));
-    drop(second);
-    let ingest = rig.end("ingest");
-    assert!(ingest["without_authority"].as_u64().unwrap() > 100, "{ingest:#}");
-    assert_no_violations(&rig.end("driver"));
+    in_real_time(|| {
+        let (mut rig, operator, first) = Rig::engaged(Rig::shared_memory_client);
+        let second = rig.client(&motion::builtin(), 18);
+        second.set_engaged(true);
+        operator.wait_control(Duration::from_secs(1));
+        // The second client does not interfere. Otherwise the robot would disengage, and not engage again.
+        operator.wait_mode(Mode::Engaged);
+        drop(first);
+        operator.wait_mode(Mode::Holding);
+        operator.wait_mode(Mode::Disengaged);
+        // The second client still publishes, long after the first has left. It moves nothing by itself.
+        operator.assert_stays(Mode::Disengaged, Duration::from_millis(1500));
+        operator.release();
+        operator.wait_control(Duration::from_millis(300));
+        operator.enable();
+        operator.assert_stays(Mode::Disengaged, Duration::from_millis(500));
+        drop(second);
+        let ingest = rig.end("ingest");
+        assert!(ingest["without_authority"].as_u64().unwrap() > 100, "{ingest:#}");
+        rig.end_without_violations();
+    });
 }
 
 #[test]
@@ -399,11 +395,11 @@ fn f092_second_writer_of_the_core_domain_is_refused() {
         ("driver", running.as_str()),
         ("up", &running),
     ];
-    for (name, said) in expected {
+    for (name, printed) in expected {
         let output = rig.run(name);
-        let text = String::from_utf8_lossy(&output.stderr);
+        let text = harness::stderr(&output);
         assert_eq!(output.status.code(), Some(75), "{text}");
-        assert!(text.contains(said), "{text}");
+        assert!(text.contains(printed), "{text}");
     }
 }
 
@@ -415,8 +411,8 @@ fn metrics_are_served_on_the_loopback_where_a_port_is_set() {
     let port = other.local_addr().unwrap().port();
     let mut rig = Rig::with_settings(&format!("metrics.port = {}", port - 3));
     let refused = rig.run("driver");
-    let said = String::from_utf8_lossy(&refused.stderr);
-    assert!(refused.status.code() == Some(75) && said.contains("metrics.port"), "{said}");
+    let printed = harness::stderr(&refused);
+    assert!(refused.status.code() == Some(75) && printed.contains("metrics.port"), "{printed}");
     drop(other);
     rig.start("driver");
     let scrape = || {
@@ -431,8 +427,7 @@ fn metrics_are_served_on_the_loopback_where_a_port_is_set() {
         line.unwrap_or_else(|| panic!("no ticks in {text}")).parse::<u64>().expect("a number")
     };
     let before = scrape();
-    std::thread::sleep(Duration::from_millis(300));
-    assert!(scrape() > before, "the loop goes round");
+    wait_until("a later tick in the metrics", || scrape() > before);
 }
 
 #[test]
@@ -449,14 +444,10 @@ fn f097_f098_bad_setting_is_refused_with_its_key() {
         std::fs::write(&path, text).unwrap();
         let mut check = Command::new(env!("CARGO_BIN_EXE_teleopd"));
         let output = check.arg("check").args(options).arg("--config").arg(&path).output().unwrap();
-        (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned())
+        (output.status.code(), harness::stderr(&output))
     };
     let check = |text: String| check_with(text, &[]);
     assert_eq!(check(text.clone()).0, Some(0));
-    let real = text.replace("kind = \"sim\"", "kind = \"robot\"").replace("program = \"\"", "program = \"/bin/true\"");
-    assert_eq!(check_with(real.clone(), &["--interface", "jtc100"]).0, Some(0));
-    let (code, error) = check_with(real, &["--interface", "jtc100-restart"]);
-    assert!(code == Some(78) && error.contains("--interface jtc100-restart sets it"), "{error}");
     for (from, to, named) in [
         ("hold_timeout_ms", "hold_timeout_s", "hold_timeout_s"),
         ("tracking_error_rad = 0.005", "tracking_error_rad = 0.4", "tracking_error_rad"),
@@ -469,13 +460,17 @@ fn f097_f098_bad_setting_is_refused_with_its_key() {
         ("seed = 1\n", "", "seed"),
     ] {
         assert!(text.contains(from), "{from}");
-        let (code, said) = check(text.replacen(from, to, 1));
-        assert_eq!(code, Some(78), "{to}: {said}");
+        let (code, printed) = check(text.replacen(from, to, 1));
+        assert_eq!(code, Some(78), "{to}: {printed}");
         assert!(
-            said.contains(named) && said.contains("teleop.toml") || said.contains(&format!("safety.{named}")),
-            "{said}"
+            printed.contains(named) && printed.contains("teleop.toml") || printed.contains(&format!("safety.{named}")),
+            "{printed}"
         );
     }
+    let real = text.replace("kind = \"sim\"", "kind = \"robot\"").replace("program = \"\"", "program = \"/bin/true\"");
+    assert_eq!(check_with(real.clone(), &["--interface", "jtc100"]).0, Some(0));
+    let (code, error) = check_with(real, &["--interface", "jtc100-restart"]);
+    assert!(code == Some(78) && error.contains("--interface jtc100-restart sets it"), "{error}");
 }
 
 #[test]
@@ -497,7 +492,7 @@ fn f094_weights_of_another_robot_are_refused() {
     let path = folder.path().join("teleop.toml");
     std::fs::write(&path, text).unwrap();
     let output = Command::new(env!("CARGO_BIN_EXE_teleopd")).arg("check").arg("--config").arg(&path).output().unwrap();
-    let said = String::from_utf8_lossy(&output.stderr);
-    assert_eq!(output.status.code(), Some(78), "{said}");
-    assert!(said.contains("tiago_dual.toml: manifest: robot_hash"), "{said}");
+    let printed = harness::stderr(&output);
+    assert_eq!(output.status.code(), Some(78), "{printed}");
+    assert!(printed.contains("tiago_dual.toml: manifest: robot_hash"), "{printed}");
 }

@@ -1,11 +1,11 @@
 //! Tests the first experience of a new user: `up`, `engage`, and the tour.
 
-use harness::{Rig, SOON, interrupt};
+use harness::{Rig, SOON, in_real_time, interrupt, soon};
 use messages::Mode;
 use std::io::{BufRead, BufReader, Read};
 use std::path::Path;
 use std::process::{Command, Output, Stdio};
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 fn teleopd() -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_teleopd"));
@@ -57,42 +57,47 @@ fn up_with_missing_settings_is_refused_before_any_start() {
     let rig = Rig::empty();
     let output = teleopd().args(["up", "--config", "/nowhere.toml", "--run-dir"]).arg(rig.folder()).output();
     let output = output.expect("it runs");
-    let said = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert!(output.status.code() == Some(78) && said.lines().count() == 1 && said.contains("--config"), "{said}");
+    let printed = harness::stderr(&output);
+    assert!(
+        output.status.code() == Some(78) && printed.lines().count() == 1 && printed.contains("--config"),
+        "{printed}"
+    );
     assert!(output.stdout.is_empty(), "{output:?}");
 }
 
 #[test]
 fn engage_prints_each_mode_change_until_interrupted() {
-    let rig = Rig::whole();
-    let hand = rig.hand();
-    let client = rig.client(&motion::builtin(), 61);
-    let give_up = Instant::now() + SOON;
-    let said = loop {
-        hand.wait("free to engage", |status| status.faults == 0 && status.moving == 0 && status.ticks > 750);
-        let mut engage = Command::new(env!("CARGO_BIN_EXE_teleopctl"));
-        engage.args(["engage", "--run-dir"]).arg(rig.folder()).stdout(Stdio::piped());
-        let engage = engage.spawn().expect("teleopctl runs");
-        while !matches!(hand.mode(), Some(Mode::Engaged)) && Instant::now() < give_up {
-            std::thread::sleep(Duration::from_millis(20));
-        }
-        client.set_engaged(true);
-        interrupt(&engage);
-        let output = engage.wait_with_output().expect("it ends");
-        let said = String::from_utf8_lossy(&output.stdout).into_owned();
-        // A busy machine may hold before it follows.
-        if said.contains("engaged: ") || Instant::now() > give_up {
-            break said;
-        }
-    };
-    let told: Vec<&str> = said.lines().filter_map(|line| line.split_once(" s  ").map(|(_, words)| words)).collect();
-    assert_eq!(told.first(), Some(&"the enable is held; Ctrl-C releases it"), "{said}");
-    let at =
-        |what: &str| told.iter().position(|words| words.starts_with(what)).unwrap_or_else(|| panic!("{what}: {said}"));
-    assert!(at("engaging: ") < at("engaged: ") && at("engaged: ") < at("released: "), "{said}");
-    let times: Vec<f64> = said.lines().filter_map(|line| line.split_whitespace().next()?.parse().ok()).collect();
-    assert!(times.len() == told.len() && times.is_sorted(), "{said}");
-    hand.wait_mode(Mode::Disengaged);
+    in_real_time(|| {
+        let rig = Rig::whole();
+        let operator = rig.operator_session();
+        let client = rig.client(&motion::builtin(), 61);
+        let give_up = Instant::now() + SOON;
+        let printed = loop {
+            operator.wait_free();
+            let mut engage = Command::new(env!("CARGO_BIN_EXE_teleopctl"));
+            engage.args(["engage", "--run-dir"]).arg(rig.folder()).stdout(Stdio::piped());
+            let engage = engage.spawn().expect("teleopctl runs");
+            soon(|| operator.mode() == Some(Mode::Engaged));
+            client.set_engaged(true);
+            interrupt(&engage);
+            let output = engage.wait_with_output().expect("it ends");
+            let printed = harness::stdout(&output);
+            // A busy machine may hold before it follows.
+            if printed.contains("engaged: ") || Instant::now() > give_up {
+                break printed;
+            }
+        };
+        let events: Vec<&str> =
+            printed.lines().filter_map(|line| line.split_once(" s  ").map(|(_, words)| words)).collect();
+        assert_eq!(events.first(), Some(&"the enable is held; Ctrl-C releases it"), "{printed}");
+        let at = |what: &str| {
+            events.iter().position(|words| words.starts_with(what)).unwrap_or_else(|| panic!("{what}: {printed}"))
+        };
+        assert!(at("engaging: ") < at("engaged: ") && at("engaged: ") < at("released: "), "{printed}");
+        let times: Vec<f64> = printed.lines().filter_map(|line| line.split_whitespace().next()?.parse().ok()).collect();
+        assert!(times.len() == events.len() && times.is_sorted(), "{printed}");
+        operator.wait_mode(Mode::Disengaged);
+    });
 }
 
 fn tour(folder: &Path, options: &[&str]) -> Output {
@@ -102,9 +107,9 @@ fn tour(folder: &Path, options: &[&str]) -> Output {
 }
 
 /// Returns the steps by their numbers in the list at the end.
-fn outcomes(said: &str) -> Vec<&str> {
+fn outcomes(printed: &str) -> Vec<&str> {
     let outcome = |line: &'_ str| line.starts_with(|c: char| c.is_ascii_digit()) && line.get(1..3) == Some("  ");
-    said.lines().filter(|line| outcome(line)).collect()
+    printed.lines().filter(|line| outcome(line)).collect()
 }
 
 #[test]
@@ -112,23 +117,23 @@ fn tour_shows_runs_and_checks_every_step() {
     let rig = Rig::empty();
     let folder = rig.folder().join("tour");
     let output = tour(&harness::repository(), &["--yes", "--dir", folder.to_str().expect("UTF-8")]);
-    let said = String::from_utf8_lossy(&output.stdout).into_owned();
-    assert!(output.status.success(), "{said}{}", String::from_utf8_lossy(&output.stderr));
-    let steps = outcomes(&said);
-    assert_eq!(steps.len(), 4, "{said}");
+    let printed = harness::stdout(&output);
+    assert!(output.status.success(), "{printed}{}", harness::stderr(&output));
+    let steps = outcomes(&printed);
+    assert_eq!(steps.len(), 4, "{printed}");
     for (step, needs) in steps.iter().zip(["", "is not built", "python3|pip", "is not built"]) {
         let skipped =
             needs.split('|').any(|need| !need.is_empty() && step.contains("skipped: ") && step.contains(need));
-        assert!(skipped || step.contains("done: "), "{step}\n{said}");
+        assert!(skipped || step.contains("done: "), "{step}\n{printed}");
         if skipped {
             println!("{step}");
         }
     }
     for command in ["demo --motion ", "view --port 0", "-m venv ", "--summary "] {
-        let shown = said.lines().any(|line| line.starts_with("$ ") && line.contains(command));
-        assert!(shown || steps.iter().any(|step| step.contains("skipped: ")), "{command}: {said}");
+        let shown = printed.lines().any(|line| line.starts_with("$ ") && line.contains(command));
+        assert!(shown || steps.iter().any(|step| step.contains("skipped: ")), "{command}: {printed}");
     }
-    assert!(folder.join("report.json").exists() && said.contains("Where to go next"), "{said}");
+    assert!(folder.join("report.json").exists() && printed.contains("Where to go next"), "{printed}");
 }
 
 #[test]
@@ -136,14 +141,14 @@ fn tour_skips_steps_with_missing_files_and_says_why() {
     let rig = Rig::empty();
     let config = harness::config();
     let output = tour(rig.folder(), &["--yes", "--config", config.to_str().expect("UTF-8")]);
-    let said = String::from_utf8_lossy(&output.stdout).into_owned();
-    assert!(output.status.success(), "{said}{}", String::from_utf8_lossy(&output.stderr));
-    let steps = outcomes(&said);
-    assert!(steps[0].contains("skipped: ") && steps[0].contains("wave-left.bvh does not exist"), "{said}");
-    assert!(steps[2].contains("skipped: tools/clients/python does not exist"), "{said}");
-    let folder = said.lines().next().and_then(|line| line.split(" go to ").nth(1)).expect("its folder");
+    let printed = harness::stdout(&output);
+    assert!(output.status.success(), "{printed}{}", harness::stderr(&output));
+    let steps = outcomes(&printed);
+    assert!(steps[0].contains("skipped: ") && steps[0].contains("wave-left.bvh does not exist"), "{printed}");
+    assert!(steps[2].contains("skipped: tools/clients/python does not exist"), "{printed}");
+    let folder = printed.lines().next().and_then(|line| line.split(" go to ").nth(1)).expect("its folder");
     assert!(!Path::new(folder.trim_end_matches('.')).exists(), "{folder} is left behind");
     let output = tour(&harness::repository(), &[]);
-    let said = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert!(output.status.code() == Some(64) && said.contains("--yes"), "{said}");
+    let printed = harness::stderr(&output);
+    assert!(output.status.code() == Some(64) && printed.contains("--yes"), "{printed}");
 }

@@ -1,26 +1,19 @@
 //! Tests a page whose headset leads the robot, against the real processes and in a browser if there is one. A stand-in takes
 //! the place of the browser's WebXR.
 
-use crate::browser::Browser;
-use crate::viewer::{Seen, Viewer};
-use harness::{Operator, OperatorSession, Rig, SOON, assert_no_violations};
+use crate::browser::{Browser, HIDE, text};
+use crate::viewer::{Received, Viewer};
+use harness::{Operator, OperatorSession, Rig, SOON, in_real_time, within};
 use messages::{Fault, Mode};
 use std::time::{Duration, Instant};
 use view::{BODY_BYTES, HEADSET_BYTES};
 
 const MOCK: &str = include_str!("headset/mock.js");
 
-fn text(id: &str) -> String {
-    format!("document.getElementById('{id}').textContent")
-}
-
 /// Opens the page with the stand-in, which `settings` changes. `None` if there is no browser on this machine.
 fn page(viewer: &Viewer, settings: &str) -> Option<Browser> {
     let script = format!("{MOCK}\n{settings}");
-    let Some(mut browser) = Browser::injected(&viewer.address, &script) else {
-        println!("skipped: no Chromium in PATH, and TELEOPD_CHROMIUM names none");
-        return None;
-    };
+    let mut browser = Browser::injected(&viewer.address, &script)?;
     browser.resize(480, 800);
     browser.wait("the panel is there", "!document.getElementById('xr').hidden && window.teleopd.frame() !== null");
     Some(browser)
@@ -28,132 +21,133 @@ fn page(viewer: &Viewer, settings: &str) -> Option<Browser> {
 
 /// Starts the headset until it leads. A machine that stalls for half a second ends it, and only a click starts it again.
 fn leads(browser: &mut Browser, kind: &str) {
-    let state = text("xr-state");
-    let give_up = Instant::now() + 3 * SOON;
-    while browser.evaluate(&format!("{state}.startsWith('leads the robot with {kind}')")) != true {
-        if browser.evaluate(&format!("{state} === 'off'")) == true {
+    let leading = format!("{}.startsWith('leads the robot with {kind}')", text("xr-state"));
+    let leads = within(3 * SOON, || {
+        if browser.text("xr-state") == "off" {
             browser.click("#xr-on");
         }
-        assert!(Instant::now() < give_up, "never leads: {}", browser.evaluate("document.body.innerText"));
-        std::thread::sleep(Duration::from_millis(50));
-    }
+        browser.evaluate(&leading) == true
+    });
+    assert!(leads, "never leads: {}", browser.page_text());
 }
 
 /// Presses, by `press` and `open`, until the robot follows, and waits until it moves.
-fn follows(hand: &OperatorSession, browser: &mut Browser, kind: &str, press: &str, open: &str) {
-    let give_up = Instant::now() + 3 * SOON;
-    while hand.mode() != Some(Mode::Engaged) {
+fn follows(operator: &OperatorSession, browser: &mut Browser, kind: &str, press: &str, open: &str) {
+    let is_engaged = || operator.mode() == Some(Mode::Engaged);
+    let follows = within(3 * SOON, || {
         leads(browser, kind);
         browser.evaluate(open);
-        recovers(hand);
-        std::thread::sleep(Duration::from_millis(300));
+        recovers(operator);
+        operator.wait_control(Duration::from_millis(300));
         browser.evaluate(press);
-        let pressed = Instant::now();
         // It was pressed for less than half a second, or the input is not yet steady.
-        while hand.mode() != Some(Mode::Engaged) && pressed.elapsed() < Duration::from_secs(6) {
-            std::thread::sleep(Duration::from_millis(50));
-        }
-        assert!(Instant::now() < give_up, "never follows: {}", browser.evaluate("document.body.innerText"));
-    }
-    let before = browser.evaluate("Array.from(window.teleopd.frame().q.measured)");
-    let moves = format!("{before}.some((q, j) => Math.abs(q - window.teleopd.frame().q.measured[j]) > 0.1)");
-    browser.wait("the robot moves", &moves);
+        within(Duration::from_secs(6), is_engaged)
+    });
+    assert!(follows, "never follows: {}", browser.page_text());
+    let before = browser.measured();
+    browser.wait_moved(&before, 0.1);
 }
 
 /// Resets a driver that has latched because this machine paused.
-fn recovers(hand: &OperatorSession) {
-    if hand.status().as_ref().is_some_and(Operator::is_paused) {
-        hand.wait("measured at rest", |status| status.moving == 0);
-        assert!(hand.raised(Fault::DriverFault) <= 3, "the driver latches too often");
-        hand.reset();
-        hand.wait_mode(Mode::Disengaged);
+fn recovers(operator: &OperatorSession) {
+    if operator.status().as_ref().is_some_and(Operator::is_paused) {
+        operator.wait("measured at rest", |status| status.moving == 0);
+        assert!(operator.raised(Fault::DriverFault) <= 3, "the driver latches too often");
+        operator.reset();
+        operator.wait_mode(Mode::Disengaged);
     }
 }
 
-fn stops(hand: &OperatorSession) {
+fn stops(operator: &OperatorSession) {
     let stopped = |mode: u32| mode == Mode::Holding as u32 || mode == Mode::Disengaged as u32;
-    hand.wait("stopped", |status| stopped(status.mode) || Operator::is_paused(status));
-    recovers(hand);
-    hand.wait_mode(Mode::Disengaged);
+    operator.wait("stopped", |status| stopped(status.mode) || Operator::is_paused(status));
+    recovers(operator);
+    operator.wait_mode(Mode::Disengaged);
 }
 
 #[test]
 fn f131_held_squeeze_moves_the_robot_and_letting_go_stops_it() {
-    let mut rig = Rig::whole();
-    let (hand, viewer) = (rig.hand(), Viewer::of(&rig));
-    hand.wait("at rest", |status| status.moving == 0 && status.ticks > 750);
-    let Some(mut browser) = page(&viewer, "mock.inputs = 'controllers';") else { return };
-    leads(&mut browser, "head and controllers");
-    assert_eq!(hand.mode(), Some(Mode::Disengaged), "to lead is not to engage");
-    assert_eq!(browser.evaluate("mock.asked.join(' ')"), "immersive-ar local-floor body-tracking hand-tracking");
-    follows(&hand, &mut browser, "head and controllers", "mock.squeeze = 1", "mock.squeeze = 0");
-    assert!(browser.evaluate("window.teleopd.room()").as_u64().is_some_and(|drawn| drawn > 0), "the robot is drawn");
-    browser.evaluate("mock.squeeze = 0.5");
-    std::thread::sleep(Duration::from_millis(300));
-    browser.evaluate("mock.squeeze = 0");
-    stops(&hand);
-    // A passing press engages nothing. What is a moment here may be long on this machine, so the robot decides.
-    assert_eq!(browser.evaluate("document.getElementById('engage').getAttribute('aria-pressed')"), "false");
-    drop(browser);
-    drop(viewer);
-    assert_no_violations(&rig.end("driver"));
+    in_real_time(|| {
+        let mut rig = Rig::whole();
+        let (operator, viewer) = (rig.operator_session(), Viewer::start(&rig));
+        operator.wait("at rest", |status| status.moving == 0 && status.ticks > 750);
+        let Some(mut browser) = page(&viewer, "mock.inputs = 'controllers';") else { return };
+        leads(&mut browser, "head and controllers");
+        assert_eq!(operator.mode(), Some(Mode::Disengaged), "to lead is not to engage");
+        assert_eq!(browser.evaluate("mock.asked.join(' ')"), "immersive-ar local-floor body-tracking hand-tracking");
+        follows(&operator, &mut browser, "head and controllers", "mock.squeeze = 1", "mock.squeeze = 0");
+        assert!(
+            browser.evaluate("window.teleopd.room()").as_u64().is_some_and(|drawn| drawn > 0),
+            "the robot is drawn"
+        );
+        browser.evaluate("mock.squeeze = 0.5");
+        operator.wait_control(Duration::from_millis(300));
+        browser.evaluate("mock.squeeze = 0");
+        stops(&operator);
+        // A passing press engages nothing. What is a moment here may be long on this machine, so the robot decides.
+        assert_eq!(browser.evaluate("document.getElementById('engage').getAttribute('aria-pressed')"), "false");
+        drop(browser);
+        drop(viewer);
+        rig.end_without_violations();
+    });
 }
 
 #[test]
 fn f132_session_end_hidden_page_and_lost_head_release() {
-    let mut rig = Rig::whole();
-    let (hand, viewer) = (rig.hand(), Viewer::of(&rig));
-    hand.wait("at rest", |status| status.moving == 0 && status.ticks > 750);
-    let Some(mut browser) = page(&viewer, "") else { return };
-    let (press, open, kind) = ("mock.pinch = 0.01", "mock.pinch = 0.08", "head and hands");
-    for (ends, off) in [
-        ("mock.head = false", false),
-        ("mock.session.show('visible-blurred')", false),
-        ("mock.session.end()", true),
-        ("mock.session.show('hidden')", true),
-        (
-            "Object.defineProperty(document, 'hidden', { value: true, configurable: true }); \
-             document.dispatchEvent(new Event('visibilitychange')); delete document.hidden;",
-            true,
-        ),
-    ] {
-        follows(&hand, &mut browser, kind, press, open);
-        browser.evaluate(&format!("(() => {{ {ends}; }})()"));
-        stops(&hand);
-        if off {
-            browser.wait("it is off", &format!("{} === 'off' && {} !== ''", text("xr-state"), text("xr-told")));
+    in_real_time(|| {
+        let mut rig = Rig::whole();
+        let (operator, viewer) = (rig.operator_session(), Viewer::start(&rig));
+        operator.wait("at rest", |status| status.moving == 0 && status.ticks > 750);
+        let Some(mut browser) = page(&viewer, "") else { return };
+        let (press, open, kind) = ("mock.pinch = 0.01", "mock.pinch = 0.08", "head and hands");
+        for (ends, off) in [
+            ("mock.head = false", false),
+            ("mock.session.show('visible-blurred')", false),
+            ("mock.session.end()", true),
+            ("mock.session.show('hidden')", true),
+            (HIDE, true),
+        ] {
+            follows(&operator, &mut browser, kind, press, open);
+            browser.evaluate(&format!("(() => {{ {ends}; }})()"));
+            stops(&operator);
+            if off {
+                browser.wait("it is off", &format!("{} === 'off' && {} !== ''", text("xr-state"), text("xr-told")));
+            }
+            // The hand is still closed, and the wearer is seen again. Nothing engages by itself.
+            browser
+                .evaluate("(() => { mock.head = true; if (!mock.session.isEnded) mock.session.show('visible'); })()");
+            operator.assert_stays(Mode::Disengaged, Duration::from_secs(1));
         }
-        // The hand is still closed, and the wearer is seen again. Nothing engages by itself.
-        browser.evaluate("(() => { mock.head = true; if (!mock.session.isEnded) mock.session.show('visible'); })()");
-        std::thread::sleep(Duration::from_secs(1));
-        assert_eq!(hand.mode(), Some(Mode::Disengaged), "{ends}");
-    }
-    drop(browser);
-    drop(viewer);
-    assert_no_violations(&rig.end("driver"));
+        drop(browser);
+        drop(viewer);
+        rig.end_without_violations();
+    });
 }
 
 #[test]
 fn tracked_body_moves_the_robot_and_the_button_ends_it() {
-    let mut rig = Rig::whole();
-    let (hand, viewer) = (rig.hand(), Viewer::of(&rig));
-    let settings = "mock.features.push('body-tracking'); mock.modes = ['immersive-vr']; mock.inputs = 'controllers';";
-    let Some(mut browser) = page(&viewer, settings) else { return };
-    follows(&hand, &mut browser, "body tracking", "mock.squeeze = 1", "mock.squeeze = 0");
-    assert_eq!(browser.evaluate("mock.asked[0]"), "immersive-vr");
-    browser.click("#xr-on");
-    stops(&hand);
-    assert_eq!(browser.evaluate("mock.session.isEnded"), true);
-    drop(browser);
-    drop(viewer);
-    assert_no_violations(&rig.end("driver"));
+    in_real_time(|| {
+        let mut rig = Rig::whole();
+        let (operator, viewer) = (rig.operator_session(), Viewer::start(&rig));
+        let settings =
+            "mock.features.push('body-tracking'); mock.modes = ['immersive-vr']; mock.inputs = 'controllers';";
+        let Some(mut browser) = page(&viewer, settings) else { return };
+        follows(&operator, &mut browser, "body tracking", "mock.squeeze = 1", "mock.squeeze = 0");
+        assert_eq!(browser.evaluate("mock.asked[0]"), "immersive-vr");
+        browser.click("#xr-on");
+        stops(&operator);
+        assert_eq!(browser.evaluate("mock.session.isEnded"), true);
+        drop(browser);
+        drop(viewer);
+        rig.end_without_violations();
+    });
 }
 
 /// A page without the button says why, below everything else.
 #[test]
 fn page_without_a_headset_says_why() {
     let rig = Rig::empty();
-    let viewer = Viewer::of(&rig);
+    let viewer = Viewer::start(&rig);
     let without = "Object.defineProperty(navigator, 'xr', { value: undefined });";
     let insecure = format!("{without} Object.defineProperty(window, 'isSecureContext', {{ value: false }});");
     let none = "Object.defineProperty(navigator, 'xr', { value: { isSessionSupported: async () => false } });";
@@ -162,14 +156,12 @@ fn page_without_a_headset_says_why() {
         (&insecure, "A headset needs https or localhost: see --https."),
         (none, "This browser has WebXR, but finds no headset."),
     ] {
-        let Some(mut browser) = Browser::injected(&viewer.address, script) else {
-            return println!("skipped: no Chromium in PATH, and TELEOPD_CHROMIUM names none");
-        };
+        let Some(mut browser) = Browser::injected(&viewer.address, script) else { return };
         browser.wait("it says why", &format!("{}.startsWith({expected:?})", text("xr-none")));
         assert_eq!(browser.evaluate("document.getElementById('xr').hidden"), true);
     }
     let Some(mut browser) = page(&viewer, "") else { return };
-    browser.wait("it says nothing", &format!("{} === ''", text("xr-none")));
+    browser.wait_text("xr-none", "");
 }
 
 /// A message of a wearer who holds both hands ahead, with the left pinch of this distance.
@@ -193,26 +185,26 @@ fn message(sent_ms: f64, pinch_m: f32) -> Vec<u8> {
 #[test]
 fn f132_press_ends_with_the_messages_of_the_headset() {
     let mut rig = Rig::whole();
-    let viewer = Viewer::of(&rig);
-    let (hand, mut page, begun) = (rig.hand(), viewer.page(), Instant::now());
-    page.told("scene");
-    page.say(&serde_json::json!({ "do": "headset", "on": true }));
+    let viewer = Viewer::start(&rig);
+    let (operator, mut page, begun) = (rig.operator_session(), viewer.page(), Instant::now());
+    page.message("scene");
+    page.send(&serde_json::json!({ "do": "headset", "on": true }));
     let give_up = Instant::now() + 3 * SOON;
     let mut open_until = Instant::now() + Duration::from_secs(2);
-    while hand.mode() != Some(Mode::Engaged) {
+    while operator.mode() != Some(Mode::Engaged) {
         let pinch_m = if Instant::now() < open_until { 0.08 } else { 0.01 };
         page.socket
             .send(tungstenite::Message::binary(message(begun.elapsed().as_secs_f64() * 1e3, pinch_m)))
             .expect("sent");
         let turn = Instant::now();
         while turn.elapsed() < Duration::from_millis(14) {
-            if let Seen::Told(told) = page.read() {
+            if let Received::Message(message) = page.read() {
                 // The enable was refused, or a pause of this machine ended the person: open the hand again.
-                if told["tell"] == "hand" && told["held"] == false {
+                if message["tell"] == "hand" && message["held"] == false {
                     open_until = Instant::now() + Duration::from_secs(1);
                 }
-                if told["tell"] == "headset" && told["on"] == false {
-                    page.say(&serde_json::json!({ "do": "headset", "on": true }));
+                if message["tell"] == "headset" && message["on"] == false {
+                    page.send(&serde_json::json!({ "do": "headset", "on": true }));
                     open_until = Instant::now() + Duration::from_secs(2);
                 }
             }
@@ -222,12 +214,12 @@ fn f132_press_ends_with_the_messages_of_the_headset() {
     // No message comes any more. The page repeats the press, which does not count.
     let silent = Instant::now();
     while silent.elapsed() < Duration::from_secs(2) {
-        page.ask("keep");
+        page.request("keep");
         page.frame();
     }
-    hand.wait_mode(Mode::Disengaged);
+    operator.wait_mode(Mode::Disengaged);
     // Messages of a closed hand engage nothing, neither before nor after another start.
-    page.say(&serde_json::json!({ "do": "headset", "on": true }));
+    page.send(&serde_json::json!({ "do": "headset", "on": true }));
     let again = Instant::now();
     while again.elapsed() < Duration::from_secs(2) {
         page.socket
@@ -235,8 +227,8 @@ fn f132_press_ends_with_the_messages_of_the_headset() {
             .expect("sent");
         page.frame();
     }
-    assert_eq!(hand.mode(), Some(Mode::Disengaged));
+    assert_eq!(operator.mode(), Some(Mode::Disengaged));
     drop(page);
     drop(viewer);
-    assert_no_violations(&rig.end("driver"));
+    rig.end_without_violations();
 }

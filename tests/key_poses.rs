@@ -2,12 +2,12 @@
 //! in a browser if there is one.
 
 use crate::browser::Browser;
-use crate::viewer::{Page, Seen, Viewer};
-use harness::{Rig, SOON, assert_no_violations, config};
+use crate::viewer::{Page, Received, Viewer};
+use harness::{Operator, Rig, SOON, config, in_real_time, within};
 use messages::{JOINTS_MAX, Mode, Service, Skeleton};
 use poses::triangle::{POSES, Triangle};
 use retarget::{ARMS, ArmModel, ArmQ, Limbs, PRIOR_WEIGHT, features, limb_error_deg, refine};
-use serde_json::{Value, json};
+use serde_json::json;
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 use tungstenite::Message;
@@ -15,26 +15,12 @@ use tungstenite::Message;
 const CORNERS: [[f64; 3]; 3] = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
 
 /// Requests `shares` ten times a second, keeps a pressed enable, and reads until `done`.
-fn lead(page: &mut Page, what: &str, shares: [f64; 3], mut done: impl FnMut(Option<&Value>) -> bool) {
-    let (give_up, mut asked) = (Instant::now() + SOON, None);
-    loop {
-        if asked.is_none_or(|at: Instant| at.elapsed() > Duration::from_millis(100)) {
-            asked = Some(Instant::now());
-            page.say(&json!({ "do": "mix", "shares": shares }));
-            page.ask("keep");
-        }
-        let seen = page.read();
-        if done(if let Seen::Told(told) = &seen { Some(told) } else { None }) {
-            return;
-        }
-        assert!(Instant::now() < give_up, "never {what}");
-    }
-}
-
-/// Returns the next report on whether this page's person is published.
-fn mixed(told: Option<&Value>) -> Option<(bool, String)> {
-    let told = told.filter(|told| told["tell"] == "mix")?;
-    Some((told["on"] == true, told["text"].as_str().unwrap_or_default().to_owned()))
+fn lead(page: &mut Page, what: &str, shares: [f64; 3], done: impl FnMut(&Received) -> bool) {
+    let send = |page: &mut Page| {
+        page.send(&json!({ "do": "mix", "shares": shares }));
+        page.request("keep");
+    };
+    page.drive(what, Duration::from_millis(100), send, done);
 }
 
 /// Goal of the robot: the limb directions, and the joint positions that retargeting finds for them.
@@ -107,95 +93,86 @@ fn arms_between_default_poses_keep_up_with_the_handle() {
 
 #[test]
 fn robot_follows_the_dragged_handle_until_the_page_is_silent() {
-    let mut rig = Rig::whole();
-    let (hand, viewer, mut eyes) = (rig.hand(), Viewer::of(&rig), rig.eyes());
-    let mut page = viewer.page();
-    assert_eq!(page.told("scene")["about"]["key_poses"], json!(POSES));
-    // Requested without being a client.
-    page.say(&json!({ "do": "mix", "shares": CORNERS[1] }));
-    page.ask("join");
-    lead(&mut page, "its person", CORNERS[0], |told| mixed(told).is_some_and(|(on, _)| on));
-    lead(&mut page, "free to engage", CORNERS[0], |_| {
-        hand.status().is_some_and(|status| status.faults == 0 && status.moving == 0 && status.ticks > 750)
-    });
-    assert_eq!(hand.mode(), Some(Mode::Disengaged), "to lead is not to engage");
-    page.ask("engage");
-    lead(&mut page, "engaged", CORNERS[0], |_| hand.mode() == Some(Mode::Engaged));
-    for (shares, pose) in [(CORNERS[0], POSES[0]), (CORNERS[1], POSES[1]), ([0.0, 0.5, 0.5], "half way")] {
-        let goal = Goal::at(&shares);
-        lead(&mut page, pose, shares, |_| {
-            hand.mode() == Some(Mode::Engaged) && eyes.robot().is_some_and(|state| goal.is_met(&state.q_measured))
+    in_real_time(|| {
+        let mut rig = Rig::whole();
+        let (operator, viewer, mut observer) = (rig.operator_session(), Viewer::start(&rig), rig.state_observer());
+        let mut page = viewer.page();
+        assert_eq!(page.message("scene")["about"]["key_poses"], json!(POSES));
+        // Requested without being a client.
+        page.send(&json!({ "do": "mix", "shares": CORNERS[1] }));
+        page.request("join");
+        lead(&mut page, "its person", CORNERS[0], |received| {
+            received.message("mix").is_some_and(|message| message["on"] == true)
         });
-        let (joint_rad, limb_deg) = eyes.robot().map(|state| goal.away(&state.q_measured)).expect("a robot");
-        println!("{pose}: {joint_rad:.4} rad, {limb_deg:.2} degrees; retargeting misses {:.2}", goal.misses_deg);
-    }
-    // A point outside the triangle becomes its nearest corner. This is no fault.
-    let goal = Goal::at(&CORNERS[1]);
-    lead(&mut page, "the corner", [-1e300, 1e12, 0.5], |_| {
-        eyes.robot().is_some_and(|state| goal.is_met(&state.q_measured))
-    });
-    // The page stops sending the handle while the enable is held. The person disappears, and the robot holds.
-    let give_up = Instant::now() + SOON;
-    let silent = loop {
-        page.ask("keep");
-        if let Seen::Told(told) = page.read()
-            && let Some((false, text)) = mixed(Some(&told))
-        {
-            break text;
+        lead(&mut page, "free to engage", CORNERS[0], |_| operator.status().as_ref().is_some_and(Operator::is_free));
+        assert_eq!(operator.mode(), Some(Mode::Disengaged), "to lead is not to engage");
+        page.request("engage");
+        lead(&mut page, "engaged", CORNERS[0], |_| operator.mode() == Some(Mode::Engaged));
+        for (shares, pose) in [(CORNERS[0], POSES[0]), (CORNERS[1], POSES[1]), ([0.0, 0.5, 0.5], "half way")] {
+            let goal = Goal::at(&shares);
+            lead(&mut page, pose, shares, |_| {
+                operator.mode() == Some(Mode::Engaged)
+                    && observer.robot().is_some_and(|state| goal.is_met(&state.q_measured))
+            });
+            let (joint_rad, limb_deg) = observer.robot().map(|state| goal.away(&state.q_measured)).expect("a robot");
+            println!("{pose}: {joint_rad:.4} rad, {limb_deg:.2} degrees; retargeting misses {:.2}", goal.misses_deg);
         }
-        assert!(Instant::now() < give_up, "never silent");
-    };
-    assert!(silent.contains("stopped answering"), "{silent}");
-    hand.wait("holding", |status| status.mode == Mode::Holding as u32 || status.mode == Mode::Disengaged as u32);
-    let domain = bus::Domain::open(rig.instance.core_domain(), "test").expect("the core domain");
-    let mut skeletons = domain.reader::<Skeleton>(Service::Skeleton).expect("skeletons");
-    for _ in 0..30 {
-        page.say(&json!({ "do": "mix", "shares": CORNERS[0] }));
-        page.frame();
-    }
-    assert!(skeletons.latest().is_none(), "what is asked late is no person");
-    drop(page);
-    hand.wait_mode(Mode::Disengaged);
-    drop(viewer);
-    assert_no_violations(&rig.end("driver"));
+        // A point outside the triangle becomes its nearest corner. This is no fault.
+        let goal = Goal::at(&CORNERS[1]);
+        lead(&mut page, "the corner", [-1e300, 1e12, 0.5], |_| {
+            observer.robot().is_some_and(|state| goal.is_met(&state.q_measured))
+        });
+        // The page stops sending the handle while the enable is held. The person disappears, and the robot holds.
+        let mut silent = String::new();
+        page.drive(
+            "silent",
+            Duration::ZERO,
+            |page| page.request("keep"),
+            |received| {
+                let off = received.message("mix").filter(|message| message["on"] == false);
+                off.inspect(|message| silent = message["text"].to_string()).is_some()
+            },
+        );
+        assert!(silent.contains("stopped answering"), "{silent}");
+        operator
+            .wait("holding", |status| status.mode == Mode::Holding as u32 || status.mode == Mode::Disengaged as u32);
+        let domain = bus::Domain::open(rig.instance.core_domain(), "test").expect("the core domain");
+        let mut skeletons = domain.reader::<Skeleton>(Service::Skeleton).expect("skeletons");
+        for _ in 0..30 {
+            page.send(&json!({ "do": "mix", "shares": CORNERS[0] }));
+            page.frame();
+        }
+        assert!(skeletons.latest().is_none(), "what is asked late is no person");
+        drop(page);
+        operator.wait_mode(Mode::Disengaged);
+        drop(viewer);
+        rig.end_without_violations();
+    });
 }
 
 #[test]
 fn page_gets_no_lease_while_another_client_holds_it() {
-    let rig = Rig::whole();
-    let client = rig.client(&motion::builtin(), 1);
-    let (hand, viewer) = (rig.hand(), Viewer::of(&rig));
-    hand.wait("free to engage", |status| status.faults == 0 && status.moving == 0 && status.ticks > 750);
-    let mut page = viewer.page();
-    page.ask("join");
-    let told = page.told("mix");
-    assert_eq!(told["on"], false);
-    assert!(told["text"].as_str().is_some_and(|text| text.contains("Another client")), "{told}");
-    drop(client);
-    let give_up = Instant::now() + SOON;
-    loop {
-        page.ask("join");
-        if page.told("mix")["on"] == true {
-            break;
-        }
-        assert!(Instant::now() < give_up, "the lease ends with its holder");
-        std::thread::sleep(Duration::from_millis(50));
-    }
-    // The second page is another client. A page that closes gives up its lease.
-    lead(&mut page, "the person", CORNERS[0], |_| hand.status().is_some_and(|status| status.faults == 0));
-    let mut second = viewer.page();
-    second.ask("join");
-    lead(&mut page, "there", CORNERS[0], |told| told.is_none());
-    assert_eq!(second.told("mix")["on"], false);
-    drop(page);
-    loop {
-        second.ask("join");
-        if second.told("mix")["on"] == true {
-            break;
-        }
-        assert!(Instant::now() < give_up, "the lease ends with the page");
-        std::thread::sleep(Duration::from_millis(50));
-    }
+    in_real_time(|| {
+        let rig = Rig::whole();
+        let client = rig.client(&motion::builtin(), 1);
+        let (operator, viewer) = (rig.operator_session(), Viewer::start(&rig));
+        operator.wait_free();
+        let mut page = viewer.page();
+        page.request("join");
+        let message = page.message("mix");
+        assert_eq!(message["on"], false);
+        assert!(message["text"].as_str().is_some_and(|text| text.contains("Another client")), "{message}");
+        drop(client);
+        page.wait_lease("mix", &json!({ "do": "join" }));
+        // The second page is another client. A page that closes gives up its lease.
+        lead(&mut page, "the person", CORNERS[0], |_| operator.status().is_some_and(|status| status.faults == 0));
+        let mut second = viewer.page();
+        second.request("join");
+        lead(&mut page, "there", CORNERS[0], |received| matches!(received, Received::Frame(_)));
+        assert_eq!(second.message("mix")["on"], false);
+        drop(page);
+        second.wait_lease("mix", &json!({ "do": "join" }));
+    });
 }
 
 #[test]
@@ -212,7 +189,7 @@ fn invalid_mix_or_flood_ends_the_page() {
         r#"{"do":"join","shares":[1,0,0]}"#,
     ] {
         let mut page = viewer.page();
-        assert_eq!(page.told("scene")["about"]["key_poses"][1], "clap");
+        assert_eq!(page.message("scene")["about"]["key_poses"][1], "clap");
         page.socket.send(Message::text(bad)).expect("it listens");
         assert!(page.ends(), "{bad}");
     }
@@ -228,9 +205,12 @@ fn invalid_mix_or_flood_ends_the_page() {
     }
     // There is no instance, and the reply says so in words.
     let mut page = viewer.page();
-    page.ask("join");
-    let told = page.told("mix");
-    assert!(told["on"] == false && told["text"].as_str().is_some_and(|text| text.contains("ingest")), "{told}");
+    page.request("join");
+    let message = page.message("mix");
+    assert!(
+        message["on"] == false && message["text"].as_str().is_some_and(|text| text.contains("ingest")),
+        "{message}"
+    );
 }
 
 #[test]
@@ -251,67 +231,63 @@ fn invalid_key_poses_are_refused_by_name() {
             .stdin(Stdio::null())
             .output()
             .expect("it runs");
-        let text = String::from_utf8_lossy(&output.stderr);
+        let text = harness::stderr(&output);
         assert!(output.status.code() == Some(code) && text.contains(expected), "{arguments:?}: {output:?}");
     }
 }
 
 #[test]
 fn browser_handle_is_moved_by_mouse_and_by_keys() {
-    let mut rig = Rig::whole();
-    let (hand, viewer) = (rig.hand(), Viewer::of(&rig));
-    let Some(mut browser) = Browser::open(&viewer.address) else {
-        return println!("skipped: no Chromium in PATH, and TELEOPD_CHROMIUM names none");
-    };
-    let spoken = "document.getElementById('mix-handle').getAttribute('aria-valuetext')";
-    browser.wait("the triangle is there", &format!("{spoken} === 't-pose 100 %, hands-up 0 %, box 0 %'"));
-    browser.click("#mix > summary");
-    browser.click("#mix-on");
-    browser.wait("it is on", "document.getElementById('mix-on').getAttribute('aria-checked') === 'true'");
-    hand.wait("free to engage", |status| status.faults == 0 && status.moving == 0 && status.ticks > 750);
-    browser.click("#engage");
-    browser.wait("it follows", "document.getElementById('mode').textContent === 'Engaged'");
-    // The whole triangle, then the handle in it.
-    browser.middle("#mix-plane");
-    let from = browser.middle("#mix-handle");
-    // A drag beyond the corner: the handle stays in the triangle.
-    let to = browser.evaluate(
+    in_real_time(|| {
+        let mut rig = Rig::whole();
+        let (operator, viewer) = (rig.operator_session(), Viewer::start(&rig));
+        let Some(mut browser) = Browser::open(&viewer.address) else { return };
+        let spoken = "document.getElementById('mix-handle').getAttribute('aria-valuetext')";
+        browser.wait("the triangle is there", &format!("{spoken} === 't-pose 100 %, hands-up 0 %, box 0 %'"));
+        browser.click("#mix > summary");
+        browser.click("#mix-on");
+        browser.wait_attribute("mix-on", "aria-checked", "true");
+        operator.wait_free();
+        browser.click("#engage");
+        browser.wait_text("mode", "Engaged");
+        // The whole triangle, then the handle in it.
+        browser.middle("#mix-plane");
+        let from = browser.middle("#mix-handle");
+        // A drag beyond the corner: the handle stays in the triangle.
+        let to = browser.evaluate(
         "(() => { const b = document.getElementById('mix-plane').getBoundingClientRect(); return [b.right - 2, b.bottom - 2]; })()",
     );
-    browser.mouse("mousePressed", &from);
-    for part in 1..=10 {
-        let between =
-            |n: usize| from[n].as_f64().zip(to[n].as_f64()).map(|(a, b)| a + (b - a) * f64::from(part) / 10.0);
-        browser.mouse("mouseMoved", &json!([between(0), between(1)]));
-    }
-    browser.mouse("mouseReleased", &to);
-    let goal = Goal::at(&CORNERS[1]);
-    let posture = "Array.from(window.teleopd.frame().q.measured)";
-    let give_up = Instant::now() + SOON;
-    loop {
-        let shown: Vec<f64> = serde_json::from_value(browser.evaluate(posture)).expect("numbers");
-        let mut q = [0.0; JOINTS_MAX];
-        q[..shown.len()].copy_from_slice(&shown);
-        if goal.is_met(&q) {
-            break;
+        browser.mouse("mousePressed", &from);
+        for part in 1..=10 {
+            let between =
+                |n: usize| from[n].as_f64().zip(to[n].as_f64()).map(|(a, b)| a + (b - a) * f64::from(part) / 10.0);
+            browser.mouse("mouseMoved", &json!([between(0), between(1)]));
         }
-        assert!(Instant::now() < give_up, "never there: {}", browser.evaluate("document.body.innerText"));
-    }
-    assert_eq!(browser.evaluate(spoken), "t-pose 0 %, hands-up 100 %, box 0 %");
-    hand.wait_mode(Mode::Engaged);
-    if let Some(file) = std::env::var_os("TELEOPD_SCREENSHOT") {
-        std::fs::write(file, crate::browser::bytes_of(&browser.screenshot())).expect("the picture");
-    }
-    // The handle has had the focus since it was pressed.
-    for _ in 0..10 {
-        browser.press("ArrowLeft", "ArrowLeft");
-    }
-    browser.wait("keys move it", &format!("/^t-pose 2\\d %, hands-up 7\\d %/.test({spoken})"));
-    browser.wait("the person follows", "document.getElementById('mix-person').cx.baseVal.value < 90");
-    browser.click("#mix-on");
-    browser.wait("it is off", "document.getElementById('mix-on').getAttribute('aria-checked') === 'false'");
-    hand.wait("holding", |status| status.mode == Mode::Holding as u32 || status.mode == Mode::Disengaged as u32);
-    drop(browser);
-    drop(viewer);
-    assert_no_violations(&rig.end("driver"));
+        browser.mouse("mouseReleased", &to);
+        let goal = Goal::at(&CORNERS[1]);
+        let is_there = within(SOON, || {
+            let (mut q, shown) = ([0.0; JOINTS_MAX], browser.measured());
+            q[..shown.len()].copy_from_slice(&shown);
+            goal.is_met(&q)
+        });
+        assert!(is_there, "never there: {}", browser.page_text());
+        assert_eq!(browser.evaluate(spoken), "t-pose 0 %, hands-up 100 %, box 0 %");
+        operator.wait_mode(Mode::Engaged);
+        if let Some(file) = std::env::var_os("TELEOPD_SCREENSHOT") {
+            std::fs::write(file, crate::browser::decode_base64(&browser.screenshot())).expect("the picture");
+        }
+        // The handle has had the focus since it was pressed.
+        for _ in 0..10 {
+            browser.press("ArrowLeft", "ArrowLeft");
+        }
+        browser.wait("keys move it", &format!("/^t-pose 2\\d %, hands-up 7\\d %/.test({spoken})"));
+        browser.wait("the person follows", "document.getElementById('mix-person').cx.baseVal.value < 90");
+        browser.click("#mix-on");
+        browser.wait_attribute("mix-on", "aria-checked", "false");
+        operator
+            .wait("holding", |status| status.mode == Mode::Holding as u32 || status.mode == Mode::Disengaged as u32);
+        drop(browser);
+        drop(viewer);
+        rig.end_without_violations();
+    });
 }

@@ -1,12 +1,13 @@
 //! Tests a real `ingest` with clients of other layouts at its socket.
 
 use doors::Client;
-use harness::{Rig, SOON, repository};
+use harness::{Pace, Rig, repository, wait_until};
 use messages::{RAW_JOINTS_MAX, RawSkeleton, SkeletonLayout};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
-/// Number of frames of each client.
+/// Number of frames of each client, and their period.
 const FRAMES: usize = 30;
+const PERIOD: Duration = Duration::from_millis(10);
 
 /// Converts the frame to OpenXR: x right, y up, z back.
 fn as_xr(mut raw: RawSkeleton) -> RawSkeleton {
@@ -44,17 +45,18 @@ fn ingest_accepts_known_layouts_and_counts_unknown_as_dropped() {
     let unknown = |raw| RawSkeleton { layout: 1999, ..raw };
     let layouts: [&dyn Fn(RawSkeleton) -> RawSkeleton; 4] = [&|raw| raw, &as_xr, &as_zed, &unknown];
     let mut client = Client::attach(rig.instance.skeleton_socket()).expect("a client");
-    let mut sequence = 0;
+    let (mut sequence, mut pace) = (0, Pace::new(PERIOD));
     for layout in layouts {
         for frame in 0..FRAMES {
-            std::thread::sleep(Duration::from_millis(10));
+            pace.wait();
             sequence += 1;
             let mut raw = layout(motion::raw_frame(&motion, frame, &calibration));
             (raw.header.sequence, raw.header.origin, raw.header.stamp) = (sequence, rt::now(), rt::now());
             client.publish(&raw).expect("taken");
         }
     }
-    std::thread::sleep(Duration::from_millis(100));
+    // `ingest` reads the last frames.
+    (0..10).for_each(|_| pace.wait());
     let figures = rig.end("ingest");
     let count = |value: &serde_json::Value| value.as_u64().unwrap_or(0);
     assert_eq!(count(&figures["dropped"]["Layout"]), FRAMES as u64, "{figures}");
@@ -69,32 +71,30 @@ fn ingest_accepts_known_layouts_and_counts_unknown_as_dropped() {
 #[test]
 fn status_says_why_frames_are_dropped() {
     let rig = Rig::whole();
-    let hand = rig.hand();
+    let operator = rig.operator_session();
     let motion = motion::builtin();
     let calibration = motion::calibrate(&motion, motion::CalibrationMode::First10s);
     let mut client = Client::attach(rig.instance.skeleton_socket()).expect("a client");
     let outsized = skeleton::DropReason::OutOfRange as u32 + 1;
-    let give_up = Instant::now() + SOON;
-    for frame in 1.. {
+    let (mut frame, mut pace) = (0, Pace::new(PERIOD));
+    wait_until("a reason in the status", || {
+        frame += 1;
         let mut raw = motion::raw_frame(&motion, frame, &calibration);
         // Positions in centimetres.
         raw.positions = raw.positions.map(|place| place.map(|x| 100.0 * x));
         (raw.header.sequence, raw.header.origin, raw.header.stamp) = (frame as u64, rt::now(), rt::now());
         client.publish(&raw).expect("taken");
-        if hand.status().is_some_and(|status| status.input_drop == outsized) {
-            break;
-        }
-        assert!(Instant::now() < give_up, "nothing is said: {:?}", hand.status());
-        std::thread::sleep(Duration::from_millis(10));
-    }
+        pace.wait();
+        operator.status().is_some_and(|status| status.input_drop == outsized)
+    });
     let status = std::process::Command::new(env!("CARGO_BIN_EXE_teleopctl"))
         .arg("--run-dir")
         .arg(rig.folder())
         .args(["status", "--json"])
         .output()
         .expect("teleopctl runs");
-    let said: serde_json::Value = serde_json::from_slice(&status.stdout).expect("JSON");
-    assert_eq!(said["input_drop"], "OutOfRange", "{said:#}");
+    let printed: serde_json::Value = serde_json::from_slice(&status.stdout).expect("JSON");
+    assert_eq!(printed["input_drop"], "OutOfRange", "{printed:#}");
     // A second after the last frame, no drop is reported any more.
-    hand.wait("silent", |status| status.input_drop == 0);
+    operator.wait("silent", |status| status.input_drop == 0);
 }

@@ -1,13 +1,13 @@
 //! Tests exhausted resources: shared memory, disk, file descriptors. Each test uses its own small file system
 //! instead of a full one. If the system does not allow the mount, the test says so and ends.
 
-use harness::{Rig, SOON, config};
+use harness::{Operator, Rig, config, in_real_time, wait_until};
 use messages::Mode;
 use std::fs::File;
 use std::io::Write;
 use std::path::Path;
 use std::process::{Child, Command, Output, Stdio};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 /// Starts a process of teleopd with its own file system of `size` at `place`. `None` if it cannot be mounted.
 fn with_small_files_at(place: &Path, size: &str, arguments: &[&str]) -> Option<Child> {
@@ -37,8 +37,8 @@ fn fill(id: u32, folder: &Path) {
 
 fn end(child: Child) -> (Output, String) {
     let output = child.wait_with_output().expect("the process ends");
-    let told = format!("{}{}", String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
-    (output, told)
+    let printed = format!("{}{}", harness::stdout(&output), harness::stderr(&output));
+    (output, printed)
 }
 
 #[test]
@@ -48,44 +48,31 @@ fn f085_process_without_room_in_shared_memory_does_not_start() {
     let Some(child) = with_small_files_at(Path::new("/dev/shm"), "1m", &["driver", "--run-dir", &folder]) else {
         return;
     };
-    let (output, told) = end(child);
-    assert_eq!(output.status.code(), Some(69), "{told}");
-    assert!(told.contains("/dev/shm: 1048576 bytes are free"), "{told}");
+    let (output, printed) = end(child);
+    assert_eq!(output.status.code(), Some(69), "{printed}");
+    assert!(printed.contains("/dev/shm: 1048576 bytes are free"), "{printed}");
 }
 
 #[test]
 fn f085_shared_memory_filled_later_disturbs_no_process() {
-    let paused = (0..2).all(|_| demo_with_shared_memory_filled() == Err("paused"));
-    assert!(!paused || demo_with_shared_memory_filled().is_ok(), "the machine pauses too often");
-}
-
-/// Runs a demo, and fills the shared memory after its start. Returns an error if this machine suspended the driver.
-fn demo_with_shared_memory_filled() -> Result<(), &'static str> {
-    let rig = Rig::empty();
-    let run_dir = rig.folder().join("run");
-    let report = rig.folder().join("report.json");
-    let (folder, file) = (run_dir.to_str().unwrap().to_owned(), report.to_str().unwrap().to_owned());
-    let arguments = ["demo", "--seconds", "5", "--report", &file, "--run-dir", &folder];
-    let Some(child) = with_small_files_at(Path::new("/dev/shm"), "24m", &arguments) else { return Ok(()) };
-    let give_up = Instant::now() + SOON;
-    while !run_dir.join("operator.sock").exists() {
-        assert!(Instant::now() < give_up, "the demo never began");
-        std::thread::sleep(Duration::from_millis(20));
-    }
-    // All four are ready when the person's client runs. A second later it surely does.
-    std::thread::sleep(Duration::from_secs(1));
-    fill(child.id(), Path::new("/dev/shm"));
-    let (output, told) = end(child);
-    if told.contains("the driver was suspended for too long") {
-        println!("again: {told}");
-        return Err("paused");
-    }
-    assert!(output.status.success(), "{told}");
-    let report: serde_json::Value = serde_json::from_str(&std::fs::read_to_string(report).unwrap()).unwrap();
-    for kind in ["position", "velocity", "acceleration", "jerk", "clearance"] {
-        assert_eq!(report["violations"][kind], 0, "{report:#}");
-    }
-    Ok(())
+    in_real_time(|| {
+        let rig = Rig::empty();
+        let run_dir = rig.folder().join("run");
+        let report = rig.folder().join("report.json");
+        let (folder, file) = (run_dir.to_str().unwrap().to_owned(), report.to_str().unwrap().to_owned());
+        let arguments = ["demo", "--seconds", "5", "--report", &file, "--run-dir", &folder];
+        let Some(child) = with_small_files_at(Path::new("/dev/shm"), "24m", &arguments) else { return };
+        wait_until("an operator socket", || run_dir.join("operator.sock").exists());
+        let operator = Operator::connect(run_dir.join("operator.sock")).expect("control answers");
+        wait_until("engaged", || operator.mode() == Some(Mode::Engaged));
+        fill(child.id(), Path::new("/dev/shm"));
+        let (output, printed) = end(child);
+        assert!(output.status.success(), "{printed}");
+        let report: serde_json::Value = serde_json::from_str(&std::fs::read_to_string(report).unwrap()).unwrap();
+        for kind in ["position", "velocity", "acceleration", "jerk", "clearance"] {
+            assert_eq!(report["violations"][kind], 0, "{report:#}");
+        }
+    });
 }
 
 #[test]
@@ -97,42 +84,41 @@ fn f084_full_disk_loses_the_figures_but_not_the_stop() {
     let arguments = ["up", "--engage-without-realtime", "--run-dir", &folder];
     let Some(child) = with_small_files_at(&run_dir, "2m", &arguments) else { return };
     let seen = Path::new("/proc").join(child.id().to_string()).join("root").join(run_dir.strip_prefix("/").unwrap());
-    let give_up = Instant::now() + SOON;
-    while !seen.join("operator.sock").exists() {
-        assert!(Instant::now() < give_up, "up is not ready");
-        std::thread::sleep(Duration::from_millis(20));
-    }
-    std::thread::sleep(Duration::from_secs(2));
+    wait_until("an operator socket", || seen.join("operator.sock").exists());
+    // What else `up` writes while it starts comes within 2 s.
+    let operator = Operator::connect(seen.join("operator.sock")).expect("control answers");
+    wait_until("ticking for 2 s", || operator.status().is_some_and(|status| status.ticks > 2 * messages::TICK_HZ));
     fill(child.id(), &run_dir);
     rt::terminate(child.id());
-    let (output, told) = end(child);
+    let (output, printed) = end(child);
     assert_eq!(
         output.status.code(),
         Some(1),
-        "figures that could not be written are no success ({}): {told}",
+        "figures that could not be written are no success ({}): {printed}",
         output.status
     );
-    assert!(told.contains("ingest.json: No space left"), "{told}");
+    assert!(printed.contains("ingest.json: No space left"), "{printed}");
 }
 
 #[test]
 fn f081_running_processes_open_no_more_descriptors() {
-    let rig = Rig::whole();
-    let hand = rig.hand();
-    let client = rig.client(&motion::builtin(), 11);
-    hand.engage_until(Mode::Engaging);
-    for name in teleopd::PROCESSES {
-        let id = rig.id(name).to_string();
-        let open = std::fs::read_dir(format!("/proc/{id}/fd")).expect("its descriptors").count();
-        let limit = Command::new("prlimit").args(["--pid", &id, &format!("--nofile={open}")]).status();
-        assert!(limit.expect("prlimit runs").success(), "{name} takes a limit of {open} descriptors");
-    }
-    hand.wait_mode(Mode::Engaged);
-    client.set_engaged(true);
-    std::thread::sleep(Duration::from_millis(500));
-    hand.wait_mode(Mode::Engaged);
-    hand.release();
-    hand.wait_mode(Mode::Disengaged);
+    in_real_time(|| {
+        let rig = Rig::whole();
+        let operator = rig.operator_session();
+        let client = rig.client(&motion::builtin(), 11);
+        operator.engage_until(Mode::Engaging);
+        for name in teleopd::PROCESSES {
+            let id = rig.id(name).to_string();
+            let open = std::fs::read_dir(format!("/proc/{id}/fd")).expect("its descriptors").count();
+            let limit = Command::new("prlimit").args(["--pid", &id, &format!("--nofile={open}")]).status();
+            assert!(limit.expect("prlimit runs").success(), "{name} takes a limit of {open} descriptors");
+        }
+        operator.wait_mode(Mode::Engaged);
+        client.set_engaged(true);
+        operator.assert_stays(Mode::Engaged, Duration::from_millis(500));
+        operator.release();
+        operator.wait_mode(Mode::Disengaged);
+    });
 }
 
 #[test]
@@ -145,18 +131,14 @@ fn f081_too_few_descriptors_are_refused_at_the_start() {
         .arg(rig.folder())
         .output()
         .expect("prlimit runs");
-    let told = String::from_utf8_lossy(&output.stderr);
-    assert_eq!(output.status.code(), Some(69), "{told}");
-    assert!(told.contains("12 open files are allowed, 256 are needed"), "{told}");
+    let printed = harness::stderr(&output);
+    assert_eq!(output.status.code(), Some(69), "{printed}");
+    assert!(printed.contains("12 open files are allowed, 256 are needed"), "{printed}");
 }
 
 #[test]
 fn f077_busy_cores_break_no_limit_and_the_robot_comes_to_rest() {
-    let mut rig = Rig::whole();
-    let (hand, mut eyes) = (rig.hand(), rig.eyes());
-    let client = rig.client(&motion::builtin(), 11);
-    hand.engage_until(Mode::Engaged);
-    client.set_engaged(true);
+    let (mut rig, operator, mut observer, _client) = Rig::moving(Rig::shared_memory_client);
     let busy = std::sync::atomic::AtomicBool::new(true);
     let threads = 4 * std::thread::available_parallelism().map_or(1, usize::from);
     std::thread::scope(|scope| {
@@ -167,11 +149,12 @@ fn f077_busy_cores_break_no_limit_and_the_robot_comes_to_rest() {
                 }
             });
         }
-        std::thread::sleep(Duration::from_secs(3));
+        operator.wait_control(Duration::from_secs(3));
         busy.store(false, std::sync::atomic::Ordering::Relaxed);
     });
-    hand.release();
-    hand.wait("released", |status| [Mode::Disengaged, Mode::Faulted].iter().any(|&mode| status.mode == mode as u32));
-    eyes.wait_at_rest();
-    harness::assert_no_violations(&rig.end("driver"));
+    operator.release();
+    operator
+        .wait("released", |status| [Mode::Disengaged, Mode::Faulted].iter().any(|&mode| status.mode == mode as u32));
+    observer.wait_at_rest();
+    rig.end_without_violations();
 }

@@ -4,7 +4,7 @@ mod driven;
 mod grippers;
 mod interfaces;
 
-use harness::{Cable, Rig, repository, shell};
+use harness::{Cable, DRIVER, Rig, holds_for, repository, shell, soon, wait_until};
 use messages::Mode;
 use serde_json::Value;
 use std::io::Write;
@@ -17,9 +17,6 @@ const DOMAINS: [u32; 8] = [41, 42, 43, 121, 122, 123, 124, 125];
 /// Longest time in which the robot is at rest after its driver was killed: the longest stop, the delay of its controllers
 /// and two rows of the trace, s.
 const REST_WITHIN_S: f64 = 0.5 + 0.025 + 0.04;
-
-/// Longest wait for a line of a peer.
-const PRINTS_WITHIN: Duration = Duration::from_secs(20);
 
 /// Returns the interpreter of a virtual environment for the peer. The error says why there is none.
 fn python() -> Result<PathBuf, String> {
@@ -34,20 +31,29 @@ fn python() -> Result<PathBuf, String> {
 
 /// Waits until a peer printed `text` into its log.
 fn wait_for(peer: &mut Child, log: &Path, text: &str) {
-    let give_up = Instant::now() + PRINTS_WITHIN;
-    while !std::fs::read_to_string(log).unwrap_or_default().contains(text) {
-        let runs = peer.try_wait().expect("a child").is_none();
-        assert!(runs && Instant::now() < give_up, "the peer did not print {text:?}");
-        std::thread::sleep(Duration::from_millis(20));
-    }
+    wait_until(&format!("{text:?} of the peer"), || {
+        assert!(peer.try_wait().expect("a child").is_none(), "the peer has ended");
+        std::fs::read_to_string(log).unwrap_or_default().contains(text)
+    });
 }
 
 /// Runs `teleopd preflight`. Returns its exit code, and what it prints on its two outputs.
 fn preflight(config: &Path) -> (Option<i32>, [String; 2]) {
     let output = Command::new(env!("CARGO_BIN_EXE_teleopd")).args(["preflight", "--config"]).arg(config).output();
     let output = output.expect("it runs");
-    let said = [output.stdout, output.stderr].map(|text| String::from_utf8_lossy(&text).into_owned());
-    (output.status.code(), said)
+    let printed = [output.stdout, output.stderr].map(|text| String::from_utf8_lossy(&text).into_owned());
+    (output.status.code(), printed)
+}
+
+/// Waits until `teleopd preflight` refuses a robot in these sentences. A fault of the peer takes a moment.
+fn wait_refusal(config: &Path, sentences: &[&str]) {
+    let mut refusal = (None, String::new());
+    let is_refused = soon(|| {
+        let (code, printed) = preflight(config);
+        refusal = (code, printed.concat());
+        code == Some(1) && sentences.iter().all(|sentence| refusal.1.contains(sentence))
+    });
+    assert!(is_refused, "{refusal:?}");
 }
 
 /// Exit status of a peer that is too late for a robot: EX_TEMPFAIL of sysexits(3).
@@ -126,6 +132,12 @@ impl Drop for Peer {
     }
 }
 
+/// Waits longer than a robot may move after the end of its driver. Only the peer's trace, which it writes at its end, shows
+/// the motion.
+fn outlive_stop() {
+    std::thread::sleep(Duration::from_millis(1500));
+}
+
 /// An instance whose robot is in this domain.
 fn rig(domain: u32) -> Rig {
     rig_at("lo", domain)
@@ -146,12 +158,6 @@ fn rig_with(interface: &str, domain: u32, more: &str) -> Rig {
     ))
 }
 
-/// Checks that the driver counted no violation of any kind.
-fn assert_no_violations(figures: &Value) {
-    let violations = figures["violations"].as_object().expect("counts");
-    assert!(violations.len() > 5 && violations.values().all(|count| *count == 0), "{violations:?}");
-}
-
 /// True if every controller took every message.
 fn took_all(report: &Value) -> bool {
     let controllers = report["controllers"].as_object().expect("controllers");
@@ -167,8 +173,7 @@ fn robot_on_ros2_follows_and_takes_every_message() {
     operator.release();
     operator.wait_mode(Mode::Disengaged);
     observer.wait_at_rest();
-    let figures = rig.end("driver");
-    assert_no_violations(&figures);
+    let figures = rig.end_without_violations();
     assert!(figures["commands_accepted"].as_u64() > Some(1000), "{figures}");
     let (report, trace) = peer.end();
     assert!(took_all(&report), "{report:#}");
@@ -185,14 +190,14 @@ fn f114_robot_on_ros2_plays_the_certified_stop_when_its_driver_is_killed() {
     let Some(peer) = Peer::start(DOMAINS[1], &[]) else { return };
     let mut rig = rig(DOMAINS[1]);
     rig.start_all();
-    let (operator, mut observer) = (rig.hand(), rig.eyes());
+    let (operator, mut observer) = (rig.operator_session(), rig.state_observer());
     let client = rig.client(&motion::builtin(), 1);
     operator.engage_until(Mode::Engaged);
     client.set_engaged(true);
     observer.wait("fast", |robot| robot.v.iter().any(|v| v.abs() > 0.5));
     rig.kill("driver");
     let killed_s = rt::now().0 as f64 * 1e-9;
-    std::thread::sleep(Duration::from_millis(1500));
+    outlive_stop();
     let (_, trace) = peer.end();
     let moves = |pair: &[Vec<f64>]| (2..pair[0].len()).any(|column| (pair[1][column] - pair[0][column]).abs() > 1e-6);
     let moved: Vec<f64> = trace.windows(2).filter(|pair| moves(pair)).map(|pair| pair[1][0]).collect();
@@ -203,13 +208,13 @@ fn f114_robot_on_ros2_plays_the_certified_stop_when_its_driver_is_killed() {
 
 #[test]
 fn preflight_of_no_robot_has_one_sentence_on_the_likeliest_cause() {
-    let (code, [said, _]) = preflight(&rig(DOMAINS[6]).folder().join("teleop.toml"));
-    let failed: Vec<&str> = said.lines().filter(|line| line.starts_with("failed: ")).collect();
+    let (code, [printed, _]) = preflight(&rig(DOMAINS[6]).folder().join("teleop.toml"));
+    let failed: Vec<&str> = printed.lines().filter(|line| line.starts_with("failed: ")).collect();
     let sentence = format!("nothing was heard of a robot in domain {} on network interface `lo`", DOMAINS[6]);
-    assert!(code == Some(1) && failed.len() == 1 && failed[0].contains(&sentence), "{said}");
-    let (code, said) = preflight(&rig_at("nothing0", DOMAINS[6]).folder().join("teleop.toml"));
-    let said = said.concat();
-    assert!(code == Some(69) && said.contains("this machine has no such network interface, only "), "{said}");
+    assert!(code == Some(1) && failed.len() == 1 && failed[0].contains(&sentence), "{printed}");
+    let (code, printed) = preflight(&rig_at("nothing0", DOMAINS[6]).folder().join("teleop.toml"));
+    let printed = printed.concat();
+    assert!(code == Some(69) && printed.contains("this machine has no such network interface, only "), "{printed}");
 }
 
 #[test]
@@ -217,20 +222,18 @@ fn f115_robot_on_ros2_that_is_not_ready_is_refused_with_a_sentence() {
     let Some(mut peer) = Peer::start(DOMAINS[2], &["--fault", "second/head_controller"]) else { return };
     peer.fault("emergency");
     peer.fault("inactive/torso_controller");
-    std::thread::sleep(Duration::from_millis(500));
     let rig = rig(DOMAINS[2]);
-    let (code, [said, _]) = preflight(&rig.folder().join("teleop.toml"));
-    assert_eq!(code, Some(1), "{said}");
-    for sentence in [
-        "controller `torso_controller` publishes no state: activate it",
-        "another program may send to /head_controller/joint_trajectory",
-        "the emergency stop is pressed",
-    ] {
-        assert!(said.contains(sentence), "{sentence}: {said}");
-    }
+    wait_refusal(
+        &rig.folder().join("teleop.toml"),
+        &[
+            "controller `torso_controller` publishes no state: activate it",
+            "another program may send to /head_controller/joint_trajectory",
+            "the emergency stop is pressed",
+        ],
+    );
     let output = rig.run("driver");
-    let said = String::from_utf8_lossy(&output.stderr);
-    assert!(output.status.code() == Some(69) && said.contains("the robot is not ready"), "{said}");
+    let printed = harness::stderr(&output);
+    assert!(output.status.code() == Some(69) && printed.contains("the robot is not ready"), "{printed}");
 }
 
 #[test]
@@ -240,16 +243,12 @@ fn f114_nothing_is_sent_once_the_publisher_of_the_emergency_stop_left() {
     let mut rig = rig(DOMAINS[6]);
     rig.start_all();
     // Longer than the time between two of its messages.
-    std::thread::sleep(Duration::from_millis(1500));
     let left = "its publisher left";
-    assert!(!rig.log("driver").contains(left), "{}", rig.log("driver"));
+    let silent = holds_for(Duration::from_millis(1500), || !rig.log(DRIVER).contains(left));
+    assert!(silent, "{}", rig.log(DRIVER));
     peer.fault("unwatched");
     // Twice the lease of a participant of Cyclone DDS.
-    let give_up = Instant::now() + Duration::from_secs(20);
-    while !rig.log("driver").contains(left) {
-        assert!(Instant::now() < give_up, "it goes on: {}", rig.log("driver"));
-        std::thread::sleep(Duration::from_millis(50));
-    }
+    assert!(soon(|| rig.log(DRIVER).contains(left)), "it goes on: {}", rig.log(DRIVER));
 }
 
 /// Lets the robot follow the built-in motion for so long, and engages it again after each stop. Returns the number of stops,
@@ -272,7 +271,7 @@ fn drive(peer: Peer, mut rig: Rig, length: Duration) -> (u32, Vec<String>, Optio
         stops += u32::from(held.is_err());
     }
     operator.release();
-    rig.eyes().wait_at_rest();
+    rig.state_observer().wait_at_rest();
     let why = |line: &str| line.split_once("nothing is sent to the robot: ").map(|(_, why)| why.to_owned());
     let whys = rig.log("driver").lines().filter_map(why).collect();
     rig.end("driver");
@@ -365,8 +364,8 @@ fn robot_on_fast_dds_may_be_driven() {
     for reliability in ["best-effort", "reliable"] {
         let Some(peer) = FastPeer::start(DOMAINS[4], reliability) else { return };
         let rig = rig(DOMAINS[4]);
-        let (code, [said, _]) = preflight(&rig.folder().join("teleop.toml"));
-        assert!(code == Some(0) && said.contains("may be driven"), "{reliability}: {said}");
+        let (code, [printed, _]) = preflight(&rig.folder().join("teleop.toml"));
+        assert!(code == Some(0) && printed.contains("may be driven"), "{reliability}: {printed}");
         let report = peer.end();
         assert_eq!(report["arm_left_controller"]["messages"], 0, "a preflight sends nothing: {report}");
     }

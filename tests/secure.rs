@@ -66,8 +66,8 @@ fn f135_page_for_other_machines_needs_tls_its_host_and_the_token() {
     let mut tls = connect(&viewer, &folder, "localhost");
     tls.write_all(get("/", &host).as_bytes()).expect("it reads");
     let shown = tls.conn.peer_certificates().expect("a certificate")[0].clone();
-    let told: Vec<String> = Sha256::digest(&shown).iter().map(|byte| format!("{byte:02X}")).collect();
-    assert!(viewer.said.contains(&format!("  {}\n", told.join(":"))), "{}", viewer.said);
+    let message: Vec<String> = Sha256::digest(&shown).iter().map(|byte| format!("{byte:02X}")).collect();
+    assert!(viewer.printed.contains(&format!("  {}\n", message.join(":"))), "{}", viewer.printed);
     // HTTP without TLS gets one sentence, and another name no answer.
     let plain = viewer.get("/");
     assert!(plain.starts_with("HTTP/1.1 400") && plain.contains("this page is served by TLS"), "{plain}");
@@ -97,10 +97,8 @@ fn browser_takes_page_by_tls_as_secure_and_connects() {
     let (rig, folder) = (Rig::empty(), tempfile::tempdir().expect("a folder"));
     let viewer = start(&rig, folder.path(), "127.0.0.1");
     // As if the user had accepted the certificate.
-    let Some(mut browser) = Browser::with(&viewer.address, &["--ignore-certificate-errors"]) else {
-        return println!("skipped: no Chromium in PATH, and TELEOPD_CHROMIUM names none");
-    };
-    browser.wait("it is connected", "document.getElementById('link').textContent === 'connected'");
+    let Some(mut browser) = Browser::with(&viewer.address, &["--ignore-certificate-errors"]) else { return };
+    browser.wait_text("link", "connected");
     assert_eq!(browser.evaluate("isSecureContext && location.protocol"), "https:");
 }
 
@@ -159,8 +157,8 @@ fn certificate_is_kept_for_its_names_and_its_key_is_private() {
         ("127.0.0.1,a b", 64, "--https: a b: a name has letters"),
     ] {
         let output = crate::viewer::command(&rig, &["--https", names, "--tls", tls]).output().expect("it runs");
-        let said = String::from_utf8_lossy(&output.stderr);
-        assert!(output.status.code() == Some(code) && said.contains(expected), "{names}: {output:?}");
+        let printed = harness::stderr(&output);
+        assert!(output.status.code() == Some(code) && printed.contains(expected), "{names}: {output:?}");
     }
     assert_eq!(read("page.pem"), before, "an address that cannot be used changes no certificate");
 }
@@ -169,29 +167,29 @@ fn certificate_is_kept_for_its_names_and_its_key_is_private() {
 #[test]
 fn other_names_keep_the_authority_and_are_told() {
     let (rig, folder) = (Rig::empty(), tempfile::tempdir().expect("a folder"));
-    let said = |names: &str| {
+    let printed = |names: &str| {
         let viewer = start(&rig, folder.path(), names);
         let get = format!("GET / HTTP/1.1\r\nHost: {}\r\n\r\n", viewer.host());
-        (ask(connect(&viewer, folder.path(), "127.0.0.1"), &get), viewer.said.clone())
+        (ask(connect(&viewer, folder.path(), "127.0.0.1"), &get), viewer.printed.clone())
     };
     let news = "new certificate, because the names changed: ";
-    assert!(!said("127.0.0.1").1.contains(news));
+    assert!(!printed("127.0.0.1").1.contains(news));
     let authority = std::fs::read(folder.path().join("ca.pem")).expect("the authority");
-    let (page, words) = said("127.0.0.1,robot.local");
+    let (page, words) = printed("127.0.0.1,robot.local");
     assert!(page.starts_with("HTTP/1.1 200 OK"), "the known authority signed it: {page}");
     let expected = format!("{news}127.0.0.1 became 127.0.0.1, robot.local; the authority stays\n");
     assert!(words.contains(&expected), "{words}");
     assert_eq!(std::fs::read(folder.path().join("ca.pem")).expect("the authority"), authority);
     // A folder of an older teleopd has no key of the authority.
     std::fs::remove_file(folder.path().join("ca-key.pem")).expect("a file");
-    let (page, words) = said("127.0.0.1,robot.local");
+    let (page, words) = printed("127.0.0.1,robot.local");
     assert!(page.starts_with("HTTP/1.1 200 OK") && !words.contains(news), "{words}");
-    let (page, words) = said("127.0.0.1");
+    let (page, words) = printed("127.0.0.1");
     assert!(page.starts_with("HTTP/1.1 200 OK") && words.contains("browsers must take ca.pem again"), "{words}");
     // Nor does a foreign key sign anything.
     std::fs::copy(folder.path().join("page-key.pem"), folder.path().join("ca-key.pem")).expect("a key");
     let tls = folder.path().to_str().expect("UTF-8");
     let refused = crate::viewer::command(&rig, &["--https", "127.0.0.1,a", "--tls", tls]).output().expect("it runs");
-    let text = String::from_utf8_lossy(&refused.stderr);
+    let text = harness::stderr(&refused);
     assert!(refused.status.code() == Some(73) && text.contains("it is not the key of ca.pem"), "{refused:?}");
 }

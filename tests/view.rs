@@ -3,13 +3,12 @@
 
 use crate::browser::Browser;
 use crate::viewer::{Page, Viewer};
-use harness::{Rig, assert_no_violations, config};
-use messages::{Layout, Mode, Status};
+use harness::{Rig, config, in_real_time};
+use messages::{Fault, Faults, Layout, Mode, Status};
 use serde_json::json;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
 use std::process::{Command, Stdio};
-use std::time::Duration;
 use tungstenite::Message;
 
 fn first_line(answer: &str) -> &str {
@@ -18,64 +17,66 @@ fn first_line(answer: &str) -> &str {
 
 #[test]
 fn page_engages_and_stops_and_releases_when_it_is_silent() {
-    let mut rig = Rig::whole();
-    let _client = rig.client(&motion::builtin(), 1);
-    let (hand, viewer) = (rig.hand(), Viewer::of(&rig));
-    hand.wait("free to engage", |status| status.faults == 0 && status.moving == 0 && status.ticks > 750);
-    let mut page = viewer.page();
-    let scene = page.told("scene");
-    assert_eq!(scene["joints"].as_array().map(Vec::len), Some(17));
-    assert!(page.frame().len() > 500);
-    // Keeping an enable that was never pressed has no effect.
-    page.ask("keep");
-    page.until(Mode::Disengaged, false);
-    page.ask("engage");
-    assert_eq!(page.told("hand")["held"], true);
-    page.until(Mode::Engaged, true);
-    // After silence the enable is released, and the page is informed.
-    let told = page.told("hand");
-    assert_eq!(
-        (&told["held"], told["text"].as_str().is_some_and(|text| text.contains("stopped answering"))),
-        (&json!(false), true)
-    );
-    hand.wait_mode(Mode::Disengaged);
-    // A late `keep` engages nothing.
-    for _ in 0..30 {
-        page.ask("keep");
-        page.frame();
-    }
-    assert_eq!(hand.mode(), Some(Mode::Disengaged));
-    page.ask("engage");
-    page.until(Mode::Engaged, true);
-    // The robot stands under the clutch, and comes again.
-    page.say(&json!({ "do": "clutch", "held": true }));
-    page.until(Mode::Holding, true);
-    page.say(&json!({ "do": "clutch", "held": false }));
-    page.until(Mode::Engaged, true);
-    // A closed page releases the enable.
-    page.say(&json!({ "do": "clutch", "held": true }));
-    page.until(Mode::Holding, true);
-    drop(page);
-    hand.wait_mode(Mode::Disengaged);
-    let mut page = viewer.page();
-    page.ask("stop");
-    hand.wait_mode(Mode::Faulted);
-    page.until(Mode::Faulted, false);
-    page.ask("reset");
-    hand.wait_mode(Mode::Disengaged);
-    // The enable is refused in words, because there is no person to follow.
-    drop(_client);
-    std::thread::sleep(Duration::from_millis(300));
-    page.ask("engage");
-    assert_eq!(page.told("hand")["held"], true);
-    let mut told = page.told("hand");
-    while told["held"] == true {
-        page.ask("keep");
-        told = page.told("hand");
-    }
-    drop(page);
-    drop(viewer);
-    assert_no_violations(&rig.end("driver"));
+    in_real_time(|| {
+        let mut rig = Rig::whole();
+        let client = rig.shared_memory_client();
+        let (operator, viewer) = (rig.operator_session(), Viewer::start(&rig));
+        operator.wait_free();
+        let mut page = viewer.page();
+        let scene = page.message("scene");
+        assert_eq!(scene["joints"].as_array().map(Vec::len), Some(17));
+        assert!(page.frame().len() > 500);
+        // Keeping an enable that was never pressed has no effect.
+        page.request("keep");
+        page.until(Mode::Disengaged, false);
+        page.request("engage");
+        assert_eq!(page.message("hand")["held"], true);
+        page.until(Mode::Engaged, true);
+        // After silence the enable is released, and the page is informed.
+        let message = page.message("hand");
+        assert_eq!(
+            (&message["held"], message["text"].as_str().is_some_and(|text| text.contains("stopped answering"))),
+            (&json!(false), true)
+        );
+        operator.wait_mode(Mode::Disengaged);
+        // A late `keep` engages nothing.
+        for _ in 0..30 {
+            page.request("keep");
+            page.frame();
+        }
+        assert_eq!(operator.mode(), Some(Mode::Disengaged));
+        page.request("engage");
+        page.until(Mode::Engaged, true);
+        // The robot stands under the clutch, and comes again.
+        page.send(&json!({ "do": "clutch", "held": true }));
+        page.until(Mode::Holding, true);
+        page.send(&json!({ "do": "clutch", "held": false }));
+        page.until(Mode::Engaged, true);
+        // A closed page releases the enable.
+        page.send(&json!({ "do": "clutch", "held": true }));
+        page.until(Mode::Holding, true);
+        drop(page);
+        operator.wait_mode(Mode::Disengaged);
+        let mut page = viewer.page();
+        page.request("stop");
+        operator.wait_mode(Mode::Faulted);
+        page.until(Mode::Faulted, false);
+        page.request("reset");
+        operator.wait_mode(Mode::Disengaged);
+        // The enable is refused in words, because there is no person to follow.
+        drop(client);
+        operator.wait("without input", |status| Faults(status.faults).has(Fault::InputStale));
+        page.request("engage");
+        assert_eq!(page.message("hand")["held"], true);
+        let mut message = page.message("hand");
+        while message["held"] == true {
+            page.request("keep");
+            message = page.message("hand");
+        }
+        drop(page);
+        drop(viewer);
+        rig.end_without_violations();
+    });
 }
 
 #[test]
@@ -86,49 +87,51 @@ fn view_ends_when_its_parent_process_is_killed() {
     let mut starter = Command::new("sh");
     starter.arg("-c").arg(format!("{view} --child-of $$ & wait")).stdin(Stdio::null()).stdout(Stdio::piped());
     let mut starter = starter.spawn().expect("a shell");
-    let mut said = BufReader::new(starter.stdout.take().expect("a pipe"));
+    let mut printed = BufReader::new(starter.stdout.take().expect("a pipe"));
     let mut line = String::new();
-    said.read_line(&mut line).expect("its first words");
+    printed.read_line(&mut line).expect("its first words");
     assert!(line.contains("shows"), "{line}");
     starter.kill().expect("it runs");
     starter.wait().expect("it ends");
     // Its output ends when it ends.
     let (ended, seen) = std::sync::mpsc::channel();
-    std::thread::spawn(move || ended.send(said.read_to_string(&mut line)));
+    std::thread::spawn(move || ended.send(printed.read_to_string(&mut line)));
     assert!(seen.recv_timeout(harness::SOON).is_ok(), "the view goes on");
 }
 
 #[test]
 fn demo_runs_once_a_page_is_open() {
-    let _rig = Rig::empty();
-    let mut demo = Command::new(env!("CARGO_BIN_EXE_teleopd"))
-        .args(["demo", "--view", "--view-port", "0", "--seconds", "1", "--quiet", "--config"])
-        .arg(config())
-        .stdin(Stdio::null())
-        .stdout(Stdio::piped())
-        .spawn()
-        .expect("it starts");
-    let mut told = BufReader::new(demo.stdout.take().expect("its words"));
-    let mut line = String::new();
-    while !line.starts_with("open ") {
-        line.clear();
-        assert!(told.read_line(&mut line).expect("its words") > 0, "it ended without an address");
-    }
-    let address = line.split_whitespace().next_back().expect("an address").to_owned();
-    let mut page = Page::at(&address);
-    page.until(Mode::Engaged, false);
-    let mut rest = String::new();
-    told.read_to_string(&mut rest).expect("its report");
-    let status = demo.wait().expect("it ends");
-    assert!(status.success(), "{status}: {rest}");
-    // The page ends with the demo.
-    while page.socket.read().is_ok() {}
+    in_real_time(|| {
+        let _rig = Rig::empty();
+        let mut demo = Command::new(env!("CARGO_BIN_EXE_teleopd"))
+            .args(["demo", "--view", "--view-port", "0", "--seconds", "1", "--quiet", "--config"])
+            .arg(config())
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped())
+            .spawn()
+            .expect("it starts");
+        let mut message = BufReader::new(demo.stdout.take().expect("its words"));
+        let mut line = String::new();
+        while !line.starts_with("open ") {
+            line.clear();
+            assert!(message.read_line(&mut line).expect("its words") > 0, "it ended without an address");
+        }
+        let address = line.split_whitespace().next_back().expect("an address").to_owned();
+        let mut page = Page::at(&address);
+        page.until(Mode::Engaged, false);
+        let mut rest = String::new();
+        message.read_to_string(&mut rest).expect("its report");
+        let status = demo.wait().expect("it ends");
+        assert!(status.success(), "{status}: {rest}");
+        // The page ends with the demo.
+        while page.socket.read().is_ok() {}
+    });
 }
 
 #[test]
 fn request_without_token_or_from_other_origin_is_refused() {
     let rig = Rig::empty();
-    let viewer = Viewer::of(&rig);
+    let viewer = Viewer::start(&rig);
     let (host, token) = (viewer.host(), viewer.token());
     let upgrade = |host: &str, path: &str, origin: &str| {
         let key = "Upgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\nSec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==";
@@ -162,19 +165,19 @@ fn request_without_token_or_from_other_origin_is_refused() {
     // A request that is not one of our page's ends the connection.
     for bad in ["{\"do\":\"dance\"}", "[]", "{\"do\":\"stop\",\"more\":1}", &"x".repeat(5000)] {
         let mut page = viewer.page();
-        page.told("scene");
+        page.message("scene");
         page.socket.send(Message::text(bad)).unwrap();
         while page.socket.read().is_ok() {}
     }
-    assert!(viewer.page().told("scene").is_object(), "it serves on");
+    assert!(viewer.page().message("scene").is_object(), "it serves on");
 }
 
 #[test]
 fn silent_connections_block_no_page_and_ping_flood_is_closed() {
     let rig = Rig::empty();
-    let viewer = Viewer::of(&rig);
+    let viewer = Viewer::start(&rig);
     let mut open = viewer.page();
-    open.told("scene");
+    open.message("scene");
     // More connections than the server accepts, with one byte each. As many again before each request.
     let mut silent = Vec::new();
     for _ in 0..5 {
@@ -194,45 +197,41 @@ fn silent_connections_block_no_page_and_ping_flood_is_closed() {
 
 #[test]
 fn browser_shows_the_robot_moving_and_space_stops_it() {
-    let mut rig = Rig::whole();
-    let client = rig.client(&motion::builtin(), 1);
-    let (hand, viewer) = (rig.hand(), Viewer::of(&rig));
-    hand.wait("free to engage", |status| status.faults == 0 && status.moving == 0 && status.ticks > 750);
-    let Some(mut browser) = Browser::open(&viewer.address) else {
-        return println!("skipped: no Chromium in PATH, and TELEOPD_CHROMIUM names none");
-    };
-    browser.wait("it is connected", "document.getElementById('mode').textContent === 'Disengaged'");
-    browser.wait("it draws", "window.teleopd.drawn() > 3");
-    let posture = "Array.from(window.teleopd.frame().q.measured)";
-    let before = browser.evaluate(posture);
-    browser.click("#engage");
-    browser.wait("it follows", "document.getElementById('mode').textContent === 'Engaged'");
-    client.set_engaged(true);
-    browser.wait(
-        "the robot moves",
-        &format!("{before}.some((q, j) => Math.abs(q - window.teleopd.frame().q.measured[j]) > 0.3)"),
-    );
-    // The published person: the built-in motion raises both hands above the head.
-    let z = |joint: usize| format!("window.teleopd.frame().person[{}]", 3 * joint + 2);
-    browser.wait("both hands are up", &format!("{0} > {2} + 0.1 && {1} > {2} + 0.1", z(20), z(21), z(15)));
-    // A browser with software rendering may starve the input. Then the robot holds, and follows again by itself.
-    hand.wait_mode(Mode::Engaged);
-    let picture = browser.screenshot();
-    // Contents of the picture, by colour: the person, and the stop button. `appearance` checks the rest.
-    for (what, near, least) in [("person", [217, 103, 12], 5000), ("stop", [192, 24, 43], 10_000)] {
-        let seen = browser.count_pixels(&picture, near);
-        assert!(seen > least, "{what}: {seen} pixels of its colour");
-    }
-    // Also with the focus on a button: Space never presses the button.
-    browser.evaluate("document.getElementById('engage').focus()");
-    browser.press(" ", "Space");
-    hand.wait_mode(Mode::Faulted);
-    browser.wait("it says so", "document.getElementById('mode').textContent === 'Faulted'");
-    browser.wait("it says why", "/emergency/i.test(document.getElementById('why').textContent)");
-    browser.wait("it is let go", "document.getElementById('engage').getAttribute('aria-pressed') === 'false'");
-    drop(browser);
-    drop(viewer);
-    assert_no_violations(&rig.end("driver"));
+    in_real_time(|| {
+        let mut rig = Rig::whole();
+        let client = rig.client(&motion::builtin(), 1);
+        let (operator, viewer) = (rig.operator_session(), Viewer::start(&rig));
+        operator.wait_free();
+        let Some(mut browser) = Browser::open(&viewer.address) else { return };
+        browser.wait_text("mode", "Disengaged");
+        browser.wait("it draws", "window.teleopd.drawn() > 3");
+        let before = browser.measured();
+        browser.click("#engage");
+        browser.wait_text("mode", "Engaged");
+        client.set_engaged(true);
+        browser.wait_moved(&before, 0.3);
+        // The published person: the built-in motion raises both hands above the head.
+        let z = |joint: usize| format!("window.teleopd.frame().person[{}]", 3 * joint + 2);
+        browser.wait("both hands are up", &format!("{0} > {2} + 0.1 && {1} > {2} + 0.1", z(20), z(21), z(15)));
+        // A browser with software rendering may starve the input. Then the robot holds, and follows again by itself.
+        operator.wait_mode(Mode::Engaged);
+        let picture = browser.screenshot();
+        // Contents of the picture, by colour: the person, and the stop button. `appearance` checks the rest.
+        for (what, near, least) in [("person", [217, 103, 12], 5000), ("stop", [192, 24, 43], 10_000)] {
+            let seen = browser.count_pixels(&picture, near);
+            assert!(seen > least, "{what}: {seen} pixels of its colour");
+        }
+        // Also with the focus on a button: Space never presses the button.
+        browser.evaluate("document.getElementById('engage').focus()");
+        browser.press(" ", "Space");
+        operator.wait_mode(Mode::Faulted);
+        browser.wait_text("mode", "Faulted");
+        browser.wait_text_like("why", "/emergency/i");
+        browser.wait_attribute("engage", "aria-pressed", "false");
+        drop(browser);
+        drop(viewer);
+        rig.end_without_violations();
+    });
 }
 
 #[test]
@@ -243,9 +242,7 @@ fn browser_recording_stops_at_its_end_and_plays_again() {
     // 2.8 becomes smaller in single precision.
     (0..29).for_each(|n| builder.add(&heard, f64::from(n) / 10.0));
     let server = view::Server::recording(builder.build(), "still.mcap", &shown, 0).expect("a port");
-    let Some(mut browser) = Browser::open(server.address()) else {
-        return println!("skipped: no Chromium in PATH, and TELEOPD_CHROMIUM names none");
-    };
+    let Some(mut browser) = Browser::open(server.address()) else { return };
     let button = "document.getElementById('play').textContent";
     for _ in 0..2 {
         browser.wait("it stands at its end", &format!("window.teleopd.frame()?.at > 2.75 && {button} === 'Play'"));
@@ -253,7 +250,7 @@ fn browser_recording_stops_at_its_end_and_plays_again() {
         browser.wait("it plays", &format!("window.teleopd.frame().at < 2.5 && {button} === 'Pause'"));
     }
     let mut other = Page::at(server.address());
-    other.say(&json!({ "do": "pause" }));
-    other.say(&json!({ "do": "seek", "to_s": 1.0 }));
+    other.send(&json!({ "do": "pause" }));
+    other.send(&json!({ "do": "seek", "to_s": 1.0 }));
     browser.wait("another page paused it", &format!("window.teleopd.frame().at < 1.5 && {button} === 'Play'"));
 }

@@ -1,7 +1,7 @@
 //! The short animation of the page in README: a browser's pictures, joined in an animated WebP.
 
-use super::{SKIPPED, Shown, loaded, played, shown};
-use crate::browser::{Browser, bytes_of};
+use super::{Shown, loaded, played, shown};
+use crate::browser::{Browser, decode_base64};
 use serde_json::json;
 
 /// Part of the built-in motion that is shown, s. At first the robot is behind, then it follows.
@@ -63,14 +63,14 @@ fn picture(browser: &mut Browser) -> Vec<u8> {
     let clip = json!({ "x": 0, "y": 0, "width": PAGE[0], "height": PAGE[1], "scale": SCALE });
     let with = json!({ "format": "webp", "quality": QUALITY, "clip": clip });
     let shot = browser.ask("Page.captureScreenshot", &with);
-    bytes_of(shot["data"].as_str().expect("a picture"))
+    decode_base64(shot["data"].as_str().expect("a picture"))
 }
 
 #[test]
 fn short_animation_of_the_page_is_made() {
     let asked = std::env::var_os("TELEOPD_ANIMATION");
     let (loaded, view) = (loaded(), shown());
-    let Some(mut shown) = Shown::of(played(&loaded, 1.0, SPAN_S[1] + 1.0), &view) else { return println!("{SKIPPED}") };
+    let Some(mut shown) = Shown::open(played(&loaded, 1.0, SPAN_S[1] + 1.0), &view) else { return };
     shown.browser.resize(PAGE[0], PAGE[1]);
     // The arms are widest at the beginning. The camera stays.
     shown.at(SPAN_S[0]);
@@ -91,16 +91,14 @@ fn short_animation_of_the_page_is_made() {
     assert!(file.len() < BYTES_MAX, "{} bytes", file.len());
     // A browser can read it.
     let bytes: Vec<String> = file.iter().map(u8::to_string).collect();
-    let read = format!(
-        "(async () => {{ const decoder = new ImageDecoder({{ type: 'image/webp', data: new Uint8Array([{}]) }}); \
+    let found = shown.browser.evaluate_async(&format!(
+        "const decoder = new ImageDecoder({{ type: 'image/webp', data: new Uint8Array([{}]) }}); \
          await decoder.tracks.ready; await decoder.completed; const {{ image }} = await decoder.decode({{ frameIndex: {} }}); \
-         return [decoder.tracks.selectedTrack.frameCount, image.displayWidth, image.displayHeight]; }})()",
+         return [decoder.tracks.selectedTrack.frameCount, image.displayWidth, image.displayHeight];",
         bytes.join(","),
         count - 1
-    );
-    let with = json!({ "expression": read, "returnByValue": true, "awaitPromise": true });
-    let found = shown.browser.ask("Runtime.evaluate", &with);
-    assert_eq!(found["result"]["value"], json!([count, size[0], size[1]]), "{found}");
+    ));
+    assert_eq!(found, json!([count, size[0], size[1]]));
     if let Some(path) = asked {
         std::fs::write(path, file).expect("the animation");
     }

@@ -9,7 +9,7 @@ use crate::browser::{Browser, Difference};
 use crate::viewer::Viewer;
 use client::PlayOptions;
 use config::{Loaded, Overrides};
-use harness::Rig;
+use harness::{Rig, SOON, holds_for, within};
 use motion::CalibrationMode;
 use std::time::{Duration, Instant};
 use view::{LatestMessages, RecordingView, RecordingViewBuilder, RobotView, Server};
@@ -18,7 +18,6 @@ use world::{Offline, PlayedTick};
 /// A desktop, a laptop, a tablet on its side and upright, a phone.
 const SIZES: [[u32; 2]; 5] = [[1920, 1080], [1280, 720], [1024, 768], [820, 1180], [390, 844]];
 const TICK_S: f64 = 1.0 / messages::TICK_HZ as f64;
-const SKIPPED: &str = "skipped: no Chromium in PATH, and TELEOPD_CHROMIUM names none";
 
 pub fn loaded() -> Loaded {
     let overrides = Overrides { engage_without_realtime: true, ..Overrides::default() };
@@ -62,7 +61,7 @@ struct Shown {
 }
 
 impl Shown {
-    fn of(recording: RecordingView, view: &RobotView) -> Option<Self> {
+    fn open(recording: RecordingView, view: &RobotView) -> Option<Self> {
         let server = Server::recording(recording, "played.mcap", view, 0).expect("a port");
         let mut browser = Browser::open(server.address())?;
         browser.wait("it draws", "window.teleopd.drawn() > 0");
@@ -90,17 +89,17 @@ impl Shown {
     }
 
     fn stands(&mut self) {
-        let drawn = |browser: &mut Browser| browser.evaluate("window.teleopd.drawn()");
-        let (give_up, mut before) = (Instant::now() + Duration::from_secs(20), drawn(&mut self.browser));
-        loop {
-            std::thread::sleep(Duration::from_millis(300));
-            let now = drawn(&mut self.browser);
-            if now == before {
-                return;
-            }
-            assert!(Instant::now() < give_up, "the picture never stands");
-            before = now;
-        }
+        let still = Duration::from_millis(300);
+        let stands = within(SOON, || {
+            let before = self.drawn();
+            holds_for(still, || self.drawn() == before)
+        });
+        assert!(stands, "the picture never stands");
+    }
+
+    /// Returns the number of pictures that the page has drawn.
+    fn drawn(&mut self) -> u64 {
+        self.browser.evaluate("window.teleopd.drawn()").as_u64().expect("a number")
     }
 
     /// Returns the places of person and robot in the picture, -1 to 1: left, bottom, right, top. Checks that both
@@ -158,7 +157,7 @@ fn apart(a: [f64; 3], b: [f64; 3]) -> f64 {
 #[test]
 fn both_figures_are_in_the_frame_at_five_window_sizes() {
     let (loaded, view) = (loaded(), shown());
-    let Some(mut shown) = Shown::of(played(&loaded, 1.0, 18.0), &view) else { return println!("{SKIPPED}") };
+    let Some(mut shown) = Shown::open(played(&loaded, 1.0, 18.0), &view) else { return };
     for [width, height] in SIZES {
         shown.browser.resize(width, height);
         // Arms hanging, both up, one up: the widest and the highest poses of the motion.
@@ -188,7 +187,7 @@ fn both_figures_are_in_the_frame_at_five_window_sizes() {
 #[test]
 fn robot_alone_is_in_the_middle() {
     let (loaded, view) = (loaded(), shown());
-    let Some(mut shown) = Shown::of(recording(&loaded, 1.0, 2.0, false), &view) else { return println!("{SKIPPED}") };
+    let Some(mut shown) = Shown::open(recording(&loaded, 1.0, 2.0, false), &view) else { return };
     let person = shown.browser.evaluate("document.querySelector('#legend [data-layer=person]').hidden");
     assert_eq!(person, true, "the legend names a person");
     for [width, height] in SIZES {
@@ -204,7 +203,7 @@ fn robot_alone_is_in_the_middle() {
 #[test]
 fn figures_and_their_lines_are_shown_right_after_a_seek() {
     let (loaded, view) = (loaded(), shown());
-    let Some(mut shown) = Shown::of(played(&loaded, 1.0, 18.0), &view) else { return println!("{SKIPPED}") };
+    let Some(mut shown) = Shown::open(played(&loaded, 1.0, 18.0), &view) else { return };
     // Far ahead, back, and a little ahead.
     for at_s in [16.0, 4.0, 6.0] {
         shown.at(at_s);
@@ -229,7 +228,7 @@ fn figures_and_their_lines_are_shown_right_after_a_seek() {
 #[test]
 fn ghost_appears_while_the_robot_is_behind_and_colours_differ() {
     let (loaded, view) = (loaded(), shown());
-    let Some(mut shown) = Shown::of(played(&loaded, 1.0, 9.0), &view) else { return println!("{SKIPPED}") };
+    let Some(mut shown) = Shown::open(played(&loaded, 1.0, 9.0), &view) else { return };
     // The robot was just enabled, and the person stands in a T-pose.
     shown.at(1.2);
     let behind = shown.browser.evaluate("window.teleopd.frame().limbMeasured");
@@ -269,12 +268,12 @@ fn ghost_appears_while_the_robot_is_behind_and_colours_differ() {
 #[test]
 fn scene_and_buttons_fit_one_screen_and_no_instance_is_shown() {
     let rig = Rig::empty();
-    let viewer = Viewer::of(&rig);
-    let Some(mut browser) = Browser::open(&viewer.address) else { return println!("{SKIPPED}") };
+    let viewer = Viewer::start(&rig);
+    let Some(mut browser) = Browser::open(&viewer.address) else { return };
     browser.wait("it draws", "window.teleopd.drawn() > 1");
-    browser.wait("it says so", "document.getElementById('curtain-title').textContent === 'No instance'");
-    browser.wait("and how to start one", "/teleopd up/.test(document.getElementById('curtain-text').textContent)");
-    assert_eq!(browser.evaluate("document.getElementById('mode').textContent"), "no instance");
+    browser.wait_text("curtain-title", "No instance");
+    browser.wait_text_like("curtain-text", "/teleopd up/");
+    assert_eq!(browser.text("mode"), "no instance");
     for [width, height] in SIZES {
         browser.resize(width, height);
         browser.evaluate("document.querySelector('main').scrollTo(0, 0)");
@@ -294,8 +293,8 @@ fn scene_and_buttons_fit_one_screen_and_no_instance_is_shown() {
 #[test]
 fn instance_start_is_shown_and_its_end_clears_the_page() {
     let mut rig = Rig::empty();
-    let viewer = Viewer::of(&rig);
-    let Some(mut browser) = Browser::open(&viewer.address) else { return println!("{SKIPPED}") };
+    let viewer = Viewer::start(&rig);
+    let Some(mut browser) = Browser::open(&viewer.address) else { return };
     let (mode, behind) =
         ("document.getElementById('mode').textContent", "document.getElementById('clearance').textContent");
     browser.wait("nothing is there", &format!("{mode} === 'no instance'"));
@@ -314,15 +313,15 @@ fn instance_start_is_shown_and_its_end_clears_the_page() {
 #[test]
 fn picture_rate_with_software_rendering_is_measured() {
     let (loaded, view) = (loaded(), shown());
-    let Some(mut shown) = Shown::of(played(&loaded, 1.0, 18.0), &view) else { return println!("{SKIPPED}") };
+    let Some(mut shown) = Shown::open(played(&loaded, 1.0, 18.0), &view) else { return };
     shown.browser.resize(1280, 720);
     shown.at(6.0);
     shown.browser.click("#play");
-    std::thread::sleep(Duration::from_secs(1));
-    let drawn = |browser: &mut Browser| browser.evaluate("window.teleopd.drawn()").as_u64().expect("a number");
-    let (begun, before) = (Instant::now(), drawn(&mut shown.browser));
-    std::thread::sleep(Duration::from_secs(5));
-    let pictures = drawn(&mut shown.browser) - before;
+    let begun = Instant::now();
+    let (before, length) = (shown.drawn(), Duration::from_secs(5));
+    // The pictures of this time are counted. A look at the page would slow it.
+    std::thread::sleep(length);
+    let pictures = shown.drawn() - before;
     let rate_hz = pictures as f64 / begun.elapsed().as_secs_f64();
     let share = shown.browser.evaluate("window.teleopd.share()").as_f64().expect("a share");
     let load = std::fs::read_to_string("/proc/loadavg").unwrap_or_default();

@@ -1,7 +1,7 @@
 //! The shipped robots beside the person: from their look, or from their capsules.
 
-use super::{SKIPPED, Shown, played};
-use crate::browser::bytes_of;
+use super::{Shown, played};
+use crate::browser::decode_base64;
 use config::Overrides;
 use serde_json::json;
 use view::RobotView;
@@ -23,7 +23,7 @@ fn every_shipped_robot_is_in_the_frame_with_the_person() {
         let overrides = Overrides { engage_without_realtime: true, robot: Some(name.into()), ..Overrides::default() };
         let loaded = config::load(&config, overrides).unwrap_or_else(|error| panic!("{name}: {error}"));
         let view = RobotView::of(&loaded, None).expect("a look or none");
-        let Some(mut shown) = Shown::of(played(&loaded, 1.0, 9.0), &view) else { return println!("{SKIPPED}") };
+        let Some(mut shown) = Shown::open(played(&loaded, 1.0, 9.0), &view) else { return };
         for [width, height] in SIZES {
             shown.browser.resize(width, height);
             // Arms stretched to the sides, and one arm up.
@@ -43,7 +43,7 @@ fn every_shipped_robot_is_in_the_frame_with_the_person() {
             let clip = json!({ "x": left, "y": top, "width": right - left, "height": bottom - top, "scale": 1 });
             let with = json!({ "format": "webp", "quality": 80, "clip": clip });
             let shot = shown.browser.ask("Page.captureScreenshot", &with);
-            let picture = bytes_of(shot["data"].as_str().expect("a picture"));
+            let picture = decode_base64(shot["data"].as_str().expect("a picture"));
             std::fs::write(std::path::Path::new(&pictures).join(format!("{name}.webp")), picture).expect("written");
         }
     }

@@ -1,27 +1,24 @@
 //! How many pixels a processor draws, by the times that its pictures take.
 
-use super::{SKIPPED, played, shown};
+use super::{played, shown};
 use crate::browser::Browser;
-use serde_json::{Value, json};
 use view::Server;
 
 /// The share after each run of pictures, for runs of `[pictures, time of each in s]`.
 fn shares(browser: &mut Browser, is_fixed: bool, runs: &[[f64; 2]]) -> Vec<f64> {
-    let expression = format!(
-        "import('/quality.js').then(({{ Sharpness }}) => {{ const sharpness = new Sharpness({is_fixed}); \
+    let shares = browser.evaluate_async(&format!(
+        "const {{ Sharpness }} = await import('/quality.js'), sharpness = new Sharpness({is_fixed}); \
          return {runs:?}.map(([count, time]) => {{ for (let n = 0; n < count; n += 1) sharpness.note(time); \
-         return sharpness.share; }}); }})"
-    );
-    let with = json!({ "expression": expression, "returnByValue": true, "awaitPromise": true });
-    let result: Value = browser.ask("Runtime.evaluate", &with);
-    serde_json::from_value(result["result"]["value"].clone()).unwrap_or_else(|_| panic!("no shares: {result}"))
+         return sharpness.share; }});"
+    ));
+    serde_json::from_value(shares).expect("numbers")
 }
 
 #[test]
 fn sharpness_falls_at_once_and_rises_slowly_without_oscillation() {
     let (loaded, view) = (super::loaded(), shown());
     let server = Server::recording(played(&loaded, 1.0, 1.0), "played.mcap", &view, 0).expect("a port");
-    let Some(mut browser) = Browser::open(server.address()) else { return println!("{SKIPPED}") };
+    let Some(mut browser) = Browser::open(server.address()) else { return };
     browser.wait("the page is there", "window.teleopd.drawn() > 0");
     let (slow, even, quick) = (1.0 / 20.0, 1.0 / 35.0, 1.0 / 60.0);
     assert_eq!(shares(&mut browser, true, &[[300.0, slow]]), [1.0], "a graphics card draws all");

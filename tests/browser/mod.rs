@@ -7,7 +7,7 @@ use std::net::TcpStream;
 use std::path::PathBuf;
 use std::process::{Child, ChildStderr, Command, Stdio};
 use std::sync::{Mutex, MutexGuard, PoisonError};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 use tungstenite::stream::MaybeTlsStream;
 use tungstenite::{Message, WebSocket};
 
@@ -16,13 +16,17 @@ const SOON: Duration = Duration::from_secs(30);
 /// Names of the browser, in order of preference.
 const PROGRAMS: [&str; 4] = ["chromium", "chromium-browser", "google-chrome", "chrome-headless-shell"];
 
+/// A script that lets the page believe that it is hidden, for a moment.
+pub const HIDE: &str = "Object.defineProperty(document, 'hidden', { value: true, configurable: true }); \
+     document.dispatchEvent(new Event('visibilitychange')); delete document.hidden;";
+
 /// A browser with one page.
 pub struct Browser {
     child: Child,
     socket: WebSocket<MaybeTlsStream<TcpStream>>,
     session: String,
     asked: u64,
-    _told: BufReader<ChildStderr>,
+    _output: BufReader<ChildStderr>,
     _folder: tempfile::TempDir,
     _turn: MutexGuard<'static, ()>,
 }
@@ -41,13 +45,20 @@ pub struct Difference {
     pub mean: [f64; 3],
 }
 
-/// Returns the browser: the path in TELEOPD_CHROMIUM, or one of the usual names in PATH.
+/// Returns the browser: the path in TELEOPD_CHROMIUM, or one of the usual names in PATH. Without one it prints that the test
+/// is skipped.
 fn program() -> Option<PathBuf> {
     if let Some(path) = std::env::var_os("TELEOPD_CHROMIUM") {
         return Some(path.into());
     }
-    let folders: Vec<_> = std::env::split_paths(&std::env::var_os("PATH")?).collect();
-    PROGRAMS.iter().flat_map(|name| folders.iter().map(move |folder| folder.join(name))).find(|path| path.is_file())
+    let path = std::env::var_os("PATH").unwrap_or_default();
+    let folders: Vec<_> = std::env::split_paths(&path).collect();
+    let mut places = PROGRAMS.iter().flat_map(|name| folders.iter().map(move |folder| folder.join(name)));
+    let found = places.find(|path| path.is_file());
+    if found.is_none() {
+        println!("skipped: no Chromium in PATH, and TELEOPD_CHROMIUM names none");
+    }
+    found
 }
 
 impl Browser {
@@ -92,17 +103,17 @@ impl Browser {
             .stderr(Stdio::piped())
             .spawn()
             .expect("the browser starts");
-        let mut told = BufReader::new(child.stderr.take().expect("its messages"));
+        let mut printed = BufReader::new(child.stderr.take().expect("its messages"));
         let mut line = String::new();
         let door = loop {
             line.clear();
-            assert!(told.read_line(&mut line).expect("its messages") > 0, "the browser ended before it listened");
+            assert!(printed.read_line(&mut line).expect("its messages") > 0, "the browser ended before it listened");
             if let Some((_, door)) = line.split_once("DevTools listening on ") {
                 break door.trim().to_owned();
             }
         };
         let (socket, _) = tungstenite::connect(door).expect("its door");
-        Some(Self { child, socket, session: String::new(), asked: 0, _told: told, _folder: folder, _turn: turn })
+        Some(Self { child, socket, session: String::new(), asked: 0, _output: printed, _folder: folder, _turn: turn })
     }
 
     /// Creates the page at `address`, and attaches to it.
@@ -138,18 +149,63 @@ impl Browser {
         result["result"]["value"].clone()
     }
 
+    /// Evaluates an asynchronous function's body in the page, and returns its result.
+    pub fn evaluate_async(&mut self, body: &str) -> Value {
+        let expression = format!("(async () => {{ {body} }})()");
+        let with = json!({ "expression": expression, "returnByValue": true, "awaitPromise": true });
+        let result = self.ask("Runtime.evaluate", &with);
+        assert!(result.get("exceptionDetails").is_none(), "{body}: {result}");
+        result["result"]["value"].clone()
+    }
+
     /// Waits until an expression is true.
     pub fn wait(&mut self, what: &str, expression: &str) {
-        let give_up = Instant::now() + SOON;
         // Before the page has loaded, its elements do not exist.
         let guarded = format!("(() => {{ try {{ return {expression}; }} catch {{ return false; }} }})()");
-        while self.evaluate(&guarded) != true {
-            if Instant::now() > give_up {
-                let shown = self.evaluate("document.body.innerText");
-                panic!("{what}: {expression} never was true; the page says {shown}");
-            }
-            std::thread::sleep(Duration::from_millis(50));
-        }
+        let is_true = harness::within(SOON, || self.evaluate(&guarded) == true);
+        assert!(is_true, "{what}: {expression} never was true; the page says {}", self.page_text());
+    }
+
+    /// Returns the text of the whole page.
+    pub fn page_text(&mut self) -> String {
+        self.evaluate("document.body.innerText").to_string()
+    }
+
+    /// Returns the text of the element with this id.
+    pub fn text(&mut self, id: &str) -> String {
+        self.evaluate(&text(id)).as_str().unwrap_or_default().to_owned()
+    }
+
+    /// Waits until the element with this id has this text.
+    pub fn wait_text(&mut self, id: &str, expected: &str) {
+        self.wait(&format!("{expected} in {id}"), &format!("{} === {expected:?}", text(id)));
+    }
+
+    /// Waits until the text of the element with this id matches an expression of JavaScript.
+    pub fn wait_text_like(&mut self, id: &str, expression: &str) {
+        self.wait(&format!("{expression} in {id}"), &format!("{expression}.test({})", text(id)));
+    }
+
+    /// Waits until the element with this id has this attribute, such as `aria-checked`.
+    pub fn wait_attribute(&mut self, id: &str, name: &str, expected: &str) {
+        let attribute = format!("document.getElementById('{id}').getAttribute('{name}')");
+        self.wait(&format!("{name} of {id}"), &format!("{attribute} === {expected:?}"));
+    }
+
+    /// Returns the measured joint positions that the page shows, rad or m.
+    pub fn measured(&mut self) -> Vec<f64> {
+        serde_json::from_value(self.evaluate("Array.from(window.teleopd.frame().q.measured)")).expect("numbers")
+    }
+
+    /// Waits until a joint is more than `by` from its old position, rad or m.
+    pub fn wait_moved(&mut self, before: &[f64], by: f64) {
+        let moved = format!("{before:?}.some((q, j) => Math.abs(q - window.teleopd.frame().q.measured[j]) > {by})");
+        self.wait("the robot moves", &moved);
+    }
+
+    /// Lets the page believe that it is hidden, for a moment.
+    pub fn hide(&mut self) {
+        self.evaluate(HIDE);
     }
 
     /// Presses and releases a key.
@@ -183,18 +239,16 @@ impl Browser {
 
     /// Counts the pixels of a picture with about this colour, under any light.
     pub fn count_pixels(&mut self, picture: &str, near: [u8; 3]) -> u64 {
-        let expression = format!(
-            "(async () => {{ const image = new Image(); image.src = 'data:image/png;base64,{picture}'; await image.decode(); \
+        let count = self.evaluate_async(&format!(
+            "const image = new Image(); image.src = 'data:image/png;base64,{picture}'; await image.decode(); \
              const canvas = new OffscreenCanvas(image.width, image.height), pen = canvas.getContext('2d'); \
              pen.drawImage(image, 0, 0); const all = pen.getImageData(0, 0, image.width, image.height).data; let n = 0; \
              const near = {near:?}, size = Math.hypot(...near); \
              for (let i = 0; i < all.length; i += 4) {{ const own = Math.hypot(all[i], all[i + 1], all[i + 2]); \
              const same = (all[i] * near[0] + all[i + 1] * near[1] + all[i + 2] * near[2]) / (own * size); \
-             if (own > 60 && same > 0.98) n += 1; }} return n; }})()"
-        );
-        let with = json!({ "expression": expression, "returnByValue": true, "awaitPromise": true });
-        let result = self.ask("Runtime.evaluate", &with);
-        result["result"]["value"].as_u64().unwrap_or_else(|| panic!("no count: {result}"))
+             if (own > 60 && same > 0.98) n += 1; }} return n;"
+        ));
+        count.as_u64().expect("a count")
     }
 
     /// Sets the size of the window, in pixels.
@@ -205,8 +259,8 @@ impl Browser {
 
     /// Returns the difference of two pictures.
     pub fn difference(&mut self, before: &str, after: &str) -> Difference {
-        let expression = format!(
-            "(async () => {{ const pixels = async (picture) => {{ const image = new Image(); \
+        let numbers = self.evaluate_async(&format!(
+            "const pixels = async (picture) => {{ const image = new Image(); \
              image.src = `data:image/png;base64,${{picture}}`; await image.decode(); \
              const pen = new OffscreenCanvas(image.width, image.height).getContext('2d'); pen.drawImage(image, 0, 0); \
              return pen.getImageData(0, 0, image.width, image.height); }}; \
@@ -217,12 +271,9 @@ impl Browser {
              if (off < 24) continue; n += 1; const x = i / 4 % a.width, y = Math.floor(i / 4 / a.width); \
              box[0] = Math.min(box[0], x); box[1] = Math.min(box[1], y); box[2] = Math.max(box[2], x); box[3] = Math.max(box[3], y); \
              for (let k = 0; k < 3; k += 1) mean[k] += b.data[i + k]; }} \
-             return [n, ...box, ...mean.map((sum) => sum / Math.max(n, 1))]; }})()"
-        );
-        let with = json!({ "expression": expression, "returnByValue": true, "awaitPromise": true });
-        let result = self.ask("Runtime.evaluate", &with);
-        let numbers: Vec<f64> = serde_json::from_value(result["result"]["value"].clone())
-            .unwrap_or_else(|_| panic!("no numbers: {result}"));
+             return [n, ...box, ...mean.map((sum) => sum / Math.max(n, 1))];"
+        ));
+        let numbers: Vec<f64> = serde_json::from_value(numbers).expect("numbers");
         let [pixels, left, top, right, bottom, r, g, b] = numbers[..] else { panic!("{numbers:?}") };
         Difference { pixels: pixels as u64, edges: [left, top, right, bottom], mean: [r, g, b] }
     }
@@ -234,8 +285,13 @@ impl Browser {
     }
 }
 
+/// The expression for the text of the element with this id.
+pub fn text(id: &str) -> String {
+    format!("document.getElementById('{id}').textContent")
+}
+
 /// Returns the bytes of a picture in base64.
-pub fn bytes_of(picture: &str) -> Vec<u8> {
+pub fn decode_base64(picture: &str) -> Vec<u8> {
     let value = |letter: u8| match letter {
         b'A'..=b'Z' => letter - b'A',
         b'a'..=b'z' => letter - b'a' + 26,

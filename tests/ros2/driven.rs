@@ -25,9 +25,9 @@ fn peer_passes_its_own_tests() {
         .current_dir(peer)
         .output();
     let tests = tests.expect("it runs");
-    let said = String::from_utf8_lossy(&tests.stdout);
-    assert!(tests.status.success(), "{said}");
-    said.lines().filter_map(|line| line.strip_prefix("SKIPPED")).for_each(|why| println!("skipped: {why}"));
+    let printed = harness::stdout(&tests);
+    assert!(tests.status.success(), "{printed}");
+    printed.lines().filter_map(|line| line.strip_prefix("SKIPPED")).for_each(|why| println!("skipped: {why}"));
 }
 
 #[test]

@@ -1,7 +1,6 @@
 //! The grippers of a robot on ROS 2: they follow the person's hands, and hold.
 
-use super::{Peer, preflight, rig, took_all};
-use harness::assert_no_violations;
+use super::{Peer, outlive_stop, preflight, rig, took_all};
 use harness::{Operator, StateObserver};
 use messages::{Mode, RobotState, state_flag};
 use motion::Motion;
@@ -39,9 +38,12 @@ fn closures(row: &[f64]) -> [f64; 3] {
 
 /// Checks what the peer says of the grippers, and that the arms' figures are those without them.
 fn assert_sound(report: &Value) {
-    for (name, hand) in report["hands"].as_object().expect("hands") {
-        assert!(hand["exceeded_updates"] == serde_json::json!({"position": 0, "speed": 0}), "{name}: {hand:#}");
-        assert!(hand["accepted"] == hand["received"] && hand["accepted"].as_u64() > Some(50), "{name}: {hand:#}");
+    for (name, operator) in report["hands"].as_object().expect("hands") {
+        assert!(operator["exceeded_updates"] == serde_json::json!({"position": 0, "speed": 0}), "{name}: {operator:#}");
+        assert!(
+            operator["accepted"] == operator["received"] && operator["accepted"].as_u64() > Some(50),
+            "{name}: {operator:#}"
+        );
     }
     assert!(took_all(report), "{report:#}");
     assert_eq!(report["command"]["position_excess"]["exceeded_updates"], 0, "{report:#}");
@@ -71,7 +73,7 @@ fn grippers_on_ros2_close_with_the_hands_and_hold() {
     let Some(peer) = Peer::start(DOMAINS[0], &["--object-width-m", "0.05"]) else { return };
     let mut rig = rig(DOMAINS[0]);
     rig.start_all();
-    let (mut operator, mut observer) = (rig.operator().expect("it answers"), rig.eyes());
+    let (mut operator, mut observer) = (rig.operator().expect("it answers"), rig.state_observer());
     let client = rig.client(&gripping(0.7), 1);
     client.set_engaged(true);
     let known = observer.wait("known", |robot| robot.flags & state_flag::GRIPPERS != 0);
@@ -79,10 +81,11 @@ fn grippers_on_ros2_close_with_the_hands_and_hold() {
     let mut stops = engage_until(&mut operator, &mut observer, |robot| robot.grippers.closure[0] > 0.69);
     let held = observer.robot().expect("it was heard").grippers.closure[0];
     // The object stops the fingers half-way, and they press.
-    std::thread::sleep(Duration::from_millis(500));
-    let pressing = observer.robot().expect("it was heard").grippers_measured;
-    assert!(pressing.closure.iter().all(|closure| (closure - 0.5).abs() < 0.01), "{pressing:?}");
-    assert!(pressing.force_n.iter().all(|force_n| (force_n - 20.0).abs() < 0.5), "{pressing:?}");
+    observer.wait("pressing", |robot| {
+        let [closures, forces_n] = [robot.grippers_measured.closure, robot.grippers_measured.force_n];
+        let pressing = |side: usize| (closures[side] - 0.5).abs() < 0.01 && (forces_n[side] - 20.0).abs() < 0.5;
+        pressing(0) && pressing(1)
+    });
     // Until the person's hands are seen no more, and then some.
     let until = Instant::now() + Duration::from_millis(5500);
     stops += engage_until(&mut operator, &mut observer, |_| Instant::now() > until);
@@ -91,7 +94,7 @@ fn grippers_on_ros2_close_with_the_hands_and_hold() {
     assert!(later.grippers_measured.force_n[0] > 19.0, "{:?}", later.grippers_measured);
     operator.release();
     observer.wait_at_rest();
-    assert_no_violations(&rig.end("driver"));
+    rig.end_without_violations();
     let (report, trace) = peer.end();
     println!("{:#}", report["hands"]);
     assert_sound(&report);
@@ -112,13 +115,13 @@ fn f122_grippers_hold_when_their_driver_is_killed() {
     let Some(peer) = Peer::start(DOMAINS[1], &[]) else { return };
     let mut rig = rig(DOMAINS[1]);
     rig.start_all();
-    let (mut operator, mut observer) = (rig.operator().expect("it answers"), rig.eyes());
+    let (mut operator, mut observer) = (rig.operator().expect("it answers"), rig.state_observer());
     let client = rig.client(&gripping(1.0), 1);
     client.set_engaged(true);
     engage_until(&mut operator, &mut observer, |robot| robot.grippers.closure[0] > 0.3 && robot.grippers.rate[0] > 0.3);
     rig.kill("driver");
     let killed_s = rt::now().0 as f64 * 1e-9;
-    std::thread::sleep(Duration::from_millis(1500));
+    outlive_stop();
     let (report, trace) = peer.end();
     assert_sound(&report);
     let moves = |pair: &[Vec<f64>]| closures(&pair[0]) != closures(&pair[1]);
@@ -137,8 +140,11 @@ fn f122_robot_without_fingers_may_be_driven_and_says_so() {
         (&["--fault", "second/hand_left_controller"], "another program may send to /hand_left_controller/joint_traj"),
     ] {
         let Some(peer) = Peer::start(DOMAINS[2], more) else { return };
-        let (code, [said, _]) = preflight(&rig(DOMAINS[2]).folder().join("teleop.toml"));
-        assert!(code == Some(0) && said.contains(sentence) && said.contains("tiago_dual may be driven"), "{said}");
+        let (code, [printed, _]) = preflight(&rig(DOMAINS[2]).folder().join("teleop.toml"));
+        assert!(
+            code == Some(0) && printed.contains(sentence) && printed.contains("tiago_dual may be driven"),
+            "{printed}"
+        );
         peer.end();
     }
 }

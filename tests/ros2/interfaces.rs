@@ -1,7 +1,6 @@
 //! Robots that play no stop by themselves: `forward_command_controller`s, and `rt/arm_sdk` of a Unitree G1.
 
-use super::{Peer, preflight, rig_with, took_all};
-use harness::assert_no_violations;
+use super::{Peer, outlive_stop, preflight, rig_with, took_all, wait_refusal};
 use harness::{Rig, repository};
 use messages::Mode;
 use serde_json::Value;
@@ -84,22 +83,23 @@ fn f115_unitree_robot_that_is_not_ready_is_refused_with_a_sentence() {
     let rig = ARM_SDK.rig(DOMAINS[3]);
     let config = rig.folder().join("teleop.toml");
     peer.fault("stale@0.5");
-    std::thread::sleep(Duration::from_secs(1));
-    let (code, said) = preflight(&config);
-    let said = said.concat();
-    for sentence in [
-        "another program may send to /arm_sdk",
-        "rt/lowstate has mode_machine 6, the robot file 5",
-        "rt/lowstate fell silent, or its tick stands",
-    ] {
-        assert!(code == Some(1) && said.contains(sentence), "{sentence}: {said}");
-    }
+    wait_refusal(
+        &config,
+        &[
+            "another program may send to /arm_sdk",
+            "rt/lowstate has mode_machine 6, the robot file 5",
+            "rt/lowstate fell silent, or its tick stands",
+        ],
+    );
     // Nobody chooses this interface by the robot file alone.
     let text = std::fs::read_to_string(&config).expect("there").replace("\"arm_sdk\"", "\"trajectories\"");
     std::fs::write(&config, text).expect("writable");
-    let (code, said) = preflight(&config);
-    let said = said.concat();
-    assert!(code == Some(78) && said.contains("ros2.setpoints = \"trajectories\", must be \"arm_sdk\""), "{said}");
+    let (code, printed) = preflight(&config);
+    let printed = printed.concat();
+    assert!(
+        code == Some(78) && printed.contains("ros2.setpoints = \"trajectories\", must be \"arm_sdk\""),
+        "{printed}"
+    );
 }
 
 /// Drives the built-in motion for two seconds, or until a joint is fast and the driver is killed. Returns the peer's report, and
@@ -113,13 +113,13 @@ fn drive(interface: &Interface, domain: u32, kill: bool) -> Option<(Value, f64)>
         let fast = observer.wait("fast", |robot| robot.v.iter().any(|v| v.abs() > 0.5));
         rig.kill("driver");
         speed = fast.v.iter().fold(0.0, |most: f64, v| most.max(v.abs()));
-        std::thread::sleep(Duration::from_millis(1500));
+        outlive_stop();
     } else {
-        std::thread::sleep(Duration::from_secs(2));
+        operator.wait_control(Duration::from_secs(2));
         operator.release();
         operator.wait_mode(Mode::Disengaged);
         observer.wait_at_rest();
-        assert_no_violations(&rig.end("driver"));
+        rig.end_without_violations();
     }
     Some((peer.end().0, speed))
 }

@@ -1,15 +1,12 @@
 //! A separate machine under a real systemd, in namespaces. Needs only root, systemd and a cgroup2 hierarchy.
 
+use harness::{SOON, soon, within};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::sync::{Mutex, MutexGuard};
-use std::time::{Duration, Instant};
 
 /// Allows one machine at a time. Four real-time processes are enough for a small computer.
 static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
-
-/// Longest time for any expected event. Only a hang comes near it.
-const SOON: Duration = Duration::from_secs(30);
 
 /// A user who is neither root nor the daemon's, but a member of the operators' group. The numbers come from
 /// machine.sh.
@@ -41,12 +38,13 @@ impl Machine {
         let folder = tempfile::tempdir().map_err(|error| error.to_string())?;
         let outer = start(&cgroup, folder.path())?;
         let mut machine = Self { outer, init: 0, cgroup, folder, _turn: turn };
-        let give_up = Instant::now() + SOON;
-        while !machine.is_up() {
-            if Instant::now() > give_up || !matches!(machine.outer.try_wait(), Ok(None)) {
-                return Err(format!("systemd does not boot in namespaces here: {}", machine.console()));
-            }
-            std::thread::sleep(Duration::from_millis(20));
+        let mut is_up = false;
+        within(SOON, || {
+            is_up = machine.is_up();
+            is_up || !matches!(machine.outer.try_wait(), Ok(None))
+        });
+        if !is_up {
+            return Err(format!("systemd does not boot in namespaces here: {}", machine.console()));
         }
         let version = machine.run(&[], &["systemctl", "--version"]);
         println!("under a real {}", version.lines().next().unwrap_or("systemd"));
@@ -93,9 +91,9 @@ impl Machine {
     /// Runs a command that must succeed, and returns its output.
     pub fn run(&self, as_whom: &[&str], words: &[&str]) -> String {
         let output = self.output(as_whom, words);
-        let errors = String::from_utf8_lossy(&output.stderr);
+        let errors = harness::stderr(&output);
         assert!(output.status.success(), "{words:?}: {}: {errors}\n{}", output.status, self.console());
-        String::from_utf8_lossy(&output.stdout).into_owned()
+        harness::stdout(&output)
     }
 
     /// Returns a property of a unit of `manager`: the system's or the user's.
@@ -109,12 +107,8 @@ impl Machine {
         self.wait_until(&format!("{unit} with {property}={value}"), || self.property(manager, unit, property) == value);
     }
 
-    pub fn wait_until(&self, what: &str, mut done: impl FnMut() -> bool) {
-        let give_up = Instant::now() + SOON;
-        while !done() {
-            assert!(Instant::now() < give_up, "never {what}: {}", self.console());
-            std::thread::sleep(Duration::from_millis(20));
-        }
+    pub fn wait_until(&self, what: &str, done: impl FnMut() -> bool) {
+        assert!(soon(done), "never {what}: {}", self.console());
     }
 
     /// Returns the figures that a process left in the run folder.
@@ -129,10 +123,7 @@ impl Drop for Machine {
         // unshare --kill-child also kills the machine's first process, and with it all others.
         let _ = self.outer.kill();
         let _ = self.outer.wait();
-        let give_up = Instant::now() + SOON;
-        while !remove_cgroups(&self.cgroup) && Instant::now() < give_up {
-            std::thread::sleep(Duration::from_millis(10));
-        }
+        soon(|| remove_cgroups(&self.cgroup));
     }
 }
 

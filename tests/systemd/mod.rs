@@ -10,7 +10,6 @@ use machine::{Machine, Manager, OPERATOR};
 use motion::CalibrationMode;
 use std::path::{Path, PathBuf};
 use std::process::Command;
-use std::time::Duration;
 use teleopd::PROCESSES;
 
 /// Highest exposure that `systemd-analyze security` may report for a system unit, of 10.
@@ -88,8 +87,8 @@ fn systemd_analyze_verifies_the_units_without_a_warning() {
             println!("skipped: there is no systemd-analyze");
             return;
         };
-        let said = String::from_utf8_lossy(&output.stderr) + String::from_utf8_lossy(&output.stdout);
-        assert!(output.status.success() && said.trim().is_empty(), "{manager}: {}: {said}", output.status);
+        let printed = harness::stderr(&output) + &harness::stdout(&output);
+        assert!(output.status.success() && printed.trim().is_empty(), "{manager}: {}: {printed}", output.status);
     }
 }
 
@@ -105,19 +104,19 @@ fn system_units_stay_within_the_exposure_limit() {
             println!("skipped: there is no systemd-analyze");
             return;
         };
-        let said = String::from_utf8_lossy(&output.stdout);
-        if !output.status.success() && said.is_empty() {
-            let why = String::from_utf8_lossy(&output.stderr);
+        let printed = harness::stdout(&output);
+        if !output.status.success() && printed.is_empty() {
+            let why = harness::stderr(&output);
             println!("skipped: this systemd-analyze has no --offline: {}", why.trim());
             return;
         }
         for process in PROCESSES {
             let start = format!("Overall exposure level for {}: ", unit(process));
-            let level = said.lines().find_map(|line| line.split_once(&start)?.1.split_whitespace().next());
+            let level = printed.lines().find_map(|line| line.split_once(&start)?.1.split_whitespace().next());
             let level: Option<f64> = level.and_then(|level| level.parse().ok());
-            let level = level.unwrap_or_else(|| panic!("no level for {process}: {said}"));
+            let level = level.unwrap_or_else(|| panic!("no level for {process}: {printed}"));
             println!("{process}: exposure {level}{}", if opened { " with the loopback open" } else { "" });
-            assert!(level <= EXPOSURE_MAX, "{process}: {level}: {said}");
+            assert!(level <= EXPOSURE_MAX, "{process}: {level}: {printed}");
         }
     }
 }
@@ -163,7 +162,7 @@ fn client_publishes_until_stopped() {
     let publisher = Publisher::start_on(way, player, rt::now).expect("a client");
     publisher.set_engaged(true);
     loop {
-        std::thread::sleep(Duration::from_secs(60));
+        std::thread::park();
     }
 }
 

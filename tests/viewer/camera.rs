@@ -1,7 +1,6 @@
 //! A camera of a page, as a program.
 
-use super::{Page, Seen, Viewer};
-use harness::SOON;
+use super::{Page, Received, Viewer};
 use serde_json::{Value, json};
 use std::time::{Duration, Instant};
 use tungstenite::Message;
@@ -38,16 +37,15 @@ pub fn image(sent_ms: f64, age_ms: f64, angle: f32) -> Vec<u8> {
 pub struct Camera {
     pub page: Page,
     pub begun: Instant,
-    sent: Option<Instant>,
     pub keeps: bool,
     pub angle: f32,
 }
 
 impl Camera {
-    pub fn of(viewer: &Viewer) -> Self {
+    pub fn open(viewer: &Viewer) -> Self {
         let mut page = viewer.page();
-        assert_eq!(page.told("scene")["about"]["camera"], true);
-        Self { page, begun: Instant::now(), sent: None, keeps: false, angle: 0.0 }
+        assert_eq!(page.message("scene")["about"]["camera"], true);
+        Self { page, begun: Instant::now(), keeps: false, angle: 0.0 }
     }
 
     pub fn send(&mut self, bytes: Vec<u8>) {
@@ -59,34 +57,28 @@ impl Camera {
     }
 
     /// Sends images at their rate, and keeps a pressed enable, until `done`.
-    pub fn until(&mut self, what: &str, mut done: impl FnMut(Option<&Value>) -> bool) {
-        let give_up = Instant::now() + SOON;
-        loop {
-            if self.sent.is_none_or(|at| at.elapsed() >= PERIOD) {
-                self.sent = Some(Instant::now());
-                self.send(self.image());
-                if self.keeps {
-                    self.page.ask("keep");
-                }
+    pub fn until(&mut self, what: &str, done: impl FnMut(&Received) -> bool) {
+        let (begun, keeps, angle) = (self.begun, self.keeps, self.angle);
+        let send = |page: &mut Page| {
+            let bytes = image(begun.elapsed().as_secs_f64() * 1e3, 20.0, angle);
+            page.socket.send(Message::binary(bytes)).expect("the server listens");
+            if keeps {
+                page.request("keep");
             }
-            let seen = self.page.read();
-            if done(if let Seen::Told(told) = &seen { Some(told) } else { None }) {
-                return;
-            }
-            assert!(Instant::now() < give_up, "never {what}");
-        }
+        };
+        self.page.drive(what, PERIOD, send, done);
     }
 
     pub fn start(&mut self) {
-        self.page.say(&json!({ "do": "camera", "on": true }));
+        self.page.send(&json!({ "do": "camera", "on": true }));
     }
 
     /// Returns the next report of the camera that `what` accepts, without sending anything.
     pub fn report(&mut self, what: impl Fn(&Value) -> bool) -> Value {
         loop {
-            let told = self.page.told("camera");
-            if what(&told) {
-                return told;
+            let message = self.page.message("camera");
+            if what(&message) {
+                return message;
             }
         }
     }

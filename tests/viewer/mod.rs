@@ -3,7 +3,7 @@
 
 pub mod camera;
 
-use harness::{Rig, SOON};
+use harness::{Rig, SOON, wait_until};
 use messages::Mode;
 use serde_json::{Value, json};
 use std::io::{BufRead, BufReader, Read, Write};
@@ -19,29 +19,29 @@ pub struct Viewer {
     child: Child,
     pub address: String,
     /// Words that it printed until the address.
-    pub said: String,
-    _told: BufReader<ChildStdout>,
+    pub printed: String,
+    _output: BufReader<ChildStdout>,
 }
 
 impl Viewer {
-    pub fn of(rig: &Rig) -> Self {
+    pub fn start(rig: &Rig) -> Self {
         Self::with(rig, &[])
     }
 
     /// Starts it with these additional arguments.
     pub fn with(rig: &Rig, arguments: &[&str]) -> Self {
         let mut child = command(rig, arguments).stdout(Stdio::piped()).spawn().expect("it starts");
-        let mut told = BufReader::new(child.stdout.take().expect("its words"));
-        let (mut said, mut line) = (String::new(), String::new());
+        let mut output = BufReader::new(child.stdout.take().expect("its words"));
+        let (mut printed, mut line) = (String::new(), String::new());
         // Words about the certificate come before.
         while !line.contains(" shows ") {
             line.clear();
-            assert!(told.read_line(&mut line).expect("its words") > 0, "it ended");
-            said.push_str(&line);
+            assert!(output.read_line(&mut line).expect("its words") > 0, "it ended");
+            printed.push_str(&line);
         }
         let address = line.trim().split(' ').next_back().expect("an address").to_owned();
         assert!(address.contains("://127.0.0.1:"), "{line}");
-        Self { child, address, said, _told: told }
+        Self { child, address, printed, _output: output }
     }
 
     /// Returns the process id.
@@ -96,10 +96,23 @@ impl Drop for Viewer {
     }
 }
 
+/// Period of a page's message that the enable is still pressed.
+const KEEP_PERIOD: Duration = Duration::from_millis(100);
+
 /// Data that the server sends to a page.
-pub enum Seen {
-    Told(Value),
+pub enum Received {
+    Message(Value),
     Frame(Vec<f32>),
+}
+
+impl Received {
+    /// Returns the message, if it is one of this kind.
+    pub fn message(&self, kind: &str) -> Option<&Value> {
+        match self {
+            Self::Message(message) if message["tell"] == kind => Some(message),
+            _ => None,
+        }
+    }
 }
 
 /// A page without a browser.
@@ -117,22 +130,22 @@ impl Page {
         Self { socket }
     }
 
-    pub fn ask(&mut self, what: &str) {
-        self.say(&json!({ "do": what }));
+    pub fn request(&mut self, what: &str) {
+        self.send(&json!({ "do": what }));
     }
 
-    pub fn say(&mut self, what: &Value) {
+    pub fn send(&mut self, what: &Value) {
         self.socket.send(Message::text(what.to_string())).expect("the server listens");
     }
 
     /// Returns the next text or frame.
-    pub fn read(&mut self) -> Seen {
+    pub fn read(&mut self) -> Received {
         loop {
             match self.socket.read().expect("the server tells") {
-                Message::Text(text) => return Seen::Told(serde_json::from_str(&text).expect("JSON")),
+                Message::Text(text) => return Received::Message(serde_json::from_str(&text).expect("JSON")),
                 Message::Binary(bytes) => {
                     let number = |four: &[u8]| f32::from_le_bytes(four.try_into().expect("four bytes"));
-                    return Seen::Frame(bytes.chunks_exact(4).map(number).collect());
+                    return Received::Frame(bytes.chunks_exact(4).map(number).collect());
                 }
                 _ => {}
             }
@@ -140,12 +153,10 @@ impl Page {
     }
 
     /// Returns the next text of this kind.
-    pub fn told(&mut self, kind: &str) -> Value {
+    pub fn message(&mut self, kind: &str) -> Value {
         loop {
-            if let Seen::Told(told) = self.read()
-                && told["tell"] == kind
-            {
-                return told;
+            if let Some(message) = self.read().message(kind) {
+                return message.clone();
             }
         }
     }
@@ -153,7 +164,7 @@ impl Page {
     /// Returns the next frame, as numbers.
     pub fn frame(&mut self) -> Vec<f32> {
         loop {
-            if let Seen::Frame(frame) = self.read() {
+            if let Received::Frame(frame) = self.read() {
                 return frame;
             }
         }
@@ -162,23 +173,48 @@ impl Page {
     /// Returns true if the server ends the connection.
     pub fn ends(mut self) -> bool {
         let give_up = Instant::now() + SOON;
-        while self.socket.read().is_ok() {
-            if Instant::now() > give_up {
-                return false;
+        while self.socket.read().is_ok() && Instant::now() < give_up {}
+        Instant::now() < give_up
+    }
+
+    /// Calls `send` again each time that `period` has passed, and reads until `done`, which gets each message.
+    pub fn drive(
+        &mut self,
+        what: &str,
+        period: Duration,
+        mut send: impl FnMut(&mut Self),
+        mut done: impl FnMut(&Received) -> bool,
+    ) {
+        let (give_up, mut sent) = (Instant::now() + SOON, None);
+        loop {
+            if sent.is_none_or(|at: Instant| at.elapsed() >= period) {
+                sent = Some(Instant::now());
+                send(self);
             }
+            if done(&self.read()) {
+                return;
+            }
+            assert!(Instant::now() < give_up, "never {what}");
         }
-        true
     }
 
     /// Reads until a frame is in this mode. Keeps the enable pressed if `keep` is set.
     pub fn until(&mut self, mode: Mode, keep: bool) {
-        let (give_up, mut kept) = (Instant::now() + SOON, Instant::now());
-        while self.frame()[2] != mode as u32 as f32 {
-            assert!(Instant::now() < give_up, "never {}", mode.name());
-            if keep && kept.elapsed() > Duration::from_millis(100) {
-                kept = Instant::now();
-                self.ask("keep");
+        let send = |page: &mut Self| {
+            if keep {
+                page.request("keep")
             }
-        }
+        };
+        let is_there =
+            |received: &Received| matches!(received, Received::Frame(frame) if frame[2] == mode as u32 as f32);
+        self.drive(mode.name(), KEEP_PERIOD, send, is_there);
+    }
+
+    /// Requests the lease by `request`, which is answered by a message of this kind, until the page has it.
+    pub fn wait_lease(&mut self, kind: &str, request: &Value) {
+        wait_until("the holder of the lease", || {
+            self.send(request);
+            self.message(kind)["on"] == true
+        });
     }
 }

@@ -5,6 +5,7 @@
 //! - [`Operator`]: brings the instance to a state in which it can be engaged, engages and holds.
 //! - [`roles`]: the program that uses the harness, run again as another process.
 //! - [`Rig`], [`OperatorSession`], [`StateObserver`]: the same for a test.
+//! - [`wait_until`]: a test's wait for a condition. [`in_real_time`]: runs a test again if this machine paused.
 //! - [`Cable`]: a network namespace.
 //! - [`python`]: virtual environments of Python.
 //! - [`user`]: a thread with the credentials of another user.
@@ -12,22 +13,27 @@
 mod cable;
 mod observer;
 mod operator;
+mod pause;
 mod python;
 mod rig;
 pub mod roles;
 mod running;
 mod settings;
 pub mod user;
+mod wait;
 
 pub use cable::{Cable, shell};
 pub use observer::StateObserver;
 pub use operator::{Look, Operator};
+pub use pause::in_real_time;
 pub use python::python;
-pub use rig::{OperatorSession, Rig, assert_no_violations, interrupt, modes};
+pub use rig::{DRIVER, OperatorSession, Rig, assert_no_violations, interrupt, modes};
 pub use running::{Harness, publisher};
 pub use settings::write as write_settings;
+pub use wait::{Pace, holds_for, soon, wait_until, within};
 
 use std::path::{Path, PathBuf};
+use std::process::Output;
 use std::time::Duration;
 
 /// Longest time for any expected event. Only a hang comes near it.
@@ -42,4 +48,14 @@ pub fn repository() -> PathBuf {
 /// Returns the settings file of the source tree.
 pub fn config() -> PathBuf {
     repository().join("config/teleop.toml")
+}
+
+/// Returns what a program wrote to its standard output.
+pub fn stdout(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stdout).into_owned()
+}
+
+/// Returns what a program wrote to its standard error.
+pub fn stderr(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stderr).into_owned()
 }

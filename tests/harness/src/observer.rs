@@ -1,10 +1,9 @@
 //! Reads what the driver executes, for a test.
 
-use crate::SOON;
+use crate::wait_until;
 use bus::{Domain, Reader};
 use instance::Instance;
 use messages::{RobotState, Service};
-use std::time::{Duration, Instant};
 
 /// Observes the driver's executed states.
 pub struct StateObserver {
@@ -15,8 +14,8 @@ pub struct StateObserver {
 
 impl StateObserver {
     /// Observes an instance.
-    pub fn of(instance: &Instance) -> Self {
-        let domain = Domain::open(instance.core_domain(), "eyes").expect("the core domain");
+    pub fn open(instance: &Instance) -> Self {
+        let domain = Domain::open(instance.core_domain(), "observer").expect("the core domain");
         let states = domain.reader(Service::RobotState).expect("robot states");
         Self { states, latest: None, _domain: domain }
     }
@@ -29,14 +28,13 @@ impl StateObserver {
 
     /// Waits for a state for which `done` returns true.
     pub fn wait(&mut self, what: &str, done: impl Fn(&RobotState) -> bool) -> RobotState {
-        let give_up = Instant::now() + SOON;
-        loop {
-            if let Some(state) = self.robot().filter(&done) {
-                return state;
-            }
-            assert!(Instant::now() < give_up, "the robot never was {what}");
-            std::thread::sleep(Duration::from_millis(2));
-        }
+        wait_until(what, || self.robot().is_some_and(|state| done(&state)));
+        self.latest.expect("the state that was waited for")
+    }
+
+    /// Waits until a joint is fast, rad/s or m/s.
+    pub fn wait_moving(&mut self) -> RobotState {
+        self.wait("moving", |state| state.v.iter().any(|v| v.abs() > 0.2))
     }
 
     /// Waits until a joint is more than `by`, rad or m, from its old position.

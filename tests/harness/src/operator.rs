@@ -1,11 +1,12 @@
 //! An operator that engages and holds, and says why it could not.
 
 use crate::SOON;
+use crate::wait::within_by;
 use messages::{Fault, Faults, Mode, Status, Transition};
 use operator::OperatorSession;
 use rt::{Exit, Failure};
 use std::path::PathBuf;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 /// Ticks of control before the enable: half a second with the enable released, and a fresh target.
 const TICKS_BEFORE_ENABLE: u64 = 750;
@@ -137,14 +138,12 @@ impl Operator {
         look: Look,
         done: impl Fn(&Status) -> bool,
     ) -> Result<bool, Failure> {
-        let give_up = Instant::now() + within;
-        while Instant::now() < give_up && !self.is_cut_off() {
-            if self.status().is_some_and(|status| done(&status)) {
-                return Ok(true);
-            }
-            look()?;
-            std::thread::sleep(every);
-        }
-        Ok(false)
+        let (mut failure, mut reached) = (None, false);
+        within_by(within, every, || {
+            reached = self.status().is_some_and(|status| done(&status));
+            failure = if reached { None } else { look().err() };
+            reached || failure.is_some() || self.is_cut_off()
+        });
+        failure.map_or(Ok(reached), Err)
     }
 }

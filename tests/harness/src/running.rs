@@ -1,7 +1,7 @@
 //! The processes of an instance in a temporary folder.
 
 use crate::operator::Operator;
-use crate::settings;
+use crate::{pause, settings};
 use client::{ClientError, PlayOptions, Player, Publisher, Transport};
 use instance::Instance;
 use motion::{CalibrationMode, Motion};
@@ -25,6 +25,7 @@ impl Turn {
         let running = RUNNING.0.lock().unwrap_or_else(PoisonError::into_inner);
         let waited = RUNNING.1.wait_while(running, |running| *running >= at_a_time);
         *waited.unwrap_or_else(PoisonError::into_inner) += 1;
+        pause::forget();
         Self
     }
 }

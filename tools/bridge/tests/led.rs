@@ -138,7 +138,7 @@ fn robot_is_led_over_a_link() {
     let of_robot =
         || End::start(&["robot", "--keys", text(keys.path()), "--listen", &address, "--run-dir", text(&run_dir)]);
     let place = Place { folder, bundle: keys.path().join("anna.bundle"), address: address.clone() };
-    let (local, mut eyes) = (robot.operator().expect("it answers"), StateObserver::of(&robot.instance));
+    let (local, mut eyes) = (robot.operator().expect("it answers"), StateObserver::open(&robot.instance));
 
     let (far, near) = (of_robot(), place.start());
     let (hand, client) = place.lead(&mut eyes);
