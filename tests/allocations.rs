@@ -9,6 +9,7 @@ use motion::CalibrationMode;
 use rt::{CountingAllocator, count_allocations};
 use safety::engage::OperatorView;
 use std::path::Path;
+use world::simulated;
 
 #[global_allocator]
 static ALLOCATOR: CountingAllocator = CountingAllocator;
@@ -39,7 +40,7 @@ fn f076_no_stage_allocates_in_a_tick() {
     let mut skeleton_state = skeleton::State::new();
     let mut retarget_state = retarget::State::default();
     let mut control_state = control::State::new(&control_config, 2);
-    let mut robot_state = world::simulated::State::new(&robot_config, TICK_HZ - 1, 1);
+    let mut robot_state = simulated::State::new(&robot_config, TICK_HZ - 1, 1);
     let (mut mode, mut engaged, mut counts) = (Mode::Disengaged, 0, [0; 4]);
     let mut robot: Option<RobotState> = None;
     let (printed, mut in_payload) = (Some(PayloadOrder { mass_kg: 0.3, centre_m: None }), 0);
@@ -88,9 +89,8 @@ fn f076_no_stage_allocates_in_a_tick() {
         engaged += u64::from(counting && mode == Mode::Engaged);
         let command: Option<JointCommand> = out.command;
         let input = driver::DriveInput { due_k: k, command: command.as_ref() };
-        let (out, counted) = count_allocations(|| {
-            world::simulated::tick(&robot_config, &mut robot_state, Stamp(now.0 + 100_000), input)
-        });
+        let (out, counted) =
+            count_allocations(|| simulated::tick(&robot_config, &mut robot_state, Stamp(now.0 + 100_000), input));
         note(3, counted.allocated);
         robot = Some(RobotState { header: Header { incarnation: 4, ..header }, ..out.state });
     }

@@ -117,6 +117,19 @@ fn real_robot_without_a_program_is_refused() {
 }
 
 #[test]
+fn interface_of_a_real_robot_is_checked_after_the_options() {
+    let rig = with_program("robot", &example().display().to_string());
+    for (interface, code) in [("jtc100", 0), ("jtc100-restart", 78)] {
+        let mut check = Command::new(env!("CARGO_BIN_EXE_teleopd"));
+        let check = check.args(["check", "--interface", interface, "--config"]).arg(rig.folder().join("teleop.toml"));
+        let output = check.output().expect("it runs");
+        let error = harness::stderr(&output);
+        assert_eq!(output.status.code(), Some(code), "{interface}: {error}");
+        assert_eq!(error.contains("(--interface jtc100-restart sets it)"), code != 0, "{error}");
+    }
+}
+
+#[test]
 fn driver_of_real_robot_without_realtime_ends_before_ready() {
     let mut driver = Command::new("timeout");
     let rig = with_program("robot", &example().display().to_string());

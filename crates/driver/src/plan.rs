@@ -4,7 +4,7 @@
 use crate::limits::JointLimits;
 use messages::{JOINTS_MAX, JointMotion, StopPlan, TICK_S};
 
-/// What the driver does with a motion and the rest of its plan.
+/// The driver's playback of a motion and the rest of its plan.
 pub trait PlanPlayback {
     /// Plays `ticks` ticks of the plan.
     /// Once at rest, further ticks change nothing, so the plan's duration bounds the work and not `ticks`.

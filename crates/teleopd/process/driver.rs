@@ -4,7 +4,7 @@
 use super::{Process, WARM_TICKS, bus_failure};
 use crate::cli::InstanceArgs;
 use crate::timeline::Timeline;
-use bus::Domain;
+use bus::{Domain, WakingReader};
 use config::{DriverKind, HandOff};
 use driver::{DriveInput, DriveOutput, Driver, Drives, Interface, Measured, Setpoint};
 use messages::{
@@ -60,6 +60,16 @@ fn begin(
     let measured = robot.read(rt::now());
     checker::State::new(config, due(rt::now()) + 3, &earlier, &measured, seed)
         .ok_or_else(|| Failure::new(Exit::Unavailable, "the robot measures NaN or infinite positions"))
+}
+
+/// Waits for a new command until `give_up`. A polled reader waits for that time in any case.
+fn wait_for_command(commands: &mut WakingReader<JointCommand>, give_up: Stamp, polled: bool) {
+    let now = rt::now();
+    if polled {
+        rt::sleep_until(give_up);
+    } else if now < give_up {
+        rt::allocating_aside(|| commands.wait(Duration::from_nanos(give_up.since(now))));
+    }
 }
 
 /// If the driver was suspended while the robot moved, waits for a measurement made after now. Waits no longer than
@@ -153,12 +163,7 @@ pub fn run<D: Driver>(
             }
         }
         let waited_for = state.follower().index() + 1;
-        let give_up = deadline(waited_for).plus_ns(grace_ns);
-        if polled {
-            rt::sleep_until(give_up);
-        } else if now < give_up {
-            rt::allocating_aside(|| commands.wait(Duration::from_nanos(give_up.since(now))));
-        }
+        wait_for_command(&mut commands, deadline(waited_for).plus_ns(grace_ns), polled);
         wait_if_suspended(&mut robot, &state, due(rt::now()));
         let command = rt::allocating_aside(|| commands.latest()).filter(|_| ending.is_none());
         let now = rt::now();
