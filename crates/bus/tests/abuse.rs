@@ -1,7 +1,6 @@
 //! Damage that a process of the same user can do to a domain, and damage that it cannot do.
 
-mod support;
-
+use crate::support;
 use bus::{BusError, Domain, Reader, Writer};
 use messages::{Layout, RawSkeleton, Service, Skeleton};
 use std::fs::{File, OpenOptions};

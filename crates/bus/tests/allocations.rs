@@ -1,15 +1,11 @@
 //! Allocations of the hot path: none when reading and waiting, one block per message when writing.
 
-mod support;
-
+use crate::support;
 use bus::{Reader, Wake, Writer};
 use messages::{JointTarget, Layout, Service};
 use rt::{Allocations, count_allocations};
 use std::time::Duration;
 use support::Place;
-
-#[global_allocator]
-static ALLOCATOR: rt::CountingAllocator = rt::CountingAllocator;
 
 const MESSAGES: u64 = 1_000;
 

@@ -1,7 +1,6 @@
 //! Real processes that are stopped and killed. The test program starts itself again.
 
-mod support;
-
+use crate::support;
 use bus::{BusError, Domain, DomainConfig, Reader, WakingReader, Writer};
 use messages::{JointTarget, Layout, Service};
 use std::process::{Child, Command, Stdio};
@@ -19,7 +18,7 @@ impl Process {
     fn start(place: &Place, role: &str) -> Self {
         let config = place.config();
         let mut command = Command::new(std::env::current_exe().expect("our own path"));
-        command.args(["--exact", "child", "--ignored", "--nocapture"]);
+        command.args(["--exact", "processes::child", "--ignored", "--nocapture"]);
         command.env(ROOT, config.root).env(PREFIX, config.prefix).env(ROLE, role);
         Self(command.stdout(Stdio::null()).spawn().expect("the child starts"))
     }

@@ -1,7 +1,6 @@
 //! One writer, many readers, newest value: the behaviour of iceoryx2 with our settings.
 
-mod support;
-
+use crate::support;
 use bus::{BusError, Domain, Latest, Publish, Reader, Wake, Writer};
 use messages::{Field, JointTarget, Layout, Message, RawSkeleton, Service, Stamp};
 use std::time::Duration;

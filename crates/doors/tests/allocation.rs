@@ -4,9 +4,6 @@ use doors::{ANSWER_BYTES, Hello, LeaseState, ReplyPacket, Server, encode_frame};
 use messages::{Layout as _, RawSkeleton, Stamp};
 use rustix::net::{AddressFamily, RecvFlags, SendFlags, SocketAddrUnix, SocketType};
 
-#[global_allocator]
-static ALLOCATOR: rt::CountingAllocator = rt::CountingAllocator;
-
 #[test]
 fn f023_server_allocates_nothing_during_floods_and_reconnects() {
     let folder = tempfile::TempDir::new().unwrap();

@@ -107,7 +107,7 @@ fn python_class<M: Message>(out: &mut String, what: &str) {
 fn python() -> String {
     let row = Service::RawSkeleton.row();
     let mut out = String::from(
-        "\"\"\"The layout of a frame. Written by cargo test -p messages --test clients -- --ignored; not to be edited.\"\"\"\n\n\
+        "\"\"\"The layout of a frame. Written by cargo test -p messages --test all clients -- --ignored; not to be edited.\"\"\"\n\n\
          import ctypes\n\n",
     );
     for (name, value, what) in NUMBERS {
@@ -173,7 +173,7 @@ fn c() -> String {
     let row = Service::RawSkeleton.row();
     let mut out = String::from(
         "/* The layout of a frame, for clients in C and C++ that publish over iceoryx2 0.10 (payload type name below, size and\n\
-         \x20* alignment of the struct). Written by cargo test -p messages --test clients -- --ignored; not to be edited. */\n\
+         \x20* alignment of the struct). Written by cargo test -p messages --test all clients -- --ignored; not to be edited. */\n\
          #ifndef TELEOPD_H\n#define TELEOPD_H\n\n#include <stddef.h>\n#include <stdint.h>\n\n\
          #ifdef __cplusplus\n#define TELEOP_ASSERT(is, what) static_assert(is, what)\n#else\n\
          #define TELEOP_ASSERT(is, what) _Static_assert(is, what)\n#endif\n\n",
@@ -212,7 +212,7 @@ fn path(relative: &str) -> String {
 fn python_and_c_files_match_layout() {
     for (file, text) in [(PYTHON, python()), (C, c())] {
         let stored = std::fs::read_to_string(path(file)).unwrap_or_default();
-        assert!(stored == text, "{file}: write it anew: cargo test -p messages --test clients -- --ignored");
+        assert!(stored == text, "{file}: write it anew: cargo test -p messages --test all clients -- --ignored");
     }
     assert_eq!(taken_apart("[[f32; 3]; LIMBS]"), ("f32", vec!["LIMBS", "3"]));
 }
@@ -245,7 +245,7 @@ fn c_and_cpp_compilers_accept_header() {
 }
 
 #[test]
-#[ignore = "writes the files: cargo test -p messages --test clients -- --ignored"]
+#[ignore = "writes the files: cargo test -p messages --test all clients -- --ignored"]
 fn write_python_and_c_files() {
     std::fs::write(path(PYTHON), python()).unwrap();
     std::fs::write(path(C), c()).unwrap();

@@ -45,7 +45,7 @@ fn layouts_match_snapshot() {
 }
 
 #[test]
-#[ignore = "writes the snapshot: cargo test -p messages --test layout -- --ignored"]
+#[ignore = "writes the snapshot: cargo test -p messages --test all layout -- --ignored"]
 fn write_the_snapshot() {
     std::fs::write(concat!(env!("CARGO_MANIFEST_DIR"), "/tests/layout.txt"), snapshot()).unwrap();
 }

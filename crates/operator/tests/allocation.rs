@@ -4,9 +4,6 @@ use messages::{Layout as _, OPERATOR_VERSION, OperatorRequest, Stamp, Status};
 use operator::Server;
 use rustix::net::{AddressFamily, RecvFlags, SendFlags, SocketAddrUnix, SocketType};
 
-#[global_allocator]
-static ALLOCATOR: rt::CountingAllocator = rt::CountingAllocator;
-
 /// Returns the number of new blocks of this thread since counting began.
 fn allocated() -> u64 {
     rt::allocations().0.allocated

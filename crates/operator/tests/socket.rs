@@ -1,6 +1,5 @@
-//! The socket itself: permissions to bind and connect, and the commands that count.
+//! The commands of the socket that count.
 
-use doors::DoorError;
 use messages::{
     HOLDS_ENABLE, HOLDS_RECOVERY, Layout, OPERATOR_VERSION, OperatorRequest, PayloadOrder, Stamp, Status, payload_flag,
 };
@@ -8,7 +7,6 @@ use operator::{CLIENTS_MAX, Client, LEASE_NS, OperatorCounts, OperatorError, REQ
 use rustix::net::{AddressFamily, SendFlags, SocketAddrUnix, SocketType};
 use std::io::{BufRead, BufReader, Lines, Write};
 use std::os::fd::OwnedFd;
-use std::os::unix::fs::{FileTypeExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 use tempfile::TempDir;
@@ -104,7 +102,7 @@ struct ConnectionFlood {
 impl ConnectionFlood {
     fn at(path: &Path) -> Self {
         let mut command = Command::new(std::env::current_exe().unwrap());
-        command.args(["--exact", "child_process_that_floods_connections", "--nocapture", "--test-threads=1"]);
+        command.args(["--exact", "socket::child_process_that_floods_connections", "--nocapture", "--test-threads=1"]);
         command.env(CROWD_AT, path).stdin(Stdio::piped()).stdout(Stdio::piped());
         let mut process = command.spawn().unwrap();
         let (orders, answers) = (process.stdin.take().unwrap(), process.stdout.take().unwrap());
@@ -430,79 +428,6 @@ fn late_reply_is_dropped_by_next_request() {
     drop(rig);
     let error = client.heartbeat().unwrap_err();
     assert!(matches!(error, OperatorError::Closed { .. } | OperatorError::Timeout { .. }), "{error}");
-}
-
-#[test]
-fn socket_has_mode_0660_and_is_removed_with_its_server() {
-    let rig = Rig::new();
-    let metadata = std::fs::metadata(&rig.path).unwrap();
-    assert!(metadata.file_type().is_socket());
-    assert_eq!(metadata.permissions().mode() & 0o777, 0o660);
-    let path = rig.path.clone();
-    drop(rig.server);
-    assert!(!path.exists());
-    let error = Client::connect(&path).err().unwrap();
-    assert!(matches!(error, OperatorError::Door(DoorError::NoSocket { .. })));
-    assert!(error.to_string().contains("Is teleopd control running?"), "{error}");
-}
-
-#[test]
-fn socket_file_is_replaced_only_if_no_process_listens() {
-    let folder = TempDir::new().unwrap();
-    let path = folder.path().join("control.sock");
-    let server = Server::bind(&path).unwrap();
-    assert!(matches!(Server::bind(&path).err().unwrap(), OperatorError::Door(DoorError::InUse { .. })));
-    drop(server);
-
-    // The file was left by a killed server: it was bound once, and nobody listens.
-    let address = SocketAddrUnix::new(&path).unwrap();
-    let dead = rustix::net::socket(AddressFamily::UNIX, SocketType::SEQPACKET, None).unwrap();
-    rustix::net::bind(&dead, &address).unwrap();
-    drop(dead);
-    assert!(matches!(Client::connect(&path).err().unwrap(), OperatorError::Door(DoorError::NobodyAnswers { .. })));
-    drop(Server::bind(&path).unwrap());
-
-    // Another program listens, without our lock.
-    let foreign = rustix::net::socket(AddressFamily::UNIX, SocketType::SEQPACKET, None).unwrap();
-    rustix::net::bind(&foreign, &address).unwrap();
-    rustix::net::listen(&foreign, 1).unwrap();
-    assert!(matches!(Server::bind(&path).err().unwrap(), OperatorError::Door(DoorError::InUse { .. })));
-    assert!(path.exists());
-    std::fs::remove_file(&path).unwrap();
-
-    std::fs::write(&path, "precious").unwrap();
-    assert!(matches!(Server::bind(&path).err().unwrap(), OperatorError::Door(DoorError::NotASocket { .. })));
-    assert_eq!(std::fs::read(&path).unwrap(), b"precious");
-}
-
-#[test]
-fn bind_error_names_missing_folder_or_long_path() {
-    let folder = TempDir::new().unwrap();
-    let error = Server::bind(folder.path().join("absent/control.sock")).err().unwrap();
-    assert!(
-        matches!(&error, OperatorError::Door(DoorError::NoDirectory { path, .. }) if path.ends_with("absent")),
-        "{error}"
-    );
-    let long = folder.path().join("x".repeat(120));
-    assert!(matches!(Server::bind(&long).err().unwrap(), OperatorError::Door(DoorError::PathTooLong { .. })));
-    assert!(matches!(Client::connect(&long).err().unwrap(), OperatorError::Door(DoorError::PathTooLong { .. })));
-}
-
-#[test]
-fn connect_error_names_forbidden_socket() {
-    let folder = TempDir::new().unwrap();
-    let path = folder.path().join("control.sock");
-    let _server = Server::bind(&path).unwrap();
-    std::fs::set_permissions(folder.path(), std::fs::Permissions::from_mode(0o755)).unwrap();
-    std::fs::set_permissions(&path, std::fs::Permissions::from_mode(0o0)).unwrap();
-    let connects = || {
-        // Root is forbidden nothing, so it becomes another user on this thread. Others stay who they are.
-        let stranger = rustix::process::Uid::from_raw(42_424);
-        let _ = rustix::thread::set_thread_res_uid(stranger, stranger, stranger);
-        Client::connect(&path).err().unwrap()
-    };
-    let error = std::thread::scope(|scope| scope.spawn(connects).join().unwrap());
-    assert!(matches!(&error, OperatorError::Door(DoorError::PermissionDenied { .. })), "{error}");
 }
 
 #[test]

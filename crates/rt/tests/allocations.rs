@@ -2,9 +2,6 @@
 
 use rt::{Histogram, PeriodicLoop, Shutdown, TickGrid, count_allocations};
 
-#[global_allocator]
-static ALLOCATOR: rt::CountingAllocator = rt::CountingAllocator;
-
 #[test]
 fn counter_counts_allocations_of_own_thread_only() {
     let ((), count) = count_allocations(|| {

@@ -18,19 +18,15 @@
 //! at most the recovery's.
 
 mod body;
-#[cfg(test)]
-mod boundaries;
-#[cfg(test)]
-mod ceilings;
 mod check;
 mod denial;
 mod fixed;
 mod hand;
 mod interface;
-#[cfg(test)]
-mod lattice;
 mod stop;
 mod stored;
+#[cfg(test)]
+mod tests;
 mod way;
 
 use messages::{JOINTS_MAX, JointMotion, Stamp};

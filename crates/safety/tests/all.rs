@@ -1,6 +1,6 @@
-//! All integration tests of `safety`, except those that count allocations. They are one program, so that it
-//! is linked once.
+//! All integration tests of `safety`. They are one program, so that it is linked once.
 
+mod allocations;
 mod clutch;
 mod engage;
 mod engage_mutants;
@@ -17,3 +17,6 @@ mod recovery;
 mod reduced;
 mod support;
 mod target;
+
+#[global_allocator]
+static ALLOCATOR: rt::CountingAllocator = rt::CountingAllocator;

@@ -1,7 +1,6 @@
 //! Tests that a tick never allocates.
 
-mod support;
-
+use crate::support;
 use messages::Stamp;
 use rand::{Rng, SeedableRng};
 use robot::{Frames, Pose};
@@ -9,9 +8,6 @@ use safety::gate::{Config, State, tick};
 use safety::monitor;
 use support::motion::resting;
 use support::{Bench, model};
-
-#[global_allocator]
-static ALLOCATOR: rt::CountingAllocator = rt::CountingAllocator;
 
 /// Number of blocks that this thread has allocated since counting began.
 fn allocated() -> u64 {

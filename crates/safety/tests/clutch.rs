@@ -1,7 +1,6 @@
 //! Tests the clutch: the robot stands while it is held, and comes slowly afterwards.
 
 use crate::support;
-
 use messages::{Fault, Mode};
 use safety::engage::Permit;
 use support::{Bench, ticks};

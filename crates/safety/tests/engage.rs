@@ -1,7 +1,6 @@
 //! Tests engagement over time: what must never happen, and when required actions happen.
 
 use crate::support;
-
 use messages::{Fault, Mode, Transition};
 use safety::engage::{Config, ConfigError, Permit, Settings, speed_scale};
 use support::{Bench, settings, ticks};

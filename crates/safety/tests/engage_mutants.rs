@@ -2,7 +2,6 @@
 //! comparison.
 
 use crate::support;
-
 use messages::{FAULTS, Fault, Mode, Stamp, deadline, reduced_flag};
 use safety::engage::{Config, Output, Permit, Settings};
 use support::{Alive, Bench, settings, ticks};

@@ -2,7 +2,6 @@
 //! the diagram occur.
 
 use crate::support;
-
 use messages::{Fault, Faults, Mode, Response};
 use safety::engage::{Output, Permit};
 use support::{Bench, ticks};

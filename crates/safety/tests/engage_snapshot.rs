@@ -2,7 +2,6 @@
 //! in ARCHITECTURE.md is generated from the same pairs.
 
 use crate::support;
-
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write;
 

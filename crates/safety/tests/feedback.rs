@@ -1,7 +1,6 @@
 //! Tests that implausible measurements are detected, and that sound ones never are.
 
 use crate::support;
-
 use messages::{JOINTS_MAX, TICK_S};
 use proptest::prelude::*;
 use robot::Model;

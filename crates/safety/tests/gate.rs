@@ -1,7 +1,6 @@
 //! Tests which commands the gate accepts, and what it sends in place of the others.
 
 use crate::support;
-
 use judge::joint::{Joint, Stop, stop_of};
 use messages::{JOINTS_MAX, JointMotion, Stamp, StopPlan};
 use rand::{Rng, RngExt, SeedableRng};

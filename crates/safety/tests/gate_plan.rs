@@ -1,7 +1,6 @@
 //! Tests that a sender which computes the plan itself, in `f64`, stays on the plan to its end.
 
 use crate::support;
-
 use judge::joint::{Joint, stop_of};
 use messages::Stamp;
 use rand::{RngExt, SeedableRng};

@@ -1,7 +1,6 @@
 //! Tests the gate's reports: the state last sent, the figures of a decision, and the unit of every denial.
 
 use crate::support;
-
 use judge::joint::{Joint, stop_of};
 use messages::{JOINTS_MAX, JointMotion, Stamp};
 use safety::clearance::clearance;

@@ -1,7 +1,6 @@
 //! Tests a stop whose beginning and end are clear, but not its way.
 
 use crate::support;
-
 use judge::joint::{Joint, stop_of};
 use messages::{JOINTS_MAX, Stamp};
 use rand::{RngExt, SeedableRng};

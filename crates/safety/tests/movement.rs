@@ -2,7 +2,6 @@
 //! Sound ones are accepted.
 
 use crate::support;
-
 use messages::{JOINTS_MAX, TICK_HZ, TICK_S};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;

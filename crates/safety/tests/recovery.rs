@@ -1,7 +1,6 @@
 //! Tests which commands of a recovery the gate accepts: only slow ones that lead inward and apart.
 
 use crate::support;
-
 use judge::joint::Joint;
 use messages::{JOINTS_MAX, Stamp};
 use robot::{Frames, Model};

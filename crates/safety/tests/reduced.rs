@@ -1,7 +1,6 @@
 //! Tests reduced speed: problems that need not stop the robot make it slow, and nothing else does.
 
 use crate::support;
-
 use messages::{Fault, Mode, reduced_flag};
 use proptest::prelude::*;
 use safety::engage::{Output, Permit, SLOW};

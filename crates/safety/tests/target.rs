@@ -1,7 +1,6 @@
 //! Tests that jumps of a target are distinguished from fast people, joint by joint or limb by limb.
 
 use crate::support;
-
 use messages::{JOINTS_MAX, LIMBS, TICK_S};
 use robot::Model;
 use safety::monitor::{TargetSteps, far_behind};

@@ -5,9 +5,6 @@ use std::io::{Read, Write};
 use std::net::TcpStream;
 use telemetry::{Collector, Counter, Event, Exposition, Metric, Probe, RING_CAPACITY, channel};
 
-#[global_allocator]
-static ALLOCATOR: rt::CountingAllocator = rt::CountingAllocator;
-
 fn second(s: u64) -> Stamp {
     Stamp(s * 1_000_000_000)
 }

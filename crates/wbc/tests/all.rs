@@ -1,6 +1,6 @@
-//! All integration tests of `wbc`, except those that count allocations. They are one program, so that it is
-//! linked once.
+//! All integration tests of `wbc`. They are one program, so that it is linked once.
 
+mod allocation;
 mod attack;
 mod curve;
 mod hand;
@@ -14,3 +14,6 @@ mod slide;
 mod support;
 mod swing;
 mod torque;
+
+#[global_allocator]
+static ALLOCATOR: rt::CountingAllocator = rt::CountingAllocator;

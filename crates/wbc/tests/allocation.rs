@@ -1,16 +1,12 @@
 //! Tests that no tick allocates, whatever its input.
 
-mod support;
-
+use crate::support;
 use judge::Attacker;
 use messages::Stamp;
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
 use support::{config_of, input, made_up};
 use wbc::{Options, State, tick};
-
-#[global_allocator]
-static ALLOCATOR: rt::CountingAllocator = rt::CountingAllocator;
 
 /// Number of blocks that this thread has allocated since counting began.
 fn allocated() -> u64 {

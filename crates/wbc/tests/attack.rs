@@ -1,7 +1,6 @@
 //! Tests the stage's guarantees against targets that try to break them.
 
 use crate::support;
-
 use judge::{Attacker, Checker, Robot, Rollout};
 use messages::{ALL_JOINTS, JOINTS_MAX, Stamp, TICK_S};
 use rand::{RngExt, SeedableRng};

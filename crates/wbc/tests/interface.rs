@@ -2,7 +2,6 @@
 //! samples of the command.
 
 use crate::support;
-
 use judge::{Attacker, Checker, Robot};
 use messages::{ALL_JOINTS, JOINTS_MAX, Stamp, TICK_S};
 use rand::{RngExt, SeedableRng};

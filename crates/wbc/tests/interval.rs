@@ -1,7 +1,6 @@
 //! Tests the jerk interval against brute force. Every admitted jerk is safe, and no jerk beyond its ends is.
 
 use crate::support;
-
 use messages::TICK_S;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;

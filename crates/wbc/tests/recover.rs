@@ -2,7 +2,6 @@
 //! them.
 
 use crate::support;
-
 use messages::{JOINTS_MAX, Stamp, TICK_S};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;

@@ -3,7 +3,6 @@
 //! themselves.
 
 use crate::support;
-
 use judge::{Attacker, Meshes, Robot, Rollout};
 use messages::Stamp;
 use rand::{RngExt, SeedableRng};

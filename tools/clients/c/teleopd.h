@@ -1,5 +1,5 @@
 /* The layout of a frame, for clients in C and C++ that publish over iceoryx2 0.10 (payload type name below, size and
- * alignment of the struct). Written by cargo test -p messages --test clients -- --ignored; not to be edited. */
+ * alignment of the struct). Written by cargo test -p messages --test all clients -- --ignored; not to be edited. */
 #ifndef TELEOPD_H
 #define TELEOPD_H
 

@@ -48,6 +48,7 @@ use super::stop::Stop;
 use crate::clearance::Axis;
 
 #[cfg(test)]
+#[path = "tests/way.rs"]
 mod tests;
 
 /// Number of instants at which a stop is judged.

@@ -1,4 +1,4 @@
-"""The layout of a frame. Written by cargo test -p messages --test clients -- --ignored; not to be edited."""
+"""The layout of a frame. Written by cargo test -p messages --test all clients -- --ignored; not to be edited."""
 
 import ctypes
 

@@ -1,7 +1,7 @@
 //! Tests the arithmetic at its ceilings: every value fits its type, and the results agree with the formulas.
 
-use super::check::{Check, Limits, comes_to_rest, same_stop};
-use super::fixed::{Phase, Point, TICK, ticks_long};
+use crate::gate::check::{Check, Limits, comes_to_rest, same_stop};
+use crate::gate::fixed::{Phase, Point, TICK, ticks_long};
 
 /// Ceilings of `fixed`, written out a second time, in units. A clamped value is one unit beyond.
 const MOTION: i64 = 1 << 46;

@@ -9,8 +9,8 @@
 //! lattice. So a value exceeds a limit by far more than the allowed rounding, or only at a turning point. A
 //! value within 8 units of the slack counts as undecided, and there must be almost none.
 
-use super::check::{Check, Limits};
-use super::fixed::{Phase, Point, TICK};
+use crate::gate::check::{Check, Limits};
+use crate::gate::fixed::{Phase, Point, TICK};
 
 /// Units of one lattice step. Halves and sixths of it are whole, and half a step of velocity is not rest.
 const STEP: i128 = 6144;

@@ -6,9 +6,9 @@ use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use robot::JointLimits;
 
-use super::check::{Check, ConfigError, Limits, comes_to_rest, same_stop};
-use super::fixed::{Phase, Point, TICK, TIME_UNITS, UNITS};
-use super::stored::{Phases, Stored, quantised_phases, write_phases};
+use crate::gate::check::{Check, ConfigError, Limits, comes_to_rest, same_stop};
+use crate::gate::fixed::{Phase, Point, TICK, TIME_UNITS, UNITS};
+use crate::gate::stored::{Phases, Stored, quantised_phases, write_phases};
 
 /// Slack of every comparison, units.
 const SLACK: i64 = 64;
