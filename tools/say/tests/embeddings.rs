@@ -1,6 +1,5 @@
 //! The user's embeddings: a tiny text encoder, written here byte by byte, which a real onnxruntime runs.
 
-#[path = "../../../crates/retarget/benches/inference/protobuf.rs"]
 mod protobuf;
 
 use protobuf::Message;

@@ -1,4 +1,4 @@
-//! Protobuf, as far as an ONNX model needs it. Tests that write models use this file too.
+//! Protobuf, as far as an ONNX model needs it.
 
 /// A protobuf message under construction.
 #[derive(Default)]
