@@ -1,6 +1,6 @@
-//! All integration tests of `layouts` except the one that counts allocations. They are one program, so they are
-//! linked once.
+//! All integration tests of `layouts`. They are one program, so they are linked once.
 
+mod allocations;
 mod client;
 mod custom;
 mod frames;
@@ -10,3 +10,7 @@ mod noise;
 mod outliers;
 mod refused;
 mod salt;
+
+/// It counts the allocations of each thread, and each test has its own thread.
+#[global_allocator]
+static ALLOCATOR: rt::CountingAllocator = rt::CountingAllocator;

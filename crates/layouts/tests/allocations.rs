@@ -2,10 +2,7 @@
 
 use layouts::{Layouts, Noise, NoiseState};
 use messages::{Layout, RawSkeleton};
-use rt::{CountingAllocator, count_allocations};
-
-#[global_allocator]
-static ALLOCATOR: CountingAllocator = CountingAllocator;
+use rt::count_allocations;
 
 #[test]
 fn f076_conversion_and_filter_allocate_nothing() {

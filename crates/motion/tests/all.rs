@@ -1,5 +1,4 @@
-//! All integration tests of `motion` except those that measure memory. They are one program, so that it is linked
-//! once.
+//! All integration tests of `motion`. They are one program, so they are linked once.
 
 mod arrays;
 mod bounds;

@@ -1,6 +1,6 @@
-//! All integration tests of `retarget` except those that count allocations. They are one program, so they are
-//! linked once.
+//! All integration tests of `retarget`. They are one program, so they are linked once.
 
+mod allocations;
 mod contact;
 mod kinematics;
 mod network;
@@ -12,3 +12,7 @@ mod robot;
 mod smoothness;
 mod support;
 mod way;
+
+/// It counts the allocations of each thread, and each test has its own thread.
+#[global_allocator]
+static ALLOCATOR: rt::CountingAllocator = rt::CountingAllocator;

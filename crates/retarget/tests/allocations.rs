@@ -1,15 +1,10 @@
 //! Ten thousand ticks allocate nothing. No content of a skeleton makes a tick panic or leave the limits.
 
-mod support;
-
 use messages::{Skeleton, Stamp, deadline};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
+use crate::support::{arm, layers, prediction, random_q, robot, skeleton, weights};
 use retarget::{Config, Input, Method, Settings, State, tick};
-use support::{arm, layers, prediction, random_q, robot, skeleton, weights};
-
-#[global_allocator]
-static ALLOCATOR: rt::CountingAllocator = rt::CountingAllocator;
 
 /// New blocks of this thread since the count began.
 fn allocated() -> u64 {

@@ -1,5 +1,4 @@
-//! All integration tests of `robot`, except those that count allocations. They are one program, so that it is
-//! linked once.
+//! All integration tests of `robot`. They are one program, so they are linked once.
 
 mod convert;
 mod draft;

@@ -1,11 +1,9 @@
 //! Both ends over a wire that loses, delays, repeats and reorders, with two clocks that agree in nothing.
 
-mod world;
-
 use link::{Down, FRAME_BYTES_MAX, OperatorEnd, Refusal, RobotEnd, Sent, Verdict};
 use messages::{HOLDS_CLUTCH, HOLDS_ENABLE, OperatorRequest, Stamp};
 use proptest::prelude::*;
-use world::{Daemon, MS, World};
+use crate::world::{Daemon, MS, World};
 
 #[test]
 fn pressed_enable_a_release_and_a_payload_arrive_once_and_persons_are_young() {

@@ -1,15 +1,10 @@
 //! No tick allocates, whatever its input.
 
-mod support;
-
 use follow::Weights;
 use follow::arm::ArmVector;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
-use support::{FREE, LIMB_MASK, Robot, arm, random_q, way};
-
-#[global_allocator]
-static ALLOCATOR: rt::CountingAllocator = rt::CountingAllocator;
+use crate::support::{FREE, LIMB_MASK, Robot, arm, random_q, way};
 
 /// New blocks of this thread since the count began.
 fn allocated() -> u64 {
