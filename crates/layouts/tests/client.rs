@@ -3,8 +3,8 @@
 
 use layouts::{Direction, Layouts, Refusal};
 use messages::{
-    Header, HingeCalibration, Layout, RawSkeleton, SMPL_JOINTS, Skeleton, SkeletonLayout, Stamp, calibration_flag,
-    raw_flag,
+    Header, HingeCalibration, Layout, RawSkeleton, SMPL_JOINTS, SMPL_NAMES, Skeleton, SkeletonLayout, Stamp,
+    calibration_flag, raw_flag,
 };
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 use skeleton::{Config, DropReason, Input, State, tick};
@@ -18,32 +18,6 @@ pub(crate) struct Person {
     pub(crate) places: [Place; SMPL_JOINTS],
     pub(crate) turns: [Turn; SMPL_JOINTS],
 }
-
-/// Names of the joints of SMPL-22.
-pub(crate) const SMPL: [&str; SMPL_JOINTS] = [
-    "pelvis",
-    "left_hip",
-    "right_hip",
-    "spine1",
-    "left_knee",
-    "right_knee",
-    "spine2",
-    "left_ankle",
-    "right_ankle",
-    "spine3",
-    "left_foot",
-    "right_foot",
-    "neck",
-    "left_collar",
-    "right_collar",
-    "head",
-    "left_shoulder",
-    "right_shoulder",
-    "left_elbow",
-    "right_elbow",
-    "left_wrist",
-    "right_wrist",
-];
 
 pub(crate) fn about(axis: [f64; 3], angle: f64) -> Turn {
     Rotation3::from_axis_angle(&nalgebra::Unit::new_normalize(Vector3::from(axis)), angle).into_inner()
@@ -111,11 +85,12 @@ pub(crate) fn axes(directions: [Direction; 3]) -> Turn {
     Matrix3::from_rows(&directions.map(|direction| Vector3::from(row(direction)).transpose()))
 }
 
-/// A client: its layout's number and joints in order, and its names for the joints of SMPL-22.
+/// A client: its layout's number and joints in order, and its names for the joints of SMPL-22 in their order. A joint that it
+/// does not have is a dash.
 pub(crate) struct Client {
     pub(crate) number: u32,
     pub(crate) joints: Vec<String>,
-    pub(crate) names: Vec<(&'static str, &'static str)>,
+    pub(crate) names: Vec<String>,
     pub(crate) axes: Turn,
     pub(crate) units_per_m: f64,
     pub(crate) w_first: bool,
@@ -124,8 +99,23 @@ pub(crate) struct Client {
 }
 
 impl Client {
+    /// A client that sends metres, x y z w and full confidence.
+    pub(crate) fn new(number: SkeletonLayout, joints: &str, names: &str, directions: [Direction; 3]) -> Self {
+        let words = |text: &str| text.split_whitespace().map(str::to_owned).collect();
+        Self {
+            number: number as u32,
+            joints: words(joints),
+            names: words(names),
+            axes: axes(directions),
+            units_per_m: 1.0,
+            w_first: false,
+            rotations: true,
+            confidence: 1.0,
+        }
+    }
+
     pub(crate) fn index(&self, smpl: usize) -> Option<usize> {
-        let (_, name) = self.names.iter().find(|(known, _)| *known == SMPL[smpl])?;
+        let name = Some(&self.names[smpl]).filter(|name| *name != "-")?;
         Some(self.joints.iter().position(|joint| joint == name).expect("a joint of the layout"))
     }
 
@@ -186,16 +176,9 @@ pub(crate) fn hinges(theirs_from_ours: &Turn) -> HingeCalibration {
 
 /// The person as SMPL-22 in our frame, without the crate's conversion.
 pub(crate) fn as_smpl(person: &Person, rotations: bool) -> RawSkeleton {
-    let client = Client {
-        number: SkeletonLayout::Smpl22 as u32,
-        joints: SMPL.map(str::to_owned).to_vec(),
-        names: SMPL.map(|name| (name, name)).to_vec(),
-        axes: Turn::identity(),
-        units_per_m: 1.0,
-        w_first: false,
-        rotations,
-        confidence: 1.0,
-    };
+    let ours = [Direction::Forward, Direction::Left, Direction::Up];
+    let smpl = SMPL_NAMES.join(" ");
+    let client = Client { rotations, ..Client::new(SkeletonLayout::Smpl22, &smpl, &smpl, ours) };
     client.send(person, Turn::identity())
 }
 
@@ -206,7 +189,7 @@ pub(crate) fn judge(raw: &RawSkeleton) -> Result<Skeleton, DropReason> {
 }
 
 /// Converts and judges a frame.
-pub(crate) fn take(layouts: &Layouts, raw: &RawSkeleton) -> Result<Skeleton, DropReason> {
+pub(crate) fn accept(layouts: &Layouts, raw: &RawSkeleton) -> Result<Skeleton, DropReason> {
     let converted = layouts.convert(raw).map_err(|refusal| match refusal {
         Refusal::Layout => DropReason::Layout,
         Refusal::Count => DropReason::Count,

@@ -1,15 +1,16 @@
 //! Layouts from files.
 
-use crate::client::{self, Client, Turn, as_smpl, axes, bent, judge, limbs_differ, take};
+use crate::client::{Client, Turn, accept, as_smpl, axes, bent, judge, limbs_differ};
 use crate::frames::all_axes;
 use crate::golden::FLOAT_ERROR;
 use Direction::{Back, Down, Left, Right, Up};
 use layouts::{Direction, Layouts, Map};
+use messages::{SMPL_NAMES, SkeletonLayout};
 
 /// A file of SMPL-22 joints in any axes.
 fn text(directions: [Direction; 3], handedness: &str, unit: &str, order: &str) -> String {
     let [x, y, z] = directions.map(|direction| format!("{direction:?}").to_lowercase());
-    let rows = client::SMPL.iter().enumerate();
+    let rows = SMPL_NAMES.iter().enumerate();
     let rows: String =
         rows.map(|(i, name)| format!("{{ name = \"{name}\", index = {i}, is = \"{name}\" }}, ")).collect();
     format!(
@@ -32,7 +33,7 @@ fn with(file: &str, text: &str) -> Layouts {
 #[test]
 fn axes_in_every_unit_convert_right_or_are_refused() {
     let truth = judge(&as_smpl(&bent(), true)).expect("a person");
-    let (mut right, mut refused) = (0, 0);
+    let (smpl, mut right, mut refused) = (SMPL_NAMES.join(" "), 0, 0);
     for directions in all_axes() {
         let axes = axes(directions);
         for (unit, units_per_m) in [("m", 1.0), ("cm", 100.0), ("mm", 1000.0)] {
@@ -40,20 +41,19 @@ fn axes_in_every_unit_convert_right_or_are_refused() {
                 for (order, w_first) in [("xyzw", false), ("wxyz", true)] {
                     let text = text(directions, handedness, unit, order);
                     if axes.determinant() * sign < 0.0 {
-                        let said = Map::parse("mine.toml", &text).expect_err("not such axes").to_string();
-                        assert!(said.contains("mine.toml: handedness = ") && said.contains("determinant"), "{said}");
+                        let message = Map::parse("mine.toml", &text).expect_err("not such axes").to_string();
+                        assert!(
+                            message.contains("mine.toml: handedness = ") && message.contains("determinant"),
+                            "{message}"
+                        );
                         refused += 1;
                         continue;
                     }
-                    let joints = client::SMPL.map(str::to_owned).to_vec();
-                    let names = client::SMPL.map(|name| (name, name)).to_vec();
-                    let number = 1234;
-                    let confidence = 90.0;
-                    let client =
-                        Client { number, joints, names, axes, units_per_m, w_first, rotations: true, confidence };
+                    let client = Client::new(SkeletonLayout::Smpl22, &smpl, &smpl, directions);
+                    let client = Client { number: 1234, units_per_m, w_first, confidence: 90.0, ..client };
                     let layouts = with("mine.toml", &text);
-                    let taken = take(&layouts, &client.send(&bent(), Turn::identity()));
-                    let off = limbs_differ(&taken.unwrap_or_else(|why| panic!("{directions:?} {why:?}")), &truth);
+                    let accepted = accept(&layouts, &client.send(&bent(), Turn::identity()));
+                    let off = limbs_differ(&accepted.unwrap_or_else(|why| panic!("{directions:?} {why:?}")), &truth);
                     assert!(off < FLOAT_ERROR, "{directions:?} {unit} {order}: {off}");
                     right += 1;
                 }
@@ -71,8 +71,8 @@ fn axes_on_one_line_are_refused() {
             for z in Direction::ALL {
                 if axes([x, y, z]).determinant() == 0.0 {
                     for handedness in ["left", "right"] {
-                        let said = Map::parse("mine.toml", &text([x, y, z], handedness, "m", "xyzw"));
-                        assert!(said.is_err_and(|error| error.to_string().contains("mine.toml: x, y, z = ")));
+                        let message = Map::parse("mine.toml", &text([x, y, z], handedness, "m", "xyzw"));
+                        assert!(message.is_err_and(|error| error.to_string().contains("mine.toml: x, y, z = ")));
                     }
                     refused += 1;
                 }
@@ -122,8 +122,8 @@ fn f097_wrong_value_error_names_file_key_value_and_bound() {
         ("index = 20", "index = 4294967296", "index"),
     ] {
         assert!(good().contains(from), "{from}");
-        let said = Map::parse("mine.toml", &good().replacen(from, to, 1)).expect_err(to).to_string();
-        assert!(said.starts_with("mine.toml: ") && said.contains(named), "{to}: {said}");
+        let message = Map::parse("mine.toml", &good().replacen(from, to, 1)).expect_err(to).to_string();
+        assert!(message.starts_with("mine.toml: ") && message.contains(named), "{to}: {message}");
     }
 }
 
@@ -134,25 +134,26 @@ fn parents_in_cycle_or_unknown_are_refused() {
     assert!(text.contains(child));
     for (parent, named) in [("left_wrist", "cycle"), ("left_elbow", "cycle"), ("nobody", "parent = \"nobody\"")] {
         let text = text.replace(child, &format!("is = \"left_elbow\", parent = \"{parent}\""));
-        let said = Map::parse("mine.toml", &text).expect_err(parent).to_string();
-        assert!(said.contains(named), "{said}");
+        let message = Map::parse("mine.toml", &text).expect_err(parent).to_string();
+        assert!(message.contains(named), "{message}");
     }
 }
 
 #[test]
 fn second_layout_with_same_number_is_refused() {
     let mut layouts = with("mine.toml", &good());
-    let said = layouts.add("yours.toml", Map::parse("yours.toml", &good()).expect("good")).expect_err("taken");
-    assert_eq!(said.to_string(), "yours.toml: number = 1234 must be unique: mine has it already");
+    let message = layouts.add("yours.toml", Map::parse("yours.toml", &good()).expect("good")).expect_err("taken");
+    assert_eq!(message.to_string(), "yours.toml: number = 1234 must be unique: mine has it already");
 }
 
 /// A client of a shipped file. Joints without a name are NaN.
 fn shipped(number: u32, joints: usize, places: &[(&'static str, usize)], directions: [Direction; 3]) -> Client {
-    let names = places.iter().map(|&(name, _)| (name, name)).collect();
-    let of = |index: usize| places.iter().find(|place| place.1 == index).map_or("", |place| place.0);
-    let joints = (0..joints).map(|index| of(index).to_owned()).collect();
-    let axes = axes(directions);
-    Client { number, joints, names, axes, units_per_m: 1.0, w_first: false, rotations: false, confidence: 1.0 }
+    let name = |index: usize| places.iter().find(|place| place.1 == index).map_or("?", |place| place.0);
+    let known = |name: &'static str| if places.iter().any(|place| place.0 == name) { name } else { "-" };
+    let joints: Vec<_> = (0..joints).map(name).collect();
+    let names = SMPL_NAMES.map(known).join(" ");
+    let client = Client::new(SkeletonLayout::Smpl22, &joints.join(" "), &names, directions);
+    Client { number, rotations: false, ..client }
 }
 
 const ARMS: [&str; 6] = ["left_shoulder", "right_shoulder", "left_elbow", "right_elbow", "left_wrist", "right_wrist"];
@@ -170,8 +171,8 @@ fn zed_file_gives_same_limbs_as_smpl_22() {
     let client = Client { units_per_m: 1000.0, confidence: 80.0, ..client };
     let mut raw = client.send(&bent(), Turn::identity());
     (raw.confidence[8], raw.confidence[9]) = (0.0, 0.0); // The ears are hidden.
-    let taken = take(&layouts, &raw).expect("a person");
-    let off = limbs_differ(&taken, &judge(&as_smpl(&bent(), false)).expect("a person"));
+    let accepted = accept(&layouts, &raw).expect("a person");
+    let off = limbs_differ(&accepted, &judge(&as_smpl(&bent(), false)).expect("a person"));
     assert!(off < FLOAT_ERROR, "{off}");
 }
 
@@ -183,11 +184,11 @@ fn quest_file_without_legs_gives_same_limbs_as_smpl_22() {
     places.extend([("pelvis", 1), ("spine1", 2), ("spine2", 3), ("spine3", 5), ("neck", 6), ("head", 7)]);
     places.extend([("left_collar", 8), ("right_collar", 13)]);
     let client = Client { rotations: true, ..shipped(1070, 70, &places, [Right, Up, Back]) };
-    let taken = take(&layouts, &client.send(&bent(), Turn::identity())).expect("a person");
+    let accepted = accept(&layouts, &client.send(&bent(), Turn::identity())).expect("a person");
     let mut person = bent();
     person.places[1] = person.places[0] + nalgebra::Vector3::new(0.0, 0.74 * 0.18, 0.0);
     person.places[2] = person.places[0] - nalgebra::Vector3::new(0.0, 0.74 * 0.18, 0.0);
-    let off = limbs_differ(&taken, &judge(&as_smpl(&person, true)).expect("a person"));
+    let off = limbs_differ(&accepted, &judge(&as_smpl(&person, true)).expect("a person"));
     assert!(off < FLOAT_ERROR, "{off}");
-    assert!((taken.positions[1][1] - 0.74 * 0.18).abs() < 1e-6);
+    assert!((accepted.positions[1][1] - 0.74 * 0.18).abs() < 1e-6);
 }

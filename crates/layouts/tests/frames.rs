@@ -1,6 +1,6 @@
 //! A client that sends a layout in a frame other than the layout's.
 
-use crate::client::{Turn, as_smpl, axes, bent, judge, limbs_differ, take};
+use crate::client::{Turn, accept, as_smpl, axes, bent, judge, limbs_differ};
 use crate::golden::{FLOAT_ERROR, clients};
 use layouts::{Direction, Layouts};
 use skeleton::DropReason;
@@ -32,10 +32,10 @@ fn f010_person_in_other_axes_is_refused_unless_turned_about_up() {
             // Our frame's up and handedness after the change.
             let ours: Turn = right.transpose() * client.axes;
             let kept = ours[(2, 2)] > 0.5 && ours.determinant() > 0.0;
-            match take(&layouts, &client.send(&bent(), Turn::identity())) {
-                Ok(taken) => {
+            match accept(&layouts, &client.send(&bent(), Turn::identity())) {
+                Ok(accepted) => {
                     assert!(kept, "layout {}: {directions:?} was taken", client.number);
-                    assert!(limbs_differ(&taken, &truth) < FLOAT_ERROR);
+                    assert!(limbs_differ(&accepted, &truth) < FLOAT_ERROR);
                     turned += 1;
                 }
                 Err(reason) => {
@@ -55,7 +55,7 @@ fn f010_person_in_other_unit_is_refused() {
         let right = client.units_per_m;
         for factor in [1e-3, 1e-2, 1e-1, 10.0, 100.0, 1000.0] {
             client.units_per_m = right * factor;
-            let reason = take(&Layouts::default(), &client.send(&bent(), Turn::identity())).expect_err("no person");
+            let reason = accept(&Layouts::default(), &client.send(&bent(), Turn::identity())).expect_err("no person");
             assert!(matches!(reason, DropReason::Size | DropReason::OutOfRange), "{factor}: {reason:?}");
         }
     }

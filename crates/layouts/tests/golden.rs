@@ -1,123 +1,45 @@
 //! One person in every built-in layout: the limbs equal those of the same person sent as SMPL-22.
 
-use crate::client::{self, Client, Person, Turn, about, as_smpl, bent, judge, limbs_differ, t_pose, take};
+use crate::client::{Client, Person, Turn, about, accept, as_smpl, bent, judge, limbs_differ, t_pose};
 use Direction::{Back, Down, Forward, Left, Right, Up};
 use layouts::{Direction, Layouts};
-use messages::{SMPL_JOINTS, SkeletonLayout, raw_flag, skeleton_flag};
+use messages::{SMPL_JOINTS, SMPL_NAMES, SkeletonLayout, raw_flag, skeleton_flag};
 
 /// Error bound: positions of 2 m in single precision over bones of 0.26 m, with a few roundings each.
 pub(crate) const FLOAT_ERROR: f32 = 2e-5;
-
-fn words(text: &str) -> Vec<String> {
-    text.split_whitespace().map(str::to_owned).collect()
-}
-
-fn client(
-    layout: SkeletonLayout,
-    joints: &str,
-    names: &[(&'static str, &'static str)],
-    directions: [Direction; 3],
-) -> Client {
-    Client {
-        number: layout as u32,
-        joints: words(joints),
-        names: names.to_vec(),
-        axes: client::axes(directions),
-        units_per_m: 1.0,
-        w_first: false,
-        rotations: true,
-        confidence: 1.0,
-    }
-}
 
 const MEDIA_PIPE: &str = "nose left_eye_inner left_eye left_eye_outer right_eye_inner right_eye right_eye_outer left_ear right_ear mouth_left \
     mouth_right left_shoulder right_shoulder left_elbow right_elbow left_wrist right_wrist left_pinky right_pinky left_index \
     right_index left_thumb right_thumb left_hip right_hip left_knee right_knee left_ankle right_ankle left_heel right_heel \
     left_foot_index right_foot_index";
-const MEDIA_PIPE_NAMES: [(&str, &str); 14] = [
-    ("left_shoulder", "left_shoulder"),
-    ("right_shoulder", "right_shoulder"),
-    ("left_elbow", "left_elbow"),
-    ("right_elbow", "right_elbow"),
-    ("left_wrist", "left_wrist"),
-    ("right_wrist", "right_wrist"),
-    ("left_hip", "left_hip"),
-    ("right_hip", "right_hip"),
-    ("left_knee", "left_knee"),
-    ("right_knee", "right_knee"),
-    ("left_ankle", "left_ankle"),
-    ("right_ankle", "right_ankle"),
-    ("left_foot", "left_foot_index"),
-    ("right_foot", "right_foot_index"),
-];
+const MEDIA_PIPE_NAMES: &str = "- left_hip right_hip - left_knee right_knee - left_ankle right_ankle - left_foot_index right_foot_index - - \
+    - - left_shoulder right_shoulder left_elbow right_elbow left_wrist right_wrist";
 
 const KINECT: &str = "PELVIS SPINE_NAVEL SPINE_CHEST NECK CLAVICLE_LEFT SHOULDER_LEFT ELBOW_LEFT WRIST_LEFT HAND_LEFT HANDTIP_LEFT \
     THUMB_LEFT CLAVICLE_RIGHT SHOULDER_RIGHT ELBOW_RIGHT WRIST_RIGHT HAND_RIGHT HANDTIP_RIGHT THUMB_RIGHT HIP_LEFT KNEE_LEFT \
     ANKLE_LEFT FOOT_LEFT HIP_RIGHT KNEE_RIGHT ANKLE_RIGHT FOOT_RIGHT HEAD NOSE EYE_LEFT EAR_LEFT EYE_RIGHT EAR_RIGHT";
-const KINECT_NAMES: [(&str, &str); 21] = [
-    ("pelvis", "PELVIS"),
-    ("spine1", "SPINE_NAVEL"),
-    ("spine3", "SPINE_CHEST"),
-    ("neck", "NECK"),
-    ("head", "HEAD"),
-    ("left_collar", "CLAVICLE_LEFT"),
-    ("right_collar", "CLAVICLE_RIGHT"),
-    ("left_shoulder", "SHOULDER_LEFT"),
-    ("right_shoulder", "SHOULDER_RIGHT"),
-    ("left_elbow", "ELBOW_LEFT"),
-    ("right_elbow", "ELBOW_RIGHT"),
-    ("left_wrist", "WRIST_LEFT"),
-    ("right_wrist", "WRIST_RIGHT"),
-    ("left_hip", "HIP_LEFT"),
-    ("right_hip", "HIP_RIGHT"),
-    ("left_knee", "KNEE_LEFT"),
-    ("right_knee", "KNEE_RIGHT"),
-    ("left_ankle", "ANKLE_LEFT"),
-    ("right_ankle", "ANKLE_RIGHT"),
-    ("left_foot", "FOOT_LEFT"),
-    ("right_foot", "FOOT_RIGHT"),
-];
+const KINECT_NAMES: &str = "PELVIS HIP_LEFT HIP_RIGHT SPINE_NAVEL KNEE_LEFT KNEE_RIGHT - ANKLE_LEFT ANKLE_RIGHT SPINE_CHEST FOOT_LEFT \
+    FOOT_RIGHT NECK CLAVICLE_LEFT CLAVICLE_RIGHT HEAD SHOULDER_LEFT SHOULDER_RIGHT ELBOW_LEFT ELBOW_RIGHT \
+    WRIST_LEFT WRIST_RIGHT";
 
 const XSENS: &str = "Pelvis L5 L3 T12 T8 Neck Head RightShoulder RightUpperArm RightForeArm RightHand LeftShoulder LeftUpperArm \
     LeftForeArm LeftHand RightUpperLeg RightLowerLeg RightFoot RightToe LeftUpperLeg LeftLowerLeg LeftFoot LeftToe";
-const XSENS_NAMES: [(&str, &str); 22] = [
-    ("pelvis", "Pelvis"),
-    ("spine1", "L3"),
-    ("spine2", "T12"),
-    ("spine3", "T8"),
-    ("neck", "Neck"),
-    ("head", "Head"),
-    ("left_collar", "LeftShoulder"),
-    ("right_collar", "RightShoulder"),
-    ("left_shoulder", "LeftUpperArm"),
-    ("right_shoulder", "RightUpperArm"),
-    ("left_elbow", "LeftForeArm"),
-    ("right_elbow", "RightForeArm"),
-    ("left_wrist", "LeftHand"),
-    ("right_wrist", "RightHand"),
-    ("left_hip", "LeftUpperLeg"),
-    ("right_hip", "RightUpperLeg"),
-    ("left_knee", "LeftLowerLeg"),
-    ("right_knee", "RightLowerLeg"),
-    ("left_ankle", "LeftFoot"),
-    ("right_ankle", "RightFoot"),
-    ("left_foot", "LeftToe"),
-    ("right_foot", "RightToe"),
-];
+const XSENS_NAMES: &str = "Pelvis LeftUpperLeg RightUpperLeg L3 LeftLowerLeg RightLowerLeg T12 LeftFoot RightFoot T8 LeftToe RightToe \
+    Neck LeftShoulder RightShoulder Head LeftUpperArm RightUpperArm LeftForeArm RightForeArm LeftHand RightHand";
 
 /// Clients of all layouts that send positions, and rotations if the layout has any.
 pub(crate) fn clients() -> Vec<Client> {
-    let same = client::SMPL.map(|name| (name, name));
-    let smpl24 = format!("{} left_hand right_hand", client::SMPL.join(" "));
+    let smpl = SMPL_NAMES.join(" ");
+    let smpl24 = format!("{smpl} left_hand right_hand");
     let ours = [Forward, Left, Up];
     let facing = [Left, Down, Back];
-    let media_pipe = client(SkeletonLayout::MediaPipe33, MEDIA_PIPE, &MEDIA_PIPE_NAMES, facing);
-    let kinect = client(SkeletonLayout::AzureKinect32, KINECT, &KINECT_NAMES, facing);
-    let xsens = client(SkeletonLayout::XsensMvn23, XSENS, &XSENS_NAMES, ours);
+    let media_pipe = Client::new(SkeletonLayout::MediaPipe33, MEDIA_PIPE, MEDIA_PIPE_NAMES, facing);
+    let kinect = Client::new(SkeletonLayout::AzureKinect32, KINECT, KINECT_NAMES, facing);
+    let xsens = Client::new(SkeletonLayout::XsensMvn23, XSENS, XSENS_NAMES, ours);
     vec![
-        client(SkeletonLayout::Smpl22, &client::SMPL.join(" "), &same, ours),
-        client(SkeletonLayout::Smpl24, &smpl24, &same, ours),
-        client(SkeletonLayout::XrBd24, &smpl24, &same, [Right, Up, Back]),
+        Client::new(SkeletonLayout::Smpl22, &smpl, &smpl, ours),
+        Client::new(SkeletonLayout::Smpl24, &smpl24, &smpl, ours),
+        Client::new(SkeletonLayout::XrBd24, &smpl24, &smpl, [Right, Up, Back]),
         Client { rotations: false, ..media_pipe },
         Client { units_per_m: 1000.0, w_first: true, confidence: 3.0, ..kinect },
         Client { w_first: true, ..xsens },
@@ -128,7 +50,7 @@ fn check(client: &Client, person: &Person, rest: Turn) {
     let sent = client.send(person, rest);
     let layouts = Layouts::default();
     let name = layouts.find(client.number).expect("built in").name().to_owned();
-    let skeleton = take(&layouts, &sent).unwrap_or_else(|reason| panic!("{name}: {reason:?}"));
+    let skeleton = accept(&layouts, &sent).unwrap_or_else(|reason| panic!("{name}: {reason:?}"));
     let truth = judge(&as_smpl(person, client.rotations)).expect("a person");
     assert_eq!(skeleton.flags & skeleton_flag::ALL, skeleton_flag::ALL, "{name}");
     assert_eq!(skeleton.flags & skeleton_flag::CALIBRATED != 0, client.rotations, "{name}");
@@ -138,7 +60,7 @@ fn check(client: &Client, person: &Person, rest: Turn) {
         let place = person.places[smpl];
         for axis in 0..3 {
             let off = (f64::from(skeleton.positions[smpl][axis]) - place[axis]).abs();
-            assert!(off < 1e-6, "{name}: {} is {off} m off", client::SMPL[smpl]);
+            assert!(off < 1e-6, "{name}: {} is {off} m off", SMPL_NAMES[smpl]);
         }
     }
 }
@@ -199,11 +121,11 @@ fn f010_mirrored_image_with_flag_is_turned_back() {
     let layouts = Layouts::default();
     let truth = judge(&as_smpl(&bent(), false)).expect("a person");
     // Nothing in the image shows it: the client must set the flag.
-    let taken = take(&layouts, &seen).expect("another person");
-    assert!(limbs_differ(&taken, &truth) > 0.1);
+    let accepted = accept(&layouts, &seen).expect("another person");
+    assert!(limbs_differ(&accepted, &truth) > 0.1);
     seen.flags = raw_flag::MIRRORED;
-    let taken = take(&layouts, &seen).expect("the person");
-    assert!(limbs_differ(&taken, &truth) < FLOAT_ERROR);
+    let accepted = accept(&layouts, &seen).expect("the person");
+    assert!(limbs_differ(&accepted, &truth) < FLOAT_ERROR);
 }
 
 #[test]

@@ -1,111 +1,27 @@
 //! Local rotations: the limbs equal those of the person with these turns of the arms.
 
-use crate::client::{self, Client, Person, Turn, about, as_smpl, bent, hinges, judge, limbs_differ, t_pose, take};
+use crate::client::{Client, Person, Turn, about, accept, as_smpl, bent, hinges, judge, limbs_differ, t_pose};
 use crate::golden::FLOAT_ERROR;
 use Direction::{Forward, Left, Right, Up};
 use layouts::{Direction, Layouts, Map};
-use messages::{RawSkeleton, SMPL_JOINTS, SkeletonLayout, raw_flag};
+use messages::{RawSkeleton, SMPL_JOINTS, SMPL_NAMES, SkeletonLayout, raw_flag};
 use nalgebra::Vector3;
 
-const UNITY: [&str; 55] = [
-    "Hips",
-    "LeftUpperLeg",
-    "RightUpperLeg",
-    "LeftLowerLeg",
-    "RightLowerLeg",
-    "LeftFoot",
-    "RightFoot",
-    "Spine",
-    "Chest",
-    "Neck",
-    "Head",
-    "LeftShoulder",
-    "RightShoulder",
-    "LeftUpperArm",
-    "RightUpperArm",
-    "LeftLowerArm",
-    "RightLowerArm",
-    "LeftHand",
-    "RightHand",
-    "LeftToes",
-    "RightToes",
-    "LeftEye",
-    "RightEye",
-    "Jaw",
-    "24",
-    "25",
-    "26",
-    "27",
-    "28",
-    "29",
-    "30",
-    "31",
-    "32",
-    "33",
-    "34",
-    "35",
-    "36",
-    "37",
-    "38",
-    "39",
-    "40",
-    "41",
-    "42",
-    "43",
-    "44",
-    "45",
-    "46",
-    "47",
-    "48",
-    "49",
-    "50",
-    "51",
-    "52",
-    "53",
-    "UpperChest",
-];
-const UNITY_NAMES: [(&str, &str); 22] = [
-    ("pelvis", "Hips"),
-    ("spine1", "Spine"),
-    ("spine2", "Chest"),
-    ("spine3", "UpperChest"),
-    ("neck", "Neck"),
-    ("head", "Head"),
-    ("left_collar", "LeftShoulder"),
-    ("right_collar", "RightShoulder"),
-    ("left_shoulder", "LeftUpperArm"),
-    ("right_shoulder", "RightUpperArm"),
-    ("left_elbow", "LeftLowerArm"),
-    ("right_elbow", "RightLowerArm"),
-    ("left_wrist", "LeftHand"),
-    ("right_wrist", "RightHand"),
-    ("left_hip", "LeftUpperLeg"),
-    ("right_hip", "RightUpperLeg"),
-    ("left_knee", "LeftLowerLeg"),
-    ("right_knee", "RightLowerLeg"),
-    ("left_ankle", "LeftFoot"),
-    ("right_ankle", "RightFoot"),
-    ("left_foot", "LeftToes"),
-    ("right_foot", "RightToes"),
-];
+const UNITY: &str = "Hips LeftUpperLeg RightUpperLeg LeftLowerLeg RightLowerLeg LeftFoot RightFoot Spine Chest Neck Head \
+    LeftShoulder RightShoulder LeftUpperArm RightUpperArm LeftLowerArm RightLowerArm LeftHand RightHand LeftToes \
+    RightToes LeftEye RightEye Jaw 24 25 26 27 28 29 30 31 32 33 34 35 36 37 38 39 40 41 42 43 44 45 46 47 48 49 \
+    50 51 52 53 UpperChest";
+const UNITY_NAMES: &str = "Hips LeftUpperLeg RightUpperLeg Spine LeftLowerLeg RightLowerLeg Chest LeftFoot RightFoot UpperChest \
+    LeftToes RightToes Neck LeftShoulder RightShoulder Head LeftUpperArm RightUpperArm LeftLowerArm \
+    RightLowerArm LeftHand RightHand";
 
-fn smpl(number: u32, joints: usize, directions: [Direction; 3]) -> Client {
-    Client {
-        number,
-        joints: client::SMPL.iter().chain(&["left_hand", "right_hand"]).take(joints).map(|&n| n.into()).collect(),
-        names: client::SMPL.map(|name| (name, name)).to_vec(),
-        axes: client::axes(directions),
-        units_per_m: 1.0,
-        w_first: false,
-        rotations: true,
-        confidence: 1.0,
-    }
+fn smpl(number: SkeletonLayout, joints: usize, directions: [Direction; 3]) -> Client {
+    let names = [&SMPL_NAMES[..], &["left_hand", "right_hand"]].concat();
+    Client::new(number, &names[..joints].join(" "), &SMPL_NAMES.join(" "), directions)
 }
 
 fn unity() -> Client {
-    let joints = UNITY.map(str::to_owned).to_vec();
-    let smpl = smpl(SkeletonLayout::UnityHumanoid as u32, 0, [Right, Up, Forward]);
-    Client { joints, names: UNITY_NAMES.to_vec(), ..smpl }
+    Client::new(SkeletonLayout::UnityHumanoid, UNITY, UNITY_NAMES, [Right, Up, Forward])
 }
 
 /// Sends the arms' turns, each relative to its parent joint. The rest is as in the T-pose. `root` turns the world.
@@ -132,23 +48,23 @@ fn y_up() -> (Layouts, Client) {
     let text = include_str!("../../../config/skeletons/smpl_y_up.toml");
     let mut layouts = Layouts::default();
     layouts.add("smpl_y_up.toml", Map::parse("smpl_y_up.toml", text).expect("shipped")).expect("a number of its own");
-    (layouts, smpl(1024, 24, [Left, Up, Forward]))
+    (layouts, Client { number: 1024, ..smpl(SkeletonLayout::Smpl24, 24, [Left, Up, Forward]) })
 }
 
 #[test]
 fn local_rotations_give_same_arms_as_smpl_22() {
     let (layouts, y_up) = y_up();
     let ours = [Forward, Left, Up];
-    let (smpl22, smpl24) = (SkeletonLayout::Smpl22 as u32, SkeletonLayout::Smpl24 as u32);
-    for client in [unity(), smpl(smpl22, 22, ours), smpl(smpl24, 24, ours), y_up] {
+    let smpl22 = smpl(SkeletonLayout::Smpl22, 22, ours);
+    for client in [unity(), smpl22, smpl(SkeletonLayout::Smpl24, 24, ours), y_up] {
         for person in [t_pose(), bent()] {
             let truth = judge(&as_smpl(&person, true)).expect("a person");
             // Independent of the person's direction and lean.
             for root in [Turn::identity(), about([0.1, 0.2, 1.0], 0.7), about([0.0, 1.0, 0.0], 0.3)] {
-                let taken = take(&layouts, &send(&client, &person, root)).unwrap_or_else(|why| panic!("{why:?}"));
-                let off = limbs_differ(&taken, &truth);
+                let accepted = accept(&layouts, &send(&client, &person, root)).unwrap_or_else(|why| panic!("{why:?}"));
+                let off = limbs_differ(&accepted, &truth);
                 assert!(off < FLOAT_ERROR, "layout {}: {off}", client.number);
-                assert_eq!(taken.positions[0], [1.0, 2.0, 0.9]);
+                assert_eq!(accepted.positions[0], [1.0, 2.0, 0.9]);
             }
         }
     }
@@ -160,13 +76,13 @@ fn turned_shoulder_blade_moves_its_arm_alone() {
     let mut raw = send(&unity, &t_pose(), Turn::identity());
     // LeftShoulder turns about the forward axis, so the arm rises. In Unity that is z, with the opposite sense.
     raw.rotations[11] = [0.0, 0.0, -(0.15_f32.sin()), 0.15_f32.cos()];
-    let taken = take(&Layouts::default(), &raw).expect("a person");
-    let [shoulder, elbow, wrist] = [16, 18, 20].map(|joint| taken.positions[joint]);
+    let accepted = accept(&Layouts::default(), &raw).expect("a person");
+    let [shoulder, elbow, wrist] = [16, 18, 20].map(|joint| accepted.positions[joint]);
     for (from, to, length) in [(shoulder, elbow, 0.3255_f32), (elbow, wrist, 0.2555)] {
         assert!((to[2] - from[2] - length * 0.3_f32.sin()).abs() < 1e-5, "{from:?} {to:?}");
         assert!((to[1] - from[1] - length * 0.3_f32.cos()).abs() < 1e-5, "{from:?} {to:?}");
     }
-    assert!(taken.positions[21][2] < wrist[2], "the right arm stays");
+    assert!(accepted.positions[21][2] < wrist[2], "the right arm stays");
 }
 
 #[test]

@@ -1,6 +1,6 @@
 //! Frames that do not match their layout, and numbers that are not finite.
 
-use crate::client::{Turn, bent, take};
+use crate::client::{Turn, accept, bent};
 use crate::golden::clients;
 use layouts::Layouts;
 use messages::{RAW_JOINTS_MAX, SkeletonLayout, raw_flag};
@@ -12,11 +12,11 @@ fn frame_with_wrong_layout_count_or_flags_is_refused() {
     let layouts = Layouts::default();
     for client in clients() {
         let good = client.send(&bent(), Turn::identity());
-        take(&layouts, &good).expect("a person");
+        accept(&layouts, &good).expect("a person");
         let with = |change: &dyn Fn(&mut messages::RawSkeleton)| {
             let mut raw = good;
             change(&mut raw);
-            take(&layouts, &raw).expect_err("refused")
+            accept(&layouts, &raw).expect_err("refused")
         };
         for number in [0, 8, 999, 1000, u32::MAX] {
             assert_eq!(with(&|raw| raw.layout = number), DropReason::Layout);
@@ -55,34 +55,34 @@ fn f001_nan_infinite_or_huge_value_is_refused_in_every_layout() {
                 for axis in 0..3 {
                     let mut raw = good;
                     raw.positions[index][axis] = bad;
-                    assert_eq!(take(&layouts, &raw).expect_err("no position"), reason, "{} {smpl}", client.number);
+                    assert_eq!(accept(&layouts, &raw).expect_err("no position"), reason, "{} {smpl}", client.number);
                 }
                 let mut raw = good;
                 raw.confidence[index] = bad;
-                assert_eq!(take(&layouts, &raw).expect_err("no confidence"), reason, "{} {smpl}", client.number);
+                assert_eq!(accept(&layouts, &raw).expect_err("no confidence"), reason, "{} {smpl}", client.number);
                 if client.rotations {
                     let mut raw = good;
                     raw.rotations[index][3] = bad;
                     let reason = if bad.is_finite() { DropReason::NotUnit } else { reason };
-                    assert_eq!(take(&layouts, &raw).expect_err("no rotation"), reason, "{} {smpl}", client.number);
+                    assert_eq!(accept(&layouts, &raw).expect_err("no rotation"), reason, "{} {smpl}", client.number);
                 }
             }
         }
         let mut raw = good;
         raw.confidence[client.index(16).expect("a shoulder")] = -0.1;
-        assert_eq!(take(&layouts, &raw).expect_err("no confidence"), DropReason::OutOfRange);
+        assert_eq!(accept(&layouts, &raw).expect_err("no confidence"), DropReason::OutOfRange);
     }
 }
 
 #[test]
 fn local_rotation_that_is_not_unit_is_refused() {
     let mut raw = messages::RawSkeleton { joint_count: 24, layout: SkeletonLayout::Smpl24 as u32, ..bare() };
-    take(&Layouts::default(), &raw).expect("a T-pose");
+    accept(&Layouts::default(), &raw).expect("a T-pose");
     raw.rotations[18] = [0.0, 0.0, 0.0, 2.0];
     raw.rotations[20] = [0.0, 0.0, 0.0, 0.5];
-    assert_eq!(take(&Layouts::default(), &raw).expect_err("no units"), DropReason::NotUnit);
+    assert_eq!(accept(&Layouts::default(), &raw).expect_err("no units"), DropReason::NotUnit);
     raw.rotations[18] = [0.0, 0.0, 0.0, f32::NAN];
-    assert_eq!(take(&Layouts::default(), &raw).expect_err("no numbers"), DropReason::NotFinite);
+    assert_eq!(accept(&Layouts::default(), &raw).expect_err("no numbers"), DropReason::NotFinite);
 }
 
 /// Local rotations of a T-pose.
@@ -118,6 +118,6 @@ proptest! {
             prop_assert_eq!(out.header, raw.header);
             prop_assert_eq!((out.session_nonce, out.operator_id), (raw.session_nonce, raw.operator_id));
         }
-        let _ = take(&layouts, &raw);
+        let _ = accept(&layouts, &raw);
     }
 }
