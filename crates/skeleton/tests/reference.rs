@@ -54,7 +54,7 @@ struct Steps {
 }
 
 impl Steps {
-    fn note(&mut self, limbs: [[f32; 4]; LIMBS]) {
+    fn add(&mut self, limbs: [[f32; 4]; LIMBS]) {
         let before = self.before.replace(limbs).unwrap_or(limbs);
         for (was, is) in before.into_iter().zip(limbs) {
             self.largest_deg = self.largest_deg.max(degrees(was, read(is)));
@@ -69,11 +69,11 @@ fn session_learns_hinges_within_10_s_without_jump() {
     for i in 0..20 * RATE {
         let [left, right] = angles(i);
         let person = accept(&mut state, &raw(&elsewhere(&moving(i)), i), None);
-        steps.note(person.limbs);
+        steps.add(person.limbs);
         let (upper_left, fore_left) = arm(left);
         let (upper_right, fore_right) = arm(right);
         let limbs = [upper_left, fore_left, mirror(upper_right), mirror(fore_right)];
-        truth.note(limbs.map(store));
+        truth.add(limbs.map(store));
         if state.calibration() == CalibrationSource::Online {
             learnt_at.get_or_insert(i);
         }
@@ -108,7 +108,7 @@ fn rotations_that_freeze_lose_their_calibration_without_jump() {
         let rotations = if i < 10 * RATE { rotations } else { frozen };
         let limbs = accept(&mut state, &raw(&(positions, rotations), i), None).limbs;
         if i > 10 * RATE {
-            steps.note(limbs);
+            steps.add(limbs);
         }
         if i == 10 * RATE {
             assert_eq!(state.calibration(), CalibrationSource::Online);

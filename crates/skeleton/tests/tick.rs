@@ -86,17 +86,6 @@ fn joint_beyond_reach_is_out_of_range() {
 }
 
 #[test]
-fn small_norm_error_is_accepted_and_large_one_is_dropped() {
-    let mut state = running(3);
-    let mut frame = raw(&standing(0.05), 3);
-    frame.rotations[16] = frame.rotations[16].map(|c| c * 1.0009);
-    assert_eq!(feed(&mut state, &frame), None);
-    let mut frame = raw(&standing(0.07), 4);
-    frame.rotations[16] = frame.rotations[16].map(|c| c * 1.002);
-    assert_eq!(feed(&mut state, &frame), Some(DropReason::NotUnit));
-}
-
-#[test]
 fn session_must_begin_upright_and_may_bend_later() {
     let mut state = State::new();
     let mut frame = raw(&standing(0.0), 0);
@@ -115,24 +104,6 @@ fn session_must_begin_upright_and_may_bend_later() {
         }
         assert_eq!(feed(&mut state, &frame), None, "frame {i}");
     }
-}
-
-#[test]
-fn f007_jump_of_one_arm_is_accepted_after_five_frames() {
-    let mut state = running(20);
-    let shifted = |i: u64| {
-        let mut frame = raw(&person([0.3, -0.9, 0.2, 0.6, 0.0], [0.3, 0.9, 0.2, 0.6, 0.1]), i);
-        frame.header.origin.0 += 1000;
-        frame
-    };
-    for i in 20..25 {
-        assert_eq!(feed(&mut state, &shifted(i)), Some(DropReason::Teleport), "frame {i}");
-    }
-    assert_eq!(feed(&mut state, &shifted(25)), None);
-    // Walking and turning are no teleports: only motion relative to the hips counts.
-    let mut away = shifted(26);
-    away.positions.iter_mut().for_each(|p| p[0] += 5.0);
-    assert_eq!(feed(&mut state, &away), None);
 }
 
 /// A hand raised from the hip to above the head and lowered again within `s` seconds, at `rate_hz` frames a
@@ -374,6 +345,8 @@ fn frame_of_zeros_is_dropped() {
     let mut state = State::new();
     let out = tick(&Config::default(), &mut state, Stamp(5), Input { raw: &RawSkeleton::ZERO, stored: None });
     assert_eq!(out.drop, Some(DropReason::Layout));
+    let known = RawSkeleton { layout: 1, joint_count: 22, ..RawSkeleton::ZERO };
+    assert_eq!(feed(&mut state, &known), Some(DropReason::NoOrigin));
 }
 
 #[test]
