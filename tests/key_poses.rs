@@ -37,8 +37,8 @@ impl Goal {
     fn at(shares: &[f64; 3]) -> Self {
         let loaded = config::load(&config(), config::Overrides::default()).expect("settings");
         let network = &loaded.weights.as_ref().expect("weights").network;
-        let triangle = Triangle::of(&loaded.model, network, &POSES.map(str::to_owned)).expect("poses");
-        let arm = ArmModel::of(&loaded.model);
+        let triangle = Triangle::new(&loaded.model, network, &POSES.map(str::to_owned)).expect("poses");
+        let arm = ArmModel::from_model(&loaded.model);
         let limbs = triangle.q(shares).each_ref().map(|q| arm.forward(q));
         let q = limbs.each_ref().map(|human| {
             let [start] = network.decode(&network.encode_human(&[features(human)]));
@@ -75,7 +75,7 @@ impl Goal {
 fn arms_between_default_poses_keep_up_with_the_handle() {
     let loaded = config::load(&config(), config::Overrides::default()).expect("settings");
     let network = &loaded.weights.as_ref().expect("weights").network;
-    let triangle = Triangle::of(&loaded.model, network, &POSES.map(str::to_owned)).expect("poses");
+    let triangle = Triangle::new(&loaded.model, network, &POSES.map(str::to_owned)).expect("poses");
     let mut needs_s = 0.0_f64;
     for (from, to) in [(0, 1), (1, 2), (2, 0)] {
         let at = |i: u32| {

@@ -300,7 +300,7 @@ mod tests {
 
     fn names() -> Names {
         let config = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/teleop.toml");
-        Names::of(&config::load(&config, config::Overrides::default()).expect("settings").model)
+        Names::from_model(&config::load(&config, config::Overrides::default()).expect("settings").model)
     }
 
     fn status(mode: Mode, ticks: u64) -> Status {

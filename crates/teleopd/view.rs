@@ -116,7 +116,7 @@ pub fn refuse_taken(port: u16, option: &str) -> Result<(), Failure> {
 }
 
 fn serve(instance: &Instance, loaded: &Loaded, options: LiveOptions, page: &cli::Page) -> Result<Server, Failure> {
-    let view = RobotView::of(loaded, page.meshes.as_deref()).map_err(Failure::with(Exit::Config))?;
+    let view = RobotView::load(loaded, page.meshes.as_deref()).map_err(Failure::with(Exit::Config))?;
     if !view.missing.is_empty() {
         err!("teleopd: {} mesh files are not below --meshes: {}", view.missing.len(), view.missing.join(", "));
     }
@@ -156,7 +156,7 @@ fn key_poses(asked: Option<&[String]>, loaded: &Loaded) -> Result<Option<KeyPose
         return asked.map_or(Ok(None), |_| Err(Failure::new(Exit::Config, text)));
     };
     let poses = asked.map_or_else(|| POSES.map(str::to_owned).to_vec(), <[String]>::to_vec);
-    let triangle = Triangle::of(&loaded.model, &weights.network, &poses).map_err(|error| {
+    let triangle = Triangle::new(&loaded.model, &weights.network, &poses).map_err(|error| {
         let exit = match error {
             PosesError::Motion(_) | PosesError::File { .. } => Exit::NoInput,
             _ => Exit::Usage,

@@ -93,7 +93,7 @@ fn view_of(folder: &Path) -> RobotView {
     ] {
         std::fs::write(folder.join(name), bytes).expect("a file");
     }
-    let mut view = RobotView::of(&loaded(), None).expect("the shipped look");
+    let mut view = RobotView::load(&loaded(), None).expect("the shipped look");
     view.meshes = ["a b.stl", "skin.obj", "plain.dae", "cyan.glb"]
         .iter()
         .enumerate()

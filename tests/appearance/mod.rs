@@ -26,7 +26,7 @@ pub fn loaded() -> Loaded {
 
 /// Returns the shipped robot as a page shows it.
 pub fn shown() -> RobotView {
-    RobotView::of(&loaded(), None).expect("the shipped look")
+    RobotView::load(&loaded(), None).expect("the shipped look")
 }
 
 /// Plays the built-in motion through every stage in virtual time, at `speed` times its speed, for `seconds`.

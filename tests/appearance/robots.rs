@@ -22,7 +22,7 @@ fn every_shipped_robot_is_in_the_frame_with_the_person() {
     for name in ROBOTS {
         let overrides = Overrides { engage_without_realtime: true, robot: Some(name.into()), ..Overrides::default() };
         let loaded = config::load(&config, overrides).unwrap_or_else(|error| panic!("{name}: {error}"));
-        let view = RobotView::of(&loaded, None).expect("a look or none");
+        let view = RobotView::load(&loaded, None).expect("a look or none");
         let Some(mut shown) = Shown::open(played(&loaded, 1.0, 9.0), &view) else { return };
         for [width, height] in SIZES {
             shown.browser.resize(width, height);

@@ -113,8 +113,8 @@ impl Following {
         };
         let input = follow::Input {
             k,
-            way: &ahead.limbs,
-            way_first: ahead.first_node,
+            limb_trajectory: &ahead.limbs,
+            trajectory_first: ahead.first_node,
             valid_mask: target.valid_mask,
             prior: &target.q,
             hands: &ahead.hands,

@@ -2,7 +2,9 @@
 //! the arms that follow.
 
 use crate::Config;
-use messages::{HAND_NODES, JOINTS_MAX, JointTarget, LIMBS, PersonChange, Stamp, Subject, WAY_NODES, target_flag};
+use messages::{
+    HAND_NODES, JOINTS_MAX, JointTarget, LIMBS, PersonChange, Stamp, Subject, TRAJECTORY_NODES, target_flag,
+};
 use retarget::Limbs;
 use robot::Model;
 use safety::engage::TargetView;
@@ -44,9 +46,9 @@ pub(super) struct Target {
 /// The person's motion ahead, at the nodes after the target's tick. See `JointTarget`.
 pub(super) struct Ahead {
     pub(super) first_node: u64,
-    pub(super) limbs: [[[f32; 4]; LIMBS]; WAY_NODES],
+    pub(super) limbs: [[[f32; 4]; LIMBS]; TRAJECTORY_NODES],
     pub(super) hands: [[[f32; 4]; 2]; HAND_NODES],
-    pub(super) places: [[[f32; 4]; 2]; WAY_NODES],
+    pub(super) places: [[[f32; 4]; 2]; TRAJECTORY_NODES],
 }
 
 impl Targets {
@@ -99,10 +101,10 @@ impl Targets {
             valid_mask: target.valid_mask & !left_joints,
             limbs: core::array::from_fn(|side| of_arm(side).and_then(|side| limbs(target, side))),
             ahead: has_motion_ahead(target).then_some(Ahead {
-                first_node: target.way_first,
-                limbs: target.way,
-                hands: target.way_hands,
-                places: target.way_places,
+                first_node: target.trajectory_first,
+                limbs: target.limb_trajectory,
+                hands: target.hand_trajectory,
+                places: target.hand_places,
             }),
             closure: core::array::from_fn(|side| of_arm(side).and_then(|side| closure(target, side))),
         })
@@ -111,7 +113,7 @@ impl Targets {
 
 /// The person's limbs of an arm. `None` without a person.
 pub(super) fn limbs(target: &JointTarget, side: usize) -> Option<Limbs> {
-    Limbs::of_arm(side, [target.human_limbs[2 * side], target.human_limbs[2 * side + 1]])
+    Limbs::from_arm(side, [target.human_limbs[2 * side], target.human_limbs[2 * side + 1]])
 }
 
 fn closure(target: &JointTarget, side: usize) -> Option<f64> {
@@ -121,7 +123,7 @@ fn closure(target: &JointTarget, side: usize) -> Option<f64> {
 
 /// Returns true if the command follows the limbs, and not the joints.
 fn has_motion_ahead(target: &JointTarget) -> bool {
-    target.way_nodes as usize == WAY_NODES
+    target.trajectory_nodes as usize == TRAJECTORY_NODES
 }
 
 /// Returns true for values that no retargeting produces: not finite, or far outside any joint's range.

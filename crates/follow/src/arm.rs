@@ -2,38 +2,16 @@
 
 use crate::LIMB_JOINTS;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+use robot::limbs::{axis_rotation, rotate, rotation_error};
 use robot::{Frames, Model};
+
+pub use robot::Limbs;
 
 /// Positions, velocities or accelerations of joints 1 to 5 of one arm.
 pub type ArmVector = nalgebra::SVector<f64, LIMB_JOINTS>;
 
 /// Rows of an error: three for the upper arm, three for the forearm.
 pub const ROWS: usize = 6;
-
-/// Rotations of one arm's limbs in the torso frame, as differences from the T-pose. A right arm is mirrored to a
-/// left one.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Limbs {
-    /// Shoulder to elbow.
-    pub upper: UnitQuaternion<f64>,
-    /// Elbow to wrist.
-    pub fore: UnitQuaternion<f64>,
-}
-
-impl Limbs {
-    /// The T-pose.
-    pub fn identity() -> Self {
-        Self { upper: UnitQuaternion::identity(), fore: UnitQuaternion::identity() }
-    }
-
-    /// Angles between these limbs and the person's, rad: upper arm, forearm.
-    pub fn angles(&self, person: &Self) -> [f64; 2] {
-        [(self.upper, person.upper), (self.fore, person.fore)].map(|(robot, person)| {
-            let (w, v) = between(&robot, &person);
-            2.0 * v.norm().atan2(w)
-        })
-    }
-}
 
 /// Five revolute joints that turn two limbs. Joints 1 to 3 turn the upper arm, 4 and 5 the forearm.
 #[derive(Clone, Debug, PartialEq)]
@@ -69,7 +47,7 @@ impl Arm {
 
     /// Takes the left (0) or the right arm (1) of `model`. A right arm is taken as the left arm that mirrors it, in the
     /// right arm's own joint positions: an axis of the sign -1 points the other way.
-    pub fn of(model: &Model, side: usize) -> Self {
+    pub fn from_model(model: &Model, side: usize) -> Self {
         let (left, arm) = (&model.arms[0], &model.arms[side]);
         let mut frames = Frames::default();
         model.forward(&model.t_pose(), &mut frames);
@@ -113,7 +91,7 @@ impl Arm {
         let mut error = Error { rotation: [0.0; ROWS], jacobian: [[0.0; ROWS]; LIMB_JOINTS] };
         let limbs = [(upper, person.upper, 3), (so_far, person.fore, LIMB_JOINTS)];
         for (limb, (robot, person, joints)) in limbs.into_iter().enumerate() {
-            let (w, v) = between(&UnitQuaternion::new_unchecked(robot), &person);
+            let (w, v) = rotation_error(&UnitQuaternion::new_unchecked(robot), &person);
             let sine = v.norm();
             let half = sine.atan2(w);
             // Below 1e-6 the logarithm is twice the vector, and its Jacobian is the identity, to 1e-12.
@@ -156,22 +134,6 @@ impl Arm {
     }
 
     fn turn(&self, j: usize, q: &ArmVector) -> Quaternion<f64> {
-        let (sin, cos) = (0.5 * (q[j] - self.reference[j])).sin_cos();
-        let axis = &self.axes[j];
-        Quaternion::new(cos, axis.x * sin, axis.y * sin, axis.z * sin)
+        axis_rotation(&self.axes[j], q[j] - self.reference[j])
     }
-}
-
-/// (w, imag) of R_robot R_person^-1 with w >= 0.
-fn between(robot: &UnitQuaternion<f64>, person: &UnitQuaternion<f64>) -> (f64, Vector3<f64>) {
-    let e = robot.quaternion() * person.quaternion().conjugate();
-    let v = Vector3::new(e.i, e.j, e.k);
-    if e.w < 0.0 { (-e.w, -v) } else { (e.w, v) }
-}
-
-/// Rotates v by the unit quaternion q: v + 2 w (u x v) + 2 u x (u x v).
-fn rotate(q: &Quaternion<f64>, v: &Vector3<f64>) -> Vector3<f64> {
-    let u = Vector3::new(q.i, q.j, q.k);
-    let t = u.cross(v) * 2.0;
-    v + t * q.w + u.cross(&t)
 }

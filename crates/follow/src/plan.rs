@@ -1,13 +1,13 @@
 //! The last chosen motion of one arm, and its continuation.
 //!
-//! Nodes lie at whole multiples of [`WAY_NODE_TICKS`], so they are the same instants from one iteration to the
+//! Nodes lie at whole multiples of [`TRAJECTORY_NODE_TICKS`], so they are the same instants from one iteration to the
 //! next. The next iteration starts an interval with the acceleration that was chosen for it before. The first
 //! interval, from now to the first node, is shorter.
 
 use crate::arm::ArmVector;
 use crate::solver::State;
 use crate::{NODES, solver};
-use messages::{TICK_S, WAY_NODE_TICKS};
+use messages::{TICK_S, TRAJECTORY_NODE_TICKS};
 
 /// Accelerations until the last node, starting from a state at a tick.
 #[derive(Clone, Debug)]
@@ -15,14 +15,14 @@ pub(crate) struct Plan {
     /// Tick of `state`.
     k: u64,
     pub(crate) state: State,
-    /// The first node after the start, in units of `WAY_NODE_TICKS`.
+    /// The first node after the start, in units of `TRAJECTORY_NODE_TICKS`.
     first: u64,
     input: [ArmVector; NODES],
 }
 
 /// Returns the first node after tick `k`.
 pub(crate) fn node_after(k: u64) -> u64 {
-    k / WAY_NODE_TICKS + 1
+    k / TRAJECTORY_NODE_TICKS + 1
 }
 
 impl Plan {
@@ -57,7 +57,7 @@ impl Plan {
             if k >= to {
                 break;
             }
-            let until = (node_after(k) * WAY_NODE_TICKS).min(to);
+            let until = (node_after(k) * TRAJECTORY_NODE_TICKS).min(to);
             state = state.after(&self.input_at(k), (until - k) as f64 * TICK_S);
             k = until;
         }
@@ -76,8 +76,8 @@ impl Plan {
 
 /// Lengths of the intervals from tick `k` on, s.
 pub(crate) fn intervals_s(k: u64) -> [f64; NODES] {
-    let first = (node_after(k) * WAY_NODE_TICKS - k) as f64 * TICK_S;
-    std::array::from_fn(|i| if i == 0 { first } else { WAY_NODE_TICKS as f64 * TICK_S })
+    let first = (node_after(k) * TRAJECTORY_NODE_TICKS - k) as f64 * TICK_S;
+    std::array::from_fn(|i| if i == 0 { first } else { TRAJECTORY_NODE_TICKS as f64 * TICK_S })
 }
 
 /// Returns true if all numbers of the state are finite.

@@ -2,12 +2,12 @@
 
 use crate::arm::{Arm, ArmVector, Limbs};
 use crate::gap::{Gap, Gaps, WATCHED};
-use crate::near::Pairs;
 use crate::plan::{Plan, intervals_s, is_finite, node_after};
+use crate::proximity::ArmPairs;
 use crate::solver::{self, Bounds, Problem, Sweep};
 use crate::wrist::{self, WRIST_FIRST, WRIST_JOINTS, Wrist};
 use crate::{ITERATION_TICKS, LIMB_JOINTS, NODES};
-use messages::{HAND_NODES, JOINTS_MAX, LIMBS, TICK_S, WAY_NODE_TICKS};
+use messages::{HAND_NODES, JOINTS_MAX, LIMBS, TICK_S, TRAJECTORY_NODE_TICKS};
 use nalgebra::{Quaternion, UnitQuaternion, Vector2, Vector3};
 use robot::{Frames, Model};
 
@@ -16,7 +16,7 @@ pub use crate::solver::Weights;
 /// Both arms: left, right.
 const ARMS: usize = 2;
 
-/// If the command is farther from the wish than this (rad, and rad/s), the wish was not reached. The next
+/// If the command is farther from the plan than this (rad, and rad/s), the plan was not reached. The next
 /// iteration then starts from the command. The bound is twice what the tracking law leaves without an obstacle.
 const OFF_RAD: f64 = 0.02;
 const OFF_RAD_PER_S: f64 = 0.3;
@@ -35,7 +35,7 @@ const STALLED_MAX_S: f64 = 1.0;
 const EACH_S: f64 = (ARMS as u64 * ITERATION_TICKS) as f64 * TICK_S;
 
 /// Time between two steps of a wrist, s. Both arms take turns.
-const LOOK_S: f64 = (ARMS * WATCHED.len()) as f64 * TICK_S;
+const WRIST_STEP_S: f64 = (ARMS * WATCHED.len()) as f64 * TICK_S;
 
 /// Margin to the position limits, rad. Whole-body control keeps the same.
 const INSET_RAD: f64 = 1e-3;
@@ -60,7 +60,7 @@ pub struct Config {
     bounds: [Bounds; ARMS],
     weights: Weights,
     wrists: [Wrist; ARMS],
-    pairs: [Pairs; ARMS],
+    pairs: [ArmPairs; ARMS],
     model: Box<Model>,
 }
 
@@ -70,17 +70,18 @@ impl Config {
     pub fn new(model: &Model, v_max: &[f64; JOINTS_MAX], weights: Weights) -> Self {
         let first = model.arms.each_ref().map(|arm| arm.joints[0]);
         let bounds = first.map(|first| {
-            let of = |limit: fn(&robot::JointLimits) -> f64| ArmVector::from_fn(|j, _| limit(&model.limits[first + j]));
+            let bound =
+                |limit: fn(&robot::JointLimits) -> f64| ArmVector::from_fn(|j, _| limit(&model.limits[first + j]));
             Bounds {
-                q_min: of(|l| l.q_min + INSET_RAD),
-                q_max: of(|l| l.q_max - INSET_RAD),
+                q_min: bound(|l| l.q_min + INSET_RAD),
+                q_max: bound(|l| l.q_max - INSET_RAD),
                 v_max: ArmVector::from_fn(|j, _| v_max[first + j]),
-                a_max: of(|l| l.a_max),
+                a_max: bound(|l| l.a_max),
             }
         });
         let wrists = [0, 1].map(|side| Wrist::new(model, side, v_max));
-        let pairs = first.map(|first| Pairs::new(model, first));
-        let arms = [0, 1].map(|side| Arm::of(model, side));
+        let pairs = first.map(|first| ArmPairs::new(model, first));
+        let arms = [0, 1].map(|side| Arm::from_model(model, side));
         Self { arms, first, bounds, weights, wrists, pairs, model: Box::new(model.clone()) }
     }
 }
@@ -91,16 +92,16 @@ pub struct Input<'a> {
     /// Index of the tick whose command is decided.
     pub k: u64,
     /// The person's limbs at nodes, as in the message.
-    pub way: &'a [[[f32; 4]; LIMBS]; NODES],
+    pub limb_trajectory: &'a [[[f32; 4]; LIMBS]; NODES],
     /// Tick of the first node over its spacing.
-    pub way_first: u64,
+    pub trajectory_first: u64,
     /// Bit j: joint j is valid.
     pub valid_mask: u32,
     /// The posture that retargeting proposes, rad.
     pub prior: &'a [f64; JOINTS_MAX],
-    /// Rotations that both hands should have at the first nodes, as in the message. Zero for a hand that is not known.
+    /// Wanted rotations of both hands at the first nodes, as in the message. Zero for an unknown hand.
     pub hands: &'a [[[f32; 4]; ARMS]; HAND_NODES],
-    /// Places of both hands at the nodes, and their weights, as in the message. Where a hand has one, its wrist turns away later.
+    /// Places of both hands at the nodes, and their weights, as in the message. A hand with a place has a shorter range R.
     pub places: &'a [[[f32; 4]; ARMS]; NODES],
     /// Commanded positions at tick k - 1.
     pub q: &'a [f64; JOINTS_MAX],
@@ -132,7 +133,7 @@ struct Iteration {
 #[derive(Clone, Debug)]
 pub struct State {
     plans: [Plan; ARMS],
-    meant: [bool; ARMS],
+    in_use: [bool; ARMS],
     iteration: Box<Iteration>,
     /// Next step of the iteration, and its arm.
     step: u64,
@@ -141,11 +142,11 @@ pub struct State {
     off_at_end_rad: [f64; ARMS],
     /// Time for which each arm has been stalled, s.
     stalled_s: [f64; ARMS],
-    wrists: [wrist::Wish; ARMS],
+    wrists: [wrist::WristTarget; ARMS],
     gaps: [Gaps; ARMS],
-    /// Next watched node to look at, and its arm.
-    look_step: usize,
-    look_arm: usize,
+    /// Next watched node, and its arm.
+    watched_step: usize,
+    watched_arm: usize,
     frames: Box<Frames>,
 }
 
@@ -168,22 +169,22 @@ impl State {
         };
         Self {
             plans: std::array::from_fn(|_| Plan::rest(0, ArmVector::zeros())),
-            meant: [false; ARMS],
+            in_use: [false; ARMS],
             iteration: Box::new(Iteration { problem, sweep: Sweep::default(), begin: 0 }),
             step: 0,
             arm: 0,
             off_at_end_rad: [0.0; ARMS],
             stalled_s: [0.0; ARMS],
-            wrists: [wrist::Wish::default(); ARMS],
+            wrists: [wrist::WristTarget::default(); ARMS],
             gaps: [Gaps::none(); ARMS],
-            look_step: 0,
-            look_arm: 0,
+            watched_step: 0,
+            watched_arm: 0,
             frames: Box::default(),
         }
     }
 
-    /// Notes the error of the arm's limbs at the end of its horizon, and whether they come nearer.
-    fn judge_progress(&mut self, config: &Config, arm: usize) {
+    /// Updates the stalled time of an arm from the error of its limbs at the end of its horizon.
+    fn update_stall(&mut self, config: &Config, arm: usize) {
         let work = &*self.iteration;
         let off = |q: &ArmVector| config.arms[arm].angles(q, &work.problem.person[NODES - 1]).iter().sum::<f64>();
         let end = off(&work.sweep.nodes()[NODES - 1].q);
@@ -196,8 +197,8 @@ impl State {
 
     /// Drops the plans, because the robot does not follow. The next followed tick starts from its command.
     pub fn forget(&mut self) {
-        (self.meant, self.step, self.arm, self.stalled_s) = ([false; ARMS], 0, 0, [0.0; ARMS]);
-        (self.look_step, self.look_arm) = (0, 0);
+        (self.in_use, self.step, self.arm, self.stalled_s) = ([false; ARMS], 0, 0, [0.0; ARMS]);
+        (self.watched_step, self.watched_arm) = (0, 0);
         self.gaps = [Gaps::none(); ARMS];
     }
 }
@@ -214,13 +215,13 @@ impl Default for State {
 /// ```
 /// # let read = |kind| std::fs::read_to_string(format!("../../config/robots/tiago_dual.{kind}"));
 /// # let model = robot::Model::from_text("tiago_dual.toml", &read("toml")?, "tiago_dual.urdf", &read("urdf")?)?;
-/// use messages::{ALL_JOINTS, JOINTS_MAX, LIMBS, WAY_NODE_TICKS};
+/// use messages::{ALL_JOINTS, JOINTS_MAX, LIMBS, TRAJECTORY_NODE_TICKS};
 ///
 /// let (home, rest, t_pose) = (&model.home, &[0.0; JOINTS_MAX], &[[[0.0, 0.0, 0.0, 1.0]; LIMBS]; follow::NODES]);
 /// let config = follow::Config::new(&model, &model.limits.map(|limits| limits.v_max), follow::Weights::default());
-/// let way_first = 3000 / WAY_NODE_TICKS;
+/// let trajectory_first = 3000 / TRAJECTORY_NODE_TICKS;
 /// let input = follow::Input {
-///     k: 3000, way: t_pose, way_first, valid_mask: ALL_JOINTS, prior: home, hands: &[[[0.0; 4]; 2]; 6],
+///     k: 3000, limb_trajectory: t_pose, trajectory_first, valid_mask: ALL_JOINTS, prior: home, hands: &[[[0.0; 4]; 2]; 6],
 ///     places: &[[[0.0; 4]; 2]; follow::NODES], q: home, v: rest,
 ///     speed_scale: 1.0, wrist_speed_scale: 1.0,
 /// };
@@ -231,38 +232,38 @@ impl Default for State {
 pub fn tick(config: &Config, state: &mut State, input: Input<'_>) -> Output {
     let before = input.k.saturating_sub(1);
     for arm in 0..ARMS {
-        let meant = (0..LIMB_JOINTS).all(|j| input.valid_mask & 1 << (config.first[arm] + j) != 0);
-        if meant && !state.meant[arm] {
+        let in_use = (0..LIMB_JOINTS).all(|j| input.valid_mask & 1 << (config.first[arm] + j) != 0);
+        if in_use && !state.in_use[arm] {
             let start = solver::State { q: part(input.q, config.first[arm]), v: part(input.v, config.first[arm]) };
             state.plans[arm] = Plan::new(before, start, [ArmVector::zeros(); NODES]);
             state.wrists[arm] = config.wrists[arm].begin(input.q);
-            // The gaps that it had are those of another posture.
+            // Its old gaps belong to another posture.
             state.gaps[arm] = Gaps::none();
             // An iteration that started before the arm was valid has another start.
             state.step = if state.arm == arm { 0 } else { state.step };
         }
-        state.meant[arm] = meant;
+        state.in_use[arm] = in_use;
         state.plans[arm].advance(before);
     }
-    if state.meant[state.arm] || state.step > 0 {
+    if state.in_use[state.arm] || state.step > 0 {
         iterate(config, state, &input);
     } else {
         state.arm = 1 - state.arm;
     }
-    look(config, state, &input);
+    evaluate_pairs(config, state, &input);
     let mut output = Output { aims: [None; JOINTS_MAX] };
-    for arm in (0..ARMS).filter(|&arm| state.meant[arm]) {
+    for arm in (0..ARMS).filter(|&arm| state.in_use[arm]) {
         let u = state.plans[arm].input_at(before);
         state.plans[arm].advance(input.k);
         let there = &state.plans[arm].state;
         for j in 0..LIMB_JOINTS {
             output.aims[config.first[arm] + j] = Some(Aim { q: there.q[j], v: there.v[j], a: u[j] });
         }
-        // Looks at this arm since its wrist's last step, of those until its next.
-        let looks = state.look_step + if state.look_arm == arm { WATCHED.len() } else { 0 };
-        let share = looks as f64 / (ARMS * WATCHED.len()) as f64;
+        // Evaluations since the wrist's last step, as a share of those until its next step.
+        let evaluations = state.watched_step + if state.watched_arm == arm { WATCHED.len() } else { 0 };
+        let share = evaluations as f64 / (ARMS * WATCHED.len()) as f64;
         for i in 0..WRIST_JOINTS {
-            let (q, v) = state.wrists[arm].at(i, share, LOOK_S);
+            let (q, v) = state.wrists[arm].at(i, share, WRIST_STEP_S);
             output.aims[config.first[arm] + WRIST_FIRST + i] = Some(Aim { q, v, a: 0.0 });
         }
     }
@@ -270,15 +271,15 @@ pub fn tick(config: &Config, state: &mut State, input: Input<'_>) -> Output {
 }
 
 /// Evaluates the pairs of one arm at its next watched node, in the posture of both arms' plans there.
-fn look(config: &Config, state: &mut State, input: &Input<'_>) {
-    let (arm, step) = (state.look_arm, state.look_step);
+fn evaluate_pairs(config: &Config, state: &mut State, input: &Input<'_>) {
+    let (arm, step) = (state.watched_arm, state.watched_step);
     let before = input.k.saturating_sub(1);
-    let led = rotation(input.hands[0][arm]).is_some();
-    let range_m = wrist::range_m(led, place(input.places[0][arm], arm).is_some());
-    if state.meant[arm] {
-        let until = before + (WATCHED[step] as u64 + 1) * WAY_NODE_TICKS;
+    let follows_hand = rotation(input.hands[0][arm]).is_some();
+    let range_m = wrist::range_m(follows_hand, place(input.places[0][arm], arm).is_some());
+    if state.in_use[arm] {
+        let until = before + (WATCHED[step] as u64 + 1) * TRAJECTORY_NODE_TICKS;
         let mut q = *input.q;
-        for other in (0..ARMS).filter(|&other| state.meant[other]) {
+        for other in (0..ARMS).filter(|&other| state.in_use[other]) {
             let plan = &state.plans[other];
             let there = plan.continued(plan.state, before, until).q;
             let first = config.first[other];
@@ -290,36 +291,36 @@ fn look(config: &Config, state: &mut State, input: &Input<'_>) {
         let there = part(&q, config.first[arm]);
         let (gaps, wrist) = (&mut state.gaps[arm], &mut state.wrists[arm]);
         gaps.clear(step);
-        config.pairs[arm].look(&config.model, &state.frames, |near| {
-            if near.has_limb() {
-                let slope = ArmVector::from_fn(|j, _| near.slope[j]);
-                gaps.insert(step, Gap::new(near.distance_m - config.model.d_min_m, slope, &there));
+        config.pairs[arm].evaluate(&config.model, &state.frames, |pair| {
+            if pair.has_limb() {
+                let slope = ArmVector::from_fn(|j, _| pair.slope[j]);
+                gaps.insert(step, Gap::new(pair.distance_m - config.model.d_min_m, slope, &there));
             }
-            wrist.add(near, range_m);
+            wrist.add(pair, range_m);
         });
     }
-    state.look_step += 1;
-    if state.look_step == WATCHED.len() {
-        let speed = led.then(|| hand_speed(config, state, input, arm));
-        config.wrists[arm].step(&mut state.wrists[arm], speed, input.wrist_speed_scale, LOOK_S);
-        (state.look_step, state.look_arm) = (0, 1 - arm);
+    state.watched_step += 1;
+    if state.watched_step == WATCHED.len() {
+        let speed = follows_hand.then(|| hand_speed(config, state, input, arm));
+        config.wrists[arm].step(&mut state.wrists[arm], speed, input.wrist_speed_scale, WRIST_STEP_S);
+        (state.watched_step, state.watched_arm) = (0, 1 - arm);
     }
 }
 
-/// Returns the speed of a wrist that brings its hand nearest to the person's over the nodes that are known, rad/s.
+/// Returns the wrist speed that fits the person's hand at the known nodes, rad/s.
 fn hand_speed(config: &Config, state: &State, input: &Input<'_>, arm: usize) -> Vector2<f64> {
     let (plan, wrist) = (&state.plans[arm], &state.wrists[arm]);
     let (mut there, mut k) = (plan.state, input.k.saturating_sub(1));
-    let mut course = wrist::Course::default();
+    let mut fit = wrist::SpeedFit::default();
     for (i, hands) in input.hands.iter().enumerate() {
-        let at = input.way_first.saturating_add(i as u64).saturating_mul(WAY_NODE_TICKS);
+        let at = input.trajectory_first.saturating_add(i as u64).saturating_mul(TRAJECTORY_NODE_TICKS);
         (there, k) = (plan.continued(there, k, at), k.max(at));
         if let Some(hand) = rotation(hands[arm]) {
             let wanted = config.wrists[arm].pointing(&there.q, &hand);
-            course.add(wrist, at.saturating_sub(input.k) as f64 * TICK_S, wanted);
+            fit.add(wrist, at.saturating_sub(input.k) as f64 * TICK_S, wanted);
         }
     }
-    course.speed()
+    fit.speed()
 }
 
 /// Runs a step of the current iteration: the first one prepares it, the last one ends it, those between sweep
@@ -344,13 +345,13 @@ fn iterate(config: &Config, state: &mut State, input: &Input<'_>) {
         let mut plan = Plan::new(work.begin, work.problem.start, work.sweep.input);
         plan.advance(before);
         if before > work.begin {
-            // Ticks were missed, and the previous plan went on in them.
+            // In missed ticks the previous plan continued.
             plan = Plan::new(before, state.plans[arm].state, plan.inputs_from(before));
         }
-        if state.meant[arm] && is_finite(&plan.state) {
+        if state.in_use[arm] && is_finite(&plan.state) {
             state.plans[arm] = plan;
         }
-        state.judge_progress(config, arm);
+        state.update_stall(config, arm);
     }
     state.step = (state.step + 1) % ITERATION_TICKS;
     if state.step == 0 {
@@ -358,7 +359,7 @@ fn iterate(config: &Config, state: &mut State, input: &Input<'_>) {
     }
 }
 
-/// Prepares the problem for the end of the iteration. It starts from the state then: on the plan or, if the wish
+/// Prepares the problem for the end of the iteration. It starts from the state then: on the plan or, if the plan
 /// was not reached, continued from the command.
 fn prepare(config: &Config, work: &mut Iteration, (plan, gaps): (&Plan, &Gaps), input: &Input<'_>, arm: usize) {
     let before = input.k.saturating_sub(1);
@@ -376,10 +377,10 @@ fn prepare(config: &Config, work: &mut Iteration, (plan, gaps): (&Plan, &Gaps), 
     let first = node_after(work.begin);
     let mut known = config.arms[arm].limbs(&problem.start.q);
     for i in 0..NODES {
-        let node = ((first + i as u64).saturating_sub(input.way_first) as usize).min(NODES - 1);
+        let node = ((first + i as u64).saturating_sub(input.trajectory_first) as usize).min(NODES - 1);
         // Limbs that are no rotation are replaced by those of the previous node, and at the first node by the
         // arm's own.
-        known = limbs(&input.way[node], arm).unwrap_or(known);
+        known = limbs(&input.limb_trajectory[node], arm).unwrap_or(known);
         problem.person[i] = known;
         problem.places[i] = place(input.places[node][arm], arm);
     }
@@ -391,14 +392,14 @@ fn part(all: &[f64; JOINTS_MAX], first: usize) -> ArmVector {
     ArmVector::from_fn(|j, _| all[first + j])
 }
 
-/// Returns the limbs of an arm as those of a left arm.
+/// Returns the limbs of an arm, mirrored to a left arm.
 fn limbs(node: &[[f32; 4]; LIMBS], arm: usize) -> Option<Limbs> {
-    let of_left = |limb: [f32; 4]| {
+    let left = |limb: [f32; 4]| {
         let [x, y, z, w] = limb;
         // The mirror image at the plane between left and right.
         rotation(if arm == 0 { limb } else { [-x, y, -z, w] })
     };
-    of_left(node[2 * arm]).zip(of_left(node[2 * arm + 1])).map(|(upper, fore)| Limbs { upper, fore })
+    left(node[2 * arm]).zip(left(node[2 * arm + 1])).map(|(upper, fore)| Limbs { upper, fore })
 }
 
 /// Returns the place of an arm's hand, as that of a left arm, and its weight. `None` for no weight and for what is not finite.
@@ -428,11 +429,11 @@ mod tests {
     fn arm_that_becomes_valid_again_has_no_old_gap() {
         let model = model();
         let config = Config::new(&model, &model.limits.map(|limits| limits.v_max), Weights::default());
-        let (way, rest) = ([[[0.0, 0.0, 0.0, 1.0]; LIMBS]; NODES], [0.0; JOINTS_MAX]);
+        let (trajectory, rest) = ([[[0.0, 0.0, 0.0, 1.0]; LIMBS]; NODES], [0.0; JOINTS_MAX]);
         let input = |k: u64, valid_mask: u32| Input {
             k,
-            way: &way,
-            way_first: k / WAY_NODE_TICKS,
+            limb_trajectory: &trajectory,
+            trajectory_first: k / TRAJECTORY_NODE_TICKS,
             valid_mask,
             prior: &model.home,
             hands: &[[[0.0; 4]; ARMS]; HAND_NODES],
@@ -448,7 +449,7 @@ mod tests {
         for arm in 0..ARMS {
             state.gaps[arm].insert(3, Gap::new(-0.1, ArmVector::repeat(1.0), &ArmVector::zeros()));
         }
-        // One tick looks at one node of one arm, and not at this one.
+        // One tick evaluates one node of one arm, and not this one.
         tick(&config, &mut state, input(3002, ALL_JOINTS));
         for arm in 0..ARMS {
             assert!(state.gaps[arm].at_node(WATCHED[3]).is_empty(), "arm {arm}");

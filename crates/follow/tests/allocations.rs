@@ -1,10 +1,10 @@
 //! No tick allocates, whatever its input.
 
+use crate::support::{FREE, LIMB_MASK, Robot, arm, limb_trajectory, random_q};
 use follow::Weights;
 use follow::arm::ArmVector;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
-use crate::support::{FREE, LIMB_MASK, Robot, arm, random_q, way};
 
 /// New blocks of this thread since the count began.
 fn allocated() -> u64 {
@@ -24,13 +24,13 @@ fn tick_with_random_inputs_allocates_nothing() {
             robot.valid_mask = if rng.random_bool(0.7) { LIMB_MASK } else { rng.random() };
         }
         let first = robot.next_first();
-        let mut way = way(first, |_| person);
+        let mut trajectory = limb_trajectory(first, |_| person);
         if k % 7 == 0 {
-            way[rng.random_range(0..24)] = [[f32::NAN; 4]; 4];
+            trajectory[rng.random_range(0..24)] = [[f32::NAN; 4]; 4];
         }
         let missed = if k % 11 == 0 { rng.random_range(1..40) } else { 1 };
         let before = allocated();
-        robot.step_after(missed, &way, first);
+        robot.step_after(missed, &trajectory, first);
         in_ticks += allocated() - before;
     }
     assert_eq!(in_ticks, 0);

@@ -13,7 +13,7 @@ use std::f64::consts::PI;
 #[test]
 fn limb_rotations_match_robot_kinematics() {
     let (model, mut rng) = (model(), Pcg64::seed_from_u64(1));
-    let of_model = Arm::of(&model, 0);
+    let of_model = Arm::from_model(&model, 0);
     for _ in 0..1000 {
         let q = random_q(&mut rng);
         let (upper, fore) = model.arms[0].limb_rotations(&std::array::from_fn(|j| q[j]));
@@ -59,7 +59,7 @@ fn jacobian_matches_central_differences() {
     for case in 0..3000 {
         let q = posture(&mut rng, case);
         let person = Limbs { upper: random_rotation(&mut rng), fore: random_rotation(&mut rng) };
-        // If half a turn is missing, the shorter way changes its direction one step farther on.
+        // If half a turn is missing, the shorter arc changes its direction one step farther on.
         if arm.angles(&q, &person).iter().any(|angle| *angle > 3.1) {
             continue;
         }
@@ -116,7 +116,7 @@ fn limb_error_is_zero_at_own_posture_and_ignores_sign() {
 fn hand_is_that_of_the_robot_and_its_derivative_matches_central_differences() {
     const STEP: f64 = 1e-6;
     let (model, mut rng) = (model(), Pcg64::seed_from_u64(5));
-    let arm = Arm::of(&model, 0);
+    let arm = Arm::from_model(&model, 0);
     let place = |q: &ArmVector| {
         let (mut all, mut frames) = (model.home, Frames::default());
         (0..LIMB_JOINTS).for_each(|j| all[model.arms[0].joints[j]] = q[j]);

@@ -95,12 +95,12 @@ fn arrives(mut robot: Robot, raised: &[f64; LIMB_JOINTS]) -> f64 {
 fn hanging_arm_on_wrong_side_reaches_raised_posture_with_pull() {
     // Joint 2 is at its limit, where joints 1 and 3 turn about one line. Those two are on the wrong side. So the
     // arm must turn about itself before it can rise.
-    let ways = [
+    let cases = [
         ([0.18, 1.55, 0.07, 0.41, -0.23], [0.69, -0.10, 3.64, 0.02, -0.13]),
         ([-0.16, 1.55, 3.58, 0.47, -0.21], [1.28, -0.46, 0.94, 0.82, 0.37]),
         ([-0.26, 1.55, 2.93, 0.26, -0.28], [-0.03, -0.31, -0.55, 0.96, -0.40]),
     ];
-    for (n, (hangs, raised)) in ways.iter().enumerate() {
+    for (n, (hangs, raised)) in cases.iter().enumerate() {
         let with = rises(hangs, raised, Weights::default());
         let without = rises(hangs, raised, Weights { pull: 0.0, ..Weights::default() });
         println!("arm {n} that hangs on the other side: {with:.3} degrees off, {without:.1} without the pull");
@@ -233,15 +233,15 @@ fn aim_restarts_at_command_that_stands_still() {
 #[test]
 fn both_hands_that_touch_go_to_their_places() {
     let model = model();
-    let limbs = [0, 1].map(|side| Arm::of(&model, side).limbs(&ArmVector::from(FREE)));
-    let place = Arm::of(&model, 0).hand(&ArmVector::from(FREE.map(|q| q + 0.1))).cast::<f32>();
+    let limbs = [0, 1].map(|side| Arm::from_model(&model, side).limbs(&ArmVector::from(FREE)));
+    let place = Arm::from_model(&model, 0).hand(&ArmVector::from(FREE.map(|q| q + 0.1))).cast::<f32>();
     let off_m = |weight: f32| {
         let mut robot = Robot::at(&FREE, Weights::default());
         robot.places = [[place.x, place.y, place.z, weight], [place.x, -place.y, place.z, weight]];
         (0..TICK_HZ).for_each(|_| {
             robot.step(|_| limbs);
         });
-        [0, 1].map(|side| (Arm::of(&model, side).hand(&robot.arm(side)) - place.cast()).norm())
+        [0, 1].map(|side| (Arm::from_model(&model, side).hand(&robot.arm(side)) - place.cast()).norm())
     };
     let (without_m, with_m) = (off_m(0.0), off_m(1.0));
     assert!(

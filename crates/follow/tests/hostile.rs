@@ -1,6 +1,6 @@
 //! For any target and any missed ticks, the output is finite, bounded, continuous and reproducible.
 
-use crate::support::{A_MAX, FIRST, FREE, Robot, V_MAX, Way, arm, random_q, way};
+use crate::support::{A_MAX, FIRST, FREE, Robot, Trajectory, V_MAX, arm, limb_trajectory, random_q};
 use follow::arm::{ArmVector, Limbs};
 use follow::{LIMB_JOINTS, NODES, Output, Weights};
 use messages::{ALL_JOINTS, ARM_JOINTS, TICK_HZ, TICK_S};
@@ -88,8 +88,8 @@ fn missed_ticks_continue_same_motion() {
         for n in 0..300 {
             let missed: u64 = if rng.random_bool(0.5) { 1 } else { rng.random_range(1..=40) };
             let before = remembered(&robot);
-            let first = (robot.k + missed) / messages::WAY_NODE_TICKS + 1;
-            let output = robot.step_after(missed, &way(first, |_| person), first);
+            let first = (robot.k + missed) / messages::TRAJECTORY_NODE_TICKS + 1;
+            let output = robot.step_after(missed, &limb_trajectory(first, |_| person), first);
             let context = format!("seed {seed}, step {n}, {missed} ticks");
             // Accelerations that were chosen for another state may lead a little beyond the speed limit.
             let fastest = output.aims.iter().flatten().fold(0.0, |most: f64, aim| most.max(aim.v.abs()));
@@ -108,7 +108,11 @@ fn tick_that_repeats_or_runs_back_hardly_moves_aims() {
     let there = robot.q;
     for back in [0, 1, 20, 400] {
         robot.k -= back;
-        assert_sane(&robot.step_after(0, &way(first, |_| person), first), ALL_JOINTS, &format!("{back} ticks back"));
+        assert_sane(
+            &robot.step_after(0, &limb_trajectory(first, |_| person), first),
+            ALL_JOINTS,
+            &format!("{back} ticks back"),
+        );
         robot.k += back;
         // A new plan may be ahead by the length of its iteration, and a wrist's step by both arms' turns.
         let most = V_MAX * 2.0 * follow::ITERATION_TICKS as f64 * TICK_S;
@@ -127,8 +131,8 @@ fn target_path_with_shifted_start_gives_same_motion() {
         let change = robot.next_first() + 20;
         for _ in 0..TICK_HZ {
             let first = robot.next_first().wrapping_add_signed(shift);
-            let way = way(first, |node| standing(if node < change { &from } else { &to }));
-            robot.step_after(1, &way, first);
+            let trajectory = limb_trajectory(first, |node| standing(if node < change { &from } else { &to }));
+            robot.step_after(1, &trajectory, first);
         }
         robot.arm(0)
     };
@@ -136,13 +140,13 @@ fn target_path_with_shifted_start_gives_same_motion() {
     for shift in [-3, -1, 1, 2] {
         assert!((run(shift) - straight).amax() < 1e-3, "shifted by {shift} nodes");
     }
-    // For a way far in the past or future, the last or the first node is used.
+    // For a trajectory far in the past or future, the last or the first node is used.
     for shift in [-1000, 1000, -250_000] {
         let (mut robot, person) = moving(4);
         for n in 0..TICK_HZ {
             let first = robot.next_first().saturating_add_signed(shift + rng.random_range(-2..=2));
             let before = remembered(&robot);
-            let output = robot.step_after(1, &way(first, |_| person), first);
+            let output = robot.step_after(1, &limb_trajectory(first, |_| person), first);
             let context = format!("shifted by {shift}, tick {n}");
             assert_sane(&output, ALL_JOINTS, &context);
             assert_goes_on(&output, &before, 1, &context);
@@ -151,16 +155,20 @@ fn target_path_with_shifted_start_gives_same_motion() {
     let (mut robot, person) = moving(5);
     for first in [0, u64::MAX, u64::MAX - 24] {
         for _ in 0..40 {
-            assert_sane(&robot.step_after(1, &way(0, |_| person), first), ALL_JOINTS, "an absurd beginning");
+            assert_sane(
+                &robot.step_after(1, &limb_trajectory(0, |_| person), first),
+                ALL_JOINTS,
+                "an absurd beginning",
+            );
         }
     }
 }
 
 /// Puts hostile numbers into limbs of random nodes.
-fn hurt(rng: &mut Pcg64, way: &mut Way) {
+fn hurt(rng: &mut Pcg64, trajectory: &mut Trajectory) {
     const BAD: [f32; 7] = [0.0, f32::NAN, f32::INFINITY, f32::NEG_INFINITY, f32::MAX, 1e-30, -3.0];
     for _ in 0..rng.random_range(1..60) {
-        let limb = &mut way[rng.random_range(0..NODES)][rng.random_range(0..4)];
+        let limb = &mut trajectory[rng.random_range(0..NODES)][rng.random_range(0..4)];
         let bad = BAD[rng.random_range(0..BAD.len())];
         if rng.random_bool(0.5) {
             *limb = [bad; 4];
@@ -177,21 +185,21 @@ fn invalid_target_path_keeps_aims_within_bounds() {
         let (mut robot, person) = moving(seed);
         for n in 0..800 {
             let first = robot.next_first();
-            let mut way = way(first, |_| person);
+            let mut trajectory = limb_trajectory(first, |_| person);
             robot.places = std::array::from_fn(|_| std::array::from_fn(|_| rng.random_range(-1.0..2.0)));
             match seed % 4 {
-                0 => way = [[[0.0; 4]; 4]; NODES],
-                1 => way = [[[f32::NAN; 4]; 4]; NODES],
-                2 => way = [[[3.0, 1.0, -2.0, 5.0]; 4]; NODES],
-                _ => hurt(&mut rng, &mut way),
+                0 => trajectory = [[[0.0; 4]; 4]; NODES],
+                1 => trajectory = [[[f32::NAN; 4]; 4]; NODES],
+                2 => trajectory = [[[3.0, 1.0, -2.0, 5.0]; 4]; NODES],
+                _ => hurt(&mut rng, &mut trajectory),
             }
             if seed % 8 > 3 {
                 robot.places = [[f32::NAN, 1e30, f32::INFINITY, 1.0], [-1e30, 1e30, 1e38, 1.0]];
             }
             // The hands are as bad as the limbs.
-            robot.hands = std::array::from_fn(|i| [way[i][0], way[i][3]]);
+            robot.hands = std::array::from_fn(|i| [trajectory[i][0], trajectory[i][3]]);
             let before = remembered(&robot);
-            let output = robot.step_after(1, &way, first);
+            let output = robot.step_after(1, &trajectory, first);
             let context = format!("seed {seed}, tick {n}");
             assert_sane(&output, ALL_JOINTS, &context);
             assert_goes_on(&output, &before, 1, &context);

@@ -3,7 +3,7 @@
 use crate::support::{FIRST, FREE, Robot, arm, distance_m, model};
 use follow::arm::{ArmVector, Limbs};
 use follow::{LIMB_JOINTS, Weights};
-use messages::{HAND_NODES, JOINTS_MAX, TICK_HZ, TICK_S, WAY_NODE_TICKS};
+use messages::{HAND_NODES, JOINTS_MAX, TICK_HZ, TICK_S, TRAJECTORY_NODE_TICKS};
 use nalgebra::{Rotation3, UnitQuaternion};
 use robot::{Frames, Model};
 use std::f64::consts::FRAC_PI_2;
@@ -57,7 +57,7 @@ fn swing_off(known: usize) -> f64 {
     let mut most = 0.0_f64;
     for n in 0..2 * TICK_HZ {
         let first = robot.next_first();
-        let at = |i: usize| (first + i.min(known) as u64) * WAY_NODE_TICKS;
+        let at = |i: usize| (first + i.min(known) as u64) * TRAJECTORY_NODE_TICKS;
         robot.hands = std::array::from_fn(|i| hands(&model, FREE, &wanted(at(i))));
         robot.step(|_| person(FREE));
         if n > TICK_HZ / 2 {

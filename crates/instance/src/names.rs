@@ -36,7 +36,7 @@ mod tests {
         let nobody = read_names(folder.path());
         assert_eq!((nobody.joint(3), nobody.pair([1, 9])), ("joint 3".into(), "part 1 and part 9".into()));
         let model = robot::Model::from_text("robot.toml", TOML, "robot.urdf", URDF).expect("the shipped robot");
-        let names = Names::of(&model);
+        let names = Names::from_model(&model);
         write_names(folder.path(), &names).unwrap();
         let read = read_names(folder.path());
         assert_eq!(read, names);

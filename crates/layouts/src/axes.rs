@@ -40,15 +40,15 @@ pub struct Axes {
 
 impl Axes {
     /// Our own axes.
-    pub const OURS: Self = Self::of([Direction::Forward, Direction::Left, Direction::Up]);
+    pub const OURS: Self = Self::from_directions([Direction::Forward, Direction::Left, Direction::Up]);
 
     /// Creates the axes with these directions. `None` if two of them lie on one line.
     pub fn new(directions: [Direction; 3]) -> Option<Self> {
-        let axes = Self::of(directions);
+        let axes = Self::from_directions(directions);
         (axes.determinant() != 0.0).then_some(axes)
     }
 
-    pub(crate) const fn of([x, y, z]: [Direction; 3]) -> Self {
+    pub(crate) const fn from_directions([x, y, z]: [Direction; 3]) -> Self {
         Self { ours: [x.of_ours(), y.of_ours(), z.of_ours()] }
     }
 

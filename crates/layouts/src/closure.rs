@@ -13,7 +13,7 @@ const COUNT: f32 = 4.0;
 /// Largest error of a rotation's squared norm.
 const NORM_ERROR_MAX: f32 = 2e-3;
 
-/// Returns the closure of the left and the right hand: what the client says, or what the turns of its fingers say. `None`
+/// Returns the closure of the left and the right hand: the value that the client sends, or that of the turns of its fingers. `None`
 /// where neither is known.
 pub(crate) fn closure(raw: &RawSkeleton) -> [Option<f32>; 2] {
     let [left, right] = closure_of(raw.flags);
@@ -65,8 +65,8 @@ mod tests {
         assert!((left.unwrap() - 0.5).abs() < 1e-4 && right.is_none(), "{left:?} {right:?}");
         let [fist, _] = closure(&unity(1.5 * third));
         assert_eq!(fist, Some(1.0));
-        let told = RawSkeleton { flags: with_closure(0, [Some(0.0), None]), ..unity(third) };
-        assert_eq!(closure(&told), [Some(0.0), None]);
+        let with_zero = RawSkeleton { flags: with_closure(0, [Some(0.0), None]), ..unity(third) };
+        assert_eq!(closure(&with_zero), [Some(0.0), None]);
     }
 
     #[test]

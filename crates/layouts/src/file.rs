@@ -78,18 +78,18 @@ impl Map {
     pub fn parse(file: &str, text: &str) -> Result<Self, LayoutError> {
         let read: File = toml::from_str(text)
             .map_err(|error| LayoutError::Syntax { file: file.to_owned(), cause: error.to_string() })?;
-        let say = |key: &str, value: &dyn ToString, bound: &str| LayoutError::Value {
+        let refuse = |key: &str, value: &dyn ToString, bound: &str| LayoutError::Value {
             file: file.to_owned(),
             key: key.to_owned(),
             value: value.to_string(),
             bound: bound.to_owned(),
         };
-        head(&read, &say)?;
+        head(&read, &refuse)?;
         let mut map = Self {
             number: read.number,
             name: read.name.clone(),
             joints: read.joints as usize,
-            axes: axes(&read, &say)?,
+            axes: axes(&read, &refuse)?,
             unit_m: match read.unit {
                 Unit::Metre => 1.0,
                 Unit::Centimetre => 1e-2,
@@ -104,98 +104,100 @@ impl Map {
             order: [0; RAW_JOINTS_MAX],
             ordered: 0,
         };
-        joints(&read, &mut map, &say)?;
+        joints(&read, &mut map, &refuse)?;
         if let Some(joint) = map.missing() {
-            return Err(say("joint", &SMPL_NAMES[joint], "among those that some joint `is`"));
+            return Err(refuse("joint", &SMPL_NAMES[joint], "among those that some joint `is`"));
         }
         Ok(map)
     }
 }
 
-type Say<'a> = &'a dyn Fn(&str, &dyn ToString, &str) -> LayoutError;
+type Refuse<'a> = &'a dyn Fn(&str, &dyn ToString, &str) -> LayoutError;
 
-fn head(read: &File, say: Say<'_>) -> Result<(), LayoutError> {
+fn head(read: &File, refuse: Refuse<'_>) -> Result<(), LayoutError> {
     if read.format != FORMAT {
-        return Err(say("format", &read.format, "1"));
+        return Err(refuse("format", &read.format, "1"));
     }
     if read.name.is_empty() || read.name.len() > NAME_MAX {
-        return Err(say("name", &format!("{:?}", read.name), "of 1 to 64 bytes"));
+        return Err(refuse("name", &format!("{:?}", read.name), "of 1 to 64 bytes"));
     }
     if !CUSTOM_LAYOUTS.contains(&read.number) {
-        return Err(say("number", &read.number, "in [1000, 9999]"));
+        return Err(refuse("number", &read.number, "in [1000, 9999]"));
     }
     if read.joints == 0 || read.joints as usize > RAW_JOINTS_MAX {
-        return Err(say("joints", &read.joints, "in [1, 96]"));
+        return Err(refuse("joints", &read.joints, "in [1, 96]"));
     }
     // Written so that NaN is refused too.
     if !(read.confidence_max > 0.0 && read.confidence_max <= CONFIDENCE_MAX) {
-        return Err(say("confidence_max", &read.confidence_max, "above 0 and at most 1e6"));
+        return Err(refuse("confidence_max", &read.confidence_max, "above 0 and at most 1e6"));
     }
     if (read.sends == Sends::Positions) == read.quaternions.is_some() {
         let value = if read.quaternions.is_some() { "given" } else { "missing" };
-        return Err(say("quaternions", &value, "given exactly if rotations are sent"));
+        return Err(refuse("quaternions", &value, "given exactly if rotations are sent"));
     }
     Ok(())
 }
 
-fn axes(read: &File, say: Say<'_>) -> Result<Axes, LayoutError> {
+fn axes(read: &File, refuse: Refuse<'_>) -> Result<Axes, LayoutError> {
     let directions = [read.x, read.y, read.z];
-    let told = format!("{directions:?}").to_lowercase();
-    let axes = Axes::new(directions).ok_or_else(|| say("x, y, z", &told, "on three different lines"))?;
+    let given = format!("{directions:?}").to_lowercase();
+    let axes = Axes::new(directions).ok_or_else(|| refuse("x, y, z", &given, "on three different lines"))?;
     let right = axes.determinant() > 0.0;
     if right != (read.handedness == Handedness::Right) {
-        let (said, is) = if right { ("left", "right") } else { ("right", "left") };
-        let bound = format!("{is:?}: x, y, z = {told} has determinant {}", axes.determinant());
-        return Err(say("handedness", &format!("{said:?}"), &bound));
+        let (declared, is) = if right { ("left", "right") } else { ("right", "left") };
+        let bound = format!("{is:?}: x, y, z = {given} has determinant {}", axes.determinant());
+        return Err(refuse("handedness", &format!("{declared:?}"), &bound));
     }
     Ok(axes)
 }
 
-fn joints(read: &File, map: &mut Map, say: Say<'_>) -> Result<(), LayoutError> {
+fn joints(read: &File, map: &mut Map, refuse: Refuse<'_>) -> Result<(), LayoutError> {
     if read.joint.len() > RAW_JOINTS_MAX {
-        return Err(say("joint", &format!("{} rows", read.joint.len()), "at most 96 rows"));
+        return Err(refuse("joint", &format!("{} rows", read.joint.len()), "at most 96 rows"));
     }
     for (row, joint) in read.joint.iter().enumerate() {
         let key = |field: &str| format!("joint {:?} {field}", joint.name);
         if joint.index >= read.joints {
-            return Err(say(&key("index"), &joint.index, &format!("below joints = {}", read.joints)));
+            return Err(refuse(&key("index"), &joint.index, &format!("below joints = {}", read.joints)));
         }
         let before = &read.joint[..row];
         if before.iter().any(|other| other.index == joint.index || other.name == joint.name) {
-            return Err(say(&key("index"), &joint.index, "unique: the name or the index occurs twice"));
+            return Err(refuse(&key("index"), &joint.index, "unique: the name or the index occurs twice"));
         }
-        place(map, joint, say)?;
+        place(map, joint, refuse)?;
         let Some(parent) = &joint.parent else { continue };
         let above = read.joint.iter().find(|other| other.name == *parent && other.index < read.joints);
-        let above = above.ok_or_else(|| say(&key("parent"), &format!("{parent:?}"), "the name of a joint"))?;
+        let above = above.ok_or_else(|| refuse(&key("parent"), &format!("{parent:?}"), "the name of a joint"))?;
         map.parent[joint.index as usize] = above.index as u8;
     }
     for (name, [a, b]) in SMPL_NAMES.iter().zip(map.from) {
         if a != NONE && b == NONE {
-            return Err(say("half_of", &format!("{name:?}"), "given twice, or be `is`"));
+            return Err(refuse("half_of", &format!("{name:?}"), "given twice, or be `is`"));
         }
     }
     if read.sends == Sends::LocalRotations {
         map.arrange().map_err(|index| {
             let joint = read.joint.iter().find(|joint| joint.index as usize == index);
-            say("parent", &joint.map_or("?", |joint| &joint.name), "on a path to a root, without a cycle")
+            refuse("parent", &joint.map_or("?", |joint| &joint.name), "on a path to a root, without a cycle")
         })?;
     } else if let Some(joint) = read.joint.iter().find(|joint| joint.parent.is_some()) {
-        return Err(say(&format!("joint {:?} parent", joint.name), &"given", "given with local rotations only"));
+        return Err(refuse(&format!("joint {:?} parent", joint.name), &"given", "given with local rotations only"));
     }
     Ok(())
 }
 
-/// Notes the joint of SMPL-22 that the client's joint is, or is half of.
-fn place(map: &mut Map, joint: &Joint, say: Say<'_>) -> Result<(), LayoutError> {
+/// Records the joint of SMPL-22 that the client's joint is, or is half of.
+fn place(map: &mut Map, joint: &Joint, refuse: Refuse<'_>) -> Result<(), LayoutError> {
     let (field, name) = match (&joint.is, &joint.half_of) {
         (None, None) => return Ok(()),
-        (Some(_), Some(_)) => return Err(say(&format!("joint {:?}", joint.name), &"both", "either `is` or `half_of`")),
+        (Some(_), Some(_)) => {
+            return Err(refuse(&format!("joint {:?}", joint.name), &"both", "either `is` or `half_of`"));
+        }
         (Some(name), None) => ("is", name),
         (None, Some(name)) => ("half_of", name),
     };
     let key = format!("joint {:?} {field}", joint.name);
-    let refuse = |bound: &str| Err(say(&key, &format!("{name:?}"), bound));
+    let refuse = |bound: &str| Err(refuse(&key, &format!("{name:?}"), bound));
     let Some(smpl) = SMPL_NAMES.iter().position(|known| known == name) else {
         return refuse(&format!("one of {}", SMPL_NAMES.join(", ")));
     };

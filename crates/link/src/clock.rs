@@ -78,7 +78,7 @@ impl Default for Clock {
 impl Clock {
     /// Takes an exchange. Returns false if it is none, or if it shows that the other clock has jumped. Then nothing is known
     /// of it any more.
-    pub fn take(&mut self, sample: Sample) -> bool {
+    pub fn add(&mut self, sample: Sample) -> bool {
         let Sample { t1, t2, t3, t4 } = sample;
         let held = i128::from(t3.0) - i128::from(t2.0);
         let away = i128::from(t4.0) - i128::from(t1.0);
@@ -176,7 +176,7 @@ mod tests {
         let mut clock = Clock::default();
         let mut now = 100_000 * MS;
         for _ in 0..5 {
-            assert!(clock.take(exchange(now, MS, 2 * MS, MS, behind)));
+            assert!(clock.add(exchange(now, MS, 2 * MS, MS, behind)));
             now += 100 * MS;
         }
         (clock, Stamp(now))
@@ -187,7 +187,7 @@ mod tests {
         let mut clock = Clock::default();
         for n in 0..3 {
             assert_eq!(clock.offset(Stamp(100_000 * MS)), None);
-            assert!(clock.take(exchange((100_000 + n) * MS, MS, 0, MS, 7 * MS)));
+            assert!(clock.add(exchange((100_000 + n) * MS, MS, 0, MS, 7 * MS)));
         }
         let now = Stamp(100_004 * MS);
         let (theta, uncertainty) = clock.offset(now).expect("synchronised");
@@ -201,12 +201,12 @@ mod tests {
     #[test]
     fn f127_jump_of_the_other_clock_leaves_it_unsynchronised() {
         let (mut clock, now) = synchronised(7 * MS);
-        assert!(!clock.take(exchange(now.0, MS, MS, MS, 7 * MS + 20 * MS)));
+        assert!(!clock.add(exchange(now.0, MS, MS, MS, 7 * MS + 20 * MS)));
         assert_eq!((clock.jumps(), clock.offset(now)), (1, None));
         // It is known again after the three exchanges that the first synchronisation took.
         for n in 1..=3 {
             assert_eq!(clock.offset(now), None);
-            assert!(clock.take(exchange(now.0 + n * 100 * MS, MS, MS, MS, 27 * MS)));
+            assert!(clock.add(exchange(now.0 + n * 100 * MS, MS, MS, MS, 27 * MS)));
         }
         assert_eq!(clock.offset(now.plus_ns(400 * MS)).expect("synchronised").0, 27 * MS as i64);
     }
@@ -218,7 +218,7 @@ mod tests {
         let stale = Sample { t2: Stamp(fresh.t2.0 - 5 * MS), t3: Stamp(fresh.t3.0 - 5 * MS), ..fresh };
         for (sample, jumps) in [(fresh, 0), (stale, 1)] {
             let clock = &mut clock.clone();
-            assert_eq!((clock.take(sample), clock.jumps()), (jumps == 0, jumps));
+            assert_eq!((clock.add(sample), clock.jumps()), (jumps == 0, jumps));
         }
     }
 
@@ -235,7 +235,7 @@ mod tests {
             Sample { t2: Stamp(u64::MAX), t3: Stamp(u64::MAX), ..good },
         ] {
             let clock = &mut clock.clone();
-            assert!(!clock.take(bad), "{bad:?}");
+            assert!(!clock.add(bad), "{bad:?}");
         }
         assert_eq!(clock.offset(now), before);
     }
@@ -256,7 +256,7 @@ mod tests {
                 let left = now + (there + held) * MS;
                 now = left + back * MS;
                 let sample = Sample { t1: Stamp(t1), t2: Stamp(t2), t3: Stamp(theirs(left)), t4: Stamp(now) };
-                prop_assert!(clock.take(sample), "{sample:?}");
+                prop_assert!(clock.add(sample), "{sample:?}");
                 let truth = now - 30 * MS;
                 if let Some(earliest) = clock.earliest(Stamp(theirs(truth)), Stamp(now)) {
                     let (_, uncertainty) = clock.offset(Stamp(now)).expect("synchronised");

@@ -202,7 +202,7 @@ impl Frame {
     ///
     /// # Errors
     /// Returns the reason why a person cannot be sent.
-    pub fn write_to(&self, out: &mut [u8; FRAME_BYTES_MAX]) -> Result<usize, Unsendable> {
+    pub fn encode(&self, out: &mut [u8; FRAME_BYTES_MAX]) -> Result<usize, Unsendable> {
         Head { kind: self.payload.kind(), ..self.head }.write_to(out);
         let body = tail_mut(out, HEAD_BYTES);
         let length = match &self.payload {

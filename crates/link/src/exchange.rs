@@ -16,7 +16,7 @@ pub(crate) struct Loss {
 }
 
 impl Loss {
-    fn note(&mut self, sequence: u64) {
+    fn count(&mut self, sequence: u64) {
         if self.received == 0 {
             self.first = sequence;
         }
@@ -93,13 +93,13 @@ impl Exchange {
     ///
     /// # Errors
     /// Returns the reason for refusing it.
-    pub(crate) fn take(&mut self, head: &Head, now: Stamp) -> Result<(), Refusal> {
+    pub(crate) fn receive(&mut self, head: &Head, now: Stamp) -> Result<(), Refusal> {
         if self.is_repeated(head) {
             return Err(Refusal::Order);
         }
         let Some(last) = self.last.get_mut(head.kind as usize - 1) else { return Err(Refusal::Kind) };
         *last = head.sequence;
-        self.loss.note(head.sequence);
+        self.loss.count(head.sequence);
         if self.echo.sequence == 0 || comes_after(head.sequence, self.echo.sequence) {
             self.echo = Echo { sequence: head.sequence, sent: head.sent, received: now };
         }
@@ -115,7 +115,7 @@ impl Exchange {
             self.clock.forget();
             return Err(Refusal::Jump);
         }
-        self.clock.take(Sample { t1: head.echo.sent, t2: head.echo.received, t3: head.sent, t4: now });
+        self.clock.add(Sample { t1: head.echo.sent, t2: head.echo.received, t3: head.sent, t4: now });
         if self.clock.jumps() == jumps { Ok(()) } else { Err(Refusal::Jump) }
     }
 }

@@ -26,7 +26,7 @@ pub use codec::{
     Verdict, person_bytes,
 };
 pub use operator_end::{Down, LinkState, OperatorEnd};
-pub use robot_end::{OPERATORS_MAX, RobotEnd, SILENCE_NS, Sent, Taken, UNCERTAINTY_MAX_NS};
+pub use robot_end::{OPERATORS_MAX, Received, RobotEnd, SILENCE_NS, Sent, UNCERTAINTY_MAX_NS};
 
 messages::named! {
     /// The reason why a datagram was refused.
@@ -74,7 +74,7 @@ impl Refused {
     }
 
     /// Returns the number that was refused for this reason.
-    pub fn of(&self, refusal: Refusal) -> u64 {
+    pub fn count_of(&self, refusal: Refusal) -> u64 {
         self.0.get(refusal as usize).copied().unwrap_or_default()
     }
 

@@ -71,7 +71,7 @@ impl OperatorEnd {
         if self.session != 0 && now.since(self.heard) > SILENCE_NS {
             (self.session, self.asked) = (0, self.exchange.sequence());
         }
-        self.write_to(Payload::Operator(*request), now, out).unwrap_or_default()
+        self.encode(Payload::Operator(*request), now, out).unwrap_or_default()
     }
 
     /// Writes a person and returns the length.
@@ -87,20 +87,20 @@ impl OperatorEnd {
         if self.session == 0 {
             return Err(Unsendable::NoSession);
         }
-        self.write_to(Payload::Person(*person), now, out)
+        self.encode(Payload::Person(*person), now, out)
     }
 
-    fn write_to(&mut self, payload: Payload, now: Stamp, out: &mut [u8; FRAME_BYTES_MAX]) -> Result<usize, Unsendable> {
+    fn encode(&mut self, payload: Payload, now: Stamp, out: &mut [u8; FRAME_BYTES_MAX]) -> Result<usize, Unsendable> {
         let head = self.exchange.head(payload.kind(), self.session, self.client, now);
         let head = Head { stops_heard: self.stops_heard, ..head };
-        Frame { head, payload }.write_to(out)
+        Frame { head, payload }.encode(out)
     }
 
     /// Takes a datagram of the robot. `now` may not be before its arrival: that looks like a jump of the clock.
     ///
     /// # Errors
     /// Returns the reason for refusing it.
-    pub fn take(&mut self, bytes: &[u8], now: Stamp) -> Result<Down, Refusal> {
+    pub fn receive(&mut self, bytes: &[u8], now: Stamp) -> Result<Down, Refusal> {
         self.judge(bytes, now).inspect_err(|refusal| self.refused.count(*refusal))
     }
 
@@ -124,7 +124,7 @@ impl OperatorEnd {
             (self.session, self.asked) = (head.session, self.exchange.sequence());
             self.exchange.restart();
         }
-        match self.exchange.take(&head, now) {
+        match self.exchange.receive(&head, now) {
             Ok(()) | Err(Refusal::Jump) => {}
             Err(refusal) => return Err(refusal),
         }

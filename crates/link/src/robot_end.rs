@@ -33,7 +33,7 @@ pub enum Sent {
 
 /// Result of a datagram.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Taken {
+pub struct Received {
     /// The operator pressed the emergency stop. A request of `outcome` carries it, too.
     pub stop: bool,
     /// Use of the datagram, or the reason for refusing it.
@@ -85,14 +85,16 @@ pub struct RobotEnd {
 
 impl RobotEnd {
     /// Takes a datagram of the operator at place `at`. `draw` draws the number of a new session, which is never zero.
-    pub fn take(&mut self, at: usize, bytes: &[u8], now: Stamp, draw: impl FnOnce() -> u64) -> Taken {
-        let Some(seat) = self.seats.get_mut(at) else { return Taken { stop: false, outcome: Err(Refusal::Session) } };
+    pub fn receive(&mut self, at: usize, bytes: &[u8], now: Stamp, draw: impl FnOnce() -> u64) -> Received {
+        let Some(seat) = self.seats.get_mut(at) else {
+            return Received { stop: false, outcome: Err(Refusal::Session) };
+        };
         let mut stop = false;
-        let outcome = seat.take(bytes, now, draw, &mut stop);
+        let outcome = seat.receive(bytes, now, draw, &mut stop);
         if let Err(refusal) = outcome {
             seat.refused.count(refusal);
         }
-        Taken { stop, outcome }
+        Received { stop, outcome }
     }
 
     /// Ends the sessions whose operators are silent. Returns their places: close their connections.
@@ -117,7 +119,7 @@ impl RobotEnd {
     pub fn answer(&mut self, at: usize, now: Stamp, out: &mut [u8; FRAME_BYTES_MAX]) -> Option<usize> {
         let answer = self.answer_of(at, now)?;
         let stop_waits = self.stop_waits;
-        self.seats.get_mut(at)?.write_to(Payload::Answer(answer), stop_waits, now, out)
+        self.seats.get_mut(at)?.encode(Payload::Answer(answer), stop_waits, now, out)
     }
 
     /// Writes the answer for a second program of the operator at place `at`, if there is one.
@@ -128,13 +130,13 @@ impl RobotEnd {
         let payload = Payload::Answer(Answer { verdict: Verdict::Busy, ..seat.state(now, gone) });
         let stops_heard = seat.stops_heard(client, stop_waits);
         let head = Head { stops_heard, echo, ..seat.exchange.head(Kind::Answer, 0, client, now) };
-        Frame { head, payload }.write_to(out).ok()
+        Frame { head, payload }.encode(out).ok()
     }
 
     /// Writes a status or a feedback for the operator at place `at`. Returns its length. `None` without a session.
     pub fn send(&mut self, at: usize, payload: Payload, now: Stamp, out: &mut [u8; FRAME_BYTES_MAX]) -> Option<usize> {
         let seat = self.seats.get_mut(at).filter(|seat| seat.session.is_some())?;
-        seat.write_to(payload, self.stop_waits, now, out)
+        seat.encode(payload, self.stop_waits, now, out)
     }
 
     /// Returns the state of the operator at place `at`. `None` if none was ever there.
@@ -160,7 +162,13 @@ impl RobotEnd {
 }
 
 impl Seat {
-    fn take(&mut self, bytes: &[u8], now: Stamp, draw: impl FnOnce() -> u64, stop: &mut bool) -> Result<Sent, Refusal> {
+    fn receive(
+        &mut self,
+        bytes: &[u8],
+        now: Stamp,
+        draw: impl FnOnce() -> u64,
+        stop: &mut bool,
+    ) -> Result<Sent, Refusal> {
         let head = Head::get(bytes)?;
         let bucket = match head.kind {
             Kind::Operator => &mut self.buckets[0],
@@ -233,7 +241,7 @@ impl Seat {
             // The clock of another program may be that of another machine.
             (self.client, self.exchange) = (head.client, Exchange::default());
         }
-        match self.exchange.take(head, now) {
+        match self.exchange.receive(head, now) {
             Ok(()) => {}
             // The new session does not need that exchange.
             Err(refusal @ (Refusal::Jump | Refusal::Echo)) => self.refused.count(refusal),
@@ -266,12 +274,12 @@ impl Seat {
                 if self.client != head.client {
                     (self.client, self.exchange) = (head.client, Exchange::default());
                 }
-                let _ = self.exchange.take(head, now);
+                let _ = self.exchange.receive(head, now);
             }
             return Err(Refusal::Session);
         };
         session.used = true;
-        self.exchange.take(head, now)
+        self.exchange.receive(head, now)
     }
 
     /// Returns true if the datagram may have been sent too long ago. Without a clock that is not known.
@@ -362,7 +370,7 @@ impl Seat {
         }
     }
 
-    fn write_to(
+    fn encode(
         &mut self,
         payload: Payload,
         stop_waits: bool,
@@ -375,6 +383,6 @@ impl Seat {
         let stops_heard = self.stops_heard(self.client, stop_waits);
         let session = self.session.map_or(0, |session| session.nonce);
         let head = Head { stops_heard, ..self.exchange.head(payload.kind(), session, self.client, now) };
-        Frame { head, payload }.write_to(out).ok()
+        Frame { head, payload }.encode(out).ok()
     }
 }

@@ -39,7 +39,7 @@ fn person(joints: u32, flags: u32, hinge: f32) -> RawSkeleton {
 
 fn bytes_of(payload: Payload) -> Vec<u8> {
     let mut out = [0; FRAME_BYTES_MAX];
-    let length = Frame { head: head(payload.kind()), payload }.write_to(&mut out).expect("it is sent");
+    let length = Frame { head: head(payload.kind()), payload }.encode(&mut out).expect("it is sent");
     out[..length].to_vec()
 }
 
@@ -81,9 +81,8 @@ fn layouts_of_most_trackers_fit_into_one_datagram() {
 
 #[test]
 fn person_with_too_many_joints_or_unknown_flags_is_not_sent() {
-    let put = |person| {
-        Frame { head: head(Kind::Person), payload: Payload::Person(person) }.write_to(&mut [0; FRAME_BYTES_MAX])
-    };
+    let put =
+        |person| Frame { head: head(Kind::Person), payload: Payload::Person(person) }.encode(&mut [0; FRAME_BYTES_MAX]);
     assert_eq!(put(person(97, 0, 0.0)), Err(Unsendable::Joints(97)));
     assert_eq!(put(person(24, 1 << 8, 0.0)), Err(Unsendable::Flags(1 << 8)));
     assert!(put(person(96, raw_flag::CLOSURE | raw_flag::CLUTCH, 0.0)).is_ok());
@@ -143,7 +142,7 @@ fn f128_random_and_mutated_datagrams_are_refused_or_valid() {
             Err(_) => refused += 1,
             Ok(frame) => {
                 let mut out = [0; FRAME_BYTES_MAX];
-                let length = frame.write_to(&mut out).expect("what was read can be sent");
+                let length = frame.encode(&mut out).expect("what was read can be sent");
                 assert_eq!(out[..length], bytes[..], "one datagram, one meaning");
             }
         }

@@ -1,9 +1,9 @@
 //! Both ends over a wire that loses, delays, repeats and reorders, with two clocks that agree in nothing.
 
+use crate::world::{Daemon, MS, World};
 use link::{Down, FRAME_BYTES_MAX, OperatorEnd, Refusal, RobotEnd, Sent, Verdict};
 use messages::{HOLDS_CLUTCH, HOLDS_ENABLE, OperatorRequest, Stamp};
 use proptest::prelude::*;
-use crate::world::{Daemon, MS, World};
 
 #[test]
 fn pressed_enable_a_release_and_a_payload_arrive_once_and_persons_are_young() {
@@ -179,11 +179,11 @@ fn f127_clock_that_jumps_releases_and_has_to_be_synchronised_again() {
         world.press();
         world.run(10);
         assert_eq!(world.holds(), (1, HOLDS_ENABLE));
-        let jumps = world.robot.refused(0).of(Refusal::Jump);
+        let jumps = world.robot.refused(0).count_of(Refusal::Jump);
         let sent = world.daemon.requests.len();
         world.ahead += jump;
         world.run(4);
-        assert!(world.robot.refused(0).of(Refusal::Jump) > jumps, "{jump}: {:?}", world.robot.refused(0));
+        assert!(world.robot.refused(0).count_of(Refusal::Jump) > jumps, "{jump}: {:?}", world.robot.refused(0));
         let released = world.daemon.requests.iter().skip(sent).any(|request| request.enable_level == 0);
         assert!(released || world.daemon.requests.len() < sent, "{jump}: released, or in a new session");
         world.run(100);
@@ -275,8 +275,8 @@ fn f129_second_program_of_an_operator_waits_until_the_first_is_silent() {
     let length = rival.heartbeat(&world.request, world.theirs(), &mut out);
     assert_eq!(world.arrive(&out[..length]).outcome, Err(Refusal::Busy));
     let length = world.robot.answer_rival(0, Stamp(world.now), &mut out).expect("an answer");
-    let told = rival.take(&out[..length], world.theirs()).expect("an answer");
-    assert!(matches!(told, Down::Answer(answer) if answer.verdict == Verdict::Busy), "{told:?}");
+    let received = rival.receive(&out[..length], world.theirs()).expect("an answer");
+    assert!(matches!(received, Down::Answer(answer) if answer.verdict == Verdict::Busy), "{received:?}");
     assert_eq!(world.robot.answer_rival(0, Stamp(world.now), &mut out), None);
     world.run(5);
     assert_eq!(world.holds(), (1, HOLDS_ENABLE), "undisturbed");
@@ -285,7 +285,7 @@ fn f129_second_program_of_an_operator_waits_until_the_first_is_silent() {
     let length = rival.heartbeat(&world.request, world.theirs(), &mut out);
     assert_eq!(world.arrive(&out[..length]).outcome, Ok(Sent::Began));
     let length = world.robot.answer(0, Stamp(world.now), &mut out).expect("an answer");
-    rival.take(&out[..length], world.theirs()).expect("the session");
+    rival.receive(&out[..length], world.theirs()).expect("the session");
     assert!(rival.is_linked(world.theirs()));
 }
 
@@ -298,14 +298,14 @@ fn f128_flood_is_refused_above_the_rate_and_disturbs_no_other_operator() {
     for n in 0..10_000_u64 {
         // 10,000 datagrams in a second, from another place.
         let length = flood.heartbeat(&world.request, Stamp(1 + n), &mut out);
-        let taken = world.robot.take(1, &out[..length], Stamp(world.now + n * MS / 10), || 9);
+        let taken = world.robot.receive(1, &out[..length], Stamp(world.now + n * MS / 10), || 9);
         admitted += u64::from(taken.outcome != Err(Refusal::Rate));
     }
     assert!((250..=266).contains(&admitted), "{admitted}");
-    assert_eq!(world.robot.refused(1).of(Refusal::Rate), 10_000 - admitted);
+    assert_eq!(world.robot.refused(1).count_of(Refusal::Rate), 10_000 - admitted);
     world.press();
     world.run(10);
-    assert_eq!((world.holds(), world.robot.refused(0).of(Refusal::Rate)), ((1, HOLDS_ENABLE), 0));
+    assert_eq!((world.holds(), world.robot.refused(0).count_of(Refusal::Rate)), ((1, HOLDS_ENABLE), 0));
 }
 
 #[test]

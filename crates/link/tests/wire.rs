@@ -188,7 +188,7 @@ impl World {
         for line in 2..4 {
             if let Some(place) = self.wires.lines[line].latest() {
                 let (bytes, theirs) = (self.wires.packets[place].clone(), self.theirs(self.now));
-                let _ = self.operator.take(&bytes, theirs);
+                let _ = self.operator.receive(&bytes, theirs);
             }
         }
         self.step_operator();
@@ -248,7 +248,7 @@ impl World {
 
     fn take(&mut self, bytes: &[u8]) {
         let now = self.now;
-        let taken = self.robot.take(0, bytes, Stamp(now), || now);
+        let taken = self.robot.receive(0, bytes, Stamp(now), || now);
         self.daemon.stops += u32::from(taken.stop && !matches!(taken.outcome, Ok(Sent::Request(_))));
         match taken.outcome {
             Ok(Sent::Began) => {
@@ -287,7 +287,7 @@ impl World {
 
     /// Takes a packet from which nothing may follow.
     fn take_at(&mut self, at: usize, bytes: &[u8]) {
-        let taken = self.robot.take(at, bytes, Stamp(self.now), || 1 << 60);
+        let taken = self.robot.receive(at, bytes, Stamp(self.now), || 1 << 60);
         assert!(matches!(taken.outcome, Ok(Sent::Began) | Err(_)) && !taken.stop, "{}: {taken:?}", self.about());
     }
 
@@ -298,13 +298,13 @@ impl World {
             let mut request = OperatorRequest { version: OPERATOR_VERSION, ..OperatorRequest::ZERO };
             (request.enable_level, request.enable_count) = (HOLDS_ENABLE, ((self.now - BEGIN) / (1000 * MS)) as u32);
             let length = end.heartbeat(&request, now, &mut out);
-            let taken = self.robot.take(at, &out[..length], now, || 1 << 50);
+            let taken = self.robot.receive(at, &out[..length], now, || 1 << 50);
             assert!(at > 0 || taken.outcome == Err(Refusal::Busy), "{}: {taken:?}", self.about());
             let answer =
                 if at == 0 { self.robot.answer_rival(0, now, &mut out) } else { self.robot.answer(at, now, &mut out) };
             if let Some(length) = answer {
-                let said = end.take(&out[..length], now);
-                let Ok(Down::Answer(answer)) = said else { panic!("{}: {said:?}", self.about()) };
+                let received = end.receive(&out[..length], now);
+                let Ok(Down::Answer(answer)) = received else { panic!("{}: {received:?}", self.about()) };
                 assert_eq!(answer.verdict == Verdict::Busy, at == 0, "{}", self.about());
             }
         }

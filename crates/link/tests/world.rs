@@ -1,6 +1,6 @@
 //! A world with both ends, the wire between them, and the daemon.
 
-use link::{Down, FRAME_BYTES_MAX, OperatorEnd, Payload, Refusal, RobotEnd, Sent, Taken, Verdict};
+use link::{Down, FRAME_BYTES_MAX, OperatorEnd, Payload, Received, Refusal, RobotEnd, Sent, Verdict};
 use messages::{HOLDS_ENABLE, Header, Layout, OPERATOR_VERSION, OperatorRequest, RawSkeleton, Stamp, Status};
 
 pub const MS: u64 = 1_000_000;
@@ -113,16 +113,16 @@ impl World {
             self.now = self.now.max(arrives);
             if up {
                 self.arrive(&bytes);
-            } else if let Ok(Down::Answer(_)) = self.operator.take(&bytes, self.theirs()) {
+            } else if let Ok(Down::Answer(_)) = self.operator.receive(&bytes, self.theirs()) {
             }
         }
         self.now = until;
     }
 
-    pub fn arrive(&mut self, bytes: &[u8]) -> Taken {
+    pub fn arrive(&mut self, bytes: &[u8]) -> Received {
         self.nonces += 1;
         let nonce = self.nonces;
-        let taken = self.robot.take(0, bytes, Stamp(self.now), || nonce);
+        let taken = self.robot.receive(0, bytes, Stamp(self.now), || nonce);
         let carried = matches!(taken.outcome, Ok(Sent::Request(_)));
         self.daemon.stops += usize::from(taken.stop && !carried);
         match taken.outcome {

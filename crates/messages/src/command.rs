@@ -39,11 +39,11 @@ pub mod state_flag {
     pub const UNSEEN: u32 = 16;
 }
 
-/// Nodes in the way of a target. The way is the person's motion after tick `k`.
-pub const WAY_NODES: usize = 24;
+/// Nodes in the limb trajectory of a target: the person's motion after tick `k`.
+pub const TRAJECTORY_NODES: usize = 24;
 /// Ticks from one node to the next: 30 ticks are 20 ms. Nodes lie at whole multiples of it.
-pub const WAY_NODE_TICKS: u64 = 30;
-/// Nodes of the way that have hands: 120 ms. Nobody predicts a hand beyond the newest skeleton.
+pub const TRAJECTORY_NODE_TICKS: u64 = 30;
+/// Nodes of the trajectory that have hands: 120 ms. Nobody predicts a hand beyond the newest skeleton.
 pub const HAND_NODES: usize = 6;
 
 message! {
@@ -73,25 +73,25 @@ message! {
         /// Session of that skeleton, mixed with the incarnation of the `ingest` that published it, the person and
         /// the arms in use. If it changes, the robot is released and needs a new enable edge.
         pub session_nonce: u64,
-        /// The person's limb rotations at the ticks (way_first + i) * `WAY_NODE_TICKS`, x y z w. Zero for a limb
+        /// The person's limb rotations at the ticks (trajectory_first + i) * `TRAJECTORY_NODE_TICKS`, x y z w. Zero for a limb
         /// without a person.
-        pub way: [[[f32; 4]; LIMBS]; WAY_NODES],
-        /// Number of the first node of the way: the first one after tick `k`.
-        pub way_first: u64,
+        pub limb_trajectory: [[[f32; 4]; LIMBS]; TRAJECTORY_NODES],
+        /// Number of the first node of the trajectory: the first one after tick `k`.
+        pub trajectory_first: u64,
         /// Number of nodes that were measured. Those after them are predicted.
-        pub way_seen: u32,
-        /// Number of nodes in the way: zero or `WAY_NODES`. If it is zero, `control` follows `q` and `dq`.
-        pub way_nodes: u32,
+        pub trajectory_measured: u32,
+        /// Number of nodes in the trajectory: zero or `TRAJECTORY_NODES`. If it is zero, `control` follows `q` and `dq`.
+        pub trajectory_nodes: u32,
         /// Rotations of the person's left and right hand at the resampled instant, as those of the limbs. Zero for a hand
         /// that is not known.
         pub human_hands: [[f64; 4]; 2],
-        /// Rotations that the robot's left and right hand should have at the first nodes of the way. A hand that comes or goes
+        /// Rotations that the robot's left and right hand should have at the first nodes of the trajectory. A hand that comes or goes
         /// is blended with a straight one. Zero for a hand that is not known.
-        pub way_hands: [[[f32; 4]; 2]; HAND_NODES],
-        /// Places that the middle of the robot's left and right hand should have at the nodes of the way, with the wrist at home: x y
+        pub hand_trajectory: [[[f32; 4]; 2]; HAND_NODES],
+        /// Places that the middle of the robot's left and right hand should have at the nodes of the trajectory, with the wrist at home: x y
         /// z in the torso frame from the origin of the arm's first joint, m, and the weight of this from 0 to 1. Zero for a hand
         /// that touches nothing.
-        pub way_places: [[[f32; 4]; 2]; WAY_NODES],
+        pub hand_places: [[[f32; 4]; 2]; TRAJECTORY_NODES],
         /// Closure of the person's left and right hand at the resampled instant, from 0 (open) to 1 (closed).
         pub closure: [f32; 2],
     }

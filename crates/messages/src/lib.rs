@@ -29,8 +29,8 @@ mod time;
 
 pub use bucket::{BURST, Bucket, RATE_MAX_HZ};
 pub use command::{
-    GripperMotion, GripperState, HAND_NODES, JointCommand, JointTarget, RobotState, StopPlan, WAY_NODE_TICKS,
-    WAY_NODES, command_flag, state_flag, target_flag,
+    GripperMotion, GripperState, HAND_NODES, JointCommand, JointTarget, RobotState, StopPlan, TRAJECTORY_NODE_TICKS,
+    TRAJECTORY_NODES, command_flag, state_flag, target_flag,
 };
 pub use fault::{FAULTS, Fault, FaultRow, Faults, Mode, Response};
 pub use feedback::{Feedback, SENTENCE_BYTES, feedback_flag};

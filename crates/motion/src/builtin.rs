@@ -106,7 +106,7 @@ const CALIBRATION_KEYS: [Key; 11] = [
 ];
 
 /// Hands wave and the head looks around for six seconds, so that both are learnt. Then look, reach, grasp a box with both
-/// hands, lift it, move it to the left, put it down and let it go.
+/// hands, lift it, move it to the left, place it down and let it go.
 const PICK_AND_PLACE_KEYS: [Key; 22] = [
     work(0.0, [T_POSE; 2], [0.0, 0.0], [0.0, 0.0]),
     work(1.0, [T_POSE; 2], [0.0, 0.0], [0.0, 0.0]),
@@ -239,24 +239,24 @@ fn standing() -> [[f32; 3]; SMPL_JOINTS] {
     // Shoulders lean back as in the T-pose that the torso frame calls upright.
     let shoulders_x = -(shoulders_z - hips_z) * TORSO_LEAN_RAD.tan();
     let mut out = [[0.0; 3]; SMPL_JOINTS];
-    let mut put = |joint: Smpl, x: f64, y: f64, z: f64| out[joint as usize] = [x as f32, y as f32, z as f32];
-    put(Smpl::Pelvis, 0.0, 0.0, hips_z + 0.03 * h);
-    put(Smpl::Spine1, shoulders_x * 0.3, 0.0, hips_z + 0.08 * h);
-    put(Smpl::Spine2, shoulders_x * 0.5, 0.0, hips_z + 0.14 * h);
-    put(Smpl::Spine3, shoulders_x * 0.6, 0.0, hips_z + 0.2 * h);
-    put(Smpl::Neck, shoulders_x, 0.0, 0.84 * h);
-    put(Smpl::Head, 0.0, 0.0, 0.91 * h);
+    let mut place = |joint: Smpl, x: f64, y: f64, z: f64| out[joint as usize] = [x as f32, y as f32, z as f32];
+    place(Smpl::Pelvis, 0.0, 0.0, hips_z + 0.03 * h);
+    place(Smpl::Spine1, shoulders_x * 0.3, 0.0, hips_z + 0.08 * h);
+    place(Smpl::Spine2, shoulders_x * 0.5, 0.0, hips_z + 0.14 * h);
+    place(Smpl::Spine3, shoulders_x * 0.6, 0.0, hips_z + 0.2 * h);
+    place(Smpl::Neck, shoulders_x, 0.0, 0.84 * h);
+    place(Smpl::Head, 0.0, 0.0, 0.91 * h);
     let left = [Smpl::LeftHip, Smpl::LeftKnee, Smpl::LeftAnkle, Smpl::LeftFoot, Smpl::LeftCollar, Smpl::LeftShoulder];
     let right =
         [Smpl::RightHip, Smpl::RightKnee, Smpl::RightAnkle, Smpl::RightFoot, Smpl::RightCollar, Smpl::RightShoulder];
     for (side, joints) in [(1.0, left), (-1.0, right)] {
         let [hip, knee, ankle, foot, collar, shoulder] = joints;
-        put(hip, 0.0, side * 0.055 * h, hips_z);
-        put(knee, 0.01 * h, side * 0.055 * h, 0.285 * h);
-        put(ankle, 0.0, side * 0.055 * h, 0.039 * h);
-        put(foot, 0.08 * h, side * 0.065 * h, 0.015 * h);
-        put(collar, shoulders_x * 0.7, side * 0.03 * h, 0.8 * h);
-        put(shoulder, shoulders_x, side * 0.105 * h, shoulders_z);
+        place(hip, 0.0, side * 0.055 * h, hips_z);
+        place(knee, 0.01 * h, side * 0.055 * h, 0.285 * h);
+        place(ankle, 0.0, side * 0.055 * h, 0.039 * h);
+        place(foot, 0.08 * h, side * 0.065 * h, 0.015 * h);
+        place(collar, shoulders_x * 0.7, side * 0.03 * h, 0.8 * h);
+        place(shoulder, shoulders_x, side * 0.105 * h, shoulders_z);
     }
     out
 }

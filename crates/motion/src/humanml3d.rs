@@ -122,7 +122,7 @@ struct Signs {
 }
 
 impl Signs {
-    fn of(values: &[f64]) -> Self {
+    fn from_features(values: &[f64]) -> Self {
         let rows = || values.chunks_exact(FEATURES);
         let count = rows().len().max(1) as f64;
         let mut heights: Vec<f64> = rows().map(|row| row[3]).collect();
@@ -173,7 +173,7 @@ fn unnormalised(
     options: &LoadOptions,
     warnings: &mut Vec<String>,
 ) -> Result<Option<Vec<f64>>, ArrayError> {
-    let signs = Signs::of(values);
+    let signs = Signs::from_features(values);
     let (mean_path, std_path) = match (&options.mean, &options.std) {
         (Some(mean), Some(std)) => (mean.clone(), std.clone()),
         (None, None) if signs.are_raw() => return Ok(None),
@@ -185,7 +185,7 @@ fn unnormalised(
     let std = statistics(&std_path)?;
     let undone = values.iter().enumerate().map(|(i, x)| x * std[i % FEATURES] + mean[i % FEATURES]);
     let undone: Vec<f64> = undone.collect();
-    let after = Signs::of(&undone);
+    let after = Signs::from_features(&undone);
     if !after.are_raw() {
         let (before, after) = (signs.text(), after.text());
         return Err(ArrayError::WrongStatistics { mean: mean_path.display().to_string(), before, after });

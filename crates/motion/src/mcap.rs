@@ -142,7 +142,7 @@ impl<R: Read> Reader<R> {
                         self.ending = Ending::BrokenOff("a record that cannot be parsed".to_owned());
                         break;
                     };
-                    if let Some(item) = self.take(record)? {
+                    if let Some(item) = self.read_record(record)? {
                         return Ok(Some(item));
                     }
                 }
@@ -153,7 +153,7 @@ impl<R: Read> Reader<R> {
         Ok(None)
     }
 
-    fn take(&mut self, record: Record<'_>) -> Result<Option<Item>, McapError> {
+    fn read_record(&mut self, record: Record<'_>) -> Result<Option<Item>, McapError> {
         match record {
             Record::Schema { header, .. } => {
                 self.schemas.insert(header.id, header.name);

@@ -151,7 +151,7 @@ mod tests {
         let file = [vec![0x89; 8], chunk(50, 100)].concat();
         meter.see(&file).expect("a small chunk");
         let bound = file.len() as u64 + 50;
-        meter.comes(bound as usize - HEAD).expect("as much as they say");
+        meter.comes(bound as usize - HEAD).expect("within the declared size");
         assert_eq!(meter.comes(0), Err(McapError::Unpacked { offset: file.len() as u64, bytes: bound + 9, bound }));
     }
 }

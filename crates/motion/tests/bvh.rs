@@ -264,18 +264,18 @@ fn frame_time_out_of_range_is_refused_with_its_bounds() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("clip.bvh");
     let good = write_bvh(&short());
-    for said in ["0", "-0.01", "0.0000099", "10.001", "11", "1e300", "NaN", "inf"] {
-        std::fs::write(&path, good.replace("0.016666667", said)).expect("saved");
-        let error = load(&path).expect_err(said).to_string();
+    for frame_time in ["0", "-0.01", "0.0000099", "10.001", "11", "1e300", "NaN", "inf"] {
+        std::fs::write(&path, good.replace("0.016666667", frame_time)).expect("saved");
+        let error = load(&path).expect_err(frame_time).to_string();
         let (file, text) = error.split_once(": ").expect("the file comes first");
         assert!(file.ends_with("clip.bvh"), "{error}");
         assert!(text.contains("Frame Time: ") && text.contains("is outside [0.00001, 10] s; write "), "{error}");
         assert!(!text.contains("+-"), "{error}");
     }
-    for said in ["0.00001", "10"] {
-        std::fs::write(&path, good.replace("0.016666667", said)).expect("saved");
-        let read = load(&path).expect(said);
-        assert_eq!(read.frame_rate_hz, 1.0 / said.parse::<f64>().expect("a number"), "{said}");
+    for frame_time in ["0.00001", "10"] {
+        std::fs::write(&path, good.replace("0.016666667", frame_time)).expect("saved");
+        let read = load(&path).expect(frame_time);
+        assert_eq!(read.frame_rate_hz, 1.0 / frame_time.parse::<f64>().expect("a number"), "{frame_time}");
     }
 }
 

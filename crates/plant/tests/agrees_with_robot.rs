@@ -67,7 +67,7 @@ fn payloads_match_robot_crate() {
         for (side, last) in [LEFT_ARM.end, RIGHT_ARM.end].into_iter().enumerate() {
             let payload = model.payload[side].unwrap();
             assert_eq!(body.payloads[side], Some((payload.mass_kg, payload.center)));
-            let theirs = inertias[last].join(&robot::Inertia::point(payload.mass_kg, payload.center));
+            let theirs = inertias[last].combined(&robot::Inertia::point(payload.mass_kg, payload.center));
             for own in [&config, &told].map(|config| &config.body().inertias[last]) {
                 assert!((own.mass_kg - theirs.mass_kg).abs() < 1e-12);
                 assert!((own.moment - theirs.center * theirs.mass_kg).amax() < 1e-12);

@@ -23,7 +23,7 @@ impl Keys {
     /// Passes each of `poses` through the human encoder, the decoder, and `refine_steps` Levenberg-Marquardt
     /// steps toward the human's limbs.
     pub fn new(model: &Model, network: &Network, poses: &[[Limbs; ARMS]], refine_steps: u32) -> Self {
-        let arm = ArmModel::of(model);
+        let arm = ArmModel::from_model(model);
         let key = |limbs: &[Limbs; ARMS]| {
             let poses = retarget::solve_poses(&arm, network, limbs, refine_steps);
             let added = poses.map(|pose| std::array::from_fn(|j| pose.q[j] - pose.decoded[j]));

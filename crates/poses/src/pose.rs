@@ -61,5 +61,5 @@ fn file_end(text: &str) -> Option<usize> {
 /// Computes all frames up to `index`. A hinge that is kept over straight elbows depends on the earlier frames.
 fn limbs_of(motion: &Motion, index: usize, calibration: CalibrationMode) -> Option<[Limbs; ARMS]> {
     let hinges = motion::calibrate(motion, calibration);
-    motion::limbs(motion, &hinges).get(index).and_then(Limbs::of_both)
+    motion::limbs(motion, &hinges).get(index).and_then(Limbs::from_message)
 }

@@ -4,7 +4,7 @@ use crate::error::PosesError;
 use crate::motions::{guesses, sway_all};
 use crate::person::{standing, with_limbs};
 use motion::{CalibrationMode, Frame, Guesses, Motion};
-use retarget::contact::{Correction, Figure, Memory, Proportions};
+use retarget::contact::{Correction, Memory, PersonGeometry, Proportions};
 use retarget::{ARM_Q, ARMS, ArmModel, ArmQ, Limbs, oracle, refine};
 use robot::Model;
 use std::path::Path;
@@ -41,20 +41,21 @@ pub fn ground_truth(model: &Model, motion: &Motion) -> Trajectory {
 /// As [`ground_truth`], for limbs that bring the hands to where the person's touch, with this weight from 0 to 1. See
 /// [`retarget::contact`].
 pub fn ground_truth_touching(model: &Model, motion: &Motion, weight: f64) -> Trajectory {
-    let arm = ArmModel::of(model);
-    let correction = Correction { robot: Proportions::of(model), weight };
+    let arm = ArmModel::from_model(model);
+    let correction = Correction { robot: Proportions::from_model(model), weight };
     let mut memory = Memory::default();
     let calibration = motion::calibrate(motion, CalibrationMode::Rig);
     let home =
         |side: usize| std::array::from_fn(|j| model.arms[side].signs[j] * model.home[model.arms[side].joints[j]]);
     let mut previous: [ArmQ; ARMS] = std::array::from_fn(home);
     let limbs = motion::limbs(motion, &calibration);
-    let people = motion.frames.iter().zip(&limbs).filter_map(|(frame, limbs)| Some((frame, Limbs::of_both(limbs)?)));
+    let people =
+        motion.frames.iter().zip(&limbs).filter_map(|(frame, limbs)| Some((frame, Limbs::from_message(limbs)?)));
     let rows = people.map(|(frame, mut arms)| {
         let seen = arms.map(Some);
-        if let Some(figure) = Figure::of(&frame.positions, &seen).filter(|_| weight > 0.0) {
+        if let Some(geometry) = PersonGeometry::measure(&frame.positions, &seen).filter(|_| weight > 0.0) {
             let touching =
-                correction.apply(&arm, &figure, (&seen, &[None; ARMS]), 1.0 / motion.frame_rate_hz, &mut memory);
+                correction.apply(&arm, &geometry, (&seen, &[None; ARMS]), 1.0 / motion.frame_rate_hz, &mut memory);
             arms = std::array::from_fn(|side| touching[side].unwrap_or(arms[side]));
         }
         previous = std::array::from_fn(|side| best(&arm, &arms[side], &previous[side]));
@@ -201,7 +202,7 @@ pub(crate) fn person(arm: &ArmModel, standing: &Frame, q: &[ArmQ; ARMS]) -> Fram
 /// U(q) and F(q) of the robot's forward kinematics. Retargeting the person gives the trajectory back, through
 /// every check of a live person. Calibrate it with `CalibrationMode::Rig`.
 pub fn to_motion(trajectory: &Trajectory, model: &Model, name: &str) -> Motion {
-    let arm = ArmModel::of(model);
+    let arm = ArmModel::from_model(model);
     let standing = standing();
     let mut frames: Vec<_> = trajectory.q.iter().map(|q| person(&arm, &standing, &own_positions(model, q))).collect();
     sway_all(&mut frames);

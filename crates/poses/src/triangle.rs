@@ -37,7 +37,7 @@ impl Triangle {
     /// # Errors
     /// Returns an error if there are not three poses, or a file is invalid. Also if a text is not a pose, and
     /// names the allowed forms.
-    pub fn of(model: &Model, network: &Network, poses: &[String]) -> Result<Self, PosesError> {
+    pub fn new(model: &Model, network: &Network, poses: &[String]) -> Result<Self, PosesError> {
         let names: &[String; 3] = poses.try_into().map_err(|_| {
             let reason = format!("{} poses; a triangle needs 3", poses.len());
             PosesError::Pose { text: poses.join(","), reason }

@@ -16,10 +16,10 @@ fn loaded() -> Loaded {
     config::load(&config, Overrides::default()).expect("the shipped settings")
 }
 
-fn of(loaded: &Loaded, poses: &[&str]) -> Triangle {
+fn triangle(loaded: &Loaded, poses: &[&str]) -> Triangle {
     let poses: Vec<String> = poses.iter().map(|&pose| pose.to_owned()).collect();
     let weights = loaded.weights.as_ref().expect("the shipped weights");
-    Triangle::of(&loaded.model, &weights.network, &poses).expect("three poses")
+    Triangle::new(&loaded.model, &weights.network, &poses).expect("three poses")
 }
 
 fn corner(n: usize) -> [f64; 3] {
@@ -48,9 +48,9 @@ fn points(count: u32) -> impl Iterator<Item = [f64; 3]> {
 #[test]
 fn triangle_corner_decodes_to_its_own_pose() {
     let loaded = loaded();
-    let (arm, network) = (ArmModel::of(&loaded.model), &loaded.weights.as_ref().expect("weights").network);
+    let (arm, network) = (ArmModel::from_model(&loaded.model), &loaded.weights.as_ref().expect("weights").network);
     for poses in [POSES, ["rest", "clap", "box"], ["cross-arms", "wave-left", "point-forward"]] {
-        let triangle = of(&loaded, &poses);
+        let triangle = triangle(&loaded, &poses);
         assert_eq!(triangle.names(), &poses.map(str::to_owned));
         for (n, pose) in poses.iter().enumerate() {
             let q = triangle.q(&corner(n));
@@ -70,7 +70,7 @@ fn triangle_corner_decodes_to_its_own_pose() {
 #[test]
 fn default_poses_are_apart_and_every_mix_is_collision_free() {
     let loaded = loaded();
-    let (model, triangle) = (&loaded.model, of(&loaded, &POSES));
+    let (model, triangle) = (&loaded.model, triangle(&loaded, &POSES));
     let mut frames = Frames::default();
     let mut least = f64::INFINITY;
     for shares in points(40) {
@@ -97,7 +97,7 @@ fn apart_deg(arm: &ArmModel, a: &[ArmQ; ARMS], b: &[ArmQ; ARMS]) -> f64 {
 #[test]
 fn arms_between_two_corners_approach_the_second_steadily() {
     let loaded = loaded();
-    let (arm, triangle) = (ArmModel::of(&loaded.model), of(&loaded, &POSES));
+    let (arm, triangle) = (ArmModel::from_model(&loaded.model), triangle(&loaded, &POSES));
     for from in 0..3 {
         for to in (0..3).filter(|&to| to != from) {
             let end = triangle.q(&corner(to));
@@ -121,7 +121,7 @@ fn arms_between_two_corners_approach_the_second_steadily() {
 #[test]
 fn ingest_accepts_all_frames_but_the_first_of_a_dragged_handle() {
     let loaded = loaded();
-    let triangle = of(&loaded, &["hands-on-head", "cross-arms", "point-forward"]);
+    let triangle = triangle(&loaded, &["hands-on-head", "cross-arms", "point-forward"]);
     let config = world::input_config(&loaded.settings.ingest, loaded.layouts.clone(), &loaded.operators);
     let (mut state, mut now) = (ingest::State::default(), Stamp(1_000_000_000));
     let mut seed = 11_u64;
@@ -165,7 +165,7 @@ fn triangle_of_wrong_number_or_unknown_poses_is_refused() {
         (vec!["t-pose", "rest", "missing.bvh@1"], "missing.bvh"),
     ] {
         let poses: Vec<String> = poses.into_iter().map(str::to_owned).collect();
-        let error = Triangle::of(&loaded.model, network, &poses).expect_err("is refused").to_string();
+        let error = Triangle::new(&loaded.model, network, &poses).expect_err("is refused").to_string();
         assert!(error.contains(expected), "{error}");
     }
 }

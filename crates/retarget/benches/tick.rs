@@ -29,7 +29,7 @@ fn shipped() -> Shipped {
     let text = |file: &str| std::fs::read_to_string(path(file)).unwrap_or_else(|error| panic!("{file}: {error}"));
     let [toml, urdf] = ["config/robots/tiago_dual.toml", "config/robots/tiago_dual.urdf"].map(text);
     let model = Model::from_text("tiago_dual.toml", &toml, "tiago_dual.urdf", &urdf).expect("the shipped robot");
-    let arm = ArmModel::of(&model);
+    let arm = ArmModel::from_model(&model);
     let mut rng = Pcg64::seed_from_u64(1);
     let q: [ArmQ; 2] = std::array::from_fn(|_| std::array::from_fn(|j| rng.random_range(arm.q_min[j]..arm.q_max[j])));
     let limbs = q.map(|q| arm.forward(&q));

@@ -1,7 +1,8 @@
 //! One arm with two limb rotations: forward model, residual with analytic Jacobian, and the metric S_GR.
 
-use messages::LIMBS;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+use robot::Limbs;
+use robot::limbs::{axis_rotation, rotate, rotation_error};
 
 /// Both arms: left, right.
 pub const ARMS: usize = 2;
@@ -14,76 +15,6 @@ pub const FEATURES: usize = 12;
 
 /// Joint positions 1 to 5 of one arm, rad.
 pub type ArmQ = [f64; ARM_Q];
-
-/// Rotations of one arm's two limbs in the torso frame (x forward, y left, z up), as differences from the T-pose.
-/// A right arm is mirrored to a left one.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Limbs {
-    /// Shoulder to elbow.
-    pub upper: UnitQuaternion<f64>,
-    /// Elbow to wrist.
-    pub fore: UnitQuaternion<f64>,
-}
-
-impl Limbs {
-    /// The T-pose.
-    pub fn identity() -> Self {
-        Self { upper: UnitQuaternion::identity(), fore: UnitQuaternion::identity() }
-    }
-
-    /// Takes the upper arm and the forearm (x y z w) of the left (0) or the right (1) arm. `None` if one of them is no
-    /// rotation.
-    pub fn of_arm(arm: usize, limbs: [[f64; 4]; 2]) -> Option<Self> {
-        let [upper, fore] = limbs.map(|limb| rotation_of_arm(arm, limb));
-        Some(Self { upper: upper?, fore: fore? })
-    }
-
-    /// Takes the limbs of both arms, indexed by `messages::Limb`. `None` if one of them is no rotation.
-    pub fn of_both(limbs: &[[f32; 4]; LIMBS]) -> Option<[Self; ARMS]> {
-        let [left_upper, left_fore, right_upper, right_fore] = limbs.map(|limb| limb.map(f64::from));
-        Some([Self::of_arm(0, [left_upper, left_fore])?, Self::of_arm(1, [right_upper, right_fore])?])
-    }
-
-    /// Interpolates both limbs at `s` between `self` (0) and `other` (1), each along the shorter arc.
-    pub fn slerp(&self, other: &Self, s: f64) -> Self {
-        Self { upper: slerp(&self.upper, &other.upper, s), fore: slerp(&self.fore, &other.fore, s) }
-    }
-
-    /// As [`Limbs::slerp`], but keeps the quaternions' signs.
-    pub(crate) fn between(&self, other: &Self, s: f64) -> Self {
-        Self { upper: slerp_signed(&self.upper, &other.upper, s), fore: slerp_signed(&self.fore, &other.fore, s) }
-    }
-}
-
-/// Two quaternions closer than this (1 - |dot|) are interpolated linearly. The error stays below 1e-12 rad, and no
-/// division by the sine of a vanishing angle occurs.
-const SLERP_LINEAR: f64 = 1e-8;
-
-/// Rotation at `s` between `a` (0) and `b` (1) on the shorter arc. q and -q are the same rotation.
-pub fn slerp(a: &UnitQuaternion<f64>, b: &UnitQuaternion<f64>, s: f64) -> UnitQuaternion<f64> {
-    slerp_signed(a, &align(b, a), s)
-}
-
-/// Returns `q` or -q, the one nearer to `reference` on the sphere. Both are the same rotation.
-pub(crate) fn align(q: &UnitQuaternion<f64>, reference: &UnitQuaternion<f64>) -> UnitQuaternion<f64> {
-    if q.coords.dot(&reference.coords) < 0.0 { UnitQuaternion::new_unchecked(-q.into_inner()) } else { *q }
-}
-
-/// Slerp on the sphere that keeps the signs. It is continuous in all arguments while a and b are not opposite.
-fn slerp_signed(a: &UnitQuaternion<f64>, b: &UnitQuaternion<f64>, s: f64) -> UnitQuaternion<f64> {
-    let dot = a.coords.dot(&b.coords).clamp(-1.0, 1.0);
-    if dot < SLERP_LINEAR - 1.0 {
-        return if s < 0.5 { *a } else { *b };
-    }
-    let (wa, wb) = if dot > 1.0 - SLERP_LINEAR {
-        (1.0 - s, s)
-    } else {
-        let angle = dot.acos();
-        let sin = angle.sin();
-        (((1.0 - s) * angle).sin() / sin, (s * angle).sin() / sin)
-    };
-    UnitQuaternion::new_normalize(Quaternion::from(a.coords * wa + b.coords * wb))
-}
 
 /// The robot's arm as the retargeting uses it: five revolute joints, two limbs.
 #[derive(Clone, Debug, PartialEq)]
@@ -145,8 +76,8 @@ impl ArmModel {
     /// Residual r = imag(q_r q_h^-1), flipped to w >= 0, per limb. |r|^2 = S_GR.
     pub fn residual(&self, q: &ArmQ, human: &Limbs) -> [f64; RESIDUALS] {
         let robot = self.forward(q);
-        let (_, upper) = error(&robot.upper, &human.upper);
-        let (_, fore) = error(&robot.fore, &human.fore);
+        let (_, upper) = rotation_error(&robot.upper, &human.upper);
+        let (_, fore) = rotation_error(&robot.fore, &human.fore);
         [upper.x, upper.y, upper.z, fore.x, fore.y, fore.z]
     }
 
@@ -165,8 +96,8 @@ impl ArmModel {
             rotate(&upper, &self.axes[3]),
             rotate(&u3, &self.axes[4]),
         ];
-        let (uw, uv) = error(&UnitQuaternion::new_unchecked(upper), &human.upper);
-        let (fw, fv) = error(&UnitQuaternion::new_unchecked(fore), &human.fore);
+        let (uw, uv) = rotation_error(&UnitQuaternion::new_unchecked(upper), &human.upper);
+        let (fw, fv) = rotation_error(&UnitQuaternion::new_unchecked(fore), &human.fore);
         let mut jacobian = [[0.0; RESIDUALS]; ARM_Q];
         for (j, (column, axis)) in jacobian.iter_mut().zip(&axes).enumerate() {
             if j < 3 {
@@ -180,11 +111,7 @@ impl ArmModel {
     }
 
     pub(crate) fn rotations(&self, q: &ArmQ) -> [Quaternion<f64>; ARM_Q] {
-        std::array::from_fn(|j| {
-            let (sin, cos) = (0.5 * (q[j] - self.reference[j])).sin_cos();
-            let axis = &self.axes[j];
-            Quaternion::new(cos, axis.x * sin, axis.y * sin, axis.z * sin)
-        })
+        std::array::from_fn(|j| axis_rotation(&self.axes[j], q[j] - self.reference[j]))
     }
 }
 
@@ -192,30 +119,17 @@ fn mul(a: &Quaternion<f64>, b: &Quaternion<f64>) -> Quaternion<f64> {
     a * b
 }
 
-/// Rotates v by the unit quaternion q: v + 2 w (u x v) + 2 u x (u x v).
-fn rotate(q: &Quaternion<f64>, v: &Vector3<f64>) -> Vector3<f64> {
-    let u = Vector3::new(q.i, q.j, q.k);
-    let t = u.cross(v) * 2.0;
-    v + t * q.w + u.cross(&t)
-}
-
-/// (w, imag) of q_r q_h^-1 with w >= 0.
-fn error(robot: &UnitQuaternion<f64>, human: &UnitQuaternion<f64>) -> (f64, Vector3<f64>) {
-    let e = robot.quaternion() * human.quaternion().conjugate();
-    let v = Vector3::new(e.i, e.j, e.k);
-    if e.w < 0.0 { (-e.w, -v) } else { (e.w, v) }
-}
-
 /// S_GR between two pairs of limbs: sum of 1 - <q_h, q_r>^2. It is computed as |imag|^2, so small errors keep
 /// their digits.
 pub fn s_gr(robot: &Limbs, human: &Limbs) -> f64 {
-    error(&robot.upper, &human.upper).1.norm_squared() + error(&robot.fore, &human.fore).1.norm_squared()
+    rotation_error(&robot.upper, &human.upper).1.norm_squared()
+        + rotation_error(&robot.fore, &human.fore).1.norm_squared()
 }
 
 /// Rotation angles between robot and person, degrees: upper arm, forearm.
 pub fn limb_error_deg(robot: &Limbs, human: &Limbs) -> [f64; 2] {
     let degrees = |r, h| {
-        let (w, v) = error(r, h);
+        let (w, v) = rotation_error(r, h);
         2.0 * v.norm().atan2(w).to_degrees()
     };
     [degrees(&robot.upper, &human.upper), degrees(&robot.fore, &human.fore)]
@@ -234,42 +148,4 @@ pub fn features(human: &Limbs) -> [f32; FEATURES] {
         }
     }
     out
-}
-
-/// Mirrors a limb rotation at the plane between left and right: (x, y, z, w) -> (-x, y, -z, w). It turns a right
-/// arm into a left arm and back.
-pub fn mirror(limb: [f64; 4]) -> [f64; 4] {
-    [-limb[0], limb[1], -limb[2], limb[3]]
-}
-
-/// Returns the rotation x y z w of the left (0) or the right (1) arm as that of a left one. `None` if it is no rotation.
-pub(crate) fn rotation_of_arm(arm: usize, xyzw: [f64; 4]) -> Option<UnitQuaternion<f64>> {
-    rotation_from_xyzw(if arm == 0 { xyzw } else { mirror(xyzw) })
-}
-
-/// Returns the rotation of a left arm as that of the left (0) or the right (1) arm, and the other way round.
-pub(crate) fn on_side(arm: usize, rotation: &UnitQuaternion<f64>) -> UnitQuaternion<f64> {
-    if arm == 0 { *rotation } else { mirrored(rotation) }
-}
-
-/// As [`mirror`], for a rotation.
-pub(crate) fn mirrored(rotation: &UnitQuaternion<f64>) -> UnitQuaternion<f64> {
-    UnitQuaternion::new_unchecked(Quaternion::new(rotation.w, -rotation.i, rotation.j, -rotation.k))
-}
-
-/// Largest deviation of a limb quaternion's squared norm from one. `ingest` normalises in f64, so a larger
-/// deviation means no rotation.
-const NORM_TOLERANCE: f64 = 1e-3;
-
-/// Returns the rotation of x y z w. `None` if it is not finite or not of unit length.
-pub fn rotation_from_xyzw(limb: [f64; 4]) -> Option<UnitQuaternion<f64>> {
-    let squared: f64 = limb.iter().map(|c| c * c).sum();
-    let unit = (squared - 1.0).abs() <= NORM_TOLERANCE;
-    unit.then(|| UnitQuaternion::new_normalize(Quaternion::new(limb[3], limb[0], limb[1], limb[2])))
-}
-
-/// Returns x y z w of a rotation.
-pub fn xyzw_from_rotation(rotation: &UnitQuaternion<f64>) -> [f64; 4] {
-    let q = rotation.quaternion();
-    [q.i, q.j, q.k, q.w]
 }

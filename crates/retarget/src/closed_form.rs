@@ -4,8 +4,9 @@ use std::f64::consts::{PI, TAU};
 
 use nalgebra::{UnitQuaternion, Vector3};
 
-use crate::arm::{ARM_Q, ArmModel, ArmQ, Limbs};
+use crate::arm::{ARM_Q, ArmModel, ArmQ};
 use crate::refine::distance;
+use robot::Limbs;
 
 /// Below this sine of the angle between upper arm axis and first joint axis, the split between joints 1 and 3 is
 /// held: the gimbal. The hold costs a limb error of at most this angle, rad.

@@ -1,88 +1,89 @@
-//! Hands that touch: where a person's hand is near the head, the chest or the other hand, the robot's goes to the same
-//! place of its own body.
-//!
-//! Limb rotations alone miss such places, because no robot has a person's proportions. With the lengths L of the
-//! stretched arms, shoulder to the middle of the hand, a hand at p of a person stands for
+//! Contact correction: brings the robot's hands to the places of its own body that the person's hands touch.
 //!
 //! ```text
-//! p' = a' + (p - a) L' / L           a: the chest, or the middle of the head
+//! hand      p' = a' + (p - a) L' / L
+//! gap       d' = d L' / L
+//! posture   q0 = argmin S_GR(q)
+//!           q' = argmin S_GR(q) + w |p(q) - p(q0) - s (p' - p(q0))|^2
+//! limbs     R' = R(q') R(q0)^-1 R
+//!
+//! p, d, R   hand position (m), distance of hand and touched surface (m) and limb rotations of the person
+//! p', d', R' those of the robot
+//! a         middle of the touched part: chest or head, m
+//! L         length of the stretched arm, shoulder to the middle of the hand, m
+//! p(q)      hand position of the robot at the posture q, m
+//! s         share of the correction, from 0 to 1
+//! w         [`WEIGHT`], 1/m^2
 //! ```
 //!
-//! of the robot. Letters without a prime belong to the person. Those with a prime belong to the robot. The robot's hand leaves
-//! p' toward the part that it touches: the chest, the head or the other hand. It stops at this distance of the surfaces:
+//! All places are in the torso frame, from the middle between the shoulders. Limb rotations alone miss the touched place,
+//! because no robot has a person's proportions.
 //!
-//! ```text
-//! d' = d L' / L          d: the person's distance of the surfaces
-//! ```
+//! The robot's hand is thicker than a person's. So p' moves away from the touched part until the surfaces have the distance
+//! d'. The surfaces are capsules, turned by forearm and wrist. Forearms have surfaces too. Where the person's forearms cross,
+//! both hands move apart along the shortest line between the person's forearms. They stop when each forearm keeps [`APART_M`]
+//! from the other arm's forearm and hand. If the forearms cross before the chest, both arms also keep [`APART_M`] from the
+//! front of the torso.
 //!
-//! A robot's hand is thicker than a person's. Its surface is that of its capsules, turned as its forearm and its wrist turn
-//! them. So are its forearms. Where a person's cross, both hands leave each other along the shortest way between the person's
-//! forearms, until each robot's forearm keeps [`APART_M`] from the other one and its hand. If they cross before the chest, both
-//! arms also leave the torso's front by as much.
+//! All persons are scaled to one adult first. The share s is zero while the hand is farther than [`FAR_M`] from every part.
+//! Then the limbs are the person's own. The search for q' starts at its last value, so it does not jump between two minima.
+//! q' is also the start of the target's posture. Near the gimbal of the shoulder the limbs alone leave a choice of the hand.
 //!
-//! The robot's limbs turn until its hand is at p'. The correction turns the person's limbs by as much:
-//!
-//! ```text
-//! q0 = argmin S_GR(q),   q' = argmin S_GR(q) + w |p(q) - p(q0) - s (p' - p(q0))|^2,   R' = R(q') R(q0)^-1 R
-//! ```
-//!
-//! Every person is grown to the size of one adult first. The share s is zero, and the limbs are the person's own, while the hand
-//! is farther than [`FAR_M`] from all of them. Near a shoulder's gimbal the same limbs leave the hand a choice, so q' is the
-//! start of the target's posture. The search for q' begins at its last value, so it does not leap between two minima. Still
-//! persons have still limbs, with two exceptions. Arms that cross right above the head of TIAGo++, and forearms of TIAGo++ or FR3
-//! in line, may swing by up to 4 degrees a frame at 60 Hz. The correction knows no other collisions. What follows it keeps the
-//! arms off the rest of the robot.
+//! Limbs of a person at rest stay at rest, with two exceptions. Arms crossed right above the head of TIAGo++, and aligned
+//! forearms of TIAGo++ or FR3, may swing by up to 4 degrees a frame at 60 Hz. The correction knows no other collisions. The
+//! stages after it keep the arms off the rest of the robot.
 
-use crate::arm::{ARMS, ArmModel, ArmQ, Limbs};
-use crate::chain::Chain;
+use crate::arm::{ARMS, ArmModel, ArmQ};
 use crate::closed_form::closed_form;
+use crate::kinematic_chain::KinematicChain;
 use crate::refine::{Objective, PRIOR_WEIGHT, Pull};
-use crate::surface::{Shape, Surface, on_side};
+use crate::smoothstep::smoothstep;
+use crate::surface::{ArmSurfaces, Surface, on_side};
 use messages::{SMPL_JOINTS, Smpl};
 use nalgebra::{Rotation3, UnitQuaternion, Vector3};
+use robot::Limbs;
 use robot::{TwoAxes, segment_distance};
 
-/// Length of a stretched arm to which every person is grown, m: a child's hands touch as an adult's. Stature of 1.75 m (Winter,
-/// Biomechanics, 4th ed., fig. 4.1: 0.186 + 0.146 + 0.054 of it). All lengths of a person below are those of this adult.
+/// Length of the stretched arm of the adult to whom every person is scaled, m. Stature of 1.75 m (Winter, Biomechanics, 4th ed.,
+/// fig. 4.1: 0.186 + 0.146 + 0.054 of it). All lengths of a person below belong to this adult.
 const ADULT_REACH_M: f64 = 0.676;
-/// Distance of the person's hand from what it may touch, m, up to which the correction is whole: a box that two hands
-/// hold. Assumption.
+/// Distance between the person's hand and a part, m, up to which the share is 1: a box held by two hands (assumption).
 pub const NEAR_M: f64 = 0.3;
-/// Distance from which there is no correction, m. Assumption.
+/// Distance from which the share is 0, m (assumption).
 pub const FAR_M: f64 = 0.45;
-/// Weight of a squared distance of the hand beside S_GR, 1/m^2. Of 40, 100 and 400, it leaves at most
-/// 1.5 cm on the eleven named motions and turns the limbs least.
+/// Weight w of the hand's squared distance against S_GR, 1/m^2. Of 40, 100 and 400, it leaves at most 1.5 cm on the eleven
+/// named motions and turns the limbs least.
 pub const WEIGHT: f64 = 100.0;
-/// Distance to which a robot's forearm is led from the other forearm and its hand, m: twice what following keeps
-/// (`control`: least clearance 10 mm and 5 mm), so that it is not in the way of an arm that is behind. Of 2 and 3 cm, 3 brought
-/// crossed hands nearer, by up to 1 cm.
+/// Distance between a robot's forearm and the other arm's forearm and hand, m. It is twice what following keeps (`control`:
+/// least clearance 10 mm and 5 mm), so a lagging arm has room. Of 2 and 3 cm, 3 brought crossed hands nearer, by up to 1 cm.
 pub const APART_M: f64 = 0.03;
-/// Distance of a person's forearms from axis to axis, m, from which they have no part in it, and up to which they have all of it
-/// (assumptions). Forearms that lie on each other are 8 cm apart.
+/// Distances between the axes of a person's forearms, m, at which the share of the crossing is 0 and 1 (assumptions). Forearms
+/// in contact are 8 cm apart.
 const CROSS_M: [f64; 2] = [0.25, 0.15];
-/// Distance of the axes below which they do not tell which forearm is on which side, m (assumption).
-const UNTOLD_M: f64 = 0.03;
-/// Time in which a correction comes or goes if a hand or the head is seen all at once, s: as a quick clap (assumption).
+/// Distance between the axes below which the side of each forearm is ambiguous, m (assumption).
+const AMBIGUOUS_M: f64 = 0.03;
+/// Time in which a share changes between 0 and 1, s: that of a quick clap (assumption).
 const SHARE_S: f64 = 0.1;
-/// Time constant of the way by which a hand leaves the other arm, s, and the most of it that one skeleton makes good. Its forearm
-/// turns with it, and with that the way: without them still arms swung, G1's by 2 degrees, and OpenArm's by 7 at 20 Hz.
+/// Time constant of the offset between the arms, s. The forearm turns with the hand, and the offset with the forearm. Without
+/// this low-pass, arms at rest swung: G1's by 2 degrees, and OpenArm's by 7 at 20 Hz.
 const APART_S: f64 = 0.02;
+/// Largest share of the remaining offset that one skeleton corrects. It serves the same purpose.
 const APART_SHARE_MAX: f64 = 0.5;
-/// Largest speed at which a hand leaves the other arm, m/s. An arm that is seen or lost all at once turns the other one no
-/// faster. Assumption: as a hand on its way.
+/// Largest speed of the offset between the arms, m/s: that of a moving hand (assumption). It bounds the motion of one arm when
+/// the other arm appears or disappears.
 const APART_MAX_M_PER_S: f64 = 2.0;
-/// Longest time between two skeletons that counts, s.
+/// Largest time step of one skeleton, s.
 const STEP_MAX_S: f64 = 0.04;
-/// Time constant of the length of the person's arm, s. A tracker finds one length again and again (assumption).
+/// Time constant of the low-pass of the person's arm length, s (assumption). A tracker measures it anew in each frame.
 const REACH_S: f64 = 1.0;
-/// Most by which the length of one skeleton counts, as a factor: a wild one does not shrink the person for long (assumption).
+/// Largest ratio of one skeleton's arm length to the low-passed one (assumption). It limits the effect of an outlier.
 const REACH_MOST: f64 = 2.0;
-/// Steps of each of the two minima. With 8, the far posture of a hand in guard was not reached, and a resting arm leapt by 10
-/// degrees in one frame.
+/// Steps of each of the two minimisations. With 8, the far posture of a guarding hand was not reached, and an arm at rest
+/// jumped by 10 degrees in one frame.
 const STEPS: u32 = 12;
-/// Rounds in which a hand comes to the right distance of chest, head and other hand. Each moves it half of the way.
+/// Rounds that move a hand to its distances from chest, head and other hand. Each covers half of the distance.
 const ROUNDS: u32 = 16;
-/// Distance of a person's chest before the middle between the shoulders, m (assumption).
+/// Distance from the middle between the shoulders forward to a person's chest, m (assumption).
 pub const CHEST_M: f64 = 0.1;
 /// Distance of the surface of a person's hand from its middle, m (assumption).
 pub const HALF_HAND_M: f64 = 0.015;
@@ -95,17 +96,17 @@ const HAND_PER_FOREARM: f64 = 0.054 / 0.146;
 /// Height of the middle of the head above the skull's lowest joint, as a share of the upper arm (ibid.: 0.935 - 0.91, and
 /// 0.186 of the stature).
 const HEAD_PER_UPPER_ARM: f64 = 0.025 / 0.186;
-/// Sum of the squared lengths of the limbs across the shoulders' line, m^2, below which they do not tell which way is up.
+/// Sum of the squared lengths of the limbs across the shoulders' line, m^2, below which the lean of the torso is unknown.
 const ACROSS_MIN_M2: f64 = 1e-4;
 
 /// The robot's proportions.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Proportions {
     /// The left arm. The right one is its mirror.
-    pub chain: Chain,
+    pub chain: KinematicChain,
     /// The joints of its wrist.
     pub wrist: TwoAxes,
-    /// Their place at the reference posture, from the middle between the shoulders, m.
+    /// Origin of its first joint at the reference posture, from the middle between the shoulders, m.
     pub wrist_at: Vector3<f64>,
     /// The head. `None` without one.
     pub head: Option<Part>,
@@ -113,48 +114,48 @@ pub struct Proportions {
     pub reach_m: f64,
     /// The left hand.
     pub hand: Surface,
-    /// The left forearm, from the first joint of the wrist. The body between both joints of the wrist counts to nothing.
+    /// The left forearm, from the first joint of the wrist. It excludes the body between both wrist joints.
     pub forearm: Surface,
-    /// Distance of the chest's surface before the middle between the shoulders, m.
+    /// Distance from the middle between the shoulders forward to the chest's surface, m.
     pub chest_m: f64,
-    /// How far the torso reaches before that middle and to its left, m.
+    /// Extent of the torso forward and to the left of that middle, m.
     pub torso_m: [f64; 2],
 }
 
 impl Proportions {
-    /// Returns how the wrist turns the left hand against its forearm if it points it as the person's.
+    /// Returns the rotation of the left hand against its forearm when the wrist points it as the person's hand.
     fn bend(&self, fore: &UnitQuaternion<f64>, hand: &UnitQuaternion<f64>) -> UnitQuaternion<f64> {
         let bend = self.wrist.rotation(self.wrist.nearest(&(fore.inverse() * hand)));
         UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(bend))
     }
 
-    /// Returns the left (0) or right (1) arm's surfaces from the middle of its hand. `turned`: of the left arm that
-    /// mirrors it, the forearm and how the wrist bends. `None` for an arm that is not seen.
-    fn shape(&self, side: usize, turned: Option<(UnitQuaternion<f64>, UnitQuaternion<f64>)>) -> Shape {
+    /// Returns the surfaces of the left (0) or right (1) arm from the middle of its hand. `turned`: rotations of the forearm and
+    /// of the wrist of the mirrored left arm. `None` for an unseen arm.
+    fn surfaces(&self, side: usize, turned: Option<(UnitQuaternion<f64>, UnitQuaternion<f64>)>) -> ArmSurfaces {
         let (fore, bend) = turned.unwrap_or_default();
         let hand = fore * bend;
         let wrist = on_side(side, hand * (self.wrist_at - self.chain.hand));
-        Shape { hand: self.hand.turned(side, &hand), forearm: self.forearm.turned(side, &fore).moved(&wrist) }
+        ArmSurfaces { hand: self.hand.turned(side, &hand), forearm: self.forearm.turned(side, &fore).moved(&wrist) }
     }
 
-    /// Returns the chain to the middle of a hand that is turned by `bend`.
-    fn bent(&self, bend: &UnitQuaternion<f64>) -> Chain {
-        Chain { hand: self.wrist_at + bend * (self.chain.hand - self.wrist_at), ..self.chain }
+    /// Returns the chain to the middle of the hand at the wrist rotation `bend`.
+    fn bent(&self, bend: &UnitQuaternion<f64>) -> KinematicChain {
+        KinematicChain { hand: self.wrist_at + bend * (self.chain.hand - self.wrist_at), ..self.chain }
     }
 }
 
-/// A part of the robot that a hand may touch.
+/// Head or chest of the robot.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Part {
     /// Middle in the torso frame, from the middle between the shoulders, m.
     pub center: Vector3<f64>,
-    /// Its surface, with its joints at home. Empty for a point.
+    /// Its surface, with its joints at home.
     pub surface: Surface,
 }
 
-/// A person's lengths and places, in the torso frame, from the middle between the shoulders, m.
+/// Places and arm length of a person, in the torso frame, from the middle between the shoulders, m.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Figure {
+pub struct PersonGeometry {
     /// Middle of the left and of the right hand.
     pub hands: [Option<Vector3<f64>>; ARMS],
     /// Elbow of the left and of the right arm.
@@ -165,10 +166,10 @@ pub struct Figure {
     pub reach_m: f64,
 }
 
-impl Figure {
-    /// Takes the lengths from the positions and the directions from the limbs, which are those of left arms. `None`
-    /// without a limb, or with positions that are not finite or coincide.
-    pub fn of(positions: &[[f32; 3]; SMPL_JOINTS], limbs: &[Option<Limbs>; ARMS]) -> Option<Self> {
+impl PersonGeometry {
+    /// Measures lengths from the positions, and directions from the limbs of left arms. `None` without a limb, or with
+    /// positions that are not finite or coincide.
+    pub fn measure(positions: &[[f32; 3]; SMPL_JOINTS], limbs: &[Option<Limbs>; ARMS]) -> Option<Self> {
         let at = |joint: Smpl| Vector3::from(positions[joint as usize]).cast::<f64>();
         let joints = [
             [Smpl::LeftShoulder, Smpl::LeftElbow, Smpl::LeftWrist],
@@ -178,7 +179,7 @@ impl Figure {
         let left = across.try_normalize(1e-6)?;
         let mut reach_m = None;
         let (mut hands, mut elbows, mut cosine, mut sine) = ([None; ARMS], [None; ARMS], 0.0, 0.0);
-        // Any front and up of the world across the shoulders' line. The limbs then tell by what angle they lean.
+        // An arbitrary front and up across the shoulders' line. The limbs then give the lean of the torso about it.
         let front = left.cross(&if left.z.abs() < 0.9 { Vector3::z() } else { Vector3::x() }).normalize();
         let up = front.cross(&left);
         for (side, limbs) in limbs.iter().enumerate() {
@@ -214,52 +215,51 @@ impl Figure {
         all.then_some(Self { hands, elbows, head, reach_m })
     }
 
-    /// Returns the person with all lengths multiplied.
-    fn grown(&self, by: f64) -> Self {
-        let grown = |place: Option<Vector3<f64>>| place.map(|place| place * by);
+    /// Returns the person with all lengths multiplied by `by`.
+    fn scaled(&self, by: f64) -> Self {
+        let scaled = |place: Option<Vector3<f64>>| place.map(|place| place * by);
         Self {
-            hands: self.hands.map(grown),
-            elbows: self.elbows.map(grown),
-            head: grown(self.head),
+            hands: self.hands.map(scaled),
+            elbows: self.elbows.map(scaled),
+            head: scaled(self.head),
             reach_m: self.reach_m * by,
         }
     }
 }
 
-/// State of an arm from one skeleton to the next.
+/// State of one arm between two skeletons.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-struct Kept {
-    /// The posture without a correction, rad.
+struct ArmMemory {
+    /// The posture q0 without a correction, rad.
     posture: Option<ArmQ>,
-    /// The posture with it, rad, and its share.
+    /// The posture q' with the correction, rad, and its share.
     touching: Option<(ArmQ, f64)>,
-    /// Shares of the chest and of the head.
+    /// Shares of the contact with the chest and with the head.
     shares: [f64; 2],
 }
 
-/// State of both arms from one skeleton to the next.
+/// State of both arms between two skeletons.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Memory {
-    arms: [Kept; ARMS],
-    /// Share of both hands that are near each other.
+    arms: [ArmMemory; ARMS],
+    /// Share of the contact between both hands.
     together: f64,
-    /// The way by which each hand leaves the other arm, m.
+    /// Offset of each hand from the other arm, m.
     apart: [Vector3<f64>; ARMS],
-    /// The last head that was seen.
+    /// The last seen head, m.
     head: Option<Vector3<f64>>,
     /// Low-passed length of the person's stretched arm, m.
     reach_m: Option<f64>,
 }
 
 impl Memory {
-    /// Returns the postures that bring the hands to where the person's touch, rad, and their shares from 0 to 1. `None` for an
-    /// arm that is far from everything.
+    /// Returns the postures q' (rad) and their shares from 0 to 1. `None` for an arm without a contact.
     pub fn postures(&self) -> [Option<(ArmQ, f64)>; ARMS] {
         [0, 1].map(|arm| self.arms[arm].touching)
     }
 }
 
-/// The robot, and how much of the correction is wanted.
+/// The robot, and the weight of the correction.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Correction {
     /// The robot's proportions.
@@ -269,12 +269,11 @@ pub struct Correction {
 }
 
 impl Correction {
-    /// Returns the limbs of left arms that bring the robot's hands to where the person's touch, `elapsed_s` after the last
-    /// call. Never allocates.
+    /// Returns the corrected limbs R' of left arms, `elapsed_s` after the last call. Never allocates.
     pub fn apply(
         &self,
         arm: &ArmModel,
-        person: &Figure,
+        person: &PersonGeometry,
         (limbs, hands): (&[Option<Limbs>; ARMS], &[Option<UnitQuaternion<f64>>; ARMS]),
         elapsed_s: f64,
         memory: &mut Memory,
@@ -285,24 +284,24 @@ impl Correction {
         let seen_m = person.reach_m.clamp(before_m / REACH_MOST, before_m * REACH_MOST);
         let reach_m = before_m + (seen_m - before_m) * (elapsed_s / REACH_S).min(1.0);
         memory.reach_m = Some(reach_m);
-        let person = person.grown(ADULT_REACH_M / reach_m);
+        let person = person.scaled(ADULT_REACH_M / reach_m);
         memory.head = person.head.or(memory.head);
         for (kept, limbs) in memory.arms.iter_mut().zip(limbs) {
             if limbs.is_none() {
-                *kept = Kept::default();
+                *kept = ArmMemory::default();
             }
         }
-        // The forearms as they were turned for the last skeleton: they turn the wrists, and with these the hands' surfaces.
+        // Forearms of the last skeleton: they turn the wrists, and the wrists turn the hands' surfaces.
         let turned = [0, 1].map(|side| {
             let fore = memory.arms[side].touching.map(|(q, _)| arm.forward(&q)).or(limbs[side])?.fore;
             Some((fore, hands[side].map_or_else(UnitQuaternion::identity, |hand| self.robot.bend(&fore, &hand))))
         });
-        let shapes = [0, 1].map(|side| self.robot.shape(side, turned[side]));
-        let aims = self.aims(&person, &shapes, elapsed_s, memory);
+        let shapes = [0, 1].map(|side| self.robot.surfaces(side, turned[side]));
+        let targets = self.hand_targets(&person, &shapes, elapsed_s, memory);
         std::array::from_fn(|side| {
             let kept = &mut memory.arms[side];
             let limbs = limbs[side]?;
-            let Some(aim) = &aims[side] else {
+            let Some(target) = &targets[side] else {
                 (kept.posture, kept.touching) = (None, None);
                 return Some(limbs);
             };
@@ -311,11 +310,11 @@ impl Correction {
             kept.posture = Some(from);
             let chain = self.robot.bent(&turned[side]?.1);
             let own = chain.hand(arm, &from);
-            let to = own + (on_side(side, aim.to) - own) * (aim.share * self.weight);
+            let to = own + (on_side(side, target.at) - own) * (target.share * self.weight);
             let pull = Pull { chain: &chain, to, weight: WEIGHT };
             let start = kept.touching.map_or(from, |(q, _)| q);
             let touching = minimum(arm, &limbs, (&from, &start), Some(pull));
-            kept.touching = Some((touching, aim.share * self.weight));
+            kept.touching = Some((touching, target.share * self.weight));
             let (from, to) = (arm.forward(&from), arm.forward(&touching));
             Some(Limbs {
                 upper: to.upper * from.upper.inverse() * limbs.upper,
@@ -324,19 +323,19 @@ impl Correction {
         })
     }
 
-    /// Returns where both hands belong, and moves the shares. `None` for a hand near nothing.
-    fn aims(
+    /// Returns the target places p' of both hands, and advances the shares. `None` for a hand without a contact.
+    fn hand_targets(
         &self,
-        person: &Figure,
-        shapes: &[Shape; ARMS],
+        person: &PersonGeometry,
+        shapes: &[ArmSurfaces; ARMS],
         elapsed_s: f64,
         memory: &mut Memory,
-    ) -> [Option<Aim>; ARMS] {
+    ) -> [Option<HandTarget>; ARMS] {
         let (robot, scale) = (&self.robot, self.robot.reach_m / ADULT_REACH_M);
         let step = elapsed_s / SHARE_S;
         let toward = |share: &mut f64, wanted: f64| *share = wanted.clamp(*share - step, *share + step);
         let near = |a: Option<Vector3<f64>>, b: Option<Vector3<f64>>| {
-            a.zip(b).map_or(0.0, |(a, b)| smooth((a - b).norm(), [FAR_M, NEAR_M]))
+            a.zip(b).map_or(0.0, |(a, b)| smoothstep((a - b).norm(), [FAR_M, NEAR_M]))
         };
         let gap_m = |a: Vector3<f64>, b: Vector3<f64>, surfaces_m: f64| ((a - b).norm() - surfaces_m).max(0.0) * scale;
         toward(&mut memory.together, near(person.hands[0], person.hands[1]));
@@ -365,8 +364,8 @@ impl Correction {
         let together_m = person.hands[0].zip(person.hands[1]).map(|(a, b)| gap_m(a, b, 2.0 * HALF_HAND_M));
         let pair = together_m.map(|gap_m| Pair { share: memory.together, gap_m, crossing: crossing(person) });
         let mut alone = to;
-        self.part(&mut alone, shapes, &touched, None);
-        self.part(&mut to, shapes, &touched, pair);
+        self.separate(&mut alone, shapes, &touched, None);
+        self.separate(&mut to, shapes, &touched, pair);
         for ((to, alone), apart) in to.iter_mut().zip(alone).zip(&mut memory.apart) {
             let wanted = to.zip(alone).map_or_else(Vector3::zeros, |(to, alone)| to - alone);
             let step = (wanted - *apart) * (elapsed_s / (APART_S + elapsed_s)).min(APART_SHARE_MAX);
@@ -375,15 +374,15 @@ impl Correction {
         }
         std::array::from_fn(|side| {
             let [chest, head] = memory.arms[side].shares;
-            Some(Aim { to: to[side]?, share: chest.max(head).max(memory.together) })
+            Some(HandTarget { at: to[side]?, share: chest.max(head).max(memory.together) })
         })
     }
 
-    /// Moves the places of both hands until their surfaces are at the right distances.
-    fn part(
+    /// Moves the places of both hands until the surfaces have the distances d'.
+    fn separate(
         &self,
         to: &mut [Option<Vector3<f64>>; ARMS],
-        shapes: &[Shape; ARMS],
+        shapes: &[ArmSurfaces; ARMS],
         touched: &[[Option<Touch>; 2]; ARMS],
         pair: Option<Pair>,
     ) {
@@ -392,15 +391,15 @@ impl Correction {
             for (side, to) in to.iter_mut().enumerate() {
                 let Some(to) = to else { continue };
                 for touch in touched[side].iter().flatten() {
-                    let way = *to - touch.part.center;
-                    let gap_m = touch.part.surface.gap_m(&shapes[side].hand, &way);
-                    *to += direction(&way) * (touch.share / 2.0 * (touch.gap_m - gap_m));
+                    let out = *to - touch.part.center;
+                    let gap_m = touch.part.surface.gap_m(&shapes[side].hand, &out);
+                    *to += direction(&out) * (touch.share / 2.0 * (touch.gap_m - gap_m));
                 }
             }
             let ([Some(left), Some(right)], Some(pair)) = (&mut *to, pair) else { continue };
-            let way = *left - *right;
-            let gap_m = right_arm.hand.gap_m(&left_arm.hand, &way);
-            let apart = direction(&way) * (pair.share / 4.0 * (pair.gap_m - gap_m));
+            let across = *left - *right;
+            let gap_m = right_arm.hand.gap_m(&left_arm.hand, &across);
+            let apart = direction(&across) * (pair.share / 4.0 * (pair.gap_m - gap_m));
             (*left, *right) = (*left + apart, *right - apart);
             let Crossing { normal, share, before } = pair.crossing;
             let crossing_m = right_arm.crossing_m(left_arm, &(*left - *right));
@@ -414,69 +413,64 @@ impl Correction {
     }
 }
 
-/// Returns how a person's forearms cross.
-fn crossing(person: &Figure) -> Crossing {
+/// Measures the crossing of a person's forearms.
+fn crossing(person: &PersonGeometry) -> Crossing {
     let [Some((a, b)), Some((c, d))] = [0, 1].map(|side| person.elbows[side].zip(person.hands[side])) else {
         return Crossing::default();
     };
     let near = segment_distance(&a, &b, &c, &d);
     let (left, right) = (a + (b - a) * near.s, c + (d - c) * near.t);
     let middle = (left + right) / 2.0;
-    let share = smooth(near.distance_m, CROSS_M) * smooth(near.distance_m, [0.0, UNTOLD_M]);
-    let before = share * smooth(middle.x, [0.0, CHEST_M]) * smooth(-middle.z, [0.0, CHEST_M]);
+    let share = smoothstep(near.distance_m, CROSS_M) * smoothstep(near.distance_m, [0.0, AMBIGUOUS_M]);
+    let before = share * smoothstep(middle.x, [0.0, CHEST_M]) * smoothstep(-middle.z, [0.0, CHEST_M]);
     Crossing { normal: direction(&(left - right)), share, before }
 }
 
-/// Something that a hand may touch.
+/// Contact of one hand with chest or head.
 #[derive(Clone, Copy, Debug)]
 struct Touch {
-    /// Share of its distance, from 0 to 1.
+    /// Share of the distance d', from 0 to 1.
     share: f64,
     part: Part,
-    /// Distance of the surfaces, m.
+    /// Distance d' of the surfaces, m.
     gap_m: f64,
 }
 
-/// Both hands.
+/// Contact of both hands with each other.
 #[derive(Clone, Copy, Debug)]
 struct Pair {
-    /// Share of their distance, from 0 to 1.
+    /// Share of the distance d', from 0 to 1.
     share: f64,
-    /// Distance of their surfaces, m.
+    /// Distance d' of the surfaces, m.
     gap_m: f64,
     /// The person's forearms.
     crossing: Crossing,
 }
 
-/// Forearms of a person that cross. Without a share they do not.
+/// Crossing of a person's forearms. The share is 0 without a crossing.
 #[derive(Clone, Copy, Debug, Default)]
 struct Crossing {
-    /// Direction from the right one to the left one where they are nearest.
+    /// Unit vector from the right forearm to the left one at their nearest points.
     normal: Vector3<f64>,
-    /// Share of this from 0 to 1.
+    /// Share of the crossing, from 0 to 1.
     share: f64,
-    /// Share of this before the chest, from 0 to 1.
+    /// Share of the crossing before the chest, from 0 to 1.
     before: f64,
 }
 
-/// Returns the unit vector along `way`. Zero if that is zero.
-fn direction(way: &Vector3<f64>) -> Vector3<f64> {
-    way.try_normalize(1e-6).unwrap_or_default()
+/// Returns the unit vector along `v`. Zero for a zero vector.
+fn direction(v: &Vector3<f64>) -> Vector3<f64> {
+    v.try_normalize(1e-6).unwrap_or_default()
 }
 
-/// Where a hand belongs, m.
-struct Aim {
-    to: Vector3<f64>,
-    /// Share of the way to there, from 0 to 1.
+/// Target of a hand.
+struct HandTarget {
+    /// Place p' of the middle of the hand, m.
+    at: Vector3<f64>,
+    /// Share s of the correction, from 0 to 1.
     share: f64,
 }
 
 fn minimum(arm: &ArmModel, human: &Limbs, (prior, start): (&ArmQ, &ArmQ), pull: Option<Pull<'_>>) -> ArmQ {
     Objective { arm, human, prior, prior_weight: PRIOR_WEIGHT, pull }.descend(start, STEPS).q
-}
-
-/// From 0 at the first of two places to 1 at the second, with a continuous slope.
-fn smooth(at: f64, [zero, one]: [f64; 2]) -> f64 {
-    let s = ((at - zero) / (one - zero)).clamp(0.0, 1.0);
-    s * s * (3.0 - 2.0 * s)
 }

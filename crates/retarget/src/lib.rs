@@ -8,12 +8,13 @@
 #![forbid(clippy::disallowed_macros, clippy::disallowed_methods, clippy::disallowed_types)]
 
 mod arm;
-mod chain;
 mod closed_form;
 mod config;
 pub mod contact;
-mod course;
+mod extrapolation;
 mod height;
+mod kinematic_chain;
+mod limb_trajectory;
 mod model;
 mod network;
 mod oracle;
@@ -23,19 +24,17 @@ mod prediction;
 mod ready;
 mod refine;
 mod resample;
+mod smoothstep;
 pub mod surface;
 mod tick;
-mod way;
 mod weights;
 
-pub use arm::{
-    ARM_Q, ARMS, ArmModel, ArmQ, FEATURES, Limbs, Linearization, RESIDUALS, features, limb_error_deg, mirror,
-    rotation_from_xyzw, s_gr, slerp, xyzw_from_rotation,
-};
-pub use chain::Chain;
+pub use arm::{ARM_Q, ARMS, ArmModel, ArmQ, FEATURES, Linearization, RESIDUALS, features, limb_error_deg, s_gr};
 pub use closed_form::{branch as closed_form_branch, closed_form};
 pub use config::{Config, ConfigError, FollowingArms, Method, REFINEMENT_STEPS_MAX, RobotArms, Settings};
+pub use extrapolation::Extrapolation;
 pub use height::{Lift, crouch_m};
+pub use kinematic_chain::KinematicChain;
 pub use network::{
     Dense, HIDDEN_MAX, LATENT, Latent, Layers, Level, Network, OVERREACH, Perceptron, Precision, WIDTH_MAX,
     interpolate_latent,
@@ -48,8 +47,9 @@ pub use prediction::{
 };
 pub use refine::{PRIOR_WEIGHT, Refined, STEP_MAX_RAD, refine};
 pub use resample::{DELAY_MAX_NS, Placed, STALE_NS, Sample, SourceClock, Track};
+pub use robot::Limbs;
+pub use robot::limbs::{mirror, rotation_from_xyzw, slerp, xyzw_from_rotation};
 pub use tick::{Counters, Input, Output, State, tick};
-pub use way::Expected;
 pub use weights::{
     ArmIdentity, FORMAT, HEADER_MAX_BYTES, Manifest, Weights, WeightsError, WriteError, read_layers, sha256_hex,
     write_weights,

@@ -5,10 +5,10 @@ use nalgebra::Vector3;
 use robot::{Frames, Model, segment_distance};
 
 use crate::arm::{ARM_Q, ArmModel, ArmQ};
-use crate::chain::Chain;
 use crate::config::{Config, ConfigError, RobotArms, Settings};
 use crate::contact::{Part, Proportions};
 use crate::height::Lift;
+use crate::kinematic_chain::KinematicChain;
 use crate::surface::Surface;
 use crate::weights::{ArmIdentity, Weights, WeightsError};
 
@@ -25,7 +25,7 @@ const TORSO_M: f64 = -0.1;
 
 impl ArmModel {
     /// Takes the left arm of `model`. The right arm is its mirror up to signs, which the model has derived.
-    pub fn of(model: &Model) -> Self {
+    pub fn from_model(model: &Model) -> Self {
         let arm = &model.arms[0];
         let limit = |bound: fn(&robot::JointLimits) -> f64| -> ArmQ {
             std::array::from_fn(|j| bound(&model.limits[arm.joints[j]]))
@@ -36,7 +36,7 @@ impl ArmModel {
 
 impl Proportions {
     /// Measures `model`, with the torso and both wrists at home.
-    pub fn of(model: &Model) -> Self {
+    pub fn from_model(model: &Model) -> Self {
         let arm = &model.arms[0];
         let mut frames = Frames::default();
         model.forward(&model.t_pose(), &mut frames);
@@ -64,7 +64,7 @@ impl Proportions {
         let chest_m = chest_m(model, &frames, middle);
         let torso_m = torso_m(model, &frames, own);
         Self {
-            chain: Chain { joints, hand },
+            chain: KinematicChain { joints, hand },
             wrist,
             wrist_at,
             head,
@@ -104,8 +104,8 @@ impl ArmIdentity {
     /// Returns the identity that weights for `model` must match. The hash covers what a network learns: joint
     /// names, axes, reference and limits of the arm. It leaves out the rest of the robot file, so a new collision
     /// capsule needs no new weights.
-    pub fn of(model: &Model) -> Self {
-        let arm = ArmModel::of(model);
+    pub fn from_model(model: &Model) -> Self {
+        let arm = ArmModel::from_model(model);
         let joints: [String; ARM_Q] = std::array::from_fn(|j| model.joint_names[model.arms[0].joints[j]].clone());
         let numbers = arm.axes.iter().flatten().chain(&arm.reference).chain(&arm.q_min).chain(&arm.q_max);
         let numbers = numbers.flat_map(|x| ((x / HASH_GRAIN).round() as i64).to_le_bytes());
@@ -121,11 +121,11 @@ fn fnv(bytes: impl Iterator<Item = u8>) -> u64 {
 
 impl RobotArms {
     /// Takes the data of `model` that a tick needs.
-    pub fn of(model: &Model) -> Self {
+    pub fn from_model(model: &Model) -> Self {
         let joints = &model.arms[0].joints;
         let velocity_max = std::array::from_fn(|j| model.limits[joints[j]].v_max);
         Self {
-            identity: ArmIdentity::of(model),
+            identity: ArmIdentity::from_model(model),
             velocity_max,
             home: model.home,
             robot: model.id(),
@@ -137,7 +137,7 @@ impl RobotArms {
                 let limits = &model.limits[joint];
                 Lift { joint, home: model.home[joint], q_min: limits.q_min, v_max: limits.v_max }
             }),
-            proportions: Proportions::of(model),
+            proportions: Proportions::from_model(model),
         }
     }
 }
@@ -145,13 +145,13 @@ impl RobotArms {
 impl Weights {
     /// Reads a weights file (manifest text and safetensors bytes) for `model`. See `Weights::read`.
     pub fn from_bytes(manifest_text: &str, bytes: &[u8], model: &Model) -> Result<Self, WeightsError> {
-        Self::read(manifest_text, bytes, &ArmIdentity::of(model))
+        Self::read(manifest_text, bytes, &ArmIdentity::from_model(model))
     }
 }
 
 impl Config {
     /// Checks the settings. See `Config::for_arms`.
     pub fn new(model: &Model, weights: Option<Weights>, settings: &Settings) -> Result<Self, ConfigError> {
-        Self::for_arms(&RobotArms::of(model), weights, settings)
+        Self::for_arms(&RobotArms::from_model(model), weights, settings)
     }
 }

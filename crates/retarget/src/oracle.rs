@@ -1,9 +1,10 @@
 //! The best posture that the arm can reach: S_GR minimised from many starts. Meant for evaluation. It allocates
 //! nothing, but is slow.
 
-use crate::arm::{ArmModel, ArmQ, Limbs};
+use crate::arm::{ArmModel, ArmQ};
 use crate::closed_form::branch;
 use crate::refine::{Refined, distance, refine};
+use robot::Limbs;
 
 /// Steps per start. Levenberg-Marquardt converges in 5 to 15 here. The rest is for starts at the edge of a basin.
 const STEPS: u32 = 40;

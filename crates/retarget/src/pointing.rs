@@ -1,14 +1,21 @@
-//! Hands and head of the person, and how they come and go.
+//! Rotations of the person's hands and head, blended in and out without a step.
+//!
+//! ```text
+//! R = slerp(1, R_seen, w),   w' = +1 / T while seen, -1 / T while not seen,   0 <= w <= 1
+//!
+//! R_seen  last seen rotation: of the hand against the forearm, or of the head in the torso frame
+//! w       weight
+//! T       blend time, s
+//! ```
 
-use crate::arm::{rotation_from_xyzw, rotation_of_arm, slerp};
 use messages::{Skeleton, skeleton_flag};
 use nalgebra::UnitQuaternion;
+use robot::limbs::{left_rotation, rotation_from_xyzw, slerp};
 
-/// Time in which a hand or a head that is seen again gets its full turn, and in which a lost one loses it, s. Half a turn
-/// then is as fast as a quick hand (assumption).
+/// Blend time T, s. Half a turn then is as fast as a quick hand (assumption).
 const BLEND_S: f64 = 1.0;
 
-/// A turn that comes and goes without a step.
+/// A rotation with a weight that changes without a step.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Blend {
     turn: UnitQuaternion<f64>,
@@ -22,7 +29,7 @@ impl Default for Blend {
 }
 
 impl Blend {
-    /// Returns the turn to take after `elapsed_s`. `None` once a lost one is gone.
+    /// Advances the weight by `elapsed_s` and returns the blended rotation. `None` at weight zero.
     pub(crate) fn next(&mut self, seen: Option<UnitQuaternion<f64>>, elapsed_s: f64) -> Option<UnitQuaternion<f64>> {
         let share = elapsed_s / BLEND_S;
         self.weight = (self.weight + if seen.is_some() { share } else { -share }).clamp(0.0, 1.0);
@@ -30,17 +37,17 @@ impl Blend {
         self.share(None)
     }
 
-    /// Returns the same share of `turn`, or of the last turn that was seen.
+    /// Blends `turn`, or the last seen rotation, at the present weight.
     pub(crate) fn share(&self, turn: Option<UnitQuaternion<f64>>) -> Option<UnitQuaternion<f64>> {
         let turn = turn.unwrap_or(self.turn);
         (self.weight > 0.0).then(|| slerp(&UnitQuaternion::identity(), &turn, self.weight))
     }
 }
 
-/// Returns the hand of one arm as that of a left arm. `None` if it is not marked valid or is no rotation.
+/// Returns the hand rotation of one arm, mirrored to a left arm. `None` if its flag is not set, or if it is no rotation.
 pub(crate) fn human_hand(skeleton: &Skeleton, arm: usize) -> Option<UnitQuaternion<f64>> {
     let valid = skeleton.flags & skeleton_flag::HAND[arm] != 0;
-    valid.then(|| rotation_of_arm(arm, skeleton.hands[arm].map(f64::from))).flatten()
+    valid.then(|| left_rotation(arm, skeleton.hands[arm].map(f64::from))).flatten()
 }
 
 /// Returns the closure of one arm's hand, from 0 (open) to 1 (closed). `None` if its flag is not set, or if it is NaN.
@@ -49,7 +56,7 @@ pub(crate) fn human_closure(skeleton: &Skeleton, arm: usize) -> Option<f64> {
     (skeleton.flags & skeleton_flag::CLOSURE[arm] != 0 && !closure.is_nan()).then(|| closure.clamp(0.0, 1.0))
 }
 
-/// Returns the head. `None` if it is not marked valid or is no rotation.
+/// Returns the head rotation. `None` if its flag is not set, or if it is no rotation.
 pub(crate) fn human_head(skeleton: &Skeleton) -> Option<UnitQuaternion<f64>> {
     let valid = skeleton.flags & skeleton_flag::HEAD != 0;
     valid.then(|| rotation_from_xyzw(skeleton.head.map(f64::from))).flatten()

@@ -1,11 +1,12 @@
-//! The way from a person's limbs to the joints of an arm: encode, decode, refine, keep. Everything that retargets
-//! takes it from here.
+//! From a person's limbs to the joints of an arm: encode, decode, refine, compare with the previous posture. All users of
+//! retargeting call this module.
 
-use crate::arm::{ArmModel, ArmQ, Limbs, features};
+use crate::arm::{ArmModel, ArmQ, features};
 use crate::closed_form::closed_form;
 use crate::network::{Latent, Network};
 use crate::refine::{PRIOR_WEIGHT, refine};
 use crate::resample::Sample;
+use robot::Limbs;
 
 /// Margin in S_GR by which another posture must be better than the network's: one limb off by 11 degrees.
 const CLEARLY_BETTER: f64 = 0.01;

@@ -6,8 +6,8 @@
 //! R(t)^-1) of the arm's own limbs at a few horizons. Ages and horizons are in seconds, so any frame rate from 20
 //! to 240 Hz works.
 
-use crate::arm::Limbs;
 use nalgebra::{UnitQuaternion, Vector3};
+use robot::Limbs;
 use safetensors::Dtype;
 use serde::{Deserialize, Serialize};
 
@@ -40,7 +40,7 @@ pub struct History {
 /// The turns of an arm's two limbs at each horizon, rad.
 pub type Turns = [[Vector3<f64>; 2]; HORIZONS_S.len()];
 
-/// Returns the rotation vector from `from` to `to`, along the shorter way, rad.
+/// Returns the rotation vector from `from` to `to`, along the shorter arc, rad.
 pub fn turn(from: &UnitQuaternion<f64>, to: &UnitQuaternion<f64>) -> Vector3<f64> {
     let q = (to * from.inverse()).into_inner();
     let (w, v) = if q.w < 0.0 { (-q.w, -q.imag()) } else { (q.w, q.imag()) };

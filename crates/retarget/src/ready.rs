@@ -25,15 +25,15 @@ pub(crate) struct Readiness {
     first: Stamp,
     count: u32,
     newest: Stamp,
-    meant: [bool; ARMS],
+    in_use: [bool; ARMS],
     ready: bool,
     /// Time at which the input was ready last. `Stamp::NONE` for a new person.
     ready_at: Stamp,
 }
 
 impl Readiness {
-    /// Notes a skeleton with at least one arm, received at `received`. `restart`: it is another person's, or it
-    /// came after silence. `stranger`: it is another person's.
+    /// Counts a skeleton with at least one arm, received at `received`. `restart`: it shows another person, or it
+    /// came after silence. `stranger`: it shows another person.
     pub(crate) fn arrived(&mut self, received: Stamp, restart: bool, stranger: bool) {
         if stranger {
             self.ready_at = Stamp::NONE;
@@ -48,11 +48,11 @@ impl Readiness {
 
     /// Returns true if there is a person to follow. Every arm in use is fresh, and the same arms have been in use
     /// since the input was steady.
-    pub(crate) fn judge(&mut self, now: Stamp, meant: [bool; ARMS], fresh: [bool; ARMS]) -> bool {
-        let seen = meant.contains(&true) && meant == fresh;
+    pub(crate) fn judge(&mut self, now: Stamp, in_use: [bool; ARMS], fresh: [bool; ARMS]) -> bool {
+        let seen = in_use.contains(&true) && in_use == fresh;
         let again = self.ready_at != Stamp::NONE && self.begun.since(self.ready_at) <= AGAIN_NS;
-        if meant != self.meant {
-            (self.meant, self.ready_at) = (meant, Stamp::NONE);
+        if in_use != self.in_use {
+            (self.in_use, self.ready_at) = (in_use, Stamp::NONE);
             self.begin(now, self.newest);
         } else if !seen {
             self.begin(now, self.newest);

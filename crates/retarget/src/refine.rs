@@ -1,9 +1,10 @@
 //! Levenberg-Marquardt on the limb residual. It takes few steps, has a fixed size, and the result is never worse
 //! than the start.
 
-use crate::arm::{ARM_Q, ArmModel, ArmQ, Limbs};
-use crate::chain::Chain;
+use crate::arm::{ARM_Q, ArmModel, ArmQ};
+use crate::kinematic_chain::KinematicChain;
 use nalgebra::Vector3;
+use robot::Limbs;
 
 /// Weight of |q - prior|^2 beside S_GR, 1/rad^2. It keeps noise near the gimbal from becoming joint motion. Half a
 /// degree of noise there moves TIAGo++'s joints by 1.89 degrees RMS. With 2e-3 it is 1.70, which costs 0.02 degrees
@@ -35,11 +36,11 @@ pub struct Refined {
     pub accepted: u32,
 }
 
-/// A place to which the middle of a left arm's hand is drawn.
+/// A quadratic cost of the hand's distance from a place.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Pull<'a> {
-    /// Way along the arm to the hand.
-    pub(crate) chain: &'a Chain,
+    /// Kinematic chain of the arm.
+    pub(crate) chain: &'a KinematicChain,
     /// The place in the torso frame, from the middle between the shoulders, m.
     pub(crate) to: Vector3<f64>,
     /// Weight of |hand - to|^2 beside S_GR, 1/m^2.

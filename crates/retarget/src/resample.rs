@@ -9,10 +9,13 @@
 use messages::{Service, Skeleton, Stamp, comes_after};
 use nalgebra::UnitQuaternion;
 
-use crate::arm::{ArmQ, Limbs, align, slerp};
+use crate::arm::ArmQ;
+use crate::extrapolation::{Extrapolation, RATE_OVER_NS};
 use crate::network::{Latent, interpolate_latent};
 use crate::prediction::{AGES_S, Turns};
-use crate::way::{Expected, RATE_OVER_NS};
+use crate::smoothstep::smoothstep;
+use robot::Limbs;
+use robot::limbs::{align, slerp};
 
 /// Silence after which the input is stale and the next skeleton is a restart, ns. It is that of the service table.
 pub const STALE_NS: u64 = Service::Skeleton.row().stale_after_ms as u64 * 1_000_000;
@@ -231,8 +234,7 @@ struct Fade {
 impl Fade {
     /// Returns the share of the new sample at `now`, from 0 to 1.
     fn share(&self, now: Stamp) -> f64 {
-        let s = ((ns(now) - self.begun) as f64 / BLEND_NS as f64).clamp(0.0, 1.0);
-        s * s * (3.0 - 2.0 * s)
+        smoothstep((ns(now) - self.begun) as f64, [0.0, BLEND_NS as f64])
     }
 }
 
@@ -246,7 +248,7 @@ pub struct Track {
     fade: Option<Fade>,
     received: Stamp,
     /// Prediction after the newest knot.
-    expected: Expected,
+    extrapolation: Extrapolation,
 }
 
 impl Default for Track {
@@ -256,8 +258,8 @@ impl Default for Track {
             source: 0,
             sample: Sample { latent: Latent::default(), limbs, hand: None, closure: None, touching: None },
         };
-        let (shown, fade, expected) = (None, None, Expected::default());
-        Self { knots: [knot; KNOTS], count: 0, newest: 0, shown, fade, received: Stamp::NONE, expected }
+        let (shown, fade, extrapolation) = (None, None, Extrapolation::default());
+        Self { knots: [knot; KNOTS], count: 0, newest: 0, shown, fade, received: Stamp::NONE, extrapolation }
     }
 }
 
@@ -284,7 +286,7 @@ impl Track {
         let old = self.age_at(placed.source - RATE_OVER_NS);
         let before = (old < self.count).then(|| self.knot(old));
         let before = before.map(|knot| (&knot.sample.limbs, placed.source - knot.source));
-        self.expected = Expected::fading(&sample.limbs, before);
+        self.extrapolation = Extrapolation::fading(&sample.limbs, before);
     }
 
     /// Time at which the newest skeleton with this arm was received.
@@ -321,8 +323,11 @@ impl Track {
         }
         let newest = self.knot(0);
         let seen = source <= newest.source;
-        let limbs =
-            if seen { self.limbs_at(source) } else { self.expected.at(&newest.sample.limbs, source - newest.source) };
+        let limbs = if seen {
+            self.limbs_at(source)
+        } else {
+            self.extrapolation.at(&newest.sample.limbs, source - newest.source)
+        };
         Some((self.faded(limbs, now), seen))
     }
 
@@ -337,8 +342,8 @@ impl Track {
     }
 
     /// Sets the prediction after the newest knot, until there is a newer one.
-    pub fn expect(&mut self, turns: &Turns) {
-        self.expected = Expected::learnt(turns);
+    pub fn extrapolate(&mut self, turns: &Turns) {
+        self.extrapolation = Extrapolation::learnt(turns);
     }
 
     /// Returns true if the arm has been seen for long enough to be predicted.
@@ -373,9 +378,9 @@ impl Track {
         low
     }
 
-    /// Returns the knots around `source` and the share of the way from the first to the second. Outside of all
+    /// Returns the knots around `source` and the share of the time from the first to the second. Outside of all
     /// knots it returns the nearest one twice.
-    fn around(&self, source: i64) -> (&Sample, &Sample, f64) {
+    fn bracket(&self, source: i64) -> (&Sample, &Sample, f64) {
         let age = self.age_at(source);
         if age == 0 || age == self.count {
             let only = &self.knot(age.min(self.count.saturating_sub(1))).sample;
@@ -389,13 +394,13 @@ impl Track {
 
     /// Interpolates between the knots around `playhead`. Outside of them it returns the nearest one.
     fn at(&self, playhead: i64) -> Sample {
-        let (from, to, share) = self.around(playhead);
+        let (from, to, share) = self.bracket(playhead);
         if std::ptr::eq(from, to) { *from } else { from.between(to, share) }
     }
 
     /// As `at`, for the limbs alone.
     fn limbs_at(&self, source: i64) -> Limbs {
-        let (from, to, share) = self.around(source);
+        let (from, to, share) = self.bracket(source);
         if std::ptr::eq(from, to) { from.limbs } else { from.limbs.between(&to.limbs, share) }
     }
 }

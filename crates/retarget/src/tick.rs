@@ -1,28 +1,30 @@
 //! The stage: skeletons in, joint targets out, 1500 times a second.
 
 use messages::{
-    Fault, Faults, JointTarget, LIMBS, Layout, PersonChange, Skeleton, Stamp, TICK_S, WAY_NODES, skeleton_flag,
+    Fault, Faults, JointTarget, LIMBS, Layout, PersonChange, Skeleton, Stamp, TICK_S, TRAJECTORY_NODES, skeleton_flag,
     target_flag,
 };
 use robot::TwoAxes;
 
-use crate::arm::{ARM_Q, ARMS, ArmQ, Limbs, limb_error_deg, on_side, xyzw_from_rotation};
+use crate::arm::{ARM_Q, ARMS, ArmQ, limb_error_deg};
 use crate::config::Config;
-use crate::contact::{Figure, Memory};
-use crate::course::{Person, Way};
+use crate::contact::{Memory, PersonGeometry};
 use crate::height::crouch_m;
+use crate::limb_trajectory::{LimbTrajectory, Person};
 use crate::network::Latent;
 use crate::pointing::{Blend, human_closure, human_hand, human_head};
 use crate::prediction::{AGES_S, History, Prediction};
 use crate::ready::Readiness;
 use crate::resample::{Sample, SourceClock, Track};
+use robot::Limbs;
+use robot::limbs::{on_side, xyzw_from_rotation};
 
 /// Velocities are differences over at most this many ticks. Beyond 10 ms a target is stale (service table).
 const VELOCITY_TICKS_MAX: u64 = 15;
-/// Time without a skeleton after which an arm is no longer used, ns (assumption). The operator goes on with the
+/// Time without a skeleton after which an arm is no longer used, ns (assumption). The operator continues with the
 /// other arm, and must enable the robot again.
 const FORGOTTEN_NS: u64 = 10_000_000_000;
-/// Longest time between two skeletons that counts, s. After a pause the lift goes on as slowly.
+/// Largest time step of one skeleton for the lift, s. After a pause the lift continues as slowly.
 const STEP_MAX_S: f64 = 0.1;
 /// Odd, so that different counts give different sessions: the multiplier of Knuth's MMIX generator.
 const FORGOTTEN_MIX: u64 = 6_364_136_223_846_793_005;
@@ -74,13 +76,14 @@ pub struct State {
     origin: Stamp,
     sequence: u64,
     session: u64,
-    /// Session of the newest skeleton, without what was forgotten, and why it is another one than before.
+    /// Session of the newest skeleton, without the count of forgotten arms.
     person: u64,
+    /// Reason why it differs from the session before.
     change: PersonChange,
     /// The newest skeleton holds the clutch.
     clutch: bool,
     counters: Counters,
-    way: Way,
+    trajectory: LimbTrajectory,
 }
 
 /// The target of one tick, with details.
@@ -119,7 +122,7 @@ pub struct Output {
 pub fn tick(config: &Config, state: &mut State, now: Stamp, input: Input<'_>) -> Output {
     let before = state.counters;
     if let Some(skeleton) = input.skeleton {
-        take(config, state, now, skeleton);
+        accept_skeleton(config, state, now, skeleton);
     }
     forget(state, now);
     let playhead = state.clock.advance(now, config.delay_ns);
@@ -144,9 +147,9 @@ pub fn tick(config: &Config, state: &mut State, now: Stamp, input: Input<'_>) ->
         state.q[arm] = Some(q);
     }
     state.k = input.k;
-    let meant = std::array::from_fn(|arm| state.q[arm].is_some());
-    let fresh = std::array::from_fn(|arm| meant[arm] && state.tracks[arm].is_fresh(now));
-    let ready = state.readiness.judge(now, meant, fresh);
+    let in_use = std::array::from_fn(|arm| state.q[arm].is_some());
+    let fresh = std::array::from_fn(|arm| in_use[arm] && state.tracks[arm].is_fresh(now));
+    let ready = state.readiness.judge(now, in_use, fresh);
     let mut out = assemble(config, state, fresh, ready, input.k, &shown);
     let elapsed_s = ticks.min(VELOCITY_TICKS_MAX) as f64 * TICK_S;
     point_hands(config, state, &shown, elapsed_s, &mut out.target);
@@ -157,21 +160,23 @@ pub fn tick(config: &Config, state: &mut State, now: Stamp, input: Input<'_>) ->
     if let (Some(lift), Some(q)) = (&config.lift, state.lift) {
         (out.target.q[lift.joint], out.target.valid_mask) = (q, out.target.valid_mask | 1 << lift.joint);
     }
-    let State { tracks, way, blends: [left, right, _], counters, .. } = state;
+    let State { tracks, trajectory, blends: [left, right, _], counters, .. } = state;
     let touches = config.correction.weight > 0.0;
     let robot = touches.then_some((&config.solver.arm, &config.correction.robot.chain));
-    let person = Person { tracks, blends: [left, right], skeletons: counters.skeletons, meant, robot };
-    way.lay(&person, input.k, playhead, now);
-    (out.target.way_first, out.target.way_nodes, out.target.way_seen) = (way.first, WAY_NODES as u32, way.seen);
-    (out.target.way, out.target.way_hands, out.target.way_places) = (way.nodes, way.hands, way.places);
+    let person = Person { tracks, blends: [left, right], skeletons: counters.skeletons, in_use, robot };
+    trajectory.update(&person, input.k, playhead, now);
+    (out.target.trajectory_first, out.target.trajectory_nodes, out.target.trajectory_measured) =
+        (trajectory.first, TRAJECTORY_NODES as u32, trajectory.measured);
+    (out.target.limb_trajectory, out.target.hand_trajectory, out.target.hand_places) =
+        (trajectory.nodes, trajectory.hands, trajectory.places);
     let dropped = state.counters.limbs_refused + state.counters.network_not_finite
         > before.limbs_refused + before.network_not_finite;
     out.faults.set(Fault::InputImplausible, dropped);
     out
 }
 
-/// Sets the wrists of the arms whose hand is known, or was until now. A hand comes as near to the person's as its wrist
-/// can bring it from the target's forearm.
+/// Sets the wrist targets of arms with a known or fading hand: the positions nearest to the person's hand, from the target's
+/// forearm.
 fn point_hands(
     config: &Config,
     state: &mut State,
@@ -220,8 +225,8 @@ fn forget(state: &mut State, now: Stamp) {
     }
 }
 
-/// Takes a new skeleton: encodes its arms and adds them to their tracks.
-fn take(config: &Config, state: &mut State, now: Stamp, skeleton: &Skeleton) {
+/// Encodes the arms of a new skeleton and adds them to their tracks.
+fn accept_skeleton(config: &Config, state: &mut State, now: Stamp, skeleton: &Skeleton) {
     // A stamp in the future would stay fresh for too long.
     let received = skeleton.received.min(now);
     let Some(placed) = state.clock.place(skeleton, received) else {
@@ -235,7 +240,7 @@ fn take(config: &Config, state: &mut State, now: Stamp, skeleton: &Skeleton) {
         // Another person has other lengths.
         state.touch = Memory::default();
     }
-    let arms = embody(config, state, skeleton, &arms, placed.source);
+    let arms = correct_contacts(config, state, skeleton, &arms, placed.source);
     let touching = state.touch.postures();
     let latents = config.solver.encode(&arms.map(|limbs| limbs.unwrap_or_else(Limbs::identity)));
     let mut used = [false; ARMS];
@@ -266,7 +271,7 @@ fn take(config: &Config, state: &mut State, now: Stamp, skeleton: &Skeleton) {
         );
     }
     if let Some(prediction) = &config.prediction {
-        expect(prediction, &mut state.tracks, used, placed.source);
+        extrapolate(prediction, &mut state.tracks, used, placed.source);
     }
     if used.contains(&true) {
         let session = session(skeleton, state.forgotten);
@@ -282,9 +287,8 @@ fn take(config: &Config, state: &mut State, now: Stamp, skeleton: &Skeleton) {
     }
 }
 
-/// Takes the person's proportions and height: returns the limbs that bring hands to where the person's touch, and moves the
-/// lift.
-fn embody(
+/// Applies the contact correction to the limbs, and moves the lift to the person's height.
+fn correct_contacts(
     config: &Config,
     state: &mut State,
     skeleton: &Skeleton,
@@ -292,33 +296,33 @@ fn embody(
     source: i64,
 ) -> [Option<Limbs>; ARMS] {
     let elapsed_s = source.saturating_sub(std::mem::replace(&mut state.source, source)).max(0) as f64 * 1e-9;
-    let Some(figure) = Figure::of(&skeleton.positions, arms) else {
+    let Some(geometry) = PersonGeometry::measure(&skeleton.positions, arms) else {
         state.touch = Memory::default();
         return *arms;
     };
     if let (Some(lift), Some(crouch_m)) = (&config.lift, crouch_m(&skeleton.positions)) {
-        let scale = config.correction.robot.reach_m / figure.reach_m;
+        let scale = config.correction.robot.reach_m / geometry.reach_m;
         let before = state.lift.unwrap_or(lift.home);
         state.lift = Some(lift.next(before, crouch_m * scale, elapsed_s.min(STEP_MAX_S)));
     }
     if config.correction.weight > 0.0 {
         let hands = [0, 1].map(|arm| human_hand(skeleton, arm));
-        config.correction.apply(&config.solver.arm, &figure, (arms, &hands), elapsed_s, &mut state.touch)
+        config.correction.apply(&config.solver.arm, &geometry, (arms, &hands), elapsed_s, &mut state.touch)
     } else {
         *arms
     }
 }
 
-/// Predicts the arms of a new skeleton at `source`. An arm that was never seen is assumed to be like the other
+/// Extrapolates the arms of a new skeleton at `source`. An arm that was never seen is assumed to equal the other
 /// one.
-fn expect(prediction: &Prediction, tracks: &mut [Track; ARMS], new: [bool; ARMS], source: i64) {
+fn extrapolate(prediction: &Prediction, tracks: &mut [Track; ARMS], new: [bool; ARMS], source: i64) {
     let pasts = [tracks[0].past(source), tracks[1].past(source)];
     for arm in 0..ARMS {
         let Some((own, own_before)) = pasts[arm].filter(|_| new[arm] && tracks[arm].is_predictable()) else { continue };
         let (other, other_before) = pasts[1 - arm].unwrap_or((own, [own; AGES_S.len()]));
         let before = std::array::from_fn(|i| [own_before[i], other_before[i]]);
         if let Some(turns) = prediction.turns(&History { newest: [own, other], before }) {
-            tracks[arm].expect(&turns);
+            tracks[arm].extrapolate(&turns);
         }
     }
 }
@@ -333,14 +337,14 @@ fn session(skeleton: &Skeleton, forgotten: u64) -> u64 {
     (skeleton.session_nonce ^ ingest ^ person ^ forgotten.wrapping_mul(FORGOTTEN_MIX)).max(1)
 }
 
-/// Returns the limbs of one arm as those of a left arm. `None` if they are not marked valid or are no rotations.
+/// Returns the limbs of one arm, mirrored to a left arm. `None` if a flag is not set, or if a limb is no rotation.
 fn human_arm(skeleton: &Skeleton, arm: usize, counters: &mut Counters) -> Option<Limbs> {
     let bits = skeleton_flag::LIMB[2 * arm] | skeleton_flag::LIMB[2 * arm + 1];
     if skeleton.flags & bits != bits {
         return None;
     }
     let limbs = [skeleton.limbs[2 * arm], skeleton.limbs[2 * arm + 1]].map(|limb| limb.map(f64::from));
-    let limbs = Limbs::of_arm(arm, limbs);
+    let limbs = Limbs::from_arm(arm, limbs);
     if limbs.is_none() {
         counters.limbs_refused += 1;
     }

@@ -3,6 +3,7 @@
 mod allocations;
 mod contact;
 mod kinematics;
+mod limb_trajectory;
 mod network;
 mod perceptron;
 mod prediction;
@@ -11,7 +12,6 @@ mod resampling;
 mod robot;
 mod smoothness;
 mod support;
-mod way;
 
 /// It counts the allocations of each thread, and each test has its own thread.
 #[global_allocator]

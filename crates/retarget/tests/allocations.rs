@@ -1,9 +1,9 @@
 //! Ten thousand ticks allocate nothing. No content of a skeleton makes a tick panic or leave the limits.
 
+use crate::support::{arm, layers, prediction, random_q, robot, skeleton, weights};
 use messages::{Skeleton, Stamp, deadline};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
-use crate::support::{arm, layers, prediction, random_q, robot, skeleton, weights};
 use retarget::{Config, Input, Method, Settings, State, tick};
 
 /// New blocks of this thread since the count began.
@@ -96,8 +96,8 @@ fn random_skeletons_never_panic_or_leave_joint_limits() {
                 }
             }
             assert!(out.target.human_limbs.iter().flatten().all(|x| x.is_finite()));
-            // Each limb of the way is a rotation or zero.
-            for limb in out.target.way.iter().flatten() {
+            // Each limb of the trajectory is a rotation or zero.
+            for limb in out.target.limb_trajectory.iter().flatten() {
                 let norm: f32 = limb.iter().map(|x| x * x).sum();
                 assert!(*limb == [0.0; 4] || (norm - 1.0).abs() < 1e-5, "{limb:?}");
             }

@@ -1,12 +1,12 @@
 //! Hands that touch: their limbs, and the limbs of hands that touch nothing.
 
+use crate::limb_trajectory::START_NS;
 use crate::support::{robot, shipped};
-use crate::way::START_NS;
-use messages::{SMPL_JOINTS, Smpl, WAY_NODES};
+use messages::{SMPL_JOINTS, Smpl, TRAJECTORY_NODES};
 use nalgebra::{UnitQuaternion, Vector3};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
-use retarget::contact::{Correction, Figure, Memory, Proportions};
+use retarget::contact::{Correction, Memory, PersonGeometry, Proportions};
 use retarget::{ARM_Q, ArmModel, Config, Limbs, Method, Settings};
 
 /// Lengths of the person's arms, shoulder to elbow and elbow to wrist, and half of the distance of the shoulders, m.
@@ -39,7 +39,7 @@ fn person(limbs: &[Limbs; 2], torso: &UnitQuaternion<f64>) -> [[f32; 3]; SMPL_JO
     positions
 }
 
-/// Returns the vector of a left arm as that of the left (0) or the right (1) arm, and the other way round.
+/// Mirrors a vector between the left arm and the left (0) or right (1) arm.
 fn on_side(side: usize, v: Vector3<f64>) -> Vector3<f64> {
     if side == 0 { v } else { Vector3::new(v.x, -v.y, v.z) }
 }
@@ -64,17 +64,17 @@ fn distance_deg(a: &Limbs, b: &Limbs) -> f64 {
 }
 
 #[test]
-fn figure_does_not_depend_on_where_the_person_faces_or_how_the_torso_leans() {
+fn geometry_does_not_depend_on_facing_or_lean() {
     let limbs = touching();
     let seen = [Some(limbs); 2];
-    let upright = Figure::of(&person(&[limbs; 2], &UnitQuaternion::identity()), &seen).expect("a person");
+    let upright = PersonGeometry::measure(&person(&[limbs; 2], &UnitQuaternion::identity()), &seen).expect("a person");
     let head = upright.head.expect("a head");
     assert!((head - Vector3::new(0.03, 0.0, 0.2 + 0.3 * 0.025 / 0.186)).norm() < 1e-5, "{head}");
     for (roll, pitch, yaw) in [(0.0, 0.4, 0.0), (0.3, -0.2, 2.5), (-0.4, 0.1, -1.2)] {
         let torso = UnitQuaternion::from_euler_angles(roll, pitch, yaw);
-        let figure = Figure::of(&person(&[limbs; 2], &torso), &seen).expect("a person");
-        assert!((figure.head.expect("a head") - head).norm() < 1e-5, "{figure:?}");
-        assert!((figure.hands[0].expect("a hand") - upright.hands[0].expect("a hand")).norm() < 1e-5);
+        let geometry = PersonGeometry::measure(&person(&[limbs; 2], &torso), &seen).expect("a person");
+        assert!((geometry.head.expect("a head") - head).norm() < 1e-5, "{geometry:?}");
+        assert!((geometry.hands[0].expect("a hand") - upright.hands[0].expect("a hand")).norm() < 1e-5);
     }
 }
 
@@ -85,8 +85,8 @@ fn child_touches_as_an_adult() {
     let adult = person(&[limbs; 2], &UnitQuaternion::identity());
     let corrected = [1.0, 0.5].map(|size| {
         let positions = adult.map(|at| if at == [0.0; 3] { at } else { at.map(|x| x * size) });
-        let (figure, mut memory) = (Figure::of(&positions, &seen).expect("a person"), Memory::default());
-        let all = (0..60).map(|_| correction().apply(&arm, &figure, (&seen, &[None; 2]), 0.02, &mut memory));
+        let (geometry, mut memory) = (PersonGeometry::measure(&positions, &seen).expect("a person"), Memory::default());
+        let all = (0..60).map(|_| correction().apply(&arm, &geometry, (&seen, &[None; 2]), 0.02, &mut memory));
         all.last().expect("frames")[0].expect("an arm")
     });
     assert!(distance_deg(&corrected[0], &corrected[1]) < 0.01, "{corrected:?}");
@@ -98,10 +98,10 @@ fn limbs_of_hands_that_touch_nothing_stay_to_the_last_bit() {
     let arm = robot().identity.arm;
     let limbs = turned(0.2, 0.3, 0.4);
     let seen = [Some(limbs); 2];
-    let figure = Figure::of(&person(&[limbs; 2], &UnitQuaternion::identity()), &seen).expect("a person");
+    let geometry = PersonGeometry::measure(&person(&[limbs; 2], &UnitQuaternion::identity()), &seen).expect("a person");
     let mut memory = Memory::default();
     for _ in 0..10 {
-        assert_eq!(correction().apply(&arm, &figure, (&seen, &[None; 2]), 0.02, &mut memory), seen);
+        assert_eq!(correction().apply(&arm, &geometry, (&seen, &[None; 2]), 0.02, &mut memory), seen);
     }
 }
 
@@ -109,11 +109,11 @@ fn limbs_of_hands_that_touch_nothing_stay_to_the_last_bit() {
 fn correction_comes_and_goes_without_a_step() {
     let (arm, limbs) = (robot().identity.arm, touching());
     let seen = [Some(limbs); 2];
-    let figure = Figure::of(&person(&[limbs; 2], &UnitQuaternion::identity()), &seen).expect("a person");
-    let unseen = Figure { head: None, ..figure };
+    let geometry = PersonGeometry::measure(&person(&[limbs; 2], &UnitQuaternion::identity()), &seen).expect("a person");
+    let unseen = PersonGeometry { head: None, ..geometry };
     let (mut memory, mut before, mut most_deg) = (Memory::default(), limbs, 0.0_f64);
     for k in 0..150 {
-        let person = if k < 75 { &figure } else { &unseen };
+        let person = if k < 75 { &geometry } else { &unseen };
         let [left, _] = correction().apply(&arm, person, (&seen, &[None; 2]), 0.01, &mut memory);
         let left = left.expect("an arm");
         most_deg = most_deg.max(distance_deg(&left, &limbs));
@@ -140,24 +140,24 @@ fn arms_apart_m(model: &robot::Model, q: &[f64; messages::JOINTS_MAX]) -> f64 {
 }
 
 /// TIAGo++, and a person whose arms cross before the chest. The left one is above.
-fn crossing() -> (robot::Model, Correction, [Option<Limbs>; 2], Figure) {
+fn crossing() -> (robot::Model, Correction, [Option<Limbs>; 2], PersonGeometry) {
     let model = shipped("tiago_dual");
-    let correction = Correction { robot: Proportions::of(&model), weight: 1.0 };
+    let correction = Correction { robot: Proportions::from_model(&model), weight: 1.0 };
     let limbs = [turned(1.6, 0.5, 1.5), turned(1.6, 0.6, 1.5)];
     let positions = person(&limbs, &UnitQuaternion::identity());
     let limbs = limbs.map(Some);
-    let figure = Figure::of(&positions, &limbs).expect("a person");
-    (model, correction, limbs, figure)
+    let geometry = PersonGeometry::measure(&positions, &limbs).expect("a person");
+    (model, correction, limbs, geometry)
 }
 
 #[test]
 fn forearms_of_crossed_arms_stay_apart_with_the_left_one_on_the_persons_side() {
-    let (model, correction, limbs, figure) = crossing();
-    let arm = ArmModel::of(&model);
-    let posture = |figure: &Figure| {
+    let (model, correction, limbs, geometry) = crossing();
+    let arm = ArmModel::from_model(&model);
+    let posture = |geometry: &PersonGeometry| {
         let mut memory = Memory::default();
         (0..60).for_each(|_| {
-            correction.apply(&arm, figure, (&limbs, &[None; 2]), 0.02, &mut memory);
+            correction.apply(&arm, geometry, (&limbs, &[None; 2]), 0.02, &mut memory);
         });
         let mut q = model.home;
         for (arm, posture) in model.arms.iter().zip(memory.postures()) {
@@ -166,7 +166,7 @@ fn forearms_of_crossed_arms_stay_apart_with_the_left_one_on_the_persons_side() {
         }
         q
     };
-    let q = posture(&figure);
+    let q = posture(&geometry);
     let mut frames = robot::Frames::default();
     model.forward(&q, &mut frames);
     let [left, right] = [0, 1].map(|side| frames.base_from_body[model.arms[side].joints[6] + 1].t);
@@ -174,7 +174,7 @@ fn forearms_of_crossed_arms_stay_apart_with_the_left_one_on_the_persons_side() {
     assert!(apart_m > 0.02, "{apart_m} m apart");
     assert!(left.z > right.z + 0.05, "the left hand is at {left}, the right one at {right}");
     // Nobody knows how forearms without elbows lie.
-    let blind_m = arms_apart_m(&model, &posture(&Figure { elbows: [None; 2], ..figure }));
+    let blind_m = arms_apart_m(&model, &posture(&PersonGeometry { elbows: [None; 2], ..geometry }));
     assert!(blind_m < -0.05, "these arms do not need the correction: {blind_m} m apart");
 }
 
@@ -182,10 +182,10 @@ fn forearms_of_crossed_arms_stay_apart_with_the_left_one_on_the_persons_side() {
 fn folded(wrist: Vector3<f64>) -> Limbs {
     let shoulder = Vector3::y() * SHOULDER_M;
     // Shoulder, elbow and wrist form a triangle.
-    let way = wrist - shoulder;
-    let along_m = (way.norm_squared() + UPPER_M * UPPER_M - FORE_M * FORE_M) / (2.0 * way.norm());
-    let down = (-Vector3::z() + way * (way.z / way.norm_squared())).normalize();
-    let elbow = shoulder + way.normalize() * along_m + down * (UPPER_M * UPPER_M - along_m * along_m).sqrt();
+    let reach = wrist - shoulder;
+    let along_m = (reach.norm_squared() + UPPER_M * UPPER_M - FORE_M * FORE_M) / (2.0 * reach.norm());
+    let down = (-Vector3::z() + reach * (reach.z / reach.norm_squared())).normalize();
+    let elbow = shoulder + reach.normalize() * along_m + down * (UPPER_M * UPPER_M - along_m * along_m).sqrt();
     limbs_of(elbow - shoulder, wrist - elbow)
 }
 
@@ -220,16 +220,16 @@ fn in_line() -> Vec<[Limbs; 2]> {
 fn still_person_whose_arms_cross_has_still_limbs() {
     for name in ["tiago_dual", "unitree_g1", "rby1a", "openarm_v10", "franka_fr3_duo"] {
         let model = shipped(name);
-        let arm = ArmModel::of(&model);
-        let correction = Correction { robot: Proportions::of(&model), weight: 1.0 };
+        let arm = ArmModel::from_model(&model);
+        let correction = Correction { robot: Proportions::from_model(&model), weight: 1.0 };
         for (fold, limbs) in folds().chain(in_line()).enumerate() {
             for rate_hz in [20.0, 60.0] {
                 let positions = person(&limbs, &UnitQuaternion::identity());
                 let limbs = limbs.map(Some);
-                let figure = Figure::of(&positions, &limbs).expect("a person");
+                let geometry = PersonGeometry::measure(&positions, &limbs).expect("a person");
                 let (mut memory, mut before, mut most_deg) = (Memory::default(), limbs, 0.0_f64);
                 for k in 0..300 {
-                    let out = correction.apply(&arm, &figure, (&limbs, &[None; 2]), 1.0 / rate_hz, &mut memory);
+                    let out = correction.apply(&arm, &geometry, (&limbs, &[None; 2]), 1.0 / rate_hz, &mut memory);
                     for (now, before) in out.iter().flatten().zip(before.iter().flatten()).filter(|_| k >= 200) {
                         most_deg = most_deg.max(distance_deg(now, before));
                     }
@@ -257,13 +257,14 @@ fn folds() -> impl Iterator<Item = [Limbs; 2]> {
 #[test]
 fn arms_that_cross_over_the_head_do_not_leave_the_torso() {
     let model = shipped("unitree_g1");
-    let (arm, robot) = (ArmModel::of(&model), Proportions::of(&model));
+    let (arm, robot) = (ArmModel::from_model(&model), Proportions::from_model(&model));
     let [with, without] = [robot.torso_m, [-9.0, 0.0]].map(|torso_m| {
         let correction = Correction { robot: Proportions { torso_m, ..robot }, weight: 1.0 };
         [2, 3].map(|over| {
             let limbs = in_line()[over];
-            let figure = Figure::of(&person(&limbs, &UnitQuaternion::identity()), &limbs.map(Some)).expect("a person");
-            correction.apply(&arm, &figure, (&limbs.map(Some), &[None; 2]), 0.02, &mut Memory::default())
+            let geometry = PersonGeometry::measure(&person(&limbs, &UnitQuaternion::identity()), &limbs.map(Some))
+                .expect("a person");
+            correction.apply(&arm, &geometry, (&limbs.map(Some), &[None; 2]), 0.02, &mut Memory::default())
         })
     });
     assert_eq!(with, without);
@@ -273,7 +274,8 @@ fn arms_that_cross_over_the_head_do_not_leave_the_torso() {
 fn noise_of_folded_arms_is_not_magnified() {
     for name in ["tiago_dual", "unitree_g1", "rby1a", "openarm_v10", "franka_fr3_duo"] {
         let model = shipped(name);
-        let (arm, correction) = (ArmModel::of(&model), Correction { robot: Proportions::of(&model), weight: 1.0 });
+        let (arm, correction) =
+            (ArmModel::from_model(&model), Correction { robot: Proportions::from_model(&model), weight: 1.0 });
         let mut rng = Pcg64::seed_from_u64(5);
         let (mut seen, mut turned) = (Vec::new(), Vec::new());
         for clean in folds() {
@@ -288,8 +290,8 @@ fn noise_of_folded_arms_is_not_magnified() {
                     limbs_of(limbs.upper * Vector3::y() * UPPER_M + elbow, fore)
                 });
                 let (positions, limbs) = (person(&limbs, &UnitQuaternion::identity()), limbs.map(Some));
-                let figure = Figure::of(&positions, &limbs).expect("a person");
-                let out = correction.apply(&arm, &figure, (&limbs, &[None; 2]), 1.0 / 60.0, &mut memory);
+                let geometry = PersonGeometry::measure(&positions, &limbs).expect("a person");
+                let out = correction.apply(&arm, &geometry, (&limbs, &[None; 2]), 1.0 / 60.0, &mut memory);
                 let now = [limbs, out].map(|limbs| limbs.map(|limbs| limbs.expect("an arm")));
                 if let Some([limbs, out]) = before.replace(now).filter(|_| k >= 40) {
                     for side in 0..2 {
@@ -311,44 +313,45 @@ fn noise_of_folded_arms_is_not_magnified() {
 }
 
 #[test]
-fn way_has_the_places_of_hands_that_touch() {
-    let person_at: crate::way::Person = |t_s| [turned(0.5, 1.0, 1.8 + 0.4 * (3.0 * t_s).sin()); 2];
+fn trajectory_has_places_of_touching_hands() {
+    let person_at: crate::limb_trajectory::Person = |t_s| [turned(0.5, 1.0, 1.8 + 0.4 * (3.0 * t_s).sin()); 2];
     let model = shipped("tiago_dual");
     let settings = Settings { method: Method::ClosedForm, contact_weight: 1.0, ..Settings::default() };
     let config = Config::new(&model, None, &settings).expect("a configuration");
-    let (arm, correction) = (ArmModel::of(&model), Correction { robot: Proportions::of(&model), weight: 1.0 });
+    let (arm, correction) =
+        (ArmModel::from_model(&model), Correction { robot: Proportions::from_model(&model), weight: 1.0 });
     let chain = &correction.robot.chain;
     let mut memory = Memory::default();
-    let (mut skeletons, mut places) = (crate::way::source_at(person_at, 3.0, 60.0), Vec::new());
+    let (mut skeletons, mut places) = (crate::limb_trajectory::source_at(person_at, 3.0, 60.0), Vec::new());
     for skeleton in &mut skeletons {
         let t_s = (skeleton.received.0 - START_NS) as f64 * 1e-9;
         skeleton.positions = person(&person_at(t_s), &UnitQuaternion::identity());
         let limbs = person_at(t_s).map(Some);
-        let figure = Figure::of(&skeleton.positions, &limbs).expect("a person");
-        correction.apply(&arm, &figure, (&limbs, &[None; 2]), 1.0 / 60.0, &mut memory);
+        let geometry = PersonGeometry::measure(&skeleton.positions, &limbs).expect("a person");
+        correction.apply(&arm, &geometry, (&limbs, &[None; 2]), 1.0 / 60.0, &mut memory);
         let (q, share) = memory.postures()[0].expect("a hand that touches");
         places.push((t_s, chain.hand(&arm, &q) - chain.joints[0], share));
     }
     let (mut seen, mut partial, mut ahead_m, mut still_m) = (0, 0, Vec::new(), Vec::new());
-    for (now, target) in &crate::way::run(&config, &skeletons, 2.4)[1500..] {
-        for i in 0..WAY_NODES {
-            let t_s = crate::way::shown_s(*now, target, i);
+    for (now, target) in &crate::limb_trajectory::run(&config, &skeletons, 2.4)[1500..] {
+        for i in 0..TRAJECTORY_NODES {
+            let t_s = crate::limb_trajectory::shown_s(*now, target, i);
             let after = places.partition_point(|place| place.0 < t_s);
             let ((from_s, from, first), (to_s, to, last)) = (places[after - 1], places[after]);
             let along = (t_s - from_s) / (to_s - from_s);
             let (expected, share) = (from + (to - from) * along, first + (last - first) * along);
-            let [left, right] = target.way_places[i].map(|[x, y, z, _]| Vector3::new(x, y, z).cast::<f64>());
+            let [left, right] = target.hand_places[i].map(|[x, y, z, _]| Vector3::new(x, y, z).cast::<f64>());
             assert!((left - on_side(1, right)).norm() < 1e-5, "a person who is a mirror image: {left} {right}");
             let off_m = (left - expected).norm();
-            if i < target.way_seen as usize {
-                let weight = f64::from(target.way_places[i][0][3]);
+            if i < target.trajectory_measured as usize {
+                let weight = f64::from(target.hand_places[i][0][3]);
                 assert!((weight - share * share).abs() < 0.01, "node {i}: {weight}");
                 assert!(off_m < 2e-3, "node {i}: {off_m} m off");
                 seen += 1;
                 partial += u32::from(share < 0.7);
-            } else if i == target.way_seen as usize + 4 {
+            } else if i == target.trajectory_measured as usize + 4 {
                 ahead_m.push(off_m);
-                let newest = target.way_places[target.way_seen as usize - 1][0];
+                let newest = target.hand_places[target.trajectory_measured as usize - 1][0];
                 still_m.push((Vector3::new(newest[0], newest[1], newest[2]).cast::<f64>() - expected).norm());
             }
         }
@@ -363,13 +366,13 @@ fn way_has_the_places_of_hands_that_touch() {
 
 #[test]
 fn arm_that_is_seen_or_lost_all_at_once_across_the_other_one_turns_it_without_a_step() {
-    let (model, correction, limbs, figure) = crossing();
-    let arm = ArmModel::of(&model);
-    let alone = Figure { hands: [figure.hands[0], None], elbows: [figure.elbows[0], None], ..figure };
+    let (model, correction, limbs, geometry) = crossing();
+    let arm = ArmModel::from_model(&model);
+    let alone = PersonGeometry { hands: [geometry.hands[0], None], elbows: [geometry.elbows[0], None], ..geometry };
     let (mut memory, mut before, mut begun) = (Memory::default(), None, None);
     let mut most_deg = 0.0_f64;
     for k in 0..150 {
-        let (person, seen) = if (50..100).contains(&k) { (&figure, limbs) } else { (&alone, [limbs[0], None]) };
+        let (person, seen) = if (50..100).contains(&k) { (&geometry, limbs) } else { (&alone, [limbs[0], None]) };
         let [left, _] = correction.apply(&arm, person, (&seen, &[None; 2]), 0.01, &mut memory);
         let left = left.expect("an arm");
         if k >= 50 {
@@ -387,19 +390,19 @@ fn hand_that_is_nowhere_or_not_finite_leaves_the_limbs() {
     let limbs = touching();
     let seen = [Some(limbs); 2];
     let right = person(&[limbs; 2], &UnitQuaternion::identity());
-    assert_eq!(Figure::of(&[[0.0; 3]; SMPL_JOINTS], &seen), None);
-    assert_eq!(Figure::of(&right, &[None; 2]), None);
+    assert_eq!(PersonGeometry::measure(&[[0.0; 3]; SMPL_JOINTS], &seen), None);
+    assert_eq!(PersonGeometry::measure(&right, &[None; 2]), None);
     for joint in [Smpl::LeftShoulder, Smpl::RightShoulder, Smpl::LeftElbow, Smpl::LeftWrist, Smpl::Head] {
         for wrong in [f32::NAN, f32::INFINITY] {
             let mut positions = right;
             positions[joint as usize][1] = wrong;
-            assert_eq!(Figure::of(&positions, &seen), None, "{joint:?} {wrong}");
+            assert_eq!(PersonGeometry::measure(&positions, &seen), None, "{joint:?} {wrong}");
         }
     }
     let one = [Some(limbs), None];
-    let figure = Figure::of(&right, &one).expect("a person");
+    let geometry = PersonGeometry::measure(&right, &one).expect("a person");
     let corrected =
-        correction().apply(&robot().identity.arm, &figure, (&one, &[None; 2]), 0.02, &mut Memory::default());
+        correction().apply(&robot().identity.arm, &geometry, (&one, &[None; 2]), 0.02, &mut Memory::default());
     assert!(corrected[0].is_some() && corrected[1].is_none());
 }
 
@@ -407,7 +410,7 @@ fn hand_that_is_nowhere_or_not_finite_leaves_the_limbs() {
 fn chain_ends_where_the_robots_kinematics_have_the_hand() {
     for name in ["tiago_dual", "unitree_g1", "rby1a"] {
         let model = shipped(name);
-        let (arm, robot) = (ArmModel::of(&model), Proportions::of(&model));
+        let (arm, robot) = (ArmModel::from_model(&model), Proportions::from_model(&model));
         let mut frames = robot::Frames::default();
         for shift in [0.0, 0.2, -0.3] {
             let left: [f64; ARM_Q] = std::array::from_fn(|j| arm.mid()[j] + shift * arm.half()[j]);

@@ -1,11 +1,13 @@
 //! Prediction beyond the newest skeleton, learnt from recorded motion: the shipped weights.
 
+use crate::limb_trajectory::{
+    Person, START_NS, apart, config, node, run, shown_s, skeleton, source_at, stands, swings, turn,
+};
 use crate::support::{prediction, prediction_files};
-use crate::way::{Person, START_NS, apart, config, node, run, shown_s, skeleton, source_at, stands, swings, turn};
 
 use std::f64::consts::TAU;
 
-use messages::{JointTarget, Skeleton, Stamp, WAY_NODES, skeleton_flag};
+use messages::{JointTarget, Skeleton, Stamp, TRAJECTORY_NODES, skeleton_flag};
 use nalgebra::Vector3;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
@@ -14,7 +16,7 @@ use retarget::{
     turns_at,
 };
 
-const DELAY_MS: u64 = crate::way::DELAY_MS;
+const DELAY_MS: u64 = crate::limb_trajectory::DELAY_MS;
 
 fn learnt() -> Config {
     config(DELAY_MS).with_prediction(Some(prediction()))
@@ -41,7 +43,7 @@ fn newest_s(skeletons: &[Skeleton], now: Stamp) -> f64 {
 fn off_deg(config: &Config, skeletons: &[Skeleton], person: Person, arms: &[usize]) -> f64 {
     let (mut sum, mut count) = (0.0, 0.0);
     for (now, target) in &run(config, skeletons, 3.9)[1500..] {
-        for i in target.way_seen as usize..WAY_NODES {
+        for i in target.trajectory_measured as usize..TRAJECTORY_NODES {
             let then = person(shown_s(*now, target, i));
             for &arm in arms {
                 let limbs = node(target, i)[arm].expect("it is meant");
@@ -116,7 +118,7 @@ fn nodes_match_learnt_map_at_any_rate() {
         let mut looked = 0;
         for (now, target) in run(&learnt(), &skeletons, 1.9)[1500..].iter().step_by(7) {
             let newest_s = newest_s(&skeletons, *now);
-            for i in target.way_seen as usize..WAY_NODES {
+            for i in target.trajectory_measured as usize..TRAJECTORY_NODES {
                 let ahead_s = shown_s(*now, target, i) - newest_s;
                 let want = expected(&prediction, swings, newest_s, ahead_s);
                 for (limbs, want) in node(target, i).into_iter().zip(&want) {
@@ -132,7 +134,7 @@ fn nodes_match_learnt_map_at_any_rate() {
 
 /// Returns true if any node differs.
 fn differ(a: &JointTarget, b: &JointTarget) -> bool {
-    a.way != b.way
+    a.limb_trajectory != b.limb_trajectory
 }
 
 #[test]
@@ -160,7 +162,7 @@ fn arm_seen_for_less_than_200_ms_continues_by_fading_turn() {
 #[test]
 fn standing_person_is_predicted_to_stand_by_learnt_map() {
     for (_, target) in &run(&learnt(), &source_at(stands, 1.0, 60.0), 0.9)[600..] {
-        for i in 0..WAY_NODES {
+        for i in 0..TRAJECTORY_NODES {
             for (limbs, want) in node(target, i).into_iter().zip(stands(0.0)) {
                 assert!(apart(&limbs.expect("both arms are meant"), &want) < 2e-3, "node {i}");
             }
@@ -184,14 +186,14 @@ fn prediction_is_bounded_and_falls_back_on_infinite_sums() {
     let mut farthest = 0.0_f64;
     for (now, target) in &wild[600..] {
         let newest = swings(newest_s(&skeletons, *now));
-        let last = node(target, WAY_NODES - 1)[0].expect("it is meant");
+        let last = node(target, TRAJECTORY_NODES - 1)[0].expect("it is meant");
         farthest = farthest.max(last.upper.angle_to(&newest[0].upper));
     }
     assert!(farthest > 1.8 && farthest <= 2.002, "{farthest} rad");
     // Infinite sums: as without a map.
     let none = run(&config(DELAY_MS).with_prediction(Some(one_weight(3e38))), &source_at(wide, 1.0, 60.0), 0.9);
     let plain = run(&config(DELAY_MS), &source_at(wide, 1.0, 60.0), 0.9);
-    assert!(none.iter().zip(&plain).all(|(none, plain)| none.1.way == plain.1.way));
+    assert!(none.iter().zip(&plain).all(|(none, plain)| none.1.limb_trajectory == plain.1.limb_trajectory));
     assert!(wild.iter().zip(&fading).any(|(wild, fading)| differ(&wild.1, &fading.1)));
 }
 
@@ -210,7 +212,7 @@ fn flawed_prediction_files_are_refused_with_reason() {
         Err(error) => error.to_string(),
     };
     assert_eq!(refused(&text, &tensors), "accepted");
-    for (from, to, said) in [
+    for (from, to, message) in [
         ("format = 1", "format = 2", "format is 2, expected 1"),
         ("ages_s = [0.017", "ages_s = [0.018", "ages_s"),
         ("0.48]", "0.5]", "horizons_s"),
@@ -220,7 +222,7 @@ fn flawed_prediction_files_are_refused_with_reason() {
     ] {
         assert!(text.contains(from), "{from}");
         let found = refused(&text.replacen(from, to, 1), &tensors);
-        assert!(found.contains(said), "{to}: {found}");
+        assert!(found.contains(message), "{to}: {found}");
     }
     let mut bent = tensors.clone();
     *bent.last_mut().expect("bytes") ^= 1;

@@ -14,7 +14,7 @@ fn shipped(edit: impl Fn(String) -> String) -> Model {
 
 #[test]
 fn shipped_robot_arm_matches_hand_computed_model() {
-    let (arm, design) = (ArmModel::of(&shipped(|text| text)), support::arm());
+    let (arm, design) = (ArmModel::from_model(&shipped(|text| text)), support::arm());
     for (axis, want) in arm.axes.iter().zip(&design.axes) {
         assert!((axis - want).norm() < 1e-6, "{axis} instead of {want}");
     }
@@ -26,7 +26,7 @@ fn shipped_robot_arm_matches_hand_computed_model() {
 fn f094_f101_weights_fit_only_their_arm_regardless_of_comments() {
     let model = shipped(|text| text);
     let layers = support::layers(1, 2, 16);
-    let (bytes, text) = write_weights(&layers, &Manifest::new(&ArmIdentity::of(&model), &layers)).unwrap();
+    let (bytes, text) = write_weights(&layers, &Manifest::new(&ArmIdentity::from_model(&model), &layers)).unwrap();
     let commented = shipped(|text| text + "\n# A comment.\n");
     assert_ne!(commented.hash, model.hash);
     let weights = Weights::from_bytes(&text, &bytes, &commented).expect("a comment changes nothing");

@@ -51,7 +51,7 @@ fn largest_deg(a: &ArmQ, b: &ArmQ) -> f64 {
 #[test]
 fn noise_near_gimbal_lock_moves_joints_within_bounds() {
     let model = model();
-    let (arm, network) = (ArmModel::of(&model), shipped(&model).network);
+    let (arm, network) = (ArmModel::from_model(&model), shipped(&model).network);
     let mut rng = Pcg64::seed_from_u64(41);
     let mut figures = Vec::new();
     for steps in [0, 2] {
@@ -99,7 +99,7 @@ fn arm_at_gimbal(rng: &mut Pcg64, arm: &ArmModel) -> Limbs {
 fn noise_at_gimbal_of_any_robot_moves_joints_within_bounds() {
     for name in support::ROBOTS {
         let model = support::shipped(name);
-        let (arm, network) = (ArmModel::of(&model), shipped(&model).network);
+        let (arm, network) = (ArmModel::from_model(&model), shipped(&model).network);
         let mut rng = Pcg64::seed_from_u64(43);
         let (mut squares, mut count, mut worst) = (0.0, 0, 0.0_f64);
         for _ in 0..3000 {
@@ -124,7 +124,7 @@ fn noise_at_gimbal_of_any_robot_moves_joints_within_bounds() {
 fn output_is_continuous_when_joint_crosses_its_limit() {
     const STEP_DEG: f64 = 0.1;
     let model = model();
-    let arm = ArmModel::of(&model);
+    let arm = ArmModel::from_model(&model);
     let settings = Settings { following_delay_ms: 0.0, ..Settings::default() };
     let config = Config::new(&model, Some(shipped(&model)), &settings).expect("a configuration");
     let mut rng = Pcg64::seed_from_u64(42);

@@ -39,11 +39,11 @@ pub fn convert(file: &str, text: &str) -> Result<String, RobotError> {
     let mut arms = Table::new();
     for side in ["left", "right"] {
         let keys: Vec<String> = (1..=7).map(|i| format!("{side}_{i}")).collect();
-        let of_arm = names(&keys.iter().map(String::as_str).collect::<Vec<_>>())?;
+        let arm_points = names(&keys.iter().map(String::as_str).collect::<Vec<_>>())?;
         let t_pose = |joint: &Value| joint.as_str().and_then(|joint| reference.get(joint)).cloned();
         let mut arm = limbs.get(side).and_then(Value::as_table).cloned().unwrap_or_default();
-        arm.insert("reference_rad".into(), Value::Array(of_arm.iter().take(5).filter_map(t_pose).collect()));
-        arm.insert("joints".into(), Value::Array(of_arm));
+        arm.insert("reference_rad".into(), Value::Array(arm_points.iter().take(5).filter_map(t_pose).collect()));
+        arm.insert("joints".into(), Value::Array(arm_points));
         arms.insert(side.into(), Value::Table(arm));
     }
     let mut groups = Table::new();

@@ -1,6 +1,6 @@
 //! Limits in force: those of the URDF, with the robot file's additions and tighter values.
 
-use crate::chain::Chain;
+use crate::commanded::CommandedJoints;
 use crate::error::RobotError;
 use crate::file::{Group, Limits, Tighten};
 use crate::limits::{JointLimits, Plausible};
@@ -11,9 +11,13 @@ use urdf_rs::JointType;
 
 impl Source<'_> {
     /// Returns the limits of the URDF, after a check that all are plausible.
-    pub(crate) fn urdf_limits(&self, chain: &Chain, tree: &Tree) -> Result<[JointLimits; JOINTS_MAX], RobotError> {
+    pub(crate) fn urdf_limits(
+        &self,
+        commanded: &CommandedJoints,
+        tree: &Tree,
+    ) -> Result<[JointLimits; JOINTS_MAX], RobotError> {
         let mut limits = [NO_JOINT; JOINTS_MAX];
-        for (limits, at) in limits.iter_mut().zip(&chain.at) {
+        for (limits, at) in limits.iter_mut().zip(&commanded.at) {
             *limits = self.limits_of(&tree.joints[*at])?;
         }
         Ok(limits)
@@ -21,7 +25,7 @@ impl Source<'_> {
 
     /// Returns the URDF's limits of a joint, after a check that they are plausible.
     pub(crate) fn limits_of(&self, joint: &UrdfJoint) -> Result<JointLimits, RobotError> {
-        let (limit, plausible) = (&joint.limit, Plausible::of(joint.kind == JointType::Prismatic));
+        let (limit, plausible) = (&joint.limit, Plausible::for_joint(joint.kind == JointType::Prismatic));
         let refuse = |key: &str, value: f64, bound: String| Err(self.joint(self.urdf, &joint.name, key, value, bound));
         for (key, value) in [("limit lower", limit.lower), ("limit upper", limit.upper)] {
             if !(value.abs() <= plausible.position) {
@@ -82,7 +86,7 @@ impl Source<'_> {
         stop_time_max_ms: f64,
     ) -> Result<JointLimits, RobotError> {
         let (margin, velocity, acceleration, jerk) = self.of_group(name, prismatic, group_name, group)?;
-        let plausible = Plausible::of(prismatic);
+        let plausible = Plausible::for_joint(prismatic);
         let refuse = |key: &str, value: f64, bound: String| self.joint(self.toml, name, key, value, bound);
         let reach = 0.5 * (urdf.q_max - urdf.q_min);
         if !(margin >= 0.0 && margin < reach) {

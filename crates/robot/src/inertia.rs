@@ -1,7 +1,7 @@
 //! Masses of the bodies. The inertials of the URDF's links are merged where joints are fixed or held.
 
 use crate::error::RobotError;
-use crate::model::{Link, Model};
+use crate::model::{BodyLink, Model};
 use crate::pose::Pose;
 use messages::JOINTS_MAX;
 use nalgebra::{Matrix3, Vector3};
@@ -30,9 +30,9 @@ impl Inertia {
         Self { mass_kg, center, about_center: Matrix3::zeros() }
     }
 
-    /// Joins both into one rigid body. Centres are weighted by mass, and inertias follow the parallel axis
+    /// Combines both into one rigid body. Centres are weighted by mass, and inertias follow the parallel axis
     /// theorem.
-    pub fn join(&self, other: &Self) -> Self {
+    pub fn combined(&self, other: &Self) -> Self {
         let mass_kg = self.mass_kg + other.mass_kg;
         let center = if mass_kg > 0.0 {
             (self.center * self.mass_kg + other.center * other.mass_kg) / mass_kg
@@ -86,10 +86,10 @@ pub(crate) fn read(file: &str, link: &urdf_rs::Link) -> Result<Inertia, RobotErr
 }
 
 /// Sums the links' masses on the bodies that carry them.
-pub(crate) fn of_bodies(links: &[Link]) -> [Inertia; JOINTS_MAX + 1] {
+pub(crate) fn body_inertias(links: &[BodyLink]) -> [Inertia; JOINTS_MAX + 1] {
     let mut bodies = [Inertia::default(); JOINTS_MAX + 1];
     for link in links {
-        bodies[link.body] = bodies[link.body].join(&link.inertia.seen_from(&link.body_from_link));
+        bodies[link.body] = bodies[link.body].combined(&link.inertia.seen_from(&link.body_from_link));
     }
     bodies
 }
@@ -97,6 +97,6 @@ pub(crate) fn of_bodies(links: &[Link]) -> [Inertia; JOINTS_MAX + 1] {
 impl Model {
     /// Masses of the bodies, each in its own frame. Body 0 is the base.
     pub fn inertias(&self) -> [Inertia; JOINTS_MAX + 1] {
-        of_bodies(&self.links)
+        body_inertias(&self.links)
     }
 }

@@ -12,8 +12,8 @@
 #![allow(clippy::neg_cmp_op_on_partial_ord)]
 
 mod arm;
-mod chain;
 mod collision;
+mod commanded;
 mod convert;
 mod draft;
 mod effective;
@@ -23,10 +23,11 @@ mod file;
 mod gripper;
 mod inertia;
 mod kinematics;
+pub mod limbs;
 mod limits;
 mod model;
 mod names;
-mod near;
+mod nearest;
 mod payload;
 mod points;
 mod pose;
@@ -48,10 +49,11 @@ pub use file::urdf_file;
 pub use gripper::{Finger, Gripper};
 pub use inertia::Inertia;
 pub use kinematics::Frames;
+pub use limbs::Limbs;
 pub use limits::JointLimits;
 pub use model::{CONTROLLERS_MAX, Controller, Model, Texts};
 pub use names::Names;
-pub use near::NearestToArm;
+pub use nearest::NearestToArm;
 pub use payload::{PAYLOAD_MAX_KG, PAYLOAD_REACH_MAX_M, Payload};
 pub use points::SpeedPoint;
 pub use pose::Pose;

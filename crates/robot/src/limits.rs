@@ -59,7 +59,7 @@ pub(crate) const PRISMATIC: Plausible =
 
 impl Plausible {
     /// Returns the bounds for this kind of joint.
-    pub(crate) fn of(prismatic: bool) -> &'static Self {
+    pub(crate) fn for_joint(prismatic: bool) -> &'static Self {
         if prismatic { &PRISMATIC } else { &REVOLUTE }
     }
 }

@@ -1,8 +1,8 @@
 //! The checked model of one robot.
 
 use crate::arm::{Arm, LIMB_JOINTS};
-use crate::chain::Chain;
 use crate::collision::{AllowedPair, Capsule, Pair, read_capsules, read_pairs};
+use crate::commanded::CommandedJoints;
 use crate::environment::Obstacle;
 use crate::error::RobotError;
 use crate::file::{ArmEntry, ControllerEntry, RobotFile};
@@ -107,7 +107,7 @@ pub struct Model {
     /// Measured postures below this clearance are a fault, m.
     pub d_measured_min_m: f64,
     pub(crate) joint_frames: Vec<JointFrame>,
-    pub(crate) links: Vec<Link>,
+    pub(crate) links: Vec<BodyLink>,
 }
 
 /// Joints that one controller of the robot moves together.
@@ -130,7 +130,7 @@ pub(crate) const NO_JOINT: JointLimits =
 
 /// Position of a link of the URDF on its body.
 #[derive(Clone, Debug)]
-pub(crate) struct Link {
+pub(crate) struct BodyLink {
     pub(crate) name: String,
     pub(crate) body: usize,
     pub(crate) body_from_link: Pose,
@@ -219,11 +219,11 @@ pub(crate) struct Source<'a> {
 
 impl Source<'_> {
     fn build(&self, file: RobotFile, tree: &Tree, texts: Texts) -> Result<Model, RobotError> {
-        let chain = self.find_joints(&file, tree)?;
-        let (joint_names, prismatic) = (&chain.names, chain.prismatic);
-        let (joint_frames, links) = self.split_bodies((&file.base_link, file.base_height_m), &chain, tree)?;
+        let commanded = self.find_joints(&file, tree)?;
+        let (joint_names, prismatic) = (&commanded.names, commanded.prismatic);
+        let (joint_frames, links) = self.split_bodies((&file.base_link, file.base_height_m), &commanded, tree)?;
 
-        let urdf_limits = self.urdf_limits(&chain, tree)?;
+        let urdf_limits = self.urdf_limits(&commanded, tree)?;
         self.check_names("tighten", file.tighten.keys(), joint_names)?;
         let groups = self.groups(&file.limits, joint_names)?;
         let mut limits = urdf_limits;
@@ -239,7 +239,7 @@ impl Source<'_> {
         let (pairs, allowed) = read_pairs(self.toml, &capsules, &file.collision.allowed, parent)?;
         let torso_body = self.torso_body(&file.torso_link, link_body(&file.torso_link))?;
         for (side, arm) in [&file.arms.left, &file.arms.right].into_iter().enumerate() {
-            self.check_arm(side, arm, &chain, torso_body, (&joint_frames, &links))?;
+            self.check_arm(side, arm, &commanded, torso_body, (&joint_frames, &links))?;
         }
         let lift = std::iter::successors(torso_body.checked_sub(1), |j| joint_frames[*j].parent.checked_sub(1))
             .find(|j| prismatic[*j]);
@@ -249,8 +249,8 @@ impl Source<'_> {
             name: file.name,
             hash: hash(&texts.toml, &texts.urdf),
             texts: Arc::new(texts),
-            count: chain.at.len(),
-            body_count: chain.body_count,
+            count: commanded.at.len(),
+            body_count: commanded.body_count,
             lift,
             controllers: self.controllers(&file.controllers, joint_names)?,
             driver: self.proposal(file.driver, joint_names, &prismatic)?,
@@ -280,9 +280,9 @@ impl Source<'_> {
                 .millimetres("collision.clearance_measured_min_mm", file.collision.clearance_measured_min_mm)?,
             joint_frames,
             links,
-            joint_names: chain.names.clone(),
+            joint_names: commanded.names.clone(),
         };
-        self.derive_arms([&file.arms.left, &file.arms.right], &chain, &mut model)?;
+        self.derive_arms([&file.arms.left, &file.arms.right], &commanded, &mut model)?;
         model.head = self.head(file.head_joints.as_ref(), &model)?;
         self.check_masses(&model)?;
         self.check_home(&model)?;
@@ -331,13 +331,18 @@ impl Source<'_> {
         unknown.map_or(Ok(()), |name| Err(RobotError::unknown(self.toml, table, name, "a commanded joint")))
     }
 
-    fn derive_arms(&self, arms: [&ArmEntry; 2], chain: &Chain, model: &mut Model) -> Result<(), RobotError> {
+    fn derive_arms(
+        &self,
+        arms: [&ArmEntry; 2],
+        commanded: &CommandedJoints,
+        model: &mut Model,
+    ) -> Result<(), RobotError> {
         for (side, arm) in arms.into_iter().enumerate() {
             if let Some(value) = arm.reference_rad.iter().find(|value| !(value.abs() <= TAU)) {
                 let key = format!("arms.{}.reference_rad", ["left", "right"][side]);
                 return Err(self.value(&key, value.to_string(), "at most 2 pi in magnitude"));
             }
-            let joints = std::array::from_fn(|i| chain.arm_start(side) + i);
+            let joints = std::array::from_fn(|i| commanded.arm_start(side) + i);
             model.arms[side] = model.derive_arm(joints, arm.reference_rad, model.torso_body);
         }
         model.wrists = model.arms.map(|arm| {

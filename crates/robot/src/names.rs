@@ -17,7 +17,7 @@ pub struct Names {
 
 impl Names {
     /// Takes the names of `model`.
-    pub fn of(model: &Model) -> Self {
+    pub fn from_model(model: &Model) -> Self {
         let capsules = model.capsules.iter().map(|capsule| capsule.name.clone());
         let obstacles = model.obstacles.iter().map(|obstacle| obstacle.name.clone());
         Self {

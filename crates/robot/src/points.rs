@@ -19,13 +19,13 @@ impl Model {
     /// farthest from that joint's origin. This is the end of a finger. Without such a capsule it is the
     /// origin itself.
     pub fn speed_points(&self) -> [SpeedPoint; 4] {
-        let of_arm = |first: usize| {
+        let arm_points = |first: usize| {
             let (fore, last) = (first + ARM_JOINTS - 2, first + ARM_JOINTS);
             let ends = self.capsules.iter().filter(|capsule| capsule.body == last).flat_map(|c| [c.a, c.b]);
             let hand = ends.max_by(|a, b| a.norm().total_cmp(&b.norm())).unwrap_or_default();
             [SpeedPoint { body: fore, at: Vector3::zeros() }, SpeedPoint { body: last, at: hand }]
         };
-        let [left, right] = [0, 1].map(|side| of_arm(self.arms[side].joints[0]));
+        let [left, right] = [0, 1].map(|side| arm_points(self.arms[side].joints[0]));
         [left[0], left[1], right[0], right[1]]
     }
 }

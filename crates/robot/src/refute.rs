@@ -100,9 +100,9 @@ impl Model {
         let chain = |at: usize| -> Vec<usize> {
             std::iter::successors(Some(self.capsules[at].body), |body| self.parent_body(*body)).collect()
         };
-        let (of_a, of_b) = (chain(pair.a), chain(pair.b));
-        let alone = of_a.iter().filter(|body| !of_b.contains(body));
-        alone.chain(of_b.iter().filter(|body| !of_a.contains(body))).map(|body| body - 1).collect()
+        let (from_a, from_b) = (chain(pair.a), chain(pair.b));
+        let alone = from_a.iter().filter(|body| !from_b.contains(body));
+        alone.chain(from_b.iter().filter(|body| !from_a.contains(body))).map(|body| body - 1).collect()
     }
 }
 

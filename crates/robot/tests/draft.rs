@@ -99,10 +99,10 @@ fn names_of_the_urdf_cannot_write_keys_of_the_draft() {
 #[test]
 fn notes_name_what_was_guessed_and_what_to_decide() {
     let draft = draft("g1.urdf", G1).unwrap();
-    let said = |notes: &[String], words: &str| notes.iter().any(|note| note.contains(words));
-    assert!(said(&draft.guesses, "The left arm is left_shoulder_pitch_joint"), "{:?}", draft.guesses);
-    assert!(said(&draft.guesses, "waist_yaw_joint") && said(&draft.guesses, "left_knee_joint"));
-    assert!(said(&draft.decisions, "torso_link") && said(&draft.decisions, "assumptions"));
+    let has_note = |notes: &[String], words: &str| notes.iter().any(|note| note.contains(words));
+    assert!(has_note(&draft.guesses, "The left arm is left_shoulder_pitch_joint"), "{:?}", draft.guesses);
+    assert!(has_note(&draft.guesses, "waist_yaw_joint") && has_note(&draft.guesses, "left_knee_joint"));
+    assert!(has_note(&draft.decisions, "torso_link") && has_note(&draft.decisions, "assumptions"));
 }
 
 fn retyped(joint: &str, kind: &str) -> String {

@@ -3,7 +3,7 @@
 use messages::{ARM_JOINTS, JOINTS_MAX};
 use robot::{AllowedReason, CAPSULES_MAX, Frames, Model};
 
-/// A shipped robot, and what its sources say about it.
+/// A shipped robot, and its published figures.
 struct Robot {
     name: &'static str,
     toml: &'static str,

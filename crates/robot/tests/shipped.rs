@@ -128,7 +128,7 @@ fn masses_match_urdf() {
     assert!((left.center.norm() - right.center.norm()).abs() < 3e-3 && left.center.norm() > 0.1, "{left:?} {right:?}");
     // Two points on one body form a dumb-bell.
     let half = |x: f64| Inertia::point(1.5, Vector3::new(x, 0.0, 0.0));
-    let both = half(-0.2).join(&half(0.4));
+    let both = half(-0.2).combined(&half(0.4));
     assert!(both.mass_kg == 3.0 && (both.center.x - 0.1).abs() < 1e-15);
     assert!((both.about_center[(1, 1)] - 3.0 * 0.09).abs() < 1e-15 && both.about_center[(0, 0)] == 0.0);
     assert!((both.about(&Vector3::zeros())[(2, 2)] - 1.5 * (0.04 + 0.16)).abs() < 1e-15);

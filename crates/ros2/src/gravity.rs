@@ -29,7 +29,7 @@ impl Gravity {
         for (arm, payload) in model.arms.iter().zip(&model.payload) {
             if let Some(payload) = payload {
                 let hand = &mut bodies[arm.joints[arm.joints.len() - 1] + 1];
-                *hand = hand.join(&Inertia::point(payload.mass_kg, payload.center));
+                *hand = hand.combined(&Inertia::point(payload.mass_kg, payload.center));
             }
         }
         Self { model: model.clone(), bodies }

@@ -198,7 +198,7 @@ mod tests {
         let [low, high] = bounds.trunk_m;
         let [arm_low, arm_high] = bounds.arm_per_trunk;
         let [shoulder, elbow, wrist] = bounds.speed_max_m_per_s;
-        for (reason, said) in [
+        for (reason, word) in [
             (DropReason::Old, format!("{} ms", bounds.age_max_ns / 1_000_000)),
             (DropReason::OutOfRange, format!("{} m", bounds.coordinate_max_m)),
             (DropReason::OutOfRange, format!("{} m", bounds.reach_max_m)),
@@ -210,7 +210,7 @@ mod tests {
             (DropReason::Teleport, format!("a wrist faster than {wrist} m/s")),
         ] {
             let meaning = reason.meaning();
-            assert!(meaning.contains(&said), "{reason:?}: {said}: {meaning}");
+            assert!(meaning.contains(&word), "{reason:?}: {word}: {meaning}");
         }
     }
 }

@@ -83,7 +83,7 @@ pub fn limbs_from_positions_rotations(
     usable: u32,
     hold: &mut Hold,
 ) -> LimbFrames {
-    limbs_against(positions, rotations, &Reference::of(*calibration), usable, hold)
+    limbs_against(positions, rotations, &Reference::from_hinges(*calibration), usable, hold)
 }
 
 /// As [`limbs_from_positions_rotations`]. Each hinge counts by its weight against the momentary plane.

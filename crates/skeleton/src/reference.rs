@@ -46,7 +46,7 @@ pub(crate) struct Reference {
 
 impl Reference {
     /// Takes these hinges with full weight, no hands, and the default lean.
-    pub(crate) fn of(hinges: HingeCalibration) -> Self {
+    pub(crate) fn from_hinges(hinges: HingeCalibration) -> Self {
         Self { hinges, weight: [1.0; LIMBS], hands: [None; 2], torso_lean_rad: TORSO_LEAN_RAD }
     }
 }
@@ -94,17 +94,17 @@ impl Learnt {
         let hands = self.calibrator.hands();
         if person.calibration.flags != 0 {
             self.source = CalibrationSource::Client;
-            return Reference { hands, ..Reference::of(person.calibration) };
+            return Reference { hands, ..Reference::from_hinges(person.calibration) };
         }
         let stored = stored.filter(|stored| *self.stored_fits.get_or_insert_with(|| stored.fits(lengths_m)));
         if let Some(stored) = stored {
             self.source = CalibrationSource::Stored;
             let torso_lean_rad = stored.torso_lean_rad.clamp(-LEAN_MAX_RAD, LEAN_MAX_RAD);
-            return Reference { torso_lean_rad, hands, ..Reference::of(stored.hinges) };
+            return Reference { torso_lean_rad, hands, ..Reference::from_hinges(stored.hinges) };
         }
         let online = self.weight.iter().all(|&weight| weight >= 0.5);
         self.source = if online { CalibrationSource::Online } else { CalibrationSource::None };
-        Reference { weight: self.weight, hands, ..Reference::of(self.hinges) }
+        Reference { weight: self.weight, hands, ..Reference::from_hinges(self.hinges) }
     }
 
     fn learn(&mut self, origin: Stamp, person: &Person) {

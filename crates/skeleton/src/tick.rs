@@ -39,7 +39,7 @@ struct Trust {
     persons: u32,
     /// Why the last of them may be somebody else.
     change: PersonChange,
-    /// The client itself said so since a frame was accepted.
+    /// The client reported it since a frame was accepted.
     named: bool,
     /// Time at which a frame was last accepted without any error.
     accepted: Stamp,

@@ -66,7 +66,7 @@ impl<'a> Live<'a> {
         let children = Children::none(program, &instance, place, Output::Files)?;
         let core = Domain::open(instance.core_domain(), "commission").map_err(bus_failure)?;
         let states = core.reader(Service::RobotState).map_err(bus_failure)?;
-        let names = Names::of(&loaded.model);
+        let names = Names::from_model(&loaded.model);
         let (targets, person, operator) = (None, None, None);
         Ok(Self { loaded, place, instance, shutdown, names, children, targets, person, operator, states, _core: core })
     }

@@ -94,12 +94,12 @@ fn limbs(out: &mut String, model: &Model) {
 
 /// Mean limb errors over the built-in motion: of the best reachable posture, and of the network with two refinement steps.
 fn reach(out: &mut String, loaded: &Loaded) {
-    let arm = ArmModel::of(&loaded.model);
+    let arm = ArmModel::from_model(&loaded.model);
     let motion = motion::builtin();
     let calibration = motion::calibrate(&motion, motion::CalibrationMode::Rig);
     let (mut best_deg, mut solved_deg, mut count) = (0.0, 0.0, 0.0);
     let mut previous: ArmQ = arm.clamp(&arm.reference);
-    for limbs in motion::limbs(&motion, &calibration).iter().step_by(EVERY).filter_map(Limbs::of_both) {
+    for limbs in motion::limbs(&motion, &calibration).iter().step_by(EVERY).filter_map(Limbs::from_message) {
         for human in &limbs {
             let best = oracle(&arm, human, &previous);
             let error = |q: &ArmQ| limb_error_deg(&arm.forward(q), human).iter().sum::<f64>() / 2.0;

@@ -30,7 +30,7 @@ pub fn run(place: &InstanceArgs) -> Result<(), Failure> {
     let process = Process::start("control", place, |loaded| Some(loaded.settings.realtime.priority_control))?;
     let config =
         world::control_config(&process.loaded, process.realtime.is_realtime()).map_err(Failure::with(Exit::Config))?;
-    let names = Names::of(&config.model);
+    let names = Names::from_model(&config.model);
     instance::write_names(process.instance.run_dir(), &names).map_err(|error| {
         Failure::new(Exit::CantCreate, format!("{}: {error}", process.instance.run_dir().display()))
     })?;

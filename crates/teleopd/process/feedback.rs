@@ -84,7 +84,7 @@ impl Ports {
 }
 
 fn run(mut ports: Ports, model: &Model, mut header: Header, slot: &Slot) {
-    let (arm, names) = (ArmModel::of(model), Names::of(model));
+    let (arm, names) = (ArmModel::from_model(model), Names::from_model(model));
     let (mut status, mut state, mut target) = (None::<Status>, None::<RobotState>, None::<JointTarget>);
     let mut due = rt::now();
     while !slot.ends.load(Ordering::Acquire) {

@@ -101,20 +101,20 @@ impl Measurer {
             match request {
                 Ok(CalibrationRequest::Start(_)) if running.is_some() => {}
                 Ok(CalibrationRequest::Start(_)) if begun.is_some_and(|begun| begun.elapsed() < PAUSE) => {
-                    self.tell(false, Some("Once a second at most: press again.".to_owned()));
+                    self.send_report(false, Some("Once a second at most: press again.".to_owned()));
                 }
                 Ok(CalibrationRequest::Start(name)) => {
                     begun = Some(Instant::now());
                     match self.begin(&name) {
                         Ok(measurement) => running = Some(measurement),
-                        Err(error) => self.tell(false, Some(self.cannot_start(&error))),
+                        Err(error) => self.send_report(false, Some(self.cannot_start(&error))),
                     }
                 }
                 Err(RecvTimeoutError::Timeout) => {}
                 Ok(CalibrationRequest::Stop) => {
                     if let Some(measurement) = running.take() {
                         let written = measurement.end();
-                        self.tell(written, (!written).then(|| "Stopped. Nothing was written.".to_owned()));
+                        self.send_report(written, (!written).then(|| "Stopped. Nothing was written.".to_owned()));
                     }
                 }
                 Err(RecvTimeoutError::Disconnected) => {
@@ -125,7 +125,7 @@ impl Measurer {
             if let Some(measurement) = running.take_if(|running| matches!(running.child.try_wait(), Ok(Some(_)))) {
                 // Its last lines come first.
                 let written = measurement.end();
-                self.tell(written, None);
+                self.send_report(written, None);
             }
         }
     }
@@ -161,7 +161,7 @@ impl Measurer {
         format!("{}: {error}{remedy}", self.program.display())
     }
 
-    fn tell(&self, written: bool, text: Option<String>) {
+    fn send_report(&self, written: bool, text: Option<String>) {
         let _ = self.answer.send(CalibrationReport { on: false, written, text });
     }
 }
@@ -216,12 +216,12 @@ mod tests {
         let folder = tempfile::tempdir().expect("a folder");
         let worker = measurer(folder.path(), r#"echo "$@"; echo "teleopctl: oh" >&2; test "$9" = --help"#);
         worker.ask(CalibrationRequest::Start("--help".to_owned()));
-        let [begin, said, error, end] = reports(&worker).try_into().expect("four reports");
+        let [begin, output, error, end] = reports(&worker).try_into().expect("four reports");
         assert!(begin.on && begin.text.is_none());
         let (folder, own) = (folder.path().display(), std::process::id());
         let expected = format!("calibrate --run-dir /run/there --folder {folder} --child-of {own} -- --help");
-        assert_eq!((said.text, error.text.as_deref()), (Some(expected), Some("oh")));
-        assert!(end.written && !said.written && !error.written);
+        assert_eq!((output.text, error.text.as_deref()), (Some(expected), Some("oh")));
+        assert!(end.written && !output.written && !error.written);
     }
 
     #[test]

@@ -22,7 +22,7 @@ struct Shown {
     status: Option<String>,
     statuses: u64,
     events: VecDeque<(u64, String)>,
-    events_told: u64,
+    event_count: u64,
 }
 
 /// Counters of the output that a page has already received.
@@ -44,9 +44,9 @@ pub struct Hub {
 impl Hub {
     /// Creates a hub without output. `about` is added to the scene.
     pub fn new(view: &RobotView, about: &Value) -> Self {
-        let mut told = scene(view);
-        told["about"] = about.clone();
-        Self { scene: told.to_string(), shown: Mutex::default(), pages: AtomicUsize::new(0) }
+        let mut message = scene(view);
+        message["about"] = about.clone();
+        Self { scene: message.to_string(), shown: Mutex::default(), pages: AtomicUsize::new(0) }
     }
 
     /// Returns the counter of open pages. Each page increments it itself.
@@ -75,8 +75,8 @@ impl Hub {
     pub fn happened(&self, events: Vec<String>) {
         let mut shown = self.shown.lock().unwrap_or_else(PoisonError::into_inner);
         for event in events {
-            shown.events_told += 1;
-            let n = shown.events_told;
+            shown.event_count += 1;
+            let n = shown.event_count;
             shown.events.push_back((n, event));
             if shown.events.len() > EVENTS_KEPT {
                 shown.events.pop_front();
@@ -96,7 +96,7 @@ impl Hub {
         if new {
             frame.clone_from(&shown.frame);
         }
-        *seen = Seen { frames: shown.frames, statuses: shown.statuses, events: shown.events_told };
+        *seen = Seen { frames: shown.frames, statuses: shown.statuses, events: shown.event_count };
         (texts, new)
     }
 }
@@ -117,35 +117,35 @@ pub struct StatusWriter<'a> {
     frames: Frames,
     names: Names,
     before: Option<Status>,
-    told_at_s: f64,
+    written_at_s: f64,
 }
 
 /// Time between two statuses, and between two reports of frequent events, s: nobody reads faster. A change of
 /// mode is reported at once.
-const TELL_EVERY_S: f64 = 0.2;
+const STATUS_PERIOD_S: f64 = 0.2;
 
 impl<'a> StatusWriter<'a> {
     /// Creates a writer without history.
     pub fn new(model: &'a Model) -> Self {
-        let (names, frames) = (Names::of(model), Frames::default());
-        Self { model, frames, names, before: None, told_at_s: f64::NEG_INFINITY }
+        let (names, frames) = (Names::from_model(model), Frames::default());
+        Self { model, frames, names, before: None, written_at_s: f64::NEG_INFINITY }
     }
 
     /// Returns the output for the messages at `at_s`.
-    pub fn tell(&mut self, heard: &LatestMessages, at_s: f64) -> StatusUpdate {
+    pub fn update(&mut self, heard: &LatestMessages, at_s: f64) -> StatusUpdate {
         let mut frame = Vec::new();
         frame::encode(self.model, &mut self.frames, heard, at_s, &mut frame);
         let made = |status: &Option<Status>| status.map(|status| (status.header.incarnation, status.transition_count));
-        if made(&heard.status) == made(&self.before) && at_s - self.told_at_s < TELL_EVERY_S {
+        if made(&heard.status) == made(&self.before) && at_s - self.written_at_s < STATUS_PERIOD_S {
             return StatusUpdate { frame, status: None, events: Vec::new() };
         }
-        self.told_at_s = at_s;
+        self.written_at_s = at_s;
         let events = self.events(heard, at_s);
         self.before = heard.status;
         let status = heard.status.as_ref().map_or(Value::Null, |status| {
-            let mut told = status_json(status, &self.names);
-            told["cause"] = json!(explain::cause(status, &self.names));
-            told
+            let mut message = status_json(status, &self.names);
+            message["cause"] = json!(explain::cause(status, &self.names));
+            message
         });
         let status = json!({ "tell": "status", "at_s": at_s, "status": status }).to_string();
         StatusUpdate { frame, status: Some(status), events }
@@ -159,8 +159,8 @@ impl<'a> StatusWriter<'a> {
             (Some(_), None) => vec![event("error", "control sends no status.")],
             (_, None) => vec![],
             (before, Some(now)) => {
-                let said = sentences(before.as_ref(), now, &self.names);
-                said.iter().map(|sentence| event(sentence.gravity.name(), &sentence.text)).collect()
+                let sentences = sentences(before.as_ref(), now, &self.names);
+                sentences.iter().map(|sentence| event(sentence.gravity.name(), &sentence.text)).collect()
             }
         }
     }

@@ -20,7 +20,7 @@ pub const EDGE_S: f64 = 4.0;
 /// Largest change of a share per frame. It counts frames and not time, so there is no jump after a pause.
 const STEP: f64 = 1.0 / (60.0 * EDGE_S);
 /// The page receives its person's shares after this many frames: ten times a second.
-const TELL_EVERY: u64 = 6;
+const REPORT_STEPS: u64 = 6;
 
 /// Returns the person for shares (none negative, sum 1) at a time in s since the mix began. The mixer fills in
 /// header, session and operator of the frame later.
@@ -126,12 +126,12 @@ impl Person {
     fn obey(&mut self, turn: MixRequest) {
         match turn {
             MixRequest::Join if self.on.is_some() => {}
-            MixRequest::Join => match self.session.join() {
+            MixRequest::Join => match self.session.connect() {
                 Ok(()) => {
                     let now = Instant::now();
                     // Continues from the last shares, so that a robot that still follows sees no jump.
                     (self.on, self.asked) = (Some(On { until: now + HOLD_FOR, due: now }), self.at);
-                    self.tell(None);
+                    self.send_report(None);
                 }
                 Err(why) => self.end(Some(why)),
             },
@@ -165,18 +165,18 @@ impl Person {
             return self.end(Some(why));
         }
         let arrives = self.at == self.asked && before != self.at;
-        let moves = before != self.at && self.session.sequence.is_multiple_of(TELL_EVERY);
+        let moves = before != self.at && self.session.sequence.is_multiple_of(REPORT_STEPS);
         if arrives || moves {
-            self.tell(None);
+            self.send_report(None);
         }
     }
 
     fn end(&mut self, text: Option<String>) {
         self.on = None;
-        self.tell(text);
+        self.send_report(text);
     }
 
-    fn tell(&self, text: Option<String>) {
+    fn send_report(&self, text: Option<String>) {
         let _ = self.answer.send(Mixed { on: self.on.is_some(), shares: self.at, text });
     }
 }
@@ -266,18 +266,18 @@ mod tests {
     }
 
     /// Returns the next matching answer to a page that is silent.
-    fn told(mixer: &Mixer, what: impl Fn(&Mixed) -> bool) -> Mixed {
-        told_meanwhile(mixer, what, || {})
+    fn await_report(mixer: &Mixer, what: impl Fn(&Mixed) -> bool) -> Mixed {
+        await_report_while(mixer, what, || {})
     }
 
-    fn told_meanwhile(mixer: &Mixer, what: impl Fn(&Mixed) -> bool, meanwhile: impl Fn()) -> Mixed {
+    fn await_report_while(mixer: &Mixer, what: impl Fn(&Mixed) -> bool, meanwhile: impl Fn()) -> Mixed {
         let give_up = Instant::now() + SOON;
         loop {
             meanwhile();
             if let Some(mixed) = mixer.answer().filter(&what) {
                 return mixed;
             }
-            assert!(Instant::now() < give_up, "never told");
+            assert!(Instant::now() < give_up, "no report");
             std::thread::sleep(Duration::from_millis(1));
         }
     }
@@ -301,13 +301,13 @@ mod tests {
         // A mix request before a join does nothing.
         mixer.ask(corner(2));
         mixer.ask(MixRequest::Join);
-        assert_eq!(told(&mixer, |_| true), Mixed { on: true, shares: Shares::FIRST, text: None });
+        assert_eq!(await_report(&mixer, |_| true), Mixed { on: true, shares: Shares::FIRST, text: None });
         ingest.wait(3, &mixer, 0);
         assert_eq!(ingest.frames()[2].1.positions[0], [1.0, 0.0, 0.0]);
         for n in 0..40 {
             ingest.wait(1 + n % 9, &mixer, 1 + n / 2 % 2);
         }
-        let silent = told(&mixer, |mixed| !mixed.on);
+        let silent = await_report(&mixer, |mixed| !mixed.on);
         assert!(silent.text.is_some_and(|text| text.contains("stopped answering")));
         mixer.ask(corner(0));
         std::thread::sleep(Duration::from_millis(200));
@@ -315,7 +315,7 @@ mod tests {
         mixer.ask(MixRequest::Join);
         ingest.wait(30, &mixer, 2);
         mixer.ask(MixRequest::Leave);
-        told(&mixer, |mixed| !mixed.on && mixed.text.is_none());
+        await_report(&mixer, |mixed| !mixed.on && mixed.text.is_none());
         let frames = ingest.frames();
         assert_no_leap(&frames);
         assert!(frames.iter().all(|(connection, _)| *connection == 1));
@@ -348,15 +348,15 @@ mod tests {
         let (_folder, path, other) = mixer();
         let held = Ingest::at(path.clone(), true);
         other.ask(MixRequest::Join);
-        assert_eq!(told(&other, |_| true).text.as_deref(), Some(HELD));
+        assert_eq!(await_report(&other, |_| true).text.as_deref(), Some(HELD));
         assert!(held.frames().is_empty(), "nothing was published");
         drop(held);
         let ingest = Ingest::at(path, false);
         other.ask(MixRequest::Join);
-        assert!(told(&other, |_| true).on);
+        assert!(await_report(&other, |_| true).on);
         ingest.wait(2, &other, 0);
         ingest.refuses.store(true, Ordering::Relaxed);
-        let lost = told_meanwhile(&other, |mixed| !mixed.on, || other.ask(corner(0)));
+        let lost = await_report_while(&other, |mixed| !mixed.on, || other.ask(corner(0)));
         assert_eq!(lost.text.as_deref(), Some(HELD));
         ingest.refuses.store(false, Ordering::Relaxed);
         other.ask(MixRequest::Join);
@@ -370,12 +370,12 @@ mod tests {
     fn page_without_ingest_gets_error() {
         let (_folder, path, mixer) = mixer();
         mixer.ask(MixRequest::Join);
-        assert!(told(&mixer, |_| true).text.is_some_and(|text| text.contains("skeleton.sock")));
+        assert!(await_report(&mixer, |_| true).text.is_some_and(|text| text.contains("skeleton.sock")));
         let ingest = Ingest::at(path, false);
         mixer.ask(MixRequest::Join);
         ingest.wait(2, &mixer, 0);
         drop(ingest);
-        let lost = told_meanwhile(&mixer, |mixed| !mixed.on, || mixer.ask(corner(0)));
+        let lost = await_report_while(&mixer, |mixed| !mixed.on, || mixer.ask(corner(0)));
         assert!(lost.text.as_ref().is_some_and(|text| text.contains("lost")), "{lost:?}");
     }
 }

@@ -131,7 +131,7 @@ impl Grip {
         if self.client.is_none() {
             match Client::connect(self.instance.operator_socket()) {
                 Ok(client) => self.client = Some(client),
-                Err(error) => return self.say(format!("control does not answer: {error}")),
+                Err(error) => return self.send_report(format!("control does not answer: {error}")),
             }
         }
         let Some(client) = &mut self.client else { return };
@@ -143,7 +143,7 @@ impl Grip {
                 };
                 let now = Instant::now();
                 self.held = Some(Held { since: now, until: now + HOLD_FOR, transitions: None });
-                self.say(String::new());
+                self.send_report(String::new());
             }
             OperatorCommand::Clutch(held) => {
                 client.clutch(held);
@@ -168,33 +168,33 @@ impl Grip {
         if let Some(client) = &mut self.client {
             client.release().clutch(false);
         }
-        self.say(text);
+        self.send_report(text);
     }
 
     fn beat(&mut self) {
         let Some(client) = &mut self.client else { return };
         match client.heartbeat() {
             Ok(status) => {
-                self.tell_refusal(&status);
+                self.report_refusal(&status);
                 self.watch(&status);
             }
             // One late reply does not end the connection. The socket stays open, and control judges the silence.
             Err(OperatorError::Timeout { .. }) => {}
             Err(error) => {
                 (self.client, self.held, self.clutch_until) = (None, None, None);
-                self.say(format!("The connection to control is lost: {error}"));
+                self.send_report(format!("The connection to control is lost: {error}"));
             }
         }
     }
 
     /// Reports why a reset was refused. Control answered the press before it read it, so the next answer tells.
-    fn tell_refusal(&mut self, status: &Status) {
+    fn report_refusal(&mut self, status: &Status) {
         match self.reset.take() {
             None => {}
             Some(0) => self.reset = Some(1),
             Some(_) => {
                 if let Some(why) = operator::reset_refusal(status) {
-                    self.say(format!("The reset was refused: {why}."));
+                    self.send_report(format!("The reset was refused: {why}."));
                 }
             }
         }
@@ -214,7 +214,7 @@ impl Grip {
         self.let_go(format!("{what} See the cause below the mode."));
     }
 
-    fn say(&self, text: String) {
+    fn send_report(&self, text: String) {
         let _ = self
             .answer
             .send(CommandOutcome { held: self.held.is_some(), text: Some(text).filter(|text| !text.is_empty()) });

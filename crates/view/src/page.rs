@@ -22,7 +22,7 @@ use tungstenite::protocol::{Role, WebSocketConfig};
 use tungstenite::{Bytes, Error, Message, WebSocket};
 
 /// Polling period for a page's requests. A stop waits no longer than this for the thread.
-const LOOK: Duration = Duration::from_millis(2);
+const POLL: Duration = Duration::from_millis(2);
 /// Largest request, bytes.
 const REQUEST_BYTES: usize = 1 << 10;
 /// Largest backlog of a page that does not read, bytes: some seconds of frames. Beyond it the page counts as
@@ -116,7 +116,7 @@ enum PageControl {
 }
 
 impl PageControl {
-    fn of(behind: &PageSource) -> std::io::Result<Self> {
+    fn open(behind: &PageSource) -> std::io::Result<Self> {
         Ok(match behind {
             PageSource::Instance(instance, key_poses, measuring) => {
                 let mixer = key_poses.as_ref().map(|key_poses| Mixer::new(instance, key_poses)).transpose()?;
@@ -184,7 +184,7 @@ impl PageControl {
             return true;
         }
         let Some(camera) = camera else { return false };
-        camera.webcam.ask(CameraRequest::Image(rt::now(), Sight::of(bytes)));
+        camera.webcam.ask(CameraRequest::Image(rt::now(), Sight::decode(bytes)));
         true
     }
 }
@@ -199,7 +199,7 @@ pub fn serve(mut stream: PageStream, hub: &Hub, behind: &PageSource, ended: &Ato
         .max_write_buffer_size(WAITING_BYTES);
     let mut page = Page {
         socket: WebSocket::from_raw_socket(stream, Role::Server, Some(config)),
-        lever: PageControl::of(behind)?,
+        lever: PageControl::open(behind)?,
         spoke: Instant::now(),
         second: Instant::now(),
         asked: 0,
@@ -210,7 +210,7 @@ pub fn serve(mut stream: PageStream, hub: &Hub, behind: &PageSource, ended: &Ato
     let (mut seen, mut frame) = (Seen::default(), Vec::new());
     while !ended.load(Ordering::Relaxed) {
         page.listen()?;
-        page.tell()?;
+        page.send_reports()?;
         let (texts, new) = hub.news(&mut seen, &mut frame);
         for text in texts {
             page.send(Message::text(text))?;
@@ -219,7 +219,7 @@ pub fn serve(mut stream: PageStream, hub: &Hub, behind: &PageSource, ended: &Ato
             page.send(Message::Binary(Bytes::copy_from_slice(&frame)))?;
         }
         page.flush()?;
-        std::thread::sleep(LOOK);
+        std::thread::sleep(POLL);
     }
     let _ = page.socket.close(None);
     let _ = page.socket.flush();
@@ -239,7 +239,7 @@ struct Page {
 
 impl Page {
     /// Sends the outcome of earlier requests, of this page or of another one.
-    fn tell(&mut self) -> Result<(), Error> {
+    fn send_reports(&mut self) -> Result<(), Error> {
         let playing =
             if let PageControl::Position(position) = &self.lever { Some(position.is_playing()) } else { None };
         if playing != self.is_playing {
@@ -257,13 +257,13 @@ impl Page {
         while let PageControl::OperatorWorker(_, Some(mixer), ..) = &self.lever
             && let Some(Mixed { on, shares, text }) = mixer.answer()
         {
-            let told = json!({ "tell": "mix", "on": on, "shares": shares.get(), "text": text });
-            self.send(Message::text(told.to_string()))?;
+            let message = json!({ "tell": "mix", "on": on, "shares": shares.get(), "text": text });
+            self.send(Message::text(message.to_string()))?;
         }
         while let PageControl::OperatorWorker(_, _, Some(camera), _) = &self.lever
             && let Some(report) = camera.webcam.answer()
         {
-            self.send(Message::text(told("camera", &report)))?;
+            self.send(Message::text(camera_message("camera", &report)))?;
         }
         while let PageControl::OperatorWorker(_, _, Some(camera), _) = &self.lever
             && let Some(CalibrationReport { on, written, text }) = camera.measurer.answer()
@@ -271,13 +271,13 @@ impl Page {
             if written {
                 camera.webcam.ask(CameraRequest::Renew);
             }
-            let told = json!({ "tell": "calibrate", "on": on, "written": written, "text": text });
-            self.send(Message::text(told.to_string()))?;
+            let message = json!({ "tell": "calibrate", "on": on, "written": written, "text": text });
+            self.send(Message::text(message.to_string()))?;
         }
         while let PageControl::OperatorWorker(hand, .., headset) = &mut self.lever
             && let Some(report) = headset.answer(hand)
         {
-            self.send(Message::text(told("headset", &report)))?;
+            self.send(Message::text(camera_message("headset", &report)))?;
         }
         Ok(())
     }
@@ -329,13 +329,13 @@ impl Page {
 }
 
 /// Returns the text about a camera or a headset.
-fn told(kind: &str, report: &CameraReport) -> String {
+fn camera_message(kind: &str, report: &CameraReport) -> String {
     let CameraReport { on, published, refused, age_ms, heard_ms, text } = report;
-    let told = json!({
+    let message = json!({
         "tell": kind, "on": on, "published": published, "refused": refused, "age_ms": age_ms, "heard_ms": heard_ms,
         "text": text,
     });
-    told.to_string()
+    message.to_string()
 }
 
 fn or_later(outcome: Result<(), Error>) -> Result<(), Error> {

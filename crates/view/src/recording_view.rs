@@ -11,7 +11,7 @@ const FRAMES_MAX: usize = 72_000;
 const PERIOD_S: f64 = 1.0 / 60.0;
 
 /// Page messages of one moment.
-struct Told {
+struct TimedFrame {
     at_s: f64,
     frame: Vec<u8>,
     /// Index of the status that applies.
@@ -20,7 +20,7 @@ struct Told {
 
 /// A recording as pages see it.
 pub struct RecordingView {
-    told: Vec<Told>,
+    frames: Vec<TimedFrame>,
     statuses: Vec<String>,
     events: Vec<String>,
     period_s: f64,
@@ -28,7 +28,7 @@ pub struct RecordingView {
 
 /// Makes a view from messages in the order of their times.
 pub struct RecordingViewBuilder<'a> {
-    teller: StatusWriter<'a>,
+    writer: StatusWriter<'a>,
     view: RecordingView,
     next_s: f64,
 }
@@ -36,8 +36,8 @@ pub struct RecordingViewBuilder<'a> {
 impl<'a> RecordingViewBuilder<'a> {
     /// Creates an empty view.
     pub fn new(model: &'a Model) -> Self {
-        let view = RecordingView { told: Vec::new(), statuses: Vec::new(), events: Vec::new(), period_s: PERIOD_S };
-        Self { teller: StatusWriter::new(model), view, next_s: 0.0 }
+        let view = RecordingView { frames: Vec::new(), statuses: Vec::new(), events: Vec::new(), period_s: PERIOD_S };
+        Self { writer: StatusWriter::new(model), view, next_s: 0.0 }
     }
 
     /// Adds the newest messages at `at_s`, s from the beginning.
@@ -47,14 +47,14 @@ impl<'a> RecordingViewBuilder<'a> {
         }
         let view = &mut self.view;
         self.next_s = at_s + view.period_s;
-        let news = self.teller.tell(heard, at_s);
+        let news = self.writer.update(heard, at_s);
         view.statuses.extend(news.status);
         view.events.extend(news.events);
         let status = view.statuses.len().checked_sub(1);
-        view.told.push(Told { at_s, frame: news.frame, status });
-        if view.told.len() > FRAMES_MAX {
+        view.frames.push(TimedFrame { at_s, frame: news.frame, status });
+        if view.frames.len() > FRAMES_MAX {
             let mut n = 0;
-            view.told.retain(|_| {
+            view.frames.retain(|_| {
                 n += 1;
                 n % 2 == 1
             });
@@ -71,7 +71,7 @@ impl<'a> RecordingViewBuilder<'a> {
 impl RecordingView {
     /// Time from the first frame to the last, s.
     pub fn duration_s(&self) -> f64 {
-        self.told.last().map_or(0.0, |told| told.at_s)
+        self.frames.last().map_or(0.0, |shown| shown.at_s)
     }
 
     /// Returns every event sentence, as sent to pages.
@@ -81,10 +81,10 @@ impl RecordingView {
 
     /// Shows the state at `at_s`.
     pub fn show(&self, hub: &Hub, at_s: f64) {
-        let after = self.told.partition_point(|told| told.at_s <= at_s);
-        let Some(told) = self.told.get(after.saturating_sub(1)) else { return };
-        let status = told.status.and_then(|status| self.statuses.get(status));
-        hub.show(&told.frame, status.map(String::as_str));
+        let after = self.frames.partition_point(|shown| shown.at_s <= at_s);
+        let Some(shown) = self.frames.get(after.saturating_sub(1)) else { return };
+        let status = shown.status.and_then(|status| self.statuses.get(status));
+        hub.show(&shown.frame, status.map(String::as_str));
     }
 }
 

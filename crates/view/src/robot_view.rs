@@ -48,7 +48,7 @@ impl RobotView {
     /// # Errors
     /// Returns an error if the look is not one of this robot, if the folder cannot be read, or if it holds none
     /// of the robot's meshes.
-    pub fn of(loaded: &Loaded, folder: Option<&Path>) -> Result<Self, LookError> {
+    pub fn load(loaded: &Loaded, folder: Option<&Path>) -> Result<Self, LookError> {
         let look = Look::read(loaded.robot_file(), &loaded.model)?;
         let mut view = Self {
             model: loaded.model.clone(),

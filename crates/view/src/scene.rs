@@ -87,7 +87,7 @@ fn shapes(model: &Model) -> Vec<Value> {
 }
 
 fn part(part: &Part) -> Value {
-    let mut told = match &part.shape {
+    let mut shape = match &part.shape {
         Shape::Box { size_m, edge_m } => json!({ "form": "box", "size": size_m, "edge": edge_m }),
         Shape::Cone { radius_m, top_radius_m, length_m, edge_m } => {
             json!({ "form": "cone", "radius": radius_m, "top": top_radius_m, "length": length_m, "edge": edge_m })
@@ -101,17 +101,17 @@ fn part(part: &Part) -> Value {
         }
     };
     if let Some(closing) = &part.closing {
-        told["hand"] = json!(closing.hand);
-        told["outer"] = json!(closing.body_from_link.as_flattened());
-        told["inner"] = json!(closing.link_from_shape.as_flattened());
-        told["motions"] = closing.motions.iter().map(motion).collect();
+        shape["hand"] = json!(closing.hand);
+        shape["outer"] = json!(closing.body_from_link.as_flattened());
+        shape["inner"] = json!(closing.link_from_shape.as_flattened());
+        shape["motions"] = closing.motions.iter().map(motion).collect();
     }
-    told["link"] = json!(part.link);
-    told["body"] = json!(part.body);
-    told["matrix"] = json!(part.body_from_shape.as_flattened());
-    told["colour"] = json!(part.colour.text());
-    told["roughness"] = json!(part.roughness);
-    told
+    shape["link"] = json!(part.link);
+    shape["body"] = json!(part.body);
+    shape["matrix"] = json!(part.body_from_shape.as_flattened());
+    shape["colour"] = json!(part.colour.text());
+    shape["roughness"] = json!(part.roughness);
+    shape
 }
 
 fn motion(motion: &FingerMotion) -> Value {

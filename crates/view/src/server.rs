@@ -73,7 +73,7 @@ impl Server {
         let mut server = Self::listen(Hub::new(view, &about), behind, view, (vision, secure), port)?;
         let (hub, model, domain) = (server.hub.clone(), view.model.clone(), instance.core_domain());
         let (opened, outcome) = channel();
-        let thread = server.spawn("view", move |ended| tell(&hub, &model, &domain, &opened, &ended));
+        let thread = server.spawn("view", move |ended| publish_updates(&hub, &model, &domain, &opened, &ended));
         thread.map_err(|source| ViewError::Listen { port, source })?;
         outcome.recv().unwrap_or(Ok(()))?;
         Ok(server)
@@ -152,7 +152,13 @@ impl Drop for Server {
 
 /// Reads the instance and publishes to the hub. Readers must stay in the thread that opened them. `opened`
 /// receives the result of the first opening.
-fn tell(hub: &Hub, model: &Model, domain: &DomainConfig, opened: &Sender<Result<(), ViewError>>, ended: &AtomicBool) {
+fn publish_updates(
+    hub: &Hub,
+    model: &Model,
+    domain: &DomainConfig,
+    opened: &Sender<Result<(), ViewError>>,
+    ended: &AtomicBool,
+) {
     let mut live = match Live::open(domain.clone()) {
         Ok(live) => live,
         Err(error) => {
@@ -161,7 +167,7 @@ fn tell(hub: &Hub, model: &Model, domain: &DomainConfig, opened: &Sender<Result<
         }
     };
     let _ = opened.send(Ok(()));
-    let mut teller = StatusWriter::new(model);
+    let mut writer = StatusWriter::new(model);
     let (begun, mut heard_at, mut next) = (rt::now(), Instant::now(), Instant::now());
     while !ended.load(Ordering::Relaxed) {
         let now = rt::now();
@@ -169,7 +175,7 @@ fn tell(hub: &Hub, model: &Model, domain: &DomainConfig, opened: &Sender<Result<
         if heard.is_anything() {
             heard_at = Instant::now();
         }
-        let news = teller.tell(heard, now.since(begun) as f64 * 1e-9);
+        let news = writer.update(heard, now.since(begun) as f64 * 1e-9);
         hub.show(&news.frame, news.status.as_deref());
         hub.happened(news.events);
         if heard_at.elapsed() > REATTACH {

@@ -23,7 +23,7 @@ impl Session {
 
     /// Makes sure that there is a session that may move the robot. The error says why there is none. A session
     /// that lost its lease to another client never gets it back.
-    pub(crate) fn join(&mut self) -> Result<(), String> {
+    pub(crate) fn connect(&mut self) -> Result<(), String> {
         let usable = |client: &mut Client| client.listen().is_ok() && client.last_reply() != Reply::NotHolder;
         self.client = self.client.take().and_then(|mut client| usable(&mut client).then_some(client));
         if self.client.is_none() {

@@ -63,7 +63,7 @@ impl Sight {
     ///
     /// # Errors
     /// Returns the reason if a number is missing or out of its bounds.
-    pub fn of(bytes: &[u8]) -> Result<Self, Refusal> {
+    pub fn decode(bytes: &[u8]) -> Result<Self, Refusal> {
         if bytes.len() != SIGHT_BYTES && bytes.len() != NOBODY_BYTES {
             return Err(Refusal::Length);
         }

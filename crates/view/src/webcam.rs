@@ -17,7 +17,7 @@ const POSES_PER_S_MAX: u32 = 180;
 /// Time after the end of a lease until the next one is asked for. Assumption: `ingest` reads its sockets far more often.
 const LEASE_MARGIN: Duration = Duration::from_millis(500);
 /// Time between two reports to the page.
-const TELL_EVERY: Duration = Duration::from_millis(200);
+const REPORT_PERIOD: Duration = Duration::from_millis(200);
 
 /// Request of a page.
 #[derive(Debug)]
@@ -60,7 +60,7 @@ impl Webcam {
     /// # Errors
     /// Returns an error if no thread can be started.
     pub fn new(instance: &Instance, lease: Duration) -> std::io::Result<Self> {
-        Self::of(instance, "webcam", lease, IMAGES_PER_S_MAX, SILENT)
+        Self::open(instance, "webcam", lease, IMAGES_PER_S_MAX, SILENT)
     }
 
     /// Creates a headset in the same way.
@@ -68,10 +68,10 @@ impl Webcam {
     /// # Errors
     /// As [`Webcam::new`].
     pub fn headset(instance: &Instance) -> std::io::Result<Self> {
-        Self::of(instance, "headset", Duration::ZERO, POSES_PER_S_MAX, HEADSET_SILENT)
+        Self::open(instance, "headset", Duration::ZERO, POSES_PER_S_MAX, HEADSET_SILENT)
     }
 
-    fn of(
+    fn open(
         instance: &Instance,
         name: &str,
         lease: Duration,
@@ -91,7 +91,7 @@ impl Webcam {
                 person: 0,
                 delay: TransitDelay::default(),
                 second: (now, 0),
-                told: now,
+                reported: now,
                 report: CameraReport { on: false, published: 0, refused: 0, age_ms: 0.0, heard_ms: None, text: None },
                 answer,
             };
@@ -109,7 +109,7 @@ pub(crate) struct TransitDelay {
 
 impl TransitDelay {
     /// Returns the time that a message waited, ms.
-    pub(crate) fn of(&mut self, sent_ms: f64, arrived: Stamp) -> f64 {
+    pub(crate) fn waited_ms(&mut self, sent_ms: f64, arrived: Stamp) -> f64 {
         let took_ms = arrived.0 as f64 * 1e-6 - sent_ms;
         let fastest_ms = self.fastest_ms.map_or(took_ms, |fastest| fastest.min(took_ms));
         self.fastest_ms = Some(fastest_ms);
@@ -134,7 +134,7 @@ struct Watcher {
     delay: TransitDelay,
     /// Start of the current second, and the images in it.
     second: (Instant, u32),
-    told: Instant,
+    reported: Instant,
     report: CameraReport,
     answer: Sender<CameraReport>,
 }
@@ -153,7 +153,7 @@ impl Watcher {
                     self.person = person;
                     self.renew();
                 }
-                Ok(CameraRequest::Image(arrived, image)) => self.take(arrived, image),
+                Ok(CameraRequest::Image(arrived, image)) => self.receive(arrived, image),
                 Ok(CameraRequest::Renew) => self.renew(),
                 Ok(CameraRequest::Stop) => self.end(None),
                 Err(RecvTimeoutError::Timeout) => {}
@@ -175,11 +175,11 @@ impl Watcher {
             self.session.leave();
             self.person = person;
         }
-        match self.session.join() {
+        match self.session.connect() {
             Ok(()) => {
                 self.until = Some(Instant::now() + HOLD_FOR);
                 (self.delay, self.report.published, self.report.heard_ms) = (TransitDelay::default(), 0, None);
-                self.tell(None);
+                self.send_report(None);
             }
             Err(why) => self.end(Some(why)),
         }
@@ -192,7 +192,7 @@ impl Watcher {
         }
     }
 
-    fn take(&mut self, arrived: Stamp, image: Result<Sight, Refusal>) {
+    fn receive(&mut self, arrived: Stamp, image: Result<Sight, Refusal>) {
         let image = self.within_rate().and(image);
         self.report.heard_ms = image.as_ref().ok().map(|image| image.sent_ms);
         let refused = match (image, self.until) {
@@ -203,9 +203,9 @@ impl Watcher {
         };
         if let Some(refusal) = refused {
             self.report.refused += 1;
-            self.tell_sometimes(Some(format!("A message was refused: {refusal}.")));
+            self.report_at_intervals(Some(format!("A message was refused: {refusal}.")));
         } else {
-            self.tell_sometimes(None);
+            self.report_at_intervals(None);
         }
     }
 
@@ -219,7 +219,7 @@ impl Watcher {
 
     /// Takes a valid image of a page that is the client.
     fn see(&mut self, arrived: Stamp, image: &Sight) -> Result<(), Refusal> {
-        let age_ms = image.age_ms + self.delay.of(image.sent_ms, arrived);
+        let age_ms = image.age_ms + self.delay.waited_ms(image.sent_ms, arrived);
         if age_ms > AGE_MS_MAX {
             return Err(Refusal::Age);
         }
@@ -229,7 +229,7 @@ impl Watcher {
             Some(at) if at > Instant::now() => return Ok(()),
             Some(_) => {
                 self.renewed = None;
-                if let Err(why) = self.session.join() {
+                if let Err(why) = self.session.connect() {
                     self.end(Some(why));
                     return Ok(());
                 }
@@ -249,17 +249,17 @@ impl Watcher {
 
     fn end(&mut self, text: Option<String>) {
         (self.until, self.renewed) = (None, None);
-        self.tell(text);
+        self.send_report(text);
     }
 
-    fn tell_sometimes(&mut self, text: Option<String>) {
-        if self.told.elapsed() >= TELL_EVERY {
-            self.tell(text);
+    fn report_at_intervals(&mut self, text: Option<String>) {
+        if self.reported.elapsed() >= REPORT_PERIOD {
+            self.send_report(text);
         }
     }
 
-    fn tell(&mut self, text: Option<String>) {
-        self.told = Instant::now();
+    fn send_report(&mut self, text: Option<String>) {
+        self.reported = Instant::now();
         let _ = self.answer.send(CameraReport { on: self.until.is_some(), text, ..self.report.clone() });
     }
 }

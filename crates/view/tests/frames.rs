@@ -20,7 +20,7 @@ pub fn model() -> Model {
 
 /// Returns the shipped robot as a page shows it.
 pub fn shown() -> RobotView {
-    RobotView::of(&loaded(), None).expect("a look")
+    RobotView::load(&loaded(), None).expect("a look")
 }
 
 fn encoded(model: &Model, heard: &LatestMessages) -> Vec<f32> {
@@ -101,8 +101,8 @@ fn frame_carries_measured_target_and_command_postures() {
         [(shifted(0.2), "measured"), (target, "target"), (shifted(-0.2), "command")].iter().enumerate()
     {
         poses_are_those_of(&model, &numbers[ROBOTS + n * BODIES * POSE..], q, what);
-        let told: Vec<f32> = q[..JOINTS].iter().map(|&x| x as f32).collect();
-        assert_eq!(numbers[LISTS + n * JOINTS..][..JOINTS], told, "{what}");
+        let encoded: Vec<f32> = q[..JOINTS].iter().map(|&x| x as f32).collect();
+        assert_eq!(numbers[LISTS + n * JOINTS..][..JOINTS], encoded, "{what}");
     }
     assert_eq!(numbers[LISTS + 3 * JOINTS], shifted(0.3)[0] as f32);
     // The two places of each arm are as far from each other as its smallest clearance of all checked pairs.
@@ -117,10 +117,10 @@ fn frame_carries_measured_target_and_command_postures() {
         });
         let least = apart.fold(f64::INFINITY, f64::min);
         let at = |n: usize| Vector3::from_row_slice(&places[n..n + 3]).cast::<f64>();
-        let told = (at(0) - at(3)).norm();
-        assert!(told <= least.abs() + 1e-6, "arm {side}: {told} and {least}");
+        let encoded = (at(0) - at(3)).norm();
+        assert!(encoded <= least.abs() + 1e-6, "arm {side}: {encoded} and {least}");
         let near = model.nearest_to_arm(&frames, side).expect("a pair");
-        assert!((told - near.clearance_m.abs()).abs() < 1e-6 && near.clearance_m <= least + 1e-9, "{near:?}");
+        assert!((encoded - near.clearance_m.abs()).abs() < 1e-6 && near.clearance_m <= least + 1e-9, "{near:?}");
     }
 }
 
@@ -167,20 +167,20 @@ fn frame_of_nan_or_infinite_input_is_finite() {
 #[test]
 fn scene_names_every_joint_capsule_and_shape() {
     let (model, view) = (model(), shown());
-    let told = scene(&view);
-    let count = |key: &str| told[key].as_array().map_or(0, Vec::len);
+    let encoded = scene(&view);
+    let count = |key: &str| encoded[key].as_array().map_or(0, Vec::len);
     assert_eq!((count("joints"), count("capsules")), (JOINTS, model.capsules.len()));
     assert_eq!(count("shapes"), model.visuals().count());
     assert!(count("shapes") > 10);
-    assert_eq!(told["modes"][Mode::Engaged as usize], Mode::Engaged.name());
-    assert_eq!(told["obstacles"].as_array().map(Vec::len), Some(model.obstacles.len()));
+    assert_eq!(encoded["modes"][Mode::Engaged as usize], Mode::Engaged.name());
+    assert_eq!(encoded["obstacles"].as_array().map(Vec::len), Some(model.obstacles.len()));
     assert_eq!((count("parts"), count("meshes")), (view.look.parts.len(), 0));
     assert!(count("parts") > 50);
-    assert_eq!(told["limits"]["delay_ms"], 120.0);
-    assert_eq!(told["limits"]["clearance_mm"], model.d_min_m * 1e3);
+    assert_eq!(encoded["limits"]["delay_ms"], 120.0);
+    assert_eq!(encoded["limits"]["clearance_mm"], model.d_min_m * 1e3);
     // In the T-pose the capsule of the hand of TIAGo++ reaches 1.25 m from its middle.
-    assert!((told["half_span"].as_f64().expect("a length") - 1.25).abs() < 0.01, "{}", told["half_span"]);
-    assert_eq!(told["shoulders"], serde_json::json!([model.arms[0].joints[1] + 1, model.arms[1].joints[1] + 1]));
+    assert!((encoded["half_span"].as_f64().expect("a length") - 1.25).abs() < 0.01, "{}", encoded["half_span"]);
+    assert_eq!(encoded["shoulders"], serde_json::json!([model.arms[0].joints[1] + 1, model.arms[1].joints[1] + 1]));
 }
 
 #[test]
@@ -190,14 +190,14 @@ fn lag_is_time_of_joints_behind_command_while_moving() {
     (state.robot, command.robot, state.q_measured) = (model.id(), model.id(), model.home);
     state.dq_measured = core::array::from_fn(|j| 0.1 * (j as f64 - 8.0));
     command.q = core::array::from_fn(|j| state.q_measured[j] + 0.021 * state.dq_measured[j]);
-    let told = |state, command| {
+    let encoded = |state, command| {
         let heard = LatestMessages { state: Some(state), command: Some(command), ..LatestMessages::default() };
         let numbers = encoded(&model, &heard);
         (numbers[Field::Present as usize] as u32 & present::LAG != 0, numbers[Field::LagMs as usize])
     };
-    let (is_there, lag_ms) = told(state, command);
+    let (is_there, lag_ms) = encoded(state, command);
     assert!(is_there && (lag_ms - 21.0).abs() < 0.01, "{lag_ms}");
     // A robot that stands still has no lag.
     state.dq_measured = [1e-3; JOINTS_MAX];
-    assert_eq!(told(state, command), (false, 0.0));
+    assert_eq!(encoded(state, command), (false, 0.0));
 }

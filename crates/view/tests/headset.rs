@@ -22,19 +22,19 @@ fn numbers(joints: usize) -> Vec<f32> {
 fn poses_are_read_by_their_places() {
     let (plain, body) = (message(7.5, 33.0, &numbers(0)), message(7.5, 33.0, &numbers(22)));
     assert_eq!((plain.len(), body.len()), (HEADSET_BYTES, BODY_BYTES));
-    let frame = HeadsetFrame::of(&plain).expect("valid");
+    let frame = HeadsetFrame::decode(&plain).expect("valid");
     assert_eq!((frame.sent_ms, frame.age_ms, frame.stature_m), (7.5, 33.0, Some(1.8)));
     let [left, right] = &frame.hands;
     assert_eq!((left.pinch_m, left.trigger, right.squeeze), (Some(0.03), None, Some(0.75)));
     assert_eq!((right.closure(), frame.body.is_none()), (Some(0.25), true));
     assert!((left.closure().expect("a pinch") - 0.875).abs() < 1e-3);
-    assert_eq!(HeadsetFrame::of(&body).expect("valid").body.expect("a body").iter().flatten().count(), 22);
+    assert_eq!(HeadsetFrame::decode(&body).expect("valid").body.expect("a body").iter().flatten().count(), 22);
     // A guessed head or hand counts as unseen, a guessed joint of a body does not.
     let mut guessed = numbers(22);
     for at in [8, 17, 40] {
         guessed[at] = 0.5;
     }
-    let frame = HeadsetFrame::of(&message(1.0, 2.0, &guessed)).expect("valid");
+    let frame = HeadsetFrame::decode(&message(1.0, 2.0, &guessed)).expect("valid");
     assert_eq!(frame.body.as_ref().expect("a body").iter().flatten().count(), 22);
     assert!(frame.head.is_none() && frame.hands[0].pose.is_none() && frame.hands[0].grasp().is_none());
 }
@@ -65,7 +65,7 @@ fn f134_invalid_message_of_a_headset_is_refused_with_reason() {
         (message(1.0, 2.0, &numbers(21)), Refusal::Length),
         (vec![0; 16], Refusal::Length),
     ] {
-        assert_eq!(HeadsetFrame::of(&bytes).map(|_| ()), Err(refusal), "{} bytes", bytes.len());
+        assert_eq!(HeadsetFrame::decode(&bytes).map(|_| ()), Err(refusal), "{} bytes", bytes.len());
     }
 }
 
@@ -77,7 +77,7 @@ fn any_bytes_of_a_headset_are_refused_or_within_bounds() {
     for round in 0..20_000 {
         let mut bytes = message(1.0, 2.0, &numbers(22 * (round % 2)));
         damage(&mut bytes, round % 4, &mut next);
-        let Ok(frame) = HeadsetFrame::of(&bytes) else { continue };
+        let Ok(frame) = HeadsetFrame::decode(&bytes) else { continue };
         accepted += 1;
         let body = frame.body.iter().flat_map(|body| body.iter().flatten());
         for pose in frame.head.iter().chain(body) {

@@ -107,13 +107,13 @@ fn mirror_adds_part_on_other_link() {
 #[test]
 fn meshes_of_look_are_found_or_named_as_missing() {
     let (loaded, folder) = (loaded(), tempfile::tempdir().unwrap());
-    let error = RobotView::of(&loaded, Some(folder.path())).expect_err("nothing is there").to_string();
+    let error = RobotView::load(&loaded, Some(folder.path())).expect_err("nothing is there").to_string();
     assert!(error.contains("none of the robot's mesh files is below it"), "{error}");
     let arm = folder.path().join("description/meshes/arm");
     std::fs::create_dir_all(&arm).unwrap();
     // The maker's file for drawing is missing. Its file for collisions exists.
     std::fs::write(arm.join("arm_1_collision.dae"), "<COLLADA/>").unwrap();
-    let view = RobotView::of(&loaded, Some(folder.path())).expect("one mesh");
+    let view = RobotView::load(&loaded, Some(folder.path())).expect("one mesh");
     let drawn: Vec<_> = view.meshes.iter().map(|mesh| (mesh.link.as_str(), mesh.file.as_str())).collect();
     let file = "description/meshes/arm/arm_1_collision.dae";
     assert_eq!(drawn, [("arm_left_1_link", file), ("arm_right_1_link", file)]);
@@ -135,13 +135,13 @@ fn meshes_with_names_of_links_are_found() {
     let file = folder.path().join("tiago_dual.toml").display().to_string();
     let overrides = config::Overrides::robot(Some(&file.as_str().into()));
     let loaded = config::load(&robots.join("../teleop.toml"), overrides).expect("settings");
-    let error = RobotView::of(&loaded, Some(meshes.path())).expect_err("nothing is there").to_string();
+    let error = RobotView::load(&loaded, Some(meshes.path())).expect_err("nothing is there").to_string();
     assert!(error.contains("no file below it has the name of a link"), "{error}");
     std::fs::create_dir(meshes.path().join("visual")).unwrap();
     for name in ["visual/arm_left_4_link.STL", "arm_left_4.STL", "arm_left_4_link.txt"] {
         std::fs::write(meshes.path().join(name), "solid").unwrap();
     }
-    let view = RobotView::of(&loaded, Some(meshes.path())).expect("one mesh");
+    let view = RobotView::load(&loaded, Some(meshes.path())).expect("one mesh");
     let [mesh] = view.meshes.as_slice() else { panic!("{:?}", view.meshes) };
     assert_eq!((mesh.link.as_str(), mesh.file.as_str()), ("arm_left_4_link", "visual/arm_left_4_link.STL"));
     assert_eq!(mesh.body, loaded.model.arms[0].joints[3] + 1);

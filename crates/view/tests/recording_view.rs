@@ -101,9 +101,9 @@ fn page_plays_pauses_and_seeks_recording() {
 fn playing(socket: &mut Socket) -> Value {
     loop {
         let Message::Text(text) = socket.read().expect("it tells") else { continue };
-        let told: Value = serde_json::from_str(&text).expect("JSON");
-        if told["tell"] == "reel" {
-            return told["playing"].clone();
+        let message: Value = serde_json::from_str(&text).expect("JSON");
+        if message["tell"] == "reel" {
+            return message["playing"].clone();
         }
     }
 }

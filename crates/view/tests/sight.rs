@@ -12,7 +12,7 @@ fn numbers() -> Vec<f32> {
 
 #[test]
 fn image_becomes_frame_of_mediapipe_layout() {
-    let sight = Sight::of(&message(7.5, 33.0, &numbers())).expect("valid");
+    let sight = Sight::decode(&message(7.5, 33.0, &numbers())).expect("valid");
     assert_eq!((sight.sent_ms, sight.age_ms), (7.5, 33.0));
     let frame = *sight.person.expect("a person");
     assert_eq!((frame.layout, frame.joint_count), (SkeletonLayout::MediaPipe33 as u32, 33));
@@ -21,9 +21,9 @@ fn image_becomes_frame_of_mediapipe_layout() {
     assert!(frame.positions[33..].as_flattened().iter().chain(&frame.confidence[33..]).all(|&x| x == 0.0));
     let mut plain = numbers();
     plain[0] = 0.0;
-    let sight = Sight::of(&message(7.5, 33.0, &plain)).expect("valid");
+    let sight = Sight::decode(&message(7.5, 33.0, &plain)).expect("valid");
     assert_eq!(sight.person.map(|person| person.flags), Some(0));
-    assert_eq!(Sight::of(&message(1.0, 2.0, &[])).map(|sight| sight.person), Ok(None));
+    assert_eq!(Sight::decode(&message(1.0, 2.0, &[])).map(|sight| sight.person), Ok(None));
 }
 
 #[test]
@@ -48,7 +48,7 @@ fn invalid_image_is_refused_with_reason() {
         (message(1.0, 2.0, &[0.0]), Refusal::Length),
         (vec![0; 3], Refusal::Length),
     ] {
-        assert_eq!(Sight::of(&bytes), Err(refusal), "{} bytes", bytes.len());
+        assert_eq!(Sight::decode(&bytes), Err(refusal), "{} bytes", bytes.len());
     }
 }
 
@@ -61,7 +61,7 @@ fn any_bytes_are_refused_or_within_bounds() {
         let mut bytes = message(1.0, 2.0, &numbers());
         damage(&mut bytes, round % 4, &mut next);
         bytes.truncate([SIGHT_BYTES, SIGHT_BYTES, NOBODY_BYTES, next() % SIGHT_BYTES][round / 4 % 4]);
-        let Ok(sight) = Sight::of(&bytes) else { continue };
+        let Ok(sight) = Sight::decode(&bytes) else { continue };
         accepted += 1;
         assert!((0.0..=AGE_MS_MAX).contains(&sight.age_ms) && sight.sent_ms.is_finite());
         for mark in sight.person.iter().flat_map(|person| person.positions) {

@@ -3,7 +3,7 @@
 
 use crate::support;
 
-use messages::{Faults, JOINTS_MAX, JointTarget, Layout, Mode, TICK_HZ, TICK_S, WAY_NODES};
+use messages::{Faults, JOINTS_MAX, JointTarget, Layout, Mode, TICK_HZ, TICK_S, TRAJECTORY_NODES};
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
@@ -127,10 +127,10 @@ fn person(model: &Model, q: &[f64; JOINTS_MAX], bent: [f64; 2]) -> Box<JointTarg
         let (upper, fore) = arm.limb_rotations(&std::array::from_fn(|i| q[arm.joints[i]]));
         target.human_limbs[2 * side..2 * side + 2].copy_from_slice(&[xyzw(upper), xyzw(fore)]);
         let hand = xyzw(fore * model.wrists[side].rotation(bent)).map(|x| x as f32);
-        target.way_hands.iter_mut().for_each(|hands| hands[side] = hand);
+        target.hand_trajectory.iter_mut().for_each(|hands| hands[side] = hand);
     }
-    target.way = [target.human_limbs.map(|limb| limb.map(|x| x as f32)); WAY_NODES];
-    target.way_nodes = WAY_NODES as u32;
+    target.limb_trajectory = [target.human_limbs.map(|limb| limb.map(|x| x as f32)); TRAJECTORY_NODES];
+    target.trajectory_nodes = TRAJECTORY_NODES as u32;
     target
 }
 

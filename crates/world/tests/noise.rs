@@ -91,7 +91,7 @@ fn commands(config: &WorldConfig, arm: &ArmModel, q: &[f64; 5], noise_deg: f64) 
 fn noise_at_hanging_arm_moves_joints_by_two_degrees_at_most() {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/teleop.toml");
     let loaded = config::load(&path, Overrides::default()).expect("the settings of the repository");
-    let (config, arm) = (WorldConfig::new(&loaded).expect("a world"), ArmModel::of(&loaded.model));
+    let (config, arm) = (WorldConfig::new(&loaded).expect("a world"), ArmModel::from_model(&loaded.model));
     let (mut squares, mut count, mut worst) = (0.0, 0.0, 0.0_f64);
     for q in [[0.1, FRAC_PI_2 - 0.05, FRAC_PI_2, 0.2, 0.0], [0.3, FRAC_PI_2 - 0.1, FRAC_PI_2 + 0.4, 1.2, 0.5]] {
         let commands = commands(&config, &arm, &q, 0.5);

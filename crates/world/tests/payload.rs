@@ -118,7 +118,7 @@ fn payload_too_heavy_for_joint_blocks_start() {
     assert_eq!(say(&mut bench, 0, kilograms(1.0)), None);
     assert_eq!(bench.status.payload_kg, [1.0, 0.0]);
     assert_eq!(bench.status.payload_refused_why, PayloadRefusal::Overload as u32);
-    let why = payload_refused(&bench.status, &Names::of(&loaded.model)).expect("a reason");
+    let why = payload_refused(&bench.status, &Names::from_model(&loaded.model)).expect("a reason");
     assert!(why.starts_with("arm_left_2_joint: ") && why.contains("share of the effort limit"), "{why}");
     bench.step();
     assert!(Faults(bench.status.faults).has(Fault::StartOutsideLimits));

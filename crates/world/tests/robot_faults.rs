@@ -85,7 +85,7 @@ fn f054_sentences_name_joint_that_is_not_finite() {
     let mut bench = moving();
     bench.robot.inject(Injection::NanFeedback { joint: ELBOW });
     let bench = stops(bench, 3, Fault::FeedbackInvalid);
-    let names = robot::Names::of(bench.model());
+    let names = robot::Names::from_model(bench.model());
     let said = explain::why(&bench.status, &names);
     let joint = &bench.model().joint_names[ELBOW];
     assert!(said.contains(&format!("The position of {joint} is not finite.")), "{said}");

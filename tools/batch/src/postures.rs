@@ -17,7 +17,7 @@ impl Postures {
     #[must_use]
     pub fn new(model: &Model, weights: Option<Weights>, refine_steps: u32) -> Self {
         let network = weights.map(|weights| weights.network);
-        let arm = ArmModel::of(model);
+        let arm = ArmModel::from_model(model);
         let solver = PostureSolver { arm, network, refine_steps };
         Self { solver, home: model.home, arms: model.arms }
     }

@@ -55,7 +55,7 @@ impl<'a> Trajectory<'a> {
         if let Some((_, samples)) = self.window.iter().flatten().find(|(at, _)| *at == frame) {
             return Ok(*samples);
         }
-        let arms = self.limbs.get(frame).and_then(Limbs::of_both).ok_or((frame, "a limb is not a rotation"))?;
+        let arms = self.limbs.get(frame).and_then(Limbs::from_message).ok_or((frame, "a limb is not a rotation"))?;
         let samples = self.postures.encode(&arms);
         if !samples.iter().flat_map(|sample| sample.latent).all(f32::is_finite) {
             return Err((frame, "the network's encoding is not finite"));

@@ -146,7 +146,7 @@ fn extreme_poses_give_the_joints_of_the_daemon() {
     let settings = Settings { following_delay_ms: 0.0, ..Settings::default() };
     let (mut previous, mut kept) = (None, 0);
     for (i, (limbs, wanted)) in limbs.iter().zip(stage_joints(limbs.clone(), &settings)).enumerate() {
-        let samples = postures.encode(&Limbs::of_both(limbs).expect("rotations"));
+        let samples = postures.encode(&Limbs::from_message(limbs).expect("rotations"));
         let q = postures.posture(&samples, previous.as_ref()).expect("finite");
         kept += usize::from(postures.posture(&samples, None) != Some(q));
         assert_eq!(postures.joints(&q), wanted, "frame {i}");

@@ -103,7 +103,7 @@ pub fn clip_of(motion: &Motion, calibration: CalibrationMode, stride: usize) -> 
     }
     let frames = limb_frames(motion, calibration)?;
     let stride = stride.max(1);
-    let human: Option<Vec<Human>> = frames.iter().step_by(stride).map(Limbs::of_both).collect();
+    let human: Option<Vec<Human>> = frames.iter().step_by(stride).map(Limbs::from_message).collect();
     let positions: Vec<_> = motion.frames.iter().step_by(stride).map(|frame| frame.positions).collect();
     Ok(Clip {
         name: motion.name.clone(),

@@ -125,7 +125,7 @@ impl<'a> Robot<'a> {
     fn new(model: &'a Model) -> Self {
         let mut frames = Frames::default();
         model.forward(&model.home, &mut frames);
-        let proportions = Proportions::of(model);
+        let proportions = Proportions::from_model(model);
         // The middle between the shoulders: the origins of the arms' second joints, where the first two axes come nearest.
         let shoulders = [0, 1].map(|side| frames.base_from_body[model.arms[side].joints[1] + 1].t);
         let torso = &frames.base_from_body[model.torso_body];
@@ -263,8 +263,8 @@ impl Played {
     /// the positions, speeds and accelerations in force, from where the robot began to follow. They know no collisions.
     #[must_use]
     pub fn optimum(&self, model: &Model) -> Contacts {
-        let (arm, bounds) = (ArmModel::of(model), bounds_of(model));
-        let proportions = Proportions::of(model);
+        let (arm, bounds) = (ArmModel::from_model(model), bounds_of(model));
+        let proportions = Proportions::from_model(model);
         let (goal, hands) = self.person.touching(&arm, &Correction { robot: proportions, weight: 1.0 });
         let (mut robot, mut out) = (Robot::new(model), Contacts::default());
         for span in &self.spans {

@@ -63,7 +63,7 @@ pub fn named_tasks(model: &Model) -> Vec<Task> {
 /// Measures the methods on the named motions.
 #[must_use]
 pub fn table(model: &Model, methods: &[Method], tasks: &[Task]) -> PaperTable {
-    let arm = ArmModel::of(model);
+    let arm = ArmModel::from_model(model);
     let moments = crate::run::moments(tasks);
     let (mut rows, mut missing) = (Map::new(), Vec::new());
     for Method { name, solver } in methods {
@@ -127,7 +127,7 @@ fn hand_to_head(positions: &Positions) -> f64 {
 /// # Errors
 /// Returns an error if it cannot be written.
 pub fn figure(path: &Path, model: &Model, methods: &[Method], tasks: &[Task]) -> Result<(), EvalError> {
-    let arm = ArmModel::of(model);
+    let arm = ArmModel::from_model(model);
     let instants: Vec<(usize, usize)> = POSES
         .iter()
         .filter_map(|name| {

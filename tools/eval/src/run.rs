@@ -48,7 +48,7 @@ fn retargeting(cli: &Cli, human: &Path) -> Result<(), EvalError> {
         return Err(EvalError::Option { option: "stride", value: "0".to_owned(), expected });
     }
     let model = read_model(&cli.robot().shipped_file()?)?;
-    let identity = ArmIdentity::of(&model);
+    let identity = ArmIdentity::from_model(&model);
     let weights = read_weights(cli, &identity)?;
     let (clips, skipped) = clips::read(human, cli.clips.as_deref(), cli.calibration, cli.stride)?;
     for (file, reason) in &skipped {

@@ -48,7 +48,7 @@ fn person(arm: &ArmModel, seconds: f64, speed: f64) -> Person {
 
 #[test]
 fn late_robot_has_small_error_only_at_its_own_delay() {
-    let arm = ArmModel::of(&model());
+    let arm = ArmModel::from_model(&model());
     let at = |i: u64| Stamp(BEGIN_NS + 1_000_000_000 + i * 20_000_000);
     for (late_s, sign) in [(0.12, 1.0), (0.0, 0.0), (-0.12, -1.0)] {
         let sample = |i: u64| {
@@ -70,7 +70,7 @@ fn late_robot_has_small_error_only_at_its_own_delay() {
 
 #[test]
 fn following_error_is_the_mean_angle_of_four_limbs() {
-    let arm = ArmModel::of(&model());
+    let arm = ArmModel::from_model(&model());
     let rest = arm.mid();
     let mut bent = rest;
     bent[3] += 0.2;
@@ -116,7 +116,7 @@ fn starting(arm: &ArmModel, speed: f64) -> State {
 #[test]
 fn optimum_of_a_feasible_path_follows_it() {
     let model = model();
-    let arm = ArmModel::of(&model);
+    let arm = ArmModel::from_model(&model);
     for bounds in bounds_of(&model) {
         let speed = 0.9 * bounds.v_max.iter().chain(&bounds.a_max.map(|a| a / 2.0)).fold(f64::MAX, |a, b| a.min(*b));
         let (start, path) = (starting(&arm, speed), path(&arm, speed));
@@ -129,7 +129,7 @@ fn optimum_of_a_feasible_path_follows_it() {
 #[test]
 fn optimum_of_too_fast_path_is_no_worse_than_known_motions() {
     let model = model();
-    let (arm, [bounds, _]) = (ArmModel::of(&model), bounds_of(&model));
+    let (arm, [bounds, _]) = (ArmModel::from_model(&model), bounds_of(&model));
     for speed in [1.0, 1.5, 2.0] {
         let path = path(&arm, speed);
         let start = State { v: Joints::zeros(), ..starting(&arm, speed) };

@@ -12,7 +12,7 @@ use train::files::read_model;
 
 fn arm() -> ArmModel {
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/robots/tiago_dual.toml");
-    ArmModel::of(&read_model(&file).expect("the robot file is valid"))
+    ArmModel::from_model(&read_model(&file).expect("the robot file is valid"))
 }
 
 fn posture(arm: &ArmModel, rng: &mut Pcg64) -> ArmQ {
@@ -182,10 +182,10 @@ fn optimum_of_contacts_reaches_slow_ones_and_misses_fast_ones() {
 fn limbs_of_a_resting_arm_do_not_leap_when_the_other_hand_leaves() {
     let model =
         train::files::read_model(std::path::Path::new("../../config/robots/tiago_dual.toml")).expect("the robot");
-    let arm = retarget::ArmModel::of(&model);
+    let arm = retarget::ArmModel::from_model(&model);
     let motion = &named("box");
     let calibration = motion::calibrate(motion, motion::CalibrationMode::Rig);
-    let people: Vec<_> = motion::limbs(motion, &calibration).iter().filter_map(Limbs::of_both).collect();
+    let people: Vec<_> = motion::limbs(motion, &calibration).iter().filter_map(Limbs::from_message).collect();
     let postures = poses::trajectory::ground_truth_touching(&model, motion, 1.0).q;
     let mut resting = 0;
     for (person, posture) in people.windows(2).zip(postures.windows(2)) {

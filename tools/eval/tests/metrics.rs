@@ -13,7 +13,7 @@ const FRAMES: usize = 60;
 
 fn arm() -> ArmModel {
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/robots/tiago_dual.toml");
-    ArmModel::of(&read_model(&file).expect("the robot file is valid"))
+    ArmModel::from_model(&read_model(&file).expect("the robot file is valid"))
 }
 
 /// A smooth posture within the limits and away from the gimbal.

@@ -37,7 +37,7 @@ const KEYS: [&str; 4] = ["t-pose", "clap", "box", "rest"];
 #[test]
 fn trajectory_stops_at_every_pose_as_retargeted() {
     let (model, network) = robot();
-    let arm = ArmModel::of(&model);
+    let arm = ArmModel::from_model(&model);
     for space in [Space::Latent, Space::Joint] {
         let found = between(space, &KEYS);
         assert_eq!(found.q.len(), 3 * 120 + 1);
@@ -59,7 +59,7 @@ fn trajectory_stops_at_every_pose_as_retargeted() {
 fn trajectory_is_monotone_in_joints_and_near_slerp_in_latent() {
     let joint = between(Space::Joint, &KEYS);
     let latent = between(Space::Latent, &KEYS);
-    let arm = ArmModel::of(&robot().0);
+    let arm = ArmModel::from_model(&robot().0);
     let keys = poses(&KEYS);
     for piece in 0..3 {
         for side in 0..2 {
@@ -83,7 +83,7 @@ fn trajectory_is_monotone_in_joints_and_near_slerp_in_latent() {
 #[test]
 fn motion_of_a_trajectory_has_the_limbs_of_the_robot() {
     let (model, _) = robot();
-    let arm = ArmModel::of(&model);
+    let arm = ArmModel::from_model(&model);
     let trajectory = between(Space::Latent, &["hands-to-chest", "point-forward"]);
     let motion = to_motion(&trajectory, &model, "test");
     let read = motion::parse_bvh("test", compact_bvh(&motion).as_bytes()).expect("is read");
@@ -91,7 +91,7 @@ fn motion_of_a_trajectory_has_the_limbs_of_the_robot() {
         let all = limbs(&motion, &calibrate(&motion, CalibrationMode::Rig));
         assert_eq!(all.len(), trajectory.q.len());
         for (limbs, q) in all.iter().zip(&trajectory.q) {
-            let arms = Limbs::of_both(limbs).expect("rotations");
+            let arms = Limbs::from_message(limbs).expect("rotations");
             for side in 0..2 {
                 let error = limb_error_deg(&arm.forward(&q[side]), &arms[side]);
                 assert!(error.iter().all(|degrees| *degrees < 0.1), "{error:?} degrees");
@@ -174,7 +174,7 @@ fn interpolate_writes_both_files_and_refuses_bad_poses() {
 #[test]
 fn trajectory_rows_between_random_poses_do_not_jump() {
     let (model, network) = robot();
-    let arm = ArmModel::of(&model);
+    let arm = ArmModel::from_model(&model);
     let mut state = 7_u64;
     let mut uniform = || {
         // Knuth's linear congruential generator (MMIX).

@@ -70,7 +70,8 @@ fn eleven_motions_last_3_to_6_s_and_return_to_hanging_arms() {
         assert_eq!(motion.frame_rate_hz, 60.0);
         let all = limbs(motion, &rig(motion));
         let (first, last) = (all.first().expect("frames"), all.last().expect("frames"));
-        let (first, last) = (Limbs::of_both(first).expect("rotations"), Limbs::of_both(last).expect("rotations"));
+        let (first, last) =
+            (Limbs::from_message(first).expect("rotations"), Limbs::from_message(last).expect("rotations"));
         for side in 0..2 {
             assert!(limb_error_deg(&first[side], &last[side]).iter().all(|degrees| *degrees < 0.1), "{}", motion.name);
         }
@@ -108,7 +109,7 @@ fn limbs_read_back_from_bvh_agree_within_a_tenth_degree() {
             let a = limbs(&motion, &calibrate(&motion, mode));
             let b = limbs(&read, &calibrate(&read, mode));
             for (i, (a, b)) in a.iter().zip(&b).enumerate() {
-                let (a, b) = (Limbs::of_both(a).expect("rotations"), Limbs::of_both(b).expect("rotations"));
+                let (a, b) = (Limbs::from_message(a).expect("rotations"), Limbs::from_message(b).expect("rotations"));
                 for side in 0..2 {
                     let error = limb_error_deg(&a[side], &b[side]);
                     assert!(error.iter().all(|e| *e < 0.1), "{} frame {i} {mode:?}: {error:?} degrees", motion.name);

@@ -93,7 +93,7 @@ impl RecordingEncoder {
     /// Creates an encoder that has seen nothing. `offset_ns` is added to every stamp.
     pub fn new(model: &Model, rates: Rates, offset_ns: u64) -> Self {
         Self {
-            names: Names::of(model),
+            names: Names::from_model(model),
             model: model.clone(),
             frames: Frames::default(),
             rates,

@@ -38,7 +38,7 @@ fn main() -> ExitCode {
 fn view(cli: &Cli, file: &Path) -> Result<(), Failure> {
     let shutdown = Shutdown::on_signals().map_err(Failure::with(Exit::Software))?;
     let loaded = config::load(&cli.config, cli.overrides()).map_err(Failure::with(Exit::Config))?;
-    let shown = view::RobotView::of(&loaded, cli.meshes.as_deref()).map_err(Failure::with(Exit::Config))?;
+    let shown = view::RobotView::load(&loaded, cli.meshes.as_deref()).map_err(Failure::with(Exit::Config))?;
     if !shown.missing.is_empty() {
         err!("record: {} mesh files are not below --meshes: {}", shown.missing.len(), shown.missing.join(", "));
     }
@@ -72,7 +72,7 @@ fn summary(cli: &Cli, file: &Path) -> Result<(), Failure> {
         let recorded = Recorded::open(file).map_err(Failure::with(Exit::NoInput))?;
         recorded.check_robot(&loaded.model).map(|()| loaded).map_err(Failure::with(Exit::NoInput))
     });
-    let names = loaded.as_ref().map_or_else(|_| Names::default(), |loaded| Names::of(&loaded.model));
+    let names = loaded.as_ref().map_or_else(|_| Names::default(), |loaded| Names::from_model(&loaded.model));
     let summary = Summary::read(file, &names).map_err(Failure::with(Exit::NoInput))?;
     out!("{}", summary.text().trim_end());
     let Some(picture) = &cli.plot else { return Ok(()) };

@@ -2,7 +2,7 @@
 //! reorder, repeat and break, and between clocks that drift and jump.
 
 use bus::{FaultPlan, Faulty, Latest, Publish};
-use link::{FRAME_BYTES_MAX, OperatorEnd, Payload, RobotEnd, SILENCE_NS, Sent, Taken};
+use link::{FRAME_BYTES_MAX, OperatorEnd, Payload, Received, RobotEnd, SILENCE_NS, Sent};
 use messages::{
     HOLDS_CLUTCH, HOLDS_ENABLE, HOLDS_RECOVERY, LEAVES_OUT, Layout, OPERATOR_VERSION, OperatorRequest, RawSkeleton,
     Stamp, Status, TICK_HZ,
@@ -174,8 +174,8 @@ impl Remote {
         self.wires.iter_mut().for_each(|wire| wire.advance(now));
         for line in 0..2 {
             if let Some(packet) = self.wires[line].latest() {
-                let taken = self.robot.take(0, &packet.bytes[..packet.length], now, || now.0.max(1));
-                self.take(taken, &packet, now, frames);
+                let taken = self.robot.receive(0, &packet.bytes[..packet.length], now, || now.0.max(1));
+                self.accept(taken, &packet, now, frames);
             }
         }
         if self.robot.tick(now)[0] {
@@ -191,7 +191,7 @@ impl Remote {
         }
         for line in 2..4 {
             if let Some(packet) = self.wires[line].latest() {
-                let _ = self.operator.take(&packet.bytes[..packet.length], theirs);
+                let _ = self.operator.receive(&packet.bytes[..packet.length], theirs);
             }
         }
     }
@@ -204,7 +204,7 @@ impl Remote {
     }
 
     /// Uses what arrived at the robot's end.
-    fn take(&mut self, taken: Taken, packet: &Packet, now: Stamp, frames: &mut Vec<RawSkeleton>) {
+    fn accept(&mut self, taken: Received, packet: &Packet, now: Stamp, frames: &mut Vec<RawSkeleton>) {
         match taken.outcome {
             Ok(Sent::Began) => {
                 // The robot's end opens a new connection.

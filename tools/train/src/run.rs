@@ -74,7 +74,7 @@ struct Run {
 
 /// Begins the run of one robot, or continues its checkpoint.
 fn begin(cli: &Cli, robot: &Path, recorded: &Recorded) -> Result<(Run, Session), TrainError> {
-    let identity = ArmIdentity::of(&read_model(robot)?);
+    let identity = ArmIdentity::from_model(&read_model(robot)?);
     let arm = Arm::from(&identity.arm);
     let origin = Origin { robot_hash: format!("{:016x}", identity.robot_hash), poses: recorded.digest() };
     let out = if cli.robot.len() == 1 { cli.out.clone() } else { cli.out.join(&identity.robot) };

@@ -5,7 +5,7 @@ use follow::arm::{Arm, ArmVector, Limbs};
 use follow::gap::Gaps;
 use follow::solver::{Bounds, Problem, State as ArmState};
 use follow::{Config, Input, LIMB_JOINTS, NODES, Output, State, Weights, tick};
-use messages::{HAND_NODES, JOINTS_MAX, LIMBS, WAY_NODE_TICKS};
+use messages::{HAND_NODES, JOINTS_MAX, LIMBS, TRAJECTORY_NODE_TICKS};
 use nalgebra::{UnitQuaternion, Vector3};
 use rand::RngExt;
 use rand_pcg::Pcg64;
@@ -27,7 +27,7 @@ pub const FREE: [f64; LIMB_JOINTS] = [0.3, 0.3, 1.5, 1.0, 0.2];
 /// Joints of both arms that turn limbs.
 pub const LIMB_MASK: u32 = ((1 << LIMB_JOINTS) - 1) << FIRST[0] | ((1 << LIMB_JOINTS) - 1) << FIRST[1];
 
-pub type Way = [[[f32; 4]; LIMBS]; NODES];
+pub type Trajectory = [[[f32; 4]; LIMBS]; NODES];
 
 /// Axes, reference and ranges of a TiaGo++.
 pub fn arm() -> Arm {
@@ -129,7 +129,7 @@ pub fn to_message(limbs: &Limbs, arm: usize) -> [[f32; 4]; 2] {
 }
 
 /// The nodes from `first` on, with the limbs of both arms at each node.
-pub fn way(first: u64, person: impl Fn(u64) -> [Limbs; 2]) -> Way {
+pub fn limb_trajectory(first: u64, person: impl Fn(u64) -> [Limbs; 2]) -> Trajectory {
     std::array::from_fn(|i| {
         let [left, right] = person(first + i as u64);
         let ([a, b], [c, d]) = (to_message(&left, 0), to_message(&right, 1));
@@ -139,7 +139,7 @@ pub fn way(first: u64, person: impl Fn(u64) -> [Limbs; 2]) -> Way {
 
 /// Time of a node, s.
 pub fn node_s(node: u64) -> f64 {
-    (node * WAY_NODE_TICKS) as f64 * messages::TICK_S
+    (node * TRAJECTORY_NODE_TICKS) as f64 * messages::TICK_S
 }
 
 /// A robot whose command is the aim of the previous tick.
@@ -195,12 +195,12 @@ impl Robot {
 
     /// First node in a target of the next tick.
     pub fn next_first(&self) -> u64 {
-        (self.k + 1) / WAY_NODE_TICKS + 1
+        (self.k + 1) / TRAJECTORY_NODE_TICKS + 1
     }
 
-    /// Runs a tick `ticks` later, with this way from node `way_first`. In the ticks between, joints keep their
+    /// Runs a tick `ticks` later, with this trajectory from node `trajectory_first`. In the ticks between, joints keep their
     /// speed.
-    pub fn step_after(&mut self, ticks: u64, way: &Way, way_first: u64) -> Output {
+    pub fn step_after(&mut self, ticks: u64, trajectory: &Trajectory, trajectory_first: u64) -> Output {
         self.k += ticks;
         for (q, v) in self.q.iter_mut().zip(&self.v) {
             *q += v * ticks.saturating_sub(1) as f64 * messages::TICK_S;
@@ -208,8 +208,8 @@ impl Robot {
         let input = Input {
             places: &[self.places; NODES],
             k: self.k,
-            way,
-            way_first,
+            limb_trajectory: trajectory,
+            trajectory_first,
             valid_mask: self.valid_mask,
             prior: &self.prior,
             hands: &self.hands,
@@ -230,7 +230,7 @@ impl Robot {
     /// Runs the next tick with this person.
     pub fn step(&mut self, person: impl Fn(u64) -> [Limbs; 2]) -> Output {
         let first = self.next_first();
-        self.step_after(1, &way(first, person), first)
+        self.step_after(1, &limb_trajectory(first, person), first)
     }
 
     pub fn arm(&self, arm: usize) -> ArmVector {

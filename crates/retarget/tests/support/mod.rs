@@ -11,8 +11,8 @@ use rand_pcg::Pcg64;
 use retarget::contact::{Part, Proportions};
 use retarget::surface::Surface;
 use retarget::{
-    ArmIdentity, ArmModel, ArmQ, Chain, Dense, LATENT, Layers, Limbs, Manifest, Prediction, RobotArms, Weights, mirror,
-    write_weights, xyzw_from_rotation,
+    ArmIdentity, ArmModel, ArmQ, Dense, KinematicChain, LATENT, Layers, Limbs, Manifest, Prediction, RobotArms,
+    Weights, mirror, write_weights, xyzw_from_rotation,
 };
 
 /// The robots with weights of their own.
@@ -65,7 +65,7 @@ pub(crate) fn robot() -> RobotArms {
         lift: None,
         proportions: Proportions {
             // TIAGo++'s: the arm is straight along y.
-            chain: Chain {
+            chain: KinematicChain {
                 joints: [-0.125, 0.0, 0.09, 0.311, 0.311].map(|along| Vector3::new(0.0, 0.28 + along, 0.0)),
                 hand: Vector3::new(0.0, 0.9, 0.0),
             },

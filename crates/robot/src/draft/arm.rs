@@ -41,7 +41,7 @@ impl Posture {
 
 /// One joint: its frame in the frame of the joint before it, its axis, and its range.
 #[derive(Clone, Copy, Debug)]
-struct Link {
+struct DraftJoint {
     before_from_joint: Pose,
     axis: Vector3<f64>,
     range: [f64; 2],
@@ -50,7 +50,7 @@ struct Link {
 /// The joints of an arm. The first one's frame is in the torso's frame.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct ArmChain {
-    links: [Link; ARM_JOINTS],
+    joints: [DraftJoint; ARM_JOINTS],
     /// Directions of the limbs along or against the axes of joints 3 and 5.
     along: [f64; 2],
     /// Position of joint 4 at which the arm is straight, and the direction in which it bends.
@@ -69,18 +69,18 @@ pub(super) fn signs(left: &Posture, right: &Posture, chains: &[ArmChain; 2]) -> 
 
 impl ArmChain {
     pub(super) fn new(tree: &Tree, torso: usize, joints: &[usize; ARM_JOINTS]) -> Self {
-        let link = |i: usize| {
+        let joint = |i: usize| {
             let above = if i == 0 { torso } else { tree.joints[joints[i - 1]].child };
             let joint = &tree.joints[joints[i]];
-            Link {
+            DraftJoint {
                 before_from_joint: pose_below(tree, above, joints[i]),
                 axis: joint.axis,
                 range: [joint.limit.lower, joint.limit.upper],
             }
         };
-        let mut chain = Self { links: std::array::from_fn(link), along: [1.0; 2], straight_rad: 0.0, bends: 1.0 };
+        let mut chain = Self { joints: std::array::from_fn(joint), along: [1.0; 2], straight_rad: 0.0, bends: 1.0 };
         let poses = chain.poses(&[0.0; ARM_JOINTS]);
-        let axis = |i: usize| poses[i].r * chain.links[i].axis;
+        let axis = |i: usize| poses[i].r * chain.joints[i].axis;
         let along = [(1, 3, 2), (3, 5, 4)].map(|(from, to, of)| (poses[to].t - poses[from].t).dot(&axis(of)));
         chain.along = along.map(|length| if length < 0.0 { -1.0 } else { 1.0 });
         // The forearm's direction over q4 is A cos q4 + B sin q4 along the upper arm.
@@ -90,7 +90,7 @@ impl ArmChain {
         };
         let middle = (direction(0.0) + direction(2.0 * FRAC_PI_2)) / 2.0;
         chain.straight_rad = (direction(FRAC_PI_2) - middle).atan2(direction(0.0) - middle);
-        let [low, high] = chain.links[3].range;
+        let [low, high] = chain.joints[3].range;
         chain.bends = if high - chain.straight_rad >= chain.straight_rad - low { 1.0 } else { -1.0 };
         chain
     }
@@ -99,16 +99,16 @@ impl ArmChain {
     fn poses(&self, q: &[f64; ARM_JOINTS]) -> [Pose; ARM_JOINTS] {
         let mut pose = Pose::identity();
         std::array::from_fn(|i| {
-            let link = &self.links[i];
-            let turned = Pose { r: rotation(&link.axis, q[i]), ..Pose::identity() };
-            pose = pose.compose(&link.before_from_joint).compose(&turned);
+            let joint = &self.joints[i];
+            let turned = Pose { r: rotation(&joint.axis, q[i]), ..Pose::identity() };
+            pose = pose.compose(&joint.before_from_joint).compose(&turned);
             pose
         })
     }
 
     fn axes(&self, q: &[f64; 5]) -> [Vector3<f64>; ARM_JOINTS] {
         let poses = self.poses(&std::array::from_fn(|i| q.get(i).copied().unwrap_or(0.0)));
-        std::array::from_fn(|i| poses[i].r * self.links[i].axis)
+        std::array::from_fn(|i| poses[i].r * self.joints[i].axis)
     }
 
     /// Directions of the upper arm and of the forearm.
@@ -126,7 +126,7 @@ impl ArmChain {
             let (a, b) = (upper - out, hinge.cross(&upper) - Vector3::x());
             [a.x, a.y, a.z, b.x, b.y, b.z]
         };
-        let fifth = 0.0_f64.clamp(self.links[4].range[0], self.links[4].range[1]);
+        let fifth = 0.0_f64.clamp(self.joints[4].range[0], self.joints[4].range[1]);
         let mut best = Posture { q: [0.0, 0.0, 0.0, self.straight_rad, fifth], off: f64::INFINITY };
         let mut size = f64::INFINITY;
         for start in starts() {
@@ -151,12 +151,12 @@ impl ArmChain {
             [a.x, a.y, a.z, b.x, b.y, b.z]
         };
         let inside = |i: usize, q: f64| {
-            let [low, high] = self.links[i].range;
+            let [low, high] = self.joints[i].range;
             let room = ROOM_RAD.min((high - low) / 4.0);
             q.clamp(low + room, high - room)
         };
         let rest = |i: usize| {
-            let [low, high] = self.links[i].range;
+            let [low, high] = self.joints[i].range;
             if low + ROOM_RAD <= 0.0 && 0.0 <= high - ROOM_RAD { 0.0 } else { (low + high) / 2.0 }
         };
         let mut best = ([0.0; 5], f64::INFINITY);

@@ -23,35 +23,35 @@ impl HeadsetClient {
     }
 
     /// Starts or ends the person. Either one releases a press.
-    pub fn turn(&mut self, on: bool, hand: &OperatorWorker) {
-        self.release(hand);
+    pub fn turn(&mut self, on: bool, operator: &OperatorWorker) {
+        self.release(operator);
         self.state.reset();
         self.leads = false;
         self.publisher.ask(if on { CameraRequest::Start(0) } else { CameraRequest::Stop });
     }
 
     /// Takes a message. Each one repeats a held press, so the press ends with the messages.
-    pub fn see(&mut self, bytes: &[u8], hand: &OperatorWorker) {
+    pub fn see(&mut self, bytes: &[u8], operator: &OperatorWorker) {
         let now = rt::now();
         let before = self.state.is_held();
         let sight = self.state.step(bytes, now);
         match (before, self.state.is_held()) {
-            (false, true) if self.leads => hand.ask(OperatorCommand::Engage { left_out: None }),
+            (false, true) if self.leads => operator.ask(OperatorCommand::Engage { left_out: None }),
             (false, true) => drop(self.state.lose_press()),
             (true, true) if !self.state.repeats_press() => {}
-            (true, true) => hand.ask(OperatorCommand::Keep),
-            (true, false) => hand.ask(OperatorCommand::Release),
+            (true, true) => operator.ask(OperatorCommand::Keep),
+            (true, false) => operator.ask(OperatorCommand::Release),
             (false, false) => {}
         }
         self.publisher.ask(CameraRequest::Image(now, sight));
     }
 
     /// Returns the next report of the publisher. A person that ended releases the press.
-    pub fn answer(&mut self, hand: &OperatorWorker) -> Option<CameraReport> {
+    pub fn answer(&mut self, operator: &OperatorWorker) -> Option<CameraReport> {
         let report = self.publisher.answer()?;
         self.leads = report.on;
         if !report.on {
-            self.release(hand);
+            self.release(operator);
         }
         Some(report)
     }
@@ -63,13 +63,13 @@ impl HeadsetClient {
 
     /// Notes that the enable is not held. The hand must open before it can press again. A press that is on its way at that
     /// moment is taken back, so that the hand does not let go of nothing.
-    pub fn lost(&mut self, hand: &OperatorWorker) {
-        self.release(hand);
+    pub fn lost(&mut self, operator: &OperatorWorker) {
+        self.release(operator);
     }
 
-    fn release(&mut self, hand: &OperatorWorker) {
+    fn release(&mut self, operator: &OperatorWorker) {
         if self.state.lose_press() {
-            hand.ask(OperatorCommand::Release);
+            operator.ask(OperatorCommand::Release);
         }
     }
 }

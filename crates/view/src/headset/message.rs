@@ -81,7 +81,7 @@ impl HeadsetFrame {
     ///
     /// # Errors
     /// Returns the reason if a number is missing or out of its bounds.
-    pub fn of(bytes: &[u8]) -> Result<Self, Refusal> {
+    pub fn decode(bytes: &[u8]) -> Result<Self, Refusal> {
         if bytes.len() != HEADSET_BYTES && bytes.len() != BODY_BYTES {
             return Err(Refusal::Length);
         }
@@ -91,7 +91,7 @@ impl HeadsetFrame {
         let stature = numbers.next();
         let stature_m = optional(stature, 0.0, STATURE_M)?;
         let head = numbers.pose()?.filter(is_tracked);
-        let hands = [numbers.hand()?, numbers.hand()?];
+        let hands = [numbers.read_hand()?, numbers.read_hand()?];
         let body = if numbers.rest.is_empty() { None } else { Some(Box::new(numbers.body()?)) };
         Ok(Self { sent_ms, age_ms, stature_m, head, hands, body })
     }
@@ -141,7 +141,7 @@ impl Numbers<'_> {
         Ok((confidence > 0.0).then_some(Tracked { position, rotation, confidence }))
     }
 
-    fn hand(&mut self) -> Result<Hand, Refusal> {
+    fn read_hand(&mut self) -> Result<Hand, Refusal> {
         let kind = match self.next() {
             0.0 => HandKind::Wrist,
             1.0 => HandKind::Grip,

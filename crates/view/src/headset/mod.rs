@@ -56,9 +56,9 @@ impl Headset {
     /// # Errors
     /// Returns the reason if the message is refused.
     pub fn step(&mut self, bytes: &[u8], now: Stamp) -> Result<Sight, Refusal> {
-        let read = HeadsetFrame::of(bytes);
+        let read = HeadsetFrame::decode(bytes);
         let grasp = read.as_ref().ok().filter(|frame| frame.head.is_some()).and_then(|frame| frame.hands[0].grasp());
-        let age_ms = read.as_ref().map_or(0.0, |frame| frame.age_ms + self.delay.of(frame.sent_ms, now));
+        let age_ms = read.as_ref().map_or(0.0, |frame| frame.age_ms + self.delay.waited_ms(frame.sent_ms, now));
         self.late = age_ms > PRESS_AGE_MS_MAX;
         // A late message that shows a closed hand presses nothing. A press that is held goes on, but is not repeated.
         let grasp = grasp.filter(|grasp| !self.late || self.is_held() || *grasp == Grasp::Open);

@@ -88,22 +88,22 @@ impl UpperBody {
         let neck = head.position + head.rotation * Vector3::new(0.0, (CHIN - EYES) * stature_m, EYES_AHEAD * stature_m);
         let shoulders = neck - up * ((CHIN - SHOULDERS) * stature_m);
         let hips = shoulders + (ahead * LEAN_RAD.sin() - up * LEAN_RAD.cos()) * (TRUNK * stature_m);
-        put(out, Smpl::Head, head.position, &head.rotation, 1.0);
-        put(out, Smpl::Pelvis, hips, &torso, FROM_HEAD);
-        put(out, Smpl::Neck, neck, &torso, FROM_HEAD);
-        put(out, Smpl::LeftHip, hips - right * (HALF_HIPS * stature_m), &torso, FROM_HEAD);
-        put(out, Smpl::RightHip, hips + right * (HALF_HIPS * stature_m), &torso, FROM_HEAD);
+        place_joint(out, Smpl::Head, head.position, &head.rotation, 1.0);
+        place_joint(out, Smpl::Pelvis, hips, &torso, FROM_HEAD);
+        place_joint(out, Smpl::Neck, neck, &torso, FROM_HEAD);
+        place_joint(out, Smpl::LeftHip, hips - right * (HALF_HIPS * stature_m), &torso, FROM_HEAD);
+        place_joint(out, Smpl::RightHip, hips + right * (HALF_HIPS * stature_m), &torso, FROM_HEAD);
         for (side, ([shoulder, elbow, wrist], limbs)) in ARMS.into_iter().enumerate() {
             let aside = right * if side == 0 { -HALF_SHOULDERS } else { HALF_SHOULDERS };
             let place = shoulders + aside * stature_m;
             let Some(hand) = wrist_of(side, &frame.hands[side], stature_m) else {
-                put(out, shoulder, place, &torso, FROM_HEAD);
+                place_joint(out, shoulder, place, &torso, FROM_HEAD);
                 continue;
             };
             let arm = solve(side, &torso, place, hand.position, BONES.map(|share| share * stature_m));
-            put(out, shoulder, place, &arm.upper, FROM_HEAD);
-            put(out, elbow, arm.elbow, &arm.fore, ELBOW);
-            put(out, wrist, arm.wrist, &hand.rotation, 1.0);
+            place_joint(out, shoulder, place, &arm.upper, FROM_HEAD);
+            place_joint(out, elbow, arm.elbow, &arm.fore, ELBOW);
+            place_joint(out, wrist, arm.wrist, &hand.rotation, 1.0);
             // Both the solved shoulder and the wrist of WebXR have the elbow's axis at a known place.
             for limb in limbs {
                 mark_hinge(&mut out.calibration, limb, hinge(side));
@@ -141,7 +141,7 @@ fn wrapped(angle_rad: f64) -> f64 {
     angle_rad.sin().atan2(angle_rad.cos())
 }
 
-fn put(out: &mut RawSkeleton, joint: Smpl, at: Vector3<f64>, turn: &UnitQuaternion<f64>, confidence: f32) {
+fn place_joint(out: &mut RawSkeleton, joint: Smpl, at: Vector3<f64>, turn: &UnitQuaternion<f64>, confidence: f32) {
     let joint = joint as usize;
     out.positions[joint] = [at.x, at.y, at.z].map(|c| c as f32);
     out.rotations[joint] = [turn.i, turn.j, turn.k, turn.w].map(|c| c as f32);
@@ -170,7 +170,7 @@ fn copy(out: &mut RawSkeleton, body: &[Option<Tracked>; SMPL_JOINTS]) {
     let aside = (right.position - left.position) * (HIPS_PER_SHOULDERS / 2.0);
     for (hip, place) in [(Smpl::LeftHip, pelvis.position - aside), (Smpl::RightHip, pelvis.position + aside)] {
         if at(hip).is_none() {
-            put(out, hip, place, &pelvis.rotation, pelvis.confidence);
+            place_joint(out, hip, place, &pelvis.rotation, pelvis.confidence);
         }
     }
 }

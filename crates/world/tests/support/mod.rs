@@ -4,7 +4,7 @@
 use config::{Loaded, Overrides};
 use messages::{
     ALL_JOINTS, Faults, Header, JOINTS_MAX, JointTarget, Layout, Mode, RobotState, Stamp, Status, Subject, TICK_HZ,
-    Transition, WAY_NODE_TICKS, deadline, target_flag,
+    TRAJECTORY_NODE_TICKS, Transition, deadline, target_flag,
 };
 use robot::{Frames, Model};
 use safety::engage::OperatorView;
@@ -169,7 +169,7 @@ impl Bench {
             valid_mask: ALL_JOINTS,
             flags: target_flag::INPUT_FRESH | self.more_flags,
             session_nonce: 70,
-            way_first: self.k / WAY_NODE_TICKS + 1,
+            trajectory_first: self.k / TRAJECTORY_NODE_TICKS + 1,
             ..*self.person
         });
         self.hand.heartbeat_received = now;

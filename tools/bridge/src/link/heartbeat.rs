@@ -36,7 +36,7 @@ impl Heartbeat {
     }
 
     /// Takes the socket's view. Returns true if something was pressed or let go, which must not wait for the next beat.
-    pub(super) fn note(&mut self, view: &OperatorView) -> bool {
+    pub(super) fn update(&mut self, view: &OperatorView) -> bool {
         let (before, seen) = (self.request, self.seen);
         let add = |count: &mut u32, new: u64, old: u64| *count = count.wrapping_add(new.saturating_sub(old) as u32);
         let request = &mut self.request;
@@ -86,12 +86,12 @@ mod tests {
     fn counters_go_on_over_a_new_socket_and_nothing_is_held_then() {
         let mut heartbeat = Heartbeat::new();
         let view = OperatorView { enable_level: true, enable_edges: 1, estop_edges: 2, ..OperatorView::default() };
-        assert!(heartbeat.note(&view) && !heartbeat.note(&view));
+        assert!(heartbeat.update(&view) && !heartbeat.update(&view));
         assert_eq!((heartbeat.request.enable_level, heartbeat.request.enable_count), (HOLDS_ENABLE, 1));
         heartbeat.restart();
         assert_eq!((heartbeat.request.enable_level, heartbeat.request.release_count), (0, 1));
         let view = OperatorView { recover_level: true, recover_edges: 1, ..OperatorView::default() };
-        assert!(heartbeat.note(&view));
+        assert!(heartbeat.update(&view));
         let request = heartbeat.request;
         assert_eq!((request.enable_level, request.enable_count, request.estop_count), (HOLDS_RECOVERY, 2, 2));
     }
@@ -101,9 +101,9 @@ mod tests {
         let mut heartbeat = Heartbeat::new();
         let held =
             OperatorView { enable_level: true, enable_edges: 1, left_out: [false, true], ..OperatorView::default() };
-        heartbeat.note(&held);
+        heartbeat.update(&held);
         assert_eq!(heartbeat.request.enable_level, HOLDS_ENABLE | LEAVES_OUT[1]);
-        heartbeat.note(&OperatorView { enable_level: false, holders_lost: 1, ..held });
+        heartbeat.update(&OperatorView { enable_level: false, holders_lost: 1, ..held });
         assert_eq!((heartbeat.request.enable_level, heartbeat.request.release_count), (0, 1));
     }
 
@@ -111,7 +111,7 @@ mod tests {
     fn payloads_of_both_hands_follow_one_another() {
         let mut heartbeat = Heartbeat::new();
         let order = |mass_kg| Some(PayloadOrder { mass_kg, centre_m: None });
-        heartbeat.note(&OperatorView {
+        heartbeat.update(&OperatorView {
             payload: [order(1.0), order(2.0)],
             payload_edges: [1, 1],
             ..OperatorView::default()

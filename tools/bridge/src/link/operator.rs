@@ -116,7 +116,7 @@ impl Operator {
         while let Some(bytes) = self.answers.take() {
             // An answer may arrive after this round began. A time before its arrival would look like a jump of the clock.
             let now = rt::now();
-            match self.end.take(&bytes, now) {
+            match self.end.receive(&bytes, now) {
                 Ok(Down::Status(status)) => self.status = Some((status, now)),
                 Ok(Down::Feedback(feedback)) => self.persons.feed_back(&feedback),
                 Ok(Down::Answer(_)) | Err(_) => {}
@@ -172,7 +172,7 @@ impl Operator {
             self.operators = Some(operator::Server::bind(&self.socket)?);
         }
         let view = self.operators.as_mut().map(|operators| operators.poll(now, &status));
-        Ok(view.is_some_and(|view| self.heartbeat.note(&view)))
+        Ok(view.is_some_and(|view| self.heartbeat.update(&view)))
     }
 
     /// Closes the operator socket: clients see the end of their connection, and have to press again. Returns false if it
@@ -180,7 +180,7 @@ impl Operator {
     fn close(&mut self, now: Stamp) -> bool {
         let Some(mut operators) = self.operators.take() else { return false };
         let status = self.status.map_or(Status::ZERO, |(status, _)| status);
-        self.heartbeat.note(&operators.poll(now, &status));
+        self.heartbeat.update(&operators.poll(now, &status));
         self.heartbeat.restart();
         true
     }

@@ -67,6 +67,6 @@ fn lost(received: u64, lost: u64) -> String {
 }
 
 fn reasons(refused: &Refused) -> String {
-    let counted = Refusal::ALL.into_iter().filter(|refusal| refused.of(*refusal) > 0);
-    counted.map(|refusal| format!("; refused {} {}", refused.of(refusal), refusal.name())).collect()
+    let counted = Refusal::ALL.into_iter().filter(|refusal| refused.count_of(*refusal) > 0);
+    counted.map(|refusal| format!("; refused {} {}", refused.count_of(refusal), refusal.name())).collect()
 }

@@ -201,7 +201,7 @@ impl Robot {
 
     fn take(&mut self, at: usize, bytes: &[u8]) {
         let now = rt::now();
-        let taken = self.end.take(at, bytes, now, draw_nonce);
+        let taken = self.end.receive(at, bytes, now, draw_nonce);
         if taken.stop {
             out!("bridge: {} pressed the emergency stop", self.operators[at].name);
             self.stop_due = Some(now);

@@ -1,10 +1,10 @@
-//! Measures the error of the expectation of the person. The expectation is the way in each target that brings a
+//! Measures the error of the expectation of the person. The expectation is the limb trajectory in each target that brings a
 //! new skeleton, beyond that skeleton. It is compared with the person's later motion.
 
 use super::judge::{limbs_deg, mean};
 use super::person::Person;
 use crate::clips::Human;
-use messages::{JointTarget, Stamp, WAY_NODE_TICKS, deadline};
+use messages::{JointTarget, Stamp, TRAJECTORY_NODE_TICKS, deadline};
 use retarget::Limbs;
 
 /// Judged times beyond the newest skeleton, ms.
@@ -15,22 +15,22 @@ pub const AHEAD_MS: [u64; 3] = [50, 100, 200];
 pub struct Expectation {
     /// Capture time of that skeleton.
     pub origin: Stamp,
-    /// The limbs at each of `AHEAD_MS` after it. None where the way does not reach.
+    /// The limbs at each of `AHEAD_MS` after it. None beyond the trajectory.
     pub limbs: [Option<Human>; AHEAD_MS.len()],
 }
 
 impl Expectation {
-    /// Extracts the expectation of a target. Node n of its way is for the person `delay_ns` before the node's
+    /// Extracts the expectation of a target. Node n of its trajectory is for the person `delay_ns` before the node's
     /// tick.
     #[must_use]
     pub fn of(target: &JointTarget, delay_ns: u64) -> Self {
         let origin = target.header.origin;
-        let at = |i: u64| deadline((target.way_first + i) * WAY_NODE_TICKS).0.saturating_sub(delay_ns);
+        let at = |i: u64| deadline((target.trajectory_first + i) * TRAJECTORY_NODE_TICKS).0.saturating_sub(delay_ns);
         let limbs = AHEAD_MS.map(|ahead_ms| {
             let wanted = origin.0 + ahead_ms * 1_000_000;
-            let next = (1..u64::from(target.way_nodes)).find(|&i| at(i) >= wanted && at(i - 1) <= wanted)?;
-            // An arm without a way has zeros there, which are no rotation.
-            let [from, to] = [next - 1, next].map(|i| Limbs::of_both(target.way.get(i as usize)?));
+            let next = (1..u64::from(target.trajectory_nodes)).find(|&i| at(i) >= wanted && at(i - 1) <= wanted)?;
+            // An arm without a trajectory has zeros there, which are no rotation.
+            let [from, to] = [next - 1, next].map(|i| Limbs::from_message(target.limb_trajectory.get(i as usize)?));
             let share = (wanted - at(next - 1)) as f64 / (at(next) - at(next - 1)) as f64;
             let (from, to) = (from?, to?);
             Some([0, 1].map(|arm| from[arm].slerp(&to[arm], share)))
@@ -56,7 +56,7 @@ pub fn errors_deg(expected: &[Expectation], person: &Person) -> [Option<f64>; AH
 #[cfg(test)]
 mod tests {
     use super::*;
-    use messages::{LIMBS, Layout, Skeleton, WAY_NODES, skeleton_flag};
+    use messages::{LIMBS, Layout, Skeleton, TRAJECTORY_NODES, skeleton_flag};
 
     /// Returns limbs that are all turned by `angle` about one axis.
     fn limbs(angle: f64) -> [[f32; 4]; LIMBS] {
@@ -65,8 +65,8 @@ mod tests {
     }
 
     #[test]
-    fn way_is_compared_with_the_person_at_its_own_times() {
-        // The person turns at 1 rad/s. From the newest skeleton on, 3 s after the beginning, the way has 2
+    fn trajectory_is_compared_with_the_person_at_its_own_times() {
+        // The person turns at 1 rad/s. From the newest skeleton on, 3 s after the beginning, the trajectory has 2
         // rad/s.
         let (delay_ns, newest_ns) = (120_000_000, 3_000_000_000);
         let mut person = Person::default();
@@ -78,20 +78,20 @@ mod tests {
         }
         let mut target = JointTarget::ZERO;
         target.header.origin = Stamp(newest_ns);
-        target.way_nodes = WAY_NODES as u32;
-        target.way_first = messages::tick_at(Stamp(newest_ns)) / WAY_NODE_TICKS + 1;
-        for i in 0..WAY_NODES {
-            let at_ns = deadline((target.way_first + i as u64) * WAY_NODE_TICKS).0 - delay_ns;
+        target.trajectory_nodes = TRAJECTORY_NODES as u32;
+        target.trajectory_first = messages::tick_at(Stamp(newest_ns)) / TRAJECTORY_NODE_TICKS + 1;
+        for i in 0..TRAJECTORY_NODES {
+            let at_ns = deadline((target.trajectory_first + i as u64) * TRAJECTORY_NODE_TICKS).0 - delay_ns;
             let ahead_s = (at_ns as f64 - newest_ns as f64) * 1e-9;
-            target.way[i] = limbs(if ahead_s > 0.0 { 2.0 * ahead_s } else { ahead_s });
+            target.limb_trajectory[i] = limbs(if ahead_s > 0.0 { 2.0 * ahead_s } else { ahead_s });
         }
         let found = errors_deg(&[Expectation::of(&target, delay_ns)], &person);
         for (found, ahead_ms) in found.into_iter().zip(AHEAD_MS) {
             let want = (ahead_ms as f64 * 1e-3).to_degrees();
             assert!(found.is_some_and(|deg| (deg - want).abs() < 0.05), "{ahead_ms} ms: {found:?}, want {want}");
         }
-        // An arm without a way, and a person who leaves before, give no figure.
-        target.way.iter_mut().for_each(|limbs| limbs[3] = [0.0; 4]);
+        // An arm without a trajectory, and a person who leaves before, give no figure.
+        target.limb_trajectory.iter_mut().for_each(|limbs| limbs[3] = [0.0; 4]);
         assert_eq!(errors_deg(&[Expectation::of(&target, delay_ns)], &person), [None; 3]);
         target.header.origin = Stamp(4_400_000_000);
         assert_eq!(errors_deg(&[Expectation::of(&target, delay_ns)], &person), [None; 3]);

@@ -64,7 +64,7 @@ pub fn run(cli: &Cli, folder: &Path) -> Result<(), EvalError> {
     let _ = rt::flush_denormals();
     let loaded = config::load(&cli.config, Overrides::robot(cli.robot.as_ref()))?;
     let stage = Stage::new(&loaded)?;
-    let (arm, bounds) = (ArmModel::of(&loaded.model), bounds_of(&loaded.model));
+    let (arm, bounds) = (ArmModel::from_model(&loaded.model), bounds_of(&loaded.model));
     let mut delays_ms = DELAYS_MS.to_vec();
     delays_ms.push(cli.delay_ms);
     delays_ms.sort_by(f64::total_cmp);

@@ -4,7 +4,7 @@
 use crate::clips::Human;
 use messages::{SMPL_JOINTS, Skeleton, Stamp, skeleton_flag};
 use nalgebra::Vector3;
-use retarget::contact::{Correction, Figure, Memory};
+use retarget::contact::{Correction, Memory, PersonGeometry};
 use retarget::{ArmModel, Limbs};
 
 /// The place of a hand that touches, m, and its share from 0 to 1.
@@ -40,7 +40,7 @@ impl Person {
         let origin = skeleton.header.origin;
         let newer = self.origins.last().is_none_or(|last| origin > *last);
         let limbs =
-            Limbs::of_both(&skeleton.limbs).filter(|_| skeleton.flags & skeleton_flag::ALL == skeleton_flag::ALL);
+            Limbs::from_message(&skeleton.limbs).filter(|_| skeleton.flags & skeleton_flag::ALL == skeleton_flag::ALL);
         if let Some(limbs) = limbs.filter(|_| newer) {
             self.origins.push(origin);
             self.limbs.push(limbs);
@@ -71,8 +71,8 @@ impl Person {
         let hands = skeletons.map(|((limbs, positions), origin)| {
             let seen = limbs.map(Some);
             let elapsed_s = before.replace(*origin).map_or(0.0, |before| origin.since(before) as f64 * 1e-9);
-            let Some(figure) = Figure::of(positions, &seen) else { return [None; 2] };
-            let touching = correction.apply(arm, &figure, (&seen, &[None; 2]), elapsed_s, &mut memory);
+            let Some(geometry) = PersonGeometry::measure(positions, &seen) else { return [None; 2] };
+            let touching = correction.apply(arm, &geometry, (&seen, &[None; 2]), elapsed_s, &mut memory);
             *limbs = [0, 1].map(|side| touching[side].unwrap_or(limbs[side]));
             memory.postures().map(|posture| posture.map(place))
         });

@@ -5,7 +5,7 @@
 use super::riccati::{Change, Joints, Node, step};
 use follow::solver::{Bounds, State};
 use nalgebra::Vector3;
-use retarget::{ARM_Q, ArmModel, ArmQ, Chain, Limbs};
+use retarget::{ARM_Q, ArmModel, ArmQ, KinematicChain, Limbs};
 
 /// Time between nodes, s.
 pub const NODE_S: f64 = 0.02;
@@ -67,7 +67,7 @@ const SMALL_M: f64 = 0.01;
 #[derive(Clone, Copy, Debug)]
 pub struct HandPath<'a> {
     /// The places along the arm.
-    pub chain: &'a Chain,
+    pub chain: &'a KinematicChain,
     /// Place of the hand, m, and its share from 0 to 1. `None` where it does not count.
     pub to: &'a [Option<(Vector3<f64>, f64)>],
 }

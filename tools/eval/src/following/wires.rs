@@ -112,7 +112,7 @@ impl fmt::Display for Table {
 /// Runs `eval --wires`.
 pub(crate) fn run(cli: &Cli, folder: &Path) -> Result<(), EvalError> {
     let loaded = config::load(&cli.config, Overrides::robot(cli.robot.as_ref()))?;
-    let (stage, arm) = (Stage::new(&loaded)?, ArmModel::of(&loaded.model));
+    let (stage, arm) = (Stage::new(&loaded)?, ArmModel::from_model(&loaded.model));
     let files = chosen(folder, cli.clips.as_deref())?;
     let motions: Result<Vec<_>, _> = files.iter().map(|file| motion::load(file)).collect();
     let motions =

@@ -4,7 +4,7 @@ use super::data::{Recording, Seen, history};
 use nalgebra::UnitQuaternion;
 use rand_pcg::Pcg64;
 use rayon::prelude::*;
-use retarget::{AGES_S, Expected, Limbs, Prediction, limb_error_deg};
+use retarget::{AGES_S, Extrapolation, Limbs, Prediction, limb_error_deg};
 use std::fmt;
 
 /// Judged times after the newest frame, s.
@@ -76,8 +76,8 @@ fn of_one(recording: &Recording, prediction: &Prediction, condition: &Condition)
             let over = (RATE_OVER_S * condition.rate_hz).ceil();
             let before = (&frames[over as usize][own], (over / condition.rate_hz * 1e9) as i64);
             let learnt = prediction.turns(&history(&frames, condition.rate_hz, own));
-            let fades = Expected::fading(&newest, Some(before));
-            let kinds = [Expected::default(), fades, learnt.map_or(fades, |turns| Expected::learnt(&turns))];
+            let fades = Extrapolation::fading(&newest, Some(before));
+            let kinds = [Extrapolation::default(), fades, learnt.map_or(fades, |turns| Extrapolation::learnt(&turns))];
             for (i, ahead_s) in JUDGED_S.iter().enumerate() {
                 let person: Limbs = seen.after(recording, *ahead_s)[own];
                 for (sums, kind) in sums.iter_mut().zip(&kinds) {

@@ -1,13 +1,21 @@
-//! The parts of the robot near an arm, and how the arm's joints change their distances.
+//! Capsule pairs near an arm: their distances, and the derivatives by the arm's joints.
+//!
+//! ```text
+//! d = |p - o| - r_own - r_other,   dd / dq_i = n . (w_i x (p - c_i))
+//!
+//! p, o   nearest points on the axes of the arm's capsule and of the other one, m
+//! n      unit vector from o to p
+//! w_i    axis of joint i through c_i, base frame
+//! ```
 
 use crate::LIMB_JOINTS;
 use messages::ARM_JOINTS;
 use nalgebra::Vector3;
 use robot::{Frames, Model, segment_distance};
 
-/// Distance below which a pair is seen, m. Whole-body control slows an arm whose stop comes nearer than about 30
-/// mm. A wrist gives way earlier, because that costs no limb.
-pub(crate) const SEEN_M: f64 = 0.06;
+/// Distance below which a pair is evaluated, m. Whole-body control slows an arm whose stop comes nearer than about 30
+/// mm. A wrist turns away earlier, because that moves no limb.
+pub(crate) const PROXIMITY_M: f64 = 0.06;
 
 /// Capsule `own` is on the arm. `other` is on another body, or nearer to the shoulder on the same arm.
 #[derive(Clone, Copy, Debug)]
@@ -20,9 +28,9 @@ struct Pair {
     to: usize,
 }
 
-/// A pair that is near, in the posture of the bodies that were looked at.
+/// A pair nearer than [`PROXIMITY_M`] in the evaluated posture.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Near {
+pub(crate) struct NearPair {
     /// Distance of the surfaces, m. Below zero they intersect.
     pub(crate) distance_m: f64,
     /// Its derivative by each joint of the arm, m/rad.
@@ -31,7 +39,7 @@ pub(crate) struct Near {
 
 /// Constant data of the pairs of one arm.
 #[derive(Clone, Debug)]
-pub(crate) struct Pairs {
+pub(crate) struct ArmPairs {
     /// Index of the arm's first joint.
     first: usize,
     pairs: Vec<Pair>,
@@ -39,14 +47,14 @@ pub(crate) struct Pairs {
     axes: [Vector3<f64>; ARM_JOINTS],
 }
 
-impl Near {
+impl NearPair {
     /// Returns true if a joint that turns a limb changes the distance.
     pub(crate) fn has_limb(&self) -> bool {
         self.slope[..LIMB_JOINTS].iter().any(|slope| *slope != 0.0)
     }
 }
 
-impl Pairs {
+impl ArmPairs {
     /// Collects the pairs of the arm that begins with joint `first`.
     pub(crate) fn new(model: &Model, first: usize) -> Self {
         // Number of joints of the arm that move the capsule.
@@ -63,20 +71,20 @@ impl Pairs {
         Self { first, pairs: pairs.collect(), axes: std::array::from_fn(|i| model.joint_at_zero(first + i).1) }
     }
 
-    /// Calls `see` for every pair nearer than [`SEEN_M`] with the bodies at `frames`. A pair whose distance is not
-    /// finite, or whose axes meet, is not seen.
-    pub(crate) fn look(&self, model: &Model, frames: &Frames, mut see: impl FnMut(&Near)) {
+    /// Calls `visit` for every pair nearer than [`PROXIMITY_M`] with the bodies at `frames`. It skips a pair whose distance is
+    /// not finite, or whose axes meet.
+    pub(crate) fn evaluate(&self, model: &Model, frames: &Frames, mut visit: impl FnMut(&NearPair)) {
         let ends = |capsule: usize| model.capsules[capsule].ends(frames);
         for pair in &self.pairs {
             let (own, other) = (ends(pair.own), ends(pair.other));
             let spheres = ((own[0] + own[1]) - (other[0] + other[1])).norm() / 2.0;
             let halves = ((own[0] - own[1]).norm() + (other[0] - other[1]).norm()) / 2.0;
-            if spheres - halves - pair.radii_m >= SEEN_M {
+            if spheres - halves - pair.radii_m >= PROXIMITY_M {
                 continue;
             }
             let nearest = segment_distance(&own[0], &own[1], &other[0], &other[1]);
             let distance_m = nearest.distance_m - pair.radii_m;
-            if !(distance_m < SEEN_M && nearest.distance_m > 0.0) {
+            if !(distance_m < PROXIMITY_M && nearest.distance_m > 0.0) {
                 continue;
             }
             let point = own[0] + (own[1] - own[0]) * nearest.s;
@@ -86,7 +94,7 @@ impl Pairs {
                 let pose = &frames.base_from_body[self.first + i + 1];
                 slope[i] = away.dot(&(pose.r * self.axes[i]).cross(&(point - pose.t)));
             }
-            see(&Near { distance_m, slope });
+            visit(&NearPair { distance_m, slope });
         }
     }
 }

@@ -1,10 +1,12 @@
-//! The way of the limbs: the measured part that is not shown yet, then the prediction.
+//! The limb trajectory of a target: measured nodes, then extrapolated ones.
 
 use crate::support;
 
 use std::f64::consts::TAU;
 
-use messages::{JointTarget, Skeleton, Stamp, TICK_S, WAY_NODE_TICKS, WAY_NODES, deadline, skeleton_flag};
+use messages::{
+    JointTarget, Skeleton, Stamp, TICK_S, TRAJECTORY_NODE_TICKS, TRAJECTORY_NODES, deadline, skeleton_flag,
+};
 use nalgebra::{UnitQuaternion, Vector3};
 use retarget::{
     Config, FollowingArms, Input, Limbs, Method, Settings, State, mirror, rotation_from_xyzw, tick, xyzw_from_rotation,
@@ -70,7 +72,7 @@ pub(crate) fn turn(axis: Vector3<f64>, angle: f64) -> UnitQuaternion<f64> {
 pub(crate) fn node(target: &JointTarget, i: usize) -> [Option<Limbs>; 2] {
     [0, 1].map(|arm| {
         let limb = |limb: usize| {
-            let limb = target.way[i][2 * arm + limb].map(f64::from);
+            let limb = target.limb_trajectory[i][2 * arm + limb].map(f64::from);
             rotation_from_xyzw(if arm == 0 { limb } else { mirror(limb) })
         };
         limb(0).zip(limb(1)).map(|(upper, fore)| Limbs { upper, fore })
@@ -104,16 +106,20 @@ pub(crate) fn stands(_: f64) -> [Limbs; 2] {
 
 /// Time of the person's posture in node `i` of a target made at `now`, s after the start.
 pub(crate) fn shown_s(now: Stamp, target: &JointTarget, i: usize) -> f64 {
-    let ticks = (target.way_first + i as u64) * WAY_NODE_TICKS - target.k;
+    let ticks = (target.trajectory_first + i as u64) * TRAJECTORY_NODE_TICKS - target.k;
     (now.0 - START_NS) as f64 * 1e-9 + ticks as f64 * TICK_S - DELAY_MS as f64 * 1e-3
 }
 
 #[test]
 fn nodes_lie_at_whole_multiples_after_tick() {
     for (_, target) in run(&config(DELAY_MS), &source(stands, 1.0), 0.5) {
-        assert_eq!(target.way_nodes as usize, WAY_NODES);
-        let first = target.way_first * WAY_NODE_TICKS;
-        assert!(first > target.k && first <= target.k + WAY_NODE_TICKS, "first node {first} of tick {}", target.k);
+        assert_eq!(target.trajectory_nodes as usize, TRAJECTORY_NODES);
+        let first = target.trajectory_first * TRAJECTORY_NODE_TICKS;
+        assert!(
+            first > target.k && first <= target.k + TRAJECTORY_NODE_TICKS,
+            "first node {first} of tick {}",
+            target.k
+        );
     }
 }
 
@@ -124,11 +130,15 @@ fn seen_nodes_match_slerp_between_skeletons() {
     for (now, target) in &run(&config(DELAY_MS), &skeletons, 2.9)[1500..] {
         let newest = skeletons.iter().rev().find(|skeleton| skeleton.received <= *now).expect("one");
         let newest_s = (newest.received.0 - START_NS) as f64 * 1e-9;
-        for i in 0..WAY_NODES {
+        for i in 0..TRAJECTORY_NODES {
             let t_s = shown_s(*now, target, i);
             // Within a microsecond of the newest skeleton a node may count as either.
             if (t_s - newest_s).abs() > 1e-6 {
-                assert_eq!(i < target.way_seen as usize, t_s < newest_s, "node {i} at {t_s} s of {newest_s} s");
+                assert_eq!(
+                    i < target.trajectory_measured as usize,
+                    t_s < newest_s,
+                    "node {i} at {t_s} s of {newest_s} s"
+                );
             }
             if t_s < newest_s {
                 let frame = (t_s * RATE_HZ).floor();
@@ -142,7 +152,7 @@ fn seen_nodes_match_slerp_between_skeletons() {
             }
         }
         // 120 ms minus the elapsed part of a period of 16.7 ms: five or six nodes of 20 ms.
-        assert!((5..=6).contains(&target.way_seen), "{} nodes seen", target.way_seen);
+        assert!((5..=6).contains(&target.trajectory_measured), "{} nodes seen", target.trajectory_measured);
     }
     assert!(looked > 10_000, "{looked} nodes");
 }
@@ -153,7 +163,7 @@ fn nodes_beyond_newest_skeleton_continue_with_fading_turn() {
     for (now, target) in &run(&config(DELAY_MS), &skeletons, 2.9)[1500..] {
         let newest = skeletons.iter().rev().find(|skeleton| skeleton.received <= *now).expect("one");
         let newest_s = (newest.received.0 - START_NS) as f64 * 1e-9;
-        for i in target.way_seen as usize..WAY_NODES {
+        for i in target.trajectory_measured as usize..TRAJECTORY_NODES {
             let ahead_s = shown_s(*now, target, i) - newest_s;
             // A turn that fades with 0.1 s goes as far as one at full speed for this time.
             let want = turns(newest_s + 0.1 * (1.0 - (-ahead_s / 0.1).exp()));
@@ -162,7 +172,7 @@ fn nodes_beyond_newest_skeleton_continue_with_fading_turn() {
                 assert!(off < SINGLE, "node {i}, {ahead_s} s ahead, arm {arm}: {off} rad");
             }
         }
-        let last = node(target, WAY_NODES - 1)[0].expect("it is meant");
+        let last = node(target, TRAJECTORY_NODES - 1)[0].expect("it is meant");
         let turned = last.upper.angle_to(&turns(newest_s)[0].upper);
         assert!((0.12..0.15).contains(&turned), "1.5 rad/s for 0.1 s and no farther: {turned} rad");
     }
@@ -171,7 +181,7 @@ fn nodes_beyond_newest_skeleton_continue_with_fading_turn() {
 #[test]
 fn standing_person_is_predicted_to_stand() {
     for (_, target) in &run(&config(DELAY_MS), &source(stands, 1.0), 0.9)[600..] {
-        for i in 0..WAY_NODES {
+        for i in 0..TRAJECTORY_NODES {
             for (limbs, want) in node(target, i).into_iter().zip(stands(0.0)) {
                 assert!(apart(&limbs.expect("both arms are meant"), &want) < SINGLE, "node {i}");
             }
@@ -191,7 +201,7 @@ fn limb_prediction_is_limited_to_2_rad_after_a_glitch() {
     for (now, target) in run(&config(0), &skeletons, 0.55) {
         let newest = skeletons.iter().rev().find(|skeleton| skeleton.received <= now).expect("one");
         let newest = rotation_from_xyzw(newest.limbs[0].map(f64::from)).expect("a rotation");
-        let last = node(&target, WAY_NODES - 1)[0].expect("it is meant");
+        let last = node(&target, TRAJECTORY_NODES - 1)[0].expect("it is meant");
         farthest = farthest.max(last.upper.angle_to(&newest));
     }
     assert!(farthest > 1.8 && farthest <= 2.0 + SINGLE, "{farthest} rad");
@@ -203,7 +213,7 @@ fn right_arm_nodes_mirror_left_arm_nodes() {
         [swings(t_s)[0]; 2]
     }
     for (_, target) in &run(&config(DELAY_MS), &source(same, 2.0), 1.9)[1500..] {
-        for limbs in &target.way {
+        for limbs in &target.limb_trajectory {
             for i in 0..2 {
                 let mirrored = mirror(limbs[i].map(f64::from)).map(|x| x as f32);
                 assert_eq!(mirrored, limbs[2 + i]);
@@ -217,11 +227,11 @@ fn longer_delay_gives_more_seen_nodes() {
     let skeletons = source(swings, 2.0);
     for (_, target) in &run(&config(0), &skeletons, 1.9)[1500..] {
         // The shown sample is on its way to the newest skeleton, less than a period behind.
-        assert!(target.way_seen <= 1, "{}", target.way_seen);
+        assert!(target.trajectory_measured <= 1, "{}", target.trajectory_measured);
     }
     for (_, target) in &run(&config(250), &skeletons, 1.9)[1500..] {
         // 233 to 250 ms, with nodes that begin 1 to 20 ms ahead.
-        assert!((11..=13).contains(&target.way_seen), "{}", target.way_seen);
+        assert!((11..=13).contains(&target.trajectory_measured), "{}", target.trajectory_measured);
     }
 }
 
@@ -232,8 +242,8 @@ fn arm_that_is_not_valid_has_zero_nodes() {
         skeleton.flags &= !skeleton_flag::LIMB[3];
     }
     for (_, target) in &run(&config(DELAY_MS), &skeletons, 0.9)[600..] {
-        assert!(target.way.iter().all(|limbs| limbs[2..] == [[0.0; 4]; 2] && limbs[0] != [0.0; 4]));
-        assert!((5..=6).contains(&target.way_seen), "the left arm's alone: {}", target.way_seen);
+        assert!(target.limb_trajectory.iter().all(|limbs| limbs[2..] == [[0.0; 4]; 2] && limbs[0] != [0.0; 4]));
+        assert!((5..=6).contains(&target.trajectory_measured), "the left arm's alone: {}", target.trajectory_measured);
     }
 }
 
@@ -256,9 +266,9 @@ fn nodes_after_restart_fade_like_target() {
     let restart = (RATE_HZ * 25.0) as usize;
     let mut faded = 0;
     for (n, (_, target)) in outputs.iter().enumerate().skip(restart - 30).take(500) {
-        for i in 0..WAY_NODES {
+        for i in 0..TRAJECTORY_NODES {
             // The node equals the limbs that the target shows at the node's time, if no newer skeleton changes it.
-            let then = ((target.way_first + i as u64) * WAY_NODE_TICKS - target.k) as usize;
+            let then = ((target.trajectory_first + i as u64) * TRAJECTORY_NODE_TICKS - target.k) as usize;
             let Some((_, shown)) = outputs.get(n + then).filter(|_| n >= restart) else { continue };
             for (arm, limbs) in node(target, i).into_iter().enumerate() {
                 let limb = |limb: usize| {
@@ -273,7 +283,7 @@ fn nodes_after_restart_fade_like_target() {
     }
     assert!(faded > 5000, "{faded} nodes");
     // The next node does not jump from one target to the next, even at the start of the restart.
-    for pair in outputs[300..].windows(2).filter(|pair| pair[0].1.way_first == pair[1].1.way_first) {
+    for pair in outputs[300..].windows(2).filter(|pair| pair[0].1.trajectory_first == pair[1].1.trajectory_first) {
         for (before, after) in node(&pair[0].1, 0).into_iter().zip(node(&pair[1].1, 0)) {
             let step = apart(&before.expect("it is meant"), &after.expect("it is meant"));
             assert!(step < 0.05, "the next node moved by {step} rad in a tick");

@@ -41,9 +41,9 @@ impl Model {
             let ([a, b], [c, d]) = (own.ends(frames), other.ends(frames));
             let near = segment_distance(&a, &b, &c, &d);
             let on_axis = a + (b - a) * near.s;
-            let way = c + (d - c) * near.t - on_axis;
-            let towards = way.try_normalize(1e-9).unwrap_or_default();
-            offer(way.norm() - own.radius_m - other.radius_m, on_axis, own.radius_m, towards);
+            let gap = c + (d - c) * near.t - on_axis;
+            let towards = gap.try_normalize(1e-9).unwrap_or_default();
+            offer(gap.norm() - own.radius_m - other.radius_m, on_axis, own.radius_m, towards);
         }
         for obstacle in &self.obstacles {
             for capsule in self.capsules.iter().filter(|capsule| on_arm(capsule)) {

@@ -1,18 +1,18 @@
-//! The places along a left arm: from the middle between the shoulders, over the joints, to the middle of the hand.
+//! Kinematic chain of a left arm: places from the middle between the shoulders, over the joints, to the middle of the hand.
 
 use crate::arm::{ARM_Q, ArmModel, ArmQ};
 use nalgebra::Vector3;
 
 /// The arm at the reference posture, in the torso frame, with joints 6 and 7 at home.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Chain {
+pub struct KinematicChain {
     /// Origin of each joint, from the middle between the shoulders, m.
     pub joints: [Vector3<f64>; ARM_Q],
     /// The middle of the hand, from the same point, m.
     pub hand: Vector3<f64>,
 }
 
-impl Chain {
+impl KinematicChain {
     /// The middle of the hand at `q`, from the middle between the shoulders, m.
     pub fn hand(&self, arm: &ArmModel, q: &ArmQ) -> Vector3<f64> {
         self.linearize(arm, q).0

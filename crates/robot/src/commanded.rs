@@ -3,7 +3,7 @@
 use crate::error::RobotError;
 use crate::file::{ArmEntry, RobotFile};
 use crate::kinematics::JointFrame;
-use crate::model::{Link, Source};
+use crate::model::{BodyLink, Source};
 use crate::pose::{Pose, rotation};
 use crate::urdf::{Tree, UrdfJoint};
 use messages::{ARM_JOINTS, JOINTS_MAX};
@@ -16,7 +16,7 @@ use urdf_rs::JointType;
 const BASE_HEIGHT_M: RangeInclusive<f64> = 0.0..=3.0;
 
 /// The commanded joints in the order of messages: body joints with parents first, left arm, right arm.
-pub(crate) struct Chain {
+pub(crate) struct CommandedJoints {
     pub(crate) names: Vec<String>,
     /// Index of each in the URDF.
     pub(crate) at: Vec<usize>,
@@ -27,7 +27,7 @@ pub(crate) struct Chain {
     held: BTreeMap<usize, f64>,
 }
 
-impl Chain {
+impl CommandedJoints {
     /// First joint of the left or the right arm.
     pub(crate) fn arm_start(&self, side: usize) -> usize {
         self.body_count + side * ARM_JOINTS
@@ -37,7 +37,7 @@ impl Chain {
 impl Source<'_> {
     /// Finds the commanded joints in the tree. Each must be of a kind that can be commanded. Every other movable
     /// joint must be held, so that no motion is left out of the model.
-    pub(crate) fn find_joints(&self, file: &RobotFile, tree: &Tree) -> Result<Chain, RobotError> {
+    pub(crate) fn find_joints(&self, file: &RobotFile, tree: &Tree) -> Result<CommandedJoints, RobotError> {
         let mut body: Vec<(usize, usize)> = Vec::new();
         for name in &file.body_joints {
             let at = self.find("body_joints", name, tree)?;
@@ -75,7 +75,7 @@ impl Source<'_> {
         }
         let held = self.held(file, &at, tree)?;
         let names = at.iter().map(|index| tree.joints[*index].name.clone()).collect();
-        Ok(Chain { names, at, body_count, prismatic, held })
+        Ok(CommandedJoints { names, at, body_count, prismatic, held })
     }
 
     fn find(&self, key: &str, name: &str, tree: &Tree) -> Result<usize, RobotError> {
@@ -133,9 +133,9 @@ impl Source<'_> {
     pub(crate) fn split_bodies(
         &self,
         (base_link, height_m): (&str, f64),
-        chain: &Chain,
+        commanded: &CommandedJoints,
         tree: &Tree,
-    ) -> Result<(Vec<JointFrame>, Vec<Link>), RobotError> {
+    ) -> Result<(Vec<JointFrame>, Vec<BodyLink>), RobotError> {
         if tree.link(base_link) != Some(tree.root) {
             let bound = format!("must be the root link `{}`", tree.links[tree.root]);
             return Err(self.value("base_link", format!("`{base_link}`"), bound));
@@ -151,28 +151,36 @@ impl Source<'_> {
                 let Some(above) = tree.joint_above[here.0] else {
                     return (0, base_from_root.compose(&here.1));
                 };
-                if let Some(j) = chain.at.iter().position(|commanded| *commanded == above) {
+                if let Some(j) = commanded.at.iter().position(|commanded| *commanded == above) {
                     return (j + 1, here.1);
                 }
                 let joint = &tree.joints[above];
-                let held = chain.held.get(&above).map_or(here.1, |position| moved(joint, *position).compose(&here.1));
+                let held =
+                    commanded.held.get(&above).map_or(here.1, |position| moved(joint, *position).compose(&here.1));
                 here = (joint.parent, joint.parent_from_joint.compose(&held));
             }
         };
-        let mut frames = Vec::with_capacity(chain.at.len());
-        for (j, index) in chain.at.iter().enumerate() {
+        let mut frames = Vec::with_capacity(commanded.at.len());
+        for (j, index) in commanded.at.iter().enumerate() {
             let joint = &tree.joints[*index];
             let (parent, parent_from_link) = locate(joint.parent);
-            if parent > j.min(chain.body_count) && j < chain.body_count {
+            if parent > j.min(commanded.body_count) && j < commanded.body_count {
                 return Err(self.value("body_joints", format!("`{}`", joint.name), "must not be a part of an arm"));
             }
             let parent_from_joint = parent_from_link.compose(&joint.parent_from_joint);
-            frames.push(JointFrame::new(parent, &parent_from_joint, joint.axis, chain.prismatic[j]));
+            frames.push(JointFrame::new(parent, &parent_from_joint, joint.axis, commanded.prismatic[j]));
         }
         let links = (0..tree.links.len()).map(|link| {
             let (body, body_from_link) = locate(link);
             let (visuals, meshes) = (tree.visuals[link].clone(), tree.meshes[link].clone());
-            Link { name: tree.links[link].clone(), body, body_from_link, visuals, meshes, inertia: tree.inertias[link] }
+            BodyLink {
+                name: tree.links[link].clone(),
+                body,
+                body_from_link,
+                visuals,
+                meshes,
+                inertia: tree.inertias[link],
+            }
         });
         Ok((frames, links.collect()))
     }
@@ -183,18 +191,18 @@ impl Source<'_> {
         &self,
         side: usize,
         arm: &ArmEntry,
-        chain: &Chain,
+        commanded: &CommandedJoints,
         torso_body: usize,
-        (frames, links): (&[JointFrame], &[Link]),
+        (frames, links): (&[JointFrame], &[BodyLink]),
     ) -> Result<(), RobotError> {
-        let (start, side) = (chain.arm_start(side), ["left", "right"][side]);
+        let (start, side) = (commanded.arm_start(side), ["left", "right"][side]);
         for i in 0..ARM_JOINTS {
             let parent = frames[start + i].parent;
             let fits = if i == 0 { parent == torso_body } else { parent == start + i };
             if !fits {
                 let bound = match i.checked_sub(1) {
                     None => "must be the first joint after torso_link".to_owned(),
-                    Some(before) => format!("must be the next joint after `{}`", chain.names[start + before]),
+                    Some(before) => format!("must be the next joint after `{}`", commanded.names[start + before]),
                 };
                 return Err(self.value(&format!("arms.{side}.joints"), format!("`{}`", arm.joints[i]), bound));
             }
@@ -203,7 +211,7 @@ impl Source<'_> {
             let key = format!("arms.{side}.{part}");
             let found = links.iter().find(|link| link.name == *name).ok_or_else(|| self.unknown_link(&key, name))?;
             if found.body != joint + 1 {
-                let bound = format!("must move with joint `{}`", chain.names[joint]);
+                let bound = format!("must move with joint `{}`", commanded.names[joint]);
                 return Err(self.value(&key, format!("`{name}`"), bound));
             }
         }
