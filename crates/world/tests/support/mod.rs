@@ -32,7 +32,7 @@ pub struct Bench {
     /// True if a new robot state has arrived since the last tick of control.
     spoke: bool,
     pub target: Option<[f64; JOINTS_MAX]>,
-    /// The rest of a target. Without a way of the person, the joints are followed.
+    /// The rest of a target. Without a limb trajectory, the joints are followed.
     pub person: Box<JointTarget>,
     /// Flags of the target beside `INPUT_FRESH`.
     pub more_flags: u32,
