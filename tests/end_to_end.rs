@@ -466,10 +466,6 @@ fn f097_f098_bad_setting_is_refused_with_its_key() {
             "{printed}"
         );
     }
-    let real = text.replace("kind = \"sim\"", "kind = \"robot\"").replace("program = \"\"", "program = \"/bin/true\"");
-    assert_eq!(check_with(real.clone(), &["--interface", "jtc100"]).0, Some(0));
-    let (code, error) = check_with(real, &["--interface", "jtc100-restart"]);
-    assert!(code == Some(78) && error.contains("--interface jtc100-restart sets it"), "{error}");
 }
 
 #[test]

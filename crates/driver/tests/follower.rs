@@ -46,7 +46,7 @@ fn f057_f059_bad_command_is_refused_with_its_reason_and_counted() {
     type Break = fn(&mut JointCommand);
     let cases: [(Refusal, Break); 21] = [
         (Refusal::OtherRobot, |c| c.robot.hash ^= 1),
-        (Refusal::OtherRobot, |c| c.robot.joint_count -= 1),
+        (Refusal::OtherRobot, |c| c.robot.joint_count ^= 1),
         (Refusal::NotFinite, |c| c.q[16] = f64::NAN),
         (Refusal::NotFinite, |c| c.plan.duration_s[0][2] = f64::INFINITY),
         (Refusal::NotAStop, |c| c.plan.duration_s[3][1] = 0.04),
