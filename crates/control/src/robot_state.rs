@@ -27,7 +27,7 @@ pub(super) struct Robot {
     frames: Frames,
 }
 
-/// What the measured posture says about a start and about clearance.
+/// Clearance of the measured posture, and the joint that inhibits a start.
 pub(super) struct Posture {
     pub(super) clearance: monitor::Clearance,
     /// The joint outside its limits, where that inhibits a start.
@@ -105,7 +105,7 @@ impl Robot {
         self.newest = Some((state, now));
     }
 
-    /// What engagement sees of the robot in `mode`, and its posture. No posture before the first state.
+    /// Returns the robot in `mode` as engagement sees it, and its posture. There is no posture before the first state.
     pub(super) fn view(&mut self, config: &Config, mode: Mode, commander: &Commander) -> (RobotView, Option<Posture>) {
         let Some((state, received)) = self.newest else {
             return (RobotView { received: self.stranger.unwrap_or(Stamp::NONE), ..RobotView::default() }, None);

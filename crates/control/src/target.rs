@@ -71,7 +71,7 @@ impl Targets {
         self.newest = Some(*target);
     }
 
-    /// What engagement sees of the newest target.
+    /// The newest target as engagement sees it.
     pub(super) fn view(&self) -> TargetView {
         self.view
     }

@@ -16,7 +16,7 @@ pub const LEASE_NS: u64 = 100_000_000;
 /// The commands of all operators together. Counters only grow, from the start of the server.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct OperatorCounts {
-    /// What the operators hold now. There is one holder, and it holds the enable or the recovery. The heartbeat is that
+    /// Levels that the operators hold now. There is one holder, and it holds the enable or the recovery. The heartbeat is that
     /// of the holder, or of the last one. The payloads are the last report of each hand. No edge is set, because the
     /// counters below count them.
     pub held: OperatorView,

@@ -181,7 +181,7 @@ fn zero_velocity(v: f64, a: f64, j: f64) -> [f64; 2] {
     [shifted / j, 2.0 * v / shifted]
 }
 
-/// What whole-body control does with a motion and its stop.
+/// Functions of whole-body control on a motion and its stop.
 pub trait PlannedMotion {
     /// State of joint `j`.
     fn joint(&self, j: usize) -> JointState;
