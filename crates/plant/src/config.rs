@@ -98,7 +98,7 @@ impl Default for Options {
         Self {
             natural_frequency_hz: 15.0,
             damping_ratio: 1.0,
-            delay_ns: 2_000_000_000_u64.div_ceil(TICK_HZ),
+            delay_ns: 2_000_000_000 / TICK_HZ,
             watchdog_ns: 10_000_000,
             reaction: Reaction::Play,
             encoder_noise_rad: step_rad,
