@@ -30,5 +30,6 @@ pub use edges::OperatorEdges;
 pub use error::OperatorError;
 pub use locks::ResetRule;
 pub use merge::{CLIENTS_MAX, Connection, LEASE_NS, Merge, OperatorCounts};
+pub use safety::engage::OperatorView;
 pub use server::{AuditEvent, AuditRecord, Server};
 pub use session::OperatorSession;

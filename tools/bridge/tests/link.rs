@@ -13,7 +13,7 @@ mod trust;
 use bridge::link::{Keys, Wire, config, key};
 use doors::{LeaseState, Reply};
 use messages::{Feedback, Header, Layout, Message, RawSkeleton, Stamp, Status};
-use operator::{OperatorSession, OperatorView};
+use operator::{OperatorCounts, OperatorSession};
 use std::io::{BufRead, BufReader};
 use std::net::UdpSocket;
 use std::path::{Path, PathBuf};
@@ -29,7 +29,7 @@ const SOON: Duration = Duration::from_secs(20);
 /// Everything that reached the daemon.
 #[derive(Default)]
 struct Seen {
-    view: OperatorView,
+    counts: OperatorCounts,
     persons: u64,
     /// Another client leads the robot.
     led_by_other: bool,
@@ -70,9 +70,9 @@ impl Daemon {
                 k += 1;
                 let now = rt::now();
                 let header = Header { sequence: k / 20, stamp: now, ..Header::ZERO };
-                let view = control.poll(now, &Status { header, mode: 3, ..Status::ZERO });
+                let counts = control.poll(now, &Status { header, mode: 3, ..Status::ZERO });
                 let mut seen = of_thread.lock().expect("whole");
-                seen.view = view;
+                seen.counts = counts;
                 ingest.poll(now, false, |_, frame| {
                     seen.persons += 1;
                     seen.oldest_us = seen.oldest_us.max(low_us(frame.header.stamp).wrapping_sub(frame.operator_id));
@@ -86,8 +86,8 @@ impl Daemon {
         Self { folder, seen, ends, thread: Some(std::thread::spawn(serve)) }
     }
 
-    fn view(&self) -> OperatorView {
-        self.seen.lock().expect("whole").view
+    fn counts(&self) -> OperatorCounts {
+        self.seen.lock().expect("whole").counts
     }
 
     fn persons(&self) -> u64 {
@@ -279,25 +279,25 @@ fn f125_killed_operator_end_is_a_release_and_its_restart_engages_nothing() {
     wait("a status comes back", || hand_before.status().is_some_and(|status| status.mode == 3));
     world.robot.wait_line("anna: ready");
     hand_before.enable();
-    wait("the enable arrives", || world.daemon.view().enable_level);
-    assert_eq!(world.daemon.view().enable_edges, 1);
+    wait("the enable arrives", || world.daemon.counts().held.enable_level);
+    assert_eq!(world.daemon.counts().enable_edges, 1);
     end.child.kill().expect("it is killed");
     end.child.wait().expect("it ends");
-    wait("released", || !world.daemon.view().enable_level);
+    wait("released", || !world.daemon.counts().held.enable_level);
     assert!(hand_before.is_cut_off() || !hand_before.wait(Duration::from_millis(300), |_| false));
     ends.store(true, Ordering::Relaxed);
     assert!(thread.join().expect("it ends") > 0, "feedback came back");
     // The level that a client still holds is no press.
     let _end = world.operator(&world.bundle("anna"), folder.path());
     let hand_after = hand(folder.path());
-    wait("a new session", || world.daemon.view().connections >= 2);
+    wait("a new session", || world.daemon.counts().connections >= 2);
     std::thread::sleep(Duration::from_millis(500));
-    assert_eq!((world.daemon.view().enable_level, world.daemon.view().enable_edges), (false, 1));
+    assert_eq!((world.daemon.counts().held.enable_level, world.daemon.counts().enable_edges), (false, 1));
     hand_after.enable();
-    wait("pressed again", || world.daemon.view().enable_level);
-    assert_eq!(world.daemon.view().enable_edges, 2);
+    wait("pressed again", || world.daemon.counts().held.enable_level);
+    assert_eq!(world.daemon.counts().enable_edges, 2);
     hand_after.estop();
-    wait("the emergency stop arrives", || world.daemon.view().estop_edges >= 1);
+    wait("the emergency stop arrives", || world.daemon.counts().estop_edges >= 1);
     assert_none_was_old(&world);
 }
 
@@ -330,7 +330,7 @@ fn f130_stranger_and_operator_under_another_name_get_nothing() {
 /// Presses the enable until it arrives: a press in a session whose clocks are not synchronised yet does not count.
 fn press(world: &World, hand: &OperatorSession) {
     let give_up = Instant::now() + SOON;
-    while !world.daemon.view().enable_level {
+    while !world.daemon.counts().held.enable_level {
         assert!(Instant::now() < give_up, "the enable arrives");
         hand.release();
         hand.enable();
@@ -371,11 +371,15 @@ fn f128_hostile_packets_of_one_operator_leave_another_undisturbed() {
     // A busy machine may cut the link by itself. A flood that cuts it does so every time.
     let undisturbed = (0..5).any(|_| {
         press(&world, &hand);
-        let edges = world.daemon.view().enable_edges;
+        let edges = world.daemon.counts().enable_edges;
         flood(&to);
-        let view = world.daemon.view();
-        assert_eq!((view.enable_edges, view.estop_edges, view.reset_edges), (edges, 0, 0), "nothing of it counts");
-        view.enable_level
+        let counts = world.daemon.counts();
+        assert_eq!(
+            (counts.enable_edges, counts.estop_edges, counts.reset_edges),
+            (edges, 0, 0),
+            "nothing of it counts"
+        );
+        counts.held.enable_level
     });
     assert!(undisturbed);
     world.robot.wait_line("of a wrong length");

@@ -4,7 +4,7 @@ use messages::{
     HOLDS_CLUTCH, HOLDS_ENABLE, HOLDS_RECOVERY, LEAVES_OUT, Layout, OPERATOR_VERSION, OperatorRequest, PayloadOrder,
     payload_flag,
 };
-use operator::OperatorView;
+use operator::OperatorCounts;
 
 /// Heartbeats that carry a payload before the next one may follow: half a second, so that it outlives lost datagrams.
 const PAYLOAD_BEATS: u32 = 25;
@@ -12,7 +12,7 @@ const PAYLOAD_BEATS: u32 = 25;
 /// The request that goes up. Its counters count from the start of this program.
 pub(super) struct Heartbeat {
     pub(super) request: OperatorRequest,
-    seen: OperatorView,
+    seen: OperatorCounts,
     waiting: [Option<PayloadOrder>; 2],
     beats: u32,
 }
@@ -20,12 +20,12 @@ pub(super) struct Heartbeat {
 impl Heartbeat {
     pub(super) fn new() -> Self {
         let request = OperatorRequest { version: OPERATOR_VERSION, ..OperatorRequest::ZERO };
-        Self { request, seen: OperatorView::default(), waiting: [None; 2], beats: PAYLOAD_BEATS }
+        Self { request, seen: OperatorCounts::default(), waiting: [None; 2], beats: PAYLOAD_BEATS }
     }
 
-    /// Handles a new operator socket, whose view counts from zero. Nobody holds anything.
+    /// Handles a new operator socket, whose counts begin at zero. Nobody holds anything.
     pub(super) fn restart(&mut self) {
-        self.seen = OperatorView::default();
+        self.seen = OperatorCounts::default();
         self.withdraw();
     }
 
@@ -35,29 +35,37 @@ impl Heartbeat {
         self.request.release_count = self.request.release_count.wrapping_add(1);
     }
 
-    /// Takes the socket's view. Returns true if something was pressed or let go, which must not wait for the next beat.
-    pub(super) fn update(&mut self, view: &OperatorView) -> bool {
+    /// Adds the socket's counts. Returns true if something was pressed or let go, which must not wait for the next beat.
+    pub(super) fn update(&mut self, counts: &OperatorCounts) -> bool {
         let (before, seen) = (self.request, self.seen);
         let add = |count: &mut u32, new: u64, old: u64| *count = count.wrapping_add(new.saturating_sub(old) as u32);
         let request = &mut self.request;
-        add(&mut request.enable_count, view.enable_edges + view.recover_edges, seen.enable_edges + seen.recover_edges);
+        add(
+            &mut request.enable_count,
+            counts.enable_edges + counts.recover_edges,
+            seen.enable_edges + seen.recover_edges,
+        );
         // A client that was lost while it held is a release for the robot.
-        add(&mut request.release_count, view.release_edges + view.holders_lost, seen.release_edges + seen.holders_lost);
-        add(&mut request.reset_count, view.reset_edges, seen.reset_edges);
-        add(&mut request.estop_count, view.estop_edges, seen.estop_edges);
+        add(
+            &mut request.release_count,
+            counts.release_edges + counts.holders_lost,
+            seen.release_edges + seen.holders_lost,
+        );
+        add(&mut request.reset_count, counts.reset_edges, seen.reset_edges);
+        add(&mut request.estop_count, counts.estop_edges, seen.estop_edges);
         let held = |held: bool, bit: u32| if held { bit } else { 0 };
-        let [left, right] = view.left_out;
-        request.enable_level = held(view.enable_level, HOLDS_ENABLE)
-            | held(view.enable_level && left, LEAVES_OUT[0])
-            | held(view.enable_level && right && !left, LEAVES_OUT[1])
-            | held(view.recover_level && !view.enable_level, HOLDS_RECOVERY)
-            | held(view.clutch_level, HOLDS_CLUTCH);
+        let [left, right] = counts.held.left_out;
+        request.enable_level = held(counts.held.enable_level, HOLDS_ENABLE)
+            | held(counts.held.enable_level && left, LEAVES_OUT[0])
+            | held(counts.held.enable_level && right && !left, LEAVES_OUT[1])
+            | held(counts.held.recover_level && !counts.held.enable_level, HOLDS_RECOVERY)
+            | held(counts.held.clutch_level, HOLDS_CLUTCH);
         for hand in 0..2 {
-            if view.payload_edges[hand] != seen.payload_edges[hand] {
-                self.waiting[hand] = view.payload[hand];
+            if counts.payload_edges[hand] != seen.payload_edges[hand] {
+                self.waiting[hand] = counts.held.payload[hand];
             }
         }
-        self.seen = *view;
+        self.seen = *counts;
         *request != before
     }
 
@@ -81,17 +89,27 @@ impl Heartbeat {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use operator::OperatorView;
 
     #[test]
     fn counters_go_on_over_a_new_socket_and_nothing_is_held_then() {
         let mut heartbeat = Heartbeat::new();
-        let view = OperatorView { enable_level: true, enable_edges: 1, estop_edges: 2, ..OperatorView::default() };
-        assert!(heartbeat.update(&view) && !heartbeat.update(&view));
+        let counts = OperatorCounts {
+            held: OperatorView { enable_level: true, ..Default::default() },
+            enable_edges: 1,
+            estop_edges: 2,
+            ..Default::default()
+        };
+        assert!(heartbeat.update(&counts) && !heartbeat.update(&counts));
         assert_eq!((heartbeat.request.enable_level, heartbeat.request.enable_count), (HOLDS_ENABLE, 1));
         heartbeat.restart();
         assert_eq!((heartbeat.request.enable_level, heartbeat.request.release_count), (0, 1));
-        let view = OperatorView { recover_level: true, recover_edges: 1, ..OperatorView::default() };
-        assert!(heartbeat.update(&view));
+        let counts = OperatorCounts {
+            held: OperatorView { recover_level: true, ..Default::default() },
+            recover_edges: 1,
+            ..Default::default()
+        };
+        assert!(heartbeat.update(&counts));
         let request = heartbeat.request;
         assert_eq!((request.enable_level, request.enable_count, request.estop_count), (HOLDS_RECOVERY, 2, 2));
     }
@@ -99,11 +117,14 @@ mod tests {
     #[test]
     fn lost_holder_is_a_release_and_left_out_arm_is_a_bit() {
         let mut heartbeat = Heartbeat::new();
-        let held =
-            OperatorView { enable_level: true, enable_edges: 1, left_out: [false, true], ..OperatorView::default() };
+        let held = OperatorCounts {
+            held: OperatorView { enable_level: true, left_out: [false, true], ..Default::default() },
+            enable_edges: 1,
+            ..Default::default()
+        };
         heartbeat.update(&held);
         assert_eq!(heartbeat.request.enable_level, HOLDS_ENABLE | LEAVES_OUT[1]);
-        heartbeat.update(&OperatorView { enable_level: false, holders_lost: 1, ..held });
+        heartbeat.update(&OperatorCounts { held: OperatorView::default(), holders_lost: 1, ..held });
         assert_eq!((heartbeat.request.enable_level, heartbeat.request.release_count), (0, 1));
     }
 
@@ -111,10 +132,10 @@ mod tests {
     fn payloads_of_both_hands_follow_one_another() {
         let mut heartbeat = Heartbeat::new();
         let order = |mass_kg| Some(PayloadOrder { mass_kg, centre_m: None });
-        heartbeat.update(&OperatorView {
-            payload: [order(1.0), order(2.0)],
+        heartbeat.update(&OperatorCounts {
+            held: OperatorView { payload: [order(1.0), order(2.0)], ..Default::default() },
             payload_edges: [1, 1],
-            ..OperatorView::default()
+            ..Default::default()
         });
         let mut carried = Vec::new();
         for _ in 0..60 {

@@ -171,8 +171,8 @@ impl Operator {
         if self.operators.is_none() {
             self.operators = Some(operator::Server::bind(&self.socket)?);
         }
-        let view = self.operators.as_mut().map(|operators| operators.poll(now, &status));
-        Ok(view.is_some_and(|view| self.heartbeat.update(&view)))
+        let counts = self.operators.as_mut().map(|operators| operators.poll(now, &status));
+        Ok(counts.is_some_and(|counts| self.heartbeat.update(&counts)))
     }
 
     /// Closes the operator socket: clients see the end of their connection, and have to press again. Returns false if it

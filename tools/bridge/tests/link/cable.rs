@@ -65,19 +65,23 @@ fn f126_cable_that_is_narrow_lossy_short_or_cut_lets_no_old_person_through() {
 
     // Persons and heartbeats are 0.5 Mbit/s. They wait in the queue until they are too old.
     narrow(&cable, "64kbit", "2s").expect("a rate");
-    wait("released by a narrow cable", || !world.daemon.view().enable_level);
-    let edges = world.daemon.view().enable_edges;
+    wait("released by a narrow cable", || !world.daemon.counts().held.enable_level);
+    let edges = world.daemon.counts().enable_edges;
     std::thread::sleep(Duration::from_secs(5));
     widen(&cable).expect("no rate");
     follows(&world, "wide again", 100);
-    assert_eq!((world.daemon.view().enable_level, world.daemon.view().enable_edges), (false, edges), "by itself");
+    assert_eq!(
+        (world.daemon.counts().held.enable_level, world.daemon.counts().enable_edges),
+        (false, edges),
+        "by itself"
+    );
 
     let _hand = engage(&world, folder.path());
     cable.lose(100).expect("rules");
-    wait("released by a cut", || !world.daemon.view().enable_level);
+    wait("released by a cut", || !world.daemon.counts().held.enable_level);
     cable.lose(0).expect("rules");
     follows(&world, "whole again", 100);
-    assert!(!world.daemon.view().enable_level, "by itself");
+    assert!(!world.daemon.counts().held.enable_level, "by itself");
     ends.store(true, Ordering::Relaxed);
     thread.join().expect("it ends");
     assert_none_was_old(&world);

@@ -98,10 +98,10 @@ pub fn engage(world: &World, folder: &Path) -> OperatorSession {
         let hand = hand(folder);
         hand.enable();
         std::thread::sleep(Duration::from_millis(500));
-        if world.daemon.view().enable_level {
+        if world.daemon.counts().held.enable_level {
             return hand;
         }
-        assert!(Instant::now() < give_up, "{:?}, {:?}", world.daemon.view(), world.robot.lines);
+        assert!(Instant::now() < give_up, "{:?}, {:?}", world.daemon.counts(), world.robot.lines);
     }
 }
 
@@ -119,18 +119,18 @@ fn f125_bad_wire_follows_and_partition_of_five_seconds_is_a_release_that_heals_u
     let persons = world.daemon.persons();
     wait("persons go on", || world.daemon.persons() > persons + 50);
     relay.set(Faults { is_cut: true, ..faults });
-    wait("released", || !world.daemon.view().enable_level);
-    let edges = world.daemon.view().enable_edges;
+    wait("released", || !world.daemon.counts().held.enable_level);
+    let edges = world.daemon.counts().enable_edges;
     std::thread::sleep(Duration::from_secs(5));
     assert!(!folder.path().join("operator.sock").exists() || before.is_cut_off(), "clients see that the link is cut");
     let persons = world.daemon.persons();
     relay.set(faults);
     // The connection is made again without anybody's help. The enable is not.
     wait("persons go on after it", || world.daemon.persons() > persons + 50);
-    assert_eq!((world.daemon.view().enable_level, world.daemon.view().enable_edges), (false, edges));
+    assert_eq!((world.daemon.counts().held.enable_level, world.daemon.counts().enable_edges), (false, edges));
     let after = engage(&world, folder.path());
     after.estop();
-    wait("the emergency stop arrives", || world.daemon.view().estop_edges >= 1);
+    wait("the emergency stop arrives", || world.daemon.counts().estop_edges >= 1);
     ends.store(true, Ordering::Relaxed);
     thread.join().expect("it ends");
     assert_none_was_old(&world);
@@ -152,7 +152,7 @@ fn f127_long_way_engages_nothing_until_it_is_short() {
                 hand.enable();
                 std::thread::sleep(Duration::from_millis(200));
             }
-            assert_eq!(world.daemon.view().enable_edges, 0, "{delay_ms} ms");
+            assert_eq!(world.daemon.counts().enable_edges, 0, "{delay_ms} ms");
             std::thread::sleep(Duration::from_millis(20));
         }
         assert!(!world.robot.lines.lock().expect("whole").join("\n").contains(": ready"), "{delay_ms} ms");

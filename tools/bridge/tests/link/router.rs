@@ -45,11 +45,15 @@ fn router_carries_what_the_robot_admits_and_its_end_is_a_release() {
     assert!(!folders[1].path().join("operator.sock").exists());
 
     drop(router);
-    wait("released", || !world.daemon.view().enable_level);
-    let (edges, before) = (world.daemon.view().enable_edges, world.daemon.persons());
+    wait("released", || !world.daemon.counts().held.enable_level);
+    let (edges, before) = (world.daemon.counts().enable_edges, world.daemon.persons());
     let _router = route();
     wait("persons come again", || world.daemon.persons() > before + 50);
-    assert_eq!((world.daemon.view().enable_level, world.daemon.view().enable_edges), (false, edges), "by itself");
+    assert_eq!(
+        (world.daemon.counts().held.enable_level, world.daemon.counts().enable_edges),
+        (false, edges),
+        "by itself"
+    );
     ends.store(true, Ordering::Relaxed);
     thread.join().expect("it ends");
     assert_none_was_old(&world);
