@@ -74,7 +74,7 @@ const APART_SHARE_MAX: f64 = 0.5;
 const APART_MAX_M_PER_S: f64 = 2.0;
 /// Largest time step of one skeleton, s.
 const STEP_MAX_S: f64 = 0.04;
-/// Time constant of the low-pass of the person's arm length, s (assumption). A tracker measures it anew in each frame.
+/// Time constant of the low-pass of the person's arm length, s (assumption). A tracker measures it again in each frame.
 const REACH_S: f64 = 1.0;
 /// Largest ratio of one skeleton's arm length to the low-passed one (assumption). It limits the effect of an outlier.
 const REACH_MOST: f64 = 2.0;

@@ -331,18 +331,13 @@ impl Source<'_> {
         unknown.map_or(Ok(()), |name| Err(RobotError::unknown(self.toml, table, name, "a commanded joint")))
     }
 
-    fn derive_arms(
-        &self,
-        arms: [&ArmEntry; 2],
-        commanded: &CommandedJoints,
-        model: &mut Model,
-    ) -> Result<(), RobotError> {
+    fn derive_arms(&self, arms: [&ArmEntry; 2], order: &CommandedJoints, model: &mut Model) -> Result<(), RobotError> {
         for (side, arm) in arms.into_iter().enumerate() {
             if let Some(value) = arm.reference_rad.iter().find(|value| !(value.abs() <= TAU)) {
                 let key = format!("arms.{}.reference_rad", ["left", "right"][side]);
                 return Err(self.value(&key, value.to_string(), "at most 2 pi in magnitude"));
             }
-            let joints = std::array::from_fn(|i| commanded.arm_start(side) + i);
+            let joints = std::array::from_fn(|i| order.arm_start(side) + i);
             model.arms[side] = model.derive_arm(joints, arm.reference_rad, model.torso_body);
         }
         model.wrists = model.arms.map(|arm| {
