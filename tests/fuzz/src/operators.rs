@@ -2,7 +2,7 @@
 
 use crate::bytes::Bytes;
 use messages::{HOLDS_ENABLE, Layout, OPERATOR_VERSION, OperatorRequest, Stamp, Status};
-use operator::{CLIENTS_MAX, LEASE_NS, OperatorView, REQUEST_BYTES, Server};
+use operator::{CLIENTS_MAX, LEASE_NS, OperatorCounts, REQUEST_BYTES, Server};
 use rustix::net::{AddressFamily, SendFlags, SocketAddrUnix, SocketFlags, SocketType};
 use std::os::fd::OwnedFd;
 use std::path::Path;
@@ -39,7 +39,7 @@ pub(crate) fn run(input: &[u8]) {
     let mut server = Server::bind(&path).expect("a socket in a folder of its own");
     let mut peers: [Option<Peer>; SOCKETS] = [const { None }; SOCKETS];
     let mut now = Stamp(1_000_000_000);
-    let mut last = OperatorView::default();
+    let mut last = OperatorCounts::default();
     let mut bytes = Bytes::new(input);
     for _ in 0..STEPS_MAX {
         if bytes.is_empty() {
@@ -65,9 +65,9 @@ pub(crate) fn run(input: &[u8]) {
             (1..=4, peer) => *peer = Peer::connect(&path),
             _ => {
                 now = Stamp(now.0.saturating_add(if action == 5 { bytes.u64() } else { 666_667 }));
-                let view = server.poll(now, &Status::ZERO);
-                check(now, &last, &view);
-                last = view;
+                let counts = server.poll(now, &Status::ZERO);
+                check(now, &last, &counts);
+                last = counts;
             }
         }
     }
@@ -104,22 +104,22 @@ fn change(request: &mut OperatorRequest, bytes: &mut Bytes<'_>) {
 }
 
 /// Invariants after every poll.
-fn check(now: Stamp, last: &OperatorView, view: &OperatorView) {
-    assert!(view.connections as usize <= CLIENTS_MAX);
-    assert!(!(view.enable_level && view.recover_level), "both are held");
-    if view.enable_level || view.recover_level {
-        assert!(now.since(view.heartbeat) <= LEASE_NS, "held beyond the lease");
+fn check(now: Stamp, last: &OperatorCounts, counts: &OperatorCounts) {
+    assert!(counts.connections as usize <= CLIENTS_MAX);
+    assert!(!(counts.held.enable_level && counts.held.recover_level), "both are held");
+    if counts.held.enable_level || counts.held.recover_level {
+        assert!(now.since(counts.held.heartbeat_received) <= LEASE_NS, "held beyond the lease");
     }
-    let counters = |v: &OperatorView| {
+    let increasing = |v: &OperatorCounts| {
         [v.enable_edges, v.recover_edges, v.release_edges, v.reset_edges, v.estop_edges, v.holders_lost]
     };
-    for (hand, said) in view.payload.iter().enumerate() {
-        assert!(last.payload_edges[hand] <= view.payload_edges[hand], "{last:?} {view:?}");
-        assert_eq!(said.is_some(), view.payload_edges[hand] > 0, "{view:?}");
-        assert!(said.is_none_or(|said| said.mass_kg.is_finite()), "{view:?}");
+    for (hand, reported) in counts.held.payload.iter().enumerate() {
+        assert!(last.payload_edges[hand] <= counts.payload_edges[hand], "{last:?} {counts:?}");
+        assert_eq!(reported.is_some(), counts.payload_edges[hand] > 0, "{counts:?}");
+        assert!(reported.is_none_or(|reported| reported.mass_kg.is_finite()), "{counts:?}");
     }
-    assert!(counters(last).iter().zip(counters(view)).all(|(last, now)| *last <= now), "{last:?} {view:?}");
-    let pressed = view.enable_edges > last.enable_edges || view.recover_edges > last.recover_edges;
-    let held = |v: &OperatorView| v.enable_level || v.recover_level;
-    assert!(held(last) || !held(view) || pressed, "held without an edge");
+    assert!(increasing(last).iter().zip(increasing(counts)).all(|(last, now)| *last <= now), "{last:?} {counts:?}");
+    let pressed = counts.enable_edges > last.enable_edges || counts.recover_edges > last.recover_edges;
+    let held = |v: &OperatorCounts| v.held.enable_level || v.held.recover_level;
+    assert!(held(last) || !held(counts) || pressed, "held without an edge");
 }
