@@ -126,7 +126,7 @@ fn tour_shows_runs_and_checks_every_step() {
             needs.split('|').any(|need| !need.is_empty() && step.contains("skipped: ") && step.contains(need));
         assert!(skipped || step.contains("done: "), "{step}\n{printed}");
         if skipped {
-            println!("{step}");
+            println!("note: {step}");
         }
     }
     for command in ["demo --motion ", "view --port 0", "-m venv ", "--summary "] {

@@ -171,7 +171,7 @@ fn package_holds_its_files_and_its_settings_are_accepted() {
     assert_eq!(conffiles.split_whitespace().collect::<Vec<_>>(), ["/etc/teleop/teleop.toml"]);
 
     match run(Command::new("systemd-sysusers").arg(format!("--root={}", tree.display())).arg("teleopd.conf")) {
-        None => println!("skipped: there is no systemd-sysusers"),
+        None => println!("note: there is no systemd-sysusers"),
         Some(_) => {
             let of = |file: &str| std::fs::read_to_string(tree.join("etc").join(file)).unwrap_or_default();
             assert!(

@@ -27,7 +27,7 @@ fn peer_passes_its_own_tests() {
     let tests = tests.expect("it runs");
     let printed = harness::stdout(&tests);
     assert!(tests.status.success(), "{printed}");
-    printed.lines().filter_map(|line| line.strip_prefix("SKIPPED")).for_each(|why| println!("skipped: {why}"));
+    printed.lines().filter_map(|line| line.strip_prefix("SKIPPED")).for_each(|why| println!("note: not run: {why}"));
 }
 
 #[test]
@@ -35,13 +35,13 @@ fn robot_on_ros2_is_driven_for_minutes_whatever_the_machine_does() {
     let Some(peer) = Peer::start(DOMAINS[7], &[]) else { return };
     let (stops, whys, report) = drive(peer, rig(DOMAINS[7]), Duration::from_secs(100));
     let Some(report) = report else {
-        return println!("skipped from here: this machine let the peer's controllers stand for a second");
+        return println!("note: ends here, because this machine let the peer's controllers stand for a second");
     };
     println!("{stops} stops, because of {whys:?}; late by {} ms at most", report["late_max_ms"]);
     assert_eq!(report["command"]["position_excess"]["exceeded_updates"], 0, "{report:#}");
     assert!(report["moving_s"].as_f64() > Some(1.0), "it never moved: {report:#}");
     if report["late_max_ms"].as_f64() > Some(CONTROLLER_SILENT_MS) {
-        return println!("skipped from here: this machine let the peer's controllers stand for too long");
+        return println!("note: ends here, because this machine let the peer's controllers stand for too long");
     }
     assert!(took_all(&report), "{report:#}");
     let acceleration = report["command"]["acceleration_share"]["worst"].as_f64().expect("a number");

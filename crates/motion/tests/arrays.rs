@@ -396,12 +396,9 @@ fn npy_header_survives_write_and_read() {
 }
 
 #[test]
+#[ignore = "needs the sample of HumanML3D in ../shared/motions/humanml3d"]
 fn humanml3d_sample_gives_same_limbs_in_both_formats() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/motions/humanml3d");
-    if !folder.is_dir() {
-        println!("skipped: {} is missing", folder.display());
-        return;
-    }
     let joints = load(&folder.join("012314_new_joints.npy")).unwrap_or_else(|error| panic!("{error}"));
     let features = load(&folder.join("012314_new_joint_vecs.npy")).unwrap_or_else(|error| panic!("{error}"));
     for motion in [&joints, &features] {

@@ -1,19 +1,16 @@
-//! Tests with the CMU clips beside the repository. Every test skips with a reason if they are missing.
+//! Tests with the CMU clips beside the repository. Every test needs them.
 
 use messages::{CalibrationSource, HingeCalibration, Layout};
 use motion::{CalibrationMode, Motion, calibrate, limbs, load, raw_frame};
 use std::path::{Path, PathBuf};
 
-fn clips() -> Option<Vec<PathBuf>> {
+fn clips() -> Vec<PathBuf> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/motions/cmu");
-    let Ok(entries) = std::fs::read_dir(&folder) else {
-        println!("skipped: {} is missing", folder.display());
-        return None;
-    };
+    let entries = std::fs::read_dir(&folder).expect("the clips");
     let mut paths: Vec<PathBuf> = entries.flatten().map(|entry| entry.path()).collect();
     paths.retain(|path| path.extension().is_some_and(|e| e == "bvh"));
     paths.sort();
-    Some(paths)
+    paths
 }
 
 fn read(path: &Path) -> Motion {
@@ -21,8 +18,9 @@ fn read(path: &Path) -> Motion {
 }
 
 #[test]
+#[ignore = "needs the clips of CMU in ../shared/motions/cmu"]
 fn clips_load_without_warning_and_stand_on_floor() {
-    let Some(paths) = clips() else { return };
+    let paths = clips();
     assert_eq!(paths.len(), 61);
     for path in paths {
         let motion = read(&path);
@@ -35,8 +33,9 @@ fn clips_load_without_warning_and_stand_on_floor() {
 }
 
 #[test]
+#[ignore = "needs the clips of CMU in ../shared/motions/cmu"]
 fn skeleton_stage_accepts_clips_except_one_known_jump() {
-    let Some(paths) = clips() else { return };
+    let paths = clips();
     for path in paths {
         let motion = read(&path);
         let calibration = calibrate(&motion, CalibrationMode::First10s);
@@ -55,8 +54,9 @@ fn skeleton_stage_accepts_clips_except_one_known_jump() {
 }
 
 #[test]
+#[ignore = "needs the clips of CMU in ../shared/motions/cmu"]
 fn hinges_of_first_10_s_match_hinges_of_clip() {
-    let Some(paths) = clips() else { return };
+    let paths = clips();
     for path in paths {
         let motion = read(&path);
         let clip = calibrate(&motion, CalibrationMode::Clip);
@@ -70,11 +70,12 @@ fn hinges_of_first_10_s_match_hinges_of_clip() {
 }
 
 #[test]
+#[ignore = "needs the clips of CMU in ../shared/motions/cmu"]
 fn elbow_with_calibration_only_flexes() {
     // With the right hinge and sign, the forearm relative to the upper arm is a flexion about -z of the upper
     // arm's frame. A twist about the bone follows. The forearm's bone lies in the upper arm's x-y plane, on the
     // positive side of x.
-    let Some(paths) = clips() else { return };
+    let paths = clips();
     let (mut out_of_plane, mut count) = (0.0f64, 0.0f64);
     for path in paths.iter().skip(2).step_by(5) {
         let motion = read(path);
@@ -96,8 +97,9 @@ fn elbow_with_calibration_only_flexes() {
 }
 
 #[test]
+#[ignore = "needs the clips of CMU in ../shared/motions/cmu"]
 fn hinges_without_calibration_are_learnt_within_10_s() {
-    let Some(paths) = clips() else { return };
+    let paths = clips();
     let (mut learnt_s, mut off_deg) = (Vec::new(), Vec::new());
     for path in paths {
         let motion = read(&path);

@@ -142,14 +142,12 @@ fn hash_changes_with_either_file() {
     assert_ne!(model.hash, load(TOML, &format!("{URDF}\n")).unwrap().hash);
 }
 
-/// If this machine has the manufacturer's URDF, it must describe the same robot.
+/// The manufacturer's URDF describes the same robot.
 #[test]
+#[ignore = "needs the manufacturer's URDF in ../shared/robots/tiago_dual"]
 fn manufacturer_urdf_has_same_kinematics() {
     let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/robots/tiago_dual/tiago_dual.urdf");
-    let Ok(theirs) = std::fs::read_to_string(path) else {
-        println!("skipped: {path} is not there");
-        return;
-    };
+    let theirs = std::fs::read_to_string(path).expect("the URDF");
     let ours = shipped();
     let parsed = urdf_rs::read_from_string(&theirs).unwrap();
     let held: Vec<String> = parsed

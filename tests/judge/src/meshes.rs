@@ -51,17 +51,13 @@ fn moved_by<'a>(robot: &'a urdf_rs::Robot, link: &str, names: &[String]) -> Opti
 }
 
 impl Meshes {
-    /// Reads the meshes of the shipped robot from `../shared` beside the repository. None if they are not there.
+    /// Reads the meshes of the shipped robot from `../shared` beside the repository.
     /// `names` are the joints' names in order.
     ///
     /// # Panics
     /// Panics if a file cannot be read.
-    pub fn read(names: &[String]) -> Option<Self> {
+    pub fn read(names: &[String]) -> Self {
         let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/robots/tiago_dual");
-        if !folder.join("meshes").exists() {
-            eprintln!("skipped: {} is not there", folder.join("meshes").display());
-            return None;
-        }
         let robot = urdf_rs::read_file(folder.join("tiago_dual.urdf")).expect("a description");
         let mut pieces = Vec::new();
         for link in &robot.links {
@@ -101,7 +97,7 @@ impl Meshes {
                 }
             }
         }
-        Some(Self { names: names.to_vec(), robot, pieces, pairs })
+        Self { names: names.to_vec(), robot, pieces, pairs }
     }
 
     /// Number of meshes, and of pairs that must keep apart.

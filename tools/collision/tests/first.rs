@@ -137,16 +137,14 @@ fn plan_read_back_gives_the_same_capsules() {
     assert!(model.allowed.iter().any(|pair| pair.reason == AllowedReason::SameBody));
 }
 
-/// If this machine has the makers' meshes, the shipped capsules contain them.
+/// The shipped capsules contain the makers' meshes.
 #[test]
+#[ignore = "needs the makers' meshes in ../shared/robots"]
 fn shipped_capsules_of_other_robots_contain_the_meshes() {
     let shared = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/robots");
     for (name, urdf) in [("openarm_v10", "openarm_bimanual.urdf"), ("franka_fr3_duo", "fr3_duo.urdf")] {
         let folder = shared.join(name);
-        let Ok(text) = std::fs::read_to_string(folder.join(urdf)) else {
-            println!("skipped: {} is not there", folder.display());
-            continue;
-        };
+        let text = std::fs::read_to_string(folder.join(urdf)).expect("a URDF");
         let here = std::path::Path::new(env!("CARGO_MANIFEST_DIR"));
         let read = |path: String| std::fs::read_to_string(here.join(path)).unwrap();
         let robot = urdf_rs::read_from_string(&text).unwrap();

@@ -39,11 +39,12 @@ fn attack(subject: &Subject, meshes: &Meshes, seed: u64, ticks: u64) -> (f64, St
 }
 
 #[test]
+#[ignore = "needs the manufacturer's meshes in ../shared/robots/tiago_dual"]
 fn meshes_under_attack_stay_apart_only_with_certificate() {
     let config = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/teleop.toml");
     let load = |changes| Subject::load(&config, None, changes).unwrap();
     let subject = load(Changes::default());
-    let Some(meshes) = Meshes::read(&subject.model.joint_names) else { return };
+    let meshes = Meshes::read(&subject.model.joint_names);
     let [pieces, pairs] = meshes.counts();
     assert!(pieces > 20 && pairs > 200, "{pieces} {pairs}");
     let (least_m, pair) = attack(&subject, &meshes, 3, TICKS);
