@@ -82,7 +82,7 @@ const MAY_USE: &[(&str, &[&str])] = &[
     ("say", &[]),
     ("simulate", &["report"]),
     ("torture", &["judge", "report"]),
-    ("train", &[]),
+    ("train", &["report"]),
 ];
 
 /// A pure crate's line that forbids the clocks, threads, locks and IO of `clippy.toml`. Nothing in the crate can allow

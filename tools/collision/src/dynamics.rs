@@ -34,7 +34,7 @@ struct Lump {
 
 impl Lump {
     /// Joins both into one rigid body: centres by mass, inertias by the parallel axis theorem.
-    fn join(&self, other: &Self) -> Self {
+    fn combined(&self, other: &Self) -> Self {
         let mass_kg = self.mass_kg + other.mass_kg;
         if mass_kg <= 0.0 {
             return Self { inertia: self.inertia + other.inertia, ..*self };
@@ -88,7 +88,7 @@ struct Inertia {
 }
 
 impl Inertia {
-    fn of(lump: &Lump, pose: &Pose) -> Self {
+    fn new(lump: &Lump, pose: &Pose) -> Self {
         let center = pose.transform_point(&lump.center);
         let second = pose.r * lump.inertia * pose.r.transpose() + point_inertia(lump.mass_kg, &center);
         Self { mass: lump.mass_kg, first: center * lump.mass_kg, second }
@@ -132,7 +132,7 @@ impl<'a> Dynamics<'a> {
             let (body, pose) = model.link_body(link).ok_or_else(|| wrong(format!("the model has no link `{link}`")))?;
             let center = pose.transform_point(&lump.center);
             let placed = Lump { center, inertia: pose.r * lump.inertia * pose.r.transpose(), ..lump };
-            lumps[body] = lumps[body].join(&placed);
+            lumps[body] = lumps[body].combined(&placed);
             Ok::<(), CollisionError>(())
         };
         for link in &urdf.links {
@@ -175,7 +175,7 @@ impl<'a> Dynamics<'a> {
                 Spatial { angular: axis, linear: pose.t.cross(&axis) }
             }
         });
-        let inertias = std::array::from_fn(|b| Inertia::of(&self.lumps[b], &frames.base_from_body[b]));
+        let inertias = std::array::from_fn(|b| Inertia::new(&self.lumps[b], &frames.base_from_body[b]));
         Posture { joints: &self.joints, axes, inertias }
     }
 }

@@ -56,7 +56,7 @@ pub fn smallest_capsule(points: &[Vector3<f64>], slimness: f64) -> Option<Shape>
             best = Some((value, start));
         }
     }
-    best.map(|(_, x)| around(points, &x))
+    best.map(|(_, x)| enclosing_capsule(points, &x))
 }
 
 /// Returns roughly the volume of the smallest capsule, m^3, much faster. `None` without points.
@@ -71,7 +71,7 @@ pub fn rough_volume_m3(points: &[Vector3<f64>]) -> Option<f64> {
 }
 
 /// Returns the capsule about the axis `x` = (a, b) that contains all points.
-fn around(points: &[Vector3<f64>], x: &[f64; 6]) -> Shape {
+fn enclosing_capsule(points: &[Vector3<f64>], x: &[f64; 6]) -> Shape {
     let (a, b) = (Vector3::from_row_slice(&x[..3]), Vector3::from_row_slice(&x[3..]));
     let mut shape = Shape { a, b, radius_m: 0.0 };
     shape.radius_m = points.iter().map(|point| shape.outside_m(point)).fold(0.0, f64::max);
@@ -79,7 +79,7 @@ fn around(points: &[Vector3<f64>], x: &[f64; 6]) -> Shape {
 }
 
 fn cost(points: &[Vector3<f64>], x: &[f64; 6], slimness: f64) -> f64 {
-    let shape = around(points, x);
+    let shape = enclosing_capsule(points, x);
     shape.volume_m3() * shape.radius_m.powf(slimness)
 }
 

@@ -13,7 +13,7 @@ fn limits(robot: &Path, arguments: &[&str]) -> Output {
 }
 
 /// Returns the output of both streams.
-fn said(output: &Output) -> String {
+fn stderr(output: &Output) -> String {
     [&output.stdout, &output.stderr].map(|stream| String::from_utf8_lossy(stream).into_owned()).join("\n")
 }
 
@@ -25,8 +25,8 @@ fn worst_torque_found_only_by_climbing_fails_the_check() {
     // The purpose of the file is met, and the worst posture is found for each joint, including the second of an
     // arm.
     let output = limits(&robot, &[&few[..], &["--share", "0.85"]].concat());
-    assert_eq!(output.status.code(), Some(0), "{}", said(&output));
-    let words = said(&output);
+    assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+    let words = stderr(&output);
     let last = String::from_utf8_lossy(&output.stdout).lines().last().unwrap_or_default().to_owned();
     assert!(last.starts_with("holds: with 0 kg in each hand, none of 1000 postures"), "{last}");
     let rest = words.split_once("At rest:").expect("two tables").1;
@@ -35,8 +35,12 @@ fn worst_torque_found_only_by_climbing_fails_the_check() {
     assert!(shares[0] < shares[1] - 2e-4, "climbing finds more: {row}");
     let between = format!("{}", 0.5 * (shares[0] + shares[1]));
     let output = limits(&robot, &[&few[..], &["--share", &between]].concat());
-    assert_eq!(output.status.code(), Some(1), "{}", said(&output));
-    assert!(said(&output).contains("arm_left_2_joint: no posture that was sampled needs more"), "{}", said(&output));
+    assert_eq!(output.status.code(), Some(1), "{}", stderr(&output));
+    assert!(
+        stderr(&output).contains("arm_left_2_joint: no posture that was sampled needs more"),
+        "{}",
+        stderr(&output)
+    );
 }
 
 /// A load in the hands that cannot be held is reported.
@@ -44,8 +48,8 @@ fn worst_torque_found_only_by_climbing_fails_the_check() {
 fn payload_beyond_the_effort_limit_is_reported() {
     let robot = robots().join("tiago_dual.toml");
     let output = limits(&robot, &["--states", "1000", "--payload-kg", "2"]);
-    assert_eq!(output.status.code(), Some(1), "{}", said(&output));
-    assert!(said(&output).contains("of the postures need more than 0.85 of the effort limit"), "{}", said(&output));
+    assert_eq!(output.status.code(), Some(1), "{}", stderr(&output));
+    assert!(stderr(&output).contains("of the postures need more than 0.85 of the effort limit"), "{}", stderr(&output));
     let last = String::from_utf8_lossy(&output.stdout).lines().last().unwrap_or_default().to_owned();
     assert!(last.starts_with("DOES NOT HOLD: with 2 kg in each hand"), "{last}");
     assert!(last.contains("arm_left_2_joint"), "{last}");
@@ -62,18 +66,22 @@ fn closed_pipe_does_not_end_the_program_with_a_panic() {
     drop(child.stdout.take());
     let output = child.wait_with_output().expect("it ends");
     // The boxes of this URDF are for drawing, so they stick out.
-    assert_eq!(output.status.code(), Some(1), "{}", said(&output));
+    assert_eq!(output.status.code(), Some(1), "{}", stderr(&output));
 }
 
 #[test]
 fn missing_files_are_named_with_what_to_do() {
     let output = limits(Path::new("no.toml"), &[]);
-    assert_eq!(output.status.code(), Some(65), "{}", said(&output));
-    assert!(said(&output).contains("collision: no.toml: there is no such file. Check the path"), "{}", said(&output));
+    assert_eq!(output.status.code(), Some(65), "{}", stderr(&output));
+    assert!(
+        stderr(&output).contains("collision: no.toml: there is no such file. Check the path"),
+        "{}",
+        stderr(&output)
+    );
     let run = |arguments: &[&str]| {
         Command::new(env!("CARGO_BIN_EXE_collision")).args(arguments).output().expect("collision runs")
     };
     let robot = robots().join("tiago_dual.toml");
     let drawn = run(&["draw", robot.to_str().expect("UTF-8"), "--out", "/no/picture.png"]);
-    assert!(said(&drawn).contains("there is no folder /no. Make it"), "{}", said(&drawn));
+    assert!(stderr(&drawn).contains("there is no folder /no. Make it"), "{}", stderr(&drawn));
 }

@@ -1,11 +1,11 @@
 //! Recorded motion as input of the methods: the selected clips of a folder, and the motion of both arms in
 //! them.
 
-use crate::error::EvalError;
 use messages::SMPL_JOINTS;
 use motion::{CalibrationMode, Motion};
 use nalgebra::UnitQuaternion;
 use retarget::Limbs;
+use rt::{Exit, Failure};
 use std::path::{Path, PathBuf};
 use train::clips::{VALIDATION_EVERY, is_validation, limb_frames, motion_files};
 use train::evaluation::turned;
@@ -31,18 +31,22 @@ pub struct Clip {
 /// A file that was not used, and the reason.
 pub type Skipped = (String, String);
 
+/// The failure of a clip that `--clips` names.
+fn unusable_clip(name: &str, reason: String) -> Failure {
+    Failure::new(Exit::Usage, format!("--clips names {name}: {reason}"))
+}
+
 /// Returns the motion files of `folder`, sorted by name. If `names` are given, separated by commas, only those with
 /// such a name.
 ///
 /// # Errors
 /// Returns an error if the folder cannot be listed, or has no file of a given name.
-pub fn chosen(folder: &Path, names: Option<&str>) -> Result<Vec<PathBuf>, EvalError> {
+pub fn chosen(folder: &Path, names: Option<&str>) -> Result<Vec<PathBuf>, Failure> {
     let mut files = motion_files(folder)?;
     if let Some(names) = names.filter(|names| *names != "all") {
         let names: Vec<&str> = names.split(',').map(str::trim).collect();
         if let Some(name) = names.iter().find(|name| !files.iter().any(|file| stem(file) == **name)) {
-            let reason = format!("{} has no motion file of this name", folder.display());
-            return Err(EvalError::Clip { name: (*name).to_owned(), reason });
+            return Err(unusable_clip(name, format!("{} has no motion file of this name", folder.display())));
         }
         files.retain(|file| names.contains(&stem(file).as_str()));
     }
@@ -65,7 +69,7 @@ pub fn read(
     names: Option<&str>,
     calibration: CalibrationMode,
     stride: usize,
-) -> Result<(Vec<Clip>, Vec<Skipped>), EvalError> {
+) -> Result<(Vec<Clip>, Vec<Skipped>), Failure> {
     let files = chosen(folder, names)?;
     let (mut clips, mut skipped) = (Vec::new(), Vec::new());
     for (index, file) in files.iter().enumerate() {
@@ -76,14 +80,16 @@ pub fn read(
         match clip.and_then(|motion| clip_of(&motion, calibration, stride)) {
             Ok(clip) => clips.push(clip),
             Err(reason) if names.is_some_and(|names| names != "all") => {
-                return Err(EvalError::Clip { name: stem(file), reason });
+                return Err(unusable_clip(&stem(file), reason));
             }
             Err(reason) => skipped.push((file.display().to_string(), reason)),
         }
     }
     if clips.is_empty() {
-        let reasons = skipped.iter().map(|(file, reason)| format!("\n  {file}: {reason}")).collect();
-        return Err(EvalError::NoClips { folder: folder.to_path_buf(), found: files.len(), reasons });
+        let reasons: String = skipped.iter().map(|(file, reason)| format!("\n  {file}: {reason}")).collect();
+        let (folder, found) = (folder.display(), files.len());
+        let text = format!("{folder}: none of {found} motion files can be used{reasons}");
+        return Err(Failure::new(Exit::DataErr, text));
     }
     Ok((clips, skipped))
 }

@@ -15,14 +15,13 @@
 
 use crate::cli::Cli;
 use crate::clips::Human;
-use crate::error::EvalError;
 use crate::following::optimum::optimum_touching;
 use crate::following::{HandPath, NODE_S, Person, bounds_of};
-use crate::run::write_json;
-use ::report::print;
+use crate::run::{load, write_json};
 use ::report::table::{self, column, number};
+use ::report::{check_bounds, print};
 use client::PlayOptions;
-use config::{Loaded, Overrides};
+use config::Loaded;
 use follow::solver::State;
 use messages::{JOINTS_MAX, JointCommand, Mode, SMPL_JOINTS, Smpl, deadline};
 use motion::{CalibrationMode, Frame, Motion};
@@ -33,10 +32,10 @@ use poses::trajectory::ground_truth_touching;
 use retarget::ArmModel;
 use retarget::contact::{CHEST_M, Correction, HALF_HAND_M, HEAD_M, Proportions};
 use robot::{Capsule, Frames, Model, segment_distance};
+use rt::{Exit, Failure};
 use serde::Serialize;
 use serde_json::{Map, json};
 use std::fmt;
-use std::ops::RangeInclusive;
 use world::{Offline, OfflineEnd};
 
 /// Distance of the person's surfaces below which a contact counts, m: the length of a hand. Assumption.
@@ -45,7 +44,7 @@ const NEAR_M: f64 = 0.2;
 /// Time for which a hand that rests has not moved, ns: longer than a hand of the robot is behind. Assumption.
 const HELD_NS: u64 = 200_000_000;
 /// Allowed multiples of the recorded speed, as for `replay`.
-const SPEED: RangeInclusive<f64> = 0.1..=10.0;
+const SPEED: [f64; 2] = [0.1, 10.0];
 /// Largest change of a distance of a hand that rests, m. Assumption.
 const REST_M: f64 = 0.01;
 
@@ -216,7 +215,7 @@ impl Played {
     ///
     /// # Errors
     /// Returns a sentence as error if the stages reject their settings, or stop.
-    pub fn of(loaded: &Loaded, motion: &Motion, speed: f64) -> Result<Self, String> {
+    pub fn new(loaded: &Loaded, motion: &Motion, speed: f64) -> Result<Self, String> {
         let options = PlayOptions { speed, looped: false, calibration: CalibrationMode::Rig };
         let mut offline = Offline::new(loaded, motion, options).map_err(|error| error.to_string())?;
         let delay_ns = (loaded.settings.retarget.following_delay_ms * 1e6) as u64;
@@ -333,12 +332,9 @@ impl fmt::Display for Table {
 }
 
 /// Runs `eval --contacts`.
-pub(crate) fn run(cli: &Cli) -> Result<(), EvalError> {
-    if !SPEED.contains(&cli.speed) {
-        let expected = format!("{} to {}", SPEED.start(), SPEED.end());
-        return Err(EvalError::Option { option: "speed", value: cli.speed.to_string(), expected });
-    }
-    let loaded = config::load(&cli.config, Overrides::robot(cli.robot.as_ref()))?;
+pub(crate) fn run(cli: &Cli) -> Result<(), Failure> {
+    check_bounds("--speed", cli.speed, SPEED)?;
+    let loaded = load(cli)?;
     let mut rows = Vec::new();
     for motion in &paper_motions() {
         let limbs = postures(&loaded.model, motion, 0.0);
@@ -346,8 +342,8 @@ pub(crate) fn run(cli: &Cli) -> Result<(), EvalError> {
             continue;
         }
         let touching = postures(&loaded.model, motion, 1.0);
-        let played = Played::of(&loaded, motion, cli.speed)
-            .map_err(|reason| EvalError::Play { name: motion.name.clone(), reason })?;
+        let played = Played::new(&loaded, motion, cli.speed)
+            .map_err(|reason| Failure::new(Exit::Config, format!("{}: {reason}", motion.name)))?;
         let [commanded, held] = played.commands(&loaded.model);
         let optimum = played.optimum(&loaded.model);
         for (what, contacts) in [

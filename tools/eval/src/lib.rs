@@ -8,8 +8,6 @@
 pub mod cli;
 pub mod clips;
 pub mod contacts;
-pub mod error;
-pub mod figures;
 pub mod following;
 pub mod keyposes;
 pub mod lookup;
@@ -21,4 +19,5 @@ pub mod refusals;
 pub mod report;
 pub mod run;
 pub mod sew;
+pub mod stick_figures;
 pub mod timing;

@@ -2,10 +2,11 @@
 
 use crate::cli::Cli;
 use crate::clips::Human;
-use crate::error::EvalError;
 use crate::lookup::{self, PostureTable};
 use crate::sew::sew;
+use ::report::out_of_bounds;
 use retarget::{ArmIdentity, ArmModel, ArmQ, Network, Weights, closed_form, oracle, refine, solve_poses};
+use rt::Failure;
 use std::path::Path;
 use std::sync::Arc;
 use train::baseline::Baseline;
@@ -96,7 +97,7 @@ pub fn prepare(
     human: &Path,
     identity: &ArmIdentity,
     weights: Option<&Weights>,
-) -> Result<Vec<Method>, EvalError> {
+) -> Result<Vec<Method>, Failure> {
     let network = weights.map(|weights| Arc::new(weights.network.clone()));
     let lacking = |preset: &str, base: &Path, what: &str| {
         let robot = cli.robot().shipped_file().unwrap_or_default();
@@ -108,7 +109,7 @@ pub fn prepare(
         }
     };
     let missing = |preset: &str, base: &Path| lacking(preset, base, "is not there");
-    let solver = |name: &str| -> Result<Result<Solver, Missing>, EvalError> {
+    let solver = |name: &str| -> Result<Result<Solver, Missing>, Failure> {
         Ok(Ok(match name {
             "sew" => Solver::Sew,
             "closed_form_3lm" => Solver::ClosedForm,
@@ -138,8 +139,7 @@ pub fn prepare(
     let known = names();
     let prepared = cli.methods.as_ref().unwrap_or(&known).iter().map(|name| {
         if !known.contains(name) {
-            let expected = format!("names of {}", known.join(", "));
-            return Err(EvalError::Option { option: "methods", value: name.clone(), expected });
+            return Err(out_of_bounds("--methods", name, format!("names of {}", known.join(", "))));
         }
         Ok(Method { name: name.clone(), solver: solver(name)? })
     });

@@ -50,7 +50,7 @@ pub struct Task {
 
 /// A row of the table.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
-pub struct Figures {
+pub struct MethodFigures {
     /// Mean S_GR of a frame.
     pub s_gr: f64,
     /// Mean limb error, degrees.
@@ -116,7 +116,7 @@ impl Mean {
 
 /// Returns the figures of one method, from its postures in each task.
 #[must_use]
-pub fn measure(arm: &ArmModel, tasks: &[Task], postures: &[Vec<Posture>]) -> Figures {
+pub fn measure(arm: &ArmModel, tasks: &[Task], postures: &[Vec<Posture>]) -> MethodFigures {
     let mut tally = Tally::default();
     for (task, postures) in tasks.iter().zip(postures) {
         tally.errors(arm, task, postures);
@@ -177,14 +177,14 @@ impl Tally {
         }
     }
 
-    fn figures(mut self) -> Figures {
+    fn figures(mut self) -> MethodFigures {
         let frames = self.frames.max(1) as f64;
         self.degrees.sort_by(f64::total_cmp);
         self.reachable.sort_by(f64::total_cmp);
         let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
         let some = !self.reachable.is_empty();
         let [between, all] = self.jerk.map(|[method, oracle]| (oracle > 0.0).then(|| (method / oracle).sqrt()));
-        Figures {
+        MethodFigures {
             s_gr: self.s_gr / frames,
             limb_deg_mean: self.degrees.iter().sum::<f64>() / (4.0 * frames),
             limb_deg_p95: percentile(&self.degrees, 95),

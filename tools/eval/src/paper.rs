@@ -2,12 +2,11 @@
 //! the paper's third figure.
 
 use crate::clips::{Clip, clip_of};
-use crate::error::EvalError;
-use crate::figures::{FigureKind, limbs_of, with_limbs};
 use crate::following::mean;
 use crate::methods::{Method, Posture};
 use crate::metrics::{Task, measure};
 use crate::plots::{FigureRow, figure_rows};
+use crate::stick_figures::{FigureKind, limbs_of, with_limbs};
 use crate::timing::us_per_pose;
 use ::report::table::{self, column, number};
 use motion::{CalibrationMode, Frame};
@@ -16,6 +15,7 @@ use poses::person::{hands, head};
 use poses::trajectory::ground_truth;
 use retarget::ArmModel;
 use robot::Model;
+use rt::Failure;
 use serde::Serialize;
 use serde_json::{Map, Value, json};
 use std::fmt;
@@ -126,7 +126,7 @@ fn hand_to_head(positions: &Positions) -> f64 {
 ///
 /// # Errors
 /// Returns an error if it cannot be written.
-pub fn figure(path: &Path, model: &Model, methods: &[Method], tasks: &[Task]) -> Result<(), EvalError> {
+pub fn figure(path: &Path, model: &Model, methods: &[Method], tasks: &[Task]) -> Result<(), Failure> {
     let arm = ArmModel::from_model(model);
     let instants: Vec<(usize, usize)> = POSES
         .iter()

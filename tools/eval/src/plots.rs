@@ -1,14 +1,14 @@
 //! Draws the figures.
 
-use crate::error::EvalError;
-use crate::figures::{Area, Drawn, FigureKind, draw, limbs_of, with_limbs};
 use crate::methods::Posture;
 use crate::metrics::Task;
 use crate::report::Report;
+use crate::stick_figures::{Area, Drawn, FigureKind, draw, limbs_of, with_limbs};
 use messages::SMPL_JOINTS;
 use plotters::chart::SeriesAnno;
 use plotters::prelude::*;
 use retarget::ArmModel;
+use rt::{Exit, Failure};
 use std::path::{Path, PathBuf};
 
 /// Number of instants shown as stick figures.
@@ -34,9 +34,8 @@ pub fn draw_all(
     arm: &ArmModel,
     tasks: &[Task],
     shown: Option<(&str, &[Vec<Posture>])>,
-) -> Result<Vec<PathBuf>, EvalError> {
-    let write = |source| EvalError::File { path: folder.to_path_buf(), action: "write", source };
-    std::fs::create_dir_all(folder).map_err(write)?;
+) -> Result<Vec<PathBuf>, Failure> {
+    std::fs::create_dir_all(folder).map_err(|cause| Failure::unwritable(folder, &cause))?;
     let mut drawn = Vec::new();
     let mut picture = |name: &str, size: (u32, u32), paint: &dyn Fn(&Area<'_>) -> Drawn| {
         drawn.push(folder.join(name));
@@ -55,14 +54,14 @@ pub fn draw_all(
 ///
 /// # Errors
 /// Returns an error if it cannot be written.
-pub fn paint_file(path: &Path, size: (u32, u32), paint: impl FnOnce(&Area<'_>) -> Drawn) -> Result<(), EvalError> {
+pub fn paint_file(path: &Path, size: (u32, u32), paint: impl FnOnce(&Area<'_>) -> Drawn) -> Result<(), Failure> {
     let area = SVGBackend::new(path, size).into_drawing_area();
     let drawn = area.fill(&WHITE).and_then(|()| paint(&area)).and_then(|()| area.present());
-    drawn.map_err(|error| EvalError::Plot { path: path.to_path_buf(), reason: error.to_string() })
+    drawn.map_err(|error| Failure::new(Exit::CantCreate, format!("{}: cannot draw: {error}", path.display())))
 }
 
 fn error_against_k(area: &Area<'_>, report: &Report) -> Drawn {
-    let points = |value: &dyn Fn(&crate::metrics::Figures) -> f64| -> Vec<(f64, f64)> {
+    let points = |value: &dyn Fn(&crate::metrics::MethodFigures) -> f64| -> Vec<(f64, f64)> {
         (0..=3)
             .filter_map(|k| report.figures(&format!("ours_k{k}")).map(|figures| (f64::from(k), value(figures))))
             .collect()
@@ -196,7 +195,7 @@ pub type FigureRow = (String, FigureKind, Vec<[[f32; 3]; SMPL_JOINTS]>);
 ///
 /// # Errors
 /// Returns an error if the file cannot be written.
-pub fn figure_rows(path: &Path, columns: &[String], rows: &[FigureRow]) -> Result<(), EvalError> {
+pub fn figure_rows(path: &Path, columns: &[String], rows: &[FigureRow]) -> Result<(), Failure> {
     let size = (170 * columns.len() as u32, 200 * rows.len() as u32);
     paint_file(path, size, |area| {
         let cells = area.split_evenly((rows.len(), columns.len()));

@@ -3,14 +3,13 @@
 
 use crate::cli::Cli;
 use crate::clips::chosen;
-use crate::error::EvalError;
-use crate::run::write_json;
-use ::report::print;
+use crate::run::{load, write_json};
 use ::report::table::{self, column};
-use config::Overrides;
+use ::report::{check_bounds, print};
 use messages::{RawSkeleton, Stamp};
 use motion::{CalibrationMode, Motion};
 use rayon::prelude::*;
+use rt::Failure;
 use serde::Serialize;
 use serde_json::{Map, json};
 use skeleton::DropReason;
@@ -95,13 +94,9 @@ fn show_rates(f: &mut fmt::Formatter<'_>, rates: &[(f64, Refusals)]) -> fmt::Res
 ///
 /// # Errors
 /// Returns the first error, with its file or option.
-pub fn run(cli: &Cli, folder: &Path) -> Result<(), EvalError> {
-    let [low, high] = RATES_HZ;
-    if let Some(rate) = cli.rates.iter().find(|rate| !(low..=high).contains(*rate)) {
-        let expected = format!("rates of {low} to {high} Hz");
-        return Err(EvalError::Option { option: "rates", value: rate.to_string(), expected });
-    }
-    let loaded = config::load(&cli.config, Overrides::robot(cli.robot.as_ref()))?;
+pub fn run(cli: &Cli, folder: &Path) -> Result<(), Failure> {
+    cli.rates.iter().try_for_each(|&rate| check_bounds("--rates", rate, RATES_HZ))?;
+    let loaded = load(cli)?;
     let config = world::input_config(&loaded.settings.ingest, loaded.layouts, &loaded.operators);
     let motions: Vec<Motion> = chosen(folder, cli.clips.as_deref())?
         .iter()

@@ -2,7 +2,7 @@
 
 use crate::cli::Cli;
 use crate::methods::Missing;
-use crate::metrics::{Figures, Task};
+use crate::metrics::{MethodFigures, Task};
 use ::report::table::{self, column, number};
 use retarget::Weights;
 use serde::Serialize;
@@ -17,7 +17,7 @@ pub struct Measured {
     pub trained_on: Option<String>,
     /// Error and smoothness.
     #[serde(flatten)]
-    pub figures: Figures,
+    pub figures: MethodFigures,
     /// Microseconds per pose.
     pub us_per_pose: Option<f64>,
 }
@@ -66,7 +66,7 @@ pub struct Report {
 impl Setting {
     /// Creates the conditions of a run.
     #[must_use]
-    pub fn of(cli: &Cli, human: &Path, weights: Option<&Weights>, tasks: &[Task]) -> Self {
+    pub fn new(cli: &Cli, human: &Path, weights: Option<&Weights>, tasks: &[Task]) -> Self {
         Self {
             human: human.display().to_string(),
             clips: tasks.iter().map(|task| task.clip.name.clone()).collect(),
@@ -86,7 +86,7 @@ impl Setting {
 
 impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let figure = |head, width, digits, value: fn(&Figures) -> Option<f64>| {
+        let figure = |head, width, digits, value: fn(&MethodFigures) -> Option<f64>| {
             column(head, width, move |row: &Measured| number(value(&row.figures), digits))
         };
         // A repetition gives no more than three digits of the time.
@@ -119,7 +119,7 @@ impl Report {
 
     /// Returns the figures of a method, if measured.
     #[must_use]
-    pub fn figures(&self, name: &str) -> Option<&Figures> {
+    pub fn figures(&self, name: &str) -> Option<&MethodFigures> {
         self.measured().find(|(known, _)| *known == name).map(|(_, measured)| &measured.figures)
     }
 

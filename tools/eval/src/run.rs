@@ -2,16 +2,17 @@
 
 use crate::cli::{Cli, Frame};
 use crate::clips::{self, Clip};
-use crate::error::EvalError;
 use crate::methods::{Method, Missing, Posture, Solver, prepare};
 use crate::metrics::{Task, measure};
 use crate::report::{Measured, Report, Setting};
 use crate::timing::{Moment, us_per_pose};
 use crate::{contacts, following, keyposes, paper, plots, refusals};
-use ::report::print;
+use ::report::{out_of_bounds, print};
+use config::{Loaded, Overrides};
 use rayon::prelude::*;
 use retarget::{ArmIdentity, ArmModel, Weights};
 use robot::Model;
+use rt::{Exit, Failure};
 use serde_json::{Value, json};
 use std::path::Path;
 use train::clips::{VALIDATION_EVERY, motion_files};
@@ -24,7 +25,7 @@ const TIMED_POSES: usize = 256;
 ///
 /// # Errors
 /// Returns the first error, with its file or option.
-pub fn run(cli: &Cli) -> Result<(), EvalError> {
+pub fn run(cli: &Cli) -> Result<(), Failure> {
     // The command line has exactly one of the four.
     if let Some(folder) = &cli.following {
         return following::run(cli, folder);
@@ -42,12 +43,11 @@ pub fn run(cli: &Cli) -> Result<(), EvalError> {
 }
 
 /// Compares methods on the clips of `human`.
-fn retargeting(cli: &Cli, human: &Path) -> Result<(), EvalError> {
+fn retargeting(cli: &Cli, human: &Path) -> Result<(), Failure> {
     if cli.stride == 0 {
-        let expected = "1 or more".to_owned();
-        return Err(EvalError::Option { option: "stride", value: "0".to_owned(), expected });
+        return Err(out_of_bounds("--stride", 0, "1 or more"));
     }
-    let model = read_model(&cli.robot().shipped_file()?)?;
+    let model = read_model(&cli.robot().shipped_file().map_err(Failure::with(Exit::Config))?)?;
     let identity = ArmIdentity::from_model(&model);
     let weights = read_weights(cli, &identity)?;
     let (clips, skipped) = clips::read(human, cli.clips.as_deref(), cli.calibration, cli.stride)?;
@@ -60,8 +60,8 @@ fn retargeting(cli: &Cli, human: &Path) -> Result<(), EvalError> {
     let methods = prepare(cli, training, &identity, weights.as_ref())?;
     let missing = methods.iter().find_map(|method| Some((&method.name, method.solver.as_ref().err()?)));
     if let Some((name, Missing { reason, command })) = missing.filter(|_| cli.methods.is_some()) {
-        let (name, reason, command) = (name.clone(), reason.clone(), command.clone());
-        return Err(EvalError::Missing { name, reason, command });
+        let text = format!("--methods names {name}, but {reason}; make it with: {command}");
+        return Err(Failure::new(Exit::NoInput, text));
     }
     let tasks = tasks(&identity.arm, clips, cli.frame, cli.stride);
     let report = report(cli, human, &identity.arm, weights.as_ref(), &methods, &tasks);
@@ -85,17 +85,21 @@ fn retargeting(cli: &Cli, human: &Path) -> Result<(), EvalError> {
     write_json(cli, &json)
 }
 
+/// Loads the settings, with the chosen robot.
+pub(crate) fn load(cli: &Cli) -> Result<Loaded, Failure> {
+    config::load(&cli.config, Overrides::robot(cli.robot.as_ref())).map_err(Failure::with(Exit::Config))
+}
+
 /// Writes the figures to the file of `--json`.
-pub(crate) fn write_json(cli: &Cli, json: &Value) -> Result<(), EvalError> {
+pub(crate) fn write_json(cli: &Cli, json: &Value) -> Result<(), Failure> {
     let Some(path) = &cli.json else { return Ok(()) };
-    let failed = |source| EvalError::File { path: path.clone(), action: "write", source };
-    std::fs::write(path, format!("{json:#}\n")).map_err(failed)?;
+    std::fs::write(path, format!("{json:#}\n")).map_err(|cause| Failure::unwritable(path, &cause))?;
     print(&format!("wrote {}\n", path.display()));
     Ok(())
 }
 
 /// Computes the table of the named motions and the figure, if requested.
-fn named_motions(cli: &Cli, model: &Model, methods: &[Method], json: &mut Value) -> Result<(), EvalError> {
+fn named_motions(cli: &Cli, model: &Model, methods: &[Method], json: &mut Value) -> Result<(), Failure> {
     if !cli.paper_table && cli.figure3.is_none() {
         return Ok(());
     }
@@ -113,19 +117,18 @@ fn named_motions(cli: &Cli, model: &Model, methods: &[Method], json: &mut Value)
 }
 
 /// Reads our weights. None if the user named none and there are none.
-fn read_weights(cli: &Cli, identity: &ArmIdentity) -> Result<Option<Weights>, EvalError> {
+fn read_weights(cli: &Cli, identity: &ArmIdentity) -> Result<Option<Weights>, Failure> {
     let (path, is_named) = cli.weights();
     let path = path.as_path();
     if !is_named && !path.exists() {
         return Ok(None);
     }
     let manifest = path.with_extension("toml");
-    let read = |path: &Path| {
-        std::fs::read(path).map_err(|source| EvalError::File { path: path.to_path_buf(), action: "read", source })
-    };
+    let read =
+        |path: &Path| std::fs::read(path).map_err(|cause| Failure::new(Exit::NoInput, rt::unreadable(path, &cause)));
     let text = String::from_utf8_lossy(&read(&manifest)?).into_owned();
     let weights = Weights::read(&text, &read(path)?, identity);
-    weights.map(Some).map_err(|source| EvalError::Weights { path: path.to_path_buf(), source })
+    weights.map(Some).map_err(|cause| Failure::new(Exit::DataErr, format!("{}: {cause}", path.display())))
 }
 
 /// Prepares clips with their references and the oracle's postures.
@@ -164,7 +167,7 @@ pub fn report(
         let result = solver.as_ref().map(measured).map_err(Missing::clone);
         (name.clone(), result)
     });
-    Report { rows: rows.collect(), setting: Setting::of(cli, human, weights, tasks) }
+    Report { rows: rows.collect(), setting: Setting::new(cli, human, weights, tasks) }
 }
 
 /// Retargets every clip by one method. The oracle's postures are not computed again.

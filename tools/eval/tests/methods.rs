@@ -105,7 +105,7 @@ fn commanded_hands_come_as_near_to_each_other_as_the_persons() {
     let mut loaded = loaded();
     let motion = &named("hands-to-chest");
     let error_m = |loaded: &config::Loaded| {
-        let [_, held] = eval::contacts::Played::of(loaded, motion, 1.0).expect("it is played").commands(&loaded.model);
+        let [_, held] = eval::contacts::Played::new(loaded, motion, 1.0).expect("it is played").commands(&loaded.model);
         held.hands.mean_m().expect("hands that rest")
     };
     let limbs_m = error_m(&loaded);
@@ -120,7 +120,7 @@ fn boxers_fists_are_commanded_near_head_and_each_other() {
     let mut loaded = loaded();
     loaded.settings.retarget.contact_weight = 1.0;
     let motion = &named("box");
-    let played = eval::contacts::Played::of(&loaded, motion, 1.0).expect("it is played");
+    let played = eval::contacts::Played::new(&loaded, motion, 1.0).expect("it is played");
     let [commanded, held] = played.commands(&loaded.model);
     let mean_m = |errors: eval::contacts::Errors| errors.mean_m().expect("a contact");
     // Limbs that were corrected, without the hands' own places: 3.2, 5.8 and 7.2 cm.
@@ -159,7 +159,7 @@ fn optimum_of_contacts_reaches_slow_ones_and_misses_fast_ones() {
     let mut chest_m = None;
     let mut excess_m = |name: &str| {
         let motion = &named(name);
-        let played = eval::contacts::Played::of(&loaded, motion, 1.0).expect("it is played");
+        let played = eval::contacts::Played::new(&loaded, motion, 1.0).expect("it is played");
         let postures = eval::contacts::postures(&loaded.model, motion, 1.0);
         let mean_m = |contacts: eval::contacts::Contacts| contacts.hands.mean_m().expect("hands that touch");
         let optimum = played.optimum(&loaded.model);

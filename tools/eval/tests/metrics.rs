@@ -3,7 +3,7 @@
 use eval::clips::{Clip, Human};
 use eval::keyposes::shape;
 use eval::methods::Posture;
-use eval::metrics::{Figures, Task, measure, near_gimbal};
+use eval::metrics::{MethodFigures, Task, measure, near_gimbal};
 use nalgebra::UnitQuaternion;
 use retarget::{ArmModel, ArmQ};
 use std::path::Path;
@@ -37,7 +37,7 @@ fn task(human: &[Human], oracle: &[Posture]) -> Task {
     Task { clip, target, oracle: oracle.to_vec(), contiguous: true }
 }
 
-fn figures(arm: &ArmModel, human: &[Human], oracle: &[Posture], postures: &[Posture]) -> Figures {
+fn figures(arm: &ArmModel, human: &[Human], oracle: &[Posture], postures: &[Posture]) -> MethodFigures {
     measure(arm, &[task(human, oracle)], &[postures.to_vec()])
 }
 

@@ -43,7 +43,7 @@ struct Sent {
 }
 
 impl Sent {
-    fn of(raw: &RawSkeleton) -> Self {
+    fn new(raw: &RawSkeleton) -> Self {
         let vouched = |joint: usize| raw.confidence[joint] >= CONFIDENCE;
         let wrong = |joint: usize| vouched(joint) && raw.positions[joint].iter().any(|x| !x.is_finite());
         let mut unusable = None;
@@ -87,7 +87,7 @@ impl Inputs {
     /// Judges a tick.
     pub fn check(&mut self, seen: &Seen<'_>, mode: Mode) -> Result<(), Broken> {
         for raw in seen.sent {
-            let sent = Sent::of(raw);
+            let sent = Sent::new(raw);
             if self.sent.len() < KEPT {
                 self.sent.push(sent);
             } else {

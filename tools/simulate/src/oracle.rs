@@ -60,7 +60,7 @@ pub struct Person {
 
 impl Person {
     /// Returns the person of a frame that `ingest` passed on.
-    pub fn of(skeleton: &Skeleton) -> Self {
+    pub fn new(skeleton: &Skeleton) -> Self {
         Self { session: skeleton.session_nonce, operator: skeleton.operator_id }
     }
 }

@@ -233,7 +233,7 @@ impl<'a> Run<'a> {
         let robot = tampered::Robot { model: &whole.control.model, limits, close };
         let mut tampering = Tampering { faults: &mut self.faults, memory: &mut self.memory, robot };
         let moment = self.world.step_tampered(&self.subject.config, &told, running, &mut tampering);
-        self.accepted.extend(moment.skeleton.as_ref().map(Person::of));
+        self.accepted.extend(moment.skeleton.as_ref().map(Person::new));
         self.count_links();
         self.client.listen(k, !self.accepted.is_empty());
         if let Some(control) = &moment.control {

@@ -42,7 +42,7 @@ impl Subject {
         let loaded = config::load_robot(config, &Overrides::robot(robot));
         let (settings, model) = loaded.map_err(Failure::with(Exit::Config))?;
         match settings.interface() {
-            Interface::Direct => Self::of(model, config, settings.safety.hand_speed_m_per_s(), changes),
+            Interface::Direct => Self::new(model, config, settings.safety.hand_speed_m_per_s(), changes),
             other => {
                 let cause = "must be \"direct\"; no other interface is tested";
                 Err(rejected(config, format!("driver.interface = \"{}\", {cause}", other.name())))
@@ -55,7 +55,7 @@ impl Subject {
     ///
     /// # Errors
     /// Returns an error that names the file and the stage that rejects the robot.
-    pub fn of(mut model: Model, file: &Path, hand_speed: f64, changes: Changes) -> Result<Self, Failure> {
+    pub fn new(mut model: Model, file: &Path, hand_speed: f64, changes: Changes) -> Result<Self, Failure> {
         fn made<T>(file: &Path, stage: &str, made: Result<T, impl Display>) -> Result<T, Failure> {
             made.map_err(|error| rejected(file, format!("{stage}: {error}")))
         }

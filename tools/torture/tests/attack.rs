@@ -30,7 +30,7 @@ fn below_a_shelf() -> Subject {
     let (center_m, size_m) = ([0.9, 0.0, 0.8], [0.8, 1.6, 0.04]);
     let shelf = BoxEntry { name: "shelf".into(), center_m, size_m, rpy_deg: [0.0; 3] };
     let model = model.with_environment("test", &Environment { planes: vec![], boxes: vec![shelf] }).unwrap();
-    Subject::of(model, &file, 3.0, Changes::default()).unwrap()
+    Subject::new(model, &file, 3.0, Changes::default()).unwrap()
 }
 
 fn run(subject: &Subject, seed: u64, ticks: u64, threads: usize) -> RunFigures {

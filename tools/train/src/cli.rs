@@ -82,7 +82,7 @@ impl Cli {
             schedule: Schedule { peak: rate, warm_up: 500.min(steps / 4), second_decay: recipe.second_decay, steps },
             seed: self.seed,
             weighting: recipe.weighting,
-            mixture: Mixture { twins: recipe.weighting.steadiness > 0.0, ..Mixture::default() },
+            mixture: Mixture { noisy_copies: recipe.weighting.steadiness > 0.0, ..Mixture::default() },
         })
     }
 }

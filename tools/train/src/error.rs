@@ -1,6 +1,6 @@
 //! Errors before, between and after the steps.
 
-use rt::Exit;
+use rt::{Exit, Failure};
 use std::path::PathBuf;
 
 /// An error that keeps training or evaluation from starting or going on.
@@ -93,5 +93,11 @@ impl TrainError {
             Self::Option { .. } => Exit::Usage,
             Self::Compose(_) | Self::Diverged { .. } => Exit::Software,
         }
+    }
+}
+
+impl From<TrainError> for Failure {
+    fn from(error: TrainError) -> Self {
+        Self::new(error.exit(), error)
     }
 }

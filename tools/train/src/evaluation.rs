@@ -14,7 +14,7 @@ use std::fmt;
 const STEPS: u32 = 2;
 /// One row of the table.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Figures {
+pub struct ErrorFigures {
     /// Mean rotation error over limbs and frames, degrees.
     pub mean_deg: f64,
     /// 95th percentile of the rotation error, degrees.
@@ -27,7 +27,7 @@ pub struct Figures {
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Evaluation {
     /// Figures of each of `ROWS`.
-    pub rows: [Figures; 3],
+    pub rows: [ErrorFigures; 3],
     /// Number of clips.
     pub clips: usize,
     /// Frames of both arms.
@@ -55,10 +55,10 @@ impl Errors {
         self.s_gr += retarget::s_gr(&robot, human);
     }
 
-    fn figures(mut self) -> Figures {
+    fn figures(mut self) -> ErrorFigures {
         let count = self.degrees.len().max(1);
         self.degrees.sort_by(f64::total_cmp);
-        Figures {
+        ErrorFigures {
             mean_deg: self.degrees.iter().sum::<f64>() / count as f64,
             p95_deg: self.degrees.get(count * 95 / 100).copied().unwrap_or(0.0),
             // There are two limbs per arm frame, and four limbs per frame.
@@ -113,7 +113,7 @@ pub fn evaluate(arm: &ArmModel, network: &Network, clips: &[Clip], stride: usize
 
 /// Turns every `stride`-th arm near the gimbal, and returns the RMS joint change by half a degree of noise, degrees.
 fn gimbal_noise_deg(arm: &ArmModel, network: &Network, clips: &[Clip], stride: usize) -> f64 {
-    let gimbal = Gimbal::of(&kinematics::Arm::from(arm));
+    let gimbal = Gimbal::new(&kinematics::Arm::from(arm));
     let mut rng = Pcg64::new(1, 1);
     let (mut squares, mut count) = (0.0, 0);
     for pose in clips.iter().flat_map(|clip| &clip.arms).flat_map(|arm| arm.iter().step_by(stride.max(1))) {
@@ -133,7 +133,7 @@ impl Evaluation {
         let mut table = toml::Table::new();
         table.insert("clips".into(), (self.clips as i64).into());
         table.insert("arm_frames".into(), (self.arm_frames as i64).into());
-        for ([name, _], Figures { mean_deg, p95_deg, s_gr }) in ROWS.iter().zip(&self.rows) {
+        for ([name, _], ErrorFigures { mean_deg, p95_deg, s_gr }) in ROWS.iter().zip(&self.rows) {
             for (key, value) in [("mean_deg", mean_deg), ("p95_deg", p95_deg), ("s_gr", s_gr)] {
                 // Five digits are enough for a mean over this many frames.
                 table.insert(format!("{name}_{key}"), ((value * 1e5).round() / 1e5).into());

@@ -24,7 +24,7 @@ pub struct Gimbal {
 impl Gimbal {
     /// Returns the gimbal of `arm`. The first axis has two ends. People reach the one nearer to `REACHED`.
     #[must_use]
-    pub fn of(arm: &Arm) -> Self {
+    pub fn new(arm: &Arm) -> Self {
         let (reached, bone) = (dot(arm.axes[0], REACHED), arm.axes[2]);
         Self { bone: bone.map(|v| v.copysign(v * bone[1])), direction: arm.axes[0].map(|v| v.copysign(v * reached)) }
     }
@@ -80,18 +80,18 @@ mod tests {
     #[test]
     fn gimbal_lies_where_the_first_axis_does() {
         let identity = [[0.0, 0.0, 0.0, 1.0]; 2];
-        assert!((Gimbal::of(&example_arm()).degrees(&identity) - 90.0).abs() < 1e-3, "hangs");
-        assert!((Gimbal::of(&sideways()).degrees(&identity) - 16.0).abs() < 1e-2, "sideways");
+        assert!((Gimbal::new(&example_arm()).degrees(&identity) - 90.0).abs() < 1e-3, "hangs");
+        assert!((Gimbal::new(&sideways()).degrees(&identity) - 16.0).abs() < 1e-2, "sideways");
         let mut against = sideways();
         against.axes[0] = against.axes[0].map(|v| -v);
-        assert_eq!(Gimbal::of(&against), Gimbal::of(&sideways()), "the end that people reach");
+        assert_eq!(Gimbal::new(&against), Gimbal::new(&sideways()), "the end that people reach");
     }
 
     #[test]
     fn turned_arm_lies_at_gimbal_and_keeps_its_elbow() {
         let mut rng = Pcg64::new(4, 4);
         for arm in [example_arm(), sideways()] {
-            let gimbal = Gimbal::of(&arm);
+            let gimbal = Gimbal::new(&arm);
             for _ in 0..200 {
                 let before = procedural(&mut rng);
                 let after = gimbal.turned(&before);

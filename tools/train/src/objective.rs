@@ -223,17 +223,17 @@ impl Shard {
         (kinematics / rows as f64, angle / rows as f64, limits / joints as f64)
     }
 
-    /// Returns mean |q - q'|^2 over the twins of the batch, within the limits. Adds to the human half of
+    /// Returns mean |q - q'|^2 over the noisy copies of the batch, within the limits. Adds to the human half of
     /// `grad_output`.
     fn steadiness_term(&mut self, arm: &Arm, weight: f32) -> f64 {
         if weight == 0.0 {
             return 0.0;
         }
         let (rows, joints) = (self.batch.rows(), self.batch.pose.joints());
-        let twins = (0..rows).filter(|row| Batch::is_twin(*row));
-        let scale = weight / twins.clone().count() as f32;
+        let noisy_copies = (0..rows).filter(|row| Batch::is_noisy_copy(*row));
+        let scale = weight / noisy_copies.clone().count() as f32;
         let mut sum = 0.0;
-        for (row, joint) in twins.flat_map(|row| (0..joints).map(move |joint| (row, joint))) {
+        for (row, joint) in noisy_copies.flat_map(|row| (0..joints).map(move |joint| (row, joint))) {
             let at = [(row - 1) * joints + joint, row * joints + joint];
             let n = at.map(|i| self.decoder.output[i]);
             let half = arm.half[joint % ARM];

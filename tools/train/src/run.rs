@@ -97,8 +97,8 @@ fn begin(cli: &Cli, robot: &Path, recorded: &Recorded) -> Result<(Run, Session),
 /// Returns the options of a new run for `arm`.
 fn options(cli: &Cli, recorded: &Recorded, arm: &Arm) -> Result<Options, TrainError> {
     let mut options = cli.options()?;
-    if options.mixture.twins {
-        options.mixture.gimbal = recorded.share_to_turn(&Gimbal::of(arm));
+    if options.mixture.noisy_copies {
+        options.mixture.gimbal = recorded.share_to_turn(&Gimbal::new(arm));
     }
     Ok(options)
 }

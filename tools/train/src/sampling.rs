@@ -9,7 +9,7 @@ use crate::networks::Pose;
 use rand::RngExt;
 use rand_pcg::Pcg64;
 
-/// Share of recorded poses with a twin that are at least near the gimbal. It is a little less than where the gimbal is
+/// Share of recorded poses with a noisy copy that are at least near the gimbal. It is a little less than where the gimbal is
 /// a hanging arm, 0.45, so the training of such an arm draws what it always drew.
 const NEAR_GIMBAL: f64 = 0.4;
 /// Largest turn of a pose away from the gimbal, about each torso axis, rad. With the jitter of every pose, it spreads
@@ -44,8 +44,9 @@ pub struct Mixture {
     /// Largest rotation of each limb by itself about each torso axis, rad.
     pub limb_jitter_rad: f32,
     /// True if some rows repeat the previous row with a tracker's noise.
-    pub twins: bool,
-    /// Share of the recorded poses with a twin that are turned to the arm's gimbal, 0..=1.
+    #[serde(alias = "twins")]
+    pub noisy_copies: bool,
+    /// Share of the recorded poses with a noisy copy that are turned to the arm's gimbal, 0..=1.
     #[serde(default)]
     pub gimbal: f64,
 }
@@ -91,7 +92,7 @@ impl Default for Mixture {
             procedural: 0.5,
             torso_jitter_rad: 10_f32.to_radians(),
             limb_jitter_rad: 3_f32.to_radians(),
-            twins: true,
+            noisy_copies: true,
             gimbal: 0.0,
         }
     }
@@ -142,7 +143,7 @@ impl Batch {
     /// Returns true if this row may repeat the previous one with a tracker's noise. This is one row in eight.
     /// The other rows are enough to learn from.
     #[must_use]
-    pub const fn is_twin(row: usize) -> bool {
+    pub const fn is_noisy_copy(row: usize) -> bool {
         row % 8 == 1
     }
 
@@ -152,14 +153,14 @@ impl Batch {
         let rows = self.rows();
         let from_recording = ((1.0 - mixture.procedural) * rows as f64).round() as usize;
         let mut before = [[[0.0, 0.0, 0.0, 1.0]; 2]; 2];
-        let gimbal = Gimbal::of(arm);
+        let gimbal = Gimbal::new(arm);
         for (row, arms) in self.human.chunks_exact_mut(self.pose.arms).enumerate() {
-            if mixture.twins && Self::is_twin(row) {
+            if mixture.noisy_copies && Self::is_noisy_copy(row) {
                 arms.iter_mut().zip(&before).for_each(|(arm, other)| *arm = noisy(&mut rng, other));
             } else {
                 recorded.draw(&mut rng, row < from_recording, mixture, arms);
-                let has_twin = Self::is_twin(row + 1) && row < from_recording;
-                if mixture.gimbal > 0.0 && has_twin && rng.random_bool(mixture.gimbal) {
+                let has_noisy_copy = Self::is_noisy_copy(row + 1) && row < from_recording;
+                if mixture.gimbal > 0.0 && has_noisy_copy && rng.random_bool(mixture.gimbal) {
                     arms.iter_mut().for_each(|arm| *arm = near(&mut rng, &gimbal, arm));
                 }
             }
@@ -298,13 +299,13 @@ mod tests {
         let mut sideways = example_arm();
         (sideways.axes[0], sideways.axes[1]) = ([0.0, 1.0, 0.0], [1.0, 0.0, 0.0]);
         for (arm, least, most) in [(example_arm(), 0.99, 1.0), (sideways, 0.25, 0.55)] {
-            let gimbal = Gimbal::of(&arm);
+            let gimbal = Gimbal::new(&arm);
             let mixture = Mixture { procedural: 0.0, gimbal: recorded.share_to_turn(&gimbal), ..Mixture::default() };
             let mut batch = Batch::new(1600, Pose::default());
             batch.draw(1, 1, 0, &arm, &recorded, &mixture);
             let near = |rows: &[Limbs]| rows.iter().filter(|limbs| gimbal.is_near(limbs)).count() as f64;
-            let twins: Vec<Limbs> = batch.human.iter().copied().skip(1).step_by(8).collect();
-            let share = near(&twins) / twins.len() as f64;
+            let noisy_copies: Vec<Limbs> = batch.human.iter().copied().skip(1).step_by(8).collect();
+            let share = near(&noisy_copies) / noisy_copies.len() as f64;
             assert!((least..=most).contains(&share), "{share}");
         }
     }

@@ -125,7 +125,7 @@ fn reference(networks: &Networks, arm: &Arm, parameters: &Tensor, shard: &Shard)
     let limits = (n.abs()? - 1.0)?.relu()?.broadcast_mul(&half)?.mean_all()?;
     let side = |offset: usize| -> Result<Tensor> {
         let rows: Vec<u32> =
-            (0..ROWS as u32).filter(|row| Batch::is_twin(*row as usize)).map(|row| row - offset as u32).collect();
+            (0..ROWS as u32).filter(|row| Batch::is_noisy_copy(*row as usize)).map(|row| row - offset as u32).collect();
         q.index_select(&Tensor::new(rows, &Device::Cpu)?, 0)
     };
     let steadiness = (side(0)? - side(1)?)?.sqr()?.sum(1)?.mean_all()?;

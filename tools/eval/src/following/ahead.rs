@@ -23,7 +23,7 @@ impl Expectation {
     /// Extracts the expectation of a target. Node n of its trajectory is for the person `delay_ns` before the node's
     /// tick.
     #[must_use]
-    pub fn of(target: &JointTarget, delay_ns: u64) -> Self {
+    pub fn new(target: &JointTarget, delay_ns: u64) -> Self {
         let origin = target.header.origin;
         let at = |i: u64| deadline((target.trajectory_first + i) * TRAJECTORY_NODE_TICKS).0.saturating_sub(delay_ns);
         let limbs = AHEAD_MS.map(|ahead_ms| {
@@ -85,15 +85,15 @@ mod tests {
             let ahead_s = (at_ns as f64 - newest_ns as f64) * 1e-9;
             target.limb_trajectory[i] = limbs(if ahead_s > 0.0 { 2.0 * ahead_s } else { ahead_s });
         }
-        let found = errors_deg(&[Expectation::of(&target, delay_ns)], &person);
+        let found = errors_deg(&[Expectation::new(&target, delay_ns)], &person);
         for (found, ahead_ms) in found.into_iter().zip(AHEAD_MS) {
             let want = (ahead_ms as f64 * 1e-3).to_degrees();
             assert!(found.is_some_and(|deg| (deg - want).abs() < 0.05), "{ahead_ms} ms: {found:?}, want {want}");
         }
         // An arm without a trajectory, and a person who leaves before, give no figure.
         target.limb_trajectory.iter_mut().for_each(|limbs| limbs[3] = [0.0; 4]);
-        assert_eq!(errors_deg(&[Expectation::of(&target, delay_ns)], &person), [None; 3]);
+        assert_eq!(errors_deg(&[Expectation::new(&target, delay_ns)], &person), [None; 3]);
         target.header.origin = Stamp(4_400_000_000);
-        assert_eq!(errors_deg(&[Expectation::of(&target, delay_ns)], &person), [None; 3]);
+        assert_eq!(errors_deg(&[Expectation::new(&target, delay_ns)], &person), [None; 3]);
     }
 }

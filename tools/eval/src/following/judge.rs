@@ -7,7 +7,7 @@ use super::play::{Played, Sample};
 use super::riccati::Joints;
 use super::tracking::Motion;
 use crate::clips::Human;
-use crate::figures::limbs_of;
+use crate::stick_figures::limbs_of;
 use follow::solver::{Bounds, State};
 use messages::{LIMBS, Stamp};
 use retarget::{ArmModel, Limbs, limb_error_deg};
@@ -21,7 +21,7 @@ const BEST_STEP_MS: usize = 20;
 
 /// Measurements of one clip. Serialized, they are the numbers with one value each.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
-pub struct Figures {
+pub struct ClipFigures {
     /// The clip.
     #[serde(skip)]
     pub name: String,
@@ -64,7 +64,7 @@ pub struct Figures {
     pub stopped: Option<String>,
 }
 
-impl Figures {
+impl ClipFigures {
     /// Returns the number of violations of all kinds.
     #[must_use]
     pub fn violations_total(&self) -> u64 {
@@ -134,7 +134,7 @@ pub struct Best {
 impl Best {
     /// Computes the best motions of both arms over all spans.
     #[must_use]
-    pub fn of(arm: &ArmModel, bounds: &[Bounds; 2], played: &Played) -> Self {
+    pub fn new(arm: &ArmModel, bounds: &[Bounds; 2], played: &Played) -> Self {
         let mut best = Self::default();
         for span in &played.spans {
             let person: Vec<Human> = span.iter().filter_map(|sample| played.person.at(sample.at)).collect();
@@ -165,7 +165,7 @@ fn add_deg(sums: &mut [f64], arm: &ArmModel, start: State, motion: &Motion, path
 /// Returns the figures of a clip. None if the robot was never Engaged for long enough to compare at every
 /// requested delay.
 #[must_use]
-pub fn judge(arm: &ArmModel, played: &Played, delays_ms: &[f64], best: Option<&Best>) -> Option<Figures> {
+pub fn judge(arm: &ArmModel, played: &Played, delays_ms: &[f64], best: Option<&Best>) -> Option<ClipFigures> {
     let now_deg = mean_deg(arm, played, 0.0)?;
     let at_deg: Option<Vec<f64>> = delays_ms.iter().map(|&delay| mean_deg(arm, played, delay)).collect();
     // A delay beyond half of the clip would be judged by little of it.
@@ -176,7 +176,7 @@ pub fn judge(arm: &ArmModel, played: &Played, delays_ms: &[f64], best: Option<&B
     let (best_deg, best_ms) = tried.reduce(|a, b| if b.0 < a.0 { b } else { a })?;
     let free: Vec<&HandError> = played.hands.iter().filter(|hand| hand.free).collect();
     let hands = |of: fn(&HandError) -> f64| mean(&free.iter().map(|hand| of(hand)).collect::<Vec<_>>());
-    Some(Figures {
+    Some(ClipFigures {
         name: played.name.clone(),
         seconds: played.ticks as f64 * messages::TICK_S,
         now_deg,

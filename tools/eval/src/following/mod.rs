@@ -29,7 +29,7 @@ pub(crate) mod wires;
 pub use ahead::{AHEAD_MS, Expectation};
 pub use hands::HandError;
 pub(crate) use judge::mean;
-pub use judge::{Best, Figures, bounds_of, errors_deg, judge, limbs_deg};
+pub use judge::{Best, ClipFigures, bounds_of, errors_deg, judge, limbs_deg};
 pub use person::{Hands, Person, Place};
 pub use play::{Played, Sample, Stage};
 pub use report::Report;
@@ -38,12 +38,11 @@ pub use tracking::{HandPath, Motion, NODE_S};
 
 use crate::cli::Cli;
 use crate::clips::{chosen, stem};
-use crate::error::EvalError;
-use crate::run::write_json;
-use ::report::print;
-use config::Overrides;
+use crate::run::{load, write_json};
+use ::report::{check_bounds, print};
 use rayon::prelude::*;
 use retarget::ArmModel;
+use rt::Failure;
 use std::path::{Path, PathBuf};
 
 /// Delays that are always judged, ms.
@@ -55,28 +54,25 @@ const DELAY_MAX_MS: f64 = 2000.0;
 ///
 /// # Errors
 /// Returns the first error, with its file or option.
-pub fn run(cli: &Cli, folder: &Path) -> Result<(), EvalError> {
-    if !(0.0..=DELAY_MAX_MS).contains(&cli.delay_ms) {
-        let (value, expected) = (cli.delay_ms.to_string(), format!("0 to {DELAY_MAX_MS}"));
-        return Err(EvalError::Option { option: "delay-ms", value, expected });
-    }
+pub fn run(cli: &Cli, folder: &Path) -> Result<(), Failure> {
+    check_bounds("--delay-ms", cli.delay_ms, [0.0, DELAY_MAX_MS])?;
     // The daemon does the same, so the commands are equal to the bit.
     let _ = rt::flush_denormals();
-    let loaded = config::load(&cli.config, Overrides::robot(cli.robot.as_ref()))?;
+    let loaded = load(cli)?;
     let stage = Stage::new(&loaded)?;
     let (arm, bounds) = (ArmModel::from_model(&loaded.model), bounds_of(&loaded.model));
     let mut delays_ms = DELAYS_MS.to_vec();
     delays_ms.push(cli.delay_ms);
     delays_ms.sort_by(f64::total_cmp);
     delays_ms.dedup();
-    let clip = |file: &PathBuf| -> Result<Result<Figures, String>, EvalError> {
+    let clip = |file: &PathBuf| -> Result<Result<ClipFigures, String>, Failure> {
         let _ = rt::flush_denormals();
         let played = motion::load(file).map_err(|error| error.to_string());
         let played = match played.and_then(|motion| stage.play(&motion, cli.calibration)) {
             Ok(played) => played,
             Err(why) => return Ok(Err(why)),
         };
-        let best = (!cli.no_optimum).then(|| Best::of(&arm, &bounds, &played));
+        let best = (!cli.no_optimum).then(|| Best::new(&arm, &bounds, &played));
         if let Some(folder) = &cli.plot {
             plot::draw_clip(folder, &arm, &played, cli.delay_ms, best.as_ref())?;
         }
@@ -86,10 +82,9 @@ pub fn run(cli: &Cli, folder: &Path) -> Result<(), EvalError> {
     };
     let files = chosen(folder, cli.clips.as_deref())?;
     if let Some(folder) = &cli.plot {
-        let failed = |source| EvalError::File { path: folder.clone(), action: "write", source };
-        std::fs::create_dir_all(folder).map_err(failed)?;
+        std::fs::create_dir_all(folder).map_err(|cause| Failure::unwritable(folder, &cause))?;
     }
-    let judged: Result<Vec<_>, EvalError> = files.par_iter().map(|file| Ok((stem(file), clip(file)?))).collect();
+    let judged: Result<Vec<_>, Failure> = files.par_iter().map(|file| Ok((stem(file), clip(file)?))).collect();
     let (mut clips, mut skipped) = (Vec::new(), Vec::new());
     for (name, figures) in judged? {
         match figures {

@@ -3,7 +3,6 @@
 use super::ahead::Expectation;
 use super::hands::{self, HandError, HandSample};
 use super::person::Person;
-use crate::error::EvalError;
 use crate::methods::Posture;
 use bus::FaultPlan;
 use client::PlayOptions;
@@ -12,6 +11,7 @@ use config::Loaded;
 use follow::solver::State;
 use messages::{JointCommand, Mode, Stamp, command_flag, deadline};
 use motion::{CalibrationMode, Motion};
+use rt::{Exit, Failure};
 use std::collections::BTreeMap;
 use world::{Links, Moment, Offline, OfflineEnd};
 
@@ -69,11 +69,11 @@ impl<'a> Stage<'a> {
     ///
     /// # Errors
     /// Returns an error if the masses cannot be read from the robot's URDF.
-    pub fn new(loaded: &'a Loaded) -> Result<Self, EvalError> {
+    pub fn new(loaded: &'a Loaded) -> Result<Self, Failure> {
         // Settings, robot file, URDF: `config` reads them in this order.
         let urdf = loaded.files.iter().find(|file| file.extension().is_some_and(|extension| extension == "urdf"));
         let path = urdf.cloned().unwrap_or_default();
-        let masses = |reason: String| EvalError::Masses { path: path.clone(), reason };
+        let masses = |reason: String| Failure::new(Exit::Config, format!("{}: {reason}", path.display()));
         let urdf = urdf_rs::read_file(&path).map_err(|error| masses(error.to_string()))?;
         let dynamics = Dynamics::new(&loaded.model, &urdf, &[]).map_err(|error| masses(error.to_string()))?;
         Ok(Self { loaded, dynamics })
@@ -149,7 +149,7 @@ impl Watch<'_> {
             let expected = &mut self.played.expected;
             if expected.last().is_none_or(|last| target.header.origin > last.origin) {
                 let delay_ns = (self.stage.loaded.settings.retarget.following_delay_ms * 1e6) as u64;
-                expected.push(Expectation::of(target, delay_ns));
+                expected.push(Expectation::new(target, delay_ns));
             }
         }
         let began = *self.engaged_at.get_or_insert_with(|| {

@@ -2,12 +2,12 @@
 
 use super::judge::{Best, errors_deg};
 use super::play::{Played, Sample};
-use crate::error::EvalError;
-use crate::figures::{Area, Drawn, FigureKind, draw, limbs_of, with_limbs};
 use crate::plots::{label, legend, name_line, paint_file};
+use crate::stick_figures::{Area, Drawn, FigureKind, draw, limbs_of, with_limbs};
 use messages::Stamp;
 use plotters::prelude::*;
 use retarget::ArmModel;
+use rt::Failure;
 use std::path::Path;
 
 /// Number of instants shown as stick figures.
@@ -26,7 +26,7 @@ pub fn draw_clip(
     played: &Played,
     delay_ms: f64,
     best: Option<&Best>,
-) -> Result<(), EvalError> {
+) -> Result<(), Failure> {
     let Some(first) = played.spans.iter().flatten().next() else { return Ok(()) };
     let second = |at: Stamp| at.since(first.at) as f64 * 1e-9;
     let line = |delay_ms: f64| -> Vec<Vec<(f64, f64)>> {

@@ -1,7 +1,7 @@
 //! The table as text, and the same as JSON.
 
 use super::ahead::AHEAD_MS;
-use super::judge::{Figures, mean};
+use super::judge::{ClipFigures, mean};
 use ::report::table::{self, Column, column, number};
 use serde_json::{Map, Value, json};
 use std::fmt;
@@ -18,14 +18,14 @@ pub struct Report {
     /// All delays, ms.
     pub delays_ms: Vec<f64>,
     /// The clips that were judged.
-    pub clips: Vec<Figures>,
+    pub clips: Vec<ClipFigures>,
     /// Clips that were not judged, and the reasons.
     pub skipped: Vec<(String, String)>,
 }
 
 impl Report {
     /// Returns the numbers of a clip.
-    fn numbers(&self, clip: &Figures) -> Value {
+    fn numbers(&self, clip: &ClipFigures) -> Value {
         let at = self.delays_ms.iter().zip(&clip.at_deg).map(|(ms, deg)| (ms.to_string(), json!(deg)));
         let expected = AHEAD_MS.iter().zip(&clip.expected_deg).map(|(ms, deg)| (ms.to_string(), json!(deg)));
         let at_delay =
@@ -42,7 +42,7 @@ impl Report {
     fn summaries(&self) -> [(&'static str, Value); 2] {
         let rows: Vec<Value> = self.clips.iter().map(|clip| self.numbers(clip)).collect();
         // Without a clip, the numbers of an empty one name the columns.
-        let like = rows.first().cloned().unwrap_or_else(|| self.numbers(&Figures::default()));
+        let like = rows.first().cloned().unwrap_or_else(|| self.numbers(&ClipFigures::default()));
         let rows: Vec<&Value> = rows.iter().collect();
         [("mean", summary(&like, &rows, mean)), ("median", summary(&like, &rows, median))]
     }
@@ -121,7 +121,7 @@ fn median(values: &[f64]) -> Option<f64> {
 impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let clips = self.clips.iter().map(|clip| (clip.name.as_str(), self.numbers(clip), clip.violations_total()));
-        let all = self.clips.iter().map(Figures::violations_total).sum();
+        let all = self.clips.iter().map(ClipFigures::violations_total).sum();
         let summaries = self.summaries();
         let [(_, mean), (_, median)] = &summaries;
         let summaries = summaries.iter().map(|(name, row)| (*name, row.clone(), all));

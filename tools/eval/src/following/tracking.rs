@@ -41,7 +41,7 @@ pub enum Loss {
 }
 
 impl Loss {
-    fn of(self, angle: f64) -> f64 {
+    fn value(self, angle: f64) -> f64 {
         match self {
             Self::Square => 0.5 * angle * angle,
             Self::Angle => angle.hypot(SMALL_RAD) - SMALL_RAD,
@@ -214,7 +214,7 @@ impl Task<'_> {
         nodes
             .map(|(k, (state, goal))| {
                 let q = state.q.into();
-                let angles = angles(&self.arm.residual(&q, goal)).map(|angle| loss.of(angle));
+                let angles = angles(&self.arm.residual(&q, goal)).map(|angle| loss.value(angle));
                 angles.iter().sum::<f64>() + self.hand.map_or(0.0, |hand| hand.loss(self.arm, k, &q))
             })
             .sum()

@@ -8,17 +8,16 @@ use super::judge::{mean, mean_deg};
 use super::play::{Played, Stage};
 use crate::cli::Cli;
 use crate::clips::chosen;
-use crate::error::EvalError;
 use crate::plots::{legend, name_line, paint_file};
-use crate::run::write_json;
+use crate::run::{load, write_json};
 use ::report::print;
 use ::report::table::{self, column, number};
 use bus::FaultPlan;
-use config::Overrides;
 use messages::TICK_HZ;
 use plotters::prelude::*;
 use rayon::prelude::*;
 use retarget::ArmModel;
+use rt::{Exit, Failure};
 use serde::Serialize;
 use serde_json::json;
 use std::fmt;
@@ -63,7 +62,7 @@ impl Wire {
         }
     }
 
-    fn of(plan: &FaultPlan, played: &[Played], arm: &ArmModel, judged_ms: f64) -> Self {
+    fn measured(plan: &FaultPlan, played: &[Played], arm: &ArmModel, judged_ms: f64) -> Self {
         let error_deg = |delay_ms: f64| {
             mean(&played.iter().filter_map(|played| mean_deg(arm, played, delay_ms)).collect::<Vec<_>>())
         };
@@ -110,24 +109,22 @@ impl fmt::Display for Table {
 }
 
 /// Runs `eval --wires`.
-pub(crate) fn run(cli: &Cli, folder: &Path) -> Result<(), EvalError> {
-    let loaded = config::load(&cli.config, Overrides::robot(cli.robot.as_ref()))?;
+pub(crate) fn run(cli: &Cli, folder: &Path) -> Result<(), Failure> {
+    let loaded = load(cli)?;
     let (stage, arm) = (Stage::new(&loaded)?, ArmModel::from_model(&loaded.model));
     let files = chosen(folder, cli.clips.as_deref())?;
     let motions: Result<Vec<_>, _> = files.iter().map(|file| motion::load(file)).collect();
-    let motions =
-        motions.map_err(|error| EvalError::Play { name: folder.display().to_string(), reason: error.to_string() })?;
+    let motions = motions.map_err(|error| Failure::new(Exit::Config, format!("{}: {error}", folder.display())))?;
     let bad = DELAYS_MS.map(|delay_ms| Wire::plan(delay_ms, JITTER_MS, LOSS));
     let plans = DELAYS_MS.map(|delay_ms| Wire::plan(delay_ms, 0, 0.0)).into_iter().chain(bad);
-    let wire = |plan: FaultPlan| -> Result<Wire, EvalError> {
+    let wire = |plan: FaultPlan| -> Result<Wire, Failure> {
         let play = |motion| {
             let _ = rt::flush_denormals();
             stage.play_over(motion, cli.calibration, plan)
         };
         let played: Result<Vec<_>, String> = motions.par_iter().map(play).collect();
-        let name = || folder.display().to_string();
-        let played = played.map_err(|reason| EvalError::Play { name: name(), reason })?;
-        Ok(Wire::of(&plan, &played, &arm, cli.delay_ms))
+        let played = played.map_err(|reason| Failure::new(Exit::Config, format!("{}: {reason}", folder.display())))?;
+        Ok(Wire::measured(&plan, &played, &arm, cli.delay_ms))
     };
     let wires: Result<Vec<_>, _> = plans.map(wire).collect();
     let table = Table { wires: wires?, judged_ms: cli.delay_ms, clips: files.len() };
@@ -138,10 +135,9 @@ pub(crate) fn run(cli: &Cli, folder: &Path) -> Result<(), EvalError> {
     write_json(cli, &json!(table.wires))
 }
 
-fn draw(path: &Path, table: &Table) -> Result<(), EvalError> {
+fn draw(path: &Path, table: &Table) -> Result<(), Failure> {
     let folder = path.parent().unwrap_or(path);
-    let failed = |source| EvalError::File { path: folder.to_owned(), action: "write", source };
-    std::fs::create_dir_all(folder).map_err(failed)?;
+    std::fs::create_dir_all(folder).map_err(|cause| Failure::unwritable(folder, &cause))?;
     let highest = table.wires.iter().filter_map(|wire| wire.now_deg).fold(10.0, f64::max);
     let longest = DELAYS_MS.into_iter().max().unwrap_or(1) as f64;
     paint_file(path, (800, 420), |area| {

@@ -20,7 +20,7 @@ impl Run<'_> {
         for (n, raw) in self.frames.iter().enumerate() {
             if n > 0 && ingest_runs {
                 let passed = self.world.drain_raw(&self.subject.config);
-                self.accepted.extend(passed.as_ref().map(Person::of));
+                self.accepted.extend(passed.as_ref().map(Person::new));
                 self.drained.extend(passed);
             }
             self.world.publish(raw);

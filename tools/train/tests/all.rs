@@ -1,0 +1,5 @@
+//! All integration tests of `train`. They are one program, so that it is linked once.
+
+mod clips;
+mod gradients;
+mod training;
