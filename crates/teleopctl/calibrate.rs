@@ -19,9 +19,9 @@ use std::time::{Duration, Instant};
 /// Polling period, shorter than the frame period of the fastest client.
 const LOOK: Duration = Duration::from_millis(4);
 /// Polling period of the robot's mode.
-const TELL: Duration = Duration::from_secs(1);
+const PRINT_PERIOD: Duration = Duration::from_secs(1);
 /// Time between two updates of the line in a terminal.
-const DRAW: Duration = Duration::from_millis(100);
+const DRAW_PERIOD: Duration = Duration::from_millis(100);
 /// Time for which the person holds the T-pose, ns.
 const HOLD_NS: u64 = 2_000_000_000;
 /// Fewest frames with both elbows flexed that the axes need: one second at 60 Hz, three at 20 Hz.
@@ -101,7 +101,7 @@ pub fn run(client: &mut Client, run_dir: &Path, job: &Job<'_>) -> Result<bool, O
     let (Some(mut calibration), true) = (pose.measured(), posed) else { return Ok(false) };
     let who = eyes.who();
     let (_, operator_id, layout) = who;
-    if let Some(why) = taken(job, operator_id, layout) {
+    if let Some(why) = name_conflict(job, operator_id, layout) {
         err!("teleopctl: {why}; nothing was written");
         return Ok(false);
     }
@@ -163,7 +163,7 @@ fn may_go_on(job: &Job<'_>, status: &Status) -> bool {
 }
 
 /// Returns the reason why this person cannot have a file of that name.
-fn taken(job: &Job<'_>, operator_id: u32, layout: u32) -> Option<String> {
+fn name_conflict(job: &Job<'_>, operator_id: u32, layout: u32) -> Option<String> {
     let known = match Operators::read(&job.folder) {
         Ok(known) => known,
         Err(error) => return Some(error.to_string()),
@@ -219,16 +219,16 @@ fn wait(
     while begun.elapsed() < PATIENCE {
         match look(eyes, &status) {
             Step::Done => return Ok(true),
-            Step::Going(progress) => heard = line.shows(&progress),
-            Step::Silent(why) if heard.elapsed() > TELL => {
+            Step::Going(progress) => heard = line.draw(&progress),
+            Step::Silent(why) if heard.elapsed() > PRINT_PERIOD => {
                 if why.is_none() && !std::mem::replace(&mut hinted, true) {
-                    line.says(NOBODY);
+                    line.print(NOBODY);
                 }
-                line.shows(why.as_deref().unwrap_or("no skeletons arrive"));
+                line.draw(why.as_deref().unwrap_or("no skeletons arrive"));
             }
             Step::Silent(_) => {}
         }
-        if asked.elapsed() > TELL {
+        if asked.elapsed() > PRINT_PERIOD {
             asked = Instant::now();
             status = client.heartbeat()?;
             if mode(&status) != Mode::Disengaged || rt::is_orphaned(job.child_of) {
@@ -257,9 +257,9 @@ impl Progress {
     }
 
     /// Shows `text`, unless the last update is too recent. Returns the present time.
-    fn shows(&mut self, text: &str) -> Instant {
+    fn draw(&mut self, text: &str) -> Instant {
         let now = Instant::now();
-        let every = if self.terminal { DRAW } else { TELL };
+        let every = if self.terminal { DRAW_PERIOD } else { PRINT_PERIOD };
         let soon = self.drawn.is_some_and(|drawn| now - drawn < every);
         if soon || text == self.last {
             return now;
@@ -280,7 +280,7 @@ impl Progress {
 
 impl Progress {
     /// Prints a line that stays.
-    fn says(&mut self, text: &str) {
+    fn print(&mut self, text: &str) {
         self.clear();
         out!("{text}");
     }

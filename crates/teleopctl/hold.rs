@@ -19,18 +19,18 @@ const ELSEWHERE: &str =
 /// recovered.
 pub fn hold(client: &mut Client, first: &Status, names: &Names, begins: &str) -> Result<bool, OperatorError> {
     let stop = rt::Shutdown::on_signals().expect("signal handlers can be installed");
-    let mut diary = Diary { begun: Instant::now(), shown: first.transition_count, note: None, let_go: false };
-    diary.says(begins);
-    let mut beat = diary.begun;
+    let mut printer = EventPrinter { begun: Instant::now(), shown: first.transition_count, note: None, let_go: false };
+    printer.print(begins);
+    let mut beat = printer.begun;
     while !stop.requested() {
         let last = client.heartbeat()?;
-        diary.tells(&last, names);
+        printer.print_news(&last, names);
         let changed = last.transition_count > first.transition_count;
         if changed && has_ended(&last) {
             let newest = explain::newest_transitions(&last, 1).next();
             return Ok(newest.is_some_and(|made| made.why == Transition::RECOVERED));
         }
-        if !changed && diary.begun.elapsed() > REFUSED_AFTER {
+        if !changed && printer.begun.elapsed() > REFUSED_AFTER {
             refused(&last, names);
             return Ok(false);
         }
@@ -38,19 +38,19 @@ pub fn hold(client: &mut Client, first: &Status, names: &Names, begins: &str) ->
         std::thread::sleep(beat.saturating_duration_since(Instant::now()));
     }
     client.release();
-    diary.let_go = true;
+    printer.let_go = true;
     let give_up = Instant::now() + EFFECT_WITHIN;
     // Control made the reply to the request before it read the request.
     client.heartbeat()?;
     loop {
         std::thread::sleep(HEARTBEAT);
         let last = client.heartbeat()?;
-        diary.tells(&last, names);
+        printer.print_news(&last, names);
         if has_ended(&last) {
             return Ok(mode(&last) != Mode::Faulted);
         }
         if Instant::now() > give_up {
-            diary.says(&format!("not released within {} s: {}", EFFECT_WITHIN.as_secs(), mode(&last).name()));
+            printer.print(&format!("not released within {} s: {}", EFFECT_WITHIN.as_secs(), mode(&last).name()));
             return Ok(false);
         }
     }
@@ -60,19 +60,19 @@ pub fn hold(client: &mut Client, first: &Status, names: &Names, begins: &str) ->
 /// other signal end it without letting go, so the robot is released.
 pub fn clutch(client: &mut Client, first: &Status, names: &Names) -> Result<bool, OperatorError> {
     let stop = rt::Shutdown::on_signals().expect("signal handlers can be installed");
-    let mut diary = Diary { begun: Instant::now(), shown: first.transition_count, note: None, let_go: false };
-    diary.says("the clutch is held; Ctrl-C lets go, and the robot moves slowly to where the person is");
-    let (mut beat, mut let_go_at) = (diary.begun, None);
+    let mut printer = EventPrinter { begun: Instant::now(), shown: first.transition_count, note: None, let_go: false };
+    printer.print("the clutch is held; Ctrl-C lets go, and the robot moves slowly to where the person is");
+    let (mut beat, mut let_go_at) = (printer.begun, None);
     loop {
         let last = client.heartbeat()?;
-        diary.tells(&last, names);
+        printer.print_news(&last, names);
         if has_ended(&last) {
             return Ok(false);
         }
         if let_go_at.is_some_and(|at: Instant| at.elapsed() > REFUSED_AFTER) {
             // Another clutch, or another cause, may still hold.
             for fault in Faults(last.faults).iter() {
-                diary.says(&format!("still held by {}: {}", fault.row().name, meaning(fault, &last, names)));
+                printer.print(&format!("still held by {}: {}", fault.row().name, meaning(fault, &last, names)));
             }
             return Ok(mode(&last) != Mode::Holding);
         }
@@ -80,7 +80,7 @@ pub fn clutch(client: &mut Client, first: &Status, names: &Names) -> Result<bool
             Some(_) if Exit::after(&stop) != Exit::Interrupted => return Ok(false),
             Some(_) if let_go_at.is_none() => {
                 client.clutch(false);
-                diary.says("let go");
+                printer.print("let go");
                 let_go_at = Some(Instant::now());
             }
             _ => {}
@@ -105,7 +105,7 @@ fn refused(status: &Status, names: &Names) {
 }
 
 /// Prints events, each line with the seconds since the press.
-struct Diary {
+struct EventPrinter {
     begun: Instant,
     /// Number of transitions already printed.
     shown: u32,
@@ -114,20 +114,20 @@ struct Diary {
     let_go: bool,
 }
 
-impl Diary {
-    fn says(&self, what: &str) {
+impl EventPrinter {
+    fn print(&self, what: &str) {
         out!("{:>6.1} s  {what}", self.begun.elapsed().as_secs_f64());
     }
 
     /// Prints the news in `status`.
-    fn tells(&mut self, status: &Status, names: &Names) {
+    fn print_news(&mut self, status: &Status, names: &Names) {
         for made in explain::newest_transitions(status, status.transition_count.saturating_sub(self.shown)) {
-            self.says(&change(made, status, names, self.let_go));
+            self.print(&change(made, status, names, self.let_go));
         }
         self.shown = self.shown.max(status.transition_count);
         let note = explain::activity(status);
         if let Some(note) = note.filter(|_| note != self.note) {
-            self.says(&format!("{note}: {:.0} mm to go", status.torso_to_go_m.abs() * 1e3));
+            self.print(&format!("{note}: {:.0} mm to go", status.torso_to_go_m.abs() * 1e3));
         }
         self.note = note;
     }
@@ -167,20 +167,22 @@ mod tests {
     #[test]
     fn mode_changes_are_reported_in_plain_words() {
         let (status, names) = (Status::ZERO, Names::default());
-        let said = |from: Mode, to: Mode, why: u32| {
+        let described = |from: Mode, to: Mode, why: u32| {
             change(&Transition { k: 1, from: from as u32, to: to as u32, why, about: 0 }, &status, &names, false)
         };
         let stale = Fault::InputStale;
-        assert!(said(Mode::Disengaged, Mode::Engaging, Transition::ENABLED).starts_with("engaging: "));
-        assert!(said(Mode::Engaging, Mode::Engaged, Transition::ALIGNED).starts_with("engaged: "));
-        let held = said(Mode::Engaged, Mode::Holding, stale as u32);
+        assert!(described(Mode::Disengaged, Mode::Engaging, Transition::ENABLED).starts_with("engaging: "));
+        assert!(described(Mode::Engaging, Mode::Engaged, Transition::ALIGNED).starts_with("engaged: "));
+        let held = described(Mode::Engaged, Mode::Holding, stale as u32);
         assert_eq!(held, format!("holding because of InputStale: {}", stale.row().meaning));
-        assert!(said(Mode::Engaged, Mode::Holding, Transition::RELEASED).ends_with(ELSEWHERE));
-        assert!(said(Mode::Holding, Mode::Disengaged, Transition::RELEASED).ends_with(ELSEWHERE));
-        assert!(said(Mode::Holding, Mode::Disengaged, Transition::AT_REST).starts_with("released: "));
-        assert!(said(Mode::Holding, Mode::Disengaged, Fault::HoldTimeout as u32).starts_with("released because of "));
-        assert!(said(Mode::Recovering, Mode::Disengaged, Transition::RECOVERED).starts_with("recovered: "));
-        let stopped = said(Mode::Engaged, Mode::Faulted, Fault::EmergencyStop as u32);
+        assert!(described(Mode::Engaged, Mode::Holding, Transition::RELEASED).ends_with(ELSEWHERE));
+        assert!(described(Mode::Holding, Mode::Disengaged, Transition::RELEASED).ends_with(ELSEWHERE));
+        assert!(described(Mode::Holding, Mode::Disengaged, Transition::AT_REST).starts_with("released: "));
+        assert!(
+            described(Mode::Holding, Mode::Disengaged, Fault::HoldTimeout as u32).starts_with("released because of ")
+        );
+        assert!(described(Mode::Recovering, Mode::Disengaged, Transition::RECOVERED).starts_with("recovered: "));
+        let stopped = described(Mode::Engaged, Mode::Faulted, Fault::EmergencyStop as u32);
         assert!(stopped.starts_with("stopped because of EmergencyStop: ") && stopped.contains("reset"), "{stopped}");
     }
 }

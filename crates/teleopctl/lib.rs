@@ -53,7 +53,7 @@ fn obey(client: &mut Client, run_dir: &Path, command: Command) -> Result<bool, O
             until(client, "released", |status| matches!(mode(status), Mode::Disengaged | Mode::Faulted))
         }
         Command::Reset => reset(client, run_dir),
-        Command::Payload(args) => payload::say(client, run_dir, &args),
+        Command::Payload(args) => payload::send(client, run_dir, &args),
         Command::Estop => {
             client.estop();
             stopped(client)

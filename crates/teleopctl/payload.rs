@@ -9,7 +9,7 @@ use std::path::Path;
 use std::time::Instant;
 
 /// Returns true if `control` accepted it.
-pub fn say(client: &mut Client, run_dir: &Path, args: &PayloadArgs) -> Result<bool, OperatorError> {
+pub fn send(client: &mut Client, run_dir: &Path, args: &PayloadArgs) -> Result<bool, OperatorError> {
     let answers = |status: &Status| (status.payloads_taken, status.payloads_refused);
     let before = answers(&client.heartbeat()?);
     let order = PayloadOrder { mass_kg: args.mass_kg, centre_m: args.centre };

@@ -43,7 +43,7 @@ pub fn run(client: &mut Client, run_dir: &Path) -> Result<bool, OperatorError> {
     };
     let outcome = loop {
         match client.heartbeat() {
-            Ok(status) => shown.note(status, joints.as_mut().and_then(Joints::look), Instant::now()),
+            Ok(status) => shown.update(status, joints.as_mut().and_then(Joints::look), Instant::now()),
             Err(OperatorError::Timeout { .. }) => shown.silent = true,
             // Another client displaced this connection. Connect again.
             Err(error) => match Client::connect(instance.operator_socket()) {
@@ -125,7 +125,7 @@ impl Shown {
         Self { names, status: None, q: None, silent: false, ages_us, events, counted: None, rate_hz: 0.0 }
     }
 
-    fn note(&mut self, status: Status, q: Option<Vec<f64>>, now: Instant) {
+    fn update(&mut self, status: Status, q: Option<Vec<f64>>, now: Instant) {
         for sentence in sentences(self.status.as_ref(), &status, &self.names) {
             self.events.push_front((sentence.gravity, sentence.text));
         }
@@ -318,12 +318,12 @@ mod tests {
         (state.robot.joint_count, state.q_measured) = (17, [0.1; JOINTS_MAX]);
         state.q_measured[0] = 0.2;
         let q = own(&state).to_vec();
-        watch.note(status(Mode::Disengaged, 1000), Some(q.clone()), now);
+        watch.update(status(Mode::Disengaged, 1000), Some(q.clone()), now);
         let mut engaged = status(Mode::Engaging, 2500);
         engaged.transition_count = 1;
         engaged.transitions[0].to = Mode::Engaging as u32;
         engaged.transitions[0].why = Transition::ENABLED;
-        watch.note(engaged, Some(q), now + Duration::from_secs(1));
+        watch.update(engaged, Some(q), now + Duration::from_secs(1));
         let text = shown(140, 40, &watch);
         for part in ["Engaging", "1500 Hz", "12.5 ms", "torso_lift_joint", "0.200 m", "123 mm measured", "enabled", "●"]
         {
@@ -343,7 +343,7 @@ mod tests {
     fn watch_screen_of_24_rows_shows_every_joint() {
         let (mut watch, now) = (Shown::new(names()), Instant::now());
         for count in [17, 22, JOINTS_MAX] {
-            watch.note(status(Mode::Engaged, 1000), Some(vec![0.1; count]), now);
+            watch.update(status(Mode::Engaged, 1000), Some(vec![0.1; count]), now);
             let text = shown(80, 24, &watch);
             assert_eq!(text.matches('●').count(), count, "{text}");
             assert!(text.contains("mm measured") && text.contains("0.100 m"), "{text}");
@@ -360,12 +360,12 @@ mod tests {
         for (width, height) in [(1, 1), (10, 3), (40, 10), (300, 100)] {
             shown(width, height, &watch);
         }
-        watch.note(status(Mode::Faulted, 1), None, Instant::now());
+        watch.update(status(Mode::Faulted, 1), None, Instant::now());
         for (width, height) in [(1, 1), (10, 3), (40, 10), (80, 24), (300, 100)] {
             shown(width, height, &watch);
         }
         assert!(shown(80, 24, &watch).contains("for the instance's user"));
-        watch.note(status(Mode::Faulted, 1), Some(vec![f64::NAN; JOINTS_MAX]), Instant::now());
+        watch.update(status(Mode::Faulted, 1), Some(vec![f64::NAN; JOINTS_MAX]), Instant::now());
         shown(80, 24, &watch);
     }
 }

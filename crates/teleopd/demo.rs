@@ -53,7 +53,7 @@ pub fn run(options: &cli::Demo) -> Result<Exit, Failure> {
         interface: options.interface,
         robot: options.robot.clone(),
     };
-    tell_inputs(&motion, &loaded);
+    print_inputs(&motion, &loaded);
     refuse_second(&instance)?;
     let mut recorder = Recorder::start_if(options.record.as_deref(), &instance, &place)?;
     let mut children = Children::start(&instance, &place, Output::Files)?;
@@ -91,7 +91,7 @@ pub fn run(options: &cli::Demo) -> Result<Exit, Failure> {
         causes.push(failure.text);
         Failure::new(failure.exit, causes.join("; "))
     })?;
-    tell(&report, options)?;
+    print_report(&report, options)?;
     if shutdown.requested() {
         return Ok(Exit::Interrupted);
     }
@@ -100,7 +100,7 @@ pub fn run(options: &cli::Demo) -> Result<Exit, Failure> {
 }
 
 /// Prints what is played, and who drives the robot if a program of the settings does.
-fn tell_inputs(motion: &motion::Motion, loaded: &Loaded) {
+fn print_inputs(motion: &motion::Motion, loaded: &Loaded) {
     out!("motion    {} ({:.1} s at {:.0} Hz)", motion.name, motion.duration_s(), motion.frame_rate_hz);
     for warning in &motion.guesses.warnings {
         out!("          {warning}");
@@ -118,7 +118,7 @@ fn tell_inputs(motion: &motion::Motion, loaded: &Loaded) {
 
 /// Prints the report, and writes it to a file if the user asked for one. Otherwise suggests the next command to
 /// try.
-fn tell(report: &Report, options: &cli::Demo) -> Result<(), Failure> {
+fn print_report(report: &Report, options: &cli::Demo) -> Result<(), Failure> {
     report.print();
     if let Some(path) = &options.report {
         let text = format!("{:#}\n", report.to_json());

@@ -73,7 +73,7 @@ impl Following {
     }
 
     /// Adds a tick, and the robot state if it was new in this tick.
-    pub fn note(&mut self, out: &control::Output, robot: Option<&RobotState>) {
+    pub fn add(&mut self, out: &control::Output, robot: Option<&RobotState>) {
         if let Some(transition) = out.transition
             && self.transitions.len() < TRANSITIONS_MAX
         {

@@ -81,7 +81,7 @@ mod tests {
         format!("teleop@{name}.service")
     }
 
-    fn words(values: &[String]) -> BTreeSet<String> {
+    fn split(values: &[String]) -> BTreeSet<String> {
         values.iter().flat_map(|value| value.split_whitespace()).map(str::to_owned).collect()
     }
 
@@ -96,11 +96,11 @@ mod tests {
     fn units_name_processes_in_table_order() {
         for manager in MANAGERS {
             let all: BTreeSet<String> = PROCESSES.map(unit).into();
-            assert_eq!(words(&values(manager, "teleop.target", "Wants")), all, "{manager}");
-            assert_eq!(words(&values(manager, "teleop.target", "After")), all, "{manager}");
+            assert_eq!(split(&values(manager, "teleop.target", "Wants")), all, "{manager}");
+            assert_eq!(split(&values(manager, "teleop.target", "After")), all, "{manager}");
             for row in &TABLE {
                 let waited_for = row.after.map(unit).into_iter().collect();
-                assert_eq!(words(&values(manager, &unit(row.name), "After")), waited_for, "{manager} {}", row.name);
+                assert_eq!(split(&values(manager, &unit(row.name), "After")), waited_for, "{manager} {}", row.name);
             }
             let drop_ins = std::fs::read_dir(folder(manager)).unwrap().flatten().map(|entry| entry.file_name());
             for drop_in in drop_ins.filter_map(|name| name.to_str()?.strip_suffix(".d").map(str::to_owned)) {

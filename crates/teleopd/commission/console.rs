@@ -23,10 +23,10 @@ impl Console {
     /// # Errors
     /// Returns an error if no thread can be started.
     pub fn open(log: File, shutdown: Shutdown) -> std::io::Result<Self> {
-        let (tell, lines) = channel();
+        let (sender, lines) = channel();
         let read = move || {
             for line in std::io::stdin().lock().lines().map_while(Result::ok) {
-                if tell.send(line).is_err() {
+                if sender.send(line).is_err() {
                     return;
                 }
             }
@@ -36,7 +36,7 @@ impl Console {
     }
 
     /// Writes to the log alone.
-    pub fn note(&mut self, text: &str) {
+    pub fn log(&mut self, text: &str) {
         for line in text.lines().filter(|line| !line.is_empty()) {
             // A full disk shows at the end, where the log is synchronised.
             let _ = writeln!(self.log, "{} {line}", now_text());
@@ -53,14 +53,14 @@ impl Console {
         if std::io::stdin().is_terminal() {
             while self.lines.try_recv().is_ok() {}
         }
-        self.say(question);
+        self.print(question);
         loop {
             if self.shutdown.requested() {
                 return Err(Stop::Interrupted);
             }
             match self.lines.recv_timeout(LOOK) {
                 Ok(line) => {
-                    self.note(&format!("answer: {:?}", line.trim()));
+                    self.log(&format!("answer: {:?}", line.trim()));
                     return Ok(line.trim().to_lowercase());
                 }
                 Err(RecvTimeoutError::Timeout) => {}
@@ -73,9 +73,9 @@ impl Console {
 }
 
 impl Person for Console {
-    fn say(&mut self, text: &str) {
+    fn print(&mut self, text: &str) {
         out!("{text}");
-        self.note(text);
+        self.log(text);
     }
 
     fn confirm(&mut self, question: &str) -> Result<(), Stop> {
@@ -83,7 +83,7 @@ impl Person for Console {
             match self.ask(&format!("{question} (Enter, or n to end)"))?.as_str() {
                 "" | "y" => return Ok(()),
                 "n" => return Err(Stop::Refused("the person refused".into())),
-                _ => self.say("Enter goes on, n ends the run."),
+                _ => self.print("Enter goes on, n ends the run."),
             }
         }
     }
@@ -93,7 +93,7 @@ impl Person for Console {
             match self.ask(&format!("{question} (y/n)"))?.as_str() {
                 "y" => return Ok(()),
                 "n" => return Err(Stop::Failed(otherwise.to_owned())),
-                _ => self.say("Type y or n, then Enter."),
+                _ => self.print("Type y or n, then Enter."),
             }
         }
     }

@@ -44,8 +44,8 @@ pub fn run(run: &mut Session<'_>) -> Result<Vec<String>, Stop> {
 
     let facts = run.facts;
     if let Some((joint, off)) = facts.strayed(&start, &samples, None) {
-        let (name, off) = (&facts.model.joint_names[joint], facts.words(joint, off));
-        let band = facts.words(joint, facts.stands(joint));
+        let (name, off) = (&facts.model.joint_names[joint], facts.with_unit(joint, off));
+        let band = facts.with_unit(joint, facts.stands(joint));
         return Err(Stop::Failed(format!(
             "{name} moved by {off} while the emergency stop was pressed or released, the bound is {band}. Find out what \
              moves it before you go on"

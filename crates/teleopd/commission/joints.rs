@@ -1,9 +1,9 @@
 //! Each joint alone: it moves, the right way, as far as commanded, and the others stand. Does no IO and reads no clock.
 
+use super::description;
 use super::path::Path;
 use super::ports::{Facts, Sample, Stop};
 use super::session::Session;
-use super::words;
 use messages::{JOINTS_MAX, Mode};
 
 /// Time in which a joint settles after its ramp, s: the swing of a servo of 1 Hz has died. Assumption.
@@ -28,8 +28,8 @@ fn one(run: &mut Session<'_>, joint: usize) -> Result<String, Stop> {
         "{name} ({} of {}) will move by {} and back: watch {}. Enter moves it.",
         joint + 1,
         facts.model.count,
-        facts.words(joint, by),
-        words::link(&facts.model, joint)
+        facts.with_unit(joint, by),
+        description::link(&facts.model, joint)
     ))?;
     run.robot.engage()?;
     let there = play(run, &Path::ramp(q, joint, by, facts.speed(joint)))?;
@@ -37,12 +37,12 @@ fn one(run: &mut Session<'_>, joint: usize) -> Result<String, Stop> {
     to[joint] += by;
     let back = play(run, &Path::ramp(to, joint, -by, facts.speed(joint)))?;
     run.robot.release()?;
-    let sight = words::seen(&facts.model, &q, joint, by);
+    let sight = description::visible_motion(&facts.model, &q, joint, by);
     run.person.saw(
         &format!("You should have seen this, and then the way back: {sight}. Did you?"),
         &format!("the person did not see {name} move as the model says: {sight}"),
     )?;
-    Ok(format!("{name}: {} commanded, {} measured there, {} back", facts.words(joint, by), there, back))
+    Ok(format!("{name}: {} commanded, {} measured there, {} back", facts.with_unit(joint, by), there, back))
 }
 
 /// Plays a ramp, and judges it. Returns the measured travel in words.
@@ -61,7 +61,7 @@ fn play(run: &mut Session<'_>, path: &Path) -> Result<String, Stop> {
         return Err(Stop::Failed(format!("control stopped the robot: {stopped}")));
     }
     let joint = path.joint;
-    Ok(run.facts.words(joint, last(&samples).q_measured[joint] - last(&before).q_measured[joint]))
+    Ok(run.facts.with_unit(joint, last(&samples).q_measured[joint] - last(&before).q_measured[joint]))
 }
 
 fn last(samples: &[Sample]) -> Sample {
@@ -76,7 +76,7 @@ fn judge(facts: &Facts, path: &Path, before: &[f64; JOINTS_MAX], samples: &[Samp
     let (joint, name) = (path.joint, &facts.model.joint_names[path.joint]);
     let end = last(samples);
     let moved = end.q_measured[joint] - before[joint];
-    let length = |length: f64| facts.words(joint, length);
+    let length = |length: f64| facts.with_unit(joint, length);
     if moved * path.by < 0.0 && moved.abs() > NOISE {
         return Err(format!(
             "{name} was commanded {} and is measured to move the other way, by {}: its sign differs from the robot's",
@@ -88,13 +88,13 @@ fn judge(facts: &Facts, path: &Path, before: &[f64; JOINTS_MAX], samples: &[Samp
     let others = (0..facts.model.count).filter(|other| *other != joint);
     let most = others.map(|j| (j, end.q_measured[j] - before[j])).max_by(|a, b| a.1.abs().total_cmp(&b.1.abs()));
     if let Some((other, off)) = most.filter(|(_, off)| still && off.abs() > NOISE && off.abs() > moved.abs()) {
-        let (other, off) = (&facts.model.joint_names[other], facts.words(other, off));
+        let (other, off) = (&facts.model.joint_names[other], facts.with_unit(other, off));
         return Err(format!(
             "{name} was commanded, and {other} is measured to move, by {off}: their names are swapped"
         ));
     }
     if let Some((other, off)) = facts.strayed(before, samples, Some(joint)) {
-        let (band, off) = (facts.words(other, facts.stands(other)), facts.words(other, off));
+        let (band, off) = (facts.with_unit(other, facts.stands(other)), facts.with_unit(other, off));
         let other = &facts.model.joint_names[other];
         return Err(format!("{name} was commanded, and {other} moved by {off} too: the bound is {band}"));
     }

@@ -53,7 +53,7 @@ fn one(run: &mut Session<'_>, victim: Victim) -> Result<String, Stop> {
         Victim::Driver => driver(run, &before, (joint, [q[joint], q[joint] + by]))?,
         _ => other(run, victim, killed_s)?,
     };
-    run.person.say(&found);
+    run.person.print(&found);
     Ok(found)
 }
 
@@ -93,7 +93,7 @@ fn driver(run: &mut Session<'_>, before: &[f64; JOINTS_MAX], (joint, ends): (usi
     let margin = facts.differs(joint) + facts.stands(joint);
     let on_way = at >= ends[0].min(ends[1]) - margin && at <= ends[0].max(ends[1]) + margin;
     require(on_way, || {
-        let (name, off) = (&facts.model.joint_names[joint], facts.words(joint, at - before[joint]));
+        let (name, off) = (&facts.model.joint_names[joint], facts.with_unit(joint, at - before[joint]));
         format!("{name} is {off} from where it was when the driver was killed")
     })?;
     Ok("kill -9 of the driver: the person saw the robot stop, and the restarted driver measures that it stands".into())
@@ -111,7 +111,7 @@ fn stands_after(
     let samples = run.robot.watch(WATCHED_S)?;
     let strayed = facts.strayed(before, &samples, but);
     if let Some((joint, off)) = strayed.or_else(|| facts.strayed(&samples[0].q_measured, &samples, None)) {
-        let (joint, off) = (&facts.model.joint_names[joint], facts.words(joint, off));
+        let (joint, off) = (&facts.model.joint_names[joint], facts.with_unit(joint, off));
         return Err(Stop::Failed(format!("{joint} moved by {off} after {name} was started again")));
     }
     run.robot.release()?;

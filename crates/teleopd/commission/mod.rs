@@ -2,6 +2,7 @@
 //! are plain functions over a robot and a person (`session`). The robot of a run is `live`, the person is at `console`.
 
 mod console;
+mod description;
 mod emergency;
 mod joints;
 mod kills;
@@ -12,7 +13,6 @@ mod session;
 #[cfg(test)]
 mod tests;
 mod tracking;
-mod words;
 
 use crate::children::{instance_in, refuse_second};
 use crate::cli;
@@ -68,7 +68,7 @@ pub fn run(options: &cli::Commission) -> Result<Exit, Failure> {
     let console = Console::open(log, shutdown.clone());
     let mut console = console.map_err(Failure::with(Exit::OsErr))?;
     introduce(&mut console, &loaded, place, &path);
-    let facts = Facts::of(&loaded, may_lack_realtime(&loaded.settings));
+    let facts = Facts::from_settings(&loaded, may_lack_realtime(&loaded.settings));
     let mut live = Live::new(&loaded, place, instance, shutdown)?;
     let mut session = Session { robot: &mut live, person: &mut console, facts: &facts, proposals: Vec::new() };
     let outcome = session.run();
@@ -104,7 +104,7 @@ fn open_log(chosen: Option<&Path>) -> Result<(PathBuf, File), Failure> {
 
 fn introduce(console: &mut Console, loaded: &Loaded, place: &cli::InstanceArgs, log: &Path) {
     let kind = if loaded.settings.driver.kind == DriverKind::Robot { "robot" } else { "simulated robot" };
-    console.say(&format!(
+    console.print(&format!(
         "Commissioning the {kind} {} by {} (hash {:016x}). The log is {}.\nStand beside the robot, with its emergency stop \
          in reach. Nobody else is near it. A step that fails or is refused ends the run.",
         loaded.model.name,
@@ -130,16 +130,16 @@ fn finish(
     trouble: &[String],
     proposals: &[String],
 ) -> Result<Exit, Failure> {
-    trouble.iter().for_each(|line| console.say(&format!("At the end: {line}")));
+    trouble.iter().for_each(|line| console.print(&format!("At the end: {line}")));
     let Ended { step, why } = match outcome {
         Ok(summary) => {
-            console.say("\nSummary");
-            summary.iter().for_each(|line| console.say(line));
+            console.print("\nSummary");
+            summary.iter().for_each(|line| console.print(line));
             if !proposals.is_empty() {
-                console.say("\nProposed settings");
-                proposals.iter().for_each(|lines| console.say(lines));
+                console.print("\nProposed settings");
+                proposals.iter().for_each(|lines| console.print(lines));
             }
-            console.say(&format!("\n{NOT_SHOWN}"));
+            console.print(&format!("\n{NOT_SHOWN}"));
             if trouble.is_empty() {
                 return Ok(Exit::Ok);
             }
@@ -158,6 +158,6 @@ fn finish(
             (Exit::Interrupted, format!("interrupted at {step}; the robot may not be at rest, see above"))
         }
     };
-    console.note(&text);
+    console.log(&text);
     Err(Failure::new(exit, text))
 }

@@ -78,7 +78,7 @@ impl Path {
     }
 
     /// Reads a line of [`to_line`](Self::to_line). `None` if it is none, or if a number is not usable.
-    pub fn of_line(line: &str) -> Option<Self> {
+    pub fn from_line(line: &str) -> Option<Self> {
         let value: Value = serde_json::from_str(line).ok()?;
         let from: Vec<f64> = value["from"].as_array()?.iter().map(Value::as_f64).collect::<Option<_>>()?;
         let number = |key: &str| value[key].as_f64().filter(|number| number.is_finite());

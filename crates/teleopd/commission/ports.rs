@@ -107,7 +107,7 @@ pub trait Robot {
 /// The person at the terminal.
 pub trait Person {
     /// Shows a line.
-    fn say(&mut self, text: &str);
+    fn print(&mut self, text: &str);
     /// Waits for Enter. `n` refuses.
     fn confirm(&mut self, question: &str) -> Result<(), Stop>;
     /// Waits for `y` or `n`. `n` fails with `otherwise`.
@@ -138,7 +138,7 @@ pub struct Facts {
 
 impl Facts {
     /// Collects them. `relaxed`: the machine is not real-time.
-    pub fn of(loaded: &Loaded, relaxed: bool) -> Self {
+    pub fn from_settings(loaded: &Loaded, relaxed: bool) -> Self {
         let settings = &loaded.settings;
         let (safety, ros2) = (&settings.safety, super::is_ros2(settings));
         let shown_delay_s = f64::from(settings.servo_delay_ticks()) * TICK_S + settings.interface().delay_s();
@@ -172,7 +172,7 @@ impl Facts {
     }
 
     /// Returns a length of `joint` with its unit.
-    pub fn words(&self, joint: usize, length: f64) -> String {
+    pub fn with_unit(&self, joint: usize, length: f64) -> String {
         let unit = if self.model.prismatic[joint] { "mm" } else { "mrad" };
         format!("{:.1} {unit}", length * 1e3)
     }
@@ -185,7 +185,7 @@ impl Facts {
         let sides = if up { [length, -length] } else { [-length, length] };
         sides.into_iter().find(|by| self.is_free(q, joint, *by)).ok_or_else(|| {
             let name = &self.model.joint_names[joint];
-            let length = self.words(joint, length);
+            let length = self.with_unit(joint, length);
             Stop::Failed(format!(
                 "{name} cannot move by {length} from here: its limit or another part is too near. Move the robot by its \
                  own means to a posture with room, and begin again"

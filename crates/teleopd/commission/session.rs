@@ -66,10 +66,10 @@ impl Session<'_> {
         let mut summary = Vec::new();
         for (index, Step { title, shows, work }) in STEPS.into_iter().enumerate() {
             let step = format!("step {} of {}, {title}", index + 1, STEPS.len());
-            self.person.say(&format!("\n{step}\n{shows}"));
+            self.person.print(&format!("\n{step}\n{shows}"));
             let done = self.person.confirm("Enter begins.").and_then(|()| work(self));
             let found = done.map_err(|why| Ended { step: step.clone(), why })?;
-            self.person.say(&format!("passed: {step}"));
+            self.person.print(&format!("passed: {step}"));
             summary.push(format!("{step}: passed"));
             summary.extend(found.into_iter().map(|line| format!("    {line}")));
         }
@@ -84,6 +84,6 @@ pub fn require(passed: bool, sentence: impl FnOnce() -> String) -> Result<(), St
 
 fn preflight(run: &mut Session<'_>) -> Result<Vec<String>, Stop> {
     let found = run.robot.preflight()?;
-    run.person.say(&found);
+    run.person.print(&found);
     Ok(Vec::new())
 }

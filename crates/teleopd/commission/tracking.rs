@@ -46,8 +46,8 @@ pub fn run(run: &mut Session<'_>) -> Result<Vec<String>, Stop> {
         run.robot.release()?;
         let followed = fit(&samples, joint)
             .ok_or_else(|| Stop::Failed(format!("{name} was not commanded to move, so no delay can be measured")))?;
-        let error = facts.words(joint, followed.error_max);
-        let rest = facts.words(joint, followed.rest_max);
+        let error = facts.with_unit(joint, followed.error_max);
+        let rest = facts.with_unit(joint, followed.rest_max);
         let delay_ms = (followed.delay_s + facts.delay_s - facts.shown_delay_s) * 1e3;
         found.push(format!(
             "{name}: {delay_ms:.1} ms from command to measurement, error at most {error}, without the delay {rest}"

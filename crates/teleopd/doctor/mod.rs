@@ -81,7 +81,7 @@ struct Verdict {
 }
 
 impl Verdict {
-    fn of(findings: &[Finding]) -> Self {
+    fn from_findings(findings: &[Finding]) -> Self {
         let checks = |level| findings.iter().filter(move |one| one.level == level).map(|one| one.check).collect();
         Self { problems: checks(Level::Problem), lacks: checks(Level::Robot) }
     }
@@ -103,7 +103,7 @@ impl Verdict {
     }
 
     /// Returns one line for the simulator and one for a robot.
-    fn words(&self) -> String {
+    fn text(&self) -> String {
         let simulator = match self.problems.as_slice() {
             [] => String::from("fine for the simulator"),
             problems => format!("not fine for the simulator: {}", problems.join(", ")),
@@ -121,12 +121,12 @@ impl Verdict {
 /// verdict.
 pub fn run(options: &Doctor) -> Result<Exit, Failure> {
     let findings = judge::judge(&facts::Facts::read(&options.place));
-    let verdict = Verdict::of(&findings);
+    let verdict = Verdict::from_findings(&findings);
     let text = if options.json {
         let all: Vec<_> = findings.iter().map(Finding::to_json).collect();
         format!("{:#}\n", json!({ "simulator": verdict.simulator(), "robot": verdict.robot(), "findings": all }))
     } else {
-        words(&findings) + &verdict.words()
+        findings_text(&findings) + &verdict.text()
     };
     let text = match (&options.place.robot, options.json) {
         (Some(_), false) => text + "\n" + &robot::page(&options.place.load()?)?,
@@ -162,7 +162,7 @@ fn capsules_cover(options: &Doctor, meshes: &Path) -> Result<bool, Failure> {
     }
 }
 
-fn words(findings: &[Finding]) -> String {
+fn findings_text(findings: &[Finding]) -> String {
     let mut text = String::new();
     for finding in findings {
         text += &format!("{:<8} {:<18} {}\n", finding.level.name(), finding.check, finding.found);
@@ -184,16 +184,16 @@ mod tests {
         let note = Finding::note("machine", "virtual", "use another");
         let robot = Finding { level: Level::Robot, ..Finding::note("PREEMPT_RT", "no", "boot it") };
         let problem = Finding::problem("settings", "unknown key", "correct it");
-        let of = |all: &[&Finding]| Verdict::of(&all.iter().copied().cloned().collect::<Vec<_>>());
-        let ready = of(&[&note]);
+        let verdict = |all: &[&Finding]| Verdict::from_findings(&all.iter().copied().cloned().collect::<Vec<_>>());
+        let ready = verdict(&[&note]);
         assert_eq!((ready.exit(), ready.simulator(), ready.robot()), (Exit::Ok, true, true));
-        assert!(ready.words().starts_with("fine for the simulator\nready for a robot"), "{}", ready.words());
-        let simulator = of(&[&note, &robot]);
+        assert!(ready.text().starts_with("fine for the simulator\nready for a robot"), "{}", ready.text());
+        let simulator = verdict(&[&note, &robot]);
         assert_eq!((simulator.exit(), simulator.simulator(), simulator.robot()), (Exit::SimulatorOnly, true, false));
-        assert_eq!(simulator.words(), "fine for the simulator\nnot ready for a robot: PREEMPT_RT\n");
-        let neither = of(&[&robot, &problem]);
+        assert_eq!(simulator.text(), "fine for the simulator\nnot ready for a robot: PREEMPT_RT\n");
+        let neither = verdict(&[&robot, &problem]);
         assert_eq!((neither.exit(), neither.simulator(), neither.robot()), (Exit::Config, false, false));
-        let words = neither.words();
-        assert_eq!(words, "not fine for the simulator: settings\nnot ready for a robot: settings, PREEMPT_RT\n");
+        let text = neither.text();
+        assert_eq!(text, "not fine for the simulator: settings\nnot ready for a robot: settings, PREEMPT_RT\n");
     }
 }

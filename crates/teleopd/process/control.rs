@@ -222,7 +222,7 @@ impl Control {
         let Status { reset_first_by, resets_refused, .. } = self.status;
         self.status = Status { reset_first_by, resets_refused, ..out.status };
         self.timeline.add(k);
-        self.following.note(out, robot);
+        self.following.add(out, robot);
         let counters = self.process.probe.counters();
         counters.set(Counter::Mode, u64::from(out.status.mode));
         counters.set(Counter::Faults, out.status.faults);

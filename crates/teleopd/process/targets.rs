@@ -57,7 +57,7 @@ fn read_paths() -> Result<Receiver<Path>, Failure> {
     let (tell, paths) = channel();
     let read = move || {
         for line in std::io::stdin().lock().lines().map_while(Result::ok) {
-            match Path::of_line(&line) {
+            match Path::from_line(&line) {
                 Some(path) => _ = tell.send(path),
                 None => tracing::warn!("a line of the standard input is no path: {line}"),
             }

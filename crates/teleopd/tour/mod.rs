@@ -96,7 +96,7 @@ enum Outcome {
 }
 
 impl Outcome {
-    fn words(&self) -> String {
+    fn text(&self) -> String {
         match self {
             Self::Done(seen) => format!("done: {seen}"),
             Self::Skipped(why) => format!("skipped: {why}"),
@@ -126,7 +126,7 @@ impl Tour {
                 Err(Stop::Fail(why)) => Outcome::Failed(why),
                 Err(Stop::Quit) => return outcomes,
             };
-            out!("{}", outcome.words());
+            out!("{}", outcome.text());
             outcomes.push((step.title, outcome));
         }
         out!("\nThe tour took {:.0} s.", begun.elapsed().as_secs_f64());
@@ -166,7 +166,7 @@ impl Tour {
 fn judged(outcomes: &[(&'static str, Outcome)], trouble: Option<String>) -> Result<Exit, Failure> {
     out!();
     for (n, (title, outcome)) in outcomes.iter().enumerate() {
-        out!("{}  {title:<34} {}", n + 1, outcome.words());
+        out!("{}  {title:<34} {}", n + 1, outcome.text());
     }
     let failed = outcomes.iter().filter(|(_, outcome)| matches!(outcome, Outcome::Failed(_))).count();
     match (failed, trouble) {

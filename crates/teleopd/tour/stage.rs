@@ -38,7 +38,7 @@ pub struct Line {
 
 impl Line {
     /// Creates a command for a program of the project.
-    pub fn of(program: Program) -> Result<Self, Stop> {
+    pub fn program(program: Program) -> Result<Self, Stop> {
         let path = program.path().map_err(|failure| Stop::Skip(failure.text))?;
         Ok(Self { command: Command::new(path), shown: program.typed() })
     }

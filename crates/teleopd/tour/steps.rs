@@ -74,7 +74,7 @@ fn demo(tour: &Tour, motion: &Path) -> Result<String, Stop> {
 fn demo_once(tour: &Tour, motion: &Path) -> Result<String, Stop> {
     let report = tour.stage.folder.join("report.json");
     let _ = std::fs::remove_file(&report);
-    let line = Line::of(TELEOPD)?.with(["demo", "--motion"]).with([motion]).with(config(tour));
+    let line = Line::program(TELEOPD)?.with(["demo", "--motion"]).with([motion]).with(config(tour));
     let ended = tour.stage.run(line.with([Path::new("--report"), &report]), RUN_WITHIN)?;
     // Exit code 2 means that it held for most of the time, on a busy machine.
     if !matches!(ended.code, Some(0 | 2)) {
@@ -94,10 +94,10 @@ fn demo_once(tour: &Tour, motion: &Path) -> Result<String, Stop> {
 /// Starts `up`, a replayed person and the page.
 pub fn page(tour: &mut Tour) -> Result<String, Stop> {
     let run_dir = instance(tour)?;
-    let person = Line::of(REPLAY)?.with(["builtin", "--loop", "--run-dir"]).with([&run_dir]);
+    let person = Line::program(REPLAY)?.with(["builtin", "--loop", "--run-dir"]).with([&run_dir]);
     let mut person = tour.stage.start("replay", person)?;
     person.wait_for("holding the first frame", START_WITHIN)?;
-    let view = Line::of(TELEOPD)?.with(["view", "--port", "0", "--run-dir"]).with([&run_dir]).with(config(tour));
+    let view = Line::program(TELEOPD)?.with(["view", "--port", "0", "--run-dir"]).with([&run_dir]).with(config(tour));
     let mut view = tour.stage.start("view", view)?;
     let said = view.wait_for("http://", START_WITHIN)?;
     let address = said.split_whitespace().find(|word| word.starts_with("http://")).unwrap_or_default();
@@ -116,7 +116,7 @@ pub fn page(tour: &mut Tour) -> Result<String, Stop> {
 fn instance(tour: &mut Tour) -> Result<PathBuf, Stop> {
     let run_dir = tour.stage.folder.join("run");
     if tour.instance.as_mut().is_none_or(Background::has_ended) {
-        let up = Line::of(TELEOPD)?.with(["up", "--engage-without-realtime", "--run-dir"]).with([&run_dir]);
+        let up = Line::program(TELEOPD)?.with(["up", "--engage-without-realtime", "--run-dir"]).with([&run_dir]);
         let mut up = tour.stage.start("up", up.with(config(tour)))?;
         up.wait_for("READY", START_WITHIN)?;
         tour.instance = Some(up);
@@ -179,7 +179,7 @@ pub fn python(tour: &mut Tour) -> Result<String, Stop> {
 fn engaged(tour: &Tour, run_dir: &Path) -> Result<String, Stop> {
     let give_up = Instant::now() + START_WITHIN;
     loop {
-        let line = Line::of(TELEOPCTL)?.with(["engage", "--run-dir"]).with([run_dir]);
+        let line = Line::program(TELEOPCTL)?.with(["engage", "--run-dir"]).with([run_dir]);
         let mut engage = tour.stage.start("engage", line)?;
         match engage.wait_for("engaged: ", START_WITHIN) {
             Ok(_) => {}
@@ -204,12 +204,12 @@ pub fn recording(tour: &mut Tour) -> Result<String, Stop> {
     let (commands, file) = (tour.stage.folder.join("tour.csv"), tour.stage.folder.join("tour.mcap"));
     RECORD.path().map_err(|failure| Stop::Skip(failure.text))?;
     let line =
-        Line::of(REPLAY)?.with([&motion()?]).with([Path::new("--offline"), &commands, "--record".as_ref(), &file]);
+        Line::program(REPLAY)?.with([&motion()?]).with([Path::new("--offline"), &commands, "--record".as_ref(), &file]);
     let recorded = tour.stage.ask(line.with(config(tour)), RUN_WITHIN)?;
     if recorded.code != Some(0) {
         return Err(Stop::Fail(format!("replay: {}", recorded.last_line())));
     }
-    let summary = Line::of(RECORD)?.with([Path::new("--summary"), &file]).with(config(tour));
+    let summary = Line::program(RECORD)?.with([Path::new("--summary"), &file]).with(config(tour));
     let summary = tour.stage.ask(summary, RUN_WITHIN)?;
     if summary.code != Some(0) || !summary.text.contains("complete") {
         return Err(Stop::Fail(format!("record --summary: {}", summary.last_line())));

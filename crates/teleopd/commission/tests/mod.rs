@@ -3,7 +3,7 @@
 use super::path::Path;
 use super::ports::{Facts, Person, Robot, Sample, Stop, Victim};
 use super::session::{Ended, Session};
-use super::{tracking, words};
+use super::{description, tracking};
 use messages::{JOINTS_MAX, Mode};
 use std::cell::Cell;
 use std::rc::Rc;
@@ -60,7 +60,7 @@ impl Made {
     fn new(defect: Defect) -> Self {
         let file = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("config/teleop.toml");
         let loaded = config::load(&file, config::Overrides::default()).expect("the shipped settings");
-        let facts = Facts::of(&loaded, false);
+        let facts = Facts::from_settings(&loaded, false);
         let home = facts.model.home;
         let (path, dead, mode, button) = (None, None, Mode::Disengaged, Rc::default());
         let (past, pressed, latched, jumped) = (vec![home], false, false, false);
@@ -183,12 +183,12 @@ struct Scripted {
 }
 
 impl Person for Scripted {
-    fn say(&mut self, text: &str) {
+    fn print(&mut self, text: &str) {
         self.lines.push(text.to_owned());
     }
 
     fn confirm(&mut self, question: &str) -> Result<(), Stop> {
-        self.say(question);
+        self.print(question);
         if self.refuses.is_some_and(|words| question.contains(words)) {
             return Err(Stop::Refused("the person refused".into()));
         }
@@ -199,7 +199,7 @@ impl Person for Scripted {
     }
 
     fn saw(&mut self, question: &str, otherwise: &str) -> Result<(), Stop> {
-        self.say(question);
+        self.print(question);
         let no = self.refuses.is_some_and(|words| question.contains(words));
         if no { Err(Stop::Failed(otherwise.to_owned())) } else { Ok(()) }
     }
@@ -291,7 +291,7 @@ fn joint_without_room_fails_instead_of_being_skipped() {
 fn paths_are_smooth_and_survive_their_line() {
     let from = std::array::from_fn(|j| j as f64 * 0.1);
     for path in [Path::ramp(from, 3, -0.05, 0.1), Path::waves(from, 3, 0.05, 0.1, 5), Path::stand(from)] {
-        assert_eq!(Path::of_line(&path.to_line()), Some(path));
+        assert_eq!(Path::from_line(&path.to_line()), Some(path));
         let (step_s, mut fastest) = (1e-4, 0.0_f64);
         for n in 0..(path.length_s() / step_s) as u32 {
             let t_s = f64::from(n) * step_s;
@@ -303,9 +303,9 @@ fn paths_are_smooth_and_survive_their_line() {
         assert_eq!(path.at(path.length_s() + 1.0).1, [0.0; JOINTS_MAX], "it stands at its end");
     }
     for line in ["", "{}", r#"{"from":[1],"joint":0,"by":0,"period_s":1,"waves":0}"#] {
-        assert_eq!(Path::of_line(line), None, "{line}");
+        assert_eq!(Path::from_line(line), None, "{line}");
     }
-    assert_eq!(Path::of_line(&Path { period_s: 0.0, ..Path::stand(from) }.to_line()), None, "no duration");
+    assert_eq!(Path::from_line(&Path { period_s: 0.0, ..Path::stand(from) }.to_line()), None, "no duration");
 }
 
 #[test]
@@ -328,10 +328,10 @@ fn words_name_the_hand_that_moves_and_its_direction() {
     let facts = Made::new(Defect::Nothing).facts;
     let (model, q) = (&facts.model, &facts.model.home);
     let lift = model.lift.expect("a torso that slides");
-    let up = words::seen(model, q, lift, 0.01);
+    let up = description::visible_motion(model, q, lift, 0.01);
     assert!(up.contains("left hand went 10 mm up") && up.contains("right hand went 10 mm up"), "{up}");
-    let down = words::seen(model, q, lift, -0.01);
+    let down = description::visible_motion(model, q, lift, -0.01);
     assert!(down.contains("left hand went 10 mm down"), "{down}");
-    let left = words::seen(model, q, model.arms[0].joints[0], 0.05);
+    let left = description::visible_motion(model, q, model.arms[0].joints[0], 0.05);
     assert!(left.contains("left hand") && !left.contains("right hand") && left.contains("2.9 degrees"), "{left}");
 }

@@ -14,7 +14,7 @@ pub fn link(model: &Model, joint: usize) -> &str {
 
 /// Says how the link of `joint` moves from `q` when the joint moves by `by`, rad or m, and how the hands move.
 /// Directions are the robot's own: x forward, y to its left, z up.
-pub fn seen(model: &Model, q: &[f64; JOINTS_MAX], joint: usize, by: f64) -> String {
+pub fn visible_motion(model: &Model, q: &[f64; JOINTS_MAX], joint: usize, by: f64) -> String {
     let (mut before, mut after) = (Frames::default(), Frames::default());
     let mut to = *q;
     to[joint] += by;
