@@ -16,7 +16,7 @@ const LOOK_NS: u64 = 2_000_000;
 /// Reads the messages of a running instance.
 pub struct Attached {
     readers: Readers,
-    scribe: RecordingEncoder,
+    encoder: RecordingEncoder,
     look_ns: u64,
     /// Hash of the settings in the messages, if it differs from ours.
     other_settings: Option<u64>,
@@ -38,7 +38,7 @@ impl Attached {
     ) -> Result<Self, BusError> {
         Ok(Self {
             readers: Readers::open(domain, "record")?,
-            scribe: RecordingEncoder::new(model, rates, offset_ns),
+            encoder: RecordingEncoder::new(model, rates, offset_ns),
             look_ns: if rates.full { LOOK_FULL_NS } else { LOOK_NS },
             other_settings: None,
             own_hash: hash,
@@ -55,21 +55,21 @@ impl Attached {
     pub fn look(&mut self, write: &mut dyn FnMut(Entry)) {
         let mut hash = None;
         if let Some(skeleton) = self.readers.skeletons.latest() {
-            self.scribe.take(Sample::Skeleton(&skeleton), write);
+            self.encoder.encode(Sample::Skeleton(&skeleton), write);
         }
         if let Some(target) = self.readers.targets.latest() {
-            self.scribe.take(Sample::Target(&target), write);
+            self.encoder.encode(Sample::Target(&target), write);
         }
         if let Some(command) = self.readers.commands.latest() {
             hash = Some(command.header.config_hash);
-            self.scribe.take(Sample::Command(&command), write);
+            self.encoder.encode(Sample::Command(&command), write);
         }
         if let Some(state) = self.readers.states.latest() {
             hash = hash.or(Some(state.header.config_hash));
-            self.scribe.take(Sample::State(&state), write);
+            self.encoder.encode(Sample::State(&state), write);
         }
         if let Some(status) = self.readers.statuses.latest() {
-            self.scribe.take(Sample::Status(&status), write);
+            self.encoder.encode(Sample::Status(&status), write);
         }
         self.any |= hash.is_some();
         self.other_settings = self.other_settings.or(hash.filter(|&hash| hash != self.own_hash));
@@ -87,6 +87,6 @@ impl Attached {
 
     /// See [`RecordingEncoder::missed`].
     pub fn missed(&self) -> [(Topic, u64); 4] {
-        self.scribe.missed()
+        self.encoder.missed()
     }
 }

@@ -93,7 +93,7 @@ pub fn compare(path: &Path, loaded: &Loaded) -> Result<Compared, RecordError> {
         found: Compared::default(),
     };
     while let Some((_, content)) = recorded.next_message()? {
-        stages.take(content);
+        stages.compare(content);
         if !stages.found.flaws.is_empty() {
             return Ok(stages.found);
         }
@@ -144,7 +144,7 @@ struct Stages {
 }
 
 impl Stages {
-    fn take(&mut self, content: Content) {
+    fn compare(&mut self, content: Content) {
         match content {
             Content::Skeleton(skeleton) => self.skeleton = Some(*skeleton),
             Content::Target(target) => self.retarget(*target),
@@ -205,10 +205,10 @@ impl Stages {
             self.found.flaws.push(format!("tick {} follows tick {last}: the inputs between are missing", inputs.k));
             return;
         }
-        let taken = |sequence: Option<u64>| sequence.unwrap_or_default();
+        let number = |sequence: Option<u64>| sequence.unwrap_or_default();
         let (target, state) = (self.target.take(), self.state.take());
         let given =
-            (taken(target.map(|target| target.header.sequence)), taken(state.map(|state| state.header.sequence)));
+            (number(target.map(|target| target.header.sequence)), number(state.map(|state| state.header.sequence)));
         if given != (inputs.target, inputs.state) {
             self.found.flaws.push(format!(
                 "tick {} used target {} and state {}, but the recording has {} and {} before it",
@@ -229,8 +229,8 @@ impl Stages {
         let made = control::tick(config, control, inputs.now, input);
         self.command = made.command;
         // A recording has every `STATUS_EVERY`th status, and every transition.
-        let told = made.status.k.is_multiple_of(STATUS_EVERY) || made.transition.is_some();
-        self.status = told.then_some(made.status);
+        let is_recorded = made.status.k.is_multiple_of(STATUS_EVERY) || made.transition.is_some();
+        self.status = is_recorded.then_some(made.status);
     }
 
     fn differs(&mut self, what: &str) {

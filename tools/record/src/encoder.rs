@@ -47,7 +47,7 @@ struct Counted {
 }
 
 impl Counted {
-    fn note(&mut self, incarnation: u32, sequence: u64) {
+    fn add(&mut self, incarnation: u32, sequence: u64) {
         self.seen += 1;
         if let Some((writer, last)) = self.last
             && writer == incarnation
@@ -86,7 +86,7 @@ pub struct RecordingEncoder {
     pictures: [Paced; 4],
     kept: [Paced; 4],
     status: Option<Status>,
-    told: u32,
+    log_sequence: u32,
 }
 
 impl RecordingEncoder {
@@ -102,7 +102,7 @@ impl RecordingEncoder {
             pictures: Default::default(),
             kept: Default::default(),
             status: None,
-            told: 0,
+            log_sequence: 0,
         }
     }
 
@@ -114,21 +114,21 @@ impl RecordingEncoder {
     }
 
     /// Passes the entries of `sample` to `write`.
-    pub fn take(&mut self, sample: Sample<'_>, write: &mut dyn FnMut(Entry)) {
+    pub fn encode(&mut self, sample: Sample<'_>, write: &mut dyn FnMut(Entry)) {
         match sample {
             Sample::Skeleton(skeleton) => self.skeleton(skeleton, write),
             Sample::Target(target) => {
-                let at_ns = self.ours(Topic::Target, target, &target.header, write);
+                let at_ns = self.write_own(Topic::Target, target, &target.header, write);
                 if self.is_own(target.robot) && self.pictures[1].due(at_ns, self.period_ns()) {
                     let shown = picture::joint_states(&self.model, at_ns, &target.q, &target.dq, target.valid_mask);
-                    put(Topic::Wanted, target.header.sequence, at_ns, &shown, write);
+                    write_message(Topic::Wanted, target.header.sequence, at_ns, &shown, write);
                 }
             }
             Sample::Command(command) => {
-                let at_ns = self.ours(Topic::Command, command, &command.header, write);
+                let at_ns = self.write_own(Topic::Command, command, &command.header, write);
                 if self.is_own(command.robot) && self.pictures[2].due(at_ns, self.period_ns()) {
                     let shown = picture::joint_states(&self.model, at_ns, &command.q, &command.v, ALL_JOINTS);
-                    put(Topic::Commanded, command.header.sequence, at_ns, &shown, write);
+                    write_message(Topic::Commanded, command.header.sequence, at_ns, &shown, write);
                 }
             }
             Sample::State(state) => self.state(state, write),
@@ -155,7 +155,7 @@ impl RecordingEncoder {
     }
 
     /// Counts a message, writes it if it is due, and returns its time in the file.
-    fn ours<M: Message>(
+    fn write_own<M: Message>(
         &mut self,
         topic: Topic,
         message: &M,
@@ -163,7 +163,7 @@ impl RecordingEncoder {
         write: &mut dyn FnMut(Entry),
     ) -> u64 {
         let at_ns = self.file_time(header.stamp);
-        self.counted[topic as usize].note(header.incarnation, header.sequence);
+        self.counted[topic as usize].add(header.incarnation, header.sequence);
         let always = self.rates.full || topic == Topic::Skeleton || topic == Topic::StatusRaw;
         if always || self.kept[topic as usize].due(at_ns, self.period_ns()) {
             let mut data = vec![0; size_of::<M>()];
@@ -174,45 +174,51 @@ impl RecordingEncoder {
     }
 
     fn skeleton(&mut self, skeleton: &Skeleton, write: &mut dyn FnMut(Entry)) {
-        let at_ns = self.ours(Topic::Skeleton, skeleton, &skeleton.header, write);
+        let at_ns = self.write_own(Topic::Skeleton, skeleton, &skeleton.header, write);
         if self.pictures[0].due(at_ns, self.period_ns()) {
             let shown = picture::person(&skeleton.positions, at_ns);
-            put(Topic::Person, skeleton.header.sequence, at_ns, &shown, write);
+            write_message(Topic::Person, skeleton.header.sequence, at_ns, &shown, write);
         }
     }
 
     fn state(&mut self, state: &RobotState, write: &mut dyn FnMut(Entry)) {
-        let at_ns = self.ours(Topic::State, state, &state.header, write);
+        let at_ns = self.write_own(Topic::State, state, &state.header, write);
         if !self.is_own(state.robot) || !self.pictures[3].due(at_ns, self.period_ns()) {
             return;
         }
         let sequence = state.header.sequence;
         let shown = picture::joint_states(&self.model, at_ns, &state.q_measured, &state.dq_measured, ALL_JOINTS);
-        put(Topic::Measured, sequence, at_ns, &shown, write);
+        write_message(Topic::Measured, sequence, at_ns, &shown, write);
         // Positions with NaN or infinity cannot be drawn.
         if state.q_measured.iter().all(|q| q.is_finite()) {
             let shown = picture::transforms(&self.model, &mut self.frames, at_ns, &state.q_measured);
-            put(Topic::Transforms, sequence, at_ns, &shown, write);
-            put(Topic::Capsules, sequence, at_ns, &picture::capsules(&self.model, &self.frames, at_ns), write);
+            write_message(Topic::Transforms, sequence, at_ns, &shown, write);
+            write_message(
+                Topic::Capsules,
+                sequence,
+                at_ns,
+                &picture::capsules(&self.model, &self.frames, at_ns),
+                write,
+            );
         }
     }
 
     fn status(&mut self, status: &Status, write: &mut dyn FnMut(Entry)) {
         // Its sequence counts ticks, and one in thirty is published. So gaps mean nothing.
-        let at_ns = self.ours(Topic::StatusRaw, status, &status.header, write);
+        let at_ns = self.write_own(Topic::StatusRaw, status, &status.header, write);
         let data = explain::status_json(status, &self.names).to_string().into_bytes();
         let sequence = status.header.sequence as u32;
         write(Entry { topic: Topic::Status, sequence, log_time: at_ns, data });
-        for said in explain::sentences(self.status.as_ref(), status, &self.names) {
-            self.told = self.told.wrapping_add(1);
+        for sentence in explain::sentences(self.status.as_ref(), status, &self.names) {
+            self.log_sequence = self.log_sequence.wrapping_add(1);
             let log = foxglove::messages::Log {
                 timestamp: Some(picture::timestamp(at_ns)),
-                level: level(said.gravity) as i32,
-                message: said.text,
+                level: level(sentence.gravity) as i32,
+                message: sentence.text,
                 name: "control".to_owned(),
                 ..foxglove::messages::Log::default()
             };
-            put(Topic::Log, u64::from(self.told), at_ns, &log, write);
+            write_message(Topic::Log, u64::from(self.log_sequence), at_ns, &log, write);
         }
         self.status = Some(*status);
     }
@@ -226,7 +232,7 @@ fn level(gravity: Severity) -> Level {
     }
 }
 
-fn put<M: Encode>(topic: Topic, sequence: u64, log_time: u64, message: &M, write: &mut dyn FnMut(Entry)) {
+fn write_message<M: Encode>(topic: Topic, sequence: u64, log_time: u64, message: &M, write: &mut dyn FnMut(Entry)) {
     let mut data = Vec::with_capacity(message.encoded_len().unwrap_or_default());
     if message.encode(&mut data).is_ok() {
         write(Entry { topic, sequence: sequence as u32, log_time, data });
@@ -241,7 +247,7 @@ mod tests {
     fn sequence_gaps_count_as_missed_but_writer_restarts_do_not() {
         let mut counted = Counted::default();
         for (incarnation, sequence) in [(1, 5), (1, 6), (1, 9), (2, 1), (2, 2), (2, 2)] {
-            counted.note(incarnation, sequence);
+            counted.add(incarnation, sequence);
         }
         assert_eq!((counted.missed, counted.seen), (2, 6));
     }

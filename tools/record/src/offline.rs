@@ -20,7 +20,7 @@ const PICTURES_HZ: f64 = 60.0;
 /// A recording of a run in virtual time.
 pub struct OfflineRecording {
     recording: Recording<File>,
-    scribe: RecordingEncoder,
+    encoder: RecordingEncoder,
     flushed: u64,
     failure: Option<RecordError>,
 }
@@ -35,22 +35,22 @@ impl OfflineRecording {
         let (table, files) = about(loaded, &Overrides::default(), Origin::Offline);
         let rates = Rates { pictures_hz: PICTURES_HZ, full: true };
         let recording = Recording::begin(file, &table, &files)?;
-        Ok(Self { recording, scribe: RecordingEncoder::new(&loaded.model, rates, 0), flushed: 0, failure: None })
+        Ok(Self { recording, encoder: RecordingEncoder::new(&loaded.model, rates, 0), flushed: 0, failure: None })
     }
 
     /// Adds a tick.
     pub fn moment(&mut self, moment: &Moment, operator: &OperatorView) {
-        let Self { recording, scribe, failure, .. } = self;
+        let Self { recording, encoder, failure, .. } = self;
         let mut write = |entry| {
             if failure.is_none() {
                 *failure = recording.add(&entry).err();
             }
         };
         if let Some(skeleton) = &moment.skeleton {
-            scribe.take(Sample::Skeleton(skeleton), &mut write);
+            encoder.encode(Sample::Skeleton(skeleton), &mut write);
         }
         if let Some(target) = &moment.target {
-            scribe.take(Sample::Target(target), &mut write);
+            encoder.encode(Sample::Target(target), &mut write);
         }
         if let Some(control) = &moment.control {
             let status = &control.status;
@@ -63,16 +63,16 @@ impl OfflineRecording {
                 target: moment.target_seen.map_or(0, |target| target.header.sequence),
                 state: moment.state_seen.map_or(0, |state| state.header.sequence),
             };
-            scribe.take(Sample::Inputs(&inputs), &mut write);
+            encoder.encode(Sample::Inputs(&inputs), &mut write);
             if let Some(command) = &control.command {
-                scribe.take(Sample::Command(command), &mut write);
+                encoder.encode(Sample::Command(command), &mut write);
             }
             if status.k.is_multiple_of(STATUS_EVERY) || control.transition.is_some() {
-                scribe.take(Sample::Status(status), &mut write);
+                encoder.encode(Sample::Status(status), &mut write);
             }
         }
         if let Some(robot) = &moment.robot {
-            scribe.take(Sample::State(robot), &mut write);
+            encoder.encode(Sample::State(robot), &mut write);
         }
         // A chunk holds at most half a second.
         if moment.k >= self.flushed + TICK_HZ / 2 && self.failure.is_none() {
