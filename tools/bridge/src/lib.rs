@@ -65,10 +65,10 @@ pub trait Protocol {
     ///
     /// # Errors
     /// Returns an error if the packet was rejected. Pending data stays.
-    fn take(&mut self, packet: &[u8], publish: &mut dyn FnMut(&RawSkeleton)) -> Result<Taken, Refused>;
+    fn decode(&mut self, packet: &[u8], publish: &mut dyn FnMut(&RawSkeleton)) -> Result<Taken, Refused>;
 
     /// Returns a receiver for another sender. It is in its initial state, except for the count of restarts.
-    fn anew(&self) -> Self
+    fn for_new_sender(&self) -> Self
     where
         Self: Sized;
 
@@ -86,6 +86,6 @@ fn empty(layout: SkeletonLayout, joints: usize, flags: u32) -> RawSkeleton {
 #[cfg(test)]
 fn taken(protocol: &mut dyn Protocol, packet: &[u8]) -> (Result<Taken, Refused>, Vec<RawSkeleton>) {
     let mut frames = Vec::new();
-    let outcome = protocol.take(packet, &mut |frame| frames.push(*frame));
+    let outcome = protocol.decode(packet, &mut |frame| frames.push(*frame));
     (outcome, frames)
 }

@@ -19,7 +19,7 @@ use std::time::Duration;
 /// Time to wait for a packet before signals are checked.
 const LOOK: Duration = Duration::from_millis(100);
 /// Time between two reports of rejected packets, ns, while the number grows.
-const TELL_EVERY_NS: u64 = 60_000_000_000;
+const REPORT_EVERY_NS: u64 = 60_000_000_000;
 
 fn main() -> ExitCode {
     rt::abort_on_panic();
@@ -63,17 +63,17 @@ fn run<P: Protocol>(bind: SocketAddr, to: &To, protocol: P) -> Result<(), Failur
         published: 0,
         failed: 0,
         refused: BTreeMap::new(),
-        told: (rt::now(), 0),
+        reported: (rt::now(), 0),
     };
     let mut packet = [0; PACKET_MAX + 1];
     while !shutdown.requested() {
         match socket.recv_from(&mut packet) {
-            Ok((length, sender)) => listener.take(canonical(sender), &packet[..length]),
+            Ok((length, sender)) => listener.receive(canonical(sender), &packet[..length]),
             Err(error)
                 if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut | ErrorKind::Interrupted) => {}
             Err(error) => return Err(unavailable(format!("{at}: {error}"))),
         }
-        listener.tell(rt::now());
+        listener.print_refused(rt::now());
     }
     out!("{}", listener.summary());
     Ok(())
@@ -102,11 +102,11 @@ struct Listener<P> {
     failed: u64,
     refused: BTreeMap<Refused, u64>,
     /// Time of the last report of rejected packets, and their number in it.
-    told: (Stamp, u64),
+    reported: (Stamp, u64),
 }
 
 impl<P: Protocol> Listener<P> {
-    fn take(&mut self, sender: SocketAddr, packet: &[u8]) {
+    fn receive(&mut self, sender: SocketAddr, packet: &[u8]) {
         let outcome = self.listen(sender, packet, rt::now());
         if self.protocol.restarts() != self.restarts {
             self.restarts = self.protocol.restarts();
@@ -135,15 +135,15 @@ impl<P: Protocol> Listener<P> {
         if turn == SenderChange::New {
             // A rejected packet gives no sender the turn. It also does not change the state of the previous
             // sender.
-            if self.protocol.anew().take(packet, &mut |_| {})? == Taken::Aside {
+            if self.protocol.for_new_sender().decode(packet, &mut |_| {})? == Taken::Aside {
                 return Ok(());
             }
-            self.protocol = self.protocol.anew();
+            self.protocol = self.protocol.for_new_sender();
             self.session += 1;
             out!("bridge: listening to {sender}");
         }
         let mut frames = Vec::new();
-        let taken = self.protocol.take(packet, &mut |frame| frames.push(*frame))?;
+        let taken = self.protocol.decode(packet, &mut |frame| frames.push(*frame))?;
         if taken == Taken::Person {
             self.senders.heard(sender, now);
         }
@@ -166,13 +166,13 @@ impl<P: Protocol> Listener<P> {
     }
 
     /// Reports the number of rejected packets if it grew since the last report.
-    fn tell(&mut self, now: Stamp) {
+    fn print_refused(&mut self, now: Stamp) {
         let refused = self.refused.values().sum();
-        if now.since(self.told.0) >= TELL_EVERY_NS {
-            if refused != self.told.1 {
+        if now.since(self.reported.0) >= REPORT_EVERY_NS {
+            if refused != self.reported.1 {
                 out!("{}", self.summary());
             }
-            self.told = (now, refused);
+            self.reported = (now, refused);
         }
     }
 

@@ -63,7 +63,7 @@ impl Mvn {
 }
 
 impl Protocol for Mvn {
-    fn take(&mut self, packet: &[u8], publish: &mut dyn FnMut(&RawSkeleton)) -> Result<Taken, Refused> {
+    fn decode(&mut self, packet: &[u8], publish: &mut dyn FnMut(&RawSkeleton)) -> Result<Taken, Refused> {
         match packet {
             [b'M', b'X', b'T', b'P', b'0', b'2', ..] => {}
             // Joint angles, scaling, metadata and other messages of the same stream.
@@ -112,7 +112,7 @@ impl Protocol for Mvn {
         Ok(Taken::Person)
     }
 
-    fn anew(&self) -> Self {
+    fn for_new_sender(&self) -> Self {
         Self { restarts: self.restarts, ..Self::new(self.asked) }
     }
 
@@ -255,13 +255,13 @@ mod tests {
         assert_eq!(take(&mut mvn, &packet(1, 0x80, 7, &nan)).0, Err(Refused::NotANumber));
         assert_eq!(take(&mut mvn, &packet(1, 0x80, 2, &items)).1.len(), 1, "the first that has a body");
         assert_eq!(take(&mut mvn, &packet(2, 0x80, 5, &items)), (Err(Refused::Character), vec![]));
-        assert_eq!(take(&mut mvn.anew(), &packet(1, 0x80, 5, &items)).1.len(), 1, "another sender's");
+        assert_eq!(take(&mut mvn.for_new_sender(), &packet(1, 0x80, 5, &items)).1.len(), 1, "another sender's");
         // The program restarted, with another character.
         assert_eq!(take(&mut mvn, &packet(9000, 0x80, 2, &items)).1.len(), 1);
         assert_eq!(take(&mut mvn, &packet(1, 0x80, 2, &items)).0, Err(Refused::Late));
         assert_eq!(take(&mut mvn, &packet(2, 0x80, 5, &items)).1.len(), 1);
-        assert_eq!(mvn.anew().restarts(), 1);
-        let mut asked = Mvn::new(Some(3)).anew();
+        assert_eq!(mvn.for_new_sender().restarts(), 1);
+        let mut asked = Mvn::new(Some(3)).for_new_sender();
         assert_eq!(take(&mut asked, &packet(1, 0x80, 2, &items)).0, Err(Refused::Character));
         assert_eq!(take(&mut asked, &packet(1, 0x80, 3, &items)).1.len(), 1);
     }

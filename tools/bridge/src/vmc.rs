@@ -138,7 +138,7 @@ impl Default for Vmc {
 }
 
 impl Protocol for Vmc {
-    fn take(&mut self, packet: &[u8], publish: &mut dyn FnMut(&RawSkeleton)) -> Result<Taken, Refused> {
+    fn decode(&mut self, packet: &[u8], publish: &mut dyn FnMut(&RawSkeleton)) -> Result<Taken, Refused> {
         // Nested bundles are not part of this protocol, and the decoder would read them by recursion.
         if packet.windows(8).filter(|bytes| bytes == b"#bundle\0").count() > 1 {
             return Err(Refused::Protocol);
@@ -153,7 +153,7 @@ impl Protocol for Vmc {
         Ok(taken)
     }
 
-    fn anew(&self) -> Self {
+    fn for_new_sender(&self) -> Self {
         Self { restarts: self.restarts, ..Self::new() }
     }
 
@@ -288,7 +288,7 @@ mod tests {
         assert_eq!(take(&mut vmc, &bytes(hips)).1.len(), 0, "hips alone");
         assert_eq!(vmc.restarts(), 0);
         assert_eq!(take(&mut vmc, &bytes(body(0.5))), (Err(Refused::Late), vec![]));
-        assert_eq!(vmc.restarts(), 1, "the time began anew");
+        assert_eq!(vmc.restarts(), 1, "the time began again");
         assert_eq!(take(&mut vmc, &bytes(body(0.6))).1.len(), 1);
     }
 

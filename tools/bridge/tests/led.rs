@@ -2,15 +2,13 @@
 //! the link is killed, and the emergency stop is pressed.
 
 use client::Transport;
-use harness::{Harness, Operator, StateObserver, assert_no_violations, publisher};
+use harness::{Harness, Operator, StateObserver, assert_no_violations, publisher, wait_until, within};
 use messages::Mode;
 use std::net::UdpSocket;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitCode, Stdio};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
-/// Generous: the machine may be busy.
-const SOON: Duration = Duration::from_secs(25);
 /// Time for which nothing may engage by itself.
 const WATCHED: Duration = Duration::from_secs(2);
 /// Presses of the enable at most. A machine that pauses ends an engagement.
@@ -65,22 +63,20 @@ impl Place {
     }
 
     /// Connects an operator, once the link is there.
-    fn hand(&self) -> Operator {
-        let give_up = Instant::now() + SOON;
-        loop {
-            match Operator::connect(self.folder.path().join("operator.sock")) {
-                Ok(hand) => return hand,
-                Err(error) => assert!(Instant::now() < give_up, "{error}"),
-            }
-            std::thread::sleep(Duration::from_millis(50));
-        }
+    fn connect(&self) -> Operator {
+        let mut operator = None;
+        wait_until("an operator socket", || {
+            operator = Operator::connect(self.folder.path().join("operator.sock")).ok();
+            operator.is_some()
+        });
+        operator.expect("a connection")
     }
 
     /// A new client lets the robot follow the built-in motion. Then this returns the operator who holds the enable, and the
     /// client.
     fn lead(&self, eyes: &mut StateObserver) -> (Operator, client::Publisher) {
         let person = Transport::Socket(self.folder.path().join("skeleton.sock"));
-        drop(self.hand());
+        drop(self.connect());
         let client = publisher(person, &motion::builtin(), 0).expect("the skeleton socket answers");
         let before = eyes.wait("there", |_| true);
         let hand = self.engage();
@@ -90,7 +86,7 @@ impl Place {
     }
 
     fn engage(&self) -> Operator {
-        let mut hand = self.hand();
+        let mut hand = self.connect();
         let engaged = (0..PRESSES).any(|_| {
             let free = hand.clear(&mut || Ok(()));
             hand.enable();
@@ -108,17 +104,9 @@ impl Place {
 /// Asserts that the robot is released, comes to rest, and stays so.
 fn assert_released(local: &Operator, eyes: &mut StateObserver, what: &str) {
     let released = |mode| !matches!(mode, Some(Mode::Engaged | Mode::Engaging));
-    let give_up = Instant::now() + SOON;
-    while !released(local.mode()) {
-        assert!(Instant::now() < give_up, "{what}: never released");
-        std::thread::sleep(Duration::from_millis(5));
-    }
+    wait_until(&format!("{what}: a release"), || released(local.mode()));
     let at = eyes.wait_at_rest();
-    let watched = Instant::now() + WATCHED;
-    while Instant::now() < watched {
-        assert!(released(local.mode()), "{what}: it engaged by itself");
-        std::thread::sleep(Duration::from_millis(5));
-    }
+    assert!(!within(WATCHED, || !released(local.mode())), "{what}: it engaged by itself");
     let then = eyes.wait("there", |state| state.header.sequence > at.header.sequence);
     let moved = at.q.iter().zip(&then.q).map(|(at, then)| (at - then).abs()).fold(0.0, f64::max);
     assert!(moved < NOISE, "{what}: it moved by {moved}");
@@ -161,11 +149,7 @@ fn robot_is_led_over_a_link() {
 
     let (hand, _client) = place.lead(&mut eyes);
     hand.estop();
-    let give_up = Instant::now() + SOON;
-    while local.mode() != Some(Mode::Faulted) {
-        assert!(Instant::now() < give_up, "{}", local.describe());
-        std::thread::sleep(Duration::from_millis(5));
-    }
+    wait_until("a fault", || local.mode() == Some(Mode::Faulted));
     eyes.wait_at_rest();
     drop((near, far));
     robot.children.end("driver").expect("it ends");

@@ -1,17 +1,14 @@
 //! Both ends of a link as real processes over the loopback, between clients and the sockets of a daemon. The daemon is its
 //! two socket servers, which merge requests and check frames as `control` and `ingest` do.
 
-#[path = "link/cable.rs"]
 mod cable;
-#[path = "link/relay.rs"]
 mod relay;
-#[path = "link/router.rs"]
 mod router;
-#[path = "link/trust.rs"]
 mod trust;
 
 use bridge::link::{Keys, Wire, config, key};
 use doors::{LeaseState, Reply};
+use harness::{wait_until, within};
 use messages::{Feedback, Header, Layout, Message, RawSkeleton, Stamp, Status};
 use operator::{OperatorCounts, OperatorSession};
 use std::io::{BufRead, BufReader};
@@ -128,7 +125,7 @@ impl End {
     }
 
     fn wait_line(&self, what: &str) {
-        wait(what, || self.lines.lock().expect("whole").iter().any(|line| line.contains(what)));
+        wait_until(what, || self.lines.lock().expect("whole").iter().any(|line| line.contains(what)));
     }
 }
 
@@ -136,14 +133,6 @@ impl Drop for End {
     fn drop(&mut self) {
         let _ = self.child.kill();
         let _ = self.child.wait();
-    }
-}
-
-fn wait(what: &str, done: impl Fn() -> bool) {
-    let give_up = Instant::now() + SOON;
-    while !done() {
-        assert!(Instant::now() < give_up, "{what}");
-        std::thread::sleep(Duration::from_millis(5));
     }
 }
 
@@ -216,9 +205,9 @@ fn opened(settings: &serde_json::Value) -> Wire {
 }
 
 /// Connects an operator's client once the socket is there.
-fn hand(folder: &Path) -> OperatorSession {
+fn connect(folder: &Path) -> OperatorSession {
     let socket = folder.join("operator.sock");
-    wait("the operator socket is there", || operator::Client::connect(&socket).is_ok());
+    wait_until("the operator socket is there", || operator::Client::connect(&socket).is_ok());
     OperatorSession::connect(&socket).expect("it answers")
 }
 
@@ -254,17 +243,16 @@ fn client_hears_that_another_one_leads_the_robot() {
     let world = World::new(&["anna"]);
     let folder = tempfile::tempdir().expect("a folder");
     let _end = world.operator(&world.bundle("anna"), folder.path());
-    let _hand = hand(folder.path());
+    let _hand = connect(folder.path());
     let mut client = doors::Client::attach(folder.path().join("skeleton.sock")).expect("it answers");
     for (led_by_other, word) in [(false, Reply::Holder), (true, Reply::NotHolder), (false, Reply::Holder)] {
         world.daemon.seen.lock().expect("whole").led_by_other = led_by_other;
-        let (begun, mut sequence) = (Instant::now(), 0);
-        while client.last_reply() != word {
-            assert!(begun.elapsed() < SOON, "it hears {:?} and not {word:?}", client.last_reply());
+        let mut sequence = 0;
+        wait_until("the reply", || {
             sequence += 1;
             client.publish(&person(sequence)).expect("it is sent");
-            std::thread::sleep(Duration::from_millis(20));
-        }
+            client.last_reply() == word
+        });
     }
 }
 
@@ -273,31 +261,31 @@ fn f125_killed_operator_end_is_a_release_and_its_restart_engages_nothing() {
     let world = World::new(&["anna"]);
     let folder = tempfile::tempdir().expect("a folder");
     let mut end = world.operator(&world.bundle("anna"), folder.path());
-    let hand_before = hand(folder.path());
+    let hand_before = connect(folder.path());
     let (ends, thread) = publisher(folder.path());
-    wait("persons arrive", || world.daemon.persons() > 20);
-    wait("a status comes back", || hand_before.status().is_some_and(|status| status.mode == 3));
+    wait_until("persons arrive", || world.daemon.persons() > 20);
+    wait_until("a status comes back", || hand_before.status().is_some_and(|status| status.mode == 3));
     world.robot.wait_line("anna: ready");
     hand_before.enable();
-    wait("the enable arrives", || world.daemon.counts().held.enable_level);
+    wait_until("the enable arrives", || world.daemon.counts().held.enable_level);
     assert_eq!(world.daemon.counts().enable_edges, 1);
     end.child.kill().expect("it is killed");
     end.child.wait().expect("it ends");
-    wait("released", || !world.daemon.counts().held.enable_level);
+    wait_until("released", || !world.daemon.counts().held.enable_level);
     assert!(hand_before.is_cut_off() || !hand_before.wait(Duration::from_millis(300), |_| false));
     ends.store(true, Ordering::Relaxed);
     assert!(thread.join().expect("it ends") > 0, "feedback came back");
     // The level that a client still holds is no press.
     let _end = world.operator(&world.bundle("anna"), folder.path());
-    let hand_after = hand(folder.path());
-    wait("a new session", || world.daemon.counts().connections >= 2);
-    std::thread::sleep(Duration::from_millis(500));
-    assert_eq!((world.daemon.counts().held.enable_level, world.daemon.counts().enable_edges), (false, 1));
+    let hand_after = connect(folder.path());
+    wait_until("a new session", || world.daemon.counts().connections >= 2);
+    assert!(!within(Duration::from_millis(500), || world.daemon.counts().enable_edges != 1));
+    assert!(!world.daemon.counts().held.enable_level);
     hand_after.enable();
-    wait("pressed again", || world.daemon.counts().held.enable_level);
+    wait_until("pressed again", || world.daemon.counts().held.enable_level);
     assert_eq!(world.daemon.counts().enable_edges, 2);
     hand_after.estop();
-    wait("the emergency stop arrives", || world.daemon.counts().estop_edges >= 1);
+    wait_until("the emergency stop arrives", || world.daemon.counts().estop_edges >= 1);
     assert_none_was_old(&world);
 }
 
@@ -315,27 +303,25 @@ fn f130_stranger_and_operator_under_another_name_get_nothing() {
     let ends: Vec<_> =
         bundles.iter().zip(&folders).map(|(bundle, folder)| world.operator(bundle, folder.path())).collect();
     // The rightful one gets a session, though two others try in its name or in another's.
-    let hand = hand(folders[2].path());
+    let hand = connect(folders[2].path());
     world.robot.wait_line("bert: ready");
     press(&world, &hand);
     for end in &ends[..2] {
         end.wait_line("no answer");
     }
-    std::thread::sleep(Duration::from_secs(2));
-    assert!(folders[..2].iter().all(|folder| !folder.path().join("operator.sock").exists()));
+    let is_admitted = || folders[..2].iter().any(|folder| folder.path().join("operator.sock").exists());
+    assert!(!within(Duration::from_secs(2), is_admitted));
     let lines = world.robot.lines.lock().expect("whole").join("\n");
     assert!(lines.contains("bert: ready") && !lines.contains("anna:") && !lines.contains("second program"), "{lines}");
 }
 
 /// Presses the enable until it arrives: a press in a session whose clocks are not synchronised yet does not count.
 fn press(world: &World, hand: &OperatorSession) {
-    let give_up = Instant::now() + SOON;
-    while !world.daemon.counts().held.enable_level {
-        assert!(Instant::now() < give_up, "the enable arrives");
+    wait_until("the enable arrives", || {
         hand.release();
         hand.enable();
-        std::thread::sleep(Duration::from_millis(300));
-    }
+        within(Duration::from_millis(300), || world.daemon.counts().held.enable_level)
+    });
 }
 
 /// Sends 10,000 packets, half of which begin as datagrams of a link.
@@ -348,7 +334,7 @@ fn flood(to: &[bridge::link::Publisher; 2]) {
         if n % 4 < 2 {
             bytes.splice(..12.min(bytes.len()), *b"TPLK\x01\0\0\0\x01\0\0\0");
         }
-        bridge::link::put(&to[n % 2], &bytes);
+        bridge::link::send(&to[n % 2], &bytes);
         if n % 50 == 0 {
             std::thread::sleep(Duration::from_millis(5));
         }
@@ -360,10 +346,10 @@ fn f128_hostile_packets_of_one_operator_leave_another_undisturbed() {
     let world = World::new(&["anna", "bert"]);
     let folder = tempfile::tempdir().expect("a folder");
     let _end = world.operator(&world.bundle("bert"), folder.path());
-    let hand = hand(folder.path());
+    let hand = connect(folder.path());
     let (ends, thread) = publisher(folder.path());
     world.robot.wait_line("bert: ready");
-    let own = Keys::of_operator(&world.bundle("anna")).expect("a bundle");
+    let own = Keys::read_operator(&world.bundle("anna")).expect("a bundle");
     let wire = opened(&config(&own, &[], std::slice::from_ref(&world.address)));
     let name = own.operator.as_ref().expect("a name");
     let to = ["operator", "person"].map(|what| wire.publisher(key(&own.robot, what, name)).expect("a publisher"));
@@ -383,7 +369,7 @@ fn f128_hostile_packets_of_one_operator_leave_another_undisturbed() {
     });
     assert!(undisturbed);
     world.robot.wait_line("of a wrong length");
-    wait("persons go on", || world.daemon.persons() > before + 20);
+    wait_until("persons go on", || world.daemon.persons() > before + 20);
     ends.store(true, Ordering::Relaxed);
     thread.join().expect("it ends");
 }
@@ -398,14 +384,14 @@ fn keys_are_private_and_never_replaced() {
     let keys = text(folder.path());
     for arguments in [["pair", "robot", "--name", "tiago"], ["pair", "operator", "--name", "anna"]] {
         let again = bridge(&[&arguments[..], &["--keys", keys]].concat());
-        let told = String::from_utf8_lossy(&again.stderr).into_owned();
-        assert!(again.status.code() == Some(73) && told.contains("never replaced"), "{told}");
+        let text = String::from_utf8_lossy(&again.stderr).into_owned();
+        assert!(again.status.code() == Some(73) && text.contains("never replaced"), "{text}");
     }
     let named = bridge(&["pair", "operator", "--name", "../anna", "--keys", keys]);
     assert!(String::from_utf8_lossy(&named.stderr).contains("a name has 1 to 32"), "{named:?}");
     let bundle = folder.path().join("anna.bundle");
     let shown = bridge(&["pair", "show", text(&bundle)]);
-    let code = Keys::of_operator(&bundle).expect("a bundle").code();
+    let code = Keys::read_operator(&bundle).expect("a bundle").code();
     assert!(String::from_utf8_lossy(&shown.stdout).contains(&format!("operator anna of robot tiago, code {code}")));
     std::fs::set_permissions(&bundle, std::os::unix::fs::PermissionsExt::from_mode(0o644)).expect("its mode");
     let open = bridge(&["pair", "show", text(&bundle)]);
@@ -418,8 +404,8 @@ fn keys_are_private_and_never_replaced() {
         ("quic/127.0.0.1:7447", file, "not a folder"),
     ] {
         let refused = bridge(&["robot", "--keys", keys, "--listen", address, "--run-dir", run_dir]);
-        let told = String::from_utf8_lossy(&refused.stderr).into_owned();
-        assert!(refused.status.code() == Some(64) && told.contains(why), "{told}");
+        let text = String::from_utf8_lossy(&refused.stderr).into_owned();
+        assert!(refused.status.code() == Some(64) && text.contains(why), "{text}");
     }
 }
 
@@ -447,7 +433,7 @@ fn python_peer_with_a_certificate_reads_the_status() {
         return println!("skipped: this Python has no eclipse-zenoh (pip install eclipse-zenoh==1.10.2)");
     }
     let world = World::new(&["anna"]);
-    let own = Keys::of_operator(&world.bundle("anna")).expect("a bundle");
+    let own = Keys::read_operator(&world.bundle("anna")).expect("a bundle");
     let settings = config(&own, &[], std::slice::from_ref(&world.address)).to_string();
     let done = Command::new("python3").args(["-c", PYTHON, &settings]).output().expect("it runs");
     let expected = format!("{} {}\n", Status::VERSION, size_of::<Status>());

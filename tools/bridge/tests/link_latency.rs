@@ -1,5 +1,5 @@
 //! Time that a person takes from the operator's skeleton socket to the robot's, over the loopback, beside one socket alone,
-//! shared memory, and an echo of zenoh in Python. `cargo test --release -p bridge --test link_latency -- --ignored --nocapture`
+//! shared memory, and an echo of zenoh in Python. `cargo test --release -p bridge --test all link_latency -- --ignored --nocapture`
 //!
 //! On a virtual machine, `taskset -c 1` before it leaves out the time in which the host wakes a sleeping core.
 
@@ -32,7 +32,7 @@ fn quantiles(mut times: Vec<f64>) -> [f64; 2] {
     [50, 99].map(|share| times.get(times.len() * share / 100).copied().unwrap_or(f64::NAN))
 }
 
-fn tell(what: &str, times: Vec<f64>) -> [f64; 2] {
+fn print_times(what: &str, times: Vec<f64>) -> [f64; 2] {
     let count = times.len();
     let [half, most] = quantiles(times);
     println!("{what}: p50 {half:.3} ms, p99 {most:.3} ms, {count} of {FRAMES}");
@@ -165,7 +165,7 @@ fn link_adds_half_a_millisecond_one_way() {
         }
     });
     let mut server = doors::Server::bind(&folders[1].path().join("skeleton.sock"), None).expect("a socket");
-    let direct = tell("one socket", over_sockets(&folders[1].path().join("skeleton.sock"), &mut server));
+    let direct = print_times("one socket", over_sockets(&folders[1].path().join("skeleton.sock"), &mut server));
     let port = UdpSocket::bind("127.0.0.1:0").and_then(|socket| socket.local_addr()).expect("a port").port();
     let address = format!("quic/127.0.0.1:{port}");
     let bundle = format!("{keys}/anna.bundle");
@@ -179,12 +179,13 @@ fn link_adds_half_a_millisecond_one_way() {
         std::thread::sleep(Duration::from_millis(50));
     }
     let before = stolen();
-    let linked = tell("both sockets and the link", over_sockets(&folders[2].path().join("skeleton.sock"), &mut server));
+    let linked =
+        print_times("both sockets and the link", over_sockets(&folders[2].path().join("skeleton.sock"), &mut server));
     let [taken, all] = [0, 1].map(|n| stolen()[n] - before[n]);
     println!("meanwhile the host took {:.1} % of the cores", 100.0 * taken / all);
-    tell("shared memory", over_shared_memory());
+    print_times("shared memory", over_shared_memory());
     match over_python() {
-        Some(times) => _ = tell("zenoh in Python over TCP, half of an echo", times),
+        Some(times) => _ = print_times("zenoh in Python over TCP, half of an echo", times),
         None => println!("zenoh in Python: skipped, this Python has no eclipse-zenoh"),
     }
     let added = [0, 1].map(|n| linked[n] - direct[n]);

@@ -76,8 +76,8 @@ impl Heartbeat {
         let next = self.waiting.iter().position(Option::is_some).filter(|_| self.beats > PAYLOAD_BEATS);
         if let Some((hand, order)) = next.and_then(|hand| Some((hand, self.waiting[hand].take()?))) {
             let right = if hand == 0 { 0 } else { payload_flag::RIGHT };
-            let said = if order.centre_m.is_some() { payload_flag::CENTRE } else { 0 };
-            self.request.payload_flags = right | said;
+            let centre = if order.centre_m.is_some() { payload_flag::CENTRE } else { 0 };
+            self.request.payload_flags = right | centre;
             (self.request.payload_kg, self.request.payload_centre_m) =
                 (order.mass_kg, order.centre_m.unwrap_or_default());
             self.request.payload_count = self.request.payload_count.wrapping_add(1);

@@ -67,7 +67,7 @@ impl Keys {
     ///
     /// # Errors
     /// Returns an error that names the file.
-    pub fn of_robot(folder: &Path) -> Result<Self, Failure> {
+    pub fn read_robot(folder: &Path) -> Result<Self, Failure> {
         let file = folder.join(super::pair::ROBOT);
         if !file.exists() {
             let text = format!(
@@ -76,7 +76,7 @@ impl Keys {
             );
             return Err(Failure::new(Exit::NoInput, text));
         }
-        let own = Self::of(&file, &read_secret(&file)?, operators(&folder.join(super::pair::OPERATORS))?)?;
+        let own = Self::parse(&file, &read_secret(&file)?, operators(&folder.join(super::pair::OPERATORS))?)?;
         let router = folder.join(super::pair::ROUTER);
         let router = router.exists().then(|| common_name(&router, "router")).transpose()?;
         Ok(Self { router, ..own })
@@ -86,8 +86,8 @@ impl Keys {
     ///
     /// # Errors
     /// Returns an error that names the file.
-    pub fn of_operator(bundle: &Path) -> Result<Self, Failure> {
-        let keys = Self::of(bundle, &read_secret(bundle)?, Vec::new())?;
+    pub fn read_operator(bundle: &Path) -> Result<Self, Failure> {
+        let keys = Self::parse(bundle, &read_secret(bundle)?, Vec::new())?;
         if keys.operator.is_none() {
             return Err(wrong(
                 bundle,
@@ -101,15 +101,15 @@ impl Keys {
     ///
     /// # Errors
     /// Returns an error that names the file.
-    pub fn of_router(bundle: &Path, listed: &Path) -> Result<Self, Failure> {
+    pub fn read_router(bundle: &Path, listed: &Path) -> Result<Self, Failure> {
         let text = read_secret(bundle)?;
         if !text.contains(super::pair::IS_ROUTER) {
             return Err(wrong(bundle, "is no router's bundle. Give the one that teleop-bridge link pair router made"));
         }
-        Self::of(bundle, &text, operators(listed)?)
+        Self::parse(bundle, &text, operators(listed)?)
     }
 
-    fn of(path: &Path, text: &str, operators: Vec<(Name, String)>) -> Result<Self, Failure> {
+    fn parse(path: &Path, text: &str, operators: Vec<(Name, String)>) -> Result<Self, Failure> {
         let named = |key: &str| -> Result<Option<Name>, Failure> {
             let line = text.lines().find_map(|line| line.strip_prefix(key));
             line.map(|name| name.trim().parse().map_err(|error| wrong(path, format!("{key} {error}")))).transpose()

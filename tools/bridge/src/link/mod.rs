@@ -20,7 +20,7 @@ pub use operator::run as run_operator;
 pub use pair::{pair_operator, pair_robot, pair_router, show};
 pub use robot::run as run_robot;
 pub use router::run as run_router;
-pub use wire::{Publisher, Slot, Wire, config, key, put};
+pub use wire::{Publisher, Slot, Wire, config, key, send};
 
 use crate::cli::{Link, Pair};
 use messages::Service;
@@ -68,7 +68,7 @@ fn share_one_thread() -> Result<(), Failure> {
 }
 
 /// Tells which hosts have no address now. zenoh goes on asking for them in silence.
-fn tell_unknown(addresses: &[String]) {
+fn print_unknown(addresses: &[String]) {
     for address in addresses {
         let host = address.trim_start_matches("quic/");
         if let Err(error) = host.to_socket_addrs() {

@@ -2,8 +2,8 @@
 
 use super::heartbeat::Heartbeat;
 use super::keys::{Keys, Name};
-use super::report::{Report, of_robot, state_name};
-use super::wire::{Publisher, Slot, Wire, config, key, put};
+use super::report::{Report, robot_details, state_name};
+use super::wire::{Publisher, Slot, Wire, config, key, send};
 use crate::cli::LinkOperator;
 use doors::{CONNECTIONS_MAX, FrameSource, LeaseState, draw_nonce};
 use instance::Instance;
@@ -50,7 +50,7 @@ struct Operator {
 /// Returns an error if bundle, folder or addresses cannot be used.
 pub fn run(args: &LinkOperator) -> Result<(), Failure> {
     let shutdown = Shutdown::on_signals().map_err(Failure::with(Exit::Software))?;
-    let keys = Keys::of_operator(&args.bundle)?;
+    let keys = Keys::read_operator(&args.bundle)?;
     let unusable = |error| Failure::new(Exit::CantCreate, format!("{}: {error}", args.run_dir.display()));
     let instance = Instance::new(&args.run_dir).map_err(unusable)?;
     let persons = doors::Server::bind(&instance.skeleton_socket(), None).map_err(Failure::with(Exit::Unavailable))?;
@@ -58,11 +58,11 @@ pub fn run(args: &LinkOperator) -> Result<(), Failure> {
     let Some(name) = &keys.operator else { return Ok(()) };
     out!("bridge: operator {name} of robot {}, code {}", keys.robot, keys.code());
     out!("bridge: clients find the robot with --run-dir {}", instance.run_dir().display());
-    super::tell_unknown(&addresses);
+    super::print_unknown(&addresses);
     let marker = Marker(instance.run_dir().join(doors::LINK_FILE));
     instance::write_anew(&marker.0, keys.robot.as_str().as_bytes()).map_err(unusable)?;
     let mut report = Report::default();
-    let waits = || report.tell(rt::now(), &format!("{}: {NO_ANSWER}", keys.robot), String::new);
+    let waits = || report.print(rt::now(), &format!("{}: {NO_ANSWER}", keys.robot), String::new);
     let Some(wire) = Wire::open(&config(&keys, &[], &addresses), &shutdown, waits)? else { return Ok(()) };
     let publisher = |what: &str| wire.publisher(key(&keys.robot, what, name));
     let mut operator = Operator {
@@ -128,7 +128,7 @@ impl Operator {
         if pressed || now >= self.due {
             self.beat(now);
         }
-        self.tell(now);
+        self.print_state(now);
         Ok(())
     }
 
@@ -151,7 +151,7 @@ impl Operator {
         let mut bytes = [0; FRAME_BYTES_MAX];
         // The person may be younger than this round, and is refused if it seems younger than the datagram.
         match self.end.person(&person, rt::now(), &mut bytes) {
-            Ok(length) => put(&self.up[1], &bytes[..length]),
+            Ok(length) => send(&self.up[1], &bytes[..length]),
             Err(Unsendable::NoSession) => {}
             Err(error) => {
                 if self.unsendable != Some(error) {
@@ -198,10 +198,10 @@ impl Operator {
         self.due = now.plus_ns(BEAT_NS);
         let mut bytes = [0; FRAME_BYTES_MAX];
         let length = self.end.heartbeat(&self.heartbeat.request, now, &mut bytes);
-        put(&self.up[0], &bytes[..length]);
+        send(&self.up[0], &bytes[..length]);
     }
 
-    fn tell(&mut self, now: Stamp) {
+    fn print_state(&mut self, now: Stamp) {
         let link = self.end.link(now);
         let state = match link.answer {
             // A connection takes a moment.
@@ -209,6 +209,6 @@ impl Operator {
             None => NO_ANSWER.into(),
             Some(answer) => state_name(&answer),
         };
-        self.report.tell(now, &format!("{}: {state}", self.robot), || of_robot(&link));
+        self.report.print(now, &format!("{}: {state}", self.robot), || robot_details(&link));
     }
 }

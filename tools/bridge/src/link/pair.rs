@@ -47,7 +47,7 @@ pub fn pair_robot(name: &Name, keys: &Path) -> Result<(), Failure> {
     let purposes = vec![ExtendedKeyUsagePurpose::ServerAuth, ExtendedKeyUsagePurpose::ClientAuth];
     let (certificate, own_key) = sign(name.as_str(), purposes, &issuer)?;
     write_new(&keys.join(ROBOT), &format!("robot: {name}\n{certificate}{own_key}{authority}"))?;
-    out!("bridge: {} holds the keys of robot {name}, code {}", keys.display(), Keys::of_robot(keys)?.code());
+    out!("bridge: {} holds the keys of robot {name}, code {}", keys.display(), Keys::read_robot(keys)?.code());
     out!("bridge: next: teleop-bridge link pair operator --name NAME --keys {}", keys.display());
     Ok(())
 }
@@ -57,7 +57,7 @@ pub fn pair_robot(name: &Name, keys: &Path) -> Result<(), Failure> {
 /// # Errors
 /// Returns an error if the operator or the bundle exists already, or a file cannot be written.
 pub fn pair_operator(name: &Name, keys: &Path) -> Result<(), Failure> {
-    let robot = Keys::of_robot(keys)?;
+    let robot = Keys::read_robot(keys)?;
     if *name == robot.robot || name.as_str() == ROUTER_NAME {
         let text = format!("{name}: the robot or its router has this name. Give the operator another one");
         return Err(Failure::new(Exit::Usage, text));
@@ -70,7 +70,7 @@ pub fn pair_operator(name: &Name, keys: &Path) -> Result<(), Failure> {
     let admits = operators.join(format!("{name}.pem"));
     let router = robot.router.as_ref().map_or(String::new(), |router| format!("\n{BY_ROUTER} {router}"));
     admit(keys, &robot, name.as_str(), purposes, &format!("operator: {name}{router}"), &bundle, &admits)?;
-    let code = Keys::of_operator(&bundle)?.code();
+    let code = Keys::read_operator(&bundle)?.code();
     out!("bridge: copy {} to the operator's machine, with scp, and remove it here", bundle.display());
     out!("bridge: code {code}; teleop-bridge link pair show must print the same there");
     out!("bridge: a robot end that runs admits {name} after its next start");
@@ -82,7 +82,7 @@ pub fn pair_operator(name: &Name, keys: &Path) -> Result<(), Failure> {
 /// # Errors
 /// Returns an error if the router or the bundle exists already, or a file cannot be written.
 pub fn pair_router(keys: &Path) -> Result<(), Failure> {
-    let robot = Keys::of_robot(keys)?;
+    let robot = Keys::read_robot(keys)?;
     let bundle = keys.join(format!("{ROUTER_NAME}.bundle"));
     // A server for operators and robot.
     let purposes = vec![ExtendedKeyUsagePurpose::ServerAuth, ExtendedKeyUsagePurpose::ClientAuth];
@@ -123,7 +123,7 @@ fn admit(
 /// # Errors
 /// Returns an error that names the file.
 pub fn show(bundle: &Path) -> Result<(), Failure> {
-    let keys = Keys::of_operator(bundle)?;
+    let keys = Keys::read_operator(bundle)?;
     let operator = keys.operator.as_ref().map(Name::as_str).unwrap_or_default();
     out!("bridge: operator {operator} of robot {}, code {}", keys.robot, keys.code());
     Ok(())

@@ -14,13 +14,13 @@ const IDLE_NS: u64 = 60_000_000_000;
 pub(super) struct Person {
     socket: PathBuf,
     client: Option<Client>,
-    coming: Option<JoinHandle<Result<Client, DoorError>>>,
+    connecting: Option<JoinHandle<Result<Client, DoorError>>>,
     retry: Stamp,
     /// Time of the last person.
     published: Stamp,
     /// Session of the client at the operator's machine. A new one is a new one here, too.
-    of: u64,
-    told: u64,
+    session_nonce: u64,
+    feedback_sequence: u64,
     /// Why there is no connection.
     pub(super) why: Option<String>,
 }
@@ -28,17 +28,26 @@ pub(super) struct Person {
 impl Person {
     pub(super) fn new(socket: &Path) -> Self {
         let (retry, published) = (Stamp::NONE, Stamp::NONE);
-        Self { socket: socket.to_owned(), client: None, coming: None, retry, published, of: 0, told: 0, why: None }
+        Self {
+            socket: socket.to_owned(),
+            client: None,
+            connecting: None,
+            retry,
+            published,
+            session_nonce: 0,
+            feedback_sequence: 0,
+            why: None,
+        }
     }
 
     /// Publishes a person. Before the connection is there, it is lost.
     pub(super) fn publish(&mut self, person: &RawSkeleton, now: Stamp) {
         self.published = now;
-        if person.session_nonce != self.of {
-            (self.of, self.client) = (person.session_nonce, None);
+        if person.session_nonce != self.session_nonce {
+            (self.session_nonce, self.client) = (person.session_nonce, None);
         }
-        if let Some(coming) = self.coming.take_if(|coming| coming.is_finished()) {
-            match coming.join() {
+        if let Some(connecting) = self.connecting.take_if(|connecting| connecting.is_finished()) {
+            match connecting.join() {
                 Ok(Ok(client)) => (self.client, self.why) = (Some(client), None),
                 Ok(Err(error)) => (self.why, self.retry) = (Some(error.to_string()), now.plus_ns(RETRY_NS)),
                 Err(_) => self.retry = now.plus_ns(RETRY_NS),
@@ -51,10 +60,10 @@ impl Person {
                     (self.client, self.why, self.retry) = (None, Some(error.to_string()), now.plus_ns(RETRY_NS));
                 }
             },
-            None if self.coming.is_none() && now >= self.retry => {
+            None if self.connecting.is_none() && now >= self.retry => {
                 let socket = self.socket.clone();
                 let attach = move || Client::attach_with_feedback(socket);
-                self.coming = std::thread::Builder::new().name("attach".into()).spawn(attach).ok();
+                self.connecting = std::thread::Builder::new().name("attach".into()).spawn(attach).ok();
             }
             None => {}
         }
@@ -67,8 +76,8 @@ impl Person {
             (self.client, self.why) = (None, Some(error.to_string()));
             return None;
         }
-        let feedback = client.feedback().filter(|feedback| feedback.header.sequence != self.told)?;
-        self.told = feedback.header.sequence;
+        let feedback = client.feedback().filter(|feedback| feedback.header.sequence != self.feedback_sequence)?;
+        self.feedback_sequence = feedback.header.sequence;
         Some(*feedback)
     }
 

@@ -17,7 +17,7 @@ pub(super) struct Report {
 
 impl Report {
     /// Prints the line if it differs from the last one, at most every minute, or every second if `state` changes.
-    pub(super) fn tell(&mut self, now: Stamp, state: &str, details: impl FnOnce() -> String) {
+    pub(super) fn print(&mut self, now: Stamp, state: &str, details: impl FnOnce() -> String) {
         let changed = !self.text.starts_with(state);
         let every_ns = if changed { CHANGE_EVERY_NS } else { EVERY_NS };
         if self.at == Stamp::NONE || now.since(self.at) >= every_ns {
@@ -37,14 +37,14 @@ pub(super) fn state_name(answer: &Answer) -> String {
 }
 
 /// Figures of an operator, at the robot.
-pub(super) fn of_operator(answer: &Answer, round_trip_ns: Option<u64>, refused: &Refused) -> String {
+pub(super) fn operator_details(answer: &Answer, round_trip_ns: Option<u64>, refused: &Refused) -> String {
     let certain = (answer.uncertainty_ns < u64::MAX).then_some(answer.uncertainty_ns);
     let lost = lost(answer.received, answer.lost);
     format!("{}{}; up {lost}{}", time("round trip", round_trip_ns), time("uncertainty", certain), reasons(refused))
 }
 
 /// Figures of the robot, at an operator.
-pub(super) fn of_robot(link: &LinkState) -> String {
+pub(super) fn robot_details(link: &LinkState) -> String {
     let answer = link.answer.as_ref();
     let certain = answer.map(|answer| answer.uncertainty_ns).filter(|ns| *ns < u64::MAX);
     let up = answer.map_or(String::new(), |answer| format!("; up {}", lost(answer.received, answer.lost)));

@@ -2,8 +2,8 @@
 
 use super::keys::{Keys, Name};
 use super::person::Person;
-use super::report::{Report, of_operator, state_name};
-use super::wire::{KINDS, Publisher, Slot, Wire, config, key, kind, put, status_key};
+use super::report::{Report, operator_details, state_name};
+use super::wire::{KINDS, Publisher, Slot, Wire, config, key, kind, send, status_key};
 use crate::cli::LinkRobot;
 use doors::draw_nonce;
 use instance::Instance;
@@ -58,8 +58,8 @@ struct Robot {
     retry: Stamp,
     status: Publisher,
     /// Number of the last status that was sent.
-    told: u64,
-    told_at: Stamp,
+    sent_sequence: u64,
+    sent_at: Stamp,
 }
 
 /// Runs the robot's end until a signal.
@@ -68,7 +68,7 @@ struct Robot {
 /// Returns an error if keys, folder or addresses cannot be used.
 pub fn run(args: &LinkRobot) -> Result<(), Failure> {
     let shutdown = Shutdown::on_signals().map_err(Failure::with(Exit::Software))?;
-    let mut keys = Keys::of_robot(&args.keys)?;
+    let mut keys = Keys::read_robot(&args.keys)?;
     if keys.operators.len() > OPERATORS_MAX {
         let text = format!("{}: {} operators; at most {OPERATORS_MAX}", args.keys.display(), keys.operators.len());
         return Err(Failure::new(Exit::Config, text));
@@ -84,7 +84,7 @@ pub fn run(args: &LinkRobot) -> Result<(), Failure> {
     let settings = config(&keys, &super::addresses(&args.listen)?, &super::addresses(&args.connect)?);
     let mut report = Report::default();
     let waits =
-        || report.tell(rt::now(), "no answer of the router. Does teleop-bridge link router run there?", String::new);
+        || report.print(rt::now(), "no answer of the router. Does teleop-bridge link router run there?", String::new);
     let Some(wire) = Wire::open(&settings, &shutdown, waits)? else { return Ok(()) };
     let admitted: Vec<_> = keys.operators.iter().map(|(name, _)| name.as_str()).collect();
     out!("bridge: robot {} (code {}) admits {}", keys.robot, keys.code(), admitted.join(", "));
@@ -100,8 +100,8 @@ pub fn run(args: &LinkRobot) -> Result<(), Failure> {
         stop_due: None,
         retry: Stamp::NONE,
         status: wire.publisher(status_key(&keys.robot))?,
-        told: 0,
-        told_at: Stamp::NONE,
+        sent_sequence: 0,
+        sent_at: Stamp::NONE,
     }));
     for (at, (name, _)) in names.into_iter().enumerate() {
         let operator = Operator::new(&wire, &keys.robot, name, &instance, at, &robot)?;
@@ -132,12 +132,12 @@ impl Operator {
         shared: &Arc<Mutex<Robot>>,
     ) -> Result<Self, Failure> {
         let shared = Arc::downgrade(shared);
-        let takes = move |bytes: &[u8]| {
+        let receive_now = move |bytes: &[u8]| {
             let robot = shared.upgrade().filter(|_| kind(bytes) == Kind::Person as usize);
             let Some(mut robot) = robot.as_ref().and_then(|robot| robot.try_lock().ok()) else { return false };
             let known = at < robot.operators.len();
             if known {
-                robot.take(at, bytes);
+                robot.receive(at, bytes);
             }
             known
         };
@@ -145,7 +145,7 @@ impl Operator {
             // The order of use: an emergency stop comes before a person.
             slots: [
                 wire.receive(key(robot, "operator", &name), |_| false)?,
-                wire.receive(key(robot, "person", &name), takes)?,
+                wire.receive(key(robot, "person", &name), receive_now)?,
             ],
             answers: wire.publisher(key(robot, "answer", &name))?,
             person: Person::new(&instance.skeleton_socket()),
@@ -159,7 +159,7 @@ impl Operator {
     }
 
     /// Tells why the robot was released, if requests that held something came too late.
-    fn tell_silence(&mut self, now: Stamp) {
+    fn print_silence(&mut self, now: Stamp) {
         let silent_ns = now.since(self.asked);
         if self.holds && silent_ns > RELEASED_AFTER_NS {
             let (silent_ms, most_ms) = (silent_ns / 1_000_000, RELEASED_AFTER_NS / 1_000_000);
@@ -176,14 +176,14 @@ impl Robot {
                 // No more than fit into the slot, so that no operator keeps the others waiting.
                 for _ in 0..KINDS {
                     let Some(bytes) = self.operators[at].slots[slot].take() else { break };
-                    self.take(at, &bytes);
+                    self.receive(at, &bytes);
                 }
             }
         }
         let now = rt::now();
         let ended = self.end.tick(now);
         for (operator, _) in self.operators.iter_mut().zip(ended).filter(|(_, ended)| *ended) {
-            operator.tell_silence(now);
+            operator.print_silence(now);
             // With the connection goes what it holds: a partition is a release.
             operator.control = None;
             operator.answered = Stamp::NONE;
@@ -192,14 +192,14 @@ impl Robot {
             self.stop_due = (!self.stop()).then(|| now.plus_ns(STOP_RETRY_NS));
         }
         self.end.stop_waits = self.stop_due.is_some();
-        self.tell_status(now);
+        self.send_status(now);
         for at in 0..self.operators.len() {
             self.operators[at].person.rest(now);
             self.answer(at, now);
         }
     }
 
-    fn take(&mut self, at: usize, bytes: &[u8]) {
+    fn receive(&mut self, at: usize, bytes: &[u8]) {
         let now = rt::now();
         let taken = self.end.receive(at, bytes, now, draw_nonce);
         if taken.stop {
@@ -210,7 +210,7 @@ impl Robot {
         match taken.outcome {
             Ok(Sent::Person(person)) => operator.person.publish(&person, now),
             Ok(Sent::Request(request)) => {
-                operator.tell_silence(now);
+                operator.print_silence(now);
                 (operator.asked, operator.holds) = (now, request.enable_level != 0);
                 self.relay(at, &request);
             }
@@ -247,9 +247,9 @@ impl Robot {
     }
 
     /// Sends a status that is newer than the last one.
-    fn tell_status(&mut self, now: Stamp) {
+    fn send_status(&mut self, now: Stamp) {
         let is_cut_off = self.watch.as_ref().is_none_or(OperatorSession::is_cut_off);
-        self.end.daemon_gone = is_cut_off || now.since(self.told_at) > super::STATUS_GONE_NS;
+        self.end.daemon_gone = is_cut_off || now.since(self.sent_at) > super::STATUS_GONE_NS;
         if is_cut_off {
             if now >= self.retry {
                 self.watch = OperatorSession::connect(&self.operator_socket).ok();
@@ -258,27 +258,27 @@ impl Robot {
             return;
         }
         let Some(status) = self.watch.as_ref().and_then(OperatorSession::status) else { return };
-        if status.header.sequence == self.told {
+        if status.header.sequence == self.sent_sequence {
             return;
         }
-        (self.told, self.told_at) = (status.header.sequence, now);
+        (self.sent_sequence, self.sent_at) = (status.header.sequence, now);
         let mut out = [0; FRAME_BYTES_MAX];
         for (at, operator) in self.operators.iter().enumerate() {
             if let Some(length) = self.end.send(at, Payload::Status(status), now, &mut out) {
-                put(&operator.answers, &out[..length]);
+                send(&operator.answers, &out[..length]);
             }
         }
         let mut plain = [0; STATUS_HEAD_BYTES + size_of::<Status>()];
         [Status::VERSION, size_of::<Status>() as u32].write_to(&mut plain);
         status.write_to(&mut plain[STATUS_HEAD_BYTES..]);
-        put(&self.status, &plain);
+        send(&self.status, &plain);
     }
 
     fn answer(&mut self, at: usize, now: Stamp) {
         let operator = &mut self.operators[at];
         let mut out = [0; FRAME_BYTES_MAX];
         if let Some(length) = self.end.answer_rival(at, now, &mut out) {
-            put(&operator.answers, &out[..length]);
+            send(&operator.answers, &out[..length]);
         }
         if let Some(led) = self.end.led_by_other.get_mut(at) {
             *led = operator.person.is_led_by_other();
@@ -287,18 +287,18 @@ impl Robot {
             && let Some(length) = self.end.answer(at, now, &mut out)
         {
             operator.answered = now;
-            put(&operator.answers, &out[..length]);
+            send(&operator.answers, &out[..length]);
         }
         if let Some(feedback) = operator.person.feedback()
             && let Some(length) = self.end.send(at, Payload::Feedback(feedback), now, &mut out)
         {
-            put(&operator.answers, &out[..length]);
+            send(&operator.answers, &out[..length]);
         }
         if let Some(state) = self.end.state(at, now) {
             let (trip, refused) = (self.end.round_trip_ns(at), self.end.refused(at));
             let why = operator.person.why.as_ref().map_or(String::new(), |why| format!("; {why}"));
-            let said = format!("{}: {}", operator.name, state_name(&state));
-            operator.report.tell(now, &said, || of_operator(&state, trip, &refused) + &why);
+            let state_text = format!("{}: {}", operator.name, state_name(&state));
+            operator.report.print(now, &state_text, || operator_details(&state, trip, &refused) + &why);
         }
     }
 }

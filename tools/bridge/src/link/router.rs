@@ -15,7 +15,7 @@ const LOOK: Duration = Duration::from_millis(100);
 /// Returns an error if bundle, folder or addresses cannot be used.
 pub fn run(args: &LinkRouter) -> Result<(), Failure> {
     let shutdown = Shutdown::on_signals().map_err(Failure::with(Exit::Software))?;
-    let keys = Keys::of_router(&args.bundle, &args.operators)?;
+    let keys = Keys::read_router(&args.bundle, &args.operators)?;
     if keys.operators.is_empty() {
         let text = format!("{}: no operator. Copy the folder of the robot's keys", args.operators.display());
         return Err(Failure::new(Exit::Config, text));

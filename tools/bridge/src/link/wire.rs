@@ -161,7 +161,7 @@ impl Slot {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).iter_mut().find_map(Option::take)
     }
 
-    fn put(&self, bytes: Vec<u8>) {
+    fn store(&self, bytes: Vec<u8>) {
         let place = kind(&bytes) % KINDS;
         self.0.lock().unwrap_or_else(PoisonError::into_inner)[place] = Some(bytes);
     }
@@ -216,13 +216,13 @@ impl Wire {
         takes: impl Fn(&[u8]) -> bool + Send + Sync + 'static,
     ) -> Result<Arc<Slot>, Failure> {
         let slot = Arc::new(Slot::default());
-        let (of_callback, event) = (Arc::clone(&slot), Arc::clone(&self.event));
+        let (callback_slot, event) = (Arc::clone(&slot), Arc::clone(&self.event));
         let take = move |sample: zenoh::sample::Sample| {
             let bytes = sample.payload().to_bytes();
             // One byte more than a datagram, so that a longer one is counted as such.
             let bytes = &bytes[..bytes.len().min(link::FRAME_BYTES_MAX + 1)];
             if !takes(bytes) {
-                of_callback.put(bytes.to_vec());
+                callback_slot.store(bytes.to_vec());
                 let _ = rustix::io::write(&*event, &1_u64.to_ne_bytes());
             }
         };
@@ -255,6 +255,6 @@ impl Wire {
 }
 
 /// Sends a datagram. One that cannot be sent at once is lost.
-pub fn put(publisher: &Publisher, bytes: &[u8]) {
+pub fn send(publisher: &Publisher, bytes: &[u8]) {
     let _ = publisher.put(bytes).wait();
 }

@@ -33,7 +33,7 @@ fn limit_length(cable: &Cable, mtu: u32) {
 /// Waits until this many more persons have arrived.
 fn follows(world: &World, what: &str, count: u64) {
     let before = world.daemon.persons();
-    wait(what, || world.daemon.persons() > before + count);
+    wait_until(what, || world.daemon.persons() > before + count);
 }
 
 #[test]
@@ -65,7 +65,7 @@ fn f126_cable_that_is_narrow_lossy_short_or_cut_lets_no_old_person_through() {
 
     // Persons and heartbeats are 0.5 Mbit/s. They wait in the queue until they are too old.
     narrow(&cable, "64kbit", "2s").expect("a rate");
-    wait("released by a narrow cable", || !world.daemon.counts().held.enable_level);
+    wait_until("released by a narrow cable", || !world.daemon.counts().held.enable_level);
     let edges = world.daemon.counts().enable_edges;
     std::thread::sleep(Duration::from_secs(5));
     widen(&cable).expect("no rate");
@@ -78,7 +78,7 @@ fn f126_cable_that_is_narrow_lossy_short_or_cut_lets_no_old_person_through() {
 
     let _hand = engage(&world, folder.path());
     cable.lose(100).expect("rules");
-    wait("released by a cut", || !world.daemon.counts().held.enable_level);
+    wait_until("released by a cut", || !world.daemon.counts().held.enable_level);
     cable.lose(0).expect("rules");
     follows(&world, "whole again", 100);
     assert!(!world.daemon.counts().held.enable_level, "by itself");

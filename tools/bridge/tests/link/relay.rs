@@ -95,10 +95,9 @@ fn carry(near: &UdpSocket, to: SocketAddr, faults: &Mutex<Faults>, until: &Atomi
 pub fn engage(world: &World, folder: &Path) -> OperatorSession {
     let give_up = Instant::now() + SOON;
     loop {
-        let hand = hand(folder);
+        let hand = connect(folder);
         hand.enable();
-        std::thread::sleep(Duration::from_millis(500));
-        if world.daemon.counts().held.enable_level {
+        if within(Duration::from_millis(500), || world.daemon.counts().held.enable_level) {
             return hand;
         }
         assert!(Instant::now() < give_up, "{:?}, {:?}", world.daemon.counts(), world.robot.lines);
@@ -117,20 +116,20 @@ fn f125_bad_wire_follows_and_partition_of_five_seconds_is_a_release_that_heals_u
     let (ends, thread) = publisher(folder.path());
     let before = engage(&world, folder.path());
     let persons = world.daemon.persons();
-    wait("persons go on", || world.daemon.persons() > persons + 50);
+    wait_until("persons go on", || world.daemon.persons() > persons + 50);
     relay.set(Faults { is_cut: true, ..faults });
-    wait("released", || !world.daemon.counts().held.enable_level);
+    wait_until("released", || !world.daemon.counts().held.enable_level);
     let edges = world.daemon.counts().enable_edges;
     std::thread::sleep(Duration::from_secs(5));
     assert!(!folder.path().join("operator.sock").exists() || before.is_cut_off(), "clients see that the link is cut");
     let persons = world.daemon.persons();
     relay.set(faults);
     // The connection is made again without anybody's help. The enable is not.
-    wait("persons go on after it", || world.daemon.persons() > persons + 50);
+    wait_until("persons go on after it", || world.daemon.persons() > persons + 50);
     assert_eq!((world.daemon.counts().held.enable_level, world.daemon.counts().enable_edges), (false, edges));
     let after = engage(&world, folder.path());
     after.estop();
-    wait("the emergency stop arrives", || world.daemon.counts().estop_edges >= 1);
+    wait_until("the emergency stop arrives", || world.daemon.counts().estop_edges >= 1);
     ends.store(true, Ordering::Relaxed);
     thread.join().expect("it ends");
     assert_none_was_old(&world);
@@ -145,16 +144,15 @@ fn f127_long_way_engages_nothing_until_it_is_short() {
         let folder = tempfile::tempdir().expect("a folder");
         let _end = world.operator(&world.bundle("anna"), folder.path());
         let socket = folder.path().join("operator.sock");
-        let until = Instant::now() + Duration::from_secs(5);
-        while Instant::now() < until {
-            // Over such a way the socket comes and goes.
-            if let Some(hand) = operator::Client::connect(&socket).ok().and(OperatorSession::connect(&socket).ok()) {
+        let is_engaged = || {
+            // Over such a distance the socket comes and goes.
+            let hand = operator::Client::connect(&socket).ok().and(OperatorSession::connect(&socket).ok());
+            hand.is_some_and(|hand| {
                 hand.enable();
-                std::thread::sleep(Duration::from_millis(200));
-            }
-            assert_eq!(world.daemon.counts().enable_edges, 0, "{delay_ms} ms");
-            std::thread::sleep(Duration::from_millis(20));
-        }
+                within(Duration::from_millis(200), || world.daemon.counts().enable_edges > 0)
+            })
+        };
+        assert!(!within(Duration::from_secs(5), is_engaged), "{delay_ms} ms");
         assert!(!world.robot.lines.lock().expect("whole").join("\n").contains(": ready"), "{delay_ms} ms");
         relay.set(Faults { delay_ms: 2, ..Faults::default() });
         world.robot.wait_line("anna: ready");

@@ -10,7 +10,7 @@ fn router_carries_what_the_robot_admits_and_its_end_is_a_release() {
         let made = bridge(&[&["pair"], words, &["--keys", text(keys.path())]].concat());
         assert!(made.status.success(), "{made:?}");
     }
-    // The router has not been told of Bob.
+    // The router has not been text of Bob.
     let admitted = tempfile::tempdir().expect("a folder");
     std::fs::copy(keys.path().join("operators/anna.pem"), admitted.path().join("anna.pem")).expect("a copy");
     let port = UdpSocket::bind("127.0.0.1:0").and_then(|socket| socket.local_addr()).expect("a port").port();
@@ -40,15 +40,15 @@ fn router_carries_what_the_robot_admits_and_its_end_is_a_release() {
     let (ends, thread) = publisher(folders[0].path());
     let _hand = engage(&world, folders[0].path());
     let before = world.daemon.persons();
-    wait("persons come", || world.daemon.persons() > before + 50);
+    wait_until("persons come", || world.daemon.persons() > before + 50);
     bob.wait_line("no answer");
     assert!(!folders[1].path().join("operator.sock").exists());
 
     drop(router);
-    wait("released", || !world.daemon.counts().held.enable_level);
+    wait_until("released", || !world.daemon.counts().held.enable_level);
     let (edges, before) = (world.daemon.counts().enable_edges, world.daemon.persons());
     let _router = route();
-    wait("persons come again", || world.daemon.persons() > before + 50);
+    wait_until("persons come again", || world.daemon.persons() > before + 50);
     assert_eq!(
         (world.daemon.counts().held.enable_level, world.daemon.counts().enable_edges),
         (false, edges),

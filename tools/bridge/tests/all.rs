@@ -1,0 +1,5 @@
+//! All integration tests but `led` are one program, so that it is linked once.
+
+mod link;
+mod link_latency;
+mod program;
