@@ -178,7 +178,7 @@ fn page_gets_no_lease_while_another_client_holds_it() {
 #[test]
 fn invalid_mix_or_flood_ends_the_page() {
     let rig = Rig::empty();
-    let viewer = Viewer::with(&rig, &["--key-poses", "rest,clap,tools/keyposes/motions/box.bvh@2.5"]);
+    let viewer = Viewer::with(&rig, &["--key-poses", "rest,clap,tools/replay/motions/box.bvh@2.5"]);
     for bad in [
         r#"{"do":"mix"}"#,
         r#"{"do":"mix","shares":[1,0]}"#,

@@ -116,7 +116,7 @@ fn package(folder: &Path) -> Result<PathBuf, String> {
     if !built.ends_with("release") {
         return Err("the package takes release builds".into());
     }
-    for needed in ["dist", "replay", "latency", "record", "say", "bridge"] {
+    for needed in ["dist", "replay", "latency", "record", "teleop-bridge"] {
         if !built.join(needed).exists() {
             return Err(format!("{needed} is not built (cargo build --release --workspace)"));
         }
@@ -127,6 +127,13 @@ fn package(folder: &Path) -> Result<PathBuf, String> {
     cargo_deb.args(["deb", "--no-build", "--strip", "--fast", "--output"]).arg(&file).current_dir(root());
     run(&mut cargo_deb).ok_or("cargo-deb does not run")?;
     Ok(file)
+}
+
+fn assert_has_links(listed: &str) {
+    for link in ["batch", "keyposes", "say"] {
+        let path = format!(" ./usr/bin/teleop-{link} -> teleop-replay");
+        assert!(listed.lines().any(|line| line.ends_with(&path)), "the package lacks {path}:\n{listed}");
+    }
 }
 
 #[test]
@@ -152,6 +159,7 @@ fn package_holds_its_files_and_its_settings_are_accepted() {
         "usr/share/man/man1/teleop-replay.1.gz",
         "usr/share/man/man1/teleop-latency.1.gz",
         "usr/share/man/man1/teleop-record.1.gz",
+        "usr/share/man/man1/teleop-replay-say.1.gz",
         "usr/share/man/man1/teleop-say.1.gz",
         "usr/share/man/man1/teleop-bridge-link.1.gz",
         "usr/share/teleopd/motions/captions.tsv",
@@ -164,6 +172,7 @@ fn package_holds_its_files_and_its_settings_are_accepted() {
         assert!(holds(path), "the package lacks {path}:\n{listed}");
     }
 
+    assert_has_links(&listed);
     let (tree, control) = (folder.path().join("tree"), folder.path().join("control"));
     run(Command::new("dpkg-deb").arg("--extract").arg(&file).arg(&tree)).expect("dpkg-deb");
     run(Command::new("dpkg-deb").arg("--control").arg(&file).arg(&control)).expect("dpkg-deb");

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 /// Settings and motions of a source tree.
 const CONFIG: &str = "config/teleop.toml";
-const MOTIONS: &str = "tools/keyposes/motions";
+const MOTIONS: &str = "tools/replay/motions";
 /// Settings that the package installs, and the run folder of its systemd units.
 const PACKAGE_CONFIG: &str = "/etc/teleop/teleop.toml";
 const PACKAGE_RUN_DIR: &str = "/run/teleop";
@@ -88,6 +88,6 @@ mod tests {
     fn program_of_source_tree_uses_current_folder() {
         assert_eq!(default_config(), Path::new("config/teleop.toml"));
         assert_eq!(default_run_dir(), Path::new("/tmp/teleopd"));
-        assert_eq!(default_motions(), Path::new("tools/keyposes/motions"));
+        assert_eq!(default_motions(), Path::new("tools/replay/motions"));
     }
 }

@@ -12,8 +12,8 @@ use motion::{CalibrationMode, Frame, Motion};
 use retarget::{ARMS, ArmQ, Network};
 use robot::Model;
 
-/// Levenberg-Marquardt steps that move the corners toward the human's limbs: as many as in `keyposes
-/// interpolate`.
+/// Levenberg-Marquardt steps that move the corners toward the human's limbs: as many as in `replay
+/// keyposes interpolate`.
 const REFINE_STEPS: u32 = 2;
 
 /// Three key poses of ours that are well apart. Every mixture of them keeps the robot free of self-collision.

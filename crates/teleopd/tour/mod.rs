@@ -51,7 +51,7 @@ const NEXT: &str = "\
 Where to go next (README.md and docs say more):
   your own tracker    tools/clients/python/examples/own.py, or a webcam: tools/clients/python
   a suit or VMC       cargo run --release -p bridge -- mvn (or vmc)
-  in words            cargo run --release -p say -- \"greet with your left hand\" --play
+  in words            cargo run --release -p replay -- say \"greet with your left hand\" --play
   as an operator      teleopctl watch, and calibrate NAME
   a robot             teleopd doctor, then SAFETY.md";
 

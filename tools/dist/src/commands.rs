@@ -4,12 +4,6 @@ use clap::{Command, CommandFactory};
 use clap_complete::{Shell, generate_to};
 use std::path::Path;
 
-#[path = "../../replay/src/cli.rs"]
-#[allow(dead_code)]
-mod replay;
-#[path = "../../say/src/cli.rs"]
-#[allow(dead_code)]
-mod say;
 #[path = "../../../crates/teleopctl/cli.rs"]
 #[allow(dead_code)]
 mod teleopctl;
@@ -19,14 +13,16 @@ mod teleopd;
 
 /// Returns every program of the package under its installed name. In /usr/bin the names `replay` and `latency`
 /// alone would be too general.
-pub fn programs() -> [Command; 8] {
+pub fn programs() -> [Command; 10] {
     [
         teleopd::Cli::command(),
         teleopctl::Cli::command(),
-        replay::Cli::command().name("teleop-replay"),
+        replay::cli::Cli::command().name("teleop-replay"),
         latency::cli::Cli::command().name("teleop-latency"),
         record::cli::Cli::command().name("teleop-record"),
-        say::Cli::command().name("teleop-say"),
+        replay::batch::Cli::command().name("teleop-batch"),
+        replay::keyposes::Cli::command().name("teleop-keyposes"),
+        replay::say::Cli::command().name("teleop-say"),
         bridge::cli::Cli::command().name("teleop-bridge"),
         ros2::cli::Cli::command(),
     ]

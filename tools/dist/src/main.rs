@@ -38,6 +38,7 @@ fn write(cli: &Cli) -> Result<(), String> {
     let text = std::fs::read_to_string(&settings).map_err(|error| format!("{}: {error}", settings.display()))?;
     save(&out.join("teleop.toml"), &settings_with(&text, "/usr/share/teleopd/")?)?;
     save(&out.join("third-party.txt"), &notices::collect(&root)?)?;
+    link(&out.join("links"))?;
     println!("wrote {}", out.display());
     if cli.tarball {
         let archive = tarball::write(&root, &cli.programs, out, &settings_with(&text, "")?)?;
@@ -51,6 +52,19 @@ fn save(path: &Path, text: &str) -> Result<(), String> {
     std::fs::create_dir_all(folder)
         .and_then(|()| std::fs::write(path, text))
         .map_err(|error| format!("{}: {error}", path.display()))
+}
+
+/// Writes the links to programs. They lead nowhere before they are installed.
+fn link(folder: &Path) -> Result<(), String> {
+    let failed = |error: std::io::Error| format!("{}: {error}", folder.display());
+    std::fs::create_dir_all(folder).map_err(failed)?;
+    for name in tarball::LINKS {
+        match std::os::unix::fs::symlink(tarball::LINKED, folder.join(name)) {
+            Err(error) if error.kind() == std::io::ErrorKind::AlreadyExists => {}
+            made => made.map_err(failed)?,
+        }
+    }
+    Ok(())
 }
 
 /// Paths of config/teleop.toml that point into the repository, and their places below the shared folder.

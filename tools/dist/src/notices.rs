@@ -7,7 +7,7 @@ use std::path::Path;
 use std::process::Command;
 
 /// The packages whose programs are packaged.
-const PACKAGED: [&str; 6] = ["teleopd", "replay", "latency", "record", "say", "bridge"];
+const PACKAGED: [&str; 5] = ["teleopd", "replay", "latency", "record", "bridge"];
 
 /// Beginnings of the names of licence files.
 const BEGINNINGS: [&str; 5] = ["licen", "copying", "copyright", "notice", "unlicense"];

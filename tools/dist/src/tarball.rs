@@ -7,23 +7,27 @@ use std::fs::File;
 use std::path::{Path, PathBuf};
 
 /// Programs of a build, and their names in the archive.
-const PROGRAMS: [(&str, &str); 8] = [
+const PROGRAMS: [(&str, &str); 7] = [
     ("teleopd", "teleopd"),
     ("teleopctl", "teleopctl"),
     ("replay", "teleop-replay"),
     ("latency", "teleop-latency"),
     ("record", "teleop-record"),
-    ("say", "teleop-say"),
     ("teleop-bridge", "teleop-bridge"),
     ("teleopd-ros2", "teleopd-ros2"),
 ];
+
+/// Links to `teleop-replay`, with the names that its subcommands had as programs.
+pub const LINKS: [&str; 3] = ["teleop-batch", "teleop-keyposes", "teleop-say"];
+/// The program that the links lead to, in their folder.
+pub const LINKED: &str = "teleop-replay";
 
 /// Folders of the repository, the extensions of the files that are taken, and their destinations.
 const FOLDERS: [(&str, &[&str], &str); 6] = [
     ("config/robots", &["toml", "urdf"], "share/teleopd/robots"),
     ("config/skeletons", &["toml"], "share/teleopd/skeletons"),
     ("weights", &["toml", "safetensors"], "share/teleopd/weights"),
-    ("tools/keyposes/motions", &["bvh", "tsv", "txt"], "share/teleopd/motions"),
+    ("tools/replay/motions", &["bvh", "tsv", "txt"], "share/teleopd/motions"),
     ("docs/src", &["md", "webp", "png"], "docs/src"),
     ("docs/results", &["md"], "docs/results"),
 ];
@@ -51,6 +55,7 @@ pub fn write(root: &Path, programs: &Path, out: &Path, settings: &str) -> Result
         refuse_new_glibc(&path)?;
         files.insert(format!("bin/{as_name}"), Content::Program(path));
     }
+    files.extend(LINKS.map(|link| (format!("bin/{link}"), Content::Link(LINKED))));
     for (folder, endings, to) in FOLDERS {
         for path in files_of(&root.join(folder))? {
             let ending = path.extension().and_then(|ending| ending.to_str()).unwrap_or("");
@@ -76,6 +81,8 @@ enum Content {
     Program(PathBuf),
     File(PathBuf),
     Text(String),
+    /// A symbolic link to this file of the same folder.
+    Link(&'static str),
 }
 
 /// Packs the files. The same files make the same archive, because they are in the order of their names and have
@@ -87,12 +94,18 @@ fn pack(path: &Path, name: &str, files: &BTreeMap<String, Content>) -> std::io::
             Content::Program(path) => (read(path)?, 0o755),
             Content::File(path) => (read(path)?, 0o644),
             Content::Text(text) => (text.clone().into_bytes(), 0o644),
+            Content::Link(_) => (Vec::new(), 0o777),
         };
         let mut header = tar::Header::new_gnu();
         header.set_size(bytes.len() as u64);
         header.set_mode(mode);
-        header.set_cksum();
-        archive.append_data(&mut header, format!("{name}/{place}"), bytes.as_slice())?;
+        let place = format!("{name}/{place}");
+        if let Content::Link(to) = content {
+            header.set_entry_type(tar::EntryType::Symlink);
+            archive.append_link(&mut header, place, to)?;
+        } else {
+            archive.append_data(&mut header, place, bytes.as_slice())?;
+        }
     }
     archive.into_inner()?.finish()?.sync_all()
 }
@@ -176,6 +189,7 @@ mod tests {
         std::fs::write(&source, "a program").expect("written");
         let files = BTreeMap::from([
             ("bin/one".to_owned(), Content::Program(source.clone())),
+            ("bin/three".to_owned(), Content::Link("one")),
             ("share/two".to_owned(), Content::Text("two".into())),
         ]);
         let packed = ["a.tar.gz", "b.tar.gz"].map(|name| {
@@ -190,9 +204,12 @@ mod tests {
             .expect("entries")
             .map(|entry| {
                 let entry = entry.expect("an entry");
-                (entry.path().expect("a path").display().to_string(), entry.header().mode().expect("a mode"))
+                let link = entry.link_name().expect("a link or none").map(|to| to.display().to_string());
+                (entry.path().expect("a path").display().to_string(), entry.header().mode().expect("a mode"), link)
             })
             .collect();
-        assert_eq!(entries, [("teleopd/bin/one".to_owned(), 0o755), ("teleopd/share/two".to_owned(), 0o644)]);
+        let expected = [("bin/one", 0o755, None), ("bin/three", 0o777, Some("one")), ("share/two", 0o644, None)];
+        let expected = expected.map(|(path, mode, to)| (format!("teleopd/{path}"), mode, to.map(str::to_owned)));
+        assert_eq!(entries, expected);
     }
 }

@@ -1,16 +1,22 @@
 //! The command line.
 
-use clap::Parser;
+use crate::{batch, keyposes, say};
+use clap::{Parser, Subcommand};
 use config::RobotChoice;
 use motion::{CalibrationMode, Up};
-use std::path::PathBuf;
+use std::ffi::OsStr;
+use std::path::{Path, PathBuf};
 
 /// Publishes a recorded motion to a running teleopd, or writes what the robot would do.
 #[derive(Debug, Parser)]
-#[command(name = "replay", version)]
+#[command(name = "replay", version, args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
+#[command(disable_help_subcommand = true)]
 pub struct Cli {
+    /// Another task than to play a motion.
+    #[command(subcommand)]
+    pub task: Option<Task>,
     /// The motion: a motion file (.bvh, .npy, .npz), a recording (.mcap), a joint trajectory of both arms
-    /// (.csv, as `keyposes interpolate` writes), `builtin`, `pick-and-place`, or `builtin:calibration`. The last one
+    /// (.csv, as `replay keyposes interpolate` writes), `builtin`, `pick-and-place`, or `builtin:calibration`. The last one
     /// performs the motions of `teleopctl calibrate`, again and again, even while the robot is not engaged.
     #[arg(required_unless_present = "compare")]
     pub file: Option<PathBuf>,
@@ -58,6 +64,32 @@ pub struct Cli {
     /// memory. Any user in the socket's group may do so. The operator's socket must be in the same folder.
     #[arg(long, value_name = "PATH", conflicts_with_all = ["offline", "run_dir"])]
     pub socket: Option<PathBuf>,
+}
+
+/// A subcommand.
+#[derive(Debug, Subcommand)]
+pub enum Task {
+    #[allow(missing_docs, reason = "the command lines have them")]
+    Batch(batch::Cli),
+    #[allow(missing_docs, reason = "the command lines have them")]
+    Keyposes(keyposes::Cli),
+    #[allow(missing_docs, reason = "the command lines have them")]
+    Say(say::Cli),
+}
+
+impl Task {
+    /// Returns the subcommand whose name a link to this program has, with or without the `teleop-` of installed
+    /// programs. It takes the arguments of this process.
+    #[must_use]
+    pub fn from_link(program: &OsStr) -> Option<Self> {
+        let name = Path::new(program).file_name()?.to_str()?;
+        match name.strip_prefix("teleop-").unwrap_or(name) {
+            "batch" => Some(Self::Batch(Parser::parse())),
+            "keyposes" => Some(Self::Keyposes(Parser::parse())),
+            "say" => Some(Self::Say(Parser::parse())),
+            _ => None,
+        }
+    }
 }
 
 fn calibration(text: &str) -> Result<CalibrationMode, String> {

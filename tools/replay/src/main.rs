@@ -1,115 +1,26 @@
-//! Plays a recorded motion: live, as any client would, or offline through the same stages, as fast as the
-//! machine can.
-
-mod cli;
-mod compare;
-mod live;
-mod offline;
+//! Runs the task that this program's name or its first argument chooses.
 
 use clap::Parser;
-use cli::Cli;
-use config::Overrides;
-use motion::{CalibrationMode, LoadOptions, MotionError};
-use poses::trajectory;
-use rt::{Exit, Failure, out};
-use std::path::Path;
+use replay::cli::{Cli, Task};
+use replay::{batch, keyposes, play, say};
 use std::process::ExitCode;
-
-/// Bounds of the speed: slow enough to watch each joint, and faster than any arm follows.
-const SPEED: (f64, f64) = (0.1, 10.0);
 
 fn main() -> ExitCode {
     rt::abort_on_panic();
+    if let Some(task) = std::env::args_os().next().and_then(|program| Task::from_link(&program)) {
+        return execute(task);
+    }
     let mut cli = Cli::parse();
-    // The daemon does the same, so that offline and live give the same numbers to the bit.
-    let _ = rt::flush_denormals();
-    rt::finish("replay", play(&mut cli))
-}
-
-fn play(cli: &mut Cli) -> Result<(), Failure> {
-    let (low, high) = SPEED;
-    if !(low..=high).contains(&cli.speed) {
-        let text = format!("--speed {} is outside [{low}, {high}]; 1 is the recorded speed", cli.speed);
-        return Err(Failure::new(Exit::Usage, text));
-    }
-    if let Some(recording) = &cli.compare {
-        return compare::run(cli, recording);
-    }
-    let motion = read(cli)?;
-    describe(&motion, cli.calibration);
-    match &cli.offline {
-        Some(out) => offline::run(cli, &motion, out),
-        None => live::run(cli, &motion),
+    match cli.task.take() {
+        Some(task) => execute(task),
+        None => play::execute(&mut cli),
     }
 }
 
-/// Returns the motion to play. A joint trajectory becomes a person with the limb rotations of the robot's
-/// forward kinematics. So it passes through retargeting and every check, as any live person does.
-fn read(cli: &mut Cli) -> Result<motion::Motion, Failure> {
-    let file = cli.file.clone().unwrap_or_default();
-    if let Some(refused) = refused_up(cli, &file) {
-        return Err(refused);
+fn execute(task: Task) -> ExitCode {
+    match task {
+        Task::Batch(cli) => batch::execute(&cli),
+        Task::Keyposes(cli) => keyposes::execute(cli),
+        Task::Say(cli) => say::execute(&cli),
     }
-    if let Some(motion) = file.to_str().and_then(motion::builtin_named) {
-        if motion.name == motion::CALIBRATION {
-            // A person to calibrate has no hinges yet.
-            cli.calibration = CalibrationMode::None;
-        }
-        return Ok(motion);
-    }
-    let is = |wanted: &str| file.extension().is_some_and(|extension| extension.eq_ignore_ascii_case(wanted));
-    if is("mcap") {
-        // The skeletons have the limbs that `ingest` found, with any hinges.
-        cli.calibration = CalibrationMode::Rig;
-    }
-    if !is("csv") {
-        return motion::load_with(&file, &LoadOptions { up: cli.up, ..LoadOptions::default() }).map_err(|error| {
-            match error {
-                MotionError::Io { source, .. } => Failure::new(Exit::NoInput, rt::unreadable(&file, &source)),
-                error => Failure::new(Exit::NoInput, error),
-            }
-        });
-    }
-    let loaded =
-        config::load(&cli.config, Overrides::robot(cli.robot.as_ref())).map_err(Failure::with(Exit::Config))?;
-    let trajectory = trajectory::read_csv(&file, &loaded.model).map_err(Failure::with(Exit::NoInput))?;
-    let name = file.file_stem().map_or_else(|| "trajectory".into(), |stem| stem.to_string_lossy().into_owned());
-    cli.calibration = CalibrationMode::Rig;
-    Ok(trajectory::to_motion(&trajectory, &loaded.model, &name))
-}
-
-/// The refusal of --up for a file whose axes are known or found.
-fn refused_up(cli: &Cli, file: &Path) -> Option<Failure> {
-    let has_axis =
-        file.extension().is_some_and(|extension| ["npy", "npz"].iter().any(|one| extension.eq_ignore_ascii_case(one)));
-    let text = || format!("{}: --up is for .npy and .npz files; leave it out", file.display());
-    (cli.up.is_some() && !has_axis).then(|| Failure::new(Exit::Usage, text()))
-}
-
-fn describe(motion: &motion::Motion, calibration: CalibrationMode) {
-    out!(
-        "{}: {} frames at {:.1} Hz, {:.1} s",
-        motion.name,
-        motion.frames.len(),
-        motion.frame_rate_hz,
-        motion.duration_s()
-    );
-    let guesses = &motion.guesses;
-    out!(
-        "unit {} ({} m each), stature {:.2} m, up {}",
-        guesses.unit,
-        guesses.scale_m_per_unit,
-        guesses.stature_m,
-        guesses.up
-    );
-    for warning in &guesses.warnings {
-        out!("{warning}");
-    }
-    let hinges = match calibration {
-        CalibrationMode::First10s => "the first 10 s (the whole motion if shorter)",
-        CalibrationMode::Clip => "the whole motion",
-        CalibrationMode::None => "the person's movements, as they are played",
-        CalibrationMode::Rig => "the rig: its joints have no rotation in the T-pose",
-    };
-    out!("elbow hinges from {hinges}");
 }

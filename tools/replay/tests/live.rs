@@ -58,7 +58,7 @@ fn calibration_motion_plays_before_engaging_and_others_wait() {
 }
 
 /// Returns the output of `replay` before it publishes, while a client holds the lease or none does.
-fn says(held: bool) -> Vec<String> {
+fn output_before_holding(held: bool) -> Vec<String> {
     let folder = tempfile::Builder::new().prefix("tr").tempdir().expect("a folder");
     let instance = Instance::new(folder.path()).expect("an instance");
     let mut door = doors::Server::bind(&instance.skeleton_socket(), None).expect("a skeleton socket");
@@ -94,7 +94,7 @@ fn says(held: bool) -> Vec<String> {
 #[test]
 fn second_client_is_told_that_another_holds_the_lease() {
     let told = |lines: &[String]| lines.iter().any(|line| line.starts_with("Another client holds the lease"));
-    let (second, only) = (says(true), says(false));
+    let (second, only) = (output_before_holding(true), output_before_holding(false));
     assert!(told(&second) && second.len() > 1, "{second:?}");
     assert!(!told(&only) && only.len() > 1, "{only:?}");
 }

@@ -1,0 +1,137 @@
+//! The command line.
+
+use super::output::Format;
+use clap::{Parser, ValueEnum};
+use config::RobotChoice;
+use motion::{CalibrationMode, LoadOptions, Up};
+use std::path::PathBuf;
+
+/// Bounds of the output rate, Hz: from one posture per second to ten times the control rate.
+const RATE_HZ: [f64; 2] = [1.0, 15_000.0];
+
+/// Source of a posture before refinement.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
+pub enum Method {
+    /// Through the shared latent space.
+    #[default]
+    Network,
+    /// By geometry.
+    ClosedForm,
+}
+
+/// Number of postures per second.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Rate {
+    /// One for each frame of the file.
+    Source,
+    /// This many. Between the frames of the file they lie on straight lines of the latent space.
+    Hz(f64),
+}
+
+/// Retargets a folder of motion files to joint trajectories.
+///
+/// Finished files are skipped. A manifest in the output folder records the input and the options of each file.
+#[derive(Clone, Debug, Parser)]
+#[command(name = "batch", version)]
+pub struct Cli {
+    /// Folder of motion files: .bvh, HumanML3D .npy, AMASS .npz.
+    #[arg(long, value_name = "DIR", required_unless_present = "bench")]
+    pub input: Option<PathBuf>,
+    /// Output folder of the trajectories.
+    #[arg(long, value_name = "DIR", required_unless_present = "bench")]
+    pub out: Option<PathBuf>,
+    /// The robot: a name of config/robots, or a robot file.
+    #[arg(long, value_name = "NAME|FILE", default_value = "tiago_dual")]
+    pub robot: RobotChoice,
+    /// Weights, without extension [default: those with the robot's name in weights, or weights/tiago_dual]. Not read
+    /// with --method closed-form.
+    #[arg(long, value_name = "FILE")]
+    pub weights: Option<PathBuf>,
+    /// csv: time_s and a column for each joint. npz: q (N, joints), joints, time_s, frame_rate_hz.
+    #[arg(long, value_enum, default_value_t)]
+    pub format: Format,
+    /// Postures per second: source (one for each frame), or a number in Hz, such as 1500 for the control rate.
+    #[arg(long, default_value = "source", value_name = "source|HZ", value_parser = rate)]
+    pub rate: Rate,
+    /// Source of a posture before refinement.
+    #[arg(long, value_enum, default_value_t)]
+    pub method: Method,
+    /// Levenberg-Marquardt steps of the refinement.
+    #[arg(long, default_value_t = 2, value_parser = clap::value_parser!(u32).range(0..=i64::from(retarget::REFINEMENT_STEPS_MAX)))]
+    pub refine_steps: u32,
+    /// Source of the elbow hinges. Use none for motions without rotations.
+    #[arg(long, value_name = "clip|first-10s|none", default_value = "clip", value_parser = calibration)]
+    pub calibration: CalibrationMode,
+    /// Number of files processed at once [default: all cores].
+    #[arg(long, value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub jobs: Option<u16>,
+    /// Also read folders inside the input. The output has the same folders.
+    #[arg(long)]
+    pub recursive: bool,
+    /// Skip finished files (this is the default).
+    #[arg(long, conflicts_with = "overwrite")]
+    pub resume: bool,
+    /// Make every file again, and replace files that this tool did not write.
+    #[arg(long)]
+    pub overwrite: bool,
+    /// The data are a mirror image: mirror them back.
+    #[arg(long)]
+    pub mirror: bool,
+    /// Frame rate of the input, Hz, regardless of the files.
+    #[arg(long, value_name = "HZ")]
+    pub frame_rate: Option<f64>,
+    /// The axis that points up in .npy [default: y] and .npz [default: z]; other files need none.
+    #[arg(long, value_name = "y|z")]
+    pub up: Option<Up>,
+    /// Mean of normalised HumanML3D features [default: Mean.npy in the file's folder or above].
+    #[arg(long, value_name = "FILE", requires = "std")]
+    pub mean: Option<PathBuf>,
+    /// Standard deviation of normalised HumanML3D features.
+    #[arg(long, value_name = "FILE", requires = "mean")]
+    pub std: Option<PathBuf>,
+    /// Instead: time this many synthetic poses of both arms on one core and on all.
+    #[arg(long, value_name = "POSES", num_args = 0..=1, default_missing_value = "1000000",
+        value_parser = clap::value_parser!(u64).range(1000..=1_000_000_000))]
+    pub bench: Option<u64>,
+}
+
+impl Cli {
+    /// Returns the options for reading motion files.
+    #[must_use]
+    pub fn load_options(&self) -> LoadOptions {
+        LoadOptions {
+            mean: self.mean.clone(),
+            std: self.std.clone(),
+            mirror: self.mirror,
+            frame_rate_hz: self.frame_rate,
+            up: self.up,
+        }
+    }
+
+    /// Returns the weights, without extension.
+    #[must_use]
+    pub fn weights(&self) -> PathBuf {
+        self.weights.clone().unwrap_or_else(|| self.robot.shipped_weights())
+    }
+
+    /// Returns the number of threads.
+    #[must_use]
+    pub fn threads(&self) -> usize {
+        self.jobs.map_or_else(|| std::thread::available_parallelism().map_or(1, usize::from), usize::from)
+    }
+}
+
+fn rate(text: &str) -> Result<Rate, String> {
+    if text == "source" {
+        return Ok(Rate::Source);
+    }
+    let [low, high] = RATE_HZ;
+    match text.parse::<f64>() {
+        Ok(hz) if (low..=high).contains(&hz) => Ok(Rate::Hz(hz)),
+        _ => Err(format!("is source or a rate within [{low}, {high}] Hz")),
+    }
+}
+
+fn calibration(text: &str) -> Result<CalibrationMode, String> {
+    CalibrationMode::among(text, &[CalibrationMode::Clip, CalibrationMode::First10s, CalibrationMode::None])
+}

@@ -1,0 +1,29 @@
+//! Retargets a folder of motion files to joint trajectories, on all cores. It applies the retargeting's own
+//! functions frame by frame. The results do not depend on the number of jobs. The outputs are targets, before
+//! whole-body control and before the safety gate.
+
+mod bench;
+mod cli;
+mod manifest;
+mod output;
+mod postures;
+mod program;
+mod run;
+mod trajectory;
+
+pub use bench::{BenchReport, bench, synthetic};
+pub use cli::{Cli, Method, Rate};
+pub use output::Format;
+pub use postures::Postures;
+pub use program::execute;
+pub use run::{Summary, run};
+pub use trajectory::Trajectory;
+
+use rt::{Exit, Failure};
+use std::path::Path;
+
+/// Returns a function for `map_err` that names a file or a folder, and what could not be done with it.
+fn failed(path: &Path, action: &'static str) -> impl FnOnce(std::io::Error) -> Failure {
+    let exit = if action == "read" { Exit::NoInput } else { Exit::CantCreate };
+    move |error| Failure::new(exit, format!("{}: cannot {action}: {error}", path.display()))
+}

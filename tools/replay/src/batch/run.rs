@@ -1,0 +1,249 @@
+//! Processes the whole folder: the files, their order, the threads, and the outcome of each file.
+
+use super::cli::{Cli, Method, Rate};
+use super::failed;
+use super::manifest::{Entry, Manifest, sha256_file};
+use super::output::Writer;
+use super::postures::Postures;
+use super::trajectory::Trajectory;
+use indicatif::ProgressBar;
+use rayon::ThreadPoolBuilder;
+use rayon::iter::{ParallelBridge, ParallelIterator};
+use robot::Model;
+use rt::{Exit, Failure, Shutdown};
+use sha2::{Digest, Sha256};
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+
+/// Rows between two checks for Ctrl-C: some 20 ms.
+const ROWS_PER_CHECK: usize = 512;
+
+/// Largest number of rows of a file: ten hours at 1500 Hz.
+const ROWS_MAX: usize = 54_000_000;
+
+/// Outcome of a file.
+#[derive(Clone, Copy)]
+enum Outcome {
+    /// Made, with this number of postures of both arms.
+    Made(u64),
+    /// It was already there, from the same input and options.
+    Finished,
+    /// Ctrl-C ended it.
+    Interrupted,
+}
+
+/// Outcome of all files.
+#[derive(Debug, Default)]
+pub struct Summary {
+    /// Number of files made.
+    pub made: usize,
+    /// Number of postures of both arms in them.
+    pub postures: u64,
+    /// Number of files that were finished before.
+    pub finished: usize,
+    /// Files without a result, and the reasons, sorted by path.
+    pub failed: Vec<(PathBuf, Failure)>,
+    /// Files of a readable extension without motion, and the reasons.
+    pub no_motion: Vec<(PathBuf, &'static str)>,
+    /// True if Ctrl-C ended it. The next run makes the unfinished files.
+    pub interrupted: bool,
+}
+
+struct Job {
+    input: PathBuf,
+    output: PathBuf,
+    key: String,
+    bytes: u64,
+}
+
+/// Data that all jobs share.
+struct Shared<'a> {
+    cli: &'a Cli,
+    model: &'a Model,
+    postures: &'a Postures,
+    options_sha256: String,
+    manifest: Manifest,
+    shutdown: &'a Shutdown,
+}
+
+/// Retargets every motion file of `input` into `out`. A file that fails is listed, and the others are still
+/// processed.
+///
+/// # Errors
+/// Returns an error if nothing can be done at all: an invalid robot or folder, or no motion files.
+pub fn run(
+    cli: &Cli,
+    input: &Path,
+    out: &Path,
+    shutdown: &Shutdown,
+    progress: &ProgressBar,
+) -> Result<Summary, Failure> {
+    let (model, postures) = load(cli)?;
+    let listing = motion::list(input, cli.recursive).map_err(Failure::with(Exit::NoInput))?;
+    if listing.files.is_empty() {
+        let hint = if cli.recursive { "" } else { " (--recursive looks into its folders)" };
+        let text = format!("--input {}: no .bvh, .npy or .npz in it{hint}", input.display());
+        return Err(Failure::new(Exit::NoInput, text));
+    }
+    std::fs::create_dir_all(out).map_err(failed(out, "create the folder"))?;
+    apart(cli, input, out)?;
+    let mut summary = Summary { no_motion: listing.skipped, ..Summary::default() };
+    let jobs = plan(cli, input, out, listing.files, &mut summary);
+    let options_sha256 = options_sha256(cli, &model)?;
+    let manifest = Manifest::open(out)?;
+    let shared = Shared { cli, model: &model, postures: &postures, options_sha256, manifest, shutdown };
+    progress.set_length(jobs.iter().map(|job| job.bytes).sum());
+    let outcomes = in_parallel(cli.threads().min(jobs.len()), jobs.len(), |i| {
+        let outcome = make(&shared, &jobs[i]);
+        progress.inc(jobs[i].bytes);
+        outcome
+    });
+    for (job, outcome) in jobs.into_iter().zip(outcomes) {
+        match outcome {
+            Ok(Outcome::Made(postures)) => {
+                summary.made += 1;
+                summary.postures += postures;
+            }
+            Ok(Outcome::Finished) => summary.finished += 1,
+            Ok(Outcome::Interrupted) => summary.interrupted = true,
+            Err(error) => summary.failed.push((job.input, error)),
+        }
+    }
+    summary.failed.sort_by(|a, b| a.0.cmp(&b.0));
+    Ok(summary)
+}
+
+/// Loads the robot, and its retargeting with the options.
+pub(crate) fn load(cli: &Cli) -> Result<(Model, Postures), Failure> {
+    let refused = Failure::with(Exit::Config);
+    let (model, _) = cli.robot.shipped_file().and_then(|file| config::load_model(&file)).map_err(refused)?;
+    let weights = match cli.method {
+        Method::Network => Some(config::load_weights(&cli.weights(), &model).map_err(refused)?),
+        Method::ClosedForm => None,
+    };
+    let postures = Postures::new(&model, weights, cli.refine_steps);
+    Ok((model, postures))
+}
+
+/// Rejects outputs that the next run would read as inputs.
+fn apart(cli: &Cli, input: &Path, out: &Path) -> Result<(), Failure> {
+    let real = |path: &Path| path.canonicalize().map_err(failed(path, "resolve"));
+    let (real_input, real_out) = (real(input)?, real(out)?);
+    if real_out == real_input || (cli.recursive && real_out.starts_with(&real_input)) {
+        let text = format!(
+            "--out {} lies in --input {}, so its files would be read as motions; give another --out",
+            out.display(),
+            input.display()
+        );
+        return Err(Failure::new(Exit::CantCreate, text));
+    }
+    Ok(())
+}
+
+/// Returns inputs with their outputs. The largest comes first, so that no core waits for it at the end.
+fn plan(cli: &Cli, input: &Path, out: &Path, files: Vec<PathBuf>, summary: &mut Summary) -> Vec<Job> {
+    let mut taken: HashMap<PathBuf, PathBuf> = HashMap::new();
+    let mut jobs = Vec::new();
+    for file in files {
+        let relative = file.strip_prefix(input).unwrap_or(&file).with_extension(cli.format.extension());
+        let output = out.join(&relative);
+        if let Some(other) = taken.get(&output) {
+            let (file_name, out, other) = (file.display(), output.display(), other.display());
+            let text = format!("{file_name}: its output {out} is already that of {other}");
+            summary.failed.push((file, Failure::new(Exit::Failed, text)));
+            continue;
+        }
+        taken.insert(output.clone(), file.clone());
+        let bytes = std::fs::metadata(&file).map_or(0, |metadata| metadata.len());
+        jobs.push(Job { input: file, output, key: relative.to_string_lossy().into_owned(), bytes });
+    }
+    jobs.sort_by_key(|job| std::cmp::Reverse(job.bytes));
+    jobs
+}
+
+/// Returns one hash of everything except the motion file that affects a result.
+fn options_sha256(cli: &Cli, model: &Model) -> Result<String, Failure> {
+    let rate = match cli.rate {
+        Rate::Source => "source".to_owned(),
+        Rate::Hz(hz) => hz.to_string(),
+    };
+    let mut text = format!(
+        "{} {:?} {rate} {:?} {} {} {} {:?} {:?} {:016x}",
+        env!("CARGO_PKG_VERSION"),
+        cli.format,
+        cli.method,
+        cli.refine_steps,
+        cli.calibration.name(),
+        cli.mirror,
+        cli.up,
+        cli.frame_rate,
+        model.hash,
+    );
+    let mut files: Vec<PathBuf> = cli.mean.iter().chain(&cli.std).cloned().collect();
+    if cli.method == Method::Network {
+        let with = |extension: &str| PathBuf::from(format!("{}.{extension}", cli.weights().display()));
+        files.extend([with("toml"), with("safetensors")]);
+    }
+    for file in files {
+        text += " ";
+        text += &sha256_file(&file)?;
+    }
+    Ok(Sha256::digest(text.as_bytes()).iter().map(|byte| format!("{byte:02x}")).collect())
+}
+
+/// Runs `count` jobs on `threads` threads. Each thread takes the next job.
+pub(crate) fn in_parallel<T: Send>(threads: usize, count: usize, job: impl Fn(usize) -> T + Sync) -> Vec<T> {
+    let pool = ThreadPoolBuilder::new().num_threads(threads.max(1)).build().expect("the system gives threads");
+    let mut all: Vec<(usize, T)> = pool.install(|| (0..count).par_bridge().map(|i| (i, job(i))).collect());
+    all.sort_unstable_by_key(|&(i, _)| i);
+    all.into_iter().map(|(_, result)| result).collect()
+}
+
+fn make(shared: &Shared<'_>, job: &Job) -> Result<Outcome, Failure> {
+    if shared.shutdown.requested() {
+        return Ok(Outcome::Interrupted);
+    }
+    let cli = shared.cli;
+    let input_sha256 = sha256_file(&job.input)?;
+    if !cli.overwrite && job.output.exists() {
+        let output_sha256 = sha256_file(&job.output)?;
+        match shared.manifest.get(&job.key, &output_sha256) {
+            None => {
+                let name = job.output.display();
+                let text =
+                    format!("{name}: was not written by this tool, or was changed since; --overwrite replaces it");
+                return Err(Failure::new(Exit::Failed, text));
+            }
+            Some(entry) if entry.input_sha256 == input_sha256 && entry.options_sha256 == shared.options_sha256 => {
+                return Ok(Outcome::Finished);
+            }
+            Some(_) => {}
+        }
+    }
+    let motion = motion::load_with(&job.input, &cli.load_options()).map_err(Failure::with(Exit::NoInput))?;
+    let trajectory = Trajectory::new(shared.postures, &motion, cli.calibration, cli.rate);
+    let (count, rate_hz) = (trajectory.rows(), trajectory.rate_hz());
+    if count > ROWS_MAX {
+        let file = job.input.display();
+        let text = format!("{file}: {count} rows at {rate_hz} Hz, at most {ROWS_MAX} are written");
+        return Err(Failure::new(Exit::Failed, text));
+    }
+    let mut writer = Writer::create(&job.output, cli.format, count, rate_hz, &shared.model.joint_names)?;
+    for (i, row) in trajectory.enumerate() {
+        let (time_s, q) = row.map_err(|(frame, cause)| {
+            Failure::new(Exit::Failed, format!("{}: frame {frame}: {cause}", job.input.display()))
+        })?;
+        writer.row(time_s, &q)?;
+        if i % ROWS_PER_CHECK == 0 && shared.shutdown.requested() {
+            return Ok(Outcome::Interrupted);
+        }
+    }
+    let output_sha256 = writer.seal()?;
+    let (output, options_sha256) = (job.key.clone(), shared.options_sha256.clone());
+    let postures = count as u64;
+    // The line comes first. A run that is killed between the two leaves a line too many, but never an unknown
+    // file.
+    shared.manifest.add(&Entry { output, input_sha256, options_sha256, output_sha256, postures })?;
+    writer.move_in_place()?;
+    Ok(Outcome::Made(postures))
+}

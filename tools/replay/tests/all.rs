@@ -1,0 +1,10 @@
+//! All integration tests are one program, so that it is linked once.
+
+mod batch;
+mod embeddings;
+mod interpolation;
+mod links;
+mod live;
+mod motions;
+mod offline;
+mod sentences;

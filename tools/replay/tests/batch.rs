@@ -1,0 +1,389 @@
+//! Whole runs over folders of generated files.
+
+use clap::Parser;
+use indicatif::ProgressBar;
+use messages::{JOINTS_MAX, LIMBS, Layout, Skeleton, Stamp, skeleton_flag};
+use motion::{CalibrationMode, Motion, builtin, npy::Npz};
+use nalgebra::UnitQuaternion;
+use replay::batch::{Cli, Postures, Summary, run, synthetic};
+use retarget::{ARMS, Limbs, Settings, mirror, xyzw_from_rotation};
+use rt::Shutdown;
+use std::path::{Path, PathBuf};
+
+/// TIAGo++: the number of its joints. No more columns are written.
+const JOINTS: usize = 17;
+/// TIAGo++: the joints of its left arm.
+const LEFT_ARM: std::ops::Range<usize> = 3..10;
+/// TIAGo++: the joints of its right arm.
+const RIGHT_ARM: std::ops::Range<usize> = 10..17;
+
+fn repository() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")
+}
+
+fn robot() -> PathBuf {
+    repository().join("config/robots/tiago_dual.toml")
+}
+
+fn weights() -> PathBuf {
+    repository().join("weights/tiago_dual")
+}
+
+/// Some frames of the built-in motion.
+fn clip(from: usize, count: usize) -> Motion {
+    let mut motion = builtin();
+    motion.frames = motion.frames[from..from + count].to_vec();
+    motion.first = motion.frames.first().copied();
+    motion
+}
+
+/// Creates a folder with two motions and an output folder.
+fn folders() -> (tempfile::TempDir, PathBuf, PathBuf) {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (input, out) = (folder.path().join("in"), folder.path().join("out"));
+    std::fs::create_dir_all(input.join("more")).expect("a folder");
+    motion::save_bvh(&clip(100, 80), &input.join("a.bvh")).expect("saved");
+    motion::save_bvh(&clip(400, 120), &input.join("more/b.bvh")).expect("saved");
+    (folder, input, out)
+}
+
+fn cli(input: &Path, out: &Path, more: &[&str]) -> Cli {
+    let (robot, weights) = (robot(), weights());
+    let paths = ["--input", &input.to_string_lossy(), "--out", &out.to_string_lossy()].map(str::to_owned);
+    let config = ["--robot", &robot.to_string_lossy(), "--weights", &weights.to_string_lossy()].map(str::to_owned);
+    let more = more.iter().map(|&word| word.to_owned());
+    Cli::parse_from(["batch".to_owned()].into_iter().chain(paths).chain(config).chain(more))
+}
+
+fn go(input: &Path, out: &Path, more: &[&str]) -> Summary {
+    let quiet = ProgressBar::hidden();
+    run(&cli(input, out, more), input, out, &Shutdown::new(), &quiet).unwrap_or_else(|error| panic!("{error}"))
+}
+
+/// Returns the rows of a CSV: time and joints.
+fn rows(path: &Path) -> Vec<Vec<f64>> {
+    let text = std::fs::read_to_string(path).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
+    let row = |line: &str| line.split(',').map(|x| x.parse().expect("a number")).collect();
+    text.lines().skip(1).map(row).collect()
+}
+
+/// Returns the live stage's result for a motion, skeleton by skeleton.
+fn by_the_stage(motion: &Motion, settings: &Settings) -> Vec<[f64; JOINTS_MAX]> {
+    stage_joints(motion::limbs(motion, &motion::calibrate(motion, CalibrationMode::Clip)), settings)
+}
+
+/// Returns the daemon's joints for these limbs, one tick for each.
+fn stage_joints(limbs: Vec<[[f32; 4]; LIMBS]>, settings: &Settings) -> Vec<[f64; JOINTS_MAX]> {
+    let (model, _) = config::load_model(&robot()).expect("the robot");
+    let weights = config::load_weights(&weights(), &model).expect("the weights");
+    let config = retarget::Config::new(&model, Some(weights), settings).expect("a configuration");
+    let mut state = retarget::State::default();
+    let posture = |(i, limbs): (usize, [[f32; 4]; 4])| {
+        let k = 1 + 25 * i as u64;
+        let now = Stamp(k * 666_667);
+        let mut skeleton = Skeleton::ZERO;
+        skeleton.header.sequence = i as u64 + 1;
+        skeleton.received = now;
+        skeleton.limbs = limbs;
+        skeleton.flags = skeleton_flag::LIMB.iter().fold(0, |all, bit| all | bit);
+        retarget::tick(&config, &mut state, now, retarget::Input { k, skeleton: Some(&skeleton) }).target.q
+    };
+    limbs.into_iter().enumerate().map(posture).collect()
+}
+
+#[test]
+fn batch_results_equal_the_live_stage_bit_for_bit() {
+    let (_folder, input, out) = folders();
+    for (word, method) in [("network", retarget::Method::Network), ("closed-form", retarget::Method::ClosedForm)] {
+        let summary = go(&input, &out, &["--method", word, "--recursive", "--overwrite"]);
+        assert_eq!((summary.made, summary.failed.len()), (2, 0));
+        let settings = Settings { method, following_delay_ms: 0.0, ..Settings::default() };
+        for name in ["a", "more/b"] {
+            let motion = motion::load(&input.join(name).with_extension("bvh")).expect("read");
+            let wanted = by_the_stage(&motion, &settings);
+            let got = rows(&out.join(name).with_extension("csv"));
+            assert_eq!(got.len(), motion.frames.len());
+            for (i, (row, q)) in got.iter().zip(&wanted).enumerate() {
+                assert_eq!(row[1..], q[..JOINTS], "{word}, {name}, frame {i}");
+                assert_eq!(row[0], i as f64 / motion.frame_rate_hz);
+            }
+        }
+    }
+}
+
+/// Every named motion gives the daemon's joints at every frame.
+#[test]
+fn named_motions_give_the_joints_of_the_daemon() {
+    let (_folder, _, out) = folders();
+    let motions = repository().join("tools/replay/motions");
+    let settings = Settings { following_delay_ms: 0.0, ..Settings::default() };
+    let made = go(&motions, &out, &[]).made;
+    assert!(made >= 11, "{made} motions");
+    for file in motion::list(&motions, false).expect("motions").files {
+        let wanted = by_the_stage(&motion::load(&file).expect("read"), &settings);
+        let got = rows(&out.join(file.file_name().expect("a name")).with_extension("csv"));
+        assert_eq!(got.len(), wanted.len());
+        for (i, (row, q)) in got.iter().zip(&wanted).enumerate() {
+            assert_eq!(row[1..], q[..JOINTS], "{}, frame {i}", file.display());
+        }
+    }
+}
+
+/// Far outside the network's training data a clearly better previous posture is kept.
+#[test]
+fn extreme_poses_give_the_joints_of_the_daemon() {
+    const FRAMES: usize = 20_000;
+    let (model, _) = config::load_model(&robot()).expect("the robot");
+    let network = config::load_weights(&weights(), &model).expect("the weights");
+    let postures = Postures::new(&model, Some(network), 2);
+    let published = |[left, right]: [Limbs; ARMS]| {
+        let beyond = |limb: UnitQuaternion<f64>| xyzw_from_rotation(&limb.powf(1.7));
+        let [upper, fore] = [left.upper, left.fore].map(beyond);
+        let right = [right.upper, right.fore].map(|limb| mirror(beyond(limb)));
+        [upper, fore, right[0], right[1]].map(|limb| limb.map(|x| x as f32))
+    };
+    let limbs: Vec<_> = (0..FRAMES).map(|i| published(synthetic(i))).collect();
+    let settings = Settings { following_delay_ms: 0.0, ..Settings::default() };
+    let (mut previous, mut kept) = (None, 0);
+    for (i, (limbs, wanted)) in limbs.iter().zip(stage_joints(limbs.clone(), &settings)).enumerate() {
+        let samples = postures.encode(&Limbs::from_message(limbs).expect("rotations"));
+        let q = postures.posture(&samples, previous.as_ref()).expect("finite");
+        kept += usize::from(postures.posture(&samples, None) != Some(q));
+        assert_eq!(postures.joints(&q), wanted, "frame {i}");
+        previous = Some(q);
+    }
+    assert!(kept > FRAMES / 100, "only {kept} of {FRAMES} frames keep a posture");
+}
+
+#[test]
+fn output_bytes_are_equal_for_one_and_three_jobs() {
+    let (folder, input, out) = folders();
+    let other = folder.path().join("other");
+    go(&input, &out, &["--recursive", "--jobs", "1"]);
+    go(&input, &other, &["--recursive", "--jobs", "3"]);
+    for name in ["a.csv", "more/b.csv"] {
+        assert_eq!(std::fs::read(out.join(name)).expect("read"), std::fs::read(other.join(name)).expect("read"));
+    }
+}
+
+#[test]
+fn rows_at_control_rate_pass_through_every_frame() {
+    let (folder, input, out) = folders();
+    let fast = folder.path().join("fast");
+    go(&input, &out, &[]);
+    go(&input, &fast, &["--rate", "1500"]);
+    let (frames, rows) = (rows(&out.join("a.csv")), rows(&fast.join("a.csv")));
+    assert_eq!(rows.len(), (frames.len() - 1) * 25 + 1);
+    for (i, frame) in frames.iter().enumerate() {
+        let row = &rows[25 * i];
+        assert!((row[0] - frame[0]).abs() < 1e-4, "the file's own rate is rounded to a nanosecond");
+        // The rate in the file is 1 / 0.016666667 Hz, so rows differ from its frames by up to 10^-6 of their
+        // step.
+        let off = (1..=JOINTS).map(|j| (row[j] - frame[j]).abs()).fold(0.0, f64::max);
+        assert!(off < 1e-5, "frame {i} is off by {off} rad");
+    }
+    let step =
+        rows.windows(2).flat_map(|pair| (1..=JOINTS).map(|j| (pair[1][j] - pair[0][j]).abs()).collect::<Vec<_>>());
+    let step = step.fold(0.0, f64::max);
+    assert!(step < 0.02, "a joint jumps by {step} rad in 0.67 ms");
+}
+
+#[test]
+fn npz_output_holds_the_numbers_of_the_csv() {
+    let (folder, input, out) = folders();
+    let arrays = folder.path().join("arrays");
+    go(&input, &out, &[]);
+    go(&input, &arrays, &["--format", "npz"]);
+    let frames = rows(&out.join("a.csv"));
+    let mut npz = Npz::open(std::fs::File::open(arrays.join("a.npz")).expect("opened")).expect("an archive");
+    let q = npz.read("q").expect("read").expect("q");
+    assert_eq!(q.shape, [frames.len(), JOINTS]);
+    let flat: Vec<f64> = frames.iter().flat_map(|row| row[1..].to_vec()).collect();
+    assert_eq!(q.values, flat);
+    let times = npz.read("time_s").expect("read").expect("time_s");
+    assert_eq!(times.values, frames.iter().map(|row| row[0]).collect::<Vec<_>>());
+    let rate = npz.read("frame_rate_hz").expect("read").expect("a rate");
+    assert!(rate.shape.is_empty() && (rate.values[0] - 60.0).abs() < 1e-3);
+    // The names are text, not numbers. It is enough here that they exist.
+    assert!(npz.keys().contains(&"joints".to_owned()));
+    assert!(npz.read("joints").expect_err("text").to_string().contains("<U"));
+}
+
+#[test]
+fn second_run_skips_finished_files_and_remakes_changed_ones() {
+    let (_folder, input, out) = folders();
+    let counts = |summary: Summary| {
+        assert!(summary.failed.is_empty(), "{:?}", summary.failed);
+        (summary.made, summary.finished)
+    };
+    assert_eq!(counts(go(&input, &out, &["--recursive"])), (2, 0));
+    let first = std::fs::metadata(out.join("a.csv")).and_then(|m| m.modified()).expect("a time");
+    assert_eq!(counts(go(&input, &out, &["--recursive", "--resume"])), (0, 2));
+    assert_eq!(first, std::fs::metadata(out.join("a.csv")).and_then(|m| m.modified()).expect("a time"));
+    // Another input, another option, a lost output: each is made again, and nothing else.
+    motion::save_bvh(&clip(200, 40), &input.join("a.bvh")).expect("saved");
+    assert_eq!(counts(go(&input, &out, &["--recursive"])), (1, 1));
+    assert_eq!(rows(&out.join("a.csv")).len(), 39 + usize::from(clip(200, 40).first.is_some()));
+    assert_eq!(counts(go(&input, &out, &["--recursive", "--refine-steps", "0"])), (2, 0));
+    std::fs::remove_file(out.join("a.csv")).expect("removed");
+    assert_eq!(counts(go(&input, &out, &["--recursive", "--refine-steps", "0"])), (1, 1));
+    assert_eq!(counts(go(&input, &out, &["--recursive", "--refine-steps", "0", "--overwrite"])), (2, 0));
+    // A manifest whose last line was cut short still has the other entries.
+    let manifest = out.join("manifest.jsonl");
+    let text = std::fs::read(&manifest).expect("read");
+    std::fs::write(&manifest, &text[..text.len() - 20]).expect("written");
+    let summary = go(&input, &out, &["--recursive", "--refine-steps", "0"]);
+    assert_eq!(summary.finished + summary.made + summary.failed.len(), 2);
+    assert!(summary.finished >= 1);
+}
+
+#[test]
+fn foreign_output_file_is_replaced_only_with_overwrite() {
+    let (_folder, input, out) = folders();
+    std::fs::create_dir_all(&out).expect("a folder");
+    std::fs::write(out.join("a.csv"), "precious").expect("written");
+    let summary = go(&input, &out, &[]);
+    assert_eq!(summary.failed.len(), 1);
+    assert!(summary.failed[0].1.text.contains("was not written by this tool"), "{:?}", summary.failed);
+    assert_eq!(std::fs::read_to_string(out.join("a.csv")).expect("read"), "precious");
+    assert_eq!(go(&input, &out, &["--overwrite"]).made, 1);
+    assert!(rows(&out.join("a.csv")).len() > 10);
+}
+
+#[test]
+fn broken_input_is_reported_and_other_files_are_converted() {
+    let (_folder, input, out) = folders();
+    std::fs::write(input.join("broken.bvh"), "HIERARCHY\nROOT Hips\n{\n").expect("written");
+    std::fs::write(input.join("a.npz"), "no archive").expect("written");
+    std::fs::write(input.join("Mean.npy"), "x").expect("written");
+    std::fs::write(input.join("notes.txt"), "x").expect("written");
+    let summary = go(&input, &out, &["--recursive"]);
+    assert_eq!((summary.made, summary.no_motion.len()), (2, 1));
+    let texts: Vec<String> = summary.failed.iter().map(|(_, failure)| failure.text.clone()).collect();
+    assert_eq!(texts.len(), 2, "{texts:?}");
+    assert!(texts[0].contains("a.npz") && texts[0].contains("already that of"), "{texts:?}");
+    assert!(texts[1].contains("broken.bvh") && texts[1].contains("line "), "{texts:?}");
+
+    let binary = |more: &[&str]| {
+        let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_replay"));
+        command.arg("batch").current_dir(repository()).arg("--input").arg(&input).arg("--out").arg(&out).args(more);
+        command.output().expect("it runs")
+    };
+    let output = binary(&["--recursive"]);
+    let text = String::from_utf8_lossy(&output.stderr).into_owned() + &String::from_utf8_lossy(&output.stdout);
+    assert_eq!(output.status.code(), Some(1), "{text}");
+    assert!(text.contains("broken.bvh") && text.contains("2 were finished") && text.contains("Mean.npy"), "{text}");
+    std::fs::remove_file(input.join("broken.bvh")).expect("removed");
+    std::fs::remove_file(input.join("a.npz")).expect("removed");
+    assert_eq!(binary(&["--recursive"]).status.code(), Some(0));
+    assert_eq!(binary(&["--robot", "none.toml"]).status.code(), Some(78));
+}
+
+#[test]
+fn interrupted_run_leaves_no_partial_file_and_resumes() {
+    let (_folder, input, out) = folders();
+    let cli = cli(&input, &out, &["--recursive", "--rate", "15000", "--jobs", "1"]);
+    let shutdown = Shutdown::new();
+    let interrupted = std::thread::scope(|scope| {
+        scope.spawn(|| {
+            std::thread::sleep(std::time::Duration::from_millis(150));
+            shutdown.request();
+        });
+        run(&cli, &input, &out, &shutdown, &ProgressBar::hidden()).expect("a summary")
+    });
+    // At any point of interruption, every file with its final name is complete, and nothing else remains.
+    for (folder, names) in [(out.clone(), ["a.csv", "manifest.jsonl", "more"]), (out.join("more"), ["b.csv", "", ""])] {
+        for entry in std::fs::read_dir(&folder).into_iter().flatten().flatten() {
+            let name = entry.file_name().to_string_lossy().into_owned();
+            assert!(names.contains(&name.as_str()), "{name} is left in {}", folder.display());
+        }
+    }
+    assert_eq!(interrupted.made + usize::from(interrupted.interrupted).max(2 - interrupted.made), 2);
+    let again = run(&cli, &input, &out, &Shutdown::new(), &ProgressBar::hidden()).expect("a summary");
+    assert_eq!((again.made + again.finished, again.finished), (2, interrupted.made));
+    assert_eq!(rows(&out.join("more/b.csv")).last().map(Vec::len), Some(1 + JOINTS));
+
+    let stopped = Shutdown::new();
+    stopped.request();
+    let overwrite = {
+        let mut cli = cli.clone();
+        cli.overwrite = true;
+        cli
+    };
+    let nothing = run(&overwrite, &input, &out, &stopped, &ProgressBar::hidden()).expect("a summary");
+    assert!(nothing.interrupted && nothing.made == 0 && nothing.failed.is_empty());
+}
+
+#[test]
+fn output_among_inputs_and_empty_folder_are_refused() {
+    let (_folder, input, out) = folders();
+    let refuse = |input: &Path, out: &Path, more: &[&str]| {
+        run(&cli(input, out, more), input, out, &Shutdown::new(), &ProgressBar::hidden())
+            .expect_err("refused")
+            .to_string()
+    };
+    assert!(refuse(&input, &input, &[]).contains("would be read as motions"));
+    assert!(refuse(&input, &input.join("more"), &["--recursive"]).contains("would be read as motions"));
+    let empty = input.join("empty");
+    std::fs::create_dir(&empty).expect("a folder");
+    assert!(refuse(&empty, &out, &[]).contains("--recursive"));
+    assert!(refuse(&input.join("none"), &out, &[]).contains("none"));
+}
+
+#[test]
+fn joints_without_a_limb_stay_at_home() {
+    let (model, _) = config::load_model(&robot()).expect("the robot");
+    let postures = Postures::new(&model, None, 2);
+    let samples = postures.encode(&synthetic(7));
+    let q = postures.joints(&postures.posture(&samples, None).expect("a posture"));
+    let meant: Vec<usize> = LEFT_ARM.take(5).chain(RIGHT_ARM.take(5)).collect();
+    for joint in (0..JOINTS_MAX).filter(|joint| !meant.contains(joint)) {
+        assert_eq!(q[joint], model.home[joint]);
+    }
+    assert_eq!(meant.len(), ARMS * 5);
+}
+
+#[test]
+fn second_run_in_a_locked_folder_is_refused_until_unlock() {
+    let (_folder, input, out) = folders();
+    go(&input, &out, &[]);
+    let manifest = std::fs::File::open(out.join("manifest.jsonl")).expect("the manifest is there");
+    manifest.lock().expect("it can be locked, as a run does");
+    let quiet = ProgressBar::hidden();
+    let again = run(&cli(&input, &out, &[]), &input, &out, &Shutdown::new(), &quiet);
+    assert!(again.as_ref().is_err_and(|busy| busy.text.contains("another batch is writing there")), "{again:?}");
+    drop(manifest);
+    assert_eq!(go(&input, &out, &[]).finished, 1);
+}
+
+#[test]
+fn leftovers_of_a_killed_run_are_replaced_links_not_followed() {
+    let (folder, input, out) = folders();
+    std::fs::create_dir_all(&out).expect("a folder");
+    let precious = folder.path().join("precious");
+    std::fs::write(&precious, "keep").expect("written");
+    std::os::unix::fs::symlink(&precious, out.join(".a.csv.part")).expect("linked");
+    assert_eq!(go(&input, &out, &[]).made, 1);
+    assert_eq!(std::fs::read_to_string(&precious).expect("is there"), "keep");
+    // Killed after the line and before the rename: the line exists, but the file does not.
+    std::fs::remove_file(out.join("a.csv")).expect("removed");
+    let again = go(&input, &out, &[]);
+    assert_eq!((again.made, again.failed.len()), (1, 0), "{again:?}");
+    // Killed in the same way while replacing a file. The line of the new file follows the line of the file that
+    // still exists.
+    let manifest = out.join("manifest.jsonl");
+    let text = std::fs::read_to_string(&manifest).expect("readable");
+    let last = text.lines().last().expect("a line");
+    let hash = last.split("\"output_sha256\":\"").nth(1).expect("a hash")[..64].to_owned();
+    let other = last.replace(&hash, &"0".repeat(64));
+    std::fs::write(&manifest, format!("{text}{other}\n")).expect("written");
+    assert_eq!(go(&input, &out, &[]).finished, 1);
+}
+
+#[test]
+fn motion_with_too_many_rows_fails_its_own_file() {
+    let (_folder, input, out) = folders();
+    let summary = go(&input, &out, &["--recursive", "--frame-rate", "0.01", "--rate", "15000"]);
+    let refused = |failure: &rt::Failure| failure.text.contains("rows at 15000 Hz, at most 54000000 are written");
+    assert_eq!(summary.failed.iter().filter(|(_, failure)| refused(failure)).count(), 2, "{summary:?}");
+}
