@@ -1,7 +1,9 @@
-//! Runs every command of the documents in their order, as a reader types it. Commands that take hours, root or a
-//! network are not run. Then the test checks that the program knows the options. Long commands get shorter inputs.
-//! Several readers share the documents. The time of each command is printed.
+//! Runs every command of the documents in their order, as a reader types it. `commands` lists those that are not run.
+//! Then the test checks that the program knows the options. Long commands get shorter inputs. Several readers share the
+//! documents. The time of each command is printed.
 
+use crate::commands::How::{Beside, Ends, Listed, Tested};
+use crate::commands::{DEMO, OF_PROSE, OWN_FILES, blocks, how, is_ours, words};
 use harness::within;
 use std::collections::VecDeque;
 use std::fs::File;
@@ -10,82 +12,23 @@ use std::process::{Child, Command, Output, Stdio};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-/// Treatment of a command. A command without a rule runs to its end, which must be a success.
-#[derive(Clone, Copy, Debug)]
-enum How {
-    /// Runs to its end with one of these exit codes, with more options.
-    Ends(&'static [i32], &'static str),
-    /// Runs beside the commands of this many blocks once it prints these words. Then it gets Ctrl-C. With more
-    /// options.
-    Beside(&'static str, usize, &'static str),
-    /// Is not run, for this reason. `--help` must name its options.
-    Named(&'static str),
-    /// Is not run, for this reason. It is not a program of ours.
-    Foreign(&'static str),
-}
-use How::{Beside, Ends, Foreign, Named};
-
-/// A demo on a busy machine holds and continues. Exit code 2 means that it held for more than half of the motion.
-const DEMO: &[i32] = &[0, 2];
-/// Runs of a demo at most. A machine that suspends the driver for long makes it latch a fault, and the robot stops.
-const DEMO_RUNS: usize = 3;
-const SUSPENDED: &str = "the robot was stopped; DriverFault";
-const AT: &str = "--run-dir {work}/run";
-
-/// Rules by the beginning of the command. The first match applies.
-const RULES: [(&str, How); 35] = [
-    ("cargo run --release -- demo --view", Beside("http://", 1, "--view-port 0")),
-    ("cargo run --release -- demo --robot", Ends(DEMO, "")),
-    ("cargo run --release -- demo --motion", Ends(DEMO, "")),
-    ("cargo run --release -- demo", Ends(DEMO, "--seconds 6")),
-    ("cargo run --release -- tour", Named("it has a test of its own")),
-    ("cargo test", Foreign("it runs this test")),
-    ("cargo run --release -- up", Beside("READY", 3, AT)),
-    ("cargo run --release -p replay -- builtin --loop", Beside("until the robot is engaged", 1, AT)),
-    ("cargo run --release --bin teleopctl -- engage", Beside("the enable is held", 1, AT)),
-    ("python3 -m venv", Foreign("it needs a network")),
-    ("venv/bin/", Foreign("it needs a network")),
-    ("target/release/replay builtin:calibration", Beside("playing in a loop", 1, AT)),
-    ("target/release/teleopctl calibrate", Ends(&[0], "--folder {work} --run-dir {work}/run")),
-    ("cargo run --release -- view --meshes", Named("it needs the maker's meshes")),
-    ("cargo run --release -- view", Beside("http://", 1, "--port 0")),
-    ("target/release/say \"clap\" --play", Ends(&[0], "-- --offline {work}/out.csv")),
-    ("cargo install", Foreign("it needs a network")),
-    ("cargo build --release --workspace &&", Foreign("tests/package.rs packs")),
-    ("sudo", Foreign("it needs root")),
-    ("pip install", Foreign("it needs a network")),
-    ("cargo zigbuild", Foreign("it needs zig")),
-    ("cargo run --release -p dist -- --tarball", Named("it needs programs for an older glibc")),
-    ("cargo run --release -p collision -- fit --urdf target/own", Ends(&[0], "")),
-    ("cargo run --release -p collision -- limits", Ends(&[0], "--states 5000")),
-    ("cargo run --release -- doctor --robot", Ends(&[0, 3], "")),
-    ("cargo run --release -p collision -- fit", Named("it needs the maker's meshes")),
-    ("cargo run --release -p collision -- cover FILE", Named("it needs the maker's meshes")),
-    ("cargo run --release -p collision -- check", Named("it needs the maker's meshes")),
-    ("cargo run --release -p train", Named("it takes a quarter of an hour")),
-    ("cargo run --release -p torture", Named("it takes ten minutes")),
-    ("cargo run --release -p simulate", Named("it takes a minute")),
-    ("cargo run --release -p chaos", Named("it takes minutes")),
-    ("cargo run --release -p latency", Named("it takes minutes")),
-    ("cargo run --release -p eval -- --human", Named("it compares with solvers for minutes")),
-    ("cargo run --release -p eval -- --following", Ends(&[0], "--no-optimum")),
-];
-
-/// Commands of the shell that place the files of a robot of one's own.
-const OWN_FILES: [&str; 3] = ["rm -rf target/own", "cp docs/robots/", "mv target/own/"];
-
 /// Replacements for the reader's own paths.
-const PLACEHOLDERS: [(&str, &str); 2] = [(" FOLDER", " {work}/clips"), (" PICTURES", " {work}/pictures")];
+const PLACEHOLDERS: [(&str, &str); 3] =
+    [(" FOLDER", " {work}/clips"), (" PICTURES", " {work}/pictures"), (" OUT ", " {work}/trajectories ")];
 /// The clip of the folder.
 const CLIP: &str = "clap.bvh";
 /// Longest time of a command, and of waiting for its words. Only a hang comes near it.
 const WITHIN: Duration = Duration::from_secs(300);
 
+/// Runs of a demo at most. A machine that suspends the driver for long makes it latch a fault, and the robot stops.
+const DEMO_RUNS: usize = 3;
+const SUSPENDED: &str = "the robot was stopped; DriverFault";
+
 /// Time that a reader takes to type a command.
 const TYPED_IN: Duration = Duration::from_secs(1);
 
-/// Programs that only compute. They leave the cores to what moves a robot beside them.
-const COMPUTING: [&str; 3] = ["collision", "eval", "keyposes"];
+/// Programs and subcommands that only compute. They leave the cores to what moves a robot beside them.
+const COMPUTING: [&str; 4] = ["collision", "eval", "batch", "keyposes"];
 
 /// Chapters of each further reader. They need nothing that a chapter of another reader makes. The first reader has all
 /// others.
@@ -94,43 +37,6 @@ const READERS: [&[&str]; 3] = [
     &["own-robot.md"],
     &["robots.md", "retargeting.md", "following.md", "real-time.md", "evidence.md"],
 ];
-
-/// Returns the commands of each block of a document. Joins continued lines and removes remarks.
-fn blocks(document: &str) -> Vec<Vec<String>> {
-    let fenced = document.split("\n```").skip(1).step_by(2);
-    fenced
-        .map(|block| {
-            let joined = block.replace("\\\n", " ");
-            let lines =
-                joined.lines().map(|line| line.split("   #").next().unwrap_or("").split(" # ").next().unwrap_or(""));
-            let words = lines.map(|line| line.split_whitespace().collect::<Vec<_>>().join(" "));
-            words.filter(|line| is_command(line)).collect::<Vec<_>>()
-        })
-        .filter(|commands| !commands.is_empty())
-        .collect()
-}
-
-fn is_command(line: &str) -> bool {
-    let starts = ["cargo ", "target/", "sudo ", "python3 ", "pip ", "venv/"];
-    starts.iter().chain(&OWN_FILES).any(|start| line.starts_with(start))
-}
-
-fn rule(command: &str) -> How {
-    RULES.iter().find(|(start, _)| command.starts_with(start)).map_or(Ends(&[0], ""), |(_, how)| *how)
-}
-
-/// Splits a command into words like the shell, with double quotes.
-fn words(command: &str) -> Vec<String> {
-    let parts = command.split('"').enumerate();
-    parts
-        .flat_map(|(i, part)| {
-            let quoted = i % 2 == 1;
-            let words: Vec<String> =
-                if quoted { vec![part.to_owned()] } else { part.split_whitespace().map(str::to_owned).collect() };
-            words
-        })
-        .collect()
-}
 
 /// Commands that start a robot. Two cores hold one in time.
 const MOVING: [&str; 2] = ["cargo run --release -- demo", "cargo run --release -- up"];
@@ -158,7 +64,7 @@ impl Reader {
             std::os::unix::fs::symlink(repository.join(name), work.path().join(name)).expect("a link");
         }
         // One clip of motion capture is enough for what evaluates a folder of them.
-        let (clip, clips) = (repository.join("tools/keyposes/motions").join(CLIP), work.path().join("clips"));
+        let (clip, clips) = (repository.join("tools/replay/motions").join(CLIP), work.path().join("clips"));
         std::fs::create_dir(&clips).and_then(|()| std::fs::copy(clip, clips.join(CLIP))).expect("a copy");
         Self { robot: None, work, repository, beside: VecDeque::new(), started: 0 }
     }
@@ -214,13 +120,11 @@ impl Reader {
                 self.build(&selection);
                 (name, rest.get(end + 1..).unwrap_or_default())
             }
-            [path, rest @ ..] if path.starts_with("target/release/") => {
-                (path.trim_start_matches("target/release/").to_owned(), rest)
-            }
+            [path, rest @ ..] if is_ours(command) => (path.trim_start_matches("target/release/").to_owned(), rest),
             _ => panic!("{command}: no rule says how this is run"),
         };
         let path = self.repository.join("target/release").join(&name);
-        let mut program = if COMPUTING.contains(&name.as_str()) {
+        let mut program = if [name.as_str()].iter().chain(arguments.first()).any(|name| COMPUTING.contains(name)) {
             let mut nice = Command::new("nice");
             nice.args(["-n", "10"]).arg(path);
             nice
@@ -251,11 +155,13 @@ impl Reader {
     }
 
     fn run_filled(&mut self, command: &str, filled: &str) {
-        match rule(command) {
-            Foreign(why) => println!("  not run: {why}"),
-            Named(why) => {
-                println!("  looked up: {why}");
-                self.look_up(command);
+        match how(command) {
+            Tested(file) => println!("  not run here: {file} runs it"),
+            Listed(why, day) => {
+                println!("  not run, because it {why}. It last ran on {day}");
+                if is_ours(command) {
+                    self.look_up(command);
+                }
             }
             Ends(codes, more) => {
                 let (mut code, mut said) = (None, String::new());
@@ -472,6 +378,7 @@ fn every_command_of_the_documents_runs_in_order() {
             of_readers[reader.map_or(0, |at| at + 1)].push(commands);
         }
     }
+    of_readers[0].extend(OF_PROSE.map(|command| vec![command.to_owned()]));
     std::thread::scope(|scope| {
         for blocks in of_readers {
             scope.spawn(|| {
@@ -483,14 +390,4 @@ fn every_command_of_the_documents_runs_in_order() {
             });
         }
     });
-    for (start, how) in RULES {
-        assert!(seen.iter().any(|command| command.starts_with(start)), "a rule for no command: {start} {how:?}");
-    }
-}
-
-#[test]
-fn code_blocks_are_read_as_commands_without_remarks() {
-    let document = "a\n\n```\ncargo run -- x   # a remark\nsaid\nsudo y \\\n    --z\n```\nb\n\n```\nonly text\n```\n\n```\ncargo z\n```\n";
-    assert_eq!(blocks(document), [vec!["cargo run -- x", "sudo y --z"], vec!["cargo z"]]);
-    assert_eq!(words("say \"two words\" --play"), ["say", "two words", "--play"]);
 }
