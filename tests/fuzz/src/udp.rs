@@ -23,10 +23,10 @@ fn listen(protocol: &mut dyn Protocol, input: &[u8], joints: usize) {
     while let Some((length, behind)) = rest.split_first_chunk::<2>() {
         let length = usize::from(u16::from_le_bytes(*length)).min(behind.len());
         let (packet, after) = behind.split_at(length);
-        let _ = protocol.take(packet, &mut publish);
+        let _ = protocol.decode(packet, &mut publish);
         rest = after;
     }
-    let _ = protocol.take(rest, &mut publish);
+    let _ = protocol.decode(rest, &mut publish);
 }
 
 fn packets(all: &[Vec<u8>]) -> Vec<u8> {
