@@ -1,4 +1,4 @@
-//! What the tools share around their figures.
+//! Options, progress, tables and JSON files that the tools share.
 //!
 //! - [`parse`], [`check_bounds`], [`interrupted`]: the command line and its failures.
 //! - [`Machine`], [`cores`]: the machine that measured.
