@@ -22,9 +22,9 @@ const NOT_OURS: [(&str, &str); 9] = [
 /// Longest sentence, words. A formula counts as none.
 const SENTENCE_WORDS_MAX: usize = 30;
 
-/// Budget of lines for each part of the tree: the count of 2026-11-28, with the hand in following, and some
-/// more. Raising one is a decision.
-const BUDGETS: [(&str, usize); 3] = [("product", 72_100), ("tools", 32_200), ("tests", 48_800)];
+/// Budget of lines for each part of the tree: the count of 2026-11-28. The gate's test files count as tests since then,
+/// some 1,000 lines that were the product's. Raising one is a decision.
+const BUDGETS: [(&str, usize); 3] = [("product", 71_200), ("tools", 32_050), ("tests", 50_450)];
 
 fn rust() -> Vec<(String, String)> {
     let mut all = sources::rust_files();
