@@ -208,8 +208,8 @@ fn parse_motion(scan: &mut Scan<'_>, joints: &[Joint], mapping: &Mapping) -> Res
 
 /// Reads a joint's channels of one frame: its position, if any component is written, and its rotation. The offset
 /// supplies the missing components. The numbers are only skipped if no joint needs them. A position channel
-/// replaces the offset's component, because exporters write the whole translation. A later step guesses the
-/// meaning of the root's channels.
+/// replaces the offset's component, because exporters write the whole translation. Readers disagree here
+/// (`findings/bvh_positions.sh`). A later step guesses the meaning of the root's channels.
 fn read_channels(
     scan: &mut Scan<'_>,
     joint: &Joint,
