@@ -13,11 +13,12 @@
 # Takes:     20 s.
 set -euo pipefail
 work=$(mktemp -d)
-trap 'rm -rf "$work"' EXIT
+name=finding_${work##*.}_
+trap 'rm -rf "$work" /dev/shm/"$name"*' EXIT
 python3 -m venv "$work/venv"
 "$work/venv/bin/pip" install --quiet --disable-pip-version-check iceoryx2==0.10.0
 
-"$work/venv/bin/python" - "$work/bus" <<'PY'
+"$work/venv/bin/python" - "$work/bus" "$name" <<'PY'
 import ctypes, sys
 import iceoryx2 as iox2
 
@@ -32,7 +33,7 @@ class Message(ctypes.Structure):
 
 config = iox2.config.default()
 config.global_cfg.root_path = iox2.Path.new(sys.argv[1])
-config.global_cfg.prefix = iox2.FileName.new("finding_history_")
+config.global_cfg.prefix = iox2.FileName.new(sys.argv[2])
 node = iox2.NodeBuilder.new().config(config).create(iox2.ServiceType.Ipc)
 service = node.service_builder(iox2.ServiceName.new("history")).publish_subscribe(Message)
 service = service.history_size(2).subscriber_max_buffer_size(4).create()

@@ -11,7 +11,8 @@
 # Takes:     20 s.
 set -euo pipefail
 work=$(mktemp -d)
-trap 'rm -rf "$work"' EXIT
+name=finding_${work##*.}_
+trap 'rm -rf "$work" /dev/shm/"$name"*' EXIT
 python3 -m venv "$work/venv"
 "$work/venv/bin/pip" install --quiet --disable-pip-version-check iceoryx2==0.10.0
 
@@ -30,7 +31,7 @@ class Message(ctypes.Structure):
 
 config = iox2.config.default()
 config.global_cfg.root_path = iox2.Path.new(sys.argv[1])
-config.global_cfg.prefix = iox2.FileName.new("finding_killed_")
+config.global_cfg.prefix = iox2.FileName.new(sys.argv[2])
 
 def node():
     return iox2.NodeBuilder.new().config(config).create(iox2.ServiceType.Ipc)
@@ -38,7 +39,7 @@ def node():
 first = node()
 service = first.service_builder(iox2.ServiceName.new("killed")).publish_subscribe(Message)
 service = service.max_publishers(1).open_or_create()
-if sys.argv[2] == "publisher":
+if sys.argv[3] == "publisher":
     publisher = service.publisher_builder().create()
     publisher.send_copy(Message(1))
     print("ready", flush=True)
@@ -54,7 +55,7 @@ def another():
     except iox2.PublisherCreateError as error:
         return str(error)
 
-command = [sys.executable, __file__, sys.argv[1], "publisher"]
+command = [sys.executable, __file__, *sys.argv[1:3], "publisher"]
 with subprocess.Popen(command, stdout=subprocess.PIPE) as publisher:
     publisher.stdout.readline()
     before = count()
@@ -71,4 +72,4 @@ if seen != [1, 1, "ExceedsMaxSupportedPublishers", 0, "created"]:
     sys.exit("CHANGED: a killed publisher is counted in another way")
 print("as stated: a killed publisher is counted and keeps its place until a node is created")
 PY
-"$work/venv/bin/python" "$work/finding.py" "$work/bus" subscriber
+"$work/venv/bin/python" "$work/finding.py" "$work/bus" "$name" subscriber

@@ -9,18 +9,19 @@
 # Takes:     20 s. Other kernels have ticks of 1 to 10 ms.
 set -euo pipefail
 work=$(mktemp -d)
-trap 'rm -rf "$work"' EXIT
+name=finding_${work##*.}_
+trap 'rm -rf "$work" /dev/shm/"$name"*' EXIT
 python3 -m venv "$work/venv"
 "$work/venv/bin/pip" install --quiet --disable-pip-version-check iceoryx2==0.10.0
 
-"$work/venv/bin/python" - "$work/bus" <<'PY'
+"$work/venv/bin/python" - "$work/bus" "$name" <<'PY'
 import statistics, sys, time
 import iceoryx2 as iox2
 
 iox2.set_log_level(iox2.LogLevel.Fatal)
 config = iox2.config.default()
 config.global_cfg.root_path = iox2.Path.new(sys.argv[1])
-config.global_cfg.prefix = iox2.FileName.new("finding_wait_")
+config.global_cfg.prefix = iox2.FileName.new(sys.argv[2])
 node = iox2.NodeBuilder.new().config(config).create(iox2.ServiceType.Ipc)
 event = node.service_builder(iox2.ServiceName.new("wait")).event().create()
 listener = event.listener_builder().create()
