@@ -24,7 +24,7 @@ const SENTENCE_WORDS_MAX: usize = 30;
 
 /// Budget of lines for each part of the tree: the count of 2026-11-28. The gate's test files count as tests since then,
 /// some 1,000 lines that were the product's. Raising one is a decision.
-const BUDGETS: [(&str, usize); 3] = [("product", 71_200), ("tools", 32_050), ("tests", 50_450)];
+const BUDGETS: [(&str, usize); 3] = [("product", 71_200), ("tools", 32_050), ("tests", 50_600)];
 
 fn rust() -> Vec<(String, String)> {
     let mut all = sources::rust_files();
