@@ -1,6 +1,6 @@
 //! A driver's own program in place of the simulated robot: the example of docs/src/drivers.md, compiled and run.
 
-use harness::{Rig, in_real_time};
+use harness::{DRIVER, Rig, in_real_time};
 use messages::Mode;
 use serde_json::Value;
 use std::os::unix::fs::PermissionsExt;
@@ -38,7 +38,9 @@ fn example_driver_moves_its_robot_within_all_limits() {
         operator.release();
         operator.wait_mode(Mode::Disengaged);
         observer.wait_at_rest();
-        let figures = rig.end_without_violations();
+        let figures = rig.end(DRIVER);
+        let violations = figures["violations"].as_object().expect("the driver's counts");
+        assert!(violations.len() > 5 && violations.values().all(|count| *count == 0), "{violations:?}");
         assert!(figures["commands_accepted"].as_u64() > Some(1000) && figures["first_latch"].is_null(), "{figures}");
         assert_eq!(figures["robot"]["looks"], Value::Null, "the simulated body judges nothing");
     });
