@@ -193,10 +193,10 @@ const G1_URDF: &str = include_str!("../../../config/robots/unitree_g1.urdf");
 fn f097_error_in_driver_table_is_refused_with_its_key() {
     let yaw = "waist_yaw_joint = { index = 12, stiffness_n_m_per_rad = 300.0, damping_n_m_s_per_rad = 3.0 }";
     let cases = [
-        ("interface = \"arm_sdk\"", "interface = \"torques\"", ["torques", "arm_sdk"]),
+        ("setpoints = \"arm_sdk\"", "setpoints = \"torques\"", ["torques", "arm_sdk"]),
         (
-            "interface = \"arm_sdk\"",
-            "interface = \"positions\"",
+            "setpoints = \"arm_sdk\"",
+            "setpoints = \"positions\"",
             ["driver.setpoints = \"positions\"", "must be \"arm_sdk\""],
         ),
         ("mode_machine = 5", "", ["driver.mode_machine", "rt/lowstate"]),

@@ -76,7 +76,7 @@ fn builtin_motion_is_written_from_home_to_rest() {
 
 #[test]
 fn motion_file_is_written_from_home_to_rest() {
-    let clip = repository().join("tools/keyposes/motions/hands-up.bvh");
+    let clip = repository().join("tools/replay/motions/hands-up.bvh");
     check(&replay(&clip.display().to_string()));
 }
 

@@ -11,7 +11,7 @@ const EVERY: usize = 5;
 #[test]
 fn motions_of_files_cause_no_violation() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
-    let folder = root.join("tools/keyposes/motions");
+    let folder = root.join("tools/replay/motions");
     let loaded = config::load(&root.join("config/teleop.toml"), Overrides::default()).unwrap();
     let files: Vec<_> = motion::motion_files(&folder).unwrap().into_iter().step_by(EVERY).collect();
     assert!(!files.is_empty());
