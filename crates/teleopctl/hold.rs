@@ -19,7 +19,8 @@ const ELSEWHERE: &str =
 /// recovered.
 pub fn hold(client: &mut Client, first: &Status, names: &Names, begins: &str) -> Result<bool, OperatorError> {
     let stop = rt::Shutdown::on_signals().expect("signal handlers can be installed");
-    let mut printer = EventPrinter { begun: Instant::now(), shown: first.transition_count, note: None, let_go: false };
+    let mut printer =
+        EventPrinter { begun: Instant::now(), shown: first.transition_count, activity: None, let_go: false };
     printer.print(begins);
     let mut beat = printer.begun;
     while !stop.requested() {
@@ -60,7 +61,8 @@ pub fn hold(client: &mut Client, first: &Status, names: &Names, begins: &str) ->
 /// other signal end it without letting go, so the robot is released.
 pub fn clutch(client: &mut Client, first: &Status, names: &Names) -> Result<bool, OperatorError> {
     let stop = rt::Shutdown::on_signals().expect("signal handlers can be installed");
-    let mut printer = EventPrinter { begun: Instant::now(), shown: first.transition_count, note: None, let_go: false };
+    let mut printer =
+        EventPrinter { begun: Instant::now(), shown: first.transition_count, activity: None, let_go: false };
     printer.print("the clutch is held; Ctrl-C lets go, and the robot moves slowly to where the person is");
     let (mut beat, mut let_go_at) = (printer.begun, None);
     loop {
@@ -109,7 +111,7 @@ struct EventPrinter {
     begun: Instant,
     /// Number of transitions already printed.
     shown: u32,
-    note: Option<&'static str>,
+    activity: Option<&'static str>,
     /// This program let go of the enable.
     let_go: bool,
 }
@@ -125,11 +127,11 @@ impl EventPrinter {
             self.print(&change(made, status, names, self.let_go));
         }
         self.shown = self.shown.max(status.transition_count);
-        let note = explain::activity(status);
-        if let Some(note) = note.filter(|_| note != self.note) {
-            self.print(&format!("{note}: {:.0} mm to go", status.torso_to_go_m.abs() * 1e3));
+        let activity = explain::activity(status);
+        if let Some(name) = activity.filter(|_| activity != self.activity) {
+            self.print(&format!("{name}: {:.0} mm to go", status.torso_to_go_m.abs() * 1e3));
         }
-        self.note = note;
+        self.activity = activity;
     }
 }
 

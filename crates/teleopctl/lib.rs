@@ -106,8 +106,8 @@ fn status(client: &mut Client, run_dir: &Path, json: bool) -> Result<bool, Opera
         out!("{}", explain::status_json(&status, &names));
         return Ok(true);
     }
-    let note = explain::activity(&status).map_or(String::new(), |note| format!(" ({note})"));
-    out!("mode              {}{note}", mode(&status).name());
+    let activity = explain::activity(&status).map_or(String::new(), |name| format!(" ({name})"));
+    out!("mode              {}{activity}", mode(&status).name());
     out!("why               {}", explain::why(&status, &names));
     out!("ticks             {} ({} deadlines missed)", status.ticks, status.missed_deadlines);
     match explain::input_age_ms(&status) {

@@ -121,7 +121,7 @@ impl Robot {
             .filter(|_| may_start);
         let in_collision = may_start && self.too_close_to_start(config, &state, clearance);
         let [angle_rad, length_m] = self.tracking;
-        let near = angle_rad.error <= config.tracking_max[0] && length_m.error <= config.tracking_max[1];
+        let is_tracked = angle_rad.error <= config.tracking_max[0] && length_m.error <= config.tracking_max[1];
         let moved = self.moved;
         let view = RobotView {
             received,
@@ -144,7 +144,7 @@ impl Robot {
             tracking_error_m: length_m.error,
             velocity_error: moved.velocity_error.is_some(),
             standstill_lost: moved.standstill_lost.is_some(),
-            at_rest: moved.at_rest && near,
+            at_rest: moved.at_rest && is_tracked,
         };
         (view, Some(Posture { clearance, outside }))
     }

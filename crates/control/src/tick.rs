@@ -217,12 +217,12 @@ impl State {
     /// Keeps what engagement will see of this command in the next tick.
     fn view_motion(&mut self, config: &Config, gated: &Gated, target: Option<&Target>) {
         let motion = &gated.arms.motion;
-        let near = self.following.closeness(config, target, &motion.q, &motion.v);
+        let closeness = self.following.closeness(config, target, &motion.q, &motion.v);
         self.motion = MotionView {
             at_rest: motion.v.iter().chain(&motion.a).all(|value| value.abs() <= driver::REST_TOLERANCE),
-            aligned: near.aligned,
-            behind: near.behind,
-            settled: near.settled,
+            aligned: closeness.aligned,
+            behind: closeness.behind,
+            settled: closeness.settled,
             gate_denied: gated.denied.is_some(),
         };
     }

@@ -463,10 +463,10 @@ impl State {
         // A refused setpoint changes nothing here: the setpoint follows the joints until they stand.
         let settles = self.holds_measured && (undriven || !complained);
         let stopped = drives.fault && self.motion.is_at_rest() && !self.holds_measured;
-        let near = powered
+        let is_following = powered
             && !self.motion.is_at_rest()
             && input.measured.is_none_or(|measured| self.is_near(config, measured));
-        let left = self.undriven >= UNDRIVEN_TICKS && !near;
+        let left = self.undriven >= UNDRIVEN_TICKS && !is_following;
         let unanswered = powered && input.measured.is_some_and(|measured| measured.unanswered);
         self.awaited = if left { self.awaited.saturating_add(1) } else { 0 };
         let awaits = left && unanswered && self.awaited <= ANSWER_TICKS && !self.holds_measured;

@@ -212,7 +212,7 @@ fn path(relative: &str) -> String {
 fn python_and_c_files_match_layout() {
     for (file, text) in [(PYTHON, python()), (C, c())] {
         let stored = std::fs::read_to_string(path(file)).unwrap_or_default();
-        assert!(stored == text, "{file}: write it anew: cargo test -p messages --test all clients -- --ignored");
+        assert!(stored == text, "{file}: write it again: cargo test -p messages --test all clients -- --ignored");
     }
     assert_eq!(taken_apart("[[f32; 3]; LIMBS]"), ("f32", vec!["LIMBS", "3"]));
 }

@@ -16,9 +16,9 @@ pub const LEASE_NS: u64 = 100_000_000;
 /// The commands of all operators together. Counters only grow, from the start of the server.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct OperatorCounts {
-    /// Levels that the operators hold now. There is one holder, and it holds the enable or the recovery. The heartbeat is that
-    /// of the holder, or of the last one. The payloads are the last report of each hand. No edge is set, because the
-    /// counters below count them.
+    /// Levels that the operators hold now. One client at a time is the holder. It holds the enable or the recovery. The
+    /// heartbeat is the holder's. Without a holder it is the last holder's. Each hand's payload is its last report. The
+    /// edge fields are false, because the counters below count edges.
     pub held: OperatorView,
     /// Open connections.
     pub connections: u32,

@@ -129,8 +129,8 @@ impl Proportions {
         UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(bend))
     }
 
-    /// Returns the surfaces of the left (0) or right (1) arm from the middle of its hand. `turned`: rotations of the forearm and
-    /// of the wrist of the mirrored left arm. `None` for an unseen arm.
+    /// Returns the surfaces of the left (0) or right (1) arm from the middle of its hand. `turned` holds the
+    /// rotations of forearm and wrist. A right arm's are mirrored into a left arm's. It is `None` for an unseen arm.
     fn surfaces(&self, side: usize, turned: Option<(UnitQuaternion<f64>, UnitQuaternion<f64>)>) -> ArmSurfaces {
         let (fore, bend) = turned.unwrap_or_default();
         let hand = fore * bend;

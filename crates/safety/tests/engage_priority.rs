@@ -65,7 +65,7 @@ fn prepared(mut bench: Bench) -> Bench {
 }
 
 /// The faults that end a recovery.
-fn minded(out: &Output) -> Faults {
+fn monitored(out: &Output) -> Faults {
     let borne = [
         Fault::StartOutsideLimits,
         Fault::StartInCollision,
@@ -101,10 +101,10 @@ fn legal(hand: Hand, set: u32, from: Mode, out: &Output, pending: bool) -> bool 
         }
         (Mode::Disengaged, Mode::Recovering) => {
             let asked = hand == Hand::Recovery && has(12) && level && !has(13);
-            asked && at_rest && out.active.has(Fault::StartOutsideLimits) && minded(out).is_empty()
+            asked && at_rest && out.active.has(Fault::StartOutsideLimits) && monitored(out).is_empty()
         }
         (Mode::Recovering, Mode::Holding) => {
-            let faults = minded(out);
+            let faults = monitored(out);
             let withdrawn = faults.with_response(Response::Hold).union(faults.with_response(Response::Release));
             has(13) || !level || hand == Hand::Enable || !withdrawn.is_empty()
         }
@@ -165,8 +165,9 @@ fn f071_stop_wins_in_every_combination_of_events() {
             if out.permit == Permit::Recover {
                 let held = bench.input.operator.recover_level && set & (1 << 13 | 1 << 8) == 0;
                 assert!(out.mode == Mode::Recovering && held && !bench.input.operator.enable_level, "{}", context());
-                let calm =
-                    [Response::Hold, Response::Release].into_iter().all(|r| minded(&out).with_response(r).is_empty());
+                let calm = [Response::Hold, Response::Release]
+                    .into_iter()
+                    .all(|r| monitored(&out).with_response(r).is_empty());
                 assert!(calm, "{}", context());
             } else if out.permit != Permit::Stop {
                 assert!(matches!(out.mode, Mode::Engaging | Mode::Engaged), "{}", context());

@@ -342,7 +342,7 @@ fn document() -> [String; 3] {
 #[test]
 fn diagram_in_document_matches_state_machine() {
     let [_, stored, _] = document();
-    assert_eq!(stored, diagram(), "write it anew: cargo test -p safety --test all engage_snapshot -- --ignored");
+    assert_eq!(stored, diagram(), "write it again: cargo test -p safety --test all engage_snapshot -- --ignored");
 }
 
 #[test]

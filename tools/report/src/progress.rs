@@ -17,8 +17,8 @@ pub struct Progress {
 }
 
 impl Progress {
-    /// Starts to show how many of `length` units are done. `unit` is a word in the plural. Lines begin with the name
-    /// of the program.
+    /// Shows how many of `length` units are done. `unit` is a word in the plural. Each line begins with the program's
+    /// name.
     pub fn new(program: &'static str, length: u64, unit: &str) -> Self {
         if std::io::stderr().is_terminal() {
             let bar = ProgressBar::new(length);

@@ -23,7 +23,7 @@ const BORNE: Faults = REASONS
 const BLOCKED_NS: u64 = 500_000_000;
 
 /// The faults that end a recovery.
-fn minded(active: Faults) -> Faults {
+fn monitored(active: Faults) -> Faults {
     Faults(active.0 & !BORNE.0)
 }
 
@@ -31,18 +31,18 @@ fn minded(active: Faults) -> Faults {
 pub(super) fn begins(input: &Input, active: Faults) -> bool {
     let operator = &input.operator;
     let asked = operator.recover_edge && operator.recover_level && !operator.enable_level && !operator.release_edge;
-    asked && active.0 & REASONS.0 != 0 && minded(active).is_empty()
+    asked && active.0 & REASONS.0 != 0 && monitored(active).is_empty()
 }
 
 /// Handles a tick of a recovery at which no Stop fault holds. Recovery ends if the operator lets go, or at
 /// any fault outside [`BORNE`]. It never resumes.
 pub(super) fn next(input: &Input, active: Faults, blocked_ns: u64) -> (Phase, u32) {
-    let minded = minded(active);
-    let withdrawn = minded
+    let monitored = monitored(active);
+    let withdrawn = monitored
         .with_response(Response::Release)
         .iter()
         .next()
-        .or_else(|| minded.with_response(Response::Hold).iter().next());
+        .or_else(|| monitored.with_response(Response::Hold).iter().next());
     if let Some(fault) = withdrawn {
         return (Phase::holding(Some(Transition::AT_REST)), fault as u32);
     }

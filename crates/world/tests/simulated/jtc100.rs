@@ -190,9 +190,9 @@ fn gate_with_jtc_interface_alone_keeps_clearance() {
             let Run { report, denials, .. } = attack(wbc::Interface::default(), gated, seed);
             (report.violations_of(ViolationKind::Clearance), denials)
         };
-        let ((blind, none), (minded, denials)) = (count(gate::Interface::default()), count(controllers()));
-        println!("seed {seed}: {blind} ticks below, {minded} with a gate that minds them, {denials} denials");
-        assert!(blind > 0 && none == 0 && denials > 0 && minded == 0, "{blind} {none} {minded} {denials}");
+        let ((blind, none), (guarded, denials)) = (count(gate::Interface::default()), count(controllers()));
+        println!("seed {seed}: {blind} ticks below, {guarded} with a gate that checks them, {denials} denials");
+        assert!(blind > 0 && none == 0 && denials > 0 && guarded == 0, "{blind} {none} {guarded} {denials}");
     }
 }
 

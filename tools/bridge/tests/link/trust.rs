@@ -21,8 +21,8 @@ fn server_of_another_trusted_authority_gets_status_only_by_name() {
     let server = opened(&listening);
     let received = Arc::new(AtomicU64::new(0));
     let count = Arc::clone(&received);
-    let take = move |_: &[u8]| count.fetch_add(1, Ordering::Relaxed) < u64::MAX;
-    server.receive("teleop/tiago/status".into(), take).expect("a session");
+    let count_message = move |_: &[u8]| count.fetch_add(1, Ordering::Relaxed) < u64::MAX;
+    server.receive("teleop/tiago/status".into(), count_message).expect("a session");
     for (router, is_admitted) in [(None, false), (Some("stranger".to_owned()), true)] {
         let wire = opened(&config(&Keys { router, ..robot.clone() }, &[], &address));
         let status = wire.publisher("teleop/tiago/status".into()).expect("a publisher");
