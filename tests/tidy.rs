@@ -64,7 +64,7 @@ const MAY_DEPEND_ON: &[(&str, &[&str])] = &[
 
 /// For each tool and each crate for tests: the other ones that it may depend on. It may depend on every crate.
 const MAY_USE: &[(&str, &[&str])] = &[
-    ("harness", &["teleopd"]),
+    ("harness", &["teleopd", "wait"]),
     ("judge", &["collision"]),
     ("fuzz-targets", &["bridge"]),
     ("bridge", &[]),
@@ -80,6 +80,7 @@ const MAY_USE: &[(&str, &[&str])] = &[
     ("simulate", &["report"]),
     ("torture", &["judge", "report"]),
     ("train", &["report"]),
+    ("wait", &[]),
 ];
 
 /// A pure crate's line that forbids the clocks, threads, locks and IO of `clippy.toml`. Nothing in the crate can allow

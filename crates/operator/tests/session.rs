@@ -5,8 +5,6 @@ use operator::{OperatorCounts, OperatorSession, Server};
 use std::time::{Duration, Instant};
 use tempfile::TempDir;
 
-/// Longest wait; only a hang comes near it.
-const SOON: Duration = Duration::from_secs(20);
 struct Rig {
     _folder: TempDir,
     server: Server,
@@ -27,15 +25,10 @@ impl Rig {
 
     /// Polls as control does, until `done` returns true of what it sees.
     fn until(&mut self, what: &str, mut done: impl FnMut(&OperatorCounts) -> bool) {
-        let give_up = Instant::now() + SOON;
-        loop {
+        wait::wait_until(what, || {
             let now = Stamp(1_000_000_000 + self.began.elapsed().as_nanos() as u64);
-            if done(&self.server.poll(now, &Status::ZERO)) {
-                return;
-            }
-            assert!(Instant::now() < give_up, "never {what}");
-            std::thread::sleep(Duration::from_millis(2));
-        }
+            done(&self.server.poll(now, &Status::ZERO))
+        });
     }
 
     /// Polls for so long, and returns true if the enable was held and never released by an edge.

@@ -85,13 +85,14 @@ fn page_plays_pauses_and_seeks_recording() {
     }
     // The recording stands still while paused, and continues when it plays.
     let frame = until(&mut socket, 4.5, 0.02);
-    std::thread::sleep(Duration::from_millis(200));
-    assert_eq!(until(&mut socket, 4.5, 0.02)[Field::AtS as usize], frame[Field::AtS as usize]);
+    let stands = || until(&mut socket, 4.5, 0.02)[Field::AtS as usize] == frame[Field::AtS as usize];
+    assert!(wait::holds_for(Duration::from_millis(200), stands));
     ask(&mut socket, json!({ "do": "play" }));
     until(&mut socket, 5.0, 0.1);
     // A position beyond the end becomes the end. Playing from there starts at the beginning.
     ask(&mut socket, json!({ "do": "seek", "to_s": 1e300 }));
     until(&mut socket, 10.0, 0.0);
+    // Nothing that the page receives says that it has ended.
     std::thread::sleep(Duration::from_millis(50));
     ask(&mut socket, json!({ "do": "play" }));
     until(&mut socket, 0.5, 0.4);
@@ -160,6 +161,7 @@ fn page_with_endless_message_does_not_block_server_end() {
     stream.write_all(&[0x01, 0x81, 0, 0, 0, 0, b'a']).expect("taken");
     let more = [0x00, 0x80, 0, 0, 0, 0].repeat(1000);
     let talker = std::thread::spawn(move || while stream.write_all(&more).is_ok() {});
+    // The server reads the endless message by then. Nothing says so.
     std::thread::sleep(Duration::from_millis(200));
     let (ended, seen) = mpsc::channel();
     let end = std::thread::spawn(move || {

@@ -20,7 +20,6 @@ pub mod roles;
 mod running;
 mod settings;
 pub mod user;
-mod wait;
 
 pub use cable::{Cable, shell};
 pub use observer::StateObserver;
@@ -30,14 +29,10 @@ pub use python::python;
 pub use rig::{DRIVER, OperatorSession, Rig, assert_no_violations, interrupt, modes};
 pub use running::{Harness, publisher};
 pub use settings::write as write_settings;
-pub use wait::{Pace, holds_for, soon, wait_until, within};
+pub use wait::{Pace, SOON, holds_for, soon, wait_until, within};
 
 use std::path::{Path, PathBuf};
 use std::process::Output;
-use std::time::Duration;
-
-/// Longest time for any expected event. Only a hang comes near it.
-pub const SOON: Duration = Duration::from_secs(25);
 
 /// Returns the root of the source tree.
 pub fn repository() -> PathBuf {

@@ -1,12 +1,12 @@
 //! An operator that engages and holds, and says why it could not.
 
 use crate::SOON;
-use crate::wait::within_by;
 use messages::{Fault, Faults, Mode, Status, Transition};
 use operator::OperatorSession;
 use rt::{Exit, Failure};
 use std::path::PathBuf;
 use std::time::Duration;
+use wait::within_by;
 
 /// Ticks of control before the enable: half a second with the enable released, and a fresh target.
 const TICKS_BEFORE_ENABLE: u64 = 750;

@@ -32,6 +32,7 @@ impl End {
         for signal in ["-STOP", "-CONT"] {
             let sent = Command::new("kill").args([signal, &self.0.id().to_string()]).status();
             assert!(sent.expect("kill(1) runs").success());
+            // The length of the suspension is the test's input.
             std::thread::sleep(if signal == "-STOP" { length } else { Duration::ZERO });
         }
     }

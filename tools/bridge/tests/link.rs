@@ -8,7 +8,7 @@ mod trust;
 
 use bridge::link::{Keys, Wire, config, key};
 use doors::{LeaseState, Reply};
-use harness::{wait_until, within};
+use harness::{Pace, wait_until, within};
 use messages::{Feedback, Header, Layout, Message, RawSkeleton, Stamp, Status};
 use operator::{OperatorCounts, OperatorSession};
 use std::io::{BufRead, BufReader};
@@ -62,7 +62,7 @@ impl Daemon {
         let (seen, ends) = (Arc::new(Mutex::new(Seen::default())), Arc::new(AtomicBool::new(false)));
         let (of_thread, until) = (Arc::clone(&seen), Arc::clone(&ends));
         let serve = move || {
-            let mut k = 0;
+            let (mut k, mut pace) = (0, Pace::new(Duration::from_millis(1)));
             while !until.load(Ordering::Relaxed) {
                 k += 1;
                 let now = rt::now();
@@ -77,7 +77,7 @@ impl Daemon {
                 });
                 drop(seen);
                 ingest.feed_back(&Feedback { header, mode: 3, ..Feedback::ZERO });
-                std::thread::sleep(Duration::from_millis(1));
+                pace.wait();
             }
         };
         Self { folder, seen, ends, thread: Some(std::thread::spawn(serve)) }
@@ -218,14 +218,14 @@ fn publisher(folder: &Path) -> (Arc<AtomicBool>, JoinHandle<u64>) {
     let until = Arc::clone(&ends);
     let publish = move || {
         let mut client = doors::Client::attach_with_feedback(socket).expect("the skeleton socket answers");
-        let (mut sequence, mut felt) = (0, 0);
+        let (mut sequence, mut felt, mut pace) = (0, 0, Pace::new(Duration::from_millis(20)));
         while !until.load(Ordering::Relaxed) {
             sequence += 1;
             if client.publish(&person(sequence)).is_err() {
                 break;
             }
             felt += u64::from(client.feedback().is_some_and(|feedback| feedback.mode == 3));
-            std::thread::sleep(Duration::from_millis(20));
+            pace.wait();
         }
         felt
     };
@@ -336,6 +336,7 @@ fn flood(to: &[bridge::link::Publisher; 2]) {
         }
         bridge::link::send(&to[n % 2], &bytes);
         if n % 50 == 0 {
+            // The rate of the flood is the test's input.
             std::thread::sleep(Duration::from_millis(5));
         }
     }

@@ -5,6 +5,7 @@
 
 use bus::Domain;
 use doors::LeaseState;
+use harness::{Pace, wait_until};
 use instance::Instance;
 use messages::{Header, Layout, RawSkeleton, Service, Stamp, raw_flag};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
@@ -45,6 +46,7 @@ fn send(to: &Path, sent: &[AtomicU64]) {
     for (sequence, at) in sent.iter().enumerate() {
         let client = client.get_or_insert_with(|| doors::Client::attach(to).expect("the socket answers"));
         next += PERIOD;
+        // The rate is the test's input. A late frame is not made up for.
         std::thread::sleep(next.saturating_duration_since(Instant::now()));
         next = next.max(Instant::now());
         at.store(rt::now().0, Ordering::Release);
@@ -95,6 +97,7 @@ fn over_shared_memory() -> Vec<f64> {
         let _ = writer.publish(&person(sequence));
         while reader.latest().is_none() && sent.elapsed() < PERIOD {}
         times.push(sent.elapsed().as_secs_f64() * 1e3);
+        // The pause between two frames is the test's input.
         std::thread::sleep(Duration::from_millis(1));
     }
     instance.retire();
@@ -158,10 +161,11 @@ fn link_adds_half_a_millisecond_one_way() {
     }
     let mut control = operator::Server::bind(folders[1].path().join("operator.sock")).expect("a socket");
     std::thread::spawn(move || {
+        let mut pace = Pace::new(Duration::from_millis(1));
         for k in 0.. {
             let header = Header { sequence: k / 20, stamp: rt::now(), ..Header::ZERO };
             control.poll(rt::now(), &messages::Status { header, ..messages::Status::ZERO });
-            std::thread::sleep(Duration::from_millis(1));
+            pace.wait();
         }
     });
     let mut server = doors::Server::bind(&folders[1].path().join("skeleton.sock"), None).expect("a socket");
@@ -175,9 +179,8 @@ fn link_adds_half_a_millisecond_one_way() {
             .spawn()
             .expect("it starts"),
     ]);
-    while operator::Client::connect(folders[2].path().join("operator.sock")).is_err() {
-        std::thread::sleep(Duration::from_millis(50));
-    }
+    let socket = folders[2].path().join("operator.sock");
+    wait_until("the link is there", || operator::Client::connect(&socket).is_ok());
     let before = stolen();
     let linked =
         print_times("both sockets and the link", over_sockets(&folders[2].path().join("skeleton.sock"), &mut server));

@@ -6,7 +6,7 @@ use messages::{RawSkeleton, Service, Smpl};
 use std::io::{BufRead, BufReader, Write};
 use std::net::UdpSocket;
 use std::process::{Child, ChildStdout, Command, Stdio};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 /// Positions of the segments of a person in a T-pose who faces x: m, z up.
 const T_POSE: [[f32; 3]; 23] = [
@@ -75,14 +75,13 @@ fn mvn_person_reaches_the_input_domain_with_sides_kept() {
     let (mut bridge, address, mut lines) = start(folder.path(), &["mvn", "--bind", "127.0.0.1:0"]);
     let mut line = || lines.next().expect("a line").expect("text");
     let socket = UdpSocket::bind("127.0.0.1:0").expect("a port");
-    let give_up = Instant::now() + Duration::from_secs(20);
     let (mut sample, mut seen) = (0, None);
-    while seen.is_none() && Instant::now() < give_up {
+    harness::wait_until("a frame", || {
         sample += 1;
         socket.send_to(&mvn(sample), &address).expect("sent");
-        std::thread::sleep(Duration::from_millis(10));
         seen = reader.latest();
-    }
+        seen.is_some()
+    });
     let raw = seen.expect("a frame");
     assert!(raw.session_nonce != 0 && raw.header.origin == raw.header.stamp && raw.header.incarnation != 0);
     let frame = layouts::Layouts::default().convert(&raw).expect("a person");

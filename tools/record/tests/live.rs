@@ -64,6 +64,7 @@ impl Writers {
         let end = Instant::now() + duration;
         while Instant::now() < end {
             self.publish();
+            // The rate is the test's input. A late message is not made up for.
             std::thread::sleep(Duration::from_millis(5));
         }
     }
@@ -84,10 +85,7 @@ fn start(run_dir: &Path, out: &Path) -> Child {
 
 /// Waits for the beginning of the file. The file begins with the channels, and then the recorder reads.
 fn wait_begun(out: &Path) {
-    let begun = Instant::now();
-    while std::fs::metadata(out).map_or(0, |file| file.len()) < 10_000 && begun.elapsed() < Duration::from_secs(20) {
-        std::thread::sleep(Duration::from_millis(10));
-    }
+    wait::wait_until("a beginning", || std::fs::metadata(out).map_or(0, |file| file.len()) >= 10_000);
 }
 
 /// Returns the commands of a recording. Checks that each one was sent, and that they are in order.
@@ -201,11 +199,7 @@ fn recorder_ends_when_its_parent_is_killed() {
     assert!(matches!(commands(&out, &writers.sent).1, Ending::BrokenOff(_)), "it still writes");
     parent.kill().unwrap();
     parent.wait().unwrap();
-    let begun = Instant::now();
-    while commands(&out, &writers.sent).1 != Ending::Complete {
-        assert!(begun.elapsed() < Duration::from_secs(20), "it still records");
-        std::thread::sleep(Duration::from_millis(50));
-    }
+    wait::wait_until("the end of the recording", || commands(&out, &writers.sent).1 == Ending::Complete);
     instance.retire();
 }
 
@@ -259,6 +253,7 @@ fn f102_full_disk_loses_counted_samples_and_keeps_the_file_good() {
         let data = data.take(size_of::<JointCommand>()).collect();
         queue.add(Entry { topic: Topic::Command, sequence: sent as u32, log_time: sent, data });
         sent += 1;
+        // The rate is the test's input.
         std::thread::sleep(Duration::from_millis(1));
     }
     queue.add(Entry { topic: Topic::Command, sequence: 0, log_time: sent, data: vec![0; 1312] });

@@ -286,6 +286,7 @@ fn interrupted_run_leaves_no_partial_file_and_resumes() {
     let shutdown = Shutdown::new();
     let interrupted = std::thread::scope(|scope| {
         scope.spawn(|| {
+            // The moment of the interruption is the test's input.
             std::thread::sleep(std::time::Duration::from_millis(150));
             shutdown.request();
         });

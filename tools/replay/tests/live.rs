@@ -10,6 +10,10 @@ use std::process::{Command, Stdio};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
+use wait::{Pace, within};
+
+/// Longest time for what `replay` does. Only a hang comes near it.
+const LONGEST: Duration = Duration::from_secs(30);
 
 /// Distance that the left wrist travels in what `replay` publishes, m, while the robot stays Disengaged.
 fn wrist_goes(motion: &str, enough_m: f32) -> f32 {
@@ -21,26 +25,27 @@ fn wrist_goes(motion: &str, enough_m: f32) -> f32 {
     let end = Arc::new(AtomicBool::new(false));
     let ended = Arc::clone(&end);
     let control = std::thread::spawn(move || {
+        let mut pace = Pace::new(Duration::from_millis(5));
         while !ended.load(Ordering::Relaxed) {
             server.poll(rt::now(), &Status::ZERO);
-            std::thread::sleep(Duration::from_millis(5));
+            pace.wait();
         }
     });
     let mut replay = Command::new(env!("CARGO_BIN_EXE_replay"));
     replay.arg(motion).arg("--run-dir").arg(folder.path()).stdout(Stdio::null()).stderr(Stdio::null());
     let mut replay = replay.spawn().expect("replay runs");
-    let (mut first, mut goes_m, begun) = (None, 0.0_f32, Instant::now());
+    let (mut first, mut goes_m) = (None, 0.0_f32);
     let mut heard: Option<Instant> = None;
-    // The T-pose of the calibration takes 4 s.
-    while goes_m < enough_m && heard.is_none_or(|heard: Instant| heard.elapsed() < Duration::from_secs(8)) {
-        assert!(begun.elapsed() < Duration::from_secs(30), "replay publishes nothing");
+    let published = within(LONGEST, || {
         if let Some(frame) = frames.latest() {
             heard.get_or_insert_with(Instant::now);
             let height = frame.positions[Smpl::LeftWrist as usize][2];
             goes_m = goes_m.max((height - *first.get_or_insert(height)).abs());
         }
-        std::thread::sleep(Duration::from_millis(5));
-    }
+        // The T-pose of the calibration takes 4 s.
+        goes_m >= enough_m || heard.is_some_and(|heard| heard.elapsed() >= Duration::from_secs(8))
+    });
+    assert!(published, "replay publishes nothing");
     rt::terminate(replay.id());
     replay.wait().expect("replay ends");
     end.store(true, Ordering::Relaxed);
@@ -66,10 +71,10 @@ fn output_before_holding(held: bool) -> Vec<String> {
     let mut replay = Command::new(env!("CARGO_BIN_EXE_replay"));
     replay.arg("builtin").arg("--run-dir").arg(folder.path()).stdout(Stdio::piped()).stderr(Stdio::null());
     let mut replay = replay.spawn().expect("replay runs");
-    let told = BufReader::new(replay.stdout.take().expect("its words"));
+    let output = BufReader::new(replay.stdout.take().expect("its words"));
     let reader = std::thread::spawn(move || {
         let mut lines = Vec::new();
-        for line in told.lines().map_while(Result::ok) {
+        for line in output.lines().map_while(Result::ok) {
             let begins = line.starts_with("holding the first frame");
             lines.push(line);
             if begins {
@@ -78,12 +83,11 @@ fn output_before_holding(held: bool) -> Vec<String> {
         }
         lines
     });
-    let begun = Instant::now();
-    while !reader.is_finished() && begun.elapsed() < Duration::from_secs(30) {
+    within(LONGEST, || {
         door.poll(rt::now(), held, |_, _| LeaseState::NotHolder);
         server.poll(rt::now(), &Status::ZERO);
-        std::thread::sleep(Duration::from_millis(5));
-    }
+        reader.is_finished()
+    });
     rt::terminate(replay.id());
     replay.wait().expect("replay ends");
     let lines = reader.join().expect("the reader ends");
@@ -93,10 +97,10 @@ fn output_before_holding(held: bool) -> Vec<String> {
 
 #[test]
 fn second_client_is_told_that_another_holds_the_lease() {
-    let told = |lines: &[String]| lines.iter().any(|line| line.starts_with("Another client holds the lease"));
+    let is_refused = |lines: &[String]| lines.iter().any(|line| line.starts_with("Another client holds the lease"));
     let (second, only) = (output_before_holding(true), output_before_holding(false));
-    assert!(told(&second) && second.len() > 1, "{second:?}");
-    assert!(!told(&only) && only.len() > 1, "{only:?}");
+    assert!(is_refused(&second) && second.len() > 1, "{second:?}");
+    assert!(!is_refused(&only) && only.len() > 1, "{only:?}");
 }
 
 #[test]
@@ -109,24 +113,21 @@ fn closed_skeleton_socket_ends_replay_with_the_reason() {
     let mut replay = Command::new(env!("CARGO_BIN_EXE_replay"));
     replay.args(["builtin", "--loop", "--run-dir"]).arg(folder.path()).stdout(Stdio::null()).stderr(Stdio::piped());
     let mut replay = replay.spawn().expect("replay runs");
-    let (begun, mut heard) = (Instant::now(), false);
-    while !heard {
-        assert!(begun.elapsed() < Duration::from_secs(30), "replay publishes nothing");
+    let mut heard = false;
+    let published = within(LONGEST, || {
         door.poll(rt::now(), false, |_, _| {
             heard = true;
             LeaseState::Holder
         });
         server.poll(rt::now(), &Status::ZERO);
-        std::thread::sleep(Duration::from_millis(5));
-    }
+        heard
+    });
+    assert!(published, "replay publishes nothing");
     drop((door, server));
-    let give_up = Instant::now() + Duration::from_secs(30);
-    while replay.try_wait().expect("a process").is_none() {
-        assert!(Instant::now() < give_up, "replay goes on without a reader");
-        std::thread::sleep(Duration::from_millis(20));
-    }
+    let ended = within(LONGEST, || replay.try_wait().expect("a process").is_some());
+    assert!(ended, "replay goes on without a reader");
     let output = replay.wait_with_output().expect("its words");
-    let said = String::from_utf8_lossy(&output.stderr);
-    assert!(!output.status.success() && said.contains("closed the connection"), "{said}");
-    assert!(said.contains("Nothing reaches robot tiago"), "{said}");
+    let printed = String::from_utf8_lossy(&output.stderr);
+    assert!(!output.status.success() && printed.contains("closed the connection"), "{printed}");
+    assert!(printed.contains("Nothing reaches robot tiago"), "{printed}");
 }

@@ -4,7 +4,7 @@
 
 use bus::{Domain, DomainConfig};
 use std::path::{Path, PathBuf};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 /// A root folder and a prefix that no other test has. Both are removed with it.
 pub(crate) struct Place {
@@ -43,14 +43,13 @@ impl Drop for Place {
 
 /// Waits until `check` returns a value. A minute without one is a failure of the test, whatever the load.
 pub(crate) fn eventually<T>(what: &str, mut check: impl FnMut() -> Option<T>) -> T {
-    let start = Instant::now();
-    loop {
-        if let Some(found) = check() {
-            return found;
-        }
-        assert!(start.elapsed() < Duration::from_secs(60), "never happened: {what}");
-        std::thread::sleep(Duration::from_millis(1));
-    }
+    let mut found = None;
+    let happened = wait::within(Duration::from_secs(60), || {
+        found = check();
+        found.is_some()
+    });
+    assert!(happened, "never happened: {what}");
+    found.expect("it happened")
 }
 
 /// Returns the size of the files in /dev/shm whose names begin with `prefix`.

@@ -3,7 +3,7 @@
 
 use super::relay::engage;
 use super::*;
-use harness::{Cable, shell};
+use harness::{Cable, holds_for, shell};
 
 /// Lays the cable, and tries its rules and rates. Not every kernel has them.
 fn lay() -> Result<Cable, String> {
@@ -58,6 +58,7 @@ fn f126_cable_that_is_narrow_lossy_short_or_cut_lets_no_old_person_through() {
     let hand = engage(&world, folder.path());
     follows(&world, "5 % lost", 100);
     cable.lose(20).expect("rules");
+    // The length of the loss is the test's input.
     std::thread::sleep(Duration::from_secs(5));
     cable.lose(0).expect("rules");
     drop(hand);
@@ -67,7 +68,8 @@ fn f126_cable_that_is_narrow_lossy_short_or_cut_lets_no_old_person_through() {
     narrow(&cable, "64kbit", "2s").expect("a rate");
     wait_until("released by a narrow cable", || !world.daemon.counts().held.enable_level);
     let edges = world.daemon.counts().enable_edges;
-    std::thread::sleep(Duration::from_secs(5));
+    let is_released = || !world.daemon.counts().held.enable_level && world.daemon.counts().enable_edges == edges;
+    assert!(holds_for(Duration::from_secs(5), is_released), "by itself");
     widen(&cable).expect("no rate");
     follows(&world, "wide again", 100);
     assert_eq!(

@@ -1,7 +1,9 @@
 //! Waits of a test: for a condition, or while one must hold. No other code of a process test sleeps without a reason.
 
-use crate::SOON;
 use std::time::{Duration, Instant};
+
+/// Longest time for any expected event. Only a hang comes near it.
+pub const SOON: Duration = Duration::from_secs(25);
 
 /// Time between two looks at a condition.
 const LOOK: Duration = Duration::from_millis(2);
@@ -12,7 +14,7 @@ pub fn within(limit: Duration, condition: impl FnMut() -> bool) -> bool {
 }
 
 /// The same with another time between two looks.
-pub(crate) fn within_by(limit: Duration, look: Duration, mut condition: impl FnMut() -> bool) -> bool {
+pub fn within_by(limit: Duration, look: Duration, mut condition: impl FnMut() -> bool) -> bool {
     let give_up = Instant::now() + limit;
     loop {
         if condition() {
