@@ -8,7 +8,7 @@ mod trust;
 
 use bridge::link::{Keys, Wire, config, key};
 use doors::{LeaseState, Reply};
-use harness::{Pace, wait_until, within};
+use harness::{Pace, holds_for, wait_until, within};
 use messages::{Feedback, Header, Layout, Message, RawSkeleton, Stamp, Status};
 use operator::{OperatorCounts, OperatorSession};
 use std::io::{BufRead, BufReader};

@@ -6,7 +6,6 @@ use messages::{RawSkeleton, Service, Smpl};
 use std::io::{BufRead, BufReader, Write};
 use std::net::UdpSocket;
 use std::process::{Child, ChildStdout, Command, Stdio};
-use std::time::Duration;
 
 /// Positions of the segments of a person in a T-pose who faces x: m, z up.
 const T_POSE: [[f32; 3]; 23] = [

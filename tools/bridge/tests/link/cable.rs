@@ -3,7 +3,7 @@
 
 use super::relay::engage;
 use super::*;
-use harness::{Cable, holds_for, shell};
+use harness::{Cable, shell};
 
 /// Lays the cable, and tries its rules and rates. Not every kernel has them.
 fn lay() -> Result<Cable, String> {
