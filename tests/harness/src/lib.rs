@@ -6,6 +6,7 @@
 //! - [`roles`]: the program that uses the harness, run again as another process.
 //! - [`Rig`], [`OperatorSession`], [`StateObserver`]: the same for a test.
 //! - [`wait_until`]: a test's wait for a condition. [`in_real_time`]: runs a test again if this machine paused.
+//!   [`assert_always`]: a failure that no pause excuses.
 //! - [`Cable`]: a network namespace.
 //! - [`python`]: virtual environments of Python.
 //! - [`user`]: a thread with the credentials of another user.
@@ -24,7 +25,7 @@ pub mod user;
 pub use cable::{Cable, shell};
 pub use observer::StateObserver;
 pub use operator::{Look, Operator};
-pub use pause::in_real_time;
+pub use pause::{assert_always, in_real_time};
 pub use python::python;
 pub use rig::{DRIVER, OperatorSession, Rig, assert_no_violations, interrupt, modes};
 pub use running::{Harness, publisher};

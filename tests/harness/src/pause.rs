@@ -24,6 +24,8 @@ thread_local! {
 struct Meter {
     longest_ns: AtomicU64,
     end: AtomicBool,
+    /// The failure stands, whatever the pauses were.
+    is_final: AtomicBool,
 }
 
 impl Meter {
@@ -50,8 +52,20 @@ pub(crate) fn forget() {
     METER.with_borrow(|meter| meter.iter().for_each(|meter| meter.longest_ns.store(0, Ordering::Relaxed)));
 }
 
+/// Asserts what must hold beside any pause. A robot that broke a limit is never excused, and the test never runs again.
+///
+/// # Panics
+/// Panics with `text` if the condition is false.
+#[track_caller]
+pub fn assert_always(is_met: bool, text: impl std::fmt::Display) {
+    if !is_met {
+        METER.with_borrow(|meter| meter.iter().for_each(|meter| meter.is_final.store(true, Ordering::Relaxed)));
+        panic!("{text}");
+    }
+}
+
 /// Runs the body of a test of real time. If it fails after a pause of this machine that no test bears, it says so and
-/// runs again, [`RUNS_MAX`] times in all. A failure without such a pause stands.
+/// runs again, [`RUNS_MAX`] times in all. A failure without such a pause stands, and one of [`assert_always`].
 pub fn in_real_time(body: impl Fn()) {
     let run = || {
         let meter = Arc::new(Meter::default());
@@ -62,7 +76,8 @@ pub fn in_real_time(body: impl Fn()) {
         METER.set(None);
         meter.end.store(true, Ordering::Relaxed);
         let _ = thread.join();
-        (outcome, meter.longest())
+        let excuse = if meter.is_final.load(Ordering::Relaxed) { Duration::ZERO } else { meter.longest() };
+        (outcome, excuse)
     };
     repeat(run);
 }
@@ -101,6 +116,22 @@ mod tests {
     fn failure_without_a_pause_stands_and_one_with_a_pause_is_repeated() {
         assert_eq!(runs_with_pauses_of(BEARABLE), (1, true));
         assert_eq!(runs_with_pauses_of(2 * BEARABLE), (RUNS_MAX, true));
+    }
+
+    #[test]
+    fn failure_of_a_robot_stands_beside_any_pause() {
+        let runs = Cell::new(0);
+        let failed = catch_unwind(AssertUnwindSafe(|| {
+            in_real_time(|| {
+                runs.set(runs.get() + 1);
+                METER.with_borrow(|meter| {
+                    let meter = meter.as_ref().expect("the meter of this test");
+                    meter.longest_ns.fetch_max(u64::MAX, Ordering::Relaxed);
+                });
+                assert_always(false, "a limit is broken");
+            });
+        }));
+        assert!(failed.is_err() && runs.get() == 1, "{} runs", runs.get());
     }
 
     #[test]

@@ -2,7 +2,7 @@
 
 use crate::operator::Operator;
 use crate::running::{Harness, publisher};
-use crate::{StateObserver, config, soon, wait_until};
+use crate::{StateObserver, assert_always, config, soon, wait_until};
 use client::{ClientError, Publisher, Transport};
 use messages::{Fault, Mode, Status};
 use motion::Motion;
@@ -316,11 +316,11 @@ pub fn modes(control: &Value) -> Vec<String> {
 /// Checks that the simulated robot counted no violation of any kind.
 pub fn assert_no_violations(figures: &Value) {
     let counts = figures["violations"].as_object().expect("the driver's counts");
-    assert!(counts.len() > 5 && counts.values().all(|count| *count == 0), "{figures:#}");
+    assert_always(counts.len() > 5 && counts.values().all(|count| *count == 0), format_args!("{figures:#}"));
     let robot = &figures[ROBOT];
     if !robot.is_null() {
         let counts = robot["violations"].as_object().expect("the judge's counts");
         let total: u64 = counts.values().filter_map(Value::as_u64).sum();
-        assert!(counts.len() == 7 && total == 0, "true motion: {robot:#}");
+        assert_always(counts.len() == 7 && total == 0, format_args!("true motion: {robot:#}"));
     }
 }
