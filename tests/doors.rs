@@ -227,7 +227,7 @@ struct Process(Child);
 impl Process {
     fn start(rig: &Rig) -> Self {
         let mut command = Command::new(std::env::current_exe().expect("this program"));
-        command.args(["--exact", "client_process_publishes_until_killed", "--test-threads=1"]);
+        command.args(["--exact", "doors::client_process_publishes_until_killed", "--test-threads=1"]);
         command.env(CLIENT_OF, rig.instance.skeleton_socket()).stdout(Stdio::null()).stderr(Stdio::null());
         Self(command.spawn().expect("the client starts"))
     }

@@ -181,7 +181,7 @@ struct Flood(Child);
 impl Flood {
     fn at(rig: &Rig) -> Self {
         let mut command = Command::new(std::env::current_exe().expect("this program"));
-        command.args(["--exact", "flood_process_connects_until_killed", "--test-threads=1"]);
+        command.args(["--exact", "doors_abuse::flood_process_connects_until_killed", "--test-threads=1"]);
         command.env(FLOOD_AT, rig.instance.operator_socket()).stdout(Stdio::null()).stderr(Stdio::null());
         Self(command.spawn().expect("the flood starts"))
     }

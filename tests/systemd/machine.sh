@@ -69,7 +69,7 @@ cat > etc/systemd/system/client.service <<'END'
 [Service]
 User=tracker
 Environment=TELEOP_TEST_CLIENT=/run/teleop
-ExecStart=/usr/bin/client --exact client_publishes_until_stopped --ignored --nocapture
+ExecStart=/usr/bin/client --exact systemd::client_publishes_until_stopped --ignored --nocapture
 END
 mkdir etc/systemd/system/client.service.d
 cp "$repository/config/systemd/examples/client.conf" etc/systemd/system/client.service.d/teleop.conf
