@@ -26,7 +26,18 @@ fn expect_following(world: &mut World, within: u64, story: &dyn std::fmt::Debug)
 }
 
 #[test]
-fn motion_after_short_interleaving_is_continuous_and_resumes() {
+fn motion_after_three_interleaved_ticks_is_continuous_and_resumes() {
+    assert_continuous_after_every_story_of(3);
+}
+
+#[test]
+#[ignore = "takes two minutes: .ci/long"]
+fn motion_after_four_interleaved_ticks_is_continuous_and_resumes() {
+    assert_continuous_after_every_story_of(4);
+}
+
+/// Tries every story of this many ticks.
+fn assert_continuous_after_every_story_of(length: u32) {
     let controls = [Some(0), Some(3), None];
     let drivers = [0b1111, 0b0100, 0b0000];
     let delays = [(0, 0), (0, 4), (3, 0)];
@@ -38,7 +49,6 @@ fn motion_after_short_interleaving_is_continuous_and_resumes() {
             }
         }
     }
-    let length = if cfg!(debug_assertions) { 3 } else { 4 };
     let stories = moments.len().pow(length);
     let mut plan_ticks = 0;
     for trusts_itself in [false, true] {
