@@ -2,7 +2,7 @@
 //! the day of its last run. Such a day is that of the measurement in `docs/results`, or of the commit that printed the
 //! command.
 
-use crate::sources::{root, rust_files};
+use crate::sources::{self, root, rust_files};
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -31,7 +31,7 @@ const NETWORK: &str = "needs a network";
 const ROOT: &str = "needs root. tests/systemd runs the units";
 
 /// Rows by the beginning of the command. The first match applies.
-const ROWS: [(&str, How); 69] = [
+const ROWS: [(&str, How); 71] = [
     ("cargo run --release -- demo --view", Beside("http://", 1, "--view-port 0")),
     ("cargo run --release -- demo --robot", Ends(DEMO, "")),
     ("cargo run --release -- demo --motion", Ends(DEMO, "")),
@@ -85,6 +85,8 @@ const ROWS: [(&str, How); 69] = [
     ("cargo run --release -p wbc --example adversarial", Listed("takes minutes", "2026-11-21")),
     ("cargo run --release -p safety --example gate_adversary", Listed("takes minutes", "2026-11-21")),
     ("cargo run --release -p fuzz-targets --example seeds", Listed("only for a new target", "2026-11-21")),
+    ("cargo test --release --workspace", Listed("runs this test", "2026-11-29")),
+    ("cargo test --release --test system lossy", Listed("needs root, nft(8) and minutes", "2026-11-26")),
     ("cargo doc", Listed(".ci/run makes it, and checks it", "2026-11-28")),
     ("cargo bench", Listed("wants an idle machine", "2026-11-25")),
     ("cargo mutants", Listed("takes hours", "2026-11-22")),
@@ -191,12 +193,8 @@ fn of_prose(document: &str) -> BTreeSet<String> {
     spans.filter(|span| is_command(span)).collect()
 }
 
-/// Returns the documents with their texts.
-fn documents() -> Vec<(PathBuf, String)> {
-    let chapters = std::fs::read_dir(root().join("docs/src")).expect("the book").flatten().map(|entry| entry.path());
-    let pages = ["README.md", "CONTRIBUTING.md"].map(|name| root().join(name));
-    let files = chapters.filter(|path| path.extension().is_some_and(|ending| ending == "md")).chain(pages);
-    files.map(|path| (path.clone(), std::fs::read_to_string(path).expect("a document"))).collect()
+fn documents() -> Vec<(String, String)> {
+    sources::documents(&["README.md", "CONTRIBUTING.md"])
 }
 
 /// Returns true if a word of `cargo test` that selects tests is part of the name of one, or of a module.
@@ -251,7 +249,7 @@ fn commands_in_prose_are_run_or_listed() {
             if command.starts_with("cargo test") {
                 wrong.extend(wrong_test_command(&command));
             } else if !of_blocks.contains(&command) && !is_build && row(&command).is_none() && !is_ours(&command) {
-                wrong.push(format!("{}: no row for `{command}`", file.display()));
+                wrong.push(format!("{}: no row for `{command}`", file));
             }
         }
     }
@@ -276,7 +274,7 @@ fn scripts_that_documents_name_exist() {
         for script in named.filter(|command| command.starts_with(".ci/")) {
             let path = root().join(script.split_whitespace().next().unwrap_or_default());
             let runs = Command::new("test").arg("-x").arg(&path).status().expect("test runs").success();
-            assert!(runs, "{}: {script}", file.display());
+            assert!(runs, "{}: {script}", file);
         }
     }
 }
