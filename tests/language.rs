@@ -1,7 +1,7 @@
 //! Plain English as a test: how a doc comment begins, words that hide who acts, and the length of sentences. And the
 //! budgets of lines.
 
-use crate::sources::{self, root};
+use crate::sources;
 
 /// A doc comment that begins so names no subject.
 const NO_SUBJECT: [&str; 8] = ["Of", "What", "Who", "Whom", "Whose", "Whoever", "Whether", "Whatever"];
@@ -34,11 +34,8 @@ fn rust() -> Vec<(String, String)> {
 }
 
 fn documents() -> Vec<(String, String)> {
-    let chapters = std::fs::read_dir(root().join("docs/src")).expect("the book").flatten();
-    let chapters = chapters.map(|entry| format!("docs/src/{}", entry.file_name().to_string_lossy()));
     let pages = ["README.md", "ARCHITECTURE.md", "SAFETY.md", "SECURITY.md", "CONTRIBUTING.md", "CHANGELOG.md"];
-    let names = chapters.filter(|name| name.ends_with(".md")).chain(pages.map(str::to_owned));
-    names.map(|name| (name.clone(), std::fs::read_to_string(root().join(&name)).expect(&name))).collect()
+    sources::documents(&pages)
 }
 
 /// The text of a line of a doc comment.

@@ -1,12 +1,9 @@
 //! Tests the Debian package. Its table of files covers an installation's needs, and the built package works.
 
+use crate::sources::root;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
-
-fn root() -> PathBuf {
-    PathBuf::from(env!("CARGO_MANIFEST_DIR"))
-}
 
 /// Returns the table of files: source, destination, mode.
 fn assets() -> Vec<[String; 3]> {

@@ -1,16 +1,13 @@
 //! Tests the dependencies of the product: locked, from one registry, under permissive licences, and without
 //! network code. The rules are those of `deny.toml`, but need neither `cargo-deny` nor a network.
 
+use crate::sources::root;
 use serde_json::Value;
 use std::collections::{BTreeMap, BTreeSet};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::Command;
 
 const REGISTRY: &str = "registry+https://github.com/rust-lang/crates.io-index";
-
-fn root() -> PathBuf {
-    PathBuf::from(env!("CARGO_MANIFEST_DIR"))
-}
 
 fn toml_file(name: &str) -> toml::Table {
     let text = std::fs::read_to_string(root().join(name)).unwrap_or_else(|error| panic!("{name}: {error}"));

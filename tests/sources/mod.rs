@@ -30,6 +30,14 @@ pub fn rust_files() -> Vec<(String, String)> {
         .collect()
 }
 
+/// The chapters of the book and these pages of the root, and their text.
+pub fn documents(pages: &[&str]) -> Vec<(String, String)> {
+    let chapters = std::fs::read_dir(root().join("docs/src")).expect("the book").flatten();
+    let chapters = chapters.map(|entry| format!("docs/src/{}", entry.file_name().to_string_lossy()));
+    let names = chapters.filter(|name| name.ends_with(".md")).chain(pages.iter().map(|page| (*page).to_owned()));
+    names.map(|name| (name.clone(), std::fs::read_to_string(root().join(&name)).expect(&name))).collect()
+}
+
 fn walk(folder: &Path, found: &mut Vec<PathBuf>) {
     let Ok(entries) = std::fs::read_dir(folder) else { return };
     for entry in entries.flatten() {
