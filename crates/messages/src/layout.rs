@@ -23,7 +23,7 @@ pub trait Layout: Copy {
     /// Writes the value into the first `size_of::<Self>()` bytes of `out`, numbers little-endian. Further bytes
     /// keep their value. If `out` is too short, a number that does not fit is not written at all.
     fn write_to(&self, out: &mut [u8]);
-    /// Returns the value whose bytes [`Layout::put`] wrote. A number with missing bytes is zero.
+    /// Returns the value whose bytes [`Layout::write_to`] wrote. A number with missing bytes is zero.
     fn get(bytes: &[u8]) -> Self;
 }
 
@@ -38,7 +38,7 @@ pub trait Message: Layout + Send + Sync + 'static {
     /// Name by which the transport knows the type: `teleop.<name>.v<version>.<hash>`.
     const TYPE_NAME: TypeName = TypeName::new(Self::NAME, Self::VERSION, Self::HASH);
 
-    /// Decodes bytes that [`Layout::put`] wrote. Returns `None` if their number is not the message's size. All bit
+    /// Decodes bytes that [`Layout::write_to`] wrote. Returns `None` if their number is not the message's size. All bit
     /// patterns are valid values of the type. The reader must check whether the values make sense.
     fn from_le_bytes(bytes: &[u8]) -> Option<Self> {
         (bytes.len() == size_of::<Self>()).then(|| Self::get(bytes))

@@ -7,11 +7,11 @@
 //! - [`hands`]: the grippers.
 //! - [`clock`]: the robot's clock, from its stamps.
 //! - [`estimate`]: where the robot is now, from samples that are old. [`lag`]: by how much its servos lag.
-//! - [`ros`], [`link`]: the messages of ROS 2 and the connection, in a thread of its own.
+//! - [`ros`], [`connection`]: the messages of ROS 2 and the connection, in a thread of its own.
 //! - `wire`: how messages pass a network that loses packets.
 //! - [`preflight`], [`description`]: the checks before a robot may be driven.
-//! - [`join`], `curves`: whether trajectory controllers execute what they are sent. If not, nothing is sent.
-//! - `dds`, `around`: topics, readers and writers, and who else is there.
+//! - [`mod@reference`], `curves`: whether trajectory controllers execute what they are sent. If not, nothing is sent.
+//! - `dds`, `discovery`: topics, readers and writers, and who else is there.
 //! - [`port`]: the port of `crates/driver`, wait-free.
 
 #![allow(clippy::neg_cmp_op_on_partial_ord, reason = "NaN differs from everything")]

@@ -65,7 +65,7 @@ pub fn assert_always(is_met: bool, text: impl std::fmt::Display) {
 }
 
 /// Runs the body of a test of real time. If it fails after a pause of this machine that no test bears, it says so and
-/// runs again, [`RUNS_MAX`] times in all. A failure without such a pause stands, and one of [`assert_always`].
+/// runs again, `RUNS_MAX` times in all. A failure without such a pause stands, and one of [`assert_always`].
 pub fn in_real_time(body: impl Fn()) {
     let run = || {
         let meter = Arc::new(Meter::default());
