@@ -34,8 +34,8 @@ const ROOT: &str = "needs root. tests/systemd runs the units";
 const ROWS: [(&str, How); 71] = [
     ("cargo run --release -- demo --view", Beside("http://", 1, "--view-port 0")),
     ("cargo run --release -- demo --robot", Ends(DEMO, "")),
-    ("cargo run --release -- demo --motion", Ends(DEMO, "")),
-    ("cargo run --release -- demo", Ends(DEMO, "--seconds 6")),
+    ("cargo run --release -- demo --motion", Ends(DEMO, "--seconds 3")),
+    ("cargo run --release -- demo", Ends(DEMO, "--seconds 3")),
     ("cargo run --release -- tour", Tested("tests/first_minutes.rs")),
     ("cargo run --release -- up", Beside("READY", 3, AT)),
     ("cargo run --release -p replay -- builtin --loop", Beside("until the robot is engaged", 1, AT)),

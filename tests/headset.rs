@@ -100,13 +100,7 @@ fn f132_session_end_hidden_page_and_lost_head_release() {
         operator.wait("at rest", |status| status.moving == 0 && status.ticks > 750);
         let Some(mut browser) = page(&viewer, "") else { return };
         let (press, open, kind) = ("mock.pinch = 0.01", "mock.pinch = 0.08", "head and hands");
-        for (ends, off) in [
-            ("mock.head = false", false),
-            ("mock.session.show('visible-blurred')", false),
-            ("mock.session.end()", true),
-            ("mock.session.show('hidden')", true),
-            (HIDE, true),
-        ] {
+        for (ends, off) in [("mock.head = false", false), ("mock.session.end()", true), (HIDE, true)] {
             follows(&operator, &mut browser, kind, press, open);
             browser.evaluate(&format!("(() => {{ {ends}; }})()"));
             stops(&operator);

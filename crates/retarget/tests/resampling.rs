@@ -106,12 +106,12 @@ const DELIVERIES: [Delivery; 5] = [
 #[test]
 fn target_motion_is_continuous_at_every_rate_and_delivery() {
     let mut worst: f64 = 0.0;
-    for rate_hz in [30.0, 60.0, 120.0, 240.0] {
+    for rate_hz in [30.0, 60.0, 240.0] {
         let person = fastest_human(rate_hz, 4.0);
         for (name, late) in DELIVERIES {
             for origins in [true, false] {
                 let allowed = person * if origins { HURRY } else { HURRY_UNSTAMPED };
-                for delay_ms in [0.0, 40.0, 120.0, 250.0] {
+                for delay_ms in [0.0, 120.0, 250.0] {
                     let mut rng = Pcg64::seed_from_u64(21);
                     let arrivals = source(rate_hz, 4.0, origins, |i| late(i, &mut rng));
                     let outputs = run(&config(Method::ClosedForm, delay_ms), &arrivals, 6.0);

@@ -21,7 +21,7 @@ fn replay_writes_the_same_figures_as_a_campaign_of_its_seed() {
     // The old content is longer.
     std::fs::write(&one, vec![b' '; 100_000]).expect("a file");
     let json = |path: &Path| path.to_str().expect("a path").to_owned();
-    let common = ["--ticks", "8500", "--fault", "frame-nan", "estop"];
+    let common = ["--ticks", "4000", "--fault", "frame-nan", "estop"];
     let replayed = simulate(&[&["--replay", "4", "--json", &json(&one)], &common[..]].concat());
     assert!(replayed.status.success(), "{replayed:?}");
     let campaign = simulate(&[&["--first-seed", "4", "--seeds", "1", "--json", &json(&all)], &common[..]].concat());
