@@ -4,7 +4,7 @@
 
 use crate::bvh::{Pose, RigFrame};
 use crate::error::ArrayError;
-use crate::npy::{Array, Npz};
+use crate::npy::{self, Array, Npz};
 use crate::{FRAMES_MAX, LoadOptions, builtin};
 use messages::{SMPL_JOINTS, SMPL_PARENT};
 use nalgebra::{UnitQuaternion, Vector3};
@@ -27,9 +27,6 @@ pub(crate) struct Sequence {
 }
 
 /// Reads only the required keys. `gender`, `betas` and other keys may hold anything.
-///
-/// # Errors
-/// Returns an error if a key is missing, a shape is wrong, a number is not finite, or the archive is damaged.
 pub(crate) fn read(source: impl Read + Seek, options: &LoadOptions) -> Result<Sequence, ArrayError> {
     let mut npz = Npz::open(source)?;
     let mut warnings = Vec::new();
@@ -117,13 +114,8 @@ fn matrix(array: Array, widths: &[usize], expected: &'static str) -> Result<Vec<
     if frames > FRAMES_MAX {
         return Err(ArrayError::TooManyFrames { frames, bound: FRAMES_MAX });
     }
-    match array.values.iter().position(|x| !x.is_finite() || x.abs() > NUMBER_MAX) {
-        Some(i) => {
-            let (frame, column) = (i / width, i % width);
-            Err(ArrayError::Number { frame, column, value: array.values[i], bound: NUMBER_MAX })
-        }
-        None => Ok(array.values),
-    }
+    npy::check_numbers(&array.values, width, NUMBER_MAX)?;
+    Ok(array.values)
 }
 
 /// Bones of the T-pose from parent to joint, m, in the axes of SMPL's body: x left, y up, z forward.

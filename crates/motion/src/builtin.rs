@@ -1,12 +1,21 @@
 //! The built-in motions. They are procedural, made for this project, and slow enough for a robot arm of 2 rad/s.
 
-use crate::{Frame, Guesses, Motion};
+use crate::{Frame, Motion};
 use messages::{SMPL_JOINTS, SMPL_PARENT, Smpl};
 use nalgebra::{UnitQuaternion, Vector3};
 use skeleton::TORSO_LEAN_RAD;
 
 const RATE_HZ: f64 = 60.0;
-const STATURE_M: f64 = 1.75;
+/// Stature of the person of the built-in motions, m.
+pub const STATURE_M: f64 = 1.75;
+/// Shoulder to elbow, m (Winter, Biomechanics, 4th ed., fig. 4.1).
+pub const UPPER_ARM_M: f64 = 0.186 * STATURE_M;
+/// Elbow to wrist, m (Winter).
+pub const FOREARM_M: f64 = 0.146 * STATURE_M;
+
+/// Shoulder, elbow and wrist of the left and of the right arm.
+pub const SMPL_ARMS: [[Smpl; 3]; 2] =
+    [[Smpl::LeftShoulder, Smpl::LeftElbow, Smpl::LeftWrist], [Smpl::RightShoulder, Smpl::RightElbow, Smpl::RightWrist]];
 
 /// An arm's pose, degrees: forward swing and lowering of the upper arm from the T-pose, its roll about itself,
 /// flexion of the elbow, and pronation. Positive roll turns the forearm inwards when the arm hangs.
@@ -164,9 +173,11 @@ fn played(name: &str, keys: &[Key]) -> Motion {
             frames.push(Frame { closure, ..frame(&arms, &hands, &blend(&from.head, &to.head, s)) });
         }
     }
-    sway(&mut frames);
-    let guesses = Guesses { scale_m_per_unit: 1.0, unit: "m", stature_m: STATURE_M, up: "+Z", warnings: Vec::new() };
-    Motion { name: name.to_owned(), frame_rate_hz: RATE_HZ, frames, first: None, has_rotations: true, guesses }
+    let count = frames.len() as f64;
+    for (i, frame) in frames.iter_mut().enumerate() {
+        sway(frame, i as f64 / count * 5.0 * std::f64::consts::TAU);
+    }
+    Motion::generated(name, RATE_HZ, frames)
 }
 
 /// Returns the pose at the share `s` of the way.
@@ -179,16 +190,13 @@ pub(crate) fn t_pose() -> [[f32; 3]; SMPL_JOINTS] {
     frame(&[T_POSE; 2], &[[0.0; 2]; 2], &[0.0; 2]).positions
 }
 
-/// Adds a sway of 3 mm, five times in the motion. No real person stands perfectly still. With it, a pause differs
+/// Moves a person by a sway of 3 mm at this phase, rad. No real person stands perfectly still. With it, a pause differs
 /// from a stuck tracker.
-fn sway(frames: &mut [Frame]) {
-    let count = frames.len() as f64;
-    for (i, frame) in frames.iter_mut().enumerate() {
-        let (sin, cos) = (i as f64 / count * 5.0 * std::f64::consts::TAU).sin_cos();
-        for position in &mut frame.positions {
-            position[0] += (0.003 * sin) as f32;
-            position[1] += (0.003 * cos) as f32;
-        }
+pub fn sway(frame: &mut Frame, phase: f64) {
+    let (sin, cos) = phase.sin_cos();
+    for position in &mut frame.positions {
+        position[0] += (0.003 * sin) as f32;
+        position[1] += (0.003 * cos) as f32;
     }
 }
 
@@ -196,28 +204,36 @@ fn sway(frames: &mut [Frame]) {
 fn frame(arms: &[ArmPose; 2], hands: &[HandPose; 2], head: &HeadPose) -> Frame {
     let about = |axis, angle: f64| UnitQuaternion::from_axis_angle(&axis, angle.to_radians());
     let (x, y, z) = (Vector3::x_axis(), Vector3::y_axis(), Vector3::z_axis());
-    let mut out = Frame { positions: standing(), ..Frame::ZERO };
-    let joints = [
-        [Smpl::LeftShoulder, Smpl::LeftElbow, Smpl::LeftWrist],
-        [Smpl::RightShoulder, Smpl::RightElbow, Smpl::RightWrist],
-    ];
-    for (side, [shoulder, elbow, wrist]) in joints.into_iter().enumerate() {
+    let limbs = [0, 1].map(|side| {
         let [swing, lower, roll, flex, twist] = arms[side];
         let [to_palm, to_thumb] = hands[side];
         let upper = about(z, -swing) * about(x, -lower) * about(y, roll);
         let fore = upper * about(z, -flex);
         // In the T-pose the palm looks down and the thumb forward.
-        let hand = fore * about(y, -twist) * about(x, -to_palm) * about(z, -to_thumb);
-        let rotations = [(shoulder, upper), (elbow, fore), (wrist, hand)];
-        for (joint, rotation) in rotations {
+        [upper, fore, fore * about(y, -twist) * about(x, -to_palm) * about(z, -to_thumb)]
+    });
+    let mut out = with_limbs(&Frame { positions: standing(), ..Frame::ZERO }, &limbs);
+    let [pan, tilt] = *head;
+    let q = (about(z, pan) * about(y, tilt)).cast::<f32>();
+    out.rotations[Smpl::Head as usize] = [q.i, q.j, q.k, q.w];
+    out
+}
+
+/// Returns `frame`, of an upright person who faces x, with its arms replaced by these rotations of upper arm,
+/// forearm and hand. Each is that of a left arm, or of a right one mirrored to the left. Bones keep their
+/// lengths.
+pub fn with_limbs(frame: &Frame, arms: &[[UnitQuaternion<f64>; 3]; 2]) -> Frame {
+    let mut out = *frame;
+    for (side, (rotations, joints)) in arms.iter().zip(SMPL_ARMS).enumerate() {
+        for (joint, rotation) in joints.into_iter().zip(rotations) {
             // The right arm is the mirror image of a left one: (x, y, z, w) -> (-x, y, -z, w).
             let q = rotation.cast::<f32>();
-            let mirrored = if side == 0 { [q.i, q.j, q.k, q.w] } else { [-q.i, q.j, -q.k, q.w] };
-            out.rotations[joint as usize] = mirrored;
+            out.rotations[joint as usize] = if side == 0 { [q.i, q.j, q.k, q.w] } else { [-q.i, q.j, -q.k, q.w] };
         }
-        // Upper arm 0.186 and forearm 0.146 of the stature (Winter, fig. 4.1).
-        for (joint, rotation, length) in [(elbow, upper, 0.186), (wrist, fore, 0.146)] {
-            let mut bone = rotation * Vector3::y() * (length * STATURE_M);
+        for (joint, rotation, length) in
+            [(joints[1], &rotations[0], UPPER_ARM_M), (joints[2], &rotations[1], FOREARM_M)]
+        {
+            let mut bone = rotation * Vector3::y() * length;
             if side == 1 {
                 bone.y = -bone.y;
             }
@@ -225,9 +241,6 @@ fn frame(arms: &[ArmPose; 2], hands: &[HandPose; 2], head: &HeadPose) -> Frame {
             out.positions[joint as usize] = (parent + bone.cast::<f32>()).into();
         }
     }
-    let [pan, tilt] = *head;
-    let q = (about(z, pan) * about(y, tilt)).cast::<f32>();
-    out.rotations[Smpl::Head as usize] = [q.i, q.j, q.k, q.w];
     out
 }
 

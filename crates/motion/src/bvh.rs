@@ -52,9 +52,6 @@ pub(crate) struct Pose {
 pub(crate) type RigFrame = [Pose; SMPL_JOINTS];
 
 /// Reads the text of a BVH file. Frame 0 becomes `first`. The other frames are the motion.
-///
-/// # Errors
-/// Returns the line and cause of the first error. Memory is bounded by a small multiple of the text's length.
 pub fn parse_bvh(name: &str, text: &[u8]) -> Result<Motion, BvhError> {
     let mut motion = parse(name, text)?;
     // Only a check: without `mirror` the frames do not change.

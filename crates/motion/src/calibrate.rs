@@ -25,9 +25,6 @@ messages::named! {
 
 impl CalibrationMode {
     /// Returns the mode of this name if it is one of `allowed`. For command lines.
-    ///
-    /// # Errors
-    /// Returns the allowed names if the name is not one of them.
     pub fn among(text: &str, allowed: &[Self]) -> Result<Self, String> {
         let found = allowed.iter().copied().find(|mode| mode.name() == text);
         found.ok_or_else(|| {

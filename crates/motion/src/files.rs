@@ -19,18 +19,12 @@ pub struct Listing {
 
 /// Returns the files of `folder` with a readable extension, sorted by name. Skips subfolders. Also skips
 /// `Mean.npy`, `Std.npy` and files of body shapes, which hold no motion (see [`list`] for those).
-///
-/// # Errors
-/// Returns an error that names the folder if it cannot be listed.
 pub fn motion_files(folder: &Path) -> Result<Vec<PathBuf>, MotionError> {
     Ok(list(folder, false)?.files)
 }
 
 /// Lists the motion files of a folder, and the skipped files with the reason. With `recursive` it lists everything
 /// below, but does not follow links to folders.
-///
-/// # Errors
-/// Returns an error that names the folder if it cannot be listed, or lies more than 32 levels deep.
 pub fn list(folder: &Path, recursive: bool) -> Result<Listing, MotionError> {
     let mut listing = Listing::default();
     walk(folder, recursive.then_some(DEPTH_MAX), &mut listing)?;

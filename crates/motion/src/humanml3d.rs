@@ -35,10 +35,6 @@ pub(crate) fn are_features(array: &Array) -> bool {
 }
 
 /// Returns positions in the file's frame (x left, y up, z forward), and warnings about missing information.
-///
-/// # Errors
-/// Returns an error for another shape, for numbers that are not finite, or for features without the statistics
-/// they need.
 pub(crate) fn read(path: &Path, array: &Array, options: &LoadOptions) -> Result<(Positions, Vec<String>), ArrayError> {
     let shape = || ArrayError::Shape { found: array.shape.clone(), expected: SHAPES };
     if array.shape == [FEATURES] {
@@ -58,7 +54,7 @@ pub(crate) fn read(path: &Path, array: &Array, options: &LoadOptions) -> Result<
     if lengths[0] > FRAMES_MAX {
         return Err(ArrayError::TooManyFrames { frames: lengths[0], bound: FRAMES_MAX });
     }
-    finite(&array.values, lengths[1] * lengths[2])?;
+    npy::check_numbers(&array.values, lengths[1] * lengths[2], NUMBER_MAX)?;
     match lengths {
         // SMPL-24 is SMPL-22 with two hands at the end.
         [_, joints @ (SMPL_JOINTS | 24), 3] => {
@@ -72,18 +68,6 @@ pub(crate) fn read(path: &Path, array: &Array, options: &LoadOptions) -> Result<
             Ok((recover(raw.as_deref().unwrap_or(&array.values)), warnings))
         }
         _ => Err(shape()),
-    }
-}
-
-fn finite(values: &[f64], width: usize) -> Result<(), ArrayError> {
-    match values.iter().position(|x| !x.is_finite() || x.abs() > NUMBER_MAX) {
-        Some(i) => Err(ArrayError::Number {
-            frame: i / width.max(1),
-            column: i % width.max(1),
-            value: values[i],
-            bound: NUMBER_MAX,
-        }),
-        None => Ok(()),
     }
 }
 
@@ -191,7 +175,7 @@ fn unnormalised(
         return Err(ArrayError::WrongStatistics { mean: mean_path.display().to_string(), before, after });
     }
     warnings.push(format!("features are normalised ({}): denormalised with {}", signs.text(), mean_path.display()));
-    finite(&undone, FEATURES)?;
+    npy::check_numbers(&undone, FEATURES, NUMBER_MAX)?;
     Ok(Some(undone))
 }
 
@@ -214,7 +198,7 @@ fn statistics(path: &Path) -> Result<Vec<f64>, ArrayError> {
         if array.squeezed() != [FEATURES] {
             return Err(ArrayError::Shape { found: array.shape, expected: "(263,) statistics of the features" });
         }
-        finite(&array.values, FEATURES)?;
+        npy::check_numbers(&array.values, FEATURES, NUMBER_MAX)?;
         Ok(array.values)
     };
     read().map_err(|error| error.in_key(&name))

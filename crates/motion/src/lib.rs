@@ -21,7 +21,9 @@ mod scan;
 mod unpack;
 mod write;
 
-pub use builtin::{CALIBRATION, PICK_AND_PLACE, builtin, builtin_named};
+pub use builtin::{
+    CALIBRATION, FOREARM_M, PICK_AND_PLACE, SMPL_ARMS, STATURE_M, UPPER_ARM_M, builtin, builtin_named, sway, with_limbs,
+};
 pub use bvh::parse_bvh;
 pub use calibrate::{CalibrationMode, calibrate, limbs, raw_frame};
 pub use canonical::Up;
@@ -103,6 +105,13 @@ pub struct Motion {
 }
 
 impl Motion {
+    /// Creates a motion of a generated person, for whom nothing is guessed.
+    pub fn generated(name: &str, frame_rate_hz: f64, frames: Vec<Frame>) -> Self {
+        let guesses =
+            Guesses { scale_m_per_unit: 1.0, unit: "m", stature_m: STATURE_M, up: "+Z", warnings: Vec::new() };
+        Self { name: name.to_owned(), frame_rate_hz, frames, first: None, has_rotations: true, guesses }
+    }
+
     /// Length, s.
     pub fn duration_s(&self) -> f64 {
         self.frames.len() as f64 / self.frame_rate_hz
@@ -130,20 +139,14 @@ pub struct LoadOptions {
 
 /// Reads a motion file by its extension, like [`load_with`] without options. `.bvh`: any rig. `.npy`: HumanML3D's
 /// positions (N, 22, 3) or features (N, 263). `.npz`: AMASS (SMPL-H or SMPL-X). `.mcap`: a recording of `record`.
-///
-/// # Errors
-/// Returns an error that names the file and the cause. Rejects a file above [`FILE_BYTES_MAX`] before reading it.
 pub fn load(path: &Path) -> Result<Motion, MotionError> {
     load_with(path, &LoadOptions::default())
 }
 
-/// Like [`load`], with information that the file may lack.
-///
-/// # Errors
-/// Returns an error that names the file and the cause: line, key, shape or frame. Rejects a mirror image unless
-/// `mirror` is set.
+/// Like [`load`], with information that the file may lack. Rejects a mirror image unless `mirror` is set.
 pub fn load_with(path: &Path, options: &LoadOptions) -> Result<Motion, MotionError> {
     let file = || path.display().to_string();
+    let array = |source| MotionError::Array { file: file(), source };
     if path.is_dir() {
         return Err(MotionError::Folder { file: file() });
     }
@@ -153,7 +156,7 @@ pub fn load_with(path: &Path, options: &LoadOptions) -> Result<Motion, MotionErr
     }
     let [low, high] = FRAME_RATE_HZ;
     if let Some(value) = options.frame_rate_hz.filter(|rate| !(low..=high).contains(rate)) {
-        return Err(MotionError::Array { file: file(), source: ArrayError::FrameRate { value, low, high } });
+        return Err(array(ArrayError::FrameRate { value, low, high }));
     }
     let most = if extension == "mcap" { RECORDING_BYTES_MAX } else { FILE_BYTES_MAX };
     let source = open(path, most)?;
@@ -162,9 +165,8 @@ pub fn load_with(path: &Path, options: &LoadOptions) -> Result<Motion, MotionErr
         "bvh" => read_bvh(&name, path, source)?,
         "mcap" => mcap::parse_mcap(BufReader::new(source), &name)
             .map_err(|source| MotionError::Mcap { file: file(), source })?,
-        "npy" => read_humanml3d(&name, path, source, options)
-            .map_err(|source| MotionError::Array { file: file(), source })?,
-        _ => read_amass(&name, source, options).map_err(|source| MotionError::Array { file: file(), source })?,
+        "npy" => read_humanml3d(&name, path, source, options).map_err(array)?,
+        _ => read_amass(&name, source, options).map_err(array)?,
     };
     // The first frame of a BVH shows the same body.
     let has_first = motion.first.is_some();

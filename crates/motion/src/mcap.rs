@@ -114,9 +114,6 @@ impl<R: Read> Reader<R> {
     }
 
     /// Returns the next item. `None` at the end, whatever its kind ([`Reader::ending`]).
-    ///
-    /// # Errors
-    /// Returns an error if the file is no MCAP, names too many channels, unpacks to too much, or cannot be read.
     pub fn next_item(&mut self) -> Result<Option<Item>, McapError> {
         while self.ending == Ending::Open {
             let event = match self.reader.next_event() {
@@ -187,9 +184,6 @@ impl<R: Read> Reader<R> {
 }
 
 /// Reads the motion of the skeletons that `ingest` published. The motion gets the name `name`.
-///
-/// # Errors
-/// Returns an error if the file is no MCAP, or holds fewer than two skeletons of this version's layout.
 pub fn parse_mcap(input: impl Read, name: &str) -> Result<Motion, McapError> {
     let mut reader = Reader::new(input);
     let mut timed: Vec<(f64, Frame)> = Vec::new();

@@ -6,8 +6,9 @@ use thiserror::Error;
 
 /// Reason why left and right of a body are not reliable.
 #[derive(Clone, Copy, Debug, Error, PartialEq)]
+#[allow(missing_docs, reason = "the texts describe the variants")]
 pub enum MirrorError {
-    /// Feet and knees point backwards.
+    /// The body is a mirror image.
     #[error(
         "the body is mirrored: its feet and knees point the wrong way for its left and right (front {front:.2}, sides \
          {sides:.2}); if the data are mirrored, give the option `mirror`"
@@ -18,13 +19,13 @@ pub enum MirrorError {
         /// Mean evidence of feet and knees, negative for a mirror image.
         front: f64,
     },
-    /// Shoulders and hips disagree. The names of one pair are swapped.
+    /// Shoulders and hips disagree.
     #[error("shoulders and hips disagree on where left is (sides {sides:.2}): one pair's names are swapped")]
     Swapped {
         /// Mean cosine between the lines of shoulders and hips.
         sides: f64,
     },
-    /// The option `mirror` is given, but the body is no mirror image.
+    /// The reflected body is a mirror image.
     #[error("the option `mirror` is given, but the body is not mirrored (front {front:.2}); leave it out")]
     NotMirrored {
         /// Mean evidence of feet and knees in the file, positive for a person.

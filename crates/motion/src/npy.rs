@@ -27,7 +27,6 @@ pub struct Array {
 
 impl Array {
     /// Returns the shape without dimensions of length one.
-    #[must_use]
     pub fn squeezed(&self) -> Vec<usize> {
         self.shape.iter().copied().filter(|&n| n != 1).collect()
     }
@@ -75,10 +74,6 @@ impl Number {
 
 /// Reads a .npy of f32, f64 or integers, either byte order, row- or column-major. Reserves memory only for data
 /// that the source delivers. Bytes after the array stay unread.
-///
-/// # Errors
-/// Returns an error if it is not a .npy, if the number type is not supported, or if the array is too large or cut
-/// short.
 pub fn read_npy(mut source: impl Read) -> Result<Array, ArrayError> {
     let header = parse_header(&read_header(&mut source)?)?;
     let bytes = header.number.bytes();
@@ -195,6 +190,15 @@ fn row_major(values: &[f64], shape: &[usize]) -> Vec<f64> {
     out
 }
 
+/// Rejects numbers of rows of this width that are not finite, or larger than `bound`.
+pub(crate) fn check_numbers(values: &[f64], width: usize, bound: f64) -> Result<(), ArrayError> {
+    let width = width.max(1);
+    match values.iter().position(|x| !x.is_finite() || x.abs() > bound) {
+        Some(i) => Err(ArrayError::Number { frame: i / width, column: i % width, value: values[i], bound }),
+        None => Ok(()),
+    }
+}
+
 /// An open .npz: a zip archive with one .npy per key.
 pub struct Npz<R: Read + Seek> {
     archive: zip::ZipArchive<R>,
@@ -202,25 +206,18 @@ pub struct Npz<R: Read + Seek> {
 
 impl<R: Read + Seek> Npz<R> {
     /// Reads the archive's directory, but no array.
-    ///
-    /// # Errors
-    /// Returns an error if the source is no zip archive.
     pub fn open(source: R) -> Result<Self, ArrayError> {
         let archive = zip::ZipArchive::new(source).map_err(|error| ArrayError::NotZip { cause: error.to_string() })?;
         Ok(Self { archive })
     }
 
     /// Returns the keys in the archive's order, shortened, at most 40.
-    #[must_use]
     pub fn keys(&self) -> Vec<String> {
         let key = |name: &str| name.strip_suffix(".npy").unwrap_or(name).chars().take(40).collect();
         self.archive.file_names().take(40).flatten().map(|name| key(&name)).collect()
     }
 
     /// Returns the array of this key. `None` if there is no such key.
-    ///
-    /// # Errors
-    /// Returns the errors of [`read_npy`] with the key, or an error if the archive is damaged.
     pub fn read(&mut self, key: &str) -> Result<Option<Array>, ArrayError> {
         let damaged = |cause: String| ArrayError::Damaged { cause }.in_key(key);
         let mut file = match self.archive.by_name(&format!("{key}.npy")) {
@@ -239,9 +236,6 @@ impl<R: Read + Seek> Npz<R> {
 }
 
 /// Writes a .npy header of version 1 for little-endian, row-major numbers. `descr` is `<f8`, `<f4` or `<U12`.
-///
-/// # Errors
-/// Returns the errors of `out`.
 pub fn write_npy_header(mut out: impl Write, descr: &str, shape: &[usize]) -> std::io::Result<()> {
     let lengths: String = shape.iter().map(|n| format!("{n}, ")).collect();
     // A tuple of one needs its comma. A longer one needs no comma at the end.

@@ -72,9 +72,6 @@ impl Mapping {
 }
 
 /// Finds every SMPL-22 joint.
-///
-/// # Errors
-/// Returns an error that names all joints that the rig misses.
 pub(crate) fn map(joints: &[Joint]) -> Result<Mapping, BvhError> {
     let names: Vec<Name> = joints.iter().map(|j| Name::read(if j.is_end { "" } else { &j.name })).collect();
     let mut found: [Option<usize>; SMPL_JOINTS] = [None; SMPL_JOINTS];

@@ -47,9 +47,6 @@ impl Meter {
     }
 
     /// Examines the file's next bytes.
-    ///
-    /// # Errors
-    /// Returns an error if a chunk begins that unpacks to more than the limit.
     pub(crate) fn see(&mut self, mut bytes: &[u8]) -> Result<(), McapError> {
         while !bytes.is_empty() {
             let wanted = if self.known >= HEAD { CHUNK_HEAD } else { HEAD };
@@ -77,9 +74,6 @@ impl Meter {
     }
 
     /// Counts a record that the library returned, `bytes` long without its head.
-    ///
-    /// # Errors
-    /// Returns an error if more bytes came out than the file and its chunks' headers declare.
     pub(crate) fn comes(&mut self, bytes: usize) -> Result<(), McapError> {
         self.came += (HEAD + bytes) as u64;
         let bound = self.declared.saturating_add(self.at);

@@ -33,9 +33,6 @@ const NAMES: [&str; SMPL_JOINTS] = [
 const CHANNELS: &str = "CHANNELS 6 Xposition Yposition Zposition Zrotation Yrotation Xrotation";
 
 /// Saves a motion as BVH.
-///
-/// # Errors
-/// Returns the operating system's error, with the path.
 pub fn save_bvh(motion: &Motion, path: &Path) -> Result<(), MotionError> {
     let io = |source| MotionError::Io { file: path.display().to_string(), source };
     std::fs::write(path, write_bvh(motion)).map_err(io)

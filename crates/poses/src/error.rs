@@ -4,36 +4,16 @@ use std::path::{Path, PathBuf};
 
 /// Reason for which a pose or a trajectory was refused.
 #[derive(Debug, thiserror::Error)]
+#[allow(missing_docs, reason = "the texts name the fields")]
 pub enum PosesError {
-    /// A file cannot be read.
     #[error("{}", rt::unreadable(.path, .source))]
-    File {
-        /// The file.
-        path: PathBuf,
-        /// The system's error.
-        source: std::io::Error,
-    },
-    /// A motion file is invalid.
+    File { path: PathBuf, source: std::io::Error },
     #[error("{}", refused(.0))]
     Motion(#[from] motion::MotionError),
-    /// A pose of the command line does not exist.
     #[error("pose {text}: {reason}")]
-    Pose {
-        /// The text of the pose.
-        text: String,
-        /// The problem, and the allowed values.
-        reason: String,
-    },
-    /// A trajectory is invalid.
+    Pose { text: String, reason: String },
     #[error("{}:{line}: {reason}", .path.display())]
-    Trajectory {
-        /// The file.
-        path: PathBuf,
-        /// Line, from 1.
-        line: usize,
-        /// The problem, with value and bound.
-        reason: String,
-    },
+    Trajectory { path: PathBuf, line: usize, reason: String },
 }
 
 impl PosesError {

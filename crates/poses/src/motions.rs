@@ -1,7 +1,7 @@
 //! Eleven named motions, one for each pose or gesture. Each begins and ends with hanging arms.
 
 use crate::person::{ArmPose, reach, standing, with_arms};
-use motion::{Frame, Guesses, Motion};
+use motion::{Frame, Motion};
 use std::f64::consts::TAU;
 
 /// Frames per second.
@@ -163,23 +163,12 @@ fn play(recipe: &Recipe, standing: &Frame) -> Motion {
     }
     frames.push(with_arms(standing, &rest.arms));
     sway_all(&mut frames);
-    let guesses = guesses();
-    Motion { name: recipe.name.to_owned(), frame_rate_hz: RATE_HZ, frames, first: None, has_rotations: true, guesses }
+    Motion::generated(recipe.name, RATE_HZ, frames)
 }
 
-/// Returns exact values, because nothing must be guessed for a generated person.
-pub(crate) fn guesses() -> Guesses {
-    Guesses { scale_m_per_unit: 1.0, unit: "m", stature_m: crate::person::STATURE_M, up: "+Z", warnings: Vec::new() }
-}
-
-/// Adds a sway of 3 mm, once a second. A real person never stands perfectly still, and this distinguishes a
-/// pause from a stuck tracker.
+/// Sways a person once a second.
 pub(crate) fn sway(frame: &mut Frame, at_s: f64) {
-    let (sin, cos) = (at_s * TAU).sin_cos();
-    for position in &mut frame.positions {
-        position[0] += (0.003 * sin) as f32;
-        position[1] += (0.003 * cos) as f32;
-    }
+    motion::sway(frame, at_s * TAU);
 }
 
 /// Applies [`sway`] to all frames of a motion at [`RATE_HZ`].

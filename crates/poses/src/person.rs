@@ -1,15 +1,10 @@
 //! A standing person with given arms. Key poses are given by angles or by the position of the hand.
 
-use messages::{SMPL_PARENT, Smpl};
+use messages::Smpl;
 use motion::Frame;
+pub use motion::{FOREARM_M, STATURE_M, UPPER_ARM_M, with_limbs};
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
-/// Stature of the person, m. The person has the trunk and legs, and so the stature, of the built-in motion.
-pub const STATURE_M: f64 = 1.75;
-/// Shoulder to elbow and elbow to wrist, m (Winter, Biomechanics, 4th ed., fig. 4.1).
-pub const UPPER_ARM_M: f64 = 0.186 * STATURE_M;
-/// See [`UPPER_ARM_M`].
-pub const FOREARM_M: f64 = 0.146 * STATURE_M;
 /// Distance from the wrist to the middle of the hand, m: half of a hand's length (Winter: 0.108 of the
 /// stature). The hand is in line with the forearm.
 pub const HAND_M: f64 = 0.054 * STATURE_M;
@@ -71,35 +66,6 @@ const SHOULDER_M: f64 = 0.105 * STATURE_M;
 /// Returns `frame` with its arms replaced by these, left and right.
 pub fn with_arms(frame: &Frame, arms: &[ArmPose; 2]) -> Frame {
     with_limbs(frame, &arms.each_ref().map(rotations))
-}
-
-/// Returns `frame`, of an upright person who faces x, with its arms replaced by these rotations of upper arm,
-/// forearm and hand. Each is that of a left arm, or of a right one mirrored to the left. Bones keep their
-/// lengths.
-pub fn with_limbs(frame: &Frame, arms: &[[UnitQuaternion<f64>; 3]; 2]) -> Frame {
-    let mut out = *frame;
-    let joints = [
-        [Smpl::LeftShoulder, Smpl::LeftElbow, Smpl::LeftWrist],
-        [Smpl::RightShoulder, Smpl::RightElbow, Smpl::RightWrist],
-    ];
-    for (side, (rotations, joints)) in arms.iter().zip(joints).enumerate() {
-        for (joint, rotation) in joints.into_iter().zip(rotations) {
-            // The right arm is the mirror image of a left one: (x, y, z, w) -> (-x, y, -z, w).
-            let q = rotation.cast::<f32>();
-            out.rotations[joint as usize] = if side == 0 { [q.i, q.j, q.k, q.w] } else { [-q.i, q.j, -q.k, q.w] };
-        }
-        for (joint, rotation, length) in
-            [(joints[1], &rotations[0], UPPER_ARM_M), (joints[2], &rotations[1], FOREARM_M)]
-        {
-            let mut bone = rotation * Vector3::y() * length;
-            if side == 1 {
-                bone.y = -bone.y;
-            }
-            let parent = Vector3::from(out.positions[SMPL_PARENT[joint as usize]]);
-            out.positions[joint as usize] = (parent + bone.cast::<f32>()).into();
-        }
-    }
-    out
 }
 
 /// Returns the middle of the left and of the right hand, m, in the frame of the positions.

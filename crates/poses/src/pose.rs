@@ -9,22 +9,10 @@ use std::path::Path;
 /// Reads a pose, and returns the limbs of both arms, each as those of a left arm. The text is `file.bvh:frame`
 /// (0 is the first frame of motion), `file.bvh@time_s` (the nearest frame) or a name (`t-pose`, `hands-up`,
 /// ..., `rest`). Hinges of files are calibrated by `calibration`.
-///
-/// # Errors
-/// Returns an error if the text is not a pose, and names the allowed forms. Also if a file is invalid, or a
-/// frame or time is outside of the motion.
 pub fn read_pose(text: &str, calibration: CalibrationMode) -> Result<[Limbs; ARMS], PosesError> {
     let refuse = |reason: String| PosesError::Pose { text: text.to_owned(), reason };
     if let Some(frame) = named_pose(text) {
-        let guesses = crate::motions::guesses();
-        let motion = Motion {
-            name: text.to_owned(),
-            frame_rate_hz: crate::motions::RATE_HZ,
-            frames: vec![frame],
-            first: None,
-            has_rotations: true,
-            guesses,
-        };
+        let motion = Motion::generated(text, crate::motions::RATE_HZ, vec![frame]);
         return limbs_of(&motion, 0, CalibrationMode::Rig).ok_or_else(|| refuse("has no limb rotations".into()));
     }
     let Some(end) = file_end(text) else {
@@ -49,7 +37,6 @@ pub fn read_pose(text: &str, calibration: CalibrationMode) -> Result<[Limbs; ARM
 }
 
 /// Returns the file of a pose, if it comes from a file.
-#[must_use]
 pub fn file_of(text: &str) -> Option<&Path> {
     named_pose(text).is_none().then(|| file_end(text).map(|end| Path::new(&text[..end]))).flatten()
 }

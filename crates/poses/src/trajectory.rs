@@ -1,9 +1,9 @@
 //! Joint trajectories of both arms: the oracle's for a motion, from and to CSV, and as the motion of a person.
 
 use crate::error::PosesError;
-use crate::motions::{guesses, sway_all};
+use crate::motions::sway_all;
 use crate::person::{standing, with_limbs};
-use motion::{CalibrationMode, Frame, Guesses, Motion};
+use motion::{CalibrationMode, Frame, Motion};
 use retarget::contact::{Correction, Memory, PersonGeometry, Proportions};
 use retarget::{ARM_Q, ARMS, ArmModel, ArmQ, Limbs, oracle, refine};
 use robot::Model;
@@ -93,10 +93,6 @@ const LIMIT_TOLERANCE_RAD: f64 = 1e-3;
 /// Reads a CSV file with a column `time_s` (or `t_s`) and one column per arm joint 1 to 5, by name and in any
 /// order. Other columns are left out. A rate outside 30 to 240 Hz, or one that is not constant, is interpolated
 /// to 60 Hz.
-///
-/// # Errors
-/// Returns an error with file, line and cause. Causes are a missing column, a value that is not a number, times
-/// that do not rise, and a joint beyond its limit.
 pub fn read_csv(path: &Path, model: &Model) -> Result<Trajectory, PosesError> {
     let bytes = std::fs::metadata(path).map_err(PosesError::file(path))?;
     if !bytes.is_file() || bytes.len() > FILE_BYTES_MAX {
@@ -207,13 +203,7 @@ pub fn to_motion(trajectory: &Trajectory, model: &Model, name: &str) -> Motion {
     let mut frames: Vec<_> = trajectory.q.iter().map(|q| person(&arm, &standing, &own_positions(model, q))).collect();
     sway_all(&mut frames);
     let warning = "a joint trajectory: the person has the limb rotations of the robot's forward kinematics";
-    let guesses = Guesses { warnings: vec![warning.to_owned()], ..guesses() };
-    Motion {
-        name: name.to_owned(),
-        frame_rate_hz: trajectory.rate_hz,
-        frames,
-        first: None,
-        has_rotations: true,
-        guesses,
-    }
+    let mut motion = Motion::generated(name, trajectory.rate_hz, frames);
+    motion.guesses.warnings.push(warning.to_owned());
+    motion
 }

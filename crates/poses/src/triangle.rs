@@ -3,7 +3,7 @@
 
 use crate::error::PosesError;
 use crate::keys::Keys;
-use crate::motions::{guesses, sway};
+use crate::motions::sway;
 use crate::person::standing;
 use crate::pose::read_pose;
 use crate::trajectory::person;
@@ -33,10 +33,6 @@ pub struct Triangle {
 impl Triangle {
     /// Creates the triangle of exactly three poses, as [`read_pose`] takes them. Hinges of files are calibrated
     /// over their first 10 s.
-    ///
-    /// # Errors
-    /// Returns an error if there are not three poses, or a file is invalid. Also if a text is not a pose, and
-    /// names the allowed forms.
     pub fn new(model: &Model, network: &Network, poses: &[String]) -> Result<Self, PosesError> {
         let names: &[String; 3] = poses.try_into().map_err(|_| {
             let reason = format!("{} poses; a triangle needs 3", poses.len());
@@ -45,14 +41,7 @@ impl Triangle {
         let limbs =
             poses.iter().map(|text| read_pose(text, CalibrationMode::First10s)).collect::<Result<Vec<_>, _>>()?;
         let standing = standing();
-        let motion = Motion {
-            name: poses.join(","),
-            frame_rate_hz: crate::motions::RATE_HZ,
-            frames: vec![standing],
-            first: None,
-            has_rotations: true,
-            guesses: guesses(),
-        };
+        let motion = Motion::generated(&poses.join(","), crate::motions::RATE_HZ, vec![standing]);
         let calibration = motion::calibrate(&motion, CalibrationMode::Rig);
         let keys = Keys::new(model, network, &limbs, REFINE_STEPS);
         Ok(Self { names: names.clone(), keys, standing, motion, calibration })

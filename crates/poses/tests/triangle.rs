@@ -88,35 +88,6 @@ fn default_poses_are_apart_and_every_mix_is_collision_free() {
     }
 }
 
-/// Returns the mean angle between the limbs of two postures, degrees.
-fn apart_deg(arm: &ArmModel, a: &[ArmQ; ARMS], b: &[ArmQ; ARMS]) -> f64 {
-    let error = |side: usize| limb_error_deg(&arm.forward(&a[side]), &arm.forward(&b[side]));
-    (0..ARMS).flat_map(error).sum::<f64>() / 4.0
-}
-
-#[test]
-fn arms_between_two_corners_approach_the_second_steadily() {
-    let loaded = loaded();
-    let (arm, triangle) = (ArmModel::from_model(&loaded.model), triangle(&loaded, &POSES));
-    for from in 0..3 {
-        for to in (0..3).filter(|&to| to != from) {
-            let end = triangle.q(&corner(to));
-            let left: Vec<f64> = (0..=120)
-                .map(|i| {
-                    let s = f64::from(i) / 120.0;
-                    let shares = std::array::from_fn(|n| (1.0 - s) * corner(from)[n] + s * corner(to)[n]);
-                    apart_deg(&arm, &triangle.q(&shares), &end)
-                })
-                .collect();
-            println!("{} to {}: {:.1?}", POSES[from], POSES[to], left.iter().step_by(20).collect::<Vec<_>>());
-            assert!(left[0] > 20.0 && left[120] < 1e-3);
-            for (i, pair) in left.windows(2).enumerate() {
-                assert!(pair[1] < pair[0], "{} to {}, {i} of 120: {pair:?}", POSES[from], POSES[to]);
-            }
-        }
-    }
-}
-
 /// Drags a handle at random, four times as fast as pages may. A share changes by a sixtieth per frame.
 #[test]
 fn ingest_accepts_all_frames_but_the_first_of_a_dragged_handle() {

@@ -4,6 +4,8 @@
 //! A packet is never trusted. Its length is checked before it is read. A packet of another protocol is rejected
 //! and counted. `ingest` judges whether a person is plausible, as for every other client.
 
+#![allow(missing_docs, reason = "the library of a program: only the program, tests and other tools use it")]
+
 pub mod cli;
 pub mod link;
 mod mvn;
@@ -21,28 +23,21 @@ use messages::{Layout, RawSkeleton, SkeletonLayout};
 /// Longest packet that is read, bytes. A person of MVN takes 760, one of VMC with all fingers some 4,000.
 pub const PACKET_MAX: usize = 16 << 10;
 
-/// The reason why a packet was rejected.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, thiserror::Error)]
 pub enum Refused {
-    /// It does not belong to this protocol.
     #[error("from another protocol")]
     Protocol,
-    /// Its length differs from its header.
     #[error("of a length that differs from its header")]
     Length,
-    /// It is older than a previous packet.
     #[error("older than the previous one")]
     Late,
-    /// It has a segment twice.
     #[error("with a repeated segment")]
     Twice,
-    /// It has NaN or infinity.
     #[error("with NaN or infinity")]
     NotANumber,
     /// Another sender holds the turn. Only one is accepted at a time.
     #[error("from another sender")]
     Stranger,
-    /// It belongs to a character that is not selected.
     #[error("for another character")]
     Character,
     /// The sender is on this machine and belongs to a user who may not send.
@@ -50,7 +45,6 @@ pub enum Refused {
     User,
 }
 
-/// Result of an accepted packet.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Taken {
     /// It has no data of the selected person.
@@ -59,12 +53,8 @@ pub enum Taken {
     Person,
 }
 
-/// Receiver of one protocol.
 pub trait Protocol {
-    /// Takes a packet, and passes every person that it completes to `publish`.
-    ///
-    /// # Errors
-    /// Returns an error if the packet was rejected. Pending data stays.
+    /// Takes a packet, and passes every person that it completes to `publish`. A rejected packet changes no person.
     fn decode(&mut self, packet: &[u8], publish: &mut dyn FnMut(&RawSkeleton)) -> Result<Taken, Refused>;
 
     /// Returns a receiver for another sender. It is in its initial state, except for the count of restarts.
@@ -77,12 +67,10 @@ pub trait Protocol {
     fn restarts(&self) -> u64;
 }
 
-/// Returns a frame without a person.
 fn empty(layout: SkeletonLayout, joints: usize, flags: u32) -> RawSkeleton {
     RawSkeleton { layout: layout as u32, joint_count: joints as u32, flags, ..RawSkeleton::ZERO }
 }
 
-/// Returns the outcome of a packet, and the frames that it completes.
 #[cfg(test)]
 fn taken(protocol: &mut dyn Protocol, packet: &[u8]) -> (Result<Taken, Refused>, Vec<RawSkeleton>) {
     let mut frames = Vec::new();

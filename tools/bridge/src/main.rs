@@ -88,7 +88,6 @@ fn users(to: &To) -> std::io::Result<Option<u32>> {
     Ok(Some(Peer::from_socket(own.as_fd())?.uid))
 }
 
-/// State of the receiver.
 struct Listener<P> {
     port: Port,
     protocol: P,

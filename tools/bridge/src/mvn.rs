@@ -19,14 +19,10 @@ const ALL: u32 = (1 << SEGMENTS) - 1;
 /// packet: 2 s at 240 Hz.
 const BEGAN_ANEW: u32 = 480;
 
-/// Receiver of one character.
 #[derive(Clone, Debug)]
 pub struct Mvn {
-    /// The character that the user selected, if any.
     asked: Option<u8>,
-    /// The character that is received.
     character: Option<u8>,
-    /// The present or last sample.
     sample: Option<u32>,
     /// Bit i: segment i + 1 has arrived.
     seen: u32,

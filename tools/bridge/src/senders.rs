@@ -8,16 +8,12 @@ use std::net::{IpAddr, SocketAddr};
 /// client's lease.
 const SILENT_NS: u64 = 1_000_000_000;
 
-/// Relation of a sender to the previous one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SenderChange {
-    /// The previous sender.
     Same,
-    /// Another sender, or the first.
     New,
 }
 
-/// The sender that holds the turn.
 #[derive(Clone, Debug)]
 pub struct Senders {
     /// The only address that may send, if one is configured.
@@ -26,15 +22,11 @@ pub struct Senders {
 }
 
 impl Senders {
-    /// Creates the state without a sender.
     pub fn new(only: Option<IpAddr>) -> Self {
         Self { only: only.map(|only| only.to_canonical()), present: None }
     }
 
     /// Returns whether the sender changes if the packet that comes from `sender` at `now` is accepted.
-    ///
-    /// # Errors
-    /// Returns an error if the address may not send, or another sender sent within the last second.
     pub fn whose(&self, sender: SocketAddr, now: Stamp) -> Result<SenderChange, Refused> {
         if self.only.is_some_and(|only| only != sender.ip()) {
             return Err(Refused::Stranger);

@@ -11,13 +11,11 @@ use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, UdpSocket};
 const HOLDS_NS: u64 = 1_000_000_000;
 /// Number of cached answers.
 const KEPT_MAX: usize = 64;
-/// The kernel's tables of UDP sockets.
 const TABLES: [&str; 2] = ["/proc/net/udp", "/proc/net/udp6"];
 /// Size of the longest table that is read, bytes. A socket takes 128 bytes, and there are at most as many
 /// sockets as ports.
 const TABLE_BYTES_MAX: u64 = 16 << 20;
 
-/// The users of this machine who may send.
 #[derive(Clone, Debug)]
 pub struct Users {
     /// This user and root may send. Without a value every user may.

@@ -43,7 +43,6 @@ const ARMS: u64 = 0b1111 << 13;
 /// A position (m) and a rotation. The algebra is the same for left-handed and right-handed axes.
 type Transform = Isometry3<f32>;
 
-/// Receiver of one performer.
 #[derive(Clone, Debug)]
 pub struct Vmc {
     root: Transform,
@@ -51,14 +50,12 @@ pub struct Vmc {
     /// Bit i: bone i arrived since the last frame.
     seen: u64,
     frame: RawSkeleton,
-    /// True if the sender reports that no person is tracked.
     absent: bool,
     time: Option<f32>,
     restarts: u64,
 }
 
 impl Vmc {
-    /// Creates a receiver without any data.
     pub fn new() -> Self {
         let mut frame = empty(SkeletonLayout::UnityHumanoid, COUNT, raw_flag::ROTATIONS | raw_flag::LOCAL);
         frame.rotations[..COUNT].fill([0.0, 0.0, 0.0, 1.0]);

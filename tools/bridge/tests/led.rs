@@ -75,14 +75,14 @@ impl Place {
 
     /// A new client lets the robot follow the built-in motion. Then this returns the operator who holds the enable, and the
     /// client.
-    fn lead(&self, eyes: &mut StateObserver) -> (Operator, client::Publisher) {
+    fn lead(&self, observer: &mut StateObserver) -> (Operator, client::Publisher) {
         let person = Transport::Socket(self.folder.path().join("skeleton.sock"));
         drop(self.connect());
         let client = publisher(person, &motion::builtin(), 0).expect("the skeleton socket answers");
-        let before = eyes.wait("there", |_| true);
+        let before = observer.wait("there", |_| true);
         let hand = self.engage();
         client.set_engaged(true);
-        eyes.wait_moved(&before, MOVED);
+        observer.wait_moved(&before, MOVED);
         (hand, client)
     }
 
@@ -103,12 +103,12 @@ impl Place {
 }
 
 /// Asserts that the robot is released, comes to rest, and stays so.
-fn assert_released(local: &Operator, eyes: &mut StateObserver, what: &str) {
+fn assert_released(local: &Operator, observer: &mut StateObserver, what: &str) {
     let released = |mode| !matches!(mode, Some(Mode::Engaged | Mode::Engaging));
     wait_until(&format!("{what}: a release"), || released(local.mode()));
-    let at = eyes.wait_at_rest();
+    let at = observer.wait_at_rest();
     assert!(!within(WATCHED, || !released(local.mode())), "{what}: it engaged by itself");
-    let then = eyes.wait("there", |state| state.header.sequence > at.header.sequence);
+    let then = observer.wait("there", |state| state.header.sequence > at.header.sequence);
     let moved = at.q.iter().zip(&then.q).map(|(at, then)| (at - then).abs()).fold(0.0, f64::max);
     assert!(moved < NOISE, "{what}: it moved by {moved}");
 }
@@ -127,31 +127,31 @@ fn robot_is_led_over_a_link() {
     let of_robot =
         || End::start(&["robot", "--keys", text(keys.path()), "--listen", &address, "--run-dir", text(&run_dir)]);
     let place = Place { folder, bundle: keys.path().join("anna.bundle"), address: address.clone() };
-    let (local, mut eyes) = (robot.operator().expect("it answers"), StateObserver::open(&robot.instance));
+    let (local, mut observer) = (robot.operator().expect("it answers"), StateObserver::open(&robot.instance));
 
     let (far, near) = (of_robot(), place.start());
-    let (hand, client) = place.lead(&mut eyes);
+    let (hand, client) = place.lead(&mut observer);
     near.pause(Duration::from_millis(400));
-    assert_released(&local, &mut eyes, "the operator's end paused");
+    assert_released(&local, &mut observer, "the operator's end paused");
     drop(hand);
     // The same client goes on, because nobody else has taken its lease.
     let led = (place.engage(), client);
     drop(near);
-    assert_released(&local, &mut eyes, "the operator's end was killed");
+    assert_released(&local, &mut observer, "the operator's end was killed");
     drop(led);
 
     let near = place.start();
-    let led = place.lead(&mut eyes);
+    let led = place.lead(&mut observer);
     drop(far);
-    assert_released(&local, &mut eyes, "the robot's end was killed");
+    assert_released(&local, &mut observer, "the robot's end was killed");
     let far = of_robot();
-    assert_released(&local, &mut eyes, "the robot's end is back");
+    assert_released(&local, &mut observer, "the robot's end is back");
     drop(led);
 
-    let (hand, _client) = place.lead(&mut eyes);
+    let (hand, _client) = place.lead(&mut observer);
     hand.estop();
     wait_until("a fault", || local.mode() == Some(Mode::Faulted));
-    eyes.wait_at_rest();
+    observer.wait_at_rest();
     drop((near, far));
     robot.children.end("driver").expect("it ends");
     let mut figures = robot.report("driver").expect("its figures");

@@ -7,32 +7,14 @@ use std::io::{BufRead, BufReader, Write};
 use std::net::UdpSocket;
 use std::process::{Child, ChildStdout, Command, Stdio};
 
-/// Positions of the segments of a person in a T-pose who faces x: m, z up.
-const T_POSE: [[f32; 3]; 23] = [
-    [0.0, 0.0, 0.95],
-    [0.0, 0.0, 1.03],
-    [0.0, 0.0, 1.12],
-    [0.0, 0.0, 1.21],
-    [0.0, 0.0, 1.3],
-    [0.0, 0.0, 1.45],
-    [0.0, 0.0, 1.55],
-    [0.0, -0.03, 1.42],
-    [0.0, -0.18, 1.42],
-    [0.0, -0.46, 1.42],
-    [0.0, -0.72, 1.42],
-    [0.0, 0.03, 1.42],
-    [0.0, 0.18, 1.42],
-    [0.0, 0.46, 1.42],
-    [0.0, 0.72, 1.42],
-    [0.0, -0.09, 0.93],
-    [0.0, -0.09, 0.5],
-    [0.0, -0.09, 0.08],
-    [0.15, -0.09, 0.03],
-    [0.0, 0.09, 0.93],
-    [0.0, 0.09, 0.5],
-    [0.0, 0.09, 0.08],
-    [0.15, 0.09, 0.03],
-];
+/// Positions of the 23 segments of a person in a T-pose who faces x, m, z up: the spine and the head, then the right and the
+/// left arm, then the right and the left leg.
+fn t_pose() -> Vec<[f32; 3]> {
+    let spine = [0.95, 1.03, 1.12, 1.21, 1.3, 1.45, 1.55].map(|z| [0.0, 0.0, z]);
+    let arm = |side: f32| [0.03, 0.18, 0.46, 0.72].map(|y| [0.0, side * y, 1.42]);
+    let leg = |side: f32| [(0.0, 0.93), (0.0, 0.5), (0.0, 0.08), (0.15, 0.03)].map(|(x, z)| [x, side * 0.09, z]);
+    [&spine[..], &arm(-1.0), &arm(1.0), &leg(-1.0), &leg(1.0)].concat()
+}
 
 fn mvn(sample: u32) -> Vec<u8> {
     let mut bytes = b"MXTP02".to_vec();
@@ -41,7 +23,7 @@ fn mvn(sample: u32) -> Vec<u8> {
     bytes.extend([0; 4]);
     bytes.extend([0, 23, 0, 0, 0, 0]);
     bytes.extend((23 * 32_u16).to_be_bytes());
-    for (i, position) in T_POSE.iter().enumerate() {
+    for (i, position) in t_pose().iter().enumerate() {
         bytes.extend((i as u32 + 1).to_be_bytes());
         position.iter().chain(&[1.0, 0.0, 0.0, 0.0]).for_each(|x| bytes.extend(x.to_be_bytes()));
     }
@@ -58,10 +40,10 @@ fn start(folder: &std::path::Path, arguments: &[&str]) -> (Child, String, std::i
         .spawn()
         .expect("it starts");
     let mut lines = BufReader::new(bridge.stdout.take().expect("its output")).lines();
-    let told = lines.next().expect("a line").expect("text");
-    let address = told.strip_prefix("bridge: listening at ").expect("an address").to_owned();
-    let told = lines.next().expect("a line").expect("text");
-    assert_eq!(told.contains("--any-user"), !arguments.contains(&"--any-user"), "{told}");
+    let reported = lines.next().expect("a line").expect("text");
+    let address = reported.strip_prefix("bridge: listening at ").expect("an address").to_owned();
+    let reported = lines.next().expect("a line").expect("text");
+    assert_eq!(reported.contains("--any-user"), !arguments.contains(&"--any-user"), "{reported}");
     (bridge, address, lines)
 }
 
@@ -85,15 +67,18 @@ fn mvn_person_reaches_the_input_domain_with_sides_kept() {
     assert!(raw.session_nonce != 0 && raw.header.origin == raw.header.stamp && raw.header.incarnation != 0);
     let frame = layouts::Layouts::default().convert(&raw).expect("a person");
     for (joint, segment) in [(Smpl::LeftWrist, 14), (Smpl::RightWrist, 10), (Smpl::LeftElbow, 13), (Smpl::Head, 6)] {
-        assert_eq!(frame.positions[joint as usize], T_POSE[segment], "{joint:?}");
+        assert_eq!(frame.positions[joint as usize], t_pose()[segment], "{joint:?}");
     }
     socket.send_to(b"nobody", &address).expect("sent");
     assert!(line().contains("listening to 127.0.0.1"));
     assert!(line().contains("from another protocol"));
     rt::terminate(bridge.id());
     assert!(bridge.wait().expect("it ends").success());
-    let told = line();
-    assert!(told.contains(&format!("{sample} frames, 0 not accepted; 1 packets from another protocol")), "{told}");
+    let reported = line();
+    assert!(
+        reported.contains(&format!("{sample} frames, 0 not accepted; 1 packets from another protocol")),
+        "{reported}"
+    );
 }
 
 #[test]
@@ -113,8 +98,8 @@ fn dual_stack_socket_accepts_ipv4_sender_right_after_garbage() {
     assert_eq!(line(), format!("bridge: listening to {}", good.local_addr().expect("an address")));
     rt::terminate(bridge.id());
     assert!(bridge.wait().expect("it ends").success());
-    let told = line();
-    assert!(told.contains("1 frames, 0 not accepted; 1 packets from another protocol"), "{told}");
+    let reported = line();
+    assert!(reported.contains("1 frames, 0 not accepted; 1 packets from another protocol"), "{reported}");
 }
 
 /// Another user of this machine sends a person. Returns the bridge's last message about it.
@@ -133,9 +118,9 @@ fn told_of_nobody(arguments: &[&str]) -> Option<String> {
         .spawn();
     let sent = nobody.ok().and_then(|mut nobody| {
         nobody.stdin.as_mut()?.write_all(&mvn(1)).ok()?;
-        let mut told = String::new();
-        BufReader::new(nobody.stdout.take()?).read_line(&mut told).ok()?;
-        let line = if told == "sent\n" { lines.next() } else { None };
+        let mut reported = String::new();
+        BufReader::new(nobody.stdout.take()?).read_line(&mut reported).ok()?;
+        let line = if reported == "sent\n" { lines.next() } else { None };
         drop(nobody.stdin.take());
         nobody.wait().ok()?;
         line?.ok()
@@ -149,12 +134,12 @@ fn told_of_nobody(arguments: &[&str]) -> Option<String> {
 #[test]
 fn packets_of_another_user_are_dropped_unless_any_user_is_set() {
     let strict = ["mvn", "--bind", "127.0.0.1:0"];
-    let Some(told) = told_of_nobody(&strict) else {
+    let Some(reported) = told_of_nobody(&strict) else {
         return println!("skipped: needs root, setpriv and bash to send as another user");
     };
-    assert!(told.contains("0 frames, 0 not accepted; 1 packets from another user of this machine"), "{told}");
-    let told = told_of_nobody(&[&strict[..], &["--any-user"]].concat()).expect("as before");
-    assert!(told.contains("1 frames, 0 not accepted"), "{told}");
+    assert!(reported.contains("0 frames, 0 not accepted; 1 packets from another user of this machine"), "{reported}");
+    let reported = told_of_nobody(&[&strict[..], &["--any-user"]].concat()).expect("as before");
+    assert!(reported.contains("1 frames, 0 not accepted"), "{reported}");
 }
 
 #[test]

@@ -21,10 +21,8 @@ const STRIKE_EVERY_S: [f64; 2] = [3.0, 86_400.0];
 #[derive(Clone, Debug, Parser)]
 #[command(name = "chaos", version, args_conflicts_with_subcommands = true)]
 pub struct Cli {
-    /// Another kind of chaos.
     #[command(subcommand)]
     pub command: Option<Command>,
-    /// The trials.
     #[command(flatten)]
     pub trials: TrialsArgs,
 }
@@ -60,7 +58,6 @@ pub struct SoakArgs {
     /// Kill control and the driver, too. They are suspended otherwise, so that a slow leak shows.
     #[arg(long)]
     pub kill_all: bool,
-    /// The others.
     #[command(flatten)]
     pub common: CommonArgs,
 }
@@ -83,16 +80,11 @@ pub struct TrialsArgs {
     /// Share of the faults that wait until the robot is engaged. The others occur while it engages.
     #[arg(long, value_name = "SHARE", default_value_t = 0.8)]
     pub engaged: f64,
-    /// The others.
     #[command(flatten)]
     pub common: CommonArgs,
 }
 
 impl SoakArgs {
-    /// Checks the options.
-    ///
-    /// # Errors
-    /// Returns an error that names the option, its value and the bound.
     pub fn check(&self) -> Result<(), Failure> {
         check_bounds("--hours", self.hours, SOAK_HOURS)?;
         check_bounds("--strike-every", self.strike_every, STRIKE_EVERY_S)
@@ -100,10 +92,6 @@ impl SoakArgs {
 }
 
 impl TrialsArgs {
-    /// Checks the options.
-    ///
-    /// # Errors
-    /// Returns an error that names the option, its value and the bound.
     pub fn check(&self) -> Result<(), Failure> {
         let total = self.kills.saturating_add(self.suspends);
         check_bounds("--kills", self.kills, [0, TRIALS_MAX])?;
@@ -114,9 +102,6 @@ impl TrialsArgs {
     }
 
     /// Returns the targets of the faults.
-    ///
-    /// # Errors
-    /// Returns an error that names an unknown target.
     pub fn targets(&self) -> Result<Vec<Target>, Failure> {
         let Some(name) = &self.only else { return Ok(Target::ALL.to_vec()) };
         let found = Target::ALL.iter().find(|target| target.name() == name);
@@ -138,5 +123,8 @@ mod tests {
             let failure = args.check().expect_err(value);
             assert!(failure.text.starts_with(option) && failure.exit == Exit::Usage, "{failure}");
         }
+        let none = Cli::try_parse_from(["chaos", "--kills", "0"]).expect("this option exists").trials;
+        let failure = none.check().expect_err("no faults");
+        assert_eq!(failure.text, "--kills and --suspends = 0: must be 1 to 1000000");
     }
 }

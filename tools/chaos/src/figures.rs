@@ -1,7 +1,7 @@
 //! Sums up the results of the trials.
 
 use crate::injection::{Kind, Target};
-use crate::monitor::{Monitor, Seen};
+use crate::monitor::Seen;
 use crate::rig::Rig;
 use crate::trial::Outcome;
 use checker::ViolationKind;
@@ -11,7 +11,6 @@ use serde_json::{Map, Value, json};
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
-/// TrialFigures of one target.
 #[derive(Clone, Debug, Default)]
 struct TargetFigures {
     kills: u64,
@@ -28,7 +27,6 @@ pub(crate) fn has_robot(settings: &Settings) -> bool {
     settings.driver.program.is_empty()
 }
 
-/// TrialFigures of a run.
 #[derive(Clone, Debug, Default)]
 pub struct TrialFigures {
     targets: BTreeMap<Target, TargetFigures>,
@@ -46,23 +44,16 @@ pub struct TrialFigures {
     robots: u64,
     oldest_command_us: f64,
     clients_begun_anew: u64,
-    /// Any other problems.
     trouble: Vec<String>,
 }
 
 impl TrialFigures {
     /// Ends an instance. Adds its trials, and what its monitor and its processes saw. Returns the reports of the
     /// processes.
-    pub fn conclude(
-        &mut self,
-        rig: Rig,
-        monitor: Monitor,
-        outcomes: &[Outcome],
-        settings: &Settings,
-    ) -> Map<String, Value> {
-        self.add_seen(&monitor.seen());
-        drop(monitor);
-        self.clients_begun_anew += rig.clients_begun_anew();
+    pub fn conclude(&mut self, rig: Rig, outcomes: &[Outcome]) -> Map<String, Value> {
+        self.add_seen(&rig.monitor.seen());
+        self.clients_begun_anew += rig.clients_begun_anew;
+        let settings = rig.settings.clone();
         let (trouble, reports) = rig.end();
         // With real-time scheduling, no stale time was relaxed.
         let realtime = reports.get(Target::Control.name()).is_some_and(|control| control["realtime"] == true);
@@ -75,8 +66,8 @@ impl TrialFigures {
             None => self.trouble.push("a driver wrote no record".to_owned()),
         }
         match reports.get("robot") {
-            Some(record) if has_robot(settings) => self.add_robot(record),
-            None if has_robot(settings) => self.trouble.push("a robot wrote no record".to_owned()),
+            Some(record) if has_robot(&settings) => self.add_robot(record),
+            None if has_robot(&settings) => self.trouble.push("a robot wrote no record".to_owned()),
             _ => {}
         }
         self.trouble.extend(trouble);
@@ -100,7 +91,6 @@ impl TrialFigures {
         }
     }
 
-    /// Adds the observations of an instance's monitor.
     fn add_seen(&mut self, seen: &Seen) {
         self.states += seen.states;
         self.not_finite += seen.not_finite;
@@ -110,44 +100,31 @@ impl TrialFigures {
         }
     }
 
-    /// Adds the driver's own record of an instance.
     fn add_record(&mut self, record: &Value) {
         self.records += 1;
-        for (sum, kind) in self.recorded.iter_mut().zip(ViolationKind::ALL) {
-            match record["violations"][kind.name()].as_u64() {
-                Some(count) => *sum += count,
-                None => self.trouble.push(format!("the driver's record does not count {}", kind.name())),
-            }
-        }
+        let kinds = ViolationKind::ALL.map(ViolationKind::name);
+        self.trouble.extend(add_counts(&mut self.recorded, kinds, record, "driver"));
         let oldest_us = record["oldest_command_us"].as_f64().unwrap_or(f64::INFINITY);
         self.oldest_command_us = self.oldest_command_us.max(oldest_us);
     }
 
-    /// Adds the record of an instance's robot.
     fn add_robot(&mut self, record: &Value) {
         self.robots += 1;
-        for (sum, kind) in self.judged.iter_mut().zip(plant::ViolationKind::ALL) {
-            match record["violations"][kind.name()].as_u64() {
-                Some(count) => *sum += count,
-                None => self.trouble.push(format!("the robot's record does not count {}", kind.name())),
-            }
-        }
+        let kinds = plant::ViolationKind::ALL.map(plant::ViolationKind::name);
+        self.trouble.extend(add_counts(&mut self.judged, kinds, record, "robot"));
         if !record["first_violation"].is_null() {
             self.judged_first.push(record["first_violation"].clone());
         }
     }
 
-    /// Adds a problem.
     pub fn add_trouble(&mut self, trouble: String) {
         self.trouble.push(trouble);
     }
 
-    /// Kills so far.
     pub fn kills(&self) -> u64 {
         self.targets.values().map(|of| of.kills).sum()
     }
 
-    /// Suspensions so far.
     pub fn suspends(&self) -> u64 {
         self.targets.values().map(|of| of.suspends).sum()
     }
@@ -176,7 +153,6 @@ impl TrialFigures {
         complaints
     }
 
-    /// Returns the figures as JSON.
     pub fn to_json(&self) -> Value {
         let targets = self.targets.iter().map(|(target, of)| {
             let mut ticks = of.rest_after_ticks.clone();
@@ -193,14 +169,15 @@ impl TrialFigures {
             });
             (target.name().to_owned(), value)
         });
+        let kinds = ViolationKind::ALL.map(ViolationKind::name);
         json!({
             "kills": self.kills(),
             "suspends": self.suspends(),
             "victims": targets.collect::<Map<_, _>>(),
             "states_witnessed": self.states,
-            "violations_witnessed": by_kind(&self.witnessed),
-            "violations_recorded": by_kind(&self.recorded),
-            "violations_of_true_motion": Value::Object(self.true_motion()),
+            "violations_witnessed": named(kinds, self.witnessed),
+            "violations_recorded": named(kinds, self.recorded),
+            "violations_of_true_motion": named(plant::ViolationKind::ALL.map(plant::ViolationKind::name), self.judged),
             "first_violations_of_true_motion": self.judged_first,
             "robot_records": self.robots,
             "driver_records": self.records,
@@ -212,12 +189,6 @@ impl TrialFigures {
         })
     }
 
-    fn true_motion(&self) -> Map<String, Value> {
-        let named = plant::ViolationKind::ALL.iter().zip(self.judged);
-        named.map(|(kind, count)| (kind.name().to_owned(), json!(count))).collect()
-    }
-
-    /// Returns the figures as text.
     pub fn text(&self) -> String {
         let value = self.to_json();
         let mut out = format!("{} kills, {} suspensions\n", self.kills(), self.suspends());
@@ -261,9 +232,20 @@ fn ticks(count: &Value) -> String {
     count.as_u64().map_or("-".to_owned(), |count| format!("{count} ticks"))
 }
 
-fn by_kind(counts: &[u64; ViolationKind::ALL.len()]) -> Value {
-    let named = ViolationKind::ALL.iter().zip(counts).map(|(kind, count)| (kind.name().to_owned(), json!(count)));
-    Value::Object(named.collect())
+fn named<const N: usize>(names: [&'static str; N], counts: [u64; N]) -> Value {
+    Value::Object(names.into_iter().zip(counts).map(|(name, count)| (name.to_owned(), json!(count))).collect())
+}
+
+/// Adds the counts of a record. Returns a complaint for each that is missing.
+fn add_counts<const N: usize>(sums: &mut [u64; N], kinds: [&str; N], record: &Value, whose: &str) -> Vec<String> {
+    let mut missing = Vec::new();
+    for (sum, kind) in sums.iter_mut().zip(kinds) {
+        match record["violations"][kind].as_u64() {
+            Some(count) => *sum += count,
+            None => missing.push(format!("the {whose}'s record does not count {kind}")),
+        }
+    }
+    missing
 }
 
 #[cfg(test)]

@@ -15,40 +15,22 @@ const HELD_ON_MAX_MS: f64 = 300.0;
 /// Longest stop, ms. `limits.stop_time_max_ms` of every robot file may not exceed it.
 const STOP_MS: f64 = 500.0;
 
-/// The process that the fault hits.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Target {
-    /// `ingest`.
-    Ingest,
-    /// `retarget`.
-    Retarget,
-    /// `control`.
-    Control,
-    /// The driver.
-    Driver,
-    /// The client that publishes skeletons.
-    Client,
-    /// The operator's program, which holds the enable.
-    Operator,
+messages::named! {
+    /// What the fault hits, the driver last. The name of a process of teleopd is its subcommand.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+    pub enum Target {
+        Ingest => "ingest",
+        Retarget => "retarget",
+        Control => "control",
+        /// The client that publishes skeletons.
+        Client => "client",
+        /// The operator's program, which holds the enable.
+        Operator => "operator",
+        Driver => "driver",
+    }
 }
 
 impl Target {
-    /// All targets, the driver last.
-    pub const ALL: [Self; 6] =
-        [Self::Ingest, Self::Retarget, Self::Control, Self::Client, Self::Operator, Self::Driver];
-
-    /// Name in reports. For a process of teleopd it is the subcommand.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Ingest => "ingest",
-            Self::Retarget => "retarget",
-            Self::Control => "control",
-            Self::Driver => "driver",
-            Self::Client => "client",
-            Self::Operator => "operator",
-        }
-    }
-
     /// Ticks from the fault until the robot must be at rest. It is the sum of the detection time, the longest
     /// stop, and two ticks for messages under way. On a machine that is not real-time, the detection time of
     /// the 1500 Hz streams is `factor` times longer.
@@ -65,27 +47,17 @@ impl Target {
     }
 }
 
-/// Kind of a fault.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Kind {
     /// SIGKILL. The process restarts while the enable stays held for `held_on`.
-    Kill {
-        /// Time for which the enable stays held.
-        held_on: Duration,
-    },
+    Kill { held_on: Duration },
     /// SIGSTOP, and SIGCONT after `length`.
-    Suspend {
-        /// Length of the suspension.
-        length: Duration,
-    },
+    Suspend { length: Duration },
 }
 
-/// One fault.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Injection {
-    /// Target of the fault.
     pub target: Target,
-    /// Kind of the fault.
     pub kind: Kind,
     /// True if the fault waits until the robot is engaged.
     pub engaged: bool,

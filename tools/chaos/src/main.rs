@@ -54,7 +54,6 @@ fn run_trials(options: &TrialsArgs) -> Result<bool, Failure> {
     Ok(figures.complaints().is_empty())
 }
 
-/// Returns true if nothing grew, and every promise was kept.
 fn run_soak(options: &SoakArgs) -> Result<bool, Failure> {
     options.check()?;
     let (shutdown, json) = begin(&options.common)?;
@@ -97,10 +96,10 @@ fn instance(
     shutdown: &Shutdown,
     figures: &mut TrialFigures,
 ) -> Result<(), Failure> {
-    let (mut rig, monitor, settings) = Rig::watched(config)?;
+    let mut rig = Rig::start(config)?;
     let (mut outcomes, mut moved) = (Vec::new(), 0);
     for &fault in faults.iter().take_while(|_| !shutdown.requested()) {
-        let outcome = match trial::run(&mut rig, &monitor, &settings, fault) {
+        let outcome = match trial::run(&mut rig, fault) {
             Err(stuck) if stuck.exit == Exit::Failed => {
                 // The next instance continues. The results of this one are kept.
                 figures.add_trouble(format!("{stuck}, before or after {fault:?}"));
@@ -109,12 +108,12 @@ fn instance(
             outcome => outcome?,
         };
         // Motion until the next enable is attributed to this fault.
-        let moved_before = std::mem::replace(&mut moved, monitor.seen().moved_without_enable);
+        let moved_before = std::mem::replace(&mut moved, rig.monitor.seen().moved_without_enable);
         if moved > moved_before {
             figures.add_trouble(format!("motion without an enable after {outcome:?}"));
         }
         outcomes.push(outcome);
     }
-    figures.conclude(rig, monitor, &outcomes, &settings);
+    figures.conclude(rig, &outcomes);
     Ok(())
 }

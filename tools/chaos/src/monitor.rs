@@ -17,16 +17,13 @@ const LOOK: Duration = Duration::from_micros(333);
 /// Largest noise of a measured speed, rad/s or m/s: eight standard deviations of the simulated drives' noise.
 const NOISE_SPEED: f64 = 0.036;
 
-/// Observations so far.
 #[derive(Clone, Debug, Default)]
 pub struct Seen {
     /// The newest state.
     pub latest: Option<RobotState>,
     /// The last measurement of the robot.
     pub robot: Option<RobotMeasured>,
-    /// Number of states that were read.
     pub states: u64,
-    /// Violations by kind.
     pub violations: [u64; ViolationKind::ALL.len()],
     /// Number of states with NaN or infinity.
     pub not_finite: u64,
@@ -37,7 +34,6 @@ pub struct Seen {
 }
 
 impl Seen {
-    /// The index of the newest state.
     pub fn k(&self) -> u64 {
         self.latest.map_or(0, |state| index(&state))
     }
@@ -47,13 +43,11 @@ impl Seen {
         self.robot.is_some_and(|robot| robot.dq.iter().all(|v| v.abs() <= NOISE_SPEED))
     }
 
-    /// Returns true if the newest state is at rest.
     pub fn at_rest(&self) -> bool {
         self.latest.is_some_and(|state| stands(&state))
     }
 }
 
-/// A thread that watches the driver.
 pub struct Monitor {
     seen: Arc<Mutex<Seen>>,
     end: Arc<AtomicBool>,
@@ -62,9 +56,6 @@ pub struct Monitor {
 
 impl Monitor {
     /// Begins to watch the driver of `domain`. `config` has the limits.
-    ///
-    /// # Errors
-    /// Returns an error if the shared memory cannot be opened.
     pub fn start(domain: DomainConfig, config: Config) -> Result<Self, bus::BusError> {
         let (seen, end) = (Arc::new(Mutex::new(Seen::default())), Arc::new(AtomicBool::new(false)));
         let (shared, ended) = (Arc::clone(&seen), Arc::clone(&end));
@@ -96,7 +87,6 @@ impl Monitor {
         Ok(Self { seen, end, thread: Some(thread) })
     }
 
-    /// Returns the observations so far.
     pub fn seen(&self) -> Seen {
         lock(&self.seen).clone()
     }

@@ -13,50 +13,33 @@ use std::process::Child;
 
 /// A running instance, with its client and operator.
 pub struct Rig {
-    harness: Harness,
+    pub harness: Harness,
     client: Child,
-    clients_begun_anew: u64,
+    /// Number of times that a client gave up by itself and was restarted.
+    pub clients_begun_anew: u64,
     /// Holds the enable if the operator is the target.
     hand: Option<Child>,
-    operator: Operator,
+    /// The operator who watches.
+    pub operator: Operator,
+    pub monitor: Monitor,
+    pub settings: Settings,
 }
 
 impl Rig {
-    fn start(config: &Path) -> Result<Self, Failure> {
+    /// Starts all processes, and a monitor that compares what the driver executes with its limits.
+    pub fn start(config: &Path) -> Result<Self, Failure> {
         let harness = Harness::start(config, None)?;
         let client = roles::start(roles::CLIENT, &harness.instance)?;
         let operator = harness.operator()?;
-        Ok(Self { harness, client, clients_begun_anew: 0, hand: None, operator })
-    }
-
-    /// Starts all processes, and a monitor that compares what the driver executes with its limits.
-    ///
-    /// # Errors
-    /// Returns an error if the settings are invalid, or a process does not start.
-    pub fn watched(config: &Path) -> Result<(Self, Monitor, Settings), Failure> {
-        let rig = Self::start(config)?;
-        let place = &rig.harness.place;
-        let loaded = place.load()?;
+        let loaded = harness.place.load()?;
         let limits = world::driver_config(&loaded, true).map_err(Failure::with(Exit::Config))?;
-        let monitor = Monitor::start(rig.harness.instance.core_domain(), limits);
-        Ok((rig, monitor.map_err(Failure::with(Exit::Unavailable))?, loaded.settings))
-    }
-
-    /// Returns the instance and its processes.
-    pub fn harness(&self) -> &Harness {
-        &self.harness
-    }
-
-    /// Returns the operator who watches.
-    pub fn operator(&self) -> &Operator {
-        &self.operator
+        let monitor = Monitor::start(harness.instance.core_domain(), limits);
+        let monitor = monitor.map_err(Failure::with(Exit::Unavailable))?;
+        Ok(Self { harness, client, clients_begun_anew: 0, hand: None, operator, monitor, settings: loaded.settings })
     }
 
     /// Brings the instance to a state in which it can be engaged. Restarts the client if it has given up, as a
     /// user would.
-    ///
-    /// # Errors
-    /// Returns an error with `Exit::Failed` if it does not reach that state.
     pub fn clear(&mut self) -> Result<(), Failure> {
         let Self { harness, client, clients_begun_anew, operator, .. } = self;
         operator.clear(&mut || {
@@ -68,16 +51,8 @@ impl Rig {
         })
     }
 
-    /// Returns the number of times that a client gave up by itself and was restarted.
-    pub fn clients_begun_anew(&self) -> u64 {
-        self.clients_begun_anew
-    }
-
     /// Holds the enable, and waits for `mode`. If the operator is the target, a separate program holds the
     /// enable.
-    ///
-    /// # Errors
-    /// Returns an error with `Exit::Failed` if the mode does not come.
     pub fn engage(&mut self, target: Target, mode: Mode) -> Result<(), Failure> {
         if target == Target::Operator {
             self.hand = Some(roles::start(roles::OPERATOR, &self.harness.instance)?);
@@ -87,10 +62,6 @@ impl Rig {
         self.operator.reach(mode, &mut || Ok(()))
     }
 
-    /// Returns the process id of `target`.
-    ///
-    /// # Errors
-    /// Returns an error with `Exit::Failed` if it does not run.
     pub fn id(&self, target: Target) -> Result<u32, Failure> {
         let id = match target {
             Target::Client => Some(self.client.id()),
@@ -100,7 +71,6 @@ impl Rig {
         id.ok_or_else(|| Failure::new(Exit::Failed, format!("{} does not run", target.name())))
     }
 
-    /// Kills `target` with SIGKILL.
     pub fn kill(&mut self, target: Target) {
         match target {
             Target::Client => end(&mut self.client),
@@ -110,9 +80,6 @@ impl Rig {
     }
 
     /// Restarts the killed process. An operator that held the enable does not come back by itself.
-    ///
-    /// # Errors
-    /// Returns an error if it does not start.
     pub fn revive(&mut self, target: Target) -> Result<(), Failure> {
         match target {
             Target::Client => self.client = roles::start(roles::CLIENT, &self.harness.instance)?,
@@ -122,7 +89,6 @@ impl Rig {
         Ok(())
     }
 
-    /// Releases the enable everywhere.
     pub fn release(&mut self) {
         self.let_go();
         self.operator.release();

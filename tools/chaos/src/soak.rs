@@ -4,10 +4,8 @@
 use crate::cli::SoakArgs;
 use crate::figures::TrialFigures;
 use crate::injection::{Injection, Target};
-use crate::monitor::Monitor;
 use crate::rig::Rig;
 use crate::trial::{self, Outcome};
-use config::Settings;
 use messages::{Mode, Status};
 use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
@@ -37,7 +35,6 @@ const TURNS: [(Target, bool); 6] = [
     (Target::Operator, true),
 ];
 
-/// Resources that a process holds.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 struct Holding {
     resident_kib: u64,
@@ -74,7 +71,6 @@ struct Life {
     most: Holding,
 }
 
-/// Results of a soak.
 #[derive(Debug, Default)]
 pub struct Soaked {
     seconds: f64,
@@ -89,17 +85,13 @@ pub struct Soaked {
     reports: Map<String, Value>,
 }
 
-/// Runs a soak.
-///
-/// # Errors
-/// Returns an error if a process does not start, or the robot cannot be engaged at first.
 pub fn run(options: &SoakArgs, shutdown: &Shutdown) -> Result<Soaked, Failure> {
     let (length, every) = (options.hours * 3600.0, Duration::from_secs_f64(options.strike_every));
     let length = Duration::from_secs_f64(length);
-    let (mut rig, monitor, settings) = Rig::watched(&options.common.config)?;
+    let mut rig = Rig::start(&options.common.config)?;
     let mut dice = Pcg64Mcg::seed_from_u64(1);
     let (mut soaked, mut outcomes) = (Soaked::default(), Vec::new());
-    trial::engage(&mut rig, &monitor, Target::Ingest, Mode::Engaged)?;
+    trial::engage(&mut rig, Target::Ingest, Mode::Engaged)?;
     let begun = Instant::now();
     loop {
         clean(&mut rig, &mut soaked, begun, (begun.elapsed() + every).min(length), shutdown);
@@ -109,7 +101,7 @@ pub fn run(options: &SoakArgs, shutdown: &Shutdown) -> Result<Soaked, Failure> {
         let (target, kill) = TURNS[outcomes.len() % TURNS.len()];
         let kill = kill || options.kill_all;
         let fault = Injection::draw(target, kill, 1.0, &mut dice);
-        if let Err(failure) = strike(&mut rig, &monitor, &settings, fault, &mut outcomes) {
+        if let Err(failure) = strike(&mut rig, fault, &mut outcomes) {
             // The results until then are still reported.
             soaked.figures.add_trouble(format!("after {fault:?}: {failure}"));
             break;
@@ -122,20 +114,14 @@ pub fn run(options: &SoakArgs, shutdown: &Shutdown) -> Result<Soaked, Failure> {
     }
     soaked.segments_last = segments(&rig);
     soaked.seconds = begun.elapsed().as_secs_f64();
-    soaked.reports = soaked.figures.conclude(rig, monitor, &outcomes, &settings);
+    soaked.reports = soaked.figures.conclude(rig, &outcomes);
     Ok(soaked)
 }
 
 /// Injects a fault, and follows the person again.
-fn strike(
-    rig: &mut Rig,
-    monitor: &Monitor,
-    settings: &Settings,
-    fault: Injection,
-    outcomes: &mut Vec<Outcome>,
-) -> Result<(), Failure> {
-    outcomes.push(trial::run(rig, monitor, settings, fault)?);
-    trial::engage(rig, monitor, Target::Ingest, Mode::Engaged)
+fn strike(rig: &mut Rig, fault: Injection, outcomes: &mut Vec<Outcome>) -> Result<(), Failure> {
+    outcomes.push(trial::run(rig, fault)?);
+    trial::engage(rig, Target::Ingest, Mode::Engaged)
 }
 
 /// Follows the person, engaged, for `until` after the begin. Every stop in this time is a false one.
@@ -143,21 +129,20 @@ fn clean(rig: &mut Rig, soaked: &mut Soaked, begun: Instant, until: Duration, sh
     let first = segments(rig);
     soaked.segments_first = if soaked.segments_first == 0 { first } else { soaked.segments_first };
     let engaged = Instant::now();
-    let mut counted = rig.operator().status().map_or(0, |status| status.transition_count);
+    let mut counted = rig.operator.status().map_or(0, |status| status.transition_count);
     while begun.elapsed() < until && !shutdown.requested() {
         std::thread::sleep(LOOK.min(until.saturating_sub(begun.elapsed())));
         for name in PROCESSES {
-            soaked.look(name, rig.harness().children.id(name));
+            soaked.look(name, rig.harness.children.id(name));
         }
-        soaked.count_stops(begun.elapsed(), rig.operator().status(), &mut counted);
+        soaked.count_stops(begun.elapsed(), rig.operator.status(), &mut counted);
     }
     soaked.engaged_s += engaged.elapsed().as_secs_f64();
     rig.release();
 }
 
-/// Counts the files of the instance in shared memory.
 fn segments(rig: &Rig) -> usize {
-    rig.harness().instance.shared_memory().count()
+    rig.harness.instance.shared_memory().count()
 }
 
 impl Soaked {
@@ -216,7 +201,6 @@ impl Soaked {
         complaints
     }
 
-    /// Returns the results as JSON.
     pub fn to_json(&self) -> Value {
         json!({
             "seconds": self.seconds,
@@ -230,7 +214,6 @@ impl Soaked {
         })
     }
 
-    /// Returns the results as text.
     pub fn text(&self) -> String {
         let mut out = self.figures.text();
         // Writing to a String cannot fail.

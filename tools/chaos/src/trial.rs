@@ -4,7 +4,6 @@ use crate::figures::has_robot;
 use crate::injection::{Injection, Kind, Target};
 use crate::monitor::Monitor;
 use crate::rig::Rig;
-use config::{SafetySettings, Settings};
 use messages::{Mode, TICK_HZ, state_flag, tick_at};
 use rt::{Exit, Failure};
 use std::time::{Duration, Instant};
@@ -19,10 +18,8 @@ const LOOK: Duration = Duration::from_millis(1);
 /// Time for which a restarted or resumed process is watched: longer than any stale time of a real-time stream.
 const WATCHED: Duration = Duration::from_millis(250);
 
-/// Outcome of a fault.
 #[derive(Clone, Copy, Debug)]
 pub struct Outcome {
-    /// The fault.
     pub fault: Injection,
     /// True if the robot moved in the tick of the fault.
     pub moving: bool,
@@ -34,14 +31,11 @@ pub struct Outcome {
 }
 
 /// Brings the instance to `mode`, from any earlier state.
-///
-/// # Errors
-/// Returns an error if several attempts do not reach the mode.
-pub fn engage(rig: &mut Rig, monitor: &Monitor, target: Target, mode: Mode) -> Result<(), Failure> {
+pub fn engage(rig: &mut Rig, target: Target, mode: Mode) -> Result<(), Failure> {
     let mut tries = 0;
     loop {
         rig.clear()?;
-        monitor.must_rest(false);
+        rig.monitor.must_rest(false);
         match rig.engage(target, mode) {
             Err(failure) if failure.exit == Exit::Failed && tries < TRIES_MAX => tries += 1,
             engaged => return engaged,
@@ -51,57 +45,43 @@ pub fn engage(rig: &mut Rig, monitor: &Monitor, target: Target, mode: Mode) -> R
 }
 
 /// Engages, injects the fault, and watches.
-///
-/// # Errors
-/// Returns an error if the instance does not reach the state for the fault, or does not come back.
-pub fn run(rig: &mut Rig, monitor: &Monitor, settings: &Settings, fault: Injection) -> Result<Outcome, Failure> {
-    engage(rig, monitor, fault.target, if fault.engaged { Mode::Engaged } else { Mode::Engaging })?;
+pub fn run(rig: &mut Rig, fault: Injection) -> Result<Outcome, Failure> {
+    engage(rig, fault.target, if fault.engaged { Mode::Engaged } else { Mode::Engaging })?;
     std::thread::sleep(fault.phase);
-    let mut outcome = Outcome { fault, moving: !monitor.seen().at_rest(), rest_after_ticks: None, rested: true };
+    let mut outcome = Outcome { fault, moving: !rig.monitor.seen().at_rest(), rest_after_ticks: None, rested: true };
     match fault.kind {
-        Kind::Kill { held_on } => kill(rig, monitor, settings, &mut outcome, held_on)?,
-        Kind::Suspend { length } => suspend(rig, monitor, &settings.safety, &mut outcome, length)?,
+        Kind::Kill { held_on } => kill(rig, &mut outcome, held_on)?,
+        Kind::Suspend { length } => suspend(rig, &mut outcome, length)?,
     }
     rig.release();
     Ok(outcome)
 }
 
-fn kill(
-    rig: &mut Rig,
-    monitor: &Monitor,
-    settings: &Settings,
-    outcome: &mut Outcome,
-    held_on: Duration,
-) -> Result<(), Failure> {
+fn kill(rig: &mut Rig, outcome: &mut Outcome, held_on: Duration) -> Result<(), Failure> {
     let target = outcome.fault.target;
     let struck = tick_at(rt::now());
     rig.kill(target);
     if target == Target::Driver {
         // The robot stops by itself, and control detects the fault.
-        let faulted = rig.operator().wait(REST_WITHIN, |status| status.mode == Mode::Faulted as u32);
-        outcome.rested = faulted && (!has_robot(settings) || robot_stands(monitor));
+        let faulted = rig.operator.wait(REST_WITHIN, |status| status.mode == Mode::Faulted as u32);
+        outcome.rested = faulted && (!has_robot(&rig.settings) || robot_stands(&rig.monitor));
     } else {
-        wait_rest(rig, monitor, outcome, struck);
+        wait_rest(rig, outcome, struck);
     }
     // The robot must stay at rest when the process returns, even though the enable is still held.
-    monitor.must_rest(outcome.rested);
+    rig.monitor.must_rest(outcome.rested);
     std::thread::sleep(held_on);
     if target == Target::Client {
         // `ingest` refuses for good a session that begins while another one still holds the lease.
-        std::thread::sleep(Duration::from_secs_f64(settings.ingest.authority_timeout_ms * 1e-3));
+        std::thread::sleep(Duration::from_secs_f64(rig.settings.ingest.authority_timeout_ms * 1e-3));
     }
     rig.revive(target)?;
     std::thread::sleep(WATCHED);
     Ok(())
 }
 
-fn suspend(
-    rig: &mut Rig,
-    monitor: &Monitor,
-    safety: &SafetySettings,
-    outcome: &mut Outcome,
-    length: Duration,
-) -> Result<(), Failure> {
+fn suspend(rig: &mut Rig, outcome: &mut Outcome, length: Duration) -> Result<(), Failure> {
+    let safety = &rig.settings.safety;
     let target = outcome.fault.target;
     let bound_ticks = target.rest_within_ticks(safety, safety.stale_factor_without_realtime);
     let id = rig.id(target)?;
@@ -112,7 +92,7 @@ fn suspend(
     let must_rest = target != Target::Driver && length.as_secs_f64() * TICK_HZ as f64 > bound_ticks as f64;
     let resume_at = Instant::now() + length;
     if must_rest {
-        wait_rest(rig, monitor, outcome, struck);
+        wait_rest(rig, outcome, struck);
     }
     std::thread::sleep(resume_at.saturating_duration_since(Instant::now()));
     rt::resume(id);
@@ -120,7 +100,6 @@ fn suspend(
     Ok(())
 }
 
-/// Waits until the measured robot is at rest.
 fn robot_stands(monitor: &Monitor) -> bool {
     let give_up = Instant::now() + REST_WITHIN;
     while Instant::now() < give_up {
@@ -135,16 +114,16 @@ fn robot_stands(monitor: &Monitor) -> bool {
 /// Waits until the driver reports rest at a tick after the fault was detected. Earlier rest does not count. A
 /// person who stands still lets an engaged robot rest, and commands from before the detection are still to be
 /// executed.
-fn wait_rest(rig: &mut Rig, monitor: &Monitor, outcome: &mut Outcome, struck: u64) {
+fn wait_rest(rig: &mut Rig, outcome: &mut Outcome, struck: u64) {
     let give_up = Instant::now() + REST_WITHIN;
     let mut noticed = None;
     while Instant::now() < give_up {
-        let seen = monitor.seen();
+        let seen = rig.monitor.seen();
         noticed = noticed.or_else(|| {
             if outcome.fault.target == Target::Control {
                 return seen.latest.filter(|state| state.flags & state_flag::DRIVER_FAULT != 0).map(|_| seen.k());
             }
-            let status = rig.operator().status()?;
+            let status = rig.operator.status()?;
             let moves = matches!(Mode::from_u32(status.mode), Some(Mode::Engaging | Mode::Engaged) | None);
             (!moves).then_some(status.k)
         });

@@ -64,14 +64,6 @@ fn f036_f058_f067_f069_f070_f073_f074_robot_rests_after_faults() {
     });
 }
 
-#[test]
-fn run_without_injections_is_refused_by_option_name() {
-    let output = chaos(&["--kills", "0"]);
-    assert_eq!(output.status.code(), Some(64));
-    let printed = String::from_utf8_lossy(&output.stderr);
-    assert!(printed.contains("--kills and --suspends = 0: must be 1 to 1000000"), "{printed}");
-}
-
 /// A short soak: all watched figures are present, and nothing grows. Stops that no fault explains depend on the
 /// machine.
 #[test]

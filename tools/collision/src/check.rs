@@ -109,19 +109,14 @@ pub fn deviations_m(model: &Model, fitted: &[Named]) -> Vec<(String, f64)> {
     fitted.iter().map(|named| (named.name.clone(), of(named))).collect()
 }
 
-/// One allowed pair, with its proof.
 #[derive(Clone, Debug)]
 pub struct Reason {
-    /// Names of the capsules.
     pub names: (String, String),
-    /// Reason in the robot file.
     pub reason: AllowedReason,
-    /// The proof. Absent if nothing is or can be proved.
     pub proof: Option<Proof>,
 }
 
 impl Reason {
-    /// Returns true if the reason holds.
     pub fn holds(&self) -> bool {
         match self.reason {
             AllowedReason::SameBody | AllowedReason::Adjacent => true,

@@ -30,7 +30,7 @@ pub(crate) struct Draw {
     /// Folder of the meshes.
     #[arg(long)]
     meshes: Option<PathBuf>,
-    /// The picture to write, .png or .svg.
+    /// The picture to write, .png.
     #[arg(long)]
     out: PathBuf,
     /// The posture.

@@ -16,16 +16,13 @@ use std::path::Path;
 /// One link that has shapes, and the capsules of the body that carries it.
 #[derive(Clone, Debug)]
 pub struct Covered {
-    /// The link.
     pub link: String,
     /// The link of the model in whose frame `at` is given: this one, or the nearest above.
     pub frame: String,
     /// Largest distance of a point of the link's shapes from all capsules of its body, m. It is negative inside, and
     /// infinite if the body has no capsule.
     pub out_m: f64,
-    /// That point, m.
     pub at: Vector3<f64>,
-    /// Number of capsules on the body.
     pub capsules: usize,
     /// Volume of the body's capsules over the volume of the hulls of its links. Overlaps count twice. NaN if the hulls
     /// have no volume.
@@ -35,15 +32,12 @@ pub struct Covered {
 /// The judged links, the worst first, and what was not judged.
 #[derive(Clone, Debug)]
 pub struct Cover {
-    /// Every link that has shapes.
     pub links: Vec<Covered>,
     /// Joints that move capsules, but no shape of the URDF.
     pub unknown: Vec<String>,
-    /// Links that were left out.
     pub without: Vec<String>,
 }
 
-/// A link's contribution to its body's volume.
 struct Part {
     body: usize,
     /// The hand's palm, or the link itself. Links of one hand have one hull.
@@ -54,9 +48,6 @@ struct Part {
 
 /// Judges every link of `urdf` that has shapes. A link that hangs from a hand is judged in all postures of its fingers.
 /// Joints that nothing commands are held elsewhere. The links of `without` are left out.
-///
-/// # Errors
-/// A mesh cannot be read, the URDF has no shape or lacks a link of `without`, or a link does not belong to the robot.
 pub fn cover(
     model: &Model,
     urdf: &urdf_rs::Robot,
@@ -131,12 +122,10 @@ fn hulls_m3(parts: &[Part]) -> BTreeMap<usize, f64> {
 }
 
 impl Cover {
-    /// Returns true if no shape sticks out of its capsules.
     pub fn holds(&self) -> bool {
         self.links.iter().all(|link| link.out_m <= 0.0)
     }
 
-    /// Returns the page: the verdict, and a table of all links, the worst first.
     pub fn page(&self) -> String {
         let wide = self.links.iter().map(|link| link.link.len()).max().unwrap_or(0).max(4);
         let mut text = self.verdict();

@@ -3,6 +3,7 @@
 use crate::error::CollisionError;
 use crate::fit::Shape;
 use crate::mesh::Points;
+use canvas::{Area, Drawn};
 use messages::JOINTS_MAX;
 use nalgebra::Vector3;
 use plotters::prelude::*;
@@ -11,7 +12,6 @@ use std::path::Path;
 
 /// Size of the picture, pixels.
 const SIZE: (u32, u32) = (1_600, 900);
-/// Size of a row of robots, pixels.
 const ROW_SIZE: (u32, u32) = (1_400, 420);
 /// Free margin around the robot, m.
 const FREE_M: f64 = 0.1;
@@ -20,11 +20,8 @@ const CORNERS: usize = 16;
 /// Largest number of points. More points are thinned out.
 const POINTS_MAX: usize = 40_000;
 
-/// Points of a link, in the frame of the link.
 pub struct Cloud {
-    /// The link.
     pub link: String,
-    /// Its points.
     pub points: Points,
 }
 
@@ -48,7 +45,7 @@ type View = fn(&Vector3<f64>) -> (f64, f64);
 
 const VIEWS: [View; 2] = [|p| (p.y, p.z), |p| (p.x, p.z)];
 
-/// Draws the robot in the posture `q` into a file. The file's extension decides between PNG and SVG.
+/// Draws the robot in the posture `q` into a PNG.
 pub fn draw(model: &Model, q: &[f64; JOINTS_MAX], clouds: &[Cloud], out: &Path) -> Result<(), CollisionError> {
     let mut frames = Frames::default();
     model.forward(q, &mut frames);
@@ -59,7 +56,7 @@ pub fn draw(model: &Model, q: &[f64; JOINTS_MAX], clouds: &[Cloud], out: &Path) 
         points.extend(pose.iter().flat_map(|pose| cloud.points.iter().map(|point| pose.transform_point(point))));
     }
     let points: Points = points.iter().step_by(points.len() / POINTS_MAX + 1).copied().collect();
-    save(out, &Picture::Views { capsules, points })
+    save(out, SIZE, |area| views(area, &capsules, &points))
 }
 
 /// Draws the capsules of several robots from the front, side by side on one floor and in one scale. Arms have their own
@@ -81,10 +78,9 @@ pub fn draw_row(robots: &[(&Model, [f64; JOINTS_MAX])], out: &Path) -> Result<()
     }
     // The viewer stands in front. What is nearer covers what is behind.
     row.sort_by(|(s, _), (t, _)| (s.a.x + s.b.x).total_cmp(&(t.a.x + t.b.x)));
-    save(out, &Picture::Row(row))
+    save(out, ROW_SIZE, |area| front(area, &row))
 }
 
-/// The capsules in the base frame, each with whether it is on an arm.
 fn placed(model: &Model, frames: &Frames) -> Vec<(Shape, bool)> {
     let shape = |c: &robot::Capsule| {
         let place = |point| frames.base_from_body[c.body].transform_point(point);
@@ -94,51 +90,21 @@ fn placed(model: &Model, frames: &Frames) -> Vec<(Shape, bool)> {
     model.capsules.iter().map(shape).collect()
 }
 
-/// Content of a picture.
-enum Picture {
-    /// Two views of one robot.
-    Views { capsules: Vec<Shape>, points: Points },
-    /// Front views of several robots, the farthest capsule first.
-    Row(Vec<(Shape, bool)>),
-}
-
-impl Picture {
-    fn draw<B: DrawingBackend>(
-        &self,
-        area: &DrawingArea<B, plotters::coord::Shift>,
-    ) -> Result<(), DrawingAreaErrorKind<B::ErrorType>> {
-        match self {
-            Self::Views { capsules, points } => views(area, capsules, points),
-            Self::Row(row) => front(area, row),
-        }
-    }
-}
-
-fn save(out: &Path, picture: &Picture) -> Result<(), CollisionError> {
+fn save(out: &Path, size: (u32, u32), draw: impl FnOnce(&Area<'_>) -> Drawn) -> Result<(), CollisionError> {
     let failed = |cause: String| CollisionError::content(out.display().to_string(), cause);
+    if out.extension().is_none_or(|extension| extension != "png") {
+        return Err(failed("must end in .png".into()));
+    }
     std::fs::OpenOptions::new()
         .create(true)
         .append(true)
         .open(out)
         .map_err(|cause| CollisionError::Write { path: out.to_path_buf(), cause })?;
-    let size = if matches!(picture, Picture::Row(_)) { ROW_SIZE } else { SIZE };
-    let drawn = match out.extension().and_then(|extension| extension.to_str()) {
-        Some("svg") => {
-            let area = SVGBackend::new(out, size).into_drawing_area();
-            picture.draw(&area).and_then(|()| area.present()).map_err(|error| error.to_string())
-        }
-        // The canvas has two points for each pixel.
-        Some("png") => canvas::save(out, (2 * size.0, 2 * size.1), |area| picture.draw(area)),
-        _ => Err("must end in .png or .svg".into()),
-    };
-    drawn.map_err(failed)
+    // The canvas has two points for each pixel.
+    canvas::save(out, (2 * size.0, 2 * size.1), draw).map_err(failed)
 }
 
-fn front<B: DrawingBackend>(
-    area: &DrawingArea<B, plotters::coord::Shift>,
-    row: &[(Shape, bool)],
-) -> Result<(), DrawingAreaErrorKind<B::ErrorType>> {
-    area.fill(&WHITE)?;
+fn front(area: &Area<'_>, row: &[(Shape, bool)]) -> Drawn {
     let (w, h) = area.dim_in_pixel();
     let line = w / ROW_SIZE.0;
     let most = |of: fn(&Vector3<f64>) -> f64| {
@@ -161,12 +127,7 @@ fn front<B: DrawingBackend>(
     Ok(())
 }
 
-fn views<B: DrawingBackend>(
-    area: &DrawingArea<B, plotters::coord::Shift>,
-    capsules: &[Shape],
-    points: &[Vector3<f64>],
-) -> Result<(), DrawingAreaErrorKind<B::ErrorType>> {
-    area.fill(&WHITE)?;
+fn views(area: &Area<'_>, capsules: &[Shape], points: &[Vector3<f64>]) -> Drawn {
     let line = area.dim_in_pixel().0 / SIZE.0;
     for (panel, view) in area.split_evenly((1, 2)).iter().zip(VIEWS) {
         let outlines: Vec<Vec<(f64, f64)>> =

@@ -1,4 +1,4 @@
-//! Inverse dynamics of the joints by the recursive Newton-Euler algorithm, with the inertials of a URDF.
+//! Inverse dynamics of the joints by the recursive Newton-Euler algorithm.
 //!
 //! It uses spatial vectors (Featherstone 2008, chapter 5) in the fixed base frame about its origin. So nothing
 //! is transformed along the tree. Let S_i be the motion vector of joint i, v_i and a_i spatial velocity and
@@ -102,7 +102,6 @@ impl Inertia {
     }
 }
 
-/// The masses of a robot on the bodies of its model.
 #[derive(Clone, Debug)]
 pub struct Dynamics<'a> {
     model: &'a Model,
@@ -111,14 +110,11 @@ pub struct Dynamics<'a> {
     joints: Vec<(usize, Vector3<f64>)>,
 }
 
-/// A point mass on a link.
 #[derive(Clone, Debug)]
 pub struct Payload {
-    /// The link that carries the mass.
     pub link: String,
     /// Where the mass is in the link's frame, m.
     pub center: Vector3<f64>,
-    /// Its mass, kg.
     pub mass_kg: f64,
 }
 
@@ -162,7 +158,6 @@ impl<'a> Dynamics<'a> {
         self.lumps[j + 1].mass_kg
     }
 
-    /// Returns a posture for which torques can be computed.
     pub fn at(&self, q: &PerJoint) -> Posture<'_> {
         let mut frames = Frames::default();
         self.model.forward(q, &mut frames);
@@ -180,7 +175,6 @@ impl<'a> Dynamics<'a> {
     }
 }
 
-/// Joint axes and inertias in one posture.
 #[derive(Clone, Debug)]
 pub struct Posture<'a> {
     joints: &'a [(usize, Vector3<f64>)],

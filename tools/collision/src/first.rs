@@ -9,9 +9,9 @@
 //! - So is a capsule that is too close to another at home, or in most postures of the two joints between them. If
 //!   they are built so close, the pair is called close.
 
+use crate::blocking_pairs::{Finder, Near};
 use crate::error::CollisionError;
 use crate::fit::rough_volume_m3;
-use crate::near::{Finder, Near};
 use crate::plan::{Finger, Group, Part, Plan};
 use crate::scene::{Posture, Scene};
 use crate::split::Splitter;
@@ -40,22 +40,17 @@ const SAVED_NEAR_SHARE: f64 = 0.1;
 /// Largest number of rounds in which near capsules are cut (chosen).
 const ROUNDS: usize = 12;
 
-/// A plan, and sentences about what it could not do.
 #[derive(Clone, Debug)]
 pub struct First {
-    /// The plan.
     pub plan: Plan,
-    /// Pairs that are close, or too close.
     pub notes: Vec<String>,
 }
 
-/// A group while it is planned.
 struct Draft {
     group: Group,
     splitter: Splitter,
 }
 
-/// A link that has shapes.
 struct Shaped {
     link: String,
     body: usize,
@@ -63,10 +58,6 @@ struct Shaped {
     points: Vec<Vector3<f64>>,
 }
 
-/// Makes the first plan of a robot whose links have the shapes of `urdf`.
-///
-/// # Errors
-/// A shape that cannot be read, or a shape on a link that the robot does not have.
 pub fn first_plan(
     model: &Model,
     urdf: &urdf_rs::Robot,
@@ -92,13 +83,11 @@ pub fn first_plan(
 }
 
 impl Draft {
-    /// Returns the group with all cuts.
     fn planned(self) -> Group {
         Group { capsules: self.splitter.cells().len(), cuts: self.splitter.cuts().to_vec(), ..self.group }
     }
 }
 
-/// The links' tree, and the robot's bodies.
 pub(crate) struct Tree<'a> {
     pub(crate) model: &'a Model,
     pub(crate) urdf: &'a urdf_rs::Robot,
@@ -109,7 +98,6 @@ impl Tree<'_> {
         self.urdf.joints.iter().find(|joint| joint.child.link == link)
     }
 
-    /// Returns the links from `link` up to the root.
     pub(crate) fn lineage<'a>(&'a self, link: &'a str) -> Vec<&'a str> {
         let parent = |link: &&'a str| self.above(link).map(|joint| joint.parent.link.as_str());
         std::iter::successors(Some(link), parent).take(self.urdf.links.len()).collect()
@@ -123,13 +111,11 @@ impl Tree<'_> {
         })
     }
 
-    /// Returns the body of a link.
     fn body(&self, link: &str) -> Result<usize, CollisionError> {
         let body = self.model.link_body(self.known(link)?).map(|(body, _)| body);
         Ok(body.unwrap_or_default())
     }
 
-    /// Returns the group of one link.
     fn group(&self, link: &str) -> Result<Group, CollisionError> {
         Ok(Group { frame: self.known(link)?.to_owned(), ..Group::of_link(link) })
     }
@@ -179,7 +165,6 @@ impl Tree<'_> {
         chains.into_iter().map(finger).collect()
     }
 
-    /// Returns true for a palm and for everything below it.
     fn below(&self, link: &str, palms: &[String]) -> bool {
         self.lineage(link).iter().any(|link| palms.iter().any(|palm| palm == link))
     }

@@ -3,14 +3,12 @@
 use nalgebra::{SymmetricEigen, Vector3};
 use robot::segment_distance;
 
-/// A capsule in the frame of its group.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Shape {
     /// One end of the axis, m.
     pub a: Vector3<f64>,
     /// The other end, m.
     pub b: Vector3<f64>,
-    /// Radius, m.
     pub radius_m: f64,
 }
 
@@ -104,7 +102,6 @@ fn extremes(points: &[Vector3<f64>], directions: usize) -> Vec<Vector3<f64>> {
     chosen.into_iter().map(|at| points[at]).collect()
 }
 
-/// Returns mean and principal axes of points.
 pub fn principal_axes(points: &[Vector3<f64>]) -> (Vector3<f64>, [Vector3<f64>; 3]) {
     let center = points.iter().sum::<Vector3<f64>>() / points.len() as f64;
     let spread = points.iter().map(|point| (point - center) * (point - center).transpose()).sum();

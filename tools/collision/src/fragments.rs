@@ -13,7 +13,6 @@ const THICK_M: f64 = 1e-4;
 /// The fragments of a capsule's contents, in one frame. The first node contains all others.
 pub struct Fragments(Vec<Node>);
 
-/// A sphere around fragments.
 struct Node {
     center: Vector3<f64>,
     radius_m: f64,
@@ -63,7 +62,6 @@ impl Fragments {
         Some(node)
     }
 
-    /// Returns the distance of two sets of fragments at these poses, m.
     pub fn distance_m(&self, pose: &Pose, other: &Self, other_pose: &Pose) -> f64 {
         let centers = |of: &Self, pose: &Pose| of.0.iter().map(|node| pose.transform_point(&node.center)).collect();
         let pair = Pair { a: (self, pose, centers(self, pose)), b: (other, other_pose, centers(other, other_pose)) };

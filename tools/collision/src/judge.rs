@@ -24,23 +24,17 @@ const HULL_JOINTS_MAX: usize = 3;
 /// Largest number of cells that a proof by fragments may visit. Their distances are slow.
 const FRAGMENT_CELLS_MAX: usize = 20_000;
 
-/// Shapes whose distance was bounded.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum By {
-    /// The capsules.
     Capsules,
-    /// The convex hulls of their contents.
     Hulls,
-    /// Small convex pieces of their surfaces.
     Fragments,
 }
 
-/// A proof that two capsules' contents never meet.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Proof {
     /// They stay at least this far apart, m.
     pub at_least_m: f64,
-    /// The shapes for which this holds.
     pub by: By,
 }
 
@@ -56,18 +50,15 @@ impl fmt::Display for Proof {
 }
 
 impl<'a> Judge<'a> {
-    /// Creates a judge of these capsules on this robot.
     pub fn new(model: &'a Model, plan: &'a Plan, capsules: &'a [Named]) -> Self {
         let hulls = capsules.iter().map(|_| OnceLock::new()).collect();
         Self { model, plan, capsules, hulls, fragments: capsules.iter().map(|_| OnceLock::new()).collect() }
     }
 
-    /// The robot.
     pub fn model(&self) -> &'a Model {
         self.model
     }
 
-    /// Returns a shape of capsule `index` as a capsule on its body.
     fn on_body(&self, index: usize, shape: &Shape) -> Option<Capsule> {
         let named = &self.capsules[index];
         let (body, pose) = self.model.link_body(&named.link)?;
@@ -79,7 +70,6 @@ impl<'a> Judge<'a> {
         self.model.link_body(&self.capsules[index].link).map(|(body, _)| body)
     }
 
-    /// Returns the convex hull, in the body's frame, of a capsule's contents.
     fn hull(&self, index: usize) -> Option<&Hull> {
         let make = || {
             let named = &self.capsules[index];
@@ -90,7 +80,6 @@ impl<'a> Judge<'a> {
         self.hulls[index].get_or_init(make).as_ref()
     }
 
-    /// Returns the fragments, in the body's frame, of a capsule's contents.
     fn fragments(&self, index: usize) -> Option<&Fragments> {
         let make = || {
             let named = &self.capsules[index];

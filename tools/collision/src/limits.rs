@@ -19,7 +19,6 @@ const KEPT: usize = 100;
 /// Number of states of a joint from which the search climbs.
 const CLIMBED: usize = 12;
 
-/// Speeds and accelerations to examine.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Motion {
     /// Highest speeds, rad/s or m/s.
@@ -29,7 +28,6 @@ pub struct Motion {
 }
 
 impl Motion {
-    /// Returns the limits in force.
     pub fn in_force(model: &Model) -> Self {
         Self { v: model.limits.map(|limits| limits.v_max), a: model.limits.map(|limits| limits.a_max) }
     }
@@ -38,18 +36,14 @@ impl Motion {
     pub const AT_REST: Self = Self { v: [0.0; JOINTS_MAX], a: [0.0; JOINTS_MAX] };
 }
 
-/// Distribution of the sampled states.
 #[derive(Clone, Copy, Debug)]
 pub struct Sampling {
-    /// Number of states.
     pub states: u64,
-    /// Seed of the random streams.
     pub seed: u64,
     /// Torque above this share of the effort limit counts as too large.
     pub share: f64,
 }
 
-/// A state and its load on one joint.
 #[derive(Clone, Copy, Debug)]
 pub struct State {
     /// Positions, rad or m.
@@ -69,7 +63,6 @@ impl State {
     }
 }
 
-/// Results of one joint.
 #[derive(Clone, Debug, Default)]
 pub struct Found {
     /// The worst states, in descending order.
@@ -80,13 +73,9 @@ pub struct Found {
     pub exceeding_coasting: u64,
 }
 
-/// The robot with its masses, and the sampling.
 pub struct Survey<'a> {
-    /// The robot.
     pub model: &'a Model,
-    /// Its masses.
     pub dynamics: &'a Dynamics<'a>,
-    /// Distribution of the sampled states.
     pub sampling: Sampling,
 }
 
@@ -104,7 +93,6 @@ impl Survey<'_> {
         std::array::from_fn(|j| State { q: *q, v: *v, bias: bias[j].abs(), row: matrix[j].map(f64::abs) })
     }
 
-    /// Samples all states at these speeds and accelerations.
     pub fn pass(&self, motion: &Motion) -> Vec<Found> {
         let chunks = self.sampling.states.div_ceil(CHUNK);
         let empty = || vec![Found::default(); self.model.count];
@@ -199,7 +187,6 @@ impl Survey<'_> {
     }
 }
 
-/// Keeps the worst states, in descending order.
 fn keep(motion: &Motion, worst: &mut Vec<State>) {
     worst.sort_by(|a, b| b.torque(&motion.a).total_cmp(&a.torque(&motion.a)));
     worst.truncate(KEPT);

@@ -1,15 +1,4 @@
-//! Makes and checks the content of a robot file beyond its URDF. For the shipped robots, with the
-//! manufacturer's meshes:
-//!
-//! ```text
-//! collision fit --urdf tiago_dual.urdf --meshes meshes --plan tools/collision/plans/tiago_dual.toml \
-//!     --out config/robots/tiago_dual.toml
-//! collision check --urdf tiago_dual.urdf --meshes meshes --plan tools/collision/plans/tiago_dual.toml
-//! collision fit --urdf their.urdf --meshes meshes --robot my.toml --plan-out plan.toml --out my.toml
-//! collision cover config/robots/tiago_dual.toml --urdf tiago_dual.urdf --meshes meshes
-//! collision limits config/robots/tiago_dual.toml
-//! collision draw config/robots/tiago_dual.toml --out tiago_dual.png
-//! ```
+//! Makes and checks the content of a robot file beyond its URDF.
 
 // `println` panics if the reader has closed the pipe.
 #![deny(clippy::print_stdout)]
@@ -65,7 +54,7 @@ enum Command {
     /// Print torques by inverse dynamics at the limits in force, or the accelerations that the motors can
     /// always give.
     Limits(command_limits::Limits),
-    /// Draw front and side view, with capsules over the points of meshes or primitives, as PNG or SVG.
+    /// Draw front and side view, with capsules over the points of meshes or primitives, as PNG.
     Draw(command_draw::Draw),
 }
 
@@ -102,13 +91,10 @@ fn main() -> ExitCode {
     rt::finish("collision", done.map_err(Failure::with(Exit::DataErr)))
 }
 
-/// Name and text of a file.
 type NamedText = (String, String);
 
-/// All texts that both commands read.
 struct Texts {
     plan: Plan,
-    /// Sentences about a plan that was made here.
     notes: Vec<String>,
     shapes: urdf_rs::Robot,
     held: Posture,
@@ -175,7 +161,6 @@ fn parse_all(paths: &[PathBuf]) -> Result<urdf_rs::Robot, CollisionError> {
     merged.ok_or_else(|| CollisionError::content("arguments", "--urdf is missing"))
 }
 
-/// Returns name and text of a robot file and of the URDF that it names.
 fn robot_texts(path: &Path) -> Result<(NamedText, NamedText), CollisionError> {
     let name = |path: &Path| path.display().to_string();
     let toml = (name(path), read_text(path)?);
@@ -184,7 +169,6 @@ fn robot_texts(path: &Path) -> Result<(NamedText, NamedText), CollisionError> {
     Ok((toml, urdf))
 }
 
-/// Returns the path of the URDF that a robot file names.
 fn own_urdf(path: &Path, toml: &str) -> Result<PathBuf, CollisionError> {
     let folder = path.parent().unwrap_or(Path::new("."));
     Ok(folder.join(robot::urdf_file(&path.display().to_string(), toml)?))

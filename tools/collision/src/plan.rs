@@ -6,7 +6,6 @@ use serde::{Deserialize, Serialize};
 /// Placeholder for `left` and `right` in names of a plan.
 pub const SIDE: &str = "{side}";
 
-/// A whole plan.
 #[derive(Clone, Debug, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct Plan {
@@ -21,9 +20,7 @@ pub struct Plan {
     pub clear_close_mm: f64,
     /// Capsules of one wrist, shoulder or neck that are built closer together than the clearance.
     pub close: Vec<[String; 2]>,
-    /// Groups of links that share capsules.
     pub groups: Vec<Group>,
-    /// Joints that move inside a group and are swept.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub fingers: Vec<Finger>,
 }
@@ -37,9 +34,7 @@ pub struct Group {
     pub name: String,
     /// The link in whose frame the capsules are given.
     pub frame: String,
-    /// Contents of the capsules.
     pub parts: Vec<Part>,
-    /// Number of capsules.
     pub capsules: usize,
     /// Exponent that makes capsules slim, see `fit::smallest_capsule`.
     #[serde(default, skip_serializing_if = "is_zero")]
@@ -61,11 +56,9 @@ pub struct Cut {
     pub offset_m: f64,
 }
 
-/// One link of a group.
 #[derive(Clone, Debug, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct Part {
-    /// The link.
     pub link: String,
     /// Indices of its collision elements. Absent means all.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -79,11 +72,9 @@ pub struct Part {
 #[derive(Clone, Debug, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct Finger {
-    /// The free joint.
     pub free: String,
     /// Number of its positions that are tried, both limits included.
     pub free_steps: usize,
-    /// The coupled joints.
     pub coupled: Vec<String>,
     /// Number of their positions that are tried, both limits included.
     pub coupled_steps: usize,
@@ -94,7 +85,6 @@ fn is_zero(value: &f64) -> bool {
 }
 
 impl Group {
-    /// Creates a group of one link with one capsule.
     pub fn of_link(link: &str) -> Self {
         Self {
             name: link.to_owned(),
@@ -108,14 +98,12 @@ impl Group {
 }
 
 impl Part {
-    /// Creates the part of a whole link.
     pub fn whole(link: &str) -> Self {
         Self { link: link.to_owned(), elements: None, below: false }
     }
 }
 
 impl Plan {
-    /// Creates a plan of these groups with the margins of the shipped plans.
     pub fn of_groups(groups: Vec<Group>) -> Self {
         Self {
             margin_mm: 2.0,
@@ -137,7 +125,6 @@ impl Plan {
         self.close.iter().any(|names| named(names, "left") || named(names, "right"))
     }
 
-    /// Returns the plan as a file.
     pub fn text(&self) -> String {
         // Serialising strings, numbers and tables cannot fail.
         toml::to_string_pretty(self).unwrap_or_default()

@@ -9,15 +9,12 @@ use robot::{Capsule, Frames, Model, segment_distance};
 pub enum Verdict {
     /// Never closer than this, m. It is proved for every configuration.
     Clear {
-        /// The bound, m.
         at_least_m: f64,
     },
     /// Closer than the bound in a configuration that was found.
     Meets {
-        /// The clearance there, m.
         clearance_m: f64,
     },
-    /// Neither proved nor refuted within the allowed effort.
     Open,
 }
 
@@ -46,7 +43,6 @@ pub fn deciding_joints(model: &Model, a: usize, b: usize) -> (Vec<usize>, Vec<us
     (a.split_off(common), b.split_off(common))
 }
 
-/// Returns the clearance of two capsules in a configuration, m.
 pub fn clearance(frames: &Frames, a: &Capsule, b: &Capsule) -> f64 {
     let ([a0, a1], [b0, b1]) = (a.ends(frames), b.ends(frames));
     segment_distance(&a0, &a1, &b0, &b1).distance_m - a.radius_m - b.radius_m
@@ -74,7 +70,6 @@ fn drift(model: &Model, frames: &Frames, joints: &[usize], half: &[f64], part: &
 /// A moving part: the convex hull of points of a body.
 #[derive(Clone, Copy)]
 pub struct Part<'a> {
-    /// The body.
     pub body: usize,
     /// Points in the body's frame, m.
     pub points: &'a [Vector3<f64>],

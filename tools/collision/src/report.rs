@@ -43,7 +43,6 @@ fn stop_time_s(model: &Model, j: usize, motion: &Motion) -> f64 {
     robot::JointLimits { v_max: motion.v[j], a_max: motion.a[j], ..model.limits[j] }.stop_time_s()
 }
 
-/// Formats the worst sampled state of every joint, with torque and share.
 pub fn worst_cases(survey: &Survey<'_>, motion: &Motion, found: &[Found]) -> String {
     let mut text = String::new();
     for (j, found) in found.iter().enumerate() {

@@ -13,7 +13,6 @@ use urdf_rs::{Geometry, JointType};
 /// Number of corners of the polygon around a circle. It lies outside the circle.
 const CIRCLE_CORNERS: usize = 24;
 
-/// Links, joints and shapes.
 pub struct Scene<'a> {
     robot: &'a urdf_rs::Robot,
     /// Folder of the files that follow `meshes/` in the URDF's file names. With `None`, a mesh is an error.
@@ -28,19 +27,16 @@ pub struct Scene<'a> {
 pub type Posture = HashMap<String, f64>;
 
 impl<'a> Scene<'a> {
-    /// Creates the scene of a parsed URDF.
     pub fn new(robot: &'a urdf_rs::Robot, meshes: Option<&'a Path>, fingers: &'a [Finger]) -> Self {
         Self { robot, meshes, fingers, held: Posture::new(), round: false }
     }
 
     /// The same with these positions of the joints that nothing commands.
-    #[must_use]
     pub fn holding(self, held: Posture) -> Self {
         Self { held, ..self }
     }
 
     /// The same with round spheres, to judge capsules that a person wrote. A fit takes their cubes.
-    #[must_use]
     pub fn with_round_spheres(self) -> Self {
         Self { round: true, ..self }
     }
@@ -212,12 +208,10 @@ impl<'a> Scene<'a> {
         }))
     }
 
-    /// Returns all corners of a link's shapes in the link's frame.
     pub fn points(&self, link: &str) -> Result<Points, CollisionError> {
         Ok(self.shapes(link, None)?.into_iter().flatten().collect())
     }
 
-    /// Returns the polygons of a link's collision elements in the link's frame.
     fn shapes(&self, link: &str, elements: Option<&[usize]>) -> Result<Vec<Points>, CollisionError> {
         let found = self.robot.links.iter().find(|known| known.name == link);
         let found = found.ok_or_else(|| self.wrong(format!("has no link `{link}`")))?;

@@ -9,20 +9,16 @@ use rayon::prelude::*;
 /// Contents of capsules: surface that may be cut, and pieces that may not.
 #[derive(Clone, Debug, Default)]
 pub struct Matter {
-    /// Flat convex polygons.
     pub surface: Vec<Points>,
-    /// Convex pieces. Each lies in one capsule as a whole.
     pub pieces: Vec<Points>,
 }
 
 impl Matter {
-    /// Returns the same matter at another place.
     pub fn map(&self, place: impl Fn(&Vector3<f64>) -> Vector3<f64>) -> Self {
         let map = |sets: &[Points]| sets.iter().map(|points| points.iter().map(&place).collect()).collect();
         Self { surface: map(&self.surface), pieces: map(&self.pieces) }
     }
 
-    /// Returns all points.
     pub fn points(&self) -> Points {
         self.surface.iter().chain(&self.pieces).flatten().copied().collect()
     }
@@ -63,10 +59,8 @@ fn clip(polygon: &Points, normal: &Vector3<f64>, offset: f64) -> Points {
     kept
 }
 
-/// A cell and its capsule.
 #[derive(Clone, Debug)]
 pub struct Cell {
-    /// Contents of the capsule.
     pub matter: Matter,
     /// The capsule, without margin.
     pub shape: Shape,
@@ -86,14 +80,11 @@ fn slim_cell(matter: Matter, slimness: f64) -> Option<Cell> {
 /// Positions of the cuts that are tried, as a share of a cell's extent.
 const CUTS: [f64; 5] = [0.3, 0.4, 0.5, 0.6, 0.7];
 
-/// The cut of a cell in two.
 #[derive(Clone, Debug)]
 struct Halves {
-    /// Volume that it saves, m^3.
     saved_m3: f64,
     normal: Vector3<f64>,
     offset_m: f64,
-    /// The halves below and above the plane.
     cells: [Cell; 2],
 }
 
@@ -106,7 +97,6 @@ pub struct Splitter {
 }
 
 impl Splitter {
-    /// Makes the given cuts.
     pub fn new(matter: Matter, cuts: &[Cut], slimness: f64) -> Self {
         let mut parts = vec![matter];
         for cut in cuts {
@@ -118,12 +108,10 @@ impl Splitter {
         Self { halves: vec![None; cells.len()], cells, cuts: cuts.to_vec() }
     }
 
-    /// The cells so far.
     pub fn cells(&self) -> &[Cell] {
         &self.cells
     }
 
-    /// The cuts that were given or made so far.
     pub fn cuts(&self) -> &[Cut] {
         &self.cuts
     }

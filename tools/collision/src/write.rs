@@ -16,12 +16,9 @@ pub const MARK: &str = "# Below this line: written by `collision fit`.";
 /// Number of decimals of coordinates, m: 10 um. Radii are rounded up.
 const DECIMALS: usize = 5;
 
-/// One capsule as it is in the robot file.
 #[derive(Clone, Debug)]
 pub struct Named {
-    /// Its name.
     pub name: String,
-    /// The link whose frame is used.
     pub link: String,
     /// Ends and radius, margin included.
     pub shape: Shape,
@@ -33,7 +30,6 @@ pub struct Named {
     pub matter: Matter,
 }
 
-/// Fits every group.
 pub fn fit_all(plan: &Plan, scene: &Scene<'_>) -> Result<Vec<Named>, CollisionError> {
     let fit = |group: &Group| {
         let cells = split(scene.matter(group)?, group.capsules, &group.cuts, group.slimness);
@@ -77,7 +73,6 @@ pub fn head(text: &str) -> &str {
     text.find(MARK).map_or(text, |at| &text[..at])
 }
 
-/// Returns the capsules' part of a robot file.
 pub fn capsules_text(capsules: &[Named]) -> String {
     let mut text = String::new();
     let triple = |v: &nalgebra::Vector3<f64>| {
@@ -102,10 +97,8 @@ pub fn capsules_text(capsules: &[Named]) -> String {
     text
 }
 
-/// A robot file with all pairs decided.
 #[derive(Clone, Debug)]
 pub struct Decided {
-    /// Whole text of the file.
     pub text: String,
     /// Checked pairs that are closer than 5 cm at home, with their clearance, m.
     pub near_home: Vec<(String, String, f64)>,
@@ -113,9 +106,6 @@ pub struct Decided {
 
 /// Returns a model of the robot without its capsules. Bodies and limits do not depend on them, but a model needs
 /// one. So it has one grain on this link, which no pair needs.
-///
-/// # Errors
-/// The robot's files are invalid.
 pub fn bare_model(link: &str, toml: (&str, &str), urdf: (&str, &str)) -> Result<Model, CollisionError> {
     let grain = format!(
         "name = \"grain\"\nlink = \"{link}\"\na_m = [0.0, 0.0, 0.0]\nb_m = [0.0, 0.0, 0.0]\nradius_m = 0.001\n"
@@ -124,10 +114,6 @@ pub fn bare_model(link: &str, toml: (&str, &str), urdf: (&str, &str)) -> Result<
     Ok(Model::from_text(toml.0, &text, urdf.0, urdf.1)?)
 }
 
-/// Returns fitted capsules on the bodies of a model.
-///
-/// # Errors
-/// The model does not have the link of a capsule.
 pub fn on_bodies(model: &Model, capsules: &[Named]) -> Result<Vec<Capsule>, CollisionError> {
     let place = |capsule: &Named| {
         let (body, pose) = model.link_body(&capsule.link).ok_or_else(|| {
@@ -140,10 +126,6 @@ pub fn on_bodies(model: &Model, capsules: &[Named]) -> Result<Vec<Capsule>, Coll
     capsules.iter().map(place).collect()
 }
 
-/// Returns the whole text of the robot file with these capsules, with all pairs decided.
-///
-/// # Errors
-/// The robot's files are invalid, or the robot does not have the link of a capsule.
 pub fn robot_file(
     plan: &Plan,
     capsules: &[Named],

@@ -1,8 +1,8 @@
 //! Fitted capsules contain their points, the check detects when they do not, and proofs are right.
 
-use collision::check::{capsules_in_frame, deviations_m, sticks_out_m};
+use collision::check::sticks_out_m;
 use collision::fit::{Shape, smallest_capsule};
-use collision::plan::{Cut, Plan, SIDE};
+use collision::plan::{Cut, Plan};
 use collision::prove::{Verdict, clearance, prove};
 use collision::scene::Scene;
 use collision::split::split;
@@ -10,9 +10,7 @@ use collision::write::fit_all;
 use nalgebra::Vector3;
 use rand::{RngExt, SeedableRng};
 use robot::{Capsule, Frames, Model};
-use std::path::Path;
 
-const PLAN: &str = include_str!("../plans/tiago_dual.toml");
 const TOML: &str = include_str!("../../../config/robots/tiago_dual.toml");
 const URDF: &str = include_str!("../../../config/robots/tiago_dual.urdf");
 
@@ -152,31 +150,4 @@ fn proofs_are_never_contradicted_by_samples() {
         }
     }
     assert!(clear > 5 && meets > 5, "{clear} {meets}");
-}
-
-#[test]
-#[ignore = "needs the manufacturer's meshes in ../shared/robots/tiago_dual"]
-fn shipped_capsules_contain_the_manufacturers_meshes() {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/robots/tiago_dual");
-    let text = std::fs::read_to_string(folder.join("tiago_dual.urdf")).expect("a URDF");
-    let robot = urdf_rs::read_from_string(&text).unwrap();
-    let plan = Plan::parse("plan", PLAN).unwrap();
-    let meshes = folder.join("meshes");
-    let scene = Scene::new(&robot, Some(&meshes), &plan.fingers);
-    let model = shipped();
-    for group in &plan.groups {
-        let side = if group.frame.contains(SIDE) { "left" } else { "" };
-        let stem = group.name.replace(SIDE, side);
-        let frame = group.frame.replace(SIDE, side);
-        let shapes = capsules_in_frame(&model, &frame, |name| name == stem || name.starts_with(&format!("{stem}_")));
-        assert_eq!(shapes.len(), group.capsules, "{stem}");
-        let out = sticks_out_m(&scene.matter(group).unwrap(), &shapes);
-        assert!(out <= 0.0, "{stem} sticks out by {out} m");
-    }
-    // The shipped capsules are those that the tool makes of the meshes, including the margin.
-    let fitted = fit_all(&plan, &scene).unwrap();
-    assert_eq!(fitted.len(), model.capsules.len());
-    for (name, deviation_m) in deviations_m(&model, &fitted) {
-        assert!(deviation_m < 5e-4, "{name} is {deviation_m} m from its fit");
-    }
 }

@@ -1,5 +1,6 @@
 //! The page about capsules and meshes: a mesh inside passes, and a capsule that was made too thin is found.
 
+use crate::first::{TOML, URDF, cuboid, shaped as with_shapes};
 use collision::cover::{Cover, cover};
 use collision::first::first_plan;
 use collision::scene::{Posture, Scene};
@@ -7,8 +8,6 @@ use collision::write::{bare_model, fit_all, robot_file};
 use robot::Model;
 use std::path::Path;
 
-const TOML: &str = include_str!("../../../config/robots/openarm_v10.toml");
-const URDF: &str = include_str!("../../../config/robots/openarm_v10.urdf");
 const LINK: &str = "openarm_left_link5";
 /// A bar of 40 x 40 x 200 mm, m.
 const MESH: &str = "v -0.02 -0.02 0\nv 0.02 -0.02 0\nv 0.02 0.02 0\nv -0.02 0.02 0\n\
@@ -18,16 +17,7 @@ const MESH: &str = "v -0.02 -0.02 0\nv 0.02 -0.02 0\nv 0.02 0.02 0\nv -0.02 0.02
 /// Returns the shipped URDF with the mesh on one link, and a box on the body.
 fn shaped() -> urdf_rs::Robot {
     let mesh = "<collision><geometry><mesh filename=\"package://any/meshes/bar.obj\"/></geometry></collision>";
-    let cuboid = "<collision><geometry><box size=\"0.1 0.1 0.1\"/></geometry></collision>";
-    let with = |text: String, link: &str, shape: &str| {
-        let (open, empty) = (format!("<link name=\"{link}\">"), format!("<link name=\"{link}\"/>"));
-        let with = format!("{open}{shape}");
-        let changed = text.replace(&empty, &format!("{with}</link>")).replace(&open, &with);
-        assert_ne!(changed, text, "{link}");
-        changed
-    };
-    let text = with(with(URDF.to_owned(), LINK, mesh), "openarm_body_link0", cuboid);
-    urdf_rs::read_from_string(&text).unwrap()
+    with_shapes(&[(LINK, mesh), ("openarm_body_link0", &cuboid("0.1 0.1 0.1", "0 0 0"))])
 }
 
 /// Fits a robot file to the shapes.
@@ -108,10 +98,8 @@ fn round_sphere_counts_as_sphere() {
     let at = TOML.find("\n[[collision.capsules]]").unwrap();
     let toml = format!("{}{capsule}{}", &TOML[..at], &TOML[at..]);
     let ball = "<collision><origin xyz=\"0 0 0.3\"/><geometry><sphere radius=\"0.0499\"/></geometry></collision>";
-    let open = "<link name=\"openarm_body_link0\">";
-    let urdf = URDF.replace(open, &format!("{open}{ball}"));
-    assert_ne!(urdf, URDF);
+    let urdf = with_shapes(&[("openarm_body_link0", ball)]);
     let model = Model::from_text("toml", &toml, "urdf", URDF).unwrap();
-    let found = cover(&model, &urdf_rs::read_from_string(&urdf).unwrap(), None, &Posture::new(), &[]).unwrap();
+    let found = cover(&model, &urdf, None, &Posture::new(), &[]).unwrap();
     assert!(found.holds(), "{}", found.page());
 }

@@ -6,11 +6,11 @@ use collision::scene::{Posture, Scene};
 use collision::write::{bare_model, fit_all, robot_file};
 use robot::{AllowedReason, Model};
 
-const TOML: &str = include_str!("../../../config/robots/openarm_v10.toml");
-const URDF: &str = include_str!("../../../config/robots/openarm_v10.urdf");
+pub const TOML: &str = include_str!("../../../config/robots/openarm_v10.toml");
+pub const URDF: &str = include_str!("../../../config/robots/openarm_v10.urdf");
 
 /// Returns the shipped URDF with these collision elements of links.
-fn shaped(shapes: &[(&str, &str)]) -> urdf_rs::Robot {
+pub fn shaped(shapes: &[(&str, &str)]) -> urdf_rs::Robot {
     let mut text = URDF.to_owned();
     for (link, shape) in shapes {
         let (open, empty) = (format!("<link name=\"{link}\">"), format!("<link name=\"{link}\"/>"));
@@ -22,7 +22,7 @@ fn shaped(shapes: &[(&str, &str)]) -> urdf_rs::Robot {
     urdf_rs::read_from_string(&text).unwrap()
 }
 
-fn cuboid(size: &str, at: &str) -> String {
+pub fn cuboid(size: &str, at: &str) -> String {
     format!("<collision><origin xyz=\"{at}\"/><geometry><box size=\"{size}\"/></geometry></collision>")
 }
 
@@ -135,26 +135,4 @@ fn plan_read_back_gives_the_same_capsules() {
     let model = Model::from_text("toml", &decided.text, "urdf", URDF).unwrap();
     assert_eq!(model.capsules.len(), second.len());
     assert!(model.allowed.iter().any(|pair| pair.reason == AllowedReason::SameBody));
-}
-
-/// The shipped capsules contain the makers' meshes.
-#[test]
-#[ignore = "needs the makers' meshes in ../shared/robots"]
-fn shipped_capsules_of_other_robots_contain_the_meshes() {
-    let shared = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/robots");
-    for (name, urdf) in [("openarm_v10", "openarm_bimanual.urdf"), ("franka_fr3_duo", "fr3_duo.urdf")] {
-        let folder = shared.join(name);
-        let text = std::fs::read_to_string(folder.join(urdf)).expect("a URDF");
-        let here = std::path::Path::new(env!("CARGO_MANIFEST_DIR"));
-        let read = |path: String| std::fs::read_to_string(here.join(path)).unwrap();
-        let robot = urdf_rs::read_from_string(&text).unwrap();
-        let plan = Plan::parse(name, &read(format!("plans/{name}.toml"))).unwrap();
-        let fitted = fit_all(&plan, &Scene::new(&robot, Some(&folder), &plan.fingers)).unwrap();
-        let file = |kind: &str| read(format!("../../config/robots/{name}.{kind}"));
-        let model = Model::from_text(name, &file("toml"), name, &file("urdf")).unwrap();
-        assert_eq!(fitted.len(), model.capsules.len());
-        for (capsule, deviation_m) in collision::check::deviations_m(&model, &fitted) {
-            assert!(deviation_m < 5e-4, "{capsule} is {deviation_m} m from its fit");
-        }
-    }
 }

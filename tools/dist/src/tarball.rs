@@ -44,9 +44,6 @@ pub type Version = [u32; 2];
 
 /// Writes `teleopd-VERSION-ARCH-linux.tar.gz` into `out`. `programs` is the folder of the programs. `out`
 /// already has man pages, completions and notices.
-///
-/// # Errors
-/// Returns a text as error: a file cannot be read or written, or a program needs a glibc that is too new.
 pub fn write(root: &Path, programs: &Path, out: &Path, settings: &str) -> Result<PathBuf, String> {
     let name = format!("teleopd-{}-{}-linux", env!("CARGO_PKG_VERSION"), std::env::consts::ARCH);
     let mut files: BTreeMap<String, Content> = BTreeMap::new();

@@ -29,6 +29,6 @@ fn out_folder_that_cannot_be_made_is_reported() {
     let file = tempfile::NamedTempFile::new().expect("a file");
     let output = Command::new(env!("CARGO_BIN_EXE_dist")).arg("--out").arg(file.path()).output().expect("dist runs");
     assert_eq!(output.status.code(), Some(73));
-    let said = String::from_utf8_lossy(&output.stderr);
-    assert!(said.contains(&file.path().display().to_string()), "{said}");
+    let printed = String::from_utf8_lossy(&output.stderr);
+    assert!(printed.contains(&file.path().display().to_string()), "{printed}");
 }

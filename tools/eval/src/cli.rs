@@ -1,6 +1,6 @@
 //! The command line.
 
-use clap::{ArgGroup, Parser, ValueEnum};
+use clap::{ArgGroup, Parser};
 use config::RobotChoice;
 use motion::CalibrationMode;
 use std::path::PathBuf;
@@ -66,14 +66,6 @@ pub struct Cli {
     /// the momentary elbow plane, or the rig. The rig is for motions that this project makes itself
     #[arg(long, value_name = "first-10s|clip|none|rig", default_value = "first-10s", value_parser = calibration)]
     pub calibration: CalibrationMode,
-    /// Frame in which limb rotations are compared: relative to the chest, or in space. In space the human's
-    /// torso turns, and the robot's is upright and faces the human's first heading. Methods receive the chest's
-    /// rotations in both cases
-    #[arg(long, value_enum, default_value = "chest")]
-    pub frame: Frame,
-    /// Take every N-th frame. Jerk and flips need all frames
-    #[arg(long, value_name = "N", default_value_t = 1)]
-    pub stride: usize,
     /// Write the figures to this file as JSON
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
@@ -114,24 +106,4 @@ fn tensors(text: &str) -> Result<PathBuf, String> {
 
 fn calibration(text: &str) -> Result<CalibrationMode, String> {
     CalibrationMode::among(text, &CalibrationMode::ALL)
-}
-
-/// Frame in which limb rotations are compared.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum Frame {
-    /// Relative to the chest.
-    Chest,
-    /// In space.
-    Global,
-}
-
-impl Frame {
-    /// Name on the command line.
-    #[must_use]
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Chest => "chest",
-            Self::Global => "global",
-        }
-    }
 }

@@ -55,18 +55,14 @@ pub struct Distances {
     pub head: Option<[f64; 2]>,
     /// Left and right hand to the place of the chest before the middle between the shoulders.
     pub chest: [f64; 2],
-    /// Hand to hand.
     pub hands: f64,
 }
 
 /// Errors of one motion: the sum over the frames and hands in contact, their number, and the largest.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Errors {
-    /// Sum, m.
     pub sum_m: f64,
-    /// Number.
     pub count: u32,
-    /// Largest, m.
     pub max_m: f64,
 }
 
@@ -78,26 +74,18 @@ impl Errors {
         }
     }
 
-    /// Mean, m. `None` without a contact.
-    #[must_use]
     pub fn mean_m(&self) -> Option<f64> {
         (self.count > 0).then(|| self.sum_m / f64::from(self.count))
     }
 }
 
-/// Errors of one motion by what is touched.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Contacts {
-    /// Hand to head.
     pub head: Errors,
-    /// Hand to chest.
     pub chest: Errors,
-    /// Hand to hand.
     pub hands: Errors,
 }
 
-/// Returns the distances of a person who faces x.
-#[must_use]
 pub fn of_person(frame: &Frame) -> Distances {
     let at = |joint: Smpl| Vector3::from(frame.positions[joint as usize]).cast::<f64>();
     let chest = (at(Smpl::LeftShoulder) + at(Smpl::RightShoulder)) / 2.0 + Vector3::x() * CHEST_M;
@@ -110,11 +98,9 @@ pub fn of_person(frame: &Frame) -> Distances {
     }
 }
 
-/// Landmarks of a robot.
 struct Robot<'a> {
     model: &'a Model,
     frames: Frames,
-    /// Length of a stretched arm, m.
     reach_m: f64,
     /// The place of the chest, in the frame of the torso's body, m.
     chest: Vector3<f64>,
@@ -157,7 +143,6 @@ impl<'a> Robot<'a> {
     }
 }
 
-/// Length of a person's stretched arm, m.
 fn person_reach_m(frame: &Frame) -> f64 {
     let at = |joint: Smpl| Vector3::from(frame.positions[joint as usize]).cast::<f64>();
     let elbow = at(Smpl::LeftElbow);
@@ -188,7 +173,6 @@ impl Contacts {
 }
 
 /// Measures the best postures for a motion, with limbs that are corrected by this weight from 0 to 1.
-#[must_use]
 pub fn postures(model: &Model, motion: &Motion, weight: f64) -> Contacts {
     let (mut robot, mut out) = (Robot::new(model), Contacts::default());
     for (frame, posture) in motion.frames.iter().zip(ground_truth_touching(model, motion, weight).q) {
@@ -201,7 +185,6 @@ pub fn postures(model: &Model, motion: &Motion, weight: f64) -> Contacts {
     out
 }
 
-/// A motion that all stages have played.
 #[derive(Clone, Debug, Default)]
 pub struct Played {
     person: Person,
@@ -211,10 +194,6 @@ pub struct Played {
 }
 
 impl Played {
-    /// Plays a motion through all stages, at a multiple of its recorded speed.
-    ///
-    /// # Errors
-    /// Returns a sentence as error if the stages reject their settings, or stop.
     pub fn new(loaded: &Loaded, motion: &Motion, speed: f64) -> Result<Self, String> {
         let options = PlayOptions { speed, looped: false, calibration: CalibrationMode::Rig };
         let mut offline = Offline::new(loaded, motion, options).map_err(|error| error.to_string())?;
@@ -240,7 +219,6 @@ impl Played {
     }
 
     /// Measures the commands at the delay of the settings: all of them, and those for hands that rest.
-    #[must_use]
     pub fn commands(&self, model: &Model) -> [Contacts; 2] {
         let (mut robot, mut out) = (Robot::new(model), [Contacts::default(); 2]);
         let people: Vec<_> = self.person.seen().map(|(at, positions)| (at, frame(positions))).collect();
@@ -260,7 +238,6 @@ impl Played {
 
     /// Measures the best motions for the corrected limbs and hands, at the person's own instants: those that look ahead, within
     /// the positions, speeds and accelerations in force, from where the robot began to follow. They know no collisions.
-    #[must_use]
     pub fn optimum(&self, model: &Model) -> Contacts {
         let (arm, bounds) = (ArmModel::from_model(model), bounds_of(model));
         let proportions = Proportions::from_model(model);
@@ -301,7 +278,6 @@ fn frame(positions: &[[f32; 3]; SMPL_JOINTS]) -> Frame {
     Frame { positions: *positions, ..Frame::ZERO }
 }
 
-/// Contacts of all motions, by name, and what was measured.
 struct Table {
     rows: Vec<(String, Contacts)>,
     measured: String,
@@ -331,7 +307,6 @@ impl fmt::Display for Table {
     }
 }
 
-/// Runs `eval --contacts`.
 pub(crate) fn run(cli: &Cli) -> Result<(), Failure> {
     check_bounds("--speed", cli.speed, SPEED)?;
     let loaded = load(cli)?;

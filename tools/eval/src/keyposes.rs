@@ -32,52 +32,38 @@ pub const PAIRS: usize = 300;
 const SEED: u64 = 3;
 /// Steps of a path. On a path of 3 rad, each step is 0.06 rad.
 const STEPS: usize = 50;
-/// Refinement steps of the refined latent path.
 const REFINE_STEPS: u32 = 2;
 /// Share of a chord that counts as going back. Rounding of f32 networks is below it.
 const BACKWARDS_SHARE: f64 = 1e-3;
 /// A chord shorter than this has no useful direction.
 const CHORD_MIN_RAD: f64 = 0.1;
 
-/// Figures of one way of interpolation.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Path {
     /// Mean limb error against the yardstick, degrees.
     pub limb_deg_mean: f64,
-    /// Share of paths that never go back, 0 to 1.
     pub monotone_share: f64,
-    /// Mean length relative to the chord.
     pub length_mean: f64,
     /// Longest path of all pairs, relative to the chord.
     pub length_max: f64,
 }
 
-/// Both kinds of pairs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Interpolations {
-    /// Two poses of one clip.
     pub of_a_clip: Interpolation,
-    /// Two poses of all clips.
     pub of_all: Interpolation,
 }
 
-/// All ways of interpolation.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct Interpolation {
-    /// Number of pairs.
     pub pairs: usize,
-    /// Path through the latent space, with the decoder alone.
     pub latent_k0: Path,
-    /// Path through the latent space, with two refinement steps.
     pub latent_k2: Path,
-    /// Path straight through joint space, between the decoder's postures.
     pub joint_k0: Path,
-    /// Path straight through joint space, between refined postures.
     pub joint_k2: Path,
 }
 
 /// Measures [`PAIRS`] pairs of each kind from the tasks' frames. Measures nothing if there is no frame.
-#[must_use]
 pub fn measure(arm: &ArmModel, network: &Network, tasks: &[Task]) -> Interpolations {
     let humans: Vec<(usize, &Human)> = tasks
         .iter()
@@ -106,7 +92,6 @@ pub fn measure(arm: &ArmModel, network: &Network, tasks: &[Task]) -> Interpolati
     Interpolations { of_a_clip: kind(true), of_all: kind(false) }
 }
 
-/// Result of one pair and one way.
 struct One {
     limb_deg: f64,
     /// True if the path never goes back, and its relative length. None if the chord is too short.
@@ -141,7 +126,6 @@ fn pair(arm: &ArmModel, network: &Network, from: &Human, to: &Human) -> [One; 4]
 
 /// Returns true if a path of joint positions never goes back along its chord, and its length relative to the
 /// chord.
-#[must_use]
 pub fn shape(path: &[Posture]) -> Option<(bool, f64)> {
     let joints = |posture: &Posture| SVector::<f64, { 2 * ARM_Q }>::from_column_slice(posture.as_flattened());
     let chord = joints(path.last()?) - joints(path.first()?);

@@ -5,6 +5,8 @@
 //! *posture* the joint positions of both arms of the robot. *K* is the number of refinement steps after the
 //! network. The *oracle* is S_GR minimised from many starts. [`metrics`] defines each column.
 
+#![allow(missing_docs, reason = "the library of a program: only the program, tests and other tools use it")]
+
 pub mod cli;
 pub mod clips;
 pub mod contacts;

@@ -2,7 +2,7 @@
 
 use crate::cli::Cli;
 use crate::clips::Human;
-use crate::lookup::{self, PostureTable};
+use crate::lookup::PostureTable;
 use crate::sew::sew;
 use ::report::out_of_bounds;
 use retarget::{ArmIdentity, ArmModel, ArmQ, Network, Weights, closed_form, oracle, refine, solve_poses};
@@ -31,20 +31,16 @@ const LEARNED: [&str; 9] = [
     "ours_same_steps",
     "s3le",
 ];
-/// Largest number of refinement steps of ours.
 const OURS_STEPS_MAX: u32 = 3;
 
 /// Joint positions of both arms, rad.
 pub type Posture = [ArmQ; 2];
 
-/// A method that is ready to run.
 #[derive(Debug)]
 pub enum Solver {
     /// The shared latent space, then Levenberg-Marquardt steps, with the network's output as prior, as in the product.
     Ours {
-        /// The networks.
         network: Arc<Network>,
-        /// Number of steps K.
         steps: u32,
     },
     /// The closed form of [`sew`].
@@ -53,34 +49,24 @@ pub enum Solver {
     ClosedForm,
     /// Three steps from the previous frame's output. The first frame starts in the middle of the limits.
     PreviousFrame,
-    /// The lookup of [`PostureTable::nearest`].
     Lookup(PostureTable),
-    /// A learned baseline.
     Learned(Box<Baseline>),
     /// S_GR minimised from many starts. This is the best that the arm can do.
     Oracle,
 }
 
-/// A method of the table.
 #[derive(Debug)]
 pub struct Method {
-    /// Name in table and JSON.
     pub name: String,
-    /// The solver, or the missing part.
     pub solver: Result<Solver, Missing>,
 }
 
-/// The reason why a method cannot be measured.
 #[derive(Clone, Debug, PartialEq, Eq, serde::Serialize)]
 pub struct Missing {
-    /// The missing part.
     pub reason: String,
-    /// The command that makes it.
     pub command: String,
 }
 
-/// Returns all names, in the order of the table.
-#[must_use]
 pub fn names() -> Vec<String> {
     let ours = (0..=OURS_STEPS_MAX).map(|steps| format!("ours_k{steps}"));
     let analytic = ["sew", "closed_form_3lm", "previous_frame_3lm", "lookup"];
@@ -89,9 +75,6 @@ pub fn names() -> Vec<String> {
 
 /// Prepares the requested methods, or all. Those without weights report it, and `human` as the motion files of the
 /// command that makes them.
-///
-/// # Errors
-/// Returns an error if weights exist but are invalid, or a name is not known.
 pub fn prepare(
     cli: &Cli,
     human: &Path,
@@ -115,7 +98,7 @@ pub fn prepare(
             "closed_form_3lm" => Solver::ClosedForm,
             "previous_frame_3lm" => Solver::PreviousFrame,
             "oracle" => Solver::Oracle,
-            "lookup" => Solver::Lookup(PostureTable::draw(&identity.arm, lookup::POSTURES, lookup::SEED)),
+            "lookup" => Solver::Lookup(PostureTable::draw(&identity.arm)),
             _ => match (name.strip_prefix("ours_k").and_then(|steps| steps.parse().ok()), &network) {
                 (Some(steps), Some(network)) => Solver::Ours { network: network.clone(), steps },
                 (Some(_), None) => return Ok(Err(missing("full", &cli.weights().0.with_extension("")))),
@@ -148,7 +131,6 @@ pub fn prepare(
 
 impl Solver {
     /// Returns both arms of one instant. `previous` is the method's own previous output.
-    #[must_use]
     pub fn pose(&self, arm: &ArmModel, human: &Human, previous: &Posture) -> Posture {
         let each = |solve: &dyn Fn(usize) -> ArmQ| [solve(0), solve(1)];
         match self {
@@ -167,8 +149,6 @@ impl Solver {
         }
     }
 
-    /// Returns the number of steps and the training data of a learned baseline.
-    #[must_use]
     pub fn trained_on(&self) -> Option<String> {
         let Self::Learned(learned) = self else { return None };
         Some(format!("{} steps on {}", learned.manifest.steps, learned.manifest.trained_on))
@@ -176,7 +156,6 @@ impl Solver {
 
     /// Returns the postures of a whole clip. Each frame gets the previous output, and the first one the middle of the
     /// limits.
-    #[must_use]
     pub fn clip(&self, arm: &ArmModel, humans: &[Human]) -> Vec<Posture> {
         match self {
             Self::Lookup(table) => table.nearest(humans),

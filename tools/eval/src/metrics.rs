@@ -18,10 +18,8 @@
 //!   Neither limb of the human turned more than [`FLIP_HUMAN_RAD`] meanwhile. They are counted per 1000 frames
 //!   of an arm.
 //! - *Reachable*: limb degrees over the frames of an arm that the oracle solves to less than 2 degrees in both limbs.
-//!
-//! Jerk and flips need contiguous frames. They are left out if frames are skipped.
 
-use crate::clips::{Clip, Human};
+use crate::clips::Clip;
 use crate::methods::Posture;
 use nalgebra::{UnitQuaternion, Vector3};
 use retarget::{ARM_Q, ArmModel, ArmQ, Limbs, limb_error_deg};
@@ -38,26 +36,15 @@ pub const REACHABLE_DEG: f64 = 2.0;
 /// A clip with its references. All lists have one entry per frame.
 #[derive(Clone, Debug)]
 pub struct Task {
-    /// The clip.
     pub clip: Clip,
-    /// Limbs with which its postures are compared.
-    pub target: Vec<Human>,
-    /// The oracle's postures for `target`.
     pub oracle: Vec<Posture>,
-    /// True if the frames are consecutive, as recorded.
-    pub contiguous: bool,
 }
 
-/// A row of the table.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
 pub struct MethodFigures {
-    /// Mean S_GR of a frame.
     pub s_gr: f64,
-    /// Mean limb error, degrees.
     pub limb_deg_mean: f64,
-    /// 95th percentile of the limb error, degrees.
     pub limb_deg_p95: f64,
-    /// Mean angle between bones, degrees.
     pub direction_deg: f64,
     /// Joint MSE against the oracle, rad^2. None if every frame is masked.
     pub joint_mse_rad2: Option<f64>,
@@ -65,21 +52,16 @@ pub struct MethodFigures {
     pub joint_mse_all_rad2: Option<f64>,
     /// Jerk ratio between jumps. None where it is not defined.
     pub jerk_ratio: Option<f64>,
-    /// Jerk ratio including the method's own jumps.
     pub jerk_ratio_with_jumps: Option<f64>,
-    /// Flips per 1000 frames of an arm. None if frames are skipped.
     pub flips_per_1000: Option<f64>,
     /// Mean limb error of reachable frames, degrees. None if no frame is reachable.
     pub reachable_deg_mean: Option<f64>,
-    /// 99th percentile of the limb error of reachable frames, degrees.
     pub reachable_deg_p99: Option<f64>,
-    /// Share of the frames of an arm that are reachable.
     pub reachable_share: f64,
     /// Mean error of left upper arm, left forearm, right upper arm, right forearm, degrees.
     pub by_limb_deg: [f64; 4],
 }
 
-/// Sums and lists over all runs.
 #[derive(Default)]
 struct Tally {
     frames: usize,
@@ -114,25 +96,21 @@ impl Mean {
     }
 }
 
-/// Returns the figures of one method, from its postures in each task.
-#[must_use]
 pub fn measure(arm: &ArmModel, tasks: &[Task], postures: &[Vec<Posture>]) -> MethodFigures {
     let mut tally = Tally::default();
     for (task, postures) in tasks.iter().zip(postures) {
         tally.errors(arm, task, postures);
-        if task.contiguous {
-            tally.motion(arm, task, postures);
-        }
+        tally.motion(arm, task, postures);
     }
     tally.figures()
 }
 
 impl Tally {
     fn errors(&mut self, arm: &ArmModel, task: &Task, postures: &[Posture]) {
-        for ((target, posture), oracle) in task.target.iter().zip(postures).zip(&task.oracle) {
+        for ((human, posture), oracle) in task.clip.human.iter().zip(postures).zip(&task.oracle) {
             self.frames += 1;
             for side in 0..2 {
-                let (human, q, best) = (&target[side], &posture[side], &oracle[side]);
+                let (human, q, best) = (&human[side], &posture[side], &oracle[side]);
                 let robot = arm.forward(q);
                 let degrees = limb_error_deg(&robot, human);
                 self.s_gr += retarget::s_gr(&robot, human);
@@ -208,7 +186,6 @@ fn percentile(sorted: &[f64], percent: usize) -> f64 {
 }
 
 /// Returns the angles between the bones of robot and human, degrees: upper arm, forearm.
-#[must_use]
 pub fn direction_deg(robot: &Limbs, human: &Limbs) -> [f64; 2] {
     let y = Vector3::y();
     let angle = |r: &UnitQuaternion<f64>, h: &UnitQuaternion<f64>| {
@@ -219,7 +196,6 @@ pub fn direction_deg(robot: &Limbs, human: &Limbs) -> [f64; 2] {
 }
 
 /// Returns true if the upper arm lies within [`GIMBAL_RAD`] of the first joint's axis, in either direction.
-#[must_use]
 pub fn near_gimbal(arm: &ArmModel, q: &ArmQ) -> bool {
     let turn = UnitQuaternion::new(arm.axes[1] * (q[1] - arm.reference[1]));
     let upper = turn * arm.axes[2];

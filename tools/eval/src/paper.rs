@@ -24,44 +24,34 @@ use std::path::Path;
 /// Joint MSE that the paper reports, rad^2, on its own data and its own hand-made ground truth.
 const REPORTED_MSE: [(&str, f64); 4] =
     [("s3le", 0.44), ("paper", 0.21), ("paper_no_ltc", 0.24), ("paper_no_triplet", 0.57)];
-/// Control frequencies that the paper reports, kHz.
 const REPORTED_KHZ: [(&str, f64); 2] = [("s3le", 0.4), ("paper", 1.5)];
-/// The motion whose hands touch the head.
 const TOUCH: &str = "hands-on-head";
 /// A hand counts as nearest while it is this close to its least distance, m.
 const NEAREST_M: f64 = 0.005;
-/// Poses of the figure.
 const POSES: [&str; 7] =
     ["hands-up", "hands-to-chest", "hands-on-head", "wave-right", "point-forward", "cross-arms", "stretch-sideways"];
 /// Rows of the figure, if measured.
 const ROWS: [&str; 3] = ["paper", "s3le", "ours_k2"];
 
-/// The table of the named motions.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct PaperTable {
-    /// Frames of all motions.
     pub frames: usize,
     /// Distance from the middle of the human's hand to the middle of the head during the touch, m.
     pub human_hand_to_head_m: Option<f64>,
     /// Figures of each method, with the joints compared with the ground truth.
     pub methods: Map<String, Value>,
-    /// Names of the methods without weights.
     pub missing: Vec<String>,
 }
 
-/// Returns the named motions. Their ground truth replaces the oracle's postures.
-#[must_use]
 pub fn named_tasks(model: &Model) -> Vec<Task> {
     let tasks = paper_motions().into_iter().filter_map(|motion| {
-        let clip: Clip = clip_of(&motion, CalibrationMode::Rig, 1).ok()?;
+        let clip: Clip = clip_of(&motion, CalibrationMode::Rig).ok()?;
         let oracle = ground_truth(model, &motion).q;
-        (oracle.len() == clip.human.len()).then(|| Task { target: clip.human.clone(), oracle, clip, contiguous: true })
+        (oracle.len() == clip.human.len()).then(|| Task { oracle, clip })
     });
     tasks.collect()
 }
 
-/// Measures the methods on the named motions.
-#[must_use]
 pub fn table(model: &Model, methods: &[Method], tasks: &[Task]) -> PaperTable {
     let arm = ArmModel::from_model(model);
     let moments = crate::run::moments(tasks);
@@ -94,10 +84,8 @@ pub fn table(model: &Model, methods: &[Method], tasks: &[Task]) -> PaperTable {
 
 type Positions = [[f32; 3]; messages::SMPL_JOINTS];
 
-/// An arm, and its postures in each task.
 type Robot<'a> = Option<(&'a ArmModel, &'a [Vec<Posture>])>;
 
-/// Returns the joints of the human in a frame of a task, or with the arms of the robot.
 fn joints(tasks: &[Task], robot: Robot<'_>, (task, frame): (usize, usize)) -> Option<Positions> {
     let human = *tasks.get(task)?.clip.positions.get(frame)?;
     let Some((arm, postures)) = robot else { return Some(human) };
@@ -122,10 +110,6 @@ fn hand_to_head(positions: &Positions) -> f64 {
     0.5 * (left + right)
 }
 
-/// Draws human, paper, S3LE and ours under one another in named poses, as an SVG file.
-///
-/// # Errors
-/// Returns an error if it cannot be written.
 pub fn figure(path: &Path, model: &Model, methods: &[Method], tasks: &[Task]) -> Result<(), Failure> {
     let arm = ArmModel::from_model(model);
     let instants: Vec<(usize, usize)> = POSES

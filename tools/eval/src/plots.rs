@@ -25,9 +25,6 @@ const COLOURS: [RGBColor; 5] = [
 const LIMB_NAMES: [&str; 4] = ["left upper arm", "left forearm", "right upper arm", "right forearm"];
 
 /// Draws into `folder`: `error-against-k.svg`, `error-by-limb.svg`, and `poses.svg` with the postures of `shown`.
-///
-/// # Errors
-/// Returns an error if a file cannot be written.
 pub fn draw_all(
     folder: &Path,
     report: &Report,
@@ -50,10 +47,6 @@ pub fn draw_all(
     Ok(drawn)
 }
 
-/// Draws one SVG file on white.
-///
-/// # Errors
-/// Returns an error if it cannot be written.
 pub fn paint_file(path: &Path, size: (u32, u32), paint: impl FnOnce(&Area<'_>) -> Drawn) -> Result<(), Failure> {
     let area = SVGBackend::new(path, size).into_drawing_area();
     let drawn = area.fill(&WHITE).and_then(|()| paint(&area)).and_then(|()| area.present());
@@ -99,22 +92,16 @@ fn error_against_k(area: &Area<'_>, report: &Report) -> Drawn {
     legend(&mut chart)
 }
 
-/// A chart with numbers on both axes.
 pub type Chart<'a, 'b> = ChartContext<
     'a,
     SVGBackend<'b>,
     Cartesian2d<plotters::coord::types::RangedCoordf64, plotters::coord::types::RangedCoordf64>,
 >;
 
-/// Gives a line its row in the legend.
 pub fn name_line<'a, 'b: 'a>(line: &mut SeriesAnno<'a, SVGBackend<'b>>, name: &str, style: ShapeStyle) {
     line.label(name).legend(move |(x, y)| PathElement::new([(x, y), (x + 18, y)], style));
 }
 
-/// Draws the names of the lines into the upper right corner.
-///
-/// # Errors
-/// Returns an error if the file cannot be written.
 pub fn legend<'a, 'b: 'a>(chart: &mut Chart<'a, 'b>) -> Drawn {
     chart
         .configure_series_labels()
@@ -159,7 +146,6 @@ fn error_by_limb(area: &Area<'_>, report: &Report) -> Drawn {
     legend(&mut chart)
 }
 
-/// Draws the human above and the robot below, at instants spread over all clips.
 fn poses(area: &Area<'_>, arm: &ArmModel, tasks: &[Task], name: &str, postures: &[Vec<Posture>]) -> Drawn {
     let all: Vec<(&Task, usize, &Posture)> = tasks
         .iter()
@@ -179,22 +165,13 @@ fn poses(area: &Area<'_>, arm: &ArmModel, tasks: &[Task], name: &str, postures: 
     Ok(())
 }
 
-/// Draws a line of text at the bottom of a cell.
-///
-/// # Errors
-/// Returns an error if the file cannot be written.
 pub fn label(area: &Area<'_>, text: &str) -> Drawn {
     let (_, height) = area.dim_in_pixel();
     area.draw(&Text::new(text.to_owned(), (8, height as i32 - 18), ("sans-serif", 13)))
 }
 
-/// A row of stick figures: a name, and one set of joints per column.
 pub type FigureRow = (String, FigureKind, Vec<[[f32; 3]; SMPL_JOINTS]>);
 
-/// Draws rows of figures with the columns' names at the bottom.
-///
-/// # Errors
-/// Returns an error if the file cannot be written.
 pub fn figure_rows(path: &Path, columns: &[String], rows: &[FigureRow]) -> Result<(), Failure> {
     let size = (170 * columns.len() as u32, 200 * rows.len() as u32);
     paint_file(path, size, |area| {

@@ -22,18 +22,12 @@ const RATES_HZ: [f64; 2] = [20.0, 240.0];
 /// Time of the first frame. It is not zero, because zero means never.
 const BEGIN_NS: u64 = 1_000_000_000;
 
-/// Counts of a motion's frames.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Refusals {
-    /// Frames.
     pub frames: u64,
-    /// Frames that were dropped.
     pub dropped: u64,
-    /// Frames of which one arm was not used.
     pub arm_left_out: u64,
-    /// Number of times that the person counted as another one.
     pub strangers: u64,
-    /// Number of frames or arms by reason.
     pub reasons: BTreeMap<&'static str, u64>,
 }
 
@@ -50,7 +44,6 @@ impl Refusals {
 }
 
 /// Passes a motion to `ingest` at this frame rate, each frame at once.
-#[must_use]
 pub fn count(config: &ingest::Config, motion: &Motion, calibration: CalibrationMode, rate_hz: f64) -> Refusals {
     let hinges = motion::calibrate(motion, calibration);
     let motion = motion::resampled(motion, rate_hz);
@@ -90,10 +83,6 @@ fn show_rates(f: &mut fmt::Formatter<'_>, rates: &[(f64, Refusals)]) -> fmt::Res
     table::write(f, ("    Hz", 6), &columns, names.iter().zip(rates).map(|(name, (_, all))| (name.as_str(), all)))
 }
 
-/// Counts over a folder, prints the table, writes JSON.
-///
-/// # Errors
-/// Returns the first error, with its file or option.
 pub fn run(cli: &Cli, folder: &Path) -> Result<(), Failure> {
     cli.rates.iter().try_for_each(|&rate| check_bounds("--rates", rate, RATES_HZ))?;
     let loaded = load(cli)?;

@@ -10,70 +10,44 @@ use serde_json::{Map, Value, json};
 use std::fmt;
 use std::path::Path;
 
-/// Measurements of a method.
 #[derive(Clone, Debug, Serialize)]
 pub struct Measured {
-    /// Training data of a learned baseline.
     pub trained_on: Option<String>,
-    /// Error and smoothness.
     #[serde(flatten)]
     pub figures: MethodFigures,
-    /// Microseconds per pose.
     pub us_per_pose: Option<f64>,
 }
 
-/// Conditions of the measurement.
 #[derive(Clone, Debug, Serialize)]
 pub struct Setting {
-    /// Folder of the clips.
     pub human: String,
-    /// Names of the clips.
     pub clips: Vec<String>,
-    /// Frames, both arms each.
     pub frames: usize,
-    /// Stride of the measured frames.
-    pub stride: usize,
-    /// Calibration of the hinges.
     pub calibration: &'static str,
-    /// Frame in which rotations were compared.
-    pub frame: &'static str,
-    /// Our weights.
     pub weights: Option<WeightsFacts>,
 }
 
-/// Facts about our weights.
 #[derive(Clone, Debug, Serialize)]
 pub struct WeightsFacts {
-    /// File of the weights.
     pub path: String,
-    /// SHA-256.
     pub sha256: String,
-    /// Steps of the training.
     pub steps: u64,
-    /// Training data of the weights.
     pub trained_on: String,
 }
 
-/// All measurements.
 #[derive(Clone, Debug)]
 pub struct Report {
-    /// Methods in the order of the table. Each has figures, or the reason why there are none.
     pub rows: Vec<(String, Result<Measured, Missing>)>,
-    /// Conditions of the measurement.
     pub setting: Setting,
 }
 
 impl Setting {
-    /// Creates the conditions of a run.
-    #[must_use]
     pub fn new(cli: &Cli, human: &Path, weights: Option<&Weights>, tasks: &[Task]) -> Self {
         Self {
             human: human.display().to_string(),
             clips: tasks.iter().map(|task| task.clip.name.clone()).collect(),
             frames: tasks.iter().map(|task| task.clip.human.len()).sum(),
-            stride: cli.stride,
             calibration: cli.calibration.name(),
-            frame: cli.frame.name(),
             weights: weights.map(|weights| WeightsFacts {
                 path: cli.weights().0.display().to_string(),
                 sha256: weights.manifest.sha256.clone(),
@@ -117,8 +91,6 @@ impl Report {
         self.rows.iter().filter_map(|(name, result)| Some((name.as_str(), result.as_ref().err()?)))
     }
 
-    /// Returns the figures of a method, if measured.
-    #[must_use]
     pub fn figures(&self, name: &str) -> Option<&MethodFigures> {
         self.measured().find(|(known, _)| *known == name).map(|(_, measured)| &measured.figures)
     }
@@ -150,14 +122,7 @@ impl Report {
             writeln!(f, "{}: {text}", names.join(", "))?;
         }
         writeln!(f, "{} clips of {}: {}", setting.clips.len(), setting.human, setting.clips.join(" "))?;
-        writeln!(
-            f,
-            "{} frames of both arms{}; hinges calibrated on: {}; rotations compared in: {}",
-            setting.frames,
-            if setting.stride == 1 { String::new() } else { format!(", every {}-th", setting.stride) },
-            setting.calibration,
-            setting.frame
-        )?;
+        writeln!(f, "{} frames of both arms; hinges calibrated on: {}", setting.frames, setting.calibration)?;
         match &setting.weights {
             None => writeln!(f, "weights: none")?,
             Some(WeightsFacts { path, sha256, steps, trained_on }) => {
@@ -172,8 +137,6 @@ impl Report {
         )
     }
 
-    /// Returns the table as JSON.
-    #[must_use]
     pub fn json(&self) -> Value {
         let mut out = json!(self.setting);
         let methods = self.measured().map(|(name, measured)| (name.to_owned(), json!(measured)));

@@ -1,13 +1,13 @@
 //! Runs the command: reads, retargets every clip by every method, measures, times, prints, writes.
 
-use crate::cli::{Cli, Frame};
+use crate::cli::Cli;
 use crate::clips::{self, Clip};
 use crate::methods::{Method, Missing, Posture, Solver, prepare};
 use crate::metrics::{Task, measure};
 use crate::report::{Measured, Report, Setting};
 use crate::timing::{Moment, us_per_pose};
 use crate::{contacts, following, keyposes, paper, plots, refusals};
-use ::report::{out_of_bounds, print};
+use ::report::print;
 use config::{Loaded, Overrides};
 use rayon::prelude::*;
 use retarget::{ArmIdentity, ArmModel, Weights};
@@ -21,10 +21,6 @@ use train::files::read_model;
 /// Number of timed poses, spread over all clips.
 const TIMED_POSES: usize = 256;
 
-/// Runs the requested measurement, prints the table, writes JSON and plots.
-///
-/// # Errors
-/// Returns the first error, with its file or option.
 pub fn run(cli: &Cli) -> Result<(), Failure> {
     // The command line has exactly one of the four.
     if let Some(folder) = &cli.following {
@@ -42,15 +38,11 @@ pub fn run(cli: &Cli) -> Result<(), Failure> {
     cli.human.as_deref().map_or(Ok(()), |folder| retargeting(cli, folder))
 }
 
-/// Compares methods on the clips of `human`.
 fn retargeting(cli: &Cli, human: &Path) -> Result<(), Failure> {
-    if cli.stride == 0 {
-        return Err(out_of_bounds("--stride", 0, "1 or more"));
-    }
     let model = read_model(&cli.robot().shipped_file().map_err(Failure::with(Exit::Config))?)?;
     let identity = ArmIdentity::from_model(&model);
     let weights = read_weights(cli, &identity)?;
-    let (clips, skipped) = clips::read(human, cli.clips.as_deref(), cli.calibration, cli.stride)?;
+    let (clips, skipped) = clips::read(human, cli.clips.as_deref(), cli.calibration)?;
     for (file, reason) in &skipped {
         eprintln!("skipped {file}: {reason}");
     }
@@ -63,7 +55,7 @@ fn retargeting(cli: &Cli, human: &Path) -> Result<(), Failure> {
         let text = format!("--methods names {name}, but {reason}; make it with: {command}");
         return Err(Failure::new(Exit::NoInput, text));
     }
-    let tasks = tasks(&identity.arm, clips, cli.frame, cli.stride);
+    let tasks = tasks(&identity.arm, clips);
     let report = report(cli, human, &identity.arm, weights.as_ref(), &methods, &tasks);
     print(&report);
     let mut json = report.json();
@@ -85,12 +77,10 @@ fn retargeting(cli: &Cli, human: &Path) -> Result<(), Failure> {
     write_json(cli, &json)
 }
 
-/// Loads the settings, with the chosen robot.
 pub(crate) fn load(cli: &Cli) -> Result<Loaded, Failure> {
     config::load(&cli.config, Overrides::robot(cli.robot.as_ref())).map_err(Failure::with(Exit::Config))
 }
 
-/// Writes the figures to the file of `--json`.
 pub(crate) fn write_json(cli: &Cli, json: &Value) -> Result<(), Failure> {
     let Some(path) = &cli.json else { return Ok(()) };
     std::fs::write(path, format!("{json:#}\n")).map_err(|cause| Failure::unwritable(path, &cause))?;
@@ -98,7 +88,6 @@ pub(crate) fn write_json(cli: &Cli, json: &Value) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Computes the table of the named motions and the figure, if requested.
 fn named_motions(cli: &Cli, model: &Model, methods: &[Method], json: &mut Value) -> Result<(), Failure> {
     if !cli.paper_table && cli.figure3.is_none() {
         return Ok(());
@@ -131,21 +120,11 @@ fn read_weights(cli: &Cli, identity: &ArmIdentity) -> Result<Option<Weights>, Fa
     weights.map(Some).map_err(|cause| Failure::new(Exit::DataErr, format!("{}: {cause}", path.display())))
 }
 
-/// Prepares clips with their references and the oracle's postures.
-#[must_use]
-pub fn tasks(arm: &ArmModel, clips: Vec<Clip>, frame: Frame, stride: usize) -> Vec<Task> {
-    let task = |clip: Clip| {
-        let target = match frame {
-            Frame::Chest => clip.human.clone(),
-            Frame::Global => clip.global(),
-        };
-        Task { oracle: Solver::Oracle.clip(arm, &target), target, clip, contiguous: stride == 1 }
-    };
+pub fn tasks(arm: &ArmModel, clips: Vec<Clip>) -> Vec<Task> {
+    let task = |clip: Clip| Task { oracle: Solver::Oracle.clip(arm, &clip.human), clip };
     clips.into_par_iter().map(task).collect()
 }
 
-/// Measures all methods on all tasks.
-#[must_use]
 pub fn report(
     cli: &Cli,
     human: &Path,
@@ -171,7 +150,6 @@ pub fn report(
 }
 
 /// Retargets every clip by one method. The oracle's postures are not computed again.
-#[must_use]
 pub fn postures(solver: &Solver, arm: &ArmModel, tasks: &[Task]) -> Vec<Vec<Posture>> {
     match solver {
         Solver::Oracle => tasks.iter().map(|task| task.oracle.clone()).collect(),
@@ -180,7 +158,6 @@ pub fn postures(solver: &Solver, arm: &ArmModel, tasks: &[Task]) -> Vec<Vec<Post
 }
 
 /// Returns poses to time, evenly from all clips, each with the oracle's posture of the previous frame.
-#[must_use]
 pub fn moments(tasks: &[Task]) -> Vec<Moment> {
     let all = tasks.iter().flat_map(|task| {
         let before = task.oracle.iter().copied();

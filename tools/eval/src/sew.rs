@@ -25,7 +25,6 @@ const SINGULAR_SINE: f64 = 1e-4;
 const EQUAL_S_GR: f64 = 7.6e-7;
 
 /// Returns the joint positions of one arm, rad, within the limits. `previous` decides ties and singularities.
-#[must_use]
 pub fn sew(arm: &ArmModel, human: &Limbs, previous: &ArmQ) -> ArmQ {
     let bends = [Bend::Plane(1.0), Bend::Plane(-1.0), Bend::Twist];
     let branches = [1.0, -1.0].into_iter().flat_map(|elbow_side| bends.map(|bend| (elbow_side, bend)));

@@ -3,6 +3,7 @@
 use crate::clips::Human;
 use crate::methods::Posture;
 use messages::{SMPL_JOINTS, Smpl};
+use motion::SMPL_ARMS;
 use nalgebra::{Matrix3, Vector3};
 use plotters::prelude::*;
 use retarget::{ArmModel, Limbs};
@@ -17,33 +18,23 @@ const RIGHT: RGBColor = RGBColor(40, 90, 200);
 const BODY: RGBColor = RGBColor(90, 90, 90);
 const ROBOT: RGBColor = RGBColor(190, 130, 40);
 
-/// Kind of the drawn figure.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FigureKind {
-    /// A human, with a round head.
     Human,
-    /// A robot, with a square head.
     Robot,
 }
 
-/// Returns the limbs of a posture, both arms as left arms.
-#[must_use]
 pub fn limbs_of(arm: &ArmModel, posture: &Posture) -> Human {
     posture.each_ref().map(|q| arm.forward(q))
 }
 
 /// Returns a person's joints (m) with elbows and wrists moved to these limbs. Bones keep their lengths. The
 /// joints are unchanged if the torso has no direction.
-#[must_use]
 pub fn with_limbs(positions: &[[f32; 3]; SMPL_JOINTS], limbs: &Human) -> [[f32; 3]; SMPL_JOINTS] {
     let mut out = *positions;
     let Some(torso) = torso_rotation(positions) else { return out };
-    let joints = [
-        [Smpl::LeftShoulder, Smpl::LeftElbow, Smpl::LeftWrist],
-        [Smpl::RightShoulder, Smpl::RightElbow, Smpl::RightWrist],
-    ];
     for (side, [shoulder, elbow, wrist]) in
-        joints.map(|chain| chain.map(|joint| joint as usize)).into_iter().enumerate()
+        SMPL_ARMS.map(|chain| chain.map(|joint| joint as usize)).into_iter().enumerate()
     {
         let Limbs { upper, fore } = limbs[side];
         let mut from = point(positions, shoulder);
@@ -64,15 +55,10 @@ fn point(positions: &[[f32; 3]; SMPL_JOINTS], joint: usize) -> Vector3<f64> {
     Vector3::from(positions[joint]).cast()
 }
 
-/// A drawing area of a file.
 pub type Area<'a> = DrawingArea<SVGBackend<'a>, plotters::coord::Shift>;
-/// Result of drawing.
 pub type Drawn = Result<(), DrawingAreaErrorKind<std::io::Error>>;
 
 /// Draws the upper body into the middle of `area`. It faces the viewer for any heading of the torso.
-///
-/// # Errors
-/// Returns an error if the file cannot be written.
 pub fn draw(area: &Area<'_>, positions: &[[f32; 3]; SMPL_JOINTS], who: FigureKind) -> Drawn {
     let torso = torso_rotation(positions).unwrap_or_else(Matrix3::identity);
     let (width, height) = area.dim_in_pixel();
@@ -93,11 +79,7 @@ pub fn draw(area: &Area<'_>, positions: &[[f32; 3]; SMPL_JOINTS], who: FigureKin
             area.draw(&Rectangle::new(corners, body.stroke_width(2)))?;
         }
     }
-    let arms = [
-        ([Smpl::LeftShoulder, Smpl::LeftElbow, Smpl::LeftWrist], LEFT),
-        ([Smpl::RightShoulder, Smpl::RightElbow, Smpl::RightWrist], RIGHT),
-    ];
-    for (joints, colour) in arms {
+    for (joints, colour) in SMPL_ARMS.into_iter().zip([LEFT, RIGHT]) {
         let points = joints.map(at);
         area.draw(&PathElement::new(points, colour.stroke_width(4)))?;
         for joint in points {

@@ -13,11 +13,9 @@ const REPETITIONS: usize = 25;
 /// Approximate time limit of each method, us.
 const BUDGET_US: f64 = 400_000.0;
 
-/// A pose and the previous posture.
 pub type Moment = (Human, Posture);
 
 /// Returns microseconds per pose with batch 1: the median over repetitions, each over consecutive moments.
-#[must_use]
 pub fn us_per_pose(solver: &Solver, arm: &ArmModel, moments: &[Moment]) -> Option<f64> {
     if moments.is_empty() {
         return None;

@@ -2,10 +2,9 @@
 
 use clap::Parser;
 use eval::cli::Cli;
-use eval::clips::{self, clip_of};
+use eval::clips;
 use eval::run::run;
 use motion::{CalibrationMode, Motion, builtin};
-use nalgebra::{UnitQuaternion, Vector3};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 use tempfile::TempDir;
@@ -118,7 +117,6 @@ fn missing_or_unknown_method_or_clip_is_an_error() {
     assert!(unknown.to_string().contains("magic") && unknown.to_string().contains("ours_k2"), "{unknown}");
     let clip = refused(&["--clips", "two"]);
     assert!(clip.text.starts_with("--clips names two: "), "{clip}");
-    assert_eq!(refused(&["--stride", "0"]).exit, rt::Exit::Usage);
 }
 
 #[test]
@@ -127,7 +125,7 @@ fn default_clips_are_those_left_out_of_training() {
     let folder = folder(&names, 30);
     let mode = CalibrationMode::First10s;
     let chosen = |names: Option<&str>| -> Vec<String> {
-        let (clips, _) = clips::read(folder.path(), names, mode, 1).expect("the folder is read");
+        let (clips, _) = clips::read(folder.path(), names, mode).expect("the folder is read");
         clips.into_iter().map(|clip| clip.name).collect()
     };
     let left_out = train::clips::Clips::read(folder.path(), mode).expect("the folder is read").validation;
@@ -136,36 +134,4 @@ fn default_clips_are_those_left_out_of_training() {
     assert_eq!(left_out, ["c", "h"]);
     assert_eq!(chosen(Some("all")).len(), names.len());
     assert_eq!(chosen(Some("b,h")), ["b", "h"]);
-}
-
-#[test]
-fn turning_person_moves_limbs_in_space_not_against_the_chest() {
-    let mut motion = short("turning", 2);
-    motion.frames[1] = motion.frames[0];
-    let turn = UnitQuaternion::from_euler_angles(0.0, 0.0, 0.5);
-    let frame = &mut motion.frames[1];
-    for position in &mut frame.positions {
-        *position = (turn.cast::<f32>() * Vector3::from(*position)).into();
-    }
-    for rotation in &mut frame.rotations {
-        let [x, y, z, w] = *rotation;
-        let turned = turn.cast::<f32>() * UnitQuaternion::new_normalize(nalgebra::Quaternion::new(w, x, y, z));
-        *rotation = [turned.i, turned.j, turned.k, turned.w];
-    }
-    let clip = clip_of(&motion, CalibrationMode::Rig, 1).expect("the motion is usable");
-    let global = clip.global();
-    for (before, after) in clip.human[0].iter().zip(&clip.human[1]) {
-        assert!(before.upper.angle_to(&after.upper) < 1e-3);
-    }
-    for (before, after) in global[0].iter().zip(&global[1]) {
-        assert!((before.fore.angle_to(&after.fore) - 0.5).abs() < 1e-3);
-    }
-    // In the first frame the person faces forward. After a turn to the left, the left arm that pointed left
-    // points left and back. The right one, seen as a left arm, points left and forward.
-    let before = [0, 1].map(|arm: usize| global[0][arm].upper * Vector3::y());
-    let after = [0, 1].map(|arm: usize| global[1][arm].upper * Vector3::y());
-    let expected = [turn * before[0], turn.inverse() * before[1]];
-    for (after, expected) in after.iter().zip(&expected) {
-        assert!((after - expected).norm() < 1e-3, "{after:?} {expected:?}");
-    }
 }

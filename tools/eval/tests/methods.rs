@@ -1,12 +1,10 @@
-//! The methods of this tool: the closed form by shoulder, elbow and wrist, and the lookup.
+//! The methods of this tool: the closed form by shoulder, elbow and wrist, and hands that touch.
 
-use eval::clips::Human;
-use eval::lookup::PostureTable;
 use eval::sew::sew;
 use nalgebra::{Quaternion, UnitQuaternion};
 use rand::RngExt;
 use rand_pcg::Pcg64;
-use retarget::{ArmModel, ArmQ, Limbs, closed_form, limb_error_deg, s_gr};
+use retarget::{ArmModel, ArmQ, Limbs, closed_form, limb_error_deg};
 use std::path::Path;
 use train::files::read_model;
 
@@ -24,10 +22,6 @@ fn posture(arm: &ArmModel, rng: &mut Pcg64) -> ArmQ {
 fn rotation(rng: &mut Pcg64) -> UnitQuaternion<f64> {
     let mut next = || rng.random_range(-1.0..1.0);
     UnitQuaternion::new_normalize(Quaternion::new(next(), next(), next(), next()))
-}
-
-fn limbs(rng: &mut Pcg64) -> Limbs {
-    Limbs { upper: rotation(rng), fore: rotation(rng) }
 }
 
 #[test]
@@ -64,33 +58,6 @@ fn sew_of_turned_poses_keeps_limits_and_beats_closed_form() {
     assert!(ours < simple, "{ours} {simple}");
 }
 
-#[test]
-fn lookup_scores_as_well_as_trying_every_posture() {
-    let arm = arm();
-    // More than a block of postures and of poses, and no multiple of either.
-    let table = PostureTable::draw(&arm, 4_321, 9);
-    let mut rng = Pcg64::new(3, 1);
-    let humans: Vec<Human> = (0..150).map(|_| [limbs(&mut rng), limbs(&mut rng)]).collect();
-    let score = |human: &Human, [left, right]: &[ArmQ; 2]| {
-        s_gr(&arm.forward(left), &human[0]) + s_gr(&arm.forward(right), &human[1])
-    };
-    let found = table.nearest(&humans);
-    assert_eq!(found.len(), humans.len());
-    for (human, posture) in humans.iter().zip(&found) {
-        let least = table.postures().iter().map(|known| score(human, known)).fold(f64::INFINITY, f64::min);
-        let got = score(human, posture);
-        assert!(got < least + 1e-5, "{got} {least}");
-    }
-}
-
-#[test]
-fn posture_table_depends_on_its_seed_alone() {
-    let arm = arm();
-    let draw = |seed| PostureTable::draw(&arm, 10, seed).postures().to_vec();
-    assert_eq!(draw(1), draw(1));
-    assert_ne!(draw(1), draw(2));
-}
-
 fn loaded() -> config::Loaded {
     config::load(std::path::Path::new("../../config/teleop.toml"), config::Overrides::default()).expect("settings")
 }
@@ -98,21 +65,6 @@ fn loaded() -> config::Loaded {
 /// A motion of the eleven.
 fn named(name: &str) -> motion::Motion {
     poses::motions::paper_motions().into_iter().find(|motion| motion.name == name).expect("the motion")
-}
-
-#[test]
-fn commanded_hands_come_as_near_to_each_other_as_the_persons() {
-    let mut loaded = loaded();
-    let motion = &named("hands-to-chest");
-    let error_m = |loaded: &config::Loaded| {
-        let [_, held] = eval::contacts::Played::new(loaded, motion, 1.0).expect("it is played").commands(&loaded.model);
-        held.hands.mean_m().expect("hands that rest")
-    };
-    let limbs_m = error_m(&loaded);
-    assert!(limbs_m > 0.06, "{limbs_m} m");
-    loaded.settings.retarget.contact_weight = 1.0;
-    let touching_m = error_m(&loaded);
-    assert!(touching_m < 0.03, "{touching_m} m");
 }
 
 #[test]

@@ -102,9 +102,6 @@ impl FromStr for Pin {
 
 impl Cli {
     /// Checks the options.
-    ///
-    /// # Errors
-    /// Returns an error that names the option, its value and the bound.
     pub fn check(&self) -> Result<(), Failure> {
         check_bounds("--seconds", self.seconds, [SECONDS_MIN, SECONDS_MAX])?;
         check_bounds("--rate-hz", self.rate_hz, RATE_HZ)?;
@@ -121,11 +118,6 @@ impl Cli {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use rt::Exit;
-
-    fn parsed(arguments: &[&str]) -> Cli {
-        Cli::try_parse_from(["latency"].iter().chain(arguments)).expect("these options exist")
-    }
 
     #[test]
     fn pin_option_takes_a_core_list_or_free() {
@@ -134,22 +126,6 @@ mod tests {
         assert_eq!("2, 3".parse(), Ok(Pin::Cores(vec![2, 3])));
         for wrong in ["", "one", "1,", "-1", "1024"] {
             assert!(wrong.parse::<Pin>().is_err(), "{wrong}");
-        }
-    }
-
-    #[test]
-    fn option_out_of_bounds_is_refused_by_name() {
-        assert!(parsed(&[]).check().is_ok());
-        for (option, value) in [
-            ("--seconds", "1"),
-            ("--seconds", "NaN"),
-            ("--seconds", "inf"),
-            ("--rate-hz", "29"),
-            ("--load", "2000"),
-            ("--plot", "a.svg"),
-        ] {
-            let error = parsed(&[option, value]).check().expect_err(value);
-            assert!(error.text.starts_with(option) && error.exit == Exit::Usage, "{error}");
         }
     }
 }

@@ -21,7 +21,6 @@ struct Shared {
     failures: AtomicU64,
 }
 
-/// A client that publishes a person.
 #[derive(Debug)]
 pub struct Client {
     shared: Arc<Shared>,
@@ -31,9 +30,6 @@ pub struct Client {
 impl Client {
     /// Publishes the first frame of the built-in motion into `domain`, `rate_hz` times a second. Once the
     /// person may move, it publishes the frames of the looped motion in sequence.
-    ///
-    /// # Errors
-    /// Returns an error if the bus gives no port, or the system no thread.
     pub fn start(domain: DomainConfig, rate_hz: f64) -> Result<Self, BusError> {
         let shared = Arc::new(Shared::default());
         let (twin, (opened, outcome)) = (Arc::clone(&shared), channel());
@@ -54,7 +50,6 @@ impl Client {
         Ok(Self { shared, thread: Some(thread) })
     }
 
-    /// Lets the person move.
     pub fn move_on(&self) {
         self.shared.moving.store(true, Ordering::Relaxed);
     }

@@ -3,22 +3,16 @@
 use rt::Histogram;
 use serde_json::{Value, json};
 
-/// One second of a record.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Second {
     /// Start of the second, CLOCK_MONOTONIC, s.
     pub at_s: f64,
-    /// Number of durations in it.
     pub count: u64,
-    /// Median, us.
     pub p50_us: f64,
-    /// 99th percentile, us.
     pub p99_us: f64,
-    /// Longest, us.
     pub max_us: f64,
 }
 
-/// Durations of one kind.
 #[derive(Clone, Debug, Default)]
 pub struct Distribution {
     all: Histogram,
@@ -28,9 +22,6 @@ pub struct Distribution {
 
 impl Distribution {
     /// Reads the record of a process, as `telemetry::Series` writes it: `buckets`, `max_us` and `seconds`.
-    ///
-    /// # Errors
-    /// Returns an error that names the missing or malformed part.
     pub fn from_json(value: &Value) -> Result<Self, String> {
         let list = |key: &str| value[key].as_array().ok_or(format!("{key} is not a list"));
         let mut all = Self::default();
@@ -53,18 +44,15 @@ impl Distribution {
         Ok(all)
     }
 
-    /// Counts `count` durations of `ns`.
     pub fn record(&mut self, ns: u64, count: u64) {
         self.all.record_n_ns(ns, count);
     }
 
-    /// Adds all durations of `other`.
     pub fn merge(&mut self, other: &Self) {
         self.all.merge(&other.all);
         self.seconds.extend_from_slice(&other.seconds);
     }
 
-    /// Returns the number of durations.
     pub fn count(&self) -> u64 {
         self.all.count()
     }
@@ -75,7 +63,6 @@ impl Distribution {
         (self.count() > 0).then(|| self.all.quantile_us(quantile))
     }
 
-    /// Returns the longest duration, us.
     pub fn max_us(&self) -> f64 {
         self.all.max_us()
     }
@@ -104,7 +91,6 @@ impl Distribution {
     }
 }
 
-/// The quantiles of every table.
 pub const QUANTILES: [f64; 4] = [0.5, 0.99, 0.999, 0.9999];
 
 #[cfg(test)]
@@ -113,7 +99,7 @@ mod tests {
     use messages::Stamp;
     use telemetry::Series;
 
-    fn of(values: impl IntoIterator<Item = u64>) -> Distribution {
+    fn from_values(values: impl IntoIterator<Item = u64>) -> Distribution {
         let mut all = Distribution::default();
         values.into_iter().for_each(|ns| all.record(ns, 1));
         all
@@ -122,8 +108,8 @@ mod tests {
     #[test]
     fn merged_blocks_equal_one_recording_of_all() {
         let (low, high) = ((1..500).map(|i| i * 37), (500..1000).map(|i| i * 1_037));
-        let (mut merged, whole) = (of(low.clone()), of(low.chain(high.clone())));
-        merged.merge(&of(high));
+        let (mut merged, whole) = (from_values(low.clone()), from_values(low.chain(high.clone())));
+        merged.merge(&from_values(high));
         assert_eq!(merged.to_json(), whole.to_json());
         assert_eq!(merged.tail(), whole.tail());
         assert!(Distribution::default().to_json().is_none(), "an empty record has no figures");
@@ -148,7 +134,7 @@ mod tests {
 
     #[test]
     fn distribution_tail_falls_from_one_to_zero() {
-        let tail = of([10, 20, 20, 40_000].map(|us| us * 1_000)).tail();
+        let tail = from_values([10, 20, 20, 40_000].map(|us| us * 1_000)).tail();
         assert_eq!((tail[0].1, tail[tail.len() - 1].1), (1.0, 0.0));
         assert!(tail.windows(2).all(|pair| pair[0].0 <= pair[1].0 && pair[0].1 >= pair[1].1));
     }

@@ -42,31 +42,22 @@ pub struct Process {
     pub realtime: Vec<String>,
 }
 
-/// Figures of all blocks of one variant.
 #[derive(Clone, Debug)]
 pub struct VariantFigures {
     hops: Vec<Distribution>,
     wake_ups: Vec<Distribution>,
-    processes: Vec<(&'static str, Process)>,
-    /// Deadlines missed by retarget, control and driver.
+    pub processes: Vec<(&'static str, Process)>,
     pub missed: [u64; 3],
-    /// Ticks of retarget, control and driver.
     pub ticks: [u64; 3],
-    /// Skeletons published by the client.
     pub published: u64,
-    /// Skeletons that `ingest` accepted.
     pub accepted: u64,
     /// Time between READY and release, s.
     pub wall_s: f64,
-    /// Number of merged blocks.
     pub blocks: u64,
 }
 
 impl VariantFigures {
     /// Merges the blocks of one variant.
-    ///
-    /// # Errors
-    /// Returns an error that names the process and the missing figure, or the hop without any count.
     pub fn merge(outcomes: &[Outcome]) -> Result<Self, Failure> {
         let mut all = Self {
             hops: vec![Distribution::default(); HOPS.len()],
@@ -120,18 +111,15 @@ impl VariantFigures {
         Ok(())
     }
 
-    /// Returns a hop by its name.
     pub fn hop(&self, name: &str) -> &Distribution {
         let index = HOPS.iter().position(|(hop, _)| *hop == name).expect("one of the hops");
         &self.hops[index]
     }
 
-    /// Returns the hops with their names, in the order of the path.
     pub fn hops(&self) -> impl Iterator<Item = (&'static str, &Distribution)> {
         HOPS.iter().map(|(name, _)| *name).zip(&self.hops)
     }
 
-    /// Returns the wake-ups of the loops with their names.
     pub fn wake_ups(&self) -> impl Iterator<Item = (&'static str, &Distribution)> {
         LOOPS.iter().map(|(name, _)| *name).zip(&self.wake_ups)
     }
@@ -141,17 +129,11 @@ impl VariantFigures {
         &self.wake_ups[0]
     }
 
-    /// Returns the processes with their names.
-    pub fn processes(&self) -> &[(&'static str, Process)] {
-        &self.processes
-    }
-
     /// Returns the total of a count over all processes.
     pub fn total(&self, of: impl Fn(&Process) -> u64) -> u64 {
         self.processes.iter().map(|(_, process)| of(process)).sum()
     }
 
-    /// Returns the figures below the headline as JSON.
     pub fn to_json(&self) -> Value {
         let table = |rows: Vec<(&'static str, &Distribution)>| {
             let rows = rows.into_iter().filter_map(|(name, all)| Some((name.to_owned(), all.to_json()?)));
@@ -260,20 +242,22 @@ mod tests {
 
     #[test]
     fn incomplete_report_is_refused_by_process_and_field() {
-        let broken = |path: &str, with: Value| {
+        for (process, pointer, with, named) in [
+            ("control", "/telemetry/metrics/control_work", Value::Null, "control: control_work: buckets"),
+            ("retarget", "/telemetry/major_faults", Value::Null, "retarget: telemetry.major_faults"),
+            (
+                "driver",
+                "/telemetry/metrics/target_to_command/buckets",
+                json!([]),
+                "driver counted no target_to_command",
+            ),
+            ("ingest", "/accepted", json!("many"), "ingest: accepted"),
+        ] {
             let mut one = outcome(1_000);
-            let (process, pointer) = path.split_once('/').unwrap();
             let (_, report) = one.processes.iter_mut().find(|(name, _)| *name == process).unwrap();
-            *report.pointer_mut(&format!("/{pointer}")).unwrap() = with;
-            VariantFigures::merge(&[one]).expect_err(path).to_string()
-        };
-        let error = broken("control/telemetry/metrics/control_work", Value::Null);
-        assert!(error.contains("control: control_work: buckets"), "{error}");
-        let error = broken("retarget/telemetry/major_faults", Value::Null);
-        assert!(error.contains("retarget: telemetry.major_faults"), "{error}");
-        let error = broken("driver/telemetry/metrics/target_to_command/buckets", json!([]));
-        assert!(error.contains("driver counted no target_to_command"), "{error}");
-        let error = broken("ingest/accepted", json!("many"));
-        assert!(error.contains("ingest: accepted"), "{error}");
+            *report.pointer_mut(pointer).unwrap() = with;
+            let error = VariantFigures::merge(&[one]).expect_err(pointer).to_string();
+            assert!(error.contains(named), "{error}");
+        }
     }
 }

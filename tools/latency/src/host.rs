@@ -3,7 +3,6 @@
 use serde_json::{Value, json};
 use std::path::Path;
 
-/// The machine, its kernel and its load.
 #[derive(Clone, Debug)]
 pub struct Host {
     facts: Vec<(&'static str, String)>,
@@ -11,7 +10,6 @@ pub struct Host {
 }
 
 impl Host {
-    /// Describes this machine now.
     pub fn now() -> Self {
         let cpuinfo = text("/proc/cpuinfo").unwrap_or_default();
         let flags = cpuinfo.lines().find(|line| line.starts_with("flags"));
@@ -39,7 +37,6 @@ impl Host {
         rows
     }
 
-    /// Returns the facts as JSON.
     pub fn to_json(&self) -> Value {
         Value::Object(self.rows().into_iter().map(|(name, value)| (name.to_owned(), json!(value))).collect())
     }

@@ -1,12 +1,7 @@
 //! Measures how long a skeleton takes to become a command, hop by hop, with the real processes. The references
 //! for comparison run in the same run.
-//!
-//! - [`cli`], [`settings`], [`load`], [`host`]: the options, and the machine.
-//! - [`blocks`], [`run`](mod@run): the order of the measurements.
-//! - [`processes`], [`client`]: a block of the real processes.
-//! - [`reference`](mod@reference): a block of the bare timer.
-//! - [`distribution`], [`figures`], [`measured`]: the results.
-//! - [`report`], [`plot`]: text and picture of the results.
+
+#![allow(missing_docs, reason = "only the program and the package's man pages use the library")]
 
 pub mod blocks;
 pub mod cli;

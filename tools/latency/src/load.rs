@@ -15,9 +15,6 @@ pub struct Load {
 
 impl Load {
     /// Starts `count` threads with the default policy.
-    ///
-    /// # Errors
-    /// Returns an error if the system gives no more threads.
     pub fn start(count: usize) -> std::io::Result<Self> {
         let mut load = Self { stop: Arc::default(), threads: Vec::new() };
         for index in 0..count {

@@ -5,33 +5,24 @@ use crate::cli::{Cli, Pin, Policy};
 use crate::distribution::Distribution;
 use crate::figures::VariantFigures;
 use crate::host::Host;
-use crate::reference::Spec;
 use messages::Stamp;
 use serde_json::{Value, json};
 
 /// Quantiles of the commands' path, p50 and p99, us.
 const BEYOND: [(&str, f64); 2] = [("p50", 0.5), ("p99", 0.99)];
 
-/// Everything that a run measured.
 #[derive(Clone, Debug)]
 pub struct Measured {
     /// Figures of the processes that events wake.
     pub events: VariantFigures,
-    /// Figures of the polled processes.
     pub polled: VariantFigures,
     /// Wake-ups of cyclictest, if it is installed.
     pub cyclictest: Option<Distribution>,
-    /// Wake-ups of our own probe.
     pub probe: Distribution,
     /// Real-time properties that the system granted to the probe.
     pub probe_realtime: Vec<String>,
-    /// Specification with which the references ran.
-    pub spec: Spec,
-    /// The machine.
     pub host: Host,
-    /// The blocks, in order.
     pub blocks: Vec<Block>,
-    /// Beginning of the first block.
     pub start: Stamp,
 }
 
@@ -57,7 +48,6 @@ impl Measured {
         Some(whole.quantile_us(quantile)? - work.quantile_us(quantile)?)
     }
 
-    /// Returns the measurements as JSON.
     pub fn to_json(&self, options: &Cli) -> Value {
         let (name, reference) = self.reference();
         let mut events = self.events.to_json();
@@ -105,7 +95,7 @@ impl Measured {
 
     /// Returns the real-time property that the system granted to retarget under this heading.
     pub fn granted(&self, heading: &str) -> String {
-        let found = self.events.processes().iter().find(|(name, _)| *name == "retarget");
+        let found = self.events.processes.iter().find(|(name, _)| *name == "retarget");
         let lines = found.map(|(_, process)| process.realtime.as_slice()).unwrap_or_default();
         let line = lines.iter().find_map(|line| line.strip_prefix(heading)?.strip_prefix(": "));
         line.unwrap_or("unknown").to_owned()

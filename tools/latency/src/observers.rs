@@ -23,7 +23,6 @@ const FRAME_WITHIN: Duration = Duration::from_millis(500);
 /// Smallest number of frames per second that a page which keeps up has received.
 const FRAMES_PER_S_MIN: f64 = 30.0;
 
-/// Programs that run beside the processes.
 pub struct Observers {
     view: Child,
     _stdout: BufReader<ChildStdout>,
@@ -35,9 +34,6 @@ pub struct Observers {
 
 impl Observers {
     /// Starts both, and waits until both receive data of the instance.
-    ///
-    /// # Errors
-    /// Returns an error if a program is not built or does not start.
     pub fn start(instance: &Instance, place: &InstanceArgs) -> Result<Self, Failure> {
         let failed = |cause: String| invalid(format!("onlookers: {cause}"));
         let file = instance.run_dir().join("watched.mcap");
@@ -68,7 +64,6 @@ impl Observers {
         Ok(Self { view, _stdout: stdout, page, end, recorder, begun: Instant::now() })
     }
 
-    /// Ends both. Returns the problems.
     pub fn stop(mut self) -> Vec<String> {
         let seconds = self.begun.elapsed().as_secs_f64();
         self.end.store(true, Ordering::Relaxed);

@@ -15,21 +15,15 @@ use teleopd::{PROCESSES, Report, Simulator};
 
 /// Longest time from release to rest: four times the longest stop.
 const REST_WITHIN: Duration = Duration::from_secs(2);
-/// Inputs of every block of processes.
 #[derive(Clone, Debug)]
 pub struct Setup {
-    /// Settings file.
     pub config: PathBuf,
-    /// Changes to the settings.
     pub changes: Changes,
-    /// Skeletons per second.
     pub rate_hz: f64,
 }
 
-/// Results of a block.
 #[derive(Clone, Debug)]
 pub struct Outcome {
-    /// Kind of the block.
     pub kind: Kind,
     /// The report of each process, in the order of `PROCESSES`.
     pub processes: Vec<(&'static str, Value)>,
@@ -37,7 +31,6 @@ pub struct Outcome {
     pub run: Value,
     /// Time from READY of the last process to the end of the first, s.
     pub wall_s: f64,
-    /// Skeletons that the client published.
     pub published: u64,
 }
 
@@ -61,10 +54,6 @@ fn cores_of<'a>(mut lines: impl Iterator<Item = &'a str>) -> Option<Vec<usize>> 
     list.split(',').map(|core| core.trim().parse().ok()).collect()
 }
 
-/// Runs one block.
-///
-/// # Errors
-/// Returns an error if a process does not start, ends by itself or does not engage, or if a promise was broken.
 pub fn run(setup: &Setup, block: Block, shutdown: &Shutdown) -> Result<Outcome, Failure> {
     let mut harness = Harness::start(&setup.config, Some(&setup.changes.toml(block.kind)))?;
     let place = harness.place.clone();
@@ -113,7 +102,6 @@ struct Driven {
     ended: Result<(), Failure>,
 }
 
-/// Publishes skeletons, engages, and releases after `seconds`.
 fn drive(harness: &mut Harness, rate_hz: f64, seconds: f64, shutdown: &Shutdown) -> Result<Driven, Failure> {
     let started = Instant::now();
     let client = Client::start(harness.instance.input_domain(), rate_hz);

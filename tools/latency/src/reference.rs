@@ -2,12 +2,11 @@
 //! method. Both sleep to absolute deadlines of CLOCK_MONOTONIC, alone, each in a process of its own with locked
 //! memory.
 
-use crate::cli::Policy;
 use crate::distribution::Distribution;
 use crate::error::unmeasured;
 use clap::Parser;
 use messages::{TICK_HZ, deadline, tick_at};
-use rt::{Failure, Realtime, RealtimeConfig};
+use rt::{Failure, Policy, Realtime, RealtimeConfig};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
@@ -20,26 +19,10 @@ const CUT_OFF_NS: u64 = 500;
 /// First argument that makes this program the probe.
 pub const PROBE: &str = "probe";
 
-/// Specification of a reference. It runs as `retarget` does.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Spec {
-    /// Scheduling.
-    pub policy: Policy,
-    /// Priority for SCHED_FIFO.
-    pub priority: u8,
-    /// Cores. None leaves the choice to the kernel.
-    pub cores: Option<Vec<usize>>,
-    /// True if memory is locked.
-    pub lock_memory: bool,
-    /// True if the cores must not enter sleep states.
-    pub cpu_dma_latency: bool,
-}
-
-impl Spec {
-    fn core_list(&self) -> Option<String> {
-        let cores = self.cores.as_ref()?;
-        Some(cores.iter().map(usize::to_string).collect::<Vec<_>>().join(","))
-    }
+/// Returns the cores of a reference, which runs as `retarget` does. `None` leaves the choice to the kernel.
+fn core_list(spec: &RealtimeConfig) -> Option<String> {
+    let cores = spec.cores.as_ref()?;
+    Some(cores.iter().map(usize::to_string).collect::<Vec<_>>().join(","))
 }
 
 /// Returns the path of cyclictest, if it is on the PATH.
@@ -49,16 +32,13 @@ pub fn cyclictest() -> Option<PathBuf> {
 }
 
 /// Runs cyclictest for `seconds`, at least for one second.
-///
-/// # Errors
-/// Returns an error if it cannot run, or if its output has an unknown form.
-pub fn run_cyclictest(program: &Path, spec: &Spec, seconds: f64) -> Result<Distribution, Failure> {
+pub fn run_cyclictest(program: &Path, spec: &RealtimeConfig, seconds: f64) -> Result<Distribution, Failure> {
     let interval_us = (1e6 / TICK_HZ as f64).round();
     let mut command = Command::new(program);
     command.args(["-q", "-t", "1", "-i", &interval_us.to_string(), "-h", &CYCLICTEST_BUCKETS.to_string()]);
     command.args(["-D", &(seconds.ceil().max(1.0) as u64).to_string()]);
     match spec.policy {
-        Policy::Fifo => command.args(["-p", &spec.priority.to_string()]),
+        Policy::Fifo { priority } => command.args(["-p", &priority.to_string()]),
         Policy::Other => command.args(["--policy=other"]),
     };
     if spec.lock_memory {
@@ -68,7 +48,7 @@ pub fn run_cyclictest(program: &Path, spec: &Spec, seconds: f64) -> Result<Distr
         // It keeps cores from sleeping, unless this option leaves the system as it is.
         command.arg("--default-system");
     }
-    if let Some(cores) = spec.core_list() {
+    if let Some(cores) = core_list(spec) {
         command.args(["-a", &cores]);
     }
     let text = output(command, &program.display().to_string())?;
@@ -106,17 +86,14 @@ fn parse_cyclictest(text: &str) -> Result<Distribution, String> {
 }
 
 /// Runs our own probe for `seconds` in a process of its own. Returns its record, and the granted properties.
-///
-/// # Errors
-/// Returns an error if it cannot run.
-pub fn run_probe(spec: &Spec, seconds: f64) -> Result<(Distribution, Vec<String>), Failure> {
+pub fn run_probe(spec: &RealtimeConfig, seconds: f64) -> Result<(Distribution, Vec<String>), Failure> {
     let program = std::env::current_exe().map_err(|error| unmeasured(PROBE, error))?;
     let mut command = Command::new(program);
     command.args([PROBE, "--seconds", &seconds.to_string()]);
-    if spec.policy == Policy::Fifo {
-        command.args(["--priority", &spec.priority.to_string()]);
+    if let Policy::Fifo { priority } = spec.policy {
+        command.args(["--priority", &priority.to_string()]);
     }
-    if let Some(cores) = spec.core_list() {
+    if let Some(cores) = core_list(spec) {
         command.args(["--cores", &cores]);
     }
     if spec.lock_memory {
@@ -133,7 +110,6 @@ pub fn run_probe(spec: &Spec, seconds: f64) -> Result<(Distribution, Vec<String>
     Ok((all, granted))
 }
 
-/// Command line of the probe's process.
 #[derive(Debug, Parser)]
 struct Probe {
     #[arg(long)]
@@ -152,7 +128,7 @@ struct Probe {
 pub fn probe_main(arguments: impl Iterator<Item = String>) {
     let probe = Probe::parse_from(arguments);
     rt::die_with_parent();
-    let policy = probe.priority.map_or(rt::Policy::Other, |priority| rt::Policy::Fifo { priority });
+    let policy = probe.priority.map_or(Policy::Other, |priority| Policy::Fifo { priority });
     let mut series = Series::default();
     let Probe { cores, lock_memory, cpu_dma_latency, .. } = probe;
     let report = Realtime::apply(&RealtimeConfig { policy, cores, lock_memory, cpu_dma_latency });
@@ -169,7 +145,7 @@ pub fn probe_main(arguments: impl Iterator<Item = String>) {
         k = tick_at(woke) + 1;
     }
     let mut value = series.into_json();
-    value["realtime"] = json!(report.to_string().lines().collect::<Vec<_>>());
+    value["realtime"] = json!(report.lines());
     println!("{value}");
 }
 

@@ -6,7 +6,6 @@ use crate::measured::Measured;
 use report::table::{self, column};
 use std::fmt::Write;
 
-/// Formats the report.
 pub fn text(all: &Measured) -> String {
     let mut out = String::new();
     // Writing to a String cannot fail.
@@ -45,13 +44,13 @@ fn machine(out: &mut String, all: &Measured) -> std::fmt::Result {
     }
     // First the properties that differ between processes, then those that retarget shares with all others.
     let own = |line: &&String| ["scheduling", "cores"].iter().any(|heading| line.starts_with(heading));
-    for (name, process) in all.events.processes() {
+    for (name, process) in &all.events.processes {
         let lines: Vec<_> = process.realtime.iter().filter(own).cloned().collect();
         writeln!(out, "  {name:<20} {}", lines.join("; "))?;
     }
     let lines: Vec<_> = all.probe_realtime.iter().filter(own).cloned().collect();
     writeln!(out, "  {:<20} {}", "own probe", lines.join("; "))?;
-    let retarget = all.events.processes().iter().find(|(name, _)| *name == "retarget");
+    let retarget = all.events.processes.iter().find(|(name, _)| *name == "retarget");
     for line in retarget.iter().flat_map(|(_, process)| &process.realtime).filter(|line| !own(line)) {
         let (name, value) = line.split_once(": ").unwrap_or((line, ""));
         writeln!(out, "  {name:<20} {value}")?;
@@ -78,7 +77,6 @@ fn wake_ups(out: &mut String, all: &Measured) -> std::fmt::Result {
     distributions(out, "wake-up after the deadline, us", &rows)
 }
 
-/// Writes a table of distributions.
 fn distributions(out: &mut String, title: &str, rows: &[(String, &Distribution)]) -> std::fmt::Result {
     let quantile_us = |quantile| {
         move |distribution: &&Distribution| {
@@ -126,8 +124,8 @@ fn process_table(out: &mut String, figures: &VariantFigures) -> std::fmt::Result
         count("major", 7, |process| process.major_faults),
         count("minor faults", 13, |process| process.minor_faults),
     ];
-    let names: Vec<String> = figures.processes().iter().map(|(name, _)| format!("  {name}")).collect();
-    let rows = names.iter().map(String::as_str).zip(figures.processes().iter().map(|(_, process)| process));
+    let names: Vec<String> = figures.processes.iter().map(|(name, _)| format!("  {name}")).collect();
+    let rows = names.iter().map(String::as_str).zip(figures.processes.iter().map(|(_, process)| process));
     table::write(out, ("", 12), &columns, rows)?;
     let dropped = figures.total(|process| process.ring_dropped);
     if dropped > 0 { writeln!(out, "  {dropped} samples found no room on their way out of the loops") } else { Ok(()) }

@@ -9,21 +9,18 @@ use crate::host::Host;
 use crate::load::Load;
 use crate::measured::Measured;
 use crate::processes::{self, Outcome, Setup};
-use crate::reference::{self, Spec};
+use crate::reference;
 use crate::settings::Changes;
 use config::Overrides;
-use rt::{Exit, Failure, Shutdown};
+use rt::{Exit, Failure, RealtimeConfig, Shutdown};
 
 /// Runs every block and merges the results.
-///
-/// # Errors
-/// Returns an error if the options or settings are invalid, a reference cannot run, or a block is not valid.
 pub fn run(options: &Cli, shutdown: &Shutdown) -> Result<Measured, Failure> {
     options.check()?;
     let mut spec = spec(options)?;
     // Under SCHED_OTHER cyclictest keeps the default timer slack of 50 us, but the loops do not. So the two are
     // not comparable.
-    let cyclictest = reference::cyclictest().filter(|_| spec.policy == Policy::Fifo);
+    let cyclictest = reference::cyclictest().filter(|_| spec.policy != rt::Policy::Other);
     if options.compare == Some(Compare::Cyclictest) && cyclictest.is_none() {
         let text = "cyclictest is not on the PATH, or the policy is not fifo; install the package rt-tests, or omit \
                     --compare";
@@ -73,7 +70,6 @@ pub fn run(options: &Cli, shutdown: &Shutdown) -> Result<Measured, Failure> {
         cyclictest,
         probe,
         probe_realtime,
-        spec,
         host,
         blocks,
         start,
@@ -88,13 +84,13 @@ fn unless_ended<T>(result: Result<T, Failure>, shutdown: &Shutdown) -> Result<T,
 
 /// Specification of the references. It requests the same properties as retarget. The cores are known after the
 /// first block.
-fn spec(options: &Cli) -> Result<Spec, Failure> {
+fn spec(options: &Cli) -> Result<RealtimeConfig, Failure> {
     let settings = config::load(&options.config, Overrides::default());
     let settings = settings.map_err(Failure::with(Exit::Config))?.settings.realtime;
-    let of_file = if settings.policy == config::Policy::Fifo { Policy::Fifo } else { Policy::Other };
-    Ok(Spec {
-        policy: options.policy.unwrap_or(of_file),
-        priority: settings.priority_retarget as u8,
+    let is_fifo = options.policy.map_or(settings.policy == config::Policy::Fifo, |policy| policy == Policy::Fifo);
+    let fifo = rt::Policy::Fifo { priority: settings.priority_retarget as u8 };
+    Ok(RealtimeConfig {
+        policy: if is_fifo { fifo } else { rt::Policy::Other },
         cores: None,
         lock_memory: settings.lock_memory,
         cpu_dma_latency: settings.cpu_dma_latency,

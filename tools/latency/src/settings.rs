@@ -11,9 +11,7 @@ const POLLED_DRIVER_GRACE_US: f64 = 660.0;
 /// Changes that the command line makes to the settings.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Changes {
-    /// `realtime.policy`.
     pub policy: Option<Policy>,
-    /// `realtime.cores`.
     pub pin: Option<Pin>,
 }
 

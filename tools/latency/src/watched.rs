@@ -9,11 +9,10 @@ use crate::load::Load;
 use crate::measured::ratio;
 use crate::processes::{self, Setup};
 use crate::settings::Changes;
+use report::table::{self, column, number};
 use rt::{Failure, Shutdown};
 use serde_json::{Value, json};
-use std::fmt::Write;
 
-/// Quantiles to compare.
 const QUANTILES: [(&str, f64); 4] = [("p50", 0.5), ("p90", 0.9), ("p99", 0.99), ("p99.9", 0.999)];
 
 /// Both variants, and the effect of chance alone: the blocks without page and recorder, split into every second
@@ -40,10 +39,6 @@ impl Row<'_> {
     }
 }
 
-/// Runs alternating blocks of both kinds.
-///
-/// # Errors
-/// Returns an error if the options or settings are invalid, or a block is not valid.
 pub fn run(options: &Cli, shutdown: &Shutdown) -> Result<ObserverCost, Failure> {
     let changes = Changes { policy: options.policy, pin: options.pin.clone() };
     let setup = Setup { config: options.config.clone(), changes, rate_hz: options.rate_hz };
@@ -96,29 +91,22 @@ impl ObserverCost {
         })
     }
 
-    /// Returns a table.
     pub fn text(&self) -> String {
         let mut out = format!(
             "{} blocks alone, {} beside a page and a recorder, in turns; us alone, us watched, ratio,\n\
              and in brackets that of one half of the blocks alone to the other: chance\n",
             self.alone.blocks, self.watched.blocks
         );
-        let _ = write!(out, "{:20}", "");
-        for (label, _) in QUANTILES {
-            let _ = write!(out, "{label:>32}");
-        }
-        for row in self.rows() {
-            let _ = write!(out, "\n{:20}", row.name);
-            for (_, q) in QUANTILES {
+        let columns = QUANTILES.map(|(label, q)| {
+            column(["", label], 32, move |row: &Row<'_>| {
                 let [alone, watched, ratio, chance] = row.at(q);
-                let number =
-                    |value: Option<f64>, digits| value.map_or("-".to_owned(), |value| format!("{value:.digits$}"));
-                let chance = format!("({})", number(chance, 2));
-                let _ =
-                    write!(out, "{:>10}{:>10}{:>6}{chance:>6}", number(alone, 1), number(watched, 1), number(ratio, 2));
-            }
-        }
-        out.push('\n');
+                let (ratio, chance) = (number(ratio, 2), format!("({})", number(chance, 2)));
+                format!("{:>10}{:>10}{ratio:>6}{chance:>6}", number(alone, 1), number(watched, 1))
+            })
+        });
+        let rows = self.rows();
+        // Writing to a String cannot fail.
+        let _ = table::write(&mut out, ("", 20), &columns, rows.iter().map(|row| (row.name.as_str(), row)));
         out
     }
 }

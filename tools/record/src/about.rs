@@ -1,14 +1,12 @@
 //! Metadata of a recording: the settings, robot and weights that it was made with.
 
 use config::{Loaded, Overrides};
-use sha2::{Digest, Sha256};
 use std::collections::BTreeMap;
 use std::path::Path;
 
 /// Size of the largest file that is attached, bytes. For larger ones only the hash is kept.
 const ATTACHED_BYTES_MAX: u64 = 1 << 20;
 
-/// Origin of the messages in the file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Origin {
     /// The recorder read them from a running instance.
@@ -18,7 +16,6 @@ pub enum Origin {
 }
 
 impl Origin {
-    /// Name in the file.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Live => "live",
@@ -27,7 +24,6 @@ impl Origin {
     }
 }
 
-/// Attachments: name and bytes.
 pub type Files = Vec<(String, Vec<u8>)>;
 
 /// Returns the table of metadata, and the files to attach: settings, robot, manifest of the weights. Files that
@@ -47,14 +43,10 @@ pub fn about(loaded: &Loaded, overrides: &Overrides, origin: Origin) -> (BTreeMa
     for path in &loaded.files {
         let name = path.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned());
         let Ok(bytes) = std::fs::read(path) else { continue };
-        about.insert(format!("sha256 {name}"), hex(&Sha256::digest(&bytes)));
+        about.insert(format!("sha256 {name}"), retarget::sha256_hex(&bytes));
         if bytes.len() as u64 <= ATTACHED_BYTES_MAX && path != Path::new("") {
             files.push((name, bytes));
         }
     }
     (about, files)
-}
-
-fn hex(bytes: &[u8]) -> String {
-    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }

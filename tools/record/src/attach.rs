@@ -13,7 +13,6 @@ use view::Readers;
 const LOOK_FULL_NS: u64 = 250_000;
 const LOOK_NS: u64 = 2_000_000;
 
-/// Reads the messages of a running instance.
 pub struct Attached {
     readers: Readers,
     encoder: RecordingEncoder,
@@ -27,9 +26,6 @@ pub struct Attached {
 impl Attached {
     /// Attaches to the domain of an instance. `hash` is that of the settings whose robot is drawn. `offset_ns`
     /// converts the monotonic clock to that of the file.
-    ///
-    /// # Errors
-    /// Returns an error if the domain or a service cannot be opened.
     pub fn open(
         domain: DomainConfig,
         (model, hash): (&Model, u64),
@@ -46,7 +42,6 @@ impl Attached {
         })
     }
 
-    /// Returns the time of the next poll after a poll at `now`.
     pub fn next_look(&self, now: Stamp) -> Stamp {
         now.plus_ns(self.look_ns)
     }
@@ -75,7 +70,6 @@ impl Attached {
         self.other_settings = self.other_settings.or(hash.filter(|&hash| hash != self.own_hash));
     }
 
-    /// Returns the instance's hash of its settings, if it differs from ours.
     pub fn other_settings(&self) -> Option<u64> {
         self.other_settings
     }
@@ -85,7 +79,6 @@ impl Attached {
         self.any
     }
 
-    /// See [`RecordingEncoder::missed`].
     pub fn missed(&self) -> [(Topic, u64); 4] {
         self.encoder.missed()
     }

@@ -2,6 +2,7 @@
 //! ones, bit for bit. `retarget` maps skeletons to targets. `control` maps targets, states and the operator to
 //! commands.
 
+use crate::encoder::bytes_of;
 use crate::error::RecordError;
 use crate::inputs::Inputs;
 use crate::read::{Content, Recorded};
@@ -11,10 +12,8 @@ use messages::{Header, JOINTS_MAX, JointCommand, JointTarget, Layout, RobotState
 use motion::mcap::Ending;
 use std::path::Path;
 
-/// Counts of messages of one kind.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counts {
-    /// Messages in the recording that were compared.
     pub compared: u64,
     /// Messages that the stages made and the recording lacks.
     pub missing: u64,
@@ -22,16 +21,12 @@ pub struct Counts {
     pub different: u64,
 }
 
-/// Result of a comparison.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Compared {
     /// Counts of the targets. A missing target ends the comparison, because the stages then lack an input.
     pub targets: Counts,
-    /// Counts of the commands.
     pub commands: Counts,
-    /// Counts of the statuses.
     pub statuses: Counts,
-    /// Text of the first difference.
     pub first: Option<String>,
     /// Reasons why the recording is incomplete: the first missing message, where it breaks off, and what its
     /// writer lost.
@@ -49,11 +44,6 @@ impl Compared {
     }
 }
 
-/// Compares the recording at `path`.
-///
-/// # Errors
-/// Returns an error if the file cannot be read, was recorded with other settings, or lacks inputs of the
-/// stages.
 pub fn compare(path: &Path, loaded: &Loaded) -> Result<Compared, RecordError> {
     let mut recorded = Recorded::open(path)?;
     let lacks = |cause: String| RecordError::Lacks { file: path.display().to_string(), cause };
@@ -104,7 +94,6 @@ pub fn compare(path: &Path, loaded: &Loaded) -> Result<Compared, RecordError> {
     Ok(found)
 }
 
-/// Returns the reasons why a recording that was read to its end is incomplete.
 fn flaws(recorded: &Recorded, found: &Compared) -> Vec<String> {
     let mut flaws = Vec::new();
     match recorded.ending() {
@@ -138,7 +127,6 @@ struct Stages {
     /// Outputs of the last tick that belong in the recording and were not found yet.
     command: Option<JointCommand>,
     status: Option<Status>,
-    /// Index of the last tick.
     last: Option<u64>,
     found: Compared,
 }
@@ -240,12 +228,7 @@ impl Stages {
 
 /// Returns true if all bytes are equal. So -0 differs from 0, and a NaN equals itself only if its bits do.
 fn same<M: Layout>(a: &M, b: &M) -> bool {
-    let bytes = |message: &M| {
-        let mut bytes = vec![0; size_of::<M>()];
-        message.write_to(&mut bytes);
-        bytes
-    };
-    bytes(a) == bytes(b)
+    bytes_of(a) == bytes_of(b)
 }
 
 fn first_joint(made: &[f64; JOINTS_MAX], recorded: &[f64; JOINTS_MAX]) -> Option<String> {

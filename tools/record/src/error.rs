@@ -1,44 +1,17 @@
 //! Errors of making or reading a recording.
 
-/// An error, in one sentence.
 #[derive(Debug, thiserror::Error)]
 pub enum RecordError {
-    /// The file cannot be written.
     #[error("the recording cannot be written: {cause}")]
-    Write {
-        /// The system's error text.
-        cause: String,
-    },
-    /// The file cannot be opened.
+    Write { cause: String },
     #[error("{cause}")]
-    Open {
-        /// The file, the system's error text, and what to do.
-        cause: String,
-    },
-    /// The file is not a recording, or of a kind that is not supported.
+    Open { cause: String },
     #[error("{file}: {source}")]
-    Read {
-        /// The file.
-        file: String,
-        /// The reason.
-        source: motion::McapError,
-    },
-    /// The file lacks required data.
+    Read { file: String, source: motion::McapError },
     #[error("{file}: {cause}")]
-    Lacks {
-        /// The file.
-        file: String,
-        /// The missing data, and what to do.
-        cause: String,
-    },
-    /// A picture cannot be drawn.
+    Lacks { file: String, cause: String },
     #[error("{file}: {cause}")]
-    Plot {
-        /// The picture.
-        file: String,
-        /// The reason.
-        cause: String,
-    },
+    Plot { file: String, cause: String },
 }
 
 impl RecordError {

@@ -13,20 +13,15 @@ use std::path::Path;
 /// Size at which a chunk is closed, bytes before compression.
 const CHUNK_BYTES: u64 = 1 << 20;
 
-/// A message to be written.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Entry {
-    /// Its channel.
     pub topic: Topic,
     /// Sequence number of its writer, modulo 2^32.
     pub sequence: u32,
-    /// Time of publication, ns of the file's clock.
     pub log_time: u64,
-    /// Its bytes.
     pub data: Vec<u8>,
 }
 
-/// A recording being written.
 pub struct Recording<W: Write + Seek> {
     writer: Writer<W>,
     channels: Vec<u16>,
@@ -34,9 +29,6 @@ pub struct Recording<W: Write + Seek> {
 
 impl<W: Write + Seek> Recording<W> {
     /// Begins a file that describes every channel, with `about` as its metadata and `files` as attachments.
-    ///
-    /// # Errors
-    /// Returns an error if the file cannot be written.
     pub fn begin(sink: W, about: &BTreeMap<String, String>, files: &[(String, Vec<u8>)]) -> Result<Self, RecordError> {
         // Nothing is changed after it was written. So a chunk is on the disk as a whole, or not at all.
         let options = WriteOptions::new()
@@ -61,7 +53,7 @@ impl<W: Write + Seek> Recording<W> {
             writer.attach(&attachment).map_err(RecordError::write)?;
         }
         let mut channels = Vec::new();
-        for topic in Topic::ALL {
+        for (topic, _) in Topic::ALL {
             let about = topic.described();
             let schema = writer.add_schema(&about.name, &about.schema_encoding, &about.schema);
             let schema = schema.map_err(RecordError::write)?;
@@ -72,10 +64,6 @@ impl<W: Write + Seek> Recording<W> {
         Ok(Self { writer, channels })
     }
 
-    /// Adds a message to the current chunk.
-    ///
-    /// # Errors
-    /// Returns an error if the previous chunk was full and cannot be written.
     pub fn add(&mut self, entry: &Entry) -> Result<(), RecordError> {
         let header = MessageHeader {
             channel_id: self.channels[entry.topic as usize],
@@ -86,25 +74,17 @@ impl<W: Write + Seek> Recording<W> {
         self.writer.write_to_known_channel(&header, &entry.data).map_err(RecordError::write)
     }
 
-    /// Closes the current chunk and writes it.
-    ///
-    /// # Errors
-    /// Returns an error if it cannot be written.
     pub fn flush(&mut self) -> Result<(), RecordError> {
         self.writer.flush().map_err(RecordError::write)
     }
 
     /// Closes the file, with `last` as a second table of metadata.
-    ///
-    /// # Errors
-    /// Returns an error if its end cannot be written. The chunks that were flushed before remain readable.
     pub fn finish(&mut self, last: &BTreeMap<String, String>) -> Result<(), RecordError> {
         let metadata = mcap::records::Metadata { name: crate::OUTCOME.to_owned(), metadata: last.clone() };
         self.writer.write_metadata(&metadata).map_err(RecordError::write)?;
         self.writer.finish().map(drop).map_err(RecordError::write)
     }
 
-    /// Ends writing without closing the file.
     pub fn into_sink(self) -> W {
         self.writer.into_inner()
     }

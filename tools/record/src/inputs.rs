@@ -8,15 +8,11 @@ use serde_json::{Value, json};
 /// Inputs of one control tick. The sequence numbers identify the messages that it took.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Inputs {
-    /// Tick index.
     pub k: u64,
-    /// Time that the tick received.
     pub now: Stamp,
-    /// Incarnation of `control`.
     pub incarnation: u32,
     /// The operator, with the edges since the previous tick.
     pub operator: OperatorView,
-    /// True if scheduling counted as real-time.
     pub realtime_ok: bool,
     /// Sequence of the target that was taken. Zero means none.
     pub target: u64,
@@ -25,7 +21,6 @@ pub struct Inputs {
 }
 
 impl Inputs {
-    /// Returns the inputs as JSON.
     pub fn to_json(&self) -> Value {
         let operator = &self.operator;
         json!({
@@ -94,7 +89,6 @@ fn payload_json(order: Option<&PayloadOrder>) -> Value {
     Value::Array(order.map(item).into_iter().collect())
 }
 
-/// Inverse of `payload_json`. None if the value is not such a list.
 fn payload_of(value: &Value) -> Option<Option<PayloadOrder>> {
     let Some(item) = value.as_array()?.first() else { return Some(None) };
     let mut centre_m = [0.0; 3];
@@ -102,8 +96,8 @@ fn payload_of(value: &Value) -> Option<Option<PayloadOrder>> {
     for (place, number) in centre_m.iter_mut().zip(numbers) {
         *place = number.as_f64()?;
     }
-    let said = item.get("centre_said")?.as_bool()? && numbers.len() == 3;
-    Some(Some(PayloadOrder { mass_kg: item.get("mass_kg")?.as_f64()?, centre_m: said.then_some(centre_m) }))
+    let has_centre = item.get("centre_said")?.as_bool()? && numbers.len() == 3;
+    Some(Some(PayloadOrder { mass_kg: item.get("mass_kg")?.as_f64()?, centre_m: has_centre.then_some(centre_m) }))
 }
 
 pub(crate) fn example() -> Value {
@@ -123,8 +117,8 @@ mod tests {
 
     #[test]
     fn inputs_are_read_back_exactly_and_bad_json_is_refused() {
-        let said = |centre_m| Some(PayloadOrder { mass_kg: 0.1 + 0.2, centre_m });
-        let payload = [said(None), said(Some([0.1, -1.0 / 3.0, 1e-300]))];
+        let order = |centre_m| Some(PayloadOrder { mass_kg: 0.1 + 0.2, centre_m });
+        let payload = [order(None), order(Some([0.1, -1.0 / 3.0, 1e-300]))];
         let operator = OperatorView {
             estop_edge: true,
             clutch_level: true,

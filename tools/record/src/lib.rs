@@ -6,6 +6,8 @@
 //! holds joint states, transforms, scenes and log sentences in the schemas of Foxglove, which several viewers
 //! read.
 
+#![allow(missing_docs, reason = "the library of a program: only the program, tests and other tools use it")]
+
 mod about;
 mod attach;
 pub mod cli;
@@ -27,7 +29,7 @@ mod trace;
 pub use about::{Files, Origin, about};
 pub use attach::Attached;
 pub use compare::{Compared, Counts, compare};
-pub use encoder::{Rates, RecordingEncoder, Sample};
+pub use encoder::{Rates, RecordingEncoder, Sample, bytes_of};
 pub use error::RecordError;
 pub use file::{Entry, Recording};
 pub use inputs::Inputs;

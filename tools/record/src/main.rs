@@ -34,7 +34,6 @@ fn main() -> ExitCode {
     rt::finish("record", outcome)
 }
 
-/// Shows a recording until a signal arrives.
 fn view(cli: &Cli, file: &Path) -> Result<(), Failure> {
     let shutdown = Shutdown::on_signals().map_err(Failure::with(Exit::Software))?;
     let loaded = config::load(&cli.config, cli.overrides()).map_err(Failure::with(Exit::Config))?;

@@ -14,10 +14,8 @@ use std::fs::File;
 use std::path::Path;
 use world::Moment;
 
-/// Pictures per second.
 const PICTURES_HZ: f64 = 60.0;
 
-/// A recording of a run in virtual time.
 pub struct OfflineRecording {
     recording: Recording<File>,
     encoder: RecordingEncoder,
@@ -27,9 +25,6 @@ pub struct OfflineRecording {
 
 impl OfflineRecording {
     /// Begins the file. Replaces an existing one.
-    ///
-    /// # Errors
-    /// Returns an error if it cannot be written.
     pub fn create(path: &Path, loaded: &Loaded) -> Result<Self, RecordError> {
         let file = File::create(path).map_err(|error| RecordError::Open { cause: rt::unwritable(path, &error) })?;
         let (table, files) = about(loaded, &Overrides::default(), Origin::Offline);
@@ -38,7 +33,6 @@ impl OfflineRecording {
         Ok(Self { recording, encoder: RecordingEncoder::new(&loaded.model, rates, 0), flushed: 0, failure: None })
     }
 
-    /// Adds a tick.
     pub fn moment(&mut self, moment: &Moment, operator: &OperatorView) {
         let Self { recording, encoder, failure, .. } = self;
         let mut write = |entry| {
@@ -81,10 +75,6 @@ impl OfflineRecording {
         }
     }
 
-    /// Closes the file.
-    ///
-    /// # Errors
-    /// Returns an error if something could not be written.
     pub fn finish(mut self) -> Result<(), RecordError> {
         match self.failure {
             Some(failure) => Err(failure),

@@ -14,7 +14,6 @@ const PERSON_AT_M: [f64; 3] = [0.0, 1.5, 0.0];
 /// Thickness of the person's lines, m.
 const BONE_M: f64 = 0.03;
 
-/// Converts ns to a time of the schemas.
 pub fn timestamp(ns: u64) -> Timestamp {
     let seconds = u32::try_from(ns / 1_000_000_000).unwrap_or(u32::MAX);
     Timestamp::new(seconds, (ns % 1_000_000_000) as u32)
@@ -34,7 +33,6 @@ pub fn joint_states(model: &Model, at_ns: u64, q: &[f64; JOINTS_MAX], v: &[f64; 
     JointStates { timestamp: Some(timestamp(at_ns)), joints: (0..model.count).map(joint).collect() }
 }
 
-/// Returns the fixed link whose frame is that of the base.
 fn root(model: &Model) -> &str {
     let is_root = |(_, body, pose): &(&str, usize, &robot::Pose)| *body == 0 && **pose == robot::Pose::identity();
     model.links().find(is_root).map_or("base", |(name, ..)| name)
@@ -63,7 +61,6 @@ fn quaternion(q: &UnitQuaternion<f64>) -> Quaternion {
     Quaternion { x: q.i, y: q.j, z: q.k, w: q.w }
 }
 
-/// Returns the robot's capsules at the given frames.
 pub fn capsules(model: &Model, frames: &Frames, at_ns: u64) -> SceneUpdate {
     let colour = Some(Color { r: 0.2, g: 0.5, b: 0.9, a: 0.5 });
     let (mut cylinders, mut spheres) = (Vec::new(), Vec::new());
@@ -87,7 +84,6 @@ pub fn capsules(model: &Model, frames: &Frames, at_ns: u64) -> SceneUpdate {
     scene(SceneEntity { cylinders, spheres, ..entity(root(model), "capsules", at_ns) })
 }
 
-/// Returns the person as lines.
 pub fn person(positions: &[[f32; 3]; SMPL_JOINTS], at_ns: u64) -> SceneUpdate {
     let point = |joint: usize| {
         let [x, y, z] = positions[joint].map(f64::from);

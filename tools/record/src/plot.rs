@@ -8,7 +8,6 @@ use plotters::prelude::*;
 use robot::Model;
 use std::path::Path;
 
-/// Number of panels across.
 const ACROSS: usize = 4;
 /// Size of a panel, points of the canvas.
 const PANEL: (u32, u32) = (840, 560);
@@ -20,7 +19,6 @@ const COMMAND: RGBColor = RGBColor(40, 110, 200);
 const MEASURED: RGBColor = RGBColor(60, 60, 60);
 const LIMIT: RGBColor = RGBColor(200, 40, 40);
 
-/// Returns the mode's colour behind the lines.
 fn colour(mode: u32) -> RGBColor {
     match Mode::from_u32(mode) {
         Some(Mode::Disengaged) => RGBColor(240, 240, 240),
@@ -32,7 +30,6 @@ fn colour(mode: u32) -> RGBColor {
     }
 }
 
-/// One line of a panel.
 struct Line<'a> {
     colour: RGBColor,
     /// Line width, points. 0 draws a dot for each instant.
@@ -40,10 +37,6 @@ struct Line<'a> {
     value: &'a dyn Fn(&Row) -> Option<f64>,
 }
 
-/// Draws `trace` into a PNG.
-///
-/// # Errors
-/// Returns an error if there is nothing to draw, or the file cannot be written.
 pub fn plot(path: &Path, trace: &Trace, model: &Model, title: &str) -> Result<(), RecordError> {
     let refuse = |cause: String| RecordError::Plot { file: path.display().to_string(), cause };
     if trace.rows().len() < 2 {

@@ -24,20 +24,16 @@ pub struct Queue {
     failed: Arc<AtomicBool>,
 }
 
-/// Result of the writing.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Outcome {
-    /// Number of entries in the file.
     pub written: u64,
     /// Number of entries that were lost, because the queue or the disk was full.
     pub lost: u64,
-    /// The reason if writing stopped.
     pub failure: Option<String>,
 }
 
 /// A file that can be truncated after an incomplete write.
 pub trait Sink: Write + Seek + Send + 'static {
-    /// Truncates the file after `bytes`.
     fn shorten(&mut self, bytes: u64);
 }
 
@@ -76,9 +72,6 @@ impl<S: Sink> Seek for Whole<S> {
 
 impl Queue {
     /// Begins the file and the thread. Writes the channels, `about` and `files` before it returns.
-    ///
-    /// # Errors
-    /// Returns an error if the file's beginning cannot be written.
     pub fn start(
         sink: impl Sink,
         about: &BTreeMap<String, String>,
@@ -101,7 +94,6 @@ impl Queue {
         self.lost += u64::from(!taken);
     }
 
-    /// Returns true if nothing can be written any more.
     pub fn failed(&self) -> bool {
         self.failed.load(Ordering::Relaxed)
     }

@@ -12,31 +12,21 @@ use std::fs::File;
 use std::io::BufReader;
 use std::path::{Path, PathBuf};
 
-/// A message of a recording.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Content {
-    /// See [`Topic::Skeleton`].
     Skeleton(Box<Skeleton>),
-    /// See [`Topic::Target`].
     Target(Box<JointTarget>),
-    /// See [`Topic::Command`].
     Command(Box<JointCommand>),
-    /// See [`Topic::State`].
     State(Box<RobotState>),
-    /// See [`Topic::StatusRaw`].
     Status(Box<Status>),
-    /// See [`Topic::Inputs`].
     Inputs(Inputs),
     /// A message for viewers, or from another program.
     Other {
-        /// Its topic.
         topic: String,
-        /// Its bytes.
         data: Vec<u8>,
     },
 }
 
-/// A recording being read.
 pub struct Recorded {
     file: PathBuf,
     reader: Reader<BufReader<File>>,
@@ -46,10 +36,6 @@ pub struct Recorded {
 }
 
 impl Recorded {
-    /// Opens a file and reads up to its first message.
-    ///
-    /// # Errors
-    /// Returns an error if the file cannot be opened, or is not a recording.
     pub fn open(path: &Path) -> Result<Self, RecordError> {
         let open = |error: std::io::Error| RecordError::Open { cause: rt::unreadable(path, &error) };
         if !std::fs::metadata(path).map_err(open)?.is_file() {
@@ -69,9 +55,6 @@ impl Recorded {
     }
 
     /// Returns an error if the file names another robot than `model`. A robot keeps its name if its limits change.
-    ///
-    /// # Errors
-    /// Returns an error that names both robots.
     pub fn check_robot(&self, model: &Model) -> Result<(), RecordError> {
         match self.about.get("robot") {
             Some(name) if *name != model.name => {
@@ -84,20 +67,22 @@ impl Recorded {
         }
     }
 
-    /// Returns the metadata at the end of the file. It is empty if there is none.
     pub fn outcome(&self) -> &BTreeMap<String, String> {
         &self.outcome
     }
 
-    /// Returns the way in which the reading ended.
     pub fn ending(&self) -> &Ending {
         self.reader.ending()
     }
 
-    /// Returns the next message and its time in the file, ns.
-    ///
-    /// # Errors
-    /// Returns an error if the file cannot be read, or one of our channels has another layout than ours.
+    /// Returns the reason if the file breaks off.
+    pub(crate) fn broken_off(&self) -> Option<String> {
+        match self.ending() {
+            Ending::BrokenOff(why) => Some(why.clone()),
+            Ending::Open | Ending::Complete | Ending::GoesOn => None,
+        }
+    }
+
     pub fn next_message(&mut self) -> Result<Option<(u64, Content)>, RecordError> {
         match self.waiting.take() {
             Some(message) => Ok(Some(message)),

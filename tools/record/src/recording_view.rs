@@ -3,16 +3,11 @@
 use crate::error::RecordError;
 use crate::read::{Content, Recorded};
 use messages::RobotId;
-use motion::mcap::Ending;
 use robot::Model;
 use std::path::Path;
 use view::{GONE_AFTER_NS, LatestMessages, RecordingView, RecordingViewBuilder};
 
 /// Reads a recording of the robot `model`. Also returns the reason if the file breaks off.
-///
-/// # Errors
-/// Returns an error if the file cannot be read or has nothing of an instance. Also if one of our channels has
-/// another layout than ours, or if the file is about another robot.
 pub fn recording_view(path: &Path, model: &Model) -> Result<(RecordingView, Option<String>), RecordError> {
     let mut recorded = Recorded::open(path)?;
     recorded.check_robot(model)?;
@@ -56,10 +51,7 @@ pub fn recording_view(path: &Path, model: &Model) -> Result<(RecordingView, Opti
         };
         builder.add(&heard, at_s);
     }
-    let broken_off = match recorded.ending() {
-        Ending::BrokenOff(why) => Some(why.clone()),
-        Ending::Open | Ending::Complete | Ending::GoesOn => None,
-    };
+    let broken_off = recorded.broken_off();
     if begin_ns.is_none() {
         let cause = match broken_off {
             Some(why) => format!("it is truncated before the first message: {why}"),

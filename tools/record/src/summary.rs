@@ -6,7 +6,6 @@ use crate::topic::Topic;
 use crate::trace::Trace;
 use explain::{mode_name, sentences};
 use messages::Status;
-use motion::mcap::Ending;
 use robot::Names;
 use std::collections::BTreeMap;
 use std::fmt::Write;
@@ -15,19 +14,13 @@ use std::path::Path;
 /// Number of log sentences in the summary. The file has all of them under `/log`.
 const SENTENCES_MAX: usize = 200;
 
-/// Summary of a recording.
 #[derive(Debug, Default)]
 pub struct Summary {
-    /// The course of the run.
     pub trace: Trace,
-    /// Messages by topic.
     pub counts: BTreeMap<String, u64>,
-    /// First and last time in the file, ns.
     pub span_ns: Option<(u64, u64)>,
-    /// Seconds in each mode, by the mode's number.
     pub modes_s: BTreeMap<u32, f64>,
-    /// Log: time, s, and event.
-    pub said: Vec<(f64, String)>,
+    pub sentences: Vec<(f64, String)>,
     unsaid: usize,
     about: BTreeMap<String, String>,
     outcome: BTreeMap<String, String>,
@@ -35,10 +28,6 @@ pub struct Summary {
 }
 
 impl Summary {
-    /// Reads a recording.
-    ///
-    /// # Errors
-    /// Returns an error if the file cannot be read, or one of our channels has another layout than ours.
     pub fn read(path: &Path, names: &Names) -> Result<Self, RecordError> {
         let mut recorded = Recorded::open(path)?;
         let mut summary = Self::default();
@@ -77,29 +66,24 @@ impl Summary {
         }
         summary.about = recorded.about().clone();
         summary.outcome = recorded.outcome().clone();
-        summary.broken_off = match recorded.ending() {
-            Ending::BrokenOff(why) => Some(why.clone()),
-            Ending::Open | Ending::Complete | Ending::GoesOn => None,
-        };
+        summary.broken_off = recorded.broken_off();
         Ok(summary)
     }
 
     fn status(&mut self, at_s: f64, before: Option<&(u64, Status)>, status: &Status, names: &Names) {
-        for said in sentences(before.map(|(_, before)| before), status, names) {
-            if self.said.len() < SENTENCES_MAX {
-                self.said.push((at_s, said.text));
+        for sentence in sentences(before.map(|(_, before)| before), status, names) {
+            if self.sentences.len() < SENTENCES_MAX {
+                self.sentences.push((at_s, sentence.text));
             } else {
                 self.unsaid += 1;
             }
         }
     }
 
-    /// Returns the length of the recording, s.
     pub fn duration_s(&self) -> f64 {
         self.span_ns.map_or(0.0, |(begin, end)| (end - begin) as f64 * 1e-9)
     }
 
-    /// Returns the summary as text.
     pub fn text(&self) -> String {
         let mut out = String::new();
         let about = |key: &str| self.about.get(key).map_or("unknown", String::as_str);
@@ -110,8 +94,8 @@ impl Summary {
             (Some(why), _) => format!("is truncated ({why}): read up to its last complete chunk"),
             (None, true) => "complete".to_owned(),
             (None, false) => {
-                let told: Vec<_> = self.outcome.iter().map(|(key, value)| format!("{key} {value}")).collect();
-                format!("complete; {}", told.join(", "))
+                let outcome: Vec<_> = self.outcome.iter().map(|(key, value)| format!("{key} {value}")).collect();
+                format!("complete; {}", outcome.join(", "))
             }
         };
         let _ = writeln!(out, "file      {ended}");
@@ -125,7 +109,7 @@ impl Summary {
             let _ = writeln!(out, "  {:<14} {seconds:9.3} s", mode_name(*number));
         }
         let _ = writeln!(out, "what happened");
-        for (at_s, text) in &self.said {
+        for (at_s, text) in &self.sentences {
             let _ = writeln!(out, "  {at_s:9.3} s  {text}");
         }
         if self.unsaid > 0 {

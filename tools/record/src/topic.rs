@@ -10,17 +10,13 @@ use serde_json::{Map, Value, json};
 pub enum Topic {
     /// `Skeleton` as `ingest` passed it on.
     Skeleton,
-    /// `JointTarget`.
     Target,
-    /// `JointCommand`.
     Command,
-    /// `RobotState`.
     State,
     /// `Status`, every byte.
     StatusRaw,
     /// Inputs of a control tick that are not messages. Only in offline recordings.
     Inputs,
-    /// `Status` as JSON.
     Status,
     /// foxglove.JointStates: the robot's measurements.
     Measured,
@@ -38,71 +34,42 @@ pub enum Topic {
     Log,
 }
 
-/// Encoding of a channel's messages, with its schema.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Described {
-    /// The channel's topic.
     pub topic: &'static str,
-    /// Encoding of its messages.
     pub encoding: &'static str,
-    /// Name of the schema.
     pub name: String,
-    /// Encoding of the schema.
     pub schema_encoding: String,
-    /// The schema.
     pub schema: Vec<u8>,
 }
 
 impl Topic {
-    /// All topics. The index is the value.
-    pub const ALL: [Self; 14] = [
-        Self::Skeleton,
-        Self::Target,
-        Self::Command,
-        Self::State,
-        Self::StatusRaw,
-        Self::Inputs,
-        Self::Status,
-        Self::Measured,
-        Self::Wanted,
-        Self::Commanded,
-        Self::Transforms,
-        Self::Person,
-        Self::Capsules,
-        Self::Log,
+    /// Every channel and its name, in their order.
+    pub const ALL: [(Self, &'static str); 14] = [
+        (Self::Skeleton, "/teleop/skeleton"),
+        (Self::Target, "/teleop/joint_target"),
+        (Self::Command, "/teleop/joint_command"),
+        (Self::State, "/teleop/robot_state"),
+        (Self::StatusRaw, "/teleop/status_raw"),
+        (Self::Inputs, "/teleop/inputs"),
+        (Self::Status, "/teleop/status"),
+        (Self::Measured, "/joint_states/measured"),
+        (Self::Wanted, "/joint_states/target"),
+        (Self::Commanded, "/joint_states/command"),
+        (Self::Transforms, "/tf"),
+        (Self::Person, "/scene/person"),
+        (Self::Capsules, "/scene/robot"),
+        (Self::Log, "/log"),
     ];
 
-    /// Name in the file.
     pub const fn name(self) -> &'static str {
-        match self {
-            Self::Skeleton => "/teleop/skeleton",
-            Self::Target => "/teleop/joint_target",
-            Self::Command => "/teleop/joint_command",
-            Self::State => "/teleop/robot_state",
-            Self::StatusRaw => "/teleop/status_raw",
-            Self::Inputs => "/teleop/inputs",
-            Self::Status => "/teleop/status",
-            Self::Measured => "/joint_states/measured",
-            Self::Wanted => "/joint_states/target",
-            Self::Commanded => "/joint_states/command",
-            Self::Transforms => "/tf",
-            Self::Person => "/scene/person",
-            Self::Capsules => "/scene/robot",
-            Self::Log => "/log",
-        }
+        Self::ALL[self as usize].1
     }
 
-    /// Returns the channel of this name.
     pub fn named(name: &str) -> Option<Self> {
-        Self::ALL.into_iter().find(|topic| topic.name() == name)
+        Self::ALL.into_iter().find(|(_, known)| *known == name).map(|(topic, _)| topic)
     }
 
-    /// Returns the name of its schema.
-    pub fn schema_name(self) -> String {
-        self.described().name
-    }
-
-    /// Returns everything that a reader needs.
     pub fn described(self) -> Described {
         match self {
             Self::Skeleton => ours::<Skeleton>(self),
@@ -144,7 +111,6 @@ fn viewed<M: foxglove::Encode>(topic: Topic) -> Described {
     Described { topic: topic.name(), encoding: "protobuf", name, schema_encoding: encoding, schema: data }
 }
 
-/// Derives a JSON schema from an example of the message.
 fn json_schema(topic: Topic, title: &str, example: &Value) -> Described {
     let mut schema = schema_of(example);
     schema["title"] = json!(title);

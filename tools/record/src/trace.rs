@@ -9,26 +9,20 @@ const ROWS_MAX: usize = 12_000;
 /// Initial time between two instants, ns: 60 per second.
 const PERIOD_NS: u64 = 16_666_666;
 
-/// One instant.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Row {
     /// Time in the file, s from its first state.
     pub at_s: f64,
-    /// Measured joint positions.
     pub measured: [f64; JOINTS_MAX],
-    /// Positions of the newest command.
     pub command: Option<[f64; JOINTS_MAX]>,
     /// Positions of the newest target, and the mask of its joints. Joints without a target are left out.
     pub target: Option<([f64; JOINTS_MAX], u32)>,
-    /// Smallest clearance at the command, mm.
     pub clearance_mm: Option<f64>,
     /// Time from seeing the person to executing the first command for that frame, ms. None without a person.
     pub latency_ms: Option<f64>,
-    /// Value of a `Mode`.
     pub mode: u32,
 }
 
-/// The rows of a run.
 #[derive(Clone, Debug, Default)]
 pub struct Trace {
     rows: Vec<Row>,
@@ -44,22 +38,18 @@ pub struct Trace {
 }
 
 impl Trace {
-    /// Returns the instants.
     pub fn rows(&self) -> &[Row] {
         &self.rows
     }
 
-    /// Notes a target.
     pub fn target(&mut self, target: &JointTarget) {
         self.target = Some((target.q, target.valid_mask));
     }
 
-    /// Notes a command.
     pub fn command(&mut self, command: &JointCommand) {
         self.command = Some(command.q);
     }
 
-    /// Notes a status.
     pub fn status(&mut self, status: &Status) {
         self.status = Some((status.clearance_command_m * 1e3, status.mode));
     }
@@ -98,7 +88,6 @@ impl Trace {
         });
     }
 
-    /// Notes a tick of a run in virtual time.
     pub fn moment(&mut self, moment: &Moment) {
         if let Some(target) = &moment.target {
             self.target(target);

@@ -6,7 +6,7 @@ use bus::{Domain, Writer};
 use instance::Instance;
 use messages::{Header, JointCommand, JointTarget, Layout, RobotState, Service, Skeleton, Stamp, Status};
 use motion::mcap::Ending;
-use record::{Content, Entry, Queue, Sink, Topic};
+use record::{Content, Entry, Queue, Recorded, Sink, Topic};
 use std::collections::BTreeMap;
 use std::io::{Cursor, Seek, SeekFrom, Write};
 use std::path::Path;
@@ -115,11 +115,14 @@ fn recorder_records_published_data_and_sigterm_ends_the_file() {
     writers.publish_for(Duration::from_millis(1500));
     rt::terminate(child.id());
     let ended = child.wait_with_output().expect("it ends");
-    let said = String::from_utf8_lossy(&ended.stdout) + String::from_utf8_lossy(&ended.stderr);
-    assert!(ended.status.success(), "{said}");
-    assert!(said.contains("0 lost") && said.contains("missed: ") && said.contains("runs with the settings"), "{said}");
+    let printed = String::from_utf8_lossy(&ended.stdout) + String::from_utf8_lossy(&ended.stderr);
+    assert!(ended.status.success(), "{printed}");
+    assert!(
+        printed.contains("0 lost") && printed.contains("missed: ") && printed.contains("runs with the settings"),
+        "{printed}"
+    );
     for option in ["--config", "--engage-without-realtime", "--interface"] {
-        assert!(said.contains(option), "{option}: {said}");
+        assert!(printed.contains(option), "{option}: {printed}");
     }
 
     let (read, ending) = commands(&out, &writers.sent);
@@ -147,9 +150,12 @@ fn recorder_without_an_instance_fails_and_writes_nothing() {
     let (empty, out) = (folder.path().join("run"), folder.path().join("out.mcap"));
     let refused = |what: &str| {
         let ended = program(&empty, &out).args(["--seconds", "20"]).output().expect("the program starts");
-        let said = String::from_utf8_lossy(&ended.stderr).into_owned();
-        assert_eq!(ended.status.code(), Some(69), "{what}: {said}");
-        assert!(said.contains("no instance of teleopd runs in ") && said.contains("teleopd up --run-dir"), "{said}");
+        let printed = String::from_utf8_lossy(&ended.stderr).into_owned();
+        assert_eq!(ended.status.code(), Some(69), "{what}: {printed}");
+        assert!(
+            printed.contains("no instance of teleopd runs in ") && printed.contains("teleopd up --run-dir"),
+            "{printed}"
+        );
         assert!(!out.exists(), "{what}: nothing was recorded");
     };
     refused("no folder");
@@ -159,10 +165,10 @@ fn recorder_without_an_instance_fails_and_writes_nothing() {
     let _writers = Writers::new(&instance);
     std::fs::write(&out, "of yesterday").unwrap();
     let ended = program(&empty, &out).output().expect("the program starts");
-    let said = String::from_utf8_lossy(&ended.stderr).into_owned();
+    let printed = String::from_utf8_lossy(&ended.stderr).into_owned();
     assert!(
-        ended.status.code() == Some(73) && said.contains("exists already, and is not replaced. Remove it"),
-        "{said}"
+        ended.status.code() == Some(73) && printed.contains("exists already, and is not replaced. Remove it"),
+        "{printed}"
     );
     assert_eq!(std::fs::read_to_string(&out).unwrap(), "of yesterday");
     instance.retire();
@@ -203,15 +209,35 @@ fn recorder_ends_when_its_parent_is_killed() {
     instance.retire();
 }
 
-/// A disk with limited room.
-#[derive(Clone, Default)]
-struct Small {
+/// A disk with limited room that, on request, hangs in a write until it is released.
+#[derive(Clone)]
+struct Disk {
     bytes: Arc<Mutex<Cursor<Vec<u8>>>>,
     room: usize,
+    hangs: Arc<(Mutex<bool>, Condvar)>,
 }
 
-impl Write for Small {
+impl Disk {
+    fn new(room: usize) -> Self {
+        Self { bytes: Arc::default(), room, hangs: Arc::default() }
+    }
+
+    fn hang(&self, hangs: bool) {
+        *self.hangs.0.lock().unwrap() = hangs;
+        self.hangs.1.notify_all();
+    }
+
+    /// Returns what a recording on this disk holds.
+    fn contents(&self) -> (Vec<(u64, Content)>, Recorded) {
+        let file = tempfile::NamedTempFile::new().unwrap();
+        std::fs::write(file.path(), self.bytes.lock().unwrap().get_ref()).unwrap();
+        contents(file.path())
+    }
+}
+
+impl Write for Disk {
     fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+        drop(self.hangs.1.wait_while(self.hangs.0.lock().unwrap(), |hangs| *hangs));
         let mut disk = self.bytes.lock().unwrap();
         let room = self.room.saturating_sub(disk.get_ref().len());
         if room == 0 {
@@ -225,13 +251,13 @@ impl Write for Small {
     }
 }
 
-impl Seek for Small {
+impl Seek for Disk {
     fn seek(&mut self, to: SeekFrom) -> std::io::Result<u64> {
         self.bytes.lock().unwrap().seek(to)
     }
 }
 
-impl Sink for Small {
+impl Sink for Disk {
     fn shorten(&mut self, bytes: u64) {
         self.bytes.lock().unwrap().get_mut().truncate(bytes as usize);
     }
@@ -239,7 +265,7 @@ impl Sink for Small {
 
 #[test]
 fn f102_full_disk_loses_counted_samples_and_keeps_the_file_good() {
-    let disk = Small { room: 1_600_000, ..Small::default() };
+    let disk = Disk::new(1_600_000);
     let mut queue = Queue::start(disk.clone(), &BTreeMap::new(), &[]).expect("room for the beginning");
     let mut sent = 0;
     let begun = Instant::now();
@@ -260,52 +286,13 @@ fn f102_full_disk_loses_counted_samples_and_keeps_the_file_good() {
     let outcome = queue.finish(BTreeMap::new());
     assert!(outcome.failure.is_some() && outcome.lost > 0 && outcome.written > 0, "{outcome:?}");
     assert_eq!(outcome.written + outcome.lost, sent + 1);
-    let file = tempfile::NamedTempFile::new().unwrap();
-    std::fs::write(file.path(), disk.bytes.lock().unwrap().get_ref()).unwrap();
-    let (all, recorded) = contents(file.path());
+    let (all, recorded) = disk.contents();
     assert_eq!(all.len() as u64, outcome.written, "{:?}", recorded.ending());
-}
-
-/// A disk that, on request, hangs in a write until it is released.
-#[derive(Clone, Default)]
-struct Hanging {
-    disk: Small,
-    hangs: Arc<(Mutex<bool>, Condvar)>,
-}
-
-impl Hanging {
-    fn hang(&self, hangs: bool) {
-        *self.hangs.0.lock().unwrap() = hangs;
-        self.hangs.1.notify_all();
-    }
-}
-
-impl Write for Hanging {
-    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
-        drop(self.hangs.1.wait_while(self.hangs.0.lock().unwrap(), |hangs| *hangs));
-        self.disk.write(bytes)
-    }
-
-    fn flush(&mut self) -> std::io::Result<()> {
-        Ok(())
-    }
-}
-
-impl Seek for Hanging {
-    fn seek(&mut self, to: SeekFrom) -> std::io::Result<u64> {
-        self.disk.seek(to)
-    }
-}
-
-impl Sink for Hanging {
-    fn shorten(&mut self, bytes: u64) {
-        self.disk.shorten(bytes);
-    }
 }
 
 #[test]
 fn f103_hung_disk_blocks_no_sender_and_lost_samples_are_counted() {
-    let disk = Hanging { disk: Small { room: usize::MAX, ..Small::default() }, ..Hanging::default() };
+    let disk = Disk::new(usize::MAX);
     let mut queue = Queue::start(disk.clone(), &BTreeMap::new(), &[]).expect("the beginning");
     disk.hang(true);
     // More entries than the queue and the thread hold. Each is taken or lost at once, while nothing is written.
@@ -319,12 +306,10 @@ fn f103_hung_disk_blocks_no_sender_and_lost_samples_are_counted() {
     let outcome = queue.finish(BTreeMap::new());
     assert_eq!((outcome.written + outcome.lost, &outcome.failure), (sent, &None));
     assert!(outcome.lost > sent / 2 && outcome.written >= 4096, "{outcome:?}");
-    let file = tempfile::NamedTempFile::new().unwrap();
-    std::fs::write(file.path(), disk.disk.bytes.lock().unwrap().get_ref()).unwrap();
-    let (all, recorded) = contents(file.path());
+    let (all, recorded) = disk.contents();
     assert_eq!((all.len() as u64, recorded.ending()), (outcome.written, &Ending::Complete));
-    let told: u64 = recorded.outcome()["samples_lost"].parse().unwrap();
-    assert_eq!(told, outcome.lost, "the file says what it lacks");
+    let reported: u64 = recorded.outcome()["samples_lost"].parse().unwrap();
+    assert_eq!(reported, outcome.lost, "the file says what it lacks");
 }
 
 #[test]
@@ -354,12 +339,12 @@ fn f102_full_file_system_fails_the_recording_and_keeps_the_file() {
     writers.publish_for(Duration::from_millis(2500));
     rt::terminate(child.id());
     let ended = child.wait_with_output().expect("it ends");
-    let said = String::from_utf8_lossy(&ended.stdout) + String::from_utf8_lossy(&ended.stderr);
+    let printed = String::from_utf8_lossy(&ended.stdout) + String::from_utf8_lossy(&ended.stderr);
     let kept = folder.path().join("kept.mcap");
     std::fs::copy(&out, &kept).unwrap();
     let _ = Command::new("umount").arg(&small).output();
-    assert_eq!(ended.status.code(), Some(1), "{said}");
-    assert!(said.contains("nothing more can be written") && said.contains("messages lost"), "{said}");
+    assert_eq!(ended.status.code(), Some(1), "{printed}");
+    assert!(printed.contains("nothing more can be written") && printed.contains("messages lost"), "{printed}");
     let (_, ending) = commands(&kept, &writers.sent);
     assert!(matches!(ending, Ending::BrokenOff(_)), "{ending:?}");
     instance.retire();

@@ -53,12 +53,12 @@ fn mcap_readers_from_pypi_find_the_viewer_schemas() {
     }
     let path = folder.path().join("run.mcap");
     recorded_offline(&path, &loaded());
-    let said = run(&python, &["-c", SCRIPT, &path.to_string_lossy()]).expect("it is read");
+    let printed = run(&python, &["-c", SCRIPT, &path.to_string_lossy()]).expect("it is read");
     for schema in ["foxglove.FrameTransforms", "foxglove.JointStates", "foxglove.Log", "foxglove.SceneUpdate"] {
-        assert!(said.contains(schema), "{schema}: {said}");
+        assert!(printed.contains(schema), "{schema}: {printed}");
     }
-    assert!(said.contains("Engaging after Disengaged: enabled.") && said.contains("capsules True"), "{said}");
-    assert!(said.contains("joints 17 torso_lift_joint True") && said.contains("torso_lift_link"), "{said}");
+    assert!(printed.contains("Engaging after Disengaged: enabled.") && printed.contains("capsules True"), "{printed}");
+    assert!(printed.contains("joints 17 torso_lift_joint True") && printed.contains("torso_lift_link"), "{printed}");
 }
 
 #[test]
@@ -93,8 +93,8 @@ fn recording_view_has_duration_and_events_and_reports_a_cut() {
     };
     let (half, broken_off) = part("half.mcap", &whole[..whole.len() / 2]).expect("its first half");
     assert!(half.duration_s() < 0.8 * recording.duration_s() && broken_off.is_some(), "{} s", half.duration_s());
-    let told = part("head.mcap", &whole[..5000]).err().map(|error| error.to_string()).unwrap_or_default();
-    assert!(told.contains("head.mcap") && told.contains("before the first message"), "{told}");
+    let reported = part("head.mcap", &whole[..5000]).err().map(|error| error.to_string()).unwrap_or_default();
+    assert!(reported.contains("head.mcap") && reported.contains("before the first message"), "{reported}");
 }
 
 /// Runs the program, as `teleopd view FILE` starts it.

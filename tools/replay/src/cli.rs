@@ -80,7 +80,6 @@ pub enum Task {
 impl Task {
     /// Returns the subcommand whose name a link to this program has, with or without the `teleop-` of installed
     /// programs. It takes the arguments of this process.
-    #[must_use]
     pub fn from_link(program: &OsStr) -> Option<Self> {
         let name = Path::new(program).file_name()?.to_str()?;
         match name.strip_prefix("teleop-").unwrap_or(name) {

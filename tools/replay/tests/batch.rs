@@ -12,10 +12,6 @@ use std::path::{Path, PathBuf};
 
 /// TIAGo++: the number of its joints. No more columns are written.
 const JOINTS: usize = 17;
-/// TIAGo++: the joints of its left arm.
-const LEFT_ARM: std::ops::Range<usize> = 3..10;
-/// TIAGo++: the joints of its right arm.
-const RIGHT_ARM: std::ops::Range<usize> = 10..17;
 
 fn repository() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")
@@ -55,9 +51,12 @@ fn cli(input: &Path, out: &Path, more: &[&str]) -> Cli {
     Cli::parse_from(["batch".to_owned()].into_iter().chain(paths).chain(config).chain(more))
 }
 
+fn attempt(input: &Path, out: &Path, more: &[&str]) -> Result<Summary, rt::Failure> {
+    run(&cli(input, out, more), input, out, &Shutdown::new(), &ProgressBar::hidden())
+}
+
 fn go(input: &Path, out: &Path, more: &[&str]) -> Summary {
-    let quiet = ProgressBar::hidden();
-    run(&cli(input, out, more), input, out, &Shutdown::new(), &quiet).unwrap_or_else(|error| panic!("{error}"))
+    attempt(input, out, more).unwrap_or_else(|error| panic!("{error}"))
 }
 
 /// Returns the rows of a CSV: time and joints.
@@ -107,24 +106,6 @@ fn batch_results_equal_the_live_stage_bit_for_bit() {
                 assert_eq!(row[1..], q[..JOINTS], "{word}, {name}, frame {i}");
                 assert_eq!(row[0], i as f64 / motion.frame_rate_hz);
             }
-        }
-    }
-}
-
-/// Every named motion gives the daemon's joints at every frame.
-#[test]
-fn named_motions_give_the_joints_of_the_daemon() {
-    let (_folder, _, out) = folders();
-    let motions = repository().join("tools/replay/motions");
-    let settings = Settings { following_delay_ms: 0.0, ..Settings::default() };
-    let made = go(&motions, &out, &[]).made;
-    assert!(made >= 11, "{made} motions");
-    for file in motion::list(&motions, false).expect("motions").files {
-        let wanted = by_the_stage(&motion::load(&file).expect("read"), &settings);
-        let got = rows(&out.join(file.file_name().expect("a name")).with_extension("csv"));
-        assert_eq!(got.len(), wanted.len());
-        for (i, (row, q)) in got.iter().zip(&wanted).enumerate() {
-            assert_eq!(row[1..], q[..JOINTS], "{}, frame {i}", file.display());
         }
     }
 }
@@ -318,11 +299,7 @@ fn interrupted_run_leaves_no_partial_file_and_resumes() {
 #[test]
 fn output_among_inputs_and_empty_folder_are_refused() {
     let (_folder, input, out) = folders();
-    let refuse = |input: &Path, out: &Path, more: &[&str]| {
-        run(&cli(input, out, more), input, out, &Shutdown::new(), &ProgressBar::hidden())
-            .expect_err("refused")
-            .to_string()
-    };
+    let refuse = |input: &Path, out: &Path, more: &[&str]| attempt(input, out, more).expect_err("refused").to_string();
     assert!(refuse(&input, &input, &[]).contains("would be read as motions"));
     assert!(refuse(&input, &input.join("more"), &["--recursive"]).contains("would be read as motions"));
     let empty = input.join("empty");
@@ -332,26 +309,12 @@ fn output_among_inputs_and_empty_folder_are_refused() {
 }
 
 #[test]
-fn joints_without_a_limb_stay_at_home() {
-    let (model, _) = config::load_model(&robot()).expect("the robot");
-    let postures = Postures::new(&model, None, 2);
-    let samples = postures.encode(&synthetic(7));
-    let q = postures.joints(&postures.posture(&samples, None).expect("a posture"));
-    let meant: Vec<usize> = LEFT_ARM.take(5).chain(RIGHT_ARM.take(5)).collect();
-    for joint in (0..JOINTS_MAX).filter(|joint| !meant.contains(joint)) {
-        assert_eq!(q[joint], model.home[joint]);
-    }
-    assert_eq!(meant.len(), ARMS * 5);
-}
-
-#[test]
 fn second_run_in_a_locked_folder_is_refused_until_unlock() {
     let (_folder, input, out) = folders();
     go(&input, &out, &[]);
     let manifest = std::fs::File::open(out.join("manifest.jsonl")).expect("the manifest is there");
     manifest.lock().expect("it can be locked, as a run does");
-    let quiet = ProgressBar::hidden();
-    let again = run(&cli(&input, &out, &[]), &input, &out, &Shutdown::new(), &quiet);
+    let again = attempt(&input, &out, &[]);
     assert!(again.as_ref().is_err_and(|busy| busy.text.contains("another batch is writing there")), "{again:?}");
     drop(manifest);
     assert_eq!(go(&input, &out, &[]).finished, 1);

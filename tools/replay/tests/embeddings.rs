@@ -128,14 +128,10 @@ const TOKENIZER: &str = r#"{
 /// Rows of the vocabulary. If the padding counted, it would turn every sentence to one side.
 const WORDS: [[f32; 2]; 6] = [[0.0, -100.0], [0.1, 0.1], [1.0, 0.0], [0.0, 1.0], [0.0, 0.0], [f32::NAN, 0.0]];
 
-/// A .npy of float32, version 1.
-fn npy(shape: &str, values: &[f32]) -> Vec<u8> {
-    let mut header = format!("{{'descr': '<f4', 'fortran_order': False, 'shape': {shape}, }}");
-    header += &" ".repeat(63 - (10 + header.len()) % 64);
-    header.push('\n');
-    let mut out = b"\x93NUMPY\x01\x00".to_vec();
-    out.extend_from_slice(&(header.len() as u16).to_le_bytes());
-    out.extend_from_slice(header.as_bytes());
+/// A .npy of float32.
+fn npy(shape: &[usize], values: &[f32]) -> Vec<u8> {
+    let mut out = Vec::new();
+    motion::npy::write_npy_header(&mut out, "<f4", shape).expect("written");
     out.extend(values.iter().flat_map(|value| value.to_le_bytes()));
     out
 }
@@ -155,7 +151,7 @@ impl Scene {
         scene.write("model.onnx", &encoder(&WORDS, ends));
         scene.write("tokenizer.json", TOKENIZER.as_bytes());
         // The rows have different lengths, which do not matter.
-        scene.write("motions.npy", &npy("(3, 2)", &[0.1, 0.1, 7.0, 0.0, 0.0, 0.5]));
+        scene.write("motions.npy", &npy(&[3, 2], &[0.1, 0.1, 7.0, 0.0, 0.0, 0.5]));
         scene
     }
 
@@ -180,9 +176,12 @@ impl Scene {
 
     fn refused(&self, sentence: &str, runtime: &Path, code: i32, texts: &[&str]) {
         let output = self.say(sentence, runtime, &[]);
-        let said = String::from_utf8_lossy(&output.stderr);
-        assert_eq!(output.status.code(), Some(code), "{said}");
-        assert!(texts.iter().all(|text| said.contains(text)) && said.lines().count() == 1, "{texts:?}: {said}");
+        let printed = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(code), "{printed}");
+        assert!(
+            texts.iter().all(|text| printed.contains(text)) && printed.lines().count() == 1,
+            "{texts:?}: {printed}"
+        );
         assert!(output.stdout.is_empty(), "{output:?}");
     }
 }
@@ -216,29 +215,6 @@ fn motions_are_ranked_by_nearness_of_their_embeddings() {
 }
 
 #[test]
-fn top_option_limits_the_motions_shown_with_scores() {
-    let Some(runtime) = runtime_or_skip() else { return };
-    let output = Scene::new(Ends::Rows).say("wave", runtime, &["--top", "2"]);
-    let said = String::from_utf8_lossy(&output.stdout);
-    let lines: Vec<_> = said.lines().collect();
-    assert!(lines.len() == 2 && lines[0].contains("1.00  waves.bvh") && lines[1].contains("0.71  both.bvh"), "{said}");
-}
-
-#[test]
-fn motion_found_by_embedding_is_played() {
-    let Some(runtime) = runtime_or_skip() else { return };
-    let scene = Scene::new(Ends::Rows);
-    let motions = Path::new(env!("CARGO_MANIFEST_DIR")).join("motions");
-    scene.write("claps.bvh", &std::fs::read(motions.join("clap.bvh")).expect("a motion"));
-    let commands = scene.folder.path().join("commands.csv");
-    let config = motions.join("../../../config/teleop.toml");
-    let replay = ["--offline", &commands.display().to_string(), "--config", &config.display().to_string()];
-    let output = scene.say("clap", runtime, &[&["--play", "--"][..], &replay].concat());
-    assert!(output.status.success(), "{output:?}");
-    assert!(std::fs::read_to_string(&commands).expect("commands").lines().count() > 1000);
-}
-
-#[test]
 fn invalid_encoder_or_embedding_is_refused_by_file_name() {
     let Some(runtime) = runtime_or_skip() else { return };
     let scene = Scene::new(Ends::Flat);
@@ -257,7 +233,7 @@ fn invalid_encoder_or_embedding_is_refused_by_file_name() {
     scene.refused("", runtime, 65, &["tokenizer.json: finds no token in the sentence"]);
     scene.write("model.onnx", b"no model");
     scene.refused("wave", runtime, 65, &["model.onnx: onnxruntime reports: "]);
-    scene.write("motions.npy", &npy("(3, 1)", &[1.0; 3]));
+    scene.write("motions.npy", &npy(&[3, 1], &[1.0; 3]));
     scene.write("model.onnx", &encoder(&WORDS, Ends::Rows));
     scene.refused("wave", runtime, 65, &["motions.npy: rows of 1 numbers; the encoder's embedding has 2"]);
 }
@@ -267,19 +243,19 @@ fn invalid_encoder_or_embedding_is_refused_by_file_name() {
 fn embeddings_unfit_for_the_library_are_refused_by_file_name() {
     let nowhere = Path::new("/nowhere/libonnxruntime.so");
     let scene = Scene::new(Ends::Rows);
-    let rows = |shape: &str, values: &[f32], texts: &[&str]| {
+    let rows = |shape: &[usize], values: &[f32], texts: &[&str]| {
         scene.write("motions.npy", &npy(shape, values));
         scene.refused("wave", nowhere, 65, texts);
     };
-    rows("(2, 2)", &[1.0; 4], &["motions.npy: has the shape [2, 2]; it must be [3, d]"]);
-    rows("(6,)", &[1.0; 6], &["motions.npy: has the shape [6]; it must be [3, d]"]);
-    rows("(3, 0)", &[], &["motions.npy: has the shape [3, 0]"]);
-    rows("(3, 2)", &[1.0, 1.0, 1.0, f32::NAN, 1.0, 1.0], &["motions.npy: row 1, counted from 0, has no direction"]);
-    rows("(3, 2)", &[1.0, 1.0, 1.0, 1.0, 0.0, 0.0], &["motions.npy: row 2, counted from 0, has no direction"]);
-    rows("(3, 2)", &[1.0; 5], &["motions.npy: "]);
+    rows(&[2, 2], &[1.0; 4], &["motions.npy: has the shape [2, 2]; it must be [3, d]"]);
+    rows(&[6], &[1.0; 6], &["motions.npy: has the shape [6]; it must be [3, d]"]);
+    rows(&[3, 0], &[], &["motions.npy: has the shape [3, 0]"]);
+    rows(&[3, 2], &[1.0, 1.0, 1.0, f32::NAN, 1.0, 1.0], &["motions.npy: row 1, counted from 0, has no direction"]);
+    rows(&[3, 2], &[1.0, 1.0, 1.0, 1.0, 0.0, 0.0], &["motions.npy: row 2, counted from 0, has no direction"]);
+    rows(&[3, 2], &[1.0; 5], &["motions.npy: "]);
     scene.write("motions.npy", b"no array");
     scene.refused("wave", nowhere, 65, &["motions.npy: "]);
-    scene.write("motions.npy", &npy("(3, 2)", &[1.0; 6]));
+    scene.write("motions.npy", &npy(&[3, 2], &[1.0; 6]));
     scene.write("tokenizer.json", b"{}");
     scene.refused("wave", nowhere, 65, &["tokenizer.json: "]);
     for name in ["model.onnx", "tokenizer.json", "motions.npy"] {

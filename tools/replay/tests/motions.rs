@@ -1,7 +1,7 @@
 //! The named motions match their names and the files on disk, and can be read back.
 
-use messages::{HingeCalibration, Smpl, Stamp, skeleton_flag};
-use motion::{CalibrationMode, Frame, Motion, calibrate, limbs, raw_frame};
+use messages::{HingeCalibration, Smpl};
+use motion::{CalibrationMode, Frame, Motion, SMPL_ARMS, calibrate, limbs};
 use nalgebra::Vector3;
 use poses::motions::{named_pose, names, paper_motions};
 use poses::person::{hands, head};
@@ -84,51 +84,12 @@ fn eleven_motions_last_3_to_6_s_and_return_to_hanging_arms() {
 }
 
 #[test]
-fn live_stage_accepts_every_frame_of_the_motions() {
-    for motion in paper_motions() {
-        let calibration = calibrate(&motion, CalibrationMode::First10s);
-        let mut state = skeleton::State::new();
-        for i in 0..motion.frames.len() {
-            let mut raw = raw_frame(&motion, i, &calibration);
-            raw.header.sequence = i as u64 + 1;
-            raw.header.origin = Stamp(1 + (i as f64 * 1e9 / motion.frame_rate_hz) as u64);
-            let (now, input) = (raw.header.origin, skeleton::Input { raw: &raw, stored: None });
-            let out = skeleton::tick(&skeleton::Config::default(), &mut state, now, input);
-            let skeleton = out.skeleton.unwrap_or_else(|| panic!("{} frame {i}: {:?}", motion.name, out.drop));
-            assert_eq!(skeleton.flags & skeleton_flag::ALL, skeleton_flag::ALL);
-        }
-    }
-}
-
-#[test]
-fn limbs_read_back_from_bvh_agree_within_a_tenth_degree() {
-    for motion in paper_motions() {
-        let read = motion::parse_bvh(&motion.name, compact_bvh(&motion).as_bytes()).expect("is read");
-        assert_eq!(read.frames.len(), motion.frames.len());
-        for mode in [CalibrationMode::Rig, CalibrationMode::First10s] {
-            let a = limbs(&motion, &calibrate(&motion, mode));
-            let b = limbs(&read, &calibrate(&read, mode));
-            for (i, (a, b)) in a.iter().zip(&b).enumerate() {
-                let (a, b) = (Limbs::from_message(a).expect("rotations"), Limbs::from_message(b).expect("rotations"));
-                for side in 0..2 {
-                    let error = limb_error_deg(&a[side], &b[side]);
-                    assert!(error.iter().all(|e| *e < 0.1), "{} frame {i} {mode:?}: {error:?} degrees", motion.name);
-                }
-            }
-        }
-    }
-}
-
-#[test]
 fn named_poses_match_their_names() {
     let pose = |name: &str| named_pose(name).unwrap_or_else(|| panic!("no pose {name}"));
     let both = |name: &str| hands(&pose(name));
 
     let t = pose("t-pose");
-    for [shoulder, elbow, wrist] in [
-        [Smpl::LeftShoulder, Smpl::LeftElbow, Smpl::LeftWrist],
-        [Smpl::RightShoulder, Smpl::RightElbow, Smpl::RightWrist],
-    ] {
+    for [shoulder, elbow, wrist] in SMPL_ARMS {
         let straight = (at(&t, elbow) - at(&t, shoulder)).angle(&(at(&t, wrist) - at(&t, elbow)));
         assert!(straight < 1e-3, "the arm is bent by {straight} rad");
         assert!((at(&t, wrist).z - at(&t, shoulder).z).abs() < 1e-3);
@@ -173,13 +134,7 @@ fn no_elbow_bends_backwards_and_no_hand_enters_the_trunk() {
         }
         // The hinge of the rig is the axis of flexion. A bend against it would be an inverted elbow.
         for (i, frame) in motion.frames.iter().enumerate() {
-            for (side, [shoulder, elbow, wrist]) in [
-                [Smpl::LeftShoulder, Smpl::LeftElbow, Smpl::LeftWrist],
-                [Smpl::RightShoulder, Smpl::RightElbow, Smpl::RightWrist],
-            ]
-            .into_iter()
-            .enumerate()
-            {
+            for (side, [shoulder, elbow, wrist]) in SMPL_ARMS.into_iter().enumerate() {
                 let normal = (at(frame, elbow) - at(frame, shoulder)).cross(&(at(frame, wrist) - at(frame, elbow)));
                 let [x, y, z, w] = frame.rotations[shoulder as usize].map(f64::from);
                 let rotation = nalgebra::UnitQuaternion::new_normalize(nalgebra::Quaternion::new(w, x, y, z));

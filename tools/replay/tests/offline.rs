@@ -70,12 +70,8 @@ fn check(run: &Run) {
 }
 
 #[test]
-fn builtin_motion_is_written_from_home_to_rest() {
+fn builtin_and_a_file_are_written_from_home_to_rest() {
     check(&replay("builtin"));
-}
-
-#[test]
-fn motion_file_is_written_from_home_to_rest() {
     let run = replay(SHORT);
     check(&run);
     assert_eq!(run.rows, replay(SHORT).rows, "two runs are the same to the last bit");
@@ -93,20 +89,20 @@ fn recording_of_a_run_compares_equal_and_half_of_it_fails() {
     let made = run(&[SHORT.as_ref(), "--offline".as_ref(), csv.as_ref(), "--record".as_ref(), whole.as_ref()]);
     assert!(made.status.success(), "{made:?}");
     let compared = run(&["--compare".as_ref(), whole.as_ref()]);
-    let said = String::from_utf8_lossy(&compared.stdout);
-    assert!(compared.status.success() && said.contains("equal, bit for bit"), "{said}");
-    assert_eq!(said.matches("compared, 0 missing, 0 different").count(), 3, "{said}");
+    let printed = String::from_utf8_lossy(&compared.stdout);
+    assert!(compared.status.success() && printed.contains("equal, bit for bit"), "{printed}");
+    assert_eq!(printed.matches("compared, 0 missing, 0 different").count(), 3, "{printed}");
     // A recording is a motion too, although its first frame was held until the robot was engaged.
     let again = run(&[whole.as_ref(), "--offline".as_ref(), path("again.csv").as_ref()]);
     assert!(again.status.success(), "{again:?}");
-    let said = String::from_utf8_lossy(&again.stdout);
-    assert!(said.contains("with a held (repeated) frame"), "{said}");
+    let printed = String::from_utf8_lossy(&again.stdout);
+    assert!(printed.contains("with a held (repeated) frame"), "{printed}");
     let bytes = std::fs::read(&whole).unwrap();
     std::fs::write(&half, &bytes[..bytes.len() / 2]).unwrap();
     let compared = run(&["--compare".as_ref(), half.as_ref()]);
     assert_eq!(compared.status.code(), Some(1), "{compared:?}");
-    let said = String::from_utf8_lossy(&compared.stderr);
-    assert!(said.contains("half.mcap: the file is truncated") && !said.contains("equal"), "{said}");
+    let printed = String::from_utf8_lossy(&compared.stderr);
+    assert!(printed.contains("half.mcap: the file is truncated") && !printed.contains("equal"), "{printed}");
 }
 
 #[test]
@@ -115,17 +111,17 @@ fn broken_motion_file_is_refused_with_its_line() {
     let path = folder.path().join("broken.bvh");
     std::fs::write(&path, "HIERARCHY\nROOT Hips\n{\n OFFSET 0 0 zero\n").unwrap();
     let output = Command::new(env!("CARGO_BIN_EXE_replay")).arg(&path).output().unwrap();
-    let said = String::from_utf8_lossy(&output.stderr);
-    assert_eq!(output.status.code(), Some(66), "{said}");
-    assert!(said.contains("broken.bvh") && said.contains('4'), "{said}");
+    let printed = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(66), "{printed}");
+    assert!(printed.contains("broken.bvh") && printed.contains('4'), "{printed}");
 }
 
 #[test]
 fn the_option_up_is_refused_for_a_file_that_needs_none() {
     for file in ["builtin", "walk.bvh"] {
         let output = Command::new(env!("CARGO_BIN_EXE_replay")).args([file, "--up", "z"]).output().unwrap();
-        let said = String::from_utf8_lossy(&output.stderr);
-        assert_eq!(output.status.code(), Some(64), "{said}");
-        assert!(said.contains("--up is for .npy and .npz files"), "{said}");
+        let printed = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(64), "{printed}");
+        assert!(printed.contains("--up is for .npy and .npz files"), "{printed}");
     }
 }

@@ -61,9 +61,9 @@ fn sentence_without_a_match_fails_and_bad_library_is_refused() {
 fn sentence_of_stop_words_is_refused_with_an_example() {
     for sentence in ["the and with", "a person is with somebody", ""] {
         let output = run_say(&[sentence]);
-        let said = String::from_utf8_lossy(&output.stderr).into_owned();
+        let printed = String::from_utf8_lossy(&output.stderr).into_owned();
         assert!(output.status.code() == Some(1) && output.stdout.is_empty(), "{sentence:?}: {output:?}");
-        assert!(said.contains("names no movement") && said.contains("a person boxes"), "{said}");
+        assert!(printed.contains("names no movement") && printed.contains("a person boxes"), "{printed}");
     }
     // Known words decide, and other words do not matter.
     let text = String::from_utf8_lossy(&run_say(&["dance with the wolves"]).stdout).into_owned();
@@ -78,8 +78,8 @@ fn special_or_too_long_library_file_is_refused() {
     let library = folder.path().to_str().expect("a path");
     let refused = |code: i32, text: &str| {
         let output = run_say(&["wave", "--library", library]);
-        let said = String::from_utf8_lossy(&output.stderr);
-        assert!(output.status.code() == Some(code) && said.contains(text), "{output:?}");
+        let printed = String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.code() == Some(code) && printed.contains(text), "{output:?}");
     };
     let pipe = |path: &Path| Command::new("mkfifo").arg(path).status().expect("mkfifo").success();
     let large = |path: &Path| {
@@ -111,11 +111,11 @@ fn control_characters_of_captions_are_not_printed() {
     let library = folder.path().to_str().expect("a path");
     for extra in [&[][..], &["--json"]] {
         let output = run_say(&[&["wave", "--library", library][..], extra].concat());
-        let said = String::from_utf8(output.stdout).expect("text");
-        assert!(output.status.success() && said.contains("title"), "{said:?}");
-        assert!(!said.chars().any(|c| c.is_control() && c != '\n'), "{said:?}");
+        let printed = String::from_utf8(output.stdout).expect("text");
+        assert!(output.status.success() && printed.contains("title"), "{printed:?}");
+        assert!(!printed.chars().any(|c| c.is_control() && c != '\n'), "{printed:?}");
         if !extra.is_empty() {
-            let json: serde_json::Value = serde_json::from_str(&said).expect("JSON");
+            let json: serde_json::Value = serde_json::from_str(&printed).expect("JSON");
             assert_eq!(json["found"][0]["file"], "a\u{9b}b.bvh", "what it says is what the file says");
         }
     }

@@ -21,9 +21,6 @@ pub enum JsonOutput {
 impl JsonOutput {
     /// Opens the destination before the run. A file's old content stays until the figures are written. `-` is standard
     /// output.
-    ///
-    /// # Errors
-    /// Returns an error with EX_CANTCREAT that names the file.
     pub fn open(path: Option<&Path>) -> Result<Self, Failure> {
         let Some(path) = path else { return Ok(Self::None) };
         if path.as_os_str() == "-" {
@@ -33,9 +30,6 @@ impl JsonOutput {
     }
 
     /// Prints the text, and writes the figures.
-    ///
-    /// # Errors
-    /// Returns an error with EX_CANTCREAT that names the file that cannot be written.
     pub fn write(self, text: &dyn Display, figures: &impl Serialize) -> Result<(), Failure> {
         let json = || serde_json::to_value(figures).map(|value| format!("{value:#}\n"));
         match self {
@@ -61,9 +55,6 @@ impl JsonOutput {
 }
 
 /// Opens a file for writing before a run, so that no run is wasted on an unwritable one. Its old content stays.
-///
-/// # Errors
-/// Returns an error with EX_CANTCREAT that names the file.
 pub fn open_before_run(path: &Path) -> Result<File, Failure> {
     let file = OpenOptions::new().write(true).create(true).truncate(false).open(path);
     file.map_err(|cause| Failure::unwritable(path, &cause))

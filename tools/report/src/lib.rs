@@ -1,10 +1,4 @@
 //! Options, progress, tables and JSON files that the tools share.
-//!
-//! - [`parse`], [`check_bounds`], [`interrupted`]: the command line and its failures.
-//! - [`Machine`], [`cores`]: the machine that measured.
-//! - [`Progress`], [`in_parallel`]: a long run on several threads.
-//! - [`table`]: numbers as text.
-//! - [`JsonOutput`]: the figures as text and as JSON.
 
 mod json_output;
 mod machine;

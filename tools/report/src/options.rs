@@ -18,9 +18,6 @@ pub fn out_of_bounds(option: &str, value: impl Display, bounds: impl Display) ->
 }
 
 /// Checks that the value of an option is within its bounds.
-///
-/// # Errors
-/// Returns an error with EX_USAGE that names the option, its value and the bounds.
 pub fn check_bounds<T: PartialOrd + Display>(option: &str, value: T, [low, high]: [T; 2]) -> Result<(), Failure> {
     // NaN is in no bounds.
     let is_within = value >= low && value <= high;

@@ -24,9 +24,6 @@ pub fn number(value: impl Into<Option<f64>>, digits: usize) -> String {
 
 /// Writes a table. The names are `width` characters wide and have the head `name`. An empty first line of heads is
 /// left out.
-///
-/// # Errors
-/// Returns the error of `f`.
 pub fn write<'r, R: 'r>(
     f: &mut impl fmt::Write,
     (name, width): (&str, usize),

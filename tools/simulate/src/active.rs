@@ -5,16 +5,12 @@ use crate::schedule::Episode;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 
-/// An episode in force.
 #[derive(Clone, Debug)]
 pub struct Active {
-    /// The episode.
     pub episode: Episode,
-    /// The fault.
     pub fault: Fault,
     /// Random number generator of this episode alone.
     pub rng: Pcg64Mcg,
-    /// Ticks since it began.
     pub age: u64,
     /// Severity, 0 to 1.
     pub strength: f64,
@@ -36,19 +32,16 @@ impl Active {
     }
 }
 
-/// The faults of a run.
 #[derive(Clone, Debug)]
 pub struct Faults {
     episodes: Vec<Episode>,
     next: usize,
-    /// Episodes in force.
     pub active: Vec<Active>,
     /// Occasions on which a fault reached its stage, by kind.
     pub fired: [u64; KIND_COUNT],
 }
 
 impl Faults {
-    /// Creates the faults of a schedule, sorted by start.
     pub fn new(episodes: &[Episode]) -> Self {
         let mut episodes = episodes.to_vec();
         episodes.sort_by_key(|episode| (episode.start, episode.kind, episode.param));
@@ -74,7 +67,6 @@ impl Faults {
         changed
     }
 
-    /// Counts `count` firings of a kind.
     pub fn count(&mut self, kind: usize, count: u64) {
         self.fired[kind] += count;
     }

@@ -7,8 +7,7 @@ use crate::schedule::{self, Episode};
 use crate::shrink;
 use crate::subject::Subject;
 use messages::Mode;
-use rayon::ThreadPoolBuilder;
-use rayon::prelude::*;
+use report::in_parallel;
 use std::collections::BTreeMap;
 
 /// Number of failures whose schedules are shrunk. The others report the whole schedule.
@@ -25,16 +24,11 @@ const LEAST: u64 = SEEDS_LEAST * 11_000;
 /// Number of runs that together deal every kind at least once. Each run deals three kinds.
 const SEEDS_LEAST: u64 = 50;
 
-/// The runs of a campaign.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Plan {
-    /// The first seed.
     pub first_seed: u64,
-    /// Number of seeds.
     pub seeds: u64,
-    /// Ticks of each run.
     pub ticks: u64,
-    /// Number of threads.
     pub jobs: usize,
     /// Stop at the first seed that breaks a promise.
     pub until_found: bool,
@@ -42,14 +36,11 @@ pub struct Plan {
     pub kinds: Vec<usize>,
     /// The operator and the person are at another machine, see `remote.rs`.
     pub is_remote: bool,
-    /// A bug planted on purpose.
     pub bug: Option<Bug>,
 }
 
-/// A run that broke a promise.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Failure {
-    /// Its seed.
     pub seed: u64,
     /// The first promise that the run broke.
     pub violation: Violation,
@@ -63,31 +54,29 @@ pub struct Failure {
     pub episodes: usize,
 }
 
-/// Results of all runs.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Summary {
-    /// Number of runs.
     pub seeds: u64,
-    /// Ticks of all runs.
     pub ticks: u64,
-    /// Runs that broke a promise.
     pub failures: Vec<Failure>,
-    /// Firings by kind.
     pub fired: [u64; KIND_COUNT],
     /// Allowed kinds that fired less often than `demanded`.
     pub missing: Vec<usize>,
     /// Firings that every allowed kind must reach.
     pub demanded: u64,
-    /// Ticks of control in each mode.
     pub ticks_in: [u64; Mode::ALL.len()],
-    /// Episodes of all schedules.
     pub episodes: u64,
-    /// Mode transitions.
     pub transitions: u64,
     /// Longest time from the end of the faults until the robot follows again, ticks.
     pub back_after_max: u64,
-    /// Hash over the hashes of all runs.
     pub hash: u64,
+}
+
+impl Failure {
+    fn unshrunk(seed: u64, violation: &Violation, schedule: &[Episode]) -> Self {
+        let (violation, smallest) = (violation.clone(), violation.clone());
+        Self { seed, violation, schedule: schedule.to_vec(), shrunk: false, smallest, episodes: schedule.len() }
+    }
 }
 
 impl Summary {
@@ -103,7 +92,6 @@ impl Summary {
         out
     }
 
-    /// Returns true if no promise was broken and every kind fired often enough.
     pub fn holds(&self) -> bool {
         self.failures.is_empty() && self.missing.is_empty()
     }
@@ -128,7 +116,6 @@ pub fn single(engaged: &Run<'_>, subject: &Subject, seed: u64, plan: &Plan, epis
     run.run(episodes, plan.ticks, plan.bug)
 }
 
-/// The schedule that a seed draws.
 pub fn drawn(seed: u64, plan: &Plan) -> Vec<Episode> {
     schedule::draw(seed, plan.ticks, &plan.kinds, &schedule::dealt(seed, &plan.kinds))
 }
@@ -137,19 +124,18 @@ pub fn drawn(seed: u64, plan: &Plan) -> Vec<Episode> {
 /// threads. Calls `done` after every run.
 pub fn run(subject: &Subject, plan: &Plan, done: impl Fn() + Sync) -> Result<Summary, String> {
     let engaged = subject.engaged(plan.is_remote)?;
-    let pool = ThreadPoolBuilder::new().num_threads(plan.jobs).build().map_err(|error| error.to_string())?;
     let last = plan.first_seed.checked_add(plan.seeds).ok_or("the last seed is too large")?;
-    let one = |seed| {
-        let episodes = drawn(seed, plan);
-        let outcome = single(&engaged, subject, seed, plan, &episodes);
-        done();
-        (seed, episodes.len(), outcome)
-    };
     let at_once = if plan.until_found { plan.jobs } else { plan.seeds.max(1) as usize };
     let mut outcomes: Vec<(u64, usize, Outcome)> = vec![];
     for from in (plan.first_seed..last).step_by(at_once) {
-        let seeds: Vec<u64> = (from..last).take(at_once).collect();
-        outcomes.extend(pool.install(|| seeds.into_par_iter().with_max_len(1).map(one).collect::<Vec<_>>()));
+        let count = at_once.min((last - from) as usize);
+        outcomes.extend(in_parallel(plan.jobs, count, |n| {
+            let seed = from + n as u64;
+            let episodes = drawn(seed, plan);
+            let outcome = single(&engaged, subject, seed, plan, &episodes);
+            done();
+            (seed, episodes.len(), outcome)
+        }));
         if plan.until_found
             && let Some(found) = outcomes.iter().position(|(.., outcome)| outcome.violation.is_some())
         {
@@ -157,43 +143,20 @@ pub fn run(subject: &Subject, plan: &Plan, done: impl Fn() + Sync) -> Result<Sum
             break;
         }
     }
-    let failed: Vec<_> = outcomes.iter().filter(|(_, _, outcome)| outcome.violation.is_some()).collect();
-    let failures = pool.install(|| {
-        failed
-            .par_iter()
-            .with_max_len(1)
-            .enumerate()
-            .filter_map(|(n, (seed, _, outcome))| {
-                let violation = outcome.violation.clone()?;
-                let episodes = drawn(*seed, plan);
-                let shrunk = n < SHRUNK_MAX && !plan.until_found;
-                let (schedule, smallest) = if shrunk {
-                    let fails = |some: &[Episode]| single(&engaged, subject, *seed, plan, some).violation;
-                    shrink::smallest(&episodes, &violation, fails)
-                } else {
-                    (episodes.clone(), violation.clone())
-                };
-                Some(Failure { seed: *seed, violation, schedule, shrunk, smallest, episodes: episodes.len() })
-            })
-            .collect()
+    let failed = outcomes.iter().filter_map(|(seed, _, outcome)| Some((*seed, outcome.violation.as_ref()?)));
+    let failed: Vec<_> = failed.collect();
+    let failures = in_parallel(plan.jobs, failed.len(), |n| {
+        let (seed, violation) = failed[n];
+        let episodes = drawn(seed, plan);
+        let failure = Failure::unshrunk(seed, violation, &episodes);
+        if n >= SHRUNK_MAX || plan.until_found {
+            return failure;
+        }
+        let fails = |some: &[Episode]| single(&engaged, subject, seed, plan, some).violation;
+        let (schedule, smallest) = shrink::smallest(&episodes, violation, fails);
+        Failure { schedule, shrunk: true, smallest, ..failure }
     });
     Ok(summed(plan, &outcomes, failures))
-}
-
-/// Returns the result of one run as a campaign of that run alone.
-pub fn alone(plan: &Plan, seed: u64, episodes: &[Episode], outcome: Outcome) -> (Plan, Summary) {
-    let plan = Plan { first_seed: seed, seeds: 1, jobs: 1, ..plan.clone() };
-    let failure = |violation: Violation| Failure {
-        seed,
-        smallest: violation.clone(),
-        violation,
-        schedule: episodes.to_vec(),
-        shrunk: false,
-        episodes: episodes.len(),
-    };
-    let failures = outcome.violation.clone().map(failure).into_iter().collect();
-    let summary = summed(&plan, &[(seed, episodes.len(), outcome)], failures);
-    (plan, summary)
 }
 
 fn summed(plan: &Plan, outcomes: &[(u64, usize, Outcome)], failures: Vec<Failure>) -> Summary {

@@ -36,9 +36,6 @@ pub struct Cli {
     /// Stop at the first seed that breaks a promise, and print its schedule as it was drawn.
     #[arg(long, conflicts_with = "replay")]
     pub until_found: bool,
-    /// Write the figures to this file as JSON. With --replay: those of the one run.
-    #[arg(long, value_name = "FILE")]
-    pub json: Option<PathBuf>,
     /// Use only faults with these names or identities.
     #[arg(long, value_name = "ID", num_args = 1..)]
     pub fault: Vec<String>,
@@ -65,9 +62,6 @@ pub struct Cli {
 
 impl Cli {
     /// Returns the runs to do.
-    ///
-    /// # Errors
-    /// Returns an error that names the option, its value and the bounds.
     pub fn plan(&self) -> Result<Plan, Failure> {
         check_bounds("--seeds", self.seeds, [1, 1_000_000_000])?;
         check_bounds("--ticks", self.ticks, [TICKS_MIN, TICKS_MAX])?;
@@ -85,17 +79,8 @@ impl Cli {
         if self.fault.is_empty() {
             kinds = (0..KIND_COUNT).collect();
         }
-        let (first_seed, seeds, ticks, jobs) = (self.first_seed, self.seeds, self.ticks, self.jobs);
-        Ok(Plan {
-            first_seed,
-            seeds,
-            ticks,
-            jobs,
-            until_found: self.until_found,
-            kinds,
-            is_remote: self.link,
-            bug: None,
-        })
+        let &Self { first_seed, seeds, ticks, jobs, until_found, link: is_remote, .. } = self;
+        Ok(Plan { first_seed, seeds, ticks, jobs, until_found, kinds, is_remote, bug: None })
     }
 
     /// Lists all faults.

@@ -21,7 +21,6 @@ const STRANGER: u64 = 0x5712_a26e;
 /// Number of past frames that are kept.
 const PAST: usize = 12;
 
-/// State of the client.
 #[derive(Clone)]
 pub struct Client {
     player: Player,
@@ -48,7 +47,6 @@ fn closure(n: u64) -> Option<f32> {
 }
 
 impl Client {
-    /// Plays `player`.
     pub fn new(player: Player) -> Self {
         Self {
             player,
@@ -64,7 +62,6 @@ impl Client {
         }
     }
 
-    /// Starts a new session.
     fn restart(&mut self, k: u64) {
         self.session += 1;
         (self.sequence, self.sequence_offset, self.heard) = (0, 0, k);
@@ -81,7 +78,6 @@ impl Client {
         }
     }
 
-    /// Restarts the time count at zero.
     pub fn rebase(&mut self) {
         self.heard = 0;
     }

@@ -32,12 +32,11 @@ const FALLS: f64 = 3.0;
 #[derive(Clone, Copy, Default)]
 struct Still {
     measured: f64,
-    told: f64,
+    reported: f64,
     truth: f64,
     k: u64,
 }
 
-/// State of the judge.
 #[derive(Clone, Default)]
 pub struct Feedback {
     away: [[u64; 2]; JOINTS_MAX],
@@ -57,7 +56,6 @@ fn index(state: &RobotState) -> u64 {
 }
 
 impl Feedback {
-    /// Judges a tick.
     pub fn check(&mut self, seen: &Seen<'_>, mode: Mode) -> Result<(), Broken> {
         if seen.driver_restarted {
             (self.good, self.jumped, self.sagged) = (None, 0, 0);
@@ -129,10 +127,10 @@ impl Feedback {
             return Ok(());
         };
         let status = seen.moment.control.as_ref().map(|control| Faults(control.status.faults | control.status.latched));
-        let told = status.is_some_and(|faults| faults.has(Fault::FeedbackInvalid));
+        let is_reported = status.is_some_and(|faults| faults.has(Fault::FeedbackInvalid));
         let dt = k.saturating_sub(good_k).max(1) as f64 * TICK_S;
         let off = |j: usize| (q[j] - good[j]).abs() > 3.0 * seen.robot.limits[j].v_max * dt + JUMP;
-        let Some(j) = (0..seen.robot.count).find(|&j| off(j)).filter(|_| !told) else {
+        let Some(j) = (0..seen.robot.count).find(|&j| off(j)).filter(|_| !is_reported) else {
             (self.good, self.jumped) = (Some((q, k)), 0);
             return Ok(());
         };
@@ -147,9 +145,9 @@ impl Feedback {
     fn stands(&mut self, seen: &Seen<'_>, state: &RobotState, mode: Mode) -> Result<(), Broken> {
         let k = index(state);
         for j in 0..seen.robot.count {
-            let now = Still { measured: state.q_measured[j], told: state.q[j], truth: seen.truth[j], k };
+            let now = Still { measured: state.q_measured[j], reported: state.q[j], truth: seen.truth[j], k };
             let then = self.still[j];
-            let went = (now.told - then.told).abs().min((now.truth - then.truth).abs());
+            let went = (now.reported - then.reported).abs().min((now.truth - then.truth).abs());
             if then.measured != now.measured || !moves(mode) || k < then.k {
                 self.still[j] = now;
             } else if k - then.k > STILL && went > seen.scale(j) * WENT {

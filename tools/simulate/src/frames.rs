@@ -68,7 +68,6 @@ pub fn alter(frame: Frame, active: &mut Active, raw: &mut RawSkeleton, last: Opt
     true
 }
 
-/// Alters the body as a whole.
 fn reshape(frame: Frame, active: &mut Active, raw: &mut RawSkeleton) {
     match frame {
         Frame::LimbLength => {
@@ -115,7 +114,6 @@ fn joint(active: &mut Active) -> usize {
     active.rng.random_range(0..SMPL_JOINTS)
 }
 
-/// Writes `value` into one field.
 fn number(active: &mut Active, raw: &mut RawSkeleton, value: f32) {
     let (joint, axis) = (joint(active), active.rng.random_range(0..3));
     match active.rng.random_range(0..5) {

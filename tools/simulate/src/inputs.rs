@@ -29,7 +29,6 @@ const ENDS: [[usize; 2]; LIMBS] = [
     [Smpl::RightElbow as usize, Smpl::RightWrist as usize],
 ];
 
-/// Record of a frame that was sent.
 #[derive(Clone, Copy)]
 struct Sent {
     session: u64,
@@ -62,12 +61,10 @@ impl Sent {
     }
 }
 
-/// Bits of the positions of elbows and wrists.
 fn pose(positions: &[[f32; 3]]) -> [[u32; 3]; LIMBS] {
     ENDS.map(|[_, joint]| positions[joint].map(f32::to_bits))
 }
 
-/// State of the judge.
 #[derive(Clone, Default)]
 pub struct Inputs {
     sent: Vec<Sent>,
@@ -84,7 +81,6 @@ pub struct Inputs {
 }
 
 impl Inputs {
-    /// Judges a tick.
     pub fn check(&mut self, seen: &Seen<'_>, mode: Mode) -> Result<(), Broken> {
         for raw in seen.sent {
             let sent = Sent::new(raw);

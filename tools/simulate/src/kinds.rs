@@ -1,6 +1,5 @@
 //! Every kind of fault that a schedule can hold, and the identities of the hazards that each one stands for.
 
-/// Faults of the content of a client's frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Frame {
     /// NaN in a position, rotation or confidence.
@@ -11,7 +10,6 @@ pub enum Frame {
     Denormal,
     /// The largest finite number in one of these fields.
     Huge,
-    /// A rotation that is not a unit quaternion.
     NotUnit,
     /// A rotation with its sign flipped: the same rotation.
     SignFlip,
@@ -21,23 +19,16 @@ pub enum Frame {
     LimbCreep,
     /// An arm that is suddenly elsewhere.
     Teleport,
-    /// The person walks away.
     WalkAway,
-    /// The arms change sides.
     SidesSwapped,
     /// A mirror image, flagged as such or not.
     Mirrored,
-    /// Another unit of length.
     Unit,
-    /// Other axes.
     Axes,
-    /// Confidence below the threshold of use.
     LowConfidence,
     /// The same payload with fresh stamps.
     Frozen,
-    /// Joints are not seen.
     JointsMissing,
-    /// Another operator.
     OperatorChange,
     /// Ten times the noise of a tracker.
     Noise,
@@ -45,14 +36,11 @@ pub enum Frame {
     Layout,
     /// One half of this frame, one half of the last.
     Torn,
-    /// Bits of the payload flipped.
     BitFlips,
 }
 
-/// Faults of the delivery of a client's frames.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Delivery {
-    /// No frames arrive.
     Loss,
     /// 10 kHz by the lease holder.
     Flood,
@@ -62,7 +50,6 @@ pub enum Delivery {
     Starve,
     /// All frames of 200 ms at once.
     Burst,
-    /// A stamp that runs backwards.
     StampBack,
     /// A stamp in the future.
     StampFuture,
@@ -70,89 +57,57 @@ pub enum Delivery {
     StampDouble,
     /// A clock that runs 500 ppm fast or slow.
     Drift,
-    /// A clock that steps.
     ClockStep,
-    /// The sequence wraps around.
     SequenceWrap,
     /// Frames of the past, as they were.
     Replayed,
-    /// Frames of a past session.
     OldSession,
-    /// Another client publishes too.
     Stranger,
     /// The holder pauses for longer than the lease timeout, and another client comes.
     HolderPauses,
-    /// The client restarts.
     Reconnect,
 }
 
-/// Faults of the content that a stage publishes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Content {
-    /// Retargeting gives NaN.
     TargetNan,
-    /// Retargeting gives an infinity.
     TargetInfinite,
-    /// Targets jump.
     TargetJump,
-    /// No target for some ticks.
     TargetLate,
-    /// Targets beyond the limits.
     TargetBeyond,
     /// Targets that require more speed than the robot has.
     TargetFast,
     /// Random postures, colliding ones among them.
     TargetPosture,
-    /// The torso is sent up and down.
     TargetTorso,
-    /// Random bits in a target.
     TargetBits,
     /// Well-formed but false skeletons from `ingest`.
     SkeletonLies,
-    /// The robot's state is not sent.
     StateSilent,
-    /// Measurements that are NaN or infinite.
     StateNan,
-    /// Two joints of the measurement swap places.
     StateSwapped,
-    /// Commands of the past are sent again.
     CommandOld,
-    /// Bits of skeletons flipped.
     SkeletonBits,
-    /// Bits of targets flipped.
     TargetFlips,
-    /// Skeletons repeat.
     SkeletonFrozen,
-    /// Targets repeat.
     TargetFrozen,
-    /// Commands repeat.
     CommandFrozen,
-    /// States repeat.
     StateFrozen,
 }
 
-/// A process.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(usize)]
 pub enum ProcessId {
-    /// `ingest`.
     Ingest = 0,
-    /// `retarget`.
     Retarget = 1,
-    /// `control`.
     Control = 2,
-    /// The driver.
     Driver = 3,
 }
 
-/// Faults of processes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Process {
-    /// The process dies and is restarted.
     Kill(ProcessId),
-    /// The process is suspended and resumes.
     Stop(ProcessId),
-    /// All processes are suspended and resume.
     PauseAll,
     /// `control` misses 1 to 3 deadlines now and then.
     ControlLate,
@@ -165,40 +120,27 @@ pub enum Process {
 /// Faults of a link. [`world::Links`] defines the order of the links.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LinkFault {
-    /// Messages are lost.
     Drop,
-    /// Messages are late.
     Delay,
-    /// Messages arrive twice.
     Double,
-    /// Messages overtake each other.
     Reorder,
 }
 
-/// Faults of the robot.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Robot {
-    /// An encoder jumps.
     EncoderJump,
     /// An encoder is wrong for one sample.
     EncoderSpike,
-    /// Measurements freeze.
     Frozen,
-    /// The measurement of a joint is NaN.
     Nan,
     /// The measurement of a joint has the wrong sign.
     Inverted,
-    /// The measurements of two joints are swapped.
     Swapped,
-    /// A joint does not follow its setpoint.
     NotFollowed,
     /// A joint moves in the wrong direction.
     SignInverted,
-    /// A joint oscillates about its setpoint.
     Swing,
-    /// Setpoints are rejected.
     Rejected,
-    /// A drive reports a fault.
     DriveFault,
     /// The robot's own emergency stop is pressed and released.
     Stopped,
@@ -206,58 +148,40 @@ pub enum Robot {
     PowerReturns,
 }
 
-/// Faults of the operator or the operator's device.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum OperatorFault {
-    /// The operator releases the hold.
     Release,
     /// The device falls silent with the enable held.
     Silent,
-    /// The device disconnects.
     Disconnect,
-    /// The operator presses the emergency stop during motion.
     Stop,
-    /// The operator presses the emergency stop while engaging.
     StopEngaging,
-    /// The emergency stop button chatters.
     StopChatter,
     /// The operator releases, waits while the person moves on, and engages at another posture.
     Elsewhere,
     /// The enable is already held when `control` starts.
     Stuck,
-    /// All inputs at once.
     Conflict,
-    /// The reset is held for the whole episode.
     ResetHeld,
 }
 
-/// A fault of any stage.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Fault {
-    /// See [`Frame`].
     Frame(Frame),
-    /// See [`Delivery`].
     Delivery(Delivery),
-    /// See [`Content`].
     Content(Content),
-    /// See [`Process`].
     Process(Process),
     /// A fault of the link with this index.
     Link(usize, LinkFault),
-    /// See [`Robot`].
     Robot(Robot),
-    /// See [`OperatorFault`].
     Operator(OperatorFault),
 }
 
-/// A row of the table of faults.
 #[derive(Clone, Copy, Debug)]
 pub struct Kind {
-    /// Name in schedules.
     pub name: &'static str,
     /// Identities of the hazards that the kind stands for.
     pub ids: &'static [&'static str],
-    /// The fault.
     pub fault: Fault,
     /// Shortest and longest episode, ticks.
     pub ticks: (u32, u32),
@@ -265,7 +189,6 @@ pub struct Kind {
 
 macro_rules! kinds {
     ($($name:literal [$($id:literal)*] $fault:expr, $low:literal..$high:literal;)*) => {
-        /// The table of faults.
         pub const KINDS: [Kind; [$($name),*].len()] = [$(Kind {
             name: $name,
             ids: &[$($id),*],
@@ -396,15 +319,12 @@ kinds! {
     "corrupt-target" [] Of(C::TargetFlips), 2..300;
 }
 
-/// Number of kinds.
 pub const KIND_COUNT: usize = KINDS.len();
 
-/// The kinds with this name or identity.
 pub fn named(text: &str) -> Vec<usize> {
     (0..KIND_COUNT).filter(|&kind| KINDS[kind].name == text || KINDS[kind].ids.contains(&text)).collect()
 }
 
-/// The index of the kind with this name.
 pub fn by_name(name: &str) -> Option<usize> {
     KINDS.iter().position(|kind| kind.name == name)
 }

@@ -5,6 +5,8 @@
 //! function of its own parameter. So an episode can be left out without changing the others, and a failing
 //! schedule can be shrunk.
 
+#![allow(missing_docs, reason = "only the program and its tests use the library")]
+
 pub mod active;
 pub mod campaign;
 pub mod cli;

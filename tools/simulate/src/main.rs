@@ -1,6 +1,6 @@
 //! The command line program of the library.
 
-use ::report::{JsonOutput, Progress};
+use ::report::{Progress, print};
 use clap::Parser;
 use rt::{Exit, Failure};
 use simulate::campaign::{self, Plan};
@@ -16,7 +16,7 @@ fn main() -> ExitCode {
     // The daemon does the same, before any other thread starts.
     let _ = rt::flush_denormals();
     if cli.list {
-        print!("{}", Cli::listing());
+        print(&Cli::listing());
         return ExitCode::SUCCESS;
     }
     rt::finish("simulate", begin(&cli))
@@ -24,26 +24,23 @@ fn main() -> ExitCode {
 
 fn begin(cli: &Cli) -> Result<bool, Failure> {
     let plan = cli.plan()?;
-    let json = JsonOutput::open(cli.json.as_deref())?;
     let subject = Subject::load(&cli.config, cli.robot.as_ref()).map_err(Failure::with(Exit::Config))?;
     match cli.replay {
-        Some(seed) => replay(cli, &plan, &subject, seed, json),
-        None => campaign(cli, &plan, &subject, json),
+        Some(seed) => replay(cli, &plan, &subject, seed),
+        None => campaign(cli, &plan, &subject),
     }
 }
 
-fn campaign(cli: &Cli, plan: &Plan, subject: &Subject, json: JsonOutput) -> Result<bool, Failure> {
+fn campaign(cli: &Cli, plan: &Plan, subject: &Subject) -> Result<bool, Failure> {
     let progress = Progress::new("simulate", plan.seeds, "runs");
     let start = Instant::now();
     let sum = campaign::run(subject, plan, || progress.add(1)).map_err(Failure::with(Exit::Software))?;
     drop(progress);
-    let wall_s = start.elapsed().as_secs_f64();
-    let figures = report::json(plan, &sum, subject.hash, wall_s);
-    json.write(&report::text(plan, &sum, &cli.config, wall_s), &figures)?;
+    print(&report::text(plan, &sum, &cli.config, start.elapsed().as_secs_f64()));
     Ok(sum.holds())
 }
 
-fn replay(cli: &Cli, plan: &Plan, subject: &Subject, seed: u64, json: JsonOutput) -> Result<bool, Failure> {
+fn replay(cli: &Cli, plan: &Plan, subject: &Subject, seed: u64) -> Result<bool, Failure> {
     let episodes = match &cli.faults {
         Some(text) => {
             schedule::from_text(text).map_err(|cause| Failure::new(Exit::Usage, format!("--faults: {cause}")))?
@@ -51,11 +48,8 @@ fn replay(cli: &Cli, plan: &Plan, subject: &Subject, seed: u64, json: JsonOutput
         None => campaign::drawn(seed, plan),
     };
     println!("{}", schedule::to_text(&episodes));
-    let start = Instant::now();
     let engaged = subject.engaged(plan.is_remote).map_err(Failure::with(Exit::Software))?;
     let outcome = campaign::single(&engaged, subject, seed, plan, &episodes);
-    let (text, holds) = (report::replay_text(seed, &outcome), outcome.violation.is_none());
-    let (plan, sum) = campaign::alone(plan, seed, &episodes, outcome);
-    json.write(&text, &report::json(&plan, &sum, subject.hash, start.elapsed().as_secs_f64()))?;
-    Ok(holds)
+    print(&report::replay_text(seed, &outcome));
+    Ok(outcome.violation.is_none())
 }

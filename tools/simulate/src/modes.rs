@@ -24,8 +24,7 @@ struct Upstream {
     driver: Option<u32>,
 }
 
-/// State of the judge.
-#[derive(Clone)]
+#[derive(Clone, Default)]
 pub struct Modes {
     mode: Mode,
     transitions: u32,
@@ -50,12 +49,10 @@ pub struct Modes {
     since_person: Option<u64>,
 }
 
-/// Returns true if a mode permits motion.
 pub fn moves(mode: Mode) -> bool {
     follows(mode) || mode == Mode::Recovering
 }
 
-/// Returns true if a mode follows targets.
 pub fn follows(mode: Mode) -> bool {
     matches!(mode, Mode::Engaging | Mode::Engaged)
 }
@@ -64,34 +61,11 @@ pub fn follows(mode: Mode) -> bool {
 pub type Broken = (&'static str, String);
 
 impl Modes {
-    /// Creates a judge that has seen nothing.
-    pub(crate) fn new() -> Self {
-        Self {
-            mode: Mode::Disengaged,
-            transitions: 0,
-            behind: Upstream::default(),
-            stranger_k: None,
-            since_target: 0,
-            since_state: 0,
-            since_frame: 0,
-            released: 0,
-            armed: false,
-            reset_k: 0,
-            last_k: 0,
-            holder: None,
-            person: None,
-            recovered: false,
-            since_hold: (Faults::NONE, false),
-            since_person: None,
-        }
-    }
-
-    /// Judges a tick.
     pub fn check(&mut self, seen: &Seen<'_>) -> Result<(), Broken> {
         self.authority(seen)?;
         if seen.control_restarted {
             let Self { holder, person, last_k, .. } = *self;
-            *self = Self { stranger_k: Some(seen.k), holder, person, last_k, ..Self::new() };
+            *self = Self { stranger_k: Some(seen.k), holder, person, last_k, ..Self::default() };
         }
         if !seen.accepted.is_empty() {
             self.since_frame = 0;
@@ -107,7 +81,7 @@ impl Modes {
                 format!("of retarget or the driver: {restarted}, but the status says the opposite"),
             ));
         }
-        self.note(seen, &operator);
+        self.observe(seen, &operator);
         self.transition(seen, &operator, mode)?;
         self.stops(seen, &operator, mode)?;
         if follows(mode) && self.stranger_k.is_some() {
@@ -180,7 +154,7 @@ impl Modes {
     }
 
     /// Counts ages in ticks in which control ran.
-    fn note(&mut self, seen: &Seen<'_>, operator: &OperatorView) {
+    fn observe(&mut self, seen: &Seen<'_>, operator: &OperatorView) {
         self.since_frame += 1;
         self.since_target = if seen.moment.target_seen.is_some() { 0 } else { self.since_target + 1 };
         self.since_state = if seen.moment.state_seen.is_some() { 0 } else { self.since_state + 1 };
@@ -202,8 +176,8 @@ impl Modes {
         let count = control.status.transition_count;
         let Some(made) = control.transition else {
             let silent = mode == self.mode && count == self.transitions;
-            let told = || format!("{} to {} without a transition", self.mode.name(), mode.name());
-            return if silent { Ok(()) } else { Err(("logged reason", told())) };
+            let text = || format!("{} to {} without a transition", self.mode.name(), mode.name());
+            return if silent { Ok(()) } else { Err(("logged reason", text())) };
         };
         let logged = made.from == self.mode as u32 && made.to == mode as u32 && count == self.transitions + 1;
         self.transitions = count;

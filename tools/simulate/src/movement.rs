@@ -40,7 +40,6 @@ const STAND_AGAIN_TICKS: usize = TICK_HZ as usize - 2 * LATE as usize;
 /// The largest speed of a command at rest, rad/s or m/s.
 const COMMAND_REST: f64 = 1e-7;
 
-/// State of the judge.
 #[derive(Clone, Default)]
 pub struct Movement {
     /// True positions of the joints, newest last.
@@ -64,9 +63,8 @@ pub struct Movement {
 }
 
 impl Movement {
-    /// Judges a tick.
     pub fn check(&mut self, seen: &Seen<'_>, mode: Mode) -> Result<(), Broken> {
-        self.note(seen);
+        self.observe(seen);
         self.begins(seen)?;
         let seamless = self.known > 0 && self.honest > 0;
         let sent = seen.moment.robot.as_ref().filter(|_| seamless && seen.moment.state_seen.is_some());
@@ -83,7 +81,7 @@ impl Movement {
         self.standstill(seen, mode)
     }
 
-    fn note(&mut self, seen: &Seen<'_>) {
+    fn observe(&mut self, seen: &Seen<'_>) {
         if self.truths.len() > STAND_AGAIN_TICKS {
             self.truths.pop_front();
         }

@@ -22,20 +22,20 @@ const HOLD: u64 = TICK_HZ * 4 / 5;
 /// Age at which the operator server revokes the enable of a silent client, ticks: `operator::LEASE_NS`.
 const LEASE: u64 = operator::LEASE_NS * TICK_HZ / 1_000_000_000;
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum Act {
+    #[default]
     Idle,
     Enabling,
     Recovering,
 }
 
-/// State of the operator.
-#[derive(Clone)]
+#[derive(Clone, Default)]
 pub struct OperatorModel {
     view: operator::OperatorCounts,
     edges: OperatorEdges,
     /// The view that control received last.
-    told: operator::OperatorCounts,
+    counted: operator::OperatorCounts,
     act: Act,
     since: u64,
     /// Ticks since the last heartbeat got through.
@@ -47,16 +47,8 @@ pub struct OperatorModel {
 impl OperatorModel {
     /// Creates an operator who has just connected.
     pub(crate) fn new() -> Self {
-        Self {
-            view: operator::OperatorCounts { connections: 1, ..Default::default() },
-            edges: OperatorEdges::default(),
-            told: operator::OperatorCounts::default(),
-            act: Act::Idle,
-            since: 0,
-            silent: 0,
-            mode: Mode::Disengaged,
-            reasons: Reasons::NONE,
-        }
+        let view = operator::OperatorCounts { connections: 1, ..Default::default() };
+        Self { view, ..Self::default() }
     }
 
     /// `control` restarted: the operator connects again.
@@ -64,7 +56,6 @@ impl OperatorModel {
         *self = Self::new();
     }
 
-    /// The operator reads the status.
     pub fn read(&mut self, k: u64, status: &Status) {
         if k.is_multiple_of(LOOK) {
             self.mode = Mode::from_u32(status.mode).unwrap_or(Mode::Faulted);
@@ -72,7 +63,6 @@ impl OperatorModel {
         }
     }
 
-    /// Returns true if neither enable nor recover is held.
     pub fn has_let_go(&self) -> bool {
         !self.view.held.enable_level && !self.view.held.recover_level
     }
@@ -81,9 +71,12 @@ impl OperatorModel {
         if !self.has_let_go() {
             self.view.release_edges += 1;
         }
-        (self.view.held.enable_level, self.view.held.recover_level, self.view.held.clutch_level) =
-            (false, false, false);
-        self.view.held.left_out = [false; 2];
+        self.hold_nothing();
+    }
+
+    fn hold_nothing(&mut self) {
+        let held = &mut self.view.held;
+        (held.enable_level, held.recover_level, held.clutch_level, held.left_out) = (false, false, false, [false; 2]);
         (self.act, self.since) = (Act::Idle, 0);
     }
 
@@ -167,8 +160,8 @@ impl OperatorModel {
         let arrived = remote.map_or(self.view, |remote| remote.view(k, now, speaks, &self.view));
         runs.then(|| {
             self.edges.add(&arrived);
-            let (view, before, is) = (self.edges.drain(), self.told, arrived);
-            self.told = is;
+            let (view, before, is) = (self.edges.drain(), self.counted, arrived);
+            self.counted = is;
             let done = OperatorView {
                 connected: view.connected,
                 enable_edge: is.enable_edges != before.enable_edges,
@@ -255,10 +248,7 @@ impl OperatorModel {
         if !self.has_let_go() {
             self.view.holders_lost += 1;
         }
-        (self.view.held.enable_level, self.view.held.recover_level, self.view.held.clutch_level) =
-            (false, false, false);
-        self.view.held.left_out = [false; 2];
-        (self.act, self.since) = (Act::Idle, 0);
+        self.hold_nothing();
     }
 }
 

@@ -13,7 +13,7 @@ use crate::movement::Movement;
 use crate::person_judge::PersonJudge;
 use crate::rules::Rules;
 use crate::true_motion::TrueMotion;
-use checker::{Report, ViolationKind};
+use checker::Report;
 use messages::{JOINTS_MAX, Mode, RawSkeleton, RobotState, Skeleton, TICK_HZ, TICK_S};
 use robot::{JointLimits, Model};
 use safety::engage::OperatorView;
@@ -38,50 +38,39 @@ const SLIDES: f64 = 0.2;
 /// Largest speed of a robot at rest, rad/s or m/s. A plan may leave that much.
 pub const RESTING: f64 = 1e-6;
 
-/// A broken promise.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Violation {
-    /// Tick of the run.
     pub tick: u64,
-    /// The promise.
     pub invariant: &'static str,
-    /// The evidence.
     pub detail: String,
 }
 
 /// The person that a frame shows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Person {
-    /// The client's session.
     pub session: u64,
     /// Number of the person, as `ingest` counts them.
     pub operator: u32,
 }
 
 impl Person {
-    /// Returns the person of a frame that `ingest` passed on.
     pub fn new(skeleton: &Skeleton) -> Self {
         Self { session: skeleton.session_nonce, operator: skeleton.operator_id }
     }
 }
 
-/// The view that the oracle has of a tick.
 pub struct Seen<'a> {
     /// Tick of the run.
     pub tick: u64,
     /// Index of the tick on the grid.
     pub k: u64,
-    /// The messages of the tick.
     pub moment: &'a Moment,
     /// The view of the operator that control received, if it ran.
     pub operator: Option<OperatorView>,
     /// Persons of the frames that `ingest` passed on, in order.
     pub accepted: &'a [Person],
-    /// True if control restarted before this tick.
     pub control_restarted: bool,
-    /// True if `ingest` restarted before this tick.
     pub ingest_restarted: bool,
-    /// True if the driver restarted before this tick.
     pub driver_restarted: bool,
     /// True if the drives do not follow, or did not a moment ago. The driver then holds the measured posture.
     pub undriven: bool,
@@ -94,11 +83,8 @@ pub struct Seen<'a> {
     /// True if a fault of the robot is in force, or was a moment ago. Its joints then move as the fault
     /// dictates.
     pub robot_faulty: bool,
-    /// Commands that the driver refused since it started, by reason.
     pub refused: [u64; driver::Refusal::COUNT],
-    /// True positions of the joints.
     pub truth: [f64; JOINTS_MAX],
-    /// Frames that clients sent in this tick.
     pub sent: &'a [RawSkeleton],
     /// Frames that `ingest` passed on, except the last.
     pub drained: &'a [Skeleton],
@@ -110,7 +96,6 @@ pub struct Seen<'a> {
     pub quiet: bool,
     /// True if no fault was ever in force.
     pub calm: bool,
-    /// The robot.
     pub robot: &'a Model,
     /// Time by which its servos lag behind their setpoints, s.
     pub servo_lag_s: f64,
@@ -123,7 +108,6 @@ impl Seen<'_> {
     }
 }
 
-/// State of the oracle.
 #[derive(Clone)]
 pub struct Oracle {
     limits: [JointLimits; JOINTS_MAX],
@@ -150,12 +134,10 @@ pub struct Oracle {
     likeness: PersonJudge,
     /// Hash over everything that was executed.
     pub hash: u64,
-    /// Ticks in each mode.
     pub ticks_in: [u64; Mode::ALL.len()],
 }
 
 impl Oracle {
-    /// Creates the oracle for a robot, at index `k`.
     pub fn new(robot: &Model, k: u64) -> Self {
         let limits = &robot.limits;
         Self {
@@ -171,7 +153,7 @@ impl Oracle {
             was: Mode::Disengaged,
             moving_k: k,
             rest: None,
-            modes: Modes::new(),
+            modes: Modes::default(),
             inputs: Inputs::default(),
             rules: Rules::default(),
             feedback: Feedback::default(),
@@ -182,7 +164,6 @@ impl Oracle {
         }
     }
 
-    /// Judges a tick.
     pub fn check(&mut self, seen: &Seen<'_>) -> Result<(), Violation> {
         self.modes.check(seen).map_err(|(invariant, detail)| Violation { tick: seen.tick, invariant, detail })?;
         if let Some(control) = &seen.moment.control {
@@ -204,7 +185,6 @@ impl Oracle {
             .map_err(|(invariant, detail)| Violation { tick: seen.tick, invariant, detail })
     }
 
-    /// The last mode of control.
     pub fn mode(&self) -> Mode {
         self.was
     }
@@ -365,15 +345,9 @@ impl Oracle {
         }
         self.checked = total;
         let Some(first) = report.first_violation() else { return Ok(()) };
-        let name = match first.kind {
-            ViolationKind::Clearance => "clearance",
-            ViolationKind::Position => "executed position",
-            ViolationKind::Velocity => "executed velocity",
-            ViolationKind::Acceleration => "executed acceleration",
-            ViolationKind::Jerk => "executed jerk",
-            ViolationKind::HandSpeed => "executed hand speed",
-            ViolationKind::Torque => "executed torque",
-        };
-        Err((name, format!("index {}, which {}: {} beyond {}", first.k, first.which, first.value, first.limit)))
+        Err((
+            first.kind.name(),
+            format!("executed at index {}, which {}: {} beyond {}", first.k, first.which, first.value, first.limit),
+        ))
     }
 }

@@ -18,7 +18,6 @@ const ANGLE: f64 = 0.3;
 /// gives way to the robot's own body.
 const BEHIND: f64 = 0.4;
 
-/// State of the judge.
 #[derive(Clone, Default)]
 pub struct PersonJudge {
     following: u64,
@@ -29,7 +28,6 @@ pub struct PersonJudge {
 }
 
 impl PersonJudge {
-    /// Judges a tick.
     pub fn check(&mut self, seen: &Seen<'_>, mode: Mode) -> Result<(), Broken> {
         if let Some(raw) = seen.sent.last() {
             self.person = bones(&|joint: Smpl| Vector3::from(raw.positions[joint as usize].map(f64::from)));

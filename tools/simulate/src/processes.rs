@@ -5,7 +5,6 @@ use driver::{Measured, Standstill};
 use messages::JOINTS_MAX;
 use world::Running;
 
-/// State of one process.
 #[derive(Clone, Copy, Debug, Default)]
 struct One {
     /// The first tick in which it runs again.
@@ -16,7 +15,6 @@ struct One {
     awaited: u64,
 }
 
-/// The four processes.
 #[derive(Clone, Debug, Default)]
 pub struct Processes {
     all: [One; 4],
@@ -30,13 +28,11 @@ pub struct Processes {
 pub type Started = [bool; 4];
 
 impl Processes {
-    /// Suspends a process for `ticks` ticks from `k` on.
     pub fn stop(&mut self, who: ProcessId, k: u64, ticks: u64) {
         let one = &mut self.all[who as usize];
         one.down_until = one.down_until.max(k + ticks);
     }
 
-    /// Kills a process. It restarts after `ticks` ticks.
     pub fn kill(&mut self, who: ProcessId, k: u64, ticks: u64) {
         self.stop(who, k, ticks);
         self.all[who as usize].dead = true;

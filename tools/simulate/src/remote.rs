@@ -45,7 +45,6 @@ struct Packet {
     origin: Stamp,
 }
 
-/// The link and both of its ends.
 #[derive(Clone)]
 pub struct Remote {
     operator: OperatorEnd,
@@ -74,7 +73,6 @@ pub struct Remote {
     changes: u64,
     are_bad: bool,
     rng: Pcg64Mcg,
-    /// The first broken promise.
     pub(crate) broken: Option<(&'static str, String)>,
 }
 

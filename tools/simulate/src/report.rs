@@ -1,4 +1,4 @@
-//! Formats the figures as text and as JSON.
+//! Formats the figures as text.
 
 use crate::campaign::{Failure, Plan, Summary};
 use crate::cli::CONFIG;
@@ -6,59 +6,12 @@ use crate::kinds::KINDS;
 use crate::run::Outcome;
 use crate::schedule::to_text;
 use messages::{Mode, TICK_HZ};
-use serde_json::{Map, Value, json};
 use std::fmt::Write as _;
 use std::path::Path;
-
-fn modes(ticks_in: &[u64; Mode::ALL.len()]) -> Value {
-    Value::Object(Mode::ALL.iter().map(|&m| (m.name().to_owned(), json!(ticks_in[m as usize]))).collect())
-}
 
 fn share(ticks_in: &[u64; Mode::ALL.len()], modes: &[Mode]) -> f64 {
     let ticks = modes.iter().map(|&mode| ticks_in[mode as usize]).sum::<u64>();
     ticks as f64 / ticks_in.iter().sum::<u64>().max(1) as f64
-}
-
-fn failure_json(failure: &Failure) -> Value {
-    json!({
-        "seed": failure.seed,
-        "tick": failure.violation.tick,
-        "invariant": failure.violation.invariant,
-        "detail": failure.violation.detail,
-        "schedule": to_text(&failure.schedule),
-        "shrunk": failure.shrunk,
-        "schedule_tick": failure.smallest.tick,
-        "schedule_invariant": failure.smallest.invariant,
-        "episodes_drawn": failure.episodes,
-    })
-}
-
-/// Formats a campaign, or one run, as JSON. `settings` is the hash of the settings.
-pub fn json(plan: &Plan, sum: &Summary, settings: u64, wall_s: f64) -> Value {
-    let by_kind: Map<String, Value> =
-        KINDS.iter().zip(sum.fired).map(|(kind, count)| (kind.name.to_owned(), json!(count))).collect();
-    json!({
-        "config_hash": format!("{settings:016x}"),
-        "kinds": plan.kinds.iter().map(|&kind| KINDS[kind].name).collect::<Vec<_>>(),
-        "seeds": sum.seeds,
-        "first_seed": plan.first_seed,
-        "ticks": sum.ticks,
-        "ticks_per_seed": plan.ticks,
-        "violations": sum.failures.len(),
-        "failures": sum.failures.iter().map(failure_json).collect::<Vec<_>>(),
-        "faults_fired": sum.by_id(),
-        "fired_by_kind": by_kind,
-        "fired_at_least": sum.demanded,
-        "fired_too_little": sum.missing.iter().map(|&kind| KINDS[kind].name).collect::<Vec<_>>(),
-        "episodes": sum.episodes,
-        "ticks_engaged": sum.ticks_in[Mode::Engaged as usize],
-        "ticks_in_mode": modes(&sum.ticks_in),
-        "transitions": sum.transitions,
-        "back_after_ms_max": sum.back_after_max as f64 * 1e3 / TICK_HZ as f64,
-        "hash": format!("{:016x}", sum.hash),
-        "wall_s": wall_s,
-        "jobs": plan.jobs,
-    })
 }
 
 /// Formats a campaign as text. `config` is the settings file, as the user gave it.
@@ -131,7 +84,6 @@ fn quoted(text: &str) -> String {
     if text.chars().all(plain) { text.to_owned() } else { format!("'{}'", text.replace('\'', "'\\''")) }
 }
 
-/// Formats a single run as text.
 pub fn replay_text(seed: u64, outcome: &Outcome) -> String {
     let mut out = String::new();
     for (tick, made) in &outcome.transitions {
@@ -159,16 +111,7 @@ mod tests {
         let violation = Violation { tick: 7, invariant: "joint limits", detail: "of joint 3".to_owned() };
         let smallest = violation.clone();
         let mut failure = Failure { seed: 4, violation, schedule: vec![], shrunk: true, smallest, episodes: 9 };
-        let plan = Plan {
-            first_seed: 1,
-            seeds: 9,
-            ticks: 9000,
-            jobs: 1,
-            until_found: false,
-            kinds: vec![],
-            is_remote: false,
-            bug: None,
-        };
+        let plan = Plan { ticks: 9000, ..Plan::default() };
         let text = |failure: &Failure, config: &str| failure_text(failure, &plan, Path::new(config));
         let shipped = text(&failure, CONFIG);
         assert!(shipped.contains("  smallest schedule (0 of 9 episodes)"), "{shipped}");

@@ -20,7 +20,6 @@ const SILENCE: u64 = 30;
 /// Refusals that concern the motion of a command, not the time of its arrival.
 const ASKED: [Refusal; 4] = [Refusal::NotFinite, Refusal::NotAStop, Refusal::Jump, Refusal::OutsideLimits];
 
-/// State of the rules.
 #[derive(Clone, Default)]
 pub struct Rules {
     refused: [u64; Refusal::COUNT],
@@ -45,7 +44,6 @@ pub struct Rules {
 }
 
 impl Rules {
-    /// Judges a tick.
     pub fn check(&mut self, seen: &Seen<'_>, mode: Mode) -> Result<(), Broken> {
         if seen.control_restarted {
             (self.denials, self.no_numbers, self.command) = (0, 0, None);

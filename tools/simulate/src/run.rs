@@ -12,7 +12,7 @@ use crate::processes::Processes;
 use crate::remote::Remote;
 use crate::schedule::{Episode, QUIET_TICKS, RECOVERY_TICKS};
 use crate::subject::Subject;
-use crate::tampered::{self, Memory, Tampering};
+use crate::tampered::{Memory, Tampering};
 use bus::FaultPlan;
 use messages::{Mode, RawSkeleton, Skeleton, TICK_HZ, Transition, tick_at};
 use plant::Injection;
@@ -43,26 +43,20 @@ pub enum Bug {
     DeafWhileTargetsAreLost,
 }
 
-/// Result of a run.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Outcome {
     /// The first broken promise. It ends the run.
     pub violation: Option<Violation>,
     /// Hash over everything that was executed.
     pub hash: u64,
-    /// How often each kind fired.
     pub fired: [u64; KIND_COUNT],
-    /// Ticks of control in each mode.
     pub ticks_in: [u64; Mode::ALL.len()],
-    /// Ticks that were run.
     pub ticks: u64,
     /// Ticks from the end of the faults until the robot follows again. None if it followed throughout.
     pub back_after: Option<u64>,
-    /// Mode transitions with their ticks of the run.
     pub transitions: Vec<(u64, Transition)>,
 }
 
-/// A run in progress.
 #[derive(Clone)]
 pub struct Run<'a> {
     subject: &'a Subject,
@@ -104,7 +98,7 @@ impl<'a> Run<'a> {
     pub fn cold(subject: &'a Subject, seed: u64, is_remote: bool) -> Self {
         let world = World::new(&subject.config, seed, Links::default());
         Self {
-            oracle: Oracle::new(&subject.config.control.model, tick_at(world.now())),
+            oracle: Oracle::new(subject.model(), tick_at(world.now())),
             world,
             subject,
             client: Client::new(subject.player.clone()),
@@ -132,7 +126,6 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// Returns the same run without any faults.
     pub fn quiet(self) -> Self {
         Self { quiet_from: 0, ..self }
     }
@@ -149,7 +142,6 @@ impl<'a> Run<'a> {
         run
     }
 
-    /// Runs `ticks` ticks under a schedule.
     pub fn run(mut self, episodes: &[Episode], ticks: u64, bug: Option<Bug>) -> Outcome {
         self.faults = Faults::new(episodes);
         self.bug = bug;
@@ -210,7 +202,6 @@ impl<'a> Run<'a> {
         None
     }
 
-    /// Advances by one tick.
     pub fn tick(&mut self) -> Result<(), Violation> {
         let (k, now) = (self.k, self.world.now());
         let grid = tick_at(now);
@@ -227,12 +218,10 @@ impl<'a> Run<'a> {
         self.start(started)?;
         self.receive(running.ingest);
         let view = self.operate(now, running.control)?;
-        let [mut told, done] = view.unwrap_or_default();
-        told.estop_edge &= !self.is_deaf();
-        let Subject { limits, close, config: whole, .. } = self.subject;
-        let robot = tampered::Robot { model: &whole.control.model, limits, close };
-        let mut tampering = Tampering { faults: &mut self.faults, memory: &mut self.memory, robot };
-        let moment = self.world.step_tampered(&self.subject.config, &told, running, &mut tampering);
+        let [mut requested, done] = view.unwrap_or_default();
+        requested.estop_edge &= !self.is_deaf();
+        let mut tampering = Tampering { faults: &mut self.faults, memory: &mut self.memory, subject: self.subject };
+        let moment = self.world.step_tampered(&self.subject.config, &requested, running, &mut tampering);
         self.accepted.extend(moment.skeleton.as_ref().map(Person::new));
         self.count_links();
         self.client.listen(k, !self.accepted.is_empty());
@@ -276,7 +265,7 @@ impl<'a> Run<'a> {
             encoders_lie: self.encoders_lie(),
             quiet: k >= self.quiet_from,
             calm: self.quiet_from == 0,
-            robot: &self.subject.config.control.model,
+            robot: self.subject.model(),
             servo_lag_s: self.subject.config.control.servo_lag_s,
         };
         self.oracle.check(&seen)
@@ -285,7 +274,7 @@ impl<'a> Run<'a> {
     /// Returns true if the person's posture is far from the robot's.
     fn is_elsewhere(&self, moment: &Moment) -> bool {
         let (Some(target), Some(robot)) = (&moment.target, &moment.robot) else { return false };
-        (0..self.subject.config.control.model.count)
+        (0..self.subject.model().count)
             .any(|j| target.valid_mask & 1 << j != 0 && (target.q[j] - robot.q[j]).abs() > ELSEWHERE_RAD)
     }
 
@@ -300,12 +289,12 @@ impl<'a> Run<'a> {
             use Robot::{EncoderJump, EncoderSpike, Frozen, Inverted, Nan, Swapped};
             matches!(robot, EncoderJump | EncoderSpike | Frozen | Nan | Inverted | Swapped)
         };
-        let told = |content| {
+        let raw = |content| {
             matches!(content, Content::StateSwapped | Content::StateNan | Content::StateFrozen | Content::StateSilent)
         };
         self.faults.active.iter().any(|active| match active.fault {
             Fault::Robot(robot) => measured(robot),
-            Fault::Content(content) => told(content),
+            Fault::Content(content) => raw(content),
             _ => false,
         })
     }
@@ -339,7 +328,7 @@ impl<'a> Run<'a> {
             }
         }
         let robots = |fault| if let Fault::Robot(robot) = fault { Some(robot) } else { None };
-        let count = self.subject.config.control.model.count;
+        let count = self.subject.model().count;
         let simulated = self.world.robot_mut();
         faults.each(robots, |active, robot| {
             if robot == Robot::EncoderSpike && active.acts() {
@@ -398,28 +387,22 @@ impl<'a> Run<'a> {
             return;
         }
         self.world.robot_mut().repair();
-        for active in self.faults.active.iter().filter(|a| matches!(a.fault, Fault::Robot(_))) {
-            let limits = &self.subject.limits;
-            inject(
-                self.world.robot_mut(),
-                &limits[..self.subject.config.control.model.count],
-                active.fault,
-                active.episode.param,
-                active.strength,
-            );
+        let model = self.subject.model();
+        for active in &self.faults.active {
+            inject(self.world.robot_mut(), &model.limits[..model.count], active);
         }
         self.undriven_until = self.undriven_until.max(self.k + UNDRIVEN);
         self.injected = wanted;
     }
 
-    /// The last mode of control.
     pub fn mode(&self) -> Mode {
         self.oracle.mode()
     }
 }
 
-fn inject(simulated: &mut world::simulated::State, limits: &[JointLimits], fault: Fault, param: u64, strength: f64) {
-    let Fault::Robot(robot) = fault else { return };
+fn inject(simulated: &mut world::simulated::State, limits: &[JointLimits], active: &Active) {
+    let Fault::Robot(robot) = active.fault else { return };
+    let (param, strength) = (active.episode.param, active.strength);
     let mut rng = Pcg64Mcg::seed_from_u64(param ^ 1);
     let (joint, with) = (rng.random_range(0..limits.len()), rng.random_range(0..limits.len()));
     simulated.inject(match robot {

@@ -57,7 +57,6 @@ const ALONE_TICKS: (u64, u64) = (1250, 1850);
 pub struct Episode {
     /// Index in [`KINDS`].
     pub kind: usize,
-    /// First tick.
     pub start: u64,
     /// Length, ticks.
     pub ticks: u64,

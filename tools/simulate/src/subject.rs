@@ -7,7 +7,7 @@ use messages::{JOINTS_MAX, Mode, TICK_HZ};
 use motion::CalibrationMode;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
-use robot::{Frames, JointLimits, Model};
+use robot::{Frames, Model};
 use safety::monitor;
 use std::path::Path;
 use world::WorldConfig;
@@ -25,17 +25,8 @@ const MOVED: u64 = 3 * TICK_HZ + 10;
 /// Ticks within which that run must have engaged: 20 s.
 const ENGAGED_WITHIN: u64 = 20 * TICK_HZ;
 
-/// Data that all runs share.
 pub struct Subject {
-    /// Settings of every stage.
     pub config: WorldConfig,
-    /// Hash of the settings. The daemon and the recordings use the same one.
-    pub hash: u64,
-    /// Limits of the robot's joints.
-    pub limits: [JointLimits; JOINTS_MAX],
-    /// Home posture.
-    pub home: [f64; JOINTS_MAX],
-    /// The person's motion.
     pub player: Player,
     /// Postures slightly outside the limits.
     pub outside: Vec<[f64; JOINTS_MAX]>,
@@ -44,7 +35,10 @@ pub struct Subject {
 }
 
 impl Subject {
-    /// Loads a settings file, with another robot if one is chosen.
+    pub fn model(&self) -> &Model {
+        &self.config.control.model
+    }
+
     pub fn load(config: &Path, robot: Option<&RobotChoice>) -> Result<Self, ConfigError> {
         let loaded = config::load(config, Overrides::robot(robot))?;
         if loaded.settings.interface() == Interface::Jtc100Restart {
@@ -54,13 +48,10 @@ impl Subject {
         let model = &loaded.model;
         let play = PlayOptions { speed: 1.0, looped: true, calibration: CalibrationMode::First10s };
         Ok(Self {
-            limits: model.limits,
-            home: model.home,
             player: Player::new(&motion::builtin(), play, 1, 1),
             outside: outside(model),
             close: close(model),
             config: WorldConfig::recoverable(&loaded)?,
-            hash: loaded.hash,
         })
     }
 

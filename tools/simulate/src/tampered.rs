@@ -2,15 +2,14 @@
 
 use crate::active::{Active, Faults};
 use crate::kinds::{Content, Fault};
+use crate::subject::Subject;
 use messages::{ALL_JOINTS, ARM_JOINTS, JOINTS_MAX, JointCommand, JointTarget, RobotState, Skeleton, TICK_HZ};
 use rand::{Rng, RngExt};
-use robot::{JointLimits, Model};
 use world::Tamper;
 
 /// Number of past commands that are kept: 20 ms.
 const PAST: usize = 30;
 
-/// Messages that are kept.
 #[derive(Clone, Default)]
 pub struct Memory {
     skeleton: Option<Skeleton>,
@@ -21,23 +20,9 @@ pub struct Memory {
 
 /// Applies the faults in force at the places where messages are published.
 pub struct Tampering<'a> {
-    /// The faults in force.
     pub faults: &'a mut Faults,
-    /// Earlier messages.
     pub memory: &'a mut Memory,
-    /// Data of the robot that the faults need.
-    pub robot: Robot<'a>,
-}
-
-/// The robot, and postures of it that are too close to self-collision.
-#[derive(Clone, Copy)]
-pub struct Robot<'a> {
-    /// The robot.
-    pub model: &'a Model,
-    /// Limits of the joints.
-    pub limits: &'a [JointLimits; JOINTS_MAX],
-    /// At least one such posture.
-    pub close: &'a [[f64; JOINTS_MAX]],
+    pub subject: &'a Subject,
 }
 
 fn as_content(fault: Fault) -> Option<Content> {
@@ -75,7 +60,7 @@ impl Tamper for Tampering<'_> {
     fn target(&mut self, target: &mut JointTarget) -> bool {
         let before = self.memory.target.replace(*target);
         let (mut sent, mut frozen) = (true, None);
-        let robot = self.robot;
+        let subject = self.subject;
         self.faults.each(as_content, |active, content| match content {
             Content::TargetFrozen => {
                 frozen = before;
@@ -88,7 +73,7 @@ impl Tamper for Tampering<'_> {
                 sent &= !now;
                 now
             }
-            content => alter(active, content, target, &robot),
+            content => alter(active, content, target, subject),
         });
         if let Some(before) = frozen {
             *target = before;
@@ -121,7 +106,7 @@ impl Tamper for Tampering<'_> {
 
     fn state(&mut self, state: &mut RobotState) -> bool {
         let before = self.memory.state.replace(*state);
-        let model = self.robot.model;
+        let model = self.subject.model();
         let (mut sent, mut frozen) = (true, None);
         self.faults.each(as_content, |active, content| match content {
             Content::StateSilent => {
@@ -161,9 +146,9 @@ fn unit(active: &mut Active) -> [f32; 4] {
 }
 
 /// Alters a target. Returns false if this kind does not concern targets, or leaves this one alone.
-fn alter(active: &mut Active, content: Content, target: &mut JointTarget, robot: &Robot<'_>) -> bool {
-    let limits = robot.limits;
-    let joint = active.rng.random_range(0..robot.model.count);
+fn alter(active: &mut Active, content: Content, target: &mut JointTarget, subject: &Subject) -> bool {
+    let (model, limits) = (subject.model(), &subject.model().limits);
+    let joint = active.rng.random_range(0..model.count);
     match content {
         Content::TargetNan => target.q[joint] = f64::NAN,
         Content::TargetInfinite => target.dq[joint] = f64::INFINITY,
@@ -186,17 +171,16 @@ fn alter(active: &mut Active, content: Content, target: &mut JointTarget, robot:
             target.dq = [50.0 * sign; JOINTS_MAX];
             target.q.iter_mut().for_each(|q| *q += sign);
         }
-        Content::TargetPosture => posture(active, target, robot),
+        Content::TargetPosture => posture(active, target, subject),
         Content::TargetTorso => {
             let up = (active.age / 450).is_multiple_of(2);
             // A robot without a lift is asked to move its first joint.
-            let torso = robot.model.lift.unwrap_or(0);
+            let torso = model.lift.unwrap_or(0);
             target.q[torso] = if up { limits[torso].q_max } else { limits[torso].q_min };
             target.valid_mask |= 1 << torso;
         }
         Content::TargetBits => {
-            let count = robot.model.count;
-            let both = target.q.iter_mut().take(count).chain(target.dq.iter_mut().take(count));
+            let both = target.q.iter_mut().take(model.count).chain(target.dq.iter_mut().take(model.count));
             both.for_each(|x| *x = f64::from_bits(active.rng.next_u64()));
             target.valid_mask = active.rng.next_u32();
         }
@@ -208,20 +192,20 @@ fn alter(active: &mut Active, content: Content, target: &mut JointTarget, robot:
 
 /// Sends the same random posture for 0.3 s, then the next one. Half of the episodes instead move gradually to
 /// one that is too close to self-collision.
-fn posture(active: &mut Active, target: &mut JointTarget, robot: &Robot<'_>) {
-    let (limits, param) = (robot.limits, active.episode.param);
+fn posture(active: &mut Active, target: &mut JointTarget, subject: &Subject) {
+    let (model, param) = (subject.model(), active.episode.param);
     target.dq = [0.0; JOINTS_MAX];
     if !param.is_multiple_of(2) {
         // The move takes one second, so that it is not a jump. A jump would make the robot slow.
         let share = (active.age as f64 / TICK_HZ as f64).min(1.0);
-        let close = &robot.close[(param / 2) as usize % robot.close.len()];
+        let close = &subject.close[(param / 2) as usize % subject.close.len()];
         target.q.iter_mut().zip(close).for_each(|(q, close)| *q += share * (close - *q));
         target.valid_mask = ALL_JOINTS;
         return;
     }
     let part = param ^ (active.age / 450) << 32;
     let mut rng = <rand_pcg::Pcg64Mcg as rand::SeedableRng>::seed_from_u64(part);
-    for (q, limits) in target.q.iter_mut().zip(limits).take(robot.model.count) {
+    for (q, limits) in target.q.iter_mut().zip(&model.limits).take(model.count) {
         *q = rng.random_range(limits.q_min..=limits.q_max);
     }
 }

@@ -6,7 +6,6 @@ use plant::{CLEARANCE_MARGIN_M, ViolationKind};
 /// Ticks between two looks of the judge, 2 ms, and one more.
 const LOOK_TICKS: u64 = 3 + 1;
 
-/// State of the count.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct TrueMotion {
     total: u64,

@@ -21,19 +21,10 @@ fn subject() -> Subject {
 }
 
 fn plan(seeds: u64, ticks: u64, jobs: usize) -> Plan {
-    Plan {
-        first_seed: 1,
-        seeds,
-        ticks,
-        jobs,
-        until_found: false,
-        kinds: (0..KIND_COUNT).collect(),
-        is_remote: false,
-        bug: None,
-    }
+    Plan { first_seed: 1, seeds, ticks, jobs, kinds: (0..KIND_COUNT).collect(), ..Plan::default() }
 }
 
-fn told(sum: &Summary) -> String {
+fn failures(sum: &Summary) -> String {
     let one = |f: &campaign::Failure| format!("{} {:?} {}", f.seed, f.smallest, schedule::to_text(&f.schedule));
     sum.failures.iter().map(one).collect::<Vec<_>>().join("\n")
 }
@@ -69,7 +60,7 @@ fn campaign_results_do_not_depend_on_the_number_of_threads() {
 fn f126_operator_and_person_over_bad_wires_break_no_promise() {
     let plan = Plan { is_remote: true, ..plan(2, 11_000, 2) };
     let sum = campaign::run(&subject(), &plan, || {}).expect("a campaign");
-    assert!(sum.failures.is_empty(), "{}", told(&sum));
+    assert!(sum.failures.is_empty(), "{}", failures(&sum));
     assert!(sum.ticks_in[Mode::Engaged as usize] > 2_000, "{:?}", sum.ticks_in);
 }
 
@@ -105,7 +96,7 @@ fn planted_bug_is_found_and_its_schedule_is_shrunk() {
 fn campaign_of_every_scheduled_fault_breaks_no_promise() {
     let subject = subject();
     let sum = campaign::run(&subject, &plan(24, 11_000, 2), || {}).expect("a campaign");
-    assert!(sum.failures.is_empty(), "{}", told(&sum));
+    assert!(sum.failures.is_empty(), "{}", failures(&sum));
     let missing: Vec<_> = sum.missing.iter().map(|&kind| KINDS[kind].name).collect();
     assert!(missing.is_empty(), "never fired: {missing:?}");
     let by_id = sum.by_id();

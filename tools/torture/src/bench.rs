@@ -15,7 +15,6 @@ const JUMP_EVERY: u64 = TICK_HZ;
 /// Ticks that are not counted, because caches and branch predictors warm up.
 const WARM: u64 = 2000;
 
-/// Durations of the control tick.
 #[derive(Clone, Debug)]
 pub struct Bench {
     /// Sines about the home posture, far from collisions. Most of a session is like this.
@@ -24,7 +23,6 @@ pub struct Bench {
     pub jumps: Durations,
 }
 
-/// Measures `ticks` ticks of each kind.
 pub fn run(subject: &Subject, ticks: u64, seed: u64) -> Bench {
     let (model, mut rng) = (&subject.model, Pcg64::seed_from_u64(seed));
     let smooth = measure(subject, ticks, |k| wave(model, k as f64 * TICK_S));
@@ -62,7 +60,7 @@ fn measure(
         let target = wbc::Target { q: &q, dq: &dq, ddq: &[0.0; JOINTS_MAX], valid_mask: ALL_JOINTS };
         let (_, ns) = stages.tick(k, deadline(k), Some(target), Permit::Follow { speed_scale: 1.0 });
         if k > WARM {
-            durations.record_ns(ns);
+            durations.0.record_ns(ns);
         }
     }
     durations

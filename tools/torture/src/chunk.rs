@@ -1,7 +1,7 @@
 //! One part of an attack: runs the stages, the driver's follower and the simulated robot's checker for some
 //! ticks.
 
-use crate::figures::{Least, Merge, Most, Place, RunFigures};
+use crate::figures::{Least, Merge, Most, RunFigures};
 use crate::stages::{Stages, Subject, permit, target};
 use crate::stop_times;
 use checker::{TOLERANCE_CLEARANCE_M, ViolationKind};
@@ -120,7 +120,7 @@ pub fn run(subject: &Subject, seed: u64, part: u64, ticks: u64) -> RunFigures {
     figures.true_speed_ratio_max = Most(judged.speed_ratio_max.into_iter().fold(0.0, f64::max));
     figures.true_clearance_min_m = Least(judged.clearance_min_m);
     figures.first_true = judged.first.map(|first| (first, part));
-    figures.first = report.first_violation().map(|violation| Place { violation: *violation, part, seed });
+    figures.first = report.first_violation().map(|violation| (*violation, part));
     figures
 }
 
@@ -236,8 +236,8 @@ impl<'a> Part<'a> {
         let (out, ns) = self.stages.tick(k, now, target(&self.attacker), self.permit());
         let figures = &mut self.figures;
         let of_attack = &mut figures.attacks[self.attacker.attack as usize];
-        figures.tick.record_ns(ns);
-        of_attack.tick.record_ns(ns);
+        figures.tick.0.record_ns(ns);
+        of_attack.tick.0.record_ns(ns);
         figures.fallbacks += u64::from(out.proposed.fallbacks);
         of_attack.fallbacks += u64::from(out.proposed.fallbacks);
         figures.overloads += u64::from(out.proposed.overloads);

@@ -4,7 +4,6 @@ use crate::chunk::PART_TICKS;
 use crate::stages::Subject;
 use clap::{Args, Parser, Subcommand};
 use config::RobotChoice;
-use messages::TICK_HZ;
 use report::{check_bounds, cores, out_of_bounds};
 use rt::Failure;
 use std::path::PathBuf;
@@ -20,10 +19,8 @@ const THREADS_MAX: usize = 1024;
 #[derive(Clone, Debug, Parser)]
 #[command(version, args_conflicts_with_subcommands = true)]
 pub struct Cli {
-    /// Another kind of torture.
     #[command(subcommand)]
     pub command: Option<Command>,
-    /// The attack.
     #[command(flatten)]
     pub attack: AttackArgs,
 }
@@ -48,9 +45,6 @@ pub struct AttackArgs {
     /// additional.
     #[arg(long, default_value_t = 1_000_000)]
     pub ticks: u64,
-    /// Ticks per second. The rate is built in (`messages::TICK_HZ`): only 1500 is accepted.
-    #[arg(long, default_value_t = TICK_HZ)]
-    pub rate: u64,
     /// Seed of every choice of the attackers. The same seed gives the same figures on any number of threads,
     /// except durations.
     #[arg(long, default_value_t = 1)]
@@ -62,10 +56,8 @@ pub struct AttackArgs {
     /// counts as one, regardless of --ticks. 0 skips them.
     #[arg(long, default_value_t = 168)]
     pub goals: u64,
-    /// Changes of the attacked stages.
     #[command(flatten)]
     pub changes: Changes,
-    /// Options of every command.
     #[command(flatten)]
     pub common: Common,
     /// Number of threads. More threads than idle cores make the durations meaningless.
@@ -79,10 +71,6 @@ pub struct Changes {
     /// Leave certificate and gate out. The same attacks must then find collisions. Finding none is the failure.
     #[arg(long)]
     pub no_certificate: bool,
-    /// With --no-certificate, keep the gate, to see what it catches by itself. Denying nothing is then the
-    /// failure.
-    #[arg(long, requires = "no_certificate")]
-    pub keep_gate: bool,
     /// Leave the proof of torques out. The same attacks must then overload motors. Finding no overload is the
     /// failure.
     #[arg(long, conflicts_with = "no_certificate")]
@@ -105,10 +93,6 @@ pub struct Common {
     /// Another robot than that of the settings: its name, or its robot file.
     #[arg(long, value_name = "NAME|FILE")]
     pub robot: Option<RobotChoice>,
-    /// Also write the figures to this file as JSON. `-` is standard output, and the text then goes to standard
-    /// error.
-    #[arg(long)]
-    pub json: Option<PathBuf>,
 }
 
 /// Options of `stop-times`.
@@ -120,7 +104,6 @@ pub struct StopTimesArgs {
     /// Seed of the random states.
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
-    /// Options of every command.
     #[command(flatten)]
     pub common: Common,
     /// Number of threads.
@@ -133,7 +116,6 @@ pub struct StopTimesArgs {
 pub struct MotionsArgs {
     /// Folder of motion files (.bvh, .npy, .npz).
     pub folder: PathBuf,
-    /// Options of every command.
     #[command(flatten)]
     pub common: Common,
     /// Number of threads.
@@ -150,38 +132,27 @@ pub struct BenchArgs {
     /// Seed of the jumping targets.
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
-    /// Options of every command.
     #[command(flatten)]
     pub common: Common,
+    /// Also write the figures to this file as JSON. `-` is standard output, and the text then goes to standard
+    /// error.
+    #[arg(long)]
+    pub json: Option<PathBuf>,
 }
 
 /// Checks a number of ticks or states, and of threads.
-///
-/// # Errors
-/// Returns an error that names the option, its value and the bounds.
 pub fn check_counts(option: &str, count: u64, threads: usize) -> Result<(), Failure> {
     check_bounds(option, count, [1, TICKS_MAX])?;
     check_threads(threads)
 }
 
 /// Checks a number of threads.
-///
-/// # Errors
-/// Returns an error that names the option, its value and the bounds.
 pub fn check_threads(threads: usize) -> Result<(), Failure> {
     check_bounds("--threads", threads, [1, THREADS_MAX])
 }
 
 impl AttackArgs {
-    /// Checks the options.
-    ///
-    /// # Errors
-    /// Returns an error that names the option, its value and the bound.
     pub fn check(&self) -> Result<(), Failure> {
-        if self.rate != TICK_HZ {
-            let bound = format!("{TICK_HZ}: the tick rate is built into every stage and message (messages::TICK_HZ)");
-            return Err(out_of_bounds("--rate", self.rate, bound));
-        }
         check_bounds("--payload-kg", self.changes.payload_kg, [0.0, robot::PAYLOAD_MAX_KG])?;
         check_counts("--ticks", self.ticks, self.threads)?;
         check_bounds("--goals", self.goals, [0, TICKS_MAX])?;
@@ -198,9 +169,6 @@ impl AttackArgs {
 
 impl Common {
     /// Loads the robot, and the stages with these changes.
-    ///
-    /// # Errors
-    /// Returns an error that names the file, the key, the value and the bound.
     pub fn subject(&self, changes: Changes) -> Result<Subject, Failure> {
         Subject::load(&self.config, self.robot.as_ref(), changes)
     }

@@ -5,19 +5,14 @@ use judge::Attack;
 use rt::Histogram;
 use std::collections::BTreeMap;
 
-/// Number of kinds of violations of true motion.
 pub const TRUE_KINDS: usize = plant::ViolationKind::ALL.len();
 
-/// Number of kinds of violations.
 pub const KINDS: usize = ViolationKind::ALL.len();
 
-/// A figure of a part of a run.
 pub trait Merge {
-    /// Adds the figure of a later part.
     fn merge(&mut self, later: Self);
 }
 
-/// Merges the figures of all parts.
 pub fn merged<T: Merge + Default>(parts: impl IntoIterator<Item = T>) -> T {
     parts.into_iter().fold(T::default(), |mut all, part| {
         all.merge(part);
@@ -81,7 +76,6 @@ impl Merge for Most {
 pub struct Reasons(pub BTreeMap<String, (u64, String)>);
 
 impl Reasons {
-    /// Counts one. `text` says where it was.
     pub fn count(&mut self, reason: String, text: impl FnOnce() -> String) {
         self.0.entry(reason).or_insert_with(|| (0, text())).0 += 1;
     }
@@ -97,25 +91,11 @@ impl Merge for Reasons {
 
 /// Distribution of durations, to `DIGITS` significant digits.
 #[derive(Clone, Debug)]
-pub struct Durations<const DIGITS: u8 = 3>(Histogram);
+pub struct Durations<const DIGITS: u8 = 3>(pub Histogram);
 
 impl<const DIGITS: u8> Default for Durations<DIGITS> {
     fn default() -> Self {
         Self(Histogram::with_digits(DIGITS))
-    }
-}
-
-impl<const DIGITS: u8> std::ops::Deref for Durations<DIGITS> {
-    type Target = Histogram;
-
-    fn deref(&self) -> &Histogram {
-        &self.0
-    }
-}
-
-impl<const DIGITS: u8> std::ops::DerefMut for Durations<DIGITS> {
-    fn deref_mut(&mut self) -> &mut Histogram {
-        &mut self.0
     }
 }
 
@@ -125,18 +105,6 @@ impl<const DIGITS: u8> Merge for Durations<DIGITS> {
     }
 }
 
-/// Location of a violation.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Place {
-    /// The violation. Its `k` is the tick within the part.
-    pub violation: Violation,
-    /// The part of the run.
-    pub part: u64,
-    /// The seed of that part.
-    pub seed: u64,
-}
-
-/// Defines figures that are merged one by one.
 macro_rules! figures {
     ($($(#[$meta:meta])* $name:ident { $($(#[$doc:meta])* $field:ident: $kind:ty,)* })*) => { $(
         $(#[$meta])*
@@ -154,15 +122,12 @@ macro_rules! figures {
 }
 
 figures! {
-    /// Figures of one kind of attack.
     AttackFigures {
-        /// Ticks under this attack.
         ticks: u64,
         /// Violations in executed steps and rolled-out plans.
         violations: u64,
         /// Motions that were requested but not certified.
         fallbacks: u64,
-        /// Commands denied by the gate.
         denials: u64,
         /// Ticks in which whole-body control reported a command within a millimetre of d_min.
         near: u64,
@@ -170,21 +135,17 @@ figures! {
         tick: Durations<2>,
     }
 
-    /// Figures of a run.
     RunFigures {
-        /// Ticks of the grid.
         ticks: u64,
         /// Violations by kind: executed steps and rolled-out plans.
         violations: [u64; KINDS],
         /// Violations among them that were found in rolled-out plans.
         rollout_violations: [u64; KINDS],
-        /// The first violation of an executed step.
-        first: Option<Place>,
-        /// Violations of the joints' true motion, by kind.
+        /// The first violation of an executed step, with its part.
+        first: Option<(Violation, u64)>,
         true_violations: [u64; TRUE_KINDS],
         /// The first violation of true motion, with its part.
         first_true: Option<(plant::Violation, u64)>,
-        /// Largest ratio of true speed to its limit.
         true_speed_ratio_max: Most,
         /// Least true clearance, m.
         true_clearance_min_m: Least,
@@ -192,7 +153,6 @@ figures! {
         min_clearance_m: Least,
         /// Least clearance over everything executed, m. This includes the driver's own stops, which are not proved.
         min_unproved_clearance_m: Least,
-        /// Durations of both stages.
         tick: Durations,
         /// Motions that were requested but not certified.
         fallbacks: u64,
@@ -202,27 +162,20 @@ figures! {
         torque_share_max: Most,
         /// The same in rolled-out plans.
         rollout_torque_share: Most,
-        /// Commands denied by the gate.
         denials: u64,
-        /// Denied commands by reason.
         denied_for: Reasons,
         /// Commands that the driver refused though its fault was not latched and it was not suspended.
         refusals: u64,
-        /// Refused commands by reason.
         refused_for: Reasons,
-        /// Ticks in which control did not run.
         missed: u64,
         /// Commands that never arrived.
         lost: u64,
-        /// Ticks in which the driver did not run.
         overslept: u64,
-        /// Times the driver latched its fault.
         latches: u64,
         /// Times the robot rested too close to start after a stop of its own, and was recovered.
         recoveries: u64,
         /// Times control continued from the driver's state instead of its own last command.
         reseeds: u64,
-        /// Plans rolled out to rest.
         rollouts: u64,
         /// Longest plan of any command, s.
         worst_stop_s: Most,
@@ -236,13 +189,10 @@ figures! {
         gentle_stops: u64,
         /// Sum of the distances of all revolute joints, rad.
         travelled_rad: f64,
-        /// Figures by kind of attack.
         attacks: [AttackFigures; Attack::ALL.len()],
-        /// Results of the goals.
         goals: Goals,
     }
 
-    /// Results of the goals.
     Goals {
         /// Number of goals that were tried.
         goals: u64,
@@ -254,17 +204,14 @@ figures! {
 }
 
 impl RunFigures {
-    /// Returns the number of violations of the joints' true motion, of all kinds.
     pub fn true_violations_total(&self) -> u64 {
         self.true_violations.iter().sum()
     }
 
-    /// Returns the number of violations of all kinds.
     pub fn violations_total(&self) -> u64 {
         self.violations.iter().sum()
     }
 
-    /// Returns the number of violations of one kind.
     pub fn violations_of(&self, kind: ViolationKind) -> u64 {
         self.violations[kind as usize]
     }

@@ -1,6 +1,6 @@
 //! The command line program of the library.
 
-use ::report::{JsonOutput, Machine, Progress, derived_seed, in_parallel};
+use ::report::{JsonOutput, Machine, Progress, derived_seed, in_parallel, print};
 use checker::ViolationKind;
 use clap::Parser;
 use config::Overrides;
@@ -30,9 +30,8 @@ fn main() -> ExitCode {
 
 fn attack(args: &AttackArgs) -> Result<bool, Failure> {
     args.check()?;
-    let json = JsonOutput::open(args.common.json.as_deref())?;
     let machine = Machine::before_run();
-    let Changes { no_certificate, keep_gate, no_torque, payload_kg, untold } = args.changes;
+    let Changes { no_certificate, no_torque, payload_kg, untold } = args.changes;
     let subject = args.common.subject(args.changes)?;
     // With a load, some postures cannot be held.
     let without_goals = no_certificate || no_torque || payload_kg > 0.0 || args.part.is_some();
@@ -64,12 +63,9 @@ fn attack(args: &AttackArgs) -> Result<bool, Failure> {
     });
     drop(bar);
     let (figures, machine) = (merged(parts_figures), machine.after_run());
-    let text = report::attack_text(args, &figures, &subject.model, &machine);
-    json.write(&text, &report::attack_json(args, &figures, &subject.model, &machine))?;
+    print(&report::attack_text(args, &figures, &subject.model, &machine));
     // Without a proof, the same attacks must find what it prevents.
-    let (found, nothing) = if keep_gate {
-        return Ok(figures.denials > 0);
-    } else if no_torque || untold {
+    let (found, nothing) = if no_torque || untold {
         (ViolationKind::Torque, "no motor was overloaded without the proof")
     } else if no_certificate {
         (ViolationKind::Clearance, "no collision happened without the certificate")
@@ -85,21 +81,17 @@ fn attack(args: &AttackArgs) -> Result<bool, Failure> {
 
 fn measure_stops(args: &StopTimesArgs) -> Result<bool, Failure> {
     check_counts("--states", args.states, args.threads)?;
-    let json = JsonOutput::open(args.common.json.as_deref())?;
     let subject = args.common.subject(Changes::default())?;
     let bounds = subject.wbc.bounds();
     let bar = Progress::new("torture", args.states, "states");
     let times = stop_times::run(bounds, args.states, args.seed, args.threads, |states| bar.add(states));
     drop(bar);
-    let figures = report::stop_times_json(&times, bounds, &subject.model, args.seed);
-    json.write(&report::stop_times_text(&times, bounds, &subject.model), &figures)?;
+    print(&report::stop_times_text(&times, bounds, &subject.model));
     Ok(times.exceeded() == 0)
 }
 
 fn play(args: &MotionsArgs) -> Result<bool, Failure> {
     check_threads(args.threads)?;
-    let json = JsonOutput::open(args.common.json.as_deref())?;
-    let machine = Machine::before_run();
     let loaded = config::load(&args.common.config, Overrides::robot(args.common.robot.as_ref()))
         .map_err(Failure::with(Exit::Config))?;
     let bar = Progress::new(
@@ -109,13 +101,13 @@ fn play(args: &MotionsArgs) -> Result<bool, Failure> {
     );
     let played = motions::run(&loaded, &args.folder, args.threads, |_| bar.add(1))?;
     drop(bar);
-    json.write(&report::motions_text(&played), &report::motions_json(&played, &machine.after_run()))?;
+    print(&report::motions_text(&played));
     Ok(played.iter().all(|one| one.failed.is_none() && one.violations_total() == 0))
 }
 
 fn measure_ticks(args: &BenchArgs) -> Result<bool, Failure> {
     check_counts("--ticks", args.ticks, 1)?;
-    let json = JsonOutput::open(args.common.json.as_deref())?;
+    let json = JsonOutput::open(args.json.as_deref())?;
     let machine = Machine::before_run();
     let subject = args.common.subject(Changes::default())?;
     let bar = Progress::new("torture", 1, "runs");

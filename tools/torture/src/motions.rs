@@ -9,10 +9,8 @@ use rt::{Exit, Failure};
 use std::path::{Path, PathBuf};
 use world::{Offline, OfflineEnd, OfflineReport};
 
-/// Result of a file.
 #[derive(Clone, Debug)]
 pub struct Played {
-    /// The file.
     pub file: PathBuf,
     /// Figures of the run. Empty if it did not begin.
     pub report: OfflineReport,
@@ -21,7 +19,6 @@ pub struct Played {
 }
 
 impl Played {
-    /// Returns the number of violations of all kinds.
     pub fn violations_total(&self) -> u64 {
         self.report.violations.values().sum()
     }
@@ -44,9 +41,6 @@ impl Played {
 }
 
 /// Plays the motion files of `folder` and returns the result of each. Calls `progress` after every file.
-///
-/// # Errors
-/// Returns an error if the folder cannot be listed or holds no motion.
 pub fn run(
     loaded: &Loaded,
     folder: &Path,
@@ -67,7 +61,6 @@ pub fn run(
     }))
 }
 
-/// Plays one file to rest.
 pub fn play(loaded: &Loaded, file: &Path) -> Played {
     let (report, failed) = match to_rest(loaded, file) {
         Ok((report, OfflineEnd::AtRest)) => (report, None),

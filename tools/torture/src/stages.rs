@@ -1,7 +1,6 @@
 //! Runs both stages as the daemon's control tick does: whole-body control proposes, and the gate decides.
 
 use crate::cli::Changes;
-use crate::error::rejected;
 use config::{Interface, Overrides, RobotChoice};
 use control::{Commanded, Commander};
 use judge::Attacker;
@@ -15,14 +14,11 @@ use std::path::Path;
 use std::time::Instant;
 use world::simulated;
 
-/// A robot, with the configuration of every stage.
 #[derive(Clone, Debug)]
 pub struct Subject {
-    /// The robot.
     pub model: Model,
     /// The robot as its judge knows it.
     pub robot: judge::Robot,
-    /// Configuration of whole-body control.
     pub wbc: wbc::Config,
     /// Configuration of the gate. Without a gate the proposals are sent.
     pub gate: Option<gate::Config>,
@@ -35,9 +31,6 @@ pub struct Subject {
 impl Subject {
     /// Loads the chosen robot, or else that of the settings file, among the obstacles of the settings. The attack
     /// assumes that every command is executed at its index, so settings with another interface are rejected.
-    ///
-    /// # Errors
-    /// Returns an error that names the file, the key, the value and the bound.
     pub fn load(config: &Path, robot: Option<&RobotChoice>, changes: Changes) -> Result<Self, Failure> {
         let loaded = config::load_robot(config, &Overrides::robot(robot));
         let (settings, model) = loaded.map_err(Failure::with(Exit::Config))?;
@@ -52,14 +45,11 @@ impl Subject {
 
     /// Creates the subject for this robot, from `file`, with hands no faster than `hand_speed` (m/s). Payloads are
     /// where the robot file says that the hands grasp.
-    ///
-    /// # Errors
-    /// Returns an error that names the file and the stage that rejects the robot.
     pub fn new(mut model: Model, file: &Path, hand_speed: f64, changes: Changes) -> Result<Self, Failure> {
         fn made<T>(file: &Path, stage: &str, made: Result<T, impl Display>) -> Result<T, Failure> {
             made.map_err(|error| rejected(file, format!("{stage}: {error}")))
         }
-        let robot = judge::Robot::of(model.clone());
+        let robot = judge::Robot::new(model.clone());
         let payload_kg = Some(changes.payload_kg).filter(|&mass_kg| mass_kg > 0.0);
         let exact = simulated::Options {
             driver: checker::Options {
@@ -77,7 +67,7 @@ impl Subject {
         };
         let simulated = made(file, "simulated robot", simulated::Config::new(&model, &exact))?;
         let gate = gate::Config::new(&model).and_then(|gate| gate.with_hand_speed(hand_speed));
-        let gate = Some(made(file, "gate", gate)?).filter(|_| !changes.no_certificate || changes.keep_gate);
+        let gate = Some(made(file, "gate", gate)?).filter(|_| !changes.no_certificate);
         if let Some(mass_kg) = payload_kg.filter(|_| !changes.untold) {
             model.payload = model.payload.map(|hand| hand.map(|hand| Payload { mass_kg, ..hand }));
         }
@@ -93,6 +83,11 @@ impl Subject {
     }
 }
 
+/// A stage, or torture itself, rejects the robot or the settings of a file.
+fn rejected(file: &Path, cause: impl Display) -> Failure {
+    Failure::new(Exit::Config, format!("{}: {cause}", file.display()))
+}
+
 /// Returns the attacker's target as whole-body control takes it.
 pub fn target<'a>(attacker: &'a Attacker<'_>) -> Option<wbc::Target<'a>> {
     let Attacker { q, dq, valid_mask, .. } = attacker;
@@ -104,7 +99,6 @@ pub fn permit(attacker: &Attacker<'_>) -> Permit {
     attacker.speed_scale.map_or(Permit::Stop, |speed_scale| Permit::Follow { speed_scale })
 }
 
-/// Both stages of one robot.
 #[derive(Clone, Debug)]
 pub struct Stages<'a> {
     subject: &'a Subject,
@@ -112,7 +106,6 @@ pub struct Stages<'a> {
 }
 
 impl<'a> Stages<'a> {
-    /// Creates both stages at rest at `q` (rad, m).
     pub fn at_rest(subject: &'a Subject, q: [f64; JOINTS_MAX]) -> Self {
         Self { subject, commander: Commander::at_rest(&subject.wbc, q) }
     }

@@ -37,7 +37,6 @@ const REACTION_TICKS: f64 = 2.0;
 const ENDING_TICKS: f64 = 1.0;
 /// Rounding of sums of durations below a second, s.
 pub const TOLERANCE_S: f64 = 1e-9;
-/// States of one job.
 const PART_STATES: u64 = 20_000;
 /// Largest number of draws of a joint's state until one is admissible. A joint near its limit has few
 /// admissible states.
@@ -64,7 +63,6 @@ pub fn reaction_s() -> f64 {
     (REACTION_TICKS + ENDING_TICKS) * TICK_S
 }
 
-/// Measurements of one joint.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct JointWorst {
     /// Longest stop, s.
@@ -73,30 +71,24 @@ pub struct JointWorst {
     pub v: f64,
     /// Acceleration at the beginning of the longest stop.
     pub a: f64,
-    /// Largest ratio of a stop's length to the bound for its own speed.
-    pub share_of_bound_at: f64,
     /// Number of states whose stop is longer than a bound.
     pub exceeded: u64,
 }
 
-/// Measurements of all joints.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct StopTimes {
     /// Number of states of all joints, without the corners.
     pub states: u64,
-    /// Measurements by joint.
     pub joints: [JointWorst; JOINTS_MAX],
     /// Largest ratio of the longest of a state's stops to max_j D_j(v_j).
     pub share_of_bound: f64,
 }
 
 impl StopTimes {
-    /// Returns the number of states whose stop is longer than a bound.
     pub fn exceeded(&self) -> u64 {
         self.joints.iter().map(|joint| joint.exceeded).sum()
     }
 
-    /// Returns the longest stop, s.
     pub fn worst_s(&self) -> f64 {
         self.joints.iter().map(|joint| joint.stop_s).fold(0.0, f64::max)
     }
@@ -108,7 +100,6 @@ impl StopTimes {
         if stop_s > worst.stop_s {
             (worst.stop_s, worst.v, worst.a) = (stop_s, x.v, x.a);
         }
-        worst.share_of_bound_at = worst.share_of_bound_at.max(stop_s / bound_at);
         let within = stop_s <= bound + TOLERANCE_S && stop_s <= bound_at + TOLERANCE_S;
         worst.exceeded += u64::from(!within);
         stop_s
@@ -119,11 +110,10 @@ impl StopTimes {
         self.share_of_bound = self.share_of_bound.max(other.share_of_bound);
         for (mine, theirs) in self.joints.iter_mut().zip(&other.joints) {
             let exceeded = mine.exceeded + theirs.exceeded;
-            let share = mine.share_of_bound_at.max(theirs.share_of_bound_at);
             if theirs.stop_s > mine.stop_s {
                 *mine = *theirs;
             }
-            (mine.exceeded, mine.share_of_bound_at) = (exceeded, share);
+            mine.exceeded = exceeded;
         }
     }
 }

@@ -1,10 +1,10 @@
 //! The shipped robot withstands a long attack, and the attacks are shown to be effective.
 
+use crate::{root, subject};
 use checker::ViolationKind;
 use judge::Attack;
 use report::{cores, in_parallel};
 use robot::{BoxEntry, Environment};
-use std::path::{Path, PathBuf};
 use torture::chunk::{self, PART_TICKS};
 use torture::cli::Changes;
 use torture::figures::{Merge, RunFigures, merged};
@@ -13,15 +13,6 @@ use torture::stages::Subject;
 
 /// `.ci/long` has forty times as many.
 const TICKS: u64 = 250_000;
-
-fn root() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")
-}
-
-/// The shipped robot among the obstacles of the shipped settings.
-fn subject(changes: Changes) -> Subject {
-    Subject::load(&root().join("config/teleop.toml"), None, changes).unwrap()
-}
 
 /// The shipped robot with a shelf just above its hands.
 fn below_a_shelf() -> Subject {
@@ -129,20 +120,6 @@ fn violation_of_true_motion_counts_as_a_broken_promise() {
     part.true_violations[plant::ViolationKind::Velocity as usize] = 1;
     figures.merge(part);
     assert!(!figures.kept() && figures.true_violations_total() == 1);
-}
-
-#[test]
-fn joint_step_beyond_its_limits_is_counted() {
-    // The checker that judges the attack gets a step that no driver would take.
-    let subject = subject(Changes::default());
-    let held = world::simulated::State::new(&subject.simulated, 1500, 1).follower().setpoint();
-    let mut checker = checker::Checker::new(subject.simulated.driver(), held);
-    let mut report = checker::Report::default();
-    let mut to = driver::Setpoint { k: held.k + 1, ..held };
-    // The last joint of TIAGo++.
-    to.q[16] += 1e-4;
-    checker.step(subject.simulated.driver(), &mut report, &to, messages::Mode::Engaged as u32);
-    assert!(report.violations_of(ViolationKind::Jerk) > 0, "{:?}", report.violations());
 }
 
 /// Both hands carry 0.5 kg, and whole-body control knows it.

@@ -1,8 +1,8 @@
 //! Plays motions of files through every stage.
 
+use crate::root;
 use config::Overrides;
 use report::{cores, in_parallel};
-use std::path::Path;
 use torture::motions::play;
 
 /// One file of this many is played here. The command plays all.
@@ -10,9 +10,8 @@ const EVERY: usize = 5;
 
 #[test]
 fn motions_of_files_cause_no_violation() {
-    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
-    let folder = root.join("tools/replay/motions");
-    let loaded = config::load(&root.join("config/teleop.toml"), Overrides::default()).unwrap();
+    let folder = root().join("tools/replay/motions");
+    let loaded = config::load(&root().join("config/teleop.toml"), Overrides::default()).unwrap();
     let files: Vec<_> = motion::motion_files(&folder).unwrap().into_iter().step_by(EVERY).collect();
     assert!(!files.is_empty());
     for played in in_parallel(cores(), files.len(), |i| play(&loaded, &files[i])) {

@@ -1,19 +1,13 @@
 //! No stop is longer than its bound, and the bound is tight.
 
+use crate::subject;
 use messages::{JOINTS_MAX, TICK_S};
-use std::path::Path;
 use torture::cli::Changes;
-use torture::stages::Subject;
 use torture::stop_times::{joint_bound_at_s, joint_bound_s, run, stop_bound_s};
-
-fn subject() -> Subject {
-    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
-    Subject::load(&root.join("config/teleop.toml"), None, Changes::default()).unwrap()
-}
 
 #[test]
 fn no_state_takes_longer_to_stop_than_its_bound() {
-    let subject = subject();
+    let subject = subject(Changes::default());
     let bounds = subject.wbc.bounds();
     let times = run(bounds, 20_000, 3, 2, |_| ());
     assert_eq!((times.states, times.exceeded()), (20_000, 0), "{times:?}");
@@ -27,7 +21,7 @@ fn no_state_takes_longer_to_stop_than_its_bound() {
 
 #[test]
 fn stop_bound_of_a_state_is_that_of_its_slowest_joint() {
-    let subject = subject();
+    let subject = subject(Changes::default());
     let bounds = subject.wbc.bounds();
     let mut v = [0.0; JOINTS_MAX];
     v[5] = -1.0;

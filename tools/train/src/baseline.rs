@@ -8,14 +8,13 @@ use crate::networks::{LATENT, Networks, Pose, REACH, Size};
 use crate::pairs::random_postures;
 use crate::session::encode_robot;
 use half::f16;
-use retarget::{ArmIdentity, ArmQ, Layers, Perceptron, Precision, sha256_hex, xyzw_from_rotation};
+use retarget::{ArmIdentity, ArmQ, Layers, Perceptron, sha256_hex, xyzw_from_rotation};
 use safetensors::tensor::TensorView;
 use safetensors::{Dtype, SafeTensors};
 use serde::{Deserialize, Serialize};
 use std::fmt::Display;
 use std::path::Path;
 
-/// The only format so far.
 const FORMAT: u32 = 1;
 const TENSOR: &str = "parameters";
 /// Number of postures on which S3LE is trained and in which it looks up, and number of pairs (Choi et al.
@@ -24,37 +23,27 @@ pub const S3LE_POSTURES: usize = 200_000;
 /// Seed of these postures. Training and lookup must use the same postures.
 pub const S3LE_SEED: u64 = 1;
 
-/// Description of a baseline and of its training.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct BaselineManifest {
-    /// `FORMAT`.
     pub format: u32,
-    /// Name of its preset.
     pub name: String,
     /// SHA-256 of the safetensors file, lower-case hex.
     pub sha256: String,
     /// Hash of the arm, as in the product's weights.
     pub robot_hash: String,
-    /// Sizes of the hidden layers.
     pub size: Size,
-    /// Input and output of the networks.
     pub pose: Pose,
     /// True if the posture is the nearest known one in the latent space (S3LE). Otherwise it is the decoder's
     /// output.
     pub lookup: bool,
-    /// Seed of the training.
     pub seed: u64,
-    /// Steps of the training.
     pub steps: u64,
-    /// Data of the training.
     pub trained_on: String,
 }
 
-/// Networks of a baseline, ready to run.
 #[derive(Clone, Debug)]
 pub struct Baseline {
-    /// Description of the baseline.
     pub manifest: BaselineManifest,
     human: Perceptron,
     decoder: Perceptron,
@@ -62,7 +51,6 @@ pub struct Baseline {
     known: Option<Known>,
 }
 
-/// S3LE's known postures and their latents.
 #[derive(Clone, Debug)]
 struct Known {
     postures: Vec<[[f32; ARM]; 2]>,
@@ -72,9 +60,6 @@ struct Known {
 impl Baseline {
     /// Writes `<base>.safetensors` and `<base>.toml`. The manifest comes last, because it holds the hash of the
     /// other file.
-    ///
-    /// # Errors
-    /// Returns an error if one of them cannot be written.
     pub fn write(base: &Path, manifest: &BaselineManifest, parameters: &[f32]) -> Result<(), TrainError> {
         let data: Vec<u8> = parameters.iter().flat_map(|value| f16::from_f32(*value).to_le_bytes()).collect();
         let view = TensorView::new(Dtype::F16, vec![parameters.len()], &data).map_err(|error| damaged(base, error))?;
@@ -85,9 +70,6 @@ impl Baseline {
     }
 
     /// Reads `<base>.safetensors` and `<base>.toml` for the arm `identity`.
-    ///
-    /// # Errors
-    /// Returns an error if one of them is missing, damaged, or made for another arm.
     pub fn read(base: &Path, identity: &ArmIdentity) -> Result<Self, TrainError> {
         let text = read_text(&with_suffix(base, ".toml"))?;
         let manifest: BaselineManifest = toml::from_str(&text).map_err(|error| damaged(base, error))?;
@@ -116,12 +98,11 @@ impl Baseline {
             Known { postures, latents }
         });
         let Layers { human, decoder, .. } = networks.layers(&parameters);
-        let [human, decoder] = [human, decoder].map(|layers| Perceptron::new(&layers, Precision::F32));
+        let [human, decoder] = [human, decoder].map(|layers| Perceptron::new(&layers));
         Ok(Self { manifest, human, decoder, arm, known })
     }
 
     /// Returns joint positions, rad, within the limits: left arm and mirrored right arm of a frame.
-    #[must_use]
     pub fn retarget(&self, frame: &[retarget::Limbs; 2]) -> [ArmQ; 2] {
         let pose = self.manifest.pose;
         let mut features = [0.0; 2 * FEATURES];
@@ -170,7 +151,6 @@ impl Known {
 }
 
 /// Converts limb rotations to f32, in the order x, y, z, w.
-#[must_use]
 pub fn single(limbs: &retarget::Limbs) -> Limbs {
     [limbs.upper, limbs.fore].map(|limb| xyzw_from_rotation(&limb).map(|v| v as f32))
 }

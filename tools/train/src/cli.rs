@@ -22,12 +22,12 @@ pub struct Cli {
     #[arg(long, visible_alias = "robots", value_name = "FILE", value_delimiter = ',')]
     #[arg(default_value = "config/robots/tiago_dual.toml")]
     pub robot: Vec<PathBuf>,
-    /// Output path of the weights: OUT.safetensors and OUT.toml. Checkpoints go to OUT.checkpoint. For several robots it
-    /// is a folder of one file for each name, without checkpoints
+    /// Output path of the weights: OUT.safetensors and OUT.toml. For several robots it is a folder of one file
+    /// for each name
     #[arg(long, value_name = "OUT")]
     pub out: PathBuf,
     /// Train the prediction of a person's arm motion instead, from the same clips. Takes a minute
-    #[arg(long, conflicts_with_all = ["preset", "steps", "batch", "rate", "resume"])]
+    #[arg(long, conflicts_with_all = ["preset", "steps", "batch", "rate"])]
     pub prediction: bool,
     /// Networks to train, and length of the training
     #[arg(long, value_enum, default_value = "full")]
@@ -44,9 +44,6 @@ pub struct Cli {
     /// Peak learning rate of Adam, instead of the preset's
     #[arg(long)]
     pub rate: Option<f64>,
-    /// Continue a checkpoint of one robot with its own options
-    #[arg(long, value_name = "FILE")]
-    pub resume: Option<PathBuf>,
     /// Part of each clip in which the elbow hinges are estimated
     #[arg(long, value_name = "clip|first-10s", default_value = "first-10s", value_parser = calibration)]
     pub calibration: CalibrationMode,
@@ -58,9 +55,6 @@ fn calibration(text: &str) -> Result<CalibrationMode, String> {
 
 impl Cli {
     /// Returns the options of a new run.
-    ///
-    /// # Errors
-    /// Returns an error if one of the numbers is out of bounds.
     pub fn options(&self) -> Result<Options, TrainError> {
         let recipe = self.preset.recipe();
         let steps = self.steps.unwrap_or(recipe.steps);

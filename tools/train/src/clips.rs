@@ -13,35 +13,27 @@ pub const VALIDATION_EVERY: usize = 5;
 const VALIDATION_FIRST: usize = 2;
 
 /// Returns true if the file at this index, sorted by name, is kept for validation.
-#[must_use]
 pub const fn is_validation(index: usize) -> bool {
     index % VALIDATION_EVERY == VALIDATION_FIRST
 }
 
-/// One clip, both arms as left arms.
 #[derive(Clone, Debug)]
 pub struct Clip {
-    /// File name without extension.
     pub name: String,
-    /// Frames per second.
     pub frame_rate_hz: f64,
     /// Frames of the left arm, then of the mirrored right arm, x y z w.
     pub arms: [Vec<Limbs>; 2],
 }
 
 impl Clip {
-    /// Returns both arms, frame by frame.
     pub fn frames(&self) -> impl Iterator<Item = [Limbs; 2]> {
         self.arms[0].iter().zip(&self.arms[1]).map(|(left, right)| [*left, *right])
     }
 }
 
-/// The clips of a folder.
 #[derive(Clone, Debug)]
 pub struct Clips {
-    /// Clips to train on.
     pub training: Vec<Clip>,
-    /// Clips for validation.
     pub validation: Vec<Clip>,
     /// Files that could not be used: name and reason.
     pub skipped: Vec<(String, String)>,
@@ -50,9 +42,6 @@ pub struct Clips {
 impl Clips {
     /// Reads all motion files of `folder`. A file that cannot be read, or has no rotations, is skipped and
     /// listed.
-    ///
-    /// # Errors
-    /// Returns an error if the folder cannot be listed, or has no training clip or no validation clip.
     pub fn read(folder: &Path, calibration: CalibrationMode) -> Result<Self, TrainError> {
         let files = motion_files(folder)?;
         let mut clips = Self { training: Vec::new(), validation: Vec::new(), skipped: Vec::new() };
@@ -76,14 +65,11 @@ impl Clips {
         Ok(clips)
     }
 
-    /// Returns the frames of the training clips in one list.
-    #[must_use]
     pub fn recorded(&self) -> Recorded {
         Recorded { frames: self.training.iter().flat_map(Clip::frames).collect() }
     }
 
     /// Returns at most `count` frames, spread evenly over the validation clips.
-    #[must_use]
     pub fn validation_sample(&self, count: usize) -> Vec<[Limbs; 2]> {
         let all: Vec<[Limbs; 2]> = self.validation.iter().flat_map(Clip::frames).collect();
         let stride = all.len().div_ceil(count.max(1)).max(1);
@@ -91,10 +77,6 @@ impl Clips {
     }
 }
 
-/// Returns the motion files of a folder, sorted by name.
-///
-/// # Errors
-/// Returns an error if it cannot be listed.
 pub fn motion_files(folder: &Path) -> Result<Vec<PathBuf>, TrainError> {
     motion::motion_files(folder).map_err(|error| {
         let source = match error {
@@ -115,9 +97,6 @@ fn read_clip(file: &Path, calibration: CalibrationMode) -> Result<Clip, String> 
 }
 
 /// Returns the limb rotations of every frame, x y z w, indexed by `messages::Limb`.
-///
-/// # Errors
-/// Returns a sentence as error if there is no frame, or a rotation is not finite.
 pub fn limb_frames(motion: &Motion, calibration: CalibrationMode) -> Result<Vec<[[f32; 4]; LIMBS]>, String> {
     let frames = motion::limbs(motion, &motion::calibrate(motion, calibration));
     if frames.is_empty() {

@@ -12,7 +12,6 @@ use std::fmt;
 
 /// Refinement steps of the second row.
 const STEPS: u32 = 2;
-/// One row of the table.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ErrorFigures {
     /// Mean rotation error over limbs and frames, degrees.
@@ -23,14 +22,10 @@ pub struct ErrorFigures {
     pub s_gr: f64,
 }
 
-/// The table.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Evaluation {
-    /// Figures of each of `ROWS`.
     pub rows: [ErrorFigures; 3],
-    /// Number of clips.
     pub clips: usize,
-    /// Frames of both arms.
     pub arm_frames: usize,
     /// RMS joint change that a tracker's noise makes near the shoulder's gimbal with K = 2, degrees.
     pub gimbal_noise_deg: f64,
@@ -41,7 +36,6 @@ pub struct Evaluation {
 const ROWS: [[&str; 2]; 3] =
     [["k0", "K = 0 (network)"], ["k2", "K = 2 (two LM steps)"], ["optimum", "optimum (multi-start)"]];
 
-/// Errors of one method: two limbs per arm frame.
 #[derive(Default)]
 struct Errors {
     degrees: Vec<f64>,
@@ -68,7 +62,6 @@ impl Errors {
 }
 
 /// Converts limb rotations of training to those of retargeting.
-#[must_use]
 pub fn limbs(pose: &kinematics::Limbs) -> Limbs {
     let [upper, fore] = pose.map(|limb| {
         let [x, y, z, w] = limb.map(f64::from);
@@ -78,7 +71,6 @@ pub fn limbs(pose: &kinematics::Limbs) -> Limbs {
 }
 
 /// Returns both arms after a turn of the torso. Both are left arms, and one of them is mirrored.
-#[must_use]
 pub fn turned(turn: &UnitQuaternion<f64>, arms: &[Limbs; 2]) -> [Limbs; 2] {
     let axis = turn.scaled_axis();
     let mirrored = UnitQuaternion::from_scaled_axis(Vector3::new(-axis.x, axis.y, -axis.z));
@@ -88,7 +80,6 @@ pub fn turned(turn: &UnitQuaternion<f64>, arms: &[Limbs; 2]) -> [Limbs; 2] {
 
 /// Evaluates `network` on every frame of `clips`. The optimum is evaluated only on every `stride`-th frame,
 /// because it is slow.
-#[must_use]
 pub fn evaluate(arm: &ArmModel, network: &Network, clips: &[Clip], stride: usize) -> Evaluation {
     let [mut k0, mut k2, mut optimum] = [(); 3].map(|()| Errors::default());
     let mut arm_frames = 0;
@@ -127,8 +118,6 @@ fn gimbal_noise_deg(arm: &ArmModel, network: &Network, clips: &[Clip], stride: u
 }
 
 impl Evaluation {
-    /// Returns the manifest's `[validation]` table.
-    #[must_use]
     pub fn table(&self) -> toml::Table {
         let mut table = toml::Table::new();
         table.insert("clips".into(), (self.clips as i64).into());

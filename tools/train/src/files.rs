@@ -4,10 +4,6 @@ use crate::error::TrainError;
 use robot::Model;
 use std::path::{Path, PathBuf};
 
-/// Reads a robot file and the URDF that it names.
-///
-/// # Errors
-/// Returns an error if one of them is missing or invalid.
 pub fn read_model(path: &Path) -> Result<Model, TrainError> {
     let name = path.display().to_string();
     let text = read_text(path)?;
@@ -15,7 +11,6 @@ pub fn read_model(path: &Path) -> Result<Model, TrainError> {
     Ok(Model::from_text(&name, &text, &urdf.display().to_string(), &read_text(&urdf)?)?)
 }
 
-/// Returns the text of a file.
 pub(crate) fn read_text(path: &Path) -> Result<String, TrainError> {
     std::fs::read_to_string(path).map_err(|source| TrainError::File {
         path: path.to_path_buf(),
@@ -25,9 +20,6 @@ pub(crate) fn read_text(path: &Path) -> Result<String, TrainError> {
 }
 
 /// Writes `bytes` to `path`. The file is either the old one or the new one, never a part.
-///
-/// # Errors
-/// Returns an error if the folder cannot be written.
 pub(crate) fn write_at_once(path: &Path, bytes: &[u8]) -> Result<(), TrainError> {
     let failed = |source| TrainError::File { path: path.to_path_buf(), action: "write", source };
     if let Some(folder) = path.parent().filter(|folder| !folder.as_os_str().is_empty()) {
@@ -54,9 +46,6 @@ pub(crate) fn with_suffix(base: &Path, suffix: &str) -> PathBuf {
 
 /// Writes `<base>.safetensors` and `<base>.toml`. The manifest comes last, because it holds the hash of the
 /// other file.
-///
-/// # Errors
-/// Returns an error if one of them cannot be written.
 pub fn write_both(base: &Path, tensors: &[u8], manifest: &str) -> Result<(), TrainError> {
     write_at_once(&with_suffix(base, ".safetensors"), tensors)?;
     write_at_once(&with_suffix(base, ".toml"), manifest.as_bytes())

@@ -18,14 +18,12 @@ pub struct Mat<'a> {
 
 impl<'a> Mat<'a> {
     /// The `rows` x `cols` matrix stored row by row at the start of `data`. Panics if `data` is shorter.
-    #[must_use]
     pub fn new(data: &'a [f32], rows: usize, cols: usize) -> Self {
         assert!(data.len() >= rows * cols, "matrix {rows} x {cols} over {} values", data.len());
         Self { data, rows, cols, steps: [cols as isize, 1] }
     }
 
     /// Returns the same storage, read as its transpose.
-    #[must_use]
     pub fn t(self) -> Self {
         let [row, col] = self.steps;
         Self { rows: self.cols, cols: self.rows, steps: [col, row], ..self }
@@ -144,11 +142,5 @@ mod tests {
             multiply(&mut got, left, right, true);
             assert!(got.iter().zip(&want).all(|(g, w)| (g - 2.0 * w).abs() < 2e-5));
         }
-    }
-
-    #[test]
-    #[should_panic(expected = "inner dimensions")]
-    fn matrix_product_of_mismatched_shapes_panics() {
-        multiply(&mut [0.0; 4], Mat::new(&[0.0; 6], 2, 3), Mat::new(&[0.0; 4], 2, 2), false);
     }
 }

@@ -13,7 +13,6 @@ pub const LATENT: usize = 8;
 /// factor the limits themselves would be out of reach.
 pub const REACH: f32 = 1.02;
 
-/// Hidden layers of each perceptron.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct Size {
     /// Number of hidden layers. The paper has 6.
@@ -27,7 +26,6 @@ pub struct Size {
 pub struct Pose {
     /// Arms per latent: 1 (the product), or 2, the whole pose.
     pub arms: usize,
-    /// Input for each arm.
     pub input: HumanInput,
 }
 
@@ -39,13 +37,10 @@ impl Default for Pose {
 
 impl Pose {
     /// Number of inputs of the human encoder.
-    #[must_use]
     pub const fn features(self) -> usize {
         self.arms * self.input.width()
     }
 
-    /// Number of joints of a posture.
-    #[must_use]
     pub const fn joints(self) -> usize {
         self.arms * ARM
     }
@@ -54,9 +49,7 @@ impl Pose {
 /// Layout of the three perceptrons in one parameter vector.
 #[derive(Clone, Debug)]
 pub struct Networks {
-    /// Hidden layers of each.
     pub size: Size,
-    /// Input and output of the networks.
     pub pose: Pose,
     /// Q_h: human features to latent.
     pub human: Mlp,
@@ -67,8 +60,6 @@ pub struct Networks {
 }
 
 impl Networks {
-    /// Lays the three perceptrons out one after another.
-    #[must_use]
     pub fn new(size: Size, pose: Pose) -> Self {
         let Size { hidden_layers, hidden_width } = size;
         let shape = |input, output| Shape { input, hidden_layers, hidden_width, output };
@@ -78,21 +69,16 @@ impl Networks {
         Self { size, pose, human, robot, decoder }
     }
 
-    /// Returns the number of parameters of all three.
-    #[must_use]
     pub fn parameters(&self) -> usize {
         self.decoder.end()
     }
 
-    /// Returns the perceptrons with their names in a weights file.
-    #[must_use]
     pub fn named(&self) -> [(&'static str, &Mlp); 3] {
         [("human", &self.human), ("robot", &self.robot), ("decoder", &self.decoder)]
     }
 
     /// Returns random weights. They are uniform with variance 2/inputs before a SiLU (He et al. 2015), and
     /// 1/inputs before an output. Biases are zero.
-    #[must_use]
     pub fn initial(&self, seed: u64) -> Vec<f32> {
         let mut rng = Pcg64::new(u128::from(seed), 0x1417);
         let mut parameters = vec![0.0; self.parameters()];
@@ -106,8 +92,6 @@ impl Networks {
         parameters
     }
 
-    /// Extracts the layers of all three networks from the parameter vector.
-    #[must_use]
     pub fn layers(&self, parameters: &[f32]) -> Layers {
         let [human, robot, decoder] = self.named().map(|(_, mlp)| {
             mlp.layers

@@ -12,8 +12,7 @@ use crate::mlp::Trace;
 use crate::networks::{LATENT, Networks, REACH};
 use crate::sampling::Batch;
 
-/// One value for each loss term.
-#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PerTerm<T> {
     /// S_GR of the retargeted pose, summed over the arm's two limbs.
     pub kinematics: T,
@@ -41,8 +40,6 @@ pub type Weighting = PerTerm<f32>;
 pub type Terms = PerTerm<f64>;
 
 impl<T: Copy> PerTerm<T> {
-    /// Combines each value with the other one of its term.
-    #[must_use]
     pub fn zip<U: Copy, V>(&self, other: &PerTerm<U>, combine: impl Fn(T, U) -> V) -> PerTerm<V> {
         PerTerm {
             kinematics: combine(self.kinematics, other.kinematics),
@@ -73,8 +70,6 @@ impl Weighting {
 }
 
 impl Terms {
-    /// Returns the loss: the weighted sum.
-    #[must_use]
     pub fn total(&self, weighting: &Weighting) -> f64 {
         let of = self.zip(weighting, |value, weight| value * f64::from(weight));
         let human = of.kinematics + of.angle + of.limits + of.steadiness;
@@ -88,7 +83,6 @@ pub const MARGIN: f32 = 0.05;
 /// Data of one thread for one batch: the batch, the buffers of the passes, and the gradient.
 #[derive(Clone, Debug)]
 pub struct Shard {
-    /// The poses.
     pub batch: Batch,
     /// dL/dparameters of the last `evaluate`.
     pub gradient: Vec<f32>,
@@ -105,8 +99,6 @@ pub struct Shard {
 }
 
 impl Shard {
-    /// Creates buffers for batches of `rows`.
-    #[must_use]
     pub fn new(networks: &Networks, rows: usize) -> Self {
         Self {
             batch: Batch::new(rows, networks.pose),

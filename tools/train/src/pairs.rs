@@ -26,13 +26,11 @@ pub struct Index {
 }
 
 impl Index {
-    /// Creates the index of these poses, in their order.
     pub fn new(poses: impl Iterator<Item = [Limbs; 2]>) -> Self {
         Self { products: poses.flat_map(|pose| products(&pose)).collect() }
     }
 
     /// Returns for each human pose the index of the nearest pose, or the first of equals.
-    #[must_use]
     pub fn nearest(&self, humans: &[[Limbs; 2]]) -> Vec<usize> {
         let mut out = Vec::with_capacity(humans.len());
         let mut block = Vec::new();
@@ -88,7 +86,6 @@ fn products(arms: &[Limbs; 2]) -> [f32; PRODUCTS] {
 
 /// Returns `count` robot postures of both arms, uniform within the limits, normalised to -1..1 over them. The
 /// same seed gives the same postures.
-#[must_use]
 pub fn random_postures(count: usize, seed: u64) -> Vec<[[f32; ARM]; 2]> {
     let mut rng = Pcg64::new(u128::from(seed), 0x5e1e);
     let mut joint = || -> f32 { rng.random_range(-1.0..1.0) };
@@ -96,7 +93,6 @@ pub fn random_postures(count: usize, seed: u64) -> Vec<[[f32; ARM]; 2]> {
 }
 
 /// Draws `count` human poses as training does, and matches each with its nearest of `postures`.
-#[must_use]
 pub fn matched(
     arm: &Arm,
     postures: &[[[f32; ARM]; 2]],

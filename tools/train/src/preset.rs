@@ -55,7 +55,6 @@ const BASELINE_STEPS: u64 = 12_000;
 
 impl Preset {
     /// Returns the recipe of the preset.
-    #[must_use]
     pub fn recipe(self) -> Recipe {
         let ours = Weighting::OURS;
         // Batch, rate and decay: `weights/EXPERIMENTS.md`.
@@ -99,7 +98,6 @@ impl Preset {
     }
 
     /// Returns the name of a baseline, as on the command line. None for the product's networks.
-    #[must_use]
     pub fn baseline(self) -> Option<String> {
         let is_product = matches!(self, Self::Quick | Self::Full);
         self.to_possible_value().filter(|_| !is_product).map(|value| value.get_name().to_owned())

@@ -1,12 +1,11 @@
-//! Runs the command: reads, trains with a progress bar and checkpoints, evaluates, writes.
+//! Runs the command: reads, trains with a progress bar, evaluates, writes.
 
 use crate::baseline::{Baseline, BaselineManifest, S3LE_POSTURES, S3LE_SEED};
-use crate::checkpoint::{self, Origin};
 use crate::cli::Cli;
 use crate::clips::Clips;
 use crate::error::TrainError;
 use crate::evaluation::evaluate;
-use crate::files::{read_model, with_suffix, write_both};
+use crate::files::{read_model, write_both};
 use crate::gimbal::Gimbal;
 use crate::kinematics::Arm;
 use crate::objective::Terms;
@@ -24,17 +23,11 @@ use std::time::{Duration, Instant};
 /// Steps between validations. The figure changes slowly, and 2000 frames cost as much as 5 steps.
 const VALIDATION_STEPS: u64 = 1_000;
 const VALIDATION_POSES: usize = 2_000;
-/// Steps between checkpoints. At most half a minute of work is lost.
-const CHECKPOINT_STEPS: u64 = 2_000;
 /// Number of steps over which the displayed loss is averaged.
 const SHOWN_STEPS: u64 = 20;
 /// Frames between two evaluations of the optimum. At 60 frames/s neighbouring frames hardly differ.
 const OPTIMUM_STRIDE: usize = 3;
 
-/// Runs the requested training.
-///
-/// # Errors
-/// Returns the first error, with its file or option.
 pub fn run(cli: &Cli) -> Result<(), TrainError> {
     let clips = Clips::read(&cli.human, cli.calibration)?;
     report(&clips);
@@ -55,46 +48,27 @@ pub fn run(cli: &Cli) -> Result<(), TrainError> {
     for (run, session) in runs.iter().zip(&sessions) {
         let trained_on = description(&session.options, &clips, &recorded, cli.calibration.name());
         match cli.preset.baseline() {
-            Some(name) => write_baseline(&run.out, name, session, &run.origin, trained_on)?,
+            Some(name) => write_baseline(&run.out, name, session, &run.identity, trained_on)?,
             None => write_product(&run.out, session, &run.identity, &clips, trained_on, cli.calibration.name())?,
         }
-        // The run is complete and its schedule has ended. So there is nothing to resume.
-        let _ = std::fs::remove_file(with_suffix(&run.out, ".checkpoint"));
         println!("wrote {}.safetensors and .toml", run.out.display());
     }
     Ok(())
 }
 
-/// Everything that belongs to one robot of the training, besides its session.
 struct Run {
     out: PathBuf,
     identity: ArmIdentity,
-    origin: Origin,
 }
 
-/// Begins the run of one robot, or continues its checkpoint.
 fn begin(cli: &Cli, robot: &Path, recorded: &Recorded) -> Result<(Run, Session), TrainError> {
     let identity = ArmIdentity::from_model(&read_model(robot)?);
     let arm = Arm::from(&identity.arm);
-    let origin = Origin { robot_hash: format!("{:016x}", identity.robot_hash), poses: recorded.digest() };
     let out = if cli.robot.len() == 1 { cli.out.clone() } else { cli.out.join(&identity.robot) };
-    let session = match &cli.resume {
-        Some(path) if cli.robot.len() > 1 => {
-            let reason = "--resume continues a run of one robot".into();
-            return Err(TrainError::Checkpoint { path: path.clone(), reason });
-        }
-        Some(path) => checkpoint::resume(path, arm, &origin)?,
-        None => Session::new(options(cli, recorded, &arm)?, arm).starting_at(start(&identity.arm, recorded)),
-    };
-    let recipe = cli.preset.recipe();
-    if (session.options.pose, session.options.weighting) != (recipe.pose, recipe.weighting) {
-        let path = cli.resume.clone().unwrap_or_default();
-        return Err(TrainError::Checkpoint { path, reason: "was made with another --preset".into() });
-    }
-    Ok((Run { out, identity, origin }, session))
+    let session = Session::new(options(cli, recorded, &arm)?, arm).starting_at(start(&identity.arm, recorded));
+    Ok((Run { out, identity }, session))
 }
 
-/// Returns the options of a new run for `arm`.
 fn options(cli: &Cli, recorded: &Recorded, arm: &Arm) -> Result<Options, TrainError> {
     let mut options = cli.options()?;
     if options.mixture.noisy_copies {
@@ -115,7 +89,7 @@ fn write_baseline(
     out: &Path,
     name: String,
     session: &Session,
-    origin: &Origin,
+    identity: &ArmIdentity,
     trained_on: String,
 ) -> Result<(), TrainError> {
     let manifest = BaselineManifest {
@@ -123,7 +97,7 @@ fn write_baseline(
         lookup: name == "s3le",
         name,
         sha256: String::new(),
-        robot_hash: origin.robot_hash.clone(),
+        robot_hash: format!("{:016x}", identity.robot_hash),
         size: session.options.size,
         pose: session.options.pose,
         seed: session.options.seed,
@@ -179,18 +153,17 @@ fn description(options: &Options, clips: &Clips, recorded: &Recorded, calibratio
     )
 }
 
-/// Takes the steps of all robots together.
 fn train(runs: &[Run], sessions: &mut [Session], data: &[Data<'_>], clips: &Clips) -> Result<(), TrainError> {
     let Some(leader) = sessions.first() else { return Ok(()) };
     let poses = clips.validation_sample(VALIDATION_POSES);
-    let (first, steps) = (leader.step, leader.options.schedule.steps);
-    let bar = ProgressBar::new(steps).with_position(first);
+    let steps = leader.options.schedule.steps;
+    let bar = ProgressBar::new(steps);
     if let Ok(style) = ProgressStyle::with_template("{bar:30} {pos}/{len} {elapsed} (eta {eta}) {msg}") {
         bar.set_style(style);
     }
     let start = Instant::now();
     let mut shown = vec![Terms::default(); runs.len()];
-    for step in first + 1..=steps {
+    for step in 1..=steps {
         let terms = Session::advance_together(sessions, data);
         if terms.iter().zip(&*sessions).any(|(terms, it)| !terms.total(&it.options.weighting).is_finite()) {
             return Err(TrainError::Diverged { step });
@@ -198,11 +171,11 @@ fn train(runs: &[Run], sessions: &mut [Session], data: &[Data<'_>], clips: &Clip
         for (shown, terms) in shown.iter_mut().zip(&terms) {
             // A single batch is too noisy to read.
             let running_mean = |mean: f64, new: f64| mean + (new - mean) / SHOWN_STEPS as f64;
-            *shown = if step == first + 1 { *terms } else { shown.zip(terms, running_mean) };
+            *shown = if step == 1 { *terms } else { shown.zip(terms, running_mean) };
         }
         let last = step == steps;
         if step.is_multiple_of(SHOWN_STEPS) || last {
-            let rate = (step - first) as f64 / start.elapsed().max(Duration::from_millis(1)).as_secs_f64();
+            let rate = step as f64 / start.elapsed().max(Duration::from_millis(1)).as_secs_f64();
             bar.set_position(step);
             bar.set_message(format!("{rate:.1} steps/s"));
             if step.is_multiple_of(VALIDATION_STEPS) || last {
@@ -213,15 +186,9 @@ fn train(runs: &[Run], sessions: &mut [Session], data: &[Data<'_>], clips: &Clip
                 }
             }
         }
-        if step.is_multiple_of(CHECKPOINT_STEPS) || last {
-            // One of several robots cannot go on alone.
-            if let ([run], [session]) = (runs, &*sessions) {
-                checkpoint::save(&with_suffix(&run.out, ".checkpoint"), session, &run.origin)?;
-            }
-        }
     }
     bar.finish_and_clear();
-    println!("{} steps in {:.0} s", steps.saturating_sub(first), start.elapsed().as_secs_f64());
+    println!("{steps} steps in {:.0} s", start.elapsed().as_secs_f64());
     Ok(())
 }
 

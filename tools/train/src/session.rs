@@ -6,52 +6,36 @@ use crate::objective::{Shard, Terms, Weighting};
 use crate::optimiser::{Adam, Schedule};
 use crate::sampling::{Mixture, Pair, Recorded};
 
-/// Definition of a run, besides its data.
-#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Options {
-    /// Hidden layers of the perceptrons.
     pub size: Size,
-    /// Input and output of the networks.
     pub pose: Pose,
     /// Poses per step. The number is even, and each thread takes half of it.
     pub batch: usize,
-    /// Learning rate over the steps.
     pub schedule: Schedule,
-    /// Seed of weights and poses.
     pub seed: u64,
-    /// Weights of the loss terms.
     pub weighting: Weighting,
-    /// Distribution of the drawn human poses.
     pub mixture: Mixture,
 }
 
-/// Source of the batches.
 #[derive(Clone, Copy, Debug)]
 pub enum Data<'a> {
-    /// Human poses, and random robot postures.
     Unpaired(&'a Recorded),
-    /// Human poses, each with its matched posture.
     Pairs(&'a [Pair]),
 }
 
 /// A run. It is bit-reproducible: the shards are fixed, and their gradients are added in one order.
 #[derive(Clone, Debug)]
 pub struct Session {
-    /// Options of the run.
     pub options: Options,
-    /// Layout of the parameters.
     pub networks: Networks,
-    /// Parameters, moments and average.
     pub adam: Adam,
-    /// Steps done.
     pub step: u64,
     arm: Arm,
     shards: [Shard; 2],
 }
 
 impl Session {
-    /// Creates a new run for `arm`.
-    #[must_use]
     pub fn new(options: Options, arm: Arm) -> Self {
         let networks = Networks::new(options.size, options.pose);
         let adam = Adam::new(networks.initial(options.seed));
@@ -61,7 +45,6 @@ impl Session {
 
     /// Begins a new run at these joint positions, normalised to -1..1 over the limits. It begins in their middle
     /// otherwise.
-    #[must_use]
     pub fn starting_at(mut self, start: [f32; ARM]) -> Self {
         if let Some(layer) = self.networks.decoder.layers.last() {
             for bias in self.adam.parameters[layer.bias.clone()].chunks_exact_mut(ARM) {
@@ -72,8 +55,6 @@ impl Session {
         self
     }
 
-    /// Returns the arm that is trained.
-    #[must_use]
     pub fn arm(&self) -> &Arm {
         &self.arm
     }
@@ -104,7 +85,6 @@ impl Session {
         terms
     }
 
-    /// Computes the gradients on poses drawn from `data`. Returns the loss terms.
     fn differentiate(&mut self, data: Data<'_>) -> Terms {
         let Self { options, networks, adam, step, arm, shards: [left, right] } = self;
         let parameters = adam.parameters.as_slice();
@@ -122,7 +102,6 @@ impl Session {
         of_left.zip(&of_right, |a, b| 0.5 * (a + b))
     }
 
-    /// Takes the step along the gradients.
     fn apply(&mut self) {
         let [left, right] = &self.shards;
         self.adam.step([&left.gradient, &right.gradient], self.step, &self.options.schedule);
@@ -131,7 +110,6 @@ impl Session {
 
     /// Returns the mean rotation error in degrees of the averaged networks, without refinement, over the four
     /// limbs of `frames`.
-    #[must_use]
     pub fn mean_limb_degrees(&self, frames: &[[Limbs; 2]]) -> f64 {
         let postures = retarget(&self.networks, &self.adam.average, &self.arm, frames);
         let pairs = frames.as_flattened().iter().zip(postures.as_flattened());
@@ -148,7 +126,6 @@ impl Session {
 const ROWS: usize = 256;
 
 /// Returns D_r(Q_h(x_h)), clamped to the limits, rad: both arms of every frame, both as left arms.
-#[must_use]
 pub fn retarget(networks: &Networks, parameters: &[f32], arm: &Arm, frames: &[[Limbs; 2]]) -> Vec<[[f32; ARM]; 2]> {
     let (arms, input, joints) = (networks.pose.arms, networks.pose.input, networks.pose.joints());
     let mut human = networks.human.trace(ROWS);
@@ -170,7 +147,6 @@ pub fn retarget(networks: &Networks, parameters: &[f32], arm: &Arm, frames: &[[L
 }
 
 /// Returns Q_r of postures normalised to -1..1, `[rows, joints]`.
-#[must_use]
 pub fn encode_robot(networks: &Networks, parameters: &[f32], postures: &[f32]) -> Vec<[f32; LATENT]> {
     let joints = networks.pose.joints();
     let mut robot = networks.robot.trace(ROWS);

@@ -14,7 +14,6 @@ const POSES: usize = 2_000;
 /// Returns the joint positions at which a network for `arm` begins, normalised to -1..1 over the limits. It is their
 /// middle, unless that lies at the gimbal. Then it is the mean posture on the side that comes nearer to the recorded
 /// poses.
-#[must_use]
 pub fn start(arm: &ArmModel, recorded: &Recorded) -> [f32; ARM_Q] {
     let mid = arm.mid();
     let upper = arm.forward(&mid).upper * arm.axes[2];

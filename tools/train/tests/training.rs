@@ -1,12 +1,10 @@
-//! Short runs on procedural poses: they learn, repeat bit for bit, resume bit for bit, and write a file that
-//! retargeting reads.
+//! Short runs on procedural poses: they learn, repeat bit for bit, and write a file that retargeting reads.
 
 use nalgebra::Vector3;
 use rand_pcg::Pcg64;
 use retarget::{ArmIdentity, ArmModel, Manifest, Weights, features};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use train::baseline::{Baseline, BaselineManifest, S3LE_POSTURES, S3LE_SEED};
-use train::checkpoint::{Origin, resume, save};
 use train::evaluation::limbs;
 use train::files::write_both;
 use train::kinematics::{Arm, Limbs};
@@ -42,10 +40,6 @@ fn session(steps: u64, seed: u64) -> Session {
     Session::new(options, Arm::from(&identity().arm))
 }
 
-fn origin() -> Origin {
-    Origin { robot_hash: "7".into(), poses: Recorded::default().digest() }
-}
-
 fn advance(session: &mut Session, steps: u64) -> Vec<Terms> {
     let recorded = Recorded::default();
     (0..steps).map(|_| session.advance(Data::Unpaired(&recorded))).collect()
@@ -54,12 +48,6 @@ fn advance(session: &mut Session, steps: u64) -> Vec<Terms> {
 fn unseen_poses() -> Vec<[Limbs; 2]> {
     let mut rng = Pcg64::new(99, 99);
     (0..250).map(|_| [procedural(&mut rng), procedural(&mut rng)]).collect()
-}
-
-fn scratch() -> (tempfile::TempDir, PathBuf) {
-    let folder = tempfile::tempdir().expect("a temporary folder can be made");
-    let path = folder.path().join("run.checkpoint");
-    (folder, path)
 }
 
 #[test]
@@ -106,38 +94,8 @@ fn robots_trained_together_share_the_human_encoder_alone() {
 }
 
 #[test]
-fn resumed_run_equals_an_uninterrupted_one_bit_for_bit() {
-    let (_folder, path) = scratch();
-    let mut whole = session(60, 5);
-    advance(&mut whole, 60);
-    let mut part = session(60, 5);
-    advance(&mut part, 25);
-    save(&path, &part, &origin()).expect("a checkpoint can be written");
-    drop(part);
-    let mut rest = resume(&path, Arm::from(&identity().arm), &origin()).expect("and read");
-    assert_eq!((rest.step, rest.options), (25, whole.options));
-    advance(&mut rest, 35);
-    assert_eq!(rest.adam, whole.adam);
-}
-
-#[test]
-fn checkpoint_of_other_robot_or_poses_or_cut_file_is_refused() {
-    let (_folder, path) = scratch();
-    let arm = Arm::from(&identity().arm);
-    save(&path, &session(10, 5), &origin()).expect("a checkpoint can be written");
-    let message = |origin: &Origin| resume(&path, arm, origin).expect_err("is refused").to_string();
-    assert!(message(&Origin { robot_hash: "8".into(), ..origin() }).contains("hash 7"));
-    assert!(message(&Origin { poses: "other".into(), ..origin() }).contains("other recorded poses"));
-    let bytes = std::fs::read(&path).expect("the checkpoint is there");
-    std::fs::write(&path, &bytes[..bytes.len() / 2]).expect("it can be cut");
-    assert!(message(&origin()).contains("run.checkpoint"));
-    std::fs::write(&path, b"not a checkpoint at all").expect("it can be overwritten");
-    assert!(message(&origin()).contains("run.checkpoint"));
-}
-
-#[test]
 fn written_weights_give_retargeting_the_outputs_of_training() {
-    let (folder, _) = scratch();
+    let folder = tempfile::tempdir().expect("a temporary folder can be made");
     let base = folder.path().join("example.v1");
     let mut run = session(50, 2);
     advance(&mut run, 50);
@@ -188,7 +146,7 @@ fn both_arms(frames: &[[Limbs; 2]]) -> Vec<[retarget::Limbs; 2]> {
 
 #[test]
 fn written_baseline_matches_its_run_and_damage_is_refused() {
-    let (folder, _) = scratch();
+    let folder = tempfile::tempdir().expect("a temporary folder can be made");
     let base = folder.path().join("example");
     for preset in [Preset::Paper, Preset::OursPose, Preset::OursNoLtc] {
         gives_what_its_run_gives(&base, preset);
@@ -219,7 +177,7 @@ fn gives_what_its_run_gives(base: &Path, preset: Preset) {
 
 #[test]
 fn s3le_answers_only_known_postures_and_pairing_loss_falls() {
-    let (folder, _) = scratch();
+    let folder = tempfile::tempdir().expect("a temporary folder can be made");
     let base = folder.path().join("s3le");
     let arm = Arm::from(&identity().arm);
     let postures = random_postures(3_000, S3LE_SEED);

@@ -69,7 +69,6 @@ impl Heartbeat {
         *request != before
     }
 
-    /// Prepares the next beat.
     pub(super) fn beat(&mut self) {
         self.request.sequence += 1;
         self.beats = self.beats.saturating_add(1);

@@ -18,7 +18,6 @@ const PRIVATE_KEY: &str = "PRIVATE KEY";
 pub struct Name(String);
 
 impl Name {
-    /// The name as text.
     pub fn as_str(&self) -> &str {
         &self.0
     }
@@ -43,10 +42,8 @@ impl std::fmt::Display for Name {
     }
 }
 
-/// Certificate and key of one end, and the authority that it trusts.
 #[derive(Clone)]
 pub struct Keys {
-    /// The robot.
     pub robot: Name,
     /// The operator whose end it is. `None` for the robot's.
     pub operator: Option<Name>,
@@ -54,19 +51,13 @@ pub struct Keys {
     pub operators: Vec<(Name, String)>,
     /// Common name of the router's certificate, where the robot's end or an operator's admits one.
     pub router: Option<String>,
-    /// Certificate of this end, PEM.
     pub certificate: String,
-    /// Its key, PEM.
     pub key: String,
-    /// Certificate of the robot's authority, PEM.
     pub authority: String,
 }
 
 impl Keys {
     /// Reads the robot's keys from the folder that `teleop-bridge link pair` fills.
-    ///
-    /// # Errors
-    /// Returns an error that names the file.
     pub fn read_robot(folder: &Path) -> Result<Self, Failure> {
         let file = folder.join(super::pair::ROBOT);
         if !file.exists() {
@@ -82,10 +73,6 @@ impl Keys {
         Ok(Self { router, ..own })
     }
 
-    /// Reads an operator's bundle.
-    ///
-    /// # Errors
-    /// Returns an error that names the file.
     pub fn read_operator(bundle: &Path) -> Result<Self, Failure> {
         let keys = Self::parse(bundle, &read_secret(bundle)?, Vec::new())?;
         if keys.operator.is_none() {
@@ -98,9 +85,6 @@ impl Keys {
     }
 
     /// Reads a router's bundle, and the folder with the certificates of the operators whom it admits.
-    ///
-    /// # Errors
-    /// Returns an error that names the file.
     pub fn read_router(bundle: &Path, listed: &Path) -> Result<Self, Failure> {
         let text = read_secret(bundle)?;
         if !text.contains(super::pair::IS_ROUTER) {
@@ -140,7 +124,6 @@ impl Keys {
     }
 }
 
-/// Returns the operators whose certificates lie in this folder, with their common names.
 fn operators(listed: &Path) -> Result<Vec<(Name, String)>, Failure> {
     let mut operators = Vec::new();
     for entry in std::fs::read_dir(listed).into_iter().flatten().flatten() {
@@ -167,7 +150,6 @@ fn common_name(path: &Path, name: &str) -> Result<String, Failure> {
     common_name.map(str::to_owned).ok_or_else(|| wrong(path, "has no line \"common name: NAME.NUMBER\""))
 }
 
-/// Returns the PEM blocks with this label.
 fn blocks<'a>(text: &'a str, label: &str) -> Vec<&'a str> {
     let (begin, end) = (format!("-----BEGIN {label}-----"), format!("-----END {label}-----"));
     let starts = text.match_indices(&begin).map(|(at, _)| at);

@@ -35,10 +35,6 @@ const STATUS_GONE_NS: u64 = Service::Status.row().stale_after_ms as u64 * 1_000_
 const RUNTIME: &str = "ZENOH_RUNTIME";
 const ONE_THREAD: &str = "(rx: (handover: net), acc: (handover: net), tx: (handover: net), app: (handover: net))";
 
-/// Runs a command of `teleop-bridge link`.
-///
-/// # Errors
-/// Returns the message for the user.
 pub fn run(command: &Link) -> Result<(), Failure> {
     if !matches!(command, Link::Pair(_)) {
         share_one_thread()?;
@@ -77,7 +73,6 @@ fn print_unknown(addresses: &[String]) {
     }
 }
 
-/// Checks addresses of the command line.
 fn addresses(all: &[String]) -> Result<Vec<String>, Failure> {
     let secure = |address: &&String| {
         let port =

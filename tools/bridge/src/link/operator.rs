@@ -24,7 +24,6 @@ const SILENT_NS: u64 = 1_000_000_000;
 const NO_ANSWER: &str =
     "no answer. Is teleop-bridge link robot running, does UDP reach it, and does it admit this operator?";
 
-/// State of the operator's end.
 struct Operator {
     end: OperatorEnd,
     heartbeat: Heartbeat,
@@ -44,10 +43,6 @@ struct Operator {
     started: Stamp,
 }
 
-/// Runs the operator's end until a signal.
-///
-/// # Errors
-/// Returns an error if bundle, folder or addresses cannot be used.
 pub fn run(args: &LinkOperator) -> Result<(), Failure> {
     let shutdown = Shutdown::on_signals().map_err(Failure::with(Exit::Software))?;
     let keys = Keys::read_operator(&args.bundle)?;

@@ -29,10 +29,6 @@ pub(super) const IS_ROUTER: &str = "router: yes";
 /// Beginning of the line with a certificate's common name, in an operator's file.
 pub(super) const COMMON_NAME: &str = "common name:";
 
-/// Makes the authority and the certificate of the robot `name` in the folder `keys`.
-///
-/// # Errors
-/// Returns an error if a file exists already, or cannot be written.
 pub fn pair_robot(name: &Name, keys: &Path) -> Result<(), Failure> {
     if name.as_str() == ROUTER_NAME {
         return Err(Failure::new(Exit::Usage, format!("{name}: a router has this name. Give the robot another one")));
@@ -52,10 +48,6 @@ pub fn pair_robot(name: &Name, keys: &Path) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Makes the bundle of the operator `name` in the folder `keys` of a robot.
-///
-/// # Errors
-/// Returns an error if the operator or the bundle exists already, or a file cannot be written.
 pub fn pair_operator(name: &Name, keys: &Path) -> Result<(), Failure> {
     let robot = Keys::read_robot(keys)?;
     if *name == robot.robot || name.as_str() == ROUTER_NAME {
@@ -77,10 +69,6 @@ pub fn pair_operator(name: &Name, keys: &Path) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Makes the bundle of a router in the folder `keys` of a robot.
-///
-/// # Errors
-/// Returns an error if the router or the bundle exists already, or a file cannot be written.
 pub fn pair_router(keys: &Path) -> Result<(), Failure> {
     let robot = Keys::read_robot(keys)?;
     let bundle = keys.join(format!("{ROUTER_NAME}.bundle"));
@@ -118,10 +106,6 @@ fn admit(
     write_new(admits, &format!("{COMMON_NAME} {common_name}\n{certificate}"))
 }
 
-/// Prints the names and the code of a bundle.
-///
-/// # Errors
-/// Returns an error that names the file.
 pub fn show(bundle: &Path) -> Result<(), Failure> {
     let keys = Keys::read_operator(bundle)?;
     let operator = keys.operator.as_ref().map(Name::as_str).unwrap_or_default();

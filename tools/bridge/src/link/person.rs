@@ -16,12 +16,10 @@ pub(super) struct Person {
     client: Option<Client>,
     connecting: Option<JoinHandle<Result<Client, DoorError>>>,
     retry: Stamp,
-    /// Time of the last person.
     published: Stamp,
     /// Session of the client at the operator's machine. A new one is a new one here, too.
     session_nonce: u64,
     feedback_sequence: u64,
-    /// Why there is no connection.
     pub(super) why: Option<String>,
 }
 
@@ -69,7 +67,6 @@ impl Person {
         }
     }
 
-    /// Returns a feedback that is newer than the last one.
     pub(super) fn feedback(&mut self) -> Option<Feedback> {
         let client = self.client.as_mut()?;
         if let Err(error) = client.listen() {

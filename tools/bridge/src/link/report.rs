@@ -30,20 +30,17 @@ impl Report {
     }
 }
 
-/// Returns the state in words.
 pub(super) fn state_name(answer: &Answer) -> String {
     let led = if answer.led_by_other { ", but another client's person leads the robot" } else { "" };
     format!("{}{led}", answer.verdict.name())
 }
 
-/// Figures of an operator, at the robot.
 pub(super) fn operator_details(answer: &Answer, round_trip_ns: Option<u64>, refused: &Refused) -> String {
     let certain = (answer.uncertainty_ns < u64::MAX).then_some(answer.uncertainty_ns);
     let lost = lost(answer.received, answer.lost);
     format!("{}{}; up {lost}{}", time("round trip", round_trip_ns), time("uncertainty", certain), reasons(refused))
 }
 
-/// Figures of the robot, at an operator.
 pub(super) fn robot_details(link: &LinkState) -> String {
     let answer = link.answer.as_ref();
     let certain = answer.map(|answer| answer.uncertainty_ns).filter(|ns| *ns < u64::MAX);

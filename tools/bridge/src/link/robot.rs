@@ -32,7 +32,6 @@ const RELEASED_AFTER_NS: u64 = operator::LEASE_NS;
 /// Bytes before a status on its key: its version and its length, 32 bits each.
 const STATUS_HEAD_BYTES: usize = 8;
 
-/// One operator.
 struct Operator {
     name: Name,
     slots: [Arc<Slot>; 2],
@@ -46,26 +45,19 @@ struct Operator {
     report: Report,
 }
 
-/// State of the robot's end.
 struct Robot {
     end: RobotEnd,
     operators: Vec<Operator>,
     operator_socket: PathBuf,
-    /// Connection for the status.
     watch: Option<OperatorSession>,
     /// Time of the next attempt at an emergency stop that has not arrived at `control` yet.
     stop_due: Option<Stamp>,
     retry: Stamp,
     status: Publisher,
-    /// Number of the last status that was sent.
     sent_sequence: u64,
     sent_at: Stamp,
 }
 
-/// Runs the robot's end until a signal.
-///
-/// # Errors
-/// Returns an error if keys, folder or addresses cannot be used.
 pub fn run(args: &LinkRobot) -> Result<(), Failure> {
     let shutdown = Shutdown::on_signals().map_err(Failure::with(Exit::Software))?;
     let mut keys = Keys::read_robot(&args.keys)?;
@@ -246,7 +238,6 @@ impl Robot {
         pressed.is_ok()
     }
 
-    /// Sends a status that is newer than the last one.
     fn send_status(&mut self, now: Stamp) {
         let is_cut_off = self.watch.as_ref().is_none_or(OperatorSession::is_cut_off);
         self.end.daemon_gone = is_cut_off || now.since(self.sent_at) > super::STATUS_GONE_NS;

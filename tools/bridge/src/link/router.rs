@@ -9,10 +9,6 @@ use std::time::Duration;
 /// Time between two looks for a signal.
 const LOOK: Duration = Duration::from_millis(100);
 
-/// Runs a router until a signal.
-///
-/// # Errors
-/// Returns an error if bundle, folder or addresses cannot be used.
 pub fn run(args: &LinkRouter) -> Result<(), Failure> {
     let shutdown = Shutdown::on_signals().map_err(Failure::with(Exit::Software))?;
     let keys = Keys::read_router(&args.bundle, &args.operators)?;

@@ -24,7 +24,6 @@ pub fn key(robot: &Name, what: &str, name: &Name) -> String {
     format!("teleop/{robot}/{what}/{name}")
 }
 
-/// Returns the key of the robot's status, for every operator with a certificate.
 pub(super) fn status_key(robot: &Name) -> String {
     format!("teleop/{robot}/status")
 }
@@ -72,7 +71,6 @@ pub fn config(keys: &Keys, listen: &[String], connect: &[String]) -> Value {
     })
 }
 
-/// Returns the settings of a router, which connects to nobody.
 pub fn router_config(keys: &Keys, listen: &[String]) -> Value {
     let mut settings = config(keys, listen, &[]);
     settings["mode"] = json!("router");
@@ -184,9 +182,6 @@ pub type Publisher = zenoh::pubsub::Publisher<'static>;
 impl Wire {
     /// Opens a session. Where the other end does not answer, it tries again and again, and calls `waits` each time. `None`
     /// after a signal.
-    ///
-    /// # Errors
-    /// Returns an error if an address cannot be used.
     pub fn open(settings: &Value, shutdown: &Shutdown, mut waits: impl FnMut()) -> Result<Option<Self>, Failure> {
         let event = eventfd(0, EventfdFlags::CLOEXEC | EventfdFlags::NONBLOCK).map_err(Failure::with(Exit::OsErr))?;
         while !shutdown.requested() {
@@ -207,9 +202,6 @@ impl Wire {
 
     /// Keeps the newest datagram of `key` in the slot that is returned, unless `takes` has taken it at once, in the thread of
     /// zenoh. `takes` may not wait, and may not put.
-    ///
-    /// # Errors
-    /// Returns an error if the session is closed.
     pub fn receive(
         &self,
         key: String,
@@ -235,10 +227,6 @@ impl Wire {
         Ok(slot)
     }
 
-    /// Returns a publisher for `key`.
-    ///
-    /// # Errors
-    /// Returns an error if the session is closed.
     pub fn publisher(&self, key: String) -> Result<Publisher, Failure> {
         self.session.declare_publisher(key).wait().map_err(Failure::with(Exit::Software))
     }

@@ -30,12 +30,6 @@ fn limit_length(cable: &Cable, mtu: u32) {
     cable.there(&format!("ip link set {} mtu {mtu}", cable.ends[1])).expect("a length");
 }
 
-/// Waits until this many more persons have arrived.
-fn follows(world: &World, what: &str, count: u64) {
-    let before = world.daemon.persons();
-    wait_until(what, || world.daemon.persons() > before + count);
-}
-
 #[test]
 fn f126_cable_that_is_narrow_lossy_short_or_cut_lets_no_old_person_through() {
     let cable = match lay() {
@@ -66,24 +60,19 @@ fn f126_cable_that_is_narrow_lossy_short_or_cut_lets_no_old_person_through() {
 
     // Persons and heartbeats are 0.5 Mbit/s. They wait in the queue until they are too old.
     narrow(&cable, "64kbit", "2s").expect("a rate");
-    wait_until("released by a narrow cable", || !world.daemon.counts().held.enable_level);
+    wait_until("released by a narrow cable", || !world.daemon.is_held());
     let edges = world.daemon.counts().enable_edges;
-    let is_released = || !world.daemon.counts().held.enable_level && world.daemon.counts().enable_edges == edges;
-    assert!(holds_for(Duration::from_secs(5), is_released), "by itself");
+    assert!(holds_for(Duration::from_secs(5), || world.daemon.is_released(edges)), "by itself");
     widen(&cable).expect("no rate");
     follows(&world, "wide again", 100);
-    assert_eq!(
-        (world.daemon.counts().held.enable_level, world.daemon.counts().enable_edges),
-        (false, edges),
-        "by itself"
-    );
+    assert!(world.daemon.is_released(edges), "by itself");
 
     let _hand = engage(&world, folder.path());
     cable.lose(100).expect("rules");
-    wait_until("released by a cut", || !world.daemon.counts().held.enable_level);
+    wait_until("released by a cut", || !world.daemon.is_held());
     cable.lose(0).expect("rules");
     follows(&world, "whole again", 100);
-    assert!(!world.daemon.counts().held.enable_level, "by itself");
+    assert!(!world.daemon.is_held(), "by itself");
     ends.store(true, Ordering::Relaxed);
     thread.join().expect("it ends");
     assert_none_was_old(&world);

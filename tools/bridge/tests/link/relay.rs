@@ -98,7 +98,7 @@ pub fn engage(world: &World, folder: &Path) -> OperatorSession {
     loop {
         let hand = connect(folder);
         hand.enable();
-        if within(Duration::from_millis(500), || world.daemon.counts().held.enable_level) {
+        if within(Duration::from_millis(500), || world.daemon.is_held()) {
             return hand;
         }
         assert!(Instant::now() < give_up, "{:?}, {:?}", world.daemon.counts(), world.robot.lines);
@@ -116,24 +116,22 @@ fn f125_bad_wire_follows_and_partition_of_five_seconds_is_a_release_that_heals_u
     world.robot.wait_line("anna: ready");
     let (ends, thread) = publisher(folder.path());
     let before = engage(&world, folder.path());
-    let persons = world.daemon.persons();
-    wait_until("persons go on", || world.daemon.persons() > persons + 50);
+    follows(&world, "persons go on", 50);
     relay.set(Faults { is_cut: true, ..faults });
-    wait_until("released", || !world.daemon.counts().held.enable_level);
+    wait_until("released", || !world.daemon.is_held());
     let edges = world.daemon.counts().enable_edges;
-    let is_released = || !world.daemon.counts().held.enable_level && world.daemon.counts().enable_edges == edges;
-    assert!(holds_for(Duration::from_secs(5), is_released), "by itself");
+    assert!(holds_for(Duration::from_secs(5), || world.daemon.is_released(edges)), "by itself");
     assert!(!folder.path().join("operator.sock").exists() || before.is_cut_off(), "clients see that the link is cut");
     let persons = world.daemon.persons();
     relay.set(faults);
     // The connection is made again without anybody's help. The enable is not.
     wait_until("persons go on after it", || world.daemon.persons() > persons + 50);
-    assert_eq!((world.daemon.counts().held.enable_level, world.daemon.counts().enable_edges), (false, edges));
+    assert!(world.daemon.is_released(edges), "by itself");
     let after = engage(&world, folder.path());
     after.estop();
     wait_until("the emergency stop arrives", || world.daemon.counts().estop_edges >= 1);
     ends.store(true, Ordering::Relaxed);
-    thread.join().expect("it ends");
+    assert!(thread.join().expect("it ends") > 0, "feedback came back");
     assert_none_was_old(&world);
 }
 

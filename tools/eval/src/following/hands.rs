@@ -37,7 +37,6 @@ const SECOND: f64 = 5.0;
 /// Time between two samples, s.
 const SAMPLE_S: f64 = SAMPLE_TICKS as f64 * TICK_S;
 
-/// A hand of the person and the robot's at one instant.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct HandSample {
     k: u64,
@@ -49,12 +48,9 @@ pub(crate) struct HandSample {
     clear: bool,
 }
 
-/// Errors of one hand, degrees.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HandError {
-    /// Rotation angle between the commanded hand and the person's.
     pub command_deg: f64,
-    /// The same of the optimum.
     pub optimum_deg: f64,
     /// The same of the best motion that knows the person's hand no farther ahead than the following delay.
     pub known_deg: f64,
@@ -62,7 +58,6 @@ pub struct HandError {
     pub free: bool,
 }
 
-/// Returns the hands that the target knows.
 pub(crate) fn samples(model: &Model, target: &JointTarget, command: &JointCommand) -> Vec<HandSample> {
     let of = |(side, hand): (usize, [f64; 4])| {
         let person = rotation_from_xyzw(hand)?;
@@ -81,7 +76,6 @@ pub(crate) fn samples(model: &Model, target: &JointTarget, command: &JointComman
     target.human_hands.into_iter().enumerate().filter_map(of).collect()
 }
 
-/// Returns the errors of all hands, in series of either side.
 pub(crate) fn errors(model: &Model, samples: &[HandSample], ahead_s: f64) -> Vec<HandError> {
     let of_side = |side: usize| samples.iter().filter(|sample| sample.side == side).copied().collect::<Vec<_>>();
     let sides = [0, 1].map(of_side);

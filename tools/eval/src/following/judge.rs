@@ -1,6 +1,6 @@
 //! Measures the robot's distance from the person, and from the best possible motion.
 
-use super::ahead::{self, AHEAD_MS};
+use super::expectation::{self, AHEAD_MS};
 use super::hands::HandError;
 use super::optimum::{improved, least_squares};
 use super::play::{Played, Sample};
@@ -22,10 +22,8 @@ const BEST_STEP_MS: usize = 20;
 /// Measurements of one clip. Serialized, they are the numbers with one value each.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct ClipFigures {
-    /// The clip.
     #[serde(skip)]
     pub name: String,
-    /// Time while Engaged, s.
     pub seconds: f64,
     /// Error against the person of the same instant, degrees.
     pub now_deg: f64,
@@ -34,11 +32,9 @@ pub struct ClipFigures {
     pub at_deg: Vec<f64>,
     /// Least error over all delays, degrees.
     pub best_deg: f64,
-    /// Delay of the least error, ms.
     pub best_ms: f64,
     /// Least error of any motion within the limits, against the person of the same instant.
     pub optimum_deg: Option<f64>,
-    /// The same, found by least squares alone.
     #[serde(rename = "optimum_least_squares_deg")]
     pub least_squares_deg: Option<f64>,
     /// Share of the person's hands that the robot's could take without coming near anything.
@@ -52,28 +48,21 @@ pub struct ClipFigures {
     /// Mean error of the expectation, at each of `AHEAD_MS` beyond the newest skeleton.
     #[serde(skip)]
     pub expected_deg: [Option<f64>; AHEAD_MS.len()],
-    /// Largest share of an effort limit.
     pub torque_share_max: f64,
     /// Share of ticks whose command was the next point of the previous plan.
     pub on_plan_share: f64,
-    /// Violations by kind.
     #[serde(skip)]
     pub violations: BTreeMap<String, u64>,
-    /// The reason if the run ended before the clip did.
     #[serde(skip)]
     pub stopped: Option<String>,
 }
 
 impl ClipFigures {
-    /// Returns the number of violations of all kinds.
-    #[must_use]
     pub fn violations_total(&self) -> u64 {
         self.violations.values().sum()
     }
 }
 
-/// Returns the bounds of the arms, left and right.
-#[must_use]
 pub fn bounds_of(model: &Model) -> [Bounds; 2] {
     model.arms.each_ref().map(|arm| {
         let limit = |of: fn(&robot::JointLimits) -> f64| Joints::from_fn(|i, _| of(&model.limits[arm.joints[i]]));
@@ -89,8 +78,6 @@ pub fn bounds_of(model: &Model) -> [Bounds; 2] {
     })
 }
 
-/// Returns the mean angle between four limbs and four others, degrees.
-#[must_use]
 pub fn limbs_deg(robot: &Human, person: &Human) -> f64 {
     let both = robot.iter().zip(person).flat_map(|(robot, person)| limb_error_deg(robot, person));
     both.sum::<f64>() / LIMBS as f64
@@ -98,7 +85,6 @@ pub fn limbs_deg(robot: &Human, person: &Human) -> f64 {
 
 /// Returns the error of each sample of a span against the person `delay_ms` before, with the time of each. It
 /// begins with the first sample whose person belongs to the span too.
-#[must_use]
 pub fn errors_deg(arm: &ArmModel, played: &Played, span: &[Sample], delay_ms: f64) -> Vec<(Stamp, f64)> {
     let delay_ns = (delay_ms * 1e6).round() as u64;
     let Some(first) = span.first() else { return Vec::new() };
@@ -110,30 +96,24 @@ pub fn errors_deg(arm: &ArmModel, played: &Played, span: &[Sample], delay_ms: f6
     span.iter().filter_map(error).collect()
 }
 
-/// Returns the mean error over all spans.
 pub(super) fn mean_deg(arm: &ArmModel, played: &Played, delay_ms: f64) -> Option<f64> {
     let all: Vec<f64> =
         played.spans.iter().flat_map(|span| errors_deg(arm, played, span, delay_ms)).map(|(_, deg)| deg).collect();
     mean(&all)
 }
 
-/// Returns the mean. None if there are no values.
 pub(crate) fn mean(values: &[f64]) -> Option<f64> {
     (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
 }
 
-/// Errors of the best motions at each sample, degrees, span by span.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Best {
-    /// Errors of the best motion found.
     pub optimum_deg: Vec<Vec<f64>>,
     /// Errors of the best motion by least squares alone, which other implementations use.
     pub least_squares_deg: Vec<Vec<f64>>,
 }
 
 impl Best {
-    /// Computes the best motions of both arms over all spans.
-    #[must_use]
     pub fn new(arm: &ArmModel, bounds: &[Bounds; 2], played: &Played) -> Self {
         let mut best = Self::default();
         for span in &played.spans {
@@ -154,7 +134,6 @@ impl Best {
     }
 }
 
-/// Adds one arm's share of the mean error at every node.
 fn add_deg(sums: &mut [f64], arm: &ArmModel, start: State, motion: &Motion, path: &[Limbs]) {
     let states = std::iter::once(&start).chain(&motion.states);
     for ((sum, state), goal) in sums.iter_mut().zip(states).zip(path) {
@@ -164,7 +143,6 @@ fn add_deg(sums: &mut [f64], arm: &ArmModel, start: State, motion: &Motion, path
 
 /// Returns the figures of a clip. None if the robot was never Engaged for long enough to compare at every
 /// requested delay.
-#[must_use]
 pub fn judge(arm: &ArmModel, played: &Played, delays_ms: &[f64], best: Option<&Best>) -> Option<ClipFigures> {
     let now_deg = mean_deg(arm, played, 0.0)?;
     let at_deg: Option<Vec<f64>> = delays_ms.iter().map(|&delay| mean_deg(arm, played, delay)).collect();
@@ -189,7 +167,7 @@ pub fn judge(arm: &ArmModel, played: &Played, delays_ms: &[f64], best: Option<&B
         hands_deg: hands(|hand| hand.command_deg),
         hands_optimum_deg: hands(|hand| hand.optimum_deg),
         hands_known_deg: hands(|hand| hand.known_deg),
-        expected_deg: ahead::errors_deg(&played.expected, &played.person),
+        expected_deg: expectation::errors_deg(&played.expected, &played.person),
         torque_share_max: played.torque_share_max,
         on_plan_share: played.on_plan as f64 / played.ticks as f64,
         violations: played.violations.clone(),

@@ -14,7 +14,7 @@
 //!   looks ahead, without delay and without collisions: see [`optimum`]. It starts at the robot's posture
 //!   whenever the robot becomes Engaged.
 
-mod ahead;
+mod expectation;
 mod hands;
 mod judge;
 pub mod optimum;
@@ -26,7 +26,7 @@ mod riccati;
 mod tracking;
 pub(crate) mod wires;
 
-pub use ahead::{AHEAD_MS, Expectation};
+pub use expectation::{AHEAD_MS, Expectation};
 pub use hands::HandError;
 pub(crate) use judge::mean;
 pub use judge::{Best, ClipFigures, bounds_of, errors_deg, judge, limbs_deg};
@@ -50,10 +50,6 @@ const DELAYS_MS: [f64; 2] = [60.0, 200.0];
 /// Longest judged delay, ms.
 const DELAY_MAX_MS: f64 = 2000.0;
 
-/// Plays and judges every clip of `folder`, prints the table, writes JSON and pictures.
-///
-/// # Errors
-/// Returns the first error, with its file or option.
 pub fn run(cli: &Cli, folder: &Path) -> Result<(), Failure> {
     check_bounds("--delay-ms", cli.delay_ms, [0.0, DELAY_MAX_MS])?;
     // The daemon does the same, so the commands are equal to the bit.

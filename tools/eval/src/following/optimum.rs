@@ -20,7 +20,6 @@ const TOUCHING_WINDOW: (usize, usize) = (60, 5);
 
 /// Returns a motion of one arm from the start. The start belongs to the first limbs of the path, and the
 /// motion's states to the others.
-#[must_use]
 pub fn least_squares(arm: &ArmModel, bounds: &Bounds, path: &[Limbs], start: State) -> Motion {
     let Some(goal) = path.get(1..) else { return Motion::from(start, Vec::new()) };
     let task = Task { arm, bounds, goal, start, hand: None };
@@ -29,14 +28,11 @@ pub fn least_squares(arm: &ArmModel, bounds: &Bounds, path: &[Limbs], start: Sta
     best.reduce(|a, b| if b.0 < a.0 { b } else { a }).map_or(Motion::from(start, Vec::new()), |(_, best)| best)
 }
 
-/// Returns the motion of [`least_squares`], improved by the angles themselves.
-#[must_use]
 pub fn optimum(arm: &ArmModel, bounds: &Bounds, path: &[Limbs], start: State) -> Motion {
     improved(arm, bounds, path, start, least_squares(arm, bounds, path, start))
 }
 
 /// Returns a motion from `start` with a smaller sum of the angles themselves, if one is found.
-#[must_use]
 pub fn improved(arm: &ArmModel, bounds: &Bounds, path: &[Limbs], start: State, best: Motion) -> Motion {
     let goal = path.get(1..).unwrap_or_default();
     let task = Task { arm, bounds, goal, start, hand: None };
@@ -47,7 +43,6 @@ pub fn improved(arm: &ArmModel, bounds: &Bounds, path: &[Limbs], start: State, b
 
 /// Returns the best motion that is found for the places of the hand as well: what a hand that touches can reach. One search
 /// improves [`optimum`], and one goes through the path in windows.
-#[must_use]
 pub fn optimum_touching(arm: &ArmModel, bounds: &Bounds, path: &[Limbs], start: State, hand: HandPath<'_>) -> Motion {
     let (best, goal) = (optimum(arm, bounds, path, start), path.get(1..).unwrap_or_default());
     let task = Task { arm, bounds, goal, start, hand: Some(hand) };
@@ -59,7 +54,6 @@ pub fn optimum_touching(arm: &ArmModel, bounds: &Bounds, path: &[Limbs], start: 
 }
 
 /// Returns the sum of both limbs' angles over all nodes, degrees.
-#[must_use]
 pub fn error_deg(arm: &ArmModel, motion: &Motion, goal: &[Limbs]) -> f64 {
     let nodes = motion.states.iter().zip(goal);
     nodes.map(|(state, goal)| limb_error_deg(&arm.forward(&state.q.into()), goal).iter().sum::<f64>()).sum()
@@ -84,7 +78,6 @@ fn search(whole: &Task<'_>, (nodes, kept): (usize, usize), loss: Loss) -> Motion
     Motion::from(whole.start, all)
 }
 
-/// Returns these accelerations from `at`, followed by a stop.
 fn extended(at: State, mut a: Vec<Joints>, nodes: usize, bounds: &Bounds) -> Vec<Joints> {
     let mut at = a.iter().fold(at, |at, a| at.after(a, NODE_S));
     while a.len() < nodes {

@@ -10,7 +10,6 @@ use retarget::{ArmModel, Limbs};
 /// The place of a hand that touches, m, and its share from 0 to 1.
 pub type Place = Option<(Vector3<f64>, f64)>;
 
-/// The places of both hands at the skeletons.
 #[derive(Clone, Debug)]
 pub struct Hands {
     origins: Vec<Stamp>,
@@ -18,8 +17,6 @@ pub struct Hands {
 }
 
 impl Hands {
-    /// Returns the place of a hand at the newest skeleton at `at`.
-    #[must_use]
     pub fn at(&self, at: Stamp, side: usize) -> Place {
         let after = self.origins.partition_point(|origin| *origin <= at);
         self.places.get(after.saturating_sub(1))?[side]
@@ -50,7 +47,6 @@ impl Person {
 
     /// Returns the limbs at `at`, both arms as left arms. Before or after all skeletons, those of the first or
     /// last one.
-    #[must_use]
     pub fn at(&self, at: Stamp) -> Option<Human> {
         let after = self.origins.partition_point(|origin| *origin <= at);
         let last = self.limbs.last()?;
@@ -63,7 +59,6 @@ impl Person {
     }
 
     /// Returns the person whose limbs bring the robot's hands to where this person's touch, and the places of these hands.
-    #[must_use]
     pub fn touching(&self, arm: &ArmModel, correction: &Correction) -> (Self, Hands) {
         let (mut out, mut memory, mut before) = (self.clone(), Memory::default(), None);
         let place = |(q, share)| (correction.robot.chain.hand(arm, &q), share);
@@ -80,19 +75,14 @@ impl Person {
         (out, hands)
     }
 
-    /// Returns the capture times and the joints of all skeletons.
     pub fn seen(&self) -> impl Iterator<Item = (Stamp, &[[f32; 3]; SMPL_JOINTS])> {
         self.origins.iter().copied().zip(&self.positions)
     }
 
-    /// Returns the capture time of the last skeleton.
-    #[must_use]
     pub fn last(&self) -> Option<Stamp> {
         self.origins.last().copied()
     }
 
-    /// Returns the joints of the newest skeleton at `at`.
-    #[must_use]
     pub fn positions(&self, at: Stamp) -> Option<&[[f32; 3]; SMPL_JOINTS]> {
         let after = self.origins.partition_point(|origin| *origin <= at);
         self.positions.get(after.saturating_sub(1))

@@ -1,6 +1,6 @@
 //! Plays one clip through every stage in virtual time, and records the commands.
 
-use super::ahead::Expectation;
+use super::expectation::Expectation;
 use super::hands::{self, HandError, HandSample};
 use super::person::Person;
 use crate::methods::Posture;
@@ -21,7 +21,6 @@ pub(super) const SAMPLE_TICKS: u64 = 30;
 /// full acceleration.
 const TORQUE_TICKS: u64 = 10;
 
-/// The robot's posture and speed at an instant, as commanded.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sample {
     /// The deadline of the command's tick.
@@ -32,12 +31,9 @@ pub struct Sample {
     pub v: Posture,
 }
 
-/// Data of a played clip and its commands.
 #[derive(Clone, Debug, Default)]
 pub struct Played {
-    /// The clip.
     pub name: String,
-    /// The person that `ingest` saw.
     pub person: Person,
     /// Commands at 50 Hz, in one list for each uninterrupted time in which the robot was Engaged.
     pub spans: Vec<Vec<Sample>>,
@@ -45,7 +41,6 @@ pub struct Played {
     pub hands: Vec<HandError>,
     /// Expectations of the person at each new skeleton while Engaged.
     pub expected: Vec<Expectation>,
-    /// Ticks while Engaged.
     pub ticks: u64,
     /// Ticks among them whose command was the next point of the previous plan.
     pub on_plan: u64,
@@ -53,11 +48,9 @@ pub struct Played {
     pub torque_share_max: f64,
     /// Violations by kind, of the commands and of the joints' true motion.
     pub violations: BTreeMap<String, u64>,
-    /// The reason if the run ended before the clip did.
     pub stopped: Option<String>,
 }
 
-/// Data that all clips share.
 #[derive(Debug)]
 pub struct Stage<'a> {
     loaded: &'a Loaded,
@@ -65,10 +58,6 @@ pub struct Stage<'a> {
 }
 
 impl<'a> Stage<'a> {
-    /// Creates the stages of these settings.
-    ///
-    /// # Errors
-    /// Returns an error if the masses cannot be read from the robot's URDF.
     pub fn new(loaded: &'a Loaded) -> Result<Self, Failure> {
         // Settings, robot file, URDF: `config` reads them in this order.
         let urdf = loaded.files.iter().find(|file| file.extension().is_some_and(|extension| extension == "urdf"));
@@ -79,18 +68,11 @@ impl<'a> Stage<'a> {
         Ok(Self { loaded, dynamics })
     }
 
-    /// Plays a motion at recorded speed.
-    ///
-    /// # Errors
-    /// Returns a sentence as error if the stages reject their settings.
     pub fn play(&self, motion: &Motion, calibration: CalibrationMode) -> Result<Played, String> {
         self.play_over(motion, calibration, FaultPlan::default())
     }
 
     /// Does the same while the frames reach `ingest` over a wire with these faults.
-    ///
-    /// # Errors
-    /// Returns a sentence as error if the stages reject their settings.
     pub fn play_over(&self, motion: &Motion, calibration: CalibrationMode, raw: FaultPlan) -> Result<Played, String> {
         let options = PlayOptions { speed: 1.0, looped: false, calibration };
         let mut watch = Watch { stage: self, played: Played::default(), hands: Vec::new(), engaged_at: None };
@@ -171,8 +153,6 @@ impl Watch<'_> {
 }
 
 impl Sample {
-    /// Returns position and speed of one arm.
-    #[must_use]
     pub fn arm(&self, arm: usize) -> State {
         State { q: self.q[arm].into(), v: self.v[arm].into() }
     }

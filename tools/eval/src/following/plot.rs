@@ -17,9 +17,6 @@ const DELAYED: RGBColor = RGBColor(30, 110, 190);
 const BEST: RGBColor = RGBColor(120, 120, 120);
 
 /// Draws `<clip>.svg` into `folder`. Draws nothing if the robot was never Engaged in the clip.
-///
-/// # Errors
-/// Returns an error if the file cannot be written.
 pub fn draw_clip(
     folder: &Path,
     arm: &ArmModel,
@@ -70,7 +67,6 @@ fn error_over_time(area: &Area<'_>, name: &str, lines: &[Line]) -> Drawn {
     legend(&mut chart)
 }
 
-/// Draws the person `delay_ms` before above, and the robot below.
 fn instants(area: &Area<'_>, arm: &ArmModel, played: &Played, delay_ms: f64, start: Stamp) -> Drawn {
     let all: Vec<&Sample> = played.spans.iter().flatten().collect();
     let cells = area.split_evenly((2, INSTANTS));

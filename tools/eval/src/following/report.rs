@@ -1,30 +1,22 @@
 //! The table as text, and the same as JSON.
 
-use super::ahead::AHEAD_MS;
+use super::expectation::AHEAD_MS;
 use super::judge::{ClipFigures, mean};
 use ::report::table::{self, Column, column, number};
 use serde_json::{Map, Value, json};
 use std::fmt;
 
-/// All measurements.
 #[derive(Clone, Debug)]
 pub struct Report {
-    /// The folder.
     pub folder: String,
-    /// The settings file.
     pub config: String,
-    /// Delay of the ratios, ms.
     pub delay_ms: f64,
-    /// All delays, ms.
     pub delays_ms: Vec<f64>,
-    /// The clips that were judged.
     pub clips: Vec<ClipFigures>,
-    /// Clips that were not judged, and the reasons.
     pub skipped: Vec<(String, String)>,
 }
 
 impl Report {
-    /// Returns the numbers of a clip.
     fn numbers(&self, clip: &ClipFigures) -> Value {
         let at = self.delays_ms.iter().zip(&clip.at_deg).map(|(ms, deg)| (ms.to_string(), json!(deg)));
         let expected = AHEAD_MS.iter().zip(&clip.expected_deg).map(|(ms, deg)| (ms.to_string(), json!(deg)));
@@ -38,7 +30,6 @@ impl Report {
         row
     }
 
-    /// Returns mean and median of each number of all clips.
     fn summaries(&self) -> [(&'static str, Value); 2] {
         let rows: Vec<Value> = self.clips.iter().map(|clip| self.numbers(clip)).collect();
         // Without a clip, the numbers of an empty one name the columns.
@@ -47,8 +38,6 @@ impl Report {
         [("mean", summary(&like, &rows, mean)), ("median", summary(&like, &rows, median))]
     }
 
-    /// Returns the table as JSON.
-    #[must_use]
     pub fn json(&self) -> Value {
         let clips = self.clips.iter().map(|clip| {
             let mut value = self.numbers(clip);
@@ -70,7 +59,6 @@ impl Report {
         })
     }
 
-    /// Returns the columns of a row: numbers, and a number of violations.
     fn columns(&self) -> Vec<Column<'_, (Value, u64)>> {
         let figure = |head: &str, width, digits, key: &'static str| {
             column(["", head], width, move |(row, _): &(Value, u64)| number(row[key].as_f64(), digits))

@@ -5,10 +5,8 @@
 use nalgebra::{Cholesky, SMatrix};
 use retarget::ARM_Q;
 
-/// One value for each joint of an arm.
 pub use follow::arm::ArmVector as Joints;
 
-/// One value for each pair of joints.
 pub type Block = SMatrix<f64, ARM_Q, ARM_Q>;
 
 /// The quadratic model of one node: the state to which an acceleration leads, and that acceleration.
@@ -22,26 +20,18 @@ pub struct Node {
     pub vv: Joints,
     /// Second derivatives by accelerations, each joint's own. They are above zero.
     pub aa: Joints,
-    /// Slope by positions.
     pub q: Joints,
-    /// Slope by speeds.
     pub v: Joints,
-    /// Slope by accelerations.
     pub a: Joints,
 }
 
-/// Changes of one node.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Change {
-    /// Positions.
     pub q: Joints,
-    /// Speeds.
     pub v: Joints,
-    /// Accelerations that lead there.
     pub a: Joints,
 }
 
-/// Response of the acceleration to a change of the previous state.
 #[derive(Clone, Copy, Debug)]
 struct Answer {
     by_q: Block,
@@ -49,7 +39,6 @@ struct Answer {
     alone: Joints,
 }
 
-/// Cost of the remaining nodes, as a quadratic in the state.
 #[derive(Clone, Copy, Debug, Default)]
 struct Ahead {
     qq: Block,

@@ -26,12 +26,10 @@ const SLOW: f64 = 0.01;
 const SMALL_RAD: f64 = 0.01;
 
 /// Returns the accelerations over the next node that lead to rest within the limits, at 0.9 of them.
-#[must_use]
 pub fn brake(state: &State, bounds: &Bounds) -> Joints {
     Joints::from_fn(|j, _| (-state.v[j] / NODE_S).clamp(-0.9 * bounds.a_max[j], 0.9 * bounds.a_max[j]))
 }
 
-/// Cost of a limb's angle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Loss {
     /// Half the square of the angle. It is smooth, and converges from far away.
@@ -63,29 +61,23 @@ const HAND_RAD_PER_M: f64 = 5.0;
 /// A distance below this counts by its square, m.
 const SMALL_M: f64 = 0.01;
 
-/// Places of the hand at the nodes of a path.
 #[derive(Clone, Copy, Debug)]
 pub struct HandPath<'a> {
-    /// The places along the arm.
     pub chain: &'a KinematicChain,
     /// Place of the hand, m, and its share from 0 to 1. `None` where it does not count.
     pub to: &'a [Option<(Vector3<f64>, f64)>],
 }
 
 impl HandPath<'_> {
-    /// Returns the path from node k on.
-    #[must_use]
     pub fn from(self, k: usize) -> Self {
         Self { to: self.to.get(k..).unwrap_or_default(), ..self }
     }
 
-    /// Returns the cost of the hand's distance at node k.
     fn loss(&self, arm: &ArmModel, k: usize, q: &ArmQ) -> f64 {
         let Some(Some((to, share))) = self.to.get(k) else { return 0.0 };
         share * HAND_RAD_PER_M * ((self.chain.hand(arm, q) - to).norm().hypot(SMALL_M) - SMALL_M)
     }
 
-    /// Adds the cost's quadratic model.
     fn add(&self, node: &mut Node, arm: &ArmModel, k: usize, q: &ArmQ) {
         let Some(Some((to, share))) = self.to.get(k) else { return };
         let (at, by) = self.chain.linearize(arm, q);
@@ -103,30 +95,21 @@ impl HandPath<'_> {
 /// A path to follow from a state. Node k of the motion belongs to `goal[k]`.
 #[derive(Clone, Copy, Debug)]
 pub struct Task<'a> {
-    /// The arm.
     pub arm: &'a ArmModel,
-    /// Its limits.
     pub bounds: &'a Bounds,
-    /// The person's limbs at the nodes after the start.
     pub goal: &'a [Limbs],
-    /// State at the start of the motion.
     pub start: State,
-    /// The hand's places, if they count too.
     pub hand: Option<HandPath<'a>>,
 }
 
 /// Accelerations between nodes, and the resulting states.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Motion {
-    /// `a[k]` leads to `states[k]`.
     pub a: Vec<Joints>,
-    /// One for each node after the start.
     pub states: Vec<State>,
 }
 
 impl Motion {
-    /// Returns the motion of these accelerations from `start`.
-    #[must_use]
     pub fn from(start: State, a: Vec<Joints>) -> Self {
         let mut at = start;
         let states = a.iter().map(|a| {
@@ -137,14 +120,12 @@ impl Motion {
     }
 
     /// Returns the state `after_s` after the start. None beyond the motion.
-    #[must_use]
     pub fn at(&self, start: State, after_s: f64) -> Option<State> {
         let node = (after_s / NODE_S) as usize;
         let before = if node == 0 { start } else { *self.states.get(node - 1)? };
         Some(before.after(self.a.get(node)?, after_s - node as f64 * NODE_S))
     }
 
-    /// Returns the motion after a share of a change.
     fn moved(&self, changes: &[Change], share: f64) -> Self {
         let states = self.states.iter().zip(changes);
         Self {
@@ -190,7 +171,6 @@ fn room(gap: f64, v: f64, a_max: f64) -> Room {
 
 impl Task<'_> {
     /// Returns the bounds, widened to hold `motion` and its stop. Rounding and a start on the limit need this.
-    #[must_use]
     pub fn bounds_around(&self, motion: &Motion) -> Bounds {
         const MARGIN_RAD: f64 = 1e-3;
         let mut bounds = *self.bounds;
@@ -208,7 +188,6 @@ impl Task<'_> {
     }
 
     /// Returns the cost of a motion, without barriers.
-    #[must_use]
     pub fn loss(&self, motion: &Motion, loss: Loss) -> f64 {
         let nodes = motion.states.iter().zip(self.goal).enumerate();
         nodes
@@ -306,7 +285,6 @@ impl Task<'_> {
     }
 
     /// Improves a motion that lies inside all limits until it hardly improves any more.
-    #[must_use]
     pub fn improve(&self, mut motion: Motion, loss: Loss) -> Motion {
         let mut damping = 1e-6;
         for (i, &barrier) in BARRIERS.iter().enumerate() {

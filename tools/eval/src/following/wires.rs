@@ -23,21 +23,18 @@ use serde_json::json;
 use std::fmt;
 use std::path::Path;
 
-/// Delays of the wires, ms.
 const DELAYS_MS: [u64; 6] = [0, 25, 50, 75, 100, 150];
 /// Longest additional delay of a frame on a bad wire, ms.
 const JITTER_MS: u64 = 30;
 /// Share of the frames that a bad wire loses.
 const LOSS: f64 = 0.05;
 
-/// A wire, and how the robot follows over it.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Wire {
     /// Shortest delay, ms.
     pub delay_ms: u64,
     /// Longest additional delay, ms. Each frame draws its own. None overtakes another.
     pub jitter_ms: u64,
-    /// Share of the frames that are lost.
     pub loss: f64,
     /// Time while Engaged, mean of the clips, s.
     pub engaged_s: f64,
@@ -45,9 +42,7 @@ pub struct Wire {
     pub now_deg: Option<f64>,
     /// Error against the person of the judged delay before, degrees.
     pub at_delay_deg: Option<f64>,
-    /// Clips that the robot did not follow to their end.
     pub stopped: usize,
-    /// Violations of all kinds.
     pub violations: u64,
 }
 
@@ -85,7 +80,6 @@ impl Wire {
     }
 }
 
-/// All wires.
 struct Table {
     wires: Vec<Wire>,
     judged_ms: f64,
@@ -108,7 +102,6 @@ impl fmt::Display for Table {
     }
 }
 
-/// Runs `eval --wires`.
 pub(crate) fn run(cli: &Cli, folder: &Path) -> Result<(), Failure> {
     let loaded = load(cli)?;
     let (stage, arm) = (Stage::new(&loaded)?, ArmModel::from_model(&loaded.model));

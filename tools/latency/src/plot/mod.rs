@@ -35,9 +35,6 @@ const LARGE: u32 = 40;
 const HUGE: u32 = 48;
 
 /// Draws the picture of `measured` into the PNG `path`.
-///
-/// # Errors
-/// Returns an error if the file cannot be written.
 pub fn draw(path: &Path, measured: &Measured) -> Result<(), String> {
     canvas::save(path, SIZE, |area| {
         let (head, rest) = area.split_vertically(HEADLINE);

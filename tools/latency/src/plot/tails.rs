@@ -19,7 +19,6 @@ struct Line<'a> {
     look: Look,
 }
 
-/// Draws the hops of the path, woken by events.
 pub fn hops(area: &Area<'_>, measured: &Measured) -> Drawn {
     let looks = [
         Look::line(SKY, 3),

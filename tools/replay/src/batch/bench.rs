@@ -21,35 +21,24 @@ const POOL: usize = 1 << 16;
 /// Number of poses that a thread takes at once.
 const CHUNK: usize = 1024;
 
-/// Results of the bench.
 #[derive(Clone, Copy, Debug)]
 pub struct BenchReport {
-    /// Total number of retargeted poses of both arms.
     pub poses: u64,
-    /// Threads of the second figure.
     pub threads: usize,
-    /// Median poses per second on one core.
     pub one_core_hz: f64,
-    /// Median poses per second on all cores.
     pub all_cores_hz: f64,
     /// Median processor time of a pose on one core, us. It excludes the time of other processes.
     pub one_core_cpu_us: f64,
-    /// Median processor time of a pose on all cores, us.
     pub all_cores_cpu_us: f64,
 }
 
 impl BenchReport {
-    /// Returns the minutes for this number of poses on all cores.
-    #[must_use]
     pub fn minutes(&self, poses: f64) -> f64 {
         poses / self.all_cores_hz / 60.0
     }
 }
 
 /// Retargets `poses` poses of [`synthetic`], in rounds of one thread and of all threads.
-///
-/// # Errors
-/// Returns an error if the robot or its weights are invalid.
 pub fn bench(cli: &Cli, poses: u64) -> Result<BenchReport, Failure> {
     let (_, postures) = load(cli)?;
     let pool: Vec<[Limbs; ARMS]> = (0..POOL).map(synthetic).collect();
@@ -74,13 +63,11 @@ pub fn bench(cli: &Cli, poses: u64) -> Result<BenchReport, Failure> {
     })
 }
 
-/// Poses per second, and processor time of each, us.
 struct Timing {
     hz: f64,
     cpu_us: f64,
 }
 
-/// Returns the processor time of this process so far, s.
 fn cpu_s() -> f64 {
     let time = clock_gettime(ClockId::ProcessCPUTime);
     time.tv_sec as f64 + time.tv_nsec as f64 * 1e-9
@@ -114,7 +101,6 @@ fn median(mut values: Vec<f64>) -> f64 {
 
 /// Returns pose `i` of a synthetic motion of both arms at 60 Hz. Every angle of a human arm covers most of its
 /// range. The periods have no common multiple.
-#[must_use]
 pub fn synthetic(i: usize) -> [Limbs; ARMS] {
     let time_s = i as f64 / 60.0;
     // Middle, half range (degrees) and period (s) of five angles: swing and lowering of the upper arm, its

@@ -97,7 +97,6 @@ pub struct Cli {
 
 impl Cli {
     /// Returns the options for reading motion files.
-    #[must_use]
     pub fn load_options(&self) -> LoadOptions {
         LoadOptions {
             mean: self.mean.clone(),
@@ -109,13 +108,11 @@ impl Cli {
     }
 
     /// Returns the weights, without extension.
-    #[must_use]
     pub fn weights(&self) -> PathBuf {
         self.weights.clone().unwrap_or_else(|| self.robot.shipped_weights())
     }
 
     /// Returns the number of threads.
-    #[must_use]
     pub fn threads(&self) -> usize {
         self.jobs.map_or_else(|| std::thread::available_parallelism().map_or(1, usize::from), usize::from)
     }

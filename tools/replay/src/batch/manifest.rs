@@ -17,18 +17,13 @@ pub(crate) const FILE: &str = "manifest.jsonl";
 /// Size of the largest manifest that is read, bytes: a million files.
 const BYTES_MAX: u64 = 1 << 29;
 
-/// A finished file.
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 pub(crate) struct Entry {
-    /// Path below the output folder.
     pub(crate) output: String,
-    /// SHA-256 of the motion file.
     pub(crate) input_sha256: String,
     /// SHA-256 of everything else that affects the result.
     pub(crate) options_sha256: String,
-    /// SHA-256 of the output.
     pub(crate) output_sha256: String,
-    /// Number of postures in it.
     pub(crate) postures: u64,
 }
 
@@ -77,7 +72,6 @@ impl Manifest {
         self.entries.get(output)?.iter().rev().find(|entry| entry.output_sha256 == output_sha256)
     }
 
-    /// Appends a line in one write.
     pub(crate) fn add(&self, entry: &Entry) -> Result<(), Failure> {
         let line = serde_json::to_string(entry).map_err(std::io::Error::other);
         let write = |line: String| {
@@ -88,7 +82,6 @@ impl Manifest {
     }
 }
 
-/// SHA-256 of a file, in hexadecimal.
 pub(crate) fn sha256_file(path: &Path) -> Result<String, Failure> {
     let read = || {
         // Opening a pipe would wait for its writer.

@@ -23,8 +23,6 @@ pub enum Format {
 }
 
 impl Format {
-    /// Returns the extension of its files.
-    #[must_use]
     pub fn extension(self) -> &'static str {
         match self {
             Self::Csv => "csv",
@@ -48,7 +46,6 @@ pub(crate) struct Writer {
 }
 
 impl Writer {
-    /// Begins a file of `count` rows.
     pub(crate) fn create(
         place: &Path,
         format: Format,
@@ -129,7 +126,6 @@ impl Writer {
         sha256_file(&self.part)
     }
 
-    /// Moves the sealed file into its place.
     pub(crate) fn move_in_place(self) -> Result<(), Failure> {
         std::fs::rename(&self.part, &self.place).map_err(failed(&self.place, "put in place"))
     }

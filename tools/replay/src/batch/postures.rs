@@ -14,7 +14,6 @@ pub struct Postures {
 
 impl Postures {
     /// Creates it for `model`. Without weights it uses the closed form.
-    #[must_use]
     pub fn new(model: &Model, weights: Option<Weights>, refine_steps: u32) -> Self {
         let network = weights.map(|weights| weights.network);
         let arm = ArmModel::from_model(model);
@@ -23,7 +22,6 @@ impl Postures {
     }
 
     /// Returns points of the latent space. They are zero without a network.
-    #[must_use]
     pub fn encode(&self, arms: &[Limbs; ARMS]) -> [Sample; ARMS] {
         let latents = self.solver.encode(arms);
         std::array::from_fn(|arm| Sample {
@@ -37,7 +35,6 @@ impl Postures {
 
     /// Returns the joint positions of both arms, rad: see [`PostureSolver::next`]. None if the network's positions are
     /// not finite.
-    #[must_use]
     pub fn posture(&self, samples: &[Sample; ARMS], previous: Option<&[ArmQ; ARMS]>) -> Option<[ArmQ; ARMS]> {
         let previous = std::array::from_fn(|arm| previous.map(|q| q[arm]));
         let [left, right] = self.solver.next(&samples.map(Some), &previous);
@@ -45,7 +42,6 @@ impl Postures {
     }
 
     /// Returns all joints, rad (lift in m). Joints that no limb determines are at home.
-    #[must_use]
     pub fn joints(&self, arms: &[ArmQ; ARMS]) -> [f64; JOINTS_MAX] {
         let mut q = self.home;
         for (arm, solved) in self.arms.iter().zip(arms) {

@@ -9,7 +9,6 @@ use std::time::Instant;
 /// The shell's exit code for a signal.
 const BY_SIGNAL: u8 = 128;
 
-/// Runs `replay batch`.
 pub fn execute(cli: &Cli) -> ExitCode {
     // The daemon does the same, before any other thread starts.
     let _ = rt::flush_denormals();

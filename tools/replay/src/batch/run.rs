@@ -11,7 +11,6 @@ use rayon::ThreadPoolBuilder;
 use rayon::iter::{ParallelBridge, ParallelIterator};
 use robot::Model;
 use rt::{Exit, Failure, Shutdown};
-use sha2::{Digest, Sha256};
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
@@ -21,25 +20,18 @@ const ROWS_PER_CHECK: usize = 512;
 /// Largest number of rows of a file: ten hours at 1500 Hz.
 const ROWS_MAX: usize = 54_000_000;
 
-/// Outcome of a file.
 #[derive(Clone, Copy)]
 enum Outcome {
     /// Made, with this number of postures of both arms.
     Made(u64),
-    /// It was already there, from the same input and options.
     Finished,
-    /// Ctrl-C ended it.
     Interrupted,
 }
 
-/// Outcome of all files.
 #[derive(Debug, Default)]
 pub struct Summary {
-    /// Number of files made.
     pub made: usize,
-    /// Number of postures of both arms in them.
     pub postures: u64,
-    /// Number of files that were finished before.
     pub finished: usize,
     /// Files without a result, and the reasons, sorted by path.
     pub failed: Vec<(PathBuf, Failure)>,
@@ -56,7 +48,6 @@ struct Job {
     bytes: u64,
 }
 
-/// Data that all jobs share.
 struct Shared<'a> {
     cli: &'a Cli,
     model: &'a Model,
@@ -68,9 +59,6 @@ struct Shared<'a> {
 
 /// Retargets every motion file of `input` into `out`. A file that fails is listed, and the others are still
 /// processed.
-///
-/// # Errors
-/// Returns an error if nothing can be done at all: an invalid robot or folder, or no motion files.
 pub fn run(
     cli: &Cli,
     input: &Path,
@@ -113,7 +101,6 @@ pub fn run(
     Ok(summary)
 }
 
-/// Loads the robot, and its retargeting with the options.
 pub(crate) fn load(cli: &Cli) -> Result<(Model, Postures), Failure> {
     let refused = Failure::with(Exit::Config);
     let (model, _) = cli.robot.shipped_file().and_then(|file| config::load_model(&file)).map_err(refused)?;
@@ -188,7 +175,7 @@ fn options_sha256(cli: &Cli, model: &Model) -> Result<String, Failure> {
         text += " ";
         text += &sha256_file(&file)?;
     }
-    Ok(Sha256::digest(text.as_bytes()).iter().map(|byte| format!("{byte:02x}")).collect())
+    Ok(retarget::sha256_hex(text.as_bytes()))
 }
 
 /// Runs `count` jobs on `threads` threads. Each thread takes the next job.

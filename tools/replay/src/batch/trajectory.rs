@@ -22,14 +22,11 @@ pub struct Trajectory<'a> {
 impl<'a> Trajectory<'a> {
     /// Creates the trajectory of `motion`. The live stage's code computes the limb rotations, and `calibration`
     /// determines the elbow hinges.
-    #[must_use]
     pub fn new(postures: &'a Postures, motion: &Motion, calibration: CalibrationMode, rate: Rate) -> Self {
         let limbs = motion::limbs(motion, &motion::calibrate(motion, calibration));
         Self { postures, limbs, source_hz: motion.frame_rate_hz, rate, next: 0, window: [None; 2], previous: None }
     }
 
-    /// Returns the total number of postures.
-    #[must_use]
     pub fn rows(&self) -> usize {
         match self.rate {
             Rate::Source => self.limbs.len(),
@@ -42,8 +39,6 @@ impl<'a> Trajectory<'a> {
         }
     }
 
-    /// Returns the postures per second.
-    #[must_use]
     pub fn rate_hz(&self) -> f64 {
         match self.rate {
             Rate::Source => self.source_hz,

@@ -16,7 +16,6 @@ pub enum Space {
     Joint,
 }
 
-/// Options of the interpolation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Options {
     /// Time from each pose to the next, s: 0.05 to 60.
@@ -38,9 +37,6 @@ fn within(option: &str, value: f64, low: f64, high: f64) -> Result<f64, Failure>
 /// Interpolates from the first pose to the last and stops at each. The timing s(t) on straight lines has
 /// minimum jerk, and is monotone in between. Between a and b the shares are 1 - s and s, of
 /// [`Keys::mix_latent`] or of [`Keys::mix_joints`].
-///
-/// # Errors
-/// Returns an error if there are fewer than two poses, or an option is out of its bounds.
 pub fn interpolate(
     model: &Model,
     network: &Network,

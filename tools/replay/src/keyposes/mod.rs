@@ -78,7 +78,6 @@ fn calibration(text: &str) -> Result<CalibrationMode, String> {
 }
 
 /// Runs `replay keyposes`.
-#[must_use]
 pub fn execute(cli: Cli) -> ExitCode {
     let done = match cli.command {
         Command::Motions { out, robot } => write_motions(&out, &robot),

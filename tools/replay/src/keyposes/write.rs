@@ -29,7 +29,6 @@ pub fn compact_bvh(motion: &Motion) -> String {
     out
 }
 
-/// Returns the numbers among the words, with three decimals.
 fn rounded<'a>(words: impl Iterator<Item = &'a str>) -> String {
     let numbers = words.filter_map(|word| word.parse().ok()).map(|x| decimals(x, 3));
     numbers.collect::<Vec<_>>().join(" ")

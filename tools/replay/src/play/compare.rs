@@ -5,7 +5,6 @@ use config::Overrides;
 use rt::{Exit, Failure, out};
 use std::path::Path;
 
-/// Compares, and prints the counts.
 pub fn run(cli: &Cli, recording: &Path) -> Result<(), Failure> {
     let loaded =
         config::load(&cli.config, Overrides::robot(cli.robot.as_ref())).map_err(Failure::with(Exit::Config))?;

@@ -15,7 +15,6 @@ use std::time::Duration;
 /// Time between two requests of the mode, and between two updates of the progress.
 const LOOK_PERIOD: Duration = Duration::from_millis(50);
 
-/// Message to a second client.
 const HELD: &str = "Another client holds the lease, so the robot does not see this motion. End that client, wait a second, and \
                     start this one again.";
 
@@ -47,7 +46,6 @@ fn print_line(bar: &ProgressBar, line: &str) {
     if bar.is_hidden() { out!("{line}") } else { bar.println(line) }
 }
 
-/// Returns the instance, and the transport.
 fn place(cli: &Cli) -> Result<(Instance, Transport), Failure> {
     let instance = match &cli.socket {
         Some(socket) => Instance::unmade(socket.parent().unwrap_or(Path::new("."))),
@@ -71,7 +69,6 @@ fn is_lease_held(instance: &Instance) -> bool {
     doors::Client::attach(instance.skeleton_socket()).is_ok_and(|door| door.last_reply() == Reply::GrantedButHeld)
 }
 
-/// Publishes until the end of the motion, or until Ctrl-C.
 pub fn run(cli: &Cli, motion: &Motion) -> Result<(), Failure> {
     let shutdown = Shutdown::on_signals().map_err(Failure::with(Exit::Failed))?;
     let (instance, transport) = place(cli)?;

@@ -16,7 +16,6 @@ use std::process::ExitCode;
 /// Bounds of the speed: slow enough to watch each joint, and faster than any arm follows.
 const SPEED: (f64, f64) = (0.1, 10.0);
 
-/// Runs `replay` without a subcommand.
 pub fn execute(cli: &mut Cli) -> ExitCode {
     // The daemon does the same, so that offline and live give the same numbers to the bit.
     let _ = rt::flush_denormals();

@@ -39,7 +39,6 @@ fn refuse(cli: &Cli, out: &Path) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Writes `out` and the JSON file beside it.
 pub fn run(cli: &Cli, motion: &Motion, out: &Path) -> Result<(), Failure> {
     refuse(cli, out)?;
     let loaded =
@@ -83,7 +82,6 @@ pub fn run(cli: &Cli, motion: &Motion, out: &Path) -> Result<(), Failure> {
     }
 }
 
-/// Writes a row of the CSV, with the robot's `count` joints.
 fn write_row(csv: &mut impl Write, row: &Row, count: usize) -> std::io::Result<()> {
     write!(csv, "{}", row.k as f64 / TICK_HZ as f64)?;
     for value in row.command[..count].iter().chain(&row.target[..count]) {
@@ -92,7 +90,6 @@ fn write_row(csv: &mut impl Write, row: &Row, count: usize) -> std::io::Result<(
     writeln!(csv)
 }
 
-/// Closes the recording and draws the picture, if the options request them.
 fn written(cli: &Cli, recording: Option<OfflineRecording>, trace: &Trace, model: &Model) -> Result<(), Failure> {
     if let (Some(recording), Some(path)) = (recording, &cli.record) {
         let failed = |error| Failure::new(Exit::CantCreate, format!("{}: {error}", path.display()));
@@ -107,7 +104,6 @@ fn written(cli: &Cli, recording: Option<OfflineRecording>, trace: &Trace, model:
     Ok(())
 }
 
-/// Writes the JSON file beside the CSV, and prints the measurements.
 fn write_summary(out: &Path, motion: &Motion, report: &OfflineReport) -> Result<(), Failure> {
     let beside = out.with_extension("json");
     let summary = json!({

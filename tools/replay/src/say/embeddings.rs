@@ -39,7 +39,6 @@ fn no_direction(file: &str, what: &str) -> Failure {
     invalid(file, format!("{what} has no direction: a number is NaN or infinite, or all are 0"))
 }
 
-/// A text encoder with the motions of a library.
 pub struct Embeddings {
     session: Session,
     tokenizer: Tokenizer,
@@ -52,9 +51,6 @@ pub struct Embeddings {
 impl Embeddings {
     /// Reads the `folder` for a library of this many captions. `runtime` is onnxruntime's shared library, which
     /// runs its own code.
-    ///
-    /// # Errors
-    /// Returns an error if a file is missing or invalid.
     pub fn open(folder: &Path, runtime: &Path, captions: usize) -> Result<Self, Failure> {
         let paths = [ENCODER, TOKENIZER, MOTIONS].map(|name| folder.join(name));
         let files = paths.each_ref().map(|path| path.display().to_string());
@@ -70,10 +66,6 @@ impl Embeddings {
 
     /// Returns all captions, the nearest first. Of two equally near ones, the earlier in the library comes
     /// first.
-    ///
-    /// # Errors
-    /// Returns an error if the encoder rejects the sentence, or its output is not an embedding of the matrix's
-    /// width.
     pub fn find(&mut self, sentence: &str) -> Result<Vec<Match>, Failure> {
         let mut embedding = self.embed(sentence)?;
         let [encoder, _, motions] = &self.files;
@@ -132,7 +124,6 @@ fn refused_by_runtime(encoder: &str, error: ort::Error) -> Failure {
     invalid(encoder, format!("onnxruntime reports: {error}"))
 }
 
-/// Returns the values for an input of this name.
 fn values(tokens: &Encoding, name: &str) -> Option<Vec<i64>> {
     let numbers = match name {
         "input_ids" => tokens.get_ids(),
@@ -157,7 +148,6 @@ fn normalise(vector: &mut [f64]) -> bool {
     norm.is_finite() && norm > 0.0
 }
 
-/// Returns the rows as unit vectors, and the length of a row.
 fn read_motions(path: &Path, captions: usize) -> Result<(Vec<f64>, usize), Failure> {
     let file = path.display().to_string();
     let opened = File::open(path).map_err(|error| unreadable(path, &error))?;
@@ -179,7 +169,6 @@ fn read_motions(path: &Path, captions: usize) -> Result<(Vec<f64>, usize), Failu
     Ok((motions, columns))
 }
 
-/// Starts onnxruntime from this library.
 fn start(runtime: &Path) -> Result<Environment, Failure> {
     let refused = |cause: String| {
         let text = format!("{}: is not onnxruntime (1.17 or later): {cause}", runtime.display());
@@ -201,14 +190,5 @@ mod tests {
     #[test]
     fn mean_uses_only_the_tokens_of_the_mask() {
         assert_eq!(mean(&[1.0, 2.0, 3.0, 6.0, 100.0, f32::NAN], 2, &[1, 1, 0]), [2.0, 4.0]);
-    }
-
-    #[test]
-    fn vector_without_direction_cannot_be_normalised() {
-        let mut vector = [3.0, -4.0];
-        assert!(normalise(&mut vector) && vector == [0.6, -0.8]);
-        for mut none in [[0.0, 0.0], [f64::NAN, 1.0], [f64::INFINITY, 1.0]] {
-            assert!(!normalise(&mut none));
-        }
     }
 }

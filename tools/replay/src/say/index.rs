@@ -13,26 +13,21 @@ const K1: f64 = 1.2;
 /// Discount b of long captions.
 const B: f64 = 0.75;
 
-/// A caption and its score.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Match {
-    /// Its index in the library.
     pub caption: usize,
     /// Score. Larger is better: more than zero by words, -1 to 1 by embeddings.
     pub score: f64,
 }
 
-/// The words of a library.
 pub struct Index {
     /// Captions that have a word, and its frequency in each.
     postings: HashMap<String, Vec<(usize, f64)>>,
-    /// Number of words of each caption.
     lengths: Vec<f64>,
     mean_length: f64,
 }
 
 impl Index {
-    /// Creates the index of all captions.
     pub fn new(library: &Library, words: &Words) -> Self {
         let mut postings: HashMap<String, Vec<(usize, f64)>> = HashMap::new();
         let mut lengths = Vec::new();
@@ -70,7 +65,6 @@ impl Index {
         found
     }
 
-    /// Returns true if a caption has this word.
     pub fn knows(&self, word: &str) -> bool {
         self.postings.contains_key(word)
     }

@@ -7,12 +7,9 @@ use std::path::{Path, PathBuf};
 /// Name of the file of captions in the folder.
 const CAPTIONS: &str = "captions.tsv";
 
-/// Caption of a motion. A motion may have several.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Caption {
-    /// The motion's file, in the folder.
     pub file: String,
-    /// Text of the caption.
     pub text: String,
 }
 
@@ -21,7 +18,6 @@ pub(crate) fn invalid(file: &str, cause: &str) -> Failure {
     Failure::new(Exit::DataErr, format!("{file}{cause}"))
 }
 
-/// The captions of a folder.
 #[derive(Clone, Debug)]
 pub struct Library {
     folder: PathBuf,
@@ -29,11 +25,6 @@ pub struct Library {
 }
 
 impl Library {
-    /// Reads `captions.tsv` in `folder`.
-    ///
-    /// # Errors
-    /// Returns an error if it cannot be read, is not a regular file, or is too long or empty. Also if a line is
-    /// not a caption.
     pub fn open(folder: &Path) -> Result<Self, Failure> {
         let path = folder.join(CAPTIONS);
         let file = path.display().to_string();
@@ -43,9 +34,6 @@ impl Library {
 
     /// Reads the text of a `file` of captions, for motions in the current folder. Empty lines and lines that
     /// begin with `#` are ignored.
-    ///
-    /// # Errors
-    /// Returns an error if it is empty, or has a line that is not a caption.
     pub fn from_text(file: &str, text: &str) -> Result<Self, Failure> {
         let mut captions = Vec::new();
         for (n, line) in text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty() && !line.starts_with('#'))
@@ -70,12 +58,10 @@ impl Library {
         Ok(Self { folder: PathBuf::new(), captions })
     }
 
-    /// Returns all captions, in the order of the file.
     pub fn captions(&self) -> &[Caption] {
         &self.captions
     }
 
-    /// Returns the path of a caption's motion.
     pub fn motion(&self, caption: usize) -> PathBuf {
         self.folder.join(&self.captions[caption].file)
     }

@@ -8,7 +8,6 @@ use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-/// Runs `replay say`.
 pub fn execute(cli: &Cli) -> ExitCode {
     let outcome = match find(cli) {
         Ok(Some(motion)) if cli.play => {
@@ -57,7 +56,6 @@ fn by_words(cli: &Cli, library: &Library) -> Result<(Vec<Match>, Vec<String>), F
     Ok((found, query.into_iter().filter(|word| !index.knows(word)).collect()))
 }
 
-/// Returns all captions, by the space of an encoder.
 #[cfg(feature = "embeddings")]
 fn by_embeddings(cli: &Cli, library: &Library, folder: &Path, runtime: &Path) -> Result<Vec<Match>, Failure> {
     super::Embeddings::open(folder, runtime, library.captions().len())?.find(&cli.sentence)
@@ -79,7 +77,6 @@ fn synonyms(cli: &Cli) -> Result<String, Failure> {
     read(path)
 }
 
-/// Keeps the best caption of every motion.
 fn best(library: &Library, found: Vec<Match>) -> Vec<Match> {
     let mut seen = HashSet::new();
     found.into_iter().filter(|found| seen.insert(library.captions()[found.caption].file.as_str())).collect()

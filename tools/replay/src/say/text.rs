@@ -10,10 +10,6 @@ use std::path::Path;
 /// Size of the largest text that is read, bytes. HumanML3D's 45,000 captions take 3 MB.
 const BYTES_MAX: u64 = 64 << 20;
 
-/// Reads the text of a regular file.
-///
-/// # Errors
-/// Returns an error if it is a folder, a pipe or a device, is longer than 64 MiB, or cannot be read.
 pub fn read(path: &Path) -> Result<String, Failure> {
     regular(path)?;
     let mut text = Vec::new();

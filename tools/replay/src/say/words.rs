@@ -10,7 +10,6 @@ const STOP_WORDS: &str = "a about an and any are as at be been being but by can 
     him his how i if in into is it its let lets me my no not of on one or our people person please s she should so some somebody \
     someone t than that the their them then there they this to us was we were what when which while who will with would you your";
 
-/// Converts text to words.
 pub struct Words {
     stemmer: Stemmer,
     /// Maps each synonym to the first word of its line.

@@ -25,7 +25,7 @@ impl Run<'_> {
             let to = self.processes.moved_to.take();
             let seed = self.seed ^ self.k;
             if !self.world.restart_driver(&self.subject.config, to.as_ref(), seed) {
-                self.world.restart_driver(&self.subject.config, Some(&self.subject.home), seed);
+                self.world.restart_driver(&self.subject.config, Some(&self.subject.model().home), seed);
             }
             self.injected.clear();
             self.change_robot();

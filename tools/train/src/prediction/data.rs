@@ -27,20 +27,16 @@ pub struct Recording {
 }
 
 impl Recording {
-    /// Creates the recording of a clip.
-    #[must_use]
     pub fn new(clip: &Clip) -> Self {
         Self { frames: clip.frames().map(|arms| arms.map(|arm| limbs(&arm))).collect(), rate_hz: clip.frame_rate_hz }
     }
 
     /// Time of the last frame, s after the first.
-    #[must_use]
     pub fn end_s(&self) -> f64 {
         self.frames.len().saturating_sub(1) as f64 / self.rate_hz
     }
 
     /// Interpolates between the frames. Returns the first or last one before or after all of them.
-    #[must_use]
     pub fn at(&self, t_s: f64) -> [Limbs; 2] {
         interpolated(&self.frames, t_s * self.rate_hz)
     }
@@ -59,11 +55,9 @@ fn interpolated(frames: &[[Limbs; 2]], index: f64) -> [Limbs; 2] {
 pub struct Seen {
     /// Time of the newest frame, s of the recording.
     pub at_s: f64,
-    /// Frames per second.
     pub rate_hz: f64,
     /// Seconds of the recording per second of the view.
     pub speed: f64,
-    /// Turn of the torso.
     pub turn: UnitQuaternion<f64>,
     /// Noise of each limb and axis, rad.
     pub noise_rad: f64,
@@ -71,7 +65,6 @@ pub struct Seen {
 
 impl Seen {
     /// Returns the frames, newest first, back to half a second or to the beginning of the recording.
-    #[must_use]
     pub fn frames(&self, recording: &Recording, rng: &mut Pcg64) -> Vec<[Limbs; 2]> {
         let count = (AGES_S[AGES_S.len() - 1] * self.rate_hz).ceil() as usize + 1;
         let times = (0..count).map(|i| self.at_s - i as f64 / self.rate_hz * self.speed);
@@ -83,7 +76,6 @@ impl Seen {
     }
 
     /// Returns the person `ahead_s` after the newest frame.
-    #[must_use]
     pub fn after(&self, recording: &Recording, ahead_s: f64) -> [Limbs; 2] {
         turned(&self.turn, &recording.at(self.at_s + ahead_s * self.speed))
     }
@@ -91,24 +83,19 @@ impl Seen {
 
 /// Returns the history from which the arm `own` of `frames` is predicted. Before the oldest frame, the oldest
 /// frame counts.
-#[must_use]
 pub fn history(frames: &[[Limbs; 2]], rate_hz: f64, own: usize) -> History {
     let first = |arms: &[Limbs; 2]| [arms[own], arms[1 - own]];
     let before = AGES_S.map(|age_s| first(&interpolated(frames, age_s * rate_hz)));
     History { newest: first(&frames[0]), before }
 }
 
-/// Inputs and outputs, column by column.
 #[derive(Clone, Debug, Default)]
 pub struct Draw {
-    /// Values of all rows, per input.
     pub inputs: Vec<Vec<f64>>,
-    /// Values of all rows, per output.
     pub outputs: Vec<Vec<f64>>,
 }
 
 /// Draws `count` instants, with two rows each: one per arm. The same seed gives the same draw.
-#[must_use]
 pub fn draw(recordings: &[Recording], count: usize, seed: u64) -> Draw {
     let mut rng = Pcg64::new(u128::from(seed), 0x9ed1);
     let mut out = Draw { inputs: vec![Vec::new(); PREDICTION_INPUTS], outputs: vec![Vec::new(); PREDICTION_OUTPUTS] };

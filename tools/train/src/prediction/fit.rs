@@ -22,7 +22,6 @@ const EPS_RAD: f64 = 0.01;
 const LAMBDA: f64 = 0.05;
 
 /// Returns the map that fits the rows best. None if there are too few rows to determine it.
-#[must_use]
 pub fn fit(draw: &Draw) -> Option<Prediction> {
     let rows = draw.outputs.first()?.len();
     let mut weight = vec![1.0; rows];

@@ -15,18 +15,13 @@ const RATE_OVER_S: f64 = 0.03;
 const STEP_S: f64 = 1.0 / 30.0;
 const SEED: u64 = 5;
 
-/// Conditions under which the clips are seen.
 #[derive(Clone, Copy, Debug)]
 pub struct Condition {
-    /// Name in the manifest.
     pub name: &'static str,
-    /// Frames per second.
     pub rate_hz: f64,
-    /// Noise of each limb and axis, degrees.
     pub noise_deg: f64,
 }
 
-/// Judged conditions.
 pub const CONDITIONS: [Condition; 4] = [
     Condition { name: "60_hz", rate_hz: 60.0, noise_deg: 0.0 },
     Condition { name: "60_hz_half_a_degree_of_noise", rate_hz: 60.0, noise_deg: 0.5 },
@@ -40,7 +35,6 @@ type Degrees = [f64; JUDGED_S.len()];
 /// Mean angles between prediction and person over limbs and instants, degrees.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Means {
-    /// Name of the condition.
     pub name: &'static str,
     /// Errors of each of `KINDS`.
     pub deg: [Degrees; 3],
@@ -51,7 +45,6 @@ pub struct Means {
 const KINDS: [&str; 3] = ["stays_deg", "fades_deg", "learnt_deg"];
 
 /// Judges every instant that has half a second before it and all of `JUDGED_S` after it.
-#[must_use]
 pub fn judge(recordings: &[Recording], prediction: &Prediction, condition: &Condition) -> Means {
     let of = |recording: &Recording| of_one(recording, prediction, condition);
     let all: Vec<([Degrees; 3], f64)> = recordings.par_iter().map(of).collect();
@@ -92,8 +85,6 @@ fn of_one(recording: &Recording, prediction: &Prediction, condition: &Condition)
 }
 
 impl Means {
-    /// Returns a table of the manifest.
-    #[must_use]
     pub fn table(&self) -> toml::Table {
         let rounded = |degrees: &Degrees| degrees.map(|deg| (deg * 1e3).round() / 1e3).to_vec().into();
         let ahead_ms = JUDGED_S.map(|ahead_s| (ahead_s * 1e3).round()).to_vec().into();

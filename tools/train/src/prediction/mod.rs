@@ -22,9 +22,6 @@ use std::path::Path;
 const DRAWS: usize = 30_000;
 
 /// Learns from the training clips, writes `<out>.safetensors` and `<out>.toml`, and prints the validation.
-///
-/// # Errors
-/// Returns an error if a file cannot be written.
 pub fn learn(out: &Path, clips: &Clips, seed: u64, calibration: &str) -> Result<(), TrainError> {
     let recordings: Vec<Recording> = clips.training.iter().map(Recording::new).collect();
     let unknown: Vec<Recording> = clips.validation.iter().map(Recording::new).collect();

@@ -20,13 +20,9 @@ const SHARE_CUT: f64 = 0.5;
 /// A pair that is closer than the clearance at home, or in most postures of the two joints between them.
 #[derive(Clone, Debug)]
 pub struct Near {
-    /// The capsules.
     pub pair: [usize; 2],
-    /// Their names.
     pub names: [String; 2],
-    /// Clearance of the capsules at home, m.
     home_m: f64,
-    /// Distance of the surfaces at home, m.
     surfaces_m: Option<f64>,
     /// Clearance that commands must keep, m.
     needed_m: f64,
@@ -34,7 +30,6 @@ pub struct Near {
     share: Option<f64>,
     /// Least distance of the surfaces in sampled postures, m. It is absent with a proof, and with more joints between.
     least_m: Option<f64>,
-    /// Proof that the contents never meet.
     proof: Option<Proof>,
 }
 
@@ -88,10 +83,6 @@ pub struct Finder {
 }
 
 impl Finder {
-    /// Returns these pairs of a robot's capsules.
-    ///
-    /// # Errors
-    /// The robot does not have the link of a capsule.
     pub fn find(&mut self, model: &Model, plan: &Plan, capsules: &[Named]) -> Result<Vec<Near>, CollisionError> {
         let bodies = on_bodies(model, capsules)?;
         let bare = Plan { close: Vec::new(), ..plan.clone() };
@@ -112,7 +103,6 @@ impl Finder {
     }
 }
 
-/// Returns a pair if it is near.
 fn near(judge: &Judge<'_>, bodies: &[Capsule], frames: &Frames, pair: [usize; 2]) -> Option<Near> {
     let ([first, second], model) = (pair, judge.model());
     let (a, b) = (&bodies[first], &bodies[second]);

@@ -13,7 +13,6 @@ pub const AHEAD_MS: [u64; 3] = [50, 100, 200];
 /// Expectation at the time when a skeleton was the newest one.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Expectation {
-    /// Capture time of that skeleton.
     pub origin: Stamp,
     /// The limbs at each of `AHEAD_MS` after it. None beyond the trajectory.
     pub limbs: [Option<Human>; AHEAD_MS.len()],
@@ -22,7 +21,6 @@ pub struct Expectation {
 impl Expectation {
     /// Extracts the expectation of a target. Node n of its trajectory is for the person `delay_ns` before the node's
     /// tick.
-    #[must_use]
     pub fn new(target: &JointTarget, delay_ns: u64) -> Self {
         let origin = target.header.origin;
         let at = |i: u64| deadline((target.trajectory_first + i) * TRAJECTORY_NODE_TICKS).0.saturating_sub(delay_ns);
@@ -41,7 +39,6 @@ impl Expectation {
 
 /// Returns the mean angle of four limbs between the expectation and the person's later motion, degrees, at each
 /// of `AHEAD_MS`. None if no expectation has a later skeleton.
-#[must_use]
 pub fn errors_deg(expected: &[Expectation], person: &Person) -> [Option<f64>; AHEAD_MS.len()] {
     std::array::from_fn(|i| {
         let error = |expected: &Expectation| {
@@ -58,7 +55,6 @@ mod tests {
     use super::*;
     use messages::{LIMBS, Layout, Skeleton, TRAJECTORY_NODES, skeleton_flag};
 
-    /// Returns limbs that are all turned by `angle` about one axis.
     fn limbs(angle: f64) -> [[f32; 4]; LIMBS] {
         let (sin, cos) = (0.5 * angle).sin_cos();
         [[0.0, 0.0, sin as f32, cos as f32]; LIMBS]
