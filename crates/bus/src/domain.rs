@@ -195,11 +195,6 @@ impl Domain {
         }
     }
 
-    /// Removes the files of dead processes. `open` and `writer` do so too.
-    pub fn clean_up(&self) {
-        self.node.node().blocking_cleanup_dead_nodes(CLEANING);
-    }
-
     /// Returns the place of this domain.
     pub fn config(&self) -> &DomainConfig {
         &self.config

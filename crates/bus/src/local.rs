@@ -34,19 +34,3 @@ impl<M> Latest<M> for Channel<M> {
         self.newest.take()
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn channel_read_gives_newest_message_once_per_copy() {
-        let mut channel = Channel::new();
-        assert_eq!(channel.latest(), None);
-        channel.publish(&1).expect("it takes everything");
-        channel.publish(&2).expect("it takes everything");
-        let mut branch = channel;
-        assert_eq!((channel.latest(), channel.latest()), (Some(2), None));
-        assert_eq!(branch.latest(), Some(2), "a copy is a branch of its own");
-    }
-}

@@ -1,35 +1,28 @@
 //! Allocations of the hot path: none when reading and waiting, one block per message when writing.
 
 use crate::support;
-use bus::{Reader, Wake, Writer};
-use messages::{JointTarget, Layout, Service};
+use bus::Wake;
+use messages::{JointTarget, Service};
 use rt::{Allocations, count_allocations};
 use std::time::Duration;
-use support::Place;
+use support::{Place, message, reader, writer};
 
 const MESSAGES: u64 = 1_000;
-
-fn message(k: u64) -> JointTarget {
-    let mut target = JointTarget::ZERO;
-    target.k = k;
-    target
-}
 
 #[test]
 fn read_wait_and_notify_allocate_nothing_and_publish_once() {
     let place = Place::new("alloc");
     let domain = place.open();
-    let mut writer: Writer<JointTarget> = domain.writer(Service::JointTarget).expect("a writer");
-    let mut reader: Reader<JointTarget> = domain.reader(Service::JointTarget).expect("a reader");
+    let (mut writer, mut reader) = (writer(&domain), reader(&domain));
     let mut waiting = domain.waking_reader::<JointTarget>(Service::JointTarget).expect("a reader");
     // The first message connects the ports.
-    writer.publish(&message(0)).expect("it goes out");
+    writer.publish(&message(0, 0)).expect("it goes out");
     writer.notify().expect("it wakes");
     assert_eq!(waiting.wait(Duration::from_secs(10)), Wake::Event);
     assert!(reader.latest().is_some() && waiting.latest().is_some());
     let (mut writing, mut reading, mut notifying) = Default::default();
     for k in 1..=MESSAGES {
-        let (sent, count) = count_allocations(|| writer.publish(&message(k)));
+        let (sent, count) = count_allocations(|| writer.publish(&message(0, k)));
         assert_eq!(sent, Ok(2));
         add(&mut writing, count);
         let (sent, count) = count_allocations(|| writer.notify());

@@ -1,11 +1,11 @@
 //! Real processes that are stopped and killed. The test program starts itself again.
 
 use crate::support;
-use bus::{BusError, Domain, DomainConfig, Reader, WakingReader, Writer};
-use messages::{JointTarget, Layout, Service};
+use bus::{BusError, Domain, DomainConfig, Reader, WakingReader};
+use messages::{JointTarget, Service};
 use std::process::{Child, Command, Stdio};
 use std::time::Duration;
-use support::{Place, eventually};
+use support::{Place, eventually, message, reader, writer};
 
 const ROOT: &str = "BUS_TEST_ROOT";
 const PREFIX: &str = "BUS_TEST_PREFIX";
@@ -67,26 +67,11 @@ fn child() {
             }
         }
         "rival" => {
-            let error = writer(&domain).expect_err("the place is taken");
+            let error = domain.writer::<JointTarget>(Service::JointTarget).expect_err("the place is taken");
             assert!(matches!(error, BusError::WriterExists { .. }), "{error:?}");
         }
         role => panic!("no such role: {role}"),
     }
-}
-
-fn message(incarnation: u32, k: u64) -> JointTarget {
-    let mut target = JointTarget::ZERO;
-    target.header.incarnation = incarnation;
-    target.k = k;
-    target
-}
-
-fn writer(domain: &Domain) -> Result<Writer<JointTarget>, BusError> {
-    domain.writer(Service::JointTarget)
-}
-
-fn reader(domain: &Domain) -> Reader<JointTarget> {
-    domain.reader(Service::JointTarget).expect("a reader's place")
 }
 
 fn incarnation_heard(reader: &mut Reader<JointTarget>) -> u32 {
@@ -107,7 +92,7 @@ fn f086_killed_writer_is_silent_and_successor_is_a_new_writer() {
         assert!(wait::holds_for(Duration::from_millis(20), || reader.latest().is_none()), "the dead are silent");
     }
     // This domain was open all the time. Taking the place cleans up first.
-    let mut next = writer(&successor).expect("the dead writer's place is free");
+    let mut next = writer(&successor);
     next.publish(&message(7, 1)).expect("it goes out");
     known.push(incarnation_heard(&mut reader));
     assert_eq!(known[3], 7);
@@ -121,7 +106,7 @@ fn f086_killed_writer_is_silent_and_successor_is_a_new_writer() {
 fn live_writer_keeps_its_slot_against_another_process() {
     let place = Place::new("living");
     let domain = place.open();
-    let (mut writer, mut reader) = (writer(&domain).expect("a writer's place"), reader(&domain));
+    let (mut writer, mut reader) = (writer(&domain), reader(&domain));
     // A file lock of the process shows its death. Opening the domain again must not release the lock.
     drop(place.open());
     let mut rival = Process::start(&place, "rival");
@@ -138,7 +123,7 @@ fn stopped_writer_keeps_its_slot_and_continues() {
     let process = Process::start(&place, "writer");
     let incarnation = incarnation_heard(&mut reader);
     process.signal("-STOP");
-    let error = writer(&domain).expect_err("it lives");
+    let error = domain.writer::<JointTarget>(Service::JointTarget).expect_err("it lives");
     assert!(matches!(error, BusError::WriterExists { .. }), "{error:?}");
     reader.latest();
     process.signal("-CONT");
@@ -149,7 +134,7 @@ fn stopped_writer_keeps_its_slot_and_continues() {
 fn stopped_or_killed_readers_never_block_writer() {
     let place = Place::new("readers");
     let domain = place.open();
-    let mut writer = writer(&domain).expect("a writer's place");
+    let mut writer = writer(&domain);
     let mut reader = reader(&domain);
     let stopped = Process::start(&place, "reader");
     let mut killed = Process::start(&place, "reader");
@@ -161,7 +146,7 @@ fn stopped_or_killed_readers_never_block_writer() {
         writer.notify().expect("nobody holds it up");
         assert_eq!(reader.latest().map(|message| message.k), Some(k));
     }
-    domain.clean_up();
+    drop(place.open());
     assert_eq!(writer.publish(&message(1, 0)), Ok(2), "the dead reader is gone, the stopped one is not");
 }
 
@@ -170,22 +155,14 @@ fn processes_started_at_once_all_connect() {
     let place = Place::new("crowd");
     let processes: Vec<Process> = (0..6).map(|_| Process::start(&place, "reader")).collect();
     let domain = place.open();
-    let mut writer = writer(&domain).expect("a writer's place");
+    let mut writer = writer(&domain);
     eventually("six readers", || (writer.publish(&message(1, 0)) == Ok(6)).then_some(()));
     drop(processes);
-    domain.clean_up();
+    drop(place.open());
     assert_eq!(writer.publish(&message(1, 0)), Ok(0));
     let mut own: WakingReader<JointTarget> = domain.waking_reader(Service::JointTarget).expect("a reader's place");
     writer.publish(&message(2, 3)).expect("it goes out");
     assert_eq!(own.latest(), Some(message(2, 3)));
-}
-
-/// Returns the names in /dev/shm of this place's domain.
-fn names(place: &Place) -> Vec<String> {
-    let prefix = place.config().prefix;
-    let all = std::fs::read_dir("/dev/shm").expect("shared memory").flatten();
-    let all = all.map(|entry| entry.file_name().to_string_lossy().into_owned());
-    all.filter(|name| name.starts_with(&prefix)).collect()
 }
 
 #[test]
@@ -193,21 +170,21 @@ fn segments_of_killed_processes_are_removed_by_next_open() {
     for folder_is_gone in [false, true] {
         let place = Place::new("left");
         let mut processes = [Process::start(&place, "writer"), Process::start(&place, "reader")];
-        let connected = || names(&place).iter().any(|name| name.ends_with(".connection"));
+        let connected = || place.files().iter().any(|name| name.ends_with(".connection"));
         eventually("segments of both", || connected().then_some(()));
         processes.iter_mut().for_each(Process::kill);
-        let left = names(&place);
+        let left = place.files();
         if folder_is_gone {
             // A program that tidies /tmp does the same. Then the transport itself does not know the owner of the
             // segments.
             std::fs::remove_dir_all(place.root()).expect("it was there");
         }
         let domain = place.open();
-        let now = names(&place);
+        let now = place.files();
         let kept: Vec<_> = left.iter().filter(|name| now.contains(name) && !name.ends_with(".global_mgmt")).collect();
         assert!(kept.is_empty(), "{folder_is_gone}: {kept:?}");
         drop(domain);
-        assert_eq!(names(&place), Vec::<String>::new(), "{folder_is_gone}");
+        assert_eq!(place.files(), Vec::<String>::new(), "{folder_is_gone}");
         let nodes = std::fs::read_dir(place.root().join("nodes")).expect("the transport's folder").count();
         assert_eq!(nodes, 0, "{folder_is_gone}");
     }
@@ -217,14 +194,14 @@ fn segments_of_killed_processes_are_removed_by_next_open() {
 fn segments_of_live_process_are_never_removed() {
     let place = Place::new("alive");
     let process = Process::start(&place, "writer");
-    eventually("its segments", || (names(&place).len() > 3).then_some(()));
+    eventually("its segments", || (place.files().len() > 3).then_some(()));
     let mut reader = reader(&place.open());
     let incarnation = incarnation_heard(&mut reader);
     drop(reader);
     process.signal("-STOP");
-    let before = names(&place);
+    let before = place.files();
     let kept = |what: &str| {
-        let now = names(&place);
+        let now = place.files();
         assert!(before.iter().all(|name| now.contains(name) || name.ends_with(".connection")), "{what}: {now:?}");
     };
     drop(place.open());
@@ -239,16 +216,16 @@ fn segments_of_live_process_are_never_removed() {
     kept("of another folder");
     process.signal("-CONT");
     let domain = place.open();
-    assert_eq!(incarnation_heard(&mut self::reader(&domain)), incarnation, "the same writer goes on");
+    assert_eq!(incarnation_heard(&mut support::reader(&domain)), incarnation, "the same writer goes on");
 }
 
 #[test]
 fn port_that_outlives_its_domain_keeps_its_segments() {
     let place = Place::new("outlives");
-    let (mut writer, mut reader) = (writer(&place.open()).expect("a writer's place"), reader(&place.open()));
+    let (mut writer, mut reader) = (writer(&place.open()), reader(&place.open()));
     drop(place.open());
     assert_eq!(writer.publish(&message(1, 2)), Ok(1));
     assert_eq!(reader.latest(), Some(message(1, 2)));
     drop((writer, reader));
-    assert_eq!(names(&place), Vec::<String>::new());
+    assert_eq!(place.files(), Vec::<String>::new());
 }

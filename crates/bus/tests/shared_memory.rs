@@ -1,31 +1,16 @@
 //! One writer, many readers, newest value: the behaviour of iceoryx2 with our settings.
 
 use crate::support;
-use bus::{BusError, Domain, Latest, Publish, Reader, Wake, Writer};
-use messages::{Field, JointTarget, Layout, Message, RawSkeleton, Service, Stamp};
+use bus::{BusError, Domain, Wake};
+use messages::{Field, JointTarget, Layout, Message, RawSkeleton, Service};
 use std::time::Duration;
-use support::{Place, eventually, shared_memory_bytes};
-
-fn target(k: u64) -> JointTarget {
-    let mut target = JointTarget::ZERO;
-    target.k = k;
-    target.q[16] = k as f64;
-    target
-}
+use support::{Place, message, reader, writer};
 
 fn raw(incarnation: u32, sequence: u64) -> RawSkeleton {
     let mut raw = RawSkeleton::ZERO;
     raw.header.incarnation = incarnation;
     raw.header.sequence = sequence;
     raw
-}
-
-fn writer(domain: &Domain) -> Writer<JointTarget> {
-    domain.writer(Service::JointTarget).expect("the writer's place is free")
-}
-
-fn reader(domain: &Domain) -> Reader<JointTarget> {
-    domain.reader(Service::JointTarget).expect("a reader's place is free")
 }
 
 #[test]
@@ -35,12 +20,12 @@ fn reader_gets_newest_message_once() {
     let (mut writer, mut first, mut second) = (writer(&ours), reader(&theirs), reader(&theirs));
     assert_eq!(first.latest(), None);
     for k in 1..=100 {
-        assert_eq!(writer.publish(&target(k)), Ok(2));
+        assert_eq!(writer.publish(&message(0, k)), Ok(2));
     }
-    assert_eq!(first.latest(), Some(target(100)));
+    assert_eq!(first.latest(), Some(message(0, 100)));
     assert_eq!(first.latest(), None, "it has been read");
-    writer.publish(&target(101)).expect("it goes out");
-    assert_eq!((first.latest(), second.latest()), (Some(target(101)), Some(target(101))));
+    writer.publish(&message(0, 101)).expect("it goes out");
+    assert_eq!((first.latest(), second.latest()), (Some(message(0, 101)), Some(message(0, 101))));
     assert_eq!((first.failures(), second.failures()), (0, 0));
 }
 
@@ -56,12 +41,12 @@ fn second_writer_is_refused_by_name_until_first_one_leaves() {
     let text = error.to_string();
     assert!(text.contains("teleop/joint_target/7") && text.contains("another retarget is already running"), "{text}");
     assert!(text.contains(place.root().to_str().expect("UTF-8")), "{text}");
-    held.publish(&target(5)).expect("the first writer goes on");
-    assert_eq!(early.latest(), Some(target(5)));
+    held.publish(&message(0, 5)).expect("the first writer goes on");
+    assert_eq!(early.latest(), Some(message(0, 5)));
     drop(held);
     let mut next = writer(&other);
-    next.publish(&target(6)).expect("the place is free again");
-    assert_eq!(early.latest(), Some(target(6)));
+    next.publish(&message(0, 6)).expect("the place is free again");
+    assert_eq!(early.latest(), Some(message(0, 6)));
 }
 
 #[test]
@@ -72,16 +57,16 @@ fn newest_message_comes_from_newest_writer_after_restart() {
     let mut older = writer(&first);
     // Both connect. A reader never sees a writer that comes and goes between two polls.
     assert_eq!((reader.latest(), stepping.latest()), (None, None));
-    older.publish(&target(1)).expect("it goes out");
+    older.publish(&message(0, 1)).expect("it goes out");
     drop(older);
     let mut newer = writer(&second);
-    newer.publish(&target(2)).expect("it goes out");
+    newer.publish(&message(0, 2)).expect("it goes out");
     let mut seen = Vec::new();
     while stepping.drain(|sample| seen.push((sample.message.k, sample.publisher))) > 0 {}
     let both: Vec<u64> = seen.iter().map(|(k, _)| *k).collect();
     assert_eq!(both, [1, 2], "both messages waited, the dead writer's first");
     let sample = reader.latest_sample().expect("two messages wait");
-    assert_eq!((sample.message, sample.publisher), (target(2), seen[1].1));
+    assert_eq!((sample.message, sample.publisher), (message(0, 2), seen[1].1));
     assert_ne!(seen[0].1, seen[1].1, "another writer, another number");
     assert_eq!(reader.latest(), None);
 }
@@ -131,8 +116,8 @@ fn domains_with_different_prefixes_do_not_see_each_other() {
     let domain = here.open();
     let (mut ours, mut theirs) = (writer(&domain), writer(&other));
     let (mut reads_ours, mut reads_theirs) = (reader(&domain), reader(&other));
-    assert_eq!((ours.publish(&target(1)), theirs.publish(&target(2))), (Ok(1), Ok(1)));
-    assert_eq!((reads_ours.latest(), reads_theirs.latest()), (Some(target(1)), Some(target(2))));
+    assert_eq!((ours.publish(&message(0, 1)), theirs.publish(&message(0, 2))), (Ok(1), Ok(1)));
+    assert_eq!((reads_ours.latest(), reads_theirs.latest()), (Some(message(0, 1)), Some(message(0, 2))));
 }
 
 /// A message with the size, name and version of a `JointTarget`, but with two fields exchanged.
@@ -171,13 +156,6 @@ fn reader_with_other_layout_of_same_size_is_refused() {
 }
 
 #[test]
-fn reader_of_another_services_message_is_refused() {
-    let place = Place::new("wrong");
-    let error = place.open().reader::<JointTarget>(Service::Status).expect_err("it carries Status");
-    assert_eq!(error.to_string(), "service teleop/status/10: the message is JointTarget, expected Status");
-}
-
-#[test]
 fn wait_ends_on_wake_up_or_at_its_timeout() {
     let place = Place::new("wake");
     let domain = place.open();
@@ -188,11 +166,11 @@ fn wait_ends_on_wake_up_or_at_its_timeout() {
     assert_eq!(waiting.wait(Duration::from_micros(700)), Wake::Timeout);
     assert!(rt::now().since(before) >= 700_000, "a timeout never ends early");
     for k in 1..=50 {
-        writer.publish(&target(k)).expect("it goes out");
+        writer.publish(&message(0, k)).expect("it goes out");
         writer.notify().expect("it wakes");
         writer.notify().expect("a second wake-up before the wait counts with the first");
         assert_eq!(waiting.wait(Duration::from_secs(60)), Wake::Event);
-        assert_eq!(waiting.latest(), Some(target(k)));
+        assert_eq!(waiting.latest(), Some(message(0, k)));
         assert_eq!(waiting.wait(Duration::ZERO), Wake::Timeout, "both wake-ups are taken");
     }
     assert_eq!(waiting.failures(), 0);
@@ -208,7 +186,7 @@ fn wake_up_is_never_lost_while_two_threads_race() {
     let thread = std::thread::spawn(move || {
         let mut writer = writer(&publishing);
         for k in 1..=LAST {
-            writer.publish(&target(k)).expect("it goes out");
+            writer.publish(&message(0, k)).expect("it goes out");
             writer.notify().expect("it wakes");
             if k % 64 == 0 {
                 std::thread::yield_now();
@@ -228,24 +206,6 @@ fn wake_up_is_never_lost_while_two_threads_race() {
 }
 
 #[test]
-fn traits_pass_message_through_channel_and_shared_memory() {
-    fn pass_on(from: &mut impl Latest<JointTarget>, to: &mut impl Publish<JointTarget>) {
-        if let Some(message) = from.latest() {
-            to.publish(&message).expect("it goes out");
-        }
-    }
-    let (place, next) = (Place::new("traits"), Place::new("next"));
-    let (domain, second) = (place.open(), next.open());
-    let (mut writer_in, mut reader_in) = (writer(&domain), reader(&domain));
-    let (mut writer_out, mut reader_out) = (writer(&second), reader(&second));
-    let mut slot = bus::Channel::new();
-    Publish::publish(&mut writer_in, &target(9)).expect("it goes out");
-    pass_on(&mut reader_in, &mut slot);
-    pass_on(&mut slot, &mut writer_out);
-    assert_eq!(reader_out.latest(), Some(target(9)));
-}
-
-#[test]
 fn shared_memory_of_all_ports_stays_below_16_mib() {
     let place = Place::new("room");
     let domain = place.open();
@@ -254,22 +214,9 @@ fn shared_memory_of_all_ports_stays_below_16_mib() {
     let _readers: Vec<_> = (0..16).map(|_| reader(&domain)).collect();
     let _raw_readers: Vec<_> =
         (0..4).map(|_| domain.waking_reader::<RawSkeleton>(Service::RawSkeleton).expect("a reader")).collect();
-    let bytes = shared_memory_bytes(&place.config().prefix);
+    let bytes = place.bytes();
     println!("{bytes} bytes of shared memory");
     assert!((1..16 << 20).contains(&bytes), "{bytes}");
-}
-
-#[test]
-fn stamps_arrive_unchanged_over_shared_memory() {
-    let place = Place::new("stamps");
-    let domain = place.open();
-    let (mut writer, mut reader) = (writer(&domain), reader(&domain));
-    let mut message = target(1);
-    message.header.stamp = rt::now();
-    message.header.origin = Stamp(17);
-    writer.publish(&message).expect("it goes out");
-    let read = eventually("the message", || reader.latest());
-    assert_eq!(read, message);
 }
 
 #[test]
@@ -278,18 +225,14 @@ fn damaged_domain_gives_error_that_names_it_and_never_hangs() {
     let healthy = place.open();
     // Any local user can do this to the file that counts nodes: it is 0666.
     let prefix = place.config().prefix;
-    let entries = std::fs::read_dir("/dev/shm").expect("it exists").flatten();
-    let mut counters = entries.filter(|entry| {
-        let name = entry.file_name().to_string_lossy().into_owned();
-        name.starts_with(&prefix) && name.ends_with(".global_mgmt")
-    });
-    let counter = counters.next().expect("one file counts nodes").path();
-    std::fs::File::create(&counter).expect("it can be truncated");
+    let files = place.files();
+    let counter = files.iter().find(|path| path.ends_with(".global_mgmt")).expect("a counter of nodes");
+    std::fs::File::create(counter).expect("it can be truncated");
     let error = Domain::open(place.config(), "late").expect_err("it cannot be opened");
     let text = error.to_string();
     assert!(text.contains(&prefix) && text.contains(place.root().to_str().expect("UTF-8")), "{text}");
     println!("{text}");
     let (mut writer, mut reader) = (writer(&healthy), reader(&healthy));
-    writer.publish(&target(1)).expect("who was there before goes on");
-    assert_eq!(reader.latest(), Some(target(1)));
+    writer.publish(&message(0, 1)).expect("who was there before goes on");
+    assert_eq!(reader.latest(), Some(message(0, 1)));
 }

@@ -2,10 +2,11 @@
 
 crate::named! {
     /// State of the robot's control. It mirrors the state machine in `safety`, without that machine's data.
-    #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+    #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
     #[repr(u32)]
     pub enum Mode {
         /// The robot is not enabled. It holds its posture.
+        #[default]
         Disengaged = 0 => "Disengaged",
         /// Blending from the robot's posture to the target's.
         Engaging = 1 => "Engaging",

@@ -7,41 +7,27 @@ use crate::time::{Header, Stamp};
 /// Length of the table of drop reasons.
 pub const DROPS_MAX: usize = 32;
 
-/// Source of the elbow hinge axes on which the person's limb rotations rest.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[repr(u32)]
-pub enum CalibrationSource {
-    /// No source: the elbow's momentary plane is used.
-    #[default]
-    None = 0,
-    /// The client's frames.
-    Client = 1,
-    /// The operator's file.
-    Stored = 2,
-    /// Estimated from this session's movements.
-    Online = 3,
+crate::named! {
+    /// Source of the elbow hinge axes on which the person's limb rotations rest.
+    #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+    #[repr(u32)]
+    pub enum CalibrationSource {
+        /// No source: the elbow's momentary plane is used.
+        #[default]
+        None = 0 => "none (uses the elbow's current plane)",
+        /// The client's frames.
+        Client = 1 => "the client's",
+        /// The operator's file.
+        Stored = 2 => "stored",
+        /// Estimated from this session's movements.
+        Online = 3 => "estimated online",
+    }
 }
 
 impl CalibrationSource {
     /// Returns the source with this number.
-    pub const fn from_u32(number: u32) -> Option<Self> {
-        match number {
-            0 => Some(Self::None),
-            1 => Some(Self::Client),
-            2 => Some(Self::Stored),
-            3 => Some(Self::Online),
-            _ => None,
-        }
-    }
-
-    /// Name in reports.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::None => "none (uses the elbow's current plane)",
-            Self::Client => "the client's",
-            Self::Stored => "stored",
-            Self::Online => "estimated online",
-        }
+    pub fn from_u32(number: u32) -> Option<Self> {
+        Self::ALL.get(number as usize).copied()
     }
 }
 

@@ -24,60 +24,47 @@ pub enum Limb {
     RightFore = 3,
 }
 
-/// Joints of the SMPL-22 layout, by index.
-#[allow(missing_docs)]
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[repr(usize)]
-pub enum Smpl {
-    Pelvis = 0,
-    LeftHip = 1,
-    RightHip = 2,
-    Spine1 = 3,
-    LeftKnee = 4,
-    RightKnee = 5,
-    Spine2 = 6,
-    LeftAnkle = 7,
-    RightAnkle = 8,
-    Spine3 = 9,
-    LeftFoot = 10,
-    RightFoot = 11,
-    Neck = 12,
-    LeftCollar = 13,
-    RightCollar = 14,
-    Head = 15,
-    LeftShoulder = 16,
-    RightShoulder = 17,
-    LeftElbow = 18,
-    RightElbow = 19,
-    LeftWrist = 20,
-    RightWrist = 21,
+crate::named! {
+    /// Joints of the SMPL-22 layout, by index. Messages and layout files use the names.
+    #[allow(missing_docs)]
+    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    #[repr(usize)]
+    pub enum Smpl {
+        Pelvis = 0 => "pelvis",
+        LeftHip = 1 => "left_hip",
+        RightHip = 2 => "right_hip",
+        Spine1 = 3 => "spine1",
+        LeftKnee = 4 => "left_knee",
+        RightKnee = 5 => "right_knee",
+        Spine2 = 6 => "spine2",
+        LeftAnkle = 7 => "left_ankle",
+        RightAnkle = 8 => "right_ankle",
+        Spine3 = 9 => "spine3",
+        LeftFoot = 10 => "left_foot",
+        RightFoot = 11 => "right_foot",
+        Neck = 12 => "neck",
+        LeftCollar = 13 => "left_collar",
+        RightCollar = 14 => "right_collar",
+        Head = 15 => "head",
+        LeftShoulder = 16 => "left_shoulder",
+        RightShoulder = 17 => "right_shoulder",
+        LeftElbow = 18 => "left_elbow",
+        RightElbow = 19 => "right_elbow",
+        LeftWrist = 20 => "left_wrist",
+        RightWrist = 21 => "right_wrist",
+    }
 }
 
-/// Names of the SMPL-22 joints, by index. Messages and layout files use them.
-pub const SMPL_NAMES: [&str; SMPL_JOINTS] = [
-    "pelvis",
-    "left_hip",
-    "right_hip",
-    "spine1",
-    "left_knee",
-    "right_knee",
-    "spine2",
-    "left_ankle",
-    "right_ankle",
-    "spine3",
-    "left_foot",
-    "right_foot",
-    "neck",
-    "left_collar",
-    "right_collar",
-    "head",
-    "left_shoulder",
-    "right_shoulder",
-    "left_elbow",
-    "right_elbow",
-    "left_wrist",
-    "right_wrist",
-];
+/// Names of the joints, by index.
+pub const SMPL_NAMES: [&str; SMPL_JOINTS] = {
+    let mut names = [""; SMPL_JOINTS];
+    let mut joint = 0;
+    while joint < SMPL_JOINTS {
+        names[joint] = Smpl::ALL[joint].name();
+        joint += 1;
+    }
+    names
+};
 
 /// Parent of each joint of SMPL-22. The pelvis is its own parent. Parents come before their children.
 pub const SMPL_PARENT: [usize; SMPL_JOINTS] = [0, 0, 0, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 9, 9, 12, 13, 14, 16, 17, 18, 19];

@@ -51,28 +51,6 @@ fn write_the_snapshot() {
 }
 
 #[test]
-fn fields_fill_their_message_without_gaps() {
-    fn check<M: Message>() {
-        let mut end = 0;
-        for field in M::FIELDS {
-            assert_eq!(field.offset, end, "{}.{} leaves a gap", M::NAME, field.name);
-            end = field.offset + field.size;
-        }
-        assert_eq!(end, size_of::<M>());
-    }
-    check::<RawSkeleton>();
-    check::<Skeleton>();
-    check::<JointTarget>();
-    check::<JointCommand>();
-    check::<RobotState>();
-    check::<InputStatus>();
-    check::<Status>();
-    check::<OperatorRequest>();
-    check::<RobotSetpoint>();
-    check::<RobotMeasured>();
-}
-
-#[test]
 fn type_names_carry_version_and_hash() {
     let name = JointCommand::TYPE_NAME;
     let expected = format!("teleop.JointCommand.v{}.{:016x}", JointCommand::VERSION, JointCommand::HASH);

@@ -1,10 +1,9 @@
 //! Settings of a plant.
 
 use crate::description::{Body, JointKind};
-use crate::dynamics::Dynamics;
 use crate::error::PlantError;
 use crate::gripper::Gripper;
-use crate::links::{Links, OPTIONS, Payload};
+use crate::links::{Links, OPTIONS};
 use crate::plant::{DELAY_MAX_NS, STEP_NS};
 use messages::{JOINTS_MAX, TICK_HZ};
 use nalgebra::{Matrix3, Vector3};
@@ -75,10 +74,6 @@ pub struct Options {
     pub encoder_noise_rad: f64,
     /// Step of a measured position, rad or m. Assumption: 17 bits per turn.
     pub encoder_step_rad: f64,
-    /// Share of the friction that the drives compensate. Assumption: 0.8.
-    pub friction_compensated: f64,
-    /// Loads at the origins of links, besides the payloads of the hands.
-    pub payloads: Vec<Payload>,
     /// True payload of the left and the right hand, kg. Without a value it is the robot file's. Its place is the
     /// robot file's.
     pub hands_kg: [Option<f64>; 2],
@@ -103,8 +98,6 @@ impl Default for Options {
             reaction: Reaction::Play,
             encoder_noise_rad: step_rad,
             encoder_step_rad: step_rad,
-            friction_compensated: 0.8,
-            payloads: Vec::new(),
             hands_kg: [None; 2],
             obstacles: Vec::new(),
             grippers: [None; 2],
@@ -118,19 +111,9 @@ impl Default for Options {
 #[derive(Clone, Debug)]
 pub struct Config {
     pub(crate) links: Links,
-    pub(crate) obstacles: Vec<Obstacle>,
     /// Natural frequency of the position loops, rad/s.
     pub(crate) omega: f64,
-    pub(crate) damping_ratio: f64,
-    pub(crate) friction_compensated: f64,
-    pub(crate) delay_ns: u64,
-    pub(crate) watchdog_ns: u64,
-    pub(crate) reaction: Reaction,
-    pub(crate) noise: f64,
-    pub(crate) encoder_step: f64,
-    pub(crate) grippers: [Option<Gripper>; 2],
-    pub(crate) object_width_m: f64,
-    pub(crate) initial_outside: bool,
+    pub(crate) options: Options,
 }
 
 impl Config {
@@ -161,32 +144,14 @@ impl Config {
         within("watchdog_ns", options.watchdog_ns as f64, STEP_NS as f64, 1e9)?;
         within("encoder_noise_rad", options.encoder_noise_rad, 0.0, 0.01)?;
         within("encoder_step_rad", options.encoder_step_rad, 0.0, 0.01)?;
-        within("friction_compensated", options.friction_compensated, 0.0, 1.0)?;
-        Ok(Self {
-            links: Links::new(body, &options.payloads, options.hands_kg)?,
-            obstacles: options.obstacles.clone(),
-            omega: std::f64::consts::TAU * natural_hz,
-            damping_ratio: options.damping_ratio,
-            friction_compensated: options.friction_compensated,
-            delay_ns: options.delay_ns,
-            watchdog_ns: options.watchdog_ns,
-            reaction: options.reaction,
-            noise: options.encoder_noise_rad,
-            encoder_step: options.encoder_step_rad,
-            grippers: options.grippers,
-            object_width_m: within("object_width_m", options.object_width_m, 0.0, OBJECT_MAX_M)?,
-            initial_outside: options.initial_outside,
-        })
+        within("object_width_m", options.object_width_m, 0.0, OBJECT_MAX_M)?;
+        let links = Links::new(body, options.hands_kg)?;
+        Ok(Self { links, omega: std::f64::consts::TAU * natural_hz, options: options.clone() })
     }
 
     /// Returns the robot.
     pub fn body(&self) -> &Body {
         &self.links.body
-    }
-
-    /// Returns the dynamics with payloads and rotors.
-    pub fn dynamics(&self) -> &Dynamics {
-        &self.links.dynamics
     }
 
     /// Returns the links with all that they carry.

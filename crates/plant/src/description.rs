@@ -86,7 +86,6 @@ pub struct Capsule {
     pub radius_m: f64,
 }
 
-/// Place of a link of the URDF.
 #[derive(Clone, Debug)]
 struct LinkPlace {
     name: String,
@@ -183,7 +182,6 @@ impl Body {
         true
     }
 
-    /// Adds a point mass at a place of a body.
     pub(crate) fn add_mass(&mut self, body: usize, place: Vector3<f64>, mass_kg: f64) {
         self.inertias[body].add(&Inertia::at(mass_kg, place, Matrix3::zeros()));
     }
@@ -286,7 +284,6 @@ fn find(file: &str, names: &[String], urdf: &Urdf) -> Result<Vec<usize>, PlantEr
     Ok(at)
 }
 
-/// The URDF, and its commanded joints.
 struct Tree<'a> {
     file: &'a str,
     urdf: &'a Urdf,
@@ -294,7 +291,6 @@ struct Tree<'a> {
 }
 
 impl Tree<'_> {
-    /// Returns the body of every link and the link's pose in it.
     fn links(&self, toml: &str, file: &RobotFile) -> Result<Vec<LinkPlace>, PlantError> {
         let index = |name: &str, joint: &RawJoint| {
             let known = self.urdf.links.iter().position(|link| link.name == name);
@@ -366,10 +362,10 @@ impl Tree<'_> {
             return Ok(pose);
         }
         if let Some(mimic) = &joint.mimic
-            && self.at.iter().any(|&place| self.urdf.joints[place].name == mimic.joint)
+            && self.at.iter().any(|&place| self.urdf.joints[place].name == *mimic)
         {
             let key = format!("joint `{}`: mimic", joint.name);
-            return Err(PlantError::value(self.file, &key, &mimic.joint, "must not follow a commanded joint"));
+            return Err(PlantError::value(self.file, &key, mimic, "must not follow a commanded joint"));
         }
         let axis = self.unit_axis(joint)?;
         let table = if joint.kind == "prismatic" { &file.held_m } else { &file.held_rad };

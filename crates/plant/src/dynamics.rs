@@ -183,21 +183,6 @@ impl Dynamics {
         }
         torques
     }
-
-    /// Returns the kinetic energy, that of the rotors included, and the potential energy above the base's origin,
-    /// J.
-    pub fn energy_j(&self, posture: &Posture, v: &[f64; JOINTS_MAX]) -> (f64, f64) {
-        let mut velocity = [Vector6::zeros(); JOINTS_MAX + 1];
-        let (mut kinetic, mut potential) = (0.0, 0.0);
-        for j in 0..self.count {
-            let inertia = &posture.inertia[j + 1];
-            velocity[j + 1] = velocity[self.parent[j]] + posture.subspace[j] * v[j];
-            let body = velocity[j + 1].dot(&(spatial_inertia(inertia) * velocity[j + 1]));
-            kinetic += 0.5 * (body + self.armature[j] * v[j] * v[j]);
-            potential += GRAVITY_M_PER_S2 * inertia.moment.z;
-        }
-        (kinetic, potential)
-    }
 }
 
 fn spatial_vector(angular: &Vector3<f64>, linear: &Vector3<f64>) -> Vector6<f64> {

@@ -23,7 +23,6 @@ impl Gripper {
     }
 }
 
-/// Both grippers of a robot.
 #[derive(Clone, Debug)]
 pub(crate) struct Grippers {
     closure: [f64; 2],
@@ -32,7 +31,6 @@ pub(crate) struct Grippers {
 }
 
 impl Grippers {
-    /// Open grippers.
     pub(crate) fn new(now: Stamp) -> Self {
         Self { closure: [0.0; 2], setpoint: GripperMotion::ZERO, moved: now }
     }
@@ -74,15 +72,11 @@ mod tests {
     }
 
     #[test]
-    fn fingers_stop_at_object_and_press() {
+    fn fingers_stop_at_object_and_press_nothing_without_one() {
         let held = settled(0.045, 1.0);
         assert!((held.closure[0] - 0.5).abs() < 1e-6 && held.force_n == [16.0, 0.0], "{held:?}");
         let touched = settled(0.045, 0.55);
         assert!((touched.closure[0] - 0.5).abs() < 1e-6 && (touched.force_n[0] - 8.0).abs() < 1e-6, "{touched:?}");
-    }
-
-    #[test]
-    fn fingers_without_object_press_nothing() {
         let closed = settled(0.0, 1.0);
         assert!((closed.closure[0] - 1.0).abs() < 1e-6 && closed.force_n == [0.0; 2], "{closed:?}");
         assert_eq!(closed.closure[1], 0.0); // A hand without a gripper.

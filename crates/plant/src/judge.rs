@@ -20,7 +20,7 @@ pub const JITTER_ALLOWANCE_NS: u64 = 2_000_000;
 const ROUNDING: f64 = 1e-9;
 
 /// Largest distance of a true position outside the limits in force, rad. It is the greatest tracking error, 3.0
-/// mrad, of 40 motions at half of all limits (`--example figures`, 2026-11-23), rounded up. The simulated drives
+/// mrad, of 40 motions at half of all limits (2026-11-23), rounded up. `tests/following.rs` holds it. The simulated drives
 /// do not model coupling. So an arm's fifth joint deviates by up to 20 mrad while its neighbours change their
 /// speed at the limit (sines at all limits at once).
 pub const SERVO_MARGIN_RAD: f64 = 0.004;
@@ -63,7 +63,7 @@ impl Judge {
             frames: Frames::default(),
             segments: vec![[Vector3::zeros(); 2]; config.links.body.capsules.len()],
         };
-        if config.initial_outside {
+        if config.options.initial_outside {
             for (j, joint) in config.links.body.joints.iter().enumerate() {
                 for (outside, limits) in judge.outside.iter_mut().zip([&joint.urdf, &joint.limits]) {
                     outside[j] = (limits.q_min - q[j]).max(q[j] - limits.q_max).max(0.0);
@@ -180,10 +180,10 @@ impl Judge {
         }
         let moving = body.capsules.iter().zip(&self.segments).enumerate().filter(|(_, (capsule, _))| capsule.body != 0);
         for (i, (capsule, segment)) in moving {
-            for (k, obstacle) in config.obstacles.iter().enumerate() {
+            for (k, obstacle) in config.options.obstacles.iter().enumerate() {
                 let clearance_m = distance(obstacle, segment) - capsule.radius_m;
                 if is_less(clearance_m, least.0) {
-                    least = (clearance_m, body.pairs.len() + i * config.obstacles.len() + k);
+                    least = (clearance_m, body.pairs.len() + i * config.options.obstacles.len() + k);
                 }
             }
         }

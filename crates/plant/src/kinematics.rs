@@ -1,4 +1,4 @@
-//! Poses of the bodies and velocities of their points.
+//! Poses of the bodies.
 
 use crate::description::{Body, Joint, JointKind};
 use crate::pose::{Pose, turn};
@@ -36,31 +36,5 @@ impl Body {
         for (j, joint) in self.joints.iter().enumerate() {
             out.base_from_body[j + 1] = out.base_from_body[joint.parent].then(&joint.parent_from_moved(q[j]));
         }
-    }
-
-    /// Returns the velocity in the base frame (m/s) of a point of `body`, given in that body's frame (m), at the
-    /// joint speeds `v`. It is the sum over the joints that carry the body of v_j w_j x (p - o_j), or of v_j w_j
-    /// if the joint slides.
-    pub fn point_velocity(
-        &self,
-        frames: &Frames,
-        v: &[f64; JOINTS_MAX],
-        body: usize,
-        point: &Vector3<f64>,
-    ) -> Vector3<f64> {
-        let p = frames.base_from_body[body].point(point);
-        let (mut sum, mut carried) = (Vector3::zeros(), body);
-        // Every parent has a smaller index, so this ends at the base.
-        while carried > 0 {
-            let (j, joint) = (carried - 1, &self.joints[carried - 1]);
-            let pose = &frames.base_from_body[carried];
-            let axis = pose.r * joint.axis;
-            sum += match joint.kind {
-                JointKind::Revolute => axis.cross(&(p - pose.t)) * v[j],
-                JointKind::Prismatic => axis * v[j],
-            };
-            carried = joint.parent;
-        }
-        sum
     }
 }

@@ -13,15 +13,6 @@ pub(crate) const OPTIONS: &str = "plant options";
 /// Largest mass of a load, kg.
 const LOAD_MAX_KG: f64 = 20.0;
 
-/// A point mass in a hand. The drives' model does not contain it.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Payload {
-    /// The link whose origin is the place of the mass.
-    pub link: String,
-    /// Mass, kg.
-    pub mass_kg: f64,
-}
-
 /// A load that the drives' model does not contain.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Load {
@@ -42,28 +33,16 @@ pub struct Links {
 impl Links {
     /// Reads a robot file and its URDF. `hands_kg` is the true payload of the left and the right hand, kg. Without a value
     /// it is the robot file's.
-    ///
-    /// # Errors
-    /// Returns an error that names the file, the key, the value and the bound.
     pub fn from_text(
         (toml_name, toml): (&str, &str),
         (urdf_name, urdf): (&str, &str),
         hands_kg: [Option<f64>; 2],
     ) -> Result<Self, PlantError> {
-        Self::new(Body::from_text(toml_name, toml, urdf_name, urdf)?, &[], hands_kg)
+        Self::new(Body::from_text(toml_name, toml, urdf_name, urdf)?, hands_kg)
     }
 
-    /// Adds loads to the links of `body`.
-    pub(crate) fn new(mut body: Body, payloads: &[Payload], hands_kg: [Option<f64>; 2]) -> Result<Self, PlantError> {
+    pub(crate) fn new(mut body: Body, hands_kg: [Option<f64>; 2]) -> Result<Self, PlantError> {
         let mut loads = Vec::new();
-        for payload in payloads {
-            let mass_kg = mass("payload mass_kg", payload.mass_kg)?;
-            let link = body.link(&payload.link);
-            let (carrier, pose) =
-                link.ok_or_else(|| PlantError::unknown(OPTIONS, "payload link", &payload.link, "a link of the URDF"))?;
-            loads.push(Load { body: carrier, place: pose.t, mass_kg });
-            body.add_payload(&payload.link, mass_kg);
-        }
         let count = body.joints.len();
         // The arms come last, and body 1 + j moves with joint j.
         for (side, last) in [count - ARM_JOINTS, count].into_iter().enumerate() {

@@ -21,7 +21,6 @@ const SMOOTH_SHARE: f64 = 0.01;
 /// command may.
 const BRAKE_SHARE: f64 = 1.5;
 
-/// Constants of one joint.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Motor {
     /// Reflected inertia of the rotor, kg m^2 or kg.

@@ -13,7 +13,6 @@ use nalgebra::Vector3;
 
 /// Length of a step, ns: 2 kHz. Assumption: the rate of a joint's position loop.
 pub const STEP_NS: u64 = 500_000;
-/// Length of a step, s.
 const STEP_S: f64 = STEP_NS as f64 * 1e-9;
 /// The longest time that one call integrates, ns. The rest follows in the next call, so no time is lost.
 pub const CATCH_UP_NS: u64 = 1_000_000_000;
@@ -21,6 +20,9 @@ pub const CATCH_UP_NS: u64 = 1_000_000_000;
 pub(crate) const DELAY_MAX_NS: u64 = 20_000_000;
 /// Setpoints that can be under way. A further one replaces the oldest.
 const UNDER_WAY_MAX: usize = 32;
+
+/// Share of the friction that the drives compensate. Assumption.
+const FRICTION_COMPENSATED: f64 = 0.8;
 
 /// After a reaction a setpoint must begin this near to the joint's position, rad. Assumption: 0.02, a little more than
 /// the tracking error and the noise.
@@ -219,7 +221,7 @@ impl Plant {
     /// It integrates until `now` first, so a judge must have been advanced before.
     pub fn receive(&mut self, config: &Config, now: Stamp, setpoint: &Setpoint) -> bool {
         self.advance(config, now);
-        let is_old = self.truth.stamp.since(now) > config.watchdog_ns;
+        let is_old = self.truth.stamp.since(now) > config.options.watchdog_ns;
         if is_old
             || self.injected.refuses()
             || !is_sound(setpoint)
@@ -234,7 +236,7 @@ impl Plant {
             self.first = (self.first + 1) % UNDER_WAY_MAX;
             self.waiting -= 1;
         }
-        self.under_way[(self.first + self.waiting) % UNDER_WAY_MAX] = (now.plus_ns(config.delay_ns), *setpoint);
+        self.under_way[(self.first + self.waiting) % UNDER_WAY_MAX] = (now.plus_ns(config.options.delay_ns), *setpoint);
         self.waiting += 1;
         true
     }
@@ -274,10 +276,11 @@ impl Plant {
             if self.injected.is_frozen(j) {
                 continue;
             }
-            let (q, step) = (self.truth.q[j] + config.noise * noise_q, config.encoder_step);
+            let (q, step) =
+                (self.truth.q[j] + config.options.encoder_noise_rad * noise_q, config.options.encoder_step_rad);
             measured.q[j] = if step > 0.0 { (q / step).round() * step } else { q };
             // The drive differentiates its encoder through a filter as fast as its own loop.
-            measured.dq[j] = self.truth.v[j] + config.noise * config.omega * noise_v;
+            measured.dq[j] = self.truth.v[j] + config.options.encoder_noise_rad * config.omega * noise_v;
             measured.tau[j] = self.truth.tau[j];
         }
         self.injected.distort(&mut measured.q, &mut measured.dq);
@@ -333,11 +336,11 @@ impl Plant {
             self.waiting -= 1;
             self.mode = Mode::Following;
         }
-        let silent = self.waiting == 0 && now.since(self.last_at) > config.watchdog_ns;
+        let silent = self.waiting == 0 && now.since(self.last_at) > config.options.watchdog_ns;
         if self.mode == Mode::Following && silent {
             self.held =
                 (std::array::from_fn(|j| self.extrapolated(j)[0]), std::array::from_fn(|j| self.extrapolated(j)[1]));
-            self.mode = match config.reaction {
+            self.mode = match config.options.reaction {
                 Reaction::Damp => Mode::Damping,
                 Reaction::Play if self.came_with_a_stop() => Mode::Playing,
                 Reaction::Hold | Reaction::Play => Mode::Holding { reacting: true },
@@ -369,8 +372,8 @@ impl Plant {
             let (acceleration, help) = match self.reference(j) {
                 None => (-motor.damping_rate * v, 0.0),
                 Some(reference) => (
-                    motor.follow(config.omega, config.damping_ratio, reference, q, v),
-                    config.friction_compensated * motor.friction(reference[1]),
+                    motor.follow(config.omega, config.options.damping_ratio, reference, q, v),
+                    FRICTION_COMPENSATED * motor.friction(reference[1]),
                 ),
             };
             let torque = diagonal[j] * acceleration + gravity[j] + help;
@@ -401,7 +404,6 @@ impl Plant {
         Some([q, v, a])
     }
 
-    /// Returns the seconds since the setpoint in force arrived at the drives.
     fn since_last_s(&self) -> f64 {
         self.truth.stamp.since(self.last_at) as f64 * 1e-9
     }

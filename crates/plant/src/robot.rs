@@ -69,7 +69,7 @@ impl Robot {
 
     /// Returns the grippers at `now`.
     pub fn gripped(&mut self, config: &Config, now: Stamp) -> GripperState {
-        self.grippers.measure(&config.grippers, config.object_width_m, now)
+        self.grippers.measure(&config.options.grippers, config.options.object_width_m, now)
     }
 
     /// Switches a fault of the robot on.

@@ -44,7 +44,6 @@ struct Payloads {
 /// A mass (kg) and its place (m).
 pub(crate) type PointMass = (f64, [f64; 3]);
 
-/// A point mass in a hand.
 #[derive(Clone, Copy, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct PayloadRow {
@@ -150,7 +149,6 @@ impl RobotFile {
         Ok(read)
     }
 
-    /// Returns the names of the joints of the left arm, then of the right one.
     pub(crate) fn arm_joints(&self) -> impl Iterator<Item = &String> {
         self.arms.left.joints.iter().chain(&self.arms.right.joints)
     }
@@ -175,7 +173,6 @@ impl RobotFile {
         }
     }
 
-    /// Returns the file's limits of the joint `name`.
     pub(crate) fn stricter(&self, file: &str, name: &String) -> Result<Stricter, PlantError> {
         let mut rows = self.limits.groups.values().filter(|row| row.joints.contains(name));
         let row = rows.next().ok_or_else(|| PlantError::missing(file, format!("limits.groups: `{name}`")))?;
@@ -216,7 +213,6 @@ impl RobotFile {
         })
     }
 
-    /// Returns the home position of the joint `name`, rad or m.
     pub(crate) fn home(&self, file: &str, name: &str) -> Result<f64, PlantError> {
         let found = self.home_m.get(name).or_else(|| self.home_rad.get(name));
         found.copied().ok_or_else(|| PlantError::missing(file, format!("home_rad.{name} or home_m.{name}")))

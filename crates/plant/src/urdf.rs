@@ -35,12 +35,6 @@ pub(crate) struct RawLimit {
 }
 
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) struct RawMimic {
-    pub(crate) joint: String,
-    pub(crate) offset: f64,
-}
-
-#[derive(Clone, Debug, PartialEq)]
 pub(crate) struct RawJoint {
     pub(crate) name: String,
     pub(crate) kind: String,
@@ -54,7 +48,8 @@ pub(crate) struct RawJoint {
     pub(crate) damping: Option<f64>,
     /// `<dynamics friction>`, N m or N.
     pub(crate) friction: Option<f64>,
-    pub(crate) mimic: Option<RawMimic>,
+    /// The joint that it mimics.
+    pub(crate) mimic: Option<String>,
 }
 
 /// All links and joints in the order of the text.
@@ -178,10 +173,7 @@ impl RawJoint {
                 });
             }
             "dynamics" => (self.damping, self.friction) = (tag.optional("damping")?, tag.optional("friction")?),
-            "mimic" => {
-                let offset = tag.optional("offset")?.unwrap_or(0.0);
-                self.mimic = Some(RawMimic { joint: tag.text("joint")?, offset });
-            }
+            "mimic" => self.mimic = Some(tag.text("joint")?),
             _ => {}
         }
         Ok(())
@@ -267,18 +259,6 @@ mod tests {
         assert!(urdf.joints.is_empty());
         let inertial = urdf.links[0].inertial.unwrap();
         assert_eq!((inertial.xyz, inertial.mass), ([1.0, 2.0, 3.0], 4.0));
-    }
-
-    #[test]
-    fn joint_with_dynamics_and_mimic_is_read() {
-        let urdf = read(
-            "<link name=\"a\"/><joint name=\"j\" type=\"revolute\"><parent link=\"a\"/><child link=\"b\"/>
-             <dynamics damping=\"1.5\" friction=\"0.25\"/><mimic joint=\"k\" multiplier=\"2\" offset=\"0.5\"/></joint>",
-        )
-        .unwrap();
-        let joint = &urdf.joints[0];
-        assert_eq!((joint.damping, joint.friction, joint.axis), (Some(1.5), Some(0.25), [1.0, 0.0, 0.0]));
-        assert_eq!(joint.mimic.as_ref().map(|mimic| mimic.offset), Some(0.5));
     }
 
     #[test]

@@ -1,39 +1,13 @@
 //! Two independent readers of the same files read the same robot.
 
-use crate::support::{GRIPPERS, HANDS, body, uniform};
+use crate::support::{ARMS, GRIPPERS, HANDS, JOINTS, body, uniform};
 use plant::{Body, Frames, JointKind, Options};
 use rand::SeedableRng;
 use robot::Model;
 
-/// Joints of TIAGo++.
-const JOINTS: usize = 17;
-
-/// TIAGo++: the joints of its left arm.
-const LEFT_ARM: std::ops::Range<usize> = 3..10;
-/// TIAGo++: the joints of its right arm.
-const RIGHT_ARM: std::ops::Range<usize> = 10..17;
-
 fn both(texts: [&str; 4]) -> (Body, Model) {
     let [toml_name, toml, urdf_name, urdf] = texts;
     (body(texts), Model::from_text(toml_name, toml, urdf_name, urdf).unwrap())
-}
-
-#[test]
-fn frames_of_random_postures_match_robot_crate() {
-    for texts in [HANDS, GRIPPERS] {
-        let (body, model) = both(texts);
-        let mut rng = rand_pcg::Pcg64::seed_from_u64(1);
-        let (mut ours, mut theirs) = (Frames::default(), robot::Frames::default());
-        for _ in 0..10_000 {
-            let q = uniform(&body, &mut rng);
-            body.forward(&q, &mut ours);
-            model.forward(&q, &mut theirs);
-            for (own, other) in ours.base_from_body.iter().zip(&theirs.base_from_body) {
-                let off = (own.r - other.r).amax().max((own.t - other.t).amax());
-                assert!(off <= 1e-12, "{}: {off}", texts[0]);
-            }
-        }
-    }
 }
 
 #[test]
@@ -61,14 +35,14 @@ fn payloads_match_robot_crate() {
         let (body, model) = both([texts[0], &laden, texts[2], texts[3]]);
         let empty = plant::Config::from_text(texts[0], texts[1], texts[2], texts[3], &Options::default()).unwrap();
         let config = plant::Config::new(body.clone(), &Options::default()).unwrap();
-        let told = Options { hands_kg: [Some(0.7), Some(0.7)], ..Options::default() };
-        let told = plant::Config::from_text(texts[0], texts[1], texts[2], texts[3], &told).unwrap();
+        let laden = Options { hands_kg: [Some(0.7), Some(0.7)], ..Options::default() };
+        let laden = plant::Config::from_text(texts[0], texts[1], texts[2], texts[3], &laden).unwrap();
         let inertias = model.inertias();
-        for (side, last) in [LEFT_ARM.end, RIGHT_ARM.end].into_iter().enumerate() {
-            let payload = model.payload[side].unwrap();
+        for (side, arm) in ARMS.into_iter().enumerate() {
+            let (last, payload) = (arm.end, model.payload[side].unwrap());
             assert_eq!(body.payloads[side], Some((payload.mass_kg, payload.center)));
             let theirs = inertias[last].combined(&robot::Inertia::point(payload.mass_kg, payload.center));
-            for own in [&config, &told].map(|config| &config.body().inertias[last]) {
+            for own in [&config, &laden].map(|config| &config.body().inertias[last]) {
                 assert!((own.mass_kg - theirs.mass_kg).abs() < 1e-12);
                 assert!((own.moment - theirs.center * theirs.mass_kg).amax() < 1e-12);
                 assert!((own.about_origin - theirs.about(&nalgebra::Vector3::zeros())).amax() < 1e-12);
@@ -96,40 +70,24 @@ fn capsules_pairs_and_minimum_clearance_match_robot_crate() {
 }
 
 #[test]
-fn clearance_of_random_postures_matches_robot_crate() {
+fn frames_and_clearance_of_random_postures_match_robot_crate() {
     for texts in [HANDS, GRIPPERS] {
         let (body, model) = both(texts);
         let config = plant::Config::new(body, &plant::Options::default()).unwrap();
         let mut judge = plant::Judge::new(&config, config.home());
         let mut rng = rand_pcg::Pcg64::seed_from_u64(2);
-        let mut frames = robot::Frames::default();
+        let (mut ours, mut theirs) = (Frames::default(), robot::Frames::default());
         for _ in 0..10_000 {
             let q = uniform(config.body(), &mut rng);
-            model.forward(&q, &mut frames);
-            let (ours, theirs) = (judge.clearance(&config, &q), model.clearance(&frames));
+            config.body().forward(&q, &mut ours);
+            model.forward(&q, &mut theirs);
+            for (own, other) in ours.base_from_body.iter().zip(&theirs.base_from_body) {
+                let off = (own.r - other.r).amax().max((own.t - other.t).amax());
+                assert!(off <= 1e-12, "{}: {off}", texts[0]);
+            }
+            let (ours, theirs) = (judge.clearance(&config, &q), model.clearance(&theirs));
             assert!((ours.0 - theirs.0).abs() <= 1e-9, "{}: {ours:?} {theirs:?}", texts[0]);
         }
-    }
-}
-
-/// v x t of a point equals the difference of its places over a short time.
-#[test]
-fn point_velocity_matches_finite_difference() {
-    let body = body(HANDS);
-    let mut rng = rand_pcg::Pcg64::seed_from_u64(3);
-    for n in 0..200 {
-        let (q, v) = (uniform(&body, &mut rng), uniform(&body, &mut rng));
-        let (carrier, point, dt) = (1 + n % JOINTS, nalgebra::Vector3::new(0.1, -0.2, 0.3), 1e-6);
-        let place = |dt: f64| {
-            let mut frames = Frames::default();
-            body.forward(&std::array::from_fn(|j| q[j] + v[j] * dt), &mut frames);
-            frames.base_from_body[carrier].point(&point)
-        };
-        let mut frames = Frames::default();
-        body.forward(&q, &mut frames);
-        let rate = (place(dt) - place(-dt)) / (2.0 * dt);
-        let own = body.point_velocity(&frames, &v, carrier, &point);
-        assert!((rate - own).norm() < 1e-7, "{n}: {rate} {own}");
     }
 }
 

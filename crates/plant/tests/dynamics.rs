@@ -1,12 +1,9 @@
-//! Checks accelerations against another implementation, and against energy.
+//! Checks torques and accelerations against another implementation.
 
-use crate::support::{GRIPPERS, HANDS, Texts, body, uniform};
+use crate::support::{GRIPPERS, HANDS, JOINTS, Texts, body, uniform};
 use messages::JOINTS_MAX;
 use plant::{Drive, Dynamics, Frames};
 use rand::{RngExt, SeedableRng};
-
-/// Joints of TIAGo++.
-const JOINTS: usize = 17;
 
 type PerJoint = [f64; JOINTS_MAX];
 
@@ -39,7 +36,7 @@ fn farthest(a: &PerJoint, b: &PerJoint) -> f64 {
 }
 
 #[test]
-fn accelerations_from_pinocchio_torques_match_pinocchio() {
+fn torques_and_accelerations_match_pinocchio() {
     let mut body = body(HANDS);
     for link in ["hand_left_grasping_frame", "hand_right_grasping_frame"] {
         assert!(body.add_payload(link, 0.7));
@@ -50,17 +47,6 @@ fn accelerations_from_pinocchio_torques_match_pinocchio() {
     for state in states.chunks(4) {
         let a = accelerate(&body, &dynamics, &state[0], &state[1], &state[3]);
         assert!(farthest(&a, &state[2]) < 1e-9, "{}", farthest(&a, &state[2]));
-    }
-}
-
-#[test]
-fn torques_match_pinocchio() {
-    let mut body = body(HANDS);
-    for link in ["hand_left_grasping_frame", "hand_right_grasping_frame"] {
-        assert!(body.add_payload(link, 0.7));
-    }
-    let dynamics = Dynamics::new(&body, [0.3; JOINTS_MAX]);
-    for state in rows(INVERSE).chunks(4) {
         let mut frames = Frames::default();
         body.forward(&state[0], &mut frames);
         let torques = dynamics.torques(&dynamics.at(&frames), &state[1], &state[2]);
@@ -102,38 +88,6 @@ fn prescribed_acceleration_acts_like_its_torque() {
         let again = dynamics.accelerations(&dynamics.at(&frames), &v, &drives);
         assert!(farthest(&a, &again) < 1e-8, "{n}: {}", farthest(&a, &again));
     }
-}
-
-/// Without torques and friction the robot keeps its energy. The integrator is Runge-Kutta of fourth order, over 0.5 s
-/// of free fall.
-#[test]
-fn free_motion_keeps_its_energy() {
-    let body = body(HANDS);
-    let dynamics = Dynamics::new(&body, [0.02; JOINTS_MAX]);
-    let energy = |q: &PerJoint, v: &PerJoint| {
-        let mut frames = Frames::default();
-        body.forward(q, &mut frames);
-        dynamics.energy_j(&dynamics.at(&frames), v)
-    };
-    let (mut q, mut v) = (body.home, [0.1; JOINTS_MAX]);
-    let begin = energy(&q, &v);
-    let (dt, none) = (1e-4, [0.0; JOINTS_MAX]);
-    let plus = |x: &PerJoint, d: &PerJoint, h: f64| -> PerJoint { std::array::from_fn(|j| x[j] + h * d[j]) };
-    for _ in 0..5000 {
-        let a1 = accelerate(&body, &dynamics, &q, &v, &none);
-        let v2 = plus(&v, &a1, dt / 2.0);
-        let a2 = accelerate(&body, &dynamics, &plus(&q, &v, dt / 2.0), &v2, &none);
-        let v3 = plus(&v, &a2, dt / 2.0);
-        let a3 = accelerate(&body, &dynamics, &plus(&q, &v2, dt / 2.0), &v3, &none);
-        let v4 = plus(&v, &a3, dt);
-        let a4 = accelerate(&body, &dynamics, &plus(&q, &v3, dt), &v4, &none);
-        q = std::array::from_fn(|j| q[j] + dt / 6.0 * (v[j] + 2.0 * v2[j] + 2.0 * v3[j] + v4[j]));
-        v = std::array::from_fn(|j| v[j] + dt / 6.0 * (a1[j] + 2.0 * a2[j] + 2.0 * a3[j] + a4[j]));
-    }
-    let end = energy(&q, &v);
-    assert!(end.0 > begin.0 + 50.0, "it fell: {begin:?} {end:?}");
-    let gained = end.0 + end.1 - begin.0 - begin.1;
-    assert!(gained.abs() < 1e-6, "{gained} J");
 }
 
 /// The torques that hold a posture leave it at rest. A small extra torque accelerates its joint by torque over

@@ -1,17 +1,10 @@
 //! The joints follow the setpoints, and every fault has its effect.
 
-use crate::support::{GRIPPERS, HANDS, START, Sines, TICK_NS, body, config, rest, setpoint};
+use crate::support::{ELBOW, GRIPPERS, HANDS, JOINTS, START, Sines, TICK_NS, body, config, rest, setpoint};
 use messages::{JOINTS_MAX, Stamp};
 use plant::{CATCH_UP_NS, Config, Injection, Judge, Options, Plant, STEP_NS, ViolationKind};
 use rand::{RngExt, SeedableRng};
 
-/// Joints of TIAGo++.
-const JOINTS: usize = 17;
-
-/// TIAGo++: the joints of its left arm.
-const LEFT_ARM: std::ops::Range<usize> = 3..10;
-
-const ELBOW: usize = LEFT_ARM.start + 3;
 /// Share of all limits at once at which the joints follow within the margins. It is twice as fast as people's
 /// arms move on average. For faster motions see `SERVO_MARGIN_RAD`.
 const HALF: f64 = 0.5;
@@ -103,17 +96,8 @@ fn motions_at_half_of_limits_are_followed_within_3_mrad() {
 }
 
 #[test]
-fn robot_without_setpoints_stands_still() {
-    let mut bench = Bench::new(Options::default());
-    bench.plant.advance(&bench.config, START.plus_ns(900_000_000));
-    assert!(bench.away(JOINTS) < 1e-9 && !bench.plant.reacting());
-    assert_eq!(bench.plant.truth().stamp, START.plus_ns(900_000_000));
-}
-
-#[test]
 fn unknown_load_lowers_arm_slightly() {
-    let load = plant::Payload { link: "hand_left_grasping_frame".into(), mass_kg: 0.3 };
-    let mut bench = Bench::new(Options { payloads: vec![load], ..Options::default() });
+    let mut bench = Bench::new(Options { hands_kg: [Some(0.3), None], ..Options::default() });
     bench.hold(1500);
     assert!((1e-5..5e-3).contains(&bench.away(JOINTS)), "{}", bench.away(JOINTS));
 }
@@ -334,8 +318,7 @@ fn options_out_of_bounds_are_refused_by_name() {
         (Options { delay_ns: 1_000_000_000, ..Options::default() }, "delay_ns"),
         (Options { watchdog_ns: 0, ..Options::default() }, "watchdog_ns"),
         (Options { encoder_noise_rad: -1.0, ..Options::default() }, "encoder_noise_rad"),
-        (Options { friction_compensated: 1.5, ..Options::default() }, "friction_compensated"),
-        (Options { payloads: vec![plant::Payload { link: "no".into(), mass_kg: 1.0 }], ..Options::default() }, "`no`"),
+        (Options { hands_kg: [Some(21.0), None], ..Options::default() }, "hands_kg left"),
     ];
     for (options, name) in rows {
         let error = Config::new(body(HANDS), &options).expect_err(name).to_string();

@@ -1,13 +1,9 @@
 //! Behaviour of the drives when setpoints stay away, and when they come back.
 
-use crate::support::{HANDS, START, TICK_NS, config, rest, setpoint};
+use crate::support::{ELBOW, HANDS, START, TICK_NS, config, rest, setpoint};
 use messages::{JOINTS_MAX, Layout, Stamp, StopPlan};
 use plant::{Config, Options, Plant, Reaction, Setpoint};
 
-/// TIAGo++: the joints of its left arm.
-const LEFT_ARM: std::ops::Range<usize> = 3..10;
-
-const ELBOW: usize = LEFT_ARM.start + 3;
 const WATCHDOG_NS: u64 = 10_000_000;
 /// The speed at which setpoints stay away, rad/s.
 const SPEED: f64 = 0.5;
@@ -169,19 +165,6 @@ fn setpoint_after_reaction_is_accepted_only_near_robot_state() {
 }
 
 #[test]
-fn first_setpoint_away_from_robot_is_refused() {
-    let config = config(HANDS, &Options::default());
-    let mut plant = Plant::new(&config, START, config.home(), 1);
-    let mut far = *config.home();
-    far[ELBOW] += 1.1 * plant::NEAR_RAD;
-    assert!(!plant.receive(&config, START, &rest(1, far)));
-    far = *config.home();
-    far[0] -= 1.1 * plant::NEAR_M;
-    assert!(!plant.receive(&config, START, &rest(1, far)));
-    assert!(plant.receive(&config, START, &rest(1, *config.home())));
-}
-
-#[test]
 fn setpoint_that_is_not_newer_is_ignored() {
     let (config, mut plant, last, now) = moving(Reaction::Hold);
     let mut old = last;
@@ -204,18 +187,4 @@ fn setpoint_in_transport_delays_watchdog() {
         plant.advance(&config, START.plus_ns(18_000_000));
         assert_eq!(plant.reacting(), reacts, "{gap_ns}");
     }
-}
-
-/// A delay longer than the watchdog is no silence, because setpoints are under way.
-#[test]
-fn transport_delay_longer_than_watchdog_fires_no_watchdog() {
-    let options = Options { delay_ns: 20_000_000, watchdog_ns: 5_000_000, ..Options::default() };
-    let config = config(HANDS, &options);
-    let mut plant = Plant::new(&config, START, config.home(), 1);
-    for k in 1..300 {
-        assert!(plant.receive(&config, START.plus_ns(k * TICK_NS), &rest(k, *config.home())));
-        assert!(!plant.reacting());
-    }
-    // 20 ms are 30 ticks, and a setpoint is seen at the next step.
-    assert!((299 - 33..=299 - 30).contains(&plant.followed().0.k), "{}", plant.followed().0.k);
 }

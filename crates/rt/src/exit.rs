@@ -67,7 +67,8 @@ impl From<bool> for Exit {
 }
 
 /// A message for the user, with the exit code.
-#[derive(Debug)]
+#[derive(Debug, thiserror::Error)]
+#[error("{text}")]
 pub struct Failure {
     /// Exit code.
     pub exit: Exit,
@@ -89,12 +90,6 @@ impl Failure {
     /// Returns a function that gives every error this code.
     pub fn with<E: std::fmt::Display>(exit: Exit) -> impl Fn(E) -> Self + Copy {
         move |error| Self::new(exit, error)
-    }
-}
-
-impl std::fmt::Display for Failure {
-    fn fmt(&self, out: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        out.write_str(&self.text)
     }
 }
 

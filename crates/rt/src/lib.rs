@@ -5,7 +5,6 @@
 mod allocation;
 mod children;
 mod clock;
-mod cpu_time;
 mod denormals;
 mod error;
 mod exit;
@@ -30,8 +29,7 @@ pub use allocation::{
     watch_allocations,
 };
 pub use children::{die_with_parent, is_orphaned, resume, suspend, terminate};
-pub use clock::{SleepWatch, now, sleep_until};
-pub use cpu_time::cpu_time_ns;
+pub use clock::{SleepWatch, cpu_time_ns, now, sleep_until};
 pub use denormals::flush_denormals;
 pub use error::RtError;
 pub use exit::{Exit, Failure, finish};

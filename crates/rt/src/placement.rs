@@ -23,6 +23,12 @@ impl CoreMap {
         };
         Self { allowed: allowed_cores(), isolated: list("isolated"), online: list("online") }
     }
+
+    /// Returns the allowed cores that are not in `list`. `None` if that leaves none or all.
+    fn allowed_without(&self, list: &[usize]) -> Option<Vec<usize>> {
+        let rest: Vec<_> = self.allowed.iter().copied().filter(|core| !list.contains(core)).collect();
+        (!rest.is_empty() && rest != self.allowed).then_some(rest)
+    }
 }
 
 /// Cores of the threads of an instance. `None` leaves the choice to the kernel.
@@ -48,9 +54,7 @@ impl Placement {
 
     /// Puts the real-time processes on `list`, and everything else on the other cores of `map` if there are any.
     pub fn listed(map: &CoreMap, list: &[usize]) -> Self {
-        let rest: Vec<_> = map.allowed.iter().copied().filter(|core| !list.contains(core)).collect();
-        let others = (!rest.is_empty() && rest != map.allowed).then_some(rest);
-        Self { realtime: Some(list.to_vec()), others, reason: "from the settings" }
+        Self { realtime: Some(list.to_vec()), others: map.allowed_without(list), reason: "from the settings" }
     }
 
     /// Puts everything real-time on the first isolated core, or else on the last core of a small machine.
@@ -62,8 +66,7 @@ impl Placement {
         let untouched = !map.online.is_empty() && untouched.all(|core| map.allowed.contains(core));
         let usable = |core: &&usize| map.allowed.contains(core) || (untouched && map.online.contains(core));
         if let Some(&core) = map.isolated.iter().find(usable) {
-            let rest: Vec<_> = map.allowed.iter().copied().filter(|core| !map.isolated.contains(core)).collect();
-            let others = (!rest.is_empty() && rest != map.allowed).then_some(rest);
+            let others = map.allowed_without(&map.isolated);
             return Self { realtime: Some(vec![core]), others, reason: "the first isolated core" };
         }
         match map.allowed.as_slice() {

@@ -13,9 +13,6 @@ pub struct Switch {
 
 impl Switch {
     /// Listens to the two signals.
-    ///
-    /// # Errors
-    /// Returns an error if a handler cannot be installed.
     pub fn on_signals() -> Result<Self, RtError> {
         let switch = Self::default();
         for (signal, flag) in [(libc::SIGUSR1, &switch.on), (libc::SIGUSR2, &switch.off)] {

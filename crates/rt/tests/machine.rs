@@ -10,13 +10,6 @@ use std::os::fd::AsFd;
 use std::os::unix::net::UnixStream;
 use std::path::Path;
 
-fn auto(allowed: &str, isolated: &str, online: &str) -> (Option<Vec<usize>>, Option<Vec<usize>>) {
-    let list = |text| core_list(text).expect("a list");
-    let map = CoreMap { allowed: list(allowed), isolated: list(isolated), online: list(online) };
-    let placement = Placement::auto(&map);
-    (placement.realtime, placement.others)
-}
-
 #[test]
 fn kernel_core_list_is_parsed_or_refused() {
     assert_eq!(core_list("\n"), Some(vec![]));
@@ -25,16 +18,6 @@ fn kernel_core_list_is_parsed_or_refused() {
     for bad in ["x", "3-1", "1-", "-1", "0-99999999"] {
         assert_eq!(core_list(bad), None, "{bad}");
     }
-}
-
-#[test]
-fn auto_placement_takes_last_core_of_two_to_four() {
-    assert_eq!(auto("0", "", "0"), (None, None));
-    assert_eq!(auto("0-1", "", "0-1"), (Some(vec![1]), Some(vec![0])));
-    assert_eq!(auto("1,3,6", "", "0-7"), (Some(vec![6]), Some(vec![1, 3])));
-    assert_eq!(auto("0-3", "", "0-3"), (Some(vec![3]), Some(vec![0, 1, 2])));
-    assert_eq!(auto("0-4", "", "0-4"), (None, None));
-    assert_eq!(auto("", "", ""), (None, None));
 }
 
 #[test]
@@ -47,21 +30,32 @@ fn cores_not_listed_are_left_to_other_threads() {
 }
 
 #[test]
-fn auto_placement_prefers_isolated_core_within_mask() {
-    // After a boot with isolcpus=2,3 the mask leaves them out.
-    assert_eq!(auto("0-1", "2-3", "0-3"), (Some(vec![2]), None));
-    // The mask names the isolated cores, so the other threads must keep off them.
-    assert_eq!(auto("0-7", "6-7", "0-7"), (Some(vec![6]), Some(vec![0, 1, 2, 3, 4, 5])));
-    assert_eq!(auto("6-7", "6-7", "0-7"), (Some(vec![6]), None));
-    // A container with one of many cores must not leave it.
-    assert_eq!(auto("0", "6-7", "0-7"), (None, None));
-    assert_eq!(auto("1-2", "6-7", "0-7"), (Some(vec![2]), Some(vec![1])));
-    // The core is isolated, but not online.
-    assert_eq!(auto("0-1", "3", "0-2"), (Some(vec![1]), Some(vec![0])));
-}
-
-#[test]
-fn core_map_of_machine_has_an_allowed_core() {
+fn auto_placement_takes_isolated_core_within_mask_or_last_of_two_to_four() {
+    let rows: [(&str, &str, &str, Option<usize>, &[usize]); 12] = [
+        ("0", "", "0", None, &[]),
+        ("0-1", "", "0-1", Some(1), &[0]),
+        ("1,3,6", "", "0-7", Some(6), &[1, 3]),
+        ("0-3", "", "0-3", Some(3), &[0, 1, 2]),
+        ("0-4", "", "0-4", None, &[]),
+        ("", "", "", None, &[]),
+        // After a boot with isolcpus=2,3 the mask leaves them out.
+        ("0-1", "2-3", "0-3", Some(2), &[]),
+        // The mask names the isolated cores, so the other threads must keep off them.
+        ("0-7", "6-7", "0-7", Some(6), &[0, 1, 2, 3, 4, 5]),
+        ("6-7", "6-7", "0-7", Some(6), &[]),
+        // A container with one of many cores must not leave it.
+        ("0", "6-7", "0-7", None, &[]),
+        ("1-2", "6-7", "0-7", Some(2), &[1]),
+        // The core is isolated, but not online.
+        ("0-1", "3", "0-2", Some(1), &[0]),
+    ];
+    let list = |text| core_list(text).expect("a list");
+    for (allowed, isolated, online, realtime, others) in rows {
+        let map = CoreMap { allowed: list(allowed), isolated: list(isolated), online: list(online) };
+        let placement = Placement::auto(&map);
+        assert_eq!(placement.realtime, realtime.map(|core| vec![core]), "{map:?}");
+        assert_eq!(placement.others.unwrap_or_default(), others, "{map:?}");
+    }
     let map = CoreMap::of_machine();
     assert!(!map.allowed.is_empty() && map.allowed.is_sorted(), "{map:?}");
 }
@@ -117,12 +111,7 @@ fn peer_of_socket_pair_is_this_process() {
     assert_eq!(peer.pid, std::process::id());
     assert!(peer.is_member(one.as_fd(), peer.gid));
     assert!(!peer.is_member(one.as_fd(), u32::MAX - 1));
-}
-
-#[test]
-fn file_that_is_no_socket_has_no_peer() {
-    let file = std::fs::File::open("/dev/null").unwrap();
-    assert!(Peer::from_socket(file.as_fd()).is_err());
+    assert!(Peer::from_socket(File::open("/dev/null").unwrap().as_fd()).is_err(), "no socket");
 }
 
 fn refused(result: std::io::Result<File>) -> Error {

@@ -12,7 +12,7 @@ const HEAP_BYTES: usize = 2 << 20;
 fn memory_is_resident_when_lock_is_reported_applied() {
     let config = RealtimeConfig { policy: Policy::Other, cores: None, lock_memory: true, cpu_dma_latency: false };
     let report = Realtime::apply(&config);
-    if report.prefault.is_applied() {
+    if report.outcome("prefault").is_applied() {
         let before = PageFaults::of_thread();
         for _ in 0..3 {
             let blocks = [HEAP_BYTES, HEAP_BYTES / 2, 100].map(|bytes| vec![1_u8; bytes]);
@@ -24,10 +24,10 @@ fn memory_is_resident_when_lock_is_reported_applied() {
             faults,
             PageFaults::default(),
             "of what was touched before, lock or not: {}",
-            report.memory.is_applied()
+            report.outcome("memory lock").is_applied()
         );
     }
-    match &report.memory {
+    match report.outcome("memory lock") {
         Outcome::Applied(_) => {
             let locked = locked_kb();
             let thread = std::thread::Builder::new().stack_size(BLOCK_BYTES).spawn(locked_kb);

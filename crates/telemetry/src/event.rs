@@ -54,9 +54,23 @@ pub enum Event {
     Latched { cause: &'static str },
 }
 
+/// Names of the kinds of event, for the line about suppressed lines.
+pub(crate) const KIND_NAMES: [&str; 10] = [
+    "mode changes",
+    "gaps",
+    "failures to publish",
+    "clients without the lease",
+    "leases",
+    "connections",
+    "operator requests",
+    "dropped frames",
+    "payloads",
+    "latches",
+];
+
 impl Event {
     /// Number of kinds of event.
-    pub const KINDS: usize = 10;
+    pub const KINDS: usize = KIND_NAMES.len();
 
     /// Returns the number of its kind. Lines of one kind share one limit.
     pub fn kind(&self) -> usize {
@@ -72,22 +86,6 @@ impl Event {
             Self::Payload { .. } => 8,
             Self::Latched { .. } => 9,
         }
-    }
-
-    /// Returns the name of a kind, for the line about suppressed lines.
-    pub(crate) fn kind_name(kind: usize) -> &'static str {
-        [
-            "mode changes",
-            "gaps",
-            "failures to publish",
-            "clients without the lease",
-            "leases",
-            "connections",
-            "operator requests",
-            "dropped frames",
-            "payloads",
-            "latches",
-        ][kind]
     }
 
     pub(crate) fn log(&self, process: &str) {

@@ -2,7 +2,7 @@
 //! watchdog nor the end of the process may wait for it. So a thread of its own writes, and a line that finds its
 //! queue full is lost and counted.
 
-use crate::event::{Event, Missed};
+use crate::event::{Event, KIND_NAMES, Missed};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::time::{Duration, Instant};
 
@@ -65,7 +65,7 @@ fn write(process: &str, relaxed: bool, line: Line) {
         Line::Missed(missed, until) if relaxed => tracing::info!("{process}: {}", missed.words(until)),
         Line::Missed(missed, until) => tracing::warn!("{process}: {}", missed.words(until)),
         Line::HeldBack { kind, count } => {
-            let kind = Event::kind_name(kind);
+            let kind = KIND_NAMES[kind];
             tracing::warn!(count, "{process}: {count} more lines about {kind} suppressed in the last second");
         }
     }

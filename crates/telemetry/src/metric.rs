@@ -27,16 +27,3 @@ messages::named! {
         WakeUp => "wake_up",
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn metric_indices_match_order_and_names_are_unique() {
-        for (index, metric) in Metric::ALL.into_iter().enumerate() {
-            assert_eq!(metric as usize, index);
-            assert_eq!(Metric::ALL.iter().filter(|other| other.name() == metric.name()).count(), 1);
-        }
-    }
-}

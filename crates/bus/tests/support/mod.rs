@@ -2,8 +2,9 @@
 // Each test binary uses a part of it.
 #![allow(dead_code)]
 
-use bus::{Domain, DomainConfig};
-use std::path::{Path, PathBuf};
+use bus::{Domain, DomainConfig, Reader, Writer};
+use messages::{JointTarget, Layout, Service};
+use std::path::PathBuf;
 use std::time::Duration;
 
 /// A root folder and a prefix that no other test has. Both are removed with it.
@@ -26,6 +27,18 @@ impl Place {
         self.folder.path().join("root")
     }
 
+    /// Returns the paths of the domain's files in /dev/shm.
+    pub(crate) fn files(&self) -> Vec<String> {
+        let entries = std::fs::read_dir("/dev/shm").into_iter().flatten().flatten();
+        let ours = entries.filter(|entry| entry.file_name().to_string_lossy().starts_with(&self.prefix));
+        ours.map(|entry| entry.path().display().to_string()).collect()
+    }
+
+    /// Returns their size.
+    pub(crate) fn bytes(&self) -> u64 {
+        self.files().iter().filter_map(|path| std::fs::metadata(path).ok()).map(|data| data.len()).sum()
+    }
+
     pub(crate) fn open(&self) -> Domain {
         Domain::open(self.config(), "test").expect("the domain opens")
     }
@@ -33,11 +46,7 @@ impl Place {
 
 impl Drop for Place {
     fn drop(&mut self) {
-        for entry in std::fs::read_dir("/dev/shm").into_iter().flatten().flatten() {
-            if entry.file_name().to_string_lossy().starts_with(&self.prefix) {
-                let _ = std::fs::remove_file(entry.path());
-            }
-        }
+        self.files().iter().for_each(|path| _ = std::fs::remove_file(path));
     }
 }
 
@@ -52,9 +61,16 @@ pub(crate) fn eventually<T>(what: &str, mut check: impl FnMut() -> Option<T>) ->
     found.expect("it happened")
 }
 
-/// Returns the size of the files in /dev/shm whose names begin with `prefix`.
-pub(crate) fn shared_memory_bytes(prefix: &str) -> u64 {
-    let entries = std::fs::read_dir(Path::new("/dev/shm")).into_iter().flatten().flatten();
-    let ours = entries.filter(|entry| entry.file_name().to_string_lossy().starts_with(prefix));
-    ours.filter_map(|entry| entry.metadata().ok()).map(|data| data.len()).sum()
+pub(crate) fn message(incarnation: u32, k: u64) -> JointTarget {
+    let mut target = JointTarget::ZERO;
+    (target.header.incarnation, target.k, target.q[16]) = (incarnation, k, k as f64);
+    target
+}
+
+pub(crate) fn writer(domain: &Domain) -> Writer<JointTarget> {
+    domain.writer(Service::JointTarget).expect("the writer's place is free")
+}
+
+pub(crate) fn reader(domain: &Domain) -> Reader<JointTarget> {
+    domain.reader(Service::JointTarget).expect("a reader's place is free")
 }

@@ -22,6 +22,13 @@ pub(crate) const GRIPPERS: Texts = [
     include_str!("../../../../config/robots/tiago_dual_pal_gripper.urdf"),
 ];
 
+/// Joints of TIAGo++.
+pub(crate) const JOINTS: usize = 17;
+/// The left arm's joints, and the right arm's.
+pub(crate) const ARMS: [std::ops::Range<usize>; 2] = [3..10, 10..17];
+/// The left elbow.
+pub(crate) const ELBOW: usize = 6;
+
 /// Start time of every test, long after the origin of the clock.
 pub(crate) const START: Stamp = Stamp(1_000_000_000_000);
 /// A tick of 1/1500 s, ns.

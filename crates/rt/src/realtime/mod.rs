@@ -53,69 +53,43 @@ impl Outcome {
     }
 }
 
-/// The system's answers to all requests.
+/// The system's answers to all requests, each with its heading.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct RealtimeReport {
-    /// Scheduling policy.
-    pub policy: Outcome,
-    /// Affinity.
-    pub cores: Outcome,
-    /// Memory lock.
-    pub memory: Outcome,
-    /// Heap and stack that were touched in advance.
-    pub prefault: Outcome,
-    /// Timer slack of 1 ns.
-    pub timer_slack: Outcome,
-    /// Cores that are kept from sleeping.
-    pub cpu_dma_latency: Outcome,
-    /// Denormal numbers that are flushed to zero.
-    pub denormals: Outcome,
-    /// A kernel with PREEMPT_RT.
-    pub kernel: Outcome,
-    /// The processor's features. They cannot be requested.
-    pub processor: Outcome,
-}
+pub struct RealtimeReport([(&'static str, Outcome); 9]);
 
 impl RealtimeReport {
     /// Returns true if the thread runs under SCHED_FIFO with locked memory on a kernel that bounds its own
     /// delays. Engaging a real robot requires that.
     pub fn is_realtime(&self) -> bool {
-        self.policy.is_applied() && self.memory.is_applied() && self.kernel.is_applied()
+        ["scheduling", "memory lock", "kernel"].iter().all(|heading| self.outcome(heading).is_applied())
+    }
+
+    /// Returns the answer under this heading.
+    ///
+    /// # Panics
+    /// Panics if there is no such heading.
+    pub fn outcome(&self, heading: &str) -> &Outcome {
+        let found = self.0.iter().find(|(name, _)| *name == heading);
+        found.map(|(_, outcome)| outcome).expect("a heading of the report")
     }
 
     /// Returns the reasons of all refusals.
     pub fn refusals(&self) -> Vec<String> {
-        let named = self.named();
-        named.into_iter().filter(|(_, outcome)| matches!(outcome, Outcome::Refused(_))).map(line).collect()
+        self.0.iter().filter(|(_, outcome)| matches!(outcome, Outcome::Refused(_))).map(line).collect()
     }
 
     /// Returns everything that was granted.
     pub fn granted(&self) -> Vec<String> {
-        let named = self.named();
-        named.into_iter().filter(|(_, outcome)| outcome.is_applied()).map(line).collect()
+        self.0.iter().filter(|(_, outcome)| outcome.is_applied()).map(line).collect()
     }
 
     /// Returns one line for each request: the granted value, or the reason why it was not granted.
     pub fn lines(&self) -> Vec<String> {
-        self.named().map(line).into()
-    }
-
-    fn named(&self) -> [(&'static str, &Outcome); 9] {
-        [
-            ("scheduling", &self.policy),
-            ("cores", &self.cores),
-            ("memory lock", &self.memory),
-            ("prefault", &self.prefault),
-            ("timer slack", &self.timer_slack),
-            ("cpu_dma_latency", &self.cpu_dma_latency),
-            ("denormals", &self.denormals),
-            ("kernel", &self.kernel),
-            ("processor", &self.processor),
-        ]
+        self.0.iter().map(line).collect()
     }
 }
 
-fn line((name, outcome): (&str, &Outcome)) -> String {
+fn line((name, outcome): &(&'static str, Outcome)) -> String {
     match outcome {
         Outcome::NotRequested => format!("{name}: not requested"),
         Outcome::Applied(what) => format!("{name}: {what}"),
@@ -125,7 +99,7 @@ fn line((name, outcome): (&str, &Outcome)) -> String {
 
 impl fmt::Display for RealtimeReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(&self.named().map(line).join("\n"))
+        f.write_str(&self.lines().join("\n"))
     }
 }
 
@@ -149,17 +123,18 @@ impl Realtime {
             Policy::Other => Outcome::NotRequested,
             Policy::Fifo { priority } => outcome(scheduling::set_fifo(priority, false)),
         };
-        RealtimeReport {
-            cores,
-            memory,
-            prefault: asked(config.lock_memory, memory::prefault),
-            timer_slack,
-            cpu_dma_latency: asked(config.cpu_dma_latency, idle::hold_awake),
-            denormals: outcome(flush_denormals()),
-            kernel: asked(policy != Outcome::NotRequested, preempt_rt),
-            processor: Outcome::Applied(cpu_features()),
-            policy,
-        }
+        let kernel = asked(policy != Outcome::NotRequested, preempt_rt);
+        RealtimeReport([
+            ("scheduling", policy),
+            ("cores", cores),
+            ("memory lock", memory),
+            ("prefault", asked(config.lock_memory, memory::prefault)),
+            ("timer slack", timer_slack),
+            ("cpu_dma_latency", asked(config.cpu_dma_latency, idle::hold_awake)),
+            ("denormals", outcome(flush_denormals())),
+            ("kernel", kernel),
+            ("processor", Outcome::Applied(cpu_features())),
+        ])
     }
 
     /// Restricts the calling thread, and the threads that it starts, to `cores`, and reads the setting back.
@@ -231,10 +206,11 @@ mod tests {
     #[test]
     fn realtime_setting_that_is_not_requested_is_not_changed() {
         let report = in_thread(|| Realtime::apply(&plain()));
-        let untouched = [&report.policy, &report.cores, &report.memory, &report.prefault, &report.cpu_dma_latency];
+        let untouched = ["scheduling", "cores", "memory lock", "prefault", "cpu_dma_latency"];
+        let untouched = untouched.map(|heading| report.outcome(heading));
         assert_eq!(untouched, [&Outcome::NotRequested; 5]);
         assert_eq!(report.lines().len(), report.to_string().lines().count(), "a line each: {report}");
-        assert!(report.timer_slack.is_applied(), "{report}");
+        assert!(report.outcome("timer slack").is_applied(), "{report}");
         assert!(!report.is_realtime());
         assert!(report.refusals().is_empty());
     }
@@ -254,11 +230,11 @@ mod tests {
         let (report, held) = in_thread(|| (Realtime::apply(&config), scheduling::scheduling()));
         assert_eq!(
             Realtime::try_fifo(7).is_ok(),
-            report.policy.is_applied(),
+            report.outcome("scheduling").is_applied(),
             "trying tells what asking gets: {report}"
         );
         assert_eq!(in_thread(scheduling::scheduling).0, libc::SCHED_OTHER, "neither touches another thread");
-        match &report.policy {
+        match report.outcome("scheduling") {
             Outcome::Applied(_) => assert_eq!(held, (libc::SCHED_FIFO, 7)),
             Outcome::Refused(why) => {
                 assert_eq!(held.0, libc::SCHED_OTHER);
@@ -272,7 +248,7 @@ mod tests {
     fn invalid_priority_is_refused_with_its_value() {
         let config = RealtimeConfig { policy: Policy::Fifo { priority: 200 }, ..plain() };
         let report = in_thread(|| Realtime::apply(&config));
-        assert!(!report.policy.is_applied());
+        assert!(!report.outcome("scheduling").is_applied());
         assert!(report.refusals()[0].contains("priority 200"), "{report}");
     }
 
@@ -280,11 +256,11 @@ mod tests {
     fn affinity_is_read_back_and_invalid_cores_are_refused() {
         let config = RealtimeConfig { cores: Some(vec![allowed_cores()[0]]), ..plain() };
         let report = in_thread(|| Realtime::apply(&config));
-        assert!(report.cores.is_applied(), "{report}");
+        assert!(report.outcome("cores").is_applied(), "{report}");
         for cores in [vec![], vec![1_000], vec![5_000]] {
             let config = RealtimeConfig { cores: Some(cores), ..plain() };
             let report = in_thread(|| Realtime::apply(&config));
-            assert!(matches!(report.cores, Outcome::Refused(_)), "{report}");
+            assert!(matches!(report.outcome("cores"), Outcome::Refused(_)), "{report}");
         }
     }
 }
