@@ -122,18 +122,18 @@ fn judge(delay_ms: std::ops::Range<f64>, off_m: f64, seed: u64) {
         newest.q[JOINTS_MAX - 1] += off_m;
         let input = Input { due_k: k, command: None, port_fault: false, measured: Some(&newest) };
         tick(&config, &mut bench.state, now, input);
-        let told = bench.state.motion;
+        let commanded = bench.state.motion;
         let wall_s = since_s + JITTER_S;
         begun += u32::from(bench.state.executed_k == k);
         for (j, joint) in joints.iter().enumerate().take(MOVING) {
             let what = format!(
                 "gap {gap}, delay {delay_s:.4} s, age {age_s:.4} s: {} rad, {} rad/s, {} rad/s^2; measured {}, {}; told {}, {}",
-                motion.q[j], motion.v[j], motion.a[j], newest.q[j], newest.dq[j], told.q[j], told.v[j]
+                motion.q[j], motion.v[j], motion.a[j], newest.q[j], newest.dq[j], commanded.q[j], commanded.v[j]
             );
-            assert!((told.v[j] - motion.v[j]).abs() <= LIMITS.a_max * wall_s, "speed: {what}");
-            assert!((told.q[j] - motion.q[j]).abs() <= LIMITS.v_max * wall_s, "way: {what}");
+            assert!((commanded.v[j] - motion.v[j]).abs() <= LIMITS.a_max * wall_s, "speed: {what}");
+            assert!((commanded.q[j] - motion.q[j]).abs() <= LIMITS.v_max * wall_s, "way: {what}");
             let (truth, _) = joint.at(since_s - delay_s);
-            let ahead = (told.q[j] - truth) * motion.v[j].signum();
+            let ahead = (commanded.q[j] - truth) * motion.v[j].signum();
             // A robot that follows lags its setpoints by this much, and they may be a tick older.
             let most = (delay_s + TICK_S) * LIMITS.v_max + 0.5e-3;
             assert!((-4e-3..=most).contains(&ahead), "{ahead} rad ahead of the robot: {what}");

@@ -297,18 +297,18 @@ fn starting_driver_limits_speed_of_standing_joint_to_noise() {
 #[test]
 fn f064_power_returning_in_pause_starts_at_measured_posture() {
     let mut bench = Bench::at_rest();
-    let mut told = |k: u64, q: f64, powered: bool| {
+    let mut resumed = |k: u64, q: f64, powered: bool| {
         let mut now = measured_at(k, q, 0.0);
         now.drives.powered = powered;
         let input = Input { due_k: k, command: None, port_fault: false, measured: Some(&now) };
         tick(&CONFIG, &mut bench.state, deadline(k), input).executed.q[3]
     };
     for n in 1..20 {
-        told(K + n, n as f64 * TICK_S, false);
+        resumed(K + n, n as f64 * TICK_S, false);
     }
     // It sinks for 300 ms more.
-    assert_eq!(told(K + 469, 0.3, true), 0.3);
-    assert_eq!(told(K + 470, 0.3, true), 0.3);
+    assert_eq!(resumed(K + 469, 0.3, true), 0.3);
+    assert_eq!(resumed(K + 470, 0.3, true), 0.3);
 }
 
 /// Without power a servo may stand a little beyond a limit. The setpoint that returning power finds is no farther

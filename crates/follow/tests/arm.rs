@@ -1,7 +1,7 @@
 //! The kinematics of the limbs and the Jacobian of their error, compared with the robot's kinematics and finite
 //! differences.
 
-use crate::support::{arm, model, random_q, random_rotation, turned};
+use crate::support::{arm, model, random_q, turned};
 use follow::LIMB_JOINTS;
 use follow::arm::{Arm, ArmVector, Limbs};
 use nalgebra::{UnitQuaternion, Vector3};
@@ -54,25 +54,10 @@ fn posture(rng: &mut Pcg64, case: u32) -> ArmVector {
 }
 
 #[test]
-fn jacobian_matches_central_differences() {
-    let (arm, mut rng) = (arm(), Pcg64::seed_from_u64(2));
-    for case in 0..3000 {
-        let q = posture(&mut rng, case);
-        let person = Limbs { upper: random_rotation(&mut rng), fore: random_rotation(&mut rng) };
-        // If half a turn is missing, the shorter arc changes its direction one step farther on.
-        if arm.angles(&q, &person).iter().any(|angle| *angle > 3.1) {
-            continue;
-        }
-        let off = jacobian_off(&arm, &q, &person);
-        assert!(off < 2e-8, "case {case}: {off}");
-    }
-}
-
-#[test]
-fn jacobian_matches_differences_at_errors_near_zero_and_pi() {
+fn jacobian_matches_differences_at_errors_from_zero_to_pi() {
     let (arm, mut rng) = (arm(), Pcg64::seed_from_u64(3));
     // At 1e-6 the logarithm changes its formula: steps lie on both sides of it.
-    for angle in [0.0, 1e-9, 9.9e-7, 1e-6, 2e-6, 2.1e-6, 1e-4, PI - 1e-2, PI - 1e-3, PI - 1e-4] {
+    for angle in [0.0, 1e-9, 9.9e-7, 1e-6, 2e-6, 2.1e-6, 1e-4, 0.5, 2.0, PI - 1e-2, PI - 1e-3, PI - 1e-4] {
         for case in 0..300 {
             let q = posture(&mut rng, case);
             let limbs = arm.limbs(&q);

@@ -2,5 +2,4 @@
 
 mod codec;
 mod ends;
-mod wire;
 mod world;

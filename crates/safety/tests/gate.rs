@@ -57,7 +57,7 @@ fn check_of(decision: &Decision) -> Option<Check> {
 
 /// Returns what the judge finds in a tick from `x` to `to`, with the fastest stop after it.
 fn wrong(l: &JointLimits, x: Joint, stop: &Stop, to: Joint, grant: f64) -> Option<&'static str> {
-    let slack = judge::limits::Slack::of(grant);
+    let slack = judge::limits::Slack::for_grant(grant);
     judge::limits::tick(l, x, stop, to, &stop_from(to, l.a_max, l.j_max), slack).map(|breach| breach.what)
 }
 

@@ -1,9 +1,8 @@
-//! Plays the stored plan of random ticks to rest in steps of a tenth of a millisecond. The judges share no
-//! code with the certificate. They are parry's segments for the capsules, and the collision meshes
-//! themselves.
+//! Plays the stored plan of random ticks to rest in steps of a tenth of a millisecond. The judge shares no
+//! code with the certificate: it measures the capsules by parry's segments.
 
 use crate::support;
-use judge::{Attacker, Meshes, Robot, Rollout};
+use judge::{Attacker, Robot, Rollout};
 use messages::Stamp;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
@@ -25,7 +24,7 @@ fn shipped() -> Robot {
     let environment = robot::Environment { planes: vec![floor], boxes: vec![] };
     let model = Model::from_text("tiago_dual.toml", &toml, "tiago_dual.urdf", &urdf)
         .and_then(|model| model.with_environment("test", &environment));
-    Robot::of(model.expect("the shipped robot on a floor"))
+    Robot::new(model.expect("the shipped robot on a floor"))
 }
 
 /// Returns the stops of random ticks under attack.
@@ -60,24 +59,4 @@ fn plans_keep_clearance_until_rest() {
     println!("{postures} postures, least clearance {:.6} mm", least * 1e3);
     assert!(postures > 50_000 && least >= robot.d_min_m - ROUNDING_M, "{postures} postures, {least} m");
     assert!(least < robot.d_min_m + 2e-3, "never close: {least} m");
-}
-
-#[test]
-#[ignore = "needs the manufacturer's meshes in ../shared/robots/tiago_dual"]
-fn meshes_never_touch_on_plans_to_rest() {
-    let robot = shipped();
-    let meshes = Meshes::read(&robot.model().expect("a model").joint_names);
-    let (mut postures, mut least) = (0_u64, (f64::INFINITY, String::new()));
-    for stop in stops(&robot, 310, 6000, 40) {
-        for q in stop.postures(20.0 * STEP_S) {
-            postures += 1;
-            meshes.nearest(&q, &mut least);
-        }
-    }
-    let ([_, pairs], (least_m, nearest)) = (meshes.counts(), least);
-    println!("{postures} postures, {pairs} pairs of meshes, least distance {:.2} mm, {nearest}", least_m * 1e3);
-    assert!(
-        postures > 1000 && pairs > 100 && least_m > 0.0,
-        "{postures} postures, {pairs} pairs, {least_m} m, {nearest}"
-    );
 }

@@ -8,7 +8,6 @@ mod grippers;
 mod input_faults;
 mod layouts;
 mod lift;
-mod noise;
 mod one_arm;
 mod overrides;
 mod payload;
@@ -19,7 +18,3 @@ mod robot_interface;
 mod simulated;
 mod standstill;
 mod support;
-
-/// Counts the allocations of each thread.
-#[global_allocator]
-static ALLOCATOR: rt::CountingAllocator = rt::CountingAllocator;

@@ -80,9 +80,12 @@ fn f097_f098_nan_infinite_negative_or_huge_number_is_refused() {
         };
         numbers += 1;
         for value in values {
-            let said = refusal(&changed(&table, &key, Some(value.clone())));
-            assert!(said.contains(&key) || said.contains("teleop.toml"), "{table}.{key} = {value}: {said}");
-            assert_ne!(said, "accepted", "{table}.{key} = {value}");
+            let refusal_text = refusal(&changed(&table, &key, Some(value.clone())));
+            assert!(
+                refusal_text.contains(&key) || refusal_text.contains("teleop.toml"),
+                "{table}.{key} = {value}: {refusal_text}"
+            );
+            assert_ne!(refusal_text, "accepted", "{table}.{key} = {value}");
         }
     }
     assert!(numbers > 25, "{numbers}");
@@ -91,16 +94,16 @@ fn f097_f098_nan_infinite_negative_or_huge_number_is_refused() {
 #[test]
 fn f097_limits_in_wrong_order_are_refused() {
     for (key, value) in [("state_late_ms", 30.0), ("tracking_error_rad", 0.2), ("tracking_error_m", 0.04)] {
-        let said = refusal(&changed("safety", key, Some(value.into())));
-        assert!(said.contains(key) && said.contains("must be below"), "{key}: {said}");
+        let refusal_text = refusal(&changed("safety", key, Some(value.into())));
+        assert!(refusal_text.contains(key) && refusal_text.contains("must be below"), "{key}: {refusal_text}");
     }
 }
 
 #[test]
 fn robot_with_late_watchdog_is_refused_if_it_plays_its_stop() {
     let late = changed("sim", "watchdog_ms", Some(20.1.into()));
-    let said = refusal(&late);
-    assert!(said.contains("sim.watchdog_ms") && said.contains("20"), "{said}");
+    let refusal_text = refusal(&late);
+    assert!(refusal_text.contains("sim.watchdog_ms") && refusal_text.contains("20"), "{refusal_text}");
     let mut held = late;
     held["sim"].as_table_mut().expect("a table").insert("reaction".into(), "hold".into());
     assert_eq!(refusal(&held), "accepted");

@@ -47,14 +47,6 @@ fn interface_of_option_is_judged_like_that_of_file() {
 }
 
 #[test]
-fn restarting_controllers_of_real_robot_are_refused_as_option() {
-    let overrides = Overrides { interface: Some(Interface::Jtc100Restart), ..Overrides::default() };
-    let refused = read(&of_kind("robot", Some("jtc100")), &overrides).expect_err("refused");
-    let sentence = "FILE: driver.interface = \"jtc100-restart\" is for a simulated robot only";
-    assert!(refused.starts_with(sentence) && refused.contains("--interface jtc100-restart"), "{refused}");
-}
-
-#[test]
 fn real_robot_has_no_default_interface() {
     let refused = read(&of_kind("robot", None), &Overrides::default()).expect_err("refused");
     assert!(refused.contains("driver.kind = \"robot\" needs driver.interface"), "{refused}");
@@ -93,12 +85,4 @@ fn moved_keys_are_refused_with_their_new_place() {
         let refused = read(&old, &Overrides::default()).expect_err("refused");
         assert!(refused.contains("now driver.interface; ") && refused.contains(&both), "{refused}");
     }
-}
-
-#[test]
-fn declared_interface_must_be_the_configured_one() {
-    let settings = read(&of_kind("robot", Some("jtc100")), &Overrides::default()).expect("accepted");
-    assert_eq!(settings.check_declared(Interface::Jtc100), Ok(()));
-    let refused = settings.check_declared(Interface::Direct).expect_err("refused");
-    assert!(refused.starts_with("driver.interface = \"jtc100\", must be \"direct\""), "{refused}");
 }

@@ -25,7 +25,7 @@ fn kilograms(mass_kg: f64) -> PayloadOrder {
 }
 
 /// Sends the order, and returns the reason of a refusal.
-fn say(bench: &mut Bench, hand: usize, order: PayloadOrder) -> Option<PayloadRefusal> {
+fn order_payload(bench: &mut Bench, hand: usize, order: PayloadOrder) -> Option<PayloadRefusal> {
     let before = bench.status;
     bench.hand.payload[hand] = Some(order);
     bench.step();
@@ -47,15 +47,15 @@ fn payload_is_accepted_at_rest_and_shown() {
     assert_eq!(bench.status.payload_kg, [0.0; 2]);
     let [left, right] = loaded.model.payload.map(|hand| hand.expect("a centre").center.into());
     assert_eq!(bench.status.payload_centre_m, [left, right]);
-    assert_eq!(say(&mut bench, 1, kilograms(0.5)), None);
+    assert_eq!(order_payload(&mut bench, 1, kilograms(0.5)), None);
     assert_eq!((bench.status.payload_kg, bench.status.payload_centre_m), ([0.0, 0.5], [left, right]));
     let order = PayloadOrder { mass_kg: 0.2, centre_m: Some([0.0, 0.0, -0.3]) };
-    assert_eq!(say(&mut bench, 0, order), None);
+    assert_eq!(order_payload(&mut bench, 0, order), None);
     assert_eq!(bench.status.payload_kg, [0.2, 0.5]);
     assert_eq!(bench.status.payload_centre_m, [[0.0, 0.0, -0.3], right]);
     assert!(explain::payload(&bench.status).contains("0.200 kg left, 0.500 kg right"));
     // Without a centre the robot file's centre is used again.
-    assert_eq!(say(&mut bench, 0, kilograms(0.0)), None);
+    assert_eq!(order_payload(&mut bench, 0, kilograms(0.0)), None);
     assert_eq!(bench.status.payload_centre_m, [left, right]);
     bench.assert_no_violations("at rest");
 }
@@ -67,15 +67,19 @@ fn payload_out_of_range_is_refused() {
     let mut bench = Bench::new(&loaded, loaded.model.home, 1);
     bench.settle();
     for mass_kg in [-0.1, 5.1, f64::NAN, f64::INFINITY] {
-        assert_eq!(say(&mut bench, 0, kilograms(mass_kg)), Some(PayloadRefusal::Mass));
+        assert_eq!(order_payload(&mut bench, 0, kilograms(mass_kg)), Some(PayloadRefusal::Mass));
     }
     for centre_m in [[0.6, 0.0, 0.0], [0.3, 0.3, 0.3], [f64::NAN, 0.0, 0.0]] {
         let order = PayloadOrder { mass_kg: 0.1, centre_m: Some(centre_m) };
-        assert_eq!(say(&mut bench, 0, order), Some(PayloadRefusal::Centre));
+        assert_eq!(order_payload(&mut bench, 0, order), Some(PayloadRefusal::Centre));
     }
-    assert_eq!(say(&mut bench, 1, kilograms(0.1)), Some(PayloadRefusal::NoCentre), "the file says nothing of it");
-    assert_eq!(say(&mut bench, 1, kilograms(0.0)), None);
-    assert_eq!(say(&mut bench, 1, PayloadOrder { mass_kg: 0.1, centre_m: Some([0.0; 3]) }), None);
+    assert_eq!(
+        order_payload(&mut bench, 1, kilograms(0.1)),
+        Some(PayloadRefusal::NoCentre),
+        "the file says nothing of it"
+    );
+    assert_eq!(order_payload(&mut bench, 1, kilograms(0.0)), None);
+    assert_eq!(order_payload(&mut bench, 1, PayloadOrder { mass_kg: 0.1, centre_m: Some([0.0; 3]) }), None);
 }
 
 #[test]
@@ -86,12 +90,12 @@ fn payload_is_refused_unless_disengaged_and_at_rest() {
     bench.settle();
     bench.press_enable();
     // The enable and the payload arrive in one tick: the robot is no longer Disengaged.
-    assert_eq!(say(&mut bench, 0, kilograms(0.1)), Some(PayloadRefusal::NotDisengaged));
+    assert_eq!(order_payload(&mut bench, 0, kilograms(0.1)), Some(PayloadRefusal::NotDisengaged));
     for _ in 0..TICK_HZ {
         bench.step();
     }
     assert_eq!(bench.mode(), Mode::Engaging);
-    assert_eq!(say(&mut bench, 0, kilograms(0.1)), Some(PayloadRefusal::NotDisengaged));
+    assert_eq!(order_payload(&mut bench, 0, kilograms(0.1)), Some(PayloadRefusal::NotDisengaged));
     bench.let_go();
     for tick in 0..2 * TICK_HZ {
         let at_rest = bench.mode() == Mode::Disengaged && bench.status.moving == 0;
@@ -105,9 +109,9 @@ fn payload_is_refused_unless_disengaged_and_at_rest() {
         bench.step_measuring(|state| state.q_measured[LIFTS] += if n % 10 < 5 { 0.006 } else { -0.006 });
     }
     assert_eq!((bench.mode(), bench.status.moving), (Mode::Disengaged, 1));
-    assert_eq!(say(&mut bench, 0, kilograms(0.1)), Some(PayloadRefusal::Moving));
+    assert_eq!(order_payload(&mut bench, 0, kilograms(0.1)), Some(PayloadRefusal::Moving));
     bench.settle();
-    assert_eq!(say(&mut bench, 0, kilograms(0.1)), None);
+    assert_eq!(order_payload(&mut bench, 0, kilograms(0.1)), None);
 }
 
 #[test]
@@ -115,7 +119,7 @@ fn payload_too_heavy_for_joint_blocks_start() {
     let loaded = loaded();
     let mut bench = Bench::new(&loaded, stretched(&loaded.model), 1);
     bench.settle();
-    assert_eq!(say(&mut bench, 0, kilograms(1.0)), None);
+    assert_eq!(order_payload(&mut bench, 0, kilograms(1.0)), None);
     assert_eq!(bench.status.payload_kg, [1.0, 0.0]);
     assert_eq!(bench.status.payload_refused_why, PayloadRefusal::Overload as u32);
     let why = payload_refused(&bench.status, &Names::from_model(&loaded.model)).expect("a reason");
@@ -130,8 +134,8 @@ fn payload_too_heavy_for_joint_blocks_start() {
     }
     bench.let_go();
     // Both hands at once, and one after the other: a lighter payload is always taken.
-    assert_eq!(say(&mut bench, 0, kilograms(0.9)), None);
-    assert_eq!(say(&mut bench, 0, kilograms(0.0)), None);
+    assert_eq!(order_payload(&mut bench, 0, kilograms(0.9)), None);
+    assert_eq!(order_payload(&mut bench, 0, kilograms(0.0)), None);
     assert_eq!(bench.status.payload_refused_why, 0);
     bench.step();
     assert!(!Faults(bench.status.faults).has(Fault::StartOutsideLimits));
@@ -147,7 +151,7 @@ fn start_with_overloaded_hand_is_refused_until_hand_is_empty() {
     bench.settle();
     assert!(Faults(bench.status.faults).has(Fault::StartOutsideLimits));
     assert_eq!((bench.status.joint_outside, bench.status.outside_by), (LIFTS as u32 + 1, 0.0));
-    assert_eq!(say(&mut bench, 0, kilograms(0.0)), None);
+    assert_eq!(order_payload(&mut bench, 0, kilograms(0.0)), None);
     bench.step();
     assert!(!Faults(bench.status.faults).has(Fault::StartOutsideLimits));
 }

@@ -120,10 +120,10 @@ impl World {
         let now = Stamp(deadline(self.quarter / 4).0 + (self.quarter % 4) * 1_000_000_000 / TICK_HZ / 4 + 1);
         let command = self.commands.read(self.quarter);
         // The robot stands at the last setpoint of its driver.
-        let told = self.follower.setpoint();
+        let setpoint = self.follower.setpoint();
         let robot = Measured {
             stamp: now,
-            q: told.q,
+            q: setpoint.q,
             dq: [0.0; JOINTS_MAX],
             drives: Drives::SOUND,
             unanswered: false,

@@ -163,15 +163,15 @@ impl Robot {
     pub fn at(q: &[f64; LIMB_JOINTS], weights: Weights) -> Self {
         let mut model = model();
         model.pairs.clear();
-        Self::of(&model, q, weights)
+        Self::of_model(&model, q, weights)
     }
 
     /// The same with parts that must not touch.
     pub fn solid(q: &[f64; LIMB_JOINTS], weights: Weights) -> Self {
-        Self::of(&model(), q, weights)
+        Self::of_model(&model(), q, weights)
     }
 
-    fn of(model: &Model, q: &[f64; LIMB_JOINTS], weights: Weights) -> Self {
+    fn of_model(model: &Model, q: &[f64; LIMB_JOINTS], weights: Weights) -> Self {
         let all = posture(model, q);
         Self {
             config: Config::new(model, &model.limits.each_ref().map(|limits| 0.98 * limits.v_max), weights),

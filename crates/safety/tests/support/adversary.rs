@@ -68,7 +68,7 @@ impl Adversary {
     pub fn new(model: &Model, seed: u64) -> Self {
         Self {
             rng: Pcg64::seed_from_u64(seed),
-            robot: Robot::of(model.clone()),
+            robot: Robot::new(model.clone()),
             config: Config::new(model).expect("the robot's limits are allowed"),
             state: State::at_rest(model.home),
             k: 10,
@@ -99,7 +99,7 @@ impl Adversary {
             for jerk in [wish, wish * self.rng.random_range(0.0..1.0), 0.0, -wish] {
                 let to = x.after(jerk, T);
                 let brake = stop_from(to, l.a_max, l.j_max);
-                if judge::limits::tick(&l, x, &before, to, &brake, Slack::of(0.0)).is_none() {
+                if judge::limits::tick(&l, x, &before, to, &brake, Slack::for_grant(0.0)).is_none() {
                     (chosen, stop) = (to, brake);
                     break;
                 }
@@ -180,7 +180,7 @@ impl Adversary {
 
     fn broken(&self, j: usize, last: &Proposed, next: Joint, plan: &StopPlan) -> Option<Breach> {
         let (limits, before) = (&self.robot.limits[j], stop_of(&last.motion.plan, j));
-        judge::limits::tick(limits, joint(last, j), &before, next, &stop_of(plan, j), Slack::of(GRANTED))
+        judge::limits::tick(limits, joint(last, j), &before, next, &stop_of(plan, j), Slack::for_grant(GRANTED))
     }
 
     /// All joints must do the same. Either all follow the proposal, or all play the rest of the stored plan

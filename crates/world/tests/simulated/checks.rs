@@ -86,25 +86,6 @@ fn torque_beyond_effort_limit_is_counted() {
     }
 }
 
-/// At rest, with more in the hand than the shoulder can hold. The checker knows the true payload, whatever was
-/// reported.
-#[test]
-fn payload_too_heavy_for_motor_is_counted() {
-    let mut initial = MODEL.home;
-    initial[3..10].copy_from_slice(&[0.3, 0.0, 1.57, 0.2, 0.0, 0.0, 0.0]);
-    for (payload_kg, counted) in [([None, None], false), ([Some(0.5), None], false), ([Some(4.0), None], true)] {
-        let mut judge = Judge::new(&Options {
-            driver: checker::Options { payload_kg, ..checker::Options::default() },
-            initial: Some(initial),
-            ..Options::default()
-        });
-        judge.bench.command.k += 1;
-        judge.show();
-        assert_eq!(judge.report.violations_of(ViolationKind::Torque) > 0, counted, "{payload_kg:?}");
-        assert!(judge.report.first_violation().is_none_or(|first| first.which == 4), "{:?}", judge.report);
-    }
-}
-
 /// The way of the hand from posture to posture, on both sides of the bound.
 #[test]
 fn hand_faster_than_its_bound_is_counted() {

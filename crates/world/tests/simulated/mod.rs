@@ -1,6 +1,5 @@
 //! A simulated robot on a bench, and valid commands to it.
 
-mod allocation;
 mod body;
 mod checks;
 mod jtc100;

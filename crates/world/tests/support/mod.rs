@@ -21,6 +21,7 @@ pub fn loaded() -> Loaded {
 }
 
 /// Control, the robot, and an operator.
+#[derive(Clone)]
 pub struct Bench {
     pub config: control::Config,
     control: Box<control::State>,
