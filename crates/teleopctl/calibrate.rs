@@ -35,9 +35,7 @@ const NOBODY: &str = "No skeletons come. Start your client, or let a built-in pe
 
 /// The measurement to make, and its destination.
 pub struct Job<'a> {
-    /// The operator's name.
     pub name: &'a str,
-    /// Folder of the operators' files.
     pub folder: PathBuf,
     /// Process for which the measurement is made. Without it, nothing is written any more.
     pub child_of: Option<u32>,
@@ -83,8 +81,8 @@ pub fn run(client: &mut Client, run_dir: &Path, job: &Job<'_>) -> Result<bool, O
         err!("teleopctl: {why}");
         return Ok(false);
     }
-    let mut eyes = match StateObserver::open(run_dir) {
-        Ok(eyes) => eyes,
+    let mut observer = match StateObserver::open(run_dir) {
+        Ok(observer) => observer,
         Err(error) => {
             err!("teleopctl: {error}");
             return Ok(false);
@@ -92,25 +90,26 @@ pub fn run(client: &mut Client, run_dir: &Path, job: &Job<'_>) -> Result<bool, O
     };
     out!("Stand upright with both arms straight out to the sides, and hold still for 2 s.");
     let mut pose = TPose::default();
-    let posed = wait(client, &mut eyes, job, |eyes, status| match eyes.look().map(|person| pose.add(&person)) {
-        Some(Pose::Held(ns)) if ns >= HOLD_NS => Step::Done,
-        Some(Pose::Held(ns)) => Step::Going(format!("hold still: {:.1} of {:.0} s", s(ns), s(HOLD_NS))),
-        Some(pose) => Step::Going(hint(pose).to_owned()),
-        None => Step::Silent(dropped_now(status)),
-    })?;
+    let posed =
+        wait(client, &mut observer, job, |observer, status| match observer.look().map(|person| pose.add(&person)) {
+            Some(Pose::Held(ns)) if ns >= HOLD_NS => Step::Done,
+            Some(Pose::Held(ns)) => Step::Going(format!("hold still: {:.1} of {:.0} s", s(ns), s(HOLD_NS))),
+            Some(pose) => Step::Going(hint(pose).to_owned()),
+            None => Step::Silent(dropped_now(status)),
+        })?;
     let (Some(mut calibration), true) = (pose.measured(), posed) else { return Ok(false) };
-    let who = eyes.who();
+    let who = observer.who();
     let (_, operator_id, layout) = who;
     if let Some(why) = name_conflict(job, operator_id, layout) {
         err!("teleopctl: {why}; nothing was written");
         return Ok(false);
     }
-    if eyes.input.flags & raw_flag::ROTATIONS != 0 {
+    if observer.input.flags & raw_flag::ROTATIONS != 0 {
         out!("Good. Now move both arms up and down, and bend and stretch the elbows a few times.");
-        let begun = eyes.input.online.samples;
-        let flexed = wait(client, &mut eyes, job, |eyes, status| {
-            let seen = eyes.look().is_some();
-            let online = eyes.input.online;
+        let begun = observer.input.online.samples;
+        let flexed = wait(client, &mut observer, job, |observer, status| {
+            let seen = observer.look().is_some();
+            let online = observer.input.online;
             let bent = online.samples.saturating_sub(begun);
             match (bent >= FLEXED_MIN && online.flags == calibration_flag::ALL, seen) {
                 (true, _) => Step::Done,
@@ -125,12 +124,12 @@ pub fn run(client: &mut Client, run_dir: &Path, job: &Job<'_>) -> Result<bool, O
             );
             return Ok(false);
         }
-        calibration.hinges = eyes.input.online;
+        calibration.hinges = observer.input.online;
     } else {
         out!("Good. This client sends no rotations, so the elbows' axes come from the arms' planes as they move.");
     }
-    eyes.look();
-    if eyes.who() != who {
+    observer.look();
+    if observer.who() != who {
         err!("teleopctl: the person changed after the T-pose; nothing was written");
         return Ok(false);
     }
@@ -141,7 +140,6 @@ pub fn run(client: &mut Client, run_dir: &Path, job: &Job<'_>) -> Result<bool, O
     Ok(store(&operator, &job.folder))
 }
 
-/// Returns the reason why nobody can be measured now.
 fn refusal(status: &Status, run_dir: &Path) -> Option<String> {
     if mode(status) != Mode::Disengaged {
         return Some(only_disengaged(status, "calibrated to", &instance::read_names(run_dir)));
@@ -196,7 +194,6 @@ fn store(operator: &Operator, folder: &Path) -> bool {
     true
 }
 
-/// Progress of a step.
 enum Step {
     Done,
     /// Frames arrive. The text tells the progress, or the problem.
@@ -209,7 +206,7 @@ enum Step {
 /// engaged.
 fn wait(
     client: &mut Client,
-    eyes: &mut StateObserver,
+    observer: &mut StateObserver,
     job: &Job<'_>,
     mut look: impl FnMut(&mut StateObserver, &Status) -> Step,
 ) -> Result<bool, OperatorError> {
@@ -217,7 +214,7 @@ fn wait(
     let (mut status, mut asked, mut heard) = (client.heartbeat()?, begun, begun);
     let (mut line, mut hinted) = (Progress::new(), false);
     while begun.elapsed() < PATIENCE {
-        match look(eyes, &status) {
+        match look(observer, &status) {
             Step::Done => return Ok(true),
             Step::Going(progress) => heard = line.draw(&progress),
             Step::Silent(why) if heard.elapsed() > PRINT_PERIOD => {
@@ -276,10 +273,7 @@ impl Progress {
         (self.drawn, self.last) = (Some(now), text.to_owned());
         now
     }
-}
 
-impl Progress {
-    /// Prints a line that stays.
     fn print(&mut self, text: &str) {
         self.clear();
         out!("{text}");
@@ -299,7 +293,6 @@ impl Drop for Progress {
     }
 }
 
-/// Converts ns to s.
 fn s(ns: u64) -> f64 {
     ns as f64 * 1e-9
 }

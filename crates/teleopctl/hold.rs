@@ -19,8 +19,7 @@ const ELSEWHERE: &str =
 /// recovered.
 pub fn hold(client: &mut Client, first: &Status, names: &Names, begins: &str) -> Result<bool, OperatorError> {
     let stop = rt::Shutdown::on_signals().expect("signal handlers can be installed");
-    let mut printer =
-        EventPrinter { begun: Instant::now(), shown: first.transition_count, activity: None, let_go: false };
+    let mut printer = EventPrinter::new(first);
     printer.print(begins);
     let mut beat = printer.begun;
     while !stop.requested() {
@@ -61,8 +60,7 @@ pub fn hold(client: &mut Client, first: &Status, names: &Names, begins: &str) ->
 /// other signal end it without letting go, so the robot is released.
 pub fn clutch(client: &mut Client, first: &Status, names: &Names) -> Result<bool, OperatorError> {
     let stop = rt::Shutdown::on_signals().expect("signal handlers can be installed");
-    let mut printer =
-        EventPrinter { begun: Instant::now(), shown: first.transition_count, activity: None, let_go: false };
+    let mut printer = EventPrinter::new(first);
     printer.print("the clutch is held; Ctrl-C lets go, and the robot moves slowly to where the person is");
     let (mut beat, mut let_go_at) = (printer.begun, None);
     loop {
@@ -106,7 +104,6 @@ fn refused(status: &Status, names: &Names) {
     }
 }
 
-/// Prints events, each line with the seconds since the press.
 struct EventPrinter {
     begun: Instant,
     /// Number of transitions already printed.
@@ -117,11 +114,14 @@ struct EventPrinter {
 }
 
 impl EventPrinter {
+    fn new(first: &Status) -> Self {
+        Self { begun: Instant::now(), shown: first.transition_count, activity: None, let_go: false }
+    }
+
     fn print(&self, what: &str) {
         out!("{:>6.1} s  {what}", self.begun.elapsed().as_secs_f64());
     }
 
-    /// Prints the news in `status`.
     fn print_news(&mut self, status: &Status, names: &Names) {
         for made in explain::newest_transitions(status, status.transition_count.saturating_sub(self.shown)) {
             self.print(&change(made, status, names, self.let_go));
@@ -135,7 +135,6 @@ impl EventPrinter {
     }
 }
 
-/// Describes a change of mode in plain words.
 fn change(made: &Transition, status: &Status, names: &Names, let_go: bool) -> String {
     let why = explain::fault_behind(made, status, names);
     match (Mode::from_u32(made.to), made.why, why) {

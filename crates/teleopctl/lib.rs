@@ -70,7 +70,7 @@ fn stopped(client: &mut Client) -> Result<bool, OperatorError> {
 /// mode.
 fn estop(socket: &Path) -> Result<bool, OperatorError> {
     let give_up = Instant::now() + EFFECT_WITHIN;
-    let (mut heard, mut told) = (false, false);
+    let (mut heard, mut is_printed) = (false, false);
     let mut press = || {
         let mut client = Client::connect(socket)?;
         client.estop();
@@ -81,7 +81,7 @@ fn estop(socket: &Path) -> Result<bool, OperatorError> {
     loop {
         match press() {
             Err(error @ OperatorError::Closed { .. }) if Instant::now() < give_up => {
-                if !std::mem::replace(&mut told, true) {
+                if !std::mem::replace(&mut is_printed, true) {
                     err!("teleopctl: {error}; still pressing");
                 }
                 std::thread::sleep(HEARTBEAT);
@@ -198,7 +198,6 @@ fn advice(fault: Fault) -> Option<&'static str> {
     )
 }
 
-/// Holds the enable until Ctrl-C.
 fn engage(client: &mut Client, run_dir: &Path, arm: Option<Hand>) -> Result<bool, OperatorError> {
     let first = client.heartbeat()?;
     let names = instance::read_names(run_dir);
@@ -356,16 +355,18 @@ mod tests {
     fn refusal_of_faulted_robot_names_fault_and_reset() {
         let latched = Faults::NONE.with(Fault::EmergencyStop).0;
         let status = Status { mode: Mode::Faulted as u32, latched, ..Status::ZERO };
-        let said = only_disengaged(&status, "engaged", &Names::default());
+        let sentence = only_disengaged(&status, "engaged", &Names::default());
         let row = Fault::EmergencyStop.row();
         for words in ["Faulted: only a disengaged", row.name, row.meaning, "teleopctl reset first"] {
-            assert!(said.contains(words), "{words}: {said}");
+            assert!(sentence.contains(words), "{words}: {sentence}");
         }
         let engaged = Status { mode: Mode::Engaged as u32, ..Status::ZERO };
-        let said = only_disengaged(&engaged, "engaged", &Names::default());
+        let sentence = only_disengaged(&engaged, "engaged", &Names::default());
         assert!(
-            !said.contains("reset") && said.contains("another operator") && said.contains("teleopctl release"),
-            "{said}"
+            !sentence.contains("reset")
+                && sentence.contains("another operator")
+                && sentence.contains("teleopctl release"),
+            "{sentence}"
         );
     }
 
@@ -373,11 +374,11 @@ mod tests {
     fn failed_reset_names_persisting_fault_or_new_stop() {
         let latched = Faults::NONE.with(Fault::EmergencyStop).0;
         let first = Status { mode: Mode::Faulted as u32, latched, ..Status::ZERO };
-        let said = not_reset(&first, &Names::default());
-        assert!(said.contains("still moves") && said.contains("teleopctl release"), "{said}");
+        let sentence = not_reset(&first, &Names::default());
+        assert!(sentence.contains("still moves") && sentence.contains("teleopctl release"), "{sentence}");
         let silent = Status { faults: Faults::NONE.with(Fault::StateStale).0, ..first };
-        let said = not_reset(&silent, &Names::default());
-        assert!(said.contains("StateStale persists: ") && !said.contains("still moves"), "{said}");
+        let sentence = not_reset(&silent, &Names::default());
+        assert!(sentence.contains("StateStale persists: ") && !sentence.contains("still moves"), "{sentence}");
         assert!(!stopped_anew(&first, &silent));
         let mut pressed = first;
         pressed.fault_counts[Fault::EmergencyStop.index()] += 1;

@@ -96,7 +96,6 @@ impl Joints {
         Some(Self { states: domain.reader(Service::RobotState).ok()?, latest: None, _domain: domain })
     }
 
-    /// Returns the positions of the robot's own joints.
     fn look(&mut self) -> Option<Vec<f64>> {
         self.latest = self.states.latest().or(self.latest);
         self.latest.map(|state| own(&state).to_vec())
@@ -107,7 +106,6 @@ fn own(state: &RobotState) -> &[f64] {
     &state.q_measured[..(state.robot.joint_count as usize).min(JOINTS_MAX)]
 }
 
-/// Contents of the screen.
 struct Shown {
     names: Names,
     status: Option<Status>,

@@ -2,6 +2,7 @@
 
 use crate::cli::InstanceArgs;
 use crate::process::door_group;
+use config::{ConfigError, Loaded};
 use rt::{Exit, Failure, out};
 use std::path::Path;
 
@@ -12,14 +13,19 @@ fn is_there(program: &Path) -> bool {
     program.is_file() || named.any(|file| file.is_file())
 }
 
+/// Makes the configuration of every stage, as the processes do.
+pub fn check_stages(loaded: &Loaded) -> Result<(), ConfigError> {
+    world::control_config(loaded, true)?;
+    world::retarget_config(loaded)?;
+    world::driver_config(loaded, true)?;
+    world::robot_config(loaded).map(drop)
+}
+
 /// Loads everything that an instance would load and fails where it would fail. Otherwise prints the effective
 /// values.
 pub fn run(place: &InstanceArgs) -> Result<Exit, Failure> {
     let loaded = place.load()?;
-    world::control_config(&loaded, true).map_err(Failure::with(Exit::Config))?;
-    world::retarget_config(&loaded).map_err(Failure::with(Exit::Config))?;
-    world::driver_config(&loaded, true).map_err(Failure::with(Exit::Config))?;
-    world::robot_config(&loaded).map_err(Failure::with(Exit::Config))?;
+    check_stages(&loaded).map_err(Failure::with(Exit::Config))?;
     let doors = &loaded.settings.doors;
     door_group(place, "doors.skeleton_group", &doors.skeleton_group)?;
     door_group(place, "doors.operator_group", &doors.operator_group)?;

@@ -13,7 +13,6 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::time::Instant;
 
-/// Returns the instance whose folder is `run_dir`.
 pub fn instance_in(run_dir: &Path) -> Result<Instance, Failure> {
     Instance::new(run_dir).map_err(|error| Failure::new(Exit::Unavailable, rt::unwritable(run_dir, &error)))
 }
@@ -194,9 +193,6 @@ impl Children {
     }
 
     /// Stops the process `name`, if it runs.
-    ///
-    /// # Errors
-    /// Returns a sentence if the process had ended already, had to be killed, or ended badly.
     pub fn end(&mut self, name: &str) -> Result<(), String> {
         let Some(mut child) = self.take(name) else { return Ok(()) };
         if let Ok(Some(status)) = child.try_wait() {

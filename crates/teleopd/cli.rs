@@ -46,9 +46,6 @@ fn interface_parser() -> impl TypedValueParser<Value = Interface> {
 
 impl InstanceArgs {
     /// Reads the settings with every file that they name.
-    ///
-    /// # Errors
-    /// Returns an error with EX_CONFIG if a file is missing or invalid.
     pub fn load(&self) -> Result<Loaded, Failure> {
         config::load(&self.config, self.overrides()).map_err(Failure::with(Exit::Config))
     }

@@ -78,7 +78,6 @@ impl Canvas {
         }
     }
 
-    /// Returns the rows as text, each `COLUMNS` characters wide.
     fn rows(&self) -> impl Iterator<Item = String> {
         self.cells.iter().map(|row| row.iter().map(|&bits| braille(bits)).collect())
     }
@@ -216,7 +215,6 @@ fn base(canvas: &mut Canvas, model: &robot::Model) -> [f64; 2] {
     project(0.0, top_m)
 }
 
-/// Returns both figures above their floor. Every row is a line that ends with a line feed.
 pub fn picture(human: &Canvas, robot: &Canvas, colour: bool) -> String {
     let painted = |sgr: &str, text: &str| {
         if colour { format!("{sgr}{text}{PLAIN}") } else { text.to_owned() }
@@ -232,7 +230,6 @@ mod tests {
     use super::*;
     use std::path::Path;
 
-    /// Draws one frame of the built-in motion, and the robot at home.
     fn drawn(frame: usize) -> [Canvas; 2] {
         let config = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/teleop.toml");
         let model = config::load(&config, config::Overrides::default()).expect("settings").model;
@@ -240,7 +237,6 @@ mod tests {
         [human(&motion::builtin().frames[frame].positions), robot(&model, &mut robot::Frames::default(), &home)]
     }
 
-    /// Returns true if there is a dot in these columns and rows of dots.
     fn any(canvas: &Canvas, columns: std::ops::Range<usize>, rows: std::ops::Range<usize>) -> bool {
         let dot = |x: usize, y: usize| canvas.cells[y / 4][x / 2] & DOTS[y % 4][x % 2] != 0;
         rows.into_iter().any(|y| columns.clone().any(|x| dot(x, y)))

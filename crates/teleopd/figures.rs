@@ -55,7 +55,6 @@ impl ErrorSums {
 }
 
 impl Following {
-    /// Creates an empty collection for `model`.
     pub fn new(model: &Model) -> Self {
         let turns = (0..model.count).filter(|&j| !model.prismatic[j]);
         Self {
@@ -103,7 +102,6 @@ impl Following {
         }
     }
 
-    /// Returns the figures for the process report.
     pub fn to_json(&self) -> Value {
         let rms = (self.tracking_squares / self.tracking_count.max(1) as f64).sqrt();
         let first = self.transitions.first().map_or(0, |transition| transition.k);
@@ -144,7 +142,6 @@ fn is_meant(before: bool, transition: &Transition) -> bool {
     !let_go && (before || transition.to == Mode::Engaged as u32)
 }
 
-/// Returns the faults that were raised, each with its count.
 fn counted(counts: [u32; FAULTS.len()]) -> Value {
     let raised = FAULTS.iter().map(|row| (row.name, counts[row.fault.index()])).filter(|(_, count)| *count > 0);
     Value::Object(raised.map(|(name, count)| (name.to_owned(), json!(count))).collect())

@@ -2,7 +2,6 @@
 
 use std::path::{Path, PathBuf};
 
-/// A folder that the user chose, or a temporary one.
 pub struct Folder {
     /// Its path. The folder need not exist.
     pub path: PathBuf,

@@ -109,7 +109,6 @@ fn preflight(options: &cli::Preflight) -> Result<Exit, Failure> {
     Err(Failure::new(Exit::OsErr, format!("{} cannot be started: {cause}", program.display())))
 }
 
-/// Runs one process of an instance to its end.
 fn process(one: &cli::Process, run: impl Fn(&InstanceArgs) -> Result<(), Failure>) -> Result<Exit, Failure> {
     let level = if one.quiet { telemetry::LevelFilter::WARN } else { telemetry::LevelFilter::INFO };
     telemetry::install_logging(level);

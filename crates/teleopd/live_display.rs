@@ -13,7 +13,6 @@ use std::time::{Duration, Instant};
 /// Longest line, one less than a terminal's width. A full line would wrap.
 const LINE_MAX: usize = 79;
 
-/// Draws the state of a run.
 pub struct LiveDisplay {
     skeletons: Reader<Skeleton>,
     states: Reader<RobotState>,
@@ -31,7 +30,6 @@ pub struct LiveDisplay {
 }
 
 impl LiveDisplay {
-    /// Creates the display of `instance`, whose robot is `model`.
     pub fn new(instance: &Instance, model: robot::Model, quiet: bool) -> Result<Self, Failure> {
         let domain = Domain::open(instance.core_domain(), "demo").map_err(bus_failure)?;
         let terminal = std::io::stdout().is_terminal();
@@ -95,7 +93,6 @@ impl LiveDisplay {
         figure::picture(&human, &robot, self.colour)
     }
 
-    /// Stops drawing. The last picture stays.
     pub fn end(&mut self) {
         self.quiet = true;
     }
@@ -108,7 +105,6 @@ fn fits() -> bool {
     (columns == 0 || usize::from(columns) >= width) && (rows == 0 || usize::from(rows) > height)
 }
 
-/// Formats mode, progress, frame rate, age of the input, smallest clearance and tracking error of the robot.
 fn line(status: &Status, (frame, frames): (u64, u64), rate_hz: f64) -> String {
     let line = format!(
         "{:<14} {frame:>4}/{frames} {rate_hz:4.0} Hz, input {:.0} ms, nearest {:.0} mm, {:.1} deg behind",

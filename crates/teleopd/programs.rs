@@ -3,7 +3,6 @@
 use rt::{Exit, Failure};
 use std::path::{Path, PathBuf};
 
-/// A program of the project.
 #[derive(Clone, Copy, Debug)]
 pub struct Program {
     /// Name in a build folder, and name after installation.
@@ -20,12 +19,10 @@ pub const RECORD: Program = Program { names: ["record", "teleop-record"], cargo:
 pub const COLLISION: Program = Program { names: ["collision", "teleop-collision"], cargo: "-p collision" };
 
 impl Program {
-    /// Returns the program's name in a build folder.
     pub const fn name(&self) -> &'static str {
         self.names[0]
     }
 
-    /// Returns the program's path. `None` if it is not built.
     pub fn found(&self) -> Option<PathBuf> {
         let own = std::env::current_exe().ok()?;
         let folder = own.parent()?;

@@ -20,7 +20,7 @@ const READY_WITHIN: Duration = Duration::from_secs(10);
 pub struct Recorder {
     child: Child,
     /// True once this process has reported that the recorder ended by itself.
-    told: bool,
+    is_reported: bool,
 }
 
 impl Recorder {
@@ -43,7 +43,7 @@ impl Recorder {
         command.arg("--child-of").arg(std::process::id().to_string());
         // The recorder gets its own process group, so that Ctrl-C ends the other processes first.
         command.stdin(Stdio::null()).env("NOTIFY_SOCKET", &ready.path).process_group(0);
-        let mut recorder = Self { child: spawned_aside(command, place).map_err(software)?, told: false };
+        let mut recorder = Self { child: spawned_aside(command, place).map_err(software)?, is_reported: false };
         recorder.wait_ready(&ready).map(|()| recorder)
     }
 
@@ -54,7 +54,7 @@ impl Recorder {
                 return Ok(());
             }
             if let Ok(Some(status)) = self.child.try_wait() {
-                self.told = true;
+                self.is_reported = true;
                 let exit = match status.code() {
                     Some(73) => Exit::CantCreate,
                     Some(78) => Exit::Config,
@@ -68,10 +68,10 @@ impl Recorder {
 
     /// Reports once that the recorder ended by itself. The robot goes on.
     pub fn watch(&mut self) {
-        if !self.told
+        if !self.is_reported
             && let Ok(Some(status)) = self.child.try_wait()
         {
-            self.told = true;
+            self.is_reported = true;
             err!("teleopd: the recorder ended by itself ({status}); the instance continues");
         }
     }
@@ -85,7 +85,7 @@ impl Recorder {
         let Some(status) = ended_within(&mut self.child, END_WITHIN) else {
             return Some(format!("the recorder did not end within {} s and was killed", END_WITHIN.as_secs()));
         };
-        self.told = true;
+        self.is_reported = true;
         judged(status)
     }
 }

@@ -5,6 +5,7 @@ use instance::Instance;
 use messages::{FAULTS, Fault, Response, TICK_HZ};
 use rt::out;
 use rt::{Exit, Failure};
+use serde::Deserialize;
 use serde_json::{Map, Value, json};
 
 /// Kinds of violation that the command checker counts.
@@ -43,7 +44,7 @@ impl Report {
         };
         let (retarget, control, driver) = (read("retarget")?, read("control")?, read("driver")?);
         let robot = if simulator == Simulator::BuiltIn { read("robot")? } else { Value::Null };
-        let timelines = [&retarget, &control, &driver].map(|figures| Timeline::from_json(&figures["timeline"]));
+        let timelines = [&retarget, &control, &driver].map(|figures| Timeline::deserialize(&figures["timeline"]).ok());
         let [Some(of_retarget), Some(of_control), Some(of_driver)] = timelines else {
             return Err(Failure::new(Exit::Failed, "a process wrote no timeline"));
         };

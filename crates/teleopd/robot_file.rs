@@ -5,7 +5,6 @@ use rt::{Exit, Failure, out};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-/// Writes the robot file and prints the notes.
 pub fn run(command: &RobotFile) -> Result<Exit, Failure> {
     match command {
         RobotFile::New { urdf, out } => new(urdf, out.as_deref()),

@@ -11,12 +11,10 @@ const LISTEN: Duration = Duration::from_millis(50);
 /// Socket on which a child reports that it is READY. It is removed at the end.
 pub struct ReadySocket {
     socket: UnixDatagram,
-    /// The path for NOTIFY_SOCKET.
     pub path: PathBuf,
 }
 
 impl ReadySocket {
-    /// Listens on `path`.
     pub fn bind(path: PathBuf) -> std::io::Result<Self> {
         let _ = std::fs::remove_file(&path);
         let socket = UnixDatagram::bind(&path)?;

@@ -1,21 +1,20 @@
 //! Records the ticks that a process ran. "Ticks plus missed deadlines" can then be counted over any common
 //! window.
 
-use serde_json::{Value, json};
+use serde::{Deserialize, Serialize};
 
 /// Number of runs of consecutive ticks that are kept. A process that is interrupted more often has worse problems
 /// than an incomplete record.
 const RUNS_MAX: usize = 65_536;
 
 /// Runs of consecutive tick indices, in order. Never allocates after creation.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Deserialize, Serialize)]
 pub struct Timeline {
     runs: Vec<(u64, u64)>,
     lost: u64,
 }
 
 impl Timeline {
-    /// Creates an empty record.
     pub fn new() -> Self {
         Self { runs: Vec::with_capacity(RUNS_MAX), lost: 0 }
     }
@@ -31,7 +30,6 @@ impl Timeline {
         }
     }
 
-    /// Number of ticks between `first` and `last`, both included.
     pub fn ticks_within(&self, first: u64, last: u64) -> u64 {
         self.runs
             .iter()
@@ -42,25 +40,10 @@ impl Timeline {
             .sum()
     }
 
-    /// First and last recorded tick, if any.
     pub fn span(&self) -> Option<(u64, u64)> {
         let first = self.runs.first()?.0;
         let (start, length) = *self.runs.last()?;
         Some((first, start + length - 1))
-    }
-
-    /// Returns the record for a process report.
-    pub fn to_json(&self) -> Value {
-        json!({ "runs": self.runs, "lost": self.lost })
-    }
-
-    /// Reads the record from a process report.
-    pub fn from_json(value: &Value) -> Option<Self> {
-        let mut runs = Vec::new();
-        for pair in value.get("runs")?.as_array()? {
-            runs.push((pair.get(0)?.as_u64()?, pair.get(1)?.as_u64()?));
-        }
-        Some(Self { runs, lost: value.get("lost")?.as_u64()? })
     }
 }
 
@@ -79,7 +62,7 @@ mod tests {
         assert_eq!(timeline.ticks_within(10, 39), 24);
         assert_eq!(timeline.ticks_within(0, 9), 0);
         assert_eq!(timeline.ticks_within(18, 26), 4);
-        let again = Timeline::from_json(&timeline.to_json()).unwrap();
+        let again = Timeline::deserialize(serde_json::to_value(&timeline).unwrap()).unwrap();
         assert_eq!(again.ticks_within(18, 26), 4);
     }
 }

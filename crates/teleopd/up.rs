@@ -62,7 +62,6 @@ pub fn run(options: &cli::Up) -> Result<Exit, Failure> {
     Ok(Exit::after(&shutdown))
 }
 
-/// Prints what runs, the robot, where a person connects, how to engage and how to stop.
 fn introduce(loaded: &Loaded, place: &cli::InstanceArgs) {
     let (settings, run_dir) = (&loaded.settings, place.run_dir.display());
     let at = run_dir_option(&place.run_dir);

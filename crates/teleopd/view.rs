@@ -20,7 +20,6 @@ use view::{KeyPoses, LiveOptions, Measuring, RobotView, Secure, SecureError, Ser
 /// Polling period for signals.
 const LOOK: Duration = Duration::from_millis(50);
 
-/// Serves until a signal.
 pub fn run(options: &cli::View) -> Result<Exit, Failure> {
     if let Some(recording) = &options.recording {
         return recorded(options, recording);
@@ -85,7 +84,6 @@ pub fn run(options: &cli::View) -> Result<Exit, Failure> {
     Ok(Exit::after(&shutdown))
 }
 
-/// Replaces this process by the program that reads recordings.
 fn recorded(options: &cli::View, recording: &Path) -> Result<Exit, Failure> {
     let mut command = Command::new(RECORD.path()?);
     command.arg("--view").arg(recording).arg("--port").arg(options.page.port.to_string());
@@ -104,7 +102,6 @@ pub fn start(instance: &Instance, place: &cli::InstanceArgs, page: &cli::Page) -
     serve(instance, &place.load()?, LiveOptions::default(), page)
 }
 
-/// Returns the failure for a port that cannot be opened. `option` is the option that selects another port.
 fn port_failure(port: u16, option: &str, error: &std::io::Error) -> Failure {
     Failure::new(Exit::Unavailable, rt::port_refused(port, option, error))
 }
@@ -136,7 +133,6 @@ fn serve(instance: &Instance, loaded: &Loaded, options: LiveOptions, page: &cli:
     })
 }
 
-/// Returns the failure of a page that cannot listen at `port`, of the loopback or of the address of `--https`.
 fn listen_failure(https: Option<IpAddr>, port: u16, error: &std::io::Error) -> Failure {
     match https {
         Some(address) if error.kind() == ErrorKind::AddrNotAvailable => {

@@ -43,9 +43,6 @@ impl RobotChoice {
     }
 
     /// Returns the robot file. A named robot has its file in the folder of `other`, the file of another robot.
-    ///
-    /// # Errors
-    /// Returns an error that lists the names of the folder if there is no robot with this name.
     pub fn file_beside(&self, other: &Path) -> Result<PathBuf, ConfigError> {
         if self.is_file() {
             return Ok(PathBuf::from(&self.0));
@@ -72,9 +69,6 @@ impl RobotChoice {
     }
 
     /// Returns the robot file of a program that reads no settings.
-    ///
-    /// # Errors
-    /// Returns an error that lists the names of the shipped robots if there is no robot with this name.
     pub fn shipped_file(&self) -> Result<PathBuf, ConfigError> {
         self.file_beside(Path::new(SHIPPED[0]))
     }
@@ -89,9 +83,6 @@ impl RobotChoice {
     }
 
     /// Puts the robot and its weights into `settings`, which were read from the file `config`.
-    ///
-    /// # Errors
-    /// Returns an error that lists the names of the folder if there is no robot with this name.
     pub(crate) fn apply(&self, config: &Path, settings: &mut Settings) -> Result<(), ConfigError> {
         let folder = config.parent().unwrap_or(Path::new("."));
         let own = PathBuf::from(&settings.robot.file);

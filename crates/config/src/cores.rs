@@ -1,6 +1,7 @@
 //! `realtime.cores`: the cores of retarget, control and the driver.
 
 use schema::OutOfBounds;
+use serde::de::value::SeqAccessDeserializer;
 use serde::de::{Error, SeqAccess, Visitor};
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
@@ -19,7 +20,6 @@ pub enum Cores {
 }
 
 impl Cores {
-    /// Checks the number of cores, and each.
     pub(crate) fn check(&self) -> Result<(), OutOfBounds> {
         let Self::List(list) = self else { return Ok(()) };
         schema::check("cores (how many)", &(list.len() as f64), 1.0, CORE_MAX + 1.0)?;
@@ -55,12 +55,8 @@ impl<'de> Deserialize<'de> for Cores {
                 }
             }
 
-            fn visit_seq<A: SeqAccess<'de>>(self, mut sequence: A) -> Result<Cores, A::Error> {
-                let mut list = Vec::new();
-                while let Some(core) = sequence.next_element()? {
-                    list.push(core);
-                }
-                Ok(Cores::List(list))
+            fn visit_seq<A: SeqAccess<'de>>(self, sequence: A) -> Result<Cores, A::Error> {
+                Vec::deserialize(SeqAccessDeserializer::new(sequence)).map(Cores::List)
             }
         }
         deserializer.deserialize_any(Words)

@@ -23,98 +23,28 @@ pub use settings::{
 
 /// Reason for which an instance cannot start. The text names file, key, value and bound.
 #[derive(Debug, thiserror::Error)]
+#[allow(missing_docs, reason = "the texts name the fields")]
 pub enum ConfigError {
-    /// A file cannot be read.
     #[error("{file}: {cause}")]
-    Read {
-        /// The file.
-        file: String,
-        /// Error of the system, or the bound that was exceeded.
-        cause: String,
-    },
-    /// A file has an unknown, missing or mistyped key.
+    Read { file: String, cause: String },
     #[error("{file}: {cause}")]
-    Syntax {
-        /// The file.
-        file: String,
-        /// Line, key and cause.
-        cause: String,
-    },
-    /// A value is outside its bounds.
+    Syntax { file: String, cause: String },
     #[error("{file}: {key} = {value} is outside [{low}, {high}]")]
-    Bound {
-        /// The file.
-        file: String,
-        /// The key.
-        key: String,
-        /// The value.
-        value: f64,
-        /// Lowest value allowed.
-        low: f64,
-        /// Highest value allowed.
-        high: f64,
-    },
-    /// Two values that do not fit together.
+    Bound { file: String, key: String, value: f64, low: f64, high: f64 },
     #[error("{file}: {key} = {value} is below {least}, {because}")]
-    TooShort {
-        /// The file.
-        file: String,
-        /// The key.
-        key: &'static str,
-        /// The value.
-        value: f64,
-        /// Lowest value allowed.
-        least: f64,
-        /// Reason for the lowest value.
-        because: &'static str,
-    },
-    /// The robot file or URDF is refused.
+    TooShort { file: String, key: &'static str, value: f64, least: f64, because: &'static str },
     #[error("{cause}")]
-    Robot {
-        /// File, joint, key, value and bound.
-        cause: String,
-    },
-    /// No robot has this name.
+    Robot { cause: String },
     #[error("--robot {name}: {folder} has no robot with this name; it has {known}")]
-    UnknownRobot {
-        /// The name.
-        name: String,
-        /// The folder of the robot files.
-        folder: String,
-        /// Names of the robots in the folder.
-        known: String,
-    },
-    /// A skeleton's layout is refused.
+    UnknownRobot { name: String, folder: String, known: String },
     #[error(transparent)]
     Layout(#[from] layouts::LayoutError),
-    /// A list has too many entries.
     #[error("{file}: {key} has {value} entries, at most {most} are allowed")]
-    TooMany {
-        /// The file.
-        file: String,
-        /// The key.
-        key: &'static str,
-        /// Number of entries.
-        value: usize,
-        /// Largest allowed number.
-        most: usize,
-    },
-    /// The weights are refused.
+    TooMany { file: String, key: &'static str, value: usize, most: usize },
     #[error("{file}: {cause}")]
-    Weights {
-        /// The file.
-        file: String,
-        /// Reason.
-        cause: String,
-    },
-    /// A stage refuses its configuration.
+    Weights { file: String, cause: String },
     #[error("{stage}: {cause}")]
-    Stage {
-        /// The stage.
-        stage: &'static str,
-        /// Reason.
-        cause: String,
-    },
+    Stage { stage: &'static str, cause: String },
 }
 
 impl ConfigError {

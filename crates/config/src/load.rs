@@ -95,9 +95,6 @@ impl Overrides {
     }
 
     /// Applies the changes to the settings of the file `config`.
-    ///
-    /// # Errors
-    /// Returns an error if there is no robot with the chosen name.
     pub fn apply(&self, config: &Path, settings: &mut Settings) -> Result<(), ConfigError> {
         settings.control.engage_without_realtime |= self.engage_without_realtime;
         settings.driver.interface = self.interface.or(settings.driver.interface);
@@ -116,9 +113,6 @@ impl Overrides {
 }
 
 /// Reads the settings file alone, applies the overrides, and checks the result.
-///
-/// # Errors
-/// Returns an error if the file cannot be read, or if a value is invalid.
 pub fn read_settings(config: &Path, overrides: &Overrides) -> Result<Settings, ConfigError> {
     parse_settings(config, overrides).map(|(settings, _)| settings)
 }
@@ -150,9 +144,6 @@ struct Placed {
 }
 
 /// Reads and checks the settings file and the robot that it names. Returns the robot among its obstacles.
-///
-/// # Errors
-/// Returns an error if a file cannot be read, or if a value is invalid.
 pub fn load_robot(config: &Path, overrides: &Overrides) -> Result<(Settings, Model), ConfigError> {
     place(config, overrides).map(|Placed { settings, model, .. }| (settings, model))
 }
@@ -280,12 +271,10 @@ pub fn load_weights(base: &Path, model: &Model) -> Result<retarget::Weights, Con
     read_weights(base, model).map(|(weights, _)| weights)
 }
 
-/// Reads the weights and the manifest's text.
 fn read_weights(base: &Path, model: &Model) -> Result<(retarget::Weights, String), ConfigError> {
     read_weight_files(base, |manifest, tensors| retarget::Weights::from_bytes(manifest, tensors, model))
 }
 
-/// Reads `<base>.safetensors` and `<base>.toml` of a prediction, and the manifest's text.
 fn read_prediction(base: &Path) -> Result<(retarget::Prediction, String), ConfigError> {
     read_weight_files(base, retarget::Prediction::read)
 }

@@ -34,7 +34,6 @@ pub struct Operator {
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Operators(Vec<(String, Operator)>);
 
-/// A value for each limb.
 #[derive(Clone, Copy, Debug, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 struct PerLimb<T> {
@@ -55,7 +54,6 @@ impl<T: Copy> PerLimb<T> {
     }
 }
 
-/// Contents of a file.
 #[derive(Clone, Debug, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 struct File {
@@ -72,11 +70,8 @@ struct File {
 }
 
 impl Operators {
-    /// Reads every `*.toml` of a folder, in the order of their names. A missing folder holds no operators.
-    ///
-    /// # Errors
-    /// Returns an error if a file cannot be read, if a key is unknown, missing or mistyped, or if a value is
-    /// outside its bounds. Two files of the same operator and layout, or too many files, are also errors.
+    /// Reads every `*.toml` of a folder, in the order of their names. A missing folder holds no operators. Two files of the
+    /// same operator and layout are refused.
     pub fn read(folder: &Path) -> Result<Self, ConfigError> {
         let failed = |error: std::io::Error| ConfigError::Read {
             file: folder.display().to_string(),
@@ -147,11 +142,6 @@ impl Operators {
     pub fn calibrations(&self) -> Vec<((u32, u32), Calibration)> {
         self.0.iter().map(|(_, operator)| (operator.key(), operator.calibration)).collect()
     }
-
-    /// Names of the operators.
-    pub fn names(&self) -> impl Iterator<Item = &str> {
-        self.0.iter().map(|(_, operator)| operator.name.as_str())
-    }
 }
 
 impl Operator {
@@ -166,9 +156,6 @@ impl Operator {
     }
 
     /// Writes `<folder>/<name>.toml` and returns its path. Creates the folder and replaces a file of that name.
-    ///
-    /// # Errors
-    /// Returns the error of the file system.
     pub fn write(&self, folder: &Path) -> std::io::Result<PathBuf> {
         std::fs::create_dir_all(folder)?;
         let path = folder.join(format!("{}.toml", self.name));
@@ -256,7 +243,7 @@ mod tests {
         camera.write(&place).unwrap();
         std::fs::write(place.join("notes.txt"), "no operator").unwrap();
         let all = Operators::read(&place).unwrap();
-        assert_eq!(all.names().collect::<Vec<_>>(), ["anna-camera", "anna"]);
+        assert_eq!(all.0.iter().map(|(file, _)| file).collect::<Vec<_>>(), ["anna-camera", "anna"]);
         let find = |person: u32, layout: u32| {
             all.calibrations().into_iter().find(|(of, _)| *of == (person, layout)).map(|(_, calibration)| calibration)
         };

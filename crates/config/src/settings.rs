@@ -11,32 +11,20 @@ use std::path::{Path, PathBuf};
 /// All settings of one instance, as written in the file.
 #[derive(Clone, Debug, Default, Deserialize, PartialEq, Serialize)]
 #[serde(deny_unknown_fields)]
+#[allow(missing_docs, reason = "the names say it")]
 pub struct Settings {
-    /// The robot.
     pub robot: RobotFile,
-    /// Obstacles around the robot, in the frame of its base.
     pub environment: robot::Environment,
-    /// The trained weights.
     pub weights: WeightsFile,
-    /// How skeletons become joint positions.
     pub retarget: retarget::Settings,
-    /// Groups of the sockets.
     pub doors: DoorSettings,
-    /// The layouts that clients may send, and how their positions are filtered.
     pub ingest: IngestSettings,
-    /// The control process.
     pub control: ControlSettings,
-    /// The driver.
     pub driver: DriverSettings,
-    /// Thresholds of the monitors.
     pub safety: safety::engage::Settings,
-    /// Scheduling, cores and memory.
     pub realtime: RealtimeSettings,
-    /// Figures of the loops while they run.
     pub metrics: MetricsSettings,
-    /// The simulated robot.
     pub sim: SimSettings,
-    /// A robot that speaks ROS 2.
     pub ros2: Ros2Settings,
 }
 
@@ -333,9 +321,6 @@ impl Settings {
     }
 
     /// Parses `text` and checks its bounds. Errors name `file`.
-    ///
-    /// # Errors
-    /// Returns an error if a key is unknown, missing or moved, or if a value is invalid.
     pub fn parse(file: &str, text: &str) -> Result<Self, ConfigError> {
         let settings = Self::parse_unchecked(file, text)?;
         settings.check(file)?;
@@ -359,9 +344,6 @@ impl Settings {
     }
 
     /// Refuses an interface other than the one that the driver's program declares for its robot.
-    ///
-    /// # Errors
-    /// Returns a sentence that names the key, its value, and the value that is allowed.
     pub fn check_declared(&self, declared: Interface) -> Result<(), String> {
         let configured = self.interface();
         if configured == declared {
@@ -460,7 +442,6 @@ impl Settings {
         Ok(())
     }
 
-    /// Checks what a real robot requires of `[driver]`.
     fn check_driver(&self) -> Result<(), &'static str> {
         match (self.driver.kind, self.driver.interface) {
             (DriverKind::Sim, _) => Ok(()),
@@ -484,7 +465,6 @@ const MOVED: [(&str, &str, &[&str], &str); 2] = [
     ("driver", "interface", &["trajectories", "positions", "arm_sdk"], "ros2.setpoints"),
 ];
 
-/// Returns a sentence for each key of `table` that has moved.
 fn moved_keys(table: &toml::Table) -> Vec<String> {
     let found = MOVED.iter().filter_map(|(section, key, values, place)| {
         let value = table.get(*section)?.get(*key)?;

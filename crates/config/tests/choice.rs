@@ -41,7 +41,6 @@ impl Folder {
         load(&self.path("config/teleop.toml"), Overrides::robot(Some(&robot.into())))
     }
 
-    /// Copies a file, changed by `change`.
     fn copy(&self, from: &str, to: &str, change: impl Fn(String) -> String) {
         let text = std::fs::read_to_string(self.path(from)).expect(from);
         std::fs::write(self.path(to), change(text)).expect(to);

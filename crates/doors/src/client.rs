@@ -26,7 +26,6 @@ pub struct Client {
     feedback: Option<Box<Feedback>>,
 }
 
-/// A packet of the daemon.
 enum Packet {
     Reply(ReplyPacket),
     Feedback(Box<Feedback>),

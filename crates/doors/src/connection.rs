@@ -9,7 +9,6 @@ use std::os::fd::OwnedFd;
 /// Interval at which a client gets the reason again while its frames are ignored: twice a second.
 const REPEAT_NS: u64 = 500_000_000;
 
-/// One connection.
 #[derive(Debug)]
 pub(crate) struct Connection {
     pub(crate) socket: OwnedFd,
@@ -20,7 +19,6 @@ pub(crate) struct Connection {
     pub(crate) session_nonce: u64,
     pub(crate) requests_feedback: bool,
     pub(crate) since: Stamp,
-    /// Time of the last packet.
     pub(crate) heard: Stamp,
     pub(crate) bucket: Bucket,
     /// The server does not read the connection before this time.

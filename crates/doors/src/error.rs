@@ -42,54 +42,34 @@ fn ended(socket: &Path, daemon: &str) -> String {
 #[derive(Debug, thiserror::Error)]
 #[allow(missing_docs, reason = "the texts name the fields")]
 pub enum DoorError {
-    /// The socket does not exist.
     #[error("{}: no such socket. {}", path.display(), absent(path, daemon))]
     NoSocket { path: PathBuf, daemon: &'static str },
-    /// The socket file exists, but no process listens on it.
     #[error(
         "{}: no process listens on this socket. {}", path.display(), ended(path, daemon)
     )]
     NobodyAnswers { path: PathBuf, daemon: &'static str },
-    /// The file system forbids it.
     #[error("{}: permission denied. Only the socket's owner and its group may use it (mode 0660)", path.display())]
-    PermissionDenied {
-        /// The socket, or the directory of a socket to be made.
-        path: PathBuf,
-    },
-    /// The socket cannot be given to its group.
+    PermissionDenied { path: PathBuf },
     #[error(
         "{}: cannot give the socket to group {gid}: {source}. {daemon} must be a member of the group", path.display()
     )]
     Group { path: PathBuf, gid: u32, daemon: &'static str, source: Errno },
-    /// Another server listens on this socket already.
     #[error("{}: another {daemon} answers on this socket. End it first, or give this one another path", path.display())]
     InUse { path: PathBuf, daemon: &'static str },
-    /// The path names a file that is not a socket. Such a file is never replaced.
     #[error(
         "{}: exists and is not a socket, so it is not replaced. Move it away, or give another path", path.display()
     )]
     NotASocket { path: PathBuf },
-    /// The directory of the socket does not exist.
     #[error("{}: no such folder; {daemon} needs it for its socket. Create it first", path.display())]
     NoDirectory { path: PathBuf, daemon: &'static str },
-    /// The path does not fit into a socket address.
     #[error("{}: the path is too long; a Unix socket's path has at most 107 bytes. Give a shorter one", path.display())]
     PathTooLong { path: PathBuf },
-    /// The daemon did not reply in time.
     #[error("{}: {daemon} did not reply within {timeout_ms} ms{}", path.display(), hint(path))]
     Timeout { path: PathBuf, daemon: &'static str, timeout_ms: u64 },
-    /// The daemon refused this client.
     #[error("{}: refused: {}", path.display(), word.meaning())]
     Refused { path: PathBuf, word: Reply },
-    /// The daemon ended the connection.
     #[error("{}: {daemon} closed the connection{}", path.display(), hint(path))]
     Closed { path: PathBuf, daemon: &'static str },
-    /// Any other error of the kernel.
     #[error("{}: cannot {action}: {source}", path.display())]
-    Os {
-        path: PathBuf,
-        /// The action that failed.
-        action: &'static str,
-        source: Errno,
-    },
+    Os { path: PathBuf, action: &'static str, source: Errno },
 }

@@ -164,7 +164,6 @@ impl Server {
         }
     }
 
-    /// Accepts waiting connections, at most `CONNECTIONS_MAX` per round.
     fn accept(&mut self, now: Stamp) {
         for _ in 0..CONNECTIONS_MAX {
             let (socket, peer, refusal) = match self.listener.accept() {

@@ -47,14 +47,12 @@ impl House {
         self.poll();
     }
 
-    /// Returns a connection that has sent nothing.
     fn raw(&self) -> Raw {
         let socket = rustix::net::socket(AddressFamily::UNIX, SocketType::SEQPACKET, None).unwrap();
         rustix::net::connect(&socket, &SocketAddrUnix::new(self.path()).unwrap()).unwrap();
         Raw { socket, nonce: 0, sequence: 0 }
     }
 
-    /// Returns a connection after its hello.
     fn guest(&mut self) -> Raw {
         let mut raw = self.raw();
         raw.send(&Hello::OURS.encode());
@@ -99,7 +97,6 @@ impl Raw {
         None
     }
 
-    /// Returns the last reply.
     fn last_reply(&self) -> Option<Reply> {
         std::iter::from_fn(|| self.answer()).last().map(|answer| answer.word)
     }

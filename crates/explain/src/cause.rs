@@ -1,7 +1,7 @@
 //! Present cause for which the robot does not follow, without the history.
 
-use crate::sentences::{BEHIND_DEG, follows, meaning, moves, newest_transitions, not_at_rest, subject, why};
-use messages::{Fault, Faults, Mode, Response, Status, Subject, Transition, reduced_flag};
+use crate::sentences::{BEHIND_DEG, follows, meaning, moves, newest_transitions, not_at_rest, reduced, subject, why};
+use messages::{Fault, Faults, Mode, Response, Status, Subject, Transition};
 use robot::Names;
 use std::cmp::Reverse;
 
@@ -34,8 +34,7 @@ fn following(mode: Mode, status: &Status, names: &Names) -> String {
         }
         _ => return why(status, names),
     }];
-    let slow = reduced_flag::NAMES.iter().filter(|(flag, _)| status.reduced & flag != 0);
-    all.extend(slow.map(|(_, name)| format!("The speed is reduced: {name}.")));
+    all.extend(reduced(status).map(|name| format!("The speed is reduced: {name}.")));
     all.join(" ")
 }
 
@@ -74,7 +73,7 @@ fn ended_by(status: &Status, names: &Names) -> Option<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use messages::{FollowingLimit, Layout, PersonChange};
+    use messages::{FollowingLimit, Layout, PersonChange, reduced_flag};
 
     fn status(mode: Mode, made: &[(Mode, Mode, u32)]) -> Status {
         let mut status = Status::ZERO;
@@ -157,6 +156,7 @@ mod tests {
         let stops = status(Mode::Holding, &[(Mode::Engaged, Mode::Holding, Transition::RELEASED)]);
         assert_eq!(why(&stops, &Names::default()), "Holding after Engaged: released.");
     }
+
     #[test]
     fn cause_of_robot_behind_gives_angle_and_limit() {
         let mut status = status(Mode::Engaged, &[]);

@@ -117,12 +117,14 @@ pub fn sentences(before: Option<&Status>, now: &Status, names: &Names) -> Vec<Se
         let what = if answered[1] { "was refused" } else { "is too much" };
         all.push(sentence(Severity::Warning, format!("The payload {what}: {why}.")));
     }
-    for (flag, name) in reduced_flag::NAMES {
-        if now.reduced & flag != 0 && before.reduced & flag == 0 {
-            all.push(sentence(Severity::Warning, format!("The speed is reduced: {name}.")));
-        }
-    }
+    let newly = Status { reduced: now.reduced & !before.reduced, ..*now };
+    all.extend(reduced(&newly).map(|name| sentence(Severity::Warning, format!("The speed is reduced: {name}."))));
     all
+}
+
+/// Names of what reduces the speed.
+pub(crate) fn reduced(status: &Status) -> impl Iterator<Item = &'static str> {
+    reduced_flag::NAMES.iter().filter(|(flag, _)| status.reduced & flag != 0).map(|(_, name)| *name)
 }
 
 /// Says why the robot does not follow, or follows slowly: how it came into this mode, and what prevents motion
@@ -130,8 +132,7 @@ pub fn sentences(before: Option<&Status>, now: &Status, names: &Names) -> Vec<Se
 pub fn why_stopped(status: &Status, names: &Names) -> Option<String> {
     let mut all = Vec::new();
     if Mode::from_u32(status.mode).is_some_and(moves) {
-        let slow = reduced_flag::NAMES.iter().filter(|(flag, _)| status.reduced & flag != 0);
-        all.extend(slow.map(|(_, name)| format!("The speed is reduced: {name}.")));
+        all.extend(reduced(status).map(|name| format!("The speed is reduced: {name}.")));
     } else {
         // Begins where the robot last moved. Transitions before a reset are left out.
         let moved = |made: &Transition| Mode::from_u32(made.from).is_some_and(moves);
@@ -296,12 +297,10 @@ pub fn mode_name(mode: u32) -> &'static str {
     Mode::from_u32(mode).map_or("in an unknown mode", Mode::name)
 }
 
-/// A fault's name and meaning.
 fn named(fault: Fault, status: &Status, names: &Names) -> String {
     format!("{}: {}", fault.row().name, meaning(fault, status, names))
 }
 
-/// Name of a joint or a pair.
 pub(crate) fn subject(subject: Option<Subject>, names: &Names) -> Option<String> {
     subject.and_then(|subject| match subject {
         Subject::Joint(joint) => Some(names.joint(joint)),
@@ -339,7 +338,6 @@ pub fn fault_behind(made: &Transition, status: &Status, names: &Names) -> Option
     Some(named(fault, status, names) + &was.map_or(String::new(), |was| format!(" It was {was}.")))
 }
 
-/// Sentence for a change of mode.
 fn changed(made: &Transition, status: &Status, names: &Names) -> String {
     let why = fault_behind(made, status, names).unwrap_or_else(|| format!("{}.", made.why_name()));
     format!("{} after {}: {why}", mode_name(made.to), mode_name(made.from))

@@ -1,7 +1,7 @@
 //! The status as JSON.
 
 use crate::sentences;
-use messages::{FAULTS, Faults, Mode, Stamp, Status, Subject, reduced_flag};
+use messages::{FAULTS, Faults, Mode, Stamp, Status, Subject};
 use robot::Names;
 use serde_json::{Value, json};
 
@@ -17,26 +17,6 @@ pub fn activity(status: &Status) -> Option<&'static str> {
     } else {
         None
     }
-}
-
-/// Names the arms that the operator leaves out.
-fn left_out(status: &Status) -> Vec<&'static str> {
-    ["left", "right"]
-        .into_iter()
-        .enumerate()
-        .filter(|(side, _)| status.left_out & 1 << side != 0)
-        .map(|(_, name)| name)
-        .collect()
-}
-
-/// Names the reasons for a reduced speed.
-fn reduced(status: &Status) -> Vec<&'static str> {
-    reduced_flag::NAMES.iter().filter(|(flag, _)| status.reduced & flag != 0).map(|(_, name)| *name).collect()
-}
-
-/// The limit that keeps the command from the person, as JSON.
-fn limited(status: &Status, names: &Names) -> Value {
-    json!({ "by": sentences::limit_name(status), "about": sentences::subject(Subject::from_code(status.limited_about), names) })
 }
 
 /// Age of the newest frame, ms. `None` before the first one. `control` counts an age from the reception of the
@@ -93,7 +73,7 @@ pub fn status_json(status: &Status, names: &Names) -> Value {
         "limb_error_target_deg": status.limb_error_target_rad.to_degrees(),
         "limb_error_measured_deg": status.limb_error_measured_rad.to_degrees(),
         "speed_scale": status.speed_scale,
-        "reduced": reduced(status),
+        "reduced": sentences::reduced(status).collect::<Vec<_>>(),
         "gate_denials": status.gate_denials,
         "fallbacks": status.fallbacks,
         "operators": status.operators,
@@ -102,9 +82,11 @@ pub fn status_json(status: &Status, names: &Names) -> Value {
         "realtime": status.realtime == 1,
         "transitions": transitions,
     });
-    all["limited"] = limited(status, names);
+    let limited_about = sentences::subject(Subject::from_code(status.limited_about), names);
+    all["limited"] = json!({ "by": sentences::limit_name(status), "about": limited_about });
     all["lost_percent"] = json!(0.1 * f64::from(status.lost_permille));
-    all["left_out"] = json!(left_out(status));
+    let left_out = [(1, "left"), (2, "right")].into_iter().filter(|(side, _)| status.left_out & side != 0);
+    all["left_out"] = left_out.map(|(_, name)| name).collect();
     all
 }
 

@@ -15,12 +15,10 @@ use skeleton::{Calibration, DropReason, Output};
 /// Layouts whose positions are filtered before validation.
 #[derive(Clone, Copy, Debug, Deserialize, PartialEq, Serialize, Eq)]
 #[serde(rename_all = "kebab-case")]
+#[allow(missing_docs, reason = "the names say it")]
 pub enum Filter {
-    /// No layout.
     None,
-    /// Layouts of cameras.
     Cameras,
-    /// Every layout.
     All,
 }
 

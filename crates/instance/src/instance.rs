@@ -20,11 +20,7 @@ impl Instance {
     /// Opens the instance whose folder is `run_dir`. A missing folder is created with mode 0751: other users may
     /// reach a socket whose name they know, and see nothing else. The path is made absolute, so processes started
     /// elsewhere agree on it.
-    ///
-    /// # Errors
-    /// Returns an error if another user could put or replace something in the folder. That is the case in three ways.
-    /// The folder belongs to neither this user nor root. Others or another group may write to it. It is another
-    /// user's link.
+    /// It is refused if another user could put or replace something in it.
     pub fn new(run_dir: &Path) -> std::io::Result<Self> {
         if !run_dir.exists() {
             std::fs::create_dir_all(run_dir)?;

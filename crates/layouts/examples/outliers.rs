@@ -5,9 +5,20 @@
 #[path = "../tests/salt.rs"]
 mod salt;
 
-use messages::SMPL_JOINTS;
-use salt::{BONES, Errors, OFF, ON, Places, angle_deg, distance_m, filter, motions, spoil};
+use messages::{LIMBS, SMPL_JOINTS};
+use salt::{Errors, OFF, ON, Places, distance_m, filter, motions, spoil};
 use std::path::PathBuf;
+
+/// End joints of the limbs: shoulders, elbows, wrists.
+const BONES: [[usize; 2]; LIMBS] = [[16, 18], [18, 20], [17, 19], [19, 21]];
+
+/// Angle between the directions of a limb in two frames, degrees.
+fn angle_deg(a: &Places, b: &Places, [from, to]: [usize; 2]) -> f64 {
+    let along = |places: &Places| [0, 1, 2].map(|i| f64::from(places[to][i] - places[from][i]));
+    let (a, b) = (along(a), along(b));
+    let dot = |a: [f64; 3], b: [f64; 3]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+    (dot(a, b) / (dot(a, a) * dot(b, b)).sqrt()).clamp(-1.0, 1.0).acos().to_degrees()
+}
 
 /// Prints one line: all motions with one kind of noise.
 fn line(motions: &[Vec<Places>], rate_hz: f64, noise_m: f32, p: f32) {

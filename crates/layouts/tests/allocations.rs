@@ -1,6 +1,7 @@
 //! No conversion allocates.
 
-use layouts::{Layouts, Noise, NoiseState};
+use crate::salt::ON;
+use layouts::{Layouts, NoiseState};
 use messages::{Layout, RawSkeleton};
 use rt::count_allocations;
 
@@ -16,19 +17,12 @@ fn f076_conversion_and_filter_allocate_nothing() {
             assert_eq!(counted.allocated, 0, "layout {number}, flags {flags}");
             converted += usize::from(out.is_ok());
             let mut state = NoiseState::default();
-            let filter = Noise {
-                rest_cutoff_hz: 1.5,
-                cutoff_per_m: 10.0,
-                outliers_mad: 3.0,
-                step_max_m: 0.15,
-                confidence_min: 0.5,
-            };
             for origin in 1..30 {
                 let (wild, jumped) = (if origin == 20 { 0.1 } else { 0.0 }, if origin > 25 { 1.0 } else { 0.0 });
                 let mut noise = raw;
                 noise.header.origin.0 = origin * 10_000_000;
                 noise.positions[..22].fill([0.001 * origin as f32 + wild + jumped, 0.0, 0.0]);
-                let ((), counted) = count_allocations(|| filter.filter(&mut state, number, &mut noise));
+                let ((), counted) = count_allocations(|| ON.filter(&mut state, number, &mut noise));
                 assert_eq!(counted.allocated, 0, "layout {number}");
             }
             assert_eq!(state.rejected(), 22);

@@ -1,10 +1,9 @@
 //! Single outliers are replaced, for one frame. Motion is not, and no error is hidden from the validation.
 
 use crate::client::{as_smpl, bent};
-use crate::salt::{BONES, Errors, OFF, ON, angle_deg, distance_m, filter, motions, spoil};
+use crate::salt::{Chance, Errors, OFF, ON, distance_m, filter, motions, spoil};
 use layouts::{Noise, NoiseState};
 use messages::{RawSkeleton, SMPL_JOINTS, SkeletonLayout, Stamp};
-use std::path::Path;
 
 /// Filter without the low-pass. Its output is the input, or the position at which the joint was held.
 const BARE: Noise = Noise { rest_cutoff_hz: 1e12, cutoff_per_m: 0.0, ..ON };
@@ -91,12 +90,9 @@ fn position_that_repeats_after_outlier_passes_one_frame_late() {
 #[test]
 fn joint_is_never_held_in_two_frames_in_a_row() {
     let mut camera = Camera::after(Noise { outliers_mad: 1e-3, ..BARE }, 30);
-    let (mut held, mut random) = (false, 1_u32);
+    let (mut held, mut chance) = (false, Chance(1));
     for i in 0..2000 {
-        let off = [0; 3].map(|_| {
-            random = random.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-            0.08 * ((random >> 8) as f32 / (1 << 24) as f32 - 0.5)
-        });
+        let off = [0; 3].map(|_| 0.08 * (chance.uniform() - 0.5));
         let out = camera.see(off);
         let now = !near(out, off, 1e-6);
         assert!(!(held && now), "frame {i}: {out:?} for {off:?}");
@@ -118,18 +114,6 @@ fn outlier_threshold_rises_for_noisy_joint() {
 }
 
 #[test]
-fn second_outlier_in_a_row_passes_and_motion_goes_on() {
-    let mut camera = Camera::new(BARE);
-    for i in 0..40 {
-        let mut place = [0.5 * i as f32 * PERIOD_S, 0.0, 0.0];
-        place[1] = [0.0, 0.08, -0.08][if i == 30 || i == 31 { i - 29 } else { 0 }];
-        let out = camera.see(place);
-        assert!(near(out, place, 1e-6) == (i != 30), "frame {i}: {out:?}");
-    }
-    assert_eq!(camera.state.rejected(), 1);
-}
-
-#[test]
 fn bunched_stamps_make_no_outlier() {
     let mut camera = Camera::new(ON);
     for i in 0..60_u32 {
@@ -137,17 +121,6 @@ fn bunched_stamps_make_no_outlier() {
         camera.see_changed([1.0 * i as f32 * PERIOD_S, 0.0, 0.0], after_ns, &|_| ());
     }
     assert_eq!(camera.state.rejected(), 0);
-}
-
-#[test]
-fn f013_repeated_outlier_frame_gives_same_held_position() {
-    let mut camera = Camera::after(ON, 30);
-    let still = |raw: &mut RawSkeleton| raw.positions[15][2] = 1.6;
-    let held = camera.see_changed(WILD, PERIOD_NS, &still);
-    for _ in 0..4 {
-        assert_eq!(camera.see_changed(WILD, PERIOD_NS, &still), held);
-    }
-    assert_eq!(camera.state.rejected(), 1);
 }
 
 #[test]
@@ -175,20 +148,6 @@ fn held_joint_that_returns_does_not_restart_filter() {
         assert!(i == 0 || !near(out, way, 1e-3), "frame {i} begins anew");
     }
     assert_eq!(camera.state.rejected(), 1);
-}
-
-#[test]
-fn unseen_or_nan_joint_passes_and_restarts_outlier_history() {
-    let changes: [&dyn Fn(&mut RawSkeleton); 2] =
-        [&|raw| raw.confidence[WRIST] = 0.2, &|raw| raw.positions[WRIST][0] = f32::NAN];
-    for change in changes {
-        let mut camera = Camera::after(BARE, 30);
-        let far = [0.0, 0.14, 0.0];
-        let out = camera.see_changed(far, PERIOD_NS, change);
-        assert!(out[0].is_nan() || near(out, far, 1e-6), "{out:?}");
-        assert!(near(camera.see(far), far, 1e-6), "nothing is known of it");
-        assert_eq!(camera.state.rejected(), 0);
-    }
 }
 
 #[test]
@@ -222,13 +181,6 @@ fn outlier_history_restarts_on_new_session_person_or_pause() {
 }
 
 #[test]
-fn zero_threshold_finds_no_outlier() {
-    let mut camera = Camera::after(Noise { outliers_mad: 0.0, ..BARE }, 30);
-    assert!(near(camera.see(WILD), WILD, 1e-6));
-    assert_eq!(camera.state.rejected(), 0);
-}
-
-#[test]
 fn fast_arm_is_no_outlier() {
     // A circle of 0.25 m twice a second, 3.1 m/s and 39 m/s^2, that starts and ends within 0.1 s. The stamps are
     // uneven.
@@ -248,6 +200,7 @@ fn errors(noise: &Noise, clean: &[Vec<[[f32; 3]; SMPL_JOINTS]>], noise_m: f32, p
     let mut errors = Errors::default();
     for clean in clean {
         let (expected, got) = (filter(&OFF, clean, 30.0), filter(noise, &spoil(clean, noise_m, p), 30.0));
+        assert_eq!(expected.rejected, 0, "a threshold of zero finds none");
         for (a, b) in expected.frames.iter().flatten().zip(got.frames.iter().flatten()) {
             errors.add(distance_m(*a, *b));
         }
@@ -269,23 +222,4 @@ fn filter_reduces_outlier_error_and_keeps_noise_level() {
     assert!(on.rms() < 0.905 * off.rms(), "{} of {}", on.rms(), off.rms());
     let accepted = |noise| filter(noise, &spoil(&clean[0], 0.005, 0.02), 30.0).accepted;
     assert!(accepted(&ON) > accepted(&OFF), "{} of {}", accepted(&ON), accepted(&OFF));
-}
-
-#[test]
-#[ignore = "needs the clips of CMU in ../shared/motions/cmu"]
-fn clean_recorded_motion_is_hardly_changed() {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/motions/cmu");
-    for rate_hz in [30.0, 60.0] {
-        let (mut limbs, mut rejected, mut places) = (Errors::default(), 0, 0);
-        for clean in motions(Some(&folder), rate_hz) {
-            let (off, on) = (filter(&OFF, &clean, rate_hz), filter(&ON, &clean, rate_hz));
-            (rejected, places) = (rejected + on.rejected, places + clean.len() * SMPL_JOINTS);
-            for (a, b) in off.frames.iter().zip(&on.frames) {
-                BONES.iter().for_each(|&bone| limbs.add(angle_deg(a, b, bone)));
-            }
-        }
-        let (share, rms_deg) = (rejected as f64 / places as f64, limbs.rms());
-        println!("{rate_hz} Hz: {rejected} of {places} places, limbs {rms_deg} deg RMS, {} at most", limbs.largest);
-        assert!(share < 0.001 && rms_deg < 1.0, "{rate_hz} Hz: {share}, {rms_deg} deg");
-    }
 }

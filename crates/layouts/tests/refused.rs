@@ -4,7 +4,6 @@ use crate::client::{Turn, accept, bent};
 use crate::golden::clients;
 use layouts::Layouts;
 use messages::{RAW_JOINTS_MAX, SkeletonLayout, raw_flag};
-use proptest::prelude::*;
 use skeleton::DropReason;
 
 #[test]
@@ -93,31 +92,4 @@ fn bare() -> messages::RawSkeleton {
     raw.rotations = [[0.0, 0.0, 0.0, 1.0]; _];
     raw.confidence = [1.0; _];
     raw
-}
-
-proptest! {
-    /// For any bits, a converted frame is one of SMPL-22, and header and person are the client's.
-    #[test]
-    fn f001_random_bits_are_refused_or_convert_to_smpl_22(
-        layout in 0u32..9,
-        flags in 0u32..16,
-        bits in prop::collection::vec(any::<u32>(), 8 * RAW_JOINTS_MAX),
-    ) {
-        let layouts = Layouts::default();
-        let mut raw = clients()[0].frame();
-        raw.joint_count = [0, 22, 24, 24, 33, 32, 23, 55, 22][layout as usize];
-        (raw.layout, raw.flags) = (layout, flags);
-        for (joint, bits) in bits.chunks(8).enumerate() {
-            let numbers: [f32; 8] = std::array::from_fn(|i| f32::from_bits(bits[i]));
-            raw.positions[joint].copy_from_slice(&numbers[..3]);
-            raw.rotations[joint].copy_from_slice(&numbers[3..7]);
-            raw.confidence[joint] = numbers[7];
-        }
-        if let Ok(out) = layouts.convert(&raw) {
-            prop_assert_eq!((out.layout, out.joint_count), (SkeletonLayout::Smpl22 as u32, 22));
-            prop_assert_eq!(out.header, raw.header);
-            prop_assert_eq!((out.session_nonce, out.operator_id), (raw.session_nonce, raw.operator_id));
-        }
-        let _ = accept(&layouts, &raw);
-    }
 }

@@ -2,7 +2,7 @@
 //! filtered versions. The tests and `examples/outliers.rs` use it.
 
 use layouts::{Noise, NoiseState};
-use messages::{LIMBS, Layout, RawSkeleton, SMPL_JOINTS, SkeletonLayout, Stamp, skeleton_flag};
+use messages::{Layout, RawSkeleton, SMPL_JOINTS, SkeletonLayout, Stamp, skeleton_flag};
 use skeleton::{Config, Input, State, tick};
 use std::path::Path;
 
@@ -11,31 +11,30 @@ pub const ON: Noise =
     Noise { rest_cutoff_hz: 1.5, cutoff_per_m: 10.0, outliers_mad: 3.0, step_max_m: 0.15, confidence_min: 0.5 };
 /// The same without rejection.
 pub const OFF: Noise = Noise { outliers_mad: 0.0, ..ON };
-/// End joints of the limbs: shoulders, elbows, wrists.
-pub const BONES: [[usize; 2]; LIMBS] = [[16, 18], [18, 20], [17, 19], [19, 21]];
 
 /// Joints of a frame, m.
 pub type Places = [[f32; 3]; SMPL_JOINTS];
 
 /// Uniform numbers between 0 and 1, the same each time (Knuth's congruences).
-struct Chance(u64);
+pub struct Chance(pub u64);
 
 impl Chance {
-    fn next(&mut self) -> f32 {
+    /// Returns the next number.
+    pub fn uniform(&mut self) -> f32 {
         self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         (self.0 >> 40) as f32 / (1 << 24) as f32
     }
 
     /// Number with standard deviation 1. The sum of twelve uniform numbers is nearly normal.
     fn normal(&mut self) -> f32 {
-        (0..12).map(|_| self.next() - 0.5).sum()
+        (0..12).map(|_| self.uniform() - 0.5).sum()
     }
 
     /// Offset of 3 to 12 cm in any direction, m.
     fn salt(&mut self) -> [f32; 3] {
         let to = [self.normal(), self.normal(), self.normal()];
         let norm = to.iter().map(|x| x * x).sum::<f32>().sqrt().max(1e-3);
-        let length_m = 0.03 + 0.09 * self.next();
+        let length_m = 0.03 + 0.09 * self.uniform();
         to.map(|x| x / norm * length_m)
     }
 }
@@ -45,7 +44,7 @@ pub fn spoil(clean: &[Places], noise_m: f32, p: f32) -> Vec<Places> {
     let mut chance = Chance(1);
     let mut spoilt = clean.to_vec();
     for place in spoilt.iter_mut().flatten() {
-        let salt = if chance.next() < p { chance.salt() } else { [0.0; 3] };
+        let salt = if chance.uniform() < p { chance.salt() } else { [0.0; 3] };
         for (x, salt) in place.iter_mut().zip(salt) {
             *x += noise_m * chance.normal() + salt;
         }
@@ -104,14 +103,6 @@ pub fn motions(folder: Option<&Path>, rate_hz: f64) -> Vec<Vec<Places>> {
 /// Distance between two positions, m.
 pub fn distance_m(a: [f32; 3], b: [f32; 3]) -> f64 {
     a.iter().zip(b).map(|(a, b)| f64::from(a - b).powi(2)).sum::<f64>().sqrt()
-}
-
-/// Angle between the directions of a limb in two frames, degrees.
-pub fn angle_deg(a: &Places, b: &Places, [from, to]: [usize; 2]) -> f64 {
-    let along = |places: &Places| [0, 1, 2].map(|i| f64::from(places[to][i] - places[from][i]));
-    let (a, b) = (along(a), along(b));
-    let dot = |a: [f64; 3], b: [f64; 3]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
-    (dot(a, b) / (dot(a, a) * dot(b, b)).sqrt()).clamp(-1.0, 1.0).acos().to_degrees()
 }
 
 /// Root mean square and largest error.

@@ -11,27 +11,21 @@ const CLOSED: &str =
 #[derive(Debug, thiserror::Error)]
 #[allow(missing_docs, reason = "the texts name the fields")]
 pub enum OperatorError {
-    /// The socket cannot be made or reached.
     #[error(transparent)]
     Door(#[from] DoorError),
-    /// `control` did not reply in time.
     #[error("{}: teleopd control did not reply within {timeout_ms} ms{}", path.display(), doors::hint(path))]
     Timeout { path: PathBuf, timeout_ms: u64 },
-    /// The server ended the connection.
     #[error(
         "{}: teleopd control closed the connection. {}", path.display(), doors::linked_or(path, CLOSED)
     )]
     Closed { path: PathBuf },
-    /// A reply has the wrong length.
     #[error(
         "{}: a reply has {bytes} bytes, expected {expected}. The versions of teleopd control and this client \
          differ", path.display()
     )]
     BadReply { path: PathBuf, bytes: usize, expected: usize },
-    /// The session's thread cannot be started.
     #[error("cannot start the operator's thread: {cause}")]
     Thread { cause: String },
-    /// Any other error of the kernel.
     #[error("{}: cannot {action}: {source}", path.display())]
     Os { path: PathBuf, action: &'static str, source: Errno },
 }

@@ -22,7 +22,6 @@ pub enum ResetRule {
     Presser,
 }
 
-/// The locks.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Locks {
     owners: [Option<u32>; LOCKS_MAX],
@@ -31,7 +30,6 @@ pub(crate) struct Locks {
 }
 
 impl Locks {
-    /// Adds the lock of `uid`, who pressed the stop.
     pub(crate) fn add(&mut self, uid: u32) {
         if self.owners.contains(&Some(uid)) {
             return;
@@ -50,7 +48,6 @@ impl Locks {
         self.owners.iter_mut().filter(|owner| **owner == Some(uid)).for_each(|owner| *owner = None);
     }
 
-    /// Returns true if a reset is admitted.
     pub(crate) fn are_gone(&self) -> bool {
         *self == Self::default()
     }

@@ -244,7 +244,6 @@ mod tests {
     use super::*;
     use messages::Layout;
 
-    /// A merge with its connections.
     #[derive(Default)]
     struct Clients {
         merge: Merge,

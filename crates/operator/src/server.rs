@@ -25,8 +25,8 @@ const RECORDS_MAX: usize = 32;
 
 /// An action of one process at the socket, for the log.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[allow(missing_docs, reason = "the names say it")]
 pub enum AuditEvent {
-    /// It connected.
     Connected,
     /// It is neither the daemon's user nor a member of the socket's group, and was disconnected.
     Forbidden,
@@ -34,13 +34,9 @@ pub enum AuditEvent {
     Enabled,
     /// It pressed the recovery, and holds it.
     Recovers,
-    /// It pressed the emergency stop.
     EmergencyStop,
-    /// It pressed reset.
     Reset,
-    /// It reported the payload of the left hand.
     PayloadLeft,
-    /// It reported the payload of the right hand.
     PayloadRight,
     /// It pressed reset, but another user must do so first.
     ResetRefused,
@@ -204,17 +200,14 @@ impl Server {
         std::mem::take(may_displace).then_some(index)
     }
 
-    /// Returns the number of places of the process of `peer`.
     fn places(&self, peer: Peer) -> usize {
         (0..CLIENTS_MAX).filter(|&index| self.is_of(index, peer)).count()
     }
 
-    /// Returns the number of places of the process that has the place `index`.
     fn places_beside(&self, index: usize) -> usize {
         self.clients[index].as_ref().map_or(0, |&(_, peer, _)| self.places(peer))
     }
 
-    /// Returns true if the process of `peer` has the place `index`.
     fn is_of(&self, index: usize, peer: Peer) -> bool {
         self.clients[index].as_ref().is_some_and(|(_, other, _)| (other.pid, other.uid) == (peer.pid, peer.uid))
     }

@@ -12,7 +12,6 @@ use std::time::{Duration, Instant};
 /// Time between two heartbeats: 50 Hz.
 const HEARTBEAT: Duration = Duration::from_millis(20);
 
-/// Next request of the operator.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Request {
     Enable,
@@ -21,7 +20,6 @@ enum Request {
     Clutch(bool),
 }
 
-/// Shared by the session and its thread.
 #[derive(Default)]
 struct Shared {
     status: Mutex<Option<Status>>,
@@ -40,9 +38,6 @@ pub struct OperatorSession {
 
 impl OperatorSession {
     /// Connects to the operator socket of an instance. Then sends heartbeats without the enable.
-    ///
-    /// # Errors
-    /// Returns an error if the socket does not answer, or if no thread can be started.
     pub fn connect(socket: &Path) -> Result<Self, OperatorError> {
         let client = Client::connect(socket)?;
         let (requests, received) = channel();

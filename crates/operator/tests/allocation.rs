@@ -4,7 +4,6 @@ use messages::{Layout as _, OPERATOR_VERSION, OperatorRequest, Stamp, Status};
 use operator::Server;
 use rustix::net::{AddressFamily, RecvFlags, SendFlags, SocketAddrUnix, SocketType};
 
-/// Returns the number of new blocks of this thread since counting began.
 fn allocated() -> u64 {
     rt::allocations().0.allocated
 }

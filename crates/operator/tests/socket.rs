@@ -64,7 +64,6 @@ impl Raw {
         Self { socket, request: OperatorRequest { version: OPERATOR_VERSION, ..OperatorRequest::ZERO } }
     }
 
-    /// Returns true if the server still keeps the connection.
     fn is_kept(&self) -> bool {
         use rustix::net::{RecvFlags, recv};
         let mut bytes = [0; operator::STATUS_BYTES];

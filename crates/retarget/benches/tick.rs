@@ -6,8 +6,8 @@ use messages::{Layout, Skeleton, deadline, skeleton_flag};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use retarget::{
-    ArmModel, ArmQ, Config, Input, Level, Limbs, Manifest, Network, PRIOR_WEIGHT, Precision, Settings, State, Weights,
-    features, read_layers, refine, solve_poses, tick, xyzw_from_rotation,
+    ArmModel, ArmQ, Config, Input, Limbs, Manifest, Network, PRIOR_WEIGHT, Settings, State, Weights, features,
+    read_layers, refine, solve_poses, tick, xyzw_from_rotation,
 };
 use robot::Model;
 use std::hint::black_box;
@@ -68,13 +68,10 @@ fn parts(criterion: &mut Criterion) {
     let Shipped { arm, manifest, tensors, limbs, .. } = shipped();
     let manifest: Manifest = toml::from_str(&manifest).expect("a manifest");
     let layers = read_layers(&tensors, &manifest).expect("layers");
-    for (name, precision) in [("f32", Precision::F32), ("bf16", Precision::Bf16)] {
-        let network = Network::at_level(&layers, &arm, precision, Level::best());
-        criterion.bench_function(&format!("encode, decode, refine, {name}"), |bencher| {
-            bencher.iter(|| solve_poses(&arm, &network, black_box(&limbs), REFINE_STEPS));
-        });
-    }
     let network = Network::new(&layers, &arm);
+    criterion.bench_function("encode, decode, refine", |bencher| {
+        bencher.iter(|| solve_poses(&arm, &network, black_box(&limbs), REFINE_STEPS));
+    });
     criterion.bench_function("encode, decode", |bencher| {
         bencher.iter(|| network.decode(&network.encode_human(&black_box(&limbs).each_ref().map(features))));
     });

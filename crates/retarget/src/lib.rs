@@ -36,8 +36,7 @@ pub use extrapolation::Extrapolation;
 pub use height::{Lift, crouch_m};
 pub use kinematic_chain::KinematicChain;
 pub use network::{
-    Dense, HIDDEN_MAX, LATENT, Latent, Layers, Level, Network, OVERREACH, Perceptron, Precision, WIDTH_MAX,
-    interpolate_latent,
+    Dense, HIDDEN_MAX, LATENT, Latent, Layers, Level, Network, OVERREACH, Perceptron, WIDTH_MAX, interpolate_latent,
 };
 pub use oracle::oracle;
 pub use posture::{PostureSolver, SolvedPose, posture, solve_poses};

@@ -5,7 +5,7 @@ pub(crate) mod golden;
 mod kernel;
 mod perceptron;
 
-pub use perceptron::{Dense, Level, Perceptron, Precision, WIDTH_MAX};
+pub use perceptron::{Dense, Level, Perceptron, WIDTH_MAX};
 
 use crate::arm::{ARM_Q, ArmModel, ArmQ, FEATURES};
 
@@ -49,22 +49,14 @@ pub struct Network {
 }
 
 impl Network {
-    /// Packs checked layers for `arm` in f32, for the widest vectors of this processor. The caller must check the
-    /// shapes, as `Weights` does.
+    /// Packs checked layers for `arm`, for the widest vectors of this processor. The caller must check the shapes, as
+    /// `Weights` does.
     ///
     /// # Panics
     /// Panics if layers do not fit together or are wider than `WIDTH_MAX`: a bug of the caller.
     pub fn new(layers: &Layers, arm: &ArmModel) -> Self {
-        Self::at_level(layers, arm, Precision::F32, Level::best())
-    }
-
-    /// As `new`, with a choice of precision and vectors.
-    ///
-    /// # Panics
-    /// As `new`.
-    pub fn at_level(layers: &Layers, arm: &ArmModel, precision: Precision, level: Level) -> Self {
         let pack = |layers: &[Dense], inputs: usize, outputs: usize| {
-            let packed = Perceptron::at_level(layers, precision, level);
+            let packed = Perceptron::new(layers);
             assert!((packed.inputs(), packed.outputs()) == (inputs, outputs), "layers fit the networks");
             packed
         };

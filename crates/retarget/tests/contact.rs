@@ -1,7 +1,6 @@
 //! Hands that touch: their limbs, and the limbs of hands that touch nothing.
 
-use crate::limb_trajectory::START_NS;
-use crate::support::{robot, shipped};
+use crate::support::{START_NS, robot, shipped};
 use messages::{SMPL_JOINTS, Smpl, TRAJECTORY_NODES};
 use nalgebra::{UnitQuaternion, Vector3};
 use rand::{RngExt, SeedableRng};

@@ -10,10 +10,8 @@ use proptest::prelude::*;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use retarget::{ArmQ, Config, Input, Method, Output, Settings, State, tick};
-use support::{layers, robot, skeleton, weights};
+use support::{MS, START_NS, skeleton};
 
-const START_NS: u64 = 5_000_000_000;
-const MS: u64 = 1_000_000;
 const LEFT: u32 = skeleton_flag::LIMB[0] | skeleton_flag::LIMB[1];
 
 fn human(t_s: f64) -> [ArmQ; 2] {
@@ -21,8 +19,7 @@ fn human(t_s: f64) -> [ArmQ; 2] {
 }
 
 fn config() -> Config {
-    let settings = Settings { method: Method::ClosedForm, ..Settings::default() };
-    Config::for_arms(&robot(), Some(weights(&layers(1, 2, 32))), &settings).expect("a configuration")
+    support::config(Method::ClosedForm, Settings::default().following_delay_ms)
 }
 
 /// A skeleton for every arrival (ms, frames that arrived at once). A reader sees only the newest of a burst.

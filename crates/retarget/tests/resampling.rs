@@ -4,15 +4,13 @@ use crate::support;
 
 use std::f64::consts::TAU;
 
-use messages::{Skeleton, Stamp, TICK_S, deadline, skeleton_flag, target_flag};
+use messages::{Skeleton, Stamp, TICK_S, deadline, target_flag};
 use nalgebra::{Quaternion, UnitQuaternion};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
-use retarget::{ArmQ, Config, Input, Method, Output, Settings, State, tick};
-use support::{layers, robot, skeleton, weights};
+use retarget::{ArmQ, Config, Input, Method, Output, State, tick};
+use support::{MS, START_NS, config, skeleton};
 
-const START_NS: u64 = 5_000_000_000;
-const MS: u64 = 1_000_000;
 /// Bound of the speed factor: playhead at most 1.5 times real time, source steps at least 0.75 of the real ones.
 const HURRY: f64 = 2.0;
 /// Without the client's stamps the period is estimated from arrivals. Bursts falsify it by up to two fifths if the
@@ -24,11 +22,6 @@ fn human(t_s: f64) -> [ArmQ; 2] {
     let wave = |j: usize| (TAU * t_s * (0.4 + 0.07 * j as f64) + j as f64).sin();
     let q: ArmQ = std::array::from_fn(|j| [0.1, 0.2, 1.5, 0.9, 0.0][j] + 0.5 * wave(j));
     [q, [q[1], q[0], q[2], q[3], -q[4]]]
-}
-
-fn config(method: Method, delay_ms: f64) -> Config {
-    let settings = Settings { method, following_delay_ms: delay_ms, ..Settings::default() };
-    Config::for_arms(&robot(), Some(weights(&layers(1, 2, 32))), &settings).unwrap()
 }
 
 /// (arrival, skeleton), sorted by arrival.
@@ -201,44 +194,6 @@ fn target_holds_during_gap_and_fades_in_after_it() {
     assert!(fastest < 1.5 * 2.0 * TAU, "{fastest} rad/s after the gap");
     let step = angle(at(1999).target.human_limbs[0], at(2003).target.human_limbs[0]);
     assert!(step < 0.02, "no jump at the end of the gap, but {step} rad");
-}
-
-#[test]
-fn target_of_new_writer_fades_in_without_gap() {
-    let mut arrivals = source(60.0, 2.0, true, |_| 0);
-    for (at, skeleton) in &mut arrivals {
-        if *at >= START_NS + 1_000 * MS {
-            let other = support::skeleton(1, *at, *at, &[[1.2, -0.9, 0.0, 1.9, 1.0]; 2]);
-            skeleton.limbs = other.limbs;
-            skeleton.header.incarnation = 2;
-            skeleton.header.sequence -= 50;
-        }
-    }
-    let outputs = run(&config(Method::Network, 40.0), &arrivals, 2.0);
-    assert!(fastest(&outputs) < 1.5 * 2.0 * TAU);
-    let last = &outputs[2990].1.target;
-    assert!(angle(last.human_limbs[0], arrivals[110].1.limbs[0].map(f64::from)) < 1e-3, "it arrives there");
-}
-
-#[test]
-fn unseen_arm_is_not_valid_and_lost_arm_holds() {
-    let mut arrivals = source(60.0, 2.0, true, |_| 0);
-    for (at, skeleton) in &mut arrivals {
-        skeleton.flags &= !skeleton_flag::LIMB[3];
-        let lost = (500..1500).contains(&((*at - START_NS) / MS));
-        if lost {
-            skeleton.flags &= !skeleton_flag::LIMB[0];
-        }
-    }
-    let outputs = run(&config(Method::Network, 40.0), &arrivals, 2.0);
-    let at = |ms: u64| &outputs[(ms * 3 / 2) as usize].1;
-    assert_eq!(at(400).target.valid_mask, 0b1_1111 << 3, "joints 1 to 5 of the left arm");
-    assert_eq!(at(400).target.q[10..17], [0.25; 7], "the right arm shows the home posture");
-    assert_eq!(at(400).target.human_limbs[2..], [[0.0; 4]; 2]);
-    assert_eq!((at(400).fresh, at(700).fresh, at(1600).fresh), ([true, false], [false, false], [true, false]));
-    assert_eq!(at(700).target.flags, 0);
-    assert_eq!(at(800).target.q, at(1400).target.q);
-    assert!(fastest(&outputs) < 1.5 * 2.0 * TAU);
 }
 
 #[test]

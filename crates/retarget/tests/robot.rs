@@ -3,18 +3,10 @@
 use crate::support;
 
 use retarget::{ArmIdentity, ArmModel, Config, Manifest, Method, Settings, Weights, write_weights};
-use robot::Model;
-
-fn shipped(edit: impl Fn(String) -> String) -> Model {
-    let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/../../config/robots/");
-    let read = |name: &str| std::fs::read_to_string(format!("{folder}{name}")).expect("shipped with the repository");
-    Model::from_text("tiago_dual.toml", &edit(read("tiago_dual.toml")), "tiago_dual.urdf", &read("tiago_dual.urdf"))
-        .expect("the shipped robot is accepted")
-}
 
 #[test]
 fn shipped_robot_arm_matches_hand_computed_model() {
-    let (arm, design) = (ArmModel::from_model(&shipped(|text| text)), support::arm());
+    let (arm, design) = (ArmModel::from_model(&support::shipped("tiago_dual")), support::arm());
     for (axis, want) in arm.axes.iter().zip(&design.axes) {
         assert!((axis - want).norm() < 1e-6, "{axis} instead of {want}");
     }
@@ -24,10 +16,10 @@ fn shipped_robot_arm_matches_hand_computed_model() {
 
 #[test]
 fn f094_f101_weights_fit_only_their_arm_regardless_of_comments() {
-    let model = shipped(|text| text);
+    let model = support::shipped("tiago_dual");
     let layers = support::layers(1, 2, 16);
     let (bytes, text) = write_weights(&layers, &Manifest::new(&ArmIdentity::from_model(&model), &layers)).unwrap();
-    let commented = shipped(|text| text + "\n# A comment.\n");
+    let commented = support::edited("tiago_dual", |text| text + "\n# A comment.\n");
     assert_ne!(commented.hash, model.hash);
     let weights = Weights::from_bytes(&text, &bytes, &commented).expect("a comment changes nothing");
     assert!(Config::new(&model, Some(weights), &Settings::default()).is_ok());
@@ -40,18 +32,14 @@ fn f094_f101_weights_fit_only_their_arm_regardless_of_comments() {
 
 #[test]
 fn f094_shipped_weights_are_accepted_on_this_machine() {
-    let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/../../weights/");
     for name in support::ROBOTS {
-        let text = std::fs::read_to_string(format!("{folder}{name}.toml")).expect("shipped");
-        let bytes = std::fs::read(format!("{folder}{name}.safetensors")).expect("shipped");
-        let weights = Weights::from_bytes(&text, &bytes, &support::shipped(name));
-        assert!(weights.is_ok(), "{name}: {:?}", weights.err());
+        support::shipped_weights(&support::shipped(name));
     }
 }
 
 #[test]
 fn missing_weights_or_options_out_of_range_are_refused() {
-    let model = shipped(|text| text);
+    let model = support::shipped("tiago_dual");
     let refuse = |settings: Settings| Config::new(&model, None, &settings).map(|_| ()).unwrap_err().to_string();
     let closed_form = Settings { method: Method::ClosedForm, ..Settings::default() };
     assert!(refuse(Settings::default()).contains("no weights"));

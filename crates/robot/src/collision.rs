@@ -57,12 +57,10 @@ pub enum AllowedReason {
 
 /// Two capsules that are not checked against each other, with `a < b`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[allow(missing_docs, reason = "the names say it")]
 pub struct AllowedPair {
-    /// Index of one capsule.
     pub a: usize,
-    /// Index of the other.
     pub b: usize,
-    /// The reason.
     pub reason: AllowedReason,
 }
 
@@ -87,7 +85,6 @@ impl Model {
     }
 }
 
-/// Converts the capsules of a robot file from link frames to body frames.
 pub(crate) fn read_capsules(
     file: &str,
     entries: &[CapsuleEntry],

@@ -20,7 +20,6 @@ pub(crate) struct CommandedJoints {
     pub(crate) names: Vec<String>,
     /// Index of each in the URDF.
     pub(crate) at: Vec<usize>,
-    /// Number of body joints.
     pub(crate) body_count: usize,
     pub(crate) prismatic: [bool; JOINTS_MAX],
     /// Positions of the movable joints that nothing commands, by their index in the URDF, rad or m.
@@ -87,7 +86,6 @@ impl Source<'_> {
         RobotError::JointKind { file, joint, value, bound: bound.into() }
     }
 
-    /// Reads the positions of the held joints.
     fn held(&self, file: &RobotFile, at: &[usize], tree: &Tree) -> Result<BTreeMap<usize, f64>, RobotError> {
         let mut held = BTreeMap::new();
         for (table, slides, given) in [("held_m", true, &file.held_m), ("held_rad", false, &file.held_rad)] {
@@ -223,7 +221,6 @@ fn kind_of(joint: &UrdfJoint) -> String {
     crate::urdf::kind_name(&joint.kind)
 }
 
-/// Number of joints above a joint.
 fn depth(tree: &Tree, joint: usize) -> usize {
     let above = |at: &usize| tree.joint_above[tree.joints[*at].parent];
     std::iter::successors(Some(joint), above).count() - 1

@@ -14,9 +14,6 @@ const GROUPS: [(&str, &[&str]); 4] = [
 ];
 
 /// Returns the text of a robot file of format 1 in format 2. Values stay, comments are lost.
-///
-/// # Errors
-/// Returns an error if the text is no robot file of format 1. It names the key.
 pub fn convert(file: &str, text: &str) -> Result<String, RobotError> {
     let syntax = |cause: String| RobotError::Syntax { file: file.into(), cause };
     let mut table: Table = toml::from_str(text).map_err(|error| syntax(error.to_string()))?;

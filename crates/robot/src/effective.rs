@@ -56,7 +56,6 @@ impl Source<'_> {
         })
     }
 
-    /// Finds the group of each joint, with the group's name.
     pub(crate) fn groups<'f>(
         &self,
         limits: &'f Limits,

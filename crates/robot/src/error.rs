@@ -4,40 +4,29 @@
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[allow(missing_docs, reason = "the texts name the fields")]
 pub enum RobotError {
-    /// Returned if the text is longer than any description of a robot.
     #[error("{file}: length: {bytes} bytes, at most {bound} are read")]
     TooLong { file: String, bytes: usize, bound: usize },
-    /// Returned if there are more items of a kind than accepted.
     #[error("{file}: {key}: {count}, at most {bound}")]
     TooMany { file: String, key: String, count: usize, bound: usize },
-    /// Returned if the text does not follow its format. The cause names the key.
     #[error("{file}: {cause}")]
     Syntax { file: String, cause: String },
-    /// Returned for a construct that no robot needs and that attackers use.
     #[error("{file}: {construct} is not allowed")]
     Forbidden { file: String, construct: String },
-    /// Returned if the same name occurs twice.
     #[error("{file}: {key} `{name}` occurs twice, names must be unique")]
     Duplicate { file: String, key: String, name: String },
-    /// Returned if a name refers to nothing.
     #[error("{file}: {key}: `{name}` is not {expected}")]
     Unknown { file: String, key: String, name: String, expected: String },
-    /// Returned if the links are not one tree.
     #[error(
         "{file}: roots: {}, exactly one link may have no \
          parent", if roots.is_empty() { "none".to_owned() } else { roots.join(", ") }
     )]
     Roots { file: String, roots: Vec<String> },
-    /// Returned if a link cannot be reached from the root, or has two parents.
     #[error("{file}: link `{link}` is part of a loop or has two parents, the links must form a tree")]
     Loop { file: String, link: String },
-    /// Returned if a joint is of a kind that cannot be commanded.
     #[error("{file}: joint `{joint}`: type {value}, {bound}")]
     JointKind { file: String, joint: String, value: String, bound: String },
-    /// Returned if a number of a joint is out of its bounds.
     #[error("{file}: joint `{joint}`: {key} = {value}, {bound}")]
     Joint { file: String, joint: String, key: String, value: f64, bound: String },
-    /// Returned if any other value is out of its bounds.
     #[error("{file}: {key} = {value}, {bound}")]
     Value { file: String, key: String, value: String, bound: String },
 }

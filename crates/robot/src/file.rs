@@ -34,7 +34,7 @@ pub(crate) struct RobotFile {
     /// The same for those that slide, m.
     #[serde(default)]
     pub(crate) held_m: BTreeMap<String, f64>,
-    pub(crate) arms: ArmEntries,
+    pub(crate) arms: Sides<ArmEntry>,
     /// The robot's controllers. Without any, one controller has all joints.
     #[serde(default)]
     pub(crate) controllers: Vec<ControllerEntry>,
@@ -52,18 +52,18 @@ pub(crate) struct RobotFile {
     pub(crate) tasks: Tasks,
     /// Payload of the hands. Empty if the file has none.
     #[serde(default)]
-    pub(crate) payload: Payloads,
+    pub(crate) payload: Sides<Option<PayloadEntry>>,
     /// Grippers. Empty if nothing commands the fingers.
     #[serde(default)]
-    pub(crate) hands: Hands,
+    pub(crate) hands: Sides<Option<HandEntry>>,
     pub(crate) collision: Collision,
 }
 
-#[derive(Deserialize)]
+#[derive(Default, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(crate) struct ArmEntries {
-    pub(crate) left: ArmEntry,
-    pub(crate) right: ArmEntry,
+pub(crate) struct Sides<T> {
+    pub(crate) left: T,
+    pub(crate) right: T,
 }
 
 /// An arm: its joints from the shoulder to the hand, the links whose rotations are its two limbs, and the T-pose.
@@ -85,13 +85,6 @@ pub(crate) struct ControllerEntry {
     pub(crate) joints: Vec<String>,
 }
 
-#[derive(Default, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(crate) struct Payloads {
-    pub(crate) left: Option<PayloadEntry>,
-    pub(crate) right: Option<PayloadEntry>,
-}
-
 /// A point mass in a hand.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -99,13 +92,6 @@ pub(crate) struct PayloadEntry {
     pub(crate) mass_kg: f64,
     /// Centre of mass in the frame of the link that the arm's last joint moves.
     pub(crate) centre_m: [f64; 3],
-}
-
-#[derive(Default, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(crate) struct Hands {
-    pub(crate) left: Option<HandEntry>,
-    pub(crate) right: Option<HandEntry>,
 }
 
 /// A gripper: positions of its joints when it is open and when it is closed.

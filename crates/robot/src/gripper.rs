@@ -1,7 +1,7 @@
 //! A gripper: its joints, and how fast it may close. Its motion is one number, the closure: 0 is open, 1 is closed.
 
 use crate::error::RobotError;
-use crate::file::{HandEntry, Hands};
+use crate::file::{HandEntry, Sides};
 use crate::model::Source;
 use std::collections::BTreeMap;
 use std::ops::RangeInclusive;
@@ -49,7 +49,11 @@ impl Gripper {
 
 impl Source<'_> {
     /// Reads the grippers of the left and the right hand. `names` are the commanded joints: none of them is a finger's.
-    pub(crate) fn grippers(&self, hands: Hands, names: &[String]) -> Result<[Option<Gripper>; 2], RobotError> {
+    pub(crate) fn grippers(
+        &self,
+        hands: Sides<Option<HandEntry>>,
+        names: &[String],
+    ) -> Result<[Option<Gripper>; 2], RobotError> {
         let read = |side: &str, hand: Option<HandEntry>| hand.map(|hand| self.gripper(side, hand, names)).transpose();
         let grippers = [read("left", hands.left)?, read("right", hands.right)?];
         if let [Some(left), Some(right)] = &grippers

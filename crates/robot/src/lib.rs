@@ -59,6 +59,6 @@ pub use points::SpeedPoint;
 pub use pose::Pose;
 pub use proposal::{ARM_SDK_INDICES, Motor, Proposal, SetpointKind};
 pub use segment::{SegmentDistance, segment_distance};
-pub use shapes::{Hull, Surface, hull_volume_oracle, segment_distance_oracle};
+pub use shapes::{Hull, hull_volume_oracle, segment_distance_oracle};
 pub use two_axes::TwoAxes;
 pub use visual::{Form, MeshVisual, Visual};

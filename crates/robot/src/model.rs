@@ -33,14 +33,11 @@ const TURN_TOLERANCE: f64 = 1e-6;
 
 /// The two texts from which a model was made, for other readers.
 #[derive(Debug)]
+#[allow(missing_docs, reason = "the names say it")]
 pub struct Texts {
-    /// Name of the robot file, for error messages.
     pub toml_name: String,
-    /// The robot file.
     pub toml: String,
-    /// Name of the URDF, for error messages.
     pub urdf_name: String,
-    /// The URDF.
     pub urdf: String,
 }
 
@@ -178,9 +175,6 @@ impl Model {
 
     /// Checks that no arm could collide unseen: upper arm, forearm and hand each have a capsule in a checked pair.
     /// A robot file before `collision fit` has none.
-    ///
-    /// # Errors
-    /// Returns an error that names the part of the arm.
     pub fn check_guarded(&self) -> Result<(), RobotError> {
         for (side, arm) in ["left", "right"].into_iter().zip(&self.arms) {
             for (part, joints) in [("upper arm", 0..3), ("forearm", 3..5), ("hand", 5..7)] {
@@ -211,7 +205,6 @@ fn hash(toml_text: &str, urdf_text: &str) -> u64 {
     u64::from_le_bytes(std::array::from_fn(|i| digest[i]))
 }
 
-/// Names of the two files, for error messages.
 pub(crate) struct Source<'a> {
     pub(crate) toml: &'a str,
     pub(crate) urdf: &'a str,

@@ -1,7 +1,7 @@
 //! The payload of a hand: a mass at a point that moves with the arm's last joint.
 
 use crate::error::RobotError;
-use crate::file::{PayloadEntry, Payloads};
+use crate::file::{PayloadEntry, Sides};
 use crate::model::Source;
 use messages::PayloadRefusal;
 use nalgebra::Vector3;
@@ -26,9 +26,6 @@ impl Payload {
     pub const EMPTY: Self = Self { mass_kg: 0.0, center: Vector3::new(0.0, 0.0, 0.0) };
 
     /// Creates a payload within the bounds. Never allocates.
-    ///
-    /// # Errors
-    /// Returns `Mass` or `Centre` for the value that is out of range.
     pub fn new(mass_kg: f64, center: Vector3<f64>) -> Result<Self, PayloadRefusal> {
         if !(0.0..=PAYLOAD_MAX_KG).contains(&mass_kg) {
             return Err(PayloadRefusal::Mass);
@@ -42,7 +39,7 @@ impl Payload {
 
 impl Source<'_> {
     /// The payloads of the left and the right hand. None if the file does not mention a hand.
-    pub(crate) fn payloads(&self, file: &Payloads) -> Result<[Option<Payload>; 2], RobotError> {
+    pub(crate) fn payloads(&self, file: &Sides<Option<PayloadEntry>>) -> Result<[Option<Payload>; 2], RobotError> {
         Ok([self.payload("left", file.left.as_ref())?, self.payload("right", file.right.as_ref())?])
     }
 

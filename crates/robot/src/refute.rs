@@ -22,9 +22,6 @@ const STEP_SHARES: [f64; 2] = [0.25, 0.01];
 impl Model {
     /// Checks the pairs that are left out as proved clear in so many postures, the same in each call. From the nearest
     /// ones it goes on to nearer ones. It skips pairs with three joints or less between them.
-    ///
-    /// # Errors
-    /// Returns an error that names a pair whose capsules meet within the limits in force.
     pub fn check_proved_clear(&self, postures: u64) -> Result<(), RobotError> {
         let proved = self.allowed.iter().filter(|pair| pair.reason == AllowedReason::ProvedClear);
         let joined = proved.map(|pair| (pair, self.joints_between(pair)));

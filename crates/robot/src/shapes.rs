@@ -5,7 +5,7 @@ use crate::pose::Pose as RobotPose;
 use nalgebra::Vector3;
 use parry3d_f64::math::{Matrix, Pose, Rotation, Vector};
 use parry3d_f64::query;
-use parry3d_f64::shape::{ConvexPolyhedron, Segment, TriMesh};
+use parry3d_f64::shape::{ConvexPolyhedron, Segment};
 
 /// Distance of the segments a0 a1 and b0 b1 by parry, m. Its GJK on capsules, `query::distance`, is only accurate
 /// to 1e-5 (parry 0.31.1, `findings/parry_capsule_distance.sh`).
@@ -49,25 +49,6 @@ impl Hull {
     }
 }
 
-/// A surface of triangles, as in a mesh file. It need not be convex or closed.
-pub struct Surface(TriMesh);
-
-impl Surface {
-    /// Creates the surface of these triangles, corners in m. `None` if there are no triangles.
-    pub fn new(triangles: &[[Vector3<f64>; 3]]) -> Option<Self> {
-        let corners = triangles.iter().flatten().map(|p| Vector::new(p.x, p.y, p.z)).collect();
-        let indices = (0..triangles.len() as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
-        TriMesh::new(corners, indices).ok().map(Self)
-    }
-
-    /// Distance of two surfaces at these poses by parry, m. It is 0 if they meet or if parry gives up. A
-    /// surface inside the other one, without contact, has a positive distance too.
-    pub fn distance_m(&self, pose: &RobotPose, other: &Self, other_pose: &RobotPose) -> f64 {
-        query::distance(&place(pose), &self.0, &place(other_pose), &other.0).map_or(0.0, |found| found.distance)
-    }
-}
-
-/// Converts a pose to parry's type.
 fn place(pose: &RobotPose) -> Pose {
     let column = |i: usize| Vector::new(pose.r[(0, i)], pose.r[(1, i)], pose.r[(2, i)]);
     let rotation = Rotation::from_mat3(&Matrix::from_cols(column(0), column(1), column(2)));

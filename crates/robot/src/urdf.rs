@@ -20,7 +20,6 @@ const DEPTH_MAX: usize = 24;
 /// Largest difference of a joint's axis from unit length. It allows for the rounding of its text.
 const AXIS_LENGTH_TOLERANCE: f64 = 1e-6;
 
-/// One joint.
 pub(crate) struct UrdfJoint {
     pub(crate) name: String,
     pub(crate) kind: JointType,
@@ -36,14 +35,11 @@ pub(crate) struct UrdfJoint {
     pub(crate) mimics: Option<String>,
 }
 
-/// All links and joints as one tree.
 pub(crate) struct Tree {
-    /// The robot's name.
     pub(crate) name: String,
     pub(crate) links: Vec<String>,
     /// The shapes to draw of each link, in its own frame.
     pub(crate) visuals: Vec<Vec<Visual>>,
-    /// The mesh files of each link.
     pub(crate) meshes: Vec<Vec<MeshVisual>>,
     /// Mass properties of each link, in its own frame.
     pub(crate) inertias: Vec<Inertia>,
@@ -54,7 +50,6 @@ pub(crate) struct Tree {
 }
 
 impl Tree {
-    /// Reads and checks a URDF.
     pub(crate) fn parse(file: &str, text: &str) -> Result<Self, RobotError> {
         check_text(file, text)?;
         let robot = urdf_rs::read_from_string(text)
@@ -84,12 +79,10 @@ impl Tree {
         Ok(Self { name: robot.name, links, visuals, meshes, inertias, joints, joint_above, root })
     }
 
-    /// Returns the index of the joint with this name.
     pub(crate) fn joint(&self, name: &str) -> Option<usize> {
         self.joints.iter().position(|joint| joint.name == name)
     }
 
-    /// Returns the index of the link with this name.
     pub(crate) fn link(&self, name: &str) -> Option<usize> {
         self.links.iter().position(|link| link == name)
     }
@@ -178,7 +171,6 @@ fn read_joint(file: &str, joint: &urdf_rs::Joint, links: &HashMap<&str, usize>) 
     })
 }
 
-/// Returns a joint's kind as a URDF writes it.
 pub(crate) fn kind_name(kind: &JointType) -> String {
     format!("{kind:?}").to_lowercase()
 }

@@ -1,9 +1,8 @@
 //! Tests the shipped robots other than TIAGo++.
 
-use messages::{ARM_JOINTS, JOINTS_MAX};
+use messages::ARM_JOINTS;
 use robot::{AllowedReason, CAPSULES_MAX, Frames, Model};
 
-/// A shipped robot, and its published figures.
 struct Robot {
     name: &'static str,
     toml: &'static str,
@@ -42,7 +41,6 @@ fn at_home(model: &Model) -> Frames {
     frames
 }
 
-/// Returns the axis of each joint of an arm in the base frame, at home.
 fn axes(model: &Model, side: usize) -> [nalgebra::Vector3<f64>; ARM_JOINTS] {
     let frames = at_home(model);
     model.arms[side].joints.map(|j| frames.base_from_body[j + 1].r * model.joint_at_zero(j).1)
@@ -109,16 +107,6 @@ fn other_robots_hands_grasp_at_mirrored_places_between_their_capsules() {
     }
 }
 
-#[test]
-fn other_robots_home_keeps_minimum_clearance() {
-    for robot in &ROBOTS {
-        let model = load(robot);
-        let frames = at_home(&model);
-        let (clearance_m, _) = model.clearance(&frames);
-        assert!(clearance_m >= model.d_min_m, "{}: {clearance_m}", robot.name);
-    }
-}
-
 /// The hands are checked against each other and against the body. Nothing proves them clear.
 #[test]
 fn other_robots_hands_are_checked_against_hands_and_body() {
@@ -138,18 +126,6 @@ fn other_robots_hands_are_checked_against_hands_and_body() {
         for pair in proved {
             let (a, b) = (model.capsules[pair.a].body, model.capsules[pair.b].body);
             assert!(!(hands(a) && hands(b)), "{}: {pair:?}", robot.name);
-        }
-    }
-}
-
-#[test]
-fn other_robots_stop_in_500_ms_within_urdf_limits() {
-    for robot in &ROBOTS {
-        let model = load(robot);
-        for j in 0..JOINTS_MAX {
-            let (limits, urdf) = (&model.limits[j], &model.urdf_limits[j]);
-            assert!(limits.q_min >= urdf.q_min && limits.q_max <= urdf.q_max && limits.v_max <= urdf.v_max);
-            assert!(limits.stop_time_s() <= 0.5, "{} {j}: {}", robot.name, limits.stop_time_s());
         }
     }
 }

@@ -7,7 +7,6 @@ use robot::{Model, TwoAxes};
 
 const ROBOTS: [&str; 5] = ["tiago_dual", "unitree_g1", "rby1a", "openarm_v10", "franka_fr3_duo"];
 
-/// Wrists and heads of the shipped robots.
 fn all() -> Vec<(String, TwoAxes)> {
     let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/../../config/robots/");
     let read = |name: &str| std::fs::read_to_string(format!("{folder}{name}")).expect("shipped with the repository");

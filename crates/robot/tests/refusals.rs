@@ -304,7 +304,6 @@ fn arm_that_no_checked_pair_guards_is_refused() {
     assert!(error.contains("tiago_dual.toml: checked pairs of capsules on the right upper arm = 0"), "{error}");
 }
 
-/// Adds a pair of capsules to the table of those that are proved clear.
 fn with_proved_clear(first: &str, second: &str) -> String {
     let mut table: toml::Table = TOML.parse().unwrap();
     let clear = table["collision"]["allowed"]["proved_clear"].as_table_mut().unwrap();

@@ -41,7 +41,6 @@ const LOOK_NS: u64 = 250_000_000;
 /// A controller as it shows itself.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ControllerStatus {
-    /// Its name.
     pub name: String,
     /// Its command topic, as ROS names it.
     pub topic: String,
@@ -49,7 +48,6 @@ pub struct ControllerStatus {
     pub active: bool,
     /// It has other joints than the robot file.
     pub other_joints: bool,
-    /// Number of readers of its command topic.
     pub readers: usize,
     /// Number of other publishers on its command topic.
     pub publishers: usize,
@@ -69,18 +67,15 @@ impl ControllerStatus {
     }
 }
 
-/// The newest state of all joints.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LatestState {
     /// The sample, by this machine's clock.
     pub sample: Sample,
     /// Stamp of the robot's clock, ns.
     pub stamp_ns: i64,
-    /// Number of complete states so far.
     pub count: u64,
 }
 
-/// Readers of the robot's joint states.
 enum States {
     Joints([DataReader<JointState>; 2]),
     Low(DataReader<LowState>),
@@ -92,7 +87,6 @@ enum Sender {
     Stream(Stream),
 }
 
-/// The connection.
 pub struct Connection {
     joint_names: Vec<String>,
     prefer_difference: bool,
@@ -106,17 +100,13 @@ pub struct Connection {
     emergency: Option<EmergencyStop>,
     description: Option<DataReader<Text>>,
     builtin: Subscriber,
-    /// The robot's clock.
     pub clock: RobotClock,
-    /// The newest state of all joints.
     pub latest: Option<LatestState>,
     /// Sentence on the last joint state that was not complete.
     pub incomplete: Option<String>,
-    /// Number of stamps that were not believed.
     pub rejected_stamps: u64,
     /// The emergency stop is pressed. None before the first message, and once its publisher left.
     pub pressed: Option<bool>,
-    /// The robot's own description.
     pub urdf: Option<String>,
     /// Robot type that `rt/lowstate` reports.
     pub mode_machine: Option<u8>,
@@ -366,7 +356,6 @@ impl Connection {
         true
     }
 
-    /// The controllers as they show themselves at `now`.
     pub fn controllers(&self, now: Stamp) -> Vec<ControllerStatus> {
         self.controllers.iter().map(|controller| ControllerStatus::new(controller, now)).collect()
     }

@@ -8,7 +8,6 @@ use messages::{JOINTS_MAX, Stamp, deadline, tick_at};
 /// Time by which the first point of a conversation lies in the past of the robot, ns: 25 ms, as long as the default delay.
 pub(crate) const BEFORE_NS: u64 = 25_000_000;
 
-/// The curves of one robot.
 pub(crate) struct Curves {
     delay_ns: u64,
     past: History,
@@ -79,7 +78,6 @@ impl Curves {
         self.reference.q
     }
 
-    /// Notes that the robot fell silent.
     pub(crate) fn fall_silent(&mut self) {
         if matches!(self.joined, Joined::Since(_)) {
             self.depart("the robot fell silent".to_owned());
@@ -129,7 +127,6 @@ impl Curves {
         points(self.past.points(), command, joints)
     }
 
-    /// Notes that the command was sent.
     pub(crate) fn sent(&mut self, command: &Command) {
         self.past.sent(command);
         self.executed = deadline(command.k).plus_ns(self.delay_ns);

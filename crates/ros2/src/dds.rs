@@ -37,14 +37,11 @@ const RECEIVED_BYTES: usize = 4 << 20;
 /// Largest number of messages taken at once.
 pub(crate) const TAKEN_MAX: i32 = 16;
 
-/// A message for a controller.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Message {
-    /// For a trajectory controller.
     Trajectory(JointTrajectory),
     /// For a controller that takes positions.
     Positions(Float64MultiArray),
-    /// For `rt/arm_sdk`.
     ArmSdk(Box<LowCmd>),
 }
 
@@ -78,7 +75,6 @@ impl fmt::Display for Message {
     }
 }
 
-/// Writer of a controller's messages.
 pub(crate) enum Writer {
     Trajectory(DataWriter<JointTrajectory>),
     Positions(DataWriter<Float64MultiArray>),
@@ -106,7 +102,7 @@ impl Writer {
     }
 }
 
-/// One controller of the robot.
+#[derive(Default)]
 pub(crate) struct Controller {
     pub(crate) name: String,
     pub(crate) joints: u32,
@@ -202,7 +198,6 @@ where
     samples.into_iter().filter_map(|sample| sample.data).collect()
 }
 
-/// A participant and its subscriber.
 pub(crate) struct Member {
     pub(crate) participant: DomainParticipant,
     pub(crate) subscriber: Subscriber,
@@ -294,20 +289,7 @@ impl Controller {
         let (name, topic) = (name.to_owned(), format!("/{name}/joint_trajectory"));
         let writer = writer(&members[0], publisher, &topic)?.map(Writer::Trajectory);
         let states = Some(reader_pair(members, &format!("/{name}/controller_state"))?);
-        let (joints, order, last_message, other_joints, readers, publishers) = (0, Vec::new(), None, false, 0, 0);
-        Ok(Self {
-            name,
-            joints,
-            order,
-            joint_names,
-            topic,
-            writer,
-            states,
-            last_message,
-            other_joints,
-            readers,
-            publishers,
-        })
+        Ok(Self { name, joint_names, topic, writer, states, ..Self::default() })
     }
 
     /// Opens the controller's topics. Without a publisher it has no writer.
@@ -335,19 +317,6 @@ impl Controller {
             .transpose()?;
         let own = (0..model.count).filter(|j| joints & 1 << j != 0);
         let joint_names = own.map(|j| model.joint_names[j].clone()).collect();
-        let (last_message, other_joints, readers, publishers) = (None, false, 0, 0);
-        Ok(Self {
-            name,
-            joints,
-            order,
-            joint_names,
-            topic,
-            writer,
-            states,
-            last_message,
-            other_joints,
-            readers,
-            publishers,
-        })
+        Ok(Self { name, joints, order, joint_names, topic, writer, states, ..Self::default() })
     }
 }

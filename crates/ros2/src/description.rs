@@ -94,11 +94,8 @@ mod tests {
     use super::*;
 
     fn model() -> Model {
-        let (toml, urdf) = (
-            include_str!("../../../config/robots/tiago_dual.toml"),
-            include_str!("../../../config/robots/tiago_dual.urdf"),
-        );
-        Model::from_text("tiago_dual.toml", toml, "tiago_dual.urdf", urdf).expect("the shipped robot")
+        let file = concat!(env!("CARGO_MANIFEST_DIR"), "/../../config/robots/tiago_dual.toml");
+        config::load_model(file.as_ref()).expect("the shipped robot").0
     }
 
     #[test]

@@ -8,9 +8,7 @@ use crate::dds::{Member, best_effort_qos, readers, reliable_qos, take_messages, 
 use crate::ros::{Bool, topic};
 use dust_dds::subscription::data_reader::DataReader;
 
-/// The topic of an emergency stop.
 pub(crate) struct EmergencyStop {
-    /// Its name in DDS.
     pub(crate) topic: String,
     /// The first gets what was said before it came, if the publisher keeps that. The second gets each message, if the
     /// publisher is reliable. The last takes any publisher, and may miss messages.
@@ -18,7 +16,6 @@ pub(crate) struct EmergencyStop {
     last: LastMessage,
 }
 
-/// The last message that counts.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct LastMessage {
     pressed: Option<bool>,
@@ -41,7 +38,6 @@ impl LastMessage {
 }
 
 impl EmergencyStop {
-    /// Opens the topic, by its name in ROS.
     pub(crate) fn open(member: &Member, ros: &str) -> Result<Self, String> {
         let readers = readers(member, ros, [transient_local_qos(), reliable_qos(), best_effort_qos()])?;
         Ok(Self { topic: topic(ros), readers, last: LastMessage::default() })
@@ -52,7 +48,6 @@ impl EmergencyStop {
         self.last.pressed
     }
 
-    /// Takes what arrived.
     pub(crate) fn receive(&mut self) {
         for (reader, messages) in self.readers.each_ref().map(take_messages).into_iter().enumerate() {
             messages.iter().for_each(|message| self.last.receive(reader, message.data));

@@ -18,7 +18,6 @@ use messages::{JOINTS_MAX, Stamp, TICK_HZ, TICK_S, deadline, tick_at};
 /// Indices that are remembered: 0.5 s. It is more than the largest delay and the largest age of a sample.
 const REMEMBERED: usize = (TICK_HZ / 2) as usize;
 
-/// A sample of the robot.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sample {
     /// Time of the measurement, by this machine's clock.

@@ -16,7 +16,6 @@ use robot::{Frames, Inertia, Model};
 /// Standard gravity, m/s^2 (ISO 80000-3).
 const G: f64 = 9.80665;
 
-/// Masses of a robot.
 pub struct Gravity {
     model: Model,
     bodies: [Inertia; JOINTS_MAX + 1],
@@ -63,11 +62,8 @@ mod tests {
 
     #[test]
     fn torques_are_those_of_mujoco() {
-        let (toml, urdf) = (
-            include_str!("../../../config/robots/unitree_g1.toml"),
-            include_str!("../../../config/robots/unitree_g1.urdf"),
-        );
-        let model = Model::from_text("unitree_g1.toml", toml, "unitree_g1.urdf", urdf).expect("the shipped robot");
+        let file = concat!(env!("CARGO_MANIFEST_DIR"), "/../../config/robots/unitree_g1.toml");
+        let (model, _) = config::load_model(file.as_ref()).expect("the shipped robot");
         assert_eq!(model.count, MUJOCO.len());
         let q = std::array::from_fn(|j| 0.1 * (j + 1) as f64 * if j % 2 == 0 { 1.0 } else { -1.0 });
         let torques = Gravity::new(&model).torques(&q);

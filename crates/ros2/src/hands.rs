@@ -49,7 +49,6 @@ struct FingerPoint {
 /// State of a hand and of its controller at a look.
 #[derive(Clone, Copy, Debug)]
 pub struct Observation {
-    /// Time of the look.
     pub now: Stamp,
     /// The arms execute what they are sent.
     pub follows: bool,
@@ -57,7 +56,6 @@ pub struct Observation {
     pub before_ticks: u64,
 }
 
-/// One hand.
 #[derive(Clone, Debug)]
 pub struct Hand {
     /// Closures of the left or the right hand.
@@ -81,14 +79,12 @@ pub struct Hand {
 }
 
 impl Hand {
-    /// A hand that was sent nothing.
     pub fn new(side: usize, gripper: Gripper) -> Self {
         let (efforts, reference, changed, past) = (Vec::new(), Vec::new(), Stamp::NONE, VecDeque::new());
         let (measured, joined, moves, sent_k, idle) = (None, None, false, 0, None);
         Self { side, gripper, efforts, reference, changed, measured, joined, moves, past, sent_k, idle }
     }
 
-    /// The fingers.
     pub fn fingers(&self) -> &[Finger] {
         &self.gripper.fingers
     }
@@ -103,7 +99,6 @@ impl Hand {
         self.idle.as_deref()
     }
 
-    /// Ends the conversation.
     pub fn leave(&mut self, why: String) {
         (self.joined, self.moves, self.idle) = (None, false, Some(why));
         self.past.clear();

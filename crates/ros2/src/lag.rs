@@ -17,7 +17,6 @@ const SAMPLES: u64 = 500;
 /// A lag that differs by less from the settings is no matter, s: 5 mrad at 1 rad/s.
 const ALIKE_S: f64 = 0.005;
 
-/// Sums over the samples.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Lag {
     product: f64,

@@ -1,40 +1,99 @@
 //! Drives a robot that speaks DDS, without an installation of ROS: trajectory controllers of ROS 2 (Humble), controllers that
 //! take positions, or the arms of a Unitree robot.
-//!
-//! - [`trajectory`]: the points of a message. The robot plays the certified stop from them when messages end.
-//! - [`stream`]: positions for a robot that plays no stop. [`unitree`]: the messages of `rt/arm_sdk`.
-//! - [`gravity`]: the torques in them. [`interface`]: which of the three it is.
-//! - [`hands`]: the grippers.
-//! - [`clock`]: the robot's clock, from its stamps.
-//! - [`estimate`]: where the robot is now, from samples that are old. [`lag`]: by how much its servos lag.
-//! - [`ros`], [`connection`]: the messages of ROS 2 and the connection, in a thread of its own.
-//! - `wire`: how messages pass a network that loses packets.
-//! - [`preflight`], [`description`]: the checks before a robot may be driven.
-//! - [`mod@reference`], `curves`: whether trajectory controllers execute what they are sent. If not, nothing is sent.
-//! - `dds`, `discovery`: topics, readers and writers, and who else is there.
-//! - [`port`]: the port of `crates/driver`, wait-free.
 
 #![allow(clippy::neg_cmp_op_on_partial_ord, reason = "NaN differs from everything")]
 #![allow(clippy::needless_range_loop, reason = "a joint index runs over several arrays at once")]
 
 pub mod cli;
-pub mod clock;
-pub mod connection;
+mod clock;
+mod connection;
 mod curves;
 mod dds;
-pub mod description;
+mod description;
 mod discovery;
 mod emergency;
-pub mod estimate;
-pub mod gravity;
-pub mod hands;
-pub mod interface;
-pub mod lag;
-pub mod port;
-pub mod preflight;
-pub mod reference;
-pub mod ros;
-pub mod stream;
-pub mod trajectory;
-pub mod unitree;
+mod estimate;
+mod gravity;
+mod hands;
+mod interface;
+mod lag;
+mod port;
+mod preflight;
+mod reference;
+mod ros;
+mod stream;
+mod trajectory;
+mod unitree;
 mod wire;
+
+use clap::Parser;
+use cli::{Cli, Preflight};
+use connection::Connection;
+use interface::{INTERFACE, disagreement};
+use rt::{Exit, Failure};
+use std::process::ExitCode;
+
+/// Runs the program `teleopd-ros2`: the driver of a robot that speaks DDS, or its preflight.
+pub fn main() -> ExitCode {
+    if std::env::args_os().nth(1).is_some_and(|word| word == "preflight") {
+        let cli::Command::Preflight(options) = Cli::parse().command;
+        end_on_panic();
+        return rt::finish("teleopd-ros2", preflight(&options));
+    }
+    teleopd::drive_configured(INTERFACE, port::Ros2::open)
+}
+
+/// Ends the program when a thread of DDS panics. Calls into DDS would wait for ever then.
+fn end_on_panic() {
+    let tell = std::panic::take_hook();
+    std::panic::set_hook(Box::new(move |panic| {
+        tell(panic);
+        rt::err!(
+            "teleopd-ros2: DDS failed. If /robot_description is larger than 340 kB, give sockets more memory: \
+             sysctl -w net.core.rmem_max=4194304"
+        );
+        std::process::exit(Exit::Unavailable as i32);
+    }));
+}
+
+fn preflight(options: &Preflight) -> Result<Exit, Failure> {
+    let overrides = config::Overrides::robot(options.robot.as_ref());
+    let (settings, model) = config::load_robot(&options.config, &overrides).map_err(Failure::with(Exit::Config))?;
+    if let Some(disagreement) = disagreement(&settings, &model) {
+        return Err(Failure::new(Exit::Config, format!("{}: {disagreement}", options.config.display())));
+    }
+    let (model, interface, settings) = (&model, settings.ros2.setpoints, &settings.ros2);
+    let mut connection =
+        Connection::open(model, settings, interface, false).map_err(|cause| Failure::new(Exit::Unavailable, cause))?;
+    let failures = preflight::judge(&mut connection, model, settings);
+    for seen in connection.controllers(rt::now()) {
+        let activity = match (connection.has_states(), seen.active) {
+            (false, _) => "activity unknown",
+            (true, true) => "active",
+            (true, false) => "silent",
+        };
+        rt::out!("{}: {activity}, {} readers, {} other publishers", seen.topic, seen.readers, seen.publishers);
+    }
+    connection.describe_hands();
+    for (name, hindrance) in connection.hindered_hands(rt::now()) {
+        match hindrance {
+            Some(why) => rt::out!("{name}: the gripper is not driven: {why}"),
+            None => rt::out!("{name}: the gripper may be driven"),
+        }
+    }
+    if let (true, Some(heard)) = (options.dry_run, &connection.latest) {
+        let motion = messages::JointMotion::rest(heard.sample.q);
+        let command = trajectory::Command { k: messages::tick_at(rt::now()), motion };
+        let messages = connection.messages(&command).unwrap_or_default();
+        for (seen, message) in connection.controllers(rt::now()).iter().zip(messages) {
+            rt::out!("{} would get\n{message}", seen.topic);
+        }
+    }
+    for failure in &failures {
+        rt::out!("failed: {failure}");
+    }
+    if failures.is_empty() {
+        rt::out!("{} may be driven", model.name);
+    }
+    Ok(if failures.is_empty() { Exit::Ok } else { Exit::Failed })
+}

@@ -46,11 +46,9 @@ struct RobotUpdate {
     drives: Drives,
     /// True while the robot executes the sent setpoints.
     joined: bool,
-    /// The grippers, if the robot shows them.
     gripped: Option<GripperState>,
 }
 
-/// A robot that speaks DDS.
 pub struct Ros2 {
     /// None once the driver ends.
     commands: Option<Producer<Order>>,

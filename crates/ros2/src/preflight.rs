@@ -95,7 +95,6 @@ pub fn judge(connection: &mut Connection, model: &Model, settings: &Ros2Settings
     failures
 }
 
-/// Returns true if nobody else is in the domain, and nobody was.
 fn nothing_heard(connection: &Connection) -> bool {
     let state = connection.latest.is_some() || connection.incomplete.is_some() || connection.rejected_stamps > 0;
     let other = connection.urdf.is_some() || connection.pressed.is_some();
@@ -119,7 +118,6 @@ fn step(connection: &mut Connection) {
     rt::sleep_until(rt::now().plus_ns(STEP_NS));
 }
 
-/// Returns true if nothing is left to wait for.
 fn is_complete(connection: &Connection, wants_emergency_stop: bool) -> bool {
     let found = connection.controllers(rt::now()).iter().all(|seen| seen.active && seen.readers > 0);
     let described = connection.urdf.is_some() || !connection.is_ros();
@@ -192,7 +190,6 @@ fn moving(model: &Model, lowest: &[f64; JOINTS_MAX], highest: &[f64; JOINTS_MAX]
     Some(format!("`{}` moves: wait until the robot stands, and stop what moves it", model.joint_names[joint]))
 }
 
-/// Compares the controllers' own setpoints with the joints.
 fn held(model: &Model, reference: &[f64; JOINTS_MAX], q: &[f64; JOINTS_MAX]) -> Option<String> {
     let joint = (0..model.count).find(|&j| !((reference[j] - q[j]).abs() <= HELD))?;
     let (name, off) = (&model.joint_names[joint], q[joint] - reference[joint]);

@@ -34,7 +34,6 @@ pub enum Joined {
     No,
     /// The robot executes what it is sent, since this time.
     Since(Stamp),
-    /// The robot does something else.
     Departed,
 }
 

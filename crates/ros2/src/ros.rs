@@ -8,27 +8,21 @@ use dust_dds::infrastructure::type_support::DdsType;
 /// `builtin_interfaces/Time` and `builtin_interfaces/Duration`.
 #[derive(Clone, Debug, DdsType, PartialEq)]
 pub struct Time {
-    /// Seconds.
     pub sec: i32,
-    /// Nanoseconds within the second.
     pub nanosec: u32,
 }
 
 /// `std_msgs/Header`.
 #[derive(Clone, Debug, DdsType, PartialEq)]
 pub struct Header {
-    /// Time, by the robot's clock.
     pub stamp: Time,
-    /// Frame.
     pub frame_id: String,
 }
 
 /// `sensor_msgs/JointState`.
 #[derive(Clone, Debug, DdsType, PartialEq)]
 pub struct JointState {
-    /// Time of the measurement.
     pub header: Header,
-    /// Names of the joints.
     pub name: Vec<String>,
     /// Positions, rad or m.
     pub position: Vec<f64>,
@@ -47,7 +41,6 @@ pub struct JointTrajectoryPoint {
     pub velocities: Vec<f64>,
     /// Empty: the curve is a cubic.
     pub accelerations: Vec<f64>,
-    /// Empty.
     pub effort: Vec<f64>,
     /// Time since the stamp of the trajectory.
     pub time_from_start: Time,
@@ -66,18 +59,14 @@ impl From<crate::trajectory::Point> for JointTrajectoryPoint {
 pub struct JointTrajectory {
     /// Its stamp is the time of the trajectory's beginning.
     pub header: Header,
-    /// Names of the joints.
     pub joint_names: Vec<String>,
-    /// The points, in the order of time.
     pub points: Vec<JointTrajectoryPoint>,
 }
 
 /// The beginning of `control_msgs/JointTrajectoryControllerState`. What follows differs between releases.
 #[derive(Clone, Debug, DdsType, PartialEq)]
 pub struct ControllerState {
-    /// Time of the update.
     pub header: Header,
-    /// Names of the joints.
     pub joint_names: Vec<String>,
     /// The controller's own setpoint. Older releases call it `desired`.
     pub reference: JointTrajectoryPoint,
@@ -86,11 +75,8 @@ pub struct ControllerState {
 /// `std_msgs/MultiArrayDimension`.
 #[derive(Clone, Debug, DdsType, PartialEq)]
 pub struct MultiArrayDimension {
-    /// Name.
     pub label: String,
-    /// Number of elements.
     pub size: u32,
-    /// Elements of this dimension and those below it.
     pub stride: u32,
 }
 
@@ -99,14 +85,12 @@ pub struct MultiArrayDimension {
 pub struct MultiArrayLayout {
     /// Empty: a list.
     pub dim: Vec<MultiArrayDimension>,
-    /// Zero.
     pub data_offset: u32,
 }
 
 /// `std_msgs/Float64MultiArray`.
 #[derive(Clone, Debug, DdsType, PartialEq)]
 pub struct Float64MultiArray {
-    /// Shape.
     pub layout: MultiArrayLayout,
     /// Positions in the order of the controller's joints, rad or m.
     pub data: Vec<f64>,
@@ -115,20 +99,16 @@ pub struct Float64MultiArray {
 /// `std_msgs/Bool`.
 #[derive(Clone, Debug, DdsType, PartialEq)]
 pub struct Bool {
-    /// Value.
     pub data: bool,
 }
 
 /// `std_msgs/String`.
 #[derive(Clone, Debug, DdsType, PartialEq)]
 pub struct Text {
-    /// Value.
     pub data: String,
 }
 
-/// A message with its name in DDS.
 pub trait RosType {
-    /// Name of the type in DDS.
     const NAME: &'static str;
 }
 
@@ -145,19 +125,16 @@ named! {
     Text: "std_msgs::msg::dds_::String_",
 }
 
-/// The topic's name in DDS.
 pub fn topic(ros: &str) -> String {
     format!("rt/{}", ros.trim_start_matches('/'))
 }
 
 impl Time {
-    /// Converts nanoseconds.
     pub fn from_ns(ns: i64) -> Self {
         let (sec, nanosec) = (ns.div_euclid(1_000_000_000), ns.rem_euclid(1_000_000_000));
         Self { sec: sec.clamp(i64::from(i32::MIN), i64::from(i32::MAX)) as i32, nanosec: nanosec as u32 }
     }
 
-    /// Nanoseconds.
     pub fn ns(&self) -> i64 {
         i64::from(self.sec) * 1_000_000_000 + i64::from(self.nanosec)
     }

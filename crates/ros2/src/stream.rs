@@ -32,14 +32,11 @@ const STANDS: f64 = 0.005;
 /// Rate of the weight, 1/s. Source: `weight_rate` in unitree_sdk2's g1_arm7_sdk_dds_example.
 pub const WEIGHT_RATE_PER_S: f64 = 0.2;
 
-/// State of the stream.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Phase {
     /// Nothing was sent yet, or nothing any more.
     Released,
-    /// The weight rises.
     Rising,
-    /// The robot follows the loop.
     Following,
     /// The stop is played, then the weight falls.
     Stopping,
@@ -59,15 +56,12 @@ pub struct Position {
 /// State of the robot at a look.
 #[derive(Clone, Copy, Debug)]
 pub struct Observation<'a> {
-    /// Time of the look.
     pub now: Stamp,
-    /// The newest measurement.
     pub sample: Option<&'a Sample>,
     /// The emergency stop. None if nobody says.
     pub pressed: Option<bool>,
 }
 
-/// The stream to one robot.
 #[derive(Clone, Debug)]
 pub struct Stream {
     count: usize,

@@ -33,7 +33,6 @@ pub const POINTS_MAX: usize = HISTORY_POINTS + 1 + 3 * JOINTS_MAX + 1;
 /// The state of all joints at an index.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Executed {
-    /// Index.
     pub k: u64,
     /// Positions, rad or m.
     pub q: [f64; JOINTS_MAX],
@@ -41,7 +40,6 @@ pub struct Executed {
     pub v: [f64; JOINTS_MAX],
 }
 
-/// A point of a trajectory.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Point {
     /// Time since the first point, ns.
@@ -55,9 +53,7 @@ pub struct Point {
 /// A setpoint for the robot, with its certified stop.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Command {
-    /// Index.
     pub k: u64,
-    /// State and stop.
     pub motion: JointMotion,
 }
 
@@ -133,7 +129,6 @@ impl History {
         (self.points, self.last) = (VecDeque::new(), None);
     }
 
-    /// Adds a command that was sent.
     pub fn sent(&mut self, command: &Command) {
         self.push(Executed::new(command.k, &command.motion));
         self.last = Some(*command);
@@ -148,7 +143,6 @@ impl History {
 }
 
 impl Executed {
-    /// The state of a motion at an index.
     pub fn new(k: u64, motion: &JointMotion) -> Self {
         Self { k, q: motion.q, v: motion.v }
     }

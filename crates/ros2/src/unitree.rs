@@ -12,7 +12,6 @@ use dust_dds::infrastructure::type_support::DdsType;
 use messages::JOINTS_MAX;
 use robot::Motor;
 
-/// Motors in a message.
 pub const MOTORS: usize = 35;
 /// Index of the motor whose position is the weight (`kNotUsedJoint` of unitree_sdk2).
 pub const WEIGHT: usize = 29;
@@ -35,7 +34,6 @@ pub struct MotorCmd {
     pub kp: f32,
     /// Damping, N m s/rad.
     pub kd: f32,
-    /// Zero.
     pub reserve: u32,
 }
 
@@ -46,11 +44,8 @@ pub struct LowCmd {
     pub mode_pr: u8,
     /// Robot type, as the state reports it.
     pub mode_machine: u8,
-    /// The motors.
     pub motor_cmd: [MotorCmd; MOTORS],
-    /// Zero.
     pub reserve: [u32; 4],
-    /// CRC of everything before it.
     pub crc: u32,
 }
 
@@ -70,19 +65,14 @@ pub struct MotorState {
 /// The beginning of `unitree_hg/LowState`. The rest is not read.
 #[derive(Clone, Debug, DdsType, PartialEq)]
 pub struct LowState {
-    /// Version.
     pub version: [u32; 2],
-    /// Control of the ankles.
     pub mode_pr: u8,
     /// Robot type.
     pub mode_machine: u8,
-    /// Counter of the robot's controller.
     pub tick: u32,
     /// Orientation, rates, accelerations, angles.
     pub imu: [f32; 13],
-    /// Temperature of the sensor.
     pub imu_temperature: i16,
-    /// The motors.
     pub motor_state: [MotorState; MOTORS],
 }
 

@@ -27,14 +27,11 @@ pub trait Table: Default + serde::Serialize {
 /// Returned for a value outside its bounds.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[error("{key} = {value} is outside [{low}, {high}]")]
+#[allow(missing_docs, reason = "the text names the fields")]
 pub struct OutOfBounds {
-    /// The key, without its table.
     pub key: &'static str,
-    /// The value.
     pub value: f64,
-    /// Lowest value allowed.
     pub low: f64,
-    /// Highest value allowed.
     pub high: f64,
 }
 
@@ -63,9 +60,6 @@ impl Bounded for Option<f64> {
 }
 
 /// Checks one value. NaN is outside all bounds.
-///
-/// # Errors
-/// Returns an error if the value is outside `[low, high]`.
 pub fn check(key: &'static str, value: &impl Bounded, low: f64, high: f64) -> Result<(), OutOfBounds> {
     match value.number() {
         Some(value) if !(low..=high).contains(&value) => Err(OutOfBounds { key, value, low, high }),
@@ -132,9 +126,6 @@ macro_rules! table {
 
         impl $name {
             /// Checks every value that has bounds.
-            ///
-            /// # Errors
-            /// Returns an error for the first value outside its bounds.
             pub fn check(&self) -> Result<(), $crate::OutOfBounds> {
                 $($($crate::check(stringify!($key), &self.$key, $low, $high)?;)?)+
                 Ok(())

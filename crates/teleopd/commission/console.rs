@@ -10,7 +10,6 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 /// Polling period for signals while the person is asked.
 const LOOK: Duration = Duration::from_millis(50);
 
-/// Terminal and log.
 pub struct Console {
     log: File,
     lines: Receiver<String>,
@@ -19,9 +18,6 @@ pub struct Console {
 
 impl Console {
     /// Opens the console. Lines of the standard input are read in a thread.
-    ///
-    /// # Errors
-    /// Returns an error if no thread can be started.
     pub fn open(log: File, shutdown: Shutdown) -> std::io::Result<Self> {
         let (sender, lines) = channel();
         let read = move || {
@@ -43,7 +39,6 @@ impl Console {
         }
     }
 
-    /// Makes sure that the log is on the disk.
     pub fn sync(&self) -> std::io::Result<()> {
         self.log.sync_all()
     }
@@ -106,23 +101,14 @@ pub fn now_text() -> String {
 
 fn time_text(at: SystemTime) -> String {
     let since = at.duration_since(UNIX_EPOCH).unwrap_or_default();
-    let (mut days, second) = (since.as_secs() / 86_400, since.as_secs() % 86_400);
-    let leap = |year: u64| year.is_multiple_of(4) && (!year.is_multiple_of(100) || year.is_multiple_of(400));
-    let mut year = 1970;
-    while days >= 365 + u64::from(leap(year)) {
-        days -= 365 + u64::from(leap(year));
-        year += 1;
-    }
-    let february = 28 + u64::from(leap(year));
-    let mut month = 1;
-    for length in [31, february, 31, 30, 31, 30, 31, 31, 30, 31, 30] {
-        if days < length {
-            break;
-        }
-        days -= length;
-        month += 1;
-    }
-    let date = format!("{year}-{month:02}-{:02}", days + 1);
+    let (days, second) = (since.as_secs() / 86_400, since.as_secs() % 86_400);
+    // Hinnant, chrono-compatible low-level date algorithms, civil_from_days: years begin in March.
+    let (era, day_of_era) = ((days + 719_468) / 146_097, (days + 719_468) % 146_097);
+    let year_of_era = (day_of_era - day_of_era / 1460 + day_of_era / 36_524 - day_of_era / 146_096) / 365;
+    let day_of_year = day_of_era - (365 * year_of_era + year_of_era / 4 - year_of_era / 100);
+    let months = (5 * day_of_year + 2) / 153;
+    let (day, month) = (day_of_year - (153 * months + 2) / 5 + 1, (months + 2) % 12 + 1);
+    let date = format!("{}-{month:02}-{day:02}", year_of_era + 400 * era + u64::from(month <= 2));
     let (hour, minute) = (second / 3600, second / 60 % 60);
     format!("{date}T{hour:02}:{minute:02}:{:02}.{:03}Z", second % 60, since.subsec_millis())
 }

@@ -37,7 +37,6 @@ pub fn visible_motion(model: &Model, q: &[f64; JOINTS_MAX], joint: usize, by: f6
     all.join("; ")
 }
 
-/// Says how a joint turns, seen from the robot.
 fn turn(model: &Model, frames: &Frames, joint: usize, by: f64) -> String {
     let body = joint + 1;
     let somewhere = frames.base_from_body[body].t;

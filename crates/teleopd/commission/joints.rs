@@ -69,9 +69,6 @@ fn last(samples: &[Sample]) -> Sample {
 }
 
 /// Judges the samples of a ramp that began at the measured posture `before`.
-///
-/// # Errors
-/// Returns a sentence if the joint moved the wrong way or not far enough, or if another joint moved.
 fn judge(facts: &Facts, path: &Path, before: &[f64; JOINTS_MAX], samples: &[Sample]) -> Result<(), String> {
     let (joint, name) = (path.joint, &facts.model.joint_names[path.joint]);
     let end = last(samples);

@@ -57,7 +57,6 @@ fn one(run: &mut Session<'_>, victim: Victim) -> Result<String, Stop> {
     Ok(found)
 }
 
-/// Judges how the robot comes to rest, and starts the process again.
 fn other(run: &mut Session<'_>, victim: Victim, killed_s: f64) -> Result<String, Stop> {
     let (facts, name) = (run.facts, victim.name());
     let within_s = bound_s(facts, victim);

@@ -35,7 +35,6 @@ const RESETS: usize = 6;
 /// Ticks of control before an enable counts: half a second with the enable released, and a fresh target.
 const TICKS_BEFORE_ENABLE: u64 = 750;
 
-/// A running instance.
 pub struct Live<'a> {
     loaded: &'a Loaded,
     place: &'a InstanceArgs,
@@ -55,7 +54,6 @@ fn failed(failure: Failure) -> Stop {
 }
 
 impl<'a> Live<'a> {
-    /// Prepares an instance without processes.
     pub fn new(
         loaded: &'a Loaded,
         place: &'a InstanceArgs,
@@ -110,14 +108,12 @@ impl<'a> Live<'a> {
         Ok(())
     }
 
-    /// Returns the last error or warning of the driver.
     fn last_complaint(&self) -> Option<String> {
         let log = std::fs::read_to_string(self.children.log("driver")).ok()?;
         let bad = |line: &&str| line.contains("ERROR") || line.contains("WARN");
         log.lines().rev().find(bad).map(|line| line.trim().to_owned())
     }
 
-    /// Waits for a status for which `done` returns true. Returns false if it does not come.
     fn wait(&self, within: Duration, done: impl Fn(&Status) -> bool) -> Result<bool, Stop> {
         let Some(operator) = &self.operator else { return Ok(false) };
         let came = operator.wait(within, |status| done(status) || self.shutdown.requested());

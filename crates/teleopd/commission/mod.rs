@@ -43,12 +43,10 @@ What this run cannot show:
 /// be lost in a row before the robot counts as silent.
 const AGES: f64 = 2.0;
 
-/// Returns true if the settings name the program that speaks ROS 2.
 fn is_ros2(settings: &Settings) -> bool {
     Path::new(&settings.driver.program).file_name().is_some_and(|name| name == ROS2.name())
 }
 
-/// Runs all steps with a person at the terminal.
 pub fn run(options: &cli::Commission) -> Result<Exit, Failure> {
     let place = &options.place;
     let shutdown = Shutdown::on_signals().map_err(Failure::with(Exit::Software))?;
@@ -114,7 +112,6 @@ fn introduce(console: &mut Console, loaded: &Loaded, place: &cli::InstanceArgs, 
     ));
 }
 
-/// Returns the proposed largest age of a measurement, by the figures of the driver.
 fn age(report: &Value) -> Option<String> {
     let oldest_ms = report["oldest_measured_ms"].as_f64()?;
     let proposed_ms = (AGES * oldest_ms).ceil().clamp(1.0, 100.0);
@@ -123,7 +120,6 @@ fn age(report: &Value) -> Option<String> {
     ))
 }
 
-/// Says how the run ended.
 fn finish(
     console: &mut Console,
     outcome: Result<Vec<String>, Ended>,

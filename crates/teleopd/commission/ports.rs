@@ -18,14 +18,12 @@ const LOOKS: u32 = 8;
 /// Room to a limit that a travel leaves, rad or m.
 const LIMIT_ROOM: f64 = monitor::OUTSIDE_MARGIN;
 
-/// Reason why a run ends early.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Stop {
     /// A check failed. The sentence says which and how.
     Failed(String),
     /// The person refused, or gave no answer.
     Refused(String),
-    /// A signal ended the run.
     Interrupted,
 }
 
@@ -40,22 +38,17 @@ pub struct Sample {
     pub v: [f64; JOINTS_MAX],
     /// Measured positions, rad or m.
     pub q_measured: [f64; JOINTS_MAX],
-    /// The robot says that its emergency stop is pressed.
     pub emergency_stop: bool,
-    /// The driver has latched a fault.
     pub driver_fault: bool,
 }
 
 /// A process that step 4 kills.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Victim {
-    /// `ingest`.
     Ingest,
     /// The publisher of joint targets. It stands where `retarget` stands.
     Targets,
-    /// `control`.
     Control,
-    /// The driver.
     Driver,
 }
 
@@ -63,7 +56,6 @@ impl Victim {
     /// All victims, the driver last.
     pub const ALL: [Self; 4] = [Self::Ingest, Self::Targets, Self::Control, Self::Driver];
 
-    /// Name for people.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Ingest => "ingest",
@@ -84,7 +76,6 @@ pub trait Robot {
     fn watch(&mut self, time_s: f64) -> Result<Vec<Sample>, Stop>;
     /// Enables the robot where it stands, and waits until it follows.
     fn engage(&mut self) -> Result<(), Stop>;
-    /// Begins a motion of the engaged robot.
     fn play(&mut self, path: &Path) -> Result<(), Stop>;
     /// Releases the robot, and waits until it is at rest.
     fn release(&mut self) -> Result<(), Stop>;
@@ -92,21 +83,16 @@ pub trait Robot {
     fn reset(&mut self) -> Result<bool, Stop>;
     /// Returns the mode of control, or `None` if control does not answer.
     fn mode(&mut self) -> Option<Mode>;
-    /// Says why the robot does not follow.
     fn why(&mut self) -> String;
     /// Kills a process with SIGKILL. Returns the time before the kill, s.
     fn kill(&mut self, victim: Victim) -> Result<f64, Stop>;
-    /// Starts a killed process again.
     fn restart(&mut self, victim: Victim) -> Result<(), Stop>;
-    /// Waits without watching.
     fn pause(&mut self, time_s: f64) -> Result<(), Stop>;
     /// Says how to press the emergency stop of a simulated robot. Empty for a robot with a button.
     fn button(&self) -> String;
 }
 
-/// The person at the terminal.
 pub trait Person {
-    /// Shows a line.
     fn print(&mut self, text: &str);
     /// Waits for Enter. `n` refuses.
     fn confirm(&mut self, question: &str) -> Result<(), Stop>;
@@ -114,15 +100,12 @@ pub trait Person {
     fn saw(&mut self, question: &str, otherwise: &str) -> Result<(), Stop>;
 }
 
-/// Facts about the robot, from its files and settings.
 #[derive(Clone, Debug)]
 pub struct Facts {
-    /// The robot.
     pub model: Model,
     /// Distance by which a measured travel may differ from a commanded one, rad and m: `safety.tracking_error_rad` and
     /// `safety.tracking_error_m`. A simulated robot gets no more.
     pub differs: [f64; 2],
-    /// Longest stop, s.
     pub stop_s: f64,
     /// Longest time in which control notices the death of `ingest` and of the publisher of targets, s.
     pub noticed_s: [f64; 2],
@@ -171,7 +154,6 @@ impl Facts {
         self.differs[usize::from(self.model.prismatic[joint])]
     }
 
-    /// Returns a length of `joint` with its unit.
     pub fn with_unit(&self, joint: usize, length: f64) -> String {
         let unit = if self.model.prismatic[joint] { "mm" } else { "mrad" };
         format!("{:.1} {unit}", length * 1e3)

@@ -4,19 +4,14 @@
 use super::ports::{Facts, Person, Robot, Stop};
 use super::{emergency, joints, kills, tracking};
 
-/// A run.
 pub struct Session<'a> {
-    /// The robot.
     pub robot: &'a mut dyn Robot,
-    /// The person.
     pub person: &'a mut dyn Person,
-    /// Facts about the robot.
     pub facts: &'a Facts,
     /// Settings that the run proposes, as TOML.
     pub proposals: Vec<String>,
 }
 
-/// A step. Returns what it found, in words.
 struct Step {
     title: &'static str,
     shows: &'static str,
@@ -48,20 +43,14 @@ const STEPS: [Step; 5] = [
     },
 ];
 
-/// A step that ended a run.
 #[derive(Debug, PartialEq)]
 pub struct Ended {
-    /// Its number and title.
     pub step: String,
-    /// Why.
     pub why: Stop,
 }
 
 impl Session<'_> {
     /// Runs all steps. Returns a line for each.
-    ///
-    /// # Errors
-    /// Returns the step that failed, that the person refused, or that a signal ended.
     pub fn run(&mut self) -> Result<Vec<String>, Ended> {
         let mut summary = Vec::new();
         for (index, Step { title, shows, work }) in STEPS.into_iter().enumerate() {
@@ -77,7 +66,6 @@ impl Session<'_> {
     }
 }
 
-/// Returns an error with `sentence` if `passed` is false.
 pub fn require(passed: bool, sentence: impl FnOnce() -> String) -> Result<(), Stop> {
     if passed { Ok(()) } else { Err(Stop::Failed(sentence())) }
 }

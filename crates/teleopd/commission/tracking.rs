@@ -18,7 +18,6 @@ const WAVES: u32 = 5;
 /// Time after the waves, s.
 const SETTLES_S: f64 = 0.5;
 
-/// Delay and errors of one joint.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Followed {
     /// Delay from the command to its measurement, s.
@@ -76,7 +75,6 @@ pub fn fit(samples: &[Sample], joint: usize) -> Option<Followed> {
     })
 }
 
-/// Returns the settings that the delay proposes, as lines of TOML.
 fn settings(facts: &Facts, delay_s: f64) -> Option<String> {
     let lag_ms = facts.servo_lag_ms? + (delay_s - facts.shown_delay_s) * 1e3;
     Some(format!("[ros2]\nservo_lag_ms = {:.1}", lag_ms.clamp(0.0, 100.0)))

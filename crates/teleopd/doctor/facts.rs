@@ -9,7 +9,6 @@ use rustix::fs::{Access, AtFlags, CWD, accessat};
 use rustix::time::{ClockId, clock_getres};
 use std::path::{Path, PathBuf};
 
-/// All facts that `judge` judges.
 #[derive(Clone, Debug)]
 pub struct Facts {
     pub files: Files,
@@ -31,7 +30,6 @@ pub struct Files {
     pub stages: Option<Result<String, String>>,
 }
 
-/// Rights of the user that runs the doctor.
 #[derive(Clone, Debug)]
 pub struct UserRights {
     pub uid: u32,
@@ -79,7 +77,6 @@ pub struct PlaceFacts {
     pub folders: Vec<(PathBuf, Folder)>,
     /// The reason the bus cannot use such paths.
     pub refused: Option<String>,
-    /// Segments of this instance in /dev/shm.
     pub segments: Vec<Segment>,
     /// Segments of this user's other instances that are dead.
     pub strangers: Vec<Segment>,
@@ -88,7 +85,6 @@ pub struct PlaceFacts {
 }
 
 impl Facts {
-    /// Reads the facts of this machine and of the instance at `place`.
     pub fn read(place: &InstanceArgs) -> Self {
         let files = files(place);
         let settings = files.settings.as_ref().ok().map(|settings| &settings.realtime);
@@ -141,17 +137,12 @@ fn files(place: &InstanceArgs) -> Files {
     files
 }
 
-/// Loads the whole configuration as each process does.
 fn stages(place: &InstanceArgs) -> Result<String, String> {
     let loaded = config::load(&place.config, place.overrides()).map_err(|error| error.to_string())?;
-    world::control_config(&loaded, true).map_err(|error| error.to_string())?;
-    world::retarget_config(&loaded).map_err(|error| error.to_string())?;
-    world::driver_config(&loaded, true).map_err(|error| error.to_string())?;
-    world::robot_config(&loaded).map_err(|error| error.to_string())?;
+    crate::check::check_stages(&loaded).map_err(|error| error.to_string())?;
     Ok(format!("accepted by every stage, hash {:016x}", loaded.hash))
 }
 
-/// Reads a file of one line in /proc or /sys.
 fn line(path: impl AsRef<Path>) -> Option<String> {
     std::fs::read_to_string(path).ok().map(|text| text.trim().to_owned())
 }

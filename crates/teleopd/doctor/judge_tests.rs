@@ -10,7 +10,6 @@ fn settings() -> Settings {
     Settings::parse("teleop.toml", include_str!("../../../config/teleop.toml")).expect("the shipped settings")
 }
 
-/// Returns the facts of a well configured real-time machine.
 fn good() -> Facts {
     let ok = |text: &str| Some(Ok(String::from(text)));
     let limits =

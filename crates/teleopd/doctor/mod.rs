@@ -16,7 +16,6 @@ use std::io::Write;
 use std::path::Path;
 use std::process::Command;
 
-/// Severity of a finding.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Level {
     /// All is well.
@@ -40,14 +39,10 @@ impl Level {
     }
 }
 
-/// Result of one check.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Finding {
-    /// Name of the check.
     pub check: &'static str,
-    /// Severity.
     pub level: Level,
-    /// Observation.
     pub found: String,
     /// Advice with a command. Empty if all is well.
     pub advice: String,
@@ -71,7 +66,6 @@ impl Finding {
     }
 }
 
-/// Verdict of the findings for a simulated and a real robot.
 #[derive(Clone, Debug, PartialEq, Eq)]
 struct Verdict {
     /// Checks that keep the daemon from running with any robot.
@@ -102,7 +96,6 @@ impl Verdict {
         }
     }
 
-    /// Returns one line for the simulator and one for a robot.
     fn text(&self) -> String {
         let simulator = match self.problems.as_slice() {
             [] => String::from("fine for the simulator"),

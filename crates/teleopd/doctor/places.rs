@@ -18,7 +18,6 @@ const INSTANCES: &str = "teleop_";
 /// Longest time for a scan of all processes. Assumption: a thousand processes took 0.1 s.
 const LOOK_WITHIN: Duration = Duration::from_secs(5);
 
-/// Kind of file at a path.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Folder {
     /// Nothing is there. `can_be_made` is true if the nearest existing folder permits its creation.

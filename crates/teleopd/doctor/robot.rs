@@ -12,9 +12,6 @@ const EVERY: usize = 12;
 
 /// Judges the robot of the settings: joints, limbs, stop times, torque and clearance at home, and how near its limbs come
 /// to a person's in the built-in motion.
-///
-/// # Errors
-/// Returns an error with EX_CONFIG if a stage refuses the robot.
 pub fn page(loaded: &Loaded) -> Result<String, Failure> {
     let control = world::control_config(loaded, true).map_err(Failure::with(Exit::Config))?;
     world::driver_config(loaded, true).map_err(Failure::with(Exit::Config))?;

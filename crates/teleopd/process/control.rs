@@ -16,6 +16,7 @@ use operator::{AuditEvent, AuditRecord, OperatorEdges, OperatorError, ResetRule,
 use robot::Names;
 use rt::SleepWatch;
 use rt::{Exit, Failure};
+use serde_json::json;
 use std::time::Duration;
 use telemetry::{Counter, Event, Metric};
 
@@ -165,7 +166,6 @@ impl Control {
         }
     }
 
-    /// Returns the newest index whose deadline and grace have passed.
     fn due(&self, now: Stamp) -> u64 {
         tick_at(Stamp(now.0.saturating_sub(self.grace_ns)))
     }
@@ -259,7 +259,7 @@ impl Control {
 
     fn leave(self) -> Result<(), Failure> {
         let mut figures = self.following.to_json();
-        figures["timeline"] = self.timeline.to_json();
+        figures["timeline"] = json!(self.timeline);
         figures["status"] = explain::status_json(&self.status, &self.names);
         self.process.leave(figures)
     }

@@ -197,7 +197,6 @@ pub fn run<D: Driver>(
     process.leave(report)
 }
 
-/// Logs the first latch.
 fn log_latch(probe: &mut Probe, cause: Option<&'static str>, logged: &mut bool) {
     if let Some(cause) = cause.filter(|_| !std::mem::replace(logged, true)) {
         probe.event(Event::Latched { cause });
@@ -229,7 +228,6 @@ fn warm_up(config: &checker::Config, q: [f64; JOINTS_MAX], seed: u64) {
     }
 }
 
-/// Records the latency of the command that was executed at `now`.
 fn record_latency(probe: &mut Probe, now: Stamp, command: &JointCommand, out: &DriveOutput) {
     let Some(accepted) = out.accepted else { return };
     probe.record(Metric::CommandToDriver, command.header.stamp, now);
@@ -253,7 +251,7 @@ fn figures(
     let violations: Map<_, _> =
         report.violations().iter().map(|&(kind, count)| (kind.to_owned(), json!(count))).collect();
     let mut figures = json!({
-        "timeline": timeline.to_json(),
+        "timeline": timeline,
         "violations": violations,
         "min_clearance_mm": report.min_clearance_m() * 1e3,
         "torque_share_max": report.largest_torque_share().0,

@@ -19,7 +19,6 @@ enum AuditRecord {
     Stop,
 }
 
-/// Handle of the running thread.
 pub struct Housekeeping {
     orders: Sender<AuditRecord>,
     thread: JoinHandle<Collector>,
@@ -59,12 +58,10 @@ impl Housekeeping {
         Ok(Self { orders, thread })
     }
 
-    /// Announces that the loop begins.
     pub fn ready(&self) {
         let _ = self.orders.send(AuditRecord::Ready);
     }
 
-    /// Ends the thread and returns its collected data.
     pub fn stop(self) -> Option<Collector> {
         let _ = self.orders.send(AuditRecord::Stop);
         self.thread.join().ok()

@@ -24,7 +24,6 @@ const STATUS_EVERY_NS: u64 = 100_000_000;
 /// Half a period of the tick grid, ns.
 const HALF_PERIOD_NS: u64 = 500_000_000 / TICK_HZ;
 
-/// Runs until shutdown.
 pub fn run(place: &InstanceArgs) -> Result<(), Failure> {
     let mut process = Process::start("ingest", place, |_| None)?;
     let group = door_group(place, "doors.skeleton_group", &process.loaded.settings.doors.skeleton_group)?;
@@ -263,7 +262,6 @@ impl IngestLoop {
         process.publish(&mut self.statuses, &self.status);
     }
 
-    /// Updates counters and writes log lines for this round.
     fn report(&mut self, process: &mut Process, socket: &mut Server) {
         let counters = process.probe.counters();
         counters.set(Counter::WithoutAuthority, self.authority.frames_refused());
@@ -301,7 +299,6 @@ impl IngestLoop {
     }
 }
 
-/// Returns the non-zero counts by name.
 fn counted(all: impl Iterator<Item = (&'static str, u64)>) -> serde_json::Map<String, serde_json::Value> {
     all.filter(|(_, count)| *count > 0).map(|(name, count)| (name.to_owned(), json!(count))).collect()
 }

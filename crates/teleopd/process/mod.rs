@@ -133,7 +133,6 @@ impl Process {
         Ok(())
     }
 
-    /// Records one round of the loop.
     pub fn alive(&mut self) {
         let counters = self.probe.counters();
         counters.add(Counter::Ticks, 1);
@@ -142,7 +141,6 @@ impl Process {
         counters.set(Counter::TransportAllocations, transport.allocated);
     }
 
-    /// Returns the header of this process's message number `sequence`.
     pub fn header(&self, sequence: u64, stamp: Stamp, origin: Stamp) -> Header {
         let (config_hash, incarnation) = (self.loaded.hash, self.incarnation);
         Header { sequence, stamp, origin, config_hash, incarnation, reserved: 0 }
@@ -154,7 +152,6 @@ impl Process {
         self.count_publish_failure(published.is_err());
     }
 
-    /// Publishes `message` and wakes its readers.
     pub fn publish_and_wake<M: Message>(&mut self, writer: &mut Writer<M>, message: &M) {
         self.publish(writer, message);
         let woken = rt::allocating_aside(|| writer.notify());
@@ -179,13 +176,11 @@ impl Process {
         true
     }
 
-    /// Counts and logs that the process was suspended or that the machine slept.
     pub fn stood_still(&mut self, k: u64, ns: u64) {
         self.probe.counters().add(Counter::Gaps, 1);
         self.probe.event(Event::Gap { k, ns });
     }
 
-    /// Counts `count` skipped indices of the grid.
     pub fn missed(&mut self, count: u64) {
         if count > 0 {
             self.probe.missed(count);

@@ -16,7 +16,6 @@ use std::process::Command;
 /// Set in the environment of a driver's own program, so that a program that starts this one again is refused.
 const STARTED: &str = "TELEOPD_DRIVER_PROGRAM";
 
-/// Connection to the robot's process, behind the driver's port.
 struct RemoteRobot {
     setpoints: Writer<RobotSetpoint>,
     measurements: Reader<RobotMeasured>,
@@ -26,7 +25,6 @@ struct RemoteRobot {
     /// Header of the driver's messages. The sender fills in sequence and stamp.
     header: Header,
     robot: RobotId,
-    /// The grippers of the next setpoint.
     grippers: GripperMotion,
 }
 

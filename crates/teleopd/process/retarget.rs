@@ -9,7 +9,6 @@ use rt::{Exit, Failure, PeriodicLoop};
 use serde_json::json;
 use telemetry::Metric;
 
-/// Runs until shutdown.
 pub fn run(place: &InstanceArgs) -> Result<(), Failure> {
     let mut process = Process::start("retarget", place, |loaded| Some(loaded.settings.realtime.priority_retarget))?;
     let config = world::retarget_config(&process.loaded).map_err(Failure::with(Exit::Config))?;
@@ -45,5 +44,5 @@ pub fn run(place: &InstanceArgs) -> Result<(), Failure> {
         process.probe.record(Metric::RetargetWork, tick.woke, stamp);
         process.alive();
     }
-    process.leave(json!({ "timeline": timeline.to_json() }))
+    process.leave(json!({ "timeline": timeline }))
 }

@@ -92,7 +92,6 @@ pub fn run(place: &InstanceArgs) -> Result<(), Failure> {
     process.leave(report)
 }
 
-/// Presses or releases the emergency stop.
 fn press(robot: &mut Robot, turned: Option<bool>) {
     match turned {
         Some(true) => robot.inject(plant::Injection::EmergencyStopPressed),
@@ -111,7 +110,6 @@ fn stand_by(mut process: Process) -> Result<(), Failure> {
     process.leave(json!({}))
 }
 
-/// Returns `message` with what was measured.
 fn message(from: &plant::Measured, message: RobotMeasured) -> RobotMeasured {
     RobotMeasured { measured: from.stamp, q: from.q, dq: from.dq, tau: from.tau, ..message }
 }

@@ -14,7 +14,6 @@ use std::io::BufRead;
 use std::sync::mpsc::{Receiver, channel};
 use telemetry::Metric;
 
-/// Runs until shutdown.
 pub fn run(place: &InstanceArgs) -> Result<(), Failure> {
     // It has the place of `retarget`: its rights, its port and its service.
     let mut process = Process::start("retarget", place, |loaded| Some(loaded.settings.realtime.priority_retarget))?;

@@ -16,7 +16,6 @@ use std::time::Instant;
 /// Polling period for signals while the tour waits for Enter, ns.
 const LOOK_NS: i64 = 50_000_000;
 
-/// A step: its title, what it shows, and the function that runs it.
 struct Step {
     title: &'static str,
     shows: &'static str,
@@ -55,17 +54,14 @@ Where to go next (README.md and docs say more):
   as an operator      teleopctl watch, and calibrate NAME
   a robot             teleopd doctor, then SAFETY.md";
 
-/// State of the tour between its steps.
 pub struct Tour {
     config: PathBuf,
     stage: Stage,
-    /// If true, the tour does not ask before each step.
     yes: bool,
     /// `teleopd up`, running from the first step that needs it to the end.
     instance: Option<Background>,
 }
 
-/// Runs the tour.
 pub fn run(options: &cli::Tour) -> Result<Exit, Failure> {
     if !options.yes && !std::io::stdin().is_terminal() {
         return Err(Failure::new(
@@ -88,7 +84,6 @@ pub fn run(options: &cli::Tour) -> Result<Exit, Failure> {
     judged(&outcomes, trouble)
 }
 
-/// Result of a step.
 enum Outcome {
     Done(String),
     Skipped(String),

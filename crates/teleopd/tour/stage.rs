@@ -19,14 +19,11 @@ const END_WITHIN: Duration = Duration::from_secs(15);
 /// Number of output lines shown for a command.
 const LINES_SHOWN: usize = 12;
 
-/// The reason a step ends early.
 #[derive(Debug)]
 pub enum Stop {
     /// A requirement of the step is missing.
     Skip(String),
-    /// A check failed.
     Fail(String),
-    /// The user ends the tour.
     Quit,
 }
 
@@ -37,7 +34,6 @@ pub struct Line {
 }
 
 impl Line {
-    /// Creates a command for a program of the project.
     pub fn program(program: Program) -> Result<Self, Stop> {
         let path = program.path().map_err(|failure| Stop::Skip(failure.text))?;
         Ok(Self { command: Command::new(path), shown: program.typed() })
@@ -49,7 +45,6 @@ impl Line {
         Self { command: Command::new(program), shown: program.display().to_string() }
     }
 
-    /// Adds arguments.
     pub fn with<S: AsRef<std::ffi::OsStr>>(mut self, arguments: impl IntoIterator<Item = S>) -> Self {
         for argument in arguments {
             let argument = argument.as_ref();
@@ -62,7 +57,6 @@ impl Line {
     }
 }
 
-/// Result of a command.
 pub struct Ended {
     /// Exit code. `None` if a signal ended the command.
     pub code: Option<i32>,
@@ -71,13 +65,11 @@ pub struct Ended {
 }
 
 impl Ended {
-    /// Returns the last non-empty line.
     pub fn last_line(&self) -> &str {
         self.text.lines().rev().find(|line| !line.trim().is_empty()).unwrap_or("it printed nothing")
     }
 }
 
-/// Runs the commands.
 pub struct Stage {
     /// Folder for the output of background commands.
     pub folder: PathBuf,
@@ -103,7 +95,6 @@ impl Stage {
         Ok(ended)
     }
 
-    /// Starts a command in the background.
     pub fn start(&self, name: &'static str, mut line: Line) -> Result<Background, Stop> {
         out!("$ {} &", line.shown);
         let log = self.folder.join(format!("{name}.log"));
@@ -212,7 +203,6 @@ fn redirect(command: &mut Command, path: &Path) -> Result<(), Stop> {
     Ok(())
 }
 
-/// Shows the first lines of a command's output.
 fn show(text: &str) {
     for line in text.lines().take(LINES_SHOWN) {
         out!("  {line}");

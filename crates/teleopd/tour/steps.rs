@@ -45,12 +45,10 @@ pub fn programs(tour: &mut Tour) -> Result<(), Stop> {
     if ended.code == Some(0) { Ok(()) } else { Err(Stop::Fail("cargo build failed".into())) }
 }
 
-/// Runs a demo with a motion file.
 pub fn own_motion(tour: &mut Tour) -> Result<String, Stop> {
     demo(tour, &motion()?)
 }
 
-/// Returns the path of the tour's motion file.
 fn motion() -> Result<PathBuf, Stop> {
     let motion = instance::default_motions().join(MOTION);
     if motion.exists() {
@@ -70,7 +68,6 @@ fn demo(tour: &Tour, motion: &Path) -> Result<String, Stop> {
     demo_once(tour, motion)
 }
 
-/// Runs a demo and checks its report.
 fn demo_once(tour: &Tour, motion: &Path) -> Result<String, Stop> {
     let report = tour.stage.folder.join("report.json");
     let _ = std::fs::remove_file(&report);
@@ -99,8 +96,8 @@ pub fn page(tour: &mut Tour) -> Result<String, Stop> {
     person.wait_for("holding the first frame", START_WITHIN)?;
     let view = Line::program(TELEOPD)?.with(["view", "--port", "0", "--run-dir"]).with([&run_dir]).with(config(tour));
     let mut view = tour.stage.start("view", view)?;
-    let said = view.wait_for("http://", START_WITHIN)?;
-    let address = said.split_whitespace().find(|word| word.starts_with("http://")).unwrap_or_default();
+    let line = view.wait_for("http://", START_WITHIN)?;
+    let address = line.split_whitespace().find(|word| word.starts_with("http://")).unwrap_or_default();
     answers(address).map_err(|why| Stop::Fail(format!("{address}: {why}")))?;
     out!("The page is at {address}");
     if !tour.yes {
@@ -124,7 +121,6 @@ fn instance(tour: &mut Tour) -> Result<PathBuf, Stop> {
     Ok(run_dir)
 }
 
-/// Requests the page as a browser does.
 fn answers(address: &str) -> Result<(), String> {
     let host = address.trim_start_matches("http://").split('/').next().unwrap_or_default();
     let port = host.rsplit(':').next().and_then(|port| port.parse().ok()).ok_or("the address has no port")?;
@@ -168,11 +164,11 @@ pub fn python(tour: &mut Tour) -> Result<String, Stop> {
     own.wait_for("publishing", START_WITHIN)?;
     // A person must be visible for half a second before the robot can engage.
     tour.stage.sleep(LEASE)?;
-    let said = engaged(tour, &run_dir)?;
+    let outcome = engaged(tour, &run_dir)?;
     if own.has_ended() {
         return Err(Stop::Fail("own.py ended while the robot followed it".into()));
     }
-    Ok(format!("the robot followed own.py for {} s; {said}", FOLLOW.as_secs()))
+    Ok(format!("the robot followed own.py for {} s; {outcome}", FOLLOW.as_secs()))
 }
 
 /// Engages, follows for a while and releases. Returns the last line of `teleopctl`.

@@ -2,12 +2,10 @@
 
 /// A file of the page.
 #[derive(Clone, Copy, Debug)]
+#[allow(missing_docs, reason = "the names say it")]
 pub struct Asset {
-    /// Path in the file's address.
     pub path: &'static str,
-    /// MIME type.
     pub kind: &'static str,
-    /// Content.
     pub bytes: &'static [u8],
 }
 

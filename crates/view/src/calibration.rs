@@ -17,7 +17,6 @@ const LOOK: Duration = Duration::from_millis(50);
 /// Shortest time between two starts. Nobody stands in a T-pose sooner.
 const PAUSE: Duration = Duration::from_secs(1);
 
-/// Request of a page.
 #[derive(Debug)]
 pub enum CalibrationRequest {
     /// Measure the person under this name.
@@ -26,14 +25,11 @@ pub enum CalibrationRequest {
     Stop,
 }
 
-/// Report to the page.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, serde::Serialize)]
 pub struct CalibrationReport {
-    /// A measurement runs.
     pub on: bool,
     /// The file was written. False until the measurement ends.
     pub written: bool,
-    /// A line for the user.
     pub text: Option<String>,
 }
 
@@ -56,10 +52,6 @@ pub struct Measuring {
 pub type CalibrationWorker = Worker<CalibrationRequest, CalibrationReport>;
 
 impl CalibrationWorker {
-    /// Measures persons of `instance`, and writes their files to `folder`.
-    ///
-    /// # Errors
-    /// Returns an error if no thread can be started.
     pub fn new(instance: &Instance, folder: &Path) -> std::io::Result<Self> {
         let program = std::env::current_exe()?.with_file_name("teleopctl");
         let (run_dir, folder) = (instance.run_dir().to_owned(), folder.to_owned());
@@ -130,7 +122,6 @@ impl Measurer {
         }
     }
 
-    /// Starts the program. A thread passes its lines on.
     fn begin(&self, name: &str) -> std::io::Result<Measurement> {
         let (lines, writer) = std::io::pipe()?;
         let mut command = Command::new(&self.program);
@@ -186,10 +177,6 @@ mod tests {
     use super::*;
     use std::os::unix::fs::PermissionsExt;
 
-    /// Longest time for any expected event. Only a hang comes near it.
-    const SOON: Duration = Duration::from_secs(20);
-
-    /// A measurer whose program is this shell script.
     fn measurer(folder: &Path, script: &str) -> CalibrationWorker {
         let program = folder.join("program");
         std::fs::write(&program, format!("#!/bin/sh\n{script}\n")).expect("a script");
@@ -201,13 +188,12 @@ mod tests {
         Worker::start("calibration", work).expect("a thread")
     }
 
-    /// The reports until the measurement ended.
     fn reports(worker: &CalibrationWorker) -> Vec<CalibrationReport> {
-        let (give_up, mut all) = (Instant::now() + SOON, Vec::new());
-        while all.last().is_none_or(|last: &CalibrationReport| last.on) {
+        let mut all = Vec::new();
+        wait::wait_until("ended", || {
             all.extend(worker.answer());
-            assert!(Instant::now() < give_up, "{all:?}");
-        }
+            all.last().is_some_and(|last: &CalibrationReport| !last.on)
+        });
         all
     }
 
@@ -232,10 +218,7 @@ mod tests {
             let worker = measurer(folder.path(), &script);
             worker.ask(CalibrationRequest::Start("anna".to_owned()));
             worker.ask(CalibrationRequest::Start("berta".to_owned()));
-            let give_up = Instant::now() + SOON;
-            while worker.answer().is_none_or(|report| report.text.as_deref() != Some("begun")) {
-                assert!(Instant::now() < give_up, "it never began");
-            }
+            wait::wait_until("begun", || worker.answer().is_some_and(|report| report.text.as_deref() == Some("begun")));
             if !closes {
                 worker.ask(CalibrationRequest::Stop);
                 let end = reports(&worker).pop().expect("a report");

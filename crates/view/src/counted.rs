@@ -6,7 +6,6 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 pub struct Counted<'a>(&'a AtomicUsize);
 
 impl<'a> Counted<'a> {
-    /// Increments `count`.
     pub fn one_more(count: &'a AtomicUsize) -> Self {
         count.fetch_add(1, Ordering::Relaxed);
         Self(count)

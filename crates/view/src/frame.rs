@@ -91,16 +91,12 @@ pub const fn length(count: usize) -> usize {
 
 /// Newest message of every kind. A message is `None` if it never arrived, or if the last one is too old.
 #[derive(Clone, Copy, Debug, Default)]
+#[allow(missing_docs, reason = "the names say it")]
 pub struct LatestMessages {
-    /// The person.
     pub skeleton: Option<Skeleton>,
-    /// Target posture of the arms.
     pub target: Option<JointTarget>,
-    /// Command of control.
     pub command: Option<JointCommand>,
-    /// Measured state.
     pub state: Option<RobotState>,
-    /// Status of control.
     pub status: Option<Status>,
 }
 
@@ -191,7 +187,6 @@ pub fn encode(model: &Model, frames: &mut Frames, heard: &LatestMessages, at_s: 
     out.extend(numbers.iter().flat_map(|&x| if x.is_finite() { x } else { 0.0 }.to_le_bytes()));
 }
 
-/// Returns the floats of [`TURNS`].
 fn turns(skeleton: &Skeleton) -> [f32; TURNS] {
     let known = |bit: u32| if skeleton.flags & bit == 0 { 0.0 } else { 1.0 };
     let mut turns = [0.0; TURNS];

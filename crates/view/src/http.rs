@@ -46,9 +46,6 @@ pub struct Key {
 impl Key {
     /// Creates a new token of 128 bits, for a server at `port` of the loopback interface, or of the names of `secure`. Nobody
     /// guesses it: at a million tries a second, half of them take 5e24 years.
-    ///
-    /// # Errors
-    /// Returns the system's error if the kernel gives no random numbers.
     pub fn new(port: u16, secure: Option<&Secure>) -> std::io::Result<Self> {
         let mut bytes = [0_u8; 16];
         let length = getrandom(&mut bytes[..], GetRandomFlags::empty())?;
@@ -103,18 +100,14 @@ impl Key {
 /// Content that a server serves besides its own files, and the access check.
 #[derive(Clone, Debug)]
 pub struct SiteConfig {
-    /// Access check.
     pub key: Key,
-    /// The user's meshes.
     pub meshes: Option<Arc<MeshFolder>>,
-    /// The files that find a person in a webcam's image.
     pub vision: Option<Arc<VisionFiles>>,
     /// TLS. Without it the server listens on the loopback.
     pub tls: Option<Arc<ServerConfig>>,
 }
 
 impl SiteConfig {
-    /// Returns the head of an answer.
     fn head(&self, status: &str, kind: &str, length: u64) -> String {
         let policy = if self.vision.is_some() { camera_policy() } else { POLICY.to_owned() };
         format!(
@@ -124,9 +117,6 @@ impl SiteConfig {
 }
 
 /// Answers one connection. Returns the stream if it is now a page's WebSocket.
-///
-/// # Errors
-/// Returns an error if the peer is gone, is too slow, or does not speak HTTP.
 pub fn answer(mut stream: PageStream, site: &SiteConfig) -> std::io::Result<Option<PageStream>> {
     stream.socket().set_write_timeout(Some(PATIENCE))?;
     stream.give_up_at(Some(Instant::now() + PATIENCE));
@@ -223,7 +213,6 @@ fn user_file(
     }
 }
 
-/// Decodes percent codes such as %20 in a path.
 fn percent_decoded(path: &str) -> Option<String> {
     let (mut bytes, mut rest) = (Vec::with_capacity(path.len()), path.as_bytes());
     while let Some((&first, after)) = rest.split_first() {

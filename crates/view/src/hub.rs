@@ -49,17 +49,14 @@ impl Hub {
         Self { scene: message.to_string(), shown: Mutex::default(), pages: AtomicUsize::new(0) }
     }
 
-    /// Returns the counter of open pages. Each page increments it itself.
     pub fn pages(&self) -> &AtomicUsize {
         &self.pages
     }
 
-    /// Returns the first message to a page.
     pub fn scene(&self) -> &str {
         &self.scene
     }
 
-    /// Publishes a frame, and a status if there is one.
     pub fn show(&self, frame: &[u8], status: Option<&str>) {
         let mut shown = self.shown.lock().unwrap_or_else(PoisonError::into_inner);
         shown.frame.clear();
@@ -101,17 +98,13 @@ impl Hub {
     }
 }
 
-/// Output of a [`StatusWriter`] for one moment.
 pub struct StatusUpdate {
-    /// The frame.
     pub frame: Vec<u8>,
     /// A status, if one is due.
     pub status: Option<String>,
-    /// Event sentences.
     pub events: Vec<String>,
 }
 
-/// Turns messages into frames, status texts and event sentences.
 pub struct StatusWriter<'a> {
     model: &'a Model,
     frames: Frames,
@@ -125,13 +118,11 @@ pub struct StatusWriter<'a> {
 const STATUS_PERIOD_S: f64 = 0.2;
 
 impl<'a> StatusWriter<'a> {
-    /// Creates a writer without history.
     pub fn new(model: &'a Model) -> Self {
         let (names, frames) = (Names::from_model(model), Frames::default());
         Self { model, frames, names, before: None, written_at_s: f64::NEG_INFINITY }
     }
 
-    /// Returns the output for the messages at `at_s`.
     pub fn update(&mut self, heard: &LatestMessages, at_s: f64) -> StatusUpdate {
         let mut frame = Vec::new();
         frame::encode(self.model, &mut self.frames, heard, at_s, &mut frame);

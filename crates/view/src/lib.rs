@@ -13,6 +13,8 @@ mod frame;
 mod headset;
 mod http;
 mod hub;
+#[cfg(test)]
+mod ingest_double;
 mod live;
 mod look;
 mod meshes;
@@ -55,10 +57,8 @@ pub use webcam::IMAGES_PER_S_MAX;
 #[derive(Debug, thiserror::Error)]
 #[allow(missing_docs, reason = "the texts name the fields")]
 pub enum ViewError {
-    /// The instance's shared memory cannot be opened.
     #[error(transparent)]
     Bus(#[from] bus::BusError),
-    /// The port cannot be opened.
     #[error("port {port}: {source}")]
     Listen { port: u16, source: std::io::Error },
 }

@@ -10,25 +10,18 @@ use messages::{Header, JointCommand, JointTarget, RobotState, Service, Skeleton,
 pub const GONE_AFTER_NS: u64 = 250_000_000;
 
 /// Readers of every service of the core domain.
+#[allow(missing_docs, reason = "the names say it")]
 pub struct Readers {
-    /// Skeletons of the person.
     pub skeletons: Reader<Skeleton>,
-    /// Targets of `retarget`.
     pub targets: Reader<JointTarget>,
-    /// Commands of `control`.
     pub commands: Reader<JointCommand>,
-    /// States of the driver.
     pub states: Reader<RobotState>,
-    /// Statuses of `control`.
     pub statuses: Reader<Status>,
     _domain: Domain,
 }
 
 impl Readers {
     /// Attaches to the core domain of an instance, as `name`.
-    ///
-    /// # Errors
-    /// Returns an error if the domain or a service cannot be opened.
     pub fn open(domain: DomainConfig, name: &str) -> Result<Self, BusError> {
         let domain = Domain::open(domain, name)?;
         Ok(Self {
@@ -49,15 +42,10 @@ pub struct Live {
 }
 
 impl Live {
-    /// Attaches to the core domain of an instance.
-    ///
-    /// # Errors
-    /// Returns an error if the domain or a service cannot be opened.
     pub fn open(domain: DomainConfig) -> Result<Self, ViewError> {
         Ok(Self { readers: Readers::open(domain, "view")?, heard: LatestMessages::default() })
     }
 
-    /// Returns the newest messages at `now`.
     pub fn look(&mut self, now: Stamp) -> &LatestMessages {
         let Self { readers, heard } = self;
         newest(&mut heard.skeleton, readers.skeletons.latest(), now, |message| &message.header);

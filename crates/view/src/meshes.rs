@@ -35,19 +35,14 @@ pub struct MeshFolder {
 
 /// A file that a page may read.
 pub struct MeshFile {
-    /// Open for reading.
     pub file: File,
     /// Length, bytes.
     pub bytes: u64,
-    /// MIME type.
     pub kind: &'static str,
 }
 
 impl MeshFolder {
     /// Scans a folder.
-    ///
-    /// # Errors
-    /// Returns an error if the folder cannot be read, or if it holds too many files to be a folder of meshes.
     pub fn open(folder: &Path) -> Result<Self, LookError> {
         let failed = |cause: String| LookError::Read { file: folder.display().to_string(), cause };
         let root = folder.canonicalize().map_err(|error| failed(format!("--meshes: {error}")))?;
@@ -105,10 +100,6 @@ impl MeshFolder {
     }
 
     /// Opens a file for a page, by its path below the folder.
-    ///
-    /// # Errors
-    /// Returns the reason if the file is missing, outside the folder, too large, or neither a mesh nor a file for
-    /// one.
     pub fn read(&self, path: &str) -> Result<MeshFile, &'static str> {
         let refused = |part: &str| part.is_empty() || part == "." || part == ".." || part.contains(['\\', '\0', ':']);
         if path.split('/').any(refused) {

@@ -40,7 +40,6 @@ impl std::fmt::Debug for KeyPoses {
     }
 }
 
-/// Request of a page.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum MixRequest {
     /// Become the client whose person the robot follows.
@@ -51,14 +50,10 @@ pub enum MixRequest {
     Leave,
 }
 
-/// Outcome of a request.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Mixed {
-    /// True if the person is published.
     pub on: bool,
-    /// Current shares.
     pub shares: Shares,
-    /// Text for the user, if any.
     pub text: Option<String>,
 }
 
@@ -66,10 +61,6 @@ pub struct Mixed {
 pub type Mixer = Worker<MixRequest, Mixed>;
 
 impl Mixer {
-    /// Creates a mixer that connects at the first join.
-    ///
-    /// # Errors
-    /// Returns an error if no thread can be started.
     pub fn new(instance: &Instance, key_poses: &Arc<KeyPoses>) -> std::io::Result<Self> {
         let (instance, key_poses) = (instance.clone(), key_poses.clone());
         Self::start("mixer", |asked, answer| {
@@ -145,7 +136,6 @@ impl Person {
         }
     }
 
-    /// Publishes a frame if one is due.
     fn advance(&mut self) {
         let now = Instant::now();
         let Some(on) = &mut self.on else { return };
@@ -188,66 +178,11 @@ const HELD: &str = "Another client holds the lease, or held it a moment ago. Swi
 #[cfg(test)]
 mod tests {
     use super::*;
-    use doors::{FrameSource, LeaseState, Server};
+    use crate::ingest_double::{Ingest, await_some};
+    use doors::LeaseState;
     use messages::{Layout, Stamp};
     use std::path::PathBuf;
-    use std::sync::atomic::{AtomicBool, Ordering};
-    use std::sync::{Mutex, MutexGuard};
-    use std::thread::JoinHandle;
 
-    /// Longest time for any expected event. Only a hang comes near it.
-    const SOON: Duration = Duration::from_secs(20);
-
-    /// A substitute for `ingest`. It grants or refuses the lease as the test sets, and records the holder's
-    /// frames.
-    struct Ingest {
-        frames: Arc<Mutex<Vec<(u64, RawSkeleton)>>>,
-        refuses: Arc<AtomicBool>,
-        ended: Arc<AtomicBool>,
-        thread: Option<JoinHandle<()>>,
-    }
-
-    impl Ingest {
-        fn at(path: PathBuf, held: bool) -> Self {
-            let (frames, refuses, ended) = (Arc::default(), Arc::default(), Arc::default());
-            let mut ingest = Self { frames, refuses, ended, thread: None };
-            let (frames, refuses, ended) = (ingest.frames.clone(), ingest.refuses.clone(), ingest.ended.clone());
-            let mut server = Server::bind(&path, None).expect("a socket");
-            ingest.thread = Some(std::thread::spawn(move || {
-                while !ended.load(Ordering::Relaxed) {
-                    server.poll(rt::now(), held, |from: FrameSource, frame| {
-                        frames.lock().unwrap().push((from.connection, *frame));
-                        if refuses.load(Ordering::Relaxed) { LeaseState::NotHolder } else { LeaseState::Holder }
-                    });
-                    std::thread::sleep(Duration::from_millis(1));
-                }
-            }));
-            ingest
-        }
-
-        fn frames(&self) -> MutexGuard<'_, Vec<(u64, RawSkeleton)>> {
-            self.frames.lock().unwrap()
-        }
-
-        /// Waits for more frames, while the page keeps requesting corner `n`.
-        fn wait(&self, more: usize, mixer: &Mixer, n: usize) {
-            let (before, give_up) = (self.frames().len(), Instant::now() + SOON);
-            while self.frames().len() < before + more {
-                assert!(Instant::now() < give_up, "no more frames than {before}");
-                mixer.ask(corner(n));
-                std::thread::sleep(Duration::from_millis(2));
-            }
-        }
-    }
-
-    impl Drop for Ingest {
-        fn drop(&mut self) {
-            self.ended.store(true, Ordering::Relaxed);
-            let _ = self.thread.take().map(JoinHandle::join);
-        }
-    }
-
-    /// Creates a mixer whose person carries its shares at the position of the first joint.
     fn mixer() -> (tempfile::TempDir, PathBuf, Mixer) {
         let folder = tempfile::tempdir().expect("a folder");
         let instance = Instance::new(folder.path()).expect("an instance");
@@ -265,27 +200,22 @@ mod tests {
         MixRequest::Mix(Shares::nearest(std::array::from_fn(|i| if i == n { 1.0 } else { 0.0 })).expect("numbers"))
     }
 
-    /// Returns the next matching answer to a page that is silent.
-    fn await_report(mixer: &Mixer, what: impl Fn(&Mixed) -> bool) -> Mixed {
-        await_report_while(mixer, what, || {})
+    /// Moves to a corner until so many more frames have come.
+    fn move_for(ingest: &mut Ingest, more: usize, mixer: &Mixer, n: usize) {
+        let enough = ingest.frames.len() + more;
+        ingest.until(|ingest| {
+            mixer.ask(corner(n));
+            (ingest.frames.len() >= enough).then_some(())
+        });
     }
 
-    fn await_report_while(mixer: &Mixer, what: impl Fn(&Mixed) -> bool, meanwhile: impl Fn()) -> Mixed {
-        let give_up = Instant::now() + SOON;
-        loop {
-            meanwhile();
-            if let Some(mixed) = mixer.answer().filter(&what) {
-                return mixed;
-            }
-            assert!(Instant::now() < give_up, "no report");
-            std::thread::sleep(Duration::from_millis(1));
-        }
+    fn report(ingest: &mut Ingest, mixer: &Mixer, what: impl Fn(&Mixed) -> bool) -> Mixed {
+        ingest.until(|_| mixer.answer().filter(&what))
     }
 
-    /// Checks that the shares change by at most one step per frame number.
-    fn assert_no_leap(frames: &[(u64, RawSkeleton)]) {
+    fn assert_no_leap(frames: &[RawSkeleton]) {
         for pair in frames.windows(2) {
-            let [(_, a), (_, b)] = pair else { continue };
+            let [a, b] = pair else { continue };
             assert!(b.header.sequence > a.header.sequence && b.header.origin > a.header.origin);
             let between = (b.header.sequence - a.header.sequence) as f32;
             for (x, y) in a.positions[0].iter().zip(b.positions[0]) {
@@ -297,33 +227,33 @@ mod tests {
     #[test]
     fn shares_never_jump_and_silent_page_ends_publishing() {
         let (_folder, path, mixer) = mixer();
-        let ingest = Ingest::at(path, false);
+        let ingest = &mut Ingest::at(&path);
         // A mix request before a join does nothing.
         mixer.ask(corner(2));
         mixer.ask(MixRequest::Join);
-        assert_eq!(await_report(&mixer, |_| true), Mixed { on: true, shares: Shares::FIRST, text: None });
-        ingest.wait(3, &mixer, 0);
-        assert_eq!(ingest.frames()[2].1.positions[0], [1.0, 0.0, 0.0]);
+        assert_eq!(report(ingest, &mixer, |_| true), Mixed { on: true, shares: Shares::FIRST, text: None });
+        move_for(ingest, 3, &mixer, 0);
+        assert_eq!(ingest.frames[2].positions[0], [1.0, 0.0, 0.0]);
         for n in 0..40 {
-            ingest.wait(1 + n % 9, &mixer, 1 + n / 2 % 2);
+            move_for(ingest, 1 + n % 9, &mixer, 1 + n / 2 % 2);
         }
-        let silent = await_report(&mixer, |mixed| !mixed.on);
+        let silent = report(ingest, &mixer, |mixed| !mixed.on);
         assert!(silent.text.is_some_and(|text| text.contains("stopped answering")));
         mixer.ask(corner(0));
         std::thread::sleep(Duration::from_millis(200));
         // The person continues where it was, in the same session.
         mixer.ask(MixRequest::Join);
-        ingest.wait(30, &mixer, 2);
+        move_for(ingest, 30, &mixer, 2);
         mixer.ask(MixRequest::Leave);
-        await_report(&mixer, |mixed| !mixed.on && mixed.text.is_none());
-        let frames = ingest.frames();
-        assert_no_leap(&frames);
-        assert!(frames.iter().all(|(connection, _)| *connection == 1));
+        report(ingest, &mixer, |mixed| !mixed.on && mixed.text.is_none());
+        let frames = &ingest.frames;
+        assert_no_leap(frames);
+        let (first, last) = (frames[0], frames[frames.len() - 1]);
+        assert!(first.session_nonce != 0 && frames.iter().all(|frame| frame.session_nonce == first.session_nonce));
         let pause = |a: &RawSkeleton, b: &RawSkeleton| {
             b.header.origin.since(a.header.origin) >= 200_000_000 && b.header.sequence == a.header.sequence + 1
         };
-        assert!(frames.windows(2).any(|pair| pause(&pair[0].1, &pair[1].1)), "nothing is published in between");
-        let (first, last) = (frames[0].1, frames[frames.len() - 1].1);
+        assert!(frames.windows(2).any(|pair| pause(&pair[0], &pair[1])), "nothing is published in between");
         assert!(first.header.stamp > Stamp::NONE && first.header.incarnation == last.header.incarnation);
         assert!(last.positions[0][2] > 0.1, "it has moved");
     }
@@ -331,51 +261,54 @@ mod tests {
     #[test]
     fn corner_is_reached_in_steps_and_reported() {
         let (_folder, path, mixer) = mixer();
-        let ingest = Ingest::at(path, false);
+        let ingest = &mut Ingest::at(&path);
         mixer.ask(MixRequest::Join);
-        loop {
-            ingest.wait(1, &mixer, 1);
-            if mixer.answer().is_some_and(|mixed| mixed.shares.get() == [0.0, 1.0, 0.0]) {
-                break;
-            }
-        }
-        assert_no_leap(&ingest.frames());
-        assert!(ingest.frames().len() as f64 >= 60.0 * EDGE_S);
+        ingest.until(|_| {
+            mixer.ask(corner(1));
+            mixer.answer().filter(|mixed| mixed.shares.get() == [0.0, 1.0, 0.0])
+        });
+        assert_no_leap(&ingest.frames);
+        assert!(ingest.frames.len() as f64 >= 60.0 * EDGE_S);
     }
 
     #[test]
     fn lease_of_another_client_is_reported_and_session_replaced() {
         let (_folder, path, other) = mixer();
-        let held = Ingest::at(path.clone(), true);
+        let ingest = &mut Ingest::at(&path);
+        ingest.held = true;
         other.ask(MixRequest::Join);
-        assert_eq!(await_report(&other, |_| true).text.as_deref(), Some(HELD));
-        assert!(held.frames().is_empty(), "nothing was published");
-        drop(held);
-        let ingest = Ingest::at(path, false);
+        assert_eq!(report(ingest, &other, |_| true).text.as_deref(), Some(HELD));
+        assert!(ingest.frames.is_empty(), "nothing was published");
+        ingest.held = false;
         other.ask(MixRequest::Join);
-        assert!(await_report(&other, |_| true).on);
-        ingest.wait(2, &other, 0);
-        ingest.refuses.store(true, Ordering::Relaxed);
-        let lost = await_report_while(&other, |mixed| !mixed.on, || other.ask(corner(0)));
+        assert!(report(ingest, &other, |_| true).on);
+        move_for(ingest, 2, &other, 0);
+        ingest.holds = LeaseState::NotHolder;
+        let lost = ingest.until(|_| {
+            other.ask(corner(0));
+            other.answer().filter(|mixed| !mixed.on)
+        });
         assert_eq!(lost.text.as_deref(), Some(HELD));
-        ingest.refuses.store(false, Ordering::Relaxed);
+        ingest.holds = LeaseState::Holder;
         other.ask(MixRequest::Join);
-        ingest.wait(2, &other, 0);
-        let frames = ingest.frames();
-        let (before, after) = (&frames[0], &frames[frames.len() - 1]);
-        assert!(before.0 != after.0 && before.1.session_nonce != after.1.session_nonce);
+        move_for(ingest, 2, &other, 0);
+        let frames = &ingest.frames;
+        assert!(frames[0].session_nonce != frames[frames.len() - 1].session_nonce);
     }
 
     #[test]
     fn page_without_ingest_gets_error() {
         let (_folder, path, mixer) = mixer();
         mixer.ask(MixRequest::Join);
-        assert!(await_report(&mixer, |_| true).text.is_some_and(|text| text.contains("skeleton.sock")));
-        let ingest = Ingest::at(path, false);
+        assert!(await_some(|| mixer.answer()).text.is_some_and(|text| text.contains("skeleton.sock")));
+        let mut ingest = Ingest::at(&path);
         mixer.ask(MixRequest::Join);
-        ingest.wait(2, &mixer, 0);
+        move_for(&mut ingest, 2, &mixer, 0);
         drop(ingest);
-        let lost = await_report_while(&mixer, |mixed| !mixed.on, || mixer.ask(corner(0)));
+        let lost = await_some(|| {
+            mixer.ask(corner(0));
+            mixer.answer().filter(|mixed| !mixed.on)
+        });
         assert!(lost.text.as_ref().is_some_and(|text| text.contains("lost")), "{lost:?}");
     }
 }

@@ -15,7 +15,6 @@ pub const HOLD_FOR: Duration = Duration::from_millis(500);
 /// Time after which an enable without effect counts as refused. It is many times a poll of the socket and a tick.
 const REFUSED_AFTER: Duration = Duration::from_secs(1);
 
-/// Request of a page.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum OperatorCommand {
     /// Press the enable, without the arm that is left out: 0 is the left one, 1 the right one.
@@ -27,20 +26,14 @@ pub enum OperatorCommand {
     Keep,
     /// Hold the clutch, or let go of it.
     Clutch(bool),
-    /// Release the enable.
     Release,
-    /// Reset the latched faults.
     Reset,
-    /// Stop now.
     Stop,
 }
 
-/// Outcome of a request.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, serde::Serialize)]
 pub struct CommandOutcome {
-    /// True if this page holds the enable now.
     pub held: bool,
-    /// Text for the user, if any.
     pub text: Option<String>,
 }
 
@@ -48,10 +41,6 @@ pub struct CommandOutcome {
 pub type OperatorWorker = Worker<OperatorCommand, CommandOutcome>;
 
 impl OperatorWorker {
-    /// Creates a connection that opens at the first request.
-    ///
-    /// # Errors
-    /// Returns an error if no thread can be started.
     pub fn new(instance: &Instance) -> std::io::Result<Self> {
         let instance = instance.clone();
         Self::start("hand", |asked, answer| {
@@ -60,7 +49,6 @@ impl OperatorWorker {
     }
 }
 
-/// An enable that is pressed.
 #[derive(Clone, Copy)]
 struct Held {
     since: Instant,

@@ -1,18 +1,18 @@
 //! One open page: sends frames and receives requests.
 
-use crate::calibration::{CalibrationReport, CalibrationRequest, CalibrationWorker, Measuring, operator_id};
+use crate::calibration::{CalibrationRequest, CalibrationWorker, Measuring, operator_id};
 use crate::counted::Counted;
 use crate::headset::{BODY_BYTES, HEADSET_BYTES, HeadsetClient};
 use crate::hub::{Hub, Seen};
-use crate::mixer::{KeyPoses, MixRequest, Mixed, Mixer};
-use crate::operator_worker::{CommandOutcome, OperatorCommand, OperatorWorker};
+use crate::mixer::{KeyPoses, MixRequest, Mixer};
+use crate::operator_worker::{OperatorCommand, OperatorWorker};
 use crate::recording_view::Position;
 use crate::secure::PageStream;
 use crate::shares::Shares;
 use crate::sight::Sight;
-use crate::webcam::{CameraReport, CameraRequest, Webcam};
+use crate::webcam::{CameraRequest, Webcam};
 use instance::Instance;
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 use serde_json::json;
 use std::io::ErrorKind;
 use std::sync::Arc;
@@ -103,13 +103,11 @@ pub enum PageSource {
     Recording(Arc<Position>),
 }
 
-/// A page's webcam, and the measurements of its person.
 struct Camera {
     webcam: Webcam,
     measurer: CalibrationWorker,
 }
 
-/// Control that a page has over its source.
 enum PageControl {
     OperatorWorker(OperatorWorker, Option<Mixer>, Option<Box<Camera>>, Box<HeadsetClient>),
     Position(Arc<Position>),
@@ -244,45 +242,42 @@ impl Page {
             if let PageControl::Position(position) = &self.lever { Some(position.is_playing()) } else { None };
         if playing != self.is_playing {
             self.is_playing = playing;
-            self.send(Message::text(json!({ "tell": "reel", "playing": playing }).to_string()))?;
+            self.tell("reel", &json!({ "playing": playing }))?;
         }
         while let PageControl::OperatorWorker(hand, .., headset) = &mut self.lever
-            && let Some(CommandOutcome { held, text }) = hand.answer()
+            && let Some(outcome) = hand.answer()
         {
-            if !held {
+            if !outcome.held {
                 headset.lost(hand);
             }
-            self.send(Message::text(json!({ "tell": "hand", "held": held, "text": text }).to_string()))?;
+            self.tell("hand", &outcome)?;
         }
         while let PageControl::OperatorWorker(_, Some(mixer), ..) = &self.lever
-            && let Some(Mixed { on, shares, text }) = mixer.answer()
+            && let Some(mixed) = mixer.answer()
         {
-            let message = json!({ "tell": "mix", "on": on, "shares": shares.get(), "text": text });
-            self.send(Message::text(message.to_string()))?;
+            self.tell("mix", &mixed)?;
         }
         while let PageControl::OperatorWorker(_, _, Some(camera), _) = &self.lever
             && let Some(report) = camera.webcam.answer()
         {
-            self.send(Message::text(camera_message("camera", &report)))?;
+            self.tell("camera", &report)?;
         }
         while let PageControl::OperatorWorker(_, _, Some(camera), _) = &self.lever
-            && let Some(CalibrationReport { on, written, text }) = camera.measurer.answer()
+            && let Some(report) = camera.measurer.answer()
         {
-            if written {
+            if report.written {
                 camera.webcam.ask(CameraRequest::Renew);
             }
-            let message = json!({ "tell": "calibrate", "on": on, "written": written, "text": text });
-            self.send(Message::text(message.to_string()))?;
+            self.tell("calibrate", &report)?;
         }
         while let PageControl::OperatorWorker(hand, .., headset) = &mut self.lever
             && let Some(report) = headset.answer(hand)
         {
-            self.send(Message::text(camera_message("headset", &report)))?;
+            self.tell("headset", &report)?;
         }
         Ok(())
     }
 
-    /// Returns true if the request rate is within the limit of a page.
     fn keeps_measure(&mut self) -> bool {
         if self.second.elapsed() > Duration::from_secs(1) {
             (self.second, self.asked) = (Instant::now(), 0);
@@ -291,7 +286,6 @@ impl Page {
         self.asked <= REQUESTS_PER_S_MAX
     }
 
-    /// Reads and carries out the page's requests.
     fn listen(&mut self) -> Result<(), Error> {
         loop {
             match self.socket.read() {
@@ -319,6 +313,10 @@ impl Page {
         if self.spoke.elapsed() > SILENT_MAX { Err(Error::ConnectionClosed) } else { Ok(()) }
     }
 
+    fn tell(&mut self, kind: &str, report: &impl Serialize) -> Result<(), Error> {
+        self.send(Message::text(json!(Told { tell: kind, report }).to_string()))
+    }
+
     fn send(&mut self, message: Message) -> Result<(), Error> {
         or_later(self.socket.send(message))
     }
@@ -328,14 +326,12 @@ impl Page {
     }
 }
 
-/// Returns the text about a camera or a headset.
-fn camera_message(kind: &str, report: &CameraReport) -> String {
-    let CameraReport { on, published, refused, age_ms, heard_ms, text } = report;
-    let message = json!({
-        "tell": kind, "on": on, "published": published, "refused": refused, "age_ms": age_ms, "heard_ms": heard_ms,
-        "text": text,
-    });
-    message.to_string()
+/// A report of this kind.
+#[derive(Serialize)]
+struct Told<'a, T> {
+    tell: &'a str,
+    #[serde(flatten)]
+    report: &'a T,
 }
 
 fn or_later(outcome: Result<(), Error>) -> Result<(), Error> {

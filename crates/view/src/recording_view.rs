@@ -10,7 +10,6 @@ const FRAMES_MAX: usize = 72_000;
 /// Initial time between two frames, s.
 const PERIOD_S: f64 = 1.0 / 60.0;
 
-/// Page messages of one moment.
 struct TimedFrame {
     at_s: f64,
     frame: Vec<u8>,
@@ -96,7 +95,6 @@ pub struct Position {
 }
 
 impl Position {
-    /// Creates a position at the beginning, playing.
     pub fn new(duration_s: f64) -> Self {
         Self { at: Mutex::new((0.0, true)), duration_s }
     }
@@ -127,7 +125,6 @@ impl Position {
         })
     }
 
-    /// Returns true while it plays.
     pub fn is_playing(&self) -> bool {
         self.change(|at| at.1)
     }

@@ -44,10 +44,7 @@ pub struct RobotView {
 
 impl RobotView {
     /// Creates the view of `loaded`'s robot, with the look beside its robot file and the meshes below `folder`.
-    ///
-    /// # Errors
-    /// Returns an error if the look is not one of this robot, if the folder cannot be read, or if it holds none
-    /// of the robot's meshes.
+    /// A folder with none of the robot's meshes is refused.
     pub fn load(loaded: &Loaded, folder: Option<&Path>) -> Result<Self, LookError> {
         let look = Look::read(loaded.robot_file(), &loaded.model)?;
         let mut view = Self {

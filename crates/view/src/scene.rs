@@ -58,7 +58,6 @@ fn joints(model: &Model) -> Vec<Value> {
     (0..model.joint_names.len()).map(joint).collect()
 }
 
-/// Returns the capsules with the colours of the look.
 fn capsules(view: &RobotView) -> Vec<Value> {
     let capsules = view.model.capsules.iter().enumerate().map(|(n, capsule)| {
         let [a, b]: [[f64; 3]; 2] = [capsule.a.into(), capsule.b.into()];

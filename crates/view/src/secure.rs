@@ -29,13 +29,10 @@ const YEARS: [i32; 2] = [2026, 2046];
 #[derive(Debug, thiserror::Error)]
 #[allow(missing_docs, reason = "the texts name the fields")]
 pub enum SecureError {
-    /// A name or an address cannot be used.
     #[error("--https: {value}: {why}")]
     Name { value: String, why: &'static str },
-    /// Nothing can listen at the address.
     #[error("{address}: {source}")]
     Address { address: IpAddr, source: Error },
-    /// A file of the certificate cannot be read, written or used.
     #[error("{}: {why}", file.display())]
     File { file: PathBuf, why: String },
 }
@@ -58,9 +55,6 @@ pub struct Secure {
 impl Secure {
     /// Takes the certificate in `folder` for these names, and makes one if there is none or if it has other names. The first
     /// name is the IP address to listen at. Writes nothing if nothing can listen at its `port`.
-    ///
-    /// # Errors
-    /// Returns an error if a name cannot be used, if nothing can listen, or if a file cannot be read, written or used.
     pub fn open(names: &[String], folder: &Path, port: u16) -> Result<Self, SecureError> {
         let refused = |value: &str, why| SecureError::Name { value: value.to_owned(), why };
         let first = names.first().map_or("", String::as_str);
@@ -130,7 +124,6 @@ fn check_private(folder: &Path, name: &str) -> Result<(), SecureError> {
     Err(SecureError::File { file, why })
 }
 
-/// Replaces a file.
 fn write(folder: &Path, name: &str, text: &str, mode: u32) -> Result<(), SecureError> {
     let file = folder.join(name);
     let written = remove(&file).and_then(|()| {
@@ -139,12 +132,10 @@ fn write(folder: &Path, name: &str, text: &str, mode: u32) -> Result<(), SecureE
     written.map_err(|error| SecureError::File { file, why: error.to_string() })
 }
 
-/// Removes a file, if there is one.
 fn remove(file: &Path) -> std::io::Result<()> {
     std::fs::remove_file(file).or_else(|error| if error.kind() == ErrorKind::NotFound { Ok(()) } else { Err(error) })
 }
 
-/// Sets the years and the name of a certificate.
 fn valid(mut params: CertificateParams, name: &str) -> CertificateParams {
     let [from, to] = YEARS.map(|year| date_time_ymd(year, 1, 1));
     (params.not_before, params.not_after) = (from, to);
@@ -214,7 +205,6 @@ impl TimedSocket {
         if left.is_some_and(|left| left.is_zero()) { Err(ErrorKind::TimedOut.into()) } else { Ok(left) }
     }
 
-    /// Limits the next read to the time that is left.
     fn limit(&self) -> Result<(), Error> {
         self.left()?.map_or(Ok(()), |left| self.socket.set_read_timeout(Some(left)))
     }
@@ -247,9 +237,6 @@ enum Kind {
 
 impl PageStream {
     /// Takes an accepted connection. Nothing is sent or received yet.
-    ///
-    /// # Errors
-    /// Returns an error if TLS cannot begin.
     pub(crate) fn new(socket: TcpStream, config: Option<&Arc<ServerConfig>>) -> Result<Self, Error> {
         let socket = TimedSocket { socket, give_up: None };
         Ok(Self(match config {
@@ -289,7 +276,6 @@ impl PageStream {
         }
     }
 
-    /// Returns the socket, for its options.
     pub(crate) fn socket(&mut self) -> &TcpStream {
         &self.timed().socket
     }

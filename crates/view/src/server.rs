@@ -60,9 +60,6 @@ pub struct Server {
 impl Server {
     /// Shows `instance`, whose robot is that of `view`, at `port` of the loopback interface, or of the address of
     /// `options.secure`. Port 0 picks any free one.
-    ///
-    /// # Errors
-    /// Returns an error if the port is taken, or if the instance's shared memory cannot be opened.
     pub fn live(instance: &Instance, view: &RobotView, options: LiveOptions, port: u16) -> Result<Self, ViewError> {
         let LiveOptions { key_poses, vision, measuring, secure } = options;
         let names = key_poses.as_ref().map(|key_poses| &key_poses.names);
@@ -80,9 +77,6 @@ impl Server {
     }
 
     /// Shows a recording with this name, of the robot of `view`, like [`Server::live`] shows an instance.
-    ///
-    /// # Errors
-    /// Returns an error if the port is taken.
     pub fn recording(recording: RecordingView, name: &str, view: &RobotView, port: u16) -> Result<Self, ViewError> {
         let about = json!({ "source": "recording", "name": name, "duration_s": recording.duration_s() });
         let position = Arc::new(Position::new(recording.duration_s()));
@@ -207,7 +201,6 @@ fn wait(next: &mut Instant) {
     std::thread::sleep(next.saturating_duration_since(Instant::now()));
 }
 
-/// A connection, shared with its thread while that runs.
 struct Connection {
     stream: TcpStream,
     is_page: AtomicBool,

@@ -16,7 +16,6 @@ pub(crate) struct Session {
 }
 
 impl Session {
-    /// Creates a session that connects at the first join.
     pub(crate) fn new(instance: Instance, held: &'static str) -> Self {
         Self { instance, client: None, sequence: 0, incarnation: rt::incarnation(), held }
     }

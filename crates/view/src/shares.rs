@@ -1,7 +1,7 @@
 //! Shares of three key poses: a point in the triangle of the key poses, and its largest speed.
 
 /// Shares of the three key poses: none is negative, their sum is 1.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Shares([f64; 3]);
 
 /// Requests are clamped to this distance. For every reasonable request the nearest point of the triangle stays

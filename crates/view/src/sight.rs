@@ -1,7 +1,6 @@
 //! One image of a webcam as a page reports it: the landmarks of the person, and the age of the image.
 
 use messages::{Layout, RawSkeleton, SkeletonLayout, raw_flag};
-use std::fmt;
 
 /// Landmarks of a person in MediaPipe's layout.
 pub const LANDMARKS: usize = 33;
@@ -15,27 +14,17 @@ pub const AGE_MS_MAX: f64 = 500.0;
 const REACH_M_MAX: f32 = 5.0;
 
 /// Reasons for which a message is refused.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[allow(missing_docs, reason = "the texts describe the variants")]
 pub enum Refusal {
-    /// It does not have the length of a message.
+    #[error("the message has the wrong length")]
     Length,
-    /// A number is NaN, infinite or out of its bounds.
+    #[error("a number is not finite, or out of its bounds")]
     Number,
-    /// The age is negative or too large.
+    #[error("it is older than 500 ms, or its age is negative")]
     Age,
-    /// There were too many within a second.
+    #[error("there were too many within a second")]
     Flood,
-}
-
-impl fmt::Display for Refusal {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::Length => "the message has the wrong length",
-            Self::Number => "a number is not finite, or out of its bounds",
-            Self::Age => "it is older than 500 ms, or its age is negative",
-            Self::Flood => "there were too many within a second",
-        })
-    }
 }
 
 /// Sight of a page at one moment: an image of a webcam, or the poses of a headset.
@@ -60,9 +49,6 @@ pub struct Person {
 
 impl Sight {
     /// Reads a message. All numbers have the little end first.
-    ///
-    /// # Errors
-    /// Returns the reason if a number is missing or out of its bounds.
     pub fn decode(bytes: &[u8]) -> Result<Self, Refusal> {
         if bytes.len() != SIGHT_BYTES && bytes.len() != NOBODY_BYTES {
             return Err(Refusal::Length);

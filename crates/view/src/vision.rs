@@ -38,10 +38,7 @@ pub struct VisionFiles {
 }
 
 impl VisionFiles {
-    /// Checks that every file is there.
-    ///
-    /// # Errors
-    /// Returns an error that names the first missing file, and says how to get it.
+    /// Checks that every file is there. The error names the first missing one, and says how to get it.
     pub fn open(folder: &Path, model: &Path) -> Result<Self, LookError> {
         let failed = |file: &Path, cause: String| LookError::Read { file: file.display().to_string(), cause };
         check_model(model).map_err(|why| failed(model, format!("--camera: {why}; {DOWNLOAD}")))?;
@@ -54,9 +51,6 @@ impl VisionFiles {
     }
 
     /// Opens a file for a page, by its name in the address.
-    ///
-    /// # Errors
-    /// Returns the reason if no file of this name is served, or if the file is gone.
     pub fn read(&self, name: &str) -> Result<MeshFile, &'static str> {
         if name == MODEL {
             return opened(&self.model);

@@ -19,7 +19,6 @@ const LEASE_MARGIN: Duration = Duration::from_millis(500);
 /// Time between two reports to the page.
 const REPORT_PERIOD: Duration = Duration::from_millis(200);
 
-/// Request of a page.
 #[derive(Debug)]
 pub enum CameraRequest {
     /// Become the client whose person the robot follows. `ingest` knows the person by this number.
@@ -30,14 +29,11 @@ pub enum CameraRequest {
     Image(Stamp, Result<Sight, Refusal>),
     /// Become a new client, if this page is one. `ingest` reads the operators' files as a lease begins.
     Renew,
-    /// Stop being the client.
     Stop,
 }
 
-/// Report to the page.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct CameraReport {
-    /// True if the person is published.
     pub on: bool,
     /// Persons that were published since the start.
     pub published: u64,
@@ -47,7 +43,6 @@ pub struct CameraReport {
     pub age_ms: f64,
     /// Time at which the page sent the newest image, on its own clock, ms. So the page knows how long its messages need.
     pub heard_ms: Option<f64>,
-    /// Text for the user, if any.
     pub text: Option<String>,
 }
 
@@ -56,17 +51,10 @@ pub type Webcam = Worker<CameraRequest, CameraReport>;
 
 impl Webcam {
     /// Creates a webcam that connects at the first start. A lease ends after `lease` of silence.
-    ///
-    /// # Errors
-    /// Returns an error if no thread can be started.
     pub fn new(instance: &Instance, lease: Duration) -> std::io::Result<Self> {
         Self::open(instance, "webcam", lease, IMAGES_PER_S_MAX, SILENT)
     }
 
-    /// Creates a headset in the same way.
-    ///
-    /// # Errors
-    /// As [`Webcam::new`].
     pub fn headset(instance: &Instance) -> std::io::Result<Self> {
         Self::open(instance, "headset", Duration::ZERO, POSES_PER_S_MAX, HEADSET_SILENT)
     }
@@ -217,7 +205,6 @@ impl Watcher {
         if self.second.1 > self.per_s_max { Err(Refusal::Flood) } else { Ok(()) }
     }
 
-    /// Takes a valid image of a page that is the client.
     fn see(&mut self, arrived: Stamp, image: &Sight) -> Result<(), Refusal> {
         let age_ms = image.age_ms + self.delay.waited_ms(image.sent_ms, arrived);
         if age_ms > AGE_MS_MAX {
@@ -276,53 +263,16 @@ const HEADSET_SILENT: &str = "No pose came for half a second, so this page no lo
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::ingest_double::{Ingest, await_some};
     use crate::sight::Person;
-    use doors::{FrameSource, LeaseState, Server};
-    use std::path::Path;
+    use doors::LeaseState;
 
-    /// Longest time for any expected event. Only a hang comes near it.
-    const SOON: Duration = Duration::from_secs(20);
-
-    /// A substitute for `ingest` that this thread polls.
-    struct Ingest {
-        server: Server,
-        holds: LeaseState,
-        frames: Vec<RawSkeleton>,
+    fn report(ingest: &mut Ingest, webcam: &Webcam, what: impl Fn(&CameraReport) -> bool) -> CameraReport {
+        ingest.until(|_| webcam.answer().filter(&what))
     }
 
-    impl Ingest {
-        fn at(path: &Path) -> Self {
-            Self { server: Server::bind(path, None).expect("a socket"), holds: LeaseState::Holder, frames: Vec::new() }
-        }
-
-        fn poll(&mut self) {
-            let (frames, holds) = (&mut self.frames, self.holds);
-            self.server.poll(rt::now(), false, |_: FrameSource, frame| {
-                frames.push(*frame);
-                holds
-            });
-            std::thread::sleep(Duration::from_millis(1));
-        }
-
-        /// Returns the next report that `what` accepts.
-        fn report(&mut self, webcam: &Webcam, what: impl Fn(&CameraReport) -> bool) -> CameraReport {
-            let give_up = Instant::now() + SOON;
-            loop {
-                self.poll();
-                if let Some(report) = webcam.answer().filter(&what) {
-                    return report;
-                }
-                assert!(Instant::now() < give_up, "never reported");
-            }
-        }
-
-        fn wait(&mut self, frames: usize) {
-            let give_up = Instant::now() + SOON;
-            while self.frames.len() < frames {
-                self.poll();
-                assert!(Instant::now() < give_up, "only {} frames", self.frames.len());
-            }
-        }
+    fn await_frames(ingest: &mut Ingest, count: usize) {
+        ingest.until(|ingest| (ingest.frames.len() >= count).then_some(()));
     }
 
     fn webcam() -> (tempfile::TempDir, Ingest, Webcam) {
@@ -343,29 +293,29 @@ mod tests {
     fn f123_image_that_waited_gets_its_true_age() {
         let (_folder, mut ingest, webcam) = webcam();
         webcam.ask(CameraRequest::Start(0));
-        assert!(ingest.report(&webcam, |_| true).on);
+        assert!(report(&mut ingest, &webcam, |_| true).on);
         // The page's clock is 9 s behind. The second message waited 80 ms on its way, and the third one 600 ms.
         for one in [image(1000.0, 30.0, 10_000), image(1033.0, 30.0, 10_113), image(1066.0, 30.0, 10_666)] {
             webcam.ask(one);
         }
         webcam.ask(image(1700.0, 40.0, 10_700));
-        ingest.wait(3);
+        await_frames(&mut ingest, 3);
         let origins: Vec<_> = ingest.frames.iter().map(|frame| frame.header.origin.0 / 1_000_000).collect();
         assert_eq!(origins, [9970, 10_003, 10_660]);
         assert!(ingest.frames.iter().all(|frame| frame.layout == 4 && frame.header.incarnation != 0));
         assert_eq!(ingest.frames.iter().map(|frame| frame.header.sequence).collect::<Vec<_>>(), [1, 2, 3]);
-        assert_eq!(ingest.report(&webcam, |report| !report.on).refused, 1);
+        assert_eq!(report(&mut ingest, &webcam, |report| !report.on).refused, 1);
     }
 
     #[test]
     fn flood_or_empty_images_publish_no_more_than_allowed() {
         let (_folder, mut ingest, webcam) = webcam();
         webcam.ask(CameraRequest::Start(0));
-        assert!(ingest.report(&webcam, |_| true).on);
+        assert!(report(&mut ingest, &webcam, |_| true).on);
         for n in 0..2 * u64::from(IMAGES_PER_S_MAX) {
             webcam.ask(image(n as f64, 1.0, 10_000 + n));
         }
-        let after = ingest.report(&webcam, |report| !report.on);
+        let after = report(&mut ingest, &webcam, |report| !report.on);
         assert!(after.refused >= u64::from(IMAGES_PER_S_MAX) && after.text.as_deref() == Some(SILENT), "{after:?}");
         assert!(ingest.frames.len() <= IMAGES_PER_S_MAX as usize, "{}", ingest.frames.len());
     }
@@ -375,16 +325,11 @@ mod tests {
         let (_folder, mut ingest, webcam) = webcam();
         webcam.ask(image(0.0, 1.0, 10_000));
         webcam.ask(CameraRequest::Start(0));
-        assert!(ingest.report(&webcam, |_| true).on);
-        let begun = Instant::now();
-        let ended = loop {
+        assert!(report(&mut ingest, &webcam, |_| true).on);
+        let ended = ingest.until(|_| {
             webcam.ask(CameraRequest::Image(rt::now(), Err(Refusal::Number)));
-            ingest.poll();
-            if let Some(report) = webcam.answer().filter(|report| !report.on) {
-                break report;
-            }
-            assert!(begun.elapsed() < SOON, "never ended");
-        };
+            webcam.answer().filter(|report| !report.on)
+        });
         assert_eq!(ended.text.as_deref(), Some(SILENT));
         webcam.ask(image(1.0, 1.0, 10_001));
         (0..50).for_each(|_| ingest.poll());
@@ -395,26 +340,22 @@ mod tests {
     fn page_that_lost_the_lease_is_told_and_gets_a_new_session() {
         let (_folder, mut ingest, webcam) = webcam();
         webcam.ask(CameraRequest::Start(0));
-        assert!(ingest.report(&webcam, |_| true).on);
+        assert!(report(&mut ingest, &webcam, |_| true).on);
         ingest.holds = LeaseState::NotHolder;
-        let begun = Instant::now();
         let mut n = 0;
-        let lost = loop {
+        let lost = await_some(|| {
             n += 1;
             webcam.ask(image(n as f64, 1.0, 10_000 + n));
             (0..20).for_each(|_| ingest.poll());
-            if let Some(report) = webcam.answer().filter(|report| !report.on) {
-                break report;
-            }
-            assert!(begun.elapsed() < SOON, "never lost");
-        };
+            webcam.answer().filter(|report| !report.on)
+        });
         assert_eq!(lost.text.as_deref(), Some(HELD));
         ingest.holds = LeaseState::Holder;
         webcam.ask(CameraRequest::Start(0));
-        assert!(ingest.report(&webcam, |report| report.on).on);
+        assert!(report(&mut ingest, &webcam, |report| report.on).on);
         let before = ingest.frames.len();
         webcam.ask(image(1e4, 1.0, 20_000));
-        ingest.wait(before + 1);
+        await_frames(&mut ingest, before + 1);
         assert!(ingest.frames[before].session_nonce != ingest.frames[before - 1].session_nonce);
     }
 }

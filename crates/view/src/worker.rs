@@ -12,9 +12,6 @@ pub struct Worker<Ask, Answer> {
 
 impl<Ask: Send + 'static, Answer: Send + 'static> Worker<Ask, Answer> {
     /// Starts `work` in a thread of that name. It returns once nobody can send requests any more.
-    ///
-    /// # Errors
-    /// Returns an error if no thread can be started.
     pub fn start(
         name: &str,
         work: impl FnOnce(&Receiver<Ask>, Sender<Answer>) + Send + 'static,
@@ -27,12 +24,10 @@ impl<Ask: Send + 'static, Answer: Send + 'static> Worker<Ask, Answer> {
 }
 
 impl<Ask, Answer> Worker<Ask, Answer> {
-    /// Sends a request to the thread.
     pub fn ask(&self, ask: Ask) {
         let _ = self.asks.send(ask);
     }
 
-    /// Returns the next outcome, if any.
     pub fn answer(&self) -> Option<Answer> {
         self.answers.try_recv().ok()
     }

@@ -1,6 +1,5 @@
 //! One program for all tests, so that it is linked once.
 
-/// Returns the bytes of a page's message: when it was sent, its age, and its numbers.
 fn message(sent_ms: f64, age_ms: f64, numbers: &[f32]) -> Vec<u8> {
     let mut bytes = [sent_ms, age_ms].map(f64::to_le_bytes).concat();
     numbers.iter().for_each(|number| bytes.extend(number.to_le_bytes()));
@@ -16,7 +15,6 @@ fn random() -> impl FnMut() -> usize {
     }
 }
 
-/// Sets `count` random bytes.
 fn damage(bytes: &mut [u8], count: usize, next: &mut impl FnMut() -> usize) {
     for _ in 0..count {
         bytes[next() % bytes.len()] = next() as u8;

@@ -25,7 +25,6 @@ fn ask(socket: &mut Socket, what: Value) {
     socket.send(Message::text(what.to_string())).expect("it listens");
 }
 
-/// Reads until a frame is at this time.
 fn until(socket: &mut Socket, at_s: f32, within_s: f32) -> Vec<f32> {
     let give_up = Instant::now() + Duration::from_secs(10);
     loop {
@@ -98,7 +97,6 @@ fn page_plays_pauses_and_seeks_recording() {
     until(&mut socket, 0.5, 0.4);
 }
 
-/// Reads until a message says whether the recording plays.
 fn playing(socket: &mut Socket) -> Value {
     loop {
         let Message::Text(text) = socket.read().expect("it tells") else { continue };

@@ -10,20 +10,20 @@ const CHAINS: usize = 4;
 /// Activations of `N` inputs, each in a buffer of `W` numbers.
 type Rows<const N: usize, const W: usize> = [[f32; W]; N];
 
-/// Data of one pass. `FUSED`: multiply-adds round once. `BF16`: a word holds two weights.
-pub(super) struct Pass<'a, const N: usize, const W: usize, const FUSED: bool, const BF16: bool> {
+/// Data of one pass. `FUSED`: multiply-adds round once.
+pub(super) struct Pass<'a, const N: usize, const W: usize, const FUSED: bool> {
     pub(super) arena: &'a [Line],
     pub(super) layers: &'a [Layer],
     pub(super) from: [&'a [f32]; N],
     pub(super) to: [&'a mut [f32]; N],
 }
 
-impl<const N: usize, const W: usize, const FUSED: bool, const BF16: bool> WithSimd for Pass<'_, N, W, FUSED, BF16> {
+impl<const N: usize, const W: usize, const FUSED: bool> WithSimd for Pass<'_, N, W, FUSED> {
     type Output = ();
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        let kernel = Kernel::<S, FUSED, BF16>(simd);
+        let kernel = Kernel::<S, FUSED>(simd);
         let (mut a, mut b) = ([[0.0; W]; N], [[0.0; W]; N]);
         for n in 0..N {
             a[n][..self.from[n].len()].copy_from_slice(self.from[n]);
@@ -40,9 +40,9 @@ impl<const N: usize, const W: usize, const FUSED: bool, const BF16: bool> WithSi
 }
 
 #[derive(Clone, Copy)]
-struct Kernel<S, const FUSED: bool, const BF16: bool>(S);
+struct Kernel<S, const FUSED: bool>(S);
 
-impl<S: Simd, const FUSED: bool, const BF16: bool> Kernel<S, FUSED, BF16> {
+impl<S: Simd, const FUSED: bool> Kernel<S, FUSED> {
     /// to = act(W from + b).
     #[inline(always)]
     fn layer<const N: usize, const W: usize>(
@@ -95,7 +95,7 @@ impl<S: Simd, const FUSED: bool, const BF16: bool> Kernel<S, FUSED, BF16> {
         to: &mut Rows<N, W>,
     ) {
         // These bounds remove the checks inside the loop.
-        let rows = panels[0].len().min(if BF16 { W / 2 } else { W });
+        let rows = panels[0].len().min(W);
         let mut sum = [[[self.0.splat_f32s(0.0); G]; M]; N];
         for sum in &mut sum {
             for (m, sum) in sum.iter_mut().enumerate() {
@@ -152,7 +152,7 @@ impl<S: Simd, const FUSED: bool, const BF16: bool> Kernel<S, FUSED, BF16> {
         to: &mut [f32; W],
     ) {
         let weights: &[[S::f32s; G]] = weights.as_chunks().0;
-        let rows = weights.len().min(if BF16 { W / 2 } else { W });
+        let rows = weights.len().min(W);
         let weights = &weights[..rows];
         let mut sum = [[[self.0.splat_f32s(0.0); G]; CHAINS]];
         sum[0][0].copy_from_slice(&place.bias[..G]);
@@ -174,8 +174,7 @@ impl<S: Simd, const FUSED: bool, const BF16: bool> Kernel<S, FUSED, BF16> {
         }
     }
 
-    /// Adds the products of row `r`, for one input or two, to the sums `m`. With bf16 the second weight comes
-    /// first, so that the word outlives its product. In the other order, compilers run out of registers.
+    /// Adds the products of row `r` to the sums `m`.
     #[inline(always)]
     fn accumulate<const G: usize, const M: usize, const N: usize, const W: usize>(
         self,
@@ -185,21 +184,9 @@ impl<S: Simd, const FUSED: bool, const BF16: bool> Kernel<S, FUSED, BF16> {
         sum: &mut [[[S::f32s; G]; M]; N],
         m: usize,
     ) {
-        let simd = self.0;
         for g in 0..G {
-            if BF16 {
-                for n in 0..N {
-                    sum[n][m][g] = self.multiply_add(simd.splat_f32s(from[n][2 * r + 1]), words[g], sum[n][m][g]);
-                }
-                let low = simd.wrapping_dyn_shl_u32s(simd.transmute_u32s_f32s(words[g]), simd.splat_u32s(16));
-                let low = simd.transmute_f32s_u32s(low);
-                for n in 0..N {
-                    sum[n][m][g] = self.multiply_add(simd.splat_f32s(from[n][2 * r]), low, sum[n][m][g]);
-                }
-            } else {
-                for n in 0..N {
-                    sum[n][m][g] = self.multiply_add(simd.splat_f32s(from[n][r]), words[g], sum[n][m][g]);
-                }
+            for n in 0..N {
+                sum[n][m][g] = self.multiply_add(self.0.splat_f32s(from[n][r]), words[g], sum[n][m][g]);
             }
         }
     }

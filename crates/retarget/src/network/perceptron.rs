@@ -23,16 +23,6 @@ pub struct Dense {
     pub bias: Vec<f32>,
 }
 
-/// Storage format of the weights. Biases, activations and sums are f32 in both.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Precision {
-    /// f32, as given.
-    #[default]
-    F32,
-    /// Rounded to the eight significant bits of bfloat16. This halves the memory to read.
-    Bf16,
-}
-
 /// Vector instructions of the processor. All levels with fused multiply-add, which are all but the portable one,
 /// give the same bits. The portable one differs by rounding, below 1e-5 of the largest output.
 #[derive(Clone, Copy, Debug)]
@@ -104,9 +94,8 @@ pub(super) struct Line([f32; LINE]);
 /// Numbers in a cache line.
 pub(super) const LINE: usize = 16;
 
-/// A layer inside the arena: bias lines, then panels, each `[rows][lines of the panel]`. With f32 a row holds the
-/// weights of one input. With bf16 it holds those of two: the first in the low half of each word, the second in
-/// the high half.
+/// A layer inside the arena: bias lines, then panels, each `[rows][lines of the panel]`. A row holds the weights of one
+/// input.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Layer {
     pub(super) rows: usize,
@@ -120,7 +109,6 @@ pub(super) struct Layer {
 #[derive(Clone, Debug)]
 pub struct Perceptron {
     level: Level,
-    precision: Precision,
     arena: Vec<Line>,
     layers: Vec<Layer>,
     inputs: usize,
@@ -134,20 +122,21 @@ impl Perceptron {
     /// # Panics
     /// Panics on a bug of the caller: no layer, layers that do not fit together or are not full, layers without
     /// input or output, or layers wider than `WIDTH_MAX`.
-    pub fn new(layers: &[Dense], precision: Precision) -> Self {
-        Self::at_level(layers, precision, Level::best())
+    pub fn new(layers: &[Dense]) -> Self {
+        Self::at_level(layers, Level::best())
     }
 
     /// As `new`, for the given vectors.
     ///
     /// # Panics
     /// As `new`.
-    pub fn at_level(layers: &[Dense], precision: Precision, level: Level) -> Self {
+    pub fn at_level(layers: &[Dense], level: Level) -> Self {
         let (Some(first), Some(last)) = (layers.first(), layers.last()) else { panic!("a network has a layer") };
         let mut packed = Self {
             level,
-            precision,
-            arena: Vec::with_capacity(layers.iter().map(|layer| arena_lines(layer, precision)).sum()),
+            arena: Vec::with_capacity(
+                layers.iter().map(|layer| layer.outputs.div_ceil(LINE) * (1 + layer.inputs)).sum(),
+            ),
             layers: Vec::new(),
             inputs: first.inputs,
             outputs: last.outputs,
@@ -177,11 +166,10 @@ impl Perceptron {
         }
         let from = input.each_ref().map(|row| row.as_slice());
         let to = output.each_mut().map(|row| row.as_mut_slice());
-        match (self.widest <= WIDTH_USUAL, self.precision) {
-            (true, Precision::F32) => self.run::<N, WIDTH_USUAL, false>(from, to),
-            (true, Precision::Bf16) => self.run::<N, WIDTH_USUAL, true>(from, to),
-            (false, Precision::F32) => self.run::<N, WIDTH_MAX, false>(from, to),
-            (false, Precision::Bf16) => self.run::<N, WIDTH_MAX, true>(from, to),
+        if self.widest <= WIDTH_USUAL {
+            self.run::<N, WIDTH_USUAL>(from, to);
+        } else {
+            self.run::<N, WIDTH_MAX>(from, to);
         }
         output
     }
@@ -196,36 +184,18 @@ impl Perceptron {
         self.outputs
     }
 
-    /// Storage format of the weights.
-    pub fn precision(&self) -> Precision {
-        self.precision
-    }
-
-    /// The vector level in use.
-    pub fn level(&self) -> Level {
-        self.level
-    }
-
-    /// All bytes that one pass reads, in that order.
-    pub fn packed(&self) -> &[u8] {
-        bytemuck::cast_slice(&self.arena)
-    }
-
     #[inline]
-    fn run<const N: usize, const W: usize, const BF16: bool>(&self, from: [&[f32]; N], to: [&mut [f32]; N]) {
+    fn run<const N: usize, const W: usize>(&self, from: [&[f32]; N], to: [&mut [f32]; N]) {
         let (arena, layers) = (&*self.arena, &*self.layers);
         match self.level.0 {
-            Kind::Portable => Scalar128b.vectorize(Pass::<N, W, false, BF16> { arena, layers, from, to }),
-            Kind::Detected(arch) => arch.dispatch(Pass::<N, W, true, BF16> { arena, layers, from, to }),
+            Kind::Portable => Scalar128b.vectorize(Pass::<N, W, false> { arena, layers, from, to }),
+            Kind::Detected(arch) => arch.dispatch(Pass::<N, W, true> { arena, layers, from, to }),
         }
     }
 
     fn push(&mut self, dense: &Dense, hidden: bool) {
-        let inputs_of_row = inputs_of_row(self.precision);
-        let (rows, lines) = (dense.inputs.div_ceil(inputs_of_row), dense.outputs.div_ceil(LINE));
-        let weight = |o: usize, i: usize| {
-            if o < dense.outputs && i < dense.inputs { dense.weight[o * dense.inputs + i] } else { 0.0 }
-        };
+        let (rows, lines) = (dense.inputs, dense.outputs.div_ceil(LINE));
+        let weight = |o: usize, i: usize| if o < dense.outputs { dense.weight[o * dense.inputs + i] } else { 0.0 };
         self.layers.push(Layer { rows, lines, at: self.arena.len(), hidden });
         self.arena.extend(
             (0..lines).map(|line| {
@@ -236,15 +206,9 @@ impl Perceptron {
         while line < lines {
             let panel = panel_lines(self.level.lanes(), lines - line);
             for row in 0..rows {
-                self.arena.extend((line..line + panel).map(|line| {
-                    Line(std::array::from_fn(|l| {
-                        let o = line * LINE + l;
-                        match self.precision {
-                            Precision::F32 => weight(o, row),
-                            Precision::Bf16 => pair(weight(o, 2 * row), weight(o, 2 * row + 1)),
-                        }
-                    }))
-                }));
+                self.arena.extend(
+                    (line..line + panel).map(|line| Line(std::array::from_fn(|l| weight(line * LINE + l, row)))),
+                );
             }
             line += panel;
         }
@@ -261,63 +225,5 @@ pub(super) fn panel_lines(lanes: usize, remain: usize) -> usize {
         (16, 4..) => 4,
         (8 | 16, 2..) => 2,
         _ => 1,
-    }
-}
-
-fn inputs_of_row(precision: Precision) -> usize {
-    match precision {
-        Precision::F32 => 1,
-        Precision::Bf16 => 2,
-    }
-}
-
-fn arena_lines(dense: &Dense, precision: Precision) -> usize {
-    dense.outputs.div_ceil(LINE) * (1 + dense.inputs.div_ceil(inputs_of_row(precision)))
-}
-
-/// Packs two weights into one word. The low half is the first weight as bfloat16. The whole word, read as f32, is
-/// the second. Its high half is chosen so that this word is as close as possible. That avoids a mask and loses no
-/// precision.
-fn pair(first: f32, second: f32) -> f32 {
-    let low = nearest(first, first.to_bits() >> 16, |half| f32::from_bits(half << 16)).to_bits() >> 16;
-    nearest(second, second.to_bits() >> 16, |half| f32::from_bits(half << 16 | low))
-}
-
-/// Returns the number closest to `target` among those that `of` gives for the half words around `half`.
-fn nearest(target: f32, half: u32, of: impl Fn(u32) -> f32) -> f32 {
-    let candidates = [half, half.wrapping_sub(1) & 0xffff, half.wrapping_add(1) & 0xffff].map(of);
-    let distance = |x: f32| (f64::from(x) - f64::from(target)).abs();
-    let mut best = candidates[0];
-    for x in candidates {
-        // A neighbour of the largest or smallest number may be infinite or NaN.
-        if x.is_finite() && distance(x) < distance(best) {
-            best = x;
-        }
-    }
-    best
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn packed_weight_pair_is_within_bfloat16_rounding() {
-        for i in 1..100_000_u32 {
-            let first = (i as f32 * 12.9898).sin() * 3.0;
-            let second = (i as f32 * 78.233).cos() * 10.0_f32.powi((i % 7) as i32 - 3);
-            let word = pair(first, second);
-            let low = f32::from_bits(word.to_bits() << 16);
-            assert!((low - first).abs() <= first.abs() / 256.0, "{low} for {first}");
-            assert!((word - second).abs() <= second.abs() / 256.0, "{word} for {second}");
-        }
-        for extreme in [0.0, -0.0, f32::MAX, f32::MIN, f32::MIN_POSITIVE, 1e-44, -1e-44] {
-            for other in [0.0, -3.0, f32::MAX] {
-                let (word, swapped) = (pair(other, extreme), pair(extreme, other));
-                assert!(word.is_finite() && (word - extreme).abs() <= extreme.abs() / 256.0 + 1e-38, "{extreme}");
-                let low = f32::from_bits(swapped.to_bits() << 16);
-                assert!(low.is_finite() && (low - extreme).abs() <= extreme.abs() / 128.0 + 1e-38, "{extreme}");
-            }
-        }
     }
 }

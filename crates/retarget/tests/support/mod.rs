@@ -11,29 +11,55 @@ use rand_pcg::Pcg64;
 use retarget::contact::{Part, Proportions};
 use retarget::surface::Surface;
 use retarget::{
-    ArmIdentity, ArmModel, ArmQ, Dense, KinematicChain, LATENT, Layers, Limbs, Manifest, Prediction, RobotArms,
-    Weights, mirror, write_weights, xyzw_from_rotation,
+    ArmIdentity, ArmModel, ArmQ, Config, Dense, KinematicChain, LATENT, Layers, Limbs, Manifest, Method, Prediction,
+    RobotArms, Settings, Weights, mirror, write_weights, xyzw_from_rotation,
 };
 
+/// Time at which the tests begin, ns.
+pub(crate) const START_NS: u64 = 5_000_000_000;
+/// A millisecond, ns.
+pub(crate) const MS: u64 = 1_000_000;
 /// The robots with weights of their own.
 pub(crate) const ROBOTS: [&str; 5] = ["tiago_dual", "unitree_g1", "openarm_v10", "franka_fr3_duo", "rby1a"];
 
-/// A placeholder capsule for robot files whose capsules are not fitted yet: retargeting knows no collisions.
-fn with_capsule(text: String) -> String {
-    if text.contains("[[collision.capsules]]") {
-        return text;
-    }
-    let base = text.lines().find_map(|line| line.strip_prefix("base_link = ")).expect("a base link");
-    let capsule =
-        format!("name = \"a\"\nlink = {base}\na_m = [0.0, 0.0, 0.0]\nb_m = [0.0, 0.0, 0.01]\nradius_m = 0.01\n");
-    format!("{text}\n[[collision.capsules]]\n{capsule}[collision.allowed.adjacent]\n[collision.allowed.proved_clear]\n")
-}
-
 /// A shipped robot.
 pub(crate) fn shipped(name: &str) -> robot::Model {
+    edited(name, |text| text)
+}
+
+/// A shipped robot with a changed file.
+pub(crate) fn edited(name: &str, edit: impl Fn(String) -> String) -> robot::Model {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/robots");
     let read = |end: &str| std::fs::read_to_string(folder.join(format!("{name}.{end}"))).expect("a robot's file");
-    robot::Model::from_text(name, &with_capsule(read("toml")), name, &read("urdf")).expect("the robot")
+    robot::Model::from_text(name, &edit(read("toml")), name, &read("urdf")).expect("the robot")
+}
+
+/// The weights of a shipped robot.
+pub(crate) fn shipped_weights(model: &robot::Model) -> Weights {
+    let base = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../weights").join(&model.name);
+    let read = |end: &str| std::fs::read(base.with_extension(end)).expect("weights");
+    let manifest = String::from_utf8(read("toml")).expect("text");
+    Weights::from_bytes(&manifest, &read("safetensors"), model).expect("they fit the robot")
+}
+
+/// Settings of the arm with random weights.
+pub(crate) fn config(method: Method, delay_ms: f64) -> Config {
+    let settings = Settings { method, following_delay_ms: delay_ms, ..Settings::default() };
+    Config::for_arms(&robot(), Some(weights(&layers(1, 2, 32))), &settings).expect("a configuration")
+}
+
+/// Outputs of a network, by sums in f64.
+pub(crate) fn sums(layers: &[Dense], input: &[f64]) -> Vec<f64> {
+    let mut x = input.to_vec();
+    for (i, layer) in layers.iter().enumerate() {
+        let sum = |o: usize| {
+            let row = &layer.weight[o * layer.inputs..(o + 1) * layer.inputs];
+            f64::from(layer.bias[o]) + row.iter().zip(&x).map(|(w, x)| f64::from(*w) * x).sum::<f64>()
+        };
+        let y: Vec<f64> = (0..layer.outputs).map(sum).collect();
+        x = if i + 1 < layers.len() { y.into_iter().map(|y| y / (1.0 + (-y).exp())).collect() } else { y };
+    }
+    x
 }
 
 /// Axes and reference of a TiaGo++, limits of the robot's URDF.

@@ -38,9 +38,6 @@ struct Found {
 
 /// Drafts the robot file of a URDF: it finds the two arms, the torso and the body's joints, solves the T-pose and a
 /// home posture, and proposes limits.
-///
-/// # Errors
-/// Returns an error if the URDF is invalid, or if no two arms of seven revolute joints hang on one link.
 pub fn draft(urdf_name: &str, urdf_text: &str) -> Result<Draft, RobotError> {
     let tree = Tree::parse(urdf_name, urdf_text)?;
     let refuse = |key: &str, value: String, bound: &str| RobotError::value(urdf_name, key, value, bound);

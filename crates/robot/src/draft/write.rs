@@ -19,7 +19,6 @@ const LIFT_STOP_S: f64 = 0.48;
 const MARGIN_RAD: f64 = 0.02;
 const MARGIN_M: f64 = 0.002;
 
-/// A group of limits.
 struct Group<'a> {
     name: &'a str,
     joints: Vec<usize>,
@@ -83,13 +82,11 @@ pub(super) fn toml(urdf_name: &str, tree: &Tree, found: &Found) -> String {
     out
 }
 
-/// A name as a key of TOML.
 fn key(name: &str) -> String {
     let bare = !name.is_empty() && name.bytes().all(|c| c.is_ascii_alphanumeric() || c == b'_' || c == b'-');
     if bare { name.to_owned() } else { quoted(name) }
 }
 
-/// A text as a string of TOML.
 fn quoted(text: &str) -> String {
     toml::Value::String(text.to_owned()).to_string()
 }

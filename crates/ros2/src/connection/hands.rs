@@ -9,7 +9,6 @@ use dust_dds::publication::publisher::Publisher;
 use messages::{GripperMotion, GripperState, Layout, Stamp, tick_at};
 use robot::{Model, SetpointKind};
 
-/// A hand and its controller.
 struct DrivenHand {
     side: usize,
     hand: Hand,
@@ -90,7 +89,6 @@ impl Hands {
         }
     }
 
-    /// Takes the fingers of a joint state.
     pub(super) fn measure(&mut self, state: &JointState, now: Stamp) {
         self.lacking = None;
         for own in &mut self.all {
@@ -112,7 +110,6 @@ impl Hands {
         }
     }
 
-    /// Takes what their controllers published.
     pub(super) fn receive(&mut self, now: Stamp) {
         for DrivenHand { hand, controller, .. } in &mut self.all {
             let Some(states) = &controller.states else { continue };
@@ -132,7 +129,6 @@ impl Hands {
 }
 
 impl Connection {
-    /// Takes the robot's description for the grippers.
     pub fn describe_hands(&mut self) {
         self.hands.describe(self.urdf.as_deref());
     }

@@ -8,7 +8,6 @@ use messages::{JOINTS_MAX, Stamp};
 const LOW_TICK_NS: i64 = 1_000_000;
 
 impl Connection {
-    /// Takes a state of a Unitree robot.
     pub(super) fn receive_low_state(&mut self, state: &LowState, now: Stamp) -> bool {
         let stamp_ns = i64::from(state.tick) * LOW_TICK_NS;
         // A tick that stands belongs to a state that stands.

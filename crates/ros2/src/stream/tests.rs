@@ -39,7 +39,6 @@ impl Rig {
         (0..(seconds / TICK_S) as u64 / PERIOD).for_each(|_| self.step(&[]));
     }
 
-    /// Lets the loop command a motion that speeds up to 0.4 rad/s.
     fn speed_up(&mut self) {
         let begin = self.k;
         for _ in 0..50 {
@@ -49,7 +48,6 @@ impl Rig {
         assert!(self.stream.follows() && self.stream.last.motion.v[0] > 0.3);
     }
 
-    /// Largest acceleration of what was sent, by the limit.
     fn jolt(&self) -> f64 {
         let h = PERIOD as f64 * TICK_S;
         let q: Vec<f64> = self.sent.iter().map(|(_, position)| position.q[0]).collect();

@@ -13,22 +13,18 @@ const STEP_S: f64 = 0.01;
 /// Delay from a command to its measurement, s: three states.
 const DELAY_STATES: usize = 3;
 
-/// The defect of the robot.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 enum Defect {
     #[default]
     Nothing,
     /// The measurement of this joint has the wrong sign.
     Sign(usize),
-    /// The measurements of two joints are exchanged.
     Swapped(usize, usize),
     /// This joint moves half as far as commanded.
     Half(usize),
     /// The second joint moves along with the first one.
     Along(usize, usize),
-    /// The emergency stop does not show.
     Unseen,
-    /// The emergency stop does not latch.
     Unlatched,
     /// This joint sinks while the emergency stop is pressed.
     Sinks(usize),
@@ -235,7 +231,7 @@ fn defects_are_found_at_their_step_with_the_joint_named() {
     let (moving, _) = super::kills::free_joint(&facts, &facts.model.home, 0).expect("a joint that moves");
     let moving_name = facts.model.joint_names[moving].as_str();
     let names = [left, right].map(|joint| facts.model.joint_names[joint].as_str());
-    for (defect, step, said, named) in [
+    for (defect, step, printed, named) in [
         (Defect::Unseen, "step 2", "does not show", ""),
         (Defect::Unlatched, "step 2", "does not latch", ""),
         (Defect::Sinks(left), "step 2", "moved by -10.0 mrad while the emergency stop", names[0]),
@@ -253,7 +249,7 @@ fn defects_are_found_at_their_step_with_the_joint_named() {
         let ended = outcome.expect_err("a defect");
         let Stop::Failed(why) = &ended.why else { panic!("{defect:?}: {ended:?}") };
         assert!(ended.step.starts_with(step), "{defect:?}: {ended:?}");
-        assert!(why.contains(said) && why.contains(named), "{defect:?}: {why}");
+        assert!(why.contains(printed) && why.contains(named), "{defect:?}: {why}");
         let passed = lines.iter().filter(|line| line.starts_with("passed: ")).count();
         assert_eq!(format!("step {}", passed + 1), step, "{defect:?}: nothing follows the failed step");
     }

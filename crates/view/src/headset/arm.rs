@@ -80,7 +80,6 @@ mod tests {
 
     const BONES: [f64; 2] = [0.33, 0.26];
 
-    /// Directions all around, and distances of every kind.
     fn wrists() -> Vec<Vector3<f64>> {
         let mut all = Vec::new();
         for n in 0..400 {
@@ -146,15 +145,10 @@ mod tests {
                 let arm = solve(side, &UnitQuaternion::identity(), Vector3::zeros(), wrist, BONES);
                 let (upper, fore) = (arm.elbow.normalize(), (arm.wrist - arm.elbow).normalize());
                 assert!((arm.upper * rest - upper).norm() < 1e-6 && (arm.fore * rest - fore).norm() < 1e-6);
-                let hinge = upper.cross(&fore).normalize();
-                assert!((arm.upper * hinge_of(side) - hinge).norm() < 1e-6);
+                assert!((arm.upper * hinge(side) - upper.cross(&fore).normalize()).norm() < 1e-6);
             }
         }
         let t_pose = solve(0, &UnitQuaternion::identity(), Vector3::zeros(), -Vector3::x(), BONES);
         assert!(t_pose.upper.angle() < 1.6, "{}", t_pose.upper.angle());
-    }
-
-    fn hinge_of(side: usize) -> Vector3<f64> {
-        super::hinge(side)
     }
 }

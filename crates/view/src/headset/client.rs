@@ -14,10 +14,6 @@ pub struct HeadsetClient {
 }
 
 impl HeadsetClient {
-    /// Creates a headset that connects at the first start.
-    ///
-    /// # Errors
-    /// Returns an error if no thread can be started.
     pub fn new(instance: &Instance) -> std::io::Result<Self> {
         Ok(Self { publisher: Webcam::headset(instance)?, state: Headset::default(), leads: false })
     }

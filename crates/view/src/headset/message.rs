@@ -31,7 +31,6 @@ const KNOWN: [f32; 3] = [0.0, 0.5, 1.0];
 pub struct Tracked {
     /// Position, m.
     pub position: Vector3<f64>,
-    /// Rotation.
     pub rotation: UnitQuaternion<f64>,
     /// 1 if the headset tracks it, 0.5 if the headset guesses it.
     pub confidence: f32,
@@ -78,9 +77,6 @@ pub struct HeadsetFrame {
 
 impl HeadsetFrame {
     /// Reads a message. All numbers have the little end first.
-    ///
-    /// # Errors
-    /// Returns the reason if a number is missing or out of its bounds.
     pub fn decode(bytes: &[u8]) -> Result<Self, Refusal> {
         if bytes.len() != HEADSET_BYTES && bytes.len() != BODY_BYTES {
             return Err(Refusal::Length);

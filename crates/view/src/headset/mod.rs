@@ -16,7 +16,6 @@ use messages::Stamp;
 use person::UpperBody;
 use press::{Grasp, HeldPress};
 
-/// The state of a page's headset.
 #[derive(Clone, Debug, Default)]
 pub struct Headset {
     body: UpperBody,
@@ -40,21 +39,16 @@ impl Headset {
         self.press.lose()
     }
 
-    /// Returns true if the headset holds the enable.
     pub fn is_held(&self) -> bool {
         self.press.is_held()
     }
 
-    /// Returns true if the last message repeats a held press.
     pub fn repeats_press(&self) -> bool {
         self.press.is_held() && !self.late
     }
 
     /// Reads a message that arrived at `now`. The press is held only while the head and the left hand are tracked. A refused
     /// message ends it.
-    ///
-    /// # Errors
-    /// Returns the reason if the message is refused.
     pub fn step(&mut self, bytes: &[u8], now: Stamp) -> Result<Sight, Refusal> {
         let read = HeadsetFrame::decode(bytes);
         let grasp = read.as_ref().ok().filter(|frame| frame.head.is_some()).and_then(|frame| frame.hands[0].grasp());

@@ -53,7 +53,6 @@ const ARMS: [([Smpl; 3], [Limb; 2]); 2] = [
     ([Smpl::RightShoulder, Smpl::RightElbow, Smpl::RightWrist], [Limb::RightUpper, Limb::RightFore]),
 ];
 
-/// Stature and trunk of a session's person.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct UpperBody {
     stature_m: Option<f64>,

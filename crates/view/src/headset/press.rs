@@ -12,30 +12,23 @@ const SQUEEZE: [f32; 2] = [0.7, 0.4];
 /// State of a hand that may hold the enable.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Grasp {
-    /// It is closed.
     Closed,
     /// It is between both, so the state before goes on.
     Between,
-    /// It is open.
     Open,
 }
 
 impl Grasp {
     /// Judges a pinch by the distance of the tips, m.
     pub fn of_pinch(m: f32) -> Self {
-        let [closed, open] = PINCH_M;
-        if m <= closed {
-            Self::Closed
-        } else if m <= open {
-            Self::Between
-        } else {
-            Self::Open
-        }
+        Self::of(-m, PINCH_M.map(|m| -m))
     }
 
-    /// Judges a squeeze by its share.
     pub fn of_squeeze(share: f32) -> Self {
-        let [closed, open] = SQUEEZE;
+        Self::of(share, SQUEEZE)
+    }
+
+    fn of(share: f32, [closed, open]: [f32; 2]) -> Self {
         if share >= closed {
             Self::Closed
         } else if share >= open {
@@ -64,7 +57,6 @@ enum State {
 }
 
 impl HeldPress {
-    /// Returns true if the press is held.
     pub fn is_held(&self) -> bool {
         self.state == State::Held
     }

@@ -26,7 +26,6 @@ const MOTIONS_MAX: usize = 4;
 /// Default roughness: painted plastic. Assumption.
 const ROUGHNESS: f64 = 0.55;
 
-/// Checks one file against one robot.
 pub struct Checker<'a> {
     file: &'a str,
     model: &'a Model,
@@ -38,7 +37,6 @@ impl<'a> Checker<'a> {
         Self { file, model, colours: BTreeMap::new() }
     }
 
-    /// Reads the look from the file's text.
     pub fn look(mut self, text: &str) -> Result<Look, LookError> {
         let read: LookFile = toml::from_str(text)
             .map_err(|error| LookError::Syntax { file: self.file.into(), cause: error.to_string() })?;
@@ -87,7 +85,6 @@ impl<'a> Checker<'a> {
         self.model.capsules.iter().map(|capsule| colour(&capsule.name)).collect()
     }
 
-    /// Adds a part and its mirror image, if it has one.
     fn part(&self, key: &str, entry: &PartEntry, parts: &mut Vec<Part>) -> Result<(), LookError> {
         let (body, body_from_link) = self.link(&format!("{key}.link"), &entry.link)?;
         let key = format!("{key} ({})", entry.link);

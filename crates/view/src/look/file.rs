@@ -34,7 +34,6 @@ pub struct MeshTable {
     pub files: Vec<MeshEntry>,
 }
 
-/// The shapes that a part may have.
 #[derive(Clone, Copy, Debug, Deserialize, PartialEq, Eq)]
 #[serde(rename_all = "lowercase")]
 pub enum ShapeName {
@@ -94,7 +93,6 @@ pub struct MirrorEntry {
     pub axes: String,
 }
 
-/// A mesh of a link.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct MeshEntry {

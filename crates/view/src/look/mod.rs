@@ -70,19 +70,16 @@ pub enum FingerMotion {
 
 /// A part of the robot.
 #[derive(Clone, Debug, PartialEq)]
+#[allow(missing_docs, reason = "the names say it")]
 pub struct Part {
-    /// Name of its link.
     pub link: String,
-    /// The body it moves with.
     pub body: usize,
     /// Transform from the shape's frame to the body's frame: rows of a 3 x 4 matrix. It may mirror.
     pub body_from_shape: [[f64; 4]; 3],
     /// The hand that moves it while it closes, 0 for the left one, and its motions. The part's transform then is the product
     /// of `body_from_link`, the motions from the palm outward, and `link_from_shape`. `None` for a part that does not move.
     pub closing: Option<Closing>,
-    /// The shape.
     pub shape: Shape,
-    /// The colour.
     pub colour: Colour,
     /// Roughness, from 0 (glossy) to 1 (matt).
     pub roughness: f64,
@@ -105,15 +102,13 @@ pub struct NamedMesh {
 
 /// Appearance of a robot.
 #[derive(Clone, Debug, Default, PartialEq)]
+#[allow(missing_docs, reason = "the names say it")]
 pub struct Look {
-    /// Parts, in the file's order.
     pub parts: Vec<Part>,
-    /// Colours of links.
     pub links: Vec<(String, Colour)>,
     /// Colour of each capsule of the model: its own, or its link's. `None` if the page chooses one. Empty without
     /// a look file.
     pub capsules: Vec<Option<Colour>>,
-    /// Mesh files of links.
     pub meshes: Vec<NamedMesh>,
 }
 
@@ -124,9 +119,6 @@ impl Look {
     }
 
     /// Reads the look file beside a robot file. Without one, the look is empty and the page draws capsules.
-    ///
-    /// # Errors
-    /// Returns an error if the file cannot be read, or if it is not a look of this robot.
     pub fn read(robot_file: &Path, model: &Model) -> Result<Self, LookError> {
         let path = Self::file_of(robot_file);
         if !path.exists() {
@@ -141,9 +133,6 @@ impl Look {
     }
 
     /// Reads the text of a look file. `name` appears in error messages.
-    ///
-    /// # Errors
-    /// Returns an error if the text is not a look of this robot.
     pub fn parse(name: &str, text: &str, model: &Model) -> Result<Self, LookError> {
         check::Checker::new(name, model).look(text)
     }
