@@ -1,9 +1,10 @@
 //! Tests `teleopctl calibrate` on a real instance. It measures an operator, and the next session uses the result.
 
 use client::{Port, Transport};
-use harness::{Pace, Rig, holds_for, in_real_time, wait_until};
-use messages::{CalibrationSource, HingeCalibration, Layout, RawSkeleton, raw_flag};
+use harness::{Pace, Rig};
+use messages::{CalibrationSource, HingeCalibration, Layout, Mode, RawSkeleton, raw_flag};
 use nalgebra::{UnitQuaternion, Vector3};
+use std::io::{BufRead, BufReader, Read};
 use std::process::{Command, Stdio};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -100,10 +101,16 @@ fn calibrated_operator_is_recognised_in_the_next_session() {
     rig.start_all();
     let operator = rig.operator_session();
     let place = rig.folder().join("operators");
+    // It waits for somebody, and says so.
+    let mut measured = calibrate(&rig, "anna", &place).stdout(Stdio::piped()).spawn().expect("teleopctl runs");
+    let (mut output, mut printed) = (BufReader::new(measured.stdout.take().expect("a pipe")), String::new());
+    while !printed.contains("no skeletons arrive") {
+        assert!(output.read_line(&mut printed).expect("its words") > 0, "it ended: {printed}");
+    }
+    assert!(printed.contains("replay builtin:calibration"), "{printed}");
     let client = Client::start(&rig, 1);
-    let measured = calibrate(&rig, "anna", &place).output().expect("teleopctl runs");
-    let printed = harness::stdout(&measured);
-    assert!(measured.status.success(), "{printed}{}", harness::stderr(&measured));
+    output.read_to_string(&mut printed).expect("its words");
+    assert!(measured.wait().expect("it ends").success(), "{printed}");
     assert!(printed.contains("upper arms        0.290 m left, 0.300 m right"), "{printed}");
     assert!(printed.contains("forearms          0.240 m left, 0.250 m right"), "{printed}");
     assert!(printed.contains("move both arms up and down") && printed.contains("axes from"), "{printed}");
@@ -111,59 +118,22 @@ fn calibrated_operator_is_recognised_in_the_next_session() {
     let text = std::fs::read_to_string(place.join("anna.toml")).expect("the file");
     assert!(text.contains("operator_id = 5") && text.contains("layout = 1") && text.contains("[hinges]"), "{text}");
     // The current session continues unchanged. The next one begins with the stored measurement.
-    let online = operator.wait("estimated online", |status| status.calibration == CalibrationSource::Online as u32);
-    assert_ne!(online.calibration, CalibrationSource::Stored as u32);
+    operator.wait("estimated online", |status| status.calibration == CalibrationSource::Online as u32);
     drop(client);
     // The lease ends a second after its client.
     operator.wait_control(Duration::from_millis(1500));
     let _client = Client::start(&rig, 2);
     operator.wait("calibrated from the file", |status| status.calibration == CalibrationSource::Stored as u32);
+    let refused = |name: &str| {
+        let refused = calibrate(&rig, name, &place).output().expect("teleopctl runs");
+        assert!(!refused.status.success(), "{refused:?}");
+        harness::stderr(&refused)
+    };
     // The next start would reject the same person under another name.
-    let refused = calibrate(&rig, "bert", &place).output().expect("teleopctl runs");
-    let why = harness::stderr(&refused);
-    assert!(
-        !refused.status.success() && why.contains("operator_id 5 with layout 1 belongs to anna.toml already"),
-        "{why}"
-    );
+    let why = refused("bert");
+    assert!(why.contains("operator_id 5 with layout 1 belongs to anna.toml already"), "{why}");
+    operator.engage_until(Mode::Engaging);
+    let why = refused("anna");
+    assert!(why.contains("only a disengaged robot can be calibrated to"), "{why}");
     assert!(!place.join("bert.toml").exists() && place.join("anna.toml").exists());
-}
-
-#[test]
-fn built_in_calibration_motion_is_measured_as_a_person() {
-    let mut rig = Rig::with_settings("");
-    rig.start_all();
-    let place = rig.folder().join("operators");
-    let client = rig.client(&motion::builtin_named(motion::CALIBRATION).expect("the motion"), 7);
-    client.set_engaged(true);
-    let measured = calibrate(&rig, "anna", &place).output().expect("teleopctl runs");
-    let printed = harness::stdout(&measured) + &harness::stderr(&measured);
-    assert!(measured.status.success() && printed.contains("axes from "), "{printed}");
-    assert!(printed.contains("upper arms        0.326 m left, 0.326 m right"), "{printed}");
-    assert!(place.join("anna.toml").exists());
-}
-
-#[test]
-fn calibration_without_person_waits_and_while_engaged_fails() {
-    in_real_time(|| {
-        let mut rig = Rig::with_settings("");
-        rig.start_all();
-        let place = rig.folder().join("operators");
-        let mut waiting =
-            calibrate(&rig, "anna", &place).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("it runs");
-        let waits = holds_for(Duration::from_millis(2500), || waiting.try_wait().expect("its state").is_none());
-        assert!(waits, "it waits for somebody");
-        let operator = rig.operator_session();
-        let client = rig.client(&motion::builtin(), 9);
-        operator.engage_until(messages::Mode::Engaged);
-        client.set_engaged(true);
-        wait_until("ended by the engaged robot", || waiting.try_wait().expect("its state").is_some());
-        let ended = waiting.wait_with_output().expect("its words");
-        let (printed, why) = (harness::stdout(&ended), harness::stderr(&ended));
-        assert!(printed.contains("no skeletons arrive") && printed.contains("replay builtin:calibration"), "{printed}");
-        assert!(!ended.status.success() && why.contains("nothing was written"), "{why}");
-        let refused = calibrate(&rig, "anna", &place).output().expect("teleopctl runs");
-        let why = harness::stderr(&refused);
-        assert!(!refused.status.success() && why.contains("only a disengaged robot can be calibrated to"), "{why}");
-        assert!(!place.exists());
-    });
 }

@@ -1,6 +1,6 @@
 //! Tests clients in other languages, from the folder that users get, against the real processes.
 
-use harness::{Rig, in_real_time, repository, soon, wait_until};
+use harness::{Rig, SHORT_HOLD, in_real_time, repository, soon, wait_until};
 use messages::Mode;
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -30,32 +30,6 @@ fn python_or_skip() -> Option<PathBuf> {
 }
 
 #[test]
-fn python_script_moves_the_robot() {
-    in_real_time(|| {
-        let Some(python) = python_or_skip() else { return };
-        let mut rig = Rig::whole();
-        let (operator, mut observer) = (rig.operator_session(), rig.state_observer());
-        let before = observer.wait_at_rest();
-        let script = Command::new(&python)
-            .args(["-m", "replay_publish", "--run-dir"])
-            .arg(rig.folder())
-            .current_dir(rig.folder())
-            .stdin(Stdio::null())
-            .spawn();
-        let script = Client(script.expect("it starts"));
-        operator.engage_until(Mode::Engaged);
-        observer.wait_moved(&before, 0.5);
-        // After the script ends, no frames arrive.
-        drop(script);
-        operator.wait_mode(Mode::Disengaged);
-        observer.wait_at_rest();
-        rig.end_without_violations();
-        let figures = rig.end("ingest");
-        assert!(figures["accepted"].as_u64() > Some(60) && figures["dropped"] == serde_json::json!({}), "{figures:#}");
-    });
-}
-
-#[test]
 fn python_example_publishes_until_interrupted() {
     in_real_time(|| {
         let example = repository().join("tools/clients/python/examples/own.py");
@@ -81,20 +55,29 @@ fn python_example_publishes_until_interrupted() {
     });
 }
 
+/// Each client says in one line what to start, with a folder that is empty, and with one that an instance left.
 #[test]
-fn python_example_without_an_instance_fails_with_advice() {
+fn python_client_without_an_instance_fails_with_advice() {
     let Some(python) = python_or_skip() else { return };
-    let rig = Rig::empty();
+    let rig = Rig::idle("");
     let example = repository().join("tools/clients/python/examples/own.py");
-    let done = Command::new(&python).arg(&example).arg(rig.folder()).stdin(Stdio::null()).output().expect("it starts");
-    let printed = harness::stderr(&done);
-    assert!(!done.status.success() && printed.lines().count() == 1, "{printed}");
+    let fails = |arguments: &[&str]| {
+        let done = Command::new(&python).args(arguments).arg(rig.folder()).stdin(Stdio::null()).output();
+        let done = done.expect("it starts");
+        let printed = harness::stderr(&done);
+        assert!(!done.status.success() && !printed.contains("Traceback"), "{printed}");
+        printed
+    };
+    let example = [example.to_str().expect("UTF-8")];
+    let printed = fails(&example);
+    assert!(printed.lines().count() == 1, "{printed}");
     assert!(printed.contains("no such folder: is `teleopd up --run-dir "), "{printed}");
-    // The state that an instance leaves after its end.
+    assert!(fails(&["-m", "replay_publish", "--run-dir"]).contains("teleopd up"));
     std::fs::create_dir(rig.folder().join("input")).expect("a folder");
-    let done = Command::new(&python).arg(&example).arg(rig.folder()).stdin(Stdio::null()).output().expect("it starts");
-    let printed = harness::stderr(&done);
+    let printed = fails(&example);
     assert!(printed.contains("no instance of teleopd runs in ") && printed.contains("start `teleopd up"), "{printed}");
+    let printed = fails(&["-m", "mediapipe_camera", "--model", "none.task", "--run-dir"]);
+    assert!(printed.contains("none.task: no such file"), "{printed}");
 }
 
 /// Uses a video of a drawn figure. It covers everything of the camera's client except MediaPipe's model.
@@ -104,34 +87,16 @@ fn camera_client_with_a_video_moves_the_robot() {
         let Some(python) = python_with(&["opencv-python-headless"]) else { return };
         let rig = Rig::whole();
         let (operator, mut observer) = (rig.operator_session(), rig.state_observer());
-        let before = observer.wait_at_rest();
         let script = Command::new(&python)
             .arg(repository().join("tests/camera.py"))
             .args([rig.folder(), rig.folder()])
             .stdin(Stdio::null())
             .stdout(Stdio::null())
             .spawn();
-        let script = Client(script.expect("it starts"));
-        operator.engage_until(Mode::Engaged);
-        observer.wait_moved(&before, 0.5);
-        drop(script);
-        operator.wait_mode(Mode::Disengaged);
+        let _script = Client(script.expect("it starts"));
+        operator.engage_until(Mode::Engaging);
+        observer.wait_moving();
     });
-}
-
-#[test]
-fn camera_client_without_its_model_is_refused() {
-    let Some(python) = python_or_skip() else { return };
-    let rig = Rig::empty();
-    let printed = |arguments: &[&str]| {
-        let mut command = Command::new(&python);
-        command.args(["-m", "mediapipe_camera", "--run-dir"]).arg(rig.folder()).args(arguments);
-        let done = command.output().expect("it starts");
-        (done.status.code(), harness::stderr(&done))
-    };
-    let (code, text) = printed(&["--model", "none.task"]);
-    assert!(code == Some(1) && text.contains("none.task: no such file") && !text.contains("Traceback"), "{text}");
-    assert_eq!(printed(&[]).0, Some(2), "a model is required");
 }
 
 #[test]
@@ -155,33 +120,28 @@ fn python_script_in_the_background_ends_on_sigint() {
     assert_eq!(printed, expected);
 }
 
+/// The status and the log say why frames are dropped.
 #[test]
-fn log_says_why_all_frames_of_a_client_are_dropped() {
+fn status_and_log_say_why_all_frames_of_a_client_are_dropped() {
     let rig = Rig::whole();
+    let operator = rig.operator_session();
     let mut small = motion::builtin();
     for frame in &mut small.frames {
         frame.positions.iter_mut().flatten().for_each(|metres| *metres *= 0.3);
     }
-    let _client = rig.client(&small, 51);
-    let mut printed = None;
-    let is_logged = soon(|| {
-        printed =
-            rig.log("ingest").lines().find(|line| line.contains("dropped within a second: Size (")).map(str::to_owned);
-        printed.is_some()
-    });
-    assert!(is_logged, "{}", rig.log("ingest"));
-    let printed = printed.expect("a line");
-    assert!(printed.contains("WARN") && printed.contains("hips to shoulders"), "{printed}");
-}
-
-#[test]
-fn python_script_without_a_daemon_fails_with_advice() {
-    let Some(python) = python_or_skip() else { return };
-    let rig = Rig::empty();
-    let done =
-        Command::new(python).args(["-m", "replay_publish", "--run-dir"]).arg(rig.folder()).output().expect("it starts");
-    let printed = harness::stderr(&done);
-    assert!(!done.status.success() && printed.contains("teleopd up") && !printed.contains("Traceback"), "{printed}");
+    let client = rig.client(&small, 51);
+    operator.wait("a reason", |status| status.input_drop == skeleton::DropReason::Size as u32 + 1);
+    let mut status = Command::new(env!("CARGO_BIN_EXE_teleopctl"));
+    status.arg("--run-dir").arg(rig.folder()).args(["status", "--json"]);
+    let printed: serde_json::Value = serde_json::from_slice(&status.output().expect("it runs").stdout).expect("JSON");
+    assert_eq!(printed["input_drop"], "Size", "{printed:#}");
+    let is_reason = |line: &str| {
+        line.contains("WARN") && line.contains("dropped within a second: Size (") && line.contains("hips to shoulders")
+    };
+    assert!(soon(|| rig.log("ingest").lines().any(is_reason)), "{}", rig.log("ingest"));
+    // A second after the last frame, no drop is reported any more.
+    drop(client);
+    operator.wait("silent", |status| status.input_drop == 0);
 }
 
 /// A client that closes its hand, and reads what the robot answers until the gripper follows.
@@ -199,7 +159,7 @@ with SkeletonPublisher(sys.argv[1]) as publisher, FeedbackReader(sys.argv[1]) as
         if feedback is None: continue
         if engaged is None and MODES[feedback.mode] == 'Engaged': engaged = i
         if feedback.closure[0] > 0.4: break
-    print(json.dumps({'said': sentence(feedback), 'clearance_m': list(feedback.clearance_m), 'known': feedback.known,
+    print(json.dumps({'printed': sentence(feedback), 'clearance_m': list(feedback.clearance_m), 'known': feedback.known,
         'closure': list(feedback.closure), 'towards': [list(way) for way in feedback.towards_nearest]}))
 ";
 /// The person of the example, who moves a little.
@@ -220,8 +180,9 @@ def at(i):
 fn python_client_grips_and_reads_what_the_robot_answers() {
     in_real_time(|| {
         let Some(python) = python_or_skip() else { return };
-        let rig = Rig::whole();
-        let operator = rig.operator_session();
+        let mut rig = Rig::with_settings(SHORT_HOLD);
+        rig.start_all();
+        let (operator, mut observer) = (rig.operator_session(), rig.state_observer());
         std::fs::write(rig.folder().join("own_person.py"), OWN_PERSON).expect("a file");
         let mut script = Command::new(&python);
         script.args(["-c", GRIPS]).args([rig.folder(), rig.folder()]).stdin(Stdio::null()).stdout(Stdio::piped());
@@ -236,5 +197,11 @@ fn python_client_grips_and_reads_what_the_robot_answers() {
         // Status, state and both grippers are known.
         assert_eq!(printed["known"].as_u64().map(|known| known & 15), Some(15), "{printed}");
         assert_eq!(printed["closure"][1], 0.0, "the other hand is not known");
+        // After the script ends, no frames arrive.
+        operator.wait_mode(Mode::Disengaged);
+        observer.wait_at_rest();
+        rig.end_without_violations();
+        let figures = rig.end("ingest");
+        assert!(figures["accepted"].as_u64() > Some(60) && figures["dropped"] == serde_json::json!({}), "{figures:#}");
     });
 }

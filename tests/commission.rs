@@ -45,8 +45,7 @@ fn signal(name: &str, id: &str) {
 
 #[test]
 fn answers_for_a_real_robot_must_come_from_a_terminal() {
-    let rig =
-        Rig::with_settings("driver.kind = \"robot\"\ndriver.program = \"/bin/true\"\ndriver.interface = \"jtc100\"");
+    let rig = Rig::idle("driver.kind = \"robot\"\ndriver.program = \"/bin/true\"\ndriver.interface = \"jtc100\"");
     let (mut command, log) = commission(&rig, "log");
     let Output { status, stderr, .. } = command.output().expect("it runs");
     let printed = String::from_utf8_lossy(&stderr);
@@ -59,7 +58,7 @@ fn answers_for_a_real_robot_must_come_from_a_terminal() {
 fn robot_whose_stop_cannot_be_seen_is_refused_before_anything_begins() {
     let blind = "driver.program = \"teleopd-ros2\"\ndriver.interface = \"jtc100\"\nros2.emergency_stop_topic = \"\"";
     for (settings, named) in [(blind, "ros2.emergency_stop_topic"), ("ros2.setpoints = \"arm_sdk\"", "arm_sdk")] {
-        let rig = Rig::with_settings(settings);
+        let rig = Rig::idle(settings);
         let (mut command, log) = commission(&rig, "log");
         let Output { status, stderr, .. } = command.output().expect("it runs");
         let printed = String::from_utf8_lossy(&stderr);

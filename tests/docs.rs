@@ -94,8 +94,8 @@ impl Reader {
         names.filter(|name| of_this_test(name)).for_each(|name| _ = cargo.env_remove(name));
         let output = cargo.current_dir(&self.repository).stderr(Stdio::inherit()).output().expect("cargo runs");
         assert!(output.status.success(), "cargo build {selection:?}");
-        let told = String::from_utf8_lossy(&output.stdout).into_owned();
-        let compiled: Vec<_> = told.lines().filter(|line| line.contains("\"fresh\":false")).collect();
+        let output_text = String::from_utf8_lossy(&output.stdout).into_owned();
+        let compiled: Vec<_> = output_text.lines().filter(|line| line.contains("\"fresh\":false")).collect();
         let whole = selection.iter().any(|word| word == "--workspace");
         assert!(whole || compiled.is_empty(), "cargo build {selection:?} compiles again: {compiled:#?}");
         built.push(selection.to_vec());
@@ -168,16 +168,16 @@ impl Reader {
                 }
             }
             Ends(codes, more) => {
-                let (mut code, mut said) = (None, String::new());
+                let (mut code, mut output) = (None, String::new());
                 for _ in 0..if codes == DEMO { DEMO_RUNS } else { 1 } {
                     let Some(program) = self.program(filled) else { return };
-                    (code, said) = self.end(command, program, more);
-                    if !said.contains(SUSPENDED) {
+                    (code, output) = self.end(command, program, more);
+                    if !output.contains(SUSPENDED) {
                         break;
                     }
                     println!("  again: this machine suspended the driver");
                 }
-                assert!(code.is_some_and(|code| codes.contains(&code)), "{command}: {code:?}\n{said}");
+                assert!(code.is_some_and(|code| codes.contains(&code)), "{command}: {code:?}\n{output}");
             }
             Beside(mark, blocks, more) => {
                 let mut program = self.program(filled).expect("a program");

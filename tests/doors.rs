@@ -1,15 +1,15 @@
 //! Tests access to the sockets and shared memory, and the lease, with real processes and other users of the
 //! machine.
 
-use client::{ClientError, PlayOptions, Player, Publisher, Transport};
+use client::{PlayOptions, Player, Publisher, Transport};
 use doors::{Client, DoorError, Hello, Reply};
 use harness::user::{User, can_be_another};
-use harness::{OperatorSession, Pace, Rig, in_real_time, modes, soon, wait_until, within};
+use harness::{Pace, Rig, in_real_time, soon, wait_until, within};
 use messages::{Fault, Mode, RawSkeleton};
 use motion::CalibrationMode;
 use rustix::net::{RecvFlags, SendFlags};
 use std::io::ErrorKind;
-use std::os::unix::fs::{FileTypeExt, PermissionsExt, symlink};
+use std::os::unix::fs::{FileTypeExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -133,9 +133,29 @@ fn f106_f111_group_members_connect_only_to_their_own_socket() {
     assert_eq!(ingest["connections"]["granted"], 2, "{ingest:#}");
 }
 
+/// Checks what the processes map and open, while a client publishes. And no one dumps its memory.
+fn assert_only_ingest_maps_input(rig: &Rig) {
+    let client = rig.client(&motion::builtin(), 51);
+    rig.operator_session().wait_free();
+    let input = rig.instance.input_domain().prefix;
+    for name in teleopd::PROCESSES {
+        let id = rig.id(name);
+        let limits = std::fs::read_to_string(format!("/proc/{id}/limits")).unwrap();
+        let core = limits.lines().find(|line| line.starts_with("Max core file size")).expect("a limit");
+        assert_eq!(core.split_whitespace().filter(|word| *word == "0").count(), 2, "{name}: {core}");
+        let maps = std::fs::read_to_string(format!("/proc/{id}/maps")).unwrap();
+        let open = std::fs::read_dir(format!("/proc/{id}/fd")).unwrap().flatten();
+        let open: String =
+            open.filter_map(|fd| std::fs::read_link(fd.path()).ok()).map(|p| p.display().to_string()).collect();
+        assert_eq!(maps.contains(&input) || open.contains(&input), name == "ingest", "{name}");
+    }
+    drop(client);
+}
+
 #[test]
-fn f111_skeleton_socket_refuses_orders_and_stop_log_has_user() {
+fn f111_f112_clients_reach_nothing_but_ingest_and_stop_log_has_user() {
     let mut rig = Rig::whole();
+    assert_only_ingest_maps_input(&rig);
     let operator = rig.operator_session();
     let order = messages::OperatorRequest {
         version: messages::OPERATOR_VERSION,
@@ -169,42 +189,25 @@ fn f111_skeleton_socket_refuses_orders_and_stop_log_has_user() {
     rig.end("ingest");
 }
 
+/// Another writer is another client, even with the same session number.
 #[test]
-fn f068_second_client_on_socket_or_bus_does_not_get_the_lease() {
+fn f068_f108_second_client_on_socket_or_bus_does_not_get_the_lease() {
     in_real_time(|| {
-        let (mut rig, operator, _, first) = Rig::moving(Rig::socket_client);
-        let (by_socket, by_bus) = (rig.socket_client(), rig.shared_memory_client());
+        let (mut rig, operator, _, first) = Rig::moving(Rig::shared_memory_client);
+        let (by_socket, twin) = (rig.socket_client(), rig.shared_memory_client());
         by_socket.set_engaged(true);
-        by_bus.set_engaged(true);
-        operator.wait_control(Duration::from_secs(2));
+        twin.set_engaged(true);
+        operator.wait_control(Duration::from_secs(1));
         // No other client interferes. Otherwise the robot would disengage, and not engage again.
         operator.wait_mode(Mode::Engaged);
-        assert_eq!(first.last_reply().as_deref(), Some(Reply::Holder.meaning()));
         assert_eq!(by_socket.last_reply().as_deref(), Some(Reply::NotHolder.meaning()));
         assert_eq!(first.failures(), 0);
         let ingest = rig.end("ingest");
-        assert_eq!((ingest["leases"].as_u64(), &ingest["holder"]["door"]), (Some(1), &"socket".into()), "{ingest:#}");
-        assert_eq!(ingest["holder"]["pid"], std::process::id());
-        assert!(ingest["without_authority"].as_u64().unwrap() > 150, "{ingest:#}");
+        assert_eq!(ingest["leases"], 1, "{ingest:#}");
+        assert_eq!(ingest["holder"]["door"], "shared memory", "{ingest:#}");
+        assert!(ingest["without_authority"].as_u64().unwrap() > 60, "{ingest:#}");
         assert_eq!(ingest["telemetry"]["allocations"]["loop"], 0, "{ingest:#}");
         rig.end_without_violations();
-    });
-}
-
-/// Another writer is another client, even with the same session number.
-#[test]
-fn f108_bus_clients_with_one_session_number_stay_two_clients() {
-    in_real_time(|| {
-        let mut rig = Rig::whole();
-        let operator = rig.operator_session();
-        let first = rig.client(&motion::builtin(), 42);
-        operator.wait_free();
-        let twin = rig.client(&motion::builtin(), 42);
-        operator.wait_control(Duration::from_secs(1));
-        drop((first, twin));
-        let ingest = rig.end("ingest");
-        assert_eq!((ingest["leases"].as_u64(), &ingest["holder"]["door"]), (Some(1), &"shared memory".into()));
-        assert!(ingest["without_authority"].as_u64().unwrap() > 30, "{ingest:#}");
     });
 }
 
@@ -256,7 +259,6 @@ fn wait_for_lease(rig: &Rig) -> (Publisher, Duration) {
     (newcomer.expect("the holder"), since.elapsed())
 }
 
-/// The holder is suspended, not killed: `chaos` kills it.
 #[test]
 fn f069_f070_next_client_waits_for_lease_and_needs_new_enable() {
     in_real_time(|| {
@@ -272,18 +274,40 @@ fn f069_f070_next_client_waits_for_lease_and_needs_new_enable() {
         // The robot came to rest before another client could get the lease. The enable is held all the time.
         let rest = observer.wait_at_rest();
         operator.wait_mode(Mode::Disengaged);
-        operator.assert_stays(Mode::Disengaged, Duration::from_millis(1500));
+        operator.assert_stays(Mode::Disengaged, Duration::from_secs(1));
         assert_eq!(observer.wait_at_rest().q, rest.q);
         holder.signal(Signal::SIGCONT);
         operator.assert_stays(Mode::Disengaged, Duration::from_millis(500));
         operator.release();
         operator.wait_control(Duration::from_millis(300));
-        operator.engage_until(Mode::Engaged);
+        operator.engage_until(Mode::Engaging);
         let ingest = rig.end("ingest");
         assert_eq!(ingest["leases"], 2, "{ingest:#}");
         assert_eq!(ingest["holder"]["pid"], std::process::id(), "{ingest:#}");
         rig.end_without_violations();
     });
+}
+
+/// Publishes as fast as `period` and the socket allow, until `end`. Returns the number of offered and accepted
+/// frames.
+fn flood(socket: &Path, period: Duration, end: &AtomicBool) -> (u64, u64) {
+    let mut client = Client::attach(socket).expect("the door is open");
+    let (mut offered, mut taken, mut pace) = (0_u64, 0, Pace::new(period));
+    let mut frame = motion::raw_frame(&motion::builtin(), 0, &<messages::HingeCalibration as messages::Layout>::ZERO);
+    while !end.load(Ordering::Relaxed) {
+        offered += 1;
+        frame.header.sequence = offered;
+        (frame.header.stamp, frame.header.origin) = (rt::now(), rt::now());
+        taken += u64::from(client.publish(&RawSkeleton { ..frame }).is_ok());
+        pace.wait();
+    }
+    (offered, taken)
+}
+
+fn resident_kb(id: u32) -> u64 {
+    let text = std::fs::read_to_string(format!("/proc/{id}/status")).expect("its status");
+    let line = text.lines().find(|line| line.starts_with("VmRSS:")).expect("a size");
+    line.split_whitespace().nth(1).and_then(|number| number.parse().ok()).expect("a number")
 }
 
 #[test]
@@ -294,7 +318,7 @@ fn f023_flood_by_another_client_costs_the_holder_no_frame() {
         let (before_kb, stale) = (resident_kb(id), operator.raised(Fault::InputStale));
         let (offered, taken) = std::thread::scope(|scope| {
             let flooding = scope.spawn(|| flood(&socket, Duration::from_micros(100), &end));
-            operator.wait_control(Duration::from_secs(4));
+            operator.wait_control(Duration::from_secs(2));
             operator.wait_mode(Mode::Engaged);
             end.store(true, Ordering::Relaxed);
             flooding.join().expect("no panic")
@@ -306,9 +330,9 @@ fn f023_flood_by_another_client_costs_the_holder_no_frame() {
         let ingest = rig.end("ingest");
         let over = ingest["over_quota"]["socket"].as_u64().unwrap();
         println!("offered {offered}, taken {taken}, over quota {over}, {before_kb} -> {after_kb} kB, {ingest:#}");
-        assert!(offered > 2000 && over > 1000, "offered {offered}, passed over {over}");
+        assert!(offered > 1000 && over > 500, "offered {offered}, passed over {over}");
         let looked_at = ingest["without_authority"].as_u64().unwrap();
-        assert!(looked_at <= 16 + 250 * 5, "{looked_at} frames of the flood were looked at");
+        assert!(looked_at <= 16 + 250 * 3, "{looked_at} frames of the flood were looked at");
         assert!(after_kb <= before_kb + 256, "{before_kb} -> {after_kb} kB");
         rig.end_without_violations();
     });
@@ -316,71 +340,13 @@ fn f023_flood_by_another_client_costs_the_holder_no_frame() {
 
 #[test]
 fn f069_unknown_group_and_too_short_lease_are_refused_by_key() {
-    let rig = Rig::with_settings("doors.skeleton_group = \"no-such-group-here\"");
-    let output = rig.run("ingest");
-    let printed = harness::stderr(&output);
-    assert_eq!(output.status.code(), Some(78), "{printed}");
-    for part in ["teleop.toml", "doors.skeleton_group", "no-such-group-here"] {
-        assert!(printed.contains(part), "{printed}");
-    }
-    drop(rig);
-    let rig = Rig::with_settings("ingest.authority_timeout_ms = 500.0");
-    let output = rig.run("ingest");
-    let printed = harness::stderr(&output);
-    assert_eq!(output.status.code(), Some(78), "{printed}");
-    assert!(printed.contains("ingest.authority_timeout_ms = 500 is below 600"), "{printed}");
-}
-
-#[test]
-fn f092_f110_foreign_file_or_server_at_a_socket_path_is_kept() {
-    let mut rig = Rig::empty();
-    let (socket, elsewhere) = (rig.instance.skeleton_socket(), rig.folder().join("elsewhere"));
-    let refused = |rig: &Rig, code: i32, part: &str| {
-        let output = rig.run("ingest");
+    for (changes, parts) in [
+        ("doors.skeleton_group = \"no-such-group-here\"", &["teleop.toml", "doors.skeleton_group", "no-such"][..]),
+        ("ingest.authority_timeout_ms = 500.0", &["ingest.authority_timeout_ms = 500 is below 600"]),
+    ] {
+        let output = Rig::idle(changes).run("ingest");
         let printed = harness::stderr(&output);
-        assert_eq!(output.status.code(), Some(code), "{printed}");
-        assert!(printed.contains(part), "{printed}");
-    };
-    std::fs::write(&elsewhere, "precious").unwrap();
-    symlink(&elsewhere, &socket).unwrap();
-    refused(&rig, 69, "is not a socket");
-    std::fs::remove_file(&socket).unwrap();
-    let lock = rig.folder().join("skeleton.sock.lock");
-    let _ = std::fs::remove_file(&lock);
-    symlink(&elsewhere, &lock).unwrap();
-    refused(&rig, 69, "lock");
-    std::fs::remove_file(&lock).unwrap();
-    assert_eq!(std::fs::read_to_string(&elsewhere).unwrap(), "precious");
-    // Another server uses the path. It keeps its socket.
-    let squatter = doors::Server::bind(&socket, None).unwrap();
-    refused(&rig, 75, "another teleopd ingest");
-    drop(squatter);
-    rig.start("ingest");
-    refused(&rig, 75, "already running");
-    assert!(matches!(rig.try_socket_client(), Ok(_) | Err(ClientError::Door(_))));
-    rig.end("ingest");
-    assert!(!socket.exists(), "it goes with its server");
-}
-
-#[test]
-fn f112_core_processes_map_no_input_segment_and_dump_no_core() {
-    in_real_time(|| {
-        let rig = Rig::whole();
-        let client = rig.client(&motion::builtin(), 51);
-        let operator: OperatorSession = rig.operator_session();
-        operator.wait_free();
-        let input = rig.instance.input_domain().prefix;
-        for name in teleopd::PROCESSES {
-            let id = rig.id(name);
-            let limits = std::fs::read_to_string(format!("/proc/{id}/limits")).unwrap();
-            let core = limits.lines().find(|line| line.starts_with("Max core file size")).expect("a limit");
-            assert_eq!(core.split_whitespace().filter(|word| *word == "0").count(), 2, "{name}: {core}");
-            let maps = std::fs::read_to_string(format!("/proc/{id}/maps")).unwrap();
-            let open = std::fs::read_dir(format!("/proc/{id}/fd")).unwrap().flatten();
-            let open: String =
-                open.filter_map(|fd| std::fs::read_link(fd.path()).ok()).map(|p| p.display().to_string()).collect();
-            assert_eq!(maps.contains(&input) || open.contains(&input), name == "ingest", "{name}");
-        }
-        drop(client);
-    });
+        assert_eq!(output.status.code(), Some(78), "{printed}");
+        assert!(parts.iter().all(|part| printed.contains(part)), "{printed}");
+    }
 }

@@ -4,13 +4,13 @@
 
 use bus::Domain;
 use harness::user::{User, can_be_another};
-use harness::{Operator, Pace, Rig, in_real_time, soon};
+use harness::{Operator, Pace, Rig, SHORT_HOLD, in_real_time, soon};
 use messages::{Layout, Mode, RawSkeleton, Service, Skeleton, skeleton_flag};
 use rand::{RngExt, SeedableRng};
 use std::fs::{File, OpenOptions};
 use std::os::unix::fs::FileExt;
 use std::os::unix::process::ExitStatusExt;
-use std::process::{Child, Command, Output, Stdio};
+use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
 /// SIGBUS of signal(7): access to memory whose file was truncated.
@@ -22,10 +22,6 @@ const CORE: [&str; 3] = ["driver", "control", "retarget"];
 const OPERATORS: &str = "sys";
 const SOMEBODY: u32 = 42_424;
 const ANOTHER: u32 = 42_425;
-/// Variable that names the operator socket to the flooding process.
-const FLOOD_AT: &str = "TELEOP_TEST_FLOOD_AT";
-/// Requests that may be lost in the flood of connections. After these, one must be answered.
-const TRIES_MAX: usize = 5;
 
 /// Opens the shared memory of the input domain for writing.
 fn input_segments(rig: &Rig) -> Vec<File> {
@@ -35,61 +31,40 @@ fn input_segments(rig: &Rig) -> Vec<File> {
     ours.filter_map(|entry| OpenOptions::new().read(true).write(true).open(entry.path()).ok()).collect()
 }
 
-fn assert_the_core_lives_and_rests(
-    rig: &mut Rig,
-    operator: &harness::OperatorSession,
-    observer: &mut harness::StateObserver,
-) {
-    operator.wait_mode(Mode::Disengaged);
-    observer.wait_at_rest();
-    assert!(CORE.iter().all(|name| rig.runs(name)));
-    rig.end_without_violations();
-}
-
+/// Random bits flip, and then the segments of the next `ingest` are truncated. Only `ingest` may die.
 #[test]
-fn f091_truncated_segments_end_only_ingest_and_the_robot_rests() {
-    in_real_time(|| {
-        let (mut rig, operator, mut observer, _client) = Rig::moving(Rig::socket_client);
-        let segments = input_segments(&rig);
-        assert!(segments.len() >= 2, "{} segments", segments.len());
-        segments.iter().for_each(|file| file.set_len(0).expect("the same user may"));
-        let ended = rig.ended("ingest");
-        assert_eq!(ended.signal(), Some(SIGBUS), "{ended}: {}", rig.log("ingest"));
-        operator.wait_mode(Mode::Holding);
-        assert_the_core_lives_and_rests(&mut rig, &operator, &mut observer);
-    });
-}
-
-#[test]
-fn f089_million_bit_flips_in_input_domain_leave_core_running() {
+fn f089_f091_flipped_or_truncated_input_memory_leaves_core_running() {
     in_real_time(|| {
         let (mut rig, operator, mut observer, client) = Rig::moving(Rig::socket_client);
         let segments = input_segments(&rig);
         let sizes: Vec<u64> = segments.iter().map(|file| file.metadata().map_or(0, |data| data.len())).collect();
         let mut random = rand_pcg::Pcg64::seed_from_u64(89);
-        let mut flips = 0_u64;
-        while flips < 1_000_000 {
+        for flips in 0..1_000_000 {
             let which = random.random_range(0..segments.len());
-            if sizes[which] == 0 {
-                continue;
-            }
-            let (mut byte, at) = ([0], random.random_range(0..sizes[which]));
+            let (mut byte, at) = ([0], random.random_range(0..sizes[which].max(1)));
             if segments[which].read_at(&mut byte, at).is_ok() {
                 byte[0] ^= 1 << random.random_range(0..8);
                 let _ = segments[which].write_at(&byte, at);
             }
-            flips += 1;
-            if flips.is_multiple_of(50_000) {
+            if flips % 50_000 == 0 {
                 assert!(CORE.iter().all(|name| rig.runs(name)), "after {flips} flips");
             }
         }
-        println!("ingest {}", if rig.runs("ingest") { "lives" } else { "has died" });
         // `ingest` may be dead, hung or alive. Without the person the robot rests.
         drop(client);
-        if rig.runs("ingest") {
-            rig.kill("ingest");
-        }
-        assert_the_core_lives_and_rests(&mut rig, &operator, &mut observer);
+        println!("ingest {}", if rig.runs("ingest") { "lives" } else { "has died" });
+        rig.kill("ingest");
+        operator.wait_mode(Mode::Disengaged);
+        observer.wait_at_rest();
+        rig.start("ingest");
+        let _client = rig.socket_client();
+        let segments = input_segments(&rig);
+        assert!(segments.len() >= 2, "{} segments", segments.len());
+        segments.iter().for_each(|file| file.set_len(0).expect("the same user may"));
+        let ended = rig.ended("ingest");
+        assert_eq!(ended.signal(), Some(SIGBUS), "{ended}: {}", rig.log("ingest"));
+        assert!(CORE.iter().all(|name| rig.runs(name)));
+        rig.end_without_violations();
     });
 }
 
@@ -103,7 +78,7 @@ fn f088_client_with_all_bus_places_does_not_disturb_the_holder() {
             std::iter::from_fn(|| rogue.writer(Service::RawSkeleton).ok()).collect();
         assert_eq!(places.len(), 7, "eight in all");
         let mut frame = motion::raw_frame(&motion::builtin(), 0, &messages::HingeCalibration::ZERO);
-        let (until, mut pace) = (Instant::now() + Duration::from_secs(3), Pace::new(Duration::from_millis(1)));
+        let (until, mut pace) = (Instant::now() + Duration::from_millis(1500), Pace::new(Duration::from_millis(1)));
         // Each writes at about 1 kHz, 7 kHz together, and each wakes ingest.
         while Instant::now() < until {
             for (session, writer) in places.iter_mut().enumerate() {
@@ -119,7 +94,7 @@ fn f088_client_with_all_bus_places_does_not_disturb_the_holder() {
         drop(holder);
         let ingest = rig.end("ingest");
         assert_eq!((&ingest["leases"], &ingest["publish_failures"]), (&1.into(), &0.into()), "{ingest:#}");
-        assert!(ingest["over_quota"]["shared memory"].as_u64().unwrap() > 1000, "{ingest:#}");
+        assert!(ingest["over_quota"]["shared memory"].as_u64().unwrap() > 500, "{ingest:#}");
         rig.end_without_violations();
     });
 }
@@ -133,16 +108,14 @@ fn rotation(random: &mut impl RngExt) -> [f32; 4] {
 
 #[test]
 fn f109_false_but_valid_skeletons_keep_robot_within_its_limits() {
-    let mut rig = Rig::empty();
+    let mut rig = Rig::with_settings(SHORT_HOLD);
     for name in CORE {
         rig.start(name);
     }
     let operator = rig.operator_session();
     let core = Domain::open(rig.instance.core_domain(), "ingest").expect("as ingest would");
     let mut writer = core.writer::<Skeleton>(Service::Skeleton).expect("ingest does not run");
-    let loaded =
-        config::load(&harness::config(), config::Overrides { engage_without_realtime: true, ..Default::default() });
-    let config_hash = loaded.expect("settings").hash;
+    let config_hash = rig.place.load().expect("settings").hash;
     let mut random = rand_pcg::Pcg64::seed_from_u64(109);
     let mut skeleton = Skeleton::ZERO;
     (skeleton.header.config_hash, skeleton.header.incarnation, skeleton.session_nonce) = (config_hash, 1, 1);
@@ -150,7 +123,8 @@ fn f109_false_but_valid_skeletons_keep_robot_within_its_limits() {
     skeleton.limbs = [[0.0, 0.0, 0.0, 1.0]; 4];
     let (mut engaged, until) = (0_u64, Instant::now() + Duration::from_secs(8));
     let (mut asked, mut pace) = (false, Pace::new(Duration::from_millis(10)));
-    while Instant::now() < until {
+    // Two seconds of falsehood are enough.
+    while engaged < 200 && Instant::now() < until {
         skeleton.header.sequence += 1;
         let now = rt::now();
         (skeleton.header.stamp, skeleton.header.origin, skeleton.received) = (now, now, now);
@@ -167,74 +141,12 @@ fn f109_false_but_valid_skeletons_keep_robot_within_its_limits() {
         }
         pace.wait();
     }
-    assert!(engaged > 100, "engaged for {engaged} frames, {:?}", operator.status().map(|status| status.faults));
+    assert!(engaged > 100, "engaged for {engaged} frames, {}", operator.describe());
     drop(writer);
     operator.wait_mode(Mode::Disengaged);
     rig.end("control");
     let driver = rig.end_without_violations();
     assert!(driver["min_clearance_mm"].as_f64().unwrap() >= 10.0, "{driver:#}");
-}
-
-/// A process that connects to the operator socket as fast as it can. It keeps its newest 64 connections open.
-struct Flood(Child);
-
-impl Flood {
-    fn at(rig: &Rig) -> Self {
-        let mut command = Command::new(std::env::current_exe().expect("this program"));
-        command.args(["--exact", "doors_abuse::flood_process_connects_until_killed", "--test-threads=1"]);
-        command.env(FLOOD_AT, rig.instance.operator_socket()).stdout(Stdio::null()).stderr(Stdio::null());
-        Self(command.spawn().expect("the flood starts"))
-    }
-}
-
-impl Drop for Flood {
-    fn drop(&mut self) {
-        let _ = self.0.kill();
-        let _ = self.0.wait();
-    }
-}
-
-#[test]
-fn flood_process_connects_until_killed() {
-    let Some(path) = std::env::var_os(FLOOD_AT) else { return };
-    let mut newest = std::collections::VecDeque::new();
-    loop {
-        newest.extend(doors::connect(std::path::Path::new(&path), "control", 1000).ok());
-        if newest.len() > 64 {
-            newest.pop_front();
-        }
-    }
-}
-
-fn teleopctl(rig: &Rig, command: &str) -> Output {
-    let mut teleopctl = Command::new(env!("CARGO_BIN_EXE_teleopctl"));
-    teleopctl.arg(command).arg("--run-dir").arg(rig.folder()).stdin(Stdio::null()).output().expect("it runs")
-}
-
-#[test]
-fn status_and_reset_are_answered_while_one_process_floods() {
-    let rig = Rig::whole();
-    let operator = rig.operator_session();
-    operator.wait_mode(Mode::Disengaged);
-    let _flood = Flood::at(&rig);
-    operator.wait("crowded", |status| status.operators == operator::CLIENTS_MAX as u32);
-    let mut lost = Vec::new();
-    for round in 0..10 {
-        for (command, becomes) in [("status", None), ("estop", Some(Mode::Faulted)), ("reset", Some(Mode::Disengaged))]
-        {
-            let mut printed = String::new();
-            let answered = (0..TRIES_MAX).any(|_| {
-                let output = teleopctl(&rig, command);
-                printed = String::from_utf8_lossy(&[output.stdout, output.stderr].concat()).into_owned();
-                lost.extend((!output.status.success()).then(|| format!("{command}: {printed}")));
-                output.status.success()
-            });
-            assert!(answered, "round {round}, {command}: {printed}");
-            becomes.map(|mode| operator.wait_mode(mode));
-        }
-    }
-    println!("{} of 30 were lost: {lost:#?}", lost.len());
-    assert!(lost.len() <= 3, "{lost:#?}");
 }
 
 #[test]

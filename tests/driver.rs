@@ -46,88 +46,39 @@ fn example_driver_moves_its_robot_within_all_limits() {
     });
 }
 
+/// The kind and the program of a driver, a command, and what it prints.
 #[test]
-fn demo_moves_a_simulator_of_the_users_own_and_no_real_robot() {
-    in_real_time(|| {
-        let program = example().display().to_string();
-        for (kind, code) in [("sim", 0), ("robot", 78)] {
-            let rig = with_program(kind, &program);
-            let report = rig.folder().join("report.json");
-            let mut demo = Command::new(env!("CARGO_BIN_EXE_teleopd"));
-            demo.args(["demo", "--quiet", "--seconds", "1", "--config"]).arg(rig.folder().join("teleop.toml"));
-            let output = demo.arg("--report").arg(&report).output().expect("it runs");
-            let printed = harness::stderr(&output);
-            assert_eq!(output.status.code(), Some(code), "{printed}");
-            if code != 0 {
-                assert!(printed.contains("demo moves a simulated robot only"), "{printed}");
-                continue;
-            }
-            let report: Value = serde_json::from_slice(&std::fs::read(&report).expect("written")).expect("JSON");
-            assert!(
-                report["robot"].is_null() && report["limb_error_deg"]["measured"]["mean"].is_number(),
-                "{report:#}"
-            );
+fn program_or_interface_of_a_driver_that_cannot_be_is_refused() {
+    let script = tempfile::Builder::new().suffix(".sh").tempfile().expect("a file");
+    let text = format!("#!/bin/sh\nexec {} driver \"$@\"\n", env!("CARGO_BIN_EXE_teleopd"));
+    std::fs::write(script.path(), text).expect("a script");
+    std::fs::set_permissions(script.path(), PermissionsExt::from_mode(0o755)).expect("its mode");
+    let script = script.into_temp_path();
+    let (example, script) = (example().display().to_string(), script.display().to_string());
+    let up = &["up", "--engage-without-realtime"][..];
+    let ended =
+        &["driver.program = \"/bin/true\" ended before it was ready (exit status: 0)", "docs/src/drivers.md"][..];
+    // The example declares that its robot takes every setpoint. A real robot may take fewer.
+    for (kind, program, command, code, sentences) in [
+        ("sim", "/none/driver", &["driver"][..], 78, &["driver.program = \"/none/driver\"", "No such file"][..]),
+        ("robot", "", &["control"], 78, &["driver.kind = \"robot\" needs driver.program"]),
+        ("robot", &example, &["demo"], 78, &["demo moves a simulated robot only"]),
+        ("sim", &script, &["driver"], 78, &["starts `teleopd driver` again"]),
+        ("sim", "/bin/true", up, 70, ended),
+        ("sim", &example, &["driver", "--interface", "jtc100"], 78, &["interface = \"jtc100\", must be \"direct\""]),
+        ("robot", &example, &["check", "--interface", "jtc100"], 0, &[]),
+        ("robot", &example, &["check", "--interface", "jtc100-restart"], 78, &["(--interface jtc100-restart sets it)"]),
+    ] {
+        let rig = with_program(kind, program);
+        let mut called = Command::new(env!("CARGO_BIN_EXE_teleopd"));
+        called.args(command).arg("--config").arg(&rig.place.config);
+        if command[0] != "check" {
+            called.arg("--run-dir").arg(rig.folder());
         }
-    });
-}
-
-#[test]
-fn missing_program_is_refused_by_key_and_name() {
-    let rig = with_program("sim", "/nonexistent/driver");
-    let output = rig.run("driver");
-    let printed = harness::stderr(&output);
-    assert_eq!(output.status.code(), Some(78), "{printed}");
-    assert!(
-        printed.contains("driver.program = \"/nonexistent/driver\"") && printed.contains("No such file"),
-        "{printed}"
-    );
-}
-
-/// The example declares that its robot takes every setpoint.
-#[test]
-fn interface_that_the_program_does_not_declare_is_refused() {
-    let rig = with_program("sim", &example().display().to_string());
-    for interface in ["jtc100", "jtc100-restart"] {
-        let mut driver = Command::new(env!("CARGO_BIN_EXE_teleopd"));
-        driver.args(["driver", "--interface", interface, "--config"]).arg(rig.folder().join("teleop.toml"));
-        let output = driver.arg("--run-dir").arg(rig.folder()).output().expect("it runs");
-        let error = harness::stderr(&output);
-        let sentence = format!("driver.interface = \"{interface}\", must be \"direct\"");
-        assert!(output.status.code() == Some(78) && error.contains(&sentence), "{error}");
-    }
-}
-
-#[test]
-fn program_that_ends_before_ready_is_named_by_up() {
-    let rig = with_program("sim", "/bin/true");
-    let mut up = Command::new(env!("CARGO_BIN_EXE_teleopd"));
-    up.args(["up", "--config"]).arg(rig.folder().join("teleop.toml"));
-    let output = up.arg("--run-dir").arg(rig.folder()).arg("--engage-without-realtime").output().expect("it runs");
-    let printed = harness::stderr(&output);
-    assert_eq!(output.status.code(), Some(70), "{printed}");
-    let sentence = "driver.program = \"/bin/true\" ended before it was ready (exit status: 0)";
-    assert!(printed.contains(sentence) && printed.contains("docs/src/drivers.md"), "{printed}");
-}
-
-#[test]
-fn real_robot_without_a_program_is_refused() {
-    let rig = with_program("robot", "");
-    let output = rig.run("control");
-    let printed = harness::stderr(&output);
-    assert_eq!(output.status.code(), Some(78), "{printed}");
-    assert!(printed.contains("driver.kind = \"robot\" needs driver.program"), "{printed}");
-}
-
-#[test]
-fn interface_of_a_real_robot_is_checked_after_the_options() {
-    let rig = with_program("robot", &example().display().to_string());
-    for (interface, code) in [("jtc100", 0), ("jtc100-restart", 78)] {
-        let mut check = Command::new(env!("CARGO_BIN_EXE_teleopd"));
-        let check = check.args(["check", "--interface", interface, "--config"]).arg(rig.folder().join("teleop.toml"));
-        let output = check.output().expect("it runs");
-        let error = harness::stderr(&output);
-        assert_eq!(output.status.code(), Some(code), "{interface}: {error}");
-        assert_eq!(error.contains("(--interface jtc100-restart sets it)"), code != 0, "{error}");
+        let output = called.output().expect("it runs");
+        let printed = harness::stderr(&output);
+        assert_eq!(output.status.code(), Some(code), "{command:?}: {printed}");
+        assert!(sentences.iter().all(|sentence| printed.contains(sentence)), "{command:?}: {printed}");
     }
 }
 
@@ -144,18 +95,6 @@ fn driver_of_real_robot_without_realtime_ends_before_ready() {
     let printed = harness::stderr(&output);
     assert_eq!(output.status.code(), Some(69), "{printed}");
     assert!(printed.contains("driver.kind = \"robot\"") && printed.contains("needs real-time scheduling"), "{printed}");
-}
-
-#[test]
-fn program_that_starts_the_driver_again_is_refused() {
-    let script = tempfile::Builder::new().suffix(".sh").tempfile().expect("a file");
-    let text = format!("#!/bin/sh\nexec {} driver \"$@\"\n", env!("CARGO_BIN_EXE_teleopd"));
-    std::fs::write(script.path(), text).expect("a script");
-    std::fs::set_permissions(script.path(), PermissionsExt::from_mode(0o755)).expect("its mode");
-    let script = script.into_temp_path();
-    let output = with_program("sim", &script.display().to_string()).run("driver");
-    let printed = harness::stderr(&output);
-    assert!(output.status.code() == Some(78) && printed.contains("starts `teleopd driver` again"), "{printed}");
 }
 
 #[test]

@@ -77,7 +77,7 @@ fn every_patch_of_a_known_bug_is_described_and_small() {
 #[test]
 fn documents_give_the_right_number_of_known_bugs() {
     let count = patches().len();
-    let mut told = 0;
+    let mut counts = 0;
     for name in DOCUMENTS {
         let text = std::fs::read_to_string(root().join(name)).expect(name);
         let words: Vec<_> = text.split_whitespace().map(|word| word.trim_end_matches([',', '.', ':'])).collect();
@@ -85,9 +85,9 @@ fn documents_give_the_right_number_of_known_bugs() {
             let before = at.checked_sub(1).map(|at| if words[at] == "known" { at.saturating_sub(1) } else { at });
             if let Some(number) = before.and_then(|at| words[at].parse::<usize>().ok()) {
                 assert_eq!(number, count, "{name}: the patches in tests/known_bugs");
-                told += 1;
+                counts += 1;
             }
         }
     }
-    assert!(told > 0, "no document says how many known bugs there are");
+    assert!(counts > 0, "no document says how many known bugs there are");
 }

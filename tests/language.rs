@@ -19,6 +19,22 @@ const NOT_OURS: [(&str, &str); 9] = [
     ("are told", "receive, are configured"),
 ];
 
+/// Names of types, functions, modules, fields and variables that say nothing, and better ones.
+const NO_NAMES: [(&str, &str); 12] = [
+    ("said", "printed, sentence, reason"),
+    ("told", "reported, is_printed"),
+    ("deed", "event"),
+    ("deed_name", "event_name"),
+    ("hall", "registry"),
+    ("eyes", "observer"),
+    ("twins", "pairs"),
+    ("Way", "LimbTrajectory, Path"),
+    ("Wish", "Reference, WristTarget, JerkRange"),
+    ("Course", "Trajectory"),
+    ("UNTOLD_M", "what is not known"),
+    ("of", "new, from_values, for_target"),
+];
+
 /// Longest sentence, words. A formula counts as none.
 const SENTENCE_WORDS_MAX: usize = 30;
 
@@ -119,6 +135,26 @@ fn doc_comments_begin_with_their_subject() {
         }
     }
     assert!(wrong.is_empty(), "say who or what it is:\n{}", wrong.join("\n"));
+}
+
+/// A definition is a name after one of these words, or a field before its type.
+#[test]
+fn names_are_nouns_of_the_field() {
+    let mut wrong = Vec::new();
+    for (name, text) in rust() {
+        for (number, line) in text.lines().enumerate().filter(|(_, line)| !line.trim_start().starts_with("//")) {
+            let code = line.split('"').step_by(2).collect::<Vec<_>>().join(" ");
+            let defined = ["fn ", "struct ", "enum ", "mod ", "let ", "mut ", "const ", "pub ", "|", "(", ", ", "for "];
+            for (word, better) in NO_NAMES {
+                let ends = [":", " =", "(", ",", "|", ")", ";", " in "];
+                let used = |start: &&str| ends.iter().any(|end| code.contains(&format!("{start}{word}{end}")));
+                if defined.iter().any(|start| used(&start)) {
+                    wrong.push(format!("{name}:{}: `{word}`: {better}: {}", number + 1, line.trim()));
+                }
+            }
+        }
+    }
+    assert!(wrong.is_empty(), "names:\n{}", wrong.join("\n"));
 }
 
 #[test]

@@ -95,8 +95,8 @@ fn package_scripts_start_and_enable_nothing() {
 /// Returns a program's output. `None` if it is not installed.
 fn run(command: &mut Command) -> Option<Output> {
     let output = command.output().ok()?;
-    let said = String::from_utf8_lossy(&output.stderr);
-    assert!(output.status.success(), "{command:?}: {}: {said}", output.status);
+    let printed = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{command:?}: {}: {printed}", output.status);
     Some(output)
 }
 
@@ -198,8 +198,8 @@ fn package_holds_its_files_and_its_settings_are_accepted() {
     std::fs::write(&settings, moved).expect("settings");
     let mut check = Command::new(tree.join("usr/bin/teleopd"));
     let output = run(check.args(["check", "--config"]).arg(&settings).current_dir("/")).expect("teleopd");
-    let said = String::from_utf8_lossy(&output.stdout);
+    let printed = String::from_utf8_lossy(&output.stdout);
     for read in ["usr/share/teleopd/robots/tiago_dual.urdf", "usr/share/teleopd/weights/tiago_dual.safetensors"] {
-        assert!(said.contains(read), "check read no {read}:\n{said}");
+        assert!(printed.contains(read), "check read no {read}:\n{printed}");
     }
 }

@@ -60,7 +60,7 @@ fn f085_shared_memory_filled_later_disturbs_no_process() {
         let run_dir = rig.folder().join("run");
         let report = rig.folder().join("report.json");
         let (folder, file) = (run_dir.to_str().unwrap().to_owned(), report.to_str().unwrap().to_owned());
-        let arguments = ["demo", "--seconds", "5", "--report", &file, "--run-dir", &folder];
+        let arguments = ["demo", "--seconds", "2", "--report", &file, "--run-dir", &folder];
         let Some(child) = with_small_files_at(Path::new("/dev/shm"), "24m", &arguments) else { return };
         wait_until("an operator socket", || run_dir.join("operator.sock").exists());
         let operator = Operator::connect(run_dir.join("operator.sock")).expect("control answers");
@@ -105,7 +105,7 @@ fn f081_running_processes_open_no_more_descriptors() {
     in_real_time(|| {
         let rig = Rig::whole();
         let operator = rig.operator_session();
-        let client = rig.client(&motion::builtin(), 11);
+        let _client = rig.shared_memory_client();
         operator.engage_until(Mode::Engaging);
         for name in teleopd::PROCESSES {
             let id = rig.id(name).to_string();
@@ -114,8 +114,6 @@ fn f081_running_processes_open_no_more_descriptors() {
             assert!(limit.expect("prlimit runs").success(), "{name} takes a limit of {open} descriptors");
         }
         operator.wait_mode(Mode::Engaged);
-        client.set_engaged(true);
-        operator.assert_stays(Mode::Engaged, Duration::from_millis(500));
         operator.release();
         operator.wait_mode(Mode::Disengaged);
     });
@@ -123,7 +121,7 @@ fn f081_running_processes_open_no_more_descriptors() {
 
 #[test]
 fn f081_too_few_descriptors_are_refused_at_the_start() {
-    let rig = Rig::empty();
+    let rig = Rig::idle("");
     let output = Command::new("prlimit")
         .args(["--nofile=12", env!("CARGO_BIN_EXE_teleopd"), "driver", "--config"])
         .arg(config())
@@ -149,7 +147,7 @@ fn f077_busy_cores_break_no_limit_and_the_robot_comes_to_rest() {
                 }
             });
         }
-        operator.wait_control(Duration::from_secs(3));
+        operator.wait_control(Duration::from_secs(2));
         busy.store(false, std::sync::atomic::Ordering::Relaxed);
     });
     operator.release();

@@ -150,38 +150,23 @@ fn rig_at(interface: &str, domain: u32) -> Rig {
 
 /// The same with more settings.
 fn rig_with(interface: &str, domain: u32, more: &str) -> Rig {
+    Rig::with_settings(&settings(interface, domain, more))
+}
+
+/// Returns the settings of a robot in this domain.
+fn settings(interface: &str, domain: u32, more: &str) -> String {
     let beside = PathBuf::from(env!("CARGO_BIN_EXE_teleopd")).with_file_name("teleopd-ros2");
     assert!(beside.exists(), "{}: build it with cargo build --release -p ros2", beside.display());
-    Rig::with_settings(&format!(
+    format!(
         "driver.program = \"teleopd-ros2\"\ndriver.measured_age_max_ms = 100.0\ndriver.interface = \"jtc100\"\n\
          ros2.interface = \"{interface}\"\nros2.domain_id = {domain}{more}"
-    ))
+    )
 }
 
 /// True if every controller took every message.
 fn took_all(report: &Value) -> bool {
     let controllers = report["controllers"].as_object().expect("controllers");
     controllers.values().all(|one| one["accepted"] == one["received"] && one["accepted"].as_u64() > Some(100))
-}
-
-#[test]
-#[ignore = "two cores do not hold a robot, its peer and other tests in time: cargo test --release --test system ros2 -- --ignored"]
-fn robot_on_ros2_follows_and_takes_every_message() {
-    let Some(peer) = Peer::start(DOMAINS[0], &[]) else { return };
-    let mut rig = rig(DOMAINS[0]);
-    let (operator, mut observer, _client) = rig.follow_builtin(0.2);
-    operator.release();
-    operator.wait_mode(Mode::Disengaged);
-    observer.wait_at_rest();
-    let figures = rig.end_without_violations();
-    assert!(figures["commands_accepted"].as_u64() > Some(1000), "{figures}");
-    let (report, trace) = peer.end();
-    assert!(took_all(&report), "{report:#}");
-    assert_eq!(report["command"]["position_excess"]["exceeded_updates"], 0, "{report:#}");
-    // The columns after the two clocks are pairs: commanded and measured.
-    let off = |row: &Vec<f64>, column: usize| (row[column] - trace[0][column]).abs();
-    let way = |column: usize| trace.iter().map(|row| off(row, column)).fold(0.0, f64::max);
-    assert!((2..trace[0].len()).any(|column| way(column) > 0.1), "the peer's robot moved");
 }
 
 #[test]
@@ -208,16 +193,17 @@ fn f114_robot_on_ros2_plays_the_certified_stop_when_its_driver_is_killed() {
 
 #[test]
 fn preflight_of_no_robot_has_one_sentence_on_the_likeliest_cause() {
-    let (code, [printed, _]) = preflight(&rig(DOMAINS[6]).folder().join("teleop.toml"));
+    let (code, [printed, _]) = preflight(&Rig::idle(&settings("lo", DOMAINS[6], "")).place.config);
     let failed: Vec<&str> = printed.lines().filter(|line| line.starts_with("failed: ")).collect();
     let sentence = format!("nothing was heard of a robot in domain {} on network interface `lo`", DOMAINS[6]);
     assert!(code == Some(1) && failed.len() == 1 && failed[0].contains(&sentence), "{printed}");
-    let (code, printed) = preflight(&rig_at("nothing0", DOMAINS[6]).folder().join("teleop.toml"));
+    let (code, printed) = preflight(&Rig::idle(&settings("nothing0", DOMAINS[6], "")).place.config);
     let printed = printed.concat();
     assert!(code == Some(69) && printed.contains("this machine has no such network interface, only "), "{printed}");
 }
 
 #[test]
+#[ignore = "two cores do not hold a robot, its peer and other tests in time: cargo test --release --test system ros2 -- --ignored"]
 fn f115_robot_on_ros2_that_is_not_ready_is_refused_with_a_sentence() {
     let Some(mut peer) = Peer::start(DOMAINS[2], &["--fault", "second/head_controller"]) else { return };
     peer.fault("emergency");

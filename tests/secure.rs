@@ -45,7 +45,7 @@ fn start(rig: &Rig, folder: &Path, names: &str) -> Viewer {
 
 #[test]
 fn f135_page_for_other_machines_needs_tls_its_host_and_the_token() {
-    let (rig, folder) = (Rig::empty(), tempfile::tempdir().expect("a folder"));
+    let (rig, folder) = (Rig::idle(""), tempfile::tempdir().expect("a folder"));
     let folder = folder.path().join("tls");
     let viewer = start(&rig, &folder, "127.0.0.1,localhost");
     assert!(viewer.address.starts_with("https://127.0.0.1:"), "{}", viewer.address);
@@ -94,7 +94,7 @@ fn f135_page_for_other_machines_needs_tls_its_host_and_the_token() {
 
 #[test]
 fn browser_takes_page_by_tls_as_secure_and_connects() {
-    let (rig, folder) = (Rig::empty(), tempfile::tempdir().expect("a folder"));
+    let (rig, folder) = (Rig::idle(""), tempfile::tempdir().expect("a folder"));
     let viewer = start(&rig, folder.path(), "127.0.0.1");
     // As if the user had accepted the certificate.
     let Some(mut browser) = Browser::with(&viewer.address, &["--ignore-certificate-errors"]) else { return };
@@ -105,7 +105,7 @@ fn browser_takes_page_by_tls_as_secure_and_connects() {
 /// A peer that begins TLS and goes on slowly, or not at all, keeps no thread and nobody out.
 #[test]
 fn f136_silent_and_slow_peers_are_closed_and_keep_nobody_out() {
-    let (rig, folder) = (Rig::empty(), tempfile::tempdir().expect("a folder"));
+    let (rig, folder) = (Rig::idle(""), tempfile::tempdir().expect("a folder"));
     let viewer = start(&rig, folder.path(), "127.0.0.1");
     let host = viewer.host().to_owned();
     let silent: Vec<_> = (0..40).map(|_| TcpStream::connect(&host).expect("it listens")).collect();
@@ -130,66 +130,53 @@ fn f136_silent_and_slow_peers_are_closed_and_keep_nobody_out() {
     drop(silent);
 }
 
+/// A certificate is made once for its names. One for other names is signed by the authority that browsers already know.
 #[test]
 fn certificate_is_kept_for_its_names_and_its_key_is_private() {
-    let (rig, folder) = (Rig::empty(), tempfile::tempdir().expect("a folder"));
+    let (rig, folder) = (Rig::idle(""), tempfile::tempdir().expect("a folder"));
     let read = |name: &str| std::fs::read_to_string(folder.path().join(name)).expect("a file");
-    drop(start(&rig, folder.path(), "127.0.0.1"));
-    let mode = |name: &str| folder.path().join(name).metadata().expect("a file").permissions().mode() & 0o777;
-    let first = read("page.pem");
-    assert_eq!((mode("page-key.pem"), first.matches("BEGIN CERTIFICATE").count()), (0o600, 2));
-    assert_eq!(mode("ca-key.pem"), 0o600);
-    drop(start(&rig, folder.path(), "127.0.0.1"));
-    assert_eq!(read("page.pem"), first);
-    let authority = read("ca.pem");
-    drop(start(&rig, folder.path(), "127.0.0.1,robot.local"));
-    assert_ne!(read("page.pem"), first);
-    assert_eq!(read("ca.pem"), authority, "a browser has taken it");
-    let key = folder.path().join("page-key.pem");
-    let before = read("page.pem");
-    std::fs::set_permissions(&key, std::fs::Permissions::from_mode(0o644)).expect("it is ours");
-    let tls = folder.path().to_str().expect("UTF-8");
-    for (names, code, expected) in [
-        ("127.0.0.1,robot.local", 73, "others may read this key (mode 644); it must be 600"),
-        ("192.0.2.1", 69, "--https: 192.0.2.1: no interface of this machine has it"),
-        ("0.0.0.0", 64, "--https: 0.0.0.0: give one address of this machine"),
-        ("robot.local", 64, "--https: robot.local: the first name must be an IP address"),
-        ("127.0.0.1,a b", 64, "--https: a b: a name has letters"),
-    ] {
-        let output = crate::viewer::command(&rig, &["--https", names, "--tls", tls]).output().expect("it runs");
-        let printed = harness::stderr(&output);
-        assert!(output.status.code() == Some(code) && printed.contains(expected), "{names}: {output:?}");
-    }
-    assert_eq!(read("page.pem"), before, "an address that cannot be used changes no certificate");
-}
-
-/// A certificate for other names is signed by the authority that browsers already know.
-#[test]
-fn other_names_keep_the_authority_and_are_told() {
-    let (rig, folder) = (Rig::empty(), tempfile::tempdir().expect("a folder"));
     let printed = |names: &str| {
         let viewer = start(&rig, folder.path(), names);
         let get = format!("GET / HTTP/1.1\r\nHost: {}\r\n\r\n", viewer.host());
-        (ask(connect(&viewer, folder.path(), "127.0.0.1"), &get), viewer.printed.clone())
+        let page = ask(connect(&viewer, folder.path(), "127.0.0.1"), &get);
+        assert!(page.starts_with("HTTP/1.1 200 OK"), "the known authority signed it: {page}");
+        viewer.printed.clone()
     };
     let news = "new certificate, because the names changed: ";
-    assert!(!printed("127.0.0.1").1.contains(news));
-    let authority = std::fs::read(folder.path().join("ca.pem")).expect("the authority");
-    let (page, words) = printed("127.0.0.1,robot.local");
-    assert!(page.starts_with("HTTP/1.1 200 OK"), "the known authority signed it: {page}");
+    assert!(!printed("127.0.0.1").contains(news));
+    let mode = |name: &str| folder.path().join(name).metadata().expect("a file").permissions().mode() & 0o777;
+    let (first, authority) = (read("page.pem"), read("ca.pem"));
+    assert_eq!((mode("page-key.pem"), mode("ca-key.pem")), (0o600, 0o600));
+    assert_eq!(first.matches("BEGIN CERTIFICATE").count(), 2);
+    assert!(!printed("127.0.0.1").contains(news));
+    assert_eq!(read("page.pem"), first);
+    let words = printed("127.0.0.1,robot.local");
     let expected = format!("{news}127.0.0.1 became 127.0.0.1, robot.local; the authority stays\n");
     assert!(words.contains(&expected), "{words}");
-    assert_eq!(std::fs::read(folder.path().join("ca.pem")).expect("the authority"), authority);
+    assert_ne!(read("page.pem"), first);
+    assert_eq!(read("ca.pem"), authority, "a browser has taken it");
+    let before = read("page.pem");
+    let key = folder.path().join("page-key.pem");
+    std::fs::set_permissions(&key, std::fs::Permissions::from_mode(0o644)).expect("it is ours");
+    let refuses = |names: &str, code: i32, expected: &str| {
+        let tls = folder.path().to_str().expect("UTF-8");
+        let output = crate::viewer::command(&rig, &["--https", names, "--tls", tls]).output().expect("it runs");
+        let printed = harness::stderr(&output);
+        assert!(output.status.code() == Some(code) && printed.contains(expected), "{names}: {output:?}");
+    };
+    refuses("127.0.0.1,robot.local", 73, "others may read this key (mode 644); it must be 600");
+    refuses("192.0.2.1", 69, "--https: 192.0.2.1: no interface of this machine has it");
+    refuses("0.0.0.0", 64, "--https: 0.0.0.0: give one address of this machine");
+    refuses("robot.local", 64, "--https: robot.local: the first name must be an IP address");
+    refuses("127.0.0.1,a b", 64, "--https: a b: a name has letters");
+    assert_eq!(read("page.pem"), before, "an address that cannot be used changes no certificate");
+    std::fs::set_permissions(&key, std::fs::Permissions::from_mode(0o600)).expect("it is ours");
     // A folder of an older teleopd has no key of the authority.
     std::fs::remove_file(folder.path().join("ca-key.pem")).expect("a file");
-    let (page, words) = printed("127.0.0.1,robot.local");
-    assert!(page.starts_with("HTTP/1.1 200 OK") && !words.contains(news), "{words}");
-    let (page, words) = printed("127.0.0.1");
-    assert!(page.starts_with("HTTP/1.1 200 OK") && words.contains("browsers must take ca.pem again"), "{words}");
+    assert!(!printed("127.0.0.1,robot.local").contains(news));
+    let words = printed("127.0.0.1");
+    assert!(words.contains("browsers must take ca.pem again"), "{words}");
     // Nor does a foreign key sign anything.
-    std::fs::copy(folder.path().join("page-key.pem"), folder.path().join("ca-key.pem")).expect("a key");
-    let tls = folder.path().to_str().expect("UTF-8");
-    let refused = crate::viewer::command(&rig, &["--https", "127.0.0.1,a", "--tls", tls]).output().expect("it runs");
-    let text = harness::stderr(&refused);
-    assert!(refused.status.code() == Some(73) && text.contains("it is not the key of ca.pem"), "{refused:?}");
+    std::fs::copy(key, folder.path().join("ca-key.pem")).expect("a key");
+    refuses("127.0.0.1,a", 73, "it is not the key of ca.pem");
 }

@@ -1,36 +1,16 @@
 //! Tests the dependencies of the product: locked, from one registry, under permissive licences, and without
 //! network code. The rules are those of `deny.toml`, but need neither `cargo-deny` nor a network.
 
-use crate::sources::root;
+use crate::sources::{cargo, metadata, root};
 use serde_json::Value;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
-use std::process::Command;
 
 const REGISTRY: &str = "registry+https://github.com/rust-lang/crates.io-index";
 
 fn toml_file(name: &str) -> toml::Table {
     let text = std::fs::read_to_string(root().join(name)).unwrap_or_else(|error| panic!("{name}: {error}"));
     text.parse().unwrap_or_else(|error| panic!("{name}: {error}"))
-}
-
-/// Returns the output of cargo. It uses no network.
-fn cargo(args: &[&str]) -> Vec<u8> {
-    let cargo = std::env::var("CARGO").unwrap_or_else(|_| "cargo".into());
-    let output = Command::new(cargo)
-        .args(args)
-        .args(["--locked", "--offline"])
-        .current_dir(root())
-        .output()
-        .expect("cargo runs");
-    assert!(output.status.success(), "cargo {args:?}: {}", String::from_utf8_lossy(&output.stderr));
-    output.stdout
-}
-
-fn metadata() -> Value {
-    let platform = format!("{}-unknown-linux-gnu", std::env::consts::ARCH);
-    let json = cargo(&["metadata", "--format-version", "1", "--filter-platform", &platform]);
-    serde_json::from_slice(&json).expect("metadata is JSON")
 }
 
 fn text<'a>(value: &'a Value, key: &str) -> &'a str {
@@ -195,8 +175,7 @@ fn f113_banned_crates_are_not_built() {
 /// Returns the crates that these packages are built from, each with its features.
 fn built_with(packages: &[&str]) -> BTreeSet<String> {
     let args = ["tree", "--edges", "normal,build", "--prefix", "none", "--format", "{p} {f}"];
-    let tree = cargo(&[&args, packages].concat());
-    let lines = String::from_utf8_lossy(&tree);
+    let lines = cargo(&[&args, packages].concat());
     lines.lines().map(|line| line.trim_end_matches(" (*)").to_owned()).collect()
 }
 

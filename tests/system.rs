@@ -15,7 +15,6 @@ mod end_to_end;
 mod first_minutes;
 mod headset;
 mod key_poses;
-mod layouts;
 mod resources;
 mod ros2;
 mod secure;

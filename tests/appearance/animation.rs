@@ -67,6 +67,7 @@ fn picture(browser: &mut Browser) -> Vec<u8> {
 }
 
 #[test]
+#[ignore = "makes a file of the documents: cargo test --release --test system short_animation -- --ignored"]
 fn short_animation_of_the_page_is_made() {
     let asked = std::env::var_os("TELEOPD_ANIMATION");
     let (loaded, view) = (loaded(), shown());

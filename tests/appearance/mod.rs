@@ -5,7 +5,7 @@ mod meshes;
 mod robots;
 mod sharpness;
 
-use crate::browser::{Browser, Difference};
+use crate::browser::{Browser, Difference, text};
 use crate::viewer::Viewer;
 use client::PlayOptions;
 use config::{Loaded, Overrides};
@@ -154,80 +154,46 @@ fn apart(a: [f64; 3], b: [f64; 3]) -> f64 {
     a.iter().zip(b).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt()
 }
 
-/// Asserts that the numbers and their lines are there right after a seek.
-fn assert_lines_after_seek(shown: &mut Shown) {
-    // Far ahead, back, and a little ahead.
-    for at_s in [8.0, 2.0, 3.0] {
+/// Returns the number of pixels of a sparkline that have its own colour.
+fn inked(name: &str) -> String {
+    format!(
+        "(() => {{ const c = document.querySelector('[data-line={name}]'); \
+         const own = getComputedStyle(c).getPropertyValue('--line-data').trim(); \
+         const [r, g, b] = [1, 3, 5].map((n) => parseInt(own.slice(n, n + 2), 16)); \
+         const all = c.getContext('2d').getImageData(0, 0, c.width, c.height).data; let n = 0; \
+         for (let i = 0; i < all.length; i += 4) if (all[i + 3] > 200 && Math.abs(all[i] - r) + \
+         Math.abs(all[i + 1] - g) + Math.abs(all[i + 2] - b) < 12) n += 1; return n; }})()"
+    )
+}
+
+#[test]
+fn figures_ghost_and_lines_are_in_the_frame() {
+    let (loaded, view) = (loaded(), shown());
+    let Some(mut shown) = Shown::open(played(&loaded, 1.0, 18.0), &view) else { return };
+    // Far ahead, and back. The numbers and their lines are there right after it.
+    for at_s in [16.0, 4.0] {
         shown.at(at_s);
         for name in ["behind", "delay", "clearance"] {
-            shown.browser.wait(
-                "the number is there",
-                &format!("/^[\\d.]+/.test(document.getElementById('{name}').textContent)"),
-            );
-            let inked = shown.browser.evaluate(&format!(
-                "(() => {{ const c = document.querySelector('[data-line={name}]'); \
-                 const own = getComputedStyle(c).getPropertyValue('--line-data').trim(); \
-                 const [r, g, b] = [1, 3, 5].map((n) => parseInt(own.slice(n, n + 2), 16)); \
-                 const all = c.getContext('2d').getImageData(0, 0, c.width, c.height).data; let n = 0; \
-                 for (let i = 0; i < all.length; i += 4) if (all[i + 3] > 200 && Math.abs(all[i] - r) + \
-                 Math.abs(all[i + 1] - g) + Math.abs(all[i + 2] - b) < 12) n += 1; return n; }})()"
-            ));
+            shown.browser.wait("its number", &format!("/^[\\d.]+/.test({})", text(name)));
+            let inked = shown.browser.evaluate(&inked(name));
             assert!(inked.as_u64() > Some(4), "{name} at {at_s} s: {inked} pixels are drawn");
         }
     }
-}
-
-#[test]
-fn both_figures_are_in_the_frame_at_three_window_sizes() {
-    let (loaded, view) = (loaded(), shown());
-    let Some(mut shown) = Shown::open(played(&loaded, 1.0, 9.0), &view) else { return };
-    assert_lines_after_seek(&mut shown);
-    for [width, height] in [SIZES[0], SIZES[3], SIZES[4]] {
+    // Arms hanging, both up, one up: the widest and the highest poses of the motion.
+    for ([width, height], at_s) in SIZES.into_iter().zip([8.0, 12.0, 16.0, 1.0, 8.0]) {
         shown.browser.resize(width, height);
-        // Arms stretched to the sides, and one arm up: the widest and the highest poses of the motion.
-        for at_s in [1.0, 7.0] {
-            shown.at(at_s);
-            for [left, bottom, right, top] in shown.both_inside() {
-                let large = (right - left).max(top - bottom);
-                assert!(large > 0.5, "{width} x {height}, {at_s} s: a figure is tiny, {large}");
-            }
-        }
-        // The same check by the pixels.
-        shown.hold_camera();
-        let [left, top, right, bottom] = Shown::edges(&mut shown.browser, "#stage");
-        for checkbox in ["show-person", "show-measured"] {
-            let seen = shown.layer(checkbox);
-            println!("{width} x {height}: {checkbox} has {} pixels, {:?}", seen.pixels, seen.edges.map(f64::round));
-            assert!(seen.pixels > 2000, "{width} x {height}: {checkbox}: {seen:?}");
-            let [l, t, r, b] = seen.edges;
-            let inside = l > left && t > top && r < right - 1.0 && b < bottom - 1.0;
-            // The legend names the layers, so the lower edge may belong to the legend.
-            let legend = b > bottom - 40.0;
-            assert!(inside || legend && l > left && t > top && r < right - 1.0, "{width} x {height}: {seen:?}");
+        shown.at(at_s);
+        for [left, bottom, right, top] in shown.both_inside() {
+            let large = (right - left).max(top - bottom);
+            assert!(large > 0.5, "{width} x {height}, {at_s} s: a figure is tiny, {large}");
         }
     }
+    shown.browser.resize(1280, 720);
+    check_ghost(&mut shown);
 }
 
-#[test]
-fn robot_alone_is_in_the_middle() {
-    let (loaded, view) = (loaded(), shown());
-    let Some(mut shown) = Shown::open(recording(&loaded, 1.0, 2.0, false), &view) else { return };
-    let person = shown.browser.evaluate("document.querySelector('#legend [data-layer=person]').hidden");
-    assert_eq!(person, true, "the legend names a person");
-    for [width, height] in SIZES {
-        shown.browser.resize(width, height);
-        shown.at(1.0);
-        let [left, bottom, right, top]: [f64; 4] =
-            serde_json::from_value(shown.browser.evaluate("window.teleopd.boxes().robot")).unwrap();
-        assert!((left + right).abs() < 0.1, "{width} x {height}: from {left} to {right}");
-        assert!(bottom > -1.0 && top < 1.0 && top - bottom > 0.5, "{width} x {height}: from {bottom} to {top}");
-    }
-}
-
-#[test]
-fn ghost_appears_while_the_robot_is_behind_and_colours_differ() {
-    let (loaded, view) = (loaded(), shown());
-    let Some(mut shown) = Shown::open(played(&loaded, 1.0, 9.0), &view) else { return };
+/// The ghost appears while the robot is behind. The figures are where the page says, and their colours differ.
+fn check_ghost(shown: &mut Shown) {
     // The robot was just enabled, and the person stands in a T-pose.
     shown.at(1.2);
     let behind = shown.browser.evaluate("window.teleopd.frame().limbMeasured");
@@ -235,7 +201,14 @@ fn ghost_appears_while_the_robot_is_behind_and_colours_differ() {
     shown.browser.wait("the ghost is there", "window.teleopd.ghost() > 0.3");
     shown.hold_camera();
     let (person, robot) = (shown.layer("show-person"), shown.layer("show-measured"));
-    let asked = |shown: &mut Shown, value: &str| {
+    let [left, top, right, bottom] = Shown::edges(&mut shown.browser, "#stage");
+    for seen in [&person, &robot] {
+        let [l, t, r, b] = seen.edges;
+        // The legend names the layers, so the lower edge may belong to the legend.
+        let inside = l > left && t > top && r < right - 1.0 && (b < bottom - 1.0 || b > bottom - 40.0);
+        assert!(seen.pixels > 2000 && inside, "{seen:?}");
+    }
+    let mut choose = |value: &str| {
         shown.browser.evaluate(&format!(
             "(() => {{ const target = document.getElementById('show-target'); target.value = '{value}'; \
              target.dispatchEvent(new Event('change')); }})()"
@@ -243,8 +216,7 @@ fn ghost_appears_while_the_robot_is_behind_and_colours_differ() {
         shown.stands();
         shown.browser.screenshot()
     };
-    let without = asked(&mut shown, "off");
-    let with = asked(&mut shown, "auto");
+    let [without, with] = ["off", "auto"].map(&mut choose);
     let ghost = shown.browser.difference(&without, &with);
     println!("mean colours: person {:?}, robot {:?}, ghost {:?}", person.mean, robot.mean, ghost.mean);
     assert!(ghost.pixels > 2000, "{ghost:?}");
@@ -255,24 +227,41 @@ fn ghost_appears_while_the_robot_is_behind_and_colours_differ() {
     ] {
         assert!(apart(a.mean, b.mean) > 30.0, "{what} look alike: {a:?} {b:?}");
     }
-    // The robot follows. The ghost disappeared by itself, and is drawn on request.
+    // The robot follows. The ghost disappeared by itself.
     shown.at(7.0);
     let behind = shown.browser.evaluate("window.teleopd.frame().limbMeasured");
     assert!(behind.as_f64() < Some(2.0), "{behind} degrees behind");
     shown.browser.wait("the ghost has gone", "window.teleopd.ghost() === 0");
-    asked(&mut shown, "on");
-    shown.browser.wait("the ghost is asked for", "window.teleopd.ghost() > 0.3");
 }
 
 #[test]
-fn scene_and_buttons_fit_one_screen_and_no_instance_is_shown() {
-    let rig = Rig::empty();
+fn robot_alone_is_in_the_middle() {
+    let (loaded, view) = (loaded(), shown());
+    let Some(mut shown) = Shown::open(recording(&loaded, 1.0, 2.0, false), &view) else { return };
+    let person = shown.browser.evaluate("document.querySelector('#legend [data-layer=person]').hidden");
+    assert_eq!(person, true, "the legend names a person");
+    for [width, height] in [SIZES[1], SIZES[4]] {
+        shown.browser.resize(width, height);
+        shown.at(1.0);
+        let [left, bottom, right, top]: [f64; 4] =
+            serde_json::from_value(shown.browser.evaluate("window.teleopd.boxes().robot")).unwrap();
+        assert!((left + right).abs() < 0.1, "{width} x {height}: from {left} to {right}");
+        assert!(bottom > -1.0 && top < 1.0 && top - bottom > 0.5, "{width} x {height}: from {bottom} to {top}");
+    }
+    sharpness::check(&mut shown.browser);
+}
+
+/// Without an instance the page says so, and scene and buttons fit one screen. It shows an instance that starts, and
+/// clears what it showed at its end.
+#[test]
+fn page_fits_one_screen_and_shows_begin_and_end_of_an_instance() {
+    let mut rig = Rig::empty();
     let viewer = Viewer::start(&rig);
     let Some(mut browser) = Browser::open(&viewer.address) else { return };
     browser.wait("it draws", "window.teleopd.drawn() > 1");
     browser.wait_text("curtain-title", "No instance");
     browser.wait_text_like("curtain-text", "/teleopd up/");
-    assert_eq!(browser.text("mode"), "no instance");
+    browser.wait_text("mode", "no instance");
     for [width, height] in SIZES {
         browser.resize(width, height);
         browser.evaluate("document.querySelector('main').scrollTo(0, 0)");
@@ -284,27 +273,17 @@ fn scene_and_buttons_fit_one_screen_and_no_instance_is_shown() {
         }
         let [left, top, right, bottom] = Shown::edges(&mut browser, "#stage");
         let share = (right - left) * (bottom - top) / (w * h);
-        println!("{width} x {height}: the scene has {:.0} % of the window", 100.0 * share);
         assert!(share > 0.45, "{width} x {height}: the scene has {share} of the window");
     }
-}
-
-#[test]
-fn instance_start_is_shown_and_its_end_clears_the_page() {
-    let mut rig = Rig::empty();
-    let viewer = Viewer::start(&rig);
-    let Some(mut browser) = Browser::open(&viewer.address) else { return };
-    let (mode, behind) =
-        ("document.getElementById('mode').textContent", "document.getElementById('clearance').textContent");
-    browser.wait("nothing is there", &format!("{mode} === 'no instance'"));
+    let (mode, clearance) = (text("mode"), text("clearance"));
     rig.start_all();
     browser.wait("it is shown", &format!("{mode} === 'Disengaged' && document.getElementById('curtain').hidden"));
-    browser.wait("with its numbers", &format!("/mm$/.test({behind})"));
+    browser.wait("with its numbers", &format!("/mm$/.test({clearance})"));
     for name in teleopd::PROCESSES {
         rig.kill(name);
     }
     browser.wait("it is missed", &format!("{mode} === 'no instance' && !document.getElementById('curtain').hidden"));
-    browser.wait("without numbers of before", &format!("{behind} === '–'"));
+    browser.wait("without numbers of before", &format!("{clearance} === '–'"));
     drop(viewer);
-    browser.wait("so is the view", &format!("{mode} === 'not connected' && {behind} === '–'"));
+    browser.wait("so is the view", &format!("{mode} === 'not connected' && {clearance} === '–'"));
 }

@@ -13,32 +13,22 @@ const SIZES: [[u32; 2]; 2] = [[1280, 720], [390, 844]];
 /// The closed form needs no weights.
 const METHOD: &str = "[retarget]\nmethod = \"closed-form\"\n";
 
-/// One robot. The other test has all of them.
-#[test]
-fn shipped_robot_is_in_the_frame_with_the_person() {
-    assert_in_the_frame(&["unitree_g1"]);
-}
-
 /// Also writes a picture of each robot into the folder of TELEOPD_PICTURES, as NAME.webp.
 #[test]
-#[ignore = "takes a minute: .ci/long"]
+#[ignore = "draws for a minute: cargo test --release --test system every_shipped_robot -- --ignored"]
 fn every_shipped_robot_is_in_the_frame_with_the_person() {
-    assert_in_the_frame(&ROBOTS);
-}
-
-fn assert_in_the_frame(names: &[&str]) {
     let folder = tempfile::tempdir().expect("a folder");
     let config = folder.path().join("teleop.toml");
     harness::write_settings(&harness::config(), METHOD, &config).expect("settings");
-    for &name in names {
+    for name in ROBOTS {
         let overrides = Overrides { engage_without_realtime: true, robot: Some(name.into()), ..Overrides::default() };
         let loaded = config::load(&config, overrides).unwrap_or_else(|error| panic!("{name}: {error}"));
         let view = RobotView::load(&loaded, None).expect("a look or none");
-        let Some(mut shown) = Shown::open(played(&loaded, 3.0, 3.0), &view) else { return };
+        let Some(mut shown) = Shown::open(played(&loaded, 1.0, 9.0), &view) else { return };
         for [width, height] in SIZES {
             shown.browser.resize(width, height);
             // Arms stretched to the sides, and one arm up.
-            for at_s in [0.4, 2.4] {
+            for at_s in [1.0, 7.0] {
                 shown.at(at_s);
                 let [_, [left, bottom, right, top]] = shown.both_inside();
                 let large = (right - left).max(top - bottom);
@@ -49,7 +39,7 @@ fn assert_in_the_frame(names: &[&str]) {
         if let Some(pictures) = std::env::var_os("TELEOPD_PICTURES") {
             let [width, height] = SIZES[0];
             shown.browser.resize(width, height);
-            shown.at(2.4);
+            shown.at(7.0);
             let [left, top, right, bottom] = Shown::edges(&mut shown.browser, "#stage");
             let clip = json!({ "x": left, "y": top, "width": right - left, "height": bottom - top, "scale": 1 });
             let with = json!({ "format": "webp", "quality": 80, "clip": clip });

@@ -1,6 +1,7 @@
 //! A headless Chromium, driven by its DevTools protocol. The tests see pages as users do.
 #![allow(dead_code)]
 
+use base64::Engine;
 use serde_json::{Value, json};
 use std::io::{BufRead, BufReader};
 use std::net::TcpStream;
@@ -292,19 +293,7 @@ pub fn text(id: &str) -> String {
 
 /// Returns the bytes of a picture in base64.
 pub fn decode_base64(picture: &str) -> Vec<u8> {
-    let value = |letter: u8| match letter {
-        b'A'..=b'Z' => letter - b'A',
-        b'a'..=b'z' => letter - b'a' + 26,
-        b'0'..=b'9' => letter - b'0' + 52,
-        b'+' => 62,
-        _ => 63,
-    };
-    let letters: Vec<u8> = picture.bytes().filter(|&letter| letter != b'=').map(value).collect();
-    let bytes = letters.chunks(4).flat_map(|four| {
-        let bits = four.iter().enumerate().fold(0, |bits, (n, &six)| bits | u32::from(six) << (18 - 6 * n));
-        bits.to_be_bytes()[1..four.len()].to_vec()
-    });
-    bytes.collect()
+    base64::engine::general_purpose::STANDARD.decode(picture).expect("base64")
 }
 
 impl Drop for Browser {

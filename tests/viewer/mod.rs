@@ -1,9 +1,8 @@
 //! `teleopd view` of an instance, and its page as seen by a program.
-#![allow(dead_code)]
 
 pub mod camera;
 
-use harness::{Rig, SOON, wait_until};
+use harness::{Rig, SOON};
 use messages::Mode;
 use serde_json::{Value, json};
 use std::io::{BufRead, BufReader, Read, Write};
@@ -42,11 +41,6 @@ impl Viewer {
         let address = line.trim().split(' ').next_back().expect("an address").to_owned();
         assert!(address.contains("://127.0.0.1:"), "{line}");
         Self { child, address, printed, _output: output }
-    }
-
-    /// Returns the process id.
-    pub fn id(&self) -> u32 {
-        self.child.id()
     }
 
     pub fn host(&self) -> &str {
@@ -208,13 +202,5 @@ impl Page {
         let is_there =
             |received: &Received| matches!(received, Received::Frame(frame) if frame[2] == mode as u32 as f32);
         self.drive(mode.name(), KEEP_PERIOD, send, is_there);
-    }
-
-    /// Requests the lease by `request`, which is answered by a message of this kind, until the page has it.
-    pub fn wait_lease(&mut self, kind: &str, request: &Value) {
-        wait_until("the holder of the lease", || {
-            self.send(request);
-            self.message(kind)["on"] == true
-        });
     }
 }

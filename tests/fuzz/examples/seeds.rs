@@ -8,7 +8,7 @@ fn main() -> std::io::Result<()> {
     for (target, _) in TARGETS {
         let folder = folder.join(target);
         std::fs::create_dir_all(&folder)?;
-        for (number, input) in seeds::of(target).iter().enumerate() {
+        for (number, input) in seeds::for_target(target).iter().enumerate() {
             std::fs::write(folder.join(format!("seed-{number}")), input)?;
         }
     }

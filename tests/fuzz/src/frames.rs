@@ -8,14 +8,12 @@ use messages::{CUSTOM_LAYOUTS, Layout, RawSkeleton, SMPL_JOINTS, SkeletonLayout,
 use skeleton::DropReason;
 use std::sync::LazyLock;
 
-/// The shipped files.
 const FILES: [&str; 3] = [
     include_str!("../../../config/skeletons/zed_body_38.toml"),
     include_str!("../../../config/skeletons/openxr_fb_70.toml"),
     include_str!("../../../config/skeletons/smpl_y_up.toml"),
 ];
 
-/// All shipped layouts.
 static SHIPPED: LazyLock<ingest::Config> = LazyLock::new(|| {
     let mut layouts = Layouts::default();
     for text in FILES {

@@ -1,6 +1,7 @@
 //! The final check of every command, under any proposal and any seed.
 
 use crate::bytes::Bytes;
+use crate::robots::MODEL;
 use messages::{JOINTS_MAX, JointMotion, Layout, Stamp, StopPlan, TICK_S};
 use robot::Model;
 use safety::engage::Permit;
@@ -10,23 +11,17 @@ use std::sync::LazyLock;
 /// Joints of TIAGo++.
 const JOINTS: usize = 17;
 
-/// Number of ticks of one input.
 const TICKS_MAX: usize = 64;
 /// Tolerance for the rounding of units (2^-40) and of doubles.
 const SLACK: f64 = 1e-9;
 
-static ROBOT: LazyLock<(Model, Config)> = LazyLock::new(|| {
-    let (toml, urdf) = (crate::robots::TOML, crate::robots::URDF);
-    let model = Model::from_text("robot.toml", toml, "robot.urdf", urdf).expect("the shipped robot");
-    let config = Config::new(&model).expect("its limits");
-    (model, config)
-});
+static CONFIG: LazyLock<Config> = LazyLock::new(|| Config::new(&MODEL).expect("its limits"));
 
 /// Runs the input. Each tick starts with a byte: the proposal, the number of its overwritten numbers, and the
 /// permit. A proposal is an honest step, whose jerks follow, or the last state again. Any 64 bits can overwrite a
 /// number.
 pub(crate) fn run(input: &[u8]) {
-    let (model, config) = &*ROBOT;
+    let (model, config) = (&*MODEL, &*CONFIG);
     let mut bytes = Bytes::new(input);
     let mut state = State::at_rest(model.home);
     // No reseed has moved the state, so everything sent was judged before.

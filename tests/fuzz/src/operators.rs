@@ -9,7 +9,6 @@ use std::path::Path;
 
 /// Connections that the input may open at once: more than the server accepts.
 const SOCKETS: usize = CLIENTS_MAX + 2;
-/// Number of steps of one input.
 const STEPS_MAX: usize = 128;
 
 struct Peer {

@@ -3,14 +3,17 @@
 use crate::bytes::Bytes;
 use robot::{Frames, Model};
 use std::borrow::Cow;
+use std::sync::LazyLock;
 
 /// Joints of TIAGo++.
 const JOINTS: usize = 17;
 
-/// The shipped robot file.
 pub(crate) const TOML: &str = include_str!("../../../config/robots/tiago_dual.toml");
-/// The shipped URDF.
 pub(crate) const URDF: &str = include_str!("../../../config/robots/tiago_dual.urdf");
+
+/// The shipped robot.
+pub(crate) static MODEL: LazyLock<Model> =
+    LazyLock::new(|| Model::from_text("robot.toml", TOML, "robot.urdf", URDF).expect("the shipped robot"));
 
 /// Runs the input. The first byte selects the meaning of the others: the text of a URDF, of a robot file, or
 /// changes of the shipped pair. Each change is (file and length, place, number of bytes removed, bytes inserted).

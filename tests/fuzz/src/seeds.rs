@@ -5,7 +5,7 @@ use messages::{Layout, Message, Skeleton, Stamp};
 use motion::{Frame, Motion, npy};
 
 /// Returns good inputs of this target.
-pub fn of(target: &str) -> Vec<Vec<u8>> {
+pub fn for_target(target: &str) -> Vec<Vec<u8>> {
     match target {
         "skeleton" => skeletons(),
         "layouts" => frames::seeds(),
@@ -93,7 +93,6 @@ fn there_and_back() -> Vec<u8> {
     [[0, 1, 10, 0, 9, 0, 0, 0, 0].as_slice(), &[0, 0, 0], &[0, 1, 4, 0], &origin, &[0]].concat()
 }
 
-/// Returns an array of f4.
 fn array(shape: &[usize], values: impl Iterator<Item = f32>) -> Vec<u8> {
     let mut out = Vec::new();
     npy::write_npy_header(&mut out, "<f4", shape).expect("into memory");

@@ -1,17 +1,10 @@
 //! `teleop.toml`: any text, and changes of the shipped one.
 
 use crate::bytes::Bytes;
+use crate::robots::MODEL;
 use config::{Loaded, SafetySettings, Settings};
-use robot::Model;
-use std::sync::LazyLock;
 
-/// The shipped settings.
 pub(crate) const TEXT: &str = include_str!("../../../config/teleop.toml");
-
-static MODEL: LazyLock<Model> = LazyLock::new(|| {
-    let (toml, urdf) = (crate::robots::TOML, crate::robots::URDF);
-    Model::from_text("robot.toml", toml, "robot.urdf", urdf).expect("the shipped robot")
-});
 
 /// Runs the input. The first byte selects the meaning of the others: the text, or changes of the shipped text.
 /// Each change is (length, place, number of bytes removed, bytes inserted).

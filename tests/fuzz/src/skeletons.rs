@@ -1,7 +1,7 @@
 //! A client's frames: any bits, alone and among good ones, in any order and at any time.
 
 use crate::bytes::Bytes;
-use messages::{HingeCalibration, Layout, PersonChange, RAW_JOINTS_MAX, RawSkeleton, Stamp, skeleton_flag};
+use messages::{Layout, PersonChange, RawSkeleton, Stamp, skeleton_flag};
 use skeleton::{Config, DropReason, Input, State, tick};
 use std::sync::LazyLock;
 
@@ -101,52 +101,18 @@ fn check(config: &Config, now: Stamp, drift_max_ns: u64, raw: &RawSkeleton, pers
     assert_eq!(person.flags & !known, 0);
 }
 
-/// Fills a frame with any bits. Missing words are zero.
+/// Fills a frame with any bits. Missing bytes are zero.
 fn fill(raw: &mut RawSkeleton, bytes: &mut Bytes<'_>) {
-    *raw = RawSkeleton::ZERO;
-    for (index, chunk) in bytes.take(4 * WORDS).chunks(4).enumerate() {
-        let mut four = [0; 4];
-        four[..chunk.len()].copy_from_slice(chunk);
-        set(raw, index, u32::from_le_bytes(four));
-    }
+    let mut memory = [0; size_of::<RawSkeleton>()];
+    let head = bytes.take(memory.len());
+    memory[..head.len()].copy_from_slice(head);
+    *raw = RawSkeleton::get(&memory);
 }
 
 /// Overwrites word `index` of the frame's memory.
 pub(crate) fn set(raw: &mut RawSkeleton, index: usize, word: u32) {
-    let half = |value: &mut u64, upper: bool| {
-        let shift = if upper { 32 } else { 0 };
-        *value = *value & !(0xffff_ffff << shift) | u64::from(word) << shift;
-    };
-    let real = f32::from_bits(word);
-    let (positions, rotations) = (16, 16 + 3 * RAW_JOINTS_MAX);
-    let confidence = rotations + 4 * RAW_JOINTS_MAX;
-    let flags = confidence + RAW_JOINTS_MAX;
-    let hinges = flags + RAW_JOINTS_MAX;
-    let upper = index % 2 == 1;
-    match index {
-        0 | 1 => half(&mut raw.header.sequence, upper),
-        2 | 3 => half(&mut raw.header.stamp.0, upper),
-        4 | 5 => half(&mut raw.header.origin.0, upper),
-        6 | 7 => half(&mut raw.header.config_hash, upper),
-        8 => raw.header.incarnation = word,
-        9 => raw.header.reserved = word,
-        10 | 11 => half(&mut raw.session_nonce, upper),
-        12 => raw.layout = word,
-        13 => raw.operator_id = word,
-        14 => raw.flags = word,
-        15 => raw.joint_count = word,
-        i if i < rotations => raw.positions[(i - positions) / 3][(i - positions) % 3] = real,
-        i if i < confidence => raw.rotations[(i - rotations) / 4][(i - rotations) % 4] = real,
-        i if i < flags => raw.confidence[i - confidence] = real,
-        i if i < hinges => raw.joint_flags[i - flags] = word,
-        i => hinge(&mut raw.calibration, i - hinges, word),
-    }
-}
-
-fn hinge(calibration: &mut HingeCalibration, index: usize, word: u32) {
-    match index {
-        12 => calibration.flags = word,
-        13.. => calibration.samples = word,
-        i => calibration.hinge[i / 3][i % 3] = f32::from_bits(word),
-    }
+    let mut memory = [0; size_of::<RawSkeleton>()];
+    raw.write_to(&mut memory);
+    memory[4 * index..][..4].copy_from_slice(&word.to_le_bytes());
+    *raw = RawSkeleton::get(&memory);
 }

@@ -1,29 +1,25 @@
 //! Trained weights: a manifest and its tensors.
 
 use crate::bytes::Bytes;
+use crate::robots::MODEL;
 use retarget::{ArmIdentity, Dense, LATENT, Layers, Manifest, Weights, WeightsError, read_layers, sha256_hex};
-use robot::Model;
 use std::sync::LazyLock;
 
 /// The shipped robot, and good weights for it: one hidden layer of two neurons.
 pub(crate) struct Good {
     identity: ArmIdentity,
-    /// The manifest's text.
     pub(crate) manifest: String,
-    /// The tensors.
     pub(crate) tensors: Vec<u8>,
 }
 
 pub(crate) static GOOD: LazyLock<Good> = LazyLock::new(|| {
-    let (toml, urdf) = (crate::robots::TOML, crate::robots::URDF);
-    let model = Model::from_text("robot.toml", toml, "robot.urdf", urdf).expect("the shipped robot");
     let dense = |inputs: usize, outputs: usize| {
         let weight = (0..inputs * outputs).map(|i| (i % 7) as f32 / 7.0 - 0.4).collect();
         Dense { inputs, outputs, weight, bias: vec![0.1; outputs] }
     };
     let network = |inputs, outputs| vec![dense(inputs, 2), dense(2, outputs)];
     let layers = Layers { human: network(12, LATENT), robot: network(5, LATENT), decoder: network(LATENT, 5) };
-    let identity = ArmIdentity::from_model(&model);
+    let identity = ArmIdentity::from_model(&MODEL);
     let manifest = Manifest::new(&identity, &layers);
     let (tensors, manifest) = retarget::write_weights(&layers, &manifest).expect("good weights");
     Good { identity, manifest, tensors }

@@ -65,7 +65,7 @@ fn exercise(target: &str) {
     let until = Instant::now() + Duration::from_secs(asked("FUZZ_SECONDS").unwrap_or(0) as u64);
     let mut inputs = stored(target);
     assert!(!inputs.is_empty(), "{target} has no stored input");
-    inputs.extend(seeds::of(target));
+    inputs.extend(seeds::for_target(target));
     for input in &inputs {
         run(target, input);
     }

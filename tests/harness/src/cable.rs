@@ -80,6 +80,6 @@ impl Drop for Cable {
 /// Returns what the command said.
 pub fn shell(command: &str) -> Result<(), String> {
     let done = Command::new("sh").args(["-c", command]).output().map_err(|error| error.to_string())?;
-    let said = String::from_utf8_lossy(&done.stderr);
-    if done.status.success() { Ok(()) } else { Err(format!("{command}: {}", said.trim())) }
+    let printed = String::from_utf8_lossy(&done.stderr);
+    if done.status.success() { Ok(()) } else { Err(format!("{command}: {}", printed.trim())) }
 }

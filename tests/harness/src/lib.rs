@@ -27,7 +27,7 @@ pub use observer::StateObserver;
 pub use operator::{Look, Operator};
 pub use pause::{assert_always, in_real_time};
 pub use python::python;
-pub use rig::{DRIVER, OperatorSession, Rig, assert_no_violations, interrupt, modes};
+pub use rig::{DRIVER, OperatorSession, Rig, SHORT_HOLD, assert_no_violations, interrupt, modes};
 pub use running::{Harness, publisher};
 pub use settings::write as write_settings;
 pub use wait::{Pace, SOON, holds_for, soon, wait_until, within};

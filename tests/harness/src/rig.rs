@@ -3,7 +3,7 @@
 use crate::operator::Operator;
 use crate::running::{Harness, publisher};
 use crate::{StateObserver, assert_always, config, soon, wait_until};
-use client::{ClientError, Publisher, Transport};
+use client::{Publisher, Transport};
 use messages::{Fault, Mode, Status};
 use motion::Motion;
 use serde_json::Value;
@@ -17,6 +17,8 @@ pub const DRIVER: &str = "driver";
 const ROBOT: &str = "robot";
 /// The command that starts the processes of an instance.
 const UP: &str = "up";
+/// Settings of a robot that a hold releases after 1 s. The shipped ones wait for 5 s.
+pub const SHORT_HOLD: &str = "safety.hold_timeout_ms = 1000.0";
 
 /// Sends Ctrl-C.
 pub fn interrupt(child: &Child) {
@@ -26,6 +28,11 @@ pub fn interrupt(child: &Child) {
 fn send(signal: &str, id: u32) {
     let sent = Command::new("kill").args(["-s", signal, &id.to_string()]).status();
     assert!(sent.expect("kill(1) runs").success(), "process {id} took no {signal}");
+}
+
+/// Returns the program whose package is tested. Cargo sets the variable for its tests.
+fn program() -> PathBuf {
+    std::env::var_os("CARGO_BIN_EXE_teleopd").expect("cargo runs this test").into()
 }
 
 /// Processes of an instance. They are killed when the test ends.
@@ -40,20 +47,20 @@ impl std::ops::Deref for Rig {
 }
 
 impl Rig {
-    fn new(changes: Option<&str>) -> Self {
-        // Cargo sets it for the tests of the package to which teleopd belongs.
-        let program = std::env::var_os("CARGO_BIN_EXE_teleopd").expect("cargo runs this test");
-        Self(Harness::new(PathBuf::from(program), &config(), changes).expect("an instance"))
-    }
-
     /// Creates an instance without processes.
     pub fn empty() -> Self {
-        Self::new(None)
+        Self(Harness::new(program(), &config(), None).expect("an instance"))
     }
 
     /// Creates an instance without processes, with a copy of the settings. The changes are TOML.
     pub fn with_settings(changes: &str) -> Self {
-        Self::new(Some(changes))
+        Self(Harness::new(program(), &config(), Some(changes)).expect("an instance"))
+    }
+
+    /// Creates an instance that never runs. Other instances may run meanwhile. The changes are TOML.
+    pub fn idle(changes: &str) -> Self {
+        let changes = Some(changes).filter(|changes| !changes.is_empty());
+        Self(Harness::idle(program(), &config(), changes).expect("an instance"))
     }
 
     /// Starts all processes, each until READY.
@@ -77,9 +84,10 @@ impl Rig {
         (rig, operator, observer, client)
     }
 
-    /// Starts all processes, and engages the robot. The client plays the built-in motion from then on.
-    pub fn engaged(client: impl Fn(&Self) -> Publisher) -> (Self, OperatorSession, Publisher) {
-        let rig = Self::whole();
+    /// Starts all processes with [`SHORT_HOLD`], and engages the robot. The client plays the built-in motion from then on.
+    fn engaged(client: impl Fn(&Self) -> Publisher) -> (Self, OperatorSession, Publisher) {
+        let mut rig = Self::with_settings(SHORT_HOLD);
+        rig.start_all();
         let (operator, client) = (rig.operator_session(), client(&rig));
         operator.engage_until(Mode::Engaged);
         client.set_engaged(true);
@@ -189,15 +197,8 @@ impl Rig {
 
     /// The same through the skeleton socket. The daemon sets the session.
     pub fn socket_client(&self) -> Publisher {
-        self.try_socket_client().expect("the socket is open")
-    }
-
-    /// The same. It may be refused.
-    ///
-    /// # Errors
-    /// Returns an error if the socket does not answer.
-    pub fn try_socket_client(&self) -> Result<Publisher, ClientError> {
-        publisher(Transport::Socket(self.instance.skeleton_socket()), &motion::builtin(), 0)
+        let socket = Transport::Socket(self.instance.skeleton_socket());
+        publisher(socket, &motion::builtin(), 0).expect("the socket is open")
     }
 
     /// Lets other users pass through the folder, like that of an installed instance.

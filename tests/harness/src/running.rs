@@ -46,7 +46,7 @@ pub struct Harness {
     /// The processes.
     pub children: Children,
     folder: tempfile::TempDir,
-    _turn: Turn,
+    _turn: Option<Turn>,
 }
 
 impl Harness {
@@ -57,6 +57,16 @@ impl Harness {
     /// Returns an error if the folder cannot be created, or the settings not be changed.
     pub fn new(program: PathBuf, config: &Path, changes: Option<&str>) -> Result<Self, Failure> {
         let turn = Turn::take();
+        let mut harness = Self::idle(program, config, changes)?;
+        harness._turn = Some(turn);
+        Ok(harness)
+    }
+
+    /// The same for an instance that never runs. It waits for no other one.
+    ///
+    /// # Errors
+    /// Returns an error if the folder cannot be created, or the settings not be changed.
+    pub fn idle(program: PathBuf, config: &Path, changes: Option<&str>) -> Result<Self, Failure> {
         // The prefix is short because the path of the operator's socket is limited to 107 bytes.
         let folder = tempfile::Builder::new().prefix("tp").tempdir();
         let folder = folder.map_err(|error| Failure::unwritable(&std::env::temp_dir(), &error))?;
@@ -71,7 +81,7 @@ impl Harness {
         // The driver is simulated, so a kernel without PREEMPT_RT is enough.
         let place = InstanceArgs { config, run_dir, engage_without_realtime: true, interface: None, robot: None };
         let children = Children::none(program, &instance, &place, Output::Files)?;
-        Ok(Self { instance, place, children, folder, _turn: turn })
+        Ok(Self { instance, place, children, folder, _turn: None })
     }
 
     /// Creates an instance and starts all of its processes from this program, see [`crate::roles::main`].

@@ -6,57 +6,29 @@ use messages::{ALL_JOINTS, ARM_JOINTS, JOINTS_MAX};
 use rand::RngExt;
 use rand_pcg::Pcg64;
 
-/// The attacker's behaviour for some time.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[repr(usize)]
-pub enum Attack {
-    /// A random posture, most of them in collision, some joints far beyond their limits.
-    Jump = 0,
-    /// Joints at their limits to within rounding, or far beyond, with outward velocities.
-    Limits = 1,
-    /// Both arms into each other: mirrored postures that meet.
-    Mirrored = 2,
-    /// White noise about a posture, velocities too.
-    Noise = 3,
-    /// A new posture in every tick.
-    Teleport = 4,
-    /// Postures that descend the distance of a near pair.
-    Gradient = 5,
-    /// Postures along the collision boundary, with stated velocities that go straight through it.
-    Hug = 6,
-    /// Sines that require more than the limits allow, with false velocities.
-    Wave = 7,
-    /// NaN, infinities and absurd numbers.
-    Nonsense = 8,
-}
-
-impl Attack {
-    /// All attacks.
-    pub const ALL: [Self; 9] = [
-        Self::Jump,
-        Self::Limits,
-        Self::Mirrored,
-        Self::Noise,
-        Self::Teleport,
-        Self::Gradient,
-        Self::Hug,
-        Self::Wave,
-        Self::Nonsense,
-    ];
-
-    /// Name in reports.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Jump => "jump",
-            Self::Limits => "limits",
-            Self::Mirrored => "mirrored",
-            Self::Noise => "noise",
-            Self::Teleport => "teleport",
-            Self::Gradient => "gradient",
-            Self::Hug => "hug",
-            Self::Wave => "wave",
-            Self::Nonsense => "nonsense",
-        }
+messages::named! {
+    /// The attacker's behaviour for some time.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    #[repr(usize)]
+    pub enum Attack {
+        /// A random posture, most of them in collision, some joints far beyond their limits.
+        Jump = 0 => "jump",
+        /// Joints at their limits to within rounding, or far beyond, with outward velocities.
+        Limits = 1 => "limits",
+        /// Both arms into each other: mirrored postures that meet.
+        Mirrored = 2 => "mirrored",
+        /// White noise about a posture, velocities too.
+        Noise = 3 => "noise",
+        /// A new posture in every tick.
+        Teleport = 4 => "teleport",
+        /// Postures that descend the distance of a near pair.
+        Gradient = 5 => "gradient",
+        /// Postures along the collision boundary, with stated velocities that go straight through it.
+        Hug = 6 => "hug",
+        /// Sines that require more than the limits allow, with false velocities.
+        Wave = 7 => "wave",
+        /// NaN, infinities and absurd numbers.
+        Nonsense = 8 => "nonsense",
     }
 }
 

@@ -2,13 +2,6 @@
 //!
 //! The crate depends neither on `wbc` nor on `safety`, so it shares no arithmetic with what it judges. Distances
 //! of capsules are parry's, those of obstacles are the simulated body's, and so are torques.
-//!
-//! - [`Robot`]: the poses of the bodies, the limits, and the clearance of a posture.
-//! - [`Attacker`]: targets and permits that try to make the robot break a promise.
-//! - [`joint`], [`limits`]: one joint's motion, and the limits that it breaks, in closed form.
-//! - [`Checker`]: judges one command after the other.
-//! - [`Rollout`], [`roll`]: a command's stop plan, played to rest.
-//! - [`Meshes`]: what the capsules represent.
 
 #![allow(clippy::needless_range_loop, reason = "a joint index runs over several arrays at once")]
 
@@ -16,7 +9,6 @@ mod attack;
 mod commands;
 pub mod joint;
 pub mod limits;
-mod meshes;
 mod nearest;
 mod robot;
 mod rollout;
@@ -24,6 +16,5 @@ mod rollout;
 pub use attack::{Attack, Attacker};
 pub use collision::dynamics;
 pub use commands::Checker;
-pub use meshes::Meshes;
 pub use robot::{Robot, Tree, TreeJoint};
 pub use rollout::{Rolled, Rollout, roll};

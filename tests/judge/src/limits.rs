@@ -34,7 +34,7 @@ pub struct Slack {
 
 impl Slack {
     /// Returns the slack for states that are off by up to `grant`. `f64` itself rounds by 1e-13.
-    pub fn of(grant: f64) -> Self {
+    pub fn for_grant(grant: f64) -> Self {
         Self { state: grant, jerk: grant / TICK_S, step: grant + 1e-13, rest: 1e-6 }
     }
 }

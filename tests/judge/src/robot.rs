@@ -57,8 +57,8 @@ pub struct Robot {
 }
 
 impl Robot {
-    /// Takes the robot of a model, with the obstacles of the model.
-    pub fn of(model: Model) -> Self {
+    /// Creates the robot of a model, with the obstacles of the model.
+    pub fn new(model: Model) -> Self {
         let capsules = model.capsules.iter();
         Self {
             count: model.count,
@@ -81,7 +81,7 @@ impl Robot {
         let toml = read(Path::new(path));
         let urdf = robot::urdf_file(path, &toml).expect("a robot file");
         let beside = Path::new(path).with_file_name(&urdf);
-        Self::of(Model::from_text(path, &toml, &urdf, &read(&beside)).expect("a robot"))
+        Self::new(Model::from_text(path, &toml, &urdf, &read(&beside)).expect("a robot"))
     }
 
     /// Creates an invented robot. A capsule is its body, both ends of its axis (m), and its radius (m).
