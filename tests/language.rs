@@ -38,9 +38,8 @@ const NO_NAMES: [(&str, &str); 12] = [
 /// Longest sentence, words. A formula counts as none.
 const SENTENCE_WORDS_MAX: usize = 30;
 
-/// Budget of lines for each part of the tree: the count of 2026-11-28. The gate's test files count as tests since then,
-/// some 1,000 lines that were the product's. Raising one is a decision.
-const BUDGETS: [(&str, usize); 3] = [("product", 71_200), ("tools", 32_050), ("tests", 50_600)];
+/// Budget of lines for each part of the tree: the count of 2026-11-29. Raising one is a decision.
+const BUDGETS: [(&str, usize); 3] = [("product", 69_700), ("tools", 29_550), ("tests", 46_100)];
 
 fn rust() -> Vec<(String, String)> {
     let mut all = sources::rust_files();
