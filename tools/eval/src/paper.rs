@@ -47,7 +47,7 @@ pub fn named_tasks(model: &Model) -> Vec<Task> {
     let tasks = paper_motions().into_iter().filter_map(|motion| {
         let clip: Clip = clip_of(&motion, CalibrationMode::Rig).ok()?;
         let oracle = ground_truth(model, &motion).q;
-        (oracle.len() == clip.human.len()).then(|| Task { oracle, clip })
+        (oracle.len() == clip.human.len()).then_some(Task { oracle, clip })
     });
     tasks.collect()
 }
