@@ -146,8 +146,8 @@ fn names_are_nouns_of_the_field() {
             let defined = ["fn ", "struct ", "enum ", "mod ", "let ", "mut ", "const ", "pub ", "|", "(", ", ", "for "];
             for (word, better) in NO_NAMES {
                 let ends = [":", " =", "(", ",", "|", ")", ";", " in "];
-                let used = |start: &&str| ends.iter().any(|end| code.contains(&format!("{start}{word}{end}")));
-                if defined.iter().any(|start| used(&start)) {
+                let used = |start: &str| ends.iter().any(|end| code.contains(&format!("{start}{word}{end}")));
+                if defined.iter().any(|start| used(start)) {
                     wrong.push(format!("{name}:{}: `{word}`: {better}: {}", number + 1, line.trim()));
                 }
             }

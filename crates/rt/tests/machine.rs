@@ -29,9 +29,12 @@ fn cores_not_listed_are_left_to_other_threads() {
     assert_eq!(listed(&[7]), None, "a core outside the mask takes nothing from it");
 }
 
+/// Allowed, isolated and online cores, the core of the real-time loops, and the cores of other threads.
+type Row = (&'static str, &'static str, &'static str, Option<usize>, &'static [usize]);
+
 #[test]
 fn auto_placement_takes_isolated_core_within_mask_or_last_of_two_to_four() {
-    let rows: [(&str, &str, &str, Option<usize>, &[usize]); 12] = [
+    let rows: [Row; 12] = [
         ("0", "", "0", None, &[]),
         ("0-1", "", "0-1", Some(1), &[0]),
         ("1,3,6", "", "0-7", Some(6), &[1, 3]),
