@@ -104,6 +104,57 @@ fn positions_and_features_give_limbs_of_their_source_motion() {
 }
 
 #[test]
+fn limbs_from_positions_have_right_bone_hinge_and_no_twist() {
+    // Compare the full motion with its positions alone.
+    let made = short();
+    let whole = limbs(&made, &calibrate(&made, CalibrationMode::Clip));
+    let alone = limbs(&positions_only(made.clone()), &HingeCalibration::ZERO);
+    for (i, (whole, alone)) in whole.iter().zip(&alone).enumerate() {
+        for (upper, fore) in [(0, 1), (2, 3)] {
+            let side = if upper == 0 { 1.0 } else { -1.0 };
+            for limb in [upper, fore] {
+                let off = bone(whole[limb], side).angle(&bone(alone[limb], side)).to_degrees();
+                assert!(off < 0.1, "frame {i}, limb {limb}: the bone is off by {off} degrees");
+            }
+            let flexion = bone(whole[upper], side).angle(&bone(whole[fore], side)).to_degrees();
+            if flexion > 20.0 {
+                let off = angle_deg(whole[upper], alone[upper]);
+                assert!(off < 1.0, "frame {i}: the upper arm is off by {off} degrees at {flexion} degrees of flexion");
+            }
+            // A neutral forearm is the upper arm flexed about its hinge. The two hinges are then the same axis.
+            let twist = hinge(alone[upper], side).angle(&hinge(alone[fore], side)).to_degrees();
+            assert!(twist < 0.1, "frame {i}: the forearm is rolled by {twist} degrees");
+        }
+    }
+}
+
+#[test]
+fn straight_elbow_keeps_its_hinge_without_jump() {
+    let mut motion = positions_only(short());
+    for frame in &mut motion.frames {
+        for (shoulder, elbow, wrist) in [(16, 18, 20), (17, 19, 21)] {
+            for c in 0..3 {
+                let bone = frame.positions[elbow][c] - frame.positions[shoulder][c];
+                frame.positions[wrist][c] = frame.positions[elbow][c] + bone * 0.8;
+            }
+        }
+    }
+    let mut last: Option<[[f32; 4]; 4]> = None;
+    for (i, limbs) in limbs(&motion, &HingeCalibration::ZERO).into_iter().enumerate() {
+        for limb in limbs {
+            let norm: f32 = limb.iter().map(|c| c * c).sum();
+            assert!((norm - 1.0).abs() < 1e-4, "frame {i}: {limb:?}");
+        }
+        // Limbs do not jump: an arm of 1.9 rad/s turns by 5.5 degrees between frames at 20 Hz, and its bone
+        // carries the hinge.
+        for (now, before) in limbs.iter().zip(last.unwrap_or(limbs)) {
+            assert!(angle_deg(*now, before) < 12.0, "frame {i}: a limb jumps");
+        }
+        last = Some(limbs);
+    }
+}
+
+#[test]
 fn normalised_features_need_their_statistics_files() {
     let folder = folder();
     let motion = positions_only(short());

@@ -16,7 +16,7 @@ const HELD_ON_MAX_MS: f64 = 300.0;
 const STOP_MS: f64 = 500.0;
 
 messages::named! {
-    /// What the fault hits, the driver last. The name of a process of teleopd is its subcommand.
+    /// Targets of faults, the driver last. The name of a process of teleopd is its subcommand.
     #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
     pub enum Target {
         Ingest => "ingest",

@@ -199,3 +199,13 @@ fn quaternion(q: [f32; 4]) -> UnitQuaternion<f64> {
 pub fn angle_deg(a: [f32; 4], b: [f32; 4]) -> f64 {
     quaternion(a).angle_to(&quaternion(b)).to_degrees()
 }
+
+/// Returns the bone direction of a limb rotation. `side` is 1 on the left, -1 on the right.
+pub fn bone(limb: [f32; 4], side: f64) -> Vector3<f64> {
+    quaternion(limb) * Vector3::y() * side
+}
+
+/// Returns the hinge of a limb rotation.
+pub fn hinge(limb: [f32; 4], side: f64) -> Vector3<f64> {
+    quaternion(limb) * Vector3::z() * -side
+}

@@ -21,14 +21,14 @@ pub enum Grasp {
 impl Grasp {
     /// Judges a pinch by the distance of the tips, m.
     pub fn of_pinch(m: f32) -> Self {
-        Self::of(-m, PINCH_M.map(|m| -m))
+        Self::from_share(-m, PINCH_M.map(|m| -m))
     }
 
     pub fn of_squeeze(share: f32) -> Self {
-        Self::of(share, SQUEEZE)
+        Self::from_share(share, SQUEEZE)
     }
 
-    fn of(share: f32, [closed, open]: [f32; 2]) -> Self {
+    fn from_share(share: f32, [closed, open]: [f32; 2]) -> Self {
         if share >= closed {
             Self::Closed
         } else if share >= open {
