@@ -159,7 +159,7 @@ with SkeletonPublisher(sys.argv[1]) as publisher, FeedbackReader(sys.argv[1]) as
         if feedback is None: continue
         if engaged is None and MODES[feedback.mode] == 'Engaged': engaged = i
         if feedback.closure[0] > 0.4: break
-    print(json.dumps({'printed': sentence(feedback), 'clearance_m': list(feedback.clearance_m), 'known': feedback.known,
+    print(json.dumps({'sentence': sentence(feedback), 'clearance_m': list(feedback.clearance_m), 'known': feedback.known,
         'closure': list(feedback.closure), 'towards': [list(way) for way in feedback.towards_nearest]}))
 ";
 /// The person of the example, who moves a little.
@@ -191,7 +191,7 @@ fn python_client_grips_and_reads_what_the_robot_answers() {
         let mut printed = String::new();
         script.0.stdout.take().expect("a pipe").read_to_string(&mut printed).expect("its words");
         let printed: serde_json::Value = serde_json::from_str(&printed).expect("an answer");
-        assert!(printed["said"].as_str().is_some_and(|printed| printed.len() > 5), "{printed}");
+        assert!(printed["sentence"].as_str().is_some_and(|sentence| sentence.len() > 5), "{printed}");
         let clearance = |side: usize| printed["clearance_m"][side].as_f64().expect("a number");
         assert!(clearance(0) > 0.009 && clearance(1) > 0.009 && clearance(0) < 2.0, "{printed}");
         // Status, state and both grippers are known.

@@ -13,11 +13,11 @@ fn simulate(arguments: &[&str]) -> String {
 
 #[test]
 fn replay_of_a_seed_executes_the_same_every_time() {
-    let common = ["--ticks", "4000", "--fault", "frame-nan", "estop"];
+    let common = ["--ticks", "8250", "--fault", "frame-nan", "estop"];
     let first = simulate(&[&["--replay", "4"], &common[..]].concat());
-    assert!(first.contains(" fired ") && first.contains("4000 ticks, "), "{first}");
+    assert!(first.contains(" fired ") && first.contains("8250 ticks, "), "{first}");
     // What it prints first is the schedule, as --faults takes it.
     let (schedule, _) = first.split_once('\n').expect("lines");
-    let again = simulate(&["--replay", "4", "--ticks", "4000", "--faults", schedule]);
+    let again = simulate(&["--replay", "4", "--ticks", "8250", "--faults", schedule]);
     assert_eq!(again, first);
 }
