@@ -12,7 +12,7 @@ use torture::goals;
 use torture::stages::Subject;
 
 /// `.ci/long` has forty times as many.
-const TICKS: u64 = 250_000;
+const TICKS: u64 = 150_000;
 
 /// The shipped robot with a shelf just above its hands.
 fn below_a_shelf() -> Subject {

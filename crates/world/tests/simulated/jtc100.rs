@@ -13,7 +13,7 @@ use world::simulated::{Config, Options, State, tick};
 /// Joints of TIAGo++.
 const JOINTS: usize = 17;
 
-const TICKS: u64 = 40_000;
+const TICKS: u64 = 20_000;
 
 fn ideal(interface: Interface) -> Options {
     let robot = plant::Options { delay_ns: 0, ..exact() };
