@@ -30,6 +30,7 @@ const ENGAGED_WITHIN: Duration = Duration::from_secs(20);
 /// Longest time from release to rest, four times the longest stop.
 const REST_WITHIN: Duration = Duration::from_secs(2);
 
+/// Runs the demo.
 pub fn run(options: &cli::Demo) -> Result<Exit, Failure> {
     let shutdown = Shutdown::on_signals().map_err(Failure::with(Exit::Software))?;
     if let Some(seconds) = options.seconds
@@ -66,8 +67,14 @@ pub fn run(options: &cli::Demo) -> Result<Exit, Failure> {
     let mut show = LiveDisplay::new(&instance, loaded.model, options.quiet)?;
     let page = cli::Page { port: options.view_port, meshes: options.meshes.clone() };
     let server = if options.view { Some(shown(&instance, &place, &page, &shutdown)?) } else { None };
-    let run = (&mut children, &operator, &publisher, &shutdown);
-    let ended = engage_and_follow(run, &missing, options.seconds, &mut show);
+    let mut run = Run {
+        children: &mut children,
+        operator: &operator,
+        publisher: &publisher,
+        shutdown: &shutdown,
+        missing: &missing,
+    };
+    let ended = run.engage_and_follow(options.seconds, &mut show);
     show.end();
 
     operator.release();
@@ -92,6 +99,7 @@ pub fn run(options: &cli::Demo) -> Result<Exit, Failure> {
     judged(trouble, &report)
 }
 
+/// Prints what is played, and who drives the robot if a program of the settings does.
 fn print_inputs(motion: &motion::Motion, loaded: &Loaded) {
     out!("motion    {} ({:.1} s at {:.0} Hz)", motion.name, motion.duration_s(), motion.frame_rate_hz);
     for warning in &motion.guesses.warnings {
@@ -108,6 +116,8 @@ fn print_inputs(motion: &motion::Motion, loaded: &Loaded) {
     }
 }
 
+/// Prints the report, and writes it to a file if the user asked for one. Otherwise suggests the next command to
+/// try.
 fn print_report(report: &Report, options: &cli::Demo) -> Result<(), Failure> {
     report.print();
     if let Some(path) = &options.report {
@@ -120,6 +130,7 @@ fn print_report(report: &Report, options: &cli::Demo) -> Result<(), Failure> {
     Ok(())
 }
 
+/// Returns the exit of a run with these troubles.
 fn judged(mut trouble: Vec<String>, report: &Report) -> Result<Exit, Failure> {
     match (trouble.is_empty(), report.advice()) {
         (true, None) => Ok(Exit::Ok),
@@ -131,6 +142,7 @@ fn judged(mut trouble: Vec<String>, report: &Report) -> Result<Exit, Failure> {
     }
 }
 
+/// Reads all inputs of a run. Checks that its report can be written and its page served.
 fn read(options: &cli::Demo) -> Result<(motion::Motion, Loaded), Failure> {
     let motion = match &options.motion {
         Some(path) => match path.to_str().and_then(motion::builtin_named) {
@@ -153,6 +165,7 @@ fn read(options: &cli::Demo) -> Result<(motion::Motion, Loaded), Failure> {
     Ok((motion, loaded))
 }
 
+/// Returns the failure for a motion file that cannot be read.
 fn unread(path: &Path, error: motion::MotionError) -> Failure {
     if let motion::MotionError::Io { source, .. } = &error {
         return Failure::new(Exit::NoInput, rt::unreadable(path, source));
@@ -185,6 +198,7 @@ pub fn missing(settings: &RealtimeSettings) -> Vec<&'static str> {
         .collect()
 }
 
+/// Serves the page and waits until one is open.
 fn shown(
     instance: &Instance,
     place: &cli::InstanceArgs,
@@ -203,63 +217,71 @@ fn mode_of(status: &Status) -> Mode {
     Mode::from_u32(status.mode).unwrap_or(Mode::Faulted)
 }
 
-/// Engages and follows the motion to its end, or for `seconds` of it. Returns an error that says what went
-/// wrong.
-fn engage_and_follow(
-    (children, operator, publisher, shutdown): (&mut Children, &OperatorSession, &Publisher, &Shutdown),
-    missing: &[&str],
-    seconds: Option<f64>,
-    show: &mut LiveDisplay,
-) -> Result<(), String> {
-    // Control must see the enable released before it engages. Wait for that, and until every inhibit has
-    // cleared.
-    let clear = operator.wait(CLEAR_WITHIN, |status| status.faults == 0 && status.moving == 0 && status.ticks > 600);
-    if !clear {
-        let faults = operator.status().map_or(Faults::NONE, |status| Faults(status.faults));
-        let names: Vec<_> = faults.iter().map(|fault| fault.row().meaning).collect();
-        return Err(format!("cannot engage: {}", names.join(" ")));
-    }
-    let realtime = operator.status().is_some_and(|status| status.realtime == 1);
-    if !realtime {
-        out!(
-            "note      not real-time here, without {}: fine for the simulator, with relaxed stale times\n          \
-             (`teleopd doctor` says what a robot needs)",
-            if missing.is_empty() { "real-time rights".to_owned() } else { missing.join(", ") }
-        );
-    }
-    if shutdown.requested() {
-        return Ok(());
-    }
-    operator.enable();
-    let enabled = Instant::now();
-    let mut engaged: Option<Instant> = None;
-    loop {
-        std::thread::sleep(LOOK);
-        let Some(mode) = operator.mode() else { return Err("control does not answer".into()) };
-        show.draw(operator.status(), publisher.progress());
-        if shutdown.requested() {
+/// Parts of a run that it supervises.
+struct Run<'a> {
+    children: &'a mut Children,
+    operator: &'a OperatorSession,
+    publisher: &'a Publisher,
+    shutdown: &'a Shutdown,
+    /// Reasons why the run is not real-time.
+    missing: &'a [&'static str],
+}
+
+impl Run<'_> {
+    /// Engages and follows the motion to its end, or for `seconds` of it. Returns an error that says what went
+    /// wrong.
+    fn engage_and_follow(&mut self, seconds: Option<f64>, show: &mut LiveDisplay) -> Result<(), String> {
+        // Control must see the enable released before it engages. Wait for that, and until every inhibit has
+        // cleared.
+        let clear =
+            self.operator.wait(CLEAR_WITHIN, |status| status.faults == 0 && status.moving == 0 && status.ticks > 600);
+        if !clear {
+            let faults = self.operator.status().map_or(Faults::NONE, |status| Faults(status.faults));
+            let names: Vec<_> = faults.iter().map(|fault| fault.row().meaning).collect();
+            return Err(format!("cannot engage: {}", names.join(" ")));
+        }
+        let realtime = self.operator.status().is_some_and(|status| status.realtime == 1);
+        if !realtime {
+            out!(
+                "note      not real-time here, without {}: fine for the simulator, with relaxed stale times\n          \
+                 (`teleopd doctor` says what a robot needs)",
+                if self.missing.is_empty() { "real-time rights".to_owned() } else { self.missing.join(", ") }
+            );
+        }
+        if self.shutdown.requested() {
             return Ok(());
         }
-        if let Some((name, status)) = children.ended() {
-            return Err(format!("{name} ended by itself ({status})"));
-        }
-        if mode == Mode::Faulted {
-            return Err("the robot was stopped".into());
-        }
-        if mode == Mode::Engaged && engaged.is_none() {
-            engaged = Some(Instant::now());
-            publisher.set_engaged(true);
-        }
-        if engaged.is_some() && mode == Mode::Disengaged {
-            return Err("the robot was released before the end of the motion".into());
-        }
-        match engaged {
-            None if enabled.elapsed() > ENGAGED_WITHIN => return Err("the robot did not engage".into()),
-            None => {}
-            Some(since) => {
-                let enough = seconds.is_some_and(|seconds| since.elapsed().as_secs_f64() >= seconds);
-                if enough || publisher.finished() {
-                    return Ok(());
+        self.operator.enable();
+        let enabled = Instant::now();
+        let mut engaged: Option<Instant> = None;
+        loop {
+            std::thread::sleep(LOOK);
+            let Some(mode) = self.operator.mode() else { return Err("control does not answer".into()) };
+            show.draw(self.operator.status(), self.publisher.progress());
+            if self.shutdown.requested() {
+                return Ok(());
+            }
+            if let Some((name, status)) = self.children.ended() {
+                return Err(format!("{name} ended by itself ({status})"));
+            }
+            if mode == Mode::Faulted {
+                return Err("the robot was stopped".into());
+            }
+            if mode == Mode::Engaged && engaged.is_none() {
+                engaged = Some(Instant::now());
+                self.publisher.set_engaged(true);
+            }
+            if engaged.is_some() && mode == Mode::Disengaged {
+                return Err("the robot was released before the end of the motion".into());
+            }
+            match engaged {
+                None if enabled.elapsed() > ENGAGED_WITHIN => return Err("the robot did not engage".into()),
+                None => {}
+                Some(since) => {
+                    let enough = seconds.is_some_and(|seconds| since.elapsed().as_secs_f64() >= seconds);
+                    if enough || self.publisher.finished() {
+                        return Ok(());
+                    }
                 }
             }
         }

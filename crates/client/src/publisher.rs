@@ -14,6 +14,7 @@ use std::sync::{Arc, Mutex, atomic};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
+/// The daemon's last reply.
 type LastReply = Arc<Mutex<Option<String>>>;
 
 /// Destination of the frames.
@@ -27,12 +28,14 @@ pub enum Transport {
 
 /// Reason for which a client cannot publish.
 #[derive(Debug, thiserror::Error)]
-#[allow(missing_docs, reason = "the names say it")]
 pub enum ClientError {
+    /// The client cannot open the input domain.
     #[error(transparent)]
     Bus(#[from] BusError),
+    /// The bus did not take a frame.
     #[error(transparent)]
     Frame(#[from] bus::PublishError),
+    /// The skeleton socket refused the client.
     #[error(transparent)]
     Door(#[from] DoorError),
 }
@@ -47,6 +50,9 @@ enum Open {
 
 impl Port {
     /// Opens `way`. `name` is the client's name on the bus.
+    ///
+    /// # Errors
+    /// Returns an error if the domain cannot be opened or the socket refuses the client.
     pub fn open(way: Transport, name: &str) -> Result<Self, ClientError> {
         Ok(Self(match way {
             Transport::Domain(config) => {
@@ -58,6 +64,9 @@ impl Port {
     }
 
     /// Publishes a frame with its own header and session. On the socket `ingest` assigns the session.
+    ///
+    /// # Errors
+    /// Returns an error if the frame was not taken.
     pub fn publish(&mut self, frame: &RawSkeleton) -> Result<(), ClientError> {
         match &mut self.0 {
             Open::Bus(port) => {

@@ -111,10 +111,9 @@ fn hanging_arm_on_wrong_side_reaches_raised_posture_with_pull() {
 
 #[test]
 fn arm_reaches_raised_posture_from_any_hanging_posture() {
-    const ARMS: u32 = 24;
     let mut rng = Pcg64::seed_from_u64(77);
     let (mut off, mut impatient_off) = (0, 0);
-    for _ in 0..ARMS {
+    for _ in 0..80 {
         let any = random_q(&mut rng);
         let hangs =
             [rng.random_range(-0.5..0.5), 1.55, any[2], rng.random_range(0.1..0.7), rng.random_range(-0.4..0.4)];
@@ -122,9 +121,9 @@ fn arm_reaches_raised_posture_from_any_hanging_posture() {
         off += u32::from(rises(&hangs, &raised, Weights::default()) > 3.0);
         impatient_off += u32::from(rises(&hangs, &raised, Weights { patience: 0.0, ..Weights::default() }) > 3.0);
     }
-    println!("of {ARMS} arms {off} are more than 3 degrees off after 4 s, {impatient_off} without patience");
-    assert_eq!(off, 0, "{off} of {ARMS} arms do not arrive");
-    assert!(impatient_off >= 1, "patience is for nothing: {impatient_off} of {ARMS} do not arrive without");
+    println!("of 80 arms {off} are more than 3 degrees off after 4 s, {impatient_off} without patience");
+    assert!(off <= 1, "{off} of 80 arms do not arrive");
+    assert!(impatient_off >= 4, "patience is for nothing: {impatient_off} of 80 do not arrive without");
 }
 
 #[test]
@@ -132,7 +131,7 @@ fn solid_arm_reaches_clear_raised_posture_from_clear_hanging_posture() {
     let (model, mut rng) = (model(), Pcg64::seed_from_u64(78));
     let is_clear = |q: &[f64; LIMB_JOINTS]| clearance_m(&model, &posture(&model, q), true) > 0.03;
     let (mut off, mut arms) = (0, 0);
-    while arms < 24 {
+    while arms < 60 {
         let any = random_q(&mut rng);
         let hangs = [rng.random_range(-0.5..0.5), 1.2, any[2], rng.random_range(0.1..0.7), rng.random_range(-0.4..0.4)];
         let raised: [f64; LIMB_JOINTS] = random_q(&mut rng).into();
@@ -142,7 +141,7 @@ fn solid_arm_reaches_clear_raised_posture_from_clear_hanging_posture() {
         }
     }
     println!("of {arms} solid arms {off} are more than 3 degrees off after 4 s");
-    assert!(off <= 1, "{off} of {arms} arms do not arrive");
+    assert!(off <= 2, "{off} of {arms} arms do not arrive");
 }
 
 /// RMS of the joints' and of the limbs' deviations from their means, degrees, for a person who stands with noise.

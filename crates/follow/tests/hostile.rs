@@ -68,8 +68,21 @@ fn remembered(robot: &Robot) -> Robot {
 }
 
 #[test]
+fn same_inputs_give_same_bits() {
+    let (mut robot, person) = moving(31);
+    let mut again = remembered(&robot);
+    let (mut late, _) = moving(31);
+    for tick in 0..TICK_HZ {
+        let [a, b, c] = [&mut robot, &mut again, &mut late].map(|robot| robot.step(|_| person));
+        let bits =
+            |output: &Output| output.aims.map(|aim| aim.map(|aim| [aim.q.to_bits(), aim.v.to_bits(), aim.a.to_bits()]));
+        assert!(bits(&a) == bits(&b) && bits(&a) == bits(&c), "tick {tick}");
+    }
+}
+
+#[test]
 fn missed_ticks_continue_same_motion() {
-    for seed in 0..10 {
+    for seed in 0..30 {
         let mut rng = Pcg64::seed_from_u64(100 + seed);
         let (mut robot, person) = moving(seed);
         for n in 0..300 {
@@ -85,6 +98,25 @@ fn missed_ticks_continue_same_motion() {
         }
         let off = arm().angles(&robot.arm(0), &person[0]);
         assert!(off.iter().all(|angle| *angle < 0.1), "seed {seed}: it arrives all the same, {off:?} rad off");
+    }
+}
+
+#[test]
+fn tick_that_repeats_or_runs_back_hardly_moves_aims() {
+    let (mut robot, person) = moving(3);
+    let first = robot.next_first();
+    let there = robot.q;
+    for back in [0, 1, 20, 400] {
+        robot.k -= back;
+        assert_sane(
+            &robot.step_after(0, &limb_trajectory(first, |_| person), first),
+            ALL_JOINTS,
+            &format!("{back} ticks back"),
+        );
+        robot.k += back;
+        // A new plan may be ahead by the length of its iteration, and a wrist's step by both arms' turns.
+        let most = V_MAX * 2.0 * follow::ITERATION_TICKS as f64 * TICK_S;
+        assert!((0..there.len()).all(|j| (robot.q[j] - there[j]).abs() <= most), "{back} ticks back");
     }
 }
 
@@ -148,7 +180,7 @@ fn hurt(rng: &mut Pcg64, trajectory: &mut Trajectory) {
 
 #[test]
 fn invalid_target_path_keeps_aims_within_bounds() {
-    for seed in 0..16 {
+    for seed in 0..40 {
         let mut rng = Pcg64::seed_from_u64(200 + seed);
         let (mut robot, person) = moving(seed);
         for n in 0..800 {
@@ -183,8 +215,21 @@ fn invalid_target_path_keeps_aims_within_bounds() {
 }
 
 #[test]
+fn arm_without_valid_target_path_stays() {
+    for nothing in [0.0, f32::NAN] {
+        let mut robot = Robot::at(&FREE, Weights::default());
+        for _ in 0..TICK_HZ {
+            let first = robot.next_first();
+            robot.step_after(1, &[[[nothing; 4]; 4]; NODES], first);
+        }
+        let moved = (robot.arm(0) - ArmVector::from(FREE)).amax();
+        assert!(moved < 1e-3, "{nothing}: {moved} rad");
+    }
+}
+
+#[test]
 fn arm_that_becomes_valid_again_begins_at_command() {
-    for seed in 0..16 {
+    for seed in 0..40 {
         let mut rng = Pcg64::seed_from_u64(300 + seed);
         let (mut robot, person) = moving(seed);
         for n in 0..1500 {

@@ -56,15 +56,7 @@ crate::named! {
 }
 
 /// Names of the joints, by index.
-pub const SMPL_NAMES: [&str; SMPL_JOINTS] = {
-    let mut names = [""; SMPL_JOINTS];
-    let mut joint = 0;
-    while joint < SMPL_JOINTS {
-        names[joint] = Smpl::ALL[joint].name();
-        joint += 1;
-    }
-    names
-};
+pub const SMPL_NAMES: [&str; SMPL_JOINTS] = Smpl::NAMES;
 
 /// Parent of each joint of SMPL-22. The pelvis is its own parent. Parents come before their children.
 pub const SMPL_PARENT: [usize; SMPL_JOINTS] = [0, 0, 0, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 9, 9, 12, 13, 14, 16, 17, 18, 19];

@@ -45,9 +45,9 @@ pub fn main() -> ExitCode {
 
 /// Ends the program when a thread of DDS panics. Calls into DDS would wait for ever then.
 fn end_on_panic() {
-    let tell = std::panic::take_hook();
+    let print_panic = std::panic::take_hook();
     std::panic::set_hook(Box::new(move |panic| {
-        tell(panic);
+        print_panic(panic);
         rt::err!(
             "teleopd-ros2: DDS failed. If /robot_description is larger than 340 kB, give sockets more memory: \
              sysctl -w net.core.rmem_max=4194304"

@@ -242,7 +242,7 @@ impl Page {
             if let PageControl::Position(position) = &self.lever { Some(position.is_playing()) } else { None };
         if playing != self.is_playing {
             self.is_playing = playing;
-            self.tell("reel", &json!({ "playing": playing }))?;
+            self.report("reel", &json!({ "playing": playing }))?;
         }
         while let PageControl::OperatorWorker(hand, .., headset) = &mut self.lever
             && let Some(outcome) = hand.answer()
@@ -250,17 +250,17 @@ impl Page {
             if !outcome.held {
                 headset.lost(hand);
             }
-            self.tell("hand", &outcome)?;
+            self.report("hand", &outcome)?;
         }
         while let PageControl::OperatorWorker(_, Some(mixer), ..) = &self.lever
             && let Some(mixed) = mixer.answer()
         {
-            self.tell("mix", &mixed)?;
+            self.report("mix", &mixed)?;
         }
         while let PageControl::OperatorWorker(_, _, Some(camera), _) = &self.lever
             && let Some(report) = camera.webcam.answer()
         {
-            self.tell("camera", &report)?;
+            self.report("camera", &report)?;
         }
         while let PageControl::OperatorWorker(_, _, Some(camera), _) = &self.lever
             && let Some(report) = camera.measurer.answer()
@@ -268,12 +268,12 @@ impl Page {
             if report.written {
                 camera.webcam.ask(CameraRequest::Renew);
             }
-            self.tell("calibrate", &report)?;
+            self.report("calibrate", &report)?;
         }
         while let PageControl::OperatorWorker(hand, .., headset) = &mut self.lever
             && let Some(report) = headset.answer(hand)
         {
-            self.tell("headset", &report)?;
+            self.report("headset", &report)?;
         }
         Ok(())
     }
@@ -313,8 +313,8 @@ impl Page {
         if self.spoke.elapsed() > SILENT_MAX { Err(Error::ConnectionClosed) } else { Ok(()) }
     }
 
-    fn tell(&mut self, kind: &str, report: &impl Serialize) -> Result<(), Error> {
-        self.send(Message::text(json!(Told { tell: kind, report }).to_string()))
+    fn report(&mut self, kind: &str, report: &impl Serialize) -> Result<(), Error> {
+        self.send(Message::text(json!(PageReport { kind, report }).to_string()))
     }
 
     fn send(&mut self, message: Message) -> Result<(), Error> {
@@ -328,8 +328,9 @@ impl Page {
 
 /// A report of this kind.
 #[derive(Serialize)]
-struct Told<'a, T> {
-    tell: &'a str,
+struct PageReport<'a, T> {
+    #[serde(rename = "tell")]
+    kind: &'a str,
     #[serde(flatten)]
     report: &'a T,
 }

@@ -26,7 +26,7 @@ pub fn scene(view: &RobotView) -> Value {
         "shoulders": view.shoulder_bodies(),
         "half_span": half_span_m(model),
         "obstacles": obstacles,
-        "modes": Mode::ALL.map(Mode::name),
+        "modes": Mode::NAMES,
         "limits": {
             "clearance_mm": model.d_min_m * 1e3,
             "behind_deg": explain::BEHIND_DEG,

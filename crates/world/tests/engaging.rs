@@ -17,7 +17,7 @@ const JOINTS: usize = 17;
 const TORSO: usize = 0;
 
 /// Number of postures.
-const POSTURES: u32 = 8;
+const POSTURES: u32 = 24;
 /// Share of the velocity limits in the first second.
 const SLOW: f64 = 0.05;
 
@@ -103,7 +103,7 @@ fn f065_engaging_begins_without_jump_from_any_clear_posture() {
             first_second(&mut bench, &context, || if noisy { target(&loaded.model, &mut rng, true) } else { far });
         bench.assert_no_violations(&context);
     }
-    assert!(travelled > 0.3 * f64::from(POSTURES), "the robots hardly moved: {travelled} rad");
+    assert!(travelled > 0.5 * f64::from(POSTURES), "the robots hardly moved: {travelled} rad");
 }
 
 /// Runs until the robot is Engaged. Returns the number of ticks, which is below `within`.
@@ -177,7 +177,7 @@ fn hands_and_head_begin_slowly_once_the_arms_are_aligned() {
 fn robot_resumes_fast_after_short_gap_and_slowly_after_long_gap() {
     let loaded = loaded();
     let mut rng = Pcg64Mcg::seed_from_u64(2);
-    for n in 0..4 {
+    for n in 0..6 {
         let context = format!("run {n}");
         let mut bench = Bench::new(&loaded, loaded.model.home, n);
         // Near home, so that the robot reaches it.

@@ -24,11 +24,9 @@ fn swinging(amplitude: f64, hz: f64, n: u64) -> impl Fn(&mut RobotState) {
 
 #[test]
 fn f055_arm_swinging_about_steady_command_is_stopped() {
-    let engaged = Bench::engaged(1);
-    // The monitor's own tests have more frequencies.
-    for hz in [0.5, 2.0, 8.0, 20.0] {
+    for hz in [0.5, 1.0, 2.0, 4.0, 6.0, 8.0, 12.0, 16.0, 20.0] {
         for amplitude in [0.145, 0.08] {
-            let mut bench = engaged.clone();
+            let mut bench = Bench::engaged(1);
             let taken = (1..2 * TICK_HZ).find(|&n| {
                 bench.step_measuring(swinging(amplitude, hz, n));
                 bench.mode() == Mode::Faulted
@@ -46,7 +44,7 @@ fn f055_arm_swinging_about_steady_command_is_stopped() {
 #[test]
 fn f055_swinging_arm_is_neither_enabled_nor_reset() {
     // 0.67 rad/s: below every speed that stops in one swing.
-    for hz in [1.0, 4.0] {
+    for hz in [1.0, 2.0, 4.0] {
         let amplitude = 0.67 / (TAU * hz);
         let mut bench = Bench::at_home(1);
         for n in 1..4 * TICK_HZ {
@@ -76,8 +74,24 @@ fn f055_swinging_arm_is_neither_enabled_nor_reset() {
 }
 
 #[test]
+fn f055_arm_pushed_at_standstill_faults() {
+    for by in [0.03, -0.03] {
+        let mut bench = Bench::at_home(1);
+        // Pushed within 0.3 s: slower than every speed that stops, and not as far as a tracking error.
+        let pushed = |n: u64| by * (n as f64 / (0.3 * TICK_HZ as f64)).min(1.0);
+        let taken = (1..TICK_HZ).find(|&n| {
+            bench.step_measuring(|state| state.q_measured[ELBOW] += pushed(n));
+            bench.mode() == Mode::Faulted
+        });
+        assert!(taken.is_some_and(|n| n < TICK_HZ / 3), "{taken:?}");
+        assert_eq!(bench.last_why(), Fault::StandstillLost as u32);
+        assert_eq!(bench.joint_of_last(), Some(ELBOW));
+    }
+}
+
+#[test]
 fn f064_arm_sinking_without_power_faults_and_is_not_reset() {
-    for sag in [0.01, 0.2] {
+    for sag in [0.01, 0.05, 0.2] {
         let mut bench = Bench::at_home(1);
         bench.robot.inject(Injection::PowerLost { sag });
         for n in 0..3 * TICK_HZ {
@@ -113,5 +127,30 @@ fn f064_arm_sinking_without_power_faults_and_is_not_reset() {
         assert_eq!(bench.mode(), Mode::Disengaged, "{sag}");
         let moved = (0..JOINTS).map(|j| (bench.robot.q()[j] - there[j]).abs()).fold(0.0, f64::max);
         assert!(moved < 1e-3, "{sag}: {moved}");
+    }
+}
+
+/// Stops from full speed in every phase of a motion. The end of a stop never counts as a lost standstill.
+#[test]
+fn stop_ends_at_rest_without_standstill_fault() {
+    for stopped_at in (0..3).map(|n| TICK_HZ * (4 + n) / 4) {
+        let mut bench = Bench::engaged(1);
+        for k in 0..stopped_at {
+            let mut target = bench.model().home;
+            target[ELBOW] += 0.2 * (k as f64 * TICK_S * 3.0).sin();
+            bench.target = Some(target);
+            bench.step();
+        }
+        bench.let_go();
+        let ended = (0..TICK_HZ).find(|_| {
+            bench.step();
+            bench.mode() == Mode::Disengaged
+        });
+        assert!(ended.is_some(), "{stopped_at}: {:?}", bench.mode());
+        for _ in 0..4 * TICK_HZ {
+            bench.step();
+            assert_eq!((bench.mode(), bench.status.moving), (Mode::Disengaged, 0), "{:?}", Faults(bench.status.faults));
+        }
+        assert_eq!(bench.status.fault_counts[Fault::VelocityError.index()], 0);
     }
 }

@@ -102,7 +102,7 @@ impl TrialFigures {
 
     fn add_record(&mut self, record: &Value) {
         self.records += 1;
-        let kinds = ViolationKind::ALL.map(ViolationKind::name);
+        let kinds = ViolationKind::NAMES;
         self.trouble.extend(add_counts(&mut self.recorded, kinds, record, "driver"));
         let oldest_us = record["oldest_command_us"].as_f64().unwrap_or(f64::INFINITY);
         self.oldest_command_us = self.oldest_command_us.max(oldest_us);
@@ -110,7 +110,7 @@ impl TrialFigures {
 
     fn add_robot(&mut self, record: &Value) {
         self.robots += 1;
-        let kinds = plant::ViolationKind::ALL.map(plant::ViolationKind::name);
+        let kinds = plant::ViolationKind::NAMES;
         self.trouble.extend(add_counts(&mut self.judged, kinds, record, "robot"));
         if !record["first_violation"].is_null() {
             self.judged_first.push(record["first_violation"].clone());
@@ -169,7 +169,7 @@ impl TrialFigures {
             });
             (target.name().to_owned(), value)
         });
-        let kinds = ViolationKind::ALL.map(ViolationKind::name);
+        let kinds = ViolationKind::NAMES;
         json!({
             "kills": self.kills(),
             "suspends": self.suspends(),
@@ -177,7 +177,7 @@ impl TrialFigures {
             "states_witnessed": self.states,
             "violations_witnessed": named(kinds, self.witnessed),
             "violations_recorded": named(kinds, self.recorded),
-            "violations_of_true_motion": named(plant::ViolationKind::ALL.map(plant::ViolationKind::name), self.judged),
+            "violations_of_true_motion": named(plant::ViolationKind::NAMES, self.judged),
             "first_violations_of_true_motion": self.judged_first,
             "robot_records": self.robots,
             "driver_records": self.records,

@@ -67,5 +67,5 @@ impl Cli {
 
 fn interface(text: &str) -> Result<Interface, String> {
     let found = Interface::ALL.into_iter().find(|interface| interface.name() == text);
-    found.ok_or_else(|| format!("must be one of {}", Interface::ALL.map(Interface::name).join(", ")))
+    found.ok_or_else(|| format!("must be one of {}", Interface::NAMES.join(", ")))
 }

@@ -41,13 +41,13 @@ pub fn attack_text(args: &AttackArgs, f: &RunFigures, model: &Model, machine: &M
     let attack = format!("{name}: {} ticks at {TICK_HZ} Hz, seed {}", f.ticks, args.seed);
     let mut lines = vec![
         format!("{attack}, {pairs} checked pairs, {obstacles} obstacles{without}"),
-        format!("violations        {}", named(ViolationKind::ALL.map(ViolationKind::name), &f.violations)),
+        format!("violations        {}", named(ViolationKind::NAMES, &f.violations)),
     ];
     lines.extend(f.first.map(|(v, part)| {
         let (kind, k, which) = (v.kind.name(), v.k, v.which);
         format!("  first: {kind}, tick {k} of part {part}, joint or pair {which}: {} against {}", v.value, v.limit)
     }));
-    let kinds = plant::ViolationKind::ALL.map(plant::ViolationKind::name);
+    let kinds = plant::ViolationKind::NAMES;
     let (ratio, true_mm) = (f.true_speed_ratio_max.0, f.true_clearance_min_m.0 * 1e3);
     lines.extend([
         format!("true motion       {}", named(kinds, &f.true_violations)),
