@@ -40,8 +40,7 @@ pub struct InstanceArgs {
 
 fn interface_parser() -> impl TypedValueParser<Value = Interface> {
     let find = |name: String| Interface::ALL.into_iter().find(|interface| interface.name() == name);
-    PossibleValuesParser::new(Interface::NAMES)
-        .try_map(move |name| find(name).ok_or("unknown interface"))
+    PossibleValuesParser::new(Interface::NAMES).try_map(move |name| find(name).ok_or("unknown interface"))
 }
 
 impl InstanceArgs {
