@@ -63,5 +63,6 @@ def detect(rgb, at_ms):
 run_dir, folder = sys.argv[1:]
 video = f"{folder}/figure.avi"
 render(video)
+detect.close = lambda: None
 camera.detector = lambda model: detect
 sys.exit(camera.main(["--model", "by colour", "--video", video, "--run-dir", run_dir]))

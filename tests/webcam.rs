@@ -150,17 +150,19 @@ fn missing_camera_files_give_errors_that_name_the_remedy() {
     std::fs::write(&model, MODEL).expect("a model");
     std::fs::write(&operator, b"PK hand_detector.tflite hand_landmarks_detector.tflite").expect("another model");
     std::fs::write(&part, [MODEL, &[0; 1 << 18]].concat()).expect("a model without its end");
-    let page = "https://ai.google.dev/edge/mediapipe/solutions/vision/pose_landmarker#models";
+    let made = "--camera full makes one of the networks that npm installed";
+    let full = PathBuf::from("full");
     std::fs::write(&text, b"<html>").expect("no model");
     for (arguments, code, expected) in [
-        (vec![&empty], 66, "none.task: --camera: no such file; download pose_landmarker_lite.task"),
-        (vec![&text], 66, "text.task: --camera: it is no .task file, which is a zip archive; download"),
+        (vec![&empty], 66, "none.task: --camera: no such file; --camera full makes one"),
+        (vec![&text], 66, "text.task: --camera: it is no .task file, which is a zip archive; --camera full"),
         (
             vec![&operator],
             66,
             "hand_landmarker.task: --camera: it holds no pose_detector.tflite, so it is no pose landmarker",
         ),
         (vec![&part], 66, "part.task: --camera: it holds no pose_detector.tflite"),
+        (vec![&full], 66, "pose_solution_packed_assets.data: --camera full: No such file"),
         (vec![&model], 66, "vision_bundle.mjs: --vision: no such file; `npm ci --prefix tools/camera`"),
     ] {
         let output = Command::new(env!("CARGO_BIN_EXE_teleopd"))
@@ -177,7 +179,7 @@ fn missing_camera_files_give_errors_that_name_the_remedy() {
             .expect("it runs");
         let printed = harness::stderr(&output);
         assert!(output.status.code() == Some(code) && printed.contains(expected), "{arguments:?}: {output:?}");
-        assert_eq!(printed.contains(page), arguments != [&model], "{printed}");
+        assert_eq!(printed.contains(made), ![&model, &full].contains(&arguments[0]), "{printed}");
     }
     let recorded = Command::new(env!("CARGO_BIN_EXE_teleopd"))
         .args(["view", "a.mcap", "--camera", "pose.task"])

@@ -38,6 +38,11 @@ pub struct InstanceArgs {
     pub interface: Option<Interface>,
 }
 
+fn landmarker_parser() -> impl TypedValueParser<Value = view::Landmarker> {
+    let find = |name: String| view::Landmarker::ALL.into_iter().find(|landmarker| landmarker.name() == name);
+    PossibleValuesParser::new(view::Landmarker::NAMES).try_map(move |name| find(name).ok_or("unknown landmarker"))
+}
+
 fn interface_parser() -> impl TypedValueParser<Value = Interface> {
     let find = |name: String| Interface::ALL.into_iter().find(|interface| interface.name() == name);
     PossibleValuesParser::new(Interface::NAMES).try_map(move |name| find(name).ok_or("unknown interface"))
@@ -117,6 +122,16 @@ pub enum Command {
     Targets(Process),
     /// Prints every effective value, its source, and the hash of all values.
     Check(InstanceArgs),
+    /// Makes a pose landmarker of the networks that `npm ci --prefix tools/camera` installed, for `teleopd-camera`. Prints
+    /// its path.
+    Landmarker {
+        /// The landmarker.
+        #[arg(value_parser = landmarker_parser())]
+        landmarker: view::Landmarker,
+        /// Folder in which npm installed it.
+        #[arg(long, value_name = "DIR", default_value = "tools/camera/node_modules")]
+        modules: PathBuf,
+    },
     /// Shows a running instance in a browser on this machine. Prints the address with this run's token.
     View(View),
     /// Examines the machine and the instance's folders, and advises on each finding. With --robot also prints a page
@@ -209,8 +224,9 @@ pub struct View {
     /// (t-pose, hands-up, ...), FILE.bvh:FRAME or FILE.bvh@TIME_S (default: t-pose, hands-up and box).
     #[arg(long, value_name = "A,B,C", value_delimiter = ',', conflicts_with = "recording")]
     pub key_poses: Option<Vec<String>>,
-    /// Lets the page use your webcam. MODEL is a pose landmarker of MediaPipe, such as pose_landmarker_lite.task.
-    #[arg(long, value_name = "MODEL.task", conflicts_with = "recording")]
+    /// Lets the page use your webcam. MODEL is the pose landmarker of MediaPipe: full (the default), the quicker lite, or a
+    /// .task file of yours.
+    #[arg(long, value_name = "MODEL", num_args = 0..=1, default_missing_value = "full", conflicts_with = "recording")]
     pub camera: Option<PathBuf>,
     /// Folder of the library that finds a person in an image (default: where `npm ci --prefix tools/camera` puts it).
     #[arg(long, value_name = "DIR", requires = "camera", default_value = view::VISION_FOLDER, hide_default_value = true)]

@@ -58,6 +58,7 @@ pub fn main() -> ExitCode {
         Command::Check(place) => check::run(&place),
         Command::View(options) => view::run(&options),
         Command::Doctor(options) => doctor::run(&options),
+        Command::Landmarker { landmarker, modules } => view::landmarker(landmarker, &modules),
     };
     finish("teleopd", outcome)
 }

@@ -15,7 +15,9 @@ use std::os::unix::process::CommandExt;
 use std::path::Path;
 use std::process::Command;
 use std::time::Duration;
-use view::{KeyPoses, LiveOptions, Measuring, RobotView, Secure, SecureError, Server, ViewError, VisionFiles};
+use view::{
+    KeyPoses, Landmarker, LiveOptions, Measuring, RobotView, Secure, SecureError, Server, ViewError, VisionFiles,
+};
 
 /// Polling period for signals.
 const LOOK: Duration = Duration::from_millis(50);
@@ -82,6 +84,16 @@ pub fn run(options: &cli::View) -> Result<Exit, Failure> {
         std::thread::sleep(LOOK);
     }
     Ok(Exit::after(&shutdown))
+}
+
+/// Makes the landmarker, if it is not there yet.
+pub fn landmarker(landmarker: Landmarker, modules: &Path) -> Result<Exit, Failure> {
+    let file = landmarker.file(modules).map_err(|(file, why)| {
+        let text = format!("{}: {why}; `npm ci --prefix tools/camera` in the repository installs it", file.display());
+        Failure::new(Exit::NoInput, text)
+    })?;
+    out!("{}", file.display());
+    Ok(Exit::Ok)
 }
 
 fn recorded(options: &cli::View, recording: &Path) -> Result<Exit, Failure> {

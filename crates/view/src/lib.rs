@@ -15,6 +15,7 @@ mod http;
 mod hub;
 #[cfg(test)]
 mod ingest_double;
+mod landmarker;
 mod live;
 mod look;
 mod meshes;
@@ -38,6 +39,7 @@ pub use calibration::Measuring;
 pub use frame::{FIELDS, Field, LatestMessages, POSE, TURNS, VERSION, encode, length, present};
 pub use headset::{BODY_BYTES, HEADSET_BYTES, HeadsetFrame};
 pub use http::{POLICY, camera_policy};
+pub use landmarker::Landmarker;
 pub use live::{GONE_AFTER_NS, Readers};
 pub use look::{Colour, Look, LookError, NamedMesh, Part, Shape};
 pub use meshes::{MESH_BYTES_MAX, MeshFolder};

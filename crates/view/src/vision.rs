@@ -1,6 +1,7 @@
 //! The files with which a page finds a person in a webcam's image: the library of MediaPipe, and the user's model.
 //! None of them is part of this repository. A page may read these files and no other ones.
 
+use crate::landmarker::Landmarker;
 use crate::look::LookError;
 use crate::meshes::{MESH_BYTES_MAX, MeshFile};
 use std::fs::File;
@@ -27,8 +28,7 @@ const IN_MODEL: [&str; 2] = ["pose_detector.tflite", "pose_landmarks_detector.tf
 /// Bytes at the end of a zip archive that hold its directory: twice the longest comment after it, 64 KiB.
 const DIRECTORY_BYTES: u64 = 128 << 10;
 /// How to get a model.
-const DOWNLOAD: &str = "download pose_landmarker_lite.task or pose_landmarker_full.task from \
-                        https://ai.google.dev/edge/mediapipe/solutions/vision/pose_landmarker#models";
+const MAKE: &str = "--camera full makes one of the networks that npm installed, and --camera lite a quicker one";
 
 /// The library and the model.
 #[derive(Debug)]
@@ -38,16 +38,25 @@ pub struct VisionFiles {
 }
 
 impl VisionFiles {
-    /// Checks that every file is there. The error names the first missing one, and says how to get it.
+    /// Checks that every file is there. The error names the first missing one, and says how to get it. The model is the
+    /// name of a [`Landmarker`], whose networks lie beside the library, or a file.
     pub fn open(folder: &Path, model: &Path) -> Result<Self, LookError> {
         let failed = |file: &Path, cause: String| LookError::Read { file: file.display().to_string(), cause };
-        check_model(model).map_err(|why| failed(model, format!("--camera: {why}; {DOWNLOAD}")))?;
+        let install = format!("`{INSTALL}` in the repository installs it; --vision names another folder");
+        let named = Landmarker::ALL.into_iter().find(|landmarker| model == Path::new(landmarker.name()));
+        let model = match named {
+            // The library's folder lies two folders below `node_modules`.
+            Some(landmarker) => landmarker
+                .file(&folder.join("../.."))
+                .map_err(|(file, why)| failed(&file, format!("--camera {}: {why}; {install}", landmarker.name())))?,
+            None => model.to_path_buf(),
+        };
+        check_model(&model).map_err(|why| failed(&model, format!("--camera: {why}; {MAKE}")))?;
         for (name, _) in LIBRARY {
             let file = folder.join(name);
-            let get = || format!("`{INSTALL}` in the repository installs it; --vision names another folder");
-            opened(&file).map_err(|why| failed(&file, format!("--vision: {why}; {}", get())))?;
+            opened(&file).map_err(|why| failed(&file, format!("--vision: {why}; {install}")))?;
         }
-        Ok(Self { folder: folder.to_path_buf(), model: model.to_path_buf() })
+        Ok(Self { folder: folder.to_path_buf(), model })
     }
 
     /// Opens a file for a page, by its name in the address.

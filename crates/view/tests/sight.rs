@@ -100,15 +100,18 @@ fn only_named_camera_files_are_read() {
     }
 }
 
-/// The package is pinned by its version and its hash.
+/// The packages are pinned by their versions and their hashes.
 #[test]
-fn camera_library_is_locked_by_hash() {
+fn camera_libraries_are_locked_by_hash() {
     let text = include_str!("../../../tools/camera/package-lock.json");
     let lock: serde_json::Value = serde_json::from_str(text).expect("JSON");
     let packages = lock["packages"].as_object().expect("packages");
-    assert_eq!(packages.len(), 2);
-    let library = &packages["node_modules/@mediapipe/tasks-vision"];
-    assert_eq!(packages[""]["dependencies"]["@mediapipe/tasks-vision"], library["version"]);
-    assert!(library["integrity"].as_str().is_some_and(|hash| hash.starts_with("sha512-") && hash.len() == 95));
-    assert_eq!(library["license"], "Apache-2.0");
+    let libraries = ["@mediapipe/pose", "@mediapipe/tasks-vision"];
+    assert_eq!(packages.len(), 1 + libraries.len());
+    for name in libraries {
+        let library = &packages[&format!("node_modules/{name}")];
+        assert_eq!(packages[""]["dependencies"][name], library["version"]);
+        assert!(library["integrity"].as_str().is_some_and(|hash| hash.starts_with("sha512-") && hash.len() == 95));
+        assert_eq!(library["license"], "Apache-2.0");
+    }
 }

@@ -2,21 +2,28 @@
 """Publishes the person whom a webcam or a video shows, as MediaPipe's 33 world landmarks.
 
     pip install './tools/clients/python[camera]'
-    teleopd-camera --model pose_landmarker_full.task                 # camera 0
-    teleopd-camera --model pose_landmarker_full.task --video walk.mp4
+    teleopd-camera                        # camera 0
+    teleopd-camera --video walk.mp4
 
-The model is a pose landmarker of MediaPipe (`pose_landmarker_*.task`); none is part of this package. One person is followed. A
-camera whose image is mirrored, as a selfie camera's, needs --mirrored: left and right would be exchanged.
+The model is a pose landmarker of MediaPipe. `teleopd` makes it of networks that `npm ci --prefix tools/camera` installs; a file
+(`pose_landmarker_*.task`) can be given instead. One person is followed. A camera whose image is mirrored, as a selfie camera's,
+needs --mirrored: left and right would be exchanged.
 """
 
 import argparse
+import contextlib
+import itertools
 import os
+import shutil
 import signal
+import subprocess
 import sys
 import time
 
 from teleopd_client import DEFAULT_RUN_DIR, LAYOUT_MEDIAPIPE33, SkeletonPublisher, TeleopdError
 
+#: landmarkers that teleopd makes
+MADE = ("full", "lite")
 #: landmarks of a pose
 LANDMARKS = 33
 #: frames a second of a video whose file does not say
@@ -27,10 +34,26 @@ class Refused(Exception):
     """What is asked for cannot be done; the text says why."""
 
 
+def made(name):
+    """The path of the landmarker of this name, which `teleopd` makes if it is not there yet."""
+    root = os.path.abspath(os.path.join(os.path.dirname(__file__), "..", "..", ".."))
+    built = os.path.join(root, "target", "release", "teleopd")
+    program = os.environ.get("TELEOPD") or shutil.which("teleopd") or built
+    if not os.path.isfile(program):
+        raise Refused(f"--model {name}: teleopd makes it, and is not on PATH: set TELEOPD to its path, or give a .task file")
+    folder = root if os.path.isdir(os.path.join(root, "tools", "camera")) else None
+    run = subprocess.run([program, "landmarker", name], cwd=folder, capture_output=True, text=True)
+    if run.returncode != 0:
+        raise Refused(f"--model {name}: {run.stderr.strip()}")
+    return os.path.join(folder or "", run.stdout.strip())
+
+
 def detector(model):
     """A function of an RGB image and its time in ms: 33 rows of x, y, z in metres and 33 visibilities, or None for nobody."""
+    if model in MADE:
+        model = made(model)
     if not os.path.isfile(model):
-        raise Refused(f"--model {model}: no such file; a pose landmarker of MediaPipe (pose_landmarker_*.task) is needed")
+        raise Refused(f"--model {model}: no such file; it is {' or '.join(MADE)}, or a file pose_landmarker_*.task")
     try:
         import mediapipe
         from mediapipe.tasks.python import BaseOptions, vision
@@ -51,6 +74,8 @@ def detector(model):
             return None
         return [(mark.x, mark.y, mark.z) for mark in found[0]], [mark.visibility for mark in found[0]]
 
+    # Its threads end before Python does.
+    detect.close = landmarker.close
     return detect
 
 
@@ -68,17 +93,25 @@ def images(camera, video, loop):
         raise Refused(f"{name}: cannot be opened")
     fps = source.get(cv2.CAP_PROP_FPS)
     period_ns = int(1e9 / (fps if 1.0 <= fps <= 240.0 else FPS))
-    due_ns, shown = time.monotonic_ns(), 0
+    due_ns, shown, kept = time.monotonic_ns(), 0, []
+
+    def back_and_there():
+        """The images again, backwards and forwards, for ever: a jump from the last to the first would be no person's."""
+        if len(kept) > 1:
+            for n in itertools.cycle([*range(len(kept) - 2, 0, -1), *range(len(kept))]):
+                yield cv2.imdecode(kept[n], cv2.IMREAD_COLOR)
+
+    again = back_and_there()
     while True:
         ok, bgr = source.read()
-        if not ok and video and loop and shown > 0:
-            source.set(cv2.CAP_PROP_POS_FRAMES, 0)
-            shown = 0
-            continue
+        if ok and video and loop:
+            kept.append(cv2.imencode(".jpg", bgr)[1])
         if not ok:
             if shown == 0:
                 raise Refused(f"{name}: has no image")
-            return
+            bgr = next(again, None)
+            if bgr is None:
+                return
         shown += 1
         if video:
             time.sleep(max(0.0, (due_ns - time.monotonic_ns()) * 1e-9))
@@ -107,11 +140,11 @@ def follow(publisher, pictures, detect, mirrored=False):
 
 def arguments(given):
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--model", required=True, metavar="FILE.task", help="pose landmarker of MediaPipe")
+    parser.add_argument("--model", default="full", help="pose landmarker of MediaPipe: full (default), the quicker lite, or a file")
     source = parser.add_mutually_exclusive_group()
     source.add_argument("--camera", type=int, default=0, metavar="N", help="number of the camera (default: 0)")
     source.add_argument("--video", metavar="FILE", help="a video in place of a camera, at its own rate")
-    parser.add_argument("--loop", action="store_true", help="repeat the video")
+    parser.add_argument("--loop", action="store_true", help="play the video there and back, for ever")
     parser.add_argument("--mirrored", action="store_true", help="the image is mirrored")
     parser.add_argument("--run-dir", default=DEFAULT_RUN_DIR, metavar="DIR", help="folder of the instance")
     return parser.parse_args(given)
@@ -122,8 +155,8 @@ def main(given=None):
     # In the background of a script SIGINT is ignored otherwise.
     signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
-        detect = detector(options.model)
-        with SkeletonPublisher(options.run_dir, layout=LAYOUT_MEDIAPIPE33) as publisher:
+        landmarker = contextlib.closing(detector(options.model))
+        with landmarker as detect, SkeletonPublisher(options.run_dir, layout=LAYOUT_MEDIAPIPE33) as publisher:
             print(f"publishing to {options.run_dir}; Ctrl-C ends", flush=True)
             pictures = images(options.camera, options.video, options.loop)
             seen, shown = follow(publisher, pictures, detect, options.mirrored)
