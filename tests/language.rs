@@ -39,7 +39,7 @@ const NO_NAMES: [(&str, &str); 12] = [
 const SENTENCE_WORDS_MAX: usize = 30;
 
 /// Budget of lines for each part of the tree: the count of 2026-11-29. Raising one is a decision.
-const BUDGETS: [(&str, usize); 3] = [("product", 69_700), ("tools", 29_550), ("tests", 46_450)];
+const BUDGETS: [(&str, usize); 3] = [("product", 70_200), ("tools", 29_550), ("tests", 46_450)];
 
 fn rust() -> Vec<(String, String)> {
     let mut all = sources::rust_files();

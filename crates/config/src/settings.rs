@@ -83,12 +83,6 @@ schema::table! {
         /// (6 cm at 30 Hz). An outlier is held for one frame. A second one in a row counts as motion. The filter delays by
         /// one frame where it holds, and by none elsewhere. 0 holds none.
         filter_outliers_mad: f64 = 3.0, in [0.0, 20.0];
-        /// Largest change of a limb's length in a camera's layout, in all, as a share. Motion capture has
-        /// 0.05. Assumption.
-        camera_length_change_max: f64 = 0.3, in [0.01, 0.5];
-        /// Largest change of a limb's length in a camera's layout from frame to frame, as a share. Motion
-        /// capture has 0.02. Assumption.
-        camera_length_step_max: f64 = 0.15, in [0.01, 0.5];
     }
 }
 

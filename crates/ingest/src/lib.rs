@@ -7,7 +7,7 @@ mod authority;
 
 pub use authority::{Authority, ClientIdentity, Door};
 
-use layouts::{Layouts, Map, Noise, NoiseState, Refusal};
+use layouts::{Layouts, Lengths, Map, Noise, NoiseState, Refusal};
 use messages::{RawSkeleton, Stamp};
 use serde::{Deserialize, Serialize};
 use skeleton::{Calibration, DropReason, Output};
@@ -47,6 +47,7 @@ pub struct State {
     /// State and counts of the validation.
     pub skeleton: skeleton::State,
     noise: NoiseState,
+    lengths: Lengths,
 }
 
 impl State {
@@ -56,7 +57,7 @@ impl State {
     }
 }
 
-/// Converts, filters and checks a frame. A frame of an unknown layout is dropped and counted like all others.
+/// Converts, filters and checks a frame. A camera's frame gets the lengths of its session. A frame of an unknown layout is dropped and counted like all others.
 /// Never allocates, blocks, logs, reads a clock or panics, whatever the bits.
 pub fn tick(config: &Config, state: &mut State, now: Stamp, raw: &RawSkeleton) -> Output {
     let camera = config.layouts.find(raw.layout).is_some_and(Map::camera);
@@ -70,6 +71,9 @@ pub fn tick(config: &Config, state: &mut State, now: Stamp, raw: &RawSkeleton) -
     }
     let known = config.calibrations.iter().find(|(of, _)| *of == (raw.operator_id, raw.layout));
     let stored = known.map(|(_, calibration)| calibration);
+    if camera {
+        state.lengths.settle(raw.layout, config.seen.confidence_min, &mut frame);
+    }
     let bounds = if camera { &config.seen } else { &config.measured };
     let mut out = skeleton::tick(bounds, &mut state.skeleton, now, skeleton::Input { raw: &frame, stored });
     if config.mirror {

@@ -9,7 +9,7 @@
 //!   lengths. The directions of the limbs are right, but the lengths are not the person's.
 //!
 //! Camera data is noisy, and sometimes a single joint is far off for one frame. [`Noise`] filters both before the
-//! frame is judged.
+//! frame is judged. [`Lengths`] gives limbs the lengths of the session.
 
 #![forbid(clippy::disallowed_macros, clippy::disallowed_methods, clippy::disallowed_types)]
 
@@ -19,6 +19,7 @@ mod closure;
 mod convert;
 mod error;
 mod file;
+mod lengths;
 mod map;
 mod neutral;
 mod noise;
@@ -27,5 +28,6 @@ mod outlier;
 pub use axes::{Axes, Direction};
 pub use convert::Refusal;
 pub use error::LayoutError;
+pub use lengths::Lengths;
 pub use map::{Layouts, Map, Sends};
 pub use noise::{Noise, NoiseState};

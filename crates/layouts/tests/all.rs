@@ -5,6 +5,7 @@ mod client;
 mod custom;
 mod frames;
 mod golden;
+mod lengths;
 mod local;
 mod noise;
 mod outliers;

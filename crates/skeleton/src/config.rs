@@ -34,14 +34,16 @@ pub struct Config {
     /// fastest recorded dancers reach 4.7, 8.9 and 9.5. The bounds are half, an eighth and a quarter above these
     /// (assumption).
     pub speed_max_m_per_s: [f64; 3],
-    /// Number of coherent frames after a teleport before the part that jumped is used again.
-    pub coherent_frames: u32,
+    /// Time of coherent frames after a teleport before the part that jumped is used again (ns): five frames at 60 Hz, with
+    /// a little for jitter.
+    pub coherent_ns: u64,
     /// Time after which a payload that had moved and now repeats bit for bit is a stuck tracker (ns). The frames
     /// are dropped until it has repeated for `learning_ns`. 0 turns the check off. One stale-after of `skeleton`
     /// follows, so robots stop 200 ms after the tracker.
     pub frozen_after_ns: u64,
     /// If every frame is implausible for longer than this (ns), the next valid person counts as another one and
-    /// must be enabled again. It is one stale-after of `skeleton`, so robots have stopped by then.
+    /// must be enabled again. Robots stop after one stale-after of `skeleton`, which is shorter. A jump costs a camera of
+    /// 15 images a second 200 ms until it is believed. Nobody takes another one's place in that time (assumption).
     pub distrust_after_ns: u64,
     /// Time in which limb lengths are learnt (ns). A person who shows other lengths for as long counts as another
     /// person.
@@ -65,9 +67,9 @@ impl Default for Config {
             length_change_max: 0.05,
             length_step_max: 0.02,
             speed_max_m_per_s: [7.0, 10.0, 12.0],
-            coherent_frames: 5,
+            coherent_ns: 80_000_000,
             frozen_after_ns: 100_000_000,
-            distrust_after_ns: 100_000_000,
+            distrust_after_ns: 250_000_000,
             learning_ns: 1_000_000_000,
             gap_ns: 1_500_000_000,
         }
@@ -113,7 +115,7 @@ messages::named! {
         NotUpright => "NotUpright",
         /// Shoulders and hips disagree on left and right, or the body is a mirror image.
         Chirality => "Chirality",
-        /// A joint jumped, or too few frames after a jump are coherent.
+        /// A joint jumped, or too little time of coherent frames has passed since.
         Teleport => "Teleport",
         /// A limb's length jumped from one frame to the next.
         LengthStep => "LengthStep",

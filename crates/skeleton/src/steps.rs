@@ -69,8 +69,8 @@ impl Which {
 /// State of one part.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Part {
-    /// Coherent frames that are still missing before the part is used again.
-    settling: u32,
+    /// Time from which the part may be used again after a jump, if its frames are coherent.
+    settled: Stamp,
     /// The newest frame in which the part was right, and the number of frames since.
     trusted: Option<Body>,
     doubted: u32,
@@ -89,15 +89,14 @@ impl Part {
     ) -> Option<DropReason> {
         let wrong = stepped(config, which, person, previous, body);
         if wrong.is_some() && self.comes_back(config, which, person, previous.origin, body) {
-            (self.settling, self.forgiven) = (0, body.origin);
+            (self.settled, self.forgiven) = (Stamp::NONE, body.origin);
             return None;
         }
         if wrong == Some(DropReason::Teleport) {
-            self.settling = config.coherent_frames;
+            self.settled = body.origin.plus_ns(config.coherent_ns);
             return wrong;
         }
-        self.settling = self.settling.saturating_sub(1);
-        if self.settling > 0 { Some(DropReason::Teleport) } else { wrong }
+        if body.origin < self.settled { Some(DropReason::Teleport) } else { wrong }
     }
 
     /// Returns true if a part that jumped has returned to its earlier place after a frame or two. It may be no

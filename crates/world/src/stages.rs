@@ -27,11 +27,8 @@ pub fn input_config(settings: &IngestSettings, layouts: Layouts, operators: &Ope
             step_max_m: FILTER_STEP_M,
             confidence_min: measured.confidence_min,
         },
-        seen: skeleton::Config {
-            length_change_max: settings.camera_length_change_max,
-            length_step_max: settings.camera_length_step_max,
-            ..measured
-        },
+        // The lengths in a camera's frame are those of the session.
+        seen: skeleton::Config { length_change_max: f64::INFINITY, length_step_max: f64::INFINITY, ..measured },
         measured,
     }
 }
