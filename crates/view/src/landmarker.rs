@@ -324,7 +324,7 @@ mod tests {
         ]);
         let network = written(*b"TFL3", &model, &[]);
         let made = with_metadata(&network, 0.0, 255.0).expect("a network");
-        assert!(made.ends_with(&network) && (made.len() - network.len()) % ALIGNMENT == 0);
+        assert!(made.ends_with(&network) && (made.len() - network.len()).is_multiple_of(ALIGNMENT));
         let root = target(&made, 0).expect("a root");
         assert_eq!(word(&made, field(&made, root, slot::MODEL_VERSION).expect("a version")), Some(3));
         assert_eq!(content(&made, root, 3), b"a network");
