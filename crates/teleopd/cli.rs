@@ -34,18 +34,17 @@ pub struct InstanceArgs {
     pub robot: Option<RobotChoice>,
     /// How the robot interpolates between setpoints, overrides driver.interface. direct: takes every setpoint. jtc100:
     /// four unsynchronised controllers that take points at 100 Hz. jtc100-restart: they begin again at each point.
-    #[arg(long, value_name = "NAME", value_parser = interface_parser())]
+    #[arg(long, value_name = "NAME", value_parser = named(Interface::ALL, Interface::NAMES))]
     pub interface: Option<Interface>,
 }
 
-fn landmarker_parser() -> impl TypedValueParser<Value = view::Landmarker> {
-    let find = |name: String| view::Landmarker::ALL.into_iter().find(|landmarker| landmarker.name() == name);
-    PossibleValuesParser::new(view::Landmarker::NAMES).try_map(move |name| find(name).ok_or("unknown landmarker"))
-}
-
-fn interface_parser() -> impl TypedValueParser<Value = Interface> {
-    let find = |name: String| Interface::ALL.into_iter().find(|interface| interface.name() == name);
-    PossibleValuesParser::new(Interface::NAMES).try_map(move |name| find(name).ok_or("unknown interface"))
+/// Takes one of `values` by its name, which is at the same place in `names`.
+fn named<T: Copy + Send + Sync + 'static, const N: usize>(
+    values: [T; N],
+    names: [&'static str; N],
+) -> impl TypedValueParser<Value = T> {
+    let find = move |name: String| names.iter().position(|known| *known == name).map(|index| values[index]);
+    PossibleValuesParser::new(names).try_map(move |name| find(name).ok_or("unknown name"))
 }
 
 impl InstanceArgs {
@@ -126,7 +125,7 @@ pub enum Command {
     /// its path.
     Landmarker {
         /// The landmarker.
-        #[arg(value_parser = landmarker_parser())]
+        #[arg(value_parser = named(view::Landmarker::ALL, view::Landmarker::NAMES))]
         landmarker: view::Landmarker,
         /// Folder in which npm installed it.
         #[arg(long, value_name = "DIR", default_value = "tools/camera/node_modules")]
@@ -309,7 +308,7 @@ pub struct Demo {
     pub run_dir: Option<PathBuf>,
     /// How the robot interpolates between setpoints, overrides driver.interface. direct: takes every setpoint. jtc100:
     /// four unsynchronised controllers that take points at 100 Hz. jtc100-restart: they begin again at each point.
-    #[arg(long, value_name = "NAME", value_parser = interface_parser())]
+    #[arg(long, value_name = "NAME", value_parser = named(Interface::ALL, Interface::NAMES))]
     pub interface: Option<Interface>,
     /// Print no live line and no figures.
     #[arg(long)]

@@ -88,10 +88,8 @@ pub fn run(options: &cli::View) -> Result<Exit, Failure> {
 
 /// Makes the landmarker, if it is not there yet.
 pub fn landmarker(landmarker: Landmarker, modules: &Path) -> Result<Exit, Failure> {
-    let file = landmarker.file(modules).map_err(|(file, why)| {
-        let text = format!("{}: {why}; `npm ci --prefix tools/camera` in the repository installs it", file.display());
-        Failure::new(Exit::NoInput, text)
-    })?;
+    let file = landmarker.file(modules);
+    let file = file.map_err(|(file, why)| Failure::new(Exit::NoInput, format!("{}: {why}", file.display())))?;
     out!("{}", file.display());
     Ok(Exit::Ok)
 }

@@ -12,10 +12,12 @@ use std::path::{Path, PathBuf};
 use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, ZipWriter};
 
-/// Version of the package that `tools/camera/package-lock.json` pins.
+/// The package, whose version `tools/camera/package-lock.json` pins.
 const PACKAGE: &str = "@mediapipe/pose";
 /// The detector. It is all that the package's archive of assets holds.
 const DETECTOR: &str = "pose_solution_packed_assets.data";
+/// Command that installs the package, and the library of the page, with their hashes checked.
+pub(crate) const INSTALL: &str = "npm ci --prefix tools/camera";
 /// Multiple at which the networks begin in the archive. From elsewhere the runtime copies them.
 const ALIGNMENT: usize = 64;
 
@@ -42,8 +44,14 @@ impl Landmarker {
     /// Returns the landmarker's file. Makes it in the package's folder below `node_modules`, if it is not there yet.
     ///
     /// # Errors
-    /// Returns the file at fault, and the cause: a network that is missing or another one, a folder that cannot be written.
+    /// Returns the file at fault, and the cause with its remedy: a network that is missing or another one, a folder that
+    /// cannot be written.
     pub fn file(self, node_modules: &Path) -> Result<PathBuf, (PathBuf, String)> {
+        self.made(node_modules)
+            .map_err(|(file, why)| (file, format!("{why}; `{INSTALL}` in the repository installs it")))
+    }
+
+    fn made(self, node_modules: &Path) -> Result<PathBuf, (PathBuf, String)> {
         let package = node_modules.join(PACKAGE);
         let file = package.join(format!("pose_landmarker_{}.task", self.name()));
         if fs::read(&file).is_ok_and(|bytes| sha256(&bytes) == self.expected_sha256()) {
@@ -148,19 +156,17 @@ fn with_metadata(network: &[u8], mean: f32, deviation: f32) -> Option<Vec<u8>> {
     }
     let root = target(network, 0)?;
     let record = record(mean, deviation);
-    let [mut buffers, mut metadata] = [slot::MODEL_BUFFERS, slot::MODEL_METADATA]
-        .map(|slot| field(network, root, slot).map_or(Some(Vec::new()), |at| list(network, target(network, at)?)));
-    let (buffers, metadata) = (buffers.as_mut()?, metadata.as_mut()?);
-    let added = Table(vec![
+    let tables = |slot| field(network, root, slot).map_or(Some(Vec::new()), |at| list(network, target(network, at)?));
+    let (mut buffers, mut metadata) = (tables(slot::MODEL_BUFFERS)?, tables(slot::MODEL_METADATA)?);
+    metadata.push(Table(vec![
         (slot::METADATA_NAME, To(Text("TFLITE_METADATA"))),
         (slot::METADATA_BUFFER, Word(buffers.len() as u32)),
-    ]);
+    ]));
     buffers.push(Table(vec![(slot::BUFFER_DATA, To(Bytes(&record)))]));
-    metadata.push(added);
     let mut fields = vec![
         (slot::MODEL_VERSION, Word(word(network, field(network, root, slot::MODEL_VERSION)?)?)),
-        (slot::MODEL_BUFFERS, To(List(std::mem::take(buffers)))),
-        (slot::MODEL_METADATA, To(List(std::mem::take(metadata)))),
+        (slot::MODEL_BUFFERS, To(List(buffers))),
+        (slot::MODEL_METADATA, To(List(metadata))),
     ];
     for slot in slot::MODEL_KEPT {
         if let Some(at) = field(network, root, slot) {
@@ -273,11 +279,9 @@ fn write(out: &mut Vec<u8>, pointer: usize, node: &Node<'_>, into_old: &mut Vec<
             out.resize(table, 0);
             point(out, pointer, table);
             out.extend(((table - vtable) as u32).to_le_bytes());
-            let mut places = Vec::new();
             for (slot, field) in fields {
                 let half = ((out.len() - table) as u16).to_le_bytes();
                 out[vtable + 4 + 2 * slot..][..2].copy_from_slice(&half);
-                places.push(out.len());
                 // A byte takes a word's room, so every word stays at a multiple of four.
                 out.extend(match field {
                     Field::Byte(byte) => u32::from(*byte).to_le_bytes(),
@@ -287,9 +291,9 @@ fn write(out: &mut Vec<u8>, pointer: usize, node: &Node<'_>, into_old: &mut Vec<
             }
             let lengths = [4 + 2 * slots, out.len() - table].map(|length| (length as u16).to_le_bytes());
             out[vtable..vtable + 4].copy_from_slice(lengths.as_flattened());
-            for ((_, field), place) in fields.iter().zip(places) {
+            for (n, (_, field)) in fields.iter().enumerate() {
                 if let Field::To(node) = field {
-                    write(out, place, node, into_old);
+                    write(out, table + 4 + 4 * n, node, into_old);
                 }
             }
         }

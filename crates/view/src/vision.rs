@@ -1,7 +1,7 @@
-//! The files with which a page finds a person in a webcam's image: the library of MediaPipe, and the user's model.
+//! The files with which a page finds a person in a webcam's image: the library of MediaPipe, and the model.
 //! None of them is part of this repository. A page may read these files and no other ones.
 
-use crate::landmarker::Landmarker;
+use crate::landmarker::{INSTALL, Landmarker};
 use crate::look::LookError;
 use crate::meshes::{MESH_BYTES_MAX, MeshFile};
 use std::fs::File;
@@ -10,8 +10,6 @@ use std::path::{Path, PathBuf};
 
 /// Folder in which npm places the library, below the repository.
 pub const VISION_FOLDER: &str = "tools/camera/node_modules/@mediapipe/tasks-vision";
-/// Command that installs the library, with its hash checked.
-const INSTALL: &str = "npm ci --prefix tools/camera";
 /// Files of the library, and their MIME types.
 const LIBRARY: [(&str, &str); 3] = [
     ("vision_bundle.mjs", "text/javascript; charset=utf-8"),
@@ -27,6 +25,8 @@ const ARCHIVE: &[u8] = b"PK";
 const IN_MODEL: [&str; 2] = ["pose_detector.tflite", "pose_landmarks_detector.tflite"];
 /// Bytes at the end of a zip archive that hold its directory: twice the longest comment after it, 64 KiB.
 const DIRECTORY_BYTES: u64 = 128 << 10;
+/// How to name another folder than npm's.
+const ELSEWHERE: &str = "--vision names another folder";
 /// How to get a model.
 const MAKE: &str = "--camera full makes one of the networks that npm installed, and --camera lite a quicker one";
 
@@ -42,19 +42,19 @@ impl VisionFiles {
     /// name of a [`Landmarker`], whose networks lie beside the library, or a file.
     pub fn open(folder: &Path, model: &Path) -> Result<Self, LookError> {
         let failed = |file: &Path, cause: String| LookError::Read { file: file.display().to_string(), cause };
-        let install = format!("`{INSTALL}` in the repository installs it; --vision names another folder");
         let named = Landmarker::ALL.into_iter().find(|landmarker| model == Path::new(landmarker.name()));
         let model = match named {
             // The library's folder lies two folders below `node_modules`.
             Some(landmarker) => landmarker
                 .file(&folder.join("../.."))
-                .map_err(|(file, why)| failed(&file, format!("--camera {}: {why}; {install}", landmarker.name())))?,
+                .map_err(|(file, why)| failed(&file, format!("--camera {}: {why}; {ELSEWHERE}", landmarker.name())))?,
             None => model.to_path_buf(),
         };
         check_model(&model).map_err(|why| failed(&model, format!("--camera: {why}; {MAKE}")))?;
         for (name, _) in LIBRARY {
             let file = folder.join(name);
-            opened(&file).map_err(|why| failed(&file, format!("--vision: {why}; {install}")))?;
+            let get = || format!("`{INSTALL}` in the repository installs it; {ELSEWHERE}");
+            opened(&file).map_err(|why| failed(&file, format!("--vision: {why}; {}", get())))?;
         }
         Ok(Self { folder: folder.to_path_buf(), model })
     }
