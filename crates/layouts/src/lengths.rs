@@ -8,7 +8,8 @@
 //!
 //! t is the trunk's length in this frame (hips to shoulders), x that of a bone of an arm with direction u or v. T and r
 //! are robust means over the session. Both arms share the ratios r. n counts frames up to `FRAMES_MAX`. A bone that looks
-//! short or long shows that the landmarker is unsure: it lowers the confidence of the joint at its end.
+//! short or long shows that the landmarker is unsure: it lowers the confidence of the joint at its end. One that is too
+//! unsure to be used does not count for r.
 
 use messages::{RawSkeleton, SMPL_JOINTS, Smpl};
 use nalgebra::Vector3;
@@ -43,8 +44,13 @@ impl Mean {
     }
 }
 
+/// Confidence in a bone of this length over that of the trunk.
+fn sureness(share: f64) -> f32 {
+    (share / BONE_PER_TRUNK[0]) as f32
+}
+
 /// Lengths of one person.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub struct Lengths {
     session: (u64, u32, u32),
     /// Positions of the last frame. One that repeats teaches nothing, so its result repeats too.
@@ -52,13 +58,6 @@ pub struct Lengths {
     trunk_m: Mean,
     /// Upper arm and forearm over the trunk.
     bones: [Mean; 2],
-}
-
-impl Default for Lengths {
-    fn default() -> Self {
-        let mean = Mean { value: 0.0, count: 0.0 };
-        Self { session: (0, 0, 0), came: [[0.0; 3]; SMPL_JOINTS], trunk_m: mean, bones: [mean; 2] }
-    }
 }
 
 impl Lengths {
@@ -92,7 +91,8 @@ impl Lengths {
         if !repeats {
             self.trunk_m.add(trunk_m);
             for (bone, mean) in self.bones.iter_mut().enumerate() {
-                arms.iter().filter_map(|arm| share([arm[bone], arm[bone + 1]])).for_each(|share| mean.add(share));
+                let shares = arms.iter().filter_map(|arm| share([arm[bone], arm[bone + 1]]));
+                shares.filter(|share| sureness(*share) >= confidence_min).for_each(|share| mean.add(share));
             }
         }
         let mut scaled = places.map(|place| hips + (place - hips) * (self.trunk_m.value / trunk_m));
@@ -106,10 +106,11 @@ impl Lengths {
                     }
                     break;
                 };
-                frame.confidence[to] = frame.confidence[to].min((share / BONE_PER_TRUNK[0]) as f32);
+                frame.confidence[to] = frame.confidence[to].min(sureness(share));
                 if share > 0.0 {
                     let along = (places[to] - places[from]) / (share * trunk_m);
-                    scaled[to] = scaled[from] + along * (mean.value * self.trunk_m.value);
+                    let length = if mean.count > 0.0 { mean.value } else { share };
+                    scaled[to] = scaled[from] + along * (length * self.trunk_m.value);
                 }
             }
         }

@@ -107,3 +107,13 @@ fn other_person_has_lengths_of_their_own() {
     let out = settled(&mut lengths, other);
     assert!((bone(&out, BONES[0]).norm() / bone(&other, BONES[0]).norm() - 1.0).abs() < 1e-5);
 }
+
+#[test]
+fn joints_that_coincide_at_first_teach_no_length() {
+    let mut lengths = Lengths::default();
+    let mut first = frame(0);
+    (0..2).for_each(|side| stretch(&mut first, side, [1.0, 0.0]));
+    assert!(settled(&mut lengths, first).confidence[20] < 0.5);
+    let out = settled(&mut lengths, frame(1));
+    assert!((bone(&out, BONES[1]).norm() / bone(&frame(1), BONES[1]).norm() - 1.0).abs() < 1e-5);
+}
