@@ -97,7 +97,7 @@ def images(camera, video, loop):
 
     def back_and_there():
         """The images again, backwards and forwards, for ever: a jump from the last to the first would be no person's."""
-        if len(kept) > 1:
+        if kept:
             for n in itertools.cycle([*range(len(kept) - 2, 0, -1), *range(len(kept))]):
                 yield cv2.imdecode(kept[n], cv2.IMREAD_COLOR)
 
