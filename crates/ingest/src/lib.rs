@@ -57,8 +57,8 @@ impl State {
     }
 }
 
-/// Converts, filters and checks a frame. A camera's frame gets the lengths of its session. A frame of an unknown layout is dropped and counted like all others.
-/// Never allocates, blocks, logs, reads a clock or panics, whatever the bits.
+/// Converts, filters and checks a frame. A camera's frame gets the lengths of its session. A frame of an unknown layout is
+/// dropped and counted like all others. Never allocates, blocks, logs, reads a clock or panics, whatever the bits.
 pub fn tick(config: &Config, state: &mut State, now: Stamp, raw: &RawSkeleton) -> Output {
     let camera = config.layouts.find(raw.layout).is_some_and(Map::camera);
     let mut frame = match config.layouts.convert(raw) {
