@@ -90,7 +90,7 @@ pub struct State {
     pub executed_k: u64,
     /// Plan ticks played since that index.
     pub plan_ticks_played: u64,
-    /// CommandChain of the last accepted command.
+    /// Chain of the last accepted command.
     pub chain: Option<CommandChain>,
     /// True while only the plan is executed, until a reset edge at rest.
     pub latched: bool,

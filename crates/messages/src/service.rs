@@ -52,7 +52,7 @@ pub struct ServiceRow {
     pub rate_hz: u32,
     /// Messages that are kept until the reader reads them. If the queue is full, the oldest is dropped.
     pub kept: usize,
-    /// Silence after which readers raise a fault, ms. Zero if silence is no fault.
+    /// Silence after which readers count the writer as gone, ms. Zero if they do not. `safety` has settings of its own.
     pub stale_after_ms: u32,
 }
 

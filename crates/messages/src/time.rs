@@ -72,8 +72,8 @@ message! {
         pub sequence: u64,
         /// Time at which the message was published.
         pub stamp: Stamp,
-        /// Time at which the person was captured. Every process copies it unchanged. Zero if no person is behind
-        /// the message.
+        /// Time at which the person was captured. `ingest` moves it by the drift of the client's clock. Every other process
+        /// copies it. Zero if no person is behind the message.
         pub origin: Stamp,
         /// Hash of the effective configuration. Processes whose hashes differ cannot engage.
         pub config_hash: u64,
