@@ -72,3 +72,29 @@ impl Stream {
         self.chain
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use messages::{JOINTS_MAX, Layout};
+
+    #[test]
+    fn stream_with_missing_indices_continues_from_plan_that_driver_plays() {
+        let mut motion = JointMotion::rest([0.25; JOINTS_MAX]);
+        // A stop of one joint: it brakes for 20 ms.
+        (motion.v[0], motion.plan.jerk[0][0], motion.plan.duration_s[0][0]) = (0.1, -500.0, 0.02);
+        let resting = RobotState { executed_k: 90, ..RobotState::ZERO };
+        let mut stream = None;
+        Stream::prepare(&mut stream, Some(&resting), 91, 7);
+        stream.as_mut().expect("a stream").sent(91, motion);
+        // The echo is late: it shows the driver before it took command 91. Commands 92 to 94 were not sent.
+        let Continue::From(from) = Stream::prepare(&mut stream, Some(&resting), 95, 7) else {
+            panic!("a new chain begins")
+        };
+        let mut played = motion;
+        played.play(3);
+        assert_eq!(from, played);
+        assert_ne!(from.q, motion.q, "the plan moves");
+        assert_eq!(stream.expect("a stream").chain(), CommandChain { incarnation: 7, seed_k: 91, seed_played: 3 });
+    }
+}
