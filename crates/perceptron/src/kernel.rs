@@ -2,7 +2,7 @@
 
 use pulp::{Simd, WithSimd};
 
-use super::perceptron::{LINE, Layer, Line, panel_lines};
+use crate::network::{LINE, Layer, Line, panel_lines};
 
 /// Number of parallel sums in a layer of one line, so that no addition waits for the previous one.
 const CHAINS: usize = 4;
@@ -11,11 +11,11 @@ const CHAINS: usize = 4;
 type Rows<const N: usize, const W: usize> = [[f32; W]; N];
 
 /// Data of one pass. `FUSED`: multiply-adds round once.
-pub(super) struct Pass<'a, const N: usize, const W: usize, const FUSED: bool> {
-    pub(super) arena: &'a [Line],
-    pub(super) layers: &'a [Layer],
-    pub(super) from: [&'a [f32]; N],
-    pub(super) to: [&'a mut [f32]; N],
+pub(crate) struct Pass<'a, const N: usize, const W: usize, const FUSED: bool> {
+    pub(crate) arena: &'a [Line],
+    pub(crate) layers: &'a [Layer],
+    pub(crate) from: [&'a [f32]; N],
+    pub(crate) to: [&'a mut [f32]; N],
 }
 
 impl<const N: usize, const W: usize, const FUSED: bool> WithSimd for Pass<'_, N, W, FUSED> {

@@ -3,7 +3,7 @@
 use bytemuck::{Pod, Zeroable};
 use pulp::{Arch, Scalar128b, Simd};
 
-use super::kernel::Pass;
+use crate::kernel::Pass;
 
 /// Widest layer that the fixed buffers hold, inputs included: four times the paper's 128.
 pub const WIDTH_MAX: usize = 512;
@@ -89,19 +89,19 @@ impl Level {
 /// 16 numbers on one cache line.
 #[repr(C, align(64))]
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
-pub(super) struct Line([f32; LINE]);
+pub(crate) struct Line([f32; LINE]);
 
 /// Numbers in a cache line.
-pub(super) const LINE: usize = 16;
+pub(crate) const LINE: usize = 16;
 
 /// A layer inside the arena: bias lines, then panels, each `[rows][lines of the panel]`. A row holds the weights of one
 /// input.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Layer {
-    pub(super) rows: usize,
-    pub(super) lines: usize,
-    pub(super) at: usize,
-    pub(super) hidden: bool,
+pub(crate) struct Layer {
+    pub(crate) rows: usize,
+    pub(crate) lines: usize,
+    pub(crate) at: usize,
+    pub(crate) hidden: bool,
 }
 
 /// A multilayer perceptron with SiLU after every layer except the last: y = W_n silu(... silu(W_1 x + b_1) ...) +
@@ -219,7 +219,7 @@ impl Perceptron {
 /// has at most eight vectors of 16 numbers, or four shorter ones. The processor has half as many registers for
 /// those.
 #[inline(always)]
-pub(super) fn panel_lines(lanes: usize, remain: usize) -> usize {
+pub(crate) fn panel_lines(lanes: usize, remain: usize) -> usize {
     match (lanes, remain) {
         (16, 8..) => 8,
         (16, 4..) => 4,

@@ -1,11 +1,22 @@
 //! One perceptron of many shapes, at every vector level, compared with sums in f64.
 
-use crate::support;
-
+use perceptron::{Dense, Level, Perceptron, WIDTH_MAX};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
-use retarget::{Dense, Level, Perceptron, WIDTH_MAX};
-use support::sums;
+
+/// Computes every layer as a sum of products. x / (1 + e^-x) follows every layer except the last.
+fn sums(layers: &[Dense], input: &[f64]) -> Vec<f64> {
+    let mut x = input.to_vec();
+    for (i, layer) in layers.iter().enumerate() {
+        let rows = layer.weight.chunks_exact(layer.inputs).zip(&layer.bias);
+        let sum = |(row, bias): (&[f32], &f32)| {
+            f64::from(*bias) + row.iter().zip(&x).map(|(w, x)| f64::from(*w) * x).sum::<f64>()
+        };
+        let hidden = i + 1 < layers.len();
+        x = rows.map(sum).map(|y| if hidden { y / (1.0 + (-y).exp()) } else { y }).collect();
+    }
+    x
+}
 
 /// Random layers of unit gain.
 fn random_layers(seed: u64, widths: &[usize]) -> Vec<Dense> {

@@ -35,10 +35,9 @@ pub use config::{Config, ConfigError, FollowingArms, Method, REFINEMENT_STEPS_MA
 pub use extrapolation::Extrapolation;
 pub use height::{Lift, crouch_m};
 pub use kinematic_chain::KinematicChain;
-pub use network::{
-    Dense, HIDDEN_MAX, LATENT, Latent, Layers, Level, Network, OVERREACH, Perceptron, WIDTH_MAX, interpolate_latent,
-};
+pub use network::{HIDDEN_MAX, LATENT, Latent, Layers, Network, OVERREACH, interpolate_latent};
 pub use oracle::oracle;
+pub use perceptron::{Dense, HEADER_MAX_BYTES, WeightsError, WriteError, sha256_hex};
 pub use posture::{PostureSolver, SolvedPose, posture, solve_poses};
 pub use prediction::{
     AGES_S, HORIZONS_S, History, PREDICTION_FORMAT, PREDICTION_INPUTS, PREDICTION_OUTPUTS, Prediction,
@@ -49,7 +48,4 @@ pub use resample::{DELAY_MAX_NS, Placed, STALE_NS, Sample, SourceClock, Track};
 pub use robot::Limbs;
 pub use robot::limbs::{mirror, rotation_from_xyzw, slerp, xyzw_from_rotation};
 pub use tick::{Counters, Input, Output, State, tick};
-pub use weights::{
-    ArmIdentity, FORMAT, HEADER_MAX_BYTES, Manifest, Weights, WeightsError, WriteError, read_layers, sha256_hex,
-    write_weights,
-};
+pub use weights::{ArmIdentity, FORMAT, Manifest, Weights, read_layers, write_weights};

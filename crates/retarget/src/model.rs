@@ -10,7 +10,8 @@ use crate::contact::{Part, Proportions};
 use crate::height::Lift;
 use crate::kinematic_chain::KinematicChain;
 use crate::surface::Surface;
-use crate::weights::{ArmIdentity, Weights, WeightsError};
+use crate::weights::{ArmIdentity, Weights};
+use perceptron::WeightsError;
 
 /// Numbers are rounded to this before they enter the hash, rad (axes: dimensionless). It is coarser than the
 /// rounding of a sine on another machine, and finer than any change that matters.

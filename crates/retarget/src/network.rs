@@ -1,11 +1,7 @@
-//! The three networks of the shared latent space at batch one or two, without allocation. They use the processor's
-//! widest vectors. Vectors with fused multiply-add give the same bits. The portable ones differ by rounding.
+//! The three networks of the shared latent space at batch one or two, without allocation.
 
 pub(crate) mod golden;
-mod kernel;
-mod perceptron;
-
-pub use perceptron::{Dense, Level, Perceptron, WIDTH_MAX};
+use perceptron::{Dense, Perceptron};
 
 use crate::arm::{ARM_Q, ArmModel, ArmQ, FEATURES};
 

@@ -11,7 +11,7 @@ use robot::Limbs;
 use safetensors::Dtype;
 use serde::{Deserialize, Serialize};
 
-use crate::weights::{WeightsError, WriteError, key, must, must_match, open, read_tensor, sha256_hex};
+use perceptron::{WeightsError, WriteError, key, must, must_match, open, read_tensor, sha256_hex};
 
 /// The only format of the manifest so far.
 pub const PREDICTION_FORMAT: u32 = 1;

@@ -1,63 +1,16 @@
 //! The weights file: a safetensors file and a TOML manifest that ties it to one robot. It turns bytes into
 //! networks.
 
-use safetensors::tensor::TensorView;
-use safetensors::{Dtype, SafeTensors};
+use perceptron::{WIDTH_MAX, WeightsError, WriteError, key, must, must_match, sha256_hex};
 use serde::{Deserialize, Serialize};
-use sha2::{Digest, Sha256};
 
 use crate::arm::{ARM_Q, ArmModel, ArmQ, FEATURES};
-use crate::network::{Dense, HIDDEN_MAX, LATENT, Layers, Network, WIDTH_MAX, golden};
+use crate::network::{HIDDEN_MAX, LATENT, Layers, Network, golden};
 
 /// The only format of the manifest so far.
 pub const FORMAT: u32 = 1;
-/// Longest safetensors header, bytes. Ours take 4 kB. The bound keeps a header from making the loader allocate
-/// without limit.
-pub const HEADER_MAX_BYTES: u64 = 1 << 20;
 /// Largest difference between the limits that a network was trained for and the robot's, rad: rounding of decimal text.
 const LIMIT_TOLERANCE_RAD: f64 = 1e-9;
-
-/// Reason for which a weights file was refused. The caller adds the file's name.
-#[derive(Debug, thiserror::Error)]
-#[allow(missing_docs, reason = "the texts name the fields")]
-pub enum WeightsError {
-    /// The manifest is not TOML of the expected keys.
-    #[error("manifest: {0}")]
-    Manifest(#[from] toml::de::Error),
-    /// A key of the manifest has a value that cannot be used.
-    #[error("manifest: {key} is {value}, expected {expected}")]
-    Key { key: &'static str, value: String, expected: String },
-    /// The tensors are not the ones that the manifest was written for.
-    #[error("sha256 of the tensors is {actual}, the manifest says {expected}")]
-    Sha256 { actual: String, expected: String },
-    /// The safetensors header is too long.
-    #[error("the safetensors header has {bytes} bytes, at most {HEADER_MAX_BYTES} are allowed")]
-    Header { bytes: u64 },
-    /// The tensors are truncated, have bytes left over, or are malformed in another way.
-    #[error("tensors: {0}")]
-    Tensors(#[from] safetensors::SafeTensorError),
-    /// A tensor that the manifest promises is missing.
-    #[error("tensor {name} is missing")]
-    Missing { name: String },
-    /// A tensor that no layer uses.
-    #[error("tensor {name} belongs to no layer")]
-    Unknown { name: String },
-    /// A tensor has another type or shape than the manifest promises.
-    #[error("tensor {name} is {dtype} {shape:?}, expected F32 {expected:?}")]
-    Shape { name: String, dtype: String, shape: Vec<usize>, expected: Vec<usize> },
-    /// The networks do not compute the expected values on this machine.
-    #[error(
-        "the networks' error on fixed inputs is {error}, at most 1e-3 is allowed. Either a weight is out of range, or \
-         this processor is faulty"
-    )]
-    Golden {
-        /// The largest error: of a latent, relative to its size if that is above 1, or of a joint, rad.
-        error: f64,
-    },
-    /// A weight is NaN or infinite.
-    #[error("tensor {name} has {value} at index {index}; every weight must be finite")]
-    NotFinite { name: String, index: usize, value: f32 },
-}
 
 /// Identity of an arm that a weights file must match.
 #[derive(Clone, Debug, PartialEq)]
@@ -156,18 +109,6 @@ impl Manifest {
     }
 }
 
-pub(crate) fn key(key: &'static str, value: &impl std::fmt::Debug, expected: String) -> WeightsError {
-    WeightsError::Key { key, value: format!("{value:?}"), expected }
-}
-
-pub(crate) fn must<T: PartialEq + std::fmt::Debug>(
-    name: &'static str,
-    value: T,
-    expected: T,
-) -> Result<(), WeightsError> {
-    if value == expected { Ok(()) } else { Err(key(name, &value, format!("{expected:?}"))) }
-}
-
 /// Checked weights of one robot, ready to run.
 #[derive(Clone, Debug)]
 pub struct Weights {
@@ -191,46 +132,19 @@ impl Weights {
     }
 }
 
-/// Refuses tensors whose hash is not the manifest's.
-pub(crate) fn must_match(bytes: &[u8], expected: &str) -> Result<(), WeightsError> {
-    let actual = sha256_hex(bytes);
-    if actual == expected { Ok(()) } else { Err(WeightsError::Sha256 { actual, expected: expected.to_owned() }) }
-}
-
-/// Reads the header of a safetensors file.
-pub(crate) fn open(bytes: &[u8]) -> Result<SafeTensors<'_>, WeightsError> {
-    let header = bytes.first_chunk::<8>().map_or(0, |length| u64::from_le_bytes(*length));
-    if header > HEADER_MAX_BYTES {
-        return Err(WeightsError::Header { bytes: header });
-    }
-    Ok(SafeTensors::deserialize(bytes)?)
-}
-
 /// Reads the layers of a safetensors file, checked against the shape in `manifest`.
 pub fn read_layers(bytes: &[u8], manifest: &Manifest) -> Result<Layers, WeightsError> {
-    let tensors = open(bytes)?;
-    let mut used = 0;
-    let mut network = |name: &str, inputs: usize, outputs: usize| {
-        (0..=manifest.hidden_layers)
-            .map(|i| {
-                let from = if i == 0 { inputs } else { manifest.hidden_width };
-                let to = if i == manifest.hidden_layers { outputs } else { manifest.hidden_width };
-                used += 2;
-                Ok(Dense {
-                    inputs: from,
-                    outputs: to,
-                    weight: read_tensor(&tensors, format!("{name}.{i}.weight"), &[to, from])?,
-                    bias: read_tensor(&tensors, format!("{name}.{i}.bias"), &[to])?,
-                })
-            })
-            .collect::<Result<Vec<_>, WeightsError>>()
+    let tensors = perceptron::open(bytes)?;
+    let network = |name: &str, inputs: usize, outputs: usize| {
+        let hidden = vec![manifest.hidden_width; manifest.hidden_layers];
+        perceptron::read_layers(&tensors, name, &[&[inputs], &hidden[..], &[outputs]].concat())
     };
     let layers = Layers {
         human: network("human", FEATURES, LATENT)?,
         robot: network("robot", ARM_Q, LATENT)?,
         decoder: network("decoder", LATENT, ARM_Q)?,
     };
-    if tensors.len() != used {
+    if tensors.len() != 6 * (manifest.hidden_layers + 1) {
         let name = tensors.names().into_iter().find(|name| !is_ours(name, manifest.hidden_layers));
         return Err(WeightsError::Unknown { name: name.unwrap_or_default().to_owned() });
     }
@@ -245,57 +159,10 @@ fn is_ours(name: &str, hidden_layers: usize) -> bool {
     network && index && kind && parts.next().is_none()
 }
 
-pub(crate) fn read_tensor(
-    tensors: &SafeTensors<'_>,
-    name: String,
-    expected: &[usize],
-) -> Result<Vec<f32>, WeightsError> {
-    let Ok(view) = tensors.tensor(&name) else {
-        return Err(WeightsError::Missing { name });
-    };
-    if view.dtype() != Dtype::F32 || view.shape() != expected {
-        let (dtype, shape) = (format!("{:?}", view.dtype()), view.shape().to_vec());
-        return Err(WeightsError::Shape { name, dtype, shape, expected: expected.to_vec() });
-    }
-    let (words, _) = view.data().as_chunks::<4>();
-    let values: Vec<f32> = words.iter().map(|word| f32::from_le_bytes(*word)).collect();
-    match values.iter().position(|value| !value.is_finite()) {
-        Some(index) => Err(WeightsError::NotFinite { name, index, value: values[index] }),
-        None => Ok(values),
-    }
-}
-
 /// Writes the two files of a weights folder: safetensors bytes and manifest text with its `sha256` filled in.
 pub fn write_weights(layers: &Layers, manifest: &Manifest) -> Result<(Vec<u8>, String), WriteError> {
-    let mut named = Vec::new();
-    for (name, network) in [("human", &layers.human), ("robot", &layers.robot), ("decoder", &layers.decoder)] {
-        for (i, dense) in network.iter().enumerate() {
-            let bytes = |values: &[f32]| values.iter().flat_map(|value| value.to_le_bytes()).collect::<Vec<u8>>();
-            named.push((format!("{name}.{i}.weight"), vec![dense.outputs, dense.inputs], bytes(&dense.weight)));
-            named.push((format!("{name}.{i}.bias"), vec![dense.outputs], bytes(&dense.bias)));
-        }
-    }
-    let views = named
-        .iter()
-        .map(|(name, shape, data)| Ok((name, TensorView::new(Dtype::F32, shape.clone(), data)?)))
-        .collect::<Result<Vec<_>, safetensors::SafeTensorError>>()?;
-    let bytes = safetensors::serialize(views, None)?;
+    let bytes =
+        perceptron::write_layers(&[("human", &layers.human), ("robot", &layers.robot), ("decoder", &layers.decoder)])?;
     let manifest = Manifest { sha256: sha256_hex(&bytes), ..manifest.clone() };
     Ok((bytes, toml::to_string(&manifest)?))
-}
-
-/// Reason for which weights could not be written.
-#[derive(Debug, thiserror::Error)]
-pub enum WriteError {
-    /// A layer's numbers do not fill its shape.
-    #[error("tensors: {0}")]
-    Tensors(#[from] safetensors::SafeTensorError),
-    /// The manifest holds a value that TOML cannot.
-    #[error("manifest: {0}")]
-    Manifest(#[from] toml::ser::Error),
-}
-
-/// SHA-256, lower-case hex.
-pub fn sha256_hex(bytes: &[u8]) -> String {
-    Sha256::digest(bytes).iter().map(|byte| format!("{byte:02x}")).collect()
 }

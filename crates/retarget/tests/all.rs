@@ -5,7 +5,6 @@ mod contact;
 mod kinematics;
 mod limb_trajectory;
 mod network;
-mod perceptron;
 mod prediction;
 mod rate;
 mod resampling;

@@ -8,7 +8,8 @@ use crate::networks::{LATENT, Networks, Pose, REACH, Size};
 use crate::pairs::random_postures;
 use crate::session::encode_robot;
 use half::f16;
-use retarget::{ArmIdentity, ArmQ, Layers, Perceptron, sha256_hex, xyzw_from_rotation};
+use perceptron::{Perceptron, WIDTH_MAX};
+use retarget::{ArmIdentity, ArmQ, Layers, sha256_hex, xyzw_from_rotation};
 use safetensors::tensor::TensorView;
 use safetensors::{Dtype, SafeTensors};
 use serde::{Deserialize, Serialize};
@@ -83,7 +84,7 @@ impl Baseline {
         }
         let fits = (1..=2).contains(&manifest.pose.arms)
             && (1..=retarget::HIDDEN_MAX).contains(&manifest.size.hidden_layers)
-            && (1..=retarget::WIDTH_MAX).contains(&manifest.size.hidden_width);
+            && (1..=WIDTH_MAX).contains(&manifest.size.hidden_width);
         if !fits {
             return Err(damaged(base, format!("has networks of {:?} for {:?}", manifest.size, manifest.pose)));
         }

@@ -1,8 +1,9 @@
 //! Self-test of the networks: 64 fixed inputs are compared with a plain sum in f64. The test runs the code for
 //! this processor's vectors, on this processor, with the loaded weights.
 
-use super::{Dense, LATENT, Latent, Layers, Network, OVERREACH};
+use super::{LATENT, Latent, Layers, Network, OVERREACH};
 use crate::arm::{ARM_Q, ArmQ, FEATURES};
+use perceptron::Dense;
 
 /// Number of inputs.
 const INPUTS: usize = 64;
