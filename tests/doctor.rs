@@ -29,7 +29,14 @@ impl Patient {
         let text = shipped.replace("\"robots/", &robots).replace("\"../weights/", "\"weights/");
         std::fs::write(&config, text).expect("settings");
         std::fs::create_dir(folder.path().join("weights")).expect("a folder");
-        for name in ["tiago_dual.toml", "tiago_dual.safetensors", "prediction.toml", "prediction.safetensors"] {
+        for name in [
+            "tiago_dual.toml",
+            "tiago_dual.safetensors",
+            "prediction.toml",
+            "prediction.safetensors",
+            "lifter.toml",
+            "lifter.safetensors",
+        ] {
             let from = harness::repository().join("weights").join(name);
             std::fs::copy(from, folder.path().join("weights").join(name)).expect("weights");
         }

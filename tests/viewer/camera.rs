@@ -27,7 +27,8 @@ pub fn image(sent_ms: f64, age_ms: f64, angle: f32) -> Vec<u8> {
     for (n, mark) in marks.iter().enumerate() {
         let tremble = 2e-4 * (0.7 * sent_ms as f32 + n as f32).sin();
         bytes.extend(mark.map(|x| (x + tremble).to_le_bytes()).concat());
-        bytes.extend(0.9_f32.to_le_bytes());
+        // The camera is far: it sees 0.35 heights of the image for a metre.
+        bytes.extend([0.9, 0.35 * (mark[0] + tremble), 0.35 * (mark[1] + tremble)].map(f32::to_le_bytes).concat());
     }
     assert_eq!(bytes.len(), SIGHT_BYTES);
     bytes

@@ -6,7 +6,7 @@ use crate::choice::RobotChoice;
 use crate::operators::Operators;
 use crate::settings::Settings;
 use driver::Interface;
-use layouts::{Layouts, Map};
+use layouts::{Layouts, Lifter, Map};
 use messages::{FNV_BASIS, fnv};
 use retarget::Method;
 use robot::Model;
@@ -32,6 +32,8 @@ pub struct Loaded {
     pub weights: Option<retarget::Weights>,
     /// Prediction of the person's limbs. `None` if the settings name no file.
     pub prediction: Option<retarget::Prediction>,
+    /// The lifter of a camera's image points. `None` if the settings name no file.
+    pub lifter: Option<Lifter>,
     /// The layouts that clients may send.
     pub layouts: Layouts,
     /// Calibrations of the operators. They may change while the instance runs, so the hash excludes them.
@@ -182,14 +184,11 @@ pub fn load(config: &Path, overrides: Overrides) -> Result<Loaded, ConfigError> 
     } else {
         None
     };
-    let prediction_path = folder.join(&settings.retarget.prediction);
-    let prediction_files = weight_files(&prediction_path);
-    let prediction = if settings.retarget.prediction.is_empty() {
-        None
-    } else {
-        let read = read_prediction(&prediction_path);
-        Some(read.map_err(|error| name_weights(error, &prediction_files, config, "retarget.prediction"))?)
-    };
+    let optional = |name: &str, key: &str| (folder.join(name), key.to_owned(), !name.is_empty());
+    let prediction = optional(&settings.retarget.prediction, "retarget.prediction");
+    let (prediction, prediction_read) = read_optional(prediction, config, retarget::Prediction::read)?;
+    let lifter = optional(&settings.ingest.lifter, "ingest.lifter");
+    let (lifter, lifter_read) = read_optional(lifter, config, Lifter::read)?;
 
     // The obstacles are part of the text.
     let mut hash = fnv(FNV_BASIS, text.as_bytes());
@@ -201,22 +200,26 @@ pub fn load(config: &Path, overrides: Overrides) -> Result<Loaded, ConfigError> 
         let path = folder.join(name);
         let text = read_text(&path).map_err(|error| named(error, &path, config, "ingest.layouts"))?;
         let file = path.display().to_string();
-        layouts.add(&file, Map::parse(&file, &text)?)?;
+        let map = Map::parse(&file, &text)?;
+        if map.is_flat() && lifter.is_none() {
+            let (key, value) = ("joint".to_owned(), "`point` alone".to_owned());
+            let bound = "with `is` and `half_of`, or ingest.lifter must name a network".to_owned();
+            return Err(layouts::LayoutError::Value { file, key, value, bound }.into());
+        }
+        layouts.add(&file, map)?;
         hash = fnv(hash, text.as_bytes());
         files.push(path);
     }
     let operators_dir = folder.join(&settings.ingest.operators);
     let operators = Operators::read(&operators_dir)?;
     // The hash uses the text that was checked, because the file may have changed since.
-    let texts = [weights.as_ref().map(|(_, text)| text), prediction.as_ref().map(|(_, text)| text)];
-    for (text, both) in texts.into_iter().zip([weights_files, prediction_files]) {
-        if let Some(text) = text {
-            hash = fnv(hash, text.as_bytes());
-            files.extend(both);
-        }
+    let weights_read = weights.as_ref().map(|(_, text)| (text.clone(), weights_files));
+    for (text, both) in [weights_read, prediction_read, lifter_read].into_iter().flatten() {
+        hash = fnv(hash, text.as_bytes());
+        files.extend(both);
     }
-    let (weights, prediction) = (weights.map(|(weights, _)| weights), prediction.map(|(prediction, _)| prediction));
-    Ok(Loaded { settings, model, weights, prediction, layouts, operators, operators_dir, hash, files })
+    let weights = weights.map(|(weights, _)| weights);
+    Ok(Loaded { settings, model, weights, prediction, lifter, layouts, operators, operators_dir, hash, files })
 }
 
 /// Returns true if a chosen robot has no weights of its own, so that those of the settings were read.
@@ -275,8 +278,21 @@ fn read_weights(base: &Path, model: &Model) -> Result<(retarget::Weights, String
     read_weight_files(base, |manifest, tensors| retarget::Weights::from_bytes(manifest, tensors, model))
 }
 
-fn read_prediction(base: &Path) -> Result<(retarget::Prediction, String), ConfigError> {
-    read_weight_files(base, retarget::Prediction::read)
+/// Text of a manifest, and the two files that were read.
+type Checked = Option<(String, [PathBuf; 2])>;
+
+/// Reads the weights at a path that a key of the settings may name.
+fn read_optional<T>(
+    (path, key, is_named): (PathBuf, String, bool),
+    config: &Path,
+    read: impl FnOnce(&str, &[u8]) -> Result<T, retarget::WeightsError>,
+) -> Result<(Option<T>, Checked), ConfigError> {
+    if !is_named {
+        return Ok((None, None));
+    }
+    let files = weight_files(&path);
+    let (value, text) = read_weight_files(&path, read).map_err(|error| name_weights(error, &files, config, &key))?;
+    Ok((Some(value), Some((text, files))))
 }
 
 /// Applies `read` to the manifest and the tensors of `base`.

@@ -69,6 +69,10 @@ schema::table! {
         /// The robot moves as the person's image in a mirror. Its left arm follows the person's right one. Set it
         /// if the person faces the robot.
         mirror: bool = false;
+        /// Network that finds the directions of arms and trunk in the points of an image, as a path without extension,
+        /// relative to the settings file. It names `FILE.safetensors` and `FILE.toml`. With `""` there is none, and the
+        /// landmarker's own depth counts.
+        lifter: String = "../weights/lifter".to_owned();
         /// Layouts whose positions are filtered. `"cameras"` filters those that a camera sees, `"all"` filters every one,
         /// `"none"` filters none.
         filter: Filter = Filter::Cameras;

@@ -27,6 +27,8 @@ impl Folder {
             ("weights/tiago_dual.safetensors", "weights/tiago_dual.safetensors"),
             ("weights/prediction.toml", "weights/prediction.toml"),
             ("weights/prediction.safetensors", "weights/prediction.safetensors"),
+            ("weights/lifter.toml", "weights/lifter.toml"),
+            ("weights/lifter.safetensors", "weights/lifter.safetensors"),
         ] {
             std::fs::copy(repository().join(from), folder.path(to)).expect(from);
         }

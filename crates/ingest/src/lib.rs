@@ -7,7 +7,7 @@ mod authority;
 
 pub use authority::{Authority, ClientIdentity, Door};
 
-use layouts::{Layouts, Lengths, Map, Noise, NoiseState, Refusal};
+use layouts::{Layouts, Lengths, Lifter, Map, Noise, NoiseState, Refusal};
 use messages::{RawSkeleton, Stamp};
 use serde::{Deserialize, Serialize};
 use skeleton::{Calibration, DropReason, Output};
@@ -29,6 +29,8 @@ pub struct Config {
     pub layouts: Layouts,
     /// Calibrations of the operators, by the client's numbers of the person and the layout.
     pub calibrations: Vec<((u32, u32), Calibration)>,
+    /// What finds directions in the points of an image.
+    pub lifter: Option<Lifter>,
     /// Layouts whose positions are filtered.
     pub filter: Filter,
     /// The person's mirror image is passed on.
@@ -48,6 +50,8 @@ pub struct State {
     pub skeleton: skeleton::State,
     noise: NoiseState,
     lengths: Lengths,
+    /// The person of the last frame that was accepted.
+    person: u32,
 }
 
 impl State {
@@ -57,25 +61,35 @@ impl State {
     }
 }
 
-/// Converts, filters and checks a frame. A camera's frame gets the lengths of its session. A frame of an unknown layout is
+/// Converts, lifts, filters and checks a frame. A camera's frame gets the lengths of its session. A frame of an unknown layout is
 /// dropped and counted like all others. Never allocates, blocks, logs, reads a clock or panics, whatever the bits.
 pub fn tick(config: &Config, state: &mut State, now: Stamp, raw: &RawSkeleton) -> Output {
-    let camera = config.layouts.find(raw.layout).is_some_and(Map::camera);
+    let map = config.layouts.find(raw.layout);
+    let camera = map.is_some_and(Map::camera);
     let mut frame = match config.layouts.convert(raw) {
         Ok(frame) => frame,
         Err(Refusal::Layout) => return state.skeleton.refuse(DropReason::Layout),
         Err(Refusal::Count) => return state.skeleton.refuse(DropReason::Count),
     };
+    if let Some((lifter, image)) = config.lifter.as_ref().zip(map.and_then(|map| map.image(raw))) {
+        lifter.apply(&image, state.lengths.over_trunk(), &mut frame);
+    }
     if config.filter == Filter::All || camera && config.filter == Filter::Cameras {
         config.noise.filter(&mut state.noise, raw.layout, &mut frame);
     }
     let known = config.calibrations.iter().find(|(of, _)| *of == (raw.operator_id, raw.layout));
     let stored = known.map(|(_, calibration)| calibration);
-    if camera {
-        state.lengths.settle(raw.layout, config.seen.confidence_min, &mut frame);
-    }
     let bounds = if camera { &config.seen } else { &config.measured };
+    if camera && !state.lengths.settle(raw.layout, bounds.confidence_min, bounds.distrust_after_ns, &mut frame) {
+        return state.skeleton.refuse(DropReason::LengthChange);
+    }
     let mut out = skeleton::tick(bounds, &mut state.skeleton, now, skeleton::Input { raw: &frame, stored });
+    if let Some(skeleton) = &out.skeleton {
+        if skeleton.operator_id != state.person {
+            state.lengths.forget();
+        }
+        state.person = skeleton.operator_id;
+    }
     if config.mirror {
         out.skeleton = out.skeleton.as_ref().map(skeleton::mirror_image);
     }

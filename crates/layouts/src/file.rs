@@ -2,6 +2,7 @@
 
 use crate::axes::{Axes, Direction};
 use crate::error::LayoutError;
+use crate::lifter::{POINTS, Point};
 use crate::map::{Map, NONE, Sends};
 use messages::{CUSTOM_LAYOUTS, RAW_JOINTS_MAX, SMPL_JOINTS, SMPL_NAMES};
 use serde::Deserialize;
@@ -66,6 +67,8 @@ struct Joint {
     is: Option<String>,
     /// The joint of SMPL-22 that lies in the middle between this joint and another one.
     half_of: Option<String>,
+    /// The point of an image that it is. x and y are then in heights of the image from its middle, y down.
+    point: Option<String>,
     /// Name of its parent joint.
     parent: Option<String>,
 }
@@ -100,6 +103,7 @@ impl Map {
             camera: read.camera,
             confidence_max: read.confidence_max,
             from: [[NONE; 2]; SMPL_JOINTS],
+            image: [NONE; POINTS],
             parent: [NONE; RAW_JOINTS_MAX],
             order: [0; RAW_JOINTS_MAX],
             ordered: 0,
@@ -188,6 +192,19 @@ fn joints(read: &File, map: &mut Map, refuse: Refuse<'_>) -> Result<(), LayoutEr
 
 /// Records the joint of SMPL-22 that the client's joint is, or is half of.
 fn place(map: &mut Map, joint: &Joint, refuse: Refuse<'_>) -> Result<(), LayoutError> {
+    if let Some(name) = &joint.point {
+        let refuse = |bound: &str| Err(refuse(&format!("joint {:?} point", joint.name), &format!("{name:?}"), bound));
+        return match Point::NAMES.iter().position(|known| known == name) {
+            None => refuse(&format!("one of {}", Point::NAMES.join(", "))),
+            Some(_) if joint.is.is_some() || joint.half_of.is_some() => refuse("given without `is` and `half_of`"),
+            Some(_) if !map.camera => refuse("given with camera = true only"),
+            Some(point) if map.image[point] != NONE => refuse("a point that no other row names"),
+            Some(point) => {
+                map.image[point] = joint.index as u8;
+                Ok(())
+            }
+        };
+    }
     let (field, name) = match (&joint.is, &joint.half_of) {
         (None, None) => return Ok(()),
         (Some(_), Some(_)) => {

@@ -9,7 +9,8 @@
 //!   lengths. The directions of the limbs are right, but the lengths are not the person's.
 //!
 //! Camera data is noisy, and sometimes a single joint is far off for one frame. [`Noise`] filters both before the
-//! frame is judged. [`Lengths`] gives limbs the lengths of the session.
+//! frame is judged. [`Lengths`] gives limbs the lengths of the session. [`Lifter`] finds their directions in the points of an
+//! image.
 
 #![forbid(clippy::disallowed_macros, clippy::disallowed_methods, clippy::disallowed_types)]
 
@@ -20,6 +21,8 @@ mod convert;
 mod error;
 mod file;
 mod lengths;
+mod lift;
+mod lifter;
 mod map;
 mod neutral;
 mod noise;
@@ -29,5 +32,9 @@ pub use axes::{Axes, Direction};
 pub use convert::Refusal;
 pub use error::LayoutError;
 pub use lengths::Lengths;
+pub use lifter::{
+    DIRECTIONS, ImagePoints, LENGTHS, LIFTER_INPUTS, LIFTER_OUTPUTS, LIFTER_WIDTHS, Lifted, Lifter, LifterManifest,
+    POINTS, Point,
+};
 pub use map::{Layouts, Map, Sends};
 pub use noise::{Noise, NoiseState};

@@ -2,7 +2,8 @@
 
 use crate::axes::Axes;
 use crate::error::LayoutError;
-use messages::{RAW_JOINTS_MAX, SMPL_JOINTS, SMPL_PARENT, Smpl};
+use crate::lifter::{ImagePoints, POINTS, Point};
+use messages::{RAW_JOINTS_MAX, RawSkeleton, SMPL_JOINTS, SMPL_PARENT, Smpl, raw_flag};
 use serde::Deserialize;
 
 /// Data that a layout sends, besides confidences.
@@ -41,6 +42,8 @@ pub struct Map {
     pub(crate) confidence_max: f64,
     /// For each joint of SMPL-22: the client's joint, or two whose middle it is, or `NONE`.
     pub(crate) from: [[u8; 2]; SMPL_JOINTS],
+    /// The client's joint that is each point of an image, or `NONE`.
+    pub(crate) image: [u8; POINTS],
     /// Parent of each of the client's joints. `NONE` for the root and for unused joints.
     pub(crate) parent: [u8; RAW_JOINTS_MAX],
     /// The client's joints whose local rotations are needed, parents before children.
@@ -51,6 +54,18 @@ pub struct Map {
 /// Joints that every layout must have, because the arms are retargeted.
 const ARMS: [Smpl; 6] =
     [Smpl::LeftShoulder, Smpl::RightShoulder, Smpl::LeftElbow, Smpl::RightElbow, Smpl::LeftWrist, Smpl::RightWrist];
+
+/// Points that a layout without positions must have.
+const IMAGE: [Point; 8] = [
+    Point::LeftShoulder,
+    Point::RightShoulder,
+    Point::LeftElbow,
+    Point::RightElbow,
+    Point::LeftWrist,
+    Point::RightWrist,
+    Point::LeftHip,
+    Point::RightHip,
+];
 
 impl Map {
     /// Number by which a frame names the layout.
@@ -68,12 +83,37 @@ impl Map {
         self.camera
     }
 
+    /// Returns true if joints come from the points of an image alone. Such a layout needs a [`Lifter`](crate::Lifter).
+    pub fn is_flat(&self) -> bool {
+        self.camera && !ARMS.into_iter().any(|joint| self.has(joint as usize))
+    }
+
+    /// Returns the points of an image that the frame has, with the person's own left and right. `None` if the layout has none.
+    pub fn image(&self, raw: &RawSkeleton) -> Option<ImagePoints> {
+        if self.image.iter().all(|&joint| joint == NONE) || raw.joint_count as usize != self.joints {
+            return None;
+        }
+        let mut image = ImagePoints::NONE;
+        for (point, &joint) in self.image.iter().enumerate().filter(|&(_, &joint)| joint != NONE) {
+            let [x, y, _] = raw.positions[usize::from(joint)];
+            if x.is_finite() && y.is_finite() {
+                image.points[point] = [x, y];
+                image.seen[point] = raw.confidence[usize::from(joint)] / self.confidence_max as f32;
+            }
+        }
+        Some(if raw.flags & raw_flag::MIRRORED == 0 { image } else { image.mirrored() })
+    }
+
     pub(crate) fn has(&self, joint: usize) -> bool {
         self.from[joint][0] != NONE
     }
 
     /// Returns a joint of SMPL-22 that is missing and cannot be derived.
     pub(crate) fn missing(&self) -> Option<usize> {
+        let points = IMAGE.map(|point| self.image[point as usize]);
+        if self.is_flat() && points.iter().all(|&joint| joint != NONE) {
+            return None;
+        }
         let arm = ARMS.into_iter().map(|joint| joint as usize).find(|&joint| !self.has(joint));
         let pelvis = self.has(Smpl::Pelvis as usize);
         let hips = [Smpl::LeftHip as usize, Smpl::RightHip as usize].into_iter().find(|&joint| !self.has(joint));

@@ -6,6 +6,7 @@ mod custom;
 mod frames;
 mod golden;
 mod lengths;
+mod lifter;
 mod local;
 mod noise;
 mod outliers;

@@ -8,6 +8,8 @@ use nalgebra::Vector3;
 use skeleton::{Config, Input, State, tick};
 
 const CAMERA: u32 = SkeletonLayout::MediaPipe33 as u32;
+/// As `skeleton::Config::distrust_after_ns`.
+const OTHER_NS: u64 = 250_000_000;
 /// Ends of the bones of both arms: left upper arm and forearm, right ones.
 const BONES: [[usize; 2]; 4] = [[16, 18], [18, 20], [17, 19], [19, 21]];
 
@@ -32,7 +34,7 @@ fn stretch(raw: &mut RawSkeleton, side: usize, factors: [f32; 2]) {
 }
 
 fn settled(lengths: &mut Lengths, mut raw: RawSkeleton) -> RawSkeleton {
-    lengths.settle(CAMERA, 0.5, &mut raw);
+    lengths.settle(CAMERA, 0.5, OTHER_NS, &mut raw);
     raw
 }
 
@@ -116,4 +118,43 @@ fn joints_that_coincide_at_first_teach_no_length() {
     assert!(settled(&mut lengths, first).confidence[20] < 0.5);
     let out = settled(&mut lengths, frame(1));
     assert!((bone(&out, BONES[1]).norm() / bone(&frame(1), BONES[1]).norm() - 1.0).abs() < 1e-5);
+}
+
+/// The same posture of a smaller body.
+fn smaller(i: u64, factor: f32) -> RawSkeleton {
+    let mut raw = frame(i);
+    raw.positions[..22].as_flattened_mut().iter_mut().for_each(|x| *x *= factor);
+    raw
+}
+
+#[test]
+fn f016_body_of_another_size_is_another_person() {
+    for (factor, is_other) in [(0.85, false), (0.66, true), (1.5, true)] {
+        let mut lengths = Lengths::default();
+        (0..100).for_each(|i| _ = settled(&mut lengths, frame(i)));
+        let mut refused = Vec::new();
+        for i in 100..130 {
+            let mut raw = smaller(i, factor);
+            if !lengths.settle(CAMERA, 0.5, OTHER_NS, &mut raw) {
+                assert_eq!(raw.positions, smaller(i, factor).positions, "frame {i} stays as it is");
+                refused.push(i);
+            }
+        }
+        assert_eq!(!refused.is_empty(), is_other, "{factor}");
+        if is_other {
+            let (first, last) = (refused[0], refused[refused.len() - 1]);
+            assert!((103..=112).contains(&first) && (7..=9).contains(&(last - first)), "{factor}: {first} to {last}");
+            let trunk = |raw: &RawSkeleton| bone(raw, [1, 16]).norm();
+            let settled = settled(&mut lengths, smaller(130, factor));
+            assert!((trunk(&settled) / trunk(&smaller(130, factor)) - 1.0).abs() < 1e-3, "{factor}: its own lengths");
+        }
+    }
+    // One image of another size, and a wrong first one, refuse nobody.
+    let mut lengths = Lengths::default();
+    for i in 0..60 {
+        let mut raw = smaller(i, if i == 0 || i == 40 { 0.5 } else { 1.0 });
+        assert!(lengths.settle(CAMERA, 0.5, OTHER_NS, &mut raw), "frame {i}");
+        let trunk = |raw: &RawSkeleton| bone(raw, [1, 16]).norm();
+        assert!(i < 15 || (trunk(&raw) / trunk(&frame(i)) - 1.0).abs() < 0.06, "frame {i}");
+    }
 }

@@ -88,6 +88,9 @@ pub enum SkeletonLayout {
     /// The 55 bones of Unity's `HumanBodyBones`, as VMC sends them: left-handed, x right, y up, z forward. Local
     /// rotations are x y z w, identity in the T-pose.
     UnityHumanoid = 7,
+    /// The 33 world landmarks of MediaPipe Pose as in `MediaPipe33`, then its 33 image landmarks: x to the right and y down
+    /// from the middle of the image, in heights of the image. z is unused.
+    MediaPipe66 = 8,
 }
 
 /// The numbers that layouts from files may have.

@@ -11,7 +11,7 @@ const PYTHON: &str = "/../../tools/clients/python/teleopd_client/layout.py";
 const C: &str = "/../../tools/clients/c/teleopd.h";
 
 /// Names, values and meanings of the numbers that a frame holds.
-const NUMBERS: [(&str, u64, &str); 24] = [
+const NUMBERS: [(&str, u64, &str); 25] = [
     ("RAW_JOINTS_MAX", RAW_JOINTS_MAX as u64, "the most joints that a frame can carry"),
     ("LIMBS", LIMBS as u64, "left upper arm, left forearm, right upper arm, right forearm"),
     ("LAYOUT_SMPL22", SkeletonLayout::Smpl22 as u64, "SMPL-22, metres, x forward, y left, z up"),
@@ -29,6 +29,11 @@ const NUMBERS: [(&str, u64, &str); 24] = [
     ),
     ("LAYOUT_XSENS_MVN23", SkeletonLayout::XsensMvn23 as u64, "Xsens MVN segments, metres, z up; w x y z"),
     ("LAYOUT_UNITY", SkeletonLayout::UnityHumanoid as u64, "Unity HumanBodyBones, left-handed, local rotations"),
+    (
+        "LAYOUT_MEDIAPIPE66",
+        SkeletonLayout::MediaPipe66 as u64,
+        "MediaPipe33, then the image landmarks, heights of the image from its middle, y down",
+    ),
     ("FLAG_MIRRORED", raw_flag::MIRRORED as u64, "the image was mirrored: left and right are swapped"),
     ("FLAG_ROTATIONS", raw_flag::ROTATIONS as u64, "rotations are filled"),
     (

@@ -93,7 +93,8 @@ fn default_poses_are_apart_and_every_mix_is_collision_free() {
 fn ingest_accepts_all_frames_but_the_first_of_a_dragged_handle() {
     let loaded = loaded();
     let triangle = triangle(&loaded, &["hands-on-head", "cross-arms", "point-forward"]);
-    let config = world::input_config(&loaded.settings.ingest, loaded.layouts.clone(), &loaded.operators);
+    let config =
+        world::input_config(&loaded.settings.ingest, loaded.layouts.clone(), &loaded.operators, loaded.lifter.clone());
     let (mut state, mut now) = (ingest::State::default(), Stamp(1_000_000_000));
     let mut seed = 11_u64;
     // Knuth's linear congruential generator (MMIX).

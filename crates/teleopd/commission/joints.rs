@@ -100,7 +100,7 @@ fn judge(facts: &Facts, path: &Path, before: &[f64; JOINTS_MAX], samples: &[Samp
     let fits = (moved - path.by).abs() <= bound;
     if !fits {
         return Err(format!(
-            "{name} was commanded {} and is measured to move by {}: they may differ by {} (safety.tracking_error)",
+            "{name} was commanded {} and is measured to move by {}: they may differ by {} (safety.tracking_error_rad, or tracking_error_m)",
             length(path.by),
             length(moved),
             length(bound)

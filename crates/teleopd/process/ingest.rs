@@ -51,6 +51,7 @@ pub fn run(place: &InstanceArgs) -> Result<(), Failure> {
             &process.loaded.settings.ingest,
             process.loaded.layouts.clone(),
             &process.loaded.operators,
+            process.loaded.lifter.clone(),
         ),
         state: ingest::State::default(),
         skeletons,

@@ -10,13 +10,15 @@ async function load(base) {
   landmarker = await PoseLandmarker.createFromOptions(files, options);
 }
 
-// Answers with the landmarks in the image and in the world. Both are null if nobody is there.
+// Answers with the landmarks in the image and in the world, and the image's breadth in its heights. Landmarks are null if
+// nobody is there.
 function look(image, at) {
   // The landmarker wants times that grow.
   before = Math.max(before + 1, Math.round(at));
   const found = landmarker.detectForVideo(image, before);
   const numbers = (marks) => marks?.map(({ x, y, z, visibility }) => [x, y, z, visibility ?? 0]) ?? null;
-  return { inImage: numbers(found.landmarks[0]), inWorld: numbers(found.worldLandmarks[0]) };
+  const wide = (image.displayWidth ?? image.width) / (image.displayHeight ?? image.height);
+  return { wide, inImage: numbers(found.landmarks[0]), inWorld: numbers(found.worldLandmarks[0]) };
 }
 
 onmessage = async ({ data: { base, image, at } }) => {

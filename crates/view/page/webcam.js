@@ -16,9 +16,15 @@ const [AGE_MAX, RATE_MIN] = [100, 20];
 // Where the browser keeps the person's name.
 const NAME = "teleopd-person";
 
+// Returns each landmark in the world with its place in the image: heights of the image from its middle. `wide` is the image's
+// breadth in its heights.
+export function joined(inWorld, inImage, wide) {
+  return inWorld?.map((mark, n) => [...mark, (inImage[n][0] - 0.5) * wide, inImage[n][1] - 0.5]) ?? null;
+}
+
 // Returns the message about an image, as `sight.rs` reads it: the times, then the switch and the landmarks.
 export function encode(sent, age, mirrored, marks) {
-  const bytes = new ArrayBuffer(marks ? 16 + 4 * (1 + 4 * LANDMARKS) : 16);
+  const bytes = new ArrayBuffer(marks ? 16 + 4 * (1 + 6 * LANDMARKS) : 16);
   new Float64Array(bytes, 0, 2).set([sent, age]);
   if (marks) new Float32Array(bytes, 16).set([mirrored ? 1 : 0, ...marks.flat()]);
   return bytes;
@@ -119,7 +125,7 @@ export class Webcam {
     this.show("off");
   }
 
-  hear({ ready, failed, at, inImage, inWorld }) {
+  hear({ ready, failed, at, wide, inImage, inWorld }) {
     if (failed) return this.stop(`The landmarker failed: ${failed}`);
     if (ready) {
       this.seenAt = performance.now();
@@ -128,7 +134,7 @@ export class Webcam {
       return this.next(run);
     }
     this.busy = false;
-    this.report(at, inImage, inWorld);
+    this.report(at, wide, inImage, inWorld);
   }
 
   check() {
@@ -176,13 +182,13 @@ export class Webcam {
     this.worker.postMessage({ image, at }, [image]);
   }
 
-  report(at, inImage, inWorld) {
+  report(at, wide, inImage, inWorld) {
     const now = performance.now(), age = Math.max(0, now - at);
     this.seenAt = now;
     this.times = [...this.times.filter((time) => now - time < 1000), now];
     // The first image asks for the lease. Before that the landmarker loads, which takes seconds.
     if (!this.asked) this.asked = this.wire.ask("camera", { on: true, name: this.name() });
-    if (!this.asked || !this.wire.send(encode(now, age, this.mirrored, inWorld))) return this.stop("Not connected, so the camera is off.");
+    if (!this.asked || !this.wire.send(encode(now, age, this.mirrored, joined(inWorld, inImage, wide)))) return this.stop("Not connected, so the camera is off.");
     this.age = age;
     this.draw(inImage);
     for (const arm of Object.keys(ARMS)) this.showArm(arm, confidence(inWorld, arm), inWorld !== null);

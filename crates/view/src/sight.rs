@@ -4,13 +4,15 @@ use messages::{Layout, RawSkeleton, SkeletonLayout, raw_flag};
 
 /// Landmarks of a person in MediaPipe's layout.
 pub const LANDMARKS: usize = 33;
-/// Bytes of a message: two numbers of double precision, the mirrored switch, and four numbers for each landmark.
-pub const SIGHT_BYTES: usize = 16 + 4 + 16 * LANDMARKS;
+/// Numbers of a landmark: x, y and z, m, its visibility, and its place in the image, in heights of the image.
+const NUMBERS: usize = 6;
+/// Bytes of a message: two numbers of double precision, the mirrored switch, and the numbers of each landmark.
+pub const SIGHT_BYTES: usize = 16 + 4 + 4 * NUMBERS * LANDMARKS;
 /// Bytes of a message about an image that shows nobody.
 pub const NOBODY_BYTES: usize = 16;
 /// Largest age of an image, ms. `ingest` drops what is older than 100 ms. A larger age than this one is an error.
 pub const AGE_MS_MAX: f64 = 500.0;
-/// Largest coordinate of a landmark, m. Landmarks are relative to the hips. Assumption: a person is smaller.
+/// Largest coordinate of a landmark, m or heights of the image. Landmarks are relative to the hips. Assumption: a person is smaller.
 const REACH_M_MAX: f32 = 5.0;
 
 /// Reasons for which a message is refused.
@@ -43,8 +45,9 @@ pub struct Sight {
 pub struct Person {
     /// The image itself was mirrored.
     pub mirrored: bool,
-    /// x, y and z of each landmark, m, and its visibility.
-    pub landmarks: [[f32; 4]; LANDMARKS],
+    /// x, y and z of each landmark, m, its visibility, and its place in the image: heights of the image from its middle, y
+    /// down.
+    pub landmarks: [[f32; NUMBERS]; LANDMARKS],
 }
 
 impl Sight {
@@ -72,11 +75,12 @@ pub(crate) fn times(bytes: &[u8]) -> Result<[f64; 2], Refusal> {
 }
 
 fn person(mirrored: f32, marks: &[[u8; 4]]) -> Result<Person, Refusal> {
-    let (marks, _) = marks.as_chunks::<4>();
+    let (marks, _) = marks.as_chunks::<NUMBERS>();
     let landmarks = std::array::from_fn(|n| marks[n].map(f32::from_le_bytes));
     let is_near = |x: &f32| x.abs() <= REACH_M_MAX;
-    let is_valid =
-        |[x, y, z, visibility]: &[f32; 4]| [x, y, z].into_iter().all(is_near) && (0.0..=1.0).contains(visibility);
+    let is_valid = |[x, y, z, visibility, u, v]: &[f32; NUMBERS]| {
+        [x, y, z, u, v].into_iter().all(is_near) && (0.0..=1.0).contains(visibility)
+    };
     if ![0.0, 1.0].contains(&mirrored) || !landmarks.iter().all(is_valid) {
         return Err(Refusal::Number);
     }
@@ -87,12 +91,12 @@ impl Person {
     /// Returns the frame for `ingest`, without its header.
     pub fn frame(&self) -> RawSkeleton {
         let mut frame = RawSkeleton::ZERO;
-        frame.layout = SkeletonLayout::MediaPipe33 as u32;
-        frame.joint_count = LANDMARKS as u32;
+        frame.layout = SkeletonLayout::MediaPipe66 as u32;
+        frame.joint_count = 2 * LANDMARKS as u32;
         frame.flags = if self.mirrored { raw_flag::MIRRORED } else { 0 };
-        for (n, [x, y, z, visibility]) in self.landmarks.into_iter().enumerate() {
-            frame.positions[n] = [x, y, z];
-            frame.confidence[n] = visibility;
+        for (n, [x, y, z, visibility, u, v]) in self.landmarks.into_iter().enumerate() {
+            (frame.positions[n], frame.positions[LANDMARKS + n]) = ([x, y, z], [u, v, 0.0]);
+            (frame.confidence[n], frame.confidence[LANDMARKS + n]) = (visibility, visibility);
         }
         frame
     }

@@ -285,7 +285,7 @@ mod tests {
 
     /// An image that the page sent at `sent_ms`, and that arrived `arrived_ms` after an arbitrary time.
     fn image(sent_ms: f64, age_ms: f64, arrived_ms: u64) -> CameraRequest {
-        let person = Some(Box::new(Person { mirrored: false, landmarks: [[0.5; 4]; 33] }.frame()));
+        let person = Some(Box::new(Person { mirrored: false, landmarks: [[0.5; 6]; 33] }.frame()));
         CameraRequest::Image(Stamp(arrived_ms * 1_000_000), Ok(Sight { sent_ms, age_ms, person }))
     }
 
@@ -302,7 +302,7 @@ mod tests {
         await_frames(&mut ingest, 3);
         let origins: Vec<_> = ingest.frames.iter().map(|frame| frame.header.origin.0 / 1_000_000).collect();
         assert_eq!(origins, [9970, 10_003, 10_660]);
-        assert!(ingest.frames.iter().all(|frame| frame.layout == 4 && frame.header.incarnation != 0));
+        assert!(ingest.frames.iter().all(|frame| frame.layout == 8 && frame.header.incarnation != 0));
         assert_eq!(ingest.frames.iter().map(|frame| frame.header.sequence).collect::<Vec<_>>(), [1, 2, 3]);
         assert_eq!(report(&mut ingest, &webcam, |report| !report.on).refused, 1);
     }

@@ -6,8 +6,8 @@ use view::{AGE_MS_MAX, LANDMARKS, NOBODY_BYTES, POLICY, Refusal, SIGHT_BYTES, Si
 
 /// The switch, and landmarks that all differ.
 fn numbers() -> Vec<f32> {
-    let marks = (0..LANDMARKS).flat_map(|n| [0.01 * n as f32, -0.02 * n as f32, 0.03 * n as f32, n as f32 / 40.0]);
-    std::iter::once(1.0).chain(marks).collect()
+    let mark = |n: f32| [0.01 * n, -0.02 * n, 0.03 * n, n / 40.0, 0.02 * n, 0.01 * n];
+    std::iter::once(1.0).chain((0..LANDMARKS).flat_map(|n| mark(n as f32))).collect()
 }
 
 #[test]
@@ -15,10 +15,11 @@ fn image_becomes_frame_of_mediapipe_layout() {
     let sight = Sight::decode(&message(7.5, 33.0, &numbers())).expect("valid");
     assert_eq!((sight.sent_ms, sight.age_ms), (7.5, 33.0));
     let frame = *sight.person.expect("a person");
-    assert_eq!((frame.layout, frame.joint_count), (SkeletonLayout::MediaPipe33 as u32, 33));
+    assert_eq!((frame.layout, frame.joint_count), (SkeletonLayout::MediaPipe66 as u32, 66));
     assert_eq!(frame.flags, raw_flag::MIRRORED);
     assert_eq!((frame.positions[32], frame.confidence[32]), ([0.32, -0.64, 0.03 * 32.0], 0.8));
-    assert!(frame.positions[33..].as_flattened().iter().chain(&frame.confidence[33..]).all(|&x| x == 0.0));
+    assert_eq!((frame.positions[65], frame.confidence[65]), ([0.64, 0.32, 0.0], 0.8));
+    assert!(frame.positions[66..].as_flattened().iter().chain(&frame.confidence[66..]).all(|&x| x == 0.0));
     let mut plain = numbers();
     plain[0] = 0.0;
     let sight = Sight::decode(&message(7.5, 33.0, &plain)).expect("valid");
@@ -35,10 +36,10 @@ fn invalid_image_is_refused_with_reason() {
     };
     for (bytes, refusal) in [
         (with(1, f32::NAN), Refusal::Number),
-        (with(132, f32::INFINITY), Refusal::Number),
+        (with(198, f32::INFINITY), Refusal::Number),
         (with(4, 1.01), Refusal::Number),
         (with(4, -0.01), Refusal::Number),
-        (with(5, 5.1), Refusal::Number),
+        (with(6, 5.1), Refusal::Number),
         (with(0, 0.5), Refusal::Number),
         (message(f64::NAN, 2.0, &numbers()), Refusal::Number),
         (message(1.0, f64::NAN, &numbers()), Refusal::Age),

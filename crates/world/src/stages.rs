@@ -3,7 +3,7 @@
 use crate::simulated;
 use config::{ConfigError, DriverKind, IngestSettings, Loaded, Operators, Settings};
 use driver::Interface;
-use layouts::{Layouts, Noise};
+use layouts::{Layouts, Lifter, Noise};
 use messages::JOINTS_MAX;
 use retarget::ArmModel;
 use safety::{engage, gate, gripper};
@@ -13,10 +13,16 @@ use safety::{engage, gate, gripper};
 const FILTER_STEP_M: f64 = 0.15;
 
 /// Returns the configuration of `ingest`.
-pub fn input_config(settings: &IngestSettings, layouts: Layouts, operators: &Operators) -> ingest::Config {
+pub fn input_config(
+    settings: &IngestSettings,
+    layouts: Layouts,
+    operators: &Operators,
+    lifter: Option<Lifter>,
+) -> ingest::Config {
     let measured = skeleton::Config::default();
     ingest::Config {
         layouts,
+        lifter,
         calibrations: operators.calibrations(),
         filter: settings.filter,
         mirror: settings.mirror,

@@ -49,7 +49,12 @@ impl WorldConfig {
     /// Builds the configuration of one virtual instance, with the stale times of a real-time machine.
     pub fn new(loaded: &Loaded) -> Result<Self, ConfigError> {
         Ok(Self {
-            input: crate::input_config(&loaded.settings.ingest, loaded.layouts.clone(), &loaded.operators),
+            input: crate::input_config(
+                &loaded.settings.ingest,
+                loaded.layouts.clone(),
+                &loaded.operators,
+                loaded.lifter.clone(),
+            ),
             retarget: crate::retarget_config(loaded)?,
             control: crate::control_config(loaded, true)?,
             robot: simulated_config(loaded, false)?,

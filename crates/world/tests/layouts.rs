@@ -77,7 +77,12 @@ fn f017_outliers_are_counted_only_where_settings_enable_filter() {
     let play = |filter: Filter, outliers_mad: f64| {
         let mut loaded = support::loaded();
         (loaded.settings.ingest.filter, loaded.settings.ingest.filter_outliers_mad) = (filter, outliers_mad);
-        let config = world::input_config(&loaded.settings.ingest, loaded.layouts.clone(), &loaded.operators);
+        let config = world::input_config(
+            &loaded.settings.ingest,
+            loaded.layouts.clone(),
+            &loaded.operators,
+            loaded.lifter.clone(),
+        );
         let mut state = ingest::State::default();
         for i in 0..60_u64 {
             let mut raw = motion::raw_frame(&motion, i as usize, &calibration);
@@ -102,7 +107,12 @@ fn mirrored_person_waves_with_other_hand() {
     let waving = |mirror: bool| {
         let mut loaded = support::loaded();
         loaded.settings.ingest.mirror = mirror;
-        let config = world::input_config(&loaded.settings.ingest, loaded.layouts.clone(), &loaded.operators);
+        let config = world::input_config(
+            &loaded.settings.ingest,
+            loaded.layouts.clone(),
+            &loaded.operators,
+            loaded.lifter.clone(),
+        );
         let mut state = ingest::State::default();
         let mut last = None;
         // The right hand waves from 5 s on.

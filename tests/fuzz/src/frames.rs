@@ -25,7 +25,7 @@ static SHIPPED: LazyLock<ingest::Config> = LazyLock::new(|| {
 /// Returns the shipped settings with these layouts.
 fn with(layouts: Layouts) -> ingest::Config {
     let settings = Settings::parse("teleop.toml", crate::settings::TEXT).expect("shipped");
-    world::input_config(&settings.ingest, layouts, &config::Operators::default())
+    world::input_config(&settings.ingest, layouts, &config::Operators::default(), None)
 }
 
 /// Runs the input. The first byte selects the meaning of the others. 0: a file. 1: changes of a shipped file

@@ -27,6 +27,7 @@ pub(crate) fn run(input: &[u8]) {
         model,
         weights: None,
         prediction: None,
+        lifter: None,
         layouts: layouts::Layouts::default(),
         operators: config::Operators::default(),
         operators_dir: std::path::PathBuf::new(),

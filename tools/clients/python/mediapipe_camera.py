@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Publishes the person whom a webcam or a video shows, as MediaPipe's 33 world landmarks.
+"""Publishes the person whom a webcam or a video shows: MediaPipe's 33 landmarks in the world, and where they are in the image.
 
     pip install './tools/clients/python[camera]'
     teleopd-camera                        # camera 0
@@ -20,12 +20,12 @@ import subprocess
 import sys
 import time
 
-from teleopd_client import DEFAULT_RUN_DIR, LAYOUT_MEDIAPIPE33, SkeletonPublisher, TeleopdError
+from teleopd_client import DEFAULT_RUN_DIR, LAYOUT_MEDIAPIPE66, SkeletonPublisher, TeleopdError
 
 #: landmarkers that teleopd makes
 MADE = ("full", "lite")
-#: landmarks of a pose
-LANDMARKS = 33
+#: landmarks of a pose, in the world and in the image
+LANDMARKS = 66
 #: frames a second of a video whose file does not say
 FPS = 30.0
 
@@ -49,7 +49,7 @@ def made(name):
 
 
 def detector(model):
-    """A function of an RGB image and its time in ms: 33 rows of x, y, z in metres and 33 visibilities, or None for nobody."""
+    """A function of an RGB image and its time in ms: the rows of the layout and their visibilities, or None for nobody."""
     if model in MADE:
         model = made(model)
     if not os.path.isfile(model):
@@ -69,10 +69,13 @@ def detector(model):
 
     def detect(rgb, at_ms):
         image = mediapipe.Image(image_format=mediapipe.ImageFormat.SRGB, data=rgb)
-        found = landmarker.detect_for_video(image, at_ms).pose_world_landmarks
-        if not found:
+        found = landmarker.detect_for_video(image, at_ms)
+        if not found.pose_world_landmarks:
             return None
-        return [(mark.x, mark.y, mark.z) for mark in found[0]], [mark.visibility for mark in found[0]]
+        world, marks, wide = found.pose_world_landmarks[0], found.pose_landmarks[0], rgb.shape[1] / rgb.shape[0]
+        # Heights of the image from its middle.
+        rows = [(mark.x, mark.y, mark.z) for mark in world] + [((mark.x - 0.5) * wide, mark.y - 0.5, 0.0) for mark in marks]
+        return rows, 2 * [mark.visibility for mark in world]
 
     # Its threads end before Python does.
     detect.close = landmarker.close
@@ -132,7 +135,7 @@ def follow(publisher, pictures, detect, mirrored=False):
             continue
         positions, visibility = person
         if len(positions) != LANDMARKS:
-            raise Refused(f"the model gives {len(positions)} landmarks, not {LANDMARKS}: it is not a pose landmarker")
+            raise Refused(f"the model gives {len(positions) // 2} landmarks, not {LANDMARKS // 2}: it is not a pose landmarker")
         publisher.publish(positions, confidence=visibility, seen_ns=at_ns, mirrored=mirrored)
         seen += 1
     return seen, shown
@@ -156,7 +159,7 @@ def main(given=None):
     signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         landmarker = contextlib.closing(detector(options.model))
-        with landmarker as detect, SkeletonPublisher(options.run_dir, layout=LAYOUT_MEDIAPIPE33) as publisher:
+        with landmarker as detect, SkeletonPublisher(options.run_dir, layout=LAYOUT_MEDIAPIPE66) as publisher:
             print(f"publishing to {options.run_dir}; Ctrl-C ends", flush=True)
             pictures = images(options.camera, options.video, options.loop)
             seen, shown = follow(publisher, pictures, detect, options.mirrored)

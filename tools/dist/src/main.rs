@@ -68,10 +68,11 @@ fn link(folder: &Path) -> Result<(), String> {
 }
 
 /// Paths of config/teleop.toml that point into the repository, and their places below the shared folder.
-const PATHS: [(&str, &str); 4] = [
+const PATHS: [(&str, &str); 5] = [
     ("\"robots/", "robots/"),
     ("\"../weights/tiago_dual\"", "weights/tiago_dual\""),
     ("\"../weights/prediction\"", "weights/prediction\""),
+    ("\"../weights/lifter\"", "weights/lifter\""),
     // An example in a comment.
     ("\"skeletons/", "skeletons/"),
 ];
@@ -109,6 +110,8 @@ mod tests {
         assert!(packaged.contains("\"/usr/share/teleopd/skeletons/zed_body_38.toml\""));
         assert_eq!(read.retarget.prediction, "/usr/share/teleopd/weights/prediction");
         read.retarget.prediction.clone_from(&here.retarget.prediction);
+        assert_eq!(read.ingest.lifter, "/usr/share/teleopd/weights/lifter");
+        read.ingest.lifter.clone_from(&here.ingest.lifter);
         (read.robot.file, read.weights.file) = (here.robot.file.clone(), here.weights.file.clone());
         assert_eq!(format!("{read:?}"), format!("{here:?}"));
     }

@@ -25,6 +25,10 @@ pub struct Cli {
     /// rejects
     #[arg(long, value_name = "DIR", group = "what")]
     pub refusals: Option<PathBuf>,
+    /// Folder of files of `tools/camera/render`: what a landmarker found in images of a person whose joints are known. How the
+    /// robot follows the person whom a camera sees
+    #[arg(long, value_name = "DIR", group = "what")]
+    pub video: Option<PathBuf>,
     /// Measure how near the hands come to head, chest and each other in the eleven named motions, compared with the
     /// person's by the arms' lengths
     #[arg(long, group = "what")]

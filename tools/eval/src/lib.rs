@@ -23,3 +23,4 @@ pub mod run;
 pub mod sew;
 pub mod stick_figures;
 pub mod timing;
+pub mod video;

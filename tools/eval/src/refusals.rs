@@ -86,7 +86,7 @@ fn show_rates(f: &mut fmt::Formatter<'_>, rates: &[(f64, Refusals)]) -> fmt::Res
 pub fn run(cli: &Cli, folder: &Path) -> Result<(), Failure> {
     cli.rates.iter().try_for_each(|&rate| check_bounds("--rates", rate, RATES_HZ))?;
     let loaded = load(cli)?;
-    let config = world::input_config(&loaded.settings.ingest, loaded.layouts, &loaded.operators);
+    let config = world::input_config(&loaded.settings.ingest, loaded.layouts, &loaded.operators, loaded.lifter);
     let motions: Vec<Motion> = chosen(folder, cli.clips.as_deref())?
         .iter()
         .filter_map(|file| match motion::load(file) {

@@ -6,7 +6,7 @@ use crate::methods::{Method, Missing, Posture, Solver, prepare};
 use crate::metrics::{Task, measure};
 use crate::report::{Measured, Report, Setting};
 use crate::timing::{Moment, us_per_pose};
-use crate::{contacts, following, keyposes, paper, plots, refusals};
+use crate::{contacts, following, keyposes, paper, plots, refusals, video};
 use ::report::print;
 use config::{Loaded, Overrides};
 use rayon::prelude::*;
@@ -22,7 +22,7 @@ use train::files::read_model;
 const TIMED_POSES: usize = 256;
 
 pub fn run(cli: &Cli) -> Result<(), Failure> {
-    // The command line has exactly one of the four.
+    // The command line has exactly one of them.
     if let Some(folder) = &cli.following {
         return following::run(cli, folder);
     }
@@ -31,6 +31,9 @@ pub fn run(cli: &Cli) -> Result<(), Failure> {
     }
     if let Some(folder) = &cli.refusals {
         return refusals::run(cli, folder);
+    }
+    if let Some(folder) = &cli.video {
+        return video::run(cli, folder);
     }
     if cli.contacts {
         return contacts::run(cli);

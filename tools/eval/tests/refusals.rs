@@ -8,7 +8,7 @@ use std::path::Path;
 fn config() -> ingest::Config {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/teleop.toml");
     let loaded = config::load(&path, Overrides::default()).expect("the settings of the repository");
-    world::input_config(&loaded.settings.ingest, loaded.layouts, &loaded.operators)
+    world::input_config(&loaded.settings.ingest, loaded.layouts, &loaded.operators, loaded.lifter)
 }
 
 /// Returns the built-in motion, `times` as fast.

@@ -29,6 +29,15 @@ pub struct Cli {
     /// Train the prediction of a person's arm motion instead, from the same clips. Takes a minute
     #[arg(long, conflicts_with_all = ["preset", "steps", "batch", "rate"])]
     pub prediction: bool,
+    /// Train the lifter of a camera's image points instead. --human is then the file of `tools/camera/render points`
+    #[arg(long, requires_all = ["pairs", "validation"], conflicts_with_all = ["prediction", "preset", "batch", "rate"])]
+    pub lifter: bool,
+    /// Folder of `tools/camera/render pairs`, whose errors --lifter learns
+    #[arg(long, value_name = "DIR")]
+    pub pairs: Option<PathBuf>,
+    /// The same of other people, on whom --lifter is judged
+    #[arg(long, value_name = "DIR")]
+    pub validation: Option<PathBuf>,
     /// Networks to train, and length of the training
     #[arg(long, value_enum, default_value = "full")]
     pub preset: Preset,

@@ -13,6 +13,8 @@ pub enum TrainError {
     Robot(#[from] robot::RobotError),
     #[error("{path}: {reason}")]
     Baseline { path: PathBuf, reason: String },
+    #[error("{path}: {reason}")]
+    Pairs { path: PathBuf, reason: String },
     #[error("{path}: is for an arm of hash {theirs}, not {ours}")]
     OtherArm { path: PathBuf, theirs: String, ours: String },
     #[error("weights: {0}")]
@@ -28,7 +30,9 @@ impl TrainError {
         match self {
             Self::File { action: "write", .. } => Exit::CantCreate,
             Self::File { .. } => Exit::NoInput,
-            Self::TooFewClips { .. } | Self::Baseline { .. } | Self::OtherArm { .. } => Exit::DataErr,
+            Self::TooFewClips { .. } | Self::Baseline { .. } | Self::Pairs { .. } | Self::OtherArm { .. } => {
+                Exit::DataErr
+            }
             Self::Robot(_) => Exit::Config,
             Self::Option { .. } => Exit::Usage,
             Self::Compose(_) | Self::Diverged { .. } => Exit::Software,

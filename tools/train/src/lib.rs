@@ -1,5 +1,5 @@
 //! The trainer of the shared latent space: data, networks, losses, optimiser and weights files. It
-//! also trains the prediction of a person's motion: see [`prediction`].
+//! also trains the prediction of a person's motion (see [`prediction`]) and the lifter of a camera's points (see [`lifting`]).
 //!
 //! One arm is trained, unsupervised and unpaired. A mirrored right arm uses the same networks. Glossary: a
 //! *pose* is the rotations of an arm's two limbs, and a *posture* its joint positions. A *shard* is one
@@ -16,6 +16,7 @@ pub mod files;
 pub mod gemm;
 pub mod gimbal;
 pub mod kinematics;
+pub mod lifting;
 pub mod mlp;
 pub mod networks;
 pub mod objective;

@@ -8,6 +8,7 @@ use crate::evaluation::evaluate;
 use crate::files::{read_model, write_both};
 use crate::gimbal::Gimbal;
 use crate::kinematics::Arm;
+use crate::lifting;
 use crate::objective::Terms;
 use crate::pairs::{matched, random_postures};
 use crate::prediction;
@@ -23,12 +24,18 @@ use std::time::{Duration, Instant};
 /// Steps between validations. The figure changes slowly, and 2000 frames cost as much as 5 steps.
 const VALIDATION_STEPS: u64 = 1_000;
 const VALIDATION_POSES: usize = 2_000;
+/// Steps of the lifter's training, if none are given.
+const LIFTER_STEPS: u64 = 100_000;
 /// Number of steps over which the displayed loss is averaged.
 const SHOWN_STEPS: u64 = 20;
 /// Frames between two evaluations of the optimum. At 60 frames/s neighbouring frames hardly differ.
 const OPTIMUM_STRIDE: usize = 3;
 
 pub fn run(cli: &Cli) -> Result<(), TrainError> {
+    if let (true, Some(pairs), Some(validation)) = (cli.lifter, &cli.pairs, &cli.validation) {
+        let steps = cli.steps.unwrap_or(LIFTER_STEPS);
+        return lifting::learn(&cli.out, &cli.human, pairs, validation, steps, cli.seed);
+    }
     let clips = Clips::read(&cli.human, cli.calibration)?;
     report(&clips);
     let out = cli.out.as_path();

@@ -2,4 +2,5 @@
 
 mod clips;
 mod gradients;
+mod lifting;
 mod training;

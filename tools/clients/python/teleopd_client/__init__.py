@@ -31,6 +31,7 @@ JOINTS = {
     _layout.LAYOUT_SMPL24: 24,
     _layout.LAYOUT_XR_BD24: 24,
     _layout.LAYOUT_MEDIAPIPE33: 33,
+    _layout.LAYOUT_MEDIAPIPE66: 66,
     _layout.LAYOUT_AZURE_KINECT32: 32,
     _layout.LAYOUT_XSENS_MVN23: 23,
     _layout.LAYOUT_UNITY: 55,

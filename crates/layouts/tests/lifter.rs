@@ -1,0 +1,216 @@
+//! The lifter of a camera's image points: what it gives a frame, and what it refuses.
+
+use crate::salt::Chance;
+use layouts::{
+    DIRECTIONS, ImagePoints, LIFTER_OUTPUTS, LIFTER_WIDTHS, Layouts, Lifted, Lifter, LifterManifest, Map, POINTS,
+};
+use messages::{Layout, RawSkeleton, SkeletonLayout, Smpl, raw_flag};
+use nalgebra::Vector3;
+use perceptron::Dense;
+use rt::count_allocations;
+use std::f64::consts::FRAC_PI_2;
+
+const COCO: &str = include_str!("../../../config/skeletons/coco_17_image.toml");
+
+/// Directions in the trunk's axes (across, up, ahead), then the trunk's across and up in the camera's.
+const PERSON: [[f32; 3]; DIRECTIONS] = [
+    [1.0, 0.0, 0.0],
+    [0.0, -1.0, 0.0],
+    [0.0, 0.6, 0.8],
+    [0.0, 0.0, 1.0],
+    [0.0, 1.0, 0.0],
+    [0.0, 0.0, 1.0],
+    [1.0, 0.0, 0.0],
+    [0.0, -1.0, 0.0],
+];
+
+/// Layers that give `PERSON` with these concentrations, whatever the image.
+fn layers(concentrations: [f64; DIRECTIONS]) -> Vec<Dense> {
+    let dense =
+        |w: &[usize]| Dense { inputs: w[0], outputs: w[1], weight: vec![0.0; w[0] * w[1]], bias: vec![0.0; w[1]] };
+    let mut layers: Vec<Dense> = LIFTER_WIDTHS.windows(2).map(dense).collect();
+    let last = layers.last_mut().expect("layers");
+    for (i, (direction, k)) in PERSON.iter().zip(concentrations).enumerate() {
+        last.bias[4 * i..4 * i + 3].copy_from_slice(&direction.map(|x| 0.5 * x));
+        last.bias[4 * i + 3] = (k.exp_m1().ln() - 2.0) as f32;
+    }
+    layers
+}
+
+/// A frame of MediaPipe's 66 landmarks: a person who stands before the camera, arms down.
+fn frame() -> RawSkeleton {
+    let mut raw = RawSkeleton { layout: SkeletonLayout::MediaPipe66 as u32, joint_count: 66, ..RawSkeleton::ZERO };
+    let places = [
+        (0, 0.0, -0.7),
+        (11, 0.18, -0.5),
+        (13, 0.2, -0.22),
+        (15, 0.2, 0.02),
+        (23, 0.1, 0.0),
+        (25, 0.1, 0.4),
+        (27, 0.1, 0.8),
+    ];
+    for (landmark, x, y) in places {
+        for (n, sign) in [(landmark, 1.0), (landmark + usize::from(landmark > 0), -1.0)] {
+            raw.positions[n] = [sign * x, y, 0.0];
+            raw.positions[33 + n] = [0.35 * sign * x, 0.35 * y, 0.0];
+        }
+    }
+    raw.confidence[..66].fill(1.0);
+    raw
+}
+
+fn lifted(lifter: &Lifter, layouts: &Layouts, raw: &RawSkeleton) -> RawSkeleton {
+    let mut out = layouts.convert(raw).expect("a layout");
+    let image = layouts.find(raw.layout).and_then(|map| map.image(raw)).expect("points of an image");
+    assert!(lifter.apply(&image, None, &mut out));
+    out
+}
+
+fn direction(frame: &RawSkeleton, from: Smpl, to: Smpl) -> Vector3<f32> {
+    let [from, to] = [from, to].map(|joint| Vector3::from(frame.positions[joint as usize]));
+    (to - from).normalize()
+}
+
+#[test]
+fn frame_gets_directions_in_our_axes_and_keeps_its_lengths() {
+    let (layouts, lifter) = (Layouts::default(), Lifter::new(&layers([50.0; DIRECTIONS])));
+    let before = layouts.convert(&frame()).expect("a layout");
+    let after = lifted(&lifter, &layouts, &frame());
+    // The person's left is y, up z, and ahead x.
+    for (from, to, want) in [
+        (Smpl::LeftShoulder, Smpl::LeftElbow, [0.0, 1.0, 0.0]),
+        (Smpl::RightShoulder, Smpl::RightElbow, [0.0, 0.0, -1.0]),
+        (Smpl::LeftElbow, Smpl::LeftWrist, [0.8, 0.0, 0.6]),
+        (Smpl::RightElbow, Smpl::RightWrist, [1.0, 0.0, 0.0]),
+        (Smpl::RightShoulder, Smpl::LeftShoulder, [0.0, 1.0, 0.0]),
+        (Smpl::RightHip, Smpl::LeftHip, [0.0, 1.0, 0.0]),
+    ] {
+        let off = (direction(&after, from, to) - Vector3::from(want)).norm();
+        assert!(off < 1e-5, "{from:?} to {to:?} is off by {off}");
+        if (from as usize) > Smpl::RightHip as usize && from != Smpl::RightShoulder {
+            let long = |frame: &RawSkeleton| {
+                (Vector3::from(frame.positions[to as usize]) - Vector3::from(frame.positions[from as usize])).norm()
+            };
+            assert!((long(&after) - long(&before)).abs() < 1e-5, "{from:?} to {to:?}");
+        }
+    }
+    assert_eq!(after.positions[Smpl::LeftKnee as usize], before.positions[Smpl::LeftKnee as usize]);
+}
+
+#[test]
+fn mirrored_image_shows_the_same_person() {
+    let layouts = Layouts::default();
+    let map = layouts.find(SkeletonLayout::MediaPipe66 as u32).expect("built in");
+    let mut raw = frame();
+    raw.positions[33 + 15] = [0.3, -0.1, 0.0];
+    let mut mirrored = RawSkeleton { flags: raw_flag::MIRRORED, ..raw };
+    for n in 33..66 {
+        let other = if n == 33 { n } else { (n - 33 - 1 ^ 1) + 34 };
+        // The face's landmarks are not pairs of neighbours: those of its points are taken one by one.
+        let other = match n - 33 {
+            2 => 33 + 5,
+            5 => 33 + 2,
+            7 => 33 + 8,
+            8 => 33 + 7,
+            11.. => {
+                if (n - 33) % 2 == 1 {
+                    n + 1
+                } else {
+                    n - 1
+                }
+            }
+            _ => other,
+        };
+        let [x, y, z] = raw.positions[other];
+        mirrored.positions[n] = [-x, y, z];
+    }
+    assert_eq!(map.image(&mirrored), map.image(&raw));
+}
+
+#[test]
+fn doubt_of_an_arm_lowers_its_confidence_alone() {
+    // Expected angles of 9 and 45 degrees, and of more than a right angle.
+    let k = |deg: f64| FRAC_PI_2 / deg.to_radians().powi(2);
+    let layers = layers([k(9.0), k(45.0), k(9.0), k(45.0), 50.0, 50.0, 50.0, 50.0]);
+    let after = lifted(&Lifter::new(&layers), &Layouts::default(), &frame());
+    for (joint, want) in
+        [(Smpl::LeftElbow, 0.9), (Smpl::LeftWrist, 0.9), (Smpl::RightElbow, 0.5), (Smpl::RightWrist, 0.5)]
+    {
+        assert!((after.confidence[joint as usize] - want).abs() < 1e-4, "{joint:?}");
+    }
+    assert_eq!(after.confidence[Smpl::LeftShoulder as usize], 1.0);
+    let wild = Lifted::new(&[f32::NAN; LIFTER_OUTPUTS]);
+    assert!(wild.is_none() && Lifted::new(&[0.0; LIFTER_OUTPUTS]).is_none());
+}
+
+#[test]
+fn layout_of_image_points_alone_gives_a_person() {
+    let mut layouts = Layouts::default();
+    let map = Map::parse("coco.toml", COCO).expect("shipped");
+    assert!(map.is_flat() && !layouts.find(4).expect("built in").is_flat());
+    layouts.add("coco.toml", map).expect("a number of its own");
+    let mut raw = RawSkeleton { layout: 1017, joint_count: 17, ..RawSkeleton::ZERO };
+    let body = frame();
+    for (point, landmark) in [0, 2, 5, 7, 8, 11, 12, 13, 14, 15, 16, 23, 24, 25, 26, 27, 28].into_iter().enumerate() {
+        (raw.positions[point], raw.confidence[point]) = (body.positions[33 + landmark], 1.0);
+    }
+    let after = lifted(&Lifter::new(&layers([50.0; DIRECTIONS])), &layouts, &raw);
+    let skeleton = skeleton::Config { length_change_max: f64::INFINITY, ..skeleton::Config::default() };
+    let mut state = skeleton::State::new();
+    let seen = (1..20).filter_map(|i| {
+        let mut raw = after;
+        raw.header.sequence = i;
+        raw.header.origin.0 = 1_000_000_000 + i * 33_333_333;
+        raw.positions[Smpl::LeftWrist as usize][0] += 1e-4 * i as f32;
+        skeleton::tick(&skeleton, &mut state, raw.header.origin, skeleton::Input { raw: &raw, stored: None }).skeleton
+    });
+    assert!(seen.count() > 10, "the person is accepted");
+}
+
+#[test]
+fn wrong_point_of_a_layout_is_refused_by_name() {
+    for (from, to, message) in [
+        ("point = \"nose\"", "point = \"snout\"", "coco.toml: joint \"nose\" point = \"snout\" must be one of nose, "),
+        ("point = \"left_eye\"", "point = \"nose\"", "must be a point that no other row names"),
+        ("point = \"nose\"", "point = \"nose\", is = \"head\"", "must be given without `is` and `half_of`"),
+        ("camera = true ", "camera = false", "must be given with camera = true only"),
+        ("point = \"left_hip\"", "is = \"left_hip\"", "must be among those that some joint `is`"),
+    ] {
+        let error = Map::parse("coco.toml", &COCO.replacen(from, to, 1)).expect_err(to).to_string();
+        assert!(error.contains(message), "{error}");
+    }
+}
+
+#[test]
+fn written_network_is_read_and_another_one_refused() {
+    let (tensors, manifest) = Lifter::write(&layers([9.0; DIRECTIONS]), &LifterManifest::default()).expect("numbers");
+    let image = ImagePoints { points: [[0.1, 0.2]; POINTS], seen: [1.0; POINTS] };
+    let read = Lifter::read(&manifest, &tensors).expect("as written").lift(&image, None).expect("numbers");
+    assert!((read.concentrations[0] - 9.0).abs() < 1e-4);
+    for (from, to, message) in [
+        ("format = 1", "format = 2", "manifest: format is 2, expected 1"),
+        ("sha256 = \"", "sha256 = \"0", "sha256 of the tensors is "),
+        ("200,", "100,", "manifest: widths is "),
+    ] {
+        let error = Lifter::read(&manifest.replacen(from, to, 1), &tensors).expect_err(to).to_string();
+        assert!(error.starts_with(message), "{error}");
+    }
+}
+
+#[test]
+fn f076_any_bits_lift_without_panic_or_allocation() {
+    let (layouts, lifter) = (Layouts::default(), Lifter::new(&layers([9.0; DIRECTIONS])));
+    let map = layouts.find(SkeletonLayout::MediaPipe66 as u32).expect("built in");
+    let mut chance = Chance(3);
+    for round in 0..2_000 {
+        let mut raw = frame();
+        for _ in 0..round % 60 {
+            let bits = f32::from_bits((chance.uniform() * 4e9) as u32);
+            raw.positions[(chance.uniform() * 66.0) as usize][(chance.uniform() * 2.0) as usize] = bits;
+            raw.confidence[(chance.uniform() * 66.0) as usize] = f32::from_bits((chance.uniform() * 4e9) as u32);
+        }
+        let Ok(mut out) = layouts.convert(&raw) else { continue };
+        let (_, counted) = count_allocations(|| map.image(&raw).map(|image| lifter.apply(&image, None, &mut out)));
+        assert_eq!(counted.allocated, 0);
+    }
+}

@@ -1,0 +1,67 @@
+//! Trains `layouts::Lifter`, which lifts the points of one image to the directions of arms, hands and trunk. People of motion
+//! capture are seen by random cameras. First errors of a landmarker are drawn from a formula, then they are those that a real
+//! landmarker made on images of people who were turned alike.
+
+mod fit;
+mod judge;
+mod people;
+mod view;
+
+pub use fit::{Fit, loss};
+pub use judge::{Judged, judge};
+pub use people::{Pair, Pairs, People, Recorded};
+pub use view::{Errors, View, directions, draw};
+
+use crate::error::TrainError;
+use crate::files::write_both;
+use layouts::{Lifter, LifterManifest};
+use std::path::Path;
+
+/// Images of each step.
+pub const BATCH: usize = 512;
+/// Share of the steps in which errors come from the formula alone.
+const FORMULA_SHARE: f64 = 0.5;
+/// Steps between two lines of the report.
+const REPORT_STEPS: u64 = 2_000;
+
+/// Learns from `people`, with the errors of `pairs`, and judges on `validation`. Writes `<out>.safetensors` and `<out>.toml`.
+pub fn learn(
+    out: &Path,
+    people: &Path,
+    pairs: &Path,
+    validation: &Path,
+    steps: u64,
+    seed: u64,
+) -> Result<(), TrainError> {
+    let people = People::read(people)?;
+    let (errors, unknown) = (Pairs::read(pairs)?, Pairs::read(validation)?);
+    println!("{} frames of people, {} images for errors, {} to judge", people.frames(), errors.len(), unknown.len());
+    println!("landmarker {}", judge(&unknown, None));
+    let bank = Errors::new(&errors);
+    let mut fit = Fit::new(steps, seed);
+    for step in 0..steps {
+        let real = (step as f64 >= FORMULA_SHARE * steps as f64).then_some(&bank);
+        let mean_deg = fit.step(&people, real);
+        if !mean_deg.is_finite() {
+            return Err(TrainError::Diverged { step });
+        }
+        if (step + 1).is_multiple_of(REPORT_STEPS) || step + 1 == steps {
+            println!("step {:>7} training {mean_deg:.2} deg | {}", step + 1, judge(&unknown, Some(&fit.lifter())));
+        }
+    }
+    let manifest = LifterManifest {
+        seed,
+        steps,
+        trained_on: format!(
+            "{} frames of motion capture on meshes, in random cameras, with the errors of a landmarker on {} images",
+            people.frames(),
+            errors.len()
+        ),
+        validation: judge(&unknown, Some(&fit.lifter())).table(),
+        ..LifterManifest::default()
+    };
+    let (tensors, manifest) = Lifter::write(&fit.layers(), &manifest)?;
+    write_both(out, &tensors, &manifest)?;
+    println!("wrote {}.safetensors and .toml", out.display());
+    Ok(())
+}
