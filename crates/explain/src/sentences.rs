@@ -249,7 +249,7 @@ pub fn meaning(fault: Fault, status: &Status, names: &Names) -> String {
         (Fault::InputStale, _) => match dropped(status) {
             Some((name, why)) => format!("{meaning} Frames arrive, but are dropped: {name}: {why}."),
             None if input_age_ms(status).is_some_and(|age_ms| age_ms < INPUT_SEEN_MS) => {
-                format!("{meaning} Frames arrive, but at least 20 a second are needed for half a second.")
+                format!("{meaning} Frames arrive, but at least 15 a second are needed for half a second.")
             }
             None => meaning.into(),
         },
@@ -430,9 +430,9 @@ mod tests {
         assert!(why.contains("CollisionNear") && why.contains("Disengaged after Holding: at rest."), "{why}");
         let mut seldom = Status { input_age_ns: 40_000_000, input_drop: 0, ..status };
         (seldom.header.stamp, seldom.target_stamp) = (Stamp(2_000_000_000), Stamp(1_999_000_000));
-        assert!(super::why(&seldom, &names).contains("at least 20 a second"), "they come, and are not fresh");
+        assert!(super::why(&seldom, &names).contains("at least 15 a second"), "they come, and are not fresh");
         seldom.input_age_ns = 150_000_000;
-        assert!(!super::why(&seldom, &names).contains("at least 20 a second"), "they come no more");
+        assert!(!super::why(&seldom, &names).contains("at least 15 a second"), "they come no more");
         // A reset ends the history, but not the faults that are still active.
         status.transitions[2] = transition(20, Mode::Disengaged, Mode::Faulted, Fault::EmergencyStop as u32);
         status.transitions[3] = transition(30, Mode::Faulted, Mode::Disengaged, Transition::RESET);

@@ -7,15 +7,15 @@ use crate::arm::ARMS;
 use crate::resample::STALE_NS;
 
 /// Time for which the input is observed, ns: half the blend in which a person may still let go, and long compared
-/// with a period at 20 Hz.
+/// with a period at 15 Hz.
 const WATCHED_NS: u64 = 500_000_000;
-/// Shorter time if the input was steady not long ago, ns: four skeletons at 20 Hz. Only a gap came between.
+/// Shorter time if the input was steady not long ago, ns: three skeletons at 15 Hz. Only a gap came between.
 const WATCHED_AGAIN_NS: u64 = 200_000_000;
 /// Largest age of that steadiness, ns: as long as `safety` lets a gap last.
 const AGAIN_NS: u64 = 2_000_000_000;
-/// Longest mean period in that time, ns: that of 20 Hz, and 15 ms more over ten periods for jitter. 19 Hz are too
-/// slow.
-const PERIOD_MAX_NS: u64 = 51_500_000;
+/// Longest mean period in that time, ns: that of 15 Hz, which webcams fall to in the dark, and 15 ms more over ten periods
+/// for jitter. 14 Hz are too slow. A skeleton is stale after 100 ms, so at 15 Hz one lost image holds the robot for a moment.
+const PERIOD_MAX_NS: u64 = 68_200_000;
 
 /// Judges the input at every tick.
 #[derive(Clone, Copy, Debug, Default)]

@@ -6,7 +6,7 @@ import { Sending } from "./headset-poses.js";
 // Features that are used where the headset and its wearer grant them.
 const OPTIONAL = ["body-tracking", "hand-tracking"];
 // `ingest` drops older poses, and engages at no lower rate.
-const [AGE_MAX, RATE_MIN] = [100, 20];
+const [AGE_MAX, RATE_MIN] = [100, 15];
 // Time between two texts, ms.
 const EVERY = 250;
 

@@ -12,7 +12,7 @@ const STALLED = 500;
 // The landmarker needs longer for its first image, because it prepares itself, ms.
 const FIRST = 20000;
 // `ingest` drops older images, and engages at no lower rate.
-const [AGE_MAX, RATE_MIN] = [100, 20];
+const [AGE_MAX, RATE_MIN] = [100, 15];
 // Where the browser keeps the person's name.
 const NAME = "teleopd-person";
 
