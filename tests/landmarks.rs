@@ -27,15 +27,12 @@ fn landmarks_of_rendered_videos_are_those_stored() {
         std::fs::copy(root.join("tools/camera").join(name), camera.join(name)).expect(name);
     }
     let (python, pip) = (folder.path().join("venv/bin/python"), folder.path().join("venv/bin/pip"));
-    let installs: [&mut Command; 3] = [
-        Command::new("npm").args(["ci", "--prefix"]).arg(&camera),
-        Command::new("python3").args(["-m", "venv"]).arg(folder.path().join("venv")),
-        Command::new(pip).args(["install", "--quiet", "-r"]).arg(root.join("tools/camera/render/requirements.txt")),
-    ];
-    for install in installs {
-        if run(install).is_none() {
-            return;
-        }
+    let (mut npm, mut venv, mut packages) = (Command::new("npm"), Command::new("python3"), Command::new(pip));
+    npm.args(["ci", "--prefix"]).arg(&camera);
+    venv.args(["-m", "venv"]).arg(folder.path().join("venv"));
+    packages.args(["install", "--quiet", "-r"]).arg(root.join("tools/camera/render/requirements.txt"));
+    if [npm, venv, packages].iter_mut().any(|install| run(install).is_none()) {
+        return;
     }
     let teleopd = Path::new(env!("CARGO_BIN_EXE_teleopd"));
     let made = run(Command::new(teleopd).args(["landmarker", "full", "--modules"]).arg(camera.join("node_modules")));

@@ -38,8 +38,9 @@ const NO_NAMES: [(&str, &str); 12] = [
 /// Longest sentence, words. A formula counts as none.
 const SENTENCE_WORDS_MAX: usize = 30;
 
-/// Budget of lines for each part of the tree: the count of 2026-11-29. Raising one is a decision.
-const BUDGETS: [(&str, usize); 3] = [("product", 70_200), ("tools", 29_550), ("tests", 46_450)];
+/// Budget of lines for each part of the tree: the count of 2026-11-29, with the lifter of a camera's points. Raising one is a
+/// decision.
+const BUDGETS: [(&str, usize); 3] = [("product", 70_800), ("tools", 30_700), ("tests", 46_800)];
 
 fn rust() -> Vec<(String, String)> {
     let mut all = sources::rust_files();

@@ -29,7 +29,7 @@ pub struct Config {
     pub layouts: Layouts,
     /// Calibrations of the operators, by the client's numbers of the person and the layout.
     pub calibrations: Vec<((u32, u32), Calibration)>,
-    /// What finds directions in the points of an image.
+    /// Network that finds directions in the points of an image.
     pub lifter: Option<Lifter>,
     /// Layouts whose positions are filtered.
     pub filter: Filter,

@@ -77,7 +77,7 @@ pub const LIFTER_WIDTHS: [usize; 5] = [LIFTER_INPUTS, 200, 200, 200, LIFTER_OUTP
 /// Name of the network in its file.
 const NAME: &str = "lifter";
 
-/// What a landmarker saw of one person.
+/// Points of one person in one image, as a landmarker sees them.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ImagePoints {
     /// Points in heights of the image from its middle, x right, y down.

@@ -55,6 +55,8 @@ pub struct Followed {
     pub refused: f64,
     pub reasons: BTreeMap<&'static str, u64>,
     pub engaged: f64,
+    /// Seconds of other modes in that time.
+    pub other_modes_s: BTreeMap<&'static str, f64>,
     pub strangers: u64,
     pub landmarker_deg: f64,
     pub lifter_deg: f64,
@@ -164,6 +166,10 @@ fn follow(loaded: &Loaded, config: &WorldConfig, recorded: &Recorded, person: &P
         let follows = control.status.mode == Mode::Engaged as u32;
         if since >= SETTLE + ENGAGES_WITHIN {
             (judged, engaged) = (judged + 1, engaged + u64::from(follows));
+            if !follows {
+                let mode = Mode::from_u32(control.status.mode).map_or("unknown", Mode::name);
+                *out.other_modes_s.entry(mode).or_default() += messages::TICK_S;
+            }
         }
         if let (true, true, Some(command)) = (follows, since.is_multiple_of(SAMPLE_TICKS), control.command.as_ref()) {
             let arms = |all: &[f64]| {
@@ -224,9 +230,13 @@ fn show(f: &mut fmt::Formatter<'_>, rows: &[Followed]) -> fmt::Result {
         column(["", "violations"], 10, |row: &Followed| row.violations.to_string()),
     ];
     table::write(f, ("clip", 24), &columns, rows.iter().map(|row| (row.clip.as_str(), row)))?;
-    for row in rows.iter().filter(|row| !row.reasons.is_empty()) {
-        let reasons: Vec<_> = row.reasons.iter().map(|(reason, count)| format!("{reason} {count}")).collect();
-        writeln!(f, "{}: refused {}", row.clip, reasons.join(", "))?;
+    for row in rows {
+        let reasons = row.reasons.iter().map(|(reason, count)| format!("refused {reason} {count}"));
+        let modes = row.other_modes_s.iter().map(|(mode, s)| format!("{mode} {s:.1} s"));
+        let notes: Vec<_> = reasons.chain(modes).collect();
+        if !notes.is_empty() {
+            writeln!(f, "{}: {}", row.clip, notes.join(", "))?;
+        }
     }
     Ok(())
 }

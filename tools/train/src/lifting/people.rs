@@ -80,7 +80,7 @@ pub struct Pair {
     pub truth: Body,
     /// The same, projected into the image.
     pub projected: [[f64; 2]; POINTS],
-    /// What the landmarker found.
+    /// The landmarker's points.
     pub found: ImagePoints,
     /// The landmarker's own points in space, m.
     pub world: Body,
