@@ -178,7 +178,7 @@ impl Recorded {
         Self::row(&self.truth, i)
     }
 
-    /// What was found in an image: landmarks in the world, in the image, and their visibilities. `None` for nobody.
+    /// Landmarks that were found in an image: in the world, in the image, and their visibilities. `None` for nobody.
     #[allow(clippy::type_complexity, reason = "three arrays of a file")]
     pub fn found(&self, i: usize) -> Option<(Vec<[f32; 3]>, Vec<[f32; 2]>, Vec<f32>)> {
         let (world, image) = (Self::row::<3>(&self.world, i), Self::row::<2>(&self.image, i));
