@@ -95,7 +95,7 @@ impl ImagePoints {
     pub fn mirrored(&self) -> Self {
         let mut out = *self;
         for point in 0..POINTS {
-            let other = if point == 0 { 0 } else { (point - 1 ^ 1) + 1 };
+            let other = if point == 0 { 0 } else { ((point - 1) ^ 1) + 1 };
             let [x, y] = self.points[other];
             (out.points[point], out.seen[point]) = ([-x, y], self.seen[other]);
         }

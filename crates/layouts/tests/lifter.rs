@@ -105,7 +105,7 @@ fn mirrored_image_shows_the_same_person() {
     raw.positions[33 + 15] = [0.3, -0.1, 0.0];
     let mut mirrored = RawSkeleton { flags: raw_flag::MIRRORED, ..raw };
     for n in 33..66 {
-        let other = if n == 33 { n } else { (n - 33 - 1 ^ 1) + 34 };
+        let other = if n == 33 { n } else { ((n - 34) ^ 1) + 34 };
         // The face's landmarks are not pairs of neighbours: those of its points are taken one by one.
         let other = match n - 33 {
             2 => 33 + 5,

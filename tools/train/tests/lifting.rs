@@ -52,7 +52,7 @@ fn gradient_of_loss_matches_differences() {
             let at = |step: f32| {
                 let mut moved = outputs.clone();
                 moved[i] += step;
-                loss(&moved, &truth, 1.0, &mut vec![0.0; LIFTER_OUTPUTS]).0
+                loss(&moved, &truth, 1.0, &mut [0.0; LIFTER_OUTPUTS]).0
             };
             let want = (at(1e-3) - at(-1e-3)) / 2e-3;
             assert!((f64::from(gradient[i]) - want).abs() < 2e-2 * want.abs().max(1.0), "{i}: {} {want}", gradient[i]);

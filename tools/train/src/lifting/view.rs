@@ -208,7 +208,7 @@ fn proportion(body: &mut Body, rng: &mut Pcg64) {
 
 fn mirrored(body: &Body) -> Body {
     std::array::from_fn(|point| {
-        let other = body[if point == 0 { 0 } else { (point - 1 ^ 1) + 1 }];
+        let other = body[if point == 0 { 0 } else { ((point - 1) ^ 1) + 1 }];
         Vector3::new(-other.x, other.y, other.z)
     })
 }
