@@ -30,6 +30,8 @@
 #define TELEOP_LAYOUT_XSENS_MVN23 6
 /* Unity HumanBodyBones, left-handed, local rotations */
 #define TELEOP_LAYOUT_UNITY 7
+/* MediaPipe33, then the image landmarks, heights of the image from its middle, y down */
+#define TELEOP_LAYOUT_MEDIAPIPE66 8
 /* the image was mirrored: left and right are swapped */
 #define TELEOP_FLAG_MIRRORED 1
 /* rotations are filled */

@@ -20,6 +20,8 @@ LAYOUT_AZURE_KINECT32 = 5
 LAYOUT_XSENS_MVN23 = 6
 #: Unity HumanBodyBones, left-handed, local rotations
 LAYOUT_UNITY = 7
+#: MediaPipe33, then the image landmarks, heights of the image from its middle, y down
+LAYOUT_MEDIAPIPE66 = 8
 #: the image was mirrored: left and right are swapped
 FLAG_MIRRORED = 1
 #: rotations are filled
