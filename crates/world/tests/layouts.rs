@@ -34,9 +34,10 @@ fn shipped_layouts_are_read_and_change_hash() {
     let folder = tempfile::tempdir().expect("a folder");
     let none = with(&[], folder.path()).expect("none");
     assert!(none.layouts.find(1038).is_none());
-    let names = ["zed_body_38.toml", "openxr_fb_70.toml", "smpl_y_up.toml"].map(shipped);
+    let names = ["zed_body_38.toml", "openxr_fb_70.toml", "smpl_y_up.toml", "coco_17_image.toml"].map(shipped);
     let all = with(&names.each_ref().map(String::as_str), folder.path()).expect("all");
-    for (number, name) in [(1038, "zed-body-38"), (1070, "openxr-fb-70"), (1024, "smpl-y-up")] {
+    for (number, name) in [(1038, "zed-body-38"), (1070, "openxr-fb-70"), (1024, "smpl-y-up"), (1017, "coco-17-image")]
+    {
         assert_eq!(all.layouts.find(number).map(layouts::Map::name), Some(name));
     }
     assert!(names.iter().all(|name| all.files.contains(&PathBuf::from(name))));
