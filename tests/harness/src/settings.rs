@@ -5,8 +5,12 @@ use std::path::Path;
 use toml::{Table, Value};
 
 /// Files that the settings name relative to their own folder, and true if the file is required.
-const FILES: [(&str, &str, bool); 3] =
-    [("robot", "file", true), ("weights", "file", true), ("retarget", "prediction", false)];
+const FILES: [(&str, &str, bool); 4] = [
+    ("robot", "file", true),
+    ("weights", "file", true),
+    ("retarget", "prediction", false),
+    ("ingest", "lifter", false),
+];
 
 /// Writes the settings `config` with `changes` to `copy`. The changes are TOML, such as `realtime.policy = "other"`.
 ///
