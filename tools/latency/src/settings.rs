@@ -57,6 +57,7 @@ mod tests {
         events.robot = original.robot.clone();
         events.weights = original.weights.clone();
         events.retarget.prediction = original.retarget.prediction.clone();
+        events.ingest.lifter = original.ingest.lifter.clone();
         assert_eq!(events, original);
         let polled = loaded(&Changes::default(), Kind::Polled);
         assert_ne!(polled.realtime, original.realtime);
