@@ -73,6 +73,8 @@ pub struct Checker {
     mode: u32,
     /// Index at which Engaging last began from rest.
     engaged_k: Option<u64>,
+    /// A hold interrupts Engaging after its first second. What resumes then begins nothing.
+    slow_is_over: bool,
     workspace: Workspace,
     /// Least clearance that is no violation, m.
     allowed_m: f64,
@@ -99,6 +101,7 @@ impl Checker {
             splined: held,
             mode,
             engaged_k: None,
+            slow_is_over: false,
             workspace,
             allowed_m,
             frames,
@@ -192,7 +195,14 @@ impl Checker {
     fn engage(&mut self, config: &Config, report: &mut Report, to: &Setpoint, mode: u32) {
         let from = &self.last;
         let moving = mode == Mode::Engaging as u32 || mode == Mode::Engaged as u32;
-        if mode == Mode::Engaging as u32 && self.mode != mode {
+        let [engaging, holding] = [Mode::Engaging, Mode::Holding].map(|mode| mode as u32);
+        if self.mode == engaging && mode == holding {
+            self.slow_is_over = self.engaged_k.is_some_and(|began| to.k >= began + TICK_HZ);
+        } else if mode != engaging && mode != holding {
+            self.slow_is_over = false;
+        }
+        let resumes = self.mode == holding && self.slow_is_over;
+        if mode == engaging && self.mode != mode && !resumes {
             let standing = from.v.iter().chain(&from.a).all(|x| x.abs() <= STANDING);
             self.engaged_k = standing.then_some(to.k);
             if standing {

@@ -17,9 +17,9 @@
 //! The file `tests/engage.txt` lists the same for every state and event, fault by fault. The diagram in
 //! ARCHITECTURE.md is generated from it.
 //!
-//! A hold from Engaged may have only a gap as its cause: no skeleton, no target or no state. If the gap lasts
-//! 2 s at most, the machine goes straight back to Engaged. The robot then moves on from where it rests,
-//! within its limits. Every other hold that resumes leads to Engaging.
+//! A hold may have only a gap as its cause: no skeleton, no target or no state. If the gap lasts 2 s at most, the
+//! machine goes straight back to Engaged, or goes on with Engaging where it was if its slow second was over. The
+//! robot then moves on from where it rests, within its limits. Every other hold that resumes leads to a new Engaging.
 //!
 //! Edges grant authority, levels withdraw it. A stop overrides everything else in the same tick. A restart
 //! never engages: a new `State` is Disengaged, and must first see the enable released.
@@ -61,8 +61,8 @@ const RESET_PENDING_NS: u64 = 100_000_000;
 /// that anything is wrong with either.
 const GAPS: Faults =
     Faults::NONE.with(Fault::InputStale).with(Fault::NoTarget).with(Fault::TargetStale).with(Fault::StateLate);
-/// After a gap of at most this time the robot follows again without passing through Engaging, ns. Assumption:
-/// an operator who holds the enable for two more seconds expects the robot to continue.
+/// After a gap of at most this time the robot follows again as before, ns. Assumption: an operator who holds the
+/// enable for two more seconds expects the robot to continue.
 const GAP_MAX_NS: u64 = 2_000_000_000;
 
 /// Internal states, with the data that exists only in them. Times count only while this process is awake.
@@ -75,11 +75,11 @@ enum Phase {
     },
     Engaged,
     /// `ended` is None while the hold can resume. Otherwise it is the code of the transition that follows.
-    /// `gap` is true if the hold began from Engaged and nothing but [`GAPS`] has caused it since.
+    /// `gap` is given if nothing but [`GAPS`] has caused the hold: the phase that goes on after it.
     Holding {
         elapsed_ns: u64,
         ended: Option<u32>,
-        gap: bool,
+        gap: Option<Gap>,
     },
     Faulted {
         cause: Fault,
@@ -90,13 +90,31 @@ enum Phase {
     },
 }
 
+/// The phase that a gap interrupts: Engaged, or Engaging after some time.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Gap {
+    Engaging { elapsed_ns: u64 },
+    Engaged,
+}
+
+impl From<Gap> for Phase {
+    fn from(gap: Gap) -> Self {
+        match gap {
+            // What has settled before the gap may move after it.
+            Gap::Engaging { elapsed_ns } if elapsed_ns >= FIRST_NS => Self::Engaging { elapsed_ns, settled_ns: 0 },
+            Gap::Engaging { .. } => Self::engaging(),
+            Gap::Engaged => Self::Engaged,
+        }
+    }
+}
+
 impl Phase {
     const fn engaging() -> Self {
         Self::Engaging { elapsed_ns: 0, settled_ns: 0 }
     }
 
     const fn holding(ended: Option<u32>) -> Self {
-        Self::Holding { elapsed_ns: 0, ended, gap: false }
+        Self::Holding { elapsed_ns: 0, ended, gap: None }
     }
 
     const fn mode(self) -> Mode {
@@ -260,11 +278,11 @@ fn held(input: &Input) -> bool {
 fn next(state: &mut State, input: &Input, active: Faults) -> (Phase, u32) {
     match state.phase {
         Phase::Disengaged => disengaged(state, input, active),
-        Phase::Engaging { elapsed_ns, settled_ns } => withdrawn(input, active, false)
+        Phase::Engaging { elapsed_ns, settled_ns } => withdrawn(input, active, Gap::Engaging { elapsed_ns })
             .unwrap_or_else(|| engaging(input, elapsed_ns, settled_ns, state.reduced.is_full())),
-        Phase::Engaged => withdrawn(input, active, active.is_in(GAPS)).unwrap_or((Phase::Engaged, 0)),
+        Phase::Engaged => withdrawn(input, active, Gap::Engaged).unwrap_or((Phase::Engaged, 0)),
         Phase::Holding { elapsed_ns, ended, gap } => {
-            holding(input, active, elapsed_ns, ended, gap && active.is_in(GAPS))
+            holding(input, active, elapsed_ns, ended, gap.filter(|_| active.is_in(GAPS)))
         }
         Phase::Faulted { cause, reset_pending_ns } => faulted(state, input, cause, reset_pending_ns),
         Phase::Recovering { blocked_ns } => recovery::next(input, active, blocked_ns),
@@ -286,7 +304,7 @@ fn disengaged(state: &State, input: &Input, active: Faults) -> (Phase, u32) {
 
 /// Decides whether authority ends or pauses at this tick, and why. Release is judged before Hold, because it
 /// is the stronger.
-fn withdrawn(input: &Input, active: Faults, gap: bool) -> Option<(Phase, u32)> {
+fn withdrawn(input: &Input, active: Faults, gap: Gap) -> Option<(Phase, u32)> {
     // The cause is reported at this transition. The later transition at rest has no other cause.
     let ended = Some(Transition::AT_REST);
     if let Some(fault) = active.with_response(Response::Release).iter().next() {
@@ -294,6 +312,7 @@ fn withdrawn(input: &Input, active: Faults, gap: bool) -> Option<(Phase, u32)> {
     }
     if let Some(fault) = active.with_response(Response::Hold).iter().next() {
         let ended = released(input).then_some(Transition::RELEASED);
+        let gap = active.is_in(GAPS).then_some(gap);
         return Some((Phase::Holding { elapsed_ns: 0, ended, gap }, fault as u32));
     }
     released(input).then_some((Phase::holding(ended), Transition::RELEASED))
@@ -318,7 +337,7 @@ fn engaging(input: &Input, elapsed_ns: u64, settled_ns: u64, unreduced: bool) ->
     }
 }
 
-fn holding(input: &Input, active: Faults, elapsed_ns: u64, ended: Option<u32>, gap: bool) -> (Phase, u32) {
+fn holding(input: &Input, active: Faults, elapsed_ns: u64, ended: Option<u32>, gap: Option<Gap>) -> (Phase, u32) {
     // A clutch may be held for as long as its operator holds the enable, too. Other causes of a hold have their time.
     let clutch_alone = active.with_response(Response::Hold) == Faults::NONE.with(Fault::Clutch);
     let charged = if clutch_alone { 0 } else { charged_ns(input.own_gap_ns) };
@@ -329,8 +348,10 @@ fn holding(input: &Input, active: Faults, elapsed_ns: u64, ended: Option<u32>, g
         _ if !input.at_rest() => (Phase::Holding { elapsed_ns, ended, gap }, 0),
         Some(_) if active.has(Fault::HoldTimeout) => (Phase::Disengaged, Fault::HoldTimeout as u32),
         Some(why) => (Phase::Disengaged, why),
-        None if active.is_empty() && gap && elapsed_ns <= GAP_MAX_NS => (Phase::Engaged, Transition::CLEARED),
-        None if active.is_empty() => (Phase::engaging(), Transition::CLEARED),
+        None if active.is_empty() => {
+            let gap = gap.filter(|_| elapsed_ns <= GAP_MAX_NS);
+            (gap.map_or(Phase::engaging(), Phase::from), Transition::CLEARED)
+        }
         None => (Phase::Holding { elapsed_ns, ended, gap }, 0),
     }
 }

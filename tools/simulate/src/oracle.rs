@@ -122,6 +122,8 @@ pub struct Oracle {
     /// Violations of the joints' true motion so far, including those of faulty robots.
     judged: TrueMotion,
     engaging_k: Option<u64>,
+    /// Engaging was held, after its first second.
+    slow_is_over: bool,
     was: Mode,
     /// The last tick for which a motion was permitted.
     moving_k: u64,
@@ -150,6 +152,7 @@ impl Oracle {
             checked: 0,
             judged: TrueMotion::default(),
             engaging_k: None,
+            slow_is_over: false,
             was: Mode::Disengaged,
             moving_k: k,
             rest: None,
@@ -191,8 +194,16 @@ impl Oracle {
 
     fn note_mode(&mut self, k: u64, mode: Mode) {
         self.ticks_in[mode as usize] += 1;
-        if mode == Mode::Engaging && self.was != mode {
-            self.engaging_k = Some(k);
+        match (self.was, mode) {
+            (Mode::Engaging, Mode::Holding) => {
+                self.slow_is_over = self.engaging_k.is_some_and(|began| k >= began + TICK_HZ)
+            }
+            // A gap in a later part of engaging begins nothing.
+            (Mode::Holding, Mode::Engaging) if self.slow_is_over => {}
+            (Mode::Engaging, Mode::Engaging) => {}
+            (_, Mode::Engaging) => self.engaging_k = Some(k),
+            (_, Mode::Engaged | Mode::Disengaged | Mode::Faulted) => self.slow_is_over = false,
+            _ => {}
         }
         if moves(mode) {
             (self.moving_k, self.rest) = (k, None);
