@@ -43,8 +43,11 @@ pub(super) struct Following {
     head: Option<[f64; 2]>,
     /// Reference position of the lift, m. `None` while it has no target.
     lift_m: Option<f64>,
-    /// Mean limb error over both of [`AVERAGES_S`], rad. `None` before the first tick.
+    /// Mean limb error over both of [`AVERAGES_S`], rad. `None` before the first tick at full speed: how far away the
+    /// robot was when it began to move slowly says nothing about whether it still catches up.
     averages_rad: Option<[f64; 2]>,
+    /// Share of the speeds that the arms may use.
+    speed_scale: f64,
 }
 
 impl Default for Following {
@@ -55,6 +58,7 @@ impl Default for Following {
             head: None,
             lift_m: None,
             averages_rad: None,
+            speed_scale: 0.0,
         }
     }
 }
@@ -105,6 +109,7 @@ impl Following {
             self.lift_m = None;
             return target.map(|target| Reference::from_target(target, [0.0; JOINTS_MAX]));
         };
+        self.speed_scale = speed_scale;
         self.pointing_scale = (self.pointing_scale + messages::TICK_S / POINTING_RAMP_S).min(speed_scale);
         let target = target?;
         let Some(ahead) = &target.ahead else {
@@ -184,6 +189,9 @@ impl Following {
             (sum, limbs, worst) = (sum + angle, limbs + 1.0, worst.max(angle));
         }
         let mean = sum / limbs.max(1.0);
+        if self.speed_scale < 1.0 {
+            self.averages_rad = None;
+        }
         let averages = self.averages_rad.get_or_insert([mean; 2]);
         for (average, time_s) in averages.iter_mut().zip(AVERAGES_S) {
             *average += (mean - *average) * messages::TICK_S / time_s;
