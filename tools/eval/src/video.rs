@@ -1,5 +1,5 @@
 //! Measures how a person whom one camera sees is followed. Each file of `tools/camera/render` has what a landmarker found in
-//! the images of a person whose joints are known. The frames go through every stage in virtual time.
+//! the images of a person whose joints are known. The frames go through every stage in virtual time, there and back.
 //!
 //! - *Found* is the share of the images with a person, *refused* that of the frames that `ingest` drops, by reason.
 //! - *Engaged* is the share of the time after the first 3 s. The operator presses the enable once.
@@ -43,6 +43,8 @@ const SAMPLE_TICKS: u64 = 30;
 /// Delays among which the best one is searched, ms.
 const DELAYS_MS: [u64; 2] = [0, 800];
 const DELAY_STEP_MS: usize = 20;
+/// Time for which a video plays, there and back, s. A person who is followed stays before the camera for longer than a clip.
+const PLAYS_S: f64 = 24.0;
 /// Seed of the simulated robot's noise.
 const SEED: u64 = 1;
 
@@ -70,9 +72,21 @@ pub struct Followed {
     line: Vec<(f64, f64)>,
 }
 
-/// Returns the frame of an image.
+/// Number of images that play.
+fn played(recorded: &Recorded) -> usize {
+    recorded.images().max((PLAYS_S * recorded.rate_hz) as usize)
+}
+
+/// Returns the image that plays as number `i`. A video that began again would jump.
+fn there_and_back(recorded: &Recorded, i: usize) -> usize {
+    let last = recorded.images().saturating_sub(1).max(1);
+    let at = i % (2 * last);
+    at.min(2 * last - at)
+}
+
+/// Returns the frame of image `i` of those that play.
 fn frame(recorded: &Recorded, i: usize) -> Option<RawSkeleton> {
-    let (world, image, seen) = recorded.found(i)?;
+    let (world, image, seen) = recorded.found(there_and_back(recorded, i))?;
     let mut raw = RawSkeleton { layout: SkeletonLayout::MediaPipe66 as u32, joint_count: 66, ..RawSkeleton::ZERO };
     let points = world.iter().copied().chain(image.iter().map(|[x, y]| [*x, *y, 0.0]));
     raw.positions.iter_mut().zip(points).for_each(|(to, from)| *to = from);
@@ -83,7 +97,7 @@ fn frame(recorded: &Recorded, i: usize) -> Option<RawSkeleton> {
 /// Returns the frame of the true joints.
 fn truth(recorded: &Recorded, i: usize) -> RawSkeleton {
     let mut raw = RawSkeleton { layout: SkeletonLayout::MediaPipe33 as u32, joint_count: 33, ..RawSkeleton::ZERO };
-    raw.positions.iter_mut().zip(recorded.truth(i)).for_each(|(to, from)| *to = from);
+    raw.positions.iter_mut().zip(recorded.truth(there_and_back(recorded, i))).for_each(|(to, from)| *to = from);
     raw.confidence[..33].fill(1.0);
     stamped(raw, i, recorded.rate_hz)
 }
@@ -99,7 +113,7 @@ fn stamped(mut raw: RawSkeleton, i: usize, rate_hz: f64) -> RawSkeleton {
 fn person(config: &ingest::Config, recorded: &Recorded) -> Person {
     let config = ingest::Config { lifter: None, filter: ingest::Filter::None, ..config.clone() };
     let (mut state, mut person) = (ingest::State::default(), Person::default());
-    for i in 0..recorded.images() {
+    for i in 0..played(recorded) {
         let raw = truth(recorded, i);
         ingest::tick(&config, &mut state, raw.header.origin, &raw).skeleton.iter().for_each(|it| person.add(it));
     }
@@ -119,7 +133,7 @@ fn directions_deg(robot: &Human, person: &Human) -> f64 {
 /// Counts what `ingest` refuses.
 fn refuse(config: &ingest::Config, recorded: &Recorded, out: &mut Followed) {
     let (mut state, mut person, mut frames, mut dropped) = (ingest::State::default(), None, 0_u64, 0_u64);
-    for raw in (0..recorded.images()).filter_map(|i| frame(recorded, i)) {
+    for raw in (0..played(recorded)).filter_map(|i| frame(recorded, i)) {
         let now = Stamp(raw.header.origin.0 + LANDMARKS_AFTER_NS);
         frames += 1;
         match ingest::tick(config, &mut state, now, &raw).skeleton {
@@ -132,7 +146,7 @@ fn refuse(config: &ingest::Config, recorded: &Recorded, out: &mut Followed) {
     }
     let reasons = DropReason::ALL.iter().map(|&reason| (reason.name(), state.skeleton.dropped(reason)));
     out.reasons = reasons.filter(|(_, count)| *count > 0).collect();
-    (out.found, out.refused) = (frames as f64 / recorded.images().max(1) as f64, dropped as f64 / frames.max(1) as f64);
+    (out.found, out.refused) = (frames as f64 / played(recorded).max(1) as f64, dropped as f64 / frames.max(1) as f64);
 }
 
 fn follow(loaded: &Loaded, config: &WorldConfig, recorded: &Recorded, person: &Person, out: &mut Followed) {
@@ -140,9 +154,9 @@ fn follow(loaded: &Loaded, config: &WorldConfig, recorded: &Recorded, person: &P
     let mut world = World::new(config, SEED, Links::default());
     let (mut next, mut samples, mut engaged, mut judged) = (0, Vec::new(), 0_u64, 0_u64);
     let (mut k, mut begun_k) = (0_u64, None);
-    while next < recorded.images() {
+    while next < played(recorded) {
         let now = world.now();
-        while next < recorded.images()
+        while next < played(recorded)
             && stamped(RawSkeleton::ZERO, next, recorded.rate_hz).header.origin.0 + LANDMARKS_AFTER_NS <= now.0
         {
             frame(recorded, next).iter().for_each(|raw| world.publish(raw));
