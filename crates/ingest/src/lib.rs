@@ -7,7 +7,7 @@ mod authority;
 
 pub use authority::{Authority, ClientIdentity, Door};
 
-use layouts::{Layouts, Lengths, Lifter, Map, Noise, NoiseState, Refusal};
+use layouts::{LastImage, Layouts, Lengths, Lifter, Map, Noise, NoiseState, Refusal};
 use messages::{RawSkeleton, Stamp};
 use serde::{Deserialize, Serialize};
 use skeleton::{Calibration, DropReason, Output};
@@ -50,6 +50,7 @@ pub struct State {
     pub skeleton: skeleton::State,
     noise: NoiseState,
     lengths: Lengths,
+    image: LastImage,
     /// The person of the last frame that was accepted.
     person: u32,
 }
@@ -71,22 +72,28 @@ pub fn tick(config: &Config, state: &mut State, now: Stamp, raw: &RawSkeleton) -
         Err(Refusal::Layout) => return state.skeleton.refuse(DropReason::Layout),
         Err(Refusal::Count) => return state.skeleton.refuse(DropReason::Count),
     };
+    let bounds = if camera { &config.seen } else { &config.measured };
+    let mut other_ns = Some(bounds.distrust_after_ns);
     if let Some((lifter, image)) = config.lifter.as_ref().zip(map.and_then(|map| map.image(raw))) {
-        lifter.apply(&image, state.lengths.over_trunk(), &mut frame);
+        if !state.image.knows(&image, bounds.distrust_after_ns, &frame) {
+            return state.skeleton.refuse(DropReason::Teleport);
+        }
+        if lifter.apply(&image, state.lengths.over_trunk(), &mut state.image, &mut frame) {
+            other_ns = None;
+        }
     }
     if config.filter == Filter::All || camera && config.filter == Filter::Cameras {
         config.noise.filter(&mut state.noise, raw.layout, &mut frame);
     }
     let known = config.calibrations.iter().find(|(of, _)| *of == (raw.operator_id, raw.layout));
     let stored = known.map(|(_, calibration)| calibration);
-    let bounds = if camera { &config.seen } else { &config.measured };
-    if camera && !state.lengths.settle(raw.layout, bounds.confidence_min, bounds.distrust_after_ns, &mut frame) {
+    if camera && !state.lengths.settle(raw.layout, bounds.confidence_min, other_ns, &mut frame) {
         return state.skeleton.refuse(DropReason::LengthChange);
     }
     let mut out = skeleton::tick(bounds, &mut state.skeleton, now, skeleton::Input { raw: &frame, stored });
     if let Some(skeleton) = &out.skeleton {
         if skeleton.operator_id != state.person {
-            state.lengths.forget();
+            (state.lengths, state.image) = (Lengths::default(), LastImage::default());
         }
         state.person = skeleton.operator_id;
     }

@@ -10,8 +10,7 @@
 //! are robust means over the session. Both arms share the ratios r. n counts frames up to `FRAMES_MAX`. A bone that looks
 //! short or long shows that the landmarker is unsure: it lowers the confidence of the joint at its end. One that is too
 //! unsure to be used does not count for r. R is the trunk's length of late. If it differs from T by a quarter, the body is
-//! another one: its frames are not used, and after a while its lengths are learnt. A camera that guesses the size of people
-//! shows every body with the same trunk, so there this tells nobody from another.
+//! another one: its frames are not used, and after a while its lengths are learnt.
 
 use crate::lifter::LENGTHS;
 use messages::{RawSkeleton, SMPL_JOINTS, Smpl};
@@ -86,8 +85,9 @@ impl Lengths {
 
     /// Learns the lengths of a frame of SMPL-22, m, and gives it those of the session. Joints below `confidence_min` do
     /// not count. `layout` is the one that the client sent. Returns false if the body is another one: the frame then stays as it
-    /// is. After `other_ns` of such frames that body's lengths are learnt. Never allocates or panics, whatever the bits.
-    pub fn settle(&mut self, layout: u32, confidence_min: f32, other_ns: u64, frame: &mut RawSkeleton) -> bool {
+    /// is. After `other_ns` of such frames that body's lengths are learnt. `None` if a trunk's length tells nobody from another.
+    /// Never allocates or panics, whatever the bits.
+    pub fn settle(&mut self, layout: u32, confidence_min: f32, other_ns: Option<u64>, frame: &mut RawSkeleton) -> bool {
         let session = (frame.session_nonce, frame.operator_id, layout);
         if session != self.session {
             *self = Self { session, ..Self::default() };
@@ -105,7 +105,9 @@ impl Lengths {
         if !is_seen || !(TRUNK_M[0]..=TRUNK_M[1]).contains(&trunk_m) {
             return true;
         }
-        if self.is_other(trunk_m, frame.header.origin.0) {
+        if let Some(other_ns) = other_ns
+            && self.is_other(trunk_m, frame.header.origin.0)
+        {
             if frame.header.origin.0.saturating_sub(self.other_since_ns) > other_ns {
                 *self = Self { session, ..Self::default() };
             }
@@ -148,11 +150,6 @@ impl Lengths {
             frame.positions[joint] = scaled[joint].map(|x| x as f32).into();
         }
         true
-    }
-
-    /// Forgets the person: the next frame is another one's.
-    pub fn forget(&mut self) {
-        *self = Self::default();
     }
 
     /// Adds the trunk of a frame to that of late. Returns true if it is another body's.

@@ -103,7 +103,7 @@ impl ImagePoints {
     }
 
     /// The trunk's centre, and its size, in heights of the image. `None` without shoulders and hips.
-    fn trunk(&self) -> Option<([f64; 2], f64)> {
+    pub(crate) fn trunk(&self) -> Option<([f64; 2], f64)> {
         let corners = [Point::LeftShoulder, Point::RightShoulder, Point::LeftHip, Point::RightHip];
         let [a, b, c, d] = corners.map(|corner| self.points[corner as usize].map(f64::from));
         if corners.iter().any(|corner| self.seen[*corner as usize].max(0.0) == 0.0) {

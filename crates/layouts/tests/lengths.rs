@@ -34,7 +34,7 @@ fn stretch(raw: &mut RawSkeleton, side: usize, factors: [f32; 2]) {
 }
 
 fn settled(lengths: &mut Lengths, mut raw: RawSkeleton) -> RawSkeleton {
-    lengths.settle(CAMERA, 0.5, OTHER_NS, &mut raw);
+    lengths.settle(CAMERA, 0.5, Some(OTHER_NS), &mut raw);
     raw
 }
 
@@ -136,7 +136,7 @@ fn f016_body_of_another_size_is_another_person() {
         let mut refused = Vec::new();
         for i in 100..130 {
             let mut raw = smaller(i, factor);
-            if !lengths.settle(CAMERA, 0.5, OTHER_NS, &mut raw) {
+            if !lengths.settle(CAMERA, 0.5, Some(OTHER_NS), &mut raw) {
                 assert_eq!(raw.positions[..22], smaller(i, factor).positions[..22], "frame {i} stays as it is");
                 refused.push(i);
             }
@@ -154,7 +154,7 @@ fn f016_body_of_another_size_is_another_person() {
     let mut lengths = Lengths::default();
     for i in 0..60 {
         let mut raw = smaller(i, if i == 0 || i == 40 { 0.5 } else { 1.0 });
-        assert!(lengths.settle(CAMERA, 0.5, OTHER_NS, &mut raw), "frame {i}");
+        assert!(lengths.settle(CAMERA, 0.5, Some(OTHER_NS), &mut raw), "frame {i}");
         let trunk = |raw: &RawSkeleton| bone(raw, [1, 16]).norm();
         assert!(i < 15 || (trunk(&raw) / trunk(&frame(i)) - 1.0).abs() < 0.06, "frame {i}");
     }

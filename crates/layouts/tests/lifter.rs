@@ -2,7 +2,8 @@
 
 use crate::salt::Chance;
 use layouts::{
-    DIRECTIONS, ImagePoints, LIFTER_OUTPUTS, LIFTER_WIDTHS, Layouts, Lifted, Lifter, LifterManifest, Map, POINTS,
+    DIRECTIONS, ImagePoints, LIFTER_OUTPUTS, LIFTER_WIDTHS, LastImage, Layouts, Lifted, Lifter, LifterManifest, Map,
+    POINTS,
 };
 use messages::{Layout, RawSkeleton, SkeletonLayout, Smpl, raw_flag};
 use nalgebra::Vector3;
@@ -62,7 +63,7 @@ fn frame() -> RawSkeleton {
 fn lifted(lifter: &Lifter, layouts: &Layouts, raw: &RawSkeleton) -> RawSkeleton {
     let mut out = layouts.convert(raw).expect("a layout");
     let image = layouts.find(raw.layout).and_then(|map| map.image(raw)).expect("points of an image");
-    assert!(lifter.apply(&image, None, &mut out));
+    assert!(lifter.apply(&image, None, &mut LastImage::default(), &mut out));
     out
 }
 
@@ -197,20 +198,118 @@ fn written_network_is_read_and_another_one_refused() {
     }
 }
 
+/// Lifts images that are 33 ms apart: each with its network. Returns the left upper arm's direction and confidence after each.
+fn film(networks: &[&Lifter]) -> Vec<(Vector3<f32>, f32)> {
+    let (layouts, mut last) = (Layouts::default(), LastImage::default());
+    let mut raw = frame();
+    let image = layouts.find(raw.layout).and_then(|map| map.image(&raw)).expect("points of an image");
+    let shown = networks.iter().map(|lifter| {
+        raw.header.origin.0 += 33_000_000;
+        let mut out = layouts.convert(&raw).expect("a layout");
+        assert!(lifter.apply(&image, None, &mut last, &mut out));
+        (direction(&out, Smpl::LeftShoulder, Smpl::LeftElbow), out.confidence[Smpl::LeftElbow as usize])
+    });
+    shown.collect()
+}
+
+/// A network whose left upper arm points up, with this concentration.
+fn raised(concentration: f64) -> Lifter {
+    let mut layers = layers([concentration; DIRECTIONS]);
+    layers[3].bias[..3].copy_from_slice(&[0.0, 1.0, 0.0]);
+    Lifter::new(&layers)
+}
+
+#[test]
+fn arm_turns_as_fast_as_its_doubt_permits_and_is_left_out_if_the_doubt_lasts() {
+    let aside = Lifter::new(&layers([50.0; DIRECTIONS]));
+    let degrees = |shown: &[(Vector3<f32>, f32)]| {
+        let turns = shown.windows(2).map(|pair| pair[0].0.angle(&pair[1].0).to_degrees());
+        turns.collect::<Vec<_>>()
+    };
+    // Sure: 12 rad/s, so a jump by 90 degrees takes four images.
+    let sure = raised(50.0);
+    let turns = degrees(&film(&[&aside, &sure, &sure, &sure, &sure, &sure]));
+    for (turn, want) in turns.iter().zip([22.7, 22.7, 22.7, 21.9, 0.0]) {
+        assert!((turn - want).abs() < 0.1, "{turns:?}");
+    }
+    // Expected to be 35 degrees off: half of it.
+    let doubtful = raised(4.21);
+    let turns = degrees(&film(&[&aside, &doubtful, &doubtful]));
+    assert!(turns.iter().all(|turn| (turn - 11.35).abs() < 0.4), "{turns:?}");
+    // A guess: the arm holds, and comes back from there. For 2 s it counts, then no longer.
+    let guess = raised(0.3);
+    let shown = film(&std::iter::once(&aside).chain([&guess; 90]).chain([&aside; 90]).collect::<Vec<_>>());
+    assert!(degrees(&shown).iter().all(|turn| *turn < 0.01), "it holds");
+    let counts: Vec<bool> = shown.iter().map(|(_, confidence)| *confidence >= 0.5).collect();
+    assert!(counts[15] && !counts[90] && counts[180], "{shown:?}");
+}
+
+#[test]
+fn person_who_was_gone_for_a_quarter_of_a_second_is_believed_at_once() {
+    let (layouts, mut last) = (Layouts::default(), LastImage::default());
+    let mut raw = frame();
+    let image = layouts.find(raw.layout).and_then(|map| map.image(&raw)).expect("points of an image");
+    let mut after = |lifter: &Lifter, ms: u64, operator_id: u32| {
+        raw.header.origin.0 += ms * 1_000_000;
+        raw.operator_id = operator_id;
+        let mut out = layouts.convert(&raw).expect("a layout");
+        lifter.apply(&image, None, &mut last, &mut out);
+        direction(&out, Smpl::LeftShoulder, Smpl::LeftElbow).z
+    };
+    let (aside, up) = (Lifter::new(&layers([50.0; DIRECTIONS])), raised(50.0));
+    assert!(after(&aside, 1000, 1).abs() < 1e-6);
+    assert!(after(&up, 260, 1) > 0.999);
+    assert!(after(&aside, 33, 1) > 0.3, "it turns slowly");
+    assert!(after(&up, 33, 2) > 0.999, "somebody else");
+    assert!(after(&aside, 0, 2) > 0.999, "no time, no turn");
+}
+
+#[test]
+fn f016_person_elsewhere_in_the_image_is_another_one() {
+    let layouts = Layouts::default();
+    let mut raw = frame();
+    let mut last = LastImage::default();
+    let mut knows = |aside: f32, factor: f32, ms: u64| {
+        let mut shown = frame();
+        for place in &mut shown.positions[33..66] {
+            *place = [place[0] * factor + aside, place[1] * factor, 0.0];
+        }
+        let image = layouts.find(raw.layout).and_then(|map| map.image(&shown)).expect("points of an image");
+        raw.header.origin.0 += ms * 1_000_000;
+        let mut out = layouts.convert(&raw).expect("a layout");
+        let known = last.knows(&image, 250_000_000, &out);
+        if known {
+            Lifter::new(&layers([50.0; DIRECTIONS])).apply(&image, None, &mut last, &mut out);
+        }
+        known
+    };
+    // The trunk has 0.175 of the image's height.
+    assert!(knows(0.0, 1.0, 1000));
+    assert!(knows(0.09, 1.0, 33), "a step aside");
+    assert!(!knows(0.09 + 0.2, 1.0, 33) && !knows(0.09, 2.5, 33), "somebody else");
+    assert!(knows(0.09, 1.0, 33), "one image of somebody else changes nothing");
+    assert!(knows(0.09 + 0.2, 1.0, 500), "in that time a person walks as far");
+    let refused = (0..12).take_while(|_| !knows(-0.3, 1.0, 33)).count();
+    assert_eq!(refused, 8, "after a quarter of a second the other person is known");
+    assert!(knows(-0.3, 1.0, 33));
+}
+
 #[test]
 fn f076_any_bits_lift_without_panic_or_allocation() {
     let (layouts, lifter) = (Layouts::default(), Lifter::new(&layers([9.0; DIRECTIONS])));
     let map = layouts.find(SkeletonLayout::MediaPipe66 as u32).expect("built in");
-    let mut chance = Chance(3);
+    let (mut chance, mut last) = (Chance(3), LastImage::default());
     for round in 0..2_000 {
         let mut raw = frame();
+        raw.header.origin.0 = (chance.uniform() * 4e9) as u64;
         for _ in 0..round % 60 {
             let bits = f32::from_bits((chance.uniform() * 4e9) as u32);
             raw.positions[(chance.uniform() * 66.0) as usize][(chance.uniform() * 2.0) as usize] = bits;
             raw.confidence[(chance.uniform() * 66.0) as usize] = f32::from_bits((chance.uniform() * 4e9) as u32);
         }
         let Ok(mut out) = layouts.convert(&raw) else { continue };
-        let (_, counted) = count_allocations(|| map.image(&raw).map(|image| lifter.apply(&image, None, &mut out)));
+        let (_, counted) =
+            count_allocations(|| map.image(&raw).map(|image| lifter.apply(&image, None, &mut last, &mut out)));
         assert_eq!(counted.allocated, 0);
     }
 }
