@@ -58,10 +58,12 @@ def slow(random, frames, degrees, period_s=2.0):
 
 
 def move(body, clip, rows, random):
-    """Turns and starts of the bones. Head and forearms turn at random, because positions do not say how they turn."""
+    """Turns and starts of the bones. Head and forearms turn at random, because positions do not say how they turn. Most people look where
+    their chest points, others at somebody beside them."""
     joints = clip.positions(rows)
     side = np.tile([0.0, 1.0, 0.0], (len(rows), 1))
-    head = about(side, random.normal(0, 0.35) + slow(random, len(rows), 15))
+    apart = random.random() < 0.25
+    head = about(side, random.normal(0, 0.5 if apart else 0.1) + slow(random, len(rows), 20 if apart else 8))
     rolls = np.stack([random.normal(0, 0.5) + slow(random, len(rows), 25) for _ in range(2)], 1)
     return body.move(joints, head, rolls)
 
