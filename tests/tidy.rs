@@ -87,7 +87,7 @@ const MAY_USE: &[(&str, &[&str])] = &[
     ("chaos", &["harness", "report", "teleopd"]),
     ("collision", &["canvas"]),
     ("dist", &["bridge", "latency", "record", "replay"]),
-    ("eval", &["collision", "report", "train"]),
+    ("eval", &["collision", "replay", "report", "train"]),
     ("latency", &["canvas", "harness", "report", "teleopd"]),
     ("record", &["canvas"]),
     ("replay", &["record"]),

@@ -2,7 +2,7 @@
 
 use crate::support;
 use messages::{Fault, Mode, Transition};
-use safety::engage::{Config, ConfigError, Output, Permit, SPEED_SCALE_FIRST, Settings, speed_scale};
+use safety::engage::{Config, ConfigError, Permit, Settings, speed_scale};
 use support::{Bench, settings, ticks};
 
 #[test]
@@ -247,37 +247,6 @@ fn gap_of_two_seconds_at_most_resumes_at_once() {
             gap(&mut bench, true);
             let out = bench.steps(2);
             assert_eq!(out.mode, mode, "{n}, {ms} ms");
-        }
-    }
-    // Here the robot was not yet engaged: after the slow second it goes on as fast as it was, but not after 2 s or
-    // another cause.
-    let scale = |out: Output| match out.permit {
-        Permit::Follow { speed_scale } => speed_scale,
-        other => panic!("{other:?}"),
-    };
-    for (engaging_ms, gap_ms, near, kept) in [
-        (900, 100, false, false),
-        (2000, 100, false, true),
-        (2000, 1900, false, true),
-        (2000, 2100, false, false),
-        (2000, 100, true, false),
-    ] {
-        let context = format!("{engaging_ms} ms, gap of {gap_ms} ms, near {near}");
-        let mut bench = Bench::engaging();
-        let before = scale(bench.steps(ticks(engaging_ms)));
-        bench.input.target.input_fresh = false;
-        bench.until(Mode::Holding, 10);
-        bench.input.robot.collision_near = near;
-        bench.steps(ticks(gap_ms));
-        bench.input.robot.collision_near = false;
-        (bench.input.target.input_fresh, bench.input.motion.at_rest) = (true, true);
-        let out = bench.steps(2);
-        assert_eq!(out.mode, Mode::Engaging, "{context}");
-        let after = scale(out);
-        if kept {
-            assert!(before > 0.3 && (after - before).abs() < 0.01, "{context}: {before} then {after}");
-        } else {
-            assert_eq!(after, SPEED_SCALE_FIRST, "{context}");
         }
     }
     // Here something else was wrong meanwhile.

@@ -3,7 +3,7 @@
 
 use crate::support;
 use messages::{Fault, Faults, Mode, Response};
-use safety::engage::{Output, Permit};
+use safety::engage::{Output, Permit, SPEED_SCALE_FIRST};
 use support::{Bench, ticks};
 
 const BITS: u32 = 19;
@@ -185,4 +185,38 @@ fn f071_stop_wins_in_every_combination_of_events() {
     assert!(seen[Mode::Disengaged as usize][Mode::Engaging as usize] > 0 && engaged_to_engaging == 0);
     assert!(seen[Mode::Disengaged as usize][Mode::Recovering as usize] > 0);
     assert_eq!(seen[Mode::Recovering as usize][Mode::Engaging as usize], 0);
+}
+
+/// After the slow second an engaging robot goes on as fast as it was, but not after 2 s or another cause.
+#[test]
+fn short_gap_does_not_begin_the_engaging_again() {
+    let scale = |out: Output| match out.permit {
+        Permit::Follow { speed_scale } => speed_scale,
+        other => panic!("{other:?}"),
+    };
+    for (engaging_ms, gap_ms, near, kept) in [
+        (900, 100, false, false),
+        (2000, 100, false, true),
+        (2000, 1900, false, true),
+        (2000, 2100, false, false),
+        (2000, 100, true, false),
+    ] {
+        let context = format!("{engaging_ms} ms, gap of {gap_ms} ms, near {near}");
+        let mut bench = Bench::engaging();
+        let before = scale(bench.steps(ticks(engaging_ms)));
+        bench.input.target.input_fresh = false;
+        bench.until(Mode::Holding, 10);
+        bench.input.robot.collision_near = near;
+        bench.steps(ticks(gap_ms));
+        bench.input.robot.collision_near = false;
+        (bench.input.target.input_fresh, bench.input.motion.at_rest) = (true, true);
+        let out = bench.steps(2);
+        assert_eq!(out.mode, Mode::Engaging, "{context}");
+        let after = scale(out);
+        if kept {
+            assert!(before > 0.3 && (after - before).abs() < 0.01, "{context}: {before} then {after}");
+        } else {
+            assert_eq!(after, SPEED_SCALE_FIRST, "{context}");
+        }
+    }
 }

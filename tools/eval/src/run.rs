@@ -6,7 +6,7 @@ use crate::methods::{Method, Missing, Posture, Solver, prepare};
 use crate::metrics::{Task, measure};
 use crate::report::{Measured, Report, Setting};
 use crate::timing::{Moment, us_per_pose};
-use crate::{contacts, following, keyposes, paper, plots, refusals, video};
+use crate::{contacts, following, keyposes, paper, plots, refusals, video, words};
 use ::report::print;
 use config::{Loaded, Overrides};
 use rayon::prelude::*;
@@ -31,6 +31,9 @@ pub fn run(cli: &Cli) -> Result<(), Failure> {
     }
     if let Some(folder) = &cli.refusals {
         return refusals::run(cli, folder);
+    }
+    if let Some(captions) = &cli.words {
+        return words::run(cli, captions);
     }
     if let Some(folder) = &cli.video {
         return video::run(cli, folder);

