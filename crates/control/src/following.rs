@@ -12,7 +12,7 @@ use safety::{engage, monitor};
 const ALIGNED_RAD: f64 = 0.02;
 /// Limbs nearer to the person's than this are aligned, rad: 2 degrees. Retargeting itself leaves as much.
 const ALIGNED_LIMBS_RAD: f64 = 0.035;
-/// A limb farther from the person's than this is far behind, rad: 15 degrees.
+/// A limb farther from the person's than this is far behind, rad: 15 degrees. A robot that is nearer on average follows already.
 const BEHIND_RAD: f64 = 0.26;
 
 /// A command that moves no joint faster than this (rad/s, m/s) has settled. Blocked by an obstacle, it creeps
@@ -46,8 +46,9 @@ pub(super) struct Following {
     /// Mean limb error over both of [`AVERAGES_S`], rad. `None` before the first tick at full speed: how far away the
     /// robot was when it began to move slowly says nothing about whether it still catches up.
     averages_rad: Option<[f64; 2]>,
-    /// Share of the speeds that the arms may use.
+    /// Share of the speeds that the arms may use, and the time for which that has been all of it, s.
     speed_scale: f64,
+    full_speed_s: f64,
 }
 
 impl Default for Following {
@@ -59,6 +60,7 @@ impl Default for Following {
             lift_m: None,
             averages_rad: None,
             speed_scale: 0.0,
+            full_speed_s: 0.0,
         }
     }
 }
@@ -189,8 +191,9 @@ impl Following {
             (sum, limbs, worst) = (sum + angle, limbs + 1.0, worst.max(angle));
         }
         let mean = sum / limbs.max(1.0);
+        self.full_speed_s += messages::TICK_S;
         if self.speed_scale < 1.0 {
-            self.averages_rad = None;
+            (self.averages_rad, self.full_speed_s) = (None, 0.0);
         }
         let averages = self.averages_rad.get_or_insert([mean; 2]);
         for (average, time_s) in averages.iter_mut().zip(AVERAGES_S) {
@@ -201,7 +204,7 @@ impl Following {
             aligned: limbs > 0.0 && worst <= ALIGNED_LIMBS_RAD,
             behind: worst > BEHIND_RAD,
             // A person who drives no arm that may follow is not followed.
-            settled: limbs > 0.0 && (slow || !falls),
+            settled: limbs > 0.0 && (slow || !falls && (mean <= BEHIND_RAD || self.full_speed_s >= AVERAGES_S[0])),
         }
     }
 }

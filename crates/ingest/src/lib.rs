@@ -51,6 +51,8 @@ pub struct State {
     noise: NoiseState,
     lengths: Lengths,
     image: LastImage,
+    /// Time at which another person's image arrived, while they do. `Stamp::NONE` otherwise.
+    other_since: Stamp,
     /// The person of the last frame that was accepted.
     person: u32,
 }
@@ -73,12 +75,19 @@ pub fn tick(config: &Config, state: &mut State, now: Stamp, raw: &RawSkeleton) -
         Err(Refusal::Count) => return state.skeleton.refuse(DropReason::Count),
     };
     let bounds = if camera { &config.seen } else { &config.measured };
-    let mut other_ns = Some(bounds.distrust_after_ns);
+    let (mut other_ns, mut last) = (Some(bounds.distrust_after_ns), state.image);
     if let Some((lifter, image)) = config.lifter.as_ref().zip(map.and_then(|map| map.image(raw))) {
-        if !state.image.knows(&image, bounds.distrust_after_ns, &frame) {
-            return state.skeleton.refuse(DropReason::Teleport);
+        let begun = if state.other_since == Stamp::NONE { now } else { state.other_since };
+        // Who stays elsewhere comes no nearer by waiting.
+        if last.is_other(&image, begun, &frame) {
+            state.other_since = begun;
+            // By then the validation counts the person as another one, too: it goes by the same clock.
+            if now.since(state.other_since) <= bounds.distrust_after_ns {
+                return state.skeleton.refuse(DropReason::Teleport);
+            }
+            last = LastImage::default();
         }
-        if lifter.apply(&image, state.lengths.over_trunk(), &mut state.image, &mut frame) {
+        if lifter.apply(&image, state.lengths.over_trunk(), now, &mut last, &mut frame) {
             other_ns = None;
         }
     }
@@ -92,8 +101,10 @@ pub fn tick(config: &Config, state: &mut State, now: Stamp, raw: &RawSkeleton) -
     }
     let mut out = skeleton::tick(bounds, &mut state.skeleton, now, skeleton::Input { raw: &frame, stored });
     if let Some(skeleton) = &out.skeleton {
+        // A refused frame's stamps may lie anywhere, so it leaves no trace.
+        (state.image, state.other_since) = (last, Stamp::NONE);
         if skeleton.operator_id != state.person {
-            (state.lengths, state.image) = (Lengths::default(), LastImage::default());
+            state.lengths = Lengths::default();
         }
         state.person = skeleton.operator_id;
     }

@@ -21,7 +21,7 @@
 use crate::axes::{Axes, Direction};
 use crate::lifter::{ImagePoints, LENGTHS, Lifted, Lifter, TYPICAL};
 use crate::neutral::{COLLAR, UP_THE_TRUNK};
-use messages::{RawSkeleton, SMPL_JOINTS, Smpl};
+use messages::{RawSkeleton, SMPL_JOINTS, Smpl, Stamp};
 use nalgebra::{Matrix3, Rotation3, Unit, Vector3};
 
 /// Axes of a camera before the person.
@@ -48,46 +48,52 @@ const FORGOTTEN_NS: u64 = 250_000_000;
 /// Distance of the trunk's centre from that of the image before, over the trunk's size, that shows another person, and its rise
 /// by the time between. Of 84 clips of one person each, at 30 Hz, the largest is 0.48. At 4 m/s a runner passes 0.3.
 const OTHER_PLACE: [f64; 2] = [0.5, 3.0];
+/// The same for the distance from where the trunk was of late: a landmarker may also glide from one person to another.
+const OTHER_RECENT: [f64; 2] = [1.2, 3.0];
+/// Time over which the place of late is taken, s.
+const RECENT_S: f64 = 0.25;
 /// The same for the change of the logarithm of the trunk's size. The largest was 0.57.
 const OTHER_SIZE: [f64; 2] = [0.7, 2.0];
+/// Time by which these bounds rise at most, s.
+const OTHER_MAX_S: f64 = 0.5;
 /// Limbs of the arms: the first directions.
 const ARM_LIMBS: usize = 4;
 
-/// One person in the last image: place and limbs.
+/// One person in the last image: place and limbs. Only images whose frames were accepted belong here.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct LastImage {
     person: (u64, u32, u32),
     origin_ns: u64,
+    /// Our time at which the last image arrived, ns.
+    arrived_ns: u64,
     /// The trunk's centre and size in the image. `None` before the first one.
     trunk: Option<([f64; 2], f64)>,
-    /// Origin of the first image of another person, ns. Zero while it is the same.
-    other_since_ns: u64,
+    /// The trunk's centre of late.
+    recent: [f64; 2],
     directions: [Vector3<f64>; ARM_LIMBS],
     doubt_rad: [f64; ARM_LIMBS],
 }
 
 impl LastImage {
-    /// Returns false if the image shows another person than the one before. After `other_ns` of such images that person is known.
-    /// Never allocates or panics, whatever the bits.
-    pub fn knows(&mut self, image: &ImagePoints, other_ns: u64, frame: &RawSkeleton) -> bool {
-        let Some((centre, size)) = image.trunk() else { return true };
-        let now_ns = frame.header.origin.0;
-        if let Some((before, size_before)) = self.trunk.filter(|_| self.person == person(frame)) {
-            let since_s = now_ns.saturating_sub(self.origin_ns) as f64 * 1e-9;
-            let most = |[least, per_s]: [f64; 2]| least + per_s * since_s;
-            let place = (centre[0] - before[0]).hypot(centre[1] - before[1]) / size_before;
-            if place > most(OTHER_PLACE) || (size / size_before).ln().abs() > most(OTHER_SIZE) {
-                if self.other_since_ns == 0 {
-                    self.other_since_ns = now_ns;
-                }
-                if now_ns.saturating_sub(self.other_since_ns) <= other_ns {
-                    return false;
-                }
-                *self = Self::default();
-            }
-        }
-        (self.trunk, self.other_since_ns) = (Some((centre, size)), 0);
-        true
+    /// Returns true if an image that arrives at `now` shows another person than the last one. A client's stamps do not count.
+    pub fn is_other(&self, image: &ImagePoints, now: Stamp, frame: &RawSkeleton) -> bool {
+        let known = self.trunk.filter(|_| self.person == person(frame));
+        let Some(((before, size_before), (centre, size))) = known.zip(image.trunk()) else { return false };
+        let since_s = (now.0.saturating_sub(self.arrived_ns) as f64 * 1e-9).min(OTHER_MAX_S);
+        let most = |[least, per_s]: [f64; 2]| least + per_s * since_s;
+        let far = |from: [f64; 2]| (centre[0] - from[0]).hypot(centre[1] - from[1]) / size_before;
+        far(before) > most(OTHER_PLACE)
+            || far(self.recent) > most(OTHER_RECENT)
+            || (size / size_before).ln().abs() > most(OTHER_SIZE)
+    }
+
+    /// Keeps where the trunk is in an image that arrived at `now`.
+    fn place(&mut self, image: &ImagePoints, now: Stamp) {
+        let Some((centre, size)) = image.trunk() else { return };
+        let since_s = now.0.saturating_sub(self.arrived_ns) as f64 * 1e-9;
+        let share = if self.trunk.is_some() { (since_s / RECENT_S).min(1.0) } else { 1.0 };
+        self.recent = [0, 1].map(|i| self.recent[i] + (centre[i] - self.recent[i]) * share);
+        (self.trunk, self.arrived_ns) = (Some((centre, size)), now.0);
     }
 
     /// Bounds the turns of the limbs since the last image, and averages their doubt. Images out of order turn nothing.
@@ -98,7 +104,8 @@ impl LastImage {
         if person != self.person || frame.header.origin.0.abs_diff(self.origin_ns) > FORGOTTEN_NS {
             let directions = std::array::from_fn(|i| lifted.directions[i]);
             let origin_ns = frame.header.origin.0;
-            *self = Self { person, origin_ns, directions, doubt_rad: expected, ..*self };
+            let trunk = self.trunk.filter(|_| person == self.person);
+            *self = Self { person, origin_ns, trunk, directions, doubt_rad: expected, ..*self };
             return;
         }
         self.origin_ns = self.origin_ns.max(frame.header.origin.0);
@@ -129,12 +136,13 @@ fn turned(from: Vector3<f64>, to: Vector3<f64>, most: f64) -> Vector3<f64> {
 
 impl Lifter {
     /// Lifts the image, and gives the frame of SMPL-22 the directions and the confidence of its arms. Returns false, and
-    /// leaves the frame, without shoulders and hips in the image. `lengths` are those of the session. Never allocates or
-    /// panics, whatever the bits.
+    /// leaves the frame, without shoulders and hips in the image. `lengths` are those of the session. The image arrives at
+    /// `now`. Never allocates or panics, whatever the bits.
     pub fn apply(
         &self,
         image: &ImagePoints,
         lengths: Option<[f64; LENGTHS]>,
+        now: Stamp,
         last: &mut LastImage,
         frame: &mut RawSkeleton,
     ) -> bool {
@@ -143,6 +151,7 @@ impl Lifter {
             return false;
         };
         last.steady(&mut lifted, frame);
+        last.place(image, now);
         place(&lifted, &axes, &last.doubt_rad, frame);
         true
     }

@@ -5,7 +5,7 @@ use layouts::{
     DIRECTIONS, ImagePoints, LIFTER_OUTPUTS, LIFTER_WIDTHS, LastImage, Layouts, Lifted, Lifter, LifterManifest, Map,
     POINTS,
 };
-use messages::{Layout, RawSkeleton, SkeletonLayout, Smpl, raw_flag};
+use messages::{Layout, RawSkeleton, SkeletonLayout, Smpl, Stamp, raw_flag};
 use nalgebra::Vector3;
 use perceptron::Dense;
 use rt::count_allocations;
@@ -63,7 +63,7 @@ fn frame() -> RawSkeleton {
 fn lifted(lifter: &Lifter, layouts: &Layouts, raw: &RawSkeleton) -> RawSkeleton {
     let mut out = layouts.convert(raw).expect("a layout");
     let image = layouts.find(raw.layout).and_then(|map| map.image(raw)).expect("points of an image");
-    assert!(lifter.apply(&image, None, &mut LastImage::default(), &mut out));
+    assert!(lifter.apply(&image, None, Stamp(1), &mut LastImage::default(), &mut out));
     out
 }
 
@@ -206,7 +206,7 @@ fn film(networks: &[&Lifter]) -> Vec<(Vector3<f32>, f32)> {
     let shown = networks.iter().map(|lifter| {
         raw.header.origin.0 += 33_000_000;
         let mut out = layouts.convert(&raw).expect("a layout");
-        assert!(lifter.apply(&image, None, &mut last, &mut out));
+        assert!(lifter.apply(&image, None, raw.header.origin, &mut last, &mut out));
         (direction(&out, Smpl::LeftShoulder, Smpl::LeftElbow), out.confidence[Smpl::LeftElbow as usize])
     });
     shown.collect()
@@ -253,7 +253,7 @@ fn person_who_was_gone_for_a_quarter_of_a_second_is_believed_at_once() {
         raw.header.origin.0 += ms * 1_000_000;
         raw.operator_id = operator_id;
         let mut out = layouts.convert(&raw).expect("a layout");
-        lifter.apply(&image, None, &mut last, &mut out);
+        lifter.apply(&image, None, raw.header.origin, &mut last, &mut out);
         direction(&out, Smpl::LeftShoulder, Smpl::LeftElbow).z
     };
     let (aside, up) = (Lifter::new(&layers([50.0; DIRECTIONS])), raised(50.0));
@@ -265,10 +265,10 @@ fn person_who_was_gone_for_a_quarter_of_a_second_is_believed_at_once() {
 }
 
 #[test]
-fn f016_person_elsewhere_in_the_image_is_another_one() {
+fn f016_trunk_that_jumps_or_glides_in_the_image_is_another_persons() {
     let layouts = Layouts::default();
-    let mut raw = frame();
-    let mut last = LastImage::default();
+    let (mut raw, mut last) = (frame(), LastImage::default());
+    let lifter = Lifter::new(&layers([50.0; DIRECTIONS]));
     let mut knows = |aside: f32, factor: f32, ms: u64| {
         let mut shown = frame();
         for place in &mut shown.positions[33..66] {
@@ -276,22 +276,24 @@ fn f016_person_elsewhere_in_the_image_is_another_one() {
         }
         let image = layouts.find(raw.layout).and_then(|map| map.image(&shown)).expect("points of an image");
         raw.header.origin.0 += ms * 1_000_000;
+        let now = raw.header.origin;
         let mut out = layouts.convert(&raw).expect("a layout");
-        let known = last.knows(&image, 250_000_000, &out);
-        if known {
-            Lifter::new(&layers([50.0; DIRECTIONS])).apply(&image, None, &mut last, &mut out);
+        let is_other = last.is_other(&image, now, &out);
+        if !is_other {
+            lifter.apply(&image, None, now, &mut last, &mut out);
         }
-        known
+        !is_other
     };
     // The trunk has 0.175 of the image's height.
     assert!(knows(0.0, 1.0, 1000));
     assert!(knows(0.09, 1.0, 33), "a step aside");
     assert!(!knows(0.09 + 0.2, 1.0, 33) && !knows(0.09, 2.5, 33), "somebody else");
     assert!(knows(0.09, 1.0, 33), "one image of somebody else changes nothing");
-    assert!(knows(0.09 + 0.2, 1.0, 500), "in that time a person walks as far");
-    let refused = (0..12).take_while(|_| !knows(-0.3, 1.0, 33)).count();
-    assert_eq!(refused, 8, "after a quarter of a second the other person is known");
-    assert!(knows(-0.3, 1.0, 33));
+    assert!(knows(0.09 + 0.2, 1.0, 400), "in that time a person walks as far");
+    assert!(!knows(-0.3, 1.0, 5000), "but never through half the image");
+    assert!(knows(0.29, 1.0, 1000));
+    let glides = (1..=5).all(|step| knows(0.29 - 0.09 * step as f32, 1.0, 17));
+    assert!(!glides, "nobody walks a metre in a twelfth of a second");
 }
 
 #[test]
@@ -308,8 +310,12 @@ fn f076_any_bits_lift_without_panic_or_allocation() {
             raw.confidence[(chance.uniform() * 66.0) as usize] = f32::from_bits((chance.uniform() * 4e9) as u32);
         }
         let Ok(mut out) = layouts.convert(&raw) else { continue };
-        let (_, counted) =
-            count_allocations(|| map.image(&raw).map(|image| lifter.apply(&image, None, &mut last, &mut out)));
+        let (_, counted) = count_allocations(|| {
+            map.image(&raw).map(|image| {
+                let now = Stamp((chance.uniform() * 4e9) as u64);
+                (last.is_other(&image, now, &out), lifter.apply(&image, None, now, &mut last, &mut out))
+            })
+        });
         assert_eq!(counted.allocated, 0);
     }
 }

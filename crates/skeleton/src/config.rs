@@ -181,7 +181,7 @@ impl DropReason {
             Self::Chirality => "left and right are swapped, or the person is mirrored",
             Self::Teleport => {
                 "a shoulder went faster than 7 m/s, an elbow faster than 10 m/s, or a wrist faster than 12 m/s, \
-                 relative to the hips"
+                 relative to the hips; or the trunk jumped in a camera's image"
             }
             Self::LengthStep => "a limb changed its length from one frame to the next",
             Self::LengthChange => "a limb's length differs from that in the session's first second",

@@ -3,7 +3,7 @@
 use crate::support;
 use config::{Loaded, Overrides, load};
 use ingest::Filter;
-use messages::{Smpl, Stamp};
+use messages::{Layout, RawSkeleton, SkeletonLayout, Smpl, Stamp};
 use skeleton::DropReason;
 use std::path::{Path, PathBuf};
 
@@ -135,4 +135,59 @@ fn mirrored_person_waves_with_other_hand() {
     let [x, y, z, w] = person.limbs[messages::Limb::RightFore as usize];
     assert_eq!(image.limbs[messages::Limb::LeftFore as usize], [0.0 - x, y, 0.0 - z, w]);
     assert_eq!(image.flags, person.flags | messages::skeleton_flag::IMAGE, "both arms are seen");
+}
+
+/// A person before a camera, whose landmarks in the image are this far aside. They tremble, as a real landmarker's do.
+fn before_camera(aside: f32, n: u64) -> RawSkeleton {
+    let mut raw = RawSkeleton { layout: SkeletonLayout::MediaPipe66 as u32, joint_count: 66, ..RawSkeleton::ZERO };
+    let places = [
+        (0, 0.0, -0.7),
+        (11, 0.18, -0.5),
+        (13, 0.2, -0.22),
+        (15, 0.2, 0.02),
+        (23, 0.1, 0.0),
+        (25, 0.1, 0.4),
+        (27, 0.1, 0.8),
+    ];
+    for (landmark, x, y) in places {
+        for (joint, sign) in [(landmark, 1.0), (landmark + usize::from(landmark > 0), -1.0)] {
+            let tremble = 1e-3 * (n % 7) as f32;
+            raw.positions[joint] = [sign * x, y + tremble, 0.0];
+            raw.positions[33 + joint] = [0.35 * sign * x + aside, 0.35 * y + tremble, 0.0];
+        }
+    }
+    raw.confidence[..66].fill(1.0);
+    raw.session_nonce = 1;
+    raw.header.sequence = n + 1;
+    raw
+}
+
+#[test]
+fn f016_another_person_in_the_image_is_a_new_one_whatever_the_stamps() {
+    let loaded = load(&config().join("teleop.toml"), Overrides::default()).expect("shipped");
+    let settings =
+        world::input_config(&loaded.settings.ingest, loaded.layouts.clone(), &loaded.operators, loaded.lifter.clone());
+    // Delays of the first person's and the second one's frames, and how far ahead the first frame of the second one says to be, ms.
+    for (first_lag, lag, ahead) in [(30, 30, 0), (60, 20, 0), (90, 30, 0), (30, 30, 500), (30, 30, 3_600_000)] {
+        let mut state = ingest::State::default();
+        let (mut first, mut second, mut refused, mut now) = (None, None, 0, Stamp::NONE);
+        for n in 0..150 {
+            let is_second = n >= 90;
+            let mut raw = before_camera(if is_second { 0.15 } else { 0.0 }, n);
+            let seen_ms = 10_000 + n * 33;
+            let lag_ms = if is_second { lag } else { first_lag };
+            let more_ms = if n == 90 { ahead } else { 0 };
+            raw.header.origin = Stamp((seen_ms + more_ms) * 1_000_000);
+            // A later frame does not overtake.
+            now = now.max(Stamp((seen_ms + lag_ms) * 1_000_000));
+            match ingest::tick(&settings, &mut state, now, &raw).skeleton {
+                Some(skeleton) if is_second => second = second.or(Some(skeleton.operator_id)),
+                Some(skeleton) => first = Some(skeleton.operator_id),
+                None => refused += 1,
+            }
+        }
+        let context = format!("{first_lag} to {lag} ms, {ahead} ms ahead: {first:?}, {second:?}, {refused} refused");
+        assert!(first.is_some() && second.is_some() && first != second, "{context}");
+        assert!((7..14).contains(&refused), "{context}");
+    }
 }

@@ -12,6 +12,8 @@ use std::fmt;
 use std::path::Path;
 
 const SENTENCES: &str = include_str!("../words.tsv");
+/// Name of the search by words.
+const WORDS: &str = "equal words";
 /// Captions that `say` shows.
 const SHOWN: usize = 5;
 
@@ -45,8 +47,7 @@ pub fn run(cli: &Cli, captions: &Path) -> Result<(), Failure> {
     let words = Words::new("");
     let index = Index::new(&library, &words);
     let encoder = cli.encoder.as_deref().map(Encoder::open).transpose()?;
-    let mut methods: Vec<(&str, Find<'_>)> =
-        vec![("equal words", Box::new(|sentence| Ok(index.find(&words.split(sentence)))))];
+    let mut methods: Vec<(&str, Find<'_>)> = vec![(WORDS, Box::new(|sentence| Ok(index.find(&words.split(sentence)))))];
     if let Some(encoder) = &encoder {
         methods.push(("all-MiniLM-L6-v2", Box::new(|sentence| encoder.find(&library, sentence))));
     }
@@ -63,7 +64,9 @@ pub fn run(cli: &Cli, captions: &Path) -> Result<(), Failure> {
             if !library.captions().iter().any(|it| right.iter().any(|right| it.text.to_lowercase().contains(right))) {
                 continue;
             }
-            let rank = rank(&library, &found, &right);
+            // `say` shows no others.
+            let near: Vec<Match> = found.into_iter().filter(|it| name == WORDS || it.score >= COSINE_MIN).collect();
+            let rank = rank(&library, &near, &right);
             if rank == Some(1) {
                 firsts.push(first);
             }

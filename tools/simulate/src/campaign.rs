@@ -36,6 +36,8 @@ pub struct Plan {
     pub kinds: Vec<usize>,
     /// The operator and the person are at another machine, see `remote.rs`.
     pub is_remote: bool,
+    /// One camera sees the person, see `camera.rs`.
+    pub is_camera: bool,
     pub bug: Option<Bug>,
 }
 

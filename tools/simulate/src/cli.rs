@@ -49,6 +49,9 @@ pub struct Cli {
     /// besides, and the clocks drift and jump.
     #[arg(long)]
     pub link: bool,
+    /// Show the person to one camera: landmarks with the errors of a landmarker, which loses people and exchanges sides.
+    #[arg(long)]
+    pub camera: bool,
     /// Settings file.
     #[arg(long, default_value = CONFIG)]
     pub config: PathBuf,
@@ -79,8 +82,8 @@ impl Cli {
         if self.fault.is_empty() {
             kinds = (0..KIND_COUNT).collect();
         }
-        let &Self { first_seed, seeds, ticks, jobs, until_found, link: is_remote, .. } = self;
-        Ok(Plan { first_seed, seeds, ticks, jobs, until_found, kinds, is_remote, bug: None })
+        let &Self { first_seed, seeds, ticks, jobs, until_found, link: is_remote, camera: is_camera, .. } = self;
+        Ok(Plan { first_seed, seeds, ticks, jobs, until_found, kinds, is_remote, is_camera, bug: None })
     }
 
     /// Lists all faults.

@@ -2,6 +2,7 @@
 //! with the delivery.
 
 use crate::active::Faults;
+use crate::camera::Camera;
 use crate::frames;
 use crate::kinds::{Delivery, Fault, Frame};
 use client::Player;
@@ -34,6 +35,7 @@ pub struct Client {
     let_through: u64,
     heard: u64,
     stranger_sequence: u64,
+    camera: Option<Camera>,
 }
 
 /// Ticks for which a hand stays as it is.
@@ -47,8 +49,10 @@ fn closure(n: u64) -> Option<f32> {
 }
 
 impl Client {
-    pub fn new(player: Player) -> Self {
+    /// Creates a client, which sees the person by a camera if there is one.
+    pub fn new(player: Player, camera: Option<Camera>) -> Self {
         Self {
+            camera,
             player,
             session: 1,
             sequence: 0,
@@ -111,6 +115,9 @@ impl Client {
         }
         self.release_burst(faults, out);
         self.besides(now, faults, out);
+        if let Some(camera) = &mut self.camera {
+            out.retain_mut(|raw| camera.find(raw));
+        }
     }
 
     fn remember(&mut self, raw: &RawSkeleton) {

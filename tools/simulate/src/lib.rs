@@ -8,6 +8,7 @@
 #![allow(missing_docs, reason = "only the program and its tests use the library")]
 
 pub mod active;
+pub mod camera;
 pub mod campaign;
 pub mod cli;
 pub mod client;

@@ -24,7 +24,8 @@ fn main() -> ExitCode {
 
 fn begin(cli: &Cli) -> Result<bool, Failure> {
     let plan = cli.plan()?;
-    let subject = Subject::load(&cli.config, cli.robot.as_ref()).map_err(Failure::with(Exit::Config))?;
+    let mut subject = Subject::load(&cli.config, cli.robot.as_ref()).map_err(Failure::with(Exit::Config))?;
+    subject.is_camera = plan.is_camera;
     match cli.replay {
         Some(seed) => replay(cli, &plan, &subject, seed),
         None => campaign(cli, &plan, &subject),

@@ -14,7 +14,7 @@ use crate::person_judge::PersonJudge;
 use crate::rules::Rules;
 use crate::true_motion::TrueMotion;
 use checker::Report;
-use messages::{JOINTS_MAX, Mode, RawSkeleton, RobotState, Skeleton, TICK_HZ, TICK_S};
+use messages::{Fault, Faults, JOINTS_MAX, Mode, RawSkeleton, RobotState, Skeleton, TICK_HZ, TICK_S};
 use robot::{JointLimits, Model};
 use safety::engage::OperatorView;
 use world::Moment;
@@ -27,6 +27,11 @@ pub const LATE_TICKS: u64 = 2;
 const REACTION_TICKS: u64 = 2;
 /// Share of the velocity limits in the first second of engaging.
 const FIRST_SHARE: f64 = 0.05;
+/// Faults that only say that something is missing, and the ticks for which they may hold an engaging robot that then goes on:
+/// 2 s, and a margin.
+const GAPS: Faults =
+    Faults::NONE.with(Fault::InputStale).with(Fault::NoTarget).with(Fault::TargetStale).with(Fault::StateLate);
+const GAP_TICKS: u64 = 2 * TICK_HZ + 10;
 /// Rounding of a position, rad or m. Positions reach 3, and a plan is advanced by at most 7500 additions.
 const ROUNDING_Q: f64 = 1e-9;
 /// Rounding of the differences: positions with a rounding of 1e-14, over T, T^2 and T^3, with a margin.
@@ -122,8 +127,9 @@ pub struct Oracle {
     /// Violations of the joints' true motion so far, including those of faulty robots.
     judged: TrueMotion,
     engaging_k: Option<u64>,
-    /// Engaging was held, after its first second.
-    slow_is_over: bool,
+    /// Engaging is held after its first second, by nothing but a gap, and the ticks for which control has held it.
+    resumes: bool,
+    held: u64,
     was: Mode,
     /// The last tick for which a motion was permitted.
     moving_k: u64,
@@ -152,7 +158,8 @@ impl Oracle {
             checked: 0,
             judged: TrueMotion::default(),
             engaging_k: None,
-            slow_is_over: false,
+            resumes: false,
+            held: 0,
             was: Mode::Disengaged,
             moving_k: k,
             rest: None,
@@ -171,7 +178,7 @@ impl Oracle {
         self.modes.check(seen).map_err(|(invariant, detail)| Violation { tick: seen.tick, invariant, detail })?;
         if let Some(control) = &seen.moment.control {
             let mode = Mode::from_u32(control.status.mode).unwrap_or(Mode::Faulted);
-            self.note_mode(seen.k, mode);
+            self.note_mode(seen.k, mode, Faults(control.status.faults));
         }
         let judged = match &seen.moment.robot {
             Some(robot) => self.judge(seen, robot),
@@ -192,18 +199,23 @@ impl Oracle {
         self.was
     }
 
-    fn note_mode(&mut self, k: u64, mode: Mode) {
+    fn note_mode(&mut self, k: u64, mode: Mode, faults: Faults) {
         self.ticks_in[mode as usize] += 1;
         match (self.was, mode) {
             (Mode::Engaging, Mode::Holding) => {
-                self.slow_is_over = self.engaging_k.is_some_and(|began| k >= began + TICK_HZ)
+                self.resumes = self.engaging_k.is_some_and(|began| k >= began + TICK_HZ);
+                self.held = 0;
             }
-            // A gap in a later part of engaging begins nothing.
-            (Mode::Holding, Mode::Engaging) if self.slow_is_over => {}
+            // A short gap in a later part of engaging begins nothing.
+            (Mode::Holding, Mode::Engaging) if self.resumes => {}
             (Mode::Engaging, Mode::Engaging) => {}
             (_, Mode::Engaging) => self.engaging_k = Some(k),
-            (_, Mode::Engaged | Mode::Disengaged | Mode::Faulted) => self.slow_is_over = false,
+            (_, Mode::Engaged | Mode::Disengaged | Mode::Faulted) => self.resumes = false,
             _ => {}
+        }
+        if mode == Mode::Holding {
+            self.held += 1;
+            self.resumes &= faults.is_in(GAPS) && self.held <= GAP_TICKS;
         }
         if moves(mode) {
             (self.moving_k, self.rest) = (k, None);

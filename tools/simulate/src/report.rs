@@ -60,8 +60,9 @@ fn failure_text(failure: &Failure, plan: &Plan, config: &Path) -> String {
         config => format!(" --config {}", quoted(&config.display().to_string())),
     };
     let link = if plan.is_remote { " --link" } else { "" };
+    let camera = if plan.is_camera { " --camera" } else { "" };
     format!(
-        "seed {}, tick {}, invariant {}: {}\n  {schedule} ({} of {} episodes), tick {}, {}: {}\n  simulate{settings}{link} \
+        "seed {}, tick {}, invariant {}: {}\n  {schedule} ({} of {} episodes), tick {}, {}: {}\n  simulate{settings}{link}{camera} \
          --ticks {} --replay {} --faults {}",
         failure.seed,
         v.tick,

