@@ -38,12 +38,16 @@ fn rank(library: &Library, found: &[Match], right: &[&str]) -> Option<usize> {
     shown.position(|text| right.iter().any(|right| text.contains(right))).map(|position| position + 1)
 }
 
-pub fn run(cli: &Cli, captions: &Path) -> Result<(), Failure> {
+fn library(captions: &Path) -> Result<Library, Failure> {
     // Lists of whole databases have motions that nobody described.
     let text = read(captions)?;
     let described = text.lines().filter(|line| line.split_once('\t').is_none_or(|(_, text)| !text.trim().is_empty()));
     let text: String = described.map(|line| format!("{line}\n")).collect();
-    let library = Library::from_text(&captions.display().to_string(), &text)?;
+    Library::from_text(&captions.display().to_string(), &text)
+}
+
+pub fn run(cli: &Cli, captions: &Path) -> Result<(), Failure> {
+    let library = library(captions)?;
     let words = Words::new("");
     let index = Index::new(&library, &words);
     let encoder = cli.encoder.as_deref().map(Encoder::open).transpose()?;
