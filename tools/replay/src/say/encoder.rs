@@ -337,7 +337,7 @@ mod tests {
             std::fs::write(folder.path().join(name), b"{}").expect("written");
         }
         let text = refused(folder.path());
-        assert!(text.contains("model.safetensors: ") && text.contains(PACKAGE), "{text}");
+        assert!(text.contains("model.safetensors is not that of") && text.contains(PACKAGE), "{text}");
         let none = folder.path().join("tokenizer.json");
         assert!(refused(&none).contains("tokenizer.json: "), "no zip archive");
     }
