@@ -194,8 +194,8 @@ impl Checker {
     /// Watches the first second of every engagement that began at rest.
     fn engage(&mut self, config: &Config, report: &mut Report, to: &Setpoint, mode: u32) {
         let from = &self.last;
-        let moving = mode == Mode::Engaging as u32 || mode == Mode::Engaged as u32;
-        let [engaging, holding] = [Mode::Engaging, Mode::Holding].map(|mode| mode as u32);
+        let [engaging, engaged, holding] = [Mode::Engaging, Mode::Engaged, Mode::Holding].map(|mode| mode as u32);
+        let moving = mode == engaging || mode == engaged;
         if self.mode == engaging && mode == holding {
             self.slow_is_over = self.engaged_k.is_some_and(|began| to.k >= began + TICK_HZ);
         } else if mode != engaging && mode != holding {

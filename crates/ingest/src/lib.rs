@@ -78,7 +78,7 @@ pub fn tick(config: &Config, state: &mut State, now: Stamp, raw: &RawSkeleton) -
     let (mut other_ns, mut last) = (Some(bounds.distrust_after_ns), state.image);
     if let Some((lifter, image)) = config.lifter.as_ref().zip(map.and_then(|map| map.image(raw))) {
         let begun = if state.other_since == Stamp::NONE { now } else { state.other_since };
-        // Who stays elsewhere comes no nearer by waiting.
+        // The bounds rise until the first image of the other person, and not while that person stays in view.
         if last.is_other(&image, begun, &frame) {
             state.other_since = begun;
             // By then the validation counts the person as another one, too: it goes by the same clock.

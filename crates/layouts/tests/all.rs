@@ -1,6 +1,7 @@
 //! All integration tests of `layouts`. They are one program, so they are linked once.
 
 mod allocations;
+mod before_camera;
 mod client;
 mod custom;
 mod frames;

@@ -1,5 +1,6 @@
 //! The lifter of a camera's image points: what it gives a frame, and what it refuses.
 
+use crate::before_camera::frame;
 use crate::salt::Chance;
 use layouts::{
     DIRECTIONS, ImagePoints, LIFTER_OUTPUTS, LIFTER_WIDTHS, LastImage, Layouts, Lifted, Lifter, LifterManifest, Map,
@@ -36,28 +37,6 @@ fn layers(concentrations: [f64; DIRECTIONS]) -> Vec<Dense> {
         last.bias[4 * i + 3] = (k.exp_m1().ln() - 2.0) as f32;
     }
     layers
-}
-
-/// A frame of MediaPipe's 66 landmarks: a person who stands before the camera, arms down.
-fn frame() -> RawSkeleton {
-    let mut raw = RawSkeleton { layout: SkeletonLayout::MediaPipe66 as u32, joint_count: 66, ..RawSkeleton::ZERO };
-    let places = [
-        (0, 0.0, -0.7),
-        (11, 0.18, -0.5),
-        (13, 0.2, -0.22),
-        (15, 0.2, 0.02),
-        (23, 0.1, 0.0),
-        (25, 0.1, 0.4),
-        (27, 0.1, 0.8),
-    ];
-    for (landmark, x, y) in places {
-        for (n, sign) in [(landmark, 1.0), (landmark + usize::from(landmark > 0), -1.0)] {
-            raw.positions[n] = [sign * x, y, 0.0];
-            raw.positions[33 + n] = [0.35 * sign * x, 0.35 * y, 0.0];
-        }
-    }
-    raw.confidence[..66].fill(1.0);
-    raw
 }
 
 fn lifted(lifter: &Lifter, layouts: &Layouts, raw: &RawSkeleton) -> RawSkeleton {

@@ -1,5 +1,7 @@
 //! All integration tests of `world`. They are one program, so they are linked once.
 
+#[path = "../../layouts/tests/before_camera.rs"]
+mod before_camera;
 mod engaging;
 mod environment;
 mod feedback;

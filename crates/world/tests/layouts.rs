@@ -1,9 +1,10 @@
 //! Layouts from files, the filter, and the mirrored person.
 
+use crate::before_camera::frame;
 use crate::support;
 use config::{Loaded, Overrides, load};
 use ingest::Filter;
-use messages::{Layout, RawSkeleton, SkeletonLayout, Smpl, Stamp};
+use messages::{RawSkeleton, Smpl, Stamp};
 use skeleton::DropReason;
 use std::path::{Path, PathBuf};
 
@@ -139,24 +140,13 @@ fn mirrored_person_waves_with_other_hand() {
 
 /// A person before a camera, whose landmarks in the image are this far aside. They tremble, as a real landmarker's do.
 fn before_camera(aside: f32, n: u64) -> RawSkeleton {
-    let mut raw = RawSkeleton { layout: SkeletonLayout::MediaPipe66 as u32, joint_count: 66, ..RawSkeleton::ZERO };
-    let places = [
-        (0, 0.0, -0.7),
-        (11, 0.18, -0.5),
-        (13, 0.2, -0.22),
-        (15, 0.2, 0.02),
-        (23, 0.1, 0.0),
-        (25, 0.1, 0.4),
-        (27, 0.1, 0.8),
-    ];
-    for (landmark, x, y) in places {
-        for (joint, sign) in [(landmark, 1.0), (landmark + usize::from(landmark > 0), -1.0)] {
-            let tremble = 1e-3 * (n % 7) as f32;
-            raw.positions[joint] = [sign * x, y + tremble, 0.0];
-            raw.positions[33 + joint] = [0.35 * sign * x + aside, 0.35 * y + tremble, 0.0];
-        }
+    let mut raw = frame();
+    for landmark in &mut raw.positions[..66] {
+        landmark[1] += 1e-3 * (n % 7) as f32;
     }
-    raw.confidence[..66].fill(1.0);
+    for landmark in &mut raw.positions[33..66] {
+        landmark[0] += aside;
+    }
     raw.session_nonce = 1;
     raw.header.sequence = n + 1;
     raw

@@ -79,7 +79,7 @@ fn played(recorded: &Recorded) -> usize {
 
 /// Returns the image that plays as number `i`. A video that began again would jump.
 fn there_and_back(recorded: &Recorded, i: usize) -> usize {
-    let last = recorded.images().saturating_sub(1).max(1);
+    let last = recorded.images() - 1; // A file has two images at least.
     let at = i % (2 * last);
     at.min(2 * last - at)
 }
@@ -146,7 +146,7 @@ fn refuse(config: &ingest::Config, recorded: &Recorded, out: &mut Followed) {
     }
     let reasons = DropReason::ALL.iter().map(|&reason| (reason.name(), state.skeleton.dropped(reason)));
     out.reasons = reasons.filter(|(_, count)| *count > 0).collect();
-    (out.found, out.refused) = (frames as f64 / played(recorded).max(1) as f64, dropped as f64 / frames.max(1) as f64);
+    (out.found, out.refused) = (frames as f64 / played(recorded) as f64, dropped as f64 / frames.max(1) as f64);
 }
 
 fn follow(loaded: &Loaded, config: &WorldConfig, recorded: &Recorded, person: &Person, out: &mut Followed) {

@@ -12,8 +12,6 @@ use std::fmt;
 use std::path::Path;
 
 const SENTENCES: &str = include_str!("../words.tsv");
-/// Name of the search by words.
-const WORDS: &str = "equal words";
 /// Captions that `say` shows.
 const SHOWN: usize = 5;
 
@@ -28,14 +26,28 @@ fn asked() -> impl Iterator<Item = Asked<'static>> {
     lines.map(|(right, sentence)| Asked { right: right.split('|').filter(|it| !it.is_empty()).collect(), sentence })
 }
 
+impl Asked<'_> {
+    fn is_right(&self, caption: &str) -> bool {
+        let caption = caption.to_lowercase();
+        self.right.iter().any(|right| caption.contains(right))
+    }
+}
+
 type Find<'a> = Box<dyn Fn(&str) -> Result<Vec<Match>, Failure> + 'a>;
 
+/// A way to search, and the least score of an answer that `say` shows.
+struct Method<'a> {
+    name: &'static str,
+    score_min: f64,
+    find: Find<'a>,
+}
+
 /// Returns the rank of the first right caption among those that differ, from 1. `None` beyond those that are shown.
-fn rank(library: &Library, found: &[Match], right: &[&str]) -> Option<usize> {
+fn rank(library: &Library, found: &[Match], asked: &Asked<'_>) -> Option<usize> {
     let mut seen = HashSet::new();
-    let texts = found.iter().map(|found| library.captions()[found.caption].text.to_lowercase());
-    let mut shown = texts.filter(|text| seen.insert(text.clone())).take(SHOWN);
-    shown.position(|text| right.iter().any(|right| text.contains(right))).map(|position| position + 1)
+    let texts = found.iter().map(|found| library.captions()[found.caption].text.as_str());
+    let mut shown = texts.filter(|text| seen.insert(text.to_lowercase())).take(SHOWN);
+    shown.position(|text| asked.is_right(text)).map(|position| position + 1)
 }
 
 fn library(captions: &Path) -> Result<Library, Failure> {
@@ -51,26 +63,27 @@ pub fn run(cli: &Cli, captions: &Path) -> Result<(), Failure> {
     let words = Words::new("");
     let index = Index::new(&library, &words);
     let encoder = cli.encoder.as_deref().map(Encoder::open).transpose()?;
-    let mut methods: Vec<(&str, Find<'_>)> = vec![(WORDS, Box::new(|sentence| Ok(index.find(&words.split(sentence)))))];
+    let by_words = Box::new(|sentence: &str| Ok(index.find(&words.split(sentence))));
+    let mut methods = vec![Method { name: "equal words", score_min: 0.0, find: by_words }];
     if let Some(encoder) = &encoder {
-        methods.push(("all-MiniLM-L6-v2", Box::new(|sentence| encoder.find(&library, sentence))));
+        let find = Box::new(|sentence: &str| encoder.find(&library, sentence));
+        methods.push(Method { name: "all-MiniLM-L6-v2", score_min: COSINE_MIN, find });
     }
     let mut rows = Vec::new();
-    for (name, find) in methods {
+    for Method { name, score_min, find } in methods {
         let (mut ranks, mut firsts, mut nonsense) = (Vec::new(), Vec::new(), Vec::new());
-        for Asked { right, sentence } in asked() {
-            let found = find(sentence)?;
+        for asked in asked() {
+            let mut found = find(asked.sentence)?;
             let first = found.first().map_or(0.0, |first| first.score);
-            if right.is_empty() {
+            if asked.right.is_empty() {
                 nonsense.push(first);
                 continue;
             }
-            if !library.captions().iter().any(|it| right.iter().any(|right| it.text.to_lowercase().contains(right))) {
+            if !library.captions().iter().any(|caption| asked.is_right(&caption.text)) {
                 continue;
             }
-            // `say` shows no others.
-            let near: Vec<Match> = found.into_iter().filter(|it| name == WORDS || it.score >= COSINE_MIN).collect();
-            let rank = rank(&library, &near, &right);
+            found.retain(|found| found.score >= score_min);
+            let rank = rank(&library, &found, &asked);
             if rank == Some(1) {
                 firsts.push(first);
             }
