@@ -46,8 +46,7 @@ pub(super) struct Following {
     /// Mean limb error over both of [`AVERAGES_S`], rad. `None` before the first tick at full speed: how far away the
     /// robot was when it began to move slowly says nothing about whether it still catches up.
     averages_rad: Option<[f64; 2]>,
-    /// Share of the speeds that the arms may use, and the time for which that has been all of it, s.
-    speed_scale: f64,
+    /// Time for which the arms have had all of their speed, s.
     full_speed_s: f64,
 }
 
@@ -59,7 +58,6 @@ impl Default for Following {
             head: None,
             lift_m: None,
             averages_rad: None,
-            speed_scale: 0.0,
             full_speed_s: 0.0,
         }
     }
@@ -108,10 +106,13 @@ impl Following {
         let engage::Permit::Follow { speed_scale } = permit else {
             self.state.forget();
             (self.pointing_scale, self.head, self.averages_rad) = (engage::SPEED_SCALE_FIRST, None, None);
-            self.lift_m = None;
+            (self.lift_m, self.full_speed_s) = (None, 0.0);
             return target.map(|target| Reference::from_target(target, [0.0; JOINTS_MAX]));
         };
-        self.speed_scale = speed_scale;
+        self.full_speed_s += messages::TICK_S;
+        if speed_scale < 1.0 {
+            (self.averages_rad, self.full_speed_s) = (None, 0.0);
+        }
         self.pointing_scale = (self.pointing_scale + messages::TICK_S / POINTING_RAMP_S).min(speed_scale);
         let target = target?;
         let Some(ahead) = &target.ahead else {
@@ -191,10 +192,6 @@ impl Following {
             (sum, limbs, worst) = (sum + angle, limbs + 1.0, worst.max(angle));
         }
         let mean = sum / limbs.max(1.0);
-        self.full_speed_s += messages::TICK_S;
-        if self.speed_scale < 1.0 {
-            (self.averages_rad, self.full_speed_s) = (None, 0.0);
-        }
         let averages = self.averages_rad.get_or_insert([mean; 2]);
         for (average, time_s) in averages.iter_mut().zip(AVERAGES_S) {
             *average += (mean - *average) * messages::TICK_S / time_s;

@@ -16,7 +16,7 @@ const AT_CLEARANCE_M: f64 = 1e-3;
 /// Writes into `status` the limit that the command `motion` has reached. Only limits that an operator can see
 /// count: the joint nearest to its highest speed, the nearest pair, or a joint at the end of its range. Wrists turn no limb, so
 /// no limb is behind because of them.
-pub(super) fn report(status: &mut Status, engaged: bool, motion: &JointMotion, wbc: &wbc::Config, model: &Model) {
+pub(super) fn report(status: &mut Status, follows: bool, motion: &JointMotion, wbc: &wbc::Config, model: &Model) {
     let bounds = wbc.bounds();
     let arms = || model.arms.iter().flat_map(|arm| &arm.joints[..LIMB_JOINTS]).copied();
     let speed = |j: usize| motion.v[j].abs() / bounds[j].v_max;
@@ -24,7 +24,7 @@ pub(super) fn report(status: &mut Status, engaged: bool, motion: &JointMotion, w
     let close = status.clearance_command_m <= model.d_min_m + AT_CLEARANCE_M;
     let end = |j: usize| (motion.q[j] - bounds[j].q_min).min(bounds[j].q_max - motion.q[j]) <= AT_END_RAD;
     let (why, about) = match (fastest, arms().find(|&j| end(j))) {
-        _ if !engaged => (FollowingLimit::None, None),
+        _ if !follows => (FollowingLimit::None, None),
         (Some(j), _) => (FollowingLimit::Speed, Some(Subject::Joint(j))),
         _ if close => (FollowingLimit::Clearance, Some(Subject::Pair(status.nearest_pair))),
         (None, Some(j)) => (FollowingLimit::Range, Some(Subject::Joint(j))),
@@ -43,15 +43,15 @@ mod tests {
     const LEFT_ARM: std::ops::Range<usize> = 3..10;
 
     #[test]
-    fn status_names_active_limit_only_while_engaged() {
+    fn status_names_active_limit_only_while_following() {
         const TOML: &str = include_str!("../../../config/robots/tiago_dual.toml");
         const URDF: &str = include_str!("../../../config/robots/tiago_dual.urdf");
         let model = Model::from_text("r.toml", TOML, "r.urdf", URDF).expect("the shipped robot");
         let wbc = wbc::Config::new(&model, wbc::Options::default()).expect("the shipped robot");
         let mut status = Status { clearance_command_m: 0.5, nearest_pair: [3, 8], ..Status::ZERO };
-        let mut reported = |motion: &JointMotion, clearance_m: f64, engaged: bool| {
+        let mut reported = |motion: &JointMotion, clearance_m: f64, follows: bool| {
             status.clearance_command_m = clearance_m;
-            report(&mut status, engaged, motion, &wbc, &model);
+            report(&mut status, follows, motion, &wbc, &model);
             (FollowingLimit::from_u32(status.limited_why), Subject::from_code(status.limited_about))
         };
         let mut motion = JointMotion::rest(model.home);

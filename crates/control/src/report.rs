@@ -75,7 +75,8 @@ impl Report {
             _ => 0.0,
         };
         (status.clearance_command_m, status.nearest_pair) = (proposed.clearance_m, proposed.nearest_pair);
-        limited::report(status, mode == Mode::Engaged, motion, &config.wbc, &config.model);
+        let follows = matches!(mode, Mode::Engaging | Mode::Engaged);
+        limited::report(status, follows, motion, &config.wbc, &config.model);
         status.fallbacks = status.fallbacks.wrapping_add(proposed.fallbacks);
         if proposed.fallbacks > 0 {
             // A motion that was refused for a hand's speed concerns no pair.
@@ -127,6 +128,8 @@ impl Report {
             status.state_stamp = received;
         }
         let Some(target) = target else { return };
+        let unseen = [0, 1].map(|side| u32::from(target.limbs[side].is_none() && status.left_out & 1 << side == 0));
+        status.left_out |= unseen[0] << 2 | unseen[1] << 3;
         status.target_stamp = target.received;
         status.input_age_ns = now.since(target.input_received);
         status.limb_error_target_rad = status::limb_error(config, &target.limbs, &target.q);

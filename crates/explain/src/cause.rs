@@ -1,6 +1,6 @@
 //! Present cause for which the robot does not follow, without the history.
 
-use crate::sentences::{BEHIND_DEG, follows, meaning, moves, newest_transitions, not_at_rest, reduced, subject, why};
+use crate::sentences::{engages, follows, meaning, moves, newest_transitions, not_at_rest, reduced, subject, why};
 use messages::{Fault, Faults, Mode, Response, Status, Subject, Transition};
 use robot::Names;
 use std::cmp::Reverse;
@@ -26,12 +26,9 @@ pub fn cause(status: &Status, names: &Names) -> String {
 
 /// Says how far a moving robot is behind the person and why, then why its speed is reduced.
 fn following(mode: Mode, status: &Status, names: &Names) -> String {
-    let degrees = status.limb_error_measured_rad.to_degrees();
     let mut all = vec![match mode {
         Mode::Engaged => follows(status, names),
-        Mode::Engaging if degrees >= BEHIND_DEG => {
-            format!("The robot moves to the person's posture slowly, {degrees:.0} degrees behind.")
-        }
+        Mode::Engaging => engages(status, names),
         _ => return why(status, names),
     }];
     all.extend(reduced(status).map(|name| format!("The speed is reduced: {name}.")));

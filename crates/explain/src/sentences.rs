@@ -161,23 +161,36 @@ pub fn why_stopped(status: &Status, names: &Names) -> Option<String> {
 pub fn why(status: &Status, names: &Names) -> String {
     why_stopped(status, names).unwrap_or_else(|| match Mode::from_u32(status.mode) {
         Some(Mode::Recovering) => "The robot moves back slowly.".into(),
-        Some(Mode::Engaging) => "The robot moves to the person's posture slowly.".into(),
+        Some(Mode::Engaging) => engages(status, names),
         Some(mode) if moves(mode) => follows(status, names),
         _ => "The robot waits to be engaged.".into(),
     })
 }
 
-/// Says how closely the robot follows, and which limit keeps it from the person.
+/// Says how far the robot still is from the person's posture, and which limit or arm keeps it from there.
+pub(crate) fn engages(status: &Status, names: &Names) -> String {
+    let away = behind_deg(status).map(|degrees| format!(", {degrees:.0} degrees behind{}", limit(status, names)));
+    format!("The robot moves to the person's posture slowly{}.{}", away.unwrap_or_default(), unseen(status))
+}
+
+/// Says how closely the robot follows, and which limit or arm keeps it from the person.
 pub(crate) fn follows(status: &Status, names: &Names) -> String {
-    let degrees = status.limb_error_measured_rad.to_degrees();
-    let who = match status.left_out {
+    let who = match status.left_out & 3 {
         1 => "The robot's right arm",
         2 => "The robot's left arm",
         _ => "The robot",
     };
-    if degrees.is_nan() || degrees < BEHIND_DEG {
-        return format!("{who} follows.");
-    }
+    let behind = behind_deg(status).map(|degrees| format!(", {degrees:.0} degrees behind{}", limit(status, names)));
+    format!("{who} follows{}.{}", behind.unwrap_or_default(), unseen(status))
+}
+
+/// Mean angle between the limbs of the robot and of the person, degrees. `None` if nobody sees it.
+fn behind_deg(status: &Status) -> Option<f64> {
+    Some(status.limb_error_measured_rad.to_degrees()).filter(|&degrees| degrees >= BEHIND_DEG)
+}
+
+/// The limit that the command has reached, after a colon. Empty if there is none.
+fn limit(status: &Status, names: &Names) -> String {
     let about = subject(Subject::from_code(status.limited_about), names);
     let limit = about.and_then(|about| match FollowingLimit::from_u32(status.limited_why) {
         FollowingLimit::None => None,
@@ -185,7 +198,17 @@ pub(crate) fn follows(status: &Status, names: &Names) -> String {
         FollowingLimit::Clearance => Some(format!(": {about} are as close as they may be")),
         FollowingLimit::Range => Some(format!(": {about} is at the end of its range")),
     });
-    format!("{who} follows, {degrees:.0} degrees behind{}.", limit.unwrap_or_default())
+    limit.unwrap_or_default()
+}
+
+/// A sentence about the person's arms that nobody sees. Empty if both are seen.
+fn unseen(status: &Status) -> &'static str {
+    match status.left_out >> 2 {
+        1 => " The person's left arm is not seen well enough.",
+        2 => " The person's right arm is not seen well enough.",
+        3 => " Neither of the person's arms is seen well enough.",
+        _ => "",
+    }
 }
 
 /// Name in reports of the limit that keeps the command from the person.
@@ -449,6 +472,8 @@ mod tests {
         assert_eq!(super::why(&status, &names), "The robot follows.");
         let right_alone = Status { left_out: 1, ..status };
         assert_eq!(super::why(&right_alone, &names), "The robot's right arm follows.");
+        let unseen = super::why(&Status { left_out: 8, ..status }, &names);
+        assert_eq!(unseen, "The robot follows. The person's right arm is not seen well enough.");
         status.limb_error_measured_rad = 0.41;
         assert_eq!(super::why(&status, &names), "The robot follows, 23 degrees behind.");
         (status.limited_why, status.limited_about) = (FollowingLimit::Speed as u32, Subject::Joint(3).code());
@@ -456,8 +481,10 @@ mod tests {
             super::why(&status, &names),
             "The robot follows, 23 degrees behind: joint 3 is at its highest speed."
         );
-        (status.limited_why, status.limited_about) = (0, 0);
         status.mode = Mode::Engaging as u32;
+        let far = "The robot moves to the person's posture slowly, 23 degrees behind: joint 3 is at its highest speed.";
+        assert_eq!(super::why(&status, &names), far);
+        (status.limb_error_measured_rad, status.limited_why, status.limited_about) = (0.0, 0, 0);
         assert_eq!(super::why(&status, &names), "The robot moves to the person's posture slowly.");
         status.reduced = reduced_flag::NAMES[0].0;
         assert!(why_stopped(&status, &names).is_some_and(|why| why.contains(reduced_flag::NAMES[0].1)));

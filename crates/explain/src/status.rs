@@ -85,8 +85,9 @@ pub fn status_json(status: &Status, names: &Names) -> Value {
     let limited_about = sentences::subject(Subject::from_code(status.limited_about), names);
     all["limited"] = json!({ "by": sentences::limit_name(status), "about": limited_about });
     all["lost_percent"] = json!(0.1 * f64::from(status.lost_permille));
-    let left_out = [(1, "left"), (2, "right")].into_iter().filter(|(side, _)| status.left_out & side != 0);
-    all["left_out"] = left_out.map(|(_, name)| name).collect();
+    let arms = |bits: u32| [(1, "left"), (2, "right")].into_iter().filter(move |(side, _)| bits & side != 0);
+    all["left_out"] = arms(status.left_out).map(|(_, name)| name).collect();
+    all["unseen"] = arms(status.left_out >> 2).map(|(_, name)| name).collect();
     all
 }
 

@@ -180,11 +180,12 @@ message! {
         pub payload_refused_why: u32,
         /// Index plus one of the joint that could not hold the payload. Zero if no joint was the reason.
         pub payload_refused_joint: u32,
-        /// A `FollowingLimit`: the limit that keeps the command from the person, while Engaged.
+        /// A `FollowingLimit`: the limit that keeps the command from the person, while Engaging or Engaged.
         pub limited_why: u32,
         /// Joint or pair that the limit concerns: the code of a `Subject`, zero for none.
         pub limited_about: u32,
-        /// Arms that the operator leaves out while the enable is held: bit 0 the left one, bit 1 the right one.
+        /// Arms that the operator leaves out while the enable is held: bit 0 the left one, bit 1 the right one. Bits 2 and 3:
+        /// the same for arms that the operator uses, but of which the newest target has no person's arm.
         pub left_out: u32,
         /// `InputStatus::lost_permille`, of the last second.
         pub lost_permille: u32,

@@ -14,6 +14,7 @@ saw nobody), `seen` (F,33), `world` (F,33,3). That of `points` holds `points` (N
 
 import argparse
 import hashlib
+import json
 import subprocess
 import sys
 import tempfile
@@ -210,8 +211,9 @@ def found_in(video, model):
 def check(options):
     """Finds the landmarks of the videos again, and compares the limbs of the arms with those that are stored."""
     worst = 0.0
-    for video in sorted(options.out.glob("*.mp4")):
-        stored, found = np.load(video.with_suffix(".npz"))["world"], found_in(video, options.model)["world"]
+    for video in sorted(options.out.glob("*.mp4")) if options.model else [options.out]:
+        found = found_in(video, options.model)["world"] if options.model else np.array(json.loads(options.found.read_text()), float)
+        stored = np.load(video.with_suffix(".npz"))["world"][: len(found)]
         limbs = [np.stack([unit(world[:, b] - world[:, a]) for a, b in LIMBS], 1) for world in (stored, found)]
         angles = np.degrees(np.arccos(np.clip((limbs[0] * limbs[1]).sum(-1), -1, 1)))
         if not (np.isfinite(stored) == np.isfinite(found)).all():
@@ -220,6 +222,16 @@ def check(options):
         worst = max(worst, np.nanmean(angles))
     if not worst <= CHECK_DEG:
         raise SystemExit(f"{worst:.2f} degrees, at most {CHECK_DEG} are expected")
+
+
+def images(options):
+    """Writes the first images of a video as 000.png and so on."""
+    import cv2
+
+    source = cv2.VideoCapture(str(options.video))
+    options.out.mkdir(parents=True, exist_ok=True)
+    for n in range(options.count):
+        cv2.imwrite(str(options.out / f"{n:03}.png"), source.read()[1])
 
 
 def one(options, bodies):
@@ -250,10 +262,13 @@ def main():
     command.add_argument("out", type=Path), command.add_argument("clips", nargs="+"), command.add_argument("--model", required=True)
     command.add_argument("--count", type=int, default=50), command.add_argument("--length", type=float, default=6.0), command.add_argument("--validation", action="store_true")
     command = commands.add_parser("check", help="finds the landmarks of a folder's videos again")
-    command.add_argument("out", type=Path), command.add_argument("--model", required=True)
+    command.add_argument("out", type=Path, help="the folder, or one of its videos with --found"), command.add_argument("--model")
+    command.add_argument("--found", type=Path, help="what another program found in the video's first images: JSON [image][landmark][x, y, z], m")
+    command = commands.add_parser("images", help="the first images of a video")
+    command.add_argument("video", type=Path), command.add_argument("out", type=Path), command.add_argument("--count", type=int, default=60)
     options = parser.parse_args()
-    if options.command == "check":
-        return check(options)
+    if options.command in ("check", "images"):
+        return {"check": check, "images": images}[options.command](options)
     options.cache.mkdir(parents=True, exist_ok=True)
     folder = mesh(options.cache)
     wanted = [options.body] if options.command == "clip" else range(len(BODIES))
