@@ -1,11 +1,12 @@
 //! The control tick of the shipped robot: the state machine, the predictive controller, whole-body control and the
-//! gate. It follows the built-in motion. Criterion keeps the figures under `target/criterion` and compares the next
-//! run with them.
+//! gate. It follows the built-in motion. And the lifter of a camera's image. Criterion keeps the figures under
+//! `target/criterion` and compares the next run with them.
 
 use client::PlayOptions;
 use config::Overrides;
 use control::{Config, Input, State};
 use criterion::{Criterion, criterion_group, criterion_main};
+use layouts::{ImagePoints, POINTS};
 use messages::{JointTarget, Mode, RobotState, Stamp};
 use motion::CalibrationMode;
 use safety::engage::OperatorView;
@@ -63,5 +64,17 @@ fn ticks(criterion: &mut Criterion) {
     });
 }
 
-criterion_group!(benches, ticks);
+fn lift(criterion: &mut Criterion) {
+    let settings = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/teleop.toml");
+    let loaded = config::load(&settings, Overrides::default()).expect("the shipped settings");
+    let lifter = loaded.lifter.expect("the shipped lifter");
+    // The time is the same for every image with a trunk.
+    let points = std::array::from_fn(|i| [0.1 * (i as f32).sin(), 0.1 * (i as f32).cos()]);
+    let image = ImagePoints { points, seen: [1.0; POINTS] };
+    criterion.bench_function("lift", |bencher| {
+        bencher.iter(|| lifter.lift(std::hint::black_box(&image), None).expect("a trunk"));
+    });
+}
+
+criterion_group!(benches, ticks, lift);
 criterion_main!(benches);
