@@ -1,7 +1,7 @@
 //! Mirror images: detects them and reflects them back.
 
 use crate::Frame;
-use skeleton::chirality;
+use skeleton::{Chirality, chirality};
 use thiserror::Error;
 
 /// Reason why left and right of a body are not reliable.
@@ -33,25 +33,22 @@ pub enum MirrorError {
     },
 }
 
-/// Checks left and right over all frames. Uses the lines of shoulders and hips, and the direction of feet and
-/// knees. With `mirror`, it first reflects the frames at the plane between left and right. Then the joint named
-/// left is on the left again.
+/// Checks left and right over all frames, by the same rule as `ingest`. With `mirror`, it first reflects the frames at the
+/// plane between left and right. Then the joint named left is on the left again. Legs that prove nothing are no reason.
 pub(crate) fn settle(frames: &mut [Frame], mirror: bool) -> Result<(), MirrorError> {
     if mirror {
         frames.iter_mut().for_each(reflect);
     }
-    let (mut sides, mut front, mut count) = (0.0, 0.0, 0.0);
-    for evidence in frames.iter().filter_map(|frame| chirality(&frame.positions)) {
-        sides += evidence.sides;
-        front += evidence.front;
-        count += 1.0;
+    let mut mean = Chirality::default();
+    for (n, evidence) in frames.iter().filter_map(|frame| chirality(&frame.positions)).enumerate() {
+        mean = mean.toward(evidence, 1.0 / (n + 1) as f64);
     }
-    let (sides, front) = if count > 0.0 { (sides / count, front / count) } else { (0.0, 0.0) };
+    let Chirality { sides, front, .. } = mean;
     if sides < 0.0 {
         Err(MirrorError::Swapped { sides })
-    } else if front < 0.0 && mirror {
+    } else if mean.is_mirrored() && mirror {
         Err(MirrorError::NotMirrored { front: -front })
-    } else if front < 0.0 {
+    } else if mean.is_mirrored() {
         Err(MirrorError::Mirrored { sides, front })
     } else {
         Ok(())

@@ -13,9 +13,6 @@ use messages::{LIMBS, RawSkeleton, SMPL_JOINTS, Smpl, Stamp, comes_after};
 const CHIRALITY_S: f64 = 0.5;
 /// Smallest mean cosine between shoulders and hips. CMU clips: above 0. Swapped sides: -0.9.
 const SIDES_MIN: f64 = -0.3;
-/// Smallest mean evidence of feet and knees, from -4 to 4. CMU clips: mean 2.3, never below 0 over a second.
-/// Mirrored: -2.3.
-const FRONT_MIN: f64 = -1.0;
 /// Time without a frame after which the evidence on left and right restarts, ns: a period at 20 Hz, and half of
 /// one for jitter. A jump in that time may be a swap of the sides.
 const UNSEEN_NS: u64 = 75_000_000;
@@ -199,13 +196,14 @@ impl Session {
         let legs =
             [Smpl::LeftKnee, Smpl::RightKnee, Smpl::LeftAnkle, Smpl::RightAnkle, Smpl::LeftFoot, Smpl::RightFoot];
         let sees_legs = legs.iter().all(|&joint| person.has(joint as usize));
-        let was =
-            self.chirality.unwrap_or(Chirality { sides: now.sides, front: if sees_legs { now.front } else { 0.0 } });
+        // Legs that are not seen say nothing new.
+        let known = self.chirality.unwrap_or_default();
+        let (front, weight) = if sees_legs { (now.front, now.weight) } else { (known.front, known.weight) };
+        let now = Chirality { sides: now.sides, front, weight };
         let share = (since_ns as f64 * 1e-9 / CHIRALITY_S).min(1.0);
-        let front = if sees_legs { was.front + (now.front - was.front) * share } else { was.front };
-        let mean = Chirality { sides: was.sides + (now.sides - was.sides) * share, front };
+        let mean = self.chirality.map_or(now, |was| was.toward(now, share));
         self.chirality = Some(mean);
-        if mean.sides < SIDES_MIN || mean.front < FRONT_MIN { Err(DropReason::Chirality) } else { Ok(()) }
+        if mean.sides < SIDES_MIN || mean.is_mirrored() { Err(DropReason::Chirality) } else { Ok(()) }
     }
 
     /// Compares with the last frame that was otherwise right. A refused frame does not prove that the tracker

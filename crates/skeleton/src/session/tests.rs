@@ -79,8 +79,8 @@ fn chirality_evidence_is_a_mean_over_half_a_second() {
     // The mean after n frames of b that follow many of a is b + (a - b) (29/30)^n.
     let below = |a: f64, b: f64, least: f64| (1..).find(|&n| b + (a - b) * (29.0_f64 / 30.0).powi(n) < least);
     let (by_feet, by_hips) = (below(was.front, feet.front, -1.0), below(1.0, -1.0, -0.3));
-    assert_eq!((by_feet, by_hips), (Some(42), Some(31)));
-    assert_eq!((refused_after(100, &turned_feet()), refused_after(100, &hips)), (42, 31));
+    assert_eq!((by_feet, by_hips), (Some(41), Some(31)));
+    assert_eq!((refused_after(100, &turned_feet()), refused_after(100, &hips)), (41, 31));
     // The first frame counts for all before it.
     assert_eq!((refused_after(0, &turned_feet()), refused_after(0, &hips)), (1, 1));
 }
@@ -109,12 +109,47 @@ fn knees_that_bend_backwards_lower_chirality_evidence() {
             }
         })
     };
-    // Thigh down and shin to the back give 1 for each leg. A foot that points down adds little.
-    let front = |person: &Person| chirality(&person.positions).expect("a trunk").front;
-    let (back, forth) = (front(&bend(-0.4)), front(&bend(0.4)));
-    assert!((back - forth - 4.0).abs() < 1e-6 && back > 2.0 && forth < -1.5, "{back} {forth}");
+    // Thigh down and shin to the back give 1 for each leg, and so does a foot that points down from such a shin.
+    let of = |person: &Person| chirality(&person.positions).expect("a trunk");
+    let [back, forth] = [-0.4, 0.4].map(|to| of(&bend(to)));
+    for (evidence, front) in [(back, 4.0), (forth, -4.0)] {
+        assert!((evidence.front - front).abs() < 0.01 && (evidence.weight - 4.0).abs() < 0.01, "{evidence:?}");
+    }
+    assert!(forth.is_mirrored() && !back.is_mirrored());
     let one = person(|p| p[Smpl::LeftAnkle as usize] = [-0.4, 0.09, 0.5]);
-    assert!(front(&one) > front(&good()), "one knee alone");
+    assert!(of(&one).front > of(&good()).front, "one knee alone");
+}
+
+#[test]
+fn straight_knees_and_folded_legs_prove_no_mirror_image() {
+    let legs = |knee: [f32; 2], ankle: [f32; 2], foot: [f32; 2]| {
+        let body = person(move |p| {
+            let chains = [
+                [Smpl::LeftHip, Smpl::LeftKnee, Smpl::LeftAnkle, Smpl::LeftFoot],
+                [Smpl::RightHip, Smpl::RightKnee, Smpl::RightAnkle, Smpl::RightFoot],
+            ];
+            for joints in chains {
+                let [hip_x, side, hip_z] = p[joints[0] as usize];
+                for (joint, [x, z]) in joints.into_iter().skip(1).zip([knee, ankle, foot]) {
+                    p[joint as usize] = [hip_x + x, side, hip_z + z];
+                }
+            }
+        });
+        chirality(&body.positions).expect("a trunk")
+    };
+    // On the heels: thighs ahead, shins and insteps on the floor to the back.
+    let kneels = legs([0.4, -0.1], [0.0, -0.15], [-0.15, -0.17]);
+    assert!(kneels.front > 0.5, "{kneels:?}");
+    // Knees that an estimate bends forward by ten degrees, and feet without length.
+    let straight = legs([0.0, -0.43], [0.07, -0.83], [0.07, -0.83]);
+    assert_eq!((straight.front, straight.weight), (0.0, 0.0));
+    // A mirror image is one whether it stands or sits.
+    for [knee, ankle, foot] in
+        [[[0.0, -0.43], [0.0, -0.85], [-0.15, -0.87]], [[-0.42, 0.0], [-0.42, -0.43], [-0.57, -0.45]]]
+    {
+        let evidence = legs(knee, ankle, foot);
+        assert!(evidence.is_mirrored(), "{evidence:?}");
+    }
 }
 
 #[test]
