@@ -24,6 +24,14 @@ const CHANNELS_MIN: usize = 18;
 /// no motion. Assumption.
 const FRAME_TIME_S: [f64; 2] = [1e-5, 10.0];
 
+/// Cosine of half the largest turn of a joint in a rest pose: 0.2 degrees are rounding.
+const REST_COSINE: f32 = 0.999_998_5;
+/// A joint that moves this far against the pelvis from the first frame to the second jumps, m, if it moves this many times
+/// less in each of the frames that follow. Assumptions: exporters put a T-pose before people whose arms hang.
+const REST_JUMP_M: f32 = 0.1;
+const REST_JUMP: f32 = 5.0;
+const REST_JUMP_FRAMES: usize = 10;
+
 /// Quantity that a number of a frame moves: position or rotation, with its axis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Channel {
@@ -51,7 +59,7 @@ pub(crate) struct Pose {
 /// SMPL-22 in the file's frame and unit.
 pub(crate) type RigFrame = [Pose; SMPL_JOINTS];
 
-/// Reads the text of a BVH file. Frame 0 becomes `first`. The other frames are the motion.
+/// Reads the text of a BVH file. Frame 0 becomes `first` if it is a rest pose. The other frames are the motion.
 pub fn parse_bvh(name: &str, text: &[u8]) -> Result<Motion, BvhError> {
     let mut motion = parse(name, text)?;
     // Only a check: without `mirror` the frames do not change.
@@ -68,13 +76,40 @@ pub(crate) fn parse(name: &str, text: &[u8]) -> Result<Motion, BvhError> {
     let joints = parse_hierarchy(&mut scan)?;
     let mapping = rig::map(&joints)?;
     let (frame_rate_hz, frames) = parse_motion(&mut scan, &joints, &mapping)?;
-    let canonical = Canonical::guess(&frames, joints[0].offset).map_err(|length| BvhError::NoSize { length })?;
+    let canonical = Canonical::guess(&rest_pose(&joints, &mapping), &frames, frame_rate_hz, joints[0].offset)
+        .map_err(|length| BvhError::NoSize { length })?;
     let mut warnings = mapping.warnings;
     warnings.extend(canonical.warning.clone());
     let guesses = canonical.guesses(warnings);
-    let first = frames.first().map(|frame| canonical.apply(frame));
-    let frames: Vec<Frame> = frames.iter().skip(1).map(|frame| canonical.apply(frame)).collect();
+    let mut frames: Vec<Frame> = frames.iter().map(|frame| canonical.apply(frame)).collect();
+    let first = is_rest(&frames).then(|| frames.remove(0));
     Ok(Motion { name: name.to_owned(), frame_rate_hz, frames, first, has_rotations: true, guesses })
+}
+
+/// The hierarchy without rotations.
+fn rest_pose(joints: &[Joint], mapping: &Mapping) -> RigFrame {
+    let mut poses: Vec<Pose> = Vec::with_capacity(joints.len());
+    for joint in joints {
+        let parent = joint.parent.map_or_else(Vector3::zeros, |parent| poses[parent].position);
+        poses.push(Pose { position: parent + Vector3::from(joint.offset), rotation: UnitQuaternion::identity() });
+    }
+    mapping.joints.map(|joint| poses[joint])
+}
+
+/// Returns true if the first frame is a rest pose that an exporter put before the motion: no joint turns against the pelvis, or
+/// the file jumps from it.
+pub(crate) fn is_rest(frames: &[Frame]) -> bool {
+    let [first, rest @ ..] = frames else { return false };
+    let dot = |a: [f32; 4], b: [f32; 4]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f32>().abs();
+    let step = |a: &Frame, b: &Frame| {
+        let at =
+            |frame: &Frame, joint: usize| Vector3::from(frame.positions[joint]) - Vector3::from(frame.positions[0]);
+        (0..SMPL_JOINTS).map(|joint| (at(a, joint) - at(b, joint)).norm()).fold(0.0, f32::max)
+    };
+    let jump = rest.first().map_or(0.0, |next| step(first, next));
+    let usual = rest.windows(2).take(REST_JUMP_FRAMES).map(|pair| step(&pair[0], &pair[1])).fold(0.0, f32::max);
+    first.rotations.iter().all(|&turn| dot(turn, first.rotations[0]) > REST_COSINE)
+        || jump > REST_JUMP_M.max(REST_JUMP * usual)
 }
 
 fn parse_hierarchy(scan: &mut Scan<'_>) -> Result<Vec<Joint>, BvhError> {

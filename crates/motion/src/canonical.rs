@@ -17,6 +17,14 @@ const STATURE_NOMINAL_M: f64 = 1.75;
 const LEG_AND_SPINE_OF_STATURE: f64 = 0.88;
 /// Number of frames used to guess the up-axis.
 const UP_SAMPLES: usize = 200;
+/// Time at the start of a clip that shows how the person stands, s. Later they may lie down.
+const STANDS_S: f64 = 1.0;
+/// Least cosine between an axis and the direction from the ankles to the head that is along the axis: 30 degrees.
+const ALONG: f64 = 0.87;
+/// Share of the length of legs and spine by which the head is from the ankles of a straight person. Assumption.
+const STRAIGHT: f64 = 0.9;
+/// Height over the floor that a lying person has at most, and depth of limbs below it that is noise, as shares of the stature.
+const LIES: [f64; 2] = [0.35, 0.03];
 
 /// The axis that points up in a format or a file of arrays.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -52,11 +60,16 @@ pub(crate) struct Canonical {
 }
 
 impl Canonical {
-    /// Guesses everything that BVH leaves open. The error is the length of legs and spine, returned if they have
-    /// none.
-    pub(crate) fn guess(frames: &[RigFrame], root_offset: [f64; 3]) -> Result<Self, f64> {
+    /// Guesses everything that BVH leaves open. `rest` is the hierarchy without rotations. The error is the length of legs and
+    /// spine, returned if they have none.
+    pub(crate) fn guess(
+        rest: &RigFrame,
+        frames: &[RigFrame],
+        rate_hz: f64,
+        root_offset: [f64; 3],
+    ) -> Result<Self, f64> {
         let (scale, unit, stature_m) = guess_unit(frames)?;
-        let (axis, up, mut warning) = guess_up(frames);
+        let (axis, up, mut warning) = guess_up(Some(rest), frames, rate_hz);
         let mut rotation = canonical_from_file(axis);
         if up != "+Y" {
             rotation = face_forward(frames, &rotation) * rotation;
@@ -71,13 +84,13 @@ impl Canonical {
 
     /// For formats with a known up-axis. If another axis looks more like it, this is a warning. The error is the
     /// length of legs and spine, returned if they have none.
-    pub(crate) fn known(frames: &[RigFrame], up: Up) -> Result<Self, f64> {
+    pub(crate) fn known(frames: &[RigFrame], rate_hz: f64, up: Up) -> Result<Self, f64> {
         let (scale, unit, stature_m) = guess_unit(frames)?;
         let (axis, up) = match up {
             Up::Y => (Vector3::y(), "+Y"),
             Up::Z => (Vector3::z(), "+Z"),
         };
-        let looks = guess_up(frames).1;
+        let looks = guess_up(None, frames, rate_hz).1;
         let warning = match unit {
             "m" if looks == up => None,
             "m" => Some(format!(
@@ -136,25 +149,69 @@ pub(crate) fn stature_m(frame: &RigFrame) -> f64 {
     (legs + chain(&[Pelvis, Spine1, Spine2, Spine3, Neck, Head])) / LEG_AND_SPINE_OF_STATURE
 }
 
-/// Returns the file's axis nearest to the mean direction from the ankles to the head.
-fn guess_up(frames: &[RigFrame]) -> (Vector3<f64>, &'static str, Option<String>) {
-    let step = frames.len().div_ceil(UP_SAMPLES).max(1);
-    let mut sum = Vector3::zeros();
-    for frame in frames.iter().step_by(step) {
-        let at = |joint: Smpl| frame[joint as usize].position;
-        let up = at(Smpl::Head) - (at(Smpl::LeftAnkle) + at(Smpl::RightAnkle)) / 2.0;
-        sum += up.try_normalize(1e-9).unwrap_or_default();
-    }
-    let axis = sum.iamax();
+/// Returns the axis that points up, its name, and a warning if it is a guess.
+///
+/// The hierarchy's rest pose tells it, if a person stands in it, unless the clip contradicts: its person never stands along this
+/// axis, does not lie on its floor, and is straight in the first second. Some exporters turn the root so. Without a witness the
+/// first second tells it, and then the whole clip.
+fn guess_up(
+    rest: Option<&RigFrame>,
+    frames: &[RigFrame],
+    rate_hz: f64,
+) -> (Vector3<f64>, &'static str, Option<String>) {
+    let start = &frames[..frames.len().min((STANDS_S * rate_hz).ceil().max(2.0) as usize)];
+    let sampled = |frames: &[RigFrame]| -> Vec<Vector3<f64>> {
+        let step = frames.len().div_ceil(UP_SAMPLES).max(1);
+        frames.iter().step_by(step).filter_map(|frame| upward(frame).try_normalize(1e-9)).collect()
+    };
+    let all = sampled(frames);
+    let by_rest = rest.filter(|rest| stands(rest)).and_then(|rest| main_axis(upward(rest)));
+    let agrees = |axis: &Vector3<f64>| {
+        all.iter().any(|up| up.dot(axis) > ALONG)
+            || lies_on_floor(start, axis)
+            || !start.iter().all(|frame| upward(frame).norm() > STRAIGHT * LEG_AND_SPINE_OF_STATURE * stature_m(frame))
+    };
+    let by_start = || main_axis(sampled(start).iter().sum());
+    let found = by_rest.filter(agrees).or_else(by_start).or_else(|| main_axis(all.iter().sum())).or(by_rest);
     let names = [["+X", "-X"], ["+Y", "-Y"], ["+Z", "-Z"]];
-    let negative = sum[axis] < 0.0;
-    // The limit is 45 degrees. Beyond it another axis may be up, and most exporters use Y.
-    if sum[axis].abs() < 0.7 * sum.norm() || sum.norm() == 0.0 {
-        let warning = "the person does not stand upright on average: uses +Y as up".to_owned();
-        return (Vector3::y(), "+Y", Some(warning));
+    match found {
+        Some(axis) => (axis, names[axis.iamax()][usize::from(axis.sum() < 0.0)], None),
+        // Most exporters use Y.
+        None => (
+            Vector3::y(),
+            "+Y",
+            Some("the person stands upright neither at the start nor on average: uses +Y as up".to_owned()),
+        ),
     }
-    let sign = if negative { -1.0 } else { 1.0 };
-    (Vector3::ith(axis, sign), names[axis][usize::from(negative)], None)
+}
+
+/// The way from the ankles to the head.
+fn upward(frame: &RigFrame) -> Vector3<f64> {
+    let at = |joint: Smpl| frame[joint as usize].position;
+    at(Smpl::Head) - (at(Smpl::LeftAnkle) + at(Smpl::RightAnkle)) / 2.0
+}
+
+/// The axis nearest to a direction, within 45 degrees. `None` if none is near, or there is no direction.
+fn main_axis(way: Vector3<f64>) -> Option<Vector3<f64>> {
+    let axis = way.iamax();
+    let near = way.norm() > 0.0 && way[axis].abs() >= 0.7 * way.norm();
+    near.then(|| Vector3::ith(axis, way[axis].signum()))
+}
+
+/// Returns true if legs and trunk are one line, and the hips have a breadth. Rigs whose bones all lie along one axis have none.
+fn stands(rest: &RigFrame) -> bool {
+    let at = |joint: Smpl| rest[joint as usize].position;
+    let unit = |way: Vector3<f64>| way.try_normalize(1e-9).unwrap_or_default();
+    let (trunk, whole) = (unit(at(Smpl::Head) - at(Smpl::Pelvis)), upward(rest));
+    let across = at(Smpl::LeftHip) - at(Smpl::RightHip);
+    trunk.dot(&unit(whole)) > ALONG && across.norm() > 0.05 * whole.norm() && unit(across).dot(&trunk).abs() < 0.5
+}
+
+/// Returns true if nothing is far over or below the plane through the origin with this normal.
+fn lies_on_floor(frames: &[RigFrame], axis: &Vector3<f64>) -> bool {
+    let stature = frames.first().map_or(0.0, stature_m);
+    let heights = || frames.iter().flatten().map(|pose| pose.position.dot(axis) / stature);
+    heights().all(|height| (-LIES[1]..LIES[0]).contains(&height))
 }
 
 /// Returns a rotation (determinant +1) that takes `up` to z. For +Y it is the usual one: +Z forward to x and +X

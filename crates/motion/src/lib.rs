@@ -214,19 +214,19 @@ fn read_humanml3d(name: &str, path: &Path, source: std::fs::File, options: &Load
         positions.iter().map(|frame| frame.map(|position| bvh::Pose { position, rotation })).collect();
     // Freed before the last copy is made, to save memory.
     drop((array, positions));
-    let canonical = Canonical::known(&frames, up).map_err(|length| ArrayError::NoSize { length })?;
+    let frame_rate_hz = humanml3d::FRAME_RATE_HZ;
+    let canonical = Canonical::known(&frames, frame_rate_hz, up).map_err(|length| ArrayError::NoSize { length })?;
     warnings.extend(canonical.warning.clone());
     let identity = [[0.0, 0.0, 0.0, 1.0]; SMPL_JOINTS];
     let frames = frames.iter().map(|frame| Frame { rotations: identity, ..canonical.apply(frame) }).collect();
     let guesses = canonical.guesses(warnings);
-    let frame_rate_hz = humanml3d::FRAME_RATE_HZ;
     Ok(Motion { name: name.to_owned(), frame_rate_hz, frames, first: None, has_rotations: false, guesses })
 }
 
 fn read_amass(name: &str, source: std::fs::File, options: &LoadOptions) -> Result<Motion, ArrayError> {
     let amass::Sequence { frame_rate_hz, frames, mut warnings } = amass::read(BufReader::new(source), options)?;
-    let canonical =
-        Canonical::known(&frames, options.up.unwrap_or(Up::Z)).map_err(|length| ArrayError::NoSize { length })?;
+    let canonical = Canonical::known(&frames, frame_rate_hz, options.up.unwrap_or(Up::Z))
+        .map_err(|length| ArrayError::NoSize { length })?;
     warnings.extend(canonical.warning.clone());
     let frames = frames.iter().map(|frame| canonical.apply(frame)).collect();
     let guesses = canonical.guesses(warnings);

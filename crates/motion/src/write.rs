@@ -1,5 +1,6 @@
 //! Writes BVH: SMPL-22 with the names of LAFAN1, six channels on every joint, centimetres, Y up, +Z forward.
 
+use crate::bvh::is_rest;
 use crate::{Frame, Motion, MotionError};
 use messages::{SMPL_JOINTS, SMPL_PARENT};
 use nalgebra::{Matrix3, Quaternion, Rotation3, UnitQuaternion, Vector3};
@@ -39,17 +40,18 @@ pub fn save_bvh(motion: &Motion, path: &Path) -> Result<(), MotionError> {
 }
 
 /// Returns the motion as BVH text. [`crate::parse_bvh`] can read it. Frame 0 of the file is `first`. If the
-/// motion has none, its first frame is written twice, because readers drop frame 0.
+/// motion has none and begins like a rest pose, its first frame is written twice, because readers drop one.
 pub fn write_bvh(motion: &Motion) -> String {
-    let zero = Frame::ZERO;
-    let first = motion.first.or(motion.frames.first().copied()).unwrap_or(zero);
+    let begin = motion.frames.first().copied().unwrap_or(Frame::ZERO);
+    let before = motion.first.or_else(|| is_rest(&motion.frames).then_some(begin));
+    let first = before.unwrap_or(begin);
     let mut text = String::from("HIERARCHY\n");
     let mut order = Vec::with_capacity(SMPL_JOINTS);
     write_joint(&mut text, &mut order, &locals(&first), 0, 0);
-    let frames = motion.frames.len() + 1;
+    let frames = motion.frames.len() + usize::from(before.is_some());
     // Writing to a string cannot fail.
     let _ = write!(text, "MOTION\nFrames: {frames}\nFrame Time: {:.9}\n", 1.0 / motion.frame_rate_hz);
-    for frame in std::iter::once(&first).chain(&motion.frames) {
+    for frame in before.iter().chain(&motion.frames) {
         let locals = locals(frame);
         for &joint in &order {
             let (position, rotation) = &locals[joint];
