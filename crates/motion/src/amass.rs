@@ -14,8 +14,8 @@ use std::io::{Read, Seek};
 const BODY_COLUMNS: usize = 3 * SMPL_JOINTS;
 /// Widths of `poses` that begin with these columns: SMPL-22 alone, SMPL, SMPL-H, SMPL-X.
 const POSES_WIDTHS: [usize; 4] = [BODY_COLUMNS, 72, 156, 165];
-/// Keys of the frame rate: SMPL-H, SMPL-X.
-const RATE_KEYS: [&str; 2] = ["mocap_framerate", "mocap_frame_rate"];
+/// Keys of the frame rate: SMPL-H, SMPL-X, and what converters write.
+const RATE_KEYS: [&str; 5] = ["mocap_framerate", "mocap_frame_rate", "fps", "frame_rate", "framerate"];
 /// Largest angle, rad, and largest coordinate, m.
 const NUMBER_MAX: f64 = 1e4;
 
@@ -41,7 +41,7 @@ pub(crate) fn read(source: impl Read + Seek, options: &LoadOptions) -> Result<Se
             return Err(error.in_key(RATE_KEYS[0]));
         }
         (None, None) => {
-            let missing = "mocap_framerate or mocap_frame_rate (the option `frame_rate_hz` replaces it)";
+            let missing = "mocap_framerate, mocap_frame_rate or fps (--frame-rate HZ replaces it)";
             return Err(ArrayError::MissingKeys { missing, found: npz.keys() });
         }
     };

@@ -2,7 +2,7 @@
 
 use crate::canonical::Canonical;
 use crate::error::BvhError;
-use crate::rig::{self, Mapping};
+use crate::rig::{self, Mapping, Named};
 use crate::scan::{Scan, excerpt};
 use crate::{FRAMES_MAX, Frame, Motion, mirror};
 use messages::SMPL_JOINTS;
@@ -61,20 +61,20 @@ pub(crate) type RigFrame = [Pose; SMPL_JOINTS];
 
 /// Reads the text of a BVH file. Frame 0 becomes `first` if it is a rest pose. The other frames are the motion.
 pub fn parse_bvh(name: &str, text: &[u8]) -> Result<Motion, BvhError> {
-    let mut motion = parse(name, text)?;
+    let mut motion = parse(name, text, &Named::default())?;
     // Only a check: without `mirror` the frames do not change.
     mirror::settle(&mut motion.frames, false).map_err(BvhError::Mirror)?;
     Ok(motion)
 }
 
 /// Like [`parse_bvh`], but without the check of left and right.
-pub(crate) fn parse(name: &str, text: &[u8]) -> Result<Motion, BvhError> {
+pub(crate) fn parse(name: &str, text: &[u8], named: &Named) -> Result<Motion, BvhError> {
     let mut scan = Scan::new(text);
     if text.trim_ascii().is_empty() {
         return Err(BvhError::Empty);
     }
     let joints = parse_hierarchy(&mut scan)?;
-    let mapping = rig::map(&joints)?;
+    let mapping = rig::map(&joints, named)?;
     let (frame_rate_hz, frames) = parse_motion(&mut scan, &joints, &mapping)?;
     let canonical = Canonical::guess(&rest_pose(&joints, &mapping), &frames, frame_rate_hz, joints[0].offset)
         .map_err(|length| BvhError::NoSize { length })?;

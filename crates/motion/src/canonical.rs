@@ -1,6 +1,6 @@
 //! Converts a file's unit and axes to metres, x forward, y left, z up. Guesses them if the format does not say.
 
-use crate::bvh::RigFrame;
+use crate::bvh::{Pose, RigFrame};
 use crate::{Frame, Guesses};
 use messages::Smpl;
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
@@ -19,12 +19,10 @@ const LEG_AND_SPINE_OF_STATURE: f64 = 0.88;
 const UP_SAMPLES: usize = 200;
 /// Time at the start of a clip that shows how the person stands, s. Later they may lie down.
 const STANDS_S: f64 = 1.0;
-/// Least cosine between an axis and the direction from the ankles to the head that is along the axis: 30 degrees.
+/// Least cosine between the trunk of a rest pose and the way from its ankles to its head: 30 degrees.
 const ALONG: f64 = 0.87;
-/// Share of the length of legs and spine by which the head is from the ankles of a straight person. Assumption.
-const STRAIGHT: f64 = 0.9;
-/// Height over the floor that a lying person has at most, and depth of limbs below it that is noise, as shares of the stature.
-const LIES: [f64; 2] = [0.35, 0.03];
+/// Least height over the floor of a lying person's pelvis, and largest height of any part, as shares of the stature. Assumptions.
+const LIES: [f64; 2] = [0.03, 0.35];
 
 /// The axis that points up in a format or a file of arrays.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -151,28 +149,27 @@ pub(crate) fn stature_m(frame: &RigFrame) -> f64 {
 
 /// Returns the axis that points up, its name, and a warning if it is a guess.
 ///
-/// The hierarchy's rest pose tells it, if a person stands in it, unless the clip contradicts: its person never stands along this
-/// axis, does not lie on its floor, and is straight in the first second. Some exporters turn the root so. Without a witness the
-/// first second tells it, and then the whole clip.
+/// The hierarchy's rest pose tells it, if a person stands in it. Some exporters turn the root against it, always. So if the
+/// first frame's pelvis is turned onto another axis, that axis counts, unless the legs still stand along the rest pose's or the
+/// person lies on its floor. Without such a rest pose the first second tells it, and then the whole clip.
 fn guess_up(
     rest: Option<&RigFrame>,
     frames: &[RigFrame],
     rate_hz: f64,
 ) -> (Vector3<f64>, &'static str, Option<String>) {
-    let start = &frames[..frames.len().min((STANDS_S * rate_hz).ceil().max(2.0) as usize)];
-    let sampled = |frames: &[RigFrame]| -> Vec<Vector3<f64>> {
+    let rest = rest.filter(|rest| stands(rest)).zip(frames.first());
+    let by_rest = rest.and_then(|(rest, first)| {
+        let axis = main_axis(upward(rest));
+        let turned = main_axis(first[Smpl::Pelvis as usize].rotation * upward(rest));
+        axis.filter(|axis| turned == Some(*axis) || main_axis(legs(first)) == Some(*axis) || lies_on_floor(first, axis))
+            .or(turned)
+    });
+    let mean = |frames: &[RigFrame]| {
         let step = frames.len().div_ceil(UP_SAMPLES).max(1);
-        frames.iter().step_by(step).filter_map(|frame| upward(frame).try_normalize(1e-9)).collect()
+        main_axis(frames.iter().step_by(step).filter_map(|frame| upward(frame).try_normalize(1e-9)).sum())
     };
-    let all = sampled(frames);
-    let by_rest = rest.filter(|rest| stands(rest)).and_then(|rest| main_axis(upward(rest)));
-    let agrees = |axis: &Vector3<f64>| {
-        all.iter().any(|up| up.dot(axis) > ALONG)
-            || lies_on_floor(start, axis)
-            || !start.iter().all(|frame| upward(frame).norm() > STRAIGHT * LEG_AND_SPINE_OF_STATURE * stature_m(frame))
-    };
-    let by_start = || main_axis(sampled(start).iter().sum());
-    let found = by_rest.filter(agrees).or_else(by_start).or_else(|| main_axis(all.iter().sum())).or(by_rest);
+    let start = &frames[..frames.len().min((STANDS_S * rate_hz).ceil().max(2.0) as usize)];
+    let found = by_rest.or_else(|| mean(start)).or_else(|| mean(frames));
     let names = [["+X", "-X"], ["+Y", "-Y"], ["+Z", "-Z"]];
     match found {
         Some(axis) => (axis, names[axis.iamax()][usize::from(axis.sum() < 0.0)], None),
@@ -191,6 +188,12 @@ fn upward(frame: &RigFrame) -> Vector3<f64> {
     at(Smpl::Head) - (at(Smpl::LeftAnkle) + at(Smpl::RightAnkle)) / 2.0
 }
 
+/// The way from the ankles to the pelvis.
+fn legs(frame: &RigFrame) -> Vector3<f64> {
+    let at = |joint: Smpl| frame[joint as usize].position;
+    at(Smpl::Pelvis) - (at(Smpl::LeftAnkle) + at(Smpl::RightAnkle)) / 2.0
+}
+
 /// The axis nearest to a direction, within 45 degrees. `None` if none is near, or there is no direction.
 fn main_axis(way: Vector3<f64>) -> Option<Vector3<f64>> {
     let axis = way.iamax();
@@ -207,11 +210,11 @@ fn stands(rest: &RigFrame) -> bool {
     trunk.dot(&unit(whole)) > ALONG && across.norm() > 0.05 * whole.norm() && unit(across).dot(&trunk).abs() < 0.5
 }
 
-/// Returns true if nothing is far over or below the plane through the origin with this normal.
-fn lies_on_floor(frames: &[RigFrame], axis: &Vector3<f64>) -> bool {
-    let stature = frames.first().map_or(0.0, stature_m);
-    let heights = || frames.iter().flatten().map(|pose| pose.position.dot(axis) / stature);
-    heights().all(|height| (-LIES[1]..LIES[0]).contains(&height))
+/// Returns true if the pelvis lies a little over the plane through the origin with this normal, and nothing far over or below.
+fn lies_on_floor(frame: &RigFrame, axis: &Vector3<f64>) -> bool {
+    let height = |pose: &Pose| pose.position.dot(axis) / stature_m(frame);
+    let [low, high] = LIES;
+    height(&frame[Smpl::Pelvis as usize]) > low && frame.iter().all(|pose| (-low..high).contains(&height(pose)))
 }
 
 /// Returns a rotation (determinant +1) that takes `up` to z. For +Y it is the usual one: +Z forward to x and +X

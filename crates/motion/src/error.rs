@@ -23,6 +23,13 @@ pub enum MotionError {
     Mcap { file: String, source: McapError },
     #[error("{file}: {source}")]
     Mirror { file: String, source: MirrorError },
+    #[error(
+        "{file}: {frames} frames at {rate_hz} Hz become {resampled} at 60 Hz, at most {bound}; give the true rate \
+         (--frame-rate HZ), or split the file"
+    )]
+    TooLong { file: String, frames: usize, rate_hz: f64, resampled: usize, bound: usize },
+    #[error("{file}: {cause}; it names joints so: left_elbow = \"ForeArm.L\"")]
+    Map { file: String, cause: String },
 }
 
 /// Errors of a .mcap file.
@@ -72,7 +79,9 @@ pub enum ArrayError {
     NotZip { cause: String },
     #[error("the .npy header is damaged: {cause}")]
     Header { cause: String },
-    #[error("numbers of type {found} are not supported; f4, f8 and integers are (objects are pickles, and never read)")]
+    #[error(
+        "numbers of type {found} are not supported; f2, f4, f8 and integers are (objects are pickles, and never read)"
+    )]
     Type { found: String },
     #[error("shape {shape:?} has more than {bound} numbers")]
     TooLarge { shape: Vec<usize>, bound: usize },
@@ -92,6 +101,11 @@ pub enum ArrayError {
     },
     #[error("has shape {found:?}, expected {expected}")]
     Shape { found: Vec<usize>, expected: &'static str },
+    #[error(
+        "has 322 columns, the parameters of Motion-X, and not positions; save columns 0 to 3 as root_orient, 3 to 66 as \
+         pose_body and 309 to 312 as trans, with mocap_frame_rate, to an .npz"
+    )]
+    Parameters,
     #[error("has shape {shape:?}, which has no frame")]
     Empty { shape: Vec<usize> },
     #[error("frame {frame}, number {column}: {value} is not within +-{bound}")]
@@ -104,10 +118,10 @@ pub enum ArrayError {
     Statistics,
     #[error(
         "the features look normalised ({signs}), and no Mean.npy and Std.npy lie beside the file or up to {levels} \
-         folders above; give the options `mean` and `std`"
+         folders above; give --mean FILE and --std FILE"
     )]
     NeedsStatistics { signs: String, levels: usize },
-    #[error("one of the options `mean` and `std` is missing; give both or neither")]
+    #[error("one of --mean and --std is missing; give both or neither")]
     HalfOfStatistics,
     #[error("with {mean} and its Std the features are not a plausible person ({after}); as stored: {before}")]
     WrongStatistics { mean: String, before: String, after: String },
@@ -149,7 +163,18 @@ pub enum BvhError {
     TooFewFrames { line: usize, frames: u64 },
     #[error("line {line}: more numbers than the {frames} frames of the header")]
     Trailing { line: usize, frames: u64 },
-    #[error("the rig has no joint for {}; it has {}", sought(.missing), .found.join(", "))]
+    #[error("the map gives {joint} the name {name:?}, which no joint has; the rig has {}", .found.join(", "))]
+    UnknownName {
+        /// SMPL-22 name.
+        joint: &'static str,
+        name: String,
+        /// The rig's names, the first 40.
+        found: Vec<String>,
+    },
+    #[error(
+        "the rig has no joint for {}; it has {}; name them in a file for --map, such as {} = \"{}\"",
+        sought(.missing), .found.join(", "), .missing.first().unwrap_or(&"left_elbow"), .found.last().map_or("", String::as_str)
+    )]
     MissingJoints {
         /// SMPL-22 names.
         missing: Vec<&'static str>,

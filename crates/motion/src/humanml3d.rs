@@ -27,7 +27,22 @@ const NUMBER_MAX: f64 = 1e5;
 type Positions = Vec<[Vector3<f64>; SMPL_JOINTS]>;
 
 /// Accepted shapes, for error texts.
-pub(crate) const SHAPES: &str = "(N, 22, 3) global positions, (N, 24, 3) with hands, or (N, 263) HumanML3D features";
+pub(crate) const SHAPES: &str = "(N, 22, 3), (N, 66) or (1, 22, 3, N) global positions, (N, 24, 3), (N, 52, 3) or \
+     (N, 55, 3) with hands, or (N, 263) HumanML3D features";
+/// Joints of SMPL-22, SMPL, SMPL-H and SMPL-X. All begin with the 22.
+const JOINTS: [usize; 4] = [SMPL_JOINTS, 24, 52, 55];
+/// Numbers of a frame of SMPL-22.
+const FLAT: usize = 3 * SMPL_JOINTS;
+/// Parameters of a frame of Motion-X: rotations, face, place and shape of SMPL-X.
+const PARAMETERS: usize = 322;
+
+/// Meaning of an array, and its number of frames.
+#[derive(Clone, Copy)]
+enum Layout {
+    /// Positions, with the distances in the array of frames, joints and axes.
+    Positions(usize, [usize; 3]),
+    Features(usize),
+}
 
 /// Returns true for features. They always have y up.
 pub(crate) fn are_features(array: &Array) -> bool {
@@ -36,38 +51,47 @@ pub(crate) fn are_features(array: &Array) -> bool {
 
 /// Returns positions in the file's frame (x left, y up, z forward), and warnings about missing information.
 pub(crate) fn read(path: &Path, array: &Array, options: &LoadOptions) -> Result<(Positions, Vec<String>), ArrayError> {
-    let shape = || ArrayError::Shape { found: array.shape.clone(), expected: SHAPES };
     if array.shape == [FEATURES] {
         return Err(ArrayError::Statistics);
     }
     // A single frame loses its N, because dimensions of length one are removed.
-    let lengths = match *array.squeezed().as_slice() {
-        [joints, 3] if array.shape.len() > 2 => [1, joints, 3],
-        [FEATURES] => [1, FEATURES, 1],
-        [frames, joints, 3] => [frames, joints, 3],
-        [frames, FEATURES] => [frames, FEATURES, 1],
-        _ => return Err(shape()),
+    let squeezed = array.squeezed();
+    if squeezed.last() == Some(&PARAMETERS) {
+        return Err(ArrayError::Parameters);
+    }
+    let layout = match *squeezed.as_slice() {
+        [joints, 3] if array.shape.len() > 2 && JOINTS.contains(&joints) => Layout::Positions(1, [0, 3, 1]),
+        [frames, joints, 3] if JOINTS.contains(&joints) => Layout::Positions(frames, [3 * joints, 3, 1]),
+        [frames, FLAT] => Layout::Positions(frames, [FLAT, 3, 1]),
+        // As networks return one motion: the frames are last.
+        [SMPL_JOINTS, 3, frames] => Layout::Positions(frames, [1, 3 * frames, frames]),
+        [FEATURES] => Layout::Features(1),
+        [frames, FEATURES] => Layout::Features(frames),
+        _ => return Err(ArrayError::Shape { found: array.shape.clone(), expected: SHAPES }),
     };
-    if lengths[0] == 0 {
+    let (Layout::Positions(frames, _) | Layout::Features(frames)) = layout;
+    if frames == 0 {
         return Err(ArrayError::Empty { shape: array.shape.clone() });
     }
-    if lengths[0] > FRAMES_MAX {
-        return Err(ArrayError::TooManyFrames { frames: lengths[0], bound: FRAMES_MAX });
+    if frames > FRAMES_MAX {
+        return Err(ArrayError::TooManyFrames { frames, bound: FRAMES_MAX });
     }
-    npy::check_numbers(&array.values, lengths[1] * lengths[2], NUMBER_MAX)?;
-    match lengths {
-        // SMPL-24 is SMPL-22 with two hands at the end.
-        [_, joints @ (SMPL_JOINTS | 24), 3] => {
-            let frames = array.values.chunks_exact(joints * 3);
-            let joint = |frame: &[f64], j: usize| Vector3::from_column_slice(&frame[3 * j..3 * j + 3]);
-            Ok((frames.map(|frame| std::array::from_fn(|j| joint(frame, j))).collect(), Vec::new()))
+    npy::check_numbers(&array.values, array.values.len() / frames, NUMBER_MAX)?;
+    match layout {
+        // SMPL-24, SMPL-H and SMPL-X are SMPL-22 with hands and a face at the end.
+        Layout::Positions(frames, [by_frame, by_joint, by_axis]) => {
+            let at = |frame: usize, joint: usize, axis: usize| {
+                array.values[frame * by_frame + joint * by_joint + axis * by_axis]
+            };
+            let joint = |frame: usize, joint: usize| Vector3::from_fn(|axis, _| at(frame, joint, axis));
+            let body = |frame: usize| std::array::from_fn(|number| joint(frame, number));
+            Ok(((0..frames).map(body).collect(), Vec::new()))
         }
-        [_, FEATURES, 1] => {
+        Layout::Features(_) => {
             let mut warnings = Vec::new();
             let raw = unnormalised(path, &array.values, options, &mut warnings)?;
             Ok((recover(raw.as_deref().unwrap_or(&array.values)), warnings))
         }
-        _ => Err(shape()),
     }
 }
 

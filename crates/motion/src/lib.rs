@@ -12,6 +12,7 @@ mod canonical;
 mod error;
 mod files;
 mod humanml3d;
+mod lengths;
 pub mod mcap;
 mod mirror;
 pub mod npy;
@@ -47,6 +48,8 @@ pub const RECORDING_BYTES_MAX: u64 = 1 << 35;
 /// more than 512 MB, whatever it claims and however it is packed (`tests/bounds.rs`). Split longer recordings
 /// into parts.
 pub const FRAMES_MAX: usize = 120_000;
+/// A slow source may become this many times longer by upsampling, though it then has more than [`FRAMES_MAX`] frames.
+const RATIO_MAX: usize = 3;
 /// Sources slower than this are upsampled before publication. Their frame period is longer than the delay of
 /// target interpolation.
 pub const RATE_MIN_HZ: f64 = 30.0;
@@ -118,23 +121,28 @@ impl Motion {
     }
 }
 
-/// Information that a file may lack.
-#[derive(Clone, Debug, Default, PartialEq)]
+/// Information that a file may lack: the same options in every program that reads motion files.
+#[derive(Clone, Debug, Default, PartialEq, clap::Args)]
 pub struct LoadOptions {
-    /// Mean of HumanML3D features, a (263,) .npy. With `std`, it unnormalises the features. Without it, the
-    /// reader uses `Mean.npy` and `Std.npy` beside the file or up to two folders above, if the features look
-    /// normalised.
+    /// Mean of normalised HumanML3D features [default: Mean.npy in the file's folder or up to two above].
+    #[arg(long, value_name = "FILE", requires = "std")]
     pub mean: Option<PathBuf>,
-    /// Standard deviation of HumanML3D features, a (263,) .npy.
+    /// Standard deviation of normalised HumanML3D features [default: Std.npy beside Mean.npy].
+    #[arg(long, value_name = "FILE", requires = "mean")]
     pub std: Option<PathBuf>,
-    /// The data are a mirror image. The reader reflects them at the plane between left and right, so that left is
-    /// left.
+    /// The data are a mirror image: mirror them back, so that left is left.
+    #[arg(long)]
     pub mirror: bool,
-    /// Frames per second. Overrides the file. HumanML3D files contain no rate, and default to 20 Hz.
+    /// Frames per second of the file, regardless of what it says. Arrays of positions and features say nothing, and play at
+    /// 20 Hz like HumanML3D.
+    #[arg(long = "frame-rate", value_name = "HZ")]
     pub frame_rate_hz: Option<f64>,
-    /// The axis that points up in positions of a .npy and in a .npz; otherwise y in the former and z in the latter. Other formats
-    /// do not need it.
+    /// The axis that points up in a .npy (y unless given) or .npz (z unless given). Other files need none.
+    #[arg(long, value_name = "y|z")]
     pub up: Option<Up>,
+    /// Names of a BVH rig's joints that are not found by themselves: a TOML file with lines such as left_elbow = "Arm2.L".
+    #[arg(long, value_name = "FILE.toml")]
+    pub map: Option<PathBuf>,
 }
 
 /// Reads a motion file by its extension, like [`load_with`] without options. `.bvh`: any rig. `.npy`: HumanML3D's
@@ -162,7 +170,7 @@ pub fn load_with(path: &Path, options: &LoadOptions) -> Result<Motion, MotionErr
     let source = open(path, most)?;
     let name = path.file_stem().map_or_else(|| "motion".to_owned(), |stem| stem.to_string_lossy().into_owned());
     let mut motion = match extension.as_str() {
-        "bvh" => read_bvh(&name, path, source)?,
+        "bvh" => read_bvh(&name, path, source, options)?,
         "mcap" => mcap::parse_mcap(BufReader::new(source), &name)
             .map_err(|source| MotionError::Mcap { file: file(), source })?,
         "npy" => read_humanml3d(&name, path, source, options).map_err(array)?,
@@ -177,6 +185,13 @@ pub fn load_with(path: &Path, options: &LoadOptions) -> Result<Motion, MotionErr
         motion.first = Some(motion.frames.remove(0));
     }
     motion.frame_rate_hz = options.frame_rate_hz.unwrap_or(motion.frame_rate_hz);
+    let (frames, rate_hz) = (motion.frames.len(), motion.frame_rate_hz);
+    let (resampled, bound) = (resample::upsampled_count(frames, rate_hz), FRAMES_MAX.max(RATIO_MAX * frames));
+    if resampled > bound {
+        return Err(MotionError::TooLong { file: file(), frames, rate_hz, resampled, bound });
+    }
+    motion.guesses.warnings.extend(lengths::even(&mut motion.frames));
+    motion.guesses.warnings.extend(resample::doubt_of_rate(&motion));
     Ok(motion)
 }
 
@@ -196,13 +211,14 @@ fn open(path: &Path, most: u64) -> Result<std::fs::File, MotionError> {
     Ok(source)
 }
 
-fn read_bvh(name: &str, path: &Path, source: std::fs::File) -> Result<Motion, MotionError> {
+fn read_bvh(name: &str, path: &Path, source: std::fs::File, options: &LoadOptions) -> Result<Motion, MotionError> {
     let file = || path.display().to_string();
     let mut text = Vec::new();
     // A file may grow while it is read. Never read more than the bound.
     let read = source.take(FILE_BYTES_MAX).read_to_end(&mut text);
     read.map_err(|source| MotionError::Io { file: file(), source })?;
-    bvh::parse(name, &text).map_err(|source| MotionError::Bvh { file: file(), source })
+    let named = options.map.as_deref().map_or_else(|| Ok(rig::Named::default()), rig::Named::read)?;
+    bvh::parse(name, &text, &named).map_err(|source| MotionError::Bvh { file: file(), source })
 }
 
 fn read_humanml3d(name: &str, path: &Path, source: std::fs::File, options: &LoadOptions) -> Result<Motion, ArrayError> {
@@ -214,7 +230,10 @@ fn read_humanml3d(name: &str, path: &Path, source: std::fs::File, options: &Load
         positions.iter().map(|frame| frame.map(|position| bvh::Pose { position, rotation })).collect();
     // Freed before the last copy is made, to save memory.
     drop((array, positions));
-    let frame_rate_hz = humanml3d::FRAME_RATE_HZ;
+    let frame_rate_hz = options.frame_rate_hz.unwrap_or(humanml3d::FRAME_RATE_HZ);
+    if options.frame_rate_hz.is_none() {
+        warnings.push(format!("no rate in the file: {frame_rate_hz} Hz, as in HumanML3D (--frame-rate HZ changes it)"));
+    }
     let canonical = Canonical::known(&frames, frame_rate_hz, up).map_err(|length| ArrayError::NoSize { length })?;
     warnings.extend(canonical.warning.clone());
     let identity = [[0.0, 0.0, 0.0, 1.0]; SMPL_JOINTS];

@@ -11,7 +11,7 @@ pub enum MirrorError {
     /// The body is a mirror image.
     #[error(
         "the body is mirrored: its feet and knees point the wrong way for its left and right (front {front:.2}, sides \
-         {sides:.2}); if the data are mirrored, give the option `mirror`"
+         {sides:.2}); if the data are mirrored, give --mirror"
     )]
     Mirrored {
         /// Mean cosine between the lines of shoulders and hips.
@@ -26,7 +26,7 @@ pub enum MirrorError {
         sides: f64,
     },
     /// The reflected body is a mirror image.
-    #[error("the option `mirror` is given, but the body is not mirrored (front {front:.2}); leave it out")]
+    #[error("--mirror is given, but the body is not mirrored (front {front:.2}); leave it out")]
     NotMirrored {
         /// Mean evidence of feet and knees in the file, positive for a person.
         front: f64,

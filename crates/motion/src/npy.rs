@@ -61,6 +61,7 @@ impl Number {
         wide[..bytes.len()].copy_from_slice(bytes);
         let unsigned = u64::from_le_bytes(wide);
         match self {
+            Self::Float(2) => half(unsigned as u16),
             Self::Float(4) => f64::from(f32::from_bits(unsigned as u32)),
             Self::Float(_) => f64::from_bits(unsigned),
             Self::Signed(bytes) => {
@@ -72,7 +73,19 @@ impl Number {
     }
 }
 
-/// Reads a .npy of f32, f64 or integers, either byte order, row- or column-major. Reserves memory only for data
+/// Returns the value of a half: sign, five bits of exponent, ten of fraction (IEEE 754, binary16).
+fn half(bits: u16) -> f64 {
+    let (exponent, fraction) = (i32::from(bits >> 10 & 31), f64::from(bits & 1023) / 1024.0);
+    let value = match exponent {
+        0 => fraction * 2f64.powi(-14),
+        31 if fraction == 0.0 => f64::INFINITY,
+        31 => f64::NAN,
+        _ => (1.0 + fraction) * 2f64.powi(exponent - 15),
+    };
+    if bits >> 15 == 0 { value } else { -value }
+}
+
+/// Reads a .npy of f16, f32, f64 or integers, either byte order, row- or column-major. Reserves memory only for data
 /// that the source delivers. Bytes after the array stay unread.
 pub fn read_npy(mut source: impl Read) -> Result<Array, ArrayError> {
     let header = parse_header(&read_header(&mut source)?)?;
@@ -157,6 +170,7 @@ fn parse_type(descr: &str) -> Result<(Number, bool), ArrayError> {
     let inside = inside.ok_or_else(refuse)?;
     let order = inside.chars().next().filter(|order| "<>=|".contains(*order));
     let number = match &inside[usize::from(order.is_some())..] {
+        "f2" => Number::Float(2),
         "f4" => Number::Float(4),
         "f8" => Number::Float(8),
         "i1" => Number::Signed(1),

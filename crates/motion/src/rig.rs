@@ -1,16 +1,23 @@
 //! Maps a rig's joints to SMPL-22 with one table of aliases. If names do not decide, the tree does.
 
+use crate::MotionError;
 use crate::bvh::Joint;
 use crate::error::BvhError;
 use messages::{SMPL_JOINTS, SMPL_NAMES, Smpl};
+use std::collections::BTreeMap;
+use std::path::Path;
 
 /// Joints with a side: left and right SMPL index and their names without the side, best first. "leg", "shoulder",
 /// "foot" and "hand" are ambiguous, and the tree decides them.
 const SIDED: [(Smpl, Smpl, &[&str]); 8] = [
-    (Smpl::LeftHip, Smpl::RightHip, &["upleg", "upperleg", "thigh", "thighbend", "femur", "leg", "hip"]),
-    (Smpl::LeftKnee, Smpl::RightKnee, &["lowerleg", "lowleg", "calf", "shin", "tibia", "knee", "leg"]),
-    (Smpl::LeftAnkle, Smpl::RightAnkle, &["ankle", "foot"]),
-    (Smpl::LeftFoot, Smpl::RightFoot, &["toebase", "toe", "toes", "toe0", "ball", "foot"]),
+    (Smpl::LeftHip, Smpl::RightHip, &["upleg", "upperleg", "legupper", "thigh", "thighbend", "femur", "leg", "hip"]),
+    (
+        Smpl::LeftKnee,
+        Smpl::RightKnee,
+        &["lowerleg", "lowleg", "leglower", "calf", "shin", "shank", "tibia", "knee", "leg"],
+    ),
+    (Smpl::LeftAnkle, Smpl::RightAnkle, &["ankle", "footankle", "foot"]),
+    (Smpl::LeftFoot, Smpl::RightFoot, &["toebase", "toe", "toes", "toe0", "ball", "football", "forefoot", "foot"]),
     (Smpl::LeftCollar, Smpl::RightCollar, &["clavicle", "clav", "collar", "scapula", "shoulder"]),
     (
         Smpl::LeftShoulder,
@@ -20,7 +27,7 @@ const SIDED: [(Smpl, Smpl, &[&str]); 8] = [
     (
         Smpl::LeftElbow,
         Smpl::RightElbow,
-        &["forearm", "forearmbend", "farm", "lowerarm", "lowarm", "armlower", "radius", "elbow"],
+        &["forearm", "forearmbend", "farm", "lowerarm", "lowarm", "larm", "armlower", "radius", "elbow"],
     ),
     (Smpl::LeftWrist, Smpl::RightWrist, &["wrist", "handwrist", "hand"]),
 ];
@@ -40,7 +47,10 @@ const PREFIXES: [&str; 12] = [
     "org-",
     "def_",
 ];
+/// Share of a rig's names that have the same beginning. A root may lack it.
+const SHARED_PERCENT: usize = 85;
 const PELVIS: [&str; 3] = ["hips", "hip", "pelvis"];
+const HEAD: [&str; 3] = ["head", "head1", "skull"];
 
 /// A side of the body.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -71,9 +81,51 @@ impl Mapping {
     }
 }
 
-/// Finds every SMPL-22 joint.
-pub(crate) fn map(joints: &[Joint]) -> Result<Mapping, BvhError> {
-    let names: Vec<Name> = joints.iter().map(|j| Name::read(if j.is_end { "" } else { &j.name })).collect();
+/// Names of joints that a user gives: SMPL-22's name, and the rig's.
+#[derive(Clone, Debug, Default, serde::Deserialize)]
+#[serde(transparent)]
+pub(crate) struct Named(BTreeMap<String, String>);
+
+impl Named {
+    /// Reads a TOML file with lines such as `left_elbow = "ForeArm.L"`.
+    pub(crate) fn read(path: &Path) -> Result<Self, MotionError> {
+        let file = || path.display().to_string();
+        let text = std::fs::read_to_string(path).map_err(|source| MotionError::Io { file: file(), source })?;
+        let named: Self = toml::from_str(&text)
+            .map_err(|error| MotionError::Map { file: file(), cause: error.message().to_owned() })?;
+        match named.0.keys().find(|key| !SMPL_NAMES.contains(&key.as_str())) {
+            Some(key) => {
+                let cause = format!("{key} is no joint; the joints are {}", SMPL_NAMES.join(", "));
+                Err(MotionError::Map { file: file(), cause })
+            }
+            None => Ok(named),
+        }
+    }
+
+    /// The rig's joint that the user gives for a joint of SMPL-22.
+    fn joint(&self, joints: &[Joint], smpl: usize) -> Result<Option<usize>, BvhError> {
+        let Some(name) = self.0.get(SMPL_NAMES[smpl]) else { return Ok(None) };
+        let found = joints.iter().position(|joint| !joint.is_end && joint.name == *name);
+        let unknown = || BvhError::UnknownName { joint: SMPL_NAMES[smpl], name: name.clone(), found: listed(joints) };
+        found.map(Some).ok_or_else(unknown)
+    }
+}
+
+/// Names of a rig's joints, the first 40.
+fn listed(joints: &[Joint]) -> Vec<String> {
+    joints.iter().filter(|joint| !joint.is_end).take(40).map(|joint| joint.name.clone()).collect()
+}
+
+/// Finds every SMPL-22 joint. What the user names is not searched.
+pub(crate) fn map(joints: &[Joint], named: &Named) -> Result<Mapping, BvhError> {
+    let own: Vec<&str> = joints.iter().filter(|joint| !joint.is_end).map(|joint| joint.name.as_str()).collect();
+    let (before, after) = shared(&own);
+    let stripped = |name: &str| {
+        let name = name.strip_prefix(before).unwrap_or(name);
+        name.strip_suffix(after).unwrap_or(name).to_owned()
+    };
+    let names: Vec<Name> =
+        joints.iter().map(|j| Name::read(&if j.is_end { String::new() } else { stripped(&j.name) })).collect();
     let mut found: [Option<usize>; SMPL_JOINTS] = [None; SMPL_JOINTS];
     let mut warnings = Vec::new();
     for (left, right, cores) in SIDED {
@@ -82,13 +134,18 @@ pub(crate) fn map(joints: &[Joint]) -> Result<Mapping, BvhError> {
         }
     }
     found[Smpl::Pelvis as usize] = PELVIS.iter().find_map(|&core| names.iter().position(|n| n.is_central(core)));
-    found[Smpl::Head as usize] = names.iter().position(|n| n.is_central("head"));
+    found[Smpl::Head as usize] = HEAD.iter().find_map(|&core| names.iter().position(|n| n.is_central(core)));
+    for (joint, found) in found.iter_mut().enumerate() {
+        *found = named.joint(joints, joint)?.or(*found);
+    }
     fill_feet(joints, &mut found, &mut warnings);
     fill_trunk(joints, &mut found, &mut warnings);
+    for (joint, found) in found.iter_mut().enumerate() {
+        *found = named.joint(joints, joint)?.or(*found);
+    }
     let missing: Vec<&'static str> = (0..SMPL_JOINTS).filter(|&j| found[j].is_none()).map(|j| SMPL_NAMES[j]).collect();
     if !missing.is_empty() {
-        let found = joints.iter().filter(|j| !j.is_end).take(40).map(|j| j.name.clone()).collect();
-        return Err(BvhError::MissingJoints { missing, found });
+        return Err(BvhError::MissingJoints { missing, found: listed(joints) });
     }
     Ok(Mapping { joints: found.map(Option::unwrap_or_default), warnings })
 }
@@ -121,10 +178,10 @@ fn fill_feet(joints: &[Joint], found: &mut [Option<usize>; SMPL_JOINTS], warning
     for (ankle, foot) in [(Smpl::LeftAnkle, Smpl::LeftFoot), (Smpl::RightAnkle, Smpl::RightFoot)] {
         if let (Some(parent), None) = (found[ankle as usize], found[foot as usize]) {
             let child = (0..joints.len()).find(|&i| joints[i].parent == Some(parent));
-            if let Some(child) = child {
-                found[foot as usize] = Some(child);
-                warnings.push(format!("no toe joint: uses {} as the end of the foot", SMPL_NAMES[foot as usize]));
-            }
+            // A foot without an end has no direction. Nothing needs it.
+            found[foot as usize] = child.or(Some(parent));
+            let end = if child.is_some() { "the end of the foot" } else { "the ankle" };
+            warnings.push(format!("no toe joint: uses {end} as {}", SMPL_NAMES[foot as usize]));
         }
     }
 }
@@ -248,6 +305,24 @@ impl Name {
     fn is_central(&self, core: &str) -> bool {
         self.whole == core
     }
+}
+
+/// Returns what the names of a rig begin and end with, if most do: "Character1_", ".001", "_jnt". It is no
+/// part of any joint's name.
+fn shared<'a>(names: &[&'a str]) -> (&'a str, &'a str) {
+    let most = names.len() * SHARED_PERCENT / 100;
+    let cuts = |name: &'a str| name.char_indices().map(|(i, _)| i).skip(1);
+    let before = |part: &str| names.iter().filter(|name| name.len() > part.len() && name.starts_with(part)).count();
+    let after = |part: &str| names.iter().filter(|name| name.len() > part.len() && name.ends_with(part)).count();
+    // Most names share it, so one of the first few does.
+    let (mut prefix, mut suffix) = ("", "");
+    for &name in names.iter().take(4).filter(|_| names.len() > 8) {
+        let longest = cuts(name).map(|i| &name[..i]).take_while(|part| before(part) > most).last();
+        prefix = longest.filter(|part| part.len() > prefix.len()).unwrap_or(prefix);
+        let longest = cuts(name).map(|i| &name[i..]).filter(|part| after(part) > most).max_by_key(|part| part.len());
+        suffix = longest.filter(|part| part.len() > suffix.len()).unwrap_or(suffix);
+    }
+    (prefix, suffix)
 }
 
 /// Splits a name into lower-case words at separators and capitals ("LHipJoint", "UpperArm_L", "upperarm_l").

@@ -148,4 +148,11 @@ fn upsampled_motion_keeps_limb_lengths_at_60_hz() {
         assert!(error < 0.01, "frame {i}: the right wrist is {error} m off");
     }
     assert_eq!(upsample(&full), full, "60 Hz stays as it is");
+    // The last frame comes, also at a rate that is the inverse of a time with six digits.
+    for (count, hz, expected) in
+        [(99, 24.0, 246), (99, 1.0 / 0.041667, 246), (61, 1.0 / 0.066_667, 241), (99, 7.0, 841)]
+    {
+        (slow.frames, slow.frame_rate_hz) = (full.frames[..count].to_vec(), hz);
+        assert_eq!(upsample(&slow).frames.len(), expected, "{count} frames at {hz} Hz");
+    }
 }

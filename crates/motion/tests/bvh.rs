@@ -108,6 +108,58 @@ fn up_axis_is_found_in_every_direction() {
     }
 }
 
+/// The built-in person of `short`, whose whole body turns about the left axis by these angles, one for each frame, degrees.
+fn turned(angles: impl Fn(usize) -> f64, place: [f32; 3]) -> String {
+    let mut motion = short();
+    for (n, frame) in motion.frames.iter_mut().enumerate() {
+        let turn = Rotation3::from_axis_angle(&nalgebra::Vector3::y_axis(), angles(n).to_radians()).cast::<f32>();
+        let pelvis = nalgebra::Vector3::from(frame.positions[0]);
+        for position in &mut frame.positions {
+            let to = turn * (nalgebra::Vector3::from(*position) - pelvis) + nalgebra::Vector3::from(place);
+            *position = to.into();
+        }
+    }
+    write_bvh(&motion)
+}
+
+#[test]
+fn up_axis_does_not_follow_a_person_who_lies_or_bends() {
+    // Lies down after a moment, lies behind a T-pose, and bends in the first second.
+    for (name, text) in [
+        ("lies later", turned(|n| if n < 1 { 0.0 } else { 90.0 }, [0.0, 0.0, 1.0])),
+        ("lies", turned(|_| 90.0, [0.0, 0.0, 0.2])),
+        ("rises", turned(|n| if n < 4 { 85.0 } else { 0.0 }, [0.0, 0.0, 1.0])),
+    ] {
+        assert_eq!(parse_bvh(name, text.as_bytes()).expect(name).guesses.up, "+Y", "{name}");
+    }
+    // No frame stands: the root lies on the floor, and the rest pose stands along Y.
+    let lines = |pose: &str| format!("{pose}{}\n", " 0".repeat(24)).repeat(3);
+    let rig = include_str!("data/lies.txt");
+    for (up, root) in [("+Y", "0 20 0 90 0 0"), ("+Z", "0 0 100 90 0 0"), ("+Y", "0 100 0 0 0 0")] {
+        let text = format!("{rig}MOTION\nFrames: 3\nFrame Time: 0.02\n{}", lines(root));
+        assert_eq!(parse_bvh(root, text.as_bytes()).expect(root).guesses.up, up, "{root}");
+    }
+}
+
+#[test]
+fn first_frame_that_is_motion_is_kept() {
+    let mut motion = short();
+    motion.first = None;
+    let text = write_bvh(&motion);
+    let read = parse_bvh("motion", text.as_bytes()).expect("a motion");
+    assert_eq!((read.first, read.frames.len()), (None, motion.frames.len()));
+    assert_same(&motion, &read);
+    // A T-pose before it, or a posture from which the file jumps, is none.
+    for first in [builtin().frames[0], short().frames[6]] {
+        let mut slow = builtin();
+        slow.frames = slow.frames[60..72].to_vec();
+        slow.first = Some(first);
+        let read = parse_bvh("rest", write_bvh(&slow).as_bytes()).expect("a motion");
+        assert!(read.first.is_some());
+        assert_same(&slow, &read);
+    }
+}
+
 #[test]
 fn channels_apply_in_file_order() {
     let motion = short();
@@ -155,6 +207,32 @@ fn missing_joints_are_named_in_error() {
     let BvhError::MissingJoints { missing, found } = &error else { panic!("{error}") };
     assert_eq!(missing, &["right_hip", "left_elbow"]);
     assert!(found.contains(&"Tentacle".to_owned()));
+    assert!(error.to_string().contains("for --map, such as right_hip = "), "{error}");
+}
+
+#[test]
+fn joints_that_the_user_names_are_found() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let [rig, map] = ["rig.bvh", "names.toml"].map(|name| folder.path().join(name));
+    let text = write_bvh(&short()).replace("LeftForeArm", "Tentacle").replace("RightUpLeg", "Wheel");
+    std::fs::write(&rig, text).expect("written");
+    let options = motion::LoadOptions { map: Some(map.clone()), ..motion::LoadOptions::default() };
+    for (named, expected) in [
+        ("left_elbow = \"Tentacle\"\nright_hip = \"Wheel\"", ""),
+        ("left_elbow = \"Tentacle\"", "no joint for right_hip"),
+        (
+            "left_elbow = \"Arm\"\nright_hip = \"Wheel\"",
+            "the map gives left_elbow the name \"Arm\", which no joint has",
+        ),
+        ("elbow = \"Arm\"", "names.toml: elbow is no joint; the joints are pelvis, left_hip"),
+        ("left_elbow = 3", "names.toml: invalid type"),
+    ] {
+        std::fs::write(&map, named).expect("written");
+        match motion::load_with(&rig, &options) {
+            Ok(read) => assert!(expected.is_empty() && largest_difference(&short(), &read).0 < 1e-5),
+            Err(error) => assert!(!expected.is_empty() && error.to_string().contains(expected), "{named}: {error}"),
+        }
+    }
 }
 
 #[test]

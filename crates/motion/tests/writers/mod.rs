@@ -9,6 +9,7 @@ use std::path::Path;
 /// Storage type of numbers.
 #[derive(Clone, Copy)]
 pub enum Kind {
+    F16,
     F32,
     F64,
     BigF32,
@@ -33,6 +34,7 @@ pub fn write_npy(path: &Path, shape: &[usize], values: &[f64], kind: Kind) {
     assert_eq!(shape.iter().product::<usize>(), values.len());
     let text = format!("({},)", shape.iter().map(usize::to_string).collect::<Vec<_>>().join(", "));
     let (descr, fortran) = match kind {
+        Kind::F16 => ("<f2", false),
         Kind::F32 => ("<f4", false),
         Kind::F64 => ("<f8", false),
         Kind::BigF32 => (">f4", false),
@@ -40,11 +42,19 @@ pub fn write_npy(path: &Path, shape: &[usize], values: &[f64], kind: Kind) {
     };
     let ordered = if fortran { column_major(shape, values) } else { values.to_vec() };
     let data: Vec<u8> = match kind {
+        Kind::F16 => ordered.iter().flat_map(|&x| half(x).to_le_bytes()).collect(),
         Kind::F32 => ordered.iter().flat_map(|&x| (x as f32).to_le_bytes()).collect(),
         Kind::BigF32 => ordered.iter().flat_map(|&x| (x as f32).to_be_bytes()).collect(),
         Kind::F64 | Kind::FortranF64 => ordered.iter().flat_map(|x| x.to_le_bytes()).collect(),
     };
     std::fs::write(path, npy_bytes(descr, fortran, &text, &data)).expect("written");
+}
+
+/// A normal half near a number of at most a few metres, cut off.
+fn half(x: f64) -> u16 {
+    let bits = (x as f32).to_bits();
+    let (sign, exponent) = ((bits >> 16 & 0x8000) as u16, (bits >> 23 & 255) as i32 - 127 + 15);
+    if exponent <= 0 { sign } else { sign | (exponent as u16) << 10 | (bits >> 13 & 0x3ff) as u16 }
 }
 
 fn column_major(shape: &[usize], values: &[f64]) -> Vec<f64> {

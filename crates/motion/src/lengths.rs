@@ -1,0 +1,48 @@
+//! Bones that change their length: estimates of networks, and joints that move. Directions move the robot, lengths do not.
+
+use crate::Frame;
+use messages::{SMPL_JOINTS, SMPL_NAMES, SMPL_PARENT};
+use nalgebra::Vector3;
+
+/// Change of a bone's length up to which it counts as constant: a fifth of what `ingest` refuses.
+const CONSTANT: f32 = 0.01;
+
+/// Gives every bone of a motion its median length m, if one bone changes by more than 1 %:
+///
+/// ```text
+/// p_j <- p_parent + m_j (p_j - p_parent) / |p_j - p_parent|
+/// ```
+///
+/// Directions stay. Returns a warning with the largest change.
+pub(crate) fn even(frames: &mut [Frame]) -> Option<String> {
+    let bone = |frame: &Frame, joint: usize| {
+        Vector3::from(frame.positions[joint]) - Vector3::from(frame.positions[SMPL_PARENT[joint]])
+    };
+    let (mut medians, mut worst) = ([0.0; SMPL_JOINTS], (0.0_f32, 0));
+    let mut lengths = Vec::with_capacity(frames.len());
+    for (joint, median) in medians.iter_mut().enumerate().skip(1) {
+        lengths.clear();
+        lengths.extend(frames.iter().map(|frame| bone(frame, joint).norm()));
+        let middle = lengths.len() / 2;
+        *median = *lengths.select_nth_unstable_by(middle, f32::total_cmp).1;
+        let change = lengths.iter().map(|length| (length - *median).abs()).fold(0.0, f32::max) / median.max(1e-6);
+        if change > worst.0 {
+            worst = (change, joint);
+        }
+    }
+    let (change, joint) = worst;
+    if change <= CONSTANT {
+        return None;
+    }
+    for frame in frames {
+        let old = *frame;
+        for joint in 1..SMPL_JOINTS {
+            let way = bone(&old, joint);
+            // A bone without length has no direction to keep.
+            let way = way.try_normalize(1e-6).map_or(way, |way| way * medians[joint]);
+            frame.positions[joint] = (Vector3::from(frame.positions[SMPL_PARENT[joint]]) + way).into();
+        }
+    }
+    let name = SMPL_NAMES[joint];
+    Some(format!("limbs change their lengths ({name} by up to {:.0} %): uses the median of each", 100.0 * change))
+}
