@@ -284,6 +284,8 @@ pub struct Demo {
     /// Motion file to replay instead of the built-in motion, or `pick-and-place`.
     #[arg(long, value_name = "FILE")]
     pub motion: Option<PathBuf>,
+    #[command(flatten)]
+    pub load: motion::LoadOptions,
     /// Stop after this many seconds of motion (default: the whole motion once).
     #[arg(long, value_name = "N")]
     pub seconds: Option<f64>,

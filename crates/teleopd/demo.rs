@@ -13,9 +13,10 @@ use crate::report::{Report, Simulator};
 use client::{ClientError, PlayOptions, Player, Publisher};
 use config::{DriverKind, Loaded, Overrides, RealtimeSettings};
 use instance::Instance;
-use messages::{Faults, Mode, Status};
+use messages::{Mode, Status};
 use motion::CalibrationMode;
 use operator::OperatorSession;
+use robot::Names;
 use rt::{Exit, Failure};
 use rt::{Shutdown, out};
 use std::path::Path;
@@ -64,6 +65,7 @@ pub fn run(options: &cli::Demo) -> Result<Exit, Failure> {
     let publisher = Publisher::start(instance.input_domain(), player, rt::now).map_err(client_failure)?;
     let operator = OperatorSession::connect(&instance.operator_socket())?;
     let missing = missing(&loaded.settings.realtime);
+    let names = Names::from_model(&loaded.model);
     let mut show = LiveDisplay::new(&instance, loaded.model, options.quiet)?;
     let page = cli::Page { port: options.view_port, meshes: options.meshes.clone() };
     let server = if options.view { Some(shown(&instance, &place, &page, &shutdown)?) } else { None };
@@ -73,6 +75,7 @@ pub fn run(options: &cli::Demo) -> Result<Exit, Failure> {
         publisher: &publisher,
         shutdown: &shutdown,
         missing: &missing,
+        names: &names,
     };
     let ended = run.engage_and_follow(options.seconds, &mut show);
     show.end();
@@ -147,7 +150,7 @@ fn read(options: &cli::Demo) -> Result<(motion::Motion, Loaded), Failure> {
     let motion = match &options.motion {
         Some(path) => match path.to_str().and_then(motion::builtin_named) {
             Some(motion) => motion,
-            None => motion::load(path).map_err(|error| unread(path, error))?,
+            None => motion::load_with(path, &options.load).map_err(|error| unread(path, error))?,
         },
         None => motion::builtin(),
     };
@@ -225,9 +228,16 @@ struct Run<'a> {
     shutdown: &'a Shutdown,
     /// Reasons why the run is not real-time.
     missing: &'a [&'static str],
+    names: &'a Names,
 }
 
 impl Run<'_> {
+    /// Says what happened, and why.
+    fn reason(&self, what: &str) -> String {
+        let why = self.operator.status().and_then(|status| explain::why_stopped(&status, self.names));
+        why.map_or_else(|| what.to_owned(), |why| format!("{what}: {why}"))
+    }
+
     /// Engages and follows the motion to its end, or for `seconds` of it. Returns an error that says what went
     /// wrong.
     fn engage_and_follow(&mut self, seconds: Option<f64>, show: &mut LiveDisplay) -> Result<(), String> {
@@ -236,9 +246,7 @@ impl Run<'_> {
         let clear =
             self.operator.wait(CLEAR_WITHIN, |status| status.faults == 0 && status.moving == 0 && status.ticks > 600);
         if !clear {
-            let faults = self.operator.status().map_or(Faults::NONE, |status| Faults(status.faults));
-            let names: Vec<_> = faults.iter().map(|fault| fault.row().meaning).collect();
-            return Err(format!("cannot engage: {}", names.join(" ")));
+            return Err(self.reason("cannot engage"));
         }
         let realtime = self.operator.status().is_some_and(|status| status.realtime == 1);
         if !realtime {
@@ -272,10 +280,10 @@ impl Run<'_> {
                 self.publisher.set_engaged(true);
             }
             if engaged.is_some() && mode == Mode::Disengaged {
-                return Err("the robot was released before the end of the motion".into());
+                return Err(self.reason("the robot was released before the end of the motion"));
             }
             match engaged {
-                None if enabled.elapsed() > ENGAGED_WITHIN => return Err("the robot did not engage".into()),
+                None if enabled.elapsed() > ENGAGED_WITHIN => return Err(self.reason("the robot did not engage")),
                 None => {}
                 Some(since) => {
                     let enough = seconds.is_some_and(|seconds| since.elapsed().as_secs_f64() >= seconds);

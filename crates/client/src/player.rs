@@ -29,6 +29,8 @@ pub struct Player {
     /// Number of published frames for each frame of the motion. Those between two of a slow motion are mixed.
     steps: u64,
     looped: bool,
+    /// Number of frames of the file that are left out, because the person does not stand yet.
+    begins: usize,
     // Next frame to publish, counted from the start of playing. 0 is held until the robot is engaged.
     next: u64,
     started: Option<Stamp>,
@@ -43,6 +45,9 @@ impl Player {
         let calibration = motion::calibrate(motion, options.calibration);
         let mut motion =
             if motion.frame_rate_hz < motion::RATE_MIN_HZ { motion::upsample(motion) } else { motion.clone() };
+        // `ingest` knows up by a person who stands or sits.
+        let begins = motion.stands_from().unwrap_or(0);
+        motion.frames.drain(..begins);
         if options.looped {
             motion = motion::loop_blend(&motion, SEAM_S);
         }
@@ -52,6 +57,7 @@ impl Player {
             period_ns: 1e9 / (rate_hz * steps),
             steps: steps as u64,
             looped: options.looped,
+            begins,
             motion,
             calibration,
             session_nonce,
@@ -91,7 +97,7 @@ impl Player {
             None => now.plus_ns(self.period_ns as u64),
             Some(start) => start.plus_ns((self.next as f64 * self.period_ns).ceil() as u64),
         };
-        Some(((at / self.steps) as usize, self.frame(at, now)))
+        Some((self.begins + (at / self.steps) as usize, self.frame(at, now)))
     }
 
     fn frame(&mut self, at: u64, now: Stamp) -> RawSkeleton {

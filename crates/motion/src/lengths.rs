@@ -1,31 +1,44 @@
 //! Bones that change their length: estimates of networks, and joints that move. Directions move the robot, lengths do not.
 
 use crate::Frame;
-use messages::{SMPL_JOINTS, SMPL_NAMES, SMPL_PARENT};
+use messages::{SMPL_JOINTS, SMPL_NAMES, SMPL_PARENT, Smpl};
 use nalgebra::Vector3;
+
+/// Ends of the bones of arms and legs. In the trunk a rig may have joints between ours, so that their distances change.
+const ENDS: [Smpl; 8] = [
+    Smpl::LeftKnee,
+    Smpl::RightKnee,
+    Smpl::LeftAnkle,
+    Smpl::RightAnkle,
+    Smpl::LeftElbow,
+    Smpl::RightElbow,
+    Smpl::LeftWrist,
+    Smpl::RightWrist,
+];
 
 /// Change of a bone's length up to which it counts as constant: a fifth of what `ingest` refuses.
 const CONSTANT: f32 = 0.01;
 
-/// Gives every bone of a motion its median length m, if one bone changes by more than 1 %:
+/// Gives every bone of arms and legs its median length m, if one of them changes by more than 1 %:
 ///
 /// ```text
 /// p_j <- p_parent + m_j (p_j - p_parent) / |p_j - p_parent|
 /// ```
 ///
-/// Directions stay. Returns a warning with the largest change.
+/// Directions stay, and what a bone carries moves with it. Returns a warning with the largest change.
 pub(crate) fn even(frames: &mut [Frame]) -> Option<String> {
     let bone = |frame: &Frame, joint: usize| {
         Vector3::from(frame.positions[joint]) - Vector3::from(frame.positions[SMPL_PARENT[joint]])
     };
-    let (mut medians, mut worst) = ([0.0; SMPL_JOINTS], (0.0_f32, 0));
+    let (mut medians, mut worst) = ([None; SMPL_JOINTS], (0.0_f32, 0));
     let mut lengths = Vec::with_capacity(frames.len());
-    for (joint, median) in medians.iter_mut().enumerate().skip(1) {
+    for joint in ENDS.map(|end| end as usize) {
         lengths.clear();
         lengths.extend(frames.iter().map(|frame| bone(frame, joint).norm()));
         let middle = lengths.len() / 2;
-        *median = *lengths.select_nth_unstable_by(middle, f32::total_cmp).1;
-        let change = lengths.iter().map(|length| (length - *median).abs()).fold(0.0, f32::max) / median.max(1e-6);
+        let median = *lengths.select_nth_unstable_by(middle, f32::total_cmp).1;
+        medians[joint] = Some(median);
+        let change = lengths.iter().map(|length| (length - median).abs()).fold(0.0, f32::max) / median.max(1e-6);
         if change > worst.0 {
             worst = (change, joint);
         }
@@ -39,7 +52,8 @@ pub(crate) fn even(frames: &mut [Frame]) -> Option<String> {
         for joint in 1..SMPL_JOINTS {
             let way = bone(&old, joint);
             // A bone without length has no direction to keep.
-            let way = way.try_normalize(1e-6).map_or(way, |way| way * medians[joint]);
+            let evened = medians[joint].and_then(|median| Some(way.try_normalize(1e-6)? * median));
+            let way = evened.unwrap_or(way);
             frame.positions[joint] = (Vector3::from(frame.positions[SMPL_PARENT[joint]]) + way).into();
         }
     }

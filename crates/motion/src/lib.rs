@@ -115,6 +115,11 @@ impl Motion {
         Self { name: name.to_owned(), frame_rate_hz, frames, first: None, has_rotations: true, guesses }
     }
 
+    /// Number of the first frame in which the person stands or sits: a robot follows from there on. `None` without one.
+    pub fn stands_from(&self) -> Option<usize> {
+        self.frames.iter().position(|frame| skeleton::stands(&frame.positions, true) == Some(true))
+    }
+
     /// Length, s.
     pub fn duration_s(&self) -> f64 {
         self.frames.len() as f64 / self.frame_rate_hz
@@ -191,6 +196,10 @@ pub fn load_with(path: &Path, options: &LoadOptions) -> Result<Motion, MotionErr
         return Err(MotionError::TooLong { file: file(), frames, rate_hz, resampled, bound });
     }
     motion.guesses.warnings.extend(lengths::even(&mut motion.frames));
+    if let Some(begins) = motion.stands_from().filter(|&begins| begins > 0) {
+        let number = begins + usize::from(has_first);
+        motion.guesses.warnings.push(format!("the person stands or sits from frame {number} on: followed from there"));
+    }
     motion.guesses.warnings.extend(resample::doubt_of_rate(&motion));
     Ok(motion)
 }

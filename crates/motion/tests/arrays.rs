@@ -458,7 +458,7 @@ fn humanml3d_sample_gives_same_limbs_in_both_formats() {
     let joints = load(&folder.join("012314_new_joints.npy")).unwrap_or_else(|error| panic!("{error}"));
     let features = load(&folder.join("012314_new_joint_vecs.npy")).unwrap_or_else(|error| panic!("{error}"));
     for motion in [&joints, &features] {
-        assert!(motion.guesses.warnings.is_empty(), "{:?}", motion.guesses.warnings);
+        assert_eq!(motion.guesses.warnings.len(), 1, "the rate alone: {:?}", motion.guesses.warnings);
         assert!((1.4..2.0).contains(&motion.guesses.stature_m));
     }
     let worst = largest_angle(&joints, &features);

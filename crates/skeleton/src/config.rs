@@ -111,7 +111,7 @@ messages::named! {
         TrunkLost => "TrunkLost",
         /// The size of the trunk, or of an arm compared with it, is not that of a person.
         Size => "Size",
-        /// The trunk is not upright at the start of a session. Probably the up-axis is another one.
+        /// Neither trunk nor legs are upright at the start of a session. Probably the up-axis is another one.
         NotUpright => "NotUpright",
         /// Shoulders and hips disagree on left and right, or the body is a mirror image.
         Chirality => "Chirality",
@@ -177,7 +177,9 @@ impl DropReason {
                 "hips to shoulders are not 0.29 to 0.73 m, or an upper arm or a forearm is not 0.3 to 0.9 of that \
                  (are the units and the order of the joints those of the layout?)"
             }
-            Self::NotUpright => "the trunk is not upright at the start (is the up axis the layout's?)",
+            Self::NotUpright => {
+                "trunk and legs lean by more than 60 degrees at the start (is the up axis the layout's?)"
+            }
             Self::Chirality => "left and right are swapped, or the person is mirrored",
             Self::Teleport => {
                 "a shoulder went faster than 7 m/s, an elbow faster than 10 m/s, or a wrist faster than 12 m/s, \

@@ -27,7 +27,7 @@ pub use geometry::slerp;
 pub use hinge::Calibrator;
 pub use limbs::{Hold, LimbFrames, TORSO_LEAN_RAD, limbs_from_positions_rotations, torso_rotation};
 pub use mirror::mirror_image;
-pub use plausible::{Chirality, chirality};
+pub use plausible::{Chirality, chirality, stands};
 pub use posture::{Pose, TPose};
 pub use reference::{Calibration, LEAN_MAX_RAD};
 pub use tick::{Input, Output, State, tick};

@@ -7,6 +7,8 @@ use messages::{SMPL_JOINTS, Smpl};
 /// Least flexion of a knee that shows on which side its hinge is, rad: 15 degrees. Straight knees bend either way by a few
 /// degrees in estimates.
 const FLEXED_RAD: f64 = 0.26;
+/// Cosine of the largest lean at the start: 60 degrees.
+const LEAN_COSINE: f64 = 0.5;
 /// Share of the evidence that must speak against a person, of at least [`WEIGHT_MIN`]. A true mirror image has 0.8 to 1, and
 /// no clip of CMU has a half over a second.
 const AGAINST: f64 = 0.5;
@@ -43,6 +45,16 @@ impl Chirality {
     pub fn is_mirrored(&self) -> bool {
         self.front < -AGAINST * self.weight.max(WEIGHT_MIN)
     }
+}
+
+/// Returns true if the trunk or, where they are seen, the legs of a person lean by less than 60 degrees. Nobody begins with a
+/// larger lean of both, and every wrong up-axis gives 90 or 180. `None` if the trunk has no shape.
+pub fn stands(positions: &[[f32; 3]; SMPL_JOINTS], sees_legs: bool) -> Option<bool> {
+    let at = |joint: Smpl| vector(positions[joint as usize]);
+    let trunk = torso_rotation(positions)?[(2, 2)];
+    let middle = |a: Smpl, b: Smpl| (at(a) + at(b)) / 2.0;
+    let legs = unit(middle(Smpl::LeftHip, Smpl::RightHip) - middle(Smpl::LeftAnkle, Smpl::RightAnkle));
+    Some(trunk >= LEAN_COSINE || sees_legs && legs.is_some_and(|legs| legs.z >= LEAN_COSINE))
 }
 
 /// Returns the evidence for or against a mirror image in one frame of SMPL-22 positions, m, z up. A single frame

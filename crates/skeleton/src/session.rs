@@ -1,9 +1,9 @@
 //! State of one operator of one client, and the checks from frame to frame.
 
 use crate::config::{Config, DropReason};
-use crate::limbs::{ARMS, Hold, torso_rotation};
+use crate::limbs::{ARMS, Hold};
 use crate::person::Person;
-use crate::plausible::{Chirality, chirality};
+use crate::plausible::{Chirality, chirality, stands};
 use crate::reference::Learnt;
 use crate::steps::{Body, Part, Which};
 use messages::{LIMBS, RawSkeleton, SMPL_JOINTS, Smpl, Stamp, comes_after};
@@ -182,12 +182,11 @@ impl Session {
         }
     }
 
-    /// Requires an upright trunk at the start, and never a mirror image.
+    /// Requires a person who stands or sits at the start, and never a mirror image.
     fn check_posture(&mut self, person: &Person, since_ns: u64) -> Result<(), DropReason> {
-        let torso = torso_rotation(&person.positions).ok_or(DropReason::Size)?;
         if !self.upright {
-            // 60 degrees: no session starts with a larger lean, and every wrong up-axis gives 90 or 180.
-            if torso[(2, 2)] < 0.5 {
+            let sees_legs = [Smpl::LeftAnkle, Smpl::RightAnkle].iter().all(|&joint| person.has(joint as usize));
+            if !stands(&person.positions, sees_legs).ok_or(DropReason::Size)? {
                 return Err(DropReason::NotUpright);
             }
             self.upright = true;

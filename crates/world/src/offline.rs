@@ -4,8 +4,9 @@
 use crate::world::{Links, Moment, Running, World, WorldConfig};
 use client::{PlayOptions, Player};
 use config::{ConfigError, Loaded};
-use messages::{JOINTS_MAX, Mode, TICK_HZ};
+use messages::{JOINTS_MAX, Layout, Mode, Status, TICK_HZ};
 use motion::Motion;
+use robot::Names;
 use safety::engage::OperatorView;
 use std::collections::BTreeMap;
 use std::convert::Infallible;
@@ -38,7 +39,7 @@ pub struct Row {
 pub enum OfflineEnd {
     /// The motion was played and the robot is at rest.
     AtRest,
-    /// The robot was stopped, or did not engage.
+    /// The robot was stopped, or did not engage, and why.
     Stopped(String),
 }
 
@@ -87,6 +88,8 @@ pub struct Offline {
     mode: Mode,
     enabled: bool,
     released_at: Option<u64>,
+    status: Status,
+    names: Names,
     report: OfflineReport,
     limb_sum_rad: f64,
     limb_measured_sum_rad: f64,
@@ -107,6 +110,8 @@ impl Offline {
             mode: Mode::Disengaged,
             enabled: false,
             released_at: None,
+            status: Status::ZERO,
+            names: Names::from_model(&loaded.model),
             report: OfflineReport::default(),
             limb_sum_rad: 0.0,
             limb_measured_sum_rad: 0.0,
@@ -185,7 +190,10 @@ impl Offline {
     /// Returns the reason if the run ends before row `k`.
     fn end(&self, k: u64) -> Option<OfflineEnd> {
         let released = self.released_at;
-        let stopped = |why: &str| Some(OfflineEnd::Stopped(why.into()));
+        let stopped = |what: &str| {
+            let why = explain::why_stopped(&self.status, &self.names).map_or(String::new(), |why| format!(": {why}"));
+            Some(OfflineEnd::Stopped(format!("{what}{why}")))
+        };
         if self.mode == Mode::Faulted {
             return stopped("the robot was stopped by a fault");
         }
@@ -225,7 +233,7 @@ impl Offline {
         };
         let moment = self.world.step(&self.config, &operator, Running::ALL);
         if let Some(control) = &moment.control {
-            self.report.fallbacks = control.status.fallbacks;
+            (self.status, self.report.fallbacks) = (control.status, control.status.fallbacks);
             let mode = Mode::from_u32(control.status.mode).unwrap_or(Mode::Faulted);
             if mode != self.mode {
                 self.mode = mode;

@@ -27,6 +27,9 @@ pub const PACKET_MAX: usize = 16 << 10;
 pub enum Refused {
     #[error("from another protocol")]
     Protocol,
+    /// A message of VMC about this bone.
+    #[error("with a value of bone {0} that is no number")]
+    Bone(&'static str),
     #[error("of a length that differs from its header")]
     Length,
     #[error("older than the previous one")]

@@ -66,11 +66,12 @@ impl Vmc {
     fn message(&mut self, message: &OscMessage, publish: &mut dyn FnMut(&RawSkeleton)) -> Result<(), Refused> {
         match message.addr.as_str() {
             "/VMC/Ext/Root/Pos" => {
-                (_, self.root) = named(&message.args)?;
+                self.root = named(&message.args)?.1.unwrap_or(self.root);
             }
             "/VMC/Ext/Bone/Pos" => {
                 let (name, transform) = named(&message.args)?;
                 let Some(&(_, bone)) = BONES.iter().find(|(known, _)| *known == name) else { return Ok(()) };
+                let Some(transform) = transform else { return Ok(()) };
                 if self.seen & 1 << bone != 0 {
                     // A new round has begun.
                     self.complete(publish);
@@ -83,7 +84,7 @@ impl Vmc {
                 self.seen |= 1 << bone;
             }
             "/VMC/Ext/T" => {
-                let Some(&OscType::Float(time)) = message.args.first() else { return Err(Refused::Protocol) };
+                let Some(time) = message.args.first().and_then(number) else { return Err(Refused::Protocol) };
                 // Time since the sender's start. A smaller value indicates a restart.
                 if self.time.replace(time).is_some_and(|before| time < before) {
                     // Later frames belong to another session.
@@ -94,8 +95,8 @@ impl Vmc {
                 self.complete(publish);
             }
             "/VMC/Ext/OK" => {
-                let Some(&OscType::Int(loaded)) = message.args.first() else { return Err(Refused::Protocol) };
-                self.absent = loaded == 0;
+                let Some(loaded) = message.args.first().and_then(number) else { return Err(Refused::Protocol) };
+                self.absent = loaded == 0.0;
             }
             // Blend shapes, cameras, controllers and other messages.
             _ => {}
@@ -170,29 +171,37 @@ fn check(packet: &OscPacket) -> Result<Taken, Refused> {
     };
     let good = match message.addr.as_str() {
         "/VMC/Ext/Root/Pos" | "/VMC/Ext/Bone/Pos" => named(&message.args).map(|_| true)?,
-        "/VMC/Ext/T" => matches!(message.args.first(), Some(OscType::Float(_))),
-        "/VMC/Ext/OK" => matches!(message.args.first(), Some(OscType::Int(_))),
+        "/VMC/Ext/T" | "/VMC/Ext/OK" => message.args.first().and_then(number).is_some(),
         other if other.starts_with("/VMC/Ext/") => true,
         _ => return Ok(Taken::Aside),
     };
     if good { Ok(Taken::Person) } else { Err(Refused::Protocol) }
 }
 
-/// Parses a name and a transform. The remaining values (scale and offset of the root) do not concern the
-/// person.
-fn named(args: &[OscType]) -> Result<(&str, Transform), Refused> {
-    let Some((OscType::String(name), numbers)) = args.split_first() else { return Err(Refused::Protocol) };
+/// A number as a sender's OSC library tags it: JavaScript's and Python's tag whole numbers as integers.
+fn number(value: &OscType) -> Option<f32> {
+    match *value {
+        OscType::Float(x) => Some(x),
+        OscType::Double(x) => Some(x as f32),
+        OscType::Int(x) => Some(x as f32),
+        OscType::Long(x) => Some(x as f32),
+        _ => None,
+    }
+}
+
+/// Parses a name and a transform. It is None if a value is NaN or infinite, or the rotation is zero: senders mark bones so that
+/// they do not see. The remaining values (scale and offset of the root) do not concern the person.
+fn named(args: &[OscType]) -> Result<(&str, Option<Transform>), Refused> {
+    let Some((OscType::String(name), values)) = args.split_first() else { return Err(Refused::Protocol) };
+    let bone = BONES.iter().find(|(known, _)| known == name).map_or("of another name", |(known, _)| known);
     let mut all = [0.0; 7];
     for (n, x) in all.iter_mut().enumerate() {
-        let Some(&OscType::Float(number)) = numbers.get(n) else { return Err(Refused::Protocol) };
-        *x = number;
-    }
-    if !all.iter().all(|x| x.is_finite()) {
-        return Err(Refused::NotANumber);
+        *x = values.get(n).and_then(number).ok_or(Refused::Bone(bone))?;
     }
     let [x, y, z, i, j, k, w] = all;
+    let seen = all.iter().all(|x| x.is_finite()) && [i, j, k, w] != [0.0; 4];
     let rotation = UnitQuaternion::new_unchecked(Quaternion::new(w, i, j, k));
-    Ok((name, Transform::from_parts([x, y, z].into(), rotation)))
+    Ok((name, seen.then(|| Transform::from_parts([x, y, z].into(), rotation))))
 }
 
 #[cfg(test)]
@@ -258,6 +267,37 @@ mod tests {
     }
 
     #[test]
+    fn whole_numbers_may_be_tagged_as_integers_and_bones_may_be_unseen() {
+        let whole = |packet: OscPacket| match packet {
+            OscPacket::Message(OscMessage { addr, args }) => {
+                let tagged = args.into_iter().map(|value| match value {
+                    OscType::Float(x) if x.fract() == 0.0 => OscType::Int(x as i32),
+                    OscType::Float(x) => OscType::Double(f64::from(x)),
+                    other => other,
+                });
+                message(&addr, tagged.collect())
+            }
+            bundle => bundle,
+        };
+        let (_, expected) = take(&mut Vmc::new(), &bytes(body(2.0)));
+        assert_eq!(
+            take(&mut Vmc::new(), &bytes(body(2.0).into_iter().map(whole).collect())),
+            (Ok(Taken::Person), expected)
+        );
+        // NaN, and a rotation of zeros, mark an arm that is not seen. The person stays.
+        for mark in [[f32::NAN; 7], [0.0; 7]] {
+            let mut marked = body(2.0);
+            for name in ["LeftLowerArm", "LeftHand"] {
+                // The root comes first.
+                let place = 1 + BONES.iter().position(|(known, _)| *known == name).expect("a bone");
+                marked[place] = bone("/VMC/Ext/Bone/Pos", name, mark);
+            }
+            let (_, frames) = take(&mut Vmc::new(), &bytes(marked));
+            assert_eq!(frames[0].confidence[13..=18], [1.0, 1.0, 0.0, 1.0, 0.0, 1.0]);
+        }
+    }
+
+    #[test]
     fn frame_without_a_time_message_ends_at_the_next_round() {
         let mut vmc = Vmc::new();
         let round: Vec<_> = body(1.0)
@@ -292,16 +332,13 @@ mod tests {
     #[test]
     fn malformed_packet_is_refused_with_its_reason() {
         let mut vmc = Vmc::new();
-        let mut nan = STILL;
-        nan[4] = f32::NAN;
         let inner = OscPacket::Bundle(OscBundle { timetag: OscTime { seconds: 0, fractional: 1 }, content: vec![] });
         let mut rest = encoder::encode(&message("/VMC/Ext/T", vec![OscType::Float(1.0)])).expect("a packet");
         rest.extend([0; 4]);
         for (packet, refused) in [
-            (bytes(vec![bone("/VMC/Ext/Bone/Pos", "Hips", nan)]), Refused::NotANumber),
-            (bytes(vec![message("/VMC/Ext/Bone/Pos", vec![OscType::String("Hips".into()); 3])]), Refused::Protocol),
+            (bytes(vec![message("/VMC/Ext/Bone/Pos", vec![OscType::String("Hips".into()); 3])]), Refused::Bone("Hips")),
             (bytes(vec![message("/VMC/Ext/T", vec![])]), Refused::Protocol),
-            (bytes(vec![message("/VMC/Ext/OK", vec![OscType::Float(1.0)])]), Refused::Protocol),
+            (bytes(vec![message("/VMC/Ext/OK", vec![OscType::String("1".into())])]), Refused::Protocol),
             (bytes(vec![inner]), Refused::Protocol),
             (b"MXTP02".to_vec(), Refused::Protocol),
             (rest, Refused::Length),

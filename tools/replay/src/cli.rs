@@ -3,7 +3,7 @@
 use crate::{batch, keyposes, say};
 use clap::{Parser, Subcommand};
 use config::RobotChoice;
-use motion::{CalibrationMode, Up};
+use motion::{CalibrationMode, LoadOptions};
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
@@ -24,9 +24,8 @@ pub struct Cli {
     /// own.
     #[arg(long, value_name = "FACTOR", default_value_t = 1.0)]
     pub speed: f64,
-    /// The axis that points up in a .npy (y unless given) or .npz (z unless given). Other files need none.
-    #[arg(long, value_name = "y|z")]
-    pub up: Option<Up>,
+    #[command(flatten)]
+    pub load: LoadOptions,
     /// Begin again at the end, with a blended seam.
     #[arg(long = "loop")]
     pub looped: bool,

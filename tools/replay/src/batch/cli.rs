@@ -3,7 +3,7 @@
 use super::output::Format;
 use clap::{Parser, ValueEnum};
 use config::RobotChoice;
-use motion::{CalibrationMode, LoadOptions, Up};
+use motion::{CalibrationMode, LoadOptions};
 use std::path::PathBuf;
 
 /// Bounds of the output rate, Hz: from one posture per second to ten times the control rate.
@@ -74,21 +74,8 @@ pub struct Cli {
     /// Make every file again, and replace files that this tool did not write.
     #[arg(long)]
     pub overwrite: bool,
-    /// The data are a mirror image: mirror them back.
-    #[arg(long)]
-    pub mirror: bool,
-    /// Frame rate of the input, Hz, regardless of the files.
-    #[arg(long, value_name = "HZ")]
-    pub frame_rate: Option<f64>,
-    /// The axis that points up in .npy [default: y] and .npz [default: z]; other files need none.
-    #[arg(long, value_name = "y|z")]
-    pub up: Option<Up>,
-    /// Mean of normalised HumanML3D features [default: Mean.npy in the file's folder or above].
-    #[arg(long, value_name = "FILE", requires = "std")]
-    pub mean: Option<PathBuf>,
-    /// Standard deviation of normalised HumanML3D features.
-    #[arg(long, value_name = "FILE", requires = "mean")]
-    pub std: Option<PathBuf>,
+    #[command(flatten)]
+    pub load: LoadOptions,
     /// Instead: time this many synthetic poses of both arms on one core and on all.
     #[arg(long, value_name = "POSES", num_args = 0..=1, default_missing_value = "1000000",
         value_parser = clap::value_parser!(u64).range(1000..=1_000_000_000))]
@@ -96,17 +83,6 @@ pub struct Cli {
 }
 
 impl Cli {
-    /// Returns the options for reading motion files.
-    pub fn load_options(&self) -> LoadOptions {
-        LoadOptions {
-            mean: self.mean.clone(),
-            std: self.std.clone(),
-            mirror: self.mirror,
-            frame_rate_hz: self.frame_rate,
-            up: self.up,
-        }
-    }
-
     /// Returns the weights, without extension.
     pub fn weights(&self) -> PathBuf {
         self.weights.clone().unwrap_or_else(|| self.robot.shipped_weights())

@@ -161,12 +161,13 @@ fn options_sha256(cli: &Cli, model: &Model) -> Result<String, Failure> {
         cli.method,
         cli.refine_steps,
         cli.calibration.name(),
-        cli.mirror,
-        cli.up,
-        cli.frame_rate,
+        cli.load.mirror,
+        cli.load.up,
+        cli.load.frame_rate_hz,
         model.hash,
     );
-    let mut files: Vec<PathBuf> = cli.mean.iter().chain(&cli.std).cloned().collect();
+    let named = [&cli.load.mean, &cli.load.std, &cli.load.map];
+    let mut files: Vec<PathBuf> = named.into_iter().flatten().cloned().collect();
     if cli.method == Method::Network {
         let with = |extension: &str| PathBuf::from(format!("{}.{extension}", cli.weights().display()));
         files.extend([with("toml"), with("safetensors")]);
@@ -207,7 +208,7 @@ fn make(shared: &Shared<'_>, job: &Job) -> Result<Outcome, Failure> {
             Some(_) => {}
         }
     }
-    let motion = motion::load_with(&job.input, &cli.load_options()).map_err(Failure::with(Exit::NoInput))?;
+    let motion = motion::load_with(&job.input, &cli.load).map_err(Failure::with(Exit::NoInput))?;
     let trajectory = Trajectory::new(shared.postures, &motion, cli.calibration, cli.rate);
     let (count, rate_hz) = (trajectory.rows(), trajectory.rate_hz());
     if count > ROWS_MAX {

@@ -7,7 +7,7 @@ mod offline;
 
 use crate::cli::Cli;
 use config::Overrides;
-use motion::{CalibrationMode, LoadOptions, MotionError};
+use motion::{CalibrationMode, MotionError};
 use poses::trajectory;
 use rt::{Exit, Failure, out};
 use std::path::Path;
@@ -59,11 +59,9 @@ fn read(cli: &mut Cli) -> Result<motion::Motion, Failure> {
         cli.calibration = CalibrationMode::Rig;
     }
     if !is("csv") {
-        return motion::load_with(&file, &LoadOptions { up: cli.up, ..LoadOptions::default() }).map_err(|error| {
-            match error {
-                MotionError::Io { source, .. } => Failure::new(Exit::NoInput, rt::unreadable(&file, &source)),
-                error => Failure::new(Exit::NoInput, error),
-            }
+        return motion::load_with(&file, &cli.load).map_err(|error| match error {
+            MotionError::Io { source, .. } => Failure::new(Exit::NoInput, rt::unreadable(&file, &source)),
+            error => Failure::new(Exit::NoInput, error),
         });
     }
     let loaded =
@@ -79,17 +77,14 @@ fn refused_up(cli: &Cli, file: &Path) -> Option<Failure> {
     let has_axis =
         file.extension().is_some_and(|extension| ["npy", "npz"].iter().any(|one| extension.eq_ignore_ascii_case(one)));
     let text = || format!("{}: --up is for .npy and .npz files; leave it out", file.display());
-    (cli.up.is_some() && !has_axis).then(|| Failure::new(Exit::Usage, text()))
+    (cli.load.up.is_some() && !has_axis).then(|| Failure::new(Exit::Usage, text()))
 }
 
 fn describe(motion: &motion::Motion, calibration: CalibrationMode) {
-    out!(
-        "{}: {} frames at {:.1} Hz, {:.1} s",
-        motion.name,
-        motion.frames.len(),
-        motion.frame_rate_hz,
-        motion.duration_s()
-    );
+    // The file's own count.
+    let frames = motion.frames.len() + usize::from(motion.first.is_some());
+    let rest = if motion.first.is_some() { ", the first of them a rest pose that is left out" } else { "" };
+    out!("{}: {frames} frames at {:.1} Hz, {:.1} s{rest}", motion.name, motion.frame_rate_hz, motion.duration_s());
     let guesses = &motion.guesses;
     out!(
         "unit {} ({} m each), stature {:.2} m, up {}",
