@@ -197,9 +197,9 @@ export class Webcam {
 
   showState(seen) {
     const rate = this.times.length, notes = [`${rate} images a second`, `${this.age.toFixed(0)} ms old`];
-    const who = this.on ? "leads the robot" : "waits for the lease";
     const slow = this.times[0] < performance.now() - 900 && rate < RATE_MIN ? `, at least ${RATE_MIN} are needed` : "";
     const old = this.age > AGE_MAX ? `, at most ${AGE_MAX} ms may be` : "";
+    const who = !this.on ? "waits for the lease" : slow || old ? "cannot lead the robot" : "leads the robot";
     this.show(`${who}: ${seen ? "" : "nobody is seen, "}${notes[0]}${slow}, ${notes[1]}${old}`);
   }
 

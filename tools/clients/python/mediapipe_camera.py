@@ -3,7 +3,7 @@
 
     pip install './tools/clients/python[camera]'
     teleopd-camera                        # camera 0
-    teleopd-camera --video walk.mp4
+    teleopd-camera --video tools/camera/clips/wave_and_box.mp4 --loop
 
 The model is a pose landmarker of MediaPipe. `teleopd` makes it of networks that `npm ci --prefix tools/camera` installs; a file
 (`pose_landmarker_*.task`) can be given instead. One person is followed. A camera whose image is mirrored, as a selfie camera's,
@@ -28,6 +28,8 @@ MADE = ("full", "lite")
 LANDMARKS = 66
 #: frames a second of a video whose file does not say
 FPS = 30.0
+#: fewest images a second by which a robot is engaged
+RATE_MIN = 15
 
 
 class Refused(Exception):
@@ -36,12 +38,17 @@ class Refused(Exception):
 
 def made(name):
     """The path of the landmarker of this name, which `teleopd` makes if it is not there yet."""
-    root = os.path.abspath(os.path.join(os.path.dirname(__file__), "..", "..", ".."))
-    built = os.path.join(root, "target", "release", "teleopd")
+    # A clone: the current folder, or the one that this file lies in.
+    roots = [os.getcwd(), os.path.abspath(os.path.join(os.path.dirname(__file__), "..", "..", ".."))]
+    root = next((root for root in roots if os.path.isfile(os.path.join(root, "tools", "camera", "package.json"))), None)
+    built = os.path.join(root or "", "target", "release", "teleopd")
     program = os.environ.get("TELEOPD") or shutil.which("teleopd") or built
     if not os.path.isfile(program):
-        raise Refused(f"--model {name}: teleopd makes it, and is not on PATH: set TELEOPD to its path, or give a .task file")
-    folder = root if os.path.isdir(os.path.join(root, "tools", "camera")) else None
+        raise Refused(
+            f"--model {name}: teleopd makes it, and is neither on PATH nor built in the current folder: set TELEOPD to its path, or "
+            "give a .task file"
+        )
+    folder = root
     run = subprocess.run([program, "landmarker", name], cwd=folder, capture_output=True, text=True)
     if run.returncode != 0:
         raise Refused(f"--model {name}: {run.stderr.strip()}")
@@ -123,11 +130,26 @@ def images(camera, video, loop):
         yield cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB), time.monotonic_ns()
 
 
-def follow(publisher, pictures, detect, mirrored=False):
-    """Publishes everybody who is seen; answers how many images showed somebody, and how many there were."""
+def told(images_per_s, seen):
+    """What the last second says to the user: whether somebody is seen, and whether the images are too few."""
+    who = "a person is seen" if seen > 0 else "nobody is seen"
+    slow = images_per_s < RATE_MIN
+    hint = f" (at least {RATE_MIN} are needed; --model lite is quicker)" if slow else ""
+    return (seen > 0, slow), f"{who}, {images_per_s:.0f} images a second{hint}"
+
+
+def follow(publisher, pictures, detect, mirrored=False, say=lambda text: None):
+    """Publishes everybody who is seen, and says what changes; answers how many images showed somebody, and how many there were."""
     seen = shown = before_ms = 0
+    since, before, known = time.monotonic(), (0, 0), None
     for rgb, at_ns in pictures:
         shown += 1
+        passed = time.monotonic() - since
+        if passed >= 1.0:
+            kind, text = told((shown - before[0]) / passed, seen - before[1])
+            if kind != known:
+                say(text)
+            since, before, known = time.monotonic(), (shown, seen), kind
         # The landmarker wants times that grow.
         before_ms = max(before_ms + 1, at_ns // 1_000_000)
         person = detect(rgb, before_ms)
@@ -146,7 +168,7 @@ def arguments(given):
     parser.add_argument("--model", default="full", help="pose landmarker of MediaPipe: full (default), the quicker lite, or a file")
     source = parser.add_mutually_exclusive_group()
     source.add_argument("--camera", type=int, default=0, metavar="N", help="number of the camera (default: 0)")
-    source.add_argument("--video", metavar="FILE", help="a video in place of a camera, at its own rate")
+    source.add_argument("--video", metavar="FILE", help="a video in place of a camera, at its own rate or as fast as its person is found")
     parser.add_argument("--loop", action="store_true", help="play the video there and back, for ever")
     parser.add_argument("--mirrored", action="store_true", help="the image is mirrored")
     parser.add_argument("--run-dir", default=DEFAULT_RUN_DIR, metavar="DIR", help="folder of the instance")
@@ -162,7 +184,7 @@ def main(given=None):
         with landmarker as detect, SkeletonPublisher(options.run_dir, layout=LAYOUT_MEDIAPIPE66) as publisher:
             print(f"publishing to {options.run_dir}; Ctrl-C ends", flush=True)
             pictures = images(options.camera, options.video, options.loop)
-            seen, shown = follow(publisher, pictures, detect, options.mirrored)
+            seen, shown = follow(publisher, pictures, detect, options.mirrored, lambda text: print(text, flush=True))
     except KeyboardInterrupt:
         return 130
     except (Refused, TeleopdError) as error:
