@@ -107,8 +107,7 @@ fn judge(delay_ms: std::ops::Range<f64>, off_m: f64, seed: u64) {
         let gap = rng.random_range(GAP_MAX_TICKS + 1..40);
         let (delay_s, age_s) = (rng.random_range(delay_ms.clone()) * 1e-3, rng.random_range(0.0..10e-3));
         let late_s = rng.random_range(0.0..TICK_S);
-        let mut bench = Bench::new();
-        bench.follow(K + 5);
+        let mut bench = Bench::following();
         bench.state.motion = motion;
         let k = K + 5 + gap;
         let now = deadline(k).plus_ns((late_s * 1e9) as u64);

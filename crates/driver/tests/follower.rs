@@ -68,8 +68,7 @@ fn f057_f059_bad_command_is_refused_with_its_reason_and_counted() {
         (Refusal::OutsideLimits, |c| c.q[0] = 3.001),
     ];
     for (expected, break_it) in cases {
-        let mut bench = Bench::new();
-        bench.follow(K + 5);
+        let mut bench = Bench::following();
         let mut command = bench.command(K + 6);
         break_it(&mut command);
         let executed = bench.state.motion;
@@ -86,8 +85,7 @@ fn f057_f059_bad_command_is_refused_with_its_reason_and_counted() {
 
 #[test]
 fn command_with_left_chain_or_passed_seed_is_refused() {
-    let mut bench = Bench::new();
-    bench.follow(K + 5);
+    let mut bench = Bench::following();
     bench.tick(K + 6, None);
     let late = bench.command(K + 7);
     assert_eq!(bench.tick(K + 7, Some(&late)).refused, Some(Refusal::ChainLeft));
@@ -98,8 +96,7 @@ fn command_with_left_chain_or_passed_seed_is_refused() {
 
 #[test]
 fn f059_early_command_is_executed_at_once_and_only_once() {
-    let mut bench = Bench::new();
-    bench.follow(K + 5);
+    let mut bench = Bench::following();
     let early = bench.command(K + 6);
     let out = bench.tick(K + 5, Some(&early));
     assert_eq!((out.executed.k, out.advanced), (K + 6, 1));
@@ -114,8 +111,7 @@ fn f058_driver_without_commands_latches_after_10_ms() {
     for k in K + 1..K + 100 {
         assert_eq!(bench.tick(k, None).faults, Faults::NONE, "silence counts from the first command");
     }
-    let mut bench = Bench::new();
-    bench.follow(K + 5);
+    let mut bench = Bench::following();
     for n in 1..=SILENCE_TICKS {
         let out = bench.tick(K + 5 + n, None);
         assert_eq!(out.faults.has(Fault::DriverFault), n == SILENCE_TICKS, "tick {n}");
@@ -126,8 +122,7 @@ fn f058_driver_without_commands_latches_after_10_ms() {
 
 #[test]
 fn driver_late_by_few_ticks_continues_without_fault() {
-    let mut bench = Bench::new();
-    bench.follow(K + 5);
+    let mut bench = Bench::following();
     let newest = bench.command(K + 5 + GAP_MAX_TICKS);
     let out = bench.tick(newest.k, Some(&newest));
     assert_eq!((out.accepted.map(|a| a.k), out.faults), (Some(newest.k), Faults::NONE));
@@ -152,8 +147,7 @@ fn latch_clears_only_on_reset_edge_at_rest() {
 
 #[test]
 fn reset_edge_in_motion_clears_nothing_later() {
-    let mut bench = Bench::new();
-    bench.follow(K + 5);
+    let mut bench = Bench::following();
     for k in K + 6..K + 25 {
         bench.tick(k, None);
     }
@@ -216,8 +210,7 @@ fn restarted_control_first_reset_count_is_no_edge() {
 
 #[test]
 fn f057_driver_whose_robot_takes_no_setpoints_latches_at_once() {
-    let mut bench = Bench::new();
-    bench.follow(K + 5);
+    let mut bench = Bench::following();
     let next = bench.command(K + 6);
     let input = Input { due_k: K + 6, command: Some(&next), port_fault: true, measured: None };
     let out = tick(&CONFIG, &mut bench.state, deadline(K + 6), input);
@@ -228,8 +221,7 @@ fn f057_driver_whose_robot_takes_no_setpoints_latches_at_once() {
 /// reports that late. Until then the driver must not begin another motion, which would be a jump.
 #[test]
 fn f057_robot_refusing_setpoints_gets_plan_only_while_near_it() {
-    let mut bench = Bench::new();
-    bench.follow(K + 5);
+    let mut bench = Bench::following();
     let mut planned = bench.state.motion;
     let mut now = measured();
     // The robot stands where it was, and the plan goes on.
@@ -256,8 +248,7 @@ fn f057_robot_refusing_setpoints_gets_plan_only_while_near_it() {
 #[test]
 fn f057_robot_off_its_plan_is_held_only_after_it_answers() {
     for (answers_after, takes) in [(3, false), (3, true), (u64::MAX, false)] {
-        let mut bench = Bench::new();
-        bench.follow(K + 5);
+        let mut bench = Bench::following();
         let mut planned = bench.state.motion;
         let mut now = measured();
         now.q[3] = planned.q[3];
@@ -284,8 +275,7 @@ fn f057_robot_off_its_plan_is_held_only_after_it_answers() {
 fn f064_moving_joint_is_held_where_measured_when_power_returns() {
     // Joint 3 goes on at 0.5 rad/s, for a while or forever.
     for (moves_for, held_for) in [(200, 200), (u64::MAX, SETTLE_TICKS - 1)] {
-        let mut bench = Bench::new();
-        bench.follow(K + 5);
+        let mut bench = Bench::following();
         let (mut now, mut held_until) = (measured(), 0);
         let stands_for = if moves_for == u64::MAX { 0 } else { STILL_TICKS + 20 };
         for n in 0..10 + held_for + stands_for {
@@ -317,8 +307,7 @@ fn f064_standstill_threshold_scales_with_joint_speed_limit() {
     for (speed, largest, holds) in [(0.03, 0.07, true), (0.010, 0.07, false), (0.03, 0.7, false), (0.11, 0.7, true)] {
         let mut config = CONFIG;
         config.limits[0].v_max = largest;
-        let mut bench = Bench::new();
-        bench.follow(K + 5);
+        let mut bench = Bench::following();
         let mut now = measured();
         for n in 0..20 {
             let k = K + 6 + n;
@@ -341,16 +330,14 @@ fn is_held(held: &[f64; JOINTS_MAX], measured: &[f64; JOINTS_MAX]) -> bool {
 /// The noise of the torso's encoder is two ticks of its way at full speed.
 #[test]
 fn f064_held_joint_does_not_follow_encoder_noise() {
-    let mut bench = Bench::new();
-    bench.follow(K + 5);
+    let mut bench = Bench::following();
     let (mut now, mut held) = (measured(), None);
     for n in 0..100 {
         let k = K + 6 + n;
         now.drives.emergency_stop = n < 10;
         (now.dq[3], now.q[3]) = (0.5, now.q[3] + 0.5 * TICK_S);
         now.q[0] = if n % 2 == 0 { 9.6e-5 } else { -9.6e-5 };
-        let input = Input { due_k: k, command: None, port_fault: false, measured: Some(&now) };
-        let out = tick(&CONFIG, &mut bench.state, deadline(k), input);
+        let out = bench.tick_measuring(k, &now);
         if bench.state.executed_k == k {
             assert_eq!(*held.get_or_insert(out.executed.q[0]), out.executed.q[0], "tick {n}");
             assert!(is_held(&out.executed.q, &now.q), "tick {n}");

@@ -14,8 +14,7 @@ fn measured_at(k: u64, q: f64, v: f64) -> driver::Measured {
 #[test]
 fn suspended_driver_resumes_from_measured_posture_and_stops() {
     for gap in [GAP_MAX_TICKS + 1, SILENCE_TICKS, SILENCE_TICKS + 1, 600, 2250] {
-        let mut bench = Bench::new();
-        bench.follow(K + 5);
+        let mut bench = Bench::following();
         let before = bench.state.motion.q[3];
         let k = K + 5 + gap;
         let newest = bench.command(k);
@@ -50,8 +49,7 @@ fn suspended_driver_resumes_from_measured_posture_and_stops() {
 #[test]
 fn suspended_driver_continues_certified_stop_if_robot_played_it() {
     for gap in [GAP_MAX_TICKS + 1, SILENCE_TICKS, SILENCE_TICKS + 1, 40, 600] {
-        let mut bench = Bench::new();
-        bench.follow(K + 5);
+        let mut bench = Bench::following();
         let mut planned = bench.state.motion;
         planned.play(gap);
         let k = K + 5 + gap;
@@ -71,12 +69,10 @@ fn suspended_driver_continues_certified_stop_if_robot_played_it() {
         // If one joint is elsewhere, or has another speed, the driver begins at the measured posture of all
         // joints.
         for (q, v) in [(0.02, 0.0), (-0.02, 0.0), (0.0, 1.0), (0.0, -1.0)] {
-            let mut bench = Bench::new();
-            bench.follow(K + 5);
+            let mut bench = Bench::following();
             let mut elsewhere = now;
             (elsewhere.q[5], elsewhere.dq[5]) = (now.q[5] + q, now.dq[5] + v);
-            let input = Input { due_k: k, command: None, port_fault: false, measured: Some(&elsewhere) };
-            let out = tick(&CONFIG, &mut bench.state, deadline(k), input);
+            let out = bench.tick_measuring(k, &elsewhere);
             assert_eq!(out.executed.q, elsewhere.q, "{gap}: {q}, {v}");
         }
     }
@@ -99,8 +95,7 @@ fn suspended_driver_follows_stop_path_at_speed_of_slower_robot() {
     for (gap, behind, share) in
         [(30, 0, 0.5), (60, 40, 0.6), (90, 50, 0.8), (40, 35, 0.9), (120, 60, 0.5), (90, 50, 1.05)]
     {
-        let mut bench = Bench::new();
-        bench.follow(K + 5);
+        let mut bench = Bench::following();
         bench.state.motion = both();
         let (mut way, mut found) = (vec![both()], both());
         for _ in 0..600 {
@@ -111,8 +106,7 @@ fn suspended_driver_follows_stop_path_at_speed_of_slower_robot() {
         found.play(gap - behind);
         let k = K + 5 + gap;
         let now = driver::Measured { stamp: deadline(k), q: found.q, dq: found.v.map(|v| share * v), ..measured() };
-        let input = Input { due_k: k, command: None, port_fault: false, measured: Some(&now) };
-        let out = tick(&CONFIG, &mut bench.state, deadline(k), input);
+        let out = bench.tick_measuring(k, &now);
         assert_eq!(out.executed.q, found.q, "{gap}, {behind}");
         for j in [3, 5] {
             let v = f64::min(share, 1.0) * found.v[j];
@@ -140,8 +134,7 @@ fn suspended_driver_follows_stop_path_at_speed_of_slower_robot() {
 #[test]
 fn suspended_driver_compares_old_measurement_with_plan_then() {
     for (gap, age) in [(16, 14), (40, 14), (16, 2)] {
-        let mut bench = Bench::new();
-        bench.follow(K + 5);
+        let mut bench = Bench::following();
         // The joint was accelerating before at its limit, so 8 ms earlier it was that much slower.
         let behind = 12 + age;
         let (mut before, sooner) = (bench.state.motion, u64::saturating_sub(behind, gap));
@@ -153,8 +146,7 @@ fn suspended_driver_compares_old_measurement_with_plan_then() {
         now.q[3] -= sooner_s * before.v[3] - 0.5 * LIMITS.a_max * sooner_s * sooner_s;
         let mut planned = bench.state.motion;
         planned.play(gap);
-        let input = Input { due_k: K + 5 + gap, command: None, port_fault: false, measured: Some(&now) };
-        tick(&CONFIG, &mut bench.state, deadline(K + 5 + gap), input);
+        bench.tick_measuring(K + 5 + gap, &now);
         assert_eq!(bench.state.motion, planned, "{gap}, {age}");
     }
 }
@@ -164,14 +156,12 @@ fn suspended_driver_compares_old_measurement_with_plan_then() {
 #[test]
 fn suspended_driver_whose_plan_brakes_continues_braking() {
     let (gap, v) = (30, 1.0);
-    let mut bench = Bench::new();
-    bench.follow(K + 5);
+    let mut bench = Bench::following();
     let mut planned = bench.state.motion;
     planned.play(gap);
     assert!(planned.a[3] < -1.0, "the plan brakes by then: {planned:?}");
     let now = measured_at(K + 5 + gap, bench.state.motion.q[3] - 0.05, v);
-    let input = Input { due_k: K + 5 + gap, command: None, port_fault: false, measured: Some(&now) };
-    let out = tick(&CONFIG, &mut bench.state, deadline(K + 5 + gap), input);
+    let out = bench.tick_measuring(K + 5 + gap, &now);
     assert_eq!((out.executed.q[3], out.executed.v[3], out.executed.a[3]), (now.q[3], v, planned.a[3]));
     let (mut end, mut largest) = (bench.state.motion, 0.0_f64);
     while !end.is_at_rest() {
@@ -199,8 +189,7 @@ fn suspended_driver_ignores_stale_or_implausible_measurement() {
         (Some(measured_at(k, 0.01, f64::NAN)), "NaN speed"),
         (Some(measured_at(k, 3.0, 0.0)), "farther than a joint can fall"),
     ] {
-        let mut bench = Bench::new();
-        bench.follow(K + 5);
+        let mut bench = Bench::following();
         let mut end = bench.state.motion;
         end.play(600);
         let input = Input { due_k: k, command: None, port_fault: false, measured: now.as_ref() };
@@ -215,14 +204,12 @@ fn suspended_driver_ignores_stale_or_implausible_measurement() {
 fn suspended_driver_holds_robot_that_stopped_before_plan_end() {
     for gap in [200, 600, 2250] {
         for short in [0.001, 0.005, 0.01] {
-            let mut bench = Bench::new();
-            bench.follow(K + 5);
+            let mut bench = Bench::following();
             let mut planned = bench.state.motion;
             planned.play(gap);
             assert!(planned.is_at_rest());
             let now = measured_at(K + 5 + gap, planned.q[3] - short, 0.0);
-            let input = Input { due_k: K + 5 + gap, command: None, port_fault: false, measured: Some(&now) };
-            let out = tick(&CONFIG, &mut bench.state, now.stamp, input);
+            let out = bench.tick_measuring(K + 5 + gap, &now);
             assert_eq!((out.executed.q, out.executed.v), (now.q, [0.0; JOINTS_MAX]), "{gap}, {short}");
         }
     }
@@ -300,8 +287,7 @@ fn f064_power_returning_in_pause_starts_at_measured_posture() {
     let mut resumed = |k: u64, q: f64, powered: bool| {
         let mut now = measured_at(k, q, 0.0);
         now.drives.powered = powered;
-        let input = Input { due_k: k, command: None, port_fault: false, measured: Some(&now) };
-        tick(&CONFIG, &mut bench.state, deadline(k), input).executed.q[3]
+        bench.tick_measuring(k, &now).executed.q[3]
     };
     for n in 1..20 {
         resumed(K + n, n as f64 * TICK_S, false);
@@ -321,8 +307,7 @@ fn setpoint_without_power_slightly_beyond_limit_is_clamped() {
         for n in 1..20 {
             let mut now = measured_at(K + n, LIMITS.q_max + beyond, 0.0);
             now.drives.powered = false;
-            let input = Input { due_k: K + n, command: None, port_fault: false, measured: Some(&now) };
-            tick(&CONFIG, &mut bench.state, deadline(K + n), input);
+            bench.tick_measuring(K + n, &now);
         }
         assert_eq!(bench.state.motion.q[3], held);
     }
@@ -385,8 +370,7 @@ fn robot_at_rest_stays_through_driver_pause_without_fault() {
 
 #[test]
 fn suspended_machine_resumes_at_rest_in_bounded_steps() {
-    let mut bench = Bench::new();
-    bench.follow(K + 5);
+    let mut bench = Bench::following();
     let mut steps = 0;
     let input = Input { due_k: K + (1 << 40), command: None, port_fault: false, measured: None };
     driver::tick_each(&CONFIG, &mut bench.state, deadline(K + (1 << 40)), input, |_| steps += 1);

@@ -8,13 +8,7 @@ use nalgebra::{Matrix3, Rotation3, UnitQuaternion};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use robot::{Frames, Model};
-use support::{Bench, clearance, loaded};
-
-/// Joints of TIAGo++.
-const JOINTS: usize = 17;
-
-/// TIAGo++: its lift.
-const TORSO: usize = 0;
+use support::{Bench, JOINTS, TORSO, clearance, loaded};
 
 /// Number of postures.
 const POSTURES: u32 = 24;
@@ -159,9 +153,7 @@ fn hands_and_head_begin_slowly_once_the_arms_are_aligned() {
             assert!(share <= allowed + 0.02, "tick {n}: joint {j} at {share:.3} of its speed, {allowed:.3} is due");
         }
     }
-    for _ in 0..3 * TICK_HZ {
-        bench.step();
-    }
+    bench.steps(3 * TICK_HZ);
     for j in pointing {
         assert!(
             (bench.commanded().q[j] - there[j]).abs() < 0.02,
@@ -189,9 +181,7 @@ fn robot_resumes_fast_after_short_gap_and_slowly_after_long_gap() {
         // At full motion the person is lost for a moment and comes back far away.
         let far = target(&loaded.model, &mut rng, n % 2 == 0);
         bench.target = Some(far);
-        for _ in 0..rng.random_range(50..400) {
-            bench.step();
-        }
+        bench.steps(rng.random_range(50..400));
         bench.target = None;
         while bench.mode() != Mode::Holding {
             bench.step();

@@ -1,6 +1,7 @@
 //! A robot at a table. Whole-body control and the gate run together with targets that lead into the table. The
 //! simulated robot's checker judges. Further tests check the settings that describe the obstacles.
 
+use crate::support::{loaded, shipped, write_settings};
 use config::Overrides;
 use driver::PlanPlayback;
 use messages::{ALL_JOINTS, Header, JOINTS_MAX, JointCommand, Layout, Mode, deadline};
@@ -8,15 +9,10 @@ use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use robot::{BoxEntry, Environment, Model, PlaneEntry};
 use safety::{engage, gate};
-use std::path::{Path, PathBuf};
 use world::simulated;
 
 /// `torture` attacks at a shelf for longer.
 const TICKS: u64 = 25_000;
-
-fn shipped(file: &str) -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config").join(file)
-}
 
 /// A table with its top at 0.75 m and its edge 0.7 m ahead.
 fn at_a_table() -> Model {
@@ -163,18 +159,11 @@ fn gate_denies_command_that_leads_into_table() {
 
 #[test]
 fn obstacles_of_shipped_settings_change_hash() {
-    let overrides = Overrides::default();
-    let loaded = config::load(&shipped("teleop.toml"), overrides.clone()).expect("the shipped settings");
-    assert_eq!(loaded.model.obstacles.iter().map(|o| &*o.name).collect::<Vec<_>>(), ["floor"]);
-    let text = std::fs::read_to_string(shipped("teleop.toml")).expect("is there");
+    assert_eq!(loaded().model.obstacles.iter().map(|o| &*o.name).collect::<Vec<_>>(), ["floor"]);
     let folder = tempfile::tempdir().expect("a folder");
     let with = |line: &str| {
-        let absolute = |name: &str| shipped(name).display().to_string();
-        let text = text.replace("robots/tiago_dual.toml", &absolute("robots/tiago_dual.toml"));
-        let text = text.replace("../weights/", &absolute("../weights/"));
-        let path = folder.path().join("teleop.toml");
-        std::fs::write(&path, text.replace("offset_m = 0.0", line)).expect("is written");
-        config::load(&path, overrides.clone())
+        let path = write_settings(folder.path(), |text| text.replace("offset_m = 0.0", line));
+        config::load(&path, Overrides::default())
     };
     let (same, lower) = (with("offset_m = 0.0").expect("loads"), with("offset_m = -0.01").expect("a lower floor"));
     assert_ne!(lower.hash, same.hash, "processes with different floors cannot engage");

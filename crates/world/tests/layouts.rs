@@ -1,33 +1,22 @@
 //! Layouts from files, the filter, and the mirrored person.
 
 use crate::before_camera::frame;
-use crate::support;
+use crate::support::{self, input_config, write_settings};
 use config::{Loaded, Overrides, load};
 use ingest::Filter;
 use messages::{RawSkeleton, Smpl, Stamp};
 use skeleton::DropReason;
 use std::path::{Path, PathBuf};
 
-fn config() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config")
-}
-
 /// The shipped settings with these layouts, in their own folder.
 fn with(layouts: &[&str], folder: &Path) -> Result<Loaded, String> {
-    let shipped = std::fs::read_to_string(config().join("teleop.toml")).expect("shipped");
-    let absolute = config().display().to_string();
-    let listed: Vec<_> = layouts.iter().map(|name| format!("{name:?}")).collect();
-    let text = shipped
-        .replace("\"robots/", &format!("\"{absolute}/robots/"))
-        .replace("\"../weights/", &format!("\"{absolute}/../weights/"))
-        .replace("layouts = []", &format!("layouts = [{}]", listed.join(", ")));
-    let path = folder.join("teleop.toml");
-    std::fs::write(&path, text).expect("written");
+    let listed = format!("layouts = {layouts:?}");
+    let path = write_settings(folder, |text| text.replace("layouts = []", &listed));
     load(&path, Overrides::default()).map_err(|error| error.to_string())
 }
 
 fn shipped(name: &str) -> String {
-    config().join("skeletons").join(name).display().to_string()
+    support::shipped("skeletons").join(name).display().to_string()
 }
 
 #[test]
@@ -42,7 +31,7 @@ fn shipped_layouts_are_read_and_change_hash() {
         assert_eq!(all.layouts.find(number).map(layouts::Map::name), Some(name));
     }
     assert!(names.iter().all(|name| all.files.contains(&PathBuf::from(name))));
-    assert_eq!(std::fs::read_dir(config().join("skeletons")).expect("shipped").count(), names.len());
+    assert_eq!(std::fs::read_dir(support::shipped("skeletons")).expect("shipped").count(), names.len());
     // The text of the file counts, not only its name.
     let own = folder.path().join("own.toml");
     std::fs::copy(&names[0], &own).expect("copied");
@@ -79,12 +68,7 @@ fn f017_outliers_are_counted_only_where_settings_enable_filter() {
     let play = |filter: Filter, outliers_mad: f64| {
         let mut loaded = support::loaded();
         (loaded.settings.ingest.filter, loaded.settings.ingest.filter_outliers_mad) = (filter, outliers_mad);
-        let config = world::input_config(
-            &loaded.settings.ingest,
-            loaded.layouts.clone(),
-            &loaded.operators,
-            loaded.lifter.clone(),
-        );
+        let config = input_config(&loaded);
         let mut state = ingest::State::default();
         for i in 0..60_u64 {
             let mut raw = motion::raw_frame(&motion, i as usize, &calibration);
@@ -109,12 +93,7 @@ fn mirrored_person_waves_with_other_hand() {
     let waving = |mirror: bool| {
         let mut loaded = support::loaded();
         loaded.settings.ingest.mirror = mirror;
-        let config = world::input_config(
-            &loaded.settings.ingest,
-            loaded.layouts.clone(),
-            &loaded.operators,
-            loaded.lifter.clone(),
-        );
+        let config = input_config(&loaded);
         let mut state = ingest::State::default();
         let mut last = None;
         // The right hand waves from 5 s on.
@@ -154,9 +133,7 @@ fn before_camera(aside: f32, n: u64) -> RawSkeleton {
 
 #[test]
 fn f016_another_person_in_the_image_is_a_new_one_whatever_the_stamps() {
-    let loaded = load(&config().join("teleop.toml"), Overrides::default()).expect("shipped");
-    let settings =
-        world::input_config(&loaded.settings.ingest, loaded.layouts.clone(), &loaded.operators, loaded.lifter.clone());
+    let settings = input_config(&support::loaded());
     // Delays of the first person's and the second one's frames, and how far ahead the first frame of the second one says to be, ms.
     for (first_lag, lag, ahead) in [(30, 30, 0), (60, 20, 0), (90, 30, 0), (30, 30, 500), (30, 30, 3_600_000)] {
         let mut state = ingest::State::default();

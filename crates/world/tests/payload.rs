@@ -5,10 +5,7 @@ use crate::support;
 use explain::payload_refused;
 use messages::{Fault, Faults, JOINTS_MAX, Mode, PayloadOrder, PayloadRefusal, TICK_HZ};
 use robot::{Model, Names, Payload};
-use support::{Bench, loaded};
-
-/// TIAGo++: the joints of its left arm.
-const LEFT_ARM: std::ops::Range<usize> = 3..10;
+use support::{Bench, LEFT_ARM, loaded};
 
 /// Joint that lifts the left arm: its second one.
 const LIFTS: usize = LEFT_ARM.start + 1;
@@ -91,9 +88,7 @@ fn payload_is_refused_unless_disengaged_and_at_rest() {
     bench.press_enable();
     // The enable and the payload arrive in one tick: the robot is no longer Disengaged.
     assert_eq!(order_payload(&mut bench, 0, kilograms(0.1)), Some(PayloadRefusal::NotDisengaged));
-    for _ in 0..TICK_HZ {
-        bench.step();
-    }
+    bench.steps(TICK_HZ);
     assert_eq!(bench.mode(), Mode::Engaging);
     assert_eq!(order_payload(&mut bench, 0, kilograms(0.1)), Some(PayloadRefusal::NotDisengaged));
     bench.let_go();

@@ -9,11 +9,8 @@ use motion::CalibrationMode;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use safety::engage::OperatorView;
-use support::{Bench, loaded};
+use support::{Bench, JOINTS, loaded};
 use world::{Links, Running, World, WorldConfig};
-
-/// Joints of TIAGo++.
-const JOINTS: usize = 17;
 
 /// Plays the first seconds of the built-in motion at a frame rate. Returns the number of engaged ticks.
 fn clean(frame_rate_hz: f64) -> u64 {
@@ -114,19 +111,6 @@ fn f022_f034_f048_jumping_target_is_reached_without_overshoot() {
         bench.assert_no_violations(&format!("seed {seed}"));
     }
     assert!(slowed > 0);
-}
-
-#[test]
-fn f034_target_that_jumps_every_tick_holds_after_a_second() {
-    let mut rng = Pcg64Mcg::seed_from_u64(34);
-    let mut bench = Bench::engaged(1);
-    let held = (1..2 * TICK_HZ).find(|_| {
-        bench.target = Some(posture(&bench, &mut rng));
-        bench.step();
-        bench.mode() == Mode::Holding
-    });
-    assert!(held.is_some_and(|ticks| (TICK_HZ - 2..=TICK_HZ + 10).contains(&ticks)), "{held:?}");
-    bench.assert_no_violations("jumps");
 }
 
 #[test]

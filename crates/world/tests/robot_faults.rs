@@ -7,17 +7,9 @@ use driver::PlanPlayback;
 use messages::{Fault, Faults, Mode, TICK_HZ, TICK_S, state_flag};
 use plant::Injection;
 use std::sync::LazyLock;
-use support::{Bench, loaded};
+use support::{Bench, ELBOW, JOINTS, LEFT_ARM, loaded};
 
-/// Joints of TIAGo++.
-const JOINTS: usize = 17;
-
-/// TIAGo++: the joints of its left arm.
-const LEFT_ARM: std::ops::Range<usize> = 3..10;
-
-/// Joint for most injected faults: the left elbow.
-const ELBOW: usize = 6;
-/// The right elbow.
+/// The right elbow. The left one has most of the injected faults.
 const OTHER: usize = 13;
 /// Longest stop, ticks.
 const STOP_TICKS: u64 = TICK_HZ / 2;
@@ -105,16 +97,10 @@ fn recovers(mut bench: Bench) {
     let still = *bench.robot.q();
     bench.target = Some(bench.model().home);
     bench.let_go();
-    for _ in 0..TICK_HZ / 10 {
-        bench.step();
-    }
+    bench.steps(TICK_HZ / 10);
     assert_eq!(bench.mode(), Mode::Faulted, "nothing resets itself");
-    bench.hand.reset_edge = true;
-    bench.step();
-    bench.hand.reset_edge = false;
-    for _ in 0..TICK_HZ / 2 {
-        bench.step();
-    }
+    bench.reset();
+    bench.steps(TICK_HZ / 2);
     assert_eq!(bench.mode(), Mode::Disengaged, "{:?}", Faults(bench.status.faults));
     for (j, (now, then)) in bench.robot.q().iter().zip(&still).enumerate() {
         assert!((now - then).abs() < 1e-3, "joint {j} moved by {} without anybody's leave", now - then);
@@ -214,13 +200,9 @@ fn f050_stop_continues_plan_of_last_command() {
         // A new engagement starts there, not where the last one started.
         bench.let_go();
         bench.step();
-        bench.hand.reset_edge = true;
         bench.target = Some(bench.model().home);
-        bench.step();
-        bench.hand.reset_edge = false;
-        for _ in 0..TICK_HZ / 4 {
-            bench.step();
-        }
+        bench.reset();
+        bench.steps(TICK_HZ / 4);
         bench.press_enable();
         bench.step();
         assert_eq!(bench.mode(), Mode::Engaging, "stop {stop}: {:?}", Faults(bench.status.faults));

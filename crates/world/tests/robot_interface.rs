@@ -1,14 +1,11 @@
 //! The built-in motion through every stage on robots other than the one of the shipped settings: one that takes
 //! trajectory points, and one with other hands.
 
+use crate::support::{shipped, write_settings};
 use client::PlayOptions;
 use config::{Interface, Loaded, Overrides};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use world::{Offline, OfflineEnd, OfflineReport};
-
-fn shipped(file: &str) -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config").join(file)
-}
 
 fn load(config: &Path, interface: Option<Interface>) -> Loaded {
     config::load(config, Overrides { interface, ..Overrides::default() }).unwrap_or_else(|error| panic!("{error}"))
@@ -53,12 +50,7 @@ fn hands_at_reduced_speed_follow_without_violation() {
 
 #[test]
 fn robot_with_grippers_follows_builtin_motion() {
-    let text = std::fs::read_to_string(shipped("teleop.toml")).expect("is there");
-    let absolute = |name: &str| shipped(name).display().to_string();
-    let text = text.replace("robots/tiago_dual.toml", &absolute("robots/tiago_dual_pal_gripper.toml"));
-    let text = text.replace("../weights/", &absolute("../weights/"));
     let folder = tempfile::tempdir().expect("a folder");
-    let path = folder.path().join("teleop.toml");
-    std::fs::write(&path, text).expect("is written");
+    let path = write_settings(folder.path(), |text| text.replace("tiago_dual.toml\"", "tiago_dual_pal_gripper.toml\""));
     assert_clean(&replay(&load(&path, None)));
 }

@@ -5,13 +5,7 @@ use crate::support;
 use messages::{Fault, Faults, Mode, Response, RobotState, TICK_HZ, TICK_S};
 use plant::Injection;
 use std::f64::consts::TAU;
-use support::Bench;
-
-/// Joints of TIAGo++.
-const JOINTS: usize = 17;
-
-/// The left elbow.
-const ELBOW: usize = 6;
+use support::{Bench, ELBOW, JOINTS};
 
 /// Measurement of an elbow that swings about its command, `n` ticks after the start.
 fn swinging(amplitude: f64, hz: f64, n: u64) -> impl Fn(&mut RobotState) {
@@ -55,7 +49,6 @@ fn f055_swinging_arm_is_neither_enabled_nor_reset() {
                 bench.hand.reset_edge = true;
             }
             bench.step_measuring(swinging(amplitude, hz, n));
-            bench.hand.reset_edge = false;
             assert!(n < TICK_HZ / 10 || bench.status.moving == 1, "{hz} Hz: at rest after {n} ticks");
             let reset = bench.last_why() == messages::Transition::RESET;
             assert!(matches!(bench.mode(), Mode::Disengaged | Mode::Faulted) && !reset, "{hz} Hz, after {n} ticks");
@@ -63,12 +56,8 @@ fn f055_swinging_arm_is_neither_enabled_nor_reset() {
         assert_eq!(bench.mode(), Mode::Faulted, "and it is said");
         // At rest it can be reset and enabled.
         bench.let_go();
-        for _ in 0..2 * TICK_HZ {
-            bench.step();
-        }
-        bench.hand.reset_edge = true;
-        bench.step();
-        bench.hand.reset_edge = false;
+        bench.steps(2 * TICK_HZ);
+        bench.reset();
         assert_eq!((bench.mode(), bench.status.moving), (Mode::Disengaged, 0), "{hz} Hz");
     }
 }
@@ -99,31 +88,20 @@ fn f064_arm_sinking_without_power_faults_and_is_not_reset() {
             bench.step();
             assert!(n < 4 || bench.mode() == Mode::Faulted, "{sag}: {n}");
         }
-        bench.hand.reset_edge = false;
         let faults = Faults(bench.status.faults);
         assert!(faults.has(Fault::StandstillLost) && faults.has(Fault::DriverFault), "{sag}: {faults:?}");
         assert_eq!(bench.status.moving, 1, "{sag}");
         // The command moved with the arm, so the returning power finds it there.
         bench.robot.inject(Injection::PowerReturned);
-        for _ in 0..TICK_HZ / 2 {
-            bench.step();
-        }
+        bench.steps(TICK_HZ / 2);
         let there = *bench.robot.q();
-        bench.hand.reset_edge = true;
-        bench.step();
-        bench.hand.reset_edge = false;
+        bench.reset();
         assert_eq!(bench.mode(), Mode::Faulted, "{sag}: it has stood for half a second");
-        for _ in 0..2 * TICK_HZ {
-            bench.step();
-        }
+        bench.steps(2 * TICK_HZ);
         let stops = Faults(bench.status.faults).with_response(Response::Stop);
         assert_eq!(stops, Faults::NONE.with(Fault::DriverFault), "{sag}");
-        bench.hand.reset_edge = true;
-        bench.step();
-        bench.hand.reset_edge = false;
-        for _ in 0..TICK_HZ / 10 {
-            bench.step();
-        }
+        bench.reset();
+        bench.steps(TICK_HZ / 10);
         assert_eq!(bench.mode(), Mode::Disengaged, "{sag}");
         let moved = (0..JOINTS).map(|j| (bench.robot.q()[j] - there[j]).abs()).fold(0.0, f64::max);
         assert!(moved < 1e-3, "{sag}: {moved}");

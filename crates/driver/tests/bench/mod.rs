@@ -1,6 +1,6 @@
 //! A driver's follower, and the valid command stream to it.
 
-use driver::{CommandChain, Config, Input, JointLimits, Output, State, tick};
+use driver::{CommandChain, Config, Drives, Input, JointLimits, Measured, Output, State, tick};
 use messages::{Header, JOINTS_MAX, JointCommand, Layout, RobotId, Stamp, TICK_S, deadline};
 
 pub(crate) const K: u64 = 1000;
@@ -20,6 +20,13 @@ impl Bench {
         let mut bench = Self::at_rest();
         let command = bench.command(K);
         bench.state.motion = command.motion();
+        bench
+    }
+
+    /// Creates a bench that has followed commands up to `K + 5`.
+    pub(crate) fn following() -> Self {
+        let mut bench = Self::new();
+        bench.follow(K + 5);
         bench
     }
 
@@ -50,6 +57,12 @@ impl Bench {
         tick(&CONFIG, &mut self.state, deadline(k), Input { due_k: k, command, port_fault: false, measured: None })
     }
 
+    /// The same without a command, with a measurement.
+    pub(crate) fn tick_measuring(&mut self, k: u64, measured: &Measured) -> Output {
+        let input = Input { due_k: k, command: None, port_fault: false, measured: Some(measured) };
+        tick(&CONFIG, &mut self.state, deadline(k), input)
+    }
+
     /// Follows commands up to index `k`.
     pub(crate) fn follow(&mut self, to_k: u64) {
         for k in self.state.index() + 1..=to_k {
@@ -59,13 +72,7 @@ impl Bench {
     }
 }
 
-pub(crate) fn measured() -> driver::Measured {
-    driver::Measured {
-        stamp: Stamp::NONE,
-        q: [0.0; JOINTS_MAX],
-        dq: [0.0; JOINTS_MAX],
-        drives: driver::Drives::SOUND,
-        unanswered: false,
-        refused: false,
-    }
+pub(crate) fn measured() -> Measured {
+    let [q, dq] = [[0.0; JOINTS_MAX]; 2];
+    Measured { stamp: Stamp::NONE, q, dq, drives: Drives::SOUND, unanswered: false, refused: false }
 }

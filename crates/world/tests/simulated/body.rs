@@ -1,6 +1,7 @@
 //! Driver and body together: delays, deaths and failures, and the joints' true motion after them.
 
-use super::{Bench, ELBOW, behind};
+use super::{Bench, behind};
+use crate::support::ELBOW;
 use driver::{GAP_MAX_TICKS, Interface};
 use messages::{TICK_HZ, deadline};
 use plant::Reaction;

@@ -1,6 +1,7 @@
 //! The checker counts everything outside the limits and nothing inside them.
 
-use super::{Bench, ELBOW, Judge, K, MODEL, exact, ideal};
+use super::{Bench, Judge, K, MODEL, exact, ideal};
+use crate::support::ELBOW;
 use checker::{Checker, Report, ViolationKind};
 use driver::Setpoint;
 use messages::{JOINTS_MAX, JointCommand, Layout, Mode, TICK_S};

@@ -1,6 +1,7 @@
 //! Four controllers that are not synchronised, with commands under attack.
 
 use super::{K, MODEL, behind, exact};
+use crate::support::JOINTS;
 use checker::{Report, ViolationKind, spline_error, spline_speed_error};
 use driver::{DriveInput, Interface, Setpoint};
 use messages::{ALL_JOINTS, Header, JOINTS_MAX, JointCommand, Layout, Mode, TICK_S, deadline};
@@ -10,9 +11,6 @@ use robot::Frames;
 use safety::{engage, gate};
 use std::sync::LazyLock;
 use world::simulated::{Config, Options, State, tick};
-
-/// Joints of TIAGo++.
-const JOINTS: usize = 17;
 
 /// Two swings.
 const TICKS: u64 = 10_000;

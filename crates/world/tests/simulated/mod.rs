@@ -4,6 +4,7 @@ mod body;
 mod checks;
 mod jtc100;
 
+use crate::support::shipped;
 use checker::{Checker, Report};
 use driver::{DriveInput, DriveOutput, Interface, Setpoint};
 use messages::{Header, JointCommand, Layout, Mode, TICK_S, deadline};
@@ -11,18 +12,12 @@ use robot::Model;
 use std::sync::LazyLock;
 use world::simulated::{Config, Options, State, tick};
 
-const TOML: &str = include_str!("../../../../config/robots/tiago_dual.toml");
-const URDF: &str = include_str!("../../../../config/robots/tiago_dual.urdf");
-
 /// The index at which every bench begins.
 pub(crate) const K: u64 = 1000;
-/// The joint that the tests move: the left elbow.
-pub(crate) const ELBOW: usize = 6;
 
 /// The shipped robot.
-pub(crate) static MODEL: LazyLock<Model> = LazyLock::new(|| {
-    Model::from_text("tiago_dual.toml", TOML, "tiago_dual.urdf", URDF).unwrap_or_else(|error| panic!("{error}"))
-});
+pub(crate) static MODEL: LazyLock<Model> =
+    LazyLock::new(|| config::load_model(&shipped("robots/tiago_dual.toml")).expect("the shipped robot").0);
 
 /// Encoders without noise and step, and servos without delay.
 pub(crate) fn ideal() -> Options {

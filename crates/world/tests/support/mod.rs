@@ -8,16 +8,42 @@ use messages::{
 };
 use robot::{Frames, Model};
 use safety::engage::OperatorView;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use world::simulated;
+
+/// Joints of TIAGo++, and of them its lift, those of its left arm, and the left elbow.
+pub const JOINTS: usize = 17;
+pub const TORSO: usize = 0;
+pub const LEFT_ARM: std::ops::Range<usize> = 3..10;
+pub const ELBOW: usize = 6;
 
 /// Tick at which virtual time begins. A stamp of zero means "never".
 const FIRST_K: u64 = 1500;
 
+/// A file of the shipped configuration.
+pub fn shipped(file: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config").join(file)
+}
+
 /// The settings of the repository.
 pub fn loaded() -> Loaded {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/teleop.toml");
-    config::load(&path, Overrides::default()).expect("the settings of the repository")
+    config::load(&shipped("teleop.toml"), Overrides::default()).expect("the settings of the repository")
+}
+
+/// Writes the settings of the repository with a changed text to this folder. They name the shipped files by their whole paths.
+pub fn write_settings(folder: &Path, edit: impl FnOnce(String) -> String) -> PathBuf {
+    let text = std::fs::read_to_string(shipped("teleop.toml")).expect("shipped");
+    let whole = |start: &str| format!("\"{}", shipped(start).display());
+    let text = text.replace("\"robots/", &whole("robots/")).replace("\"../weights/", &whole("../weights/"));
+    let path = folder.join("teleop.toml");
+    std::fs::write(&path, edit(text)).expect("written");
+    path
+}
+
+/// The configuration of `ingest` with these settings.
+pub fn input_config(loaded: &Loaded) -> ingest::Config {
+    let layouts = loaded.layouts.clone();
+    world::input_config(&loaded.settings.ingest, layouts, &loaded.operators, loaded.lifter.clone())
 }
 
 /// Control, the robot, and an operator.
@@ -126,18 +152,19 @@ impl Bench {
         self.echo.expect("the robot has spoken")
     }
 
+    fn last_transition(&self) -> Transition {
+        let kept = messages::TRANSITIONS_KEPT;
+        self.status.transitions[(self.status.transition_count as usize + kept - 1) % kept]
+    }
+
     /// Cause of the last transition.
     pub fn last_why(&self) -> u32 {
-        let kept = messages::TRANSITIONS_KEPT;
-        let newest: Transition = self.status.transitions[(self.status.transition_count as usize + kept - 1) % kept];
-        newest.why
+        self.last_transition().why
     }
 
     /// Joint of the last transition, if it concerned one.
     pub fn joint_of_last(&self) -> Option<usize> {
-        let kept = messages::TRANSITIONS_KEPT;
-        let newest: Transition = self.status.transitions[(self.status.transition_count as usize + kept - 1) % kept];
-        match Subject::from_code(newest.about) {
+        match Subject::from_code(self.last_transition().about) {
             Some(Subject::Joint(joint)) => Some(joint),
             Some(Subject::Pair(_) | Subject::Person(_)) | None => None,
         }
@@ -146,6 +173,17 @@ impl Bench {
     /// Runs one tick of everything. It clears the edges.
     pub fn step(&mut self) {
         self.tick(true, |_| {});
+    }
+
+    /// Runs this number of ticks.
+    pub fn steps(&mut self, ticks: u64) {
+        (0..ticks).for_each(|_| self.step());
+    }
+
+    /// Runs one tick in which the operator presses the reset.
+    pub fn reset(&mut self) {
+        self.hand.reset_edge = true;
+        self.step();
     }
 
     /// Runs one tick without the driver. The driver keeps its state and sends nothing.
@@ -191,7 +229,8 @@ impl Bench {
         self.status = out.status;
         self.command_flags = out.command.map_or(0, |command| command.flags);
         let hand = &mut self.hand;
-        (hand.enable_edge, hand.recover_edge, hand.release_edge, hand.estop_edge) = (false, false, false, false);
+        (hand.enable_edge, hand.recover_edge, hand.release_edge) = (false, false, false);
+        (hand.reset_edge, hand.estop_edge) = (false, false);
         hand.payload = [None; 2];
         if !driver_runs {
             return;
@@ -208,9 +247,7 @@ impl Bench {
 
     /// Waits until control has seen the enable released and the driver accepts commands.
     pub fn settle(&mut self) {
-        for _ in 0..TICK_HZ / 4 {
-            self.step();
-        }
+        self.steps(TICK_HZ / 4);
         assert_eq!(self.mode(), Mode::Disengaged);
     }
 
