@@ -5,14 +5,11 @@ use judge::{Attacker, Checker, Robot, Rollout};
 use messages::{ALL_JOINTS, JOINTS_MAX, Stamp, TICK_S};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
-use support::{D_MIN_M, config, config_of, home, input, limits, made_up};
+use support::{D_MIN_M, JOINTS, config, config_of, home, input, limits, made_up, shipped, towards};
 use wbc::{
     Candidate, Input, JointMotion, JointStop, Options, Permit, PlannedMotion, State, Target, certify_plan,
     certify_rest, tick,
 };
-
-/// Joints of TIAGo++.
-const JOINTS: usize = 17;
 
 fn attack(robot: &Robot, options: Options, seed: u64, ticks: u64, dense: u64) -> Checker<'_> {
     let config = &config_of(robot, options);
@@ -47,8 +44,7 @@ fn f040_f041_f045_attack_breaks_no_limit_or_clearance() {
 
 #[test]
 fn attack_on_shipped_robot_breaks_no_limit_or_clearance() {
-    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../config/robots/tiago_dual.toml");
-    let robot = Robot::load(path);
+    let robot = Robot::new(shipped());
     assert!(certify_rest(&config_of(&robot, Options::default()), &robot.home).0, "home is clear");
     let checker = attack(&robot, Options::default(), 7, 20_000, 300);
     assert_eq!(checker.violations, 0, "{:#?}", checker.first);
@@ -166,22 +162,21 @@ fn scaled_speed_is_never_exceeded_from_rest() {
 fn f033_nan_missing_target_or_stop_ends_at_rest_on_plan() {
     let config = config(Options::default());
     let mut state = State::at_rest(&config, home());
-    let (mut q, dq) = (home(), [0.0; JOINTS_MAX]);
+    let mut q = home();
     q[5] += 1.0;
-    let follow = Permit::Follow { speed_scale: 1.0 };
-    let good = Target { q: &q, dq: &dq, ddq: &[0.0; JOINTS_MAX], valid_mask: ALL_JOINTS };
     for k in 0..300 {
-        tick(&config, &mut state, Stamp::NONE, Input { k, target: Some(good), permit: follow });
+        tick(&config, &mut state, Stamp::NONE, towards(k, &q));
     }
     assert!(state.planned().v[5].abs() > 0.5, "moving before the nonsense");
     let expected = state.planned().rest_posture();
     let bad = [f64::NAN; JOINTS_MAX];
     let nonsense = Target { q: &bad, dq: &bad, ddq: &[0.0; JOINTS_MAX], valid_mask: ALL_JOINTS };
+    let good = towards(0, &q);
     let endings = [
-        Input { k: 0, target: Some(nonsense), permit: follow },
-        Input { k: 0, target: None, permit: follow },
-        Input { k: 0, target: Some(good), permit: Permit::Stop },
-        Input { k: 0, target: Some(good), permit: Permit::Follow { speed_scale: f64::NAN } },
+        Input { target: Some(nonsense), ..good },
+        Input { target: None, ..good },
+        Input { permit: Permit::Stop, ..good },
+        Input { permit: Permit::Follow { speed_scale: f64::NAN }, ..good },
     ];
     for (i, input) in endings.into_iter().enumerate() {
         let mut state = state.clone();
@@ -202,7 +197,7 @@ fn still_target_is_reached_at_exact_rest() {
     q[4] += 0.3;
     q[12] -= 0.2;
     let target = Target { q: &q, dq: &[0.0; JOINTS_MAX], ddq: &[0.0; JOINTS_MAX], valid_mask: ALL_JOINTS & !(1 << 8) };
-    let input = Input { k: 0, target: Some(target), permit: Permit::Follow { speed_scale: 1.0 } };
+    let input = Input { target: Some(target), ..towards(0, &q) };
     let mut out = tick(&config, &mut state, Stamp::NONE, input);
     for _ in 0..3000 {
         out = tick(&config, &mut state, Stamp::NONE, input);
@@ -219,8 +214,7 @@ fn other_arm_reaches_target_while_one_is_blocked() {
     // The target takes the left hand into the chest.
     (q[3], q[4], q[6]) = (1.5, 0.0, 2.3);
     q[13] += 0.5;
-    let target = Target { q: &q, dq: &[0.0; JOINTS_MAX], ddq: &[0.0; JOINTS_MAX], valid_mask: ALL_JOINTS };
-    let input = Input { k: 0, target: Some(target), permit: Permit::Follow { speed_scale: 1.0 } };
+    let input = towards(0, &q);
     let mut out = tick(&config, &mut state, Stamp::NONE, input);
     for _ in 0..6000 {
         out = tick(&config, &mut state, Stamp::NONE, input);
@@ -237,8 +231,7 @@ fn reseeded_state_continues_given_plan() {
     let mut state = State::at_rest(&config, home());
     let mut q = home();
     q[5] += 1.0;
-    let target = Target { q: &q, dq: &[0.0; JOINTS_MAX], ddq: &[0.0; JOINTS_MAX], valid_mask: ALL_JOINTS };
-    let input = Input { k: 0, target: Some(target), permit: Permit::Follow { speed_scale: 1.0 } };
+    let input = towards(0, &q);
     for _ in 0..300 {
         tick(&config, &mut state, Stamp::NONE, input);
     }

@@ -1,6 +1,7 @@
 //! Tests the bound B on the acceleration of a body's points against finite differences, on random chains of
 //! revolute and prismatic joints.
 
+use crate::support::JOINTS;
 use messages::JOINTS_MAX;
 use nalgebra::{Rotation3, UnitVector3, Vector3};
 use rand::{RngExt, SeedableRng};
@@ -8,9 +9,6 @@ use rand_pcg::Pcg64;
 use wbc::chain::{KinematicChain, KinematicLink, Placement};
 use wbc::geometry::{BodyCapsule, Geometry};
 use wbc::trajectory::Swing;
-
-/// Joints of TIAGo++.
-const JOINTS: usize = 17;
 
 fn vector(rng: &mut Pcg64, size: f64) -> Vector3<f64> {
     Vector3::from_fn(|_, _| rng.random_range(-size..=size))

@@ -1,20 +1,11 @@
 //! Tests the bound on the speed of elbows and hands.
 
-use messages::{ALL_JOINTS, JOINTS_MAX, Stamp, TICK_S};
+use crate::support::{shipped, towards};
+use messages::{JOINTS_MAX, Stamp, TICK_S};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use robot::{Frames, Model};
-use wbc::{Candidate, Config, Input, JointMotion, Options, Permit, PlannedMotion, State, Target, tick};
-
-fn model() -> Model {
-    Model::from_text(
-        "tiago_dual.toml",
-        include_str!("../../../config/robots/tiago_dual.toml"),
-        "tiago_dual.urdf",
-        include_str!("../../../config/robots/tiago_dual.urdf"),
-    )
-    .expect("the robot of the repository loads")
-}
+use wbc::{Candidate, Config, JointMotion, Options, PlannedMotion, State, tick};
 
 fn points(model: &Model, q: &[f64; JOINTS_MAX]) -> [nalgebra::Vector3<f64>; 4] {
     let mut frames = Frames::default();
@@ -50,7 +41,7 @@ struct Run {
 }
 
 fn follow(max: f64, ticks_a_goal: u64, goals: u64) -> Run {
-    let model = model();
+    let model = shipped();
     let config = Config::new(&model, Options::default().hand_speed_m_per_s(max)).expect("the robot");
     let mut state = State::at_rest(&config, model.home);
     let mut rng = Pcg64::seed_from_u64(61);
@@ -70,10 +61,7 @@ fn follow(max: f64, ticks_a_goal: u64, goals: u64) -> Run {
         let mut on_target = false;
         for _ in 0..ticks_a_goal {
             k += 1;
-            let target =
-                Some(Target { q: &q, dq: &[0.0; JOINTS_MAX], ddq: &[0.0; JOINTS_MAX], valid_mask: ALL_JOINTS });
-            let input = Input { k, target, permit: Permit::Follow { speed_scale: 1.0 } };
-            let out = tick(&config, &mut state, Stamp(0), input);
+            let out = tick(&config, &mut state, Stamp(0), towards(k, &q));
             run.fallbacks += u32::from(out.fallbacks > 0);
             run.fresh += u32::from(out.candidate != Candidate::Plan);
             on_target |= out.on_target;
@@ -107,6 +95,6 @@ fn same_motion_with_high_hand_speed_bound_is_faster() {
 #[test]
 fn hand_speed_of_zero_negative_or_non_finite_is_refused() {
     for max in [0.0, -1.0, f64::NAN, f64::INFINITY] {
-        assert!(Config::new(&model(), Options::default().hand_speed_m_per_s(max)).is_err(), "{max}");
+        assert!(Config::new(&shipped(), Options::default().hand_speed_m_per_s(max)).is_err(), "{max}");
     }
 }

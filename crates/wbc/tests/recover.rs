@@ -5,12 +5,9 @@ use crate::support;
 use messages::{JOINTS_MAX, Stamp, TICK_S};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
-use support::{config_of, made_up};
+use support::{JOINTS, config_of, made_up};
 use wbc::plan::{JointState, JointStop};
 use wbc::{ENGAGE_MARGIN_M, Input, Options, Permit, PlannedMotion, State, tick};
-
-/// Joints of TIAGo++.
-const JOINTS: usize = 17;
 
 const POSTURES: usize = 60;
 /// Number of ticks of a recovery, and of the stop after it.

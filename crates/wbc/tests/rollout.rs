@@ -6,9 +6,7 @@ use judge::{Attacker, Robot, Rollout};
 use messages::Stamp;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
-use robot::Model;
-use std::path::Path;
-use support::{config_of, input};
+use support::{config_of, input, shipped};
 use wbc::{Options, State, tick};
 
 const STEP_S: f64 = 1e-4;
@@ -16,15 +14,10 @@ const STEP_S: f64 = 1e-4;
 /// far below the micrometre that commands keep beyond d_min.
 const ROUNDING_M: f64 = 1e-9;
 
-fn shipped() -> Robot {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/robots");
-    let text = |name: &str| std::fs::read_to_string(folder.join(name)).expect("the shipped robot");
-    let (toml, urdf) = (text("tiago_dual.toml"), text("tiago_dual.urdf"));
+fn on_a_floor() -> Robot {
     let floor = robot::PlaneEntry { name: "floor".into(), normal: [0.0, 0.0, 1.0], offset_m: 0.0 };
     let environment = robot::Environment { planes: vec![floor], boxes: vec![] };
-    let model = Model::from_text("tiago_dual.toml", &toml, "tiago_dual.urdf", &urdf)
-        .and_then(|model| model.with_environment("test", &environment));
-    Robot::new(model.expect("the shipped robot on a floor"))
+    Robot::new(shipped().with_environment("test", &environment).expect("the shipped robot on a floor"))
 }
 
 /// Returns the stops of random ticks under attack.
@@ -46,7 +39,7 @@ fn stops(robot: &Robot, seed: u64, ticks: u64, count: usize) -> Vec<Rollout> {
 
 #[test]
 fn plans_keep_clearance_until_rest() {
-    let robot = shipped();
+    let robot = on_a_floor();
     let (mut postures, mut least) = (0_u64, f64::INFINITY);
     for seed in 300..303 {
         for stop in stops(&robot, seed, 6000, 40) {

@@ -1,24 +1,15 @@
 //! Tests a blocked arm: it slides, and gives up what has the least cost in the robot file.
 
-use messages::{ALL_JOINTS, ARM_JOINTS, JOINTS_MAX, Stamp};
+use crate::support::{shipped, towards};
+use messages::{ARM_JOINTS, JOINTS_MAX, Stamp};
 use nalgebra::{Matrix3, Rotation3};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use robot::Model;
-use wbc::{Config, Input, Options, Parts, Permit, Program, State, Target, Tasks, certify_rest, tick};
+use wbc::{Config, Options, Parts, Program, State, Tasks, certify_rest, tick};
 
 /// TIAGo++: the joints of its left arm.
 const LEFT_ARM: std::ops::Range<usize> = 3..10;
-
-fn model() -> Model {
-    Model::from_text(
-        "tiago_dual.toml",
-        include_str!("../../../config/robots/tiago_dual.toml"),
-        "tiago_dual.urdf",
-        include_str!("../../../config/robots/tiago_dual.urdf"),
-    )
-    .expect("the robot of the repository loads")
-}
 
 fn config(model: &Model, change: impl FnOnce(&mut Tasks)) -> Config {
     let mut parts = Parts::from_model(model).expect("the parts of the robot");
@@ -28,11 +19,7 @@ fn config(model: &Model, change: impl FnOnce(&mut Tasks)) -> Config {
 
 /// Follows `q` for `ticks`, and calls `see` with every output.
 fn follow(config: &Config, state: &mut State, q: &[f64; JOINTS_MAX], ticks: u64, mut see: impl FnMut(&wbc::Output)) {
-    for k in 0..ticks {
-        let target = Target { q, dq: &[0.0; JOINTS_MAX], ddq: &[0.0; JOINTS_MAX], valid_mask: ALL_JOINTS };
-        let permit = Permit::Follow { speed_scale: 1.0 };
-        see(&tick(config, state, Stamp::NONE, Input { k, target: Some(target), permit }));
-    }
+    (0..ticks).for_each(|k| see(&tick(config, state, Stamp::NONE, towards(k, q))));
 }
 
 /// Returns postures with the left arm in collision and the right arm at home. A person with other hips may
@@ -97,7 +84,7 @@ fn slide(model: &Model, config: &Config) -> Outcome {
 
 #[test]
 fn blocked_arm_slides_on_with_any_limb_weight() {
-    let model = model();
+    let model = shipped();
     let alike = slide(&model, &config(&model, |tasks| tasks.limb_weight = 0.0));
     // A joint's deviation counts as a share of its speed, 2 rad/s. So a limb's deviation counts half as much
     // as a joint's.

@@ -1,6 +1,7 @@
 //! Tests that no motion needs more than its share of the effort limits. Every plan is sampled with the
 //! dynamics of `collision`, which shares no code with this crate.
 
+use crate::support::{JOINTS, shipped, towards};
 use judge::dynamics::{Dynamics, GRAVITY_M_PER_S2, PerJoint};
 use messages::{ALL_JOINTS, JOINTS_MAX, PayloadRefusal, Stamp};
 use rand::{RngExt, SeedableRng};
@@ -8,21 +9,15 @@ use rand_pcg::Pcg64;
 use robot::{Model, Payload};
 use wbc::torque::SHARE;
 use wbc::{
-    Config, Input, JointMotion, Options, Parts, Permit, PlannedMotion, State, Target, certify_torque,
-    overloaded_at_rest, tick,
+    Config, Input, JointMotion, Options, Parts, Permit, PlannedMotion, State, certify_torque, overloaded_at_rest, tick,
 };
 
-/// Joints of TIAGo++.
-const JOINTS: usize = 17;
-
-const TOML: &str = include_str!("../../../config/robots/tiago_dual.toml");
 const URDF: &str = include_str!("../../../config/robots/tiago_dual.urdf");
 /// Time between two samples of a plan, s.
 const STEP_S: f64 = 2e-3;
 
-fn shipped() -> (Model, urdf_rs::Robot) {
-    let model = Model::from_text("tiago_dual.toml", TOML, "tiago_dual.urdf", URDF).expect("the shipped robot");
-    (model, urdf_rs::read_from_string(URDF).expect("the shipped URDF"))
+fn urdf() -> urdf_rs::Robot {
+    urdf_rs::read_from_string(URDF).expect("the shipped URDF")
 }
 
 /// The largest ratio of a torque to its effort limit, with its joint.
@@ -47,7 +42,7 @@ fn share_of_plan(model: &Model, dynamics: &Dynamics<'_>, planned: &JointMotion) 
 
 #[test]
 fn torques_match_another_implementation() {
-    let (model, urdf) = shipped();
+    let (model, urdf) = (shipped(), urdf());
     let dynamics = Dynamics::new(&model, &urdf, &[]).unwrap();
     let config = Config::new(&model, Options::default()).unwrap();
     let mut rng = Pcg64::seed_from_u64(1);
@@ -123,10 +118,7 @@ fn follow_laden(
         let mut on_target = false;
         for _ in 0..rng.random_range(150..900) {
             run.ticks += 1;
-            let target =
-                Some(Target { q: &q, dq: &[0.0; JOINTS_MAX], ddq: &[0.0; JOINTS_MAX], valid_mask: ALL_JOINTS });
-            let input = Input { k: u64::from(run.ticks), target, permit: Permit::Follow { speed_scale: 1.0 } };
-            let out = tick(&config, &mut state, Stamp(0), input);
+            let out = tick(&config, &mut state, Stamp(0), towards(u64::from(run.ticks), &q));
             run.refused += u32::from(out.overloads > 0);
             run.fresh += u32::from(out.on_plan != ALL_JOINTS);
             run.executed = run.executed.max(share(model, &dynamics, &out.motion.q, &out.motion.v, &out.motion.a).0);
@@ -149,7 +141,7 @@ fn follow(model: &Model, urdf: &urdf_rs::Robot, options: Options, goals: u32) ->
 
 #[test]
 fn plans_keep_torque_within_share() {
-    let (model, urdf) = shipped();
+    let (model, urdf) = (shipped(), urdf());
     let run = follow(&model, &urdf, Options::default(), 60);
     assert!(run.executed <= SHARE + 1e-9 && run.planned <= SHARE + 1e-9, "{run:?}");
     assert!(run.planned > 0.8 * SHARE, "the limits were never near: {run:?}");
@@ -160,7 +152,7 @@ fn plans_keep_torque_within_share() {
 
 #[test]
 fn plans_without_torque_proof_overload_motors() {
-    let (model, urdf) = shipped();
+    let (model, urdf) = (shipped(), urdf());
     let run = follow(&model, &urdf, Options::without_torque_for_tests(), 20);
     assert!(run.planned > 1.0, "{run:?}");
 }
@@ -186,7 +178,7 @@ fn stretched(model: &Model) -> PerJoint {
 /// With empty hands every posture can be held. A posture that cannot be held is reported with its joint.
 #[test]
 fn overloaded_posture_is_reported_with_its_joint() {
-    let (model, _) = shipped();
+    let model = shipped();
     let config = Config::new(&model, Options::default()).unwrap();
     let mut rng = Pcg64::seed_from_u64(5);
     let mut most = 0.0_f64;
@@ -206,19 +198,13 @@ fn overloaded_posture_is_reported_with_its_joint() {
 /// If the robot's posture cannot be held, the stage takes no decision, not even to recover.
 #[test]
 fn overloaded_robot_is_not_moved() {
-    let (model, _) = shipped();
+    let model = shipped();
     let config = laden(&model, 3.0);
     let start = stretched(&model);
     for permit in [Permit::Follow { speed_scale: 1.0 }, Permit::Recover] {
         let mut state = State::at_rest(&config, start);
         for k in 0..300 {
-            let target = Some(Target {
-                q: &model.home,
-                dq: &[0.0; JOINTS_MAX],
-                ddq: &[0.0; JOINTS_MAX],
-                valid_mask: ALL_JOINTS,
-            });
-            let out = tick(&config, &mut state, Stamp(0), Input { k, target, permit });
+            let out = tick(&config, &mut state, Stamp(0), Input { permit, ..towards(k, &model.home) });
             assert_eq!(out.motion.q[3..], start[3..], "{permit:?}");
         }
     }
@@ -226,7 +212,7 @@ fn overloaded_robot_is_not_moved() {
 
 #[test]
 fn plan_with_too_much_torque_is_not_certified() {
-    let (model, _) = shipped();
+    let model = shipped();
     let config = Config::new(&model, Options::default()).unwrap();
     let bounds = &config.bounds()[4];
     let mut planned = JointMotion::rest(stretched(&model));
@@ -245,7 +231,7 @@ fn plan_with_too_much_torque_is_not_certified() {
 
 #[test]
 fn reported_payload_keeps_torque_within_share() {
-    let (model, urdf) = shipped();
+    let (model, urdf) = (shipped(), urdf());
     let run = follow_laden(&model, &urdf, Options::default(), 40, (0.5, 0.5));
     assert!(run.executed <= SHARE + 1e-9 && run.planned <= SHARE + 1e-9, "{run:?}");
     assert!(run.planned > 0.8 * SHARE, "the limits were never near: {run:?}");
@@ -255,7 +241,7 @@ fn reported_payload_keeps_torque_within_share() {
 
 #[test]
 fn unreported_payload_overloads_motors() {
-    let (model, urdf) = shipped();
+    let (model, urdf) = (shipped(), urdf());
     let run = follow_laden(&model, &urdf, Options::default(), 20, (1.0, 0.0));
     assert!(run.planned > 1.0, "{run:?}");
 }
@@ -264,7 +250,7 @@ fn unreported_payload_overloads_motors() {
 /// decisions bit by bit.
 #[test]
 fn payload_set_at_run_time_acts_like_one_in_robot_file() {
-    let (model, urdf) = shipped();
+    let (model, urdf) = (shipped(), urdf());
     let payload = payloads(&model, 0.7);
     let mut laden = model.clone();
     laden.payload = payload.map(Some);
@@ -289,16 +275,14 @@ fn payload_set_at_run_time_acts_like_one_in_robot_file() {
     assert!(overloads > 0, "some postures are too much for 0.7 kg");
     for k in 0..3_000 {
         let q: PerJoint = std::array::from_fn(|j| model.limits[j].q_max * f64::from(u8::from(k % 900 < 450)));
-        let target = Some(Target { q: &q, dq: &[0.0; JOINTS_MAX], ddq: &[0.0; JOINTS_MAX], valid_mask: ALL_JOINTS });
-        let input = Input { k, target, permit: Permit::Follow { speed_scale: 1.0 } };
-        let [run_time, file] = std::array::from_fn(|i| tick(&configs[i], &mut states[i], Stamp(0), input));
+        let [run_time, file] = std::array::from_fn(|i| tick(&configs[i], &mut states[i], Stamp(0), towards(k, &q)));
         assert_eq!(run_time, file, "tick {k}");
     }
 }
 
 #[test]
 fn payload_of_1_kg_overloads_joint_of_stretched_arm() {
-    let (model, _) = shipped();
+    let model = shipped();
     let config = Config::new(&model, Options::default()).unwrap();
     let [left, right] = payloads(&model, 1.0);
     for (payload, joint) in [([left, Payload::EMPTY], 4), ([Payload::EMPTY, right], 11)] {
@@ -315,13 +299,12 @@ fn payload_of_1_kg_overloads_joint_of_stretched_arm() {
 
 #[test]
 fn payload_is_refused_in_motion() {
-    let (model, _) = shipped();
+    let model = shipped();
     let config = Config::new(&model, Options::default()).unwrap();
     let mut state = State::at_rest(&config, model.home);
-    let target =
-        Some(Target { q: &stretched(&model), dq: &[0.0; JOINTS_MAX], ddq: &[0.0; JOINTS_MAX], valid_mask: ALL_JOINTS });
+    let out = stretched(&model);
     for (k, permit) in (0..).zip([Permit::Follow { speed_scale: 1.0 }, Permit::Stop].iter().flat_map(|p| [*p; 20])) {
-        tick(&config, &mut state, Stamp(0), Input { k, target, permit });
+        tick(&config, &mut state, Stamp(0), Input { permit, ..towards(k, &out) });
         let at_rest = state.planned().is_at_rest();
         let refused = state.carry(&config, &payloads(&model, 0.1)) == Err(PayloadRefusal::Moving);
         assert_eq!(refused, !at_rest, "tick {k}");

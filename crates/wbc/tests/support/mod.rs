@@ -3,9 +3,10 @@
 #![allow(unreachable_pub, reason = "an example includes this file too")]
 
 use judge::{Attacker, Robot, TreeJoint};
-use messages::JOINTS_MAX;
+use messages::{ALL_JOINTS, JOINTS_MAX};
 use nalgebra::{Matrix3, Vector3};
-use robot::JointLimits;
+use robot::{JointLimits, Model};
+use std::path::Path;
 use wbc::chain::{KinematicChain, KinematicLink, Placement};
 use wbc::dynamics::Mass;
 use wbc::geometry::BodyCapsule;
@@ -188,6 +189,20 @@ pub fn made_up() -> Robot {
 /// The configuration for the invented robot, or for one of a model.
 pub fn config_of(robot: &Robot, options: Options) -> Config {
     robot.model().map_or_else(|| config(options), |model| Config::new(model, options).expect("a valid robot"))
+}
+
+/// The shipped robot.
+pub fn shipped() -> Model {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/robots");
+    let text = |name: &str| std::fs::read_to_string(folder.join(name)).expect("the shipped robot");
+    let (toml, urdf) = (text("tiago_dual.toml"), text("tiago_dual.urdf"));
+    Model::from_text("tiago_dual.toml", &toml, "tiago_dual.urdf", &urdf).expect("the shipped robot")
+}
+
+/// The input of tick `k` that follows a person who stands at `q`, at full speed.
+pub fn towards(k: u64, q: &[f64; JOINTS_MAX]) -> Input<'_> {
+    let target = Target { q, dq: &[0.0; JOINTS_MAX], ddq: &[0.0; JOINTS_MAX], valid_mask: ALL_JOINTS };
+    Input { k, target: Some(target), permit: Permit::Follow { speed_scale: 1.0 } }
 }
 
 /// The input of tick `k` that the attacker gives.
