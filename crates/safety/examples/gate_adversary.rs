@@ -10,10 +10,7 @@ use std::time::Instant;
 
 use robot::Model;
 use support::adversary::{Adversary, Report};
-use support::model;
-
-/// Joints of TIAGo++.
-const JOINTS: usize = 17;
+use support::{JOINTS, model};
 
 /// Returns the `n`th argument as a number, or `otherwise`.
 fn argument(n: usize, otherwise: f64) -> f64 {

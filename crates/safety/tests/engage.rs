@@ -24,15 +24,6 @@ fn f066_enable_stuck_at_boot_never_engages() {
 }
 
 #[test]
-fn restarted_control_never_engages_by_itself() {
-    let mut bench = Bench::engaged();
-    bench.state = safety::engage::State::new();
-    for _ in 0..ticks(3000) {
-        assert_eq!(bench.step().mode, Mode::Disengaged);
-    }
-}
-
-#[test]
 fn engaging_is_slow_for_first_second_and_ramp_is_smooth() {
     const NS_PER_TICK: u64 = 666_667;
     let mut before = 0.0;
@@ -436,17 +427,6 @@ fn recovery_is_refused_without_its_reason_or_with_other_faults() {
         bench.press_recovery();
         assert_eq!(bench.step().mode, Mode::Disengaged);
     }
-}
-
-#[test]
-fn recovery_that_stands_still_ends_as_blocked() {
-    let mut bench = Bench::recovering();
-    bench.steps(ticks(1000));
-    bench.input.motion.at_rest = true;
-    let taken = bench.until(Mode::Disengaged, ticks(600));
-    assert!((ticks(500) - 2..=ticks(500) + 2).contains(&taken), "{taken}");
-    let why = bench.last.and_then(|out| out.transition).map(|transition| transition.why);
-    assert_eq!(why, Some(Transition::BLOCKED));
 }
 
 #[test]

@@ -48,12 +48,6 @@ fn missed_deadline_limit_grows_with_factor() {
 }
 
 #[test]
-fn permit_gives_its_speed_scale() {
-    assert_eq!(Permit::Follow { speed_scale: 0.25 }.speed_scale(), 0.25);
-    assert_eq!(Permit::Stop.speed_scale(), 0.0);
-}
-
-#[test]
 fn writer_never_seen_gives_only_its_missing_fault() {
     let mut bench = Bench::new();
     (bench.alive.target, bench.alive.input, bench.alive.state) = (false, false, false);

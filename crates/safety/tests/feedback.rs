@@ -3,15 +3,11 @@
 use crate::support;
 use messages::{JOINTS_MAX, TICK_S};
 use proptest::prelude::*;
-use robot::Model;
 use safety::monitor::{Feedback, Judged, Sample};
-use std::sync::LazyLock;
-use support::model;
+use support::{JOINTS, MODEL};
 
-/// Joints of TIAGo++.
-const JOINTS: usize = 17;
-
-static MODEL: LazyLock<Model> = LazyLock::new(model);
+/// TIAGo++: a joint of its right arm.
+const ELBOW: usize = 10;
 
 /// Turns the joints' positions into measurements.
 type Encoders<'a> = dyn Fn(&mut [f64; JOINTS_MAX]) + 'a;
@@ -167,7 +163,6 @@ fn f056_wrong_sign_or_swapped_joint_is_invalid_within_0_02_rad() {
 /// accepted. A wrong sign may look like this only once.
 #[test]
 fn f056_joint_swinging_back_is_valid_and_wrong_sign_is_not() {
-    const ELBOW: usize = 10;
     let start = MODEL.home[ELBOW];
     for sign in [-1.0, 1.0] {
         let v = one(ELBOW, sign * 0.05 * MODEL.limits[ELBOW].v_max);
@@ -191,7 +186,6 @@ fn f056_joint_swinging_back_is_valid_and_wrong_sign_is_not() {
 
 /// Judges samples of one joint: index, setpoint, speed and measurement. The other joints rest.
 fn judged(begins: bool, servo_lag_s: f64, samples: &[(u64, f64, f64, f64)]) -> Vec<bool> {
-    const ELBOW: usize = 10;
     let mut monitor = Feedback::default();
     let judge = |&(k, q, v, measured): &(u64, f64, f64, f64)| {
         let (q, v, q_measured) = (one(ELBOW, q), one(ELBOW, v), one(ELBOW, measured));

@@ -1,7 +1,7 @@
 //! Tests which commands the gate accepts, and what it sends in place of the others.
 
 use crate::support;
-use judge::joint::{Joint, Stop, stop_of};
+use judge::joint::{Joint, Stop};
 use messages::{JOINTS_MAX, JointMotion, Stamp, StopPlan};
 use rand::{Rng, RngExt, SeedableRng};
 use rand_pcg::Pcg64;
@@ -10,11 +10,8 @@ use safety::clearance::clearance;
 use safety::engage::Permit;
 use safety::gate::{Check, Config, ConfigError, Decision, Denial, Proposed, State, Verdict, tick};
 use support::adversary::Adversary;
-use support::model;
-use support::motion::{NO_PLAN, T, joint, resting, set_joint, stop_from, store};
-
-/// Joints of TIAGo++.
-const JOINTS: usize = 17;
+use support::motion::{NO_PLAN, T, resting, set_joint, set_stopping, stop_from, store};
+use support::{JOINTS, model};
 
 /// The robot without collision pairs, for tests of joints only.
 fn without_pairs() -> Model {
@@ -29,22 +26,16 @@ fn decide(config: &Config, state: &mut State, proposed: Proposed) -> Decision {
 
 /// All joints rest at home except `j`, which is at `x` with the time-optimal stop.
 fn seeded(model: &Model, j: usize, x: Joint) -> (State, Stop) {
-    let l = &model.limits[j];
-    let stop = stop_from(x, l.a_max, l.j_max);
     let mut seed = resting(0, model.home);
-    set_joint(&mut seed, j, x);
-    store(&mut seed.motion.plan, j, &stop);
+    let stop = set_stopping(&mut seed, j, x, &model.limits[j]);
     let mut state = State::at_rest(model.home);
     state.reseed(&seed.motion);
     (state, stop)
 }
 
 fn with_jerk(model: &Model, j: usize, x: Joint, jerk: f64) -> Proposed {
-    let l = &model.limits[j];
     let mut next = resting(1, model.home);
-    let to = x.after(jerk, T);
-    set_joint(&mut next, j, to);
-    store(&mut next.motion.plan, j, &stop_from(to, l.a_max, l.j_max));
+    set_stopping(&mut next, j, x.after(jerk, T), &model.limits[j]);
     next
 }
 
@@ -201,58 +192,6 @@ fn plan_that_ends_moving_or_late_is_denied() {
 }
 
 #[test]
-fn denial_makes_all_joints_play_stored_plan_together() {
-    let model = without_pairs();
-    let config = Config::new(&model).unwrap();
-    let mut state = State::at_rest(model.home);
-    let mut last = resting(0, model.home);
-    for k in 1..200 {
-        let mut next = resting(k, model.home);
-        for j in 0..JOINTS {
-            let l = &model.limits[j];
-            let x = joint(&last, j);
-            let jerk = if k < 20 {
-                0.3 * l.j_max
-            } else if k < 39 {
-                -0.3 * l.j_max
-            } else {
-                0.0
-            };
-            let to = x.after(jerk, T);
-            set_joint(&mut next, j, to);
-            store(&mut next.motion.plan, j, &stop_from(to, l.a_max, l.j_max));
-        }
-        if k == 60 {
-            break;
-        }
-        assert_eq!(decide(&config, &mut state, next).verdict, Verdict::Accept, "tick {k}");
-        last = next;
-    }
-    // One joint has NaN. Every joint begins its own stop, and continues it until a good command comes.
-    for n in 1..1500 {
-        let mut bad = last;
-        bad.k = 59 + n;
-        bad.motion.v[4] = f64::NAN;
-        let decision = decide(&config, &mut state, bad);
-        assert_eq!(decision.verdict, Verdict::Deny(Denial::Joint { joint: 4, check: Check::Finite }));
-        for j in 0..JOINTS {
-            let expected = joint(&last, j).play(&stop_of(&last.motion.plan, j), n as f64 * T);
-            let got = Joint { q: decision.motion.q[j], v: decision.motion.v[j], a: decision.motion.a[j] };
-            // The rest of the plan leads to the same posture.
-            let rest = got.play(&stop_of(&decision.motion.plan, j), 1e3).q;
-            assert!(
-                (got.q - expected.q).abs() < 1e-11 && (got.v - expected.v).abs() < 1e-10,
-                "{n} {j} {got:?} {expected:?}"
-            );
-            assert!((rest - expected.play(&stop_of(&last.motion.plan, j), 0.0).q).abs() < 1.0);
-            assert!((rest - joint(&last, j).play(&stop_of(&last.motion.plan, j), 1e3).q).abs() < 1e-10, "{n} {j}");
-        }
-    }
-    assert_eq!(state.denials(), 1499);
-    assert!(state.motion().is_at_rest());
-}
-
-#[test]
 fn new_motion_without_permit_is_denied() {
     let model = without_pairs();
     let config = Config::new(&model).unwrap();
@@ -376,14 +315,11 @@ fn f045_self_collision_is_denied_at_command_and_at_rest() {
     let case = |margin_m: f64, at: f64| {
         let mut seed = resting(0, q);
         let x = Joint { q: q[j] + to_contact - at - margin_m / slope, v, a: 0.0 };
-        set_joint(&mut seed, j, x);
-        store(&mut seed.motion.plan, j, &stop_from(x, l.a_max, l.j_max));
+        set_stopping(&mut seed, j, x, l);
         let mut state = State::at_rest(q);
         state.reseed(&seed.motion);
         let mut next = resting(1, q);
-        let to = x.after(jerk, T);
-        set_joint(&mut next, j, to);
-        store(&mut next.motion.plan, j, &stop_from(to, l.a_max, l.j_max));
+        set_stopping(&mut next, j, x.after(jerk, T), l);
         decide(&config, &mut state, next).verdict
     };
     // The slack is 1 nm. Half of it is allowed, and twice of it is not.
@@ -392,22 +328,6 @@ fn f045_self_collision_is_denied_at_command_and_at_rest() {
     assert!(matches!(case(denied, stop_reach), Verdict::Deny(Denial::ClearanceAtRest { .. })));
     assert!(matches!(case(granted, v * T), Verdict::Deny(Denial::ClearanceAtRest { .. })));
     assert!(matches!(case(denied, v * T), Verdict::Deny(Denial::ClearanceAtCommand { .. })));
-}
-
-#[test]
-fn robot_in_self_collision_may_rest_but_not_move() {
-    let model = model();
-    let config = Config::new(&model).unwrap();
-    let (mut q, j, to_contact, _) = towards_collision(&model);
-    q[j] += to_contact + 0.01;
-    let mut state = State::at_rest(q);
-    assert_eq!(decide(&config, &mut state, resting(1, q)).verdict, Verdict::OnPlan);
-    let x = Joint { q: state.motion().q[j], v: 0.0, a: 0.0 };
-    let mut away = resting(2, state.motion().q);
-    let to = x.after(-10.0, T);
-    set_joint(&mut away, j, to);
-    store(&mut away.motion.plan, j, &stop_from(to, model.limits[j].a_max, model.limits[j].j_max));
-    assert!(matches!(decide(&config, &mut state, away).verdict, Verdict::Deny(Denial::ClearanceAtCommand { .. })));
 }
 
 #[test]

@@ -7,16 +7,13 @@ use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use safety::engage::Permit;
 use safety::gate::{Config, Proposed, State, Verdict, tick};
-use support::model;
-use support::motion::{T, joint, resting, set_joint, stop_from, store};
-
-/// Joints of TIAGo++.
-const JOINTS: usize = 17;
+use support::motion::{T, joint, resting, set_joint, set_stopping, store};
+use support::{JOINTS, model};
 
 /// Goes one tick along the plan. Durations shrink, phases are used up, and the end is exact rest.
 fn advance(p: &mut Proposed) {
     for j in 0..JOINTS {
-        let (mut x, mut stop, mut left) = (joint(p, j), stop_of(&p.motion.plan, j), T);
+        let (mut x, mut stop, mut left) = (joint(&p.motion, j), stop_of(&p.motion.plan, j), T);
         for (jerk, duration) in &mut stop {
             let t = left.min(*duration);
             x = x.after(*jerk, t);
@@ -43,8 +40,7 @@ fn f64_motion_stays_on_plan_from_any_state_to_rest() {
             let l = &model.limits[j];
             let a = rng.random_range(-l.a_max..l.a_max);
             let x = Joint { q: model.home[j], v: rng.random_range(-l.v_max..l.v_max), a };
-            set_joint(&mut p, j, x);
-            store(&mut p.motion.plan, j, &stop_from(x, l.a_max, l.j_max));
+            set_stopping(&mut p, j, x, l);
         }
         let mut state = State::at_rest(model.home);
         state.reseed(&p.motion);

@@ -6,11 +6,8 @@ use messages::{JOINTS_MAX, JointMotion, Stamp};
 use safety::clearance::clearance;
 use safety::engage::Permit;
 use safety::gate::{Check, Config, Denial, Proposed, State, Verdict, tick};
-use support::model;
-use support::motion::{NO_PLAN, T, joint, resting, set_joint, stop_from, store};
-
-/// Joints of TIAGo++.
-const JOINTS: usize = 17;
+use support::motion::{NO_PLAN, T, joint, resting, set_stopping};
+use support::{JOINTS, model};
 
 /// All joints move, each at its own speed, with the stops from there.
 fn moving(model: &robot::Model, k: u64) -> Proposed {
@@ -19,8 +16,7 @@ fn moving(model: &robot::Model, k: u64) -> Proposed {
         let l = &model.limits[j];
         let share = 0.02 + 0.01 * j as f64;
         let x = Joint { q: model.home[j], v: -share * l.v_max, a: share * l.a_max };
-        set_joint(&mut p, j, x);
-        store(&mut p.motion.plan, j, &stop_from(x, l.a_max, l.j_max));
+        set_stopping(&mut p, j, x, l);
     }
     p
 }
@@ -40,10 +36,7 @@ fn seeded(p: &Proposed) -> State {
 fn going_on(model: &robot::Model, p: &Proposed) -> Proposed {
     let mut next = Proposed { k: p.k + 1, ..*p };
     for j in 0..JOINTS {
-        let l = &model.limits[j];
-        let to = joint(p, j).after(0.0, T);
-        set_joint(&mut next, j, to);
-        store(&mut next.motion.plan, j, &stop_from(to, l.a_max, l.j_max));
+        set_stopping(&mut next, j, joint(&p.motion, j).after(0.0, T), &model.limits[j]);
     }
     next
 }
@@ -75,24 +68,35 @@ fn gate_state_matches_last_sent_command() {
     let mut frames = robot::Frames { base_from_body: [robot::Pose::identity(); JOINTS_MAX + 1] };
     let expected = clearance(&model, &mut frames, &next.motion.q).distance_m;
     assert!((decision.clearance_m - expected).abs() < 1e-12, "of the command, not of where it rests");
+}
 
-    // After three denials the stored plan has advanced by three ticks, and no clearance was measured.
-    for n in 1..=3 {
-        let bad = Proposed { k: next.k + n, ..nowhere(&next) };
+/// With each denial all joints go on along the stored plan, to its end, and no clearance is measured.
+#[test]
+fn denial_makes_all_joints_play_stored_plan_together() {
+    let model = model();
+    let config = Config::new(&model).unwrap();
+    let seed = moving(&model, 5);
+    let (mut state, next) = (seeded(&seed), going_on(&model, &seed));
+    assert!(tick(&config, &mut state, Stamp(0), next).accepted());
+    for n in 1..1500 {
+        let mut bad = Proposed { k: next.k + n, ..next };
+        bad.motion.v[4] = f64::NAN;
         let decision = tick(&config, &mut state, Stamp(0), bad);
-        assert_eq!(decision.verdict, Verdict::Deny(Denial::Joint { joint: 0, check: Check::Finite }));
+        assert_eq!(decision.verdict, Verdict::Deny(Denial::Joint { joint: 4, check: Check::Finite }));
         assert!(!decision.accepted() && decision.clearance_m.is_nan() && state.denials() == n);
+        assert_eq!(decision.motion, state.motion());
         for j in 0..JOINTS {
-            let expected = joint(&next, j).play(&stop_of(&next.motion.plan, j), n as f64 * T);
+            let stop = stop_of(&next.motion.plan, j);
+            let (got, expected) = (joint(&decision.motion, j), joint(&next.motion, j).play(&stop, n as f64 * T));
             assert!(
-                (state.motion().q[j] - expected.q).abs() < 1e-10 && (state.motion().v[j] - expected.v).abs() < 1e-10
+                (got.q - expected.q).abs() < 1e-11 && (got.v - expected.v).abs() < 1e-10,
+                "{n} {j} {got:?} {expected:?}"
             );
-            assert_eq!(
-                (decision.motion.q[j], decision.motion.v[j], decision.motion.a[j]),
-                (state.motion().q[j], state.motion().v[j], state.motion().a[j])
-            );
+            let rest = got.play(&stop_of(&decision.motion.plan, j), 1e3).q;
+            assert!((rest - joint(&next.motion, j).play(&stop, 1e3).q).abs() < 1e-10, "{n} {j}");
         }
     }
+    assert!(state.motion().is_at_rest());
 }
 
 /// The plan is played for all ticks that have passed since the last one.
@@ -108,7 +112,7 @@ fn late_command_is_denied_and_plan_is_played_on() {
         let decision = tick(&config, &mut state, Stamp(0), Proposed { k: next.k + late, ..next });
         assert_eq!(decision.verdict, Verdict::Deny(Denial::Index));
         for j in 0..JOINTS {
-            let expected = joint(&next, j).play(&stop_of(&next.motion.plan, j), late as f64 * T);
+            let expected = joint(&next.motion, j).play(&stop_of(&next.motion.plan, j), late as f64 * T);
             assert!(
                 (decision.motion.q[j] - expected.q).abs() < 1e-9 && (decision.motion.v[j] - expected.v).abs() < 1e-9,
                 "{late}"
@@ -180,9 +184,7 @@ fn seed_with_one_invalid_joint_is_refused_as_a_whole() {
 fn recovery(model: &robot::Model, q: [f64; JOINTS_MAX], j: usize, jerk: f64) -> (Proposed, [f64; JOINTS_MAX]) {
     let (mut next, mut rest) = (Proposed { permit: Permit::Recover, ..resting(1, q) }, q);
     let to = Joint { q: q[j], v: 0.0, a: 0.0 }.after(jerk, T);
-    let stop = stop_from(to, model.limits[j].a_max, model.limits[j].j_max);
-    set_joint(&mut next, j, to);
-    store(&mut next.motion.plan, j, &stop);
+    let stop = set_stopping(&mut next, j, to, &model.limits[j]);
     rest[j] = to.play(&stop, 1e3).q;
     (next, rest)
 }

@@ -9,7 +9,7 @@ use robot::{Frames, Model, Obstacle, Solid};
 use safety::clearance::clearance;
 use safety::gate::{Config, Denial, Interface, Proposed, State, Verdict, tick};
 use support::model;
-use support::motion::{T, joint, resting, set_joint, stop_from, store};
+use support::motion::{T, joint, resting, set_stopping};
 
 /// A random posture from which all joints continue at 0.9 of their speeds. Returns the state before it and
 /// the proposal for the tick.
@@ -24,8 +24,7 @@ fn fast(model: &Model, rng: &mut Pcg64) -> (Proposed, Proposed) {
         let v = 0.9 * l.v_max * if rng.random_bool(0.5) { 1.0 } else { -1.0 };
         let x = Joint { q: q[j], v, a: 0.0 };
         for (proposed, x) in [(&mut before, x), (&mut next, x.after(0.0, T))] {
-            set_joint(proposed, j, x);
-            store(&mut proposed.motion.plan, j, &stop_from(x, l.a_max, l.j_max));
+            set_stopping(proposed, j, x, l);
         }
     }
     (before, next)
@@ -33,7 +32,7 @@ fn fast(model: &Model, rng: &mut Pcg64) -> (Proposed, Proposed) {
 
 /// The posture at time `t` after a proposal.
 fn later(proposed: &Proposed, t: f64) -> [f64; JOINTS_MAX] {
-    std::array::from_fn(|j| joint(proposed, j).play(&stop_of(&proposed.motion.plan, j), t).q)
+    std::array::from_fn(|j| joint(&proposed.motion, j).play(&stop_of(&proposed.motion.plan, j), t).q)
 }
 
 fn verdict(config: &Config, before: &Proposed, next: &Proposed) -> Verdict {

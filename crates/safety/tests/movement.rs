@@ -5,19 +5,9 @@ use crate::support;
 use messages::{JOINTS_MAX, TICK_HZ, TICK_S};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
-use robot::Model;
 use safety::monitor::{Moved, Movement, Sample};
 use std::f64::consts::{PI, TAU};
-use std::sync::LazyLock;
-use support::model;
-
-/// Joints of TIAGo++.
-const JOINTS: usize = 17;
-
-/// TIAGo++: its lift.
-const TORSO: usize = 0;
-
-static MODEL: LazyLock<Model> = LazyLock::new(model);
+use support::{JOINTS, MODEL, TORSO};
 
 /// The left elbow.
 const ELBOW: usize = 6;

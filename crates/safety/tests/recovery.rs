@@ -7,14 +7,8 @@ use robot::{Frames, Model};
 use safety::engage::Permit;
 use safety::gate::{Check, Config, Denial, Proposed, State, Verdict, tick};
 use safety::monitor;
-use support::model;
-use support::motion::{T, resting, set_joint, stop_from, store};
-
-/// Joints of TIAGo++.
-const JOINTS: usize = 17;
-
-/// TIAGo++: the joints of its left arm.
-const LEFT_ARM: std::ops::Range<usize> = 3..10;
+use support::motion::{T, joint, resting, set_stopping};
+use support::{JOINTS, LEFT_ARM, model};
 
 const J: usize = 6;
 const JERK: f64 = 50.0;
@@ -22,9 +16,7 @@ const JERK: f64 = 50.0;
 /// A tick with jerk `j` of joint `joint` from `x`, under `permit`.
 fn step(model: &Model, q: &[f64; JOINTS_MAX], joint: usize, x: Joint, j: f64, permit: Permit) -> Proposed {
     let mut proposed = Proposed { permit, ..resting(1, *q) };
-    let next = x.after(j, T);
-    set_joint(&mut proposed, joint, next);
-    store(&mut proposed.motion.plan, joint, &stop_from(next, model.limits[joint].a_max, model.limits[joint].j_max));
+    set_stopping(&mut proposed, joint, x.after(j, T), &model.limits[joint]);
     proposed
 }
 
@@ -71,7 +63,7 @@ fn recovery_faster_than_its_speed_is_denied_for_every_joint() {
                 denied = Some(denial);
                 break;
             }
-            x = Joint { q: decision.motion.q[j], v: decision.motion.v[j], a: decision.motion.a[j] };
+            x = joint(&decision.motion, j);
             fastest = fastest.max(x.v.abs());
         }
         let speed =
@@ -111,4 +103,5 @@ fn pair_that_is_too_close_may_only_be_opened() {
     assert!(matches!(closing, Verdict::Deny(Denial::ClearanceAtCommand { .. })), "{closing:?}");
     let follow = judged(-closer * JERK, Permit::Follow { speed_scale: 1.0 });
     assert!(matches!(follow, Verdict::Deny(Denial::ClearanceAtCommand { .. })), "{follow:?}");
+    assert_eq!(verdict(&model, &q, resting(1, q)), Verdict::OnPlan, "it may rest");
 }

@@ -2,18 +2,10 @@
 
 use crate::support;
 use messages::{JOINTS_MAX, LIMBS, TICK_S};
-use robot::Model;
 use safety::monitor::{TargetSteps, far_behind};
 use std::f64::consts::PI;
-use std::sync::LazyLock;
-use support::model;
+use support::{LEFT_ARM, MODEL, TORSO};
 
-/// TIAGo++: the joints of its left arm.
-const LEFT_ARM: std::ops::Range<usize> = 3..10;
-/// TIAGo++: its lift.
-const TORSO: usize = 0;
-
-static MODEL: LazyLock<Model> = LazyLock::new(model);
 const ELBOW: usize = LEFT_ARM.start + 3;
 const ALL: u32 = (1 << JOINTS_MAX) - 1;
 /// In rad/s and m/s, then in rad and m.

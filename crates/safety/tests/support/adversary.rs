@@ -11,10 +11,8 @@ use robot::Model;
 use safety::engage::Permit;
 use safety::gate::{Config, Decision, Denial, Proposed, State, Verdict, tick};
 
+use super::JOINTS;
 use super::motion::{T, joint, set_joint, stop_from, store};
-
-/// Joints of TIAGo++.
-const JOINTS: usize = 17;
 
 /// Slack of the judge for rounding, SI. It is above the gate's own slack of 5.8e-11 and far below any motion.
 const GRANTED: f64 = 1e-9;
@@ -86,7 +84,7 @@ impl Adversary {
     fn at_the_edge(&mut self, last: &Proposed) -> Proposed {
         let mut next = Proposed { k: self.k + 1, ..*last };
         for j in 0..JOINTS {
-            let (x, before, l) = (joint(last, j), stop_of(&last.motion.plan, j), self.robot.limits[j]);
+            let (x, before, l) = (joint(&last.motion, j), stop_of(&last.motion.plan, j), self.robot.limits[j]);
             // The direction changes every second or so. This is long enough to reach any place in the range,
             // and its edge.
             if self.rng.random_bool(0.001) {
@@ -132,7 +130,7 @@ impl Adversary {
             11 => p.motion.q[j] = [l.q_min, l.q_max][phase % 2] + size * 1e-3,
             12 => p.k = p.k.wrapping_add(self.rng.random_range(0..4)),
             _ => {
-                let x = Joint { q: p.motion.q[j], v: p.motion.v[j], a: p.motion.a[j] }.after(size, T);
+                let x = joint(&p.motion, j).after(size, T);
                 set_joint(p, j, x);
             }
         }
@@ -175,12 +173,12 @@ impl Adversary {
     }
 
     fn is_wrong(&self, last: &Proposed, p: &Proposed) -> bool {
-        (0..JOINTS).any(|j| self.broken(j, last, joint(p, j), &p.motion.plan).is_some())
+        (0..JOINTS).any(|j| self.broken(j, last, joint(&p.motion, j), &p.motion.plan).is_some())
     }
 
     fn broken(&self, j: usize, last: &Proposed, next: Joint, plan: &StopPlan) -> Option<Breach> {
         let (limits, before) = (&self.robot.limits[j], stop_of(&last.motion.plan, j));
-        judge::limits::tick(limits, joint(last, j), &before, next, &stop_of(plan, j), Slack::for_grant(GRANTED))
+        judge::limits::tick(limits, joint(&last.motion, j), &before, next, &stop_of(plan, j), Slack::for_grant(GRANTED))
     }
 
     /// All joints must do the same. Either all follow the proposal, or all play the rest of the stored plan
@@ -188,14 +186,14 @@ impl Adversary {
     fn judge_as_a_whole(&mut self, last: &Proposed, proposed: &Proposed, sent: &Decision) {
         let passed = proposed.k.saturating_sub(self.k) as f64 * T;
         for j in 0..JOINTS {
-            let got = Joint { q: sent.motion.q[j], v: sent.motion.v[j], a: sent.motion.a[j] };
+            let got = joint(&sent.motion, j);
             let (expected, plan) = if sent.accepted() {
                 // A joint without a remaining stop is at rest by definition.
                 let stop = stop_of(&proposed.motion.plan, j);
-                (joint(proposed, j).play(&stop, 0.0), stop)
+                (joint(&proposed.motion, j).play(&stop, 0.0), stop)
             } else {
                 let stop = stop_of(&last.motion.plan, j);
-                (joint(last, j).play(&stop, passed), rest_of(&stop, passed))
+                (joint(&last.motion, j).play(&stop, passed), rest_of(&stop, passed))
             };
             let rest = got.play(&stop_of(&sent.motion.plan, j), 1e3).q - expected.play(&plan, 1e3).q;
             // NaN counts as not near.
@@ -210,7 +208,7 @@ impl Adversary {
     fn judge(&mut self, last: &Proposed, sent: &Decision) {
         let mut rest = [0.0; JOINTS_MAX];
         for (j, rest) in rest.iter_mut().enumerate() {
-            let next = Joint { q: sent.motion.q[j], v: sent.motion.v[j], a: sent.motion.a[j] };
+            let next = joint(&sent.motion, j);
             *rest = next.play(&stop_of(&sent.motion.plan, j), 1e3).q;
             if let Some(Breach { what, .. }) = self.broken(j, last, next, &sent.motion.plan) {
                 self.report.violations.push(format!("tick {} joint {j}: {what}: {last:?} {sent:?}", self.report.ticks));

@@ -7,6 +7,15 @@ pub mod motion;
 use messages::{Mode, Stamp, deadline};
 use robot::Model;
 use safety::engage::{self, Config, Input, Output, Settings, State};
+use std::sync::LazyLock;
+
+/// Joints of TIAGo++, and of them its lift and those of its left arm.
+pub const JOINTS: usize = 17;
+pub const TORSO: usize = 0;
+pub const LEFT_ARM: std::ops::Range<usize> = 3..10;
+
+/// The robot of the repository, for tests that do not change it.
+pub static MODEL: LazyLock<Model> = LazyLock::new(model);
 
 /// The robot of the repository.
 pub fn model() -> Model {

@@ -2,6 +2,7 @@
 
 use judge::joint::{Joint, Stop};
 use messages::{JOINTS_MAX, JointMotion, Layout, StopPlan, TICK_S};
+use robot::JointLimits;
 use safety::engage::Permit;
 use safety::gate::Proposed;
 
@@ -45,10 +46,18 @@ pub fn resting(k: u64, q: [f64; JOINTS_MAX]) -> Proposed {
     Proposed { k, permit, motion: JointMotion::rest(q) }
 }
 
-pub fn joint(p: &Proposed, j: usize) -> Joint {
-    Joint { q: p.motion.q[j], v: p.motion.v[j], a: p.motion.a[j] }
+pub fn joint(motion: &JointMotion, j: usize) -> Joint {
+    Joint { q: motion.q[j], v: motion.v[j], a: motion.a[j] }
 }
 
 pub fn set_joint(p: &mut Proposed, j: usize, x: Joint) {
     (p.motion.q[j], p.motion.v[j], p.motion.a[j]) = (x.q, x.v, x.a);
+}
+
+/// Sets a joint and its fastest stop from there. Returns the stop.
+pub fn set_stopping(p: &mut Proposed, j: usize, x: Joint, limits: &JointLimits) -> Stop {
+    let stop = stop_from(x, limits.a_max, limits.j_max);
+    set_joint(p, j, x);
+    store(&mut p.motion.plan, j, &stop);
+    stop
 }
