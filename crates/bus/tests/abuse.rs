@@ -1,11 +1,10 @@
 //! Damage that a process of the same user can do to a domain, and damage that it cannot do.
 
-use crate::support;
+use crate::support::Place;
 use bus::{BusError, Domain, Reader, Writer};
 use messages::{Layout, RawSkeleton, Service, Skeleton};
 use std::fs::{File, OpenOptions};
 use std::os::unix::fs::{FileExt, PermissionsExt};
-use support::Place;
 
 fn raw(sequence: u64) -> RawSkeleton {
     let mut raw = RawSkeleton::ZERO;

@@ -1,11 +1,10 @@
 //! Allocations of the hot path: none when reading and waiting, one block per message when writing.
 
-use crate::support;
+use crate::support::{Place, message, reader, writer};
 use bus::Wake;
 use messages::{JointTarget, Service};
 use rt::{Allocations, count_allocations};
 use std::time::Duration;
-use support::{Place, message, reader, writer};
 
 const MESSAGES: u64 = 1_000;
 

@@ -1,10 +1,9 @@
 //! One writer, many readers, newest value: the behaviour of iceoryx2 with our settings.
 
-use crate::support;
+use crate::support::{Place, message, reader, writer};
 use bus::{BusError, Domain, Wake};
 use messages::{Field, JointTarget, Layout, Message, RawSkeleton, Service};
 use std::time::Duration;
-use support::{Place, message, reader, writer};
 
 fn raw(incarnation: u32, sequence: u64) -> RawSkeleton {
     let mut raw = RawSkeleton::ZERO;

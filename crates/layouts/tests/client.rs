@@ -9,6 +9,18 @@ use messages::{
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 use skeleton::{Config, DropReason, Input, State, tick};
 
+/// A layout of cameras, and the time between two of their images, ns: 30 Hz.
+pub(crate) const CAMERA: u32 = SkeletonLayout::MediaPipe33 as u32;
+pub(crate) const PERIOD_NS: u64 = 33_333_333;
+
+/// Image `i` of the standing person.
+pub(crate) fn frame(i: u64) -> RawSkeleton {
+    let mut raw = as_smpl(&bent(), false);
+    raw.header.sequence = i + 1;
+    raw.header.origin = Stamp(1_000_000_000 + i * PERIOD_NS);
+    raw
+}
+
 pub(crate) type Place = Vector3<f64>;
 pub(crate) type Turn = Matrix3<f64>;
 

@@ -1,24 +1,16 @@
 //! The lengths of a session in place of those of a camera's frame: directions stay, and doubt shows as confidence.
 
-use crate::client::{as_smpl, bent};
+use crate::client::{CAMERA, frame};
 use crate::salt::Chance;
 use layouts::Lengths;
-use messages::{RawSkeleton, Skeleton, SkeletonLayout, Stamp, skeleton_flag};
+use messages::{RawSkeleton, Skeleton, skeleton_flag};
 use nalgebra::Vector3;
 use skeleton::{Config, Input, State, tick};
 
-const CAMERA: u32 = SkeletonLayout::MediaPipe33 as u32;
 /// As `skeleton::Config::distrust_after_ns`.
 const OTHER_NS: u64 = 250_000_000;
 /// Ends of the bones of both arms: left upper arm and forearm, right ones.
 const BONES: [[usize; 2]; 4] = [[16, 18], [18, 20], [17, 19], [19, 21]];
-
-fn frame(i: u64) -> RawSkeleton {
-    let mut raw = as_smpl(&bent(), false);
-    raw.header.sequence = i + 1;
-    raw.header.origin = Stamp(1_000_000_000 + i * 33_333_333);
-    raw
-}
 
 fn bone(raw: &RawSkeleton, [from, to]: [usize; 2]) -> Vector3<f32> {
     Vector3::from(raw.positions[to]) - Vector3::from(raw.positions[from])

@@ -92,13 +92,7 @@ fn mirrored_image_shows_the_same_person() {
             5 => 33 + 2,
             7 => 33 + 8,
             8 => 33 + 7,
-            11.. => {
-                if (n - 33) % 2 == 1 {
-                    n + 1
-                } else {
-                    n - 1
-                }
-            }
+            11.. => ((n - 44) ^ 1) + 44,
             _ => other,
         };
         let [x, y, z] = raw.positions[other];

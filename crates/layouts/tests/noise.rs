@@ -1,21 +1,10 @@
 //! The filter for cameras: less noise, the documented delay, and no error hidden from the validation.
 
-use crate::client::{as_smpl, bent};
+use crate::client::{CAMERA, PERIOD_NS, frame};
 use crate::salt::{Chance, ON};
 use layouts::NoiseState;
-use messages::{RawSkeleton, SkeletonLayout, Stamp};
+use messages::RawSkeleton;
 use skeleton::{Config, DropReason, Input, State, tick};
-
-const CAMERA: u32 = SkeletonLayout::MediaPipe33 as u32;
-/// 30 Hz, ns.
-const PERIOD_NS: u64 = 33_333_333;
-
-fn frame(i: u64) -> RawSkeleton {
-    let mut raw = as_smpl(&bent(), false);
-    raw.header.sequence = i + 1;
-    raw.header.origin = Stamp(1_000_000_000 + i * PERIOD_NS);
-    raw
-}
 
 #[test]
 fn f017_filter_at_rest_reduces_noise() {

@@ -1,16 +1,14 @@
 //! Single outliers are replaced, for one frame. Motion is not, and no error is hidden from the validation.
 
-use crate::client::{as_smpl, bent};
+use crate::client::{CAMERA, PERIOD_NS, as_smpl, bent};
 use crate::salt::{Chance, Errors, OFF, ON, distance_m, filter, motions, spoil};
 use layouts::{Noise, NoiseState};
-use messages::{RawSkeleton, SMPL_JOINTS, SkeletonLayout, Stamp};
+use messages::{RawSkeleton, SMPL_JOINTS, Stamp};
 
 /// Filter without the low-pass. Its output is the input, or the position at which the joint was held.
 const BARE: Noise = Noise { rest_cutoff_hz: 1e12, cutoff_per_m: 0.0, ..ON };
-const CAMERA: u32 = SkeletonLayout::MediaPipe33 as u32;
 const WRIST: usize = 20;
-/// 30 Hz, ns and s.
-const PERIOD_NS: u64 = 33_333_333;
+/// 30 Hz, s.
 const PERIOD_S: f32 = PERIOD_NS as f32 * 1e-9;
 
 /// Frames of a person who stands still, except for a wrist.

@@ -48,10 +48,7 @@ fn f125_partition_is_a_release_and_the_level_held_over_it_engages_nothing() {
         world.run(100);
         assert_eq!(world.verdict(), Verdict::Ready);
         assert_eq!(world.holds().0, 0, "{broken:?}: no edge in the new session");
-        world.let_go();
-        world.run(2);
-        world.press();
-        world.run(10);
+        world.press_again();
         assert_eq!(world.holds(), (1, HOLDS_ENABLE), "{broken:?}");
     }
 }
@@ -80,10 +77,7 @@ fn f127_enable_pressed_before_the_clocks_are_synchronised_counts_never() {
     assert!(world.daemon.persons.is_empty());
     world.run(60);
     assert_eq!((world.verdict(), world.holds().0), (Verdict::Ready, 0));
-    world.let_go();
-    world.run(1);
-    world.press();
-    world.run(5);
+    world.press_again();
     assert_eq!(world.holds(), (1, HOLDS_ENABLE));
 }
 
@@ -139,9 +133,7 @@ fn f126_replayed_session_changes_nothing() {
         assert!(matches!(world.arrive(bytes).outcome, Err(Refusal::Order | Refusal::Rate)));
     }
     // In the next one.
-    world.broken = [true; 2];
-    world.run(30);
-    world.broken = [false; 2];
+    world.cut(30);
     world.run(30);
     world.refusals.clear();
     for bytes in &capture {
@@ -174,10 +166,7 @@ fn f127_clock_that_jumps_releases_and_has_to_be_synchronised_again() {
         let mut world = World::linked(5 * MS);
         world.ahead = 5_000_000 * MS as i64;
         world.run(100);
-        world.let_go();
-        world.run(1);
-        world.press();
-        world.run(10);
+        world.press_again();
         assert_eq!(world.holds(), (1, HOLDS_ENABLE));
         let jumps = world.robot.refused(0).count_of(Refusal::Jump);
         let sent = world.daemon.requests.len();
@@ -190,10 +179,7 @@ fn f127_clock_that_jumps_releases_and_has_to_be_synchronised_again() {
         assert_eq!(world.verdict(), Verdict::Ready);
         assert_eq!(world.holds().1, HOLDS_ENABLE, "the level alone grants nothing");
         let edges = world.holds().0;
-        world.let_go();
-        world.run(1);
-        world.press();
-        world.run(10);
+        world.press_again();
         assert_eq!(world.holds(), (edges + 1, HOLDS_ENABLE));
     }
 }
@@ -209,9 +195,7 @@ fn f125_emergency_stop_counts_without_clock_session_or_youth() {
     // The same press, in a hundred datagrams and another session.
     let stops =
         |world: &World| world.daemon.stops + world.daemon.requests.last().map_or(0, |last| last.estop_count as usize);
-    world.broken = [true; 2];
-    world.run(30);
-    world.broken = [false; 2];
+    world.cut(30);
     world.run(50);
     assert_eq!(stops(&world), 1);
     // In the session, by the request.

@@ -155,6 +155,21 @@ impl World {
         self.request.enable_level = 0;
     }
 
+    /// Lets go, and presses again after a step.
+    pub fn press_again(&mut self) {
+        self.let_go();
+        self.run(1);
+        self.press();
+        self.run(10);
+    }
+
+    /// Cuts both ways for this number of steps.
+    pub fn cut(&mut self, steps: usize) {
+        self.broken = [true; 2];
+        self.run(steps);
+        self.broken = [false; 2];
+    }
+
     /// The last request that reached the daemon on the present connection: enable edges and level.
     pub fn holds(&self) -> (u32, u32) {
         let last = self.daemon.requests.last().expect("a request");

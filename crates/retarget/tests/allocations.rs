@@ -5,11 +5,7 @@ use messages::{Skeleton, Stamp, deadline};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use retarget::{Config, Input, Method, Settings, State, tick};
-
-/// New blocks of this thread since the count began.
-fn allocated() -> u64 {
-    rt::allocations().0.allocated
-}
+use rt::count_allocations;
 
 fn config(method: Method, delay_ms: f64) -> Config {
     let settings = Settings { method, following_delay_ms: delay_ms, ..Settings::default() };
@@ -20,7 +16,6 @@ fn config(method: Method, delay_ms: f64) -> Config {
 
 #[test]
 fn tick_with_every_method_and_delay_allocates_nothing() {
-    rt::watch_allocations();
     let mut rng = Pcg64::seed_from_u64(31);
     for method in [Method::Network, Method::ClosedForm] {
         for delay_ms in [0.0, 120.0, 250.0] {
@@ -32,13 +27,13 @@ fn tick_with_every_method_and_delay_allocates_nothing() {
                 })
                 .collect();
             let mut state = State::default();
-            let before = allocated();
-            for k in 0..10_000_u64 {
-                let newest = &skeletons[(k / 15) as usize];
-                let out = tick(&config, &mut state, deadline(3000 + k), Input { k: 3000 + k, skeleton: Some(newest) });
-                std::hint::black_box(out);
-            }
-            assert_eq!(allocated() - before, 0, "{method:?} {delay_ms} ms");
+            let ((), counted) = count_allocations(|| {
+                for k in 3000..13_000_u64 {
+                    let newest = Some(&skeletons[(k as usize - 3000) / 15]);
+                    std::hint::black_box(tick(&config, &mut state, deadline(k), Input { k, skeleton: newest }));
+                }
+            });
+            assert_eq!(counted.allocated, 0, "{method:?} {delay_ms} ms");
         }
     }
 }

@@ -1,6 +1,6 @@
 //! Hands that touch: their limbs, and the limbs of hands that touch nothing.
 
-use crate::support::{START_NS, robot, shipped};
+use crate::support::{ROBOTS, START_NS, robot, shipped};
 use messages::{SMPL_JOINTS, Smpl, TRAJECTORY_NODES};
 use nalgebra::{UnitQuaternion, Vector3};
 use rand::{RngExt, SeedableRng};
@@ -54,6 +54,12 @@ fn touching() -> Limbs {
     turned(0.5, 1.0, 2.1)
 }
 
+/// Limbs and geometry of an upright person.
+fn upright(limbs: &[Limbs; 2]) -> ([Option<Limbs>; 2], PersonGeometry) {
+    let seen = limbs.map(Some);
+    (seen, PersonGeometry::measure(&person(limbs, &UnitQuaternion::identity()), &seen).expect("a person"))
+}
+
 fn correction() -> Correction {
     Correction { robot: robot().proportions, weight: 1.0 }
 }
@@ -65,15 +71,14 @@ fn distance_deg(a: &Limbs, b: &Limbs) -> f64 {
 #[test]
 fn geometry_does_not_depend_on_facing_or_lean() {
     let limbs = touching();
-    let seen = [Some(limbs); 2];
-    let upright = PersonGeometry::measure(&person(&[limbs; 2], &UnitQuaternion::identity()), &seen).expect("a person");
-    let head = upright.head.expect("a head");
+    let (seen, standing) = upright(&[limbs; 2]);
+    let head = standing.head.expect("a head");
     assert!((head - Vector3::new(0.03, 0.0, 0.2 + 0.3 * 0.025 / 0.186)).norm() < 1e-5, "{head}");
     for (roll, pitch, yaw) in [(0.0, 0.4, 0.0), (0.3, -0.2, 2.5), (-0.4, 0.1, -1.2)] {
         let torso = UnitQuaternion::from_euler_angles(roll, pitch, yaw);
         let geometry = PersonGeometry::measure(&person(&[limbs; 2], &torso), &seen).expect("a person");
         assert!((geometry.head.expect("a head") - head).norm() < 1e-5, "{geometry:?}");
-        assert!((geometry.hands[0].expect("a hand") - upright.hands[0].expect("a hand")).norm() < 1e-5);
+        assert!((geometry.hands[0].expect("a hand") - standing.hands[0].expect("a hand")).norm() < 1e-5);
     }
 }
 
@@ -96,8 +101,7 @@ fn child_touches_as_an_adult() {
 fn limbs_of_hands_that_touch_nothing_stay_to_the_last_bit() {
     let arm = robot().identity.arm;
     let limbs = turned(0.2, 0.3, 0.4);
-    let seen = [Some(limbs); 2];
-    let geometry = PersonGeometry::measure(&person(&[limbs; 2], &UnitQuaternion::identity()), &seen).expect("a person");
+    let (seen, geometry) = upright(&[limbs; 2]);
     let mut memory = Memory::default();
     for _ in 0..10 {
         assert_eq!(correction().apply(&arm, &geometry, (&seen, &[None; 2]), 0.02, &mut memory), seen);
@@ -107,8 +111,7 @@ fn limbs_of_hands_that_touch_nothing_stay_to_the_last_bit() {
 #[test]
 fn correction_comes_and_goes_without_a_step() {
     let (arm, limbs) = (robot().identity.arm, touching());
-    let seen = [Some(limbs); 2];
-    let geometry = PersonGeometry::measure(&person(&[limbs; 2], &UnitQuaternion::identity()), &seen).expect("a person");
+    let (seen, geometry) = upright(&[limbs; 2]);
     let unseen = PersonGeometry { head: None, ..geometry };
     let (mut memory, mut before, mut most_deg) = (Memory::default(), limbs, 0.0_f64);
     for k in 0..150 {
@@ -143,9 +146,7 @@ fn crossing() -> (robot::Model, Correction, [Option<Limbs>; 2], PersonGeometry) 
     let model = shipped("tiago_dual");
     let correction = Correction { robot: Proportions::from_model(&model), weight: 1.0 };
     let limbs = [turned(1.6, 0.5, 1.5), turned(1.6, 0.6, 1.5)];
-    let positions = person(&limbs, &UnitQuaternion::identity());
-    let limbs = limbs.map(Some);
-    let geometry = PersonGeometry::measure(&positions, &limbs).expect("a person");
+    let (limbs, geometry) = upright(&limbs);
     (model, correction, limbs, geometry)
 }
 
@@ -217,15 +218,13 @@ fn in_line() -> Vec<[Limbs; 2]> {
 
 #[test]
 fn still_person_whose_arms_cross_has_still_limbs() {
-    for name in ["tiago_dual", "unitree_g1", "rby1a", "openarm_v10", "franka_fr3_duo"] {
+    for name in ROBOTS {
         let model = shipped(name);
         let arm = ArmModel::from_model(&model);
         let correction = Correction { robot: Proportions::from_model(&model), weight: 1.0 };
         for (fold, limbs) in folds().chain(in_line()).enumerate() {
             for rate_hz in [20.0, 60.0] {
-                let positions = person(&limbs, &UnitQuaternion::identity());
-                let limbs = limbs.map(Some);
-                let geometry = PersonGeometry::measure(&positions, &limbs).expect("a person");
+                let (limbs, geometry) = upright(&limbs);
                 let (mut memory, mut before, mut most_deg) = (Memory::default(), limbs, 0.0_f64);
                 for k in 0..300 {
                     let out = correction.apply(&arm, &geometry, (&limbs, &[None; 2]), 1.0 / rate_hz, &mut memory);
@@ -260,10 +259,8 @@ fn arms_that_cross_over_the_head_do_not_leave_the_torso() {
     let [with, without] = [robot.torso_m, [-9.0, 0.0]].map(|torso_m| {
         let correction = Correction { robot: Proportions { torso_m, ..robot }, weight: 1.0 };
         [2, 3].map(|over| {
-            let limbs = in_line()[over];
-            let geometry = PersonGeometry::measure(&person(&limbs, &UnitQuaternion::identity()), &limbs.map(Some))
-                .expect("a person");
-            correction.apply(&arm, &geometry, (&limbs.map(Some), &[None; 2]), 0.02, &mut Memory::default())
+            let (limbs, geometry) = upright(&in_line()[over]);
+            correction.apply(&arm, &geometry, (&limbs, &[None; 2]), 0.02, &mut Memory::default())
         })
     });
     assert_eq!(with, without);
@@ -271,7 +268,7 @@ fn arms_that_cross_over_the_head_do_not_leave_the_torso() {
 
 #[test]
 fn noise_of_folded_arms_is_not_magnified() {
-    for name in ["tiago_dual", "unitree_g1", "rby1a", "openarm_v10", "franka_fr3_duo"] {
+    for name in ROBOTS {
         let model = shipped(name);
         let (arm, correction) =
             (ArmModel::from_model(&model), Correction { robot: Proportions::from_model(&model), weight: 1.0 });
@@ -288,8 +285,7 @@ fn noise_of_folded_arms_is_not_magnified() {
                     let fore = limbs.fore * Vector3::y() * FORE_M + wrist - elbow;
                     limbs_of(limbs.upper * Vector3::y() * UPPER_M + elbow, fore)
                 });
-                let (positions, limbs) = (person(&limbs, &UnitQuaternion::identity()), limbs.map(Some));
-                let geometry = PersonGeometry::measure(&positions, &limbs).expect("a person");
+                let (limbs, geometry) = upright(&limbs);
                 let out = correction.apply(&arm, &geometry, (&limbs, &[None; 2]), 1.0 / 60.0, &mut memory);
                 let now = [limbs, out].map(|limbs| limbs.map(|limbs| limbs.expect("an arm")));
                 if let Some([limbs, out]) = before.replace(now).filter(|_| k >= 40) {

@@ -1,9 +1,8 @@
 //! The arm model, its Jacobian, the closed form, the refinement and the oracle.
 
-use crate::support;
-
 use std::f64::consts::FRAC_PI_2;
 
+use crate::support::{arm, random_limbs, random_q};
 use nalgebra::{UnitQuaternion, Vector3};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
@@ -11,7 +10,6 @@ use retarget::{
     ARM_Q, ArmModel, ArmQ, Limbs, PRIOR_WEIGHT, closed_form, features, limb_error_deg, oracle, posture, refine, s_gr,
     slerp,
 };
-use support::{arm, random_limbs, random_q};
 
 fn worst(arm: &ArmModel, q: &ArmQ, human: &Limbs) -> f64 {
     limb_error_deg(&arm.forward(q), human).into_iter().fold(0.0, f64::max)

@@ -4,13 +4,9 @@ use crate::support;
 
 use std::f64::consts::TAU;
 
-use messages::{
-    JointTarget, Skeleton, Stamp, TICK_S, TRAJECTORY_NODE_TICKS, TRAJECTORY_NODES, deadline, skeleton_flag,
-};
+use messages::{JointTarget, Skeleton, Stamp, TICK_S, TRAJECTORY_NODE_TICKS, TRAJECTORY_NODES, skeleton_flag};
 use nalgebra::{UnitQuaternion, Vector3};
-use retarget::{
-    Config, FollowingArms, Input, Limbs, Method, Settings, State, mirror, rotation_from_xyzw, tick, xyzw_from_rotation,
-};
+use retarget::{Config, FollowingArms, Limbs, Method, Settings, mirror, rotation_from_xyzw, xyzw_from_rotation};
 use support::{START_NS, layers, robot, weights};
 
 const RATE_HZ: f64 = 60.0;
@@ -51,15 +47,7 @@ pub(crate) fn source_at(person: Person, seconds: f64, rate_hz: f64) -> Vec<Skele
 
 /// Targets of all ticks for `seconds`, with their times.
 pub(crate) fn run(config: &Config, skeletons: &[Skeleton], seconds: f64) -> Vec<(Stamp, JointTarget)> {
-    let first = messages::tick_at(Stamp(START_NS)) + 1;
-    let mut state = State::default();
-    (first..first + (seconds * 1500.0) as u64)
-        .map(|k| {
-            let now = deadline(k);
-            let newest = skeletons.iter().rev().find(|skeleton| skeleton.received <= now);
-            (now, tick(config, &mut state, now, Input { k, skeleton: newest }).target)
-        })
-        .collect()
+    support::run_every(1, config, skeletons, seconds).into_iter().map(|(now, output)| (now, output.target)).collect()
 }
 
 pub(crate) fn turn(axis: Vector3<f64>, angle: f64) -> UnitQuaternion<f64> {

@@ -1,13 +1,11 @@
 //! The networks compared with a plain reference in f64, and the weights file with every possible error.
 
-use crate::support;
-
+use crate::support::{arm, identity, layers, random_q, sums};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use retarget::{
     Dense, Manifest, Network, Weights, WeightsError, interpolate_latent, read_layers, sha256_hex, write_weights,
 };
-use support::{arm, identity, layers, random_q, sums};
 
 fn close(got: &[f32], want: &[f64], what: &str) {
     for (got, want) in got.iter().zip(want) {

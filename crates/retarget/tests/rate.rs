@@ -4,7 +4,7 @@ use crate::support;
 
 use std::f64::consts::TAU;
 
-use messages::{Skeleton, Stamp, TICK_S, deadline, skeleton_flag, target_flag, tick_at};
+use messages::{Skeleton, Stamp, TICK_S, skeleton_flag, target_flag, tick_at};
 use nalgebra::{Quaternion, UnitQuaternion};
 use proptest::prelude::*;
 use rand::{RngExt, SeedableRng};
@@ -40,18 +40,8 @@ fn steady(rate_hz: f64, from_ms: f64, to_ms: f64) -> impl Iterator<Item = (f64, 
 
 /// Outputs of all ticks until `ms`, by milliseconds from the first arrival.
 fn run(config: &Config, skeletons: &[Skeleton], ms: u64) -> impl Fn(u64) -> Output + use<> {
-    let first = tick_at(Stamp(START_NS)) + 1;
-    let (mut state, mut next) = (State::default(), 0);
-    let step = |k: u64| {
-        let now = deadline(k);
-        while skeletons.get(next).is_some_and(|skeleton| skeleton.received <= now) {
-            next += 1;
-        }
-        let newest = next.checked_sub(1).map(|i| &skeletons[i]);
-        tick(config, &mut state, now, Input { k, skeleton: newest })
-    };
-    let outputs: Vec<Output> = (first..first + ms * 3 / 2).map(step).collect();
-    move |ms| outputs[(ms * 3 / 2) as usize]
+    let outputs = support::run_every(1, config, skeletons, ms as f64 * 1e-3);
+    move |ms| outputs[(ms * 3 / 2) as usize].1
 }
 
 fn follows(output: &Output) -> bool {

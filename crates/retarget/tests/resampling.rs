@@ -4,7 +4,7 @@ use crate::support;
 
 use std::f64::consts::TAU;
 
-use messages::{Skeleton, Stamp, TICK_S, deadline, target_flag};
+use messages::{Skeleton, Stamp, TICK_S, target_flag};
 use nalgebra::{Quaternion, UnitQuaternion};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
@@ -48,20 +48,8 @@ fn run(config: &Config, arrivals: &Arrivals, seconds: f64) -> Vec<(Stamp, Output
 
 /// As `run`, on one of every `ticks` ticks. The others are skipped, as those of a process that is late.
 fn run_every(ticks: usize, config: &Config, arrivals: &Arrivals, seconds: f64) -> Vec<(Stamp, Output)> {
-    let first = messages::tick_at(Stamp(START_NS));
-    let mut state = State::default();
-    let mut next = 0;
-    (first..first + (seconds * 1500.0) as u64)
-        .step_by(ticks)
-        .map(|k| {
-            let now = deadline(k);
-            while next < arrivals.len() && arrivals[next].0 <= now.0 {
-                next += 1;
-            }
-            let newest = next.checked_sub(1).map(|i| &arrivals[i].1);
-            (now, tick(config, &mut state, now, Input { k, skeleton: newest }))
-        })
-        .collect()
+    let skeletons: Vec<Skeleton> = arrivals.iter().map(|(_, skeleton)| *skeleton).collect();
+    support::run_every(ticks, config, &skeletons, seconds)
 }
 
 fn angle(a: [f64; 4], b: [f64; 4]) -> f64 {

@@ -1,12 +1,13 @@
 //! Effect of noise and limits on the output of the shipped weights.
 
+use crate::limb_trajectory::skeleton;
 use crate::support;
 
-use messages::{Skeleton, deadline};
+use messages::deadline;
 use nalgebra::{UnitQuaternion, Vector3};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
-use retarget::{ArmModel, ArmQ, Config, Input, Limbs, Settings, State, mirror, solve_poses, tick, xyzw_from_rotation};
+use retarget::{ArmModel, ArmQ, Config, Input, Limbs, Settings, State, solve_poses, tick};
 
 /// Largest factor from 0.1 degrees of the person to a joint: 30 degrees at once. Keeping the posture prevents
 /// 2677, the jump from one end of joint 3 to the other.
@@ -84,7 +85,7 @@ fn output_is_continuous_when_joint_crosses_its_limit() {
             // 60 Hz, and one tick per skeleton: without a delay the target shows it at once.
             let k = 7_500_000 + 25 * i as u64;
             let now = deadline(k);
-            let skeleton = skeleton_of(i as u64 + 1, now.0, &arm.forward(&q));
+            let skeleton = skeleton(i as u64 + 1, now.0, &[arm.forward(&q); 2]);
             let target = tick(&config, &mut state, now, Input { k, skeleton: Some(&skeleton) }).target;
             let shown: ArmQ = std::array::from_fn(|j| target.q[3 + j]);
             if let Some(before) = before.replace(shown) {
@@ -105,15 +106,4 @@ fn output_is_continuous_when_joint_crosses_its_limit() {
     );
     assert!(share(0.99) < 12.0 && share(0.999) < 25.0, "99 %: {:.1}, 99.9 %: {:.1}", share(0.99), share(0.999));
     assert!(share(1.0) < WORST_AMPLIFICATION, "worst: {:.1}", share(1.0));
-}
-
-/// Both arms with these limbs (of a left arm), captured and received at `at_ns`.
-fn skeleton_of(sequence: u64, at_ns: u64, limbs: &Limbs) -> Skeleton {
-    let mut skeleton = support::skeleton(sequence, at_ns, at_ns, &[[0.0; 5]; 2]);
-    for (i, rotation) in [limbs.upper, limbs.fore].iter().enumerate() {
-        let left = xyzw_from_rotation(rotation);
-        skeleton.limbs[i] = left.map(|x| x as f32);
-        skeleton.limbs[2 + i] = mirror(left).map(|x| x as f32);
-    }
-    skeleton
 }

@@ -1,16 +1,9 @@
 //! Tests obstacles around the robot: the refusals, the names in them, and distances against plain sampling.
 
-use crate::support;
-
+use crate::support::{LEFT_ARM, RIGHT_ARM, shipped};
 use nalgebra::{Rotation3, Vector3};
 use rand::{RngExt, SeedableRng};
 use robot::{BoxEntry, Environment, Frames, PlaneEntry, Solid};
-use support::shipped;
-
-/// TIAGo++: the joints of its left arm.
-const LEFT_ARM: std::ops::Range<usize> = 3..10;
-/// TIAGo++: the joints of its right arm.
-const RIGHT_ARM: std::ops::Range<usize> = 10..17;
 
 fn floor() -> PlaneEntry {
     PlaneEntry { name: "floor".into(), normal: [0.0, 0.0, 1.0], offset_m: 0.0 }

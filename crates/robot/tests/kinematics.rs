@@ -6,10 +6,7 @@ use messages::JOINTS_MAX;
 use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector3};
 use rand::{RngExt, SeedableRng};
 use robot::{Frames, Model};
-use support::{shipped, uniform};
-
-/// Joints of TIAGo++.
-const JOINTS: usize = 17;
+use support::{JOINTS, shipped, uniform};
 
 const VECTORS: &str = include_str!("data/fk_vectors.txt");
 

@@ -1,9 +1,7 @@
 //! Tests that every defect of a URDF or a robot file is refused, and that the error names file, key, value
 //! and bound.
 
-use crate::support;
-
-use support::{TOML, URDF, load};
+use crate::support::{TOML, URDF, load};
 
 /// The shipped text with one place changed. The place is the first one after `after`.
 fn edit(text: &str, after: &str, old: &str, new: &str) -> String {

@@ -5,12 +5,7 @@ use crate::support;
 use nalgebra::Vector3;
 use robot::{AllowedReason, Form, Frames, Inertia};
 use std::f64::consts::FRAC_PI_2;
-use support::{GRIPPER_TOML, GRIPPER_URDF, TOML, URDF, load, shipped};
-
-/// TIAGo++: the joints of its left arm.
-const LEFT_ARM: std::ops::Range<usize> = 3..10;
-/// TIAGo++: the joints of its right arm.
-const RIGHT_ARM: std::ops::Range<usize> = 10..17;
+use support::{GRIPPER_TOML, GRIPPER_URDF, LEFT_ARM, RIGHT_ARM, TOML, URDF, load, shipped};
 
 #[test]
 fn home_posture_has_5_cm_clearance_and_room_to_limits() {

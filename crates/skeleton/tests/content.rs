@@ -1,9 +1,7 @@
 //! Contents of a frame: numbers that are not finite, impossible bodies, sides, units and axes.
 
-use crate::person;
-
+use crate::person::{feed, person, raw, read, running, standing, store};
 use messages::{RawSkeleton, SMPL_JOINTS, Skeleton, calibration_flag, skeleton_flag};
-use person::{feed, person, raw, read, running, standing, store};
 use proptest::prelude::*;
 use skeleton::{Config, DropReason, Input, State, tick};
 

@@ -1,10 +1,8 @@
 //! Limb frames and hinges compared with arms of known angles.
 
-use crate::person;
-
+use crate::person::{Body, arm, mirror, person, read, store};
 use messages::{HingeCalibration, LIMBS, Layout, calibration_flag, skeleton_flag};
 use nalgebra::{UnitQuaternion, Vector3};
-use person::{Body, arm, mirror, person, read, store};
 use proptest::prelude::*;
 use skeleton::{Calibrator, Hold, LimbFrames, limbs_from_positions_rotations, torso_rotation};
 

@@ -1,9 +1,7 @@
 //! Order of frames: stamps and sequences that run backwards, ahead, twice, or wrap around.
 
-use crate::person;
-
+use crate::person::{feed, raw, running, standing};
 use messages::Stamp;
-use person::{feed, raw, running, standing};
 use proptest::prelude::*;
 use skeleton::{Config, DropReason, Input, State, tick};
 

@@ -1,9 +1,7 @@
 //! Every reason to drop a frame.
 
-use crate::person;
-
+use crate::person::{feed, person, raw, running, standing};
 use messages::{RawSkeleton, Stamp, calibration_flag, raw_flag, skeleton_flag};
-use person::{feed, person, raw, running, standing};
 use skeleton::{Config, DropReason, Input, State, tick};
 
 #[test]

@@ -1,14 +1,12 @@
 //! From any clear posture, towards any target, engaging starts without a jump. After a long hold it is just as
 //! slow.
 
-use crate::support;
-
+use crate::support::{Bench, JOINTS, TORSO, clearance, loaded};
 use messages::{Faults, JOINTS_MAX, JointTarget, Layout, Mode, TICK_HZ, TICK_S, TRAJECTORY_NODES};
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use robot::{Frames, Model};
-use support::{Bench, JOINTS, TORSO, clearance, loaded};
 
 /// Number of postures.
 const POSTURES: u32 = 24;

@@ -1,11 +1,9 @@
 //! Payloads: taken only at rest, refused with a reason, and used in every certificate from then on.
 
-use crate::support;
-
+use crate::support::{Bench, LEFT_ARM, loaded};
 use explain::payload_refused;
 use messages::{Fault, Faults, JOINTS_MAX, Mode, PayloadOrder, PayloadRefusal, TICK_HZ};
 use robot::{Model, Names, Payload};
-use support::{Bench, LEFT_ARM, loaded};
 
 /// Joint that lifts the left arm: its second one.
 const LIFTS: usize = LEFT_ARM.start + 1;

@@ -1,13 +1,11 @@
 //! A robot that starts outside its limits or too close to itself is refused. Hold-to-run brings it back, and then
 //! it engages. Control and driver are the real ones, the robot is simulated.
 
-use crate::support;
-
+use crate::support::{Bench, JOINTS, clearance, distances, loaded};
 use messages::{Fault, Faults, JOINTS_MAX, Mode, TICK_HZ, Transition};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use robot::{Frames, Model};
-use support::{Bench, JOINTS, clearance, distances, loaded};
 
 /// Margin beyond d_min with which a recovery ends, m.
 const MARGIN_M: f64 = 3e-3;

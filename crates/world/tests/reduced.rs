@@ -1,15 +1,13 @@
 //! Reduced speed through the whole chain: a clean motion is never slowed, a target that jumps is, and no limit
 //! breaks.
 
-use crate::support;
-
+use crate::support::{Bench, JOINTS, loaded};
 use client::{PlayOptions, Player};
 use messages::{JOINTS_MAX, Mode, TICK_HZ, reduced_flag};
 use motion::CalibrationMode;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use safety::engage::OperatorView;
-use support::{Bench, JOINTS, loaded};
 use world::{Links, Running, World, WorldConfig};
 
 /// Plays the first seconds of the built-in motion at a frame rate. Returns the number of engaged ticks.

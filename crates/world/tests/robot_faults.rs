@@ -1,13 +1,12 @@
 //! Faults of the robot itself, injected into the simulated one. The tests check how control and the driver react
 //! together.
 
-use crate::support;
 use driver::PlanPlayback;
 
+use crate::support::{Bench, ELBOW, JOINTS, LEFT_ARM, loaded};
 use messages::{Fault, Faults, Mode, TICK_HZ, TICK_S, state_flag};
 use plant::Injection;
 use std::sync::LazyLock;
-use support::{Bench, ELBOW, JOINTS, LEFT_ARM, loaded};
 
 /// The right elbow. The left one has most of the injected faults.
 const OTHER: usize = 13;

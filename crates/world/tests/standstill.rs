@@ -1,11 +1,9 @@
 //! A robot that moves without a command: swings and sagging arms, with control and the simulated driver together.
 
-use crate::support;
-
+use crate::support::{Bench, ELBOW, JOINTS};
 use messages::{Fault, Faults, Mode, Response, RobotState, TICK_HZ, TICK_S};
 use plant::Injection;
 use std::f64::consts::TAU;
-use support::{Bench, ELBOW, JOINTS};
 
 /// Measurement of an elbow that swings about its command, `n` ticks after the start.
 fn swinging(amplitude: f64, hz: f64, n: u64) -> impl Fn(&mut RobotState) {

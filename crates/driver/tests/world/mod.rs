@@ -3,8 +3,9 @@
 mod control;
 mod oracle;
 
+use crate::bench::measured;
 pub(crate) use control::Control;
-use driver::{Config, Drives, Input, JointLimits, Measured, State, StepKind, tick_each};
+use driver::{Config, Input, JointLimits, Measured, State, StepKind, tick_each};
 use messages::{Header, JOINTS_MAX, JointCommand, Layout, RobotId, RobotState, Stamp, TICK_HZ, deadline};
 use oracle::Oracle;
 
@@ -121,14 +122,7 @@ impl World {
         let command = self.commands.read(self.quarter);
         // The robot stands at the last setpoint of its driver.
         let setpoint = self.follower.setpoint();
-        let robot = Measured {
-            stamp: now,
-            q: setpoint.q,
-            dq: [0.0; JOINTS_MAX],
-            drives: Drives::SOUND,
-            unanswered: false,
-            refused: false,
-        };
+        let robot = Measured { stamp: now, q: setpoint.q, ..measured() };
         let input = Input {
             due_k: (self.quarter - GRACE_QUARTERS) / 4,
             command: command.as_ref(),
@@ -151,17 +145,9 @@ impl World {
         }
         assert_eq!(out.executed, self.follower.setpoint());
         assert!(self.follower.index() >= input.due_k, "what is due is executed");
-        let measured = Measured {
-            stamp: now,
-            q: out.executed.q,
-            dq: out.executed.v,
-            drives: Drives::SOUND,
-            unanswered: false,
-            refused: false,
-        };
-        self.echoes
-            .under_way
-            .push((self.quarter + echo_delay, self.follower.echo(&self.config, Header::ZERO, &measured)));
+        let measured = Measured { q: out.executed.q, dq: out.executed.v, ..robot };
+        let echo = self.follower.echo(&self.config, Header::ZERO, &measured);
+        self.echoes.under_way.push((self.quarter + echo_delay, echo));
     }
 
     /// Replaces the driver by one that has just started and holds the posture of the last one.

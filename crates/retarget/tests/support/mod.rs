@@ -4,15 +4,15 @@
 use std::f64::consts::FRAC_PI_2;
 use std::path::Path;
 
-use messages::{JOINTS_MAX, Layout, RobotId, Skeleton, Stamp, skeleton_flag};
+use messages::{JOINTS_MAX, Layout, RobotId, Skeleton, Stamp, deadline, skeleton_flag, tick_at};
 use nalgebra::Vector3;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use retarget::contact::{Part, Proportions};
 use retarget::surface::Surface;
 use retarget::{
-    ArmIdentity, ArmModel, ArmQ, Config, Dense, KinematicChain, LATENT, Layers, Limbs, Manifest, Method, Prediction,
-    RobotArms, Settings, Weights, mirror, write_weights, xyzw_from_rotation,
+    ArmIdentity, ArmModel, ArmQ, Config, Dense, Input, KinematicChain, LATENT, Layers, Limbs, Manifest, Method, Output,
+    Prediction, RobotArms, Settings, State, Weights, mirror, tick, write_weights, xyzw_from_rotation,
 };
 
 /// Time at which the tests begin, ns.
@@ -169,6 +169,24 @@ pub(crate) fn prediction() -> Prediction {
 pub(crate) fn prediction_files() -> [Vec<u8>; 2] {
     let base = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../weights/prediction");
     ["toml", "safetensors"].map(|extension| std::fs::read(base.with_extension(extension)).expect("shipped"))
+}
+
+/// Outputs of the ticks of this time, each with the newest skeleton. Of so many ticks only one is run, as by a process that is
+/// late.
+pub(crate) fn run_every(every: usize, config: &Config, skeletons: &[Skeleton], seconds: f64) -> Vec<(Stamp, Output)> {
+    let first = tick_at(Stamp(START_NS)) + 1;
+    let (mut state, mut next) = (State::default(), 0);
+    (first..first + (seconds * 1500.0) as u64)
+        .step_by(every)
+        .map(|k| {
+            let now = deadline(k);
+            while skeletons.get(next).is_some_and(|skeleton| skeleton.received <= now) {
+                next += 1;
+            }
+            let skeleton = next.checked_sub(1).map(|i| &skeletons[i]);
+            (now, tick(config, &mut state, now, Input { k, skeleton }))
+        })
+        .collect()
 }
 
 /// A skeleton whose two arms have the postures `q` (both arms by the model of the left one).

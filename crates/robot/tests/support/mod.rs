@@ -5,6 +5,11 @@ use messages::JOINTS_MAX;
 use rand::RngExt;
 use robot::{Model, RobotError};
 
+/// Joints of TIAGo++, and of them those of its left and right arm.
+pub const JOINTS: usize = 17;
+pub const LEFT_ARM: std::ops::Range<usize> = 3..10;
+pub const RIGHT_ARM: std::ops::Range<usize> = 10..17;
+
 /// The shipped robot file.
 pub const TOML: &str = include_str!("../../../../config/robots/tiago_dual.toml");
 /// The shipped URDF.
