@@ -1,14 +1,13 @@
 //! Tests that a tick never allocates.
 
-use crate::support;
+use crate::support::motion::resting;
+use crate::support::{Bench, model};
 use messages::Stamp;
 use rand::{Rng, SeedableRng};
 use robot::{Frames, Pose};
 use rt::count_allocations;
 use safety::gate::{Config, State, tick};
 use safety::monitor;
-use support::motion::resting;
-use support::{Bench, model};
 
 #[test]
 fn engage_and_gate_ticks_allocate_nothing() {

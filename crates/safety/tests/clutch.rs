@@ -1,9 +1,8 @@
 //! Tests the clutch: the robot stands while it is held, and comes slowly afterwards.
 
-use crate::support;
+use crate::support::{Bench, ticks};
 use messages::{Fault, Mode};
 use safety::engage::Permit;
-use support::{Bench, ticks};
 
 #[test]
 fn f119_clutch_holds_for_as_long_as_it_is_held_and_the_robot_then_follows_slowly() {

@@ -1,9 +1,8 @@
 //! Tests engagement over time: what must never happen, and when required actions happen.
 
-use crate::support;
+use crate::support::{Bench, settings, ticks};
 use messages::{Fault, Mode, Transition};
 use safety::engage::{Config, ConfigError, Permit, Settings, speed_scale};
-use support::{Bench, settings, ticks};
 
 #[test]
 fn f066_enable_stuck_at_boot_never_engages() {
@@ -81,34 +80,6 @@ fn f021_f036_f051_silence_acts_exactly_at_its_timeout() {
         let exact = ms * 1500 / 1000;
         assert!((exact..=exact + 1).contains(&taken), "{what}: {taken} ticks for {ms} ms");
     }
-}
-
-#[test]
-fn own_sleep_causes_no_fault() {
-    let mut bench = Bench::engaged();
-    // For 80 ms neither this process nor any other ran.
-    bench.alive.target = false;
-    bench.alive.state = false;
-    bench.alive.heartbeat = false;
-    bench.input.k += 120;
-    bench.input.own_gap_ns = 80_666_667;
-    let out = bench.step();
-    assert_eq!((out.mode, out.active.is_empty()), (Mode::Engaged, true), "{:?}", out.active);
-    // From here on a silence is a real silence.
-    let taken = bench.until(Mode::Holding, 20);
-    assert!(taken <= 7, "{taken}");
-}
-
-#[test]
-fn writer_with_future_stamps_counts_as_silent() {
-    let mut bench = Bench::engaged();
-    bench.alive.target = false;
-    bench.input.target.received = messages::Stamp(u64::MAX);
-    assert!(bench.until(Mode::Holding, 20) <= 16);
-    let mut bench = Bench::engaged();
-    bench.alive.input = false;
-    bench.input.target.input_received = bench.now().plus_ns(1_000_000_000);
-    assert!(bench.until(Mode::Holding, 200) <= 151);
 }
 
 #[test]

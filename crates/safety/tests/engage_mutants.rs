@@ -1,51 +1,9 @@
 //! Tests the state machine's figures at their edges. They would reveal one wrong sign or one wrong
 //! comparison.
 
-use crate::support;
+use crate::support::{Alive, Bench, settings, ticks};
 use messages::{FAULTS, Fault, Mode, Stamp, deadline, reduced_flag};
-use safety::engage::{Config, Output, Permit, Settings};
-use support::{Alive, Bench, settings, ticks};
-
-/// Thresholds with all real-time bounds multiplied by `factor`.
-fn relaxed(factor: f64) -> Config {
-    Config::relaxed(&Settings { stale_factor_without_realtime: factor, ..settings() }).expect("allowed")
-}
-
-/// Number of ticks until the mode is `mode`, with all real-time bounds multiplied by `factor`.
-fn patience(factor: f64, mode: Mode, fail: impl Fn(&mut Bench)) -> u64 {
-    let mut bench = Bench::engaged();
-    bench.config = relaxed(factor);
-    fail(&mut bench);
-    bench.until(mode, 10_000)
-}
-
-#[test]
-fn timeouts_grow_with_factor_except_tracking_error() {
-    type Fail = fn(&mut Bench);
-    let relaxed: [(f64, Mode, Fail); 3] = [
-        (settings().target_stale_ms, Mode::Holding, |bench| bench.alive.target = false),
-        (settings().state_late_ms, Mode::Holding, |bench| bench.alive.state = false),
-        (settings().state_stale_ms, Mode::Faulted, |bench| bench.alive.state = false),
-    ];
-    for (ms, mode, fail) in relaxed {
-        for factor in [1.0, 10.0] {
-            let (took, most) = (patience(factor, mode, fail), ticks((ms * factor) as u64));
-            assert!(took >= most - 2 && took <= most + 5, "{ms} ms times {factor}: {took} ticks, expected {most}");
-        }
-    }
-    let never_relaxed: Fail = |bench| bench.input.robot.tracking_error_rad = 0.1;
-    assert_eq!(patience(1.0, Mode::Faulted, never_relaxed), patience(10.0, Mode::Faulted, never_relaxed));
-}
-
-#[test]
-fn missed_deadline_limit_grows_with_factor() {
-    for (factor, missed, stops) in [(1.0, 9, false), (1.0, 10, true), (10.0, 99, false), (10.0, 100, true)] {
-        let mut bench = Bench::engaged();
-        bench.config = relaxed(factor);
-        bench.input.deadlines_missed = missed;
-        assert_eq!(bench.step().active.has(Fault::DeadlineMissed), stops, "{missed} with {factor}");
-    }
-}
+use safety::engage::{Output, Permit};
 
 #[test]
 fn writer_never_seen_gives_only_its_missing_fault() {

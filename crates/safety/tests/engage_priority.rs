@@ -1,10 +1,9 @@
 //! Tests every state with every combination of edges, levels and faults. A stop wins, and only transitions of
 //! the diagram occur.
 
-use crate::support;
+use crate::support::{Bench, ticks};
 use messages::{Fault, Faults, Mode, Response};
 use safety::engage::{Output, Permit, SPEED_SCALE_FIRST};
-use support::{Bench, ticks};
 
 const BITS: u32 = 19;
 

@@ -1,13 +1,12 @@
 //! Tests every (state, event) pair of engagement, legal or not. Each is a line of `engage.txt`. The diagram
 //! in ARCHITECTURE.md is generated from the same pairs.
 
-use crate::support;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write;
 
+use crate::support::{Bench, ticks};
 use messages::{FAULTS, Fault, Mode, Response, Transition};
 use safety::engage::Permit;
-use support::{Bench, ticks};
 
 type State = (&'static str, fn() -> Bench);
 type Event = (&'static str, fn(&mut Bench));

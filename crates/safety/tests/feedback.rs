@@ -1,10 +1,9 @@
 //! Tests that implausible measurements are detected, and that sound ones never are.
 
-use crate::support;
+use crate::support::{JOINTS, MODEL};
 use messages::{JOINTS_MAX, TICK_S};
 use proptest::prelude::*;
 use safety::monitor::{Feedback, Judged, Sample};
-use support::{JOINTS, MODEL};
 
 /// TIAGo++: a joint of its right arm.
 const ELBOW: usize = 10;

@@ -1,6 +1,8 @@
 //! Tests which commands the gate accepts, and what it sends in place of the others.
 
-use crate::support;
+use crate::support::adversary::Adversary;
+use crate::support::motion::{NO_PLAN, T, resting, set_joint, set_stopping, stop_from, store};
+use crate::support::{JOINTS, model};
 use judge::joint::{Joint, Stop};
 use messages::{JOINTS_MAX, JointMotion, Stamp, StopPlan};
 use rand::{Rng, RngExt, SeedableRng};
@@ -9,9 +11,6 @@ use robot::{Frames, JointLimits, Model, Pose};
 use safety::clearance::clearance;
 use safety::engage::Permit;
 use safety::gate::{Check, Config, ConfigError, Decision, Denial, Proposed, State, Verdict, tick};
-use support::adversary::Adversary;
-use support::motion::{NO_PLAN, T, resting, set_joint, set_stopping, stop_from, store};
-use support::{JOINTS, model};
 
 /// The robot without collision pairs, for tests of joints only.
 fn without_pairs() -> Model {

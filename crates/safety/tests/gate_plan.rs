@@ -1,14 +1,13 @@
 //! Tests that a sender which computes the plan itself, in `f64`, stays on the plan to its end.
 
-use crate::support;
+use crate::support::motion::{T, joint, resting, set_joint, set_stopping, store};
+use crate::support::{JOINTS, model};
 use judge::joint::{Joint, stop_of};
 use messages::Stamp;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use safety::engage::Permit;
 use safety::gate::{Config, Proposed, State, Verdict, tick};
-use support::motion::{T, joint, resting, set_joint, set_stopping, store};
-use support::{JOINTS, model};
 
 /// Goes one tick along the plan. Durations shrink, phases are used up, and the end is exact rest.
 fn advance(p: &mut Proposed) {

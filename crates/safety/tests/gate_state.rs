@@ -1,13 +1,12 @@
 //! Tests the gate's reports: the state last sent, the figures of a decision, and the unit of every denial.
 
-use crate::support;
+use crate::support::motion::{NO_PLAN, T, joint, resting, set_stopping};
+use crate::support::{JOINTS, model};
 use judge::joint::{Joint, stop_of};
 use messages::{JOINTS_MAX, JointMotion, Stamp};
 use safety::clearance::clearance;
 use safety::engage::Permit;
 use safety::gate::{Check, Config, Denial, Proposed, State, Verdict, tick};
-use support::motion::{NO_PLAN, T, joint, resting, set_stopping};
-use support::{JOINTS, model};
 
 /// All joints move, each at its own speed, with the stops from there.
 fn moving(model: &robot::Model, k: u64) -> Proposed {

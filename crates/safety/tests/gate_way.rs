@@ -1,6 +1,7 @@
 //! Tests a stop whose beginning and end are clear, but not its way.
 
-use crate::support;
+use crate::support::model;
+use crate::support::motion::{T, joint, resting, set_stopping};
 use judge::joint::{Joint, stop_of};
 use messages::{JOINTS_MAX, Stamp};
 use rand::{RngExt, SeedableRng};
@@ -8,8 +9,6 @@ use rand_pcg::Pcg64;
 use robot::{Frames, Model, Obstacle, Solid};
 use safety::clearance::clearance;
 use safety::gate::{Config, Denial, Interface, Proposed, State, Verdict, tick};
-use support::model;
-use support::motion::{T, joint, resting, set_stopping};
 
 /// A random posture from which all joints continue at 0.9 of their speeds. Returns the state before it and
 /// the proposal for the tick.

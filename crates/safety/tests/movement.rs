@@ -1,13 +1,12 @@
 //! Tests that joints which move otherwise than commanded are detected, and a robot that does not stand still.
 //! Sound ones are accepted.
 
-use crate::support;
+use crate::support::{JOINTS, MODEL, TORSO};
 use messages::{JOINTS_MAX, TICK_HZ, TICK_S};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use safety::monitor::{Moved, Movement, Sample};
 use std::f64::consts::{PI, TAU};
-use support::{JOINTS, MODEL, TORSO};
 
 /// The left elbow.
 const ELBOW: usize = 6;

@@ -1,14 +1,13 @@
 //! Tests which commands of a recovery the gate accepts: only slow ones that lead inward and apart.
 
-use crate::support;
+use crate::support::motion::{T, joint, resting, set_stopping};
+use crate::support::{JOINTS, LEFT_ARM, model};
 use judge::joint::Joint;
 use messages::{JOINTS_MAX, Stamp};
 use robot::{Frames, Model};
 use safety::engage::Permit;
 use safety::gate::{Check, Config, Denial, Proposed, State, Verdict, tick};
 use safety::monitor;
-use support::motion::{T, joint, resting, set_stopping};
-use support::{JOINTS, LEFT_ARM, model};
 
 const J: usize = 6;
 const JERK: f64 = 50.0;

@@ -1,10 +1,9 @@
 //! Tests reduced speed: problems that need not stop the robot make it slow, and nothing else does.
 
-use crate::support;
+use crate::support::{Bench, settings, ticks};
 use messages::{Fault, Mode, reduced_flag};
 use proptest::prelude::*;
 use safety::engage::{Output, Permit, SLOW};
-use support::{Bench, settings, ticks};
 
 const TICK_NS: u64 = 666_667;
 

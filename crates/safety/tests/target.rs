@@ -1,10 +1,9 @@
 //! Tests that jumps of a target are distinguished from fast people, joint by joint or limb by limb.
 
-use crate::support;
+use crate::support::{LEFT_ARM, MODEL, TORSO};
 use messages::{JOINTS_MAX, LIMBS, TICK_S};
 use safety::monitor::{TargetSteps, far_behind};
 use std::f64::consts::PI;
-use support::{LEFT_ARM, MODEL, TORSO};
 
 const ELBOW: usize = LEFT_ARM.start + 3;
 const ALL: u32 = (1 << JOINTS_MAX) - 1;
