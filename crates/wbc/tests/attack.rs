@@ -1,11 +1,10 @@
 //! Tests the stage's guarantees against targets that try to break them.
 
-use crate::support;
+use crate::support::{D_MIN_M, JOINTS, config, config_of, home, input, limits, made_up, shipped, towards};
 use judge::{Attacker, Checker, Robot, Rollout};
 use messages::{ALL_JOINTS, JOINTS_MAX, Stamp, TICK_S};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
-use support::{D_MIN_M, JOINTS, config, config_of, home, input, limits, made_up, shipped, towards};
 use wbc::{
     Candidate, Input, JointMotion, JointStop, Options, Permit, PlannedMotion, State, Target, certify_plan,
     certify_rest, tick,

@@ -1,12 +1,11 @@
 //! Tests the executed motion of a robot whose controllers are not synchronised and put splines through
 //! samples of the command.
 
-use crate::support;
+use crate::support::{D_MIN_M, config_of, input, made_up, parts};
 use judge::{Attacker, Checker, Robot};
 use messages::{ALL_JOINTS, JOINTS_MAX, Stamp, TICK_S};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
-use support::{D_MIN_M, config_of, input, made_up, parts};
 use wbc::{
     Config, Input, Interface, Interpolation, JointMotion, Options, Output, Permit, State, Target, WbcError,
     certify_rest, tick,

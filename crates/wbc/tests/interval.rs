@@ -1,10 +1,9 @@
 //! Tests the jerk interval against brute force. Every admitted jerk is safe, and no jerk beyond its ends is.
 
-use crate::support;
+use crate::support::limits;
 use messages::TICK_S;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
-use support::limits;
 use wbc::interval::Bounds;
 use wbc::{JointState, JointStop};
 

@@ -1,11 +1,10 @@
 //! Tests recovery from random postures outside the limits and in collision. The tests' own kinematics judge
 //! them.
 
-use crate::support;
+use crate::support::{JOINTS, config_of, made_up};
 use messages::{JOINTS_MAX, Stamp, TICK_S};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
-use support::{JOINTS, config_of, made_up};
 use wbc::plan::{JointState, JointStop};
 use wbc::{ENGAGE_MARGIN_M, Input, Options, Permit, PlannedMotion, State, tick};
 

@@ -1,12 +1,11 @@
 //! Plays the stored plan of random ticks to rest in steps of a tenth of a millisecond. The judge shares no
 //! code with the certificate: it measures the capsules by parry's segments.
 
-use crate::support;
+use crate::support::{config_of, input, shipped};
 use judge::{Attacker, Robot, Rollout};
 use messages::Stamp;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
-use support::{config_of, input, shipped};
 use wbc::{Options, State, tick};
 
 const STEP_S: f64 = 1e-4;

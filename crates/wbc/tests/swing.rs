@@ -1,6 +1,7 @@
 //! Tests the certificate on a motion whose clearance is known: an arm sweeps along an arc past a post just
 //! outside it.
 
+use crate::support::{D_MIN_M, parts};
 use messages::JOINTS_MAX;
 use nalgebra::{Matrix3, Vector3};
 use wbc::chain::{KinematicChain, KinematicLink, Placement};
@@ -10,7 +11,6 @@ use wbc::{Config, JointMotion, JointState, JointStop, Options, Parts, PlannedMot
 
 const REACH_M: f64 = 0.5;
 const RADIUS_M: f64 = 0.02;
-const D_MIN_M: f64 = 0.01;
 /// The swing is fast and hardly brakes. Nearly all of the acceleration is centripetal, so B is nearly
 /// attained.
 const BOUNDS: Bounds = Bounds { q_min: -6.0, q_max: 6.0, v_max: 8.0, a_max: 20.0, brake: 20.0, j_max: 4000.0 };
@@ -35,13 +35,7 @@ fn robot(post: usize, gap_m: f64, angle: f64) -> Config {
         home: [0.0; JOINTS_MAX],
         capsules: vec![capsule(2, ball), capsule(post, away)],
         pairs: vec![[0, 1]],
-        obstacles: Vec::new(),
-        d_min_m: D_MIN_M,
-        tasks: wbc::Tasks { joint_weight: [1.0; JOINTS_MAX], limb_weight: 0.0, limb_bodies: [[0; 2]; 2] },
-        masses: [wbc::dynamics::Mass::default(); JOINTS_MAX + 1],
-        payload: [robot::Payload::EMPTY; 2],
-        effort_max: [f64::INFINITY; JOINTS_MAX],
-        stop_time_max_s: 0.5,
+        ..parts()
     };
     Config::from_parts(parts, Options::default()).unwrap()
 }
